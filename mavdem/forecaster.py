@@ -40,25 +40,21 @@ class Forecaster(Protocol):
         """(steps, m): outputs after the training data, inputs unknown; row 0 is the first sample after it."""
 
     def predict_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> NDArray[np.float64]:
-        """(H, m): the samples after the training data, by a new prediction from every ``steps``-th of them on.
-
-        Each is of the same model and uses the ``inputs`` (H, r) and ``outputs`` (H, m) before it, and none after.
-        """
+        """(H, m): new predictions from every ``steps``-th sample on, of ``inputs`` (H, r) and ``outputs`` (H, m)."""
 
     def forecast(self, inputs: ArrayLike, from_zero: bool = False, smooth: bool = False) -> NDArray[np.float64]:
         """(H, m): outputs after the training data, given the inputs; row 0 is the first sample after it.
 
-        ``inputs`` (H, r) are of the same instants, in the unit of the training inputs. ``from_zero`` begins with state
-        0 at row 0, as the paper's figures do, and not with the state at the end of training. Each sample is given the
-        inputs up to its own instant; with ``smooth`` all of them, which matters where inputs are measurements.
+        ``inputs`` (H, r) are of the same instants, in the unit of the training inputs. ``from_zero`` begins with
+        state 0, as the paper's figures do. Each sample is given the inputs up to its own instant; with ``smooth``
+        all of them, which matters where inputs are measurements.
         """
 
     def forecast_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> NDArray[np.float64]:
         """(H, m): the samples after the training data, by a new forecast from every ``steps``-th of them on.
 
-        Each is of the same model, which learns nothing more, and begins with the state that its filter has of all
-        samples before; so with ``steps`` of H or more it is :meth:`forecast`, and with 1 the one-step prediction. The
-        ``inputs`` (H, r) and ``outputs`` (H, m) are in the units of the training data.
+        Each begins with the state that the model's filter has of all samples before: with H ``steps`` or more it
+        is :meth:`forecast`, with 1 the one-step prediction. ``inputs`` (H, r), ``outputs`` (H, m).
         """
 
     def simulate(self, inputs: ArrayLike) -> NDArray[np.float64]:

@@ -70,14 +70,14 @@ class Controller:
         along, fast = self._position, self._velocity
         wn, we = -along * pn, along * (reference.aside - pe)
         limit = MAX_SPEED / max(MAX_SPEED, hypot(wn, we))
-        wd = -reference.climb + min(max(along * (-reference.height - pd), -MAX_SPEED), MAX_SPEED)
+        wd = -reference.climb + _limited(along * (-reference.height - pd), MAX_SPEED)
         error = (wn * limit - vn, we * limit - ve, wd - vd)
         push, smooth = self._push, self._smooth
         # A fifth of the loop's bandwidth for the integral: wind is found in about two seconds.
         gain = fast * fast / 5 * self._cycle
         for i in range(3):
             if flying:
-                push[i] = min(max(push[i] + gain * error[i], -MAX_PUSH), MAX_PUSH)
+                push[i] = _limited(push[i] + gain * error[i], MAX_PUSH)
             # Noise of position and velocity would reach the motors multiplied by every bandwidth within.
             smooth[i] += self._smooths * (fast * error[i] - smooth[i])
         an, ae, ad = smooth[0] + push[0], smooth[1] + push[1], smooth[2] + push[2]
@@ -86,8 +86,8 @@ class Controller:
         forward, right = an * cos(yaw) + ae * sin(yaw), ae * cos(yaw) - an * sin(yaw)
         lift = max(GRAVITY - ad, 0.2 * GRAVITY)
         more_roll, more_pitch, yaw_rate = reference.demand
-        wanted_pitch = min(max(atan(-forward / lift), -MAX_TILT), MAX_TILT)
-        wanted_roll = min(max(atan(right / lift * cos(wanted_pitch)), -MAX_TILT), MAX_TILT) + more_roll
+        wanted_pitch = _limited(atan(-forward / lift), MAX_TILT)
+        wanted_roll = _limited(atan(right / lift * cos(wanted_pitch)), MAX_TILT) + more_roll
         wanted_pitch += more_pitch
         # The heading is held, and turned at the yaw rate that is asked for, as both autopilots do.
         if flying:
@@ -97,18 +97,18 @@ class Controller:
         # Yaw has the rotors' torque only: a quarter of the bandwidth.
         stiff = self._attitude
         rates = (
-            _limited(stiff * (wanted_roll - roll)),
-            _limited(stiff * (wanted_pitch - pitch)),
-            _limited(stiff / 4 * _wrapped(self._heading - yaw) + yaw_rate),
+            _limited(stiff * (wanted_roll - roll), MAX_RATE),
+            _limited(stiff * (wanted_pitch - pitch), MAX_RATE),
+            _limited(stiff / 4 * _wrapped(self._heading - yaw) + yaw_rate, MAX_RATE),
         )
         p, q, r = estimate.rates
         per_roll, per_pitch, per_yaw = self._per_unit
         # The thrust curve undone, as both autopilots do.
         command = self._body.command_for(self._body.speed_for(thrust / 4)) / self._body.full
         demands = (
-            min(max(self._steered(0, rates[0], p, flying) * per_roll, -1.0), 1.0),
-            min(max(self._steered(1, rates[1], q, flying) * per_pitch, -1.0), 1.0),
-            min(max(self._steered(2, rates[2], r, flying) / 4 * per_yaw, -1.0), 1.0),
+            _limited(self._steered(0, rates[0], p, flying) * per_roll, 1.0),
+            _limited(self._steered(1, rates[1], q, flying) * per_pitch, 1.0),
+            _limited(self._steered(2, rates[2], r, flying) / 4 * per_yaw, 1.0),
             min(max(command, 0.0), 1.0),
         )
         a, b, c, d = mix(self._frame, demands)
@@ -125,8 +125,8 @@ class Controller:
         return self._rate * (wanted - led + self._trim[axis])
 
 
-def _limited(rate: float) -> float:
-    return min(max(rate, -MAX_RATE), MAX_RATE)
+def _limited(value: float, limit: float) -> float:
+    return min(max(value, -limit), limit)
 
 
 def _wrapped(angle: float) -> float:

@@ -33,9 +33,6 @@ Four = tuple[float, float, float, float]
 
 SPINS: Four = (1.0, 1.0, -1.0, -1.0)
 """1: the rotor turns counter-clockwise seen from above, and its torque turns the body clockwise: positive yaw."""
-PAPER_ORDER = (2, 0, 3, 1)
-"""Which motor of an X frame, from 0 in our order, is the paper's first, second, third and fourth. The AR.Drone counts
-clockwise from the front left, hence [1 −1 −1 1] in roll: front left, front right, rear right, rear left."""
 
 
 class RotorFrame(NamedTuple):
@@ -55,12 +52,12 @@ def frame(kind: Literal["x", "plus"], arm: tuple[float, float]) -> RotorFrame:
     if kind == "plus":
         forward, right, arm = (0.0, 0.0, 1.0, -1.0), (1.0, -1.0, 0.0, 0.0), (hypot(*arm),) * 2
     # Thrust acts upwards: a rotor on the left rolls to the right, one in front raises the nose.
-    return RotorFrame(_scaled(forward, arm[0]), _scaled(right, arm[1]), _scaled(right, -1.0), forward, SPINS)
-
-
-def _scaled(four: Four, factor: float) -> Four:
-    a, b, c, d = four
-    return a * factor, b * factor, c * factor, d * factor
+    (f1, f2, f3, f4), (r1, r2, r3, r4), (ahead, aside) = forward, right, arm
+    places: tuple[Four, Four] = (
+        (f1 * ahead, f2 * ahead, f3 * ahead, f4 * ahead),
+        (r1 * aside, r2 * aside, r3 * aside, r4 * aside),
+    )
+    return RotorFrame(*places, (-r1, -r2, -r3, -r4), forward, SPINS)
 
 
 IDLE_COMMAND = 0.1  # Of full command: what an armed motor turns at, at least
@@ -217,16 +214,13 @@ def dynamics(vehicle: VehicleSpec, condition: Damage = UNDAMAGED) -> Dynamics:
         t3 = k3 * (thrust2 * o3 + thrust1) * o3
         t4 = k4 * (thrust2 * o4 + thrust1) * o4
         lift = t1 + t2 + t3 + t4
-        turn = (
-            s1 * (torque2 * o1 + torque1) * o1
-            + s2 * (torque2 * o2 + torque1) * o2
-            + s3 * (torque2 * o3 + torque1) * o3
-            + s4 * (torque2 * o4 + torque1) * o4
-        )
+        turn = s1 * (torque2 * o1 + torque1) * o1 + s2 * (torque2 * o2 + torque1) * o2
+        turn = turn + s3 * (torque2 * o3 + torque1) * o3 + s4 * (torque2 * o4 + torque1) * o4
 
         fn = r11 * fx + r12 * fy + r13 * fz
         fe = r21 * fx + r22 * fy + r23 * fz
         fd = r31 * fx + r32 * fy + r33 * fz
+        acting = fn, fe, fd, mx, my, mz
         return (
             (fn - r13 * lift) / mass,
             (fe - r23 * lift) / mass,
@@ -234,12 +228,7 @@ def dynamics(vehicle: VehicleSpec, condition: Damage = UNDAMAGED) -> Dynamics:
             (mx - y1 * t1 - y2 * t2 - y3 * t3 - y4 * t4 + (iy - iz) * q * r) / ix,
             (my + x1 * t1 + x2 * t2 + x3 * t3 + x4 * t4 + (iz - ix) * r * p) / iy,
             (mz + turn + (ix - iy) * p * q) / iz,
-            fn,
-            fe,
-            fd,
-            mx,
-            my,
-            mz,
+            *acting,
         )
 
     return change
@@ -278,18 +267,13 @@ class State(NamedTuple):
 
 
 class Body:
-    """A vehicle's way from state to state, in steps of h = ``step`` seconds."""
+    """A vehicle's way from state to state, in steps of ``step`` seconds, by ``dynamics``, which damage changes."""
 
     def __init__(self, vehicle: VehicleSpec, step: float) -> None:
-        self._vehicle = vehicle
-        self._change = dynamics(vehicle)
+        self.dynamics = dynamics(vehicle)
         self._step = step
         up, down = airframe(vehicle).lag
         self._keeps = tuple(exp(-step / tau) if tau else 0.0 for tau in (up / 0.5, up, down / 0.5, down))
-
-    def damage(self, condition: Damage) -> None:
-        """From now on it is what is left of the vehicle."""
-        self._change = dynamics(self._vehicle, condition)
 
     def spun(self, rotors: Four, targets: Four, steps: int) -> Four:
         """Rotor speeds after some steps towards what their commands settle at, the body standing still."""
@@ -299,7 +283,7 @@ class Body:
 
     def moved(self, state: State, targets: Four, air: AirState, steps: int) -> State:
         """The state after some steps in the air; ``targets``: what the rotors' commands settle at, rad/s."""
-        change, h, half = self._change, self._step, self._step / 2
+        change, h, half = self.dynamics, self._step, self._step / 2
         (x, y, z), (u, v, w), attitude, (p, q, r), rotors, last = state
         an, ae, ad, ap, aq, ar = last[:6]
         for _ in range(steps):

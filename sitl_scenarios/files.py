@@ -26,15 +26,14 @@ KINDS: Mapping[str, Mapping[str, type[BaseModel]]] = {
 """Of the sections that have a ``kind``."""
 
 
-def describe_errors(errors: Iterable[Any], table: Mapping[str, Any]) -> str:
-    """The first of pydantic's ``errors`` in what was to be a scenario, in one sentence, and how many more there are."""
+def _described(errors: Iterable[Any], table: Mapping[str, Any]) -> str:
+    """The first of pydantic's ``errors`` in one sentence, and how many more there are."""
     wrong = list(dict.fromkeys(shortened(_sentence(detail, table), 300) for detail in errors))
     more = [f"and {len(wrong) - MAX_LISTED} more"] if len(wrong) > MAX_LISTED else []
     return "; ".join([*wrong[:MAX_LISTED], *more])
 
 
-def did_you_mean(given: str, known: Iterable[str]) -> str:
-    """In brackets what of the ``known`` is most like what is given; empty where nothing is."""
+def _did_you_mean(given: str, known: Iterable[str]) -> str:
     near = get_close_matches(given[:100], list(known), n=1)
     return f" (did you mean {near[0]!r}?)" if near else ""
 
@@ -48,19 +47,18 @@ def _sentence(detail: Any, table: Mapping[str, Any]) -> str:
         return str(context["error"])
     if kind in ("extra_forbidden", "missing"):
         name, keys = _section(where)
-        if kind == "missing":
-            return f"{key} is missing: {name} has {', '.join(keys)}"
-        guess = did_you_mean(str(where[-1]), keys)
-        return f"{key} is no key of a scenario{guess}: {name} has {', '.join(keys)}"
+        wrong = "missing" if kind == "missing" else f"no key of a scenario{_did_you_mean(str(where[-1]), keys)}"
+        return f"{key} is {wrong}: {name} has {', '.join(keys)}"
     if kind == "union_tag_not_found":
         return f"{place([*words, 'kind'])} is missing: it is one of {', '.join(KINDS[str(where[0])])}"
     if kind == "union_tag_invalid":
-        tag = str(context["tag"])
-        guess = did_you_mean(tag, KINDS[str(where[0])])
-        return f"{place([*words, 'kind'])} must be one of {context['expected_tags']}, not {_shown(tag)}{guess}"
-    if len(words) == 1 and isinstance(given, dict) and words[0] in ("wind", "moments"):
+        tag, kinds = str(context["tag"]), KINDS[str(where[0])]
+        one_of = f"must be one of {context['expected_tags']}, not {_shown(tag)}{_did_you_mean(tag, kinds)}"
+        return f"{place([*words, 'kind'])} {one_of}"
+    several = words and words[0] in ("wind", "moments")
+    if len(words) == 1 and isinstance(given, dict) and several:
         return f"[{words[0]}] must be [[{words[0]}]], in double brackets: there may be several"
-    if len(words) == 1 and isinstance(given, list) and words[0] not in ("wind", "moments"):
+    if len(words) == 1 and isinstance(given, list) and not several:
         return f"{key} must be a single table or value, [{key}] and not [[{key}]]: there is only one"
     if kind == "too_long":
         return f"{key} must be at most {context['max_length']}, not {context['actual_length']}"
@@ -123,11 +121,8 @@ def load(name_or_path: str | Path) -> Scenario:
     elif isinstance(name_or_path, Path) or given.endswith(".toml") or "/" in given:
         label, source = Path(name_or_path).name, _content(Path(name_or_path))
     else:
-        guess = did_you_mean(given, names())
-        known = ", ".join(names())
-        raise ValueError(
-            f"there is no scenario {shortened(given)!r}{guess}; there are {known}, and paths of .toml files"
-        )
+        guess, known = _did_you_mean(given, names()), ", ".join(names())
+        raise ValueError(f"there is no scenario {shortened(given)!r}{guess}; there are {known}, and .toml files")
     try:
         return scenario_of(_table(source))
     except ValueError as error:
@@ -171,7 +166,7 @@ def scenario_of(table: dict[str, Any]) -> Scenario:
         # By way of JSON, in whose arrays pydantic takes the tuples that it would refuse to take in Python's lists.
         scenario = Scenario.model_validate_json(json.dumps(table, default=str))
     except ValidationError as error:
-        raise ValueError(describe_errors(error.errors(), table)) from None
+        raise ValueError(_described(error.errors(), table)) from None
     except RecursionError:
         raise ValueError("it is nested deeper than any scenario") from None
     times(scenario)
@@ -211,10 +206,8 @@ def _lines(scenario: Scenario) -> Iterator[str]:
     for key, value in sections.items():
         if key in KINDS:
             yield from ["", f"# {'[[wind]]' if key == 'wind' else f'[{key}]'}: its kind is one of"]
-            kinds = {
-                kind: [name for name in model.model_fields if name != "kind"] for kind, model in KINDS[key].items()
-            }
-            yield from (f"#   {kind}: {', '.join(names)}" for kind, names in kinds.items())
+            for kind, model in KINDS[key].items():
+                yield f"#   {kind}: {', '.join(name for name in model.model_fields if name != 'kind')}"
         elif not value:
             yield from ["", f"# [[{key}]]: {', '.join(Moment.model_fields)}"]
         header = f"[[{key}]]" if isinstance(value, tuple) else f"[{key}]"

@@ -73,7 +73,7 @@ class Holding:
 
     @property
     def at_limit(self) -> float:
-        """Share of the rows in the air at which a motor was at a limit."""
+        """See the class."""
         return self._limited / self._rows if self._rows else 0.0
 
     def add(self, motion: Motion) -> None:
@@ -95,12 +95,9 @@ class Holding:
 
     def cautions(self) -> list[str]:
         """One sentence for each problem, without a full stop."""
-        cautions = []
-        if self.farthest:
-            cautions.append(f"the vehicle could not hold its place and was {self.farthest:.3g} m off: use less wind")
-        if self.at_limit > 0.1:
-            cautions.append(
-                f"motors were at their limits in {self.at_limit:.0%} of the time in the air, where nothing linear is "
-                "to be learned: use less wind, or smaller moments"
-            )
-        return cautions
+        away = f"the vehicle could not hold its place and was {self.farthest:.3g} m off: use less wind"
+        limited = (
+            f"motors were at their limits in {self.at_limit:.0%} of the time in the air, where nothing linear is "
+            "to be learned: use less wind, or smaller moments"
+        )
+        return [away] * bool(self.farthest) + [limited] * (self.at_limit > 0.1)

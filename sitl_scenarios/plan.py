@@ -6,10 +6,10 @@ from math import cos, pi, radians, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.fft import ifft
 
 from sitl_scenarios.dynamics import Three
+from sitl_scenarios.motion import Array
 from sitl_scenarios.scenario import STICKS, Chirp, Doublets, Multisine, Scenario, Steps, Sticks
 from sitl_scenarios.wind import gaussian_noise
 
@@ -72,12 +72,13 @@ class Plan:
         self._height = scenario.height
         self._excitation = scenario.excitation
         self._cycle = cycle
-        self._table: list[Three] = []
+        table = np.zeros((1, 3))
         if isinstance(scenario.excitation, Multisine):
-            self._table = _multisine(scenario.excitation, cycle)
+            table = _multisine(scenario.excitation, cycle)
         elif isinstance(scenario.excitation, Sticks):
             samples = round((self._times.landing - self._times.hover) / cycle)
-            self._table = _sticks(scenario, scenario.excitation, cycle, samples)
+            table = _sticks(scenario, scenario.excitation, cycle, samples)
+        self._table: list[Three] = [(roll, pitch, yaw) for roll, pitch, yaw in table.tolist()]
 
     def at(self, time: float) -> Reference:
         """Returns the reference ``time`` seconds after arming."""
@@ -119,18 +120,18 @@ def _about(axis: str, value: float) -> Three:
     return roll, pitch, yaw
 
 
-def _sticks(scenario: Scenario, sticks: Sticks, cycle: float, samples: int) -> list[Three]:
-    """Demands at each of so many cycles; a stick stops at its end."""
+def _sticks(scenario: Scenario, sticks: Sticks, cycle: float, samples: int) -> Array:
+    """(samples, 3) demands; a stick stops at its end."""
     demands = np.zeros((samples, 3))
     for number, (name, full) in enumerate(zip(_AXES, FULL_STICK, strict=True)):
         if sticks.axis in (name, "all"):
             moved = gaussian_noise(sticks.s, cycle, samples, scenario.random(STICKS, number))
             demands[:, number] = np.clip(radians(sticks.sd) * moved, -full, full)
-    return [(roll, pitch, yaw) for roll, pitch, yaw in demands.tolist()]
+    return demands
 
 
-def _multisine(multisine: Multisine, cycle: float) -> list[Three]:
-    """Demands at each cycle of one period.
+def _multisine(multisine: Multisine, cycle: float) -> Array:
+    """(N, 3) demands at each cycle of one period.
 
     Sines of equal power at the harmonics of the period, with the phases that keep the peak low: −πk(k − 1)/N for the
     k-th of N (M. Schroeder, "Synthesis of low-peak-factor signals", IEEE Trans. Information Theory, 1970). On all axes
@@ -144,18 +145,13 @@ def _multisine(multisine: Multisine, cycle: float) -> list[Three]:
     for number, name in enumerate(_AXES):
         if multisine.axis in (name, "all"):
             harmonics = lines[number::3] if multisine.axis == "all" else lines
-            demands[:, number] = _sines(harmonics, samples, radians(multisine.sd))
-    return [(roll, pitch, yaw) for roll, pitch, yaw in demands.tolist()]
-
-
-def _sines(lines: range, samples: int, sd: float) -> NDArray[np.float64]:
-    """(samples,) of one period of sines at some of its harmonics, with Schroeder's phases."""
-    # −πk(k + 1)/N in whole numbers until the last: whole turns more would cost digits.
-    phases = [-pi * (k * (k + 1) % (2 * len(lines))) / len(lines) for k in range(len(lines))]
-    spectrum = np.zeros(samples, dtype=np.complex128)
-    # Lines above half the sampling rate are folded, as samples of their sines would be.
-    np.add.at(spectrum, np.array(lines) % samples, [complex(cos(phase), sin(phase)) for phase in phases])
-    return np.asarray(sd * sqrt(2 / len(lines)) * samples * ifft(spectrum).real)
+            count, spectrum = len(harmonics), np.zeros(samples, dtype=np.complex128)
+            # −πk(k + 1)/N in whole numbers until the last: whole turns more would cost digits.
+            phases = [-pi * (k * (k + 1) % (2 * count)) / count for k in range(count)]
+            # Lines above half the sampling rate are folded, as samples of their sines would be.
+            np.add.at(spectrum, np.array(harmonics) % samples, [complex(cos(phase), sin(phase)) for phase in phases])
+            demands[:, number] = radians(multisine.sd) * sqrt(2 / count) * samples * ifft(spectrum).real
+    return demands
 
 
 def _smooth(share: float) -> tuple[float, float]:

@@ -398,8 +398,7 @@ class Scenario(Section):
         """What no key can be wrong in by itself."""
         lasting: list[tuple[str, float | None]] = []
         for number, wind in enumerate(self.wind):
-            lasting.append((place(["wind", number, "s"]), wind.s if isinstance(wind, GaussianWind | Jet) else None))
-            lasting.append((place(["wind", number, "start"]), wind.start if isinstance(wind, Gust) else None))
+            lasting += [(place(["wind", number, key]), getattr(wind, key, None)) for key in ("s", "start")]
         lasting += [(place(["moments", number, "s"]), moment.s) for number, moment in enumerate(self.moments)]
         if self.excitation is not None:
             key = "s" if isinstance(self.excitation, Sticks) else "period"

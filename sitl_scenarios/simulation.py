@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import fields
+from itertools import chain
 from math import ceil, fsum, hypot, sqrt
 
 import numpy as np
@@ -17,7 +18,6 @@ from sitl_scenarios.dynamics import (
     UNDAMAGED,
     AirState,
     Body,
-    Damage,
     Four,
     State,
     damages,
@@ -55,7 +55,7 @@ class Simulation:
         self.cycle = CYCLES[scenario.stream.autopilot]
         self._steps = ceil(self.cycle / MAX_STEP_SECONDS - 1e-9)
         self._body = Body(scenario.vehicle, self.cycle / self._steps)
-        self._dynamics = dynamics(scenario.vehicle)
+        self._dynamics = self._body.dynamics
         self._airframe = airframe(scenario.vehicle)
         self._plan = Plan(scenario, self.cycle)
         self._controller = Controller(scenario.vehicle, self.cycle, scenario.sensors.delay)
@@ -118,7 +118,8 @@ class Simulation:
     def _row(self) -> tuple[float, ...]:
         """What is at the beginning of a cycle, and how it is flown through."""
         while self._damage and self._now >= self._damage[0][0]:
-            self._break(self._damage.pop(0)[1])
+            self._condition = self._damage.pop(0)[1]
+            self._body.dynamics = self._dynamics = dynamics(self.scenario.vehicle, self._condition)
         if self._more and not self.armed and self._now >= self._arming + self._end:
             self._arming, self._more, self._down = self._now + self._boot, self._more - 1, False
             self._controller.rest()
@@ -145,50 +146,25 @@ class Simulation:
         acting = (0.0,) * 12
         if not self._grounded:
             acting = self._dynamics(state.attitude, state.velocity, state.rates, state.rotors, air)
-        row = (
-            self._now * self.cycle,
-            *state.position,
-            *state.velocity,
-            *state.attitude,
-            *state.rates,
-            *estimate.attitude,
-            *estimate.rates,
-            *estimate.position,
-            *estimate.velocity,
-            *control.outputs,
-            *control.demands,
-            *control.attitude,
-            *control.rates,
-            *(reference.demand if reference.by_stick and self.armed else (0.0,) * 3),
-            *state.rotors,
-            battery,
-            *air[:3],
-            *acting[6:],
-            float(self.armed),
-            float(landed),
-        )
+        sticks = reference.demand if reference.by_stick and self.armed else (0.0,) * 3
+        known = estimate.attitude, estimate.rates, estimate.position, estimate.velocity
+        columns = (*state[:4], *known, *control, sticks, state.rotors, (battery,), air[:3], acting[6:])
+        row = (self._now * self.cycle, *chain.from_iterable(columns), float(self.armed), float(landed))
         self._move(self._targets(control.outputs, battery), air, reference.landed_state)
         self._now += 1
         return row
-
-    def _break(self, condition: Damage) -> None:
-        self._condition = condition
-        self._body.damage(condition)
-        self._dynamics = dynamics(self.scenario.vehicle, condition)
 
     def _targets(self, outputs: Four, battery: float) -> Four:
         """Rotor speeds that the outputs settle at, rad/s, with what is left of the battery."""
         if not self.armed:
             return 0.0, 0.0, 0.0, 0.0
-        shares = self._condition.speed
-        if self._airframe.quadratic is not None:
-            share = (self._airframe.full / (MAX_PULSE - MIN_PULSE) * (us - MIN_PULSE) for us in outputs)
-            speeds = (battery * self._airframe.rotor_speed(command) for command in share)
-            a, b, c, d = (speed * left for speed, left in zip(speeds, shares, strict=True))
-            return a, b, c, d
-        slope, offset = self._airframe.speed
-        slope, offset = battery * slope * self._airframe.full / (MAX_PULSE - MIN_PULSE), battery * offset
-        a, b, c, d = ((slope * (us - MIN_PULSE) + offset) * left for us, left in zip(outputs, shares, strict=True))
+        body, span = self._airframe, MAX_PULSE - MIN_PULSE
+        if body.quadratic is not None:
+            speeds = [battery * body.rotor_speed(body.full / span * (us - MIN_PULSE)) for us in outputs]
+        else:
+            slope, offset = battery * body.speed[0] * body.full / span, battery * body.speed[1]
+            speeds = [slope * (us - MIN_PULSE) + offset for us in outputs]
+        a, b, c, d = (speed * left for speed, left in zip(speeds, self._condition.speed, strict=True))
         return a, b, c, d
 
     def _move(self, targets: Four, air: AirState, phase: int) -> None:
@@ -225,15 +201,11 @@ def fly(scenario: Scenario, progress: Callable[[float], None] | None = None) -> 
 
     Raises ValueError: the vehicle tumbles, more than anything that flies.
     """
-    simulation = Simulation(scenario)
-    whole = seconds(scenario)
-    pieces = []
+    simulation, whole, pieces = Simulation(scenario), seconds(scenario), list[Motion]()
     while not simulation.finished:
         pieces.append(simulation.advance(round(1 / simulation.cycle)))
         if progress:
-            progress(min(pieces[-1].time[-1] / whole, 1.0))
-    if progress:
-        progress(1.0)
+            progress(1.0 if simulation.finished else min(pieces[-1].time[-1] / whole, 1.0))
     return Motion(**{name: np.concatenate([getattr(piece, name) for piece in pieces]) for name in _COLUMNS})
 
 

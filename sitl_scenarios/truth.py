@@ -11,14 +11,14 @@ import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from math import cos, sin, tan
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from mavdem.files import atomic_write
-from sitl_scenarios.dynamics import MAX_PULSE, MIN_PULSE, PAPER_ORDER, UNDAMAGED, AirState, Damage, damages, dynamics
+from sitl_scenarios.dynamics import MAX_PULSE, MIN_PULSE, UNDAMAGED, AirState, Damage, damages, dynamics
 from sitl_scenarios.motion import IN_AIR, Array, Motion
 from sitl_scenarios.plan import BOOT_SECONDS
 from sitl_scenarios.scenario import Axis, Scenario, VehicleSpec
@@ -109,19 +109,6 @@ def rotor_effects(vehicle: VehicleSpec, rotors: Array, air: Array, condition: Da
     return np.column_stack([(acceleration(rotors + h) - acceleration(rotors - h)) / (2 * h.sum()) for h in steps])
 
 
-def paper_system(order: Literal[1, 2, 3, 4]) -> Linear:
-    """A and B of the paper's table ``tab:systems``: AR.Drone 2.0, without rotor drag and lag, PWM of 0 to 255.
-
-    System 1 to 4 (``order``) have the states [φ̇], [φ, φ̇], [ẏ, φ, φ̇], [y, ẏ, φ, φ̇]. Its y points to the left and its
-    motors are in its own order, see ``sitl_scenarios.dynamics.PAPER_ORDER``.
-    """
-    east = ("east", "east speed", "roll", "roll rate")[4 - order :]
-    linear = linearised(VehicleSpec(model="ardrone2", rotor_drag=False)).without_lag().of(east)
-    mirror = np.diag([-1.0 if state.startswith("east") else 1.0 for state in east])
-    names = tuple({"east": "y", "east speed": "ẏ", "roll": "φ", "roll rate": "φ̇"}[state] for state in east)
-    return Linear(names, mirror @ linear.A @ mirror, mirror @ linear.B[:, PAPER_ORDER])
-
-
 def _derivative(vehicle: VehicleSpec) -> Callable[[Array], Array]:
     """Of ``STATES`` by states and commands (20,)."""
     body = airframe(vehicle)
@@ -149,29 +136,16 @@ AXES: tuple[Axis, ...] = ("roll", "pitch", "yaw")
 
 
 def truth(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:
-    """Arrays by name.
+    """Arrays by name: every column of ``Motion``, ``scenario`` as JSON text, and what docs/scenarios.md explains.
 
-    Every column of ``Motion``, and
-
-    - ``scenario``: it, as a string of JSON;
-    - ``roll_A`` (2, 2), ``roll_B`` (2, 4): ẋ = Ax + B(u − ū) for angle (rad) and rate (rad/s), u in µs, rotors that do
-      not lag; ū is ``trim`` (4,), that of hover in still air;
-    - ``roll_lag_A`` (3, 3), ``roll_lag_B`` (3, 4): with a third state, the angular acceleration by the rotors, rad/s²,
-      which follows the commands with the time constant ``lag`` (mean, rising, falling; s);
+    - ``roll_A`` (2, 2), ``roll_B`` (2, 4): ẋ = Ax + B(u − ū) for angle (rad) and rate (rad/s), u in µs, without lag; ū
+      is ``trim`` (4,); ``roll_lag_A`` (3, 3), ``roll_lag_B`` (3, 4): with the angular acceleration by the rotors as a
+      third state, rad/s², which follows with the time constant ``lag`` (mean, rising, falling; s);
     - ``roll_disturbance`` (N,): angular acceleration that wind and moments add to that, rad/s²;
-    - ``roll_effect`` (4,): roll acceleration by each motor's command, rad/s² per µs, at the mean commands, rotor speeds
-      and air of the hover, which in wind is tilted; where something breaks in hover, until the first does, and
-      ``roll_effect_weak`` from the last on; ``weak`` (N,) says when;
-    - ``speed_left``, ``thrust_left``, ``torque_left`` (N, 4): of each motor and its propeller, shares of the sound
-      ones': of the rotor's speed at a command, of thrust and torque at a speed; ``centre`` (N, 2): how far forward and
-      right the centre of mass is moved, m; ``vibration`` (N, 3): what an unbalanced propeller adds, RMS, m/s²;
-    - ``delay``: from a command to the measurement of what it does, s: that of the sensors, and half the autopilot's
-      cycle, for which a command is held;
-    - ``voltage`` (N,) of the battery, V;
-    - likewise ``pitch_…``; and ``yaw_…``, whose only state is the rate, but for the rotors': (1, 1), (1, 4), (2, 2),
-      (2, 4).
-
-    About hover in still air; see ``sitl_scenarios.truth``.
+    - ``roll_effect`` (4,) in the hover as flown, rad/s² per µs; until something breaks, ``roll_effect_weak`` from then;
+    - ``weak`` (N,) when; ``speed_left``, ``thrust_left``, ``torque_left`` (N, 4): shares of a sound motor's;
+      ``centre`` (N, 2) of mass, m forward and right; ``vibration`` (N, 3) of an unbalanced propeller, RMS, m/s²;
+    - ``delay``, s; ``voltage`` (N,), V; likewise ``pitch_…`` and, of the rate alone, ``yaw_…``.
     """
     body = airframe(scenario.vehicle)
     up, down = body.lag

@@ -8,7 +8,7 @@ import numpy as np
 
 from mavdem.analysis.figures import LogAnalysis
 from mavdem.analysis.findings import findings
-from mavdem.condition.hover import HoverFigures
+from mavdem.condition.condition import HoverFigures
 from mavdem.dem.graybox import DetectedGust
 from mavdem.evaluate import HeldOut
 

@@ -1,21 +1,39 @@
-"""What the documentation shows to be typed runs."""
+"""Pages, docstrings and notebooks: what they show to be typed runs, and what they must say is said."""
 
+from __future__ import annotations
+
+import ast
+import contextlib
+import dataclasses
+import doctest
+import importlib
+import inspect
+import io
+import json
+import os
+import pkgutil
 import re
 import shlex
 import tomllib
+from collections.abc import Iterator
+from functools import cached_property
 from pathlib import Path
+from typing import Any
 
+import click
+import numpy as np
 import pytest
+from simulated import simulated
 
+import mavdem
 import mavdem.evaluate
+import sitl_scenarios
 from mavdem.cli.commands import imported_command
 from sitl_scenarios.files import names as scenarios
 
 ROOT = Path(__file__).parents[1]
-
-
-def examples(page: str) -> list[str]:
-    return re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(), re.DOTALL)
+PAGES = {name: (ROOT / name).read_text() for name in ("README.md", "CONTRIBUTING.md")}
+PAGES |= {f"docs/{path.name}": path.read_text() for path in sorted((ROOT / "docs").glob("*.md"))}
 
 
 @pytest.mark.slow
@@ -37,51 +55,42 @@ def test_examples_run(page, printed, tmp_path, monkeypatch, capsys):
     # All methods are in tests/cli/test_compare.py.
     monkeypatch.setattr(mavdem.evaluate, "METHODS", mavdem.evaluate.METHODS[-3:])
     names: dict[str, object] = {"__name__": "__main__"}
-    for code in examples(page):
+    for code in re.findall(r"```python\n(.*?)```", PAGES[page], re.DOTALL):
         exec(code, names)
         if page == "docs/python.md":
             names["flight"] = names["flight"][:1000]  # of which the learner has a model, too
     assert printed in capsys.readouterr().out
 
 
-COMMANDS = [
-    (page, line.split("   #")[0].strip())
-    for page in ("README.md", *sorted(f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md")))
-    for block in re.findall(r"^```\n(.*?)^```", (ROOT / page).read_text(), re.DOTALL | re.MULTILINE)
-    for line in block.splitlines()
-    if line.startswith("mavdem ")
-]
-
-
 def test_every_command_that_is_shown_exists_with_its_options():
-    for page, line in COMMANDS:
-        _, name, *words = shlex.split(re.sub(r" > \S+$", "", line))
+    blocks = [re.findall(r"^```\n(.*?)^```", text, re.DOTALL | re.MULTILINE) for text in PAGES.values()]
+    lines = re.findall(r"^mavdem .*?(?=   #|$)", "\n".join(sum(blocks, [])), re.MULTILINE)
+    assert len(lines) > 20
+    for line in lines:
+        _, name, *words = shlex.split(re.sub(r" > \S+$", "", line.strip()))
         known = {option for parameter in imported_command(name).params for option in parameter.opts}
-        assert {word for word in words if word.startswith("--")} <= known, (page, line)
+        assert {word for word in words if word.startswith("--")} <= known, line
         if name == "fly" and not words[0].startswith("--"):
-            assert words[0] in scenarios() or words[0].endswith(".toml"), (page, line)
+            assert words[0] in scenarios() or words[0].endswith(".toml"), line
 
 
 def test_the_reference_has_every_public_name():
-    page = (ROOT / "docs" / "api.md").read_text()
-    shown = set(re.findall(r"^\.\. auto\w+:: mavdem\.(\w+)$", page, re.MULTILINE))
+    shown = set(re.findall(r"^\.\. auto\w+:: mavdem\.(\w+)$", PAGES["docs/api.md"], re.MULTILINE))
     assert shown == {*mavdem.__all__, "dem"}
 
 
 def test_every_page_is_in_the_site():
-    index = (ROOT / "docs" / "index.md").read_text()
-    listed = set(re.findall(r"^(?:.*<)?(\w+)>?$", index, re.MULTILINE))
-    assert {path.stem for path in (ROOT / "docs").glob("*.md")} - {"index"} <= listed
+    listed = set(re.findall(r"^(?:.*<)?(\w+)>?$", PAGES["docs/index.md"], re.MULTILINE))
+    assert {Path(page).stem for page in PAGES if page.startswith("docs/")} - {"index"} <= listed
 
 
 def test_every_file_that_is_named_is_there():
     missing = []
-    for page in ["README.md", "CONTRIBUTING.md", *sorted(f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md"))]:
-        text, folder = (ROOT / page).read_text(), (ROOT / page).parent
+    for page, text in PAGES.items():
         named = [
             ROOT / name for name in re.findall(r"`((?:tools|tests|logs|docs|mavdem|sitl_scenarios)/[\w./]+)`", text)
         ]
-        named += [folder / link for link in re.findall(r"\]\(([\w./]+)\)", text)]
+        named += [(ROOT / page).parent / link for link in re.findall(r"\]\(([\w./]+)\)", text)]
         missing += [f"{page}: {path.relative_to(ROOT)}" for path in named if not path.exists()]
     assert not missing
 
@@ -98,3 +107,166 @@ def test_the_package_says_who_made_it_and_what_it_is():
     assert all(f"name: {author['name']}\n" in citation for author in project["authors"])
     assert project["urls"] and all(f"url: {url}\n" in citation for url in project["urls"].values())
     assert f"version: {project['version']}\n" in citation and f"license: {project['license']}\n" in citation
+
+
+TEXTS = ("mavdem/**/*.py", "sitl_scenarios/**/*.py", "tools/**/*.py", "README.md", "CONTRIBUTING.md", "docs/*.md")
+REPLACED = re.compile(
+    r"are news to|leant on|rotors stand|beyond all numbers|without measure|believed"
+    r"|\b(?:is|are|was|were) (?:not )?told\b|of them their past|is another since|what is wrong with it"
+    r"|\berrs [0-9.]+ times|in the places of|\bstretches\b|learnt from / tried on|how they stand|climbs? higher",
+    re.IGNORECASE,
+)
+
+
+def test_texts_use_the_vocabulary():
+    assert [
+        f"{path.relative_to(ROOT)}:{number}: {line.strip()}"
+        for pattern in TEXTS
+        for path in sorted(ROOT.glob(pattern))
+        for number, line in enumerate(path.read_text().splitlines(), 1)
+        if REPLACED.search(line)
+    ] == []
+
+
+MODULES = [
+    importlib.import_module(found.name)
+    for package in (mavdem, sitl_scenarios)
+    for found in pkgutil.walk_packages(package.__path__, f"{package.__name__}.")
+]
+
+
+def public(owner: Any) -> Iterator[tuple[str, Any]]:
+    """The public functions, methods, properties and classes that ``owner`` itself defines."""
+    for name, value in vars(owner).items():
+        value = getattr(value, "__func__", value)
+        if isinstance(value, click.Command):
+            value = value.callback
+        kind = inspect.isfunction(value) or inspect.isclass(value) or isinstance(value, property | cached_property)
+        if name.startswith("_") or not kind:
+            continue
+        if inspect.ismodule(owner) and value.__module__ != owner.__name__:
+            continue
+        yield f"{owner.__name__}.{name}", value
+        if inspect.isclass(value) and not getattr(value, "_is_protocol", False):
+            yield from public(value)
+
+
+def exported() -> Iterator[tuple[str, Any]]:
+    """What ``__all__`` of each room names, and the members of the classes and modules among it."""
+    for room in [mavdem, *MODULES]:
+        for name in getattr(room, "__all__", ()):
+            value = getattr(room, name)
+            yield f"{room.__name__}.{name}", value
+            if inspect.isclass(value) or inspect.ismodule(value):
+                yield from public(value)
+
+
+EVERYTHING = {name: value for module in MODULES for name, value in public(module)}
+EXPORTED = dict(exported())
+
+
+def arguments(value: Any) -> list[str]:
+    """What a caller passes or reads by name."""
+    if dataclasses.is_dataclass(value):
+        names = [field.name for field in dataclasses.fields(value)]
+    elif hasattr(value, "_fields"):
+        names = list(value._fields)
+    elif inspect.isfunction(value):
+        names = [name for name in inspect.signature(value).parameters if name not in ("self", "cls")]
+    else:
+        names = []
+    return [name for name in names if not name.startswith("_")]
+
+
+def test_every_module_says_what_it_holds():
+    assert [module.__name__ for module in MODULES if not module.__doc__] == []
+
+
+def test_every_public_name_has_a_docstring_of_its_own():
+    def generated(value):
+        return inspect.isclass(value) and value.__doc__.startswith(f"{value.__name__}(")
+
+    assert len(EVERYTHING) > 500
+    assert [name for name, value in EVERYTHING.items() if not value.__doc__ or generated(value)] == []
+
+
+def test_arguments_and_attributes_are_mentioned():
+    assert {
+        name: missing
+        for name, value in EXPORTED.items()
+        if (missing := [one for one in arguments(value) if not re.search(rf"\b{one}\b", value.__doc__ or "")])
+    } == {}
+
+
+LOG = Path(__file__).parents[1] / "logs" / "ardupilot_wind5_steps.tlog"
+ROOMS = ("", "baselines", "condition", "dem", "evaluate", "ingest")
+"""Modules whose public names may have examples; ``mavdem`` itself first."""
+
+
+def examples() -> Iterator[doctest.DocTest]:
+    seen: set[int] = set()
+    for room in ROOMS:
+        module = importlib.import_module(f"mavdem.{room}".rstrip("."))
+        for name in module.__all__:
+            thing = getattr(module, name)
+            if id(thing) in seen or not hasattr(thing, "__module__"):
+                continue
+            seen.add(id(thing))
+            names = {**vars(importlib.import_module(thing.__module__)), "mavdem": mavdem, "np": np}
+            found = doctest.DocTestFinder().find(thing, f"{room}.{name}".lstrip("."), globs=names)
+            yield from (one for one in found if one.examples)
+
+
+EXAMPLES = {one.name: one for one in examples()}
+
+
+@pytest.fixture(scope="module")
+def learned() -> mavdem.Learned:
+    return mavdem.learn(simulated(wind=1.0)[:700])
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_an_example_does_what_it_says(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
+) -> None:
+    """In a folder with a log, ``flight.tlog``; of a method of ``Learned``, on ``learned``, of 700 samples."""
+    monkeypatch.chdir(tmp_path)
+    os.symlink(LOG, "flight.tlog")
+    test = EXAMPLES[name]
+    if any("train" in example.source for example in test.examples):
+        test.globs |= {"train": simulated(wind=1.0)[:300], "test": simulated(wind=1.0)[300:400]}
+    if any("learned" in example.source for example in test.examples) and "learned =" not in test.docstring:
+        test.globs |= {"learned": request.getfixturevalue("learned"), "test": simulated(wind=1.0)[700:]}
+    said: list[str] = []
+    runner = doctest.DocTestRunner(optionflags=doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS)
+    assert runner.run(test, out=said.append).failed == 0, "".join(said)
+
+
+NOTEBOOKS = sorted((Path(__file__).parents[1] / "docs" / "notebooks").glob("*.ipynb"))
+
+
+def outputs(source: str, names: dict[str, Any]) -> set[str]:
+    """What a cell shows: "stream" of what it prints, "image/png" or "text/plain" of its last expression."""
+    tree, printed, shown = ast.parse(source), io.StringIO(), None
+    last = tree.body.pop() if tree.body and isinstance(tree.body[-1], ast.Expr) else None
+    with contextlib.redirect_stdout(printed):
+        exec(compile(tree, "cell", "exec"), names)
+        if last is not None:
+            shown = eval(compile(ast.Expression(last.value), "cell", "eval"), names)
+    kind = {"image/png"} if hasattr(shown, "_repr_png_") and shown._repr_png_() else {"text/plain"}
+    return ({"stream"} if printed.getvalue() else set()) | (kind if shown is not None else set())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_a_notebook_runs_and_shows_what_is_stored_in_it(path, monkeypatch):
+    monkeypatch.chdir(path.parent)
+    names: dict[str, Any] = {"__name__": "__main__"}
+    pictures = 0
+    for cell in json.loads(path.read_text())["cells"]:
+        if cell["cell_type"] == "code":
+            shown = outputs("".join(cell["source"]), names)
+            kinds = {kind for one in cell["outputs"] for kind in one.get("data", {"stream": ""})}
+            assert ("image/png" in shown, bool(shown)) == ("image/png" in kinds, bool(kinds)), cell["source"]
+            pictures += "image/png" in shown
+    assert pictures >= 5

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
@@ -18,22 +17,14 @@ COMPLETE = Settings(window=9, parameter_precision=1.0, forecasts="shrunk")
 """The closed loop is learnt from the record, which these tests lengthen; test_mixture.py has its own."""
 METHODS = {
     "DEM": lambda: learn(TRAIN, COMPLETE),
-    "DEM unshrunk": lambda: learn(TRAIN, replace(COMPLETE, forecasts="model")),
     "DEM paper": lambda: learn(TRAIN, Settings.paper()),
     "ARX": lambda: baselines.arx(TRAIN, 2),
-    "hold": lambda: baselines.hold(TRAIN),
-    "constant mean": lambda: baselines.constant_mean(TRAIN),
 }
 
 
-@cache
-def learnt(method):
-    return METHODS[method]()
-
-
-@pytest.fixture(params=METHODS)
+@pytest.fixture(params=METHODS, scope="module")
 def model(request):
-    return learnt(request.param)
+    return METHODS[request.param]()
 
 
 def assert_same(actual, expected):
@@ -51,24 +42,10 @@ def test_each_piece_is_the_forecast_of_a_model_that_has_seen_all_before_it(model
         assert_same(pieces[piece], seen.forecast(TEST.inputs[piece]))
 
 
-def test_some_models_climbed_along_trajectories_and_some_did_not():
-    """Their forecasts are weighed in two ways."""
-    assert learnt("DEM").simulation_fit is not None and learnt("DEM paper").simulation_fit is None
-
-
 @pytest.mark.parametrize("steps", [120, 10**9])
 def test_one_piece_is_the_forecast(model, steps):
     whole = model.forecast_every(steps, TEST.inputs, TEST.outputs)
     assert_same(whole, model.forecast(TEST.inputs))
-
-
-def test_hold_repeats_the_sample_before_each_piece():
-    pieces = learnt("hold").forecast_every(50, TEST.inputs, TEST.outputs)
-    before = np.vstack([TRAIN.outputs[-1], TEST.outputs[49], TEST.outputs[99]])
-    np.testing.assert_allclose(pieces, np.repeat(before, [50, 50, 20], axis=0))
-
-
-def test_no_samples_have_no_forecast(model):
     assert model.forecast_every(5, TEST.inputs[:0], TEST.outputs[:0]).shape == (0, 2)
 
 
@@ -76,7 +53,6 @@ def test_no_samples_have_no_forecast(model):
     ("steps", "spoil", "named"),
     [
         (0, lambda u, y: (u, y), "^steps"),
-        (True, lambda u, y: (u, y), "^steps"),
         (10**30, lambda u, y: (u, y), "^steps"),
         (1.5, lambda u, y: (u, y), "^steps"),
         (5, lambda u, y: (u[:, :1], y), "^inputs must have shape"),

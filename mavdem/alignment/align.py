@@ -67,12 +67,12 @@ def longest_recorded(signals: Signals) -> Segment | None:
     attitude, drive = signals.attitude, signals.drive
     if attitude is None or drive is None:
         return None
-    found = (
-        Segment(int(boot), start, end)
+    sampled = (
+        segment
         for boot in np.intersect1d(attitude.boot, drive.boot)
-        for start, end in both(*(_at_any_rate(stream.time[stream.boot == boot]) for stream in (attitude, drive)))
+        for span in both(*(_at_any_rate(stream.time[stream.boot == boot]) for stream in (attitude, drive)))
+        if is_sampled(attitude, drive, segment := Segment(int(boot), *span))
     )
-    sampled = (segment for segment in found if is_sampled(attitude, drive, segment))
     return max(sampled, key=lambda segment: segment.duration, default=None)
 
 
@@ -93,10 +93,8 @@ def is_sampled(attitude: Attitude, motors: Motors, segment: Segment) -> bool:
 
 def _fast(time: NDArray[np.float64]) -> Intervals:
     """Where the stamps (N,) of one boot come at ``MINIMUM_RATE`` or faster and without gaps."""
-    if len(time) < 2:
-        return []
     steps = np.diff(time)
-    return unbroken(time, _usually_slow(steps) | (steps > MAX_GAP_SECONDS))
+    return unbroken(time, _usually_slow(steps) | (steps > MAX_GAP_SECONDS)) if len(time) > 1 else []
 
 
 def slow_runs(time: NDArray[np.float64]) -> Intervals:
@@ -110,10 +108,8 @@ def _usually_slow(steps: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 def _at_any_rate(time: NDArray[np.float64]) -> Intervals:
     """Where the stamps (N,) of one boot come without gaps, by the measure of their own usual step."""
-    if len(time) < 2:
-        return []
     steps = np.diff(time)
-    return unbroken(time, steps > max(MAX_GAP_SECONDS, 3 * float(np.median(steps))))
+    return unbroken(time, steps > max(MAX_GAP_SECONDS, 3 * float(np.median(steps)))) if len(time) > 1 else []
 
 
 LOW_PASS_RATIO = 1.5
@@ -169,11 +165,7 @@ def align(signals: Signals, segment: Segment, dt: float | None = None) -> Flight
         input_units=(scale.unit,) * len(layout.names),
         output_units=tuple(unit for _, unit in measured),
         provenance={
-            "source": telemetry.source,
-            "system": telemetry.system,
-            "component": telemetry.component,
-            "vehicle": telemetry.vehicle,
-            "autopilot": telemetry.autopilot,
+            **{name: getattr(telemetry, name) for name in ("source", "system", "component", "vehicle", "autopilot")},
             "axis": axis,
             "segment": asdict(segment),
             "messages": {"attitude": attitude.message, "motors": motors.message},
@@ -183,9 +175,7 @@ def align(signals: Signals, segment: Segment, dt: float | None = None) -> Flight
             "motors": {
                 "channels": list(layout.channels),
                 "positions": [list(position) for position in layout.positions],
-                "basis": layout.basis,
-                "channels_assumed": layout.channels_assumed,
-                "positions_assumed": layout.positions_assumed,
+                **{name: getattr(layout, name) for name in ("basis", "channels_assumed", "positions_assumed")},
                 "spins": list(layout.spins),
             },
             "scale": asdict(scale),
@@ -215,8 +205,7 @@ def sample(
     """Columns of ``values`` (N, k), sampled at ``time`` (N,), at ``grid`` (T,) of step ``dt``, and how they were made.
 
     "samples kept", "linear" between the neighbours, or, from a stream at ``LOW_PASS_RATIO`` times the rate of the grid
-    or more, "low-passed at … Hz, linear": without that, what moves faster than the grid can show (a vibration at 49 Hz,
-    on a grid of 50) would be aliased to something slow.
+    or more, "low-passed at … Hz, linear": else a vibration at 49 Hz, on a grid of 50, would look slow.
     """
     way = "linear"
     if is_low_passed(time, dt):
@@ -230,8 +219,8 @@ def sample(
 def grid_of(attitude: NDArray[np.float64], motors: NDArray[np.float64], dt: float) -> NDArray[np.float64]:
     """Steps of ``dt`` where both streams have samples.
 
-    From an attitude sample when both streams then keep theirs; otherwise from a motor sample: from one message to the
-    next motor outputs change more than attitude does, so it is attitude that should be moved.
+    From an attitude sample when both streams then keep theirs; otherwise from a motor sample: motor outputs change more
+    from one message to the next, so it is attitude that should be moved.
     """
     first, last = max(attitude[0], motors[0]), min(attitude[-1], motors[-1])
     for stamps in (attitude, motors):
@@ -247,9 +236,8 @@ def kept_rows(grid: NDArray[np.float64], time: NDArray[np.float64]) -> NDArray[n
     """Rows of ``time`` (N,) at each point of ``grid`` (T,); None unless all differ and lie within ``STAMP_SECONDS``."""
     after = np.clip(np.searchsorted(time, grid), 1, len(time) - 1)
     nearest = np.where(grid - time[after - 1] < time[after] - grid, after - 1, after)
-    if np.all(np.abs(time[nearest] - grid) <= STAMP_SECONDS) and np.all(np.diff(nearest) > 0):
-        return nearest
-    return None
+    kept = np.all(np.abs(time[nearest] - grid) <= STAMP_SECONDS) and np.all(np.diff(nearest) > 0)
+    return nearest if kept else None
 
 
 def is_low_passed(time: NDArray[np.float64], dt: float) -> bool:
@@ -266,10 +254,9 @@ def _sure(grid: NDArray[np.float64], dt: float, time: NDArray[np.float64]) -> ND
 def _low_passed(
     time: NDArray[np.float64], values: NDArray[np.float64], cutoff: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The columns at as many even stamps, through a Butterworth filter of fourth order, once forwards, once backwards.
+    """The columns at as many even stamps, through a Butterworth filter of fourth order, forwards and then backwards.
 
-    Butterworth, because it is flat where the dynamics are; both ways, because that leaves no phase, and motors and
-    attitude must keep their order in time. At the cut-off half the amplitude is left, at twice that 1/257.
+    Flat where the dynamics are, and without phase. At the cut-off half the amplitude is left, at twice that 1/257.
     """
     from scipy.signal import sosfiltfilt  # it takes half a second to import, and few flights need it
 

@@ -41,10 +41,7 @@ def floats(columns: Columns, field: str) -> NDArray[np.float64]:
 
 
 def series(columns: Columns, values: NDArray[np.float64], rows: NDArray[np.bool_] | None = None) -> Signal:
-    """Returns ``values`` (N,) or (N, k) of a message in time order, each stamp once, without those not finite.
-
-    Of all messages, or of ``rows`` (N,).
-    """
+    """Returns ``values`` (N,) or (N, k) of all messages, or ``rows`` (N,), in time order, each stamp once, finite."""
     time, boot = columns["time"], columns["boot"]
     if rows is not None:
         time, boot, values = time[rows], boot[rows], values[rows]
@@ -115,10 +112,7 @@ def motors(telemetry: Telemetry) -> Motors | None:
 
 
 def motors_or_obstacle(telemetry: Telemetry) -> Motors | Obstacle:
-    """Returns the motor outputs of the most preferred message that has them; else why the most preferred has none.
-
-    There are none where no message holds those of all motors, or none of them ever moved.
-    """
+    """Returns the outputs of the most preferred message that has those of all motors; else why there are none."""
     obstacles: list[Obstacle] = []
     for message in by_preference(message_counts(telemetry, MOTOR_MESSAGES)):
         found = _motors_in(telemetry, message)

@@ -162,9 +162,8 @@ def between_transients(flight: Interval, climb: Signal | None) -> Interval | Non
         inside = (climb.time >= after) & (climb.time <= before)
         # No whole flight only sinks: then the estimate has run away.
         if isinf(start) or isinf(end) or np.any(speed[inside] > -CLIMB_OUT_SPEED):
-            rising, sinking = (
-                climb.time[inside & slow] for slow in (speed < CLIMB_OUT_SPEED, speed > -CLIMB_OUT_SPEED)
-            )
+            rising = climb.time[inside & (speed < CLIMB_OUT_SPEED)]
+            sinking = climb.time[inside & (speed > -CLIMB_OUT_SPEED)]
             if inside.any() and not isinf(start):
                 after = float(rising[0]) if len(rising) else before
             if inside.any() and not isinf(end):

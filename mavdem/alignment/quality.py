@@ -112,10 +112,14 @@ def of_segment(signals: Signals, segment: Segment, flight: Flight, log: QualityF
     motion = np.column_stack([angle, attitude.rate[here]])
     steps = np.array([_step(column) for column in motion.T])
     measured = slice(-flight.outputs.shape[1], None)  # not the angle of yaw
-    output_snrs = [
-        _snr_of_changes(time, column, step) for column, step in zip(motion.T[measured], steps[measured], strict=True)
-    ]
-    combination, rounding = _turning(motors, flight.inputs, signals.axis)
+    stepped = zip(motion.T[measured], steps[measured], strict=True)
+    output_snrs = [_snr_of_changes(time, column, step) for column, step in stepped]
+    # The motors' combination (T,) that turns the axis, and the standard deviation that rounding alone gives it.
+    if (weights := motors.layout.effect(signals.axis)) is not None:
+        combination, rounding = flight.inputs @ weights, motors.scale.step * float(np.sqrt((weights**2).sum() / 12))
+    else:
+        differences = flight.inputs - flight.inputs.mean(axis=1, keepdims=True)
+        combination, rounding = differences[:, np.argmax(differences.std(axis=0))], motors.scale.step / 12**0.5
     share = motors.scale.fraction(flight.inputs)
     limited = (share >= FULL_THROTTLE) | (share <= IDLE_THROTTLE)
     return replace(
@@ -145,20 +149,8 @@ def of_segment(signals: Signals, segment: Segment, flight: Flight, log: QualityF
     )
 
 
-def _turning(motors: Motors, inputs: NDArray[np.float64], axis: str) -> tuple[NDArray[np.float64], float]:
-    """The motors' combination (T,) that turns the axis, and the standard deviation that rounding alone gives it."""
-    weights = motors.layout.effect(axis)
-    if weights is None:
-        differences = inputs - inputs.mean(axis=1, keepdims=True)
-        return differences[:, np.argmax(differences.std(axis=0))], motors.scale.step / 12**0.5
-    return inputs @ weights, motors.scale.step * float(np.sqrt((weights**2).sum() / 12))
-
-
 def _step(values: NDArray[np.float64]) -> float:
-    """The quantisation step: the median difference between neighbouring values of those seen, 0 for a constant.
-
-    A few values between the steps do not change the median. Of values that are not rounded it is next to nothing.
-    """
+    """The quantisation step: the median difference between neighbouring values; next to nothing where not rounded."""
     distinct = np.unique(values)
     return float(np.median(np.diff(distinct))) if len(distinct) > 1 else 0.0
 

@@ -47,8 +47,7 @@ HIGH_RATE_PROFILE = 1 << 4  # of PX4's SDLOG_PROFILE
 def ask_for_rate(telemetry: Telemetry, rate: int = 100, components: Sequence[Component] = ()) -> str:
     """Returns how to get attitude and motors at ``rate`` Hz out of this autopilot, by the settings that its log shows.
 
-    Where one of the ``components`` asks for rates, which hold whatever the autopilot was set to, how to end that comes
-    first.
+    How to stop one of the ``components`` from asking for rates comes first: those hold whatever the settings.
     """
     kept = _kept_from_asking(telemetry, components)
     recorder = telemetry.translated_from
@@ -67,22 +66,18 @@ def _kept_from_asking(telemetry: Telemetry, components: Sequence[Component]) -> 
         off = f"switch that off (in MAVProxy with {STREAMS_OFF})"
         return f"A ground station ({asking}) sets rates with {REQUEST}: {off}. "
     replies = telemetry.messages.get("COMMAND_ACK")
-    if replies is not None and (np.asarray(replies["command"]) == SET_MESSAGE_INTERVAL).any():
-        return (
-            "Somebody asks for rates with SET_MESSAGE_INTERVAL, which the vehicle acknowledged: let them ask for more, "
-            "or for none. "
-        )
-    return ""
+    if replies is None or not (np.asarray(replies["command"]) == SET_MESSAGE_INTERVAL).any():
+        return ""
+    acknowledged = "Somebody asks for rates with SET_MESSAGE_INTERVAL, which the vehicle acknowledged"
+    return f"{acknowledged}: let them ask for more, or for none. "
 
 
 def _stream_rates(telemetry: Telemetry, rate: int) -> str:
     """Which of ArduPilot's parameters to set, and which port's are high enough already."""
-    asked = {found.group(): value for name, value in telemetry.parameters.items() if (found := STREAM_RATE.match(name))}
-    named = "SRn_EXTRA1 and SRn_RC_CHAN"
-    if asked and all(name.startswith("MAV") for name in asked):
-        named = "MAVn_EXTRA1 and MAVn_RC_CHAN"
-    elif not asked:
-        named += " (MAVn_EXTRA1 and MAVn_RC_CHAN from ArduPilot 4.7)"
+    asked = {name: value for name, value in telemetry.parameters.items() if STREAM_RATE.match(name)}
+    old, new = "SRn_EXTRA1 and SRn_RC_CHAN", "MAVn_EXTRA1 and MAVn_RC_CHAN"
+    named = new if all(name.startswith("MAV") for name in asked) else old
+    named = named if asked else f"{old} ({new} from ArduPilot 4.7)"
     ports = {port: (f"{port}_EXTRA1", f"{port}_RC_CHAN") for port in sorted({name.partition("_")[0] for name in asked})}
     fast = [" and ".join(both) for both in ports.values() if min(asked.get(one, 0) for one in both) >= MINIMUM_RATE]
     if not fast:
@@ -108,11 +103,9 @@ def _dataflash(telemetry: Telemetry) -> str:
         if not found:
             return f"{missing}: {give}, or fly anew with a firmware that logs it, such as ArduCopter from 3.3 on."
         bit = "; LOG_BITMASK has bit 0 (fast attitude) set already"
-        return (
-            f"{firmware} did not log the controller's demand (RATE with ROut): install ArduCopter "
-            f"{'.'.join(map(str, DEMAND_SINCE))} or later, which APM 2 boards cannot run, and fly again"
-            f"{bit if is_set else ' with bit 0 of LOG_BITMASK (fast attitude) set'}."
-        )
+        anew = f"and fly again{bit if is_set else ' with bit 0 of LOG_BITMASK (fast attitude) set'}."
+        since = f"install ArduCopter {'.'.join(map(str, DEMAND_SINCE))} or later, which APM 2 boards cannot run"
+        return f"{firmware} did not log the controller's demand (RATE with ROut): {since}, {anew}"
     backends = int(telemetry.parameters.get("LOG_BACKEND_TYPE", 7))
     limits = {name: telemetry.parameters.get(name, 0.0) for name, backend in RATE_LIMITS.items() if backend & backends}
     low = [f"{name}, {limit:g} Hz in this log, to 0" for name, limit in limits.items() if 0 < limit < MINIMUM_RATE]
@@ -125,10 +118,8 @@ def _dataflash(telemetry: Telemetry) -> str:
     if low:
         return f"{already}, but the rate of messages is limited: set {', and '.join(low)}; fly anew."
     if telemetry.dropouts:
-        return (
-            f"{already}, but the logger had no room for {telemetry.dropouts} messages: use a faster card, raise "
-            "LOG_FILE_BUFSIZE or clear other bits of LOG_BITMASK; fly anew."
-        )
+        card = "use a faster card, raise LOG_FILE_BUFSIZE or clear other bits of LOG_BITMASK; fly anew."
+        return f"{already}, but the logger had no room for {telemetry.dropouts} messages: {card}"
     return (
         f"{already}, and the log does not show why messages come no faster: fly anew if the bit was set after this "
         "flight began, and look at the load of the board (PM) and at what else the log was passed through."

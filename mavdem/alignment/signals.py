@@ -3,14 +3,12 @@
 Message and field names occur only here, and in ``drive``. Every signal is on the vehicle's boot clock,
 in time order, each stamp once, per boot; a signal that was not recorded is None.
 
-A setpoint is a command: it holds until the next one. So a sample has the last setpoint with a stamp at or before its
-own, never one from the future, and none where that is older than ``HOLD_SECONDS``. On average it is half an interval
-late.
+A setpoint is a command: it holds until the next one, for ``HOLD_SECONDS`` at most, so a sample has the last one at or
+before its own stamp, on average half an interval late.
 
-All stamps are on the boot clock, with the resolution of their messages (1 ms in MAVLink, 1 µs in most logs). ArduPilot
-stamps ATTITUDE_TARGET and RC_CHANNELS when it sends them, with the values of then. PX4 stamps ATTITUDE_TARGET with the
-time of its attitude setpoint and sends the body rates of its last step until it sends: on a flight that was recorded
-both ways those were 0 to 8 ms newer than their stamp, 4 ms at the 95th percentile, as those in its ATTITUDE are.
+Stamps have the resolution of their messages (1 ms in MAVLink, 1 µs in most logs). ArduPilot stamps ATTITUDE_TARGET and
+RC_CHANNELS when it sends them; PX4 stamps ATTITUDE_TARGET with the time of its attitude setpoint, and the body rates in
+it were 0 to 8 ms newer on a flight recorded both ways, 4 ms at the 95th percentile, as those in its ATTITUDE are.
 MANUAL_CONTROL has no stamp in MAVLink, and gets the time of the message before it.
 
 A rate setpoint is not the same everywhere: in ArduPilot's ATTITUDE_TARGET it is the rate of the attitude setpoint; in
@@ -108,7 +106,10 @@ def setpoints(telemetry: Telemetry, axis: str) -> tuple[Setpoint, ...]:
         rates[np.abs(rates) > MAX_BODY_RATE] = np.nan
         found.append((f"{axis} rate setpoint", "rad/s", TARGET_MESSAGE, targets, rates))
         if axis != "yaw":
-            angles = np.where(ignored & IGNORED_ATTITUDE, np.nan, _angles(targets, axis))
+            asked = np.atleast_2d(floats(targets, "q"))
+            with np.errstate(invalid="ignore", divide="ignore"):  # NaN where the quaternion is none
+                angles = euler_angles(asked / np.linalg.norm(asked, axis=1, keepdims=True))[TILT_AXES.index(axis)]
+            angles = np.where(ignored & IGNORED_ATTITUDE, np.nan, angles)
             found.append((f"{axis} setpoint", "rad", TARGET_MESSAGE, targets, angles))
     if manual is not None:
         deflection = floats(manual, MANUAL_FIELDS[axis]) / MANUAL_RANGE
@@ -129,14 +130,6 @@ def held(setpoint: Setpoint, boot: int, time: NDArray[np.float64]) -> NDArray[np
     last = np.searchsorted(stamps, time + ROUNDING, side="right") - 1
     known = (last >= 0) & (time - stamps[np.maximum(last, 0)] <= HOLD_SECONDS + ROUNDING)
     return np.where(known, values[np.maximum(last, 0)], np.nan)
-
-
-def _angles(targets: Columns, axis: str) -> NDArray[np.float64]:
-    """(N,) rad; NaN where the quaternion is none."""
-    attitude = np.atleast_2d(floats(targets, "q"))
-    with np.errstate(invalid="ignore", divide="ignore"):
-        roll, pitch, _ = euler_angles(attitude / np.linalg.norm(attitude, axis=1, keepdims=True))
-    return roll if axis == "roll" else pitch
 
 
 def _pulses(telemetry: Telemetry, message: str, axis: str) -> NDArray[np.float64] | None:
@@ -234,8 +227,15 @@ class Signals:
 
     @cached_property
     def voltage(self) -> Signal | None:
-        """Voltage of the battery, V."""
-        return voltage(self.telemetry)
+        """Voltage of the first battery, V; None where it was not measured."""
+        for message in by_preference(message_counts(self.telemetry, BATTERY_MESSAGES)):
+            columns = self.telemetry.messages[message]
+            volts = _of_cells(columns) if message == "BATTERY_STATUS" else floats(columns, "voltage_battery")
+            volts = np.where(volts == NO_CELL, np.nan, volts) / 1000
+            measured = series(columns, volts, (volts >= LEAST_VOLTAGE) & (volts <= MOST_VOLTAGE))
+            if len(measured.time):
+                return measured
+        return None
 
     @cached_property
     def armed(self) -> Signal | None:
@@ -248,8 +248,11 @@ class Signals:
         if columns is None or not len(columns["time"]):
             return None
         # An unknown vehicle sends heartbeats of type GENERIC.
-        own = _named(columns["type"], "MAV_TYPE", "GENERIC" if telemetry.vehicle == "UNKNOWN" else telemetry.vehicle)
-        own &= _named(columns["autopilot"], "MAV_AUTOPILOT", telemetry.autopilot)
+        kind = "GENERIC" if telemetry.vehicle == "UNKNOWN" else telemetry.vehicle
+        own = np.ones(len(columns["time"]), dtype=np.bool_)
+        for field, enum, name in (("type", "MAV_TYPE", kind), ("autopilot", "MAV_AUTOPILOT", telemetry.autopilot)):
+            numbers = np.unique(columns[field])
+            own &= np.isin(columns[field], [number for number in numbers if enum_name(enum, int(number)) == name])
         if not own.any():
             return None
         state = (np.asarray(columns["base_mode"]).astype(np.int64) & ARMED) > 0
@@ -262,9 +265,7 @@ class Signals:
     def landed_state(self) -> Signal | None:
         """MAV_LANDED_STATE as the autopilot reported it in EXTENDED_SYS_STATE; 0 where that is undefined."""
         columns = self.telemetry.messages.get("EXTENDED_SYS_STATE")
-        if columns is None:
-            return None
-        return series(columns, floats(columns, "landed_state"))
+        return None if columns is None else series(columns, floats(columns, "landed_state"))
 
     @cached_property
     def climb_rate(self) -> Signal | None:
@@ -299,10 +300,9 @@ def usual_rate(stream: Attitude | Motors) -> float:
 
 
 def attitude(telemetry: Telemetry, axis: str) -> Attitude | None:
-    """Returns angle and rate of ``axis``, "roll", "pitch" or "yaw".
+    """Returns angle and body rate of ``axis``, "roll", "pitch" or "yaw".
 
     From ATTITUDE or, where it comes clearly faster, ATTITUDE_QUATERNION.
-    Both messages give body rates p, q, r, not the derivatives of the Euler angles; near hover they are the same.
     """
     message = preferred_message(message_counts(telemetry, ATTITUDE_MESSAGES))
     if message is None:
@@ -344,18 +344,6 @@ def axis_outputs(axis: str) -> tuple[tuple[str, str], ...]:
     return ((axis, "rad"), rate) if axis in TILT_AXES else (rate,)
 
 
-def voltage(telemetry: Telemetry) -> Signal | None:
-    """Returns voltage of the first battery, V; None where it was not measured."""
-    for message in by_preference(message_counts(telemetry, BATTERY_MESSAGES)):
-        columns = telemetry.messages[message]
-        volts = _of_cells(columns) if message == "BATTERY_STATUS" else floats(columns, "voltage_battery")
-        volts = np.where(volts == NO_CELL, np.nan, volts) / 1000
-        measured = series(columns, volts, (volts >= LEAST_VOLTAGE) & (volts <= MOST_VOLTAGE))
-        if len(measured.time):
-            return measured
-    return None
-
-
 def _of_cells(columns: Columns) -> NDArray[np.float64]:
     """(N,) mV of battery 0: the sum of its cells, or the whole in the place of the first."""
     cells = np.atleast_2d(floats(columns, "voltages"))
@@ -363,8 +351,3 @@ def _of_cells(columns: Columns) -> NDArray[np.float64]:
     if "voltages_ext" in columns:
         total += np.atleast_2d(floats(columns, "voltages_ext")).sum(axis=1)  # 0 where there is no cell
     return np.where(floats(columns, "id") == 0, total, np.nan) if "id" in columns else total
-
-
-def _named(values: NDArray[np.integer], enum: str, name: str) -> NDArray[np.bool_]:
-    """Which of ``values`` (N,) the MAVLink enum calls ``name``."""
-    return np.isin(values, [value for value in np.unique(values) if enum_name(enum, int(value)) == name])

@@ -26,27 +26,21 @@ DOUBTFUL_LOSS = 0.05  # Share of a stream's messages left out as damaged: the re
 IMPOSSIBLE = f"an angle beyond 2π or a rate beyond {MAX_BODY_RATE:.0f} rad/s"
 
 
-def measured(axis: str, between: str) -> str:
-    """Returns what a flight of ``axis`` has, in words: "roll angle or rate"."""
+def _measured(axis: str, between: str) -> str:
+    """What a flight of ``axis`` has, in words: "roll angle or rate"."""
     return f"{axis} angle {between} rate" if axis in TILT_AXES else f"{axis} rate"
 
 
-def steps(axis: str, figures: QualityFigures) -> str:
-    """Returns the quantisation steps of that."""
+def _steps(axis: str, figures: QualityFigures) -> str:
     angle = f"{figures.angle_step:.2g} rad and " if axis in TILT_AXES else ""
     return f"{angle}{figures.rate_step:.2g} rad/s"
 
 
 def cautions_of(signals: Signals, figures: QualityFigures) -> tuple[str, ...]:
     """Returns sentences on messages of attitude and inputs that were left out, and on a segment of ``figures``."""
-    axis, attitude, drive, called, cautions = (
-        signals.axis,
-        signals.attitude,
-        signals.drive,
-        signals.telemetry.called,
-        [],
-    )
+    axis, attitude, drive, called = signals.axis, signals.attitude, signals.drive, signals.telemetry.called
     assert attitude is not None and drive is not None
+    cautions = []
     if attitude.impossible:
         what = f"{attitude.impossible} of {attitude.sent} {called(attitude.message)} messages"
         cautions.append(f"{what} were left out, for {IMPOSSIBLE}.")
@@ -71,7 +65,7 @@ def cautions_of(signals: Signals, figures: QualityFigures) -> tuple[str, ...]:
         cautions.append(f"Which motor is which was assumed: {layout.basis}.")
     if figures.output_snr is not None and figures.output_snr < DOUBTFUL_SNR:
         cautions.append(
-            f"The {measured(axis, 'or')} is near the resolution of the stream (steps of {steps(axis, figures)}): "
+            f"The {_measured(axis, 'or')} is near the resolution of the stream (steps of {_steps(axis, figures)}): "
             "rounding can shrink what is learnt of the dynamics by "
             f"{min(1.0, 1 / (1 + figures.output_snr)):.0%}."
         )
@@ -132,8 +126,7 @@ class Verdict:
 def verdict_of(signals: Signals, components: Sequence[Component] = (), least_rate: float = MINIMUM_RATE) -> Verdict:
     """Returns the verdict: yes on the longest settled segment that can be learnt from, or no on the longest.
 
-    The ``components`` are those of the log, among them whoever asks the vehicle for other rates; ``least_rate``,
-    Hz, is what both streams need: ``SLOW_MOTION_RATE`` where the slow motion is enough.
+    The ``components`` of the log may ask for other rates; ``least_rate``, Hz, is what both streams need.
     """
     telemetry, axis = signals.telemetry, signals.axis
 
@@ -141,11 +134,9 @@ def verdict_of(signals: Signals, components: Sequence[Component] = (), least_rat
         return Verdict(axis, False, reason, remedy, (), None, figures or QualityFigures())
 
     if telemetry.vehicle not in (*MULTIROTORS, "UNKNOWN"):
-        return refused(
-            f"{'The log' if telemetry.translated_from else 'HEARTBEAT'} reports the type {telemetry.vehicle}; mavdem "
-            "learns multirotors only.",
-            "Give a multirotor's log, or name another vehicle of this log with `--vehicle`.",
-        )
+        source = "The log" if telemetry.translated_from else "HEARTBEAT"
+        reason = f"{source} reports the type {telemetry.vehicle}; mavdem learns multirotors only."
+        return refused(reason, "Give a multirotor's log, or name another vehicle of this log with `--vehicle`.")
     attitude, drive = signals.attitude, signals.drive
     if attitude is None:
         return refused(NO_ATTITUDE.get(telemetry.translated_from, NO_ATTITUDE[""]), ask_for_rate(telemetry))
@@ -160,10 +151,8 @@ def verdict_of(signals: Signals, components: Sequence[Component] = (), least_rat
             "Check what wrote the log: MAVLink's attitude is in rad and rad/s, DataFlash's in degrees.",
         )
     if not len(attitude.time):
-        return refused(
-            f"{telemetry.called(attitude.message)} holds no finite {measured(axis, 'and')}.",
-            "Check the autopilot's estimator and what wrote the log.",
-        )
+        reason = f"{telemetry.called(attitude.message)} holds no finite {_measured(axis, 'and')}."
+        return refused(reason, "Check the autopilot's estimator and what wrote the log.")
     found = settled_segments(signals)
     figures = quality.of_log(signals, len(found))
     if figures.armed == 0:
@@ -172,9 +161,8 @@ def verdict_of(signals: Signals, components: Sequence[Component] = (), least_rat
         return refused(*_grounded(signals, figures), figures)
     log = _Evidence(signals, attitude, drive, components, figures, least_rate)
     if not found:
-        return refused(
-            *(_too_slow(log, figures) or _slowed_down(log) or _too_short(figures, telemetry.translated_from)), figures
-        )
+        objection = _too_slow(log, figures) or _slowed_down(log) or _too_short(figures, telemetry.translated_from)
+        return refused(*objection, figures)
     refusals: list[Verdict] = []
     for segment in found:
         if refusals and segment.duration < MINIMUM_DURATION:
@@ -217,9 +205,12 @@ def _of_segment(log: _Evidence, segment: Segment, found: tuple[Segment, ...], dt
         )
     if objection is not None:
         return Verdict(signals.axis, False, *objection, (), segment, figures, flight, found)
-    reason = _praise(log.name(log.attitude), log.drive, segment, figures)
-    cautions = cautions_of(signals, figures)
-    return Verdict(signals.axis, True, reason, "", cautions, segment, figures, flight, found)
+    # Attitude may be interpolated at PX4's body rates, whose rate is then no attitude's.
+    what = "body rates" if log.name(log.attitude) == "vehicle_angular_velocity" else "attitude"
+    driven = "motor outputs" if log.drive.message != DEMAND_MESSAGE else log.drive.layout.names[0]
+    rates = f"{what} at {figures.attitude_rate:.1f} Hz and {driven} at {figures.motor_rate:.1f} Hz."
+    reason = f"{segment.duration:.1f} s of settled flight with {rates}"
+    return Verdict(signals.axis, True, reason, "", cautions_of(signals, figures), segment, figures, flight, found)
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,13 +241,11 @@ def _objection(log: _Evidence, figures: QualityFigures) -> Obstacle | None:
     if held:
         return held
     if not figures.rate_sd or not (figures.angle_sd or axis not in TILT_AXES):
-        return f"The {measured(axis, 'or')} never changes.", "Check that the stream is not a replay of one message."
+        return f"The {_measured(axis, 'or')} never changes.", "Check that the stream is not a replay of one message."
     if figures.output_snr is not None and figures.output_snr < REFUSED_SNR:
-        return (
-            f"Over {CONSISTENCY_SPAN} s the {measured(axis, 'or')} changes by no more than rounding to steps of "
-            f"{steps(axis, figures)} makes.",
-            f"Record the attitude as the autopilot sends it, or excite {axis} with the stick.",
-        )
+        rounding = f"changes by no more than rounding to steps of {_steps(axis, figures)} makes."
+        remedy = f"Record the attitude as the autopilot sends it, or excite {axis} with the stick."
+        return f"Over {CONSISTENCY_SPAN} s the {_measured(axis, 'or')} {rounding}", remedy
     if figures.consistency is not None and figures.consistency < REFUSED_CONSISTENCY:
         if axis not in TILT_AXES:
             return (
@@ -273,27 +262,21 @@ def _objection(log: _Evidence, figures: QualityFigures) -> Obstacle | None:
         )
     if figures.input_snr is not None and figures.input_snr < REFUSED_SNR:
         command = f"{figures.input_sd:.2g} {log.drive.scale.unit}".rstrip()
-        return (
-            f"The standard deviation of the motors' {axis} command, {command}, is no more than rounding to steps of "
-            f"{figures.input_step:.2g} makes.",
-            f"Fly in wind, or excite {axis} with the stick.",
-        )
+        rounding = f"is no more than rounding to steps of {figures.input_step:.2g} makes."
+        reason = f"The standard deviation of the motors' {axis} command, {command}, {rounding}"
+        return reason, f"Fly in wind, or excite {axis} with the stick."
     return None
 
 
 def _without_drive(signals: Signals) -> Obstacle:
     telemetry, axis = signals.telemetry, signals.axis
     if signals.inputs == "demand":
-        remedy = "Take the motors: `--inputs motors`."
-        name = telemetry.called(DEMAND_MESSAGE)
+        name, remedy = telemetry.called(DEMAND_MESSAGE), "Take the motors: `--inputs motors`."
         if DEMAND_MESSAGE in telemetry.messages:
             return f"The controller's {axis} demand in {name} never moves.", remedy
         other = " (ATTITUDE_TARGET is the attitude that is wanted, not what turns the vehicle there)"
-        return (
-            f"The controller's {axis} demand is not in it: that is in {name}, of which there is none"
-            f"{'' if telemetry.translated_from else other}.",
-            remedy,
-        )
+        none = f"that is in {name}, of which there is none{'' if telemetry.translated_from else other}."
+        return f"The controller's {axis} demand is not in it: {none}", remedy
     found = motors_or_obstacle(telemetry)
     reason, remedy = found if isinstance(found, tuple) else ("", "")
     return reason, remedy or ask_for_rate(telemetry)
@@ -345,10 +328,8 @@ def too_slow(rates: Mapping[str, float], axis: str, least: float = MINIMUM_RATE)
 
 
 def _needed(axis: str) -> str:
-    return (
-        f"{axis} motion has frequencies of several Hz, which need {MINIMUM_RATE:.0f} Hz of attitude and of motor "
-        "outputs or demand, better 100"
-    )
+    needed = f"{MINIMUM_RATE:.0f} Hz of attitude and of motor outputs or demand, better 100"
+    return f"{axis} motion has frequencies of several Hz, which need {needed}"
 
 
 def _held(log: _Evidence, figures: QualityFigures) -> Obstacle | None:
@@ -388,16 +369,6 @@ def _grounded(signals: Signals, figures: QualityFigures) -> Obstacle:
         least = phases.airborne_collective(signals.telemetry.parameters)
         shown = f"its motors ran at {most}% of their range at most, and flight takes {least:.0%}"
     return f"The vehicle was armed for {figures.armed:.0f} s and never left the ground: {shown}.", FLY
-
-
-def _praise(attitude: str, motors: Motors, segment: Segment, figures: QualityFigures) -> str:
-    what = "motor outputs" if motors.message != DEMAND_MESSAGE else motors.layout.names[0]
-    # Attitude may be interpolated at PX4's body rates, whose rate is then no attitude's.
-    measured = "body rates" if attitude == "vehicle_angular_velocity" else "attitude"
-    return (
-        f"{segment.duration:.1f} s of settled flight with {measured} at {figures.attitude_rate:.1f} Hz and {what} "
-        f"at {figures.motor_rate:.1f} Hz."
-    )
 
 
 _NEVER_ARMED = "The vehicle was never armed."

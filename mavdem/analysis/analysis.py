@@ -44,12 +44,11 @@ SLOW_CAUTION = (
 class StepProgress(Protocol):
     """Shows a step of the work by its ``title``; what it yields is called with the share done, if that is measured."""
 
-    def __call__(self, title: str, measured: bool = True) -> AbstractContextManager[Callable[[float], None]]:
-        """Shows the step while the work is done."""
+    def __call__(self, title: str, measured: bool = True) -> AbstractContextManager[Callable[[float], None]]: ...  # noqa: D102
 
 
 def silent(title: str, measured: bool = True) -> AbstractContextManager[Callable[[float], None]]:
-    """Shows nothing of a step, whatever its ``title`` and whether it is ``measured``."""
+    """Shows nothing of a step."""
     return nullcontext(lambda share: None)
 
 
@@ -71,8 +70,7 @@ def analyse(
     """Returns all that a log says of one vehicle and axis.
 
     The model is trained on the whole settled flight of the longest segment's boot and judged by held-out windows. With
-    ``train`` it is trained on so much of the longest segment, and tested once on what follows. In tier "b" it is kept
-    only if it predicts better than no model.
+    ``train`` it is trained on so much of the longest segment, and tested once on what follows.
 
     Args:
         log: of ``mavdem.ingest.read_log``.
@@ -91,18 +89,16 @@ def analyse(
         Unreadable: ``truth`` is not the truth of this flight.
         ValueError: an axis or inputs that are none.
     """
-    if signals is None:
-        signals = Signals(choose_vehicle(log.vehicles, vehicle), AXES[0] if axis == ALL else axis, inputs)
-    else:
-        signals = signals.about(AXES[0] if axis == ALL else axis, inputs)
+    signals = Signals(choose_vehicle(log.vehicles, vehicle)) if signals is None else signals
+    signals = signals.about(AXES[0] if axis == ALL else axis, inputs)
     segments, verdict = usable_segments(signals, log.components)
     if other_axis is None:
-        condition, identity = condition_of(signals), identity_of(signals, log.receive_time[0])
-        alarms = motor_alarms(signals)
+        known = condition_of(signals), identity_of(signals, log.receive_time[0]), motor_alarms(signals)
     else:
-        condition, identity, alarms = other_axis.condition, other_axis.identity, other_axis.alarms
-    tier, known = tier_of(verdict, condition), VehicleFigures({}, condition.hover)
-    found = LogAnalysis(verdict, tier, condition, identity, known, tier.reason, tier.remedy, alarms=alarms)
+        known = other_axis.condition, other_axis.identity, other_axis.alarms
+    condition, identity, alarms = known
+    tier, motors = tier_of(verdict, condition), VehicleFigures({}, condition.hover)
+    found = LogAnalysis(verdict, tier, condition, identity, motors, tier.reason, tier.remedy, alarms=alarms)
 
     def without_model(reason: str) -> LogAnalysis:
         return replace(found, reason=tier.reason if reason == tier.reason else f"{tier.reason} {reason}")
@@ -124,9 +120,9 @@ def analyse(
         return without_model(error.reason) if slow else replace(found, reason=error.reason, remedy=error.remedy)
     if slow and (refusal := slow_motion_refusal(held_out)):
         return without_model(refusal)
-    compared = None if truth is None else compare_with_truth(learned, flights, truth_of(flights, truth))
     cautions = (*([SLOW_CAUTION] if slow else []), *flights[0].provenance["cautions"], *learned.cautions)
-    learned = replace(learned, cautions=cautions)
+    learned = replace(learned, cautions=cautions)  # before anything is fitted that it keeps
+    compared = None if truth is None else compare_with_truth(learned, flights, truth_of(flights, truth))
     if axis == ALL:
         axes = {AXES[0]: AxisFigures(flights, learned.physical, learned.wind, learned.physical_reason)}
         with progress("Estimating the physical parameters") as done:
@@ -179,10 +175,8 @@ def _limited(
                 f"{alarm.name.capitalize()} changed at {alarm.since:.0f} s; this takes the flight before and after "
                 "together."
             )
-            limited = {finding: Finding(finding.purpose, LIMITED, reason) for finding in found if finding.grade == GOOD}
-            return tuple(
-                limited.get(finding, finding) if finding.purpose in PURPOSES[:3] else finding for finding in found
-            )
+            doubted = [finding for finding in found if finding.grade == GOOD and finding.purpose in PURPOSES[:3]]
+            return tuple(one._replace(grade=LIMITED, reason=reason) if one in doubted else one for one in found)
     return found
 
 
@@ -240,12 +234,14 @@ def slow_motion_refusal(held_out: HeldOut) -> str:
 def flown_after(flights: Sequence[Flight], start: float) -> tuple[Flight, ...]:
     """Returns what of ``flights`` is flown ``start`` seconds after the first sample and later.
 
-    Raises:
-        TooFewSamples: too little is left to learn from.
+    Raises ``TooFewSamples`` if too little is left to learn from.
     """
     begin = flights[0].time[0] + start
-    first = [round(float(np.clip(begin - one.time[0], 0, len(one) * one.dt)) / one.dt) for one in flights]
-    left = tuple(one[skip:] for one, skip in zip(flights, first, strict=True) if len(one) - skip >= FEWEST_SAMPLES)
+    left = tuple(
+        one[skip:]
+        for one in flights
+        if len(one) - (skip := round(float(np.clip(begin - one.time[0], 0, one.duration)) / one.dt)) >= FEWEST_SAMPLES
+    )
     if not left:
         raise TooFewSamples(
             f"Less than {FEWEST_SAMPLES} samples of settled flight are left after {start:g} s.",
@@ -269,8 +265,7 @@ def _too_few(flights: Sequence[Flight], steps: int) -> TooFewSamples:
 def cut(flight: Flight, start: float, train: Length, test: Length | None) -> tuple[Flight, Flight]:
     """Returns the training data of length ``train`` from ``start`` s of the ``flight`` on, and the ``test`` after it.
 
-    Raises:
-        TooFewSamples: they do not fit.
+    Raises ``TooFewSamples`` if they do not fit.
     """
     first = round(min(start / flight.dt, len(flight)))
     length, ahead = part_samples(flight.dt, train, test)

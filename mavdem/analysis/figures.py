@@ -19,7 +19,7 @@ from mavdem.alignment.signals import Signals
 from mavdem.alignment.verdict import Verdict
 from mavdem.analysis.findings import Finding
 from mavdem.condition import Condition, Identity
-from mavdem.condition.hover import HoverFigures, hover_of
+from mavdem.condition.condition import HoverFigures, hover_of
 from mavdem.condition.inventory import Tier
 from mavdem.confidence import LEVEL
 from mavdem.dem import Learned, NotIdentifiable, Physical, WindTorque, physical
@@ -35,18 +35,13 @@ from mavdem.health.in_flight import MotorAlarm, alarm_figures
 from mavdem.ingest import Component, read_log
 
 ALL = "all"  # of an axis: roll, pitch and yaw
-DEM = "DEM"  # the name of the model's own forecasts, beside the baselines
 EXPLAINED_SHARE = 0.5  # of an output's variance: up to the horizon at which the expected squared error reaches it
 
 
 class AxisFigures(NamedTuple):
-    """One axis, from all its settled flight.
+    """One axis, from ``flights``, the segments of all its settled flight: ``physical`` parameters and ``wind`` torque.
 
-    Attributes:
-        flights: its segments; none where there is a ``reason``.
-        physical: effect of each motor, damping and lag, with the status of each.
-        wind: its torque.
-        reason: why there are no physical parameters; empty where there are.
+    ``reason`` says why there are none.
     """
 
     flights: tuple[Flight, ...]
@@ -56,12 +51,7 @@ class AxisFigures(NamedTuple):
 
 
 class VehicleFigures(NamedTuple):
-    """All that was asked of a vehicle.
-
-    Attributes:
-        axes: figures by name of axis.
-        hover: trim, imbalance and headroom of each motor; ``None`` where no settled flight has motor outputs.
-    """
+    """Figures of ``axes`` by name; and ``hover``: each motor's trim and headroom, ``None`` without settled outputs."""
 
     axes: dict[str, AxisFigures]
     hover: HoverFigures | None
@@ -86,13 +76,10 @@ class LogAnalysis:
         identity: which vehicle, and when.
         vehicle: how hard each motor works; of ``axis="all"`` also the physical parameters of each axis.
         reason, remedy: why there is no full model, and what to change; empty where there is one.
-        flights: what was trained on; empty without a model.
-        learned: the model: in tier "b" of the slow motion, and without physical parameters; None where there is none.
-        held_out: forecasts of windows that no model saw; None without a model.
-        findings: what the model is good for, purpose by purpose.
+        flights, learned, held_out, findings: what was trained on; the model, in tier "b" of the slow motion and without
+            physical parameters; forecasts of windows that no model saw; what it is good for, purpose by purpose.
         truth: the estimates beside the truth of a simulated flight, where its file was given.
-        alarms: lasting changes of the motors' balance in flight, as a live session would have found them; those
-            without a motor are no alarms.
+        alarms: lasting changes of the motors' balance in flight, as a live session would have found them.
     """
 
     verdict: Verdict
@@ -138,22 +125,20 @@ def figures(analysis: LogAnalysis) -> dict[str, Any]:
 
 
 def model_figures(flights: Sequence[Flight], learned: Learned, held_out: HeldOut) -> dict[str, Any]:
-    """Returns the figures of one model, as plain JSON values; angles in rad, rates in rad/s, time in s.
+    """Returns the figures of one model of ``flights``, judged by ``held_out`` windows, as plain JSON values.
 
-    ``learned`` is the model of the training data ``flights``; ``held_out`` are windows that its like, or it itself, has
-    forecast without having seen them.
+    Angles in rad, rates in rad/s, time in s.
     """
     first, measured, fit = flights[0], learned.record.outputs, learned.simulation_fit
     after_first = np.setdiff1d(np.arange(len(measured)), learned.record.starts)
     one_step = {
-        DEM: learned.one_step()[after_first],
+        "DEM": learned.one_step()[after_first],
         HOLD_LAST: measured[after_first - 1],
         CONSTANT_MEAN: np.broadcast_to(measured.mean(axis=0), measured[after_first].shape),
     }
     one_step_errors = {name: mspe(measured[after_first], values).per_output for name, values in one_step.items()}
-    forecast_errors = {
-        DEM if name == FORECAST else name: held_out.squared_errors(name).mean(axis=0) for name in (FORECAST, *BASELINES)
-    }
+    names = {"DEM": FORECAST, **dict(zip(BASELINES, BASELINES, strict=True))}
+    forecast_errors = {shown: held_out.squared_errors(name).mean(axis=0) for shown, name in names.items()}
     ranked = _ranked(forecast_errors, held_out.variance)
     model, energy = learned.model, learned.free_energy
     sd, half_width = learned.model_sd, learned.model_interval(LEVEL)
@@ -182,7 +167,7 @@ def model_figures(flights: Sequence[Flight], learned: Learned, held_out: HeldOut
         "held_out": held_out.as_dict(),
         "one_step_mspe": _ranked(one_step_errors, measured.var(axis=0)),
         "forecast_mspe": ranked,
-        "forecast_over_constant_mean": ranked[DEM]["relative"],
+        "forecast_over_constant_mean": ranked["DEM"]["relative"],
         "expected_error": float((held_out.expected / held_out.variance).mean()),
         "inside_90_percent_band": held_out.coverage,
         "prediction": {
@@ -209,11 +194,14 @@ def model_figures(flights: Sequence[Flight], learned: Learned, held_out: HeldOut
 
 def _ranked(errors: dict[str, Array], variance: Array) -> dict[str, Any]:
     """Mean squared errors (m,) by name, with the ratio to the constant mean's, the lowest first."""
-    relative = {name: float((error / variance).sum()) for name, error in errors.items()}
-    mean = relative[CONSTANT_MEAN]
+    mean = (errors[CONSTANT_MEAN] / variance).sum()
     values = {
-        name: {"per_output": error.tolist(), "total": float(error.sum()), "relative": float(error_over(size, mean))}
-        for (name, error), size in zip(errors.items(), relative.values(), strict=True)
+        name: {
+            "per_output": error.tolist(),
+            "total": float(error.sum()),
+            "relative": float(error_over((error / variance).sum(), mean)),
+        }
+        for name, error in errors.items()
     }
     return dict(sorted(values.items(), key=lambda named: named[1]["relative"]))
 
@@ -260,8 +248,7 @@ def vehicle(path: str | bytes | PathLike[str], axis: str = ALL, vehicle: str | N
         vehicle: "system" or "system:component", where the log holds several.
 
     Raises:
-        Unreadable: the log cannot be read.
-        NotLearnable: it holds no vehicle, or several and none was chosen.
+        Unreadable, NotLearnable: the log cannot be read; or holds no vehicle, or several and none was chosen.
         ValueError: ``path`` is no path, or an axis that is none.
     """
     if axis not in (*AXES, ALL):

@@ -28,21 +28,13 @@ The effect decides what the wind torque is; damping and lag matter less and are 
 
 
 class PredictionLimits(NamedTuple):
-    """When a prediction is GOOD; each limit is from docs/report.md, and a test holds it at its edge.
+    """When a prediction is GOOD; each limit is from docs/report.md, and a test holds it at its edge."""
 
-    Attributes:
-        ratio: of the squared error of the better baseline, at most.
-        worse: share of the windows that may be worse than the constant mean.
-        coverage: of a 90 % band, at least; below, a warning says so.
-        over_expected: squared error over the one to expect, above which a warning says so.
-        windows: fewest; where in a flight a single one is decides its error.
-    """
-
-    ratio: float = 0.5
-    worse: float = 0.1
-    coverage: float = 0.75
-    over_expected: float = 3.0
-    windows: int = 5
+    ratio: float = 0.5  # of the squared error of the better baseline, at most
+    worse: float = 0.1  # share of the windows that may be worse than the constant mean
+    coverage: float = 0.75  # of a 90 % band, at least; below, a warning says so
+    over_expected: float = 3.0  # squared error over the one to expect, above which a warning says so
+    windows: int = 5  # fewest; where in a flight a single one is decides its error
 
 
 PREDICTION_LIMITS = PredictionLimits()
@@ -58,10 +50,7 @@ class Finding(NamedTuple):
 
 
 def findings(learned: Learned, held_out: HeldOut | None) -> tuple[Finding, ...]:
-    """Returns the findings on control effectiveness, damping and time constant, wind torque and prediction.
-
-    The last is left out where no ``held_out`` windows were forecast with the ``learned`` model's like.
-    """
+    """Returns the findings on each of the ``PURPOSES``; on prediction only with ``held_out`` windows."""
     physical, why_not = learned.physical, learned.physical_reason
     if physical is None:
         graded = [(NONE, why_not)] * 3
@@ -152,11 +141,7 @@ def _prediction(held_out: HeldOut) -> tuple[Grade, str]:
 
 
 def warnings_of(learned: Learned, held_out: HeldOut | None) -> tuple[str, ...]:
-    """Returns what must be known before the model is used, one sentence each; mostly none.
-
-    Bands that failed and errors beyond what was to be expected, in ``held_out`` windows; or a ``learned`` model that is
-    unstable.
-    """
+    """Returns what must be known before the model is used, one sentence each; mostly none."""
     warnings, limits = [], PREDICTION_LIMITS
     if held_out is not None:
         warnings += [f"No model of a part of the flight could be learned: {failure}." for failure in held_out.failures]
@@ -175,7 +160,7 @@ def warnings_of(learned: Learned, held_out: HeldOut | None) -> tuple[str, ...]:
 
 
 def next_step(found: Sequence[Finding]) -> str:
-    """Returns what to do next, one sentence, by what was ``found``: the first purpose that is not served decides."""
+    """Returns what to do next, by what was ``found``: the first purpose that is not served decides."""
     grades = {finding.purpose: finding.grade for finding in found}
     effect, motion, _, prediction = (grades.get(purpose, GOOD) for purpose in PURPOSES)
     if effect != GOOD or motion == NONE:

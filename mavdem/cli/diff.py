@@ -15,8 +15,7 @@ from mavdem.fleet.difference import vehicle_difference
 from mavdem.fleet.row import OK, UNKNOWN, FlightRow
 from mavdem.fleet.rows_of_log import is_learned, rows_of_learned, rows_of_log
 from mavdem.fleet.store import is_fleet, read_rows
-from mavdem.report.flights import difference_blocks
-from mavdem.report.numbers import listed
+from mavdem.report.flights import difference_blocks, few
 
 MAX_NAMED = 8  # vehicles in a sentence
 
@@ -100,6 +99,4 @@ def _rows(name: str, source: str, vehicle: str | None) -> list[FlightRow]:
 
 
 def _few(names: set[str]) -> str:
-    ordered = sorted(names)
-    more = [f"{len(names) - MAX_NAMED} more"] if len(names) > MAX_NAMED else []
-    return listed([*ordered[:MAX_NAMED], *more])
+    return few(sorted(names), MAX_NAMED)

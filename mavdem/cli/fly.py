@@ -36,14 +36,13 @@ from sitl_scenarios.truth import write_truth
 from sitl_scenarios.vehicles import AIRFRAMES
 
 KEPT_UP = 0.95  # share of the speed asked for below which a live flight is reported as too slow
-SLOWEST, FASTEST = 0.01, 1000.0  # seconds that a live flight may fly in a second; no machine reaches the greater
 
 
 class ScenarioName(click.Path):
     """The name of a scenario, or a file."""
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-        """Scenarios that begin with what was typed, and files where none does."""
+        """Returns the scenarios that begin with what was typed, or files where none does."""
         fitting = [CompletionItem(name) for name in names() if name.startswith(incomplete)]
         return fitting or super().shell_complete(ctx, param, incomplete)  # bash offers names or files, not both
 
@@ -57,7 +56,7 @@ class ScenarioName(click.Path):
 @click.option("--udp", metavar="HOST:PORT", callback=no_option, help="Fly live and send MAVLink to HOST:PORT.")
 @click.option(
     "--speed",
-    type=click.FloatRange(SLOWEST, FASTEST),
+    type=click.FloatRange(0.01, 1000.0),
     help="Speed of a live flight, as a multiple of real time.  [default: 1]",
 )
 @click.option("--seed", type=int, help="Random seed, instead of the scenario's.")
@@ -110,7 +109,11 @@ def fly_command(
     if as_list:
         others = {"SCENARIO": scenario, "--seed": seed, "--duration": duration, "--describe": describe or None}
         _refuse_beside("--list", asked | others)
-        return _list(as_json)
+        scenarios = [{"name": name, "description": load(name).description} for name in names()]
+        if as_json:
+            return print_json({"scenarios": scenarios})
+        width = max(map(len, names()))
+        return say("\n".join(f"{one['name']:{width}}  {one['description']}" for one in scenarios))
     if scenario is None:
         raise click.UsageError("Missing argument 'SCENARIO': one of `mavdem fly --list`, or a .toml file.")
     if describe:
@@ -124,13 +127,10 @@ def fly_command(
         raise click.UsageError("--udp flies live; --out and --rrd write files: choose one.")
     if udp is None and speed is not None:
         raise click.UsageError("--speed applies to a live flight only: leave it out, or fly live with --udp.")
-    chosen = _chosen(scenario, seed, duration)
-    if udp is not None:
-        report = _live(Path(scenario).stem, chosen, udp, 1.0 if speed is None else speed)
-    elif out or rrd:
-        report = _to_files(Path(scenario).stem, chosen, out, rrd)
-    else:
+    chosen, name = _chosen(scenario, seed, duration), Path(scenario).stem
+    if not (udp or out or rrd):
         raise click.UsageError("No output: name a file with --out or --rrd, or a ground station with --udp.")
+    report = _to_files(name, chosen, out, rrd) if udp is None else _live(name, chosen, udp, speed or 1.0)
     if as_json:
         print_json({"scenario": scenario, "seed": chosen.seed, "duration": chosen.duration, **report})
 
@@ -142,33 +142,28 @@ def _refuse_beside(option: str, asked: dict[str, Any]) -> None:
         raise click.UsageError(f"{option} flies nothing: leave out {' and '.join(ignored)}.")
 
 
-def _list(as_json: bool) -> None:
-    scenarios = [{"name": name, "description": load(name).description} for name in names()]
-    if as_json:
-        return print_json({"scenarios": scenarios})
-    width = max(map(len, names()))
-    say("\n".join(f"{one['name']:{width}}  {one['description']}" for one in scenarios))
+@contextmanager
+def _refusing(hint: str = "", before: str = "") -> Iterator[None]:
+    """What is refused with a ``ValueError`` is bad usage: of the argument in ``hint``, or else in a sentence."""
+    try:
+        yield
+    except ValueError as error:
+        if hint:
+            raise click.BadParameter(f"{before}{error}.", param_hint=hint) from error
+        raise click.UsageError(f"{str(error)[:1].upper()}{str(error)[1:]}.") from error
 
 
 def _chosen(named: str, seed: int | None, duration: float | None) -> Scenario:
     """The scenario with the options of the command line."""
-    try:
+    with _refusing("SCENARIO"):
         scenario = load(named)
-    except ValueError as error:
-        raise click.BadParameter(f"{error}.", param_hint="SCENARIO") from error
     if scenario == Scenario():
         say_aside(f"{printable(Path(named).name)} sets no value: every value is the default.")
-    given = {"seed": seed, "duration": duration}
-    instead = {key: value for key, value in given.items() if value is not None}
-    try:
+    instead = {key: value for key, value in (("seed", seed), ("duration", duration)) if value is not None}
+    with _refusing("--seed or --duration"):
         chosen = scenario_of(scenario.model_dump(mode="json") | instead)
-    except ValueError as error:
-        raise click.BadParameter(f"{error}.", param_hint="--seed or --duration") from error
-    try:
+    with _refusing("SCENARIO", f"{Path(named).name}: "):  # not after a long flight
         AUTOPILOTS[chosen.stream.autopilot].rates(chosen.stream.rate, chosen.stream.rates)
-    except ValueError as error:
-        # Not after a long flight.
-        raise click.BadParameter(f"{Path(named).name}: {error}.", param_hint="SCENARIO") from error
     return chosen
 
 
@@ -184,7 +179,7 @@ def _to_files(name: str, scenario: Scenario, out: Path | None, rrd: Path | None)
     if len({replaceable(path) for path in files}) < len(files):
         raise Unreadable("--out and --rrd are the same file: name another.")
     began = perf_counter()
-    with _in_a_sentence(), progress(f"Flying {name}") as done:
+    with _refusing(), progress(f"Flying {name}") as done:
         motion = fly_through(scenario, done)
     report: dict[str, Any] = {}
     with writing(*files), atomic_writes(*files) as unfinished, progress("Writing", measured=False):
@@ -210,15 +205,6 @@ def _to_files(name: str, scenario: Scenario, out: Path | None, rrd: Path | None)
     return report
 
 
-@contextmanager
-def _in_a_sentence() -> Iterator[None]:
-    """What a flight is refused for, or ends with, is one sentence."""
-    try:
-        yield
-    except ValueError as error:
-        raise click.UsageError(f"{str(error)[:1].upper()}{str(error)[1:]}.") from error
-
-
 def _say_cautions(holding: Holding) -> dict[str, Any]:
     for caution in (cautions := holding.cautions()):
         say_aside(f"Caution: {caution}.")
@@ -240,12 +226,11 @@ def _live(name: str, scenario: Scenario, udp: str, speed: float) -> dict[str, An
     if not math.isfinite(speed):
         raise click.BadParameter("it must be a number.", param_hint="--speed")
     whole = seconds(scenario)
-    with _in_a_sentence(), closing(Ground(host, port)) as ground:
+    with _refusing(), closing(Ground(host, port)) as ground:
         say_aside(f"Flying {printable(name)} for {whole:g} s, sending to {printable(udp)}; Ctrl-C ends it.")
         with progress(f"Flying {name}") as done:
-            outcome = fly_live(
-                scenario, Simulation(scenario), ground, speed, lambda now: done(min(now / whole, 1.0)), say_aside
-            )
+            simulation = Simulation(scenario)
+            outcome = fly_live(scenario, simulation, ground, speed, lambda now: done(min(now / whole, 1.0)), say_aside)
     ended = "Stopped after" if outcome.stopped else "Flew"
     say_aside(f"{ended} {outcome.flown:.1f} s in {outcome.took:.1f} s: sent {outcome.sent} frames.")
     if outcome.flown < KEPT_UP * speed * outcome.took:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterable
 
 import click
 
@@ -10,10 +10,8 @@ from mavdem.cli.options import source_options
 from mavdem.cli.output import complain, print_json, say
 from mavdem.cli.sources import read_source
 from mavdem.condition.inventory import inventory
-from mavdem.report.blocks import Sentence
+from mavdem.report.blocks import Block, Sentence
 from mavdem.report.condition import sender, stream_contents, vehicle_contents
-
-WRAP_COLUMNS = 100  # columns to which the list of messages is wrapped
 
 
 @click.command("info")
@@ -36,11 +34,10 @@ def info_command(
         print_json(held)
     else:
         for one in held["vehicles"]:
-            _print_vehicle(one)
+            _print([*vehicle_contents(one), Sentence("")])
         if not held["vehicles"]:
             say("There is no vehicle in this log: check that the autopilot's own messages are recorded.\n")
-        for line in stream_contents(held):
-            _say_line(line)
+        _print(stream_contents(held))
     if not held["learnable"]:
         if as_json:
             # The document is printed already, with all the reasons.
@@ -50,15 +47,10 @@ def info_command(
         context.exit(1)
 
 
-def _print_vehicle(one: dict[str, Any]) -> None:
-    for block in vehicle_contents(one):
+def _print(blocks: Iterable[Block]) -> None:
+    for block in blocks:
         if isinstance(block, Sentence):
-            _say_line(block)
+            say(f"{block.lead} {block.text}".lstrip())
         else:
             for rate, names in block.rows:
-                say(click.wrap_text(f"{rate}: {names}", WRAP_COLUMNS, "  ", "    "))
-    say()
-
-
-def _say_line(block: Sentence) -> None:
-    say(f"{block.lead} {block.text}".lstrip())
+                say(click.wrap_text(f"{rate}: {names}", 100, "  ", "    "))

@@ -9,7 +9,6 @@ from time import perf_counter
 from typing import Any
 
 import click
-from click.core import ParameterSource
 
 from mavdem.alignment.drive import TILT_AXES
 from mavdem.analysis import analyse
@@ -20,23 +19,20 @@ from mavdem.cli.output_files import RECORDING, check_folder, folder_named, resul
 from mavdem.cli.sources import read_source
 from mavdem.condition.inventory import inventory
 from mavdem.errors import NotLearnable, advice
-from mavdem.evaluate.windows import Length, TooFewSamples
+from mavdem.evaluate.windows import Length
 from mavdem.report.blocks import Block, Sentence
 from mavdem.report.details import detail_blocks
 from mavdem.report.flights import truth_blocks
 from mavdem.report.page import log_page
 from mavdem.report.screen import analysis_blocks, title, vehicle_blocks
 
-UNSUPPORTED = 1  # the exit code of a log that holds no model
-
 
 def _seconds(context: click.Context, parameter: click.Parameter, value: str) -> float:
-    """A number of seconds, with or without their unit."""
     try:
         seconds = float(value.removesuffix("s"))
     except ValueError:
         seconds = math.nan
-    if not (math.isfinite(seconds) and seconds >= 0):
+    if not 0 <= seconds < math.inf:
         raise click.BadParameter(f"{value!r} is no number of seconds.", context, parameter)
     return seconds
 
@@ -120,13 +116,9 @@ def learn_command(
     check_folder(folder)
     began = perf_counter()
     log = read_source(source)
-    try:
-        analysis = analyse(
-            log, axis, vehicle, inputs, settings, start=start, train=train, test=test, truth=truth, progress=progress
-        )
-    except TooFewSamples as error:
-        again = f"Ask for shorter ones: `{_again(error.lengths)}`." if error.lengths else error.remedy
-        raise NotLearnable(error.reason, again) from error
+    analysis = analyse(
+        log, axis, vehicle, inputs, settings, start=start, train=train, test=test, truth=truth, progress=progress
+    )
     learned, verdict, condition = analysis.learned, analysis.verdict, analysis.condition
     if learned is None and analysis.tier.name is None:
         raise NotLearnable(analysis.reason, analysis.remedy)
@@ -161,7 +153,7 @@ def learn_command(
             say_aside(f"Look: {shlex.join(['rerun', f'{place}/{RECORDING}'])}")
     if learned is None:
         complain(analysis.reason, analysis.remedy, as_json=False)
-        raise click.exceptions.Exit(UNSUPPORTED)
+        raise click.exceptions.Exit(1)  # no model
 
 
 def named_after(source: str) -> Path:
@@ -170,12 +162,3 @@ def named_after(source: str) -> Path:
     stem = name.removesuffix(".xz")
     stem = stem.removesuffix(Path(stem).suffix)
     return Path(stem if stem.strip(".") and stem != name else f"{name}-learnt")
-
-
-def _again(lengths: tuple[str, ...]) -> str:
-    """The same command with other lengths."""
-    context = click.get_current_context()
-    options = ("out", "axis", "vehicle", "inputs", "preset", "order", "start", "truth")
-    given = [name for name in options if context.get_parameter_source(name) is ParameterSource.COMMANDLINE]
-    kept = [word for name in given for word in (f"--{name}", str(context.params[name]))]
-    return shlex.join(["mavdem", "learn", context.params["source"], *kept, *lengths])

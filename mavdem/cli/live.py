@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gc
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import ExitStack, closing
 from pathlib import Path
 from time import monotonic
@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from mavdem.alignment.signals import axis_outputs
 from mavdem.cli.commands import DONE, UNSUPPORTED, UNUSABLE
 from mavdem.cli.options import chosen_settings, file_option, model_options, motion_options, no_option
 from mavdem.cli.output import print_json, printable, say_aside
@@ -34,9 +35,8 @@ if TYPE_CHECKING:
 class Dashboard:
     """Shows a live flight in a viewer, browsers and an .rrd file; without Rerun, or a screen and these, nowhere.
 
-    ``advice``: how to open it, unless it opens by itself. ``file``: the recording, if there is one. Raises
-    ``Unreadable`` for a port that is taken, ``BadParameter`` for an invalid URL, ``MissingExtra`` where Rerun is asked
-    for and not installed.
+    ``advice``: how to open it, unless it opens by itself. ``file``: the recording, if there is one. Raises Unreadable:
+    a port is taken; BadParameter: an invalid URL; MissingExtra: Rerun is asked for and not installed.
     """
 
     def __init__(self, link: str, axis: str, rrd: Path | None, serve: bool, connect: str | None) -> None:
@@ -47,9 +47,9 @@ class Dashboard:
         self.file: RecordingFile | None = None
         self.advice = advice("The dashboard", "view")
         wanted = rrd is not None or serve or connect is not None
-        if self.advice and wanted:
-            raise MissingExtra(self.advice)
         if self.advice:
+            if wanted:
+                raise MissingExtra(self.advice)
             return
         # Rerun takes a second to load.
         with ending_at_once():
@@ -76,18 +76,11 @@ class Dashboard:
             return None
         from mavdem.view.live import Channels, LiveView
 
-        names = setup.layout.names
-        weights = None if setup.layout.positions_assumed else setup.layout.effect(self._axis)
-        channels = Channels(
-            self._link,
-            setup.dt,
-            horizons(setup.dt),
-            names,
-            (self._axis, f"{self._axis} rate"),
-            (setup.scale.unit,) * len(names),
-            ("rad", "rad/s"),
-            () if weights is None else tuple((2 * weights).tolist()),
-        )
+        layout, (outputs, units) = setup.layout, zip(*axis_outputs(self._axis), strict=True)
+        weights = None if layout.positions_assumed else layout.effect(self._axis)
+        command = () if weights is None else tuple((2 * weights).tolist())
+        motors = layout.names, outputs, (setup.scale.unit,) * len(layout.names), units
+        channels = Channels(self._link, setup.dt, horizons(setup.dt), *motors, command)
         if self.view is None:
             self.view = LiveView(channels, self._sinks)
         self.view.change(channels)
@@ -95,12 +88,12 @@ class Dashboard:
 
     def report(self, status: SessionStatus) -> None:
         """Shows the status, and prints what is wrong with the view."""
-        if self.view is None:
-            return
-        self.view.status(status)
-        for trouble in [trouble for trouble in self.view.troubles if trouble not in self._said]:
-            self._said.add(trouble)
-            say_aside(trouble)
+        if self.view is not None:
+            self.view.status(status)
+            for trouble in self.view.troubles:
+                if trouble not in self._said:
+                    say_aside(trouble)
+                self._said.add(trouble)
 
     def close(self) -> None:
         """Ends the view."""
@@ -140,9 +133,7 @@ def _number(context: click.Context, parameter: click.Parameter, value: float | N
     help="Ask the vehicle for attitude and motor outputs at this rate, and at 4 Hz for what shows a landing; what "
     "comes faster already stays as it is. Without it nothing is ever sent.",
 )
-@click.option(
-    "--duration", type=click.FloatRange(0, min_open=True), callback=_number, help="Seconds after which to end."
-)
+@click.option("--duration", type=click.FloatRange(0, min_open=True), callback=_number, help="Seconds until it ends.")
 def live_command(
     link: str,
     axis: str,
@@ -186,26 +177,23 @@ def live_command(
     check_file(rrd, "--rrd", (".rrd",))
     check_file(record, "--record", tuple(STREAMS))
     beside = rrd or record
-    model = model or (None if beside is None else beside.with_suffix(".model.json"))
+    model = model or (beside and beside.with_suffix(".model.json"))
     check_file(model, "--model", (".json",))
     beside = beside or model
-    html = html or (None if beside is None else beside.with_suffix(".html"))
+    html = html or (beside and beside.with_suffix(".html"))
     check_file(html, "--html", (".html",))
     stream = LiveStream(axis, vehicle, inputs, asked=request_rate is not None)
     with ExitStack() as signals, ExitStack() as ends:
         opened = Link(link)
         ends.callback(opened.close)
         if opened.speaks_first and request_rate is None:
-            raise click.BadParameter(
-                f"{link} sends only after it has received something, and nothing is sent without --request-rate: add "
-                "that, or listen with udpin:HOST:PORT.",
-                param_hint="LINK",
-            )
+            silent = f"{link} sends only after it has received something, and nothing is sent without --request-rate"
+            raise click.BadParameter(f"{silent}: add that, or listen with udpin:HOST:PORT.", param_hint="LINK")
         dashboard = ends.enter_context(closing(Dashboard(link, axis, rrd, serve, connect)))
         recording = None if record is None else RawRecording(record)
         executor = ends.enter_context(LearningProcess())
-        show, report = dashboard.open, dashboard.report
-        session = LiveSession(opened, stream, settings, show, report, say_aside, executor, recording, request_rate)
+        shown = dashboard.open, dashboard.report, say_aside
+        session = LiveSession(opened, stream, settings, *shown, executor, recording, request_rate)
         ends.callback(session.end)
         if dashboard.advice:
             say_aside(dashboard.advice)
@@ -215,7 +203,8 @@ def live_command(
         asked = signals.enter_context(asked_to_end())
         took = _run(session, asked, duration)
         account = session.account()
-        say_aside(_account_line(account))
+        spent = ", ".join(f"{seconds:.0f} s {ACCOUNT[kind]}" for kind, seconds in account.items() if seconds >= 0.5)
+        say_aside(f"Of {sum(account.values()):.0f} s: {spent or 'nothing'}.")
         if ahead := _ahead(session.status, axis):
             say_aside(sentence(ahead))
         tasks = ["learning the model of the last samples"] if session.learner is not None else []
@@ -236,31 +225,29 @@ def live_command(
         if rrd is not None and dashboard.view is None:
             say_aside(f"There was nothing to show, so {rrd} was not written.")
         if as_json:
-            print_json(
-                {
-                    "link": link,
-                    "vehicle": status.vehicle,
-                    "seconds": round(took, 3),
-                    "account": {kind: round(spent, 3) for kind, spent in account.items()},
-                    "samples": {"learnt": status.learned, "shown": status.shown},
-                    "rates": status.rates,
-                    "lost": status.lost,
-                    "latency": dict(zip(("median", "p99"), status.latency, strict=True)),
-                    "ahead": dict(zip(("seconds", "half_width_rad"), status.ahead, strict=True)),
-                    "useful": dict(zip(("seconds", "error_ratio"), status.useful, strict=True)),
-                    "obstacle": status.obstacle,
-                    **alarm_figures(status.alarms),
-                    "events": session.sentences,
-                    "rrd": str(rrd) if dashboard.file is not None and dashboard.file.kept else None,
-                    "record": None if recording is None else {"file": str(record), "frames": recording.frames},
-                    "model": str(model) if code == DONE and model is not None else None,
-                    "html": str(html) if has_page else None,
-                }
-            )
+            figures = {
+                "link": link,
+                "vehicle": status.vehicle,
+                "seconds": round(took, 3),
+                "account": {kind: round(spent, 3) for kind, spent in account.items()},
+                "samples": {"learnt": status.learned, "shown": status.shown},
+                "rates": status.rates,
+                "lost": status.lost,
+                "latency": dict(zip(("median", "p99"), status.latency, strict=True)),
+                "ahead": dict(zip(("seconds", "half_width_rad"), status.ahead, strict=True)),
+                "useful": dict(zip(("seconds", "error_ratio"), status.useful, strict=True)),
+                "obstacle": status.obstacle,
+                **alarm_figures(status.alarms),
+                "events": session.sentences,
+                "rrd": str(rrd) if dashboard.file is not None and dashboard.file.kept else None,
+                "record": None if recording is None else {"file": str(record), "frames": recording.frames},
+                "model": str(model) if code == DONE and model is not None else None,
+                "html": str(html) if has_page else None,
+            }
+            print_json(figures)
     broken = dashboard.file is not None and dashboard.file.broken
-    if session.recording is not recording or broken or (html is not None and not has_page):
-        code = UNUSABLE
-    click.get_current_context().exit(code)
+    lost = session.recording is not recording or broken or (html is not None and not has_page)
+    click.get_current_context().exit(UNUSABLE if lost else code)
 
 
 def _written(path: Path | None, text: str, what: str) -> bool:
@@ -294,16 +281,11 @@ def _run(session: LiveSession, asked: Callable[[], bool], duration: float | None
     return monotonic() - began
 
 
-def _account_line(account: Mapping[str, float]) -> str:
-    spent = ", ".join(f"{seconds:.0f} s {ACCOUNT[kind]}" for kind, seconds in account.items() if seconds >= 0.5)
-    return f"Of {sum(account.values()):.0f} s: {spent or 'nothing'}."
-
-
 def _ahead(status: SessionStatus, axis: str) -> str:
     """How well the model predicts; empty before it has."""
     seconds, half = status.ahead
-    said = f"{axis} predicted {seconds:.2g} s ahead within ±{math.degrees(half):.2g}° (90 %)"
-    return said if math.isfinite(half) else ""
+    degrees = f"{math.degrees(half):.2g}°"
+    return f"{axis} predicted {seconds:.2g} s ahead within ±{degrees} (90 %)" if math.isfinite(half) else ""
 
 
 def _status_line(status: SessionStatus, axis: str) -> str:
@@ -313,6 +295,5 @@ def _status_line(status: SessionStatus, axis: str) -> str:
     rates = ", ".join(f"{name} {rate:.3g} Hz" for name, rate in sorted(status.rates.items()) if rate) or "no attitude"
     late = f", latency {1e3 * status.latency[1]:.1f} ms (99 %)" if status.learned + status.shown else ""
     ahead = f"; {ahead}" if (ahead := _ahead(status, axis)) else ""
-    learned = f"{status.vehicle}: {rates}; {status.learned} samples learned{late}{ahead}"
-    line = f"{learned}. {sentence(status.obstacle)}" if status.obstacle else f"{learned}; learning."
-    return f"{line} {status.alarm}".rstrip()
+    end = f". {sentence(status.obstacle)}" if status.obstacle else "; learning."
+    return f"{status.vehicle}: {rates}; {status.learned} samples learned{late}{ahead}{end} {status.alarm}".rstrip()

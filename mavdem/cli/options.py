@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial, reduce
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -17,7 +18,6 @@ from mavdem.evaluate.windows import TEST_SECONDS, Length
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
-VEHICLE_PATTERN = re.compile(r"\d{1,3}(:\d{1,3})?", re.ASCII)  # MAVLink's ids
 MAX_STATES = 10  # A roll model has a few states; the memory of a fit increases with the fourth power of their number
 AXIS_OUTPUTS = 2  # of an axis: its angle and its rate
 
@@ -42,39 +42,32 @@ def no_option(context: click.Context, parameter: click.Parameter, value: Value) 
 
 def _vehicle(context: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
     no_option(context, parameter, value)
-    if value is not None and not VEHICLE_PATTERN.fullmatch(value):
-        raise click.BadParameter(
-            f"{value!r} is no vehicle: give its MAVLink system id, or system and component as in 1:1.",
-            context,
-            parameter,
-        )
+    if value is not None and not re.fullmatch(r"\d{1,3}(:\d{1,3})?", value, re.ASCII):
+        what = f"{value!r} is no vehicle: give its MAVLink system id, or system and component as in 1:1."
+        raise click.BadParameter(what, context, parameter)
     return value
+
+
+def _adding(*options: Callable[[Command], Command]) -> Callable[[Command], Command]:
+    """Adds options to a command, in this order on its page of help."""
+    return lambda command: reduce(lambda made, option: option(made), reversed(options), command)
 
 
 def motion_options(axes: Sequence[str] = TILT_AXES, text: str = "Axis to model.") -> Callable[[Command], Command]:
     """Adds --axis with these choices, --vehicle, --inputs and --json to a command."""
-
-    def decorate(command: Command) -> Command:
-        for option in (
-            click.option("--json", "as_json", is_flag=True, help="Print one JSON document and nothing else."),
-            click.option(
-                "--inputs",
-                type=click.Choice(["motors", "demand"]),
-                help="The inputs of the model: the motor outputs, or the controller's demand before the mixer. "
-                "[default: motors; demand if only that is logged fast enough]",
-            ),
-            click.option(
-                "--vehicle",
-                metavar="SYSTEM[:COMPONENT]",
-                callback=_vehicle,
-                help="Which vehicle, if there are several.",
-            ),
-            click.option("--axis", type=click.Choice(axes), default="roll", show_default=True, help=text),
-        ):
-            command = option(command)
-        return command
-
-    return decorate
+    return _adding(
+        click.option("--axis", type=click.Choice(axes), default="roll", show_default=True, help=text),
+        click.option(
+            "--vehicle", metavar="SYSTEM[:COMPONENT]", callback=_vehicle, help="Which vehicle, if there are several."
+        ),
+        click.option(
+            "--inputs",
+            type=click.Choice(["motors", "demand"]),
+            help="The inputs of the model: the motor outputs, or the controller's demand before the mixer. "
+            "[default: motors; demand if only that is logged fast enough]",
+        ),
+        click.option("--json", "as_json", is_flag=True, help="Print one JSON document and nothing else."),
+    )
 
 
 def source_options(axes: Sequence[str] = AXES, text: str = "Axis of the vehicle.") -> Callable[[Command], Command]:
@@ -88,13 +81,7 @@ def _spoken(orders: range) -> str:
 
 def model_options(command: Command) -> Command:
     """Adds --preset and --order to a command."""
-    for decorate in (
-        click.option(
-            "--order",
-            type=int,
-            help=f"Number of states, {_spoken(ORDERS['real'])}; for paper {_spoken(ORDERS['paper'])}. "
-            "[default: 3 (angle, rate, and a hidden state for the motors' lag); for paper 2]",
-        ),
+    return _adding(
         click.option(
             "--preset",
             type=click.Choice(["real", "paper"]),
@@ -102,59 +89,51 @@ def model_options(command: Command) -> Command:
             show_default=True,
             help="real: scaling and priors for real flights; paper: the settings of the paper, section V.D.",
         ),
-    ):
-        command = decorate(command)
-    return command
+        click.option(
+            "--order",
+            type=int,
+            help=f"Number of states, {_spoken(ORDERS['real'])}; for paper {_spoken(ORDERS['paper'])}. "
+            "[default: 3 (angle, rate, and a hidden state for the motors' lag); for paper 2]",
+        ),
+    )(command)
 
 
 def chosen_settings(preset: str, order: int | None) -> Settings:
     """The settings of --preset and --order; raises ``BadParameter`` for an order that the preset does not have."""
     if order is not None and order not in ORDERS[preset]:
-        raise click.BadParameter(
-            f"{order} is not in {_spoken(ORDERS[preset])}, the numbers of states of --preset {preset}.",
-            param_hint="--order",
-        )
+        what = f"{order} is not in {_spoken(ORDERS[preset])}, the numbers of states of --preset {preset}."
+        raise click.BadParameter(what, param_hint="--order")
     settings = Settings.paper() if preset == "paper" else Settings()
     return settings if order is None else replace(settings, order=order)
 
 
-class LengthType(click.ParamType):  # type: ignore[type-arg]  # generic from click 8.4 on
+def _length(fewest: int, context: click.Context, parameter: click.Parameter, value: str | None) -> Length | None:
     """Seconds, as in ``7s``, or samples, as in ``700``; the latter at least ``fewest``."""
-
-    name = "length"
-
-    def __init__(self, fewest: int) -> None:
-        self.fewest = fewest
-
-    def convert(self, value: Any, parameter: click.Parameter | None, context: click.Context | None) -> Length:
-        """From the words of a command line."""
-        if isinstance(value, Length):
-            return value
-        found = LENGTH_PATTERN.fullmatch(str(value))
-        if found is None:
-            self.fail(f"{value!r} is no length: give seconds, as in 7s, or samples, as in 700.", parameter, context)
-        number, in_seconds = float(found["number"]), bool(found["unit"])
-        if not in_seconds and (number != round(number) or number < self.fewest):
-            self.fail(f"{value} is not a whole number of at least {self.fewest} samples.", parameter, context)
-        if in_seconds and not 0 < number < LONGEST_SECONDS:
-            self.fail(f"{value} is not a length of flight.", parameter, context)
-        return Length(number, in_seconds)
-
-
-LENGTH_PATTERN = re.compile(r"(?P<number>\d{1,9}(\.\d{1,9})?)(?P<unit>s?)", re.ASCII)
-LONGEST_SECONDS = 1e6
+    if value is None:
+        return None
+    found = re.fullmatch(r"(\d{1,9}(?:\.\d{1,9})?)(s?)", value, re.ASCII)
+    number, in_seconds = (float(found[1]), bool(found[2])) if found else (0.0, False)
+    wrong = ""
+    if found is None:
+        wrong = f"{value!r} is no length: give seconds, as in 7s, or samples, as in 700."
+    elif not in_seconds and (number != round(number) or number < fewest):
+        wrong = f"{value} is not a whole number of at least {fewest} samples."
+    elif in_seconds and not 0 < number < 1e6:
+        wrong = f"{value} is not a length of flight."
+    if wrong:
+        raise click.BadParameter(wrong, context, parameter)
+    return Length(number, in_seconds)
 
 
 def window_options(train_default: str, test_help: str) -> Callable[[Command], Command]:
     """Adds --train and --test, lengths in samples or seconds, to a command."""
-
-    def decorate(command: Command) -> Command:
-        for option, default, fewest, what in (
-            ("--test", f"{TEST_SECONDS:g}s", 1, test_help),
-            ("--train", train_default, FEWEST_SAMPLES, "Training data: seconds (7s) or samples (700)."),
-        ):
-            text = f"{what} [default: {default}]"
-            command = click.option(option, type=LengthType(fewest), metavar="LENGTH", help=text)(command)
-        return command
-
-    return decorate
+    train_help, default = "Training data: seconds (7s) or samples (700).", f"{TEST_SECONDS:g}s"
+    return _adding(
+        *(
+            click.option(name, callback=partial(_length, fewest), metavar="LENGTH", help=f"{what} [default: {usual}]")
+            for name, fewest, what, usual in (
+                ("--train", FEWEST_SAMPLES, train_help, train_default),
+                ("--test", 1, test_help, default),
+            )
+        )
+    )

@@ -24,26 +24,13 @@ from mavdem.report.blocks import Sentence, Table
 STDERR = Console(stderr=True, highlight=False, markup=False, emoji=False)  # standard error
 WIDTH_OF_A_PIPE = 120  # columns a table may take where standard output is no terminal
 
-PLAIN_CHARACTERS = {
-    "±": "+-",
-    "°": "deg",
-    "µ": "u",
-    "“": '"',
-    "”": '"',
-    "\N{COMBINING MACRON}": "",
-    "²": "^2",
-    "−": "-",
-    "₀": "0",
-    "ẋ": "x'",
-}
+PLAIN_CHARACTERS = {"±": "+-", "°": "deg", "µ": "u", "“": '"', "”": '"', "\N{COMBINING MACRON}": "", "²": "^2"}
+PLAIN_CHARACTERS |= {"−": "-", "₀": "0", "ẋ": "x'"}
 """Replacements of characters that the terminal cannot show; others become a question mark."""
 
 
 def prepare_streams() -> None:
-    """Lets no character that the terminal cannot show end a run, and shows a warning as one line.
-
-    What matplotlib logs below an error is not shown.
-    """
+    """Lets no character that the terminal cannot show end a run, and shows a warning as one line."""
     codecs.register_error("plain", _plain)
     sys.stdout = sys.stdout or open(os.devnull, "w")  # noqa: SIM115 - it stays open for as long as the process
     sys.stderr = sys.stderr or open(os.devnull, "w")  # noqa: SIM115
@@ -58,9 +45,7 @@ def prepare_streams() -> None:
 def _plain(error: UnicodeError) -> tuple[str, int]:
     if not isinstance(error, UnicodeEncodeError):
         raise error
-    return "".join(
-        PLAIN_CHARACTERS.get(character, "?") for character in error.object[error.start : error.end]
-    ), error.end
+    return "".join(PLAIN_CHARACTERS.get(one, "?") for one in error.object[error.start : error.end]), error.end
 
 
 def json_text(document: Any) -> str:
@@ -92,17 +77,13 @@ def printable(text: object) -> str:
 
     Names and files may hold line breaks and what a terminal obeys: escapes, and marks that turn text around.
     """
-    return "".join(character if character.isprintable() else _escaped(character) for character in str(text))
-
-
-def _escaped(character: str) -> str:
-    short = {"\n": "\\n", "\t": "\\t", "\r": "\\r"}.get(character)
-    number = ord(character)
-    return short or (f"\\u{number:04x}" if number < 1 << 16 else f"\\U{number:08x}")
+    short: dict[str, str | int | None] = {"\n": "\\n", "\t": "\\t", "\r": "\\r"}
+    hidden = {one for one in str(text) if not one.isprintable()}
+    codes = {one: f"\\u{ord(one):04x}" if ord(one) < 1 << 16 else f"\\U{ord(one):08x}" for one in hidden}
+    return str(text).translate(str.maketrans({**codes, **short}))
 
 
 def _one_line(text: str) -> str:
-    """A name may hold line breaks, and worse."""
     return printable(" ".join(text.splitlines()))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
@@ -56,19 +56,21 @@ def reproduce_command(names: tuple[str, ...], out: Path, as_json: bool, as_list:
 
     check_folder(out, (PAGE, NUMBERS, RECORDING))
     began = perf_counter()
-    chosen = {item.claim.title: item for item in ITEMS if item.claim.name in names or not names}
-    jobs = _Jobs()
+    jobs, reports = _Jobs(), []
     with pool(spare_cores()) as executor:
-        runner, reports = Runner(Extent(), executor, jobs.begun), []
-        for title, item in chosen.items():
-            with progress(title) as jobs.show:
+        runner = Runner(Extent(), executor, jobs.begun)
+        for item in (item for item in ITEMS if item.claim.name in names or not names):
+            with progress(item.claim.title) as jobs.show:
                 reports.append(ItemReport(item, item.run(runner)))
         with progress("Writing the report", measured=False):
             write_report(out, reports, runner, perf_counter() - began)
     if as_json:
         print_json(document(reports, perf_counter() - began))
         return
-    _print(reports)
+    table = Table("item", "verdict", "findings")
+    for report in reports:
+        table.add_row(report.item.claim.name, report.status.value, f"{report.sentence} {report.beyond}".rstrip())
+    print_table(table)
     say(f"Took {perf_counter() - began:.0f} s. Written: {out / PAGE}")
 
 
@@ -91,16 +93,9 @@ class _Jobs:
     def begun(self, count: int) -> Callable[[], None]:
         """Counts new jobs; returns the function to call when one of them is done."""
         self._begun += count
-        return self._one_done
 
-    def _one_done(self) -> None:
-        self._done += 1
-        self.show(self._done / self._begun)
+        def one_done() -> None:
+            self._done += 1
+            self.show(self._done / self._begun)
 
-
-def _print(reports: Iterable[ItemReport]) -> None:
-    table = Table("item", "verdict", "findings")
-    for report in reports:
-        findings = f"{report.sentence} {report.beyond}".rstrip()
-        table.add_row(report.item.claim.name, report.status.value, findings)
-    print_table(table)
+        return one_done

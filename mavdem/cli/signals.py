@@ -36,8 +36,7 @@ def unwind_when_terminated() -> None:
 def asked_to_end() -> Iterator[Callable[[], bool]]:
     """Takes Ctrl-C, SIGTERM and SIGHUP as a request to end, and yields a function that returns whether there was one.
 
-    Asking again changes nothing, until the process is gone: what is kept at the end must not be lost to impatience, nor
-    the exit code. An ignored SIGHUP stays so.
+    Asking again changes nothing: what is kept at the end must not be lost to impatience. An ignored SIGHUP stays so.
     """
     asked = False
 

@@ -85,10 +85,7 @@ def of_each(
 
 
 def end_report(context: click.Context, refused: Sequence[Refused], outcome: str, last: str, as_json: bool) -> None:
-    """Prints why SOURCEs are refused, and a last sentence; beside a JSON document only the former, on standard error.
-
-    The exit code is 2 if one cannot be read.
-    """
+    """Prints why SOURCEs are refused and a last sentence, with JSON the former, aside; exits with 2 if unreadable."""
     for one in refused:
         if as_json:
             say_aside(printable(f"mavdem: {one.source}: {outcome}: {one.error}"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from typing import Any
@@ -58,17 +59,9 @@ class Identity:
 
 def identity_of(signals: Signals, received: float = float("nan")) -> Identity:
     """Returns the identity of the vehicle of ``signals``; ``received`` is when the log's first message was, UNIX s."""
-    telemetry = signals.telemetry
-    name, basis = _name(telemetry)
-    return Identity(
-        name,
-        basis,
-        telemetry.system,
-        telemetry.autopilot,
-        telemetry.vehicle,
-        telemetry.firmware or _firmware(telemetry),
-        _date(signals, received),
-    )
+    vehicle = signals.telemetry
+    firmware, date = vehicle.firmware or _firmware(vehicle), _date(signals, received)
+    return Identity(*_name(vehicle), vehicle.system, vehicle.autopilot, vehicle.vehicle, firmware, date)
 
 
 def _name(telemetry: Telemetry) -> tuple[str, str]:
@@ -128,7 +121,6 @@ def _date(signals: Signals, received: float) -> datetime | None:
 
 
 def _utc(seconds: float) -> datetime | None:
-    try:
+    with suppress(OverflowError, ValueError, OSError):  # a damaged message
         return datetime.fromtimestamp(seconds, UTC)
-    except (OverflowError, ValueError, OSError):  # a damaged message
-        return None
+    return None

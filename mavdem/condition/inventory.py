@@ -17,20 +17,18 @@ from mavdem.ingest import Log
 from mavdem.ingest.telemetry import Columns, Telemetry, selected
 
 SLOWEST_RATE = 1.0  # Hz, of attitude and motor outputs, down to which their means, spreads and limits are known
-ALLOWS = {
+ALLOWS = {  # by tier
     "a": "everything: the model, the vehicle's physical parameters, the wind, and the vehicle's condition",
     "b": "the slow motion, if a model predicts it better than none does, and the vehicle's condition: balance, limits, "
     "lean and steady disturbance; not motors' effect, damping, lag, the wind's torque and poles, which show at several "
     "Hz",
     "c": "the vehicle's condition: balance, headroom, saturation, lean, vibration and battery; no model",
 }
-"""What each tier allows."""
-NEEDS = {
+NEEDS = {  # by tier
     "a": f"{MINIMUM_RATE:.0f} Hz of attitude and of motor outputs or demand, better 100",
     "b": f"{SLOW_MOTION_RATE:.0f} Hz of attitude and of motor outputs or demand",
     "c": "settled flight of a multirotor, with attitude",
 }
-"""What each tier needs."""
 
 
 class Tier(NamedTuple):
@@ -62,11 +60,7 @@ class Tier(NamedTuple):
 
 
 def tier_of(verdict: Verdict, condition: Condition) -> Tier:
-    """Returns the tier of a vehicle with a ``verdict`` on one axis and the ``condition`` of its settled flight.
-
-    It goes by the rates. In the second tier a model may still be refused, such as for rates and angles that contradict
-    each other; :func:`mavdem.analysis.analyse` says.
-    """
+    """Returns the tier by the rates; in the second a model may be refused: :func:`mavdem.analysis.analyse` says."""
     figures = verdict.figures
     slower = min(figures.attitude_rate or 0.0, figures.motor_rate or 0.0)
     if verdict.learnable:
@@ -147,10 +141,7 @@ def _vehicle(
 
 
 def _rate(columns: Columns) -> float | None:
-    """Messages a second from the first to the last of each boot; None where no two are apart in time.
-
-    Of a message that comes once for each port or group, those of one: the port or group that has most.
-    """
+    """Messages a second between the first and the last of each boot, of the port or group that has most."""
     for field in ("port", "group_mlx"):
         if field in columns:
             instances, of = np.unique(columns[field], return_inverse=True)

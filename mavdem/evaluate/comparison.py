@@ -46,10 +46,9 @@ COUNTS = ("windows", "failed", "diverged", "unstable", "worse_than_constant")  #
 
 
 class Method(NamedTuple):
-    """A method to compare, of a unique ``name``: ``learn`` trains a model on a flight.
+    """A method to compare, of a unique ``name``: ``learn`` trains a model on a flight, and pickles.
 
-    With ``predicts`` its model is also asked what comes next, the inputs unknown. To run in other processes ``learn``
-    must be a module's function, or a ``partial`` of one.
+    With ``predicts`` its model is also asked what comes next, the inputs unknown.
     """
 
     name: str
@@ -62,10 +61,6 @@ def dem(name: str, settings: Settings, predicts: bool = False) -> Method:
     return Method(name, partial(learn, settings=settings), predicts)
 
 
-PAPER_SETTINGS_WITHOUT = replace(Settings.paper(), p=1, d=1, window=2)
-"""The paper's settings without generalized coordinates: the first derivative, which the model needs, and no
-higher one."""
-
 PEERS = (
     *(Method(f"subspace({order})", partial(baselines.subspace, order=order)) for order in (2, 4)),
     *(Method(f"PEM({order})", partial(baselines.pem, order=order)) for order in (2, 4)),
@@ -73,13 +68,11 @@ PEERS = (
     *(Method(f"ARX({order})", partial(baselines.arx, order=order)) for order in (1, 2, 4)),
     *(Method(f"joint VAR({order})", partial(baselines.var, order=order), predicts=True) for order in (4, 10)),
 )
-"""Other methods that learn a model."""
-
 METHODS = (
     dem("DEM", Settings(), predicts=True),
     dem("DEM p=1", replace(Settings(), p=1, d=1)),
     dem("DEM paper", Settings.paper()),
-    dem("DEM paper p=1", PAPER_SETTINGS_WITHOUT),
+    dem("DEM paper p=1", replace(Settings.paper(), p=1, d=1, window=2)),
     *PEERS,
     Method("constant mean", baselines.constant_mean, predicts=True),
     Method("hold last", baselines.hold, predicts=True),
@@ -97,15 +90,9 @@ GENERALIZED_COORDINATES = (("DEM", "DEM p=1"), ("DEM paper", "DEM paper p=1"))
 class Outcome:
     """One method on one window; every error is infinite if it has no forecast.
 
-    Attributes:
-        method: its name.
-        flight, start: of the window.
-        failure: why there is no forecast; else empty.
-        stable: whether the model has no growing mode; ``None`` without a model.
-        cautions: of the model, and one where the error that it expects is larger than the constant mean's.
-        seconds: processor time of the training.
-        scores: a row for each question and horizon; the last of a question is that of the whole test part.
-        forecasts: (H, m) by question, each from the end of training or from state 0.
+    ``failure`` says why, and is empty else; ``stable`` is ``None`` without a model; ``seconds`` are processor time of
+    the training; ``scores`` have a row for each question and horizon, the last of a question that of the whole test
+    part; ``forecasts`` are (H, m) by question.
     """
 
     method: str
@@ -128,19 +115,19 @@ class Outcome:
 
     def to_dict(self, question: str = KNOWN) -> dict[str, Any]:
         """Returns plain JSON values by name, without the forecasts themselves; of a ``question``, and from zero."""
-
-        def errors(of: str) -> dict[str, Any]:
-            return {"per_output": self.mspe(of).tolist(), "total": float(self.mspe(of).sum())}
-
-        rows = self.of(question)
+        rows, zero = self.of(question), self.of(FROM_ZERO)
+        mspe, from_zero = (
+            {"per_output": values.tolist(), "total": float(values.sum())}
+            for values in (self.mspe(question), self.mspe(FROM_ZERO))
+        )
         return {
             "failure": self.failure,
             "stable": self.stable,
             "cautions": list(self.cautions),
-            "mspe": errors(question),
+            "mspe": mspe,
             "skill": [score_values(row) for row in rows],
             "inside_90_percent_band": [_or_none(share) for share in rows["inside"]],
-            "from_zero": {"mspe": errors(FROM_ZERO), "skill": score_values(self.of(FROM_ZERO)[-1])},
+            "from_zero": {"mspe": from_zero, "skill": score_values(zero[-1])},
             "seconds": round(self.seconds, 4),
         }
 
@@ -162,8 +149,7 @@ def evaluate_window(method: Method, window: Window) -> Outcome:
         [(window.flight, window.start, method.name, *row, [np.inf] * m, [1] * m, [1] * m, np.nan) for row in asked],
         table_type(m),
     )
-    who = method.name, window.flight, window.start
-    return Outcome(*who, failure, None, (), thread_time() - began, scores, {})
+    return Outcome(method.name, window.flight, window.start, failure, None, (), thread_time() - began, scores, {})
 
 
 def _outcome(method: Method, window: Window, model: Forecaster, seconds: float) -> Outcome:
@@ -190,8 +176,7 @@ def _outcome(method: Method, window: Window, model: Forecaster, seconds: float) 
                 row["inside"] = (np.abs(test.outputs - whole) <= bands[question])[:steps].mean()
             rows.append(row)
     scores = np.concatenate(rows)
-    scores["flight"], scores["start"], scores["method"] = window.flight, window.start, method.name
-    who = method.name, window.flight, window.start
+    scores["method"], scores["flight"], scores["start"] = who = method.name, window.flight, window.start
     return Outcome(*who, "", model.stable, cautions, seconds, scores, forecasts)
 
 
@@ -202,12 +187,12 @@ def outcomes(
 
     By default it uses all cores of this process, in processes that import the running script: call it below ``if
     __name__ == "__main__":``. An outcome depends on its window and method only, so that it can be stored.
-    Windows may be of several flights; an ``executor`` is any ``concurrent.futures.Executor``, and is left running.
+    An ``executor`` is any ``concurrent.futures.Executor``, and is left running.
 
     Raises:
         concurrent.futures.BrokenExecutor: a worker died, for example for lack of memory.
     """
-    return parallel_map(evaluate_job, ((method, window) for window, method in product(windows, methods)), executor)
+    return parallel_map(_evaluate, product(windows, methods), executor)
 
 
 def compare(
@@ -215,28 +200,21 @@ def compare(
 ) -> Comparison:
     """Runs all ``methods`` on all ``windows`` and compares the first with each of the others.
 
-    Arguments are as for ``outcomes``, also ``executor``.
-
-    Raises:
-        ValueError: as :meth:`Comparison.of`.
-        concurrent.futures.BrokenExecutor: a worker died, for example for lack of memory.
+    ``executor`` and errors are those of :func:`outcomes` and :meth:`Comparison.of`.
     """
     return Comparison.of(windows, outcomes(windows, methods, executor))
 
 
-def evaluate_job(job: tuple[Method, Window]) -> Outcome:
-    """Returns the outcome of a ``job``; a function of the module, for other processes."""
-    return evaluate_window(*job)
+def _evaluate(job: tuple[Window, Method]) -> Outcome:
+    return evaluate_window(job[1], job[0])
 
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """All outcomes with their summaries.
+    """All ``outcomes``, by window and in each by method, and their summaries.
 
-    Attributes:
-        windows: of one or several flights; those of a flight have the same number of samples.
-        methods: their names; the first is compared with each of the others.
-        outcomes: by window, and in each by method.
+    The first of the ``methods``, which are names, is compared with each of the others. ``windows`` of a flight have the
+    same number of samples.
     """
 
     windows: tuple[Window, ...]
@@ -255,9 +233,7 @@ class Comparison:
         left = {(one.flight, one.start, one.method): one for one in outcomes}
         methods = tuple(dict.fromkeys(method for _, _, method in left))
         try:
-            rows = tuple(
-                tuple(left.pop((window.flight, window.start, method)) for method in methods) for window in windows
-            )
+            rows = tuple(tuple(left.pop((one.flight, one.start, name)) for name in methods) for one in windows)
         except KeyError as missing:
             raise ValueError(f"outcomes must hold every method on every window; {missing} is missing") from None
         if left or not (windows and methods):
@@ -280,18 +256,17 @@ class Comparison:
 
     def of_flight(self, flight: str) -> Comparison:
         """Returns the part of one ``flight``, by its name."""
-        own = [i for i, window in enumerate(self.windows) if window.flight == flight]
-        return Comparison(tuple(self.windows[i] for i in own), self.methods, tuple(self.outcomes[i] for i in own))
+        own = [pair for pair in zip(self.windows, self.outcomes, strict=True) if pair[0].flight == flight]
+        windows, outcomes = zip(*own, strict=True)
+        return Comparison(windows, self.methods, outcomes)
 
     def summaries(self, flight: str, question: str = KNOWN) -> tuple[dict[str, Any], ...]:
         """Returns each method's summary of a ``question`` on the ``flight`` of that name, the lowest error first.
 
-        Keys: ``method``; numbers of ``windows``, of those ``failed`` without a forecast, ``diverged`` to infinity or
-        NaN, ``unstable``, and ``worse_than_constant`` with an error ratio above 1; ``failure``, the first reason;
-        ``mspe`` per output and ``mspe_total``, means over windows, as the paper has them; ``relative`` and ``worst``,
-        the median and the largest error ratio; ``seconds`` of processor time, the median; and ``horizons``, the last
-        that of the whole test part. Each has ``steps``, the medians ``relative``, ``relative_per_output`` and
-        ``per_output`` (over the training variance), ``inside``, the mean share in the 90 % band or None, and
+        ``windows`` and the ``COUNTS`` are numbers of windows; ``failure`` is the first reason; ``mspe`` per output and
+        ``mspe_total`` are means over windows, as the paper has them; ``relative`` and ``worst`` the median and the
+        largest error ratio. Of each of the ``horizons``, the last that of the whole test part, there are medians
+        (``per_output`` over the training variance), ``inside``, the mean share in the 90 % band or None, and
         ``reference``, the first method beside this one (:class:`mavdem.evaluate.Paired`).
         """
         return self._summaries[question][flight]
@@ -329,10 +304,10 @@ class Comparison:
                 {
                     "steps": int(rows["steps"][0]),
                     "relative": float(np.median(ratio(rows))),
-                    "relative_per_output": np.median(
-                        error_over(rows["squared_error"], rows["baseline"]), axis=0
-                    ).tolist(),
-                    "per_output": np.median(rows["squared_error"] / rows["variance"], axis=0).tolist(),
+                    **{
+                        key: np.median(error_over(rows["squared_error"], rows[unit]), axis=0).tolist()
+                        for key, unit in (("relative_per_output", "baseline"), ("per_output", "variance"))
+                    },
                     "reference": paired(ratio(first), ratio(rows), self.windows),
                     "inside": _mean(map(_or_none, rows["inside"])),
                 }
@@ -344,18 +319,16 @@ class Comparison:
     def losses(self, question: str = KNOWN) -> list[dict[str, Any]]:
         """Returns where the first method's median error of a ``question`` on a flight is larger than another's.
 
-        Keys: ``flight``, ``method``, ``steps``, ``ratio`` of the medians, and ``paired``, the comparison window by
-        window, whose median may differ. The largest ratio comes first.
+        The largest ``ratio`` of the medians comes first; that of ``paired``, window by window, may differ.
         """
         lost = []
         for flight, rows in self._summaries[question].items():
             ours = next(row for row in rows if row["method"] == self.methods_of(question)[0])
-            for row in rows:
-                for our, at in zip(ours["horizons"], row["horizons"], strict=True):
-                    if our["relative"] > at["relative"]:
-                        over = float(error_over(our["relative"], at["relative"]))
-                        names = {"flight": flight, "method": row["method"], "steps": at["steps"]}
-                        lost.append({**names, "ratio": over, "paired": at["reference"]})
+            for row, place in product(rows, range(len(ours["horizons"]))):
+                at = row["horizons"][place]
+                if (over := float(error_over(ours["horizons"][place]["relative"], at["relative"]))) > 1:
+                    names = {"flight": flight, "method": row["method"], "steps": at["steps"]}
+                    lost.append({**names, "ratio": over, "paired": at["reference"]})
         return sorted(lost, key=lambda loss: -loss["ratio"])
 
     def verdicts(self, question: str = KNOWN) -> dict[str, Paired]:
@@ -366,22 +339,23 @@ class Comparison:
         first, *others = self.methods_of(question)
         if len(self.flights) >= FEWEST_PAIRS:
             return {row["method"]: row["reference"] for row in self.over_flights(question) if row["method"] != first}
-        columns = {column[0].method: column for column in zip(*self.outcomes, strict=True)}
-        whole = {name: [float(ratio(one.of(question)[-1:])[0]) for one in columns[name]] for name in (first, *others)}
+        columns = zip(self.methods, zip(*self.outcomes, strict=True), strict=True)
+        whole = {
+            name: [float(ratio(one.of(question))[-1]) for one in column]
+            for name, column in columns
+            if name in (first, *others)
+        }
         return {name: paired(whole[first], whole[name], self.windows) for name in others}
 
     def over_flights(self, question: str = KNOWN) -> tuple[dict[str, Any], ...]:
         """Returns each method's summary of a ``question`` over all flights, the lowest error first.
 
-        Keys: ``method``, ``flights`` and the numbers of windows of :meth:`summaries`, summed; ``relative`` and
-        ``horizons``, geometric means of the flights' medians, for the horizons that all have; ``inside`` by horizon,
-        the mean; ``mspe_total``, the sum, as in the paper's table; ``reference``, in which each flight is one pair.
+        ``relative`` and ``horizons``, those that all have, are geometric means of the flights' medians, ``inside`` is a
+        mean, ``COUNTS`` and ``mspe_total`` are sums; of ``reference`` each flight is one pair.
         """
-        by_method: dict[str, list[dict[str, Any]]] = {}
-        for row in (row for rows in self._summaries[question].values() for row in rows):
-            by_method.setdefault(row["method"], []).append(row)
-        overall = []
-        for method, rows in by_method.items():
+        summaries, overall = [row for rows in self._summaries[question].values() for row in rows], []
+        for method in self.methods_of(question):
+            rows = [row for row in summaries if row["method"] == method]
             shared = min(len(row["horizons"]) for row in rows)
             # The last is the whole test part, on whatever number of horizons before it.
             columns = [[row["horizons"][i] for row in rows] for i in (*range(shared - 1), -1)]
@@ -406,17 +380,18 @@ class Comparison:
         Of forecasts given the inputs, the same of predictions without them is in ``predictions``.
         """
         predicted = question != UNKNOWN and self.methods_of(UNKNOWN)
-        document = {
-            "reference": self.methods_of(question)[0],
-            "methods": list(self.methods_of(question)),
-            "start": "zero" if question == FROM_ZERO else "data",
-            "verdicts": self.verdicts(question),
-            "losses": self.losses(question),
-            "over_flights": list(self.over_flights(question)),
-            "flights": [self._flight(flight, question) for flight in self.flights],
-            "predictions": self.to_dict(UNKNOWN) if predicted else None,
-        }
-        values: dict[str, Any] = _plain(document)
+        values: dict[str, Any] = _plain(
+            {
+                "reference": self.methods_of(question)[0],
+                "methods": list(self.methods_of(question)),
+                "start": "zero" if question == FROM_ZERO else "data",
+                "verdicts": self.verdicts(question),
+                "losses": self.losses(question),
+                "over_flights": list(self.over_flights(question)),
+                "flights": [self._flight(flight, question) for flight in self.flights],
+                "predictions": self.to_dict(UNKNOWN) if predicted else None,
+            }
+        )
         return values
 
     def _flight(self, flight: str, question: str) -> dict[str, Any]:
@@ -443,11 +418,8 @@ class Comparison:
         }
 
     def rows(self) -> list[dict[str, Any]]:
-        """Returns a row for each window, method and horizon, and one for the whole test part forecast from state 0.
-
-        Then those of predictions without the inputs.
-        """
-        known = [
+        """Returns a row for each window, method and horizon; those of predictions without the inputs are last."""
+        found = [
             {
                 "flight": one.flight,
                 "start": one.start,
@@ -466,11 +438,11 @@ class Comparison:
             for one in outcomes
             for row, values in ((row, score_values(row)) for row in one.scores)
         ]
-        return sorted(known, key=lambda row: row["inputs"])
+        return sorted(found, key=lambda row: row["inputs"])
 
 
 def _plain(value: Any) -> Any:
-    """The value with every paired test in it as plain JSON values."""
+    """With every paired test as plain JSON values."""
     if isinstance(value, Paired):
         return value.to_dict()
     if isinstance(value, dict):

@@ -12,7 +12,7 @@ References:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import ceil
 from typing import Any
@@ -43,10 +43,8 @@ class HeldOut:
         time: (W, H) s on the autopilot's boot clock.
         measured: (W, H, m).
         forecasts: (W, H, m) by name: "forecast", with the recorded motors; "prediction", without them; and the
-            baselines "constant mean", of the training data, and "hold last", the sample before the window. NaN where no
-            model could be learned.
-        band: (W, H, m) half width of the 90 % band of "forecast".
-        expected: (W, H, m) squared error to expect of "forecast", as the model states it.
+            baselines "constant mean", of the training data, and "hold last". NaN where no model could be learned.
+        band, expected: (W, H, m) half width of the 90 % band of "forecast", and the squared error to expect of it.
         variance: (m,) of the training data: the unit in which the errors of outputs are added up.
         failures: why models of parts could not be learned, one sentence each.
     """
@@ -80,8 +78,7 @@ class HeldOut:
 
     def error_ratio(self, name: str = FORECAST) -> float:
         """Returns the mean squared error of the forecast ``name`` over that of the constant mean, of all windows."""
-        ours, theirs = (self._sizes(each).mean() for each in (name, CONSTANT_MEAN))
-        return float(error_over(ours, theirs))
+        return float(error_over(self._sizes(name).mean(), self._sizes(CONSTANT_MEAN).mean()))
 
     def error_ratios(self, name: str = FORECAST, baseline: str = CONSTANT_MEAN) -> Array:
         """Returns the mean squared error of the forecast ``name`` over that of the ``baseline``, by window (W,)."""
@@ -146,8 +143,8 @@ def held_out_windows(
         flights: segments of one vehicle, sampled alike.
         settings: of the fits; ``Settings()`` unless given.
         steps: samples of a window; those of 1.5 s unless given.
-        progress: called with the share of the work that is done.
-        start: a model of all the flights, at whose estimates the five fits begin: they take half the time.
+        progress: called with the share done.
+        start: a model of all the flights, at whose estimates the fits begin.
 
     Raises:
         ValueError: too little flight for a window in any part.
@@ -160,7 +157,8 @@ def held_out_windows(
             model = learn(training, settings, start)
         except ValueError as error:
             failures = (str(error),)
-        for flight, first, stop in ((flights[i], first, stop) for i, first, stop in fold):
+        for i, first, stop in fold:
+            flight = flights[i]
             # The filter finds its state in whole windows before the first that counts.
             lead = steps * ceil(samples_in(TEST_SECONDS, flight.dt) / steps)
             first = max(first, lead)
@@ -186,12 +184,11 @@ def held_out_test(train: Flight, test: Flight, learned: Learned) -> HeldOut:
 def _others(flights: Sequence[Flight], fold: Sequence[tuple[int, int, int]]) -> list[Flight]:
     """The pieces of the flights outside a fold that are long enough to learn from."""
     inside = {i: (first, stop) for i, first, stop in fold}
-    pieces = []
+    least, pieces = max(MIN_PIECE_SECONDS / flights[0].dt, 1), []
     for i, flight in enumerate(flights):
         first, stop = inside.get(i, (len(flight), len(flight)))
-        pieces += [(flight, 0, first), (flight, stop, len(flight))]
-    least = MIN_PIECE_SECONDS / flights[0].dt
-    return [flight[first:stop] for flight, first, stop in pieces if stop - first >= max(least, 1)]
+        pieces += [flight[a:b] for a, b in ((0, first), (stop, len(flight))) if b - a >= least]
+    return pieces
 
 
 def _forecast(
@@ -233,16 +230,8 @@ def _forecast(
 def _together(parts: Sequence[HeldOut]) -> HeldOut:
     """All windows of several parts in the order of time; the variance is the mean of the parts'."""
     order = np.argsort(np.concatenate([part.time[:, 0] for part in parts]), kind="stable")
-
-    def joined(columns: Iterable[Array]) -> Array:
-        return np.concatenate(list(columns))[order]
-
-    return HeldOut(
-        joined(part.time for part in parts),
-        joined(part.measured for part in parts),
-        {name: joined(part.forecasts[name] for part in parts) for name in parts[0].forecasts},
-        joined(part.band for part in parts),
-        joined(part.expected for part in parts),
-        np.mean([part.variance for part in parts], axis=0),
-        tuple(dict.fromkeys(failure for part in parts for failure in part.failures)),
-    )
+    columns = [(part.time, part.measured, part.band, part.expected, *part.forecasts.values()) for part in parts]
+    time, measured, band, expected, *forecasts = (np.concatenate(one)[order] for one in zip(*columns, strict=True))
+    named = dict(zip(parts[0].forecasts, forecasts, strict=True))
+    failures = tuple(dict.fromkeys(failure for part in parts for failure in part.failures))
+    return HeldOut(time, measured, named, band, expected, np.mean([part.variance for part in parts], axis=0), failures)

@@ -9,15 +9,10 @@ it. So each sample counts once at every horizon, forecasts do not overlap, the e
 and the constant mean's error is the same at all horizons. k = H is the MSPE of the one forecast from the end of
 training.
 
-The error *at* the k-th step of that one forecast would be a single sample of each window. Forecasts from every sample
-would count a sample in the middle k times and those at the ends once, with hardly more information, because
-neighbouring errors are correlated.
-
 Methods run on the same windows, so each window gives one ratio of their errors. Wilcoxon's signed-rank test is on the
 logarithms of these ratios: twice the error and half the error are then equally far from zero. The test assumes
 independent windows, so it is applied to windows that do not overlap, as many as possible; the median ratio is of all.
-Windows of one flight still share its vehicle and its weather: a small p-value is about windows *of these flights*. For
-flights in general, use one ratio of each of several flights.
+A small p-value of windows of one flight is about that flight; for flights in general, use one ratio of each of several.
 
 References:
     F. Wilcoxon, "Individual comparisons by ranking methods", Biometrics Bulletin 1 (1945) 80-83.
@@ -26,6 +21,7 @@ References:
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import nan
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -38,10 +34,8 @@ from mavdem.flight import Flight
 
 HORIZONS = (1, 5, 10, 25, 50, 150)
 """Steps; the last is the paper's."""
-
 USUAL_RATE, FAST_RATE = 100.0, 125.0
 """Hz: the rate of these steps, and the rate above which they last as long as at ``USUAL_RATE``."""
-
 KNOWN, FROM_ZERO, UNKNOWN = "known", "zero", "unknown"
 """Questions: the outputs, given the inputs; the same from state 0, as the paper's figures; what comes next, without the
 inputs."""
@@ -113,16 +107,13 @@ def score(
 ) -> ScoreTable:
     """Returns one row: the error of ``predicted`` (H, m), forecasts of ``test`` in pieces of ``steps``, all at once.
 
-    Mean and variances are those of the training data, ``train``; the ``question`` is kept.
-
     Raises:
         ValueError: predictions of another shape, or an output of ``train`` that is constant.
     """
     if not np.ptp(train.outputs, axis=0).all():
         raise ValueError("train must vary in every output: errors are in units of its variance")
     mean = np.broadcast_to(train.outputs.mean(axis=0), test.outputs.shape)
-    errors = (mspe(test.outputs, values).per_output for values in (predicted, mean))
-    ours, baseline = errors
+    ours, baseline = (mspe(test.outputs, values).per_output for values in (predicted, mean))
     row = ("", 0, "", question, steps or len(test), ours, train.outputs.var(axis=0), baseline, np.nan)
     return np.array([row], table_type(len(ours)))
 
@@ -132,10 +123,7 @@ def relative_mspe(train: Flight, test: Flight, forecast: ArrayLike) -> float:
 
     Below 1 the forecast is better than the mean.
 
-    Args:
-        train: the training data, for mean and variances.
-        test: the samples that are forecast.
-        forecast: (H, m), of the H samples of ``test``.
+    ``train`` gives mean and variances; ``forecast`` (H, m) is of the H samples of ``test``.
 
     Raises:
         ValueError: a forecast of another shape, or an output of ``train`` that is constant.
@@ -143,17 +131,13 @@ def relative_mspe(train: Flight, test: Flight, forecast: ArrayLike) -> float:
     return float(ratio(score(train, test, forecast))[0])
 
 
-def total(scores: ScoreTable, column: str = "squared_error") -> Array:
-    """Returns the sum over outputs of a ``column`` of ``scores``, in units of training variances, (N,)."""
-    return np.asarray((scores[column] / scores["variance"]).sum(axis=1))
-
-
 def ratio(scores: ScoreTable) -> Array:
     """Returns the error ratio of each row of ``scores``, (N,): below 1 is better than the constant mean.
 
     The skill score is one minus this, and it is the NMSE of system identification.
     """
-    return error_over(total(scores), total(scores, "baseline"))
+    ours, baseline = ((scores[column] / scores["variance"]).sum(axis=1) for column in ("squared_error", "baseline"))
+    return error_over(ours, baseline)
 
 
 def by_horizon(scores: ScoreTable) -> list[ScoreTable]:
@@ -163,20 +147,18 @@ def by_horizon(scores: ScoreTable) -> list[ScoreTable]:
 
 def score_values(row: Any) -> dict[str, Any]:
     """Returns a ``row`` as plain JSON values; errors are over the training variance, ``relative`` over the mean's."""
+    per_output = row["squared_error"] / row["variance"]
     return {
         "steps": int(row["steps"]),
-        "per_output": (row["squared_error"] / row["variance"]).tolist(),
-        "total": float((row["squared_error"] / row["variance"]).sum()),
+        "per_output": per_output.tolist(),
+        "total": float(per_output.sum()),
         "relative_per_output": error_over(row["squared_error"], row["baseline"]).tolist(),
         "relative": float(ratio(np.array([row]))[0]),
     }
 
 
-SIGNIFICANCE = 0.05
-"""The level of the test. Of fewer than ``FEWEST_PAIRS`` pairs no p-value is below it, whatever they are."""
-
-FEWEST_PAIRS = 6
-
+SIGNIFICANCE, FEWEST_PAIRS = 0.05, 6
+"""The level of the test, and the pairs that it takes: of k the p-value is 2¹⁻ᵏ at least."""
 Verdict = Literal["lower", "higher", "not distinguishable"]
 
 
@@ -185,11 +167,9 @@ class Paired(NamedTuple):
 
     Attributes:
         ratio: the median over windows of our error over theirs: below 1, ours is lower. NaN without windows.
-        less: number of windows in which ours is lower.
-        windows: number of windows.
-        tested: number of windows that do not overlap, which the test uses.
-        p_value: of Wilcoxon's signed-rank test on the logarithms of the ratios, two-sided. Of k windows it is 2¹⁻ᵏ at
-            least, so fewer than six prove nothing at 0.05; 1 where there is no difference at all, or no window.
+        less, windows, tested: numbers of windows in which ours is lower, of all, and of those that do not overlap,
+            which the test uses.
+        p_value: of the test, two-sided; 1 where there is no difference at all, or no window.
     """
 
     ratio: float
@@ -213,8 +193,8 @@ class Paired(NamedTuple):
 def paired(ours: ArrayLike, theirs: ArrayLike, windows: Sequence[Window] | None = None) -> Paired:
     """Returns how two methods' errors compare on the same windows, ``ours`` and ``theirs``, (W,) each and at least 0.
 
-    They are infinite if a method diverged or had no forecast; two that are both infinite, or both 0, count as equal.
-    Without the ``windows`` these count as independent.
+    They are infinite without a forecast; two that are both infinite, or both 0, count as equal. Without the
+    ``windows`` these count as independent.
 
     Raises:
         ValueError: arrays of different lengths, or errors that are negative or NaN.
@@ -228,7 +208,14 @@ def paired(ours: ArrayLike, theirs: ArrayLike, windows: Sequence[Window] | None 
         differences = np.log(a) - np.log(b)
     differences = np.where(np.isnan(differences), 0.0, differences)
     apart = np.arange(len(a)) if windows is None else disjoint(windows)
-    return Paired(_median_ratio(differences), int((a < b).sum()), len(a), len(apart), _signed_rank(differences[apart]))
+    with np.errstate(invalid="ignore", over="ignore"):
+        # Two middle ones of opposite infinity have no mean: each method diverged as often as the other.
+        middle = float(np.exp(np.nan_to_num(np.median(differences), posinf=np.inf, neginf=-np.inf))) if len(a) else nan
+    # Only signs and ranks count, and ranks are finite if a method diverged.
+    tested = differences[apart][differences[apart] != 0]
+    ranks = np.sign(tested) * rankdata(np.abs(tested))
+    p_value = float(wilcoxon(ranks).pvalue) if len(tested) else 1.0
+    return Paired(middle, int((a < b).sum()), len(a), len(apart), p_value)
 
 
 def disjoint(windows: Sequence[Window]) -> NDArray[np.intp]:
@@ -240,21 +227,3 @@ def disjoint(windows: Sequence[Window]) -> NDArray[np.intp]:
             chosen.append(i)
             free[window.flight] = window.stop
     return np.array(sorted(chosen), np.intp)
-
-
-def _median_ratio(differences: Array) -> float:
-    """The median of the ratios that these are the logarithms of."""
-    if not len(differences):
-        return float("nan")
-    with np.errstate(invalid="ignore", over="ignore"):
-        middle = np.median(differences)
-        # Two middle ones of opposite infinity have no mean: each method diverged as often as the other.
-        return 1.0 if np.isnan(middle) else float(np.exp(middle))
-
-
-def _signed_rank(differences: Array) -> float:
-    """The p-value of Wilcoxon's test."""
-    differences = differences[differences != 0]
-    # Only signs and ranks count, and ranks are finite if a method diverged.
-    ranks = np.sign(differences) * rankdata(np.abs(differences))
-    return float(wilcoxon(ranks).pvalue) if len(differences) else 1.0

@@ -24,18 +24,13 @@ from mavdem.dem.graybox.identifiability import Status
 from mavdem.errors import Unreadable
 from mavdem.flight import Flight
 
-MAX_DIFFERENCE = 0.3
-"""Of the rate from that of the truth file, root mean square over the rate's standard deviation: 0.01 in simulated
-flights of 100 Hz, and 1.4 for another flight's."""
-
-MAX_COMMAND_DIFFERENCE = 0.5  # likewise of each motor's output, which steps between two samples: 0.02 to 0.05
+MAX_DIFFERENCE, MAX_COMMAND_DIFFERENCE = 0.3, 0.5
+"""Root mean square over standard deviation: of the rate from that of the truth file, 0.01 in simulated flights of
+100 Hz, and 1.4 for another flight's; of each motor's output, which steps between two samples, 0.02 to 0.05."""
 
 
 class ComparedParameter(NamedTuple):
-    """An estimate beside its truth, both in ``unit``.
-
-    ``half_width`` of the 90 % interval is NaN where the parameter is not identifiable.
-    """
+    """An estimate beside its truth, both in ``unit``; ``half_width`` is NaN where it is not identifiable."""
 
     name: str
     unit: str
@@ -56,14 +51,9 @@ class ComparedParameter(NamedTuple):
 
 
 class ComparedWind(NamedTuple):
-    """The wind torque beside its truth, rad/s².
+    """The wind torque beside its truth, rad/s²: ``inside`` is the share of samples whose truth is in the 90 % band.
 
-    Attributes:
-        correlation: of the two courses.
-        sd, true_sd: standard deviations.
-        inside: share of samples whose truth is in the 90 % band.
-        resolved: whether the estimate is larger than its expected errors.
-        mean: the steady part.
+    ``resolved``: whether the estimate is larger than its expected errors. ``mean`` is the steady part.
     """
 
     correlation: float
@@ -101,16 +91,12 @@ def read_truth(path: str | PathLike[str], axis: str) -> dict[str, Any]:
     try:
         with np.load(path, allow_pickle=False) as file:
             parts = {
-                "time": file["time"],
+                **{name: file[name] for name in ("time", "outputs", "weak", "delay")},
+                **{name: file[f"{axis}_{name}"] for name in ("disturbance", "effect")},
                 "rate": file["known_rates"][:, AXES.index(axis)],
-                "outputs": file["outputs"],
-                "disturbance": file[f"{axis}_disturbance"],
-                "effect": file[f"{axis}_effect"],
                 "weak_effect": file[f"{axis}_effect{'_weak' if f'{axis}_effect_weak' in file else ''}"],
-                "weak": file["weak"],
                 "damping": -file[f"{axis}_A"][-1, -1],
                 "lag": file["lag"][0],
-                "delay": file["delay"],
             }
             columns = {key: np.asarray(value, np.float64) for key, value in parts.items()}
     except OSError as error:
@@ -128,11 +114,7 @@ def read_truth(path: str | PathLike[str], axis: str) -> dict[str, Any]:
 
 
 def truth_of(flights: Sequence[Flight], path: str | PathLike[str]) -> dict[str, Any]:
-    """Returns what the truth file says of the axis of ``flights``, the segments of one.
-
-    Args:
-        flights: with the names of their outputs.
-        path: the truth file, ``flight.truth.npz`` beside ``flight.tlog``.
+    """Returns what the truth file at ``path`` says of the axis of ``flights``, the segments of one.
 
     Raises:
         Unreadable: the file is no truth file, or that of another flight.
@@ -154,12 +136,7 @@ def truth_of(flights: Sequence[Flight], path: str | PathLike[str]) -> dict[str, 
 
 
 def compare_with_truth(learned: Learned, flights: Sequence[Flight], truth: dict[str, Any]) -> TruthComparison:
-    """Returns the physical parameters and the wind torque of a learned flight beside their ``truth``.
-
-    Args:
-        learned: its ``physical`` and ``wind`` are compared.
-        flights: the segments that it was trained on, in their order.
-        truth: of these.
+    """Returns the physical parameters and the wind torque of ``learned`` beside the ``truth`` of its ``flights``.
 
     Raises:
         ValueError: ``flights`` are not what ``learned`` was trained on.

@@ -37,11 +37,7 @@ def part_samples(dt: float, train: Length | None, test: Length | None) -> tuple[
 
 
 class TooFewSamples(NotLearnable):
-    """The settled flight is too short for the windows that were asked for.
-
-    Attributes:
-        lengths: options with windows that fit, ("--test", "40"); empty where none do.
-    """
+    """The settled flight is too short; ``lengths`` are options with windows that fit, ("--test", "40"), or empty."""
 
     def __init__(self, reason: str, remedy: str = "", lengths: tuple[str, ...] = ()) -> None:
         super().__init__(reason, remedy or f"Ask for shorter ones: `{' '.join(lengths)}`.")
@@ -84,20 +80,16 @@ class Window:
 def windows(
     name: str, flight: Flight, train: int | None = None, test: int | None = None, hop: int | None = None
 ) -> tuple[Window, ...]:
-    """Returns every window that fits into a flight; none if it is too short.
+    """Returns every window that fits into the ``flight`` of this ``name``; none if it is too short.
 
-    Args:
-        name: of the flight.
-        flight: what is cut.
-        train, test: numbers of training and test samples; those of 7 s and 1.5 s unless given.
-        hop: samples from the start of one window to the next; half a window unless given, so that neighbours share a
-            half.
+    ``train`` and ``test`` samples last 7 s and 1.5 s unless given. Windows begin ``hop`` samples apart: half a window
+    unless given, so that neighbours share a half.
 
     Raises:
         ValueError: a number of samples that is not positive.
     """
-    train = samples_in(TRAIN_SECONDS, flight.dt) if train is None else train
-    test = samples_in(TEST_SECONDS, flight.dt) if test is None else test
+    usual = part_samples(flight.dt, None, None)
+    train, test = usual[0] if train is None else train, usual[1] if test is None else test
     hop = max(1, (train + test) // 2) if hop is None else hop
     if min(train, test, hop) < 1:
         raise ValueError(f"train, test and hop must be at least 1, not {train}, {test} and {hop}")

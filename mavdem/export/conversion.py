@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 
@@ -55,25 +53,27 @@ def convert(
         ValueError: ``out`` is the source, or has no known ending or that of the source.
     """
     source, out = Path(source), Path(out)
-    kind = out.suffix.lower()
-    if kind not in {*STREAMS, *TABLES}:
+    if out.suffix.lower() not in {*STREAMS, *TABLES}:
         raise ValueError(f"{out} must end in {', '.join([*STREAMS, *TABLES])}: the ending chooses the format")
     if out.exists() and source.exists() and out.samefile(source):
         raise ValueError(f"{out} is the input: name another file")
-    if kind == ".parquet":
+    if out.suffix.lower() == ".parquet":
         require(f"{out}", "parquet")
-    if kind in TABLES:
-        written = _convert_to_table(source, out, kind, axis, vehicle, inputs, progress)
-    else:
-        written = _convert_stream(source, out, kind, progress)
+    try:
+        if out.suffix.lower() in TABLES:
+            written = _convert_to_table(source, out, axis, vehicle, inputs, progress)
+        else:
+            written = _convert_stream(source, out, progress)
+    except OSError as error:
+        raise Unreadable(f"{out} cannot be written ({error.strerror or error}): name another file.") from None
     return {"source": str(source), "out": str(out), **written}
 
 
-def _convert_stream(source: Path, out: Path, kind: str, progress: Progress | None) -> dict[str, Any]:
-    stream = read_stream(source, progress)
+def _convert_stream(source: Path, out: Path, progress: Progress | None) -> dict[str, Any]:
+    kind, stream = out.suffix.lower(), read_stream(source, progress)
     if stream.form == kind:
         raise ValueError(f"{source} is a {kind} already: choose another format")
-    with _written(out) as file:
+    with atomic_write(out) as file:
         written = STREAMS[kind](file, stream)
     # Stamps that the form cannot hold, like those that are missing, are taken from the frame before.
     beyond = stream.stamps > MAX_STAMP if kind == ".mcap" else np.False_
@@ -88,7 +88,7 @@ def _convert_stream(source: Path, out: Path, kind: str, progress: Progress | Non
 
 
 def _convert_to_table(
-    source: Path, out: Path, kind: str, axis: str, vehicle: str | None, inputs: str | None, progress: Progress | None
+    source: Path, out: Path, axis: str, vehicle: str | None, inputs: str | None, progress: Progress | None
 ) -> dict[str, Any]:
     log = read_log(source, progress)
     signals = Signals(choose_vehicle(log.vehicles, vehicle), axis, inputs)
@@ -106,8 +106,8 @@ def _convert_to_table(
         table, provenance = own_columns(signals), {"source": str(source), "cautions": cautions}
     if not table:
         raise NotLearnable(verdict.reason, verdict.remedy)
-    with _written(out) as file:
-        TABLES[kind](file, table, provenance)
+    with atomic_write(out) as file:
+        TABLES[out.suffix.lower()](file, table, provenance)
     return {
         "samples": len(table[TIME]),
         "columns": list(table),
@@ -118,12 +118,3 @@ def _convert_to_table(
         "learnable": verdict.learnable,
         "cautions": cautions,
     }
-
-
-@contextmanager
-def _written(out: Path) -> Iterator[BinaryIO]:
-    try:
-        with atomic_write(out) as file:
-            yield file
-    except OSError as error:
-        raise Unreadable(f"{out} cannot be written ({error.strerror or error}): name another file.") from None

@@ -101,8 +101,7 @@ def _rounded(name: str, column: NDArray[np.float64]) -> list[float] | list[str]:
     decimals = next((number for end, number in DECIMALS.items() if name.endswith(end)), None)
     if decimals is None:
         return [f"{value:.{SIGNIFICANT}g}" for value in column.tolist()]
-    rounded: list[float] = (np.round(column, decimals) + 0.0).tolist()  # + 0.0: no minus before zero
-    return rounded
+    return list((np.round(column, decimals) + 0.0).tolist())  # + 0.0: no minus before zero
 
 
 def write_parquet(file: BinaryIO, table: Table, provenance: Mapping[str, Any]) -> None:
@@ -115,18 +114,10 @@ def write_parquet(file: BinaryIO, table: Table, provenance: Mapping[str, Any]) -
 
 
 def to_pandas(flight: Flight) -> pandas.DataFrame:
-    """Returns a row a sample, by time in s on the autopilot's boot clock; columns are those of :func:`columns`.
-
-    The flight's provenance is in ``attrs``.
-
-    Raises:
-        ValueError: two columns have one name.
-    """
+    """Returns a row a sample, by time in s on the boot clock; columns are those of :func:`columns`."""
     import pandas
 
-    table = columns(flight)
-    index = pandas.Index(table.pop(TIME), name=TIME)
-    frame = pandas.DataFrame(table, index=index)
+    frame = pandas.DataFrame(columns(flight)).set_index(TIME)
     frame.attrs = {"dt": flight.dt, "provenance": dict(flight.provenance)}
     return frame
 
@@ -159,14 +150,10 @@ def to_control(learned: Learned) -> control.StateSpace:
     import control
 
     labels, model = Labels.of(learned), learned.model
-    inputs, outputs = (
-        list(map(column_name, names, units))
-        for names, units in ((labels.input_names, labels.input_units), (labels.output_names, labels.output_units))
-    )
+    inputs = list(map(column_name, labels.input_names, labels.input_units))
+    outputs = list(map(column_name, labels.output_names, labels.output_units))
     states = [column_name(name, "") for name in state_names(labels, learned)]
     if states_are_outputs(learned):
         states = [*outputs, *states[len(outputs) :]][: len(states)]
-    feedthrough = np.zeros((len(outputs), len(inputs)))
-    return control.StateSpace(
-        model.A, model.B, model.C, feedthrough, inputs=inputs, outputs=outputs, states=states, name="mavdem"
-    )
+    names = {"inputs": inputs, "outputs": outputs, "states": states, "name": "mavdem"}
+    return control.StateSpace(model.A, model.B, model.C, np.zeros((len(outputs), len(inputs))), **names)

@@ -126,16 +126,16 @@ def rows_of_learned(path: Path) -> list[FlightRow]:
         if "free_energy" in report and "physical" not in report:
             learned = Learned.from_json(text)
             record = learned.record
-            report = {"inputs": record.input_names, "outputs": record.output_names}
+            report = {"physical": physical_values(learned.physical), "wind": wind_values(learned.wind)}
+            report |= {"inputs": record.input_names, "outputs": record.output_names}
             report |= {"flight": {"scale": {"unit": next(iter(record.input_units), None)}}}
-            report |= {"physical": physical_values(learned.physical), "wind": wind_values(learned.wind)}
         if "physical" not in report:
             raise ValueError("no figures of a vehicle")
-        source = str((report.get("flight") or {}).get("source") or path)
+        source = {"file": str((report.get("flight") or {}).get("source") or path), "key": str(path)}
         # With --axis all there are figures of each axis; those of the model are one of them.
         axes = {axis: values for axis in TILT_AXES if (values := (report.get("axes") or {}).get(axis))}
-        figures = [(report | values, {"axis": axis}) for axis, values in axes.items()] or [(report, {})]
-        return [FlightRow.of(document, file=source, key=str(path), **axis) for document, axis in figures]
+        rows = [FlightRow.of(report | values, axis=axis, **source) for axis, values in axes.items()]
+        return rows or [FlightRow.of(report, **source)]
     except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not of `mavdem learn`"
         raise Unreadable(f"{file} cannot be read ({reason}): name a {REPORT} or a {MODEL}.") from None

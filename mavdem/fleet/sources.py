@@ -37,12 +37,9 @@ def is_url(name: str) -> bool:
 def find_logs(names: Sequence[str], apart_from: Path | None = None) -> tuple[list[Source], list[str]]:
     """Finds the logs that names stand for: a file is one, whatever it holds; of a folder, those that look like logs.
 
-    Args:
-        names: files, folders (with all folders in them), patterns such as ``logs/**/*.bin``, URLs of all these.
-        apart_from: a folder that is left out wherever it lies: that of the results.
-
-    Returns:
-        The logs, each once and by path, and a sentence for each name that names none.
+    ``names``: files, folders with all folders in them, patterns such as ``logs/**/*.bin``, URLs of all these. The
+    folder ``apart_from``, of the results, is left out wherever it lies. Returns the logs, each once and by path, and a
+    sentence for each name that names none.
     """
     logs: dict[str, Source] = {}
     problems = []

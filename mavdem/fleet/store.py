@@ -64,12 +64,7 @@ def is_fleet(folder: Path) -> bool:
 
 
 def read_rows(folder: Path) -> list[FlightRow]:
-    """Returns all rows of a fleet's table, by vehicle, file and axis.
-
-    Raises:
-        Unreadable: there is none, or it is damaged.
-        MissingExtra: pyarrow is not installed.
-    """
+    """Returns a fleet's rows by vehicle, file and axis; raises ``Unreadable``, or ``MissingExtra`` without pyarrow."""
     require("Reading the table of a fleet", "fleet")
     import pyarrow
     from pyarrow import parquet
@@ -110,12 +105,7 @@ def write_rows(folder: Path, rows: Iterable[FlightRow]) -> None:
 
 @contextmanager
 def opened(folder: Path) -> Iterator[Store]:
-    """Gives the store of a fleet's folder, which is made if it is not there.
-
-    Raises:
-        Unreadable: the folder cannot be written to, is on a disk of another machine or holds files of somebody else; or
-            the store is damaged, or of another version of mavdem.
-    """
+    """Gives the store of a fleet's folder, which is made if it is not there; raises ``Unreadable``."""
     if not (folder / STORE).exists() and (folder / "flights").is_dir() and os.listdir(folder / "flights"):
         raise Unreadable(f"{folder / 'flights'} holds files that are not of this fleet: name another folder.")
     try:
@@ -244,10 +234,8 @@ class Store:
                 rows = [(number, _row(text, file)) for number, text, file in self._db.execute(query, [vehicle])]
                 rows.sort(key=lambda numbered: numbered[1].order)
                 judged = _assessed([row for _, row in rows], assess, [row for row in healthy if row.vehicle == vehicle])
-                self._db.executemany(
-                    "update flights set row = ?, judged = ? where rowid = ?",
-                    [(json.dumps(row.as_dict()), baseline, rows[i][0]) for i, row in enumerate(judged)],
-                )
+                updates = [(json.dumps(new.as_dict()), baseline, rows[i][0]) for i, new in enumerate(judged)]
+                self._db.executemany("update flights set row = ?, judged = ? where rowid = ?", updates)
             if self._db.total_changes > before or not is_fleet(self.folder):
                 # In the transaction: of two runs that end together the later one has all rows.
                 query = "select row, file from flights where file is not null order by vehicle, file, log, rowid"

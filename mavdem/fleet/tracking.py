@@ -44,13 +44,10 @@ class TrackedLogs(NamedTuple):
 def assess_rows(rows: Sequence[FlightRow], baseline: Sequence[FlightRow]) -> Sequence[FlightRow]:
     """Returns all rows of one vehicle with what its other flights say of each.
 
-    Args:
-        rows: of one vehicle.
-        baseline: of its healthy flights; without any, its first flights are the reference.
+    The ``baseline`` are its healthy ones; without any, its first flights are the reference.
     """
-    unknown: dict[str, Any] = dict.fromkeys(
-        (*PROBABILITIES, "health_reason", "residual_mean", "residual_mean_interval")
-    )
+    judged_by = ("health_reason", "residual_mean", "residual_mean_interval")
+    unknown: dict[str, Any] = dict.fromkeys((*PROBABILITIES, *judged_by))
     rows = [replace(row, health=UNKNOWN, **unknown) for row in rows]
     flown = [row for row in rows if row.status == OK]
     if not flown:
@@ -112,14 +109,9 @@ def _array(values: Numbers | None, count: int) -> Array:
 class HealthyModels:
     """The models of healthy flights of one vehicle and axis, frozen.
 
-    Each predicts no angular acceleration at its own flight's means; what it leaves at another's is the residual.
-
-    Args:
-        healthy: rows of the vehicle.
-        like: a row with the axis and the inputs.
-
-    Attributes:
-        interval: half width of the residual mean of a healthy flight, rad/s², by the scatter of these; None of few.
+    Each predicts no angular acceleration at its own flight's means; what it leaves at another's is the residual. They
+    are those of the ``healthy`` rows with axis and inputs ``like`` a row. ``interval``: half width of the residual mean
+    of a healthy flight, rad/s², by the scatter of these; None of few.
     """
 
     def __init__(self, healthy: Iterable[FlightRow], like: FlightRow) -> None:
@@ -160,7 +152,7 @@ def track(
         names: files, folders, patterns and URLs.
         reader: what reads the logs.
         baseline: names of healthy flights, or one fleet; as in the last run unless given.
-        page: the function that makes a flight's page, as ``package.module:function``; empty for none.
+        page: the function that makes a flight's page, as of ``Job``.
         assess: what judges all flights of a vehicle.
         progress: is called as logs are read.
 

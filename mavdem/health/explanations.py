@@ -114,7 +114,7 @@ class Candidates:
         return float(np.mean([1 - self.after(away._replace(change=change)).healthy for change in weak]))
 
     def _summed(self, posterior: Array) -> Explanations:
-        total = {name: float(posterior[rows].sum()) for name, rows in self.groups.items()}
+        healthy, _, load, yaw, other = (float(posterior[rows].sum()) for rows in self.groups.values())
         joint = posterior[self.groups["motor"]].reshape(-1, len(RISES))
         motors = joint.sum(axis=1)
         # Of more than four motors the weak one's neighbours help it.
@@ -124,9 +124,7 @@ class Candidates:
         low, high = (RISES[(shares < end).sum(axis=1).clip(max=len(RISES) - 1)] for end in (TAIL, 1 - TAIL))
         harder = np.array([joint @ RISES / some, low, high]) * rise_share
         faults = np.where(np.outer(rise_share, RISES) >= FAULT_RISE, joint, 0.0).sum(axis=1)
-        return Explanations(
-            total["healthy"], motors, faults, total["load"], total["yaw"], total["other"], harder, posterior
-        )
+        return Explanations(healthy, motors, faults, load, yaw, other, harder, posterior)
 
 
 @dataclass(frozen=True, eq=False)

@@ -35,7 +35,7 @@ def file_bytes(path: str | os.PathLike[str]) -> bytes:
     return bytes(_content(path))
 
 
-def file_beginning(path: str | os.PathLike[str], count: int) -> bytes:
+def file_beginning(path: str | os.PathLike[str], count: int = 4096) -> bytes:
     """The first ``count`` bytes, ``BEGINNING_BYTES`` at most; raises as ``file_bytes``, as far as these show it."""
     return bytes(_content(path, limit=BEGINNING_BYTES)[:count])
 
@@ -46,8 +46,7 @@ def mapped_bytes(path: str | os.PathLike[str]) -> bytes | mmap.mmap:
 
 
 def is_dataflash_text(content: bytes) -> bool:
-    """Returns whether ``content``, the beginning of a log or all of it, is a DataFlash log as text."""
-    # Ground stations write the firmware and the date before the first FMT.
+    """Returns whether a log with this beginning is a DataFlash log as text; there may be words before the first FMT."""
     return b"\nFMT," in b"\n" + content[:4096]
 
 
@@ -84,9 +83,9 @@ def _content(path: str | os.PathLike[str], limit: int | None = None, mapped: boo
         raise Unreadable(f"{path} does not exist: check the name.") from None
     except MemoryError:
         raise Unreadable(f"{path} does not fit into memory: cut it into shorter logs.") from None
+    except Unreadable:
+        raise
     except (OSError, ValueError) as error:
-        if isinstance(error, Unreadable):
-            raise
         reason = getattr(error, "strerror", None) or error
         raise Unreadable(f"{path} cannot be read ({reason}): check the name and its permissions.") from None
     if not len(content):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from importlib import import_module
 from pathlib import Path
 
 from mavdem.errors import Unreadable
@@ -15,14 +16,13 @@ from mavdem.ingest.tlog import STAMP_BYTES, read_tlog, tlog_stream
 ULOG, DATAFLASH, MCAP, TLOG = "PX4 ULog", "DataFlash", "MCAP recording", "telemetry log"
 BEGINNINGS = {b"ULog\x01\x12\x35": ULOG, b"\xa3\x95": DATAFLASH, b"\x89MCAP0\r\n": MCAP}
 """First bytes of each format that has fixed ones."""
+READERS = {ULOG: ("ulog", "read_ulog"), DATAFLASH: ("dataflash.log", "read_dataflash"), MCAP: ("mcap.log", "read_mcap")}
 EXTENSIONS = {".ulg": ULOG, ".bin": DATAFLASH, ".mcap": MCAP}
 """Format by file name, for a file whose beginning is damaged."""
 ARCHIVES = {b"\x1f\x8b": "a gzip archive", b"PK\x03\x04": "a zip archive"}
 """First bytes of files that often contain a log but are not read."""
 
 STAMPS = range(946_684_800_000_000, 4_102_444_800_000_000)  # µs since 1970, of the years 2000 to 2099
-
-LFS_POINTER = b"version https://git-lfs.github.com/spec/"
 
 
 def read_log(path: str | bytes | os.PathLike[str], progress: Progress | None = None) -> Log:
@@ -47,20 +47,12 @@ def read_log(path: str | bytes | os.PathLike[str], progress: Progress | None = N
         :func:`mavdem.read_flight`: what a model is learnt from; :class:`mavdem.Telemetry`.
     """
     name, kind = _name_and_format(path)
+    if kind == TLOG:
+        return read_tlog(name, progress)
     # A library that only one format needs is imported when a file of that format is read.
-    if kind == ULOG:
-        from mavdem.ingest.ulog import read_ulog
-
-        return read_ulog(name, progress)
-    if kind == DATAFLASH:
-        from mavdem.ingest.dataflash.log import read_dataflash
-
-        return read_dataflash(name, progress)
-    if kind == MCAP:
-        from mavdem.ingest.mcap.log import read_mcap
-
-        return read_mcap(name, progress)
-    return read_tlog(name, progress)
+    module, reader = READERS[kind]
+    log: Log = getattr(import_module(f"mavdem.ingest.{module}"), reader)(name, progress)
+    return log
 
 
 def looks_like_log(path: str | bytes | os.PathLike[str]) -> bool:
@@ -69,14 +61,15 @@ def looks_like_log(path: str | bytes | os.PathLike[str]) -> bool:
     if Path(name.lower().removesuffix(".xz")).suffix in (*EXTENSIONS, ".tlog"):
         return True
     try:
-        beginning = file_beginning(name, 4096)
+        beginning = file_beginning(name)
     except Unreadable:
         return False
-    stamped = (
-        int.from_bytes(beginning[:STAMP_BYTES], "big") in STAMPS
-        and beginning[STAMP_BYTES : STAMP_BYTES + 1] in (bytes([MARKER_1]), bytes([MARKER_2]))
-    )  # fmt: skip
+    stamped = int.from_bytes(beginning[:STAMP_BYTES], "big") in STAMPS and _has_marker(beginning)
     return stamped or is_dataflash_text(beginning) or beginning.startswith(tuple(BEGINNINGS))
+
+
+def _has_marker(beginning: bytes) -> bool:
+    return beginning[STAMP_BYTES : STAMP_BYTES + 1] in (bytes([MARKER_1]), bytes([MARKER_2]))
 
 
 def read_stream(path: str | bytes | os.PathLike[str], progress: Progress | None = None) -> FrameStream:
@@ -98,17 +91,15 @@ def _name_and_format(path: str | bytes | os.PathLike[str]) -> tuple[str, str]:
     if not isinstance(path, str | bytes | os.PathLike):
         raise ValueError(f"path must name a file, not be {path!r}")
     name = os.fsdecode(path)
-    beginning = file_beginning(name, 4096)
-    for first, kind in BEGINNINGS.items():
-        if beginning.startswith(first):
-            return name, kind
-    if is_dataflash_text(beginning):
-        return name, DATAFLASH
-    if beginning.startswith(LFS_POINTER):
+    beginning = file_beginning(name)
+    kind = next((kind for first, kind in BEGINNINGS.items() if beginning.startswith(first)), "")
+    if kind or is_dataflash_text(beginning):
+        return name, kind or DATAFLASH
+    if beginning.startswith(b"version https://git-lfs.github.com/spec/"):
         raise Unreadable(f"{name} is a pointer of Git LFS, not the log itself: fetch that with `git lfs pull`.")
     other = next((other for first, other in ARCHIVES.items() if beginning.startswith(first)), None)
     if other is None:
-        if beginning[STAMP_BYTES : STAMP_BYTES + 1] in (bytes([MARKER_1]), bytes([MARKER_2])):
+        if _has_marker(beginning):
             return name, TLOG
         kind_by_name = EXTENSIONS.get(Path(name.removesuffix(".xz")).suffix.lower())
         binary = any(byte < 9 or (13 < byte < 32 and byte != 27) or byte > 126 for byte in beginning)

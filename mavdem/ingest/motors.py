@@ -92,30 +92,29 @@ def motor_geometry(
         turns = {motor: 1 if moment > 0 else -1 for motor, moment in moments.items() if moment}
         basis = "the *_FUNCn and CA_ROTORn parameters" if places else "the *_FUNCn parameters"
     else:
-        known = _ardupilot_channels(parameters)
+        # SERVOn_FUNCTION 33 to 40 are motors 1 to 8, 82 to 85 motors 9 to 12; of several channels the first.
+        motor_of = {33 + i: 1 + i for i in range(8)} | {82 + i: 9 + i for i in range(4)}
+        functions = {channel: int(parameters.get(f"SERVO{channel}_FUNCTION", 0)) for channel in range(32, 0, -1)}
+        known = {motor_of[function]: channel for channel, function in functions.items() if function in motor_of}
         if vehicle == "TRICOPTER":
             known.pop(7, None)  # the servo that tilts the rear motor
         frame = _ardupilot_frame(vehicle, parameters)
-        places = _circle(_ARDUPILOT_FRAMES.get(frame[0], {}).get(frame[1], ()))
+        places = _circle(dict(enumerate(_ARDUPILOT_FRAMES.get(frame[0], {}).get(frame[1], ()), 1)))
         turns = _by_motor(_ARDUPILOT_SPINS.get(frame[0], {}).get(frame[1], ""))
         if frame[0] == TRICOPTER:
-            places = {motor: _on_circle(bearing) for motor, bearing in {1: 60.0, 2: -60.0, 4: 180.0}.items()}
+            places = _circle({1: 60.0, 2: -60.0, 4: 180.0})
         basis = "the SERVOn_FUNCTION and FRAME parameters" if places else "the SERVOn_FUNCTION parameters"
-    if len(known) >= MOTOR_COUNTS.get(vehicle, 1):  # fewer are parameters of which some did not come
-        motors, channels = tuple(sorted(known)), tuple(known[motor] for motor in sorted(known))
-        channels_assumed = False
-    else:
-        channels_assumed = True
-        count = MOTOR_COUNTS.get(vehicle, len(moving))
-        channels = tuple(sorted(moving)[:count])
-        motors = tuple(range(1, len(channels) + 1))
-        basis = "the channels that move"
+    channels_assumed = len(known) < MOTOR_COUNTS.get(vehicle, 1)  # some of the parameters did not come
+    if channels_assumed:
+        moved = sorted(moving)[: MOTOR_COUNTS.get(vehicle, len(moving))]
+        known, basis = dict(enumerate(moved, 1)), "the channels that move"
+    motors, channels = tuple(sorted(known)), tuple(known[motor] for motor in sorted(known))
     if not channels:
         return None
     assumed = not all(motor in places for motor in motors)
     if assumed:
         # ArduPilot and PX4 number the motors of an X quad, by far the most common frame, the same way.
-        places = _circle(_QUAD_X) if motors == (1, 2, 3, 4) else {}
+        places = _circle(dict(enumerate(_QUAD_X, 1))) if motors == (1, 2, 3, 4) else {}
         turns = _by_motor(_QUAD_X_SPINS) if places else {}
         basis += "; motor positions of an X quad" if places else "; motor positions unknown"
     positions = tuple(places[motor] for motor in motors) if places else ()
@@ -127,13 +126,6 @@ def place_name(position: Position) -> str:
     """Returns where a motor is, in words: ``front right``."""
     bearing = degrees(atan2(position[1], position[0]))
     return _COMPASS[round(bearing / 45) % 8]
-
-
-def _ardupilot_channels(parameters: Mapping[str, float]) -> dict[int, int]:
-    """SERVOn_FUNCTION 33..40 are motors 1..8, 82..85 motors 9..12; of several channels the first."""
-    motor_of = {33 + i: 1 + i for i in range(8)} | {82 + i: 9 + i for i in range(4)}
-    functions = {channel: int(parameters.get(f"SERVO{channel}_FUNCTION", 0)) for channel in range(32, 0, -1)}
-    return {motor_of[function]: channel for channel, function in functions.items() if function in motor_of}
 
 
 _Bearings = tuple[float, ...]
@@ -194,35 +186,24 @@ def _ardupilot_frame(vehicle: str, parameters: Mapping[str, float]) -> tuple[int
 
 
 def _by_motor(spins: str) -> dict[int, int]:
-    return {i + 1: 1 if spin == "+" else -1 for i, spin in enumerate(spins)}
+    return {motor: 1 if spin == "+" else -1 for motor, spin in enumerate(spins, 1)}
 
 
-def _circle(bearings: Sequence[float]) -> dict[int, Position]:
-    return {i + 1: _on_circle(bearing) for i, bearing in enumerate(bearings)}
-
-
-def _on_circle(bearing: float) -> Position:
-    return round(cos(radians(bearing)), 6), round(sin(radians(bearing)), 6)
+def _circle(bearings: Mapping[int, float]) -> dict[int, Position]:
+    return {n: (round(cos(radians(at)), 6), round(sin(radians(at)), 6)) for n, at in bearings.items()}
 
 
 _PX4_DRIVERS = ("PWM_MAIN", "PWM_AUX", "UAVCAN_EC", "DSHOT", "SIM_GZ_EC", "HIL_ACT", "TAP_ESC", "VOXL_ESC", "PCA9685")
 
 
 def _px4_channels(parameters: Mapping[str, float], moving: Sequence[int], bank: int) -> dict[int, int]:
-    """The motors of the output drivers whose channels move, each in the first bank where they do.
-
-    {driver}_FUNCn 101..112 are motors 1..12.
-    """
+    """The motors ({driver}_FUNCn 101 to 112 are 1 to 12) of drivers whose channels move, in the first such bank."""
     channels: dict[int, int] = {}
     banks = [0, bank]
     for driver in _PX4_DRIVERS:
-        outputs = {
-            function - 100: n
-            for n in range(1, 17)
-            if 101 <= (function := int(parameters.get(f"{driver}_FUNC{n}", 0))) <= 112
-        }
+        motor_of = {n: int(parameters.get(f"{driver}_FUNC{n}", 0)) - 100 for n in range(1, 17)}
         # A motor on two drivers is on a spare one.
-        further = {motor: n for motor, n in outputs.items() if motor not in channels}
+        further = {motor: n for n, motor in motor_of.items() if 1 <= motor <= 12 and motor not in channels}
         first = next((first for first in banks if {first + n for n in further.values()} <= set(moving)), None)
         if further and first is not None:
             channels |= {motor: first + n for motor, n in further.items()}

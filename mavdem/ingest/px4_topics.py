@@ -15,7 +15,18 @@ from numpy.typing import NDArray
 
 from mavdem.ingest.motors import motor_geometry
 from mavdem.ingest.telemetry import Columns, joined, selected
-from mavdem.ingest.vocabulary import ARMED, CUSTOM_MODE, IN_AIR, LANDING, ON_GROUND, PX4, TAKING_OFF, heartbeat_fields
+from mavdem.ingest.vocabulary import (
+    ARMED,
+    CUSTOM_MODE,
+    IN_AIR,
+    LANDING,
+    ON_GROUND,
+    PX4,
+    TAKING_OFF,
+    angles_target,
+    heartbeat_fields,
+    rates_target,
+)
 
 Px4Topic = Mapping[str, NDArray[Any]]
 """The fields of one topic by pyulog's names ("q[0]"), (N,) each, and beside them ``time`` (N,) s since boot."""
@@ -45,7 +56,6 @@ NEEDED: Mapping[str, tuple[str, ...]] = {
 """The topics that are read, and the fields of each beside ``timestamp``, arrays with their length."""
 SETPOINTS = frozenset({"vehicle_attitude_setpoint", "vehicle_rates_setpoint", "manual_control_setpoint"})
 """Those that a companion may send as well."""
-RATES_IGNORED, ATTITUDE_IGNORED = 1 | 2 | 4, 128  # Bits of ATTITUDE_TARGET.type_mask
 STICK_RANGE, NO_STICK = 1000.0, 32767.0  # Full deflection in MANUAL_CONTROL, and what stands for none
 MAX_ATTITUDE_STEP = 0.1
 """Longest step, s, of the attitude that is interpolated: half a period at 5 Hz, the band of the roll dynamics."""
@@ -246,44 +256,30 @@ def _actuator_control_target(topics: Topics) -> dict[str, NDArray[Any]] | None:
 
 
 def _attitude_target(topics: Topics) -> dict[str, NDArray[Any]] | None:
-    """ATTITUDE_TARGET.hpp: vehicle_attitude_setpoint and vehicle_rates_setpoint, rad/s.
-
-    PX4 sends both together. Here each is a message of its own at its own stamp, in which the other is masked.
-    """
+    """ATTITUDE_TARGET.hpp: vehicle_attitude_setpoint and vehicle_rates_setpoint, rad/s; each masks the other."""
     parts = []
     attitude, rates = _first(topics, "vehicle_attitude_setpoint"), _first(topics, "vehicle_rates_setpoint")
     if attitude is not None and _has(attitude, "q_d", 4):
-        valid = attitude.get("q_d_valid", np.ones(len(attitude["time"]))).astype(np.bool_)
-        attitude = selected(attitude, valid)
-        none = np.full((len(attitude["time"]), 3), np.nan)
-        parts.append(_target(attitude, _array(attitude, "q_d", 4), none, RATES_IGNORED))
+        attitude = selected(attitude, _valid(attitude, "q_d_valid"))
+        parts.append({"time": attitude["time"], **angles_target(_array(attitude, "q_d", 4))})
     if rates is not None and all(axis in rates for axis in ("roll", "pitch", "yaw")):
         asked = np.column_stack([rates[axis] for axis in ("roll", "pitch", "yaw")]).astype(np.float64)
-        parts.append(_target(rates, np.full((len(asked), 4), np.nan), asked, ATTITUDE_IGNORED))
+        parts.append({"time": rates["time"], **rates_target(asked)})
     if not parts:
         return None
     together = joined(parts)
     return selected(together, np.argsort(together["time"], kind="stable"))
 
 
-def _target(topic: Px4Topic, q: NDArray[Any], rates: NDArray[Any], type_mask: int) -> dict[str, NDArray[Any]]:
-    fields = dict(zip(("body_roll_rate", "body_pitch_rate", "body_yaw_rate"), rates.T, strict=True))
-    return {"time": topic["time"], "type_mask": np.full(len(q), type_mask, dtype=np.uint8), "q": q, **fields}
-
-
 def _manual_control(topics: Topics) -> dict[str, NDArray[Any]] | None:
     """MANUAL_CONTROL.hpp: manual_control_setpoint, called x, y and r until PX4 1.13, with the decimals it cuts off."""
-    sticks = _first(topics, "manual_control_setpoint")
+    sticks = _first(topics, "manual_control_setpoint") or {}
     names = {"x": "pitch", "y": "roll", "r": "yaw"}
-    if sticks is None:
-        return None
     fields = {ours: theirs if theirs in sticks else ours for ours, theirs in names.items()}
     if not all(field in sticks for field in fields.values()):
         return None
-    valid = sticks.get("valid", np.ones(len(sticks["time"]))).astype(np.bool_)
-    shares = {ours: sticks[field].astype(np.float64) for ours, field in fields.items()}
-    columns = {name: np.where(valid, STICK_RANGE * share, NO_STICK) for name, share in shares.items()}
-    return {"time": sticks["time"], **columns}
+    shares, valid = {ours: sticks[field].astype(np.float64) for ours, field in fields.items()}, _valid(sticks, "valid")
+    return {"time": sticks["time"]} | {n: np.where(valid, STICK_RANGE * share, NO_STICK) for n, share in shares.items()}
 
 
 def _sys_status(topics: Topics) -> dict[str, NDArray[Any]] | None:
@@ -310,27 +306,22 @@ def _vibration(topics: Topics) -> dict[str, NDArray[Any]] | None:
 
 def _system_time(topics: Topics) -> dict[str, NDArray[Any]] | None:
     """SYSTEM_TIME.hpp: vehicle_gps_position, where the receiver knows the time."""
-    gps = _first(topics, "vehicle_gps_position")
-    if gps is None or "time_utc_usec" not in gps:
-        return None
-    known = selected(gps, gps["time_utc_usec"] > 0)
-    return {"time": known["time"], "time_unix_usec": known["time_utc_usec"]}
+    gps = _first(topics, "vehicle_gps_position") or {}
+    known = selected(gps, gps["time_utc_usec"] > 0) if "time_utc_usec" in gps else None
+    return known and {"time": known["time"], "time_unix_usec": known["time_utc_usec"]}
 
 
 def _heartbeat(topics: Topics, kind: int) -> dict[str, NDArray[Any]] | None:
     """HEARTBEAT.hpp: vehicle_status. The state "armed" has been 2 in every version."""
-    status = _first(topics, "vehicle_status")
-    if status is None or "arming_state" not in status:
+    status = _first(topics, "vehicle_status") or {}
+    if "arming_state" not in status:
         return None
     base_mode = np.where(status["arming_state"] == 2, CUSTOM_MODE | ARMED, CUSTOM_MODE)
     return {"time": status["time"], **heartbeat_fields(kind, PX4, base_mode)}
 
 
 def _extended_sys_state(topics: Topics) -> dict[str, NDArray[Any]] | None:
-    """EXTENDED_SYS_STATE.hpp: vehicle_land_detected, and what an automatic mode flies to.
-
-    One row whenever one of the topics came, with what was last known of the others.
-    """
+    """EXTENDED_SYS_STATE.hpp: vehicle_land_detected, what an automatic mode flies to; a row whenever a topic came."""
     land, mode = _first(topics, "vehicle_land_detected"), _first(topics, "vehicle_control_mode")
     target = _first(topics, "position_setpoint_triplet")
     if land is None or "landed" not in land:
@@ -356,12 +347,14 @@ def _held(topic: Px4Topic | None, field: str, time: NDArray[np.float64]) -> NDAr
 
 def _local_position_ned(topics: Topics) -> dict[str, NDArray[Any]] | None:
     """LOCAL_POSITION_NED.hpp: vehicle_local_position where its vertical speed is valid; m and m/s."""
-    topic = _first(topics, "vehicle_local_position")
-    fields = ("x", "y", "z", "vx", "vy", "vz")
-    if topic is None or not all(field in topic for field in fields):
+    topic, fields = _first(topics, "vehicle_local_position") or {}, ("time", "x", "y", "z", "vx", "vy", "vz")
+    if not all(field in topic for field in fields):
         return None
-    valid = topic.get("v_z_valid", np.ones(len(topic["time"]))).astype(np.bool_)
-    return selected({field: topic[field] for field in ("time", *fields)}, valid)
+    return selected({field: topic[field] for field in fields}, _valid(topic, "v_z_valid"))
+
+
+def _valid(topic: Px4Topic, field: str) -> NDArray[np.bool_]:
+    return np.asarray(topic.get(field, np.ones(len(topic["time"])))).astype(np.bool_)
 
 
 def _first(topics: Topics, name: str) -> Px4Topic | None:

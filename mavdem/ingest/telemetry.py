@@ -96,9 +96,8 @@ class Component:
 
     Attributes:
         system, component: MAVLink ids.
-        kind: the MAV_TYPE in most of its HEARTBEATs, without the prefix ("GCS"); "UNKNOWN" without a HEARTBEAT, or
-            "TELEMETRY_RADIO" if RADIO_STATUS is all it sent.
-        autopilot: likewise its MAV_AUTOPILOT.
+        kind, autopilot: MAV_TYPE ("GCS") and MAV_AUTOPILOT in most of its HEARTBEATs, without prefix; "UNKNOWN" without
+            a HEARTBEAT, or "TELEMETRY_RADIO" if RADIO_STATUS is all it sent.
         messages: number of messages by name.
         lost: messages missing by the gaps in its sequence numbers; a gap counts 127 at most.
     """
@@ -113,13 +112,9 @@ class Component:
 
 @dataclass(frozen=True)
 class Unread:
-    """Frames of one message from one component that could not be read.
+    """Frames of ``message_id`` from ``system`` and ``component``: so many ``frames`` ``of`` all cannot be read.
 
-    Attributes:
-        message_id, system, component: from their headers.
-        frames: how many could not be read.
-        of: how many there were in all.
-        cause: "another dialect" when none agrees with the dialect's definition, "damage" when some do.
+    ``cause`` is "another dialect" when none agrees with the dialect's definition, "damage" when some do.
     """
 
     message_id: int
@@ -136,9 +131,8 @@ class Log:
 
     Attributes:
         source: the file it came from.
-        vehicles: one ``Telemetry`` for each component that is a vehicle and sent more than HEARTBEATs, by system and
-            component.
-        components: every component, vehicles included, by system and component.
+        vehicles: one ``Telemetry`` for each component that is a vehicle and sent more than HEARTBEATs.
+        components: every component, vehicles included; both by system and component.
         unread: frames that could not be read.
         frames: whole frames in the stream, unread ones included.
         bytes_skipped: bytes that belong to no frame.
@@ -174,10 +168,7 @@ def log_of_vehicles(
     receive_time: tuple[float, float] = (nan, nan),
     counts: Mapping[str, int] | None = None,
 ) -> Log:
-    """Returns the log of a file that contains vehicles, one at least, and no other components.
-
-    ``counts`` are the messages by their names in the file; those of ``Telemetry.messages`` unless given.
-    """
+    """Returns the log of a file of vehicles only, one at least; ``counts`` are the messages by their own names."""
     components = []
     for one in vehicles:
         sent = counts or {name: len(columns["time"]) for name, columns in one.messages.items()}

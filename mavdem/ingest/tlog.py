@@ -209,11 +209,8 @@ def _without_carriage_returns(content: bytes | mmap.mmap) -> tuple[Bytes, tuple[
 
 
 def _require_mavlink(source: str, good: int, frames: int, skipped: int) -> None:
-    if good > CHANCE_FRAMES * skipped:
-        return
     if frames and not good:
-        raise Unreadable(
-            f"{source} contains {frames} frames that look like MAVLink, but none matches a dialect that "
-            "pymavlink has: it is of another dialect or damaged throughout."
-        )
-    raise Unreadable(f"{source} contains no MAVLink: {READABLE_FORMATS}.")
+        what = f"{frames} frames that look like MAVLink, but none matches a dialect that pymavlink has"
+        raise Unreadable(f"{source} contains {what}: it is of another dialect or damaged throughout.")
+    if good <= CHANCE_FRAMES * skipped:
+        raise Unreadable(f"{source} contains no MAVLink: {READABLE_FORMATS}.")

@@ -272,7 +272,9 @@ class WholeMessages:
     def _keep(self, kind: str, at: int, after: int) -> None:
         message = self._content[at:after]
         if kind == "F":
-            self._add_format(message)
+            found = FORMAT.fullmatch(message, 3)
+            assert found is not None  # _sound has matched it
+            self._definitions += message if self._formats.add(found[1], found[2]) else b""
         elif kind == "A":
             self._subscribe(message)
         elif (kind == "P" and not self._topics) or (kind == "I" and INFORMATION.fullmatch(message, 4, 4 + message[3])):
@@ -281,12 +283,6 @@ class WholeMessages:
             self._data += message
         elif kind == "O":
             self._dropouts.append(_DROPOUT.unpack_from(message, 3)[0])
-
-    def _add_format(self, message: bytes) -> None:
-        found = FORMAT.fullmatch(message, 3)
-        assert found is not None  # _sound has matched it
-        if self._formats.add(found[1], found[2]):
-            self._definitions += message
 
     def _subscribe(self, message: bytes) -> None:
         number, name = _ID.unpack_from(message, 4)[0], message[6:]
@@ -415,12 +411,10 @@ def _instead(content: bytes, source: str, found: WholeMessages) -> str:
     """What a ULog holds that is not a flight's."""
     log = ULog(io.BytesIO(WholeMessages(content, None, source).content))
     held = {topic.name for topic in log.data_list if len(topic.data["timestamp"])}
+    damaged = found.damaged or found.crowded
     if not held:
-        wrong = found.damaged or found.cut or found.crowded
-        return "it is damaged or cut off at its beginning." if wrong else "nothing was logged in it."
-    state = (
-        "is damaged," if found.damaged or found.crowded else "is cut off at its end," if found.cut else "is intact, but"
-    )
+        return "it is damaged or cut off at its beginning." if damaged or found.cut else "nothing was logged in it."
+    state = "is damaged," if damaged else "is cut off at its end," if found.cut else "is intact, but"
     return (
         f"the file {state} holds neither attitude nor motor outputs (its topics: {listed(held)}); in PX4 log "
         "vehicle_attitude, vehicle_angular_velocity and actuator_motors (the parameter SDLOG_PROFILE)."
@@ -468,19 +462,14 @@ def _damage(found: WholeMessages) -> tuple[str, ...]:
     wrong = int(np.count_nonzero(found.wrong_stamp))
     places, subscriptions = times(found.damaged, "place"), times(found.crowded, "subscription")
     lasted = found.dropouts / 1e3  # PX4's logger records the duration, not what is missing
+    missing = f"for {lasted.sum():.3g} s in all and {lasted.max(initial=0):.3g} s at most: messages of these times are"
+    skipped = f"{found.bytes_skipped} bytes that belong to no message were skipped."
     return repair_sentences(
-        (
-            found.damaged,
-            f"The file is damaged in {places}: {found.bytes_skipped} bytes that belong to no message were skipped.",
-        ),
+        (found.damaged, f"The file is damaged in {places}: {skipped}"),
         (found.cut, f"Left out: {times(found.cut, 'message')} cut off by the end of the file or of a part of it."),
         (wrong, f"Left out: {times(wrong, 'message')} with a time stamp far from those around it."),
         (found.crowded, f"Left out: {subscriptions} to more topics, or larger ones, than PX4 has."),
-        (
-            len(lasted),
-            f"The logger dropped out {times(len(lasted), 'time')}, for {lasted.sum():.3g} s in all and "
-            f"{lasted.max(initial=0):.3g} s at most: messages of these times are missing.",
-        ),
+        (len(lasted), f"The logger dropped out {times(len(lasted), 'time')}, {missing} missing."),
     )
 
 
@@ -491,7 +480,5 @@ def _interpolated(topics: dict[str, dict[int, Px4Topic]], messages: dict[str, Co
     if len(made) <= 1.1 * max(map(len, logged), default=0):
         return ()
     attitude, rates = (rate_without_gaps(np.diff(time)) for time in (max(logged, key=len), made))
-    return (
-        f"Attitude was logged at {attitude:.3g} Hz and body rates at {rates:.3g} Hz: attitude was interpolated at the "
-        "timestamps of the body rates.",
-    )
+    logged_at = f"Attitude was logged at {attitude:.3g} Hz and body rates at {rates:.3g} Hz"
+    return (f"{logged_at}: attitude was interpolated at the timestamps of the body rates.",)

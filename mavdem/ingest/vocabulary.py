@@ -93,3 +93,14 @@ def quaternion(roll: Array, pitch: Array, yaw: Array) -> Array:
     """Returns unit quaternions (N, 4), w, x, y, z, of Euler angles (N,), rad: the inverse of :func:`euler_angles`."""
     (a, b), (c, d), (e, f) = ((np.cos(angle / 2), np.sin(angle / 2)) for angle in (roll, pitch, yaw))
     return np.column_stack([a * c * e + b * d * f, b * c * e - a * d * f, a * d * e + b * c * f, a * c * f - b * d * e])
+
+
+def rates_target(rates: Array) -> dict[str, NDArray[Any]]:
+    """Returns the fields of ATTITUDE_TARGET of body rates (N, 3), rad/s, with the attitude masked."""
+    named = dict(zip(("body_roll_rate", "body_pitch_rate", "body_yaw_rate"), rates.T, strict=True))
+    return {"type_mask": np.full(len(rates), 128, np.uint8), "q": np.full((len(rates), 4), np.nan), **named}
+
+
+def angles_target(q: Array) -> dict[str, NDArray[Any]]:
+    """Returns the fields of ATTITUDE_TARGET of attitudes (N, 4), with the body rates masked."""
+    return rates_target(np.full((len(q), 3), np.nan)) | {"type_mask": np.full(len(q), 1 | 2 | 4, np.uint8), "q": q}

@@ -1,13 +1,12 @@
 """The slow path: whether the vehicle flies, and which inputs drive it, by the offline functions on the last seconds.
 
-A few times a second the messages of the last seconds become the columns that ``alignment`` reads. What those seconds
-alone do not show is carried on: when the flight began, since when it is settled, and the extremes of the outputs.
+What those seconds alone do not show is carried on: when the flight began, since when it is settled, and the extremes
+of the outputs.
 
-Offline, hindsight shows a landing; here it is known only once it has happened, and the last seconds before it are taken
-back. While the autopilot does not report whether it is in the air, a vehicle that descends may be landing, and its
-motors keep turning on the ground for a moment. Then nothing is settled until it has not descended for
-``TRANSIENT_SECONDS``. Without a vertical speed it may be landing in a mode that lands, on standby, and when its motors
-fall far below their level in flight.
+A landing is known only once it has happened, and the last seconds before it are taken back. While the autopilot does
+not report whether it is in the air, a vehicle that descends may be landing: nothing is settled until it has not
+descended for ``TRANSIENT_SECONDS``. Without a vertical speed it may be landing in a mode that lands, on standby, and
+when its motors fall far below their level in flight.
 """
 
 from __future__ import annotations
@@ -93,7 +92,7 @@ class Inputs:
 
 
 class InputChoice:
-    """Chooses the inputs of the model from the outputs of the last seconds, and from the rows with their extremes.
+    """Chooses the inputs from the outputs of the last seconds, and from the rows with their extremes.
 
     These show which channels move, and on which scale, also while they hold still.
     """
@@ -244,9 +243,8 @@ class Phase:
 
     def restart_collective(self, collective: Signal | None) -> None:
         """Starts again with the collective of the last seconds: which motors there are or their scale has changed."""
-        self._rows["collective"].clear()
-        if collective is not None:
-            self._rows["collective"].extend(zip(collective.time.tolist(), collective.values.tolist(), strict=True))
+        rows = () if collective is None else zip(collective.time.tolist(), collective.values.tolist(), strict=True)
+        self._rows["collective"] = deque(rows, MAX_REPORTS)
 
     def review(self, now: float) -> None:
         """Decides the phase at ``now``, s."""
@@ -308,14 +306,12 @@ class Phase:
     def _check_touchdown(self, now: float) -> None:
         """Without better evidence, motors far below their level in flight show that the vehicle stands."""
         shares = [share for time, share in self._rows["collective"] if time > now - TOUCHDOWN_SECONDS]
-        if not shares:
-            return
-        share = sum(shares) / len(shares)
-        if share < TOUCHDOWN_SHARE * self._level and not self.evident(now):
-            if self.settled(now):
+        share, settled = sum(shares) / max(len(shares), 1), self.settled(now)
+        if shares and share < TOUCHDOWN_SHARE * self._level and not self.evident(now):
+            if settled:
                 self._take_back(now)
             self._unsettle(now)
-        elif self.settled(now):
+        elif shares and settled:
             self._levels += 1
             self._level += (share - self._level) / self._levels
 

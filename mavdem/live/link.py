@@ -2,8 +2,7 @@
 
 It sends nothing before ``send``.
 
-pymavlink's own connections are not used. Its UDP socket shares a port in use instead of failing, sends to every address
-that ever sent it anything, and keeps the kernel's small buffer; its serial port changes the speed twice; both print.
+pymavlink's own connections share a port in use instead of failing, and send to every address that ever sent anything.
 
 =====================  =================================================================================================
 ``udpin:HOST:PORT``    receives at this address; also ``udp:HOST:PORT`` and ``HOST:PORT``
@@ -60,12 +59,7 @@ class LinkLost(Exception):
 
 
 class Link:
-    """An open link.
-
-    ``name``: the connection string. ``datagrams``: whether it receives datagrams, which contain whole frames.
-    ``speaks_first``: whether the other side sends only after it has received something. Raises Unreadable: it cannot be
-    opened, with the reason.
-    """
+    """An open link, by its connection string ``name``. Raises Unreadable: it cannot be opened, with the reason."""
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -79,8 +73,8 @@ class Link:
         self._from: Any = None
         self._kind, host, port = _parsed(name)
         self._address = (host, port)
-        self.datagrams = self._kind in ("udpin", "udpout")
-        self.speaks_first = self._kind == "udpout"
+        self.datagrams = self._kind in ("udpin", "udpout")  # each contains whole frames
+        self.speaks_first = self._kind == "udpout"  # the other side sends only after it has received something
         try:
             self._open()
         except OSError as error:
@@ -88,10 +82,9 @@ class Link:
             self._refuse(error)
 
     def receive(self, timeout: float) -> list[tuple[float, bytes]]:
-        """Up to ``MAX_PIECES`` waiting pieces: UNIX s of receipt, and the bytes as they came.
+        """Up to ``MAX_PIECES`` waiting pieces: UNIX s of receipt, and the bytes as they came; none after ``timeout`` s.
 
-        The list is empty if none comes within ``timeout`` seconds. Raises LinkLost: the connection or the port is lost;
-        ``reopen`` opens it again.
+        Raises LinkLost: the connection or the port is lost; ``reopen`` opens it again.
         """
         waiting_on = self._waiting_on()
         if waiting_on is None:
@@ -132,19 +125,16 @@ class Link:
         return new
 
     def send(self, frame: bytes) -> None:
-        """Sends whole frames, with ``udpin`` to all addresses read from in the last ``SENDER_SECONDS``.
-
-        Raises LinkLost: the connection or the port is lost.
-        """
+        """Sends whole frames, with ``udpin`` to all addresses read from lately. Raises LinkLost: as ``receive``."""
         try:
             if self._serial is not None:
                 os.write(self._serial, frame)
             elif self._socket is None:
                 return  # no client yet
             elif self._kind == "udpin":
-                since = time.monotonic() - SENDER_SECONDS
-                for sender in [sender for sender, heard in self._peers.items() if heard >= since]:
-                    self._socket.sendto(frame, sender)
+                for sender, heard in self._peers.items():
+                    if time.monotonic() - heard <= SENDER_SECONDS:
+                        self._socket.sendto(frame, sender)
             else:
                 self._socket.sendall(frame)
         except BlockingIOError:
@@ -172,8 +162,8 @@ class Link:
         """Closes it."""
         for opened in filter(None, (self._socket, self._server)):
             opened.close()
-        if self._serial is not None:
-            with contextlib.suppress(OSError):
+        with contextlib.suppress(OSError):
+            if self._serial is not None:
                 os.close(self._serial)
         self._socket = self._server = self._serial = None
 
@@ -217,15 +207,12 @@ class Link:
                 piece, sender = self._socket.recvfrom(MAX_PIECE_BYTES)
                 if sender not in self._peers and len(self._peers) >= MAX_PEERS:
                     del self._peers[min(self._peers, key=self._peers.__getitem__)]
-                self._peers[sender] = time.monotonic()
-                self._from = sender
+                self._peers[sender], self._from = time.monotonic(), sender
                 return piece
             return self._socket.recv(MAX_PIECE_BYTES)
-        except BlockingIOError:
-            return None
-        except ConnectionRefusedError:
-            if self.datagrams:
-                return None  # the last datagram had no receiver
+        except (BlockingIOError, ConnectionRefusedError) as error:
+            if isinstance(error, BlockingIOError) or self.datagrams:
+                return None  # a datagram is refused where the last one sent had no receiver
             raise
 
     def _lose(self, how: str) -> NoReturn:
@@ -245,9 +232,8 @@ class Link:
 
     def _refuse(self, error: OSError) -> NoReturn:
         (host, port), bound = self._address, self._kind in ("udpin", "tcpin")
-        remedy = "; ports below 1024 need privileges" if 0 < port < 1024 else ""
-        if self._kind == "serial":
-            remedy = ": join the group that owns the port (often dialout)"
+        group = ": join the group that owns the port (often dialout)" if self._kind == "serial" else ""
+        remedy = "; ports below 1024 need privileges" if 0 < port < 1024 else group
         used = "the port is in use by another program: close it, or let it forward to another port"
         reasons = (
             (isinstance(error, socket.gaierror), f"there is no host {host}"),
@@ -355,9 +341,8 @@ CHUNK_BYTES = 1 << 15  # About a second of a fast link
 
 
 class RawRecording:
-    """A growing file, new, whose name ends in .tlog or .mcap, of the raw stream.
+    """A growing file, new, whose name ends in .tlog or .mcap, of the raw stream; a crash loses at most a second.
 
-    A crash loses little: a telemetry log may be cut off anywhere, of an MCAP file the last second may be missing.
     ``frames``: number of frames in it. ``bytes_skipped``: received bytes that belong to no frame and are not in it.
     Raises Unreadable: the file exists, or cannot be created. Raises ValueError: another ending.
     """

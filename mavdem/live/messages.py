@@ -1,8 +1,7 @@
 """The frames in the bytes of a link, and the messages in them that a model needs, one at a time.
 
 A frame counts as in files: with a correct checksum; where there is damage, garbage or another dialect, ``find_frames``
-decides what came before the next good one. Nothing is lost by waiting for that. Fields are those of the columns that
-``ingest`` makes of whole streams.
+decides what came before the next good one. Nothing is lost by waiting for that.
 """
 
 from __future__ import annotations

@@ -40,10 +40,9 @@ sets rates back, MAVProxy every 15 s, costs as long each time as it takes to ask
 
 
 class Arrivals:
-    """Rates by arrival: how many messages of each kind came in the last ``WINDOW_SECONDS`` of the caller's clock.
+    """Rates over the last ``WINDOW_SECONDS`` of the caller's clock: the vehicle's stops when nothing comes.
 
-    Not by the vehicle's clock, which stops when nothing comes. ``resumed``: whether the vehicle was silent before the
-    latest call, and is no longer.
+    ``resumed``: whether the vehicle was silent before the latest call, and is no longer.
     """
 
     def __init__(self) -> None:
@@ -98,11 +97,10 @@ class _Interval:
 class RateRequest:
     """Makes a vehicle send attitude and motor outputs at a rate, Hz, and restores its former rates at the end.
 
-    Messages that distinguish flight from landing, ``evidence``, are asked for at ``EVIDENCE_RATE``. First the interval
-    of each message is queried, then set, one at a time since a confirmation does not name the message. If the message
-    comes much slower later, after a reboot or by a ground station, it is set again, at most every ``PAUSE_SECONDS``. If
-    the vehicle never reports the interval, the one measured before is restored. ``events``: sentences to report, the
-    oldest first; the caller removes them.
+    ``evidence``, messages that distinguish flight from landing, are asked for at ``EVIDENCE_RATE``. Each interval is
+    queried, then set, one at a time since a confirmation does not name the message. What comes much slower later, after
+    a reboot or by a ground station, is set again, at most every ``PAUSE_SECONDS``. Where the vehicle never reports the
+    interval, the one measured before is restored. ``events``: sentences to report; the caller removes them.
     """
 
     def __init__(
@@ -121,11 +119,7 @@ class RateRequest:
         self._unconfirmed: deque[_Interval] = deque()
 
     def due(self, now: float, measured: Mapping[int, float] | None) -> list[bytes]:
-        """Returns frames to send at ``now``, s of a monotonic clock.
-
-        The ``measured`` rates, Hz by message id, are restored if the vehicle does not report intervals; None while they
-        are not known.
-        """
+        """Returns frames to send at ``now``, s of a monotonic clock; ``measured``: Hz by message id, once known."""
         frames = []
         for interval in self._intervals:
             rate = None if measured is None else measured.get(interval.message_id, 0.0)

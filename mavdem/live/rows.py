@@ -1,15 +1,12 @@
 """The fast path: messages on the boot clock, and their samples on a uniform grid, row by row.
 
-It decides nothing that can wait: ``decisions`` does that a few times a second, with the offline functions. Time stamps
-of attitude are the reference, and all others are placed nearest to the latest of them, which undoes their wraps. The
-grid starts where that of ``align`` would, given the first seconds of both streams, and each stream is sampled in the
-way ``align`` chooses from those seconds. A point is complete as soon as both streams have passed it.
+Time stamps of attitude are the reference, and all others are placed nearest to the latest of them, which undoes their
+wraps. The grid starts where that of ``align`` would, given the first seconds of both streams, and each stream is
+sampled in the way ``align`` chooses from those seconds, but where a message is lost: ``align`` interpolates the whole
+segment then, this only beside the loss. A point is complete as soon as both streams have passed it.
 
 Latency on the boot clock, beside that of the link: none where samples are kept, at most one interval of the slower
 stream where they are interpolated, ``FILTER_EDGE_STEPS`` grid steps (50 ms at 100 Hz) where one is low-passed.
-
-One difference from ``align``: when a message is lost, ``align`` interpolates the whole segment, this only beside the
-loss. A kept sample lies within ``STAMP_SECONDS`` of its point.
 """
 
 from __future__ import annotations
@@ -70,12 +67,9 @@ class PlacedMessage(NamedTuple):
 class BootClock:
     """Places the messages of one vehicle on its boot clock; ``report`` is called with each sentence about it.
 
-    A stamp that does not continue the clock is held back, with all messages that follow. If the next attitude stamps
-    continue from there, the clock has changed, and the held messages are placed on the new clock. If one continues the
-    old clock, the held stamps were outliers and are dropped.
-
-    ``now``: the latest reference stamp, s; NaN before the first. ``boot``: number of the boot, from 0 on. ``outliers``:
-    messages dropped for their stamps.
+    A stamp that does not continue the clock is held back. If the next attitude stamps continue from there, the clock
+    has changed, and the held messages are placed on it; if one continues the old clock, they were ``outliers``,
+    which are dropped and counted. ``now``: the latest reference stamp, s; NaN before any. ``boot``: number, from 0 on.
     """
 
     def __init__(self, report: Callable[[str], None]) -> None:
@@ -111,9 +105,8 @@ class BootClock:
             self.outliers += len(self._held)
             self._held, self._run = [], []
             return [self._stamp(message, time)]
-        if self._run and not _continues(message.stamp, self._run[-1]):
-            self._run = []
-        self._run.append(message.stamp)
+        keeps = self._run and _continues(message.stamp, self._run[-1])
+        self._run = [*(self._run if keeps else ()), message.stamp]
         self._hold(message)
         return self._restart() if len(self._run) >= MIN_RESET_STAMPS else []
 
@@ -179,18 +172,14 @@ def _continues(time: float, before: float) -> bool:
 
 
 class Samples:
-    """Stamps and values of the last ``KEPT_SECONDS`` of one stream, in the order of their stamps.
-
-    ``time``: (N,) s, ascending. ``values``: (N,) tuples. ``gap``: the step, s, before the latest sample, if longer than
-    ``MAX_GAP_SECONDS``; else 0. ``added``: number of samples so far. ``late``: number of samples that came after the
-    row they belong to. ``used_until``: s; rows up to it are complete, and samples before it are late.
-    """
+    """Stamps and values of the last ``KEPT_SECONDS`` of one stream, in the order of their stamps."""
 
     def __init__(self) -> None:
-        self.time: list[float] = []
+        self.time: list[float] = []  # s, ascending
         self.values: list[Values] = []
-        self.gap, self.added, self.late = 0.0, 0, 0
-        self.used_until = self._start = -inf
+        self.gap = 0.0  # the step, s, before the latest sample, if longer than MAX_GAP_SECONDS; else 0
+        self.added = self.late = 0  # number of samples so far, and of those that came after the row they belong to
+        self.used_until = self._start = -inf  # s; rows up to it are complete, and samples before it are late
 
     @property
     def since(self) -> float:
@@ -225,8 +214,7 @@ class Samples:
 
     def break_off(self) -> None:
         """Begins a new run of samples with the next one, as after a gap."""
-        if self.time:
-            self._start = nextafter(self.time[-1], inf)
+        self._start = nextafter(self.time[-1], inf) if self.time else self._start
 
     def count(self, now: float) -> int:
         """Samples in the ``DECISION_SECONDS`` before ``now``."""
@@ -267,26 +255,18 @@ class Samples:
         return tuple((np.array(even) @ weights).tolist())
 
 
-class _Sampling(NamedTuple):
-    """How a stream is sampled: kept, interpolated, or low-passed by ``weights`` at ``offsets`` s."""
-
-    keeps: bool
-    weights: NDArray[np.float64] | None = None
-    offsets: NDArray[np.float64] | None = None
+_Sampling = tuple[NDArray[np.float64], NDArray[np.float64]] | bool
+"""How a stream is sampled: low-passed by weights at offsets, s; kept (True) or interpolated (False)."""
 
 
 class Grid:
-    """The grid of one boot, segment by segment.
-
-    ``segment``: number of the latest segment, from 0 on; -1 before the first. ``running``: whether the segment
-    continues. ``dt``: step, s; None before it is decided. ``rates``: Hz of the streams that decided it. ``start``:
-    first point of the segment's grid, s.
-    """
+    """The grid of one boot, segment by segment."""
 
     def __init__(self) -> None:
-        self.segment, self.running, self.start = -1, False, 0.0
-        self.dt: float | None = None
-        self.rates: tuple[float, ...] = ()
+        self.segment, self.running = -1, False  # number of the latest segment, from 0 on, and whether it continues
+        self.start = 0.0  # first point of the segment's grid, s
+        self.dt: float | None = None  # step, s, once it is decided
+        self.rates: tuple[float, ...] = ()  # Hz of the streams that decided it
         self._streams: tuple[Samples, ...] = ()
         self._samplings: tuple[_Sampling, ...] = ()
         self._usual_steps: tuple[float | None, ...] = ()
@@ -362,9 +342,8 @@ class Grid:
         if not self.running or stream not in self._streams:
             return None
         before, now = self._usual_steps[self._streams.index(stream)], stream.usual_step()
-        if before is None or now is None or 1 / OTHER_RATE_RATIO < now / before < OTHER_RATE_RATIO:
-            return None
-        return 1 / before
+        same = before is None or now is None or 1 / OTHER_RATE_RATIO < now / before < OTHER_RATE_RATIO
+        return None if before is None or same else 1 / before
 
     def _step(self, rates: tuple[float, ...]) -> float:
         """The step for these rates: one used before if the rates are about the same.
@@ -389,20 +368,19 @@ def _sampling(time: NDArray[np.float64], grid: NDArray[np.float64], dt: float) -
         rate = mean_rate(time)
         weights = impulse_response(rate, dt)
         reach = len(weights) // 2
-        return _Sampling(False, weights, np.arange(-reach, reach + 1) / rate)
-    return _Sampling(kept_rows(grid, time) is not None)
+        return weights, np.arange(-reach, reach + 1) / rate
+    return kept_rows(grid, time) is not None
 
 
 def _value_at(stream: Samples, sampling: _Sampling, time: float, dt: float) -> Values | None:
     """The stream's values at ``time``; None if they are not known yet."""
     last = stream.time[-1]
-    if sampling.weights is not None and sampling.offsets is not None:
-        if last < time + FILTER_EDGE_STEPS * dt - STAMP_SECONDS:
-            return None
-        return stream.filtered(time, sampling.weights, sampling.offsets)
+    if not isinstance(sampling, bool):
+        known = last >= time + FILTER_EDGE_STEPS * dt - STAMP_SECONDS
+        return stream.filtered(time, *sampling) if known else None
     # Where two samples may lie within STAMP_SECONDS of one point, wait for the later one too.
     until = time - STAMP_SECONDS if dt >= 3 * STAMP_SECONDS else time
-    if sampling.keeps and last >= until and (near := stream.nearest(time)) is not None:
+    if sampling and last >= until and (near := stream.nearest(time)) is not None:
         return near
     if last < time - STAMP_RESOLUTION_SECONDS:
         return None

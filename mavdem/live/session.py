@@ -1,8 +1,7 @@
 """LiveSession: records, learns from and shows what a link receives, step by step.
 
 One thread does all of it except what takes long: batch learning runs in the learner's executor, and what is shown waits
-in the view's own queue. The thread waits only for the link, for the disk of the recording, and at the end for the
-vehicle's confirmation of its former rates.
+in the view's own queue.
 """
 
 from __future__ import annotations
@@ -182,15 +181,14 @@ class LiveSession:
         """
         if self.learner is None:
             raise ValueError("there was no settled flight")
-        if self._landed and self._models:
-            return self._named(self._models[-1][1])
-        try:
-            return self._named(self.learner.learn_now())
-        except ValueError as error:
-            if not self._models:
-                raise
-            self._log(f"The newest samples support no model ({error}): the former one is kept.")
-            return self._named(self._models[-1][1])
+        if not (self._landed and self._models):
+            try:
+                return self._named(self.learner.learn_now())
+            except ValueError as error:
+                if not self._models:
+                    raise
+                self._log(f"The newest samples support no model ({error}): the former one is kept.")
+        return self._named(self._models[-1][1])
 
     def end(self) -> None:
         """Restores the vehicle's rates, which it must confirm, and ends the recording."""
@@ -213,16 +211,11 @@ class LiveSession:
         """The status as of now."""
         status, silence = self.stream.status(), self._silence()
         learning = self.learner.obstacle if self.learner is not None else ""
-        unsettled = NOT_SETTLED if status.flying and not self._settled else learning
-        median, late = np.percentile(self._latencies, [50, 99]).tolist() if self._latencies else (np.nan, np.nan)
-        return replace(
-            status,
-            obstacle=silence or status.obstacle or unsettled,
-            rates=dict.fromkeys(status.rates, 0.0) if silence else status.rates,
-            learned=self._learned,
-            shown=self._shown,
-            latency=(median, late),
-        ).predicting(self._estimate)
+        obstacle = silence or status.obstacle or (NOT_SETTLED if status.flying and not self._settled else learning)
+        rates = dict.fromkeys(status.rates, 0.0) if silence else status.rates
+        median, late = np.percentile(self._latencies or [np.nan], [50, 99]).tolist()
+        rows = replace(status, learned=self._learned, shown=self._shown, latency=(median, late))
+        return replace(rows, obstacle=obstacle, rates=rates).predicting(self._estimate)
 
     def _silence(self) -> str:
         """The sentence about a silent link; empty if it is not silent."""
@@ -338,8 +331,7 @@ class LiveSession:
         vehicle = self.stream.followed
         if vehicle is None or now - self._heard > SILENCE_SECONDS:
             return
-        if self.request is None:
-            self.request = RateRequest(FrameSender(vehicle.system, vehicle.component), self.rate)
+        self.request = self.request or RateRequest(FrameSender(vehicle.system, vehicle.component), self.rate)
         for message in self.stream.replies():
             self.request.take(message)
         rates = self._arrivals.rates(now, vehicle.arrived)

@@ -8,7 +8,6 @@ import numpy as np
 
 from mavdem.dem.engine.linalg import Array
 from mavdem.paper import figures
-from mavdem.paper.claims import BENCHMARK
 from mavdem.paper.flights import REAL
 from mavdem.paper.runner import (
     MEAN,
@@ -18,12 +17,12 @@ from mavdem.paper.runner import (
     STARTS,
     WITH,
     Check,
-    Item,
     Result,
     Runner,
     Trial,
     median_draw,
     percent,
+    plain,
 )
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.numbers import listed, rounded
@@ -53,8 +52,10 @@ def run(runner: Runner) -> Result:
         flight: {name: float(np.median([trial.relative for trial in by_method[name]])) for name in SHOWN}
         for flight, by_method in runner.trials.items()
     }
-    autopilots = [name for name in runner.recorded if name != REAL]
-    parts = {"real AR.Drone": [REAL] if REAL in relative else [], "autopilots’ flights": autopilots}
+    parts = {
+        "real AR.Drone": [name for name in runner.recorded if name == REAL],
+        "autopilots’ flights": [name for name in runner.recorded if name != REAL],
+    }
     recorded = {
         where: {name: np.array([relative[flight][name] for flight in flights]) for name in SHOWN}
         for where, flights in parts.items()
@@ -72,11 +73,8 @@ def run(runner: Runner) -> Result:
             *(least(errors, OURS, (*PEERS, *OTHERS), f"on the {where}") for where, errors in recorded.items()),
         ),
         numbers={
-            **{
-                f"mspe, from {start}": {name: errors.tolist() for name, errors in experiments[start].items()}
-                for start in STARTS
-            },
-            "squared_errors_by_step": {name: errors.tolist() for name, errors in squares.items()},
+            **{f"mspe, from {start}": plain(errors) for start, errors in experiments.items()},
+            "squared_errors_by_step": plain(squares),
             "all_windows": {
                 "flights": list(relative),
                 "median_error_over_constant_mean": {name: [row[name] for row in relative.values()] for name in SHOWN},
@@ -89,13 +87,7 @@ def run(runner: Runner) -> Result:
         },
         tables=(
             *_losses({f"experiments, from {start}": errors for start, errors in experiments.items()} | recorded),
-            *(
-                block
-                for start, errors in experiments.items()
-                for block in _table(
-                    f"MSPE of the five experiments, from {start}", errors, [f"expt {number}" for number in numbers]
-                )
-            ),
+            *(block for start, errors in experiments.items() for block in _table(start, errors, numbers)),
             Sentence("the median over a flight’s windows of the error over the constant mean’s.", "All windows:"),
             Table(
                 ["flight", *(NAMES.get(name, name) for name in SHOWN)],
@@ -124,10 +116,8 @@ def run(runner: Runner) -> Result:
     )
 
 
-def _trial(runner: Runner, name: str, experiment: int, start: str) -> Trial:
-    if name == WITH:
-        return median_draw(runner.draws[WITH][experiment], start)
-    return runner.trial(name, experiment)
+def _trial(runner: Runner, name: str, number: int, start: str) -> Trial:
+    return median_draw(runner.draws[WITH][number], start) if name == WITH else runner.trial(name, number)
 
 
 def least(errors: Errors, ours: str, peers: tuple[str, ...], where: str) -> Check:
@@ -177,12 +167,10 @@ def _losses(parts: dict[str, Errors]) -> tuple[Block, ...]:
     return title, Table(["", *others], rows)
 
 
-def _table(title: str, errors: Errors, flights: list[str]) -> tuple[Block, ...]:
+def _table(start: str, errors: Errors, numbers: list[int]) -> tuple[Block, ...]:
     rows = [
         [NAMES.get(name, name), *(rounded(error, 3) for error in (*values, values.sum()))]
         for name, values in errors.items()
     ]
-    return Sentence("", f"{title}."), Table(["method", *flights, "total"], rows)
-
-
-ITEM = Item(BENCHMARK, run)
+    title = Sentence("", f"MSPE of the five experiments, from {start}.")
+    return title, Table(["method", *(f"expt {number}" for number in numbers), "total"], rows)

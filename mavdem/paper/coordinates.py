@@ -11,7 +11,7 @@ import numpy as np
 from mavdem.dem.engine.linalg import Array
 from mavdem.evaluate import paired
 from mavdem.paper import figures
-from mavdem.paper.claims import COORDINATES, MSPE_WITH_COORDINATES, MSPE_WITHOUT_COORDINATES
+from mavdem.paper.claims import MSPE_WITH_COORDINATES, MSPE_WITHOUT_COORDINATES
 from mavdem.paper.flights import REAL
 from mavdem.paper.runner import (
     OURS,
@@ -20,7 +20,6 @@ from mavdem.paper.runner import (
     WITH,
     WITHOUT,
     Check,
-    Item,
     Result,
     Runner,
     Trial,
@@ -48,6 +47,10 @@ def run(runner: Runner) -> Result:
         f"p = {p}": median_draw(runner.draws[name][runner.extent.sample], STARTS[0])
         for p, name in ((2, WITH), (1, WITHOUT))
     }
+    ahead = {
+        f"from {start}": {p: trial.forecasts[start] for p, trial in middle.items() if trial.forecasts}
+        for start in STARTS
+    }
     recorded = _recorded(runner)
     return Result(
         checks=(*(check(pair, what) for what, pair in errors.items()), *_real_flight(recorded, "paper’s")),
@@ -65,16 +68,7 @@ def run(runner: Runner) -> Result:
             Picture(
                 "Forecasts of the test data",
                 "With generalized coordinates (p = 2) and without, each from the random prior with the median error.",
-                partial(
-                    figures.forecasts,
-                    runner.sample,
-                    {
-                        f"from {start}": {
-                            p: trial.forecasts[start] for p, trial in middle.items() if start in trial.forecasts
-                        }
-                        for start in STARTS
-                    },
-                ),
+                partial(figures.forecasts, runner.sample, ahead),
                 large=True,
             ),
         ),
@@ -133,12 +127,9 @@ def _recorded(runner: Runner) -> list[dict[str, Any]]:
 
 def _table(runner: Runner, errors: dict[str, Errors]) -> tuple[Block, ...]:
     numbers = list(runner.experiments)
-    published = [
-        np.array([[values[number - 1]] for number in numbers])
-        for values in (MSPE_WITH_COORDINATES, MSPE_WITHOUT_COORDINATES)
-    ]
+    theirs = np.array([MSPE_WITH_COORDINATES, MSPE_WITHOUT_COORDINATES])[:, [number - 1 for number in numbers], None]
     rows = []
-    for name, pair in {"the paper, its flights": published, **errors}.items():
+    for name, pair in {"the paper, its flights": (theirs[0], theirs[1]), **errors}.items():
         for p, priors in ((1, pair[1]), (2, pair[0])):
             medians = np.median(priors, axis=1)
             cells = [f"{rounded(middle, 3)}{_range(row)}" for middle, row in zip(medians, priors, strict=True)]
@@ -152,6 +143,3 @@ def _table(runner: Runner, errors: dict[str, Errors]) -> tuple[Block, ...]:
 
 def _range(priors: Array) -> str:
     return f" ({'–'.join(rounded(end, 3) for end in np.percentile(priors, [10, 90]))})" if len(priors) > 1 else ""
-
-
-ITEM = Item(COORDINATES, run)

@@ -39,9 +39,7 @@ SKIPPED_HOVER_SECONDS = 3.0  # left out at the start of the hover, while the mot
 def paper_scenario(number: int, duration: float | None = None) -> Scenario:
     """The scenario in place of experiment 1 to 5 of the paper; ``duration`` in s, instead of the scenario's."""
     scenario = load(f"paper_{number}")
-    if duration is None:
-        return scenario
-    return scenario_of(scenario.model_dump(mode="json") | {"duration": duration})
+    return scenario_of(scenario.model_dump(mode="json") | {"duration": duration or scenario.duration})
 
 
 def simulated_experiment(number: int, duration: float | None = None) -> Flight:

@@ -18,8 +18,7 @@ from mavdem.dem.engine.ascent import plain_rounds
 from mavdem.dem.engine.free_energy import Belief
 from mavdem.dem.engine.generative import GenerativeModel, SufficientStatistics
 from mavdem.dem.engine.linalg import Array
-from mavdem.paper.claims import MANIFOLD
-from mavdem.paper.runner import Check, Item, Result, Runner
+from mavdem.paper.runner import Check, Result, Runner
 from mavdem.paper.scalar_system import (
     PAPER,
     PAPER_WORLD,
@@ -63,14 +62,9 @@ def run(runner: Runner) -> Result:
     beliefs = [plain_rounds(model, samples, max(DRAWN))[iteration] for iteration in DRAWN]
     peaks = [peak(model, samples, belief) for belief in beliefs]
     sharpness = [curvature(belief) for belief in beliefs]
-    paths = {
-        "our": ascents(settings, samples),
-        "the paper’s": ascents(PAPER, PAPER.samples(PAPER_WORLD, seed=0)),
-    }
-    scatter = {
-        name: float((reached.std(axis=0) / sd).max())
-        for name, (reached, sd) in zip(paths, map(ends, paths.values()), strict=True)
-    }
+    paths = {"our": ascents(settings, samples), "the paper’s": ascents(PAPER, PAPER.samples(PAPER_WORLD, seed=0))}
+    reached = {name: ends(path) for name, path in paths.items()}
+    scatter = {name: float((points.std(axis=0) / sd).max()) for name, (points, sd) in reached.items()}
     return Result(
         checks=(
             Check(
@@ -123,9 +117,8 @@ def ascents(settings: ScalarSettings, samples: SufficientStatistics) -> list[lis
     """Returns the beliefs after each iteration, from each prior of the circle."""
     angles = np.random.default_rng(0).uniform(0, 2 * np.pi, PRIORS)
     priors = CENTRE + RADIUS * np.column_stack([np.cos(angles), np.sin(angles)])
-    return [
-        plain_rounds(replace(settings, theta_mean=(a, b, 1.0)).model(), samples, ROUNDS) for a, b in priors.tolist()
-    ]
+    models = [replace(settings, theta_mean=(a, b, 1.0)).model() for a, b in priors.tolist()]
+    return [plain_rounds(model, samples, ROUNDS) for model in models]
 
 
 def ends(paths: list[list[Belief]]) -> tuple[Array, Array]:
@@ -143,9 +136,8 @@ def tables(beliefs: list[Belief], peaks: list[float], paths: dict[str, list[list
     for name, beliefs_of in paths.items():
         reached, sd = ends(beliefs_of)
         mean = (f"{value:.3f}" for value in reached.mean(axis=0))
-        from_circle.append(
-            [f"{name} settings", *mean, *("{:.1e}, {:.1e}".format(*two) for two in (reached.std(axis=0), sd))]
-        )
+        spreads = (f"{a:.1e}, {b:.1e}" for a, b in (reached.std(axis=0), sd))
+        from_circle.append([f"{name} settings", *mean, *spreads])
     sections = []
     for name, (settings, world) in SECTIONS.items():
         end = plain_rounds(settings.model(), settings.samples(world, seed=0), SECTION_ITERATIONS)[-1]
@@ -240,6 +232,3 @@ def cross_section(
     axes.axvline((A, B)[parameter], color=TRUTH, linestyle="--", linewidth=1)
     low, high = min(heights), max(heights)
     axes.set_ylim(2 * low - high, high + 0.15 * (high - low))
-
-
-ITEM = Item(MANIFOLD, run)

@@ -31,9 +31,8 @@ from mavdem.dem import Learned, learn
 from mavdem.dem.engine.linalg import Array
 from mavdem.evaluate.windows import Window
 from mavdem.paper import figures
-from mavdem.paper.claims import NOISE
 from mavdem.paper.flights import REAL
-from mavdem.paper.runner import PAPER, Check, Item, Result, Runner
+from mavdem.paper.runner import PAPER, Check, Result, Runner
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.numbers import rounded
 from mavdem.report.page import Picture
@@ -146,9 +145,6 @@ def _table(learned: dict[str, Noise], known: dict[str, Noise]) -> tuple[Block, .
     return title, Table([*header, "p white", "s, ms"], rows)
 
 
-ITEM = Item(NOISE, run)
-
-
 MIN_VALUES = 20  # with fewer values no test of shape or colour has power
 LAGS, SHARE_OF_LAGS = 10, 5  # the Ljung-Box test uses at most so many lags, and one lag for so many values
 MAX_LAGS = 100  # lags of the reported autocorrelation; at most a quarter of the values
@@ -201,9 +197,8 @@ class Noise(NamedTuple):
 def process_noise(learned: Learned) -> dict[int, Noise]:
     """Returns the statistics of a model's process noise, as it drives each output, by the output's number.
 
-    That is C w, w = x′ − A x − B v as the D step estimates it, in units of the outputs per second: for the roll rate
-    rad/s², the w^φ̇ of the paper's histograms. It does not depend on the coordinates of the states. If the training
-    data have gaps it is that of the longest part between them.
+    That is C w, w = x′ − A x − B v as the D step estimates it, in units of the outputs per second. It does not depend
+    on the coordinates of the states. If the training data have gaps it is that of the longest part between them.
 
     Raises:
         ValueError: too few training samples, or a noise that does not vary, as when p = 0.

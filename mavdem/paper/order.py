@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
+from itertools import product
 from math import e
 
 import numpy as np
@@ -12,9 +13,8 @@ from mavdem.dem import learn
 from mavdem.dem.engine.linalg import Array
 from mavdem.flight import Flight
 from mavdem.paper import figures
-from mavdem.paper.claims import ORDER
 from mavdem.paper.flights import TRAIN, hover, paper_scenario
-from mavdem.paper.runner import PAPER, Check, Item, Result, Runner, percent
+from mavdem.paper.runner import PAPER, Check, Result, Runner, percent
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.numbers import listed, rounded
 from mavdem.report.page import Picture
@@ -65,11 +65,7 @@ def run(runner: Runner) -> Result:
     numbers = runner.extent.experiments
     flights = runner.each(partial(lateral_flight, duration=runner.extent.duration), numbers)
     jobs = [
-        (system, inputs, order, flight)
-        for inputs in INPUTS
-        for system in SYSTEMS
-        for flight in flights
-        for order in ORDERS
+        (system, inputs, order, flight) for inputs, system, flight, order in product(INPUTS, SYSTEMS, flights, ORDERS)
     ]
     values, failures = zip(*runner.each(fit_order, jobs), strict=True)
     shape = (len(INPUTS), len(SYSTEMS), len(numbers), len(ORDERS))
@@ -112,18 +108,15 @@ def _below_maximum(flights: Array) -> Array:
 
 def checks(saturation: dict[str, list[int]]) -> tuple[Check, ...]:
     """Returns whether F̄ saturates at each system's own order, given where it does by inputs and by system."""
-    return tuple(
-        Check(
-            f"system {system}: F̄, averaged over the flights, saturates at order {system}, with {listed(saturation)} "
-            "inputs",
-            all(order == system for order in orders),
-            f"F̄ of system {system} saturates at order "
-            + (
-                str(orders[0]) if len(set(orders)) == 1 else listed(map("{} with {} inputs".format, orders, saturation))
-            ),
-        )
-        for system, *orders in zip(SYSTEMS, *saturation.values(), strict=True)
-    )
+    found = []
+    for system, *orders in zip(SYSTEMS, *saturation.values(), strict=True):
+        known = listed(saturation)
+        rule = f"system {system}: F̄, averaged over the flights, saturates at order {system}, with {known} inputs"
+        by_inputs = [f"{order} with {inputs} inputs" for order, inputs in zip(orders, saturation, strict=True)]
+        where = str(orders[0]) if len(set(orders)) == 1 else listed(by_inputs)
+        right = all(order == system for order in orders)
+        found.append(Check(rule, right, f"F̄ of system {system} saturates at order {where}"))
+    return tuple(found)
 
 
 def _table(inputs: str, table: Array) -> tuple[Block, ...]:
@@ -131,16 +124,7 @@ def _table(inputs: str, table: Array) -> tuple[Block, ...]:
     for system, flights in zip(SYSTEMS, table, strict=True):
         means = flights.mean(axis=0)
         by_flight = ", ".join(map(str, sorted(map(saturates_at, flights))))
-        rows.append(
-            [
-                f"{system}: [{', '.join(SYSTEMS[system])}]",
-                *(rounded(float(mean), 3) for mean in means),
-                str(saturates_at(means)),
-                by_flight,
-            ]
-        )
+        cells = [rounded(float(mean), 3) for mean in means]
+        rows.append([f"{system}: [{', '.join(SYSTEMS[system])}]", *cells, str(saturates_at(means)), by_flight])
     title = Sentence("mean of the flights; and where it saturates, of the mean and of each.", f"F̄, inputs {inputs}:")
     return title, Table(["system", *(f"n = {order}" for order in ORDERS), "saturates", "each flight"], rows)
-
-
-ITEM = Item(ORDER, run)

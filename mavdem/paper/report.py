@@ -12,22 +12,15 @@ from typing import Any
 from mavdem.dem import learn
 from mavdem.evaluate import held_out_test
 from mavdem.paper import benchmark, coordinates, landscape, noise, oracle, order, prediction
+from mavdem.paper.claims import CLAIMS
 from mavdem.paper.runner import PAPER, ClaimStatus, Item, Result, Runner, claim_status, findings
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.page import Chapter
 from mavdem.report.page import document as page
 from mavdem.view import write_recording
 
-ITEMS: tuple[Item, ...] = (
-    noise.ITEM,
-    prediction.ITEM,
-    coordinates.ITEM,
-    benchmark.ITEM,
-    order.ITEM,
-    oracle.ITEM,
-    landscape.ITEM,
-)
-"""In the order of the paper, then its preliminaries."""
+EXPERIMENTS = (noise, prediction, coordinates, benchmark, order, oracle, landscape)
+ITEMS = tuple(Item(claim, experiment.run) for claim, experiment in zip(CLAIMS, EXPERIMENTS, strict=True))
 
 PAGE, NUMBERS, RECORDING = "index.html", "numbers.json", "experiment.rrd"
 TITLE = "A Brain Inspired Learning Algorithm for the Perception of a Quadrotor in Wind"

@@ -70,6 +70,11 @@ def percent(share: float) -> str:
     return f"{100 * share:.3g} %"
 
 
+def plain(errors: dict[str, Array]) -> dict[str, list[float]]:
+    """Returns errors by name as plain JSON values."""
+    return {name: values.tolist() for name, values in errors.items()}
+
+
 @dataclass(frozen=True)
 class Result:
     """What running an experiment gave.
@@ -231,13 +236,14 @@ class Runner:
         """Windows of the recorded flights by name; empty where there are none."""
         if not self.extent.recorded:
             return {}
-        cut = {name: windows(name, flight, TRAIN, TEST, HOP) for name, flight in recorded_flights()}
-        return {name: some if name == REAL else self._few(some) for name, some in cut.items() if some}
-
-    def _few(self, cut: tuple[Window, ...]) -> tuple[Window, ...]:
-        """At most ``extent.windows`` of them, with the first and the last."""
-        count = min(self.extent.windows, len(cut))
-        return tuple(cut[index] for index in np.linspace(0, len(cut) - 1, count).round().astype(int))
+        found = {}
+        for name, flight in recorded_flights():
+            cut = windows(name, flight, TRAIN, TEST, HOP)
+            # At most so many, with the first and the last.
+            count = len(cut) if name == REAL else min(self.extent.windows, len(cut))
+            if cut:
+                found[name] = tuple(cut[i] for i in np.linspace(0, len(cut) - 1, count).round().astype(int))
+        return found
 
     @cached_property
     def trials(self) -> dict[str, dict[str, list[Trial]]]:

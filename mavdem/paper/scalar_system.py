@@ -1,6 +1,6 @@
 """The scalar system ẋ = A x + B v + w, y = x + z, the generative model that learns it, and F̄ᵒ over A and B.
 
-Input and noises are sums of harmonics, so states, outputs and all derivatives are exact, whatever the sampling step.
+Input and noises are sums of harmonics, so states and outputs are exact, whatever the sampling step.
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ class ScalarWorld:
     lambda_w: float = 3.0  # log precision of the process noise
     amplitude: float = 3.0  # of the input; 1 moves the state about as far as its own unit
 
-    def generalized(self, order: int, seed: int) -> tuple[Array, Array]:
-        """Returns exact ỹ and ṽ at every sample, (T, order + 1) each."""
+    def signals(self, seed: int) -> tuple[Array, Array]:
+        """Returns exact y and v at every sample, (T, 1) each."""
         rng = np.random.default_rng(seed)
         number = round(self.duration / self.step)
         # At half a kernel width a step, e^-39 of the noise's power lies beyond what the steps can hold.
@@ -51,13 +51,8 @@ class ScalarWorld:
         tones = np.exp(1j * np.outer(self.step * np.arange(number), INPUT_FREQUENCIES))
         v = self.amplitude * INPUT_HARMONICS
         forced, disturbed = B * v / (1j * INPUT_FREQUENCIES - A), w / (1j * omega - A)
-        outputs, inputs = np.empty((number, order + 1)), np.empty((number, order + 1))
-        for k in range(order + 1):
-            slopes = (1j * INPUT_FREQUENCIES) ** k
-            noise = np.fft.irfft((1j * omega) ** k * (disturbed + z), total, norm="forward")
-            outputs[:, k] = (tones @ (slopes * forced)).real + noise[: number * finer : finer]
-            inputs[:, k] = (tones @ (slopes * v)).real
-        return outputs, inputs
+        noise = np.fft.irfft(disturbed + z, total, norm="forward")[: number * finer : finer]
+        return ((tones @ forced).real + noise)[:, None], (tones @ v).real[:, None]
 
 
 def _harmonics(rng: np.random.Generator, omega: Array, smoothness: float, deviation: float) -> NDArray[np.complex128]:
@@ -88,11 +83,8 @@ class ScalarSettings:
 
     def samples(self, world: ScalarWorld, seed: int) -> SufficientStatistics:
         """The data that the engine gets."""
-        outputs, inputs = (derivatives[:, 0] for derivatives in world.generalized(0, seed))
         # Inputs are embedded in the order of the outputs, so that the errors of both are of one filter and cancel.
-        outputs, inputs = (
-            embed(signal[:, None], self.p, world.step, self.p + 1, self.p // 2) for signal in (outputs, inputs)
-        )
+        outputs, inputs = (embed(each, self.p, world.step, self.p + 1, self.p // 2) for each in world.signals(seed))
         every = round(self.spacing / world.step)
         return SufficientStatistics.of(np.hstack([outputs[::every], inputs[::every, : self.d + 1]]))
 

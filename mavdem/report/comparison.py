@@ -22,10 +22,7 @@ Summary = dict[str, Any]
 
 
 def comparison_report(comparison: Comparison, from_zero: bool = False) -> list[Block]:
-    """Returns the verdict on the first method of a ``comparison``, then errors, and what the columns mean.
-
-    ``from_zero``: forecasts start from state 0.
-    """
+    """Returns the verdict on the first method of a ``comparison``, then errors, and what the columns mean."""
     first = FROM_ZERO if from_zero else KNOWN
     questions = [first, *([UNKNOWN] if not from_zero and comparison.methods_of(UNKNOWN) else [])]
     several = len(comparison.flights) > 1
@@ -47,15 +44,14 @@ def _verdict(comparison: Comparison, question: str) -> str:
     tests = {method: test for method, test in comparison.verdicts(question).items() if method not in silent}
     if not tests:
         return f"No forecast was made by {listed(silent)}."
-    reference = comparison.methods_of(question)[0]
-    where = f" on {len(comparison.flights)} flights" if len(comparison.flights) > 1 else ""
+    flights, pairs = len(comparison.flights), min(test.tested for test in tests.values())
     without = f" No forecast was made by {listed(silent)}." if silent else ""
-    pairs = min(test.tested for test in tests.values())
+    error = f"{comparison.methods_of(question)[0]}'s error{f' on {flights} flights' if flights > 1 else ''}"
     if pairs < FEWEST_PAIRS:
         apart = "1 window does" if pairs == 1 else f"{pairs} windows do"
         return (
-            f"{reference}'s error{where} is not distinguishable from another method's: only {apart} not overlap, and "
-            f"it takes {FEWEST_PAIRS}.{without}"
+            f"{error} is not distinguishable from another method's: only {apart} not overlap, and it takes "
+            f"{FEWEST_PAIRS}.{without}"
         )
     parts = []
     for verdict, than in (("higher", "than"), ("not distinguishable", "from"), ("lower", "than")):
@@ -67,7 +63,7 @@ def _verdict(comparison: Comparison, question: str) -> str:
             )
         if names:
             parts.append(f"{verdict} {than} that of {which}")
-    return f"{reference}'s error{where} over the whole test part is {'; '.join(parts)}.{without}"
+    return f"{error} over the whole test part is {'; '.join(parts)}.{without}"
 
 
 def _failed_bands(comparison: Comparison, question: str) -> list[Block]:
@@ -89,40 +85,38 @@ def _losses(comparison: Comparison) -> list[Block]:
     methods = list(dict.fromkeys(loss["method"] for loss in losses))
     if not losses:
         return []
-    steps = {flight: [at["steps"] for at in comparison.summaries(flight)[0]["horizons"]] for flight in flights}
-    cells: dict[tuple[str, str], str] = {}
+    header, columns = _shared_horizons(comparison, KNOWN)
     if len(flights) == 1:
-        head, header = f"{reference}'s error / the method's, where above 1; steps:", [*map(str, steps[flights[0]])]
-        for loss in losses:
-            chance = "" if loss["paired"].verdict == "higher" else "≈ "
-            cells[loss["method"], str(loss["steps"])] = f"{chance}{_ratio(loss['ratio'])}"
+        head = f"{reference}'s error / the method's, where above 1; steps:"
     else:
         head = f"flights of {len(flights)} with {reference} worse (distinguishably); steps:"
-        header, columns = _shared_horizons(list(steps.values()))
-        for method in methods:
-            for name, column in zip(header, columns, strict=True):
-                worse = [
-                    loss["paired"].verdict == "higher"
-                    for loss in losses
-                    if loss["method"] == method and loss["steps"] == steps[loss["flight"]][column]
-                ]
-                cells[method, name] = f"{len(worse)} ({sum(worse)})" if worse else ""
-    rows = [[method, *(cells.get((method, name), "") for name in header)] for method in methods]
-    return [Table([head, *header], rows)]
+
+    def cell(method: str, steps: Collection[tuple[str, int]]) -> str:
+        lost = [one for one in losses if one["method"] == method and (one["flight"], one["steps"]) in steps]
+        worse = sum(one["paired"].verdict == "higher" for one in lost)
+        if not lost or len(flights) > 1:
+            return f"{len(lost)} ({worse})" if lost else ""
+        return f"{'' if worse else '≈ '}{_ratio(lost[0]['ratio'])}"
+
+    return [Table([head, *header], [[method, *(cell(method, steps) for steps in columns)] for method in methods])]
 
 
-def _shared_horizons(steps: Sequence[Sequence[int]]) -> tuple[list[str], list[int]]:
-    """What horizons that all flights have are called, as at 100 Hz, and their columns; the last is the whole part."""
-    shared = min(map(len, steps))
-    whole = str(steps[0][-1]) if len({one[-1] for one in steps}) == 1 else "all"
-    return [*map(str, HORIZONS[: shared - 1]), whole], [*range(shared - 1), -1]
+def _shared_horizons(comparison: Comparison, question: str) -> tuple[list[str], list[set[tuple[str, int]]]]:
+    """What horizons that all flights have are called, as at 100 Hz, and flights with steps; the last is the whole."""
+    horizons = {flight: comparison.summaries(flight, question)[0]["horizons"] for flight in comparison.flights}
+    steps = {flight: [at["steps"] for at in own] for flight, own in horizons.items()}
+    if len(steps) == 1:
+        ((flight, own),) = steps.items()
+        return [*map(str, own)], [{(flight, one)} for one in own]
+    shared = min(map(len, steps.values()))
+    whole = {own[-1] for own in steps.values()}
+    columns = [{(flight, own[column]) for flight, own in steps.items()} for column in (*range(shared - 1), -1)]
+    return [*map(str, HORIZONS[: shared - 1]), str(*whole) if len(whole) == 1 else "all"], columns
 
 
 def _over_flights(comparison: Comparison, questions: Sequence[str]) -> list[Block]:
-    flights = comparison.flights
-    of_flights = [comparison.summaries(flight, questions[0])[0]["horizons"] for flight in flights]
-    header, _ = _shared_horizons([[at["steps"] for at in horizons] for horizons in of_flights])
-    text = f"{len(flights)} flights, {len(comparison.windows)} windows."
+    header, _ = _shared_horizons(comparison, questions[0])
+    text = f"{len(comparison.flights)} flights, {len(comparison.windows)} windows."
     blocks: list[Block] = [Sentence(text, "All flights:")]
     for question in questions:
         rows = comparison.over_flights(question)

@@ -104,18 +104,14 @@ def _interval(value: float, half: float | None) -> str:
 
 
 def log_blocks(held: dict[str, Any]) -> list[Block]:
-    """Returns all of an inventory of ``mavdem.condition.inventory``: each vehicle, then what was received from whom.
-
-    ``held`` is the inventory, of a log.
-    """
+    """Returns all that a log ``held``, by ``mavdem.condition.inventory``: each vehicle, then what came from whom."""
     return [*(block for one in held["vehicles"] for block in vehicle_contents(one)), *stream_contents(held)]
 
 
 def vehicle_contents(vehicle: dict[str, Any]) -> list[Block]:
     """Returns what a log holds of a ``vehicle``: whether a model can be learned, repairs, settled flight, messages."""
     verdict, names, messages = vehicle["verdict"], vehicle["names"], vehicle["messages"]
-    can = "can" if verdict["learnable"] else "cannot"
-    axis = verdict["axis"]
+    axis, can = verdict["axis"], "can" if verdict["learnable"] else "cannot"
     what = f"A {axis} model" if axis in TILT_AXES else f"The physical parameters of {axis}"
     whose = f"{sender(vehicle)} ({vehicle['vehicle']}, {vehicle['autopilot']})"
     blocks: list[Block] = [Sentence(f"{what} {can} be learned from {whose}: {verdict['reason']}")]

@@ -29,9 +29,7 @@ from mavdem.report.numbers import (
 )
 from mavdem.report.screen import TORQUE, parameter_reasons
 
-MAX_NAMED, MIN_WEIGHT = 4, 0.3
-"""Of a combination of parameters that is not identifiable: how many are named at most, and from what share of the
-largest weight."""
+MAX_NAMED, MIN_WEIGHT = 4, 0.3  # of a combination that is not identifiable: at most, from what share of the largest
 
 
 def detail_blocks(learned: Learned, report: dict[str, Any] | None = None) -> list[Block]:
@@ -39,8 +37,12 @@ def detail_blocks(learned: Learned, report: dict[str, Any] | None = None) -> lis
 
     ``report`` has the figures of :func:`mavdem.analysis.figures`; without it the errors are left out.
     """
-    labels, energy = Labels.of(learned), learned.free_energy
-    converged = "" if learned.simulation_fit is not None else _convergence(learned)
+    labels, energy, converged = (
+        Labels.of(learned),
+        learned.free_energy,
+        f"{'' if learned.converged else 'Not '}converged.",
+    )
+    end = "" if learned.simulation_fit is not None else f" {converged.capitalize()}"
     return [
         *(Sentence(caution, "Caution:") for caution in learned.cautions),
         *([] if report is None else _one_step(report, labels)),
@@ -48,30 +50,21 @@ def detail_blocks(learned: Learned, report: dict[str, Any] | None = None) -> lis
         *_physical(learned.physical),
         *_cancelled(learned.wind),
         Sentence(
-            f"increased by {energy.gained:,.0f} nats in {len(energy) - 1} iterations, to {energy[-1]:,.0f}.{converged}",
+            f"increased by {energy.gained:,.0f} nats in {len(energy) - 1} iterations, to {energy[-1]:,.0f}.{end}",
             "Free energy action F̄:",
         ),
-        *_simulation_fit(labels, learned),
+        *_simulation_fit(labels, learned, converged.capitalize()),
     ]
-
-
-def _convergence(learned: Learned) -> str:
-    """Whether the last fit converged."""
-    return " Converged." if learned.converged else " Not converged."
 
 
 def _one_step(report: dict[str, Any], labels: Labels) -> list[Block]:
     """RMSE by output on the training data, and how far ahead predictions are worth something without the inputs."""
     units = [readable(unit) for unit in labels.output_units]
     names = [named(name, unit.name) for name, unit in zip(labels.output_names, units, strict=True)]
-    rows = [
-        [
-            name,
-            *(f"{unit.scale * sqrt(square):.3g}" for unit, square in zip(units, error["per_output"], strict=True)),
-            f"{error['relative']:.3g}",
-        ]
-        for name, error in report["one_step_mspe"].items()
-    ]
+    rows = []
+    for name, error in report["one_step_mspe"].items():
+        rmse = (unit.scale * sqrt(square) for unit, square in zip(units, error["per_output"], strict=True))
+        rows.append([name, *(f"{value:.3g}" for value in (*rmse, error["relative"]))])
     seconds = zip(labels.output_names, report["prediction"]["half_explained_seconds"], strict=True)
     ahead = ", ".join(f"{name} up to {s:.2g} s ahead" if s else f"{name} at no horizon" for name, s in seconds)
     text = f"they explain at least half of the variance of {ahead}, by predictions inside the training data."
@@ -96,9 +89,14 @@ def _model(labels: Labels, learned: Learned) -> list[Block]:
         inputs.append("d")
         B = [[*row, f"{value:.3g}"] for row, value in zip(B, model.offset, strict=True)]
 
-    def table(name: str, columns: list[str], rows: Sequence[str], cells: list[list[str]]) -> Table:
-        return Table([name, *columns], [[row, *values] for row, values in zip(rows, cells, strict=True)])
-
+    tables = {
+        name: Table([name, *columns], [[row, *values] for row, values in zip(rows, cells, strict=True)])
+        for name, columns, rows, cells in (
+            ("A", states, derivatives, A),
+            ("B", inputs, derivatives, B),
+            ("C", states, labels.output_names, C),
+        )
+    }
     units = ", ".join(dict.fromkeys(unit for unit in (*labels.output_units, *labels.input_units) if unit))
     blocks: list[Block] = [
         Sentence(
@@ -107,13 +105,13 @@ def _model(labels: Labels, learned: Learned) -> list[Block]:
             "without the bias of the closed loop. Entries without ± are held by the prior.",
             "Model:",
         ),
-        table("A", states, derivatives, A),
-        table("B", inputs, derivatives, B),
+        tables["A"],
+        tables["B"],
     ]
     if outputs and len(states) == len(labels.output_names) + 1:
         blocks.append(Sentence(f"hidden 1 is the motors' lag. {THREE_STATES}", "States:"))
     if not outputs:
-        blocks.append(table("C", states, labels.output_names, C))
+        blocks.append(tables["C"])
     return [
         *blocks,
         *_not_identifiable(labels, learned),
@@ -155,9 +153,9 @@ def _not_identifiable(labels: Labels, learned: Learned) -> list[Block]:
         for i in largest
         if abs(least[i]) > MIN_WEIGHT * np.abs(least).max()
     ).removeprefix("+ ")
-    count = f"{len(directions)} combination{'s' if len(directions) > 1 else ''}"
     text = (
-        f"{count} of parameters, about which the data contain less information than the prior. The least identifiable "
+        f"{len(directions)} combination{'s' if len(directions) > 1 else ''} of parameters, about which the data "
+        "contain less information than the prior. The least identifiable "
         f"is {combination}, in units of prior standard deviations."
     )
     return [Sentence(text, "Not identifiable:")]
@@ -215,7 +213,7 @@ def _cancelled(wind: WindTorque | None) -> list[Block]:
     return [Sentence(text, "Wind torque:")]
 
 
-def _simulation_fit(labels: Labels, learned: Learned) -> list[Block]:
+def _simulation_fit(labels: Labels, learned: Learned, converged: str) -> list[Block]:
     """The simulation-error fit after DEM, and the mixer geometry in its prior."""
     fit = learned.simulation_fit
     if fit is None:
@@ -223,7 +221,7 @@ def _simulation_fit(labels: Labels, learned: Learned) -> list[Block]:
     start, end = (sum(term[i] for term in fit.terms.values()) for i in (0, -1))
     text = (
         f"over {fit.horizon * learned.dt:.2g} s: {len(fit.free)} parameters, effective sample size "
-        f"{fit.effective_samples:.0f}; F̄ increased by another {end - start:.3g} nats.{_convergence(learned)}"
+        f"{fit.effective_samples:.0f}; F̄ increased by another {end - start:.3g} nats. {converged}"
     )
     blocks: list[Block] = [Sentence(text, "Simulation-error (output-error) fit")]
     turning = None if fit.mixer is None else fit.mixer.turning

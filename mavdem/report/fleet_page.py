@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from math import isfinite
 from pathlib import PurePath
 from typing import Any
 from urllib.parse import quote
@@ -35,12 +34,7 @@ DEGREES = readable("rad/s²").scale
 
 
 def fleet_page(rows: Sequence[FlightRow], changes: Mapping[str, Sequence[Block]] | None = None) -> str:
-    """Returns the HTML of a fleet's index. The same rows give the same bytes, in whatever order they come.
-
-    Args:
-        rows: of ``mavdem.fleet.store.read_rows``.
-        changes: what changed since a baseline, by vehicle.
-    """
+    """Returns the HTML of a fleet's index, the same for the same rows; ``changes`` since a baseline by vehicle."""
     since = dict(changes or {})
     # Flights that do not say whose they are may be those of several vehicles.
     vehicles = {name: flights for name, flights in vehicles_of(rows).items() if is_one_vehicle(name, flights)}
@@ -68,19 +62,16 @@ def fleet_page(rows: Sequence[FlightRow], changes: Mapping[str, Sequence[Block]]
     table, kinds = flight_table(newest)
     # A colon in a link would make what comes before it a scheme.
     links = [("" if row.page is None else quote(row.page, safe="/"), row.file) for row in newest]
-    return (
-        environment()
-        .get_template("fleet.html")
-        .render(
-            blocks=[*fleet_blocks(rows), *([Sentence(hint, "Not drawn:")] if hint and drawn else [])],
-            vehicles=parts,
-            not_drawn=len(flown_often) - len(drawn),
-            table=table,
-            kinds=kinds,
-            links=links,
-            first_shown=FIRST_SHOWN,
-            severity=(*TROUBLE, NOT_USED, *HEALTHS[len(TROUBLE) :]),
-        )
+    template = environment().get_template("fleet.html")
+    return template.render(
+        blocks=[*fleet_blocks(rows), *([Sentence(hint, "Not drawn:")] if hint and drawn else [])],
+        vehicles=parts,
+        not_drawn=len(flown_often) - len(drawn),
+        table=table,
+        kinds=kinds,
+        links=links,
+        first_shown=FIRST_SHOWN,
+        severity=(*TROUBLE, NOT_USED, *HEALTHS[len(TROUBLE) :]),
     )
 
 
@@ -100,25 +91,14 @@ def flight_table(rows: Sequence[FlightRow]) -> tuple[Table, list[str]]:
     return table, [[*COLUMNS.values()][i][0] for i in kept]
 
 
-def _estimate(name: str, scale: float) -> Callable[[FlightRow], str]:
-    """Reads a column and its interval, rounded to what that bears."""
+def _number(name: str, scale: float = 1.0, digits: int = 2, estimated: bool = False) -> Callable[[FlightRow], str]:
+    """Reads a column; if ``estimated``, with its interval, rounded to what that bears."""
 
     def read(row: FlightRow) -> str:
-        value, half = getattr(row, name), getattr(row, f"{name}_interval")
-        if value is None or getattr(row, f"{name}_status") == NOT_IDENTIFIABLE:
+        value, half = getattr(row, name), getattr(row, f"{name}_interval") if estimated else None
+        if value is None or (estimated and getattr(row, f"{name}_status") == NOT_IDENTIFIABLE):
             return ""
-        known = half is not None and isfinite(half)
-        return plus_minus(scale * value, scale * half) if known else rounded(scale * value)
-
-    return read
-
-
-def _number(name: str, scale: float = 1.0, digits: int = 2) -> Callable[[FlightRow], str]:
-    """Reads a column."""
-
-    def read(row: FlightRow) -> str:
-        value = getattr(row, name)
-        return "" if value is None else rounded(scale * value, digits)
+        return rounded(scale * value, digits) if half is None else plus_minus(scale * value, scale * half)
 
     return read
 
@@ -159,8 +139,8 @@ COLUMNS: dict[str, tuple[str, Callable[[FlightRow], Any]]] = {
     "settled (s)": ("number", lambda row: _number("duration", digits=3)(row) if row.status == OK else ""),
     "largest share": ("number", _largest_share),
     "mean effectiveness (°/s²)": ("number", _effectiveness),
-    "rate damping (1/s)": ("number", _estimate("damping", 1.0)),
-    "motor time constant (ms)": ("number", _estimate("lag", 1e3)),
+    "rate damping (1/s)": ("number", _number("damping", estimated=True)),
+    "motor time constant (ms)": ("number", _number("lag", 1e3, estimated=True)),
     "wind torque (°/s²)": ("number", _number("wind_torque_sd", DEGREES)),
     "residual mean (°/s²)": ("number", _residual),
     "error ratio": ("number", _number("error_ratio")),

@@ -126,18 +126,16 @@ def _headline(named: Mapping[str, Flights], flown: Flights) -> str:
         return "No log holds a flight that could be used."
     healths = {name: vehicle_health(flights) for name, flights in named.items()}
     recovered = sorted(name for name in named if healths[name] == OK and had_trouble(named[name]))
-    earlier = f" Trouble in earlier flights, and not in the latest: {_few(recovered)}." if recovered else ""
+    earlier = f" Trouble in earlier flights, and not in the latest: {few(recovered)}." if recovered else ""
     ill = sorted((name for name in healths if healths[name] in TROUBLE), key=lambda name: TROUBLE.index(healths[name]))
     if ill:
         words = []
         for name in ill:
             latest = next(flight for flight in reversed(named[name]) if worst_health(flight) != UNKNOWN)
-            suspects = sorted(
-                {row.suspect_motor for row in latest if row.suspect_motor and row.health == healths[name]}
-            )
+            suspects = sorted({row.suspect_motor or 0 for row in latest if row.health == healths[name]} - {0})
             words.append(f"{name} ({healths[name]}{f', motor {listed(suspects)}' if suspects else ''})")
         needs = "needs" if len(ill) == 1 else "need"
-        return f"{len(ill)} of {_counted(len(named), 'vehicle')} {needs} a look: {_few(words)}.{earlier}"
+        return f"{len(ill)} of {_counted(len(named), 'vehicle')} {needs} a look: {few(words)}.{earlier}"
     if judged := sum(health == OK for health in healths.values()):
         which = "the latest flights of " if earlier else ""
         return f"No drift and no fault in {which}{_counted(judged, 'vehicle')} that could be judged.{earlier}"
@@ -183,9 +181,9 @@ def cut(text: str, longest: int) -> str:
     return text if len(text) <= longest else f"{text[: longest - 1]}…"
 
 
-def _few(names: Sequence[str]) -> str:
-    more = [f"{len(names) - MAX_NAMED} more"] if len(names) > MAX_NAMED else []
-    return listed([*names[:MAX_NAMED], *more])
+def few(names: Sequence[str], most: int = MAX_NAMED) -> str:
+    """Returns the first names as in a sentence, and how many more there are."""
+    return listed([*names[:most], *([f"{len(names) - most} more"] if len(names) > most else [])])
 
 
 def _counted(number: int, noun: str) -> str:
@@ -197,13 +195,14 @@ def difference_blocks(found: VehicleDifference) -> list[Block]:
     reasons: dict[str, list[str]] = {}
     for name, reason in found.incomparable:
         reasons.setdefault(reason, []).append(name)
-    return [
-        *_changes(found),
-        *(Sentence(f"{listed(names)}: {reason}", "Not compared:") for reason, names in reasons.items()),
-        *_conditions(found),
-        *_vehicles(found),
-        *([Sentence(_sureness(found), "How sure:")] if found.changes else []),
-    ]
+    missing = [Sentence(f"{listed(names)}: {reason}", "Not compared:") for reason, names in reasons.items()]
+    words = "; ".join(_condition_words(*found.conditions)).replace("-", "−")
+    kinds = {change.quantity.kind for change in found.changes if change.allowance}
+    covered = listed(words for kind, words in ALLOWED.items() if kind in kinds)
+    allowed = f" Intervals that allow for conditions: {covered}." if covered else ""
+    conditions = Sentence(f"{words}.{allowed}", "Conditions, no change of the vehicle:")
+    sure = [Sentence(_sureness(found), "How sure:")] if found.changes else []
+    return [*_changes(found), *missing, conditions, *_vehicles(found), *sure]
 
 
 def baseline_blocks(latest: FlightRow, found: VehicleDifference | None) -> list[Block]:
@@ -223,9 +222,8 @@ def _changes(found: VehicleDifference) -> list[Block]:
     changed, unknown = (
         "; ".join(_change(change, found) for change in found.of(outcome)) for outcome in ("changed", "uncertain")
     )
-    blocks: list[Block] = [Sentence("", "Nothing changed beyond chance.")]
-    if changed:
-        blocks = [Sentence(f"{changed}.", "Changed:")]
+    first = Sentence(f"{changed}.", "Changed:") if changed else Sentence("", "Nothing changed beyond chance.")
+    blocks: list[Block] = [first]
     if same := found.of("same"):
         blocks.append(Sentence(f"{listed(_grouped(same, found))}.", "The same:"))
     if unknown:
@@ -271,15 +269,6 @@ def _signed(number: str) -> str:
     return number.replace("-", "−") if number.startswith(("-", "(-")) else f"+{number}"
 
 
-def _conditions(found: VehicleDifference) -> list[Block]:
-    """How A and B were flown, which is no change of the vehicle."""
-    words = "; ".join(_condition_words(*found.conditions)).replace("-", "−")
-    kinds = {change.quantity.kind for change in found.changes if change.allowance}
-    covered = listed(words for kind, words in ALLOWED.items() if kind in kinds)
-    allowed = f" Intervals that allow for conditions: {covered}." if covered else ""
-    return [Sentence(f"{words}.{allowed}", "Conditions, no change of the vehicle:")]
-
-
 def _condition_words(before: Conditions, after: Conditions) -> list[str]:
     words = ["battery not logged in both"]
     if before.voltage and after.voltage:
@@ -305,32 +294,31 @@ def _condition_words(before: Conditions, after: Conditions) -> list[str]:
 
 def _vehicles(found: VehicleDifference) -> list[Block]:
     before, after = found.vehicles
+    lead, text = "Caution:", ""
     if UNKNOWN in (*before, *after):
-        text = "a log does not say of which vehicle it is; that both are the same is taken on trust."
-        return [Sentence(text, "Vehicle:")]
-    if before and after and set(before) != set(after):
+        lead, text = "Vehicle:", "a log does not say of which vehicle it is; that both are the same is taken on trust."
+    elif before and after and set(before) != set(after):
         text = f"A is {listed(before)} and B is {listed(after)}: what differs may be that between two vehicles."
-        return [Sentence(text, "Caution:")]
-    if found.shared:
-        text = f"{listed(found.shared)} is a name by the MAVLink system id, which many vehicles share; that A and B"
-        return [Sentence(f"{text} are of one vehicle is taken on trust.", "Caution:")]
-    return []
+    elif found.shared:
+        text = f"{listed(found.shared)} is a name by the MAVLink system id, which many vehicles share; that A and B "
+        text += "are of one vehicle is taken on trust."
+    return [Sentence(text, lead)] if text else []
 
 
 def _sureness(found: VehicleDifference) -> str:
     """What the statements rest on."""
-    words = (
-        f"± are 90 % intervals. {len(found.changes)} quantities are tested together (Holm): that any is called changed "
-        f"when none did has a chance of at most {100 * FAMILY_ERROR:.0f} %, as far as the intervals hold."
-    )
+    before, after = (_counted(count, "flight") for count in found.flights)
+    basis = f"{before} of A and {after} of B show how much flights differ."
     if max(found.flights) == 1:
-        return (
-            f"{words} A and B are one flight each, and their intervals those of one flight each: how much a flight "
-            f"differs from the next is assumed (a share by {100 * BETWEEN[SHARE]:.0f} %, a control effectiveness by "
+        basis = (
+            "A and B are one flight each, and their intervals those of one flight each: how much a flight differs from "
+            f"the next is assumed (a share by {100 * BETWEEN[SHARE]:.0f} %, a control effectiveness by "
             f"{100 * BETWEEN[EFFECT]:.0f} %), not measured. Track several flights of each to measure it."
         )
-    before, after = (_counted(count, "flight") for count in found.flights)
-    return f"{words} {before} of A and {after} of B show how much flights differ."
+    return (
+        f"± are 90 % intervals. {len(found.changes)} quantities are tested together (Holm): that any is called changed "
+        f"when none did has a chance of at most {100 * FAMILY_ERROR:.0f} %, as far as the intervals hold. {basis}"
+    )
 
 
 def live_report(history: LiveHistory, status: SessionStatus, account: Mapping[str, float], axis: str) -> list[Block]:
@@ -347,14 +335,8 @@ def live_report(history: LiveHistory, status: SessionStatus, account: Mapping[st
     if status.obstacle:
         blocks.append(Sentence(status.obstacle, "At the end:"))
     if errors:
-        blocks += [
-            _errors(errors, axis),
-            Sentence(
-                "predictions without the motors of the time ahead, made in flight and compared with what came. "
-                "Baseline: the last sample held.",
-                "How they were made:",
-            ),
-        ]
+        made = "predictions without the motors of the time ahead, made in flight and compared with what came."
+        blocks += [_errors(errors, axis), Sentence(f"{made} Baseline: the last sample held.", "How they were made:")]
     if history.learned:
         rows = [[f"{first:.0f} s", f"{last:.0f} s", f"{last - first:.0f} s"] for first, last in history.learned]
         blocks.append(Table(["learned from", "until", "length"], rows))
@@ -381,16 +363,11 @@ def _live_headline(errors: Sequence[HorizonErrors], axis: str) -> str:
 
 
 def _errors(errors: Sequence[HorizonErrors], axis: str) -> Table:
-    names = [(axis, readable("rad")), (f"{axis} rate", readable("rad/s"))]
-    header = ["RMSE of predictions"]
-    for name, unit in names:
+    header, rows = ["RMSE of predictions"], [[f"{one.seconds:.2g} s ahead"] for one in errors]
+    for i, (name, unit) in enumerate([(axis, readable("rad")), (f"{axis} rate", readable("rad/s"))]):
         header += [named(name, unit.name), "baseline", "in its 90 % band"]
-    rows = []
-    for one in errors:
-        row = [f"{one.seconds:.2g} s ahead"]
-        for i, (_, unit) in enumerate(names):
+        for row, one in zip(rows, errors, strict=True):
             row += [*(f"{unit.scale * sqrt(square[i]):.2g}" for square in (one.mse, one.held)), f"{one.inside[i]:.0%}"]
-        rows.append(row)
     return Table(header, rows)
 
 

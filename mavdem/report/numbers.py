@@ -28,7 +28,7 @@ class Labelled(Protocol):
 
 
 class Labels(NamedTuple):
-    """Names and units of channels, one a column; a unit that is not known is empty."""
+    """Names and units of channels; a unit that is not known is empty."""
 
     input_names: tuple[str, ...]
     output_names: tuple[str, ...]
@@ -85,7 +85,7 @@ def listed(names: Iterable[object]) -> str:
 
 
 def left_free(learned: Learned) -> dict[str, NDArray[np.bool_]]:
-    """Returns which entries of A, B and C of ``learned`` are estimated from the data, each in the order of θ."""
+    """Returns which entries of A, B and C of ``learned`` are estimated, each in the order of θ."""
     model = learned.model
     A, B, C = np.split(~learned.known, [model.A.size, model.A.size + model.B.size])
     return {"A": A, "B": B, "C": C}
@@ -105,7 +105,7 @@ def states_are_outputs(learned: Learned) -> bool:
 
 
 def state_names(flight: Labelled, learned: Learned) -> list[str]:
-    """Returns names of the n states of a model of ``flight``: the outputs', then the hidden ones'; or numbers."""
+    """Returns names of the n states: the outputs of ``flight``, then the hidden ones; or numbers."""
     order, outputs = learned.model.A.shape[0], flight.output_names
     if not states_are_outputs(learned):
         return [f"state {i + 1}" for i in range(order)]
@@ -120,16 +120,6 @@ def entries(flight: Labelled, learned: Learned) -> dict[str, list[tuple[str, str
         "B": [(row, column) for row in states for column in flight.input_names],
         "C": [(row, column) for row in flight.output_names for column in states],
     }
-
-
-def state_rate_units(flight: Labelled, learned: Learned) -> list[str]:
-    """Returns units of the n states per second; a hidden state has the last output's, one that is no output none."""
-    order, units = learned.model.A.shape[0], flight.output_units
-    if not states_are_outputs(learned):
-        return [""] * order
-    shown = [*units, *[units[-1]] * (order - len(units))][:order]
-    rates = (unit.removesuffix("/s") + "/s²" if unit.endswith("/s") else unit + "/s" for unit in shown)
-    return [rate if unit else "per s" for unit, rate in zip(shown, rates, strict=True)]
 
 
 def plus_minus(value: float, half: float) -> str:
@@ -170,13 +160,10 @@ def rounded(value: float, digits: int = 2) -> str:
 
 
 class AxisCommand(NamedTuple):
-    """One number for r inputs: c = ``weights`` · (u − trim), in the unit of the inputs.
+    """One number for r inputs: c = ``weights`` · (u − trim), in the ``unit`` of the inputs.
 
-    Attributes:
-        name: such as "roll command".
-        unit: of the inputs, empty where it is not known.
-        weights: (r,) of the motors that turn the vehicle up the axis they sum to 1, of the others to -1.
-        motors: (r,) what the motors do for a command of 1 and for nothing else.
+    The ``weights`` (r,) of motors that turn the vehicle up the axis sum to 1, of the others to -1; ``motors`` (r,) is
+    what the motors do for a command of 1 and for nothing else.
     """
 
     name: str
@@ -197,11 +184,6 @@ class AxisCommand(NamedTuple):
         """Returns the command (T,) over ``inputs`` (T, r), about its mean."""
         command = inputs @ self.weights
         return np.asarray(command - command.mean())
-
-    @property
-    def label(self) -> str:
-        """The name with its unit: "roll command (µs)"."""
-        return f"{self.name} ({self.unit})" if self.unit else self.name
 
 
 def _directions(learned: Learned) -> NDArray[np.float64]:

@@ -43,17 +43,11 @@ RATINGS = {
     "bad": ("NOT IDENTIFIABLE", "not identifiable", "fault", "unstable"),
 }
 """Words that are set off by a colour where a cell of a table begins with one, by that colour's class."""
-WARNINGS = ("Caution", "Warning")
-"""How the lead of a sentence begins that is set off at its side."""
-
 _NUMBER = re.compile(r"[-+−±(<>≤≥~≈]?\s*[\d.∞]|-$|–$|nan$|inf$")
 
 
 class Picture(NamedTuple):
-    """A figure of the page, its ``title`` above it and a ``caption`` on how to read it below.
-
-    ``draw`` makes it, or raises ``ValueError`` with the reason why there is none. A ``large`` one takes two columns.
-    """
+    """A figure, which ``draw`` makes, or raises ``ValueError`` with a reason; a ``large`` one takes two columns."""
 
     title: str
     caption: str
@@ -62,10 +56,7 @@ class Picture(NamedTuple):
 
 
 class Chapter(NamedTuple):
-    """A part of the page after its result: ``title``, ``blocks``, ``pictures``.
-
-    Of a ``folded`` one only the title is shown until it is opened.
-    """
+    """A part of the page after its result; of a ``folded`` one only the title is shown until it is opened."""
 
     title: str
     blocks: Sequence[Block] = ()
@@ -87,18 +78,9 @@ def document(
     page that leads here. All text is escaped. What cannot be drawn says why in its place. The same arguments give the
     same bytes with the same versions of mavdem, matplotlib and Python.
     """
-    return (
-        environment()
-        .get_template("document.html")
-        .render(
-            title=title,
-            subtitle=subtitle,
-            blocks=blocks,
-            chapters=[_drawn(chapter, number) for number, chapter in enumerate(chapters) if any(chapter[1:3])],
-            strip=strip,
-            back=back,
-        )
-    )
+    drawn = [_drawn(chapter, number) for number, chapter in enumerate(chapters) if any(chapter[1:3])]
+    parts = {"title": title, "subtitle": subtitle, "blocks": blocks, "chapters": drawn, "strip": strip, "back": back}
+    return environment().get_template("document.html").render(parts)
 
 
 def environment() -> Environment:
@@ -107,7 +89,7 @@ def environment() -> Environment:
     made.globals |= {"made_by": f"mavdem {version('mavdem')}, Python {platform.python_version()}", "ink": INK_ON_LIGHT}
     made.tests |= {
         "table": lambda block: isinstance(block, Table),
-        "warning": lambda block: block.lead.startswith(WARNINGS),
+        "warning": lambda block: block.lead.startswith(("Caution", "Warning")),
     }
     made.filters |= {"of_text": _text_columns, "rating": _rating, "prose": _prose, "headline": _headline}
     return made
@@ -166,12 +148,9 @@ def log_page(
 ) -> str:
     """Returns the HTML of one log, with models or without.
 
-    Args:
-        heading: which log, and what of it.
-        blocks: the report on the screen, of the first axis.
-        analyses: what the log says of one vehicle, by axis; one at least.
-        inventory: of ``mavdem.condition.inventory``; without it the page is small: with few pictures, for many flights.
-        back: name and address of the page that leads here.
+    ``blocks`` are the report on the screen, of the first axis; ``analyses`` what the log says of one vehicle, by axis.
+    Without the ``inventory`` (``mavdem.condition.inventory``) the page is small, with few pictures, for many flights.
+    ``back`` is name and address of the page that leads here.
     """
     first, *others = analyses.values()
     strip = [] if first.learned is None else key_figures(first.learned, first.held_out)
@@ -197,13 +176,10 @@ def log_page(
 
 
 def flight_page(file: str, analyses: Mapping[str, LogAnalysis], index: str = "../index.html") -> str:
-    """Returns the HTML of one flight of a fleet: of the log's name, what it says of one vehicle by axis.
-
-    ``index`` is where the link back leads.
-    """
-    subtitle = f"{listed(analyses)} of a flight."
-    if all(analysis.learned is None for analysis in analyses.values()):
-        subtitle = "No model could be learned from this flight; what it holds nevertheless."
+    """Returns the HTML of one flight of a fleet, the log ``file``; ``index`` is where the link back leads."""
+    learned = any(analysis.learned is not None for analysis in analyses.values())
+    nothing = "No model could be learned from this flight; what it holds nevertheless."
+    subtitle = f"{listed(analyses)} of a flight." if learned else nothing
     blocks = analysis_blocks(next(iter(analyses.values())))
     return log_page(Sentence(subtitle, file), blocks, analyses, back=("Fleet", index))
 
@@ -261,14 +237,10 @@ def model_pictures(
             elif analysis is not None and method == "motors":
                 options = {"hover": analysis.vehicle.hover}
             words = f"The same of {name}." if output else caption
-            pictures.append(Picture(title.format(output=name), words, partial(_draw, learned, method, options)))
+            # ``learned.plot`` loads matplotlib, which not everyone has.
+            draw = partial(lambda method, options: getattr(learned.plot, method)(**options), method, options)
+            pictures.append(Picture(title.format(output=name), words, draw))
     return pictures
-
-
-def _draw(learned: Learned, method: str, options: Mapping[str, Any]) -> Figure:
-    """``learned.plot`` loads matplotlib, which not everyone has."""
-    figure: Figure = getattr(learned.plot, method)(**options)
-    return figure
 
 
 def comparison_page(comparison: Comparison, from_zero: bool = False) -> str:
@@ -299,7 +271,7 @@ def comparison_page(comparison: Comparison, from_zero: bool = False) -> str:
 
 
 def order_page(choice: OrderChoice, names: Sequence[str]) -> str:
-    """Returns the HTML of a choice of the model order; ``names`` are those of its flights."""
+    """Returns the HTML of a ``choice`` of the model order of flights of these ``names``."""
     picture = Picture(
         "Free energy by order",
         "How far F̄ is below its highest value. In the shaded part the difference is no strong evidence.",
@@ -321,15 +293,9 @@ def live_page(
     account: Mapping[str, float],
     learned: Learned | None,
 ) -> str:
-    """Returns the HTML of a live flight.
+    """Returns the HTML of a live flight: ``history`` was collected in flight, the others are those at its end.
 
-    Args:
-        link: that it came over.
-        axis: of the motion.
-        history: what was collected in flight.
-        status: at the end.
-        account: seconds by the keys of ``ACCOUNT``.
-        learned: the model at the end, if there is one.
+    ``account`` has seconds by the keys of ``ACCOUNT``.
     """
     flown = Picture(
         "The flight",
@@ -361,12 +327,8 @@ def notebook_html(blocks: Sequence[Block]) -> str:
 def flight_html(flight: Flight) -> str:
     """Returns, for notebooks, which flight it is, and a row a channel; in degrees."""
     rows = []
-    channels = (
-        ("input", flight.input_names, flight.input_units, flight.inputs),
-        ("output", flight.output_names, flight.output_units, flight.outputs),
-        ("setpoint", flight.setpoint_names, flight.setpoint_units, flight.setpoints),
-    )
-    for kind, names, units, values in channels:
+    for kind in ("input", "output", "setpoint"):
+        names, units, values = (getattr(flight, f"{kind}{part}") for part in ("_names", "_units", "s"))
         for name, unit, column in zip(names, map(readable, units), () if values is None else values.T, strict=True):
             finite = unit.scale * column[np.isfinite(column)]
             figures = (finite.mean(), finite.std(), finite.min(), finite.max()) if len(finite) else ()

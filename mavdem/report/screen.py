@@ -13,7 +13,7 @@ import numpy as np
 
 from mavdem.analysis import AxisFigures, LogAnalysis, VehicleFigures
 from mavdem.analysis.findings import HALF_WIDTH, Finding, findings, known_wind, next_step, warnings_of
-from mavdem.condition.hover import HoverFigures
+from mavdem.condition.condition import HoverFigures
 from mavdem.confidence import LEVEL
 from mavdem.dem import Learned, Physical, WindTorque
 from mavdem.evaluate.held_out import BASELINES, FORECAST, PREDICTION, HeldOut
@@ -22,14 +22,12 @@ from mavdem.report.blocks import Block, Sentence, Table, text_of
 from mavdem.report.condition import condition_sentences, identity_sentence, tier_sentences
 from mavdem.report.numbers import Labels, listed, named, plus_minus, readable, rounded, short
 
-ROWS = {FORECAST: "forecast, motors recorded", PREDICTION: "prediction, motors unknown"}
-"""Of the table of errors, beside the baselines."""
+ROWS = {FORECAST: "forecast, motors recorded", PREDICTION: "prediction, motors unknown"}  # beside the baselines
 PURPOSE_WORDS = {
     "motor effectiveness": "control effectiveness",
     "damping and lag": "damping and time constant",
     "wind": "wind torque",
 }
-"""What findings are about, where they are shown."""
 PARAMETER_WORDS = {"effect": "control effectiveness", "damping": "rate damping", "lag": "motor time constant"}
 INTERVAL = f"± is the half width of the {100 * LEVEL:.0f} % interval."
 TORQUE = readable("rad/s²")
@@ -47,8 +45,9 @@ def screen(
     the model unless ``found`` otherwise.
     """
     labels, found = Labels.of(learned), findings(learned, held_out) if found is None else found
+    graded = [[PURPOSE_WORDS.get(purpose, purpose), grade, reason] for purpose, grade, reason in found]
     return [
-        *finding_blocks(found),
+        Table(["purpose", "verdict", "because"], graded, words=True),
         *_vehicle(labels, learned.physical, hover),
         *_wind(learned.wind, learned.physical),
         *_prediction(labels, held_out),
@@ -70,26 +69,26 @@ def analysis_blocks(analysis: LogAnalysis) -> list[Block]:
             "with healthy flights: `mavdem track --baseline`."
         )
         alarms.append(Sentence(inspect, "Next:"))
-        model = model[:-1] if full else model
     if full and model:
-        return [*alarms, *model]
+        return [*alarms, *(model[:-1] if suspect else model)]
     # What to do next is to record faster, whatever the findings.
-    why = [] if model else [Sentence(analysis.reason, "No model:")]
-    remedy = [Sentence(analysis.remedy, "What to do:")] if analysis.remedy else []
-    tier = [*alarms, *why, *remedy, *tier_sentences(analysis.tier.as_dict()), *model[:-1]]
-    identity = identity_sentence(analysis.identity.as_dict())
-    return [*tier, identity, *condition_sentences(analysis.condition.as_dict())]
+    return [
+        *alarms,
+        *([] if model else [Sentence(analysis.reason, "No model:")]),
+        *([Sentence(analysis.remedy, "What to do:")] if analysis.remedy else []),
+        *tier_sentences(analysis.tier.as_dict()),
+        *model[:-1],
+        identity_sentence(analysis.identity.as_dict()),
+        *condition_sentences(analysis.condition.as_dict()),
+    ]
 
 
 def title(flights: Sequence[Flight]) -> Sentence:
     """Returns which log and axis the ``flights`` are of, and how much there is of it."""
-    first = flights[0]
-    seconds, source = sum(flight.duration for flight in flights), first.provenance.get("source")
+    first, seconds = flights[0], sum(flight.duration for flight in flights)
     parts = f" in {len(flights)} segments" if len(flights) > 1 else ""
-    return Sentence(
-        f"{first.output_names[0]}, {seconds:.0f} s of settled flight{parts} at {1 / first.dt:.0f} Hz.",
-        f"{Path(str(source)).name if source else 'Arrays'}:",
-    )
+    text = f"{first.output_names[0]}, {seconds:.0f} s of settled flight{parts} at {1 / first.dt:.0f} Hz."
+    return Sentence(text, f"{Path(str(first.provenance.get('source') or 'Arrays')).name}:")
 
 
 def summary(learned: Learned) -> str:
@@ -97,25 +96,14 @@ def summary(learned: Learned) -> str:
     return text_of([*screen(learned), *(Sentence(caution, "Caution:") for caution in learned.cautions)])
 
 
-def finding_blocks(found: Sequence[Finding]) -> list[Block]:
-    """Returns a table with a row a purpose of what was ``found``."""
-    rows = [[PURPOSE_WORDS.get(purpose, purpose), grade, reason] for purpose, grade, reason in found]
-    return [Table(["purpose", "verdict", "because"], rows, words=True)]
-
-
 def key_figures(learned: Learned, held_out: HeldOut | None = None) -> list[tuple[str, str]]:
-    """Returns the few figures to see at a glance, each with its label and unit, for a strip of a dashboard or a page.
-
-    Those of the ``learned`` model, and of forecasts of ``held_out`` windows where there are any.
-    """
+    """Returns the few figures to see at a glance, each with its label and unit."""
     labels, physical = Labels.of(learned), learned.physical
     figures = []
     if physical is not None:
         mean, half = (TORQUE.scale * value for value in physical.mean_effect(LEVEL))
-        figures = [
-            ("control effectiveness", _known(mean, half, _per_input(labels.input_units[0]))),
-            *_motion(physical)[:2],
-        ]
+        effect = _known(mean, half, _per_input(labels.input_units[0]))
+        figures = [("control effectiveness", effect), *_motion(physical)[:2]]
     if (wind := known_wind(learned.wind, physical)) is not None:
         figures.append(("wind torque, sd", f"{rounded(TORQUE.scale * wind.sd)} {TORQUE.name}"))
         figures.append(("gusts", str(len(wind.gusts))))
@@ -212,14 +200,10 @@ def _prediction(labels: Labels, held_out: HeldOut | None) -> list[Block]:
     units = [readable(unit) for unit in labels.output_units]
     names = [named(name, unit.name) for name, unit in zip(labels.output_names, units, strict=True)]
     count = f"{len(held_out)} held-out windows" if len(held_out) > 1 else "one held-out window"
-    rows = [
-        [
-            ROWS.get(name, name),
-            *(rounded(unit.scale * rmse) for unit, rmse in zip(units, held_out.rmse(name), strict=True)),
-            rounded(held_out.error_ratio(name)),
-        ]
-        for name in sorted(held_out.forecasts, key=held_out.error_ratio)
-    ]
+    rows = []
+    for name in sorted(held_out.forecasts, key=held_out.error_ratio):
+        rmse = (unit.scale * value for unit, value in zip(units, held_out.rmse(name), strict=True))
+        rows.append([ROWS.get(name, name), *map(rounded, (*rmse, held_out.error_ratio(name)))])
     text = f"The 90 % band holds {100 * held_out.coverage:.0f} % of the samples."
     if len(held_out) > 1:
         low, median, high = (rounded(value) for value in np.percentile(held_out.error_ratios(), [25, 50, 75]))
@@ -259,12 +243,9 @@ def _axis_row(axis: AxisFigures) -> list[str]:
         return ["-"] * 4
     _, damping, lag, _ = physical.interval(LEVEL)
     mean, half = (TORQUE.scale * value for value in physical.mean_effect(LEVEL))
-    cells = {
-        "effect": plus_minus(mean, half),
-        "damping": plus_minus(physical.damping, damping),
-        "lag": plus_minus(1e3 * physical.lag, 1e3 * lag),
-    }
-    marked = [f"{cell}{' (biased)' if physical.status[name] == 'biased' else ''}" for name, cell in cells.items()]
+    estimates = {"effect": (mean, half), "damping": (physical.damping, damping), "lag": (1e3 * physical.lag, 1e3 * lag)}
+    biased = {name: " (biased)" if status == "biased" else "" for name, status in physical.status.items()}
+    marked = [f"{plus_minus(*pair)}{biased[name]}" for name, pair in estimates.items()]
     return [*marked, "-" if wind is None else rounded(TORQUE.scale * wind.sd)]
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
 from dataclasses import dataclass
 from math import ceil
 
@@ -26,7 +25,6 @@ FRAMES_A_SECOND = 50  # of the 3D view
 TRAIL, POINTS_A_SECOND = 4.0, 20  # seconds of the way behind the vehicle that are drawn, anew ten times a second
 WIND_SCALE = 0.4  # length of the wind's arrow for 1 m/s, in lengths of an arm
 WIND_AWAY = 1.4  # where that arrow ends before the vehicle, in lengths of an arm
-THRUST_SCALE = 1.0  # length of a rotor's arrow where it carries its quarter of the weight, in lengths of an arm
 EYE_POSITION = (-5.2, 2.2, -3.5)  # in lengths of an arm, north, east and down: from the south-east and above
 EYE_TARGET = (0.0, 0.9, -0.2)  # what is looked at, likewise: a little to the east, where there is room for the wind
 PLOT_HEIGHTS = (5, 5, 5, 7, 6, 6)  # a legend of more lines takes more
@@ -34,7 +32,8 @@ MAX_GROUND_METRES, GROUND_MARGIN_METRES = 50.0, 8.0  # the ground is drawn so fa
 
 BODY, NOSE, GROUND = (210, 214, 220), (255, 107, 107), (70, 74, 80)
 TRAIL_COLOUR = (94, 214, 120)
-SLOW, HOVERING, FAST = (60, 110, 255), (165, 165, 170), (255, 150, 30)  # a rotor, by its speed beside the hover's
+SPEEDS = np.array([(60, 110, 255), (165, 165, 170), (255, 150, 30)], dtype=np.float64)
+"""Colours of a rotor slower than in hover, as in hover, and faster."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,15 +41,12 @@ class Pose:
     """A flight to be shown: N rows, NED and body axes forward, right, down.
 
     Attributes:
-        time: (N,) s.
-        position: (N, 3) m.
+        time, position: (N,) s, and (N, 3) m.
         attitude, known_attitude: (N, 4) unit quaternions (w, x, y, z), body to NED, true and as estimated.
         rates, known_rates: (N, 3) body rates, rad/s, likewise.
-        outputs: (N, 4) of the motors, µs.
-        rotor_speeds: (N, 4) rad/s.
+        outputs, rotor_speeds, armed: (N, 4) of the motors, µs; (N, 4) rad/s; (N,) bool.
         wind: (N, 3) NED, m/s, where the air moves to.
         moment: (N, 3) of what disturbs, body, N m.
-        armed: (N,) bool.
         rotors: (4, 2) where the rotors are, forward and right of the centre of mass, m.
     """
 
@@ -122,9 +118,9 @@ def _plots(pose: Pose) -> list[Plot]:
         ("roll", "Roll, °", {"roll": roll}),
         ("roll_rate", "Roll rate, °/s", {"roll rate": rate}),
         ("errors", "Errors of the autopilot's estimates, ° and °/s", errors),
-        ("motors", "Motor outputs, each beyond the mean of all, µs", _columns(pose.motors, motors)),
-        ("wind", "Wind, m/s: where the air moves to", _columns(("north", "east", "down"), pose.wind)),
-        ("moment", "Disturbance moment, mN m", _columns(("roll", "pitch", "yaw"), 1e3 * pose.moment)),
+        ("motors", "Motor outputs, each beyond the mean of all, µs", dict(zip(pose.motors, motors.T, strict=True))),
+        ("wind", "Wind, m/s: where the air moves to", dict(zip(("north", "east", "down"), pose.wind.T, strict=True))),
+        ("moment", "Disturbance moment, mN m", dict(zip(("roll", "pitch", "yaw"), 1e3 * pose.moment.T, strict=True))),
     )
     # Outside the air, as long as rotors spool, values may be far off.
     inside = carries[rows]
@@ -132,10 +128,6 @@ def _plots(pose: Pose) -> list[Plot]:
         Plot.series(origin, title, pose.time[rows], {name: values[rows] for name, values in series.items()}, "", inside)
         for origin, title, series in tables
     ]
-
-
-def _columns(names: Sequence[str], table: Array) -> dict[str, Array]:
-    return dict(zip(names, table.T, strict=True))
 
 
 def _scene(pose: Pose) -> rrb.View:
@@ -156,71 +148,59 @@ def _scene(pose: Pose) -> rrb.View:
     )
 
 
-def _index(time: Array) -> list[rr.TimeColumn]:
-    return [rr.TimeColumn(FLIGHT_TIME, duration=time)]
-
-
 def _vehicle(recording: rr.RecordingStream, pose: Pose, rows: NDArray[np.intp]) -> None:
     """A box with a nose on four arms; each rotor's colour shows its speed, its arrow its thrust."""
-    arm, index = pose.arm, _index(pose.time[rows])
+    arm, index = pose.arm, [rr.TimeColumn(FLIGHT_TIME, duration=pose.time[rows])]
     recording.send_columns("world/here", index, rr.Transform3D.columns(translation=pose.position[rows]))
     attitude = np.roll(pose.attitude[rows], -1, axis=1)  # Rerun has w last
     recording.send_columns("world/here/vehicle", index, rr.Transform3D.columns(quaternion=attitude))
     hubs = np.column_stack([pose.rotors, np.full(len(pose.rotors), -0.12 * arm)])
-    body = rr.Boxes3D(half_sizes=[[0.34 * arm, 0.2 * arm, 0.1 * arm]], colors=BODY, fill_mode="solid")
-    recording.log("world/here/vehicle/body", body, static=True)
-    arms = rr.LineStrips3D([[[0, 0, 0], hub] for hub in hubs.tolist()], radii=0.03 * arm, colors=BODY)
-    recording.log("world/here/vehicle/arms", arms, static=True)
-    nose = rr.Arrows3D(vectors=[[0.75 * arm, 0, 0]], origins=[[0.3 * arm, 0, 0]], radii=0.04 * arm, colors=NOSE)
-    recording.log("world/here/vehicle/nose", nose, static=True)
     count = len(hubs)
-    discs = rr.Cylinders3D(lengths=[0.02 * arm] * count, radii=[0.48 * arm] * count, centers=hubs, fill_mode="solid")
-    recording.log("world/here/vehicle/rotors", discs, static=True)
-    speeds = pose.rotor_speeds
-    carries = pose.carries()
+    parts = {
+        "body": rr.Boxes3D(half_sizes=[[0.34 * arm, 0.2 * arm, 0.1 * arm]], colors=BODY, fill_mode="solid"),
+        "arms": rr.LineStrips3D([[[0, 0, 0], hub] for hub in hubs.tolist()], radii=0.03 * arm, colors=BODY),
+        "nose": rr.Arrows3D(vectors=[[0.75 * arm, 0, 0]], origins=[[0.3 * arm, 0, 0]], radii=0.04 * arm, colors=NOSE),
+        "rotors": rr.Cylinders3D(
+            lengths=[0.02 * arm] * count, radii=[0.48 * arm] * count, centers=hubs, fill_mode="solid"
+        ),
+        "thrust": rr.Arrows3D.from_fields(origins=hubs, radii=[0.025 * arm], labels=pose.motors, show_labels=True),
+    }
+    for name, part in parts.items():
+        recording.log(f"world/here/vehicle/{name}", part, static=True)
+    speeds, carries = pose.rotor_speeds, pose.carries()
     hover = float(np.median(speeds[carries]))
     most = float(np.percentile(np.abs(speeds[carries] - hover), 98))
     beside = np.clip((speeds[rows] - hover) / max(most, 1e-9), -1, 1)
-    scale = np.array([SLOW, HOVERING, FAST], dtype=np.float64)
-    colours = np.stack([np.interp(beside, [-1, 0, 1], channel) for channel in scale.T], axis=-1).astype(np.uint8)
+    colours = np.stack([np.interp(beside, [-1, 0, 1], channel) for channel in SPEEDS.T], axis=-1).astype(np.uint8)
     columns = rr.Cylinders3D.columns(colors=colours.reshape(-1, 3)).partition([count] * len(rows))
     recording.send_columns("world/here/vehicle/rotors", index, columns)
-    thrust = (speeds[rows] / max(hover, 1e-9)) ** 2
     vectors = np.zeros((len(rows), count, 3))
-    vectors[:, :, 2] = -THRUST_SCALE * arm * thrust
-    style = rr.Arrows3D.from_fields(origins=hubs, radii=[0.025 * arm], labels=pose.motors, show_labels=True)
-    recording.log("world/here/vehicle/thrust", style, static=True)
+    vectors[:, :, 2] = -arm * (speeds[rows] / max(hover, 1e-9)) ** 2  # an arm long where it carries its share
     arrows = rr.Arrows3D.columns(vectors=vectors.reshape(-1, 3), colors=colours.reshape(-1, 3))
     recording.send_columns("world/here/vehicle/thrust", index, arrows.partition([count] * len(rows)))
 
 
 def _surroundings(recording: rr.RecordingStream, pose: Pose, rows: NDArray[np.intp]) -> None:
     """The wind at the vehicle, its flight path, and the ground with a line every metre."""
-    lowest, highest = (
-        np.clip(edge(pose.position[:, :2], axis=0), -MAX_GROUND_METRES, MAX_GROUND_METRES) for edge in (np.min, np.max)
-    )
-    (north, east), (northern, eastern) = (
-        np.floor(lowest) - GROUND_MARGIN_METRES,
-        np.ceil(highest) + GROUND_MARGIN_METRES,
-    )
+    place = np.clip(pose.position[:, :2], -MAX_GROUND_METRES, MAX_GROUND_METRES)
+    north, east = np.floor(place.min(axis=0)) - GROUND_MARGIN_METRES
+    northern, eastern = np.ceil(place.max(axis=0)) + GROUND_MARGIN_METRES
     squares = [[[n, east, 0], [n, eastern, 0]] for n in np.arange(north, northern + 1)]
     squares += [[[north, e, 0], [northern, e, 0]] for e in np.arange(east, eastern + 1)]
     recording.log("world/ground", rr.LineStrips3D(squares, radii=0.004, colors=[GROUND]), static=True)
-    arm = pose.arm
-    vectors = WIND_SCALE * arm * pose.wind[rows]
-    # Its head stays out of the rotors.
-    speed = np.linalg.norm(vectors, axis=1, keepdims=True)
-    away = WIND_AWAY * arm * vectors / np.maximum(speed, 1e-9)
-    style = rr.Arrows3D.from_fields(
-        radii=[0.05 * arm], colors=[palette.channels(palette.DISTURBANCE)], show_labels=True
-    )
+    arm, wind = pose.arm, pose.wind[rows]
+    speed = np.linalg.norm(wind, axis=1, keepdims=True)
+    vectors, colour = WIND_SCALE * arm * wind, palette.channels(palette.DISTURBANCE)
+    away = WIND_AWAY * arm * wind / np.maximum(speed, 1e-9)  # its head stays out of the rotors
+    style = rr.Arrows3D.from_fields(radii=[0.05 * arm], colors=[colour], show_labels=True)
     recording.log("world/here/wind", style, static=True)
-    labels = [f"wind {speed:.1f} m/s" for speed in np.linalg.norm(pose.wind[rows], axis=1)]
+    labels = [f"wind {each:.1f} m/s" for each in speed[:, 0]]
     columns = rr.Arrows3D.columns(vectors=vectors, origins=-away - vectors, labels=labels)
-    recording.send_columns("world/here/wind", _index(pose.time[rows]), columns)
+    recording.send_columns("world/here/wind", [rr.TimeColumn(FLIGHT_TIME, duration=pose.time[rows])], columns)
     now = pose.at(10)
     before = np.searchsorted(pose.time, pose.time[now] - TRAIL)
     step = max(len(pose.time) // len(pose.at(POINTS_A_SECOND)), 1)
     strips = [pose.position[first : last + 1 : step] for first, last in zip(before, now, strict=True)]
     recording.log("world/trail", rr.LineStrips3D.from_fields(radii=[0.022 * arm], colors=[TRAIL_COLOUR]), static=True)
-    recording.send_columns("world/trail", _index(pose.time[now]), rr.LineStrips3D.columns(strips=strips))
+    index = [rr.TimeColumn(FLIGHT_TIME, duration=pose.time[now])]
+    recording.send_columns("world/trail", index, rr.LineStrips3D.columns(strips=strips))

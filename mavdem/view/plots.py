@@ -7,27 +7,21 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from math import ceil
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-from numpy.typing import NDArray
 
-from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
-from mavdem.dem.engine.model import pack
-from mavdem.dem.priors import hyperparameter_groups, hyperparameter_prior
 from mavdem.files import atomic_write
 from mavdem.report import palette
-from mavdem.report.numbers import Labelled, entries, left_free, place, readable, rounded, state_names, state_rate_units
+from mavdem.report.numbers import rounded
 
 FLIGHT_TIME = "flight time"
 """Timeline of a recording, seconds since the first sample that is shown."""
 BOOT_CLOCK = "boot clock"
 """Timeline of a live flight, s: the boot clock of its first boot, which goes on where a later one begins."""
-ITERATION = "iteration"
-"""Timeline of what was learned by iteration; 0 is the prior."""
 
 LEGEND_ROOM = 1.16
 """Length of a time axis, in lengths of its lines: the legend stands beside them."""
@@ -55,29 +49,25 @@ class Lines:
 
     def send_style(self, recording: rr.RecordingStream) -> None:
         """Sends how the lines are drawn; once a recording."""
-        names, colours = list(self.names), [palette.channels(colour) for colour in self.colours]
-        widths = [FILL_WIDTH if self.filled else self.width] * len(names)
-        style: rr.SeriesPoints | rr.SeriesLines
-        if self.marked:
-            style = rr.SeriesPoints(names=names, colors=colours, marker_sizes=widths, markers=["circle"] * len(names))
-        else:
-            # Averaging within a pixel would hide gusts, and make a point of a stroke.
-            policy = rr.components.AggregationPolicy.Off
-            style = rr.SeriesLines(names=names, colors=colours, widths=widths, aggregation_policy=policy)
+        look: dict[str, Any] = {"names": self.names, "colors": [palette.channels(colour) for colour in self.colours]}
+        widths, count = [FILL_WIDTH if self.filled else self.width] * len(self.names), len(self.names)
+        # Averaging within a pixel would hide gusts, and make a point of a stroke.
+        policy = rr.components.AggregationPolicy.Off
+        style = (
+            rr.SeriesPoints(marker_sizes=widths, markers=["circle"] * count, **look)
+            if self.marked
+            else rr.SeriesLines(widths=widths, aggregation_policy=policy, **look)
+        )
         recording.log(self.path, style, static=True)
 
     def send(self, recording: rr.RecordingStream, time: Array, values: Array, timeline: str = BOOT_CLOCK) -> None:
-        """Sends values (N, k), or edges (N, 2), at times (N,), s or iterations; NaN breaks a line."""
+        """Sends values (N, k), or edges (N, 2), at times (N,), s; NaN breaks a line."""
         if not len(time):
             return
         if self.filled:
             time, values = np.repeat(time, 2), values.reshape(-1, 1)
         columns = rr.Scalars.columns(scalars=values.ravel()).partition([len(self.names)] * len(time))
-        if timeline == ITERATION:
-            index = rr.TimeColumn(timeline, sequence=time.astype(np.int64))
-        else:
-            index = rr.TimeColumn(timeline, duration=time)
-        recording.send_columns(self.path, [index], columns)
+        recording.send_columns(self.path, [rr.TimeColumn(timeline, duration=time)], columns)
 
 
 @dataclass(eq=False)
@@ -147,58 +137,6 @@ class Plot:
         )
 
 
-class FreeEntries(NamedTuple):
-    """Entries of θ or λ that the data decide: ``names``, ``places`` in it, and ``scale``, by which they are shown."""
-
-    names: tuple[str, ...]
-    places: NDArray[np.intp]
-    scale: Array
-
-    def shown(self, values: Array) -> Array:
-        """Returns the entries of values (…, k), as they are shown."""
-        return np.asarray(values[..., self.places] * self.scale)
-
-
-def free_parameters(labels: Labelled, learned: Learned) -> dict[str, FreeEntries]:
-    """Returns the entries of A, B and C that the prior leaves free, by the name of the matrix; in degrees."""
-    rows = [readable(unit).scale for unit in state_rate_units(labels, learned)]
-    inputs, outputs = [1.0] * len(labels.input_names), [readable(unit).scale for unit in labels.output_units]
-    factors = [np.divide.outer(*pair) for pair in ((rows, rows), (rows, inputs), (outputs, rows))]
-    scale, free, first = pack(*factors), {}, 0
-    for matrix, left in left_free(learned).items():
-        cells, places = entries(labels, learned)[matrix], np.flatnonzero(left)
-        names = tuple(f"{place(cells[i][0])} ← {place(cells[i][1])}" for i in places)
-        if names:
-            free[matrix] = FreeEntries(names, first + places, scale[first + places])
-        first += len(left)
-    return free
-
-
-def free_precisions(labels: Labelled, learned: Learned) -> FreeEntries:
-    """Returns the λ that the prior leaves free: of the measurement noise z, then of the process noise w.
-
-    All of them, where the prior fixes all.
-    """
-    states, outputs, names = state_names(labels, learned), labels.output_names, []
-    groups = hyperparameter_groups(learned.settings, len(states), len(outputs))
-    for noise, whole, channels, group in zip("zw", ("measurement", "process"), (outputs, states), groups, strict=True):
-        several = len(np.unique(group)) > 1
-        for number in np.unique(group):
-            shared = " and ".join(name for name, member in zip(channels, group, strict=True) if member == number)
-            names.append(f"{noise} of {shared}" if several else f"{noise}, {whole}")
-    fixed = prior_outweighs_data(learned)
-    places = np.flatnonzero(fixed if fixed.all() else ~fixed)
-    return FreeEntries(tuple(names[i] for i in places), places, np.ones(len(places)))
-
-
-def prior_outweighs_data(learned: Learned) -> NDArray[np.bool_]:
-    """Returns which λ, (g,), have more precision from the prior than from the data: the prior fixes them in effect."""
-    posterior = 1 / learned.learning.lambda_sd[-1] ** 2
-    m, n = learned.model.C.shape
-    _, prior = hyperparameter_prior(learned.settings, n, m)
-    return np.asarray(posterior < 2 * np.diag(prior))
-
-
 def with_gaps(parts: Sequence[Array] | Array, last: bool = False) -> Array:
     """Returns parts (N, …) one after the other, after each a NaN, which draws no line, or its ``last`` value again."""
     return np.concatenate(
@@ -208,9 +146,8 @@ def with_gaps(parts: Sequence[Array] | Array, last: bool = False) -> Array:
 
 def faint(colour: str, opacity: float) -> str:
     """Returns the colour of the palette that one with this opacity has on the viewer's dark ground."""
-    pairs = zip(palette.channels(colour), palette.channels(palette.PAPER_DARK), strict=True)
-    mixed = (opacity * over + (1 - opacity) * under for over, under in pairs)
-    return "#" + bytes(map(round, mixed)).hex()
+    over, under = (np.array(palette.channels(one)) for one in (colour, palette.PAPER_DARK))
+    return "#" + bytes(np.round(opacity * over + (1 - opacity) * under).astype(np.uint8)).hex()
 
 
 def blueprint(view: rrb.Container, time: rrb.TimePanel | None = None, **options: Any) -> rrb.Blueprint:

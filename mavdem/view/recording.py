@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -21,19 +21,7 @@ from mavdem.report.blocks import Block, Sentence, Table, markdown
 from mavdem.report.details import detail_blocks
 from mavdem.report.numbers import AxisCommand, Labels, named, place, plus_minus, readable, state_names
 from mavdem.report.screen import key_figures, screen, title
-from mavdem.view.plots import (
-    ITERATION,
-    Lines,
-    Plot,
-    blueprint,
-    faint,
-    free_parameters,
-    free_precisions,
-    range_of,
-    recorded,
-    utf8,
-    with_gaps,
-)
+from mavdem.view.plots import Plot, blueprint, faint, range_of, recorded, utf8, with_gaps
 
 BEYOND = 0.15  # how far a plot extends beyond the measured values, in spans of them, where a forecast does
 FIRST_ITERATIONS = 2  # that are left out of the bars of F̄: they may be far from all others
@@ -42,19 +30,17 @@ FIRST_ITERATIONS = 2  # that are left out of the bars of F̄: they may be far fr
 def write_recording(
     path: str | os.PathLike[str], flights: Sequence[Flight], learned: Learned, held_out: HeldOut
 ) -> None:
-    """Writes the model of ``flights`` and the forecasts of ``held_out`` windows as an .rrd file.
+    """Writes ``learned``, the model of ``flights``, and forecasts of ``held_out`` windows as an .rrd file ``path``.
 
-    The file appears whole or not at all, replaces one that is there, and opens with its own blueprint: the flight over
-    its seconds, more of it, how the model was learned, and the report. Angles are in degrees.
-
-    The folder of ``path`` must be there; ``learned`` is the model of ``flights``. ``OSError`` if it cannot be written.
+    It appears whole or not at all, ``OSError`` if it cannot be written, and opens with its own blueprint: the flight
+    over its seconds, more of it, how the model was learned, and the report. Angles are in degrees.
     """
     series = FlightSeries(flights, learned, held_out)
     with recorded(path, Path(str(flights[0].provenance.get("source", path))).name) as recording:
         tabs = rrb.Tabs(
             _flight(recording, series),
             _details(recording, series),
-            *_learning(recording, learned),
+            _learning(recording, learned),
             _text(recording, "report", "Report", [title(flights), *screen(learned, held_out)]),
             active_tab=0,
         )
@@ -79,10 +65,8 @@ class FlightSeries:
         """Returns an output with its forecasts in held-out windows, and what these leave."""
         name, unit = self.labels.output_names[i], readable(self.labels.output_units[i])
         measured, time = unit.scale * self._outputs[:, i], with_gaps(self.windows, last=True)
-        in_windows, forecast, half = (
-            unit.scale * with_gaps(values[:, :, i])
-            for values in (self.held_out.measured, self.held_out.forecasts[FORECAST], self.held_out.band)
-        )
+        windows = self.held_out.measured, self.held_out.forecasts[FORECAST], self.held_out.band
+        in_windows, forecast, half = (unit.scale * with_gaps(values[:, :, i]) for values in windows)
         low, high = range_of(measured)
         span = high - low
         forecast = np.clip(forecast, low - 9 * span, high + 9 * span)  # it may overflow
@@ -91,8 +75,8 @@ class FlightSeries:
         outer = range_of(np.clip(residual, -span, span))
         seconds = f"{self.held_out.seconds:.2g} s"
         heading = f"{named(name.capitalize(), unit.name)}: measured, and forecast in held-out windows of {seconds}"
-        above = Plot(rr.new_entity_path(["outputs", name]), heading, inner)
         left = named("Residual: measured minus forecast", unit.name)
+        above = Plot(rr.new_entity_path(["outputs", name]), heading, inner)
         below = Plot(rr.new_entity_path(["residuals", name]), left, outer)
         starts, ends = self.windows[:, 0], self.windows[:, -1]
         apart = starts[1:] - ends[:-1] > 1.5 * self.learned.dt
@@ -128,15 +112,13 @@ class FlightSeries:
         wind, unit = known_wind(self.learned.wind, self.learned.physical), readable("rad/s²")
         if wind is None or len(wind.torque) != sum(map(len, self.flights)):
             return None
-        torque, band = unit.scale * wind.torque, unit.scale * wind.band
-        clock = np.concatenate(self.times)
+        torque, band = (self._with_gaps(unit.scale * values) for values in (wind.torque, wind.band))
+        time, clock, colour = with_gaps(self.times, last=True), np.concatenate(self.times), palette.DISTURBANCE
         gusts = [(clock[gust.sample], clock[gust.sample] + gust.length) for gust in wind.gusts]
-        heading, colour = f"Wind torque, {unit.name}", palette.DISTURBANCE
-        plot = Plot("wind", heading, range_of(torque))
+        plot = Plot("wind", f"Wind torque, {unit.name}", range_of(torque))
         plot.spans(f"gust ({len(gusts)})", faint(palette.GUST, 0.5), gusts)
-        low, high = self._with_gaps(torque - band), self._with_gaps(torque + band)
-        plot.area("90 % band", faint(colour, palette.BAND_OPACITY), with_gaps(self.times, last=True), low, high)
-        plot.line("torque", colour, with_gaps(self.times, last=True), self._with_gaps(torque))
+        plot.area("90 % band", faint(colour, palette.BAND_OPACITY), time, torque - band, torque + band)
+        plot.line("torque", colour, time, torque)
         return plot
 
     def dem(self) -> list[Plot]:
@@ -198,17 +180,17 @@ def _effectiveness(recording: rr.RecordingStream, series: FlightSeries) -> list[
             for number, (name, *pair) in enumerate(zip(series.labels.input_names, values, halves, strict=True), 1)
         ],
     )
-    bars = _bars(values, np.arange(1.0, len(values) + 1))
-    recording.log("effect/bars", bars, static=True)
-    return [
-        _text(recording, "effect/table", "Control effectiveness", [table]),
-        rrb.BarChartView(origin="effect/bars", name="By motor", plot_legend=rrb.PlotLegend(visible=False)),
-    ]
+    bars = _bars(recording, "effect/bars", "By motor", values, 1)
+    return [_text(recording, "effect/table", "Control effectiveness", [table]), bars]
 
 
-def _bars(values: Array, centres: Array, width: float = 0.7) -> rr.BarChart:
-    colour = palette.channels(palette.PREDICTED)
-    return rr.BarChart(values, abscissa=centres - width / 2, widths=np.full(len(values), width), color=colour)
+def _bars(recording: rr.RecordingStream, origin: str, name: str, values: Array, first: int) -> rrb.View:
+    """A view of bars, numbered from ``first`` on."""
+    width, colour = 0.7, palette.channels(palette.PREDICTED)
+    left = first + np.arange(len(values)) - width / 2
+    bars = rr.BarChart(values, abscissa=left, widths=np.full(len(values), width), color=colour)
+    recording.log(origin, bars, static=True)
+    return rrb.BarChartView(origin=origin, name=name, plot_legend=rrb.PlotLegend(visible=False))
 
 
 def _details(recording: rr.RecordingStream, series: FlightSeries) -> rrb.Container:
@@ -220,45 +202,17 @@ def _details(recording: rr.RecordingStream, series: FlightSeries) -> rrb.Contain
     return rrb.Vertical(*(plot.view(series.end) for plot in plots), name="Details")
 
 
-def _learning(recording: rr.RecordingStream, learned: Learned) -> Iterator[rrb.Container]:
-    """F̄ by iteration as bars, beside what was learned; then every curve, on the timeline of iterations.
-
-    All plots over time in a recording follow the one timeline that is chosen.
-    """
-    energy, labels = learned.free_energy, Labels.of(learned)
+def _learning(recording: rr.RecordingStream, learned: Learned) -> rrb.Container:
+    """F̄ by iteration as bars, beside what was learned."""
+    energy = learned.free_energy
     first = min(FIRST_ITERATIONS, len(energy) - 1)
     gap = (energy.total.max() - energy.total)[first:]
-    recording.log("learning/gap", _bars(gap, np.arange(float(first), first + len(gap))), static=True)
     heading = f"F̄ below its maximum of {energy.total.max():,.0f} nats, by iteration"
-    yield rrb.Horizontal(
-        rrb.BarChartView(origin="learning/gap", name=heading, plot_legend=rrb.PlotLegend(visible=False)),
+    return rrb.Horizontal(
+        _bars(recording, "learning/gap", heading, gap, first),
         _text(recording, "learning/details", "The model, and how it was learned", detail_blocks(learned)),
         name="Learning",
     )
-    terms = {"F̄": energy.total, **{name.removeprefix("prediction "): term for name, term in energy.terms.items()}}
-    precisions = free_precisions(labels, learned)
-    curves = {
-        "free_energy": (
-            "F̄ and its terms, less their final value, nats",
-            tuple(terms),
-            np.stack([term - term[-1] for term in terms.values()], axis=-1),
-        ),
-        "lambda": (
-            "λ: log precisions of the noise",
-            precisions.names,
-            precisions.shown(learned.learning.lambda_),
-        ),
-    }
-    for matrix, entries in free_parameters(labels, learned).items():
-        curves[f"parameters/{matrix}"] = f"{matrix} (degrees, s)", entries.names, entries.shown(learned.learning.theta)
-    views = []
-    for path, (heading, names, values) in curves.items():
-        lines = Lines(f"learning/{path}", names, tuple(map(palette.distinct, range(len(names)))))
-        lines.send_style(recording)
-        lines.send(recording, np.arange(float(len(values))), values, ITERATION)
-        legend = rrb.PlotLegend(corner=rrb.Corner2D.RightTop)
-        views.append(rrb.TimeSeriesView(origin=lines.path, name=heading, plot_legend=legend))
-    yield rrb.Grid(*views, grid_columns=2, name=f"Iterations (choose the timeline “{ITERATION}” below)")
 
 
 def _text(recording: rr.RecordingStream, origin: str, name: str, words: str | Sequence[Block]) -> rrb.View:

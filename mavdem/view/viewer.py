@@ -19,7 +19,6 @@ CONNECT_SECONDS = 0.3  # time limit for a viewer to accept a connection
 LOOPBACK = "127.0.0.1"
 VIEWER_MEMORY, SERVER_MEMORY = "1GB", "256MB"  # the server keeps data for later viewers; the oldest go first
 NO_SCREEN = "There is no screen here: use --rrd FILE to record, or --serve for browsers"
-INVALID_URL = "{!r} is not the address of a Rerun viewer, which looks like rerun+http://127.0.0.1:9876/proxy"
 WATCHDOG = """
 import os, signal, subprocess, sys, threading
 def kill_at_end_of_input():
@@ -111,7 +110,7 @@ class RecordingFile(Sink):
         return self._complete > 0
 
     def open(self, recording: rr.RecordingStream) -> bool:
-        """Writes the recording into the file; see :class:`Sink`."""
+        """Writes the recording into the file."""
         recording.set_sinks(rr.FileSink(self.path))
         return True
 
@@ -137,14 +136,14 @@ class Viewer(Sink):
 
     def __init__(self, url: str = f"rerun+http://{LOOPBACK}:9876/proxy") -> None:
         self.url = self.name = url
-        try:
+        with suppress(ValueError):
             parts = urlsplit(url)
             self._address = parts.hostname or "", parts.port or 0
-        except ValueError as error:
-            raise ValueError(INVALID_URL.format(url)) from error
-        schemes = ("rerun", "rerun+http", "rerun+https")
-        if parts.scheme not in schemes or parts.path != "/proxy" or not all(self._address):
-            raise ValueError(INVALID_URL.format(url))
+            schemes = ("rerun", "rerun+http", "rerun+https")
+            if parts.scheme in schemes and parts.path == "/proxy" and all(self._address):
+                return
+        form = "the address of a Rerun viewer, which looks like rerun+http://127.0.0.1:9876/proxy"
+        raise ValueError(f"{url!r} is not {form}")
 
     def open(self, recording: rr.RecordingStream) -> bool:
         """Sends the recording to the viewer, if it is there; see :class:`Sink`."""
@@ -165,13 +164,11 @@ class WebServer(Viewer):
     def __init__(self, port: int = 9876, page_port: int = 9090) -> None:
         super().__init__(f"rerun+http://{LOOPBACK}:{port}/proxy")
         for number in (port, page_port):
-            with socket.socket() as probe:
-                probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-                try:
-                    probe.bind((LOOPBACK, number))
-                except OSError as error:
-                    cure = "end the program that uses it, perhaps another view"
-                    raise OSError(f"port {number} of {LOOPBACK} is taken: {cure}") from error
+            try:
+                socket.create_server((LOOPBACK, number)).close()
+            except OSError as error:
+                cure = "end the program that uses it, perhaps another view"
+                raise OSError(f"port {number} of {LOOPBACK} is taken: {cure}") from error
         # Rerun's page reports its use to Rerun, unless it is in a notebook: https://github.com/rerun-io/rerun/pull/3166.
         self.page = f"http://{LOOPBACK}:{page_port}?url={quote(self.url, safe='')}&notebook=1"
         ports = ("--port", str(port), "--web-viewer-port", str(page_port))
@@ -198,15 +195,13 @@ def sinks_for(rrd: str | os.PathLike[str] | None = None, serve: bool = False, co
         sinks.append(Viewer(connect))
     if serve:
         sinks.append(WebServer())
-    if not serve and connect is None:
-        if has_screen():
-            # A window, which stays open after the process ends.
-            with socket.socket() as probe:
-                probe.bind((LOOPBACK, 0))
-                port = int(probe.getsockname()[1])
-            limits = ("--server-memory-limit", SERVER_MEMORY, "--memory-limit", VIEWER_MEMORY)
-            _start(*limits, "--port", str(port), "--expect-data-soon", "--hide-welcome-screen")
-            sinks.append(Viewer(f"rerun+http://{LOOPBACK}:{port}/proxy"))
-        elif rrd is None:
-            raise ValueError(NO_SCREEN)
+    if connect is None and not serve and has_screen():
+        # A window, which stays open after the process ends.
+        with socket.create_server((LOOPBACK, 0)) as probe:
+            port = int(probe.getsockname()[1])
+        limits = ("--server-memory-limit", SERVER_MEMORY, "--memory-limit", VIEWER_MEMORY)
+        _start(*limits, "--port", str(port), "--expect-data-soon", "--hide-welcome-screen")
+        sinks.append(Viewer(f"rerun+http://{LOOPBACK}:{port}/proxy"))
+    if not sinks:
+        raise ValueError(NO_SCREEN)
     return sinks

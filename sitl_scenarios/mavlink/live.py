@@ -13,8 +13,7 @@ from time import monotonic
 from typing import Any
 
 from sitl_scenarios.mavlink.commands import CommandHandler, Received, addressed_messages
-from sitl_scenarios.mavlink.link import Batch, LossyLink
-from sitl_scenarios.mavlink.transmitter import COMPONENT, Transmitter
+from sitl_scenarios.mavlink.transmitter import COMPONENT, Batch, LossyLink, Transmitter
 from sitl_scenarios.motion import Holding
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import Simulation
@@ -162,7 +161,4 @@ def _timed(batch: Batch) -> Iterator[tuple[float, bytes]]:
 
 
 def _due(way: deque[tuple[float, bytes]], now: float) -> list[bytes]:
-    due = []
-    while way and way[0][0] <= now:
-        due.append(way.popleft()[1])
-    return due
+    return [way.popleft()[1] for _ in range(len(way)) if way[0][0] <= now]

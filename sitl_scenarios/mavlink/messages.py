@@ -83,14 +83,9 @@ class MessageWriter:
         return base + ARMED * motion.armed, custom
 
     def _sys_status(self, motion: Motion, boot: NDArray[np.int64]) -> dict[str, Any]:
-        return {
-            "onboard_control_sensors_present": SENSORS,
-            "onboard_control_sensors_enabled": SENSORS,
-            "onboard_control_sensors_health": SENSORS | FENCE,
-            "voltage_battery": _millivolts(motion),
-            "current_battery": -1,
-            "battery_remaining": -1,
-        }
+        sensors = {"present": SENSORS, "enabled": SENSORS, "health": SENSORS | FENCE}
+        battery = {"voltage_battery": _millivolts(motion), "current_battery": -1, "battery_remaining": -1}
+        return {f"onboard_control_sensors_{name}": bits for name, bits in sensors.items()} | battery
 
     def _battery_status(self, motion: Motion, boot: NDArray[np.int64]) -> dict[str, Any]:
         # The whole battery's voltage in the first place, as where no cell is measured by itself.
@@ -211,13 +206,8 @@ def parameters(scenario: Scenario, autopilot: Autopilot, cycle: float) -> dict[s
 
 
 def _px4(scenario: Scenario) -> dict[int, dict[str, float]]:
-    whole: dict[str, float] = {
-        "CA_AIRFRAME": 0,
-        "CA_ROTOR_COUNT": MOTORS,
-        "MAV_SYS_ID": scenario.stream.system,
-        "MAV_TYPE": 2,
-        "SYS_AUTOSTART": {"x": 4001, "plus": 5001}[scenario.vehicle.frame],
-    }
+    whole: dict[str, float] = {"CA_AIRFRAME": 0, "CA_ROTOR_COUNT": MOTORS, "MAV_SYS_ID": scenario.stream.system}
+    whole |= {"MAV_TYPE": QUADROTOR, "SYS_AUTOSTART": {"x": 4001, "plus": 5001}[scenario.vehicle.frame]}
     whole |= {f"PWM_MAIN_FUNC{n}": 100 + n if n <= MOTORS else 0 for n in range(1, 9)}
     for bound, value in (("DIS", DISARMED_PULSE["px4"]), ("MIN", MIN_PULSE), ("MAX", MAX_PULSE)):
         whole |= {f"PWM_MAIN_{bound}{n}": value for n in range(1, MOTORS + 1)}
@@ -231,12 +221,8 @@ def _px4(scenario: Scenario) -> dict[int, dict[str, float]]:
 
 def _ardupilot(scenario: Scenario, cycle: float) -> dict[int, dict[str, float]]:
     small: dict[str, float] = {"FRAME_CLASS": 1, "FRAME_TYPE": {"plus": 0, "x": 1}[scenario.vehicle.frame]}
-    medium: dict[str, float] = {
-        "MAV_SYSID": scenario.stream.system,
-        "MOT_PWM_MAX": MAX_PULSE,
-        "MOT_PWM_MIN": MIN_PULSE,
-        "SCHED_LOOP_RATE": round(1 / cycle),
-    }
+    medium: dict[str, float] = {"MAV_SYSID": scenario.stream.system, "SCHED_LOOP_RATE": round(1 / cycle)}
+    medium |= {"MOT_PWM_MAX": MAX_PULSE, "MOT_PWM_MIN": MIN_PULSE}
     for n in range(1, 9):
         medium |= {f"SERVO{n}_FUNCTION": 32 + n if n <= MOTORS else 0}
         medium |= {f"SERVO{n}_MIN": MIN_PULSE, f"SERVO{n}_MAX": MAX_PULSE, f"SERVO{n}_TRIM": 1500}

@@ -1,13 +1,16 @@
-"""From Telemetry to a uniform Flight: which stretch, which step, and no lag between motors and attitude."""
+"""Airborne and settled: a report of EXTENDED_SYS_STATE counts for the time it covers, elsewhere the motors' thrust."""
 
 from __future__ import annotations
+
+from math import inf
 
 import numpy as np
 import pytest
 from hover import X_QUAD, Hover, changed, columns
 from recorded_flights import shared
 
-from mavdem.alignment.align import MAX_GAP_SECONDS, Segment, align, sample, settled_segments
+from mavdem.alignment import phases
+from mavdem.alignment.align import MAX_GAP_SECONDS, Segment, align, settled_segments
 from mavdem.alignment.phases import TRANSIENT_SECONDS
 from mavdem.alignment.signals import MINIMUM_RATE, Signals
 from mavdem.alignment.verdict import verdict_of
@@ -15,6 +18,64 @@ from mavdem.ingest import read_log
 from mavdem.ingest.telemetry import Telemetry
 
 HOVER = Hover()
+LIFTED, LANDED = 6.0, HOVER.landed
+
+
+def reporting(time: np.ndarray, state: np.ndarray | int, without: tuple[str, ...] = ()) -> Telemetry:
+    landed = columns(time, landed_state=np.broadcast_to(state, time.shape))
+    return changed(HOVER.telemetry(without=without), "EXTENDED_SYS_STATE", **landed)
+
+
+def in_air(time: np.ndarray) -> np.ndarray:
+    return (time > LIFTED) & (time < LANDED)
+
+
+def test_reports_that_come_late_leave_the_flight_before_them_to_the_motors() -> None:
+    """The first report is of the landing, as of a stream that was asked for just then."""
+    time = np.arange(HOVER.sinking, HOVER.end, 0.1)
+    telemetry = reporting(time, np.where(time < LANDED, 4, 1))
+    (flight,) = phases.airborne(Signals(telemetry), 0)
+    assert flight == pytest.approx((LIFTED, LANDED), abs=1.1)
+    verdict = verdict_of(Signals(telemetry))
+    assert verdict.learnable and verdict.segment is not None
+    assert verdict.segment.end == pytest.approx(HOVER.sinking - TRANSIENT_SECONDS, abs=1.1)
+
+
+@pytest.mark.parametrize("state", [3, 4])
+def test_taking_off_and_landing_are_airborne_and_not_settled(state: int) -> None:
+    time = HOVER.stamps(2.0)
+    signals = Signals(reporting(time, np.where(in_air(time), state, 1)))
+    (flight,) = phases.airborne(signals, 0)
+    assert flight == pytest.approx((LIFTED, LANDED), abs=0.6) and phases.settled(signals, 0) == []
+
+
+def test_what_is_undefined_reports_nothing() -> None:
+    time = HOVER.stamps(2.0)
+    (flight,) = phases.airborne(Signals(reporting(time, np.where(time < 40, 0, np.where(in_air(time), 2, 1)))), 0)
+    assert flight == pytest.approx((LIFTED, LANDED), abs=1.1)
+
+
+def test_reports_without_any_motors_hold_until_another() -> None:
+    time = np.array([1.0, 30.0, 60.0])
+    signals = Signals(reporting(time, np.array([1, 2, 2]), without=("SERVO_OUTPUT_RAW",)))
+    assert phases.airborne(signals, 0) == [(30.0, inf)]
+
+
+def test_a_vertical_speed_that_only_sinks_has_run_away() -> None:
+    telemetry = HOVER.telemetry()
+    position = telemetry.messages["LOCAL_POSITION_NED"]
+    signals = Signals(changed(telemetry, "LOCAL_POSITION_NED", vz=np.full(len(position["time"]), 5.0)))
+    ((start, end),) = phases.settled(signals, 0)
+    assert (start, end) == pytest.approx((LIFTED + TRANSIENT_SECONDS, LANDED - TRANSIENT_SECONDS), abs=1.5)
+
+
+def test_a_recorded_flight_whose_reports_come_at_its_end() -> None:
+    signals = Signals(read_log(shared("real/logs/ardupilot_late_landed_state.tlog")).vehicles[0])
+    (flight,) = phases.airborne(signals, 0)
+    assert flight == pytest.approx((45, 131), abs=1)  # by the reports it landed at 131.4 s
+    ((start, end),) = phases.settled(signals, 0)
+    assert start < 55 and end == pytest.approx(106, abs=2)
+    assert "never left the ground" not in verdict_of(signals).reason
 
 
 def eight_and_twelve(phase: int) -> np.ndarray:
@@ -201,12 +262,6 @@ def test_the_inputs_that_are_asked_for_are_taken():
         verdict_of(Signals(both, inputs="torque"))
 
 
-def test_a_stream_beside_one_a_million_times_slower_is_sampled_without_a_fault():
-    time = np.arange(5.0) / 100
-    values, way = sample(np.array([0.0, 0.02]), 1e6, time, np.sin(time)[:, None])
-    assert np.isfinite(values).all() and way.startswith("low-passed")
-
-
 def test_the_mixer_geometry_of_the_parameters_comes_with_the_flight():
     parameters = {f"SERVO{n}_FUNCTION": 32.0 + n for n in range(1, 5)} | {"FRAME_CLASS": 1.0, "FRAME_TYPE": 1.0}
     known, unknown = Signals(HOVER.telemetry(parameters=parameters)), Signals(HOVER.telemetry())
@@ -242,13 +297,6 @@ def test_a_flight_of_yaw_has_the_rate_only():
     roll = verdict_of(Signals(telemetry, "roll")).flight
     np.testing.assert_array_equal(flight.time, roll.time)
     np.testing.assert_array_equal(flight.inputs, roll.inputs)
-
-
-def test_yaw_that_never_turns_is_refused_in_the_words_of_yaw():
-    still = verdict_of(Signals(yawing(size=0.0), "yaw"))
-    assert not still.learnable and still.reason.startswith("The yaw rate never changes")
-    corrected = verdict_of(Signals(yawing(size=0.001, correction=0.01), "yaw"))
-    assert not corrected.learnable and "heading contradict" in corrected.reason and "stick" in corrected.remedy
 
 
 @pytest.mark.parametrize("name", ["ardupilot_wind5_steps", "px4_wind5_steps"])

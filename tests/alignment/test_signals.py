@@ -10,7 +10,7 @@ from hover import ARMED, MAV_AUTOPILOTS, MAV_TYPES, Hover, changed, columns
 
 from mavdem.alignment import drive, signals
 from mavdem.alignment.phases import airborne_collective
-from mavdem.alignment.signals import Signals, voltage
+from mavdem.alignment.signals import Signals
 from mavdem.ingest.motors import motor_geometry, output_scale
 from mavdem.ingest.telemetry import Telemetry
 
@@ -292,8 +292,8 @@ def test_without_a_battery_monitor_there_is_none():
     time = HOVER.stamps(1.0)
     for nothing in (0, 65535):
         silent = with_battery("SYS_STATUS", time, voltage_battery=np.full(len(time), nothing, dtype=np.uint16))
-        assert voltage(silent) is None
-    assert voltage(HOVER.telemetry()) is None
+        assert Signals(silent).voltage is None
+    assert Signals(HOVER.telemetry()).voltage is None
 
 
 @pytest.mark.parametrize("split", [True, False])
@@ -304,9 +304,9 @@ def test_cells_add_up_and_the_whole_may_be_in_the_place_of_the_first(split):
     ids = np.arange(len(time)) % 2
     cells[ids == 1, 0] = 5000  # another battery
     telemetry = with_battery("BATTERY_STATUS", time, voltages=cells, id=ids, voltages_ext=np.zeros((len(time), 4)))
-    found = voltage(telemetry)
+    found = Signals(telemetry).voltage
     np.testing.assert_array_equal(found.values, np.full(np.count_nonzero(ids == 0), 16.0))
     unmeasured = changed(
         telemetry, "SYS_STATUS", **columns(time, voltage_battery=np.full(len(time), 65535, dtype=np.uint16))
     )
-    np.testing.assert_array_equal(voltage(unmeasured).values, found.values)
+    np.testing.assert_array_equal(Signals(unmeasured).voltage.values, found.values)

@@ -11,6 +11,7 @@ import pytest
 from hover import X_QUAD, Hover, changed, columns
 
 from mavdem.alignment.align import align, settled_segments
+from mavdem.alignment.drive import DEMAND_MESSAGE
 from mavdem.alignment.signals import Signals
 from mavdem.alignment.verdict import DOUBTFUL_CONSISTENCY, DOUBTFUL_SNR, cautions_of, too_slow, verdict_of
 from mavdem.ingest import Component
@@ -292,3 +293,150 @@ def test_mutilated_telemetry_is_judged_and_its_segments_align(seed):
     assert json.loads(json.dumps(verdict.as_dict(), allow_nan=False))["reason"] == verdict.reason
     for segment in settled_segments(Signals(telemetry)):
         assert len(align(Signals(telemetry), segment)) >= 1
+
+
+def in_whole_pulses(telemetry: Telemetry) -> Telemetry:
+    """The motors in whole µs."""
+    table = telemetry.messages["SERVO_OUTPUT_RAW"]
+    fields = {f"servo{n}_raw": np.round(table[f"servo{n}_raw"]) for n in (1, 2, 3, 4)}
+    return changed(telemetry, "SERVO_OUTPUT_RAW", **fields)
+
+
+def held(telemetry: Telemetry, message: str, rows: int, only: tuple[str, ...] = ("",)) -> Telemetry:
+    """Each ``rows``th message's values again and again, under the stamps as they were; only fields beginning so."""
+    table = telemetry.messages[message]
+    source = np.arange(len(table["time"])) // rows * rows
+    fields = {name: column[source] for name, column in table.items() if name not in ("time", "boot")}
+    return changed(telemetry, message, **{name: values for name, values in fields.items() if name.startswith(only)})
+
+
+@pytest.mark.parametrize(("rows", "told"), [(10, 10.0), (5, 20.0), (25, 4.0)])
+@pytest.mark.parametrize(("message", "only"), [("ATTITUDE", ""), ("ATTITUDE", "roll"), ("SERVO_OUTPUT_RAW", "servo")])
+def test_values_sent_again_and_again_are_refused_for_the_rate_of_new_ones(message, only, rows, told):
+    reason = refused_for(held(in_whole_pulses(HOVER.telemetry()), message, rows, (only,)))
+    found = re.search(message + r" changes only at ([\d.]+) Hz, though it is sent at 100 Hz", reason)
+    # At its turning points a rounded command may be the same twice running.
+    assert found and 0.9 * told <= float(found[1]) <= told
+
+
+def test_held_values_are_seen_through_losses_and_a_rate_that_does_not_divide():
+    telemetry, random = HOVER.telemetry(), np.random.default_rng(4)
+    table = telemetry.messages["ATTITUDE"]
+    source = np.floor(np.arange(len(table["time"])) / 6.7).astype(int) * 67 // 10
+    kept = np.sort(random.permutation(len(source))[: round(0.9 * len(source))])
+    fields = {name: (column if name == "time" else column[source])[kept] for name, column in table.items()}
+    assert re.search(r"ATTITUDE changes only at 1\d\.\d Hz", refused_for(changed(telemetry, "ATTITUDE", **fields)))
+
+
+def test_motors_that_stand_still_because_they_are_rounded_are_not_held():
+    """A command that moves by less than a step from message to message repeats whole rows, and then goes on by one."""
+    whole = in_whole_pulses(Hover(command=2.0).telemetry())
+    rows = np.column_stack([whole.messages["SERVO_OUTPUT_RAW"][f"servo{n}_raw"] for n in (1, 2, 3, 4)])
+    assert np.mean((np.diff(rows, axis=0) == 0).all(axis=1)) > 0.8
+    verdict = verdict_of(Signals(whole))
+    assert verdict.learnable and verdict.figures.motor_fresh == pytest.approx(100)
+
+
+def with_steps(step: float, telemetry: Telemetry) -> Telemetry:
+    table = telemetry.messages["ATTITUDE"]
+    return changed(
+        telemetry, "ATTITUDE", **{name: np.round(table[name] / step) * step for name in ("roll", "rollspeed")}
+    )
+
+
+def test_an_attitude_near_its_resolution_is_doubted_and_at_it_refused():
+    doubted = verdict_of(Signals(with_steps(0.05, HOVER.telemetry())))
+    assert doubted.learnable
+    assert any("angle or rate is near the resolution" in caution for caution in doubted.cautions)
+    assert doubted.figures.angle_step == pytest.approx(0.05) and doubted.figures.rate_step == pytest.approx(0.05)
+    time = np.arange(0, 40, 0.01)
+    change = HOVER.roll(time + 0.2) - HOVER.roll(time)
+    assert doubted.figures.output_snr == pytest.approx(change.var() / (0.05**2 / 6), rel=0.3)
+    time = HOVER.stamps(100.0)
+    slow = changed(HOVER.telemetry(), "ATTITUDE", roll=0.3 * np.sin(0.3 * time), rollspeed=0.09 * np.cos(0.3 * time))
+    assert verdict_of(Signals(slow)).learnable
+    assert "rounding to steps of 0.05 rad" in refused_for(with_steps(0.05, slow))
+    assert not any(
+        "angle or rate" in caution for caution in verdict_of(Signals(with_steps(0.001, HOVER.telemetry()))).cautions
+    )
+
+
+@pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("fields", [("yawspeed",), ("roll", "pitch", "rollspeed", "pitchspeed", "yawspeed")])
+def test_an_attitude_that_is_no_number_is_refused_as_that(wrong, fields):
+    telemetry = HOVER.telemetry()
+    nowhere = np.full(len(telemetry.messages["ATTITUDE"]["time"]), wrong)
+    reason = refused_for(changed(telemetry, "ATTITUDE", **dict.fromkeys(fields, nowhere)))
+    assert "ATTITUDE holds no finite roll angle and rate" in reason
+
+
+@pytest.mark.parametrize(("field", "wrong"), [("rollspeed", 100.0), ("roll", 1e30), ("pitch", -50.0)])
+def test_a_message_that_cannot_be_is_left_out_and_reported(field, wrong):
+    telemetry = HOVER.telemetry()
+    values = telemetry.messages["ATTITUDE"][field].copy()
+    values[3000] = wrong
+    verdict = verdict_of(Signals(changed(telemetry, "ATTITUDE", **{field: values})))
+    assert verdict.learnable
+    assert any(f"1 of {len(values)} ATTITUDE messages were left out, for" in caution for caution in verdict.cautions)
+    flight = align(Signals(changed(telemetry, "ATTITUDE", **{field: values})), verdict.segment)
+    assert np.abs(flight.outputs).max() < 1
+
+
+def test_one_wild_rate_does_not_speak_for_the_whole():
+    telemetry = Hover(sway=0.01).telemetry()
+    rate = telemetry.messages["ATTITUDE"]["rollspeed"].copy()
+    rate[3000] = 30.0
+    assert verdict_of(Signals(changed(telemetry, "ATTITUDE", rollspeed=rate))).figures.consistency > 0.99
+
+
+def test_degrees_are_reported_as_such():
+    telemetry = Hover(sway=0.15).telemetry()
+    degrees = {name: np.degrees(telemetry.messages["ATTITUDE"][name]) for name in ("roll", "rollspeed")}
+    assert "not in radians" in refused_for(changed(telemetry, "ATTITUDE", **degrees))
+
+
+def remedy_for(translated_from: str, without_demand: bool = False, **fields: object) -> str:
+    """What to do about a log at 4 Hz whose autopilot had these parameters, firmware and lost messages."""
+    telemetry = Hover().telemetry(4.0, 4.0)
+    if not without_demand:
+        stamps = Hover().stamps(4.0)
+        telemetry = changed(telemetry, DEMAND_MESSAGE, **columns(stamps, controls=np.zeros((len(stamps), 8))))
+    return verdict_of(Signals(dataclasses.replace(telemetry, translated_from=translated_from, **fields))).remedy
+
+
+def test_no_remedy_is_in_force_already_in_a_dataflash_log():
+    assert "is 176126 in this log: set it to 176127" in remedy_for("DataFlash", parameters={"LOG_BITMASK": 176126.0})
+    assert remedy_for("DataFlash", parameters={"LOG_BITMASK": -6146.0}).startswith("LOG_BITMASK is -6146 in this log")
+    assert remedy_for("DataFlash").startswith("If it is not set (the log does not show it), set bit 0 of LOG_BITMASK")
+    in_force = {"LOG_BITMASK": 32767.0}
+    for firmware, cure in (
+        ("ArduCopter V3.3-dev (a5a72a84)", "install ArduCopter 3.3 or later"),
+        ("", "give the log as the autopilot wrote it, or fly anew with a firmware that logs it"),
+        ("ArduCopter V3.3.3 (acf3e3d)", "give the log as the autopilot wrote it"),
+    ):
+        remedy = remedy_for("DataFlash", without_demand=True, parameters=in_force, firmware=firmware)
+        assert firmware in remedy and cure in remedy and "already" in remedy
+    old = remedy_for("DataFlash", without_demand=True, parameters={"LOG_BITMASK": 830.0}, firmware="ArduCopter V3.2.1")
+    assert "install ArduCopter 3.3 or later" in old and "already" not in old
+    limits = {"LOG_FILE_RATEMAX": 10.0, "LOG_BLK_RATEMAX": 20.0, "LOG_MAV_RATEMAX": 100.0}
+    limited = remedy_for("DataFlash", parameters={**in_force, **limits})
+    assert "set LOG_FILE_RATEMAX, 10 Hz in this log, to 0, and LOG_BLK_RATEMAX, 20 Hz" in limited
+    assert "LOG_MAV" not in limited and "et bit 0" not in limited
+    assert "LOG_BLK" not in remedy_for("DataFlash", parameters={**limits, "LOG_BACKEND_TYPE": 1.0})
+    assert "no room for 12 messages" in remedy_for("DataFlash", parameters=in_force, dropouts=12)
+
+
+def test_no_remedy_is_in_force_already_in_a_ulog():
+    assert "SDLOG_PROFILE is 131 in this log: set it to 147" in remedy_for("ULog", parameters={"SDLOG_PROFILE": 131.0})
+    assert "this PX4 has no such parameter" in remedy_for("ULog", parameters={"SDLOG_MODE": 0.0})
+    in_force = {"SDLOG_PROFILE": 17.0}
+    assert "logger_topics.txt" in remedy_for("ULog", parameters=in_force)
+    assert "dropped out 3 times" in remedy_for("ULog", parameters=in_force, dropouts=3)
+
+
+def test_no_remedy_is_in_force_already_in_a_stream():
+    assert "SRn_EXTRA1 and SRn_RC_CHAN to 100" in remedy_for("", parameters={"SR0_EXTRA1": 4.0, "SR0_RC_CHAN": 4.0})
+    assert "the telemetry port's MAVn_EXTRA1 and MAVn_RC_CHAN to 100" in remedy_for("", parameters={"MAV1_EXTRA1": 4.0})
+    fast = {"SR0_EXTRA1": 4.0, "SR0_RC_CHAN": 4.0, "SR1_EXTRA1": 100.0, "SR1_RC_CHAN": 50.0, "SR2_EXTRA1": 100.0}
+    remedy = remedy_for("", parameters=fast)
+    assert remedy.startswith("SR1_EXTRA1 and SR1_RC_CHAN are 40 or more already") and "SR2" not in remedy

@@ -58,12 +58,6 @@ def test_one_step_is_the_regression_and_forecast_continues_it():
     np.testing.assert_allclose(arx.forecast(test.inputs), np.array(y[400:]) + trim, atol=1e-9)
 
 
-def test_without_noise_the_forecast_is_exact():
-    flight, _, _ = lagged_system(3, 3, 500, noise=0.0)
-    forecast = baselines.arx(flight[:300], 3).forecast(flight.inputs[300:])
-    np.testing.assert_allclose(forecast, flight.outputs[300:], atol=1e-9)
-
-
 def test_no_lag_reaches_across_a_gap():
     flight, of_outputs, of_inputs = lagged_system(1, 2, 650, noise=0.0)
     segments = [flight[:250], flight[300:302], flight[400:]]

@@ -2,15 +2,11 @@ import sys
 
 import numpy as np
 import pytest
-from innovation_systems import DT, random_system
+from innovation_systems import random_system
 from oracle import load, needs_oracle
 from peculiar_flights import (
-    FLIGHT,
-    NOTHING_NEW,
     TRAIN,
-    errors_of,
     growing,
-    with_inputs,
 )
 from scipy.stats import chi2
 
@@ -89,20 +85,6 @@ def test_the_likelihood_rises_and_covariances_stay_positive(order, bound, train)
             assert np.linalg.eigvalsh(covariance).min() > 0.99 * LEAST_NOISE
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("order", [1, 3])
-@pytest.mark.parametrize("feedthrough", [False, True])
-def test_with_hardly_any_noise_the_forecast_is_nearly_exact(order, feedthrough):
-    """To what the least noise that EM allows leaves open, a ten-thousandth of the outputs' size at each sample."""
-    system = noisy_system(order)
-    if feedthrough:
-        system = system._replace(D=np.array([[0.5, -1.0], [0.2, 0.3]]))
-    inputs, outputs = flown(system._replace(Q=1e-16 * system.Q, R=1e-16 * system.R), 1, 450)
-    flight = Flight(DT * np.arange(450), inputs, outputs)
-    em = baselines.em(flight[:300], order, feedthrough)
-    assert errors_of(em.forecast(flight.inputs[300:]), flight[300:]) < 10 * np.sqrt(LEAST_NOISE)
-
-
 @needs_oracle
 def test_the_authors_em_is_matched_within_its_spread_over_starts():
     """Simulated System 2 of the paper: errors of the 150 samples after training, from the last estimate and from 0."""
@@ -118,25 +100,10 @@ def test_the_authors_em_is_matched_within_its_spread_over_starts():
     assert evaluate.mspe(test.outputs, em.forecast(test.inputs)).total < np.median(theirs["mspe_x0last_aligned"])
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("more", NOTHING_NEW)
-def test_inputs_that_tell_nothing_new_change_nothing(more):
-    # The random starts know how many inputs there are and of what kind; of one start the iterations must be the same.
-    records = [Record.of(flight[:700]) for flight in (FLIGHT, with_inputs(FLIGHT, NOTHING_NEW[more](FLIGHT.inputs)))]
-    one, two = (all_fits(Units.of(record).segments(record), 2, iterations=20)[0].log_likelihoods for record in records)
-    np.testing.assert_allclose(two, one, rtol=1e-6)
-
-
 def test_what_has_not_settled_is_said(monkeypatch):
     monkeypatch.setattr(sys.modules["mavdem.baselines.expectation_maximization"], "TRIAL_ITERATIONS", 3)
     monkeypatch.setattr(sys.modules["mavdem.baselines.expectation_maximization"], "MAX_ITERATIONS", 5)
     assert any("still rising after 5 iterations" in caution for caution in baselines.em(TRAIN, 2).cautions)
-
-
-@pytest.mark.slow
-def test_the_same_seed_gives_the_same_model():
-    one, two = (baselines.em(TRAIN[:300], 2, seed=3).model for _ in range(2))
-    np.testing.assert_array_equal(one.A, two.A)
 
 
 @pytest.mark.parametrize("breakdowns", [STARTS - 1, STARTS])

@@ -2,12 +2,10 @@
 
 import numpy as np
 import pytest
-from closed_loop_flight import in_closed_loop
-from peculiar_flights import NOTHING_NEW, TEST, TRAIN, back_from_other_units, in_other_units, with_inputs
+from peculiar_flights import TEST, TRAIN, back_from_other_units, in_other_units
+from simulated import in_closed_loop
 
 from mavdem import Forecaster, baselines, evaluate
-from mavdem.dem.forecast.var import LagStatistics
-from mavdem.dem.record import Record
 
 SEGMENTS = [TRAIN[:300], TRAIN[400:]]
 
@@ -35,12 +33,15 @@ def test_motors_show_the_motion_and_later_ones_show_more():
     assert smooth < causal < 0.3 < unknown < 1.2
 
 
-def test_forecasts_begin_anew_at_every_so_many_samples(model):
+def test_forecasts_and_predictions_begin_anew_at_every_so_many_samples(model):
+    past = np.hstack([TEST.outputs, TEST.inputs])[10:20]
     every = model.forecast_every(20, TEST.inputs, TEST.outputs)
     np.testing.assert_allclose(every[:20], model.forecast(TEST.inputs)[:20], rtol=1e-9)
-    past = np.hstack([TEST.outputs, TEST.inputs])[10:20]
     np.testing.assert_allclose(every[20:40], model.model.infer(past, TEST.inputs[20:40]).mean, rtol=1e-9)
     np.testing.assert_allclose(model.forecast_every(999, TEST.inputs, TEST.outputs), model.forecast(TEST.inputs))
+    every = model.predict_every(20, TEST.inputs, TEST.outputs)
+    np.testing.assert_allclose(every[:20], model.predict(20), rtol=1e-9)
+    np.testing.assert_allclose(every[20:40], model.model.predict(past, 20).mean[:, :2], rtol=1e-9)
 
 
 def test_one_step_is_the_forecast_of_each_sample_from_those_before(model):
@@ -51,23 +52,10 @@ def test_one_step_is_the_forecast_of_each_sample_from_those_before(model):
 
 
 def test_no_lag_reaches_across_a_gap():
-    found = baselines.var(SEGMENTS, order=4)
-    record = Record.of(SEGMENTS)
-    units = found.model.units
-    alone = [LagStatistics.of([units.segments(record)[number]], 4) for number in (0, 1)]
-    np.testing.assert_allclose(found.model.precision[:-1, :-1], (alone[0] + alone[1]).gram[:24, :24], rtol=0.01)
-    assert found.one_step().shape == (600, 2)
-    # Each segment begins with what is known without a past.
-    jumped = [SEGMENTS[0], SEGMENTS[1], SEGMENTS[0]]
-    again = baselines.var(jumped, order=4)
-    np.testing.assert_allclose(again.one_step()[:300], again.one_step()[600:], rtol=1e-12)
-
-
-def test_from_zero_begins_at_the_trim_of_all_channels(model):
-    at_trim = np.tile(TRAIN.inputs.mean(axis=0), (3, 1))
-    first = model.forecast(at_trim, from_zero=True)
-    np.testing.assert_allclose(first, np.tile(TRAIN.outputs.mean(axis=0), (3, 1)), atol=0.1 * TRAIN.outputs.std())
-    assert np.abs(first - model.forecast(at_trim)).max() > 1e-6
+    """Each segment begins with what is known without a past."""
+    again = baselines.var([*SEGMENTS, SEGMENTS[0]], order=4).one_step()
+    assert again.shape == (900, 2)
+    np.testing.assert_allclose(again[:300], again[600:], rtol=1e-12)
 
 
 def test_units_do_not_matter(model):
@@ -79,30 +67,6 @@ def test_units_do_not_matter(model):
     np.testing.assert_allclose(back_from_other_units(other.predict(50)), model.predict(50), atol=1e-9)
 
 
-@pytest.mark.parametrize("change", NOTHING_NEW.values(), ids=NOTHING_NEW)
-def test_inputs_that_add_nothing_change_little(model, change):
-    train, test = (with_inputs(flight, change(flight.inputs)) for flight in (TRAIN, TEST))
-    other = baselines.var(train)
-    for smooth in (False, True):
-        apart = other.forecast(test.inputs, smooth=smooth) - model.forecast(TEST.inputs, smooth=smooth)
-        assert (apart.std(axis=0) < 0.1 * TRAIN.outputs.std(axis=0)).all()
-
-
-@pytest.mark.parametrize(("order", "ridge", "said"), [(0, 0.01, "order must"), (4, 0.0, "ridge must")])
-def test_wrong_settings_are_named(order, ridge, said):
-    with pytest.raises(ValueError, match=said):
-        baselines.var(TRAIN, order, ridge)
-
-
-def test_too_few_samples_and_wrong_steps_are_named(model):
-    with pytest.raises(ValueError, match="more than 10 samples"):
-        baselines.var(TRAIN[:10])
-    with pytest.raises(ValueError, match="steps must be a whole number"):
-        model.predict(0)
-    with pytest.raises(ValueError, match="inputs must"):
-        model.forecast(TEST.inputs[:, :3])
-
-
 def test_bands_are_those_of_the_gaussian_path(model):
     np.testing.assert_allclose(
         model.predict_band(30), 1.6449 * np.sqrt(model.model.predict(model._past, 30).variance[:, :2]), rtol=1e-4
@@ -110,17 +74,20 @@ def test_bands_are_those_of_the_gaussian_path(model):
     variance = model.forecast_variance(TEST.inputs)
     np.testing.assert_allclose(model.forecast_band(TEST.inputs, 0.5), 0.67449 * np.sqrt(variance), rtol=1e-4)
     assert (model.predict_band(30)[-1] > model.predict_band(30)[0]).all()
-    with pytest.raises(ValueError, match="level must"):
-        model.predict_band(3, 1)
 
 
-def test_it_does_not_simulate_and_says_what_does(model):
-    with pytest.raises(ValueError, match=r"use Learned\.simulate"):
-        model.simulate(TEST.inputs)
-
-
-def test_predictions_begin_anew_at_every_so_many_samples(model):
-    every = model.predict_every(20, TEST.inputs, TEST.outputs)
-    np.testing.assert_allclose(every[:20], model.predict(20), rtol=1e-9)
-    past = np.hstack([TEST.outputs, TEST.inputs])[10:20]
-    np.testing.assert_allclose(every[20:40], model.model.predict(past, 20).mean[:, :2], rtol=1e-9)
+@pytest.mark.parametrize(
+    ("ask", "said"),
+    [
+        (lambda model: baselines.var(TRAIN, 0), "order must"),
+        (lambda model: baselines.var(TRAIN, 4, 0.0), "ridge must"),
+        (lambda model: baselines.var(TRAIN[:10]), "more than 10 samples"),
+        (lambda model: model.predict(0), "steps must be a whole number"),
+        (lambda model: model.predict_band(3, 1), "level must"),
+        (lambda model: model.forecast(TEST.inputs[:, :3]), "inputs must"),
+        (lambda model: model.simulate(TEST.inputs), r"use Learned\.simulate"),
+    ],
+)
+def test_what_cannot_be_is_named(model, ask, said):
+    with pytest.raises(ValueError, match=said):
+        ask(model)

@@ -11,6 +11,7 @@ from peculiar_flights import (
     TEST,
     TRAIN,
     back_from_other_units,
+    errors_of,
     growing,
     in_other_units,
     with_inputs,
@@ -24,6 +25,20 @@ PROJECTED = {
 METHODS = {"arx": baselines.arx, **PROJECTED, "pem": partial(baselines.pem, order=2)}
 SLOW = [pytest.param(partial(baselines.em, order=2), id="em", marks=pytest.mark.slow)]
 ALL = [*(pytest.param(method, id=name) for name, method in METHODS.items()), *SLOW]
+
+
+@pytest.mark.parametrize("order", [1, 2, 3, 4])
+@pytest.mark.parametrize("method", [*PROJECTED.values(), METHODS["pem"]])
+@pytest.mark.parametrize("feedthrough", [False, True])
+def test_without_noise_the_forecast_is_exact(method, order, feedthrough):
+    system = random_system(order, order)
+    if feedthrough:
+        system = system._replace(D=np.array([[0.5, -1.0], [0.2, 0.3]]))
+    flight, _ = flown(system, 1, 450, noise=0.0)
+    model = method(flight[:300], order=order, feedthrough=feedthrough)
+    assert errors_of(model.forecast(flight.inputs[300:]), flight[300:]) < 1e-6
+    assert errors_of(model.one_step(), flight[:300]) < 1e-6
+    assert model.model.D.any() == feedthrough
 
 
 @pytest.mark.parametrize("method", ALL)

@@ -4,13 +4,8 @@ import numpy as np
 import pytest
 from innovation_systems import flown, random_system
 from peculiar_flights import (
-    FLIGHT,
-    NOTHING_NEW,
-    TEST,
     TRAIN,
-    errors_of,
     growing,
-    with_inputs,
 )
 from scipy.stats import chi2
 from standard_errors import Bound
@@ -71,35 +66,6 @@ def test_errors_are_never_above_those_of_any_subspace_model(order, train):
     pem = baselines.pem(train, order)
     assert determinant(pem) < min(starts) + 1e-9
     assert np.abs(np.linalg.eigvals(pem.model.A - pem.model.K @ pem.model.C)).max() < 1
-
-
-@pytest.mark.parametrize("order", [1, 2, 3, 4])
-@pytest.mark.parametrize("feedthrough", [False, True])
-def test_without_noise_the_forecast_is_exact(order, feedthrough):
-    system = random_system(order, order)
-    if feedthrough:
-        system = system._replace(D=np.array([[0.5, -1.0], [0.2, 0.3]]))
-    flight, _ = flown(system, 1, 450, noise=0.0)
-    pem = baselines.pem(flight[:300], order, feedthrough)
-    assert errors_of(pem.forecast(flight.inputs[300:]), flight[300:]) < 1e-6
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("more", NOTHING_NEW)
-def test_inputs_that_tell_nothing_new_change_nothing(more):
-    more_inputs = with_inputs(FLIGHT, NOTHING_NEW[more](FLIGHT.inputs))
-    one, two = (baselines.pem(flight[:700], 2) for flight in (FLIGHT, more_inputs))
-    # Both have converged to a tenth of a nat, and so their forecasts to a part of what chance leaves open.
-    assert abs(determinant(one) - determinant(two)) * 700 / 2 < 0.1
-    difference = two.forecast(more_inputs.inputs[700:]) - one.forecast(TEST.inputs)
-    assert np.abs(difference).max() < 0.01 * TEST.outputs.std()
-
-
-def test_an_unstable_model_is_said_to_be_and_made_stable_only_when_asked():
-    as_found, asked = (baselines.pem(growing(), 1, stable=stable) for stable in (False, True))
-    assert not as_found.stable and not as_found.stabilised and "unstable" in as_found.cautions[0]
-    assert asked.stable and asked.stabilised and "made stable" in asked.cautions[0]
-    assert determinant(as_found) < determinant(asked)
 
 
 def test_what_has_not_settled_is_said(monkeypatch):

@@ -4,48 +4,41 @@ from __future__ import annotations
 
 import json
 import os
+import resource
 import signal
 import subprocess
 import sys
 from pathlib import Path
 
+import click
 import pytest
+from command_line import FLIGHT, LOGS, MAVDEM, PATIENCE
 
 from mavdem import read_flight
 from mavdem.cli import commands as command_line
-from mavdem.cli.commands import main
+from mavdem.cli.commands import main, mavdem
+from mavdem.cli.output_files import RESULT_FILES
 from mavdem.export.channels import write_channels
 
-LOGS = Path(__file__).parents[2] / "logs"
-FLIGHT = LOGS / "ardupilot_wind5_steps.tlog"
-MAVDEM = [sys.executable, "-c", "import sys; from mavdem.cli.commands import main; sys.exit(main())"]
-
-
-def broken_inputs(folder: Path) -> dict[str, Path]:
-    flight = FLIGHT.read_bytes()
-    contents = {
-        "empty.tlog": b"",
-        "text.tlog": b"This is a letter, not a flight.\n" * 100,
-        "noise.tlog": bytes(range(256)) * 40,
-        "renamed.ulg": b"ULog\x01\x12\x35" + bytes(1000),
-        "cut_in_the_first_frame.tlog": flight[:20],
-    }
-    paths = {name: folder / name for name in contents}
-    for name, path in paths.items():
-        path.write_bytes(contents[name])
-    return {**paths, "missing": folder / "missing.tlog", "a folder": folder}
-
-
-BROKEN = ("empty.tlog", "text.tlog", "noise.tlog", "renamed.ulg", "cut_in_the_first_frame.tlog", "missing", "a folder")
+BROKEN = {
+    "empty.tlog": b"",
+    "text.tlog": b"This is a letter, not a flight.\n" * 100,
+    "noise.tlog": bytes(range(256)) * 40,
+    "renamed.ulg": b"ULog\x01\x12\x35" + bytes(1000),
+    "cut_in_the_first_frame.tlog": FLIGHT.read_bytes()[:20],
+    "missing.tlog": None,
+}
 
 
 @pytest.mark.parametrize("name", BROKEN)
 @pytest.mark.parametrize("command", ["info", "learn", "compare"])
 def test_unreadable_input_is_one_sentence_and_nothing_written(name, command, tmp_path, capsys):
-    source, out = broken_inputs(tmp_path)[name], tmp_path / "out"
-    assert main([command, str(source), *(["--out", str(out)] if command == "learn" else [])]) == 2
+    source, out = tmp_path / name, tmp_path / "out"
+    if BROKEN[name] is not None:
+        source.write_bytes(BROKEN[name])
+    assert main([command, str(source), "--json", *(["--out", str(out)] if command == "learn" else [])]) == 2
     said = capsys.readouterr()
-    assert said.out == ""
+    assert json.loads(said.out)["error"]["reason"]
     assert said.err.startswith("mavdem: ")
     assert said.err.count("\n") == 1
     assert str(source) in said.err
@@ -57,16 +50,10 @@ def test_unreadable_input_is_one_sentence_and_nothing_written(name, command, tmp
     ("words", "named"),
     [
         (["learn", str(FLIGHT), "--out", "x", "--order", "10"], "--order: 10 is not in 2 to 4"),
-        (["learn", str(FLIGHT), "--out", "x", "--order", "11", "--preset", "paper"], "11 is not in 1 to 10"),
-        (["learn", str(FLIGHT), "--out", ""], "--out"),
         (["learn", str(FLIGHT), "--out", "x", "--vehicle", "foo"], "'foo' is no vehicle"),
-        (["info", str(FLIGHT), "--vehicle", "1:1:1"], "system and component as in 1:1"),
-        (["learn", str(FLIGHT), "--out", "x", "--start", "nan"], "--start"),
         (["learn", str(FLIGHT), "--out", "x", "--train", "many"], "'many' is no length: give seconds, as in 7s"),
         (["learn", str(FLIGHT), "--train", "49"], "49 is not a whole number of at least 50 samples"),
-        (["compare", str(FLIGHT), "--test", "0s"], "0s is not a length of flight"),
         (["info", str(FLIGHT), "--axis", "heave"], "--axis"),
-        (["info"], "SOURCE"),
         (["--colour"], "--colour"),
         (
             ["info", "udpin:127.0.0.1:14550"],
@@ -96,18 +83,6 @@ def test_a_result_is_distinguished_from_a_log(tmp_path, capsys):
     assert "was written by `mavdem learn`" in said and "name the log" in said
 
 
-@pytest.mark.parametrize("words", [["--help"], ["info", "-h"], ["learn", "--help"], ["compare", "--help"]])
-def test_help_teaches_and_succeeds(words, capsys):
-    assert main(words) == 0
-    assert "mavdem" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize("words", [["info", "missing.tlog", "--json"], ["learn", "missing.tlog", "--json"]])
-def test_with_json_a_failure_is_a_document_too(words, capsys):
-    assert main(words) == 2
-    assert json.loads(capsys.readouterr().out)["error"]["reason"]
-
-
 def test_a_fault_of_our_own_is_one_sentence_with_a_hint(monkeypatch, capsys):
     def fault(*_: object) -> None:
         raise RuntimeError("a\nfault")
@@ -123,29 +98,172 @@ def test_a_fault_of_our_own_is_one_sentence_with_a_hint(monkeypatch, capsys):
     assert "Traceback" in capsys.readouterr().err
 
 
-def test_memory_that_does_not_suffice_is_one_sentence(monkeypatch, capsys):
-    def allocate(*_: object) -> None:
-        raise MemoryError
+@pytest.mark.parametrize("fault", [MemoryError(), KeyboardInterrupt()])
+def test_memory_that_does_not_suffice_and_an_interrupt_are_one_sentence(fault, monkeypatch, capsys):
+    def fails(*_: object) -> None:
+        raise fault
 
-    monkeypatch.setattr(command_line.mavdem, "invoke", allocate)
-    assert main(["info", str(FLIGHT)]) == 2
-    assert capsys.readouterr().err.startswith("mavdem: There is not enough memory.")
+    monkeypatch.setattr(command_line.mavdem, "invoke", fails)
+    code, beginning = (
+        (130, "mavdem: Interrupted") if isinstance(fault, KeyboardInterrupt) else (2, "mavdem: There is not")
+    )
+    assert main(["info", str(FLIGHT)]) == code
+    said = capsys.readouterr().err
+    assert said.startswith(beginning) and "Traceback" not in said
 
 
-def test_an_interrupt_is_130(monkeypatch, capsys):
-    def interrupted(*_: object) -> None:
-        signal.raise_signal(signal.SIGINT)
+FULL = Path("/dev/full")
+FEW = ["--preset", "paper", "--train", "100", "--test", "20"]  # samples: what is written matters here
 
-    monkeypatch.setattr(command_line.mavdem, "invoke", interrupted)
-    assert main(["info", str(FLIGHT)]) == 130
-    assert "Traceback" not in capsys.readouterr().err
+needs_full = pytest.mark.skipif(not FULL.exists(), reason="there is no /dev/full")
+
+
+def no_file_beyond(size: int) -> None:
+    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
 
 
 @pytest.mark.slow
-def test_a_closed_pipe_is_no_error():
+def test_a_recording_that_does_not_fit_is_reported_and_leaves_nothing(tmp_path):
+    out = tmp_path / "made" / "here"
+    words = [*MAVDEM, "learn", FLIGHT, "--out", out, *FEW]
+    limited = {"preexec_fn": lambda: no_file_beyond(100_000), "timeout": PATIENCE}
+    done = subprocess.run(words, capture_output=True, text=True, **limited)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr.startswith("mavdem: --out ") and done.stderr.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.slow
+@needs_full
+@pytest.mark.parametrize("words", [["info", "none", "--json"], ["--help"]])
+def test_a_standard_output_that_fails_is_reported(words):
+    with FULL.open("w") as full:
+        done = subprocess.run([*MAVDEM, *words], stdout=full, stderr=subprocess.PIPE, text=True, timeout=PATIENCE)
+    assert done.returncode == 2
+    *_, last = done.stderr.splitlines()
+    assert last.startswith("mavdem: Standard output cannot be written to (")
+    assert "Traceback" not in done.stderr and "should not have happened" not in done.stderr
+
+
+@pytest.mark.slow
+def test_names_need_not_be_utf_8_nor_terminals_and_settings_of_matplotlib_spoil_nothing(tmp_path):
+    log = Path(os.fsdecode(os.fsencode(tmp_path) + b"/r\xff\xfe.tlog"))
+    out = Path(os.fsdecode(os.fsencode(tmp_path) + b"/o\xff\xfe"))
+    try:
+        log.write_bytes(FLIGHT.read_bytes())
+    except OSError:
+        pytest.skip("this file system takes UTF-8 only")
+    settings = tmp_path / "matplotlibrc"
+    settings.write_text("text.usetex: True\nfont.family: none\nno such line\n")
+    surroundings = {"MPLBACKEND": "none", "MATPLOTLIBRC": str(settings), "MPLCONFIGDIR": str(settings)}
+    environment = {**os.environ, **surroundings, "PYTHONIOENCODING": "ascii"}
+    words = [*MAVDEM, "learn", log, "--out", out, "--train", "200", "--test", "20"]
+    done = subprocess.run(words, capture_output=True, timeout=PATIENCE, env=environment)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr.startswith(b"Took ") and done.stderr.count(b"\n") == 3
+    assert {path.name for path in out.iterdir()} == set(RESULT_FILES)
+    assert done.stdout.isascii() and b"?" not in done.stdout
+    assert b" +- " in done.stdout and b"roll rate, deg/s" in done.stdout
+
+
+@pytest.mark.slow
+def test_an_interrupt_while_starting_is_one_sentence(tmp_path):
+    """Ctrl-C comes as numpy begins to be imported."""
+    (tmp_path / "numpy.py").write_text("import signal; signal.raise_signal(signal.SIGINT)\n")
+    path = os.pathsep.join([str(tmp_path), str(FLIGHT.parents[1])])
+    surroundings = {"env": {**os.environ, "PYTHONPATH": path}, "timeout": PATIENCE}
+    done = subprocess.run([*MAVDEM, "info", FLIGHT], capture_output=True, text=True, **surroundings)
+    assert done.returncode == 130
+    assert done.stderr.startswith("mavdem: Interrupted") and done.stderr.count("\n") == 1
+
+
+def test_the_help_says_of_each_command_what_it_says_itself():
+    context = click.Context(mavdem)
+    for name, told in mavdem.commands.items():
+        _, command, _ = mavdem.resolve_command(context, [name])
+        assert command is not told
+        assert command.get_short_help_str(limit=200) == told.get_short_help_str(limit=200)
+
+
+@pytest.mark.parametrize("name", RESULT_FILES)
+def test_a_folder_where_a_result_must_go_is_refused_before_the_work(name, tmp_path, capsys):
+    (tmp_path / name).mkdir()
+    assert main(["learn", "missing.tlog", "--out", str(tmp_path)]) == 2
+    assert f"{name} is a folder" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
+@pytest.mark.parametrize("option", ["--out", "--vehicle"])
+def test_an_option_is_no_value_of_another(option, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["learn", str(FLIGHT), "--out", "x", option, "--json"]) == 2
+    said = capsys.readouterr().err
+    assert option in said and "--json is an option" in said
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_file_named_like_a_link_is_a_file(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("COM3").write_bytes(FLIGHT.read_bytes())
+    assert main(["info", "COM3"]) == 0
+    assert main(["info", "COM4"]) == 2
+    assert "link" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("closed", [1, 2])
+def test_a_closed_stream_or_pipe_is_as_one_that_nobody_reads(closed):
+    timed = {"stderr": subprocess.PIPE, "timeout": PATIENCE}
+    done = subprocess.run([*MAVDEM, "--help"], preexec_fn=lambda: os.close(closed), stdout=subprocess.PIPE, **timed)
+    assert (done.returncode, done.stderr) == (0, b"")
     reader, writer = os.pipe()
     os.close(reader)
-    done = subprocess.run([*MAVDEM, "--help"], stdout=writer, stderr=subprocess.PIPE, timeout=60)
+    done = subprocess.run([*MAVDEM, "--help"], stdout=writer, **timed)
     os.close(writer)
-    assert done.returncode == 128 + signal.SIGPIPE
-    assert done.stderr == b""
+    assert (done.returncode, done.stderr) == (128 + signal.SIGPIPE, b"")
+
+
+def offered(monkeypatch, capsys, *words: str) -> list[str]:
+    monkeypatch.setenv("COMP_WORDS", " ".join(("mavdem", *words)).rstrip())
+    monkeypatch.setenv("COMP_CWORD", str(len(words)))
+    monkeypatch.setenv("_MAVDEM_COMPLETE", "bash_complete")
+    assert main([]) == 0
+    said = capsys.readouterr()
+    assert said.err == ""
+    return said.out.split()
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_the_script_of_each_shell_is_printed(shell, monkeypatch, capsys):
+    monkeypatch.setenv("_MAVDEM_COMPLETE", f"{shell}_source")
+    assert main([]) == 0
+    script = capsys.readouterr().out
+    assert "_MAVDEM_COMPLETE" in script and "Usage" not in script
+
+
+def test_commands_options_values_and_scenarios_are_offered(monkeypatch, capsys):
+    assert offered(monkeypatch, capsys, "le") == ["plain,learn"]
+    assert offered(monkeypatch, capsys, "learn", "x.tlog", "--o") == ["plain,--out", "plain,--order"]
+    assert offered(monkeypatch, capsys, "info", "--axis", "") == ["plain,roll", "plain,pitch", "plain,yaw"]
+    assert offered(monkeypatch, capsys, "info", "fli") == ["file,fli"]
+    assert "plain,hover_blower" in offered(monkeypatch, capsys, "fly", "hover")
+    assert offered(monkeypatch, capsys, "fly", "./my.toml") == ["file,./my.toml"]
+
+
+def test_completing_a_command_imports_nothing_that_takes_time():
+    program = (
+        "import sys; from mavdem.__main__ import run; code = run();"
+        "print(sorted({'numpy', 'scipy', 'pydantic', 'rerun'} & set(sys.modules)), file=sys.stderr); sys.exit(code)"
+    )
+    asked = {**os.environ, "COMP_WORDS": "mavdem le", "COMP_CWORD": "1", "_MAVDEM_COMPLETE": "zsh_complete"}
+    done = subprocess.run([sys.executable, "-c", program], env=asked, capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stderr) == (0, "[]\n") and "learn" in done.stdout
+
+
+def test_the_closest_names_come_first(capsys):
+    assert main(["learn", "x.tlog", "--ot", "y"]) == 2
+    assert "Did you mean --out, --test or --json?" in capsys.readouterr().err
+    assert main(["learm", "x.tlog"]) == 2
+    assert "learn" in capsys.readouterr().err

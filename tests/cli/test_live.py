@@ -5,13 +5,11 @@ from __future__ import annotations
 import contextlib
 import json
 import re
-import shutil
 import signal
 import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 from unittest.mock import Mock
 
@@ -24,11 +22,11 @@ from mavdem.cli.commands import main
 from mavdem.ingest import read_log
 
 MAVDEM = [sys.executable, "-c", "import sys; from mavdem.__main__ import run; sys.exit(run())"]
-OFTEN = "import mavdem.cli.live; mavdem.cli.live.STATUS_SECONDS = 0.2; "
-"""Lets a status line follow the other, so that nobody waits long for what it says."""
 PATIENCE = 300.0  # Seconds that a slow, busy machine may take for anything; on others nothing waits for them
-PATIENTLY = f"import mavdem.view.live.live_view; mavdem.view.live.live_view.CLOSE_SECONDS = {PATIENCE}; "
-MAVPROXY = shutil.which("mavproxy.py") or shutil.which("mavproxy.py", path=Path(sys.executable).parent)
+PATIENTLY = (
+    f"import mavdem.view.live.live_view; mavdem.view.live.live_view.CLOSE_SECONDS = {PATIENCE}; "
+    "import mavdem.cli.live; mavdem.cli.live.STATUS_SECONDS = 0.2; "
+)
 
 
 @pytest.fixture(autouse=True)
@@ -47,13 +45,6 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
-@pytest.fixture
-def held() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as holder:
-        holder.bind(("127.0.0.1", 0))
-        yield int(holder.getsockname()[1])
-
-
 def refused(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
     assert main(["live", *words]) == 2
     said = capsys.readouterr()
@@ -65,35 +56,23 @@ def refused(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
     ("words", "said"),
     [
         (["nonsense:1:2:3"], "is not a link"),
-        (["udpin:127.0.0.1:99999"], "ports go up to 65535"),
-        (["/dev/ttyNONE"], "no such serial port"),
-        (["tcp:127.0.0.1:1"], "nothing listens there"),
         (["udpin:127.0.0.1:0", "--record", "x.bin"], "--record"),
         (["udpin:127.0.0.1:0", "--rrd", "x.tlog"], "--rrd"),
         (["udpin:127.0.0.1:0", "--rrd", "none/x.rrd"], "there is no folder none"),
         (["udpin:127.0.0.1:0", "--model", "x.txt"], "--model"),
         (["udpin:127.0.0.1:0", "--connect", "nowhere"], "--connect"),
         (["udpin:127.0.0.1:0", "--request-rate", "0"], "--request-rate"),
-        *((["udpin:127.0.0.1:0", "--request-rate", rate], "--request-rate") for rate in ("nan", "inf", "-1")),
+        (["udpin:127.0.0.1:0", "--request-rate", "nan"], "--request-rate"),
         (["udpin:127.0.0.1:0", "--duration", "nan"], "--duration"),
         (["udpout:127.0.0.1:14550"], "nothing is sent without --request-rate"),
         (["udpin:127.0.0.1:0", "--axis", "yaw"], "--axis"),
-        (["udpin:127.0.0.1:0", "--vehicle", "one"], "'one' is no vehicle"),
-        (["udpin:127.0.0.1:0", "--vehicle", "1:1:1"], "system and component as in 1:1"),
         (["udpin:127.0.0.1:0", "--rrd", ""], "must end in .rrd"),
-        (["udpin:127.0.0.1:0", "--order", "10"], "--order: 10 is not in 2 to 4"),
-        (["udpin:127.0.0.1:0", "--order", "11", "--preset", "paper"], "11 is not in 1 to 10"),
-        (["udpin:127.0.0.1:0", "--preset", "gauss"], "--preset"),
     ],
 )
 def test_what_cannot_be_is_refused_in_a_sentence(words, said, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert said in refused(words, capsys)
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_port_in_use_is_said(held, capsys):
-    assert "in use" in refused([f"udpin:127.0.0.1:{held}"], capsys)
 
 
 def test_a_view_that_is_served_already_is_said_in_a_sentence(capsys):
@@ -131,47 +110,21 @@ def test_a_model_that_cannot_be_written_costs_nothing_else(tmp_path, capsys, mon
     assert "there is no folder" in said.err
 
 
-def test_help_and_readme_name_the_same_scenario_to_try(capsys):
-    assert main(["live", "--help"]) == 0
-    tried = re.compile(r"mavdem fly (\w+) --udp 127.0.0.1:14550")
-    readme = (Path(__file__).parents[2] / "README.md").read_text()
-    assert set(tried.findall(capsys.readouterr().out)) == set(tried.findall(readme))
-
-
-def test_a_recording_replaces_nothing(tmp_path, capsys):
-    kept = tmp_path / "flight.tlog"
-    kept.write_bytes(b"dear")
-    assert "is there already" in refused([f"udpin:127.0.0.1:{free_port()}", "--record", str(kept)], capsys)
-    assert kept.read_bytes() == b"dear"
-
-
 class Live:
-    """``mavdem live`` in a process of its own, listening."""
+    """``mavdem live`` in a process of its own, listening, with a status line every 0.2 s."""
 
-    def __init__(self, folder: Path, *words: str, link: str = "") -> None:
+    def __init__(self, folder: Path, *words: str) -> None:
         self.port, self.folder = free_port(), folder
-        self.error = (folder / "error").open("w+")
-        command = [
-            sys.executable,
-            "-c",
-            (PATIENTLY if "--rrd" in words else "") + OFTEN + MAVDEM[2],
-            "live",
-            link or f"udpin:127.0.0.1:{self.port}",
-            "--json",
-            *words,
-        ]
-        self.process = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=self.error, text=True)
+        command = [*MAVDEM[:2], PATIENTLY + MAVDEM[2], "live", f"udpin:127.0.0.1:{self.port}", "--json", *words]
+        error = (folder / "error").open("w+")
+        self.process = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=error, text=True)
         self.until("Listening")
 
-    def until(self, said: str) -> None:
-        self.until_heard(lambda error: said in error)
-
-    def until_learnt(self, samples: int) -> None:
-        self.until_heard(lambda error: any(int(n) >= samples for n in re.findall(r"(\d+) samples learned", error)))
-
-    def until_heard(self, enough: Callable[[str], bool]) -> None:
-        deadline = time.monotonic() + PATIENCE
-        while not enough(error := (self.folder / "error").read_text()):
+    def until(self, said: str, learned: int = 0) -> None:
+        """Waits for a sentence, and for a number of samples learned from."""
+        deadline, error = time.monotonic() + PATIENCE, ""
+        while said not in error or learned > max(map(int, re.findall(r"(\d+) samples learned", error)), default=0):
+            error = (self.folder / "error").read_text()
             assert self.process.poll() is None and time.monotonic() < deadline, error
             time.sleep(0.05)
 
@@ -205,21 +158,9 @@ def test_without_a_vehicle_it_ends_with_nothing_kept(tmp_path):
 def test_a_simulated_vehicle_is_learnt_from_and_everything_is_kept(tmp_path):
     chosen = ["--preset", "paper", "--order", "4"]
     live = Live(tmp_path, "--rrd", "f.rrd", "--record", "f.tlog", "--request-rate", "50", *chosen)
-    fly = [
-        *MAVDEM,
-        "fly",
-        "ardupilot_steps",
-        "--udp",
-        f"127.0.0.1:{live.port}",
-        "--speed",
-        "2",
-        "--duration",
-        "900",
-        "--json",
-    ]
-    flying = subprocess.Popen(fly, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
-    live.until("The model is being learned")
-    live.until_learnt(201)
+    fly = f"fly ardupilot_steps --udp 127.0.0.1:{live.port} --speed 2 --duration 900 --json".split()
+    flying = subprocess.Popen([*MAVDEM, *fly], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    live.until("The model is being learned", 201)
     told = live.end(signal.SIGINT, signal.SIGINT, signal.SIGTERM)
     flying.send_signal(signal.SIGINT)
     flown = json.loads(flying.communicate(timeout=PATIENCE)[0])

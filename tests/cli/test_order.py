@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import FLIGHT, SLOW
 
 from mavdem.cli.commands import main
-
-LOGS = Path(__file__).parents[2] / "logs"
-STEPS, SLOW = LOGS / "ardupilot_wind5_steps.tlog", LOGS / "ardupilot_default_rates.tlog"
 
 
 @pytest.mark.slow
 def test_the_order_and_why_are_reported(tmp_path, capsys):
     page = tmp_path / "order.html"
-    assert main(["order", str(STEPS), str(SLOW), "--max-order", "3", "--html", str(page), "--json"]) == 0
+    assert main(["order", str(FLIGHT), str(SLOW), "--max-order", "3", "--html", str(page), "--json"]) == 0
     out, err = capsys.readouterr()
     document = json.loads(out)
     assert document["html"] == str(page) and "ardupilot_wind5_steps" in page.read_text()
@@ -40,9 +37,9 @@ def test_a_flight_that_cannot_tell_ends_with_one(capsys):
 @pytest.mark.parametrize(
     "words",
     [
-        ["order", str(STEPS), str(STEPS)],
-        ["order", str(STEPS), "--html", "page.txt"],
-        ["order", str(STEPS), "--max-order", "99"],
+        ["order", str(FLIGHT), str(FLIGHT)],
+        ["order", str(FLIGHT), "--html", "page.txt"],
+        ["order", str(FLIGHT), "--max-order", "99"],
         ["order", "udpin:127.0.0.1:14550"],
     ],
 )

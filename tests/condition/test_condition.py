@@ -1,18 +1,30 @@
-"""Condition figures of made-up flights at rates down to 1 Hz, against what the flights were made of."""
+"""Condition, hover, identity and tier of made-up flights, against what they were made of, at rates down to 1 Hz."""
 
 from __future__ import annotations
 
 import json
+from dataclasses import replace
+from datetime import UTC, datetime
 
 import numpy as np
 import pytest
 from hover import Hover, changed, columns
+from recorded_flights import shared
 from scipy.signal import lfilter
 
+import mavdem
+from mavdem import Flight, hover, hover_figures
+from mavdem.alignment import read
+from mavdem.alignment.read import usable_segments
 from mavdem.alignment.signals import Signals
-from mavdem.condition import condition_of
-from mavdem.condition.condition import LEVEL, mean_interval
-from mavdem.ingest.telemetry import Telemetry
+from mavdem.alignment.verdict import verdict_of
+from mavdem.condition import condition_of, identity_of
+from mavdem.condition.condition import LEVEL, hover_of_log, mean_interval
+from mavdem.condition.inventory import Tier, inventory, tier_of
+from mavdem.errors import NotLearnable
+from mavdem.ingest import Log, read_log
+from mavdem.ingest.motors import OutputScale
+from mavdem.ingest.telemetry import Component, Telemetry
 
 HOVER = Hover(hovering=60.0)
 SECONDS, RATE, SERIES = 60.0, 10.0, 1000
@@ -116,5 +128,246 @@ def test_a_rate_ten_times_as_high_makes_the_interval_no_narrower_where_it_adds_n
     np.testing.assert_allclose(mean_interval(often, 60.0), mean_interval(slow, 60.0), rtol=1e-3)
 
 
-def test_a_series_too_short_has_no_interval():
-    assert np.isinf(mean_interval(np.arange(8.0)[:, None], 8.0)).all()
+PULSES = OutputScale("PWM", "µs", 1000.0, 2000.0, 1.0)
+
+
+def log_of(telemetry: Telemetry) -> Log:
+    return Log(telemetry.source, (telemetry,), (), (), 0, 0, (0.0, 0.0))
+
+
+def leaning(motor_rate: float = 100.0) -> Telemetry:
+    """A hover about 10° of roll and -4° of pitch, motor 1 at 1800 µs and, every fourth message, at 1995 µs."""
+    telemetry = HOVER.telemetry(motor_time=motor_rate)
+    attitude, motors = telemetry.messages["ATTITUDE"], telemetry.messages["SERVO_OUTPUT_RAW"]
+    tilt = {"roll": attitude["roll"] + np.radians(10), "pitch": attitude["roll"] - np.radians(4)}
+    telemetry = changed(telemetry, "ATTITUDE", **tilt, pitchspeed=attitude["rollspeed"])
+    flying = motors["servo1_raw"] != 1000
+    full = np.arange(len(flying)) % 4 == 0
+    swing = 20 * np.sin(5 * motors["time"])
+    outputs = (np.where(full, 1995.0, 1800.0), 1600 + swing, 1600 - swing, 1600 + swing)
+    pulses = {f"servo{n}_raw": np.where(flying, output, 1000.0) for n, output in enumerate(outputs, 1)}
+    return changed(telemetry, "SERVO_OUTPUT_RAW", **pulses)
+
+
+@pytest.mark.parametrize("motor_rate", [100.0, 10.0])
+def test_figures_are_those_of_the_flight_however_slowly_the_motors_come(motor_rate):
+    found = hover_of_log(log_of(leaning(motor_rate)))
+    assert found.unit == "µs" and found.motors[0] == "motor 1 (front right)"
+    mean = 0.75 * 1800 + 0.25 * 1995
+    of_range = np.array([mean - 1000, 600, 600, 600]) / 1000
+    assert found.trim == pytest.approx([mean, 1600, 1600, 1600], abs=2)
+    assert found.trim_of_range == pytest.approx(of_range, abs=2e-3)
+    assert found.trim_share == pytest.approx(of_range / of_range.mean(), rel=5e-3)
+    assert np.mean(found.trim_share) == pytest.approx(1) and np.sum(found.imbalance) == pytest.approx(0, abs=1e-9)
+    assert found.imbalance == pytest.approx([100 * (share - 1) for share in found.trim_share])
+    assert found.headroom == pytest.approx([0.005, 0.38, 0.38, 0.38], abs=1e-3)
+    assert found.at_upper_limit == pytest.approx([0.25, 0, 0, 0], abs=0.01)
+    assert found.at_lower_limit == (0, 0, 0, 0)
+    assert (found.roll, found.pitch) == pytest.approx((10, -4), abs=0.2)
+    assert found.seconds == pytest.approx(HOVER.hovering, abs=1.5)
+    assert json.loads(json.dumps(found.as_dict(), allow_nan=False))["imbalance"] == pytest.approx(found.imbalance)
+
+
+def test_flights_give_the_same_figures_and_count_their_motors_once():
+    log = log_of(leaning())
+    expected = hover_of_log(log)
+    flights = [one for axis in ("roll", "pitch") for one in usable_segments(Signals(log.vehicles[0], axis))[0]]
+    found = hover_figures(flights)
+    assert found.seconds == pytest.approx(expected.seconds, abs=0.1)
+    for name in ("trim", "trim_of_range", "trim_share", "headroom", "at_upper_limit"):
+        assert getattr(found, name) == pytest.approx(getattr(expected, name), abs=1e-3, rel=1e-3)
+    assert (found.roll, found.pitch) == pytest.approx((expected.roll, expected.pitch), abs=0.02)
+    assert hover_figures(flights[:1]).pitch is None
+
+
+def test_arrays_need_the_range_of_their_outputs():
+    flight = Flight(np.arange(4) / 100, [[1500.0, 1100.0]] * 4, [0.1] * 4, output_names=("roll",))
+    with pytest.raises(ValueError, match="give the scale"):
+        hover_figures([flight])
+    found = hover_figures([flight], PULSES)
+    assert found.trim_of_range == pytest.approx((0.5, 0.1)) and found.at_lower_limit == (0.0, 1.0)
+    assert found.roll == pytest.approx(np.degrees(0.1)) and found.pitch is None
+
+
+def test_a_shortened_propeller_makes_its_motor_work_harder():
+    """Logged at 10 Hz, too slowly for a model."""
+    good, cut = (hover(shared(f"real/propeller/hover_{name}_1.BIN")) for name in ("good", "cut25mm"))
+    assert np.argmax(cut.imbalance) == 0 and cut.imbalance[0] - good.imbalance[0] > 10
+    assert cut.headroom[0] < good.headroom[0]
+
+
+def test_what_has_no_figures_is_refused():
+    still = Flight([0, 1], [1000.0, 1000.0], [1.0, 2.0])
+    with pytest.raises(NotLearnable, match="are off"):
+        hover_figures([still], PULSES)
+    with pytest.raises(ValueError, match="demand"):
+        hover_figures([still], OutputScale("demand", "", -1, 1, 0.1))
+
+
+TEXT = "CUAVv5Nano 001A002F 30395113 33333539"
+CALIBRATED = {"INS_ACCOFFS_X": 0.11, "INS_ACCOFFS_Y": -0.02, "INS_ACCOFFS_Z": 0.3}
+CALIBRATED |= {"INS_ACCSCAL_X": 1.001, "INS_ACCSCAL_Y": 0.99, "INS_ACCSCAL_Z": 1.0}
+
+
+def flown(parameters: dict[str, float] | None = None, autopilot: str = "ARDUPILOTMEGA") -> Telemetry:
+    return Hover().telemetry(10.0, 10.0, autopilot=autopilot, parameters=parameters)
+
+
+def name_of(telemetry: Telemetry) -> tuple[str, str]:
+    found = identity_of(Signals(telemetry))
+    return found.name, found.basis
+
+
+def test_the_boards_number_is_the_same_from_the_text_and_from_autopilot_version():
+    said = changed(flown(), "STATUSTEXT", **columns(np.array([1.0]), text=np.array([TEXT.encode()])))
+    words = bytes.fromhex("".join(TEXT.split()[1:]))
+    raw = b"".join(words[at : at + 4][::-1] for at in (0, 4, 8)).ljust(18, b"\0")
+    uid2 = np.frombuffer(raw, dtype=np.uint8)[None]
+    sent = changed(flown(), "AUTOPILOT_VERSION", **columns(np.array([1.0]), uid2=uid2))
+    assert name_of(said) == name_of(sent) == ("001a002f3039511333333539", "board")
+
+
+def test_without_a_number_the_calibration_names_the_vehicle_and_defaults_do_not():
+    ours, basis = name_of(flown(CALIBRATED))
+    assert basis == "accelerometer"
+    assert name_of(flown(CALIBRATED | {"INS_GYROFFS_X": 0.5, "ATC_RAT_RLL_P": 0.2})) == (ours, basis)
+    assert name_of(flown(CALIBRATED | {"INS_ACCOFFS_X": 0.12}))[0] != ours
+    simulated = dict.fromkeys(("INS_ACCOFFS_X", "INS_ACCOFFS_Y", "INS_ACCOFFS_Z"), 0.001)
+    scales = dict.fromkeys(("INS_ACCSCAL_X", "INS_ACCSCAL_Y", "INS_ACCSCAL_Z"), 1.001)
+    assert name_of(flown(simulated | scales)) == ("ardupilotmega-1", "system id")
+    assert name_of(flown()) == ("ardupilotmega-1", "system id")
+
+
+@pytest.mark.parametrize("uid2", [bytes(18), bytes([4, *bytes(17)])])
+def test_a_simulators_small_number_is_none(uid2):
+    rows = np.frombuffer(uid2, dtype=np.uint8)[None]
+    telemetry = changed(flown(autopilot="PX4"), "AUTOPILOT_VERSION", **columns(np.array([1.0]), uid2=rows))
+    assert name_of(telemetry) == ("px4-1", "system id")
+
+
+def test_the_date_is_when_the_settled_flight_began():
+    unix = datetime(2026, 5, 4, 12, 0, 0, tzinfo=UTC)
+    beat = Hover().stamps(1.0)
+    clock = np.where(beat < 3, 0, 1e6 * (unix.timestamp() + beat)).astype(np.uint64)
+    found = identity_of(Signals(changed(flown(), "SYSTEM_TIME", **columns(beat, time_unix_usec=clock)))).date
+    assert found is not None and 11 <= (found - unix).total_seconds() <= 13  # level from 11 s on
+    assert identity_of(Signals(flown())).date is None
+    assert identity_of(Signals(flown()), unix.timestamp()).date == unix
+
+
+def test_firmware_is_what_the_autopilot_says_or_sends():
+    said = changed(flown(), "STATUSTEXT", **columns(np.array([1.0]), text=np.array([b"ArduCopter V4.5.7 (2a3dc4b7)"])))
+    assert identity_of(Signals(said)).firmware == "ArduCopter V4.5.7 (2a3dc4b7)"
+    version = columns(np.array([1.0]), flight_sw_version=np.array([(1 << 24) + (16 << 16) + 255], dtype=np.uint32))
+    sent = changed(flown(autopilot="PX4"), "AUTOPILOT_VERSION", **version)
+    assert identity_of(Signals(sent)).firmware == "PX4 v1.16.0"
+    assert identity_of(Signals(replace(sent, firmware="PX4 v1.2.3 (abc)"))).firmware == "PX4 v1.2.3 (abc)"
+
+
+def test_one_flight_recorded_both_ways_is_of_one_vehicle_and_another_is_of_another():
+    recorded = [f"sitl_ardupilot/ardupilot_inertia_wind5_steps.{kind}" for kind in ("tlog", "BIN")]
+    others = [f"real/propeller/hover_{which}_1.BIN" for which in ("good", "cut25mm")]
+    names = [name_of(read_log(shared(path)).vehicles[0]) for path in (*recorded, *others)]
+    assert names[0] == names[1] and names[2] == names[3] == ("001a002f3039511333333539", "board")
+    assert names[0] != names[2]
+
+
+LONG = Hover(hovering=100.0)
+
+
+def tier(telemetry: Telemetry) -> Tier:
+    signals = Signals(telemetry)
+    return tier_of(verdict_of(signals), condition_of(signals))
+
+
+@pytest.mark.parametrize(
+    ("attitude", "motors", "name", "following"),
+    [
+        (100.0, 100.0, "a", None),
+        (50.0, 10.0, "b", "a"),
+        (10.0, 10.0, "b", "a"),
+        (100.0, 4.0, "c", "b"),
+        (4.0, 4.0, "c", "b"),
+        (1.0, 1.0, "c", "b"),
+    ],
+)
+def test_the_slower_stream_decides_the_tier(attitude, motors, name, following):
+    found = tier(HOVER.telemetry(attitude, motors))
+    assert (found.name, found.next_tier) == (name, following)
+    assert bool(found.remedy) == (name != "a") and (name == "a" or "Hz" in found.reason)
+
+
+def test_without_settled_flight_there_is_no_tier_but_what_it_takes():
+    telemetry = HOVER.telemetry(10.0, 10.0)
+    beats = telemetry.messages["HEARTBEAT"]
+    found = tier(changed(telemetry, "HEARTBEAT", base_mode=np.zeros(len(beats["time"]), dtype=np.uint8)))
+    assert (found.name, found.next_tier, found.reason) == (None, "c", "The vehicle was never armed.")
+    submarine = tier(HOVER.telemetry(100.0, 100.0, vehicle="SUBMARINE"))
+    assert submarine.name is None and "SUBMARINE" in submarine.reason
+
+
+def flight(telemetry: Telemetry, monkeypatch: pytest.MonkeyPatch, lowest: str) -> mavdem.Flight:
+    monkeypatch.setattr(read, "read_log", lambda _: Log("", (telemetry,), (), (), 0, 0, (0.0, 0.0)))
+    return mavdem.read_flight("log", tier=lowest)
+
+
+def test_a_flight_is_read_at_the_tier_that_is_accepted_and_says_what_it_lacks(monkeypatch):
+    slow = HOVER.telemetry(10.0, 10.0)
+    with pytest.raises(NotLearnable, match="10.0 Hz"):
+        flight(slow, monkeypatch, "a")
+    for lowest in ("b", "c"):
+        found = flight(slow, monkeypatch, lowest)
+        assert found.dt == pytest.approx(0.1) and "No full roll model" in found.provenance["cautions"][-1]
+    with pytest.raises(NotLearnable, match="4.0 Hz"):
+        flight(HOVER.telemetry(4.0, 4.0), monkeypatch, "b")
+    assert flight(HOVER.telemetry(4.0, 4.0), monkeypatch, "c").dt == pytest.approx(0.25)
+    with pytest.raises(ValueError, match="tier must be one of a, b, c"):
+        mavdem.read_flight("log", tier="d")
+
+
+def test_rates_that_contradict_the_angles_make_no_slow_motion(monkeypatch):
+    """A 12 Hz oscillation at 10 Hz looks like one of 2 Hz, at a sixth of its rate."""
+    time = HOVER.stamps(10.0)
+    fast = 2 * np.pi * 12.2
+    slow = HOVER.telemetry(10.0, 10.0)
+    oscillating = {"roll": 0.02 * np.sin(fast * time), "rollspeed": 0.02 * fast * np.cos(fast * time)}
+    aliased = changed(slow, "ATTITUDE", **oscillating)
+    assert tier(aliased).name == "b"
+    with pytest.raises(NotLearnable, match="contradict"):
+        flight(aliased, monkeypatch, "b")
+    assert flight(aliased, monkeypatch, "c").dt == pytest.approx(0.1)
+
+
+def told(telemetry: Telemetry) -> dict:
+    speaker = Component(1, 1, "QUADROTOR", "ARDUPILOTMEGA", {"ATTITUDE": 1000}, lost=4000)
+    station = Component(255, 190, "GCS", "INVALID", {"HEARTBEAT": 60}, lost=100)
+    return inventory(Log("made-up.tlog", (telemetry,), (speaker, station), (), 0, 0, (0.0, 0.0)))
+
+
+def test_a_log_of_some_kinds_misses_nothing_of_what_it_keeps():
+    vehicle, station = told(LONG.telemetry(stamps_of_8_and_12(), 50.0))["speakers"]
+    assert vehicle["lost_share"] == pytest.approx(0.8)
+    assert vehicle["missing_share"] == 0
+    assert station["missing_share"] is None
+
+
+def stamps_of_8_and_12() -> np.ndarray:
+    return np.cumsum(np.resize([0.008, 0.012], round(LONG.end * 100)))
+
+
+@pytest.mark.parametrize("stamps", [(), (stamps_of_8_and_12(), stamps_of_8_and_12())])
+def test_a_link_that_loses_messages_loses_them_of_every_kind(stamps):
+    random, telemetry = np.random.default_rng(3), LONG.telemetry(*stamps)
+    for message, table in telemetry.messages.items():
+        kept = random.random(len(table["time"])) > 0.1
+        telemetry = changed(telemetry, message, **{name: column[kept] for name, column in table.items()})
+    assert told(telemetry)["speakers"][0]["missing_share"] == pytest.approx(0.1, abs=0.02)
+
+
+def test_the_rate_of_a_message_with_several_ports_is_that_of_one():
+    telemetry = LONG.telemetry()
+    table = telemetry.messages["SERVO_OUTPUT_RAW"]
+    twice = {name: np.repeat(column, 2) for name, column in table.items()}
+    twice["port"] = np.resize([0, 1], len(twice["time"])).astype(np.uint8)
+    (one,), (two,) = (told(changed(telemetry, "SERVO_OUTPUT_RAW", **columns))["vehicles"] for columns in (table, twice))
+    assert one["messages"]["SERVO_OUTPUT_RAW"]["rate"] == two["messages"]["SERVO_OUTPUT_RAW"]["rate"]

@@ -1,13 +1,10 @@
 """Forecasts with the motors known and unknown: the plant's, autoregressions', the last sample and the mean, mixed."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from closed_loop_flight import in_closed_loop
-from simulated import simulated
+from simulated import in_closed_loop
 
-from mavdem import Flight, Learned, Settings, baselines, evaluate, learn
+from mavdem import Flight, Settings, baselines, evaluate, learn
 from mavdem.dem.forecast.forecasts import (
     DOUBLING_DEVIATION,
     FOLDS,
@@ -46,18 +43,6 @@ def learned():
     return learn(TRAIN)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", [0, 5])
-def test_the_motors_are_measurements_of_the_motion(seed):
-    """The autopilot hardly errs here: its motors tell more of the motion than the plant alone can know of the wind."""
-    flight = in_closed_loop(850, seed)
-    train, test = flight[:700], flight[700:]
-    ours, plants = (
-        relative_mspe(train, test, learn(train, each).forecast(test.inputs)) for each in (Settings(), PLANT)
-    )
-    assert ours < plants
-
-
 def test_smoothing_uses_motors_that_come_later(learned):
     causal, smooth = (learned.forecast(TEST.inputs, smooth=later) for later in (False, True))
     changed = TEST.inputs.copy()
@@ -78,11 +63,6 @@ def test_a_forecast_is_one_piece_of_forecasts_from_every_sample(learned):
     np.testing.assert_allclose(every, forecast, rtol=1e-9, atol=1e-12)
     pieces = learned.forecast_every(40, TEST.inputs, TEST.outputs)
     np.testing.assert_allclose(pieces[:40], learned.forecast(TEST.inputs[:40]), rtol=1e-9, atol=1e-12)
-
-
-def test_a_document_forecasts_what_the_model_did(learned):
-    again = Learned.from_json(learned.to_json())
-    np.testing.assert_array_equal(again.forecast(TEST.inputs), learned.forecast(TEST.inputs))
 
 
 def test_weights_fall_with_the_expected_error():
@@ -145,12 +125,6 @@ def test_noise_that_no_model_foresees_is_left_to_the_mean():
     assert (flight.useful_steps(0.9) > 10).all() and (flight.useful_steps(0.1) < flight.useful_steps(0.9)).all()
 
 
-def test_a_record_too_short_for_it_is_forecast_by_the_plant_alone():
-    assert left_out_errors(Record.of(FLIGHT[:20]), 20) is None
-    short = Record.of([FLIGHT[start : start + 15] for start in range(0, 150, 20)])
-    assert left_out_errors(short, 20) is None
-
-
 @pytest.mark.slow
 def test_bands_hold_nine_of_ten_samples():
     known, unknown = [], []
@@ -178,13 +152,6 @@ def test_a_gust_that_training_has_not_seen_widens_the_band(learned):
     assert np.isfinite(learned.forecast(1e6 * TEST.inputs)).all()
 
 
-def test_settings_without_it_leave_the_plant_alone():
-    learned = learn(TRAIN, replace(PLANT, iterations=2))
-    plant = learned.prediction.plant.every(len(TEST), TEST.inputs, 0 * TEST.outputs)
-    np.testing.assert_array_equal(learned.forecast(TEST.inputs), plant.mean)
-    assert Settings.paper().forecasts == "model"
-
-
 def test_every_so_many_samples_a_prediction_begins_anew(learned):
     every = learned.predict_every(40, TEST.inputs, TEST.outputs)
     np.testing.assert_allclose(every[:40], learned.predict(40), rtol=1e-12)
@@ -194,14 +161,8 @@ def test_every_so_many_samples_a_prediction_begins_anew(learned):
     np.testing.assert_array_equal(other[:40], every[:40])
     half = learned.predict_band(300)
     assert half.shape == (300, 2) and (half[-1] > half[0]).all()
-
-
-@pytest.mark.parametrize(("steps", "level"), [(0, 0.9), (1.5, 0.9), (10, 1.0)])
-def test_what_is_no_number_of_steps_or_no_level_is_named(learned, steps, level):
-    with pytest.raises(ValueError, match="^(steps|level) must"):
-        learned.predict_band(steps, level)
     with pytest.raises(ValueError, match="^steps must"):
-        learned.predict(-1)
+        learned.predict_band(0)
 
 
 def test_it_is_better_than_the_last_sample_and_the_mean_at_every_horizon():
@@ -233,6 +194,7 @@ def test_what_grows_overflows_nothing():
 @pytest.mark.parametrize("lengths", [(12, 9), (3, 2), (2,), (45, 1)])
 def test_short_segments_suffice_for_something(lengths):
     parts = [FLIGHT[60 * number : 60 * number + length] for number, length in enumerate(lengths)]
+    assert left_out_errors(Record.of(parts), 20) is None or max(lengths) > 40
     found = without_plant(parts)
     mean, variance = found.unknown(20)
     assert mean.shape == variance.shape == (20, 2)
@@ -261,12 +223,6 @@ def test_near_the_trim_it_is_the_mean_of_a_gaussian_posterior():
     np.testing.assert_allclose((ours / seen)[near], slope, atol=0.03)
 
 
-def test_larger_deviations_are_shrunk_more():
-    deviation = np.linspace(0.5, 60, 50)[:, None]
-    share = shrunk(deviation, 0.3 * np.ones_like(deviation), np.ones_like(deviation)) / deviation
-    assert (np.diff(share, axis=0) < 0).all() and share[-1] < 0.05
-
-
 def test_what_the_motors_are_asked_for_is_the_size_of_what_may_come():
     inputs = np.vstack([0.1 * np.ones((3, 2)), 4.0 * np.ones((2, 2))])
     np.testing.assert_array_equal(prior_variance(inputs, 3)[:, 0], [1, 1, 1, 16, 16])
@@ -274,18 +230,3 @@ def test_what_the_motors_are_asked_for_is_the_size_of_what_may_come():
     assert prior_variance(inputs[:0], 5).shape == (0, 1)
     wide, narrow = (shrunk(8 * np.ones((1, 1)), 0.5 * np.ones((1, 1)), size * np.ones((1, 1))) for size in (16.0, 1.0))
     assert wide > 2 * narrow
-
-
-@pytest.mark.slow
-def test_bands_hold_livelier_flights_than_those_learnt_from():
-    """Of a made-up vehicle in wind whose motors work three times as hard after training: it does not hover still."""
-    inside, better = [], []
-    for seed in range(6):
-        flight = simulated(wind=0.5, lag=0.05, seed=seed)
-        learned = learn(flight[:700], Settings(order=3, window=9, parameter_precision=1.0))
-        lively = simulated(wind=0.5, lag=0.05, seed=seed, liveliness=3.0)
-        later = learned.forecast(lively.inputs[700:])
-        measured = lively.outputs[700:]
-        inside.append(np.mean(np.abs(measured - later) <= learned.forecast_band(lively.inputs[700:])))
-        better.append(np.mean((measured - later) ** 2) / np.mean((measured - flight.outputs[:700].mean(axis=0)) ** 2))
-    assert np.mean(inside) > 0.75 and np.median(better) < 0.3

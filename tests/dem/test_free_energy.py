@@ -1,4 +1,4 @@
-"""Every step and every precision is checked against the one function that says what F̄ is."""
+"""Every step, rate and precision is checked against the one function that says what F̄ is."""
 
 from dataclasses import replace
 
@@ -7,10 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_models import models, random_belief, random_model, random_samples
+from scipy.integrate import solve_ivp
 from scipy.linalg import block_diag
 from scipy.stats import multivariate_normal
+from simulated import simulated
 
-from mavdem.dem.engine.ascent import ascend
+from mavdem import Settings
+from mavdem.dem.engine.ascent import Rates, ascend, newton_step, theta_curvature_of_profile
 from mavdem.dem.engine.free_energy import (
     free_energy,
     free_energy_action,
@@ -23,6 +26,7 @@ from mavdem.dem.engine.free_energy import (
 from mavdem.dem.engine.generative import GeneralizedMoments, SufficientStatistics
 from mavdem.dem.engine.model import unpack
 from mavdem.dem.engine.steps import (
+    StateFlow,
     d_step,
     e_step,
     lambda_slope,
@@ -31,6 +35,9 @@ from mavdem.dem.engine.steps import (
     theta_slope,
     with_optimal_precisions,
 )
+from mavdem.dem.fitting import fit, generalized, generative_model
+from mavdem.dem.record import Record
+from mavdem.dem.scaling import Scaling
 
 seeds = st.integers(0, 10**6)
 
@@ -52,46 +59,6 @@ def close(actual, expected, relative=1e-6):
 
 @given(model=models, seed=seeds)
 @settings(max_examples=15)
-def test_curvatures_are_second_derivatives_of_the_internal_energy(model, seed):
-    samples = random_samples(seed, model)
-    state_map, belief = random_belief(seed, model, samples)
-
-    def energy_of_lambda(lambda_):
-        return internal_energy(model, samples, belief.moments, belief.theta, lambda_)
-
-    def slope_of_lambda(lambda_):
-        return gradient(energy_of_lambda, lambda_)
-
-    numeric = np.array(
-        [gradient(lambda x, i=i: slope_of_lambda(x)[i], belief.lambda_) for i in range(len(belief.lambda_))]
-    )
-    close(lambda_curvature(model, belief.moments, belief.theta, belief.lambda_), numeric, 1e-4)
-
-    # Ū is quadratic in θ, so a finite step is exact: Ū(θ+a) + Ū(θ−a) − 2Ū(θ) = aᵀ Ū_θθ a, for any a.
-    direction = np.random.default_rng(seed).standard_normal(len(belief.theta))
-
-    def energy_of_theta(theta):
-        return internal_energy(model, samples, belief.moments, theta, belief.lambda_)
-
-    second = energy_of_theta(belief.theta + direction) + energy_of_theta(belief.theta - direction)
-    second -= 2 * energy_of_theta(belief.theta)
-    curvature = theta_curvature(model, belief.moments, np.exp(belief.lambda_))
-    assert direction @ curvature @ direction == pytest.approx(second, rel=1e-6, abs=1e-6)
-
-    # So is it in X: the same for a change of the linear map, whose moments are those of the data.
-    change = np.random.default_rng(seed + 1).standard_normal(state_map.shape)
-
-    def energy_of_map(state_map):
-        moments = GeneralizedMoments.of(model, samples, state_map)
-        return internal_energy(model, samples, moments, belief.theta, belief.lambda_)
-
-    second = energy_of_map(state_map + change) + energy_of_map(state_map - change) - 2 * energy_of_map(state_map)
-    curvature = state_curvature(model, belief.theta, np.exp(belief.lambda_))
-    assert np.sum(curvature * (change @ samples.gram @ change.T)) == pytest.approx(second, rel=1e-6, abs=1e-6)
-
-
-@given(model=models, seed=seeds)
-@settings(max_examples=15)
 def test_the_samples_free_energies_sum_to_the_action(model, seed):
     rng = np.random.default_rng(seed)
     data = rng.standard_normal((6, model.hidden.start))
@@ -99,16 +66,11 @@ def test_the_samples_free_energies_sum_to_the_action(model, seed):
     state_map, belief = random_belief(seed, model, samples)
     by_sample = free_energy(model, data, data @ state_map.T, belief)
     # What does not change with time is in every F(t): F of no error at all, less what is a sample's own.
-    twice = free_energy_action(
-        model, SufficientStatistics.of(data, data), belief._replace(moments=_doubled(belief.moments))
-    )
+    doubled = GeneralizedMoments(model, 2 * belief.moments.gram, belief.moments.stack)
+    twice = free_energy_action(model, SufficientStatistics.of(data, data), belief._replace(moments=doubled))
     action = free_energy_action(model, samples, belief)
     invariant = 2 * action - twice
     assert by_sample.sum() - (len(data) - 1) * invariant == pytest.approx(action, rel=1e-9, abs=1e-6)
-
-
-def _doubled(moments):
-    return GeneralizedMoments(moments.model, 2 * moments.gram, moments.stack)
 
 
 @given(model=models, seed=seeds)
@@ -144,58 +106,37 @@ def test_gradients_are_those_of_the_free_energy(model, seed):
     close(-precision, np.array(columns))
 
 
-@pytest.mark.slow
 @given(model=models, seed=seeds)
 @settings(max_examples=15)
-def test_each_step_ends_where_the_gradient_of_the_free_energy_is_zero(model, seed):
+def test_curvatures_of_the_internal_energy_are_those_of_the_free_energy_at_a_certain_belief(model, seed):
+    """Without mean-field terms; those of the free energy are compared with differences above."""
     samples = random_samples(seed, model)
     _, belief = random_belief(seed, model, samples)
-    size = samples.number
-
-    state_map = d_step(model, belief.theta, belief.theta_covariance, belief.lambda_, belief.lambda_covariance)
-
-    def of_map(state_map):
-        return free_energy_action(
-            model, samples, belief._replace(moments=GeneralizedMoments.of(model, samples, state_map))
-        )
-
-    assert np.abs(gradient(of_map, state_map)).max() < 1e-5 * size * np.exp(np.abs(belief.lambda_).max())
-
-    theta = e_step(model, samples, belief)
-
-    def of_theta(theta):
-        return free_energy_action(model, samples, belief._replace(theta=theta))
-
-    start_slope = np.abs(gradient(of_theta, belief.theta)).max()
-    assert np.abs(gradient(of_theta, theta)).max() < 1e-6 * (start_slope + size)
-
-    lambda_ = m_step(model, samples, belief)
-
-    def of_lambda(lambda_):
-        return free_energy_action(model, samples, belief._replace(lambda_=lambda_))
-
-    assert np.abs(gradient(of_lambda, lambda_)).max() < 1e-5 * size
+    sure = belief._replace(
+        **{name: 0 * getattr(belief, name) for name in ("state_covariance", "theta_covariance", "lambda_covariance")}
+    )
+    weights = np.exp(belief.lambda_)
+    of_states = state_slope(model, sure.theta, sure.theta_covariance, sure.lambda_, sure.lambda_covariance)
+    close(-state_curvature(model, belief.theta, weights), of_states[1])
+    close(-theta_curvature(model, belief.moments, weights), theta_slope(model, samples, sure)[1])
+    curvature = lambda_curvature(model, belief.moments, belief.theta, belief.lambda_)
+    close(-curvature, lambda_slope(model, samples, sure)[1])
 
 
 @given(model=models, seed=seeds)
 @settings(max_examples=15)
-def test_each_step_and_each_precision_raises_the_free_energy(model, seed):
+def test_each_step_ends_where_the_gradient_of_the_free_energy_is_zero(model, seed):
+    """By the gradients that the test above compares with differences."""
     samples = random_samples(seed, model)
     _, belief = random_belief(seed, model, samples)
-    heights = [free_energy_action(model, samples, belief)]
-
-    def record(better):
-        heights.append(free_energy_action(model, samples, better))
-        return better
-
-    belief = record(with_optimal_precisions(model, belief))
-    state_map = d_step(model, belief.theta, belief.theta_covariance, belief.lambda_, belief.lambda_covariance)
-    belief = record(belief._replace(moments=GeneralizedMoments.of(model, samples, state_map)))
-    belief = record(belief._replace(theta=e_step(model, samples, belief)))
-    belief = record(belief._replace(lambda_=m_step(model, samples, belief)))
-    record(with_optimal_precisions(model, belief))
-    rounding = 1e-9 * np.abs(heights).max()
-    assert (np.diff(heights) >= -rounding).all()
+    beliefs = belief.theta, belief.theta_covariance, belief.lambda_, belief.lambda_covariance
+    of_data, precision = state_slope(model, *beliefs)
+    close(precision @ d_step(model, *beliefs), of_data)
+    start_slope = np.abs(theta_slope(model, samples, belief)[0]).max()
+    slope, _ = theta_slope(model, samples, belief._replace(theta=e_step(model, samples, belief)))
+    assert np.abs(slope).max() < 1e-6 * (start_slope + samples.number)
+    slope, _ = lambda_slope(model, samples, belief._replace(lambda_=m_step(model, samples, belief)))
+    assert np.abs(slope).max() < 1e-5 * samples.number
 
 
 @given(model=models, seed=seeds)
@@ -226,20 +167,12 @@ def test_optimal_precisions_cannot_be_improved(model, seed):
         assert free_energy_action(model, samples, other) < height
 
 
-@given(model=models, seed=seeds)
-@settings(max_examples=15)
-def test_the_climb_never_falls(model, seed):
-    climb = ascend(model, random_samples(seed, model), 15)
+@given(model=models, seed=seeds, iterations=st.integers(1, 15))
+@settings(max_examples=20)
+def test_the_climb_never_falls_and_takes_no_more_rounds_than_it_may(model, seed, iterations):
+    climb = ascend(model, random_samples(seed, model), iterations)
     assert (np.diff(climb.free_energy) >= 0).all()
-    assert len(climb.theta) == len(climb.lambda_) == len(climb.free_energy) <= 16
-
-
-@pytest.mark.parametrize("iterations", [1, 2, 3, 4, 5])
-def test_the_climb_takes_no_more_rounds_than_it_may(iterations):
-    model = random_model(3, 2, 1, 2, 2, 1, drop=False, groups=False)
-    climb = ascend(model, random_samples(0, model), iterations)
-    assert not climb.converged
-    assert len(climb.free_energy) == iterations + 1
+    assert len(climb.theta) == len(climb.lambda_) == len(climb.free_energy) <= iterations + 1
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 5])
@@ -315,9 +248,153 @@ def test_the_energy_is_that_of_the_generative_model_written_out(model, seed):
     assert actual == pytest.approx(energy, rel=1e-9)
 
 
-def test_samples_of_separate_segments_add_up():
+DT = 0.1
+
+
+def slope_of(model):
+    prior = model.prior
+    nothing = np.zeros_like(prior.theta_precision), np.zeros_like(prior.lambda_precision)
+    return state_slope(model, prior.theta_mean, nothing[0], prior.lambda_mean, nothing[1])
+
+
+def test_the_flow_runs_the_equation_it_stands_for():
+    model = random_model(1, 2, 1, 2, 2, 1, drop=False, groups=False)
+    of_data, precision = slope_of(model)
+    flow = StateFlow.of(model, of_data, precision, 3.0)
+    assert flow.spectral_abscissa < 0
+    data = np.random.default_rng(0).standard_normal((20, model.hidden.start)).cumsum(axis=0)
+    time = DT * np.arange(20)
+    states = flow.states(data, DT)
+    for k in range(19):
+
+        def motion(t, X, k=k):
+            now = data[k] + (t - time[k]) / DT * (data[k + 1] - data[k])
+            gradient = of_data @ now - precision @ X
+            carried = np.concatenate([X[2:6], np.zeros(2), X[7:8], np.zeros(1)])
+            return carried + 3.0 * gradient
+
+        end = solve_ivp(motion, (time[k], time[k + 1]), states[k], method="LSODA", rtol=1e-9, atol=1e-9).y[:, -1]
+        np.testing.assert_allclose(states[k + 1], end, rtol=1e-6, atol=1e-6)
+
+
+@given(model=models, seed=seeds)
+@settings(max_examples=15)
+def test_a_fast_flow_is_the_exact_limit(model, seed):
+    of_data, precision = slope_of(model)
+    data = np.random.default_rng(seed).standard_normal((10, model.hidden.start))
+    # So fast that the slowest direction of the gradient forgets within a hundredth of a step.
+    rate = 1e4 / DT / np.linalg.eigvalsh(precision).min()
+    exact = np.linalg.solve(precision, of_data @ data.T).T
+    flow = StateFlow.of(model, of_data, precision, rate)
+    assert flow.spectral_abscissa < 0
+    # What is left is the lag: the time to forget, 1e-4 of a step, over a step's change.
+    np.testing.assert_allclose(flow.states(data, DT), exact, atol=2e-3 * np.abs(exact).max())
+
+
+def test_an_unstable_flow_is_known_and_not_run():
+    model = random_model(5, 2, 1, 2, 4, 1, drop=False, groups=False)
+    of_data, precision = slope_of(model)
+    rates = np.geomspace(1e-6, 1e6, 25)
+    abscissae = np.array([StateFlow.of(model, of_data, precision, rate).spectral_abscissa for rate in rates])
+    assert (abscissae > 0).any() and (abscissae < 0).any()
+    unstable = rates[abscissae > 0][-1]
+    data = np.random.default_rng(0).standard_normal((60, model.hidden.start))
+    samples = SufficientStatistics.of(data)
+    climb = ascend(model, samples, 1, Rates(state=unstable, segments=(data,), dt=DT))
+    assert not climb.flowed.any()
+    exact = ascend(model, samples, 1)
+    np.testing.assert_array_equal(climb.theta, exact.theta)
+
+
+@given(model=models, seed=seeds, logs=st.tuples(*[st.one_of(st.none(), st.floats(-4, 4))] * 3))
+@settings(max_examples=30)
+def test_a_climb_at_any_rates_never_falls(model, seed, logs):
+    data = np.random.default_rng(seed).standard_normal((40, model.hidden.start))
+    rates = [None if log is None else 10**log for log in logs]
+    climb = ascend(model, SufficientStatistics.of(data), 12, Rates(*rates, segments=(data,), dt=DT))
+    assert (np.diff(climb.free_energy) >= 0).all()
+    assert np.isfinite(climb.theta).all()
+
+
+def test_flows_run_and_lead_to_the_same_place():
+    record = Record.of(simulated(wind=0.5)[:700])
+    settings = Settings(order=2, d=2, window=5, parameter_precision=1.0)
+    exact, flowing = fit(record, settings), fit(record, replace(settings, learning_rates=(1e5, None, None)))
+    assert flowing.ascent.flowed.sum() > 1
+    np.testing.assert_allclose(flowing.ascent.theta[-1], exact.ascent.theta[-1], rtol=1e-3, atol=1e-3)
+
+
+@given(model=models, seed=seeds)
+@settings(max_examples=15)
+def test_steps_at_a_finite_rate_follow_the_gradient_and_end_at_the_maximum(model, seed):
+    samples = random_samples(seed, model)
+    climb = ascend(model, samples, 2)
+    belief = with_optimal_precisions(model, climb.belief._replace(theta=model.prior.theta_mean))
+    for step, mean in ((e_step, belief.theta), (m_step, belief.lambda_)):
+        moved = [np.linalg.norm(step(model, samples, belief, rate) - mean) for rate in (1e-12, 1e-6)]
+        assert moved[0] < moved[1]
+    # θ has one scale here: a parameter near zero is as exact as the largest.
+    exact = e_step(model, samples, belief)
+    np.testing.assert_allclose(e_step(model, samples, belief, 1e12), exact, rtol=0, atol=1e-6 * np.abs(exact).max())
+
+
+def problem(**settings):
+    complete = Settings(**{"order": 3, "d": 2, "window": 9, "parameter_precision": 1.0, **settings})
+    record = Record.of(simulated(wind=0.5)[:700])
+    scaling = Scaling.of(*record.spread, complete)
+    model = generative_model(complete, scaling, record)
+    return model, SufficientStatistics.of(*generalized(complete, scaling, record))
+
+
+def height(model, samples, belief):
+    return sum(optimal_terms(model, samples, with_optimal_precisions(model, belief)).values())
+
+
+def following(model, samples, belief, theta):
+    """The belief with θ elsewhere and X at its maximum there."""
+    state_map = d_step(model, theta, belief.theta_covariance, belief.lambda_, belief.lambda_covariance)
+    return belief._replace(theta=theta, moments=GeneralizedMoments.of(model, samples, state_map))
+
+
+def test_the_curvature_is_that_of_the_profile():
+    model, samples = problem(order=2, window=3)
+    belief = ascend(model, samples, 200).belief
+    curvature = theta_curvature_of_profile(model, samples, belief)
     rng = np.random.default_rng(0)
-    first, second = rng.standard_normal((12, 8)), rng.standard_normal((18, 8))
-    apart, whole = SufficientStatistics.of(first, second), SufficientStatistics.of(np.vstack([first, second]))
-    assert apart.number == whole.number == 30
-    np.testing.assert_allclose(apart.gram, whole.gram)
+    for _ in range(3):
+        direction = np.sqrt(belief.theta_covariance.diagonal()) * rng.standard_normal(len(belief.theta))
+        ahead, here, behind = (
+            height(model, samples, following(model, samples, belief, belief.theta + step * direction))
+            for step in (1.0, 0.0, -1.0)
+        )
+        # The entropies of what is held fixed there change little over a standard deviation.
+        assert direction @ curvature @ direction == pytest.approx(2 * here - ahead - behind, rel=0.02)
+
+
+def test_the_step_leads_back_and_promises_what_it_brings():
+    model, samples = problem(order=2, window=3)
+    belief = ascend(model, samples, 200).belief
+    rng = np.random.default_rng(0)
+    away = 3 * np.sqrt(belief.theta_covariance.diagonal()) * rng.standard_normal(len(belief.theta))
+    displaced = following(model, samples, belief, belief.theta + away)
+    step = newton_step(model, samples, with_optimal_precisions(model, displaced))
+    back = following(model, samples, belief, displaced.theta + step.theta)
+    gained = height(model, samples, back) - height(model, samples, displaced)
+    assert gained > 1
+    assert step.gain == pytest.approx(gained, rel=0.1)
+    assert newton_step(model, samples, belief).gain < 0.1
+
+
+@pytest.mark.parametrize("settings", [{}, {"order": 2, "window": 3, "noise_groups": ((0, 1), (0, 1))}])
+def test_a_climb_that_says_it_has_settled_has_nothing_left(settings):
+    model, samples = problem(**settings)
+    finished = ascend(model, samples, 300)
+    assert finished.converged
+    assert newton_step(model, samples, finished.belief).gain < 0.1
+
+
+def test_a_climb_at_a_rate_of_next_to_nothing_has_not_settled():
+    model, samples = problem(order=2, window=3)
+    climb = ascend(model, samples, 20, Rates(theta=1e-9))
+    assert not climb.converged
+    assert len(climb.free_energy) == 21

@@ -8,12 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from dem_posterior import Embedding, parameters_of, states_of
+from dem_posterior import DT, Embedding, decay, parameters_of, roll, states_of, weak_prior
 from joint_gaussian import parameters_given
 from scipy.special import erfc
-from systems import DT, decay, roll, weak_prior
 
-from mavdem.dem.engine.coordinates import sampled_output_precision, sampled_state_precision, temporal_precision
+from mavdem.dem.engine.coordinates import temporal_precision
 
 SERIES = 40
 
@@ -59,18 +58,6 @@ def test_covariance_is_that_of_the_closed_form_and_of_twice_the_nodes(smoothness
     np.testing.assert_allclose(replace(system, nodes=12).state_moments[1], covariance, atol=1e-9 * variance)
 
 
-def test_score_is_the_gradient_of_the_likelihood():
-    system = roll(1, 0.1)
-    outputs = draw(system, 1)[1][0]
-    at, step = system.theta[system.free], 1e-2
-    slopes = [
-        (system.at(at + e).log_likelihood(outputs) - system.at(at - e).log_likelihood(outputs)) / (2 * step)
-        for e in step * np.eye(len(at))
-    ]
-    # Both are central differences with that step, of different functions of it.
-    np.testing.assert_allclose(system.score(outputs), slopes, atol=step**2 * np.diag(system.information).max())
-
-
 @pytest.mark.parametrize("outputs", [1, 2])
 def test_exact_states_err_by_what_they_say(outputs):
     system = roll(2, 0.1, outputs=outputs)
@@ -79,17 +66,6 @@ def test_exact_states_err_by_what_they_say(outputs):
         mean, sd = system.states_given(series)
         squares.append(np.mean(((states - mean) / sd) ** 2, axis=0))
     assert (np.abs(np.mean(squares, axis=0) - 1) < 4 * standard_error(squares)).all()
-
-
-@pytest.mark.slow
-def test_exact_parameters_err_by_what_they_say():
-    system = decay(2, 0.1, gain=1.0)
-    squares = []
-    for series in draw(system)[1]:
-        mean, covariance = parameters_given(system, series, weak_prior(system))
-        error = mean - system.theta[system.free]
-        squares.append(error @ np.linalg.solve(covariance, error) / len(error))
-    assert abs(np.mean(squares) - 1) < 4 * standard_error(squares)
 
 
 # States, the parameters being known.
@@ -109,25 +85,6 @@ def test_states_come_to_the_exact_ones_as_measurement_noise_vanishes():
     assert departure(decay(4, 0.1), Embedding(2, 1)) < departure(decay(4, 0.2), Embedding(2, 1)) / 4
 
 
-def test_states_come_to_the_exact_ones_with_the_square_of_the_sampling_step():
-    """Central differences err by (dt/s)² and, in the next order, by (dt/s)² of that."""
-
-    def at(dt):
-        system = replace(decay(4, 0.02), dt=dt, samples=round(9 / dt), lead=round(4 / dt))
-        return departure(system, Embedding(2, 1)), (dt / system.smoothness) ** 2
-
-    coarse, next_order = at(0.2)
-    fine, _ = at(0.1)
-    assert coarse / fine == pytest.approx(4, rel=next_order)
-
-
-@pytest.mark.parametrize("smoothness", [1, 2])
-def test_higher_orders_bring_states_nearer_the_exact_ones(smoothness):
-    """An analytic path is all in its derivatives: at p → ∞ each sample's posterior is that of the whole path."""
-    orders = [departure(decay(smoothness, 0.1), Embedding(p, p - 1)) for p in (1, 2, 4)]
-    assert orders[0] > orders[1] > orders[2]
-
-
 @pytest.mark.parametrize("smoothness", [1, 2, 4])
 @pytest.mark.parametrize("outputs", [1, 2], ids=["rate hidden", "both measured"])
 def test_states_err_by_what_they_say_when_noise_is_as_it_is_read(smoothness, outputs):
@@ -144,21 +101,6 @@ def test_the_last_derivative_is_false_evidence(smoothness):
         squares, exact = departures(system, Embedding(2, q), SERIES)
         excess = squares[:, 1].mean() + exact[1] - 1
         assert (excess < 4 * standard_error(squares)[1]) == honest
-
-
-@pytest.mark.parametrize("p", [2, 4])
-def test_noise_as_it_is_read_brings_states_nearer_where_sampling_is_coarse(p):
-    system = decay(1, 0.1)
-    assert departure(system, Embedding(p, p - 1, as_read=True)) < departure(system, Embedding(p, p - 1))
-
-
-def test_noise_as_it_is_read_comes_to_the_kernel_s_with_the_square_of_the_sampling_step():
-    def error(ratio):
-        read = sampled_output_precision(2, 1.0, 1 / ratio, 3), sampled_state_precision(1, 1.0, 1 / ratio, 3)
-        exact = temporal_precision(2, 1.0), temporal_precision(1, 1.0)
-        return np.array([np.abs(a - b).max() for a, b in zip(read, exact, strict=True)])
-
-    np.testing.assert_allclose(error(10) / error(20), 4, rtol=(1 / 10) ** 2 * 4)
 
 
 # Parameters, the noise being known.
@@ -227,17 +169,3 @@ def test_a_backward_difference_makes_such_a_motion_grow(smoothness):
     system = decay(smoothness, 0.003)
     rates = [parameters_of(system, y, Embedding(1, 0), weak_prior(system))[0][0] for y in draw(system)[1]]
     assert np.mean(rates) > 4 * standard_error(rates)
-
-
-@pytest.mark.slow
-def test_the_last_derivative_draws_parameters_away_from_the_exact_ones():
-    """With little process noise the posterior is sharp, and an equation that leaves out x‴ contradicts it."""
-    system = roll(2, 0.01, process_noise=0.1)
-    prior = weak_prior(system)
-    squares = {1: [], 2: []}
-    for outputs in draw(system, 10)[1]:
-        exact, covariance = parameters_given(system, outputs, prior)
-        for q, found in squares.items():
-            parameters, _ = parameters_of(system, outputs, Embedding(2, q), prior)
-            found.append((parameters - exact) ** 2 / np.diag(covariance))
-    assert (np.mean(squares[2], axis=0) > np.mean(squares[1], axis=0)).all()

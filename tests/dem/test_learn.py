@@ -1,3 +1,5 @@
+"""Learning from one flight and from several segments, across whose gaps nothing looks."""
+
 from dataclasses import replace
 from itertools import pairwise
 from types import SimpleNamespace
@@ -8,14 +10,10 @@ from scipy.ndimage import gaussian_filter1d
 from simulated import DT, GAIN, RATE, simulated
 
 from mavdem import Flight, Forecaster, Learned, Settings, evaluate, learn
-from mavdem.dem.engine.free_energy import free_energy_action
-from mavdem.dem.engine.generative import GeneralizedMoments, SufficientStatistics
 from mavdem.dem.engine.model import discretize
-from mavdem.dem.engine.steps import d_step, e_step, m_step
-from mavdem.dem.fitting import fit, generalized
 from mavdem.dem.learning import PARAMETER_PRECISIONS, choices
 from mavdem.dem.priors import derivative_pairs
-from mavdem.dem.record import Record
+from mavdem.dem.record import Record, folds
 
 QUICK = Settings(order=2, window=3, parameter_precision=1.0)
 MODEL_ALONE = replace(QUICK, horizon=None, forecasts="model")
@@ -36,57 +34,7 @@ def test_a_clean_system_is_recovered_and_forecast():
     np.testing.assert_allclose(model.B[1], GAIN, rtol=0.1)
     np.testing.assert_allclose(model.A[0], [0, 1], atol=0.05)
     assert evaluate.relative_mspe(train, test, learned.forecast(test.inputs)) < 0.02
-
-
-@pytest.mark.parametrize(
-    "settings",
-    [
-        Settings(forecasts="model", horizon=None),
-        Settings.paper(),
-        Settings(order=2, window=9, forecasts="model", horizon=None),
-    ],
-)
-def test_the_physical_model_makes_the_forecast(settings):
-    flight = simulated(wind=0.5)
-    learned = learn(flight[:700], settings)
-    model = learned.model
-    start = np.linalg.pinv(model.C[:, :2]) @ (flight.outputs[699] - model.output_trim)
-    state = np.append(start, np.zeros(len(model.A) - 2))
-    step = discretize(model.A, np.hstack([model.B, model.offset[:, None]]), DT)
-    inputs = np.hstack([flight.inputs[699:] - model.input_trim, np.ones((151, 1))])
-    forecast = []
-    for now, then in zip(inputs[:-1], inputs[1:], strict=True):
-        state = step.state @ state + step.input_now @ now + step.input_next @ then
-        forecast.append(model.C @ state + model.output_trim)
-    # Where a hidden state starts only the filter knows; its lag has passed after half a second.
-    hidden = len(model.A) > 2
-    late, tolerance = (slice(50, None), 0.15) if hidden else (slice(None), 0.01)
-    spread = flight.outputs.std(axis=0)
-    ours = learned.forecast(flight.inputs[700:])
-    np.testing.assert_allclose((ours / spread)[late], (np.array(forecast) / spread)[late], atol=tolerance)
-
-
-def test_one_step_predictions_use_only_what_came_before():
-    flight = simulated(wind=0.5)
-    learned = learn(flight[:300], QUICK)
-    ahead = learned.one_step()
-    assert ahead.shape == flight[:300].outputs.shape
-    later = learned.record.outputs.copy()
-    later[200:] += 1.0
-    changed = replace(learned, record=replace(learned.record, outputs=later)).one_step()
-    np.testing.assert_array_equal(changed[:201], ahead[:201])
-    assert np.abs(changed[201:] - ahead[201:]).max() > 0.1
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("lag", [0.0, 0.06])
-def test_wind_and_lag_leave_a_useful_forecast(lag):
-    ratios = []
-    for seed in range(3):
-        flight = simulated(seed, wind=0.5, lag=lag)
-        learned = learn(flight[:700])
-        ratios.append(evaluate.relative_mspe(flight[:700], flight[700:], learned.forecast(flight[700:].inputs)))
-    assert np.median(ratios) < 0.5
+    assert isinstance(learned, Forecaster) and learned.stable
 
 
 def test_units_of_the_stream_do_not_matter():
@@ -111,15 +59,6 @@ def test_posterior_is_in_physical_units_and_narrower_than_the_prior():
     assert learned.model_sd.B.shape == (2, r)
 
 
-@pytest.mark.slow
-def test_free_energy_never_falls_and_its_terms_sum_to_it():
-    for settings in (Settings(), Settings.paper()):
-        free_energy = learn(simulated(wind=0.5)[:700], settings).free_energy
-        assert (np.diff(free_energy) >= 0).all()
-        assert free_energy.gained > 0
-        np.testing.assert_allclose(np.sum(list(free_energy.terms.values()), axis=0), np.asarray(free_energy))
-
-
 def test_the_memory_layout_of_the_data_does_not_matter():
     flight = simulated(wind=0.5)
     inputs, outputs = np.asfortranarray(flight.inputs), np.asfortranarray(flight.outputs)
@@ -129,12 +68,6 @@ def test_the_memory_layout_of_the_data_does_not_matter():
     for other in (two, three):
         np.testing.assert_array_equal(other.forecast(np.asfortranarray(ahead)), one.forecast(ahead))
         np.testing.assert_array_equal(other.theta_covariance, one.theta_covariance)
-
-
-@pytest.mark.parametrize("train", [None, "flight", np.zeros((100, 2)), {"dt": 1}])
-def test_something_else_is_no_flight(train):
-    with pytest.raises(ValueError, match="^train must be a Flight"):
-        learn(train)
 
 
 @pytest.mark.parametrize(("rate", "window"), [(50, 5), (100, 9), (120, 11), (200, 19), (250, 23), (400, 37)])
@@ -251,7 +184,11 @@ def test_other_numbers_of_outputs(m):
         (lambda f: f[:30], "at least 50 samples"),
         (lambda f: Flight(f.time, f.inputs, f.outputs * [1, 0])[:700], "outputs column 1 must vary"),
         (lambda f: Flight(f.time, f.inputs, f.outputs * [0, 1] + 0.1)[:700], "outputs column 0 must vary"),
-        (lambda f: Flight(f.time, f.inputs * 0 + 1500.1, f.outputs)[:700], "inputs column 0 must vary"),
+        (
+            lambda f: Flight(f.time, f.inputs * 0 + 1500.1, f.outputs)[:700],
+            "inputs column 0 must vary: constant",
+        ),
+        (lambda f: Flight(f.time, f.inputs * [1, 1, 0, 1], f.outputs)[:700], "inputs column 2 must vary: .* Leave out"),
     ],
 )
 def test_data_that_determine_nothing_are_refused(change, message):
@@ -277,25 +214,6 @@ def test_derivative_pairs_are_found_whatever_their_places_and_noise():
     assert derivative_pairs(alone(rng.standard_normal((300, 2)))) == ()
 
 
-@pytest.mark.slow
-def test_default_fits_settle_where_no_step_leads_higher():
-    flight = simulated(wind=0.5)[:700]
-    learned = learn(flight)
-    assert learned.converged
-    fitted = fit(Record.of(flight), learned.settings)
-    model, belief = fitted.model, fitted.ascent.belief
-    scaling = fitted.scaling
-    samples = SufficientStatistics.of(*generalized(learned.settings, scaling, Record.of(flight)))
-    height = free_energy_action(model, samples, belief)
-    state_map = d_step(model, belief.theta, belief.theta_covariance, belief.lambda_, belief.lambda_covariance)
-    for other in (
-        belief._replace(theta=e_step(model, samples, belief)),
-        belief._replace(lambda_=m_step(model, samples, belief)),
-        belief._replace(moments=GeneralizedMoments.of(model, samples, state_map)),
-    ):
-        assert free_energy_action(model, samples, other) - height < 0.1
-
-
 def test_an_ascent_that_broke_off_where_no_step_increased_it_has_not_converged(monkeypatch):
     monkeypatch.setattr("mavdem.dem.engine.ascent.NEWTON_SHARES", ())
     learned = learn(simulated(wind=0.5)[:700], Settings(window=9, parameter_precision=1.0, horizon=None))
@@ -312,53 +230,21 @@ def test_wrong_forecast_inputs_are_named():
         learned.forecast_band(np.zeros((10, 4)), level=2)
 
 
-def test_a_forecast_begins_from_the_last_training_input():
-    """Between it and the first one ahead the input runs linearly, so the first sample ahead feels both."""
+@pytest.mark.parametrize("settings", [MODEL_ALONE, replace(Settings.paper(), order=2), replace(MODEL_ALONE, order=3)])
+def test_from_zero_row_0_is_the_trim_and_the_inputs_move_the_rest_by_the_physical_model(settings):
     flight = simulated(wind=0.5)
-    learned = learn(flight[:400], MODEL_ALONE)
-    inputs = learned.record.inputs.copy()
-    inputs[-1] += 50.0 * np.sign(GAIN)
-    pushed = replace(learned, record=replace(learned.record, inputs=inputs))
-    ahead = flight.inputs[400:402]
-    predictor = learned.predictor
-    change = inputs[-1:] - learned.record.inputs[-1:]
-    # By way of the step after it, and of its error, of which it changes the prediction.
-    scaled = np.append(change[0] / learned.scaling.input_scale, 0.0)
-    moved = predictor.B @ scaled - predictor.K @ predictor.D @ scaled
-    expected = learned.scaling.output_scale * (predictor.C @ moved)
-    np.testing.assert_allclose(pushed.forecast(ahead)[0] - learned.forecast(ahead)[0], expected, rtol=1e-6)
-
-
-@pytest.mark.slow
-def test_a_hidden_state_has_the_unit_of_the_last_output():
-    learned = learn(simulated(wind=0.5)[:400], Settings(order=4, window=5, parameter_precision=1.0))
-    scale = learned.scaling.output_scale
-    np.testing.assert_array_equal(learned.scaling.state_scale(4), [*scale, scale[1], scale[1]])
-    # What feeds the rate from its lag has then one unit on both sides: 1/s, as the prior has it.
-    assert learned.model.A[1, 2] == pytest.approx(20.0, rel=0.2)
-
-
-def test_from_zero_row_0_is_the_trim_and_the_inputs_move_the_rest():
-    flight = simulated()
-    learned = learn(flight[:700], MODEL_ALONE)
+    learned = learn(flight[:700], settings)
+    n = settings.order
     inputs = flight.inputs[700:]
     phi, gamma0, gamma1 = discretize(learned.model.A, learned.model.B, learned.dt)
-    drift = np.linalg.solve(learned.model.A, (phi - np.eye(2)) @ learned.model.offset)
-    states, pushes = [np.zeros(2)], inputs - learned.model.input_trim
+    drift = np.linalg.solve(learned.model.A, (phi - np.eye(n)) @ learned.model.offset)
+    states, pushes = [np.zeros(n)], inputs - learned.model.input_trim
     for now, following in pairwise(pushes):
         states.append(phi @ states[-1] + gamma0 @ now + gamma1 @ following + drift)
     expected = np.array(states) @ learned.model.C.T + learned.model.output_trim
     forecast = learned.forecast(inputs, from_zero=True)
     np.testing.assert_allclose(forecast, expected, atol=1e-8 * np.abs(expected).max())
     assert learned.forecast(inputs[:0], from_zero=True).shape == (0, 2)
-
-
-def test_learned_is_a_forecaster_that_says_whether_it_is_stable():
-    learned = learn(simulated()[:700], Settings(order=2))
-    assert isinstance(learned, Forecaster)
-    n = learned.settings.order
-    radius = np.abs(np.linalg.eigvals(learned.predictor.A[:n, :n])).max()
-    assert learned.stable and learned.spectral_radius == pytest.approx(radius)
 
 
 def test_a_fit_that_starts_at_an_earlier_one_arrives_at_the_same_model_sooner():
@@ -375,3 +261,106 @@ def test_a_start_of_other_sizes_is_refused():
     flight = simulated()[:700]
     with pytest.raises(ValueError, match="start must have the states, inputs, outputs"):
         learn(flight, Settings(order=4), start=learn(flight))
+
+
+CLEAN = Settings(order=2, parameter_precision=0.01, window=5)
+
+
+def gapped(cut=400, missing=60):
+    """A flight, and the two segments that are left of it when a stretch is lost."""
+    flight = simulated()
+    return flight, [flight[:cut], flight[cut + missing : 700]]
+
+
+def test_a_gap_does_no_harm():
+    flight, segments = gapped()
+    learned = learn(segments, CLEAN)
+    np.testing.assert_allclose(learned.model.A[1], [-9, -RATE], rtol=0.1)
+    np.testing.assert_allclose(learned.model.B[1], GAIN, rtol=0.1)
+    forecast = learned.forecast(flight.inputs[700:])
+    assert evaluate.relative_mspe(flight[:700], flight[700:], forecast) < 0.02
+
+
+def test_predictions_and_noise_belong_to_their_segments():
+    _, segments = gapped()
+    learned = learn(segments, CLEAN)
+    ahead = learned.one_step()
+    assert ahead.shape == (640, 2)
+    np.testing.assert_array_equal(ahead[[0, 400]], np.tile(learned.model.output_trim, (2, 1)))
+    places, noise = learned.process_noise()
+    np.testing.assert_array_equal(places, np.r_[2:398, 402:638])
+    assert noise.shape == (len(places), 2)
+    # What is predicted in the second segment depends neither on the first nor on later samples.
+    record = learned.record
+    outputs = record.outputs.copy()
+    outputs[:400] += 1.0
+    outputs[500:] += 1.0
+    changed = replace(learned, record=replace(record, outputs=outputs)).one_step()
+    np.testing.assert_array_equal(changed[400:501], ahead[400:501])
+    assert np.abs(changed[501:] - ahead[501:]).max() > 0.1
+
+
+def test_halves_cut_the_segment_in_the_middle():
+    record = Record(np.zeros((10, 1)), np.arange(10.0)[:, None], DT, (3, 4, 3))
+    first, second = record.halves()
+    assert (first.lengths, second.lengths) == ((3, 2), (2, 3))
+    np.testing.assert_array_equal(np.vstack([first.outputs, second.outputs]), record.outputs)
+    assert (record.windows(3), record.windows(4), record.longest) == (1 + 2 + 1, 1, 4)
+
+
+def test_a_flight_is_cut_at_its_gaps():
+    whole, kept = simulated(), np.r_[0:300, 330:331, 400:700]
+    segments = Flight.segments(
+        whole.time[kept] + 1e-6, whole.inputs[kept], whole.outputs[kept], output_names=("a", "b")
+    )
+    assert [len(segment) for segment in segments] == [300, 300]
+    assert segments[1].time[0] == pytest.approx(4.0) and segments[1].output_names == ("a", "b")
+    assert segments[0].dt == segments[1].dt == pytest.approx(DT)
+
+
+@pytest.mark.parametrize(
+    ("segments", "named"),
+    [
+        (lambda flight: [], "^train must hold"),
+        (
+            lambda flight: [flight[:300], Flight(0.02 * np.arange(300), flight.inputs[:300], flight.outputs[:300])],
+            "^dt",
+        ),
+        (lambda flight: [flight[:300], Flight(flight.time, flight.inputs[:, :3], flight.outputs)], "^inputs"),
+        (lambda flight: [flight[:300], Flight(flight.time, flight.inputs, flight.outputs[:, :1])], "^outputs"),
+        (lambda flight: [flight[:300], None], "^train must be a Flight"),
+        (lambda flight: {"dt": 1}, "^train must be a Flight"),
+        (lambda flight: [flight[i : i + 6] for i in range(0, 600, 6)], "^train must be longer"),
+    ],
+)
+def test_segments_that_do_not_belong_together_are_named(segments, named):
+    with pytest.raises(ValueError, match=named):
+        learn(segments(simulated()), CLEAN)
+
+
+FLIGHT = simulated(wind=1.0)[:700]
+
+
+def cautions(inputs, names=()):
+    return Record(inputs, FLIGHT.outputs, FLIGHT.dt, (len(inputs),), input_names=names).input_cautions
+
+
+def test_a_motor_that_hardly_moves_is_named():
+    assert cautions(FLIGHT.inputs) == ()
+    inputs = FLIGHT.inputs.copy()
+    inputs[:, 2] = 1500 + 0.001 * (inputs[:, 2] - 1500)
+    (caution,) = cautions(inputs, ("M1", "M2", "M3", "M4"))
+    assert caution.startswith("M3 hardly moves")
+
+
+def test_demands_are_not_motors_and_learning_says_so():
+    inputs = FLIGHT.inputs - FLIGHT.inputs.mean(axis=0)
+    (caution,) = cautions(inputs)
+    assert caution.startswith("input 1 has both signs")
+    assert any("has both signs" in caution for caution in learn(Flight(FLIGHT.time, inputs, FLIGHT.outputs)).cautions)
+
+
+def test_folds_are_parts_of_equal_length_in_pieces_of_one_segment():
+    parts = folds([100, 7, 60], 4)
+    assert [sum(stop - start for _, start, stop in part) for part in parts] == [41, 42, 42, 42]
+    assert parts[2] == [(0, 83, 100), (1, 0, 7), (2, 0, 18)]

@@ -1,11 +1,30 @@
+"""Linear algebra, generalized coordinates, linear systems and their filters, against SciPy and by brute force."""
+
+from math import factorial
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.linalg import expm
+from numpy.polynomial import hermite
+from random_models import positive_definite
+from scipy.linalg import expm, solve_discrete_are
 from scipy.signal import cont2discrete
+from scipy.stats import multivariate_normal
+from textbook_filter import TextbookFilter
 
-from mavdem.dem.engine.model import LinearModel, discretize, pack, unpack
+from mavdem.dem.engine import kalman
+from mavdem.dem.engine.coordinates import (
+    derivative_operator,
+    embed,
+    taylor_weights,
+    temporal_covariance,
+    temporal_precision,
+)
+from mavdem.dem.engine.kalman import GaussianModel, smoothed, steady_covariance, steady_gain
+from mavdem.dem.engine.linalg import inverse, logdet, solve
+from mavdem.dem.engine.model import WORST_MODES, LinearModel, discretize, pack, recursion, unpack
+from mavdem.dem.engine.state_space import filter_gain
 
 
 def test_parameters_are_the_rows_of_a_then_b_then_c():
@@ -33,3 +52,266 @@ def test_spectral_abscissa_shows_stability():
     stable = LinearModel(np.diag([-1.0, -3.0]), *(np.zeros((2, 2)),) * 2, *(np.zeros(2),) * 3)
     assert stable.spectral_abscissa == pytest.approx(-1.0)
     assert stable._replace(A=np.array([[0.0, 1.0], [4.0, 0.0]])).spectral_abscissa == pytest.approx(2.0)
+
+
+@given(seed=st.integers(0, 10**6), size=st.integers(1, 8))
+def test_agrees_with_numpy_whatever_the_units(seed, size):
+    rng = np.random.default_rng(seed)
+    matrix = positive_definite(rng, size)
+    right = rng.standard_normal((size, 3))
+    np.testing.assert_allclose(solve(matrix, right), np.linalg.solve(matrix, right), atol=1e-10)
+    np.testing.assert_allclose(solve(matrix, right[:, 0]), np.linalg.solve(matrix, right[:, 0]), atol=1e-10)
+    units = 10.0 ** rng.integers(-12, 12, size)
+    scaled = matrix * np.outer(units, units)
+    np.testing.assert_allclose(inverse(scaled) * np.outer(units, units), np.linalg.inv(matrix), atol=1e-9)
+    np.testing.assert_array_equal(inverse(scaled), inverse(scaled).T)
+    assert logdet(scaled) == pytest.approx(np.linalg.slogdet(matrix)[1] + 2 * np.log(units).sum(), abs=1e-8)
+
+
+@pytest.mark.parametrize("matrix", [np.diag([1.0, -1.0]), np.ones((2, 2)) - np.eye(2), np.array([[1.0, 2], [2, 1]])])
+@pytest.mark.parametrize("function", [inverse, logdet, lambda matrix: solve(matrix, np.ones(2))])
+def test_a_matrix_that_is_not_positive_definite_is_refused(matrix, function):
+    with pytest.raises(np.linalg.LinAlgError):
+        function(matrix)
+
+
+DEFECTIVE = np.array([[0.9, 1.0, 0.0], [0.0, 0.9, 1.0], [0.0, 0.0, 0.9]])
+FORGETTING = np.array([[0.9, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, 0.0]])
+GROWING = np.array([[1.01, 1.0, 0.0], [0.0, 1.01, 1.0], [0.0, 0.0, 0.9]])
+
+
+@pytest.mark.parametrize("samples", [1, 2, 3, 20, 25, 26, 400])
+@pytest.mark.parametrize("F", [DEFECTIVE, FORGETTING, GROWING])
+def test_defective_dynamics_run_as_sample_by_sample(F, samples):
+    assert np.linalg.cond(np.linalg.eig(F)[1]) > WORST_MODES
+    pushes = np.random.default_rng(0).standard_normal((samples, 3))
+    before = pushes.copy()
+    states = recursion(F, pushes, np.ones(3))
+    expected, state = [], np.ones(3)
+    for push in pushes:
+        state = F @ state + push
+        expected.append(state)
+    np.testing.assert_allclose(states, expected, rtol=1e-9, atol=1e-9)
+    np.testing.assert_array_equal(pushes, before)
+
+
+def random_filter(seed, n=3, r=2, m=2, dt=0.02):
+    rng = np.random.default_rng(seed)
+    A = rng.standard_normal((n, n)) * 3 - 2 * np.eye(n)
+    B, C = rng.standard_normal((n, r)), np.eye(m, n)
+    gain = filter_gain(A, C, dt, rng.uniform(1e-4, 1e-2, m), np.diag(rng.uniform(0.1, 10, n)), dt)
+    return TextbookFilter.of(A, B, C, dt, gain)
+
+
+@given(seed=st.integers(0, 10**6))
+def test_the_innovation_form_is_the_filter_of_textbooks(seed):
+    textbook = random_filter(seed)
+    predictor = textbook.predictor
+    rng = np.random.default_rng(seed)
+    y, u = rng.standard_normal((40, 2)), rng.standard_normal((40, 2))
+    corrected, ahead = textbook.corrected(u, y)
+    scale = np.abs(corrected).max()
+    np.testing.assert_allclose(predictor.one_step(u, y), ahead, atol=1e-8 * scale)
+    # The state of the innovation form is the predicted one, less what the sample's own inputs add.
+    predicted = [textbook._moved(state, now, now * 0) for state, now in zip(corrected, u, strict=True)]
+    start = predictor.second(u[0], y[0])
+    states = predictor.filtered(start, u[1:], y[1:])
+    np.testing.assert_allclose(states, predicted, atol=1e-8 * scale)
+    np.testing.assert_allclose(predictor.at_end(u, y), states[-1], atol=0)
+    np.testing.assert_allclose(predictor.following(states[5], u[6], y[6]), states[6], atol=1e-8 * scale)
+
+    forecast = textbook.forecast(corrected[9], u[9:])
+    scale = np.abs(forecast).max()
+    np.testing.assert_allclose(predictor.simulated(states[9], u[10:]), forecast, atol=1e-8 * scale)
+    from_there = predictor.simulated_from(np.array([10]), 30, states[[9]], u)
+    np.testing.assert_allclose(from_there[0], forecast, atol=1e-8 * scale)
+    every = predictor.simulated_every(7, start, u[1:], y[1:])
+    np.testing.assert_allclose(every[14:21], textbook.forecast(corrected[14], u[14:])[:7], atol=1e-8 * scale)
+
+
+def test_one_sample_has_no_prediction():
+    predictor = random_filter(0).predictor
+    assert predictor.one_step(np.ones((1, 2)), np.ones((1, 2))).shape == (0, 2)
+    assert predictor.simulated(np.ones(3), np.ones((0, 2))) == pytest.approx(np.empty((0, 2)))
+
+
+@pytest.mark.parametrize("smoothness", [0.002, 0.5])
+def test_coloured_noises_count_with_their_power_at_low_frequency(smoothness):
+    """Of w 2s√π in continuous time; of samples of z the same over the step, but not less than their variance."""
+    dt, process, measurement = 0.02, np.array([[2.0, 0.3], [0.3, 1.0]]), np.array([0.01, 0.04])
+    A, C = np.array([[0.0, 1.0], [-9.0, -4.0]]), np.eye(2)
+    gain = filter_gain(A, C, dt, measurement, process, smoothness)
+    power = 2 * smoothness * np.sqrt(np.pi)
+    Q, R = process * power * dt, np.diag(measurement) * (power / dt if power > dt else 1.0)
+    P = solve_discrete_are(expm(A * dt).T, C.T, Q, R)
+    np.testing.assert_allclose(gain, P @ C.T @ np.linalg.inv(C @ P @ C.T + R), rtol=1e-9)
+
+
+@given(order=st.integers(0, 6), extra=st.integers(0, 8), dt=st.floats(1e-3, 10), data=st.data())
+def test_derivatives_of_polynomials_are_exact(order, extra, dt, data):
+    window = order + 1 + extra
+    at = data.draw(st.integers(0, window - 1))
+    coefficients = np.array(data.draw(st.lists(st.floats(-1, 1), min_size=order + 1, max_size=order + 1)))
+    # A polynomial in steps, so that its size does not depend on dt.
+    polynomial = np.polynomial.Polynomial(coefficients)
+    samples = polynomial(np.arange(window) - at)
+    derivatives = taylor_weights(order, dt, window, at) @ samples
+    expected = [polynomial.deriv(k)(0) / dt**k if k else polynomial(0) for k in range(order + 1)]
+    per_step = dt ** np.arange(order + 1)
+    np.testing.assert_allclose(derivatives * per_step, expected * per_step, atol=1e-7)
+
+
+@pytest.mark.parametrize(("window", "at"), [(2, 1), (3, 1), (4, 2), (9, 4)])
+def test_embedding_is_the_weights_applied_to_each_window(window, at):
+    samples = np.random.default_rng(0).standard_normal((30, 2))
+    weights = taylor_weights(1, 0.2, window, at)
+    embedded = embed(samples, 1, 0.2, window, at)
+    assert len(embedded) == 30 - window + 1
+    for i in range(30 - window + 1):
+        np.testing.assert_allclose(embedded[i], (weights @ samples[i : i + window]).ravel(), atol=1e-9)
+
+
+def test_derivative_operator_shifts_up_one_order():
+    shifted = derivative_operator(2, 2) @ np.arange(6.0)
+    np.testing.assert_array_equal(shifted, [2, 3, 4, 5, 0, 0])
+
+
+@pytest.mark.parametrize("s", [0.01, 1.0, 7.0])
+def test_first_entries_are_those_printed_in_the_paper(s):
+    expected = [[1, 0, -1 / (2 * s**2)], [0, 1 / (2 * s**2), 0], [-1 / (2 * s**2), 0, 3 / (4 * s**4)]]
+    np.testing.assert_allclose(temporal_covariance(2, s), expected)
+
+
+def test_entries_are_derivatives_of_the_autocorrelation_at_zero():
+    # d^k/dτ^k exp(−τ²/4s²) at 0 is (−1/(2s))^k H_k(0) with physicists' Hermite polynomials.
+    s, order = 1.7, 6
+    covariance = temporal_covariance(order, s)
+    for i in range(order + 1):
+        for j in range(order + 1):
+            hermite_at_zero = hermite.hermval(0.0, [0] * (i + j) + [1])
+            expected = (-1) ** i * (-1 / (2 * s)) ** (i + j) * hermite_at_zero
+            assert covariance[i, j] == pytest.approx(expected, abs=1e-12 * factorial(i + j))
+
+
+@pytest.mark.parametrize("s", [1e-3, 0.5, 100.0])
+@pytest.mark.parametrize("order", [0, 1, 2, 6])
+def test_precision_is_the_inverse_in_any_unit_of_time(order, s):
+    # Relative to the size of each row and column, which runs over s^-2p.
+    units = s ** np.arange(order + 1)
+    product = temporal_covariance(order, s) @ temporal_precision(order, s)
+    np.testing.assert_allclose(product * np.outer(units, 1 / units), np.eye(order + 1), atol=1e-8)
+
+
+def random_gaussian_model(seed, n, k, m, radius=0.9):
+    rng = np.random.default_rng(seed)
+    A = rng.standard_normal((n, n))
+    A *= radius / np.abs(np.linalg.eigvals(A)).max()
+    roots = rng.standard_normal((n, n)), rng.standard_normal((m, m))
+    return GaussianModel(
+        A,
+        rng.standard_normal((n, k)),
+        rng.standard_normal(n),
+        rng.standard_normal((m, n)),
+        rng.standard_normal((m, k)),
+        rng.standard_normal(m),
+        *(0.1 * root @ root.T + 0.01 * np.eye(len(root)) for root in roots),
+    )
+
+
+def joint(model, start, inputs, outputs, spread=None):
+    """Mean and covariance of all states given all outputs, and the outputs' log-likelihood.
+
+    ``spread`` (n, n) is the covariance of the first state, one unless given.
+    """
+    A, B, offset, C, D, trim, Q, R = model
+    samples, n = len(outputs), len(A)
+    # States are a linear map of the first one and all noises.
+    effects, means = np.zeros((samples, n, samples, n)), [start]
+    for t in range(samples):
+        for s in range(t + 1):
+            effects[t, :, s] = np.linalg.matrix_power(A, t - s)
+    for u in inputs[:-1]:
+        means.append(A @ means[-1] + B @ u + offset)
+    effects = effects.reshape(samples * n, samples * n)
+    noises = np.kron(np.eye(samples), Q)
+    noises[:n, :n] = np.eye(n) if spread is None else spread
+    prior, mean = effects @ noises @ effects.T, np.concatenate(means)
+    seen, targets = np.kron(np.eye(samples), C), (outputs - inputs @ D.T - trim).ravel()
+    of_targets = seen @ prior @ seen.T + np.kron(np.eye(samples), R)
+    gain = prior @ seen.T @ np.linalg.inv(of_targets)
+    return (
+        (mean + gain @ (targets - seen @ mean)).reshape(samples, n),
+        (prior - gain @ seen @ prior).reshape(samples, n, samples, n),
+        multivariate_normal(seen @ mean, of_targets).logpdf(targets),
+    )
+
+
+@given(
+    seed=st.integers(0, 10**6),
+    n=st.integers(1, 3),
+    k=st.integers(0, 2),
+    m=st.integers(1, 3),
+    samples=st.integers(2, 25),
+    radius=st.floats(0.1, 1.1),
+    stands_still=st.sampled_from([1e-11, 0.0]),
+)
+def test_it_is_the_joint_gaussian_given_the_outputs(seed, n, k, m, samples, radius, stands_still):
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(kalman, "STEADY", stands_still)
+        rng = np.random.default_rng(seed)
+        model = random_gaussian_model(seed, n, k, m, radius)
+        start, inputs, outputs = (rng.standard_normal(shape) for shape in (n, (samples, k), (samples, m)))
+        states = smoothed(model, start, inputs, outputs)
+    means, covariances, log_likelihood = joint(model, start, inputs, outputs)
+    scale = np.abs(means).max() + 1
+    np.testing.assert_allclose(states.means, means, atol=1e-7 * scale)
+    for t in range(samples):
+        np.testing.assert_allclose(states.covariances[t], covariances[t, :, t], atol=1e-7)
+        if t:
+            np.testing.assert_allclose(states.lagged[t - 1], covariances[t, :, t - 1], atol=1e-7)
+    assert states.log_likelihood == pytest.approx(log_likelihood, rel=1e-7, abs=1e-6)
+
+
+def test_covariances_that_stand_still_are_those_that_go_on(monkeypatch):
+    model = random_gaussian_model(0, 2, 1, 2)
+    rng = np.random.default_rng(0)
+    data = rng.standard_normal(2), rng.standard_normal((3000, 1)), rng.standard_normal((3000, 2))
+    quick = smoothed(model, *data)
+    monkeypatch.setattr(kalman, "STEADY", 0.0)
+    whole = smoothed(model, *data)
+    for one, other in zip(quick, whole, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9)
+
+
+def test_a_covariance_that_is_none_is_reported():
+    model = random_gaussian_model(0, 2, 1, 2)
+    data = np.zeros(2), np.zeros((5, 1)), np.zeros((5, 2))
+    with pytest.raises(np.linalg.LinAlgError):
+        smoothed(model._replace(R=-10 * np.eye(2)), *data)
+    with np.errstate(all="ignore"), pytest.raises(np.linalg.LinAlgError):
+        smoothed(model._replace(A=1e200 * np.eye(2)), *data)
+
+
+@pytest.mark.parametrize("noise", [1.0, 1e-4, 1e-8])
+@pytest.mark.parametrize("radius", [0.5, 0.999, 1.2])
+def test_the_steady_covariance_solves_riccati_s_equation(noise, radius):
+    """Of stable and unstable systems, side by side, with correlated noises and nearly exact measurements."""
+    rng = np.random.default_rng(0)
+    A = rng.standard_normal((20, 4, 4))
+    A *= radius / np.abs(np.linalg.eigvals(A)).max(axis=1)[:, None, None]
+    C, root = rng.standard_normal((20, 2, 4)), rng.standard_normal((20, 6, 6))
+    root[:, 4:] *= np.sqrt(noise)
+    joint = root @ np.swapaxes(root, 1, 2)
+    Q, S, R = joint[:, :4, :4], joint[:, :4, 4:], joint[:, 4:, 4:]
+    expected = np.array([solve_discrete_are(a.T, c.T, q, r, s=s) for a, c, q, r, s in zip(A, C, Q, R, S, strict=True)])
+    found = steady_covariance(A, C, Q, R, S)
+    np.testing.assert_allclose(found, expected, atol=1e-6 * np.abs(expected).max())
+    gain, P = steady_gain(A[0], C[0], Q[0], R[0], S[0])
+    np.testing.assert_allclose(P, expected[0], atol=1e-6 * np.abs(expected[0]).max())
+    innovations = C[0] @ expected[0] @ C[0].T + R[0]
+    np.testing.assert_allclose(gain @ innovations, A[0] @ expected[0] @ C[0].T + S[0], atol=1e-6 * np.abs(P).max())
+
+
+def test_a_state_that_grows_unseen_has_no_steady_filter():
+    with pytest.raises(np.linalg.LinAlgError, match="no steady filter"):
+        steady_gain(np.diag([1.1, 0.5]), np.array([[0.0, 1.0]]), np.eye(2), np.eye(1))

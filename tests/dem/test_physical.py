@@ -1,4 +1,7 @@
-"""Physical parameters: the filter is the Kalman filter it says it is, and flights that steer give their truth back."""
+"""Physical parameters: the filter is the Kalman filter it says it is, flights that steer give their truth back.
+
+And what commanded motors would do: the plant alone, beside a plant that is commanded.
+"""
 
 from __future__ import annotations
 
@@ -6,22 +9,12 @@ import numpy as np
 import pytest
 from scipy.linalg import expm, solve_continuous_lyapunov
 
-from mavdem import Flight
+import mavdem
+from mavdem import Flight, Settings
 from mavdem.dem import physical
+from mavdem.dem.graybox import identifiability as limits
 from mavdem.dem.graybox.fitting import WINDS, directed, fitted
-from mavdem.dem.graybox.identifiability import (
-    LARGEST_DAMPING,
-    MAX_ALIAS_SHARE,
-    PARAMETERS,
-    RELATIVE_SD,
-    RESOLVED_LAG,
-    SLOWEST_RATE,
-    SPECTRUM_RANGE,
-    WIND_SHARE,
-    IdentifiabilityFigures,
-    NotIdentifiable,
-    identifiability,
-)
+from mavdem.dem.graybox.identifiability import PARAMETERS, NotIdentifiable, identifiability
 from mavdem.dem.graybox.likelihood import (
     BLOCK,
     FIRST_ORDER,
@@ -32,6 +25,9 @@ from mavdem.dem.graybox.likelihood import (
     followed,
     smooth,
 )
+from mavdem.dem.graybox.parameters import Physical, WindComponent, WindowTable
+from mavdem.dem.graybox.simulation import simulated
+from mavdem.dem.record import Record
 from sitl_scenarios.dynamics import euler
 from sitl_scenarios.files import load
 from sitl_scenarios.scenario import Scenario
@@ -43,20 +39,6 @@ MOTORS = np.array([-0.06, 0.06, 0.06, -0.06])
 FINE = 10
 
 
-def moved(
-    state: tuple[float, float, float, float], before: np.ndarray, now: np.ndarray, wind: float, rng: np.random.Generator
-) -> tuple[float, float, float, float]:
-    """Angle, rate, the motors' torque and the wind's a sample later; commands (4,) act half a sample late."""
-    angle, rate, torque, drift = state
-    keeps = np.exp(-DT / FINE / 0.5)
-    for step in range(FINE):
-        torque += DT / FINE / LAG * (MOTORS @ (now if step >= 5 else before) - torque)
-        drift = keeps * drift + np.sqrt(1 - keeps**2) * wind * rng.standard_normal()
-        rate += DT / FINE * (torque - DAMPING * rate + drift)
-        angle += DT / FINE * rate
-    return angle, rate, torque, drift
-
-
 def flown(
     seed: int, steering: float, samples: int = 700, wind: float = 1.0, commanded: np.ndarray | None = None
 ) -> Flight:
@@ -66,17 +48,20 @@ def flown(
     """
     rng = np.random.default_rng(seed)
     reference = steering * np.sign(np.sin(2 * np.pi * np.arange(samples) * DT / 1.3))
-    state = (0.0,) * 4
+    angle = rate = torque = drift = 0.0
+    keeps, fine = np.exp(-DT / FINE / 0.5), DT / FINE
     commands, outputs = np.zeros((samples, 4)), np.empty((samples, 2))
     for k in range(samples):
-        angle, rate, *_ = state
-        measured = rate + 0.005 * rng.standard_normal()
-        outputs[k] = angle, measured
-        wanted = 12 * (reference[k] - 3 * angle - measured)
+        outputs[k] = angle, rate + 0.005 * rng.standard_normal()
+        wanted = 12 * (reference[k] - 3 * angle - outputs[k, 1])
         commands[k] = wanted * MOTORS / (MOTORS @ MOTORS) + rng.standard_normal(4)
         if commanded is not None and k >= samples - len(commanded):
             commands[k] = commanded[k - samples]
-        state = moved(state, commands[max(k - 1, 0)], commands[k], wind, rng)
+        for step in range(FINE):  # commands act half a sample late
+            torque += fine / LAG * (MOTORS @ commands[k if step >= 5 else max(k - 1, 0)] - torque)
+            drift = keeps * drift + np.sqrt(1 - keeps**2) * wind * rng.standard_normal()
+            rate += fine * (torque - DAMPING * rate + drift)
+            angle += fine * rate
     return Flight(DT * np.arange(samples), 1500 + commands, outputs)
 
 
@@ -167,16 +152,11 @@ def test_no_command_helps_to_predict_the_sample_that_it_answers(steps):
     np.testing.assert_allclose(after[5:, 0], np.minimum(now + 1 - steps, now)[5:])
 
 
-def windowed(flight: Flight, count: int) -> FlightWindows:
-    length = len(flight) // count
-    inputs = flight.inputs[: count * length].reshape(count, length, -1)
-    rate = flight.outputs[: count * length, 1].reshape(count, -1)
-    return FlightWindows(inputs - inputs.mean(axis=(0, 1)), rate, DT, np.zeros(count), 1.0)
-
-
 def test_scores_of_windows_are_the_slopes_of_their_likelihoods():
     """Central differences of the log likelihood itself, window by window."""
-    windows = windowed(flown(2, steering=1.0, samples=900), 3)
+    flight = flown(2, steering=1.0, samples=900)
+    inputs = (flight.inputs - flight.inputs.mean(axis=0)).reshape(3, 300, -1)
+    windows = FlightWindows(inputs, flight.outputs[:, 1].reshape(3, -1), DT, np.zeros(3), 1.0)
     plain, start = directed(windows, np.sign(MOTORS))
     fit = fitted(plain._replace(wind=WINDS[1]), windows, np.append(start, np.zeros(2))[: len(start) + 2])
     parameters, theta = fit.parameters, fit.theta
@@ -213,16 +193,7 @@ def test_directions_that_count_turns_the_other_way_round_are_turned():
     np.testing.assert_array_equal(np.sign(physical(turned).effect), np.sign(MOTORS))
 
 
-@pytest.mark.slow
-def test_nothing_is_identifiable_where_motors_only_react_to_the_wind():
-    found = physical(flown(0, steering=0.0, wind=3.0))
-    assert found.status == dict.fromkeys(PARAMETERS, "not identifiable")
-    assert np.isnan(np.append(*found.interval()[:2])).all()
-    assert "steer" in found.reasons["effect"] or "quick inputs" in found.reasons["effect"]
-    assert "not identifiable" in str(found.caution)
-
-
-SOUND = IdentifiabilityFigures(
+SOUND = limits.IdentifiabilityFigures(
     wind_share=0.1,
     alias_share=0.01,
     sd=dict.fromkeys(PARAMETERS, 0.05),
@@ -236,19 +207,19 @@ SOUND = IdentifiabilityFigures(
 
 def edges():
     """Each limit with the figure, the parameter it belongs to, and its status on either side."""
-    for figure, limits in (("sd", RELATIVE_SD), ("spectrum_range", SPECTRUM_RANGE)):
-        for name, (reported, biased) in limits.items():
+    for figure, table in (("sd", limits.RELATIVE_SD), ("spectrum_range", limits.SPECTRUM_RANGE)):
+        for name, (reported, biased) in table.items():
             if reported < biased:
                 yield figure, name, reported, "reported", "biased"
             yield figure, name, biased, "biased" if reported < biased else "reported", "not identifiable"
     for name in PARAMETERS:
-        yield "wind_share", name, WIND_SHARE.reported, "reported", "biased"
-        yield "wind_share", name, WIND_SHARE.biased, "biased", "not identifiable"
-        yield "alias_share", name, MAX_ALIAS_SHARE, "reported", "not identifiable"
-        yield "window_sd", name, RELATIVE_SD[name].reported, "reported", "biased"
-        yield "dt", name, 1 / SLOWEST_RATE, "reported", "biased"
-    yield "damping", "damping", LARGEST_DAMPING, "reported", "not identifiable"
-    yield "lag", "lag", RESOLVED_LAG * SOUND.dt, "not identifiable", "reported"
+        yield "wind_share", name, limits.WIND_SHARE.reported, "reported", "biased"
+        yield "wind_share", name, limits.WIND_SHARE.biased, "biased", "not identifiable"
+        yield "alias_share", name, limits.MAX_ALIAS_SHARE, "reported", "not identifiable"
+        yield "window_sd", name, limits.RELATIVE_SD[name].reported, "reported", "biased"
+        yield "dt", name, 1 / limits.SLOWEST_RATE, "reported", "biased"
+    yield "damping", "damping", limits.LARGEST_DAMPING, "reported", "not identifiable"
+    yield "lag", "lag", limits.RESOLVED_LAG * SOUND.dt, "not identifiable", "reported"
 
 
 @pytest.mark.parametrize(("figure", "name", "limit", "below", "above"), list(edges()))
@@ -285,13 +256,6 @@ def test_windows_show_a_motor_that_weakens():
     assert np.ptp(whole.windows.effect) < 0.2 * whole.windows.effect.mean()
     # The estimate's own uncertainty is not all: windows differ by more.
     assert found.interval().effect.mean() > 2 * whole.interval().effect.mean()
-
-
-@pytest.mark.slow
-def test_one_output_is_the_rate():
-    flight = flown(0, steering=1.0)
-    alone = Flight(flight.time, flight.inputs, flight.outputs[:, 1])
-    np.testing.assert_array_equal(physical(alone).effect, physical(flight).effect)
 
 
 @pytest.mark.slow
@@ -332,3 +296,116 @@ def test_what_cannot_be_fitted_is_said(change, reason):
     found = physical(change(flown(0, steering=1.0)))
     assert isinstance(found, NotIdentifiable)
     assert reason in found.reason and found.reason[0].isupper() and found.reason[-1] == "."
+
+
+STEPS = 100
+DOUBLET = np.repeat([1.0, -1.0, 0.0, 0.5], STEPS // 4)[:, None] * np.sign(MOTORS) * 20
+TRUE = Physical(
+    effect=MOTORS,
+    damping=DAMPING,
+    lag=LAG,
+    delay=DT / 2,
+    covariance=np.zeros((7, 7)),
+    status=dict.fromkeys(("effect", "damping", "lag"), "reported"),
+    reasons=dict.fromkeys(("effect", "damping", "lag"), ""),
+    bias=0.0,
+    wind=1.0,
+    wind_share=0.05,
+    components=(WindComponent(FIRST_ORDER, 1.0, 0.5),),
+    noise=0.005,
+    refinements={},
+    windows=WindowTable(*np.empty((8, 0))),
+)
+
+
+def test_the_true_plant_does_what_the_vehicle_does_in_calm_air():
+    flight = flown(0, steering=0.5, samples=400 + STEPS, wind=0.0, commanded=DOUBLET)
+    train, test = flight[:400], flight[400:]
+    found = simulated(TRUE, Record.of(train), test.inputs).mean
+    # The last measured rate has noise of 0.005 rad/s, and so has each of the test.
+    np.testing.assert_allclose(found, test.outputs, atol=0.04)
+    assert np.ptp(test.outputs, axis=0).min() > 0.4
+
+
+def test_the_variance_is_that_of_wind_which_nothing_counteracts():
+    """Over many winds, from the same beginning: four standard errors of a variance of so many flights."""
+    record, flights = Record.of(flown(0, steering=0.5)), 400
+    variance = simulated(TRUE, record, record.inputs[:STEPS]).variance
+    rng, fine = np.random.default_rng(0), 10
+    step = DT / fine
+    keeps = np.exp(-step / 0.5)
+    drift, rate, angle = rng.standard_normal(flights), np.zeros(flights), np.zeros(flights)
+    for k in range(STEPS):
+        for _ in range(fine):
+            rate, angle = rate + step * (drift - DAMPING * rate), angle + step * rate
+            drift = keeps * drift + np.sqrt(1 - keeps**2) * rng.standard_normal(flights)
+        if k in (9, 49, 99):
+            found = np.array([angle.var(), rate.var()])
+            np.testing.assert_allclose(found, variance[k], rtol=4 * np.sqrt(2 / flights))
+
+
+def test_uncertain_parameters_widen_it_to_first_order():
+    record = Record.of(flown(0, steering=0.5))
+    sd = 0.03 * np.abs(MOTORS)
+    covariance = np.zeros((7, 7))
+    covariance[:4, :4] = np.outer(sd, sd)
+    uncertain = simulated(TRUE._replace(covariance=covariance), record, 1500 + DOUBLET).variance
+    base = simulated(TRUE, record, 1500 + DOUBLET)
+    other = simulated(TRUE._replace(effect=MOTORS + sd), record, 1500 + DOUBLET)
+    np.testing.assert_allclose(uncertain - base.variance, (other.mean - base.mean) ** 2, rtol=1e-3, atol=1e-12)
+
+
+def test_outputs_may_come_in_any_order_and_must_be_an_angle_and_its_rate():
+    flight = flown(0, steering=0.5)
+    turned = Flight(flight.time, flight.inputs, flight.outputs[:, ::-1])
+    one, other = (simulated(TRUE, Record.of(each), 1500 + DOUBLET) for each in (flight, turned))
+    np.testing.assert_allclose(one.mean, other.mean[:, ::-1])
+    np.testing.assert_allclose(one.variance, other.variance[:, ::-1])
+    with pytest.raises(ValueError, match="an angle and its rate"):
+        simulated(TRUE, Record.of(Flight(flight.time, flight.inputs, flight.outputs[:, 1:])), 1500 + DOUBLET)
+
+
+SETTINGS = Settings(order=3, window=9, parameter_precision=10.0)
+
+
+@pytest.mark.slow
+def test_bands_hold_commanded_flights():
+    inside, errors = [], []
+    for seed in range(8):
+        flight = flown(seed, steering=1.0, samples=700 + STEPS, wind=0.5, commanded=DOUBLET)
+        train, test = flight[:700], flight[700:]
+        learned = mavdem.learn(train, SETTINGS)
+        assert learned.physical is not None and learned.physical.identifiable
+        ahead = learned.simulate(test.inputs)
+        inside.append(np.mean(np.abs(ahead - test.outputs) <= learned.simulate_band(test.inputs)))
+        errors.append(np.mean((ahead - test.outputs) ** 2) / np.mean((test.outputs - train.outputs.mean(axis=0)) ** 2))
+    assert np.mean(inside) > 0.8
+    assert np.median(errors) < 0.1
+
+
+@pytest.mark.slow
+def test_nothing_is_identifiable_where_motors_only_react_to_the_wind_and_there_is_no_band():
+    flight = flown(0, steering=0.0, wind=3.0)
+    learned = mavdem.learn(flight, SETTINGS)
+    found = learned.physical
+    assert found.status == dict.fromkeys(PARAMETERS, "not identifiable")
+    assert np.isnan(np.append(*found.interval()[:2])).all()
+    assert "steer" in found.reasons["effect"] or "quick inputs" in found.reasons["effect"]
+    assert "not identifiable" in str(found.caution)
+    with pytest.warns(UserWarning, match="may be far off.*not identifiable"):
+        assert learned.simulate(flight.inputs[:20]).shape == (20, 2)
+    with pytest.raises(ValueError, match="no band.*not identifiable"):
+        learned.simulate_band(flight.inputs[:20])
+    with pytest.raises(ValueError, match="level must"):
+        learned.simulate_band(flight.inputs[:20], level=2)
+    with pytest.raises(ValueError, match="inputs must"), pytest.warns(UserWarning):
+        learned.simulate(flight.inputs[:20, :3])
+
+
+def test_without_physical_parameters_it_is_refused_with_the_reason():
+    flight = flown(0, steering=0.5)
+    learned = mavdem.learn(flight[:150], SETTINGS)
+    assert learned.physical is None
+    for answer in (learned.simulate, learned.simulate_band):
+        with pytest.raises(ValueError, match="at least 200 samples"):
+            answer(flight.inputs[150:])

@@ -9,7 +9,7 @@ from scipy.linalg import expm
 from scipy.ndimage import gaussian_filter1d
 from simulated import DT, GAIN, RATE, simulated
 
-from mavdem import Flight, Learned, Settings, learn
+from mavdem import Flight, Settings, learn
 from mavdem.dem import Gaussian
 from mavdem.dem.engine.coordinates import temporal_precision
 from mavdem.dem.engine.model import pack, unpack
@@ -111,8 +111,6 @@ def test_unknown_inputs_are_estimated():
     np.testing.assert_allclose(learned.predictor.K, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
     # Nothing is known of inputs to come, whatever is handed in.
     np.testing.assert_array_equal(learned.forecast(np.ones((20, 1))), learned.forecast(np.zeros((20, 1))))
-    again = Learned.from_json(learned.to_json())
-    np.testing.assert_array_equal(again.estimated_inputs()[1], estimated)
 
 
 def test_the_wind_may_be_an_unknown_input_beside_motors_that_are_known():
@@ -146,13 +144,6 @@ def test_the_wind_may_be_an_unknown_input_beside_motors_that_are_known():
     assert np.std(estimated[:, 4]) == pytest.approx(np.std(moment[places]), rel=0.3)
 
 
-def test_known_inputs_are_the_recorded_ones():
-    flight = simulated(wind=0.5)[:400]
-    learned = learn(flight, Settings(order=2, window=3, parameter_precision=1.0))
-    places, estimated = learned.estimated_inputs()
-    np.testing.assert_allclose(estimated, flight.inputs[places], atol=0.5)
-
-
 def test_noise_precisions_may_be_shared_by_groups():
     groups = Settings(noise_groups=((0, 1), (0, 0, 1)), lambda_z=(1, 2), lambda_log_precision=(25.0, (3.0, 4.0)))
     of_outputs, of_states = hyperparameter_groups(groups, 3, 2)
@@ -170,9 +161,7 @@ def test_noise_precisions_may_be_shared_by_groups():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("p", "d"), [(0, 0), (0, 6), (6, 0), (6, 6), *((n, n + 1) for n in range(1, 5)), (3, 1), (5, 2)]
-)
+@pytest.mark.parametrize(("p", "d"), [(0, 0), (0, 6), (6, 0), (6, 6), (2, 3), (3, 1)])
 def test_every_order_from_zero_to_six_can_be_learnt(p, d):
     window = max(p, d) + 1
     settings = Settings(
@@ -188,13 +177,10 @@ def test_every_order_from_zero_to_six_can_be_learnt(p, d):
 @pytest.mark.parametrize(
     ("mean", "precision", "named"),
     [
-        ([[1.0]], 1.0, "^mean"),
         ([np.nan], 1.0, "^mean"),
         ([1.0, 2.0], [[1.0]], "^precision must have shape"),
         ([1.0, 2.0], [[1.0, 2.0], [2.0, 1.0]], "^precision must be positive definite"),
         ([1.0, 2.0], [[1.0, 0.5], [0.0, 1.0]], "^precision must be symmetric"),
-        ([1.0, 2.0], [1.0, -1.0], "^precision must be positive definite"),
-        ([1.0], [[np.inf]], "^precision must be finite"),
     ],
 )
 def test_what_is_no_gaussian_is_named(mean, precision, named):
@@ -209,7 +195,6 @@ def test_what_is_no_gaussian_is_named(mean, precision, named):
         ({"prior": Gaussian([0.0] * 16, 1.0)}, '^correlation must be "continuous" with a prior that leaves C free'),
         ({"noise_groups": ((0, 0, 0), (0, 0))}, "^noise_groups must be 2 group numbers"),
         ({"known_inputs": (True, False), "prior": roll_prior()}, "^known_inputs must say it of 4 inputs"),
-        ({"input_precision": (1.0, 2.0)}, "^input_precision must be of 4 inputs, or"),
         ({"input_precision": ((1.0,),)}, "^input_precision must be of 4 inputs, or of their 3 orders"),
     ],
 )
@@ -218,25 +203,14 @@ def test_settings_that_do_not_fit_the_flight_are_named(settings, named):
         learn(simulated()[:200], Settings(order=2, window=3, parameter_precision=1.0, **settings))
 
 
-@pytest.mark.parametrize(
-    ("field", "value", "named"),
-    [
+def test_what_is_no_generative_model_is_named():
+    model = random_model(3, 2, 2, 1, 2, 1, drop=False, groups=False)
+    for field, value, named in (
         ("output_correlation", np.eye(2), "^output_correlation must have shape"),
         ("state_correlation", -np.eye(3), "^state_correlation must be positive definite"),
         ("input_precision", np.full((4, 4), np.nan), "^input_precision must be finite"),
-        ("q", 3, "^n and m"),
-        ("n", 0, "^n and m"),
-    ],
-)
-def test_what_is_no_generative_model_is_named(field, value, named):
-    model = random_model(3, 2, 2, 1, 2, 1, drop=False, groups=False)
-    with pytest.raises(ValueError, match=named):
-        replace(model, **{field: value})
-
-
-@pytest.mark.parametrize("field", ["theta_mean", "theta_precision", "lambda_mean", "lambda_precision"])
-def test_a_prior_of_the_wrong_size_is_named(field):
-    model = random_model(3, 2, 2, 1, 2, 1, drop=False, groups=False)
-    wrong = getattr(model.prior, field)[:1, ...]
-    with pytest.raises(ValueError, match=f"^prior.{field} must"):
-        replace(model, prior=model.prior._replace(**{field: wrong}))
+        ("prior", model.prior._replace(theta_mean=model.prior.theta_mean[:1]), "^prior.theta_mean must"),
+        ("prior", model.prior._replace(lambda_precision=np.eye(1)), "^prior.lambda_precision must"),
+    ):
+        with pytest.raises(ValueError, match=named):
+            replace(model, **{field: value})

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pytest
 
-from mavdem.dem.forecast.var import ChannelUnits, LagStatistics, Var, initial_lags, lagged
+from mavdem.dem.forecast.var import ChannelUnits, LagStatistics, Var, initial_lags
 from mavdem.dem.record import Record
 
 OUTPUTS, INPUTS, LAGS, STEPS = 2, 3, 3, 12
@@ -55,53 +57,23 @@ def given(mean: np.ndarray, covariance: np.ndarray, known: np.ndarray, values: n
     return mean[asked] + gain @ (values - mean[known]), spread.diagonal()
 
 
-@pytest.fixture
-def path():
-    true = model()
-    samples = run(true, LAGS + STEPS)
-    mean, covariance = joint(true, samples[:LAGS], STEPS)
-    of_inputs = np.arange(STEPS * CHANNELS).reshape(STEPS, CHANNELS)[:, OUTPUTS:]
-    return true, samples[:LAGS], samples[LAGS:, OUTPUTS:], mean, covariance, of_inputs
-
-
-def test_predictions_are_the_mean_and_variance_of_the_joint_gaussian(path):
-    true, past, _, mean, covariance, _ = path
-    found = true.predict(past, STEPS)
-    np.testing.assert_allclose(found.mean.ravel(), mean, rtol=1e-9)
-    np.testing.assert_allclose(found.variance.ravel(), covariance.diagonal(), rtol=1e-9)
-
-
-def test_filtered_outputs_are_conditioned_on_the_inputs_up_to_their_own_sample(path):
-    true, past, inputs, mean, covariance, of_inputs = path
-    found = true.infer(past, inputs)
-    for step in range(STEPS):
-        known, asked = of_inputs[: step + 1], step * CHANNELS + np.arange(OUTPUTS)
-        expected = given(mean, covariance, known.ravel(), inputs[: step + 1].ravel(), asked)
-        np.testing.assert_allclose(found.mean[step], expected[0], rtol=1e-6)
-        np.testing.assert_allclose(found.variance[step], expected[1], rtol=1e-6)
-
-
-def test_smoothed_outputs_are_conditioned_on_all_inputs(path):
-    true, past, inputs, mean, covariance, of_inputs = path
-    found = true.infer(past, inputs, smooth=True)
-    asked = (np.arange(STEPS)[:, None] * CHANNELS + np.arange(OUTPUTS)).ravel()
-    expected = given(mean, covariance, of_inputs.ravel(), inputs.ravel(), asked)
-    np.testing.assert_allclose(found.mean.ravel(), expected[0], rtol=1e-6)
-    np.testing.assert_allclose(found.variance.ravel(), expected[1], rtol=1e-6)
-
-
-@pytest.mark.parametrize("smooth", [False, True])
-def test_several_pasts_are_answered_as_each_by_itself(smooth):
+def test_predicted_filtered_and_smoothed_are_those_of_the_joint_gaussian_for_each_of_several_pasts():
     true = model()
     samples = np.stack([run(true, LAGS + STEPS, seed) for seed in (1, 2)])
-    together = true.infer(samples[:, :LAGS], samples[:, LAGS:, OUTPUTS:], smooth)
-    for number, each in enumerate(samples):
-        alone = true.infer(each[:LAGS], each[LAGS:, OUTPUTS:], smooth)
-        np.testing.assert_allclose(together.mean[number], alone.mean, rtol=1e-12)
-        np.testing.assert_allclose(together.variance[number], alone.variance, rtol=1e-12)
-    np.testing.assert_allclose(
-        true.predict(samples[:, :LAGS], STEPS).mean[1], true.predict(samples[1, :LAGS], STEPS).mean, rtol=1e-12
-    )
+    pasts, inputs = samples[:, :LAGS], samples[:, LAGS:, OUTPUTS:]
+    places = np.arange(STEPS * CHANNELS).reshape(STEPS, CHANNELS)
+    predicted = true.predict(pasts, STEPS)
+    inferred = {smooth: true.infer(pasts, inputs, smooth) for smooth in (False, True)}
+    for number, past in enumerate(pasts):
+        mean, covariance = joint(true, past, STEPS)
+        np.testing.assert_allclose(predicted.mean[number].ravel(), mean, rtol=1e-9)
+        np.testing.assert_allclose(predicted.variance[number].ravel(), covariance.diagonal(), rtol=1e-9)
+        for smooth, step in product((False, True), range(STEPS)):
+            seen = slice(STEPS if smooth else step + 1)
+            known, asked = places[seen, OUTPUTS:].ravel(), places[step, :OUTPUTS]
+            expected = given(mean, covariance, known, inputs[number, seen].ravel(), asked)
+            np.testing.assert_allclose(inferred[smooth].mean[number, step], expected[0], rtol=1e-6)
+            np.testing.assert_allclose(inferred[smooth].variance[number, step], expected[1], rtol=1e-6)
 
 
 def test_coefficients_and_covariance_are_those_of_least_squares_without_a_prior():
@@ -197,20 +169,6 @@ def test_a_past_shorter_than_the_lags_begins_with_its_first_sample():
     np.testing.assert_array_equal(initial_lags(samples[:0], 2), np.zeros((2, CHANNELS)))
 
 
-def test_units_make_channels_of_deviation_one_and_keep_constants():
-    rng = np.random.default_rng(0)
-    inputs = np.hstack([1500 + 20 * rng.standard_normal((90, 2)), np.full((90, 1), 1200.0)])
-    record = Record(inputs, 0.1 * rng.standard_normal((90, 2)) + 3, 0.01, (40, 50))
-    units = ChannelUnits.of(record)
-    segments = units.segments(record)
-    assert [len(each) for each in segments] == [40, 50]
-    together = np.concatenate(segments)
-    np.testing.assert_allclose(together.mean(axis=0), 0, atol=1e-9)
-    np.testing.assert_allclose(together.std(axis=0), [1, 1, 1, 1, 0], atol=1e-9)
-    np.testing.assert_allclose(units.scaled_inputs(inputs), together[:, 2:])
-    np.testing.assert_allclose(units.scaled(record.outputs), together[:, :2])
-
-
 def test_physical_samples_are_answered_in_their_own_units():
     rng = np.random.default_rng(0)
     samples = 1500 + 20 * run(model(), 400)
@@ -241,9 +199,3 @@ def test_the_maps_ahead_are_the_model_s_own_steps():
     maps, constant = true.ahead((1, 30), OUTPUTS)
     ahead = true.predict(samples[-LAGS:], 30).mean[:, :OUTPUTS]
     np.testing.assert_allclose(maps @ samples[: -LAGS - 1 : -1].ravel() + constant, ahead[[0, 29]], rtol=1e-9)
-
-
-def test_rows_of_lags_have_the_latest_first():
-    table = np.arange(12.0).reshape(6, 2)
-    np.testing.assert_array_equal(lagged(table, 2)[0], [2, 3, 0, 1])
-    assert lagged(table, 2).shape == (4, 4) and lagged(table[:1], 2).shape == (0, 4)

@@ -1,20 +1,25 @@
-"""The wind's torque: the smoother against a joint Gaussian, its band, its numbers, and simulated flights' truth."""
+"""The wind's torque, offline and live: the smoother against a joint Gaussian, bands, gusts, simulated truth."""
 
 from __future__ import annotations
 
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import NamedTuple
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
+from simulated import simulated
+from test_model import joint
 from test_physical import settled
 
-from mavdem import Flight
-from mavdem.dem.graybox.identifiability import MODEL_ERRORS
-from mavdem.dem.graybox.likelihood import FIRST_ORDER, Coloured, Plant, delayed, plant, smooth
-from mavdem.dem.graybox.wind import THRESHOLD, _Spectra, gusts, wind
+from mavdem import Flight, OnlineLearner, Settings
+from mavdem.dem.engine.kalman import GaussianModel
+from mavdem.dem.graybox.likelihood import FIRST_ORDER, Coloured, delayed, plant, smooth
+from mavdem.dem.graybox.wind import _Spectra, gusts, wind
+from mavdem.dem.online.memory import MemoryBlock
+from mavdem.dem.online.wind import DELAY_SECONDS, FILTER_SECONDS, FIRST_FIT_SECONDS, OnlineWind, _Tracked, wind_filter
 from mavdem.dem.record import Record
 from sitl_scenarios.files import load
-from sitl_scenarios.scenario import Multisine
 
 DT = 0.01
 EFFECT = np.array([-0.06, 0.06, 0.06, -0.06])
@@ -59,41 +64,26 @@ def flown(seed: int, samples: int, known: Parameters, steady: float = 0.0) -> tu
     return Flight(DT * np.arange(samples), inputs, outputs), torque
 
 
-def joint_posterior(
-    of: Plant, noise: float, commanded: np.ndarray, steps: float, rate: np.ndarray, spread: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and variance (T,) of the wind's torque given all rates, by the covariance of all states of all samples."""
-    samples, n = len(rate), len(of.wind)
-    early, late = delayed(commanded[:, None], steps)
-    mean = np.zeros((samples, n))
-    mean[0, :2] = rate.mean(), commanded[0]
-    covariance = np.zeros((samples, samples, n, n))
-    now = of.stationary.copy()
-    now[0, 0] = spread
-    for k in range(samples):
-        across = now
-        for later in range(k, samples):
-            covariance[later, k], covariance[k, later] = across, across.T
-            across = of.step.state @ across
-        now = of.step.state @ now @ of.step.state.T + of.process
-        if k + 1 < samples:
-            pushes = of.step.input_now[:, 0] * early[k] + of.step.input_next[:, 0] * late[k]
-            mean[k + 1] = of.step.state @ mean[k] + pushes
-    measured = covariance[:, :, 0, 0] + noise**2 * np.eye(samples)
-    across = np.einsum("i,tsi->ts", of.wind, covariance[:, :, :, 0])
-    own = np.einsum("i,ttij,j->t", of.wind, covariance, of.wind)
-    gain = np.linalg.solve(measured, across.T).T
-    return mean @ of.wind + gain @ (rate - mean[:, 0]), own - np.einsum("ts,ts->t", gain, across)
-
-
 @pytest.mark.parametrize("damping", [-0.5, 2.0])
-@pytest.mark.parametrize("components", [TURBULENCE[:1], TURBULENCE, (TURBULENCE[1], TURBULENCE[1])], ids=str)
+@pytest.mark.parametrize("components", [TURBULENCE[:1], TURBULENCE, (TURBULENCE[1], TURBULENCE[1])], ids="123")
 def test_the_smoother_is_the_posterior_of_the_joint_gaussian(components, damping):
     rng = np.random.default_rng(0)
     commanded, rate, noise = rng.standard_normal(90), 0.2 * rng.standard_normal(90), 0.02
     of = plant(damping, 0.05, components, 0.02)
     found = of.smoothed(noise, commanded, 0.7, rate)
-    mean, variance = joint_posterior(of, noise, commanded, 0.7, rate, np.var(rate) + of.filter(noise).variance)
+    early, late = delayed(commanded[:, None], 0.7)
+    pushed = np.column_stack([of.step.input_now[:, 0], of.step.input_next[:, 0]])
+    n = len(of.wind)
+    one, nothing = np.eye(1, n), np.zeros(n)
+    model = GaussianModel(
+        of.step.state, pushed, nothing, one, np.zeros((1, 2)), np.zeros(1), of.process, np.array([[noise**2]])
+    )
+    start, spread = nothing.copy(), of.stationary.copy()
+    start[:2] = rate.mean(), commanded[0]
+    spread[0, 0] = np.var(rate) + of.filter(noise).variance
+    pushes = np.append(np.column_stack([early, late]), [[0.0, 0.0]], axis=0)[:90]
+    means, covariances, _ = joint(model, start, pushes, rate[:, None], spread)
+    mean, variance = means @ of.wind, np.einsum("i,titj,j->t", of.wind, covariances, of.wind)
     np.testing.assert_allclose(found.mean, mean, atol=1e-8 * np.abs(mean).max())
     np.testing.assert_allclose(found.variance, variance, atol=1e-8 * variance.max())
 
@@ -124,21 +114,17 @@ def test_its_band_and_its_size_are_those_of_the_truth_where_the_model_is_true():
     assert np.mean(np.abs(found.torque - torque) <= found.band) > 0.9
 
 
-def test_what_all_motors_have_in_common_is_no_torque():
+def test_motors_that_differ_steadily_balance_a_steady_wind_and_what_all_have_in_common_is_no_torque():
     known = Parameters()
     flight, _ = flown(2, 1500, known)
-    higher = Flight(flight.time, flight.inputs + 137.0, flight.outputs)
-    uneven = known._replace(effect=EFFECT * np.array([1.1, 1.0, 1.0, 1.0]))
-    one, other = wind(uneven, Record.of(flight)), wind(uneven, Record.of(higher))
-    np.testing.assert_allclose(one.torque, other.torque, atol=1e-6)
 
+    def torque(shift: np.ndarray, known: Parameters) -> np.ndarray:
+        return wind(known, Record.of(Flight(flight.time, flight.inputs + shift, flight.outputs))).torque
 
-def test_motors_that_differ_steadily_balance_a_steady_wind():
-    known = Parameters()
-    flight, _ = flown(3, 1500, known)
-    leaning = Flight(flight.time, flight.inputs + 20 * np.sign(EFFECT), flight.outputs)
-    shift = wind(known, Record.of(leaning)).torque - wind(known, Record.of(flight)).torque
+    shift = torque(20 * np.sign(EFFECT), known) - torque(np.zeros(4), known)
     np.testing.assert_allclose(shift, -20 * np.abs(EFFECT).sum(), atol=1e-6)
+    uneven = known._replace(effect=EFFECT * np.array([1.1, 1.0, 1.0, 1.0]))
+    np.testing.assert_allclose(torque(np.zeros(4), uneven), torque(np.full(4, 137.0), uneven), atol=1e-6)
 
 
 def test_the_uncertainty_of_the_motors_effect_is_in_the_bands():
@@ -180,27 +166,13 @@ def test_wind_weaker_than_the_errors_is_not_resolved():
     assert found.gusts == ()
 
 
-@pytest.mark.slow
-def test_the_models_spectrum_has_its_variance():
-    known = Parameters()
-    flight, torque = flown(7, 12000, known)
-    spectrum = wind(known, Record.of(flight)).spectrum
-    assert np.trapezoid(spectrum.model, spectrum.frequency) == pytest.approx(1.5**2 + 0.7**2, rel=0.15)
-    slow = spectrum.frequency < 1.0
-    assert spectrum.density[slow].sum() == pytest.approx(spectrum.model[slow].sum(), rel=0.4)
-
-
-def test_newton_metres_are_by_the_moment_of_inertia():
+def test_newton_metres_are_by_the_moment_of_inertia_and_outputs_need_a_rate():
     known = Parameters()
     flight, _ = flown(8, 800, known)
     found = wind(known, Record.of(flight))
     np.testing.assert_allclose(found.in_newton_metres(0.029), 0.029 * found.torque)
     with pytest.raises(ValueError, match="inertia"):
         found.in_newton_metres(0.0)
-
-
-def test_outputs_without_a_rate_have_no_wind():
-    flight, _ = flown(9, 800, Parameters())
     with pytest.raises(ValueError, match="rate"):
         wind(Parameters(), Record.of(Flight(flight.time, flight.inputs, flight.outputs[:, [0, 0]])))
 
@@ -247,38 +219,94 @@ def test_a_gust_is_found_where_it_is_with_its_length_and_size():
     assert gust.length == pytest.approx(0.6, abs=0.25)
     assert gust.size == pytest.approx(8.0, abs=2.0)
     assert gusts(torque, np.full(6000, 10.0), record_of(6000)).found == ()
-    assert THRESHOLD == 4.0
-
-
-def scenario(name: str, steer: float = 0.0) -> tuple[Flight, np.ndarray, Parameters]:
-    """Settled hover of ``sitl_scenarios``, the true wind's torque, and the true parameters."""
-    plan = load(name).model_copy(update={"duration": 45.0})
-    if steer:
-        multisine = Multisine(kind="multisine", sd=steer, lowest=0.2, highest=4.0, period=10.0)
-        plan = plan.model_copy(update={"excitation": multisine})
-    flight, known = settled(plan, 3200)
-    parameters = Parameters(known["roll_B"][1], -float(known["roll_A"][1, 1]), float(known["lag"][0]))
-    return flight, known["roll_disturbance"], parameters
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["hover_blower", "iris_dryden", "iris_gusts", "crazyflie_gusts"])
 def test_it_is_the_truth_of_a_simulated_flight_by_its_true_parameters(name):
-    flight, torque, known = scenario(name)
-    found = wind(known._replace(components=((FIRST_ORDER, torque.std(), 0.15),)), Record.of(flight))
+    """Settled hover of ``sitl_scenarios`` in its wind."""
+    flight, known = settled(load(name).model_copy(update={"duration": 45.0}), 3200)
+    torque, damping = known["roll_disturbance"], -float(known["roll_A"][1, 1])
+    components = ((FIRST_ORDER, torque.std(), 0.15),)
+    parameters = Parameters(known["roll_B"][1], damping, float(known["lag"][0]), components=components)
+    found = wind(parameters, Record.of(flight))
     assert np.corrcoef(found.torque, torque)[0, 1] > 0.9
     assert found.sd == pytest.approx(torque.std(), rel=0.2)
     assert found.mean == pytest.approx(torque.mean(), rel=0.1, abs=0.05)
     assert found.resolved
 
 
+WINDY = simulated(samples=3000, wind=2.0, lag=0.05)
+LAG = round(DELAY_SECONDS / WINDY.dt)
+BEGINS = round((FILTER_SECONDS + DELAY_SECONDS) / WINDY.dt)
+
+
+def followed(online: OnlineWind, flight: Flight, block: int = 10) -> np.ndarray:
+    """(T, 2) what each update returns."""
+    found = np.empty((len(flight), 2))
+    for k, (inputs, outputs) in enumerate(zip(flight.inputs, flight.outputs, strict=True)):
+        found[k] = online.update(inputs, outputs)
+        if (k + 1) % block == 0:
+            rows = slice(k + 1 - block, k + 1)
+            online.add(MemoryBlock(flight.inputs[rows], flight.outputs[rows], k + 1 == block, float(flight.time[k])))
+    return found
+
+
 @pytest.mark.slow
-def test_it_is_not_resolved_beside_steering_that_is_much_larger():
-    flight, torque, known = scenario("calm", steer=3.0)
-    # As known as any estimate is: to within the errors of the model.
-    errors = MODEL_ERRORS
-    sd = np.array([*(errors.effect * known.effect), errors.damping, errors.lag * known.lag, errors.delay])
-    known = known._replace(covariance=np.diag(sd**2), components=((FIRST_ORDER, 0.2, 0.05),))
-    found = wind(known, Record.of(flight))
-    assert torque.std() < 0.1
-    assert not found.resolved
+def test_it_is_the_smoother_s_but_for_what_later_samples_add():
+    of = wind_filter(Record.of(WINDY))
+    tracked = _Tracked(of, WINDY.dt, WINDY.inputs[:1], WINDY.outputs[:1])
+    live = np.full(len(WINDY), np.nan)
+    for k in range(1, len(WINDY)):
+        tracked.add(WINDY.inputs[k], WINDY.outputs[k])
+        if k >= LAG:
+            live[k - LAG] = tracked.torque[0]
+    commanded = (WINDY.inputs - of.trim) @ of.physical.effect + of.constant
+    rate = WINDY.outputs[:, of.column]
+    whole = of.axis.smoothed(of.physical.noise, commanded, of.physical.delay / WINDY.dt, rate).mean + of.level
+    far = slice(500, -LAG)
+    weights = of.steady.weights(1000, of.axis.wind)
+    added = np.sqrt(np.sum(weights[LAG + 1 :] ** 2) * of.steady.variance)
+    assert np.std(live[far] - whole[far]) == pytest.approx(added, rel=0.5, abs=1e-9)
+    assert np.std(live[far] - whole[far]) < 0.1 * whole.std()
+
+
+@pytest.mark.slow
+def test_it_is_known_from_the_first_fit_on_and_anew_after_a_gap():
+    online = OnlineWind(WINDY.dt, 10, None, None)
+    found = followed(online, WINDY)
+    first = round(FIRST_FIT_SECONDS / WINDY.dt)
+    assert np.isnan(found[:first]).all()
+    assert np.isfinite(found[first:]).all()
+    online.end_segment()
+    after = followed(online, WINDY[:300])
+    assert np.isnan(after[:BEGINS]).all()
+    assert np.isfinite(after[BEGINS + 1 :]).all()
+
+
+@pytest.mark.slow
+def test_a_fit_in_an_executor_makes_no_sample_wait():
+    pending: Future = Future()
+    online = OnlineWind(WINDY.dt, 10, Mock(**{"submit.return_value": pending}), None)
+    assert np.isnan(followed(online, WINDY[:900])).all()
+    pending.set_result(wind_filter(Record.of(WINDY[:800])))
+    assert np.isfinite(followed(online, WINDY[900:1000])[-1]).all()
+
+
+def test_a_fit_that_fails_leaves_the_last_one():
+    still = Flight(WINDY.time, np.full_like(WINDY.inputs, 1500.0), WINDY.outputs)
+    online = OnlineWind(WINDY.dt, 10, None, None)
+    assert np.isnan(followed(online, still)).all()
+    assert online.filter is None
+    with ThreadPoolExecutor(1) as executor:
+        gone = OnlineWind(WINDY.dt, 10, executor, None)
+    assert np.isnan(followed(gone, WINDY[:900])).all()
+
+
+@pytest.mark.slow
+def test_an_estimate_has_it_and_says_of_when():
+    online = OnlineLearner(Settings(order=3, d=2, window=9, parameter_precision=1.0), dt=WINDY.dt)
+    for time, outputs, inputs in zip(WINDY.time[:1000], WINDY.outputs, WINDY.inputs, strict=False):
+        estimate = online.update(time, outputs, inputs)
+    assert estimate.wind_time == pytest.approx(estimate.time - DELAY_SECONDS)
+    assert np.isfinite([estimate.wind_torque, estimate.wind_torque_band]).all()

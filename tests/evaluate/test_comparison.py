@@ -16,7 +16,6 @@ from mavdem.evaluate import HORIZONS, Paired, mspe, relative_mspe
 from mavdem.evaluate.comparison import METHODS, Comparison, Method, Outcome, compare, evaluate_window, outcomes
 from mavdem.evaluate.scores import FROM_ZERO, KNOWN, UNKNOWN, ratio
 from mavdem.evaluate.windows import windows
-from mavdem.report.blocks import Sentence, Table
 from mavdem.report.comparison import comparison_report
 
 FLIGHTS = {name: simulated(seed, samples=1700, wind=2.0) for seed, name in enumerate("ab")}
@@ -105,7 +104,15 @@ def test_an_outcome_is_what_the_model_says_of_the_window():
 
 @pytest.mark.parametrize(
     ("method", "failure"),
-    [(REFUSES, "train is not to my liking"), (BREAKS, "ZeroDivisionError: division by zero")],
+    [
+        (REFUSES, "train is not to my liking"),
+        (BREAKS, "ZeroDivisionError: division by zero"),
+        (
+            ARX,
+            "ARX(2) needs the inputs of the time it forecasts: use forecast(inputs), or mavdem.baselines.var for "
+            "predictions without them",
+        ),
+    ],
 )
 def test_a_method_without_an_answer_says_why_and_errs_infinitely(method, failure):
     found = evaluate_window(method._replace(predicts=True), WINDOWS[0])
@@ -186,6 +193,8 @@ def test_the_first_is_paired_with_each_on_windows_that_do_not_overlap(compared):
     assert (found["ARX"].windows, found["ARX"].tested) == (3, 2)
     assert found["refuses"] == Paired(0.0, 3, 3, 2, 0.5)
     assert found["hold"] == Paired(1.0, 0, 3, 2, 1.0)
+    few = comparison_report(compare(WINDOWS[:1], [HOLD, EXPLODES, REFUSES]))[0].lead
+    assert "not distinguishable from another method's: only 1 window does not overlap, and it takes 6" in few
 
 
 def test_losses_are_where_the_median_is_larger_the_worst_first(compared):
@@ -236,19 +245,6 @@ def test_the_document_is_plain_json_and_rows_a_table(compared):
     assert len({tuple(row) for row in rows}) == 1
 
 
-@pytest.mark.parametrize("from_zero", [False, True])
-def test_the_report_has_a_row_for_every_method_and_says_what_went_wrong(compared, from_zero):
-    blocks = comparison_report(compared, from_zero)
-    tables = [block for block in blocks if isinstance(block, Table)]
-    said = " ".join(f"{block.lead} {block.text}" for block in blocks if isinstance(block, Sentence))
-    errors = [table for table in tables if table.header[0] == "RMSE, 150 steps ahead"]
-    assert [len(table.rows) for table in errors] == [5, 5]
-    assert any("What comes next" in table.header[0] for table in tables) != from_zero
-    assert "refuses made no forecast in 3 of 3 windows: train is not to my liking." in said
-    assert "explodes diverged to infinity or NaN in 3 of 3 windows." in said
-    assert all(len(row) == len(table.header) for table in tables for row in table.rows)
-
-
 MANY = windows("a", FLIGHTS["a"], 200, 50)
 AGAIN = HOLD._replace(name="hold again")
 
@@ -265,31 +261,17 @@ def test_the_report_begins_with_what_the_test_distinguishes(distinguished):
         "is_off": (6, "lower"),
         "refuses": (6, "lower"),
     }
-    assert comparison_report(distinguished)[0].lead == (
-        "hold's error over the whole test part is not distinguishable from that of hold again; lower than that of "
-        "is_off. No forecast was made by refuses."
+    columns = [2, 0, 1, 3]
+    other = Comparison(
+        distinguished.windows,
+        tuple(distinguished.methods[column] for column in columns),
+        tuple(tuple(row[column] for column in columns) for row in distinguished.outcomes),
     )
-    other = replace_first(distinguished, 2)
-    times = [other.verdicts()[name].ratio for name in ("hold", "hold again")]
-    assert comparison_report(other)[0].lead.startswith(
-        f"is_off's error over the whole test part is higher than that of hold ({times[0]:.3g} times, p = 0.031) and "
-        f"hold again ({times[1]:.3g} times, p = 0.031). No"
-    )
-
-
-def replace_first(comparison: Comparison, place: int) -> Comparison:
-    """With another method first."""
-    order = [place, *(other for other in range(len(comparison.methods)) if other != place)]
-    rows = tuple(tuple(row[other] for other in order) for row in comparison.outcomes)
-    return Comparison(comparison.windows, tuple(comparison.methods[other] for other in order), rows)
-
-
-def test_of_few_windows_nothing_is_distinguished():
-    lead = comparison_report(compare(WINDOWS[:1], [HOLD, EXPLODES, REFUSES]))[0].lead
-    assert lead == (
-        "hold's error is not distinguishable from another method's: only 1 window does not overlap, and it takes 6. No "
-        "forecast was made by refuses."
-    )
+    assert {name: one.verdict for name, one in other.verdicts().items()} == {
+        "hold": "higher",
+        "hold again": "higher",
+        "refuses": "lower",
+    }
 
 
 @pytest.mark.slow
@@ -297,10 +279,7 @@ def test_of_six_flights_each_is_a_pair():
     parts = [window for name in "abcdef" for window in windows(name, FLIGHTS["a"][100 * ord(name) - 9700 :], 200, 50)]
     found = compare(parts, [HOLD, IS_OFF])
     assert found.verdicts()["is_off"] == found.over_flights()[1]["reference"]
-    assert found.verdicts()["is_off"].tested == 6
-    assert comparison_report(found)[0].lead == (
-        "hold's error on 6 flights over the whole test part is lower than that of is_off."
-    )
+    assert found.verdicts()["is_off"].tested == 6 and "on 6 flights" in comparison_report(found)[0].lead
 
 
 def test_a_band_that_failed_is_cautioned_against(predicted):
@@ -318,27 +297,18 @@ def test_a_band_that_failed_is_cautioned_against(predicted):
         return Comparison(predicted.windows, predicted.methods, rows)
 
     assert cautions(held(0.75, 0.9)) == []
-    assert cautions(held(0.9, 0.5)) == [
-        f"the 90 % band of joint VAR(4)'s predictions holds 50% of the samples on {flight}: it is too narrow."
-        for flight in "ab"
-    ]
+    assert ["predictions holds 50%" in one for one in cautions(held(0.9, 0.5))] == [True, True]
     assert "forecasts holds 74%" in cautions(held(0.74, 0.9).of_flight("a"))[0]
 
 
 def test_the_influence_of_generalized_coordinates_is_a_table_of_its_own():
     pair = [Method("DEM", baselines.hold), Method("DEM p=1", baselines.constant_mean)]
-    (table,) = [
-        block
-        for block in comparison_report(compare(WINDOWS, pair))
-        if isinstance(block, Table) and block.header[0].startswith("influence of generalized coordinates")
-    ]
-    assert table.header[1:] == ["DEM", "DEM p=1", "ratio"]
-    assert [row[0] for row in table.rows] == ["a", "b", "all flights"]
-    one, other = (
-        {s["method"]: s["relative"] for s in compare(WINDOWS, pair).summaries(flight)} for flight in ("a", "b")
-    )
-    assert table.rows[0][1:] == [f"{one['DEM']:.3g}", "1", f"{one['DEM']:.3g}"]
-    assert table.rows[2][1:] == [f"{np.sqrt(one['DEM'] * other['DEM']):.3g}", "1", table.rows[2][1]]
+    found = compare(WINDOWS, pair)
+    (table,) = [one for one in comparison_report(found) if getattr(one, "header", [""])[0].startswith("influence of")]
+    one, other = (row_of(found.summaries(flight), "DEM")["relative"] for flight in "ab")
+    overall = f"{np.sqrt(one * other):.3g}"
+    assert table.rows[0] == ["a", f"{one:.3g}", "1", f"{one:.3g}"]
+    assert table.rows[2] == ["all flights", overall, "1", overall]
 
 
 VAR = Method("joint VAR(4)", partial(baselines.var, order=4), predicts=True)
@@ -366,10 +336,6 @@ def test_predictions_are_compared_of_the_methods_that_make_them(predicted):
     assert compare(WINDOWS[:1], [ARX]).to_dict()["predictions"] is None
     nested = predicted.to_dict()["predictions"]
     assert nested["methods"] == ["joint VAR(4)", "hold", "constant mean"] and nested["predictions"] is None
-
-
-def test_a_method_that_cannot_predict_says_so():
-    assert "needs the inputs" in evaluate_window(ARX._replace(predicts=True), WINDOWS[0]).failure
 
 
 def test_the_share_in_the_band_is_a_mean_over_windows_and_flights(predicted):

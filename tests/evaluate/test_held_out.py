@@ -81,16 +81,6 @@ def test_the_test_after_training_is_one_window_of_the_models_own_forecast():
     assert window.seconds == pytest.approx(test.duration)
 
 
-def test_bands_begin_anew_with_each_forecast():
-    train, test = FLIGHT[:600], FLIGHT[600:700]
-    learned = mavdem.learn(train)
-    _, variance, bands = learned.forecast_every_with_band(50, test.inputs, test.outputs)
-    np.testing.assert_allclose(bands[:50], learned.forecast_band(test.inputs[:50]), rtol=1e-7)
-    np.testing.assert_allclose(variance[:50], learned.forecast_variance(test.inputs[:50]), rtol=1e-7)
-    # Later forecasts are from a later state with other inputs, as uncertain at first.
-    assert (bands[50] < bands[49]).all()
-
-
 def test_figures_are_those_of_the_windows(held_out):
     errors = ((held_out.measured - held_out.forecasts["forecast"]) ** 2).mean(axis=1)
     mean = ((held_out.measured - held_out.forecasts[CONSTANT_MEAN]) ** 2).mean(axis=1)

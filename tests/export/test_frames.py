@@ -36,17 +36,6 @@ def test_a_frame_has_the_columns_of_the_csv_file(flight):
     assert frame.attrs["provenance"] == flight.provenance
 
 
-@pytest.mark.slow
-def test_a_dataset_is_indexed_by_time_and_name(flight):
-    data = flight.to_xarray()
-    assert data.outputs.dims == ("time", "output") and data.time.attrs["units"] == "s"
-    rate = data.outputs.sel(output="roll rate")
-    np.testing.assert_array_equal(rate, flight.outputs[:, 1])
-    assert rate.output_unit == "rad/s"
-    assert data.sizes["input"] == len(flight.input_names)
-    assert data.attrs["dt"] == flight.dt
-
-
 def test_a_dataset_has_what_else_a_flight_has():
     time = np.arange(4) * 0.1
     asked = np.array([np.nan, 1, 1, 2])
@@ -54,6 +43,8 @@ def test_a_dataset_has_what_else_a_flight_has():
     data = flight.to_xarray()
     np.testing.assert_array_equal(data.setpoints[:, 0], asked)
     np.testing.assert_array_equal(data.effect_directions, [1.0])
+    assert data.outputs.dims == ("time", "output") and data.time.attrs["units"] == "s"
+    assert data.attrs["dt"] == flight.dt
 
 
 def test_a_system_has_the_names_and_the_poles_of_the_model(learned):
@@ -74,11 +65,6 @@ def test_a_system_responds_as_the_model_does(learned, flight):
     np.testing.assert_allclose(response.outputs[:, 1:].T, states @ learned.model.C.T, rtol=1e-6, atol=1e-9)
 
 
-def test_states_that_are_no_outputs_are_numbered(flight):
-    learned = mavdem.learn(flight[:250], mavdem.Settings.paper())
-    assert learned.to_control().state_labels == ["state_1", "state_2"]
-
-
 def test_hidden_states_and_arrays_without_names_are_numbered():
     learned = mavdem.learn(simulated(lag=0.05)[:200], mavdem.Settings(order=3, d=2, window=9, parameter_precision=1.0))
     system = learned.to_control()
@@ -91,9 +77,3 @@ def test_a_library_that_is_not_installed_is_named_with_the_command(library, meth
     monkeypatch.setitem(sys.modules, library, None)
     with pytest.raises(ImportError, match=rf"Flight.{method}\(\) needs {library}: pip install 'mavdem\[{library}\]'\."):
         getattr(flight, method)()
-
-
-def test_control_that_is_not_installed_is_named_with_the_command(learned, monkeypatch):
-    monkeypatch.setitem(sys.modules, "control", None)
-    with pytest.raises(ImportError, match=r"needs control: pip install 'mavdem\[control\]'\."):
-        learned.to_control()

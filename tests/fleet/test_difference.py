@@ -19,7 +19,6 @@ from mavdem.fleet.difference import (
     RESOLUTION,
     SHARE,
     Quantity,
-    estimates_of,
     vehicle_difference,
 )
 from mavdem.fleet.row import FlightRow
@@ -149,12 +148,6 @@ def test_what_is_not_known_in_both_is_not_compared_and_the_reason_is_said(change
     assert reason in dict(found.incomparable)[quantity]
     document = found.as_dict()
     assert json.loads(json.dumps(document, allow_nan=False)) == document
-
-
-def test_an_input_that_is_no_motor_has_an_effect_of_its_own():
-    row = replace(flight(0)[0], effect=(2.0,), effect_interval=(0.1,), motors=("roll demand",))
-    quantities = set(estimates_of([row]))
-    assert Quantity(MEAN_EFFECT, 0, "roll") in quantities and EFFECT not in {one.kind for one in quantities}
 
 
 @pytest.mark.parametrize(("harder", "outcome"), [(0.0, "same"), (0.05, "uncertain"), (0.3, "changed")])

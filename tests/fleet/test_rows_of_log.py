@@ -10,8 +10,6 @@ import pytest
 
 import mavdem
 from mavdem.analysis import analyse
-from mavdem.dem import parallel
-from mavdem.errors import Unreadable
 from mavdem.fleet import rows_of_log as module
 from mavdem.fleet.row import FlightRow
 from mavdem.fleet.rows_of_log import rows_of_log
@@ -37,12 +35,6 @@ def test_a_slow_log_gives_what_it_holds_and_says_why_no_more(slow_rows):
         assert len(row.positions) == len(row.spins) == len(row.motors) == 4
 
 
-def test_a_log_read_in_the_user_s_process_leaves_it_as_it_was(monkeypatch):
-    monkeypatch.setattr(parallel, "_alone", False)
-    assert rows_of_log(SLOW)[0]
-    assert not parallel._alone
-
-
 def test_a_page_is_made_once_for_a_vehicle():
     rows, pages = rows_of_log(SLOW, "0123456789abcdef0123", lambda name, analyses: f"{name} {[*analyses]}")
     assert pages == {"0123456789abcdef-1-1.html": f"{SLOW.name} ['roll', 'pitch']"}
@@ -50,12 +42,6 @@ def test_a_page_is_made_once_for_a_vehicle():
     # The figures of report.json are the row's.
     report = analyse(mavdem.ingest.read_log(SLOW), "pitch").as_dict()
     assert FlightRow.of(report, axis="pitch", file=rows[1].file).headroom == rows[1].headroom
-
-
-def test_a_log_that_is_none_cannot_be_read(tmp_path):
-    (tmp_path / "x.bin").write_bytes(b"PK\x03\x04")
-    with pytest.raises(Unreadable, match="is a zip archive"):
-        rows_of_log(tmp_path / "x.bin")
 
 
 def test_an_error_in_one_vehicle_leaves_the_rows_of_the_others(slow_rows, monkeypatch):

@@ -11,14 +11,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from standin_logs import InThisProcess, make_logs, rows_of_log, statuses, table_of, track
+from standin_logs import InThisProcess, make_logs, statuses, table_of, track
 
 from mavdem.errors import Unreadable
 from mavdem.fleet import store
 from mavdem.fleet.row import FlightRow
 from mavdem.fleet.store import TABLE, read_rows
 from mavdem.fleet.tracking import HealthyModels, assess_rows
-from mavdem.fleet.workers import Limits, LogRows
+from mavdem.fleet.workers import Limits
 
 
 @pytest.fixture
@@ -108,44 +108,6 @@ def test_more_time_or_memory_is_another_try(tmp_path, monkeypatch, limits, read)
     assert track(tmp_path / "fleet", tmp_path / "logs").read == read
 
 
-def test_a_run_that_was_cut_off_while_it_read_goes_on(tmp_path):
-    make_logs(tmp_path / "logs", 5)
-    track(tmp_path / "whole", tmp_path / "logs")
-
-    def until_the_third(path: Path, *arguments: Any) -> LogRows:
-        if len(reader.seen) == 3:
-            raise KeyboardInterrupt
-        return rows_of_log(path, *arguments)
-
-    reader = InThisProcess(until_the_third)
-    with pytest.raises(KeyboardInterrupt):
-        track(tmp_path / "fleet", tmp_path / "logs", reader=reader)
-    assert track(tmp_path / "fleet", tmp_path / "logs").read == 3
-    assert table_of(tmp_path / "fleet") == table_of(tmp_path / "whole")
-
-
-def test_names_without_a_log_are_said_and_the_others_read(tmp_path):
-    (log,) = make_logs(tmp_path / "logs", 1)
-    done = track(tmp_path / "fleet", log, tmp_path / "none.bin", tmp_path / "*.ulg")
-    assert done.read == 1 and [problem.split("/")[-1] for problem in done.problems] == [
-        "none.bin does not exist: check the name.",
-        "*.ulg names no log: check the name.",
-    ]
-    with pytest.raises(Unreadable, match="none.bin does not exist"):
-        track(tmp_path / "other", tmp_path / "none.bin")
-    assert not (tmp_path / "other").exists()
-
-
-def test_pages_are_written_where_rows_say(tmp_path):
-    def with_page(path: Path, key: str, page: Any) -> LogRows:
-        return [FlightRow(file=str(path), page="pages/a.html")], {"a.html": f"{path.name} \udcff"}
-
-    (log,) = make_logs(tmp_path / "logs", 1)
-    track(tmp_path / "fleet", log, reader=InThisProcess(with_page))
-    (row,) = read_rows(tmp_path / "fleet")
-    assert (tmp_path / "fleet" / row.page).read_text() == "log_0.bin ?"
-
-
 def beside(rows: Sequence[FlightRow], baseline: Sequence[FlightRow]) -> Sequence[FlightRow]:
     return [replace(row, health_reason=" ".join(sorted({Path(one.file).name for one in baseline}))) for row in rows]
 
@@ -195,15 +157,9 @@ def test_only_vehicles_of_which_anything_is_new_are_judged(tmp_path):
 def flight(key: str, means: tuple[float, ...], **columns: object) -> FlightRow:
     """A flight whose model says that each µs of either motor turns it by 1 or -1 rad/s², damped by 2/s."""
     effect = np.array([1.0, -1.0])
-    values = {
-        "motors": ("1", "2"),
-        "axis": "roll",
-        "mean_inputs": means,
-        "mean_outputs": (0.1, 0.0),
-        "residual_gain_inputs": -effect,
-        "residual_gain_outputs": (0.0, 2.0),
-        "residual_offset": float(effect @ means) if len(means) == 2 else 0.2,
-    }
+    values = {"motors": ("1", "2"), "axis": "roll", "mean_inputs": means, "mean_outputs": (0.1, 0.0)}
+    values |= {"residual_gain_inputs": -effect, "residual_gain_outputs": (0.0, 2.0)}
+    values["residual_offset"] = float(effect @ means) if len(means) == 2 else 0.2
     return FlightRow(file=f"{key}.bin", key=key, **values | columns)
 
 
@@ -221,40 +177,25 @@ def test_the_residual_mean_is_what_healthy_models_leave_of_a_flight():
     assert HealthyModels([*healthy, by_demand], healthy[0]).residual_mean(healthy[0]) == pytest.approx(3)
 
 
-def test_flights_of_nobody_known_are_not_compared():
-    row = flight("1", (1500.0, 1500.0), vehicle="px4-1", vehicle_basis="system id", fault_probability=0.9)
-    (judged,) = assess_rows([row], [])
-    assert judged.health == "unknown" and "does not say which vehicle" in judged.health_reason
-    assert judged.fault_probability is None
-    (failed,) = assess_rows([FlightRow(file="x", status="It is empty.")], [])
-    assert failed.health_reason is None
-
-
 def test_health_comes_from_the_vehicle_s_healthy_flights():
-    known = {
-        "balance": (0.0, 0.0, 0.0),
-        "balance_error": (0.001,) * 3,
-        "balance_lean": (0.05, 0.0),
-        "lean_effect": (0.0,) * 6,
-        "lean_effect_error": (0.1,) * 6,
-        "motors": ("1", "2", "3", "4"),
-        "positions": ((1, 1), (-1, -1), (1, -1), (-1, 1)),
-        "spins": (1, 1, -1, -1),
-        "duration": 60.0,
-        "mean_inputs": None,
-    }
+    known = {"balance": (0.0, 0.0, 0.0), "balance_error": (0.001,) * 3, "balance_lean": (0.05, 0.0)}
+    known |= {"lean_effect": (0.0,) * 6, "lean_effect_error": (0.1,) * 6, "duration": 60.0, "mean_inputs": None}
+    known |= {"positions": ((1, 1), (-1, -1), (1, -1), (-1, 1)), "spins": (1, 1, -1, -1), "motors": tuple("1234")}
     rows = [
         flight(f"{day}", (), vehicle="7", vehicle_basis="board", date=datetime(2026, 5, day, tzinfo=UTC), **known)
         for day in range(1, 5)
     ]
+    # Of nobody known they are not compared, and a log without a flight says nothing.
+    nobody, failed = (
+        assess_rows([row], [])[0]
+        for row in (
+            replace(rows[0], vehicle_basis="system id", fault_probability=0.9),
+            FlightRow(file="x", status="No."),
+        )
+    )
+    assert nobody.health == "unknown" and "does not say which vehicle" in nobody.health_reason
+    assert nobody.fault_probability is None and failed.health_reason is None
     rows[3] = replace(rows[3], balance=(0.08, 0.08, -0.08))
     judged = assess_rows(rows, rows[:3])
     assert [row.health for row in judged[:3]] == ["ok"] * 3
     assert judged[3].health in ("fault", "drift") and judged[3].fault_probability > judged[0].fault_probability
-
-
-def test_a_folder_that_cannot_be_written_to_is_said(tmp_path):
-    (log,) = make_logs(tmp_path / "logs", 1)
-    (tmp_path / "fleet").touch()
-    with pytest.raises(Unreadable, match=r"cannot be written to \(File exists\): once that is put right"):
-        track(tmp_path / "fleet", log)

@@ -26,31 +26,28 @@ from mavdem.fleet import cluster
 from mavdem.fleet.cluster import Cluster
 from mavdem.fleet.row import FlightRow
 from mavdem.fleet.store import STORE, read_rows
-from mavdem.fleet.workers import Job, LogRows, Outcome, WorkerPool, outcome_of
+from mavdem.fleet.workers import Job, LogRows, WorkerPool, outcome_of
 
 
-def outcome(path: Path, error: Exception) -> Outcome:
-    """Of a log whose reader raises the error."""
+def test_an_outcome_has_the_log_s_name_and_key_and_why_it_has_no_rows(tmp_path):
+    (path,) = make_logs(tmp_path, 1)
+    memory = Unreadable("It does not fit.")
+    memory.__context__ = MemoryError()
 
-    def read(path: Path, key: str, page: Any) -> LogRows:
-        raise error
+    def failing(error: Exception) -> Any:
+        def read(*_: object) -> LogRows:
+            raise error
 
-    path.write_bytes(b"?")
-    return outcome_of(Job(str(path)), read)
+        return read
 
-
-def test_a_sentence_about_a_log_leaves_its_name_to_its_column(tmp_path):
-    path = tmp_path / "x.bin"
-    found = outcome(path, Unreadable(f"{path} is damaged, and {path} is cut."))
-    assert (found.ended, found.rows[0].file) == ("read", str(path))
-    assert found.rows[0].key == found.key != "" and found.rows[0].status == "It is damaged, and the log is cut."
-
-
-def test_want_of_memory_is_the_limit_s_however_the_reader_says_it(tmp_path):
-    error = Unreadable("It does not fit.")
-    error.__context__ = MemoryError()
-    with pytest.raises(MemoryError):
-        outcome(tmp_path / "x.bin", error)
+    found = outcome_of(Job(str(path)), lambda path, key, page: ([FlightRow(file="copy")], {}))
+    assert found.rows[0].file == str(path) and found.rows[0].key == found.key and found.rows[0].mavdem_version
+    assert outcome_of(Job(str(path), (found.key,)), None).ended == "known"
+    damaged = outcome_of(Job(str(path)), failing(Unreadable(f"{path} is damaged, and {path} is cut.")))
+    assert (damaged.ended, damaged.rows[0].status) == ("read", "It is damaged, and the log is cut.")
+    assert (damaged.rows[0].file, damaged.rows[0].key) == (str(path), found.key)
+    with pytest.raises(MemoryError):  # with a higher limit it may be read
+        outcome_of(Job(str(path)), failing(memory))
 
 
 def test_what_is_no_plain_file_is_not_opened(tmp_path):
@@ -165,14 +162,6 @@ def test_workers_that_cannot_help_are_said(tmp_path, two_workers, monkeypatch, n
         list(Cluster(two_workers.scheduler_address, LIMITS, READ).outcomes(iter([Job(str(tmp_path / "log_0.bin"))])))
 
 
-def test_a_cluster_that_is_not_there_is_said(monkeypatch):
-    monkeypatch.setattr(cluster, "SECONDS_TO_CONNECT", 0.5)
+def test_a_cluster_that_is_not_there_is_said():
     with pytest.raises(Unreadable, match="There is no Dask scheduler at tcp://127.0.0.1:9"):
         list(Cluster("tcp://127.0.0.1:9", LIMITS, READ).outcomes(iter([Job("x.bin")])))
-
-
-def test_rows_of_an_outcome_have_the_log_s_name_and_key(tmp_path):
-    (path,) = make_logs(tmp_path, 1)
-    found = outcome_of(Job(str(path)), lambda path, key, page: ([FlightRow(file="copy")], {}))
-    assert found.rows[0].file == str(path) and found.rows[0].key == found.key and found.rows[0].mavdem_version
-    assert outcome_of(Job(str(path), (found.key,)), None).ended == "known"

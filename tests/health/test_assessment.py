@@ -17,9 +17,8 @@ from mavdem.health.explanations import (
     PERSISTENCE,
     PRIORS,
     Candidates,
-    lost_thrust,
 )
-from mavdem.health.reference import Deviation, HealthFigures, deviation
+from mavdem.health.reference import Deviation, HealthFigures
 
 VEHICLES = 40
 MOTORS = ("motor 1 (front right)", "motor 2 (rear left)", "motor 3 (front left)", "motor 4 (rear right)")
@@ -95,13 +94,6 @@ def test_a_greater_deviation_is_never_likelier_to_be_healthy(axis):
     assert away[-1].beyond
 
 
-@pytest.mark.parametrize("shift", [0.25, 0.5])
-def test_a_large_shifted_load_names_no_motor(shift):
-    found = [judged(seed, np.array((shift, shift, 0.0))) for seed in range(5)]
-    assert {one.health for one in found} == {"drift"}
-    assert all("a load that shifted" in one.reason or "several things" in one.reason for one in found)
-
-
 def test_a_flight_that_could_not_show_a_weak_motor_is_not_ok():
     vehicle = MadeUpVehicle(1)
     baseline, flight = vehicle.flights(3), vehicle.flight()
@@ -127,19 +119,9 @@ def test_what_no_motor_does_is_a_drift_and_names_none(change, words):
     assert np.mean([one.health == "fault" for one in found]) <= 0.05
     assert np.mean([one.health == "drift" for one in found]) > 0.8
     assert np.mean([words in one.reason for one in found]) > 0.8
-
-
-@pytest.mark.slow
-def test_a_change_that_lasts_becomes_sure():
-    before, after = [], []
-    for seed in range(VEHICLES):
-        vehicle = MadeUpVehicle(seed)
-        baseline = vehicle.flights(3)
-        later = assess(vehicle.flights(4, weak(2, 0.1)), baseline)
-        before.append(later[0].change_probability)
-        after.append(later[-1].change_probability)
-    assert np.median(after) > np.median(before)
-    assert np.mean(np.array(after) > 0.9) > np.mean(np.array(before) > 0.9)
+    # Be it ever so large.
+    large = [judged(seed, 5 * np.array(change)) for seed in range(5)]
+    assert {one.health for one in large} == {"drift"}
 
 
 def test_a_repair_ends_the_fault():
@@ -190,30 +172,18 @@ def test_more_effort_is_a_drift_and_no_fault():
     assert [assess([flight], baseline)[0].health for flight in unknown] == ["ok"] * 3
 
 
-@pytest.mark.parametrize("count", [0, 1])
-def test_too_few_healthy_flights_are_said(count):
-    found = judged(1, weak(1, 0.3), healthy=count)
-    assert (found.health, found.fault_probability, found.suspect_motor) == ("unknown", None, None)
-    assert found.reason.startswith("Not enough healthy flights")
-
-
-def test_flights_of_other_motors_are_no_reference():
+def test_it_takes_two_healthy_flights_of_the_same_motors_that_are_not_one():
     vehicle = MadeUpVehicle(1)
-    baseline = [replace(flight, motors=MOTORS[:3]) for flight in vehicle.flights(3)]
-    found = assess([vehicle.flight()], baseline)[0]
-    assert found.health == "unknown"
-    assert "there are 3 others of this vehicle, 3 with other motors" in found.reason
-    turned = motor_signatures(4, [(1, 1), (-1, -1), (1, -1), (-1, 1)], [-1, -1, 1, 1])
-    other_way = [replace(flight, signatures=turned) for flight in vehicle.flights(3)]
-    assert assess([vehicle.flight()], other_way)[0].health == "unknown"
-
-
-def test_a_flight_that_was_logged_twice_counts_once():
-    vehicle = MadeUpVehicle(1)
-    once, flight = vehicle.flight(), vehicle.flight()
+    once, other, flight = vehicle.flights(3)
     again = replace(once, name="from the ground", date=once.date + timedelta(seconds=20))
-    assert assess([flight], [once, again])[0].health == "unknown"
-    assert assess([flight], [once, vehicle.flight()])[0].health != "unknown"
+    turned = replace(other, signatures=motor_signatures(4, [(1, 1), (-1, -1), (1, -1), (-1, 1)], [-1, -1, 1, 1]))
+    three = replace(other, motors=MOTORS[:3])
+    for baseline in ([], [once], [once, again], [once, turned], [once, three]):
+        (found,) = assess([flight], baseline)
+        assert (found.health, found.fault_probability, found.suspect_motor) == ("unknown", None, None)
+        assert found.reason.startswith("Not enough healthy flights")
+    assert "there are 2 others of this vehicle, 1 with other motors" in found.reason
+    assert assess([flight], [once, other])[0].health != "unknown"
 
 
 @pytest.mark.parametrize(
@@ -241,31 +211,6 @@ def test_other_conditions_are_said():
     assert "leans otherwise" in reason
     sagged = replace(flight, collective=0.55, voltage=10.0)
     assert "commanded" not in assess([sagged], vehicle.flights(3))[0].reason
-
-
-def test_wind_from_another_side_makes_the_scale_wider_not_the_change_larger():
-    vehicle = MadeUpVehicle(4, scatter=0.0)
-    healthy = vehicle.flights(4)
-    flight = vehicle.flight()
-    lean = flight.balance.lean + np.array([0.15, 0.0])
-    mean = flight.balance.mean + LEAN_EFFECT @ np.array([0.15, 0.0])
-    windy = replace(flight, balance=flight.balance._replace(lean=lean, mean=mean))
-    calm, windy_found = deviation(flight, healthy), deviation(windy, healthy)
-    assert (np.abs(windy_found.change - calm.change) < 2 * windy_found.scale).all()
-    assert windy_found.scale[0] > calm.scale[0]
-
-
-def test_the_thrust_that_a_motor_lost_goes_with_the_square_of_its_command():
-    assert lost_thrust(0.0) == 0 and 1.25**2 * (1 - lost_thrust(0.25)) == pytest.approx(1)
-
-
-def test_probabilities_of_explanations_sum_to_one():
-    vehicle = MadeUpVehicle(9)
-    weighed = Candidates(QUAD_X).after(deviation(vehicle.flight(weak(4, 0.1)), vehicle.flights(3)))
-    parts = (weighed.healthy, weighed.motors.sum(), weighed.load, weighed.yaw, weighed.other)
-    assert sum(parts) == pytest.approx(1.0)
-    assert weighed.candidates.sum() == pytest.approx(1.0)
-    assert (weighed.faults <= weighed.motors + 1e-12).all()
 
 
 def surely(change: np.ndarray, scale: float = 0.002) -> Deviation:

@@ -103,14 +103,6 @@ def test_a_weak_motor_changes_the_trim_as_its_signature_says(layout):
         np.testing.assert_allclose(signatures.balance(change), signatures.weak_motor[motor], atol=1e-4)
 
 
-def test_of_four_motors_only_the_weak_one_works_harder():
-    layout = LAYOUTS["quad X"]
-    signatures = motor_signatures(4, layout.positions, layout.spins)
-    np.testing.assert_allclose(signatures.weak_motor_commands, np.eye(4), atol=1e-12)
-    # Front right, counterclockwise: right side up, front up, and the counterclockwise pair up.
-    np.testing.assert_allclose(signatures.weak_motor[0], [0.25, -0.25, 0.25, 0.25])
-
-
 def test_axes_and_names_are_those_of_the_layout(layout):
     count = len(layout.motors)
     signatures = motor_signatures(count, layout.positions, layout.spins)

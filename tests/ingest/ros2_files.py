@@ -13,32 +13,13 @@ from mcap_ros2.writer import Writer
 from numpy.typing import NDArray
 from ros2_message_definitions import DEFINITIONS
 from scipy.spatial.transform import Rotation
+from ulog_files import roll
 
 TIMES = 20 + 0.01 * np.arange(300)
 """A short flight."""
 UNIX = NOW // 1_000_000
 """s, when the companion's clock read 0 on the autopilot's."""
 QUADROTOR = 2
-PX4_TYPES = {
-    "vehicle_attitude": "VehicleAttitude",
-    "vehicle_angular_velocity": "VehicleAngularVelocity",
-    "vehicle_local_position": "VehicleLocalPosition",
-    "vehicle_status": "VehicleStatus",
-    "vehicle_land_detected": "VehicleLandDetected",
-    "vehicle_control_mode": "VehicleControlMode",
-    "position_setpoint_triplet": "PositionSetpointTriplet",
-    "actuator_outputs": "ActuatorOutputs",
-    "actuator_motors": "ActuatorMotors",
-    "vehicle_torque_setpoint": "VehicleTorqueSetpoint",
-    "vehicle_thrust_setpoint": "VehicleThrustSetpoint",
-    "vehicle_attitude_setpoint": "VehicleAttitudeSetpoint",
-    "vehicle_rates_setpoint": "VehicleRatesSetpoint",
-    "manual_control_setpoint": "ManualControlSetpoint",
-    "battery_status": "BatteryStatus",
-    "vehicle_imu_status": "VehicleImuStatus",
-    "vehicle_gps_position": "SensorGps",
-}
-"""px4_msgs by PX4's topics."""
 
 
 class Ros2Recorder:
@@ -75,7 +56,8 @@ class Ros2Recorder:
         """One of PX4's topics, stamped with ``seconds``; with a ``timestamp_sample`` 1 ms before."""
         stamp = round(seconds * 1e6)
         own = {"timestamp": stamp, "timestamp_sample": max(stamp - 1000, 0), **fields}
-        self.write(prefix + name, f"px4_msgs/msg/{PX4_TYPES[name]}", own)
+        kind = "SensorGps" if name == "vehicle_gps_position" else name.title().replace("_", "")
+        self.write(prefix + name, f"px4_msgs/msg/{kind}", own)
 
     def mavros(self, name: str, kind: str, seconds: float, node: str = "/mavros", **fields: Any) -> None:
         """One of MAVROS's topics, stamped with ``seconds`` since 1970."""
@@ -118,14 +100,6 @@ def header(seconds: float) -> dict[str, Any]:
     nanoseconds = round(seconds * 1e6) * 1000
     stamp = {"sec": nanoseconds // 10**9, "nanosec": nanoseconds % 10**9}
     return {"stamp": stamp, "frame_id": "base_link"}
-
-
-def roll(time: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """A motion: angle, rad, and its derivative, rad/s."""
-    waves = [(0.1, 0.7), (0.05, 1.9), (0.01, 4.3)]
-    angle = sum(size * np.sin(2 * np.pi * hz * time + hz) for size, hz in waves)
-    rate = sum(size * 2 * np.pi * hz * np.cos(2 * np.pi * hz * time + hz) for size, hz in waves)
-    return np.asarray(angle), np.asarray(rate)
 
 
 def px4_flight(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from mavdem.ingest.mavlink import clocks
 from mavdem.ingest.mavlink.clocks import Sent, boot_clock, far_off
 
 WRAP_US = 2.0**32 / 1e6
@@ -28,17 +28,8 @@ class Stamps:
     period: float
 
 
-@dataclass(frozen=True)
-class Clock:
-    """``time`` and ``boot`` of all messages of a component in the order they came."""
-
-    time: NDArray[Any]
-    boot: NDArray[Any]
-    repairs: tuple[str, ...]
-
-
-def clock(kinds: list[Stamps], received: NDArray[Any]) -> Clock:
-    """Rows of no kind are messages without stamps."""
+def clock(kinds: list[Stamps], received: NDArray[Any]) -> SimpleNamespace:
+    """``time`` and ``boot`` of all messages in the order they came; rows of no kind are messages without stamps."""
     unstamped = np.setdiff1d(np.arange(len(received)), np.concatenate([kind.rows for kind in kinds]))
     sent = [Sent(kind.message, kind.rows, kind.seconds.copy, kind.period) for kind in kinds]
     sent += [Sent("HEARTBEAT", unstamped)] if len(unstamped) else []
@@ -46,16 +37,16 @@ def clock(kinds: list[Stamps], received: NDArray[Any]) -> Clock:
     time, boot = np.empty(len(received)), np.empty(len(received), dtype=np.int64)
     for kind in sent:
         time[kind.places], boot[kind.places] = made.placed[kind.message].time, made.placed[kind.message].boot
-    return Clock(time, boot, made.repairs)
+    return SimpleNamespace(time=time, boot=boot, repairs=made.repairs)
 
 
-def clock_of(times: NDArray[Any], received: NDArray[Any] | None = None, period: float = WRAP_MS) -> Clock:
+def clock_of(times: NDArray[Any], received: NDArray[Any] | None = None, period: float = WRAP_MS) -> SimpleNamespace:
     rows = np.arange(len(times))
     unknown = np.full(len(times), np.nan)
     return clock([Stamps("ATTITUDE", rows, times, period)], unknown if received is None else received)
 
 
-def interleaved(times: NDArray[Any], servo: NDArray[Any]) -> Clock:
+def interleaved(times: NDArray[Any], servo: NDArray[Any]) -> SimpleNamespace:
     """ATTITUDE and SERVO_OUTPUT_RAW in turn, received as the clock runs."""
     rows = np.arange(len(times))
     stamps = [Stamps("ATTITUDE", 2 * rows, times, WRAP_MS), Stamps("SERVO_OUTPUT_RAW", 2 * rows + 1, servo, WRAP_US)]
@@ -204,24 +195,3 @@ def test_what_is_far_off_is_so_by_the_median_of_those_around(times: list[float],
     around = np.pad(values, window // 2, mode="reflect")
     medians = np.array([np.median(around[row : row + window]) for row in range(len(values))])
     assert far_off(values, window, limit).tolist() == (np.abs(values - medians) > limit).tolist()
-
-
-@given(st.lists(st.tuples(st.sampled_from("ASH"), st.floats(0, 300)), min_size=1, max_size=60), st.integers(1, 9))
-def test_batches_change_nothing(messages: list[tuple[str, float]], batch: int) -> None:
-    """ATTITUDE, SERVO_OUTPUT_RAW and messages without a stamp in any order and at any times, wraps and reboots too."""
-    letters = np.array([letter for letter, _ in messages])
-    seconds = np.cumsum([step for _, step in messages]) % 900
-    kinds = [
-        Stamps(name, np.flatnonzero(letters == letter), seconds[letters == letter], period)
-        for letter, name, period in (("A", "ATTITUDE", WRAP_MS), ("S", "SERVO_OUTPUT_RAW", 700.0))
-        if letter in letters
-    ]
-    if not kinds:
-        return
-    received = 1e9 + np.cumsum([step for _, step in messages])
-    whole = clock(kinds, received)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(clocks, "BATCH", batch)
-        in_parts = clock(kinds, received)
-    assert np.array_equal(whole.time, in_parts.time, equal_nan=True) and whole.repairs == in_parts.repairs
-    assert np.array_equal(whole.boot, in_parts.boot)

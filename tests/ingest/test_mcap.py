@@ -6,7 +6,6 @@ import json
 import random
 import struct
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -23,8 +22,6 @@ from mavdem.ingest import Log, read_log
 from mavdem.ingest.mcap import records as mcap_records
 from mavdem.ingest.mcap.log import mcap_stream, read_mcap
 from mavdem.ingest.mcap.records import MAGIC, McapRecording
-from mavdem.ingest.mcap.writer import write_series
-from mavdem.ingest.telemetry import Component
 from mavdem.ingest.tlog import write_tlog
 
 TIMES = [20 + 0.01 * row for row in range(300)]
@@ -32,16 +29,10 @@ COMPRESSIONS = list(CompressionType)
 SAMPLE_LOGS = sorted(SAMPLES.glob("*.tlog"))
 
 
-def assert_same(one: Log, other: Log, unknown: frozenset[str] = frozenset()) -> None:
+def assert_same(one: Log, other: Log, unknown: frozenset[str]) -> None:
     """``unknown``: parameters that only the other log can know."""
-
-    def told(speaker: Component) -> dict[str, Any]:
-        return {**vars(speaker), "messages": dict(speaker.messages)}
-
-    assert [told(speaker) for speaker in one.components] == [told(speaker) for speaker in other.components]
-    assert one.receive_time == other.receive_time
+    assert [vars(speaker) for speaker in one.components] == [vars(speaker) for speaker in other.components]
     for mine, theirs in zip(one.vehicles, other.vehicles, strict=True):
-        assert (mine.vehicle, mine.autopilot) == (theirs.vehicle, theirs.autopilot)
         assert mine.parameters == {name: value for name, value in theirs.parameters.items() if name not in unknown}
         for name, columns in mine.messages.items():
             for field, values in columns.items():
@@ -207,30 +198,6 @@ def test_the_library_reads_the_same_messages(compression: CompressionType, chunk
         read = NonSeekingReader(file).iter_messages(log_time_order=False)
         assert ours == [(channel.topic, one.log_time, one.data) for _, channel, one in read]
     assert recording.damage.sentences() == ()
-
-
-def test_a_dialect_nobody_knows_is_counted(tmp_path: Path) -> None:
-    path = tmp_path / "dialect.mcap"
-    with Recorder(path) as recorder:
-        recorder.flight(TIMES[:20])
-        recorder.write("mavlink/1/1/SECRET", b'{"header":{"message_id":54321},"message":{"type":"SECRET","x":1}}')
-        recorder.write("mavlink/1/1/SECRET_TOO", b'{"x":1}')
-        recorder.write("mavlink/1/1/VFR_HUD", b'{"alt":"high"}')
-    log = read_log(path)
-    assert {(one.message_id, one.cause) for one in log.unread} == {(54321, "another dialect"), (74, "damage")}
-    assert any("SECRET_TOO" in repair for repair in log.vehicles[0].repairs)
-
-
-@pytest.mark.parametrize("columns", [{}, {"x": np.arange(3.0)}])
-def test_a_recording_of_something_else_is_said_in_one_sentence(columns: dict[str, Any], tmp_path: Path) -> None:
-    path = tmp_path / "other.mcap"
-    with path.open("wb") as file:
-        write_series(file, {"flight/outputs": (np.arange(3.0), columns)} if columns else {})
-    with pytest.raises(Unreadable) as failure:
-        read_log(path)
-    sentence = str(failure.value)
-    assert "MCAP" in sentence and "\n" not in sentence and str(path) in sentence
-    assert ("flight/outputs" in sentence) == bool(columns)
 
 
 @pytest.mark.parametrize("topic", ["two\nlines", "\x1b[2Jcleared", "\u202etnorf ot kcab", "long" * 10_000])

@@ -6,6 +6,7 @@ import lzma
 import os
 import random
 import struct
+import tracemalloc
 from pathlib import Path
 
 import dataflash_logs
@@ -15,13 +16,18 @@ import ulog_files
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mavlink_streams import SAMPLES, flight, frame, heartbeat, message, tlog
-from mcap_files import converted, json_only
+from mcap_files import converted
+from pymavlink.dialects.v20 import all as dialect
 from ros2_files import Ros2Recorder, px4_flight
 
 from mavdem.alignment.signals import attitude
 from mavdem.errors import Unreadable
+from mavdem.files import atomic_write
 from mavdem.ingest import Log, read_log
+from mavdem.ingest import contents as files
 from mavdem.ingest.formats import read_stream
+from mavdem.ingest.mcap.writer import write_mcap
+from mavdem.ingest.tlog import tlog_stream
 
 TIMES = [20 + 0.01 * row for row in range(300)]
 
@@ -221,8 +227,8 @@ def recorded(kind: str, folder: Path) -> Path:
     sample.write_bytes((SAMPLES / "px4_wind5_steps.tlog").read_bytes()[:60_000])
     if kind == "tlog":
         return sample
-    if kind in ("mcap", "json"):
-        return converted(sample, folder) if kind == "mcap" else json_only(converted(sample, folder), folder)
+    if kind == "mcap":
+        return converted(sample, folder)
     if kind == "ros2":
         with Ros2Recorder(path) as recorder:
             px4_flight(recorder)
@@ -230,14 +236,12 @@ def recorded(kind: str, folder: Path) -> Path:
         path.write_bytes(lzma.compress(sample.read_bytes()))
     elif kind == "ulg":
         path.write_bytes(ulog_files.log(*ulog_files.flight(ulog_files.TIMES)))
-    elif kind == "bin":
-        path.write_bytes(dataflash_logs.formats() + b"".join(dataflash_logs.flight(TIMES)))
     else:
-        path.write_text("FMT, 129, 0, ATT, Qccc, TimeUS,Roll,Pitch,Yaw\n" + "ATT, 20000000, 1, 2, 3\n" * 9)
+        path.write_bytes(dataflash_logs.formats() + b"".join(dataflash_logs.flight(TIMES)))
     return path
 
 
-@pytest.mark.parametrize("kind", ["tlog", "xz", "mcap", "json", "ros2", "ulg", "bin", "log"])
+@pytest.mark.parametrize("kind", ["tlog", "xz", "mcap", "ros2", "ulg", "bin"])
 def test_progress_rises_to_one(kind: str, tmp_path: Path) -> None:
     seen: list[float] = []
     path = recorded(kind, tmp_path)
@@ -263,3 +267,60 @@ def test_a_path_may_be_bytes_and_have_any_name(tmp_path: Path) -> None:
     path.write_bytes(tlog([heartbeat(), *flight(TIMES)]))
     log = read_log(os.fsencode(path))
     assert log.source == str(path) and len(log.vehicles) == 1
+
+
+OTHERS = [
+    kind
+    for kind in dialect.mavlink_map.values()
+    if kind.msgname in ("VFR_HUD", "SIMSTATE", "SYS_STATUS", "AHRS", "WIND")
+]
+
+
+@pytest.fixture
+def _mapped(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(files, "MIN_MAPPED_BYTES", 1)
+
+
+def written(path: Path, content: bytes) -> Path:
+    path.write_bytes(content)
+    return path
+
+
+@pytest.mark.usefixtures("_mapped")
+def test_a_mapped_file_that_is_cut_while_it_is_written_anew_leaves_nothing_behind(tmp_path: Path) -> None:
+    path = written(tmp_path / "flight.tlog", tlog([heartbeat(), *flight(TIMES)]))
+    stream = tlog_stream(path)
+    os.truncate(path, 100)
+    with pytest.raises(Unreadable, match="cut short"), atomic_write(tmp_path / "flight.mcap") as file:
+        write_mcap(file, stream)
+    assert [each.name for each in tmp_path.iterdir()] == ["flight.tlog"]
+
+
+@pytest.mark.usefixtures("_mapped")
+def test_a_mapped_file_that_is_cut_later_ends_in_a_sentence_and_not_the_process(tmp_path: Path) -> None:
+    """Recording again under the same name does that to a log still open in a notebook."""
+    path = written(tmp_path / "flight.tlog", tlog([heartbeat(), *flight(TIMES * 20)]))
+    (vehicle,) = read_log(path).vehicles
+    os.truncate(path, 100)
+    with pytest.raises(Unreadable, match="cut short"):
+        vehicle.messages["ATTITUDE"]["roll"]
+    assert len(vehicle.messages["ATTITUDE"]["time"]) == 20 * len(TIMES)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("_mapped")
+def test_reading_takes_less_memory_than_the_file(tmp_path: Path) -> None:
+    """Counts, clocks and the columns of attitude among other messages: no copy of the file, nor of its frames."""
+    others = [frame(kind.id, bytes(range(1, kind.unpacker.size + 1))) for kind in OTHERS]
+    flown = flight(TIMES)
+    frames = [each for row in range(0, len(flown), 2) for each in (*flown[row : row + 2], *others)]
+    path = written(tmp_path / "long.tlog", tlog([heartbeat(), *frames]) * 80)
+    read_log(written(tmp_path / "short.tlog", tlog(frames)))  # what is made once for all: definitions, checksum tables
+    tracemalloc.start()
+    try:
+        (vehicle,) = read_log(path).vehicles
+        assert len(vehicle.messages["ATTITUDE"]["roll"]) == 80 * len(TIMES)
+        _, most = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert most < path.stat().st_size, f"{most / path.stat().st_size:.2f} of the file"

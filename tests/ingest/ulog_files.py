@@ -37,27 +37,20 @@ FORMATS = {
     "cpuload": "uint64_t timestamp;float load;",
 }
 """As PX4 defines them, shortened."""
-LAYOUTS = {
-    "vehicle_attitude": "<QQ4fB",
-    "vehicle_angular_velocity": "<QQ3f",
-    "actuator_motors": "<QQ12f",
-    "actuator_outputs": "<QI16f",
-    "actuator_controls_0": "<Q8f",
-    "vehicle_torque_setpoint": "<Q3f",
-    "vehicle_thrust_setpoint": "<Q3f",
-    "vehicle_status": "<QBBB",
-    "vehicle_land_detected": "<Q?",
-    "vehicle_control_mode": "<Q?",
-    "position_setpoint_triplet": "<QQd?BQd?B",
-    "vehicle_local_position": "<Q6f?",
-    "vehicle_attitude_setpoint": "<Q5f?",
-    "vehicle_rates_setpoint": "<Q3f",
-    "manual_control_setpoint": "<Q4f",
-    "battery_status": "<Q2f",
-    "cpuload": "<Qf",
-}
-"""What the logger writes of each: no padding at the end."""
-NUMBERS = {name: number for number, name in enumerate(LAYOUTS)}
+CODES = {"uint64_t": "Q", "uint32_t": "I", "uint8_t": "B", "float": "f", "double": "d", "bool": "?"}
+
+
+def layout(name: str) -> str:
+    """What the logger writes of a topic: no padding at the end."""
+    codes = ""
+    for kind, field in (field.split(" ") for field in FORMATS[name].split(";")[:-1]):
+        base, _, count = kind.partition("[")
+        if not field.startswith("_padding"):
+            codes += int(count[:-1] or 1) * (CODES[base] if base in CODES else layout(base))
+    return codes
+
+
+NUMBERS = {name: number for number, name in enumerate(FORMATS) if name != "position_setpoint"}
 OFF = [float("nan")] * 8
 """Controls of the motors that a quadrotor does not have."""
 
@@ -90,12 +83,12 @@ def data(name: str, seconds: float, *values: float, instance: int = 0, number: i
     number = NUMBERS[name] + 100 * instance if number is None else number
     stamp = round(seconds * 1e6)
     sample = (stamp - 1000,) if "timestamp_sample" in FORMATS[name] else ()
-    return message("D", struct.pack("<H", number) + struct.pack(LAYOUTS[name], stamp, *sample, *values))
+    return message("D", struct.pack("<H", number) + struct.pack("<" + layout(name), stamp, *sample, *values))
 
 
 def subscriptions(*names: str) -> bytes:
     """Of the topics named, or of all."""
-    return b"".join(subscription(name) for name in names or LAYOUTS)
+    return b"".join(subscription(name) for name in names or NUMBERS)
 
 
 def log(*pieces: bytes, parameters: bytes = b"") -> bytes:

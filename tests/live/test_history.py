@@ -33,13 +33,10 @@ def test_nothing_is_compared_across_a_gap_and_lines_break_there():
     assert history.learned == [pytest.approx((10.0, 10.99)), pytest.approx((13.0, 14.99))]
 
 
-def test_rows_that_come_late_are_dated_by_those_that_do_not():
+def test_late_rows_are_dated_by_the_others_and_what_is_not_learnt_from_is_shown_and_not_judged():
     history = LiveHistory(0.25)
     flown(history, 3.0, late=2.0)
     assert history.learned == [pytest.approx((10.0, 12.99))]
-
-
-def test_what_is_not_learnt_from_is_shown_and_not_judged():
     history = LiveHistory(0.25)
     flown(history, 1.0, learnt=False)
     assert history.errors() == [] and history.learned == []

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from live_hover import Flight, Timed, differences, offline, replay
-from mavlink_streams import heartbeat, message
+from mavlink_streams import message
 
 from mavdem.alignment import drive
 
@@ -65,23 +65,6 @@ def test_the_demand_is_the_input_where_motors_come_too_slowly_or_it_is_asked_for
     assert [setup.motors for setup in other.setups.values()] == ["SERVO_OUTPUT_RAW"] * (motors > 50)
 
 
-def test_motors_in_a_less_frequent_message_are_found_where_the_most_frequent_has_none():
-    frames: Timed = []
-    for time, data in Flight().frames(end=20.0):
-        if data[7] != 36:
-            frames.append((time, data))
-            continue
-        outputs = Flight().hover.motors(np.array([time]))[0]
-        controls = [*((outputs - 1000) / 1000).tolist(), *[0.0] * 12]
-        stamp = {"time_usec": round(time * 1e6), "sequence": data[4]}
-        frames.append((time, message("HIL_ACTUATOR_CONTROLS", controls=controls, **stamp)))
-        fixed = {f"servo{n}_raw": 1500 for n in range(1, 5)}
-        frames.append((time, message("SERVO_OUTPUT_RAW", **fixed, **stamp)))
-    assert drive.motors(offline([data for _, data in frames])).message == "HIL_ACTUATOR_CONTROLS"
-    made = replay(frames)
-    assert made.setups[0].motors == "HIL_ACTUATOR_CONTROLS"
-
-
 def test_pitch_is_read_from_pitch():
     frames = Flight().frames(end=16.0)
     made = replay(frames, axis="pitch")
@@ -102,11 +85,3 @@ def test_rows_go_on_when_channels_beyond_eight_appear():
     made = replay(wide)
     assert made.rows[-1].time == pytest.approx(19.99, abs=0.02)
     assert made.segments().keys() == {0}
-
-
-def test_the_beginning_without_anything_is_reported():
-    made = replay([(0.0, heartbeat())])
-    status = made.stream.status()
-    assert (status.vehicle, status.obstacle, status.rates) == (None, "No vehicle found yet.", {})
-    assert made.stream.parameters == {}
-    assert made.stream.setup is None

@@ -159,20 +159,6 @@ def test_a_stream_that_is_too_slow_is_reported_with_the_remedy_and_gives_no_rows
     assert "There is no message with motor outputs." in replay(bare).sentences
 
 
-@pytest.mark.slow
-def test_landing_and_taking_off_again():
-    first, landed = Flight().frames(), Flight().hover.landed
-    again = Flight(clock=39.0).frames()
-    made = replay(first + shifted(again, 39.0))
-    assert made.segments().keys() == {0, 1}
-    assert {setup.boot for setup in made.setups.values()} == {0}
-    # Seen from the second segment everything is as in the first, but for the clock.
-    one, two = ([row for row in rows if row.settled] for rows in made.segments().values())
-    assert [row.time + 39.0 for row in one] == pytest.approx([row.time for row in two], abs=0.011)
-    assert max(row.time for row in made.segments()[0]) < landed + 2.5
-    settled_uniform(made)
-
-
 def test_a_descent_in_flight_is_taken_for_a_landing_until_it_has_been_over_for_a_while():
     frames = [
         (time, message("LOCAL_POSITION_NED", sequence=data[4], time_boot_ms=round(time * 1e3), vz=0.5))
@@ -195,10 +181,9 @@ def test_copies_change_nothing():
 
 def test_messages_out_of_order_are_put_in_order_or_counted():
     frames = FLIGHT.frames(end=18.0)
-    chance = random.Random(5)
     swapped = list(frames)
     for row in range(0, len(swapped) - 3, 40):
-        other = row + chance.randrange(1, 3)
+        other = row + 1 + row // 40 % 2
         swapped[row], swapped[other] = swapped[other], swapped[row]
     made, usual = replay(swapped), replay(frames)
     settled_uniform(made)
@@ -206,14 +191,6 @@ def test_messages_out_of_order_are_put_in_order_or_counted():
     assert made.stream.status().late < 100
     count = min(len(made.rows), len(usual.rows))
     np.testing.assert_allclose(made.table()[-count:, 5], usual.table()[-count:, 5], atol=0.01)
-
-
-def test_a_take_off_at_full_thrust_without_arming_heard_is_a_take_off():
-    flight = Flight(hover=FLIGHT.hover, attitude=200.0)
-    made = replay([(time, data) for time, data in flight.frames(end=20.0) if data[7] not in (0, 32)])
-    # No word of being armed, no vertical speed: five seconds after the motors began to carry.
-    settled = [row.time for row in made.rows if row.settled]
-    assert 6.0 + 5.0 - 1.0 <= settled[0] <= 6.0 + 5.0 + 1.5
 
 
 def test_attaching_in_flight_settled_is_settled_from_the_first_row():

@@ -120,14 +120,16 @@ def test_nothing_is_sent_by_opening_and_receiving():
         assert_silent(vehicle)
         link.send(b"now")
         assert vehicle.recv(100) == b"now"
-    with server() as listener, closing(Link(f"tcp:127.0.0.1:{port_of(listener)}")) as link:
-        peer, _ = listener.accept()
-        with peer:
-            peer.sendall(b"hello")
-            assert everything(link) == b"hello"
-            assert_silent(peer)
-            link.send(b"now")
-            assert peer.recv(100) == b"now"
+    with (
+        server() as listener,
+        closing(Link(f"tcp:127.0.0.1:{port_of(listener)}")) as link,
+        listener.accept()[0] as peer,
+    ):
+        peer.sendall(b"hello")
+        assert everything(link) == b"hello"
+        assert_silent(peer)
+        link.send(b"now")
+        assert peer.recv(100) == b"now"
 
 
 def test_a_server_that_goes_away_is_reported_and_comes_back(clock):
@@ -143,8 +145,7 @@ def test_a_server_that_goes_away_is_reported_and_comes_back(clock):
         assert not link.reopen(), "a pause comes first"
         clock[0] += FIRST_PAUSE_SECONDS
         assert link.reopen()
-        again, _ = listener.accept()
-        with again:
+        with listener.accept()[0] as again:
             again.sendall(b"hello again")
             assert everything(link) == b"hello again"
 
@@ -225,13 +226,11 @@ def test_a_serial_port_is_read_raw_silent_and_its_loss_is_reported():
 @pytest.mark.parametrize(
     ("name", "reason"),
     [
-        *((name, "is not a link") for name in ("udpin:127.0.0.1", "tcp:", "", "mcast:14550", "localhost", "COM3")),
+        *((name, "is not a link") for name in ("udpin:127.0.0.1", "", "mcast:14550", "COM3", "udpin:a:b:c")),
         ("udpin:127.0.0.1:99999", "ports go up to 65535"),
         (__file__, "is a file, not a link"),
-        ("udpin:a:b:c", "is not a link"),
         ("tcp:no.such.host.invalid:5760", "there is no host no.such.host.invalid"),
         ("udpin:192.0.2.1:14550", "not an address of this machine"),
-        ("udpin:a..b:14550", "there is no host a..b"),
         ("tcp:\udcff:5760", "there is no host"),
         ("/dev/no_such_port", "there is no such serial port"),
         ("/dev/null", "it is not a serial port"),

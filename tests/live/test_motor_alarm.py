@@ -51,23 +51,16 @@ def flown(request, tmp_path_factory):
     return path
 
 
-def test_a_motor_that_weakens_is_named_in_flight(flown):
+def test_a_motor_that_weakens_is_named_in_flight_and_by_its_log(flown):
     stream, said = streamed(flown)
-    [alarm] = stream.status().alarms
+    [alarm], offline = stream.status().alarms, of_log(flown)
     # Two seconds on the ground before the first arming.
     assert (alarm.motor, alarm.name) == (3, "motor 3 (front left)")
     assert 27.0 < alarm.time < 32.0 and alarm.since == pytest.approx(27.0, abs=1.5)
     assert [sentence for sentence in said if sentence.startswith("Alarm")] == [alarm.sentence]
-
-
-def test_its_log_says_the_same(flown):
-    live, offline = streamed(flown)[0].status().alarms, of_log(flown)
-    assert [one[:4] for one in live] == [one[:4] for one in offline]
-    np.testing.assert_allclose([one[4:6] for one in live], [one[4:6] for one in offline], atol=0.01)
-
-
-def test_status_line_and_page_say_it(flown):
-    status = streamed(flown)[0].status()
+    assert [alarm[:4]] == [one[:4] for one in offline]
+    np.testing.assert_allclose([alarm[4:6]], [one[4:6] for one in offline], atol=0.01)
+    status = stream.status()
     assert status.alarm and _status_line(status, "roll").endswith(status.alarm)
     blocks = live_report(LiveHistory(0.25), status, dict.fromkeys(ACCOUNT, 0.0), "roll")
     assert any("motor 3 (front left)" in str(block).lower() for block in blocks)

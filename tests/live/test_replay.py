@@ -140,7 +140,7 @@ def hold_against_offline(path, vehicle: str | None = None) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "path",
-    [path for path in RECORDED[3:] if path.stem not in (TWO_VEHICLES, NO_CLIMB, *AS_ANOTHER)],
+    [path for path in RECORDED if path.stem not in (TWO_VEHICLES, NO_CLIMB, *AS_ANOTHER) or path.parent == SAMPLES],
     ids=lambda path: path.stem,
 )
 def test_a_recorded_flight_gives_what_it_gives_offline(path):

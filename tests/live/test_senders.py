@@ -60,13 +60,6 @@ def test_the_one_that_is_named_is_followed():
         assert made.rows
 
 
-def test_one_stranger_that_speaks_first_under_the_ids_of_the_one_that_is_named_does_not_say_what_it_is():
-    made = replay([(0.0, heartbeat(kind=18, autopilot=8)), *Flight().frames(end=14.0)], vehicle="1:1")
-    (me,) = made.stream._senders
-    assert (me.kind, me.autopilot) == ("QUADROTOR", "ARDUPILOTMEGA")
-    assert made.rows
-
-
 def test_one_that_comes_later_is_reported_once_and_not_followed():
     later = [(time + 6.0, data) for time, data in Flight(system=4).frames(end=8.0)]
     made = replay(sorted(Flight().frames(end=14.0) + later, key=lambda entry: entry[0]))

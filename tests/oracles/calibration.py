@@ -59,20 +59,9 @@ def generative_model(
     # The kinematic relation has next to no noise; the rate's equation has the wind.
     lambda_mean = np.array([lambda_z, KINEMATIC, lambda_w])
     lambda_precision = np.diag([KNOWN, KNOWN, 1.0])
-    return GenerativeModel(
-        n=2,
-        r=1,
-        m=2,
-        p=P,
-        d=P,
-        q=Q,
-        output_correlation=output_correlation,
-        state_correlation=state_correlation,
-        output_groups=np.array([0, 0]),
-        state_groups=np.array([1, 2]),
-        input_precision=KNOWN * np.eye(P + 1),
-        prior=Prior(theta_of(VEHICLE), precision, lambda_mean, lambda_precision),
-    )
+    prior = Prior(theta_of(VEHICLE), precision, lambda_mean, lambda_precision)
+    correlations, groups = (output_correlation, state_correlation), (np.array([0, 0]), np.array([1, 2]))
+    return GenerativeModel(2, 1, 2, P, P, Q, *correlations, *groups, KNOWN * np.eye(P + 1), prior)
 
 
 KINEMATIC = 16.0  # ln precision of φ̇ = rate

@@ -1,4 +1,4 @@
-"""DEM of a series from a known system: its states with the parameters known, and its parameters."""
+"""DEM of series from known systems, one state that decays and a stabilised roll angle: states and parameters."""
 
 from __future__ import annotations
 
@@ -17,6 +17,40 @@ from mavdem.dem.engine.steps import d_step
 from mavdem.dem.priors import KNOWN
 
 Array = NDArray[np.float64]
+
+DT = 0.1  # seconds; both systems respond within about one second
+LEAD = 40  # samples before the first at which the states start
+KINEMATIC_NOISE = 0.03  # of the relation that makes the rate the derivative of the roll angle, rad/s
+
+
+def decay(
+    smoothness: float, output_noise: float, *, gain: float = 0.0, process_noise: float = 1.0, samples: int = 90
+) -> System:
+    """ẋ = −x + gain·u + w, y = x + z, with the rate of decay free, and the gain too where there is one."""
+    A, B, C = np.array([[-1.0]]), np.array([[gain]]), np.eye(1)
+    noise = np.array([process_noise]), np.array([output_noise])
+    free, start = np.arange(2 if gain else 1), np.array([1.0])
+    return System(A, B, C, *noise, smoothness * DT, DT, samples, LEAD, start, doublets, free)
+
+
+def roll(smoothness: float, output_noise: float, *, outputs: int = 2, process_noise: float = 3.0) -> System:
+    """φ̇ = rate; the rate has stiffness, damping and gain, which are free, and noise; one output is the angle alone."""
+    A, B, C = np.array([[0.0, 1.0], [-4.0, -1.2]]), np.array([[0.0], [4.0]]), np.eye(outputs, 2)
+    noise = np.array([KINEMATIC_NOISE, process_noise]), np.full(outputs, output_noise)
+    free, start = np.array([2, 3, 5]), np.array([1.0, 2.0])
+    return System(A, B, C, *noise, smoothness * DT, DT, 90, LEAD, start, doublets, free)
+
+
+def doublets(times: Array) -> Array:
+    """A smooth input that varies within seconds, (k, 1)."""
+    return (np.sin(1.3 * times) + np.sin(0.5 * times + 1))[:, None]
+
+
+def weak_prior(system: System) -> ParameterPrior:
+    """About half the true parameters, and far wider than the posterior of a series."""
+    truth = system.theta[system.free]
+    return ParameterPrior(truth / 2, np.eye(len(truth)) / 9)
+
 
 ITERATIONS = 200  # of the ascent, which converges long before
 
@@ -73,17 +107,9 @@ def generative_model(system: System, embedding: Embedding, prior: ParameterPrior
     else:
         output_correlation = temporal_precision(p, system.smoothness)
         state_correlation = temporal_precision(q, system.smoothness)
+    correlations = output_correlation, state_correlation
+    groups, inputs = (np.arange(m), m + np.arange(n)), KNOWN * np.eye(r * (p + 1))
+    of_noise = lambda_mean, KNOWN * np.eye(m + n)
     return GenerativeModel(
-        n,
-        r,
-        m,
-        p,
-        p,
-        q,
-        output_correlation,
-        state_correlation,
-        np.arange(m),
-        m + np.arange(n),
-        KNOWN * np.eye(r * (p + 1)),
-        Prior(theta_mean, theta_precision, lambda_mean, KNOWN * np.eye(m + n)),
+        n, r, m, p, p, q, *correlations, *groups, inputs, Prior(theta_mean, theta_precision, *of_noise)
     )

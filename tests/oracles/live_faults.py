@@ -50,17 +50,14 @@ class SessionEnd(Link):
         self._wire, self.name, self.speaks_first = wire, "simulation", False
 
     def receive(self, timeout: float) -> list[tuple[float, bytes]]:
-        """What has come; time passes where it would be waited for."""
         self._wire.now += timeout
         came, self._wire.towards = self._wire.towards, []
         return came
 
     def send(self, frame: bytes) -> None:
-        """Sends a frame to the vehicle."""
         self._wire.back.append(frame)
 
     def events(self) -> list[str]:
-        """Nothing happens to a wire."""
         return []
 
 
@@ -73,7 +70,6 @@ class VehicleEnd(Ground):
         self._wire, self._session = wire, session
 
     def send(self, frame: bytes) -> bool:
-        """Sends a frame to the session."""
         self._wire.towards.append((self._wire.now, frame))
         return True
 
@@ -91,15 +87,8 @@ def run_session(scenario: Scenario) -> tuple[LiveSession, dict[str, float]]:
     with ExitStack() as clocks:
         for clock in ("time.monotonic", "sitl_scenarios.mavlink.live.monotonic"):
             clocks.enter_context(patch(clock, lambda: wire.now))
-        session = LiveSession(
-            SessionEnd(wire),
-            LiveStream(asked=True),
-            Settings(),
-            show=lambda _: NullView(),
-            report=lambda _: None,
-            say=lambda _: None,
-            rate=RATE,
-        )
+        quiet = {"show": lambda _: NullView(), "report": lambda _: None, "say": lambda _: None}
+        session = LiveSession(SessionEnd(wire), LiveStream(asked=True), Settings(), rate=RATE, **quiet)
         ground = VehicleEnd(wire, session)
         fly_live(scenario, Simulation(scenario), ground, ground.speed, lambda _: None)
         return session, session.account()

@@ -6,11 +6,11 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from paper_systems import paper_system
 from scipy.linalg import block_diag, solve_continuous_are, solve_continuous_lyapunov
 
 from mavdem import Flight
 from mavdem.dem.engine.model import discretize, recursion
-from sitl_scenarios.truth import paper_system
 
 Array = NDArray[np.float64]
 

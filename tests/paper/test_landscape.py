@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 
 from mavdem.dem.engine.ascent import plain_rounds
 from mavdem.paper import landscape
@@ -22,27 +21,6 @@ from mavdem.paper.scalar_system import (
 )
 
 LAST = landscape.SECTION_ITERATIONS
-
-
-@pytest.mark.parametrize("order", [0, 1, 2])
-def test_the_system_obeys_its_equation(order):
-    # Without noise worth the name, derivatives of every order obey it exactly.
-    outputs, inputs = ScalarWorld(lambda_z=100.0, lambda_w=100.0).generalized(order + 1, seed=0)
-    expected = A * outputs[:, order] + B * inputs[:, order]
-    np.testing.assert_allclose(outputs[:, order + 1], expected, atol=1e-9 * np.abs(expected).max())
-
-
-def test_the_noise_has_its_size_and_colour():
-    # The state shows w without the input; its equation gives w back.
-    world = ScalarWorld(duration=20_000.0, lambda_z=100.0, amplitude=0.0)
-    outputs, _ = world.generalized(1, seed=0)
-    w = outputs[:, 1] - A * outputs[:, 0]
-    independent = world.duration / (3.5 * world.smoothness)
-    lag = round(2 * world.smoothness / world.step)
-    deviation = np.exp(-world.lambda_w / 2)
-    # A variance of N independent samples is known to √(2/N), a correlation to √(1/N): four of each.
-    assert w.std() == pytest.approx(deviation, rel=4 * np.sqrt(2 / independent) / 2)
-    assert np.mean(w[lag:] * w[:-lag]) / w.var() == pytest.approx(np.exp(-1), abs=4 / np.sqrt(independent))
 
 
 @pytest.mark.slow
@@ -92,14 +70,3 @@ def test_the_papers_settings_end_in_one_round_outside_their_own_interval():
     for belief in beliefs[1:]:
         assert (np.abs(belief.theta[:2] - end.theta[:2]) < deviation).all()
         assert curvature(belief) == pytest.approx(curvature(end), rel=0.01)
-
-
-def test_cross_sections_pass_through_their_estimates():
-    model, samples = ScalarSettings().model(), ScalarSettings().samples(ScalarWorld(), seed=0)
-    beliefs, axes = plain_rounds(model, samples, LAST), Figure().subplots()
-    landscape.cross_section(axes, model, samples, beliefs, 0)
-    curve, dot = axes.lines[:2]
-    x, y = (float(value[0]) for value in (dot.get_xdata(), dot.get_ydata()))
-    # Between the grid's points a curve is drawn straight, and so below a concave one by step² / 8 of its curvature.
-    slack = curvature(beliefs[0]) * 0.05**2 / 8 / 1e3
-    assert np.interp(x, curve.get_xdata(), curve.get_ydata()) == pytest.approx(y, abs=2 * slack)

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
-from scipy.stats import binom, jarque_bera
+from scipy.stats import binom
 
 from mavdem.paper import noise
 
@@ -35,20 +33,11 @@ def test_gaussian_noise_of_any_colour_is_called_another_as_often_as_said(steps):
 
 @pytest.mark.parametrize(
     "make",
-    [
-        lambda rng: rng.laplace(size=VALUES),
-        lambda rng: rng.exponential(size=VALUES),
-        lambda rng: np.sinh(2 * gaussian(rng, 3) / gaussian(rng, 3).std()),
-    ],
-    ids=["Laplace", "skew", "heavy and coloured"],
+    [lambda rng: rng.exponential(size=VALUES), lambda rng: np.sinh(2 * gaussian(rng, 3) / gaussian(rng, 3).std())],
+    ids=["skew", "heavy and coloured"],
 )
 def test_what_is_not_gaussian_is_called_so(make):
     assert rejections(noise.normality, make, 100) >= 95
-
-
-def test_on_white_noise_the_two_tests_of_normality_agree():
-    series = gaussian(np.random.default_rng(1), 0)
-    assert noise.normality(series).statistic == pytest.approx(jarque_bera(series).statistic, rel=0.05)
 
 
 @pytest.mark.parametrize("shape", ["standard_normal", "standard_exponential"])
@@ -82,32 +71,9 @@ def test_the_kernel_width_of_gaussian_kernel_noise_is_found(steps):
     assert found.mean() == pytest.approx(0.01 * steps, rel=0.05)
 
 
-def test_white_noise_stays_within_its_bounds():
-    found = noise.analyse_noise(gaussian(np.random.default_rng(0), 0, 4000), 0.01)
-    outside = int(np.sum(np.abs(found.autocorrelation[1:]) > found.bound))
-    assert len(found.autocorrelation) == 101 and found.autocorrelation[0] == pytest.approx(1)
-    assert binom.ppf(0.001, 100, 0.05) <= outside <= binom.ppf(0.999, 100, 0.05)
-
-
-def test_the_histogram_is_a_density_and_all_is_plain_json():
-    series = 3 + 2 * gaussian(np.random.default_rng(0), 2)
-    found = noise.analyse_noise(series, 0.01)
-    assert np.sum(np.diff(found.edges) * found.histogram) == pytest.approx(1)
-    assert found.sd == pytest.approx(series.std())
-    told = json.loads(json.dumps(found.to_dict()))
-    assert told["normality"] == {"statistic": found.normality.statistic, "p_value": found.normality.p_value}
-
-
 @pytest.mark.parametrize(
     ("values", "overlap", "named"),
-    [
-        (np.arange(19.0), 1, "19 / 1"),
-        (np.arange(100.0), 9, "100 / 9"),
-        (np.arange(100.0), 0, "100 / 0"),
-        (np.ones(100), 1, "vary"),
-        (np.append(np.arange(100.0), np.nan), 1, "finite"),
-        (np.ones((50, 2)), 1, "shape"),
-    ],
+    [(np.arange(19.0), 1, "19 / 1"), (np.ones(100), 1, "vary"), (np.full(100, np.nan), 1, "finite")],
 )
 def test_a_series_that_tells_nothing_is_refused(values, overlap, named):
     with pytest.raises(ValueError, match=named):

@@ -8,7 +8,6 @@ import numpy as np
 
 from mavdem.fleet.row import FlightRow
 
-HOSTILE = "<script>document.title='owned'</script>\"'&--><b>"
 MOTORS = ("motor 1 (front right)", "motor 2 (rear left)", "motor 3 (front left)", "motor 4 (rear right)")
 START = datetime(2026, 1, 5, 9, tzinfo=UTC)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import re
 import sys
 from dataclasses import replace
@@ -60,6 +59,7 @@ def figures(learned, flight, held):
 def test_a_figure_has_the_palette_s_colours_named_axes_and_no_legend_or_title_over_data(name, figures):
     figure = figures[name]
     drawn = svg(figure, name)
+    assert name != "bode" or figure._repr_png_().startswith(b"\x89PNG")
     values = [value for value in vars(palette).values() if isinstance(value, str | tuple)]
     known = {colour for value in values for colour in ([value] if isinstance(value, str) else value)}
     assert set(re.findall(r"#[0-9a-f]{6}\b", re.sub(r"<defs>.*?</defs>|<image[^>]*>", "", drawn))) <= known
@@ -82,14 +82,11 @@ def test_a_figure_has_the_palette_s_colours_named_axes_and_no_legend_or_title_ov
     assert units.get(name, "") in text
 
 
-def test_long_lines_become_pixels_and_gaps_stay(learned):
-    figure = learned.plot.residuals()
-    (line,) = figure.axes[0].lines
+def test_residuals_are_in_degrees_and_the_first_of_a_segment_is_a_gap(learned):
+    (line,) = learned.plot.residuals().axes[0].lines
     errors = np.degrees(learned.record.outputs[1:, 1] - learned.one_step()[1:, 1])
     np.testing.assert_allclose(line.get_ydata()[1:], errors)
-    assert np.isnan(line.get_ydata()[0])
-    longer = replace(learned.record, outputs=np.tile(learned.record.outputs, (2, 1)))
-    assert not line.get_rasterized() and len(longer.outputs) > 1500 > len(errors)
+    assert np.isnan(line.get_ydata()[0]) and not line.get_rasterized()
 
 
 def test_a_forecast_is_of_the_windows_with_the_usual_error(held):
@@ -156,16 +153,11 @@ def test_a_correlation_is_found_at_its_lag():
     assert np.abs(np.delete(values, 7)).max() < 0.06
 
 
-def test_a_command_is_the_difference_of_the_motors(learned, flight):
-    command = AxisCommand.of(learned)
-    assert (command.name, command.unit) == ("roll command", "µs")
-    up = flight.effect_directions > 0
+def test_a_command_is_the_difference_of_the_motors_of_unknown_geometry_by_effects_and_a_demand_itself(learned, flight):
+    command, up = AxisCommand.of(learned), flight.effect_directions > 0
     difference = flight.inputs[:, up].mean(axis=1) - flight.inputs[:, ~up].mean(axis=1)
     np.testing.assert_allclose(command.series(flight.inputs), difference - difference.mean(), atol=1e-9)
     assert command.weights @ command.motors == pytest.approx(1)
-
-
-def test_a_command_of_unknown_geometry_goes_by_the_effects_and_a_demand_is_itself(learned):
     blind = replace(learned, record=replace(learned.record, effect_directions=None))
     assert (np.sign(AxisCommand.of(blind).motors) == np.sign(learned.record.effect_directions)).all()
     demand = replace(learned, record=replace(blind.record, inputs=learned.record.inputs[:, :1], input_names=("roll",)))
@@ -193,15 +185,6 @@ def test_the_effect_of_a_demand_is_not_put_beside_a_motor(learned, flight):
     fewer = replace(hover, **{name: getattr(hover, name)[:2] for name in columns})
     assert [axes.get_title("left") for axes in learned.plot.motors(hover).axes] == ["effectiveness", "trim", "headroom"]
     assert [axes.get_title("left") for axes in learned.plot.motors(fewer).axes] == ["trim", "headroom"]
-
-
-@pytest.mark.slow
-def test_a_notebook_shows_a_figure_and_a_script_saves_one(figures):
-    assert figures["bode"]._repr_png_().startswith(b"\x89PNG")
-    file = io.StringIO()
-    figures["bode"].savefig(file, format="svg")
-    assert "<text" in file.getvalue()
-    assert "matplotlib.pyplot" not in sys.modules or not sys.modules["matplotlib.pyplot"].get_fignums()
 
 
 def test_without_matplotlib_the_command_that_installs_it_is_named(learned, monkeypatch):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from functools import partial
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -22,6 +23,7 @@ from mavdem.report.blocks import Sentence, Table, markdown
 from mavdem.report.comparison import comparison_report
 from mavdem.report.condition import log_blocks
 from mavdem.report.flights import truth_blocks
+from mavdem.report.numbers import plus_minus, rounded
 from mavdem.report.page import notebook_html
 from mavdem.report.screen import analysis_blocks, key_figures
 
@@ -47,6 +49,7 @@ def test_a_comparison_of_methods(request):
         Method("hold last", baselines.hold, predicts=True),
         Method("constant mean", baselines.constant_mean, predicts=True),
         Method("ARX(2)", baselines.arx),
+        Method("ARX(400)", partial(baselines.arx, order=400)),
     ]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("mavdem.dem.parallel.spare_cores", lambda: 1)
@@ -112,3 +115,29 @@ def test_every_text_is_escaped():
 def test_markdown_aligns_numbers_to_the_right():
     said = markdown([Sentence("Text.", "Lead:"), Table(["a", "b"], [["x", "1"]]), Table(["a", "b"], [], words=True)])
     assert said == "**Lead:** Text.\n\n| a | b |\n| --- | ---: |\n| x | 1 |\n\n| a | b |\n| --- | --- |"
+
+
+@pytest.mark.parametrize(
+    ("value", "half", "shown"),
+    [
+        (-5.0, 0.07, "-5.00 ± 0.07"),
+        (0.00155, 0.009, "0.002 ± 0.009"),
+        (-0.0001, 0.01, "0.000 ± 0.010"),
+        (3.5123, 1.149, "3.5 ± 1.1"),
+        (1234.0, 32.0, "1230 ± 30"),
+        (-2.457e-8, 3e-10, "(-24.6 ± 0.3)e-9"),
+        (7.5e6, 2e4, "(7.500 ± 0.020)e6"),
+        (0.25, np.nan, "-"),
+        (0.25, 0.0, "0.25"),
+    ],
+)
+def test_an_estimate_has_the_digits_of_its_interval(value, half, shown):
+    assert plus_minus(value, half) == shown
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [(0.0, "0"), (1234.5, "1234"), (0.0123, "0.012"), (9.96, "10.0"), (np.inf, "infinite"), (1e9, "1e+09")],
+)
+def test_numbers_without_an_interval_have_two_digits(value, shown):
+    assert rounded(value) == shown

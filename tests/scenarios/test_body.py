@@ -1,7 +1,6 @@
 """The integrator is of second order, and right where there is a formula for what it should give."""
 
 from dataclasses import replace
-from math import exp
 
 import numpy as np
 import pytest
@@ -93,14 +92,6 @@ def turned(attitude, vector):
     """From body axes to NED."""
     w, v = attitude[0], np.array(attitude[1:])
     return vector + 2 * np.cross(v, np.cross(v, vector) + w * vector)
-
-
-@pytest.mark.parametrize("model", AIRFRAMES)
-def test_rotors_lag_exponentially(model):
-    up, down = AIRFRAMES[model].lag
-    body = Body(VehicleSpec(model=model), 1e-3)
-    rotors = body.spun((100.0, 200.0, 300.0, 200.0), (200.0,) * 4, 30)
-    assert rotors == pytest.approx((200 - 100 * exp(-0.03 / up), 200, 200 + 100 * exp(-0.03 / down), 200))
 
 
 def test_wind_pushes_and_tilts_as_its_formulas_say():

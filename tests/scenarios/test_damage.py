@@ -39,7 +39,6 @@ def hovering(motion, begin, end):
     return motion.outputs[(motion.time > begin) & (motion.time < end)].mean(0)
 
 
-@pytest.mark.slow
 def test_hover_balances_again(broken):
     _, scenario, motion = broken
     [(start, condition)] = damages(scenario)
@@ -48,31 +47,13 @@ def test_hover_balances_again(broken):
     np.testing.assert_allclose(hovering(motion, 28.0, 34.0), balanced(condition), atol=1.5)
 
 
-def test_each_fault_has_its_pattern(broken):
-    kind, _, motion = broken
-    moved = hovering(motion, 28.0, 34.0) - hovering(motion, 14.0, 19.9)
-    _, _, *patterns = frame("x", IRIS.arm)
-    roll, pitch, yaw = (np.dot(moved, np.sign(pattern)) / 4 for pattern in patterns)
-    if kind == "weak":
-        # One motor works harder, and no other notices.
-        assert moved[0] > 80 and np.abs(moved[1:]).max() < 3
-    elif kind == "chipped":
-        # Its torque is less than its thrust: the pairs share the rest in yaw.
-        assert np.argmax(moved) == 2 and yaw < -moved.mean() - 3
-    else:
-        # Forward of the rotors' middle and left of it: the front and the left work harder, and no pair in yaw.
-        assert pitch > 5 and roll > 10 and abs(yaw) < 1 and abs(moved.mean()) < 2
-
-
 def test_the_truth_says_what_is_left_and_since_when(broken):
     kind, scenario, motion = broken
     known = truth(scenario, motion)
     begin = np.flatnonzero(known["weak"])[0]
     assert motion.time[begin] == pytest.approx(20.0, abs=0.01) and known["weak"][begin:].all()
-    for name in ("speed_left", "thrust_left", "torque_left"):
-        assert (known[name][:begin] == 1.0).all()
-    after = {name: known[name][-1].tolist() for name in ("speed_left", "thrust_left", "torque_left", "centre")}
     sound = {"speed_left": [1.0] * 4, "thrust_left": [1.0] * 4, "torque_left": [1.0] * 4, "centre": [0.0, 0.0]}
+    after = {name: known[name][-1].tolist() for name in sound}
     changed = {
         "weak": {"speed_left": pytest.approx([0.8**0.5, 1, 1, 1])},
         "chipped": {"thrust_left": [1.0, 1.0, 0.85, 1.0], "torque_left": [1.0, 1.0, 0.7, 1.0]},

@@ -6,22 +6,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sitl_scenarios.files import load, names, scenario_of
+from sitl_scenarios.files import load, scenario_of
 from sitl_scenarios.scenario import Scenario
 
 GUST = '[[wind]]\nkind = "gust"\nstart = 5\nspeed = 3\n'
 
 
-@pytest.mark.parametrize("name", names())
-def test_a_scenario_of_the_package_loads_and_says_what_it_is(name):
-    scenario = load(name)
-    assert scenario.description.endswith(".")
-    assert scenario.description.count(". ") == 0
-    assert len(scenario.description) < 140
-
-
 def test_an_empty_file_is_the_default_scenario(tmp_path):
-    (tmp_path / "own.toml").write_text("")
+    (tmp_path / "own.toml").write_bytes(b"\xef\xbb\xbf")  # a byte order mark is none of the text
     assert load(tmp_path / "own.toml") == load(str(tmp_path / "own.toml")) == Scenario()
 
 
@@ -32,9 +24,7 @@ def test_an_empty_file_is_the_default_scenario(tmp_path):
             '[[wind]]\nkind = "gaussian"\nsd = 1\ns = -1',
             "the first wind's s must be greater than or equal to 0.001, not -1",
         ),
-        ("duration = 10", "duration must be greater than or equal to 15, not 10"),
         ('duration = "long"', 'duration must be a valid number, not "long"'),
-        ("seed = 1.5", "seed must be"),
         ("durration = 60", "durration is no key of a scenario (did you mean 'duration'?): a scenario has description,"),
         (
             "[vehicle]\nmodle = 'iris'",
@@ -45,16 +35,9 @@ def test_an_empty_file_is_the_default_scenario(tmp_path):
             "the first wind's strength is no key of a scenario (did you mean 'start'?): a gust wind has start, speed, ",
         ),
         ("[vehicle]\nmodel = 'heron'", "vehicle.model must be 'ardrone2', 'iris' or 'crazyflie', not \"heron\""),
-        ('[[wind]]\nkind = "tornado"', "the first wind's kind must be one of 'steady', 'gaussian', 'dryden'"),
         ("[[wind]]\nspeed = 3", "the first wind's kind is missing: it is one of steady, gaussian, "),
         (GUST + '[[wind]]\nkind = "gust"', "the second wind's start is missing: a gust wind has start, speed, "),
-        ("wind = 3", "wind must be a valid array, not 3"),
-        (
-            'duration = 20\n[[wind]]\nkind = "gaussian"\nsd = 1\ns = 20',
-            "the first wind's s must be less than the duration of the flight, 20 s, not 20",
-        ),
         (GUST.replace("5", "99"), "the first wind's start must be less than the duration of the flight, 60 s, not 99"),
-        ('[excitation]\nkind = "chirp"\nperiod = 80', "excitation.period must be less than the duration"),
         (
             '[excitation]\nkind = "chirp"\nlowest = 6',
             "excitation.lowest must be at most excitation.highest, 5 Hz, not 6",
@@ -69,7 +52,6 @@ def test_an_empty_file_is_the_default_scenario(tmp_path):
             "excitation.highest must be three turns in excitation.period above excitation.lowest, 1.15 Hz, not 1.1",
         ),
         ('[excitation]\nkind = "steps"\naxis = "yaw"', "excitation of the kind steps has distance, period"),
-        ('[excitation]\nkind = "doublets"\naxis = "all"', "excitation.axis must be 'roll', 'pitch' or 'yaw'"),
         ('[excitation]\nkind = "doublets"\nwidth = 3', "excitation.width must be at most half of excitation.period"),
         ("[faults]\nreboot = 60", "faults.reboot must be less than the duration of the flight, 60 s, not 60"),
         ("height = 60", "duration must be at least 87 s for a height of 60 m, not 60"),
@@ -78,7 +60,6 @@ def test_an_empty_file_is_the_default_scenario(tmp_path):
         ("seed = " + "9" * 5000, "own.toml: it has a number of more digits than any scenario needs"),
         ("[wind]\nkind = 'steady'\nspeed = 1", "[wind] must be [[wind]], in double brackets"),
         ("[[vehicle]]\nmodel = 'iris'", "[vehicle] and not [[vehicle]]"),
-        ("[sensors]\nrate_sd = inf", "sensors.rate_sd must be a number, not inf"),
         ("[[wind]]\nkind = 'steady'\nspeed = 1\n" * 17, "wind must be at most 16, not 17"),
         ("[[wind]]\nkind = 'steddy'\nspeed = 1", "not \"steddy\" (did you mean 'steady'"),
         ("".join(f"a{i} = 1\n" for i in range(2000)), "a0 is no key of a scenario"),
@@ -92,9 +73,7 @@ def test_what_is_wrong_is_said_in_a_sentence_that_names_file_and_key(tmp_path, t
         load(file)
     message = str(caught.value)
     assert message.startswith(("own.toml", f"{file} cannot be read"))
-    assert len(message) < 1500
-    assert sentence in message
-    assert "\n" not in message
+    assert sentence in message and "\n" not in message and len(message) < 1500
     assert type(caught.value) is ValueError
 
 
@@ -112,20 +91,10 @@ def test_what_is_no_text_or_no_file_is_said_too(tmp_path):
         load("hover_blowr")
 
 
-@pytest.mark.parametrize("kind", ["pipe", "device"])
-def test_what_might_never_end_is_not_read(kind, tmp_path):
-    path = tmp_path / "own.toml"
-    if kind == "pipe":
-        os.mkfifo(path)
-    else:
-        path.symlink_to("/dev/zero")
+def test_what_might_never_end_is_not_read(tmp_path):
+    os.mkfifo(tmp_path / "own.toml")
     with pytest.raises(ValueError, match="own.toml cannot be read: it is no plain file"):
-        load(path)
-
-
-def test_a_byte_order_mark_is_none_of_the_text(tmp_path):
-    (tmp_path / "own.toml").write_bytes(b"\xef\xbb\xbfduration = 20\n")
-    assert load(tmp_path / "own.toml").duration == 20
+        load(tmp_path / "own.toml")
 
 
 VALUES = st.one_of(st.integers(), st.floats(), st.text(max_size=5), st.booleans(), st.none())
@@ -160,7 +129,5 @@ def test_whatever_stands_in_a_scenario_it_is_one_or_is_refused_in_one_line(chang
     try:
         assert isinstance(scenario_of(table), Scenario)
     except ValueError as error:
-        assert type(error) is ValueError
-        assert str(error)
-        assert "Input should" not in str(error)
-        assert "Value error" not in str(error)
+        assert type(error) is ValueError and str(error)
+        assert not any(theirs in str(error) for theirs in ("Input should", "Value error"))

@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from paper_systems import paper_system
 from scipy.linalg import expm
 
 from sitl_scenarios.dynamics import AirState, Body, State
 from sitl_scenarios.scenario import VehicleSpec
-from sitl_scenarios.truth import axis, linearised, paper_system
+from sitl_scenarios.truth import linearised
 from sitl_scenarios.vehicles import AIRFRAMES, GRAVITY
 
 K = 0.3748
@@ -66,15 +67,3 @@ def test_a_small_motion_of_the_vehicle_is_the_linear_ones(model):
     assert moved.rates[0] == pytest.approx(predicted[9], rel=2e-3)
     assert roll == pytest.approx(predicted[6], rel=2e-3)
     assert moved.velocity[1] == pytest.approx(predicted[4], rel=2e-3)
-
-
-@pytest.mark.parametrize("name", ["roll", "pitch"])
-def test_an_axis_with_lag_settles_where_one_without_is(name):
-    vehicle = VehicleSpec(model="crazyflie")
-    lagging, instant = axis(vehicle, name), axis(vehicle, name, lag=False)
-    assert lagging.states == (name, f"{name} rate", f"{name} drive")
-    settled = -lagging.B[2] / lagging.A[2, 2] * lagging.A[1, 2]
-    assert settled == pytest.approx(instant.B[1])
-    assert lagging.A[2, 2] == pytest.approx(-1 / 0.072)
-    # Per µs: a thousandth of the command's range.
-    assert instant.B[1] == pytest.approx(linearised(vehicle).without_lag().of([f"{name} rate"]).B[0] / 1000)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from collections import Counter
 
 import numpy as np
 import pytest
@@ -22,11 +23,9 @@ CYCLES = {"px4": 0.004, "ardupilot": 0.0025}
 NO_FAULTS = Faults()
 
 
-def written(scenario: Scenario, motion: Motion, path=None) -> bytes:
+def written(scenario: Scenario, motion: Motion) -> bytes:
     file = io.BytesIO()
     write_tlog(file, recorded(scenario, motion, CYCLES[scenario.stream.autopilot], lambda _: None))
-    if path is not None:
-        path.write_bytes(file.getvalue())
     return file.getvalue()
 
 
@@ -35,7 +34,7 @@ def scenario(autopilot: str = "px4", faults: Faults = NO_FAULTS, frame: str = "x
 
 
 def read(tmp_path, flown: Scenario, motion: Motion) -> Log:
-    written(flown, motion, tmp_path / "flight.tlog")
+    (tmp_path / "flight.tlog").write_bytes(written(flown, motion))
     return read_log(tmp_path / "flight.tlog")
 
 
@@ -50,11 +49,7 @@ def test_what_is_read_back_is_what_was_true(autopilot, version, tmp_path):
     assert vehicle.autopilot == {"px4": "PX4", "ardupilot": "ARDUPILOTMEGA"}[autopilot]
     assert [speaker.lost for speaker in log.components] == [0]
     sent = vehicle.messages
-    rows = {
-        name: np.searchsorted(motion.time, columns["time"] - 1e-6)
-        for name, columns in sent.items()
-        if "time_boot_ms" in columns or "time_usec" in columns
-    }
+    rows = {name: np.searchsorted(motion.time, columns["time"] - 1e-6) for name, columns in sent.items()}
     attitude, at = sent["ATTITUDE"], rows["ATTITUDE"]
     # scipy's quaternions have w last.
     yaw_pitch_roll = Rotation.from_quat(motion.attitude[at][:, [1, 2, 3, 0]]).as_euler("ZYX")
@@ -80,10 +75,9 @@ def test_what_is_read_back_is_what_was_true(autopilot, version, tmp_path):
         at = rows["HIL_ACTUATOR_CONTROLS"]
         controls = np.where(motion.armed[at, None], (motion.outputs[at] - 1000) / 1000, 0)
         np.testing.assert_array_equal(sent["HIL_ACTUATOR_CONTROLS"]["controls"][:, :4], controls.astype(np.float32))
-        quaternions = sent["ATTITUDE_QUATERNION"]
+        at, quaternions = rows["ATTITUDE_QUATERNION"], sent["ATTITUDE_QUATERNION"]
         read_back = np.column_stack([quaternions[f"q{n}"] for n in range(1, 5)])
-        expected = motion.attitude[rows["ATTITUDE_QUATERNION"]].astype(np.float32)
-        np.testing.assert_array_equal(read_back, expected)
+        np.testing.assert_array_equal(read_back, motion.attitude[at].astype(np.float32))
     if "ACTUATOR_OUTPUT_STATUS" in sent:
         at = rows["ACTUATOR_OUTPUT_STATUS"]
         actuator = sent["ACTUATOR_OUTPUT_STATUS"]["actuator"]
@@ -91,22 +85,11 @@ def test_what_is_read_back_is_what_was_true(autopilot, version, tmp_path):
         assert set(actuator[0, 4:16]) == {900} and set(actuator[0, 16:]) == {0}
 
 
-@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
-def test_the_battery_has_a_message_of_its_own_when_it_is_asked_for(autopilot, tmp_path):
-    motion = made_up_motion(autopilot=autopilot)
-    sent = read(tmp_path, scenario(autopilot, rates={"BATTERY_STATUS": 50.0}), motion).vehicles[0].messages
-    told = sent["BATTERY_STATUS"]
-    assert len(told["time"]) == pytest.approx(1000, abs=2)
-    np.testing.assert_allclose(
-        told["voltages"][:, 0], 12600 * np.interp(told["time"], motion.time, motion.battery), atol=2
-    )
-    assert set(told["voltages"][:, 1:].ravel()) == {65535} and set(told["battery_remaining"]) == {-1}
-
-
 @pytest.mark.parametrize("version", [1, 2])
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 def test_setpoints_and_sticks_come_when_they_are_asked_for(autopilot, version, tmp_path):
     motion, rates = made_up_motion(autopilot=autopilot), {"ATTITUDE_TARGET": 50.0, "RC_CHANNELS": 20.0}
+    rates["BATTERY_STATUS"] = 50.0
     sent = read(tmp_path, scenario(autopilot, version=version, rates=rates), motion).vehicles[0].messages
     target, sticks = sent["ATTITUDE_TARGET"], sent["RC_CHANNELS"]
     assert len(target["time"]) == pytest.approx(1000, abs=2) and len(sticks["time"]) == pytest.approx(400, abs=2)
@@ -125,40 +108,29 @@ def test_setpoints_and_sticks_come_when_they_are_asked_for(autopilot, version, t
         assert np.ptp(moved) > 50
     assert set(sticks["chan3_raw"]) == {1500} and set(sticks["chan5_raw"]) == {65535}
     assert set(sticks["chancount"]) == {4}
+    told = sent["BATTERY_STATUS"]
+    expected = 12600 * np.interp(told["time"], motion.time, motion.battery)
+    np.testing.assert_allclose(told["voltages"][:, 0], expected, atol=2)
+    assert set(told["voltages"][:, 1:].ravel()) == {65535} and set(told["battery_remaining"]) == {-1}
     plain = read(tmp_path, scenario(autopilot, version=version), motion).vehicles[0].messages
-    assert not {"ATTITUDE_TARGET", "RC_CHANNELS"} & set(plain)
+    assert not set(rates) & set(plain)
 
 
 @pytest.mark.parametrize("version", [1, 2])
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 def test_pymavlink_reads_every_frame(autopilot, version, tmp_path):
-    path = tmp_path / "flight.tlog"
-    stream = recorded(
-        scenario(autopilot, version=version),
-        made_up_motion(autopilot=autopilot),
-        CYCLES[autopilot],
-        lambda _: None,
-    )
-    with path.open("wb") as file:
-        count = write_tlog(file, stream)
-    reader = mavutil.mavlink_connection(str(path), dialect="all")
-    log = read_log(path).vehicles[0].messages
-    seen: dict[str, int] = {}
-    sequence = 0
+    flown, motion = scenario(autopilot, version=version), made_up_motion(autopilot=autopilot)
+    log = read(tmp_path, flown, motion).vehicles[0].messages
+    reader = mavutil.mavlink_connection(str(tmp_path / "flight.tlog"), dialect="all")
+    seen: Counter[str] = Counter()
     while (message := reader.recv_msg()) is not None:
         name = message.get_type()
-        assert name != "BAD_DATA"
-        assert message.get_seq() == sequence % 256
+        assert message.get_seq() == seen.total() % 256
         assert message.get_msgbuf()[0] == {1: 0xFE, 2: 0xFD}[version]
-        row = seen.get(name, 0)
-        for field, value in message.to_dict().items():
-            if field == "mavpackettype":
-                continue
-            ours = log[name][field][row].tolist()
+        for field in message.get_fieldnames():
+            value, ours = getattr(message, field), log[name][field][seen[name]].tolist()
             assert value == (ours.decode() if isinstance(ours, bytes) else ours), (name, field)
-        seen[name] = row + 1
-        sequence += 1
-    assert sequence == count
+        seen[name] += 1
     assert seen == {name: len(columns["time"]) for name, columns in log.items()}
 
 
@@ -191,23 +163,14 @@ def test_the_parameters_say_where_the_motors_are(autopilot, frame, tmp_path):
     motors = drive.motors(vehicle)
     assert motors.layout.channels == (1, 2, 3, 4)
     assert not motors.layout.channels_assumed and not motors.layout.positions_assumed
-    expected = {
-        "x": ["front right", "rear left", "front left", "rear right"],
-        "plus": ["right", "left", "front", "rear"],
-    }
-    assert list(motors.layout.names) == [f"motor {n} ({place})" for n, place in enumerate(expected[frame], 1)]
+    expected = "front right, rear left, front left, rear right" if frame == "x" else "right, left, front, rear"
+    assert list(motors.layout.names) == [f"motor {n} ({at})" for n, at in enumerate(expected.split(", "), 1)]
 
 
 def test_heartbeats_and_words_follow_the_flight(tmp_path):
-    for autopilot, said in (
-        (
-            "px4",
-            [b"Armed by external command\t", b"Takeoff detected\t", b"Landing detected\t", b"Disarmed by landing\t"],
-        ),
-        ("ardupilot", [b"Arming motors", b"Disarming motors"]),
-    ):
+    for autopilot, changes in (("px4", 4), ("ardupilot", 2)):
         messages = read(tmp_path, scenario(autopilot), made_up_motion(autopilot=autopilot)).vehicles[0].messages
-        assert messages["STATUSTEXT"]["text"].tolist() == [b"Simulated by mavdem, frame x", *said]
+        assert len(messages["STATUSTEXT"]["text"]) == 1 + changes
         beat = messages["HEARTBEAT"]
         armed = (beat["base_mode"] & 128) > 0
         at = np.searchsorted(messages["STATUSTEXT"]["time"][[1, -1]], beat["time"])
@@ -227,12 +190,10 @@ def test_the_clock_of_32_bit_microseconds_wraps(tmp_path):
 
 @pytest.mark.slow
 def test_the_same_seed_is_the_same_file_however_it_is_cut(monkeypatch):
-    faults = Faults(
-        loss=0.1, delay=0.05, jitter=0.03, reordered=0.2, reboot=6.0, outage=9.0, outage_seconds=2.0, clock_jump=12.0
-    )
+    by_chance = {"loss": 0.1, "delay": 0.05, "jitter": 0.03, "reordered": 0.2}
+    faults = Faults(**by_chance, reboot=6.0, outage=9.0, outage_seconds=2.0, clock_jump=12.0)
     motion, flown = made_up_motion(), scenario(faults=faults)
     whole = written(flown, motion)
-    assert written(flown, motion) == whole
     monkeypatch.setattr(recorded_module, "BLOCK", 37)
     assert written(flown, motion) == whole
     assert written(flown.model_copy(update={"seed": 1}), motion) != whole
@@ -255,10 +216,9 @@ def test_what_is_overtaken_comes_after_the_next():
 def test_a_reboot_in_the_air_is_a_new_boot(tmp_path):
     log = read(tmp_path, scenario(faults=Faults(reboot=8.0)), made_up_motion())
     (vehicle,) = log.vehicles
-    attitude = vehicle.messages["ATTITUDE"]
-    assert set(attitude["boot"]) == {0, 1}
-    assert attitude["time"][attitude["boot"] == 0][-1] == pytest.approx(10.0, abs=0.02)
-    assert attitude["time"][attitude["boot"] == 1][0] == pytest.approx(1.0, abs=0.01)
+    boot, time = (vehicle.messages["ATTITUDE"][name] for name in ("boot", "time"))
+    assert set(boot) == {0, 1}
+    assert (time[boot == 0][-1], time[boot == 1][0]) == pytest.approx((10.0, 1.0), abs=0.02)
     assert len(vehicle.messages["PARAM_VALUE"]["time"]) == 2 * len(vehicle.parameters)
     beat = vehicle.messages["HEARTBEAT"]
     assert beat["system_status"][beat["boot"] == 1][0] == 4 and beat["base_mode"][beat["boot"] == 1][0] & 128
@@ -270,8 +230,8 @@ def test_a_reboot_forgets_what_was_asked_for_and_nothing_but_heartbeats_comes_un
     motion = made_up_motion(autopilot="ardupilot")
     sending = Transmitter(scenario("ardupilot", Faults(reboot=8.0), only_when_asked=True), CYCLES["ardupilot"])
     sending.schedule.set("ATTITUDE", 0.01, 0.0)
-    begun, later = sending.send(rows_of_motion(motion, slice(1))), sending.send(rows_of_motion(motion, slice(1, None)))
-    del begun
+    sending.send(rows_of_motion(motion, slice(1)))
+    later = sending.send(rows_of_motion(motion, slice(1, None)))
     kinds = later.data[later.frames.start + 7]
     sending.schedule.set("ATTITUDE", 0.01, sending.clock)
     assert np.sum(kinds == 0) > 15 and later.time[kinds == 30].max(initial=0.0) < 10.001

@@ -73,11 +73,3 @@ def test_a_flight_that_never_takes_off_and_a_name_that_is_no_text(tmp_path):
     still = pose(armed=np.zeros(len(MOTION), dtype=bool), rotor_speeds=np.zeros((len(MOTION), 4)), wind=0 * MOTION.wind)
     write_pose(tmp_path / "still.rrd", "\udcff", still)
     assert (tmp_path / "still.rrd").stat().st_size > 1000
-
-
-def test_a_long_flight_is_thinned_out():
-    count = 1_800_000
-    times = np.arange(count) * 0.004
-    long = Pose(times, *(np.empty((0, 1)),) * 9, armed=np.zeros(0, dtype=bool), rotors=ROTORS)
-    for rate in (np.inf, 50, 10):
-        assert 40_000 < len(long.at(rate)) <= 50_000

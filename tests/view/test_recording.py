@@ -1,9 +1,7 @@
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,14 +9,12 @@ from rerun.chunk import RrdReader
 from rerun_file import chunks, views
 
 import mavdem
-from mavdem.dem.graybox.wind import DetectedGust
 from mavdem.evaluate import held_out_test
 from mavdem.report.blocks import markdown
 from mavdem.report.details import detail_blocks
 from mavdem.report.numbers import AxisCommand
 from mavdem.report.screen import key_figures, screen, title
-from mavdem.view import show, write_recording
-from mavdem.view.plots import prior_outweighs_data
+from mavdem.view import write_recording
 from mavdem.view.recording import FlightSeries
 
 FLIGHT = mavdem.read_flight(Path(__file__).parents[2] / "logs" / "ardupilot_wind5_steps.tlog")
@@ -110,57 +106,6 @@ def test_the_command_and_the_wind_s_torque_are_over_the_training_data(recording:
         np.testing.assert_allclose(shown, values, atol=1e-9)
 
 
-def test_gusts_are_shaded_when_they_blew(learned: mavdem.Learned) -> None:
-    assert learned.wind is not None
-    gusty = replace(learned.wind, gusts=(DetectedGust(400, 4.0, 0.5, 3.0),))
-    series = FlightSeries(PARTS, learned, held_out_test(PARTS[-1], TEST, learned))
-    series.learned = SimpleNamespace(wind=gusty, physical=SimpleNamespace(identifiable=False))
-    assert series.wind() is None  # it is what the motors' effect leaves of the torque
-    series.learned.physical.identifiable = True
-    plot = series.wind()
-    assert plot is not None
-    (time,) = [time for lines, time, _ in plot.lines if lines.names[0].startswith("gust")]
-    start = PARTS[1].time[20] - START  # sample 400 of both parts
-    assert (time.min(), time.max()) == pytest.approx((start, start + 0.5))
-
-
-def iterations(path: Path) -> dict[str, np.ndarray]:
-    """Values (I + 1, k) of the lines of each entity by iteration."""
-    return {
-        name.removeprefix("learning/"): np.array(batch.column("Scalars:scalars").to_pylist())
-        for name, chunk, batch in chunks(path)
-        if "iteration" in chunk.timeline_names
-    }
-
-
-def test_what_is_free_is_drawn_by_iteration_in_degrees(recording: Path, learned: mavdem.Learned) -> None:
-    drawn, theta = iterations(recording), learned.learning.theta
-    # θ = [vec(Aᵀ); vec(Bᵀ); …]: the rate's row of A and of B; that a rate is a rate is known beforehand.
-    np.testing.assert_allclose(drawn["parameters/A"], theta[:, 2:4], rtol=1e-9)
-    np.testing.assert_allclose(drawn["parameters/B"], np.degrees(theta[:, 8:12]), rtol=1e-9)
-    assert set(drawn) == {"free_energy", "lambda", "parameters/A", "parameters/B"}
-    terms = np.stack([learned.free_energy.total, *learned.free_energy.terms.values()], axis=-1)
-    np.testing.assert_allclose(drawn["free_energy"], terms - terms[-1], atol=1e-9)
-    # The prior fixes those of the measurement noise.
-    np.testing.assert_allclose(drawn["lambda"], learned.learning.lambda_[:, 2:], rtol=1e-9)
-    assert documents(recording)["/learning/details"] == markdown(detail_blocks(learned))
-
-
-@pytest.mark.slow
-def test_under_a_prior_that_knows_nothing_every_entry_is_drawn(tmp_path: Path) -> None:
-    path = tmp_path / "flight.rrd"
-    write(path, mavdem.learn(PARTS, mavdem.Settings.paper()))
-    assert [iterations(path)[f"parameters/{name}"].shape[1] for name in "ABC"] == [2 * 2, 2 * 4, 2 * 2]
-    assert {"process_noise/state 1", "process_noise/state 2"} <= lines(path).keys()
-
-
-def test_a_precision_that_the_prior_fixes_is_distinguished_from_one_that_is_learnt(learned: mavdem.Learned) -> None:
-    # One λ for each of two outputs and two states; the default prior is sure of measurement noise only.
-    assert prior_outweighs_data(learned).tolist() == [True, True, False, False]
-    sure = mavdem.learn(PARTS, replace(learned.settings, lambda_w_precision=1e10))
-    assert prior_outweighs_data(sure).tolist() == [True] * 4
-
-
 def test_a_forecast_beyond_all_numbers_leaves_the_measured_in_sight(learned: mavdem.Learned) -> None:
     held_out = held_out_test(PARTS[-1], TEST, learned)
     away = np.exp(np.linspace(0, 700, len(TEST)))[None, :, None] * held_out.forecasts["forecast"]
@@ -172,26 +117,16 @@ def test_a_forecast_beyond_all_numbers_leaves_the_measured_in_sight(learned: mav
         assert np.ptp(measured) / 4 < high - low <= 2 * np.ptp(measured)
 
 
-def test_the_words_are_those_of_the_screen(recording: Path, learned: mavdem.Learned) -> None:
-    found, held_out = documents(recording), held_out_test(PARTS[-1], TEST, learned)
+def test_the_one_blueprint_in_the_file_shows_what_is_there_in_the_screen_s_words(
+    recording: Path, learned: mavdem.Learned
+) -> None:
+    found = documents(recording)
+    shown, held_out = views(recording), held_out_test(PARTS[-1], TEST, learned)
+    entities = {str(chunk.entity_path).replace("\\", "") for chunk in RrdReader(recording).stream()}
+    assert {"outputs/roll", "wind", "command", "effect/bars", "learning/gap"} <= set(shown)
+    for origin in shown:
+        assert any(f"{entity}/".startswith(f"/{origin.strip('/')}/") for entity in entities), origin
+    assert found["/learning/details"] == markdown(detail_blocks(learned))
     assert found["/report"] == markdown([title(PARTS), *screen(learned, held_out)])
     for i, (name, value) in enumerate(key_figures(learned, held_out)):
         assert name[1:] in found[f"/figures/{i}"] and value.split(" (")[0] in found[f"/figures/{i}"]
-
-
-def test_the_one_blueprint_in_the_file_shows_what_is_there(recording: Path) -> None:
-    shown = views(recording)
-    entities = {str(chunk.entity_path).replace("\\", "") for chunk in RrdReader(recording).stream()}
-    assert {"outputs/roll", "wind", "command", "effect/bars", "learning/gap", "learning/parameters/B"} <= set(shown)
-    for origin in shown:
-        assert any(f"{entity}/".startswith(f"/{origin.strip('/')}/") for entity in entities), (
-            f"the view of {origin} is empty"
-        )
-
-
-def test_without_a_screen_show_says_so(monkeypatch: pytest.MonkeyPatch, recording: Path) -> None:
-    monkeypatch.setattr(sys, "platform", "linux")
-    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
-        monkeypatch.delenv(name, raising=False)
-    monkeypatch.setenv("PATH", "/nowhere")
-    assert f"no screen here; open the recording where there is one, with `{sys.executable} -m rerun" in show(recording)

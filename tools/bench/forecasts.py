@@ -18,7 +18,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
-from typing import Any, NamedTuple
+from typing import Any
 
 import click
 import numpy as np
@@ -40,35 +40,21 @@ DEMAND_LOGS = (
 """Logs of the autopilots' own; most have one input, the demand. Both axes are learnt."""
 
 SCENARIOS = (
-    "ardupilot_steps",
-    "calm",
-    "crazyflie_gusts",
-    "hover_blower",
-    "iris_doublets",
-    "iris_dryden",
-    "iris_gusts",
-    "iris_multisine",
-    "iris_von_karman",
-    "paper_2",
-    "paper_5",
-    "system_3",
+    *("ardupilot_steps", "calm", "crazyflie_gusts", "hover_blower", "iris_doublets", "iris_dryden", "iris_gusts"),
+    *("iris_multisine", "iris_von_karman", "paper_2", "paper_5", "system_3"),
 )
 RATES = (50, 100, 120, 200, 250, 400)
 PX4_LOOP = 250  # Hz: what is faster is flown with ArduPilot's loop of 400 Hz
 
 
-class HalvedFlight(NamedTuple):
-    """A flight, its name, and a number that is even in half A and odd in half B."""
-
-    name: str
-    number: int
-    flight: mavdem.Flight
+Halved = tuple[str, int, mavdem.Flight]
+"""A flight, its name before it, and a number that is even in half A and odd in half B."""
 
 
-def flights(rates: bool) -> Iterator[HalvedFlight]:
+def flights(rates: bool) -> Iterator[Halved]:
     """Every flight at every rate; neighbours in each list belong to different halves."""
     for number, (name, flight) in enumerate(recorded_flights()):
-        yield HalvedFlight(name, number, flight)
+        yield name, number, flight
     if not rates:
         return
     for number, name in enumerate(DEMAND_LOGS):
@@ -76,14 +62,14 @@ def flights(rates: bool) -> Iterator[HalvedFlight]:
             if (SHARED / name).exists():
                 flight = mavdem.read_flight(SHARED / name, axis=axis)
                 label = f"{Path(name).name} {axis}"
-                yield HalvedFlight(label, number + shift, flight)
+                yield label, number + shift, flight
                 if flight.dt < 1 / 300:
                     time, inputs, outputs = (one[::2] for one in (flight.time, flight.inputs, flight.outputs))
                     flight = mavdem.Flight(time, inputs, outputs, dt=2 * flight.dt)
-                    yield HalvedFlight(f"{label}, every 2nd sample", number + shift, flight)
+                    yield f"{label}, every 2nd sample", number + shift, flight
     for number, name in enumerate(SCENARIOS):
         for rate in RATES:
-            yield HalvedFlight(name, number, simulated(name, rate))
+            yield name, number, simulated(name, rate)
 
 
 def simulated(name: str, rate: int) -> mavdem.Flight:
@@ -93,31 +79,23 @@ def simulated(name: str, rate: int) -> mavdem.Flight:
     return logged(scenario_of(values))
 
 
-def spread(cut: Sequence[Window], most: int | None) -> list[Window]:
-    """Up to ``most`` windows, evenly over the flight."""
-    kept = np.linspace(0, len(cut) - 1, min(most or len(cut), len(cut))).astype(int)
-    return [cut[place] for place in np.unique(kept)]
-
-
 def figures(window: Window, learned: mavdem.Learned | ValueError) -> dict[str, float]:
     """The error ratio, and the share of the samples in the 90 % band."""
     if isinstance(learned, ValueError):
         return {"ratio": 1.0, "inside": np.nan}
-    test = window.test
-    forecast = learned.forecast(test.inputs)
+    test, forecast = window.test, learned.forecast(window.test.inputs)
     inside = np.abs(test.outputs - forecast) <= learned.forecast_band(test.inputs)
-    return {
-        "ratio": float(evaluate.relative_mspe(window.train, test, forecast)),
-        "inside": float(np.mean(inside)),
-    }
+    return {"ratio": float(evaluate.relative_mspe(window.train, test, forecast)), "inside": float(np.mean(inside))}
 
 
 def of_flight(
-    halved: HalvedFlight, most: int | None, samples: tuple[int, int] | None, settings: mavdem.Settings
+    halved: Halved, most: int | None, samples: tuple[int, int] | None, settings: mavdem.Settings
 ) -> list[dict[str, Any]]:
     """The figures of each window; prints their row."""
     name, number, flight = halved
-    cut, half, rate = spread(windows(name, flight, *(samples or ())), most), "AB"[number % 2], round(1 / flight.dt)
+    every, half, rate = windows(name, flight, *(samples or ())), "AB"[number % 2], round(1 / flight.dt)
+    # Up to ``most`` windows, evenly over the flight.
+    cut = [every[i] for i in np.unique(np.linspace(0, len(every) - 1, min(most or len(every), len(every))).astype(int))]
     began = perf_counter()
     found = list(mavdem.learn_many((window.train, settings) for window in cut))
     seconds = (perf_counter() - began) / max(1, len(cut))
@@ -162,12 +140,7 @@ def print_summaries(by_flight: Sequence[list[dict[str, Any]]]) -> None:
 @click.option("--settings", default="{}", help='Changes to the preset, such as {"order": 2}.')
 @click.option("--json", "to", type=click.Path(path_type=Path), help="Also write each window's figures there.")
 def main(
-    rates: bool,
-    most: int | None,
-    samples: tuple[int, int] | None,
-    preset: str,
-    settings: str,
-    to: Path | None,
+    rates: bool, most: int | None, samples: tuple[int, int] | None, preset: str, settings: str, to: Path | None
 ) -> None:
     base = mavdem.Settings.paper() if preset == "paper" else mavdem.Settings()
     chosen = replace(base, **json.loads(settings))

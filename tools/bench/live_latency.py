@@ -14,7 +14,6 @@ import multiprocessing
 import socket
 import time
 from collections.abc import Iterator
-from multiprocessing.process import BaseProcess
 
 import click
 import numpy as np
@@ -47,12 +46,8 @@ def hover(rate: float, seconds: float) -> Iterator[tuple[float, bytes]]:
         yield now, vehicle.servo_output_raw_encode(round(stamp * 1e3) % 2**32, 0, *outputs).pack(vehicle)
 
 
-def sender(rate: float, seconds: float, port: int) -> BaseProcess:
-    """A process, not yet started, that sends the hover to ``port`` of this machine at its own pace."""
-    return multiprocessing.get_context("spawn").Process(target=_send, args=(rate, seconds, port))
-
-
-def _send(rate: float, seconds: float, port: int) -> None:
+def send(rate: float, seconds: float, port: int) -> None:
+    """Sends the hover to ``port`` of this machine at its own pace."""
     datagrams = list(hover(rate, seconds))
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as outlet:
         begin = time.monotonic()
@@ -61,26 +56,24 @@ def _send(rate: float, seconds: float, port: int) -> None:
             outlet.sendto(datagram, ("127.0.0.1", port))
 
 
+def silence(_: object) -> None: ...
+
+
 class NullView:
     """A view that shows nothing."""
+
+    def __init__(self, setup: Setup) -> None: ...
 
     def put(self, *_: object) -> None: ...
 
     def log(self, text: str) -> None: ...
 
 
-def null_view(setup: Setup) -> NullView:
-    return NullView()
-
-
-def silence(_: object) -> None: ...
-
-
 def over_udp(rate: float) -> str:
     link = Link(f"udpin:127.0.0.1:{PORT}")
-    vehicle = sender(rate, SECONDS, PORT)
+    vehicle = multiprocessing.get_context("spawn").Process(target=send, args=(rate, SECONDS, PORT))
     with LearningProcess() as executor:
-        session = LiveSession(link, LiveStream(), Settings(), null_view, silence, silence, executor)
+        session = LiveSession(link, LiveStream(), Settings(), NullView, silence, silence, executor)
         vehicle.start()
         while session.status.vehicle is None:
             session.step()

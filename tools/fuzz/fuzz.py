@@ -35,7 +35,7 @@ import click
 import numpy as np
 
 ROOT = Path(__file__).parents[2]
-sys.path.append(str(ROOT / "tests/ingest"))
+sys.path += [str(ROOT / "tests"), str(ROOT / "tests/ingest")]
 SEEDS = "--seeds" in sys.argv
 if SEEDS:
     tracing: contextlib.AbstractContextManager[object] = contextlib.nullcontext()
@@ -73,9 +73,7 @@ def check_columns(log: Log) -> None:
 class Format(ABC):
     """A format's inputs: pieces become a file, whose name ends in ``suffix`` and which has ``header`` in any case."""
 
-    suffix = ""
-    header = b""
-    modes = 3
+    suffix, header, modes = "", b"", 3
 
     @abstractmethod
     def file(self, mode: int, pieces: list[bytes]) -> bytes:
@@ -87,11 +85,10 @@ class Format(ABC):
 
     def seeds(self) -> dict[str, bytes]:
         """Returns the first inputs, by name: all pieces in each mode, and each by itself."""
-        pieces = self.pieces()
-        lists = [(mode, pieces) for mode in range(1, self.modes)] + [(2, [piece]) for piece in pieces]
-        return {f"seed_{number}": bytes([mode]) + BETWEEN.join(parts) for number, (mode, parts) in enumerate(lists)} | {
-            f"file_{mode}": b"\0" + self.file(mode, pieces) for mode in range(1, self.modes)
-        }
+        pieces, modes = self.pieces(), range(1, self.modes)
+        made = [bytes([mode]) + BETWEEN.join(pieces) for mode in modes] + [b"\2" + piece for piece in pieces]
+        made += [b"\0" + self.file(mode, pieces) for mode in modes]
+        return {f"seed_{number}": content for number, content in enumerate(made)}
 
     def check(self, data: bytes) -> None:
         """Reads the file of an input and asserts what must hold of any."""
@@ -137,7 +134,7 @@ class DataFlash(Format):
 
 class ULog(Format):
     suffix, header, modes = ".ulg", ulog_files.HEADER, 4
-    sizes = {ulog_files.NUMBERS[name]: struct.calcsize(layout) for name, layout in ulog_files.LAYOUTS.items()}
+    sizes = {number: struct.calcsize("<" + ulog_files.layout(name)) for name, number in ulog_files.NUMBERS.items()}
 
     def file(self, mode: int, pieces: list[bytes]) -> bytes:
         start = ulog_files.definitions() + ulog_files.subscriptions() if mode > 1 else b""
@@ -181,11 +178,8 @@ NOW = 1_700_000_000_000_000_000
 
 
 class Mcap(Format):
-    suffix, header, modes = (
-        ".mcap",
-        b"\x89MCAP0\r\n",
-        6,
-    )  # modes: plain; chunks without, with lz4, with zstd, wrong sums
+    suffix, header = ".mcap", b"\x89MCAP0\r\n"
+    modes = 6  # plain; chunks without, with lz4, with zstd, wrong sums
     any_record = b"\xfe"  # first byte of a piece that is any record, whose opcode follows
 
     def file(self, mode: int, pieces: list[bytes]) -> bytes:
@@ -225,11 +219,8 @@ class Mcap(Format):
                 pulses = b'"servo2_raw":1600,"servo3_raw":1500,"servo4_raw":1500'
                 head = b'\x01{"time_usec":%d,"servo1_raw":%d,%s}'
                 bodies.append(head % (round(1e6 * time), 1500 + 50 * sin(5 * time), pulses))
-        return b"".join(
-            self._record(MESSAGE, struct.pack("<HIQQ", body[0] % len(CHANNELS), 0, stamp, stamp) + body[1:])
-            for body in bodies
-            if body
-        )
+        heads = ((struct.pack("<HIQQ", body[0] % len(CHANNELS), 0, stamp, stamp), body) for body in bodies if body)
+        return b"".join(self._record(MESSAGE, head + body[1:]) for head, body in heads)
 
     def pieces(self) -> list[bytes]:
         raw = mavlink_streams.heartbeat() + mavlink_streams.message("ATTITUDE", time_boot_ms=20_000, roll=0.1)

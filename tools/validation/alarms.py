@@ -38,67 +38,43 @@ SETTLES = 5.0  # s in the air before a flight counts as settled, as ``alignment.
 def scenario(kind: str, number: int) -> Scenario:
     """The scenario of a flight."""
     draw = np.random.default_rng([list(KINDS).index(kind), number])
+
+    def some(low: float, high: float, digits: int | None = 1) -> float:
+        return round(draw.uniform(low, high), digits)
+
     model = str(draw.choice(["iris", "iris", "iris", "ardrone2", "crazyflie"]))
-    small = model == "crazyflie"
-    vehicle: dict[str, object] = {"model": model, "battery_sag": round(draw.uniform(0.0, 0.12), 3)}
+    vehicle: dict[str, object] = {"model": model, "battery_sag": some(0.0, 0.12, 3)}
     if draw.random() < 0.5:
-        vehicle["quadratic_thrust"] = round(draw.uniform(0.3, 0.9), 2)
-    table: dict[str, object] = {
-        "seed": number,
-        "height": round(draw.uniform(2.0, 8.0), 1),
-        "stream": {"autopilot": str(draw.choice(["px4", "ardupilot"]))},
+        vehicle["quadratic_thrust"] = some(0.3, 0.9, 2)
+    length, flights = (200.0, 3) if kind == SOUND else (50.0, 1)
+    table: dict[str, object] = {"seed": number, "height": some(2.0, 8.0), "duration": length, "flights": flights}
+    table["stream"] = {"autopilot": str(draw.choice(["px4", "ardupilot"]))}
+    direction, speed = some(0.0, 360.0, None), draw.uniform(1.0, 3.0 if model == "crazyflie" else 6.0)
+    mean: dict[str, object] = {"speed": round(speed, 1), "direction": direction}
+    winds: dict[str, list[dict[str, object]]] = {
+        "dryden": [{"kind": "dryden", **mean, "wind_at_20_feet": 7.7}],
+        "severe": [{"kind": "von_karman", **mean, "wind_at_20_feet": 15.4}],
+        "noise": [{"kind": "gaussian", "sd": round(speed / 4, 2), "s": some(0.2, 2.0, 2)}],
+        "gusts": [{"kind": "steady", "speed": round(speed / 2, 1), "direction": direction}],
     }
-    if kind == SOUND:
-        table |= {"duration": 200, "flights": 3}
-    else:
-        table |= {"duration": 50}
-    length = 200.0 if kind == SOUND else 50.0
-    direction = round(draw.uniform(0.0, 360.0))
-    speed = draw.uniform(1.0, 3.0 if small else 6.0)
-    winds = {
-        "dryden": [{"kind": "dryden", "speed": round(speed, 1), "direction": direction, "wind_at_20_feet": 7.7}],
-        "severe": [{"kind": "von_karman", "speed": round(speed, 1), "direction": direction, "wind_at_20_feet": 15.4}],
-        "noise": [{"kind": "gaussian", "sd": round(speed / 4, 2), "s": round(draw.uniform(0.2, 2.0), 2)}],
-        "gusts": [
-            {"kind": "steady", "speed": round(speed / 2, 1), "direction": direction},
-            *(
-                {
-                    "kind": "gust",
-                    "start": round(draw.uniform(10.0, length - 5.0), 1),
-                    "speed": round(speed, 1),
-                    "direction": round(draw.uniform(0.0, 360.0)),
-                    "rise": round(draw.uniform(0.5, 3.0), 1),
-                    "hold": round(draw.uniform(0.0, 30.0), 1),
-                }
-                for _ in range(max(1, round(length / 40)))
-            ),
-        ],
-    }
-    calm = kind == HOVER
-    if not calm:
+    for _ in range(max(1, round(length / 40))):
+        gust = {"kind": "gust", "start": some(10.0, length - 5.0), "speed": round(speed, 1)}
+        gust |= {"direction": some(0.0, 360.0, None), "rise": some(0.5, 3.0), "hold": some(0.0, 30.0)}
+        winds["gusts"].append(gust)
+    if kind != HOVER:
         table["wind"] = winds[str(draw.choice(list(winds)))]
         if draw.random() < 0.4:
-            sizes = {"iris": 0.03, "ardrone2": 3e-3, "crazyflie": 1.5e-5}
-            axes = ("roll", "pitch", "yaw")
-            moment = sizes[model]
-            table["moments"] = [
-                {"axis": axis, "sd": moment / (3 if axis == "yaw" else 1), "s": round(draw.uniform(0.05, 0.5), 2)}
-                for axis in axes
-            ]
-        excitation = {
+            moment = {"iris": 0.03, "ardrone2": 3e-3, "crazyflie": 1.5e-5}[model]
+            sds = {"roll": moment, "pitch": moment, "yaw": moment / 3}
+            table["moments"] = [{"axis": axis, "sd": sd, "s": some(0.05, 0.5, 2)} for axis, sd in sds.items()]
+        excitations: dict[str, dict[str, object] | None] = {
             "none": None,
-            "steps": {
-                "kind": "steps",
-                "distance": round(draw.uniform(1, 4), 1),
-                "period": round(draw.uniform(5, 10), 1),
-            },
-            "sticks": {"kind": "sticks", "axis": "all", "sd": round(draw.uniform(2, 6), 1), "s": 0.3},
+            "steps": {"kind": "steps", "distance": some(1, 4), "period": some(5, 10)},
+            "sticks": {"kind": "sticks", "axis": "all", "sd": some(2, 6), "s": 0.3},
             "doublets": {"kind": "doublets", "axis": str(draw.choice(["roll", "pitch"])), "amplitude": 8.0},
-        }[str(draw.choice(["none", "steps", "steps", "sticks", "doublets"]))]
-        if excitation is not None:
-            table["excitation"] = excitation
-    start = round(draw.uniform(24.0, 32.0), 2)
-    motor = int(draw.integers(1, 5))
+        }
+        table["excitation"] = excitations[str(draw.choice(["none", "steps", "steps", "sticks", "doublets"]))]
+    start, motor = some(24.0, 32.0, 2), int(draw.integers(1, 5))
     if kind in (HOVER, WIND):
         vehicle |= {"weak_motor": motor, "weak_from": start, "weak_thrust": 0.8}
     elif kind == CHIPPED:
@@ -171,46 +147,36 @@ def main(folder: Path, rate: float, flights: int | None, jobs: int) -> None:
     asked = [(kind, number) for kind, count in KINDS.items() for number in range(min(count, flights or count))]
     with ProcessPoolExecutor(jobs) as pool:
         done = list(pool.map(watched, *zip(*asked, strict=True), [folder] * len(asked), [rate] * len(asked)))
-    click.echo(f"Motors at {rate:g} Hz; even numbers chose the parameters, odd ones did not.\n")
-    click.echo("| flights | half | number | found in 5 s | named right, of found | median delay, s | longest, s |")
-    click.echo("|---|---|---|---|---|---|---|")
-    for kind in KINDS:
-        for half in (0, 1):
-            chosen = [one for one in done if one.kind == kind and one.number % 2 == half]
-            if kind not in (SOUND, SHIFTED) and chosen:
-                click.echo(_faulty(kind, half, chosen))
-    click.echo("\n| flights | half | number | hours settled | alarms on a motor | changes in roll and pitch |")
-    click.echo("|---|---|---|---|---|---|")
-    for kind in (SOUND, SHIFTED):
-        for half in (0, 1):
-            chosen = [one for one in done if one.kind == kind and one.number % 2 == half]
-            alarms = [alarm for one in chosen for alarm in one.alarms]
-            named = sum(alarm.motor is not None for alarm in alarms)
+    halves = {
+        (kind, half): [one for one in done if one.kind == kind and one.number % 2 == number]
+        for kind in KINDS
+        for number, half in enumerate(("even", "odd"))
+    }
+    print(f"Motors at {rate:g} Hz; even numbers chose the parameters, odd ones did not.\n")
+    print("| flights | half | number | found in 5 s | named right, of found | median delay, s | longest, s |")
+    print("|---|---|---|---|---|---|---|")
+    for (kind, half), chosen in halves.items():
+        if kind not in (SOUND, SHIFTED) and chosen:
+            print(f"| {kind} | {half} | {len(chosen)} | {_found(chosen)} |")
+    print("\n| flights | half | number | hours settled | alarms on a motor | changes in roll and pitch |")
+    print("|---|---|---|---|---|---|")
+    for (kind, half), chosen in halves.items():
+        if kind in (SOUND, SHIFTED):
+            named = [alarm.motor is not None for one in chosen for alarm in one.alarms]
             hours = sum(one.hours for one in chosen)
-            click.echo(
-                f"| {kind} | {_half(half)} | {len(chosen)} | {hours:.2f} | {named} | {len(alarms) - named} |",
-            )
+            print(f"| {kind} | {half} | {len(chosen)} | {hours:.2f} | {sum(named)} | {len(named) - sum(named)} |")
     before = sum(alarm.time < one.breaks for one in done for alarm in one.alarms if one.motor)
-    click.echo(f"\nAlarms before anything broke, in flights where a motor did: {before}.")
+    print(f"\nAlarms before anything broke, in flights where a motor did: {before}.")
 
 
-def _faulty(kind: str, half: int, flights: list[Watched]) -> str:
-    delays, right = [], 0
-    for one in flights:
-        first = next((alarm for alarm in one.alarms if alarm.time >= one.breaks), None)
-        delays.append(np.inf if first is None else first.time - one.breaks)
-        right += first is not None and first.motor == one.motor
-    found = int(np.isfinite(delays).sum())
-    soon = int((np.array(delays) <= IN_TIME).sum())
-    longest = max((delay for delay in delays if np.isfinite(delay)), default=np.nan)
-    return (
-        f"| {kind} | {_half(half)} | {len(flights)} | {soon} | {right} of {found} | {np.median(delays):.1f} | "
-        f"{longest:.1f} |"
-    )
-
-
-def _half(half: int) -> str:
-    return "odd" if half else "even"
+def _found(flights: list[Watched]) -> str:
+    firsts = [next((alarm for alarm in one.alarms if alarm.time >= one.breaks), None) for one in flights]
+    pairs = list(zip(flights, firsts, strict=True))
+    delays = np.array([np.inf if first is None else first.time - one.breaks for one, first in pairs])
+    right = sum(first is not None and first.motor == one.motor for one, first in pairs)
+    found = delays[np.isfinite(delays)]
+    soon = int((delays <= IN_TIME).sum())
+    return f"{soon} | {right} of {len(found)} | {np.median(delays):.1f} | {found.max() if len(found) else np.nan:.1f}"
 
 
 if __name__ == "__main__":

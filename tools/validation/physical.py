@@ -14,6 +14,9 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
+from functools import partial
+from io import BytesIO
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -35,8 +38,7 @@ STATUSES = ("reported", "biased", "not identifiable")
 LEVEL = 0.9
 
 
-def log(text: str) -> None:
-    click.echo(text, err=True)
+log = partial(click.echo, err=True)
 
 
 def table(title: str, heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
@@ -53,9 +55,10 @@ def estimate_of(found: Physical, name: str) -> tuple[float, float]:
     return float(getattr(found, name)), float(getattr(found.interval(LEVEL), name))
 
 
-def windows_of(flight: Flight) -> list[Flight]:
+def parts_of(flight: Flight) -> dict[int | None, Flight]:
+    """The whole flight, and its windows by number."""
     size = round(WINDOW_SECONDS / flight.dt)
-    return [flight[start : start + size] for start in range(0, len(flight) - size + 1, size)]
+    return {None: flight} | {i: flight[i * size : (i + 1) * size] for i in range(len(flight) // size)}
 
 
 class Estimate(NamedTuple):
@@ -79,8 +82,7 @@ class Estimate(NamedTuple):
 
     def inside_by_motor(self) -> list[bool]:
         """Whether the interval of each motor's effect does."""
-        held = abs(self.found.effect - self.true["effect"]) <= self.found.interval(LEVEL).effect
-        return [bool(inside) for inside in held]
+        return list(abs(self.found.effect - self.true["effect"]) <= self.found.interval(LEVEL).effect)
 
     def __str__(self) -> str:
         errors = [(name, *self.error(name)) for name in PARAMETERS]
@@ -98,7 +100,7 @@ def estimates(bank: Sequence[Case]) -> Iterator[Estimate]:
         except (NotLearnable, Unreadable) as reason:
             log(f"{case}: refused: {reason}")
             continue
-        for window, part in [(None, flight.flight), *enumerate(windows_of(flight.flight))]:
+        for window, part in parts_of(flight.flight).items():
             found = physical(part)
             if isinstance(found, NotIdentifiable):
                 log(f"{case}: refused: {found.reason}")
@@ -188,40 +190,27 @@ EXPECTED = "318–403"  # rad/s² of roll per unit of one motor's command, by pu
 
 def usdlog(path: Path) -> dict[str, Array]:
     """Columns of the fixed-frequency event of a Crazyflie's log, version 2, and ``time``, s; units as logged."""
-    data, at = path.read_bytes(), 1
-
-    def text() -> str:
-        nonlocal at
-        end = data.index(0, at)
-        at, begin = end + 1, at
-        return data[begin:end].decode()
+    file = BytesIO(path.read_bytes()[1:])
 
     def numbers(form: str) -> tuple[Any, ...]:
-        nonlocal at
-        found = struct.unpack_from(f"<{form}", data, at)
-        at += struct.calcsize(f"<{form}")
-        return found
+        return struct.unpack(f"<{form}", file.read(struct.calcsize(f"<{form}")))
 
+    def text() -> str:
+        return b"".join(iter(partial(file.read, 1), b"\0")).decode()
+
+    events: dict[int, tuple[str, list[str], list[tuple[Any, ...]]]] = {}
     _, kinds = numbers("HH")
-    forms: dict[int, str] = {}
-    names: dict[int, tuple[str, list[str]]] = {}
-    rows: dict[int, list[tuple[Any, ...]]] = {}
     for _ in range(kinds):
-        (kind,) = numbers("H")
-        event, (count,) = text(), numbers("H")
-        # A variable is called name(letter).
-        variables = [text() for _ in range(count)]
-        forms[kind] = "Q" + "".join(each[-2] for each in variables)
-        names[kind], rows[kind] = (event, [each[:-3] for each in variables]), []
-    # A checksum, shorter than any event, ends it.
-    while at + struct.calcsize("<HQ") <= len(data):
-        (kind,) = numbers("H")
-        if at + struct.calcsize(f"<{forms[kind]}") > len(data):
-            break
-        rows[kind].append(numbers(forms[kind]))
-    kind = next(kind for kind, (event, _) in names.items() if event == "fixedFrequency")
-    columns = np.array(rows[kind]).T
-    return {"time": columns[0] / 1e6, **dict(zip(names[kind][1], columns[1:], strict=True))}
+        (kind,), event, (count,) = numbers("H"), text(), numbers("H")
+        events[kind] = event, [text() for _ in range(count)], []
+    # A variable is called name(letter); a checksum, shorter than any event, ends the file.
+    with suppress(struct.error, KeyError):
+        while True:
+            _, variables, rows = events[numbers("H")[0]]
+            rows.append(numbers("Q" + "".join(each[-2] for each in variables)))
+    _, variables, rows = next(one for one in events.values() if one[0] == "fixedFrequency")
+    time, *columns = np.array(rows).T
+    return {"time": time / 1e6, **{name[:-3]: values for name, values in zip(variables, columns, strict=True)}}
 
 
 def crazyflie() -> None:
@@ -237,8 +226,8 @@ def crazyflie() -> None:
                 time, np.stack(motors, 1), turning[:, None], dt=1 / rate, effect_directions=np.array(directions)
             )
             log(f"{axis}, {rate:.0f} Hz")
-            rows.append(row_of([axis, "whole"], flight))
-            rows += [row_of(["", f"7 s, no. {number}"], part) for number, part in enumerate(windows_of(flight), 1)]
+            for window, part in parts_of(flight).items():
+                rows.append(row_of([axis, "whole"] if window is None else ["", f"7 s, no. {window + 1}"], part))
     title = f"**Crazyflie** (effect in rad/s² per unit of command; published: {EXPECTED} for roll)"
     table(title, ["axis", "of", *HEADS], rows)
 

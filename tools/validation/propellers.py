@@ -28,8 +28,8 @@ from mavdem.health.explanations import EFFORT_SCATTER
 from mavdem.health.reference import HealthFigures
 from mavdem.ingest import read_log
 from sitl_scenarios.dynamics import MAX_PULSE, MIN_PULSE
+from sitl_scenarios.files import scenario_of
 from sitl_scenarios.motion import IN_AIR
-from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import fly
 
 MOTORS = ("motor 1 (front right)", "motor 2 (rear left)", "motor 3 (front left)", "motor 4 (rear right)")
@@ -58,15 +58,9 @@ def recorded_flights(folder: Path) -> list[HealthFigures]:
         if motors is None or condition.hover is None:
             continue
         layout, battery = motors.layout, condition.battery
-        figures = HealthFigures(
-            path.stem,
-            layout.names,
-            motor_signatures(len(layout.motors), layout.positions, layout.spins),
-            balance_of_signals(signals),
-            collective=condition.collective,
-            voltage=None if battery is None else battery.voltage_mean,
-        )
-        found.append(figures)
+        signatures = motor_signatures(len(layout.motors), layout.positions, layout.spins)
+        voltage, balance = None if battery is None else battery.voltage_mean, balance_of_signals(signals)
+        found.append(HealthFigures(path.stem, layout.names, signatures, balance, None, condition.collective, voltage))
     return found
 
 
@@ -80,10 +74,10 @@ def recorded(folder: Path) -> None:
     print(f"\nRecorded: {len(flights)} flights, each alone, against {len(good)} good ones (a good one: the others)")
     print(f"{'flight':20} {'health':8} {'fault':>6} {'change':>6} motor  harder, %")
     for flight, found in zip(flights, verdicts, strict=True):
-        probability = "     -" if found.fault_probability is None else f"{found.fault_probability:6.3f}"
-        change = "     -" if found.change_probability is None else f"{found.change_probability:6.3f}"
+        each = (found.fault_probability, found.change_probability)
+        probabilities = " ".join("     -" if one is None else f"{one:6.3f}" for one in each)
         harder = "" if found.harder is None else "{:.0f} ({:.0f} to {:.0f})".format(*found.harder)
-        print(f"{flight.name:20} {found.health:8} {probability} {change} {found.suspect_motor or '-':>5}  {harder}")
+        print(f"{flight.name:20} {found.health:8} {probabilities} {found.suspect_motor or '-':>5}  {harder}")
 
 
 def by_chance(healthy: int, vehicles: int) -> None:
@@ -139,10 +133,8 @@ def simulated(count: int) -> None:
     rng = np.random.default_rng(20)
     flown = {kind: [_flown(rng, change, number) for number in range(count)] for kind, change in KINDS.items()}
     healthy = flown["healthy"]
-    print(
-        f"\nSimulated (Iris, wind of 0 to 8 m/s from all sides, load within 3 mm): {count} flights of each kind, each"
-    )
-    print("against 3 healthy ones drawn at random, five times")
+    print(f"\nSimulated (Iris, wind of 0 to 8 m/s from all sides, load within 3 mm): {count} flights of each kind,")
+    print("each against 3 healthy ones drawn at random, five times")
     for kind, flights in flown.items():
         verdicts: Counter[str] = Counter()
         right: list[bool] = []
@@ -170,23 +162,10 @@ def _flown(rng: np.random.Generator, change: dict[str, dict[str, float]], number
         for name, value in values.items():
             before = table.setdefault(section, {}).get(name, 0.0)
             table[section][name] = motor if name in ("weak_motor", "motor") else before + value
-    wind = {
-        "kind": "dryden",
-        "speed": rng.uniform(0.0, 8.0),
-        "direction": rng.uniform(0.0, 360.0),
-        "wind_at_20_feet": rng.uniform(5.0, 20.0),
-    }
-    scenario = Scenario.model_validate(
-        {
-            "description": "",
-            "duration": 70.0,
-            "height": 10.0,
-            "seed": int(rng.integers(1 << 30)),
-            **table,
-            "wind": (wind,),
-        }
-    )
-    motion = fly(scenario)
+    ranges = {"speed": (0.0, 8.0), "direction": (0.0, 360.0), "wind_at_20_feet": (5.0, 20.0)}
+    wind = {"kind": "dryden", **{name: rng.uniform(*of) for name, of in ranges.items()}}
+    seed = int(rng.integers(1 << 30))
+    motion = fly(scenario_of({"duration": 70.0, "height": 10.0, "seed": seed, **table, "wind": [wind]}))
     # At the autopilots' default rate of 10 Hz, after the climb-out.
     airborne = motion.landed_state == IN_AIR
     rows = np.flatnonzero(airborne & (motion.time > motion.time[airborne][0] + 5.0))[::25]

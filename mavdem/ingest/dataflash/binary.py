@@ -42,10 +42,7 @@ DIVISORS = {"c": 100.0, "C": 100.0, "e": 100.0, "E": 100.0, "L": 1e7}
 
 @dataclass(frozen=True)
 class FormatDefinition:
-    """One message as a FMT defines it; ``length`` is that of a whole message, bytes, header included.
-
-    ``characters`` has one format character a field.
-    """
+    """One message as a FMT defines it, with one format character a field; ``length`` in bytes, header included."""
 
     name: str
     length: int
@@ -102,7 +99,7 @@ MAX_DEFINITIONS = 256  # Definitions of one message that are used: each appended
 def defined(values: tuple[int, int, bytes, bytes, bytes]) -> tuple[int, FormatDefinition] | None:
     """Returns the id and definition in the values of an FMT; None where the name is not one."""
     kind, length, name, characters, fields = values
-    texts = [_text(value) for value in (name, characters, fields)]
+    texts = [value.split(b"\0", 1)[0].decode("latin-1").strip() for value in (name, characters, fields)]
     if not all(text.isascii() and text.isprintable() for text in texts) or not texts[0].replace("_", "").isalnum():
         return None
     columns = tuple(field.strip() for field in texts[2].split(",")) if texts[2] else ()
@@ -123,10 +120,6 @@ def numbers(table: MessageTable) -> MessageTable:
     """Its fields with one number a message: in a damaged definition any field may be a text or an array."""
     fields = {name: values for name, values in table.columns.items() if values.ndim == 1 and values.dtype.kind in "iuf"}
     return MessageTable(table.place, fields)
-
-
-def _text(value: bytes) -> str:
-    return value.split(b"\0", 1)[0].decode("latin-1").strip()
 
 
 BLOCK = 1 << 22  # Bytes between two calls of ``progress``

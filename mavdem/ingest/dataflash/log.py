@@ -13,10 +13,8 @@ import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from math import isfinite
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mavdem.errors import Unreadable
 from mavdem.ingest.contents import file_bytes, is_dataflash_text
@@ -92,17 +90,17 @@ def _decoded(definition: FormatDefinition, lines: _Lines) -> MessageTable:
     if definition.wire is None or not count:
         return EMPTY
     # A text that is the last field may hold commas.
-    rows = [(number, [value.strip() for value in values.split(b",", count - 1)]) for number, values in lines]
     numeric = {i for i, character in enumerate(definition.characters) if character not in TEXTS + "aM"}
     places, whole = [], []
-    for number, row in rows:
+    for number, values in lines:
+        row = [value.strip() for value in values.split(b",", count - 1)]
         with suppress(ValueError):
             whole.append([float(value) if i in numeric else value for i, value in enumerate(row)])
             places.append(number)
-    columns: dict[str, NDArray[Any]] = {}
-    for i, name in enumerate(definition.fields):
-        # Texts as objects: an array of bytes would give all the room of the longest.
-        columns[name] = np.array([row[i] for row in whole], dtype=np.float64 if i in numeric else np.object_)
+    # Texts as objects: an array of bytes would give all the room of the longest.
+    kinds = [np.float64 if i in numeric else np.object_ for i in range(count)]
+    named = enumerate(zip(definition.fields, kinds, strict=True))
+    columns = {name: np.array([row[i] for row in whole], dtype=kind) for i, (name, kind) in named}
     return MessageTable(np.array(places, dtype=np.int64), columns)
 
 
@@ -138,9 +136,12 @@ def read_dataflash(path: str | os.PathLike[str], progress: Progress | None = Non
         raise Unreadable(_no_flight(source, recording))
     parameters = _parameters(recording.table("PARM"))
     texts = _texts(recording.table("MSG"), "Message")
-    kind, dropouts = _mav_type(texts, parameters), _dropouts(recording.table("DSF"))
+    kind = _mav_type(texts, parameters)
+    # DSF counts the messages that the logger had no room for, anew with each boot.
+    counts = numbers(recording.table("DSF")).columns.get("Dp", np.zeros(0)).astype(np.float64)
+    dropouts = int(np.nansum(np.maximum(np.diff(counts), 0)))
     version = next((found for text in texts if (found := _COPTER_VERSION.match(text))), None)
-    made = translated(tables, kind, (int(version[1]), int(version[2])) if version else None)
+    messages, names, notes = translated(tables, kind, (int(version[1]), int(version[2])) if version else None)
     if recording.bytes_skipped:
         repairs = (f"{recording.bytes_skipped} bytes that belong to no message were skipped.", *repairs)
     lost = (dropouts, f"The logger had no room for {dropouts} messages (DSF): they are missing.")
@@ -150,14 +151,14 @@ def read_dataflash(path: str | os.PathLike[str], progress: Progress | None = Non
         component=AUTOPILOT_COMPONENT,
         vehicle=UNNAMED if kind == UNKNOWN else enum_name("MAV_TYPE", kind),
         autopilot=enum_name("MAV_AUTOPILOT", ARDUPILOT),
-        messages=made.messages,
+        messages=messages,
         parameters=parameters,
         source=source,
-        repairs=recording.repairs + repairs + made.notes + repair_sentences(lost),
+        repairs=recording.repairs + repairs + notes + repair_sentences(lost),
         translated_from="DataFlash",
         firmware=next((text.strip() for text in texts if _FIRMWARE.match(text)), ""),
         dropouts=dropouts,
-        names=made.names,
+        names=names,
         board=board_number_in_texts(texts),
     )
     frames = sum(recording.counts.values())
@@ -165,10 +166,7 @@ def read_dataflash(path: str | os.PathLike[str], progress: Progress | None = Non
 
 
 def _on_boot_clock(tables: Mapping[str, MessageTable]) -> tuple[dict[str, Columns], tuple[str, ...]]:
-    """The tables with ``time`` (s) and ``boot`` beside their columns, and a sentence for each repair.
-
-    Tables without stamps, other than ``EVENTS``, are left out, and so are messages with an impossible stamp.
-    """
+    """The tables with stamps, or of ``EVENTS``, with ``time`` (s) and ``boot``, and a sentence for each repair."""
     clocks = {name: field for name, table in tables.items() for field in CLOCKS if field in table.columns}
     if not clocks:
         return {}, ()
@@ -197,8 +195,8 @@ def _on_boot_clock(tables: Mapping[str, MessageTable]) -> tuple[dict[str, Column
             before = order[np.maximum(np.searchsorted(stamped, tables[name].place) - 1, 0)]
             placed[name] = {**tables[name].columns, "time": time[before], "boot": boot[before]}
     lost = int(np.count_nonzero(impossible))
-    left_out = (f"{lost} messages with an impossible time stamp were left out.",) if lost else ()
-    return placed, (*left_out, *clock.repairs)
+    sentence = (lost, f"{lost} messages with an impossible time stamp were left out.")
+    return placed, repair_sentences(sentence) + clock.repairs
 
 
 def _parameters(logged: MessageTable) -> dict[str, float]:
@@ -214,12 +212,6 @@ def _texts(logged: MessageTable, field: str) -> list[str]:
     """The texts of one field; empty where it is missing."""
     values = logged.columns.get(field, logged.place[:0]).tolist()
     return [value.split(b"\0", 1)[0].decode("utf-8", errors="replace") for value in values if isinstance(value, bytes)]
-
-
-def _dropouts(logged: MessageTable) -> int:
-    """Messages that the logger had no room for while it wrote this log, by DSF's running count, new with each boot."""
-    counts = numbers(logged).columns.get("Dp", np.zeros(0)).astype(np.float64)
-    return int(np.nansum(np.maximum(np.diff(counts), 0)))
 
 
 def _mav_type(texts: Sequence[str], parameters: Mapping[str, float]) -> int:
@@ -243,11 +235,6 @@ def _no_flight(source: str, recording: DataflashRecording) -> str:
     if "ATT" in counts and "TIME" in counts:
         return f"{source} is a log of PX4's sdlog2, which this version does not read: PX4 1.5 and later write ULog."
     if "ATT" in counts and not any(clock in recording.table("ATT").columns for clock in CLOCKS):
-        return (
-            f"{source} is a DataFlash log without time stamps, as ArduCopter before 3.2 wrote them: give a later "
-            "version's."
-        )
-    return (
-        f"{source} is a DataFlash log, but has no attitude (ATT), motors (RCOU) or events (EV) on a boot clock: it "
-        f"holds {listed(counts)}, so name a log of a flight, or a whole copy of this one."
-    )
+        return f"{source} is a DataFlash log without time stamps, as of ArduCopter before 3.2: give a later version's."
+    lacking = f"{source} is a DataFlash log, but has no attitude (ATT), motors (RCOU) or events (EV) on a boot clock"
+    return f"{lacking}: it holds {listed(counts)}, so name a log of a flight, or a whole copy of this one."

@@ -22,11 +22,9 @@ Fields and units: https://ardupilot.org/copter/docs/logmessages.html, from ArduP
 RATE has the rates that MAVLink's ATTITUDE sends, filtered and without the gyro bias that the estimator finds. IMU has
 the bias still, and is used only where RATE was logged slower than both it and the angles, or not at all.
 
-Rates and angles that were asked for are messages of ATTITUDE_TARGET of their own, at the stamps of RATE and of ATT or
-ANG; the other is masked there.
-
+Rates and angles that were asked for are messages of ATTITUDE_TARGET of their own, in which the other is masked.
 ArduCopter before 3.4 called RATE's columns otherwise for a time, and logged them in centidegrees/s, the demands as
--4500 to 4500, and AOut as 0 to 1000. ``Translation.notes`` say where that was found.
+-4500 to 4500, and AOut as 0 to 1000. Notes say where that was found.
 
 EV's ids are ``LogEvent`` in ArduPilot's ``libraries/AP_Logger/AP_Logger.h``. A log may begin after take-off, so an
 event also gives the state before it. Where that is not the state after the event before, one between them was not
@@ -36,7 +34,6 @@ logged, and the landed state is undefined, as it is after the last. A boot witho
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -44,7 +41,16 @@ from numpy.typing import NDArray
 
 from mavdem.ingest.dataflash.binary import MessageTable
 from mavdem.ingest.telemetry import Columns, joined, rows_by, selected
-from mavdem.ingest.vocabulary import ARDUPILOT, ARMED, IN_AIR, ON_GROUND, heartbeat_fields, quaternion
+from mavdem.ingest.vocabulary import (
+    ARDUPILOT,
+    ARMED,
+    IN_AIR,
+    ON_GROUND,
+    angles_target,
+    heartbeat_fields,
+    quaternion,
+    rates_target,
+)
 
 Values = NDArray[np.float64]
 
@@ -141,8 +147,8 @@ def calendar_time(tables: Mapping[str, Columns]) -> Columns | None:
     logged = selected(logged, (logged["Status"] >= FIX_3D) & (logged["GWk"] > 0))
     week, milliseconds = values(logged, ("GWk", "GMS")).T
     seconds = GPS_EPOCH + WEEK * week + milliseconds / 1e3
-    begins, ahead = zip(*LEAP_SECONDS, strict=True)
-    seconds = seconds - np.array(ahead)[np.searchsorted(begins, seconds, side="right") - 1]
+    begins, ahead = np.array(LEAP_SECONDS).T
+    seconds = seconds - ahead[np.searchsorted(begins, seconds, side="right") - 1]
     unix = np.rint(1e6 * np.where(np.isfinite(seconds), seconds, 0.0)).astype(np.uint64)
     return stamped(logged, "time_boot_ms", {"time_unix_usec": unix})
 
@@ -153,7 +159,6 @@ DEMANDS = (("ROut", "POut", "YOut"), ("RllOut", "PitOut", "YawOut"))
 DESIRED_RATES = (("RDes", "PDes", "YDes"), ("RllDes", "PitDes", "YawDes"))
 """RATE's columns by their names, and by those of ArduCopter 3.3 before its release."""
 DESIRED_ANGLES = ("DesRoll", "DesPitch", "DesYaw")
-RATES_IGNORED, ATTITUDE_IGNORED = 1 | 2 | 4, 128  # Bits of ATTITUDE_TARGET.type_mask
 OF_FLIGHT = ("ATT", "ANG", "RATE", "IMU", "RCOU", "CTUN", "XKF1", "XKF4", "NKF1", "EV", "ARM")
 """DataFlash's messages of the vehicle's motion, motors and state: a log without them is none of a flight."""
 NEEDED = (*OF_FLIGHT, "RCIN", *BATTERIES, "VIBE", "GPS")  # DataFlash's messages that are translated
@@ -172,17 +177,10 @@ LANDED_EVENTS = {28: (ON_GROUND, IN_AIR), 18: (IN_AIR, ON_GROUND)}
 ARM_STATES = {0: (ARMED, 0), 1: (0, ARMED)}  # base_mode before and after ARM with this ArmState
 
 
-@dataclass(frozen=True, eq=False)
-class Translation:
-    """MAVLink's ``messages`` by name, the name of each in the log (``names``), and a sentence for each oddity."""
-
-    messages: dict[str, Columns]
-    names: Mapping[str, str]
-    notes: tuple[str, ...]
-
-
-def translated(tables: Mapping[str, Columns], kind: int, version: tuple[int, int] | None = None) -> Translation:
-    """Returns MAVLink's messages, of DataFlash's (``tables``, one at least); one without logged data is left out.
+def translated(
+    tables: Mapping[str, Columns], kind: int, version: tuple[int, int] | None = None
+) -> tuple[dict[str, Columns], dict[str, str], tuple[str, ...]]:
+    """Returns MAVLink's messages with data in DataFlash's ``tables``, what the log calls each, and notes on oddities.
 
     ``kind`` is the vehicle's MAV_TYPE, for HEARTBEAT; ``version`` that of ArduCopter, None for others.
     """
@@ -195,34 +193,29 @@ def translated(tables: Mapping[str, Columns], kind: int, version: tuple[int, int
     changes = [_changes(tables, "EV", "Id", ARMED_EVENTS), _changes(tables, "ARM", "ArmState", ARM_STATES)]
     armed = _each_second(tables, np.concatenate(changes))
     landed = _each_second(tables, _changes(tables, "EV", "Id", LANDED_EVENTS), undefined=True)
-    messages: dict[str, Columns | None] = {
-        "ATTITUDE": attitude,
-        "SERVO_OUTPUT_RAW": _servos(tables),
-        "ACTUATOR_CONTROL_TARGET": demands,
-        "ATTITUDE_TARGET": targets,
-        "RC_CHANNELS": _sticks(tables),
-        "SYS_STATUS": volts,
-        "VIBRATION": vibration(tables),
-        "SYSTEM_TIME": calendar_time(tables),
-        "LOCAL_POSITION_NED": position,
-        "VFR_HUD": None if climb is None else stamped(climb, "", {"climb": values(climb, ("CRt",))[:, 0] / 100}),
-        "HEARTBEAT": {"time": armed[0], "boot": armed[1], **heartbeat_fields(kind, ARDUPILOT, armed[2])},
-        "EXTENDED_SYS_STATE": dict(zip(("time", "boot", "landed_state"), landed, strict=True)),
+    rising = None if climb is None else stamped(climb, "", {"climb": values(climb, ("CRt",))[:, 0] / 100})
+    named_columns: dict[str, tuple[str, Columns | None]] = {
+        "ATTITUDE": (named, attitude),
+        "SERVO_OUTPUT_RAW": ("RCOU", _servos(tables)),
+        "ACTUATOR_CONTROL_TARGET": ("RATE", demands),
+        "ATTITUDE_TARGET": (asked, targets),
+        "RC_CHANNELS": ("RCIN", _sticks(tables)),
+        "SYS_STATUS": (measured, volts),
+        "VIBRATION": ("VIBE", vibration(tables)),
+        "SYSTEM_TIME": ("GPS", calendar_time(tables)),
+        "LOCAL_POSITION_NED": (positioned, position),
+        "VFR_HUD": ("CTUN", rising),
+        "HEARTBEAT": ("", {"time": armed[0], "boot": armed[1], **heartbeat_fields(kind, ARDUPILOT, armed[2])}),
+        "EXTENDED_SYS_STATE": ("", dict(zip(("time", "boot", "landed_state"), landed, strict=True))),
     }
-    names = {"ATTITUDE": named, "SERVO_OUTPUT_RAW": "RCOU", "ACTUATOR_CONTROL_TARGET": "RATE", "VFR_HUD": "CTUN"}
-    names |= {"LOCAL_POSITION_NED": positioned, "ATTITUDE_TARGET": asked, "RC_CHANNELS": "RCIN", "SYS_STATUS": measured}
-    names |= {"VIBRATION": "VIBE", "SYSTEM_TIME": "GPS"}
-    there = {name: columns for name, columns in messages.items() if columns is not None and len(columns["time"])}
-    return Translation(there, names, (*notes, *scaled))
+    there = {name: made for name, (_, made) in named_columns.items() if made is not None and len(made["time"])}
+    return there, {name: own for name, (own, _) in named_columns.items() if own}, (*notes, *scaled)
 
 
 def _attitude(
     tables: Mapping[str, Columns], version: tuple[int, int] | None
 ) -> tuple[Columns | None, str, tuple[str, ...]]:
-    """At the stamps of the slower of angles and rates, so that neither is interpolated from too few samples.
-
-    With the name of the slower message, and what is odd about RATE.
-    """
+    """At the stamps of the slower of angles and rates; with the name of that message, and what is odd about RATE."""
     named = _faster_angles(tables, ANGLES)
     angles, gyros = having(tables, named, ANGLES), instance(having(tables, "IMU", GYROS), "I", 0)
     columns = next((names for names in RATES if having(tables, "RATE", names) is not None), RATES[0])
@@ -270,8 +263,7 @@ def _in_centidegrees(rates: Columns, speeds: Values, gyros: Columns | None, vers
 
 
 def _servos(tables: Mapping[str, Columns]) -> Columns | None:
-    pulses = _channels(tables, "RCOU")
-    if not pulses:
+    if not (pulses := _channels(tables, "RCOU")):
         return None
     none = np.zeros(len(tables["RCOU"]["time"]), dtype=np.uint16)
     outputs = {f"servo{n}_raw": pulses.get(n, none) for n in range(1, 17)}
@@ -279,22 +271,16 @@ def _servos(tables: Mapping[str, Columns]) -> Columns | None:
 
 
 def _sticks(tables: Mapping[str, Columns]) -> Columns | None:
-    pulses = _channels(tables, "RCIN")
-    if not pulses:
-        return None
-    return stamped(tables["RCIN"], "time_boot_ms", {f"chan{n}_raw": column for n, column in pulses.items()})
+    pulses = {f"chan{n}_raw": column for n, column in _channels(tables, "RCIN").items()}
+    return stamped(tables["RCIN"], "time_boot_ms", pulses) if pulses else None
 
 
 def _channels(tables: Mapping[str, Columns], name: str) -> dict[int, NDArray[np.uint16]]:
     """The pulse widths (N,), µs, of a message's channels by their numbers."""
-    logged = tables.get(name, {})
+    logged, most = tables.get(name, {}), np.iinfo(np.uint16).max
     fields = {n: field for n in range(1, 17) for field in (f"C{n}", f"Ch{n}", f"Chan{n}") if field in logged}
-    return {
-        n: np.clip(np.nan_to_num(np.asarray(logged[field], dtype=np.float64)), 0, np.iinfo(np.uint16).max).astype(
-            np.uint16
-        )
-        for n, field in fields.items()
-    }
+    pulses = {n: np.nan_to_num(np.asarray(logged[field], dtype=np.float64)) for n, field in fields.items()}
+    return {n: np.clip(column, 0, most).astype(np.uint16) for n, column in pulses.items()}
 
 
 def _targets(tables: Mapping[str, Columns], version: tuple[int, int] | None) -> tuple[Columns | None, str]:
@@ -308,28 +294,17 @@ def _targets(tables: Mapping[str, Columns], version: tuple[int, int] | None) -> 
         gyros = instance(having(tables, "IMU", GYROS), "I", 0)
         centidegrees = _in_centidegrees(rates, np.radians(values(rates, measured)), gyros, version)
         asked = np.radians(values(rates, desired)) / (100 if centidegrees else 1)
-        parts.append(_target(rates, asked, np.full((len(asked), 4), np.nan), ATTITUDE_IGNORED))
+        parts.append(stamped(rates, "time_boot_ms", rates_target(asked)))
         names.append("RATE")
     angles = having(tables, named, DESIRED_ANGLES)
     if angles is not None:
         q = quaternion(*np.radians(values(angles, DESIRED_ANGLES)).T)
-        parts.append(_target(angles, np.full((len(q), 3), np.nan), q, RATES_IGNORED))
+        parts.append(stamped(angles, "time_boot_ms", angles_target(q)))
         names.append(named)
-    return _merged(parts), " and ".join(names) or "RATE"
-
-
-def _merged(parts: list[Columns]) -> Columns | None:
-    """Parts of one message in the order of time; None without any."""
     if not parts:
-        return None
+        return None, "RATE"
     together = joined(parts)
-    return selected(together, np.lexsort((together["time"], together["boot"])))
-
-
-def _target(logged: Columns, rates: Values, q: Values, type_mask: int) -> Columns:
-    fields = dict(zip(("body_roll_rate", "body_pitch_rate", "body_yaw_rate"), rates.T, strict=True))
-    masks = np.full(len(q), type_mask, dtype=np.uint8)
-    return stamped(logged, "time_boot_ms", {"type_mask": masks, "q": q, **fields})
+    return selected(together, np.lexsort((together["time"], together["boot"]))), " and ".join(names)
 
 
 def _demands(tables: Mapping[str, Columns]) -> tuple[Columns | None, tuple[str, ...]]:

@@ -102,14 +102,8 @@ def _messages(
     fields = {name: definition.wire.fields[name][:2] for name in names} if definition.wire.fields else {}
     first = min(offset for _, offset in fields.values())
     width = max(offset + kind.itemsize for kind, offset in fields.values()) - first
-    wire = np.dtype(
-        {
-            "names": list(fields),
-            "formats": [kind for kind, _ in fields.values()],
-            "offsets": [offset - first for _, offset in fields.values()],
-            "itemsize": width,
-        }
-    )
+    kinds, offsets = [kind for kind, _ in fields.values()], [offset - first for _, offset in fields.values()]
+    wire = np.dtype({"names": list(fields), "formats": kinds, "offsets": offsets, "itemsize": width})
     payload = start + np.where(data[start] == MARKER_1, HEADER_1, HEADER) + first
     inside = int(np.searchsorted(payload, len(data) - width, side="right"))
     table = rows_of(data, payload[:inside], width)

@@ -250,10 +250,7 @@ def identity(heartbeats: Columns) -> tuple[str, str]:
 def _messages(
     data: Bytes, sent: Mapping[int, Starts], received: Callable[[Places], Times], source: str
 ) -> tuple[dict[str, _Columns], tuple[str, ...]]:
-    """The good frames of one component, which begin at ``sent`` by message id, as columns by name on the boot clock.
-
-    And a sentence for each repair of the clock.
-    """
+    """The good frames of one component by message id, as columns by name on the boot clock; repairs of its clock."""
     kinds = [(definitions()[message_id], starts) for message_id, starts in sent.items()]
     clock = boot_clock([_sent(data, definition, starts, source) for definition, starts in kinds], received)
     return {

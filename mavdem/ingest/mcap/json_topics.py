@@ -1,10 +1,10 @@
 """MAVLink messages in JSON topics of a recording, as frames by sender.
 
 There are two layouts: the fields at top level, or BlueOS's ``{"header": {"system_id", "component_id", "sequence",
-"message_id"}, "message": {"type": "ATTITUDE", ...fields}}``. There a field that is itself called ``type`` is
-``mavtype``, an enum's value is ``{"type": "MAV_TYPE_QUADROTOR"}``, a bitmask ``{"bits": 81}`` or ``"A | B"``, and a
-text is an array of its characters. Numbers are those of JSON5, with NaN and Infinity; plain JSON has null for NaN.
-Source: the JSON of rust-mavlink (https://github.com/mavlink/rust-mavlink, ``serde`` feature), which BlueOS records.
+"message_id"}, "message": {"type": "ATTITUDE", ...fields}}``, where a field called ``type`` is ``mavtype``, an enum's
+value is ``{"type": "MAV_TYPE_QUADROTOR"}``, a bitmask ``{"bits": 81}`` or ``"A | B"``, and a text an array of its
+characters. Numbers are those of JSON5; plain JSON has null for NaN. Source: the JSON of rust-mavlink
+(https://github.com/mavlink/rust-mavlink, ``serde`` feature), which BlueOS records.
 """
 
 from __future__ import annotations
@@ -32,9 +32,7 @@ from mavdem.ingest.telemetry import repair_sentences
 
 NOT_SENT = object()  # Value of a field that the JSON lacks
 NO_SEQUENCE = -1
-
-# Texts may contain control characters.
-_PARSER = json.JSONDecoder(strict=False)
+_PARSER = json.JSONDecoder(strict=False)  # texts may contain control characters
 
 
 class Written(NamedTuple):
@@ -53,23 +51,19 @@ def parse(body: bytes) -> Written | None:
     document = _document(body)
     if not isinstance(document, dict):
         return None
-    message = document.get("message")
+    message, header = document.get("message"), document.get("header")
     if not isinstance(message, dict):
         return Written(document)
-    header = document.get("header")
-    header = header if isinstance(header, dict) else {}
-    sequence = _within(header.get("sequence"), 255)
-    name = message.pop("type", None)
+    numbers = header if isinstance(header, dict) else {}
+    sequence, system, component, message_id = (
+        value if type(value := numbers.get(name)) is int and 0 <= value <= most else None
+        for name, most in (("sequence", 255), ("system_id", 255), ("component_id", 255), ("message_id", 0xFFFFFF))
+    )
+    called = message.pop("type", None)
     if "mavtype" in message:
         message["type"] = message["mavtype"]
-    return Written(
-        message,
-        NO_SEQUENCE if sequence is None else sequence,
-        _within(header.get("system_id"), 255),
-        _within(header.get("component_id"), 255),
-        _within(header.get("message_id"), 0xFFFFFF),
-        name if isinstance(name, str) else None,
-    )
+    name = called if isinstance(called, str) else None
+    return Written(message, NO_SEQUENCE if sequence is None else sequence, system, component, message_id, name)
 
 
 def payloads(
@@ -106,10 +100,6 @@ def _document(body: bytes) -> Any:
         # Rust prints an infinity so, instead of JSON5's Infinity.
         repaired = re.sub(rb"(?<=[:,\[])\s*(-?)inf(?=\s*[,\]}])", rb"\1Infinity", body)
         return None if repaired == body else _document(repaired)
-
-
-def _within(value: Any, most: int) -> int | None:
-    return value if type(value) is int and 0 <= value <= most else None
 
 
 @cache
@@ -203,7 +193,7 @@ def _texts(values: list[Any], size: int) -> tuple[NDArray[Any], NDArray[np.bool_
 
 
 def _text(value: Any) -> bytes | None:
-    """A text's bytes; in JSON it is a string, or an array of its characters or of their codes."""
+    """A text's bytes; in JSON it is a string, or an array of its characters or of their codes, a byte each."""
     if value is NOT_SENT or value is None:
         return b""
     if isinstance(value, str):
@@ -217,10 +207,8 @@ def _text(value: Any) -> bytes | None:
 
 
 BATCH = 4096  # Messages of one topic that are parsed together: parsed, they take ten times the memory of their payloads
-NAME_PATTERN = re.compile(rb'"type"\s*:\s*"(\w+)"')
-SYSTEM_PATTERN, COMPONENT_PATTERN = (
-    re.compile(rb'"%s"\s*:\s*(\d+)' % name) for name in (b"system_id", b"component_id")
-)
+KIND_PATTERNS = [re.compile(rb'"%s"\s*:\s*(\d{1,3})\b' % name) for name in (b"system_id", b"component_id")]
+KIND_PATTERNS.append(re.compile(rb'"type"\s*:\s*"(\w+)"'))
 
 
 class JsonTopic(NamedTuple):
@@ -271,11 +259,9 @@ class _JsonMessages:
             sender, good = self.kind.sender, np.concatenate(self.good)
             data, frames = composed_frames(np.concatenate(self.payloads), definition, sender, sequence, good)
         elif self.message_id is not None:
-            sender, none = self.kind.sender, np.zeros(len(sequence), dtype=np.int64)
-            system, component, verdict = (
-                np.full(len(none), number, dtype=np.uint8) for number in (sender.system, sender.component, UNKNOWN)
-            )
-            data, ids = np.zeros(0, dtype=np.uint8), none + self.message_id
+            data, none, one = np.zeros(0, np.uint8), np.zeros(len(sequence), np.int64), np.ones(len(sequence), np.uint8)
+            system, component = self.kind.sender.system * one, self.kind.sender.component * one
+            ids, verdict = none + self.message_id, UNKNOWN * one
             frames = Frames(none, none, none, none, ids, system, component, sequence, verdict)
         else:
             return None
@@ -283,10 +269,7 @@ class _JsonMessages:
 
 
 class JsonTopics:
-    """The JSON messages of a recording, each once.
-
-    Messages of a damaged chunk are left out: JSON has no checksum that shows a wrong digit.
-    """
+    """The JSON messages of a recording, each once; none of a damaged chunk: no checksum shows a wrong digit there."""
 
     def __init__(self, own: Collection[JsonTopic], left_out: Collection[FrameSender]) -> None:
         """Starts with the messages that have a topic of their own, and the senders that are read from frames."""
@@ -311,11 +294,11 @@ class JsonTopics:
         """Adds a message of the topic that repeats the others, unless it has one of its own."""
         if self._likely_kind(message.data) in self._own:
             return
-        kind = self._kind(message.data) if message.sound else None
-        if kind is None:
+        written = parse(message.data) if message.sound else None
+        if written is None or written.name is None or written.system is None or written.component is None:
             self._unnamed += message.sound
             self._damaged += not message.sound
-        elif kind not in self._own:
+        elif (kind := JsonTopic(FrameSender(written.system, written.component), written.name)) not in self._own:
             self.add(kind, place, message)
 
     def parts(self) -> Iterator[RecordingPart]:
@@ -349,19 +332,8 @@ class JsonTopics:
 
     def _likely_kind(self, body: bytes) -> JsonTopic | None:
         """The likely topic of a body, by its first matches: parsing it would take three times as long."""
-        found = [pattern.search(body) for pattern in (SYSTEM_PATTERN, COMPONENT_PATTERN, NAME_PATTERN)]
-        if not all(found):
-            return None
-        system, component, name = (match[1].decode() for match in found if match is not None)
-        if len(system) > 3 or len(component) > 3:
-            return None
-        return JsonTopic(FrameSender(int(system), int(component)), name)
-
-    def _kind(self, body: bytes) -> JsonTopic | None:
-        written = parse(body)
-        if written is None or written.name is None or written.system is None or written.component is None:
-            return None
-        return JsonTopic(FrameSender(written.system, written.component), written.name)
+        found = [match[1].decode() for pattern in KIND_PATTERNS if (match := pattern.search(body))]
+        return JsonTopic(FrameSender(int(found[0]), int(found[1])), found[2]) if len(found) == 3 else None
 
 
 def _numbered(sequence: NDArray[np.int64], places: Places) -> Bytes:

@@ -27,7 +27,7 @@ from mavdem.ingest.mavlink.framing import GOOD, MARKER_1, MARKER_2, Progress, fi
 from mavdem.ingest.mavlink.vehicles import FrameIndex, FrameStream, RecordingPart, assemble, joined
 from mavdem.ingest.mcap.json_topics import JsonTopic, JsonTopics
 from mavdem.ingest.mcap.records import Channel, McapMessage, McapRecording
-from mavdem.ingest.ros2.topics import flight_topics
+from mavdem.ingest.ros2.log import flight_topics, read_ros2
 from mavdem.ingest.telemetry import Log, listed
 from mavdem.ingest.tlog import MAX_STAMP_JUMP, STAMP_WINDOW
 
@@ -39,10 +39,9 @@ NO_FRAMES = JSON | {"ros1", "cdr", "protobuf", "flatbuffer", "cbor", "msgpack"}
 
 
 def read_mcap(path: str | os.PathLike[str], progress: Progress | None = None) -> Log:
-    """Reads the MAVLink in an MCAP recording, or else the flights in its ROS 2 topics.
+    """Reads the MAVLink in an MCAP recording, or else the flights in its ROS 2 topics, also where it is damaged.
 
-    Cut and damaged recordings are read as far as possible. Raises Unreadable: the file cannot be opened or contains
-    neither; MissingExtra: it contains ROS 2 and its reader is not installed.
+    Raises Unreadable: it cannot be opened or contains neither; MissingExtra: the reader of ROS 2 is not installed.
     """
     recording = McapRecording(file_bytes(path))
     stream, seen = _stream(os.fspath(path), recording, progress)
@@ -50,8 +49,6 @@ def read_mcap(path: str | os.PathLike[str], progress: Progress | None = None) ->
         if not flight_topics(recording.channels.values(), recording.schemas):
             raise Unreadable(_nothing_in(path, recording, seen))
         require(f"{os.fspath(path)} is a ROS 2 recording, which", "ros2")
-        from mavdem.ingest.ros2.log import read_ros2
-
         return read_ros2(recording, os.fspath(path), _within(progress, 0.5, 1.0))
     index = FrameIndex(len(stream.data), seeds())
     index.add(stream.frames)
@@ -167,17 +164,13 @@ def _own_kinds(channels: Sequence[Channel]) -> dict[Channel, JsonTopic]:
         for channel, topic in topics.items()
         if topic is not None and max(int(topic[1]), int(topic[2])) <= 255
     }
-    with_headers = {kind for channel, kind in kinds.items() if not channel.topic.startswith("/")}
-    return {
-        channel: kind for channel, kind in kinds.items() if not (channel.topic.startswith("/") and kind in with_headers)
-    }
+    headed = {kind for channel, kind in kinds.items() if not channel.topic.startswith("/")}
+    return {channel: kind for channel, kind in kinds.items() if channel.topic[:1] != "/" or kind not in headed}
 
 
 def _within(progress: Progress | None, first: float, last: float) -> Progress | None:
     """Progress of a step from one fraction to another."""
-    if progress is None:
-        return None
-    return lambda fraction: progress(first + (last - first) * fraction)
+    return progress and (lambda fraction: progress(first + (last - first) * fraction))
 
 
 def _received(stamps: NDArray[np.uint64]) -> Times:
@@ -191,20 +184,14 @@ def _received(stamps: NDArray[np.uint64]) -> Times:
 
 def _nothing_in(path: str | os.PathLike[str], recording: McapRecording, messages: int) -> str:
     if messages:
-        return (
-            f"{os.fspath(path)} is an MCAP recording of {messages} messages that look like MAVLink, but none matches "
-            "a dialect that pymavlink has: it is of another dialect or damaged throughout."
-        )
+        what = f"is an MCAP recording of {messages} messages that look like MAVLink, but none matches a dialect "
+        return f"{os.fspath(path)} {what}that pymavlink has: it is of another dialect or damaged throughout."
     if flight_topics(recording.channels.values(), recording.schemas):
-        return (
-            f"{os.fspath(path)} is an MCAP recording of ROS 2 topics, not of MAVLink: it can be learnt from, or "
-            "converted to a table (.csv), but not to a stream of MAVLink."
-        )
+        what = "is an MCAP recording of ROS 2 topics, not of MAVLink: it can be learnt from, or converted to a table"
+        return f"{os.fspath(path)} {what} (.csv), but not to a stream of MAVLink."
     names = {channel.topic for channel in recording.channels.values()}
     if names >= {"flight/inputs", "flight/outputs"}:  # of mavdem.export.channels
         return f"{os.fspath(path)} was written by `mavdem learn` for viewers: name the log of the flight instead."
     contents = f"its topics are {listed(names)}" if names else "nothing in it can be read"
-    return (
-        f"{os.fspath(path)} is an MCAP recording without MAVLink and without topics of PX4 or MAVROS ({contents}): "
-        "record mavlink/…, or in ROS 2 /fmu/out/… or /mavros/…."
-    )
+    what = f"is an MCAP recording without MAVLink and without topics of PX4 or MAVROS ({contents}): record mavlink/…,"
+    return f"{os.fspath(path)} {what} or in ROS 2 /fmu/out/… or /mavros/…."

@@ -10,6 +10,7 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -43,7 +44,7 @@ class Channel(NamedTuple):
 
 
 class Schema(NamedTuple):
-    """The type of messages: its ``name`` and its definition, ``text``, in an ``encoding``."""
+    """The type of messages, with its definition, ``text``."""
 
     name: str
     encoding: str
@@ -244,17 +245,15 @@ def _text(content: bytes, place: int, stop: int) -> tuple[str | None, int]:
 
 def _unpacked(compression: str, packed: bytes, most: int) -> tuple[bytes, bool]:
     """The records of a chunk as far as they can be unpacked, and whether they are whole; ``most`` of their bytes."""
-    pieces: list[bytes] = []
-    size = 0
-    try:
+    records, whole = bytearray(), compression in ("", "zstd", "lz4")
+    with suppress(zstandard.ZstdError, RuntimeError, MemoryError):  # RuntimeError: from lz4
         for piece in _pieces(compression, packed):
-            size += len(piece)
-            if size > most:
-                return b"".join(pieces), False
-            pieces.append(piece)
-    except (zstandard.ZstdError, RuntimeError, MemoryError):  # RuntimeError: from lz4
-        return b"".join(pieces), False
-    return b"".join(pieces), compression in ("", "zstd", "lz4")
+            if len(records) + len(piece) > most:
+                break
+            records += piece
+        else:
+            return bytes(records), whole
+    return bytes(records), False
 
 
 def _pieces(compression: str, packed: bytes) -> Iterator[bytes]:

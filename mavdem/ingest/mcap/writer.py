@@ -104,8 +104,7 @@ def _bodies(stream: FrameStream, rows: NDArray[np.int64]) -> list[tuple[str | No
         values_by_row = zip(*(_values(values[name], definition, name) for name in definition.fields), strict=True)
         keys = [_key(name) for name in definition.fields]
         for at, row in zip(same.tolist(), values_by_row, strict=True):
-            system, component = int(frames.system[at]), int(frames.component[at])
-            sequence = int(frames.sequence[at])
+            system, component, sequence = (int(n[at]) for n in (frames.system, frames.component, frames.sequence))
             header = dict(zip(HEADER_FIELDS, (system, component, sequence, message_id), strict=True))
             message = {"type": definition.name, **dict(zip(keys, row, strict=True))}
             bodies[at] = f"mavlink/{system}/{component}/{definition.name}", {"header": header, "message": message}
@@ -122,11 +121,8 @@ def _values(column: NDArray[Any], definition: MessageDefinition, name: str) -> l
         return [value.decode("utf-8", errors="replace") for value in column.tolist()]
     if column.dtype.kind == "f":
         return _numbers(column)
-    entries = _entries(definition, name)
-    if entries and column.ndim == 1:
-        return [{"type": entries[value]} if value in entries else value for value in column.tolist()]
-    listed: list[Any] = column.tolist()
-    return listed
+    entries, listed = _entries(definition, name) if column.ndim == 1 else {}, column.tolist()
+    return [{"type": entries[value]} if value in entries else value for value in listed] if entries else listed
 
 
 def _entries(definition: MessageDefinition, name: str) -> dict[int, str]:
@@ -149,10 +145,9 @@ def _numbers(column: NDArray[Any]) -> list[Any]:
 def _schema(stream: FrameStream, row: int) -> dict[str, Any]:
     """The JSON Schema of the row's message."""
     definition = definitions()[int(stream.frames.message_id[row])]
-    header = {name: {"type": "integer"} for name in HEADER_FIELDS}
-    message = {"type": {"type": "string"}}
-    message |= {_key(name): _field_schema(definition, name) for name in definition.fields}
-    return _object({"header": _object(header), "message": _object(message)})
+    header = _object({name: {"type": "integer"} for name in HEADER_FIELDS})
+    fields = {_key(name): _field_schema(definition, name) for name in definition.fields}
+    return _object({"header": header, "message": _object({"type": {"type": "string"}, **fields})})
 
 
 def _field_schema(definition: MessageDefinition, name: str) -> dict[str, Any]:

@@ -15,18 +15,16 @@ from array import array
 from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from itertools import chain
 from operator import attrgetter
 from typing import Any, NamedTuple
 
 import numpy as np
 from mcap import records
-from mcap_ros2.decoder import DecoderFactory
 from numpy.typing import NDArray
 
 from mavdem.ingest.mcap.records import Schema
-from mavdem.ingest.ros2.topics import CDR
 
+CDR = "cdr"  # Message encoding of rosbag2 (https://mcap.dev/spec/registry)
 DEFINITION = "ros2msg"  # Schema encoding of rosbag2 (https://mcap.dev/spec/registry)
 Decoder = Callable[[bytes], Any]
 
@@ -42,7 +40,7 @@ class TopicColumns(NamedTuple):
     texts: Counter[str]
 
 
-MAX_CHARACTERS = 1 << 16  # Characters of a definition; PX4's longest, vehicle_status, has 7000
+MAX_CHARACTERS = 1 << 16  # Of a definition; PX4's longest, vehicle_status, has 7000
 MAX_VALUES = 1000
 """Values in one message, those of a fixed array counted one by one; PX4's and MAVROS's messages hold up to 100."""
 PRIMITIVES = frozenset(
@@ -62,25 +60,14 @@ _CONSTANT = re.compile(r"[a-z0-9]+(?:<=\d+)?\s+[A-Z][A-Z0-9_]*\s*=.*", re.ASCII)
 
 
 class _RosField(NamedTuple):
-    """A field: ``of`` is a primitive or a message's "package/Name", ``array`` as the text writes one: "[4]" or "[<=4]".
-
-    ``size`` is that of a fixed array; 0 for others and for single values.
-    """
-
-    of: str
-    array: str
-    size: int
+    of: str  # a primitive or a message's "package/Name"
+    array: str  # as the text writes it: "[4]" or "[<=4]"
+    size: int  # of a fixed array; 0 for others and for single values
     name: str
 
 
-class _Size(NamedTuple):
-    """Of a message: its number of ``values``, and of ``levels`` of nested messages."""
-
-    values: int
-    levels: int
-
-
-BUILT_IN = {"builtin_interfaces/Time": _Size(2, 0), "builtin_interfaces/Duration": _Size(2, 0)}
+_Size = tuple[int, int]  # Of a message: its number of values, and of levels of nested messages
+BUILT_IN: dict[str, _Size] = dict.fromkeys(("builtin_interfaces/Time", "builtin_interfaces/Duration"), (2, 0))
 """Messages that definitions use without defining them."""
 
 
@@ -93,7 +80,7 @@ def rewritten(name: str, text: str) -> str | None:
     package, _, short = name.partition("/msg/")
     own = f"{package}/{short}"
     messages = _messages(own, text) if len(text) <= MAX_CHARACTERS else None
-    if messages is None or (size := _size(own, messages, {}, 0)) is None or size.values > MAX_VALUES:
+    if messages is None or (size := _size(own, messages, {}, 0)) is None or size[0] > MAX_VALUES:
         return None
     written = {of: "\n".join(f"{field.of}{field.array} {field.name}" for field in messages[of]) for of in messages}
     first = written.pop(own)
@@ -114,20 +101,13 @@ def _messages(own: str, text: str) -> dict[str, list[_RosField]] | None:
                 return None
             messages[current] = []
             continue
-        field = _field(line, current.partition("/")[0])
-        if field is None:
+        found = _FIELD.fullmatch(line)
+        if found is None or (found["longest"] and found["of"] != "string"):
             return None
-        messages[current].append(field)
+        local = found["of"] not in PRIMITIVES and "/" not in found["of"]
+        kind = f"{current.partition('/')[0]}/{found['of']}" if local else found["of"]
+        messages[current].append(_RosField(kind, found["array"] or "", int(found["size"] or 0), found["name"]))
     return messages
-
-
-def _field(line: str, package: str) -> _RosField | None:
-    """The field of a line; ``package`` is that of the message it is in."""
-    found = _FIELD.fullmatch(line)
-    if found is None or (found["longest"] and found["of"] != "string"):
-        return None
-    of = found["of"] if found["of"] in PRIMITIVES or "/" in found["of"] else f"{package}/{found['of']}"
-    return _RosField(of, found["array"] or "", int(found["size"] or 0), found["name"])
 
 
 def _size(name: str, messages: dict[str, list[_RosField]], known: dict[str, _Size], depth: int) -> _Size | None:
@@ -145,19 +125,19 @@ def _size(name: str, messages: dict[str, list[_RosField]], known: dict[str, _Siz
         # A cycle ends here; a message that was counted before, at another depth, has its levels.
         endless = depth >= MAX_DEPTH or (field.array and not field.size)
         each = None if endless else _size(field.of, messages, known, depth + 1)
-        if each is None or depth + 1 + each.levels > MAX_DEPTH:
+        if each is None or depth + 1 + each[1] > MAX_DEPTH:
             return None
-        values += each.values * max(field.size, 1)
-        levels = max(levels, 1 + each.levels)
-    known[name] = _Size(values or 1, levels)  # ROS 2 sends a byte for a message without fields
+        values += each[0] * max(field.size, 1)
+        levels = max(levels, 1 + each[1])
+    known[name] = values or 1, levels  # ROS 2 sends a byte for a message without fields
     return known[name]
 
 
 def decoder(schema: Schema) -> Decoder | None:
     """Returns the decoder of a type; None where its definition is damaged, malicious, or in another language."""
-    if schema.encoding != DEFINITION:
-        return None
-    if (text := rewritten(schema.name, schema.text)) is None:
+    from mcap_ros2.decoder import DecoderFactory  # of an extra that need not be installed
+
+    if schema.encoding != DEFINITION or (text := rewritten(schema.name, schema.text)) is None:
         return None
     try:
         plain = records.Schema(id=1, data=text.encode(), encoding=DEFINITION, name=schema.name)
@@ -195,8 +175,7 @@ class RosTopicReader:
 
     def table(self) -> TopicColumns:
         """The values of all messages."""
-        elements = ([f"{field}[{n}]" for n in range(count)] or [field] for field, count in self._numbers)
-        names = list(chain.from_iterable(elements))
+        names = [one for field, n in self._numbers for one in ([f"{field}[{i}]" for i in range(n)] or [field])]
         values = np.frombuffer(self._values, dtype=np.float64).reshape(len(self._places), len(names))
         places = np.frombuffer(self._places, dtype=np.int64)
         return TopicColumns(dict(zip(names, values.T, strict=True)), places, self._texts_counted)

@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 
 from mavdem.dem.order_choice import STRONG_EVIDENCE_NATS, OrderChoice
 from mavdem.evaluate.comparison import Comparison
+from mavdem.evaluate.scores import FROM_ZERO, KNOWN, ratio
 from mavdem.report.figures.style import HAIRLINE, legend_above, picture
 from mavdem.report.palette import BASELINE, DISTINCT, HELD_OUT_OPACITY, MEASURED, PREDICTED, distinct
 
@@ -24,20 +25,11 @@ MANY_FLIGHTS = 6  # from which on flights are not named
 
 
 def error_ratios(comparison: Comparison, from_zero: bool = False) -> Figure:
-    """Draws the error ratio of each method in each window over the whole test part, the lowest median first.
-
-    Args:
-        comparison: of the methods; its first is drawn in the colour of predictions.
-        from_zero: whether forecasts start from state 0.
-    """
-    begun = "zero" if from_zero else "data"
-    length = {(window.flight, window.start): len(window.test) for window in comparison.windows}
-    ratios: dict[str, list[float]] = {method: [] for method in comparison.methods}
-    for row in comparison.rows():
-        whole = row["steps"] == length[row["flight"], row["start"]]
-        if whole and row["inputs"] == "known" and row["begun"] == begun:
-            ratios[row["method"]].append(np.nan_to_num(float(row["relative"]), nan=np.inf))
-    medians = {method: float(np.median(values)) for method, values in ratios.items() if values}
+    """Draws the error ratio of each method in each window over the whole test part, the lowest median first."""
+    question = FROM_ZERO if from_zero else KNOWN
+    columns = zip(comparison.methods, zip(*comparison.outcomes, strict=True), strict=True)
+    ratios = {method: [float(ratio(one.of(question))[-1]) for one in column] for method, column in columns}
+    medians = {method: float(np.median(values)) for method, values in ratios.items()}
     ranked = sorted(medians, key=medians.__getitem__)
     with picture(AROUND_ROWS_INCHES + ROW_INCHES * len(ranked)) as figure:
         axes = figure.subplots()
@@ -63,8 +55,7 @@ def error_ratios(comparison: Comparison, from_zero: bool = False) -> Figure:
 def error_growth(comparison: Comparison) -> Figure:
     """Draws the median error ratio by horizon: of the first method, the best of each other family, and held samples.
 
-    Args:
-        comparison: of the methods; of several flights, their geometric mean is drawn.
+    Of several flights, their geometric mean is drawn.
     """
     steps = [at["steps"] for at in comparison.summaries(comparison.flights[0])[0]["horizons"]]
     first = comparison.methods[0]
@@ -100,12 +91,7 @@ def error_growth(comparison: Comparison) -> Figure:
 
 
 def free_energy_by_order(choice: OrderChoice, names: Sequence[str]) -> Figure:
-    """Draws F̄ by the number of states, below its highest value, of each flight and on average.
-
-    Args:
-        choice: of the order.
-        names: of its flights.
-    """
+    """Draws F̄ by the number of states, below its highest value, of flights of these ``names`` and on average."""
     below = np.nanmax(choice.free_energy, axis=1, keepdims=True) - choice.free_energy
     mean, few = np.nanmax(choice.mean) - choice.mean, len(names) < MANY_FLIGHTS
     with picture() as figure:

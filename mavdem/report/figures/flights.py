@@ -30,41 +30,21 @@ class Panel(NamedTuple):
     lines: dict[str, Array]
     reference: float = np.nan
 
-    @property
-    def values(self) -> Array:
-        """Of all lines."""
-        return np.concatenate([np.empty(0), *(line[:, 0] for line in self.lines.values())])
-
 
 def vehicle_figure(flights: Sequence[Flight]) -> Figure:
-    """Draws what is known of at least one flight, with 90 % intervals.
-
-    Args:
-        flights: of one vehicle in order of date, the rows of each.
-
-    Raises:
-        ValueError: nothing is known.
-    """
-    panels = [
-        panel for panel in _panels(flights) if any(np.isfinite(line[:, 0]).any() for line in panel.lines.values())
-    ]
+    """Draws what is known of the ``flights`` of one vehicle, with 90 % intervals; ``ValueError`` if that is nothing."""
+    panels = [one for one in _panels(flights) if any(np.isfinite(line[:, 0]).any() for line in one.lines.values())]
     if not panels:
         raise ValueError("no quantity of its flights is known")
     rows = -(-len(panels) // COLUMNS)
     days = [f"{flight[0].date:%Y-%m-%d}" if flight[0].date else "" for flight in flights]
     marks = [(place, health) for place, flight in enumerate(flights) if (health := worst_health(flight)) in MARKS]
-    with picture(PANEL_INCHES * rows) as figure:
-        height = PANEL_INCHES * rows
+    height = PANEL_INCHES * rows
+    with picture(height) as figure:
         figure.set_size_inches(1.8 * WIDTH, height)
         figure.set_layout_engine("none")  # a figure of so many panels takes it long
-        room = {
-            "left": 0.05,
-            "right": 0.99,
-            "bottom": 0.22 / height,
-            "top": 1 - 0.36 / height,
-            "hspace": 0.75,
-            "wspace": 0.2,
-        }
+        room = {"left": 0.05, "right": 0.99, "bottom": 0.22 / height, "top": 1 - 0.36 / height}
+        room |= {"hspace": 0.75, "wspace": 0.2}
         grid = figure.subplots(rows, COLUMNS, squeeze=False, gridspec_kw=room).ravel()
         for axes, panel in zip(grid, panels, strict=False):
             _draw(axes, panel)
@@ -101,11 +81,10 @@ def _draw(axes: Axes, panel: Panel) -> None:
         else:
             band(axes, flights, values - halves, values + halves, colour)
     axes.set_title(plain(panel.title), fontsize=8, pad=12.0)
-    not_blown_up(axes, [*panel.values, panel.reference])
+    not_blown_up(axes, [*(value for line in panel.lines.values() for value in line[:, 0]), panel.reference])
     if len(panel.lines) > 1:
-        axes.legend(
-            fontsize=6.5, ncols=4, loc="lower left", bbox_to_anchor=(0.0, 0.99), handlelength=1, columnspacing=0.8
-        )
+        above = (0.0, 0.99)
+        axes.legend(fontsize=6.5, ncols=4, loc="lower left", bbox_to_anchor=above, handlelength=1, columnspacing=0.8)
 
 
 def _panels(flights: Sequence[Flight]) -> Iterator[Panel]:

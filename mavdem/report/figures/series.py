@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, MaxNLocator, NullLocator
 
-from mavdem.condition.hover import HoverFigures
+from mavdem.condition.condition import HoverFigures
 from mavdem.confidence import LEVEL, quantile
 from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
@@ -55,9 +55,8 @@ MAX_BEYOND_MEASURED = 0.5  # spans of the measured values, how far the band of a
 BOUND_LEVEL = 0.99  # share of the correlations at different lags that lie within the bounds by chance
 LAG_SECONDS = 0.5
 HIGHEST_HERTZ = 10.0  # of the spectrum: what is faster is noise of the sensors
-MIN_RANGE, MAX_RANGE = 1e2, 1e5
-"""Of the spectrum's axis, below its largest value."""
-GUST_OPACITY = 0.3
+MIN_RANGE, MAX_RANGE = 1e2, 1e5  # of the spectrum's axis, below its largest value
+
 LEAST_IMBALANCE = 5.0  # percent, that the axis shows at least: less is not worth a look
 ROW, AROUND = 0.3, 0.95  # inches: a motor, and what is above and below
 END = 1.06  # of the iterations, where the final parameters stand
@@ -68,12 +67,9 @@ SMALLEST_GAIN = 1e-3  # nats: less is no more learning
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Plots(SystemPlots):
-    """The figures of a learned model; each method returns a ``matplotlib.figure.Figure``.
+    """The figures of the model ``learned``; each method returns a ``matplotlib.figure.Figure``.
 
     Notebooks show them, and ``savefig`` writes them: as PNG or, with text that stays text, as SVG.
-
-    Attributes:
-        learned: the model with its training data.
     """
 
     learned: Learned
@@ -87,8 +83,7 @@ class Plots(SystemPlots):
 
         Args:
             held_out: the flight right after the training data, as one window; or the windows of
-                ``mavdem.evaluate.held_out_windows``; those of the training data, for which five models are trained,
-                unless given.
+                ``mavdem.evaluate.held_out_windows``, for which five models are trained unless given.
             output: which, in the order of the flight's outputs.
         """
         record, labels = self.learned.record, Labels.of(self.learned)
@@ -108,10 +103,7 @@ class Plots(SystemPlots):
 
         Correlations beyond the 99 % bounds are what the model leaves: of white residuals that do not depend on the
         command, one in a hundred would be. The bounds of the second allow for autocorrelation of both (Ljung, System
-        Identification, 2nd ed., sec. 16.6).
-
-        Args:
-            output: which, in the order of the flight's outputs; the last one, a rate, unless given.
+        Identification, 2nd ed., sec. 16.6). The ``output`` is the last one, a rate, unless given.
         """
         learned = self.learned
         labels, command, record = Labels.of(learned), AxisCommand.of(learned), learned.record
@@ -133,13 +125,10 @@ class Plots(SystemPlots):
             time, shown = with_gaps(record, sample_times(record)), with_gaps(record, unit.scale * errors)
             axes["time"].plot(time, shown, color=PREDICTED, linewidth=0.6)
             largest = 1.15 * float(np.nanmax(np.abs(shown)))
-            title = f"one-step residual of {name}: RMS {unit.scale * np.nanstd(errors):.2g} {unit.name}"
             axes["time"].set(xlabel="time since boot (s)", ylabel=f"residual ({unit.name})", ylim=(-largest, largest))
-            axes["time"].set_title(title)
-            for panel, shift, values, bound in (
-                (axes["auto"], lag[1:], auto[1:], width),
-                (axes["across"], lag, across, width * joint),
-            ):
+            axes["time"].set_title(f"one-step residual of {name}: RMS {unit.scale * np.nanstd(errors):.2g} {unit.name}")
+            panels = (axes["auto"], lag[1:], auto[1:], width), (axes["across"], lag, across, width * joint)
+            for panel, shift, values, bound in panels:
                 panel.axhspan(-bound, bound, color=BOUND, alpha=2 * HELD_OUT_OPACITY, linewidth=0)
                 panel.axhline(0, **HAIRLINE)
                 panel.vlines(shift, 0, values, color=PREDICTED, linewidth=1.3)
@@ -151,10 +140,7 @@ class Plots(SystemPlots):
         return figure
 
     def disturbance(self, truth: Array | None = None) -> Figure:
-        """Draws the wind torque over time with its 90 % band and gusts, and its spectral density.
-
-        Args:
-            truth: (T,) rad/s², of a simulated flight at the training samples.
+        """Draws the wind torque over time with band and gusts, its spectral density, and the ``truth`` (T,), rad/s².
 
         Raises:
             ValueError: there is no wind torque, since no physical parameters can be fitted.
@@ -175,7 +161,7 @@ class Plots(SystemPlots):
             above.plot(time, torque, color=DISTURBANCE, linewidth=THIN, label="wind torque")
             for number, gust in enumerate(wind.gusts):
                 ends = clock[gust.sample], clock[gust.sample] + gust.length
-                above.axvspan(*ends, color=GUST, alpha=GUST_OPACITY, linewidth=0, label="" if number else "gust")
+                above.axvspan(*ends, color=GUST, alpha=0.3, linewidth=0, label="" if number else "gust")
             above.set(xlabel="time since boot (s)", ylabel=f"wind torque ({unit.name})")
             legend_above(above)
             frequency, density, model = wind.spectrum
@@ -186,22 +172,17 @@ class Plots(SystemPlots):
             below.set(xscale="log", yscale="log", xlabel="frequency (Hz)", ylabel=f"({unit.name})²/Hz")
             top = unit.scale**2 * float(max(density.max(), model.max()))
             below.set_ylim(np.clip(below.get_ylim()[0], top / MAX_RANGE, top / MIN_RANGE), 2 * top)
-            below.xaxis.set_major_formatter("{x:g}")
+            for axis in (below.xaxis, below.yaxis):
+                axis.set_major_formatter("{x:g}")
             legend_above(below)
             if learned.physical is not None and not learned.physical.identifiable:
                 note(figure, "Control effectiveness is not identifiable in this flight, and so the wind torque is not.")
             elif wind.reason is not None:
-                note(
-                    figure,
-                    "Not resolved in this flight: expect errors about as large as the torque itself.",
-                )
+                note(figure, "Not resolved in this flight: expect errors about as large as the torque itself.")
         return figure
 
     def motors(self, hover: HoverFigures | None = None) -> Figure:
-        """Draws a row a motor: its control effectiveness and, where known, its trim deviation and its headroom.
-
-        Args:
-            hover: of ``mavdem.hover`` or ``mavdem.hover_figures``, for the same motors.
+        """Draws a row a motor: its control effectiveness and, by ``mavdem.hover``, its trim deviation and its headroom.
 
         Raises:
             ValueError: there are no physical parameters, and no ``hover``.
@@ -258,6 +239,7 @@ class Plots(SystemPlots):
             action.plot(gap, color=PREDICTED, marker="o", markersize=2.5)
             title = f"F̄ below its maximum of {energy.total.max():,.0f} nats".replace("-", "−")
             action.set(yscale="log", ylabel="nats", title=title)
+            action.yaxis.set_major_formatter("{x:g}")
 
             # Those that change most, less their last value: where F̄ increases, the sum of all does.
             change = {name: term - term[-1] for name, term in energy.terms.items()}
@@ -268,6 +250,7 @@ class Plots(SystemPlots):
             terms.set(ylabel="nats", title="terms of F̄, less their last value")
             terms.yaxis.set_major_locator(FixedLocator([-1e6, -1e3, 0, 1e3, 1e6]))
             terms.yaxis.set_minor_locator(NullLocator())
+            terms.yaxis.set_major_formatter("{x:g}")
 
             (n, r), m = learned.model.B.shape, len(learned.model.C)
             values = np.vstack([learned.learning.theta, pack(*learned.model[:3])])
@@ -295,13 +278,7 @@ class Plots(SystemPlots):
 def forecast(held: HeldOut, labels: Labelled, output: int = 0, windows: int = WINDOWS) -> Figure:
     """Draws an output beside its forecasts in some windows that no model saw, and the error in every window.
 
-    Shown in full are neighbouring windows whose errors are nearest to the median of all, not the best ones.
-
-    Args:
-        held: the windows.
-        labels: names and units of the outputs.
-        output: which, in the order of ``labels``.
-        windows: how many are shown in full.
+    Shown in full are ``windows`` neighbours whose errors are nearest to the median of all, not the best ones.
 
     Raises:
         ValueError: no windows.
@@ -345,13 +322,11 @@ def forecast(held: HeldOut, labels: Labelled, output: int = 0, windows: int = WI
 
 def typical_windows(held: HeldOut, windows: int) -> slice:
     """Returns the neighbouring windows, without a gap, whose median error ratio is nearest to that of all."""
-    ratios = np.nan_to_num(held.error_ratios(), posinf=np.finfo(float).max)
-    count = min(windows, len(held))
-    overall = np.median(ratios)
-    starts = np.arange(len(held) - count + 1)
-    gaps = np.diff(held.time[:, 0]) > 2 * held.seconds  # less is left over at the end of a part
-    broken = np.array([gaps[start : start + count - 1].any() for start in starts])
-    off = np.array([abs(np.median(ratios[start : start + count]) - overall) for start in starts])
+    ratios, count = np.nan_to_num(held.error_ratios(), posinf=np.finfo(float).max), min(windows, len(held))
+    neighbours = np.lib.stride_tricks.sliding_window_view
+    off = np.abs(np.median(neighbours(ratios, count), axis=1) - np.median(ratios))
+    gaps = np.append(np.diff(held.time[:, 0]) > 2 * held.seconds, False)  # less is left over at the end of a part
+    broken = neighbours(gaps, count)[:, : count - 1].any(axis=1)
     start = int(np.argmin(np.where(broken & ~broken.all(), np.inf, off)))
     return slice(start, start + count)
 
@@ -376,13 +351,7 @@ def _bars(axes: Axes, values: Array, half: Array, least: float, colour: str) -> 
 
 
 def live_flight(history: LiveHistory, name: str) -> Figure:
-    """Draws the first output with its predictions and their 90 % band; below, the wind torque.
-
-    What was trained on is shaded.
-
-    Args:
-        history: of the flight.
-        name: of the output, an angle.
+    """Draws the first output, an angle of this ``name``, with its predictions; below, the wind torque.
 
     Raises:
         ValueError: there was no row.

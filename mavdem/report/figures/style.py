@@ -26,8 +26,7 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.dem.record import Record
 from mavdem.report.palette import BAND_OPACITY, DISTINCT, INK_ON_LIGHT, MEASURED, PAPER_LIGHT
 
-WIDTH, HEIGHT = 5.2, 3.2
-"""Inches: letters are read at 500 pixels, and two figures stand beside each other at 1600."""
+WIDTH, HEIGHT = 5.2, 3.2  # inches: letters are read at 500 pixels, and two figures stand side by side at 1600
 MAX_VECTOR_POINTS = 1500  # of a line or a band, beyond which its pixels make a smaller file
 PIXELS_PER_INCH = 200  # of such lines, and of figures that a notebook shows: twice what a page shows
 MAX_BEYOND = 0.6  # spans of the values, how far a band may widen an axis
@@ -75,20 +74,14 @@ STYLE: Any = {
 }
 
 THIN = 0.9  # points: measured lines, of many samples
-HAIRLINE: dict[str, Any] = {"color": MEASURED, "linewidth": 0.8, "zorder": 1.5}
-"""Of zero, bounds and other lines to compare with."""
+HAIRLINE: dict[str, Any] = {"color": MEASURED, "linewidth": 0.8, "zorder": 1.5}  # of zero, bounds and the like
 
 
 class BareFigure(Figure):
     """A figure without a background, made without ``pyplot``, which notebooks show on white."""
 
     def savefig(self, fname: Any, **options: Any) -> None:
-        """Saves the figure to ``fname`` as :meth:`matplotlib.figure.Figure.savefig` does, in its own style.
-
-        Args:
-            fname: path or binary file.
-            options: of ``matplotlib.figure.Figure.savefig``, such as ``dpi`` and ``facecolor="white"``.
-        """
+        """Saves the figure as :meth:`matplotlib.figure.Figure.savefig` does, in its own style."""
         with matplotlib.rc_context(STYLE):
             super().savefig(fname, **{"dpi": PIXELS_PER_INCH} | options)
 
@@ -113,10 +106,7 @@ def picture(height: float = HEIGHT) -> Iterator[BareFigure]:
 
 
 def svg(figure: Figure, name: str) -> str:
-    """Returns the figure as an ``<svg>`` element; its ids are unique on a page if its ``name`` is.
-
-    The same figure gives the same bytes with the same version of matplotlib.
-    """
+    """Returns the figure as an ``<svg>`` element; its ids are unique on a page if its ``name`` is."""
     drawn = StringIO()
     unknown = dict.fromkeys(("Creator", "Date", "Format", "Type"))
     with matplotlib.rc_context(STYLE | {"svg.hashsalt": name}):
@@ -162,10 +152,8 @@ def note(figure: Figure, text: str) -> None:
 
 def sample_times(record: Record) -> NDArray[np.float64]:
     """Returns (T,) s of the samples of a record: on the flight's clock or, where that is not known, since the first."""
-    begins = record.begins or tuple(record.dt * record.starts)
-    return np.concatenate(
-        [begin + record.dt * np.arange(length) for begin, length in zip(begins, record.lengths, strict=True)]
-    )
+    segments = zip(record.begins or tuple(record.dt * record.starts), record.lengths, strict=True)
+    return np.concatenate([begin + record.dt * np.arange(length) for begin, length in segments])
 
 
 def with_gaps(record: Record, values: NDArray[np.float64]) -> NDArray[np.float64]:

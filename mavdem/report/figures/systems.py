@@ -26,7 +26,6 @@ from mavdem.report.palette import BAD, HELD_OUT_OPACITY, PHYSICAL, PREDICTED, TR
 
 Complex = NDArray[np.complex128]
 Truth = tuple[Array, Array, float]
-"""A (n, n) and B (n, r) of a simulated vehicle, whose first states are the outputs, and its delay, s."""
 
 DRAWS = 400
 EDGES = 50 * (1 - LEVEL), 50 * (1 + LEVEL)  # percentiles of draws: of the 90 % band
@@ -46,9 +45,7 @@ REMARK: dict[str, Any] = {"textcoords": "offset points", "fontsize": 7.5}
 class Systems(NamedTuple):
     """N linear systems ẋ = A x + b c, y = C x that one command c drives, ``delay`` seconds late.
 
-    The first is the estimate; others are draws from its uncertainty.
-
-    A (N, n, n), b (N, n), C (N, m, n), delay (N,).
+    The first is the estimate; others are draws from its uncertainty. A (N, n, n), b (N, n), C (N, m, n), delay (N,).
     """
 
     A: Array
@@ -128,13 +125,11 @@ class SystemPlots:
     learned: Learned
 
     def bode(self, output: int = -1, truth: Truth | None = None) -> Figure:
-        """Draws magnitude and phase of an output over frequency, from the axis's command, with 90 % bands.
+        """Draws magnitude and phase of an ``output`` over frequency, from the axis's command, with 90 % bands.
 
-        Of the model and, where all of them are reported, of the physical parameters.
-
-        Args:
-            output: which, in the order of the flight's outputs; the last one, a rate, unless given.
-            truth: A (n, n) and B (n, r) of a simulated vehicle, whose first states are the outputs, and its delay, s.
+        Of the model and, where all of them are reported, of the physical parameters. The output is the last one, a
+        rate, unless given; ``truth`` is A (n, n) and B (n, r) of a simulated vehicle, whose first states are the
+        outputs, and its delay, s.
         """
         learned = self.learned
         command, labels = AxisCommand.of(learned), Labels.of(learned)
@@ -146,12 +141,11 @@ class SystemPlots:
             magnitudes, phases = [], []
             for name, colour, systems in _curves(learned, command.motors, truth):
                 response = systems.over_frequency(frequency, output)
-                magnitude = unit.scale * np.abs(response)
-                phase = np.degrees(np.unwrap(np.angle(response[0])) + np.angle(response / response[0]))
-                _draw(above, frequency, magnitude, name, colour)
-                _draw(below, frequency, phase, name, colour)
-                magnitudes.append(magnitude[0])
-                phases.append(phase[0])
+                magnitudes.append(unit.scale * np.abs(response))
+                phases.append(np.degrees(np.unwrap(np.angle(response[0])) + np.angle(response / response[0])))
+                _draw(above, frequency, magnitudes[-1], name, colour)
+                _draw(below, frequency, phases[-1], name, colour)
+            magnitudes, phases = ([one[0] for one in curves] for curves in (magnitudes, phases))
             above.set(xscale="log", yscale="log")
             above.set_ylabel(f"{labels.output_names[output]} by {command.name}\n({per(unit.name, command.unit)})")
             lowest, highest = np.min(magnitudes) / MAX_WIDER, np.max(magnitudes) * MAX_WIDER
@@ -168,10 +162,8 @@ class SystemPlots:
     def step(self, truth: Truth | None = None) -> Figure:
         """Draws each output after a step of the axis's command at 0 s, from trim, with 90 % bands.
 
-        The step is as large as the standard deviation of the command in the flight, to one digit.
-
-        Args:
-            truth: A (n, n) and B (n, r) of a simulated vehicle, whose first states are the outputs, and its delay, s.
+        The step is as large as the standard deviation of the command in the flight, to one digit; ``truth`` is as for
+        :meth:`bode`.
         """
         learned = self.learned
         command, labels = AxisCommand.of(learned), Labels.of(learned)
@@ -179,10 +171,8 @@ class SystemPlots:
         time, outputs = np.linspace(0.0, STEP_SECONDS, STEP_POINTS), len(labels.output_names)
         with picture(1.5 + 1.2 * outputs) as figure:
             rows = np.atleast_1d(figure.subplots(outputs, 1, sharex=True))
-            curves = [
-                (name, colour, size * systems.after_step(time))
-                for name, colour, systems in _curves(learned, command.motors, truth)
-            ]
+            drawn = _curves(learned, command.motors, truth)
+            curves = [(name, colour, size * systems.after_step(time)) for name, colour, systems in drawn]
             for output, axes in zip(reversed(range(outputs)), rows, strict=True):
                 unit = readable(labels.output_units[output])
                 axes.axhline(0, **HAIRLINE)
@@ -190,8 +180,8 @@ class SystemPlots:
                     _draw(axes, time, unit.scale * values[..., output], name, colour)
                 axes.set_ylabel(f"{labels.output_names[output]} ({unit.name})")
                 not_blown_up(axes, [unit.scale * values[0, :, output] for *_, values in curves])
-            unit_of_step = f" {command.unit}" if command.unit else ""
-            rows[-1].set_xlabel(f"time after a step of {size:g}{unit_of_step} in the {command.name} (s)")
+            step = f"{size:g} {command.unit}".rstrip()
+            rows[-1].set_xlabel(f"time after a step of {step} in the {command.name} (s)")
             legend_above(rows[0])
             note(figure, _remark(learned))
         return figure
@@ -199,8 +189,7 @@ class SystemPlots:
     def poles(self, truth: Array | None = None) -> Figure:
         """Draws the slow poles of the model, with draws from their uncertainty; fast ones are named at the edge.
 
-        Args:
-            truth: A (n, n) of a simulated vehicle, for its poles.
+        ``truth`` is A (n, n) of a simulated vehicle.
         """
         learned = self.learned
         systems = model_systems(learned, np.ones(learned.model.B.shape[1]))
@@ -216,12 +205,11 @@ class SystemPlots:
             inside = (drawn.real > left) & (drawn.real < right) & (drawn.imag > bottom) & (drawn.imag < top)
             cloud: dict[str, Any] = {"color": PREDICTED, "alpha": 0.45, "markersize": 3, "markeredgewidth": 0}
             axes.plot(drawn[inside].real, drawn[inside].imag, ".", **cloud)
-            axes.plot(
-                values.real, values.imag, "x", color=PREDICTED, markersize=7, markeredgewidth=2, label="DEM's model"
-            )
             _physical(axes, learned.physical)
-            if len(true):
-                axes.plot(true.real, true.imag, "+", color=TRUTH, markersize=9, markeredgewidth=2, label="truth")
+            crosses = ("x", 7, PREDICTED, "DEM's model", values), ("+", 9, TRUTH, "truth", true)
+            for marker, size, colour, label, at in crosses[: 1 + bool(len(true))]:
+                style: dict[str, Any] = {"color": colour, "markersize": size, "markeredgewidth": 2, "label": label}
+                axes.plot(at.real, at.imag, marker, **style)
             axes.set(xlabel="real part (1/s)", ylabel="imaginary part (rad/s)")
             _label(axes, values[slow])
             if not slow.all():
@@ -240,11 +228,8 @@ def _curves(learned: Learned, motors: Array, truth: Truth | None) -> Iterator[tu
     yield "DEM's model", PREDICTED, model_systems(learned, motors)
     if truth is not None:
         A, B, delay = truth
-        yield (
-            "truth",
-            TRUTH,
-            Systems(A[None], (B @ motors)[None], np.eye(outputs, len(A))[None], np.array([float(delay)])),
-        )
+        known = A, B @ motors, np.eye(outputs, len(A)), np.array(delay)
+        yield "truth", TRUTH, Systems(*(one[None] for one in known))
 
 
 def _draw(axes: Axes, x: Array, values: Array, name: str, colour: str) -> None:

@@ -18,13 +18,11 @@ from mavdem.view.plots import BOOT_CLOCK, blueprint
 
 FLIGHT_SECONDS, LEARNING_SECONDS = 20.0, 120.0  # in view
 LEGEND_SHARE, WIDE_LEGEND_SHARE = 0.22, 0.35  # of the time in view, left free on the right for the legend
-FIGURES = 4  # Markdown documents above the plots
 UNKNOWN = "–"
 LEGEND = (
-    "y ← x is the entry of A or B from x to y, in degrees and seconds. An error ratio is beside the better of the last "
-    "sample and the mean. Surprise is how far F(t) is below its recent median: 1 is the worst of twenty samples. A "
-    f"mark is where it stays above what is usual in this flight; one in {FALSE_MARK_SECONDS / 60:.0f} minutes is "
-    "expected without a change."
+    "An error ratio is beside the better of the last sample and the mean. Surprise is how far F(t) is below its recent "
+    "median: 1 is the worst of twenty samples. A mark is where it stays above what is usual in this flight; one in "
+    f"{FALSE_MARK_SECONDS / 60:.0f} minutes is expected without a change."
 )
 
 
@@ -64,7 +62,7 @@ def live_blueprint(channels: Channels, root: str = "") -> rrb.Blueprint:
     log_columns = rrb.archetypes.TextLogColumns(timeline_columns=[BOOT_CLOCK], text_log_columns=["LogLevel", "Body"])
     flight = rrb.Vertical(
         rrb.Horizontal(
-            *(rrb.TextDocumentView(origin=f"figures/{i}", name=f"Figure {i}", titlebar=False) for i in range(FIGURES))
+            *(rrb.TextDocumentView(origin=f"figures/{i}", name=f"Figure {i}", titlebar=False) for i in range(4))
         ),
         rrb.Horizontal(
             rrb.Vertical(
@@ -82,9 +80,7 @@ def live_blueprint(channels: Channels, root: str = "") -> rrb.Blueprint:
     model = rrb.Grid(
         plot("λ: log precisions of the noise", "noise_precisions", LEARNING_SECONDS),
         plot("F̄ of the learner's memory, nats", "free_energy_action", LEARNING_SECONDS),
-        plot("A: motion from motion, 1/s and 1/s²", "parameters/A", LEARNING_SECONDS),
-        plot("B: motion from motors, degrees and s", "parameters/B", LEARNING_SECONDS),
-        grid_columns=2,
+        grid_columns=1,
         name="Model",
     )
     details = rrb.Vertical(
@@ -104,9 +100,7 @@ def figures(channels: Channels, status: SessionStatus, row: ViewRow, until: floa
     ``row`` is the latest one that was trained on, or the latest; the model was learned ``until`` s of the boot clock.
     """
     output, now, unit = channels.output_names[0], row.estimate, readable("rad/s²")
-    state = "learning" if not status.obstacle and until is not None else "waiting"
-    if status.alarm:
-        state = "alarm"
+    state = "alarm" if status.alarm else "waiting" if status.obstacle or until is None else "learning"
     said = status.alarm or _reason(status, until)
     shown = {"State": (f"{state}, {status.learned * channels.dt:.0f} s learned", said)}
     error = torque = effect = (UNKNOWN, "")
@@ -119,14 +113,9 @@ def figures(channels: Channels, status: SessionStatus, row: ViewRow, until: floa
         torque = f"{plus_minus(*sizes)} {unit.name}", "now, steady part included (90 %)"
     if now is not None and now.physical is not None:
         physical, names = now.physical, (f"{unit.name} per {channels.input_units[0] or 'unit'}", "1/s")
-        pairs = (
-            [unit.scale * value for value in physical.mean_effect(LEVEL)],
-            (physical.damping, physical.interval(LEVEL).damping),
-        )
-        words = [
-            f"{plus_minus(*pair)} {name}" if isfinite(pair[1]) else "not identifiable"
-            for pair, name in zip(pairs, names, strict=True)
-        ]
+        mean = [unit.scale * value for value in physical.mean_effect(LEVEL)]
+        pairs = zip((mean, (physical.damping, physical.interval(LEVEL).damping)), names, strict=True)
+        words = [f"{plus_minus(*pair)} {name}" if isfinite(pair[1]) else "not identifiable" for pair, name in pairs]
         effect = words[0], f"rate damping {words[1]}"
     shown |= {f"Error of the predicted {output}": error, "Wind torque": torque, "Control effectiveness": effect}
     return tuple(f"{name}\n### {value}\n{remark}" for name, (value, remark) in shown.items())

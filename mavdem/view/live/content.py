@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections import defaultdict, deque
-from collections.abc import Callable, Sequence
+from collections import deque
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 
 from mavdem.dem import Estimate, Learned, LinearModel
 from mavdem.dem.engine.linalg import Array
-from mavdem.dem.engine.model import pack
 from mavdem.dem.graybox.wind import LEVEL_SECONDS, gusts
+from mavdem.dem.priors import hyperparameter_groups
 from mavdem.dem.record import Record
 from mavdem.live.history import AHEAD
-from mavdem.report.numbers import place, readable
+from mavdem.report.numbers import Labelled, place, readable, state_names
 from mavdem.report.palette import BAD, BAND_OPACITY, BOUND, COMMAND, DISTURBANCE, MEASURED, PREDICTED, distinct
-from mavdem.view.plots import BOOT_CLOCK, Lines, faint, free_parameters, free_precisions
+from mavdem.view.plots import BOOT_CLOCK, Lines, faint
 
 GUST_SECONDS = 60.0  # of the latest torque, which gusts are found in
 BEYOND = 0.3  # how far predictions and bands are drawn beyond what was measured, in spans of it
@@ -94,6 +94,7 @@ class LiveWriter:
         lines = [
             Lines("command", names, colours),
             Lines("free_energy_of_samples", ("F(t)",), (MEASURED,)),
+            Lines("free_energy_action", ("F̄",), (MEASURED,), 2.0),
             Lines("surprise/samples", ("worst of 20", "surprise"), (BOUND, PREDICTED)),
             Lines("surprise/unusual", ("unusual",), (BAD,), 4.0, marked=True),
             Lines("wind/0_band", ("90 % band",), (faint(DISTURBANCE, BAND_OPACITY),), filled=True),
@@ -140,17 +141,12 @@ class LiveWriter:
     def _outputs(
         self, recording: rr.RecordingStream, rows: list[ViewRow], time: Array, breaks: NDArray[np.intp]
     ) -> None:
-        h, nothing = self._horizon, np.full(len(self._channels.output_names), np.nan)
-
-        def column(part: Callable[[Estimate], Array]) -> Array:
-            return np.array([nothing if row.estimate is None else part(row.estimate) for row in rows])
-
-        ahead, half = column(lambda now: now.ahead[h]), column(lambda now: now.ahead_band[h])
-        measured = np.array([row.outputs for row in rows])
-        horizon = self._channels.horizons[h] * self._channels.dt
-        later = np.array(
-            [row.time + horizon if row.estimate is None else row.estimate.ahead_times[h] + row.shift for row in rows]
-        )
+        h, measured = self._horizon, np.array([row.outputs for row in rows])
+        ahead, half = np.full((2, *measured.shape), np.nan)
+        later = time + self._channels.horizons[h] * self._channels.dt
+        for i, row in enumerate(rows):
+            if (now := row.estimate) is not None:
+                ahead[i], half[i], later[i] = now.ahead[h], now.ahead_band[h], now.ahead_times[h] + row.shift
         for i, (name, unit) in enumerate(zip(self._channels.output_names, self._units, strict=True)):
             plot, drawn = rr.new_entity_path(["outputs", name]), unit.scale * measured[:, i]
             then = unit.scale * np.stack([ahead[:, i] - half[:, i], ahead[:, i] + half[:, i], ahead[:, i]], axis=-1)
@@ -174,9 +170,8 @@ class LiveWriter:
         for now, shift in estimates:
             if np.isfinite(now.wind_time):
                 torques.append((now.wind_time + shift, now.wind_torque, now.wind_torque_band))
-                if np.isfinite(now.wind_torque):
-                    self._torques.append(torques[-1])
-                else:
+                self._torques.append(torques[-1])
+                if not np.isfinite(now.wind_torque):
                     self._torques.clear()
         self._log_gusts(recording)
         if torques:
@@ -213,26 +208,28 @@ class LiveWriter:
         self._unusual = bool(marked[-1])
 
     def _models(self, recording: rr.RecordingStream, rows: list[ViewRow]) -> None:
-        """Draws F̄, λ and what the prior leaves free of A, B and C: a point for each new model."""
-        points: dict[Lines, list[tuple[float, Array]]] = defaultdict(list)
+        """Draws F̄ and λ: a point for each new model."""
         for row in rows:
             now = row.estimate
             if now is None or now.model is None or now.model is self._model:
                 continue
             self._model = now.model
-            action = Lines("free_energy_action", ("F̄",), (MEASURED,), 2.0)
-            points[action].append((row.time, np.array([now.free_energy_action])))
+            time, action = np.array([row.time]), np.array([now.free_energy_action])
+            self.lines["free_energy_action"].send(recording, time, action)
             if row.learned is not None:
-                noise = free_precisions(self._channels, row.learned)
-                drawn = [("noise_precisions", noise, now.log_precisions)]
-                for matrix, entries in free_parameters(self._channels, row.learned).items():
-                    drawn.append((f"parameters/{matrix}", entries, pack(*now.model[:3])))
-                for path, entries, values in drawn:
-                    lines = Lines(path, entries.names, tuple(map(distinct, range(len(entries.names)))), 2.0)
-                    points[lines].append((row.time, entries.shown(values)))
-        for lines, dated in points.items():
-            lines = lines.under(self.root)
-            if self.lines.get(lines.path) != lines:
-                self.lines[lines.path] = lines
+                names = precision_names(self._channels, row.learned)
+                lines = Lines("noise_precisions", names, tuple(map(distinct, range(len(names)))), 2.0).under(self.root)
                 lines.send_style(recording)
-            lines.send(recording, np.array([time for time, _ in dated]), np.array([values for _, values in dated]))
+                lines.send(recording, time, now.log_precisions)
+
+
+def precision_names(labels: Labelled, learned: Learned) -> tuple[str, ...]:
+    """Returns what each λ is of: the measurement noise z, then the process noise w."""
+    states, outputs, names = state_names(labels, learned), labels.output_names, []
+    groups = hyperparameter_groups(learned.settings, len(states), len(outputs))
+    for noise, whole, channels, group in zip("zw", ("measurement", "process"), (outputs, states), groups, strict=True):
+        numbers = np.unique(group)
+        for number in numbers:
+            shared = " and ".join(name for name, member in zip(channels, group, strict=True) if member == number)
+            names.append(f"{noise} of {shared}" if len(numbers) > 1 else f"{noise}, {whole}")
+    return tuple(names)

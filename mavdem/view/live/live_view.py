@@ -14,7 +14,6 @@ from contextlib import suppress
 from itertools import groupby
 from math import inf, isfinite
 from threading import Event, Lock, Thread
-from types import TracebackType
 from uuid import UUID, uuid4
 
 import numpy as np
@@ -22,6 +21,7 @@ import rerun as rr
 from numpy.typing import ArrayLike
 
 from mavdem.dem import Estimate, Learned
+from mavdem.health.explanations import lost_thrust
 from mavdem.live import SessionStatus
 from mavdem.view.live.blueprint import figures, live_blueprint, status_document
 from mavdem.view.live.content import Channels, LiveWriter, LogLine, ViewRow
@@ -54,7 +54,7 @@ class SinkThread:
         self._last: ViewRow | None = None
         self._until: float | None = None  # time of the last sample that the latest model was trained on, s
         self._reported_drops, self._next_status, self._next_try = 0, 0.0, 0.0
-        self._closing = Event()
+        self.closing = Event()  # when it is set, the rest is sent
         self._thread = Thread(target=self._run, name=f"to {sink.name}", daemon=True)
         self._thread.start()
 
@@ -67,12 +67,8 @@ class SinkThread:
                 self.dropped += len(self._rows) == self._rows.maxlen
                 self._rows.append(item)
 
-    def end(self) -> None:
-        """Starts to send the rest and to close; see :meth:`ended`."""
-        self._closing.set()
-
     def ended(self, within: float) -> bool:
-        """Returns whether all is sent and the sink closed within so many seconds from now."""
+        """Returns whether the rest is sent and the sink closed within so many seconds from when ``closing`` is set."""
         self._thread.join(within)
         if self._thread.is_alive():
             self.trouble = f"{self.sink.name} does not respond; the last rows may be missing"
@@ -84,26 +80,24 @@ class SinkThread:
             try:
                 self._open()
             except (RuntimeError, OSError) as error:
-                self._give_up(f"{self.sink.name} cannot be written: {error}")
-        while not self._closing.wait(self.sink.period):
+                self._give_up(f"cannot be written: {error}")
+        while not self.closing.wait(self.sink.period):
             self._send_batch()
         self._next_status = 0.0
         self._send_batch()
         if self._recording is not None:
             self._recording.disconnect()
-            self._recording = None
 
     def _send_batch(self) -> None:
         """Sends what waits; gives up a sink that fails, or retries it later."""
         try:
             if self._recording is None:
-                now = wall.monotonic()
-                if not self.sink.retried or now < self._next_try:
+                if not self.sink.retried or wall.monotonic() < self._next_try:
                     return
-                self._next_try = now + RETRY_SECONDS
-                if not self._open():
-                    return
-            assert self._recording is not None
+                self._next_try = wall.monotonic() + RETRY_SECONDS
+                self._open()
+            if self._recording is None:
+                return
             self._send(self._recording)
             self._recording.flush(timeout_sec=FLUSH_SECONDS)
             self.sink.delivered()
@@ -112,12 +106,12 @@ class SinkThread:
             if "timed out" in str(error):
                 self.trouble = f"{self.sink.name} does not respond"
                 return
-            self._give_up(f"{self.sink.name} failed: {error}")
+            self._give_up(f"failed: {error}")
         except Exception as error:  # a row that cannot be drawn ends neither the view nor the flight
             self.put(LogLine(self._last.time if self._last else 0.0, "ERROR", f"not drawn: {error}"))
 
     def _give_up(self, trouble: str) -> None:
-        self.trouble = trouble
+        self.trouble = f"{self.sink.name} {trouble}"
         if self._recording is not None:
             # A failed recording disconnects without waiting, and writes nothing more.
             self._recording.disconnect()
@@ -125,13 +119,13 @@ class SinkThread:
             with suppress(OSError):
                 self.sink.delivered(arrived=False)
 
-    def _open(self) -> bool:
+    def _open(self) -> None:
         recording = rr.RecordingStream("mavdem", recording_id=self._id)
         recording.set_log_time_enabled(False)
         recording.set_log_tick_enabled(False)
         if not self.sink.open(recording):
             self.trouble = f"there is no viewer at {self.sink.name}"
-            return False
+            return
         self._recording = recording
         recording.send_recording_name(self._channels.title)
         for writer in self._writers.values():
@@ -139,7 +133,6 @@ class SinkThread:
         recording.send_blueprint(live_blueprint(self._channels, self._writers[self._channels].root))
         recording.flush(timeout_sec=FLUSH_SECONDS)
         self.sink.delivered()
-        return True
 
     def _send(self, recording: rr.RecordingStream) -> None:
         with self._lock:
@@ -162,18 +155,19 @@ class SinkThread:
         for line in lines:
             line.send(recording)
         now = wall.monotonic()
-        if self._last is not None and now >= self._next_status:
-            self._next_status = now + STATUS_SECONDS
-            dropped = self.dropped
-            if dropped > self._reported_drops:
-                text = f"{dropped - self._reported_drops} rows are not shown here: this view is too slow"
-                LogLine(self._last.time, "WARN", text).send(recording)
-                self._reported_drops = dropped
-            about = self._channels, self.status, self._last, self._until
-            documents = {f"figures/{i}": text for i, text in enumerate(figures(*about))}
-            recording.set_time(BOOT_CLOCK, duration=self._last.time)
-            for path, text in {**documents, "status": status_document(*about, dropped)}.items():
-                recording.log(path, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
+        if self._last is None or now < self._next_status:
+            return
+        self._next_status = now + STATUS_SECONDS
+        dropped = self.dropped
+        if dropped > self._reported_drops:
+            text = f"{dropped - self._reported_drops} rows are not shown here: this view is too slow"
+            LogLine(self._last.time, "WARN", text).send(recording)
+            self._reported_drops = dropped
+        about = self._channels, self.status, self._last, self._until
+        documents = {f"figures/{i}": text for i, text in enumerate(figures(*about))}
+        recording.set_time(BOOT_CLOCK, duration=self._last.time)
+        for path, text in {**documents, "status": status_document(*about, dropped)}.items():
+            recording.log(path, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
 
 
 class LiveView:
@@ -255,8 +249,10 @@ class LiveView:
         for alarm in status.alarms[len(status.alarms) - new :]:
             with self._lock:
                 began = alarm.since + self._shift
-            what = f"{alarm.name} works harder" if alarm.name else "the steady torque in roll and pitch is another"
-            self._log(began, "WARN", f"{what} from here on")
+            what = "the steady torque in roll and pitch is another from here on"
+            if alarm.name:
+                what = f"{alarm.name} lost about {lost_thrust(alarm.size):.0%} of its thrust (motor or propeller)"
+            self._log(began, "WARN", what)
         self._marked = status.alarm_count
         for thread in self._threads:
             thread.status = status
@@ -278,7 +274,7 @@ class LiveView:
         self._closed = True
         atexit.unregister(self.close)
         for thread in self._threads:
-            thread.end()
+            thread.closing.set()
         deadline = wall.monotonic() + CLOSE_SECONDS
         ended = [thread.ended(max(0.0, deadline - wall.monotonic())) for thread in self._threads]
         if not all(ended):
@@ -290,7 +286,5 @@ class LiveView:
     def __enter__(self) -> LiveView:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()

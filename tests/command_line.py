@@ -1,0 +1,35 @@
+"""What tests of the command line share."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+from mavdem.cli.commands import main
+
+MAVDEM = [sys.executable, "-c", "import sys; from mavdem.__main__ import run; sys.exit(run())"]
+PATIENCE = 300.0  # Seconds that a slow, busy machine may take for anything; on others nothing waits for them
+LOGS = Path(__file__).parents[1] / "logs"
+FLIGHT, SLOW = LOGS / "ardupilot_wind5_steps.tlog", LOGS / "ardupilot_default_rates.tlog"
+
+
+def strict_json(text: str) -> dict:
+    """A document without NaN and infinity."""
+
+    def unknown(name: str) -> None:
+        raise AssertionError(f"{name} is not JSON")
+
+    return json.loads(text, parse_constant=unknown)
+
+
+def refused(capsys: pytest.CaptureFixture[str], code: int, *words: object) -> str:
+    """The one sentence with which a command ends with this code."""
+    assert main([*map(str, words)]) == code
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.count("\n") == 1 and said.err.startswith("mavdem: ")
+    assert "should not have happened" not in said.err
+    return said.err

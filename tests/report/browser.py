@@ -1,0 +1,34 @@
+"""A browser without a screen: what a script says of a page."""
+
+from __future__ import annotations
+
+import html
+import json
+import re
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
+FITS = "return document.documentElement.scrollWidth <= innerWidth"
+HOSTILE = "<script>document.title='owned'</script>\"'&--><b>"
+
+
+def shown(page: str, script: str, folder: Path, width: int = 1600) -> tuple[str, Any]:
+    """The title of a page and what a script in it returns; the browser may not complain of anything."""
+    if CHROMIUM is None:
+        pytest.skip("there is no Chromium")
+    path = folder / "page.html"
+    said = f"<script>document.title = JSON.stringify([document.title, (() => {{ {script} }})()])</script>"
+    path.write_text(page + said)
+    options = ("--headless", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr", "--hide-scrollbars")
+    place = (f"--user-data-dir={folder / 'profile'}", f"--window-size={width},1000", "--dump-dom", path.as_uri())
+    ran = subprocess.run([CHROMIUM, *options, *place], capture_output=True, text=True, check=True)
+    assert "CONSOLE" not in ran.stderr
+    found = re.search(r"<title>(.*?)</title>", ran.stdout, re.DOTALL)
+    assert found is not None
+    title, value = json.loads(html.unescape(found[1]))
+    return title, value
