@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass, field
-from itertools import repeat
 from typing import Any
 
 import numpy as np
@@ -149,12 +148,10 @@ class Flight(FlightDownstream):
         gaps = steps > 1.5 * np.median(steps)
         dt = float(steps[~gaps].mean()) if dt is None else dt
         cuts = np.flatnonzero(gaps) + 1
-        parts = zip(*(np.split(values, cuts) for values in (stamps, *tables)), strict=True)
-        asked: Any = repeat(None)
-        if setpoints is not None:
-            asked = np.split(_table(setpoints, "setpoints", len(stamps), missing=True), cuts)
-        whole = zip(parts, asked, strict=False)
-        return tuple(cls(t, u, y, dt, setpoints=q, **labels) for (t, u, y), q in whole if len(t) > 1)
+        parts: list[Any] = [np.split(values, cuts) for values in (stamps, *tables)]
+        given = None if setpoints is None else _table(setpoints, "setpoints", len(stamps), missing=True)
+        parts.append([None] * (len(cuts) + 1) if given is None else np.split(given, cuts))
+        return tuple(cls(t, u, y, dt, setpoints=q, **labels) for t, u, y, q in zip(*parts, strict=True) if len(t) > 1)
 
     def __len__(self) -> int:
         return len(self.time)

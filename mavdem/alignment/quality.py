@@ -114,7 +114,12 @@ def of_segment(signals: Signals, segment: Segment, flight: Flight, log: QualityF
     measured = slice(-flight.outputs.shape[1], None)  # not the angle of yaw
     stepped = zip(motion.T[measured], steps[measured], strict=True)
     output_snrs = [_snr_of_changes(time, column, step) for column, step in stepped]
-    combination, rounding = _turning(motors, flight.inputs, signals.axis)
+    # The motors' combination (T,) that turns the axis, and the standard deviation that rounding alone gives it.
+    if (weights := motors.layout.effect(signals.axis)) is not None:
+        combination, rounding = flight.inputs @ weights, motors.scale.step * float(np.sqrt((weights**2).sum() / 12))
+    else:
+        differences = flight.inputs - flight.inputs.mean(axis=1, keepdims=True)
+        combination, rounding = differences[:, np.argmax(differences.std(axis=0))], motors.scale.step / 12**0.5
     share = motors.scale.fraction(flight.inputs)
     limited = (share >= FULL_THROTTLE) | (share <= IDLE_THROTTLE)
     return replace(
@@ -142,15 +147,6 @@ def of_segment(signals: Signals, segment: Segment, flight: Flight, log: QualityF
         upper_band=_upper_band(flown_rate),
         consistency=min((share for share in consistencies if share is not None), default=None),
     )
-
-
-def _turning(motors: Motors, inputs: NDArray[np.float64], axis: str) -> tuple[NDArray[np.float64], float]:
-    """The motors' combination (T,) that turns the axis, and the standard deviation that rounding alone gives it."""
-    weights = motors.layout.effect(axis)
-    if weights is None:
-        differences = inputs - inputs.mean(axis=1, keepdims=True)
-        return differences[:, np.argmax(differences.std(axis=0))], motors.scale.step / 12**0.5
-    return inputs @ weights, motors.scale.step * float(np.sqrt((weights**2).sum() / 12))
 
 
 def _step(values: NDArray[np.float64]) -> float:

@@ -74,12 +74,10 @@ def _kept_from_asking(telemetry: Telemetry, components: Sequence[Component]) -> 
 
 def _stream_rates(telemetry: Telemetry, rate: int) -> str:
     """Which of ArduPilot's parameters to set, and which port's are high enough already."""
-    asked = {found.group(): value for name, value in telemetry.parameters.items() if (found := STREAM_RATE.match(name))}
-    named = "SRn_EXTRA1 and SRn_RC_CHAN"
-    if asked and all(name.startswith("MAV") for name in asked):
-        named = "MAVn_EXTRA1 and MAVn_RC_CHAN"
-    elif not asked:
-        named += " (MAVn_EXTRA1 and MAVn_RC_CHAN from ArduPilot 4.7)"
+    asked = {name: value for name, value in telemetry.parameters.items() if STREAM_RATE.match(name)}
+    old, new = "SRn_EXTRA1 and SRn_RC_CHAN", "MAVn_EXTRA1 and MAVn_RC_CHAN"
+    named = new if all(name.startswith("MAV") for name in asked) else old
+    named = named if asked else f"{old} ({new} from ArduPilot 4.7)"
     ports = {port: (f"{port}_EXTRA1", f"{port}_RC_CHAN") for port in sorted({name.partition("_")[0] for name in asked})}
     fast = [" and ".join(both) for both in ports.values() if min(asked.get(one, 0) for one in both) >= MINIMUM_RATE]
     if not fast:

@@ -3,14 +3,12 @@
 Message and field names occur only here, and in ``drive``. Every signal is on the vehicle's boot clock,
 in time order, each stamp once, per boot; a signal that was not recorded is None.
 
-A setpoint is a command: it holds until the next one. So a sample has the last setpoint with a stamp at or before its
-own, never one from the future, and none where that is older than ``HOLD_SECONDS``. On average it is half an interval
-late.
+A setpoint is a command: it holds until the next one, for ``HOLD_SECONDS`` at most, so a sample has the last one at or
+before its own stamp, on average half an interval late.
 
-All stamps are on the boot clock, with the resolution of their messages (1 ms in MAVLink, 1 µs in most logs). ArduPilot
-stamps ATTITUDE_TARGET and RC_CHANNELS when it sends them, with the values of then. PX4 stamps ATTITUDE_TARGET with the
-time of its attitude setpoint and sends the body rates of its last step until it sends: on a flight that was recorded
-both ways those were 0 to 8 ms newer than their stamp, 4 ms at the 95th percentile, as those in its ATTITUDE are.
+Stamps have the resolution of their messages (1 ms in MAVLink, 1 µs in most logs). ArduPilot stamps ATTITUDE_TARGET and
+RC_CHANNELS when it sends them; PX4 stamps ATTITUDE_TARGET with the time of its attitude setpoint, and the body rates in
+it were 0 to 8 ms newer on a flight recorded both ways, 4 ms at the 95th percentile, as those in its ATTITUDE are.
 MANUAL_CONTROL has no stamp in MAVLink, and gets the time of the message before it.
 
 A rate setpoint is not the same everywhere: in ArduPilot's ATTITUDE_TARGET it is the rate of the attitude setpoint; in

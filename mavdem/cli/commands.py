@@ -19,10 +19,7 @@ from mavdem.errors import MissingExtra, NotLearnable, Unreadable
 DONE, UNSUPPORTED, UNUSABLE, PIPE_CLOSED = 0, 1, 2, 141
 """Exit codes: done; the data cannot support the request; bad usage, unreadable input or output that fails; and as a
 shell reports SIGPIPE."""
-
-
-COMPLETION = "_MAVDEM_COMPLETE"
-"""Environment variable by which click's shell scripts ask for completions."""
+COMPLETION = "_MAVDEM_COMPLETE"  # Environment variable by which click's shell scripts ask for completions
 
 
 def imported_command(name: str) -> click.Command:

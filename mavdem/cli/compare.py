@@ -82,9 +82,14 @@ def compare_command(
     if out is not None:
         check_folder(out, COMPARISON_FILES)
     began = perf_counter()
-    cut, refused = of_each(
-        sources, axis, vehicle, inputs, lambda name, flight: _windows(name, flight, train, test, hop)
-    )
+
+    def windows_of(name: str, flight: Flight) -> tuple[Window, ...]:
+        lengths = part_samples(flight.dt, train, test)
+        if found := windows(name, flight, *lengths, hop):
+            return found
+        raise TooFewSamples.of(flight, 0.0, *lengths, FEWEST_SAMPLES, "Record a longer flight.")
+
+    cut, refused = of_each(sources, axis, vehicle, inputs, windows_of)
     if not cut:
         raise nothing_left(refused, "compared")
     compared = _compare([window for one in cut.values() for window in one])
@@ -111,15 +116,6 @@ def compare_command(
         print_blocks(comparison_report(compared, from_zero))
     written = f" Written: {', '.join(map(printable, report['files'].values()))}" if report["files"] else ""
     end_report(context, refused, "not compared", f"Took {report['seconds']:.1f} s.{written}", as_json)
-
-
-def _windows(
-    name: str, flight: Flight, train: Length | None, test: Length | None, hop: int | None
-) -> tuple[Window, ...]:
-    lengths = part_samples(flight.dt, train, test)
-    if cut := windows(name, flight, *lengths, hop):
-        return cut
-    raise TooFewSamples.of(flight, 0.0, *lengths, FEWEST_SAMPLES, "Record a longer flight.")
 
 
 def _compare(cut: Sequence[Window]) -> Comparison:

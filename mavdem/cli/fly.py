@@ -127,13 +127,10 @@ def fly_command(
         raise click.UsageError("--udp flies live; --out and --rrd write files: choose one.")
     if udp is None and speed is not None:
         raise click.UsageError("--speed applies to a live flight only: leave it out, or fly live with --udp.")
-    chosen = _chosen(scenario, seed, duration)
-    if udp is not None:
-        report = _live(Path(scenario).stem, chosen, udp, 1.0 if speed is None else speed)
-    elif out or rrd:
-        report = _to_files(Path(scenario).stem, chosen, out, rrd)
-    else:
+    chosen, name = _chosen(scenario, seed, duration), Path(scenario).stem
+    if not (udp or out or rrd):
         raise click.UsageError("No output: name a file with --out or --rrd, or a ground station with --udp.")
+    report = _to_files(name, chosen, out, rrd) if udp is None else _live(name, chosen, udp, speed or 1.0)
     if as_json:
         print_json({"scenario": scenario, "seed": chosen.seed, "duration": chosen.duration, **report})
 
@@ -232,9 +229,8 @@ def _live(name: str, scenario: Scenario, udp: str, speed: float) -> dict[str, An
     with _refusing(), closing(Ground(host, port)) as ground:
         say_aside(f"Flying {printable(name)} for {whole:g} s, sending to {printable(udp)}; Ctrl-C ends it.")
         with progress(f"Flying {name}") as done:
-            outcome = fly_live(
-                scenario, Simulation(scenario), ground, speed, lambda now: done(min(now / whole, 1.0)), say_aside
-            )
+            simulation = Simulation(scenario)
+            outcome = fly_live(scenario, simulation, ground, speed, lambda now: done(min(now / whole, 1.0)), say_aside)
     ended = "Stopped after" if outcome.stopped else "Flew"
     say_aside(f"{ended} {outcome.flown:.1f} s in {outcome.took:.1f} s: sent {outcome.sent} frames.")
     if outcome.flown < KEPT_UP * speed * outcome.took:

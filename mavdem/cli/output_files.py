@@ -19,8 +19,7 @@ from mavdem.export.channels import write_channels
 from mavdem.files import atomic_write, atomic_writes, replaceable
 
 RECORDING = "flight.rrd"
-RESULT_FILES = ("model.json", "report.json", "report.html", RECORDING, "flight.mcap")  # of the files of a learnt flight
-FIGURES = ("report.json", "report.html")  # those that need no model
+RESULT_FILES = ("model.json", "report.json", "report.html", RECORDING, "flight.mcap")
 
 
 def folder_named(context: click.Context, parameter: click.Parameter, value: str | None) -> Path | None:
@@ -84,7 +83,7 @@ def page_bytes(page: str) -> bytes:
 def result_files(with_model: bool = True) -> tuple[str, ...]:
     """Returns the ``RESULT_FILES`` that can be written: most need a model, and the recording needs Rerun."""
     if not with_model:
-        return FIGURES
+        return ("report.json", "report.html")
     return tuple(name for name in RESULT_FILES if name != RECORDING or not missing("view"))
 
 
@@ -114,12 +113,11 @@ def _made(folder: Path) -> Iterator[None]:
 
 def check_file(path: Path | None, option: str, endings: tuple[str, ...]) -> None:
     """Raises ``Unreadable``, before the work, for a file that cannot be written, ``BadParameter`` for other endings."""
-    if path is None:
-        return
-    if path.suffix.lower() not in endings:
-        raise click.BadParameter(f"{path} must end in {' or '.join(endings)}.", param_hint=option)
-    with writing(path):
-        replaceable(path)
+    if path is not None:
+        if path.suffix.lower() not in endings:
+            raise click.BadParameter(f"{path} must end in {' or '.join(endings)}.", param_hint=option)
+        with writing(path):
+            replaceable(path)
 
 
 @contextmanager

@@ -83,9 +83,9 @@ def _content(path: str | os.PathLike[str], limit: int | None = None, mapped: boo
         raise Unreadable(f"{path} does not exist: check the name.") from None
     except MemoryError:
         raise Unreadable(f"{path} does not fit into memory: cut it into shorter logs.") from None
+    except Unreadable:
+        raise
     except (OSError, ValueError) as error:
-        if isinstance(error, Unreadable):
-            raise
         reason = getattr(error, "strerror", None) or error
         raise Unreadable(f"{path} cannot be read ({reason}): check the name and its permissions.") from None
     if not len(content):

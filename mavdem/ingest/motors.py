@@ -92,7 +92,10 @@ def motor_geometry(
         turns = {motor: 1 if moment > 0 else -1 for motor, moment in moments.items() if moment}
         basis = "the *_FUNCn and CA_ROTORn parameters" if places else "the *_FUNCn parameters"
     else:
-        known = _ardupilot_channels(parameters)
+        # SERVOn_FUNCTION 33 to 40 are motors 1 to 8, 82 to 85 motors 9 to 12; of several channels the first.
+        motor_of = {33 + i: 1 + i for i in range(8)} | {82 + i: 9 + i for i in range(4)}
+        functions = {channel: int(parameters.get(f"SERVO{channel}_FUNCTION", 0)) for channel in range(32, 0, -1)}
+        known = {motor_of[function]: channel for channel, function in functions.items() if function in motor_of}
         if vehicle == "TRICOPTER":
             known.pop(7, None)  # the servo that tilts the rear motor
         frame = _ardupilot_frame(vehicle, parameters)
@@ -123,13 +126,6 @@ def place_name(position: Position) -> str:
     """Returns where a motor is, in words: ``front right``."""
     bearing = degrees(atan2(position[1], position[0]))
     return _COMPASS[round(bearing / 45) % 8]
-
-
-def _ardupilot_channels(parameters: Mapping[str, float]) -> dict[int, int]:
-    """SERVOn_FUNCTION 33..40 are motors 1..8, 82..85 motors 9..12; of several channels the first."""
-    motor_of = {33 + i: 1 + i for i in range(8)} | {82 + i: 9 + i for i in range(4)}
-    functions = {channel: int(parameters.get(f"SERVO{channel}_FUNCTION", 0)) for channel in range(32, 0, -1)}
-    return {motor_of[function]: channel for channel, function in functions.items() if function in motor_of}
 
 
 _Bearings = tuple[float, ...]

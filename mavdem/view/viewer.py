@@ -110,7 +110,7 @@ class RecordingFile(Sink):
         return self._complete > 0
 
     def open(self, recording: rr.RecordingStream) -> bool:
-        """Writes the recording into the file; see :class:`Sink`."""
+        """Writes the recording into the file."""
         recording.set_sinks(rr.FileSink(self.path))
         return True
 
@@ -164,13 +164,11 @@ class WebServer(Viewer):
     def __init__(self, port: int = 9876, page_port: int = 9090) -> None:
         super().__init__(f"rerun+http://{LOOPBACK}:{port}/proxy")
         for number in (port, page_port):
-            with socket.socket() as probe:
-                probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-                try:
-                    probe.bind((LOOPBACK, number))
-                except OSError as error:
-                    cure = "end the program that uses it, perhaps another view"
-                    raise OSError(f"port {number} of {LOOPBACK} is taken: {cure}") from error
+            try:
+                socket.create_server((LOOPBACK, number)).close()
+            except OSError as error:
+                cure = "end the program that uses it, perhaps another view"
+                raise OSError(f"port {number} of {LOOPBACK} is taken: {cure}") from error
         # Rerun's page reports its use to Rerun, unless it is in a notebook: https://github.com/rerun-io/rerun/pull/3166.
         self.page = f"http://{LOOPBACK}:{page_port}?url={quote(self.url, safe='')}&notebook=1"
         ports = ("--port", str(port), "--web-viewer-port", str(page_port))
@@ -199,8 +197,7 @@ def sinks_for(rrd: str | os.PathLike[str] | None = None, serve: bool = False, co
         sinks.append(WebServer())
     if connect is None and not serve and has_screen():
         # A window, which stays open after the process ends.
-        with socket.socket() as probe:
-            probe.bind((LOOPBACK, 0))
+        with socket.create_server((LOOPBACK, 0)) as probe:
             port = int(probe.getsockname()[1])
         limits = ("--server-memory-limit", SERVER_MEMORY, "--memory-limit", VIEWER_MEMORY)
         _start(*limits, "--port", str(port), "--expect-data-soon", "--hide-welcome-screen")

@@ -10,7 +10,7 @@ from hover import X_QUAD, Hover, changed, columns
 from recorded_flights import shared
 
 from mavdem.alignment import phases
-from mavdem.alignment.align import MAX_GAP_SECONDS, Segment, align, sample, settled_segments
+from mavdem.alignment.align import MAX_GAP_SECONDS, Segment, align, settled_segments
 from mavdem.alignment.phases import TRANSIENT_SECONDS
 from mavdem.alignment.signals import MINIMUM_RATE, Signals
 from mavdem.alignment.verdict import verdict_of
@@ -262,12 +262,6 @@ def test_the_inputs_that_are_asked_for_are_taken():
         verdict_of(Signals(both, inputs="torque"))
 
 
-def test_a_stream_beside_one_a_million_times_slower_is_sampled_without_a_fault():
-    time = np.arange(5.0) / 100
-    values, way = sample(np.array([0.0, 0.02]), 1e6, time, np.sin(time)[:, None])
-    assert np.isfinite(values).all() and way.startswith("low-passed")
-
-
 def test_the_mixer_geometry_of_the_parameters_comes_with_the_flight():
     parameters = {f"SERVO{n}_FUNCTION": 32.0 + n for n in range(1, 5)} | {"FRAME_CLASS": 1.0, "FRAME_TYPE": 1.0}
     known, unknown = Signals(HOVER.telemetry(parameters=parameters)), Signals(HOVER.telemetry())
@@ -303,13 +297,6 @@ def test_a_flight_of_yaw_has_the_rate_only():
     roll = verdict_of(Signals(telemetry, "roll")).flight
     np.testing.assert_array_equal(flight.time, roll.time)
     np.testing.assert_array_equal(flight.inputs, roll.inputs)
-
-
-def test_yaw_that_never_turns_is_refused_in_the_words_of_yaw():
-    still = verdict_of(Signals(yawing(size=0.0), "yaw"))
-    assert not still.learnable and still.reason.startswith("The yaw rate never changes")
-    corrected = verdict_of(Signals(yawing(size=0.001, correction=0.01), "yaw"))
-    assert not corrected.learnable and "heading contradict" in corrected.reason and "stick" in corrected.remedy
 
 
 @pytest.mark.parametrize("name", ["ardupilot_wind5_steps", "px4_wind5_steps"])

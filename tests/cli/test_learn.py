@@ -82,14 +82,7 @@ def test_people_see_one_screen_and_with_verbose_the_model(tmp_path, monkeypatch,
 
 
 @pytest.mark.parametrize(
-    ("source", "folder"),
-    [
-        ("a/flight.tlog", "flight"),
-        ("f.ulg.xz", "f"),
-        ("flight", "flight-learnt"),
-        (".tlog", ".tlog-learnt"),
-        ("...tlog", "...tlog-learnt"),
-    ],
+    ("source", "folder"), [("a/flight.tlog", "flight"), ("f.ulg.xz", "f"), ("...tlog", "...tlog-learnt")]
 )
 def test_the_folder_is_named_after_the_log(source, folder):
     assert str(named_after(source)) == folder
@@ -130,12 +123,12 @@ def test_by_default_it_learns_from_the_whole_settled_flight_and_judges_all_of_it
 def test_segments_of_one_boot_are_learnt_from_together(without_pictures, tmp_path, monkeypatch, capsys):
     whole = read_flight(FLIGHT)
     boots = {"segment": {"boot": 0}, "cautions": []}, {"segment": {"boot": 1}, "cautions": []}
-    parts = [replace(whole[a:b], provenance=boots[boot]) for a, b, boot in ((0, 500, 0), (600, 1100, 0), (0, 400, 1))]
+    parts = [replace(whole[a:b], provenance=boots[boot]) for a, b, boot in ((0, 200, 0), (300, 500, 0), (0, 150, 1))]
     judged = Verdict("roll", True, "Two boots.", "", (), None, QualityFigures())
     monkeypatch.setattr("mavdem.analysis.analysis.usable_segments", lambda *_: (tuple(parts), judged))
-    assert main(["learn", FLIGHT, "--out", str(tmp_path), "--json", "--preset", "paper"]) == 0
+    assert main(["learn", FLIGHT, "--out", str(tmp_path), "--json", "--preset", "paper", "--test", "50"]) == 0
     report = json.loads(capsys.readouterr().out)
-    assert [one["samples"] for one in report["segments"]] == [500, 500]
+    assert [one["samples"] for one in report["segments"]] == [200, 200]
 
 
 @pytest.mark.parametrize("start", ["59", "1e9", "1e308"])

@@ -338,15 +338,6 @@ def test_steps_at_a_finite_rate_follow_the_gradient_and_end_at_the_maximum(model
     np.testing.assert_allclose(e_step(model, samples, belief, 1e12), exact, rtol=0, atol=1e-6 * np.abs(exact).max())
 
 
-@pytest.mark.parametrize("rate", [1e-3, 1.0, 1e3])
-def test_a_finite_m_step_is_a_step_up(rate):
-    model = random_model(3, 2, 1, 2, 2, 1, drop=False, groups=True)
-    samples = random_samples(0, model)
-    belief = ascend(model, samples, 1).belief
-    after = belief._replace(lambda_=m_step(model, samples, belief, rate))
-    assert free_energy_action(model, samples, after) >= free_energy_action(model, samples, belief)
-
-
 def problem(**settings):
     complete = Settings(**{"order": 3, "d": 2, "window": 9, "parameter_precision": 1.0, **settings})
     record = Record.of(simulated(wind=0.5)[:700])

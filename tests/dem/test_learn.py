@@ -232,23 +232,6 @@ def test_wrong_forecast_inputs_are_named():
         learned.forecast_band(np.zeros((10, 4)), level=2)
 
 
-def test_a_forecast_begins_from_the_last_training_input():
-    """Between it and the first one ahead the input runs linearly, so the first sample ahead feels both."""
-    flight = simulated(wind=0.5)
-    learned = learn(flight[:400], MODEL_ALONE)
-    inputs = learned.record.inputs.copy()
-    inputs[-1] += 50.0 * np.sign(GAIN)
-    pushed = replace(learned, record=replace(learned.record, inputs=inputs))
-    ahead = flight.inputs[400:402]
-    predictor = learned.predictor
-    change = inputs[-1:] - learned.record.inputs[-1:]
-    # By way of the step after it, and of its error, of which it changes the prediction.
-    scaled = np.append(change[0] / learned.scaling.input_scale, 0.0)
-    moved = predictor.B @ scaled - predictor.K @ predictor.D @ scaled
-    expected = learned.scaling.output_scale * (predictor.C @ moved)
-    np.testing.assert_allclose(pushed.forecast(ahead)[0] - learned.forecast(ahead)[0], expected, rtol=1e-6)
-
-
 @pytest.mark.parametrize("settings", [MODEL_ALONE, replace(Settings.paper(), order=2), replace(MODEL_ALONE, order=3)])
 def test_from_zero_row_0_is_the_trim_and_the_inputs_move_the_rest_by_the_physical_model(settings):
     flight = simulated(wind=0.5)

@@ -300,31 +300,26 @@ def test_predictions_meet_their_own_sample():
     np.testing.assert_allclose(bands.half_widths, [[np.nan], [0.5], [2.0]])
 
 
-def test_surprise_is_in_units_of_the_lowest_twentieth():
+def surprise_after(values: np.ndarray) -> Surprise:
     surprise = Surprise(DT)
-    for value in np.random.default_rng(0).standard_normal(10_000):
-        surprise.add(value)
-    surprise.update_quantiles()
-    assert surprise.add(norm.ppf(0.05)) == pytest.approx(1.0, abs=0.15)
-    assert surprise.add(2.0) < 0
-
-
-def test_after_a_free_energy_that_did_not_vary_a_drop_is_still_a_number():
-    surprise = Surprise(DT)
-    for _ in range(300):
-        surprise.add(5.0)
-    surprise.update_quantiles()
-    assert 1e6 < surprise.add(-1e5) < np.inf
-
-
-def test_a_failure_that_lasts_does_not_hide_the_next():
-    surprise, values = Surprise(DT), np.random.default_rng(0).standard_normal(1400)
-    values[1000:1200] -= 1e4
     for value in values:
         surprise.add(value)
     surprise.update_quantiles()
-    assert len(surprise._past) == 1000
-    assert surprise.add(-1e4) > 1e3
+    return surprise
+
+
+def test_surprise_is_in_units_of_the_lowest_twentieth():
+    surprise = surprise_after(np.random.default_rng(0).standard_normal(10_000))
+    assert surprise.add(norm.ppf(0.05)) == pytest.approx(1.0, abs=0.15)
+    assert surprise.add(2.0) < 0
+    # After a free energy that did not vary a drop is still a number.
+    assert 1e6 < surprise_after(np.full(300, 5.0)).add(-1e5) < np.inf
+
+
+def test_a_failure_that_lasts_does_not_hide_the_next():
+    values = np.random.default_rng(0).standard_normal(1400)
+    values[1000:1200] -= 1e4
+    assert surprise_after(values).add(-1e4) > 1e3
 
 
 def surprises(rng: np.random.Generator, seconds: float) -> np.ndarray:

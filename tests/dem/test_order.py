@@ -67,18 +67,13 @@ def test_flights_are_distinguished_and_an_executor_does_the_same():
 
 
 @pytest.mark.slow
-def test_nothing_but_the_units_of_a_flight_does_not_change_its_free_energy():
+def test_neither_units_nor_inputs_of_nobody_change_the_free_energy():
     flight = paper_flight(2, 0, samples=300)
     other = Flight(flight.time, 1500 + 7 * flight.inputs, [0.3, -2.0] + flight.outputs * [57.0, 0.01])
     slower = Flight(10 * flight.time, flight.inputs, flight.outputs)
     told = orders_of(flight, 3).free_energy
     np.testing.assert_allclose(orders_of(other, 3).free_energy, told, rtol=1e-5)
     np.testing.assert_allclose(orders_of(slower, 3).free_energy, told, rtol=1e-5)
-
-
-@pytest.mark.slow
-def test_nobody_s_inputs_are_not_looked_at():
-    flight = paper_flight(2, 0, samples=300)
     blind = Flight(flight.time, 0 * flight.inputs + 3.0, flight.outputs)
     told = orders_of(flight, 3, known_inputs=False).free_energy
     np.testing.assert_array_equal(orders_of(blind, 3, known_inputs=False).free_energy, told)

@@ -104,24 +104,9 @@ def test_names_are_kept_apart_and_no_time_is_before_0(tmp_path):
 
 
 @pytest.mark.slow
-def test_plotjuggler_s_layout(fields) -> None:
-    layout = ElementTree.parse(LAYOUTS / "plotjuggler.xml")
-    names = [curve.attrib["name"] for curve in layout.iter("curve")]
-    assert len(names) >= 10 and set(names) <= {f"{topic}/{field}" for topic, field in fields}
-    for splitter in layout.iter("DockSplitter"):
-        sizes = [float(size) for size in splitter.attrib["sizes"].split(";")]
-        assert len(sizes) == len(splitter.findall("DockArea")) == int(splitter.attrib["count"])
-        assert sum(sizes) == pytest.approx(1.0)
-
-
-@pytest.mark.slow
-def test_foxglove_s_layout(fields) -> None:
-    layout = json.loads((LAYOUTS / "foxglove.json").read_text())
-    paths = [path["value"] for panel in layout["configById"].values() for path in panel["paths"]]
-    assert len(paths) >= 10
-    assert {path.split(".@")[0] for path in paths} <= {f"{topic}.{field}" for topic, field in fields}
-
-    def panels(place: str | dict[str, object]) -> list[str]:
-        return [place] if isinstance(place, str) else [*panels(place["first"]), *panels(place["second"])]
-
-    assert sorted(panels(layout["layout"])) == sorted(layout["configById"])
+def test_the_layouts_plot_what_there_is(fields) -> None:
+    curves = {curve.attrib["name"] for curve in ElementTree.parse(LAYOUTS / "plotjuggler.xml").iter("curve")}
+    assert len(curves) >= 10 and curves <= {f"{topic}/{field}" for topic, field in fields}
+    panels = json.loads((LAYOUTS / "foxglove.json").read_text())["configById"].values()
+    paths = {path["value"].split(".@")[0] for panel in panels for path in panel["paths"]}
+    assert len(paths) >= 10 and paths <= {f"{topic}.{field}" for topic, field in fields}

@@ -23,20 +23,15 @@ from mavdem.fleet.workers import Outcome
 PAGE = (Path(__file__).parents[2] / "docs" / "fleet.md").read_text()
 FULL = FlightRow(
     file="a/flight.tlog",
-    key="00ff",
     vehicle="quad 7",
     system=1,
     date=datetime(2026, 11, 21, 13, 5, 1, 250_000, tzinfo=UTC),
-    axis="roll",
-    tier="a",
     duration=61.5,
     motors=("motor 1 (front right)", "motor 2"),
     spins=(1, -1),
     positions=((0.7, 0.7), (-0.7, -0.7)),
     effect=(-0.31, 0.29),
     effect_interval=(0.02, math.nan),
-    trim_share=(1.04, 0.96),
-    suspect_motor=2,
     warnings=("It is windy.",),
 )
 FAILED = FlightRow(file="b.bin", status="It is a zip archive.")

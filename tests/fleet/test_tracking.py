@@ -157,15 +157,9 @@ def test_only_vehicles_of_which_anything_is_new_are_judged(tmp_path):
 def flight(key: str, means: tuple[float, ...], **columns: object) -> FlightRow:
     """A flight whose model says that each µs of either motor turns it by 1 or -1 rad/s², damped by 2/s."""
     effect = np.array([1.0, -1.0])
-    values = {
-        "motors": ("1", "2"),
-        "axis": "roll",
-        "mean_inputs": means,
-        "mean_outputs": (0.1, 0.0),
-        "residual_gain_inputs": -effect,
-        "residual_gain_outputs": (0.0, 2.0),
-        "residual_offset": float(effect @ means) if len(means) == 2 else 0.2,
-    }
+    values = {"motors": ("1", "2"), "axis": "roll", "mean_inputs": means, "mean_outputs": (0.1, 0.0)}
+    values |= {"residual_gain_inputs": -effect, "residual_gain_outputs": (0.0, 2.0)}
+    values["residual_offset"] = float(effect @ means) if len(means) == 2 else 0.2
     return FlightRow(file=f"{key}.bin", key=key, **values | columns)
 
 

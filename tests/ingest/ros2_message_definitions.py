@@ -46,35 +46,21 @@ uint8 quat_reset_counter        # Quaternion reset counter
 """
 
 _PLAIN = {
-    "px4_msgs/msg/VehicleAngularVelocity": (
-        "uint64 timestamp; uint64 timestamp_sample; float32[3] xyz; float32[3] xyz_derivative"
-    ),
+    "px4_msgs/msg/VehicleAngularVelocity": "uint64 timestamp; uint64 timestamp_sample; float32[3] xyz",
     "px4_msgs/msg/ActuatorMotors": (
-        "uint32 MESSAGE_VERSION = 0; uint64 timestamp; uint64 timestamp_sample; uint16 reversible_flags; uint8 "
-        "ACTUATOR_FUNCTION_MOTOR1 = 101; uint8 NUM_CONTROLS = 12; float32[12] control"
+        "uint64 timestamp; uint64 timestamp_sample; uint16 reversible_flags; float32[12] control"
     ),
-    "px4_msgs/msg/ActuatorOutputs": (
-        "uint64 timestamp; uint8 NUM_ACTUATOR_OUTPUTS = 16; uint8 NUM_ACTUATOR_OUTPUT_GROUPS = 4; uint32 noutputs; "
-        "float32[16] output"
-    ),
+    "px4_msgs/msg/ActuatorOutputs": "uint64 timestamp; uint32 noutputs; float32[16] output",
     "px4_msgs/msg/VehicleTorqueSetpoint": "uint64 timestamp; uint64 timestamp_sample; float32[3] xyz",
-    "px4_msgs/msg/VehicleAttitudeSetpoint": (
-        "uint32 MESSAGE_VERSION = 1; uint64 timestamp; float32 yaw_sp_move_rate; float32[4] q_d; float32[3] thrust_body"
-    ),
+    "px4_msgs/msg/VehicleAttitudeSetpoint": "uint64 timestamp; float32 yaw_sp_move_rate; float32[4] q_d",
     "px4_msgs/msg/VehicleRatesSetpoint": (
-        "uint32 MESSAGE_VERSION = 0; uint64 timestamp; float32 roll; float32 pitch; float32 yaw; float32[3] "
-        "thrust_body; bool reset_integral"
+        "uint64 timestamp; float32 roll; float32 pitch; float32 yaw; bool reset_integral"
     ),
-    "px4_msgs/msg/BatteryStatus": (
-        "uint32 MESSAGE_VERSION = 1; uint64 timestamp; bool connected; float32 voltage_v; float32 current_a"
-    ),
-    "px4_msgs/msg/VehicleImuStatus": (
-        "uint64 timestamp; uint32[3] accel_clipping; float32 accel_vibration_metric; float32 gyro_vibration_metric"
-    ),
+    "px4_msgs/msg/BatteryStatus": "uint64 timestamp; bool connected; float32 voltage_v; float32 current_a",
+    "px4_msgs/msg/VehicleImuStatus": "uint64 timestamp; uint32[3] accel_clipping; float32 accel_vibration_metric",
     "px4_msgs/msg/SensorGps": "uint64 timestamp; uint64 time_utc_usec; uint8 satellites_used",
     "px4_msgs/msg/ManualControlSetpoint": (
-        "uint32 MESSAGE_VERSION = 0; uint64 timestamp; uint64 timestamp_sample; bool valid; uint8 SOURCE_UNKNOWN = "
-        "0; uint8 SOURCE_RC = 1; uint8 data_source; float32 roll; float32 pitch; float32 yaw; float32 throttle"
+        "uint64 timestamp; bool valid; float32 roll; float32 pitch; float32 yaw; float32 throttle"
     ),
     "px4_msgs/msg/VehicleThrustSetpoint": "uint64 timestamp; uint64 timestamp_sample; float32[3] xyz",
     "px4_msgs/msg/VehicleStatus": (
@@ -82,12 +68,8 @@ _PLAIN = {
         "ARMING_STATE_ARMED = 2; uint8 nav_state; uint8 vehicle_type; uint8 VEHICLE_TYPE_FIXED_WING = 2; bool "
         "failsafe; uint8 system_type; uint8 system_id; uint8 component_id; bool pre_flight_checks_pass"
     ),
-    "px4_msgs/msg/VehicleLandDetected": (
-        "uint64 timestamp; bool freefall; bool ground_contact; bool maybe_landed; bool landed; bool at_rest"
-    ),
-    "px4_msgs/msg/VehicleControlMode": (
-        "uint64 timestamp; bool flag_armed; bool flag_control_manual_enabled; bool flag_control_auto_enabled"
-    ),
+    "px4_msgs/msg/VehicleLandDetected": "uint64 timestamp; bool freefall; bool landed; bool at_rest",
+    "px4_msgs/msg/VehicleControlMode": "uint64 timestamp; bool flag_armed; bool flag_control_auto_enabled",
     "px4_msgs/msg/PositionSetpointTriplet": (
         "uint64 timestamp; PositionSetpoint previous; PositionSetpoint current; PositionSetpoint next; "
         "================================================================================; MSG: "
@@ -117,18 +99,14 @@ _PLAIN = {
         "system_status; string MODE_APM_COPTER_STABILIZE = STABILIZE; string MODE_PX4_OFFBOARD = OFFBOARD; @HEADER"
     ),
     "mavros_msgs/msg/ExtendedState": (
-        "uint8 VTOL_STATE_UNDEFINED = 0; uint8 LANDED_STATE_ON_GROUND = 1; uint8 LANDED_STATE_IN_AIR = 2; "
-        "std_msgs/Header header; uint8 vtol_state; uint8 landed_state; @HEADER"
+        "uint8 LANDED_STATE_IN_AIR = 2; std_msgs/Header header; uint8 vtol_state; uint8 landed_state; @HEADER"
     ),
-    "mavros_msgs/msg/ActuatorControl": (
-        "std_msgs/Header header; uint8 group_mix; float32[8] controls; uint8 PX4_MIX_FLIGHT_CONTROL = 0; @HEADER"
-    ),
+    "mavros_msgs/msg/ActuatorControl": "std_msgs/Header header; uint8 group_mix; float32[8] controls; @HEADER",
     "geometry_msgs/msg/TwistStamped": (
         "std_msgs/Header header; Twist twist; @HEADER; "
         "================================================================================; MSG: geometry_msgs/Twist; "
         "Vector3 linear; Vector3 angular; @VECTOR"
     ),
-    "sensor_msgs/msg/CompressedImage": "std_msgs/Header header; string format; uint8[] data; @HEADER",
 }
 """Fields, constants and, behind lines of "=", the messages within; "@" names one of the above."""
 

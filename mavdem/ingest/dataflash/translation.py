@@ -22,9 +22,7 @@ Fields and units: https://ardupilot.org/copter/docs/logmessages.html, from ArduP
 RATE has the rates that MAVLink's ATTITUDE sends, filtered and without the gyro bias that the estimator finds. IMU has
 the bias still, and is used only where RATE was logged slower than both it and the angles, or not at all.
 
-Rates and angles that were asked for are messages of ATTITUDE_TARGET of their own, at the stamps of RATE and of ATT or
-ANG; the other is masked there.
-
+Rates and angles that were asked for are messages of ATTITUDE_TARGET of their own, in which the other is masked.
 ArduCopter before 3.4 called RATE's columns otherwise for a time, and logged them in centidegrees/s, the demands as
 -4500 to 4500, and AOut as 0 to 1000. Notes say where that was found.
 

@@ -1,10 +1,10 @@
 """MAVLink messages in JSON topics of a recording, as frames by sender.
 
 There are two layouts: the fields at top level, or BlueOS's ``{"header": {"system_id", "component_id", "sequence",
-"message_id"}, "message": {"type": "ATTITUDE", ...fields}}``. There a field that is itself called ``type`` is
-``mavtype``, an enum's value is ``{"type": "MAV_TYPE_QUADROTOR"}``, a bitmask ``{"bits": 81}`` or ``"A | B"``, and a
-text is an array of its characters. Numbers are those of JSON5, with NaN and Infinity; plain JSON has null for NaN.
-Source: the JSON of rust-mavlink (https://github.com/mavlink/rust-mavlink, ``serde`` feature), which BlueOS records.
+"message_id"}, "message": {"type": "ATTITUDE", ...fields}}``, where a field called ``type`` is ``mavtype``, an enum's
+value is ``{"type": "MAV_TYPE_QUADROTOR"}``, a bitmask ``{"bits": 81}`` or ``"A | B"``, and a text an array of its
+characters. Numbers are those of JSON5; plain JSON has null for NaN. Source: the JSON of rust-mavlink
+(https://github.com/mavlink/rust-mavlink, ``serde`` feature), which BlueOS records.
 """
 
 from __future__ import annotations
@@ -294,11 +294,11 @@ class JsonTopics:
         """Adds a message of the topic that repeats the others, unless it has one of its own."""
         if self._likely_kind(message.data) in self._own:
             return
-        kind = self._kind(message.data) if message.sound else None
-        if kind is None:
+        written = parse(message.data) if message.sound else None
+        if written is None or written.name is None or written.system is None or written.component is None:
             self._unnamed += message.sound
             self._damaged += not message.sound
-        elif kind not in self._own:
+        elif (kind := JsonTopic(FrameSender(written.system, written.component), written.name)) not in self._own:
             self.add(kind, place, message)
 
     def parts(self) -> Iterator[RecordingPart]:
@@ -334,12 +334,6 @@ class JsonTopics:
         """The likely topic of a body, by its first matches: parsing it would take three times as long."""
         found = [match[1].decode() for pattern in KIND_PATTERNS if (match := pattern.search(body))]
         return JsonTopic(FrameSender(int(found[0]), int(found[1])), found[2]) if len(found) == 3 else None
-
-    def _kind(self, body: bytes) -> JsonTopic | None:
-        written = parse(body)
-        if written is None or written.name is None or written.system is None or written.component is None:
-            return None
-        return JsonTopic(FrameSender(written.system, written.component), written.name)
 
 
 def _numbered(sequence: NDArray[np.int64], places: Places) -> Bytes:

@@ -162,8 +162,8 @@ def mavros_autopilot(modes: Counter[str]) -> int:
 def mavros_message(message: str, fields: Fields, vehicle_autopilot: int) -> dict[str, NDArray[Any]]:
     """Returns the fields of one MAVLink message of ``MAVROS_TOPICS``, without its stamps, from those of its topic."""
     if message == "ATTITUDE_QUATERNION":  # plugins/imu.cpp, lib/ftf_frame_conversions.cpp
-        names, values = _ATTITUDE_FIELDS, (*_quaternion(fields), *_body_rates(fields, "angular_velocity"))
-        return dict(zip(names, values, strict=True))
+        values = *_quaternion(fields), *_body_rates(fields, "angular_velocity")
+        return dict(zip(_ATTITUDE_FIELDS, values, strict=True))
     if message == "SYS_STATUS":
         return {"voltage_battery": 1000.0 * fields["voltage"]}  # plugins/sys_status.cpp
     if message == "ATTITUDE_TARGET":  # plugins/setpoint_raw.cpp, which turns the setpoint as it does the attitude

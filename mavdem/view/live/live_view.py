@@ -54,7 +54,7 @@ class SinkThread:
         self._last: ViewRow | None = None
         self._until: float | None = None  # time of the last sample that the latest model was trained on, s
         self._reported_drops, self._next_status, self._next_try = 0, 0.0, 0.0
-        self._closing = Event()
+        self.closing = Event()  # when it is set, the rest is sent
         self._thread = Thread(target=self._run, name=f"to {sink.name}", daemon=True)
         self._thread.start()
 
@@ -67,12 +67,8 @@ class SinkThread:
                 self.dropped += len(self._rows) == self._rows.maxlen
                 self._rows.append(item)
 
-    def end(self) -> None:
-        """Starts to send the rest and to close."""
-        self._closing.set()
-
     def ended(self, within: float) -> bool:
-        """Returns whether that is done within so many seconds from now."""
+        """Returns whether the rest is sent and the sink closed within so many seconds from when ``closing`` is set."""
         self._thread.join(within)
         if self._thread.is_alive():
             self.trouble = f"{self.sink.name} does not respond; the last rows may be missing"
@@ -85,7 +81,7 @@ class SinkThread:
                 self._open()
             except (RuntimeError, OSError) as error:
                 self._give_up(f"cannot be written: {error}")
-        while not self._closing.wait(self.sink.period):
+        while not self.closing.wait(self.sink.period):
             self._send_batch()
         self._next_status = 0.0
         self._send_batch()
@@ -278,7 +274,7 @@ class LiveView:
         self._closed = True
         atexit.unregister(self.close)
         for thread in self._threads:
-            thread.end()
+            thread.closing.set()
         deadline = wall.monotonic() + CLOSE_SECONDS
         ended = [thread.ended(max(0.0, deadline - wall.monotonic())) for thread in self._threads]
         if not all(ended):
