@@ -73,7 +73,6 @@ def _kept_from_asking(telemetry: Telemetry, components: Sequence[Component]) -> 
 
 
 def _stream_rates(telemetry: Telemetry, rate: int) -> str:
-    """Which of ArduPilot's parameters to set, and which port's are high enough already."""
     asked = {name: value for name, value in telemetry.parameters.items() if STREAM_RATE.match(name)}
     old, new = "SRn_EXTRA1 and SRn_RC_CHAN", "MAVn_EXTRA1 and MAVn_RC_CHAN"
     named = new if all(name.startswith("MAV") for name in asked) else old
@@ -127,7 +126,6 @@ def _dataflash(telemetry: Telemetry) -> str:
 
 
 def _ulog(telemetry: Telemetry) -> str:
-    """How to log attitude and the demand fast with PX4."""
     profile = telemetry.parameters.get("SDLOG_PROFILE")
     effect = "which logs attitude and the demand fast; reboot and fly anew."
     if profile is None:

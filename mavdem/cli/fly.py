@@ -154,7 +154,6 @@ def _refusing(hint: str = "", before: str = "") -> Iterator[None]:
 
 
 def _chosen(named: str, seed: int | None, duration: float | None) -> Scenario:
-    """The scenario with the options of the command line."""
     with _refusing("SCENARIO"):
         scenario = load(named)
     if scenario == Scenario():

@@ -1,4 +1,4 @@
-"""Inventory of a log: senders, rates, damage; of each vehicle identity, verdict, condition and the tier of its rates."""
+"""Inventory of a log: senders, rates, damage; of each vehicle identity, verdict, condition and tier."""
 
 from __future__ import annotations
 
@@ -99,7 +99,6 @@ def _texts(telemetry: Telemetry) -> list[str]:
 
 
 def _firmware(telemetry: Telemetry) -> str:
-    """What the autopilot says at boot, or AUTOPILOT_VERSION; empty where there is neither."""
     said = next((text.strip() for text in _texts(telemetry) if text.startswith(("ArduCopter V", "APM:Copter V"))), "")
     columns = telemetry.messages.get("AUTOPILOT_VERSION")
     if said or columns is None or "flight_sw_version" not in columns:

@@ -433,6 +433,5 @@ def _nanoseconds(values: NDArray[np.float64], unit: int) -> NDArray[np.int64]:
 
 
 def _most_frequent_id(ids: NDArray[np.float64] | None, default: int) -> int:
-    """The id in most messages."""
     valid = [] if ids is None else [int(one) for one in ids if 1 <= one <= 255]
     return max(set(valid), key=valid.count, default=default)
