@@ -80,10 +80,7 @@ def write_stamped(file: BinaryIO, frames: Iterable[tuple[int, bytes]]) -> int:
 
 
 class ReceiveStamps:
-    """The receive stamps of a stream, added table by table; only the places of wrong stamps are kept.
-
-    ``bytes_skipped`` counts the bytes that are neither frame nor stamp.
-    """
+    """The receive stamps of a stream, added table by table; ``bytes_skipped`` are neither frame nor stamp."""
 
     def __init__(self, data: Bytes) -> None:
         self._data = data

@@ -308,10 +308,8 @@ def _targets(tables: Mapping[str, Columns], version: tuple[int, int] | None) -> 
 
 def _demands(tables: Mapping[str, Columns]) -> tuple[Columns | None, tuple[str, ...]]:
     """The demands, −1 to 1, and thrust, 0 to 1 (NaN where RATE has none); and a note where they were scaled."""
-    logged, fields = next(
-        ((found, names) for names in DEMANDS if (found := having(tables, "RATE", names)) is not None), (None, ())
-    )
-    if logged is None:
+    fields = next((names for names in DEMANDS if having(tables, "RATE", names) is not None), DEMANDS[0])
+    if (logged := having(tables, "RATE", fields)) is None:
         return None, ()
     controls = np.pad(values(logged, fields), ((0, 0), (0, 8 - len(fields))))
     thrust = having(tables, "RATE", ("AOut",))
