@@ -177,10 +177,10 @@ def live_command(
     check_file(rrd, "--rrd", (".rrd",))
     check_file(record, "--record", tuple(STREAMS))
     beside = rrd or record
-    model = model or (None if beside is None else beside.with_suffix(".model.json"))
+    model = model or (beside and beside.with_suffix(".model.json"))
     check_file(model, "--model", (".json",))
     beside = beside or model
-    html = html or (None if beside is None else beside.with_suffix(".html"))
+    html = html or (beside and beside.with_suffix(".html"))
     check_file(html, "--html", (".html",))
     stream = LiveStream(axis, vehicle, inputs, asked=request_rate is not None)
     with ExitStack() as signals, ExitStack() as ends:
@@ -246,9 +246,8 @@ def live_command(
             }
             print_json(figures)
     broken = dashboard.file is not None and dashboard.file.broken
-    if session.recording is not recording or broken or (html is not None and not has_page):
-        code = UNUSABLE
-    click.get_current_context().exit(code)
+    lost = session.recording is not recording or broken or (html is not None and not has_page)
+    click.get_current_context().exit(UNUSABLE if lost else code)
 
 
 def _written(path: Path | None, text: str, what: str) -> bool:
@@ -296,6 +295,5 @@ def _status_line(status: SessionStatus, axis: str) -> str:
     rates = ", ".join(f"{name} {rate:.3g} Hz" for name, rate in sorted(status.rates.items()) if rate) or "no attitude"
     late = f", latency {1e3 * status.latency[1]:.1f} ms (99 %)" if status.learned + status.shown else ""
     ahead = f"; {ahead}" if (ahead := _ahead(status, axis)) else ""
-    learned = f"{status.vehicle}: {rates}; {status.learned} samples learned{late}{ahead}"
-    line = f"{learned}. {sentence(status.obstacle)}" if status.obstacle else f"{learned}; learning."
-    return f"{line} {status.alarm}".rstrip()
+    end = f". {sentence(status.obstacle)}" if status.obstacle else "; learning."
+    return f"{status.vehicle}: {rates}; {status.learned} samples learned{late}{ahead}{end} {status.alarm}".rstrip()

@@ -279,7 +279,7 @@ class LiveStream:
         """Reports when messages are missing or too slow, and when they no longer are."""
         heard = self._rates(now)
         outputs = {name: rate for name, rate in heard.items() if name not in ATTITUDE_MESSAGES}
-        drives = self._inputs.message if self._inputs else max(outputs, key=lambda name: outputs[name], default=None)
+        drives = self._inputs.message if self._inputs else max(outputs, key=outputs.__getitem__, default=None)
         obstacle: str | None
         if sender.kind not in (*MULTIROTORS, UNNAMED):
             obstacle = f"The vehicle is a {sender.kind}; the {self.axis} model is for multirotors only."
@@ -291,8 +291,8 @@ class LiveStream:
             rates = {name: heard[name] for name in (self._attitude, drives)}
             # With hysteresis: a rate at the limit must not be reported twice a second.
             least = MINIMUM_RATE / STEP_TOLERANCE if self._enough else MINIMUM_RATE
-            obstacle = too_slow(rates, self.axis) if min(rates.values()) < least else None
-            obstacle = None if obstacle is None else obstacle + self._advice
+            slow = too_slow(rates, self.axis) if min(rates.values()) < least else None
+            obstacle = slow and slow + self._advice
         if obstacle is not None and self._enough:
             self._report(obstacle)
         elif obstacle is None and not self._enough:

@@ -116,10 +116,8 @@ def run(runner: Runner) -> Result:
     )
 
 
-def _trial(runner: Runner, name: str, experiment: int, start: str) -> Trial:
-    if name == WITH:
-        return median_draw(runner.draws[WITH][experiment], start)
-    return runner.trial(name, experiment)
+def _trial(runner: Runner, name: str, number: int, start: str) -> Trial:
+    return median_draw(runner.draws[WITH][number], start) if name == WITH else runner.trial(name, number)
 
 
 def least(errors: Errors, ours: str, peers: tuple[str, ...], where: str) -> Check:

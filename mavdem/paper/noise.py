@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.stats import chi2, jarque_bera, norm
 
-from mavdem.dem import learn
+from mavdem.dem import Learned, learn
 from mavdem.dem.engine.linalg import Array
 from mavdem.evaluate.windows import Window
 from mavdem.paper import figures
@@ -99,13 +99,8 @@ def run(runner: Runner) -> Result:
 
 
 def noise_of_model(window: Window) -> Noise:
-    """Returns w^φ̇ = (C(x′ − Ax − Bv))^φ̇, as DEM's D step with the paper's settings estimates it, rad/s².
-
-    It does not depend on the coordinates of the states.
-    """
-    learned = learn(window.train, PAPER)
-    _, noise = learned.process_noise()
-    return analyse_noise(noise @ learned.model.C[ROLL_RATE], learned.dt, overlap=SHARED)
+    """Returns w^φ̇ = (C(x′ − Ax − Bv))^φ̇ under DEM with the paper's settings, in the training data, rad/s²."""
+    return process_noise(learn(window.train, PAPER))[ROLL_RATE]
 
 
 def noise_of_known_model(window: Window) -> Noise:
@@ -197,6 +192,23 @@ class Noise(NamedTuple):
         """Returns plain JSON values by name."""
         tests = ("normality", "normality_if_white", "whiteness")
         return self._asdict() | {name: getattr(self, name)._asdict() for name in tests}
+
+
+def process_noise(learned: Learned) -> dict[int, Noise]:
+    """Returns the statistics of a model's process noise, as it drives each output, by the output's number.
+
+    That is C w, w = x′ − A x − B v as the D step estimates it, in units of the outputs per second. It does not depend
+    on the coordinates of the states. If the training data have gaps it is that of the longest part between them.
+
+    Raises:
+        ValueError: too few training samples, or a noise that does not vary, as when p = 0.
+    """
+    samples, noise = learned.process_noise()
+    runs = np.split(np.arange(len(samples)), np.flatnonzero(np.diff(samples) > 1) + 1)
+    driving = noise[max(runs, key=len)] @ learned.model.C.T
+    window = learned.settings.window
+    assert window is not None
+    return {output: analyse_noise(driving[:, output], learned.dt, overlap=window) for output in range(driving.shape[1])}
 
 
 def analyse_noise(values: ArrayLike, dt: float, overlap: int = 1) -> Noise:

@@ -122,16 +122,6 @@ def entries(flight: Labelled, learned: Learned) -> dict[str, list[tuple[str, str
     }
 
 
-def state_rate_units(flight: Labelled, learned: Learned) -> list[str]:
-    """Returns units of the n states per second; a hidden state has the last output's, one that is no output none."""
-    order, units = learned.model.A.shape[0], flight.output_units
-    if not states_are_outputs(learned):
-        return [""] * order
-    shown = [*units, *[units[-1]] * (order - len(units))][:order]
-    rates = (unit.removesuffix("/s") + "/s²" if unit.endswith("/s") else unit + "/s" for unit in shown)
-    return [rate if unit else "per s" for unit, rate in zip(shown, rates, strict=True)]
-
-
 def plus_minus(value: float, half: float) -> str:
     """Returns an estimate and the ``half`` width of its interval, with the digits that it bears; a dash without one.
 

@@ -7,20 +7,16 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from math import ceil
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-from numpy.typing import NDArray
 
-from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
-from mavdem.dem.engine.model import pack
-from mavdem.dem.priors import hyperparameter_groups, hyperparameter_prior
 from mavdem.files import atomic_write
 from mavdem.report import palette
-from mavdem.report.numbers import Labelled, entries, left_free, place, readable, rounded, state_names, state_rate_units
+from mavdem.report.numbers import rounded
 
 FLIGHT_TIME = "flight time"
 """Timeline of a recording, seconds since the first sample that is shown."""
@@ -139,56 +135,6 @@ class Plot:
             axis_y=rrb.ScalarAxis(range=(low - margin, high + margin)),
             plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.RightTop, visible=len(self.lines) > 1),
         )
-
-
-class FreeEntries(NamedTuple):
-    """Entries of θ or λ that the data decide: ``names``, ``places`` in it, and ``scale``, by which they are shown."""
-
-    names: tuple[str, ...]
-    places: NDArray[np.intp]
-    scale: Array
-
-    def shown(self, values: Array) -> Array:
-        """Returns the entries of values (…, k), as they are shown."""
-        return np.asarray(values[..., self.places] * self.scale)
-
-
-def free_parameters(labels: Labelled, learned: Learned) -> dict[str, FreeEntries]:
-    """Returns the entries of A, B and C that the prior leaves free, by the name of the matrix; in degrees."""
-    rows = [readable(unit).scale for unit in state_rate_units(labels, learned)]
-    inputs, outputs = [1.0] * len(labels.input_names), [readable(unit).scale for unit in labels.output_units]
-    scale = pack(*(np.divide.outer(*pair) for pair in ((rows, rows), (rows, inputs), (outputs, rows))))
-    free, first = {}, 0
-    for matrix, left in left_free(learned).items():
-        cells, places = entries(labels, learned)[matrix], np.flatnonzero(left)
-        names = tuple(f"{place(cells[i][0])} ← {place(cells[i][1])}" for i in places)
-        if names:
-            free[matrix] = FreeEntries(names, first + places, scale[first + places])
-        first += len(left)
-    return free
-
-
-def free_precisions(labels: Labelled, learned: Learned) -> FreeEntries:
-    """Returns the λ that the prior leaves free: of the measurement noise z, then of the process noise w.
-
-    All of them, where the prior fixes all.
-    """
-    states, outputs, names = state_names(labels, learned), labels.output_names, []
-    groups = hyperparameter_groups(learned.settings, len(states), len(outputs))
-    for noise, whole, channels, group in zip("zw", ("measurement", "process"), (outputs, states), groups, strict=True):
-        several = len(np.unique(group)) > 1
-        for number in np.unique(group):
-            shared = " and ".join(name for name, member in zip(channels, group, strict=True) if member == number)
-            names.append(f"{noise} of {shared}" if several else f"{noise}, {whole}")
-    fixed = prior_outweighs_data(learned)
-    places = np.flatnonzero(fixed if fixed.all() else ~fixed)
-    return FreeEntries(tuple(names[i] for i in places), places, np.ones(len(places)))
-
-
-def prior_outweighs_data(learned: Learned) -> NDArray[np.bool_]:
-    """Returns which λ, (g,), have more precision from the prior than from the data: the prior fixes them in effect."""
-    _, prior = hyperparameter_prior(learned.settings, *reversed(learned.model.C.shape))
-    return np.asarray(1 / learned.learning.lambda_sd[-1] ** 2 < 2 * np.diag(prior))
 
 
 def with_gaps(parts: Sequence[Array] | Array, last: bool = False) -> Array:

@@ -242,7 +242,11 @@ class Transmitter:
         self.clock = float(clock[-1])
         placed: list[Placed] = [(name, np.zeros(1, dtype=np.intp), one) for name, one in self._asked]
         self._asked = []
-        placed += [*self._changes(motion), *self._listed(len(motion)), *self._streams(motion, clock)]
+        placed += self._changes(motion)
+        # Of the parameters one in each row.
+        listed, self._to_tell = self._to_tell[: len(motion)], self._to_tell[len(motion) :]
+        placed += [("PARAM_VALUE", np.arange(len(listed)), np.concatenate(listed))] if listed else []
+        placed += self._streams(motion, clock)
         version = self._scenario.stream.version
         placed = [row for row in placed if version == 2 or named(row[0]).message_id <= 255]
         return self._framed(placed, motion.time, version) if placed else _nothing()
@@ -252,17 +256,11 @@ class Transmitter:
         states = np.where(motion.armed, motion.landed_state.astype(np.int64), DISARMED)
         placed: list[Placed] = []
         for row in np.flatnonzero(np.diff(states, prepend=self._state)):
-            text = self.autopilot.words.get((self._state, int(states[row])))
-            self._state = int(states[row])
-            if text is not None:
+            before, self._state = self._state, int(states[row])
+            if text := self.autopilot.words.get((before, self._state)):
                 text_payload = payload("STATUSTEXT", severity=INFO, text=text.encode())
                 placed.append(("STATUSTEXT", np.array([row]), text_payload))
         return placed
-
-    def _listed(self, count: int) -> list[Placed]:
-        """The next parameters to be sent, one in each row."""
-        now, self._to_tell = self._to_tell[:count], self._to_tell[count:]
-        return [("PARAM_VALUE", np.arange(len(now)), np.concatenate(now))] if now else []
 
     def _streams(self, motion: Motion, clock: NDArray[np.float64]) -> list[Placed]:
         placed: list[Placed] = []
@@ -370,9 +368,9 @@ def recorded(scenario: Scenario, motion: Motion, cycle: float, progress: Callabl
     """
     transmitter, link = Transmitter(scenario, cycle), LossyLink(scenario.faults, scenario.seed)
     received = []
-    for begin in range(0, len(motion), BLOCK):
-        received.append(link.pass_on(transmitter.send(rows_of_motion(motion, slice(begin, begin + BLOCK)))))
-        progress(min(begin + BLOCK, len(motion)) / len(motion))
+    for end in range(BLOCK, len(motion) + BLOCK, BLOCK):
+        received.append(link.pass_on(transmitter.send(rows_of_motion(motion, slice(end - BLOCK, end)))))
+        progress(min(end / len(motion), 1.0))
     whole = joined([*received, *link.rest()])
     stamps = EPOCH * 1_000_000 + np.round(whole.time * 1e6)
     return FrameStream("simulation", "simulation", whole.data, whole.frames, stamps.astype(np.uint64), 0, ())

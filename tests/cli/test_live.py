@@ -10,7 +10,6 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 from unittest.mock import Mock
 
@@ -23,10 +22,11 @@ from mavdem.cli.commands import main
 from mavdem.ingest import read_log
 
 MAVDEM = [sys.executable, "-c", "import sys; from mavdem.__main__ import run; sys.exit(run())"]
-OFTEN = "import mavdem.cli.live; mavdem.cli.live.STATUS_SECONDS = 0.2; "
-"""Lets a status line follow the other, so that nobody waits long for what it says."""
 PATIENCE = 300.0  # Seconds that a slow, busy machine may take for anything; on others nothing waits for them
-PATIENTLY = f"import mavdem.view.live.live_view; mavdem.view.live.live_view.CLOSE_SECONDS = {PATIENCE}; "
+PATIENTLY = (
+    f"import mavdem.view.live.live_view; mavdem.view.live.live_view.CLOSE_SECONDS = {PATIENCE}; "
+    "import mavdem.cli.live; mavdem.cli.live.STATUS_SECONDS = 0.2; "
+)
 
 
 @pytest.fixture(autouse=True)
@@ -111,32 +111,20 @@ def test_a_model_that_cannot_be_written_costs_nothing_else(tmp_path, capsys, mon
 
 
 class Live:
-    """``mavdem live`` in a process of its own, listening."""
+    """``mavdem live`` in a process of its own, listening, with a status line every 0.2 s."""
 
-    def __init__(self, folder: Path, *words: str, link: str = "") -> None:
+    def __init__(self, folder: Path, *words: str) -> None:
         self.port, self.folder = free_port(), folder
-        self.error = (folder / "error").open("w+")
-        command = [
-            sys.executable,
-            "-c",
-            (PATIENTLY if "--rrd" in words else "") + OFTEN + MAVDEM[2],
-            "live",
-            link or f"udpin:127.0.0.1:{self.port}",
-            "--json",
-            *words,
-        ]
-        self.process = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=self.error, text=True)
+        command = [*MAVDEM[:2], PATIENTLY + MAVDEM[2], "live", f"udpin:127.0.0.1:{self.port}", "--json", *words]
+        error = (folder / "error").open("w+")
+        self.process = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=error, text=True)
         self.until("Listening")
 
-    def until(self, said: str) -> None:
-        self.until_heard(lambda error: said in error)
-
-    def until_learnt(self, samples: int) -> None:
-        self.until_heard(lambda error: any(int(n) >= samples for n in re.findall(r"(\d+) samples learned", error)))
-
-    def until_heard(self, enough: Callable[[str], bool]) -> None:
-        deadline = time.monotonic() + PATIENCE
-        while not enough(error := (self.folder / "error").read_text()):
+    def until(self, said: str, learned: int = 0) -> None:
+        """Waits for a sentence, and for a number of samples learned from."""
+        deadline, error = time.monotonic() + PATIENCE, ""
+        while said not in error or learned > max(map(int, re.findall(r"(\d+) samples learned", error)), default=0):
+            error = (self.folder / "error").read_text()
             assert self.process.poll() is None and time.monotonic() < deadline, error
             time.sleep(0.05)
 
@@ -170,21 +158,9 @@ def test_without_a_vehicle_it_ends_with_nothing_kept(tmp_path):
 def test_a_simulated_vehicle_is_learnt_from_and_everything_is_kept(tmp_path):
     chosen = ["--preset", "paper", "--order", "4"]
     live = Live(tmp_path, "--rrd", "f.rrd", "--record", "f.tlog", "--request-rate", "50", *chosen)
-    fly = [
-        *MAVDEM,
-        "fly",
-        "ardupilot_steps",
-        "--udp",
-        f"127.0.0.1:{live.port}",
-        "--speed",
-        "2",
-        "--duration",
-        "900",
-        "--json",
-    ]
-    flying = subprocess.Popen(fly, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
-    live.until("The model is being learned")
-    live.until_learnt(201)
+    fly = f"fly ardupilot_steps --udp 127.0.0.1:{live.port} --speed 2 --duration 900 --json".split()
+    flying = subprocess.Popen([*MAVDEM, *fly], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    live.until("The model is being learned", 201)
     told = live.end(signal.SIGINT, signal.SIGINT, signal.SIGTERM)
     flying.send_signal(signal.SIGINT)
     flown = json.loads(flying.communicate(timeout=PATIENCE)[0])

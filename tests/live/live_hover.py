@@ -9,7 +9,7 @@ from functools import cache
 
 import numpy as np
 from hover import ARMED, MAV_AUTOPILOTS, MAV_TYPES, Hover
-from mavlink_streams import frame, message, tlog
+from mavlink_streams import message, tlog
 from numpy.typing import NDArray
 from whole_logs import read
 
@@ -166,6 +166,3 @@ def differences(made: Replay, segment: int, telemetry: Telemetry, axis: str = "r
         float(np.abs(np.array([row.outputs for row in rows])[:count] - flight.outputs[:count]).max()),
         float(np.abs(np.array([row.inputs for row in rows])[:count] - flight.inputs[:count]).max()),
     )
-
-
-__all__ = ["NOW", "Flight", "Replay", "Timed", "cut", "differences", "frame", "offline", "replay", "ticks"]

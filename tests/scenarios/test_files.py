@@ -91,15 +91,10 @@ def test_what_is_no_text_or_no_file_is_said_too(tmp_path):
         load("hover_blowr")
 
 
-@pytest.mark.parametrize("kind", ["pipe", "device"])
-def test_what_might_never_end_is_not_read(kind, tmp_path):
-    path = tmp_path / "own.toml"
-    if kind == "pipe":
-        os.mkfifo(path)
-    else:
-        path.symlink_to("/dev/zero")
+def test_what_might_never_end_is_not_read(tmp_path):
+    os.mkfifo(tmp_path / "own.toml")
     with pytest.raises(ValueError, match="own.toml cannot be read: it is no plain file"):
-        load(path)
+        load(tmp_path / "own.toml")
 
 
 VALUES = st.one_of(st.integers(), st.floats(), st.text(max_size=5), st.booleans(), st.none())

@@ -5,27 +5,18 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
+from sitl_scenarios import scenario as sections
 from sitl_scenarios.dynamics import euler
 from sitl_scenarios.files import load, names
 from sitl_scenarios.motion import Motion
-from sitl_scenarios.scenario import (
-    Doublets,
-    GaussianWind,
-    Moment,
-    Scenario,
-    Sensors,
-    SteadyWind,
-    Sticks,
-    StreamSpec,
-    VehicleSpec,
-)
+from sitl_scenarios.scenario import Doublets, Scenario, StreamSpec
 from sitl_scenarios.simulation import Simulation, fly
 
-WINDY = (SteadyWind(kind="steady", speed=4.0), GaussianWind(kind="gaussian", sd=0.7, s=0.2))
+WINDY = (sections.SteadyWind(kind="steady", speed=4.0), sections.GaussianWind(kind="gaussian", sd=0.7, s=0.2))
 
 
-def brief(**sections):
-    return Scenario(**{"duration": 20.0, "seed": 5, "wind": WINDY} | sections)
+def brief(**given):
+    return Scenario(**{"duration": 20.0, "seed": 5, "wind": WINDY} | given)
 
 
 def same(one, other):
@@ -104,7 +95,7 @@ def test_every_scenario_is_flown_to_its_end(name):
 
 
 def test_a_vehicle_that_tumbles_is_no_flight():
-    scenario = brief(vehicle=VehicleSpec(model="crazyflie"), moments=(Moment(sd=1.0, s=0.5),))
+    scenario = brief(vehicle=sections.VehicleSpec(model="crazyflie"), moments=(sections.Moment(sd=1.0, s=0.5),))
     with pytest.raises(ValueError, match="the vehicle is out of control .* s after boot"):
         fly(scenario)
 
@@ -135,28 +126,12 @@ def test_setpoints_have_the_doublets_and_the_vehicle_follows_them(autopilot, axi
 
 @pytest.mark.slow
 def test_a_heading_that_goes_round_is_followed_the_short_way():
-    sticks = Sticks(kind="sticks", axis="yaw", sd=30.0, s=10.0)
+    sticks = sections.Sticks(kind="sticks", axis="yaw", sd=30.0, s=10.0)
     # With noise on the heading, it and its setpoint are on two sides of south for a while.
-    motion = fly(brief(wind=(), duration=45.0, seed=1, excitation=sticks, sensors=Sensors(attitude_sd=0.005)))
+    motion = fly(brief(wind=(), duration=45.0, seed=1, excitation=sticks, sensors=sections.Sensors(attitude_sd=0.005)))
     heading = np.unwrap([euler(each)[2] for each in motion.attitude.tolist()])
     turned = np.cumsum(motion.sticks[:, 2]) * 0.004
     flying = motion.landed_state >= 2
     assert np.abs(turned).max() > np.pi
     assert np.abs(heading - turned)[flying].max() < np.radians(20)
     assert np.abs(motion.rates_setpoint[:, 2] - motion.sticks[:, 2]).max() < np.radians(20)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("curve", [0.0, 1.0])
-def test_a_thrust_curve_changes_commands_and_not_the_flight(curve):
-    sections = {"wind": (), "excitation": Doublets(kind="doublets", amplitude=4.0)}
-    plain, curved = (fly(brief(vehicle=VehicleSpec(quadratic_thrust=share), **sections)) for share in (None, curve))
-    # A hover needs 14.9 N of 28.3 N: s of the command in (1 − f) s + f s², and the published speed 100 + 1000 s rad/s.
-    share = 1.52 * 9.81 / (4 * 5.84e-6 * 1100**2)
-    hover = plain.landed_state == 2
-    expected = share if curve == 0 else share**0.5
-    # The excitation ends two seconds before the descent.
-    quiet = np.flatnonzero(hover)[-250:]
-    assert curved.outputs[quiet].mean() == pytest.approx(1000 + 1000 * expected, abs=2)
-    assert plain.outputs[quiet].mean() == pytest.approx(1699, abs=2)
-    assert np.abs(np.degrees(curved.rates - plain.rates))[hover].std() < 1.0

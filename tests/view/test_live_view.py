@@ -181,9 +181,8 @@ def test_log_status_and_blueprint_show_what_is_there_in_batches_that_are_not_tin
         assert fact in document
     entities = {name: batch.num_rows for name, _, batch in chunks(recording)}
     assert min(rows for name, rows in entities.items() if name.startswith(("outputs", "command"))) >= 100
-    learned = {"noise_precisions", "parameters/A", "parameters/B"}  # drawn from the first batch of learning on
-    assert len(views(recording)) == 16
-    for origin in set(views(recording)) - learned:
+    assert len(views(recording)) == 14
+    for origin in set(views(recording)) - {"noise_precisions"}:  # drawn from the first batch of learning on
         assert any(f"{entity}/".startswith(f"{origin}/") for entity in entities), f"the view of {origin} is empty"
 
 
@@ -229,9 +228,9 @@ def test_a_flight_is_shown_as_it_is_learned_from(tmp_path: Path) -> None:
     np.testing.assert_allclose(lines["outputs/roll/1_measured"][1][:, 0], np.degrees(flight.outputs[:, 0]))
     np.testing.assert_allclose(lines["command"][1][:, 0], flight.inputs @ up)
     assert len(lines["free_energy_of_samples"][0]) > 80
-    # Of a rate and a hidden lag, and the motors' effect on both; that a rate is a rate is known beforehand.
-    widths = {name: values.shape[1] for name, (_, values) in lines.items() if name.startswith(("param", "noise"))}
-    assert widths == {"parameters/A": 3, "parameters/B": 8, "noise_precisions": 1}
+    times, precisions = lines["noise_precisions"]
+    np.testing.assert_array_equal(times, lines["free_energy_action"][0])
+    assert precisions.shape[1] == len(learner.learned.learning.lambda_[-1])
 
 
 @pytest.mark.slow

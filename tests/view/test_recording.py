@@ -15,7 +15,6 @@ from mavdem.report.details import detail_blocks
 from mavdem.report.numbers import AxisCommand
 from mavdem.report.screen import key_figures, screen, title
 from mavdem.view import write_recording
-from mavdem.view.plots import prior_outweighs_data
 from mavdem.view.recording import FlightSeries
 
 FLIGHT = mavdem.read_flight(Path(__file__).parents[2] / "logs" / "ardupilot_wind5_steps.tlog")
@@ -105,13 +104,6 @@ def test_the_command_and_the_wind_s_torque_are_over_the_training_data(recording:
         times, shown = without_gaps(drawn[line])
         np.testing.assert_allclose(times, TIME, atol=1e-8)
         np.testing.assert_allclose(shown, values, atol=1e-9)
-
-
-def test_a_precision_that_the_prior_fixes_is_distinguished_from_one_that_is_learnt(learned: mavdem.Learned) -> None:
-    # One λ for each of two outputs and two states; the default prior is sure of measurement noise only.
-    assert prior_outweighs_data(learned).tolist() == [True, True, False, False]
-    sure = mavdem.learn(PARTS, replace(learned.settings, lambda_w_precision=1e10))
-    assert prior_outweighs_data(sure).tolist() == [True] * 4
 
 
 def test_a_forecast_beyond_all_numbers_leaves_the_measured_in_sight(learned: mavdem.Learned) -> None:

@@ -208,12 +208,9 @@ def usdlog(path: Path) -> dict[str, Array]:
         while True:
             _, variables, rows = events[numbers("H")[0]]
             rows.append(numbers("Q" + "".join(each[-2] for each in variables)))
-    variables, rows = next(rest for event, *rest in events.values() if event == "fixedFrequency")
-    columns = np.array(rows).T
-    return {
-        "time": columns[0] / 1e6,
-        **{name[:-3]: values for name, values in zip(variables, columns[1:], strict=True)},
-    }
+    _, variables, rows = next(one for one in events.values() if one[0] == "fixedFrequency")
+    time, *columns = np.array(rows).T
+    return {"time": time / 1e6, **{name[:-3]: values for name, values in zip(variables, columns, strict=True)}}
 
 
 def crazyflie() -> None:

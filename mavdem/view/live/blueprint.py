@@ -20,10 +20,9 @@ FLIGHT_SECONDS, LEARNING_SECONDS = 20.0, 120.0  # in view
 LEGEND_SHARE, WIDE_LEGEND_SHARE = 0.22, 0.35  # of the time in view, left free on the right for the legend
 UNKNOWN = "–"
 LEGEND = (
-    "y ← x is the entry of A or B from x to y, in degrees and seconds. An error ratio is beside the better of the last "
-    "sample and the mean. Surprise is how far F(t) is below its recent median: 1 is the worst of twenty samples. A "
-    f"mark is where it stays above what is usual in this flight; one in {FALSE_MARK_SECONDS / 60:.0f} minutes is "
-    "expected without a change."
+    "An error ratio is beside the better of the last sample and the mean. Surprise is how far F(t) is below its recent "
+    "median: 1 is the worst of twenty samples. A mark is where it stays above what is usual in this flight; one in "
+    f"{FALSE_MARK_SECONDS / 60:.0f} minutes is expected without a change."
 )
 
 
@@ -81,9 +80,7 @@ def live_blueprint(channels: Channels, root: str = "") -> rrb.Blueprint:
     model = rrb.Grid(
         plot("λ: log precisions of the noise", "noise_precisions", LEARNING_SECONDS),
         plot("F̄ of the learner's memory, nats", "free_energy_action", LEARNING_SECONDS),
-        plot("A: motion from motion, 1/s and 1/s²", "parameters/A", LEARNING_SECONDS),
-        plot("B: motion from motors, degrees and s", "parameters/B", LEARNING_SECONDS),
-        grid_columns=2,
+        grid_columns=1,
         name="Model",
     )
     details = rrb.Vertical(

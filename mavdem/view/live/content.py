@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 
 from mavdem.dem import Estimate, Learned, LinearModel
 from mavdem.dem.engine.linalg import Array
-from mavdem.dem.engine.model import pack
 from mavdem.dem.graybox.wind import LEVEL_SECONDS, gusts
+from mavdem.dem.priors import hyperparameter_groups
 from mavdem.dem.record import Record
 from mavdem.live.history import AHEAD
-from mavdem.report.numbers import place, readable
+from mavdem.report.numbers import Labelled, place, readable, state_names
 from mavdem.report.palette import BAD, BAND_OPACITY, BOUND, COMMAND, DISTURBANCE, MEASURED, PREDICTED, distinct
-from mavdem.view.plots import BOOT_CLOCK, Lines, faint, free_parameters, free_precisions
+from mavdem.view.plots import BOOT_CLOCK, Lines, faint
 
 GUST_SECONDS = 60.0  # of the latest torque, which gusts are found in
 BEYOND = 0.3  # how far predictions and bands are drawn beyond what was measured, in spans of it
@@ -94,6 +94,7 @@ class LiveWriter:
         lines = [
             Lines("command", names, colours),
             Lines("free_energy_of_samples", ("F(t)",), (MEASURED,)),
+            Lines("free_energy_action", ("F̄",), (MEASURED,), 2.0),
             Lines("surprise/samples", ("worst of 20", "surprise"), (BOUND, PREDICTED)),
             Lines("surprise/unusual", ("unusual",), (BAD,), 4.0, marked=True),
             Lines("wind/0_band", ("90 % band",), (faint(DISTURBANCE, BAND_OPACITY),), filled=True),
@@ -207,23 +208,28 @@ class LiveWriter:
         self._unusual = bool(marked[-1])
 
     def _models(self, recording: rr.RecordingStream, rows: list[ViewRow]) -> None:
-        """Draws F̄, λ and what the prior leaves free of A, B and C: a point for each new model."""
+        """Draws F̄ and λ: a point for each new model."""
         for row in rows:
             now = row.estimate
             if now is None or now.model is None or now.model is self._model:
                 continue
             self._model = now.model
-            drawn: list[tuple[str, tuple[str, ...], Array]] = []
-            drawn.append(("free_energy_action", ("F̄",), np.array([now.free_energy_action])))
+            time, action = np.array([row.time]), np.array([now.free_energy_action])
+            self.lines["free_energy_action"].send(recording, time, action)
             if row.learned is not None:
-                noise = free_precisions(self._channels, row.learned)
-                drawn.append(("noise_precisions", noise.names, noise.shown(now.log_precisions)))
-                for matrix, entries in free_parameters(self._channels, row.learned).items():
-                    drawn.append((f"parameters/{matrix}", entries.names, entries.shown(pack(*now.model[:3]))))
-            for path, names, values in drawn:
-                colours = (MEASURED,) if len(names) == 1 else tuple(map(distinct, range(len(names))))
-                lines = Lines(path, names, colours, 2.0).under(self.root)
-                if self.lines.get(lines.path) != lines:
-                    self.lines[lines.path] = lines
-                    lines.send_style(recording)
-                lines.send(recording, np.array([row.time]), values)
+                names = precision_names(self._channels, row.learned)
+                lines = Lines("noise_precisions", names, tuple(map(distinct, range(len(names)))), 2.0).under(self.root)
+                lines.send_style(recording)
+                lines.send(recording, time, now.log_precisions)
+
+
+def precision_names(labels: Labelled, learned: Learned) -> tuple[str, ...]:
+    """Returns what each λ is of: the measurement noise z, then the process noise w."""
+    states, outputs, names = state_names(labels, learned), labels.output_names, []
+    groups = hyperparameter_groups(learned.settings, len(states), len(outputs))
+    for noise, whole, channels, group in zip("zw", ("measurement", "process"), (outputs, states), groups, strict=True):
+        numbers = np.unique(group)
+        for number in numbers:
+            shared = " and ".join(name for name, member in zip(channels, group, strict=True) if member == number)
+            names.append(f"{noise} of {shared}" if len(numbers) > 1 else f"{noise}, {whole}")
+    return tuple(names)
