@@ -158,7 +158,7 @@ class CommandHandler:
         """Sends a message once; ``argument`` is the id of the message whose interval MESSAGE_INTERVAL reports."""
         transmitter = self._transmitter
         if name in transmitter.schedule.usual:
-            transmitter.ask_streamed(name)
+            transmitter.once.add(name)
         elif name == "MESSAGE_INTERVAL" and isfinite(argument) and 0 <= argument < 2**16:
             about = _name(argument)
             interval = transmitter.schedule.interval(about) if about in transmitter.schedule.usual else 0.0
