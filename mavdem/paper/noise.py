@@ -25,6 +25,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.signal import correlate
 from scipy.stats import chi2, jarque_bera, norm
 
 from mavdem.dem import Learned, learn
@@ -275,9 +276,7 @@ def whiteness(series: ArrayLike) -> Significance:
 
 def autocovariance(deviation: Array) -> Array:
     """Returns (N,) Σ x_t x_{t+k} / N at lags k = 0 … N − 1, of a series (N,) of mean zero."""
-    n = len(deviation)
-    spectrum = np.abs(np.fft.rfft(deviation, 2 * n)) ** 2
-    return np.asarray(np.fft.irfft(spectrum)[:n] / n)
+    return np.asarray(correlate(deviation, deviation)[len(deviation) - 1 :] / len(deviation))
 
 
 def _kernel_width(correlation: Array, bound: float) -> float:

@@ -8,11 +8,12 @@ in worker processes; what several experiments share is computed once.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import cached_property, partial
+from itertools import chain, product
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -25,13 +26,13 @@ from mavdem.evaluate import mspe, relative_mspe
 from mavdem.evaluate.windows import Window, windows
 from mavdem.flight import Flight
 from mavdem.forecaster import Forecaster
-from mavdem.paper.claims import Claim
 from mavdem.paper.flights import EXPERIMENTS, HOP, REAL, SAMPLE, TEST, TRAIN, recorded_flights, simulated_experiment
 from mavdem.report.blocks import Block
 from mavdem.report.page import Picture
 
 Job = TypeVar("Job")
 JobResult = TypeVar("JobResult")
+Key = TypeVar("Key", bound=Hashable)
 
 
 class ClaimStatus(StrEnum):
@@ -94,13 +95,6 @@ class Result:
     tables: tuple[Block, ...] = ()
     pictures: tuple[Picture, ...] = ()
     remarks: tuple[str, ...] = ()
-
-
-class Item(NamedTuple):
-    """One claim of the paper, and what tests it."""
-
-    claim: Claim
-    run: Callable[[Runner], Result]
 
 
 PAPER = Settings.paper()
@@ -192,26 +186,29 @@ class Extent:
 class Runner:
     """Runs jobs on workers, or in this process, and keeps the results that several experiments share.
 
-    ``begun``, called with a number of new jobs, returns the function to call when one of them is done.
+    ``progress`` is called with the share of all jobs so far that are done.
     """
 
-    def __init__(
-        self,
-        extent: Extent,
-        executor: Executor | None = None,
-        begun: Callable[[int], Callable[[], None]] = lambda jobs: lambda: None,
-    ) -> None:
+    def __init__(self, extent: Extent, executor: Executor | None = None) -> None:
         self.extent = extent
-        self._executor, self._begun = executor, begun
+        self.progress: Callable[[float], None] = lambda share: None
+        self._executor, self._begun, self._done = executor, 0, 0
 
     def each(self, work: Callable[[Job], JobResult], jobs: Iterable[Job]) -> list[JobResult]:
         """Returns ``work`` of each job, done on the workers; both must pickle."""
         todo, results = list(jobs), []
-        advance = self._begun(len(todo))
+        self._begun += len(todo)
         for result in map(work, todo) if self._executor is None else parallel_map(work, todo, self._executor):
             results.append(result)
-            advance()
+            self._done += 1
+            self.progress(self._done / self._begun)
         return results
+
+    def try_all(self, jobs: Mapping[Key, Iterable[tuple[Learn, Window]]]) -> dict[Key, list[Trial]]:
+        """Returns the trials of the jobs of each key."""
+        todo = {key: list(own) for key, own in jobs.items()}
+        done = iter(self.each(run_trial, chain.from_iterable(todo.values())))
+        return {key: [next(done) for _ in own] for key, own in todo.items()}
 
     @cached_property
     def windows(self) -> dict[int, tuple[Window, ...]]:
@@ -248,23 +245,22 @@ class Runner:
     @cached_property
     def trials(self) -> dict[str, dict[str, list[Trial]]]:
         """All methods on windows of all flights: by flight and method, a trial a window."""
-        flights = [*self.windows.values(), *self.recorded.values()]
-        jobs = [(method, window) for cut in flights for method in METHODS.values() for window in cut]
-        done = iter(self.each(run_trial, jobs))
-        return {cut[0].flight: {name: [next(done) for _ in cut] for name in METHODS} for cut in flights}
+        flights = {cut[0].flight: cut for cut in (*self.windows.values(), *self.recorded.values())}
+        pairs = product(flights, METHODS)
+        tried = self.try_all({pair: [(METHODS[pair[1]], window) for window in flights[pair[0]]] for pair in pairs})
+        return {flight: {name: tried[flight, name] for name in METHODS} for flight in flights}
 
     @cached_property
     def draws(self) -> dict[str, dict[int, list[Trial]]]:
         """DEM with the paper's settings: by method and experiment, a trial a random prior."""
-        kinds, seeds = {WITH: PAPER, WITHOUT: PAPER_WITHOUT}, range(self.extent.priors)
-        jobs: list[tuple[Learn, Window]] = [
-            (partial(learn, settings=replace(settings, seed=seed)), window)
-            for settings in kinds.values()
-            for window in self.experiments.values()
-            for seed in seeds
-        ]
-        done = iter(self.each(run_trial, jobs))
-        return {name: {number: [next(done) for _ in seeds] for number in self.experiments} for name in kinds}
+        methods = {WITH: self.priors(PAPER), WITHOUT: self.priors(PAPER_WITHOUT)}
+        pairs = product(methods, self.experiments)
+        tried = self.try_all({pair: [(fit, self.experiments[pair[1]]) for fit in methods[pair[0]]] for pair in pairs})
+        return {name: {number: tried[name, number] for number in self.experiments} for name in methods}
+
+    def priors(self, settings: Settings) -> list[Learn]:
+        """Returns DEM with these settings from each random prior."""
+        return [partial(learn, settings=replace(settings, seed=seed)) for seed in range(self.extent.priors)]
 
     def trial(self, method: str, number: int) -> Trial:
         """Returns a method's trial on an experiment."""
