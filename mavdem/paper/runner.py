@@ -78,23 +78,14 @@ def plain(errors: dict[str, Array]) -> dict[str, list[float]]:
 
 @dataclass(frozen=True)
 class Result:
-    """What running an experiment gave.
+    """What running an experiment gave."""
 
-    Attributes:
-        checks: those that decide the status; without any, ``remarks`` has the reason.
-        beyond: of settings that are not the paper's; they decide nothing.
-        numbers: plain JSON values by name.
-        tables: tables and the sentences above them.
-        pictures: the figures.
-        remarks: sentences.
-    """
-
-    checks: tuple[Check, ...] = ()
-    beyond: tuple[Check, ...] = ()
-    numbers: dict[str, Any] = field(default_factory=dict)
-    tables: tuple[Block, ...] = ()
+    checks: tuple[Check, ...] = ()  # these decide the status; without any, ``remarks`` has the reason
+    beyond: tuple[Check, ...] = ()  # of settings that are not the paper's; they decide nothing
+    numbers: dict[str, Any] = field(default_factory=dict)  # plain JSON values by name
+    tables: tuple[Block, ...] = ()  # with the sentences above them
     pictures: tuple[Picture, ...] = ()
-    remarks: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()  # sentences
 
 
 PAPER = Settings.paper()
@@ -124,19 +115,12 @@ STARTS = ("the data", "state 0")  # of a forecast: the end of training, or 0 as 
 
 
 class Trial(NamedTuple):
-    """A method on a window.
+    """A method on a window."""
 
-    Attributes:
-        forecasts: (H, m) of the test part by start, one of ``STARTS``; empty where there is none.
-        errors: MSPE of each, summed over outputs; infinite without a forecast.
-        relative: the error ratio to the constant mean, of the forecast from the data.
-        stable: whether the model has no growing mode; ``None`` without a model.
-    """
-
-    forecasts: dict[str, Array]
-    errors: dict[str, float]
-    relative: float
-    stable: bool | None
+    forecasts: dict[str, Array]  # (H, m) of the test part by start, one of ``STARTS``; empty where there is none
+    errors: dict[str, float]  # MSPE of each, summed over outputs; infinite without a forecast
+    relative: float  # the error ratio to the constant mean, of the forecast from the data
+    stable: bool | None  # whether the model has no growing mode; ``None`` without a model
 
 
 def run_trial(job: tuple[Learn, Window]) -> Trial:
@@ -161,21 +145,13 @@ def median_draw(trials: list[Trial], start: str) -> Trial:
 
 @dataclass(frozen=True)
 class Extent:
-    """How much to run.
+    """How much to run."""
 
-    Attributes:
-        experiments: numbers of the simulated flights.
-        duration: of each of them, s, in place of the scenarios'.
-        recorded: whether to use the recorded flights that are on this machine.
-        windows: at most, of each autopilot's flight, evenly spread; of the real AR.Drone all are used.
-        priors: draws of the random prior η^θ.
-    """
-
-    experiments: tuple[int, ...] = EXPERIMENTS
-    duration: float | None = None
-    recorded: bool = True
-    windows: int = 4
-    priors: int = 40
+    experiments: tuple[int, ...] = EXPERIMENTS  # numbers of the simulated flights
+    duration: float | None = None  # of each of them, s, in place of the scenarios'
+    recorded: bool = True  # whether to use the recorded flights that are on this machine
+    windows: int = 4  # at most, of each autopilot's flight, evenly spread; of the real AR.Drone all are used
+    priors: int = 40  # draws of the random prior η^θ
 
     @property
     def sample(self) -> int:
