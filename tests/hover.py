@@ -14,6 +14,7 @@ Array = NDArray[np.float64]
 MAV_TYPES = {"FIXED_WING": 1, "QUADROTOR": 2, "GCS": 6, "GROUND_ROVER": 10, "SUBMARINE": 12, "HEXAROTOR": 13}
 MAV_AUTOPILOTS = {"ARDUPILOTMEGA": 3, "INVALID": 8, "PX4": 12}
 ARMED = 128
+LEVEL = ("pitch", "pitchspeed", "yawspeed")
 X_QUAD = np.array([-1.0, 1.0, 1.0, -1.0])
 """Sign of the roll torque of motors 1 front right, 2 rear left, 3 front left, 4 rear right."""
 
@@ -69,22 +70,10 @@ class Hover:
         """The stream: stamps of attitude and motors are given, or a rate in Hz."""
         at, mt = self.stamps(attitude_time), self.stamps(motor_time)
         beat = self.stamps(1.0)
-        motors = self.motors(mt)
+        motors = np.pad(self.motors(mt), ((0, 0), (0, 4)))
         messages = {
-            "ATTITUDE": columns(
-                at,
-                roll=self.roll(at),
-                pitch=np.zeros_like(at),
-                rollspeed=self.roll_rate(at),
-                pitchspeed=np.zeros_like(at),
-                yawspeed=np.zeros_like(at),
-            ),
-            "SERVO_OUTPUT_RAW": columns(
-                mt,
-                port=np.zeros(len(mt)),
-                **{f"servo{i + 1}_raw": motors[:, i] for i in range(4)},
-                **{f"servo{i + 1}_raw": np.zeros(len(mt)) for i in range(4, 8)},
-            ),
+            "ATTITUDE": columns(at, roll=self.roll(at), rollspeed=self.roll_rate(at), **dict.fromkeys(LEVEL, 0 * at)),
+            "SERVO_OUTPUT_RAW": columns(mt, port=0 * mt, **{f"servo{n + 1}_raw": motors[:, n] for n in range(8)}),
             "HEARTBEAT": columns(
                 beat,
                 type=np.full(len(beat), MAV_TYPES[vehicle]),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
@@ -14,25 +13,18 @@ from mavdem.dem.record import Record
 
 FLIGHT = simulated(wind=2.0)
 TRAIN, TEST = FLIGHT[:700], FLIGHT[700:820]
-COMPLETE = Settings(window=9, parameter_precision=1.0, closed_loop=False)
+COMPLETE = Settings(window=9, parameter_precision=1.0, forecasts="shrunk")
 """The closed loop is learnt from the record, which these tests lengthen; test_mixture.py has its own."""
 METHODS = {
     "DEM": lambda: learn(TRAIN, COMPLETE),
-    "DEM unshrunk": lambda: learn(TRAIN, replace(COMPLETE, shrink_forecasts=False)),
     "DEM paper": lambda: learn(TRAIN, Settings.paper()),
     "ARX": lambda: baselines.arx(TRAIN, 2),
-    "hold": lambda: baselines.hold(TRAIN),
 }
 
 
-@cache
-def learnt(method):
-    return METHODS[method]()
-
-
-@pytest.fixture(params=METHODS)
+@pytest.fixture(params=METHODS, scope="module")
 def model(request):
-    return learnt(request.param)
+    return METHODS[request.param]()
 
 
 def assert_same(actual, expected):
@@ -55,12 +47,6 @@ def test_one_piece_is_the_forecast(model, steps):
     whole = model.forecast_every(steps, TEST.inputs, TEST.outputs)
     assert_same(whole, model.forecast(TEST.inputs))
     assert model.forecast_every(5, TEST.inputs[:0], TEST.outputs[:0]).shape == (0, 2)
-
-
-def test_hold_repeats_the_sample_before_each_piece():
-    pieces = learnt("hold").forecast_every(50, TEST.inputs, TEST.outputs)
-    before = np.vstack([TRAIN.outputs[-1], TEST.outputs[49], TEST.outputs[99]])
-    np.testing.assert_allclose(pieces, np.repeat(before, [50, 50, 20], axis=0))
 
 
 @pytest.mark.parametrize(

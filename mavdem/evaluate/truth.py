@@ -78,11 +78,11 @@ class TruthComparison(NamedTuple):
 
 
 def read_truth(path: str | PathLike[str], axis: str) -> dict[str, Any]:
-    """Returns one ``axis`` of a truth file of ``mavdem fly``; N rows of the simulation, r motors.
+    """Returns one ``axis`` of a truth file of ``mavdem fly``, and its name as ``source``; N rows, r motors.
 
-    Its keys: ``source``, the file's name; ``time`` (N,) on the boot clock; ``rate`` (N,) as the autopilot knew it;
-    ``outputs`` (N, r) of the motors, µs; ``disturbance`` (N,), rad/s²; ``effect`` (r,), rad/s² per µs, ``weak_effect``
-    likewise once something broke, and ``weak`` (N,), when; ``damping``, ``lag`` and ``delay``, 1/s, s, s.
+    ``time`` (N,) on the boot clock; ``rate`` (N,) as the autopilot knew it; ``outputs`` (N, r), µs; ``disturbance``
+    (N,), rad/s²; ``effect`` (r,), rad/s² per µs, and once something broke, ``weak`` (N,), ``weak_effect``; ``damping``,
+    ``lag`` and ``delay``, 1/s, s, s.
 
     Raises:
         Unreadable: ``path`` is not one, or cannot be read.
@@ -145,9 +145,8 @@ def compare_with_truth(learned: Learned, flights: Sequence[Flight], truth: dict[
         raise ValueError("flights must be what the model was trained on")
     time = np.concatenate([segment.time for segment in flights])
     parameters = () if learned.physical is None else _parameters(learned.physical, flights, truth, time)
-    return TruthComparison(
-        truth["source"], parameters, None if learned.wind is None else _wind(learned.wind, truth, time)
-    )
+    wind = None if learned.wind is None else _wind(learned.wind, truth, time)
+    return TruthComparison(truth["source"], parameters, wind)
 
 
 def _difference(measured: Array, truth: dict[str, Any], column: Array, time: Array) -> float:
@@ -177,7 +176,7 @@ def _parameters(
         parameters.append(ComparedParameter("mean effect", unit, *physical.mean_effect(LEVEL), mean, state))
     others = (("damping", "1/s", "damping"), ("lag of the motors", "s", "lag"), ("delay", "s", "delay"))
     for (name, unit, key), half in zip(others, halves, strict=True):
-        state = status["damping" if key == "damping" else "lag"]
+        state = status.get(key, status["lag"])
         parameters.append(ComparedParameter(name, unit, getattr(physical, key), half, float(truth[key]), state))
     return tuple(parameters)
 

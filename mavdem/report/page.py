@@ -259,14 +259,10 @@ def comparison_page(comparison: Comparison, from_zero: bool = False) -> str:
     )
     blocks = comparison_report(comparison, from_zero)
     first = next(number for number, block in enumerate(blocks) if isinstance(block, Table))
+    pictures = Chapter("Pictures", pictures=[windows] if from_zero else [windows, growth])
+    subtitle = f"Forecasts of the same windows of {listed(comparison.flights)}."
     return document(
-        "DEM and other methods",
-        f"Forecasts of the same windows of {listed(comparison.flights)}.",
-        blocks[:first],
-        [
-            Chapter("Pictures", pictures=[windows] if from_zero else [windows, growth]),
-            Chapter("All errors", blocks[first:]),
-        ],
+        "DEM and other methods", subtitle, blocks[:first], [pictures, Chapter("All errors", blocks[first:])]
     )
 
 

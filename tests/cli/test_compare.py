@@ -111,23 +111,6 @@ def test_a_flight_too_short_says_what_fits(quick, capsys):
     assert main(["compare", FLIGHT, *said.split("`")[1].split()]) == 0
 
 
-@pytest.mark.parametrize(
-    ("words", "named"),
-    [
-        ([], "SOURCE"),
-        ([FLIGHT, FLIGHT], "named twice"),
-        ([FLIGHT, "--train", "10"], "--train"),
-        ([FLIGHT, "--hop", "0"], "--hop"),
-        ([FLIGHT, "--out", ""], "--out"),
-        (["udpin:127.0.0.1:14550"], "link"),
-    ],
-)
-def test_bad_usage_names_what_is_wrong(words, named, quick, capsys):
-    assert main(["compare", *words]) == 2
-    said = capsys.readouterr()
-    assert named in said.err and said.out == ""
-
-
 @pytest.mark.slow
 def test_ended_early_it_leaves_no_process_and_no_file(tmp_path):
     """The whole terminal's Ctrl-C, which reaches the workers too."""

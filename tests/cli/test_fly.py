@@ -124,36 +124,6 @@ def test_a_description_of_whatever_characters_reads_back_and_sends_none_to_the_t
     assert load(again) == load(mine)
 
 
-@pytest.mark.parametrize(
-    ("words", "named"),
-    [
-        ([], "SCENARIO"),
-        (["hover_blower"], "--out"),
-        (["nowhere", "--out", "f.tlog"], "nowhere"),
-        (["none.toml", "--out", "f.tlog"], "none.toml"),
-        (["hover_blower", "--out", "f.csv"], ".tlog or .mcap"),
-        (["hover_blower", "--rrd", "f.png"], ".rrd"),
-        (["hover_blower", "--out", "none/f.tlog"], "there is no folder"),
-        (["hover_blower", "--out", "f.tlog", "--duration", "nan"], "duration"),
-        (["hover_blower", "--out", "f.tlog", "--seed", "-1"], "seed must be"),
-        (["hover_blower", "--udp", "14550"], "HOST:PORT"),
-        (["hover_blower", "--udp", "127.0.0.1:" + "1" * 5000], "HOST:PORT"),
-        (["hover_blower", "--udp", "a..b:12"], "Nothing can be sent to a..b:12"),
-        (["hover_blower", "--udp", "h\udcff:12"], "Nothing can be sent to h"),
-        (["hover_blower", "--udp", "255.255.255.255:14550"], "name one host"),
-        (["hover_blower", "--udp", "127.0.0.1:14550", "--speed", "1e-300"], "--speed"),
-        (["hover_blower", "--udp", "127.0.0.1:14550", "--out", "f.tlog"], "choose one"),
-        (["hover_blower", "--out", "f.tlog", "--speed", "1"], "--speed applies to a live flight"),
-        (["hover_blower", "--out", "f.tlog", "--describe"], "leave out --out"),
-        (["--describe", "--list"], "leave out --describe"),
-    ],
-)
-def test_bad_usage_names_what_is_wrong(words, named, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    assert named in refused(capsys, 2, "fly", *words)
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_files_that_fail_to_be_written_leave_those_that_were_there(tmp_path, capsys, monkeypatch):
     def fails(*_: object) -> None:
         raise OSError(28, "No space left on device")

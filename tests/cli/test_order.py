@@ -32,18 +32,3 @@ def test_a_flight_that_cannot_tell_ends_with_one(capsys):
     assert main(["order", str(SLOW)]) == 1
     out, err = capsys.readouterr()
     assert not out and "4" in err
-
-
-@pytest.mark.parametrize(
-    "words",
-    [
-        ["order", str(FLIGHT), str(FLIGHT)],
-        ["order", str(FLIGHT), "--html", "page.txt"],
-        ["order", str(FLIGHT), "--max-order", "99"],
-        ["order", "udpin:127.0.0.1:14550"],
-    ],
-)
-def test_bad_usage_ends_with_two(words, capsys):
-    assert main(words) == 2
-    out, err = capsys.readouterr()
-    assert not out and err.strip() and "Traceback" not in err

@@ -128,10 +128,6 @@ def test_a_rate_ten_times_as_high_makes_the_interval_no_narrower_where_it_adds_n
     np.testing.assert_allclose(mean_interval(often, 60.0), mean_interval(slow, 60.0), rtol=1e-3)
 
 
-def test_a_series_too_short_has_no_interval():
-    assert np.isinf(mean_interval(np.arange(8.0)[:, None], 8.0)).all()
-
-
 PULSES = OutputScale("PWM", "µs", 1000.0, 2000.0, 1.0)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -27,17 +28,8 @@ class Stamps:
     period: float
 
 
-@dataclass(frozen=True)
-class Clock:
-    """``time`` and ``boot`` of all messages of a component in the order they came."""
-
-    time: NDArray[Any]
-    boot: NDArray[Any]
-    repairs: tuple[str, ...]
-
-
-def clock(kinds: list[Stamps], received: NDArray[Any]) -> Clock:
-    """Rows of no kind are messages without stamps."""
+def clock(kinds: list[Stamps], received: NDArray[Any]) -> SimpleNamespace:
+    """``time`` and ``boot`` of all messages in the order they came; rows of no kind are messages without stamps."""
     unstamped = np.setdiff1d(np.arange(len(received)), np.concatenate([kind.rows for kind in kinds]))
     sent = [Sent(kind.message, kind.rows, kind.seconds.copy, kind.period) for kind in kinds]
     sent += [Sent("HEARTBEAT", unstamped)] if len(unstamped) else []
@@ -45,16 +37,16 @@ def clock(kinds: list[Stamps], received: NDArray[Any]) -> Clock:
     time, boot = np.empty(len(received)), np.empty(len(received), dtype=np.int64)
     for kind in sent:
         time[kind.places], boot[kind.places] = made.placed[kind.message].time, made.placed[kind.message].boot
-    return Clock(time, boot, made.repairs)
+    return SimpleNamespace(time=time, boot=boot, repairs=made.repairs)
 
 
-def clock_of(times: NDArray[Any], received: NDArray[Any] | None = None, period: float = WRAP_MS) -> Clock:
+def clock_of(times: NDArray[Any], received: NDArray[Any] | None = None, period: float = WRAP_MS) -> SimpleNamespace:
     rows = np.arange(len(times))
     unknown = np.full(len(times), np.nan)
     return clock([Stamps("ATTITUDE", rows, times, period)], unknown if received is None else received)
 
 
-def interleaved(times: NDArray[Any], servo: NDArray[Any]) -> Clock:
+def interleaved(times: NDArray[Any], servo: NDArray[Any]) -> SimpleNamespace:
     """ATTITUDE and SERVO_OUTPUT_RAW in turn, received as the clock runs."""
     rows = np.arange(len(times))
     stamps = [Stamps("ATTITUDE", 2 * rows, times, WRAP_MS), Stamps("SERVO_OUTPUT_RAW", 2 * rows + 1, servo, WRAP_US)]

@@ -8,7 +8,6 @@ from pathlib import Path
 import dataflash_logs as dataflash
 import numpy as np
 import pytest
-from pymavlink.DFReader import DFReader_binary
 from pyulog import ULog
 from recorded_flights import shared
 
@@ -190,29 +189,6 @@ def test_a_dataflash_log_has_the_first_battery_imu_and_receiver(tmp_path):
     np.testing.assert_allclose(shaking["vibration_z"], 3.5)
     np.testing.assert_array_equal(shaking["clipping_0"], range(5))
     np.testing.assert_allclose(clock["time_unix_usec"] / 1e6, moment.timestamp() + np.arange(1, 5))  # with a fix
-
-
-def test_a_dataflash_log_has_what_pymavlink_reads_of_it():
-    path = shared("real/propeller/hover_good_1.BIN")
-    (vehicle,) = read_log(path).vehicles
-    reader = DFReader_binary(str(path))
-    levels, volts, stamps = [], [], []
-    while (message := reader.recv_match(type=["VIBE", "BAT", "GPS"])) is not None:
-        if message.get_type() == "VIBE" and message.IMU == 0:
-            levels.append((message.TimeUS, message.VibeX, message.VibeY, message.VibeZ, message.Clip))
-        elif message.get_type() == "BAT" and message.Instance == 0:
-            volts.append((message.TimeUS, message.Volt, message.Curr))
-        elif message.get_type() == "GPS" and message.I == 0 and message.Status >= 3:
-            stamps.append((message.TimeUS, message.GWk, message.GMS))
-    shaking, power, clock = (vehicle.messages[name] for name in ("VIBRATION", "SYS_STATUS", "SYSTEM_TIME"))
-    names = ("vibration_x", "vibration_y", "vibration_z", "clipping_0")
-    ours = np.column_stack([1e6 * shaking["time"], *(shaking[name] for name in names)])
-    np.testing.assert_allclose(ours, levels, rtol=1e-6)
-    ours = np.column_stack([1e6 * power["time"], power["voltage_battery"] / 1e3, power["current_battery"] / 1e2])
-    np.testing.assert_allclose(ours, volts, rtol=1e-6)
-    first = clock["time_unix_usec"][0] / 1e6
-    # pymavlink subtracts the leap seconds of its own table.
-    assert first == pytest.approx(reader.clock._gpsTimeToTime(*stamps[0][1:]), abs=1e-3)
 
 
 def test_a_ulog_has_what_pyulog_reads_of_it():
