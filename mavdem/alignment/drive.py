@@ -222,7 +222,6 @@ def _moves(values: NDArray[np.float64]) -> bool:
 
 
 def _interpolated(main: Signal, bank: Signal, values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Values of one bank at the stamps of another."""
     moved = np.full(len(main.time), np.nan)
     for boot in np.unique(main.boot):
         there, here = bank.boot == boot, main.boot == boot

@@ -172,7 +172,6 @@ def between_transients(flight: Interval, climb: Signal | None) -> Interval | Non
 
 
 def _of_boot(signal: Signal | None, boot: int) -> Signal | None:
-    """The part of a signal in one boot; None when it has none there."""
     if signal is None or not np.any(signal.boot == boot):
         return None
     here = signal.boot == boot

@@ -41,7 +41,6 @@ RATE_LIMITS = {"LOG_FILE_RATEMAX": 1, "LOG_MAV_RATEMAX": 2, "LOG_BLK_RATEMAX": 4
 FIRMWARE_VERSION, DEMAND_SINCE = re.compile(r"V(\d+)\.(\d+)"), (3, 3)
 """Where ArduCopter's version is in what it calls itself, and the first that logs RATE; some builds of its development
 did not."""
-HIGH_RATE_PROFILE = 1 << 4  # of PX4's SDLOG_PROFILE
 
 
 def ask_for_rate(telemetry: Telemetry, rate: int = 100, components: Sequence[Component] = ()) -> str:
@@ -73,7 +72,6 @@ def _kept_from_asking(telemetry: Telemetry, components: Sequence[Component]) -> 
 
 
 def _stream_rates(telemetry: Telemetry, rate: int) -> str:
-    """Which of ArduPilot's parameters to set, and which port's are high enough already."""
     asked = {name: value for name, value in telemetry.parameters.items() if STREAM_RATE.match(name)}
     old, new = "SRn_EXTRA1 and SRn_RC_CHAN", "MAVn_EXTRA1 and MAVn_RC_CHAN"
     named = new if all(name.startswith("MAV") for name in asked) else old
@@ -127,13 +125,12 @@ def _dataflash(telemetry: Telemetry) -> str:
 
 
 def _ulog(telemetry: Telemetry) -> str:
-    """How to log attitude and the demand fast with PX4."""
     profile = telemetry.parameters.get("SDLOG_PROFILE")
     effect = "which logs attitude and the demand fast; reboot and fly anew."
     if profile is None:
         lacking = "this PX4 has no such parameter: update it" if telemetry.parameters else "the log does not show it"
         return f"Set SDLOG_PROFILE to 17 (default and high rate; {lacking}), {effect}"
-    fast = int(profile) | HIGH_RATE_PROFILE
+    fast = int(profile) | 1 << 4  # the high rate
     if fast != int(profile):
         return f"SDLOG_PROFILE is {int(profile)} in this log: set it to {fast} (adds the high rate, bit 4), {effect}"
     already = f"SDLOG_PROFILE is {int(profile)}, so the high rate (bit 4) is set already"

@@ -192,7 +192,6 @@ def segment_verdicts(
 
 
 def _of_segment(log: _Evidence, segment: Segment, found: tuple[Segment, ...], dt: float | None = None) -> Verdict:
-    """The verdict on one segment, aligned to steps of ``dt``, s; to its own unless given."""
     signals = log.signals
     flight = align(signals, segment, dt)
     figures = quality.of_segment(signals, segment, flight, log.figures)
@@ -225,12 +224,10 @@ class _Evidence:
     least_rate: float  # Hz, that both streams need
 
     def name(self, stream: Attitude | Motors) -> str:
-        """The name of the stream's messages in the log."""
         return self.signals.telemetry.called(stream.message)
 
 
 def _objection(log: _Evidence, figures: QualityFigures) -> Obstacle | None:
-    """The first reason not to learn from the segment of ``figures``, if there is one."""
     axis = log.signals.axis
     short = (figures.duration or 0.0) < MINIMUM_DURATION
     # A short segment of a slow stream may be fast; it is still the rate of the stream that should change.

@@ -119,7 +119,6 @@ def compare_command(
 
 
 def _compare(cut: Sequence[Window]) -> Comparison:
-    """The comparison, its outcomes shown as they come."""
     title, total, made = f"Comparing {len(METHODS)} methods on {len(cut)} windows", len(cut) * len(METHODS), []
     with progress(title) as done, closing(outcomes(cut, METHODS)) as coming:
         for outcome in coming:

@@ -58,7 +58,6 @@ def convert_command(source: str, out: str, axis: str, vehicle: str | None, input
         say("Every signal is at its own stamps, and nan at those of others.")
     if how := written.get("resampling"):
         say(f"Steps of {written['dt']:g} s; attitude: {how['attitude']}; inputs: {how['motors']}.")
-    for repair in written.get("repairs", ()):
-        say(f"Noted: {repair}")
-    for caution in written.get("cautions", ()):
-        say(f"Caution: {caution}")
+    for key, word in (("repairs", "Noted"), ("cautions", "Caution")):
+        for sentence in written.get(key, ()):
+            say(f"{word}: {sentence}")

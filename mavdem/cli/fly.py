@@ -154,7 +154,6 @@ def _refusing(hint: str = "", before: str = "") -> Iterator[None]:
 
 
 def _chosen(named: str, seed: int | None, duration: float | None) -> Scenario:
-    """The scenario with the options of the command line."""
     with _refusing("SCENARIO"):
         scenario = load(named)
     if scenario == Scenario():
@@ -233,8 +232,7 @@ def _live(name: str, scenario: Scenario, udp: str, speed: float) -> dict[str, An
             outcome = fly_live(scenario, simulation, ground, speed, lambda now: done(min(now / whole, 1.0)), say_aside)
     ended = "Stopped after" if outcome.stopped else "Flew"
     say_aside(f"{ended} {outcome.flown:.1f} s in {outcome.took:.1f} s: sent {outcome.sent} frames.")
-    if outcome.flown < KEPT_UP * speed * outcome.took:
-        ran = outcome.flown / outcome.took
+    if (ran := outcome.flown / outcome.took if outcome.took else speed) < KEPT_UP * speed:
         say_aside(f"This machine is too slow: it ran at {ran:.2g} times real time, not {speed:g}.")
     if outcome.unheard:
         say_aside(f"Received more than it can process: {outcome.unheard} datagrams were dropped, at least in part.")

@@ -17,15 +17,9 @@ from mavdem.dem.learning import FEWEST_SAMPLES
 from mavdem.evaluate.windows import TEST_SECONDS, Length
 
 Command = TypeVar("Command", bound=Callable[..., Any])
-
-MAX_STATES = 10  # A roll model has a few states; the memory of a fit increases with the fourth power of their number
-AXIS_OUTPUTS = 2  # of an axis: its angle and its rate
-
-ORDERS = {"real": range(AXIS_OUTPUTS, AXIS_OUTPUTS + Settings().p + 1), "paper": range(1, MAX_STATES + 1)}
-"""The real prior has a state for each output and at most p hidden ones."""
-
-
 Value = TypeVar("Value")
+ORDERS = {"real": range(2, 2 + Settings().p + 1), "paper": range(1, 11)}
+"""The real prior has a state for each of two outputs and at most p hidden ones; a fit's memory is of order n⁴."""
 
 
 def file_option(name: str, text: str) -> Callable[[Command], Command]:

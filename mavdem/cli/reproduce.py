@@ -84,8 +84,6 @@ def write_report(out: Path, reports: Sequence[ItemReport], runner: Runner, secon
 
 
 class _Jobs:
-    """Shows the share of an item's jobs that is done."""
-
     def __init__(self) -> None:
         self.show: Callable[[float], None] = lambda share: None
         self._begun = self._done = 0

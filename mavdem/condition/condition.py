@@ -162,7 +162,6 @@ def _figures(
     outputs: NDArray[np.float64],
     lean: Mapping[str, float],
 ) -> HoverFigures:
-    """Those of ``outputs`` (N, r) and the mean angles ``lean``, degrees."""
     shares = scale.fraction(outputs)
     trims = shares.mean(axis=0)
     if not trims.mean() > 0:
@@ -387,7 +386,6 @@ def _known(half_width: float) -> float | None:
 
 
 def _measured(signals: Signals, message: str, fields: tuple[str, ...]) -> Signal | None:
-    """Fields of a message as columns (N, k); None where one is missing."""
     columns = signals.telemetry.messages.get(message)
     if columns is None or not all(name in columns for name in fields):
         return None
@@ -410,7 +408,6 @@ def _vibration(signals: Signals, settled: Segments) -> VibrationFigures | None:
 
 
 def _battery(signals: Signals, parts: Segments) -> BatteryFigures | None:
-    """The battery during these parts; None where no voltage was measured then."""
     voltage = signals.voltage
     if voltage is None or not (here := within(voltage, *parts, slack=0)).any():
         return None

@@ -80,10 +80,7 @@ def write_stamped(file: BinaryIO, frames: Iterable[tuple[int, bytes]]) -> int:
 
 
 class ReceiveStamps:
-    """The receive stamps of a stream, added table by table; only the places of wrong stamps are kept.
-
-    ``bytes_skipped`` counts the bytes that are neither frame nor stamp.
-    """
+    """The receive stamps of a stream, added table by table; ``bytes_skipped`` are neither frame nor stamp."""
 
     def __init__(self, data: Bytes) -> None:
         self._data = data
@@ -165,7 +162,6 @@ class ReceiveStamps:
 
 
 def _extended(span: tuple[float, float], values: Times) -> tuple[float, float]:
-    """The least and the greatest of ``span``, NaN at first, and the values."""
     least, greatest = np.fmin(span[0], values.min(initial=np.inf)), np.fmax(span[1], values.max(initial=-np.inf))
     return (float(least), float(greatest)) if len(values) else span
 
@@ -178,7 +174,6 @@ def _stamps(data: Bytes, start: NDArray[np.int64]) -> NDArray[np.uint64]:
 
 
 def _tables(data: Bytes, source: str, progress: Progress | None) -> Iterator[Frames]:
-    """The tables of ``find_frames``; raises ``Unreadable`` when the file is cut meanwhile."""
     for frames in find_frames(data, seeds(), STAMP_BYTES, progress):
         require_whole(data, source)
         yield frames

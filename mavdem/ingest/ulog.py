@@ -408,7 +408,6 @@ def read_ulog(path: str | os.PathLike[str], progress: Progress | None = None) ->
 
 
 def _instead(content: bytes, source: str, found: WholeMessages) -> str:
-    """What a ULog holds that is not a flight's."""
     log = ULog(io.BytesIO(WholeMessages(content, None, source).content))
     held = {topic.name for topic in log.data_list if len(topic.data["timestamp"])}
     damaged = found.damaged or found.crowded
@@ -422,7 +421,6 @@ def _instead(content: bytes, source: str, found: WholeMessages) -> str:
 
 
 def _topics(log: ULog, found: WholeMessages) -> dict[str, dict[int, Px4Topic]]:
-    """Topics by name and instance, in the order of their time stamps, without wrong stamps."""
     parts: dict[tuple[str, int], list[Columns]] = {}
     rows = rows_by(found.topic)
     for data in log.data_list:
@@ -449,7 +447,6 @@ def _each_second(state: Columns, topics: dict[str, dict[int, Px4Topic]]) -> Colu
 
 
 def _firmware(information: Mapping[str, object]) -> str:
-    """PX4's version and the first digits of its commit, as far as they were logged: "PX4 v1.16.0 (94cb2012)"."""
     version, commit = information.get("ver_sw_release"), information.get("ver_sw")
     number = f" v{version_text(version)}" if isinstance(version, int) and 0 <= version < 1 << 32 else ""
     return f"PX4{number} ({commit[:8]})" if isinstance(commit, str) else f"PX4{number}"

@@ -176,7 +176,6 @@ class _Scan:
         self._learn_definitions()
 
     def run(self, progress: Progress | None) -> None:
-        """Finds the messages."""
         content, lengths, starts = self.content, self.lengths, self.starts
         size, place, reported = len(content), 0, 0
         first, second = HEADER

@@ -200,7 +200,6 @@ def _on_boot_clock(tables: Mapping[str, MessageTable]) -> tuple[dict[str, Column
 
 
 def _parameters(logged: MessageTable) -> dict[str, float]:
-    """The last finite value of each parameter by name, from PARM."""
     values, names = numbers(logged).columns.get("Value"), _texts(logged, "Name")
     if values is None or len(names) != len(values):
         return {}
@@ -209,7 +208,6 @@ def _parameters(logged: MessageTable) -> dict[str, float]:
 
 
 def _texts(logged: MessageTable, field: str) -> list[str]:
-    """The texts of one field; empty where it is missing."""
     values = logged.columns.get(field, logged.place[:0]).tolist()
     return [value.split(b"\0", 1)[0].decode("utf-8", errors="replace") for value in values if isinstance(value, bytes)]
 

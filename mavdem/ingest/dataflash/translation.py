@@ -276,7 +276,6 @@ def _sticks(tables: Mapping[str, Columns]) -> Columns | None:
 
 
 def _channels(tables: Mapping[str, Columns], name: str) -> dict[int, NDArray[np.uint16]]:
-    """The pulse widths (N,), µs, of a message's channels by their numbers."""
     logged, most = tables.get(name, {}), np.iinfo(np.uint16).max
     fields = {n: field for n in range(1, 17) for field in (f"C{n}", f"Ch{n}", f"Chan{n}") if field in logged}
     pulses = {n: np.nan_to_num(np.asarray(logged[field], dtype=np.float64)) for n, field in fields.items()}
@@ -309,10 +308,8 @@ def _targets(tables: Mapping[str, Columns], version: tuple[int, int] | None) -> 
 
 def _demands(tables: Mapping[str, Columns]) -> tuple[Columns | None, tuple[str, ...]]:
     """The demands, −1 to 1, and thrust, 0 to 1 (NaN where RATE has none); and a note where they were scaled."""
-    logged, fields = next(
-        ((found, names) for names in DEMANDS if (found := having(tables, "RATE", names)) is not None), (None, ())
-    )
-    if logged is None:
+    fields = next((names for names in DEMANDS if having(tables, "RATE", names) is not None), DEMANDS[0])
+    if (logged := having(tables, "RATE", fields)) is None:
         return None, ()
     controls = np.pad(values(logged, fields), ((0, 0), (0, 8 - len(fields))))
     thrust = having(tables, "RATE", ("AOut",))
@@ -329,7 +326,6 @@ def _demands(tables: Mapping[str, Columns]) -> tuple[Columns | None, tuple[str, 
 
 
 def _position(tables: Mapping[str, Columns]) -> tuple[Columns | None, str]:
-    """With the name of its message."""
     fields = {"x": "PN", "y": "PE", "z": "PD", "vx": "VN", "vy": "VE", "vz": "VD"}
     chosen = tables.get("XKF4", {}).get("PI", np.zeros(0))
     cores, times = np.unique(chosen[chosen >= 0], return_counts=True)

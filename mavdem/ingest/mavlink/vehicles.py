@@ -154,7 +154,6 @@ class _Growing:
             self._count += len(part)
 
     def batches(self) -> Iterator[NDArray[Any]]:
-        """All of them in order, ``BATCH`` at a time."""
         left = self._count
         for piece in self._pieces:
             filled = piece[:left]

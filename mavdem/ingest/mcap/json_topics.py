@@ -111,7 +111,6 @@ def _extensions(message_id: int) -> frozenset[str]:
 
 @cache
 def _enum_values() -> Mapping[str, int]:
-    """The value of each enum entry of the dialect by its name."""
     return {entry.name: value for enum in dialect.enums.values() for value, entry in enum.items()}
 
 
@@ -220,8 +219,6 @@ class JsonTopic(NamedTuple):
 
 @dataclass
 class _JsonMessages:
-    """The messages of one topic, parsed batch by batch."""
-
     kind: JsonTopic
     waiting: list[bytes] = field(default_factory=list)
     places: array[int] = field(default_factory=partial(array, "q"))

@@ -104,7 +104,6 @@ def _stream(source: str, recording: McapRecording, progress: Progress | None) ->
 
 
 def _carries_frames(message: McapMessage) -> bool:
-    """Whether a channel carries frames, by its first message."""
     channel = message.channel
     marked = message.data[:1] in (bytes([MARKER_1]), bytes([MARKER_2]))
     return channel.encoding == "mavlink" or (channel.schema == 0 and channel.encoding not in NO_FRAMES and marked)
@@ -169,7 +168,6 @@ def _own_kinds(channels: Sequence[Channel]) -> dict[Channel, JsonTopic]:
 
 
 def _within(progress: Progress | None, first: float, last: float) -> Progress | None:
-    """Progress of a step from one fraction to another."""
     return progress and (lambda fraction: progress(first + (last - first) * fraction))
 
 

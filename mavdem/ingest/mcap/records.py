@@ -181,7 +181,6 @@ class McapRecording:
                 self._note(opcode, records, inner, end)
 
     def _message(self, content: bytes, start: int, stop: int, sound: bool) -> McapMessage | None:
-        """The message of a record; None where the record is too short, or its channel is not known."""
         if start + MESSAGE_HEAD.size > stop:
             return None
         number, _, log_time, _ = MESSAGE_HEAD.unpack_from(content, start)

@@ -94,7 +94,6 @@ def _registered(writer: Writer, topic: str, schema: Mapping[str, Any]) -> int:
 
 
 def _bodies(stream: FrameStream, rows: NDArray[np.int64]) -> list[tuple[str | None, dict[str, Any]]]:
-    """The topic and the body of each row; no topic for an unread frame."""
     frames = stream.frames[rows]
     bodies: list[tuple[str | None, dict[str, Any]]] = [(None, {})] * len(rows)
     for message_id in np.unique(frames.message_id[frames.verdict == GOOD]).tolist():
@@ -143,7 +142,6 @@ def _numbers(column: NDArray[Any]) -> list[Any]:
 
 
 def _schema(stream: FrameStream, row: int) -> dict[str, Any]:
-    """The JSON Schema of the row's message."""
     definition = definitions()[int(stream.frames.message_id[row])]
     header = _object({name: {"type": "integer"} for name in HEADER_FIELDS})
     fields = {_key(name): _field_schema(definition, name) for name in definition.fields}

@@ -233,10 +233,8 @@ def read_ros2(recording: McapRecording, source: str, progress: Progress | None =
     tables = [(topic, readers[channel].table()) for channel, topic in topics.items()]
     made = [(name, one) for name, own in _by_vehicle(tables) if (one := vehicle(own, source)) is not None]
     if not made:
-        raise Unreadable(
-            f"{source} is a ROS 2 recording, but no message of a flight in it can be decoded: it is damaged, or the "
-            "definitions of its messages are."
-        )
+        why = "no message of a flight in it can be decoded: it is damaged, or the definitions of its messages are."
+        raise Unreadable(f"{source} is a ROS 2 recording, but {why}")
     failed = {channel.topic: reader.failed for channel, reader in readers.items() if reader.failed}
     lost = sum(failed.values())
     repairs = anew.damage.sentences() + repair_sentences(
@@ -433,6 +431,5 @@ def _nanoseconds(values: NDArray[np.float64], unit: int) -> NDArray[np.int64]:
 
 
 def _most_frequent_id(ids: NDArray[np.float64] | None, default: int) -> int:
-    """The id in most messages."""
     valid = [] if ids is None else [int(one) for one in ids if 1 <= one <= 255]
     return max(set(valid), key=valid.count, default=default)
