@@ -133,10 +133,13 @@ def _log_jacobian(parameters: Parameters, theta: Array, dt: float) -> Array:
 def _figures(whole: GrayBoxFit, sd: Array, spread: _Spread, windows: FlightWindows) -> IdentifiabilityFigures:
     parameters, theta = whole.parameters, whole.theta
     tables = sd, np.sqrt(spread.window_variance), spread.spectrum_range
+    own, over_windows, over_spectra = (dict(zip(PARAMETERS, table.tolist(), strict=True)) for table in tables)
     return IdentifiabilityFigures(
-        _wind_share(parameters, theta, windows, whole.levels),
-        _alias_share(parameters, theta, windows),
-        *(dict(zip(PARAMETERS, values.tolist(), strict=True)) for values in tables),
+        wind_share=_wind_share(parameters, theta, windows, whole.levels),
+        alias_share=_alias_share(parameters, theta, windows),
+        sd=own,
+        window_sd=over_windows,
+        spectrum_range=over_spectra,
         damping=float(parameters.damping(theta)),
         lag=float(np.exp(theta[parameters.motors + 2])),
         dt=windows.dt,
