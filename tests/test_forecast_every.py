@@ -13,7 +13,7 @@ from mavdem.dem.record import Record
 
 FLIGHT = simulated(wind=2.0)
 TRAIN, TEST = FLIGHT[:700], FLIGHT[700:820]
-COMPLETE = Settings(window=9, parameter_precision=1.0, closed_loop=False)
+COMPLETE = Settings(window=9, parameter_precision=1.0, forecasts="shrunk")
 """The closed loop is learnt from the record, which these tests lengthen; test_mixture.py has its own."""
 METHODS = {
     "DEM": lambda: learn(TRAIN, COMPLETE),

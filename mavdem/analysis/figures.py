@@ -142,7 +142,7 @@ def model_figures(flights: Sequence[Flight], learned: Learned, held_out: HeldOut
     ranked = _ranked(forecast_errors, held_out.variance)
     model, energy = learned.model, learned.free_energy
     sd, half_width = learned.model_sd, learned.model_interval(LEVEL)
-    turning = None if fit is None or fit.layout is None else fit.layout.turning
+    turning = None if fit is None or fit.mixer is None else fit.mixer.turning
     return {
         "flight": dict(first.provenance),
         "segments": [{"start": float(flight.time[0]), "samples": len(flight)} for flight in flights],
@@ -178,9 +178,9 @@ def model_figures(flights: Sequence[Flight], learned: Learned, held_out: HeldOut
         if fit is None
         else {
             "samples": fit.horizon,
-            "converged": fit.settled,
-            "numbers": fit.numbers,
-            "parameters": len(fit.places),
+            "converged": fit.converged,
+            "numbers": fit.effective_samples,
+            "parameters": len(fit.free),
             "turning": None if turning is None else turning.tolist(),
             "terms": {name: float(term[-1]) for name, term in fit.terms.items()},
         },

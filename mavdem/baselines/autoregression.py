@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from mavdem.baselines.identified import (
+    Fitted,
     Identified,
     Segments,
-    Units,
+    identified,
     least_ridge,
-    of_stability,
     regression,
     required_order,
     triangle,
@@ -31,10 +31,6 @@ from mavdem.dem.validation import is_number
 def arx(train: UniformRecord | Sequence[UniformRecord], order: int = 2, stable: bool = False) -> Identified:
     """y_t = Σₖ Aₖ y_{t−k} + Σₖ Bₖ u_{t−k} + c + e_t over ``order`` lags k = 1, 2, …, by least squares.
 
-    >>> model = mavdem.baselines.arx(train, order=2)
-    >>> model.forecast(test.inputs).shape
-    (100, 2)
-
     Consistent, also in closed loop, where e is white (Ljung, System Identification, 2nd ed., secs. 7.3 and 13.4); noise
     of the measurements alone biases it. The model is realised in observer form, m · order states. The lags before a
     segment's first samples are taken to be at the trim.
@@ -47,36 +43,28 @@ def arx(train: UniformRecord | Sequence[UniformRecord], order: int = 2, stable: 
     Raises:
         ValueError: too few samples, values that are not finite, an output that does not vary, or an order that is no
             positive number.
-
-    See Also:
-        :func:`mavdem.baselines.var`: the inputs are predicted too; :func:`mavdem.learn`.
     """
     order = required_order(order)
-    record = Record.of(train)
-    units = Units.of(record)
-    with one_thread():
-        regressors, targets = _lagged(units.segments(record), order)
-        rows, columns = regressors.shape
+
+    def fit(segments: Segments, bound: float) -> Fitted:
+        regressors, targets = _lagged(segments, order)
+        (rows, columns), m = regressors.shape, targets.shape[1]
         if rows <= columns:
             raise ValueError(
                 f"train has {rows} samples with {order} before them, and ARX({order}) of it has {columns} parameters "
                 f"for each output: lower the order, or train on more samples"
             )
-        m = targets.shape[1]
         regressors, targets = np.split(triangle(np.hstack([regressors, targets])), [columns], axis=1)
-        model = _realised(regression(regressors, targets), order, m)
-        stabilised = stable and not model.stable
 
-        def shrunk(ridge: float) -> StateSpace:
-            of_outputs = np.arange(columns) < m * order
-            return _realised(regression(regressors, targets, ridge * of_outputs), order, m)
+        def model(ridge: float | None) -> StateSpace:
+            shrunk = None if ridge is None else ridge * (np.arange(columns) < m * order)
+            return _realised(regression(regressors, targets, shrunk), order, m)
 
-        if stabilised:
-            model = shrunk(least_ridge(lambda ridge: shrunk(ridge).spectral_radius, rows))
-        starts = np.zeros((len(record.lengths), m * order))
-        cautions = of_stability(model, stabilised)
-        physical = units.physical(model).with_states(np.diag(np.tile(units.output_scale, order)))
-        return Identified(f"ARX({order})", physical, record, starts, stabilised, cautions)
+        ridge = least_ridge(lambda ridge: model(ridge).spectral_radius, rows) if bound < np.inf else None
+        return Fitted(model(ridge), np.zeros((len(segments), m * order)))
+
+    found = identified(f"ARX({order})", train, fit, stable)
+    return replace(found, model=found.model.with_states(np.diag(np.tile(found.model.C.diagonal(), order))))
 
 
 def _lagged(segments: Segments, order: int) -> tuple[Array, Array]:
@@ -110,16 +98,8 @@ def var(train: UniformRecord | Sequence[UniformRecord], order: int = 10, ridge: 
 
     Least squares with a ridge, the "Minnesota prior" (Litterman, 1986; see :mod:`mavdem.dem.forecast.var`). Unlike the
     other methods it can predict without the inputs; given them, it infers the outputs from what they show of the
-    motion, by a Kalman filter.
-
-    Args:
-        train: a ``Flight``, or a list of them, segments with gaps between: no lag reaches across a gap.
-        order: number of lags.
-        ridge: precision of the prior at lag 1, times i² at lag i, of channels of deviation 1.
-
-    Raises:
-        ValueError: too few samples, values that are not finite, an order that is no positive number, or a ridge that is
-            not positive.
+    motion, by a Kalman filter. ``train`` and errors are as for :func:`arx`; ``ridge`` is the precision of the prior at
+    lag 1, times i² at lag i, of channels of deviation 1.
     """
     order = required_order(order)
     if not (is_number(ridge) and 0 < ridge < float("inf")):
@@ -137,6 +117,10 @@ class JointAutoregression:
         method: its name, such as ``joint VAR(10)``.
         model: its parameters.
         record: the training data.
+
+    Raises:
+        ValueError: from every method, for inputs or outputs of another shape or not finite, fewer steps than 1, or a
+            level that is no probability between 0 and 1.
     """
 
     method: str
@@ -175,27 +159,15 @@ class JointAutoregression:
         return self.model.one_step(self.record)
 
     def predict(self, steps: int) -> Array:
-        """Returns (steps, m): the outputs after the training data, inputs unknown.
-
-        Raises:
-            ValueError: no positive whole number of steps.
-        """
+        """Returns (steps, m): the outputs after the training data, inputs unknown."""
         return self._predicted(steps).mean
 
     def predict_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
-        """Returns (H, m): a new prediction at every ``steps``-th of ``inputs`` (H, r), ``outputs`` (H, m).
-
-        Raises:
-            ValueError: fewer steps than 1, or inputs and outputs of other shapes, or not finite.
-        """
+        """Returns (H, m): a new prediction at every ``steps``-th of ``inputs`` (H, r), ``outputs`` (H, m)."""
         return self.model.predict_every(self._past, steps, *self.record.following(steps, inputs, outputs))
 
     def predict_band(self, steps: int, level: float = LEVEL) -> Array:
-        """Returns (steps, m) half widths of bands of probability ``level``, as if the parameters were exact.
-
-        Raises:
-            ValueError: no positive whole number of steps, or a level that is no probability between 0 and 1.
-        """
+        """Returns (steps, m) half widths of bands of probability ``level``, as if the parameters were exact."""
         require_probability(level)
         return half_width(self._predicted(steps).variance, level)
 
@@ -203,9 +175,6 @@ class JointAutoregression:
         """Returns (H, m): the outputs after the training data given ``inputs`` (H, r); see :class:`mavdem.Forecaster`.
 
         With ``smooth`` all inputs count. ``from_zero`` begins with all channels at their mean.
-
-        Raises:
-            ValueError: inputs of another width, or not finite.
         """
         return self._inferred(inputs, from_zero, smooth).mean
 
@@ -214,28 +183,16 @@ class JointAutoregression:
         return self._inferred(inputs).variance
 
     def forecast_band(self, inputs: ArrayLike, level: float = LEVEL) -> Array:
-        """Returns (H, m) half widths, by :meth:`forecast_variance` of ``inputs``, of bands of probability ``level``.
-
-        Raises:
-            ValueError: inputs of another width or not finite, or a level that is no probability between 0 and 1.
-        """
+        """Returns (H, m) half widths, by :meth:`forecast_variance` of ``inputs``, of bands of probability ``level``."""
         require_probability(level)
         return half_width(self.forecast_variance(inputs), level)
 
     def forecast_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
-        """Returns (H, m): a new forecast at every ``steps``-th of ``inputs`` (H, r), ``outputs`` (H, m).
-
-        Raises:
-            ValueError: fewer steps than 1, or inputs and outputs of other shapes, or not finite.
-        """
+        """Returns (H, m): a new forecast at every ``steps``-th of ``inputs`` (H, r), ``outputs`` (H, m)."""
         return self.model.infer_every(self._past, steps, *self.record.following(steps, inputs, outputs)).mean
 
     def simulate(self, inputs: ArrayLike) -> Array:
-        """Refuses: this model has no plant whose ``inputs`` could be commanded.
-
-        Raises:
-            ValueError: always.
-        """
+        """Refuses, with a ``ValueError``: this model has no plant whose ``inputs`` could be commanded."""
         raise ValueError(
             f"{self.method} takes the inputs for the autopilot's answer to the motion, and has no plant to command: "
             "use Learned.simulate"

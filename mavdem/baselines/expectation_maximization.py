@@ -8,12 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.baselines.identified import Identified, Segments, Units, of_stability, required_order, stable_radius
+from mavdem.baselines.identified import NOT_THE_BEST, Fitted, Identified, Segments, identified, required_order
 from mavdem.baselines.subspace_identification import found_by_projection, innovation_gain
 from mavdem.dem.engine.kalman import GaussianModel, Smoothed, smoothed
-from mavdem.dem.engine.linalg import Array, one_thread
+from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.state_space import StateSpace
-from mavdem.dem.record import Record, UniformRecord
+from mavdem.dem.record import UniformRecord
 
 STARTS = 4  # the subspace model, and others at random
 TRIAL_ITERATIONS, MAX_ITERATIONS = 30, 300  # iterations from each start, and at most in all from the best of them
@@ -38,46 +38,22 @@ def em(
 ) -> Identified:
     """The model of :class:`StateSpace`'s A, B, C and D with independent white noises of states and outputs.
 
-    >>> model = mavdem.baselines.em(train, order=2)
-    >>> model.forecast(test.inputs).shape
-    (100, 2)
-
     Expectation: states are smoothed under the model there is. Maximization: A, B, offset and Q, C, D, trim and R, and
     the states in which segments begin are regressed on them (Shumway and Stoffer, Journal of Time Series Analysis 3(4),
     1982; with inputs Cara, Juan and Alarcón, Mechanical Systems and Signal Processing 46(2), 2014). The likelihood
     rises with every iteration, to a maximum that need not be the highest: so it starts from the subspace model and at
     random, and after some iterations continues from the highest likelihood. K is the steady Kalman gain.
-    Consistent in closed loop, as far as order and noises are right.
-
-    Args:
-        train: a ``Flight``, or a list of them, segments with gaps between: nothing is smoothed across a gap.
-        order: number of states.
-        feedthrough: whether inputs act on the outputs of the same sample, D; otherwise it is zero.
-        stable: keep A of a model that comes out unstable stable all the way from a stable start.
-        seed: of the random starts.
-
-    Raises:
-        ValueError: as :func:`mavdem.baselines.subspace`; or EM breaks down from every start.
-
-    See Also:
-        :func:`mavdem.baselines.subspace`, :func:`mavdem.baselines.pem`: other methods; :func:`mavdem.learn`.
+    Consistent in closed loop, as far as order and noises are right. ``train``, ``order``, ``feedthrough`` and errors
+    are as for :func:`mavdem.baselines.subspace`; ``stable`` keeps A of a model that comes out unstable stable all the
+    way from a stable start; ``seed`` is of the random starts. ``ValueError`` too where EM breaks down from each.
     """
     order = required_order(order)
-    record = Record.of(train)
-    units = Units.of(record)
-    with one_thread():
-        segments = units.segments(record)
-        fitted, model = _best_fit(segments, order, feedthrough, np.inf, seed)
-        stabilised = stable and not model.stable
-        if stabilised:
-            fitted, model = _best_fit(segments, order, feedthrough, stable_radius(len(record)), seed)
-        cautions = of_stability(model, stabilised)
-        if not fitted.converged:
-            cautions += (
-                f"The likelihood was still rising after {len(fitted.log_likelihoods)} iterations of EM: the model is "
-                f"not the best of its order.",
-            )
-        return Identified(f"EM({order})", units.physical(model), record, fitted.starts, stabilised, cautions)
+
+    def fit(segments: Segments, bound: float) -> Fitted:
+        return _best_fit(segments, order, feedthrough, bound, seed)
+
+    unfinished = f"The likelihood was still rising after {MAX_ITERATIONS} iterations of EM: {NOT_THE_BEST}."
+    return identified(f"EM({order})", train, fit, stable, unfinished)
 
 
 class EMFit(NamedTuple):
@@ -115,11 +91,7 @@ def _left_to_gain(likelihoods: tuple[float, ...]) -> float:
 
 
 def _maximized(
-    model: GaussianModel,
-    expected: list[Smoothed],
-    segments: Segments,
-    feedthrough: bool,
-    bound: float,
+    model: GaussianModel, expected: list[Smoothed], segments: Segments, feedthrough: bool, bound: float
 ) -> GaussianModel:
     """The model under which the expected likelihood of outputs and states together is highest."""
     n, k = model.B.shape
@@ -195,7 +167,7 @@ class _ExpectedSums(NamedTuple):
         return np.asarray(axes * np.maximum(variances, LEAST_NOISE) @ axes.T)
 
 
-def _best_fit(segments: Segments, order: int, feedthrough: bool, bound: float, seed: int) -> tuple[EMFit, StateSpace]:
+def _best_fit(segments: Segments, order: int, feedthrough: bool, bound: float, seed: int) -> Fitted:
     """From the start that has come highest after its trial, to the end; of those from which nothing breaks down."""
     tried = []
     for start in starting_points(segments, order, feedthrough, bound < np.inf, seed):
@@ -206,7 +178,8 @@ def _best_fit(segments: Segments, order: int, feedthrough: bool, bound: float, s
             fitted = iterated(trial, segments, MAX_ITERATIONS - TRIAL_ITERATIONS, feedthrough, bound)
             A, B, offset, C, D, trim, Q, R = fitted.model
             gain = innovation_gain(A, C, Q, R, np.zeros((len(A), len(C))))
-            return fitted, StateSpace(A, B, C, D, gain, offset, np.zeros(B.shape[1]), trim)
+            model = StateSpace(A, B, C, D, gain, offset, np.zeros(B.shape[1]), trim)
+            return Fitted(model, fitted.starts, fitted.converged)
     raise ValueError(
         f"EM for {order} states broke down from each of {STARTS} starts, since covariances lost their rank or left the "
         f"range of numbers: lower the order, or train on other samples"
@@ -217,19 +190,15 @@ def starting_points(segments: Segments, order: int, feedthrough: bool, stable: b
     """The subspace model with noise, and models at random; none of them unstable if they must be ``stable``."""
     rng = np.random.default_rng(seed)
     # First, since it refuses an order that no memory holds.
-    from_subspace = _from_subspace(segments, order, feedthrough, stable)
-    return [from_subspace, *(_at_random(rng, segments, order) for _ in range(STARTS - 1))]
+    starts = [_from_subspace(segments, order, feedthrough, stable)]
+    return starts + [_at_random(rng, segments, order) for _ in range(STARTS - 1)]
 
 
 def _from_subspace(segments: Segments, order: int, feedthrough: bool, stable: bool) -> EMFit:
-    found = found_by_projection(segments, order, "CVA", feedthrough, stable)
-    (A, B, C, D, K, offset, _, trim, *_), starts, _ = found
-    errors = np.concatenate(
-        [
-            outputs - found.model.predicted(start, inputs, outputs)
-            for start, (inputs, outputs) in zip(starts, segments, strict=True)
-        ]
-    )
+    found, starts, _ = found_by_projection(segments, order, "CVA", feedthrough, stable)
+    A, B, C, D, K, offset, _, trim, *_ = found
+    pairs = zip(starts, segments, strict=True)
+    errors = np.concatenate([segment[1] - found.predicted(start, *segment) for start, segment in pairs])
     R = errors.T @ errors / len(errors)
     noise = K @ R @ K.T + START_NOISE * np.eye(order)
     model = GaussianModel(A, B, offset, C, D, trim, noise, R + LEAST_NOISE * np.eye(len(C)))

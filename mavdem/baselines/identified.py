@@ -1,11 +1,4 @@
-"""The result of a method other than DEM, in physical units.
-
-Linear regression, also with dependent regressors, and with a ridge that makes a model stable.
-
-Between the vehicle's units and those a method works in: centred, of unit size, inputs independent of each other.
-
-The trivial forecasts: without a model of the motion, and what every model must beat.
-"""
+"""What methods other than DEM share: units, regression and the result; and the trivial forecasts."""
 
 from __future__ import annotations
 
@@ -18,10 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import qr
 
-from mavdem.dem.engine.linalg import Array
+from mavdem.dem.engine.linalg import Array, one_thread
 from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.record import Record, UniformRecord, required_steps
 from mavdem.dem.validation import is_whole
+
+Segments = list[tuple[Array, Array]]  # inputs (T, k) and outputs (T, m) of each segment, in a method's units
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -35,6 +30,10 @@ class Identified:
         starts: (segments, n) the state of each segment's first sample, as the method has it.
         stabilised: whether the model was unstable and, as was asked for, made stable.
         cautions: one sentence for each limitation of the model.
+
+    Raises:
+        ValueError: from every method, for inputs or outputs of another shape or not finite, fewer steps than 1, or a
+            prediction by a model on which inputs have an effect.
     """
 
     method: str
@@ -58,7 +57,7 @@ class Identified:
 
     @property
     def stable(self) -> bool:
-        """Whether no mode grows, but for rounding: one of spectral radius 1 does not grow."""
+        """Whether no mode grows, but for rounding."""
         return self.model.stable
 
     def one_step(self) -> Array:
@@ -67,20 +66,12 @@ class Identified:
         return np.concatenate([self.model.predicted(start, *segment) for start, segment in segments])
 
     def predict(self, steps: int) -> Array:
-        """Returns (steps, m): the outputs after the training data, of a model on which inputs have no effect.
-
-        Raises:
-            ValueError: inputs have an effect; or no positive whole number of steps.
-        """
+        """Returns (steps, m): the outputs after the training data, of a model on which inputs have no effect."""
         self._require_no_effect()
         return self.forecast(np.broadcast_to(self.model.input_trim, (required_steps(steps), self.model.B.shape[1])))
 
     def predict_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
-        """Returns :meth:`forecast_every` of these ``steps, inputs, outputs``, where inputs have no effect.
-
-        Raises:
-            ValueError: inputs have an effect; or as :meth:`forecast_every`.
-        """
+        """Returns :meth:`forecast_every` of these ``steps, inputs, outputs``, where inputs have no effect."""
         self._require_no_effect()
         return self.forecast_every(steps, inputs, outputs)
 
@@ -96,28 +87,17 @@ class Identified:
 
         An unstable model's may overflow to infinity or NaN. Without feedthrough row h depends on the inputs before it.
         Inputs are causes in these models, so that ``smooth`` changes nothing; ``from_zero`` begins with state 0.
-
-        Raises:
-            ValueError: inputs of another width, or not finite.
         """
         ahead = self.record.following_inputs(inputs)
         state = np.zeros(len(self.model.A)) if from_zero else self._last_state
         return self.model.simulated(state, ahead)
 
     def forecast_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
-        """Returns (H, m): a new forecast at every ``steps``-th of ``inputs`` (H, r), ``outputs`` (H, m).
-
-        Raises:
-            ValueError: fewer steps than 1, or inputs and outputs of other shapes, or not finite.
-        """
+        """Returns (H, m): a new forecast at every ``steps``-th of ``inputs`` (H, r), ``outputs`` (H, m)."""
         return self.model.simulated_every(steps, self._last_state, *self.record.following(steps, inputs, outputs))
 
     def simulate(self, inputs: ArrayLike) -> Array:
-        """Returns :meth:`forecast` of these ``inputs`` (H, r): the plant's answer, as far as the model is the plant's.
-
-        Raises:
-            ValueError: inputs of another width, or not finite.
-        """
+        """Returns :meth:`forecast` of these ``inputs`` (H, r): the answer of the plant that is modelled."""
         return self.forecast(inputs)
 
     @cached_property
@@ -126,16 +106,46 @@ class Identified:
         return np.asarray(self.model.filtered(self.starts[-1], *self.record.segments[-1])[-1])
 
 
-def of_stability(model: StateSpace, stabilised: bool) -> tuple[str, ...]:
-    """The caution that a model grows, or that it did."""
+NOT_THE_BEST = "the model is not the best of its order"
+
+
+class Fitted(NamedTuple):
+    """What a method found, in its units: a model, and the first states of segments (segments, n)."""
+
+    model: StateSpace
+    starts: Array
+    converged: bool = True
+
+
+def identified(
+    method: str,
+    train: UniformRecord | Sequence[UniformRecord],
+    fit: Callable[[Segments, float], Fitted],
+    stable: bool,
+    unfinished: str = "",
+) -> Identified:
+    """The result of ``fit``, which takes segments and a bound of the spectral radius of A; bounded only if it must be.
+
+    ``unfinished`` is the caution of a fit that has not converged.
+    """
+    record = Record.of(train)
+    units = Units.of(record)
+    with one_thread():
+        segments = units.segments(record)
+        fitted = fit(segments, np.inf)
+        stabilised = stable and not fitted.model.stable
+        if stabilised:
+            fitted = fit(segments, stable_radius(len(record)))
+    model, cautions = fitted.model, []
     if stabilised:
-        return ("The model was unstable and has been made stable, as requested.",)
-    if model.stable:
-        return ()
-    return (
-        f"The model is unstable: a mode grows by {model.spectral_radius - 1:.2g} of itself at each sample, and so may "
-        f"forecasts.",
-    )
+        cautions.append("The model was unstable and has been made stable, as requested.")
+    elif not model.stable:
+        cautions.append(
+            f"The model is unstable: a mode grows by {model.spectral_radius - 1:.2g} of itself at each sample, and so "
+            "may forecasts."
+        )
+    cautions += [] if fitted.converged else [unfinished]
+    return Identified(method, units.physical(model), record, fitted.starts, stabilised, tuple(cautions))
 
 
 def required_order(order: int) -> int:
@@ -179,7 +189,6 @@ def least_ridge(radius: Callable[[float], float], samples: int) -> float:
     return float(next(enough, RIDGES[-1] * samples))
 
 
-Segments = list[tuple[Array, Array]]  # inputs (T, k) and outputs (T, m) of each segment, in a method's units
 LEAST_VARIANCE = 1e-16  # of a prediction error, in a method's units: smaller errors are zero
 
 DEPENDENCE_TOLERANCE = 1e-6
@@ -235,26 +244,19 @@ class Units(NamedTuple):
 
 
 def hold(train: UniformRecord | Sequence[UniformRecord]) -> Identified:
-    """Forecasts the last measurement; the first sample of a segment is predicted by the mean.
-
-    Args:
-        train: a ``Flight``, or a list of them, segments with gaps between.
-
-    Raises:
-        ValueError: values that are not finite, or segments that do not belong together.
-    """
+    """Forecasts the last measurement of ``train``; the first sample of a segment is predicted by the mean."""
     record = Record.of(train)
     return _without_dynamics("hold", record, record.outputs.mean(axis=0), held=record.outputs.shape[1])
 
 
 def constant_mean(train: UniformRecord | Sequence[UniformRecord]) -> Identified:
-    """Forecasts the mean of the training data ``train``, as for :func:`hold`."""
+    """Forecasts the mean of the training data ``train``."""
     record = Record.of(train)
     return _without_dynamics("constant mean", record, record.outputs.mean(axis=0), held=0)
 
 
 def zero(train: UniformRecord | Sequence[UniformRecord]) -> Identified:
-    """Forecasts zero; ``train`` as for :func:`hold`."""
+    """Forecasts zero, whatever the training data ``train``."""
     record = Record.of(train)
     return _without_dynamics("zero", record, np.zeros(record.outputs.shape[1]), held=0)
 

@@ -12,18 +12,18 @@ from scipy.signal import lfilter
 
 from mavdem.baselines.identified import (
     LEAST_VARIANCE,
+    NOT_THE_BEST,
+    Fitted,
     Identified,
     Segments,
-    Units,
-    of_stability,
+    identified,
     required_order,
-    stable_radius,
 )
-from mavdem.baselines.subspace_identification import SubspaceModel, Weighting, found_by_projection
-from mavdem.dem.engine.linalg import Array, one_thread
+from mavdem.baselines.subspace_identification import Weighting, found_by_projection
+from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import WORST_MODES
 from mavdem.dem.engine.state_space import StateSpace
-from mavdem.dem.record import Record, UniformRecord
+from mavdem.dem.record import UniformRecord
 
 REWEIGHTINGS = 30  # times at most that the errors are weighted again by their own covariance
 EVALUATIONS = 30  # of the errors at most, with one weighting
@@ -35,10 +35,6 @@ def pem(
 ) -> Identified:
     """The model in innovation form that makes the determinant of the one-step errors' covariance smallest.
 
-    >>> model = mavdem.baselines.pem(train, order=2)
-    >>> model.forecast(test.inputs).shape
-    (100, 2)
-
     That is maximum likelihood where errors are Gaussian (Ljung, System Identification, 2nd ed., secs. 7.2, 10.2): all
     of A, B, C, K, the offset and the states in which segments begin, in full parametrization, by Levenberg and
     Marquardt's method on errors weighted by their covariance, iterated until it converges. The determinant never rises:
@@ -46,36 +42,16 @@ def pem(
     determinant among all weightings, and stays where the predictor A − K C is stable. Consistent in closed loop, as far
     as the order is right.
 
-    Args:
-        train: a ``Flight``, or a list of them, segments with gaps between: nothing is predicted across a gap.
-        order: number of states.
-        feedthrough: whether inputs act on the outputs of the same sample, D; otherwise it is zero.
-        stable: keep A of a model that comes out unstable stable all the way from a stable start.
-
-    Raises:
-        ValueError: as :func:`mavdem.baselines.subspace`, of whose models none can be started from.
-
-    See Also:
-        :func:`mavdem.baselines.subspace`, :func:`mavdem.baselines.em`: other methods; :func:`mavdem.learn`.
+    ``train``, ``order``, ``feedthrough`` and errors are as for :func:`mavdem.baselines.subspace`; ``stable`` keeps A of
+    a model that comes out unstable stable all the way from a stable start.
     """
     order = required_order(order)
-    record = Record.of(train)
-    units = Units.of(record)
-    with one_thread():
-        segments = units.segments(record)
-        found = _best_start(segments, order, feedthrough, stable=False)
-        model, starts, converged = _minimised(found, feedthrough, segments, np.inf)
-        stabilised = stable and not model.stable
-        if stabilised:
-            found = _best_start(segments, order, feedthrough, stable=True)
-            model, starts, converged = _minimised(found, feedthrough, segments, stable_radius(len(record)))
-        cautions = of_stability(model, stabilised)
-        if not converged:
-            cautions += (
-                f"The prediction errors were still falling after {REWEIGHTINGS} rounds: the model is not the best of "
-                f"its order.",
-            )
-        return Identified(f"PEM({order})", units.physical(model), record, starts, stabilised, cautions)
+
+    def fit(segments: Segments, bound: float) -> Fitted:
+        return _minimised(_best_start(segments, order, feedthrough, bound < np.inf), feedthrough, segments, bound)
+
+    unfinished = f"The prediction errors were still falling after {REWEIGHTINGS} rounds: {NOT_THE_BEST}."
+    return identified(f"PEM({order})", train, fit, stable, unfinished)
 
 
 class FreeParameters(NamedTuple):
@@ -187,9 +163,9 @@ def _responses_by_sample(F: Array, C: Array, signals: Array) -> tuple[Array, Arr
     return responses, decay
 
 
-def _best_start(segments: Segments, order: int, feedthrough: bool, stable: bool) -> SubspaceModel:
+def _best_start(segments: Segments, order: int, feedthrough: bool, stable: bool) -> Fitted:
     """The subspace model, of those there are, that predicts best."""
-    found: list[SubspaceModel] = []
+    found: list[Fitted] = []
     for weighting in get_args(Weighting):
         try:
             found.append(found_by_projection(segments, order, weighting, feedthrough, stable))
@@ -202,7 +178,7 @@ def _best_start(segments: Segments, order: int, feedthrough: bool, stable: bool)
     )
 
 
-def _parameters(found: SubspaceModel, feedthrough: bool) -> FreeParameters:
+def _parameters(found: Fitted, feedthrough: bool) -> FreeParameters:
     A, B, C, D, K, offset, *_ = found.model
     return FreeParameters(A, B, C, D if feedthrough else D[:, :0], K, offset, found.starts)
 
@@ -216,10 +192,8 @@ def _covariance(errors: Array) -> Array:
     return np.asarray(errors.T @ errors / len(errors) + LEAST_VARIANCE * np.eye(errors.shape[1]))
 
 
-def _minimised(
-    found: SubspaceModel, feedthrough: bool, segments: Segments, bound: float
-) -> tuple[StateSpace, Array, bool]:
-    """Model, starts, and whether it converged: minimised from there, the spectral radius of A never above ``bound``."""
+def _minimised(found: Fitted, feedthrough: bool, segments: Segments, bound: float) -> Fitted:
+    """Minimised from there, the spectral radius of A never above ``bound``."""
     best, converged = _parameters(found, feedthrough), False
     errors = prediction_errors(best, found.model, segments)
     for _ in range(REWEIGHTINGS):
@@ -232,7 +206,7 @@ def _minimised(
         if gained * len(errors) / 2 < CONVERGED_NATS:
             converged = True
             break
-    return with_parameters(found.model, best), best.starts, converged
+    return Fitted(with_parameters(found.model, best), best.starts, converged)
 
 
 def _downhill(

@@ -12,20 +12,20 @@ from numpy.lib.stride_tricks import sliding_window_view
 from mavdem.baselines.identified import (
     LEAST_VARIANCE,
     RANK_TOLERANCE,
+    Fitted,
     Identified,
     Segments,
-    Units,
+    identified,
     least_ridge,
-    of_stability,
     regression,
     required_order,
     triangle,
 )
 from mavdem.dem.engine.kalman import steady_gain
-from mavdem.dem.engine.linalg import Array, one_thread
+from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import STABILITY_TOLERANCE, recursion
 from mavdem.dem.engine.state_space import StateSpace
-from mavdem.dem.record import Record, UniformRecord
+from mavdem.dem.record import UniformRecord
 
 Weighting = Literal["CVA", "MOESP", "SSARX"]
 
@@ -41,10 +41,6 @@ def subspace(
     stable: bool = False,
 ) -> Identified:
     """A state-space model of ``order`` states from projections, without iterations.
-
-    >>> model = mavdem.baselines.subspace(train, order=2)
-    >>> model.forecast(test.inputs).shape
-    (100, 2)
 
     The states are the combinations of the past that predict the future best; y is regressed on them for C (and D),
     their successors on them and u for A and B, and K is the steady Kalman gain of the residuals' covariances (Van
@@ -72,39 +68,21 @@ def subspace(
     Raises:
         ValueError: too few samples for the order, values that are not finite, an output that does not vary, or an order
             or weighting that is none.
-
-    See Also:
-        :func:`mavdem.baselines.pem`, :func:`mavdem.baselines.em`: other methods; :func:`mavdem.learn`.
     """
     order = required_order(order)
     if weighting not in get_args(Weighting):
         raise ValueError(f"weighting must be one of {', '.join(get_args(Weighting))}, not {weighting!r}")
-    record = Record.of(train)
-    units = Units.of(record)
-    with one_thread():
-        found = found_by_projection(units.segments(record), order, weighting, feedthrough, stable)
-        return Identified(
-            f"subspace({order}, {weighting})",
-            units.physical(found.model),
-            record,
-            found.starts,
-            found.stabilised,
-            of_stability(found.model, found.stabilised),
-        )
 
+    def fit(segments: Segments, bound: float) -> Fitted:
+        return found_by_projection(segments, order, weighting, feedthrough, bound < np.inf)
 
-class SubspaceModel(NamedTuple):
-    """A model in the method's units, and where its segments begin."""
-
-    model: StateSpace
-    starts: Array  # (segments, n)
-    stabilised: bool
+    return identified(f"subspace({order}, {weighting})", train, fit, stable)
 
 
 def found_by_projection(
     segments: Segments, order: int, weighting: Weighting, feedthrough: bool, stable: bool
-) -> SubspaceModel:
-    """The model of inputs and outputs of each segment, in units in which their variance is 1."""
+) -> Fitted:
+    """The model of inputs and outputs of each segment, made stable by a ridge if it must be ``stable`` and is not."""
     horizon = _horizon(segments, order)
     windows = Windows.of(segments, horizon, horizon)
     state_map = _state_map(windows, order, weighting, feedthrough)
@@ -144,7 +122,7 @@ def found_by_projection(
             f"the training data determine no model of {order} observable states: lower the order"
         ) from None
     model = StateSpace(A, B, C, D, K, offset[:, 0], np.zeros(k), output_trim[:, 0])
-    return SubspaceModel(model, estimated_starts(model, segments, R), stabilised)
+    return Fitted(model, estimated_starts(model, segments, R))
 
 
 def _horizon(segments: Segments, order: int) -> int:

@@ -1,7 +1,6 @@
 """The document of a learned model, ``model.json``: every field by its name, arrays as nested lists.
 
-What a document holds is what the fields of the records say: pydantic checks it by their types. What types do not say,
-shapes and finite numbers, stands in the table :data:`SHAPES`.
+pydantic checks it by the types of the records' fields; shapes stand in the table :data:`SHAPES`.
 """
 
 from __future__ import annotations
@@ -9,7 +8,8 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
-from functools import cache
+from functools import cache, reduce
+from operator import or_
 from types import UnionType
 from typing import Annotated, Any, TypeVar, cast, get_args, get_origin, get_type_hints
 
@@ -46,12 +46,12 @@ _PATHS = {
     "driven": "predictor.input_trim",
     "X data": "state_map",
     "K": "theta simulation_fit.theta",
-    "free": "simulation_fit.places",
+    "free": "simulation_fit.free",
     "free free": "simulation_fit.covariance",
     "rounds": "simulation_fit.terms",
     "longest m": "simulation_fit.mse",
     "n m": "simulation_fit.gain",
-    "combinations r": "simulation_fit.layout.quiet",
+    "combinations r": "simulation_fit.mixer.quiet",
 }
 SHAPES = {path: shape.split() for shape, paths in _PATHS.items() for path in paths.split()}
 """Shapes of all arrays; equal names are equal numbers: T samples, r inputs, m outputs, n states, k parameters of the
@@ -69,11 +69,7 @@ def to_text(result: Any) -> str:
 
 
 def from_text(kind: type[Kind], text: str) -> Kind:
-    """Returns the result of this ``kind`` whose document is ``text``.
-
-    Raises:
-        ValueError: it is no such document; what is missing or of another shape is named.
-    """
+    """Returns the result of this ``kind`` whose document is ``text``; ``ValueError`` names what is wrong in it."""
     try:
         result: Kind = _adapter(cast(Any, kind)).validate_json(text)
     except (ValidationError, TypeError) as error:
@@ -116,7 +112,7 @@ def _type(hint: Any) -> Any:
     if origin is np.ndarray:
         return Annotated[Any, PlainValidator(_array_reader(get_args(inner[1])[0]))]
     if origin is UnionType:
-        return _union(tuple(map(_type, inner)))
+        return reduce(or_, map(_type, inner))
     if inner and origin is not None:
         origin = dict if origin is Mapping else origin
         return origin[tuple(each if each is ... else _type(each) for each in inner)]
@@ -128,13 +124,6 @@ def _type(hint: Any) -> Any:
         model = create_model(hint.__name__, __config__=STRICT, **{name: (_type(hints[name]), ...) for name in names})  # type: ignore[call-overload]
         return Annotated[model, AfterValidator(lambda part: hint(**dict(part)))]
     return hint
-
-
-def _union(types: tuple[Any, ...]) -> Any:
-    union = types[0]
-    for each in types[1:]:
-        union = union | each
-    return union
 
 
 def _array_reader(dtype: type[np.generic]) -> Callable[[Any], NDArray[Any]]:

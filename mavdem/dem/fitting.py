@@ -1,7 +1,4 @@
-"""One fit: from a record and complete settings to an ascent and its predictor, in the engine's units.
-
-And the smoothness s of a flight's noise, estimated by such fits: the one that maximises F̄ᵒ.
-"""
+"""One fit, from a record and complete settings to an ascent and its predictor; and the noise's smoothness by fits."""
 
 from __future__ import annotations
 
@@ -60,33 +57,21 @@ class Fit:
     @property
     def converged(self) -> bool:
         """Whether the last fit has converged: the simulation-error fit, where there was one."""
-        return self.ascent.converged if self.simulation_fit is None else self.simulation_fit.settled
+        return self.ascent.converged if self.simulation_fit is None else self.simulation_fit.converged
 
 
 class Start(NamedTuple):
-    """Where a fit starts: at the estimates of an earlier one.
+    """Where a fit starts: at the estimates of an earlier one."""
 
-    Attributes:
-        theta: (k,) of DEM, physical, the constant input's column of B included.
-        lambda_: (g,).
-        simulated_theta: (k,) of the simulation-error fit, likewise; ``None`` where there was none.
-        mixer: the mixer geometry of that fit's prior.
-    """
-
-    theta: Array
-    lambda_: Array
-    simulated_theta: Array | None
-    mixer: MixerPrior | None
+    theta: Array  # (k,) of DEM, physical, the constant input's column of B included
+    lambda_: Array  # (g,)
+    simulated_theta: Array | None  # (k,) of the simulation-error fit, likewise, where there was one
+    mixer: MixerPrior | None  # the mixer geometry of that fit's prior
 
 
 @raise_on_overflow()
 def fit(record: Record, settings: CompleteSettings, start: Start | None = None) -> Fit:
-    """Fits a record with complete settings, from ``start`` or the priors' means.
-
-    Raises:
-        ValueError: the record or the settings do not fit the rest.
-        numpy.linalg.LinAlgError: the fit broke down.
-    """
+    """Fits a record from ``start`` or the priors' means; ``LinAlgError`` where the fit breaks down."""
     scaling = Scaling.of(*record.spread, settings)
     model = generative_model(settings, scaling, record)
     segments = generalized(settings, scaling, record)
@@ -125,20 +110,10 @@ def generative_model(settings: CompleteSettings, scaling: Scaling, record: Recor
     else:
         reading = s, record.dt, settings.window
         correlations = sampled_output_precision(p, *reading), sampled_state_precision(q, *reading)
-    output_groups, state_groups = hyperparameter_groups(settings, n, m)
-    return GenerativeModel(
-        n,
-        r,
-        m,
-        settings.p,
-        settings.d,
-        q,
-        *correlations,
-        output_groups,
-        state_groups,
-        _input_precision(settings, motors, scaling.constant),
-        Prior(*_parameter_prior(settings, scaling, record, r), *hyperparameter_prior(settings, n, m)),
-    )
+    input_precision = _input_precision(settings, motors, scaling.constant)
+    prior = Prior(*_parameter_prior(settings, scaling, record, r), *hyperparameter_prior(settings, n, m))
+    groups = hyperparameter_groups(settings, n, m)
+    return GenerativeModel(n, r, m, p, settings.d, q, *correlations, *groups, input_precision, prior)
 
 
 def _parameter_prior(settings: CompleteSettings, scaling: Scaling, record: Record, r: int) -> tuple[Array, Array]:
@@ -168,10 +143,9 @@ def of_vehicle(n: int, motors: int, m: int, constant: bool) -> NDArray[np.intp]:
 
 
 def held_by_prior(precision: Array, scale: Array, settings: CompleteSettings, record: Record) -> NDArray[np.bool_]:
-    """(k,) which of the vehicle's parameters the prior of ``precision`` (k,) holds, whatever units the engine works in.
+    """(k,) which of the vehicle's parameters the prior of ``precision`` (k,) holds, in units of ``scale`` (k,).
 
-    Those with a prior standard deviation below a hundredth of their natural unit, made of the channels' deviations;
-    ``scale`` (k,) is the physical size of the engine's units.
+    Those with a prior standard deviation below a hundredth of their natural unit, made of the channels' deviations.
     """
     natural = Scaling.of(*record.spread, replace(settings, scaling="channel"))
     motors = of_vehicle(settings.order, record.inputs.shape[1], record.outputs.shape[1], natural.constant)
@@ -199,14 +173,9 @@ def generalized(settings: CompleteSettings, scaling: Scaling, record: Record) ->
     """
     window, centre = settings.window, settings.window // 2
     return tuple(
-        np.hstack(
-            [
-                embed(scaling.scale_outputs(outputs), settings.p, record.dt, window, centre),
-                embed(scaling.scale_inputs(inputs), settings.d, record.dt, window, centre),
-            ]
-        )
-        for inputs, outputs in record.segments
-        if len(outputs) >= window
+        np.hstack([embed(y, settings.p, record.dt, window, centre), embed(u, settings.d, record.dt, window, centre)])
+        for u, y in scaling.scale_segments(record)
+        if len(y) >= window
     )
 
 
@@ -264,10 +233,8 @@ def estimate_smoothness(train: UniformRecord | Sequence[UniformRecord]) -> Smoot
 
     Each sample's derivatives determine s: a noise of variance 1 has a derivative of variance 1/(2s²). So the shortest
     window with two derivatives is enough, without hidden states, which would explain coloured noise as motion. Sensor
-    noise is assumed small (``Settings.lambda_z``): where it is not, s is too short.
-
-    Raises:
-        ValueError: no segment has a window of three samples, or no smoothness in range could be fitted.
+    noise is assumed small (``Settings.lambda_z``): where it is not, s is too short. ``ValueError`` where no segment has
+    three samples, or no smoothness in range can be fitted.
     """
     record = Record.of(train)
     settings = CompleteSettings(order=record.outputs.shape[1], p=2, d=2, window=3, parameter_precision=1.0)
@@ -299,8 +266,9 @@ def estimate_smoothness(train: UniformRecord | Sequence[UniformRecord]) -> Smoot
         around = value(log_s - CURVATURE_STEP) + value(log_s + CURVATURE_STEP) - 2 * value(log_s)
         if -np.inf < around < 0:
             # A sample's square, by which variances are estimated, is correlated with its neighbours' by ρ².
-            lags = np.arange(-np.ceil(10 * np.exp(log_s) / record.dt), np.ceil(10 * np.exp(log_s) / record.dt) + 1)
-            redundancy = np.exp(-((lags * record.dt / np.exp(log_s)) ** 2) / 2).sum()
+            width = np.exp(log_s) / record.dt
+            lags = np.arange(-np.ceil(10 * width), np.ceil(10 * width) + 1)
+            redundancy = np.exp(-((lags / width) ** 2) / 2).sum()
             log_sd = float(np.sqrt(redundancy / -around)) * CURVATURE_STEP
     tried = sorted({log_s for log_s in tried if np.isfinite(value(log_s))})
     return SmoothnessEstimate(float(np.exp(log_s)), log_sd, np.exp(tried), np.array([value(log_s) for log_s in tried]))

@@ -18,6 +18,7 @@ from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.fitting import generalized
 from mavdem.dem.forecast.forecasts import BandedForecast, Forecasts, PlantForecasts, TrainingForecasts
 from mavdem.dem.forecast.simulation_error import SimulationFit
+from mavdem.dem.forecast.var import Forecast
 from mavdem.dem.graybox import NotIdentifiable, Physical, physical
 from mavdem.dem.graybox.simulation import simulated
 from mavdem.dem.graybox.wind import WindTorque, wind
@@ -55,6 +56,10 @@ class Learned(LearnedDownstream):
         simulation_fit: the simulation-error fit of θ, in the engine's units; ``None`` where there was none.
         scaling, predictor, state_map, theta: what :meth:`one_step`, :meth:`forecast` and :meth:`process_noise` compute
             with, in the engine's units.
+
+    Raises:
+        ValueError: from every method, for arguments of another shape or not finite, fewer steps than 1, or a level that
+            is no probability between 0 and 1.
     """
 
     settings: CompleteSettings
@@ -112,21 +117,14 @@ class Learned(LearnedDownstream):
 
         An interval contains its parameter with probability ``level`` as far as :attr:`scatter` goes. The bias of closed
         loop, where inputs are correlated with the disturbance, is not included.
-
-        Raises:
-            ValueError: a level that is no probability between 0 and 1.
         """
         require_probability(level)
-        if self.scatter is None:
-            return self._arranged(np.full(len(self.theta_covariance), np.nan))
-        return self._arranged(self.scatter.half_width(level))
+        unknown = np.full(len(self.theta_covariance), np.nan)
+        return self._arranged(unknown if self.scatter is None else self.scatter.half_width(level))
 
     @property
     def physical(self) -> Physical | None:
-        """The gray-box model of motors, damping and lag; ``None`` where none can be fitted.
-
-        See :func:`mavdem.dem.physical`.
-        """
+        """:func:`mavdem.dem.physical` of the training data; ``None`` where there are no physical parameters."""
         return self._gray_box if isinstance(self._gray_box, Physical) else None
 
     @property
@@ -140,11 +138,7 @@ class Learned(LearnedDownstream):
 
     @cached_property
     def wind(self) -> WindTorque | None:
-        """The wind's torque in the training data, by :attr:`physical`; ``None`` where that is ``None``.
-
-        Its size is as uncertain as the motors' effect: ``wind.scale_error``, and ``physical.reasons["effect"]``.
-        docs/wind.md says how it is estimated.
-        """
+        """The wind's torque in the training data (docs/wind.md); ``None`` without :attr:`physical`."""
         try:
             return None if self.physical is None else wind(self.physical, self.record)
         except ValueError:  # LinAlgError is one
@@ -152,10 +146,7 @@ class Learned(LearnedDownstream):
 
     @may_overflow
     def one_step(self) -> Array:
-        """Returns each training sample (T, m) predicted from those before it and the inputs.
-
-        A segment's first sample is predicted by the trim.
-        """
+        """Returns each training sample (T, m) predicted from those before it, a segment's first by the trim."""
         predictions = []
         for inputs, outputs in self.scaling.scale_segments(self.record):
             ahead = self.predictor.one_step(inputs, outputs)
@@ -180,12 +171,6 @@ class Learned(LearnedDownstream):
 
         >>> learned.predict(100).shape
         (100, 2)
-
-        See Also:
-            :meth:`forecast` with known inputs, :meth:`simulate` with commanded ones, :meth:`predict_band`.
-
-        Raises:
-            ValueError: no positive whole number of steps.
         """
         return self.prediction.unknown(required_steps(steps)).mean
 
@@ -193,9 +178,6 @@ class Learned(LearnedDownstream):
         """Returns the samples (H, m) after the training data, by a new prediction from every ``steps``-th of them on.
 
         Each uses the ``inputs`` (H, r) and ``outputs`` (H, m) before it, and none after; nothing is fitted again.
-
-        Raises:
-            ValueError: fewer steps than 1, or inputs and outputs of other shapes, or not finite.
         """
         return self.prediction.unknown_every(steps, *self.record.following(steps, inputs, outputs)).mean
 
@@ -204,9 +186,6 @@ class Learned(LearnedDownstream):
 
         From the errors of such predictions inside the training data, by models that were fitted without that part, and
         from how far they are apart.
-
-        Raises:
-            ValueError: no positive whole number of steps, or a level that is no probability between 0 and 1.
         """
         require_probability(level)
         variance = self.prediction.unknown(required_steps(steps)).variance
@@ -223,11 +202,9 @@ class Learned(LearnedDownstream):
     def forecast(self, inputs: ArrayLike, from_zero: bool = False, smooth: bool = False) -> Array:
         """Returns the outputs (H, m) after the training data: row 0 is the first sample after it.
 
-        The motors cause motion, and answer it: unless the settings say otherwise (``Settings.forecasts``), forecasts of
-        the model and of vector autoregressions of outputs and motors are mixed by the error each is to expect
-        (``mavdem.dem.forecast.forecasts``). The model's own continues from its state at the end of training, and is
-        shrunk towards the trim by the posterior variance of θ or, without a simulation-error fit, by the weight that is
-        best inside the training data.
+        The motors cause motion, and answer it: unless ``Settings.forecasts`` says otherwise, forecasts of the model and
+        of vector autoregressions of outputs and motors are mixed by the error each is to expect
+        (``mavdem.dem.forecast.forecasts``).
 
         >>> errors = learned.forecast(test.inputs) - test.outputs
         >>> bool((errors**2).mean() < test.outputs.var())
@@ -238,12 +215,6 @@ class Learned(LearnedDownstream):
             from_zero: gives the model's own forecast alone, from state 0 at row 0 (the outputs at their trim), as the
                 paper's figures do.
             smooth: lets the autoregressions use all motors for each sample, not only those up to it.
-
-        See Also:
-            :meth:`predict` without inputs, :meth:`simulate` with commanded ones, :meth:`forecast_band`.
-
-        Raises:
-            ValueError: inputs of another width, or not finite.
         """
         following = self.record.following_inputs(inputs)
         if from_zero:
@@ -256,9 +227,6 @@ class Learned(LearnedDownstream):
 
         Each is as :meth:`forecast`'s, from the state that the filter has after all samples before it, in ``inputs``
         (H, r) and ``outputs`` (H, m); nothing is fitted again.
-
-        Raises:
-            ValueError: fewer steps than 1, or inputs and outputs of other shapes, or not finite.
         """
         return self.prediction.known_every(steps, *self.record.following(steps, inputs, outputs)).mean
 
@@ -269,14 +237,7 @@ class Learned(LearnedDownstream):
 
     @may_overflow
     def forecast_band(self, inputs: ArrayLike, level: float = LEVEL) -> Array:
-        """Returns the half width (H, m), about :meth:`forecast` with ``inputs``, of the band of probability ``level``.
-
-        From :meth:`forecast_variance`: the error that each mixed forecast is to expect, by its length, and how far they
-        are apart.
-
-        Raises:
-            ValueError: as :meth:`forecast`, or a level that is no probability between 0 and 1.
-        """
+        """Returns the half width (H, m), about :meth:`forecast` of ``inputs``, of the band of probability ``level``."""
         require_probability(level)
         return self.prediction.half_widths(self.forecast_variance(inputs), level)
 
@@ -284,11 +245,7 @@ class Learned(LearnedDownstream):
     def forecast_every_with_band(
         self, steps: int, inputs: ArrayLike, outputs: ArrayLike, level: float = LEVEL
     ) -> BandedForecast:
-        """Returns :meth:`forecast_every` of ``steps``, ``inputs`` and ``outputs``, its error and band of ``level``.
-
-        Raises:
-            ValueError: as :meth:`forecast_every`, or a level that is no probability between 0 and 1.
-        """
+        """Returns :meth:`forecast_every` of ``steps``, ``inputs`` and ``outputs``, its error and band of ``level``."""
         require_probability(level)
         mean, variance = self.prediction.known_every(steps, *self.record.following(steps, inputs, outputs))
         return BandedForecast(mean, variance, self.prediction.half_widths(variance, level, steps))
@@ -302,39 +259,30 @@ class Learned(LearnedDownstream):
         >>> learned.simulate(learned.record.inputs[:50]).shape
         (50, 2)
 
-        See Also:
-            :meth:`forecast` with recorded inputs, :meth:`simulate_band`, :func:`mavdem.dem.physical`.
-
         Raises:
-            ValueError: no physical parameters can be fitted, outputs other than an angle and its rate, or inputs of
-                another width, or not finite.
+            ValueError: no physical parameters can be fitted, or outputs other than an angle and its rate.
         """
-        physical = self._physical_or_error()
+        physical, simulation = self._simulated(inputs)
         if physical.caution is not None:
             warn(f"This simulation may be far off. {physical.caution}", stacklevel=2)
-        return simulated(physical, self.record, self.record.following_inputs(inputs)).mean
+        return simulation.mean
 
     def simulate_band(self, inputs: ArrayLike, level: float = LEVEL) -> Array:
         """Returns the half width (H, m), about :meth:`simulate` with ``inputs``, of the band of probability ``level``.
 
-        From the wind, whose effect nothing counteracts, and the uncertainty of the physical parameters.
-
-        Raises:
-            ValueError: the physical parameters are not identifiable; as :meth:`simulate`; or a level that is no
-                probability between 0 and 1.
+        From the wind, whose effect nothing counteracts, and the uncertainty of the physical parameters; ``ValueError``
+        where these are not identifiable.
         """
         require_probability(level)
-        physical = self._physical_or_error()
+        physical, simulation = self._simulated(inputs)
         if physical.caution is not None:
             raise ValueError(f"there is no band of this simulation: {physical.caution}")
-        variance = simulated(physical, self.record, self.record.following_inputs(inputs)).variance
-        return half_width(variance, level)
+        return half_width(simulation.variance, level)
 
-    def _physical_or_error(self) -> Physical:
-        """The physical parameters, or the ``ValueError`` that says why there are none."""
+    def _simulated(self, inputs: ArrayLike) -> tuple[Physical, Forecast]:
         if isinstance(self._gray_box, NotIdentifiable):
             raise ValueError(self._gray_box.reason)
-        return self._gray_box
+        return self._gray_box, simulated(self._gray_box, self.record, self.record.following_inputs(inputs))
 
     @property
     def places(self) -> NDArray[np.intp]:
@@ -345,7 +293,7 @@ class Learned(LearnedDownstream):
     def process_noise(self) -> tuple[NDArray[np.intp], Array]:
         """Returns :attr:`places` (T′,) and the process noise w = x′ − A x − B v (T′, n) there, in units per second.
 
-        It is the wind and everything else outside the model; for the roll rate in rad/s².
+        It is the wind and everything else outside the model.
         """
         n, m, r = self.model.A.shape[0], self.model.C.shape[0], self.model.B.shape[1] + self.scaling.constant
         X, p = self._generalized_states, self.settings.p
@@ -374,9 +322,5 @@ class Learned(LearnedDownstream):
 
     @classmethod
     def from_json(cls, text: str) -> Learned:
-        """Returns the result of the ``text`` of :meth:`to_json`: the JSON document itself, not the name of a file.
-
-        Raises:
-            ValueError: it is not such a document; what is missing or of another shape is named.
-        """
+        """Returns the result of the ``text`` of :meth:`to_json`: the JSON document itself, not the name of a file."""
         return from_text(cls, text)

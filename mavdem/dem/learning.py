@@ -54,26 +54,15 @@ def learn(
 ) -> Learned:
     """Learns a linear model of a flight by Dynamic Expectation Maximization.
 
-    >>> flight = mavdem.read_flight("flight.tlog")[:1000]
-    >>> learned = mavdem.learn(flight[:850])
-    >>> learned
+    >>> mavdem.learn(mavdem.read_flight("flight.tlog")[:850])
     <Learned: 3 states, 4 inputs, 2 outputs from 850 samples at 100 Hz, F̄ ...>
-    >>> learned.forecast(flight[850:].inputs).shape
-    (150, 2)
 
     Args:
         train: inputs (T, r), outputs (T, m), finite, and the sampling step dt in seconds: a ``Flight``; or a list of
             them, segments with gaps between: nothing is differentiated or forecast across a gap, and forecasts begin
             at the end of the last. Three inputs or more are taken for a multirotor's motors, unless a prior is given.
         settings: what decides the fit; ``Settings()``, for real flights, unless given.
-        start: an earlier result for similar data, of which the fit begins at the estimates: it then takes a fraction of
-            the time. Its settings do not count.
-
-    Returns:
-        the model, its posterior, the free energy and the forecasts, in physical units.
-
-    See Also:
-        :func:`learn_many` for many flights, :class:`Settings`, :class:`Learned`.
+        start: an earlier result for similar data, at whose estimates the fit begins, and takes a fraction of the time.
 
     Raises:
         ValueError: too few samples, values that are not finite, or channels that do not vary, with their names; a
@@ -100,11 +89,6 @@ def learn(
                 "given, the states must be observable through its C"
             )
         return _learned(min(attempts, key=lambda attempt: (not attempt.refined, attempt.error(record))), record)
-
-
-def leaves_open(settings: Settings) -> bool:
-    """Whether the training data decide a field of the settings."""
-    return None in (settings.window, settings.parameter_precision)
 
 
 def choices(settings: Settings, record: Record) -> tuple[CompleteSettings, ...]:
@@ -192,8 +176,7 @@ def _attempt(record: Record, settings: CompleteSettings, before: Learned | None)
 def _start(record: Record, settings: CompleteSettings, before: Learned) -> Start:
     """The estimates of an earlier result; ``ValueError`` where these settings and this record have others."""
     n, r, m = settings.order, record.inputs.shape[1], record.outputs.shape[1]
-    _, state_groups = hyperparameter_groups(settings, n, m)
-    lambda_ = before.learning.lambda_[-1]
+    lambda_, (_, state_groups) = before.learning.lambda_[-1], hyperparameter_groups(settings, n, m)
     sizes = n, r, m, int(state_groups.max()) + 1, settings.scaling == "channel"
     given = *before.model.B.shape, len(before.model.C), len(lambda_), before.scaling.constant
     if given != sizes:
@@ -206,7 +189,7 @@ def _start(record: Record, settings: CompleteSettings, before: Learned) -> Start
     theta[of_vehicle(n, r, m, before.scaling.constant)] = before.learning.theta[-1]
     if before.simulation_fit is None:
         return Start(theta, lambda_, None, None)
-    return Start(theta, lambda_, last, before.simulation_fit.layout)
+    return Start(theta, lambda_, last, before.simulation_fit.mixer)
 
 
 def _with_simulation_fit(fitted: Fit, record: Record, samples: SufficientStatistics, start: Start | None) -> Fit:
@@ -309,26 +292,18 @@ def _cautions(fit: Fit, record: Record, uncertainty: ParameterUncertainty) -> It
 def learn_many(jobs: Iterable[Job], executor: Executor | None = None) -> Generator[Learned | ValueError, None, None]:
     """Learns a model for each of many jobs; yields results in the order of the jobs, as soon as they are there.
 
-    Results are those of ``learn``, bit by bit where the workers' processors and libraries are this machine's. Jobs are
-    taken from ``jobs`` a bounded number ahead of the results, so both may be endless. Closing the generator, or an
-    exception, cancels what is not begun.
+    Results are those of ``learn``, bit by bit where the workers' processors and libraries are this machine's, or the
+    ``ValueError`` that it raised. Jobs are taken a bounded number ahead of the results, so both may be endless. Closing
+    the generator, or an exception, cancels what is not begun.
 
     By default one process works on each core this process may use, and in a worker of another pool, or for a few jobs,
     this process does by itself. The processes import the running script: call this below ``if __name__ ==
-    "__main__":``. They end with the generator, as soon as the fits they are at; a given ``executor`` is left running.
-    On a cluster, for instance (``pip install mavdem[dask]``)::
-
-        with distributed.Client("tcp://scheduler:8786") as client:
-            for result in mavdem.learn_many(jobs, client.get_executor()):
-                ...
+    "__main__":``. They end with the generator; a given ``executor``, say a cluster's (docs/python.md), does not.
 
     Args:
         jobs: tuples of what ``learn`` takes: a flight or its segments, settings or ``None``, and, if you like, a start.
             For an executor of other processes they must pickle, as ``Flight`` and ``Settings`` do.
         executor: does the work; any ``concurrent.futures.Executor``. Threads of a process take turns.
-
-    Yields:
-        for each job what ``learn`` returned, or the ``ValueError`` that it raised.
 
     Raises:
         concurrent.futures.BrokenExecutor: a worker died, such as for want of memory.

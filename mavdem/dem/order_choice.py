@@ -1,8 +1,4 @@
-"""The order of a model by its free energy: Algorithm ``extended_DEM``, over one or several flights.
-
-F̄ᵒ increases with the number of states up to the order of the system that produced the data, and saturates there: a
-further state explains less than the uncertainty it adds (the paper's Fig. ``model_nx``).
-"""
+"""The order of a model by its free energy (Algorithm ``extended_DEM``), over one or several flights."""
 
 from __future__ import annotations
 
@@ -30,21 +26,13 @@ UNKNOWN_INPUT = e**2  # P̃ᵛ of unrecorded inputs, as in the paper; in units o
 
 
 class FlightOrders(NamedTuple):
-    """F̄ᵒ of one flight by order.
+    """F̄ᵒ of one flight by order."""
 
-    Attributes:
-        free_energy: (N,) nats; NaN where no fit converged.
-        width: of the kernel that filters the flight, s: faster motion is not seen.
-        smoothness: (N,) kernel width s of the noise, seconds, as given or estimated for each order.
-        samples: effective sample size.
-        remarks: why orders are missing, one sentence each.
-    """
-
-    free_energy: Array
-    width: float
-    smoothness: Array
-    samples: float
-    remarks: tuple[str, ...]
+    free_energy: Array  # (N,) nats; NaN where no fit converged
+    width: float  # of the kernel that filters the flight, s: faster motion is not seen
+    smoothness: Array  # (N,) kernel width s of the noise, seconds, as given or estimated for each order
+    samples: float  # effective sample size
+    remarks: tuple[str, ...]  # why orders are missing, one sentence each
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,10 +77,13 @@ class OrderChoice:
     @property
     def chosen(self) -> int:
         """The lowest order over which no higher one gains strong evidence (``STRONG_EVIDENCE_NATS``)."""
+
+        def gains(order: int, over: int) -> bool:
+            gain, error = self.gain(order, over)
+            return gain > max(STRONG_EVIDENCE_NATS, STANDARD_ERRORS * error)
+
         fitted = [int(order) for order in self.orders if np.isfinite(self.free_energy[:, order - 1]).any()]
-        return next(
-            order for order in fitted if not any(self._gains(higher, order) for higher in fitted if higher > order)
-        )
+        return next(order for order in fitted if not any(gains(higher, order) for higher in fitted if higher > order))
 
     @property
     def saturated(self) -> bool:
@@ -116,10 +107,6 @@ class OrderChoice:
     def remarks(self) -> tuple[str, ...]:
         """Why orders are missing, one sentence each."""
         return tuple(dict.fromkeys(remark for flight in self.flights for remark in flight.remarks))
-
-    def _gains(self, order: int, over: int) -> bool:
-        gain, error = self.gain(order, over)
-        return gain > max(STRONG_EVIDENCE_NATS, STANDARD_ERRORS * error)
 
     def to_dict(self) -> dict[str, Any]:
         """As plain JSON values by name."""
@@ -146,7 +133,7 @@ def choose_order(
     smoothness: float | None = None,
     executor: Executor | None = None,
 ) -> OrderChoice:
-    """Compares model orders by F̄ᵒ, and returns the one at which it saturates.
+    """Compares model orders by F̄ᵒ, which increases with the number of states and saturates.
 
     Every flight is fitted by itself with 1, 2, … states, with A, B and C free, to the same data and under priors of the
     same form. Only states that the outputs show are counted: not a state that no output depends on, or that nothing

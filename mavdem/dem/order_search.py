@@ -2,12 +2,10 @@
 
 F̄ of different orders is comparable because:
 
-- **Every order has the same data**, generalized vectors filtered by one Gaussian kernel.
-- **x has a prior**: variance 1 at every sample, which also gives hidden states a unit. Eq. ``free_E`` has none, and
-  each further state could change F̄ by any number of nats.
-- **The effective sample size is counted.** Noise of width s is correlated over √(2π) s/dt samples (Σₖ ρ(k dt)²);
-  counted as T independent samples, it would justify any number of parameters.
-- **A prior of variance 1 means the same for any flight**, by the units: outputs of variance 1, inputs of variance 1
+- Every order has the same data, generalized vectors filtered by one Gaussian kernel.
+- x has a prior of variance 1 at every sample; without it each further state could change F̄ by any number of nats.
+- The effective sample size is counted: noise of width s is correlated over √(2π) s/dt samples (Σₖ ρ(k dt)²).
+- A prior of variance 1 means the same for any flight, by the units: outputs of variance 1, inputs of variance 1
   together, and a unit of time in which outputs change by as much as they vary.
 
 F̄ of a model with hidden states has many maxima, most of them far below the highest. A start is a linear map from the
@@ -71,16 +69,18 @@ class BlackBox:
 
     @classmethod
     def of(cls, record: Record, most: int, known_inputs: bool, input_precision: float) -> BlackBox:
-        """That of a record, for models of at ``most`` so many states; P̃ᵛ of unknown inputs is ``input_precision``.
-
-        ``ValueError`` for too few samples, or channels that do not vary.
-        """
+        """That of a record, for models of at ``most`` so many states; P̃ᵛ of unknown inputs is ``input_precision``."""
         settings = replace(Settings.paper(), scaling="channel", known_inputs=known_inputs)
         scaling = Scaling.of(*record.spread, settings)
         width = kernel_width(record)
         m, r = record.outputs.shape[1], record.inputs.shape[1] + scaling.constant
         p = embedding_order(m, most)
-        read = _read(record, scaling, p, width)
+        # [ỹ; η̃] of the samples whose whole kernel lies inside their segment.
+        pairs = [
+            (embed_through_kernel(y, p, width, record.dt), embed_through_kernel(u, p - 1, width, record.dt))
+            for u, y in scaling.scale_segments(record)
+        ]
+        read = np.concatenate([np.hstack(pair) for pair in pairs])
         new = len(read) / _repeated(width, record.dt)
         if not new >= MIN_EFFECTIVE_SAMPLES:
             raise ValueError(
@@ -125,10 +125,9 @@ ROUNDING = 1e-9  # of a width that is meant to be a number of steps
 def embed_through_kernel(samples: Array, order: int, width: float, dt: float) -> Array:
     """Generalized vectors of samples (T, m) convolved with a Gaussian kernel, where the whole kernel fits.
 
-    Derivatives by a polynomial over a window are not those of one signal: y″ is not quite the derivative of y′, and an
-    additional state may explain the difference. These are exact: convolution leaves ẋ = Ax + Bv + w and y = Cx + z as
-    they are (Young 1981, Automatica 17, 23), and noise of smoothness s becomes that of √(s² + σ²), so that Eq.
-    ``Smatrix`` holds. Derivatives of Gaussians: Koenderink and van Doorn 1987, Biological Cybernetics 55, 367.
+    Derivatives by a polynomial over a window are not quite those of one signal, and an additional state may explain the
+    difference. These are exact: convolution leaves ẋ = Ax + Bv + w and y = Cx + z as they are (Young 1981, Automatica
+    17, 23), and noise of smoothness s becomes that of √(s² + σ²), so that Eq. ``Smatrix`` holds.
 
     (T − window + 1, (order + 1)·m), order-major; none where the window is longer than the signal. The kernel is
     exp(−t²/2σ²)/√(2π)σ, of ``width`` σ, s; ``ValueError`` where that is too narrow for the samples.
@@ -169,15 +168,6 @@ def kernel_width(record: Record) -> float:
 def _time_of_change(values: Array, rates: Array) -> float:
     """The time in which signals change by their standard deviation."""
     return float(np.sqrt(values.var(axis=0).mean() / rates.var(axis=0).mean()))
-
-
-def _read(record: Record, scaling: Scaling, p: int, width: float) -> Array:
-    """Generalized data [ỹ; η̃], (T′, ·), of the samples whose whole kernel lies inside their segment."""
-    pairs = (
-        (embed_through_kernel(outputs, p, width, record.dt), embed_through_kernel(inputs, p - 1, width, record.dt))
-        for inputs, outputs in scaling.scale_segments(record)
-    )
-    return np.concatenate([np.hstack(pair) for pair in pairs])
 
 
 Result = TypeVar("Result")

@@ -1,8 +1,4 @@
-"""The training data: uniformly sampled segments, with gaps of any length between them.
-
-Nothing is differentiated, filtered or forecast across a gap: whatever uses more than one sample at a time uses
-:attr:`Record.segments`.
-"""
+"""The training data: uniformly sampled segments with gaps between, across which nothing is computed."""
 
 from __future__ import annotations
 
@@ -66,19 +62,14 @@ class UniformRecord(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """Samples of segments of ``lengths``, one after the other: inputs (T, r), outputs (T, m), physical.
+    """Samples of segments, one after the other, physical."""
 
-    ``effect_directions`` (r,) are the relative effect of each motor on the axis; ``None`` where the mixer's geometry is
-    not known. Names and units of inputs and outputs are the flight's, and ``begins`` (segments,) the times of the
-    segments' first samples on its clock, s; none where it has none.
-    """
-
-    inputs: Array
-    outputs: Array
+    inputs: Array  # (T, r)
+    outputs: Array  # (T, m)
     dt: float
     lengths: tuple[int, ...]
-    effect_directions: Array | None = None
-    begins: tuple[float, ...] = ()
+    effect_directions: Array | None = None  # (r,) relative effect of each motor on the axis, where it is known
+    begins: tuple[float, ...] = ()  # (segments,) times of the first samples on the flight's clock, s, if it has one
     input_names: tuple[str, ...] = ()
     output_names: tuple[str, ...] = ()
     input_units: tuple[str, ...] = ()

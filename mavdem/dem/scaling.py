@@ -14,18 +14,14 @@ from mavdem.dem.settings import Settings
 
 
 class Scaling(NamedTuple):
-    """y = output_trim + output_scale · (engine's y), and likewise for inputs.
-
-    ``constant``: whether one more input, after the motors, is 1. ``known``: which of the recorded inputs count; of the
-    others the engine has 0, and their unit is the engine's own.
-    """
+    """y = output_trim + output_scale · (engine's y), and likewise for inputs."""
 
     input_trim: Array  # (r,)
     input_scale: Array  # (r,)
     output_trim: Array  # (m,)
     output_scale: Array  # (m,)
-    constant: bool
-    known: NDArray[np.bool_]  # (r,)
+    constant: bool  # whether one more input, after the motors, is 1
+    known: NDArray[np.bool_]  # (r,) which of the inputs count; of the others the engine has 0, in a unit of its own
 
     @classmethod
     def of(cls, inputs: Spread, outputs: Spread, settings: Settings) -> Scaling:

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
-from functools import wraps
 from math import e
-from typing import Annotated, Any, Literal, Self, TypeVar
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,14 +21,9 @@ SMALLEST = 1e-50  # of a positive setting; the largest is its inverse
 
 @dataclass(frozen=True)
 class Gaussian:
-    """N(mean, precision⁻¹). A known entry is one of high precision; a structure is a matrix of them.
+    """N(mean, precision⁻¹): ``mean`` (k,), ``precision`` (k, k), positive definite; a number or (k,) is a diagonal.
 
-    Attributes:
-        mean: (k,).
-        precision: (k, k), symmetric positive definite; a number or (k,) stands for a diagonal.
-
-    Raises:
-        ValueError: names what is not finite, of the wrong shape or not positive definite.
+    A known entry is one of high precision; a structure is a matrix of them.
     """
 
     mean: tuple[float, ...]
@@ -108,53 +102,7 @@ TYPES: dict[str, Any] = {
 
 COMPLETE_TYPES = TYPES | {"order": Natural, "d": Whole, "window": Natural, "parameter_precision": Positive}
 
-FORMER = {
-    "lambda_prior": "lambda_z and lambda_w are the means, and lambda_log_precision has the logs of the precisions",
-    **dict.fromkeys(("state_rate", "parameter_rate", "hyperparameter_rate"), "learning_rates has all three"),
-    **dict.fromkeys(("output_groups", "state_groups"), "noise_groups has both"),
-}
-"""Settings that are no more, and what to use; those that :func:`_translated` knows keep working."""
 
-AnySettings = TypeVar("AnySettings")
-
-
-def _takes_former_names(cls: type[AnySettings]) -> type[AnySettings]:
-    """Lets a class of settings be made with names of former versions too; its signature stays."""
-    init: Callable[..., None] = cls.__init__
-
-    @wraps(init)
-    def with_former_names(self: Any, *args: Any, **values: Any) -> None:
-        init(self, *args, **_translated(values))
-
-    cls.__init__ = with_former_names  # type: ignore[method-assign]
-    return cls
-
-
-def _translated(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Returns settings by today's names; ``ValueError`` says what replaces one that has no counterpart."""
-    new = dict(values)
-    for name in FORMER.keys() & new.keys():
-        if new.pop(name) is not None:
-            raise ValueError(f"{name} is no setting any more: {FORMER[name]}")
-    if new.get("smoothness") == "learn":
-        raise ValueError("smoothness must be a number; mavdem.dem.estimate_smoothness(flight).smoothness is one")
-    precisions = list(new.get("lambda_log_precision", (25.0, -4.6)))
-    for index, name in enumerate(("lambda_z_precision", "lambda_w_precision")):
-        if name in new:
-            precision = real_numbers(new.pop(name), name)
-            if not (precision > 0).all():
-                raise ValueError(f"{name} must be positive, not {values[name]!r}")
-            precisions[index] = np.log(precision).tolist()
-            new["lambda_log_precision"] = tuple(precisions)
-    if "last_derivative_zero" in new:
-        new["correlation"] = "continuous" if new.pop("last_derivative_zero") else "sampled"
-    shrunk, closed = new.pop("shrink_forecasts", None), new.pop("closed_loop", None)
-    if shrunk is not None or closed is not None:
-        new["forecasts"] = "model" if shrunk is False else "shrunk" if closed is False else "mixed"
-    return new
-
-
-@_takes_former_names
 @dataclass(frozen=True, eq=False)
 class Settings:
     """Everything that decides a fit. ``Settings()`` is for real flights, :meth:`paper` for the paper's experiments.
@@ -164,9 +112,6 @@ class Settings:
     >>> settings = mavdem.Settings(order=4, horizon=None)
     >>> mavdem.Settings.from_json(settings.to_json()) == settings
     True
-
-    See Also:
-        :func:`mavdem.learn`.
 
     **The model**
 
@@ -225,9 +170,6 @@ class Settings:
         forecasts: "model": by the model alone; "shrunk": these, shrunk towards the trim as far as the posterior of θ is
             uncertain, or, where θ was not refined, by the weight that forecasts of the training data give; "mixed":
             these, mixed with others that take the motors for measurements of the motion as well.
-
-    Raises:
-        ValueError: names the setting and says what it must be.
     """
 
     order: int | None = None
@@ -267,10 +209,8 @@ class Settings:
         _require(self.window is None or self.window >= fewest, "window", f"at least {fewest} for p and d", self.window)
         for kind, name in enumerate(("lambda_z", "lambda_w")):
             number = 1 if self.noise_groups is None else max(self.noise_groups[kind]) + 1
-            for setting, value in (
-                (name, getattr(self, name)),
-                ("lambda_log_precision", self.lambda_log_precision[kind]),
-            ):
+            log_precision = self.lambda_log_precision[kind]
+            for setting, value in ((name, getattr(self, name)), ("lambda_log_precision", log_precision)):
                 fits = not isinstance(value, tuple) or len(value) == number
                 _require(fits, setting, f"a number for each of {number} groups", value)
         # With C free, nothing fixes the scale of x, and F̄ is largest at C = 0.
@@ -294,12 +234,11 @@ class Settings:
 
     @classmethod
     def paper(cls, order: int = 2, seed: int = 0) -> Self:
-        """Returns those of the paper, section V.D (``alg_settings``): p = 2, d = 1, s = dt, η from U[−1, 1], P = e⁴.
+        """Returns those of the paper, section V.D (``alg_settings``), of ``order`` states, η drawn with ``seed``.
 
         Where the paper and its authors' code leave a choice: outputs are not centred; the D step takes the exact
         limit k → ∞; D's last row is zero and counts; F̄ and its mean-field terms are exact; the first step already
-        uses the prior λ; inputs are embedded over the outputs' window, so that both belong to one instant. ``order``
-        is the number of states n, two in the paper's models, and ``seed`` that of the draw of η.
+        uses the prior λ; inputs are embedded over the outputs' window, so that both belong to one instant.
         """
         return cls(
             order=order,
@@ -346,16 +285,14 @@ class Settings:
         """Returns settings from plain values by name; ``ValueError`` names a key that is not a setting."""
         if not isinstance(values, dict):
             raise ValueError(f"settings must be an object of settings by name, not {values!r}")
-        values = _translated(values)
         unknown = set(values) - {f.name for f in fields(cls)}
         if unknown:
             raise ValueError(f"not a setting: {', '.join(sorted(unknown))}")
         if isinstance(values.get("prior"), dict):
-            values["prior"] = Gaussian.from_dict(values["prior"])
+            values = values | {"prior": Gaussian.from_dict(values["prior"])}
         return cls(**values)
 
 
-@_takes_former_names
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CompleteSettings(Settings):
     """Settings with a number for all that may be left to the data; the fields are those of :class:`Settings`."""

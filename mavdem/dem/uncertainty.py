@@ -28,13 +28,10 @@ SHOWN_ENTRIES = 4  # of a direction, the heaviest, in its ``repr``
 
 
 class SandwichCovariance(NamedTuple):
-    """The covariance (k, k) of the estimate of θ over data of this kind.
+    """The covariance of the estimate of θ over data of this kind."""
 
-    It is itself estimated, with so many degrees of ``freedom``: deviations in its units have Student's distribution.
-    """
-
-    covariance: Array
-    freedom: float
+    covariance: Array  # (k, k)
+    freedom: float  # degrees of freedom it is estimated with: deviations have Student's distribution
 
     def half_width(self, level: float) -> Array:
         """(k,) of the interval about the estimate that holds the parameter with probability ``level``."""
@@ -42,14 +39,10 @@ class SandwichCovariance(NamedTuple):
 
 
 class ParameterUncertainty(NamedTuple):
-    """The uncertainty of θ at the end of a fit, in its units.
+    """The uncertainty of θ at the end of a fit, in its units."""
 
-    ``information`` (k, k) of the data is the curvature of F̄ without its prior, each sample counted as independent;
-    ``scatter`` is ``None`` where F̄ has no maximum.
-    """
-
-    information: Array
-    scatter: SandwichCovariance | None
+    information: Array  # (k, k) of the data: the curvature of F̄ without its prior, samples counted as independent
+    scatter: SandwichCovariance | None  # ``None`` where F̄ has no maximum
 
 
 def uncertainty_of(model: GenerativeModel, segments: Sequence[Array], ascent: Ascent) -> ParameterUncertainty:
@@ -137,15 +130,11 @@ def _quadratic_spectral(x: Array) -> Array:
 
 
 class Direction(NamedTuple):
-    """A combination of parameters that the data determine less than the prior does.
+    """A combination of parameters that the data determine less than the prior does."""
 
-    ``weights`` (k,) are of θ = [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)], of unit length in prior standard deviations; ``share`` is
-    the information of the data over that of the prior, 0 to 1; ``sizes`` are n, r and m.
-    """
-
-    weights: Array
-    share: float
-    sizes: tuple[int, int, int]
+    weights: Array  # (k,) of θ = [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)], of unit length in prior standard deviations
+    share: float  # the information of the data over that of the prior, 0 to 1
+    sizes: tuple[int, int, int]  # n, r and m
 
     def __repr__(self) -> str:
         """The heaviest entries, as ``learned.model`` is indexed."""

@@ -18,11 +18,7 @@ SHORT.maxother = SHORT.maxstring = 80
 
 
 def checked_values(types: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
-    """Returns the values by name, each of its type, which may have pydantic's constraints.
-
-    Raises:
-        ValueError: ``<name> must be …, not <value>``.
-    """
+    """Returns the values by name, each of its type, or ``ValueError``: ``<name> must be …, not <value>``."""
     try:
         return dict(_model(tuple(types.items())).model_validate(values))
     except ValidationError as error:

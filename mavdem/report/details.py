@@ -220,11 +220,11 @@ def _simulation_fit(labels: Labels, learned: Learned, converged: str) -> list[Bl
         return []
     start, end = (sum(term[i] for term in fit.terms.values()) for i in (0, -1))
     text = (
-        f"over {fit.horizon * learned.dt:.2g} s: {len(fit.places)} parameters, effective sample size "
-        f"{fit.numbers:.0f}; F̄ increased by another {end - start:.3g} nats. {converged}"
+        f"over {fit.horizon * learned.dt:.2g} s: {len(fit.free)} parameters, effective sample size "
+        f"{fit.effective_samples:.0f}; F̄ increased by another {end - start:.3g} nats. {converged}"
     )
     blocks: list[Block] = [Sentence(text, "Simulation-error (output-error) fit")]
-    turning = None if fit.layout is None else fit.layout.turning
+    turning = None if fit.mixer is None else fit.mixer.turning
     if turning is not None:
         up, down = (
             " and ".join(short(name) for name, way in zip(labels.input_names, turning, strict=True) if sign * way > 0)

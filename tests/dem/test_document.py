@@ -12,7 +12,7 @@ from simulated import simulated
 from mavdem import Flight, Learned, Settings, learn
 from mavdem.dem import Gaussian
 from mavdem.dem.record import LABELS
-from mavdem.dem.settings import FORMER, CompleteSettings
+from mavdem.dem.settings import CompleteSettings
 
 FLIGHT = simulated(wind=0.5)
 
@@ -146,26 +146,6 @@ def test_a_document_of_something_else_is_refused(text):
 def test_an_unknown_setting_is_named():
     with pytest.raises(ValueError, match="not a setting: colour"):
         Settings.from_json('{"colour": 1}')
-
-
-@pytest.mark.parametrize(
-    ("former", "now"),
-    [
-        ({"lambda_z_precision": 1.0, "lambda_w_precision": 0.01}, {"lambda_log_precision": (0.0, np.log(0.01))}),
-        ({"lambda_w_precision": e}, {"lambda_log_precision": (25.0, 1.0)}),
-        ({"last_derivative_zero": True}, {"correlation": "continuous"}),
-        ({"closed_loop": False}, {"forecasts": "shrunk"}),
-        ({"shrink_forecasts": False, "closed_loop": False, "state_rate": None}, {"forecasts": "model"}),
-    ],
-)
-def test_names_of_former_versions_keep_working(former, now):
-    assert Settings(**former) == Settings.from_dict(former) == Settings(**now) == replace(Settings(), **former)
-
-
-@pytest.mark.parametrize("name", FORMER)
-def test_a_setting_that_is_no_more_names_what_replaces_it(name):
-    with pytest.raises(ValueError, match=f"^{name} is no setting any more: {FORMER[name]}"):
-        Settings(**{name: 1.0})
 
 
 def test_complete_settings_keep_what_was_fixed_and_leave_nothing_open():

@@ -134,9 +134,7 @@ def test_the_band_holds_nine_samples_in_ten():
 def test_without_trajectories_forecasts_lean_on_the_trim_as_much_as_the_training_data_advise():
     flight = simulated(wind=1.0)
     train, test = flight[:700], flight[700:]
-    plain = Settings(
-        order=2, window=3, parameter_precision=1.0, horizon=None, shrink_forecasts=False, closed_loop=False
-    )
+    plain = Settings(order=2, window=3, parameter_precision=1.0, horizon=None, forecasts="model")
     alone, leaning = learn(train, plain), learn(train, replace(plain, forecasts="shrunk"))
     weight, trim = leaning.training_forecasts.weight, leaning.model.output_trim
     assert ((weight >= 0) & (weight <= 1)).all()

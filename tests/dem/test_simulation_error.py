@@ -94,7 +94,7 @@ def test_slopes_and_curvature_are_those_of_the_height():
 def test_the_climb_never_falls_and_settles(wind):
     learned = learn(simulated(wind=wind, lag=0.05)[:700], COMPLETE)
     trajectory = learned.simulation_fit
-    assert trajectory is not None and trajectory.settled
+    assert trajectory is not None and trajectory.converged
     log_joint = sum(term for name, term in trajectory.terms.items() if name != "parameter entropy")
     assert (np.diff(log_joint) > 0).all()
     assert set(trajectory.terms) <= set(learned.free_energy.terms)
@@ -122,7 +122,7 @@ def test_a_model_without_noise_is_found_as_it_is():
     climbed = fit_with_prior(start, (start, np.diag(precision)), (n, r, m), gain, dt, stretches, iterations=50)
     assert climbed is not None
     found, _ = climbed
-    np.testing.assert_array_equal(found.places, free)
+    np.testing.assert_array_equal(found.free, free)
     np.testing.assert_allclose(found.theta[free], truth[free], rtol=1e-3, atol=1e-3)
 
 
@@ -141,12 +141,12 @@ def test_the_posterior_holds_the_truth_as_often_as_it_says():
 
 
 def test_inputs_beyond_what_was_learnt_from_are_not_believed():
-    plant = replace(COMPLETE, closed_loop=False)
+    plant = replace(COMPLETE, forecasts="shrunk")
     learned = learn(FLIGHT[:700], plant)
     trim, ahead = learned.model.output_trim, FLIGHT.inputs[700:850]
     calm = np.broadcast_to(learned.model.input_trim, ahead.shape)
     wild = learned.model.input_trim + 100 * (ahead - learned.model.input_trim)
-    alone = learn(FLIGHT[:700], replace(plant, shrink_forecasts=False))
+    alone = learn(FLIGHT[:700], replace(plant, forecasts="model"))
     np.testing.assert_array_equal(alone.model.A, learned.model.A)
     for inputs in (calm, ahead, wild):
         weight = (learned.forecast(inputs) - trim) / (alone.forecast(inputs) - trim)
@@ -162,7 +162,7 @@ def test_the_horizon_is_as_long_as_the_samples_suffice_for(samples, seconds):
     found = learn(FLIGHT[:samples], COMPLETE).simulation_fit
     assert found is not None
     assert found.horizon == round(seconds / FLIGHT.dt)
-    assert found.numbers >= SAMPLES_PER_PARAMETER * len(found.places)
+    assert found.effective_samples >= SAMPLES_PER_PARAMETER * len(found.free)
 
 
 @pytest.mark.parametrize("rate", [50, 100, 200, 400])
@@ -382,7 +382,7 @@ def test_an_x_is_found_where_nothing_but_roll_is_flown():
     flight = simulated(wind=0.5, lag=0.05)[:700]
     way = np.array([-0.5, 0.5, 0.5, -0.5])
     only = Flight(flight.time, 1500 + (flight.inputs - 1500) @ np.outer(way, way), flight.outputs, dt=flight.dt)
-    assert abs(learn(only, COMPLETE).simulation_fit.layout.turning @ way) == pytest.approx(1)
+    assert abs(learn(only, COMPLETE).simulation_fit.mixer.turning @ way) == pytest.approx(1)
 
 
 def effect(flight: Flight) -> np.ndarray:
@@ -417,7 +417,7 @@ def test_a_known_geometry_takes_the_place_of_the_one_that_is_inferred():
             _with_directions(flight, np.array([1.0, 1.0, -1.0, -1.0])),
         )
     )
-    np.testing.assert_allclose(known.layout.turning, np.array([1, -1, -1, 1]) / 2, atol=1e-12)
+    np.testing.assert_allclose(known.mixer.turning, np.array([1, -1, -1, 1]) / 2, atol=1e-12)
     np.testing.assert_allclose(known.theta, inferred.theta, atol=1e-4)
     assert np.abs(other.theta - inferred.theta).max() > 1e-2
 

@@ -65,12 +65,8 @@ def theta_curvature_of_profile(model: GenerativeModel, samples: SufficientStatis
     k = len(belief.theta)
     steps = np.zeros((k, k + len(belief.lambda_)))
     steps[:, :k] = DIFFERENCE_SD * np.diag(np.sqrt(belief.theta_covariance.diagonal()))
-    curvature = np.array(
-        [
-            (_slope(model, samples, belief, -step) - _slope(model, samples, belief, step))[:k] / (2 * step.max())
-            for step in steps
-        ]
-    )
+    slopes = [_slope(model, samples, belief, -step) - _slope(model, samples, belief, step) for step in steps]
+    curvature = np.array([slope[:k] / (2 * step.max()) for slope, step in zip(slopes, steps, strict=True)])
     return np.asarray((curvature + curvature.T) / 2)
 
 
@@ -143,18 +139,14 @@ def ascend(
     rates: Rates = EXACT_RATES,
     start: tuple[Array, Array] | None = None,
 ) -> Ascent:
-    """Maximises F̄ by at most ``iterations`` rounds of D, E and M steps, from ``start``, θ (k,) and λ (g,).
+    """Maximises F̄ by at most ``iterations`` rounds, from ``start``, θ (k,) and λ (g,), or the priors' means.
 
-    Unless given, the start is at the priors' means.
-
-    After each round the covariances are set to their optimum, so F̄ᵒ increases monotonically. Coordinate steps converge
-    slowly where X and θ are strongly coupled (small noise). After every two rounds a third therefore starts from an
-    extrapolation, and is kept if F̄ᵒ increases. When rounds gain less than ``CONVERGED_NATS``, the Newton step of θ and
-    λ, with X at its maximum, gives what is left: less than that, and F̄ has converged; or more, and the next round
-    starts from there. With finite rates there is no extrapolation and no Newton step.
-
-    A flow of X that is unstable, or that would lower F̄, is replaced by its exact limit in that round. ``LinAlgError``
-    where at the start a curvature is not negative definite.
+    After each round the covariances are set to their optimum, so F̄ᵒ increases monotonically. After every two rounds a
+    third starts from an extrapolation, and is kept if F̄ᵒ increases. When rounds gain less than ``CONVERGED_NATS``, the
+    Newton step of the profile gives what is left: less than that, and F̄ has converged; or more, and the next round
+    starts from there. With finite rates there is no extrapolation and no Newton step; a flow of X that is unstable, or
+    that would lower F̄, is replaced by its exact limit in that round. ``LinAlgError`` where at the start a curvature is
+    not negative definite.
     """
     ascent = CoordinateAscent(model, samples, rates)
     iterates = [ascent.start(start)]
@@ -198,15 +190,12 @@ def plain_rounds(
 
 @dataclass(frozen=True, eq=False)
 class Iterate:
-    """One iterate of the ascent: a belief with optimal precisions, X from the data, and the terms of F̄ᵒ by name.
-
-    ``flowed``: whether X came of a flow at a finite rate.
-    """
+    """One iterate of the ascent: a belief with optimal precisions, X from the data, and the terms of F̄ᵒ by name."""
 
     belief: Belief
     state_map: Array
     terms: Mapping[str, float]
-    flowed: bool
+    flowed: bool  # whether X came of a flow at a finite rate
 
     @property
     def free_energy(self) -> float:
@@ -230,21 +219,24 @@ class CoordinateAscent:
         # The first D step takes the parameters for certain: a weak prior's mean-field term would erase the states.
         state_map = d_step(self.model, theta, certain, lambda_, inverse(prior.lambda_precision))
         moments = GeneralizedMoments.of(self.model, self.samples, state_map)
-        return self._place(Belief(moments, np.empty(0), theta, certain, lambda_, np.empty(0)), state_map, flowed=False)
+        return self._iterate(
+            Belief(moments, np.empty(0), theta, certain, lambda_, np.empty(0)), state_map, flowed=False
+        )
 
     def at_belief(self, belief: Belief) -> Iterate:
         """The iterate of a belief, with X at its maximum."""
         state_map = d_step(self.model, belief.theta, belief.theta_covariance, belief.lambda_, belief.lambda_covariance)
         moments = GeneralizedMoments.of(self.model, self.samples, state_map)
-        return self._place(belief._replace(moments=moments), state_map, flowed=False)
+        return self._iterate(belief._replace(moments=moments), state_map, flowed=False)
 
     def at_theta(self, theta: Array, belief: Belief) -> Iterate:
         """D and M steps in turn with θ fixed at ``theta``, from a belief: the λ and X that belong to that θ."""
-        place = self.at_belief(belief._replace(theta=theta))
+        iterate = self.at_belief(belief._replace(theta=theta))
         for _ in range(ROUNDS_AT_FIXED_THETA):
-            place = self.at_belief(place.belief._replace(lambda_=m_step(self.model, self.samples, place.belief)))
-            _require_sane(place.belief.lambda_)
-        return place
+            lambda_ = m_step(self.model, self.samples, iterate.belief)
+            iterate = self.at_belief(iterate.belief._replace(lambda_=lambda_))
+            _require_sane(iterate.belief.lambda_)
+        return iterate
 
     def rounds(self, now: Iterate) -> Iterator[Iterate]:
         """Two rounds in turn and, with exact rates, one from their extrapolation."""
@@ -310,9 +302,9 @@ class CoordinateAscent:
         belief = belief._replace(theta=e_step(model, samples, belief, rates.theta))
         belief = belief._replace(lambda_=m_step(model, samples, belief, rates.lambda_))
         _require_sane(belief.lambda_)
-        return self._place(belief, state_map, flowed)
+        return self._iterate(belief, state_map, flowed)
 
-    def _place(self, belief: Belief, state_map: Array, flowed: bool) -> Iterate:
+    def _iterate(self, belief: Belief, state_map: Array, flowed: bool) -> Iterate:
         belief = with_optimal_precisions(self.model, belief)
         return Iterate(belief, state_map, optimal_terms(self.model, self.samples, belief), flowed)
 

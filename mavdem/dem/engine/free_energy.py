@@ -43,35 +43,22 @@ def free_energy_action(model: GenerativeModel, samples: SufficientStatistics, be
 
 
 def free_energy(model: GenerativeModel, data: Array, states: Array, belief: Belief) -> Array:
-    """F(t) = U + W + H of every sample, (T,), Eq. ``free_E``, with the ½ that its W has lost.
+    """F(t) = U + W + H, (T,), Eq. ``free_E``, with the ½ that its W has lost, of samples ``data`` [ỹ; η̃] (T, ·).
 
-    The priors and entropies of θ and λ, which are the same at every sample, are in each F(t) and only once in F̄.
-
-    Args:
-        model: the model.
-        data: (T, ·) generalized data [ỹ; η̃].
-        states: (T, dim X) means of X.
-        belief: the rest; its moments are not used.
+    ``states`` (T, dim X) are the means of X; moments of the ``belief`` are not used. The priors and entropies of θ and
+    λ, which are the same at every sample, are in each F(t) and only once in F̄.
     """
     return SampleEnergy.of(model, belief).at(data, states)
 
 
 class SampleEnergy(NamedTuple):
-    """F(t) as a function of the sample: a constant less half the squares of its errors and of its states.
+    """F(t) as a function of the sample: a constant less half the squares of its errors and of its states."""
 
-    Attributes:
-        constant: F(t) of a sample without errors, at states 0.
-        priors: what of it the priors and entropies of θ and λ make up, which are in F̄ only once.
-        errors: E with ε̃ = E [ỹ; η̃; X].
-        precision: of ε̃, that of the noise included that uncertain λ make.
-        uncertainty: of X, which uncertain θ make.
-    """
-
-    constant: float
-    priors: float
-    errors: Array
-    precision: Array
-    uncertainty: Array
+    constant: float  # F(t) of a sample without errors, at states 0
+    priors: float  # what of it the priors and entropies of θ and λ make up, which are in F̄ only once
+    errors: Array  # E with ε̃ = E [ỹ; η̃; X]
+    precision: Array  # of ε̃, that of the noise included that uncertain λ make
+    uncertainty: Array  # of X, which uncertain θ make
 
     @classmethod
     def of(cls, model: GenerativeModel, belief: Belief) -> SampleEnergy:

@@ -1,8 +1,7 @@
-"""Damped Gauss-Newton: maximises a function whose curvature is known nearly (Levenberg and Marquardt).
+"""Damped Gauss-Newton, or Levenberg and Marquardt's method (Nocedal and Wright, Numerical Optimization, 2nd ed., 10.3).
 
 Each step solves (curvature + damping · its diagonal) step = slope. A step that does not increase the function is damped
-more; after one that does, the next is damped less. References: Levenberg 1944; Marquardt 1963; Nocedal and Wright,
-Numerical Optimization, 2nd ed., sec. 10.3.
+more; after one that does, the next is damped less.
 """
 
 from __future__ import annotations
@@ -66,9 +65,8 @@ def gauss_newton(
 ) -> tuple[list[Quadratic], float]:
     """Maximises from ``start`` until a step gains no more than ``converged``, by at most so many steps.
 
-    Returns:
-        the function about each iterate, the first being the start; and what the last step gained or, where no attempt
-        at a step increased the function, what the last quadratic still predicts.
+    Returns the function about each iterate, the start's first; and what the last step gained or, where no attempt at a
+    step increased the function, what the last quadratic still predicts.
     """
     trace, damped, gained = [start], damping.first, np.inf
     while gained > converged and len(trace) <= iterations:

@@ -53,12 +53,9 @@ class GenerativeModel:
         output_groups, state_groups: (m,) and (n,) which entry of λ each output's and each state's noise has.
         input_precision: P̃ᵛ, ((d + 1)r, (d + 1)r).
         prior: of θ and λ.
-        state_precision: of x about 0 at every sample, (n, n). ``None``: x has no prior. The density
-            of X is then improper, so that F̄ of different n cannot be compared, and where θ leaves the unit of x free,
-            F̄ is highest at C = 0.
-
-    Raises:
-        ValueError: names the argument of the wrong shape, or that is not a positive definite precision.
+        state_precision: of x about 0 at every sample, (n, n). ``None``: x has no prior. The density of X is then
+            improper, so that F̄ of different n cannot be compared, and where θ leaves the unit of x free, F̄ is highest
+            at C = 0.
     """
 
     n: int
@@ -240,17 +237,11 @@ class Regression(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class GeneralizedMoments:
-    """Second moments of data and means, Σ_t [ỹ; η̃; X][ỹ; η̃; X]ᵀ, and what the steps need of them.
-
-    Attributes:
-        model: whose X it is.
-        gram: Σ_t [ỹ; η̃][ỹ; η̃]ᵀ.
-        stack: (dim [ỹ; η̃; X], dim [ỹ; η̃]): [ỹ; η̃; X] from [ỹ; η̃].
-    """
+    """Second moments of data and means, Σ_t [ỹ; η̃; X][ỹ; η̃; X]ᵀ, and what the steps need of them."""
 
     model: GenerativeModel
-    gram: Array
-    stack: Array
+    gram: Array  # Σ_t [ỹ; η̃][ỹ; η̃]ᵀ
+    stack: Array  # (dim [ỹ; η̃; X], dim [ỹ; η̃]): [ỹ; η̃; X] from [ỹ; η̃]
     _latest: tuple[Array, Array, Array] | None = field(default=None, init=False)
 
     @classmethod

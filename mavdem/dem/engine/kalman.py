@@ -1,7 +1,7 @@
 """Linear-Gaussian filters and smoothers: the steady gain, the steady filter and its smoother, and the smoother of EM.
 
-A filter of a time-invariant system becomes steady. Its covariance then solves Riccati's equation, its gain is constant,
-and every pass over the samples is a linear recursion with constant coefficients, which is vectorized.
+A filter of a time-invariant system becomes steady: every pass over the samples is then a linear recursion with constant
+coefficients, which is vectorized.
 
 The steady filter is exact for a first state that is as uncertain as its later ones. What a first state is more
 uncertain than that, Δ = P₀ − P, is one more unknown ζ of the whole segment: it appears in the innovations as C Lᵗ ζ,
@@ -47,12 +47,7 @@ def steady_covariance(A: Array, C: Array, Q: Array, R: Array, S: Array | None = 
         if np.abs(P - before).max() <= STEADY * np.abs(P).max():
             break
     for _ in range(MAX_STEPS):
-        gain = _gain(A, C, P, R, crossed)
-        kept, mixed = A - gain @ C, gain @ np.swapaxes(crossed, -1, -2)
-        # In Joseph's form it stays positive.
-        after = kept @ P @ np.swapaxes(kept, -1, -2) + gain @ R @ np.swapaxes(gain, -1, -2) + Q
-        after = after - mixed - np.swapaxes(mixed, -1, -2)
-        P, before = (after + np.swapaxes(after, -1, -2)) / 2, P
+        P, before = _following(A, C, P, Q, R, crossed, _gain(A, C, P, R, crossed)), P
         if not np.abs(P - before).max() > STEADY * np.abs(P).max():
             break
     return P
@@ -61,10 +56,7 @@ def steady_covariance(A: Array, C: Array, Q: Array, R: Array, S: Array | None = 
 def steady_gain(A: Array, C: Array, Q: Array, R: Array, S: Array | None = None) -> tuple[Array, Array]:
     """Returns the gain (n, m) K of x̂⁺ = A x̂ + K (y − C x̂), with which A − K C is stable, and the covariance (n, n).
 
-    The arguments are those of :func:`steady_covariance`, of one system.
-
-    Raises:
-        numpy.linalg.LinAlgError: there is no steady filter: no output shows an unstable state.
+    The arguments are those of :func:`steady_covariance`, of one system; ``LinAlgError`` where no filter is steady.
     """
     with np.errstate(all="ignore"):
         P = steady_covariance(A, C, Q, R, S)
@@ -79,6 +71,14 @@ def _gain(A: Array, C: Array, P: Array, R: Array, S: Array) -> Array:
     return np.swapaxes(np.linalg.solve(C @ P @ Ct + R, np.swapaxes(A @ P @ Ct + S, -1, -2)), -1, -2)
 
 
+def _following(A: Array, C: Array, P: Array, Q: Array, R: Array, S: Array, gain: Array) -> Array:
+    """The covariance one step later; in Joseph's form it stays positive."""
+    kept, mixed = A - gain @ C, gain @ np.swapaxes(S, -1, -2)
+    after = kept @ P @ np.swapaxes(kept, -1, -2) + gain @ R @ np.swapaxes(gain, -1, -2) + Q
+    after = after - mixed - np.swapaxes(mixed, -1, -2)
+    return np.asarray((after + np.swapaxes(after, -1, -2)) / 2)
+
+
 class SteadySmoothed(NamedTuple):
     """Of a segment given all of it: mean and variance (T,) of a sum of states, and the filter's states (T, n)."""
 
@@ -88,29 +88,17 @@ class SteadySmoothed(NamedTuple):
 
 
 class SteadyFilter(NamedTuple):
-    """The steady Kalman filter of x⁺ = Φ x + push + w, whose first state is measured with white noise.
+    """The steady Kalman filter of x⁺ = Φ x + push + w, whose first state is measured with white noise."""
 
-    Attributes:
-        transition: (n, n) Φ.
-        covariance: (n, n) P of the predicted state.
-        gain: (n,) K.
-        variance: F of the innovations.
-        closed: (n, n) L = Φ − K C.
-    """
-
-    transition: Array
-    covariance: Array
-    gain: Array
-    variance: float
-    closed: Array
+    transition: Array  # (n, n) Φ
+    covariance: Array  # (n, n) P of the predicted state
+    gain: Array  # (n,) K
+    variance: float  # F of the innovations
+    closed: Array  # (n, n) L = Φ − K C
 
     @classmethod
     def of(cls, transition: Array, process: Array, noise: float) -> SteadyFilter:
-        """Returns that for w of covariance ``process`` (n, n), and a measurement of standard deviation ``noise``.
-
-        Raises:
-            numpy.linalg.LinAlgError: there is no steady filter.
-        """
+        """Returns that for w of covariance ``process`` (n, n) and a measurement of sd ``noise``, or ``LinAlgError``."""
         C = np.eye(1, len(transition))
         gain, P = steady_gain(transition, C, process, np.array([[noise**2]]))
         return cls(transition, P, gain[:, 0], float(P[0, 0]) + noise**2, transition - gain @ C)
@@ -131,14 +119,10 @@ class SteadyFilter(NamedTuple):
         return weights
 
     def smoothed(self, pushes: Array, measured: Array, first: Array, uncertainty: Array, read: Array) -> SteadySmoothed:
-        """Returns ``read`` · x in a segment, from all of it.
+        """Returns ``read`` (n,) · x in a segment, from all of its samples ``measured`` (T,).
 
-        Args:
-            pushes: (T − 1, n) of each sample on the state of the next.
-            measured: (T,) the measurements.
-            first: (n,) mean of the first state.
-            uncertainty: (n, n) its covariance.
-            read: (n,) the weights of the states.
+        ``pushes`` (T − 1, n) are of each sample on the state of the next; the first state has mean ``first`` (n,) and
+        covariance ``uncertainty`` (n, n).
         """
         predicted = self.predicted(pushes, measured, first)
         errors, F = measured - predicted[:, 0], self.variance
@@ -178,19 +162,14 @@ def _powers(matrix: Array, number: int) -> Array:
 class KalmanFilter(NamedTuple):
     """The filter of x⁺ = A x + push + w, y = C x + v from an uncertain first state on, until it is steady.
 
-    Attributes:
-        A: (n, n).
-        C: (m, n).
-        covariances: (h + 1, n, n) P of the state before each sample; the last one is that of all later samples.
-        gains: (h, n, m) K of each sample, likewise.
-        weights: (h, m, m) S⁻¹ of the errors of prediction, likewise.
+    The last covariance, gain and weight are those of all later samples.
     """
 
-    A: Array
-    C: Array
-    covariances: Array
-    gains: Array
-    weights: Array
+    A: Array  # (n, n)
+    C: Array  # (m, n)
+    covariances: Array  # (h + 1, n, n) P of the state before each sample
+    gains: Array  # (h, n, m) K of each sample
+    weights: Array  # (h, m, m) S⁻¹ of the errors of prediction
 
     @classmethod
     def of(cls, A: Array, C: Array, Q: Array, R: Array, S: Array, first: Array, samples: int) -> KalmanFilter:
@@ -210,10 +189,7 @@ class KalmanFilter(NamedTuple):
                     weights.append(np.zeros_like(R))
                     break
                 gains.append((A @ P @ C.T + S) @ weights[-1])
-                kept, mixed = A - gains[-1] @ C, gains[-1] @ S.T
-                # In Joseph's form it stays positive.
-                after = kept @ P @ kept.T + gains[-1] @ R @ gains[-1].T + Q - mixed - mixed.T
-                covariances.append((after + after.T) / 2)
+                covariances.append(_following(A, C, P, Q, R, S, gains[-1]))
                 if np.abs(covariances[-1] - P).max() <= STEADY * np.abs(P).max():
                     break
         return cls(A, C, np.array(covariances), np.array(gains), np.array(weights))
@@ -314,9 +290,8 @@ def smoothed(model: GaussianModel, start: Array, inputs: Array, outputs: Array) 
     filtered = KalmanFilter.of(A, C, model.Q, model.R, np.zeros((len(A), len(C))), eye, len(outputs))
     if not np.isfinite(filtered.covariances).all():
         raise np.linalg.LinAlgError("the filter's covariance overflows")
-    states, errors = filtered.states(
-        start, inputs @ model.B.T + model.offset, outputs - inputs @ model.D.T - model.trim
-    )
+    pushes, measured = inputs @ model.B.T + model.offset, outputs - inputs @ model.D.T - model.trim
+    states, errors = filtered.states(start, pushes, measured)
     weights = filtered.weights[np.minimum(np.arange(len(errors)), len(filtered.weights) - 1)]
     squares = np.einsum("ti,tij,tj->", errors, weights, errors)
     log_likelihood = 0.5 * (np.linalg.slogdet(weights)[1].sum() - squares - errors.size * np.log(2 * np.pi))

@@ -1,8 +1,7 @@
 """Linear algebra of small matrices: Cholesky's factorization, overflow as an error, and one BLAS thread.
 
-Derivatives of different orders differ by powers of the sampling rate, so matrices are first scaled to a unit diagonal;
-their condition then depends on the data, not on the unit of time. LAPACK is called directly: the matrices are so small
-that SciPy's wrappers would cost more than the work.
+Matrices are first scaled to a unit diagonal: derivatives of different orders differ by powers of the sampling rate.
+LAPACK is called directly, since SciPy's wrappers would cost more than the work.
 """
 
 from __future__ import annotations
@@ -100,16 +99,14 @@ def one_thread() -> Iterator[None]:
 @contextmanager
 def one_thread_if_free() -> Iterator[bool]:
     """The same without waiting: yields ``False`` where another thread has the lock."""
-    free = _lock.acquire(blocking=False)
+    if not _lock.acquire(blocking=False):
+        yield False
+        return
     try:
-        if free:
-            with _linear_algebra().limit(limits=1, user_api="blas"):
-                yield True
-        else:
-            yield False
+        with _linear_algebra().limit(limits=1, user_api="blas"):
+            yield True
     finally:
-        if free:
-            _lock.release()
+        _lock.release()
 
 
 def _new_lock() -> None:

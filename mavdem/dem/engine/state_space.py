@@ -44,26 +44,18 @@ class StateSpace(NamedTuple):
         """The same model as one whose state is corrected by gain · e at each sample: A = Φ, K = Φ gain.
 
         Inputs run linearly between samples, so that B = Φ Γ₁ + Γ₀ and D = C Γ₁ (Franklin, Powell and Workman, sec.
-        4.3.2). Arrays are in C order, as those of a loaded document: in another order a product rounds differently.
-        The ``transition`` is over one sampling step, C is (m, n), and ``gain`` (n, m) is of the filter. ``first``,
-        (n, m) and (n, r), give the corrected state at a first sample from its outputs and its inputs; unless given,
-        that is the least state that gives these outputs.
+        4.3.2). The ``transition`` is over one sampling step, C is (m, n), and ``gain`` (n, m) is of the filter.
+        ``first``, (n, m) and (n, r), give the corrected state at a first sample from its outputs and its inputs; unless
+        given, that is the least state that gives these outputs.
         """
         state, now, later = transition
         of_outputs, of_inputs = first or (np.linalg.pinv(C), np.zeros(now.shape))
         n, r = now.shape[-2:]
-        return StateSpace(
-            A=np.ascontiguousarray(state),
-            B=np.ascontiguousarray(state @ later + now),
-            C=np.ascontiguousarray(C),
-            D=np.ascontiguousarray(C @ later),
-            K=np.ascontiguousarray(state @ gain),
-            offset=np.zeros(n),
-            input_trim=np.zeros(r),
-            output_trim=np.zeros(len(C)),
-            second_of_outputs=np.ascontiguousarray(state @ of_outputs),
-            second_of_inputs=np.ascontiguousarray(state @ of_inputs + now),
-        )
+        matrices = state, state @ later + now, C, C @ later, state @ gain
+        constants = np.zeros(n), np.zeros(r), np.zeros(len(C))
+        second = state @ of_outputs, state @ of_inputs + now
+        # In C order, as those of a loaded document: in another order a product rounds differently.
+        return StateSpace(*(np.ascontiguousarray(array) for array in (*matrices, *constants, *second)))
 
     @property
     def spectral_radius(self) -> float:

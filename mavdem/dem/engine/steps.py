@@ -40,11 +40,8 @@ def d_step(
 ) -> Array:
     """The D step in the exact limit k → ∞: every sample's X at the maximum of F.
 
-    F is quadratic in X with the same curvature at every sample, so X is one linear map of the data. For finite k^X see
-    :class:`StateFlow`.
-
-    Returns:
-        L (dim X, dim [ỹ; η̃]) with X(t) = L [ỹ(t); η̃(t)].
+    F is quadratic in X with the same curvature at every sample, so X(t) = L [ỹ(t); η̃(t)] with one L (dim X,
+    dim [ỹ; η̃]), which is returned. For finite k^X see :class:`StateFlow`.
     """
     of_data, precision = state_slope(model, theta, theta_covariance, lambda_, lambda_covariance)
     return solve(precision, of_data)
@@ -63,10 +60,7 @@ def state_slope(
 def e_step(model: GenerativeModel, samples: SufficientStatistics, belief: Belief, rate: float | None = None) -> Array:
     """The E step: θ along the gradient of F̄ given the rest, Eq. ``GA_basic``.
 
-    Args:
-        model, samples, belief: F̄ and where on it.
-        rate: k^θ; the gradient flow is followed for one unit of its time, exactly, F̄ being quadratic. ``None``: to its
-            end, the maximum.
+    At a finite ``rate`` k^θ the flow is followed for one unit of its time, exactly, F̄ being quadratic; else to its end.
     """
     gradient, precision = theta_slope(model, samples, belief)
     return belief.theta + _flow(gradient, precision, rate)
@@ -94,10 +88,8 @@ def theta_slope(model: GenerativeModel, samples: SufficientStatistics, belief: B
 def m_step(model: GenerativeModel, samples: SufficientStatistics, belief: Belief, rate: float | None = None) -> Array:
     """The M step: λ along the gradient of F̄ given the rest, by steps that are shortened until F̄ rises.
 
-    Args:
-        model, samples, belief: F̄ and where on it.
-        rate: k^λ: one step, as in :func:`e_step` but on the curvature at its start. ``None``: to the maximum, by
-            Newton's method; F̄ is concave in λ.
+    At a finite ``rate`` k^λ it is one step, as in :func:`e_step` but on the curvature at its start; else Newton's
+    method goes to the maximum: F̄ is concave in λ.
     """
     of_lambda = _FreeEnergyOfLambda.of(model, samples, belief)
     lambda_ = belief.lambda_
@@ -175,17 +167,11 @@ def with_optimal_precisions(model: GenerativeModel, belief: Belief) -> Belief:
 
 @dataclass(frozen=True, eq=False)
 class StateFlow:
-    """The flow of X for one F.
+    """The flow of X for one F."""
 
-    Attributes:
-        motion: J = D − k P, (dim X, dim X) 1/s.
-        drive: k G, (dim X, dim [ỹ; η̃]).
-        start: X at the first sample of a segment, from its [ỹ; η̃]: the maximum of F, (dim X, dim [ỹ; η̃]).
-    """
-
-    motion: Array
-    drive: Array
-    start: Array
+    motion: Array  # J = D − k P, (dim X, dim X) 1/s
+    drive: Array  # k G, (dim X, dim [ỹ; η̃])
+    start: Array  # X at a segment's first sample, from its [ỹ; η̃]: the maximum of F, (dim X, dim [ỹ; η̃])
 
     @classmethod
     def of(cls, model: GenerativeModel, of_data: Array, precision: Array, rate: float) -> StateFlow:
@@ -206,11 +192,7 @@ class StateFlow:
         return np.vstack([first, recursion(transition.state, pushes, first)])
 
     def moments(self, model: GenerativeModel, segments: Sequence[Array], dt: float) -> GeneralizedMoments:
-        """Second moments of data and X over segments of generalized data, each of which starts anew.
-
-        Raises:
-            numpy.linalg.LinAlgError: the flow is unstable, or so stiff that it overflows.
-        """
+        """Second moments of data and X over segments, each of which starts anew; ``LinAlgError`` where unstable."""
         if not self.spectral_abscissa < 0:
             raise np.linalg.LinAlgError("the flow of X is unstable")
         joint = [np.hstack([data, self.states(data, dt)]) for data in segments if len(data)]

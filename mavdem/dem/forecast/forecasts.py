@@ -1,19 +1,15 @@
 """Forecasts of a learnt flight, with the error to expect: the motors known, or unknown.
 
-DEM's model, the plant, takes the motors for causes alone, and its forecast is shrunk towards the trim. In closed loop
-the motors answer the outputs as well, and so measure them: vector autoregressions of outputs and motors use that, but
-know nothing of the vehicle. Which is better depends on flight, sampling rate and length of the forecast. So forecasts
-are mixed, each with a weight that falls with the squared error to expect of it:
+DEM's model, the plant, takes the motors for causes alone. In closed loop they answer the outputs as well, and so
+measure them: vector autoregressions of outputs and motors use that. Which is better depends on flight, sampling rate
+and length of the forecast. So forecasts are mixed, each with a weight that falls with the squared error to expect:
 
 - motors known: the plant, the autoregressions given the motors, and the training mean;
 - motors unknown: the autoregressions alone, the last sample, and the training mean.
 
 The plant's error follows from its posterior. The others' are of forecasts of parts of the training data that were left
 out when they were fitted. The mixture's own is that of its members and, since they are about one future, how far they
-are apart (the law of total variance).
-
-References:
-    J. M. Bates and C. W. J. Granger, "The combination of forecasts", Operational Research Quarterly 20(4), 1969.
+are apart (Bates and Granger, "The combination of forecasts", Operational Research Quarterly 20(4), 1969).
 """
 
 from __future__ import annotations
@@ -151,9 +147,9 @@ class TrainingForecasts(NamedTuple):
 def training_forecasts(fitted: Fit, record: Record) -> TrainingForecasts:
     """Forecasts the training data of a model.
 
-    The parameters took part of the data to fit them: N numbers leave a squared error that is (N − k)/N of the one to
-    expect elsewhere. A forecast of L samples has N = m T / L, taken to be at least 2 k. The weight is the one of least
-    squares inside the training data, less by the same factor; 1 with ``Settings(forecasts="model")``.
+    Inside them N numbers leave a squared error that is (N − k)/N of the one to expect elsewhere; a forecast of L
+    samples has N = m T / L, taken to be at least 2 k. The weight is the one of least squares inside the training data,
+    less by the same factor; 1 with ``Settings(forecasts="model")``.
     """
     trials, at_trim = _trials(fitted, record), _trials(fitted, record, fitted.scaling.input_trim)
     free = np.count_nonzero(np.diag(fitted.model.prior.theta_precision) < KINEMATIC)
@@ -172,9 +168,9 @@ def training_forecasts(fitted: Fit, record: Record) -> TrainingForecasts:
 
 
 def prior_variance(inputs: Array, steps: int) -> Array:
-    """Returns S (T, 1) of forecasts begun at every ``steps``-th row, in training variances.
+    """Returns S (T, 1), in training variances, a priori of deviations from the trim, forecast every ``steps`` rows.
 
-    It is that of a deviation from the trim, a priori: the motors' mean square over each forecast, at least 1.
+    It is the motors' mean square over each forecast, at least 1.
     """
     squares = np.mean(inputs**2, axis=1)
     begins = np.arange(0, len(squares), steps)
@@ -212,8 +208,7 @@ def _finite(deviation: Array, variance: Array) -> tuple[NDArray[np.bool_], Array
 class PlantForecasts:
     """What the vehicle's model forecasts after its training data, motors as causes; arguments and results are physical.
 
-    The posterior of θ of the ``simulation_fit`` shrinks forecasts, and without one ``training_forecasts`` does; none
-    without ``shrink``.
+    With ``shrink`` the posterior of θ shrinks forecasts, or, without a ``simulation_fit``, ``training_forecasts``.
     """
 
     record: Record
@@ -284,23 +279,16 @@ class PlantForecasts:
 
 
 class LeftOutErrors(NamedTuple):
-    """Mean squared errors by length (L, m) of forecasts of what was left out.
+    """Mean squared errors by length (L, m) of forecasts of what was left out."""
 
-    Of the autoregression with the inputs measured and unknown, of the last sample held, and of the mean.
-    """
-
-    known: Array
-    unknown: Array
-    held: Array
-    mean: Array
+    known: Array  # by the autoregression, the inputs measured
+    unknown: Array  # likewise, the inputs unknown
+    held: Array  # by the last sample
+    mean: Array  # by the mean
 
 
 def left_out_errors(record: Record, lags: int) -> LeftOutErrors | None:
-    """Returns the physical errors of an autoregression, each fold of the record by the model of the others.
-
-    Returns:
-        ``None`` where the record is too short for that.
-    """
+    """Returns the physical errors of an autoregression, each fold of the record by the model of the others, or None."""
     units, m = ChannelUnits.of(record), record.outputs.shape[1]
     segments = units.segments(record)
     steps, stride = max(1, round(LONGEST_FORECAST_SECONDS / record.dt)), -(-len(record) // LEFT_OUT_STARTS)
@@ -387,17 +375,11 @@ class Member(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Forecasts:
-    """The forecasts of a learnt flight, motors known or unknown; all physical.
+    """The forecasts of a learnt flight, motors known or unknown; all physical."""
 
-    Attributes:
-        plant: what its model forecasts.
-        turning: (r,) effects of the inputs on the axis.
-        measured: whether the motors count as measurements where they are known; else the plant forecasts alone.
-    """
-
-    plant: PlantForecasts
-    turning: Array
-    measured: bool
+    plant: PlantForecasts  # what its model forecasts
+    turning: Array  # (r,) effects of the inputs on the axis
+    measured: bool  # whether the motors count as measurements where they are known; else the plant forecasts alone
 
     @cached_property
     def members(self) -> tuple[Member, ...]:
@@ -441,9 +423,8 @@ class Forecasts:
             return mean
         errors = by_length(self.members[0].errors.held, np.arange(length) % steps)
         held = Forecast(np.repeat(before, steps, axis=0)[:length], errors)
-        return mixture(
-            [*(member.predicted_every(steps, inputs, outputs) for member in self.members), held, mean], steps
-        )
+        members = [member.predicted_every(steps, inputs, outputs) for member in self.members]
+        return mixture([*members, held, mean], steps)
 
     def half_widths(self, variance: Array, level: float, steps: int | None = None, motors: bool = True) -> Array:
         """Returns (H, m) of the band of probability ``level`` of forecasts of that ``variance``, begun each ``steps``.

@@ -1,9 +1,8 @@
 """Mixer geometry as a prior: which combinations of rotor thrusts turn the vehicle about an axis.
 
-The autopilot's parameters say it; where they are not at hand, the flight decides between an X, a plus and no geometry
-in particular, by the highest log joint with each, known to second order from where one simulation-error fit has
-converged. Volumes of the posterior do not count: combinations that a flight hardly excites would favour the geometry
-that fixes those it does. See docs/method.md.
+The autopilot's parameters say it; else the flight decides between an X, a plus and none in particular (docs/method.md),
+by the highest log joint with each. Volumes of the posterior do not count: combinations that a flight hardly excites
+would favour the geometry that fixes those it does.
 """
 
 from __future__ import annotations
@@ -28,13 +27,10 @@ X_SHARE, PLUS_SHARE = 0.95, 0.05  # of vehicles with four rotors
 
 
 class MixerPrior(NamedTuple):
-    """One geometry of r rotors: combinations of thrusts that hardly turn the vehicle, ``quiet`` (k, r), orthonormal.
+    """One geometry of r rotors."""
 
-    ``log_odds``: natural logarithm of its prior odds against no geometry in particular.
-    """
-
-    quiet: Array
-    log_odds: float
+    quiet: Array  # (k, r) combinations of thrusts that hardly turn the vehicle, orthonormal
+    log_odds: float  # natural logarithm of its prior odds against no geometry in particular
 
     @classmethod
     def of(cls, quiet: Array, share: float) -> MixerPrior:

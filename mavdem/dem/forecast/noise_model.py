@@ -1,7 +1,6 @@
-"""The noise model: one-step prediction errors are autocorrelated, and follow the inputs' last changes.
+"""The noise model (Box and Jenkins): errors of prediction follow from those before and the inputs' last changes.
 
-As in the noise model of Box and Jenkins (a VARX model; docs/method.md), an error follows from those before it and from
-the last changes of the inputs, by least squares, each coefficient with a prior worth a few samples:
+By least squares, each coefficient with a prior worth a few samples (a VARX model; docs/method.md):
 
     e(t) = Σᵢ Aᵢ e(t − i) + Σⱼ Gⱼ Δu(t − j) + ν(t)
 

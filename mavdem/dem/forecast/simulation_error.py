@@ -94,9 +94,7 @@ class SimulationSegments(NamedTuple):
         if not starts:
             return None
         kept = np.unique(np.linspace(0, len(starts) - 1, MAX_SEGMENTS).astype(int))
-        pieces = [
-            (u[start : start + whole + 1], y[start : start + whole + 1]) for u, y, start in (starts[i] for i in kept)
-        ]
+        pieces = [(u[at : at + whole + 1], y[at : at + whole + 1]) for u, y, at in (starts[i] for i in kept)]
         inputs, outputs = (np.stack(tables, axis=1) for tables in zip(*pieces, strict=True))
         return cls(inputs, outputs, horizon, effective_number([len(outputs) for _, outputs in segments], horizon))
 
@@ -124,11 +122,8 @@ def horizon_of(model: GenerativeModel, settings: CompleteSettings, scaling: Scal
         return None
     longest = max(1, round(settings.horizon / record.dt))
     shortest = min(longest, max(1, round(SHORTEST_HORIZON / record.dt)))
-    least = SAMPLES_PER_PARAMETER * free
-    enough = (
-        steps for steps in range(longest, shortest - 1, -1) if effective_number(record.lengths, steps) * m >= least
-    )
-    return next(enough, 0)
+    least, steps = SAMPLES_PER_PARAMETER * free, range(longest, shortest - 1, -1)
+    return next((each for each in steps if effective_number(record.lengths, each) * m >= least), 0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,15 +131,15 @@ class SimulationFit:
     """The result of the fit, in the engine's units."""
 
     theta: Array  # (k,) all parameters
-    places: NDArray[np.intp]  # (f,) indices of the free ones
+    free: NDArray[np.intp]  # (f,) indices of the free ones
     covariance: Array  # (f, f) of their posterior
-    numbers: float  # effective sample size: outputs times horizons that follow each other
+    effective_samples: float  # outputs times horizons that follow each other
     horizon: int  # samples of each simulation, and of the filter before it
     terms: Mapping[str, Array]  # each named term of F̄, (I + 1,)
-    settled: bool  # whether it has converged, by the gain of the last step or the gain that the curvature predicts
+    converged: bool  # whether it has converged, by the gain of the last step or the gain that the curvature predicts
     mse: Array  # (L, m) of forecasts inside the training data, by their length
     gain: Array  # (n, m) of the filter that finds the state before each simulation
-    layout: MixerPrior | None  # mixer geometry of the prior; ``None`` where one was given, or inputs are not rotors
+    mixer: MixerPrior | None  # mixer geometry of the prior; ``None`` where one was given, or inputs are not rotors
 
     @property
     def rounds(self) -> int:
@@ -154,14 +149,14 @@ class SimulationFit:
     @property
     def freedom(self) -> float:
         """Degrees of freedom that the noise's variance is estimated with."""
-        return self.numbers - len(self.places)
+        return self.effective_samples - len(self.free)
 
     def theta_covariance(self, held: Array) -> Array:
         """(k, k) posterior covariance of θ; parameters that were not free have that of the prior, ``held`` (k, k)."""
         covariance = np.zeros_like(held)
-        fixed = np.setdiff1d(np.arange(len(held)), self.places)
+        fixed = np.setdiff1d(np.arange(len(held)), self.free)
         covariance[np.ix_(fixed, fixed)] = held[np.ix_(fixed, fixed)]
-        covariance[np.ix_(self.places, self.places)] = self.covariance
+        covariance[np.ix_(self.free, self.free)] = self.covariance
         return covariance
 
     def quantile(self, level: float) -> float:
@@ -176,8 +171,8 @@ class SimulationFit:
         has a larger effective sample size.
         """
         lengths = np.minimum(np.arange(1, len(self.mse) + 1), self.horizon)
-        numbers = self.numbers * self.horizon / lengths
-        return np.asarray(self.mse * (numbers / (numbers - len(self.places)))[:, None])
+        samples = self.effective_samples * self.horizon / lengths
+        return np.asarray(self.mse * (samples / (samples - len(self.free)))[:, None])
 
     def spread(self, sizes: tuple[int, int, int], dt: float, inputs: Array, outputs: Array) -> Array:
         """(S, H, m) variance that θ's posterior gives forecasts; infinite where it leaves the range of numbers.
@@ -185,12 +180,10 @@ class SimulationFit:
         ``inputs`` are (h + H, S, r) for S forecasts, from the samples on by which the filter finds the state;
         ``outputs`` (h, S, m) come before.
         """
-        free = self.theta[self.places]
-        nudges = RELATIVE_STEP * np.maximum(1.0, np.abs(free))
-        thetas = np.repeat(self.theta[None], len(free) + 1, axis=0)
-        thetas[1:, self.places] += np.diag(nudges)
-        models = models_of(thetas, sizes, self.gain, dt)
-        ahead = simulate(models, inputs, outputs)
+        nudges = RELATIVE_STEP * np.maximum(1.0, np.abs(self.theta[self.free]))
+        thetas = np.repeat(self.theta[None], len(nudges) + 1, axis=0)
+        thetas[1:, self.free] += np.diag(nudges)
+        ahead = simulate(models_of(thetas, sizes, self.gain, dt), inputs, outputs)
         with np.errstate(over="ignore", invalid="ignore"):
             jacobian = (ahead[1:] - ahead[0]) / nudges[:, None, None, None]
             variance = np.einsum("isht,ij,jsht->sht", jacobian, self.covariance, jacobian, optimize=True)
@@ -199,10 +192,10 @@ class SimulationFit:
 
 @dataclass(frozen=True, eq=False)
 class SimulationError:
-    """The log joint of the simulation errors of segments and of free parameters, which are θ at ``places``."""
+    """The log joint of the simulation errors of segments and of free parameters, which are θ at ``free``."""
 
     theta: Array
-    places: NDArray[np.intp]
+    free: NDArray[np.intp]
     prior_mean: Array
     prior_precision: Array
     sizes: tuple[int, int, int]
@@ -211,16 +204,16 @@ class SimulationError:
     segments: SimulationSegments
 
     @property
-    def numbers(self) -> float:
+    def effective_samples(self) -> float:
         """Effective sample size."""
         return self.segments.number * self.sizes[2]
 
-    def errors(self, free: Array) -> Array:
-        """(b, S, steps counted, m) of the models whose free parameters are (b, f)."""
+    def errors(self, at: Array) -> Array:
+        """(b, S, steps counted, m) of the models whose free parameters are ``at`` (b, f)."""
         inputs, outputs, settle, _ = self.segments
         every = -(-settle // STEPS_COUNTED)
-        thetas = np.repeat(self.theta[None], len(free), axis=0)
-        thetas[:, self.places] = free
+        thetas = np.repeat(self.theta[None], len(at), axis=0)
+        thetas[:, self.free] = at
         models = models_of(thetas, self.sizes, self.gain, self.dt)
         predicted = simulate(models, inputs, outputs[: settle + 1], every)
         with np.errstate(over="ignore", invalid="ignore"):
@@ -236,7 +229,7 @@ class SimulationError:
         steps = RELATIVE_STEP * np.maximum(1.0, np.abs(at))
         beside = self.errors(at + np.diag(steps))
         jacobian = (beside - residuals).reshape(len(at), -1) / steps[:, None]
-        mse, each = _mean_square(residuals), self.numbers / residuals.size
+        mse, each = _mean_square(residuals), self.effective_samples / residuals.size
         slope = -each * jacobian @ residuals.ravel() / mse - self.prior_precision @ (at - self.prior_mean)
         curvature = each * jacobian @ jacobian.T / mse + self.prior_precision
         return Quadratic(at, self._value(at, residuals), slope, curvature)
@@ -253,15 +246,15 @@ class SimulationError:
         return {
             "noise entropy": joint.value - log_prior,
             "parameter entropy": -0.5 * (logdet(joint.curvature) - logdet(self.prior_precision)),
-            "prediction error of outputs": -0.5 * self.numbers,
+            "prediction error of outputs": -0.5 * self.effective_samples,
             "prediction error of parameters": log_prior,
         }
 
-    def _value(self, free: Array, errors: Array) -> float:
-        return float(-0.5 * self.numbers * np.log(_mean_square(errors)) + self._log_prior(free))
+    def _value(self, at: Array, errors: Array) -> float:
+        return float(-0.5 * self.effective_samples * np.log(_mean_square(errors)) + self._log_prior(at))
 
-    def _log_prior(self, free: Array) -> float:
-        off = free - self.prior_mean
+    def _log_prior(self, at: Array) -> float:
+        off = at - self.prior_mean
         return float(-0.5 * off @ self.prior_precision @ off)
 
 
@@ -284,35 +277,31 @@ def fit_with_prior(
     The ``prior`` has mean (k,) and precision (k, k); parameters of A and B with a precision below ``KINEMATIC`` are
     free. ``None`` where there are none, or errors overflow.
     """
-    n, r, _ = sizes
-    mean, precision = prior
-    places = np.flatnonzero(np.diag(precision)[: n * n + n * r] < KINEMATIC)
-    objective = SimulationError(
-        theta, places, mean[places], precision[np.ix_(places, places)], sizes, gain, dt, segments
-    )
-    numbers = objective.numbers
-    if not len(places):
+    (n, r, m), (mean, precision) = sizes, prior
+    free = np.flatnonzero(np.diag(precision)[: n * n + n * r] < KINEMATIC)
+    objective = SimulationError(theta, free, mean[free], precision[np.ix_(free, free)], sizes, gain, dt, segments)
+    if not len(free):
         return None
-    _, errors = objective.value(theta[places])
+    _, errors = objective.value(theta[free])
     if not np.isfinite(_mean_square(errors)):
         return None
-    start = objective.quadratic(theta[places], errors)
+    start, samples = objective.quadratic(theta[free], errors), objective.effective_samples
     trace, gained = gauss_newton(objective, start, DAMPING, iterations, CONVERGED_NATS)
     best = theta.copy()
-    best[places] = trace[-1].at
+    best[free] = trace[-1].at
     terms = [objective.terms(each) for each in trace]
     return SimulationFit(
         theta=best,
-        places=places,
+        free=free,
         # The variance that is left is an estimate as well: of as many numbers as the parameters have left over.
-        covariance=inverse(trace[-1].curvature) * numbers / (numbers - len(places)),
-        numbers=numbers,
+        covariance=inverse(trace[-1].curvature) * samples / (samples - len(free)),
+        effective_samples=samples,
         horizon=segments.settle,
         terms={name: np.array([row[name] for row in terms]) for name in terms[0]},
-        settled=gained <= CONVERGED_NATS,
-        mse=np.empty((0, sizes[2])),
+        converged=gained <= CONVERGED_NATS,
+        mse=np.empty((0, m)),
         gain=gain,
-        layout=None,
+        mixer=None,
     ), objective.likelihood(trace[-1])
 
 
@@ -330,10 +319,7 @@ def fit_simulation(
 
     Under the package's own prior the mixer geometry is the known one, ``record.effect_directions``, or the likeliest:
     the fit is made with the ``geometry`` found before, or with none in particular, and once more where another turns
-    out to be likelier.
-
-    A record that is short for so many parameters is simulated over a shorter horizon. ``None`` where there is none
-    (:func:`horizon_of`), or errors overflow.
+    out to be likelier. ``None`` where there is no horizon (:func:`horizon_of`), or errors overflow.
     """
     horizon = horizon_of(model, settings, scaling, record)
     if not horizon:
@@ -361,14 +347,11 @@ def fit_simulation(
     if found is None or not geometries:
         return found and found[0]
     fit, likelihood = found
-    inner = np.ix_(fit.places, fit.places)
 
     def log_odds(mixer: MixerPrior) -> float:
-        return mixer.log_odds + likelihood.highest(mean[fit.places], precision_of(mixer)[inner])
+        return mixer.log_odds + likelihood.highest(mean[fit.free], precision_of(mixer)[np.ix_(fit.free, fit.free)])
 
     likeliest = max(geometries, key=log_odds)
-    if likeliest is not first:
-        found = fitted(likeliest)
-        assert found is not None
+    if likeliest is not first and (found := fitted(likeliest)) is not None:
         fit, _ = found
-    return replace(fit, layout=likeliest)
+    return replace(fit, mixer=likeliest)

@@ -1,14 +1,12 @@
 """The vector autoregression of outputs and inputs as one process: each sample from those before it.
 
-In closed loop the motors follow from the motion, so that they are predicted and observed like the outputs:
-z = [outputs, inputs] is one process of k = m + r channels,
+In closed loop the motors follow from the motion: z = [outputs, inputs] is one process of k = m + r channels,
 
     z_t = Σᵢ Aᵢ z_{t−i} + offset + e_t,    e_t ~ N(0, Σ), i = 1 … lags.
 
-It answers three questions about the outputs after a known past: the inputs unknown; the inputs measured up to the
-sample itself; all inputs measured. Given the parameters the answers are Gaussian and exact, and their variance does not
-depend on the samples. Inputs are measured without noise, so that what is uncertain are the outputs since the past
-ended: the state of a Kalman filter, and of a smoother, whose noises of measurement and process are correlated.
+Outputs after a known past follow with the inputs unknown, measured up to the sample itself, or all measured. Given the
+parameters the answers are Gaussian and exact. Inputs are measured without noise, so that what is uncertain are the
+outputs since the past ended: the state of a Kalman filter whose noises of measurement and process are correlated.
 """
 
 from __future__ import annotations
@@ -87,21 +85,15 @@ def initial_lags(channels: Array, lags: int) -> Array:
 class LagStatistics(NamedTuple):
     """All that the regression needs of the samples: sums over rows, which add up over segments and can be taken off.
 
-    Attributes:
-        rows: number of samples with as many before them as there are lags.
-        gram: (q, q) Σ of each row times itself; a row is [lag 1 … lag p, 1, sample], q = (p + 1) k + 1.
+    A row is [lag 1 … lag p, 1, sample], of q = (p + 1) k + 1 numbers.
     """
 
-    rows: float
-    gram: Array
+    rows: float  # number of samples with as many before them as there are lags
+    gram: Array  # (q, q) Σ of each row times itself
 
     @classmethod
     def of(cls, segments: Iterable[Array], lags: int) -> LagStatistics:
-        """Returns those of ``segments`` of channels (T, k); no row reaches across a gap between them.
-
-        Raises:
-            ValueError: no segment.
-        """
+        """Returns those of ``segments`` of channels (T, k), at least one; no row reaches across a gap between them."""
         tables = []
         for channels in segments:
             past = lagged(channels, lags)
@@ -135,33 +127,24 @@ class LagStatistics(NamedTuple):
 class Var(NamedTuple):
     """The fitted model; samples that it takes and returns are physical.
 
-    Attributes:
-        coefficients: (lags, k, k) posterior means of A₁ … A_lags, in ``units``.
-        offset: (k,) likewise.
-        covariance: (k, k) Σ, of the innovations.
-        precision: (lags k + 1, lags k + 1) G of the regressors [lag 1 … lag p, 1]: given Σ, the coefficients of
-            channels i and j have covariance Σ_ij G⁻¹.
-        units: of the channels, between the model and its arguments.
+    Given Σ, the coefficients of channels i and j have covariance Σ_ij G⁻¹.
     """
 
-    coefficients: Array
-    offset: Array
-    covariance: Array
-    precision: Array
-    units: ChannelUnits
+    coefficients: Array  # (lags, k, k) posterior means of A₁ … A_lags, in ``units``
+    offset: Array  # (k,) likewise
+    covariance: Array  # (k, k) Σ, of the innovations
+    precision: Array  # (lags k + 1, lags k + 1) G of the regressors [lag 1 … lag p, 1]
+    units: ChannelUnits  # of the channels, between the model and its arguments
 
     @classmethod
     def fit(cls, statistics: LagStatistics, lags: int, ridge: float = RIDGE, units: ChannelUnits | None = None) -> Var:
         """Regresses a sample on its ``lags``, in Bayes' way and exact given Σ: the posterior is matrix normal.
 
         The prior is a random walk, A₁ = 1 and nothing else, with precision ``ridge`` · i² at lag i: the "Minnesota
-        prior" (R. Litterman, "Forecasting with Bayesian vector autoregressions: five years of experience", Journal of
-        Business & Economic Statistics 4(1), 1986). It supposes channels of about deviation 1. Σ is the squared errors,
-        the prior's among them, over the rows that the coefficients leave (rows less their effective number). The
-        ``statistics`` are of channels in ``units``, the channels' own unless given.
-
-        Raises:
-            ValueError: no rows, or statistics of another number of lags.
+        prior" (R. Litterman, Journal of Business & Economic Statistics 4(1), 1986), for channels of about deviation 1.
+        Σ is the squared errors, the prior's among them, over the rows that the coefficients leave (rows less their
+        effective number). The ``statistics`` are of channels in ``units``, the channels' own unless given.
+        ``ValueError`` for no rows, or statistics of another number of lags.
         """
         width = len(statistics.gram)
         k, left = divmod(width - 1, lags + 1)
@@ -314,9 +297,8 @@ class Var(NamedTuple):
         answers = []
         for inputs, outputs in record.segments:
             channels = np.hstack([outputs, inputs])
-            pasts = np.array(
-                [initial_lags(channels[max(0, t - self.lags) : t], self.lags) for t in range(len(outputs))]
-            )
+            begins = (channels[max(0, t - self.lags) : t] for t in range(len(outputs)))
+            pasts = np.array([initial_lags(past, self.lags) for past in begins])
             pasts[0] = self.units.center
             answers.append(self.infer(pasts, inputs[:, None]).mean[:, 0])
         return np.concatenate(answers)
@@ -324,9 +306,8 @@ class Var(NamedTuple):
     def leverage(self, past: Array, steps: int, inputs: Array, outputs: Array, forecast: Array) -> Array:
         """Returns (H,) how far each sample's regressors are from the training data's, whose mean square is 1.
 
-        Mahalanobis distances by the posterior's precision: where inputs or forecasts leave the range of the training
-        data, the parameters' uncertainty grows in proportion. ``forecast`` (H, m) begins at every ``steps``-th sample
-        of ``inputs`` (H, r) and ``outputs`` (H, m).
+        Mahalanobis distances by the posterior's precision, in proportion to which the parameters' uncertainty grows.
+        ``forecast`` (H, m) begins at every ``steps``-th sample of ``inputs`` (H, r) and ``outputs`` (H, m).
         """
         length, pasts = len(inputs), self.pasts(past, steps, inputs, outputs)
         rows = _pieces(len(pasts), steps, length)

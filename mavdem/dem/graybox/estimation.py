@@ -1,8 +1,6 @@
-"""Estimation of physical parameters from a whole flight.
+"""Estimation of physical parameters from a whole flight, cut into windows of about 7 s (docs/physical.md).
 
-The model is that of :mod:`mavdem.dem.graybox.likelihood`. All that is given is cut into windows of about 7 s. Effect,
-damping and lag belong to the vehicle and are the same in all of them; trim and the level of the wind are each window's
-own. See docs/physical.md.
+Effect, damping and lag are the same in all windows; trim and the level of the wind are each window's own.
 """
 
 from __future__ import annotations
@@ -35,37 +33,21 @@ BAND_HZ, MAX_BAND_SHARE = (0.4, 6.0), 0.125  # of the roll motion; its upper end
 
 
 class _Spread(NamedTuple):
-    """What estimates vary by besides by chance, (3,): logarithms of mean effect, damping and lag.
+    """What estimates vary by besides by chance, (3,): logarithms of mean effect, damping and lag."""
 
-    ``window_variance`` is the variance that the spread over windows adds; ``spectrum_range`` the range over the wind's
-    possible spectra.
-    """
-
-    window_variance: Array
-    spectrum_range: Array
+    window_variance: Array  # that the spread over windows adds
+    spectrum_range: Array  # over the wind's possible spectra
 
 
 def physical(train: UniformRecord | Sequence[UniformRecord]) -> Physical | NotIdentifiable:
     """Estimates the motors' effect, damping and lag from all that is given.
 
-    Takes about three seconds for 60 s at 100 Hz. Forecasts do not use it.
-
-    >>> found = mavdem.dem.physical(mavdem.read_flight("flight.tlog")[:2000])
-    >>> found.status
+    >>> mavdem.dem.physical(mavdem.read_flight("flight.tlog")[:2000]).status
     {'effect': 'reported', 'damping': 'reported', 'lag': 'reported'}
-    >>> len(found.effect)
-    4
 
-    See Also:
-        ``Learned.physical``, of the flight that a model was trained on.
-
-    Args:
-        train: a ``Flight``, or a list of them, segments with gaps between: rates in rad/s. The rate is the output that
-            is the derivative of another, or the only one.
-
-    Returns:
-        the parameters, each with its status; or the reason why there are none: no output is the rate of another, there
-        are too few samples, no motor moves, or there is no steady filter.
+    The rate, rad/s, is the output of ``train``, a ``Flight`` or segments of one, that is the derivative of another, or
+    the only one. Returns the parameters, each with its status; or the reason why there are none: no output is the rate
+    of another, there are too few samples, no motor moves, or there is no steady filter.
     """
     record = Record.of(train)
     try:
@@ -150,16 +132,11 @@ def _log_jacobian(parameters: Parameters, theta: Array, dt: float) -> Array:
 
 def _figures(whole: GrayBoxFit, sd: Array, spread: _Spread, windows: FlightWindows) -> IdentifiabilityFigures:
     parameters, theta = whole.parameters, whole.theta
-
-    def by_name(values: Array) -> dict[str, float]:
-        return dict(zip(PARAMETERS, values.tolist(), strict=True))
-
+    tables = sd, np.sqrt(spread.window_variance), spread.spectrum_range
     return IdentifiabilityFigures(
-        wind_share=_wind_share(parameters, theta, windows, whole.levels),
-        alias_share=_alias_share(parameters, theta, windows),
-        sd=by_name(sd),
-        window_sd=by_name(np.sqrt(spread.window_variance)),
-        spectrum_range=by_name(spread.spectrum_range),
+        _wind_share(parameters, theta, windows, whole.levels),
+        _alias_share(parameters, theta, windows),
+        *(dict(zip(PARAMETERS, values.tolist(), strict=True)) for values in tables),
         damping=float(parameters.damping(theta)),
         lag=float(np.exp(theta[parameters.motors + 2])),
         dt=windows.dt,

@@ -29,25 +29,15 @@ MAX_CHUNK = 24  # windows whose prediction errors are in memory together
 
 
 class GrayBoxFit(NamedTuple):
-    """The log joint about the most probable parameters.
+    """The log joint about parameters θ."""
 
-    Attributes:
-        parameters: what θ means.
-        theta: (k,).
-        value: of the log joint.
-        curvature: (k, k) of the negative log joint, prior included.
-        scores: (W, k) slope of each window's log likelihood.
-        information: (W, k, k) of each window.
-        levels: (W,) standard deviation of each window's prediction errors, relative to what θ says.
-    """
-
-    parameters: Parameters
-    theta: Array
-    value: float
-    curvature: Array
-    scores: Array
-    information: Array
-    levels: Array
+    parameters: Parameters  # what θ means
+    theta: Array  # (k,)
+    value: float  # of the log joint
+    curvature: Array  # (k, k) of the negative log joint, prior included
+    scores: Array  # (W, k) slope of each window's log likelihood
+    information: Array  # (W, k, k) of each window
+    levels: Array  # (W,) standard deviation of each window's prediction errors, relative to what θ says
 
     @property
     def evidence(self) -> float:
@@ -64,6 +54,7 @@ class _LogJoint(NamedTuple):
 
     parameters: Parameters
     windows: FlightWindows
+    fits: list[GrayBoxFit]  # about each iterate
 
     def value(self, at: Array) -> tuple[float, Array]:
         """The value; of residuals there is no use."""
@@ -77,12 +68,13 @@ class _LogJoint(NamedTuple):
     def quadratic(self, at: Array, residuals: Array) -> Quadratic:
         """To second order; ``LinAlgError`` if no filter is steady."""
         del residuals
-        fit = self.about(at)
+        fit = self._about(at)
+        self.fits.append(fit)
         mean, sd = self.parameters.prior
         slope = fit.scores.sum(axis=0) - (at - mean) / sd**2
         return Quadratic(at, fit.value, slope, fit.curvature)
 
-    def about(self, at: Array) -> GrayBoxFit:
+    def _about(self, at: Array) -> GrayBoxFit:
         """By differences, all at once; ``LinAlgError`` if no filter is steady."""
         steps = RELATIVE_STEP * np.maximum(0.01, np.abs(at))
         points, scores, information, innovations = np.vstack([at, at + np.diag(steps)]), [], [], []
@@ -124,11 +116,11 @@ def log_likelihood(errors: Array) -> float:
 
 def fitted(parameters: Parameters, windows: FlightWindows, start: Array) -> GrayBoxFit:
     """The most probable parameters, from ``start`` (k,) on; ``LinAlgError`` where there is no steady filter there."""
-    objective = _LogJoint(parameters, windows)
+    objective = _LogJoint(parameters, windows, [])
     damping = Damping(first=1e-2, factor=6.0, attempts=12, limited=objective.limited, careful=True)
     first = objective.quadratic(start, np.empty(0))
-    trace, _ = gauss_newton(objective, first, damping, MAX_ITERATIONS, CONVERGED_NATS)
-    return objective.about(trace[-1].at)
+    gauss_newton(objective, first, damping, MAX_ITERATIONS, CONVERGED_NATS)
+    return objective.fits[-1]
 
 
 def directed(windows: FlightWindows, effect_directions: Array | None) -> tuple[Parameters, Array]:

@@ -43,30 +43,18 @@ class ModelErrors(NamedTuple):
 
     By so much simulated flights differ from the same vehicle linearised, sampled at every step of their controller:
     the effect changes with the tilt in wind, and rotors spin up twice as fast as they slow down.
-
-    Attributes:
-        effect: of all motors together, as a share of the effect.
-        motor: of each by itself, likewise.
-        damping: 1/s.
-        lag: as a share of the lag.
-        delay: s.
-        unknown_effect: of an effect that is not identifiable, as a share of it.
-        wind_bias: of the effect where it is biased by the wind, as a share; more often it comes out high than low.
-        slow_bias: the effect's likely error below ``SLOWEST_RATE``, as a share.
-        slow: of damping and lag there, as a share.
-        wind: of the wind's torque, as a share of its standard deviation: drag and cross-coupling are not modelled.
     """
 
-    effect: float = 0.025
-    motor: float = 0.015
-    damping: float = 0.3
-    lag: float = 0.05
-    delay: float = 0.002
-    unknown_effect: float = 0.3
-    wind_bias: float = 0.1
-    slow_bias: float = -0.08
-    slow: float = 0.3
-    wind: float = 0.15
+    effect: float = 0.025  # of all motors together, as a share of the effect
+    motor: float = 0.015  # of each by itself, likewise
+    damping: float = 0.3  # 1/s
+    lag: float = 0.05  # as a share of the lag
+    delay: float = 0.002  # s
+    unknown_effect: float = 0.3  # of an effect that is not identifiable, as a share of it
+    wind_bias: float = 0.1  # of the effect where it is biased by the wind, as a share; it comes out high more often
+    slow_bias: float = -0.08  # the effect's likely error below ``SLOWEST_RATE``, as a share
+    slow: float = 0.3  # of damping and lag there, as a share
+    wind: float = 0.15  # of the wind's torque, as a share of its sd: drag and cross-coupling are not modelled
 
 
 MODEL_ERRORS = ModelErrors()
@@ -79,27 +67,16 @@ class NotIdentifiable(NamedTuple):
 
 
 class IdentifiabilityFigures(NamedTuple):
-    """What decides whether parameters are identifiable; dictionaries by name of parameter.
+    """What decides whether parameters are identifiable; dictionaries by name of parameter."""
 
-    Attributes:
-        wind_share: of the wind's torque, in the variance of its sum with the motors', in the band of the roll motion.
-        alias_share: share of the commands' variance that is above half of the Nyquist frequency.
-        sd: relative standard deviation of the estimate by itself.
-        window_sd: relative standard deviation that the spread between windows adds to that of their mean.
-        spectrum_range: range of the logarithm over the wind's possible spectra.
-        damping: estimate, 1/s.
-        lag: estimate beyond the shortest that a stream can hold, s.
-        dt: step of the stream, s.
-    """
-
-    wind_share: float
-    alias_share: float
-    sd: dict[str, float]
-    window_sd: dict[str, float]
-    spectrum_range: dict[str, float]
-    damping: float
-    lag: float
-    dt: float
+    wind_share: float  # of the wind's torque, in the variance of its sum with the motors', in the roll motion's band
+    alias_share: float  # share of the commands' variance that is above half of the Nyquist frequency
+    sd: dict[str, float]  # relative standard deviation of the estimate by itself
+    window_sd: dict[str, float]  # relative standard deviation that the spread between windows adds to that of the mean
+    spectrum_range: dict[str, float]  # of the logarithm, over the wind's possible spectra
+    damping: float  # estimate, 1/s
+    lag: float  # estimate beyond the shortest that a stream can hold, s
+    dt: float  # step of the stream, s
 
 
 def identifiability(figures: IdentifiabilityFigures) -> tuple[dict[str, Status], dict[str, str]]:

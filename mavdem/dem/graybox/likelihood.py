@@ -13,7 +13,6 @@ known.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
 from math import factorial
 from typing import NamedTuple
 
@@ -95,21 +94,13 @@ share of the lag, by how much rotors spin up faster than down."""
 
 
 class FlightWindows(NamedTuple):
-    """W windows of a flight, of N samples each.
+    """W windows of a flight, of N samples each."""
 
-    Attributes:
-        inputs: (W, N, r) deviations from the trim, in units of their common standard deviation.
-        rate: (W, N) rad/s.
-        dt: step, s.
-        starts: (W,) s of the record before each.
-        unit: of the inputs, in the unit of the record's.
-    """
-
-    inputs: Array
-    rate: Array
-    dt: float
-    starts: Array
-    unit: float
+    inputs: Array  # (W, N, r) deviations from the trim, in units of their common standard deviation
+    rate: Array  # (W, N) rad/s
+    dt: float  # step, s
+    starts: Array  # (W,) s of the record before each
+    unit: float  # of the inputs, in the unit of the record's
 
     def of(self, some: slice | NDArray[np.intp]) -> FlightWindows:
         """Returns some of them."""
@@ -291,19 +282,12 @@ def delayed(inputs: Array, steps: float) -> tuple[Array, Array]:
 
 
 class Plant(NamedTuple):
-    """x⁺ = Φ x + Γ₀ c + Γ₁ c⁺ + noise, with the state x = [rate, torque, wind's states] and the commanded torque c.
+    """x⁺ = Φ x + Γ₀ c + Γ₁ c⁺ + noise, with the state x = [rate, torque, wind's states] and the commanded torque c."""
 
-    Attributes:
-        step: the transition; it has one input, c in rad/s².
-        process: (n, n) covariance of the noise, which drives the wind.
-        wind: (n,) the wind's torque, rad/s², out of a state.
-        stationary: (n, n) covariance of the wind's states before anything is measured; 0 for rate and torque.
-    """
-
-    step: Transition
-    process: Array
-    wind: Array
-    stationary: Array
+    step: Transition  # it has one input, c in rad/s²
+    process: Array  # (n, n) covariance of the noise, which drives the wind
+    wind: Array  # (n,) the wind's torque, rad/s², out of a state
+    stationary: Array  # (n, n) covariance of the wind's states before anything is measured; 0 for rate and torque
 
     def pushes(self, commanded: Array, steps: float) -> Array:
         """Returns (T − 1, n) what commands (T,), rad/s², that act so many ``steps`` later do to the next state."""
@@ -326,19 +310,24 @@ class Plant(NamedTuple):
         return filtered.smoothed(self.pushes(commanded, steps), rate, first, uncertainty, self.wind)
 
 
-def plant(damping: float, lag: float, components: Sequence[tuple[Coloured, float, float]], dt: float) -> Plant:
-    """The plant with ``damping``, 1/s, and ``lag``, s, sampled every ``dt`` seconds.
+def with_wind(vehicle: Array, components: Sequence[tuple[Coloured, float, float]]) -> tuple[Array, Array, Array, Array]:
+    """A (n, n) of the ``vehicle`` and, uncoupled, the wind's states; their drive, stationary covariance, and torque.
 
-    ``components`` of the wind are colour, standard deviation in rad/s², and time in s of each.
+    ``components`` are colour, standard deviation in rad/s², and time in s of each; the torque, rad/s², is (n,).
     """
-    colours = [(colour.A / time, colour.drive / time) for colour, _, time in components]
-    A = block_diag(np.array([[-damping, 1.0], [0.0, -1 / lag]]), *(noise for noise, _ in colours))
-    drive, stationary, wind = np.zeros_like(A), np.zeros_like(A), np.zeros(len(A))
-    bounds = pairwise(np.cumsum([2, *(len(noise) for noise, _ in colours)]))
-    for (colour, size, _), (noise, intensity), (start, stop) in zip(components, colours, bounds, strict=True):
-        wind[start:stop] = size * colour.C
-        drive[start:stop, start:stop] = intensity
-        stationary[start:stop, start:stop] = solve_continuous_lyapunov(noise, -intensity)
+    A = block_diag(vehicle, *(colour.A / time for colour, _, time in components))
+    drive, stationary, wind, start = np.zeros_like(A), np.zeros_like(A), np.zeros(len(A)), len(vehicle)
+    for colour, size, time in components:
+        states = slice(start, start + len(colour.A))
+        wind[states], start = size * colour.C, states.stop
+        drive[states, states] = colour.drive / time
+        stationary[states, states] = solve_continuous_lyapunov(A[states, states], -drive[states, states])
+    return A, drive, stationary, wind
+
+
+def plant(damping: float, lag: float, components: Sequence[tuple[Coloured, float, float]], dt: float) -> Plant:
+    """The plant with ``damping``, 1/s, ``lag``, s, and wind as in :func:`with_wind`, sampled every ``dt`` seconds."""
+    A, drive, stationary, wind = with_wind(np.array([[-damping, 1.0], [0.0, -1 / lag]]), components)
     A[0] += wind
     step = discretize(A, np.eye(len(A))[:, 1:2] / lag, dt)
     process = step_covariance(A, drive, dt)

@@ -33,24 +33,16 @@ class PhysicalInterval(NamedTuple):
 
 
 class WindowTable(NamedTuple):
-    """Windows of the flight, W of them, each with an estimate of its own, to first order about that of all.
+    """Windows of the flight, each with an estimate of its own, to first order about that of all; (W,) each."""
 
-    Attributes:
-        start: (W,) s of the given samples before it.
-        effect, effect_sd: (W,) mean magnitude over the motors, rad/s² per unit of input, and its standard deviation.
-        damping, damping_sd: (W,) 1/s.
-        lag, lag_sd: (W,) s.
-        wind: (W,) standard deviation of the wind's torque, rad/s², its constant part not included.
-    """
-
-    start: Array
-    effect: Array
+    start: Array  # s of the given samples before it
+    effect: Array  # mean magnitude over the motors, rad/s² per unit of input
     effect_sd: Array
-    damping: Array
+    damping: Array  # 1/s
     damping_sd: Array
-    lag: Array
+    lag: Array  # s
     lag_sd: Array
-    wind: Array
+    wind: Array  # standard deviation of the wind's torque, rad/s², its constant part not included
 
 
 class Physical(NamedTuple):
@@ -92,10 +84,7 @@ class Physical(NamedTuple):
     def mean_effect(self, level: float = LEVEL) -> tuple[float, float]:
         """Returns the mean magnitude of the motors' effect, and its half width, NaN where it is not identifiable.
 
-        Narrower than the motors' own: the motors move together, and their mean is known better than each.
-
-        Raises:
-            ValueError: a level that is no probability between 0 and 1.
+        The interval of probability ``level`` is narrower than the motors' own: they move together.
         """
         require_probability(level)
         share = np.sign(self.effect) / len(self.effect)
@@ -114,11 +103,7 @@ class Physical(NamedTuple):
         return None if self.identifiable else f"The motors' effect is not identifiable. {self.reasons['effect']}"
 
     def interval(self, level: float = LEVEL) -> PhysicalInterval:
-        """Returns half widths of intervals of probability ``level``; a likely bias widens them.
-
-        Raises:
-            ValueError: a level that is no probability between 0 and 1.
-        """
+        """Returns half widths of intervals of probability ``level``; a likely bias widens them."""
         require_probability(level)
         half = half_width(self.covariance.diagonal(), level)
         half[:-3] += np.abs(self.bias * self.effect)
@@ -139,11 +124,7 @@ FASTEST_RATE = 199.0  # Hz: of twice that or more, every so many samples are tak
 
 
 def windows_of(record: Record) -> FlightWindows:
-    """Cuts a record into windows of one length, with one trim and one unit of the inputs.
-
-    Raises:
-        ValueError: no output is the rate of another, there are too few samples, or no motor moves.
-    """
+    """Cuts a record into windows of one length, with one trim and one unit of inputs; ``ValueError`` says why not."""
     if 1 / record.dt < FEWEST_RATE:
         raise ValueError(
             "motors' effect, damping, lag and poles show at several Hz, which needs 40 samples a second, not "

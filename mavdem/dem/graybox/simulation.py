@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
-from scipy.linalg import block_diag, expm, solve_continuous_lyapunov
+from scipy.linalg import expm
 
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import discretize, recursion
 from mavdem.dem.forecast.var import Forecast
-from mavdem.dem.graybox.likelihood import delayed, step_covariance
+from mavdem.dem.graybox.likelihood import delayed, step_covariance, with_wind
 from mavdem.dem.graybox.parameters import Physical
 from mavdem.dem.priors import derivative_pairs
 from mavdem.dem.record import Record
@@ -25,8 +23,7 @@ def simulated(physical: Physical, record: Record, inputs: Array) -> Forecast:
     disturbance of the training data stays: it balances the mean inputs. The variance is that of the wind, of which
     nothing else is known, and of motors' effect, damping and lag, to first order.
 
-    Raises:
-        ValueError: the outputs are not an angle and its rate.
+    ``ValueError`` for outputs that are not an angle and its rate.
     """
     pairs = derivative_pairs(record)
     if record.outputs.shape[1] != 2 or not pairs:
@@ -77,15 +74,8 @@ def _mean(theta: Array, delay: float, record: Record, order: list[int], inputs: 
 
 def _of_wind(physical: Physical, dt: float, steps: int) -> Array:
     """(H, 2) variance that the wind gives angle and rate from a known beginning."""
-    components = physical.components
-    noises = [(part.colour.A / part.time, part.colour.drive / part.time) for part in components]
-    bounds = pairwise(np.cumsum([2, *(len(noise) for noise, _ in noises)]))
-    A = block_diag(np.array([[0.0, 1.0], [0.0, -physical.damping]]), *(noise for noise, _ in noises))
-    drive, P = np.zeros_like(A), np.zeros_like(A)
-    for part, (noise, intensity), (start, stop) in zip(components, noises, bounds, strict=True):
-        A[1, start:stop] = part.size * part.colour.C
-        drive[start:stop, start:stop] = intensity
-        P[start:stop, start:stop] = solve_continuous_lyapunov(noise, -intensity)
+    A, drive, P, wind = with_wind(np.array([[0.0, 1.0], [0.0, -physical.damping]]), physical.components)
+    A[1] += wind
     state, process, variance = expm(A * dt), step_covariance(A, drive, dt), np.empty((steps, 2))
     for step in range(steps):
         P = state @ P @ state.T + process

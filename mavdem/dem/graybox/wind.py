@@ -115,11 +115,7 @@ class WindTorque:
         )
 
     def in_newton_metres(self, inertia: float) -> Array:
-        """Returns the torque (T,) in N m, of a vehicle with that moment of ``inertia`` about the axis, kg m².
-
-        Raises:
-            ValueError: an inertia that is not positive.
-        """
+        """Returns the torque (T,) in N m, of a vehicle with that moment of ``inertia`` about the axis, kg m²."""
         if not 0 < inertia < np.inf:
             raise ValueError(f"inertia must be a positive number of kg m², not {inertia!r}")
         return self.torque * inertia
@@ -134,23 +130,14 @@ class _Torques(NamedTuple):
 
 
 def wind(physical: Physical, record: Record) -> WindTorque:
-    """Returns the wind's torque in a record, from all of it, by its physical parameters.
-
-    Raises:
-        ValueError: no output is the rate of another.
-        numpy.linalg.LinAlgError: there is no steady filter for these parameters.
-    """
+    """Returns the wind's torque in a record, from all of it; ``LinAlgError`` where no filter is steady."""
     column = rate_column(record)
     theta = np.array([*physical.effect, physical.damping, physical.lag, physical.delay])
     with one_thread():
         torques = _torques(theta, physical, record, column)
         nudges = RELATIVE_STEP * np.maximum(np.abs(theta), RELATIVE_STEP)
-        slopes = np.array(
-            [
-                (_torques(theta + nudge, physical, record, column).mean - torques.mean) / nudge.sum()
-                for nudge in np.diag(nudges)
-            ]
-        )
+        beside = [_torques(theta + nudge, physical, record, column).mean for nudge in np.diag(nudges)]
+        slopes = (np.array(beside) - torques.mean) / nudges[:, None]
     size, levels = float(torques.mean.var()), slopes.mean(axis=1)
     covariance = physical.covariance
     smoother = torques.variance + MODEL_ERRORS.wind**2 * size
@@ -273,9 +260,8 @@ def _model_density(physical: Physical, frequency: Array) -> Array:
     density = np.zeros(len(frequency))
     for colour, size, time in physical.components:
         resolvent = 2j * np.pi * frequency[:, None, None] * np.eye(len(colour.A)) - colour.A / time
-        across = np.linalg.solve(np.swapaxes(resolvent, 1, 2), np.tile(colour.C[:, None], (len(frequency), 1, 1)))[
-            ..., 0
-        ]
+        seen = np.tile(colour.C[:, None], (len(frequency), 1, 1))
+        across = np.linalg.solve(np.swapaxes(resolvent, 1, 2), seen)[..., 0]
         density += 2 * size**2 * np.einsum("fi,ij,fj->f", across, colour.drive / time, across.conj()).real
     return density
 
