@@ -51,7 +51,6 @@ HEARD_SECONDS, MAX_VEHICLES = 3.0, 64
 FIRST_PAUSE_SECONDS, MAX_PAUSE_SECONDS = 0.25, 8.0  # Before a lost link is opened again; doubled each time
 
 _NETWORK = re.compile(r"(?:(udpin|udp|udpout|tcp|tcpin):(?!/))?(?:(\[[^\]]*\]|[^:/]*):)?(\d+)")
-_KINDS = {None: "udpin", "udp": "udpin"}  # Without a direction, as in pymavlink
 
 
 class LinkLost(Exception):
@@ -293,7 +292,8 @@ def _parsed(name: str) -> tuple[str, str, int]:
         kind, host, port = network.groups()
         if int(port) > 65535:
             raise Unreadable(f"{name} is not a link: ports go up to 65535.")
-        return _KINDS.get(kind, kind), (host or "").strip("[]") or LOOPBACK, int(port)
+        # Without a direction as in pymavlink.
+        return ("udpin" if kind in (None, "udp") else kind), (host or "").strip("[]") or LOOPBACK, int(port)
     if os.path.isfile(name):
         raise Unreadable(f"{name} is a file, not a link: use `mavdem learn {name}`.")
     if not os.path.isabs(name):
@@ -343,7 +343,7 @@ CHUNK_BYTES = 1 << 15  # About a second of a fast link
 class RawRecording:
     """A growing file, new, whose name ends in .tlog or .mcap, of the raw stream; a crash loses at most a second.
 
-    ``frames``: number of frames in it. ``bytes_skipped``: received bytes that belong to no frame and are not in it.
+    ``frames``: number of frames in it; bytes that belong to no frame are not in it.
     Raises Unreadable: the file exists, or cannot be created. Raises ValueError: another ending.
     """
 
@@ -357,7 +357,7 @@ class RawRecording:
             raise Unreadable(f"{path} is there already and is not overwritten: name another file.") from None
         except OSError as error:
             raise Unreadable(f"{path} cannot be written ({error.strerror or error}): name another file.") from None
-        self.frames = self.bytes_skipped = 0
+        self.frames = 0
         self._mcap = started(self._file, CHUNK_BYTES) if ending == ".mcap" else None
         self._channel = 0 if self._mcap is None else raw_channel(self._mcap)
         self._pieces: list[tuple[float, bytes]] = []
@@ -401,6 +401,5 @@ class RawRecording:
                 write_message(self._mcap, self._channel, stamp * 1000, frame)
         self._file.flush()
         self.frames += len(contents)
-        self.bytes_skipped += searched - sum(map(len, contents))
         self._pieces = [(self._pieces[-1][0], content[searched:])] if searched < len(content) else []
         self._first = self._pieces[0][0] if self._pieces else 0.0

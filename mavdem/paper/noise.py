@@ -25,6 +25,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.signal import correlate
 from scipy.stats import chi2, jarque_bera, norm
 
 from mavdem.dem import Learned, learn
@@ -161,31 +162,22 @@ class Significance(NamedTuple):
 class Noise(NamedTuple):
     """The statistics of one series of noise.
 
-    Attributes:
-        dt: step between the values, s.
-        sd: in the unit of the noise.
-        skewness, excess_kurtosis: 0 of a Gaussian.
-        histogram, edges: density of the values over the edges of bins, in units of sd about the mean.
-        autocorrelation, bound: at lags 0, 1, … in steps; 95 % of white noise's lie within ± the bound.
-        normality, normality_if_white: tests for Gaussian noise of any colour, and for white Gaussian noise.
-        whiteness: test for white noise, of values that share no samples.
-        overlap: values closer than so many steps share samples.
-        smoothness: kernel width s, in seconds, of the Gaussian-kernel noise whose autocorrelation exp(−τ²/4s²) falls
-            to a half at the same lag. White noise has about a third of dt, the resolution of the samples.
+    ``smoothness``: kernel width s, in seconds, of the Gaussian-kernel noise whose autocorrelation exp(−τ²/4s²) falls to
+    a half at the same lag. White noise has about a third of dt, the resolution of the samples.
     """
 
-    dt: float
-    sd: float
+    dt: float  # step between the values, s
+    sd: float  # in the unit of the noise
     skewness: float
     excess_kurtosis: float
-    histogram: tuple[float, ...]
-    edges: tuple[float, ...]
-    autocorrelation: tuple[float, ...]
-    bound: float
-    normality: Significance
-    normality_if_white: Significance
-    whiteness: Significance
-    overlap: int
+    histogram: tuple[float, ...]  # density of the values, in units of sd about the mean
+    edges: tuple[float, ...]  # of its bins
+    autocorrelation: tuple[float, ...]  # at lags 0, 1, … in steps
+    bound: float  # 95 % of white noise's autocorrelations lie within ± it
+    normality: Significance  # test for Gaussian noise of any colour
+    normality_if_white: Significance  # test for white Gaussian noise
+    whiteness: Significance  # test for white noise, of values that share no samples
+    overlap: int  # values closer than so many steps share samples
     smoothness: float
 
     def to_dict(self) -> dict[str, Any]:
@@ -275,17 +267,11 @@ def whiteness(series: ArrayLike) -> Significance:
 
 def autocovariance(deviation: Array) -> Array:
     """Returns (N,) Σ x_t x_{t+k} / N at lags k = 0 … N − 1, of a series (N,) of mean zero."""
-    n = len(deviation)
-    spectrum = np.abs(np.fft.rfft(deviation, 2 * n)) ** 2
-    return np.asarray(np.fft.irfft(spectrum)[:n] / n)
+    return np.asarray(correlate(deviation, deviation)[len(deviation) - 1 :] / len(deviation))
 
 
 def _kernel_width(correlation: Array, bound: float) -> float:
-    """Returns the kernel width, in steps, that belongs to the lag of half height.
-
-    Between lags, ln ρ is interpolated linearly in the squared lag, as for Gaussian-kernel noise. Half height has the
-    estimate of lowest variance: half that of one from the integral, which includes the random tail.
-    """
+    """The kernel width, in steps, that belongs to the lag of half height; ln ρ is linear in the squared lag."""
     after = int(np.flatnonzero(correlation < 0.5)[0])
     before = after - 1
     high, low = np.log(correlation[before]), np.log(max(correlation[after], bound))
