@@ -21,7 +21,7 @@ from mavdem.files import atomic_write
 from sitl_scenarios.dynamics import MAX_PULSE, MIN_PULSE, UNDAMAGED, AirState, Damage, damages, dynamics
 from sitl_scenarios.motion import IN_AIR, Array, Motion
 from sitl_scenarios.plan import BOOT_SECONDS
-from sitl_scenarios.scenario import Axis, Scenario, VehicleSpec
+from sitl_scenarios.scenario import AXES, Axis, Scenario, VehicleSpec
 from sitl_scenarios.sensors import vibration
 from sitl_scenarios.simulation import CYCLES
 from sitl_scenarios.vehicles import CHARGED, airframe
@@ -79,10 +79,8 @@ def linearised(vehicle: VehicleSpec) -> Linear:
     # States and commands.
     hover = np.repeat([0.0, body.hover_speed, body.hover_command], [12, 4, 4])
     steps = np.repeat([1e-3, 1e-5, 1e-5, 1e-4, 1e-5 * body.hover_speed, 1e-5 * body.full], [3, 3, 3, 3, 4, 4])
-    columns = [
-        (derivative(hover + step) - derivative(hover - step)) / (2 * size)
-        for step, size in zip(np.diag(steps), steps, strict=True)
-    ]
+    pairs = zip(np.diag(steps), steps, strict=True)
+    columns = [(derivative(hover + step) - derivative(hover - step)) / (2 * size) for step, size in pairs]
     return Linear(STATES, np.column_stack(columns[:16]), np.column_stack(columns[16:]))
 
 
@@ -119,9 +117,6 @@ def _rotor_effects(vehicle: VehicleSpec, rotors: Array, air: Array, condition: D
 
     steps = np.diag(1e-5 * rotors)
     return np.column_stack([(acceleration(rotors + h) - acceleration(rotors - h)) / (2 * h.sum()) for h in steps])
-
-
-AXES: tuple[Axis, ...] = ("roll", "pitch", "yaw")
 
 
 def truth(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -40,11 +40,11 @@ class Batch:
         moved = replace(chosen, start=start, end=end, payload=chosen.payload - chosen.start + start)
         return Batch(time, self.data[places], moved)
 
-    def content(self) -> list[bytes]:
-        """The bytes of each frame."""
-        whole = self.data.tobytes()
-        places = zip(self.frames.start.tolist(), self.frames.end.tolist(), strict=True)
-        return [whole[start:end] for start, end in places]
+    def timed(self) -> Iterator[tuple[float, bytes]]:
+        """The time and the bytes of each frame."""
+        whole, columns = self.data.tobytes(), (self.time, self.frames.start, self.frames.end)
+        for time, start, end in zip(*(column.tolist() for column in columns), strict=True):
+            yield time, whole[start:end]
 
 
 def joined(batches: Sequence[Batch]) -> Batch:
@@ -292,9 +292,8 @@ def rows_of_motion(motion: Motion, rows: slice | NDArray[np.intp]) -> Motion:
 
 
 def _nothing() -> Batch:
-    nobody, none = FrameSender(0, 0), np.empty(0, dtype=np.uint8)
-    data, frames = composed_frames(payload("HEARTBEAT")[:0], named("HEARTBEAT"), nobody, none)
-    return Batch(np.empty(0), data, frames)
+    none = np.empty(0, dtype=np.uint8)
+    return Batch(np.empty(0), *composed_frames(payload("HEARTBEAT", 0), named("HEARTBEAT"), FrameSender(0, 0), none))
 
 
 class LossyLink:

@@ -120,6 +120,7 @@ def scenario(case: Case) -> Scenario:
         "slow": [{"kind": "von_karman", "speed": 4 * k, "direction": 120.0, "wind_at_20_feet": 10 * k}],
     }
     moments = {"gusts": [{"sd": moment, "s": 0.05}], "slow": [{"sd": moment / 2, "s": 0.3}]}
+    steering = STEERING[case.steering]
     values: dict[str, Any] = {
         "duration": SECONDS,
         "seed": case.seed,
@@ -129,9 +130,7 @@ def scenario(case: Case) -> Scenario:
         "moments": moments.get(case.wind, []),
         "stream": {"rate": case.rate, "autopilot": case.autopilot},
     }
-    if (steering := STEERING[case.steering]) is not None:
-        values["excitation"] = steering
-    return scenario_of(values)
+    return scenario_of(values | ({"excitation": steering} if steering else {}))
 
 
 def truth_of(motion: Motion, of: Scenario, part: Flight) -> dict[str, Any]:
