@@ -44,13 +44,6 @@ def test_forecasts_and_predictions_begin_anew_at_every_so_many_samples(model):
     np.testing.assert_allclose(every[20:40], model.model.predict(past, 20).mean[:, :2], rtol=1e-9)
 
 
-def test_one_step_is_the_forecast_of_each_sample_from_those_before(model):
-    one = model.one_step()
-    assert one.shape == TRAIN.outputs.shape
-    ahead = model.model.infer(np.hstack([TRAIN.outputs, TRAIN.inputs])[490:500], TRAIN.inputs[500:501])
-    np.testing.assert_allclose(one[500], ahead.mean[0], rtol=1e-9)
-
-
 def test_no_lag_reaches_across_a_gap():
     """Each segment begins with what is known without a past."""
     again = baselines.var([*SEGMENTS, SEGMENTS[0]], order=4).one_step()

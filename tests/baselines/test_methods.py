@@ -72,14 +72,6 @@ def test_an_unstable_model_is_said_to_be_and_made_stable_only_when_asked(method)
     assert asked.cautions[0] == "The model was unstable and has been made stable, as requested."
 
 
-@pytest.mark.parametrize("method", [baselines.arx, PROJECTED["CVA"]])
-def test_where_there_is_nothing_to_enforce_nothing_is_touched(method):
-    flight, _ = flown(random_system(2, 2), 1, 700)
-    plain, asked = method(flight), method(flight, stable=True)
-    assert not asked.stabilised and not asked.cautions
-    np.testing.assert_array_equal(asked.model.A, plain.model.A)
-
-
 STILL = Flight(TRAIN.time, TRAIN.inputs, np.zeros((700, 2)))
 
 

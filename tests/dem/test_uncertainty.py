@@ -23,7 +23,6 @@ from mavdem.dem.engine.generative import SufficientStatistics
 from mavdem.dem.fitting import estimate_smoothness
 from mavdem.dem.record import Record
 from mavdem.dem.uncertainty import (
-    Direction,
     long_run_covariance,
     marginal_information,
     sample_slopes,
@@ -107,15 +106,6 @@ def test_the_corrected_interval_holds_them_where_dem_is_overconfident(monkeypatc
     assert 0.8 <= coverage.corrected <= 0.95
 
 
-def test_intervals_of_a_learnt_flight_are_wider_than_its_posterior():
-    settings = Settings(order=2, window=3, parameter_precision=0.01, horizon=None)
-    learned = learn(simulated(wind=0.5)[:700], settings)
-    wider = learned.model_interval(0.68).B[1] / learned.model_sd.B[1]
-    assert (wider > 1.5).all()
-    assert np.isnan(learned.model_interval().offset).all()
-    assert (learned.model_interval(0.99).B > learned.model_interval(0.9).B).all()
-
-
 def test_two_motors_that_always_agree_leave_their_difference_undetermined():
     flight = simulated(wind=0.5)
     inputs = flight.inputs.copy()
@@ -163,11 +153,6 @@ def test_half_widths_are_those_of_normal_deviations_or_of_students():
     widths = half_width(np.array([1.0, 4.0, 4.0]), 0.9, [np.inf, np.inf, 3.0])
     np.testing.assert_allclose(widths, [1.645, 3.290, 4.707], rtol=1e-3)
     assert quantile() == pytest.approx(float(half_width(1.0)))
-
-
-def test_a_direction_is_shown_by_its_heaviest_entries():
-    direction = Direction(np.array([0, 0.6, 0, 0, -0.8, 0, 0, 0]), 0.25, (2, 1, 1))
-    assert repr(direction) == "<Direction: -0.8 B[0,0] +0.6 A[0,1], 0.25 of the prior's information from data>"
 
 
 DT = 0.01

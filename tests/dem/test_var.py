@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from mavdem.dem.forecast.var import ChannelUnits, LagStatistics, Var, initial_lags
-from mavdem.dem.record import Record
 
 OUTPUTS, INPUTS, LAGS, STEPS = 2, 3, 3, 12
 CHANNELS = OUTPUTS + INPUTS
@@ -167,18 +166,6 @@ def test_a_past_shorter_than_the_lags_begins_with_its_first_sample():
     np.testing.assert_array_equal(initial_lags(samples, 3), samples[2:])
     np.testing.assert_array_equal(initial_lags(samples[:2], 4), samples[[0, 0, 0, 1]])
     np.testing.assert_array_equal(initial_lags(samples[:0], 2), np.zeros((2, CHANNELS)))
-
-
-def test_physical_samples_are_answered_in_their_own_units():
-    rng = np.random.default_rng(0)
-    samples = 1500 + 20 * run(model(), 400)
-    record = Record(samples[:, OUTPUTS:], samples[:, :OUTPUTS], 0.01, (400,))
-    physical, units = Var.learn(record, LAGS), ChannelUnits.of(record)
-    scaled = Var.fit(LagStatistics.of(units.segments(record), LAGS), LAGS)
-    past, ahead = units.scaled(physical.past(record)), samples[:30, OUTPUTS:] + rng.standard_normal((30, INPUTS))
-    found, expected = physical.infer(physical.past(record), ahead), scaled.infer(past, units.scaled_inputs(ahead))
-    np.testing.assert_allclose(found.mean, units.center[:2] + units.scale[:2] * expected.mean, rtol=1e-9)
-    np.testing.assert_allclose(found.variance, units.scale[:2] ** 2 * expected.variance, rtol=1e-9)
 
 
 def test_statistics_forgotten_and_in_their_own_units_give_the_same_model():

@@ -60,7 +60,7 @@ def mixed(seed: int, count: int = 300) -> list[bytes]:
     return frames + [heartbeat()]
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_whole_frames_of_every_kind_are_those_of_the_file_reader(seed):
     content = b"".join(mixed(seed))
     frames, finder = found(content, random.Random(seed))
@@ -69,7 +69,7 @@ def test_whole_frames_of_every_kind_are_those_of_the_file_reader(seed):
     assert finder.unread == sum(one.verdict != GOOD for one in frames)
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(6))
 def test_damaged_streams_hold_what_the_file_reader_finds(seed):
     chance = random.Random(seed)
     content = bytearray(b"".join(flight(np.arange(1.0, 3.0, 0.01).tolist())))
