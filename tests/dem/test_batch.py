@@ -90,12 +90,6 @@ def test_what_jobs_raise_is_raised():
         list(learn_many(broken(), executor))
 
 
-@pytest.mark.parametrize("job", [None, 1, FLIGHTS[0], (FLIGHTS[0],)])
-def test_what_is_no_job_is_named(job):
-    with pytest.raises(ValueError, match="^jobs must be pairs"):
-        list(learn_many([job]))
-
-
 @pytest.mark.slow
 def test_a_killed_worker_is_reported(two_workers):
     answers = learn_many(repeat(JOBS[0]))

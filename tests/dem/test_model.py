@@ -254,15 +254,6 @@ def test_it_is_the_joint_gaussian_given_the_outputs(seed, n, k, m, samples, radi
     assert states.log_likelihood == pytest.approx(log_likelihood, rel=1e-7, abs=1e-6)
 
 
-def test_a_covariance_that_is_none_is_reported():
-    model = random_gaussian_model(0, 2, 1, 2)
-    data = np.zeros(2), np.zeros((5, 1)), np.zeros((5, 2))
-    with pytest.raises(np.linalg.LinAlgError):
-        smoothed(model._replace(R=-10 * np.eye(2)), *data)
-    with np.errstate(all="ignore"), pytest.raises(np.linalg.LinAlgError):
-        smoothed(model._replace(A=1e200 * np.eye(2)), *data)
-
-
 @pytest.mark.parametrize("noise", [1.0, 1e-4, 1e-8])
 @pytest.mark.parametrize("radius", [0.5, 0.999, 1.2])
 def test_the_steady_covariance_solves_riccati_s_equation(noise, radius):

@@ -231,12 +231,6 @@ def test_a_status_changes_at_its_limit_and_says_why(figure, name, limit, below, 
         assert (reasons[name] == "") == (expected == "reported")
 
 
-def test_what_is_wrong_with_the_effect_is_wrong_with_the_rest():
-    statuses, reasons = identifiability(SOUND._replace(sd={**SOUND.sd, "effect": 0.15}))
-    assert statuses == dict.fromkeys(PARAMETERS, "biased")
-    assert "which is biased" in reasons["lag"]
-
-
 def test_gaps_are_not_filtered_across():
     flight = flown(1, steering=1.0)
     whole, apart = physical(flight), physical([flight[:350], flight[350:]])

@@ -160,7 +160,7 @@ def test_noise_precisions_may_be_shared_by_groups():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("p", "d"), [(0, 0), (0, 6), (6, 0), (6, 6), (2, 3), (3, 1)])
+@pytest.mark.parametrize(("p", "d"), [(0, 0), (0, 6), (6, 0), (6, 6)])
 def test_every_order_from_zero_to_six_can_be_learnt(p, d):
     window = max(p, d) + 1
     settings = Settings(

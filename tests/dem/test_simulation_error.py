@@ -198,10 +198,6 @@ def test_nothing_runs_across_a_gap_and_long_flights_are_thinned():
     assert many.number == pytest.approx(MAX_SEGMENTS * 20 / 30)
 
 
-def test_a_model_without_known_inputs_stays():
-    assert learn(FLIGHT[:300], replace(Settings.paper(), horizon=0.3)).simulation_fit is None
-
-
 def test_a_filter_that_overflows_leaves_theta_as_the_ascent_ended(monkeypatch):
     """Over short segments a growing filter may stay finite; over the whole record it does not."""
 

@@ -149,21 +149,6 @@ def test_a_server_that_goes_away_is_reported_and_comes_back(clock):
             assert everything(link) == b"hello again"
 
 
-def test_a_client_connects_leaves_and_another_one_connects():
-    with listening("tcpin:{}") as (link, address):
-        assert link.receive(0.0) == []
-        for words in (b"one", b"two"):
-            with socket.create_connection(address) as client:
-                client.sendall(words)
-                assert everything(link) == words
-                # The kernel finds out when the other side is gone.
-                assert link._socket.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE)
-                assert link._socket.getsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE) <= 10
-            with pytest.raises(LinkLost):
-                link.receive(1.0)
-            assert link.reopen()
-
-
 def test_a_client_that_is_silent_gives_way_to_another_and_one_that_talks_does_not(clock):
     with listening("tcpin:127.0.0.1:{}") as (link, address), socket.create_connection(address) as first:
         first.sendall(b"one")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mavdem.alignment.phases import REPORT_SECONDS, TRANSIENT_SECONDS
+from mavdem.alignment.phases import TRANSIENT_SECONDS
 from mavdem.ingest.vocabulary import ARDUPILOT, ARMED, CUSTOM_MODE, IN_AIR, ON_GROUND, PX4
 from mavdem.live.decisions import Phase
 
@@ -73,30 +73,9 @@ def test_the_first_heartbeat_dates_what_is_taken_back_and_of_two_landings_the_ea
     )
 
 
-def test_motors_that_no_longer_carry_the_vehicle_show_that_it_has_landed():
-    one = Vehicle()
-    assert one.fly(20.0)
-    touched_down = one.time
-    assert not one.fly(0.5, ON_THE_GROUND)
-    since = one.phase.landing()
-    assert since == pytest.approx(touched_down - TRANSIENT_SECONDS, abs=0.5)
-    assert not one.fly(20.0, ON_THE_GROUND), "for as long as it idles there"
-    assert one.phase.landing() is None
-
-
 @pytest.mark.parametrize("share, landed", [(0.51, False), (0.49, True)])
 def test_a_touchdown_is_where_motors_fall_to_less_than_half_of_their_level(share, landed):
     one = Vehicle()
     assert one.fly(20.0)
     assert one.fly(0.5, share * IN_FLIGHT) == (not landed)
     assert (one.phase.landing() is not None) == landed
-
-
-def test_reports_count_for_as_long_as_they_come_and_if_they_say_something():
-    one = Vehicle()
-    assert one.fly(20.0) and not one.fly(2.0, landed=ON_GROUND) and not one.phase.flying
-    one.fly(REPORT_SECONDS + 2.0)
-    assert one.phase.flying
-    one.fly(2.0, landed=ON_GROUND)
-    one.fly(1.0, landed=0)
-    assert one.phase.flying, "undefined"

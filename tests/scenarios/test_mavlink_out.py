@@ -85,8 +85,7 @@ def test_what_is_read_back_is_what_was_true(autopilot, version, tmp_path):
         assert set(actuator[0, 4:16]) == {900} and set(actuator[0, 16:]) == {0}
 
 
-@pytest.mark.parametrize("version", [1, 2])
-@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+@pytest.mark.parametrize(("autopilot", "version"), [("px4", 2), ("ardupilot", 1)])
 def test_setpoints_and_sticks_come_when_they_are_asked_for(autopilot, version, tmp_path):
     motion, rates = made_up_motion(autopilot=autopilot), {"ATTITUDE_TARGET": 50.0, "RC_CHANNELS": 20.0}
     rates["BATTERY_STATUS"] = 50.0

@@ -57,14 +57,6 @@ def test_it_arms_climbs_hovers_lands_and_disarms(flight):
     assert not any(columns[standing].any() for columns in (flight.velocity, flight.force, flight.moment))
 
 
-def test_a_command_arms_before_the_autopilot_does():
-    simulation = Simulation(brief())
-    simulation.advance(100)
-    assert simulation.set_armed(True) and simulation.armed
-    rest = simulation.advance(10**6)
-    assert (rest.armed.sum(), len(rest)) == (20 * 250, 21 * 250)
-
-
 def test_disarming_is_refused_in_the_air_unless_forced():
     simulation = Simulation(brief())
     simulation.advance(250 * 10)
@@ -79,7 +71,7 @@ def test_disarming_is_refused_in_the_air_unless_forced():
 @pytest.mark.parametrize("name", names())
 def test_every_scenario_is_flown_to_its_end(name):
     whole = load(name)
-    scenario = whole.model_copy(update={"duration": min(whole.duration, 40.0), "flights": 1})
+    scenario = whole.model_copy(update={"duration": min(whole.duration, 60.0), "flights": 1})
     motion = fly(scenario)
     hovering = (motion.landed_state == 2) & (motion.time > 10)
     assert np.abs(roll(motion)).max() < 50
