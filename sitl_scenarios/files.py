@@ -77,10 +77,9 @@ def _words(where: Sequence[int | str], table: Any) -> list[int | str]:
     words: list[int | str] = []
     for position, word in enumerate(where):
         inside = isinstance(table, dict) and word in table or isinstance(table, list) and isinstance(word, int)
-        if not inside and position < len(where) - 1:
-            continue
-        words.append(word)
-        table = table[word] if inside else None
+        if inside or position == len(where) - 1:
+            words.append(word)
+            table = table[word] if inside else None
     return words
 
 

@@ -10,7 +10,7 @@ from scipy.fft import ifft
 
 from sitl_scenarios.dynamics import Three
 from sitl_scenarios.motion import Array
-from sitl_scenarios.scenario import STICKS, Chirp, Doublets, Multisine, Scenario, Steps, Sticks
+from sitl_scenarios.scenario import AXES, STICKS, Chirp, Doublets, Multisine, Scenario, Steps, Sticks
 from sitl_scenarios.wind import gaussian_noise
 
 BOOT_SECONDS = 2.0  # Seconds from the autopilot's boot until it arms itself
@@ -21,7 +21,6 @@ FULL_STICK: Three = (radians(35), radians(35), radians(150))
 """Roll and pitch, rad, and yaw rate, rad/s, that a stick asks for at its end: PX4's defaults of MPC_MAN_TILT_MAX and
 MPC_MAN_Y_MAX."""
 _FASTEST = 1.5  # m/s: the mean of a climb or a descent that takes longer than the usual time
-_AXES = ("roll", "pitch", "yaw")
 _NO_DEMAND: Three = (0.0, 0.0, 0.0)
 
 
@@ -116,14 +115,14 @@ class Plan:
 
 
 def _about(axis: str, value: float) -> Three:
-    roll, pitch, yaw = (value if axis == name else 0.0 for name in _AXES)
+    roll, pitch, yaw = (value if axis == name else 0.0 for name in AXES)
     return roll, pitch, yaw
 
 
 def _sticks(scenario: Scenario, sticks: Sticks, cycle: float, samples: int) -> Array:
     """(samples, 3) demands; a stick stops at its end."""
     demands = np.zeros((samples, 3))
-    for number, (name, full) in enumerate(zip(_AXES, FULL_STICK, strict=True)):
+    for number, (name, full) in enumerate(zip(AXES, FULL_STICK, strict=True)):
         if sticks.axis in (name, "all"):
             moved = gaussian_noise(sticks.s, cycle, samples, scenario.random(STICKS, number))
             demands[:, number] = np.clip(radians(sticks.sd) * moved, -full, full)
@@ -142,7 +141,7 @@ def _multisine(multisine: Multisine, cycle: float) -> Array:
     lines = range(first, max(last, first) + 1)
     samples = round(multisine.period / cycle)
     demands = np.zeros((samples, 3))
-    for number, name in enumerate(_AXES):
+    for number, name in enumerate(AXES):
         if multisine.axis in (name, "all"):
             harmonics = lines[number::3] if multisine.axis == "all" else lines
             count, spectrum = len(harmonics), np.zeros(samples, dtype=np.complex128)

@@ -222,18 +222,19 @@ class Jet(Section):
 Wind = Annotated[SteadyWind | GaussianWind | DrydenWind | VonKarmanWind | Gust | Jet, Field(discriminator="kind")]
 
 
+Axis = Literal["roll", "pitch", "yaw"]
+AXES: tuple[Axis, ...] = ("roll", "pitch", "yaw")
+
+
 class Moment(Section):
     """A coloured moment on the body, whatever the wind."""
 
-    axis: Literal["roll", "pitch", "yaw"] = "roll"
+    axis: Axis = "roll"
     """It turns the vehicle about."""
     sd: Annotated[float, Field(ge=0, le=10)]
     """Standard deviation, N m."""
     s: Kernel
     """Standard deviation of the kernel, s, as of a gaussian wind."""
-
-
-Axis = Literal["roll", "pitch", "yaw"]
 
 
 class Doublets(Section):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
+from itertools import chain, count
 from math import cos, hypot, pi, sin, sqrt
 from typing import NamedTuple
 
@@ -87,7 +87,8 @@ class Sensing:
         self._share = late - self._whole
         self._seen: deque[State] = deque(maxlen=self._whole + 2)
         sds = (sensors.position_sd, sensors.velocity_sd, sensors.attitude_sd / 2, sensors.rate_sd)
-        self._noise = _rows(np.repeat(sds, 3), noise)
+        blocks = (noise.standard_normal((1000, 12)) * np.repeat(sds, 3) for _ in count())
+        self._noise = chain.from_iterable(block.tolist() for block in blocks)
 
     def estimate(self, state: State, shaken: Three = (0.0, 0.0, 0.0)) -> StateEstimate:
         """What is known once the vehicle is in ``state``, its gyro ``shaken``, rad/s; one call each cycle."""
@@ -107,8 +108,3 @@ class Sensing:
             (a * size, b * size, c * size, d * size),
             (k * p + m * p0 + np_ + shaken[0], k * q + m * q0 + nq + shaken[1], k * r + m * r0 + nr + shaken[2]),
         )
-
-
-def _rows(sds: NDArray[np.float64], noise: np.random.Generator) -> Iterator[list[float]]:
-    while True:
-        yield from (noise.standard_normal((1000, len(sds))) * sds).tolist()

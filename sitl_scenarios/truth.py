@@ -8,7 +8,7 @@ what it is here.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from math import cos, sin, tan
 from typing import Any
@@ -21,7 +21,7 @@ from mavdem.files import atomic_write
 from sitl_scenarios.dynamics import MAX_PULSE, MIN_PULSE, UNDAMAGED, AirState, Damage, damages, dynamics
 from sitl_scenarios.motion import IN_AIR, Array, Motion
 from sitl_scenarios.plan import BOOT_SECONDS
-from sitl_scenarios.scenario import Axis, Scenario, VehicleSpec
+from sitl_scenarios.scenario import AXES, Axis, Scenario, VehicleSpec
 from sitl_scenarios.sensors import vibration
 from sitl_scenarios.simulation import CYCLES
 from sitl_scenarios.vehicles import CHARGED, airframe
@@ -59,15 +59,28 @@ def linearised(vehicle: VehicleSpec) -> Linear:
 
     Motor commands are in the vehicle's own unit, in the order of ``sitl_scenarios.dynamics``.
     """
-    body = airframe(vehicle)
-    derivative = _derivative(vehicle)
+    body, change = airframe(vehicle), dynamics(vehicle)
+    # A vehicle whose rotors do not lag has no such states; any small lag leaves the same without it.
+    tau = sum(body.lag) / 2 or 1e-3
+
+    def derivative(at: Array) -> Array:
+        state, commands = at[:16], at[16:]
+        roll, pitch, yaw = state[6:9]
+        p, q, r = state[9:12]
+        w, x, y, z = Rotation.from_euler("ZYX", [yaw, pitch, roll]).as_quat(scalar_first=True).tolist()
+        vn, ve, vd = state[3:6].tolist()
+        o1, o2, o3, o4 = state[12:].tolist()
+        acting = change((w, x, y, z), (vn, ve, vd), (float(p), float(q), float(r)), (o1, o2, o3, o4), AirState())
+        turning = q * sin(roll) + r * cos(roll)
+        angles = (p + turning * tan(pitch), q * cos(roll) - r * sin(roll), turning / cos(pitch))
+        targets = [body.rotor_speed(command) for command in commands.tolist()]
+        return np.array([vn, ve, vd, *acting[:3], *angles, *acting[3:6], *(np.array(targets) - state[12:]) / tau])
+
     # States and commands.
     hover = np.repeat([0.0, body.hover_speed, body.hover_command], [12, 4, 4])
     steps = np.repeat([1e-3, 1e-5, 1e-5, 1e-4, 1e-5 * body.hover_speed, 1e-5 * body.full], [3, 3, 3, 3, 4, 4])
-    columns = [
-        (derivative(hover + step) - derivative(hover - step)) / (2 * size)
-        for step, size in zip(np.diag(steps), steps, strict=True)
-    ]
+    pairs = zip(np.diag(steps), steps, strict=True)
+    columns = [(derivative(hover + step) - derivative(hover - step)) / (2 * size) for step, size in pairs]
     return Linear(STATES, np.column_stack(columns[:16]), np.column_stack(columns[16:]))
 
 
@@ -93,11 +106,8 @@ def axis(vehicle: VehicleSpec, axis: Axis = "roll", lag: bool = True) -> Linear:
     return Linear((*names, f"{axis} drive"), A, B)
 
 
-def rotor_effects(vehicle: VehicleSpec, rotors: Array, air: Array, condition: Damage = UNDAMAGED) -> Array:
-    """(3, 4) roll, pitch and yaw acceleration, rad/s², by the speed of each rotor, rad/s, at ``rotors`` (4,), rad/s.
-
-    In steady flight through ``air`` (3,), m/s: its motion relative to the body, in the body's axes.
-    """
+def _rotor_effects(vehicle: VehicleSpec, rotors: Array, air: Array, condition: Damage) -> Array:
+    """(3, 4) angular acceleration, rad/s², by each rotor's speed, rad/s, flying steadily in ``air``, body axes."""
     change = dynamics(vehicle, condition)
     level, still, about = (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), AirState(*air.tolist())
 
@@ -109,43 +119,12 @@ def rotor_effects(vehicle: VehicleSpec, rotors: Array, air: Array, condition: Da
     return np.column_stack([(acceleration(rotors + h) - acceleration(rotors - h)) / (2 * h.sum()) for h in steps])
 
 
-def _derivative(vehicle: VehicleSpec) -> Callable[[Array], Array]:
-    """Of ``STATES`` by states and commands (20,)."""
-    body = airframe(vehicle)
-    change = dynamics(vehicle)
-    # A vehicle whose rotors do not lag has no such states; any small lag leaves the same without it.
-    tau = sum(body.lag) / 2 or 1e-3
-
-    def derivative(at: Array) -> Array:
-        state, commands = at[:16], at[16:]
-        roll, pitch, yaw = state[6:9]
-        p, q, r = state[9:12]
-        w, x, y, z = Rotation.from_euler("ZYX", [yaw, pitch, roll]).as_quat(scalar_first=True).tolist()
-        vn, ve, vd = state[3:6].tolist()
-        o1, o2, o3, o4 = state[12:].tolist()
-        acting = change((w, x, y, z), (vn, ve, vd), (float(p), float(q), float(r)), (o1, o2, o3, o4), AirState())
-        turning = q * sin(roll) + r * cos(roll)
-        angles = (p + turning * tan(pitch), q * cos(roll) - r * sin(roll), turning / cos(pitch))
-        targets = [body.rotor_speed(command) for command in commands.tolist()]
-        return np.array([vn, ve, vd, *acting[:3], *angles, *acting[3:6], *(np.array(targets) - state[12:]) / tau])
-
-    return derivative
-
-
-AXES: tuple[Axis, ...] = ("roll", "pitch", "yaw")
-
-
 def truth(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:
     """Arrays by name: every column of ``Motion``, ``scenario`` as JSON text, and what docs/scenarios.md explains.
 
-    - ``roll_A`` (2, 2), ``roll_B`` (2, 4): ẋ = Ax + B(u − ū) for angle (rad) and rate (rad/s), u in µs, without lag; ū
-      is ``trim`` (4,); ``roll_lag_A`` (3, 3), ``roll_lag_B`` (3, 4): with the angular acceleration by the rotors as a
-      third state, rad/s², which follows with the time constant ``lag`` (mean, rising, falling; s);
-    - ``roll_disturbance`` (N,): angular acceleration that wind and moments add to that, rad/s²;
-    - ``roll_effect`` (4,) in the hover as flown, rad/s² per µs; until something breaks, ``roll_effect_weak`` from then;
-    - ``weak`` (N,) when; ``speed_left``, ``thrust_left``, ``torque_left`` (N, 4): shares of a sound motor's;
-      ``centre`` (N, 2) of mass, m forward and right; ``vibration`` (N, 3) of an unbalanced propeller, RMS, m/s²;
-    - ``delay``, s; ``voltage`` (N,), V; likewise ``pitch_…`` and, of the rate alone, ``yaw_…``.
+    ``roll_A`` (2, 2) and ``roll_B`` (2, 4) are of angle (rad) and rate (rad/s) without lag, by µs from ``trim`` (4,);
+    ``roll_lag_A``, ``roll_lag_B`` with the rotors' angular acceleration, rad/s², as third state; ``lag`` mean, rising,
+    falling, s; ``roll_disturbance`` (N,), rad/s²; ``roll_effect`` (4,), rad/s² per µs; likewise ``pitch_…``, ``yaw_…``.
     """
     body = airframe(scenario.vehicle)
     up, down = body.lag
@@ -171,13 +150,9 @@ def _damage(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:
     begins = [(BOOT_SECONDS + begin, condition) for begin, condition in damages(scenario)]
     left = [UNDAMAGED, *(condition for _, condition in begins)]
     number = np.searchsorted([begin for begin, _ in begins], motion.time, side="right")
-    parts = {
-        f"{name}_left": np.array([getattr(condition, name) for condition in left])
-        for name in ("speed", "thrust", "torque")
-    }
-    parts["centre"] = np.array([condition.centre for condition in left])
-    last = len(begins) if begins else 1
-    return {name: values[number] for name, values in parts.items()} | {"weak": number >= last}
+    names = dict(zip(("speed_left", "thrust_left", "torque_left", "centre"), Damage._fields, strict=True))
+    parts = {name: np.array([getattr(condition, field) for condition in left])[number] for name, field in names.items()}
+    return parts | {"weak": number >= max(len(begins), 1)}
 
 
 def _effects(scenario: Scenario, motion: Motion) -> dict[str, Array]:
@@ -195,7 +170,7 @@ def _effects(scenario: Scenario, motion: Motion) -> dict[str, Array]:
             continue
         turned = Rotation.from_quat(motion.attitude[rows], scalar_first=True)
         air = turned.inv().apply(motion.wind[rows] - motion.velocity[rows]).mean(0)
-        per_speed = rotor_effects(spec, motion.rotor_speeds[rows].mean(0), air, condition)
+        per_speed = _rotor_effects(spec, motion.rotor_speeds[rows].mean(0), air, condition)
         commands = body.full * (motion.outputs[rows].mean(0) - MIN_PULSE) / (MAX_PULSE - MIN_PULSE)
         slopes = np.array([body.speed_slope(command) for command in commands.tolist()]) * condition.speed
         slopes *= motion.battery[rows].mean() * body.full / (MAX_PULSE - MIN_PULSE)

@@ -76,14 +76,13 @@ class Turbulence(NamedTuple):
 
 
 def turbulence(wind: TurbulentWind, height: float, span: float) -> Turbulence:
-    """Lengths and intensities of a wind, by the standard.
+    """Lengths and intensities of a wind, by the standard; ``height`` and ``span`` b between the outermost rotors in m.
 
     Of its rotation it gives that about the flight path, p_g, a first-order process for Dryden and von Kármán alike:
 
         Φ_p(Ω) = σ_w²/L_w · 0.8 (π L_w / 4b)^(1/3) / (1 + (4bΩ/π)²),
 
-    whose variance is the integral of that over Ω ≥ 0. A hovering vehicle has no path: both of its axes get this. The
-    ``height`` is in m, and so is the ``span`` b between the outermost rotors.
+    whose variance is the integral of that over Ω ≥ 0. A hovering vehicle has no path: both of its axes get this.
     """
     # The standard's model begins at 10 feet, and holds below as it is there.
     feet = max(height / FOOT, 10.0)
@@ -204,29 +203,19 @@ def jet_speed(jet: Jet, along: float, aside: float) -> float:
     return jet.speed * min(1.0, end / along) * exp(-log(2) * (aside / (SPREAD * max(along, end))) ** 2)
 
 
-class JetWind:
-    """The air of a jet, cycle by cycle.
+def _jet_wind(jet: Jet, height: float, turbulence: Array, position: Three) -> Three:
+    """Velocity of the air NED, m/s, at a place (NED, m), of a jet whose axis is at the ``height`` of the hover, m.
 
-    Its axis is at the ``height`` of the vehicle's hover, m. Its turbulence is Gaussian-kernel noise along, across and
-    down, independent, as strong as the mean speed is where the vehicle is.
+    Its ``turbulence`` (3,) is along, across and down, relative to the mean speed where the vehicle is.
     """
-
-    def __init__(self, jet: Jet, height: float, dt: float, samples: int, noise: np.random.Generator) -> None:
-        self._jet, self._height = jet, height
-        self._north, self._east, _ = towards(jet.direction).tolist()
-        columns = [gaussian_noise(jet.s, dt, samples, noise) for _ in range(3)]
-        self._turbulence: Array = jet.turbulence * np.column_stack(columns)
-
-    def at(self, cycle: int, position: Three) -> Three:
-        """Velocity of the air NED, m/s, at ``position`` (NED, m) in a cycle."""
-        n, e = self._north, self._east
-        north, east, down = position
-        along = self._jet.distance + north * n + east * e
-        right = east * n - north * e - self._jet.offset
-        below = down + self._height
-        speed = jet_speed(self._jet, along, (right * right + below * below) ** 0.5)
-        a, b, c = self._turbulence[cycle].tolist()
-        return speed * ((1.0 + a) * n - b * e), speed * ((1.0 + a) * e + b * n), speed * c
+    n, e, _ = towards(jet.direction).tolist()
+    north, east, down = position
+    along = jet.distance + north * n + east * e
+    right = east * n - north * e - jet.offset
+    below = down + height
+    speed = jet_speed(jet, along, (right * right + below * below) ** 0.5)
+    a, b, c = turbulence.tolist()
+    return speed * ((1.0 + a) * n - b * e), speed * ((1.0 + a) * e + b * n), speed * c
 
 
 def gust_speed(wind: Gust, time: Array) -> Array:
@@ -239,19 +228,13 @@ def gust_speed(wind: Gust, time: Array) -> Array:
 
 
 class Weather:
-    """The air of a flight, cycle by cycle; it is held through each.
-
-    Args:
-        scenario: its winds, moments and seed.
-        dt: cycle, s.
-        time: (N,) seconds since arming, of each cycle.
-    """
+    """The air of a flight, held through each cycle of ``dt`` s; ``time`` (N,): of each, seconds since arming."""
 
     def __init__(self, scenario: Scenario, dt: float, time: Array) -> None:
         samples = len(time)
         # Columns as in AirState.
         air = np.zeros((samples, 8))
-        self._jets: list[JetWind] = []
+        self._height, self._jets = scenario.height, list[tuple[Jet, Array]]()
         for number, wind in enumerate(scenario.wind):
             noise = scenario.random(WIND, number)
             match wind:
@@ -263,7 +246,8 @@ class Weather:
                 case Gust():
                     air[:, :3] += gust_speed(wind, time)[:, None] * towards(wind.direction)
                 case Jet():
-                    self._jets.append(JetWind(wind, scenario.height, dt, samples, noise))
+                    columns = [gaussian_noise(wind.s, dt, samples, noise) for _ in range(3)]
+                    self._jets.append((wind, wind.turbulence * np.column_stack(columns)))
                 case TurbulentWind():
                     air[:, :5] += _turbulent(wind, scenario, dt, samples, noise)
         for number, moment in enumerate(scenario.moments):
@@ -275,8 +259,8 @@ class Weather:
         """The air at ``position`` (NED, m) in a cycle, counted from 0; before the first and after the last, theirs."""
         cycle = min(max(cycle, 0), len(self._air) - 1)
         air = AirState(*self._air[cycle].tolist())
-        for jet in self._jets:
-            north, east, down = jet.at(cycle, position)
+        for jet, turbulence in self._jets:
+            north, east, down = _jet_wind(jet, self._height, turbulence[cycle], position)
             air = air._replace(north=air.north + north, east=air.east + east, down=air.down + down)
         return air
 

@@ -16,12 +16,12 @@ from mavdem.flight import Flight
 from mavdem.ingest import Component
 from mavdem.ingest.motors import MULTIROTORS
 
-DOUBTFUL_SNR = 20.0
-"""Variance of the outputs' changes over that of their rounding. Rounding what something is learnt from can shrink what
-is learnt to SNR/(1 + SNR) of the truth: by 5 % at 20."""
-DOUBTFUL_CONSISTENCY = 0.8
-"""Share of the angle's changes over 0.2 s that the integrated rates explain. Both measure one motion; where they
-disagree, some of the rate is an alias, or noise."""
+REFUSED_SNR, DOUBTFUL_SNR = 1.0, 20.0
+"""Variance over that of its rounding, of the motors' command and of the outputs' changes. Rounding what something is
+learnt from can shrink what is learnt to SNR/(1 + SNR) of the truth: to half at 1, by 5 % at 20."""
+REFUSED_CONSISTENCY, DOUBTFUL_CONSISTENCY = 0.5, 0.8
+"""Share of the angle's changes over ``CONSISTENCY_SPAN`` that the integrated rates explain. Both measure one motion;
+where they disagree, the rate is an alias, noise, or in another unit: some of it, or most."""
 DOUBTFUL_LOSS = 0.05  # Share of a stream's messages left out as damaged: the rest may be too
 IMPOSSIBLE = f"an angle beyond 2π or a rate beyond {MAX_BODY_RATE:.0f} rad/s"
 
@@ -81,23 +81,16 @@ def below(value: float, limit: float) -> str:
 
 MINIMUM_DURATION = 5.0
 """Seconds: a few swings of an axis that moves at 1 Hz, and a few hundred samples for a few tens of parameters."""
-REFUSED_SNR = 1.0
-"""Variance of a signal over that of its rounding, for the motors' command and for the outputs' changes. Rounding what
-something is learnt from can shrink what is learnt to SNR/(1 + SNR) of the truth: to half at 1."""
-REFUSED_CONSISTENCY = 0.5
-"""Share of the angle's changes over ``CONSISTENCY_SPAN`` that the integrated rates explain. Both measure one motion;
-where they disagree, most of the rate is an alias, noise, or another unit."""
 REFUSED_IMPOSSIBLE = 0.01
 """Share of messages with an angle or a rate that cannot be: too many for odd ones, so they are in another unit."""
 NO_ATTITUDE = {
     "": "There is no ATTITUDE or ATTITUDE_QUATERNION message.",
     "DataFlash": "There is no ATT or ANG message with the angles, or no RATE or IMU with the body rates.",
-    **dict.fromkeys(
-        ("ULog", "uXRCE-DDS"), "There is no vehicle_attitude, or no vehicle_angular_velocity with the body rates."
-    ),
+    "ULog": "There is no vehicle_attitude, or no vehicle_angular_velocity with the body rates.",
     "MAVROS": "There is no imu/data.",
 }
 """A sentence on attitude that was not recorded, by ``Telemetry.translated_from``."""
+NO_ATTITUDE["uXRCE-DDS"] = NO_ATTITUDE["ULog"]
 MAX_STEP_RATIO = 1.25
 """Mean step of a segment's messages, over that of the longest segment, up to which both are sampled alike: a link that
 loses a fifth of the messages makes it so, as in ``MINIMUM_RATE``."""
@@ -145,11 +138,10 @@ def verdict_of(signals: Signals, components: Sequence[Component] = (), least_rat
     if drive is None:
         return refused(*_without_drive(signals))
     if attitude.impossible > REFUSED_IMPOSSIBLE * attitude.sent:
-        return refused(
-            f"{attitude.impossible} of {attitude.sent} {telemetry.called(attitude.message)} messages have "
-            f"{IMPOSSIBLE}: the attitude is not in {'the unit of its format' if telemetry.names else 'radians'}.",
-            "Check what wrote the log: MAVLink's attitude is in rad and rad/s, DataFlash's in degrees.",
-        )
+        messages = f"{attitude.impossible} of {attitude.sent} {telemetry.called(attitude.message)} messages"
+        unit = "the unit of its format" if telemetry.names else "radians"
+        remedy = "Check what wrote the log: MAVLink's attitude is in rad and rad/s, DataFlash's in degrees."
+        return refused(f"{messages} have {IMPOSSIBLE}: the attitude is not in {unit}.", remedy)
     if not len(attitude.time):
         reason = f"{telemetry.called(attitude.message)} holds no finite {_measured(axis, 'and')}."
         return refused(reason, "Check the autopilot's estimator and what wrote the log.")

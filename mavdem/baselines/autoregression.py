@@ -98,16 +98,8 @@ def var(train: UniformRecord | Sequence[UniformRecord], order: int = 10, ridge: 
 
     Least squares with a ridge, the "Minnesota prior" (Litterman, 1986; see :mod:`mavdem.dem.forecast.var`). Unlike the
     other methods it can predict without the inputs; given them, it infers the outputs from what they show of the
-    motion, by a Kalman filter.
-
-    Args:
-        train: a ``Flight``, or a list of them, segments with gaps between: no lag reaches across a gap.
-        order: number of lags.
-        ridge: precision of the prior at lag 1, times i² at lag i, of channels of deviation 1.
-
-    Raises:
-        ValueError: too few samples, values that are not finite, an order that is no positive number, or a ridge that is
-            not positive.
+    motion, by a Kalman filter. ``train`` and errors are as for :func:`arx`; ``ridge`` is the precision of the prior at
+    lag 1, times i² at lag i, of channels of deviation 1.
     """
     order = required_order(order)
     if not (is_number(ridge) and 0 < ridge < float("inf")):

@@ -43,17 +43,9 @@ def em(
     1982; with inputs Cara, Juan and Alarcón, Mechanical Systems and Signal Processing 46(2), 2014). The likelihood
     rises with every iteration, to a maximum that need not be the highest: so it starts from the subspace model and at
     random, and after some iterations continues from the highest likelihood. K is the steady Kalman gain.
-    Consistent in closed loop, as far as order and noises are right.
-
-    Args:
-        train: a ``Flight``, or a list of them, segments with gaps between: nothing is smoothed across a gap.
-        order: number of states.
-        feedthrough: whether inputs act on the outputs of the same sample, D; otherwise it is zero.
-        stable: keep A of a model that comes out unstable stable all the way from a stable start.
-        seed: of the random starts.
-
-    Raises:
-        ValueError: as :func:`mavdem.baselines.subspace`; or EM breaks down from every start.
+    Consistent in closed loop, as far as order and noises are right. ``train``, ``order``, ``feedthrough`` and errors
+    are as for :func:`mavdem.baselines.subspace`; ``stable`` keeps A of a model that comes out unstable stable all the
+    way from a stable start; ``seed`` is of the random starts. ``ValueError`` too where EM breaks down from each.
     """
     order = required_order(order)
 

@@ -42,14 +42,8 @@ def pem(
     determinant among all weightings, and stays where the predictor A − K C is stable. Consistent in closed loop, as far
     as the order is right.
 
-    Args:
-        train: a ``Flight``, or a list of them, segments with gaps between: nothing is predicted across a gap.
-        order: number of states.
-        feedthrough: whether inputs act on the outputs of the same sample, D; otherwise it is zero.
-        stable: keep A of a model that comes out unstable stable all the way from a stable start.
-
-    Raises:
-        ValueError: as :func:`mavdem.baselines.subspace`, of whose models none can be started from.
+    ``train``, ``order``, ``feedthrough`` and errors are as for :func:`mavdem.baselines.subspace`; ``stable`` keeps A of
+    a model that comes out unstable stable all the way from a stable start.
     """
     order = required_order(order)
 

@@ -238,7 +238,7 @@ def live_command(
                 "useful": dict(zip(("seconds", "error_ratio"), status.useful, strict=True)),
                 "obstacle": status.obstacle,
                 **alarm_figures(status.alarms),
-                "events": session.sentences,
+                "events": [event.sentence for event in session.history.events],
                 "rrd": str(rrd) if dashboard.file is not None and dashboard.file.kept else None,
                 "record": None if recording is None else {"file": str(record), "frames": recording.frames},
                 "model": str(model) if code == DONE and model is not None else None,

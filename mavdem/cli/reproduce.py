@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
@@ -55,13 +55,13 @@ def reproduce_command(names: tuple[str, ...], out: Path, as_json: bool, as_list:
         from mavdem.paper.runner import Extent, Runner
 
     check_folder(out, (PAGE, NUMBERS, RECORDING))
-    began = perf_counter()
-    jobs, reports = _Jobs(), []
+    began, reports = perf_counter(), []
     with pool(spare_cores()) as executor:
-        runner = Runner(Extent(), executor, jobs.begun)
-        for item in (item for item in ITEMS if item.claim.name in names or not names):
-            with progress(item.claim.title) as jobs.show:
-                reports.append(ItemReport(item, item.run(runner)))
+        runner = Runner(Extent(), executor)
+        for claim, run in ITEMS.items():
+            if claim.name in names or not names:
+                with progress(claim.title) as runner.progress:
+                    reports.append(ItemReport(claim, run(runner)))
         with progress("Writing the report", measured=False):
             write_report(out, reports, runner, perf_counter() - began)
     if as_json:
@@ -69,7 +69,7 @@ def reproduce_command(names: tuple[str, ...], out: Path, as_json: bool, as_list:
         return
     table = Table("item", "verdict", "findings")
     for report in reports:
-        table.add_row(report.item.claim.name, report.status.value, f"{report.sentence} {report.beyond}".rstrip())
+        table.add_row(report.claim.name, report.status.value, f"{report.sentence} {report.beyond}".rstrip())
     print_table(table)
     say(f"Took {perf_counter() - began:.0f} s. Written: {out / PAGE}")
 
@@ -81,19 +81,3 @@ def write_report(out: Path, reports: Sequence[ItemReport], runner: Runner, secon
     with writing(out):
         write(out, reports, runner, seconds)
         (out / NUMBERS).write_text(json_text(document(reports, seconds)) + "\n")
-
-
-class _Jobs:
-    def __init__(self) -> None:
-        self.show: Callable[[float], None] = lambda share: None
-        self._begun = self._done = 0
-
-    def begun(self, count: int) -> Callable[[], None]:
-        """Counts new jobs; returns the function to call when one of them is done."""
-        self._begun += count
-
-        def one_done() -> None:
-            self._done += 1
-            self.show(self._done / self._begun)
-
-        return one_done

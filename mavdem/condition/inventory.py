@@ -21,17 +21,11 @@ from mavdem.ingest.telemetry import Columns, Telemetry, selected
 from mavdem.ingest.vocabulary import board_number_in_bytes, board_number_in_texts, version_text
 
 CALIBRATIONS = {
-    "accelerometer": (
-        ("INS_ACCOFFS_X", "INS_ACCOFFS_Y", "INS_ACCOFFS_Z", "INS_ACCSCAL_X", "INS_ACCSCAL_Y", "INS_ACCSCAL_Z"),
-        ("CAL_ACC0_XOFF", "CAL_ACC0_YOFF", "CAL_ACC0_ZOFF", "CAL_ACC0_XSCALE", "CAL_ACC0_YSCALE", "CAL_ACC0_ZSCALE"),
-    ),
-    "compass": (
-        ("COMPASS_OFS_X", "COMPASS_OFS_Y", "COMPASS_OFS_Z"),
-        ("CAL_MAG0_XOFF", "CAL_MAG0_YOFF", "CAL_MAG0_ZOFF"),
-    ),
+    "accelerometer": ("INS_ACCOFFS_{} INS_ACCSCAL_{}", "CAL_ACC0_{}OFF CAL_ACC0_{}SCALE"),
+    "compass": ("COMPASS_OFS_{}", "CAL_MAG0_{}OFF"),
 }
-"""Parameters that a vehicle's own sensors have, ArduPilot's and PX4's, the more lasting first: a compass is calibrated
-anew in the field, the gyroscopes at each start."""
+"""Parameters, X, Y and Z of each, that a vehicle's own sensors have, ArduPilot's and PX4's, the more lasting first: a
+compass is calibrated anew in the field, the gyroscopes at each start."""
 SIMULATED = ((0.001, 0.001, 0.001), (5.0, 13.0, -18.0))  # Offsets that every vehicle of ArduPilot's simulator has
 OFFSETS, DIGITS = 3, 4  # The first three are offsets; significant digits, which a parameter keeps as text or float32
 FIRST_SECOND = datetime(2001, 1, 1, tzinfo=UTC).timestamp()  # A clock that was never set shows an earlier time
@@ -73,7 +67,8 @@ def _name(telemetry: Telemetry) -> tuple[str, str]:
     if number := telemetry.board or board_number_in_texts(_texts(telemetry)) or _sent_number(telemetry):
         return number, "board"
     for sensor, families in CALIBRATIONS.items():
-        for names in families:
+        for family in families:
+            names = [name.format(axis) for name in family.split() for axis in "XYZ"]
             values = [telemetry.parameters[name] for name in names if name in telemetry.parameters]
             offsets = tuple(round(offset, 6) for offset in values[:OFFSETS])
             if len(values) == len(names) and any(offsets) and offsets not in SIMULATED:

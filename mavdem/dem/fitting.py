@@ -61,19 +61,12 @@ class Fit:
 
 
 class Start(NamedTuple):
-    """Where a fit starts: at the estimates of an earlier one.
+    """Where a fit starts: at the estimates of an earlier one."""
 
-    Attributes:
-        theta: (k,) of DEM, physical, the constant input's column of B included.
-        lambda_: (g,).
-        simulated_theta: (k,) of the simulation-error fit, likewise; ``None`` where there was none.
-        mixer: the mixer geometry of that fit's prior.
-    """
-
-    theta: Array
-    lambda_: Array
-    simulated_theta: Array | None
-    mixer: MixerPrior | None
+    theta: Array  # (k,) of DEM, physical, the constant input's column of B included
+    lambda_: Array  # (g,)
+    simulated_theta: Array | None  # (k,) of the simulation-error fit, likewise, where there was one
+    mixer: MixerPrior | None  # the mixer geometry of that fit's prior
 
 
 @raise_on_overflow()

@@ -18,7 +18,6 @@ from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.fitting import generalized
 from mavdem.dem.forecast.forecasts import BandedForecast, Forecasts, PlantForecasts, TrainingForecasts
 from mavdem.dem.forecast.simulation_error import SimulationFit
-from mavdem.dem.forecast.var import Forecast
 from mavdem.dem.graybox import NotIdentifiable, Physical, physical
 from mavdem.dem.graybox.simulation import simulated
 from mavdem.dem.graybox.wind import WindTorque, wind
@@ -262,10 +261,10 @@ class Learned(LearnedDownstream):
         Raises:
             ValueError: no physical parameters can be fitted, or outputs other than an angle and its rate.
         """
-        physical, simulation = self._simulated(inputs)
+        physical = self._physical_or_error()
         if physical.caution is not None:
             warn(f"This simulation may be far off. {physical.caution}", stacklevel=2)
-        return simulation.mean
+        return simulated(physical, self.record, self.record.following_inputs(inputs)).mean
 
     def simulate_band(self, inputs: ArrayLike, level: float = LEVEL) -> Array:
         """Returns the half width (H, m), about :meth:`simulate` with ``inputs``, of the band of probability ``level``.
@@ -274,15 +273,15 @@ class Learned(LearnedDownstream):
         where these are not identifiable.
         """
         require_probability(level)
-        physical, simulation = self._simulated(inputs)
+        physical = self._physical_or_error()
         if physical.caution is not None:
             raise ValueError(f"there is no band of this simulation: {physical.caution}")
-        return half_width(simulation.variance, level)
+        return half_width(simulated(physical, self.record, self.record.following_inputs(inputs)).variance, level)
 
-    def _simulated(self, inputs: ArrayLike) -> tuple[Physical, Forecast]:
+    def _physical_or_error(self) -> Physical:
         if isinstance(self._gray_box, NotIdentifiable):
             raise ValueError(self._gray_box.reason)
-        return self._gray_box, simulated(self._gray_box, self.record, self.record.following_inputs(inputs))
+        return self._gray_box
 
     @property
     def places(self) -> NDArray[np.intp]:

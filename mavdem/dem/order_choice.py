@@ -26,21 +26,13 @@ UNKNOWN_INPUT = e**2  # P̃ᵛ of unrecorded inputs, as in the paper; in units o
 
 
 class FlightOrders(NamedTuple):
-    """F̄ᵒ of one flight by order.
+    """F̄ᵒ of one flight by order."""
 
-    Attributes:
-        free_energy: (N,) nats; NaN where no fit converged.
-        width: of the kernel that filters the flight, s: faster motion is not seen.
-        smoothness: (N,) kernel width s of the noise, seconds, as given or estimated for each order.
-        samples: effective sample size.
-        remarks: why orders are missing, one sentence each.
-    """
-
-    free_energy: Array
-    width: float
-    smoothness: Array
-    samples: float
-    remarks: tuple[str, ...]
+    free_energy: Array  # (N,) nats; NaN where no fit converged
+    width: float  # of the kernel that filters the flight, s: faster motion is not seen
+    smoothness: Array  # (N,) kernel width s of the noise, seconds, as given or estimated for each order
+    samples: float  # effective sample size
+    remarks: tuple[str, ...]  # why orders are missing, one sentence each
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,11 +24,8 @@ Result = TypeVar("Result")
 
 FEW = 8  # up to this many jobs are sooner done in this process than by workers, which take about a second to start
 
-AHEAD = 16
-"""Jobs per own worker that are sent ahead of the result that is waited for, so that one slow job does not keep the
-other workers idle; their results are kept until then."""
-
-AHEAD_ELSEWHERE = 256  # the same for a given executor, whose number of workers cannot be asked
+AHEAD = 16  # jobs per own worker that are sent ahead of the result that is waited for
+AHEAD_ELSEWHERE = 256  # jobs for a given executor, whose number of workers cannot be asked
 ENDS = signal.SIGINT, signal.SIGTERM, signal.SIGHUP  # signals that end a program from outside
 
 _alone = False  # whether this process starts no others, because others like it have the other cores
@@ -39,10 +36,9 @@ _stop_pipe: Connection | None = None
 def parallel_map(
     work: Callable[[Job], Result], jobs: Iterable[Job], executor: Executor | None = None
 ) -> Generator[Result, None, None]:
-    """Yields ``work`` of each of many jobs, in the order of the jobs, as soon as it is there.
+    """Yields ``work`` of each of many jobs, in their order, as :func:`mavdem.dem.learn_many` does.
 
-    As :func:`mavdem.dem.learn_many`, for any ``work``: for other processes a function of a module, or a ``partial`` of
-    one, whose jobs and results pickle.
+    For other processes ``work`` is a function of a module, or a ``partial`` of one, whose jobs and results pickle.
     """
     jobs = iter(jobs)
     if executor is not None:

@@ -319,12 +319,10 @@ def _other_kinds(sides: Sequence[Flights]) -> str:
         if not flights:
             return f"{side} has no flight with figures."
 
-    before, after = ([row for flight in flights for row in flight] for flights in sides)
-
     def apart(column: Callable[[FlightRow], object]) -> list[str]:
         """What each side has in words, if each has any and they have none in common."""
-        values = [{value for row in rows if (value := column(row)) is not None} for rows in (before, after)]
-        return [_spoken(side) for side in values] if all(values) and not values[0] & values[1] else []
+        known = [{column(row) for flight in flights for row in flight} - {None} for flights in sides]
+        return [_spoken(side) for side in known] if all(known) and not known[0] & known[1] else []
 
     if motors := apart(lambda row: len(row.motors) if row.motors else None):
         return f"A has {motors[0]} motors and B {motors[1]}: these are other vehicles."

@@ -144,8 +144,7 @@ class WorkerPool:
                 status = f"It takes longer than its time limit of {seconds:g} s."
                 return replace(failed(job, "time", status), seconds=seconds)
             except ProcessExpired as error:
-                code = error.exitcode or 0
-                if code == WANT_OF_MEMORY:
+                if (code := error.exitcode or 0) == WANT_OF_MEMORY:
                     status = f"It needs more memory than its limit of {self.limits.megabytes} MB."
                     return replace(failed(job, "memory", status), megabytes=self.limits.megabytes)
             except (BrokenProcessPool, CancelledError, OSError, RuntimeError) as error:

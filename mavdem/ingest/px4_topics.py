@@ -143,8 +143,7 @@ def _attitude_quaternion(topics: Topics) -> dict[str, NDArray[Any]] | None:
     rates = ("rollspeed", "pitchspeed", "yawspeed")
     names = ("q1", "q2", "q3", "q4", *rates)
     if all(name in attitude for name in rates):
-        columns = [*q.T, *(attitude[name] for name in rates)]
-        return {"time": attitude["time"], **dict(zip(names, columns, strict=True))}
+        return {"time": attitude["time"], **dict(zip(names, q.T, strict=False)), **{n: attitude[n] for n in rates}}
     angular = _first(topics, "vehicle_angular_velocity")
     if angular is None or not _has(angular, "xyz", 3):
         return None
@@ -296,9 +295,9 @@ def _sys_status(topics: Topics) -> dict[str, NDArray[Any]] | None:
 
 def _vibration(topics: Topics) -> dict[str, NDArray[Any]] | None:
     """VIBRATION.hpp: vehicle_imu_status of the first IMU; z is the level of its acceleration, m/s²."""
-    status = _first(topics, "vehicle_imu_status")
+    status = _first(topics, "vehicle_imu_status") or {}
     # Before PX4 1.13, which has no gyro_clipping yet, the level was that of the velocity's increments.
-    if status is None or not (_has(status, "accel_clipping", 3) and _has(status, "gyro_clipping", 3)):
+    if not (_has(status, "accel_clipping", 3) and _has(status, "gyro_clipping", 3)):
         return None
     clips = {f"clipping_{axis}": status[f"accel_clipping[{axis}]"] for axis in range(3)}
     return {"time": status["time"], "vibration_z": status["accel_vibration_metric"], **clips}

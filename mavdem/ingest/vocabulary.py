@@ -42,9 +42,8 @@ def version_text(number: int) -> str:
 
 def heartbeat_fields(vehicle_type: int, autopilot: int, base_mode: NDArray[Any]) -> dict[str, NDArray[Any]]:
     """Fields of HEARTBEAT (N,) for one vehicle, from its MAV_TYPE, its MAV_AUTOPILOT and ``base_mode`` (N,)."""
-    constant = {"type": vehicle_type, "autopilot": autopilot}
-    columns = {name: np.full(len(base_mode), number, dtype=np.uint8) for name, number in constant.items()}
-    return columns | {"base_mode": base_mode.astype(np.uint8)}
+    base = base_mode.astype(np.uint8)
+    return {"type": np.full_like(base, vehicle_type), "autopilot": np.full_like(base, autopilot), "base_mode": base}
 
 
 ARDUPILOT_TEXT = re.compile(r"^\S+ ([0-9A-F]{8}) ([0-9A-F]{8}) ([0-9A-F]{8})$")

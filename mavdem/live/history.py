@@ -16,7 +16,6 @@ from mavdem.health.in_flight import MotorAlarm
 
 NOT_FLYING = "The vehicle is on the ground."
 FLIGHT_UNKNOWN = "Nothing shows yet whether the vehicle flies."
-NO_FLIGHT = NOT_FLYING, FLIGHT_UNKNOWN
 UNCONFIRMED = (
     "The vehicle did not confirm that its message rates were restored (the link was lost?): reboot it, or set them "
     "again."
@@ -83,10 +82,8 @@ class SessionStatus:
     alarm_count: int = 0  # of these so far
     alarm: str = ""  # the latest on a motor in this boot and this flight; it stays after the landing
 
-    def predicting(self, estimate: Estimate | None) -> SessionStatus:
+    def predicting(self, estimate: Estimate) -> SessionStatus:
         """Returns the same with ``ahead`` and ``useful`` of an estimate."""
-        if estimate is None:
-            return self
         seconds, longest = estimate.ahead_times - estimate.time, estimate.useful
         nearest = int(abs(seconds - AHEAD).argmin())
         ahead = float(seconds[nearest]), float(estimate.ahead_band[nearest, 0])
@@ -110,7 +107,7 @@ class HistoryLines(NamedTuple):
 
     time: Array
     measured: Array  # first output
-    predicted: Array  # the same, by the horizon of the history earlier
+    predicted: Array  # the same, about ``AHEAD`` s earlier
     predicted_band: Array  # half width
     torque: Array  # of the wind, rad/s²
     torque_band: Array  # half width
@@ -119,12 +116,11 @@ class HistoryLines(NamedTuple):
 class LiveHistory:
     """Collects what happens in a live flight; the memory of its lines is bounded. ``events``: by s from the beginning.
 
-    The lines show predictions about ``horizon`` s ahead.
+    The lines show predictions about ``AHEAD`` s ahead.
     """
 
-    def __init__(self, horizon: float) -> None:
+    def __init__(self) -> None:
         self.events: list[Event] = []
-        self.horizon = horizon
         self._rows: list[tuple[float, ...]] = []  # of the lines, after the number of the segment
         self._stride, self._skipped = 1, 0
         # Of each segment, s from the boot clock to the time since the beginning. The first rows of one may come late,
@@ -134,10 +130,6 @@ class LiveHistory:
         # By horizon: time, prediction, band and last sample of those whose time has not come.
         self._pending: dict[float, deque[tuple[float, Array, Array, Array]]] = {}
         self._sums: dict[float, tuple[int, Array]] = {}
-
-    def note(self, now: float, text: str) -> None:
-        """Takes an event ``now``, s from the beginning."""
-        self.events.append(Event(now, text))
 
     def take(self, now: float, segment: int, time: float, outputs: Array, estimate: Estimate | None) -> None:
         """Takes a row of the boot clock's ``time``, which came ``now``, s; without an estimate it was not learned from.
@@ -186,7 +178,7 @@ class LiveHistory:
     def _compare(self, time: float, outputs: Array) -> tuple[float, float]:
         """Compares predictions of ``time`` with what was measured; returns that of the lines and its band, or NaN."""
         shown = nan, nan
-        nearest = min(self._pending, key=lambda seconds: abs(seconds - self.horizon), default=nan)
+        nearest = min(self._pending, key=lambda seconds: abs(seconds - AHEAD), default=nan)
         for seconds, waiting in self._pending.items():
             while waiting and waiting[0][0] < time + SAME_TIME:
                 ahead, predicted, band, last = waiting.popleft()

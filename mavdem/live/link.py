@@ -1,18 +1,9 @@
 """A MAVLink link, and the recording of what it receives: a socket or a serial port, by pymavlink's connection strings.
 
-It sends nothing before ``send``.
-
-pymavlink's own connections share a port in use instead of failing, and send to every address that ever sent anything.
-
-=====================  =================================================================================================
-``udpin:HOST:PORT``    receives at this address; also ``udp:HOST:PORT`` and ``HOST:PORT``
-``udpout:HOST:PORT``   exchanges with this address, which sends only after it has received something
-``tcp:HOST:PORT``      connects to a server
-``tcpin:HOST:PORT``    waits for one client
-``DEVICE[,BAUD]``      a serial port, 115200 baud unless given; its modem lines stay as they are
-=====================  =================================================================================================
-
-Without a HOST it is this machine, 127.0.0.1; ``udpin:0.0.0.0:14550`` is open to the network.
+``udpin:HOST:PORT`` (also ``udp:HOST:PORT`` and ``HOST:PORT``), ``udpout:HOST:PORT``, ``tcp:HOST:PORT`` (a server),
+``tcpin:HOST:PORT`` (waits for one client) or ``DEVICE[,BAUD]``, whose modem lines stay as they are. Without a HOST it
+is this machine. It sends nothing before ``send``. pymavlink's own connections share a port in use instead of failing,
+and send to every address that ever sent anything.
 """
 
 from __future__ import annotations
@@ -24,6 +15,7 @@ import select
 import socket
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -51,7 +43,6 @@ HEARD_SECONDS, MAX_VEHICLES = 3.0, 64
 FIRST_PAUSE_SECONDS, MAX_PAUSE_SECONDS = 0.25, 8.0  # Before a lost link is opened again; doubled each time
 
 _NETWORK = re.compile(r"(?:(udpin|udp|udpout|tcp|tcpin):(?!/))?(?:(\[[^\]]*\]|[^:/]*):)?(\d+)")
-_KINDS = {None: "udpin", "udp": "udpin"}  # Without a direction, as in pymavlink
 
 
 class LinkLost(Exception):
@@ -63,7 +54,8 @@ class Link:
 
     def __init__(self, name: str) -> None:
         self.name = name
-        self._origins = Origins()
+        self._events: list[str] = []
+        self._origins = Origins(self._events.append)
         self._pause, self._not_before = FIRST_PAUSE_SECONDS, 0.0
         self._opened = self._came = 0.0
         self._server: socket.socket | None = None
@@ -121,8 +113,7 @@ class Link:
 
     def events(self) -> list[str]:
         """Sentences to report since the last call."""
-        new, self._origins.events = self._origins.events, []
-        return new
+        return [self._events.pop(0) for _ in range(len(self._events))]
 
     def send(self, frame: bytes) -> None:
         """Sends whole frames, with ``udpin`` to all addresses read from lately. Raises LinkLost: as ``receive``."""
@@ -249,13 +240,10 @@ class Link:
 
 
 class Origins:
-    """Admits the datagrams of each autopilot from one address only; other components may have several.
+    """Admits the datagrams of each autopilot from one address only; other components may have several."""
 
-    ``events``: sentences to report.
-    """
-
-    def __init__(self) -> None:
-        self.events: list[str] = []
+    def __init__(self, report: Callable[[str], None]) -> None:
+        self._report = report
         self._first: dict[tuple[int, ...], tuple[Any, float]] = {}
         self._rivals: dict[tuple[int, ...], Any] = {}  # address that was refused, until that is reported
 
@@ -275,7 +263,7 @@ class Origins:
         if self._rivals.get(ids) is not None:
             # Both send; one that restarts from another port would not send from the first again.
             addresses = " and ".join(f"{host}:{port}" for host, port, *_ in (address, self._rivals[ids]))
-            self.events.append(
+            self._report(
                 f"Two addresses send as {ids[0]}:{ids[1]}, {addresses}: only the first is read; if they are two "
                 "vehicles, give one another system id."
             )
@@ -293,7 +281,8 @@ def _parsed(name: str) -> tuple[str, str, int]:
         kind, host, port = network.groups()
         if int(port) > 65535:
             raise Unreadable(f"{name} is not a link: ports go up to 65535.")
-        return _KINDS.get(kind, kind), (host or "").strip("[]") or LOOPBACK, int(port)
+        # Without a direction as in pymavlink.
+        return ("udpin" if kind in (None, "udp") else kind), (host or "").strip("[]") or LOOPBACK, int(port)
     if os.path.isfile(name):
         raise Unreadable(f"{name} is a file, not a link: use `mavdem learn {name}`.")
     if not os.path.isabs(name):
@@ -343,7 +332,7 @@ CHUNK_BYTES = 1 << 15  # About a second of a fast link
 class RawRecording:
     """A growing file, new, whose name ends in .tlog or .mcap, of the raw stream; a crash loses at most a second.
 
-    ``frames``: number of frames in it. ``bytes_skipped``: received bytes that belong to no frame and are not in it.
+    ``frames``: number of frames in it; bytes that belong to no frame are not in it.
     Raises Unreadable: the file exists, or cannot be created. Raises ValueError: another ending.
     """
 
@@ -357,7 +346,7 @@ class RawRecording:
             raise Unreadable(f"{path} is there already and is not overwritten: name another file.") from None
         except OSError as error:
             raise Unreadable(f"{path} cannot be written ({error.strerror or error}): name another file.") from None
-        self.frames = self.bytes_skipped = 0
+        self.frames = 0
         self._mcap = started(self._file, CHUNK_BYTES) if ending == ".mcap" else None
         self._channel = 0 if self._mcap is None else raw_channel(self._mcap)
         self._pieces: list[tuple[float, bytes]] = []
@@ -401,6 +390,5 @@ class RawRecording:
                 write_message(self._mcap, self._channel, stamp * 1000, frame)
         self._file.flush()
         self.frames += len(contents)
-        self.bytes_skipped += searched - sum(map(len, contents))
         self._pieces = [(self._pieces[-1][0], content[searched:])] if searched < len(content) else []
         self._first = self._pieces[0][0] if self._pieces else 0.0

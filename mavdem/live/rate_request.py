@@ -13,14 +13,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from mavdem.ingest.mavlink.definitions import FrameSender, composed_frames, definition_named, definitions
+from mavdem.ingest.vocabulary import ACTIVE
 from mavdem.live.messages import Message
 
 GROUND_STATION = FrameSender(255, 190)  # The usual ids of ground stations; 190 is MAV_COMP_ID_MISSIONPLANNER
 GREETER = FrameSender(254, 190)
-"""The sender of the HEARTBEATs. Not 255, the usual ground station of a vehicle: when its HEARTBEATs end, autopilots
-assume a lost link and may fly home."""
-GCS, NO_AUTOPILOT, ACTIVE, VERSION = 6, 8, 4, 3
-"""MAV_TYPE_GCS, MAV_AUTOPILOT_INVALID, MAV_STATE_ACTIVE, and the version in every HEARTBEAT."""
+"""Sends the HEARTBEATs. When those of 255, the usual ground station, end, autopilots assume a lost link and may fly
+home."""
+GCS, NO_AUTOPILOT, VERSION = 6, 8, 3  # MAV_TYPE_GCS, MAV_AUTOPILOT_INVALID, and the version in every HEARTBEAT
 GET_INTERVAL, SET_INTERVAL = 510, 511  # MAV_CMD_GET_MESSAGE_INTERVAL and _SET_MESSAGE_INTERVAL
 EVERYONE = 0  # Target id of messages to all, and of those without a target
 STOPPED = -1  # The interval, µs, of a message that is not sent. 0, the default, is never sent: autopilots differ in it
@@ -53,9 +53,8 @@ class Arrivals:
     def rates(self, now: float, arrived: Mapping[int, int]) -> dict[int, float] | None:
         """Returns Hz by message id from the number of messages so far by id; None while the window is too short."""
         total = sum(arrived.values())
-        new = total != self._total
-        self.resumed = new and self._total > 0 and now - self._heard > SILENCE_SECONDS
-        if new:
+        self.resumed = total != self._total > 0 and now - self._heard > SILENCE_SECONDS
+        if total != self._total:
             self._heard, self._total = now, total
         if self.resumed:
             self._window.clear()
@@ -88,10 +87,6 @@ class _Interval:
     reached: float = 0.0  # Hz reached since it was set
     again: int = 0  # number of times that it was asked for again since it last stayed
     restored: bool = False  # whether the vehicle confirmed the former interval
-
-    def is_enough(self, rate: float) -> bool:
-        """Whether ``rate``, Hz, needs no setting: what comes faster already stays as it is."""
-        return rate >= SLOW * self.rate if self.least else not self.set and rate >= self.rate
 
 
 class RateRequest:
@@ -129,10 +124,14 @@ class RateRequest:
             if interval.before is None and interval.queries < MAX_TRIES:
                 interval.queries += 1
                 frames.append(self._command(GET_INTERVAL, interval.message_id))
-            elif self._waiting(now) or (rate is None and (interval.least or not interval.set)):
+            elif any(each.settings and not each.done and now - each.last < REPLY_SECONDS for each in self._intervals):
+                continue  # a setting may still be confirmed
+            elif rate is None and (interval.least or not interval.set):
                 continue
-            elif rate is not None and interval.is_enough(rate):
-                interval.done = True
+            elif rate is not None and (
+                rate >= SLOW * interval.rate if interval.least else not interval.set and rate >= interval.rate
+            ):
+                interval.done = True  # what comes faster already stays as it is
             elif interval.settings < MAX_TRIES:
                 if interval.before is None:
                     interval.before = round(1e6 / rate) if rate else STOPPED
@@ -189,10 +188,6 @@ class RateRequest:
     def restoring(self) -> bool:
         """Whether replies to the frames of ``restore`` are awaited."""
         return bool(self._unconfirmed)
-
-    def _waiting(self, now: float) -> bool:
-        """Whether a setting may still be confirmed."""
-        return any(each.settings and not each.done and now - each.last < REPLY_SECONDS for each in self._intervals)
 
     def _watch(self, interval: _Interval, now: float, rate: float | None) -> None:
         """Sets the interval of a message again that comes much slower than before, or that was never confirmed."""

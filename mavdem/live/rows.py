@@ -68,12 +68,12 @@ class BootClock:
     """Places the messages of one vehicle on its boot clock; ``report`` is called with each sentence about it.
 
     A stamp that does not continue the clock is held back. If the next attitude stamps continue from there, the clock
-    has changed, and the held messages are placed on it; if one continues the old clock, they were ``outliers``,
-    which are dropped and counted. ``now``: the latest reference stamp, s; NaN before any. ``boot``: number, from 0 on.
+    has changed, and the held messages are placed on it; if one continues the old clock, they were outliers, which are
+    dropped. ``now``: the latest reference stamp, s; NaN before any. ``boot``: number, from 0 on.
     """
 
     def __init__(self, report: Callable[[str], None]) -> None:
-        self.now, self.boot, self.outliers = nan, 0, 0
+        self.now, self.boot = nan, 0
         self._latest, self._turns, self._accepted = nan, 0, 0
         self._held: list[Message] = []
         self._run: list[float] = []
@@ -102,7 +102,6 @@ class BootClock:
             self._turns = round((time - message.stamp) / message.period) if isfinite(message.period) else 0
             self.now = max(self.now, time)
             self._accepted += 1
-            self.outliers += len(self._held)
             self._held, self._run = [], []
             return [self._stamp(message, time)]
         keeps = self._run and _continues(message.stamp, self._run[-1])
@@ -133,7 +132,6 @@ class BootClock:
                 time = self._time_of(message)
             if time is not None and (started or time >= first - STEP_BACK):
                 placed.append(self._stamp(message, time))
-        self.outliers += len(held) - len(placed)
         return placed
 
     def _time_of(self, message: Message) -> float | None:
@@ -161,9 +159,7 @@ class BootClock:
 
     def _hold(self, message: Message) -> list[PlacedMessage]:
         self._held.append(message)
-        if len(self._held) > MAX_HELD:
-            del self._held[0]
-            self.outliers += 1
+        del self._held[:-MAX_HELD]
         return []
 
 

@@ -25,10 +25,11 @@ from mavdem.ingest.mavlink.definitions import FrameSender
 from mavdem.live.decisions import Setup
 from mavdem.live.history import (
     ACCOUNT,
-    AHEAD,
-    NO_FLIGHT,
+    FLIGHT_UNKNOWN,
+    NOT_FLYING,
     NOT_SETTLED,
     UNCONFIRMED,
+    Event,
     LiveHistory,
     SessionStatus,
     horizons,
@@ -104,14 +105,13 @@ class LiveSession:
         """Begins now, without a model."""
         now = time.monotonic()
         self.learner: OnlineLearner | None = None
-        self.history = LiveHistory(AHEAD)
+        self.history = LiveHistory()
         self._learners: dict[tuple[float, tuple[str, ...]], OnlineLearner] = {}
         self._models: deque[tuple[float, Learned]] = deque(maxlen=MAX_MODELS)  # with the boot clock, s, of each
         self._newest: Learned | None = None
         self._landed = False  # whether no model has come since the last landing
         self._setup: Setup | None = None
         self._display: Any = None
-        self._display_failed = False
         self.request: RateRequest | None = None
         self._arrivals, self._boot = Arrivals(), 0
         self._greetings, self._greeted = 0, -np.inf
@@ -166,7 +166,7 @@ class LiveSession:
             "learned": self._learned > learned,
             "silent": now - self._heard >= STATUS_SECONDS,
             "no_vehicle": stream.vehicle is None,
-            "waiting": stream.obstacle not in ("", *NO_FLIGHT) or now - self._sampled >= STATUS_SECONDS,
+            "waiting": stream.obstacle not in ("", NOT_FLYING, FLIGHT_UNKNOWN) or now - self._sampled >= STATUS_SECONDS,
             "unsettled": stream.flying,
             "on_ground": True,
         }
@@ -202,11 +202,6 @@ class LiveSession:
                 self._log(f"The recording could not be finished ({_reason(error)}).")
 
     @property
-    def sentences(self) -> list[str]:
-        """All that was said."""
-        return [event.sentence for event in self.history.events]
-
-    @property
     def status(self) -> SessionStatus:
         """The status as of now."""
         status, silence = self.stream.status(), self._silence()
@@ -215,7 +210,8 @@ class LiveSession:
         rates = dict.fromkeys(status.rates, 0.0) if silence else status.rates
         median, late = np.percentile(self._latencies or [np.nan], [50, 99]).tolist()
         rows = replace(status, learned=self._learned, shown=self._shown, latency=(median, late))
-        return replace(rows, obstacle=obstacle, rates=rates).predicting(self._estimate)
+        rows = replace(rows, obstacle=obstacle, rates=rates)
+        return rows if self._estimate is None else rows.predicting(self._estimate)
 
     def _silence(self) -> str:
         """The sentence about a silent link; empty if it is not silent."""
@@ -292,17 +288,15 @@ class LiveSession:
         if key not in self._learners:
             self._learners[key] = OnlineLearner(self.settings, *sizes, executor=self.executor, **options)
         self.learner = self._learners[key]
-        if self._display_failed:
-            return
         before = self._display
         try:
             self._display = self.show(setup)
         except Exception as error:
-            self._display, self._display_failed = None, True
+            self._display, self.show = None, lambda setup: None
             self._log(f"The display failed ({_reason(error)}); everything else continues.")
         if before is None and self._display is not None:
-            for said in self.sentences:
-                self._display.log(said)
+            for event in self.history.events:
+                self._display.log(event.sentence)
 
     def _take_back(self, learner: OnlineLearner, since: float) -> None:
         """Takes back what was learned from ``since``, s of the boot clock, on: it was of a landing."""
@@ -373,7 +367,7 @@ class LiveSession:
             return
         self._last_said[kind] = now
         self.say(said)
-        self.history.note(now - self._began, said)
+        self.history.events.append(Event(now - self._began, said))
         if self._display is not None:
             self._display.log(said)
 

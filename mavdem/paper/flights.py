@@ -15,6 +15,7 @@ from mavdem.errors import NotLearnable
 from mavdem.export.conversion import STREAMS
 from mavdem.flight import Flight
 from mavdem.ingest import read_log
+from mavdem.ingest.vocabulary import IN_AIR
 from sitl_scenarios.dynamics import euler
 from sitl_scenarios.files import load, scenario_of
 from sitl_scenarios.mavlink.transmitter import recorded
@@ -32,7 +33,6 @@ SHARED = Path(os.environ.get("MAVDEM_SHARED_DATA", Path(__file__).parents[3] / "
 TRAIN, TEST = 700, 150  # samples of a window, as in the paper, at every rate
 HOP = (TRAIN + TEST) // 2  # samples from one window to the next
 REAL = "ardrone_tudelft"  # the name of TU Delft's recorded flight: the paper's vehicle in the paper's laboratory
-LANDED_STATE_IN_AIR = 2  # MAV_LANDED_STATE_IN_AIR of the MAVLink common message set
 SKIPPED_HOVER_SECONDS = 3.0  # left out at the start of the hover, while the motion of the take-off decays
 
 
@@ -62,7 +62,7 @@ def hover(scenario: Scenario, motion: Motion) -> Flight:
 
     Inputs are the motors. Outputs are y (m), ẏ (m/s), φ (rad) and φ̇ (rad/s). The rate is the scenario's.
     """
-    airborne, rate = motion.time[motion.landed_state == LANDED_STATE_IN_AIR], scenario.stream.rate
+    airborne, rate = motion.time[motion.landed_state == IN_AIR], scenario.stream.rate
     time = np.arange(round((airborne[0] + SKIPPED_HOVER_SECONDS) * rate), int(airborne[-1] * rate)) / rate
     roll = np.array([euler(attitude)[0] for attitude in motion.known_attitude.tolist()])
     columns = (motion.known_position[:, 1], motion.known_velocity[:, 1], roll, motion.known_rates[:, 0])

@@ -209,13 +209,13 @@ def cross_sections() -> Figure:
             model, samples = settings.model(), settings.samples(world, seed=0)
             beliefs = plain_rounds(model, samples, SECTION_ITERATIONS)
             for parameter, axes in enumerate(row):
-                cross_section(axes, model, samples, beliefs, parameter)
+                _cross_section(axes, model, samples, beliefs, parameter)
                 axes.set_title(f"{name}, along {'AB'[parameter]}")
         rows[0, 0].legend(title="iteration", fontsize=7)
         return figure
 
 
-def cross_section(
+def _cross_section(
     axes: Axes, model: GenerativeModel, samples: SufficientStatistics, beliefs: list[Belief], parameter: int
 ) -> None:
     """Draws F̄ᵒ along A (``parameter`` 0) or B (1) at several iterations, with a dot at the estimate of each."""

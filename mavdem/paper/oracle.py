@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from mavdem import baselines
-from mavdem.dem import learn
 from mavdem.dem.engine.linalg import Array
 from mavdem.evaluate.windows import Window
 from mavdem.flight import Flight
@@ -23,7 +21,6 @@ from mavdem.paper.runner import (
     Runner,
     percent,
     plain,
-    run_trial,
 )
 from mavdem.report.blocks import Sentence, Table
 from mavdem.report.numbers import rounded
@@ -42,9 +39,8 @@ def run(runner: Runner) -> Result:
     window, theirs = authors_window(), authors_errors()
     fits: dict[str, list[Learn]] = {"EM": [partial(baselines.em, order=2, seed=seed) for seed in range(EM_STARTS)]}
     for name, settings in (("DEM p=2", PAPER), ("DEM p=1", PAPER_WITHOUT)):
-        fits[name] = [partial(learn, settings=replace(settings, seed=seed)) for seed in range(runner.extent.priors)]
-    done = iter(runner.each(run_trial, [(fit, window) for name in METHODS for fit in fits[name]]))
-    trials = {name: [next(done) for _ in fits[name]] for name in METHODS}
+        fits[name] = runner.priors(settings)
+    trials = runner.try_all({name: [(fit, window) for fit in fits[name]] for name in METHODS})
     ours = {
         start: {name: np.array([trial.errors[start] for trial in trials[name]]) for name in METHODS} for start in STARTS
     }

@@ -12,15 +12,15 @@ from typing import Any
 from mavdem.dem import learn
 from mavdem.evaluate import held_out_test
 from mavdem.paper import benchmark, coordinates, landscape, noise, oracle, order, prediction
-from mavdem.paper.claims import CLAIMS
-from mavdem.paper.runner import PAPER, ClaimStatus, Item, Result, Runner, claim_status, findings
+from mavdem.paper.claims import CLAIMS, Claim
+from mavdem.paper.runner import PAPER, ClaimStatus, Result, Runner, claim_status, findings
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.page import Chapter
 from mavdem.report.page import document as page
 from mavdem.view import write_recording
 
 EXPERIMENTS = (noise, prediction, coordinates, benchmark, order, oracle, landscape)
-ITEMS = tuple(Item(claim, experiment.run) for claim, experiment in zip(CLAIMS, EXPERIMENTS, strict=True))
+ITEMS = {claim: experiment.run for claim, experiment in zip(CLAIMS, EXPERIMENTS, strict=True)}
 
 PAGE, NUMBERS, RECORDING = "index.html", "numbers.json", "experiment.rrd"
 TITLE = "A Brain Inspired Learning Algorithm for the Perception of a Quadrotor in Wind"
@@ -28,9 +28,9 @@ TITLE = "A Brain Inspired Learning Algorithm for the Perception of a Quadrotor i
 
 @dataclass(frozen=True)
 class ItemReport:
-    """An item and its result."""
+    """A claim and the result of its experiment."""
 
-    item: Item
+    claim: Claim
     result: Result
 
     @property
@@ -52,7 +52,7 @@ class ItemReport:
 
     def to_dict(self) -> dict[str, Any]:
         """Returns plain JSON values by name."""
-        claim = self.item.claim
+        claim = self.claim
         return {
             "name": claim.name,
             "title": claim.title,
@@ -67,7 +67,7 @@ class ItemReport:
 
     def chapter(self) -> Chapter:
         """Returns its part of the page: the claim, what was found, the rules of the checks, tables and figures."""
-        claim, result = self.item.claim, self.result
+        claim, result = self.claim, self.result
         blocks: list[Block] = [
             Sentence(f"“{claim.quote}” ({', '.join(claim.labels)})", f"{claim.section}:"),
             Sentence(self.sentence),
@@ -99,7 +99,7 @@ def write(folder: Path, reports: Sequence[ItemReport], runner: Runner, seconds: 
     window = runner.sample
     learned = learn(window.train, PAPER)
     write_recording(folder / RECORDING, (window.train,), learned, held_out_test(window.train, window.test, learned))
-    verdicts = [[report.item.claim.title, report.status.value, report.sentence, report.beyond] for report in reports]
+    verdicts = [[report.claim.title, report.status.value, report.sentence, report.beyond] for report in reports]
     blocks: list[Block] = [
         Sentence(
             "Each claim is tested by checks with fixed rules. If all hold, it is reproduced; if none holds, it is not; "

@@ -8,16 +8,17 @@ in worker processes; what several experiments share is computed once.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import cached_property, partial
+from itertools import chain, product
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from mavdem import baselines
+from mavdem import evaluate
 from mavdem.dem import Settings, learn
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.parallel import parallel_map
@@ -25,13 +26,13 @@ from mavdem.evaluate import mspe, relative_mspe
 from mavdem.evaluate.windows import Window, windows
 from mavdem.flight import Flight
 from mavdem.forecaster import Forecaster
-from mavdem.paper.claims import Claim
 from mavdem.paper.flights import EXPERIMENTS, HOP, REAL, SAMPLE, TEST, TRAIN, recorded_flights, simulated_experiment
 from mavdem.report.blocks import Block
 from mavdem.report.page import Picture
 
 Job = TypeVar("Job")
 JobResult = TypeVar("JobResult")
+Key = TypeVar("Key", bound=Hashable)
 
 
 class ClaimStatus(StrEnum):
@@ -77,30 +78,14 @@ def plain(errors: dict[str, Array]) -> dict[str, list[float]]:
 
 @dataclass(frozen=True)
 class Result:
-    """What running an experiment gave.
+    """What running an experiment gave."""
 
-    Attributes:
-        checks: those that decide the status; without any, ``remarks`` has the reason.
-        beyond: of settings that are not the paper's; they decide nothing.
-        numbers: plain JSON values by name.
-        tables: tables and the sentences above them.
-        pictures: the figures.
-        remarks: sentences.
-    """
-
-    checks: tuple[Check, ...] = ()
-    beyond: tuple[Check, ...] = ()
-    numbers: dict[str, Any] = field(default_factory=dict)
-    tables: tuple[Block, ...] = ()
+    checks: tuple[Check, ...] = ()  # these decide the status; without any, ``remarks`` has the reason
+    beyond: tuple[Check, ...] = ()  # of settings that are not the paper's; they decide nothing
+    numbers: dict[str, Any] = field(default_factory=dict)  # plain JSON values by name
+    tables: tuple[Block, ...] = ()  # with the sentences above them
     pictures: tuple[Picture, ...] = ()
-    remarks: tuple[str, ...] = ()
-
-
-class Item(NamedTuple):
-    """One claim of the paper, and what tests it."""
-
-    claim: Claim
-    run: Callable[[Runner], Result]
+    remarks: tuple[str, ...] = ()  # sentences
 
 
 PAPER = Settings.paper()
@@ -114,35 +99,21 @@ MEAN = "constant mean"
 
 Learn = Callable[[Flight], Forecaster]
 METHODS: dict[str, Learn] = {
-    OURS: partial(learn, settings=Settings()),
-    OURS_WITHOUT: partial(learn, settings=replace(Settings(), p=1, d=1)),
-    WITH: partial(learn, settings=PAPER),
-    WITHOUT: partial(learn, settings=PAPER_WITHOUT),
-    "subspace(2)": partial(baselines.subspace, order=2),
-    "subspace(4)": partial(baselines.subspace, order=4),
-    "PEM(2)": partial(baselines.pem, order=2),
-    "EM(2)": partial(baselines.em, order=2),
-    "ARX(2)": partial(baselines.arx, order=2),
-    MEAN: baselines.constant_mean,
+    method.name: method.learn
+    for method in evaluate.METHODS
+    if method.name in (OURS, OURS_WITHOUT, WITH, WITHOUT, *PEERS, *OTHERS, MEAN)
 }
 
 STARTS = ("the data", "state 0")  # of a forecast: the end of training, or 0 as in the authors' code
 
 
 class Trial(NamedTuple):
-    """A method on a window.
+    """A method on a window."""
 
-    Attributes:
-        forecasts: (H, m) of the test part by start, one of ``STARTS``; empty where there is none.
-        errors: MSPE of each, summed over outputs; infinite without a forecast.
-        relative: the error ratio to the constant mean, of the forecast from the data.
-        stable: whether the model has no growing mode; ``None`` without a model.
-    """
-
-    forecasts: dict[str, Array]
-    errors: dict[str, float]
-    relative: float
-    stable: bool | None
+    forecasts: dict[str, Array]  # (H, m) of the test part by start, one of ``STARTS``; empty where there is none
+    errors: dict[str, float]  # MSPE of each, summed over outputs; infinite without a forecast
+    relative: float  # the error ratio to the constant mean, of the forecast from the data
+    stable: bool | None  # whether the model has no growing mode; ``None`` without a model
 
 
 def run_trial(job: tuple[Learn, Window]) -> Trial:
@@ -167,21 +138,13 @@ def median_draw(trials: list[Trial], start: str) -> Trial:
 
 @dataclass(frozen=True)
 class Extent:
-    """How much to run.
+    """How much to run."""
 
-    Attributes:
-        experiments: numbers of the simulated flights.
-        duration: of each of them, s, in place of the scenarios'.
-        recorded: whether to use the recorded flights that are on this machine.
-        windows: at most, of each autopilot's flight, evenly spread; of the real AR.Drone all are used.
-        priors: draws of the random prior η^θ.
-    """
-
-    experiments: tuple[int, ...] = EXPERIMENTS
-    duration: float | None = None
-    recorded: bool = True
-    windows: int = 4
-    priors: int = 40
+    experiments: tuple[int, ...] = EXPERIMENTS  # numbers of the simulated flights
+    duration: float | None = None  # of each of them, s, in place of the scenarios'
+    recorded: bool = True  # whether to use the recorded flights that are on this machine
+    windows: int = 4  # at most, of each autopilot's flight, evenly spread; of the real AR.Drone all are used
+    priors: int = 40  # draws of the random prior η^θ
 
     @property
     def sample(self) -> int:
@@ -192,26 +155,29 @@ class Extent:
 class Runner:
     """Runs jobs on workers, or in this process, and keeps the results that several experiments share.
 
-    ``begun``, called with a number of new jobs, returns the function to call when one of them is done.
+    ``progress`` is called with the share of all jobs so far that are done.
     """
 
-    def __init__(
-        self,
-        extent: Extent,
-        executor: Executor | None = None,
-        begun: Callable[[int], Callable[[], None]] = lambda jobs: lambda: None,
-    ) -> None:
+    def __init__(self, extent: Extent, executor: Executor | None = None) -> None:
         self.extent = extent
-        self._executor, self._begun = executor, begun
+        self.progress: Callable[[float], None] = lambda share: None
+        self._executor, self._begun, self._done = executor, 0, 0
 
     def each(self, work: Callable[[Job], JobResult], jobs: Iterable[Job]) -> list[JobResult]:
         """Returns ``work`` of each job, done on the workers; both must pickle."""
         todo, results = list(jobs), []
-        advance = self._begun(len(todo))
+        self._begun += len(todo)
         for result in map(work, todo) if self._executor is None else parallel_map(work, todo, self._executor):
             results.append(result)
-            advance()
+            self._done += 1
+            self.progress(self._done / self._begun)
         return results
+
+    def try_all(self, jobs: Mapping[Key, Iterable[tuple[Learn, Window]]]) -> dict[Key, list[Trial]]:
+        """Returns the trials of the jobs of each key."""
+        todo = {key: list(own) for key, own in jobs.items()}
+        done = iter(self.each(run_trial, chain.from_iterable(todo.values())))
+        return {key: [next(done) for _ in own] for key, own in todo.items()}
 
     @cached_property
     def windows(self) -> dict[int, tuple[Window, ...]]:
@@ -248,23 +214,22 @@ class Runner:
     @cached_property
     def trials(self) -> dict[str, dict[str, list[Trial]]]:
         """All methods on windows of all flights: by flight and method, a trial a window."""
-        flights = [*self.windows.values(), *self.recorded.values()]
-        jobs = [(method, window) for cut in flights for method in METHODS.values() for window in cut]
-        done = iter(self.each(run_trial, jobs))
-        return {cut[0].flight: {name: [next(done) for _ in cut] for name in METHODS} for cut in flights}
+        flights = {cut[0].flight: cut for cut in (*self.windows.values(), *self.recorded.values())}
+        pairs = product(flights, METHODS)
+        tried = self.try_all({pair: [(METHODS[pair[1]], window) for window in flights[pair[0]]] for pair in pairs})
+        return {flight: {name: tried[flight, name] for name in METHODS} for flight in flights}
 
     @cached_property
     def draws(self) -> dict[str, dict[int, list[Trial]]]:
         """DEM with the paper's settings: by method and experiment, a trial a random prior."""
-        kinds, seeds = {WITH: PAPER, WITHOUT: PAPER_WITHOUT}, range(self.extent.priors)
-        jobs: list[tuple[Learn, Window]] = [
-            (partial(learn, settings=replace(settings, seed=seed)), window)
-            for settings in kinds.values()
-            for window in self.experiments.values()
-            for seed in seeds
-        ]
-        done = iter(self.each(run_trial, jobs))
-        return {name: {number: [next(done) for _ in seeds] for number in self.experiments} for name in kinds}
+        methods = {WITH: self.priors(PAPER), WITHOUT: self.priors(PAPER_WITHOUT)}
+        pairs = product(methods, self.experiments)
+        tried = self.try_all({pair: [(fit, self.experiments[pair[1]]) for fit in methods[pair[0]]] for pair in pairs})
+        return {name: {number: tried[name, number] for number in self.experiments} for name in methods}
+
+    def priors(self, settings: Settings) -> list[Learn]:
+        """Returns DEM with these settings from each random prior."""
+        return [partial(learn, settings=replace(settings, seed=seed)) for seed in range(self.extent.priors)]
 
     def trial(self, method: str, number: int) -> Trial:
         """Returns a method's trial on an experiment."""

@@ -14,10 +14,8 @@ from numpy.typing import NDArray
 from mavdem.dem.engine.coordinates import embed, temporal_precision
 from mavdem.dem.engine.free_energy import Belief, optimal_terms
 from mavdem.dem.engine.generative import GenerativeModel, Prior, SufficientStatistics
-from mavdem.dem.engine.linalg import inverse
+from mavdem.dem.engine.linalg import Array, inverse
 from mavdem.dem.engine.steps import with_optimal_precisions
-
-Array = NDArray[np.float64]
 
 A, B = -2.0, 2.0  # the true ones, 1/s
 INPUT_FREQUENCIES = np.array([0.7, 1.9, 3.1])  # rad/s; about the corner at 2 rad/s, to distinguish A and B

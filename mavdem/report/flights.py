@@ -169,11 +169,8 @@ def _unused(refused: Sequence[FlightRow]) -> list[Block]:
     cells = [[cut(reason, 140), str(len(examples[reason])), cut(examples[reason][0], 60)] for reason in shown]
     if others := sum(len(examples[reason]) for reason in reasons[len(shown) :]):
         cells.append(["other reasons: see the table of flights", str(others), ""])
-    them = "it" if len(refused) == 1 else "them"
-    return [
-        Sentence(f"{_counted(len(refused), 'log')}; nothing else is said of {them}.", "Not used:"),
-        Table(["reason", "logs", "for example"], cells, words=True),
-    ]
+    said = f"{_counted(len(refused), 'log')}; nothing else is said of {'it' if len(refused) == 1 else 'them'}."
+    return [Sentence(said, "Not used:"), Table(["reason", "logs", "for example"], cells, words=True)]
 
 
 def cut(text: str, longest: int) -> str:
@@ -354,8 +351,7 @@ def _live_headline(errors: Sequence[HorizonErrors], axis: str) -> str:
     if not errors:
         return f"Nothing of {axis} was predicted: there was no settled flight to learn from."
     best = min(errors, key=lambda one: abs(one.seconds - AHEAD))
-    unit = readable("rad")
-    ours, held = (unit.scale * sqrt(square[0]) for square in (best.mse, best.held))
+    ours, held = (degrees(sqrt(square[0])) for square in (best.mse, best.held))
     return (
         f"{axis.capitalize()} was predicted {best.seconds:.2g} s ahead with an RMSE of {ours:.2g}° (baseline "
         f"{held:.2g}°); {100 * best.inside[0]:.0f} % of the samples were inside the 90 % band."

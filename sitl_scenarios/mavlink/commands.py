@@ -7,9 +7,8 @@ https://mavlink.io/en/services/mission.html; where the autopilots differ, ``sitl
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
 from math import inf, isfinite
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,8 +26,7 @@ UNDERSTOOD = frozenset(
 """Messages that are answered; each names its target."""
 
 
-@dataclass(frozen=True)
-class Received:
+class Received(NamedTuple):
     """A message of ``name`` with its ``fields`` from ``system`` and ``component``."""
 
     name: str
@@ -131,13 +129,8 @@ class CommandHandler:
         schedule, name = self._transmitter.schedule, _name(message)
         if name not in schedule.usual or not isfinite(interval):
             return self._transmitter.autopilot.unknown_message
-        if interval < 0:
-            seconds = inf
-        elif interval > 0:
-            seconds = interval / 1e6
-        else:
-            seconds = 1 / schedule.usual[name] if schedule.usual[name] else inf
-        self._set_intervals([name], seconds)
+        usual = 1 / schedule.usual[name] if schedule.usual[name] else inf
+        self._set_intervals([name], inf if interval < 0 else interval / 1e6 or usual)
         return ACCEPTED
 
     def _set_intervals(self, names: Iterable[str], seconds: float) -> None:
@@ -158,7 +151,7 @@ class CommandHandler:
         """Sends a message once; ``argument`` is the id of the message whose interval MESSAGE_INTERVAL reports."""
         transmitter = self._transmitter
         if name in transmitter.schedule.usual:
-            transmitter.ask_streamed(name)
+            transmitter.once.add(name)
         elif name == "MESSAGE_INTERVAL" and isfinite(argument) and 0 <= argument < 2**16:
             about = _name(argument)
             interval = transmitter.schedule.interval(about) if about in transmitter.schedule.usual else 0.0
@@ -180,12 +173,10 @@ class CommandHandler:
 
     def _set_parameter(self, asked: Mapping[str, Any]) -> None:
         known = self._transmitter.parameters.get(_text(asked["param_id"]))
-        if known is None:
-            return
-        changed = known.changed(float(asked["param_value"]), self._transmitter.autopilot.bitwise)
-        if changed is not None:
+        if known is not None:
+            changed = known.changed(float(asked["param_value"]), self._transmitter.autopilot.bitwise) or known
             self._transmitter.parameters[known.name] = changed
-        self._transmitter.tell(changed or known)
+            self._transmitter.tell(changed)
 
     def _request_streams(self, asked: Mapping[str, Any]) -> None:
         """Sets the rate, Hz, of a group of messages, or of all groups."""

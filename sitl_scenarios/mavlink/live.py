@@ -13,7 +13,7 @@ from time import monotonic
 from typing import Any
 
 from sitl_scenarios.mavlink.commands import CommandHandler, Received, addressed_messages
-from sitl_scenarios.mavlink.transmitter import COMPONENT, Batch, LossyLink, Transmitter
+from sitl_scenarios.mavlink.transmitter import COMPONENT, LossyLink, Transmitter
 from sitl_scenarios.motion import Holding
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import Simulation
@@ -52,8 +52,7 @@ class Ground:
                 probe.connect(address)  # sends nothing, but finds out whether there is a way
             self._own = socket.socket(family, kind, protocol)
             near = str(address[0])
-            loopback = ipaddress.ip_address(near.split("%")[0]).is_loopback
-            self._own.bind((near if loopback else "", 0))
+            self._own.bind((near if ipaddress.ip_address(near.split("%")[0]).is_loopback else "", 0))
         except (OSError, UnicodeError) as error:
             reason = error.strerror if isinstance(error, OSError) else "it is no name of a host"
             raise ValueError(f"nothing can be sent to {host[:80]}:{port} ({reason}): name one host") from None
@@ -147,17 +146,13 @@ def _ticks(
         start = float(motion.time[0]) if start is None else start
         now = float(motion.time[-1])
         holding.add(motion)
-        way.extend(_timed(link.pass_on(transmitter.send(motion))))
+        way.extend(link.pass_on(transmitter.send(motion)).timed())
         yield now - start, _due(way, now)
     for batch in link.rest():
-        way.extend(_timed(batch))
+        way.extend(batch.timed())
     while way and start is not None:
         now += cycles * simulation.cycle
         yield now - start, _due(way, now)
-
-
-def _timed(batch: Batch) -> Iterator[tuple[float, bytes]]:
-    return zip(batch.time.tolist(), batch.content(), strict=True)
 
 
 def _due(way: deque[tuple[float, bytes]], now: float) -> list[bytes]:

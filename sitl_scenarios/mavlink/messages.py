@@ -8,9 +8,8 @@ https://mavlink.io/en/services/parameter.html#parameter-encoding has it.
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,14 +17,13 @@ from scipy.spatial.transform import Rotation
 
 from mavdem.ingest.mavlink.definitions import MessageDefinition, definitions
 from sitl_scenarios.dynamics import DISARMED_PULSE, MAX_PULSE, MIN_PULSE, SPINS, euler, frame
-from sitl_scenarios.mavlink.autopilots import ARMED, IN_AIR, LANDING, ON_GROUND, TAKING_OFF, Autopilot
+from sitl_scenarios.mavlink.autopilots import ARMED, LANDING, ON_GROUND, Autopilot
 from sitl_scenarios.motion import Motion
 from sitl_scenarios.plan import FULL_STICK
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.sensors import vibration
 from sitl_scenarios.vehicles import AIRFRAMES, CHARGED
 
-Array = NDArray[np.float64]
 Payloads = NDArray[Any]  # (N,) of a definition's wire type
 QUADROTOR = 2  # MAV_TYPE
 ACTIVE, STANDBY = 4, 3  # MAV_STATE
@@ -34,7 +32,7 @@ SENSORS, FENCE = 0b1111, 1 << 20
 LIPO, UNKNOWN_TEMPERATURE, UNUSED_CELL = 1, 32767, 65535  # Of BATTERY_STATUS
 MIDDLE_PULSE = 1500.0  # µs of a stick in the middle
 RC_CHANNELS, UNUSED_CHANNEL, UNKNOWN_RSSI = 18, 65535, 255  # Of RC_CHANNELS: 1 roll, 2 pitch, 3 throttle, 4 yaw
-CHANNELS = 16  # Outputs in SERVO_OUTPUT_RAW and PX4's other output messages
+MOTORS, CHANNELS = 4, 16  # Outputs of the vehicle; in SERVO_OUTPUT_RAW and PX4's other output messages
 
 
 @cache
@@ -51,128 +49,77 @@ def payload(name: str, count: int = 1, /, **fields: Any) -> Payloads:
     return table
 
 
-class MessageWriter:
-    """Makes the payloads of one vehicle; the method of a message has its name."""
-
-    def __init__(self, autopilot: Autopilot, scenario: Scenario) -> None:
-        self._autopilot, self._scenario = autopilot, scenario
-
-    def write(self, name: str, motion: Motion, boot: NDArray[np.int64]) -> Payloads:
-        """The payloads (N,) of a message, one for each row of ``motion``, at ``boot`` (N,), µs since boot."""
-        fields: dict[str, Any] = getattr(self, f"_{name.lower()}")(motion, boot)
-        return payload(name, len(boot), **fields)
-
-    def _heartbeat(self, motion: Motion, boot: NDArray[np.int64]) -> dict[str, Any]:
-        base, custom = self._modes(motion)
-        flies = motion.armed & (self._autopilot.active_when_armed | (motion.landed_state != ON_GROUND))
-        starts = ~motion.armed & (boot < 3e6)
-        return {
-            "type": QUADROTOR,
-            "autopilot": self._autopilot.number,
-            "base_mode": base,
-            "custom_mode": custom,
-            "system_status": np.select([flies, starts], [ACTIVE, self._autopilot.starting], STANDBY),
-            "mavlink_version": 3,
-        }
-
-    def _modes(self, motion: Motion) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        table = np.zeros((LANDING + 1, 2), dtype=np.int64)
-        for state in (ON_GROUND, IN_AIR, TAKING_OFF, LANDING):
-            table[state] = self._autopilot.modes[state]
-        base, custom = table[motion.landed_state].T
-        return base + ARMED * motion.armed, custom
-
-    def _sys_status(self, motion: Motion, boot: NDArray[np.int64]) -> dict[str, Any]:
-        sensors = {"present": SENSORS, "enabled": SENSORS, "health": SENSORS | FENCE}
-        battery = {"voltage_battery": _millivolts(motion), "current_battery": -1, "battery_remaining": -1}
-        return {f"onboard_control_sensors_{name}": bits for name, bits in sensors.items()} | battery
-
-    def _battery_status(self, motion: Motion, boot: NDArray[np.int64]) -> dict[str, Any]:
-        # The whole battery's voltage in the first place, as where no cell is measured by itself.
-        voltages = np.full((len(boot), 10), UNUSED_CELL)
-        voltages[:, 0] = _millivolts(motion)
-        unknown = dict.fromkeys(("current_battery", "current_consumed", "energy_consumed", "battery_remaining"), -1)
-        return {"type": LIPO, "temperature": UNKNOWN_TEMPERATURE, "voltages": voltages} | unknown
-
-    def _extended_sys_state(self, motion: Motion, boot: NDArray[np.int64]) -> dict[str, Any]:
-        return {"landed_state": motion.landed_state}
-
-    def _attitude(self, motion: Motion, boot: NDArray[np.int64]) -> dict[str, Any]:
-        roll, pitch, yaw = np.array([euler(attitude) for attitude in motion.known_attitude.tolist()]).T
-        return {"time_boot_ms": _milliseconds(boot), "roll": roll, "pitch": pitch, "yaw": yaw, **_rates(motion)}
-
-    def _attitude_quaternion(self, motion: Motion, boot: NDArray[np.int64]) -> dict[str, Any]:
-        q1, q2, q3, q4 = motion.known_attitude.T
-        return {"time_boot_ms": _milliseconds(boot), "q1": q1, "q2": q2, "q3": q3, "q4": q4, **_rates(motion)}
-
-    def _attitude_target(self, motion: Motion, boot: NDArray[np.int64]) -> dict[str, Any]:
-        # No bit of type_mask is set: both autopilots say all of it is meant (PX4's streams/ATTITUDE_TARGET.hpp,
-        # ArduCopter's send_attitude_target).
-        q = Rotation.from_euler("ZYX", motion.attitude_setpoint[:, ::-1]).as_quat(scalar_first=True)
-        p, q_rate, r = motion.rates_setpoint.T
-        asked = {"body_roll_rate": p, "body_pitch_rate": q_rate, "body_yaw_rate": r, "thrust": motion.demands[:, 3]}
-        return {"time_boot_ms": _milliseconds(boot), "q": q, "type_mask": 0} | asked
-
-    def _rc_channels(self, motion: Motion, boot: NDArray[np.int64]) -> dict[str, Any]:
-        # A stick to the right, or drawn back, which raises the nose, is more than the middle's pulse.
-        moved = MIDDLE_PULSE + np.round((MAX_PULSE - MIDDLE_PULSE) * motion.sticks / FULL_STICK)
-        sent: dict[str, Any] = {f"chan{n}_raw": UNUSED_CHANNEL for n in range(1, RC_CHANNELS + 1)}
-        sent |= {f"chan{n}_raw": moved[:, axis] for n, axis in ((1, 0), (2, 1), (4, 2))} | {"chan3_raw": MIDDLE_PULSE}
-        return {"time_boot_ms": _milliseconds(boot), "chancount": 4, "rssi": UNKNOWN_RSSI} | sent
-
-    def _local_position_ned(self, motion: Motion, boot: NDArray[np.int64]) -> dict[str, Any]:
-        x, y, z = motion.known_position.T
-        vx, vy, vz = motion.known_velocity.T
-        return {"time_boot_ms": _milliseconds(boot), "x": x, "y": y, "z": z, "vx": vx, "vy": vy, "vz": vz}
-
-    def _servo_output_raw(self, motion: Motion, boot: NDArray[np.int64]) -> dict[str, Any]:
-        outputs = self._outputs(motion)
-        # The one clock of 32-bit microseconds: it wraps every 71.6 minutes.
-        return {"time_usec": boot % 2**32} | {f"servo{n + 1}_raw": np.round(outputs[:, n]) for n in range(CHANNELS)}
-
-    def _actuator_output_status(self, motion: Motion, boot: NDArray[np.int64]) -> dict[str, Any]:
-        actuator = np.zeros((len(boot), 32))
-        actuator[:, :CHANNELS] = self._outputs(motion)
-        return {"time_usec": boot, "active": CHANNELS, "actuator": actuator}
-
-    def _hil_actuator_controls(self, motion: Motion, boot: NDArray[np.int64]) -> dict[str, Any]:
-        controls = np.zeros((len(boot), CHANNELS))
-        # A motor that is stopped has less than the lowest pulse, and no negative command.
-        controls[:, :4] = np.maximum((motion.outputs - MIN_PULSE) / (MAX_PULSE - MIN_PULSE), 0.0)
-        return {"time_usec": boot, "controls": controls, "mode": self._modes(motion)[0]}
-
-    def _vibration(self, motion: Motion, boot: NDArray[np.int64]) -> dict[str, Any]:
-        # As ArduPilot means it: the accelerometer's RMS above 5 Hz.
-        x, y, z = vibration(self._scenario, motion).T
-        return {"time_usec": boot, "vibration_x": x, "vibration_y": y, "vibration_z": z}
-
-    def _outputs(self, motion: Motion) -> Array:
-        """(N, 16) PWM of every channel."""
-        outputs = np.full((len(motion), CHANNELS), self._autopilot.unused)
-        outputs[:, : motion.outputs.shape[1]] = motion.outputs
-        return outputs
-
-
-def _rates(motion: Motion) -> dict[str, Array]:
-    p, q, r = motion.known_rates.T
-    return {"rollspeed": p, "pitchspeed": q, "yawspeed": r}
-
-
-def _millivolts(motion: Motion) -> Array:
-    return np.round(1000 * CHARGED * motion.battery)
-
-
-def _milliseconds(boot: NDArray[np.int64]) -> NDArray[np.int64]:
-    return boot // 1000 % 2**32
+def written(name: str, motion: Motion, boot: NDArray[np.int64], autopilot: Autopilot, scenario: Scenario) -> Payloads:
+    """The payloads (N,) of a message, one for each row of ``motion``, at ``boot`` (N,), µs since boot."""
+    fields: dict[str, Any] = {"time_boot_ms": boot // 1000 % 2**32}
+    modes = np.array([autopilot.modes.get(state, (0, 0)) for state in range(LANDING + 1)])[motion.landed_state]
+    base, custom = modes[:, 0] + ARMED * motion.armed, modes[:, 1]
+    millivolts = np.round(1000 * CHARGED * motion.battery)
+    rates = dict(zip(("rollspeed", "pitchspeed", "yawspeed"), motion.known_rates.T, strict=True))
+    outputs = np.full((len(motion), CHANNELS), autopilot.unused)
+    outputs[:, :MOTORS] = motion.outputs
+    match name:
+        case "HEARTBEAT":
+            flies = motion.armed & (autopilot.active_when_armed | (motion.landed_state != ON_GROUND))
+            status = np.select([flies, ~motion.armed & (boot < 3e6)], [ACTIVE, autopilot.starting], STANDBY)
+            fields = {"type": QUADROTOR, "autopilot": autopilot.number, "base_mode": base, "custom_mode": custom}
+            fields |= {"system_status": status, "mavlink_version": 3}
+        case "SYS_STATUS":
+            sensors = {"present": SENSORS, "enabled": SENSORS, "health": SENSORS | FENCE}
+            fields = {f"onboard_control_sensors_{kind}": bits for kind, bits in sensors.items()}
+            fields |= {"voltage_battery": millivolts, "current_battery": -1, "battery_remaining": -1}
+        case "BATTERY_STATUS":
+            # The whole battery's voltage in the first place, as where no cell is measured by itself.
+            voltages = np.full((len(boot), 10), UNUSED_CELL)
+            voltages[:, 0] = millivolts
+            fields = dict.fromkeys(("current_battery", "current_consumed", "energy_consumed", "battery_remaining"), -1)
+            fields |= {"type": LIPO, "temperature": UNKNOWN_TEMPERATURE, "voltages": voltages}
+        case "EXTENDED_SYS_STATE":
+            fields = {"landed_state": motion.landed_state}
+        case "ATTITUDE":
+            angles = np.array([euler(attitude) for attitude in motion.known_attitude.tolist()]).T
+            fields |= dict(zip(("roll", "pitch", "yaw"), angles, strict=True)) | rates
+        case "ATTITUDE_QUATERNION":
+            fields |= dict(zip(("q1", "q2", "q3", "q4"), motion.known_attitude.T, strict=True)) | rates
+        case "ATTITUDE_TARGET":
+            # No bit of type_mask is set: both autopilots say all of it is meant (PX4's streams/ATTITUDE_TARGET.hpp,
+            # ArduCopter's send_attitude_target).
+            fields["q"] = Rotation.from_euler("ZYX", motion.attitude_setpoint[:, ::-1]).as_quat(scalar_first=True)
+            asked = (f"body_{axis}_rate" for axis in ("roll", "pitch", "yaw"))
+            fields |= dict(zip(asked, motion.rates_setpoint.T, strict=True)) | {"thrust": motion.demands[:, 3]}
+        case "RC_CHANNELS":
+            # A stick to the right, or drawn back, which raises the nose, is more than the middle's pulse.
+            moved = MIDDLE_PULSE + np.round((MAX_PULSE - MIDDLE_PULSE) * motion.sticks / FULL_STICK)
+            fields |= {f"chan{n}_raw": UNUSED_CHANNEL for n in range(1, RC_CHANNELS + 1)}
+            fields |= {f"chan{n}_raw": moved[:, axis] for n, axis in ((1, 0), (2, 1), (4, 2))}
+            fields |= {"chan3_raw": MIDDLE_PULSE, "chancount": 4, "rssi": UNKNOWN_RSSI}
+        case "LOCAL_POSITION_NED":
+            fields |= dict(zip("xyz", motion.known_position.T, strict=True))
+            fields |= dict(zip(("vx", "vy", "vz"), motion.known_velocity.T, strict=True))
+        case "SERVO_OUTPUT_RAW":
+            # The one clock of 32-bit microseconds: it wraps every 71.6 minutes.
+            fields = {f"servo{n + 1}_raw": np.round(outputs[:, n]) for n in range(CHANNELS)} | {
+                "time_usec": boot % 2**32
+            }
+        case "ACTUATOR_OUTPUT_STATUS":
+            fields = {"time_usec": boot, "active": CHANNELS, "actuator": np.pad(outputs, ((0, 0), (0, CHANNELS)))}
+        case "HIL_ACTUATOR_CONTROLS":
+            # A motor that is stopped has less than the lowest pulse, and no negative command.
+            commands = np.maximum((motion.outputs - MIN_PULSE) / (MAX_PULSE - MIN_PULSE), 0.0)
+            controls = np.pad(commands, ((0, 0), (0, CHANNELS - MOTORS)))
+            fields = {"time_usec": boot, "controls": controls, "mode": base}
+        case "VIBRATION":
+            # As ArduPilot means it: the accelerometer's RMS above 5 Hz.
+            felt = zip("xyz", vibration(scenario, motion).T, strict=True)
+            fields = {"time_usec": boot} | {f"vibration_{axis}": values for axis, values in felt}
+    return payload(name, len(boot), **fields)
 
 
 INT8, INT16, INT32, REAL32 = 2, 4, 6, 9  # MAV_PARAM_TYPE
 INTEGERS = {INT8: 8, INT16: 16, INT32: 32}  # Bits of the integer types
-MOTORS = 4
 
 
-@dataclass(frozen=True)
-class Parameter:
+class Parameter(NamedTuple):
     """A parameter of MAV_PARAM_TYPE ``kind``; ``value`` is whole where that is an integer type."""
 
     name: str
@@ -192,10 +139,8 @@ class Parameter:
             value = float(struct.unpack("<i", struct.pack("<f", sent))[0])
         elif self.kind in INTEGERS and abs(sent) < 2**31:
             value = float(round(sent))
-        if self.kind in INTEGERS:
-            limit = 2.0 ** (INTEGERS[self.kind] - 1)
-            return Parameter(self.name, self.kind, value) if -limit <= value < limit else None
-        return Parameter(self.name, self.kind, value) if abs(value) < 3.4e38 else None
+        limit = 2.0 ** (INTEGERS[self.kind] - 1) if self.kind in INTEGERS else 3.4e38
+        return self._replace(value=value) if -limit <= value < limit else None
 
 
 def parameters(scenario: Scenario, autopilot: Autopilot, cycle: float) -> dict[str, Parameter]:
@@ -211,7 +156,7 @@ def _px4(scenario: Scenario) -> dict[int, dict[str, float]]:
     whole |= {f"PWM_MAIN_FUNC{n}": 100 + n if n <= MOTORS else 0 for n in range(1, 9)}
     for bound, value in (("DIS", DISARMED_PULSE["px4"]), ("MIN", MIN_PULSE), ("MAX", MAX_PULSE)):
         whole |= {f"PWM_MAIN_{bound}{n}": value for n in range(1, MOTORS + 1)}
-    real: dict[str, float] = _thrust_curve("THR_MDL_FAC", scenario)
+    real = _thrust_curve("THR_MDL_FAC", scenario)
     rotors = frame(scenario.vehicle.frame, AIRFRAMES[scenario.vehicle.model].arm)
     for n in range(MOTORS):
         real |= {f"CA_ROTOR{n}_PX": rotors.forward[n], f"CA_ROTOR{n}_PY": rotors.right[n], f"CA_ROTOR{n}_PZ": 0.0}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -12,7 +12,7 @@ from mavdem.ingest.mavlink.definitions import FrameSender, composed_frames
 from mavdem.ingest.mavlink.framing import Bytes, Frames, concatenated
 from mavdem.ingest.mavlink.vehicles import FrameStream
 from sitl_scenarios.mavlink.autopilots import AUTOPILOTS, DISARMED, INFO
-from sitl_scenarios.mavlink.messages import MessageWriter, Parameter, Payloads, named, parameters, payload
+from sitl_scenarios.mavlink.messages import Parameter, Payloads, named, parameters, payload, written
 from sitl_scenarios.motion import Motion
 from sitl_scenarios.plan import BOOT_SECONDS, seconds
 from sitl_scenarios.scenario import Faults, Scenario
@@ -40,11 +40,11 @@ class Batch:
         moved = replace(chosen, start=start, end=end, payload=chosen.payload - chosen.start + start)
         return Batch(time, self.data[places], moved)
 
-    def content(self) -> list[bytes]:
-        """The bytes of each frame."""
-        whole = self.data.tobytes()
-        places = zip(self.frames.start.tolist(), self.frames.end.tolist(), strict=True)
-        return [whole[start:end] for start, end in places]
+    def timed(self) -> Iterator[tuple[float, bytes]]:
+        """The time and the bytes of each frame."""
+        whole, columns = self.data.tobytes(), (self.time, self.frames.start, self.frames.end)
+        for time, start, end in zip(*(column.tolist() for column in columns), strict=True):
+            yield time, whole[start:end]
 
 
 def joined(batches: Sequence[Batch]) -> Batch:
@@ -123,7 +123,8 @@ class Transmitter:
     """An autopilot's sending side: what is due by its schedule, what changes, and what it was asked for.
 
     What it sends by itself does not depend on how a flight is cut into blocks. ``parameters`` are by name; ``schedule``
-    and ``clock``, s at the end of the last block, are on the boot clock; ``system`` is the MAVLink system id.
+    and ``clock``, s at the end of the last block, are on the boot clock; ``system`` is the MAVLink system id; ``once``
+    are streamed messages that are sent once more, with the next block.
     """
 
     def __init__(self, scenario: Scenario, cycle: float) -> None:
@@ -138,7 +139,6 @@ class Transmitter:
             kept = {"HEARTBEAT", *scenario.stream.rates}
             self._rates = {name: rate if name in kept else 0.0 for name, rate in self._rates.items()}
         self._scenario, self._cycle = scenario, cycle
-        self._writer = MessageWriter(self.autopilot, scenario)
         self._asked: list[tuple[str, Payloads]] = []
         self._events, self._to_tell = self._planned(), list[Payloads]()
         self._armed_at = np.inf
@@ -167,10 +167,6 @@ class Transmitter:
     def ask(self, name: str, **values: object) -> None:
         """Sends a message once, with the next block; fields that are not given are zero."""
         self._asked.append((name, payload(name, **values)))
-
-    def ask_streamed(self, name: str) -> None:
-        """Sends a message that comes by itself once more, with the next block."""
-        self._once.add(name)
 
     def tell(self, parameter: Parameter) -> None:
         """Sends one parameter by itself, with the next block."""
@@ -208,7 +204,7 @@ class Transmitter:
         self._boot, self._first = boot, first
         self._sequence = 0
         self._state = DISARMED
-        self._once: set[str] = set()
+        self.once: set[str] = set()
         self.clock = first - boot
         self.schedule = self._scheduled(self.clock)
         self.parameters = parameters(self._scenario, self.autopilot, self._cycle)
@@ -258,20 +254,20 @@ class Transmitter:
         for row in np.flatnonzero(np.diff(states, prepend=self._state)):
             before, self._state = self._state, int(states[row])
             if text := self.autopilot.words.get((before, self._state)):
-                text_payload = payload("STATUSTEXT", severity=INFO, text=text.encode())
-                placed.append(("STATUSTEXT", np.array([row]), text_payload))
+                placed.append(("STATUSTEXT", np.array([row]), payload("STATUSTEXT", severity=INFO, text=text.encode())))
         return placed
 
     def _streams(self, motion: Motion, clock: NDArray[np.float64]) -> list[Placed]:
         placed: list[Placed] = []
         for name in self._rates:
             rows = self.schedule.due(name, clock)
-            if name in self._once:
+            if name in self.once:
                 rows = np.union1d(rows, [0])
             if len(rows):
                 boot = np.round(clock[rows] * 1e6).astype(np.int64)
-                placed.append((name, rows, self._writer.write(name, rows_of_motion(motion, rows), boot)))
-        self._once.clear()
+                sampled = rows_of_motion(motion, rows)
+                placed.append((name, rows, written(name, sampled, boot, self.autopilot, self._scenario)))
+        self.once.clear()
         return placed
 
     def _framed(self, placed: list[Placed], time: NDArray[np.float64], version: int) -> Batch:
@@ -296,9 +292,8 @@ def rows_of_motion(motion: Motion, rows: slice | NDArray[np.intp]) -> Motion:
 
 
 def _nothing() -> Batch:
-    nobody, none = FrameSender(0, 0), np.empty(0, dtype=np.uint8)
-    data, frames = composed_frames(payload("HEARTBEAT")[:0], named("HEARTBEAT"), nobody, none)
-    return Batch(np.empty(0), data, frames)
+    none = np.empty(0, dtype=np.uint8)
+    return Batch(np.empty(0), *composed_frames(payload("HEARTBEAT", 0), named("HEARTBEAT"), FrameSender(0, 0), none))
 
 
 class LossyLink:

@@ -133,10 +133,8 @@ def test_px4_motors_over_two_drivers():
     on_one = motor_geometry("QUADROTOR", "PX4", parameters, moving=[5, 6, 7, 8], bank=16)
     assert on_one.motors == (1, 2, 3, 4) and on_one.channels == (5, 6, 7, 8)
     spare = parameters | {f"UAVCAN_EC_FUNC{n}": 100.0 + n for n in (1, 2, 3, 4)}
-    assert (
-        motor_geometry("OCTOROTOR", "PX4", spare, moving=[*range(1, 9), *range(17, 21)], bank=16).channels
-        == on_both.channels
-    )
+    moving = [*range(1, 9), *range(17, 21)]
+    assert motor_geometry("OCTOROTOR", "PX4", spare, moving, bank=16).channels == on_both.channels
 
 
 def test_without_parameters_the_moving_channels_are_assumed_and_said():

@@ -336,25 +336,6 @@ def test_the_firmware_and_what_the_logger_lost_are_known(tmp_path: Path) -> None
     assert "The logger had no room for 8 messages (DSF): they are missing." in vehicle.repairs
 
 
-@pytest.mark.parametrize(
-    ("content", "said"),
-    [
-        (made.HEADER, "DataFlash"),
-        (made.formats() + made.told(), r"has no attitude \(ATT\), .* it holds FMT, MSG, PARM, so name a log"),
-        (made.formats() + made.told() + made.message("RCIN", 20_000_000, 1500), "has no attitude"),
-        (b"\xa3\x95\x80" + bytes(500), "DataFlash"),
-        (b"FMT,", "DataFlash"),
-        (b"FMT, 1\nATT, 2\n", "DataFlash"),
-        (GARBAGE, "DataFlash"),
-    ],
-)
-def test_nothing_to_read_is_one_sentence(tmp_path: Path, content: bytes, said: str) -> None:
-    (tmp_path / "flight.bin").write_bytes(content)
-    with pytest.raises(Unreadable, match=said) as raised:
-        read_dataflash(tmp_path / "flight.bin")
-    assert "\n" not in str(raised.value)
-
-
 @settings(max_examples=60)
 @given(data=st.data())
 def test_any_damage_is_survived(data: st.DataObject, tmp_path_factory: pytest.TempPathFactory) -> None:

@@ -20,7 +20,7 @@ def test_a_session_with_all_faults_ends_with_a_good_model_and_every_second_is_ac
     weak = {**long["vehicle"], "weak_from": 43.0}  # all of the second flight
     scenario = scenario_of({**long, **SHORT, "faults": FAULTS, "vehicle": weak})
     session, account = run_session(scenario)
-    said = " ".join(session.sentences)
+    said = " ".join(event.sentence for event in session.history.events)
     for each in ("rebooted", "again after", "is on the ground", "of the vehicle's clock", "set back again and again"):
         assert each in said
     assert sum(account.values()) == pytest.approx(86.0, abs=0.5)

@@ -11,7 +11,7 @@ from mavdem.live.history import LiveHistory
 
 
 def test_errors_are_those_of_the_samples_whose_time_has_come():
-    history = LiveHistory(0.25)
+    history = LiveHistory()
     _, motion = flown(history, 5.0)
     short, long = history.errors()
     assert (short.seconds, long.seconds) == AHEAD
@@ -22,7 +22,7 @@ def test_errors_are_those_of_the_samples_whose_time_has_come():
 
 
 def test_nothing_is_compared_across_a_gap_and_lines_break_there():
-    history = LiveHistory(0.25)
+    history = LiveHistory()
     flown(history, 1.0)
     flown(history, 2.0, segment=1, start=103.0)
     assert [one.samples for one in history.errors()] == [298, 250]
@@ -34,10 +34,10 @@ def test_nothing_is_compared_across_a_gap_and_lines_break_there():
 
 
 def test_late_rows_are_dated_by_the_others_and_what_is_not_learnt_from_is_shown_and_not_judged():
-    history = LiveHistory(0.25)
+    history = LiveHistory()
     flown(history, 3.0, late=2.0)
     assert history.learned == [pytest.approx((10.0, 12.99))]
-    history = LiveHistory(0.25)
+    history = LiveHistory()
     flown(history, 1.0, learnt=False)
     assert history.errors() == [] and history.learned == []
     assert np.isfinite(history.lines.measured).sum() == 100
@@ -45,7 +45,7 @@ def test_late_rows_are_dated_by_the_others_and_what_is_not_learnt_from_is_shown_
 
 def test_a_long_flight_keeps_its_shape_in_bounded_memory(monkeypatch):
     monkeypatch.setattr(live_history, "MAX_ROWS", 100)
-    history = LiveHistory(0.25)
+    history = LiveHistory()
     flown(history, 10.0)
     lines = history.lines
     assert len(lines.time) <= 100

@@ -58,7 +58,6 @@ def test_impossible_values_stray_stamps_and_too_many_ports_change_nothing():
     made = replay(among(FLIGHT.frames(0.0, 20.0), odd))
     np.testing.assert_array_equal(made.table(), usual_rows())
     assert not any("rebooted" in sentence for sentence in made.sentences)
-    assert made.stream._clock.outliers == 40
 
 
 def test_forged_heartbeats_change_neither_who_the_vehicle_is_nor_whether_it_is_armed():

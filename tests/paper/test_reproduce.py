@@ -25,11 +25,11 @@ HELD, FAILED = Check("a rule", True, "this is so"), Check("a rule", False, "that
 
 
 def test_what_fails_is_said_first_and_what_is_beyond_the_paper_decides_nothing():
-    report = ItemReport(ITEMS[0], Result(checks=(HELD, FAILED), beyond=(FAILED,)))
+    report = ItemReport(CLAIMS[0], Result(checks=(HELD, FAILED), beyond=(FAILED,)))
     assert report.sentence == "Partly: that is not; but this is so." and report.beyond.endswith(": that is not.")
-    held = ItemReport(ITEMS[0], Result(checks=(HELD,), beyond=(FAILED,)))
+    held = ItemReport(CLAIMS[0], Result(checks=(HELD,), beyond=(FAILED,)))
     assert held.status is ClaimStatus.REPRODUCED and held.sentence == "Reproduced: this is so."
-    assert ItemReport(ITEMS[0], Result(remarks=("Nothing is there.",))).sentence == "Not tried: Nothing is there."
+    assert ItemReport(CLAIMS[0], Result(remarks=("Nothing is there.",))).sentence == "Not tried: Nothing is there."
     assert claim_status((FAILED, FAILED)) is ClaimStatus.NOT
 
 
@@ -110,16 +110,15 @@ def test_a_prediction_is_judged_by_what_it_shows():
 
 @pytest.mark.slow
 def test_all_items_make_one_report(tmp_path):
-    assert [item.claim for item in ITEMS] == list(CLAIMS)
     # Pictures of the demonstrations take ten seconds, and have tests of their own.
-    runner, chosen = Runner(SMALL), [item for item in ITEMS if item.claim.name != "demonstrations"]
-    write_report(tmp_path, [ItemReport(item, item.run(runner)) for item in chosen], runner, 1.0)
+    runner, chosen = Runner(SMALL), [claim for claim in ITEMS if claim.name != "demonstrations"]
+    write_report(tmp_path, [ItemReport(claim, ITEMS[claim](runner)) for claim in chosen], runner, 1.0)
     page, numbers = ((tmp_path / name).read_text() for name in (PAGE, NUMBERS))
     # It shows what is there and asks for nothing else.
     assert "<svg" in page and not re.findall(r'(?:src|srcset)="', page)
     assert (tmp_path / RECORDING).read_bytes()[:4] == b"RRF2"
     told = {one["name"]: one for one in json.loads(numbers, parse_constant=pytest.fail)["items"]}
-    assert list(told) == [item.claim.name for item in chosen]
+    assert list(told) == [claim.name for claim in chosen]
     for one in told.values():
         assert one["verdict"] in set(ClaimStatus) and (one["checks"] or one["remarks"])
         assert set(one["paper"]) == {"section", "labels", "claim"}

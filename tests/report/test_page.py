@@ -22,7 +22,7 @@ from mavdem.condition import Condition, Identity
 from mavdem.condition.inventory import Tier
 from mavdem.evaluate import held_out_test
 from mavdem.live import SessionStatus
-from mavdem.live.history import ACCOUNT, LiveHistory
+from mavdem.live.history import ACCOUNT, Event, LiveHistory
 from mavdem.report.blocks import Sentence, Table
 from mavdem.report.figures.series import live_flight
 from mavdem.report.figures.style import picture
@@ -158,10 +158,10 @@ def test_a_flight_without_a_model_says_why_and_what_to_do():
 
 
 def test_a_live_flight_is_drawn_in_degrees_with_what_was_trained_on_and_has_its_events():
-    history = LiveHistory(0.25)
+    history = LiveHistory()
     flown(history, 2.0)
     flown(history, 2.0, segment=1, start=105.0, learnt=False)
-    history.note(12.25, "Messages come again after 3 s.")
+    history.events.append(Event(12.25, "Messages come again after 3 s."))
     above, below = live_flight(history, "roll").axes
     measured = next(line for line in above.lines if line.get_label() == "measured")
     assert np.nanmax(measured.get_ydata()) == pytest.approx(np.rad2deg(np.nanmax(history.lines.measured)))
@@ -174,5 +174,5 @@ def test_a_live_flight_is_drawn_in_degrees_with_what_was_trained_on_and_has_its_
 
 def test_a_link_without_a_vehicle_has_a_page_too():
     status = SessionStatus(obstacle="No vehicle found yet.")
-    text = live_page("udpin:0", "roll", LiveHistory(0.25), status, NOTHING, None)
+    text = live_page("udpin:0", "roll", LiveHistory(), status, NOTHING, None)
     assert "No vehicle found yet." in text and "no attitude came" in text

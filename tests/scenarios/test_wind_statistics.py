@@ -1,4 +1,4 @@
-"""Every random model of the wind has the variance and autocorrelation it says, at every sampling step.
+"""Every random model of the wind has the variance, autocorrelation and spectrum it says, at every sampling step.
 
 The bounds follow from the samples' number, see stationary.py; a model whose s is wrong by √2 or whose variance is wrong
 by a fifth does not pass.
@@ -58,6 +58,8 @@ def test_a_random_model_is_the_process_it_says(model, dt):
     assert holds(found.variance())
     for tau in (0.02, 0.06, 0.1, 0.2, 0.8):
         assert holds(found.autocovariance(max(1, round(tau / dt)))), tau
+    for band in found.spectrum():
+        assert holds(band)
 
 
 @pytest.mark.parametrize("dt", STEPS)
@@ -106,11 +108,17 @@ def test_the_weather_is_as_strong_as_the_standard_says(kind, autopilot):
         seen.append([weather.at(cycle, (0.0, 0.0, -5.0))[:5] for cycle in range(0, n, 100)])
     found = np.array(seen)
     # From the north: along is south, across is east or west.
-    found[..., 0] += 8.0
-    along, across = (f"{name.replace('_', ' ')} {way}" for way in ("along", "across"))
-    parts = [(of_wind.along, along), (of_wind.across, across), (of_wind.down, across)]
-    parts += [(of_wind.rotation, "dryden along")] * 2
-    for series, ((constant, sd), model) in zip(np.moveaxis(found, -1, 0), parts, strict=True):
-        autocorrelation = MODELS[model][1]
+    parts = [
+        (-found[..., 0] - 8.0, of_wind.along, "along"),
+        (found[..., 1], of_wind.across, "across"),
+        (found[..., 2], of_wind.down, "across"),
+        (found[..., 3], of_wind.rotation, "rotation"),
+        (found[..., 4], of_wind.rotation, "rotation"),
+    ]
+    for series, (constant, sd), shape in parts:
+        if shape == "rotation":
+            autocorrelation = MODELS["dryden along"][1]
+        else:
+            autocorrelation = MODELS[f"{name.replace('_', ' ')} {shape}"][1]
         scaled = lambda tau, constant=constant, rho=autocorrelation: rho(tau / constant * T)  # noqa: E731
         assert holds(Stationary(scaled, series / sd, dt * 100).variance())

@@ -402,8 +402,7 @@ def test_what_was_asked_for_is_shown_or_refused(monkeypatch: pytest.MonkeyPatch,
 
 
 def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
+    with socket.create_server(("127.0.0.1", 0)) as probe:
         return int(probe.getsockname()[1])
 
 

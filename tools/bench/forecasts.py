@@ -69,14 +69,9 @@ def flights(rates: bool) -> Iterator[Halved]:
                     yield f"{label}, every 2nd sample", number + shift, flight
     for number, name in enumerate(SCENARIOS):
         for rate in RATES:
-            yield name, number, simulated(name, rate)
-
-
-def simulated(name: str, rate: int) -> mavdem.Flight:
-    """A scenario flown with messages at ``rate`` Hz, as its telemetry log holds it."""
-    values = load(name).model_dump(mode="json")
-    values["stream"] |= {"rate": float(rate)} | ({"autopilot": "ardupilot"} if rate > PX4_LOOP else {})
-    return logged(scenario_of(values))
+            values = load(name).model_dump(mode="json")
+            values["stream"] |= {"rate": float(rate)} | ({"autopilot": "ardupilot"} if rate > PX4_LOOP else {})
+            yield name, number, logged(scenario_of(values))
 
 
 def figures(window: Window, learned: mavdem.Learned | ValueError) -> dict[str, float]:

@@ -15,20 +15,26 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 from io import BytesIO
+from itertools import cycle, product
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import click
 import numpy as np
 from numpy.typing import NDArray
-from physical_flights import Case, cases, flown
 
 from mavdem import Flight
 from mavdem.dem import NotIdentifiable, Physical, physical
 from mavdem.errors import NotLearnable, Unreadable
-from mavdem.paper.flights import SHARED
+from mavdem.paper.flights import SHARED, logged
+from sitl_scenarios.files import scenario_of
+from sitl_scenarios.motion import IN_AIR, Motion
+from sitl_scenarios.scenario import Scenario
+from sitl_scenarios.simulation import fly
+from sitl_scenarios.truth import truth
 
 Array = NDArray[np.float64]
 
@@ -36,6 +42,103 @@ WINDOW_SECONDS = 7.0
 PARAMETERS = ("effect", "damping", "lag")
 STATUSES = ("reported", "biased", "not identifiable")
 LEVEL = 0.9
+
+SPEEDS = {"iris": 1.0, "ardrone2": 0.6, "crazyflie": 0.3}  # of the winds, relative to those below
+MOMENTS = {"iris": 0.05, "ardrone2": 0.006, "crazyflie": 2e-5}  # N m, standard deviation
+WINDS = ("calm", "light", "Dryden, light", "Dryden, moderate", "jet", "gusts", "slow")
+STEERING: dict[str, dict[str, Any] | None] = {
+    "none": None,
+    "multisine": {"kind": "multisine", "sd": 3.0, "lowest": 0.2, "highest": 4.0, "period": 10.0},
+    "doublets": {"kind": "doublets", "amplitude": 6.0, "width": 0.4, "period": 3.0},
+    "side steps": {"kind": "steps", "distance": 2.0, "period": 5.0},
+    "sticks": {"kind": "sticks"},
+}
+RATES = (50.0, 100.0, 200.0)  # Hz
+AUTOPILOTS = ("px4", "ardupilot")
+SECONDS = 60.0  # from arming to disarming
+VARIED = 0.3  # share of flights whose thrust curve, lag, inertia and battery are not the published ones
+
+
+class Case(NamedTuple):
+    """One flight of the bank, and in words what it is."""
+
+    vehicle: str
+    wind: str
+    steering: str
+    rate: float
+    autopilot: str
+    varied: dict[str, float]
+    seed: int
+
+    def __str__(self) -> str:
+        varied = ", ".join(f"{name} {value:.2f}" for name, value in self.varied.items())
+        words = (self.vehicle, self.wind, self.steering, f"{self.rate:.0f} Hz", self.autopilot, varied)
+        return "; ".join(word for word in words if word) + f"; seed {self.seed}"
+
+
+def cases(seed: int, repeats: int, every: int = 1) -> list[Case]:
+    """Every vehicle in every wind with every steering, ``repeats`` times, or one of ``every`` so many drawn by seed."""
+    rng = np.random.default_rng(seed)
+    places = list(product(SPEEDS, WINDS)) * repeats
+    kept = len(places) // every
+    # Steering, and rates with autopilots, take turns: a part of the bank has as many of each.
+    drawn = [[places[number] for number in rng.permutation(len(places))[:kept]] for _ in STEERING]
+    turns = [
+        (*place, steering) for some in zip(*drawn, strict=True) for place, steering in zip(some, STEERING, strict=True)
+    ]
+    return [
+        Case(vehicle, wind, steering, rate, autopilot, _varied(rng), int(rng.integers(1_000_000)))
+        for (vehicle, wind, steering), (rate, autopilot) in zip(turns, cycle(product(RATES, AUTOPILOTS)), strict=False)
+    ]
+
+
+def _varied(rng: np.random.Generator) -> dict[str, float]:
+    up = float(rng.uniform(0.015, 0.06))
+    drawn = {
+        "quadratic_thrust": float(rng.uniform(0.3, 1.0)),
+        "lag_up": up,
+        "lag_down": up * float(rng.uniform(1.0, 2.0)),
+        "inertia_scale": float(rng.uniform(0.7, 1.6)),
+        "battery_sag": float(rng.uniform(0.0, 0.15)),
+    }
+    return drawn if rng.random() < VARIED else {}
+
+
+def scenario(case: Case) -> Scenario:
+    """The scenario of a case."""
+    k, moment = SPEEDS[case.vehicle], MOMENTS[case.vehicle]
+    winds: dict[str, list[dict[str, Any]]] = {
+        "calm": [],
+        "light": [{"kind": "gaussian", "sd": 0.5 * k, "s": 0.2}],
+        "Dryden, light": [{"kind": "dryden", "speed": 5 * k, "direction": 90.0, "wind_at_20_feet": 7.7 * k}],
+        "Dryden, moderate": [{"kind": "dryden", "speed": 5 * k, "direction": 70.0, "wind_at_20_feet": 15.4 * k}],
+        "jet": [{"kind": "jet", "speed": 6 * k, "distance": 3.0, "diameter": 0.5, "turbulence": 0.3, "s": 0.1}],
+        "gusts": [
+            {"kind": "steady", "speed": 5 * k, "direction": 80.0},
+            {"kind": "gaussian", "sd": 1.5 * k, "s": 0.3},
+        ],
+        "slow": [{"kind": "von_karman", "speed": 4 * k, "direction": 120.0, "wind_at_20_feet": 10 * k}],
+    }
+    moments = {"gusts": [{"sd": moment, "s": 0.05}], "slow": [{"sd": moment / 2, "s": 0.3}]}
+    steering = STEERING[case.steering]
+    values: dict[str, Any] = {
+        "duration": SECONDS,
+        "seed": case.seed,
+        "height": 1.5 if case.wind == "jet" else 8.0,
+        "vehicle": {"model": case.vehicle, **case.varied},
+        "wind": winds[case.wind],
+        "moments": moments.get(case.wind, []),
+        "stream": {"rate": case.rate, "autopilot": case.autopilot},
+    }
+    return scenario_of(values | ({"excitation": steering} if steering else {}))
+
+
+def truth_of(motion: Motion, of: Scenario, part: Flight) -> dict[str, Any]:
+    """Each motor's effect (r,) at the trim of ``part``, damping (1/s) and lag (s), the mean of up and down."""
+    within = (motion.time >= part.time[0]) & (motion.time <= part.time[-1])
+    landed = np.where(within & (motion.landed_state == IN_AIR), IN_AIR, 1).astype(np.uint8)
+    known = truth(of, replace(motion, landed_state=landed))
+    return {"effect": known["roll_effect"], "damping": -float(known["roll_A"][1, 1]), "lag": known["lag"][0]}
 
 
 log = partial(click.echo, err=True)
@@ -80,10 +183,6 @@ class Estimate(NamedTuple):
         error, half = self.error(name)
         return abs(error) <= half
 
-    def inside_by_motor(self) -> list[bool]:
-        """Whether the interval of each motor's effect does."""
-        return list(abs(self.found.effect - self.true["effect"]) <= self.found.interval(LEVEL).effect)
-
     def __str__(self) -> str:
         errors = [(name, *self.error(name)) for name in PARAMETERS]
         words = [f"{name} {error:+.1%} ± {half:.1%}, {self.found.status[name]}" for name, error, half in errors]
@@ -96,16 +195,17 @@ def estimates(bank: Sequence[Case]) -> Iterator[Estimate]:
     for number, case in enumerate(bank, start=1):
         log(f"{number} of {len(bank)}")
         try:
-            flight = flown(case)
+            of = scenario(case)
+            flight, motion = logged(of), fly(of)
         except (NotLearnable, Unreadable) as reason:
             log(f"{case}: refused: {reason}")
             continue
-        for window, part in parts_of(flight.flight).items():
+        for window, part in parts_of(flight).items():
             found = physical(part)
             if isinstance(found, NotIdentifiable):
                 log(f"{case}: refused: {found.reason}")
                 continue
-            estimate = Estimate(case, window, found, flight.true(part))
+            estimate = Estimate(case, window, found, truth_of(motion, of, part))
             log(str(estimate))
             yield estimate
 
@@ -142,7 +242,8 @@ def by_steering(name: str, every: Sequence[Estimate]) -> list[list[str]]:
             row += [f"{np.mean([each.found.status[name] == status for each in some]):.0%}" for status in STATUSES]
             reported = [each for each in some if each.found.status[name] == "reported"]
             if name == "effect":
-                row.append(share(held for each in reported for held in each.inside_by_motor()))
+                by_motor = [(each.found.effect - each.true["effect"], each.found.interval(LEVEL)) for each in reported]
+                row.append(share(held for error, half in by_motor for held in abs(error) <= half.effect))
             row.append(share(each.inside(name) for each in reported))
             errors = np.array([each.error(name)[0] for each in reported])
             row += [f"{np.median(errors):+.0%}", f"{errors[np.argmax(abs(errors))]:+.0%}"] if reported else ["–", "–"]

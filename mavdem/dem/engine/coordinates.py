@@ -18,16 +18,9 @@ def taylor_weights(order: int, dt: float, window: int, at: float) -> NDArray[np.
     """Weights that turn samples into derivatives: the least-squares polynomial of degree ``order`` over a window.
 
     With ``window = order + 1`` the polynomial interpolates, which is the inverse of the Taylor matrix that the
-    literature embeds with. A wider window averages measurement noise away, at the price of bandwidth.
-
-    Args:
-        order: highest derivative p.
-        dt: sampling step, s.
-        window: samples used, at least ``order + 1``.
-        at: place in the window, in samples from its first, at which the derivatives are taken.
-
-    Returns:
-        (order + 1, window): row k gives the k-th derivative.
+    literature embeds with. A wider window averages measurement noise away, at the price of bandwidth. The derivatives
+    are taken ``at`` a place in the window, in samples from its first, of samples ``dt`` s apart; row k of
+    (order + 1, window) gives the k-th.
     """
     offsets = np.arange(window) - at
     # The fit is made in steps, where it is well conditioned, and scaled to seconds afterwards.
@@ -37,14 +30,9 @@ def taylor_weights(order: int, dt: float, window: int, at: float) -> NDArray[np.
 
 
 def embed(samples: NDArray[np.float64], order: int, dt: float, window: int, at: int) -> NDArray[np.float64]:
-    """Generalized vectors of a sampled signal, one for each place the whole window fits.
+    """Generalized vectors of ``samples`` (T, m), one for each place the whole window of :func:`taylor_weights` fits.
 
-    Args:
-        samples: (T, m), uniformly sampled.
-        order, dt, window, at: see :func:`taylor_weights`.
-
-    Returns:
-        (T − window + 1, (order + 1)·m): row i belongs to sample ``i + at``. Nothing is padded.
+    (T − window + 1, (order + 1)·m): row i belongs to sample ``i + at``. Nothing is padded.
     """
     weights = taylor_weights(order, dt, window, at)
     # The filter centres itself on window // 2; what it pads beyond the ends is cut off again.
@@ -53,11 +41,7 @@ def embed(samples: NDArray[np.float64], order: int, dt: float, window: int, at: 
 
 
 def derivative_operator(order: int, size: int) -> NDArray[np.float64]:
-    """D, which moves every block of a generalized vector up by one order; the last becomes zero.
-
-    Returns:
-        ((order + 1)·size, (order + 1)·size), Eq. ``generative_process``.
-    """
+    """D, Eq. ``generative_process``, which moves every block of ``size`` up by one order; the last becomes zero."""
     return np.asarray(np.kron(np.eye(order + 1, k=1), np.eye(size)), np.float64)
 
 
@@ -66,15 +50,10 @@ WORST_CONDITION = 1e12
 
 
 def temporal_covariance(order: int, smoothness: float) -> NDArray[np.float64]:
-    """Covariance of [w, w′, …] of a noise of unit variance, Eq. ``Smatrix`` before it is inverted.
+    """Covariance of [w, w′, …] of a noise of unit variance and kernel width s, Eq. ``Smatrix`` before it is inverted.
 
-    Args:
-        order: highest derivative.
-        smoothness: kernel width s > 0, seconds.
-
-    Returns:
-        (order + 1, order + 1), in powers of 1/s: entry (i, j) is (−1)ⁱ times the (i+j)-th derivative of the
-        autocorrelation at zero, which vanishes where i + j is odd.
+    (order + 1, order + 1), in powers of 1/s: entry (i, j) is (−1)ⁱ times the (i+j)-th derivative of the autocorrelation
+    at zero, which vanishes where i + j is odd.
     """
     covariance = np.zeros((order + 1, order + 1))
     for i in range(order + 1):
@@ -97,15 +76,8 @@ def temporal_precision(order: int, smoothness: float) -> NDArray[np.float64]:
 def sampled_output_precision(order: int, smoothness: float, dt: float, window: int) -> NDArray[np.float64]:
     """S of a noise on the samples themselves, z, whose derivatives are estimated from a window of them.
 
-    W K Wᵀ inverted, for the weights W of ``taylor_weights`` and K the autocorrelation between samples of the window.
-
-    Args:
-        order: highest derivative.
-        smoothness: kernel width s > 0, seconds.
-        dt, window: sampling step (s) and samples of the window.
-
-    Returns:
-        (order + 1, order + 1).
+    W K Wᵀ (order + 1, order + 1) inverted, for the weights W of ``taylor_weights`` and K the autocorrelation between
+    samples of the window.
     """
     weights, lag = _reading(order, dt, window)
     return _precision_in_steps(weights @ np.exp(-((lag / smoothness) ** 2) / 4) @ weights.T, dt)
@@ -116,13 +88,7 @@ def sampled_state_precision(order: int, smoothness: float, dt: float, window: in
 
     So it is that of the noise's integral, of which the weights of derivatives see differences only: with
     g(τ) = ∫₀^τ (τ − u) exp(−u²/4s²) du, the mean square of the integral over τ is 2 g(τ), and the covariance −W g Wᵀ.
-
-    Args:
-        order: highest derivative of the noise, one less than that of the states.
-        smoothness, dt, window: as in :func:`sampled_output_precision`.
-
-    Returns:
-        (order + 1, order + 1).
+    The ``order`` of the noise is one less than that of the states.
     """
     weights, lag = _reading(order + 1, dt, window)
     span, s = np.abs(lag), smoothness

@@ -1,14 +1,12 @@
 """The vector autoregression of outputs and inputs as one process: each sample from those before it.
 
-In closed loop the motors follow from the motion, so that they are predicted and observed like the outputs:
-z = [outputs, inputs] is one process of k = m + r channels,
+In closed loop the motors follow from the motion: z = [outputs, inputs] is one process of k = m + r channels,
 
     z_t = Σᵢ Aᵢ z_{t−i} + offset + e_t,    e_t ~ N(0, Σ), i = 1 … lags.
 
-It answers three questions about the outputs after a known past: the inputs unknown; the inputs measured up to the
-sample itself; all inputs measured. Given the parameters the answers are Gaussian and exact, and their variance does not
-depend on the samples. Inputs are measured without noise, so that what is uncertain are the outputs since the past
-ended: the state of a Kalman filter, and of a smoother, whose noises of measurement and process are correlated.
+Outputs after a known past follow with the inputs unknown, measured up to the sample itself, or all measured. Given the
+parameters the answers are Gaussian and exact. Inputs are measured without noise, so that what is uncertain are the
+outputs since the past ended: the state of a Kalman filter whose noises of measurement and process are correlated.
 """
 
 from __future__ import annotations
@@ -87,13 +85,11 @@ def initial_lags(channels: Array, lags: int) -> Array:
 class LagStatistics(NamedTuple):
     """All that the regression needs of the samples: sums over rows, which add up over segments and can be taken off.
 
-    Attributes:
-        rows: number of samples with as many before them as there are lags.
-        gram: (q, q) Σ of each row times itself; a row is [lag 1 … lag p, 1, sample], q = (p + 1) k + 1.
+    A row is [lag 1 … lag p, 1, sample], of q = (p + 1) k + 1 numbers.
     """
 
-    rows: float
-    gram: Array
+    rows: float  # number of samples with as many before them as there are lags
+    gram: Array  # (q, q) Σ of each row times itself
 
     @classmethod
     def of(cls, segments: Iterable[Array], lags: int) -> LagStatistics:

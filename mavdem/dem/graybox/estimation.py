@@ -132,16 +132,14 @@ def _log_jacobian(parameters: Parameters, theta: Array, dt: float) -> Array:
 
 def _figures(whole: GrayBoxFit, sd: Array, spread: _Spread, windows: FlightWindows) -> IdentifiabilityFigures:
     parameters, theta = whole.parameters, whole.theta
-
-    def by_name(values: Array) -> dict[str, float]:
-        return dict(zip(PARAMETERS, values.tolist(), strict=True))
-
+    tables = sd, np.sqrt(spread.window_variance), spread.spectrum_range
+    own, over_windows, over_spectra = (dict(zip(PARAMETERS, table.tolist(), strict=True)) for table in tables)
     return IdentifiabilityFigures(
         wind_share=_wind_share(parameters, theta, windows, whole.levels),
         alias_share=_alias_share(parameters, theta, windows),
-        sd=by_name(sd),
-        window_sd=by_name(np.sqrt(spread.window_variance)),
-        spectrum_range=by_name(spread.spectrum_range),
+        sd=own,
+        window_sd=over_windows,
+        spectrum_range=over_spectra,
         damping=float(parameters.damping(theta)),
         lag=float(np.exp(theta[parameters.motors + 2])),
         dt=windows.dt,

@@ -20,7 +20,7 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import pack, unpack
 from mavdem.evaluate.held_out import CONSTANT_MEAN, FORECAST, HeldOut, held_out_test, held_out_windows
 from mavdem.flight import Flight
-from mavdem.live.history import LiveHistory
+from mavdem.live.history import AHEAD, LiveHistory
 from mavdem.report.figures.style import (
     HAIRLINE,
     THIN,
@@ -363,7 +363,7 @@ def live_flight(history: LiveHistory, name: str) -> Figure:
     with picture(3.4) as figure:
         above, below = figure.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": [3, 2]})
         for axes, mean, half, unit, colour, label in (
-            (above, lines.predicted, lines.predicted_band, angle, PREDICTED, f"{history.horizon:g} s ahead"),
+            (above, lines.predicted, lines.predicted_band, angle, PREDICTED, f"{AHEAD:g} s ahead"),
             (below, lines.torque, lines.torque_band, torque, DISTURBANCE, ""),
         ):
             for number, ends in enumerate(history.learned):
