@@ -82,10 +82,8 @@ class SessionStatus:
     alarm_count: int = 0  # of these so far
     alarm: str = ""  # the latest on a motor in this boot and this flight; it stays after the landing
 
-    def predicting(self, estimate: Estimate | None) -> SessionStatus:
+    def predicting(self, estimate: Estimate) -> SessionStatus:
         """Returns the same with ``ahead`` and ``useful`` of an estimate."""
-        if estimate is None:
-            return self
         seconds, longest = estimate.ahead_times - estimate.time, estimate.useful
         nearest = int(abs(seconds - AHEAD).argmin())
         ahead = float(seconds[nearest]), float(estimate.ahead_band[nearest, 0])

@@ -1,18 +1,9 @@
 """A MAVLink link, and the recording of what it receives: a socket or a serial port, by pymavlink's connection strings.
 
-It sends nothing before ``send``.
-
-pymavlink's own connections share a port in use instead of failing, and send to every address that ever sent anything.
-
-=====================  =================================================================================================
-``udpin:HOST:PORT``    receives at this address; also ``udp:HOST:PORT`` and ``HOST:PORT``
-``udpout:HOST:PORT``   exchanges with this address, which sends only after it has received something
-``tcp:HOST:PORT``      connects to a server
-``tcpin:HOST:PORT``    waits for one client
-``DEVICE[,BAUD]``      a serial port, 115200 baud unless given; its modem lines stay as they are
-=====================  =================================================================================================
-
-Without a HOST it is this machine, 127.0.0.1; ``udpin:0.0.0.0:14550`` is open to the network.
+``udpin:HOST:PORT`` (also ``udp:HOST:PORT`` and ``HOST:PORT``), ``udpout:HOST:PORT``, ``tcp:HOST:PORT`` (a server),
+``tcpin:HOST:PORT`` (waits for one client) or ``DEVICE[,BAUD]``, whose modem lines stay as they are. Without a HOST it
+is this machine. It sends nothing before ``send``. pymavlink's own connections share a port in use instead of failing,
+and send to every address that ever sent anything.
 """
 
 from __future__ import annotations
@@ -24,6 +15,7 @@ import select
 import socket
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -62,7 +54,8 @@ class Link:
 
     def __init__(self, name: str) -> None:
         self.name = name
-        self._origins = Origins()
+        self._events: list[str] = []
+        self._origins = Origins(self._events.append)
         self._pause, self._not_before = FIRST_PAUSE_SECONDS, 0.0
         self._opened = self._came = 0.0
         self._server: socket.socket | None = None
@@ -120,8 +113,7 @@ class Link:
 
     def events(self) -> list[str]:
         """Sentences to report since the last call."""
-        new, self._origins.events = self._origins.events, []
-        return new
+        return [self._events.pop(0) for _ in range(len(self._events))]
 
     def send(self, frame: bytes) -> None:
         """Sends whole frames, with ``udpin`` to all addresses read from lately. Raises LinkLost: as ``receive``."""
@@ -248,13 +240,10 @@ class Link:
 
 
 class Origins:
-    """Admits the datagrams of each autopilot from one address only; other components may have several.
+    """Admits the datagrams of each autopilot from one address only; other components may have several."""
 
-    ``events``: sentences to report.
-    """
-
-    def __init__(self) -> None:
-        self.events: list[str] = []
+    def __init__(self, report: Callable[[str], None]) -> None:
+        self._report = report
         self._first: dict[tuple[int, ...], tuple[Any, float]] = {}
         self._rivals: dict[tuple[int, ...], Any] = {}  # address that was refused, until that is reported
 
@@ -274,7 +263,7 @@ class Origins:
         if self._rivals.get(ids) is not None:
             # Both send; one that restarts from another port would not send from the first again.
             addresses = " and ".join(f"{host}:{port}" for host, port, *_ in (address, self._rivals[ids]))
-            self.events.append(
+            self._report(
                 f"Two addresses send as {ids[0]}:{ids[1]}, {addresses}: only the first is read; if they are two "
                 "vehicles, give one another system id."
             )

@@ -18,8 +18,8 @@ from mavdem.live.messages import Message
 
 GROUND_STATION = FrameSender(255, 190)  # The usual ids of ground stations; 190 is MAV_COMP_ID_MISSIONPLANNER
 GREETER = FrameSender(254, 190)
-"""The sender of the HEARTBEATs. Not 255, the usual ground station of a vehicle: when its HEARTBEATs end, autopilots
-assume a lost link and may fly home."""
+"""Sends the HEARTBEATs. When those of 255, the usual ground station, end, autopilots assume a lost link and may fly
+home."""
 GCS, NO_AUTOPILOT, VERSION = 6, 8, 3  # MAV_TYPE_GCS, MAV_AUTOPILOT_INVALID, and the version in every HEARTBEAT
 GET_INTERVAL, SET_INTERVAL = 510, 511  # MAV_CMD_GET_MESSAGE_INTERVAL and _SET_MESSAGE_INTERVAL
 EVERYONE = 0  # Target id of messages to all, and of those without a target
@@ -53,9 +53,8 @@ class Arrivals:
     def rates(self, now: float, arrived: Mapping[int, int]) -> dict[int, float] | None:
         """Returns Hz by message id from the number of messages so far by id; None while the window is too short."""
         total = sum(arrived.values())
-        new = total != self._total
-        self.resumed = new and self._total > 0 and now - self._heard > SILENCE_SECONDS
-        if new:
+        self.resumed = total != self._total > 0 and now - self._heard > SILENCE_SECONDS
+        if total != self._total:
             self._heard, self._total = now, total
         if self.resumed:
             self._window.clear()

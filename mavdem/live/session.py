@@ -210,7 +210,8 @@ class LiveSession:
         rates = dict.fromkeys(status.rates, 0.0) if silence else status.rates
         median, late = np.percentile(self._latencies or [np.nan], [50, 99]).tolist()
         rows = replace(status, learned=self._learned, shown=self._shown, latency=(median, late))
-        return replace(rows, obstacle=obstacle, rates=rates).predicting(self._estimate)
+        rows = replace(rows, obstacle=obstacle, rates=rates)
+        return rows if self._estimate is None else rows.predicting(self._estimate)
 
     def _silence(self) -> str:
         """The sentence about a silent link; empty if it is not silent."""

@@ -317,7 +317,7 @@ class LiveStream:
         self._choice.restart()
         self._attitude = self._inputs = None
         self._phase = Phase()
-        self._alarms.restart()
+        self._alarms.sentence = ""
         self._grid.restart()
         self._reviewed, self._connected_from = -inf, inf
 
@@ -335,17 +335,13 @@ class MotorAlarms:
         self._watched: object = None
         self._reported = {""}  # Reasons why none would be seen
 
-    def restart(self) -> None:
-        """Starts again after a reboot."""
-        self._watch, self.sentence = None, ""
-
-    def take(self, time: float, boot: int, inputs: Inputs, commands: list[float]) -> list[str]:
+    def take(self, time: float, boot: int, inputs: Inputs, commands: list[float]) -> Iterator[str]:
         """Sentences to report after a sample, the motors' ``commands`` as shares of their range, in settled flight."""
         if self.landed:
             self.sentence, self.landed = "", False
-        said, obstacle, layout = [], ONLY_DEMAND, inputs.layout
+        obstacle, layout = ONLY_DEMAND, inputs.layout
         if inputs.message != DEMAND_MESSAGE:
-            watched = layout, inputs.scale.low, inputs.scale.high  # balances on two ranges differ
+            watched = boot, layout, inputs.scale.low, inputs.scale.high  # balances on two ranges differ
             if self._watch is None or watched != self._watched:
                 motors = layout.names, layout.motors, layout.positions, layout.spins
                 self._watch, self._watched = MotorWatch(*motors, layout.positions_assumed, boot), watched
@@ -354,8 +350,7 @@ class MotorAlarms:
                 self.latest.append(alarm)
                 self.count += 1
                 self.sentence = self.sentence if alarm.motor is None else alarm.sentence
-                said.append(alarm.sentence)
+                yield alarm.sentence
         if obstacle not in self._reported:
             self._reported.add(obstacle)
-            said.append(obstacle)
-        return said
+            yield obstacle

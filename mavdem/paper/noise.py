@@ -1,18 +1,13 @@
 """Section V.C: is the process noise Gaussian, as the Laplace approximation assumes, and is it coloured?
 
-The Jarque-Bera test of skewness and excess kurtosis assumes independent samples. Those of coloured noise have a larger
-variance: for a stationary Gaussian series of autocorrelation ρ, the variances of √N times skewness and kurtosis tend to
-6 Σρ(k)³ and 24 Σρ(k)⁴ over all lags, positive and negative (Lomnicki), instead of 6 and 24. So the test rejects
-coloured Gaussian noise nearly always. ``normality`` estimates these sums as Lobato and Velasco do and keeps its level
-for any colour. The Ljung-Box test is of the autocorrelations up to a lag.
+For a stationary Gaussian series of autocorrelation ρ, the variances of √N times skewness and excess kurtosis tend to
+6 Σρ(k)³ and 24 Σρ(k)⁴ over all lags, positive and negative (Lomnicki). The Jarque-Bera test takes 6 and 24, so it
+rejects coloured Gaussian noise nearly always; ``normality`` estimates the sums as Lobato and Velasco do.
 
-A process noise is *estimated* from derivatives, each from a window of samples, so that neighbouring values share
-samples and are correlated for any noise. ``overlap`` is the number of values that share a sample; ``whiteness`` is of
-values that share none.
+A process noise is *estimated* from derivatives, each from a window of samples, so that neighbouring values are
+correlated for any noise: ``overlap`` of them share a sample, and ``whiteness`` is of values that share none.
 
 References:
-    C. M. Jarque, A. K. Bera, "A test for normality of observations and regression residuals", International
-        Statistical Review 55 (1987) 163-172.
     Z. A. Lomnicki, "Tests for departure from normality in the case of linear stochastic processes", Metrika 4 (1961).
     I. N. Lobato, C. Velasco, "A simple test of normality for time series", Econometric Theory 20 (2004) 671-689.
     G. M. Ljung, G. E. P. Box, "On a measure of lack of fit in time series models", Biometrika 65 (1978) 297-303.
@@ -189,11 +184,8 @@ class Noise(NamedTuple):
 def process_noise(learned: Learned) -> dict[int, Noise]:
     """Returns the statistics of a model's process noise, as it drives each output, by the output's number.
 
-    That is C w, w = x′ − A x − B v as the D step estimates it, in units of the outputs per second. It does not depend
-    on the coordinates of the states. If the training data have gaps it is that of the longest part between them.
-
-    Raises:
-        ValueError: too few training samples, or a noise that does not vary, as when p = 0.
+    That is C w, w = x′ − A x − B v as the D step estimates it, in units of the outputs per second, over the longest
+    part of the training data without gaps. Raises ValueError: too few samples, or a noise that does not vary.
     """
     samples, noise = learned.process_noise()
     runs = np.split(np.arange(len(samples)), np.flatnonzero(np.diff(samples) > 1) + 1)
@@ -206,10 +198,8 @@ def process_noise(learned: Learned) -> dict[int, Noise]:
 def analyse_noise(values: ArrayLike, dt: float, overlap: int = 1) -> Noise:
     """Returns the statistics of a series of noise: ``values`` (N,), finite, ``dt`` seconds apart, in any unit.
 
-    ``overlap``: number of neighbouring values that an underlying sample contributes to; 1 if values share none.
-
-    Raises:
-        ValueError: fewer than twenty values that share no samples, or values that are not finite or do not vary.
+    ``overlap``: number of neighbouring values that an underlying sample contributes to; 1 if values share none. Raises
+    ValueError: fewer than twenty values that share no samples, or values that are not finite or do not vary.
     """
     series = np.asarray(values, np.float64)
     if series.ndim != 1 or not np.isfinite(series).all():

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from mavdem import baselines
+from mavdem import evaluate
 from mavdem.dem import Settings, learn
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.parallel import parallel_map
@@ -99,16 +99,9 @@ MEAN = "constant mean"
 
 Learn = Callable[[Flight], Forecaster]
 METHODS: dict[str, Learn] = {
-    OURS: partial(learn, settings=Settings()),
-    OURS_WITHOUT: partial(learn, settings=replace(Settings(), p=1, d=1)),
-    WITH: partial(learn, settings=PAPER),
-    WITHOUT: partial(learn, settings=PAPER_WITHOUT),
-    "subspace(2)": partial(baselines.subspace, order=2),
-    "subspace(4)": partial(baselines.subspace, order=4),
-    "PEM(2)": partial(baselines.pem, order=2),
-    "EM(2)": partial(baselines.em, order=2),
-    "ARX(2)": partial(baselines.arx, order=2),
-    MEAN: baselines.constant_mean,
+    method.name: method.learn
+    for method in evaluate.METHODS
+    if method.name in (OURS, OURS_WITHOUT, WITH, WITHOUT, *PEERS, *OTHERS, MEAN)
 }
 
 STARTS = ("the data", "state 0")  # of a forecast: the end of training, or 0 as in the authors' code
