@@ -68,7 +68,7 @@ def test_a_system_is_recovered_as_well_as_can_be(order, feedback):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("order", [1, 3])
+@pytest.mark.parametrize("order", [3])
 @pytest.mark.parametrize("bound", [np.inf, 0.9])
 @pytest.mark.parametrize("train", [TRAIN, [TRAIN[:300], TRAIN[310:]], growing()], ids=["windy", "cut", "growing"])
 def test_the_likelihood_rises_and_covariances_stay_positive(order, bound, train):
@@ -98,12 +98,6 @@ def test_the_authors_em_is_matched_within_its_spread_over_starts():
         assert theirs[name].min() < ours < theirs[name].max()
     # From the estimate at the end of training it is better than most of theirs.
     assert evaluate.mspe(test.outputs, em.forecast(test.inputs)).total < np.median(theirs["mspe_x0last_aligned"])
-
-
-def test_what_has_not_settled_is_said(monkeypatch):
-    monkeypatch.setattr(sys.modules["mavdem.baselines.expectation_maximization"], "TRIAL_ITERATIONS", 3)
-    monkeypatch.setattr(sys.modules["mavdem.baselines.expectation_maximization"], "MAX_ITERATIONS", 5)
-    assert any("still rising after 5 iterations" in caution for caution in baselines.em(TRAIN, 2).cautions)
 
 
 @pytest.mark.parametrize("breakdowns", [STARTS - 1, STARTS])

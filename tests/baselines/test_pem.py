@@ -59,7 +59,7 @@ def test_sensitivities_are_the_slopes_of_the_errors(order, worst_modes, monkeypa
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("order", [1, 2, 3, 4])
+@pytest.mark.parametrize("order", [2, 4])
 @pytest.mark.parametrize("train", [TRAIN, growing(), [TRAIN[:300], TRAIN[310:]]], ids=["windy", "growing", "cut"])
 def test_errors_are_never_above_those_of_any_subspace_model(order, train):
     starts = [determinant(baselines.subspace(train, order, weighting)) for weighting in WEIGHTINGS]

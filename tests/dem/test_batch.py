@@ -90,12 +90,6 @@ def test_what_jobs_raise_is_raised():
         list(learn_many(broken(), executor))
 
 
-@pytest.mark.parametrize("job", [None, 1, FLIGHTS[0], (FLIGHTS[0],)])
-def test_what_is_no_job_is_named(job):
-    with pytest.raises(ValueError, match="^jobs must be pairs"):
-        list(learn_many([job]))
-
-
 @pytest.mark.slow
 def test_a_killed_worker_is_reported(two_workers):
     answers = learn_many(repeat(JOBS[0]))
@@ -140,17 +134,6 @@ def run_script(folder: Path, text: str) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.slow
-def test_a_script_without_a_guard_is_reported_in_a_line(tmp_path):
-    ended = run_script(
-        tmp_path,
-        "from mavdem.dem.parallel import pool\nwith pool(1) as executor:\n    print(executor.submit(int).result())\n",
-    )
-    assert ended.returncode == 1 and not ended.stdout
-    first, *_ = ended.stderr.splitlines()
-    assert "starts processes" in first and "__main__" in first
-
-
-@pytest.mark.slow
 def test_workers_start_no_workers_of_their_own_and_end_with_a_killed_parent(tmp_path):
     ended = run_script(
         tmp_path,
@@ -159,20 +142,6 @@ def test_workers_start_no_workers_of_their_own_and_end_with_a_killed_parent(tmp_
         "        os.kill(os.getpid(), signal.SIGKILL)\n",
     )
     assert ended.returncode == -signal.SIGKILL and ended.stdout == "1\n"
-
-
-@pytest.mark.slow
-def test_ctrl_c_while_workers_are_waited_for_ends_once_they_have(tmp_path):
-    ended = run_script(
-        tmp_path,
-        "import os, signal, threading, time\nfrom mavdem.dem.parallel import pool\nif __name__ == '__main__':\n"
-        "    signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-        "    with pool(1) as executor:\n        executor.submit(int).result()\n"
-        "        executor.submit(time.sleep, 1.0)\n"
-        "        threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT)).start()\n",
-    )
-    assert ended.stderr.splitlines()[-1] == "KeyboardInterrupt"
-    assert ended.returncode == -signal.SIGINT
 
 
 def test_threads_that_learn_take_turns(monkeypatch):

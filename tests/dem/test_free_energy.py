@@ -167,14 +167,6 @@ def test_optimal_precisions_cannot_be_improved(model, seed):
         assert free_energy_action(model, samples, other) < height
 
 
-@given(model=models, seed=seeds, iterations=st.integers(1, 15))
-@settings(max_examples=20)
-def test_the_climb_never_falls_and_takes_no_more_rounds_than_it_may(model, seed, iterations):
-    climb = ascend(model, random_samples(seed, model), iterations)
-    assert (np.diff(climb.free_energy) >= 0).all()
-    assert len(climb.theta) == len(climb.lambda_) == len(climb.free_energy) <= iterations + 1
-
-
 @pytest.mark.parametrize("n", [1, 2, 3, 5])
 def test_with_all_parameters_known_the_free_energy_is_the_evidence_whatever_the_order(n):
     """F̄ᵒ is ln p(ỹ | ṽ) with the same constant for every n, where something is known of x before it is seen."""
@@ -312,8 +304,8 @@ def test_a_climb_at_any_rates_never_falls(model, seed, logs):
     data = np.random.default_rng(seed).standard_normal((40, model.hidden.start))
     rates = [None if log is None else 10**log for log in logs]
     climb = ascend(model, SufficientStatistics.of(data), 12, Rates(*rates, segments=(data,), dt=DT))
-    assert (np.diff(climb.free_energy) >= 0).all()
-    assert np.isfinite(climb.theta).all()
+    assert (np.diff(climb.free_energy) >= 0).all() and np.isfinite(climb.theta).all()
+    assert len(climb.theta) == len(climb.lambda_) == len(climb.free_energy) <= 12 + 1
 
 
 def test_flows_run_and_lead_to_the_same_place():
@@ -391,10 +383,3 @@ def test_a_climb_that_says_it_has_settled_has_nothing_left(settings):
     finished = ascend(model, samples, 300)
     assert finished.converged
     assert newton_step(model, samples, finished.belief).gain < 0.1
-
-
-def test_a_climb_at_a_rate_of_next_to_nothing_has_not_settled():
-    model, samples = problem(order=2, window=3)
-    climb = ascend(model, samples, 20, Rates(theta=1e-9))
-    assert not climb.converged
-    assert len(climb.free_energy) == 21

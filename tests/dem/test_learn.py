@@ -47,18 +47,6 @@ def test_units_of_the_stream_do_not_matter():
     np.testing.assert_allclose(two.forecast(other[700:].inputs), forecast, rtol=0, atol=1e-6 * np.abs(forecast).max())
 
 
-def test_posterior_is_in_physical_units_and_narrower_than_the_prior():
-    flight = simulated(wind=0.5)
-    learned = learn(flight[:700], Settings(order=2, window=3, parameter_precision=0.01, horizon=None))
-    r = flight.inputs.shape[1]
-    assert learned.theta_covariance.shape == (4 + 2 * r + 4,) * 2
-    assert (np.diag(learned.theta_covariance) <= learned.prior_sd**2 * (1 + 1e-9)).all()
-    np.testing.assert_array_equal(learned.known, [1, 1, 0, 0] + [1] * r + [0] * r + [1] * 4)
-    np.testing.assert_allclose(learned.learning.theta_sd[-1], np.sqrt(np.diag(learned.theta_covariance)), rtol=1e-9)
-    np.testing.assert_allclose(learned.learning.theta[-1][4 : 4 + 2 * r].reshape(2, r), learned.model.B)
-    assert learned.model_sd.B.shape == (2, r)
-
-
 def test_the_memory_layout_of_the_data_does_not_matter():
     flight = simulated(wind=0.5)
     inputs, outputs = np.asfortranarray(flight.inputs), np.asfortranarray(flight.outputs)
@@ -148,16 +136,6 @@ def test_without_trajectories_forecasts_lean_on_the_trim_as_much_as_the_training
     assert (added >= 1).all() and (np.diff(added[:, 0]) >= 0).all() and added.max() <= 2
 
 
-def test_a_forecast_no_better_than_the_mean_expects_an_error_as_large():
-    rng = np.random.default_rng(0)
-    wandering = np.cumsum(np.cumsum(rng.standard_normal(700))) * 1e-3
-    outputs = np.stack([wandering, np.gradient(wandering, DT)], axis=1)
-    flight = Flight(DT * np.arange(700), rng.standard_normal((700, 4)), outputs)
-    learned = learn(flight, Settings.paper())
-    expected = learned.forecast_variance(flight.inputs[-150:]) / flight.outputs.var(axis=0)
-    assert expected.mean() > 0.9
-
-
 def test_unstable_models_are_said_to_be():
     time = DT * np.arange(400)
     growing = 1e-3 * np.exp(2 * time)
@@ -196,7 +174,7 @@ def test_data_that_determine_nothing_are_refused(change, message):
         learn(change(simulated()))
 
 
-@pytest.mark.parametrize(("p", "order"), [(1, 4), (3, 6)])
+@pytest.mark.parametrize(("p", "order"), [(1, 4)])
 def test_more_hidden_states_than_derivatives_are_refused_and_one_fewer_learnt(p, order):
     flight = simulated(wind=0.5)[:700]
     settings = {"p": p, "window": 9, "parameter_precision": 1.0}
@@ -260,7 +238,7 @@ def test_a_fit_that_starts_at_an_earlier_one_arrives_at_the_same_model_sooner():
 def test_a_start_of_other_sizes_is_refused():
     flight = simulated()[:700]
     with pytest.raises(ValueError, match="start must have the states, inputs, outputs"):
-        learn(flight, Settings(order=4), start=learn(flight))
+        learn(flight, replace(QUICK, order=3), start=learn(flight, QUICK))
 
 
 CLEAN = Settings(order=2, parameter_precision=0.01, window=5)
@@ -270,15 +248,6 @@ def gapped(cut=400, missing=60):
     """A flight, and the two segments that are left of it when a stretch is lost."""
     flight = simulated()
     return flight, [flight[:cut], flight[cut + missing : 700]]
-
-
-def test_a_gap_does_no_harm():
-    flight, segments = gapped()
-    learned = learn(segments, CLEAN)
-    np.testing.assert_allclose(learned.model.A[1], [-9, -RATE], rtol=0.1)
-    np.testing.assert_allclose(learned.model.B[1], GAIN, rtol=0.1)
-    forecast = learned.forecast(flight.inputs[700:])
-    assert evaluate.relative_mspe(flight[:700], flight[700:], forecast) < 0.02
 
 
 def test_predictions_and_noise_belong_to_their_segments():

@@ -15,7 +15,6 @@ from textbook_filter import TextbookFilter
 
 from mavdem.dem.engine import kalman
 from mavdem.dem.engine.coordinates import (
-    derivative_operator,
     embed,
     taylor_weights,
     temporal_covariance,
@@ -23,7 +22,7 @@ from mavdem.dem.engine.coordinates import (
 )
 from mavdem.dem.engine.kalman import GaussianModel, smoothed, steady_covariance, steady_gain
 from mavdem.dem.engine.linalg import inverse, logdet, solve
-from mavdem.dem.engine.model import WORST_MODES, LinearModel, discretize, pack, recursion, unpack
+from mavdem.dem.engine.model import WORST_MODES, discretize, pack, recursion, unpack
 from mavdem.dem.engine.state_space import filter_gain
 
 
@@ -46,12 +45,6 @@ def test_first_order_hold_agrees_with_scipy(seed, n, r):
     # SciPy's first-order hold moves Γ₁ into the output equation: its input matrix is Γ₀ + Φ Γ₁.
     phi, gamma, *_ = cont2discrete((A, B, np.eye(n), np.zeros((n, r))), dt, "foh")
     np.testing.assert_allclose(step.input_now + step.state @ step.input_next, gamma, atol=1e-12)
-
-
-def test_spectral_abscissa_shows_stability():
-    stable = LinearModel(np.diag([-1.0, -3.0]), *(np.zeros((2, 2)),) * 2, *(np.zeros(2),) * 3)
-    assert stable.spectral_abscissa == pytest.approx(-1.0)
-    assert stable._replace(A=np.array([[0.0, 1.0], [4.0, 0.0]])).spectral_abscissa == pytest.approx(2.0)
 
 
 @given(seed=st.integers(0, 10**6), size=st.integers(1, 8))
@@ -171,17 +164,6 @@ def test_embedding_is_the_weights_applied_to_each_window(window, at):
         np.testing.assert_allclose(embedded[i], (weights @ samples[i : i + window]).ravel(), atol=1e-9)
 
 
-def test_derivative_operator_shifts_up_one_order():
-    shifted = derivative_operator(2, 2) @ np.arange(6.0)
-    np.testing.assert_array_equal(shifted, [2, 3, 4, 5, 0, 0])
-
-
-@pytest.mark.parametrize("s", [0.01, 1.0, 7.0])
-def test_first_entries_are_those_printed_in_the_paper(s):
-    expected = [[1, 0, -1 / (2 * s**2)], [0, 1 / (2 * s**2), 0], [-1 / (2 * s**2), 0, 3 / (4 * s**4)]]
-    np.testing.assert_allclose(temporal_covariance(2, s), expected)
-
-
 def test_entries_are_derivatives_of_the_autocorrelation_at_zero():
     # d^k/dτ^k exp(−τ²/4s²) at 0 is (−1/(2s))^k H_k(0) with physicists' Hermite polynomials.
     s, order = 1.7, 6
@@ -270,26 +252,6 @@ def test_it_is_the_joint_gaussian_given_the_outputs(seed, n, k, m, samples, radi
         if t:
             np.testing.assert_allclose(states.lagged[t - 1], covariances[t, :, t - 1], atol=1e-7)
     assert states.log_likelihood == pytest.approx(log_likelihood, rel=1e-7, abs=1e-6)
-
-
-def test_covariances_that_stand_still_are_those_that_go_on(monkeypatch):
-    model = random_gaussian_model(0, 2, 1, 2)
-    rng = np.random.default_rng(0)
-    data = rng.standard_normal(2), rng.standard_normal((3000, 1)), rng.standard_normal((3000, 2))
-    quick = smoothed(model, *data)
-    monkeypatch.setattr(kalman, "STEADY", 0.0)
-    whole = smoothed(model, *data)
-    for one, other in zip(quick, whole, strict=True):
-        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9)
-
-
-def test_a_covariance_that_is_none_is_reported():
-    model = random_gaussian_model(0, 2, 1, 2)
-    data = np.zeros(2), np.zeros((5, 1)), np.zeros((5, 2))
-    with pytest.raises(np.linalg.LinAlgError):
-        smoothed(model._replace(R=-10 * np.eye(2)), *data)
-    with np.errstate(all="ignore"), pytest.raises(np.linalg.LinAlgError):
-        smoothed(model._replace(A=1e200 * np.eye(2)), *data)
 
 
 @pytest.mark.parametrize("noise", [1.0, 1e-4, 1e-8])

@@ -220,17 +220,6 @@ def test_it_forgets_and_does_not_grow():
     assert len(online.learned.record) == 200
 
 
-@pytest.mark.slow
-def test_still_channels_are_an_obstacle_and_the_model_stays():
-    online = OnlineLearner(COMPLETE, dt=0.01, memory=2.0)
-    before = flown(online, WINDY[:450])[-1]
-    after = before
-    for row in range(500):
-        after = online.update(before.time + 0.01 * (row + 1), [0.1, 0.0], [1500.0] * 4)
-    assert "vary" in online.obstacle
-    assert after.model is not None and np.isfinite(after.expected).all()
-
-
 @pytest.mark.parametrize(
     ("given", "said"),
     [

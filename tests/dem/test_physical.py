@@ -231,31 +231,11 @@ def test_a_status_changes_at_its_limit_and_says_why(figure, name, limit, below, 
         assert (reasons[name] == "") == (expected == "reported")
 
 
-def test_what_is_wrong_with_the_effect_is_wrong_with_the_rest():
-    statuses, reasons = identifiability(SOUND._replace(sd={**SOUND.sd, "effect": 0.15}))
-    assert statuses == dict.fromkeys(PARAMETERS, "biased")
-    assert "which is biased" in reasons["lag"]
-
-
 def test_gaps_are_not_filtered_across():
     flight = flown(1, steering=1.0)
     whole, apart = physical(flight), physical([flight[:350], flight[350:]])
     np.testing.assert_allclose(apart.effect @ MOTORS, whole.effect @ MOTORS, rtol=0.05)
     assert len(apart.windows.start) == 2
-
-
-@pytest.mark.slow
-def test_windows_show_a_motor_that_weakens():
-    before, after = flown(3, steering=1.0, samples=1400), flown(4, steering=1.0, samples=1400)
-    weak = Flight(after.time, 1500 + 2 * (after.inputs - 1500), after.outputs)
-    found = physical([before, weak])
-    whole = physical([before, after])
-    first, last = found.windows.effect[:2].mean(), found.windows.effect[2:].mean()
-    assert last < 0.75 * first
-    assert found.status["effect"] == "biased"
-    assert np.ptp(whole.windows.effect) < 0.2 * whole.windows.effect.mean()
-    # The estimate's own uncertainty is not all: windows differ by more.
-    assert found.interval().effect.mean() > 2 * whole.interval().effect.mean()
 
 
 @pytest.mark.slow

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from random_models import random_model
 from scipy.linalg import expm
 from scipy.ndimage import gaussian_filter1d
 from simulated import DT, GAIN, RATE, simulated
@@ -161,7 +160,7 @@ def test_noise_precisions_may_be_shared_by_groups():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("p", "d"), [(0, 0), (0, 6), (6, 0), (6, 6), (2, 3), (3, 1)])
+@pytest.mark.parametrize(("p", "d"), [(0, 0), (0, 6), (6, 0), (6, 6)])
 def test_every_order_from_zero_to_six_can_be_learnt(p, d):
     window = max(p, d) + 1
     settings = Settings(
@@ -201,16 +200,3 @@ def test_what_is_no_gaussian_is_named(mean, precision, named):
 def test_settings_that_do_not_fit_the_flight_are_named(settings, named):
     with pytest.raises(ValueError, match=named):
         learn(simulated()[:200], Settings(order=2, window=3, parameter_precision=1.0, **settings))
-
-
-def test_what_is_no_generative_model_is_named():
-    model = random_model(3, 2, 2, 1, 2, 1, drop=False, groups=False)
-    for field, value, named in (
-        ("output_correlation", np.eye(2), "^output_correlation must have shape"),
-        ("state_correlation", -np.eye(3), "^state_correlation must be positive definite"),
-        ("input_precision", np.full((4, 4), np.nan), "^input_precision must be finite"),
-        ("prior", model.prior._replace(theta_mean=model.prior.theta_mean[:1]), "^prior.theta_mean must"),
-        ("prior", model.prior._replace(lambda_precision=np.eye(1)), "^prior.lambda_precision must"),
-    ):
-        with pytest.raises(ValueError, match=named):
-            replace(model, **{field: value})

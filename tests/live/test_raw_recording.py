@@ -36,7 +36,7 @@ def test_datagrams_are_kept_with_their_stamps(tmp_path: Path, form: str) -> None
     assert recorded(tmp_path / f"flight{form}") == expected
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_bytes_in_any_pieces_among_garbage_are_kept(tmp_path: Path, seed: int) -> None:
     chance = random.Random(seed)
     content = b""

@@ -32,13 +32,6 @@ def test_the_only_one_is_followed_beside_ground_station_gimbal_and_plane():
     assert flying == [(1, 1)]
 
 
-def test_a_telemetry_radio_is_called_one_and_not_blamed_for_missing_attitude():
-    radio = [(number / 2, message("RADIO_STATUS", 51, 68, sequence=number)) for number in range(28)]
-    made = replay(sorted(Flight().frames(end=14.0) + radio, key=lambda entry: entry[0]))
-    assert [sender.kind for sender in made.stream._senders] == ["QUADROTOR", "TELEMETRY_RADIO"] and made.rows
-    assert "ATTITUDE" not in replay(radio, vehicle="51").stream.status().obstacle
-
-
 def test_of_several_none_is_guessed_and_all_are_listed():
     mute = sorted(only_heartbeats() + only_heartbeats(system=4), key=lambda entry: entry[0])
     assert replay(mute).stream.status().obstacle == replay(TWO).stream.status().obstacle
@@ -46,11 +39,8 @@ def test_of_several_none_is_guessed_and_all_are_listed():
     made = replay(TWO)
     assert not made.rows
     assert made.stream.status().vehicle is None
-    assert made.stream.status().obstacle == "Several vehicles found: choose one, for example with `--vehicle 1:1`."
-    assert made.sentences == [
-        "Several vehicles found: 1:1 (QUADROTOR, ARDUPILOTMEGA), 4:1 (QUADROTOR, ARDUPILOTMEGA). "
-        "Choose one, for example with `--vehicle 1:1`."
-    ]
+    (said,) = made.sentences
+    assert "1:1 (QUADROTOR, ARDUPILOTMEGA), 4:1 (QUADROTOR, ARDUPILOTMEGA)" in said and "`--vehicle 1:1`" in said
 
 
 def test_the_one_that_is_named_is_followed():
@@ -58,15 +48,6 @@ def test_the_one_that_is_named_is_followed():
         made = replay(TWO, vehicle=name)
         assert made.stream.status().vehicle == "4:1"
         assert made.rows
-
-
-def test_one_that_comes_later_is_reported_once_and_not_followed():
-    later = [(time + 6.0, data) for time, data in Flight(system=4).frames(end=8.0)]
-    made = replay(sorted(Flight().frames(end=14.0) + later, key=lambda entry: entry[0]))
-    assert made.stream.status().vehicle == "1:1"
-    assert [sentence for sentence in made.sentences if "4:1" in sentence] == [
-        "Vehicle 4:1 (QUADROTOR, ARDUPILOTMEGA) found too; still following 1:1."
-    ]
 
 
 def test_one_without_heartbeats_is_followed_as_what_it_is_unknown():
@@ -82,9 +63,7 @@ def test_one_that_sends_nothing_but_heartbeats_is_followed_so_that_it_can_be_ask
     assert made.sentences == ["Following vehicle 1:1 (QUADROTOR, ARDUPILOTMEGA)."]
     assert made.stream.status().vehicle == "1:1"
     assert replay(only_heartbeats(), vehicle="1").stream.status().vehicle == "1:1"
-    assert made.stream.status().obstacle == (
-        "There is no ATTITUDE or ATTITUDE_QUATERNION message. Ask for more with `--request-rate 100`."
-    )
+    assert "`--request-rate 100`" in made.stream.status().obstacle
 
 
 def test_a_plane_that_is_named_is_reported_to_be_none():

@@ -83,15 +83,6 @@ def test_intervals_are_set_at_once_reported_and_restored(autopilot):
     assert vehicle.command(510, 77)[1]["MESSAGE_INTERVAL"][0].interval_us == 0
 
 
-def test_messages_on_request():
-    vehicle = Vehicle("ardupilot")
-    result, said = vehicle.command(512, 148)
-    assert result == 0 and said["AUTOPILOT_VERSION"][0].flight_sw_version >> 24 == 4
-    assert vehicle.command(520, 1)[1]["AUTOPILOT_VERSION"]
-    assert len(vehicle.command(512, 31)[1]["ATTITUDE_QUATERNION"]) == 1
-    assert (vehicle.command(512, 33)[0], vehicle.command(176, 1, 4)[0]) == (2, 3)
-
-
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 def test_arming_is_passed_on_and_refused_in_the_air(autopilot):
     vehicle = Vehicle(autopilot)
@@ -140,18 +131,6 @@ def test_streams_are_asked_of_ardupilot_as_ground_stations_do():
     vehicle = Vehicle("px4")
     vehicle.hears(dialect.MAVLink_request_data_stream_message(1, 1, 0, 4, 1))
     assert len(vehicle.flown(1.0)["ATTITUDE"]) == 100
-
-
-def test_changes_of_rates_are_reported_and_not_without_end():
-    told: list[str] = []
-    vehicle = Vehicle("ardupilot")
-    vehicle.commands = CommandHandler(vehicle.transmitter, vehicle, told.append)
-    for _ in range(3):
-        vehicle.hears(dialect.MAVLink_request_data_stream_message(1, 1, 10, 4, 1))
-    assert told == ["A ground station asked for ATTITUDE 4 Hz instead of 100 Hz."]
-    for number in range(100):
-        vehicle.command(511, 30, -1 if number % 2 else 10_000, seconds=0.01)
-    assert len(told) == 20 and told[-1].endswith("further changes are not reported.")
 
 
 def test_what_is_meant_for_others_is_not_heard():

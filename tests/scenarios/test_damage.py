@@ -29,7 +29,7 @@ def balanced(condition):
     return 1000 + 1000 * (speeds / condition.speed - offset) / slope
 
 
-@pytest.fixture(scope="module", params=BREAKS)
+@pytest.fixture(scope="module", params=[pytest.param("weak", marks=pytest.mark.slow), "chipped", "shifted"])
 def broken(request):
     scenario = Scenario(duration=40.0, sensors=QUIET, **BREAKS[request.param])
     return request.param, scenario, fly(scenario)

@@ -10,7 +10,7 @@ from made_up_motion import made_up_motion
 
 from sitl_scenarios.mavlink.transmitter import rows_of_motion
 from sitl_scenarios.motion import Holding, Motion
-from sitl_scenarios.scenario import Scenario, Steps
+from sitl_scenarios.scenario import Scenario
 
 
 def hovering(east: float, seconds: float, outputs: float = 1500.0, state: int = 2) -> Motion:
@@ -37,12 +37,6 @@ def test_a_second_too_far_away_is_reported(east, seconds, state, told):
     for begin in range(0, len(motion), 7):
         holding.add(rows_of_motion(motion, slice(begin, begin + 7)))
     assert bool(holding.farthest) == told == bool(holding.cautions())
-
-
-def test_a_sideways_step_is_no_drift():
-    holding = Holding(Scenario(excitation=Steps(kind="steps", distance=20.0)))
-    holding.add(hovering(12.0, 5.0))
-    assert holding.cautions() == []
 
 
 @pytest.mark.parametrize("outputs", [2000.0, 1100.0])

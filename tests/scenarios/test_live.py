@@ -81,11 +81,11 @@ def test_it_flies_no_faster_than_asked(monkeypatch):
 def test_what_is_asked_for_is_done(monkeypatch):
     rate = dialect.MAVLink_command_long_message(1, 1, 511, 0, 30, 40_000, 0, 0, 0, 0, 0)
     ground = Nearby(monkeypatch, (rate, dialect.MAVLink_command_long_message(1, 1, 400, 0, 0, 21196, 0, 0, 0, 0, 0)))
-    outcome, simulation = ground.flown(6.0, 6.0)
+    outcome, simulation = ground.flown(3.0, 6.0)
     assert simulation.asked == [False]
     assert outcome.commands == 2
     assert [(ack.command, ack.result) for _, ack in ground.of("COMMAND_ACK")] == [(511, 0), (400, 0)]
-    assert len(ground.of("ATTITUDE")) == pytest.approx(150, abs=5)
+    assert len(ground.of("ATTITUDE")) == pytest.approx(75, abs=3)
 
 
 def test_a_slow_link_delivers_all_after_the_flight(monkeypatch):

@@ -53,15 +53,6 @@ def test_it_does_about_every_axis_while_all_are_excited(axis, inertia):
     assert known[f"{axis}_disturbance"][motion.landed_state == 2].std() == pytest.approx(1, rel=0.4)
 
 
-def test_the_system_is_the_papers(flown):
-    known = truth(*flown)
-    # 255 pwm are 1000 µs; the paper's motors are front left, front right, rear right, rear left.
-    assert known["roll_B"][1, [2, 0, 3, 1]] == pytest.approx(0.255 * 0.3748 * np.array([1, -1, -1, 1]), rel=1e-3)
-    # Hover at 169.00 of 255.
-    assert known["trim"] == pytest.approx(1000 + 169 / 0.255, abs=0.1)
-    assert known["lag"] == pytest.approx([0.02, 0.02, 0.02])
-
-
 @pytest.mark.slow
 def test_effects_of_motors_are_those_of_the_trim_that_is_flown():
     """In 8 m/s the rotors differ in speed and the vehicle is tilted; a regression on the rotors' speeds sees it."""

@@ -5,7 +5,7 @@ from math import hypot
 import pytest
 
 from sitl_scenarios.dynamics import AirState, dynamics
-from sitl_scenarios.mavlink.autopilots import AUTOPILOTS, PX4
+from sitl_scenarios.mavlink.autopilots import PX4
 from sitl_scenarios.mavlink.messages import parameters
 from sitl_scenarios.scenario import Scenario, VehicleSpec
 from sitl_scenarios.vehicles import AIRFRAMES, airframe
@@ -62,14 +62,3 @@ def test_a_thrust_curve_is_as_quadratic_as_asked_and_undone_exactly(name, share)
         step = 1e-6 * body.full
         rise = body.rotor_speed(command * body.full + step) - body.rotor_speed(command * body.full - step)
         assert body.speed_slope(command * body.full) == pytest.approx(rise / (2 * step), rel=1e-6)
-
-
-@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
-def test_the_parameters_name_the_thrust_curve_that_the_autopilot_undoes(autopilot):
-    name = {"px4": "THR_MDL_FAC", "ardupilot": "MOT_THST_EXPO"}[autopilot]
-    plain, curved = (
-        parameters(Scenario(vehicle=VehicleSpec(quadratic_thrust=share)), AUTOPILOTS[autopilot], 0.004)
-        for share in (None, 0.65)
-    )
-    assert name not in plain
-    assert curved[name].encoded(autopilot == "px4") == 0.65
