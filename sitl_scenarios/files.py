@@ -26,13 +26,6 @@ KINDS: Mapping[str, Mapping[str, type[BaseModel]]] = {
 """Of the sections that have a ``kind``."""
 
 
-def _described(errors: Iterable[Any], table: Mapping[str, Any]) -> str:
-    """The first of pydantic's ``errors`` in one sentence, and how many more there are."""
-    wrong = list(dict.fromkeys(shortened(_sentence(detail, table), 300) for detail in errors))
-    more = [f"and {len(wrong) - MAX_LISTED} more"] if len(wrong) > MAX_LISTED else []
-    return "; ".join([*wrong[:MAX_LISTED], *more])
-
-
 def _did_you_mean(given: str, known: Iterable[str]) -> str:
     near = get_close_matches(given[:100], list(known), n=1)
     return f" (did you mean {near[0]!r}?)" if near else ""
@@ -165,7 +158,9 @@ def scenario_of(table: dict[str, Any]) -> Scenario:
         # By way of JSON, in whose arrays pydantic takes the tuples that it would refuse to take in Python's lists.
         scenario = Scenario.model_validate_json(json.dumps(table, default=str))
     except ValidationError as error:
-        raise ValueError(_described(error.errors(), table)) from None
+        wrong = list(dict.fromkeys(shortened(_sentence(detail, table), 300) for detail in error.errors()))
+        more = [f"and {len(wrong) - MAX_LISTED} more"] if len(wrong) > MAX_LISTED else []
+        raise ValueError("; ".join([*wrong[:MAX_LISTED], *more])) from None
     except RecursionError:
         raise ValueError("it is nested deeper than any scenario") from None
     times(scenario)
@@ -196,23 +191,20 @@ def _pairs_in_words(name: str, values: Mapping[str, Any]) -> str:
 
 def in_toml(scenario: Scenario) -> str:
     """Returns a scenario file with every value, its meaning and its range; read again it is the same scenario."""
-    return "\n".join(_lines(scenario))
-
-
-def _lines(scenario: Scenario) -> Iterator[str]:
     sections = {key: value for key, value in scenario if isinstance(value, tuple | BaseModel) or key in KINDS}
-    yield from _pairs(scenario, sections)
+    lines = [*_pairs(scenario, sections)]
     for key, value in sections.items():
         if key in KINDS:
-            yield from ["", f"# {'[[wind]]' if key == 'wind' else f'[{key}]'}: its kind is one of"]
+            lines += ["", f"# {'[[wind]]' if key == 'wind' else f'[{key}]'}: its kind is one of"]
             for kind, model in KINDS[key].items():
-                yield f"#   {kind}: {', '.join(name for name in model.model_fields if name != 'kind')}"
+                lines.append(f"#   {kind}: {', '.join(name for name in model.model_fields if name != 'kind')}")
         elif not value:
-            yield from ["", f"# [[{key}]]: {', '.join(Moment.model_fields)}"]
+            lines += ["", f"# [[{key}]]: {', '.join(Moment.model_fields)}"]
         header = f"[[{key}]]" if isinstance(value, tuple) else f"[{key}]"
         for section in value if isinstance(value, tuple) else [value] * (value is not None):
             meaning = (type(section).__doc__ or "").splitlines()[0].removesuffix(".")
-            yield from ["", f"{header}  # {meaning}", *_pairs(section)]
+            lines += ["", f"{header}  # {meaning}", *_pairs(section)]
+    return "\n".join(lines)
 
 
 def _pairs(section: BaseModel, leaving_out: Iterable[str] = ()) -> Iterator[str]:

@@ -63,9 +63,9 @@ class Holding:
     """
 
     def __init__(self, scenario: Scenario) -> None:
-        aside = scenario.excitation.distance if isinstance(scenario.excitation, Steps) else 0.0
         # On its way from one end of a sideways step to the other it is where it should be.
-        self._aside, self._height = aside, scenario.height
+        self._aside = scenario.excitation.distance if isinstance(scenario.excitation, Steps) else 0.0
+        self._height = scenario.height
         self._since: float | None = None
         self._phase = ON_GROUND
         self._rows = self._limited = 0

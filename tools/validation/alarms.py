@@ -142,7 +142,6 @@ def watched(kind: str, number: int, folder: Path, rate: float) -> Watched:
 @click.option("--flights", type=int, help="Of each kind at most; all by default.")
 @click.option("--jobs", default=2, show_default=True, help="Processes.")
 def main(folder: Path, rate: float, flights: int | None, jobs: int) -> None:
-    """Prints the table of the simulated flights in FOLDER, which are flown where they are not there."""
     folder.mkdir(parents=True, exist_ok=True)
     asked = [(kind, number) for kind, count in KINDS.items() for number in range(min(count, flights or count))]
     with ProcessPoolExecutor(jobs) as pool:
