@@ -14,8 +14,6 @@ from mavdem.alignment import drive, signals
 from mavdem.alignment.align import sample
 
 FLIGHT = Flight(hover=Hover(hovering=30.0))
-STEADY = 12.0
-"""The hover is settled from here on, s."""
 
 
 def settled_uniform(made: Replay) -> None:
@@ -168,9 +166,3 @@ def test_messages_out_of_order_are_put_in_order_or_counted():
     assert made.stream.status().late < 100
     count = min(len(made.rows), len(usual.rows))
     np.testing.assert_allclose(made.table()[-count:, 5], usual.table()[-count:, 5], atol=0.01)
-
-
-def test_attaching_in_flight_settled_is_settled_from_the_first_row():
-    made = replay(FLIGHT.frames(start=STEADY + 5.0, end=30.0))
-    assert made.rows[0].time < STEADY + 10.5
-    assert all(row.settled for row in made.rows)

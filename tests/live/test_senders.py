@@ -50,13 +50,6 @@ def test_the_one_that_is_named_is_followed():
         assert made.rows
 
 
-def test_one_without_heartbeats_is_followed_as_what_it_is_unknown():
-    frames = [(time, data) for time, data in Flight().frames(end=16.0) if data[7] != 0]
-    made = replay(frames)
-    assert made.sentences[0] == "Following vehicle 1:1."
-    assert all(row.settled for row in made.rows if row.time > 13.0)
-
-
 def test_one_that_sends_nothing_but_heartbeats_is_followed_so_that_it_can_be_asked_for_more():
     others = [(time + 0.5, heartbeat(255, 190, kind=6, autopilot=8)) for time, _ in only_heartbeats()]
     made = replay(sorted(only_heartbeats() + others, key=lambda entry: entry[0]))

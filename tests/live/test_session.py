@@ -161,7 +161,7 @@ def test_rates_are_asked_for_and_given_back(now):
     assert asked[:2] == [(510, 30, 0), (510, 36, 0)] and (511, 30, 5_000) in asked
     # Nobody confirms it: it is sent again, and said.
     assert asked[-3:] == 3 * [(511, 30, 250_000)]
-    assert one.sentences[-1] == UNCONFIRMED
+    assert one.history.events[-1].sentence == UNCONFIRMED
     assert all((each.target_system, each.target_component) == (1, 1) for each in sent)
 
 

@@ -96,7 +96,7 @@ PLACES = [
         ("stream", "rates"),
         ("moments", 0, "sd"),
     ],
-    *[("stream", "rate"), ("sensors", "delay"), ("nothing",), ("wind", 0, "nothing")],
+    *[("moments", 0, "sd"), ("stream", "rate"), ("sensors", "delay"), ("nothing",), ("wind", 0, "nothing")],
 ]
 
 
