@@ -52,17 +52,29 @@ MAX_REPORTS = 4096  # Of each kind of what shows the phase
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """What the rows of a segment are, like the ``provenance`` of a ``Flight``."""
+    """What the rows of a segment are, like the ``provenance`` of a ``Flight``.
 
-    segment: int  # number
-    boot: int  # number
-    dt: float  # step, s
-    attitude: str  # name of the message
-    motors: str  # name of the message
-    layout: MotorGeometry  # of the inputs
-    scale: OutputScale  # of the inputs
-    rates: tuple[float, ...]  # Hz of attitude and motors that decided the step
-    start: float  # first point of the grid, s; the first row may be a few seconds later
+    Attributes:
+        segment: number.
+        boot: number.
+        dt: step, s.
+        attitude: name of the message.
+        motors: name of the message.
+        layout: of the inputs.
+        scale: of the inputs.
+        rates: Hz of attitude and motors that decided the step.
+        start: first point of the grid, s; the first row may be a few seconds later.
+    """
+
+    segment: int
+    boot: int
+    dt: float
+    attitude: str
+    motors: str
+    layout: MotorGeometry
+    scale: OutputScale
+    rates: tuple[float, ...]
+    start: float
 
 
 @dataclass(frozen=True, eq=False)
