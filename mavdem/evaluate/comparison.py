@@ -200,7 +200,7 @@ def compare(
 ) -> Comparison:
     """Runs all ``methods`` on all ``windows`` and compares the first with each of the others.
 
-    ``executor`` and errors are those of :func:`outcomes` and :meth:`Comparison.of`.
+    ``executor`` and errors are those of ``outcomes`` and :meth:`Comparison.of`.
     """
     return Comparison.of(windows, outcomes(windows, methods, executor))
 
