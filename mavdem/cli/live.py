@@ -28,6 +28,8 @@ from mavdem.live.link import Link, RawRecording
 from mavdem.live.session import LearningProcess, LiveSession
 from mavdem.report.page import live_page
 
+STATUS_SECONDS = 5.0  # between two status lines on standard error
+
 if TYPE_CHECKING:
     from mavdem.view.live import LiveView, RecordingFile, Sink
 
@@ -96,9 +98,6 @@ class Dashboard:
         """Ends the view."""
         for shown in self._sinks if self.view is None else [self.view]:
             shown.close()
-
-
-STATUS_SECONDS = 5.0  # between two status lines on standard error
 
 
 def _number(context: click.Context, parameter: click.Parameter, value: float | None) -> float | None:
@@ -204,11 +203,7 @@ def live_command(
         say_aside(f"Of {sum(account.values()):.0f} s: {spent or 'nothing'}.")
         if ahead := _ahead(session.status, axis):
             say_aside(sentence(ahead))
-        tasks = ["learning the model of the last samples"] if session.learner is not None else []
-        tasks += ["restoring the vehicle's message rates"] if session.request is not None else []
-        tasks += ["completing files"] if rrd is not None or record is not None else []
-        if tasks:
-            say_aside(f"Ending: {', '.join(tasks)}; this takes some seconds.")
+        say_aside("Ending takes some seconds: model, message rates and files are completed.")
         status, learned, code = session.status, None, UNSUPPORTED
         # The model is written first: what follows may fail or take its time.
         try:

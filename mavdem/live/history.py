@@ -97,12 +97,11 @@ class SessionStatus:
 
     def predicting(self, estimate: Estimate) -> SessionStatus:
         """Returns the same with ``ahead`` and ``useful`` of an estimate."""
-        seconds, longest = estimate.ahead_times - estimate.time, estimate.useful
+        seconds, longest, useful = estimate.ahead_times - estimate.time, estimate.useful, self.useful
         nearest = int(abs(seconds - AHEAD).argmin())
-        ahead = float(seconds[nearest]), float(estimate.ahead_band[nearest, 0])
-        if longest is None:
-            return replace(self, ahead=ahead)
-        return replace(self, ahead=ahead, useful=(float(seconds[longest]), float(estimate.ahead_ratio[longest].mean())))
+        if longest is not None:
+            useful = float(seconds[longest]), float(estimate.ahead_ratio[longest].mean())
+        return replace(self, ahead=(float(seconds[nearest]), float(estimate.ahead_band[nearest, 0])), useful=useful)
 
 
 class HorizonErrors(NamedTuple):
@@ -135,7 +134,7 @@ class LiveHistory:
     def __init__(self) -> None:
         self.events: list[Event] = []
         self._rows: list[tuple[float, ...]] = []  # of the lines, after the number of the segment
-        self._stride, self._skipped = 1, 0
+        self._stride, self._taken = 1, 0
         # Of each segment, s from the boot clock to the time since the beginning. The first rows of one may come late,
         # all at once: the smallest difference is right.
         self._offsets: dict[int, float] = {}
@@ -154,9 +153,8 @@ class LiveHistory:
         self._offsets[segment] = min(now - time, self._offsets.get(segment, np.inf))
         predicted = self._compare(time, outputs)
         torque = (np.nan, np.nan) if estimate is None else (estimate.wind_torque, estimate.wind_torque_band)
-        self._skipped += 1
-        if self._skipped >= self._stride:
-            self._skipped = 0
+        self._taken += 1
+        if self._taken % self._stride == 0:
             self._rows.append((segment, time, float(outputs[0]), *predicted, *torque))
             if len(self._rows) > MAX_ROWS:
                 self._rows, self._stride = self._rows[::2], 2 * self._stride
@@ -190,8 +188,7 @@ class LiveHistory:
 
     def _compare(self, time: float, outputs: Array) -> tuple[float, float]:
         """Compares predictions of ``time`` with what was measured; returns that of the lines and its band, or NaN."""
-        shown = nan, nan
-        nearest = min(self._pending, key=lambda seconds: abs(seconds - AHEAD), default=nan)
+        shown, nearest = (nan, nan), min(self._pending, key=lambda seconds: abs(seconds - AHEAD), default=nan)
         for seconds, waiting in self._pending.items():
             while waiting and waiting[0][0] < time + SAME_TIME:
                 ahead, predicted, band, last = waiting.popleft()

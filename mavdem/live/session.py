@@ -130,13 +130,15 @@ class LiveSession:
         for text in [*(event.sentence for event in self.stream.events()), *self.link.events()]:
             self._log(text)
         # The time that processing takes is no silence.
-        now = time.monotonic()
+        now, resumed = time.monotonic(), {}
         if received:
-            self._say_resumed("Messages come", now - self._heard)
-            self._heard = now
+            resumed["Messages come"], self._heard = now - self._heard, now
         if self.stream.samples != self._samples:
-            self._say_resumed("Attitude and motor outputs come", now - self._sampled)
+            resumed["Attitude and motor outputs come"] = now - self._sampled
             self._samples, self._sampled = self.stream.samples, now
+        for what, after in resumed.items():
+            if SILENCE_SECONDS < after < np.inf:
+                self._log(f"{what} again after {after:.0f} s.")
         self._request_rates(now)
         if now - self._reported >= STATUS_SECONDS:
             self._reported, status = now, self.status
@@ -216,10 +218,6 @@ class LiveSession:
         elif self._samples and now - self._sampled > SILENCE_SECONDS:
             missing = "no attitude and no motor outputs were"
         return missing and f"{missing} received for {SILENCE_SECONDS:.0f} s and more"
-
-    def _say_resumed(self, what: str, after: float) -> None:
-        if SILENCE_SECONDS < after < np.inf:
-            self._log(f"{what} again after {after:.0f} s.")
 
     def _receive(self, timeout: float) -> list[tuple[float, bytes]]:
         """Receives and records; opens a lost link again."""
@@ -337,7 +335,7 @@ class LiveSession:
                 return
             self._send(frames)
             until = time.monotonic() + REPLY_SECONDS
-            while request.restoring and not self._lost and (left := until - time.monotonic()) > 0:
+            while request.unconfirmed and not self._lost and (left := until - time.monotonic()) > 0:
                 for stamp, data in self._receive(left):
                     self.stream.feed(stamp, data)
                 for message in self.stream.replies():
