@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from mavdem.ingest.motors import place_name
 from mavdem.ingest.vocabulary import euler_angles
 from mavdem.report import palette
-from mavdem.view.plots import FLIGHT_TIME, Plot, blueprint, recorded
+from mavdem.view.plots import BOOT_CLOCK, Plot, blueprint, recorded
 
 Array = NDArray[np.float64]
 
@@ -98,7 +98,7 @@ def write_pose(path: str | os.PathLike[str], name: str, pose: Pose) -> None:
         _surroundings(recording, pose, rows)
         for plot in plots:
             plot.draw(recording)
-        views = rrb.Vertical(*(plot.view(float(pose.time[-1])) for plot in plots), row_shares=(5, 5, 5, 7, 6, 6))
+        views = rrb.Vertical(*(plot.view(0.0, float(pose.time[-1])) for plot in plots), row_shares=(5, 5, 5, 7, 6, 6))
         layout = rrb.Horizontal(_scene(pose), views, column_shares=[45, 55])
         recording.send_blueprint(blueprint(layout, play_state="playing", loop_mode="all"), make_active=False)
 
@@ -147,7 +147,7 @@ def _scene(pose: Pose) -> rrb.View:
 
 def _vehicle(recording: rr.RecordingStream, pose: Pose, rows: NDArray[np.intp]) -> None:
     """A box with a nose on four arms; each rotor's colour shows its speed, its arrow its thrust."""
-    arm, index = pose.arm, [rr.TimeColumn(FLIGHT_TIME, duration=pose.time[rows])]
+    arm, index = pose.arm, [rr.TimeColumn(BOOT_CLOCK, duration=pose.time[rows])]
     recording.send_columns("world/here", index, rr.Transform3D.columns(translation=pose.position[rows]))
     attitude = np.roll(pose.attitude[rows], -1, axis=1)  # Rerun has w last
     recording.send_columns("world/here/vehicle", index, rr.Transform3D.columns(quaternion=attitude))
@@ -193,11 +193,11 @@ def _surroundings(recording: rr.RecordingStream, pose: Pose, rows: NDArray[np.in
     recording.log("world/here/wind", style, static=True)
     labels = [f"wind {each:.1f} m/s" for each in speed[:, 0]]
     columns = rr.Arrows3D.columns(vectors=vectors, origins=-away - vectors, labels=labels)
-    recording.send_columns("world/here/wind", [rr.TimeColumn(FLIGHT_TIME, duration=pose.time[rows])], columns)
+    recording.send_columns("world/here/wind", [rr.TimeColumn(BOOT_CLOCK, duration=pose.time[rows])], columns)
     now = pose.at(10)
     before = np.searchsorted(pose.time, pose.time[now] - TRAIL)
     step = max(len(pose.time) // len(pose.at(POINTS_A_SECOND)), 1)
     strips = [pose.position[first : last + 1 : step] for first, last in zip(before, now, strict=True)]
     recording.log("world/trail", rr.LineStrips3D.from_fields(radii=[0.022 * arm], colors=[TRAIL_COLOUR]), static=True)
-    index = [rr.TimeColumn(FLIGHT_TIME, duration=pose.time[now])]
+    index = [rr.TimeColumn(BOOT_CLOCK, duration=pose.time[now])]
     recording.send_columns("world/trail", index, rr.LineStrips3D.columns(strips=strips))
