@@ -16,14 +16,13 @@ from mavdem.baselines.identified import (
     Identified,
     Segments,
     identified,
-    least_ridge,
     regression,
     required_order,
     triangle,
 )
 from mavdem.dem.engine.kalman import steady_gain
 from mavdem.dem.engine.linalg import Array
-from mavdem.dem.engine.model import STABILITY_TOLERANCE, recursion
+from mavdem.dem.engine.model import recursion
 from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.record import UniformRecord
 
@@ -34,16 +33,12 @@ WINDOWS_PER_COLUMN = 2  # so many windows there must be for each number in one o
 
 
 def subspace(
-    train: UniformRecord | Sequence[UniformRecord],
-    order: int = 2,
-    weighting: Weighting = "CVA",
-    feedthrough: bool = False,
-    stable: bool = False,
+    train: UniformRecord | Sequence[UniformRecord], order: int = 2, weighting: Weighting = "CVA"
 ) -> Identified:
     """A state-space model of ``order`` states from projections, without iterations.
 
-    The states are the combinations of the past that predict the future best; y is regressed on them for C (and D),
-    their successors on them and u for A and B, and K is the steady Kalman gain of the residuals' covariances (Van
+    The states are the combinations of the past that predict the future best; y is regressed on them for C, their
+    successors on them and u for A and B, and K is the steady Kalman gain of the residuals' covariances (Van
     Overschee and De Moor, Subspace Identification for Linear Systems, 1996, ch. 4; Katayama, Subspace Methods for
     System Identification, 2005, ch. 10). What "best" means is the weighting's:
 
@@ -61,9 +56,6 @@ def subspace(
         train: a ``Flight``, or a list of them, segments with gaps between: no window reaches across a gap.
         order: number of states.
         weighting: of past and future.
-        feedthrough: whether inputs act on the outputs of the same sample, D; otherwise it is zero.
-        stable: shrink A of an unstable model by a ridge, the smallest tried that makes it stable (as Van Gestel
-            and others, IEEE Trans. Automatic Control 46(9), 2001).
 
     Raises:
         ValueError: too few samples for the order, values that are not finite, an output that does not vary, or an order
@@ -73,44 +65,28 @@ def subspace(
     if weighting not in get_args(Weighting):
         raise ValueError(f"weighting must be one of {', '.join(get_args(Weighting))}, not {weighting!r}")
 
-    def fit(segments: Segments, bound: float) -> Fitted:
-        return found_by_projection(segments, order, weighting, feedthrough, bound < np.inf)
+    return identified(
+        f"subspace({order}, {weighting})", train, lambda segments: found_by_projection(segments, order, weighting)
+    )
 
-    return identified(f"subspace({order}, {weighting})", train, fit, stable)
 
-
-def found_by_projection(
-    segments: Segments, order: int, weighting: Weighting, feedthrough: bool, stable: bool
-) -> Fitted:
-    """The model of inputs and outputs of each segment, made stable by a ridge if it must be ``stable`` and is not."""
+def found_by_projection(segments: Segments, order: int, weighting: Weighting) -> Fitted:
+    """The model of inputs and outputs of each segment."""
     horizon = _horizon(segments, order)
     windows = Windows.of(segments, horizon, horizon)
-    state_map = _state_map(windows, order, weighting, feedthrough)
+    state_map = _state_map(windows, order, weighting)
     states, successors = windows.both(0, horizon) @ state_map, windows.both(1, horizon + 1) @ state_map
     inputs, outputs = windows.inputs(horizon, horizon + 1), windows.outputs(horizon, horizon + 1)
     k, m = inputs.shape[1], outputs.shape[1]
 
-    regressors = np.hstack([windows.constant, states, inputs[:, : k * feedthrough]])
+    regressors = np.hstack([windows.constant, states])
     of_outputs = regression(regressors, outputs)
     innovations = outputs - regressors @ of_outputs
-    output_trim, C, D = np.split(of_outputs.T, [1, 1 + order], axis=1)
-    if not feedthrough:
-        D = np.zeros((m, k))
+    output_trim, C = np.split(of_outputs.T, [1], axis=1)
 
     regressors = np.hstack([windows.constant, states, inputs])
-    explained = [regressors, innovations] if weighting == "SSARX" else [regressors]
-    columns = np.hstack(explained)
-    of_states = np.isin(np.arange(columns.shape[1]), np.arange(1, 1 + order))
-
-    def dynamics(ridge: float | None) -> Array:
-        solution = regression(columns, successors, None if ridge is None else ridge * of_states)
-        return solution[: regressors.shape[1]].T
-
-    def radius(ridge: float | None) -> float:
-        return float(np.abs(np.linalg.eigvals(dynamics(ridge)[:, 1 : 1 + order])).max())
-
-    stabilised = stable and radius(None) > 1 + STABILITY_TOLERANCE
-    of_successors = dynamics(least_ridge(radius, windows.number) if stabilised else None)
+    columns = np.hstack([regressors, innovations]) if weighting == "SSARX" else regressors
+    of_successors = regression(columns, successors)[: regressors.shape[1]].T
     offset, A, B = np.split(of_successors, [1, 1 + order], axis=1)
     errors = np.hstack([successors - regressors @ of_successors.T, innovations])
     covariance = errors.T @ errors / windows.number
@@ -121,7 +97,7 @@ def found_by_projection(
         raise ValueError(
             f"the training data determine no model of {order} observable states: lower the order"
         ) from None
-    model = StateSpace(A, B, C, D, K, offset[:, 0], np.zeros(k), output_trim[:, 0])
+    model = StateSpace(A, B, C, np.zeros((m, k)), K, offset[:, 0], np.zeros(k), output_trim[:, 0])
     return Fitted(model, estimated_starts(model, segments, R))
 
 
@@ -158,12 +134,12 @@ def _horizon(segments: Segments, order: int) -> int:
     return max(min(range(1, longest + 1), key=criterion), fewest)
 
 
-def _state_map(windows: Windows, order: int, weighting: Weighting, feedthrough: bool) -> Array:
+def _state_map(windows: Windows, order: int, weighting: Weighting) -> Array:
     """(past · (k + m), n): from the past, oldest sample first, to states of variance 1."""
     past, future = windows.past, windows.samples.shape[1] - windows.past
     before = windows.both(0, past)
     if weighting == "SSARX":
-        given, after = windows.constant, _without_effects_of_the_future(windows, feedthrough)
+        given, after = windows.constant, _without_effects_of_the_future(windows)
     else:
         given = np.hstack([windows.constant, windows.inputs(past, past + future)])
         after = windows.outputs(past, past + future)
@@ -189,23 +165,17 @@ def _orthonormal(table: Array) -> tuple[Array, Array]:
     return basis[:, kept], directions[kept].T / sizes[kept]
 
 
-def _without_effects_of_the_future(windows: Windows, feedthrough: bool) -> Array:
+def _without_effects_of_the_future(windows: Windows) -> Array:
     """(rows, future · m): the future outputs less what inputs and outputs since the past ended add to them.
 
     By the coefficients of the ARX model with as many lags as the past has samples.
     """
-    past, k = windows.past, windows.k
-    now = windows.inputs(past, past + 1)[:, : k * feedthrough]
-    coefficients = regression(
-        np.hstack([windows.constant, now, windows.both(0, past)]), windows.outputs(past, past + 1)
-    )
-    direct = coefficients[1 : 1 + now.shape[1]]
+    past = windows.past
+    coefficients = regression(np.hstack([windows.constant, windows.both(0, past)]), windows.outputs(past, past + 1))
     # By lag, from 1 on.
-    lagged = coefficients[1 + now.shape[1] :].reshape(past, -1, coefficients.shape[1])[::-1]
+    lagged = coefficients[1:].reshape(past, -1, coefficients.shape[1])[::-1]
     after = windows.samples[:, past:]
-    left = after[:, :, k:].copy()
-    if feedthrough:
-        left -= after[:, :, :k] @ direct
+    left = after[:, :, windows.k :].copy()
     for lag in range(1, after.shape[1]):
         left[:, lag:] -= after[:, :-lag] @ lagged[lag - 1]
     return left.reshape(len(left), -1)

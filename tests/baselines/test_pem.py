@@ -43,10 +43,8 @@ def test_sensitivities_are_the_slopes_of_the_errors(order, worst_modes, monkeypa
     flight, _ = flown(system, 0, 100)
     segments = [(flight.inputs[a:b], flight.outputs[a:b]) for a, b in ((0, 50), (60, 100))]
     rng = np.random.default_rng(0)
-    D = rng.standard_normal((2, 2))
-    parameters = FreeParameters(
-        system.A, system.B, system.C, D, system.K, system.offset, rng.standard_normal((2, order))
-    )
+    starts = rng.standard_normal((2, order))
+    parameters = FreeParameters(system.A, system.B, system.C, system.K, system.offset, starts)
     vector = parameters.vector()
 
     def errors(change):

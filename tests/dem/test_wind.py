@@ -74,9 +74,7 @@ def test_the_smoother_is_the_posterior_of_the_joint_gaussian(components, damping
     pushed = np.column_stack([of.step.input_now[:, 0], of.step.input_next[:, 0]])
     n = len(of.wind)
     one, nothing = np.eye(1, n), np.zeros(n)
-    model = GaussianModel(
-        of.step.state, pushed, nothing, one, np.zeros((1, 2)), np.zeros(1), of.process, np.array([[noise**2]])
-    )
+    model = GaussianModel(of.step.state, pushed, nothing, one, np.zeros(1), of.process, np.array([[noise**2]]))
     start, spread = nothing.copy(), of.stationary.copy()
     start[:2] = rate.mean(), commanded[0]
     spread[0, 0] = np.var(rate) + of.filter(noise).variance
