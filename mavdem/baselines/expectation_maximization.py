@@ -172,7 +172,7 @@ def starting_points(segments: Segments, order: int, seed: int) -> list[EMFit]:
 
 
 def _from_subspace(segments: Segments, order: int) -> EMFit:
-    found, starts, _ = found_by_projection(segments, order, "CVA")
+    found, starts, _ = found_by_projection(segments, order)
     A, B, C, _, K, offset, _, trim, *_ = found
     pairs = zip(starts, segments, strict=True)
     errors = np.concatenate([segment[1] - found.predicted(start, *segment) for start, segment in pairs])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple, get_args
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import null_space
@@ -19,7 +19,7 @@ from mavdem.baselines.identified import (
     identified,
     required_order,
 )
-from mavdem.baselines.subspace_identification import Weighting, found_by_projection
+from mavdem.baselines.subspace_identification import found_by_projection
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import WORST_MODES
 from mavdem.dem.engine.state_space import StateSpace
@@ -36,16 +36,15 @@ def pem(train: UniformRecord | Sequence[UniformRecord], order: int = 2) -> Ident
     That is maximum likelihood where errors are Gaussian (Ljung, System Identification, 2nd ed., secs. 7.2, 10.2): all
     of A, B, C, K, the offset and the states in which segments begin, in full parametrization, by Levenberg and
     Marquardt's method on errors weighted by their covariance, iterated until it converges. The determinant never rises:
-    tr(R₀⁻¹R) bounds ln det R from above and touches it at R₀. It starts from the subspace model with the smallest
-    determinant among all weightings, and stays where the predictor A − K C is stable. Consistent in closed loop, as far
-    as the order is right.
+    tr(R₀⁻¹R) bounds ln det R from above and touches it at R₀. It starts from the subspace model, and stays where the
+    predictor A − K C is stable. Consistent in closed loop, as far as the order is right.
 
     ``train``, ``order`` and errors are as for :func:`mavdem.baselines.subspace`.
     """
     order = required_order(order)
 
     def fit(segments: Segments) -> Fitted:
-        return _minimised(_best_start(segments, order), segments)
+        return _minimised(found_by_projection(segments, order), segments)
 
     unfinished = f"The prediction errors were still falling after {REWEIGHTINGS} rounds: {NOT_THE_BEST}."
     return identified(f"PEM({order})", train, fit, unfinished)
@@ -158,19 +157,6 @@ def _responses_by_sample(F: Array, C: Array, signals: Array) -> tuple[Array, Arr
     return responses, decay
 
 
-def _best_start(segments: Segments, order: int) -> Fitted:
-    """The subspace model, of those there are, that predicts best."""
-    found: list[Fitted] = []
-    for weighting in get_args(Weighting):
-        try:
-            found.append(found_by_projection(segments, order, weighting))
-        except ValueError as error:
-            refused = error
-    if not found:
-        raise refused
-    return min(found, key=lambda one: _determinant(prediction_errors(_parameters(one), one.model, segments)))
-
-
 def _parameters(found: Fitted) -> FreeParameters:
     A, B, C, _, K, offset, *_ = found.model
     return FreeParameters(A, B, C, K, offset, found.starts)
@@ -216,12 +202,11 @@ def _downhill(start: FreeParameters, model: StateSpace, segments: Segments, weig
         return (prediction_errors(parameters, model, segments) @ weight).ravel()
 
     def slopes(steps: Array) -> Array:
-        by_output = sensitivities(there(steps), model, segments) @ directions
-        return (weight.T @ by_output).reshape(-1, len(steps))
+        return (weight.T @ sensitivities(there(steps), model, segments) @ directions).reshape(-1, len(steps))
 
-    still = np.zeros(directions.shape[1])
     # With this weight half the sum of squares, about half their number, is in nats.
     converged = 2 * CONVERGED_NATS / len(nowhere)
+    still = np.zeros(directions.shape[1])
     return there(least_squares(weighted, still, slopes, method="lm", ftol=converged, max_nfev=EVALUATIONS).x)
 
 
