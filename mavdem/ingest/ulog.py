@@ -84,14 +84,13 @@ class UlogFormat(NamedTuple):
     """The layout of a format (F) in a message: ``size`` in bytes, also ``unpadded``, without the padding at the end.
 
     ``values`` counts single values, those of nested formats included; ``stamp`` is the place of the time stamp, -1
-    without one, and ``nested`` the depth of nested formats, itself included.
+    without one.
     """
 
     size: int
     unpadded: int
     values: int
     stamp: int = -1
-    nested: int = 0
 
 
 class _UlogField(NamedTuple):
@@ -286,7 +285,7 @@ class WholeMessages:
 
     def _subscribe(self, message: bytes) -> None:
         number, name = _ID.unpack_from(message, 4)[0], message[6:]
-        found = self._formats.complete.get(name)
+        found = self._formats.layout(name)
         if number in self._topics or found is None:
             return
         stamp = -1
@@ -304,17 +303,15 @@ class WholeMessages:
 
 
 class Formats:
-    """The formats of a file; ``complete`` has those, by name, whose nested formats are all defined.
+    """The formats of a file; a format may come before those that it contains.
 
-    A format may come before those that it contains. Each is completed once, after the last of them: a few formats that
-    contain each other many times would else take forever. One that contains itself, or is too large, never is.
+    Each is laid out once, when a topic of it is subscribed to first: a few formats that contain each other many times
+    would else take forever. One that contains itself, or misses another, or is too large, never is.
     """
 
     def __init__(self) -> None:
-        self.complete: dict[bytes, UlogFormat] = {}
         self._fields: dict[bytes, list[_UlogField]] = {}
-        self._missing: dict[bytes, int] = {}
-        self._awaited: dict[bytes, list[bytes]] = {}
+        self._layouts: dict[bytes, UlogFormat | None] = dict(_BASIC)
 
     def add(self, name: bytes, fields: bytes) -> bool:
         """Adds what ``FORMAT`` found, if it is the first of its name and consistent; returns whether."""
@@ -322,39 +319,28 @@ class Formats:
         if name in self._fields or len({field.name for field in found}) != len(found):
             return False
         self._fields[name] = found
-        parts = {field.kind for field in found if field.kind not in _BASIC and field.kind not in self.complete}
-        self._missing[name] = len(parts)
-        for part in parts:
-            self._awaited.setdefault(part, []).append(name)
-        whole = [] if parts else [name]
-        while whole:
-            whole += self._completed(whole.pop())
         return True
 
-    def _completed(self, name: bytes) -> list[bytes]:
-        """Completes a format and returns those that missed nothing else."""
-        layout = _layout([(field, _BASIC.get(field.kind) or self.complete[field.kind]) for field in self._fields[name]])
-        if layout is None:
-            return []
-        self.complete[name] = layout
-        waiting = self._awaited.pop(name, [])
-        for other in waiting:
-            self._missing[other] -= 1
-        return [other for other in waiting if not self._missing[other]]
+    def layout(self, name: bytes, inside: int = 0) -> UlogFormat | None:
+        """Returns the layout of a format ``inside`` so many others; None where it has none."""
+        if name not in self._layouts and name in self._fields and inside < _NESTED:
+            self._layouts[name] = None  # inside itself
+            self._layouts[name] = self._laid_out(self._fields[name], inside)
+        return self._layouts.get(name)
 
-
-def _layout(fields: list[tuple[_UlogField, UlogFormat]]) -> UlogFormat | None:
-    size = values = unpadded = 0
-    stamp = -1
-    for field, part in fields:
-        if (field.kind, field.length, field.name) == (b"uint64_t", 0, b"timestamp"):
-            stamp = size
-        size += part.size * max(field.length, 1)
-        values += part.values * max(field.length, 1)
-        if not field.name.startswith(b"_padding"):
-            unpadded = size
-    nested = 1 + max(part.nested for _, part in fields)
-    return UlogFormat(size, unpadded, values, stamp, nested) if size <= _LARGEST and nested <= _NESTED else None
+    def _laid_out(self, fields: list[_UlogField], inside: int) -> UlogFormat | None:
+        size = values = unpadded = 0
+        stamp = -1
+        for field in fields:
+            if (part := self.layout(field.kind, inside + 1)) is None:
+                return None
+            if (field.kind, field.length, field.name) == (b"uint64_t", 0, b"timestamp"):
+                stamp = size
+            size += part.size * max(field.length, 1)
+            values += part.values * max(field.length, 1)
+            if not field.name.startswith(b"_padding"):
+                unpadded = size
+        return UlogFormat(size, unpadded, values, stamp) if size <= _LARGEST else None
 
 
 def _begun(low_bytes: set[int]) -> re.Pattern[bytes]:
