@@ -320,12 +320,18 @@ def _heartbeat(topics: Topics, kind: int) -> dict[str, NDArray[Any]] | None:
 
 
 def _extended_sys_state(topics: Topics) -> dict[str, NDArray[Any]] | None:
-    """EXTENDED_SYS_STATE.hpp: vehicle_land_detected, what an automatic mode flies to; a row whenever a topic came."""
+    """EXTENDED_SYS_STATE.hpp: vehicle_land_detected, what an automatic mode flies to; a row whenever a topic came.
+
+    Also one at the first message of each second: old PX4 logged the state at its changes only.
+    """
     land, mode = _first(topics, "vehicle_land_detected"), _first(topics, "vehicle_control_mode")
     target = _first(topics, "position_setpoint_triplet")
     if land is None or "landed" not in land:
         return None
-    time = np.unique(np.concatenate([topic["time"] for topic in (land, mode, target) if topic is not None]))
+    logged = np.unique(np.concatenate([topic["time"] for group in topics.values() for topic in group.values()]))
+    _, first = np.unique(np.floor(logged), return_index=True)
+    came = [topic["time"] for topic in (land, mode, target) if topic is not None]
+    time = np.unique(np.concatenate([*came, logged[first]]))
     time = time[time >= land["time"].min()]
     state = np.where(_held(land, "landed", time), ON_GROUND, IN_AIR)
     automatic = (_held(mode, "flag_control_auto_enabled", time) > 0) & (_held(target, "current.valid", time) > 0)

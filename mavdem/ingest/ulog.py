@@ -367,8 +367,6 @@ def read_ulog(path: str | os.PathLike[str], progress: Progress | None = None) ->
     kind = mav_type(topics, parameters)
     vehicle = enum_name("MAV_TYPE", kind) if kind is not None else UNNAMED
     made = messages(topics, parameters, vehicle, kind)
-    if "EXTENDED_SYS_STATE" in made:
-        made["EXTENDED_SYS_STATE"] = _each_second(made["EXTENDED_SYS_STATE"], topics)
     if not made:
         raise Unreadable(f"{source} is a ULog without the topics of a flight: {_instead(content, source, found)}")
     ids = (parameters.get(name, 1.0) for name in ("MAV_SYS_ID", "MAV_COMP_ID"))
@@ -420,16 +418,6 @@ def _topics(log: ULog, found: WholeMessages) -> dict[str, dict[int, Px4Topic]]:
         if len(fields["timestamp"]):
             topics.setdefault(name, {})[instance] = fields | {"time": fields["timestamp"].astype(np.float64) / 1e6}
     return topics
-
-
-def _each_second(state: Columns, topics: dict[str, dict[int, Px4Topic]]) -> Columns:
-    """A state that old PX4 logged at its changes only, repeated at the first message of each second without it."""
-    logged = np.unique(np.concatenate([topic["time"] for group in topics.values() for topic in group.values()]))
-    _, first = np.unique(np.floor(logged), return_index=True)
-    last = np.searchsorted(state["time"], logged[first], side="right") - 1
-    missing = (last >= 0) & (logged[first] - state["time"][np.maximum(last, 0)] > 1.0)
-    rows = np.sort(np.concatenate([np.arange(len(state["time"])), last[missing]]))
-    return selected(state, rows) | {"time": np.union1d(state["time"], logged[first][missing])}
 
 
 def _firmware(information: Mapping[str, object]) -> str:
