@@ -28,19 +28,8 @@ from mavdem.errors import Unreadable
 from mavdem.ingest.contents import file_bytes
 from mavdem.ingest.mavlink.definitions import enum_name
 from mavdem.ingest.mavlink.framing import Progress
-from mavdem.ingest.px4_topics import NEEDED, Px4Topic, mav_type, messages, names
-from mavdem.ingest.telemetry import (
-    Columns,
-    Log,
-    Telemetry,
-    joined,
-    listed,
-    log_of_vehicles,
-    rate_without_gaps,
-    repair_sentences,
-    rows_by,
-    selected,
-)
+from mavdem.ingest.px4_topics import NEEDED, Px4Topic, mav_type, messages, names, notes
+from mavdem.ingest.telemetry import Log, Telemetry, joined, listed, log_of_vehicles, repair_sentences, rows_by, selected
 from mavdem.ingest.vocabulary import PX4, UNNAMED, version_text
 
 MAGIC = b"ULog\x01\x12\x35"
@@ -379,7 +368,7 @@ def read_ulog(path: str | os.PathLike[str], progress: Progress | None = None) ->
         messages=made,
         parameters=parameters,
         source=source,
-        repairs=(*_damage(found), *_interpolated(topics, made)),
+        repairs=(*_damage(found), *notes(topics, made)),
         translated_from="ULog",
         names=names(topics, made),
         firmware=_firmware(log.msg_info_dict),
@@ -405,7 +394,7 @@ def _instead(content: bytes, source: str, found: WholeMessages) -> str:
 
 
 def _topics(log: ULog, found: WholeMessages) -> dict[str, dict[int, Px4Topic]]:
-    parts: dict[tuple[str, int], list[Columns]] = {}
+    parts: dict[tuple[str, int], list[Px4Topic]] = {}
     rows = rows_by(found.topic)
     for data in log.data_list:
         kept = ~found.wrong_stamp[rows[data.msg_id]]
@@ -442,14 +431,3 @@ def _damage(found: WholeMessages) -> tuple[str, ...]:
         (found.crowded, f"Left out: {subscriptions} to more topics, or larger ones, than PX4 has."),
         (len(lasted), f"The logger dropped out {times(len(lasted), 'time')}, {missing} missing."),
     )
-
-
-def _interpolated(topics: dict[str, dict[int, Px4Topic]], messages: dict[str, Columns]) -> tuple[str, ...]:
-    """Attitude that was interpolated between samples, where the body rates were logged clearly more often."""
-    logged = [topic["time"] for topic in topics.get("vehicle_attitude", {}).values()]
-    made = messages.get("ATTITUDE_QUATERNION", {"time": np.zeros(0)})["time"]
-    if len(made) <= 1.1 * max(map(len, logged), default=0):
-        return ()
-    attitude, rates = (rate_without_gaps(np.diff(time)) for time in (max(logged, key=len), made))
-    logged_at = f"Attitude was logged at {attitude:.3g} Hz and body rates at {rates:.3g} Hz"
-    return (f"{logged_at}: attitude was interpolated at the timestamps of the body rates.",)
