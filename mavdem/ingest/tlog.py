@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import mmap
 import os
+import re
 import struct
 from collections.abc import Iterable, Iterator
 from typing import BinaryIO
@@ -29,7 +30,7 @@ MAX_JUMP_AFTER_DAMAGE = 60.0  # The same for a stamp after damage, which may its
 STAMP_WINDOW = 9  # Stamps whose median is compared with the one in their middle
 CHANCE_FRAMES = 1e-6
 """Good frames a byte that belongs to none, of which a log has more; random bytes have some 1.5e-7."""
-BATCH, BLOCK = 1 << 16, 1 << 20  # Stamps read together, and bytes searched for line ends at a time
+BATCH = 1 << 16  # Stamps read together
 
 
 def read_tlog(path: str | os.PathLike[str], progress: Progress | None = None) -> Log:
@@ -39,7 +40,7 @@ def read_tlog(path: str | os.PathLike[str], progress: Progress | None = None) ->
     """
     source = os.fspath(path)
     data, repairs = _without_carriage_returns(mapped_bytes(path))
-    index, stamps = FrameIndex(len(data), seeds()), ReceiveStamps(data)
+    index, stamps = FrameIndex(len(data)), ReceiveStamps(data)
     for frames in _tables(data, source, progress):
         index.add(frames)
         stamps.add(frames)
@@ -182,25 +183,14 @@ def _tables(data: Bytes, source: str, progress: Progress | None) -> Iterator[Fra
 def _without_carriage_returns(content: bytes | mmap.mmap) -> tuple[Bytes, tuple[str, ...]]:
     """Undoes the conversion of line ends by a text-mode transfer: each line feed then follows a carriage return."""
     data = np.frombuffer(content, dtype=np.uint8)
-    feeds = 0
-    for begin in range(0, len(data), BLOCK):
-        at = begin + np.flatnonzero(data[begin : begin + BLOCK] == ord("\n"))
-        if len(at) and (at[0] == 0 or (data[at - 1] != ord("\r")).any()):
-            return data, ()
-        feeds += len(at)
+    if re.search(rb"\n(?<!\r\n)", content):
+        return data, ()
+    restored = bytes(content).replace(b"\r\n", b"\n")
+    feeds = len(content) - len(restored)
     if feeds < 8:  # chance gives 1 in 2^64
         return data, ()
-    restored = np.empty(len(data) - feeds, dtype=np.uint8)
-    place = 0
-    for begin in range(0, len(data), BLOCK):
-        block, following = data[begin : begin + BLOCK], data[begin + 1 : begin + BLOCK + 1]
-        put = np.zeros(len(block), dtype=np.bool_)
-        put[: len(following)] = (block[: len(following)] == ord("\r")) & (following == ord("\n"))
-        kept = block[~put]
-        restored[place : place + len(kept)] = kept
-        place += len(kept)
     sentence = f"The file was transferred as text, which inserted 0D before each of its {feeds} bytes 0A; undone."
-    return restored, (sentence,)
+    return np.frombuffer(restored, dtype=np.uint8), (sentence,)
 
 
 def _require_mavlink(source: str, good: int, frames: int, skipped: int) -> None:
