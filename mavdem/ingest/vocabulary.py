@@ -42,7 +42,7 @@ def version_text(number: int) -> str:
 
 def heartbeat_fields(vehicle_type: int, autopilot: int, armed: NDArray[Any]) -> dict[str, NDArray[Any]]:
     """Fields of HEARTBEAT (N,) for one vehicle, from its MAV_TYPE, its MAV_AUTOPILOT and where it is ``armed`` (N,)."""
-    base = np.where(armed > 0, CUSTOM_MODE | ARMED, CUSTOM_MODE).astype(np.uint8)
+    base = np.where(armed > 0, ARMED, 0).astype(np.uint8)
     return {"type": np.full_like(base, vehicle_type), "autopilot": np.full_like(base, autopilot), "base_mode": base}
 
 
