@@ -26,7 +26,7 @@ from mavdem.errors import Unreadable
 from mavdem.ingest import px4_topics
 from mavdem.ingest.mavlink.clocks import Places, Sent, boot_clock
 from mavdem.ingest.mavlink.definitions import enum_name
-from mavdem.ingest.mavlink.framing import Progress
+from mavdem.ingest.mavlink.framing import Progress, no_progress
 from mavdem.ingest.mcap.records import Channel, McapRecording, Schema
 from mavdem.ingest.px4_topics import NEEDED, SETPOINTS
 from mavdem.ingest.ros2.messages import CDR, RosTopicReader, TopicColumns, decoder
@@ -198,7 +198,7 @@ PX4_STAMP, PX4_SAMPLE = "timestamp", "timestamp_sample"
 SECOND = 1_000_000_000  # Nanoseconds
 
 
-def read_ros2(recording: McapRecording, source: str, progress: Progress | None = None) -> Log:
+def read_ros2(recording: McapRecording, source: str, progress: Progress = no_progress) -> Log:
     """Reads the vehicles in a ROS 2 recording; of each, PX4's own topics or, where there are none, MAVROS's.
 
     In the ``Log``, ``frames`` counts the messages that were read. The ``recording`` was read once, so that its channels
