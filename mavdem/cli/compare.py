@@ -10,9 +10,16 @@ from time import perf_counter
 
 import click
 
-from mavdem.cli.options import motion_options, window_options
-from mavdem.cli.output import json_text, print_blocks, print_json, printable, progress
-from mavdem.cli.output_files import check_folder, files_in, folder_named, page_bytes
+from mavdem.cli.options import folder_named, motion_options, window_options
+from mavdem.cli.output import (
+    check_folder,
+    files_in,
+    json_text,
+    print_blocks,
+    print_json,
+    printable,
+    progress,
+)
 from mavdem.cli.sources import end_report, names_of, nothing_left, of_each
 from mavdem.dem.learning import FEWEST_SAMPLES
 from mavdem.evaluate.comparison import METHODS, Comparison, outcomes
@@ -104,7 +111,7 @@ def compare_command(
     if out is not None:
         with files_in(out, COMPARISON_FILES) as (document, html, table):
             document.write_text(json_text(report) + "\n")
-            html.write_bytes(page_bytes(comparison_page(compared, from_zero)))
+            html.write_text(comparison_page(compared, from_zero), "utf-8", "replace")
             rows = compared.rows()
             with table.open("w", newline="") as file:
                 writer = csv.DictWriter(file, rows[0], lineterminator="\n")

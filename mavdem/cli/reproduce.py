@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 import click
 from rich.table import Table
 
-from mavdem.cli.output import json_text, print_json, print_table, progress, say
-from mavdem.cli.output_files import check_folder, writing
+from mavdem.cli.output import check_folder, json_text, print_json, print_table, progress, say, writing
 from mavdem.cli.signals import ending_at_once
 from mavdem.dem.parallel import pool, spare_cores
 from mavdem.errors import require

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
+import re
 import socket
 from collections.abc import Iterator
 from importlib import metadata
@@ -31,6 +32,8 @@ class Cluster:
 
     def __init__(self, address: str, limits: Limits, read: str = READ_LOG) -> None:
         require("Reading logs on a cluster", "dask")
+        if not re.fullmatch(r"\w+://\S+:\d{1,5}", address):
+            raise Unreadable(f"{address!r} is no address like tcp://10.0.0.1:8786.")
         self.address, self.limits, self.read = address, limits, read
 
     def outcomes(self, jobs: Iterator[Job]) -> Iterator[Outcome]:

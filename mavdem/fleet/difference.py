@@ -44,6 +44,7 @@ _Z = quantile()  # of the intervals of flights, in standard deviations
 
 Outcome = Literal["changed", "same", "uncertain"]
 Flights = Sequence[Flight]
+"""Flights of one vehicle in order of date, the rows of each."""
 
 
 class Quantity(NamedTuple):

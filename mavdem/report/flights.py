@@ -22,6 +22,7 @@ from mavdem.fleet.difference import (
     MEAN_EFFECT,
     SHARE,
     Conditions,
+    Flights,
     QuantityChange,
     VehicleDifference,
 )
@@ -29,7 +30,6 @@ from mavdem.fleet.row import (
     HEALTHS,
     OK,
     UNKNOWN,
-    Flight,
     FlightRow,
     best_tier,
     flights_of,
@@ -59,9 +59,6 @@ QUANTITIES = {
 ALLOWED = {SHARE: "shares for the lean", MEAN_EFFECT: "mean control effectiveness for battery and mean output"}
 """Which intervals allow for which conditions."""
 MIN_LEAN, MIN_SHARE = 2.0, 0.02  # degrees, and share of a voltage or output, from which a difference is reported
-
-Flights = Sequence[Flight]
-"""Flights of one vehicle in order of date, the rows of each."""
 
 
 def fleet_blocks(rows: Sequence[FlightRow]) -> list[Block]:
@@ -178,9 +175,9 @@ def cut(text: str, longest: int) -> str:
     return text if len(text) <= longest else f"{text[: longest - 1]}…"
 
 
-def few(names: Sequence[str], most: int = MAX_NAMED) -> str:
+def few(names: Sequence[str]) -> str:
     """Returns the first names as in a sentence, and how many more there are."""
-    return listed([*names[:most], *([f"{len(names) - most} more"] if len(names) > most else [])])
+    return listed([*names[:MAX_NAMED], *([f"{len(names) - MAX_NAMED} more"] if len(names) > MAX_NAMED else [])])
 
 
 def _counted(number: int, noun: str) -> str:
