@@ -10,7 +10,6 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from os import PathLike
-from typing import Protocol
 
 import numpy as np
 
@@ -41,10 +40,8 @@ SLOW_CAUTION = (
 )
 
 
-class StepProgress(Protocol):
-    """Shows a step of the work by its ``title``; what it yields is called with the share done, if that is measured."""
-
-    def __call__(self, title: str, measured: bool = True) -> AbstractContextManager[Callable[[float], None]]: ...  # noqa: D102
+StepProgress = Callable[..., AbstractContextManager[Callable[[float], None]]]
+"""Shows a step of the work by its ``title``; what it yields is called with the share done, if it is ``measured``."""
 
 
 def silent(title: str, measured: bool = True) -> AbstractContextManager[Callable[[float], None]]:

@@ -17,7 +17,6 @@ from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.numbers import (
     THREE_STATES,
     Labels,
-    entries,
     listed,
     named,
     plus_minus,
@@ -35,14 +34,11 @@ MAX_NAMED, MIN_WEIGHT = 4, 0.3  # of a combination that is not identifiable: at 
 def detail_blocks(learned: Learned, report: dict[str, Any] | None = None) -> list[Block]:
     """Returns cautions, errors one step ahead, the ``learned`` model, and how it was learned.
 
-    ``report`` has the figures of :func:`mavdem.analysis.figures`; without it the errors are left out.
+    ``report`` is ``LogAnalysis.as_dict()``; without it the errors are left out.
     """
-    labels, energy, converged = (
-        Labels.of(learned),
-        learned.free_energy,
-        f"{'' if learned.converged else 'Not '}converged.",
-    )
-    end = "" if learned.simulation_fit is not None else f" {converged.capitalize()}"
+    labels, energy = Labels.of(learned), learned.free_energy
+    converged = "Converged." if learned.converged else "Not converged."
+    end = "" if learned.simulation_fit is not None else f" {converged}"
     return [
         *(Sentence(caution, "Caution:") for caution in learned.cautions),
         *([] if report is None else _one_step(report, labels)),
@@ -53,7 +49,7 @@ def detail_blocks(learned: Learned, report: dict[str, Any] | None = None) -> lis
             f"increased by {energy.gained:,.0f} nats in {len(energy) - 1} iterations, to {energy[-1]:,.0f}.{end}",
             "Free energy action F̄:",
         ),
-        *_simulation_fit(labels, learned, converged.capitalize()),
+        *_simulation_fit(labels, learned, converged),
     ]
 
 
@@ -137,13 +133,18 @@ def _trim(names: Sequence[str], values: Array, units: Sequence[str]) -> str:
 
 
 def _not_identifiable(labels: Labels, learned: Learned) -> list[Block]:
-    directions = learned.undetermined
+    directions, states = learned.undetermined, state_names(labels, learned)
     if not directions:
         return []
     names = [
         f"{matrix}: {short(row)} from {short(column)}"
-        for matrix, cells in entries(labels, learned).items()
-        for row, column in cells
+        for matrix, rows, columns in (
+            ("A", states, states),
+            ("B", states, labels.input_names),
+            ("C", labels.output_names, states),
+        )
+        for row in rows
+        for column in columns
     ]
     least = directions[0].weights
     largest = np.argsort(-np.abs(least))[:MAX_NAMED]

@@ -56,8 +56,6 @@ QUANTITIES = {
     LAG: ("motor time constant", 1e3, "ms"),
 }
 """What a kind of quantity is called, and the scale and unit that it is shown in."""
-ALLOWED = {SHARE: "shares for the lean", MEAN_EFFECT: "mean control effectiveness for battery and mean output"}
-"""Which intervals allow for which conditions."""
 MIN_LEAN, MIN_SHARE = 2.0, 0.02  # degrees, and share of a voltage or output, from which a difference is reported
 
 
@@ -106,7 +104,7 @@ def vehicle_words(flights: Flights) -> str:
         return f"Not judged{': ' + reason if reason else '.'}"
     kinds = [f"a {kind} in {counts[kind]}" for kind in TROUBLE if counts[kind]]
     latest = next(flight for flight in reversed(flights) if worst_health(flight) in TROUBLE)
-    row = next(row for row in latest if row.health == worst_health(latest))
+    row = min(latest, key=lambda row: HEALTHS.index(row.health))
     log = PurePath(row.file).name
     when = log if row.date is None else f"{row.date:%Y-%m-%d} ({log})"
     motor = "" if row.suspect_motor is None else f", motor {row.suspect_motor}"
@@ -191,9 +189,8 @@ def difference_blocks(found: VehicleDifference) -> list[Block]:
         reasons.setdefault(reason, []).append(name)
     missing = [Sentence(f"{listed(names)}: {reason}", "Not compared:") for reason, names in reasons.items()]
     words = "; ".join(_condition_words(*found.conditions)).replace("-", "−")
-    kinds = {change.quantity.kind for change in found.changes if change.allowance}
-    covered = listed(words for kind, words in ALLOWED.items() if kind in kinds)
-    allowed = f" Intervals that allow for conditions: {covered}." if covered else ""
+    covered = "shares for the lean and mean control effectiveness for battery and mean output"
+    allowed = f" Intervals that allow for conditions: {covered}." * any(change.allowance for change in found.changes)
     conditions = Sentence(f"{words}.{allowed}", "Conditions, no change of the vehicle:")
     sure = [Sentence(_sureness(found), "How sure:")] if found.changes else []
     return [*_changes(found), *missing, conditions, *_vehicles(found), *sure]
@@ -213,16 +210,13 @@ def _changes(found: VehicleDifference) -> list[Block]:
     """What changed, what is the same, and what was compared without a result."""
     if not found.changes:
         return [Sentence("", "Nothing can be compared.")]
-    changed, unknown = (
-        "; ".join(_change(change, found) for change in found.of(outcome)) for outcome in ("changed", "uncertain")
-    )
-    first = Sentence(f"{changed}.", "Changed:") if changed else Sentence("", "Nothing changed beyond chance.")
-    blocks: list[Block] = [first]
+    changed, unknown = ("; ".join(_change(one, found) for one in found.of(kind)) for kind in ("changed", "uncertain"))
+    blocks = [Sentence(f"{changed}.", "Changed:") if changed else Sentence("", "Nothing changed beyond chance.")]
     if same := found.of("same"):
         blocks.append(Sentence(f"{listed(_grouped(same, found))}.", "The same:"))
     if unknown:
         blocks.append(Sentence(f"{unknown}: too uncertain to call changed or the same.", "Not known:"))
-    return blocks
+    return [*blocks]
 
 
 def _change(change: QuantityChange, found: VehicleDifference) -> str:
@@ -288,15 +282,14 @@ def _condition_words(before: Conditions, after: Conditions) -> list[str]:
 
 def _vehicles(found: VehicleDifference) -> list[Block]:
     before, after = found.vehicles
-    lead, text = "Caution:", ""
+    trust = "that A and B are of one vehicle is taken on trust."
     if UNKNOWN in (*before, *after):
-        lead, text = "Vehicle:", "a log does not say of which vehicle it is; that both are the same is taken on trust."
-    elif before and after and set(before) != set(after):
+        return [Sentence(f"a log does not say of which vehicle it is; {trust}", "Vehicle:")]
+    if before and after and set(before) != set(after):
         text = f"A is {listed(before)} and B is {listed(after)}: what differs may be that between two vehicles."
-    elif found.shared:
-        text = f"{listed(found.shared)} is a name by the MAVLink system id, which many vehicles share; that A and B "
-        text += "are of one vehicle is taken on trust."
-    return [Sentence(text, lead)] if text else []
+        return [Sentence(text, "Caution:")]
+    named = f"{listed(found.shared)} is a name by the MAVLink system id, which many vehicles share; {trust}"
+    return [Sentence(named, "Caution:")] if found.shared else []
 
 
 def _sureness(found: VehicleDifference) -> str:
@@ -329,8 +322,10 @@ def live_report(history: LiveHistory, status: SessionStatus, account: Mapping[st
     if status.obstacle:
         blocks.append(Sentence(status.obstacle, "At the end:"))
     if errors:
-        made = "predictions without the motors of the time ahead, made in flight and compared with what came."
-        blocks += [_errors(errors, axis), Sentence(f"{made} Baseline: the last sample held.", "How they were made:")]
+        made = (
+            "without the motors of the time ahead, in flight, and compared with what came. Baseline: the last sample."
+        )
+        blocks += [_errors(errors, axis), Sentence(made, "How they were made:")]
     if history.learned:
         rows = [[f"{first:.0f} s", f"{last:.0f} s", f"{last - first:.0f} s"] for first, last in history.learned]
         blocks.append(Table(["learned from", "until", "length"], rows))
@@ -382,7 +377,7 @@ def truth_blocks(found: TruthComparison) -> list[Block]:
     count = f" {sum(held)} of {len(held)} intervals hold the truth." if held else ""
     blocks: list[Block] = [Sentence(f"of {found.source}; ± is the half width of the 90 % interval.{count}", "Truth:")]
     if compared:
-        blocks.append(Table(["", "estimate", "truth", "error", "unit", "inside"], [_row(one) for one in compared]))
+        blocks.append(Table(["", "estimate", "truth", "error", "unit", "inside"], list(map(_row, compared))))
     return [*blocks, *([] if found.wind is None else [_wind(found.wind)])]
 
 

@@ -112,16 +112,6 @@ def state_names(flight: Labelled, learned: Learned) -> list[str]:
     return [*outputs, *(f"hidden {i + 1}" for i in range(order - len(outputs)))][:order]
 
 
-def entries(flight: Labelled, learned: Learned) -> dict[str, list[tuple[str, str]]]:
-    """Returns the names of row and column of each entry of A, B and C of a model of ``flight``, in the order of θ."""
-    states = state_names(flight, learned)
-    return {
-        "A": [(row, column) for row in states for column in states],
-        "B": [(row, column) for row in states for column in flight.input_names],
-        "C": [(row, column) for row in flight.output_names for column in states],
-    }
-
-
 def plus_minus(value: float, half: float) -> str:
     """Returns an estimate and the ``half`` width of its interval, with the digits that it bears; a dash without one.
 
