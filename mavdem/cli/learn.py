@@ -93,14 +93,8 @@ def learn_command(
     settled flight. It is judged by windows of --test: five further models, each trained on four fifths of the flight,
     forecast every window of the fifth that they have not seen.
 
-    \b
-    The screen has, in this order:
-      what the model is good for, purpose by purpose, and why
-      the vehicle: control effectiveness and trim of each motor, rate damping and motor time constant
-      the wind torque on this axis, its steady part and gusts
-      errors of forecasts beside those without a model
-      warnings, where there are any
-    With --axis all also a row for each of roll, pitch and yaw.
+    The screen says what the model is good for and why, then what vehicle and wind do; with --axis all also a row for
+    each of roll, pitch and yaw.
 
     A log whose rates allow less gives that: at 8 to 40 Hz (tier b) a model of the slow motion, if it predicts better
     than none; at any rate from 1 Hz (tier c) balance, limits, lean, vibration and battery. Without a model the folder

@@ -143,7 +143,7 @@ def to_control(learned: Learned) -> control.StateSpace:
     labels, model = Labels.of(learned), learned.model
     inputs = list(map(column_name, labels.input_names, labels.input_units))
     outputs = list(map(column_name, labels.output_names, labels.output_units))
-    states = [column_name(name, "") for name in state_names(labels, learned)]
+    states = [column_name(name, "") for name in state_names(labels.output_names, learned)]
     if states_are_outputs(learned):
         states = [*outputs, *states[len(outputs) :]][: len(states)]
     names = {"inputs": inputs, "outputs": outputs, "states": states, "name": "mavdem"}

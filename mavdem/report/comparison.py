@@ -47,10 +47,8 @@ def _verdict(comparison: Comparison, question: str) -> str:
     without = f" No forecast was made by {listed(silent)}." if silent else ""
     error = f"{comparison.methods_of(question)[0]}'s error{f' on {flights} flights' if flights > 1 else ''}"
     if pairs < FEWEST_PAIRS:
-        few = (
-            f"only {'1 window does' if pairs == 1 else f'{pairs} windows do'} not overlap, and it takes {FEWEST_PAIRS}"
-        )
-        return f"{error} is not distinguishable from another method's: {few}.{without}"
+        few = f"only {'1 window does' if pairs == 1 else f'{pairs} windows do'} not overlap"
+        return f"{error} is not distinguishable from another method's: {few}, and it takes {FEWEST_PAIRS}.{without}"
     parts = []
     for verdict, than in (("higher", "than"), ("not distinguishable", "from"), ("lower", "than")):
         if names := [name for name, test in tests.items() if test.verdict == verdict]:

@@ -322,9 +322,7 @@ def live_report(history: LiveHistory, status: SessionStatus, account: Mapping[st
     if status.obstacle:
         blocks.append(Sentence(status.obstacle, "At the end:"))
     if errors:
-        made = (
-            "without the motors of the time ahead, in flight, and compared with what came. Baseline: the last sample."
-        )
+        made = "in flight, without the motors of the time ahead. Baseline: the last sample held."
         blocks += [_errors(errors, axis), Sentence(made, "How they were made:")]
     if history.learned:
         rows = [[f"{first:.0f} s", f"{last:.0f} s", f"{last - first:.0f} s"] for first, last in history.learned]
