@@ -32,9 +32,7 @@ from mavdem.flight import Flight
 from mavdem.health.in_flight import MotorAlarm, MotorWatch
 from mavdem.ingest import Log
 
-MAX_SLOW_RATIO = 0.9
-"""Squared error over that of a forecast without a model, up to which a model of the slow motion is worth having: an
-RMSE 5 % lower."""
+MAX_SLOW_RATIO = 0.9  # of squared errors, to a forecast's without a model, up to which one of slow motion is worth it
 SLOW_CAUTION = (
     "The model is of the slow motion only: what shows at several Hz, such as the control effectiveness, is not in it."
 )
@@ -218,13 +216,11 @@ def slow_motion_refusal(held_out: HeldOut) -> str:
         ratio = held_out.error_ratio() / held_out.error_ratio(name)
         test = paired(held_out.error_ratios(baseline=name), np.ones(len(held_out)))
         error = f"A model of the slow motion has {ratio:.2g} times the squared error of “{name}” in {len(held_out)}"
+        error += " windows that it has not seen"
         if not ratio <= MAX_SLOW_RATIO:
-            return f"{error} windows that it has not seen: at most {MAX_SLOW_RATIO:g} times would make it worth having."
+            return f"{error}: at most {MAX_SLOW_RATIO:g} times would make it worth having."
         if test.verdict != "lower":
-            return (
-                f"{error} windows that it has not seen, which may be luck (p = {test.p_value:.2g}, needed "
-                f"{SIGNIFICANCE:g})."
-            )
+            return f"{error}, which may be luck (p = {test.p_value:.2g}, needed {SIGNIFICANCE:g})."
     return ""
 
 

@@ -35,7 +35,6 @@ from mavdem.health.in_flight import MotorAlarm, alarm_figures
 from mavdem.ingest import Component, read_log
 
 ALL = "all"  # of an axis: roll, pitch and yaw
-EXPLAINED_SHARE = 0.5  # of an output's variance: up to the horizon at which the expected squared error reaches it
 
 
 class AxisFigures(NamedTuple):
@@ -165,7 +164,7 @@ def model_figures(flights: Sequence[Flight], learned: Learned, held_out: HeldOut
         "expected_error": float((held_out.expected / held_out.variance).mean()),
         "inside_90_percent_band": held_out.coverage,
         "prediction": {
-            "half_explained_seconds": (learned.prediction.useful_steps(EXPLAINED_SHARE) * first.dt).tolist(),
+            "half_explained_seconds": (learned.prediction.useful_steps(0.5) * first.dt).tolist(),
             "error_ratio": held_out.error_ratio(PREDICTION),
         },
         "simulation_fit": None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
 from time import perf_counter
@@ -22,7 +21,7 @@ from mavdem.cli.output import (
 )
 from mavdem.cli.sources import end_report, names_of, nothing_left, of_each
 from mavdem.dem.learning import FEWEST_SAMPLES
-from mavdem.evaluate.comparison import METHODS, Comparison, outcomes
+from mavdem.evaluate.comparison import METHODS, Comparison, Outcome, outcomes
 from mavdem.evaluate.scores import FROM_ZERO, KNOWN
 from mavdem.evaluate.windows import TRAIN_SECONDS, Length, TooFewSamples, Window, part_samples, windows
 from mavdem.flight import Flight
@@ -99,7 +98,13 @@ def compare_command(
     cut, refused = of_each(sources, axis, vehicle, inputs, windows_of)
     if not cut:
         raise nothing_left(refused, "compared")
-    compared = _compare([window for one in cut.values() for window in one])
+    windowed, made = [window for one in cut.values() for window in one], list[Outcome]()
+    title, total = f"Comparing {len(METHODS)} methods on {len(windowed)} windows", len(windowed) * len(METHODS)
+    with progress(title) as done, closing(outcomes(windowed, METHODS)) as coming:
+        for outcome in coming:
+            made.append(outcome)
+            done(len(made) / total)
+    compared = Comparison.of(windowed, made)
     report = {
         **compared.to_dict(FROM_ZERO if from_zero else KNOWN),
         "axis": axis,
@@ -123,12 +128,3 @@ def compare_command(
         print_blocks(comparison_report(compared, from_zero))
     written = f" Written: {', '.join(map(printable, report['files'].values()))}" if report["files"] else ""
     end_report(context, refused, "not compared", f"Took {report['seconds']:.1f} s.{written}", as_json)
-
-
-def _compare(cut: Sequence[Window]) -> Comparison:
-    title, total, made = f"Comparing {len(METHODS)} methods on {len(cut)} windows", len(cut) * len(METHODS), []
-    with progress(title) as done, closing(outcomes(cut, METHODS)) as coming:
-        for outcome in coming:
-            made.append(outcome)
-            done(len(made) / total)
-    return Comparison.of(cut, made)

@@ -102,19 +102,14 @@ class _Page(Console):
         raise
 
 
-def print_table(table: Grid) -> None:
-    """Prints a table and an empty line on standard output."""
-    width = None if sys.stdout.isatty() else WIDTH_OF_A_PIPE
-    _Page(width=width, highlight=False, markup=False, emoji=False).print(table, "")
-
-
 def print_blocks(blocks: Iterable[Sentence | Table]) -> None:
     """Prints sentences and tables, each with an empty line after it; names in them may hold what a terminal obeys."""
+    width = None if sys.stdout.isatty() else WIDTH_OF_A_PIPE
     for block in blocks:
         if isinstance(block, Sentence):
             say(f"{printable(f'{block.lead} {block.text}'.strip())}\n")
         else:
-            print_table(_grid(block))
+            _Page(width=width, highlight=False, markup=False, emoji=False).print(_grid(block), "")
 
 
 def _grid(table: Table) -> Grid:

@@ -138,11 +138,7 @@ def track_command(
         say_aside(printable(f"mavdem: {problem}"))
     if as_json:
         found = {
-            name: {
-                "file": latest.file,
-                "date": latest.as_dict()["date"],
-                "found": None if change is None else change.as_dict(),
-            }
+            name: {"file": latest.file, "date": latest.as_dict()["date"], "found": change and change.as_dict()}
             for name, (latest, change) in changes.items()
         }
         print_json({"fleet": str(out), "index": str(out / INDEX), **counts, "since_baseline": found})

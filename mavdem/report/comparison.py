@@ -17,7 +17,6 @@ from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.numbers import THREE_STATES, listed, named, readable
 
 WORDS = {KNOWN: "What happened, given the inputs:", UNKNOWN: "What comes next, inputs unknown:"}
-BANDS = {KNOWN: "forecasts", UNKNOWN: "predictions"}
 Summary = dict[str, Any]
 
 
@@ -68,7 +67,8 @@ def _failed_bands(comparison: Comparison, question: str) -> list[Block]:
         share = row["horizons"][-1]["inside"]
         if share is not None and share < PREDICTION_LIMITS.coverage:
             where = f" on {flight}" if len(comparison.flights) > 1 else ""
-            what = f"{reference}'s {BANDS[question]} holds {share:.0%} of the samples{where}"
+            kind = "forecasts" if question == KNOWN else "predictions"
+            what = f"{reference}'s {kind} holds {share:.0%} of the samples{where}"
             cautions.append(Sentence(f"the 90 % band of {what}: it is too narrow.", "Caution:"))
     return cautions
 

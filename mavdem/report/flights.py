@@ -155,9 +155,8 @@ def _unused(refused: Sequence[FlightRow]) -> list[Block]:
         return []
     examples: dict[str, list[str]] = {}
     for row in refused:
-        # Without the file's name and the numbers that make each reason different.
-        text = row.status.replace(row.file, "the log").replace(PurePath(row.file).name, "the log")
-        first = re.split(r"(?<=[.:;]) ", text, maxsplit=1)[0]
+        first = re.split(r"(?<=[.:;]) ", row.status, maxsplit=1)[0]
+        # Without the numbers that make each reason different.
         examples.setdefault(re.sub(r"\d[\d.,]*", "…", first).rstrip(".:; "), []).append(PurePath(row.file).name)
     reasons = sorted(examples, key=lambda reason: (-len(examples[reason]), reason))
     shown = reasons if len(reasons) <= MAX_REASONS else reasons[: MAX_REASONS - 1]

@@ -27,7 +27,7 @@ from mavdem.live import SessionStatus
 from mavdem.live.history import LiveHistory
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.comparison import comparison_report, order_report
-from mavdem.report.condition import log_blocks
+from mavdem.report.condition import stream_contents, vehicle_contents
 from mavdem.report.details import detail_blocks
 from mavdem.report.flights import event_blocks, live_report
 from mavdem.report.numbers import Labels, listed, named, readable, rounded
@@ -158,7 +158,11 @@ def log_page(
             details = detail_blocks(learned, analysis.as_dict())
             folded.append(Chapter(f"The model of {axis}, and how it was learned", details, folded=True))
     if inventory:
-        folded.append(Chapter("What was read from the log, and repaired", log_blocks(inventory), folded=True))
+        held = [
+            *(block for one in inventory["vehicles"] for block in vehicle_contents(one)),
+            *stream_contents(inventory),
+        ]
+        folded.append(Chapter("What was read from the log, and repaired", held, folded=True))
         if first.learned is not None:
             rows = [[name, str(value)] for name, value in asdict(first.learned.settings).items()]
             folded.append(Chapter("Settings", [Table(["setting", "value"], rows, words=True)], folded=True))
