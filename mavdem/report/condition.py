@@ -98,6 +98,11 @@ def _interval(value: float, half: float | None, scale: float = 100.0, unit: str 
     return f"{shown}{unit}"
 
 
+def log_blocks(held: dict[str, Any]) -> list[Block]:
+    """Returns all that a log ``held``, by ``mavdem.condition.inventory``: each vehicle, then what came from whom."""
+    return [*(block for one in held["vehicles"] for block in vehicle_contents(one)), *stream_contents(held)]
+
+
 def vehicle_contents(vehicle: dict[str, Any]) -> list[Block]:
     """Returns what a log holds of a ``vehicle``: whether a model can be learned, repairs, settled flight, messages."""
     verdict, names, messages = vehicle["verdict"], vehicle["names"], vehicle["messages"]
