@@ -124,7 +124,7 @@ class HealthyModels:
             + float(_array(model.residual_gain_outputs, 2) @ outputs)
             + (model.residual_offset or 0.0)
             for model in self._models
-            if model.key != row.key
+            if model.key != row.key and _kind(model) == _kind(row)
         ]
         return float(np.mean(residuals)) if residuals else None
 

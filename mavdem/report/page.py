@@ -157,11 +157,7 @@ def log_page(
             details = detail_blocks(learned, analysis.as_dict())
             folded.append(Chapter(f"The model of {axis}, and how it was learned", details, folded=True))
     if inventory:
-        held = [
-            *(block for one in inventory["vehicles"] for block in vehicle_contents(one)),
-            *stream_contents(inventory),
-        ]
-        folded.append(Chapter("What was read from the log, and repaired", held, folded=True))
+        folded.append(Chapter("What was read from the log, and repaired", log_blocks(inventory), folded=True))
         if first.learned is not None:
             rows = [[name, str(value)] for name, value in asdict(first.learned.settings).items()]
             folded.append(Chapter("Settings", [Table(["setting", "value"], rows, words=True)], folded=True))
