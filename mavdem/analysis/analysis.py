@@ -155,7 +155,7 @@ def motor_alarms(signals: Signals) -> tuple[MotorAlarm, ...]:
         for begin, end in settled(signals, int(boot)):
             flying |= (time >= begin) & (time <= end)
         for row in np.flatnonzero(flying):
-            watch.take(float(time[row]), commands[row], True)
+            watch.take(float(time[row]), commands[row])
         alarms += watch.alarms
     return tuple(alarms)
 

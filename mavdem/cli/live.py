@@ -45,24 +45,21 @@ class Dashboard:
         self._sinks: list[Sink] = []
         self.file: RecordingFile | None = None
         self.advice = advice("The dashboard", "view")
-        wanted = rrd is not None or serve or connect is not None
         if self.advice:
-            if wanted:
+            if rrd is not None or serve or connect is not None:
                 raise MissingExtra(self.advice)
             return
         # Rerun takes a second to load.
         with ending_at_once():
             from mavdem.view.live import RecordingFile, WebServer, sinks_for
-            from mavdem.view.viewer import has_screen
-        if not wanted and not has_screen():
-            self.advice = "There is no screen here: use --rrd FILE to record, or --serve for browsers of this machine."
-            return
         try:
             self._sinks = sinks_for(rrd, serve, connect)
         except ValueError as error:
             raise click.BadParameter(f"{error}.", param_hint="--connect") from error
         except OSError as error:
             raise Unreadable(f"The dashboard cannot be opened: {error}.") from None
+        if not self._sinks:
+            self.advice = "There is no screen here: use --rrd FILE to record, or --serve for browsers of this machine."
         for sink in self._sinks:
             if isinstance(sink, WebServer):
                 self.advice = f"Open {sink.page} in a browser."

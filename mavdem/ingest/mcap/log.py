@@ -50,7 +50,7 @@ def read_mcap(path: str | os.PathLike[str], progress: Progress | None = None) ->
             raise Unreadable(_nothing_in(path, recording, seen))
         require(f"{os.fspath(path)} is a ROS 2 recording, which", "ros2")
         return read_ros2(recording, os.fspath(path), _within(progress, 0.5, 1.0))
-    index = FrameIndex(len(stream.data), seeds())
+    index = FrameIndex(len(stream.data))
     index.add(stream.frames)
     received = _received(stream.stamps)
     known = received[~np.isnan(received)]

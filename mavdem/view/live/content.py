@@ -72,10 +72,10 @@ class LogLine(NamedTuple):
 
 
 class LiveWriter:
-    """Writes rows of one set of channels into one recording, below the entity ``root``, which may be empty."""
+    """Writes rows of one set of channels into one recording."""
 
-    def __init__(self, channels: Channels, root: str = "") -> None:
-        self.root, self._channels = root, channels
+    def __init__(self, channels: Channels) -> None:
+        self._channels = channels
         self._units = [readable(unit) for unit in channels.output_units]
         self._torques: deque[tuple[float, float, float]] = deque(maxlen=round(GUST_SECONDS / channels.dt))
         self._gusts_until = -np.inf
@@ -84,7 +84,7 @@ class LiveWriter:
         self._unusual = False
         self._model: LinearModel | None = None
         self._horizon = int(np.abs(np.array(channels.horizons) * channels.dt - AHEAD).argmin())
-        self.lines = {lines.path: lines.under(root) for lines in self._all_lines()}
+        self.lines = {lines.path: lines for lines in self._all_lines()}
 
     def _all_lines(self) -> list[Lines]:
         """All lines but those of the model; predictions are those nearest to ``AHEAD`` seconds ahead."""
@@ -218,7 +218,7 @@ class LiveWriter:
             self.lines["free_energy_action"].send(recording, time, action)
             if row.learned is not None:
                 names = precision_names(self._channels.output_names, row.learned)
-                lines = Lines("noise_precisions", names, tuple(map(distinct, range(len(names)))), 2.0).under(self.root)
+                lines = Lines("noise_precisions", names, tuple(map(distinct, range(len(names)))), 2.0)
                 lines.send_style(recording)
                 lines.send(recording, time, now.log_precisions)
 
