@@ -30,6 +30,7 @@ from mavdem.alignment.quality import FULL_THROTTLE, IDLE_THROTTLE
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals
 from mavdem.alignment.verdict import verdict_of
+from mavdem.condition.oscillation import Oscillation, oscillation_of
 from mavdem.confidence import LEVEL, half_width
 from mavdem.errors import NotLearnable
 from mavdem.flight import Flight
@@ -245,6 +246,7 @@ class Condition:
     tilt_max: float | None
     vibration: VibrationFigures | None
     battery: BatteryFigures | None
+    oscillation: Oscillation | None = None  # a limit cycle; None where there is none
 
     @property
     def collective(self) -> float | None:
@@ -255,7 +257,9 @@ class Condition:
         """Returns plain JSON values; angles in rad, but for those of ``hover``."""
         hover = None if self.hover is None else self.hover.as_dict()
         intervals = list(self.share_interval)
-        return {**asdict(self), "hover": hover, "share_interval": intervals, "collective": self.collective}
+        oscillation = None if self.oscillation is None else self.oscillation._asdict()
+        shown = {"hover": hover, "share_interval": intervals, "oscillation": oscillation}
+        return {**asdict(self), **shown, "collective": self.collective}
 
 
 def condition_of(signals: Signals) -> Condition:
@@ -282,6 +286,7 @@ def condition_of(signals: Signals) -> Condition:
         tilt_max=float(tilt.max()) if len(tilt) else None,
         vibration=_vibration(signals, settled),
         battery=_battery(signals, settled or span),
+        oscillation=oscillation_of(signals, settled or _flown(signals, span)),
     )
 
 
@@ -296,6 +301,12 @@ def settled_parts(signals: Signals) -> tuple[Segment, ...]:
         for part in recorded_parts(signals)
         for start, end in both([(part.start, part.end)], phases.settled(signals, part.boot))
     )
+
+
+def _flown(signals: Signals, span: tuple[Segment, ...]) -> tuple[Segment, ...]:
+    """Flight that need not be settled."""
+    flights = ((one.boot, both([(one.start, one.end)], phases.flying(signals, one.boot))) for one in span)
+    return tuple(Segment(boot, *interval) for boot, intervals in flights for interval in intervals)
 
 
 def recorded_parts(signals: Signals) -> tuple[Segment, ...]:
