@@ -15,8 +15,7 @@ import click
 from mavdem.alignment.signals import axis_outputs
 from mavdem.cli.commands import DONE, UNSUPPORTED, UNUSABLE
 from mavdem.cli.options import chosen_settings, file_option, model_options, motion_options, no_option
-from mavdem.cli.output import print_json, printable, say_aside
-from mavdem.cli.output_files import check_file, writing
+from mavdem.cli.output import check_file, print_json, printable, say_aside, writing
 from mavdem.cli.signals import asked_to_end, ending_at_once
 from mavdem.errors import MissingExtra, Unreadable, advice
 from mavdem.export.conversion import STREAMS
@@ -46,24 +45,21 @@ class Dashboard:
         self._sinks: list[Sink] = []
         self.file: RecordingFile | None = None
         self.advice = advice("The dashboard", "view")
-        wanted = rrd is not None or serve or connect is not None
         if self.advice:
-            if wanted:
+            if rrd is not None or serve or connect is not None:
                 raise MissingExtra(self.advice)
             return
         # Rerun takes a second to load.
         with ending_at_once():
             from mavdem.view.live import RecordingFile, WebServer, sinks_for
-            from mavdem.view.viewer import has_screen
-        if not wanted and not has_screen():
-            self.advice = "There is no screen here: use --rrd FILE to record, or --serve for browsers of this machine."
-            return
         try:
             self._sinks = sinks_for(rrd, serve, connect)
         except ValueError as error:
             raise click.BadParameter(f"{error}.", param_hint="--connect") from error
         except OSError as error:
             raise Unreadable(f"The dashboard cannot be opened: {error}.") from None
+        if not self._sinks:
+            self.advice = "There is no screen here: use --rrd FILE to record, or --serve for browsers of this machine."
         for sink in self._sinks:
             if isinstance(sink, WebServer):
                 self.advice = f"Open {sink.page} in a browser."

@@ -51,14 +51,9 @@ def sentence(text: str) -> str:
 
 
 class Event(NamedTuple):
-    """Something that happened.
+    """Something that happened, in one sentence."""
 
-    Attributes:
-        seconds: UNIX s of the bytes that caused it for a stream, s from the beginning in a history.
-        sentence: TODO.
-    """
-
-    seconds: float
+    seconds: float  # UNIX s of the bytes that caused it for a stream, s from the beginning in a history
     sentence: str
 
 
@@ -75,15 +70,12 @@ class SessionStatus:
         obstacle: why there are no rows or no new model; empty while all is well.
         rates: Hz of attitude and motors over the last 2 s, by message.
         flying: whether the vehicle is armed and airborne.
-        learned: rows that the learner used.
-        shown: rows that were only shown.
+        learned, shown: rows that the learner used, and that were only shown.
         latency: median and 99th percentile, s, from the link to the estimate.
         ahead: about ``AHEAD`` s, and half width, rad, of the angle's 90 % band there.
         lost: messages of the vehicle missing by its sequence numbers.
-        late: samples that came too late for their row.
-        unread: frames of another dialect or damaged.
-        alarms: the latest changes of the motors' balance; without a motor they are no alarms.
-        alarm_count: of these so far.
+        late, unread: samples that came too late for their row, and frames of another dialect or damaged.
+        alarms, alarm_count: the latest changes of the motors' balance, and how many; without a motor no alarms.
         alarm: the latest on a motor in this boot and this flight; it stays after the landing.
     """
 

@@ -22,19 +22,9 @@ from mavdem.alignment.signals import axis_outputs
 from mavdem.dem import Estimate, Learned, OnlineLearner, Settings
 from mavdem.dem.parallel import pool
 from mavdem.ingest.mavlink.definitions import FrameSender
+from mavdem.live import history
 from mavdem.live.decisions import Setup
-from mavdem.live.history import (
-    ACCOUNT,
-    FLIGHT_UNKNOWN,
-    NOT_FLYING,
-    NOT_SETTLED,
-    UNCONFIRMED,
-    Event,
-    LiveHistory,
-    SessionStatus,
-    horizons,
-    sentence,
-)
+from mavdem.live.history import Event, LiveHistory, SessionStatus, horizons, sentence
 from mavdem.live.link import Link, LinkLost, RawRecording
 from mavdem.live.rate_request import MAX_TRIES, REPLY_SECONDS, SILENCE_SECONDS, Arrivals, RateRequest, greeting
 from mavdem.live.rows import AlignedRow
@@ -121,7 +111,7 @@ class LiveSession:
         self._settled = self._lost = False
         self._began = self._came = self._heard = now
         self._reported, self._sampled, self._samples = 0.0, -np.inf, 0
-        self._account = dict.fromkeys(ACCOUNT, 0.0)
+        self._account = dict.fromkeys(history.ACCOUNT, 0.0)
         self._accounted = now, 0
         self._obstacle = ""
         self._last_said: dict[str, float] = {}
@@ -166,7 +156,8 @@ class LiveSession:
             "learned": self._learned > learned,
             "silent": now - self._heard >= STATUS_SECONDS,
             "no_vehicle": stream.vehicle is None,
-            "waiting": stream.obstacle not in ("", NOT_FLYING, FLIGHT_UNKNOWN) or now - self._sampled >= STATUS_SECONDS,
+            "waiting": stream.obstacle not in ("", history.NOT_FLYING, history.FLIGHT_UNKNOWN)
+            or now - self._sampled >= STATUS_SECONDS,
             "unsettled": stream.flying,
             "on_ground": True,
         }
@@ -206,7 +197,9 @@ class LiveSession:
         """The status as of now."""
         status, silence = self.stream.status(), self._silence()
         learning = self.learner.obstacle if self.learner is not None else ""
-        obstacle = silence or status.obstacle or (NOT_SETTLED if status.flying and not self._settled else learning)
+        obstacle = (
+            silence or status.obstacle or (history.NOT_SETTLED if status.flying and not self._settled else learning)
+        )
         rates = dict.fromkeys(status.rates, 0.0) if silence else status.rates
         median, late = np.percentile(self._latencies or [np.nan], [50, 99]).tolist()
         rows = replace(status, learned=self._learned, shown=self._shown, latency=(median, late))
@@ -350,7 +343,7 @@ class LiveSession:
                 for message in self.stream.replies():
                     request.take(message)
         if request.restore():
-            self._log(UNCONFIRMED)
+            self._log(history.UNCONFIRMED)
 
     def _send(self, frames: list[bytes]) -> None:
         try:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from math import ceil
 from typing import Any
 
@@ -42,10 +42,6 @@ class Lines:
     width: float = 1.5  # points
     marked: bool = False  # whether the values are drawn as markers, not joined
     filled: bool = False  # whether the values are the edges of an area, drawn as one line of upright strokes
-
-    def under(self, root: str) -> Lines:
-        """Returns the same below the entity ``root``, if that is not empty."""
-        return replace(self, path=f"{root}/{self.path}") if root else self
 
     def send_style(self, recording: rr.RecordingStream) -> None:
         """Sends how the lines are drawn; once a recording."""

@@ -15,10 +15,8 @@ from urllib.parse import quote, urlsplit
 
 import rerun as rr
 
-CONNECT_SECONDS = 0.3  # time limit for a viewer to accept a connection
 LOOPBACK = "127.0.0.1"
 VIEWER_MEMORY, SERVER_MEMORY = "1GB", "256MB"  # the server keeps data for later viewers; the oldest go first
-NO_SCREEN = "There is no screen here: use --rrd FILE to record, or --serve for browsers"
 WATCHDOG = """
 import os, signal, subprocess, sys, threading
 def kill_at_end_of_input():
@@ -148,7 +146,7 @@ class Viewer(Sink):
     def open(self, recording: rr.RecordingStream) -> bool:
         """Sends the recording to the viewer, if it is there; see :class:`Sink`."""
         try:
-            socket.create_connection(self._address, timeout=CONNECT_SECONDS).close()
+            socket.create_connection(self._address, timeout=0.3).close()
         except OSError:
             return False
         recording.connect_grpc(self.url)
@@ -188,7 +186,7 @@ def sinks_for(rrd: str | os.PathLike[str] | None = None, serve: bool = False, co
 
     ``rrd`` is a file to record in, ``serve`` a wish for browsers of this machine, ``connect`` the URL of a viewer or
     server, which may start later. The view that they are given to closes them. ``OSError`` if a port is taken,
-    ``ValueError``, one sentence, for an invalid URL or if there is nowhere to show the flight.
+    ``ValueError``, one sentence, for an invalid URL; empty if there is nowhere to show the flight.
     """
     sinks: list[Sink] = [] if rrd is None else [RecordingFile(rrd)]
     if connect is not None:
@@ -202,6 +200,4 @@ def sinks_for(rrd: str | os.PathLike[str] | None = None, serve: bool = False, co
         limits = ("--server-memory-limit", SERVER_MEMORY, "--memory-limit", VIEWER_MEMORY)
         _start(*limits, "--port", str(port), "--expect-data-soon", "--hide-welcome-screen")
         sinks.append(Viewer(f"rerun+http://{LOOPBACK}:{port}/proxy"))
-    if not sinks:
-        raise ValueError(NO_SCREEN)
     return sinks

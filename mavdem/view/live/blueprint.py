@@ -35,8 +35,8 @@ class FollowingTimePanel(rrb.TimePanel):
         stream.log(self.blueprint_path(), following)
 
 
-def live_blueprint(channels: Channels, root: str = "") -> rrb.Blueprint:
-    """Returns tabs: the flight, the model, more of the samples, the status; lines are below ``root``."""
+def live_blueprint(channels: Channels) -> rrb.Blueprint:
+    """Returns tabs: the flight, the model, more of the samples, the status."""
 
     def plot(name: str, origin: str, seconds: float = FLIGHT_SECONDS) -> rrb.TimeSeriesView:
         """A plot of the last seconds before the time cursor; only these are queried."""
@@ -45,7 +45,7 @@ def live_blueprint(channels: Channels, root: str = "") -> rrb.Blueprint:
         end = rr.TimeRangeBoundary.cursor_relative(seconds=share * seconds)
         return rrb.TimeSeriesView(
             name=name,
-            origin=f"{root}/{origin.lstrip('/')}",
+            origin=origin,
             axis_x=rrb.archetypes.TimeAxis(view_range=rr.TimeRange(start=start, end=end)),
             time_ranges=[rrb.VisibleTimeRange(BOOT_CLOCK, start=start, end=end)],
             plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.RightTop),
@@ -125,8 +125,8 @@ def _reason(status: SessionStatus, until: float | None) -> str:
     return sentence(status.obstacle or (TOO_FEW if until is None else "")) or "The model follows the flight."
 
 
-def status_document(channels: Channels, status: SessionStatus, row: ViewRow, until: float | None, dropped: int) -> str:
-    """Returns the latest status and row as a Markdown document, with the number of rows that this view has dropped.
+def status_document(channels: Channels, status: SessionStatus, row: ViewRow, until: float | None) -> str:
+    """Returns the latest status and row as a Markdown document.
 
     The latest model was learned ``until`` s of the boot clock; None before the first.
     """
@@ -139,8 +139,6 @@ def status_document(channels: Channels, status: SessionStatus, row: ViewRow, unt
     }
     if isfinite(status.latency[0]):
         facts["latency"] = f"{1000 * status.latency[0]:.0f} ms"
-    if dropped:
-        facts["rows not shown"] = f"{dropped:,}: this view is too slow"
     first, *others = (f"| {name} | {fact} |" for name, fact in facts.items())
     if until is None:
         learning = f"No model yet. {_reason(status, until)}"

@@ -9,7 +9,7 @@ from __future__ import annotations
 import atexit
 import time as wall
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from itertools import groupby
 from math import inf, isfinite
@@ -49,7 +49,7 @@ class SinkThread:
         self.dropped = 0  # rows
         self.status = SessionStatus()
         self.trouble = ""  # why nothing arrives, one sentence
-        self._writers = {channels: LiveWriter(channels)}
+        self._writer = LiveWriter(channels)
         self._recording: rr.RecordingStream | None = None
         self._last: ViewRow | None = None
         self._until: float | None = None  # time of the last sample that the latest model was trained on, s
@@ -75,51 +75,38 @@ class SinkThread:
         return not self._thread.is_alive()
 
     def _run(self) -> None:
-        # Here, since Rerun takes a third of a second the first time, in which the caller receives samples.
-        if not self.sink.retried:
-            try:
-                self._open()
-            except (RuntimeError, OSError) as error:
-                self._give_up(f"cannot be written: {error}")
-        while not self.closing.wait(self.sink.period):
-            self._send_batch()
-        self._next_status = 0.0
-        self._send_batch()
+        ending = False
+        while not ending:
+            # At once, since Rerun takes a third of a second the first time, in which the caller receives samples.
+            self._attempt(self._open)
+            ending = self.closing.wait(self.sink.period)
+            self._next_status *= not ending
+            self._attempt(self._send)
         if self._recording is not None:
             self._recording.disconnect()
 
-    def _send_batch(self) -> None:
-        """Sends what waits; gives up a sink that fails, or retries it later."""
+    def _attempt(self, work: Callable[[], None]) -> None:
+        """Opens the sink or sends what waits; gives up a sink that fails, or retries it later."""
         try:
-            if self._recording is None:
-                if not self.sink.retried or wall.monotonic() < self._next_try:
-                    return
-                self._next_try = wall.monotonic() + RETRY_SECONDS
-                self._open()
-            if self._recording is None:
-                return
-            self._send(self._recording)
-            self._recording.flush(timeout_sec=FLUSH_SECONDS)
-            self.sink.delivered()
-            self.trouble = ""
+            work()
         except (RuntimeError, OSError) as error:
             if "timed out" in str(error):
                 self.trouble = f"{self.sink.name} does not respond"
                 return
-            self._give_up(f"failed: {error}")
+            self.trouble = f"{self.sink.name} {'cannot be written' if self._recording is None else 'failed'}: {error}"
+            if self._recording is not None:
+                # A failed recording disconnects without waiting, and writes nothing more.
+                self._recording.disconnect()
+                self._recording = None
+                with suppress(OSError):
+                    self.sink.delivered(arrived=False)
         except Exception as error:  # a row that cannot be drawn ends neither the view nor the flight
             self.put(LogLine(self._last.time if self._last else 0.0, "ERROR", f"not drawn: {error}"))
 
-    def _give_up(self, trouble: str) -> None:
-        self.trouble = f"{self.sink.name} {trouble}"
-        if self._recording is not None:
-            # A failed recording disconnects without waiting, and writes nothing more.
-            self._recording.disconnect()
-            self._recording = None
-            with suppress(OSError):
-                self.sink.delivered(arrived=False)
-
     def _open(self) -> None:
+        if self._recording is not None or wall.monotonic() < self._next_try:
+            return
+        self._next_try = wall.monotonic() + RETRY_SECONDS if self.sink.retried else inf
         recording = rr.RecordingStream("mavdem", recording_id=self._id)
         recording.set_log_time_enabled(False)
         recording.set_log_tick_enabled(False)
@@ -128,53 +115,58 @@ class SinkThread:
             return
         self._recording = recording
         recording.send_recording_name(self._channels.title)
-        for writer in self._writers.values():
-            writer.begin(recording)
-        recording.send_blueprint(live_blueprint(self._channels, self._writers[self._channels].root))
+        self._begin(recording)
+        self._deliver(recording)
+
+    def _deliver(self, recording: rr.RecordingStream) -> None:
         recording.flush(timeout_sec=FLUSH_SECONDS)
         self.sink.delivered()
+        self.trouble = ""
 
-    def _send(self, recording: rr.RecordingStream) -> None:
+    def _begin(self, recording: rr.RecordingStream) -> None:
+        """Sends the styles and the layout of the channels."""
+        self._writer.begin(recording)
+        recording.send_blueprint(live_blueprint(self._channels))
+
+    def _send(self) -> None:
+        if (recording := self._recording) is None:
+            return
         with self._lock:
             rows, lines = list(self._rows), list(self._lines)
             self._rows.clear()
             self._lines.clear()
         for channels, batch in groupby(rows, key=lambda row: row.channels):
             if channels != self._channels:
-                # Drawn apart from those before.
-                self._channels = channels
-                if channels not in self._writers:
-                    self._writers[channels] = LiveWriter(channels, f"setup_{len(self._writers) + 1}")
-                    self._writers[channels].begin(recording)
-                recording.send_blueprint(live_blueprint(channels, self._writers[channels].root))
+                self._channels, self._writer = channels, LiveWriter(channels)
+                self._begin(recording)
             same = list(batch)
             self._last = same[-1]
             models = (row.estimate.until for row in reversed(same) if row.estimate and row.estimate.model)
             self._until = next(models, self._until)
-            self._writers[channels].rows(recording, same)
+            self._writer.rows(recording, same)
         for line in lines:
             line.send(recording)
-        now = wall.monotonic()
-        if self._last is None or now < self._next_status:
-            return
-        self._next_status = now + STATUS_SECONDS
-        dropped = self.dropped
-        if dropped > self._reported_drops:
-            text = f"{dropped - self._reported_drops} rows are not shown here: this view is too slow"
-            LogLine(self._last.time, "WARN", text).send(recording)
-            self._reported_drops = dropped
-        about = self._channels, self.status, self._last, self._until
+        if self._last is not None and wall.monotonic() >= self._next_status:
+            self._next_status = wall.monotonic() + STATUS_SECONDS
+            self._send_status(recording, self._last)
+        self._deliver(recording)
+
+    def _send_status(self, recording: rr.RecordingStream, last: ViewRow) -> None:
+        if new := self.dropped - self._reported_drops:
+            LogLine(last.time, "WARN", f"{new} rows are not shown here: this view is too slow").send(recording)
+            self._reported_drops += new
+        about = self._channels, self.status, last, self._until
         documents = {f"figures/{i}": text for i, text in enumerate(figures(*about))}
-        recording.set_time(BOOT_CLOCK, duration=self._last.time)
-        for path, text in {**documents, "status": status_document(*about, dropped)}.items():
+        recording.set_time(BOOT_CLOCK, duration=last.time)
+        for path, text in {**documents, "status": status_document(*about)}.items():
             recording.log(path, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
 
 
 class LiveView:
     """Takes rows from the learning thread, log lines and statuses from any thread; never makes one wait.
 
-    It opens its sinks without waiting; ``troubles`` reports those that cannot be written. Use it with ``with``, or call
-    :meth:`close`; otherwise it is closed when Python ends.
+    It opens its sinks without waiting; ``troubles`` reports those that cannot be written. Without :meth:`close` it is
+    closed when Python ends.
     """
 
     def __init__(self, channels: Channels, sinks: Sequence[Sink]) -> None:
@@ -186,10 +178,10 @@ class LiveView:
         atexit.register(self.close)
 
     def change(self, channels: Channels) -> None:
-        """Sets the ``channels`` of the rows from now on; what was drawn before stays in the recording."""
+        """Sets the ``channels`` of the rows from now on."""
         if channels != self._channels:
             self._channels = channels
-            self.log("other channels are shown from here on; those before stay in the recording")
+            self.log("other channels are shown from here on")
 
     def put(
         self,
@@ -258,11 +250,6 @@ class LiveView:
             thread.status = status
 
     @property
-    def dropped(self) -> dict[str, int]:
-        """Number of rows dropped for each sink, by name."""
-        return {thread.sink.name: thread.dropped for thread in self._threads}
-
-    @property
     def troubles(self) -> list[str]:
         """One sentence for each sink that receives nothing."""
         return [thread.trouble for thread in self._threads if thread.trouble]
@@ -282,9 +269,3 @@ class LiveView:
             rr.unregister_shutdown()
         for thread in self._threads:
             thread.sink.close()
-
-    def __enter__(self) -> LiveView:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
