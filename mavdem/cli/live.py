@@ -15,8 +15,7 @@ import click
 from mavdem.alignment.signals import axis_outputs
 from mavdem.cli.commands import DONE, UNSUPPORTED, UNUSABLE
 from mavdem.cli.options import chosen_settings, file_option, model_options, motion_options, no_option
-from mavdem.cli.output import print_json, printable, say_aside
-from mavdem.cli.output_files import check_file, writing
+from mavdem.cli.output import check_file, print_json, printable, say_aside, writing
 from mavdem.cli.signals import asked_to_end, ending_at_once
 from mavdem.errors import MissingExtra, Unreadable, advice
 from mavdem.export.conversion import STREAMS

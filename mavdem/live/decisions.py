@@ -248,7 +248,7 @@ class Phase:
         """Decides the phase at ``now``, s."""
         signals = self._signals(now)
         armed, climb = phases.armed(signals, 0), signals.climb_rate
-        self.flying = any(start < now <= end for start, end in both(armed, phases.airborne(signals, 0)))
+        self.flying = any(start < now <= end for start, end in phases.flying(signals, 0))
         flights = both(armed, phases.in_states(signals, 0, (IN_AIR,)))
         flight = next((flight for flight in flights if flight[0] < now <= flight[1]), None)
         if self.steady and (flight is None or flight[0] > self._reviewed):

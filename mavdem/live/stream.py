@@ -350,7 +350,7 @@ class MotorAlarms:
             if self._watch is None or watched != self._watched:
                 motors = layout.names, layout.motors, layout.positions, layout.spins
                 self._watch, self._watched = MotorWatch(*motors, layout.positions_assumed, boot), watched
-            alarm, obstacle = self._watch.take(time, commands, True), self._watch.obstacle
+            alarm, obstacle = self._watch.take(time, commands), self._watch.obstacle
             if alarm is not None:
                 self.latest.append(alarm)
                 self.count += 1

@@ -123,7 +123,7 @@ class FlightSeries:
         """Returns what DEM makes of each sample: F(t) and the process noise w."""
         places, noise = self.learned.process_noise()
         clock, energy = np.concatenate(self.times)[places], self.learned.free_energy_of_samples
-        states = dict(zip(state_names(self.labels, self.learned), np.degrees(noise).T, strict=True))
+        states = dict(zip(state_names(self.labels.output_names, self.learned), np.degrees(noise).T, strict=True))
         heading = "Free energy F(t) of each sample, nats"
         return [
             Plot.series("process_noise", "Process noise w of DEM, ° and s", clock, states),

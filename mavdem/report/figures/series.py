@@ -34,7 +34,7 @@ from mavdem.report.figures.style import (
     with_gaps,
 )
 from mavdem.report.figures.systems import SystemPlots
-from mavdem.report.numbers import AxisCommand, Labelled, Labels, left_free, readable
+from mavdem.report.numbers import AxisCommand, Labels, left_free, readable
 from mavdem.report.palette import (
     BAND,
     BASELINE,
@@ -275,7 +275,7 @@ class Plots(SystemPlots):
         return figure
 
 
-def forecast(held: HeldOut, labels: Labelled, output: int = 0, windows: int = WINDOWS) -> Figure:
+def forecast(held: HeldOut, labels: Labels, output: int = 0, windows: int = WINDOWS) -> Figure:
     """Draws an output beside its forecasts in some windows that no model saw, and the error in every window.
 
     Shown in full are ``windows`` neighbours whose errors are nearest to the median of all, not the best ones.

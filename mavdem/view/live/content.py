@@ -16,7 +16,7 @@ from mavdem.dem.graybox.wind import LEVEL_SECONDS, gusts
 from mavdem.dem.priors import hyperparameter_groups
 from mavdem.dem.record import Record
 from mavdem.live.history import AHEAD
-from mavdem.report.numbers import Labelled, place, readable, state_names
+from mavdem.report.numbers import place, readable, state_names
 from mavdem.report.palette import BAD, BAND_OPACITY, BOUND, COMMAND, DISTURBANCE, MEASURED, PREDICTED, distinct
 from mavdem.view.plots import BOOT_CLOCK, Lines, faint
 
@@ -219,15 +219,15 @@ class LiveWriter:
             time, action = np.array([row.time]), np.array([now.free_energy_action])
             self.lines["free_energy_action"].send(recording, time, action)
             if row.learned is not None:
-                names = precision_names(self._channels, row.learned)
+                names = precision_names(self._channels.output_names, row.learned)
                 lines = Lines("noise_precisions", names, tuple(map(distinct, range(len(names)))), 2.0)
                 lines.send_style(recording)
                 lines.send(recording, time, now.log_precisions)
 
 
-def precision_names(labels: Labelled, learned: Learned) -> tuple[str, ...]:
+def precision_names(outputs: Sequence[str], learned: Learned) -> tuple[str, ...]:
     """Returns what each λ is of: the measurement noise z, then the process noise w."""
-    states, outputs, names = state_names(labels, learned), labels.output_names, []
+    states, names = state_names(outputs, learned), []
     groups = hyperparameter_groups(learned.settings, len(states), len(outputs))
     for noise, whole, channels, group in zip("zw", ("measurement", "process"), (outputs, states), groups, strict=True):
         numbers = np.unique(group)
