@@ -56,6 +56,7 @@ class Event(NamedTuple):
 
     seconds: float  # UNIX s of the bytes that caused it for a stream, s of the vehicle's clock in a history
     sentence: str
+    level: str = "INFO"  # or "ERROR" for an alarm
 
 
 @dataclass(frozen=True)

@@ -83,8 +83,8 @@ class LiveSession:
     stream: LiveStream  # of one vehicle
     settings: Settings  # of the learner
     # Called with the first setup and each new one; returns the display of its rows, or None. Its ``put`` takes a row's
-    # time, the shift of a ``LiveHistory``, segment, outputs, inputs, estimate and model, its ``log`` a time and a
-    # sentence, and both return at once.
+    # time, the shift of a ``LiveHistory``, segment, outputs, inputs, estimate and model, its ``log`` an event, and
+    # both return at once.
     show: Callable[[Setup], Any]
     report: Callable[[SessionStatus], None]  # called once a second with the status
     say: Callable[[str], None]  # called with each sentence
@@ -129,7 +129,9 @@ class LiveSession:
             landing = self.stream.landing()
             if landing is not None and self.learner is not None:
                 self._take_back(self.learner, landing)
-        for text in [*(event.sentence for event in self.stream.events()), *self.link.events()]:
+        for event in self.stream.events():
+            self._log(event.sentence, event.level)
+        for text in self.link.events():
             self._log(text)
         # The time that processing takes is no silence.
         now, resumed = time.monotonic(), {}
@@ -354,7 +356,7 @@ class LiveSession:
         except LinkLost as error:
             self._log(str(error))
 
-    def _log(self, text: str) -> None:
+    def _log(self, text: str, level: str = "INFO") -> None:
         now, said = time.monotonic(), sentence(text)
         kind = _NUMBERS.sub("", said)
         self._last_said = {before: at for before, at in self._last_said.items() if now - at < REPEAT_SECONDS}
@@ -362,9 +364,9 @@ class LiveSession:
             return
         self._last_said[kind] = now
         self.say(said)
-        self.history.events.append(Event(self.history.now, said))
+        self.history.events.append(Event(self.history.now, said, level))
         if self._display is not None:
-            self._display.log(self.history.now, said)
+            self._display.log(*self.history.events[-1])
 
 
 def _reason(error: Exception) -> str:

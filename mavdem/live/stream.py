@@ -312,8 +312,8 @@ class LiveStream:
             self._alarms.landed |= not self._phase.flying
         elif all(ports.values()):
             commands = [inputs.share(ports[port][0][channel]) for port, channel in inputs.picks]
-            for sentence in self._alarms.take(time, self.boot, inputs, commands):
-                self._report(sentence)
+            for sentence, level in self._alarms.take(time, self.boot, inputs, commands):
+                self._report(sentence, level)
 
     def _reboot(self, boot: int) -> None:
         """Drops everything on the old clock; the vehicle's identity and parameters stay."""
@@ -326,8 +326,8 @@ class LiveStream:
         self._grid.restart()
         self._reviewed, self._connected_from = -inf, inf
 
-    def _report(self, sentence: str) -> None:
-        self._events.append(Event(self._received, sentence))
+    def _report(self, sentence: str, level: str = "INFO") -> None:
+        self._events.append(Event(self._received, sentence, level))
 
 
 class MotorAlarms:
@@ -340,8 +340,8 @@ class MotorAlarms:
         self._watched: object = None
         self._reported = {""}  # Reasons why none would be seen
 
-    def take(self, time: float, boot: int, inputs: Inputs, commands: list[float]) -> Iterator[str]:
-        """Sentences to report after a sample, the motors' ``commands`` as shares of their range, in settled flight."""
+    def take(self, time: float, boot: int, inputs: Inputs, commands: list[float]) -> Iterator[tuple[str, str]]:
+        """Sentences to report, with a level, after a sample in settled flight; ``commands`` as shares of the range."""
         if self.landed:
             self.sentence, self.landed = "", False
         obstacle, layout = ONLY_DEMAND, inputs.layout
@@ -355,7 +355,7 @@ class MotorAlarms:
                 self.latest.append(alarm)
                 self.count += 1
                 self.sentence = self.sentence if alarm.motor is None else alarm.sentence
-                yield alarm.sentence
+                yield alarm.sentence, "INFO" if alarm.motor is None else "ERROR"
         if obstacle not in self._reported:
             self._reported.add(obstacle)
-            yield obstacle
+            yield obstacle, "INFO"

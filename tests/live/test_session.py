@@ -77,7 +77,7 @@ class Screen:
     def put(self, time, shift, segment, outputs, inputs, estimate=None, learned=None) -> None:
         self.rows.append((time, segment, estimate))
 
-    def log(self, time: float, text: str) -> None:
+    def log(self, time: float, text: str, level: str) -> None:
         self.sentences.append(text)
 
 

@@ -6,7 +6,6 @@ oldest, and Rerun is called from the sinks' threads only.
 
 from __future__ import annotations
 
-import atexit
 import time as wall
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -21,18 +20,14 @@ import rerun as rr
 from numpy.typing import ArrayLike
 
 from mavdem.dem import Estimate, Learned
-from mavdem.health.explanations import lost_thrust
 from mavdem.live import SessionStatus
-from mavdem.view.live.blueprint import figures, live_blueprint, status_document
-from mavdem.view.live.content import Channels, LiveWriter, LogLine, ViewRow
+from mavdem.view.live_content import Channels, LiveWriter, LogLine, ViewRow, figures, status_document
 from mavdem.view.plots import BOOT_CLOCK, utf8
 from mavdem.view.viewer import Sink
 
 CLOSE_SECONDS = 3.0  # how long ``close`` waits for slow sinks
-MAX_ROWS = 8192  # rows that wait for a sink: 20 s at 400 Hz, about 20 MB
-MAX_LINES = 1000  # log lines that wait for a sink
-STATUS_SECONDS = 1.0  # between two status documents
-RETRY_SECONDS = 1.0  # between two attempts to reach a viewer
+MAX_ROWS, MAX_LINES = 8192, 1000  # that wait for a sink: rows of 20 s at 400 Hz, about 20 MB, and log lines
+STATUS_SECONDS, RETRY_SECONDS = 1.0, 1.0  # between two status documents, and two attempts to reach a viewer
 FLUSH_SECONDS = 5.0  # time limit for sending a batch; a slower one is still under way
 
 
@@ -123,9 +118,7 @@ class SinkThread:
         for channels, batch in groupby(rows, key=lambda row: row.channels):
             if self._writer is None or channels != self._channels:
                 self._channels, self._writer = channels, LiveWriter(channels)
-                recording.send_recording_name(channels.title)
                 self._writer.begin(recording)
-                recording.send_blueprint(live_blueprint(channels))
             same = list(batch)
             self._last = same[-1]
             models = (row.estimate.until for row in reversed(same) if row.estimate and row.estimate.model)
@@ -154,22 +147,17 @@ class SinkThread:
 class LiveView:
     """Takes rows, log lines and statuses of a live flight; never makes their giver wait.
 
-    It opens its sinks with the first row; ``troubles`` reports those that cannot be written. Without :meth:`close` it
-    is closed when Python ends.
+    It opens its sinks with the first row; ``troubles`` reports those that cannot be written.
     """
 
     def __init__(self, sinks: Sequence[Sink]) -> None:
-        self._shift = self._latest = 0.0  # timeline minus boot clock, and the latest time on the timeline, s
         self._channels: Channels | None = None
-        self._closed, self._marked = False, 0  # alarms that are marked
+        self._closed = False
         recording_id = uuid4()
         self._threads = [SinkThread(sink, recording_id) for sink in sinks]
-        atexit.register(self.close)
 
     def change(self, channels: Channels) -> None:
         """Sets the ``channels`` of the rows from now on; once at least before the first row."""
-        if self._channels not in (None, channels):
-            self.log(self._latest, "other channels are shown from here on")
         self._channels = channels
 
     def put(
@@ -193,7 +181,6 @@ class LiveView:
         # Copies, since callers may reuse their arrays.
         y, u = np.array(outputs, np.float64), np.array(inputs, np.float64)
         row = ViewRow(time + shift, shift, segment, y, u, estimate, learned, self._channels)
-        self._latest, self._shift = row.time, shift
         for thread in self._threads:
             thread.put(row)
 
@@ -204,13 +191,6 @@ class LiveView:
 
     def status(self, status: SessionStatus) -> None:
         """Shows the latest ``status``, once a second."""
-        new = min(status.alarm_count - self._marked, len(status.alarms))
-        for alarm in status.alarms[len(status.alarms) - new :]:
-            what = "the steady torque in roll and pitch is another from here on"
-            if alarm.name:
-                what = f"{alarm.name} lost about {lost_thrust(alarm.size):.0%} of its thrust (motor or propeller)"
-            self.log(alarm.since + self._shift, what, "WARN")
-        self._marked = status.alarm_count
         for thread in self._threads:
             thread.status = status
 
@@ -224,13 +204,11 @@ class LiveView:
         if self._closed:
             return
         self._closed = True
-        atexit.unregister(self.close)
         for thread in self._threads:
             thread.closing.set()
         deadline = wall.monotonic() + CLOSE_SECONDS
-        ended = [thread.ended(max(0.0, deadline - wall.monotonic())) for thread in self._threads]
-        if not all(ended):
-            # Otherwise Rerun waits for the hanging viewer when Python ends.
-            rr.unregister_shutdown()
         for thread in self._threads:
+            if not thread.ended(max(0.0, deadline - wall.monotonic())):
+                # Otherwise Rerun waits for the hanging viewer when Python ends.
+                rr.unregister_shutdown()
             thread.sink.close()
