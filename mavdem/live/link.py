@@ -205,7 +205,8 @@ class Link:
 
     def _admits(self, datagram: bytes) -> bool:
         """Whether the latest datagram is of the first address of its autopilot; other components may have several."""
-        address, now, ids = self._from, self._came, ()
+        address, now = self._from, self._came
+        ids: tuple[int, ...] = ()
         if len(datagram) >= HEADER_1 and datagram[0] in (MARKER_1, MARKER_2):
             ids = tuple(datagram[3:5] if datagram[0] == MARKER_1 else datagram[5:7])
         if address is None or ids[1:] != (AUTOPILOT_COMPONENT,):

@@ -122,16 +122,14 @@ class LiveStream:
             late=sum(stream.late for stream in self._streams.values()),
             unread=self._frames.unread,
             alarms=tuple(self._alarms.latest),
-            alarm_count=self._alarms.count,
             alarm=self._alarms.sentence,
         )
 
     def _rates(self, now: float) -> dict[str, float]:
         """Hz of each message of attitude, outputs and demand; of several ports the fastest."""
-        rates: dict[str, float] = {}
-        for (name, _), stream in self._streams.items():
-            rates[name] = max(rates.get(name, 0.0), stream.rate(now))
-        return rates
+        return {
+            name: rate for rate, name in sorted((each.rate(now), name) for (name, _), each in self._streams.items())
+        }
 
     def _take(self, frame: Frame) -> Iterator[AlignedRow]:
         """Takes a frame; the rows that it completes."""
@@ -335,7 +333,7 @@ class MotorAlarms:
 
     def __init__(self) -> None:
         self.latest: deque[MotorAlarm] = deque(maxlen=MAX_EVENTS)
-        self.count, self.sentence, self.landed = 0, "", False
+        self.sentence, self.landed = "", False
         self._watch: MotorWatch | None = None
         self._watched: object = None
         self._reported = {""}  # Reasons why none would be seen
@@ -353,7 +351,6 @@ class MotorAlarms:
             alarm, obstacle = self._watch.take(time, commands), self._watch.obstacle
             if alarm is not None:
                 self.latest.append(alarm)
-                self.count += 1
                 self.sentence = self.sentence if alarm.motor is None else alarm.sentence
                 yield alarm.sentence, "INFO" if alarm.motor is None else "ERROR"
         if obstacle not in self._reported:

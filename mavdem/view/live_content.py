@@ -38,24 +38,16 @@ BEYOND = 0.3  # how far predictions and bands are drawn beyond what was measured
 
 
 class Channels(NamedTuple):
-    """The channels of a live flight.
+    """The channels of a live flight; their names and units as of a ``Flight``."""
 
-    Attributes:
-        title: of the recording: vehicle and link.
-        dt: sampling step, s.
-        horizons: the learner's, in steps.
-        input_names, output_names, input_units, output_units: as of a ``Flight``.
-        command: weights of the inputs in the command of the axis; empty where they are not known.
-    """
-
-    title: str
-    dt: float
-    horizons: tuple[int, ...]
+    title: str  # of the recording: vehicle and link
+    dt: float  # sampling step, s
+    horizons: tuple[int, ...]  # the learner's, in steps
     input_names: tuple[str, ...]
     output_names: tuple[str, ...]
     input_units: tuple[str, ...]
     output_units: tuple[str, ...]
-    command: tuple[float, ...] = ()
+    command: tuple[float, ...] = ()  # weights of the inputs in the command of the axis; empty where not known
 
 
 class ViewRow(NamedTuple):
@@ -71,17 +63,10 @@ class ViewRow(NamedTuple):
     channels: Channels  # of outputs and inputs
 
 
-class LogLine(NamedTuple):
-    """A sentence ``text`` at a ``time`` on the timeline, s, with a ``level``: "INFO", "WARN" or "ERROR"."""
-
-    time: float
-    level: str
-    text: str
-
-    def send(self, recording: rr.RecordingStream) -> None:
-        """Writes it into the log."""
-        recording.set_time(BOOT_CLOCK, duration=self.time)
-        recording.log("log", rr.TextLog(self.text, level=self.level))
+def log(recording: rr.RecordingStream, time: float, sentence: str, level: str = "INFO") -> None:
+    """Writes a sentence into the log at a ``time`` on the timeline, s, with a level: "INFO", "WARN" or "ERROR"."""
+    recording.set_time(BOOT_CLOCK, duration=time)
+    recording.log("log", rr.TextLog(sentence, level=level))
 
 
 class LiveWriter:
@@ -208,7 +193,7 @@ class LiveWriter:
             end = gust.sample + round(gust.length / dt)
             if end < len(time) and time[end] > before:
                 text = f"gust: {readable('rad/s²').scale * gust.size:+.0f} °/s² for {gust.length:.2g} s"
-                LogLine(float(time[gust.sample]), "INFO", text).send(recording)
+                log(recording, float(time[gust.sample]), text)
 
     def _judgement(self, recording: rr.RecordingStream, estimates: Sequence[tuple[Estimate, float]]) -> None:
         """Draws F(t) and surprise at the centres of their windows, and logs marks."""
@@ -221,7 +206,7 @@ class LiveWriter:
         self.lines["surprise/samples"].send(recording, time, np.stack([np.ones(len(time)), surprise], axis=-1))
         self.lines["surprise/unusual"].send(recording, time[marked], surprise[marked, None])
         for i in np.flatnonzero(marked & ~np.append(self._unusual, marked[:-1])):
-            LogLine(float(time[i]), "INFO", f"unusual motion: surprise {surprise[i]:.2g}").send(recording)
+            log(recording, float(time[i]), f"unusual motion: surprise {surprise[i]:.2g}")
         self._unusual = bool(marked[-1])
 
     def _models(self, recording: rr.RecordingStream, rows: list[ViewRow]) -> None:

@@ -6,13 +6,13 @@ oldest, and Rerun is called from the sinks' threads only.
 
 from __future__ import annotations
 
+import threading
 import time as wall
 from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from itertools import groupby
 from math import inf, isfinite
-from threading import Event, Lock, Thread
 from uuid import UUID, uuid4
 
 import numpy as np
@@ -20,8 +20,8 @@ import rerun as rr
 from numpy.typing import ArrayLike
 
 from mavdem.dem import Estimate, Learned
-from mavdem.live import SessionStatus
-from mavdem.view.live_content import Channels, LiveWriter, LogLine, ViewRow, figures, status_document
+from mavdem.live import Event, SessionStatus
+from mavdem.view.live_content import Channels, LiveWriter, ViewRow, figures, log, status_document
 from mavdem.view.plots import BOOT_CLOCK, utf8
 from mavdem.view.viewer import Sink
 
@@ -37,8 +37,8 @@ class SinkThread:
     def __init__(self, sink: Sink, recording_id: UUID) -> None:
         self.sink, self._id = sink, recording_id
         self._rows: deque[ViewRow] = deque(maxlen=MAX_ROWS)
-        self._lines: deque[LogLine] = deque(maxlen=MAX_LINES)
-        self._lock = Lock()  # held for an append or a swap only
+        self._lines: deque[Event] = deque(maxlen=MAX_LINES)
+        self._lock = threading.Lock()  # held for an append or a swap only
         self.dropped = 0  # rows
         self.status = SessionStatus()
         self.trouble = ""  # why nothing arrives, one sentence
@@ -48,14 +48,14 @@ class SinkThread:
         self._last: ViewRow | None = None
         self._until: float | None = None  # time of the last sample that the latest model was trained on, s
         self._reported_drops, self._next_status, self._next_try = 0, 0.0, 0.0
-        self.closing = Event()  # when it is set, the rest is sent
-        self._thread = Thread(target=self._run, name=f"to {sink.name}", daemon=True)
+        self.closing = threading.Event()  # when it is set, the rest is sent
+        self._thread = threading.Thread(target=self._run, name=f"to {sink.name}", daemon=True)
         self._thread.start()
 
-    def put(self, item: ViewRow | LogLine) -> None:
+    def put(self, item: ViewRow | Event) -> None:
         """Adds a row or a log line; drops the oldest if too many wait."""
         with self._lock:
-            if isinstance(item, LogLine):
+            if isinstance(item, Event):
                 self._lines.append(item)
             else:
                 self.dropped += len(self._rows) == self._rows.maxlen
@@ -94,7 +94,7 @@ class SinkThread:
                 with suppress(OSError):
                     self.sink.delivered(arrived=False)
         except Exception as error:  # a row that cannot be drawn ends neither the view nor the flight
-            self.put(LogLine(self._last.time if self._last else 0.0, "ERROR", f"not drawn: {error}"))
+            self.put(Event(self._last.time if self._last else 0.0, f"not drawn: {error}", "ERROR"))
 
     def _open(self) -> None:
         if self._recording is not None or not self._rows or wall.monotonic() < self._next_try:
@@ -125,7 +125,7 @@ class SinkThread:
             self._until = next(models, self._until)
             self._writer.rows(recording, same)
         for line in lines:
-            line.send(recording)
+            log(recording, *line)
         if self._last is not None and wall.monotonic() >= self._next_status:
             self._next_status = wall.monotonic() + STATUS_SECONDS
             self._send_status(recording, self._last)
@@ -135,7 +135,7 @@ class SinkThread:
 
     def _send_status(self, recording: rr.RecordingStream, last: ViewRow) -> None:
         if new := self.dropped - self._reported_drops:
-            LogLine(last.time, "WARN", f"{new} rows are not shown here: this view is too slow").send(recording)
+            log(recording, last.time, f"{new} rows are not shown here: this view is too slow", "WARN")
             self._reported_drops += new
         about = last.channels, self.status, last, self._until
         documents = {f"figures/{i}": text for i, text in enumerate(figures(*about))}
@@ -184,10 +184,11 @@ class LiveView:
         for thread in self._threads:
             thread.put(row)
 
-    def log(self, time: float, text: str, level: str = "INFO") -> None:
-        """Shows one sentence, ``text``, in the log at a ``time`` of the timeline, with a level; see ``LogLine``."""
+    def log(self, event: Event) -> None:
+        """Shows an event in the log, at its time of the timeline."""
+        time = event.seconds if isfinite(event.seconds) else 0.0
         for thread in () if self._closed else self._threads:
-            thread.put(LogLine(time if isfinite(time) else 0.0, level, utf8(text)))
+            thread.put(event._replace(seconds=time, sentence=utf8(event.sentence)))
 
     def status(self, status: SessionStatus) -> None:
         """Shows the latest ``status``, once a second."""

@@ -27,6 +27,7 @@ from rerun_file import chunks, views
 
 import mavdem
 from mavdem.dem import Estimate, LinearModel
+from mavdem.live import Event as Occurrence
 from mavdem.live import SessionStatus
 from mavdem.view.live_content import Channels, ViewRow, figures, status_document
 from mavdem.view.live_view import MAX_ROWS, LiveView
@@ -130,11 +131,11 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("live") / "flight.rrd"
     rates = {"ATTITUDE": 99.4}
     with showing(RecordingFile(path)) as view:
-        view.log(50.0, "attached")
+        view.log(Occurrence(50.0, "attached"))
         view.status(SessionStatus(rates=rates, lost=7, latency=(0.012, 0.02), learned=300, obstacle="no motion"))
         for t, y, u, known in zip(TIME, OUTPUTS, INPUTS, ESTIMATES, strict=True):
             view.put(t, 0.0, 0, y, u, known)
-        view.log(TIME[-1], "link lost", "WARN")
+        view.log(Occurrence(TIME[-1], "link lost"))
     assert view.troubles == []
     return path
 
