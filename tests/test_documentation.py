@@ -1,7 +1,5 @@
 """Pages, docstrings and notebooks: what they show to be typed runs, and what they must say is said."""
 
-from __future__ import annotations
-
 import ast
 import contextlib
 import dataclasses

@@ -1,7 +1,5 @@
 """Extras: what is missing is named with the command that installs it, and everything else works."""
 
-from __future__ import annotations
-
 import json
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """Airborne and settled: a report of EXTENDED_SYS_STATE counts for the time it covers, elsewhere the motors' thrust."""
 
-from __future__ import annotations
-
 from math import inf
 
 import numpy as np

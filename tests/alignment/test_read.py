@@ -1,7 +1,5 @@
 """read_flight: from a log to the Flight of one vehicle, or the reason why not."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 

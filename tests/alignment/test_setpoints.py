@@ -1,7 +1,5 @@
 """Setpoints: which message has them, when they hold, and how a flight carries them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hover import Hover, changed, columns

@@ -1,7 +1,5 @@
 """Which message means what: attitude, motors, their order and scale, armed and airborne."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

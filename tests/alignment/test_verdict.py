@@ -1,7 +1,5 @@
 """The verdict: what can be learnt from is let through with its doubts, what cannot is refused with its figures."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import re

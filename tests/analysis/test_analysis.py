@@ -1,7 +1,5 @@
 """The analysis of a log at each tier: what is learnt, what is withheld, and why."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import replace
 from pathlib import Path

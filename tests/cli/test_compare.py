@@ -1,7 +1,5 @@
 """``mavdem compare``: its document, its tables, and what of several flights cannot be compared."""
 
-from __future__ import annotations
-
 import csv
 import multiprocessing
 import os

@@ -1,7 +1,5 @@
 """What the command line answers to good, poor and broken input: an exit code, one sentence, and never a traceback."""
 
-from __future__ import annotations
-
 import json
 import os
 import resource

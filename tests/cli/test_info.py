@@ -1,7 +1,5 @@
 """``mavdem info``: what it says of the sample flights, and when it says no."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

@@ -1,7 +1,5 @@
 """Condition, hover, identity and tier of made-up flights, against what they were made of, at rates down to 1 Hz."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from datetime import UTC, datetime

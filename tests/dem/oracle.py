@@ -1,7 +1,5 @@
 """The results of the paper's authors' own code, and their simulated case a as this engine's model and data."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

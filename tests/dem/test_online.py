@@ -1,7 +1,5 @@
 """Learning in small steps arrives where learning at once does; its bands, surprise and marks are honest."""
 
-from __future__ import annotations
-
 import dataclasses
 import os
 from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor

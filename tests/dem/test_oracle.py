@@ -1,7 +1,5 @@
 """This engine beside the code of the paper's authors: its steps on their X, θ and λ, and where both end."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 

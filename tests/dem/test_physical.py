@@ -3,8 +3,6 @@
 And what commanded motors would do: the plant alone, beside a plant that is commanded.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.linalg import expm, solve_continuous_lyapunov

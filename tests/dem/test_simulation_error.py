@@ -1,7 +1,5 @@
 """Along trajectories: the climb, its posterior, the noise model of one-step errors, and mixer geometry as a prior."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 

@@ -1,7 +1,5 @@
 """The wind's torque, offline and live: the smoother against a joint Gaussian, bands, gusts, simulated truth."""
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Comparison: what goes wrong stays in its row, errors are those of the windows, and where the first loses is told."""
 
-from __future__ import annotations
-
 import json
 import pickle
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Scores: what counts at which horizon, and beside what; the paired test at the level it says; and windows."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

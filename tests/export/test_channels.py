@@ -1,7 +1,5 @@
 """A flight and its model as MCAP channels: every number is there, at its time, under a name that a layout plots."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from xml.etree import ElementTree

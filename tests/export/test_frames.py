@@ -1,7 +1,5 @@
 """Flights as pandas and xarray objects, and models as systems of python-control."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

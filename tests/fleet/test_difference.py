@@ -1,7 +1,5 @@
 """Differences between states of a vehicle: found where they are, rarely where they are not, and never hidden."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Flights of a log: what a row says is what the log says, at each tier, and health comes from the vehicle's others."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

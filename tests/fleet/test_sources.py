@@ -1,7 +1,5 @@
 """Sources: which logs names stand for, here and behind URLs."""
 
-from __future__ import annotations
-
 import os
 import threading
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Tracking: what is known is not read again, a run that was cut off goes on, and health is judged."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import replace

@@ -3,8 +3,6 @@
 These are the tests of the fleet that start processes.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import sqlite3

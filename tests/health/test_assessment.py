@@ -1,7 +1,5 @@
 """Assessments of made-up vehicles: what is found, what is named, and how often healthy flights alarm."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 

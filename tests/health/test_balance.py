@@ -1,7 +1,5 @@
 """The balance of a flight against one that is known, and signatures against a vehicle whose trim is solved for."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

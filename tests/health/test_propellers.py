@@ -1,7 +1,5 @@
 """Recorded flights with one propeller shortened: what must be found, and what must not."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta

@@ -1,11 +1,9 @@
 """MCAP files to read, written with the mcap library."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from mavlink_streams import NOW
 from mcap.reader import make_reader
@@ -26,7 +24,7 @@ class Recorder:
         self._channels: dict[str, int] = {}
         self._time = NOW * 1000
 
-    def __enter__(self) -> Recorder:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:

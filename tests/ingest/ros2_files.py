@@ -1,10 +1,8 @@
 """ROS 2 recordings to read, as rosbag2 writes them: MCAP, with messages in CDR and their definitions beside them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from mavlink_streams import NOW
@@ -38,7 +36,7 @@ class Ros2Recorder:
         self._schemas: dict[str, Any] = {}
         self._time = NOW * 1000
 
-    def __enter__(self) -> Ros2Recorder:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:

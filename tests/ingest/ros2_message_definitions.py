@@ -1,7 +1,5 @@
 """Definitions of the messages of PX4 and MAVROS in ROS 2, as recordings have them, but for most comments."""
 
-from __future__ import annotations
-
 HEADER = """\
 ================================================================================
 MSG: std_msgs/Header

@@ -1,7 +1,5 @@
 """The boot clock undoes wraps, counts reboots, keeps gaps, and is not taken in by outliers."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any

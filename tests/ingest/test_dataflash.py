@@ -1,7 +1,5 @@
 """DataFlash logs: every value against DFReader's, the same flight's telemetry log, and damage that costs its own."""
 
-from __future__ import annotations
-
 import contextlib
 import random
 import struct

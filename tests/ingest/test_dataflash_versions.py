@@ -1,7 +1,5 @@
 """DataFlash logs of other versions of ArduPilot: other columns, units and stamps for the same quantities."""
 
-from __future__ import annotations
-
 from datetime import UTC, datetime
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 ``test_framing`` sees to single frames and to real logs; here whole logs are made up.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Iterator
 from pathlib import Path

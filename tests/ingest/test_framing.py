@@ -1,7 +1,5 @@
 """Frames are found in any stream and in real logs, and decode as pymavlink decodes them, field for field."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """MCAP recordings: the same stream as the telemetry log they were made from, other recorders' layouts, and damage."""
 
-from __future__ import annotations
-
 import json
 import random
 import struct

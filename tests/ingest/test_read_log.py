@@ -1,7 +1,5 @@
 """Whole logs: who flew, what was mended, and one clear sentence for what cannot be read."""
 
-from __future__ import annotations
-
 import lzma
 import os
 import random

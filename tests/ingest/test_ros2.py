@@ -1,7 +1,5 @@
 """ROS 2 recordings: the flight that PX4's topics or MAVROS's tell is the one of the log they were made from; damage."""
 
-from __future__ import annotations
-
 import dataclasses
 import random
 import sys

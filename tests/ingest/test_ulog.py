@@ -1,7 +1,5 @@
 """PX4's logs: values as pyulog reads them, in MAVLink's words; and what is whole of a file that is not."""
 
-from __future__ import annotations
-
 import lzma
 import random
 import struct

@@ -1,7 +1,5 @@
 """Noise analysis: tests that reject as often as they say where the hypothesis holds, and nearly always where not."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d

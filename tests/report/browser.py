@@ -1,7 +1,5 @@
 """A browser without a screen: what a script says of a page."""
 
-from __future__ import annotations
-
 import html
 import json
 import re

@@ -1,7 +1,5 @@
 """The details of a learnt flight: the model as textbooks print it, and how it was learnt."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Figures: drawn in the palette's colours, in degrees, with legends beside the data; and the numbers behind them."""
 
-from __future__ import annotations
-
 import re
 import sys
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The index of a fleet: its words, charts and table, in a browser with a thousand flights too."""
 
-from __future__ import annotations
-
 import random
 import re
 from dataclasses import replace

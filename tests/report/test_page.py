@@ -1,7 +1,5 @@
 """The page: one file that fetches nothing, runs nothing, escapes everything, and fits a narrow and a wide window."""
 
-from __future__ import annotations
-
 import re
 import sys
 from html.parser import HTMLParser

@@ -1,7 +1,5 @@
 """What the screens say, one golden file a screen; layouts as text, Markdown and HTML, and what notebooks show."""
 
-from __future__ import annotations
-
 import re
 from functools import partial
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A simulated vehicle on the network: its clock and its rates, what it obeys, and what must not disturb it."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Iterator
 

@@ -1,7 +1,5 @@
 """What is said of a flight is read back as it was, by mavdem's own reader and by pymavlink, field by field."""
 
-from __future__ import annotations
-
 import io
 from collections import Counter
 
