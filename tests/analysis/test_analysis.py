@@ -1,12 +1,12 @@
 """The analysis of a log at each tier: what is learnt, what is withheld, and why."""
 
-import os
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from made_up_analysis import held_out
+from recorded_flights import shared
 
 from mavdem import read_flight
 from mavdem.analysis import LogAnalysis, analyse
@@ -18,7 +18,6 @@ from mavdem.ingest import read_log
 from mavdem.ingest.telemetry import selected
 from mavdem.report.screen import analysis_blocks
 
-DATA = Path(os.environ.get("MAVDEM_SHARED_DATA", Path(__file__).parents[3] / "shared/data"))
 SAMPLE = Path(__file__).parents[2] / "logs" / "ardupilot_wind5_steps.tlog"
 
 
@@ -94,9 +93,7 @@ def test_a_model_must_beat_the_baselines_by_a_margin_that_is_not_luck(ratio, win
     ],
 )
 def test_every_log_says_something_or_why_not(name, tier):
-    if not (DATA / name).exists():
-        pytest.skip(f"{name} is not here; MAVDEM_SHARED_DATA says where the recorded flights are")
-    found = analyse(read_log(DATA / name))
+    found = analyse(read_log(shared(name)))
     assert found.tier.name == tier and found.reason and found.remedy
     assert (found.learned, found.held_out, found.flights, found.findings) == (None, None, (), ())
     assert found.condition.duration > 0 and found.identity.name

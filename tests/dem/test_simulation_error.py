@@ -42,7 +42,6 @@ def climb_of(flight: Flight) -> tuple[SimulationError, np.ndarray]:
     scaling, model = fitted.scaling, fitted.model
     segments = [(scaling.scale_inputs(u), scaling.scale_outputs(y)) for u, y in record.segments]
     stretches = SimulationSegments.of(segments, 30)
-    assert stretches is not None
     places = np.array([3, 4, 8, 14, 15, 19])
     mean, precision = model.prior.theta_mean[places], np.diag(np.linspace(0.1, 1.0, len(places)))
     climb = SimulationError(
@@ -110,7 +109,6 @@ def test_a_model_without_noise_is_found_as_it_is():
     textbook = TextbookFilter.of(A, B, np.eye(m, n), dt, gain)
     outputs = np.vstack([np.zeros((1, m)), textbook.forecast(np.zeros(n), inputs)])
     stretches = SimulationSegments.of([(inputs, outputs)], 30)
-    assert stretches is not None
     truth = np.concatenate([A.ravel(), B.ravel(), np.eye(m, n).ravel()])
     precision = np.full(len(truth), 1e8)
     free = np.array([3, 4, 8, *range(13, 21)])
@@ -118,7 +116,6 @@ def test_a_model_without_noise_is_found_as_it_is():
     start = truth.copy()
     start[free] *= 1 + 0.3 * rng.uniform(-1, 1, len(free))
     climbed = fit_with_prior(start, (start, np.diag(precision)), (n, r, m), gain, dt, stretches, iterations=50)
-    assert climbed is not None
     found, _ = climbed
     np.testing.assert_array_equal(found.free, free)
     np.testing.assert_allclose(found.theta[free], truth[free], rtol=1e-3, atol=1e-3)
@@ -158,7 +155,6 @@ def test_inputs_beyond_what_was_learnt_from_are_not_believed():
 @pytest.mark.parametrize(("samples", "seconds"), [(700, 0.3), (420, 0.3), (280, 0.2), (175, 0.12)])
 def test_the_horizon_is_as_long_as_the_samples_suffice_for(samples, seconds):
     found = learn(FLIGHT[:samples], COMPLETE).simulation_fit
-    assert found is not None
     assert found.horizon == round(seconds / FLIGHT.dt)
     assert found.effective_samples >= SAMPLES_PER_PARAMETER * len(found.free)
 

@@ -1,24 +1,18 @@
 """Recorded flights with one propeller shortened: what must be found, and what must not."""
 
-import os
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
-from pathlib import Path
 
 import pytest
 from propellers import recorded_flights
+from recorded_flights import shared
 
 from mavdem.health.assessment import assess
-
-DATA = Path(os.environ.get("MAVDEM_SHARED_DATA", Path(__file__).parents[3] / "shared/data")) / "real/propeller"
-pytestmark = pytest.mark.skipif(
-    not DATA.exists(), reason="needs the recorded flights of ../shared/data, or MAVDEM_SHARED_DATA"
-)
 
 
 @pytest.fixture(scope="module")
 def flights():
-    return recorded_flights(DATA)
+    return recorded_flights(shared("real/propeller"))
 
 
 @pytest.fixture(scope="module")

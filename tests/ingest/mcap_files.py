@@ -9,6 +9,7 @@ from mavlink_streams import NOW
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
+from mavdem.ingest import Log, read_log
 from mavdem.ingest.mcap.writer import write_mcap
 from mavdem.ingest.tlog import tlog_stream
 
@@ -30,6 +31,11 @@ class Recorder:
     def __exit__(self, *_: object) -> None:
         self._writer.finish()
         self._file.close()
+
+    def log(self) -> Log:
+        """What is read of the file, which is finished by that."""
+        self.__exit__()
+        return read_log(self.path)
 
     def write(
         self, topic: str, data: bytes, encoding: str = "json", schema: bool = True, time: int | None = None

@@ -13,6 +13,9 @@ from ros2_message_definitions import DEFINITIONS
 from scipy.spatial.transform import Rotation
 from ulog_files import roll
 
+from mavdem.ingest import read_log
+from mavdem.ingest.telemetry import Telemetry
+
 TIMES = 20 + 0.01 * np.arange(300)
 """A short flight."""
 UNIX = NOW // 1_000_000
@@ -30,7 +33,7 @@ class Ros2Recorder:
         chunk_size: int = 1 << 20,
         definitions: Mapping[str, str] | None = None,
     ) -> None:
-        self._file = path.open("wb")
+        self.path, self._file = path, path.open("wb")
         self._writer = Writer(self._file, chunk_size=chunk_size, compression=compression)
         self._definitions = {**DEFINITIONS, **(definitions or {})}
         self._schemas: dict[str, Any] = {}
@@ -42,6 +45,12 @@ class Ros2Recorder:
     def __exit__(self, *_: object) -> None:
         self._writer.finish()
         self._file.close()
+
+    def vehicle(self) -> Telemetry:
+        """The only one of the file, which is finished by that."""
+        self.__exit__()
+        (vehicle,) = read_log(self.path).vehicles
+        return vehicle
 
     def write(self, topic: str, kind: str, fields: Mapping[str, Any], log_time: int | None = None) -> None:
         """A message of type ``kind``; fields that are not given are 0."""

@@ -122,7 +122,6 @@ def test_a_made_up_log(tmp_path: Path) -> None:
     assert np.allclose(attitude["roll"][:5], np.radians([2, 4, 6, 8, 10]))
     assert np.allclose(attitude["rollspeed"][:5], np.radians([0.2, 0.4, 0.6, 0.8, 1.0]))
     armed, state = Signals(vehicle).armed, Signals(vehicle).landed_state
-    assert armed is not None and state is not None
     assert armed.time[armed.values > 0].tolist() == [20.5, 21.0]
     assert state.time[state.values == IN_AIR].tolist() == [20.9, 21.0]
 

@@ -111,7 +111,6 @@ def test_rate_of_3_3_before_its_release_is_read_under_its_own_names(tmp_path: Pa
 
 def test_events_without_stamps_have_the_time_of_the_message_before_them(tmp_path: Path) -> None:
     armed = Signals(log(tmp_path)).armed
-    assert armed is not None
     assert armed.time[armed.values > 0].tolist() == [21.0, 22.0]
 
 

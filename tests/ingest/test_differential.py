@@ -116,7 +116,6 @@ def test_a_damaged_stamp_misleads_pymavlink_and_not_us(
     content = bytearray(tlog(frames))
     content[place : place + STAMP_BYTES] = wrong
     log = read(bytes(content))
-    assert log is not None
     first, last = NOW / 1e6, NOW / 1e6 + 0.01 * (len(frames) - 1)
     assert (
         log.receive_time == pytest.approx((first, last))
@@ -134,7 +133,6 @@ def test_a_stamp_with_bytes_missing_costs_us_no_message(row: int, missing: int) 
     place = sum(STAMP_BYTES + len(each) for each in frames[:row])
     content = tlog(frames)
     log = read(content[:place] + content[place + missing :])
-    assert log is not None
     assert log.components[0].messages == {"HEARTBEAT": 1, "ATTITUDE": len(TIMES), "SERVO_OUTPUT_RAW": len(TIMES)}
     assert log.receive_time == pytest.approx((NOW / 1e6, NOW / 1e6 + 0.01 * (len(frames) - 1)))
 
@@ -163,7 +161,6 @@ def test_a_cut_tail_costs_no_whole_message(left: int) -> None:
     """Nor where the cut lies in the stamp of the next, or behind it."""
     content = tlog([heartbeat(), *flight(TIMES)])
     log = read(content + tlog([heartbeat()])[:left])
-    assert log is not None
     assert sum(log.components[0].messages.values()) == log.frames == 1 + 2 * len(TIMES)
     assert (log.unread, log.bytes_skipped) == ((), left)
 
@@ -173,7 +170,6 @@ def test_a_burst_of_late_and_repeated_messages_costs_none(tmp_path: Path) -> Non
     frames = flight(TIMES)
     jumbled = [heartbeat(), *frames[:40], *frames[30:70], *reversed(frames[70:90]), *frames[90:]]
     log = read(tlog(jumbled))
-    assert log is not None
     attitude = log.vehicles[0].messages["ATTITUDE"]
     assert len(attitude["time"]) == sum(each in frames[::2] for each in jumbled)
     assert np.array_equal(attitude["time"], attitude["time_boot_ms"] / 1e3) and not attitude["boot"].any()

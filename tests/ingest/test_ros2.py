@@ -49,34 +49,25 @@ def written(folder: Path, write: Callable[[Ros2Recorder], None], **options: Any)
     return path
 
 
-def vehicle_of(folder: Path, write: Callable[[Ros2Recorder], None], **options: Any) -> Telemetry:
-    (vehicle,) = read_log(written(folder, write, **options)).vehicles
-    return vehicle
+@pytest.fixture
+def recorder(tmp_path: Path) -> Ros2Recorder:
+    return Ros2Recorder(tmp_path / "flight.mcap")
 
 
 def message(vehicle: Telemetry, name: str, *fields: str) -> NDArray[np.float64]:
     return np.column_stack([np.asarray(vehicle.messages[name][field], dtype=np.float64) for field in fields])
 
 
-# The flight
-
-
-# Frames
-
-
 @pytest.mark.parametrize(
     "rpy",
     [(10, 0, 0), (-10, 0, 0), (0, 10, 0), (0, 0, 90), (10, 5, -120), (-25, 12, 200), (170, -80, 30)],
 )
-def test_what_mavros_turned_is_turned_back(rpy: tuple[float, float, float], tmp_path: Path) -> None:
+def test_what_mavros_turned_is_turned_back(rpy: tuple[float, float, float], recorder: Ros2Recorder) -> None:
     angles, rates = np.radians(rpy), (0.3, -0.2, 0.1)
-
-    def write(recorder: Ros2Recorder) -> None:
-        recorder.mavros("state", "mavros_msgs/msg/State", UNIX, armed=True)
-        for row in range(5):
-            recorder.imu(UNIX + row, tuple(angles), rates)
-
-    vehicle = vehicle_of(tmp_path, write)
+    recorder.mavros("state", "mavros_msgs/msg/State", UNIX, armed=True)
+    for row in range(5):
+        recorder.imu(UNIX + row, tuple(angles), rates)
+    vehicle = recorder.vehicle()
     w, x, y, z = message(vehicle, "ATTITUDE_QUATERNION", "q1", "q2", "q3", "q4")[0]
     expected = Rotation.from_euler("ZYX", angles[::-1])
     assert (Rotation.from_quat([x, y, z, w]) * expected.inv()).magnitude() < 1e-9
@@ -84,16 +75,14 @@ def test_what_mavros_turned_is_turned_back(rpy: tuple[float, float, float], tmp_
     assert np.allclose(ours, [rates] * 5, rtol=0, atol=1e-12)
 
 
-def test_what_else_mavros_tells(tmp_path: Path) -> None:
-    def write(recorder: Ros2Recorder) -> None:
-        mavros_flight(recorder)
-        for at in (UNIX + TIMES).tolist():
-            velocity = {"linear": {"x": 1.0, "y": 2.0, "z": 3.0}}
-            recorder.mavros("local_position/velocity_local", "geometry_msgs/msg/TwistStamped", at, twist=velocity)
-            demand = [0.1, 0.2, 0.3, at % 1, 0.0, 0.0, 0.0, 0.0]
-            recorder.mavros("target_actuator_control", "mavros_msgs/msg/ActuatorControl", at, controls=demand)
-
-    vehicle = vehicle_of(tmp_path, write)
+def test_what_else_mavros_tells(recorder: Ros2Recorder) -> None:
+    mavros_flight(recorder)
+    for at in (UNIX + TIMES).tolist():
+        velocity = {"linear": {"x": 1.0, "y": 2.0, "z": 3.0}}
+        recorder.mavros("local_position/velocity_local", "geometry_msgs/msg/TwistStamped", at, twist=velocity)
+        demand = [0.1, 0.2, 0.3, at % 1, 0.0, 0.0, 0.0, 0.0]
+        recorder.mavros("target_actuator_control", "mavros_msgs/msg/ActuatorControl", at, controls=demand)
+    vehicle = recorder.vehicle()
     assert message(vehicle, "LOCAL_POSITION_NED", "vx", "vy", "vz")[0].tolist() == [2.0, 1.0, -3.0]
     climb, armed, flying = Signals(vehicle).climb_rate, Signals(vehicle).armed, Signals(vehicle).landed_state
     assert climb is not None and (climb.values == 3.0).all()
@@ -112,17 +101,16 @@ def test_what_else_mavros_tells(tmp_path: Path) -> None:
         ("", "GENERIC"),
     ],
 )
-def test_modes_tell_the_autopilot(mode: str, autopilot: str, tmp_path: Path) -> None:
-    vehicle = vehicle_of(tmp_path, lambda recorder: mavros_flight(recorder, mode=mode))
+def test_modes_tell_the_autopilot(mode: str, autopilot: str, recorder: Ros2Recorder) -> None:
+    mavros_flight(recorder, mode=mode)
+    vehicle = recorder.vehicle()
     assert (vehicle.autopilot, vehicle.vehicle, vehicle.translated_from) == (autopilot, "UNKNOWN", "MAVROS")
 
 
-# Names and vehicles
-
-
 @pytest.mark.parametrize("prefix", ["/fmu/out/", "fmu/out/", "/a/b/fmu/out/", "/uav/", "/", "/fmu/in/"])
-def test_wherever_px4s_topics_lie(prefix: str, tmp_path: Path) -> None:
-    vehicle = vehicle_of(tmp_path, lambda recorder: px4_flight(recorder, prefix=prefix, system_id=7))
+def test_wherever_px4s_topics_lie(prefix: str, recorder: Ros2Recorder) -> None:
+    px4_flight(recorder, prefix=prefix, system_id=7)
+    vehicle = recorder.vehicle()
     assert (vehicle.system, vehicle.vehicle, vehicle.translated_from) == (7, "QUADROTOR", "uXRCE-DDS")
     assert vehicle.repairs == ()
     assert len(vehicle.messages["ATTITUDE_QUATERNION"]["time"]) == len(TIMES)
@@ -130,21 +118,19 @@ def test_wherever_px4s_topics_lie(prefix: str, tmp_path: Path) -> None:
     assert seen is not None and np.allclose(seen.angle, roll(TIMES)[0], atol=1e-6)
 
 
-def test_versions_and_directions_of_topics(tmp_path: Path) -> None:
-    def write(recorder: Ros2Recorder) -> None:
-        for at in TIMES.tolist():
-            recorder.px4("vehicle_status", at, "/fmu/out/", arming_state=2, system_type=2)
-            for later in (0, 1):
-                status = {"timestamp": round(at * 1e6) + later, "arming_state": 2, "system_type": 13}
-                recorder.write("/fmu/out/vehicle_status_v1", "px4_msgs/msg/VehicleStatus", status)
-            recorder.px4("vehicle_torque_setpoint", at, "/fmu/in/", xyz=[0.5, 0.0, 0.0])
-            recorder.px4("vehicle_torque_setpoint", at, "/fmu/out/", xyz=[at % 1, 0.0, 0.0])
-            recorder.px4("vehicle_thrust_setpoint", at, "/fmu/in/", xyz=[0.0, 0.0, -0.25])
-            # What looks like the attitude and is something else.
-            recorder.write("/fmu/out/vehicle_attitude", "geometry_msgs/msg/TwistStamped", {"header": header(at)})
-            recorder.write("/fmu/out/vehicle_attitude_groundtruth", "px4_msgs/msg/VehicleAttitude", {"q": [1.0] * 4})
-
-    vehicle = vehicle_of(tmp_path, write)
+def test_versions_and_directions_of_topics(recorder: Ros2Recorder) -> None:
+    for at in TIMES.tolist():
+        recorder.px4("vehicle_status", at, "/fmu/out/", arming_state=2, system_type=2)
+        for later in (0, 1):
+            status = {"timestamp": round(at * 1e6) + later, "arming_state": 2, "system_type": 13}
+            recorder.write("/fmu/out/vehicle_status_v1", "px4_msgs/msg/VehicleStatus", status)
+        recorder.px4("vehicle_torque_setpoint", at, "/fmu/in/", xyz=[0.5, 0.0, 0.0])
+        recorder.px4("vehicle_torque_setpoint", at, "/fmu/out/", xyz=[at % 1, 0.0, 0.0])
+        recorder.px4("vehicle_thrust_setpoint", at, "/fmu/in/", xyz=[0.0, 0.0, -0.25])
+        # What looks like the attitude and is something else.
+        recorder.write("/fmu/out/vehicle_attitude", "geometry_msgs/msg/TwistStamped", {"header": header(at)})
+        recorder.write("/fmu/out/vehicle_attitude_groundtruth", "px4_msgs/msg/VehicleAttitude", {"q": [1.0] * 4})
+    vehicle = recorder.vehicle()
     assert vehicle.vehicle == "HEXAROTOR"
     assert set(vehicle.messages) == {"HEARTBEAT", "ACTUATOR_CONTROL_TARGET"}
     controls = vehicle.messages["ACTUATOR_CONTROL_TARGET"]["controls"]
@@ -172,17 +158,12 @@ def test_several_vehicles_are_listed_and_chosen(tmp_path: Path) -> None:
     assert mavdem.read_flight(path, vehicle="3").time[0] == pytest.approx(120)
 
 
-# Clocks
-
-
-def test_stamps_that_are_missing_or_astray_are_left_out(tmp_path: Path) -> None:
-    def write(recorder: Ros2Recorder) -> None:
-        for row, at in enumerate(TIMES.tolist()):
-            recorder.px4("vehicle_angular_velocity", 0.0 if row == 9 else at, xyz=[0.0, 0.0, 0.0])
-            recorder.px4("vehicle_attitude", 7000.0 if row == 50 else at, q=[1.0, 0.0, 0.0, 0.0])
-            recorder.px4("actuator_motors", 1e13 if row == 70 else at, control=[0.5] * 12)
-
-    vehicle = vehicle_of(tmp_path, write)
+def test_stamps_that_are_missing_or_astray_are_left_out(recorder: Ros2Recorder) -> None:
+    for row, at in enumerate(TIMES.tolist()):
+        recorder.px4("vehicle_angular_velocity", 0.0 if row == 9 else at, xyz=[0.0, 0.0, 0.0])
+        recorder.px4("vehicle_attitude", 7000.0 if row == 50 else at, q=[1.0, 0.0, 0.0, 0.0])
+        recorder.px4("actuator_motors", 1e13 if row == 70 else at, control=[0.5] * 12)
+    vehicle = recorder.vehicle()
     ours = vehicle.messages["ATTITUDE_QUATERNION"]["time"]
     assert np.allclose(ours, np.delete(TIMES, 9))
     assert np.allclose(vehicle.messages["HIL_ACTUATOR_CONTROLS"]["time"], np.delete(TIMES, 70))
@@ -190,23 +171,17 @@ def test_stamps_that_are_missing_or_astray_are_left_out(tmp_path: Path) -> None:
     assert any("far off its neighbours" in repair for repair in vehicle.repairs)
 
 
-def test_the_wrap_of_servo_output_raw_that_mavros_hands_on_is_undone(tmp_path: Path) -> None:
+def test_the_wrap_of_servo_output_raw_that_mavros_hands_on_is_undone(recorder: Ros2Recorder) -> None:
     wrap = 2**32 / 1e6
-
-    def write(recorder: Ros2Recorder) -> None:
-        recorder.mavros("state", "mavros_msgs/msg/State", UNIX, armed=True)
-        for at in (wrap - 1.5 + TIMES - TIMES[0]).tolist():
-            recorder.imu(UNIX + at, (0.1, 0.0, 0.0), (0.0, 0.0, 0.0))
-            channels = [1500 + round(100 * (at % 1))] * 4
-            recorder.mavros("rc/out", "mavros_msgs/msg/RCOut", UNIX + at % wrap, channels=channels)
-
-    vehicle = vehicle_of(tmp_path, write)
+    recorder.mavros("state", "mavros_msgs/msg/State", UNIX, armed=True)
+    for at in (wrap - 1.5 + TIMES - TIMES[0]).tolist():
+        recorder.imu(UNIX + at, (0.1, 0.0, 0.0), (0.0, 0.0, 0.0))
+        channels = [1500 + round(100 * (at % 1))] * 4
+        recorder.mavros("rc/out", "mavros_msgs/msg/RCOut", UNIX + at % wrap, channels=channels)
+    vehicle = recorder.vehicle()
     times = [vehicle.messages[name]["time"] for name in ("ATTITUDE_QUATERNION", "SERVO_OUTPUT_RAW")]
     assert len(times[1]) == 300 and np.allclose(times[0], times[1], rtol=0, atol=1e-5)
     assert any("wraps" in repair for repair in vehicle.repairs)
-
-
-# Beside MAVLink, and without the library
 
 
 def test_without_the_library_the_command_that_installs_it_is_reported(
@@ -215,9 +190,6 @@ def test_without_the_library_the_command_that_installs_it_is_reported(
     monkeypatch.setitem(sys.modules, "mcap_ros2", None)
     with pytest.raises(MissingExtra, match=r"pip install 'mavdem\[ros2\]'"):
         read_log(written(tmp_path, px4_flight))
-
-
-# Damage and malice
 
 
 def attitudes(path: Path) -> list[int] | None:
@@ -378,17 +350,15 @@ def test_other_encapsulations_and_languages_of_definition_are_not_read(
         read_log(path)
 
 
-def test_setpoints_of_px4_are_those_that_it_reports(tmp_path: Path) -> None:
-    def write(recorder: Ros2Recorder) -> None:
-        px4_flight(recorder)
-        for row in range(5):
-            at, q = 20 + 0.1 * row, [float(np.cos(0.1 * row)), float(np.sin(0.1 * row)), 0.0, 0.0]
-            recorder.px4("vehicle_attitude_setpoint", at, q_d=q)
-            recorder.px4("vehicle_rates_setpoint", at, roll=float(row), pitch=10.0 + row, yaw=20.0 + row)
-            recorder.px4("manual_control_setpoint", at, valid=row < 4, roll=0.1 * row, pitch=-0.1 * row)
-            recorder.px4("vehicle_rates_setpoint", UNIX + at, "/companion/fmu/in/", roll=99.0)
-
-    (vehicle,) = read_log(written(tmp_path, write)).vehicles
+def test_setpoints_of_px4_are_those_that_it_reports(recorder: Ros2Recorder) -> None:
+    px4_flight(recorder)
+    for row in range(5):
+        at, q = 20 + 0.1 * row, [float(np.cos(0.1 * row)), float(np.sin(0.1 * row)), 0.0, 0.0]
+        recorder.px4("vehicle_attitude_setpoint", at, q_d=q)
+        recorder.px4("vehicle_rates_setpoint", at, roll=float(row), pitch=10.0 + row, yaw=20.0 + row)
+        recorder.px4("manual_control_setpoint", at, valid=row < 4, roll=0.1 * row, pitch=-0.1 * row)
+        recorder.px4("vehicle_rates_setpoint", UNIX + at, "/companion/fmu/in/", roll=99.0)
+    vehicle = recorder.vehicle()
     rate, angle, stick = setpoints(vehicle, "roll")
     np.testing.assert_allclose(rate.signal.values, np.arange(5))
     np.testing.assert_allclose(angle.signal.values, 0.2 * np.arange(5), atol=1e-7)
@@ -412,17 +382,14 @@ def test_the_battery_of_either_bridge(tmp_path: Path) -> None:
         assert np.diff(signal.time) == pytest.approx([1, 1], abs=1e-6)
 
 
-def test_setpoints_of_mavros_are_turned_back(tmp_path: Path) -> None:
+def test_setpoints_of_mavros_are_turned_back(recorder: Ros2Recorder) -> None:
     rpy, pqr = (0.3, -0.2, 1.0), np.array([0.5, -0.6, 0.7])
-
-    def write(recorder: Ros2Recorder) -> None:
-        mavros_flight(recorder)
-        at, turned = float(UNIX + TIMES[50]), {"x": pqr[0], "y": -pqr[1], "z": -pqr[2]}
-        fields = {"orientation": xyzw(to_ros(rpy)), "body_rate": turned, "type_mask": 1}
-        recorder.mavros("setpoint_raw/target_attitude", "mavros_msgs/msg/AttitudeTarget", at, **fields)
-        recorder.mavros("rc/in", "mavros_msgs/msg/RCIn", at, channels=[1600, 1400, 1000, 1500])
-
-    (vehicle,) = read_log(written(tmp_path, write)).vehicles
+    mavros_flight(recorder)
+    at, turned = float(UNIX + TIMES[50]), {"x": pqr[0], "y": -pqr[1], "z": -pqr[2]}
+    fields = {"orientation": xyzw(to_ros(rpy)), "body_rate": turned, "type_mask": 1}
+    recorder.mavros("setpoint_raw/target_attitude", "mavros_msgs/msg/AttitudeTarget", at, **fields)
+    recorder.mavros("rc/in", "mavros_msgs/msg/RCIn", at, channels=[1600, 1400, 1000, 1500])
+    vehicle = recorder.vehicle()
     assert [(one.name, one.signal.values.tolist()) for one in setpoints(vehicle, "roll")] == [
         ("roll setpoint", [pytest.approx(rpy[0])])
     ]
