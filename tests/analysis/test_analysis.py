@@ -33,6 +33,7 @@ def slow() -> LogAnalysis:
     return analyse(replace(whole, vehicles=(replace(vehicle, messages=messages),)))
 
 
+@pytest.mark.slow
 def test_the_slow_motion_is_learnt_where_it_predicts_better_and_nothing_faster_is_told(slow):
     assert slow.tier.name == "b" and slow.learned is not None and slow.held_out is not None
     assert slow.held_out.error_ratio() < MAX_SLOW_RATIO and slow.held_out.coverage > 0.75

@@ -260,6 +260,7 @@ def test_firmware_is_what_the_autopilot_says_or_sends():
     assert identity_of(Signals(replace(sent, firmware="PX4 v1.2.3 (abc)"))).firmware == "PX4 v1.2.3 (abc)"
 
 
+@pytest.mark.slow
 def test_one_flight_recorded_both_ways_is_of_one_vehicle_and_another_is_of_another():
     recorded = [f"sitl_ardupilot/ardupilot_inertia_wind5_steps.{kind}" for kind in ("tlog", "BIN")]
     others = [f"real/propeller/hover_{which}_1.BIN" for which in ("good", "cut25mm")]

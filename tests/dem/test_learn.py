@@ -47,6 +47,7 @@ def test_units_of_the_stream_do_not_matter():
     np.testing.assert_allclose(two.forecast(other[700:].inputs), forecast, rtol=0, atol=1e-6 * np.abs(forecast).max())
 
 
+@pytest.mark.slow
 def test_the_memory_layout_of_the_data_does_not_matter():
     flight = simulated(wind=0.5)
     inputs, outputs = np.asfortranarray(flight.inputs), np.asfortranarray(flight.outputs)
@@ -225,6 +226,7 @@ def test_from_zero_row_0_is_the_trim_and_the_inputs_move_the_rest_by_the_physica
     assert learned.forecast(inputs[:0], from_zero=True).shape == (0, 2)
 
 
+@pytest.mark.slow
 def test_a_fit_that_starts_at_an_earlier_one_arrives_at_the_same_model_sooner():
     flight = simulated(samples=2000, wind=0.5)
     whole, cold = learn(flight), learn(flight[:1600])

@@ -263,6 +263,7 @@ def fed(bands: ErrorBands, errors: np.ndarray, block: int = 10) -> np.ndarray:
     return np.array(half)[:, :, 0]
 
 
+@pytest.mark.slow
 def test_a_band_holds_nine_of_ten_errors():
     rng = np.random.default_rng(0)
     for errors in (rng.standard_normal(20_000), rng.standard_t(3, 20_000)):

@@ -169,6 +169,7 @@ def test_scores_of_windows_are_the_slopes_of_their_likelihoods():
         np.testing.assert_allclose(score, slope, atol=2e-2 * np.abs(fit.scores).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("known", [True, False], ids=["known geometry", "inferred geometry"])
 def test_a_steered_flight_gives_the_truth_back(known):
     flight = flown(0, steering=1.0)

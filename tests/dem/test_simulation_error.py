@@ -87,6 +87,7 @@ def test_slopes_and_curvature_are_those_of_the_height():
     assert np.linalg.eigvalsh(here.curvature).min() > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wind", [0.3, 2.0])
 def test_the_climb_never_falls_and_settles(wind):
     learned = learn(simulated(wind=wind, lag=0.05)[:700], COMPLETE)
@@ -135,6 +136,7 @@ def test_the_posterior_holds_the_truth_as_often_as_it_says():
     assert share > 0.9 - 3 * np.sqrt(0.9 * 0.1 / len(inside))
 
 
+@pytest.mark.slow
 def test_inputs_beyond_what_was_learnt_from_are_not_believed():
     plant = replace(COMPLETE, forecasts="shrunk")
     learned = learn(FLIGHT[:700], plant)
@@ -152,6 +154,7 @@ def test_inputs_beyond_what_was_learnt_from_are_not_believed():
     np.testing.assert_allclose(learned.forecast_band(ahead), half)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("samples", "seconds"), [(700, 0.3), (420, 0.3), (280, 0.2), (175, 0.12)])
 def test_the_horizon_is_as_long_as_the_samples_suffice_for(samples, seconds):
     found = learn(FLIGHT[:samples], COMPLETE).simulation_fit
@@ -168,6 +171,7 @@ def test_the_horizon_lasts_as_long_at_every_rate(rate):
     assert horizon_of(fitted.model, settings, fitted.scaling, record) == 0.3 * rate
 
 
+@pytest.mark.slow
 def test_too_little_leaves_theta_where_generalized_coordinates_led_it_and_says_so():
     learned = learn(FLIGHT[:60], COMPLETE)
     assert learned.simulation_fit is None
@@ -212,6 +216,7 @@ def document():
     return learn(FLIGHT[:300], COMPLETE).to_json()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [1e150, 1e300])
 def test_inputs_without_measure_are_forecast_without_a_word(document, size):
     learned = Learned.from_json(document)

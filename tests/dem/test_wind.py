@@ -61,6 +61,7 @@ def flown(seed: int, samples: int, known: Parameters, steady: float = 0.0) -> tu
     return Flight(DT * np.arange(samples), inputs, outputs), torque
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damping", [-0.5, 2.0])
 @pytest.mark.parametrize("components", [TURBULENCE[:1], TURBULENCE, (TURBULENCE[1], TURBULENCE[1])], ids="123")
 def test_the_smoother_is_the_posterior_of_the_joint_gaussian(components, damping):

@@ -280,6 +280,7 @@ def test_of_six_flights_each_is_a_pair():
     assert found.verdicts()["is_off"].tested == 6 and "on 6 flights" in comparison_report(found)[0].lead
 
 
+@pytest.mark.slow
 def test_a_band_that_failed_is_cautioned_against(predicted):
     def cautions(comparison: Comparison) -> list[str]:
         return [block.text for block in comparison_report(comparison) if getattr(block, "lead", "") == "Caution:"]

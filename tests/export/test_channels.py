@@ -68,6 +68,7 @@ def fields(result, tmp_path_factory):
     return {(topic, field) for topic, (_, columns) in read(path).items() for field in columns}
 
 
+@pytest.mark.slow
 def test_what_was_learned_stands_beside_it(tmp_path, result):
     train, test, learned, held_out = result
     write_channels(tmp_path / "flight.mcap", [train], learned, held_out)

@@ -62,6 +62,7 @@ def state(numbers, seed=0, **changed):
     return [row for number in numbers for row in flight(number, rng, **changed)]
 
 
+@pytest.mark.slow
 def test_of_many_pairs_of_flights_of_the_same_vehicle_few_have_any_change():
     rng = np.random.default_rng(4)
     pairs = 150

@@ -67,6 +67,7 @@ def served(tmp_path: Path) -> Iterator[tuple[Path, str]]:
     thread.join()
 
 
+@pytest.mark.slow
 def test_logs_behind_urls_are_read_and_known(served, tmp_path):
     folder, url = served
     make_logs(folder, 3)

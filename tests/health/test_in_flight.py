@@ -86,6 +86,7 @@ def test_yaw_alone_and_thrust_alone_are_no_motor(change):
     assert not changes(time, commands + after(time, 0.6 * QUAD.commands(change)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("sd", "seconds"), [(0.01, 0.1), (0.02, 3.0)])
 def test_coloured_noise_gives_no_alarm(sd, seconds):
     """Over five minutes each; what is slow is more than the test was told of at first, and it must learn that."""

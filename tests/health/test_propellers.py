@@ -27,6 +27,7 @@ def kind(verdicts, *names: str):
     return found
 
 
+@pytest.mark.slow
 def test_good_flights_do_not_alarm_when_left_out(verdicts):
     assert {found.health for found in kind(verdicts, "good")} == {"ok"}
 

@@ -414,6 +414,7 @@ def test_a_message_defined_anew_each_time_is_given_up(tmp_path: Path) -> None:
         assert len(vehicle.messages["ATTITUDE"]["time"]) == MAX_DEFINITIONS and vehicle.repairs
 
 
+@pytest.mark.slow
 def test_many_boots_take_no_long(tmp_path: Path) -> None:
     """For each boot, each definition and each header the whole log was once looked through."""
     boot = b"".join(made.message("EV", 10_000_000 * (1 + row), 10 + row % 2) for row in range(6))

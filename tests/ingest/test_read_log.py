@@ -139,6 +139,7 @@ def test_a_file_transferred_as_text_is_restored(tmp_path: Path) -> None:
     assert "0A" in restored.repairs[0]
 
 
+@pytest.mark.slow
 @given(st.integers(0, 2**32), st.floats(0.0, 0.02), st.sampled_from(["tlog", "ulg"]))
 @settings(max_examples=80)
 def test_damage_never_makes_an_error_or_a_false_message(

@@ -411,6 +411,7 @@ def test_what_holds_no_flight_of_a_vehicle_is_refused(tmp_path: Path) -> None:
         mcap_stream(written(tmp_path, px4_flight))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("write", "begin"), [(px4_flight, 0), (mavros_flight, UNIX + 19)])
 def test_the_flight_is_the_motion_that_it_was_made_of(write: Callable[..., None], begin: int, tmp_path: Path) -> None:
     """On UNIX time the recording's first second counts as 1."""

@@ -24,6 +24,7 @@ def rejections(test, make, series: int = SERIES) -> int:
     return sum(test(make(rng)).p_value < 0.05 for _ in range(series))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("steps", [0, 1, 3, 10])
 def test_gaussian_noise_of_any_colour_is_called_another_as_often_as_said(steps):
     assert FEWEST <= rejections(noise.normality, lambda rng: gaussian(rng, steps)) <= MOST

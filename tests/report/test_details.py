@@ -51,6 +51,7 @@ def words(blocks: list[Block]) -> str:
     return "\n".join(f"{block.lead} {block.text}" for block in blocks if isinstance(block, Sentence))
 
 
+@pytest.mark.slow
 def test_the_model_can_be_used_from_what_is_reported(learned):
     tables = {block.header[0]: block for block in told(learned) if isinstance(block, Table)}
     assert tables["A"].header == ["A", "roll", "roll rate", "hidden 1"]

@@ -24,12 +24,14 @@ def parts(text: str) -> dict[str, str]:
     return dict(zip(found, pieces, strict=True))
 
 
+@pytest.mark.slow
 def test_the_same_rows_make_the_same_bytes_in_whatever_order_they_come():
     rows = fleet_rows(10)
     shuffled = random.Random(1).sample(rows, len(rows))
     assert fleet_page(rows) == fleet_page(shuffled)
 
 
+@pytest.mark.slow
 def test_who_is_in_trouble_stands_first_and_open_and_others_are_folded():
     text = fleet_page(fleet_rows(20))
     found = parts(text)

@@ -99,6 +99,7 @@ def pages() -> tuple[str, str]:
     return page(), page(NAME + "x" * 200)
 
 
+@pytest.mark.slow
 def test_the_same_result_makes_the_same_bytes_small_though_its_lines_are_long(pages):
     assert page() == pages[0]
     assert len(pages[0]) < 250_000

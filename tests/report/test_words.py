@@ -95,6 +95,7 @@ def test_what_is_unknown_is_a_dash():
     assert re.search(r">asked</td>.*>-</td>", flight._repr_html_())
 
 
+@pytest.mark.slow
 def test_a_notebook_shows_what_a_model_is_good_for(flight):
     learned = mavdem.learn(flight, mavdem.Settings(order=2, d=2, window=9, parameter_precision=1.0, horizon=None))
     text = "".join(ElementTree.fromstring(learned._repr_html_()).itertext())

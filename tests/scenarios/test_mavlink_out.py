@@ -113,6 +113,7 @@ def test_setpoints_and_sticks_come_when_they_are_asked_for(autopilot, version, t
     assert not set(rates) & set(plain)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("version", [1, 2])
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 def test_pymavlink_reads_every_frame(autopilot, version, tmp_path):
