@@ -136,9 +136,10 @@ def test_px4_motors_over_two_drivers():
 
 
 def test_without_parameters_the_moving_channels_are_assumed_and_said():
-    motors = drive.motors(HOVER.telemetry()).layout
-    assert motors.channels == (1, 2, 3, 4)
-    assert motors.channels_assumed and motors.positions_assumed
+    for incomplete in ({}, {"SERVO7_FUNCTION": 35.0, "SERVO2_FUNCTION": 34.0}):
+        motors = drive.motors(HOVER.telemetry(parameters=incomplete)).layout
+        assert motors.channels == (1, 2, 3, 4)
+        assert motors.channels_assumed and motors.positions_assumed
     assert "X quad" in motors.basis and "channels that move" in motors.basis
 
 
@@ -204,11 +205,6 @@ def test_a_message_without_motors_that_move_leaves_the_next() -> None:
     motors = drive.motors(changed(telemetry, "SERVO_OUTPUT_RAW", **still))
     assert motors is not None and motors.message == "ACTUATOR_OUTPUT_STATUS"
     np.testing.assert_array_equal(motors.outputs, HOVER.motors(time))
-
-
-def test_parameters_of_some_motors_only_are_incomplete() -> None:
-    motors = drive.motors(HOVER.telemetry(parameters={"SERVO7_FUNCTION": 35.0, "SERVO2_FUNCTION": 34.0}))
-    assert motors is not None and motors.layout.channels == (1, 2, 3, 4) and motors.layout.channels_assumed
 
 
 @pytest.mark.parametrize(

@@ -241,15 +241,6 @@ def test_a_command_at_the_floor_of_the_stream_is_refused():
     assert "rounding" in refused_for(rounded(Hover(command=0.1)))
 
 
-def test_assumptions_are_cautions_and_limits_figures():
-    telemetry = HOVER.telemetry()
-    assert any("assumed" in caution for caution in verdict_of(Signals(telemetry)).cautions)
-    table = telemetry.messages["SERVO_OUTPUT_RAW"]
-    full = {"servo1_raw": np.where(np.sin(table["time"]) > 0, 2000.0, table["servo1_raw"])}
-    verdict = verdict_of(Signals(changed(telemetry, "SERVO_OUTPUT_RAW", **full)))
-    assert verdict.figures.saturation == pytest.approx(0.5, abs=0.1)
-
-
 def random_stamps(random: np.random.Generator, end: float) -> np.ndarray:
     """A stream that changes its pace a few times, rounded or not."""
     paces = random.choice([0.001, 0.0025, 0.01, 0.02, 0.066, 0.25, 1.0, 3.0], size=random.integers(1, 5))

@@ -217,14 +217,6 @@ def offered(monkeypatch, capsys, *words: str) -> list[str]:
     return said.out.split()
 
 
-@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_the_script_of_each_shell_is_printed(shell, monkeypatch, capsys):
-    monkeypatch.setenv("_MAVDEM_COMPLETE", f"{shell}_source")
-    assert main([]) == 0
-    script = capsys.readouterr().out
-    assert "_MAVDEM_COMPLETE" in script and "Usage" not in script
-
-
 def test_commands_options_values_and_scenarios_are_offered(monkeypatch, capsys):
     assert offered(monkeypatch, capsys, "le") == ["plain,learn"]
     assert offered(monkeypatch, capsys, "learn", "x.tlog", "--o") == ["plain,--out", "plain,--order"]

@@ -11,7 +11,7 @@ from recorded_flights import shared
 from scipy.signal import lfilter
 
 import mavdem
-from mavdem import Flight, hover, hover_figures
+from mavdem import Flight, hover_figures
 from mavdem.alignment import read
 from mavdem.alignment.read import usable_segments
 from mavdem.alignment.signals import Signals
@@ -183,13 +183,6 @@ def test_arrays_need_the_range_of_their_outputs():
     found = hover_figures([flight], PULSES)
     assert found.trim_of_range == pytest.approx((0.5, 0.1)) and found.at_lower_limit == (0.0, 1.0)
     assert found.roll == pytest.approx(np.degrees(0.1)) and found.pitch is None
-
-
-def test_a_shortened_propeller_makes_its_motor_work_harder():
-    """Logged at 10 Hz, too slowly for a model."""
-    good, cut = (hover(shared(f"real/propeller/hover_{name}_1.BIN")) for name in ("good", "cut25mm"))
-    assert np.argmax(cut.imbalance) == 0 and cut.imbalance[0] - good.imbalance[0] > 10
-    assert cut.headroom[0] < good.headroom[0]
 
 
 def test_what_has_no_figures_is_refused():

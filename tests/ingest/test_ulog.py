@@ -24,13 +24,11 @@ from ulog_files import (
     log,
     message,
     parameter,
-    roll,
     subscription,
     subscriptions,
     vehicle_of,
 )
 
-import mavdem
 from mavdem.alignment.signals import Signals, setpoints
 from mavdem.errors import Unreadable
 from mavdem.ingest import contents as files
@@ -71,20 +69,6 @@ def test_values_are_those_pyulog_reads(name: str) -> None:
     expected |= {name: float(value) for _, name, value in plain.changed_parameters}
     assert vehicle.parameters == expected
     assert (vehicle.vehicle, vehicle.autopilot, vehicle.system) == ("QUADROTOR", "PX4", 1)
-
-
-def test_a_log_can_be_learnt_from(tmp_path: Path) -> None:
-    times = 20 + 0.01 * np.arange(2500)
-    pieces = flight(times)
-    pieces.insert(0, data("vehicle_land_detected", 10.0, True))
-    pieces.insert(1, data("vehicle_land_detected", 20.0, False))
-    path = tmp_path / "flight.ulg"
-    path.write_bytes(log(*pieces))
-    learnt = mavdem.read_flight(path)
-    angle, rate = roll(learnt.time)
-    assert learnt.dt == pytest.approx(0.01) and len(learnt) > 1900
-    assert np.allclose(learnt.outputs, np.column_stack([angle, rate]), atol=1e-6)
-    assert np.allclose(learnt.inputs, 0.5 + np.outer(angle, [-1, 1, 1, -1]), atol=1e-6)
 
 
 def test_attitude_is_moved_to_the_stamps_of_the_rates(tmp_path: Path) -> None:
