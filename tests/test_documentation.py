@@ -219,14 +219,12 @@ EXAMPLES = {one.name: one for one in examples()}
 
 
 @pytest.fixture(scope="module")
-def learned() -> mavdem.Learned:
+def learned():
     return mavdem.learn(simulated(wind=1.0)[:700])
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
-def test_an_example_does_what_it_says(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
-) -> None:
+def test_an_example_does_what_it_says(name, tmp_path, monkeypatch, request):
     """In a folder with a log, ``flight.tlog``; of a method of ``Learned``, on ``learned``, of 700 samples."""
     monkeypatch.chdir(tmp_path)
     os.symlink(LOG, "flight.tlog")

@@ -28,7 +28,7 @@ def in_air(time: np.ndarray) -> np.ndarray:
     return (time > LIFTED) & (time < LANDED)
 
 
-def test_reports_that_come_late_leave_the_flight_before_them_to_the_motors() -> None:
+def test_reports_that_come_late_leave_the_flight_before_them_to_the_motors():
     """The first report is of the landing, as of a stream that was asked for just then."""
     time = np.arange(HOVER.sinking, HOVER.end, 0.1)
     telemetry = reporting(time, np.where(time < LANDED, 4, 1))
@@ -40,26 +40,26 @@ def test_reports_that_come_late_leave_the_flight_before_them_to_the_motors() -> 
 
 
 @pytest.mark.parametrize("state", [3, 4])
-def test_taking_off_and_landing_are_airborne_and_not_settled(state: int) -> None:
+def test_taking_off_and_landing_are_airborne_and_not_settled(state):
     time = HOVER.stamps(2.0)
     signals = Signals(reporting(time, np.where(in_air(time), state, 1)))
     (flight,) = phases.airborne(signals, 0)
     assert flight == pytest.approx((LIFTED, LANDED), abs=0.6) and phases.settled(signals, 0) == []
 
 
-def test_what_is_undefined_reports_nothing() -> None:
+def test_what_is_undefined_reports_nothing():
     time = HOVER.stamps(2.0)
     (flight,) = phases.airborne(Signals(reporting(time, np.where(time < 40, 0, np.where(in_air(time), 2, 1)))), 0)
     assert flight == pytest.approx((LIFTED, LANDED), abs=1.1)
 
 
-def test_reports_without_any_motors_hold_until_another() -> None:
+def test_reports_without_any_motors_hold_until_another():
     time = np.array([1.0, 30.0, 60.0])
     signals = Signals(reporting(time, np.array([1, 2, 2]), without=("SERVO_OUTPUT_RAW",)))
     assert phases.airborne(signals, 0) == [(30.0, inf)]
 
 
-def test_a_vertical_speed_that_only_sinks_has_run_away() -> None:
+def test_a_vertical_speed_that_only_sinks_has_run_away():
     telemetry = HOVER.telemetry()
     position = telemetry.messages["LOCAL_POSITION_NED"]
     signals = Signals(changed(telemetry, "LOCAL_POSITION_NED", vz=np.full(len(position["time"]), 5.0)))
@@ -67,7 +67,7 @@ def test_a_vertical_speed_that_only_sinks_has_run_away() -> None:
     assert (start, end) == pytest.approx((LIFTED + TRANSIENT_SECONDS, LANDED - TRANSIENT_SECONDS), abs=1.5)
 
 
-def test_a_recorded_flight_whose_reports_come_at_its_end() -> None:
+def test_a_recorded_flight_whose_reports_come_at_its_end():
     signals = Signals(read_log(shared("real/logs/ardupilot_late_landed_state.tlog")).vehicles[0])
     (flight,) = phases.airborne(signals, 0)
     assert flight == pytest.approx((45, 131), abs=1)  # by the reports it landed at 131.4 s

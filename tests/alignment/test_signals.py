@@ -195,7 +195,7 @@ def test_rounding_is_measured_before_a_bank_is_moved_to_the_stamps_of_another():
     assert motors.scale.step == 1.0
 
 
-def test_a_message_without_motors_that_move_leaves_the_next() -> None:
+def test_a_message_without_motors_that_move_leaves_the_next():
     """The more frequent message stands still, and the one with the motors has a channel that never has a number."""
     time = HOVER.stamps(50.0)
     actuator = np.full((len(time), 32), np.nan)

@@ -9,7 +9,7 @@ from made_up_analysis import held_out
 from recorded_flights import shared
 
 from mavdem import read_flight
-from mavdem.analysis import LogAnalysis, analyse
+from mavdem.analysis import analyse
 from mavdem.analysis.analysis import MAX_SLOW_RATIO, slow_motion_refusal
 from mavdem.analysis.findings import Finding
 from mavdem.evaluate.windows import Length
@@ -22,7 +22,7 @@ SAMPLE = Path(__file__).parents[2] / "logs" / "ardupilot_wind5_steps.tlog"
 
 
 @pytest.fixture(scope="module")
-def slow() -> LogAnalysis:
+def slow():
     """A flight at 100 Hz as a link of 10 Hz would send it."""
     whole = read_log(SAMPLE)
     (vehicle,) = whole.vehicles

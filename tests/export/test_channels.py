@@ -92,7 +92,7 @@ def test_names_are_kept_apart_and_no_time_is_before_0(tmp_path):
 
 
 @pytest.mark.slow
-def test_the_layouts_plot_what_there_is(fields) -> None:
+def test_the_layouts_plot_what_there_is(fields):
     curves = {curve.attrib["name"] for curve in ElementTree.parse(LAYOUTS / "plotjuggler.xml").iter("curve")}
     assert len(curves) >= 10 and curves <= {f"{topic}/{field}" for topic, field in fields}
     panels = json.loads((LAYOUTS / "foxglove.json").read_text())["configById"].values()

@@ -18,7 +18,7 @@ SLOW = LOGS / "ardupilot_default_rates.tlog"
 
 
 @pytest.fixture(scope="module")
-def slow_rows() -> list[FlightRow]:
+def slow_rows():
     return rows_of_log(SLOW)[0]
 
 

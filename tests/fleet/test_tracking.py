@@ -20,7 +20,7 @@ from mavdem.fleet.workers import Limits
 
 
 @pytest.fixture
-def fleet(tmp_path: Path) -> tuple[Path, Path, list[Path], bytes]:
+def fleet(tmp_path: Path):
     """A fleet, the folder of its two logs, these, and its table."""
     logs = make_logs(tmp_path / "logs", 2)
     assert track(tmp_path / "fleet", tmp_path / "logs").read == 2

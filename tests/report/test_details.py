@@ -30,7 +30,7 @@ TRAIN, TEST = FLIGHT[:400], FLIGHT[400:]
 
 
 @pytest.fixture(scope="module")
-def learned() -> mavdem.Learned:
+def learned():
     return mavdem.learn(TRAIN, mavdem.Settings(window=9, parameter_precision=1.0))
 
 

@@ -95,7 +95,7 @@ def page(name: str = "flight.tlog") -> str:
 
 
 @pytest.fixture(scope="module")
-def pages() -> tuple[str, str]:
+def pages():
     return page(), page(NAME + "x" * 200)
 
 
