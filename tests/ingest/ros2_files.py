@@ -9,7 +9,6 @@ from mavlink_streams import NOW
 from mcap.writer import CompressionType
 from mcap_ros2.writer import Writer
 from numpy.typing import NDArray
-from ros2_message_definitions import DEFINITIONS
 from scipy.spatial.transform import Rotation
 from ulog_files import roll
 
@@ -21,6 +20,20 @@ TIMES = 20 + 0.01 * np.arange(300)
 UNIX = NOW // 1_000_000
 """s, when the companion's clock read 0 on the autopilot's."""
 QUADROTOR = 2
+
+
+def definitions() -> dict[str, str]:
+    """Of messages by name, from lines ``name = field; field``, where ``@name`` is what stands on another line."""
+    lines = (Path(__file__).parent / "ros2_messages.txt").read_text().splitlines()
+    rows = dict(line.split(" = ", 1) for line in lines)
+
+    def written(row: str) -> str:
+        return "".join(written(rows[part]) if part[:1] == "@" else f"{part}\n" for part in row.split("; "))
+
+    return {name: written(row) for name, row in rows.items() if name[0] != "@"}
+
+
+DEFINITIONS = definitions()
 
 
 class Ros2Recorder:
