@@ -143,13 +143,11 @@ def test_without_parameters_the_moving_channels_are_assumed_and_said():
     assert "X quad" in motors.basis and "channels that move" in motors.basis
 
 
-def test_the_tilt_servo_of_a_tricopter_is_no_motor():
+def test_the_tilt_servo_of_a_tricopter_is_no_motor_and_an_unknown_frame_has_no_places():
     parameters = {"FRAME_CLASS": 7.0} | {f"SERVO{n}_FUNCTION": 32.0 + n for n in (1, 2, 4, 7)}
     found = motor_geometry("TRICOPTER", "ARDUPILOTMEGA", parameters, moving=[1, 2, 4, 7], bank=8)
     assert found.motors == (1, 2, 4) and not found.positions_assumed
-
-
-def test_a_hexarotor_of_unknown_frame_has_no_places():
+    # A hexarotor of unknown frame has no places.
     motors = motor_geometry("HEXAROTOR", "ARDUPILOTMEGA", {}, moving=range(1, 9), bank=8)
     assert motors.channels == (1, 2, 3, 4, 5, 6)
     assert motors.names[0] == "motor 1" and motors.effect("roll") is None

@@ -120,10 +120,7 @@ def test_the_innovation_form_is_the_filter_of_textbooks(seed):
     np.testing.assert_allclose(from_there[0], forecast, atol=1e-8 * scale)
     every = predictor.simulated_every(7, start, u[1:], y[1:])
     np.testing.assert_allclose(every[14:21], textbook.forecast(corrected[14], u[14:])[:7], atol=1e-8 * scale)
-
-
-def test_one_sample_has_no_prediction():
-    predictor = random_filter(0).predictor
+    # One sample has no prediction.
     assert predictor.one_step(np.ones((1, 2)), np.ones((1, 2))).shape == (0, 2)
     assert predictor.simulated(np.ones(3), np.ones((0, 2))) == pytest.approx(np.empty((0, 2)))
 

@@ -93,9 +93,7 @@ def test_coloured_noise_gives_no_alarm(sd, seconds):
     time, commands = flight(3, 300.0, sd, seconds)
     assert HOURS_TO_FALSE_ALARM > 2 * 300 / 3600
     assert not [one for one in changes(time, commands) if one.motor is not None]
-
-
-def test_a_gust_that_passes_is_no_change():
+    # Nor a gust that passes.
     time, commands = flight(4, 60.0, 0.005)
     gust = np.exp(-((time - 130.0) ** 2) / 2 / 1.5**2)
     assert not changes(time, commands + 0.6 * np.outer(gust, QUAD.commands([0.0, 0.06, 0.04, 0.01])))

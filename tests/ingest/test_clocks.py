@@ -67,9 +67,7 @@ def test_a_wrap_of_the_only_clock_is_undone():
     assert np.allclose(made.time, times)
     assert not made.boot.any()
     assert "wraps every 71.6 min" in made.repairs[0]
-
-
-def test_49_days_are_undone():
+    # So are 49 days.
     times = WRAP_MS - 30 + 0.1 * np.arange(1000)
     assert np.allclose(clock_of(times % WRAP_MS).time, times)
 

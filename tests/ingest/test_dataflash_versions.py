@@ -76,10 +76,7 @@ def test_the_unit_of_rate_is_told_by_the_gyro_else_by_the_version(tmp_path, rate
     assert any("centidegrees" in note for note in vehicle.repairs) == (rate == 100)
     (asked,) = setpoints(vehicle, "roll")
     np.testing.assert_allclose(asked.signal.values, 2 * ROLL_RATE, rtol=1e-4, atol=1e-6)
-
-
-def test_a_gyro_that_does_not_turn_decides_nothing(tmp_path):
-    """Rounding and bias of a vehicle at rest make any ratio."""
+    # Rounding and bias of a vehicle at rest make any ratio.
     assert not any("centidegrees" in note for note in log(tmp_path, 100.0, swing=0.001).repairs)
 
 
@@ -105,9 +102,7 @@ def test_rate_of_3_3_before_its_release_is_read_under_its_own_names(tmp_path):
     controls = vehicle.messages["ACTUATOR_CONTROL_TARGET"]["controls"]
     assert (controls[:, 0] == 0.1).all() and np.isnan(controls[:, 3]).all()
     assert Signals(vehicle).collective is None
-
-
-def test_events_without_stamps_have_the_time_of_the_message_before_them(tmp_path):
+    # Events without stamps have the time of the message before them.
     armed = Signals(log(tmp_path)).armed
     assert armed.time[armed.values > 0].tolist() == [21.0, 22.0]
 

@@ -42,9 +42,6 @@ def test_what_is_not_gaussian_is_called_so(make):
 @pytest.mark.parametrize("shape", ["standard_normal", "standard_exponential"])
 def test_white_noise_is_called_coloured_as_often_as_said(shape):
     assert FEWEST <= rejections(noise.whiteness, lambda rng: getattr(rng, shape)(VALUES)) <= MOST
-
-
-def test_coloured_noise_is_called_so():
     assert rejections(noise.whiteness, lambda rng: gaussian(rng, 0.6), 100) >= 95
 
 

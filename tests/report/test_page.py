@@ -111,9 +111,7 @@ def test_tags_close_in_order_ids_are_unique_and_nothing_is_fetched_or_run(pages)
     assert not {"script", "link", "img", "iframe"} & set(seen.seen)
     fetched = pages[0].replace("http://www.w3.org/2000/svg", "").replace("http://www.w3.org/1999/xlink", "")
     assert "://" not in fetched and "@import" not in fetched
-
-
-def test_what_comes_from_a_log_is_text(pages):
+    # What comes from a log is text.
     assert not {"script", "b"} & set(Balanced(pages[1]).seen)
 
 

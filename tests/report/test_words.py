@@ -29,16 +29,16 @@ LOGS = Path(__file__).parents[2] / "logs"
 NAN = float("nan")
 
 
-def test_the_screen_of_a_model(request):
-    is_golden(request, "model", analysis_blocks(analysis(physical())))
+SCREENS = {
+    "model": lambda: analysis_blocks(analysis(physical())),
+    "doubtful": lambda: analysis_blocks(analysis(physical(0.2, lag="not identifiable", damping="biased"))),
+    "contents": lambda: log_blocks(inventory(read_log(LOGS / "ardupilot_default_rates.tlog"))),
+}
 
 
-def test_the_screen_where_the_time_constant_is_not_identifiable_and_the_rest_uncertain(request):
-    is_golden(request, "doubtful", analysis_blocks(analysis(physical(0.2, lag="not identifiable", damping="biased"))))
-
-
-def test_the_contents_of_a_log_that_allows_its_condition_only(request):
-    is_golden(request, "contents", log_blocks(inventory(read_log(LOGS / "ardupilot_default_rates.tlog"))))
+@pytest.mark.parametrize("name", SCREENS)
+def test_a_screen_reads_as_its_golden_file(name, request):
+    is_golden(request, name, SCREENS[name]())
 
 
 def test_a_comparison_of_methods(request):
