@@ -273,6 +273,10 @@ def test_halves_cut_the_segment_in_the_middle():
     assert (first.lengths, second.lengths) == ((3, 2), (2, 3))
     np.testing.assert_array_equal(np.vstack([first.outputs, second.outputs]), record.outputs)
     assert (record.windows(3), record.windows(4), record.longest) == (1 + 2 + 1, 1, 4)
+    # Folds are parts of equal length, in pieces of one segment.
+    parts = folds([100, 7, 60], 4)
+    assert [sum(stop - start for _, start, stop in part) for part in parts] == [41, 42, 42, 42]
+    assert parts[2] == [(0, 83, 100), (1, 0, 7), (2, 0, 18)]
 
 
 def test_a_flight_is_cut_at_its_gaps():
@@ -325,9 +329,3 @@ def test_demands_are_not_motors_and_learning_says_so():
     (caution,) = cautions(inputs)
     assert caution.startswith("input 1 has both signs")
     assert any("has both signs" in caution for caution in learn(Flight(FLIGHT.time, inputs, FLIGHT.outputs)).cautions)
-
-
-def test_folds_are_parts_of_equal_length_in_pieces_of_one_segment():
-    parts = folds([100, 7, 60], 4)
-    assert [sum(stop - start for _, start, stop in part) for part in parts] == [41, 42, 42, 42]
-    assert parts[2] == [(0, 83, 100), (1, 0, 7), (2, 0, 18)]

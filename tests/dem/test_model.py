@@ -269,8 +269,6 @@ def test_the_steady_covariance_solves_riccati_s_equation(noise, radius):
     np.testing.assert_allclose(P, expected[0], atol=1e-6 * np.abs(expected[0]).max())
     innovations = C[0] @ expected[0] @ C[0].T + R[0]
     np.testing.assert_allclose(gain @ innovations, A[0] @ expected[0] @ C[0].T + S[0], atol=1e-6 * np.abs(P).max())
-
-
-def test_a_state_that_grows_unseen_has_no_steady_filter():
+    # A state that grows unseen has none.
     with pytest.raises(np.linalg.LinAlgError, match="no steady filter"):
         steady_gain(np.diag([1.1, 0.5]), np.array([[0.0, 1.0]]), np.eye(2), np.eye(1))

@@ -1,6 +1,5 @@
 """Comparison: what goes wrong stays in its row, errors are those of the windows, and where the first loses is told."""
 
-import json
 from dataclasses import replace
 from functools import partial
 
@@ -198,56 +197,6 @@ def test_over_flights_each_counts_once(compared):
     assert (arx["flights"], arx["windows"], arx["reference"].windows) == (2, 6, 2)
     assert refused["relative"] == np.inf and refused["failed"] == 6
     assert len(arx["horizons"]) == len(HORIZONS)
-
-
-def test_from_zero_the_whole_test_part_is_judged(compared):
-    arx = row_of(compared.summaries("a", FROM_ZERO), "ARX")
-    assert arx["relative"] == np.median([whole(row[2], FROM_ZERO) for row in compared.outcomes[:3]])
-    assert [at["steps"] for at in arx["horizons"]] == [150]
-    assert compared.to_dict(FROM_ZERO)["start"] == "zero"
-
-
-def test_the_document_is_plain_json_and_rows_a_table(compared):
-    document = json.loads(json.dumps(compared.to_dict()))
-    keys = "reference methods start verdicts losses over_flights flights predictions"
-    assert list(document) == keys.split()
-    assert [len(flight["windows"]) for flight in document["flights"]] == [3, 3]
-    window = document["flights"][1]["windows"][2]
-    assert (window["start"], window["time"]) == (850, pytest.approx(8.5))
-    assert window["methods"]["ARX"] == compared.outcomes[5][2].to_dict()
-    rows = compared.rows()
-    known, unknown = ([row for row in rows if row["inputs"] == word] for word in ("known", "unknown"))
-    assert (len(known), len(unknown)) == (6 * 5 * (len(HORIZONS) + 1), 6 * 2 * len(HORIZONS))
-    assert len({tuple(row) for row in rows}) == 1
-
-
-MANY = windows("a", FLIGHTS["a"], 200, 50)
-AGAIN = HOLD._replace(name="hold again")
-
-
-@pytest.fixture(scope="module")
-def distinguished():
-    return compare(MANY, [HOLD, AGAIN, IS_OFF, REFUSES])
-
-
-def test_the_report_begins_with_what_the_test_distinguishes(distinguished):
-    found = distinguished.verdicts()
-    assert {name: (one.tested, one.verdict) for name, one in found.items()} == {
-        "hold again": (6, "not distinguishable"),
-        "is_off": (6, "lower"),
-        "refuses": (6, "lower"),
-    }
-    columns = [2, 0, 1, 3]
-    other = Comparison(
-        distinguished.windows,
-        tuple(distinguished.methods[column] for column in columns),
-        tuple(tuple(row[column] for column in columns) for row in distinguished.outcomes),
-    )
-    assert {name: one.verdict for name, one in other.verdicts().items()} == {
-        "hold": "higher",
-        "hold again": "higher",
-        "refuses": "lower",
-    }
 
 
 @pytest.mark.slow

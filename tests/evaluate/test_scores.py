@@ -59,9 +59,7 @@ def test_outputs_count_in_units_of_their_training_variance():
     )
     scaled = Flight(FLIGHT.time, FLIGHT.inputs, FLIGHT.outputs * [57.3, 0.01] + 5)
     np.testing.assert_allclose(ratio(scores_of(baselines.hold)), ratio(scores_of(baselines.hold, scaled)))
-
-
-def test_an_output_that_is_constant_in_training_has_no_unit_of_error():
+    # One that is constant in training has none.
     train = Flight(TRAIN.time, TRAIN.inputs, TRAIN.outputs * [1, 0] + [0, 0.1])
     with pytest.raises(ValueError, match="^train must vary"):
         evaluate.relative_mspe(train, TEST, TEST.outputs)

@@ -140,9 +140,7 @@ def test_unix_time_is_moved_to_the_boot_clock():
     made = clock(stamps, np.full(200, np.nan))
     assert np.abs(made.time[1::2] - times).max() <= 0.1 + 1e-6
     assert "another clock" in made.repairs[0]
-
-
-def test_messages_without_a_clock_take_the_last_before_them():
+    # Messages without a clock take the last before them.
     stamps = [Stamps("ATTITUDE", np.array([1, 3, 4]), np.array([7.0, 7.1, 7.2]), WRAP_MS)]
     assert clock(stamps, np.full(6, np.nan)).time.tolist() == [7.0, 7.0, 7.0, 7.1, 7.2, 7.2]
 

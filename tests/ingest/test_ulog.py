@@ -163,9 +163,7 @@ def test_landed_states(tmp_path):
     states = vehicle_of(log(*pieces), tmp_path).messages["EXTENDED_SYS_STATE"]
     told = dict(zip(states["time"].tolist(), states["landed_state"].tolist(), strict=True))
     assert told == {10: 1, 10.5: 1, 11: 1, 12: 3, 20: 2, 30: 4, 31: 2, 32: 4, 33: 2, 40: 1}
-
-
-def test_a_vertical_speed_that_is_not_valid_is_left_out(tmp_path):
+    # A vertical speed that is not valid is left out.
     pieces = [data("vehicle_local_position", 20 + row, 0, 0, 0, 0, 0, row, row % 2 == 0) for row in range(6)]
     climb = Signals(vehicle_of(log(*pieces), tmp_path)).climb_rate
     assert climb is not None and climb.values.tolist() == [0, -2, -4]

@@ -167,9 +167,7 @@ def test_a_live_flight_is_drawn_in_degrees_with_what_was_trained_on_and_has_its_
     text = live_page("udpin:<b>", "roll", history, SessionStatus("1:1"), NOTHING | {"learned": 53.0}, None)
     for told in (">0.25 s ahead</td>", ">12.2 s</td>", "come again after 3 s", "udpin:&lt;b&gt;", "<svg"):
         assert told in text
-
-
-def test_a_link_without_a_vehicle_has_a_page_too():
+    # A link without a vehicle has a page too.
     status = SessionStatus(obstacle="No vehicle found yet.")
     text = live_page("udpin:0", "roll", LiveHistory(), status, NOTHING, None)
     assert "No vehicle found yet." in text and "no attitude came" in text

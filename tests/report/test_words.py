@@ -87,9 +87,7 @@ def test_a_notebook_shows_a_flight_with_a_row_a_channel_in_degrees(flight):
     ]
     assert float(rows[5][2]) == pytest.approx(np.degrees(flight.outputs[:, 0].mean()), abs=0.05)
     assert "ardupilot_wind5_steps.tlog" in "".join(page.itertext()) and "8 s" in "".join(page.itertext())
-
-
-def test_what_is_unknown_is_a_dash():
+    # What is unknown is a dash.
     time = np.arange(5.0)
     flight = mavdem.Flight(time, time, time, setpoints=np.full(5, np.nan), setpoint_names=("asked",))
     assert re.search(r">asked</td>.*>-</td>", flight._repr_html_())
