@@ -14,6 +14,7 @@ from mavdem.alignment.signals import MINIMUM_RATE, Signals
 from mavdem.alignment.verdict import verdict_of
 from mavdem.ingest import read_log
 from mavdem.ingest.telemetry import Telemetry
+from mavdem.ingest.vocabulary import OFF_GROUND
 
 HOVER = Hover()
 LIFTED, LANDED = 6.0, HOVER.landed
@@ -32,7 +33,7 @@ def test_reports_that_come_late_leave_the_flight_before_them_to_the_motors():
     """The first report is of the landing, as of a stream that was asked for just then."""
     time = np.arange(HOVER.sinking, HOVER.end, 0.1)
     telemetry = reporting(time, np.where(time < LANDED, 4, 1))
-    (flight,) = phases.airborne(Signals(telemetry), 0)
+    (flight,) = phases.flying(Signals(telemetry), 0)
     assert flight == pytest.approx((LIFTED, LANDED), abs=1.1)
     verdict = verdict_of(Signals(telemetry))
     assert verdict.learnable and verdict.segment is not None
@@ -43,15 +44,15 @@ def test_reports_that_come_late_leave_the_flight_before_them_to_the_motors():
 def test_taking_off_and_landing_are_airborne_and_not_settled(state):
     time = HOVER.stamps(2.0)
     signals = Signals(reporting(time, np.where(in_air(time), state, 1)))
-    (flight,) = phases.airborne(signals, 0)
+    (flight,) = phases.flying(signals, 0)
     assert flight == pytest.approx((LIFTED, LANDED), abs=0.6) and phases.settled(signals, 0) == []
     # What is undefined reports nothing.
-    (flight,) = phases.airborne(Signals(reporting(time, np.where(time < 40, 0, np.where(in_air(time), 2, 1)))), 0)
+    (flight,) = phases.flying(Signals(reporting(time, np.where(time < 40, 0, np.where(in_air(time), 2, 1)))), 0)
     assert flight == pytest.approx((LIFTED, LANDED), abs=1.1)
     # Without any motors a report holds until another.
     time = np.array([1.0, 30.0, 60.0])
     signals = Signals(reporting(time, np.array([1, 2, 2]), without=("SERVO_OUTPUT_RAW",)))
-    assert phases.airborne(signals, 0) == [(30.0, inf)]
+    assert phases.in_states(signals, 0, OFF_GROUND) == [(30.0, inf)]
 
 
 def test_a_vertical_speed_that_only_sinks_has_run_away():
@@ -64,7 +65,7 @@ def test_a_vertical_speed_that_only_sinks_has_run_away():
 
 def test_a_recorded_flight_whose_reports_come_at_its_end():
     signals = Signals(read_log(shared("real/logs/ardupilot_late_landed_state.tlog")).vehicles[0])
-    (flight,) = phases.airborne(signals, 0)
+    (flight,) = phases.flying(signals, 0)
     assert flight == pytest.approx((45, 131), abs=1)  # by the reports it landed at 131.4 s
     ((start, end),) = phases.settled(signals, 0)
     assert start < 55 and end == pytest.approx(106, abs=2)

@@ -33,7 +33,7 @@ def of_mavdem(flight: Flight, order: int, monkeypatch: pytest.MonkeyPatch) -> St
     """With the same horizon as theirs."""
     module = importlib.import_module("mavdem.baselines.subspace_identification")
     monkeypatch.setattr(module, "_horizon", lambda segments, order: HORIZON)
-    return baselines.subspace(flight, order, "MOESP").model
+    return baselines.subspace(flight, order).model
 
 
 def input_answers(model: StateSpace) -> np.ndarray:

@@ -20,7 +20,7 @@ def test_forecasts_are_the_trivial_ones(method, expected):
     forecaster = method(FLIGHT[:700])
     np.testing.assert_allclose(forecaster.forecast(FLIGHT.inputs[700:]), np.tile(expected, (150, 1)), atol=1e-14)
     assert isinstance(forecaster, Forecaster)
-    assert forecaster.stable and not forecaster.cautions and not forecaster.stabilised
+    assert forecaster.stable and not forecaster.cautions
     assert forecaster.forecast(FLIGHT.inputs[:0]).shape == (0, 2)
 
 

@@ -14,7 +14,7 @@ from command_line import FLIGHT, LOGS, MAVDEM, PATIENCE, refused
 from mavdem import read_flight
 from mavdem.cli import commands as command_line
 from mavdem.cli.commands import main, mavdem
-from mavdem.cli.output_files import RESULT_FILES
+from mavdem.cli.learn import RESULT_FILES
 from mavdem.export.channels import write_channels
 
 BROKEN = {

@@ -17,7 +17,7 @@ from mavdem.alignment.read import usable_segments
 from mavdem.alignment.signals import Signals
 from mavdem.alignment.verdict import verdict_of
 from mavdem.condition import condition_of, identity_of
-from mavdem.condition.condition import LEVEL, hover_of_log, mean_interval
+from mavdem.condition.condition import LEVEL, hover_of, mean_interval
 from mavdem.condition.inventory import Tier, inventory, tier_of
 from mavdem.errors import NotLearnable
 from mavdem.ingest import Log, read_log
@@ -147,7 +147,7 @@ def leaning(motor_rate: float = 100.0) -> Telemetry:
 
 @pytest.mark.parametrize("motor_rate", [100.0, 10.0])
 def test_figures_are_those_of_the_flight_however_slowly_the_motors_come(motor_rate):
-    found = hover_of_log(log_of(leaning(motor_rate)))
+    found = hover_of(Signals(leaning(motor_rate), inputs="motors"))
     assert found.unit == "µs" and found.motors[0] == "motor 1 (front right)"
     mean = 0.75 * 1800 + 0.25 * 1995
     of_range = np.array([mean - 1000, 600, 600, 600]) / 1000
@@ -166,7 +166,7 @@ def test_figures_are_those_of_the_flight_however_slowly_the_motors_come(motor_ra
 
 def test_flights_give_the_same_figures_and_count_their_motors_once():
     log = log_of(leaning())
-    expected = hover_of_log(log)
+    expected = hover_of(Signals(log.vehicles[0], inputs="motors"))
     flights = [one for axis in ("roll", "pitch") for one in usable_segments(Signals(log.vehicles[0], axis))[0]]
     found = hover_figures(flights)
     assert found.seconds == pytest.approx(expected.seconds, abs=0.1)

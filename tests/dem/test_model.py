@@ -191,7 +191,6 @@ def random_gaussian_model(seed, n, k, m, radius=0.9):
         rng.standard_normal((n, k)),
         rng.standard_normal(n),
         rng.standard_normal((m, n)),
-        rng.standard_normal((m, k)),
         rng.standard_normal(m),
         *(0.1 * root @ root.T + 0.01 * np.eye(len(root)) for root in roots),
     )
@@ -202,7 +201,7 @@ def joint(model, start, inputs, outputs, spread=None):
 
     ``spread`` (n, n) is the covariance of the first state, one unless given.
     """
-    A, B, offset, C, D, trim, Q, R = model
+    A, B, offset, C, trim, Q, R = model
     samples, n = len(outputs), len(A)
     # States are a linear map of the first one and all noises.
     effects, means = np.zeros((samples, n, samples, n)), [start]
@@ -215,7 +214,7 @@ def joint(model, start, inputs, outputs, spread=None):
     noises = np.kron(np.eye(samples), Q)
     noises[:n, :n] = np.eye(n) if spread is None else spread
     prior, mean = effects @ noises @ effects.T, np.concatenate(means)
-    seen, targets = np.kron(np.eye(samples), C), (outputs - inputs @ D.T - trim).ravel()
+    seen, targets = np.kron(np.eye(samples), C), (outputs - trim).ravel()
     of_targets = seen @ prior @ seen.T + np.kron(np.eye(samples), R)
     gain = prior @ seen.T @ np.linalg.inv(of_targets)
     return (

@@ -227,16 +227,6 @@ def test_a_band_that_failed_is_cautioned_against(predicted):
     assert "forecasts holds 74%" in cautions(held(0.74, 0.9).of_flight("a"))[0]
 
 
-def test_the_influence_of_generalized_coordinates_is_a_table_of_its_own():
-    pair = [Method("DEM", baselines.hold), Method("DEM p=1", baselines.constant_mean)]
-    found = compare(WINDOWS, pair)
-    (table,) = [one for one in comparison_report(found) if getattr(one, "header", [""])[0].startswith("influence of")]
-    one, other = (row_of(found.summaries(flight), "DEM")["relative"] for flight in "ab")
-    overall = f"{np.sqrt(one * other):.3g}"
-    assert table.rows[0] == ["a", f"{one:.3g}", "1", f"{one:.3g}"]
-    assert table.rows[2] == ["all flights", overall, "1", overall]
-
-
 VAR = Method("joint VAR(4)", partial(baselines.var, order=4), predicts=True)
 
 

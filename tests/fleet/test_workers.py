@@ -16,7 +16,7 @@ from typing import Any
 
 import pytest
 from distributed import LocalCluster
-from standin_logs import LIMITS, READ, is_process, make_logs, statuses, table_of, track
+from standin_logs import LIMITS, READ, make_logs, seen_by, statuses, table_of, track
 
 from mavdem.errors import Unreadable
 from mavdem.fleet import cluster
@@ -149,7 +149,7 @@ def test_a_killed_worker_of_a_cluster_loses_nothing(tmp_path, two_workers):
     ("name", "value", "sentence"),
     [
         ("SCHEMA_VERSION", 99, r"has mavdem .* \(columns 1\) on Python .*, this machine .*install the same there"),
-        ("readable_here", partial(is_process, os.getpid()), "The worker .* cannot read .*log_0.bin: put the logs"),
+        ("machine", partial(seen_by, os.getpid()), "The worker .* cannot read .*log_0.bin: put the logs"),
     ],
 )
 def test_workers_that_cannot_help_are_said(tmp_path, two_workers, monkeypatch, name, value, sentence):

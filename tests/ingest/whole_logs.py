@@ -9,7 +9,6 @@ from mavdem.ingest.mavlink import clocks, definitions, framing, vehicles
 
 SMALL = (
     (framing, "BLOCK", 61),
-    (tlog, "BLOCK", 5),
     (vehicles, "BATCH", 7),
     (clocks, "BATCH", 5),
     (definitions, "BATCH", 3),

@@ -8,7 +8,6 @@ from scipy.ndimage import gaussian_filter1d
 
 import mavdem
 from mavdem.analysis.figures import model_figures
-from mavdem.dem.uncertainty import Direction
 from mavdem.evaluate import held_out_test
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.details import _poles, detail_blocks
@@ -78,15 +77,6 @@ def test_what_is_not_known_of_the_parameters_is_not_reported(learned):
     assert "±" in cells(learned)
     unknown = cells(altered(learned, scatter=None))
     assert "±" not in unknown and "nan" not in unknown
-
-
-def test_the_least_determined_combination_is_named(learned):
-    weights = np.zeros(len(learned.known))
-    weights[[9, 10]] = -0.8, 0.6  # B: roll from inputs 1 and 2
-    undetermined = tuple(Direction(weights, share, (3, 2, 2)) for share in (0.1, 0.2))
-    said = words(told(altered(learned, undetermined=undetermined)))
-    assert "2 combinations of parameters" in said
-    assert "0.8 (B: roll from input 1) - 0.6 (B: roll from input 2)" in said
 
 
 def test_poles_have_a_frequency_and_a_damping_ratio_or_a_time_constant():
