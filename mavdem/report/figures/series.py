@@ -378,6 +378,6 @@ def live_flight(history: LiveHistory, name: str) -> Figure:
         if np.isfinite(lines.torque).any():
             not_blown_up(below, torque.scale * lines.torque)
         above.set(ylabel=f"{name} ({angle.name})")
-        below.set(xlabel="time since the beginning (s)", ylabel=f"wind torque ({torque.name})")
+        below.set(xlabel="boot clock (s)", ylabel=f"wind torque ({torque.name})")
         legend_above(above)
     return figure
