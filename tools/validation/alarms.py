@@ -131,7 +131,7 @@ def watched(kind: str, number: int, folder: Path, rate: float) -> Watched:
     assert layout is not None
     watch = MotorWatch(layout.names, layout.motors, layout.positions, layout.spins)
     for at in np.flatnonzero(settled):
-        watch.take(float(time[at]), motors[at].astype(np.float64), True)
+        watch.take(float(time[at]), motors[at].astype(np.float64))
     hours = float(settled.sum() / rate / 3600)
     return Watched(kind, number, hours, breaks, motor, tuple(watch.alarms))
 
