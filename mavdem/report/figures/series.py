@@ -197,7 +197,7 @@ class Plots(SystemPlots):
             physical = None  # what drives the model is no motor but the demand, which has no row here
         names = labels.input_names if hover is None else hover.motors
         rows = np.arange(len(names))
-        shown = [name.removeprefix("motor ").replace(" (", " ").rstrip(")") for name in names]  # such as "1 front right"
+        shown = [name.removeprefix("motor ").replace(" (", " ").rstrip(")") for name in names]  # "1 front right"
         room = Room(left=0.12 + LETTER * max(map(len, shown)))
         with picture(AROUND + ROW * len(names), room) as figure:
             panels = np.atleast_1d(figure.subplots(1, (physical is not None) + 2 * (hover is not None), sharey=True))

@@ -107,7 +107,8 @@ class Room(NamedTuple):
         width, height = figure.get_size_inches()
         below = figure.get_supxlabel()
         bottom = self.bottom + (LINE * (1 + below.count("\n")) if below else 0.0)
-        rows, columns = figure.axes[0].get_subplotspec().get_gridspec().get_geometry()
+        grid = figure.axes[0].get_gridspec()
+        rows, columns = (1, 1) if grid is None else grid.get_geometry()
         inside = height - bottom - self.top, width - self.left - self.right
         between = zip((self.rows, self.columns), (rows, columns), inside, strict=True)
         hspace, wspace = (gap * count / (size - gap * (count - 1)) for gap, count, size in between)
