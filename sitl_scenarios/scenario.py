@@ -89,7 +89,7 @@ Angle = Annotated[float, Field(gt=0, le=30)]  # Degrees of roll or pitch, degree
 Frequency = Annotated[float, Field(gt=0, le=200)]  # Hz: half of the greatest rate of a stream
 Speed = Annotated[float, Field(ge=0, le=60)]  # Of wind, m/s: no hurricane's mean is greater
 
-Direction = Annotated[float, Field(ge=-360, le=360)]
+Direction = Annotated[float, Field(ge=-360, le=360, description="It comes from, degrees clockwise from north.")]
 
 
 def towards(direction: float) -> NDArray[np.float64]:
@@ -143,7 +143,6 @@ class SteadyWind(Section):
     speed: Speed
     """Of the wind, m/s."""
     direction: Direction = 90.0
-    """It comes from, degrees clockwise from north."""
 
 
 class GaussianWind(Section):
@@ -157,30 +156,17 @@ class GaussianWind(Section):
 
 
 class TurbulentWind(Section):
-    """Turbulence at low altitude about a mean wind (MIL-F-8785C).
+    """Turbulence of the Dryden or the von Kármán spectra at low altitude (MIL-F-8785C) about a mean wind.
 
     The military grades of ``wind_at_20_feet`` are 7.7, 15.4 and 23.2 (15, 30 and 45 kt: light, moderate and severe).
     """
 
-    kind: str
+    kind: Literal["dryden", "von_karman"]
     speed: Speed
     """Of the mean wind, m/s, which counts as wind too."""
     direction: Direction = 90.0
-    """The mean wind comes from, degrees clockwise from north."""
     wind_at_20_feet: Speed = 7.7
     """What the intensity follows from, m/s: 7.7 is light, 15.4 moderate, 23.2 severe."""
-
-
-class DrydenWind(TurbulentWind):
-    """Turbulence of the Dryden spectra at low altitude (MIL-F-8785C) about a mean wind."""
-
-    kind: Literal["dryden"]
-
-
-class VonKarmanWind(TurbulentWind):
-    """Turbulence of the von Kármán spectra; keys as of ``DrydenWind``."""
-
-    kind: Literal["von_karman"]
 
 
 class Gust(Section):
@@ -192,7 +178,6 @@ class Gust(Section):
     speed: Speed
     """Its greatest, m/s."""
     direction: Direction = 90.0
-    """It comes from, degrees clockwise from north."""
     rise: Annotated[float, Field(ge=1e-3, le=MAX_SECONDS)] = 1.0
     """Seconds from its beginning to its greatest, where it stays."""
     hold: Annotated[NotNegative | None, _OrInf] = 0.0
@@ -206,7 +191,6 @@ class Jet(Section):
     speed: Speed
     """On the axis where it leaves the blower, m/s."""
     direction: Direction = 90.0
-    """It comes from, degrees clockwise from north."""
     distance: Annotated[float, Field(ge=0.01, le=100)] = 2.0
     """From the blower to where the vehicle hovers, m."""
     diameter: Annotated[float, Field(ge=0.01, le=10)] = 0.5
@@ -219,7 +203,7 @@ class Jet(Section):
     """Of the jet's axis to the right of where the vehicle hovers, seen along the jet, m."""
 
 
-Wind = Annotated[SteadyWind | GaussianWind | DrydenWind | VonKarmanWind | Gust | Jet, Field(discriminator="kind")]
+Wind = Annotated[SteadyWind | GaussianWind | TurbulentWind | Gust | Jet, Field(discriminator="kind")]
 
 
 Axis = Literal["roll", "pitch", "yaw"]

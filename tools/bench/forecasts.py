@@ -111,7 +111,6 @@ def column(rows: Sequence[dict[str, Any]], name: str) -> Any:
 
 
 def print_summaries(by_flight: Sequence[list[dict[str, Any]]]) -> None:
-    """By rate and half, and of all windows."""
     print("\n| Hz | half | flights | windows | geometric mean of medians | worse than the constant mean | worst |")
     print("|---|---|---|---|---|---|---|")
     rates = sorted({rows[0]["rate"] for rows in by_flight})

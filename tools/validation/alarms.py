@@ -36,7 +36,6 @@ SETTLES = 5.0  # s in the air before a flight counts as settled, as ``alignment.
 
 
 def scenario(kind: str, number: int) -> Scenario:
-    """The scenario of a flight."""
     draw = np.random.default_rng([list(KINDS).index(kind), number])
 
     def some(low: float, high: float, digits: int | None = 1) -> float:
@@ -111,8 +110,6 @@ def flown(kind: str, number: int, folder: Path) -> Path:
 
 
 class Watched(NamedTuple):
-    """What a watch said in one flight."""
-
     kind: str
     number: int
     hours: float  # settled
