@@ -329,18 +329,16 @@ class LossyLink:
 
     def _swapped(self, batch: Batch, waits: list[int]) -> Batch:
         """The batch with each frame that waits behind the next; the last, if it waits, is held."""
+        if not waits:
+            return batch
         order = np.arange(len(batch))
-        free = 0
         for row in waits:
-            if row < free:
-                continue  # it has itself just overtaken another
-            if row + 1 == len(batch):
-                last = order[-1:]
-                self._held = batch.taken(last, batch.time[last])
-                return batch.taken(order[:-1], batch.time[:-1])
-            order[row], order[row + 1] = row + 1, row
-            free = row + 2
-        return batch.taken(order, batch.time) if free else batch
+            if order[row] == row < len(batch) - 1:  # else it has itself just overtaken another
+                order[row], order[row + 1] = row + 1, row
+        held = [order[-1]] * (waits[-1] == order[-1] == len(batch) - 1)
+        if held:
+            self._held = batch.taken(order[-1:], batch.time[-1:])
+        return batch.taken(order[: len(order) - len(held)], batch.time[: len(order) - len(held)])
 
 
 EPOCH = 1_767_225_600

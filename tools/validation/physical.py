@@ -45,10 +45,10 @@ MOMENTS = {"iris": 0.05, "ardrone2": 0.006, "crazyflie": 2e-5}  # N m, standard 
 WINDS = ("calm", "light", "Dryden, light", "Dryden, moderate", "jet", "gusts", "slow")
 STEERING: dict[str, dict[str, Any] | None] = {
     "none": None,
-    "multisine": {"kind": "multisine", "sd": 3.0, "lowest": 0.2, "highest": 4.0, "period": 10.0},
-    "doublets": {"kind": "doublets", "amplitude": 6.0, "width": 0.4, "period": 3.0},
-    "side steps": {"kind": "steps", "distance": 2.0, "period": 5.0},
-    "sticks": {"kind": "sticks"},
+    "multisine, 3°": {"kind": "multisine", "sd": 3.0, "lowest": 0.2, "highest": 4.0, "period": 10.0},
+    "doublets, 6°": {"kind": "doublets", "amplitude": 6.0, "width": 0.4, "period": 3.0},
+    "side steps, 2 m": {"kind": "steps", "distance": 2.0, "period": 5.0},
+    "pilot's sticks, 4°": {"kind": "sticks"},
 }
 RATES = (50.0, 100.0, 200.0)  # Hz
 AUTOPILOTS = ("px4", "ardupilot")
@@ -189,17 +189,15 @@ def estimates(bank: Sequence[Case]) -> Iterator[Estimate]:
             yield Estimate(case, window, found, truth_of(motion, of, part))
 
 
+def of(name: str, value: object) -> Callable[[Case], bool]:
+    return lambda case: getattr(case, name) == value
+
+
 GROUPS: dict[str, Callable[[Case], bool]] = {
-    "none": lambda case: case.steering == "none",
-    "multisine, 3°": lambda case: case.steering == "multisine",
-    "multisine, 3°, 100 Hz or more": lambda case: case.steering == "multisine" and case.rate >= 100,
-    "doublets, 6°": lambda case: case.steering == "doublets",
-    "side steps, 2 m": lambda case: case.steering == "side steps",
-    "pilot's sticks, 4°": lambda case: case.steering == "sticks",
+    **{name: of("steering", name) for name in STEERING},
+    "multisine, 3°, 100 Hz or more": lambda case: case.steering.startswith("multisine") and case.rate >= 100,
     "all": lambda case: True,
-    "all, 50 Hz": lambda case: case.rate == 50,
-    "all, 100 Hz": lambda case: case.rate == 100,
-    "all, 200 Hz": lambda case: case.rate == 200,
+    **{f"all, {rate:.0f} Hz": of("rate", rate) for rate in RATES},
     "all, thrust curve, lag, inertia and battery varied": lambda case: bool(case.varied),
 }
 
@@ -267,7 +265,7 @@ AXES = {"roll": ("gyro.x", [-1.0, -1.0, 1.0, 1.0]), "pitch": ("gyro.y", [-1.0, 1
 EXPECTED = "318–403"  # rad/s² of roll per unit of one motor's command, by published thrust curves and inertia
 
 
-def usdlog(path: Path) -> Array:
+def usdlog(path: Path) -> NDArray[Any]:
     """Rows of a Crazyflie's log, version 2, of one kind of event; ``time`` in µs, other columns as logged."""
     content = path.read_bytes()
     variables = list(re.finditer(rb"([\w.]+)\((\w)\)\0", content[:1000]))
