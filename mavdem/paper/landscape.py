@@ -85,7 +85,7 @@ def run(runner: Runner) -> Result:
             ),
         ),
         numbers={"peak": peaks, "curvature_along_A": sharpness, "ends_over_posterior_sd": scatter},
-        tables=tables(beliefs, peaks, paths),
+        tables=tables(beliefs, peaks),
         pictures=(
             Picture(
                 "The manifold",
@@ -126,18 +126,12 @@ def ends(paths: list[list[Belief]]) -> tuple[Array, Array]:
     return np.array([beliefs[-1].theta[:2] for beliefs in paths]), np.sqrt(np.diag(paths[0][-1].theta_covariance)[:2])
 
 
-def tables(beliefs: list[Belief], peaks: list[float], paths: dict[str, list[list[Belief]]]) -> tuple[Block, ...]:
-    """Returns estimates by iteration, and where the ascents from the circle and those of the cross-sections end."""
+def tables(beliefs: list[Belief], peaks: list[float]) -> tuple[Block, ...]:
+    """Returns estimates by iteration, and where the ascents of the cross-sections end."""
     by_iteration = [
         [str(number), *(f"{value:.2f}" for value in belief.theta[:2]), f"{height:,.0f}", f"{curvature(belief):,.0f}"]
         for number, belief, height in zip(DRAWN, beliefs, peaks, strict=True)
     ]
-    from_circle = []
-    for name, beliefs_of in paths.items():
-        reached, sd = ends(beliefs_of)
-        mean = (f"{value:.3f}" for value in reached.mean(axis=0))
-        spreads = (f"{a:.1e}, {b:.1e}" for a, b in (reached.std(axis=0), sd))
-        from_circle.append([f"{name} settings", *mean, *spreads])
     sections = []
     for name, (settings, world) in SECTIONS.items():
         end = plain_rounds(settings.model(), settings.samples(world, seed=0), SECTION_ITERATIONS)[-1]
@@ -147,8 +141,6 @@ def tables(beliefs: list[Belief], peaks: list[float], paths: dict[str, list[list
     return (
         Sentence("", "The estimate and F̄ᵒ there, by iteration."),
         Table(["iteration", "A", "B", "F̄ᵒ, nats", "curvature along A"], by_iteration),
-        Sentence("", "Where the ascents from fifty priors end, and how far apart."),
-        Table(["settings", "A", "B", "sd of the ends", "posterior sd"], from_circle),
         Sentence("", "Where the ascents from η = (−8, 8) end."),
         Table(["settings", "A ± sd", "B ± sd", "truth in the 95 % region"], sections),
     )

@@ -335,10 +335,9 @@ class LossyLink:
         for row in waits:
             if order[row] == row < len(batch) - 1:  # else it has itself just overtaken another
                 order[row], order[row + 1] = row + 1, row
-        held = [order[-1]] * (waits[-1] == order[-1] == len(batch) - 1)
-        if held:
-            self._held = batch.taken(order[-1:], batch.time[-1:])
-        return batch.taken(order[: len(order) - len(held)], batch.time[: len(order) - len(held)])
+        if waits[-1] == order[-1] == len(batch) - 1:
+            self._held, order = batch.taken(order[-1:], batch.time[-1:]), order[:-1]
+        return batch.taken(order, batch.time[: len(order)])
 
 
 EPOCH = 1_767_225_600

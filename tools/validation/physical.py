@@ -6,7 +6,7 @@
 The simulated flights are of each vehicle in each wind with each steering; rate and autopilot take turns, and three
 flights in ten have another thrust curve, lag, inertia and battery.
 
-Usage: tools/validation/physical.py simulated|crazyflie [--seed N] [--flights N] [--every K]
+Usage: tools/validation/physical.py simulated|crazyflie [--seed N] [--every K]
 """
 
 from __future__ import annotations
@@ -66,10 +66,10 @@ class Case(NamedTuple):
     seed: int
 
 
-def cases(seed: int, repeats: int, every: int = 1) -> list[Case]:
-    """Every vehicle in every wind with every steering, ``repeats`` times, or one of ``every`` so many drawn by seed."""
+def cases(seed: int, every: int = 1) -> list[Case]:
+    """Every vehicle in every wind with every steering, or one of ``every`` so many drawn by seed."""
     rng = np.random.default_rng(seed)
-    places = list(product(SPEEDS, WINDS)) * repeats
+    places = list(product(SPEEDS, WINDS))
     kept = len(places) // every
     # Steering, and rates with autopilots, take turns: a part of the bank has as many of each.
     drawn = [[places[number] for number in rng.permutation(len(places))[:kept]] for _ in STEERING]
@@ -229,9 +229,9 @@ def by_steering(name: str, every: Sequence[Estimate]) -> list[list[str]]:
     return rows
 
 
-def simulated(seed: int, flights: int, every: int) -> None:
+def simulated(seed: int, every: int) -> None:
     """Share that is reported, and how often intervals hold the truth, by steering."""
-    found = list(estimates(cases(seed, flights, every)))
+    found = list(estimates(cases(seed, every)))
     click.echo(f"{len({each.case.seed for each in found})} flights, seed {seed}.\n")
     heads = ["steering", "of", "number", *STATUSES]
     for name in PARAMETERS:
@@ -297,10 +297,9 @@ def crazyflie() -> None:
 @click.command(help=__doc__)
 @click.argument("which", type=click.Choice(["simulated", "crazyflie"]))
 @click.option("--seed", default=0, show_default=True, help="Of the simulated flights.")
-@click.option("--flights", default=1, show_default=True, help="Simulated, of each vehicle, wind and steering.")
 @click.option("--every", default=1, show_default=True, help="One of so many of these, drawn by seed.")
-def main(which: str, seed: int, flights: int, every: int) -> None:
-    {"simulated": lambda: simulated(seed, flights, every), "crazyflie": crazyflie}[which]()
+def main(which: str, seed: int, every: int) -> None:
+    {"simulated": lambda: simulated(seed, every), "crazyflie": crazyflie}[which]()
 
 
 if __name__ == "__main__":
