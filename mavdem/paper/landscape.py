@@ -194,33 +194,25 @@ def circle(model: GenerativeModel, samples: SufficientStatistics, paths: dict[st
 
 
 def cross_sections() -> Figure:
-    """Draws curves of F̄ᵒ along A and along B for each case of ``SECTIONS``, by iteration."""
+    """Draws F̄ᵒ along A and along B for each case of ``SECTIONS`` at several iterations, with a dot at each estimate."""
+    grids = np.linspace(-10, 1, 221), np.linspace(-1, 10, 221)
     with picture(1.8 * len(SECTIONS)) as figure:
         rows = figure.subplots(len(SECTIONS), 2)
         for (name, (settings, world)), row in zip(SECTIONS.items(), rows, strict=True):
             model, samples = settings.model(), settings.samples(world, seed=0)
-            beliefs = plain_rounds(model, samples, SECTION_ITERATIONS)
-            for parameter, axes in enumerate(row):
-                _cross_section(axes, model, samples, beliefs, parameter)
+            rounds = plain_rounds(model, samples, SECTION_ITERATIONS)
+            beliefs = {iteration: rounds[iteration] for iteration in (0, 1, 2, 3, 5, SECTION_ITERATIONS)}
+            heights = [peak(model, samples, belief) / 1e3 for belief in beliefs.values()]
+            low, high = min(heights), max(heights)
+            for parameter, (axes, grid) in enumerate(zip(row, grids, strict=True)):
+                for number, (iteration, belief) in enumerate(beliefs.items()):
+                    a, b = belief.theta[:2]
+                    along = [(value, b) if parameter == 0 else (a, value) for value in grid]
+                    curve = [value_at(model, samples, belief, *at) / 1e3 for at in along]
+                    axes.plot(grid, curve, color=distinct(number), label=f"{iteration}")
+                    axes.plot(belief.theta[parameter], heights[number], "o", markersize=3, color=distinct(number))
+                axes.axvline((A, B)[parameter], color=TRUTH, linestyle="--", linewidth=1)
+                axes.set_ylim(2 * low - high, high + 0.15 * (high - low))
                 axes.set_title(f"{name}, along {'AB'[parameter]}")
         rows[0, 0].legend(title="iteration", fontsize=7)
         return figure
-
-
-def _cross_section(
-    axes: Axes, model: GenerativeModel, samples: SufficientStatistics, beliefs: list[Belief], parameter: int
-) -> None:
-    """Draws F̄ᵒ along A (``parameter`` 0) or B (1) at several iterations, with a dot at the estimate of each."""
-    grid = np.linspace(-10, 1, 221) if parameter == 0 else np.linspace(-1, 10, 221)
-    heights = []
-    for number, iteration in enumerate((0, 1, 2, 3, 5, SECTION_ITERATIONS)):
-        belief = beliefs[iteration]
-        a, b = belief.theta[:2]
-        along = [(value, b) if parameter == 0 else (a, value) for value in grid]
-        curve = [value_at(model, samples, belief, *at) / 1e3 for at in along]
-        heights.append(peak(model, samples, belief) / 1e3)
-        axes.plot(grid, curve, color=distinct(number), label=f"{iteration}")
-        axes.plot(belief.theta[parameter], heights[-1], "o", markersize=3, color=distinct(number))
-    axes.axvline((A, B)[parameter], color=TRUTH, linestyle="--", linewidth=1)
-    low, high = min(heights), max(heights)
-    axes.set_ylim(2 * low - high, high + 0.15 * (high - low))

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 from scipy.signal import correlate
 from scipy.stats import chi2, jarque_bera, norm
 
-from mavdem.dem import Learned, learn
+from mavdem.dem import learn
 from mavdem.dem.engine.linalg import Array
 from mavdem.evaluate.windows import Window
 from mavdem.paper import figures
@@ -95,8 +95,16 @@ def run(runner: Runner) -> Result:
 
 
 def noise_of_model(window: Window) -> Noise:
-    """Returns w^φ̇ = (C(x′ − Ax − Bv))^φ̇ under DEM with the paper's settings, in the training data, rad/s²."""
-    return process_noise(learn(window.train, PAPER))[ROLL_RATE]
+    """Returns w^φ̇ = (C(x′ − Ax − Bv))^φ̇, rad/s², under DEM with the paper's settings, as the D step estimates it.
+
+    It is that of the longest part of the training data without gaps.
+    """
+    learned = learn(window.train, PAPER)
+    samples, noise = learned.process_noise()
+    runs = np.split(np.arange(len(samples)), np.flatnonzero(np.diff(samples) > 1) + 1)
+    overlap = learned.settings.window
+    assert overlap is not None
+    return analyse_noise(noise[max(runs, key=len)] @ learned.model.C[ROLL_RATE], learned.dt, overlap)
 
 
 def noise_of_known_model(window: Window) -> Noise:
@@ -178,20 +186,6 @@ class Noise(NamedTuple):
         """Returns plain JSON values by name."""
         tests = ("normality", "normality_if_white", "whiteness")
         return self._asdict() | {name: getattr(self, name)._asdict() for name in tests}
-
-
-def process_noise(learned: Learned) -> dict[int, Noise]:
-    """Returns the statistics of a model's process noise, as it drives each output, by the output's number.
-
-    That is C w, w = x′ − A x − B v as the D step estimates it, in units of the outputs per second, over the longest
-    part of the training data without gaps.
-    """
-    samples, noise = learned.process_noise()
-    runs = np.split(np.arange(len(samples)), np.flatnonzero(np.diff(samples) > 1) + 1)
-    driving = noise[max(runs, key=len)] @ learned.model.C.T
-    window = learned.settings.window
-    assert window is not None
-    return {output: analyse_noise(driving[:, output], learned.dt, overlap=window) for output in range(driving.shape[1])}
 
 
 def analyse_noise(values: ArrayLike, dt: float, overlap: int = 1) -> Noise:

@@ -15,6 +15,7 @@ from timeit import repeat
 
 import click
 import numpy as np
+from scipy.signal import lfilter
 from threadpoolctl import threadpool_limits
 
 import mavdem
@@ -33,12 +34,9 @@ def flight(samples: int, inputs: int = 4) -> mavdem.Flight:
     rng = np.random.default_rng(0)
     motors = rng.standard_normal((samples, inputs)).cumsum(axis=0)
     motors -= np.linspace(0, 1, samples)[:, None] * motors[-1]
-    states = np.zeros((samples, 2))
     push = motors @ np.resize([1.0, -1.0, -1.0, 1.0], inputs) * 0.01 + rng.standard_normal(samples)
-    for t in range(1, samples):
-        roll, rate = states[t - 1]
-        states[t] = roll + DT * rate, rate + DT * (push[t] - 9 * roll - 5 * rate)
-    return mavdem.Flight(DT * np.arange(samples), motors, states)
+    roll = lfilter([DT**2], [1, 5 * DT - 2, 1 - 5 * DT + 9 * DT**2], push)
+    return mavdem.Flight(DT * np.arange(samples), motors, np.column_stack([roll, np.gradient(roll, DT)]))
 
 
 def time_of(function: Callable[[], object]) -> float:

@@ -30,6 +30,7 @@ import zlib
 from abc import ABC, abstractmethod
 from math import cos, sin
 from pathlib import Path
+from typing import Any
 
 import click
 import numpy as np
@@ -93,7 +94,6 @@ class Format(ABC):
         return {f"seed_{number}": content for number, content in enumerate(made)}
 
     def check(self, data: bytes) -> None:
-        """Reads the file of an input and asserts what must hold of any."""
         mode, printed = data[0] % self.modes if data else 0, io.StringIO()
         content = self.header + (data[1:] if mode == 0 else self.file(mode, data[1:].split(BETWEEN)))
         with tempfile.NamedTemporaryFile(suffix=self.suffix, dir=MEMORY if MEMORY.exists() else None) as file:
@@ -113,7 +113,6 @@ class Format(ABC):
 
 
 def times(piece: bytes) -> list[float]:
-    """Returns the stamps (s) of a whole flight, from its piece."""
     first, step, count = struct.unpack_from("<IIB", piece[1:].ljust(9, b"\0"))
     return [0.001 + first / 1e4 + row * step / 1e6 for row in range(count)]
 
@@ -179,9 +178,9 @@ NOW = 1_700_000_000_000_000_000
 
 
 def written(record: records.McapRecord) -> bytes:
-    builder = RecordBuilder()
+    builder: Any = RecordBuilder()
     record.write(builder)
-    return builder.end()
+    return bytes(builder.end())
 
 
 class Mcap(Format):
