@@ -1,7 +1,5 @@
 """Made-up logs, whose names say what becomes of their reader, and a fleet of them. Workers import this by its name."""
 
-from __future__ import annotations
-
 import ctypes
 import os
 import tempfile
@@ -87,6 +85,6 @@ def statuses(out: Path) -> dict[str, str]:
     return {Path(row.file).name: row.status for row in read_rows(out) if row.status != "ok"}
 
 
-def is_process(process: int, path: str) -> bool:
-    """Whether this is the process with that number, whatever the path."""
-    return os.getpid() == process
+def seen_by(pid: int, path: str) -> tuple[str, bool]:
+    """As of ``cluster.machine``: a log that this process alone has."""
+    return "the same", os.getpid() == pid

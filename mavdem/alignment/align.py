@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -46,34 +46,30 @@ def settled_segments(signals: Signals) -> tuple[Segment, ...]:
     ground stations change the rates in flight. Only where that leaves no segment at all is any rate allowed, and steps
     of three intervals; the verdict then decides.
     """
-    attitude, drive = signals.attitude, signals.drive
-    if attitude is None or drive is None:
-        return ()
     found: list[Segment] = []
     for unbroken_runs in (_fast, _at_any_rate):
-        for boot in np.intersect1d(attitude.boot, drive.boot):
-            runs = [unbroken_runs(stream.time[stream.boot == boot]) for stream in (attitude, drive)]
-            for start, end in both(both(*runs), phases.settled(signals, boot)):
-                segment = Segment(int(boot), start, end)
-                if segment.duration >= 1.0 and is_sampled(attitude, drive, segment):
-                    found.append(segment)
-        if found:
-            break
+        sampled = _sampled(signals, unbroken_runs, lambda boot: phases.settled(signals, boot))
+        found = found or [segment for segment in sampled if segment.duration >= 1.0]
     return tuple(sorted(found, key=lambda segment: -segment.duration))
 
 
 def longest_recorded(signals: Signals) -> Segment | None:
     """Returns the longest part, flown or not, with attitude and inputs without gaps, at any rate; None without any."""
-    attitude, drive = signals.attitude, signals.drive
-    if attitude is None or drive is None:
-        return None
-    sampled = (
-        segment
-        for boot in np.intersect1d(attitude.boot, drive.boot)
-        for span in both(*(_at_any_rate(stream.time[stream.boot == boot]) for stream in (attitude, drive)))
-        if is_sampled(attitude, drive, segment := Segment(int(boot), *span))
-    )
+    sampled = _sampled(signals, _at_any_rate, lambda _: [(-np.inf, np.inf)])
     return max(sampled, key=lambda segment: segment.duration, default=None)
+
+
+def _sampled(
+    signals: Signals, unbroken_runs: Callable[[NDArray[np.float64]], Intervals], wanted: Callable[[int], Intervals]
+) -> Iterator[Segment]:
+    """Where both streams are unbroken, in the ``wanted`` intervals of each boot."""
+    attitude, drive = signals.attitude, signals.drive
+    if attitude is not None and drive is not None:
+        for boot in np.intersect1d(attitude.boot, drive.boot):
+            runs = (unbroken_runs(stream.time[stream.boot == boot]) for stream in (attitude, drive))
+            for span in both(both(*runs), wanted(int(boot))):
+                if is_sampled(attitude, drive, segment := Segment(int(boot), *span)):
+                    yield segment
 
 
 def within(stream: Attitude | Motors | Signal, *segments: Segment, slack: float = STAMP_SECONDS) -> NDArray[np.bool_]:
@@ -94,15 +90,11 @@ def is_sampled(attitude: Attitude, motors: Motors, segment: Segment) -> bool:
 def _fast(time: NDArray[np.float64]) -> Intervals:
     """Where the stamps (N,) of one boot come at ``MINIMUM_RATE`` or faster and without gaps."""
     steps = np.diff(time)
-    return unbroken(time, _usually_slow(steps) | (steps > MAX_GAP_SECONDS)) if len(time) > 1 else []
+    return unbroken(time, usually_slow(steps) | (steps > MAX_GAP_SECONDS)) if len(time) > 1 else []
 
 
-def slow_runs(time: NDArray[np.float64]) -> Intervals:
-    """Returns where the stamps (N,) of one boot usually come slower than ``MINIMUM_RATE``; outages are not slow."""
-    return unbroken(time, ~_usually_slow(np.diff(time))) if len(time) > 1 else []
-
-
-def _usually_slow(steps: NDArray[np.float64]) -> NDArray[np.bool_]:
+def usually_slow(steps: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Returns which steps (N,) between the stamps of one boot are usually too long for ``MINIMUM_RATE``."""
     return np.asarray(median_filter(steps, size=MEDIAN_STEPS, mode="mirror") > STEP_TOLERANCE / MINIMUM_RATE)
 
 
@@ -258,15 +250,13 @@ def _low_passed(
 
     Flat where the dynamics are, and without phase. At the cut-off half the amplitude is left, at twice that 1/257.
     """
-    from scipy.signal import sosfiltfilt  # it takes half a second to import, and few flights need it
-
     even = np.linspace(time[0], time[-1], len(time))
     table = np.column_stack([np.interp(even, time, column) for column in values.T])
     rate = mean_rate(time)
     # A slower filter's numbers are lost in rounding; whatever is sampled on so coarse a grid is refused for its rate.
     cutoff = max(cutoff, 1e-4 * rate)
     settling = round(3 * rate / cutoff)
-    return even, sosfiltfilt(_butterworth(rate, cutoff), table, axis=0, padlen=min(settling, len(table) - 1))
+    return even, _filtered(table, rate, cutoff, min(settling, len(table) - 1))
 
 
 def impulse_response(rate: float, dt: float) -> NDArray[np.float64]:
@@ -274,16 +264,14 @@ def impulse_response(rate: float, dt: float) -> NDArray[np.float64]:
 
     It reaches ``FILTER_EDGE_STEPS`` steps ``dt`` either way; what is cut off beyond is less than a hundredth of it.
     """
-    from scipy.signal import sosfiltfilt
-
     reach = round(FILTER_EDGE_STEPS * dt * rate)
     sample = np.zeros(8 * reach + 1)
     sample[4 * reach] = 1.0
-    response = sosfiltfilt(_butterworth(rate, CUTOFF_RATIO / dt), sample, padlen=0)[3 * reach : 5 * reach + 1]
+    response = _filtered(sample, rate, CUTOFF_RATIO / dt, 0)[3 * reach : 5 * reach + 1]
     return np.asarray(response / response.sum())
 
 
-def _butterworth(rate: float, cutoff: float) -> NDArray[np.float64]:
-    from scipy.signal import butter
+def _filtered(values: NDArray[np.float64], rate: float, cutoff: float, padding: int) -> NDArray[np.float64]:
+    from scipy.signal import butter, sosfiltfilt  # it takes half a second to import, and few flights need it
 
-    return np.asarray(butter(4, cutoff, fs=rate, output="sos"))
+    return np.asarray(sosfiltfilt(butter(4, cutoff, fs=rate, output="sos"), values, axis=0, padlen=padding))

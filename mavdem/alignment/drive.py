@@ -63,15 +63,14 @@ def message_counts(telemetry: Telemetry, names: tuple[str, ...]) -> dict[str, in
 
 def preferred_message(counts: Mapping[str, int]) -> str | None:
     """Returns the first of ``counts``, the preferred first, that came about as often as the most frequent."""
-    most = max(counts.values(), default=0)
-    return next((name for name, count in counts.items() if count and count >= FREQUENT_ENOUGH * most), None)
+    return next(by_preference(counts), None)
 
 
 def by_preference(counts: Mapping[str, int]) -> Iterator[str]:
     """Yields the :func:`preferred_message` of ``counts``, then that of the others, and so on."""
-    left = dict(counts)
-    while (name := preferred_message(left)) is not None:
-        yield name
+    left = {name: count for name, count in counts.items() if count}
+    while left:
+        yield (name := next(name for name in left if left[name] >= FREQUENT_ENOUGH * max(left.values())))
         del left[name]
 
 
@@ -103,12 +102,6 @@ class Motors:
     scale: OutputScale  # unit, range and resolution
     sent: int  # messages in the stream
     left_out: int  # those not used: not finite, or with the stamp of another. Exact copies do not count.
-
-
-def motors(telemetry: Telemetry) -> Motors | None:
-    """Returns the motor outputs; None where there are none."""
-    found = motors_or_obstacle(telemetry)
-    return None if isinstance(found, tuple) else found
 
 
 def motors_or_obstacle(telemetry: Telemetry) -> Motors | Obstacle:
@@ -160,7 +153,7 @@ def _motors_in(telemetry: Telemetry, message: str) -> Motors | Obstacle:
 
 def demand(telemetry: Telemetry, axis: str) -> Motors | None:
     """Returns the controller's command for the axis, −1 to 1; None when it never moved."""
-    signal = _control(telemetry, AXES.index(axis))
+    signal = control(telemetry, AXES.index(axis))
     if signal is None or not _moves(signal.values):
         return None
     scale = OutputScale("demand", "", -1.0, 1.0, float(np.diff(np.unique(signal.values)).min()))
@@ -168,13 +161,8 @@ def demand(telemetry: Telemetry, axis: str) -> Motors | None:
     return Motors(DEMAND_MESSAGE, signal.time, signal.boot, outputs, demand_geometry(axis), scale, *counts)
 
 
-def thrust_demand(telemetry: Telemetry) -> Signal | None:
-    """Returns the controller's thrust command, 0 to 1; None when it was not recorded."""
-    signal = _control(telemetry, THRUST_COLUMN)
-    return signal if signal is not None and len(signal.time) else None
-
-
-def _control(telemetry: Telemetry, column: int) -> Signal | None:
+def control(telemetry: Telemetry, column: int) -> Signal | None:
+    """Returns the controller's command for roll, pitch, yaw, -1 to 1, or thrust, 0 to 1, by its number, from 0."""
     columns = telemetry.messages.get(DEMAND_MESSAGE)
     if columns is None:
         return None

@@ -108,7 +108,7 @@ def settled(signals: Signals, boot: int) -> Intervals:
 
 def flying(signals: Signals, boot: int) -> Intervals:
     """Returns the intervals of ``boot`` when armed and off the ground."""
-    return both(armed(signals, boot), airborne(signals, boot))
+    return both(armed(signals, boot), in_states(signals, boot, OFF_GROUND))
 
 
 def armed(signals: Signals, boot: int) -> Intervals:
@@ -117,27 +117,22 @@ def armed(signals: Signals, boot: int) -> Intervals:
     return [(-inf, inf)] if state is None else where(state.time, state.values > 0)
 
 
-def airborne(signals: Signals, boot: int) -> Intervals:
-    """Returns when the vehicle was off the ground: by EXTENDED_SYS_STATE while it comes, else by the motors' thrust."""
-    return in_states(signals, boot, OFF_GROUND)
-
-
 def highest_collective(signals: Signals) -> float:
     """Returns the highest share of their range at which the motors worked together while armed, averaged."""
     highest, collective = 0.0, signals.collective
     for boot in np.unique(collective.boot) if collective is not None else ():
-        here = _of_boot(collective, boot)
-        assert here is not None
-        mean = average(here)
-        for start, end in armed(signals, boot):
-            highest = max(highest, float(mean[(here.time >= start) & (here.time <= end)].max(initial=0.0)))
+        if (here := _of_boot(collective, boot)) is not None:
+            for start, end in armed(signals, boot):
+                within = (here.time >= start) & (here.time <= end)
+                highest = max(highest, float(average(here)[within].max(initial=0.0)))
     return highest
 
 
 def in_states(signals: Signals, boot: int, states: tuple[int, ...]) -> Intervals:
     """Intervals of ``boot`` in one of MAV_LANDED_STATE's ``states``, in the air where only the thrust shows it.
 
-    A report counts for the time up to the next, not for what came before all reports, nor across a long gap.
+    The states are those of EXTENDED_SYS_STATE while it comes. A report counts for the time up to the next, not for what
+    came before all reports, nor across a long gap.
     """
     reported, collective = _of_boot(signals.landed_state, boot), _of_boot(signals.collective, boot)
     carried: Intervals = []

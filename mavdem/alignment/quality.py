@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.alignment import phases
-from mavdem.alignment.align import Segment, mean_rate, sample, slow_runs, within
+from mavdem.alignment.align import Segment, mean_rate, sample, usually_slow, within
 from mavdem.alignment.drive import Motors
-from mavdem.alignment.phases import Intervals, both, total
+from mavdem.alignment.phases import Intervals, both, total, unbroken
 from mavdem.alignment.signals import Attitude, Signals, usual_rate
 from mavdem.flight import Flight
 
@@ -88,7 +88,8 @@ def slow_in_air(signals: Signals, stream: Attitude | Motors) -> tuple[tuple[Segm
     for boot in np.intersect1d(stream.boot, signals.drive.boot):
         time = stream.time[stream.boot == boot]
         flown = both(_recorded(signals.drive, boot), phases.flying(signals, boot))
-        for start, end in both(slow_runs(time), flown):
+        # Outages are not slow.
+        for start, end in both(unbroken(time, ~usually_slow(np.diff(time))), flown):
             slow.append(Segment(int(boot), start, end))
             messages += int(np.count_nonzero((time > start) & (time <= end)))
     return tuple(slow), messages / max(sum(part.duration for part in slow), 1e-9)

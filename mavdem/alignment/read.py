@@ -105,7 +105,7 @@ def usable_segments(
 
     Of ``signals`` that need no more than ``least_rate``, Hz.
     """
-    verdicts = segment_verdicts(signals, components, least_rate)
+    verdicts = list(segment_verdicts(signals, components, least_rate))
     found, usable = verdicts[0].segments, [verdict for verdict in verdicts if verdict.learnable]
     lost = [segment.duration for segment in found if segment not in [verdict.segment for verdict in usable]]
     left_out: tuple[str, ...] = ()

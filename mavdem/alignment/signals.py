@@ -29,17 +29,18 @@ from mavdem.alignment.drive import (
     INPUTS,
     MAX_ANGLE,
     MAX_BODY_RATE,
+    THRUST_COLUMN,
     TILT_AXES,
     Motors,
     Signal,
     by_preference,
+    control,
     demand,
     floats,
     message_counts,
-    motors,
+    motors_or_obstacle,
     preferred_message,
     series,
-    thrust_demand,
 )
 from mavdem.ingest.mavlink.definitions import enum_name
 from mavdem.ingest.telemetry import Columns, Telemetry, rate_without_gaps
@@ -64,7 +65,6 @@ nine in ten were predicted better than without a model. Motors' effect, damping 
 Inputs = TypeVar("Inputs")
 
 TARGET_MESSAGE = "ATTITUDE_TARGET"
-RATE_FIELDS = {"roll": "body_roll_rate", "pitch": "body_pitch_rate", "yaw": "body_yaw_rate"}
 IGNORED_RATES = {"roll": 1, "pitch": 2, "yaw": 4}
 IGNORED_ATTITUDE = 128
 """Bits of ATTITUDE_TARGET.type_mask (ATTITUDE_TARGET_TYPEMASK): a field with its bit set is no setpoint."""
@@ -102,7 +102,7 @@ def setpoints(telemetry: Telemetry, axis: str) -> tuple[Setpoint, ...]:
     found: list[tuple[str, str, str, Columns, NDArray[np.float64]]] = []
     if targets is not None:
         ignored = np.asarray(targets.get("type_mask", np.zeros(len(targets["time"])))).astype(np.int64)
-        rates = np.where(ignored & IGNORED_RATES[axis], np.nan, floats(targets, RATE_FIELDS[axis]))
+        rates = np.where(ignored & IGNORED_RATES[axis], np.nan, floats(targets, f"body_{axis}_rate"))
         rates[np.abs(rates) > MAX_BODY_RATE] = np.nan
         found.append((f"{axis} rate setpoint", "rad/s", TARGET_MESSAGE, targets, rates))
         if axis != "yaw":
@@ -205,7 +205,8 @@ class Signals:
     @cached_property
     def motors(self) -> Motors | None:
         """Motor outputs."""
-        return motors(self.telemetry)
+        found = motors_or_obstacle(self.telemetry)
+        return None if isinstance(found, tuple) else found
 
     @cached_property
     def demand(self) -> Motors | None:
@@ -282,7 +283,8 @@ class Signals:
         working = self.motors
         if working is not None:
             return Signal(working.time, working.boot, working.scale.fraction(working.outputs).mean(axis=1))
-        return thrust_demand(self.telemetry)
+        thrust = control(self.telemetry, THRUST_COLUMN)
+        return thrust if thrust is not None and len(thrust.time) else None
 
 
 def motors_or_demand(
@@ -314,9 +316,8 @@ def attitude(telemetry: Telemetry, axis: str) -> Attitude | None:
         roll, pitch = floats(columns, "roll"), floats(columns, "pitch")
         yaw = floats(columns, "yaw") if axis == "yaw" else np.zeros_like(roll)
     p, q, r = (floats(columns, field) for field in ("rollspeed", "pitchspeed", "yawspeed"))
-    limits = (MAX_ANGLE, MAX_ANGLE, MAX_ANGLE, MAX_BODY_RATE, MAX_BODY_RATE, MAX_BODY_RATE)
-    limited = zip((roll, pitch, yaw, p, q, r), limits, strict=True)
-    impossible = np.any([np.isfinite(values) & (np.abs(values) > limit) for values, limit in limited], axis=0)
+    sizes, limits = np.abs([roll, pitch, yaw, p, q, r]), np.repeat([MAX_ANGLE, MAX_BODY_RATE], 3)
+    impossible = (np.isfinite(sizes) & (sizes > limits[:, None])).any(axis=0)
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):  # rows that are not finite are left out below
         # Z-Y-X Euler kinematics (any flight dynamics text, e.g. Stevens and Lewis, chapter 1).
         turning = q * np.sin(roll) + r * np.cos(roll)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
@@ -121,66 +121,67 @@ def verdict_of(signals: Signals, components: Sequence[Component] = (), least_rat
 
     The ``components`` of the log may ask for other rates; ``least_rate``, Hz, is what both streams need.
     """
-    telemetry, axis = signals.telemetry, signals.axis
-
-    def refused(reason: str, remedy: str, figures: QualityFigures | None = None) -> Verdict:
-        return Verdict(axis, False, reason, remedy, (), None, figures or QualityFigures())
-
-    if telemetry.vehicle not in (*MULTIROTORS, "UNKNOWN"):
-        source = "The log" if telemetry.translated_from else "HEARTBEAT"
-        reason = f"{source} reports the type {telemetry.vehicle}; mavdem learns multirotors only."
-        return refused(reason, "Give a multirotor's log, or name another vehicle of this log with `--vehicle`.")
-    attitude, drive = signals.attitude, signals.drive
-    if attitude is None:
-        return refused(NO_ATTITUDE.get(telemetry.translated_from, NO_ATTITUDE[""]), ask_for_rate(telemetry))
-    if drive is None and signals.armed is not None and not signals.armed.values.any():
-        return refused(_NEVER_ARMED, FLY)
-    if drive is None:
-        return refused(*_without_drive(signals))
-    if attitude.impossible > REFUSED_IMPOSSIBLE * attitude.sent:
-        messages = f"{attitude.impossible} of {attitude.sent} {telemetry.called(attitude.message)} messages"
-        unit = "the unit of its format" if telemetry.names else "radians"
-        remedy = "Check what wrote the log: MAVLink's attitude is in rad and rad/s, DataFlash's in degrees."
-        return refused(f"{messages} have {IMPOSSIBLE}: the attitude is not in {unit}.", remedy)
-    if not len(attitude.time):
-        reason = f"{telemetry.called(attitude.message)} holds no finite {_measured(axis, 'and')}."
-        return refused(reason, "Check the autopilot's estimator and what wrote the log.")
-    found = settled_segments(signals)
-    figures = quality.of_log(signals, len(found))
-    if figures.armed == 0:
-        return refused(_NEVER_ARMED, FLY, figures)
-    if figures.airborne == 0:
-        return refused(*_grounded(signals, figures), figures)
-    log = _Evidence(signals, attitude, drive, components, figures, least_rate)
-    if not found:
-        objection = _too_slow(log, figures) or _slowed_down(log) or _too_short(figures, telemetry.translated_from)
-        return refused(*objection, figures)
-    refusals: list[Verdict] = []
-    for segment in found:
-        if refusals and segment.duration < MINIMUM_DURATION:
-            break
-        verdict = _of_segment(log, segment, found)
-        if verdict.learnable:
-            return verdict
-        refusals.append(verdict)
-    return refusals[0]
+    return next(segment_verdicts(signals, components, least_rate))
 
 
 def segment_verdicts(
     signals: Signals, components: Sequence[Component] = (), least_rate: float = MINIMUM_RATE
-) -> tuple[Verdict, ...]:
-    """The verdict of :func:`verdict_of` and, if that is yes, one on each other segment of ``MINIMUM_DURATION`` or more.
+) -> Iterator[Verdict]:
+    """Yields the verdict of :func:`verdict_of` and, if that is yes, one on each other segment that is long enough.
 
     All flights have the sampling step of the first; a segment too slow for that (``MAX_STEP_RATIO``) is refused.
     """
-    first = verdict_of(signals, components, least_rate)
-    if not first.learnable:
-        return (first,)
-    assert first.flight is not None and signals.attitude is not None and signals.drive is not None
-    figures = quality.of_log(signals, len(first.segments))
-    log = _Evidence(signals, signals.attitude, signals.drive, components, figures, least_rate)
-    others = (one for one in first.segments if one != first.segment and one.duration >= MINIMUM_DURATION)
-    return first, *(_of_segment(log, other, first.segments, first.flight.dt) for other in others)
+    attitude, drive, figures = signals.attitude, signals.drive, QualityFigures()
+    found: tuple[Segment, ...] = ()
+    objection = _unusable(signals)
+    if objection is None:
+        assert attitude is not None and drive is not None
+        found = settled_segments(signals)
+        figures = quality.of_log(signals, len(found))
+        log = _Evidence(signals, attitude, drive, components, figures, least_rate)
+        if figures.armed == 0:
+            objection = _NEVER_ARMED, FLY
+        elif figures.airborne == 0:
+            objection = _grounded(signals, figures)
+        elif not found:
+            objection = _too_slow(log, figures) or _slowed_down(log) or _too_short(log, figures)
+    if objection is not None:
+        yield Verdict(signals.axis, False, *objection, (), None, figures)
+        return
+    # Of the segments too short the longest only, if there is no other.
+    long = [segment for segment in found if segment.duration >= MINIMUM_DURATION] or found[:1]
+    judged: list[Verdict] = []
+    for segment in long:
+        judged.append(_of_segment(log, segment, found))
+        if judged[-1].learnable:
+            break
+    first = judged[-1] if judged[-1].learnable else judged[0]
+    yield first
+    if first.learnable and first.flight is not None:
+        yield from (_of_segment(log, other, found, first.flight.dt) for other in long if other != first.segment)
+
+
+def _unusable(signals: Signals) -> Obstacle | None:
+    """Why no flight need be looked for in a log, if that is so."""
+    telemetry, attitude, drive = signals.telemetry, signals.attitude, signals.drive
+    if telemetry.vehicle not in (*MULTIROTORS, "UNKNOWN"):
+        source = "The log" if telemetry.translated_from else "HEARTBEAT"
+        reason = f"{source} reports the type {telemetry.vehicle}; mavdem learns multirotors only."
+        return reason, "Give a multirotor's log, or name another vehicle of this log with `--vehicle`."
+    if attitude is None:
+        return NO_ATTITUDE.get(telemetry.translated_from, NO_ATTITUDE[""]), ask_for_rate(telemetry)
+    if drive is None:
+        never = signals.armed is not None and not signals.armed.values.any()
+        return (_NEVER_ARMED, FLY) if never else _without_drive(signals)
+    if attitude.impossible > REFUSED_IMPOSSIBLE * attitude.sent:
+        messages = f"{attitude.impossible} of {attitude.sent} {telemetry.called(attitude.message)} messages"
+        unit = "the unit of its format" if telemetry.names else "radians"
+        remedy = "Check what wrote the log: MAVLink's attitude is in rad and rad/s, DataFlash's in degrees."
+        return f"{messages} have {IMPOSSIBLE}: the attitude is not in {unit}.", remedy
+    if not len(attitude.time):
+        reason = f"{telemetry.called(attitude.message)} holds no finite {_measured(signals.axis, 'and')}."
+        return reason, "Check the autopilot's estimator and what wrote the log."
+    return None
 
 
 def _of_segment(log: _Evidence, segment: Segment, found: tuple[Segment, ...], dt: float | None = None) -> Verdict:
@@ -225,7 +226,7 @@ def _objection(log: _Evidence, figures: QualityFigures) -> Obstacle | None:
     # A short segment of a slow stream may be fast; it is still the rate of the stream that should change.
     slow = _too_slow(log, log.figures if short else figures)
     if slow or short:
-        return slow or _slowed_down(log) or _too_short(figures, log.signals.telemetry.translated_from)
+        return slow or _slowed_down(log) or _too_short(log, figures)
     held = _held(log, figures)
     if held:
         return held
@@ -336,9 +337,9 @@ def _held(log: _Evidence, figures: QualityFigures) -> Obstacle | None:
     )
 
 
-def _too_short(figures: QualityFigures, translated_from: str = "") -> Obstacle:
+def _too_short(log: _Evidence, figures: QualityFigures) -> Obstacle:
     duration = "less than 1" if figures.duration is None else below(figures.duration, MINIMUM_DURATION)
-    recorder = "logger" if translated_from in ("DataFlash", "ULog") else "link"
+    recorder = "logger" if log.signals.telemetry.translated_from in ("DataFlash", "ULog") else "link"
     return (
         f"The longest settled flight without gaps lasts {duration} s of the {MINIMUM_DURATION:.0f} s needed, out of "
         f"{figures.airborne:.0f} s in the air; settled is upright, after the climb and before the landing.",

@@ -1,6 +1,6 @@
 """Analysis: all that a log says of one vehicle and axis, in one call."""
 
 from mavdem.analysis.analysis import analyse
-from mavdem.analysis.figures import AxisFigures, LogAnalysis, VehicleFigures, figures, vehicle
+from mavdem.analysis.figures import AxisFigures, LogAnalysis, VehicleFigures, vehicle
 
-__all__ = ["AxisFigures", "LogAnalysis", "VehicleFigures", "analyse", "figures", "vehicle"]
+__all__ = ["AxisFigures", "LogAnalysis", "VehicleFigures", "analyse", "vehicle"]

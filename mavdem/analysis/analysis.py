@@ -10,7 +10,6 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from os import PathLike
-from typing import Protocol
 
 import numpy as np
 
@@ -33,18 +32,14 @@ from mavdem.flight import Flight
 from mavdem.health.in_flight import MotorAlarm, MotorWatch
 from mavdem.ingest import Log
 
-MAX_SLOW_RATIO = 0.9
-"""Squared error over that of a forecast without a model, up to which a model of the slow motion is worth having: an
-RMSE 5 % lower."""
+MAX_SLOW_RATIO = 0.9  # of squared errors, to a forecast's without a model, up to which one of slow motion is worth it
 SLOW_CAUTION = (
     "The model is of the slow motion only: what shows at several Hz, such as the control effectiveness, is not in it."
 )
 
 
-class StepProgress(Protocol):
-    """Shows a step of the work by its ``title``; what it yields is called with the share done, if that is measured."""
-
-    def __call__(self, title: str, measured: bool = True) -> AbstractContextManager[Callable[[float], None]]: ...  # noqa: D102
+StepProgress = Callable[..., AbstractContextManager[Callable[[float], None]]]
+"""Shows a step of the work by its ``title``; what it yields is called with the share done, if it is ``measured``."""
 
 
 def silent(title: str, measured: bool = True) -> AbstractContextManager[Callable[[float], None]]:
@@ -160,7 +155,7 @@ def motor_alarms(signals: Signals) -> tuple[MotorAlarm, ...]:
         for begin, end in settled(signals, int(boot)):
             flying |= (time >= begin) & (time <= end)
         for row in np.flatnonzero(flying):
-            watch.take(float(time[row]), commands[row], True)
+            watch.take(float(time[row]), commands[row])
         alarms += watch.alarms
     return tuple(alarms)
 
@@ -221,13 +216,11 @@ def slow_motion_refusal(held_out: HeldOut) -> str:
         ratio = held_out.error_ratio() / held_out.error_ratio(name)
         test = paired(held_out.error_ratios(baseline=name), np.ones(len(held_out)))
         error = f"A model of the slow motion has {ratio:.2g} times the squared error of “{name}” in {len(held_out)}"
+        error += " windows that it has not seen"
         if not ratio <= MAX_SLOW_RATIO:
-            return f"{error} windows that it has not seen: at most {MAX_SLOW_RATIO:g} times would make it worth having."
+            return f"{error}: at most {MAX_SLOW_RATIO:g} times would make it worth having."
         if test.verdict != "lower":
-            return (
-                f"{error} windows that it has not seen, which may be luck (p = {test.p_value:.2g}, needed "
-                f"{SIGNIFICANCE:g})."
-            )
+            return f"{error}, which may be luck (p = {test.p_value:.2g}, needed {SIGNIFICANCE:g})."
     return ""
 
 

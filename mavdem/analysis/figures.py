@@ -1,6 +1,6 @@
 """Figures: what is known of a flight, as one record and as one dictionary of plain values.
 
-``LogAnalysis`` holds what a log says of one vehicle and axis. ``figures`` makes of it the document that ``report.json``
+``LogAnalysis`` holds what a log says of one vehicle and axis. Its ``as_dict`` is the document that ``report.json``
 is, that pages and fleets read, and that scripts hold. ``vehicle`` has the physical parameters of all axes in one call.
 """
 
@@ -35,7 +35,6 @@ from mavdem.health.in_flight import MotorAlarm, alarm_figures
 from mavdem.ingest import Component, read_log
 
 ALL = "all"  # of an axis: roll, pitch and yaw
-EXPLAINED_SHARE = 0.5  # of an output's variance: up to the horizon at which the expected squared error reaches it
 
 
 class AxisFigures(NamedTuple):
@@ -97,31 +96,25 @@ class LogAnalysis:
     alarms: tuple[MotorAlarm, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
-        """Returns :func:`figures` of it."""
-        return figures(self)
+        """Returns all figures as plain JSON values: what ``report.json`` has.
 
-
-def figures(analysis: LogAnalysis) -> dict[str, Any]:
-    """Returns all figures of an ``analysis`` as plain JSON values: what ``report.json`` has.
-
-    Angles in rad, rates in rad/s, time in s. Without a model its figures are missing.
-    """
-    learned, held_out = analysis.learned, analysis.held_out
-    model = {} if learned is None or held_out is None else model_figures(analysis.flights, learned, held_out)
-    return {
-        **model,
-        **analysis.vehicle.as_dict(),
-        **analysis.tier.as_dict(),
-        "reason": analysis.reason,
-        "remedy": analysis.remedy,
-        "condition": analysis.condition.as_dict(),
-        "identity": analysis.identity.as_dict(),
-        **alarm_figures(analysis.alarms),
-        "findings": [finding._asdict() for finding in analysis.findings],
-        "truth": None if analysis.truth is None else analysis.truth.as_dict(),
-        "settings": None if learned is None else asdict(learned.settings),
-        "verdict": analysis.verdict.as_dict(),
-    }
+        Angles in rad, rates in rad/s, time in s. Without a model its figures are missing.
+        """
+        learned, held_out = self.learned, self.held_out
+        return {
+            **({} if learned is None or held_out is None else model_figures(self.flights, learned, held_out)),
+            **self.vehicle.as_dict(),
+            **self.tier.as_dict(),
+            "reason": self.reason,
+            "remedy": self.remedy,
+            "condition": self.condition.as_dict(),
+            "identity": self.identity.as_dict(),
+            **alarm_figures(self.alarms),
+            "findings": [finding._asdict() for finding in self.findings],
+            "truth": None if self.truth is None else self.truth.as_dict(),
+            "settings": None if learned is None else asdict(learned.settings),
+            "verdict": self.verdict.as_dict(),
+        }
 
 
 def model_figures(flights: Sequence[Flight], learned: Learned, held_out: HeldOut) -> dict[str, Any]:
@@ -171,7 +164,7 @@ def model_figures(flights: Sequence[Flight], learned: Learned, held_out: HeldOut
         "expected_error": float((held_out.expected / held_out.variance).mean()),
         "inside_90_percent_band": held_out.coverage,
         "prediction": {
-            "half_explained_seconds": (learned.prediction.useful_steps(EXPLAINED_SHARE) * first.dt).tolist(),
+            "half_explained_seconds": (learned.prediction.useful_steps(0.5) * first.dt).tolist(),
             "error_ratio": held_out.error_ratio(PREDICTION),
         },
         "simulation_fit": None

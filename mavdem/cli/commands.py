@@ -71,16 +71,8 @@ def mavdem() -> None:
     2. What does the vehicle do? Read the screen, then the page.
          mavdem learn flight.tlog
          xdg-open flight/report.html
-    3. Compare with subspace, PEM, EM and ARX models.
-         mavdem compare flight.tlog
-    4. How many states does the motion have?
-         mavdem order flight.tlog
-    5. Learn while the vehicle flies.
-         mavdem live udpin:127.0.0.1:14550
-    6. Which of many flights or vehicles is different?
+    3. Which of many flights or vehicles is different?
          mavdem track logs/ --out fleet
-    7. Run the paper's experiments.
-         mavdem reproduce --list
 
     \b
     No log at hand? Simulate a flight in wind:

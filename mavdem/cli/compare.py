@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
 from time import perf_counter
 
 import click
 
-from mavdem.cli.options import motion_options, window_options
-from mavdem.cli.output import json_text, print_blocks, print_json, printable, progress
-from mavdem.cli.output_files import check_folder, files_in, folder_named, page_bytes
+from mavdem.cli.options import folder_named, motion_options, window_options
+from mavdem.cli.output import (
+    check_folder,
+    files_in,
+    json_text,
+    print_blocks,
+    print_json,
+    printable,
+    progress,
+)
 from mavdem.cli.sources import end_report, names_of, nothing_left, of_each
 from mavdem.dem.learning import FEWEST_SAMPLES
-from mavdem.evaluate.comparison import METHODS, Comparison, outcomes
+from mavdem.evaluate.comparison import METHODS, Comparison, Outcome, outcomes
 from mavdem.evaluate.scores import FROM_ZERO, KNOWN
 from mavdem.evaluate.windows import TRAIN_SECONDS, Length, TooFewSamples, Window, part_samples, windows
 from mavdem.flight import Flight
@@ -92,7 +98,13 @@ def compare_command(
     cut, refused = of_each(sources, axis, vehicle, inputs, windows_of)
     if not cut:
         raise nothing_left(refused, "compared")
-    compared = _compare([window for one in cut.values() for window in one])
+    windowed, made = [window for one in cut.values() for window in one], list[Outcome]()
+    title, total = f"Comparing {len(METHODS)} methods on {len(windowed)} windows", len(windowed) * len(METHODS)
+    with progress(title) as done, closing(outcomes(windowed, METHODS)) as coming:
+        for outcome in coming:
+            made.append(outcome)
+            done(len(made) / total)
+    compared = Comparison.of(windowed, made)
     report = {
         **compared.to_dict(FROM_ZERO if from_zero else KNOWN),
         "axis": axis,
@@ -104,7 +116,7 @@ def compare_command(
     if out is not None:
         with files_in(out, COMPARISON_FILES) as (document, html, table):
             document.write_text(json_text(report) + "\n")
-            html.write_bytes(page_bytes(comparison_page(compared, from_zero)))
+            html.write_text(comparison_page(compared, from_zero), "utf-8", "replace")
             rows = compared.rows()
             with table.open("w", newline="") as file:
                 writer = csv.DictWriter(file, rows[0], lineterminator="\n")
@@ -116,12 +128,3 @@ def compare_command(
         print_blocks(comparison_report(compared, from_zero))
     written = f" Written: {', '.join(map(printable, report['files'].values()))}" if report["files"] else ""
     end_report(context, refused, "not compared", f"Took {report['seconds']:.1f} s.{written}", as_json)
-
-
-def _compare(cut: Sequence[Window]) -> Comparison:
-    title, total, made = f"Comparing {len(METHODS)} methods on {len(cut)} windows", len(cut) * len(METHODS), []
-    with progress(title) as done, closing(outcomes(cut, METHODS)) as coming:
-        for outcome in coming:
-            made.append(outcome)
-            done(len(made) / total)
-    return Comparison.of(cut, made)

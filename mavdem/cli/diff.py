@@ -17,8 +17,6 @@ from mavdem.fleet.rows_of_log import is_learned, rows_of_learned, rows_of_log
 from mavdem.fleet.store import is_fleet, read_rows
 from mavdem.report.flights import difference_blocks, few
 
-MAX_NAMED = 8  # vehicles in a sentence
-
 
 @click.command("diff")
 @click.argument("before", metavar="A", type=click.Path())
@@ -61,7 +59,7 @@ def diff_command(context: click.Context, before: str, after: str, vehicle: str |
         both = (names & others) - {UNKNOWN}
         if len(both) != 1:
             reason = f"One has several vehicles, of which {'several' if both else 'none'} are in both."
-            raise NotLearnable(reason, f"Choose with --vehicle: {_few(names | others)}.")
+            raise NotLearnable(reason, f"Choose with --vehicle: {few(sorted(names | others))}.")
         first, second = ([row for row in rows if row.vehicle in both] for rows in (first, second))
     found = vehicle_difference(first, second)
     if as_json:
@@ -92,11 +90,7 @@ def _rows(name: str, source: str, vehicle: str | None) -> list[FlightRow]:
     if not any(row.status == OK for row in chosen):
         names = {row.vehicle for row in rows if row.status == OK}
         if vehicle is not None and names and not chosen:
-            raise NotLearnable(f"{name} has no vehicle {vehicle}.", f"Choose one of: {_few(names)}.")
+            raise NotLearnable(f"{name} has no vehicle {vehicle}.", f"Choose one of: {few(sorted(names))}.")
         reasons = sorted(row.status for row in chosen)
         raise NotLearnable(f"{name} has no flight with figures.", " ".join(reasons[:1]))
     return chosen
-
-
-def _few(names: set[str]) -> str:
-    return few(sorted(names), MAX_NAMED)

@@ -16,8 +16,7 @@ import numpy as np
 from click.shell_completion import CompletionItem
 
 from mavdem.cli.options import file_option, no_option
-from mavdem.cli.output import print_json, printable, progress, say, say_aside
-from mavdem.cli.output_files import check_file, writing
+from mavdem.cli.output import check_file, print_json, printable, progress, say, say_aside, writing
 from mavdem.cli.signals import ending_at_once
 from mavdem.errors import Unreadable, require
 from mavdem.export.conversion import STREAMS

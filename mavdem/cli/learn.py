@@ -11,20 +11,34 @@ from typing import Any
 import click
 
 from mavdem.alignment.drive import TILT_AXES
-from mavdem.analysis import analyse
+from mavdem.analysis import LogAnalysis, analyse
 from mavdem.analysis.figures import ALL
-from mavdem.cli.options import chosen_settings, file_option, model_options, source_options, window_options
-from mavdem.cli.output import complain, print_blocks, print_json, printable, progress, say_aside
-from mavdem.cli.output_files import RECORDING, check_folder, folder_named, result_files, write_results
+from mavdem.cli.options import chosen_settings, file_option, folder_named, model_options, source_options, window_options
+from mavdem.cli.output import (
+    check_folder,
+    complain,
+    files_in,
+    json_text,
+    print_blocks,
+    print_json,
+    printable,
+    progress,
+    say_aside,
+)
+from mavdem.cli.signals import ending_at_once
 from mavdem.cli.sources import read_source
 from mavdem.condition.inventory import inventory
-from mavdem.errors import NotLearnable, advice
+from mavdem.errors import NotLearnable, advice, missing
 from mavdem.evaluate.windows import Length
+from mavdem.export.channels import write_channels
 from mavdem.report.blocks import Block, Sentence
 from mavdem.report.details import detail_blocks
 from mavdem.report.flights import truth_blocks
 from mavdem.report.page import log_page
 from mavdem.report.screen import analysis_blocks, title, vehicle_blocks
+
+RECORDING = "flight.rrd"
+RESULT_FILES = ("model.json", "report.json", "report.html", RECORDING, "flight.mcap")
 
 
 def _seconds(context: click.Context, parameter: click.Parameter, value: str) -> float:
@@ -79,14 +93,8 @@ def learn_command(
     settled flight. It is judged by windows of --test: five further models, each trained on four fifths of the flight,
     forecast every window of the fifth that they have not seen.
 
-    \b
-    The screen has, in this order:
-      what the model is good for, purpose by purpose, and why
-      the vehicle: control effectiveness and trim of each motor, rate damping and motor time constant
-      the wind torque on this axis, its steady part and gusts
-      errors of forecasts beside those without a model
-      warnings, where there are any
-    With --axis all also a row for each of roll, pitch and yaw.
+    The screen says what the model is good for and why, then what vehicle and wind do; with --axis all also a row for
+    each of roll, pitch and yaw.
 
     A log whose rates allow less gives that: at 8 to 40 Hz (tier b) a model of the slow motion, if it predicts better
     than none; at any rate from 1 Hz (tier c) balance, limits, lean, vibration and battery. Without a model the folder
@@ -113,7 +121,7 @@ def learn_command(
     """
     settings = chosen_settings(preset, order)
     folder = out or named_after(source)
-    check_folder(folder)
+    check_folder(folder, RESULT_FILES)
     began = perf_counter()
     log = read_source(source)
     analysis = analyse(
@@ -162,3 +170,31 @@ def named_after(source: str) -> Path:
     stem = name.removesuffix(".xz")
     stem = stem.removesuffix(Path(stem).suffix)
     return Path(stem if stem.strip(".") and stem != name else f"{name}-learnt")
+
+
+def result_files(with_model: bool = True) -> tuple[str, ...]:
+    """Returns the ``RESULT_FILES`` that can be written: most need a model, and the recording needs Rerun."""
+    if not with_model:
+        return ("report.json", "report.html")
+    return tuple(name for name in RESULT_FILES if name != RECORDING or not missing("view"))
+
+
+def write_results(folder: Path, report: dict[str, Any], page: str, analysis: LogAnalysis) -> None:
+    """Writes the :func:`result_files`, as :func:`files_in` does; ``page`` is the HTML. Those of a run before go."""
+    learned, held_out, flights = analysis.learned, analysis.held_out, analysis.flights
+    names = result_files(with_model=learned is not None)
+    with files_in(folder, names) as paths:
+        place = dict(zip(names, paths, strict=True))
+        place["report.json"].write_text(json_text(report) + "\n")
+        place["report.html"].write_text(page, "utf-8", "replace")
+        if learned is not None and held_out is not None:
+            place["model.json"].write_text(learned.to_json() + "\n")
+            if RECORDING in names:
+                # Rerun takes a second to load, and a flight that cannot be learned needs none of it.
+                with ending_at_once():
+                    from mavdem.view import write_recording
+
+                write_recording(place[RECORDING], flights, learned, held_out)
+            write_channels(place["flight.mcap"], flights, learned, held_out)
+    for name in set(RESULT_FILES) - set(names):
+        (folder / name).unlink(missing_ok=True)

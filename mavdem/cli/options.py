@@ -34,6 +34,15 @@ def no_option(context: click.Context, parameter: click.Parameter, value: Value) 
     return value
 
 
+def folder_named(context: click.Context, parameter: click.Parameter, value: str | None) -> Path | None:
+    """Returns the folder of an option; refuses no name, which a path would take for the current folder."""
+    if value is None:
+        return None
+    if not no_option(context, parameter, value):
+        raise click.BadParameter("it names no folder; use `.` for the current one.", context, parameter)
+    return Path(value)
+
+
 def _vehicle(context: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
     no_option(context, parameter, value)
     if value is not None and not re.fullmatch(r"\d{1,3}(:\d{1,3})?", value, re.ASCII):

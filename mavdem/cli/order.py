@@ -10,8 +10,7 @@ from time import perf_counter
 import click
 
 from mavdem.cli.options import file_option, motion_options
-from mavdem.cli.output import print_blocks, print_json, printable, progress
-from mavdem.cli.output_files import check_file, write_page
+from mavdem.cli.output import check_file, print_blocks, print_json, printable, progress, write_page
 from mavdem.cli.sources import Refused, end_report, names_of, nothing_left, of_each
 from mavdem.dem.order_choice import DEFAULT_MAX_ORDER, LARGEST_ORDER, FlightOrders, OrderChoice, orders_of
 from mavdem.dem.parallel import parallel_map

@@ -1,4 +1,4 @@
-"""Output: the result on standard output, progress and errors on standard error."""
+"""Output: the result on standard output, progress and errors on standard error, and files, each whole or not at all."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ import math
 import os
 import sys
 import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import Any
 
 import click
@@ -19,6 +20,8 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table as Grid
 
+from mavdem.errors import Unreadable
+from mavdem.files import atomic_write, atomic_writes, replaceable
 from mavdem.report.blocks import Sentence, Table
 
 STDERR = Console(stderr=True, highlight=False, markup=False, emoji=False)  # standard error
@@ -99,19 +102,14 @@ class _Page(Console):
         raise
 
 
-def print_table(table: Grid) -> None:
-    """Prints a table and an empty line on standard output."""
-    width = None if sys.stdout.isatty() else WIDTH_OF_A_PIPE
-    _Page(width=width, highlight=False, markup=False, emoji=False).print(table, "")
-
-
 def print_blocks(blocks: Iterable[Sentence | Table]) -> None:
     """Prints sentences and tables, each with an empty line after it; names in them may hold what a terminal obeys."""
+    width = None if sys.stdout.isatty() else WIDTH_OF_A_PIPE
     for block in blocks:
         if isinstance(block, Sentence):
             say(f"{printable(f'{block.lead} {block.text}'.strip())}\n")
         else:
-            print_table(_grid(block))
+            _Page(width=width, highlight=False, markup=False, emoji=False).print(_grid(block), "")
 
 
 def _grid(table: Table) -> Grid:
@@ -142,3 +140,69 @@ def progress(title: str, measured: bool = True) -> Iterator[Callable[[float], No
     with Progress(*columns, console=STDERR, transient=True) as bar:
         task = bar.add_task(printable(title), total=1.0 if measured else None)
         yield lambda fraction: bar.update(task, completed=fraction)
+
+
+def check_folder(folder: Path, names: Sequence[str]) -> None:
+    """Raises ``Unreadable``, before the work, for a folder that cannot be written to; it makes nothing."""
+    existing = next(place for place in (folder, *folder.absolute().parents) if os.path.lexists(place))
+    if not existing.is_dir():
+        raise Unreadable(f"--out {folder} is not a folder, because {existing} is a file: name another.")
+    if not os.access(existing, os.W_OK | os.X_OK):
+        raise Unreadable(f"--out {folder} cannot be made: {existing} is not writable.")
+    for path in (folder / name for name in names):
+        # Found only when the others are replaced, it would leave results of two runs.
+        try:
+            occupied = path.is_dir() and not path.is_symlink()
+        except OSError as error:  # its name is too long
+            raise Unreadable(f"--out {folder} cannot be made ({error.strerror}): name another.") from None
+        if occupied:
+            raise Unreadable(f"{path} is a folder, where a file is to be written: move it, or name another --out.")
+
+
+def write_page(path: Path, page: str) -> None:
+    """Writes HTML, whole or not at all; raises ``Unreadable`` where it cannot be written."""
+    with writing(path), atomic_write(path) as file:
+        file.write(page.encode(errors="replace"))  # the name of a file in it need not be UTF-8
+
+
+@contextmanager
+def files_in(folder: Path, names: Sequence[str]) -> Iterator[tuple[Path, ...]]:
+    """Yields paths to write instead of these files, which then replace them; raises ``Unreadable`` if not."""
+    try:
+        with _made(folder), atomic_writes(*(folder / name for name in names)) as files:
+            yield files
+    except OSError as error:
+        raise Unreadable(f"--out {folder} cannot be written ({error.strerror or error}): name another.") from None
+
+
+@contextmanager
+def _made(folder: Path) -> Iterator[None]:
+    """Makes a folder and those above it, and on failure removes those that it made."""
+    missing = [place for place in (folder, *folder.parents) if not place.exists()]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        yield
+    except BaseException:
+        for place in missing:
+            with suppress(OSError):  # never made, or somebody else has put something there
+                place.rmdir()
+        raise
+
+
+def check_file(path: Path | None, option: str, endings: tuple[str, ...]) -> None:
+    """Raises ``Unreadable``, before the work, for a file that cannot be written, ``BadParameter`` for other endings."""
+    if path is not None:
+        if path.suffix.lower() not in endings:
+            raise click.BadParameter(f"{path} must end in {' or '.join(endings)}.", param_hint=option)
+        with writing(path):
+            replaceable(path)
+
+
+@contextmanager
+def writing(*files: Path) -> Iterator[None]:
+    """Raises ``Unreadable`` for an ``OSError``: files that cannot be written."""
+    try:
+        yield
+    except OSError as error:
+        names = " or ".join(str(path) for path in files)
+        raise Unreadable(f"{names} cannot be written ({error.strerror or error}): name another file.") from None

@@ -8,14 +8,13 @@ from time import perf_counter
 from typing import TYPE_CHECKING
 
 import click
-from rich.table import Table
 
-from mavdem.cli.output import json_text, print_json, print_table, progress, say
-from mavdem.cli.output_files import check_folder, writing
+from mavdem.cli.output import check_folder, json_text, print_blocks, print_json, progress, say, writing
 from mavdem.cli.signals import ending_at_once
 from mavdem.dem.parallel import pool, spare_cores
 from mavdem.errors import require
 from mavdem.paper.claims import CLAIMS
+from mavdem.report.blocks import Table
 
 if TYPE_CHECKING:
     from mavdem.paper.report import ItemReport
@@ -67,10 +66,8 @@ def reproduce_command(names: tuple[str, ...], out: Path, as_json: bool, as_list:
     if as_json:
         print_json(document(reports, perf_counter() - began))
         return
-    table = Table("item", "verdict", "findings")
-    for report in reports:
-        table.add_row(report.claim.name, report.status.value, f"{report.sentence} {report.beyond}".rstrip())
-    print_table(table)
+    found = [[one.claim.name, one.status.value, f"{one.sentence} {one.beyond}".rstrip()] for one in reports]
+    print_blocks([Table(["item", "verdict", "findings"], found, words=True)])
     say(f"Took {perf_counter() - began:.0f} s. Written: {out / PAGE}")
 
 

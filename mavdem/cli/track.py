@@ -6,14 +6,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from time import monotonic
-from urllib.parse import urlsplit
 
 import click
 
 from mavdem.cli.commands import UNSUPPORTED, UNUSABLE
-from mavdem.cli.options import no_option
-from mavdem.cli.output import STDERR, print_blocks, print_json, printable, progress, say, say_aside
-from mavdem.cli.output_files import write_page
+from mavdem.cli.options import folder_named, no_option
+from mavdem.cli.output import STDERR, print_blocks, print_json, printable, progress, say, say_aside, write_page
 from mavdem.cli.sources import refuse_link
 from mavdem.dem.parallel import spare_cores
 from mavdem.fleet.cluster import Cluster
@@ -34,26 +32,15 @@ PAGE = "mavdem.report.page:flight_page"
 """The function that makes a flight's page, as workers call it."""
 
 
-def _scheduler(context: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
-    try:
-        parts = urlsplit(value or "tcp://of-this-machine:1")
-        is_address = value != "" and bool(parts.scheme and parts.hostname and parts.port)
-    except ValueError:  # the port is none
-        is_address = False
-    if not is_address:
-        raise click.BadParameter(f"{value!r} is no address like tcp://10.0.0.1:8786.", context, parameter)
-    return value
-
-
 @click.command("track")
 @click.argument("logs", nargs=-1, required=True)
 @click.option(
     "--out",
-    "fleet",
+    "out",
     required=True,
     metavar="FLEET",
     type=click.Path(file_okay=False),
-    callback=no_option,
+    callback=folder_named,
     help="Folder of the fleet; it grows.",
 )
 @click.option(
@@ -65,7 +52,7 @@ def _scheduler(context: click.Context, parameter: click.Parameter, value: str | 
 )
 @click.option("--jobs", type=click.IntRange(1, 1024), help="Logs read at a time. [default: one for each core]")
 @click.option(
-    "--scheduler", metavar="tcp://HOST:PORT", callback=_scheduler, help="Read them on this Dask cluster instead."
+    "--scheduler", metavar="tcp://HOST:PORT", callback=no_option, help="Read them on this Dask cluster instead."
 )
 @click.option(
     "--time-limit",
@@ -86,7 +73,7 @@ def _scheduler(context: click.Context, parameter: click.Parameter, value: str | 
 def track_command(
     context: click.Context,
     logs: tuple[str, ...],
-    fleet: str,
+    out: Path,
     baseline: tuple[str, ...],
     jobs: int | None,
     scheduler: str | None,
@@ -130,15 +117,12 @@ def track_command(
         refuse_link(name)
     if time_limit != time_limit:
         raise click.BadParameter("it must be a number.", param_hint="--time-limit")
-    if not fleet:
-        raise click.BadParameter("it names no folder; use `.` for the current one.", param_hint="--out")
-    out = Path(fleet)
     limits = Limits(time_limit, memory_limit)
-    if scheduler and jobs:
+    if scheduler is not None and jobs:
         raise click.BadParameter(
             "it is of this machine; with --scheduler the cluster has its own.", param_hint="--jobs"
         )
-    reader: Reader = Cluster(scheduler, limits) if scheduler else WorkerPool(jobs or spare_cores(), limits)
+    reader: Reader = Cluster(scheduler, limits) if scheduler is not None else WorkerPool(jobs or spare_cores(), limits)
     try:
         with _progress() as show:
             tracked = track(out, logs, reader, baseline, PAGE, progress=show)
@@ -154,11 +138,7 @@ def track_command(
         say_aside(printable(f"mavdem: {problem}"))
     if as_json:
         found = {
-            name: {
-                "file": latest.file,
-                "date": latest.as_dict()["date"],
-                "found": None if change is None else change.as_dict(),
-            }
+            name: {"file": latest.file, "date": latest.as_dict()["date"], "found": change and change.as_dict()}
             for name, (latest, change) in changes.items()
         }
         print_json({"fleet": str(out), "index": str(out / INDEX), **counts, "since_baseline": found})

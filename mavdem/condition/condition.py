@@ -30,10 +30,11 @@ from mavdem.alignment.quality import FULL_THROTTLE, IDLE_THROTTLE
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals
 from mavdem.alignment.verdict import verdict_of
+from mavdem.condition.oscillation import Oscillation, oscillation_of
 from mavdem.confidence import LEVEL, half_width
 from mavdem.errors import NotLearnable
 from mavdem.flight import Flight
-from mavdem.ingest import Component, Log, read_log
+from mavdem.ingest import Component, read_log
 from mavdem.ingest.motors import MULTIROTORS, OutputScale
 
 HIGHEST_PERCENTILE = 99.0  # What stands for the highest output: the very highest is a spike
@@ -98,11 +99,7 @@ def hover(path: str | bytes | PathLike[str], vehicle: str | None = None) -> Hove
     See Also:
         :func:`mavdem.hover_figures`: the same of flights; :func:`mavdem.read_flight`.
     """
-    return hover_of_log(read_log(path), vehicle)
-
-
-def hover_of_log(log: Log, vehicle: str | None = None) -> HoverFigures:
-    """Returns the figures of a ``vehicle`` in a ``log``, as :func:`hover` gives them."""
+    log = read_log(path)
     return hover_of(Signals(choose_vehicle(log.vehicles, vehicle), inputs="motors"), log.components)
 
 
@@ -186,8 +183,6 @@ END_SECONDS = 2.0  # The battery's voltage at either end is the median over so l
 MIN_BATTERY_SAMPLES = 10  # From which a resistance is estimated
 LEVELS, CLIPS = ("vibration_x", "vibration_y", "vibration_z"), ("clipping_0", "clipping_1", "clipping_2")
 
-Segments = tuple[Segment, ...]
-
 
 @dataclass(frozen=True)
 class Steady:
@@ -214,23 +209,18 @@ class VibrationFigures:
 
 @dataclass(frozen=True)
 class BatteryFigures:
-    """The first battery over some time; V, A and Ω. None where it was not measured.
+    """The first battery over some time; V, A and Ω. None where it was not measured."""
 
-    Attributes:
-        voltage_start, voltage_end: medians of the first and the last 2 s; other means and extremes are of all samples.
-        resistance: how far the voltage falls with each ampere, apart from the steady discharge; None where the current
-            hardly changed, so that the interval contains 0.
-        resistance_interval: half width of its 90 % interval.
-    """
-
-    voltage_start: float
+    voltage_start: float  # with voltage_end: medians of the first and the last 2 s; the others are of all samples
     voltage_end: float
     voltage_mean: float
     voltage_min: float
     current_mean: float | None = None
     current_max: float | None = None
+    # how far the voltage falls with each ampere, apart from the steady discharge; None where the current hardly
+    # changed, so that the interval contains 0
     resistance: float | None = None
-    resistance_interval: float | None = None
+    resistance_interval: float | None = None  # half width of its 90 % interval
 
 
 @dataclass(frozen=True)
@@ -239,34 +229,24 @@ class Condition:
 
     All of them are of settled flight, but for the first two, and the battery where there was none. None where a figure
     was not recorded.
-
-    Attributes:
-        duration: of the log, s, over all boots.
-        armed: of it armed, s; None where the log does not say.
-        settled: of it in settled flight, s.
-        hover: what each motor does, how hard it works, and what it has left.
-        share_interval: half widths of the 90 % intervals of ``hover.trim_share``; within this flight, not between
-            flights.
-        command: for each axis known, the motors' combination that turns it, as a share of their range: what balances a
-            shifted load, steady wind or a weak motor. Positive: to the right, nose up, nose to the right.
-        lean: roll and pitch, rad.
-        tilt_mean, tilt_sd, tilt_max: of the angle from level, rad.
-        vibration: level and clips.
-        battery: voltage and current.
     """
 
-    duration: float
-    armed: float | None
-    settled: float
-    hover: HoverFigures | None
+    duration: float  # of the log, s, over all boots
+    armed: float | None  # of it armed, s; None where the log does not say
+    settled: float  # of it in settled flight, s
+    hover: HoverFigures | None  # what each motor does, how hard it works, and what it has left
+    # half widths of the 90 % intervals of ``hover.trim_share``; within this flight, not between flights
     share_interval: tuple[float | None, ...]
+    # for each axis known, the motors' combination that turns it, as a share of their range: what balances a shifted
+    # load, steady wind or a weak motor. Positive: to the right, nose up, nose to the right
     command: dict[str, Steady]
-    lean: dict[str, Steady]
-    tilt_mean: float | None
+    lean: dict[str, Steady]  # roll and pitch, rad
+    tilt_mean: float | None  # with tilt_sd, tilt_max: of the angle from level, rad
     tilt_sd: float | None
     tilt_max: float | None
     vibration: VibrationFigures | None
     battery: BatteryFigures | None
+    oscillation: Oscillation | None = None  # a limit cycle; None where there is none
 
     @property
     def collective(self) -> float | None:
@@ -277,7 +257,9 @@ class Condition:
         """Returns plain JSON values; angles in rad, but for those of ``hover``."""
         hover = None if self.hover is None else self.hover.as_dict()
         intervals = list(self.share_interval)
-        return {**asdict(self), "hover": hover, "share_interval": intervals, "collective": self.collective}
+        oscillation = None if self.oscillation is None else self.oscillation._asdict()
+        shown = {"hover": hover, "share_interval": intervals, "oscillation": oscillation}
+        return {**asdict(self), **shown, "collective": self.collective}
 
 
 def condition_of(signals: Signals) -> Condition:
@@ -291,7 +273,6 @@ def condition_of(signals: Signals) -> Condition:
     intervals, command = ((), {}) if hover is None else _balance(signals, settled)
     armed = sum(total(both([(part.start, part.end)], phases.armed(signals, part.boot))) for part in span)
     lean, tilt = _leaning(signals, settled)
-    tilts = (float(tilt.mean()), float(tilt.std()), float(tilt.max())) if len(tilt) else (None,) * 3
     return Condition(
         duration=_seconds(span),
         armed=None if signals.armed is None else float(armed),
@@ -300,15 +281,16 @@ def condition_of(signals: Signals) -> Condition:
         share_interval=intervals,
         command=command,
         lean=lean,
-        tilt_mean=tilts[0],
-        tilt_sd=tilts[1],
-        tilt_max=tilts[2],
+        tilt_mean=float(tilt.mean()) if len(tilt) else None,
+        tilt_sd=float(tilt.std()) if len(tilt) else None,
+        tilt_max=float(tilt.max()) if len(tilt) else None,
         vibration=_vibration(signals, settled),
         battery=_battery(signals, settled or span),
+        oscillation=oscillation_of(signals, settled or _flown(signals, span)),
     )
 
 
-def settled_parts(signals: Signals) -> Segments:
+def settled_parts(signals: Signals) -> tuple[Segment, ...]:
     """Returns settled flight with attitude and motor outputs or, where there are no motor outputs, with attitude."""
     if signals.telemetry.vehicle not in (*MULTIROTORS, "UNKNOWN"):
         return ()
@@ -321,15 +303,18 @@ def settled_parts(signals: Signals) -> Segments:
     )
 
 
-def recorded_parts(signals: Signals) -> Segments:
+def _flown(signals: Signals, span: tuple[Segment, ...]) -> tuple[Segment, ...]:
+    """Flight that need not be settled."""
+    flights = ((one.boot, both([(one.start, one.end)], phases.flying(signals, one.boot))) for one in span)
+    return tuple(Segment(boot, *interval) for boot, intervals in flights for interval in intervals)
+
+
+def recorded_parts(signals: Signals) -> tuple[Segment, ...]:
     """Returns each boot from its first message to its last."""
-    ends: dict[int, tuple[float, float]] = {}
-    for columns in signals.telemetry.messages.values():
-        for boot in np.unique(columns["boot"]):
-            time = columns["time"][columns["boot"] == boot]
-            first, last = ends.get(int(boot), (np.inf, -np.inf))
-            ends[int(boot)] = min(first, float(time.min())), max(last, float(time.max()))
-    return tuple(Segment(boot, *span) for boot, span in sorted(ends.items()))
+    messages = signals.telemetry.messages.values()
+    time, boot = (np.concatenate([np.zeros(0), *(columns[name] for columns in messages)]) for name in ("time", "boot"))
+    boots = ((int(number), time[boot == number]) for number in np.unique(boot))
+    return tuple(Segment(number, float(stamps.min()), float(stamps.max())) for number, stamps in boots)
 
 
 def mean_interval(values: NDArray[np.float64], seconds: float) -> NDArray[np.float64]:
@@ -347,11 +332,11 @@ def mean_interval(values: NDArray[np.float64], seconds: float) -> NDArray[np.flo
     return half_width(variance, LEVEL, cosines)
 
 
-def _seconds(parts: Segments) -> float:
+def _seconds(parts: tuple[Segment, ...]) -> float:
     return float(sum(part.duration for part in parts))
 
 
-def _balance(signals: Signals, settled: Segments) -> tuple[tuple[float | None, ...], dict[str, Steady]]:
+def _balance(signals: Signals, settled: tuple[Segment, ...]) -> tuple[tuple[float | None, ...], dict[str, Steady]]:
     """Half widths of the motors' shares, and the steady command of each axis."""
     motors, seconds = signals.motors, _seconds(settled)
     assert motors is not None
@@ -366,7 +351,7 @@ def _balance(signals: Signals, settled: Segments) -> tuple[tuple[float | None, .
     )
 
 
-def _leaning(signals: Signals, settled: Segments) -> tuple[dict[str, Steady], NDArray[np.float64]]:
+def _leaning(signals: Signals, settled: tuple[Segment, ...]) -> tuple[dict[str, Steady], NDArray[np.float64]]:
     """Roll and pitch, and the angle from level (N,), rad."""
     angles = [tilt.angle[within(tilt, *settled, slack=0)] for tilt in signals.tilts]
     if len(angles) < len(TILT_AXES) or not all(map(len, angles)):
@@ -392,7 +377,7 @@ def _measured(signals: Signals, message: str, fields: tuple[str, ...]) -> Signal
     return series(columns, np.column_stack([floats(columns, name) for name in fields]))
 
 
-def _vibration(signals: Signals, settled: Segments) -> VibrationFigures | None:
+def _vibration(signals: Signals, settled: tuple[Segment, ...]) -> VibrationFigures | None:
     """The vibration in settled flight, if measured; PX4's (``streams/VIBRATION.hpp``) has acceleration in z only."""
     names = LEVELS[-1:] if signals.telemetry.autopilot == "PX4" else LEVELS
     measured = _measured(signals, "VIBRATION", (*names, *CLIPS))
@@ -407,7 +392,7 @@ def _vibration(signals: Signals, settled: Segments) -> VibrationFigures | None:
     return VibrationFigures(tuple(levels.mean(axis=0).tolist()), int(rises[here].sum()))
 
 
-def _battery(signals: Signals, parts: Segments) -> BatteryFigures | None:
+def _battery(signals: Signals, parts: tuple[Segment, ...]) -> BatteryFigures | None:
     voltage = signals.voltage
     if voltage is None or not (here := within(voltage, *parts, slack=0)).any():
         return None

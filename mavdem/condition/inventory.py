@@ -33,23 +33,15 @@ FIRST_SECOND = datetime(2001, 1, 1, tzinfo=UTC).timestamp()  # A clock that was 
 
 @dataclass(frozen=True)
 class Identity:
-    """Which vehicle a log is of.
+    """Which vehicle a log is of."""
 
-    Attributes:
-        name: by which logs of this vehicle are known; of another kind, or another autopilot, it differs.
-        basis: what the name is made of: "board", "accelerometer", "compass" or "system id", the last shared by many.
-        system: MAVLink system id.
-        autopilot, frame, firmware: as the log has them; empty where it does not.
-        date: when its settled flight began, or the log, UTC; None where no message has the time of day.
-    """
-
-    name: str
-    basis: str
-    system: int
-    autopilot: str
+    name: str  # by which logs of this vehicle are known; of another kind, or another autopilot, it differs
+    basis: str  # of the name: "board", "accelerometer", "compass" or "system id", the last shared by many
+    system: int  # MAVLink system id
+    autopilot: str  # with frame, firmware: as the log has them; empty where it does not
     frame: str
     firmware: str
-    date: datetime | None
+    date: datetime | None  # when its settled flight began, or the log, UTC; None where no message has the time of day
 
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON values; the date in ISO 8601."""
@@ -141,31 +133,18 @@ NEEDS = {  # by tier
 
 
 class Tier(NamedTuple):
-    """What a log allows.
+    """What a log allows."""
 
-    Attributes:
-        name: "a", "b" or "c"; None where there is no settled flight.
-        reason: one sentence with the figures that decided; of all but "a", why it is no better.
-        next_tier: the next better one; None for "a".
-        next_needs: what that needs; empty for "a".
-        remedy: what to change, by the log's own parameters and firmware; empty for "a".
-    """
-
-    name: str | None
-    reason: str
-    next_tier: str | None
-    next_needs: str
-    remedy: str
+    name: str | None  # "a", "b" or "c"; None where there is no settled flight
+    reason: str  # one sentence with the figures that decided; of all but "a", why it is no better
+    next_tier: str | None  # the next better one; None for "a"
+    remedy: str  # what to change, by the log's own parameters and firmware; empty for "a"
 
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON values: ``tier``, ``tier_reason`` and ``next_tier``."""
-        following = {"tier": self.next_tier, "needs": self.next_needs, "remedy": self.remedy}
-        return {
-            "tier": self.name,
-            "tier_reason": self.reason,
-            "allows": ALLOWS.get(self.name or "", ""),
-            "next_tier": None if self.next_tier is None else following,
-        }
+        better = self.next_tier and {"tier": self.next_tier, "needs": NEEDS[self.next_tier], "remedy": self.remedy}
+        allows = ALLOWS.get(self.name or "", "")
+        return {"tier": self.name, "tier_reason": self.reason, "allows": allows, "next_tier": better}
 
 
 def tier_of(verdict: Verdict, condition: Condition) -> Tier:
@@ -173,12 +152,12 @@ def tier_of(verdict: Verdict, condition: Condition) -> Tier:
     figures = verdict.figures
     slower = min(figures.attitude_rate or 0.0, figures.motor_rate or 0.0)
     if verdict.learnable:
-        return Tier("a", verdict.reason, None, "", "")
+        return Tier("a", verdict.reason, None, "")
     name: str | None
     name, following = ("b", "a") if slower >= SLOW_MOTION_RATE else ("c", "b")
     if not condition.settled or not condition.lean or 0 < slower < SLOWEST_RATE:
         name, following = None, "c"
-    return Tier(name, verdict.reason, following, NEEDS[following], verdict.remedy)
+    return Tier(name, verdict.reason, following, verdict.remedy)
 
 
 def inventory(

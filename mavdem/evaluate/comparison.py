@@ -82,9 +82,6 @@ METHODS = (
 compared of those that make them; settings of DEM do not matter to these. p = 1 is what the paper calls
 without generalized coordinates (section V.G): the first derivative only, which the model itself needs."""
 
-GENERALIZED_COORDINATES = (("DEM", "DEM p=1"), ("DEM paper", "DEM paper p=1"))
-"""Pairs of names: the same method with generalized coordinates, and without."""
-
 
 @dataclass(frozen=True, eq=False)
 class Outcome:

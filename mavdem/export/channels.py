@@ -61,7 +61,7 @@ def _learned(flight: Flight, time: Array, learned: Learned) -> dict[str, Series]
     command = AxisCommand.of(learned)
     series = {
         "learned/one_step": _series(time, flight.output_names, learned.one_step()),
-        "learned/process_noise": _series(time[places], state_names(flight, learned), noise),
+        "learned/process_noise": _series(time[places], state_names(flight.output_names, learned), noise),
         "learned/free_energy": (time[places], {"free_energy": learned.free_energy_of_samples}),
         "learned/command": _series(time, [command.name], command.series(learned.record.inputs)[:, None]),
     }

@@ -28,10 +28,8 @@ if TYPE_CHECKING:
 Table = Mapping[str, NDArray[np.float64]]
 """Columns (T,) by name, with units, such as "roll_rate_rad_s"; the first is "time_s"."""
 TIME = "time_s"
-DECIMALS = {"_rad_s": 5, "_rad": 6, "_us": 2, "_v": 3, "_s": 6}
-"""Of numbers in text, by the unit at the end of a name, the first that fits: a tenth of what gyroscopes, attitude,
-outputs and battery monitors resolve, or less; stamps of autopilots are microseconds at best."""
-SIGNIFICANT = 7  # digits of other numbers: autopilots send and log them as float32
+IN_TEXT = {TIME: ".6f"}  # stamps of autopilots are microseconds at best
+FLOAT32 = ".7g"  # other numbers in text: autopilots send and log them as float32
 
 
 def column_name(name: str, unit: str) -> str:
@@ -88,20 +86,13 @@ def own_columns(signals: Signals) -> dict[str, NDArray[np.float64]]:
 
 
 def write_csv(file: BinaryIO, table: Table, provenance: Mapping[str, Any]) -> None:
-    """Writes a head and one line a sample, rounded to ``DECIMALS``, without the provenance."""
-    texts = [_rounded(name, column) for name, column in table.items()]
+    """Writes a head and one line a sample, as ``IN_TEXT`` and ``FLOAT32`` say, without the provenance."""
+    texts = [[format(value, IN_TEXT.get(name, FLOAT32)) for value in column.tolist()] for name, column in table.items()]
     text = io.TextIOWrapper(file, encoding="utf-8", newline="")
     lines = csv.writer(text, lineterminator="\n")
     lines.writerow(table)
     lines.writerows(zip(*texts, strict=True))
     text.detach()
-
-
-def _rounded(name: str, column: NDArray[np.float64]) -> list[float] | list[str]:
-    decimals = next((number for end, number in DECIMALS.items() if name.endswith(end)), None)
-    if decimals is None:
-        return [f"{value:.{SIGNIFICANT}g}" for value in column.tolist()]
-    return list((np.round(column, decimals) + 0.0).tolist())  # + 0.0: no minus before zero
 
 
 def write_parquet(file: BinaryIO, table: Table, provenance: Mapping[str, Any]) -> None:
@@ -152,7 +143,7 @@ def to_control(learned: Learned) -> control.StateSpace:
     labels, model = Labels.of(learned), learned.model
     inputs = list(map(column_name, labels.input_names, labels.input_units))
     outputs = list(map(column_name, labels.output_names, labels.output_units))
-    states = [column_name(name, "") for name in state_names(labels, learned)]
+    states = [column_name(name, "") for name in state_names(labels.output_names, learned)]
     if states_are_outputs(learned):
         states = [*outputs, *states[len(outputs) :]][: len(states)]
     names = {"inputs": inputs, "outputs": outputs, "states": states, "name": "mavdem"}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
+import re
 import socket
 from collections.abc import Iterator
 from importlib import metadata
@@ -31,6 +32,8 @@ class Cluster:
 
     def __init__(self, address: str, limits: Limits, read: str = READ_LOG) -> None:
         require("Reading logs on a cluster", "dask")
+        if not re.fullmatch(r"\w+://\S+:\d{1,5}", address):
+            raise Unreadable(f"{address!r} is no address like tcp://10.0.0.1:8786.")
         self.address, self.limits, self.read = address, limits, read
 
     def outcomes(self, jobs: Iterator[Job]) -> Iterator[Outcome]:
@@ -105,38 +108,29 @@ def stop_pools() -> None:
         _pools.popitem()[1].stop()
 
 
-def versions() -> tuple[str, int, str]:
-    """Returns those of mavdem, of the columns, and of Python, here."""
-    return metadata.version("mavdem"), SCHEMA_VERSION, ".".join(platform.python_version_tuple()[:2])
-
-
-def readable_here(path: str) -> bool:
-    """Returns whether this machine has the file."""
-    return is_url(path) or os.path.lexists(path)
+def machine(path: str) -> tuple[str, bool]:
+    """Returns the versions here of mavdem, of the columns and of Python, and whether the log at ``path`` is here."""
+    python = ".".join(platform.python_version_tuple()[:2])
+    has_log = is_url(path) or os.path.lexists(path)
+    return f"mavdem {metadata.version('mavdem')} (columns {SCHEMA_VERSION}) on Python {python}", has_log
 
 
 def _threads(client: Any, address: str, path: str) -> int:
     """How many threads the workers have; raises ``Unreadable`` where there are none, or one cannot read the log."""
     if not (threads := dict(client.nthreads())):
         raise Unreadable(f"The cluster at {address} has no workers: start some with `dask worker {address}`.")
-    here = versions()
+    here, readable_here = machine(path)
     try:
-        there = client.run(versions)
+        workers = client.run(machine, path)
     except Exception as error:  # raised there: where there is no mavdem, the function cannot be found
         raise Unreadable(
             f"The workers of {address} have no mavdem that reads logs of a fleet ({type(error).__name__}: {error}): "
-            f"install 'mavdem[dask,fleet]' {here[0]} there."
+            f"install 'mavdem[dask,fleet]' {metadata.version('mavdem')} there."
         ) from None
-    for worker, theirs in sorted(there.items()):
-        if theirs != here:
-            raise Unreadable(
-                f"The worker {worker} has mavdem {theirs[0]} (columns {theirs[1]}) on Python {theirs[2]}, this machine "
-                f"mavdem {here[0]} (columns {here[1]}) on Python {here[2]}: install the same there."
-            )
-    for worker, readable in sorted(client.run(readable_here, path).items()):
-        if not readable and readable_here(path):
-            raise Unreadable(
-                f"The worker {worker} cannot read {path}: put the logs into a folder that all machines share, or name "
-                "them by URLs."
-            )
+    for worker, (there, readable) in sorted(workers.items()):
+        if there != here:
+            raise Unreadable(f"The worker {worker} has {there}, this machine {here}: install the same there.")
+        if readable_here and not readable:
+            shared = "put the logs into a folder that all machines share, or name them by URLs"
+            raise Unreadable(f"The worker {worker} cannot read {path}: {shared}.")
     return sum(threads.values())

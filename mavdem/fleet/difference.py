@@ -42,8 +42,8 @@ FEWEST_MOTORS = 3  # of which one is compared with the others
 SIDES = ("A", "B")
 _Z = quantile()  # of the intervals of flights, in standard deviations
 
-Outcome = Literal["changed", "same", "uncertain"]
 Flights = Sequence[Flight]
+"""Flights of one vehicle in order of date, the rows of each."""
 
 
 class Quantity(NamedTuple):
@@ -73,8 +73,8 @@ class QuantityChange(NamedTuple):
     half_width: float
     p: float  # probability of a difference as large if nothing changed
     allowance: float  # standard deviation of what other conditions may do to it, which is in the half width
-    # "changed", "same", or "uncertain" where the interval has both what is called the same and what is not
-    outcome: Outcome
+    # uncertain where the interval has both what is called the same and what is not
+    outcome: Literal["changed", "same", "uncertain"]
 
 
 class Conditions(NamedTuple):
@@ -103,7 +103,7 @@ class VehicleDifference(NamedTuple):
     incomparable: tuple[tuple[str, str], ...]  # what is not known in both: its name and the reason
     conditions: tuple[Conditions, Conditions]  # of each state
 
-    def of(self, outcome: Outcome) -> list[QuantityChange]:
+    def of(self, outcome: str) -> list[QuantityChange]:
         """Returns the changes with this outcome."""
         return [change for change in self.changes if change.outcome == outcome]
 
@@ -276,7 +276,7 @@ def _judged(quantity: Quantity, raw: _Raw) -> QuantityChange:
 def _tested(judged: Sequence[QuantityChange]) -> list[QuantityChange]:
     """The outcome of each, by Holm's procedure over all."""
     tested: list[QuantityChange] = []
-    outcome: Outcome = "changed"
+    outcome: Literal["changed", "same", "uncertain"] = "changed"
     for rank, change in enumerate(sorted(judged, key=lambda change: change.p)):
         if outcome != "changed" or change.p > FAMILY_ERROR / (len(judged) - rank):
             within = abs(change.difference) + change.half_width <= RESOLUTION[change.quantity.kind]
@@ -349,19 +349,17 @@ def _incomparable(
     """What is missing on either side, by name, each with its reason."""
     if other_kinds:
         return [("everything", other_kinds)]
-    missing, wanted = [], [(SHARE, "", "motors' shares")]
-    if other_inputs:
-        missing.append(("effects, damping and lag", other_inputs))
-    else:
-        wanted += [(EFFECT, "", "motors' effects")]
-        wanted += [(kind, axis, f"{kind} on {axis}") for kind in (DAMPING, LAG) for axis in TILT_AXES]
-    for kind, axis, name in wanted:
-        all_known = [{quantity for flight in side for quantity in flight} for side in estimates]
-        known = [{one for one in every if one.kind == kind and axis in ("", one.axis)} for every in all_known]
-        if not known[0] & known[1]:
-            lacking = [i for i in range(2) if not known[i]]
-            reasons = [_reason(kind, SIDES[i], sides[i], axis) for i in lacking]
-            missing.append((name, f"{'; '.join(reasons) or 'each side has others'}."))
+    missing = [("effects, damping and lag", other_inputs)] if other_inputs else []
+    of_axes = [(kind, axis, f"{kind} on {axis}") for kind in (DAMPING, LAG) for axis in TILT_AXES]
+    of_model = [] if other_inputs else [(EFFECT, "", "motors' effects"), *of_axes]
+    for kind, axis, name in [(SHARE, "", "motors' shares"), *of_model]:
+        reasons = [
+            _reason(kind, side, flights, axis)
+            for side, flights, known in zip(SIDES, sides, estimates, strict=True)
+            if not any(one.kind == kind and axis in ("", one.axis) for flight in known for one in flight)
+        ]
+        if reasons:
+            missing.append((name, f"{'; '.join(reasons)}."))
     return missing
 
 
@@ -372,10 +370,10 @@ def _reason(kind: str, side: str, flights: Flights, axis: str) -> str:
     statuses = {getattr(row, f"{kind}_status", None) for row in rows} & {"biased", "not identifiable"}
     if not rows:
         return f"{side} has no figures of {axis}"
+    if kind == SHARE and any(row.trim_share for row in rows):
+        return f"{side} has too little flight for the interval of its shares"
     if kind == SHARE:
-        too_short = any(row.trim_share for row in rows)
-        lacks = "too little flight for the interval of its shares" if too_short else "no motor outputs of known range"
-        return f"{side} has {lacks}"
+        return f"{side} has no motor outputs of known range"
     if statuses:
         return f"{_spoken(statuses)} in {side}"
     if tiers and "a" not in tiers:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field, fields
 from datetime import UTC, datetime
 from functools import cache
 from types import UnionType
@@ -32,6 +32,11 @@ Numbers = tuple[float, ...]
 Pairs = tuple[tuple[float, float], ...]
 
 
+def at(place: str, default: str | None = None) -> Any:
+    """A column that is at this place of a document of ``report.json``."""
+    return field(default=default, metadata={"place": place})
+
+
 @dataclass(frozen=True, kw_only=True)
 class FlightRow:
     """One settled flight of a log: one vehicle, one axis. SI units, angles rad; None where a value is not known.
@@ -41,78 +46,71 @@ class FlightRow:
     """
 
     file: str  # path or URL of the log
-    # hash of its content and its size, by which a log is known again; empty if it could not be read at all
-    key: str = ""
-    vehicle: str = UNKNOWN  # its name, by what the log says of its identity; "unknown" where it says nothing
-    # what the name is made of: "board", "accelerometer", "compass", or "system id", which several vehicles may share
-    vehicle_basis: str | None = None
-    autopilot: str | None = None  # as the log has them
-    frame: str | None = None
-    firmware: str | None = None
-    system: int | None = None  # MAVLink ids
+    key: str = ""  # hash of its content and its size, by which it is known again; empty if it could not be read at all
+    vehicle: str = at("identity.name", UNKNOWN)  # by what the log says of its identity; "unknown" where it says nothing
+    vehicle_basis: str | None = at("identity.basis")  # of the name: "board", "accelerometer", "compass", or ``SHARED``
+    autopilot: str | None = at("identity.autopilot")  # as the log has them
+    frame: str | None = at("identity.frame")
+    firmware: str | None = at("identity.firmware")
+    system: int | None = at("identity.system")  # MAVLink ids
     component: int | None = None
-    date: datetime | None = None  # when the flight began, UTC; in the table without a zone
+    date: datetime | None = at("identity.date")  # when the flight began, UTC; in the table without a zone
     axis: str | None = None  # "roll" or "pitch"
-    tier: str | None = None  # "a" everything, "b" the slow motion and conditions, "c" conditions only
-    tier_reason: str | None = None  # why no better one
-    duration: float | None = None  # of the settled flight, s
-    attitude_rate: float | None = None  # Hz
-    motor_rate: float | None = None
-    voltage_start: float | None = None  # of the battery, V
-    voltage_end: float | None = None
-    voltage_mean: float | None = None
-    collective: float | None = None  # mean of all motors, as a share of their range: payload and thrust
-    lean_roll: float | None = None  # mean angles, rad
-    lean_pitch: float | None = None
-    tilt_sd: float | None = None  # of the angle from level, rad
-    tilt_max: float | None = None
-    vibration: Numbers | None = None  # x, y, z, m/s²
-    clips: int | None = None  # how often an accelerometer was at its limit
-    motors: tuple[str, ...] | None = None  # their names
+    tier: str | None = at("tier")  # "a" everything, "b" the slow motion and conditions, "c" conditions only
+    tier_reason: str | None = at("reason")  # why no better one
+    duration: float | None = at("condition.settled")  # of the settled flight, s
+    attitude_rate: float | None = at("verdict.figures.attitude_rate")  # Hz
+    motor_rate: float | None = at("verdict.figures.motor_rate")
+    voltage_start: float | None = at("condition.battery.voltage_start")  # V
+    voltage_end: float | None = at("condition.battery.voltage_end")
+    voltage_mean: float | None = at("condition.battery.voltage_mean")
+    collective: float | None = at("condition.collective")  # mean of all motors, of their range: payload and thrust
+    lean_roll: float | None = at("condition.lean.roll.mean")  # mean angles, rad
+    lean_pitch: float | None = at("condition.lean.pitch.mean")
+    tilt_sd: float | None = at("condition.tilt_sd")  # of the angle from level, rad
+    tilt_max: float | None = at("condition.tilt_max")
+    vibration: Numbers | None = at("condition.vibration.level")  # x, y, z, m/s²
+    clips: int | None = at("condition.vibration.clips")  # how often an accelerometer was at its limit
+    motors: tuple[str, ...] | None = at("condition.hover.motors")  # their names
     spins: tuple[int, ...] | None = None  # +1 counter-clockwise seen from above, -1 clockwise, 0 not known
     positions: Pairs | None = None  # forward and right, in arm lengths
-    trim_unit: str | None = None
-    trim: Numbers | None = None  # mean output, in ``trim_unit``
-    trim_share: Numbers | None = None  # the mean output as a share of the range, over its mean of all motors
-    trim_share_interval: Numbers | None = None
-    headroom: Numbers | None = None  # what is left at the 99th percentile, as a share of the range
-    saturated: Numbers | None = None  # share of the time at full throttle
+    trim_unit: str | None = at("condition.hover.unit")
+    trim: Numbers | None = at("condition.hover.trim")  # mean output, in ``trim_unit``
+    trim_share: Numbers | None = at("condition.hover.trim_share")  # as a share of the range, over the mean of all
+    trim_share_interval: Numbers | None = at("condition.share_interval")
+    headroom: Numbers | None = at("condition.hover.headroom")  # left at the 99th percentile, as a share of the range
+    saturated: Numbers | None = at("condition.hover.at_upper_limit")  # share of the time at full throttle
     # what is asked of the motors in roll, pitch and yaw, in shares of their mean command, and its standard error
     balance: Numbers | None = None
     balance_error: Numbers | None = None
     balance_lean: Numbers | None = None  # mean roll and pitch meanwhile, rad
-    # change of each by roll and by pitch, 1/rad, row after row, and its standard error
-    lean_effect: Numbers | None = None
+    lean_effect: Numbers | None = None  # change of each by roll and by pitch, 1/rad, row after row, and standard error
     lean_effect_error: Numbers | None = None
-    # what the model's inputs are, "motors" or, one for the axis, the controller's "demand", and their unit; without a
-    # model those of ``mean_inputs``
-    inputs: str | None = None
+    inputs: str | None = None  # of the model, "motors" or one "demand" for the axis; without one, of ``mean_inputs``
     input_unit: str | None = None
-    effect: Numbers | None = None  # angular acceleration for one unit of each input, rad/s²
-    effect_interval: Numbers | None = None
-    effect_status: str | None = None
-    damping: float | None = None  # 1/s
-    damping_interval: float | None = None
-    damping_status: str | None = None
-    lag: float | None = None  # of the motors, s
-    lag_interval: float | None = None
-    lag_status: str | None = None
-    wind_torque_sd: float | None = None  # rad/s²; the interval is that of the mean
-    wind_torque_mean: float | None = None
-    wind_torque_interval: float | None = None
-    mean_inputs: Numbers | None = None  # over the settled flight; an entry for each input and output of the model
+    effect: Numbers | None = at("physical.effect")  # angular acceleration for one unit of each input, rad/s²
+    effect_interval: Numbers | None = at("physical.interval_90_percent.effect")
+    effect_status: str | None = at("physical.status.effect")
+    damping: float | None = at("physical.damping")  # 1/s
+    damping_interval: float | None = at("physical.interval_90_percent.damping")
+    damping_status: str | None = at("physical.status.damping")
+    lag: float | None = at("physical.lag")  # of the motors, s
+    lag_interval: float | None = at("physical.interval_90_percent.lag")
+    lag_status: str | None = at("physical.status.lag")
+    wind_torque_sd: float | None = at("wind.sd")  # rad/s²; the interval is that of the mean
+    wind_torque_mean: float | None = at("wind.mean")
+    wind_torque_interval: float | None = at("wind.mean_band")
+    mean_inputs: Numbers | None = at("condition.hover.trim")  # over the flight, of each input and output of the model
     mean_outputs: Numbers | None = None
     # the mean angular acceleration that this flight's frozen model leaves unexplained in another one, rad/s², is the
     # sum of gains times that flight's means and the offset
     residual_gain_inputs: Numbers | None = None
     residual_gain_outputs: Numbers | None = None
     residual_offset: float | None = None
-    error_ratio: float | None = None  # squared forecast error over that of the constant mean, on parts held out
-    coverage: float | None = None  # share of held-out samples inside the band of 90 %
-    # what the models of the vehicle's healthy flights leave unexplained in this one, in the mean, rad/s²
-    residual_mean: float | None = None
-    # how far from 0 that is in 90 % of healthy flights; no interval of this flight's figure
-    residual_mean_interval: float | None = None
+    error_ratio: float | None = at("forecast_over_constant_mean")  # of squared errors, on parts held out
+    coverage: float | None = at("inside_90_percent_band")  # share of held-out samples
+    residual_mean: float | None = None  # what models of its healthy flights leave unexplained in this one, rad/s²
+    residual_mean_interval: float | None = None  # how far from 0 that is in 90 % of healthy flights
     health: str = UNKNOWN  # "ok", "drift", "fault" or "unknown"
     fault_probability: float | None = None  # that a motor works 8 % harder or more, whichever it is, from 0 to 1
     change_probability: float | None = None  # that anything changed, from 0 to 1
@@ -200,57 +198,29 @@ def row_schema() -> Any:
     return pyarrow.schema(columns, metadata={"mavdem_schema": str(SCHEMA_VERSION)})
 
 
-PLACES = {
-    **{name: f"identity.{name}" for name in ("system", "autopilot", "frame", "firmware", "date")},
-    "vehicle": "identity.name",
-    "vehicle_basis": "identity.basis",
-    "tier": "tier",
-    "tier_reason": "reason",
-    "duration": "condition.settled",
-    **{name: f"verdict.figures.{name}" for name in ("attitude_rate", "motor_rate")},
-    **{name: f"condition.{name}" for name in ("collective", "tilt_sd", "tilt_max")},
-    **{f"lean_{axis}": f"condition.lean.{axis}.mean" for axis in ("roll", "pitch")},
-    **{f"voltage_{when}": f"condition.battery.voltage_{when}" for when in ("start", "end", "mean")},
-    "vibration": "condition.vibration.level",
-    "clips": "condition.vibration.clips",
-    **{name: f"condition.hover.{name}" for name in ("motors", "trim", "trim_share", "headroom")},
-    "trim_share_interval": "condition.share_interval",
-    "saturated": "condition.hover.at_upper_limit",
-    "mean_inputs": "condition.hover.trim",
-    "error_ratio": "forecast_over_constant_mean",
-    "coverage": "inside_90_percent_band",
-    "wind_torque_sd": "wind.sd",
-    "wind_torque_mean": "wind.mean",
-    "wind_torque_interval": "wind.mean_band",
-    **{name: f"physical.{name}" for name in ("effect", "damping", "lag")},
-    **{f"{name}_interval": f"physical.interval_90_percent.{name}" for name in ("effect", "damping", "lag")},
-    **{f"{name}_status": f"physical.status.{name}" for name in ("effect", "damping", "lag")},
-}
-"""Where columns are in a document of ``report.json``."""
-
-
 def _of_report(report: Mapping[str, Any]) -> dict[str, Any]:
     """The columns that a document of ``report.json`` has; nothing is known by an empty text or list."""
 
-    def at(place: str) -> Any:
+    def value_at(place: str) -> Any:
         value: Any = report
         for key in place.split("."):
             value = None if value is None else value.get(key)
         return value
 
-    columns = {name: value for name, place in PLACES.items() if (value := at(place)) not in (None, "", [], ())}
-    axis = at("verdict.axis") if not report.get("outputs") else report["outputs"][0]
-    unit = at("condition.hover.unit")
+    places = {column.name: column.metadata["place"] for column in fields(FlightRow) if column.metadata}
+    columns = {name: value for name, place in places.items() if (value := value_at(place)) not in (None, "", [], ())}
+    axis = value_at("verdict.axis") if not report.get("outputs") else report["outputs"][0]
+    unit = value_at("condition.hover.unit")
     inputs = None if unit is None else MOTORS
-    names, cautions = list(report.get("inputs") or ()), at("verdict.cautions")
+    names, cautions = list(report.get("inputs") or ()), value_at("verdict.cautions")
     if names or report.get("physical") is not None:  # a model
-        by_demand = at("flight.scale.name") == DEMAND or (len(names) == 1 and names[0].endswith(f" {DEMAND}"))
-        unit, inputs, cautions = at("flight.scale.unit"), DEMAND if by_demand else MOTORS, report.get("cautions")
+        by_demand = value_at("flight.scale.name") == DEMAND or (len(names) == 1 and names[0].endswith(f" {DEMAND}"))
+        unit, inputs, cautions = value_at("flight.scale.unit"), DEMAND if by_demand else MOTORS, report.get("cautions")
         if not by_demand:
             columns = {"motors": names or None} | columns
     alarms = [alarm["sentence"] for alarm in report.get("alarms") or ()]
-    known = {"axis": axis, "inputs": inputs, "input_unit": unit, "trim_unit": at("condition.hover.unit")}
-    default = {"vehicle": UNKNOWN, "tier": "a" if "tier" not in report else None}
+    known = {"axis": axis, "inputs": inputs, "input_unit": unit}
+    default = {} if "tier" in report else {"tier": "a"}
     return default | columns | known | {"warnings": (*alarms, *(cautions or ()))}
 
 

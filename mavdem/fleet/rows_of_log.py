@@ -23,15 +23,13 @@ from mavdem.ingest import Log, Telemetry, read_log
 
 REPORT, MODEL = "report.json", "model.json"  # of what `mavdem learn` writes, those with figures
 MakePage = Callable[[str, Mapping[str, LogAnalysis]], str]
-"""From a log's name and its analyses by axis to the HTML of the flight's page."""
 
 
 def rows_of_log(path: Path, key: str = "", page: MakePage | None = None) -> LogRows:
     """Returns a row for each vehicle and axis of a log, and pages by their names.
 
-    A vehicle without settled flight has one row, whose status says why.
-
-    Pages are named by the ``key`` of the log's content, and made by ``page``; raises ``Unreadable``.
+    A vehicle without settled flight has one row, whose status says why. Pages are named by the ``key`` of the log's
+    content, and made by ``page`` from the log's name and its analyses by axis; raises ``Unreadable``.
     """
     log, rows, pages = read_log(path), [], {}
     for telemetry in log.vehicles:

@@ -190,8 +190,8 @@ class Store:
                     [path, source.version, tracked, log],
                 )
             else:
-                entry = [path, source.version, size, outcome.key, log, outcome.ended, round(outcome.seconds, 3)]
-                entry += [round(outcome.megabytes, 1), *limits, metadata.version("mavdem"), tracked]
+                spent = round(outcome.seconds, 3), round(outcome.megabytes, 1), *limits, metadata.version("mavdem")
+                entry = path, source.version, size, outcome.key, log, outcome.ended, *spent, tracked
                 self._db.execute(f"insert or replace into logs values ({', '.join('?' * len(entry))})", entry)
                 self._delete_rows("log = ?", [log])
                 rows = [(log, row.vehicle, json.dumps(row.as_dict())) for row in outcome.rows]
@@ -231,10 +231,10 @@ class Store:
             query = "select distinct vehicle from flights where file is not null and judged is not ? order by vehicle"
             for (vehicle,) in self._db.execute(query, [baseline]).fetchall():
                 query = "select rowid, row, file from flights where vehicle = ? and file is not null"
-                rows = [(number, _row(text, file)) for number, text, file in self._db.execute(query, [vehicle])]
-                rows.sort(key=lambda numbered: numbered[1].order)
-                judged = _assessed([row for _, row in rows], assess, [row for row in healthy if row.vehicle == vehicle])
-                updates = [(json.dumps(new.as_dict()), baseline, rows[i][0]) for i, new in enumerate(judged)]
+                known = [(number, _row(text, file)) for number, text, file in self._db.execute(query, [vehicle])]
+                numbers, rows = zip(*sorted(known, key=lambda numbered: numbered[1].order), strict=True)
+                judged = _assessed([*rows], assess, [row for row in healthy if row.vehicle == vehicle])
+                updates = [(json.dumps(new.as_dict()), baseline, at) for new, at in zip(judged, numbers, strict=True)]
                 self._db.executemany("update flights set row = ?, judged = ? where rowid = ?", updates)
             if self._db.total_changes > before or not is_fleet(self.folder):
                 # In the transaction: of two runs that end together the later one has all rows.

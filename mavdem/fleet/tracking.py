@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.stats import t
 
+from mavdem.confidence import LEVEL, quantile
 from mavdem.dem.engine.linalg import Array
 from mavdem.errors import Unreadable
 from mavdem.fleet.row import OK, SHARED, UNKNOWN, FlightRow, Numbers
@@ -25,8 +25,7 @@ from mavdem.health.balance import BalanceFigures, motor_signatures
 from mavdem.health.reference import HealthFigures, healthy_flights
 
 FEWEST_MODELS = 3  # of healthy flights, from which their scatter gives an interval
-TWO_SIDED = 0.95  # the quantile at the end of an interval of 90 %
-PROBABILITIES = ("fault_probability", "change_probability", "suspect_motor")  # of a verdict
+JUDGED = ("fault_probability", "change_probability", "suspect_motor")  # columns that are a verdict's
 
 Progress = Callable[[int, int], None]
 """Called with how many logs are done, and how many there are to read."""
@@ -46,8 +45,7 @@ def assess_rows(rows: Sequence[FlightRow], baseline: Sequence[FlightRow]) -> Seq
 
     The ``baseline`` are its healthy ones; without any, its first flights are the reference.
     """
-    judged_by = ("health_reason", "residual_mean", "residual_mean_interval")
-    unknown: dict[str, Any] = dict.fromkeys((*PROBABILITIES, *judged_by))
+    unknown: dict[str, Any] = dict.fromkeys((*JUDGED, "health_reason", "residual_mean", "residual_mean_interval"))
     rows = [replace(row, health=UNKNOWN, **unknown) for row in rows]
     flown = [row for row in rows if row.status == OK]
     if not flown:
@@ -66,7 +64,7 @@ def assess_rows(rows: Sequence[FlightRow], baseline: Sequence[FlightRow]) -> Seq
 
     def with_health(row: FlightRow) -> FlightRow:
         verdict, model = verdicts[_key(row)], models[_kind(row)]
-        columns = {name: getattr(verdict, name) for name in ("health", *PROBABILITIES)}
+        columns = {name: getattr(verdict, name) for name in ("health", *JUDGED)}
         columns |= {"residual_mean": model.residual_mean(row), "residual_mean_interval": model.interval}
         return replace(row, health_reason=verdict.reason, **columns)
 
@@ -75,20 +73,15 @@ def assess_rows(rows: Sequence[FlightRow], baseline: Sequence[FlightRow]) -> Seq
 
 def health_figures(row: FlightRow) -> HealthFigures:
     """Returns what a vehicle's health is judged by, of one flight's row."""
-    motors, balance = row.motors or (), None
+    motors, balance, signatures = row.motors or (), None, None
     if row.balance is not None:
         columns = {"balance": 3, "balance_error": 3, "balance_lean": 2, "lean_effect": 6, "lean_effect_error": 6}
         mean, spread, lean, effect, error = (_array(getattr(row, name), count) for name, count in columns.items())
         balance = BalanceFigures(mean, spread, lean, effect.reshape(3, 2), error.reshape(3, 2), row.duration or 0.0)
-    return HealthFigures(
-        name=f"{row.file} {row.system} {row.component}",
-        motors=motors,
-        signatures=motor_signatures(len(motors), row.positions or (), row.spins or ()) if motors else None,
-        balance=balance,
-        date=row.date,
-        collective=row.collective,
-        voltage=row.voltage_mean,
-    )
+    if motors:
+        signatures = motor_signatures(len(motors), row.positions or (), row.spins or ())
+    name = f"{row.file} {row.system} {row.component}"
+    return HealthFigures(name, motors, signatures, balance, row.date, row.collective, row.voltage_mean)
 
 
 def _key(row: FlightRow) -> tuple[object, ...]:
@@ -119,7 +112,7 @@ class HealthyModels:
         left = [residual for row in self._models if (residual := self.residual_mean(row)) is not None]
         self.interval = None
         if len(left) >= FEWEST_MODELS:
-            self.interval = float(t.ppf(TWO_SIDED, len(left) - 1) * np.sqrt(np.mean(np.square(left))))
+            self.interval = quantile(LEVEL, len(left) - 1) * float(np.sqrt(np.mean(np.square(left))))
 
     def residual_mean(self, row: FlightRow) -> float | None:
         """The mean acceleration that other flights' models leave unexplained in this, rad/s²; None where not known."""

@@ -46,8 +46,6 @@ Ended = Literal["read", "known", "source", "error", "time", "memory", "died"]
 long or too much memory; or the process that read it died."""
 LogRows = tuple[list[FlightRow], dict[str, str]]
 """What a log says: its rows, and the HTML of pages by the name of the file."""
-ReadLog = Callable[[Path, str, Callable[..., str] | None], LogRows]
-"""From a log's path, the key of its content, and what makes a page or None, to what it says."""
 
 
 class Limits(NamedTuple):
@@ -198,8 +196,11 @@ def perform(job: Job, read: str) -> Outcome:
     return replace(outcome, seconds=time.perf_counter() - began, megabytes=kilobytes / 1024)
 
 
-def outcome_of(job: Job, read: ReadLog) -> Outcome:
-    """Returns what becomes of a job in this process, without what it costs; raises ``MemoryError``."""
+def outcome_of(job: Job, read: Callable[[Path, str, Callable[..., str] | None], LogRows]) -> Outcome:
+    """Returns what becomes of a job in this process, without what it costs; raises ``MemoryError``.
+
+    ``read`` takes a log's path, the key of its content, and what makes a page or None.
+    """
     key = ""
     try:
         with _as_file(job.path) as path:

@@ -10,8 +10,6 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from mavdem.confidence import quantile
-from mavdem.dem.engine.linalg import Array
 from mavdem.health.balance import AXES
 from mavdem.health.explanations import (
     DETECTABLE_RISE,
@@ -46,15 +44,15 @@ class Assessment(NamedTuple):
     # balance changed, by less or not by a motor, or the effort did; "ok": as in healthy flights, and a motor that
     # works 20 % harder would have shown; "unknown": ``reason`` says what is missing
     health: Health
-    # that some motor works 8 % harder or more, for it or its propeller is weak; None where unknown
-    fault_probability: float | None
-    change_probability: float | None  # that anything changed, faults included; None where unknown
-    suspect_motor: int | None  # from 1, of a fault where one is named
-    # that the suspect motor is the one, and works 8 % harder or more; at most ``fault_probability``
-    suspect_probability: float | None
-    # by how much it works harder if it is weak, %, with the ends of the interval of 90 %
-    harder: tuple[float, float, float] | None
     reason: str  # sentences with figures
+    # that some motor works 8 % harder or more, for it or its propeller is weak; None where unknown
+    fault_probability: float | None = None
+    change_probability: float | None = None  # that anything changed, faults included; None where unknown
+    suspect_motor: int | None = None  # from 1, of a fault where one is named
+    # that the suspect motor is the one, and works 8 % harder or more; at most ``fault_probability``
+    suspect_probability: float | None = None
+    # by how much it works harder if it is weak, %, with the ends of the interval of 90 %
+    harder: tuple[float, float, float] | None = None
 
 
 def assess(flights: Sequence[HealthFigures], baseline: Sequence[HealthFigures] | None = None) -> tuple[Assessment, ...]:
@@ -79,10 +77,11 @@ def assess(flights: Sequence[HealthFigures], baseline: Sequence[HealthFigures] |
         apart = [other for other in healthy if other is not flight and not other.overlaps(flight)]
         others = [other for other in apart if other.layout == flight.layout]
         if flight.missing or flight.signatures is None:
-            verdicts[number] = _unknown(f"Health is unknown: {flight.missing}.")
+            verdicts[number] = Assessment("unknown", f"Health is unknown: {flight.missing}.")
             continue
         if len(others) < FEWEST_FLIGHTS:
-            verdicts[number] = _unknown(_too_few(len(others), sum(other is not flight for other in named), chosen))
+            reason = _too_few(len(others), sum(other is not flight for other in named), chosen)
+            verdicts[number] = Assessment("unknown", reason)
             continue
         if flight.layout not in candidates:
             candidates[flight.layout] = Candidates(flight.signatures)
@@ -98,14 +97,10 @@ def assess(flights: Sequence[HealthFigures], baseline: Sequence[HealthFigures] |
         reference = "healthy flights" if chosen else "of the vehicle's first flights, taken for healthy"
         verdict = _verdict(flight, weighed, away, effort, f"{len(others)} {reference}")
         if verdict.health == "ok" and considered.shown(away) < DRIFT:
-            verdict = _unknown(_too_unsure(away, f"{len(others)} {reference}"))
+            verdict = Assessment("unknown", _too_unsure(away, f"{len(others)} {reference}"))
         conditions = " ".join([verdict.reason, *_conditions(flight, others, effort)])
         verdicts[number] = verdict._replace(reason=conditions)
     return tuple(verdicts[number] for number in range(len(flights)))
-
-
-def _unknown(reason: str) -> Assessment:
-    return Assessment("unknown", None, None, None, None, None, reason)
 
 
 def _verdict(
@@ -118,20 +113,20 @@ def _verdict(
         likely = float(weighed.faults.max())
         if likely < NAMED * weighed.fault:
             reason = f"A motor or propeller lost thrust (probability {weighed.fault:.2f}), beside {reference}; which"
-            return Assessment("fault", weighed.fault, change, None, None, None, f"{reason} one is not sure.")
-        name, lost, harder = _motor(flight, weighed, weighed.faulty)
+            return Assessment("fault", f"{reason} one is not sure.", weighed.fault, change)
+        suspect = int(weighed.faults.argmax())
+        name, lost, harder = _motor(flight, weighed, suspect)
         reason = (
             f"{name[0].upper()}{name[1:]} {lost} with probability {likely:.2f}: it then works {harder} harder than in "
             f"{reference}. That any motor lost thrust has probability {weighed.fault:.2f}."
         )
-        mean, low, high = (100 * float(value) for value in weighed.harder[:, weighed.faulty - 1])
-        return Assessment("fault", weighed.fault, change, weighed.faulty, likely, (mean, low, high), reason)
+        mean, low, high = (100 * float(value) for value in weighed.harder[:, suspect])
+        return Assessment("fault", reason, weighed.fault, change, suspect + 1, likely, (mean, low, high))
     # Whatever the weights of the explanations are, what healthy flights do not show is a change.
     if change >= DRIFT or away.beyond:
-        reason = _drift(flight, weighed, away, effort, change, reference)
-        return Assessment("drift", weighed.fault, change, None, None, None, reason)
+        return Assessment("drift", _drift(flight, weighed, away, effort, change, reference), weighed.fault, change)
     reason = f"No change is seen beside {reference}; probability that something changed {change:.2f}."
-    return Assessment("ok", weighed.fault, change, None, None, None, reason)
+    return Assessment("ok", reason, weighed.fault, change)
 
 
 def _drift(
@@ -145,7 +140,7 @@ def _drift(
     """What changed, with its ``probability``, and what may explain it."""
     changed = ", ".join(
         f"{axis} {100 * change:+.1f} % (usual ±{100 * usual:.1f} %)"
-        for axis, change, usual in zip(AXES, away.change, _usual(away), strict=True)
+        for axis, change, usual in zip(AXES, away.change, away.usual, strict=True)
     )
     if away.beyond and probability < DRIFT:
         return f"Outside the 99.9 % range of {reference}: {changed}."
@@ -154,7 +149,7 @@ def _drift(
     if effort is not None and effort.probability > balance:
         more = f"{100 * abs(effort.more):.0f} % {'harder' if effort.more > 0 else 'less hard'}"
         return f"{differs}: all motors work {more}. The balance differs with probability {balance:.2f}."
-    name, _, harder = _motor(flight, weighed, weighed.suspect)
+    name, _, harder = _motor(flight, weighed, int(weighed.motors.argmax()))
     causes = {
         "a load that shifted": weighed.load,
         "yaw alone, by a twisted arm or other propellers": weighed.yaw,
@@ -166,17 +161,12 @@ def _drift(
 
 
 def _motor(flight: HealthFigures, weighed: Explanations, number: int) -> tuple[str, str, str]:
-    """The name of a motor, from 1, how much thrust it lost if it is weak, and by how much it then works harder."""
-    rises = [float(value) for value in weighed.harder[:, number - 1]]
+    """The name of a motor, from 0, how much thrust it lost if it is weak, and by how much it then works harder."""
+    rises = [float(value) for value in weighed.harder[:, number]]
     mean, low, high = (100 * lost_thrust(rise) for rise in rises)
     lost = f"lost about {mean:.0f} % of its thrust ({low:.0f} to {high:.0f} %; motor or propeller)"
     mean, low, high = (100 * rise for rise in rises)
-    return flight.motors[number - 1], lost, f"{mean:.0f} % ({low:.0f} to {high:.0f} %)"
-
-
-def _usual(away: Deviation) -> Array:
-    """(3,) half widths of the interval of 90 % of healthy flights' deviations."""
-    return np.asarray(quantile() * np.hypot(away.scale, away.centre_error))
+    return flight.motors[number], lost, f"{mean:.0f} % ({low:.0f} to {high:.0f} %)"
 
 
 def _too_few(usable: int, others: int, chosen: bool) -> str:
@@ -192,7 +182,7 @@ def _too_few(usable: int, others: int, chosen: bool) -> str:
 
 def _too_unsure(away: Deviation, reference: str) -> str:
     """Why a flight that looks healthy is not called so."""
-    unsure = ", ".join(f"{axis} ±{100 * usual:.1f} %" for axis, usual in zip(AXES, _usual(away), strict=True))
+    unsure = ", ".join(f"{axis} ±{100 * usual:.1f} %" for axis, usual in zip(AXES, away.usual, strict=True))
     return (
         f"Health is unknown: a motor that lost {100 * lost_thrust(DETECTABLE_RISE):.0f} % of its thrust would not show "
         f"beside {reference} ({unsure}), for the flight leans too much or is too short, or they differ too much."

@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.alignment.align import Segment, settled_segments, within
+from mavdem.alignment.align import settled_segments, within
 from mavdem.alignment.signals import Signals
 from mavdem.dem.engine.linalg import Array
 
@@ -49,19 +49,15 @@ class MotorSignatures:
         """(..., a) commands (..., k) in thrust, roll, pitch and yaw, in their unit."""
         return np.asarray(np.asarray(commands, dtype=np.float64) @ self.weights.T)
 
-    def commands(self, balance: Array) -> Array:
-        """(..., k) the smallest commands that make a ``balance`` (..., a)."""
-        return np.asarray(np.asarray(balance, dtype=np.float64) @ self._mixer.T)
-
-    @cached_property
+    @property
     def weak_motor(self) -> Array:
         """(k, a) how the balance of commands changes where motor i, by row, must work harder by 1."""
-        return self.weights.T.copy()
+        return self.weights.T
 
     @cached_property
     def weak_motor_commands(self) -> Array:
         """(k, k) the same as commands of all motors: of four motors the identity, of more also the neighbours'."""
-        return np.asarray(self._mixer @ self.weights).T
+        return np.asarray(np.linalg.pinv(self.weights) @ self.weights).T
 
     @cached_property
     def names_a_motor(self) -> bool:
@@ -78,11 +74,6 @@ class MotorSignatures:
             return False
         cosines = signatures @ signatures.T / np.outer(size, size)
         return bool((cosines[~np.eye(len(size), dtype=bool)] < SAME).all())
-
-    @cached_property
-    def _mixer(self) -> Array:
-        """(k, a) commands that make a balance of 1 on one axis and nothing on the others."""
-        return np.asarray(np.linalg.pinv(self.weights))
 
 
 def motor_signatures(
@@ -104,13 +95,9 @@ def motor_signatures(
         if len(given) not in (0, motors):
             raise ValueError(f"{name} must hold none or {motors} entries, not {len(given)}")
     axes, rows = ["thrust"], [np.full(motors, 1.0 / motors)]
-    known: list[tuple[str, Array]] = []
-    if len(positions):
-        forward, right = np.asarray(positions, dtype=np.float64).T
-        known += [("roll", -right), ("pitch", forward)]
-    if len(spins) and all(spins):
-        known.append(("yaw", np.asarray(spins, dtype=np.float64)))
-    for axis, row in known:
+    forward, right = np.asarray(positions, dtype=np.float64).T if len(positions) else np.zeros((2, 1))
+    turning = np.asarray(spins, dtype=np.float64) if all(spins) else np.zeros(1)
+    for axis, row in (("roll", -right), ("pitch", forward), ("yaw", turning)):
         total = float(np.abs(row).sum())
         if total > 0:
             axes.append(axis)
@@ -138,59 +125,27 @@ def balance_of_signals(signals: Signals) -> BalanceFigures | None:
     if motors is None:
         return None
     signatures = motor_signatures(len(motors.layout.motors), motors.layout.positions, motors.layout.spins)
-    blocks, seconds = [], 0.0
-    for segment in sorted(settled_segments(signals), key=lambda found: (found.boot, found.start)):
-        commands = motors.scale.fraction(motors.outputs[within(motors, segment)])
+    runs, segments = [], sorted(settled_segments(signals), key=lambda found: (found.boot, found.start))
+    for segment in segments:
         time = motors.time[within(motors, segment)]
-        blocks += _blocks(time, signatures, commands, _lean(signals, segment, time))
-        seconds += segment.duration
-    return _figures(blocks, signatures, seconds)
-
-
-def balance_figures(time: Array, commands: Array, lean: Array, signatures: MotorSignatures) -> BalanceFigures | None:
-    """Those of one unbroken run of samples; None where it is too short.
-
-    Args:
-        time: (N,) s, rising.
-        commands: (N, k) of the motors as shares of their range.
-        lean: (N, 2) roll and pitch, rad; NaN where not known.
-        signatures: of the vehicle's motors.
-    """
-    return _figures(_blocks(time, signatures, commands, lean), signatures, float(time[-1] - time[0]))
-
-
-def _lean(signals: Signals, segment: Segment, time: Array) -> Array:
-    """(N, 2) roll and pitch at the times of motor outputs; NaN where they were not recorded."""
-    lean = np.full((len(time), 2), np.nan)
-    if len(signals.tilts) == 2:
-        for column, tilt in enumerate(signals.tilts):
+        lean = np.full((len(time), 2), np.nan)
+        for column, tilt in enumerate(signals.tilts if len(signals.tilts) == 2 else ()):
             rows = within(tilt, segment)
             if rows.any():
                 lean[:, column] = np.interp(time, tilt.time[rows], tilt.angle[rows])
-    return lean
+        runs.append((time, motors.scale.fraction(motors.outputs[within(motors, segment)]), lean))
+    return balance_figures(runs, signatures, sum(segment.duration for segment in segments))
 
 
-def _blocks(time: Array, signatures: MotorSignatures, commands: Array, lean: Array) -> list[tuple[Array, Array]]:
-    """Means of the balance (3,), over that of all motors, and of the lean (2,), of blocks of equal length."""
-    if len(time) < 2:
-        return []
-    balance = np.full((len(time), 3), np.nan)
-    asked = signatures.balance(commands)
-    for axis, column in zip(signatures.axes[1:], asked.T[1:], strict=True):
-        balance[:, AXES.index(axis)] = column
-    thrust = asked[:, 0]
-    seconds = time[-1] - time[0]
-    count = int(seconds / BLOCK_SECONDS)
-    number = np.minimum((time - time[0]) / seconds * count, count - 1).astype(int)
-    rows = [number == block for block in range(count)]
-    return [
-        (balance[mine].mean(axis=0) / thrust[mine].mean(), lean[mine].mean(axis=0))
-        for mine in rows
-        if mine.any() and thrust[mine].mean() > 0
-    ]
+def balance_figures(
+    runs: Sequence[tuple[Array, Array, Array]], signatures: MotorSignatures, seconds: float
+) -> BalanceFigures | None:
+    """Those of unbroken runs of samples, of so many ``seconds`` in all; None where they are too short.
 
-
-def _figures(blocks: list[tuple[Array, Array]], signatures: MotorSignatures, seconds: float) -> BalanceFigures | None:
+    A run is time (N,), s, rising; the motors' commands (N, k) as shares of their range; roll and pitch (N, 2), rad, NaN
+    where not known.
+    """
+    blocks = [block for run in runs for block in _blocks(*run, signatures)]
     if len(blocks) < FEWEST_BLOCKS or len(signatures.axes) == 1:
         return None
     balance, lean = (np.array(means) for means in zip(*blocks, strict=True))
@@ -212,6 +167,26 @@ def _figures(blocks: list[tuple[Array, Array]], signatures: MotorSignatures, sec
         np.sqrt(variance[:, None] * effect_variance),
         seconds,
     )
+
+
+def _blocks(time: Array, commands: Array, lean: Array, signatures: MotorSignatures) -> list[tuple[Array, Array]]:
+    """Means of the balance (3,), over that of all motors, and of the lean (2,), of blocks of equal length."""
+    if len(time) < 2:
+        return []
+    balance = np.full((len(time), 3), np.nan)
+    asked = signatures.balance(commands)
+    for axis, column in zip(signatures.axes[1:], asked.T[1:], strict=True):
+        balance[:, AXES.index(axis)] = column
+    thrust = asked[:, 0]
+    seconds = time[-1] - time[0]
+    count = int(seconds / BLOCK_SECONDS)
+    number = np.minimum((time - time[0]) / seconds * count, count - 1).astype(int)
+    rows = [number == block for block in range(count)]
+    return [
+        (balance[mine].mean(axis=0) / thrust[mine].mean(), lean[mine].mean(axis=0))
+        for mine in rows
+        if mine.any() and thrust[mine].mean() > 0
+    ]
 
 
 def _inflation(rest: Array) -> float:

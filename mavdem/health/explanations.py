@@ -147,16 +147,6 @@ class Explanations:
         """That some motor must work 8 % harder or more, for it or its propeller is weak."""
         return float(self.faults.sum())
 
-    @property
-    def suspect(self) -> int:
-        """Which motor is the likeliest to be weak by any amount, from 1."""
-        return int(self.motors.argmax()) + 1
-
-    @property
-    def faulty(self) -> int:
-        """Which motor is the likeliest to have to work 8 % harder or more, from 1."""
-        return int(self.faults.argmax()) + 1
-
 
 EFFORT_SCATTER = 0.02
 """Standard deviation over healthy flights before any was seen, as a share: air of 3 % more or less density, 5 K of

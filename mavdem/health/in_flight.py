@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.dem.engine.linalg import Array
-from mavdem.health.balance import MotorSignatures, motor_signatures
+from mavdem.health.balance import motor_signatures
 from mavdem.health.explanations import lost_thrust
 
 BLOCK_SECONDS = 0.5  # Of commands that are averaged: a tenth of what a change may take to be found
@@ -55,103 +55,12 @@ LASTING_SECONDS = 8.0  # Of a change in roll and pitch alone: a gust is over by 
 NAMING_ODDS = 20.0  # Times as likely as all other causes together: from there on a cause is named
 
 
-class BalanceChange(NamedTuple):
-    """A lasting change of the motors' balance."""
-
-    time: float  # s, when it was found
-    since: float  # s, when it began, within a second or two
-    motor: int | None  # that works harder, from 0; None: the steady torque in roll and pitch changed
-    size: float  # rise of the motor's own command, as a share of the mean command; or the change in roll and pitch
-    probability: float  # that this and no other change is the cause, by the hypotheses above
-
-
 class _Changes(NamedTuple):
     """What changed by window (w,), each since another time."""
 
     moved: Array  # (w, a) the balance, from before to after
     variance: Array  # (w, a) of that
     freedom: Array  # (w,) degrees of freedom of the variance
-
-
-class BalanceTest:
-    """The test of one vehicle: takes samples in the order of their times, and says when the balance has changed."""
-
-    def __init__(self, signatures: MotorSignatures) -> None:
-        if not signatures.names_a_motor:
-            raise ValueError("the motors' places and spins are not known, so no motor can be named")
-        self._weights = signatures.weights[1:]
-        # (k, a) of a rise of each motor's own command by 1; of six and more motors the neighbours' rise too.
-        self._signatures = self._weights.T / np.diag(signatures.weak_motor_commands)[:, np.newaxis]
-        # Which axes a shifted load changes.
-        self._flat = np.array([axis != "yaw" for axis in signatures.axes[1:]], dtype=np.float64)
-        self._enough = log(HOURS_TO_FALSE_ALARM * 3600 / BLOCK_SECONDS)
-        self.restart()
-
-    def restart(self) -> None:
-        """Forgets the flight, as after a landing."""
-        self._times: list[float] = []
-        self._blocks: list[Array] = []
-        self._number, self._sum, self._count = -1, np.zeros(len(self._signatures)), 0  # Of the block that is open
-
-    def take(self, time: float, commands: Sequence[float] | Array) -> BalanceChange | None:
-        """A sample of the commands (k,), as shares of the range, at ``time``, s, in settled flight."""
-        change, number = None, floor(time / BLOCK_SECONDS)
-        if number != self._number:
-            if self._count >= MIN_SAMPLES:
-                change = self._block((self._number + 1) * BLOCK_SECONDS, self._sum / self._count)
-            self._number, self._sum, self._count = number, np.zeros(len(self._signatures)), 0
-        self._sum = self._sum + commands
-        self._count += 1
-        return change
-
-    def _block(self, time: float, commands: Array) -> BalanceChange | None:
-        mean = float(commands.mean())
-        if not mean > 0:
-            return None
-        self._times.append(time)
-        self._blocks.append(self._weights @ (commands / mean))
-        keep = round(KEPT_SECONDS / BLOCK_SECONDS)
-        del self._times[:-keep], self._blocks[:-keep]
-        return self._evidence()
-
-    def _evidence(self) -> BalanceChange | None:
-        if len(self._blocks) < PRESENT_SHARE * ((self._times[-1] - self._times[0]) / BLOCK_SECONDS + 1):
-            return None
-        windows = np.array([n for n in WINDOWS if len(self._blocks) >= n + REFERENCE_SECONDS / BLOCK_SECONDS], int)
-        if not len(windows):
-            return None
-        changes = _changes(np.array(self._blocks), windows)
-        null = _log_t(changes, 0.0)
-        sized = SIZES[:, np.newaxis, np.newaxis, np.newaxis] * self._signatures[:, np.newaxis]
-        by_window = _log_sum(_log_t(changes, sized)) - log(len(SIZES)) - null  # (k, w)
-        load, *rest = (
-            _log_t(changes, 0.0, OTHER_SD**2 * free) - null
-            for free in (self._flat, 1 - self._flat, np.ones_like(self._flat))
-        )
-        motors = _log_sum(by_window.T) - log(len(by_window))
-        others = _log_sum([_log_sum(factors) for factors in rest])
-        best = int(np.argmax(motors))
-        rivals = [*np.delete(motors, best), _log_sum(load), others + log(OTHERS_BESIDE_MOTORS), 0.0]
-        odds = float(motors[best] - _log_sum(rivals))
-        if motors[best] >= self._enough and odds >= log(NAMING_ODDS):
-            place = int(np.argmax(by_window[best]))
-            weighted = self._signatures[best] / changes.variance[place]
-            size = float(weighted @ changes.moved[place] / (weighted @ self._signatures[best]))
-            return self._found(best, int(windows[place]), size, odds)
-        lasting = windows * BLOCK_SECONDS >= LASTING_SECONDS
-        if lasting.any():
-            odds = float(_log_sum(load[lasting]) - _log_sum([*motors, others + log(OTHERS_BESIDE_LOADS), 0.0]))
-            if _log_sum(load[lasting]) >= self._enough and odds >= log(NAMING_ODDS):
-                place = int(np.argmax(np.where(lasting, load, -inf)))
-                size = float(np.linalg.norm(changes.moved[place] * self._flat))
-                return self._found(None, int(windows[place]), size, odds)
-        return None
-
-    def _found(self, motor: int | None, n: int, size: float, odds: float) -> BalanceChange:
-        time, since = self._times[-1], self._times[-n] - BLOCK_SECONDS
-        # What comes is compared with what is now.
-        self._times, self._blocks = self._times[-n:], self._blocks[-n:]
-        return BalanceChange(time, since, motor, size, float(1 / (1 + np.exp(-odds))))
 
 
 def _changes(blocks: Array, windows: NDArray[np.int_]) -> _Changes:
@@ -291,22 +200,28 @@ class MotorWatch:
         ``assumed``: whether the positions are. ``boot``: the vehicle's, from 0 on.
         """
         self.alarms: list[MotorAlarm] = []
-        self.obstacle = ""
         self._names, self._numbers = tuple(names), tuple(numbers)
         self._assumed, self._boot = assumed, boot
         signatures = motor_signatures(len(names), positions, spins)
-        self._test = BalanceTest(signatures) if signatures.names_a_motor else None
-        if self._test is None:
-            self.obstacle = UNKNOWN_PLACES
-        self._latest = self._rate_from = float("-inf")
-        self._samples = 0  # Since ``_rate_from``
+        self.obstacle = "" if signatures.names_a_motor else UNKNOWN_PLACES
+        self._judges = signatures.names_a_motor
+        self._weights = signatures.weights[1:]
+        # (k, a) of a rise of each motor's own command by 1; of six and more motors the neighbours' rise too.
+        self._signatures = self._weights.T / np.diag(signatures.weak_motor_commands)[:, np.newaxis]
+        # Which axes a shifted load changes.
+        self._flat = np.array([axis != "yaw" for axis in signatures.axes[1:]], dtype=np.float64)
+        self._enough = log(HOURS_TO_FALSE_ALARM * 3600 / BLOCK_SECONDS)
+        self._latest = -inf
 
-    def take(self, time: float, commands: Sequence[float] | Array, settled: bool) -> MotorAlarm | None:
-        """A sample of the motors' ``commands``, shares of their range, at ``time``, s; returns what it shows."""
-        if self._test is None or not settled:
+    def take(self, time: float, commands: Sequence[float] | Array) -> MotorAlarm | None:
+        """A sample of the ``commands`` (k,), shares of the range, at ``time``, s, in settled flight: what it shows."""
+        if not self._judges:
             return None
+        number = floor(time / BLOCK_SECONDS)
         if not 0 <= time - self._latest < GAP_SECONDS:
-            self._test.restart()
+            self._times: list[float] = []
+            self._blocks: list[Array] = []
+            self._number, self._open = number, list[Any]()  # The block that is not whole yet
             self._rate_from, self._samples = time, 0
         self._latest = time
         if (passed := time - self._rate_from) >= REFERENCE_SECONDS:
@@ -314,11 +229,60 @@ class MotorWatch:
             self.obstacle = "" if self._samples > 0.9 * MIN_RATE * passed else TOO_SLOW
             self._rate_from, self._samples = time, 0
         self._samples += 1
-        change = self._test.take(time, commands)
-        if change is None:
+        found = None
+        if number != self._number:
+            if len(self._open) >= MIN_SAMPLES:
+                found = self._block((self._number + 1) * BLOCK_SECONDS, np.mean(self._open, axis=0))
+            self._number, self._open = number, []
+        self._open.append(commands)
+        return found
+
+    def _block(self, time: float, commands: Array) -> MotorAlarm | None:
+        mean = float(commands.mean())
+        if not mean > 0:
             return None
-        motor = change.motor
+        self._times.append(time)
+        self._blocks.append(self._weights @ (commands / mean))
+        keep = round(KEPT_SECONDS / BLOCK_SECONDS)
+        del self._times[:-keep], self._blocks[:-keep]
+        if len(self._blocks) < PRESENT_SHARE * ((self._times[-1] - self._times[0]) / BLOCK_SECONDS + 1):
+            return None
+        windows = np.array([n for n in WINDOWS if len(self._blocks) >= n + REFERENCE_SECONDS / BLOCK_SECONDS], int)
+        return self._evidence(windows) if len(windows) else None
+
+    def _evidence(self, windows: NDArray[np.int_]) -> MotorAlarm | None:
+        changes = _changes(np.array(self._blocks), windows)
+        null = _log_t(changes, 0.0)
+        sized = SIZES[:, np.newaxis, np.newaxis, np.newaxis] * self._signatures[:, np.newaxis]
+        by_window = _log_sum(_log_t(changes, sized)) - log(len(SIZES)) - null  # (k, w)
+        load, *rest = (
+            _log_t(changes, 0.0, OTHER_SD**2 * free) - null
+            for free in (self._flat, 1 - self._flat, np.ones_like(self._flat))
+        )
+        motors = _log_sum(by_window.T) - log(len(by_window))
+        others = _log_sum([_log_sum(factors) for factors in rest])
+        best = int(np.argmax(motors))
+        rivals = [*np.delete(motors, best), _log_sum(load), others + log(OTHERS_BESIDE_MOTORS), 0.0]
+        odds = float(motors[best] - _log_sum(rivals))
+        if motors[best] >= self._enough and odds >= log(NAMING_ODDS):
+            place = int(np.argmax(by_window[best]))
+            weighted = self._signatures[best] / changes.variance[place]
+            size = float(weighted @ changes.moved[place] / (weighted @ self._signatures[best]))
+            return self._found(best, int(windows[place]), size, odds)
+        lasting = windows * BLOCK_SECONDS >= LASTING_SECONDS
+        if lasting.any():
+            odds = float(_log_sum(load[lasting]) - _log_sum([*motors, others + log(OTHERS_BESIDE_LOADS), 0.0]))
+            if _log_sum(load[lasting]) >= self._enough and odds >= log(NAMING_ODDS):
+                place = int(np.argmax(np.where(lasting, load, -inf)))
+                size = float(np.linalg.norm(changes.moved[place] * self._flat))
+                return self._found(None, int(windows[place]), size, odds)
+        return None
+
+    def _found(self, motor: int | None, n: int, size: float, odds: float) -> MotorAlarm:
         name, number = ("", None) if motor is None else (self._names[motor], self._numbers[motor])
-        figures = change.time, change.since, number, name, change.size, change.probability
-        self.alarms.append(MotorAlarm(*figures, self._assumed, self._boot))
+        time, since = self._times[-1], self._times[-n] - BLOCK_SECONDS
+        # What comes is compared with what is now.
+        self._times, self._blocks = self._times[-n:], self._blocks[-n:]
+        sure = float(1 / (1 + np.exp(-odds)))
+        self.alarms.append(MotorAlarm(time, since, number, name, size, sure, self._assumed, self._boot))
         return self.alarms[-1]

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import stats
 
+from mavdem.confidence import quantile
 from mavdem.dem.engine.linalg import Array
 from mavdem.health.balance import BalanceFigures, MotorSignatures
 
@@ -32,8 +33,6 @@ of mass in roll and pitch; in yaw, and across, a load 5 mm beside it."""
 LEAN_EFFECT_SCATTER, LEAN_EFFECT_FREEDOM = 0.2, 1.0
 """Standard deviation of the same over flights of one vehicle, 1/rad, before any flight, and how many flights that is
 worth: loads differ, and where a vehicle manoeuvres it also leans without wind."""
-
-
 OUTLIER_LEVEL = 0.999  # Of healthy flights: one that is farther off than so many is never like them
 
 
@@ -93,6 +92,11 @@ class Deviation(NamedTuple):
     freedom: float  # degrees of freedom of that
     centre_error: Array  # (3,) standard error of the mean of the healthy flights; all flights share it
     lean: float = 0.0  # of the flight, from level, rad
+
+    @property
+    def usual(self) -> Array:
+        """(3,) half widths of the interval of 90 % of healthy flights' deviations."""
+        return np.asarray(quantile() * np.hypot(self.scale, self.centre_error))
 
     @property
     def beyond(self) -> bool:

@@ -14,19 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.ingest.motors import motor_geometry
-from mavdem.ingest.telemetry import Columns, joined, selected
-from mavdem.ingest.vocabulary import (
-    ARMED,
-    CUSTOM_MODE,
-    IN_AIR,
-    LANDING,
-    ON_GROUND,
-    PX4,
-    TAKING_OFF,
-    angles_target,
-    heartbeat_fields,
-    rates_target,
-)
+from mavdem.ingest.telemetry import Columns, joined, rate_without_gaps, selected
+from mavdem.ingest.vocabulary import IN_AIR, LANDING, ON_GROUND, PX4, TAKING_OFF, attitude_target, heartbeat_fields
 
 Px4Topic = Mapping[str, NDArray[Any]]
 """The fields of one topic by pyulog's names ("q[0]"), (N,) each, and beside them ``time`` (N,) s since boot."""
@@ -128,6 +117,17 @@ def names(topics: Topics, made: Mapping[str, Columns]) -> dict[str, str]:
         "VIBRATION": "vehicle_imu_status",
         "SYSTEM_TIME": "vehicle_gps_position",
     }
+
+
+def notes(topics: Topics, made: Mapping[str, Columns]) -> tuple[str, ...]:
+    """A sentence where attitude was interpolated between samples, as the body rates were logged clearly more often."""
+    logged = [topic["time"] for topic in topics.get("vehicle_attitude", {}).values()]
+    stamps = made.get("ATTITUDE_QUATERNION", {"time": np.zeros(0)})["time"]
+    if len(stamps) <= 1.1 * max(map(len, logged), default=0):
+        return ()
+    attitude, rates = (rate_without_gaps(np.diff(time)) for time in (max(logged, key=len), stamps))
+    logged_at = f"Attitude was logged at {attitude:.3g} Hz and body rates at {rates:.3g} Hz"
+    return (f"{logged_at}: attitude was interpolated at the timestamps of the body rates.",)
 
 
 def _attitude_quaternion(topics: Topics) -> dict[str, NDArray[Any]] | None:
@@ -260,10 +260,10 @@ def _attitude_target(topics: Topics) -> dict[str, NDArray[Any]] | None:
     attitude, rates = _first(topics, "vehicle_attitude_setpoint"), _first(topics, "vehicle_rates_setpoint")
     if attitude is not None and _has(attitude, "q_d", 4):
         attitude = selected(attitude, _valid(attitude, "q_d_valid"))
-        parts.append({"time": attitude["time"], **angles_target(_array(attitude, "q_d", 4))})
+        parts.append({"time": attitude["time"], **attitude_target(q=_array(attitude, "q_d", 4))})
     if rates is not None and all(axis in rates for axis in ("roll", "pitch", "yaw")):
         asked = np.column_stack([rates[axis] for axis in ("roll", "pitch", "yaw")]).astype(np.float64)
-        parts.append({"time": rates["time"], **rates_target(asked)})
+        parts.append({"time": rates["time"], **attitude_target(rates=asked)})
     if not parts:
         return None
     together = joined(parts)
@@ -315,17 +315,22 @@ def _heartbeat(topics: Topics, kind: int) -> dict[str, NDArray[Any]] | None:
     status = _first(topics, "vehicle_status") or {}
     if "arming_state" not in status:
         return None
-    base_mode = np.where(status["arming_state"] == 2, CUSTOM_MODE | ARMED, CUSTOM_MODE)
-    return {"time": status["time"], **heartbeat_fields(kind, PX4, base_mode)}
+    return {"time": status["time"], **heartbeat_fields(kind, PX4, status["arming_state"] == 2)}
 
 
 def _extended_sys_state(topics: Topics) -> dict[str, NDArray[Any]] | None:
-    """EXTENDED_SYS_STATE.hpp: vehicle_land_detected, what an automatic mode flies to; a row whenever a topic came."""
+    """EXTENDED_SYS_STATE.hpp: vehicle_land_detected, what an automatic mode flies to; a row whenever a topic came.
+
+    Also one at the first message of each second: old PX4 logged the state at its changes only.
+    """
     land, mode = _first(topics, "vehicle_land_detected"), _first(topics, "vehicle_control_mode")
     target = _first(topics, "position_setpoint_triplet")
     if land is None or "landed" not in land:
         return None
-    time = np.unique(np.concatenate([topic["time"] for topic in (land, mode, target) if topic is not None]))
+    logged = np.unique(np.concatenate([topic["time"] for group in topics.values() for topic in group.values()]))
+    _, first = np.unique(np.floor(logged), return_index=True)
+    came = [topic["time"] for topic in (land, mode, target) if topic is not None]
+    time = np.unique(np.concatenate([*came, logged[first]]))
     time = time[time >= land["time"].min()]
     state = np.where(_held(land, "landed", time), ON_GROUND, IN_AIR)
     automatic = (_held(mode, "flag_control_auto_enabled", time) > 0) & (_held(target, "current.valid", time) > 0)

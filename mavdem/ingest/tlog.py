@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import mmap
 import os
+import re
 import struct
+from array import array
 from collections.abc import Iterable, Iterator
 from typing import BinaryIO
 
@@ -17,9 +19,9 @@ from numpy.typing import NDArray
 
 from mavdem.errors import Unreadable
 from mavdem.ingest.contents import READABLE_FORMATS, mapped_bytes, require_whole
-from mavdem.ingest.mavlink.clocks import Places, Times, far_off
+from mavdem.ingest.mavlink.clocks import Places, Times, far_off, without
 from mavdem.ingest.mavlink.definitions import seeds
-from mavdem.ingest.mavlink.framing import GOOD, Bytes, Frames, Progress, concatenated, find_frames, rows_of
+from mavdem.ingest.mavlink.framing import GOOD, Bytes, Frames, Progress, concatenated, find_frames, no_progress, rows_of
 from mavdem.ingest.mavlink.vehicles import FrameIndex, FrameStream, assemble
 from mavdem.ingest.telemetry import Log
 
@@ -29,17 +31,17 @@ MAX_JUMP_AFTER_DAMAGE = 60.0  # The same for a stamp after damage, which may its
 STAMP_WINDOW = 9  # Stamps whose median is compared with the one in their middle
 CHANCE_FRAMES = 1e-6
 """Good frames a byte that belongs to none, of which a log has more; random bytes have some 1.5e-7."""
-BATCH, BLOCK = 1 << 16, 1 << 20  # Stamps read together, and bytes searched for line ends at a time
+BATCH = 1 << 16  # Stamps read together
 
 
-def read_tlog(path: str | os.PathLike[str], progress: Progress | None = None) -> Log:
+def read_tlog(path: str | os.PathLike[str], progress: Progress = no_progress) -> Log:
     """Reads a telemetry log; a damaged one as far as possible.
 
     Raises Unreadable: the file cannot be opened, contains no MAVLink, or is cut short while it is read.
     """
     source = os.fspath(path)
     data, repairs = _without_carriage_returns(mapped_bytes(path))
-    index, stamps = FrameIndex(len(data), seeds()), ReceiveStamps(data)
+    index, stamps = FrameIndex(len(data)), ReceiveStamps(data)
     for frames in _tables(data, source, progress):
         index.add(frames)
         stamps.add(frames)
@@ -48,7 +50,7 @@ def read_tlog(path: str | os.PathLike[str], progress: Progress | None = None) ->
     return assemble(data, index, stamps.at, stamps.span, stamps.bytes_skipped, source, repairs)
 
 
-def tlog_stream(path: str | os.PathLike[str], progress: Progress | None = None) -> FrameStream:
+def tlog_stream(path: str | os.PathLike[str], progress: Progress = no_progress) -> FrameStream:
     """Returns the frames of a telemetry log with their receive stamps, in the order they were received.
 
     Raises Unreadable: as ``read_tlog``.
@@ -80,56 +82,50 @@ def write_stamped(file: BinaryIO, frames: Iterable[tuple[int, bytes]]) -> int:
 
 
 class ReceiveStamps:
-    """The receive stamps of a stream, added table by table; ``bytes_skipped`` are neither frame nor stamp."""
+    """The receive stamps of a stream, added table by table; ``bytes_skipped`` are neither frame nor stamp.
+
+    After ``close``, ``span`` is the first and the last trustworthy stamp, UNIX s; NaN where there is none.
+    """
 
     def __init__(self, data: Bytes) -> None:
         self._data = data
         self.bytes_skipped = len(data)
+        self.span = (np.nan, np.nan)
         self._end = 0
-        self._last: Times = np.empty(0)
-        self._steady = True
-        self._all = self._near = (np.nan, np.nan)
-        self._without: list[Places] = [np.empty(0, dtype=np.int64)]
-        self._wrong: list[Places] = [np.empty(0, dtype=np.int64)]
-        # Stamps whose neighbours have not all arrived, after the checked stamps that are their neighbours.
-        self._waiting = (np.empty(0, dtype=np.int64), np.empty(0), np.empty(0))
-        self._checked = 0
-        # Places of frames without a trustworthy stamp, and the end of the stream; complete after ``close``.
-        self._untrusted: Places = np.empty(0, dtype=np.int64)
+        # Places of all frames, and how many bytes there are before each, up to one more than a stamp has.
+        self._starts, self._spaces = array("I" if len(data) < 1 << 32 else "Q"), array("B")
+        # Places of frames without a stamp; and without a trustworthy one, with the end of the stream.
+        self._without: Places = np.empty(0, dtype=np.int64)
+        self._untrusted = self._without
 
     def add(self, frames: Frames) -> None:
         """Adds the next frames of the stream."""
-        if not len(frames):
-            return
-        space = frames.start - np.concatenate([[self._end], frames.end[:-1]])
-        self._end = int(frames.end[-1])
-        self.bytes_skipped -= int(np.minimum(space, STAMP_BYTES).sum() + (frames.end - frames.start).sum())
-        stamped = space >= STAMP_BYTES
-        if not stamped.all():
-            self._without.append(frames.start[~stamped])
-        start = frames.start[stamped]
-        limit = np.where(space[stamped] == STAMP_BYTES, MAX_STAMP_JUMP, MAX_JUMP_AFTER_DAMAGE)
-        times = _stamps(self._data, start) / 1e6
-        steps = np.abs(np.diff(times, prepend=self._last))
-        self._steady = self._steady and bool((steps <= limit[len(limit) - len(steps) :]).all())
-        self._last = times[-1:] if len(times) else self._last
-        self._all = _extended(self._all, times)
-        starts, before, limits = self._waiting
-        joined = np.concatenate([before, times]), np.concatenate([limits, limit])
-        self._waiting = (np.concatenate([starts, start]), *joined)
-        if len(self._waiting[0]) >= STAMP_WINDOW:
-            self._check(STAMP_WINDOW // 2)
+        if len(frames):
+            space = frames.start - np.concatenate([[self._end], frames.end[:-1]])
+            self._end = int(frames.end[-1])
+            self.bytes_skipped -= int(np.minimum(space, STAMP_BYTES).sum() + (frames.end - frames.start).sum())
+            self._starts.frombytes(frames.start.astype(self._starts.typecode).tobytes())
+            self._spaces.frombytes(np.minimum(space, STAMP_BYTES + 1).astype(np.uint8).tobytes())
 
     def close(self) -> None:
         """Ends the stream."""
-        self._check(0)
-        untrusted = self._without if self._steady else self._without + self._wrong
-        self._untrusted = np.sort(np.concatenate([*untrusted, [len(self._data)]]))
-
-    @property
-    def span(self) -> tuple[float, float]:
-        """First and last trustworthy stamp, UNIX s; NaN where there is none."""
-        return self._all if self._steady else self._near
+        starts, spaces = np.frombuffer(self._starts, self._starts.typecode), np.frombuffer(self._spaces, np.uint8)
+        del self._starts, self._spaces
+        self._without = starts[spaces < STAMP_BYTES]
+        starts, spaces = without(spaces < STAMP_BYTES, starts, spaces)
+        untrusted, beyond = [self._without, np.array([len(self._data)])], STAMP_WINDOW // 2
+        for begin in range(0, len(starts), BATCH):
+            around = slice(max(begin - beyond, 0), begin + BATCH + beyond)
+            inside = slice(begin - around.start, begin - around.start + BATCH)
+            times = _stamps(self._data, starts[around].astype(np.int64)) / 1e6
+            limit = np.where(spaces[around] == STAMP_BYTES, MAX_STAMP_JUMP, MAX_JUMP_AFTER_DAMAGE)
+            far = np.zeros(len(times), dtype=np.bool_)
+            if (np.abs(np.diff(times)) > limit[1:]).any():
+                far = far_off(times, STAMP_WINDOW, limit)
+            untrusted.append(starts[around][inside][far[inside]])
+            near = np.append(times[inside][~far[inside]], self.span)
+            self.span = float(np.fmin.reduce(near)), float(np.fmax.reduce(near))
+        self._untrusted = np.sort(np.concatenate(untrusted))
 
     def at(self, start: Places) -> Times:
         """UNIX s (N,) of the frames that begin at ``start`` (N,), ascending.
@@ -146,24 +142,8 @@ class ReceiveStamps:
 
     def recorded(self, start: Places) -> NDArray[np.uint64]:
         """UNIX µs (N,) before the frames that begin at ``start`` (N,); 0 where there are none."""
-        stampless = np.isin(start, np.concatenate(self._without))
+        stampless = np.isin(start, self._without)
         return np.where(stampless, np.uint64(0), _stamps(self._data, start.astype(np.int64)))
-
-    def _check(self, not_yet: int) -> None:
-        start, times, limit = self._waiting
-        far = far_off(times, STAMP_WINDOW, limit)
-        rows = slice(self._checked, len(start) - not_yet)
-        if far[rows].any():
-            self._wrong.append(start[rows][far[rows]])
-        self._near = _extended(self._near, times[rows][~far[rows]])
-        kept = max(rows.stop - STAMP_WINDOW // 2, 0)
-        self._waiting = (start[kept:], times[kept:], limit[kept:])
-        self._checked = rows.stop - kept
-
-
-def _extended(span: tuple[float, float], values: Times) -> tuple[float, float]:
-    least, greatest = np.fmin(span[0], values.min(initial=np.inf)), np.fmax(span[1], values.max(initial=-np.inf))
-    return (float(least), float(greatest)) if len(values) else span
 
 
 def _stamps(data: Bytes, start: NDArray[np.int64]) -> NDArray[np.uint64]:
@@ -173,7 +153,7 @@ def _stamps(data: Bytes, start: NDArray[np.int64]) -> NDArray[np.uint64]:
     return rows_of(data, np.maximum(start - STAMP_BYTES, 0), STAMP_BYTES).view(">u8")[:, 0].astype(np.uint64)
 
 
-def _tables(data: Bytes, source: str, progress: Progress | None) -> Iterator[Frames]:
+def _tables(data: Bytes, source: str, progress: Progress) -> Iterator[Frames]:
     for frames in find_frames(data, seeds(), STAMP_BYTES, progress):
         require_whole(data, source)
         yield frames
@@ -182,25 +162,14 @@ def _tables(data: Bytes, source: str, progress: Progress | None) -> Iterator[Fra
 def _without_carriage_returns(content: bytes | mmap.mmap) -> tuple[Bytes, tuple[str, ...]]:
     """Undoes the conversion of line ends by a text-mode transfer: each line feed then follows a carriage return."""
     data = np.frombuffer(content, dtype=np.uint8)
-    feeds = 0
-    for begin in range(0, len(data), BLOCK):
-        at = begin + np.flatnonzero(data[begin : begin + BLOCK] == ord("\n"))
-        if len(at) and (at[0] == 0 or (data[at - 1] != ord("\r")).any()):
-            return data, ()
-        feeds += len(at)
+    if re.search(rb"\n(?<!\r\n)", content):
+        return data, ()
+    restored = bytes(content).replace(b"\r\n", b"\n")
+    feeds = len(content) - len(restored)
     if feeds < 8:  # chance gives 1 in 2^64
         return data, ()
-    restored = np.empty(len(data) - feeds, dtype=np.uint8)
-    place = 0
-    for begin in range(0, len(data), BLOCK):
-        block, following = data[begin : begin + BLOCK], data[begin + 1 : begin + BLOCK + 1]
-        put = np.zeros(len(block), dtype=np.bool_)
-        put[: len(following)] = (block[: len(following)] == ord("\r")) & (following == ord("\n"))
-        kept = block[~put]
-        restored[place : place + len(kept)] = kept
-        place += len(kept)
     sentence = f"The file was transferred as text, which inserted 0D before each of its {feeds} bytes 0A; undone."
-    return restored, (sentence,)
+    return np.frombuffer(restored, dtype=np.uint8), (sentence,)
 
 
 def _require_mavlink(source: str, good: int, frames: int, skipped: int) -> None:

@@ -27,20 +27,9 @@ from scipy.ndimage import median_filter
 from mavdem.errors import Unreadable
 from mavdem.ingest.contents import file_bytes
 from mavdem.ingest.mavlink.definitions import enum_name
-from mavdem.ingest.mavlink.framing import Progress
-from mavdem.ingest.px4_topics import NEEDED, Px4Topic, mav_type, messages, names
-from mavdem.ingest.telemetry import (
-    Columns,
-    Log,
-    Telemetry,
-    joined,
-    listed,
-    log_of_vehicles,
-    rate_without_gaps,
-    repair_sentences,
-    rows_by,
-    selected,
-)
+from mavdem.ingest.mavlink.framing import Progress, no_progress
+from mavdem.ingest.px4_topics import NEEDED, Px4Topic, mav_type, messages, names, notes
+from mavdem.ingest.telemetry import Log, Telemetry, joined, listed, log_of_vehicles, repair_sentences, rows_by, selected
 from mavdem.ingest.vocabulary import PX4, UNNAMED, version_text
 
 MAGIC = b"ULog\x01\x12\x35"
@@ -84,14 +73,13 @@ class UlogFormat(NamedTuple):
     """The layout of a format (F) in a message: ``size`` in bytes, also ``unpadded``, without the padding at the end.
 
     ``values`` counts single values, those of nested formats included; ``stamp`` is the place of the time stamp, -1
-    without one, and ``nested`` the depth of nested formats, itself included.
+    without one.
     """
 
     size: int
     unpadded: int
     values: int
     stamp: int = -1
-    nested: int = 0
 
 
 class _UlogField(NamedTuple):
@@ -147,7 +135,7 @@ class WholeMessages:
     """
 
     def __init__(
-        self, content: bytes, wanted: Container[bytes] | None, source: str, progress: Progress | None = None
+        self, content: bytes, wanted: Container[bytes] | None, source: str, progress: Progress = no_progress
     ) -> None:
         self.messages = self.bytes_skipped = self.damaged = self.cut = self.crowded = 0
         self._definitions, self._data = bytearray(), bytearray()
@@ -173,7 +161,7 @@ class WholeMessages:
         """Walks the messages of ``content[at:end]``; a message that ``end`` cuts off is left out."""
         content, topics, reported = self._content, self._topics, at
         while at < end:
-            if at - reported > 1 << 20 and self._progress is not None:
+            if at - reported > 1 << 20:
                 self._progress(at / len(content))
                 reported = at
             after = self._after(at, end)
@@ -286,7 +274,7 @@ class WholeMessages:
 
     def _subscribe(self, message: bytes) -> None:
         number, name = _ID.unpack_from(message, 4)[0], message[6:]
-        found = self._formats.complete.get(name)
+        found = self._formats.layout(name)
         if number in self._topics or found is None:
             return
         stamp = -1
@@ -304,17 +292,15 @@ class WholeMessages:
 
 
 class Formats:
-    """The formats of a file; ``complete`` has those, by name, whose nested formats are all defined.
+    """The formats of a file; a format may come before those that it contains.
 
-    A format may come before those that it contains. Each is completed once, after the last of them: a few formats that
-    contain each other many times would else take forever. One that contains itself, or is too large, never is.
+    Each is laid out once, when a topic of it is subscribed to first: a few formats that contain each other many times
+    would else take forever. One that contains itself, or misses another, or is too large, never is.
     """
 
     def __init__(self) -> None:
-        self.complete: dict[bytes, UlogFormat] = {}
         self._fields: dict[bytes, list[_UlogField]] = {}
-        self._missing: dict[bytes, int] = {}
-        self._awaited: dict[bytes, list[bytes]] = {}
+        self._layouts: dict[bytes, UlogFormat | None] = dict(_BASIC)
 
     def add(self, name: bytes, fields: bytes) -> bool:
         """Adds what ``FORMAT`` found, if it is the first of its name and consistent; returns whether."""
@@ -322,39 +308,28 @@ class Formats:
         if name in self._fields or len({field.name for field in found}) != len(found):
             return False
         self._fields[name] = found
-        parts = {field.kind for field in found if field.kind not in _BASIC and field.kind not in self.complete}
-        self._missing[name] = len(parts)
-        for part in parts:
-            self._awaited.setdefault(part, []).append(name)
-        whole = [] if parts else [name]
-        while whole:
-            whole += self._completed(whole.pop())
         return True
 
-    def _completed(self, name: bytes) -> list[bytes]:
-        """Completes a format and returns those that missed nothing else."""
-        layout = _layout([(field, _BASIC.get(field.kind) or self.complete[field.kind]) for field in self._fields[name]])
-        if layout is None:
-            return []
-        self.complete[name] = layout
-        waiting = self._awaited.pop(name, [])
-        for other in waiting:
-            self._missing[other] -= 1
-        return [other for other in waiting if not self._missing[other]]
+    def layout(self, name: bytes, inside: int = 0) -> UlogFormat | None:
+        """Returns the layout of a format ``inside`` so many others; None where it has none."""
+        if name not in self._layouts and name in self._fields and inside < _NESTED:
+            self._layouts[name] = None  # inside itself
+            self._layouts[name] = self._laid_out(self._fields[name], inside)
+        return self._layouts.get(name)
 
-
-def _layout(fields: list[tuple[_UlogField, UlogFormat]]) -> UlogFormat | None:
-    size = values = unpadded = 0
-    stamp = -1
-    for field, part in fields:
-        if (field.kind, field.length, field.name) == (b"uint64_t", 0, b"timestamp"):
-            stamp = size
-        size += part.size * max(field.length, 1)
-        values += part.values * max(field.length, 1)
-        if not field.name.startswith(b"_padding"):
-            unpadded = size
-    nested = 1 + max(part.nested for _, part in fields)
-    return UlogFormat(size, unpadded, values, stamp, nested) if size <= _LARGEST and nested <= _NESTED else None
+    def _laid_out(self, fields: list[_UlogField], inside: int) -> UlogFormat | None:
+        size = values = unpadded = 0
+        stamp = -1
+        for field in fields:
+            if (part := self.layout(field.kind, inside + 1)) is None:
+                return None
+            if (field.kind, field.length, field.name) == (b"uint64_t", 0, b"timestamp"):
+                stamp = size
+            size += part.size * max(field.length, 1)
+            values += part.values * max(field.length, 1)
+            if not field.name.startswith(b"_padding"):
+                unpadded = size
+        return UlogFormat(size, unpadded, values, stamp) if size <= _LARGEST else None
 
 
 def _begun(low_bytes: set[int]) -> re.Pattern[bytes]:
@@ -363,7 +338,7 @@ def _begun(low_bytes: set[int]) -> re.Pattern[bytes]:
     return re.compile(_BEGUN + (b"|D(?=[%s])" % numbers if numbers else b""), re.DOTALL)
 
 
-def read_ulog(path: str | os.PathLike[str], progress: Progress | None = None) -> Log:
+def read_ulog(path: str | os.PathLike[str], progress: Progress = no_progress) -> Log:
     """Reads a ULog file; a damaged one as far as possible. It has one vehicle, PX4's.
 
     In the ``Log``, ``frames`` counts the whole messages of the file. There are no receive times. Raises Unreadable: the
@@ -381,8 +356,6 @@ def read_ulog(path: str | os.PathLike[str], progress: Progress | None = None) ->
     kind = mav_type(topics, parameters)
     vehicle = enum_name("MAV_TYPE", kind) if kind is not None else UNNAMED
     made = messages(topics, parameters, vehicle, kind)
-    if "EXTENDED_SYS_STATE" in made:
-        made["EXTENDED_SYS_STATE"] = _each_second(made["EXTENDED_SYS_STATE"], topics)
     if not made:
         raise Unreadable(f"{source} is a ULog without the topics of a flight: {_instead(content, source, found)}")
     ids = (parameters.get(name, 1.0) for name in ("MAV_SYS_ID", "MAV_COMP_ID"))
@@ -395,15 +368,14 @@ def read_ulog(path: str | os.PathLike[str], progress: Progress | None = None) ->
         messages=made,
         parameters=parameters,
         source=source,
-        repairs=(*_damage(found), *_interpolated(topics, made)),
+        repairs=(*_damage(found), *notes(topics, made)),
         translated_from="ULog",
         names=names(topics, made),
         firmware=_firmware(log.msg_info_dict),
         dropouts=len(found.dropouts),
         board=str(log.msg_info_dict.get("sys_uuid", "")).lower(),
     )
-    if progress is not None:
-        progress(1.0)
+    progress(1.0)
     return log_of_vehicles((telemetry,), found.messages, found.bytes_skipped)
 
 
@@ -421,7 +393,7 @@ def _instead(content: bytes, source: str, found: WholeMessages) -> str:
 
 
 def _topics(log: ULog, found: WholeMessages) -> dict[str, dict[int, Px4Topic]]:
-    parts: dict[tuple[str, int], list[Columns]] = {}
+    parts: dict[tuple[str, int], list[Px4Topic]] = {}
     rows = rows_by(found.topic)
     for data in log.data_list:
         kept = ~found.wrong_stamp[rows[data.msg_id]]
@@ -434,16 +406,6 @@ def _topics(log: ULog, found: WholeMessages) -> dict[str, dict[int, Px4Topic]]:
         if len(fields["timestamp"]):
             topics.setdefault(name, {})[instance] = fields | {"time": fields["timestamp"].astype(np.float64) / 1e6}
     return topics
-
-
-def _each_second(state: Columns, topics: dict[str, dict[int, Px4Topic]]) -> Columns:
-    """A state that old PX4 logged at its changes only, repeated at the first message of each second without it."""
-    logged = np.unique(np.concatenate([topic["time"] for group in topics.values() for topic in group.values()]))
-    _, first = np.unique(np.floor(logged), return_index=True)
-    last = np.searchsorted(state["time"], logged[first], side="right") - 1
-    missing = (last >= 0) & (logged[first] - state["time"][np.maximum(last, 0)] > 1.0)
-    rows = np.sort(np.concatenate([np.arange(len(state["time"])), last[missing]]))
-    return selected(state, rows) | {"time": np.union1d(state["time"], logged[first][missing])}
 
 
 def _firmware(information: Mapping[str, object]) -> str:
@@ -468,14 +430,3 @@ def _damage(found: WholeMessages) -> tuple[str, ...]:
         (found.crowded, f"Left out: {subscriptions} to more topics, or larger ones, than PX4 has."),
         (len(lasted), f"The logger dropped out {times(len(lasted), 'time')}, {missing} missing."),
     )
-
-
-def _interpolated(topics: dict[str, dict[int, Px4Topic]], messages: dict[str, Columns]) -> tuple[str, ...]:
-    """Attitude that was interpolated between samples, where the body rates were logged clearly more often."""
-    logged = [topic["time"] for topic in topics.get("vehicle_attitude", {}).values()]
-    made = messages.get("ATTITUDE_QUATERNION", {"time": np.zeros(0)})["time"]
-    if len(made) <= 1.1 * max(map(len, logged), default=0):
-        return ()
-    attitude, rates = (rate_without_gaps(np.diff(time)) for time in (max(logged, key=len), made))
-    logged_at = f"Attitude was logged at {attitude:.3g} Hz and body rates at {rates:.3g} Hz"
-    return (f"{logged_at}: attitude was interpolated at the timestamps of the body rates.",)

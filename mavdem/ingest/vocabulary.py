@@ -40,9 +40,9 @@ def version_text(number: int) -> str:
     return f"{major}.{minor}.{patch}-{kind}".rstrip("-")
 
 
-def heartbeat_fields(vehicle_type: int, autopilot: int, base_mode: NDArray[Any]) -> dict[str, NDArray[Any]]:
-    """Fields of HEARTBEAT (N,) for one vehicle, from its MAV_TYPE, its MAV_AUTOPILOT and ``base_mode`` (N,)."""
-    base = base_mode.astype(np.uint8)
+def heartbeat_fields(vehicle_type: int, autopilot: int, armed: NDArray[Any]) -> dict[str, NDArray[Any]]:
+    """Fields of HEARTBEAT (N,) for one vehicle, from its MAV_TYPE, its MAV_AUTOPILOT and where it is ``armed`` (N,)."""
+    base = np.where(armed > 0, ARMED, 0).astype(np.uint8)
     return {"type": np.full_like(base, vehicle_type), "autopilot": np.full_like(base, autopilot), "base_mode": base}
 
 
@@ -94,12 +94,9 @@ def quaternion(roll: Array, pitch: Array, yaw: Array) -> Array:
     return np.column_stack([a * c * e + b * d * f, b * c * e - a * d * f, a * d * e + b * c * f, a * c * f - b * d * e])
 
 
-def rates_target(rates: Array) -> dict[str, NDArray[Any]]:
-    """Returns the fields of ATTITUDE_TARGET of body rates (N, 3), rad/s, with the attitude masked."""
+def attitude_target(q: Array | None = None, rates: Array | None = None) -> dict[str, NDArray[Any]]:
+    """Returns the fields of ATTITUDE_TARGET of attitudes (N, 4) or body rates (N, 3), rad/s, the other masked."""
+    count, mask = (len(q), 1 | 2 | 4) if q is not None else (0 if rates is None else len(rates), 128)
+    rates = np.full((count, 3), np.nan) if rates is None else rates
     named = dict(zip(("body_roll_rate", "body_pitch_rate", "body_yaw_rate"), rates.T, strict=True))
-    return {"type_mask": np.full(len(rates), 128, np.uint8), "q": np.full((len(rates), 4), np.nan), **named}
-
-
-def angles_target(q: Array) -> dict[str, NDArray[Any]]:
-    """Returns the fields of ATTITUDE_TARGET of attitudes (N, 4), with the body rates masked."""
-    return rates_target(np.full((len(q), 3), np.nan)) | {"type_mask": np.full(len(q), 1 | 2 | 4, np.uint8), "q": q}
+    return {"type_mask": np.full(count, mask, np.uint8), "q": np.full((count, 4), np.nan) if q is None else q, **named}

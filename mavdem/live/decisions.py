@@ -11,7 +11,7 @@ when its motors fall far below their level in flight.
 
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -21,15 +21,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.alignment import phases
-from mavdem.alignment.drive import (
-    AXES,
-    DEMAND_MESSAGE,
-    MOTOR_MESSAGES,
-    PORT_CHANNELS,
-    WIDE_PORT_CHANNELS,
-    Signal,
-)
+from mavdem.alignment import drive, phases
+from mavdem.alignment.drive import DEMAND_MESSAGE, MOTOR_MESSAGES, Signal
 from mavdem.alignment.phases import AVERAGING_SECONDS, CLIMB_OUT_SPEED, REPORT_SECONDS, TRANSIENT_SECONDS, both
 from mavdem.alignment.signals import CLIMB_FIELDS, Signals, motors_or_demand
 from mavdem.ingest.motors import MotorGeometry, OutputScale
@@ -39,14 +32,11 @@ from mavdem.live.history import FLIGHT_UNKNOWN, NOT_FLYING
 from mavdem.live.messages import Values
 from mavdem.live.rows import Samples
 
-PHASE_SECONDS, REPORTS_SECONDS = 2 * AVERAGING_SECONDS, 2 * REPORT_SECONDS
-"""Of thrust and vertical speed, and of reports, that are looked back on."""
 REPORTED = ("armed", "landed_state")
 TOUCHDOWN_SHARE, TOUCHDOWN_SECONDS = 0.5, 0.2
 """Of the collective in flight, and over how long: in the air a multirotor carries its weight, on the ground it idles at
 a third."""
 MAX_ROWS = 512  # Of each stream of outputs that are looked back on
-MIN_STEP_SECONDS = 0.005  # Between two values of the collective
 MAX_REPORTS = 4096  # Of each kind of what shows the phase
 
 
@@ -55,13 +45,10 @@ class Setup:
     """What the rows of a segment are, like the ``provenance`` of a ``Flight``.
 
     Attributes:
-        segment: number.
-        boot: number.
+        segment, boot: numbers.
         dt: step, s.
-        attitude: name of the message.
-        motors: name of the message.
-        layout: of the inputs.
-        scale: of the inputs.
+        attitude, motors: names of the messages.
+        layout, scale: of the inputs.
         rates: Hz of attitude and motors that decided the step.
         start: first point of the grid, s; the first row may be a few seconds later.
     """
@@ -90,8 +77,8 @@ class Inputs:
     @cached_property
     def ports(self) -> tuple[int, ...]:
         """The ports with inputs, the one with most of them first."""
-        ports = [port for port, _ in self.picks]
-        return tuple(sorted(set(ports), key=lambda port: (-ports.count(port), port)))
+        counts = Counter(port for port, _ in sorted(self.picks))
+        return tuple(port for port, _ in counts.most_common())
 
     @property
     def key(self) -> tuple[object, ...]:
@@ -114,8 +101,7 @@ class InputChoice:
 
     def restart(self) -> None:
         """Begins another clock after a reboot; which channels move stays."""
-        for key, kept in self._extremes.items():
-            self._extremes[key] = [(-1.0 - row, values) for row, (_, values) in enumerate(kept)]
+        self._extremes = {key: [(-1.0, values) for _, values in kept] for key, kept in self._extremes.items()}
 
     def choose(
         self,
@@ -139,24 +125,24 @@ class InputChoice:
                 messages[name] = joined([messages[name], columns]) if name in messages else columns
         inputs = "demand" if staying == DEMAND_MESSAGE else inputs
         signals = Signals(replace(vehicle, messages=messages), axis, inputs)
-        drive, collective = signals.drive, signals.collective
+        chosen, collective = signals.drive, signals.collective
         if inputs is None:
             # Motors that do not move count too: before take-off they have not moved yet.
             motor_rate = max(rates.get(name, 0.0) for name in MOTOR_MESSAGES)
-            drive = motors_or_demand(signals.motors, signals.demand, motor_rate, rates.get(DEMAND_MESSAGE, 0.0))
-        if drive is None:
+            chosen = motors_or_demand(signals.motors, signals.demand, motor_rate, rates.get(DEMAND_MESSAGE, 0.0))
+        if chosen is None:
             return None
-        width, columns = PORT_CHANNELS, messages[drive.message]
+        width, columns = drive.PORT_CHANNELS, messages[chosen.message]
         if any(np.any(columns[f"servo{n}_raw"]) for n in range(9, 17) if f"servo{n}_raw" in columns):
-            width = WIDE_PORT_CHANNELS
-        picks = [(0, AXES.index(axis))]
-        if drive.message != DEMAND_MESSAGE:
-            ported = drive.message == "SERVO_OUTPUT_RAW"
-            picks = [divmod(n - 1, width) if ported else (0, n - 1) for n in drive.layout.channels]
+            width = drive.WIDE_PORT_CHANNELS
+        picks = [(0, drive.AXES.index(axis))]
+        if chosen.message != DEMAND_MESSAGE:
+            ported = chosen.message == "SERVO_OUTPUT_RAW"
+            picks = [divmod(n - 1, width) if ported else (0, n - 1) for n in chosen.layout.channels]
         if collective is not None:
             now = collective.time >= oldest
             collective = Signal(collective.time[now], collective.boot[now], collective.values[now])
-        return Inputs(drive.message, drive.layout, drive.scale, tuple(picks), collective)
+        return Inputs(chosen.message, chosen.layout, chosen.scale, tuple(picks), collective)
 
     def _columns(self, name: str, port: int, stream: Samples) -> dict[str, NDArray[Any]]:
         """The outputs of one port as columns."""
@@ -246,8 +232,8 @@ class Phase:
         if not isfinite(value):
             return
         rows = self._rows[kind]
-        if kind == "collective" and rows and 0 <= time - rows[-1][0] < MIN_STEP_SECONDS:
-            return
+        if kind == "collective" and rows and 0 <= time - rows[-1][0] < 0.005:
+            return  # of a fast stream, enough
         changed = kind == "landed_state" and (not rows or rows[-1][1] != value)
         rows.append((time, value))
         if changed:
@@ -262,7 +248,7 @@ class Phase:
         """Decides the phase at ``now``, s."""
         signals = self._signals(now)
         armed, climb = phases.armed(signals, 0), signals.climb_rate
-        self.flying = any(start < now <= end for start, end in both(armed, phases.airborne(signals, 0)))
+        self.flying = any(start < now <= end for start, end in phases.flying(signals, 0))
         flights = both(armed, phases.in_states(signals, 0, (IN_AIR,)))
         flight = next((flight for flight in flights if flight[0] < now <= flight[1]), None)
         if self.steady and (flight is None or flight[0] > self._reviewed):
@@ -283,7 +269,7 @@ class Phase:
         columns: dict[str, Columns] = {}
         series: dict[str, Signal | None] = {}
         for kind, rows in self._rows.items():
-            since = now - (REPORTS_SECONDS if kind in REPORTED else PHASE_SECONDS)
+            since = now - 2 * (REPORT_SECONDS if kind in REPORTED else AVERAGING_SECONDS)
             while len(rows) > 2 * (kind == "armed") and rows[0][0] < since:  # the last state stays
                 rows.popleft()
             reports = list(rows)

@@ -15,26 +15,13 @@ import numpy as np
 
 from mavdem.alignment.drive import DEMAND_MESSAGE, MAX_ANGLE, MAX_BODY_RATE, UNUSED_CHANNEL
 from mavdem.alignment.signals import CLIMB_FIELDS
+from mavdem.ingest.mavlink import framing
 from mavdem.ingest.mavlink.definitions import definitions, parameter_values, seeds
-from mavdem.ingest.mavlink.framing import (
-    FAILED,
-    GOOD,
-    HEADER,
-    HEADER_1,
-    LONGEST_FRAME,
-    MARKER_1,
-    MARKER_2,
-    UNKNOWN,
-    announced_length,
-    concatenated,
-    find_frames,
-    frame_checksum,
-)
 from mavdem.ingest.mavlink.vehicles import CLOCK_UNITS
 
 Values = tuple[float, ...]
 
-MAX_UNDECIDED = 32 * LONGEST_FRAME  # Bytes without a good frame that wait for one
+MAX_UNDECIDED = 32 * framing.LONGEST_FRAME  # Bytes without a good frame that wait for one
 
 FIELDS: dict[str, tuple[str, ...]] = {
     "HEARTBEAT": ("type", "autopilot", "base_mode", "custom_mode", "system_status"),
@@ -77,7 +64,7 @@ class FrameReader:
         read: list[Frame] = []
         while start < len(data):
             frame, end = _frame_at(data, start)
-            if frame is not None and frame.verdict == GOOD:
+            if frame is not None and frame.verdict == framing.GOOD:
                 read.append(frame)
                 start = end
             elif end < len(data) and (decided := self._search(data, start, read)) is not None:
@@ -85,48 +72,51 @@ class FrameReader:
             else:
                 break  # incomplete, or alone: what follows decides
         self._rest = data[start:]
-        self.unread += sum(frame.verdict != GOOD for frame in read)
+        self.unread += sum(frame.verdict != framing.GOOD for frame in read)
         return read
 
     def _search(self, data: bytes, start: int, read: list[Frame]) -> int | None:
         """Adds the frames up to the last good one, as a file's are found; returns where they end, None if unknown."""
-        table = concatenated(list(find_frames(np.frombuffer(data, np.uint8)[start:], seeds())))
-        good = np.flatnonzero(table.verdict == GOOD)
+        table = framing.concatenated(list(framing.find_frames(np.frombuffer(data, np.uint8)[start:], seeds())))
+        good = np.flatnonzero(table.verdict == framing.GOOD)
         if len(good):
             table = table[: int(good[-1]) + 1]
             until = int(table.end[-1])
         elif len(data) - start <= MAX_UNDECIDED:
             return None
         else:
-            table = table[table.end <= len(data) - start - LONGEST_FRAME]
-            until = len(data) - start - LONGEST_FRAME
-        headers = (table.message_id, table.system, table.component, table.sequence, table.verdict)
-        places = (start + table.payload).tolist(), table.length.tolist()
-        for begin, length, *header in zip(*places, *(column.tolist() for column in headers), strict=True):
-            read.append(Frame._make([*header, data[begin : begin + length]]))
+            table = table[table.end <= len(data) - start - framing.LONGEST_FRAME]
+            until = len(data) - start - framing.LONGEST_FRAME
+        columns = (table.message_id, table.system, table.component, table.sequence, table.verdict)
+        for begin, length, *header in zip(start + table.payload, table.length, *columns, strict=True):
+            read.append(Frame._make([*map(int, header), data[begin : begin + length]]))
         return start + until
 
 
 def _frame_at(data: bytes, start: int) -> tuple[Frame | None, int]:
     """The frame announced by the header at ``start``, None without a complete one, and where it ends or would end."""
-    header = data[start : start + HEADER]
-    if header[0] not in (MARKER_1, MARKER_2):
+    header = data[start : start + framing.HEADER]
+    if header[0] not in (framing.MARKER_1, framing.MARKER_2):
         return None, start
     if len(header) < 3:
         return None, len(data)
-    length = announced_length(*header[:3])
+    length = framing.announced_length(*header[:3])
     if length is None:
         return None, start
     if (end := start + length) > len(data):
         return None, end
-    first, size = (4, HEADER) if header[0] == MARKER_2 else (2, HEADER_1)
+    first, size = (4, framing.HEADER) if header[0] == framing.MARKER_2 else (2, framing.HEADER_1)
     sequence, system, component = header[first : first + 3]
     message_id = int.from_bytes(header[first + 3 : size], "little")
     payload, behind = start + size, start + size + header[1]
-    definition, verdict = definitions().get(message_id), UNKNOWN
+    definition, verdict = definitions().get(message_id), framing.UNKNOWN
     if definition is not None:
         sent = data[behind] | data[behind + 1] << 8
-        verdict = GOOD if sent == frame_checksum(data[start + 1 : behind], definition.seed) else FAILED
+        verdict = (
+            framing.GOOD
+            if sent == framing.frame_checksum(data[start + 1 : behind], definition.seed)
+            else framing.FAILED
+        )
     return Frame(message_id, system, component, sequence, verdict, data[payload:behind]), end
 
 
@@ -150,10 +140,8 @@ def message_readers() -> dict[int, tuple[str, np.dtype[Any], float, float]]:
             clock = next((field for field in CLOCK_UNITS if field in wire.fields), None)
             units = 0.0 if clock is None else CLOCK_UNITS[clock]
             period = inf if clock is None or wire[clock].itemsize == 8 else 2.0 ** (8 * wire[clock].itemsize) / units
-            kinds = {name: wire.fields[name] for name in [*FIELDS[definition.name], *filter(None, [clock])]}
-            form: Any = {"names": list(kinds), "formats": [kind[0] for kind in kinds.values()]}
-            form |= {"offsets": [kind[1] for kind in kinds.values()], "itemsize": wire.itemsize}
-            readers[definition.message_id] = definition.name, np.dtype(form), units, period
+            needed = wire[[*FIELDS[definition.name], *filter(None, [clock])]]  # a view: offsets and size of all
+            readers[definition.message_id] = definition.name, needed, units, period
     return readers
 
 

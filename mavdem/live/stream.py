@@ -80,6 +80,11 @@ class LiveStream:
         return self._senders.followed
 
     @property
+    def now(self) -> float:
+        """The latest time of the vehicle's clock, s; NaN before any."""
+        return self._clock.now
+
+    @property
     def parameters(self) -> dict[str, float]:
         """The vehicle's parameters received so far, by name; also those that MAVProxy stores for it."""
         if self.followed is None:
@@ -345,7 +350,7 @@ class MotorAlarms:
             if self._watch is None or watched != self._watched:
                 motors = layout.names, layout.motors, layout.positions, layout.spins
                 self._watch, self._watched = MotorWatch(*motors, layout.positions_assumed, boot), watched
-            alarm, obstacle = self._watch.take(time, commands, True), self._watch.obstacle
+            alarm, obstacle = self._watch.take(time, commands), self._watch.obstacle
             if alarm is not None:
                 self.latest.append(alarm)
                 self.count += 1

@@ -11,13 +11,12 @@ from typing import Any
 
 from mavdem.analysis.findings import PREDICTION_LIMITS
 from mavdem.dem.order_choice import OrderChoice
-from mavdem.evaluate.comparison import GENERALIZED_COORDINATES, Comparison
-from mavdem.evaluate.scores import FEWEST_PAIRS, FROM_ZERO, HORIZONS, KNOWN, SIGNIFICANCE, UNKNOWN, Paired, error_over
+from mavdem.evaluate.comparison import Comparison
+from mavdem.evaluate.scores import FEWEST_PAIRS, FROM_ZERO, HORIZONS, KNOWN, SIGNIFICANCE, UNKNOWN, Paired
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.numbers import THREE_STATES, listed, named, readable
 
 WORDS = {KNOWN: "What happened, given the inputs:", UNKNOWN: "What comes next, inputs unknown:"}
-BANDS = {KNOWN: "forecasts", UNKNOWN: "predictions"}
 Summary = dict[str, Any]
 
 
@@ -32,7 +31,6 @@ def comparison_report(comparison: Comparison, from_zero: bool = False) -> list[B
         *(block for question in questions if not from_zero for block in _failed_bands(comparison, question)),
         *([] if from_zero else _losses(comparison)),
         *(_over_flights(comparison, questions) if several else []),
-        *_generalized_coordinates(comparison, first),
         *(block for flight in comparison.flights for block in _flight(comparison, flight, questions)),
         _legend(comparison.methods[0], from_zero, several, UNKNOWN in questions),
     ]
@@ -48,20 +46,15 @@ def _verdict(comparison: Comparison, question: str) -> str:
     without = f" No forecast was made by {listed(silent)}." if silent else ""
     error = f"{comparison.methods_of(question)[0]}'s error{f' on {flights} flights' if flights > 1 else ''}"
     if pairs < FEWEST_PAIRS:
-        apart = "1 window does" if pairs == 1 else f"{pairs} windows do"
-        return (
-            f"{error} is not distinguishable from another method's: only {apart} not overlap, and it takes "
-            f"{FEWEST_PAIRS}.{without}"
-        )
+        few = f"only {'1 window does' if pairs == 1 else f'{pairs} windows do'} not overlap"
+        return f"{error} is not distinguishable from another method's: {few}, and it takes {FEWEST_PAIRS}.{without}"
     parts = []
     for verdict, than in (("higher", "than"), ("not distinguishable", "from"), ("lower", "than")):
-        names = [name for name, test in tests.items() if test.verdict == verdict]
-        which = f"all {len(tests)} other methods" if 1 < len(names) == len(tests) else listed(names)
-        if verdict == "higher":
-            which = listed(
-                f"{name} ({_ratio(tests[name].ratio)} times, p = {tests[name].p_value:.2g})" for name in names
-            )
-        if names:
+        if names := [name for name, test in tests.items() if test.verdict == verdict]:
+            which = f"all {len(tests)} other methods" if 1 < len(names) == len(tests) else listed(names)
+            if verdict == "higher":
+                found = [(name, tests[name]) for name in names]
+                which = listed(f"{name} ({_ratio(test.ratio)} times, p = {test.p_value:.2g})" for name, test in found)
             parts.append(f"{verdict} {than} that of {which}")
     return f"{error} over the whole test part is {'; '.join(parts)}.{without}"
 
@@ -74,7 +67,8 @@ def _failed_bands(comparison: Comparison, question: str) -> list[Block]:
         share = row["horizons"][-1]["inside"]
         if share is not None and share < PREDICTION_LIMITS.coverage:
             where = f" on {flight}" if len(comparison.flights) > 1 else ""
-            what = f"{reference}'s {BANDS[question]} holds {share:.0%} of the samples{where}"
+            kind = "forecasts" if question == KNOWN else "predictions"
+            what = f"{reference}'s {kind} holds {share:.0%} of the samples{where}"
             cautions.append(Sentence(f"the 90 % band of {what}: it is too narrow.", "Caution:"))
     return cautions
 
@@ -121,11 +115,10 @@ def _over_flights(comparison: Comparison, questions: Sequence[str]) -> list[Bloc
     for question in questions:
         rows = comparison.over_flights(question)
         table = [[row["method"], *map(_ratio, row["horizons"]), *_counts(row, row["reference"])] for row in rows]
-        inside = [(row["method"], row["inside"]) for row in rows]
-        table += [[*row, "", "", "", ""] for row in _inside(inside, comparison)]
-        columns = _count_columns(comparison.methods[0])
+        inside = _inside([(row["method"], row["inside"]) for row in rows], comparison)
+        table += [[*row, "", "", "", ""] for row in inside]
         words = WORDS.get(question, WORDS[KNOWN])
-        blocks.append(Table([f"{words} error ratio; steps:", *header, *columns], table))
+        blocks.append(Table([f"{words} error ratio; steps:", *header, *_count_columns(comparison)], table))
     return blocks
 
 
@@ -139,29 +132,12 @@ def _inside(methods: Sequence[tuple[str, Sequence[float | None]]], comparison: C
     ]
 
 
-def _count_columns(reference: str) -> list[str]:
-    return ["above 1", "unstable", f"{reference} / method", "p"]
+def _count_columns(comparison: Comparison) -> list[str]:
+    return ["above 1", "unstable", f"{comparison.methods[0]} / method", "p"]
 
 
 def _counts(row: Summary, test: Paired) -> list[str]:
     return [str(row["worse_than_constant"]), str(row["unstable"]), _ratio(test.ratio), f"{test.p_value:.2g}"]
-
-
-def _generalized_coordinates(comparison: Comparison, question: str) -> list[Block]:
-    """As the paper's Table ``tab:SSE_GC``, of medians over windows."""
-    pairs = [pair for pair in GENERALIZED_COORDINATES if set(pair) <= set(comparison.methods)]
-    if not pairs:
-        return []
-    parts = [(flight, comparison.summaries(flight, question)) for flight in comparison.flights]
-    if len(parts) > 1:
-        parts.append(("all flights", comparison.over_flights(question)))
-    rows = []
-    for name, summaries in parts:
-        error = {row["method"]: row["relative"] for row in summaries}
-        cells = [(error[one], error[other], float(error_over(error[one], error[other]))) for one, other in pairs]
-        rows.append([name, *(_ratio(value) for cell in cells for value in cell)])
-    header = ["influence of generalized coordinates, error ratio"]
-    return [Table([*header, *(name for pair in pairs for name in (*pair, "ratio"))], rows)]
 
 
 def _flight(comparison: Comparison, flight: str, questions: Sequence[str]) -> list[Block]:
@@ -185,16 +161,14 @@ def _flight(comparison: Comparison, flight: str, questions: Sequence[str]) -> li
         ]
         for row in summaries
     ]
-    header = [head, *columns, "error ratio", "worst", *_count_columns(comparison.methods[0])]
+    header = [head, *columns, "error ratio", "worst", *_count_columns(comparison)]
     blocks: list[Block] = [Sentence(text, f"{flight}:"), Table(header, errors)]
-    for question in (KNOWN, UNKNOWN):
-        if question in questions:
-            rows = comparison.summaries(flight, question)
-            steps = [str(at["steps"]) for at in rows[0]["horizons"]]
-            table = [[row["method"], *(_ratio(at["relative"]) for at in row["horizons"])] for row in rows]
-            inside = [(row["method"], [at["inside"] for at in row["horizons"]]) for row in rows]
-            table += _inside(inside, comparison)
-            blocks.append(Table([f"{WORDS[question]} error ratio; steps:", *steps], table))
+    for question in (question for question in questions if question in WORDS):
+        rows = comparison.summaries(flight, question)
+        steps = [str(at["steps"]) for at in rows[0]["horizons"]]
+        table = [[row["method"], *(_ratio(at["relative"]) for at in row["horizons"])] for row in rows]
+        table += _inside([(row["method"], [at["inside"] for at in row["horizons"]]) for row in rows], comparison)
+        blocks.append(Table([f"{WORDS[question]} error ratio; steps:", *steps], table))
     return [*blocks, *(Sentence(text) for row in summaries if (text := _without_forecast(row)))]
 
 

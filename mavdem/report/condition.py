@@ -49,10 +49,11 @@ def condition_sentences(condition: dict[str, Any]) -> list[Sentence]:
     if condition["hover"]:
         sentences.append(_motors(condition))
     if condition["command"]:
-        steady = [_steady(name, one, 100.0, " %") for name, one in condition["command"].items()]
+        steady = [f"{name} {_interval(one['mean'], one['interval'])}" for name, one in condition["command"].items()]
         sentences.append(Sentence(f"{listed(steady)} of the motors' range.", "Steady command:"))
     if condition["lean"]:
-        lean = [_steady(name, one, degrees(1), "°") for name, one in condition["lean"].items()]
+        means = [(name, one["mean"], one["interval"]) for name, one in condition["lean"].items()]
+        lean = [f"{name} {_interval(mean, half, degrees(1), '°')}" for name, mean, half in means]
         mean, sd, most = (degrees(condition[name]) for name in ("tilt_mean", "tilt_sd", "tilt_max"))
         tilt = f"the angle from level is {mean:.1f}° in the mean, {sd:.1f}° in standard deviation, {most:.1f}° at most"
         sentences.append(Sentence(f"{listed(lean)}; {tilt}.", "Lean:"))
@@ -70,10 +71,8 @@ def condition_sentences(condition: dict[str, Any]) -> list[Sentence]:
 
 def _motors(condition: dict[str, Any]) -> Sentence:
     hover = condition["hover"]
-    shares = [
-        f"{name} {_interval(100 * share, None if half is None else 100 * half)} %"
-        for name, share, half in zip(hover["motors"], hover["trim_share"], condition["share_interval"], strict=True)
-    ]
+    known = zip(hover["motors"], hover["trim_share"], condition["share_interval"], strict=True)
+    shares = [f"{name} {_interval(share, half)}" for name, share, half in known]
     limits = [up + low for up, low in zip(hover["at_upper_limit"], hover["at_lower_limit"], strict=True)]
     least, most = (f"{100 * bound(hover['headroom']):.0f}" for bound in (min, max))
     return Sentence(
@@ -94,13 +93,9 @@ def _battery(battery: dict[str, Any], flown: bool) -> Sentence:
     return Sentence(f"{text}.", "Battery:")
 
 
-def _steady(name: str, steady: dict[str, Any], scale: float, unit: str) -> str:
-    half = steady["interval"]
-    return f"{name} {_interval(scale * steady['mean'], None if half is None else scale * half)}{unit}"
-
-
-def _interval(value: float, half: float | None) -> str:
-    return rounded(value) if half is None else plus_minus(value, half)
+def _interval(value: float, half: float | None, scale: float = 100.0, unit: str = " %") -> str:
+    shown = rounded(scale * value) if half is None else plus_minus(scale * value, scale * half)
+    return f"{shown}{unit}"
 
 
 def log_blocks(held: dict[str, Any]) -> list[Block]:

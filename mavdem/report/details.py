@@ -17,9 +17,8 @@ from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.numbers import (
     THREE_STATES,
     Labels,
-    entries,
     listed,
-    named,
+    outputs_of,
     plus_minus,
     readable,
     short,
@@ -29,20 +28,15 @@ from mavdem.report.numbers import (
 )
 from mavdem.report.screen import TORQUE, parameter_reasons
 
-MAX_NAMED, MIN_WEIGHT = 4, 0.3  # of a combination that is not identifiable: at most, from what share of the largest
-
 
 def detail_blocks(learned: Learned, report: dict[str, Any] | None = None) -> list[Block]:
     """Returns cautions, errors one step ahead, the ``learned`` model, and how it was learned.
 
-    ``report`` has the figures of :func:`mavdem.analysis.figures`; without it the errors are left out.
+    ``report`` is ``LogAnalysis.as_dict()``; without it the errors are left out.
     """
-    labels, energy, converged = (
-        Labels.of(learned),
-        learned.free_energy,
-        f"{'' if learned.converged else 'Not '}converged.",
-    )
-    end = "" if learned.simulation_fit is not None else f" {converged.capitalize()}"
+    labels, energy = Labels.of(learned), learned.free_energy
+    converged = "Converged." if learned.converged else "Not converged."
+    end = "" if learned.simulation_fit is not None else f" {converged}"
     return [
         *(Sentence(caution, "Caution:") for caution in learned.cautions),
         *([] if report is None else _one_step(report, labels)),
@@ -53,14 +47,13 @@ def detail_blocks(learned: Learned, report: dict[str, Any] | None = None) -> lis
             f"increased by {energy.gained:,.0f} nats in {len(energy) - 1} iterations, to {energy[-1]:,.0f}.{end}",
             "Free energy action F̄:",
         ),
-        *_simulation_fit(labels, learned, converged.capitalize()),
+        *_simulation_fit(labels, learned, converged),
     ]
 
 
 def _one_step(report: dict[str, Any], labels: Labels) -> list[Block]:
     """RMSE by output on the training data, and how far ahead predictions are worth something without the inputs."""
-    units = [readable(unit) for unit in labels.output_units]
-    names = [named(name, unit.name) for name, unit in zip(labels.output_names, units, strict=True)]
+    names, units = outputs_of(labels)
     rows = []
     for name, error in report["one_step_mspe"].items():
         rmse = (unit.scale * sqrt(square) for unit, square in zip(units, error["per_output"], strict=True))
@@ -76,7 +69,7 @@ def _one_step(report: dict[str, Any], labels: Labels) -> list[Block]:
 
 def _model(labels: Labels, learned: Learned) -> list[Block]:
     """The model with all it takes to use it elsewhere: a table a matrix, a row a derivative."""
-    model, states, outputs = learned.model, state_names(labels, learned), states_are_outputs(learned)
+    model, states, outputs = learned.model, state_names(labels.output_names, learned), states_are_outputs(learned)
     (n, r), m, half = model.B.shape, len(model.C), learned.model_interval(LEVEL)
     known = unpack(learned.known, n, r, m)
     A, B, C = (
@@ -114,7 +107,7 @@ def _model(labels: Labels, learned: Learned) -> list[Block]:
         blocks.append(tables["C"])
     return [
         *blocks,
-        *_not_identifiable(labels, learned),
+        *_not_identifiable(len(learned.undetermined)),
         Sentence(f"{_trim(labels.output_names, model.output_trim, labels.output_units)}.", "y₀:"),
         Sentence(f"{_trim(labels.input_names, model.input_trim, labels.input_units)}.", "u₀:"),
         Sentence(_poles(model.A), "Poles of A (1/s):"),
@@ -136,29 +129,9 @@ def _trim(names: Sequence[str], values: Array, units: Sequence[str]) -> str:
     return ", ".join(shown)
 
 
-def _not_identifiable(labels: Labels, learned: Learned) -> list[Block]:
-    directions = learned.undetermined
-    if not directions:
-        return []
-    names = [
-        f"{matrix}: {short(row)} from {short(column)}"
-        for matrix, cells in entries(labels, learned).items()
-        for row, column in cells
-    ]
-    least = directions[0].weights
-    largest = np.argsort(-np.abs(least))[:MAX_NAMED]
-    least = least * np.sign(least[largest[0]])
-    combination = " ".join(
-        f"{'-' if least[i] < 0 else '+'} {abs(least[i]):.2g} ({names[i]})"
-        for i in largest
-        if abs(least[i]) > MIN_WEIGHT * np.abs(least).max()
-    ).removeprefix("+ ")
-    text = (
-        f"{len(directions)} combination{'s' if len(directions) > 1 else ''} of parameters, about which the data "
-        "contain less information than the prior. The least identifiable "
-        f"is {combination}, in units of prior standard deviations."
-    )
-    return [Sentence(text, "Not identifiable:")]
+def _not_identifiable(count: int) -> list[Block]:
+    text = f"{count} combination{'s' * (count > 1)} of parameters: the data contain less information than the prior."
+    return [Sentence(text, "Not identifiable:")] if count else []
 
 
 def _poles(A: Array) -> str:
@@ -205,12 +178,8 @@ def _cancelled(wind: WindTorque | None) -> list[Block]:
     """How much of the wind torque the motors had cancelled."""
     if wind is None or wind.reason is not None or not isfinite(wind.cancelled_share + wind.cancelled_share_slow):
         return []
-    slow = f"{100 * max(wind.cancelled_share_slow, 0.0):.0f} %"
-    if wind.cancelled_share >= 0:
-        text = f"the motors had cancelled {100 * wind.cancelled_share:.0f} % of its variance, {slow} below 1 Hz."
-    else:
-        text = f"the motors had cancelled {slow} of its variance below 1 Hz; to what is faster they added."
-    return [Sentence(text, "Wind torque:")]
+    slow, share = (f"{100 * max(one, 0.0):.0f} %" for one in (wind.cancelled_share_slow, wind.cancelled_share))
+    return [Sentence(f"the motors had cancelled {share} of its variance, {slow} below 1 Hz.", "Wind torque:")]
 
 
 def _simulation_fit(labels: Labels, learned: Learned, converged: str) -> list[Block]:

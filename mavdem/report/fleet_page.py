@@ -59,7 +59,9 @@ def fleet_page(rows: Sequence[FlightRow], changes: Mapping[str, Sequence[Block]]
     flights = flights_of(rows)
     dated = [flight for flight in flights if flight[0].date is not None]
     newest = [row for flight in (*reversed(dated), *flights[len(dated) :]) for row in flight]
-    table, kinds = flight_table(newest)
+    cells = [[read(row) for _, read in COLUMNS.values()] for row in newest]
+    kept = [i for i, name in enumerate(COLUMNS) if name in ALWAYS or any(line[i] for line in cells)]
+    table = Table([[*COLUMNS][i] for i in kept], [[line[i] for i in kept] for line in cells])
     # A colon in a link would make what comes before it a scheme.
     links = [("" if row.page is None else quote(row.page, safe="/"), row.file) for row in newest]
     template = environment().get_template("fleet.html")
@@ -68,7 +70,7 @@ def fleet_page(rows: Sequence[FlightRow], changes: Mapping[str, Sequence[Block]]
         vehicles=parts,
         not_drawn=len(flown_often) - len(drawn),
         table=table,
-        kinds=kinds,
+        kinds=[[*COLUMNS.values()][i][0] for i in kept],
         links=links,
         first_shown=FIRST_SHOWN,
         severity=(*TROUBLE, NOT_USED, *HEALTHS[len(TROUBLE) :]),
@@ -81,14 +83,6 @@ def _svg(flights: Sequence[Sequence[FlightRow]], name: str) -> Markup:
     except ValueError:  # nothing is known
         return Markup("")
     return Markup(downstream("report.figures.style", "svg")(figure, name))
-
-
-def flight_table(rows: Sequence[FlightRow]) -> tuple[Table, list[str]]:
-    """Returns a line for each row, without the columns of which no row knows anything, and what each is sorted as."""
-    cells = [[read(row) for _, read in COLUMNS.values()] for row in rows]
-    kept = [i for i, name in enumerate(COLUMNS) if name in ALWAYS or any(line[i] for line in cells)]
-    table = Table([[*COLUMNS][i] for i in kept], [[line[i] for i in kept] for line in cells])
-    return table, [[*COLUMNS.values()][i][0] for i in kept]
 
 
 def _number(name: str, scale: float = 1.0, digits: int = 2, estimated: bool = False) -> Callable[[FlightRow], str]:
@@ -147,5 +141,4 @@ COLUMNS: dict[str, tuple[str, Callable[[FlightRow], Any]]] = {
     "notes": ("text", _notes),
 }
 """What each column is sorted as, and its cell of a row: empty where the value is not known."""
-ALWAYS = ("flight", "vehicle", "date", "axis", "tier", "health", "notes")
-"""Columns that are there even if they are empty."""
+ALWAYS = ("flight", "vehicle", "date", "axis", "tier", "health", "notes")  # columns that are there even if empty

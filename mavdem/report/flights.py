@@ -22,6 +22,7 @@ from mavdem.fleet.difference import (
     MEAN_EFFECT,
     SHARE,
     Conditions,
+    Flights,
     QuantityChange,
     VehicleDifference,
 )
@@ -29,7 +30,6 @@ from mavdem.fleet.row import (
     HEALTHS,
     OK,
     UNKNOWN,
-    Flight,
     FlightRow,
     best_tier,
     flights_of,
@@ -56,12 +56,7 @@ QUANTITIES = {
     LAG: ("motor time constant", 1e3, "ms"),
 }
 """What a kind of quantity is called, and the scale and unit that it is shown in."""
-ALLOWED = {SHARE: "shares for the lean", MEAN_EFFECT: "mean control effectiveness for battery and mean output"}
-"""Which intervals allow for which conditions."""
 MIN_LEAN, MIN_SHARE = 2.0, 0.02  # degrees, and share of a voltage or output, from which a difference is reported
-
-Flights = Sequence[Flight]
-"""Flights of one vehicle in order of date, the rows of each."""
 
 
 def fleet_blocks(rows: Sequence[FlightRow]) -> list[Block]:
@@ -109,7 +104,7 @@ def vehicle_words(flights: Flights) -> str:
         return f"Not judged{': ' + reason if reason else '.'}"
     kinds = [f"a {kind} in {counts[kind]}" for kind in TROUBLE if counts[kind]]
     latest = next(flight for flight in reversed(flights) if worst_health(flight) in TROUBLE)
-    row = next(row for row in latest if row.health == worst_health(latest))
+    row = min(latest, key=lambda row: HEALTHS.index(row.health))
     log = PurePath(row.file).name
     when = log if row.date is None else f"{row.date:%Y-%m-%d} ({log})"
     motor = "" if row.suspect_motor is None else f", motor {row.suspect_motor}"
@@ -160,9 +155,8 @@ def _unused(refused: Sequence[FlightRow]) -> list[Block]:
         return []
     examples: dict[str, list[str]] = {}
     for row in refused:
-        # Without the file's name and the numbers that make each reason different.
-        text = row.status.replace(row.file, "the log").replace(PurePath(row.file).name, "the log")
-        first = re.split(r"(?<=[.:;]) ", text, maxsplit=1)[0]
+        first = re.split(r"(?<=[.:;]) ", row.status, maxsplit=1)[0]
+        # Without the numbers that make each reason different.
         examples.setdefault(re.sub(r"\d[\d.,]*", "…", first).rstrip(".:; "), []).append(PurePath(row.file).name)
     reasons = sorted(examples, key=lambda reason: (-len(examples[reason]), reason))
     shown = reasons if len(reasons) <= MAX_REASONS else reasons[: MAX_REASONS - 1]
@@ -178,9 +172,9 @@ def cut(text: str, longest: int) -> str:
     return text if len(text) <= longest else f"{text[: longest - 1]}…"
 
 
-def few(names: Sequence[str], most: int = MAX_NAMED) -> str:
+def few(names: Sequence[str]) -> str:
     """Returns the first names as in a sentence, and how many more there are."""
-    return listed([*names[:most], *([f"{len(names) - most} more"] if len(names) > most else [])])
+    return listed([*names[:MAX_NAMED], *([f"{len(names) - MAX_NAMED} more"] if len(names) > MAX_NAMED else [])])
 
 
 def _counted(number: int, noun: str) -> str:
@@ -194,9 +188,8 @@ def difference_blocks(found: VehicleDifference) -> list[Block]:
         reasons.setdefault(reason, []).append(name)
     missing = [Sentence(f"{listed(names)}: {reason}", "Not compared:") for reason, names in reasons.items()]
     words = "; ".join(_condition_words(*found.conditions)).replace("-", "−")
-    kinds = {change.quantity.kind for change in found.changes if change.allowance}
-    covered = listed(words for kind, words in ALLOWED.items() if kind in kinds)
-    allowed = f" Intervals that allow for conditions: {covered}." if covered else ""
+    covered = "shares for the lean and mean control effectiveness for battery and mean output"
+    allowed = f" Intervals that allow for conditions: {covered}." * any(change.allowance for change in found.changes)
     conditions = Sentence(f"{words}.{allowed}", "Conditions, no change of the vehicle:")
     sure = [Sentence(_sureness(found), "How sure:")] if found.changes else []
     return [*_changes(found), *missing, conditions, *_vehicles(found), *sure]
@@ -216,16 +209,13 @@ def _changes(found: VehicleDifference) -> list[Block]:
     """What changed, what is the same, and what was compared without a result."""
     if not found.changes:
         return [Sentence("", "Nothing can be compared.")]
-    changed, unknown = (
-        "; ".join(_change(change, found) for change in found.of(outcome)) for outcome in ("changed", "uncertain")
-    )
-    first = Sentence(f"{changed}.", "Changed:") if changed else Sentence("", "Nothing changed beyond chance.")
-    blocks: list[Block] = [first]
+    changed, unknown = ("; ".join(_change(one, found) for one in found.of(kind)) for kind in ("changed", "uncertain"))
+    blocks = [Sentence(f"{changed}.", "Changed:") if changed else Sentence("", "Nothing changed beyond chance.")]
     if same := found.of("same"):
         blocks.append(Sentence(f"{listed(_grouped(same, found))}.", "The same:"))
     if unknown:
         blocks.append(Sentence(f"{unknown}: too uncertain to call changed or the same.", "Not known:"))
-    return blocks
+    return [*blocks]
 
 
 def _change(change: QuantityChange, found: VehicleDifference) -> str:
@@ -291,15 +281,14 @@ def _condition_words(before: Conditions, after: Conditions) -> list[str]:
 
 def _vehicles(found: VehicleDifference) -> list[Block]:
     before, after = found.vehicles
-    lead, text = "Caution:", ""
+    trust = "that A and B are of one vehicle is taken on trust."
     if UNKNOWN in (*before, *after):
-        lead, text = "Vehicle:", "a log does not say of which vehicle it is; that both are the same is taken on trust."
-    elif before and after and set(before) != set(after):
+        return [Sentence(f"a log does not say of which vehicle it is; {trust}", "Vehicle:")]
+    if before and after and set(before) != set(after):
         text = f"A is {listed(before)} and B is {listed(after)}: what differs may be that between two vehicles."
-    elif found.shared:
-        text = f"{listed(found.shared)} is a name by the MAVLink system id, which many vehicles share; that A and B "
-        text += "are of one vehicle is taken on trust."
-    return [Sentence(text, lead)] if text else []
+        return [Sentence(text, "Caution:")]
+    named = f"{listed(found.shared)} is a name by the MAVLink system id, which many vehicles share; {trust}"
+    return [Sentence(named, "Caution:")] if found.shared else []
 
 
 def _sureness(found: VehicleDifference) -> str:
@@ -319,7 +308,7 @@ def _sureness(found: VehicleDifference) -> str:
 
 
 def live_report(history: LiveHistory, status: SessionStatus, account: Mapping[str, float], axis: str) -> list[Block]:
-    """Returns the errors of what was predicted on an ``axis``, and the parts trained on; times in s from the beginning.
+    """Returns the errors of what was predicted on an ``axis``, and the parts trained on, by the vehicle's clock.
 
     ``history`` was collected in flight, ``status`` is that at its end; ``account`` are seconds by the keys of
     ``ACCOUNT``.
@@ -332,8 +321,8 @@ def live_report(history: LiveHistory, status: SessionStatus, account: Mapping[st
     if status.obstacle:
         blocks.append(Sentence(status.obstacle, "At the end:"))
     if errors:
-        made = "predictions without the motors of the time ahead, made in flight and compared with what came."
-        blocks += [_errors(errors, axis), Sentence(f"{made} Baseline: the last sample held.", "How they were made:")]
+        made = "in flight, without the motors of the time ahead. Baseline: the last sample held."
+        blocks += [_errors(errors, axis), Sentence(made, "How they were made:")]
     if history.learned:
         rows = [[f"{first:.0f} s", f"{last:.0f} s", f"{last - first:.0f} s"] for first, last in history.learned]
         blocks.append(Table(["learned from", "until", "length"], rows))
@@ -343,8 +332,8 @@ def live_report(history: LiveHistory, status: SessionStatus, account: Mapping[st
 
 def event_blocks(history: LiveHistory) -> list[Block]:
     """Returns what happened when, by the ``history`` of a live flight."""
-    rows = [[f"{event.seconds:.1f} s", event.sentence] for event in history.events]
-    return [Table(["time", "what happened"], rows, words=True)] if rows else [Sentence("Nothing happened.")]
+    rows = [[f"{event.seconds:.1f} s" if isfinite(event.seconds) else "–", event.sentence] for event in history.events]
+    return [Table(["boot clock", "what happened"], rows, words=True)] if rows else [Sentence("Nothing happened.")]
 
 
 def _live_headline(errors: Sequence[HorizonErrors], axis: str) -> str:
@@ -385,7 +374,7 @@ def truth_blocks(found: TruthComparison) -> list[Block]:
     count = f" {sum(held)} of {len(held)} intervals hold the truth." if held else ""
     blocks: list[Block] = [Sentence(f"of {found.source}; ± is the half width of the 90 % interval.{count}", "Truth:")]
     if compared:
-        blocks.append(Table(["", "estimate", "truth", "error", "unit", "inside"], [_row(one) for one in compared]))
+        blocks.append(Table(["", "estimate", "truth", "error", "unit", "inside"], list(map(_row, compared))))
     return [*blocks, *([] if found.wind is None else [_wind(found.wind)])]
 
 

@@ -6,25 +6,14 @@ turn the vehicle one way run above those that turn it back.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from math import floor, isfinite, log10
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.dem import Learned
-
-
-class Labelled(Protocol):
-    """Names and units of channels: of a flight, recorded or live."""
-
-    @property
-    def input_names(self) -> tuple[str, ...]: ...  # noqa: D102
-    @property
-    def output_names(self) -> tuple[str, ...]: ...  # noqa: D102
-    @property
-    def output_units(self) -> tuple[str, ...]: ...  # noqa: D102
 
 
 class Labels(NamedTuple):
@@ -67,6 +56,12 @@ def named(name: str, unit: str) -> str:
     return f"{name}, {unit}" if unit else name
 
 
+def outputs_of(labels: Labels) -> tuple[list[str], list[Readable]]:
+    """Returns the names of the outputs with the units that they are shown in, and these units."""
+    units = [readable(unit) for unit in labels.output_units]
+    return [named(name, unit.name) for name, unit in zip(labels.output_names, units, strict=True)], units
+
+
 def short(name: str) -> str:
     """Returns a ``name`` without the remark in brackets after it: "motor 1" for "motor 1 (front right)"."""
     return name.split(" (")[0]
@@ -104,22 +99,12 @@ def states_are_outputs(learned: Learned) -> bool:
     return not bool(left_free(learned)["C"].any())
 
 
-def state_names(flight: Labelled, learned: Learned) -> list[str]:
-    """Returns names of the n states: the outputs of ``flight``, then the hidden ones; or numbers."""
-    order, outputs = learned.model.A.shape[0], flight.output_names
+def state_names(outputs: Sequence[str], learned: Learned) -> list[str]:
+    """Returns names of the n states: those of the ``outputs``, then the hidden ones; or numbers."""
+    order = learned.model.A.shape[0]
     if not states_are_outputs(learned):
         return [f"state {i + 1}" for i in range(order)]
     return [*outputs, *(f"hidden {i + 1}" for i in range(order - len(outputs)))][:order]
-
-
-def entries(flight: Labelled, learned: Learned) -> dict[str, list[tuple[str, str]]]:
-    """Returns the names of row and column of each entry of A, B and C of a model of ``flight``, in the order of θ."""
-    states = state_names(flight, learned)
-    return {
-        "A": [(row, column) for row in states for column in states],
-        "B": [(row, column) for row in states for column in flight.input_names],
-        "C": [(row, column) for row in flight.output_names for column in states],
-    }
 
 
 def plus_minus(value: float, half: float) -> str:

@@ -43,7 +43,6 @@ RATINGS = {
     "bad": ("NOT IDENTIFIABLE", "not identifiable", "fault", "unstable"),
 }
 """Words that are set off by a colour where a cell of a table begins with one, by that colour's class."""
-_NUMBER = re.compile(r"[-+−±(<>≤≥~≈]?\s*[\d.∞]|-$|–$|nan$|inf$")
 
 
 class Picture(NamedTuple):
@@ -91,7 +90,7 @@ def environment() -> Environment:
         "table": lambda block: isinstance(block, Table),
         "warning": lambda block: block.lead.startswith(("Caution", "Warning")),
     }
-    made.filters |= {"of_text": _text_columns, "rating": _rating, "prose": _prose, "headline": _headline}
+    made.filters |= {"rating": _rating, "prose": _prose, "headline": _headline}
     return made
 
 
@@ -109,14 +108,6 @@ def _drawn(chapter: Chapter, number: int) -> dict[str, Any]:
             else:
                 drawings.append((picture, Markup(svg)))
     return {"title": chapter.title, "blocks": blocks, "drawings": drawings, "folded": chapter.folded}
-
-
-def _text_columns(table: Table) -> list[bool]:
-    """Which columns hold words: the first, and those whose cells are not mostly numbers."""
-    columns = zip(*table.rows, strict=True) if table.rows else [()] * len(table.header)
-    filled = [[cell for cell in column if cell] for column in columns]
-    words = [2 * sum(not _NUMBER.match(cell) for cell in cells) > len(cells) for cells in filled]
-    return [True, *(table.words or in_words for in_words in words[1:])]
 
 
 def _prose(text: str) -> Markup:

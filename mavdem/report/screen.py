@@ -20,7 +20,7 @@ from mavdem.evaluate.held_out import BASELINES, FORECAST, PREDICTION, HeldOut
 from mavdem.flight import Flight
 from mavdem.report.blocks import Block, Sentence, Table, text_of
 from mavdem.report.condition import condition_sentences, identity_sentence, tier_sentences
-from mavdem.report.numbers import Labels, listed, named, plus_minus, readable, rounded, short
+from mavdem.report.numbers import Labels, listed, outputs_of, plus_minus, readable, rounded, short
 
 ROWS = {FORECAST: "forecast, motors recorded", PREDICTION: "prediction, motors unknown"}  # beside the baselines
 PURPOSE_WORDS = {
@@ -142,19 +142,18 @@ def _vehicle(labels: Labels, physical: Physical | None, hover: HoverFigures | No
         columns[f"effectiveness ({_per_input(labels.input_units[0])})"] = [plus_minus(*pair) for pair in effect]
         rest = [f"{name} {figure}" for name, figure in _motion(physical)]
         rest[0] = rest[0].capitalize()
-    columns |= _hover_columns(hover, labels.input_names)
+    if hover is not None and hover.motors == labels.input_names:
+        columns |= _hover_columns(hover)
     if columns:
         rows = zip(labels.input_names, *columns.values(), strict=True)
         blocks.append(Table(["vehicle", *columns], [list(row) for row in rows]))
-    if leaning := _lean(hover):
+    if hover is not None and (leaning := _lean(hover)):
         rest.append(f"mean lean {leaning}")
     return [*blocks, Sentence(f"{'; '.join(rest)}. {INTERVAL}")] if rest else blocks
 
 
-def _hover_columns(hover: HoverFigures | None, motors: Sequence[str]) -> dict[str, list[str]]:
-    """Columns of the table of these motors, by header."""
-    if hover is None or hover.motors != tuple(motors):
-        return {}
+def _hover_columns(hover: HoverFigures) -> dict[str, list[str]]:
+    """Columns of the table of the motors, by header."""
     limits = zip(hover.at_upper_limit, hover.at_lower_limit, strict=True)
     return {
         f"trim ({hover.unit})" if hover.unit else "trim": [f"{trim:.4g}" for trim in hover.trim],
@@ -164,9 +163,9 @@ def _hover_columns(hover: HoverFigures | None, motors: Sequence[str]) -> dict[st
     }
 
 
-def _lean(hover: HoverFigures | None) -> str:
+def _lean(hover: HoverFigures) -> str:
     """The mean angles: "roll 13.3° and pitch 0.1°"; empty where they are not known."""
-    angles = () if hover is None else (("roll", hover.roll), ("pitch", hover.pitch))
+    angles = ("roll", hover.roll), ("pitch", hover.pitch)
     return listed(f"{name} {angle:.1f}°" for name, angle in angles if angle is not None)
 
 
@@ -186,10 +185,8 @@ def _wind(wind: WindTorque | None, physical: Physical | None) -> list[Block]:
     text += f" {count or 'No'} gust{'' if count == 1 else 's'} beyond {rounded(scale * wind.gust_threshold)} {unit}"
     if wind.gusts:
         largest = max(wind.gusts, key=lambda gust: abs(gust.size))
-        text += (
-            f"; the largest {rounded(scale * largest.size)} {unit}, {largest.length:.2g} s long, "
-            f"{largest.start:.1f} s after the first sample"
-        )
+        text += f"; the largest {rounded(scale * largest.size)} {unit}, {largest.length:.2g} s long, "
+        text += f"{largest.start:.1f} s after the first sample"
     return [Sentence(f"{text} (by chance {wind.false_gusts_per_minute:.1g} a minute).", "Wind torque on this axis:")]
 
 
@@ -197,8 +194,7 @@ def _prediction(labels: Labels, held_out: HeldOut | None) -> list[Block]:
     """RMSE beside the baselines over all held-out windows, and how windows differ."""
     if held_out is None:
         return []
-    units = [readable(unit) for unit in labels.output_units]
-    names = [named(name, unit.name) for name, unit in zip(labels.output_names, units, strict=True)]
+    names, units = outputs_of(labels)
     count = f"{len(held_out)} held-out windows" if len(held_out) > 1 else "one held-out window"
     rows = []
     for name in sorted(held_out.forecasts, key=held_out.error_ratio):
@@ -230,7 +226,7 @@ def vehicle_blocks(vehicle: VehicleFigures) -> list[Block]:
             *(Sentence(reason, f"{name.capitalize()}:") for name, reason in reasons if reason),
         ]
     if (hover := vehicle.hover) is not None:
-        columns = _hover_columns(hover, hover.motors)
+        columns = _hover_columns(hover)
         rows = zip(map(short, hover.motors), *columns.values(), strict=True)
         lean = f"{hover.seconds:.0f} s of settled flight; mean lean {_lean(hover) or 'not known'}."
         blocks += [Sentence(lean, "Motors:"), Table(["motor", *columns], [list(row) for row in rows])]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shlex
 import shutil
 import signal
@@ -11,14 +12,12 @@ import subprocess
 import sys
 from contextlib import suppress
 from pathlib import Path
-from urllib.parse import quote, urlsplit
+from urllib.parse import quote
 
 import rerun as rr
 
-CONNECT_SECONDS = 0.3  # time limit for a viewer to accept a connection
 LOOPBACK = "127.0.0.1"
 VIEWER_MEMORY, SERVER_MEMORY = "1GB", "256MB"  # the server keeps data for later viewers; the oldest go first
-NO_SCREEN = "There is no screen here: use --rrd FILE to record, or --serve for browsers"
 WATCHDOG = """
 import os, signal, subprocess, sys, threading
 def kill_at_end_of_input():
@@ -73,8 +72,8 @@ class Sink:
     """A destination of a live flight."""
 
     name: str  # as a user calls it
-    period: float  # seconds between batches
-    retried: bool  # whether one that fails, or is not there yet, is tried again
+    period = 0.1  # seconds between batches
+    retried = True  # whether one that fails, or is not there yet, is tried again
 
     def open(self, recording: rr.RecordingStream) -> bool:
         """Directs the recording to the sink; returns whether it could; ``RuntimeError`` if it never can."""
@@ -102,12 +101,7 @@ class RecordingFile(Sink):
         self.path = Path(path)
         self.name = str(self.path)
         self.broken = False  # whether something could not be written
-        self._complete = 0
-
-    @property
-    def kept(self) -> bool:
-        """Whether the file contains anything."""
-        return self._complete > 0
+        self.complete = 0  # bytes of complete batches
 
     def open(self, recording: rr.RecordingStream) -> bool:
         """Writes the recording into the file."""
@@ -117,10 +111,10 @@ class RecordingFile(Sink):
     def delivered(self, arrived: bool = True) -> None:
         """Keeps what has arrived; see :class:`Sink`."""
         if arrived:
-            self._complete = self.path.stat().st_size
+            self.complete = self.path.stat().st_size
         else:
             self.broken = True
-            os.truncate(self.path, self._complete)
+            os.truncate(self.path, self.complete)
 
 
 class Viewer(Sink):
@@ -131,24 +125,18 @@ class Viewer(Sink):
     A ``url`` that is not of the form rerun+http://HOST:PORT/proxy is a ``ValueError``.
     """
 
-    period = 0.1
-    retried = True
-
     def __init__(self, url: str = f"rerun+http://{LOOPBACK}:9876/proxy") -> None:
         self.url = self.name = url
-        with suppress(ValueError):
-            parts = urlsplit(url)
-            self._address = parts.hostname or "", parts.port or 0
-            schemes = ("rerun", "rerun+http", "rerun+https")
-            if parts.scheme in schemes and parts.path == "/proxy" and all(self._address):
-                return
-        form = "the address of a Rerun viewer, which looks like rerun+http://127.0.0.1:9876/proxy"
-        raise ValueError(f"{url!r} is not {form}")
+        address = re.fullmatch(r"rerun(?:\+https?)?://\[?([^/@\]]+?)\]?:(\d{1,5})/proxy", url)
+        if address is None or not 0 < int(address[2]) < 65536:
+            form = "the address of a Rerun viewer, which looks like rerun+http://127.0.0.1:9876/proxy"
+            raise ValueError(f"{url!r} is not {form}")
+        self._address = address[1], int(address[2])
 
     def open(self, recording: rr.RecordingStream) -> bool:
         """Sends the recording to the viewer, if it is there; see :class:`Sink`."""
         try:
-            socket.create_connection(self._address, timeout=CONNECT_SECONDS).close()
+            socket.create_connection(self._address, timeout=0.3).close()
         except OSError:
             return False
         recording.connect_grpc(self.url)
@@ -188,7 +176,7 @@ def sinks_for(rrd: str | os.PathLike[str] | None = None, serve: bool = False, co
 
     ``rrd`` is a file to record in, ``serve`` a wish for browsers of this machine, ``connect`` the URL of a viewer or
     server, which may start later. The view that they are given to closes them. ``OSError`` if a port is taken,
-    ``ValueError``, one sentence, for an invalid URL or if there is nowhere to show the flight.
+    ``ValueError``, one sentence, for an invalid URL; empty if there is nowhere to show the flight.
     """
     sinks: list[Sink] = [] if rrd is None else [RecordingFile(rrd)]
     if connect is not None:
@@ -202,6 +190,4 @@ def sinks_for(rrd: str | os.PathLike[str] | None = None, serve: bool = False, co
         limits = ("--server-memory-limit", SERVER_MEMORY, "--memory-limit", VIEWER_MEMORY)
         _start(*limits, "--port", str(port), "--expect-data-soon", "--hide-welcome-screen")
         sinks.append(Viewer(f"rerun+http://{LOOPBACK}:{port}/proxy"))
-    if not sinks:
-        raise ValueError(NO_SCREEN)
     return sinks

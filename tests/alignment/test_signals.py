@@ -1,7 +1,5 @@
 """Which message means what: attitude, motors, their order and scale, armed and airborne."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -88,7 +86,7 @@ def test_disordered_repeated_and_broken_samples_leave_clean_columns():
 def test_ardupilot_motors_by_servo_function_and_frame():
     parameters = {"FRAME_CLASS": 1, "FRAME_TYPE": 0, "SERVO1_FUNCTION": 36, "SERVO2_FUNCTION": 33}
     parameters |= {"SERVO3_FUNCTION": 34, "SERVO4_FUNCTION": 35, "SERVO5_FUNCTION": 70}
-    motors = drive.motors(HOVER.telemetry(parameters=parameters))
+    motors = drive.motors_or_obstacle(HOVER.telemetry(parameters=parameters))
     assert motors.layout.channels == (2, 3, 4, 1)
     assert motors.layout.names == ("motor 1 (right)", "motor 2 (left)", "motor 3 (front)", "motor 4 (rear)")
     assert not motors.layout.channels_assumed and not motors.layout.positions_assumed
@@ -102,7 +100,7 @@ def test_px4_motors_by_function_and_rotor_places():
     parameters = {"CA_ROTOR_COUNT": 4} | {f"PWM_MAIN_FUNC{n}": 105 - n for n in (1, 2, 3, 4)}
     for n, (forward, right) in enumerate([(0.1, 0.2), (-0.1, -0.2), (0.1, -0.2), (-0.1, 0.2)]):
         parameters |= {f"CA_ROTOR{n}_PX": forward, f"CA_ROTOR{n}_PY": right}
-    motors = drive.motors(HOVER.telemetry(autopilot="PX4", parameters=parameters)).layout
+    motors = drive.motors_or_obstacle(HOVER.telemetry(autopilot="PX4", parameters=parameters)).layout
     assert motors.channels == (4, 3, 2, 1)
     np.testing.assert_allclose(motors.effect("roll"), [-0.25, 0.25, 0.25, -0.25])
     np.testing.assert_allclose(motors.effect("pitch"), [0.25, -0.25, 0.25, -0.25])
@@ -138,19 +136,18 @@ def test_px4_motors_over_two_drivers():
 
 
 def test_without_parameters_the_moving_channels_are_assumed_and_said():
-    motors = drive.motors(HOVER.telemetry()).layout
-    assert motors.channels == (1, 2, 3, 4)
-    assert motors.channels_assumed and motors.positions_assumed
+    for incomplete in ({}, {"SERVO7_FUNCTION": 35.0, "SERVO2_FUNCTION": 34.0}):
+        motors = drive.motors_or_obstacle(HOVER.telemetry(parameters=incomplete)).layout
+        assert motors.channels == (1, 2, 3, 4)
+        assert motors.channels_assumed and motors.positions_assumed
     assert "X quad" in motors.basis and "channels that move" in motors.basis
 
 
-def test_the_tilt_servo_of_a_tricopter_is_no_motor():
+def test_the_tilt_servo_of_a_tricopter_is_no_motor_and_an_unknown_frame_has_no_places():
     parameters = {"FRAME_CLASS": 7.0} | {f"SERVO{n}_FUNCTION": 32.0 + n for n in (1, 2, 4, 7)}
     found = motor_geometry("TRICOPTER", "ARDUPILOTMEGA", parameters, moving=[1, 2, 4, 7], bank=8)
     assert found.motors == (1, 2, 4) and not found.positions_assumed
-
-
-def test_a_hexarotor_of_unknown_frame_has_no_places():
+    # A hexarotor of unknown frame has no places.
     motors = motor_geometry("HEXAROTOR", "ARDUPILOTMEGA", {}, moving=range(1, 9), bank=8)
     assert motors.channels == (1, 2, 3, 4, 5, 6)
     assert motors.names[0] == "motor 1" and motors.effect("roll") is None
@@ -190,27 +187,22 @@ def test_rounding_is_measured_before_a_bank_is_moved_to_the_stamps_of_another():
     both = {"time": np.repeat(time, 2) + 0.003 * second, "boot": np.zeros(len(second), dtype=int), "port": second * 1.0}
     for n in range(8):
         both[f"servo{n + 1}_raw"] = np.where(second, np.repeat(outputs[:, 8 + n], 2), np.repeat(outputs[:, n], 2))
-    motors = drive.motors(changed(telemetry, "SERVO_OUTPUT_RAW", **both))
+    motors = drive.motors_or_obstacle(changed(telemetry, "SERVO_OUTPUT_RAW", **both))
     assert motors.layout.channels == (5, 6, 7, 8, 9, 10)
     assert np.any(motors.outputs % 1), "the second bank falls between the stamps"
     assert motors.scale.step == 1.0
 
 
-def test_a_message_without_motors_that_move_leaves_the_next() -> None:
+def test_a_message_without_motors_that_move_leaves_the_next():
     """The more frequent message stands still, and the one with the motors has a channel that never has a number."""
     time = HOVER.stamps(50.0)
     actuator = np.full((len(time), 32), np.nan)
     actuator[:, :4] = HOVER.motors(time)
     telemetry = changed(HOVER.telemetry(), "ACTUATOR_OUTPUT_STATUS", **columns(time, actuator=actuator))
     still = {f"servo{n}_raw": np.full(len(HOVER.stamps(100.0)), 1000.0) for n in range(1, 9)}
-    motors = drive.motors(changed(telemetry, "SERVO_OUTPUT_RAW", **still))
+    motors = drive.motors_or_obstacle(changed(telemetry, "SERVO_OUTPUT_RAW", **still))
     assert motors is not None and motors.message == "ACTUATOR_OUTPUT_STATUS"
     np.testing.assert_array_equal(motors.outputs, HOVER.motors(time))
-
-
-def test_parameters_of_some_motors_only_are_incomplete() -> None:
-    motors = drive.motors(HOVER.telemetry(parameters={"SERVO7_FUNCTION": 35.0, "SERVO2_FUNCTION": 34.0}))
-    assert motors is not None and motors.layout.channels == (1, 2, 3, 4) and motors.layout.channels_assumed
 
 
 @pytest.mark.parametrize(
@@ -275,7 +267,7 @@ def test_the_demand_on_an_axis_is_one_input_that_turns_it():
 
 def test_the_collective_is_the_motors_mean_or_else_the_thrust_asked_for():
     telemetry = with_demand(HOVER.telemetry())
-    motors = drive.motors(telemetry)
+    motors = drive.motors_or_obstacle(telemetry)
     expected = motors.scale.fraction(motors.outputs).mean(axis=1)
     np.testing.assert_array_equal(Signals(telemetry).collective.values, expected)
     without = replace(telemetry, messages={k: v for k, v in telemetry.messages.items() if k != "SERVO_OUTPUT_RAW"})

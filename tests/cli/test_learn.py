@@ -1,7 +1,5 @@
 """``mavdem learn``: its three files, its one document, and its refusals."""
 
-from __future__ import annotations
-
 import json
 import shlex
 from dataclasses import replace
@@ -18,9 +16,8 @@ from mavdem.alignment.read import read_flight
 from mavdem.alignment.verdict import Verdict
 from mavdem.analysis.figures import model_figures
 from mavdem.analysis.findings import PURPOSES
-from mavdem.cli import output_files
 from mavdem.cli.commands import main
-from mavdem.cli.learn import named_after
+from mavdem.cli.learn import RESULT_FILES, named_after
 from mavdem.cli.output import json_text, print_blocks
 from mavdem.report.blocks import Sentence, Table
 
@@ -176,7 +173,7 @@ def test_what_cannot_be_written_leaves_the_old_results(without_pictures, tmp_pat
     monkeypatch.setattr("mavdem.view.write_recording", no_space)
     assert main(["learn", FLIGHT, "--train", "100", "--test", "20", "--out", str(tmp_path)]) == 2
     assert "No space left" in capsys.readouterr().err
-    assert names(tmp_path) == set(output_files.RESULT_FILES)
+    assert names(tmp_path) == set(RESULT_FILES)
     assert {(tmp_path / name).read_text() for name in FILES} == {"old"}
 
 

@@ -3,15 +3,12 @@
 These are the tests of the fleet that start processes.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import sqlite3
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
@@ -19,7 +16,7 @@ from typing import Any
 
 import pytest
 from distributed import LocalCluster
-from standin_logs import LIMITS, READ, is_process, make_logs, statuses, table_of, track
+from standin_logs import LIMITS, READ, make_logs, seen_by, statuses, table_of, track
 
 from mavdem.errors import Unreadable
 from mavdem.fleet import cluster
@@ -123,7 +120,7 @@ def test_a_killed_run_leaves_nothing_and_is_resumed_to_the_same_table(tmp_path):
 
 
 @pytest.fixture(scope="module")
-def two_workers() -> Iterator[Any]:
+def two_workers():
     with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=50) as found:
         yield found
 
@@ -152,7 +149,7 @@ def test_a_killed_worker_of_a_cluster_loses_nothing(tmp_path, two_workers):
     ("name", "value", "sentence"),
     [
         ("SCHEMA_VERSION", 99, r"has mavdem .* \(columns 1\) on Python .*, this machine .*install the same there"),
-        ("readable_here", partial(is_process, os.getpid()), "The worker .* cannot read .*log_0.bin: put the logs"),
+        ("machine", partial(seen_by, os.getpid()), "The worker .* cannot read .*log_0.bin: put the logs"),
     ],
 )
 def test_workers_that_cannot_help_are_said(tmp_path, two_workers, monkeypatch, name, value, sentence):

@@ -1,7 +1,5 @@
 """Whole logs to compare: everything a file holds, read as usual or in blocks of a few bytes and messages."""
 
-from __future__ import annotations
-
 import tempfile
 from typing import Any
 
@@ -11,7 +9,6 @@ from mavdem.ingest.mavlink import clocks, definitions, framing, vehicles
 
 SMALL = (
     (framing, "BLOCK", 61),
-    (tlog, "BLOCK", 5),
     (vehicles, "BATCH", 7),
     (clocks, "BATCH", 5),
     (definitions, "BATCH", 3),

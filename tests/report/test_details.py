@@ -1,7 +1,5 @@
 """The details of a learnt flight: the model as textbooks print it, and how it was learnt."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +8,6 @@ from scipy.ndimage import gaussian_filter1d
 
 import mavdem
 from mavdem.analysis.figures import model_figures
-from mavdem.dem.uncertainty import Direction
 from mavdem.evaluate import held_out_test
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.details import _poles, detail_blocks
@@ -32,7 +29,7 @@ TRAIN, TEST = FLIGHT[:400], FLIGHT[400:]
 
 
 @pytest.fixture(scope="module")
-def learned() -> mavdem.Learned:
+def learned():
     return mavdem.learn(TRAIN, mavdem.Settings(window=9, parameter_precision=1.0))
 
 
@@ -53,6 +50,7 @@ def words(blocks: list[Block]) -> str:
     return "\n".join(f"{block.lead} {block.text}" for block in blocks if isinstance(block, Sentence))
 
 
+@pytest.mark.slow
 def test_the_model_can_be_used_from_what_is_reported(learned):
     tables = {block.header[0]: block for block in told(learned) if isinstance(block, Table)}
     assert tables["A"].header == ["A", "roll", "roll rate", "hidden 1"]
@@ -79,15 +77,6 @@ def test_what_is_not_known_of_the_parameters_is_not_reported(learned):
     assert "±" in cells(learned)
     unknown = cells(altered(learned, scatter=None))
     assert "±" not in unknown and "nan" not in unknown
-
-
-def test_the_least_determined_combination_is_named(learned):
-    weights = np.zeros(len(learned.known))
-    weights[[9, 10]] = -0.8, 0.6  # B: roll from inputs 1 and 2
-    undetermined = tuple(Direction(weights, share, (3, 2, 2)) for share in (0.1, 0.2))
-    said = words(told(altered(learned, undetermined=undetermined)))
-    assert "2 combinations of parameters" in said
-    assert "0.8 (B: roll from input 1) - 0.6 (B: roll from input 2)" in said
 
 
 def test_poles_have_a_frequency_and_a_damping_ratio_or_a_time_constant():

@@ -62,6 +62,7 @@ def test_a_random_model_is_the_process_it_says(model, dt):
         assert holds(band)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dt", STEPS)
 @pytest.mark.parametrize("model", [model for model in MODELS if "von karman" not in model])  # a circle has no beginning
 def test_a_series_begins_as_it_goes_on(model, dt):

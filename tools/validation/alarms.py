@@ -106,7 +106,7 @@ def watched(kind: str, number: int, rate: float) -> Watched:
     assert layout is not None
     watch = MotorWatch(layout.names, layout.motors, layout.positions, layout.spins)
     for at in np.flatnonzero(settled):
-        watch.take(float(time[at]), motors[at], True)
+        watch.take(float(time[at]), motors[at])
     spec, hours = flight.vehicle, float(settled.sum() / rate / 3600)
     begin = {CHIPPED: flight.propeller.start, SHIFTED: flight.load.start}.get(kind, spec.weak_from)
     # The first two seconds are before the arming that scenarios count from.

@@ -170,7 +170,8 @@ def _flown(rng: np.random.Generator, change: dict[str, dict[str, float]], number
     rows = np.flatnonzero(airborne & (motion.time > motion.time[airborne][0] + 5.0))[::25]
     commands = (motion.outputs[rows] - MIN_PULSE) / (MAX_PULSE - MIN_PULSE)
     lean = Rotation.from_quat(motion.known_attitude[rows], scalar_first=True).as_euler("ZYX")[:, :0:-1]
-    balance = balance_figures(motion.time[rows], commands, lean, QUAD_X)
+    seconds = float(np.ptp(motion.time[rows]))
+    balance = balance_figures([(motion.time[rows], commands, lean)], QUAD_X, seconds)
     return HealthFigures(f"{number}", MOTORS, QUAD_X, balance), motor
 
 

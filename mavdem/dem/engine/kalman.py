@@ -256,13 +256,12 @@ class KalmanFilter(NamedTuple):
 
 
 class GaussianModel(NamedTuple):
-    """x⁺ = A x + B u + offset + w,  y = C x + D u + trim + v; w ~ N(0, Q) and v ~ N(0, R), white and independent."""
+    """x⁺ = A x + B u + offset + w,  y = C x + trim + v; w ~ N(0, Q) and v ~ N(0, R), white and independent."""
 
     A: Array  # (n, n)
     B: Array  # (n, k)
     offset: Array  # (n,)
     C: Array  # (m, n)
-    D: Array  # (m, k)
     trim: Array  # (m,)
     Q: Array  # (n, n)
     R: Array  # (m, m)
@@ -290,7 +289,7 @@ def smoothed(model: GaussianModel, start: Array, inputs: Array, outputs: Array) 
     filtered = KalmanFilter.of(A, C, model.Q, model.R, np.zeros((len(A), len(C))), eye, len(outputs))
     if not np.isfinite(filtered.covariances).all():
         raise np.linalg.LinAlgError("the filter's covariance overflows")
-    pushes, measured = inputs @ model.B.T + model.offset, outputs - inputs @ model.D.T - model.trim
+    pushes, measured = inputs @ model.B.T + model.offset, outputs - model.trim
     states, errors = filtered.states(start, pushes, measured)
     weights = filtered.weights[np.minimum(np.arange(len(errors)), len(filtered.weights) - 1)]
     squares = np.einsum("ti,tij,tj->", errors, weights, errors)

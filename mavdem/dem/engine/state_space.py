@@ -67,17 +67,6 @@ class StateSpace(NamedTuple):
         """Whether no mode grows, but for rounding."""
         return self.spectral_radius <= 1 + STABILITY_TOLERANCE
 
-    def with_states(self, change: Array) -> StateSpace:
-        """The same model of states ``change`` (n, n) times as they are."""
-        inverse = np.linalg.inv(change)
-        return self._replace(
-            A=change @ self.A @ inverse,
-            B=change @ self.B,
-            C=self.C @ inverse,
-            K=change @ self.K,
-            offset=change @ self.offset,
-        )
-
     def second(self, inputs: Array, outputs: Array) -> Array:
         """(n,) the state of a segment's second sample, from the inputs (r,) and outputs (m,) of its first."""
         assert self.second_of_outputs is not None and self.second_of_inputs is not None

@@ -116,7 +116,7 @@ class OnlineLearner:
         self._gaps = 0
         self._bands = ErrorBands(self.horizons, n_outputs, self._dt)
         self._ahead = PredictionsAhead(self._dt, block, self.horizons, n_inputs, n_outputs)
-        self._wind = OnlineWind(self._dt, block, executor, directions)
+        self._wind = OnlineWind(self._memory, executor)
         self._surprise, self._marks = Surprise(self._dt), AnomalyMarks(self._dt)
 
     def update(self, time: float, outputs: ArrayLike, inputs: ArrayLike) -> Estimate:

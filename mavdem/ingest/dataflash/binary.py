@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.ingest.mavlink.framing import Progress
+from mavdem.ingest.mavlink.framing import Progress, no_progress
 from mavdem.ingest.telemetry import joined, selected
 
 HEADER, HEADER_LENGTH = b"\xa3\x95", 3  # The header's two bytes, and the bytes of it and the id
@@ -132,7 +132,7 @@ _FORMAT_BEGUN = re.compile(HEADER + bytes([FORMAT_ID]) + rb"(?=..[^\0]{0,3}[A-Za
 _Dated = list[tuple[int, FormatDefinition]]  # The definitions of one id, each with the place from which on it is valid
 
 
-def read_binary(content: bytes, progress: Progress | None = None) -> DataflashRecording:
+def read_binary(content: bytes, progress: Progress = no_progress) -> DataflashRecording:
     """Returns the messages in the bytes of a binary log; ``progress`` is called with the fraction done."""
     scan = _Scan(content)
     scan.run(progress)
@@ -175,12 +175,12 @@ class _Scan:
         self.lengths[FORMAT_ID] = FORMAT.length
         self._learn_definitions()
 
-    def run(self, progress: Progress | None) -> None:
+    def run(self, progress: Progress) -> None:
         content, lengths, starts = self.content, self.lengths, self.starts
         size, place, reported = len(content), 0, 0
         first, second = HEADER
         while place <= size - HEADER_LENGTH:
-            if progress is not None and place >= reported:
+            if place >= reported:
                 progress(place / size)
                 reported = place + BLOCK
             if content[place] == first and content[place + 1] == second:
@@ -196,8 +196,7 @@ class _Scan:
                     place = self._next_header(place + 1)
             else:
                 place = self._after_damage(place)
-        if progress is not None:
-            progress(1.0)
+        progress(1.0)
 
     def skipped(self) -> int:
         """Bytes that belong to no message, without the fill of a flash chip's last page."""

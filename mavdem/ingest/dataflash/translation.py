@@ -41,16 +41,7 @@ from numpy.typing import NDArray
 
 from mavdem.ingest.dataflash.binary import MessageTable
 from mavdem.ingest.telemetry import Columns, joined, rows_by, selected
-from mavdem.ingest.vocabulary import (
-    ARDUPILOT,
-    ARMED,
-    IN_AIR,
-    ON_GROUND,
-    angles_target,
-    heartbeat_fields,
-    quaternion,
-    rates_target,
-)
+from mavdem.ingest.vocabulary import ARDUPILOT, ARMED, IN_AIR, ON_GROUND, attitude_target, heartbeat_fields, quaternion
 
 Values = NDArray[np.float64]
 
@@ -293,12 +284,12 @@ def _targets(tables: Mapping[str, Columns], version: tuple[int, int] | None) -> 
         gyros = instance(having(tables, "IMU", GYROS), "I", 0)
         centidegrees = _in_centidegrees(rates, np.radians(values(rates, measured)), gyros, version)
         asked = np.radians(values(rates, desired)) / (100 if centidegrees else 1)
-        parts.append(stamped(rates, "time_boot_ms", rates_target(asked)))
+        parts.append(stamped(rates, "time_boot_ms", attitude_target(rates=asked)))
         names.append("RATE")
     angles = having(tables, named, DESIRED_ANGLES)
     if angles is not None:
         q = quaternion(*np.radians(values(angles, DESIRED_ANGLES)).T)
-        parts.append(stamped(angles, "time_boot_ms", angles_target(q)))
+        parts.append(stamped(angles, "time_boot_ms", attitude_target(q=q)))
         names.append(named)
     if not parts:
         return None, "RATE"

@@ -17,20 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as dialect
 
-from mavdem.ingest.mavlink.framing import (
-    CHECKSUM,
-    FAILED,
-    GOOD,
-    HEADER,
-    HEADER_1,
-    MARKER_1,
-    MARKER_2,
-    MAX_CHECKSUM_BYTES,
-    Bytes,
-    Frames,
-    checksums,
-    rows_of,
-)
+from mavdem.ingest.mavlink import framing
+from mavdem.ingest.mavlink.framing import HEADER, HEADER_1, MARKER_1, Bytes, Frames, rows_of
 from mavdem.ingest.telemetry import Columns
 
 BATCH = 1 << 14  # Messages decoded together: few enough to stay in the processor's cache
@@ -188,12 +176,12 @@ def composed_frames(
         backwards = (sent != 0)[:, ::-1]
         length = np.where(backwards.any(axis=1), width - backwards.argmax(axis=1), 1)
         ids = (sender.system, sender.component, *(message_id >> shift & 0xFF for shift in (0, 8, 16)))
-        fields = (MARKER_2, length, 0, 0, sequence, *ids)
+        fields = (framing.MARKER_2, length, 0, 0, sequence, *ids)
     good = np.ones(count, dtype=np.bool_) if good is None else good
-    whole = np.zeros((count, header + width + CHECKSUM), dtype=np.uint8)
+    whole = np.zeros((count, header + width + framing.CHECKSUM), dtype=np.uint8)
     for place, value in enumerate(fields):
         whole[:, place] = value
-    whole[:, header:-CHECKSUM] = sent
+    whole[:, header : -framing.CHECKSUM] = sent
     column = np.arange(whole.shape[1])
     kept = ((column < header + length[:, None]) | (column >= header + width)) & good[:, None]
     end = np.cumsum(kept.sum(axis=1))
@@ -207,11 +195,11 @@ def composed_frames(
         system=np.full(count, sender.system, dtype=np.uint8),
         component=np.full(count, sender.component, dtype=np.uint8),
         sequence=sequence,
-        verdict=np.where(good, GOOD, FAILED).astype(np.uint8),
+        verdict=np.where(good, framing.GOOD, framing.FAILED).astype(np.uint8),
     )
     data = whole[kept]
-    body, at = start[good] + 1, end[good] - CHECKSUM
+    body, at = start[good] + 1, end[good] - framing.CHECKSUM
     seeds = np.full(len(body), definition.seed, dtype=np.int32)
-    sums = checksums(np.pad(data, (0, MAX_CHECKSUM_BYTES)), body, at - body, seeds)
+    sums = framing.checksums(np.pad(data, (0, framing.MAX_CHECKSUM_BYTES)), body, at - body, seeds)
     data[at], data[at + 1] = sums & 0xFF, sums >> 8
     return data, frames

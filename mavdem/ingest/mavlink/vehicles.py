@@ -7,6 +7,7 @@ them a ``Log`` with one ``Telemetry`` for each vehicle.
 
 from __future__ import annotations
 
+from array import array
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -35,20 +36,15 @@ class FrameIndex:
     ``lost`` (SOURCES,): messages missing by the gaps in each source's sequence numbers; negative where many came twice.
     """
 
-    def __init__(self, size: int, seeds: NDArray[np.int32]) -> None:
-        """Starts with the size of the stream, bytes, and CRC_EXTRA by message id."""
+    def __init__(self, size: int) -> None:
+        """Starts with the size of the stream, bytes."""
         self.frames = self.good = 0
         self.lost = np.zeros(SOURCES, dtype=np.int64)
         self._last_sequence = np.full(SOURCES, -1, dtype=np.int16)
-        self._ids = np.flatnonzero(seeds >= 0)
-        self._rank_of_id = np.cumsum(seeds >= 0) - 1
-        # A kind is a message of a source. Kinds are numbered from 1 on as they occur, so that sorting is fast.
-        self._kinds: list[int] = []
-        # By the rank of the source, in order of occurrence, and that of the message id.
-        self._kind_of = np.zeros((1, len(self._ids)), dtype=np.int32)
-        self._rank_of_source = np.full(SOURCES, -1, dtype=np.int32)
-        self._sources = 0
-        self._starts, self._kind = _Growing(np.min_scalar_type(size)), _Growing(np.dtype(np.uint32))
+        # A kind is a message of a source, ``source << 24 | message id``; kinds are numbered as they occur.
+        self._kinds: dict[int, int] = {}
+        # Of every good frame its place and its kind. ``array`` grows without a copy, and without fragments.
+        self._starts, self._kind = array("I" if size < 1 << 32 else "Q"), array("I")
         self._unread: dict[int, Counter[int]] = {}
 
     def add(self, frames: Frames) -> None:
@@ -61,28 +57,10 @@ class FrameIndex:
             key = int(frames.message_id[row]) << 16 | int(source[row])
             self._unread.setdefault(int(frames.verdict[row]), Counter())[key] += 1
         self.good += int(np.count_nonzero(good))
-        self._starts.extend(frames.start[good])
-        self._kind.extend(self._kinds_of(source[good], self._rank_of_id[frames.message_id[good]]))
-
-    def _kinds_of(self, source: NDArray[np.int64], rank_of_id: NDArray[np.int64]) -> NDArray[np.int32]:
-        rank_of_source = self._rank_of_source[source]
-        if (rank_of_source < 0).any():
-            new = np.unique(source[rank_of_source < 0])
-            self._rank_of_source[new] = self._sources + np.arange(len(new))
-            self._sources += len(new)
-            rank_of_source = self._rank_of_source[source]
-            if self._sources > len(self._kind_of):
-                larger = np.zeros((2 * self._sources, len(self._ids)), dtype=np.int32)
-                larger[: len(self._kind_of)] = self._kind_of
-                self._kind_of = larger
-        kind = self._kind_of[rank_of_source, rank_of_id]
-        if not kind.all():
-            first = np.unique(source[kind == 0] * len(self._ids) + rank_of_id[kind == 0])
-            at = self._rank_of_source[first // len(self._ids)], first % len(self._ids)
-            self._kind_of[at] = len(self._kinds) + 1 + np.arange(len(first))
-            self._kinds += first.tolist()
-            kind = self._kind_of[rank_of_source, rank_of_id]
-        return kind
+        found, row_of = np.unique(source[good] << 24 | frames.message_id[good], return_inverse=True)
+        numbers = np.array([self._kinds.setdefault(kind, len(self._kinds)) for kind in found.tolist()], dtype=np.uint32)
+        self._starts.frombytes(frames.start[good].astype(self._starts.typecode).tobytes())
+        self._kind.frombytes(numbers[row_of].tobytes())
 
     def _count_lost(self, source: NDArray[np.int64], sequence: NDArray[np.uint8]) -> None:
         order = np.argsort(source.astype(np.uint16), kind="stable")
@@ -99,24 +77,23 @@ class FrameIndex:
 
     def sent(self) -> dict[int, dict[int, Starts]]:
         """Where the good frames of each message begin, by source and message id, both ascending; call it once, last."""
-        smallest = np.min_scalar_type(len(self._kinds))
-        counts = np.zeros(len(self._kinds) + 1, dtype=np.int64)
-        for kind in self._kind.batches():
-            present, number = np.unique(kind.astype(smallest), return_counts=True)
-            counts[present] += number
-        ends = np.cumsum(counts)
-        free = ends - counts
-        starts = np.empty(self.good, dtype=self._starts.dtype)
-        for start, kind in zip(self._starts.batches(), self._kind.batches(), strict=True):
-            order = np.argsort(kind.astype(smallest), kind="stable")
-            present, begin, number = np.unique(kind[order], return_index=True, return_counts=True)
-            starts[np.repeat(free[present] - begin, number) + np.arange(len(kind))] = start[order]
+        starts, kinds = np.frombuffer(self._starts, self._starts.typecode), np.frombuffer(self._kind, np.uint32)
+        del self._starts, self._kind
+        batches = [slice(begin, begin + BATCH) for begin in range(0, len(kinds), BATCH)]
+        none = np.zeros(len(self._kinds), dtype=np.int64)
+        ends = np.cumsum(sum((np.bincount(kinds[rows], minlength=len(none)) for rows in batches), none))
+        free = np.concatenate([[0], ends])
+        ordered = np.empty_like(starts)
+        for rows in batches:
+            kind = kinds[rows].astype(np.min_scalar_type(len(none)))  # small numbers are sorted fastest
+            order = np.argsort(kind, kind="stable")
+            present, first, number = np.unique(kind[order], return_index=True, return_counts=True)
+            ordered[np.repeat(free[present] - first, number) + np.arange(len(kind))] = starts[rows][order]
             free[present] += number
-        self._starts, self._kind = _Growing(self._starts.dtype), _Growing(self._kind.dtype)
         found: dict[int, dict[int, Starts]] = {}
-        for pair, first, end in sorted(zip(self._kinds, ends[:-1].tolist(), ends[1:].tolist(), strict=True)):
-            source, rank = divmod(pair, len(self._ids))
-            found.setdefault(source, {})[int(self._ids[rank])] = starts[first:end]
+        parts = np.split(ordered, ends[:-1])
+        for pair, row in sorted(self._kinds.items()):
+            found.setdefault(pair >> 24, {})[pair & 0xFFFFFF] = parts[row]
         return found
 
     def unread(self, sent: Mapping[int, Mapping[int, Starts]]) -> tuple[Unread, ...]:
@@ -132,33 +109,6 @@ class FrameIndex:
             cause = "another dialect" if strange else "damage"
             found.append(Unread(message_id, source >> 8, source & 0xFF, count, total, cause))
         return tuple(found)
-
-
-class _Growing:
-    """A growing array of numbers in a few large pieces: many small ones would fragment the memory."""
-
-    def __init__(self, dtype: np.dtype[Any]) -> None:
-        self.dtype = dtype
-        self._pieces: list[NDArray[Any]] = []
-        self._free = self._count = 0
-
-    def extend(self, values: NDArray[Any]) -> None:
-        while len(values):
-            if not self._free:
-                self._free = max(BATCH, self._count)
-                self._pieces.append(np.empty(self._free, dtype=self.dtype))
-            piece = self._pieces[-1]
-            part, values = values[: self._free], values[self._free :]
-            piece[len(piece) - self._free :][: len(part)] = part
-            self._free -= len(part)
-            self._count += len(part)
-
-    def batches(self) -> Iterator[NDArray[Any]]:
-        left = self._count
-        for piece in self._pieces:
-            filled = piece[:left]
-            left -= len(filled)
-            yield from (filled[begin : begin + BATCH] for begin in range(0, len(filled), BATCH))
 
 
 def missing_between(before: Numbers, after: Numbers) -> Numbers:

@@ -14,7 +14,7 @@ import json
 import re
 from array import array
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, lru_cache, partial
 from math import nan
@@ -36,12 +36,10 @@ _PARSER = json.JSONDecoder(strict=False)  # texts may contain control characters
 
 
 class Written(NamedTuple):
-    """A message in JSON; ``sequence`` is ``NO_SEQUENCE`` and ``system`` to ``name`` None where it lacks them."""
+    """A message in JSON; ``sequence`` is ``NO_SEQUENCE``, ``message_id`` and ``name`` None where it lacks them."""
 
     fields: dict[str, Any]
     sequence: int = NO_SEQUENCE
-    system: int | None = None
-    component: int | None = None
     message_id: int | None = None
     name: str | None = None
 
@@ -55,15 +53,15 @@ def parse(body: bytes) -> Written | None:
     if not isinstance(message, dict):
         return Written(document)
     numbers = header if isinstance(header, dict) else {}
-    sequence, system, component, message_id = (
+    sequence, message_id = (
         value if type(value := numbers.get(name)) is int and 0 <= value <= most else None
-        for name, most in (("sequence", 255), ("system_id", 255), ("component_id", 255), ("message_id", 0xFFFFFF))
+        for name, most in (("sequence", 255), ("message_id", 0xFFFFFF))
     )
     called = message.pop("type", None)
     if "mavtype" in message:
         message["type"] = message["mavtype"]
     name = called if isinstance(called, str) else None
-    return Written(message, NO_SEQUENCE if sequence is None else sequence, system, component, message_id, name)
+    return Written(message, NO_SEQUENCE if sequence is None else sequence, message_id, name)
 
 
 def payloads(
@@ -206,6 +204,8 @@ def _text(value: Any) -> bytes | None:
 
 
 BATCH = 4096  # Messages of one topic that are parsed together: parsed, they take ten times the memory of their payloads
+
+
 KIND_PATTERNS = [re.compile(rb'"%s"\s*:\s*(\d{1,3})\b' % name) for name in (b"system_id", b"component_id")]
 KIND_PATTERNS.append(re.compile(rb'"type"\s*:\s*"(\w+)"'))
 
@@ -268,35 +268,19 @@ class _JsonMessages:
 class JsonTopics:
     """The JSON messages of a recording, each once; none of a damaged chunk: no checksum shows a wrong digit there."""
 
-    def __init__(self, own: Collection[JsonTopic], left_out: Collection[FrameSender]) -> None:
-        """Starts with the messages that have a topic of their own, and the senders that are read from frames."""
-        self._own = frozenset(own)
-        self._left_out = frozenset(left_out)
+    def __init__(self) -> None:
         self._topics: dict[JsonTopic, _JsonMessages] = {}
-        self._damaged = self._unnamed = 0
+        self._damaged = 0
         self._nameless: Counter[str] = Counter()
 
     def add(self, kind: JsonTopic, place: int, message: McapMessage) -> None:
-        """Adds a message of a topic of its own; ``place`` is its number in the recording."""
-        if kind.sender in self._left_out:
-            return
+        """Adds a message; ``place`` is its number in the recording."""
         if not message.sound:
             self._damaged += 1
             return
         if kind not in self._topics:
             self._topics[kind] = _JsonMessages(kind)
         self._topics[kind].add(place, message.log_time, message.data)
-
-    def add_repeated(self, place: int, message: McapMessage) -> None:
-        """Adds a message of the topic that repeats the others, unless it has one of its own."""
-        if self._likely_kind(message.data) in self._own:
-            return
-        written = parse(message.data) if message.sound else None
-        if written is None or written.name is None or written.system is None or written.component is None:
-            self._unnamed += message.sound
-            self._damaged += not message.sound
-        elif (kind := JsonTopic(FrameSender(written.system, written.component), written.name)) not in self._own:
-            self.add(kind, place, message)
 
     def parts(self) -> Iterator[RecordingPart]:
         """The added messages as frames."""
@@ -323,14 +307,14 @@ class JsonTopics:
         more = f" and {len(self._nameless) - len(names)} more" if len(self._nameless) > len(names) else ""
         return repair_sentences(
             (self._damaged, f"{self._damaged} JSON messages in damaged chunks were left out."),
-            (self._unnamed, f"{self._unnamed} JSON messages without a name or a sender were left out."),
             (unknown, f"{unknown} JSON messages of no known dialect ({', '.join(names)}{more}) were left out."),
         )
 
-    def _likely_kind(self, body: bytes) -> JsonTopic | None:
-        """The likely topic of a body, by its first matches: parsing it would take three times as long."""
-        found = [match[1].decode() for pattern in KIND_PATTERNS if (match := pattern.search(body))]
-        return JsonTopic(FrameSender(int(found[0]), int(found[1])), found[2]) if len(found) == 3 else None
+
+def json_kind(body: bytes) -> JsonTopic | None:
+    """Returns the topic of a body by the first names and numbers in it; None without them."""
+    found = [match[1].decode() for pattern in KIND_PATTERNS if (match := pattern.search(body))]
+    return JsonTopic(FrameSender(int(found[0]) & 0xFF, int(found[1]) & 0xFF), found[2]) if len(found) == 3 else None
 
 
 def _numbered(sequence: NDArray[np.int64], places: Places) -> Bytes:

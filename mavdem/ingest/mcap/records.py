@@ -18,7 +18,7 @@ import lz4.frame
 import numpy as np
 import zstandard
 
-from mavdem.ingest.mavlink.framing import Bytes, Progress
+from mavdem.ingest.mavlink.framing import Bytes, Progress, no_progress
 from mavdem.ingest.telemetry import repair_sentences
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -109,7 +109,7 @@ class McapRecording:
     damage: Damage = field(default_factory=Damage)
     _allowance: int = 0
 
-    def messages(self, progress: Progress | None = None) -> Iterator[McapMessage]:
+    def messages(self, progress: Progress = no_progress) -> Iterator[McapMessage]:
         """Every message whose channel is known, in the order of the file."""
         self._allowance = MAX_BYTES + MAX_RATIO * len(self.content)
         first = len(MAGIC) if self.content.startswith(MAGIC) else 0
@@ -124,14 +124,12 @@ class McapRecording:
         for opcode, start, stop in records:
             if opcode == CHUNK:
                 yield from self._in_chunk(start, stop)
-                if progress is not None:
-                    progress(stop / len(self.content))
+                progress(stop / len(self.content))
             elif opcode == MESSAGE:
                 message = self._message(self.content, start, stop, sound)
                 if message is not None:
                     yield message
-        if progress is not None:
-            progress(1.0)
+        progress(1.0)
 
     def _records(self, content: bytes, place: int) -> Iterator[tuple[int, int, int]]:
         """Opcode, start and end of the content of each record from ``place`` on; a chunk at the end may be cut."""

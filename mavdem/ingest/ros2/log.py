@@ -26,21 +26,12 @@ from mavdem.errors import Unreadable
 from mavdem.ingest import px4_topics
 from mavdem.ingest.mavlink.clocks import Places, Sent, boot_clock
 from mavdem.ingest.mavlink.definitions import enum_name
-from mavdem.ingest.mavlink.framing import Progress
+from mavdem.ingest.mavlink.framing import Progress, no_progress
 from mavdem.ingest.mcap.records import Channel, McapRecording, Schema
 from mavdem.ingest.px4_topics import NEEDED, SETPOINTS
 from mavdem.ingest.ros2.messages import CDR, RosTopicReader, TopicColumns, decoder
 from mavdem.ingest.telemetry import Columns, Log, Telemetry, joined, listed, log_of_vehicles, repair_sentences, selected
-from mavdem.ingest.vocabulary import (
-    ARDUPILOT,
-    ARMED,
-    AUTOPILOT_COMPONENT,
-    CUSTOM_MODE,
-    GENERIC,
-    PX4,
-    UNNAMED,
-    heartbeat_fields,
-)
+from mavdem.ingest.vocabulary import ARDUPILOT, AUTOPILOT_COMPONENT, GENERIC, PX4, UNNAMED, heartbeat_fields
 
 PX4_BRIDGE, MAVROS = "uXRCE-DDS", "MAVROS"  # Bridges from an autopilot to ROS 2
 _TO_PX4, _FROM_PX4 = "in", "out"
@@ -178,8 +169,7 @@ def mavros_message(message: str, fields: Fields, vehicle_autopilot: int) -> dict
         return {"group_mlx": fields["group_mix"], "controls": controls}
     if message == "HEARTBEAT":
         # plugins/sys_status.cpp; the type of vehicle is not known: 0, GENERIC.
-        base_mode = np.where(fields["armed"] > 0, CUSTOM_MODE | ARMED, CUSTOM_MODE)
-        return heartbeat_fields(0, vehicle_autopilot, base_mode)
+        return heartbeat_fields(0, vehicle_autopilot, fields["armed"])
     if message == "LOCAL_POSITION_NED":
         # plugins/local_position.cpp: north is y, east x, and down the other way from up.
         east, north, up = (fields[f"twist.linear.{n}"] for n in _RATES)
@@ -208,7 +198,7 @@ PX4_STAMP, PX4_SAMPLE = "timestamp", "timestamp_sample"
 SECOND = 1_000_000_000  # Nanoseconds
 
 
-def read_ros2(recording: McapRecording, source: str, progress: Progress | None = None) -> Log:
+def read_ros2(recording: McapRecording, source: str, progress: Progress = no_progress) -> Log:
     """Reads the vehicles in a ROS 2 recording; of each, PX4's own topics or, where there are none, MAVROS's.
 
     In the ``Log``, ``frames`` counts the messages that were read. The ``recording`` was read once, so that its channels

@@ -66,9 +66,8 @@ class _RosField(NamedTuple):
     name: str
 
 
-_Size = tuple[int, int]  # Of a message: its number of values, and of levels of nested messages
-BUILT_IN: dict[str, _Size] = dict.fromkeys(("builtin_interfaces/Time", "builtin_interfaces/Duration"), (2, 0))
-"""Messages that definitions use without defining them."""
+BUILT_IN = dict.fromkeys(PRIMITIVES, 1) | {"builtin_interfaces/Time": 2, "builtin_interfaces/Duration": 2}
+"""Numbers of values in what definitions use without defining it."""
 
 
 def rewritten(name: str, text: str) -> str | None:
@@ -80,7 +79,7 @@ def rewritten(name: str, text: str) -> str | None:
     package, _, short = name.partition("/msg/")
     own = f"{package}/{short}"
     messages = _messages(own, text) if len(text) <= MAX_CHARACTERS else None
-    if messages is None or (size := _size(own, messages, {}, 0)) is None or size[0] > MAX_VALUES:
+    if messages is None or not 0 < _values(own, messages, {}, 0) <= MAX_VALUES:
         return None
     written = {of: "\n".join(f"{field.of}{field.array} {field.name}" for field in messages[of]) for of in messages}
     first = written.pop(own)
@@ -110,27 +109,22 @@ def _messages(own: str, text: str) -> dict[str, list[_RosField]] | None:
     return messages
 
 
-def _size(name: str, messages: dict[str, list[_RosField]], known: dict[str, _Size], depth: int) -> _Size | None:
-    """The size of a message, a text or an array of any length as one value; None where it has no bound.
+def _values(name: str, messages: dict[str, list[_RosField]], known: dict[tuple[str, int], int], depth: int) -> int:
+    """The number of values in a message that ``depth`` others contain, a text or an array of any length as one.
 
-    ``known`` has what was counted before, and is added to; ``depth`` is how many messages contain this one.
+    0 where it has no bound. ``known`` has what was counted before, and is added to.
     """
-    if name in known or name not in messages:
-        return known.get(name) or BUILT_IN.get(name)
-    values, levels = 0, 0
-    for field in messages[name]:
-        if field.of in PRIMITIVES:
-            values += max(field.size, 1)
-            continue
-        # A cycle ends here; a message that was counted before, at another depth, has its levels.
-        endless = depth >= MAX_DEPTH or (field.array and not field.size)
-        each = None if endless else _size(field.of, messages, known, depth + 1)
-        if each is None or depth + 1 + each[1] > MAX_DEPTH:
-            return None
-        values += each[0] * max(field.size, 1)
-        levels = max(levels, 1 + each[1])
-    known[name] = values or 1, levels  # ROS 2 sends a byte for a message without fields
-    return known[name]
+    if name in BUILT_IN or name not in messages:
+        return BUILT_IN.get(name, 0)
+    if (name, depth) not in known:
+        counts = []
+        for field in messages[name]:
+            bounded = field.of in PRIMITIVES or (depth < MAX_DEPTH and (field.size or not field.array))
+            counts.append(max(field.size, 1) * _values(field.of, messages, known, depth + 1) if bounded else 0)
+            if not counts[-1]:
+                break
+        known[name, depth] = sum(counts) * all(counts) or not counts  # a message without fields is one byte
+    return known[name, depth]
 
 
 def decoder(schema: Schema) -> Decoder | None:

@@ -34,7 +34,7 @@ from mavdem.report.figures.style import (
     with_gaps,
 )
 from mavdem.report.figures.systems import SystemPlots
-from mavdem.report.numbers import AxisCommand, Labelled, Labels, left_free, readable
+from mavdem.report.numbers import AxisCommand, Labels, left_free, readable
 from mavdem.report.palette import (
     BAND,
     BASELINE,
@@ -275,7 +275,7 @@ class Plots(SystemPlots):
         return figure
 
 
-def forecast(held: HeldOut, labels: Labelled, output: int = 0, windows: int = WINDOWS) -> Figure:
+def forecast(held: HeldOut, labels: Labels, output: int = 0, windows: int = WINDOWS) -> Figure:
     """Draws an output beside its forecasts in some windows that no model saw, and the error in every window.
 
     Shown in full are ``windows`` neighbours whose errors are nearest to the median of all, not the best ones.
@@ -378,6 +378,6 @@ def live_flight(history: LiveHistory, name: str) -> Figure:
         if np.isfinite(lines.torque).any():
             not_blown_up(below, torque.scale * lines.torque)
         above.set(ylabel=f"{name} ({angle.name})")
-        below.set(xlabel="time since the beginning (s)", ylabel=f"wind torque ({torque.name})")
+        below.set(xlabel="boot clock (s)", ylabel=f"wind torque ({torque.name})")
         legend_above(above)
     return figure

@@ -16,7 +16,7 @@ from mavdem.dem.graybox.wind import LEVEL_SECONDS, gusts
 from mavdem.dem.priors import hyperparameter_groups
 from mavdem.dem.record import Record
 from mavdem.live.history import AHEAD
-from mavdem.report.numbers import Labelled, place, readable, state_names
+from mavdem.report.numbers import place, readable, state_names
 from mavdem.report.palette import BAD, BAND_OPACITY, BOUND, COMMAND, DISTURBANCE, MEASURED, PREDICTED, distinct
 from mavdem.view.plots import BOOT_CLOCK, Lines, faint
 
@@ -72,10 +72,10 @@ class LogLine(NamedTuple):
 
 
 class LiveWriter:
-    """Writes rows of one set of channels into one recording, below the entity ``root``, which may be empty."""
+    """Writes rows of one set of channels into one recording."""
 
-    def __init__(self, channels: Channels, root: str = "") -> None:
-        self.root, self._channels = root, channels
+    def __init__(self, channels: Channels) -> None:
+        self._channels = channels
         self._units = [readable(unit) for unit in channels.output_units]
         self._torques: deque[tuple[float, float, float]] = deque(maxlen=round(GUST_SECONDS / channels.dt))
         self._gusts_until = -np.inf
@@ -84,15 +84,17 @@ class LiveWriter:
         self._unusual = False
         self._model: LinearModel | None = None
         self._horizon = int(np.abs(np.array(channels.horizons) * channels.dt - AHEAD).argmin())
-        self.lines = {lines.path: lines.under(root) for lines in self._all_lines()}
+        self.lines = {lines.path: lines for lines in self._all_lines()}
 
     def _all_lines(self) -> list[Lines]:
-        """All lines but those of the model; predictions are those nearest to ``AHEAD`` seconds ahead."""
+        """All but those of the model; predictions are those nearest to ``AHEAD`` seconds ahead."""
         channels = self._channels
-        names = ("motors' difference",) if channels.command else tuple(map(place, channels.input_names))
-        colours = (COMMAND,) if channels.command else tuple(map(distinct, range(len(names))))
+        command = Lines("command", ("motors' difference",), (COMMAND,))
+        if not channels.command:
+            names = tuple(map(place, channels.input_names))
+            command = Lines("command", names, tuple(map(distinct, range(len(names)))))
         lines = [
-            Lines("command", names, colours),
+            command,
             Lines("free_energy_of_samples", ("F(t)",), (MEASURED,)),
             Lines("free_energy_action", ("F̄",), (MEASURED,), 2.0),
             Lines("surprise/samples", ("worst of 20", "surprise"), (BOUND, PREDICTED)),
@@ -157,10 +159,10 @@ class LiveWriter:
 
     def _in_sight(self, plot: str, measured: Array, values: Array) -> Array:
         """Values cut off beyond what was measured so far, or they would decide about the range of the axis."""
-        low, high = self._seen.get(plot, (np.inf, -np.inf))
-        finite = measured[np.isfinite(measured)]
-        if len(finite):
-            self._seen[plot] = low, high = min(low, float(finite.min())), max(high, float(finite.max()))
+        finite = np.append(measured[np.isfinite(measured)], self._seen.get(plot, ()))
+        if not len(finite):
+            return values
+        self._seen[plot] = low, high = float(finite.min()), float(finite.max())
         beyond = BEYOND * (high - low)
         return np.clip(values, low - beyond, high + beyond) if high > low else values
 
@@ -217,15 +219,15 @@ class LiveWriter:
             time, action = np.array([row.time]), np.array([now.free_energy_action])
             self.lines["free_energy_action"].send(recording, time, action)
             if row.learned is not None:
-                names = precision_names(self._channels, row.learned)
-                lines = Lines("noise_precisions", names, tuple(map(distinct, range(len(names)))), 2.0).under(self.root)
+                names = precision_names(self._channels.output_names, row.learned)
+                lines = Lines("noise_precisions", names, tuple(map(distinct, range(len(names)))), 2.0)
                 lines.send_style(recording)
                 lines.send(recording, time, now.log_precisions)
 
 
-def precision_names(labels: Labelled, learned: Learned) -> tuple[str, ...]:
+def precision_names(outputs: Sequence[str], learned: Learned) -> tuple[str, ...]:
     """Returns what each λ is of: the measurement noise z, then the process noise w."""
-    states, outputs, names = state_names(labels, learned), labels.output_names, []
+    states, names = state_names(outputs, learned), []
     groups = hyperparameter_groups(learned.settings, len(states), len(outputs))
     for noise, whole, channels, group in zip("zw", ("measurement", "process"), (outputs, states), groups, strict=True):
         numbers = np.unique(group)
