@@ -87,10 +87,9 @@ class FrameReader:
         else:
             table = table[table.end <= len(data) - start - framing.LONGEST_FRAME]
             until = len(data) - start - framing.LONGEST_FRAME
-        headers = (table.message_id, table.system, table.component, table.sequence, table.verdict)
-        places = (start + table.payload).tolist(), table.length.tolist()
-        for begin, length, *header in zip(*places, *(column.tolist() for column in headers), strict=True):
-            read.append(Frame._make([*header, data[begin : begin + length]]))
+        columns = (table.message_id, table.system, table.component, table.sequence, table.verdict)
+        for begin, length, *header in zip(start + table.payload, table.length, *columns, strict=True):
+            read.append(Frame._make([*map(int, header), data[begin : begin + length]]))
         return start + until
 
 
@@ -141,10 +140,8 @@ def message_readers() -> dict[int, tuple[str, np.dtype[Any], float, float]]:
             clock = next((field for field in CLOCK_UNITS if field in wire.fields), None)
             units = 0.0 if clock is None else CLOCK_UNITS[clock]
             period = inf if clock is None or wire[clock].itemsize == 8 else 2.0 ** (8 * wire[clock].itemsize) / units
-            kinds = {name: wire.fields[name] for name in [*FIELDS[definition.name], *filter(None, [clock])]}
-            form: Any = {"names": list(kinds), "formats": [kind[0] for kind in kinds.values()]}
-            form |= {"offsets": [kind[1] for kind in kinds.values()], "itemsize": wire.itemsize}
-            readers[definition.message_id] = definition.name, np.dtype(form), units, period
+            needed = wire[[*FIELDS[definition.name], *filter(None, [clock])]]  # a view: offsets and size of all
+            readers[definition.message_id] = definition.name, needed, units, period
     return readers
 
 

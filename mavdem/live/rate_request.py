@@ -111,7 +111,7 @@ class RateRequest:
         self._intervals += [_Interval(number, definitions()[number].name, EVIDENCE_RATE, True) for number in evidence]
         self._sequence = 0
         self._contested = self._restoring = False
-        self._unconfirmed: deque[_Interval] = deque()
+        self.unconfirmed: deque[_Interval] = deque()  # whose restoring awaits a reply
 
     def due(self, now: float, measured: Mapping[int, float] | None) -> list[bytes]:
         """Returns frames to send at ``now``, s of a monotonic clock; ``measured``: Hz by message id, once known."""
@@ -160,8 +160,8 @@ class RateRequest:
         elif first != SET_INTERVAL or second == IN_PROGRESS or not ours:
             return
         elif self._restoring:
-            if self._unconfirmed:  # in the order of the requests
-                self._unconfirmed.popleft().restored = second == ACCEPTED
+            if self.unconfirmed:  # in the order of the requests
+                self.unconfirmed.popleft().restored = second == ACCEPTED
         elif waiting := [interval for interval in self._intervals if interval.settings and not interval.done]:
             # It does not contain the message: take the one that was set last.
             latest = max(waiting, key=lambda interval: interval.last)
@@ -181,13 +181,8 @@ class RateRequest:
     def restore(self) -> list[bytes]:
         """Returns frames that restore each former interval that may have changed and is not confirmed as before yet."""
         self._restoring = True
-        self._unconfirmed = deque(each for each in self._intervals if each.unrefused and not each.restored)
-        return [self._command(SET_INTERVAL, each.message_id, each.before or STOPPED) for each in self._unconfirmed]
-
-    @property
-    def restoring(self) -> bool:
-        """Whether replies to the frames of ``restore`` are awaited."""
-        return bool(self._unconfirmed)
+        self.unconfirmed = deque(each for each in self._intervals if each.unrefused and not each.restored)
+        return [self._command(SET_INTERVAL, each.message_id, each.before or STOPPED) for each in self.unconfirmed]
 
     def _watch(self, interval: _Interval, now: float, rate: float | None) -> None:
         """Sets the interval of a message again that comes much slower than before, or that was never confirmed."""

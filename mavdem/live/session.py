@@ -76,14 +76,15 @@ class LiveSession:
     """A link and all that is done with what it receives.
 
     ``learner``: of the latest rows; None before the first. ``request``: for rates, once sent. ``history``: what
-    happened, by the session's own seconds.
+    happened.
     """
 
     link: Link  # open
     stream: LiveStream  # of one vehicle
     settings: Settings  # of the learner
     # Called with the first setup and each new one; returns the display of its rows, or None. Its ``put`` takes a row's
-    # time, segment, outputs, inputs, estimate and model, its ``log`` a sentence, and both return at once.
+    # time, the shift of a ``LiveHistory``, segment, outputs, inputs, estimate and model, its ``log`` a time and a
+    # sentence, and both return at once.
     show: Callable[[Setup], Any]
     report: Callable[[SessionStatus], None]  # called once a second with the status
     say: Callable[[str], None]  # called with each sentence
@@ -109,7 +110,7 @@ class LiveSession:
         self._learned, self._shown = 0, 0
         self._estimate: Estimate | None = None
         self._settled = self._lost = False
-        self._began = self._came = self._heard = now
+        self._came = self._heard = now
         self._reported, self._sampled, self._samples = 0.0, -np.inf, 0
         self._account = dict.fromkeys(history.ACCOUNT, 0.0)
         self._accounted = now, 0
@@ -124,19 +125,22 @@ class LiveSession:
             # All at once, since each search of garbage costs time; the first stamp, so that no latency is too short.
             for row in self.stream.feed(received[0][0], b"".join(data for _, data in received)):
                 self._take(row)
+            self.history.advance(self.stream.now, self.stream.boot)
             landing = self.stream.landing()
             if landing is not None and self.learner is not None:
                 self._take_back(self.learner, landing)
         for text in [*(event.sentence for event in self.stream.events()), *self.link.events()]:
             self._log(text)
         # The time that processing takes is no silence.
-        now = time.monotonic()
+        now, resumed = time.monotonic(), {}
         if received:
-            self._say_resumed("Messages come", now - self._heard)
-            self._heard = now
+            resumed["Messages come"], self._heard = now - self._heard, now
         if self.stream.samples != self._samples:
-            self._say_resumed("Attitude and motor outputs come", now - self._sampled)
+            resumed["Attitude and motor outputs come"] = now - self._sampled
             self._samples, self._sampled = self.stream.samples, now
+        for what, after in resumed.items():
+            if SILENCE_SECONDS < after < np.inf:
+                self._log(f"{what} again after {after:.0f} s.")
         self._request_rates(now)
         if now - self._reported >= STATUS_SECONDS:
             self._reported, status = now, self.status
@@ -217,10 +221,6 @@ class LiveSession:
             missing = "no attitude and no motor outputs were"
         return missing and f"{missing} received for {SILENCE_SECONDS:.0f} s and more"
 
-    def _say_resumed(self, what: str, after: float) -> None:
-        if SILENCE_SECONDS < after < np.inf:
-            self._log(f"{what} again after {after:.0f} s.")
-
     def _receive(self, timeout: float) -> list[tuple[float, bytes]]:
         """Receives and records; opens a lost link again."""
         try:
@@ -265,9 +265,11 @@ class LiveSession:
         self._shown += estimate is None
         # Not by the wall clock, which may be set meanwhile.
         self._latencies.append(time.monotonic() - self._came)
-        self.history.take(self._came - self._began, row.segment, row.time, row.outputs, estimate)
+        self.history.advance(row.time, setup.boot)
+        self.history.take(row.segment, row.time, row.outputs, estimate)
         if self._display is not None:
-            self._display.put(row.time, row.segment, row.outputs, row.inputs, estimate, learner.learned)
+            shift = self.history.shift
+            self._display.put(row.time, shift, row.segment, row.outputs, row.inputs, estimate, learner.learned)
 
     def _begin(self, setup: Setup) -> None:
         """Takes the learner of a setup's rows, and shows them; a display that fails is not used again."""
@@ -289,7 +291,7 @@ class LiveSession:
             self._log(f"The display failed ({_reason(error)}); everything else continues.")
         if before is None and self._display is not None:
             for event in self.history.events:
-                self._display.log(event.sentence)
+                self._display.log(*event)
 
     def _take_back(self, learner: OnlineLearner, since: float) -> None:
         """Takes back what was learned from ``since``, s of the boot clock, on: it was of a landing."""
@@ -337,7 +339,7 @@ class LiveSession:
                 return
             self._send(frames)
             until = time.monotonic() + REPLY_SECONDS
-            while request.restoring and not self._lost and (left := until - time.monotonic()) > 0:
+            while request.unconfirmed and not self._lost and (left := until - time.monotonic()) > 0:
                 for stamp, data in self._receive(left):
                     self.stream.feed(stamp, data)
                 for message in self.stream.replies():
@@ -360,9 +362,9 @@ class LiveSession:
             return
         self._last_said[kind] = now
         self.say(said)
-        self.history.events.append(Event(now - self._began, said))
+        self.history.events.append(Event(self.history.now, said))
         if self._display is not None:
-            self._display.log(said)
+            self._display.log(self.history.now, said)
 
 
 def _reason(error: Exception) -> str:

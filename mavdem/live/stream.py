@@ -80,6 +80,11 @@ class LiveStream:
         return self._senders.followed
 
     @property
+    def now(self) -> float:
+        """The latest time of the vehicle's clock, s; NaN before any."""
+        return self._clock.now
+
+    @property
     def parameters(self) -> dict[str, float]:
         """The vehicle's parameters received so far, by name; also those that MAVProxy stores for it."""
         if self.followed is None:

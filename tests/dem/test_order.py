@@ -66,7 +66,7 @@ def test_neither_units_nor_inputs_of_nobody_change_the_free_energy():
     assert int(np.argmax(told)) + 1 == 2
 
 
-@pytest.mark.parametrize("arguments", [{"max_order": 0}, {"max_order": 99}, {"smoothness": "learn"}])
+@pytest.mark.parametrize("arguments", [{"max_order": 0}, {"max_order": 99}])
 def test_what_is_no_argument_is_named(arguments):
     with pytest.raises(ValueError, match=next(iter(arguments))):
         choose_order(paper_flight(1, 0, samples=200), **arguments)

@@ -74,10 +74,10 @@ class Screen:
         self.setups.append(setup)
         return self
 
-    def put(self, time, segment, outputs, inputs, estimate=None, learned=None) -> None:
+    def put(self, time, shift, segment, outputs, inputs, estimate=None, learned=None) -> None:
         self.rows.append((time, segment, estimate))
 
-    def log(self, text: str) -> None:
+    def log(self, time: float, text: str) -> None:
         self.sentences.append(text)
 
 

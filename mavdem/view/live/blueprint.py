@@ -17,7 +17,6 @@ from mavdem.view.live.content import Channels, ViewRow
 from mavdem.view.plots import BOOT_CLOCK, blueprint
 
 FLIGHT_SECONDS, LEARNING_SECONDS = 20.0, 120.0  # in view
-LEGEND_SHARE, WIDE_LEGEND_SHARE = 0.22, 0.35  # of the time in view, left free on the right for the legend
 UNKNOWN = "–"
 LEGEND = (
     "An error ratio is beside the better of the last sample and the mean. Surprise is how far F(t) is below its recent "
@@ -40,9 +39,8 @@ def live_blueprint(channels: Channels) -> rrb.Blueprint:
 
     def plot(name: str, origin: str, seconds: float = FLIGHT_SECONDS) -> rrb.TimeSeriesView:
         """A plot of the last seconds before the time cursor; only these are queried."""
-        share = LEGEND_SHARE if seconds == FLIGHT_SECONDS else WIDE_LEGEND_SHARE
-        start = rr.TimeRangeBoundary.cursor_relative(seconds=-seconds)
-        end = rr.TimeRangeBoundary.cursor_relative(seconds=share * seconds)
+        right = 0.22 if seconds == FLIGHT_SECONDS else 0.35  # left free for the legend
+        start, end = (rr.TimeRangeBoundary.cursor_relative(seconds=at * seconds) for at in (-1, right))
         return rrb.TimeSeriesView(
             name=name,
             origin=origin,
@@ -139,7 +137,6 @@ def status_document(channels: Channels, status: SessionStatus, row: ViewRow, unt
     }
     if isfinite(status.latency[0]):
         facts["latency"] = f"{1000 * status.latency[0]:.0f} ms"
-    first, *others = (f"| {name} | {fact} |" for name, fact in facts.items())
     if until is None:
         learning = f"No model yet. {_reason(status, until)}"
     elif row.estimate is None:
@@ -148,5 +145,5 @@ def status_document(channels: Channels, status: SessionStatus, row: ViewRow, unt
         ago = max(0.0, row.estimate.time - until)
         learning = f"The model was learned up to {ago:.1f} s ago. {sentence(status.obstacle)}"
     cautions = [f"**Cautions:** {' '.join(row.learned.cautions)}"] if row.learned and row.learned.cautions else []
-    table = "\n".join([first, "|---|---|", *others])
+    table = "\n".join(f"- {name}: {fact}" for name, fact in facts.items())
     return "\n\n".join([f"**{channels.title}**", learning.strip(), table, *cautions, LEGEND])

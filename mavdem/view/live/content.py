@@ -87,12 +87,14 @@ class LiveWriter:
         self.lines = {lines.path: lines for lines in self._all_lines()}
 
     def _all_lines(self) -> list[Lines]:
-        """All lines but those of the model; predictions are those nearest to ``AHEAD`` seconds ahead."""
+        """All but those of the model; predictions are those nearest to ``AHEAD`` seconds ahead."""
         channels = self._channels
-        names = ("motors' difference",) if channels.command else tuple(map(place, channels.input_names))
-        colours = (COMMAND,) if channels.command else tuple(map(distinct, range(len(names))))
+        command = Lines("command", ("motors' difference",), (COMMAND,))
+        if not channels.command:
+            names = tuple(map(place, channels.input_names))
+            command = Lines("command", names, tuple(map(distinct, range(len(names)))))
         lines = [
-            Lines("command", names, colours),
+            command,
             Lines("free_energy_of_samples", ("F(t)",), (MEASURED,)),
             Lines("free_energy_action", ("F̄",), (MEASURED,), 2.0),
             Lines("surprise/samples", ("worst of 20", "surprise"), (BOUND, PREDICTED)),
@@ -157,10 +159,10 @@ class LiveWriter:
 
     def _in_sight(self, plot: str, measured: Array, values: Array) -> Array:
         """Values cut off beyond what was measured so far, or they would decide about the range of the axis."""
-        low, high = self._seen.get(plot, (np.inf, -np.inf))
-        finite = measured[np.isfinite(measured)]
-        if len(finite):
-            self._seen[plot] = low, high = min(low, float(finite.min())), max(high, float(finite.max()))
+        finite = np.append(measured[np.isfinite(measured)], self._seen.get(plot, ()))
+        if not len(finite):
+            return values
+        self._seen[plot] = low, high = float(finite.min()), float(finite.max())
         beyond = BEYOND * (high - low)
         return np.clip(values, low - beyond, high + beyond) if high > low else values
 
