@@ -1,7 +1,5 @@
 """Rows of a live flight, made up, with predictions whose errors are known."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

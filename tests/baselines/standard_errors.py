@@ -1,7 +1,5 @@
 """How near an efficient estimate of a system comes to it: the Cramér-Rao bound of what no choice of states changes."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -37,16 +37,6 @@ def test_one_step_begins_anew_in_each_segment():
     np.testing.assert_allclose(held.forecast(np.zeros((3, 4)), from_zero=True), np.tile(average, (3, 1)))
 
 
-def test_without_a_model_of_the_inputs_predictions_are_the_forecasts():
-    for method in (baselines.hold, baselines.constant_mean, baselines.zero):
-        forecaster, test = method(FLIGHT[:700]), FLIGHT[700:]
-        np.testing.assert_array_equal(forecaster.predict(150), forecaster.forecast(test.inputs))
-        pieces = forecaster.forecast_every(20, test.inputs, test.outputs)
-        np.testing.assert_array_equal(forecaster.predict_every(20, test.inputs, test.outputs), pieces)
-        with pytest.raises(ValueError, match="steps must"):
-            forecaster.predict(0)
-
-
 def test_models_that_need_the_inputs_say_so_and_what_to_use():
     arx = baselines.arx(FLIGHT[:700], 2)
     for answer in (lambda: arx.predict(3), lambda: arx.predict_every(3, FLIGHT.inputs[700:], FLIGHT.outputs[700:])):

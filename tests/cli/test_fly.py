@@ -1,7 +1,5 @@
 """``mavdem fly``: what is flown is written whole or not at all, can be read and learnt from, and is the same again."""
 
-from __future__ import annotations
-
 import json
 import tomllib
 

@@ -298,6 +298,7 @@ def test_an_unstable_flow_is_known_and_not_run():
     np.testing.assert_array_equal(climb.learning.theta, exact.learning.theta)
 
 
+@pytest.mark.slow
 @given(model=models, seed=seeds, logs=st.tuples(*[st.one_of(st.none(), st.floats(-4, 4))] * 3))
 @settings(max_examples=30)
 def test_a_climb_at_any_rates_never_falls(model, seed, logs):

@@ -1,7 +1,5 @@
 """Learning in small steps arrives where learning at once does; its bands, surprise and marks are honest."""
 
-from __future__ import annotations
-
 import dataclasses
 import os
 from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor
@@ -265,6 +263,7 @@ def fed(bands: ErrorBands, errors: np.ndarray, block: int = 10) -> np.ndarray:
     return np.array(half)[:, :, 0]
 
 
+@pytest.mark.slow
 def test_a_band_holds_nine_of_ten_errors():
     rng = np.random.default_rng(0)
     for errors in (rng.standard_normal(20_000), rng.standard_t(3, 20_000)):
@@ -306,9 +305,7 @@ def test_surprise_is_in_units_of_the_lowest_twentieth():
     assert surprise.add(2.0) < 0
     # After a free energy that did not vary a drop is still a number.
     assert 1e6 < surprise_after(np.full(300, 5.0)).add(-1e5) < np.inf
-
-
-def test_a_failure_that_lasts_does_not_hide_the_next():
+    # A failure that lasts does not hide the next.
     values = np.random.default_rng(0).standard_normal(1400)
     values[1000:1200] -= 1e4
     assert surprise_after(values).add(-1e4) > 1e3
@@ -341,9 +338,7 @@ def test_a_change_is_marked_promptly_and_so_is_the_next():
     for at in failures:
         surprise[round(at / DT) : round(at / DT) + 200] += 1000.0
     np.testing.assert_allclose(marked(AnomalyMarks(DT), surprise), failures, atol=0.5)
-
-
-def test_nothing_is_marked_before_there_are_peaks_to_compare_with():
+    # Nothing is marked before there are peaks to compare with.
     surprise = np.full(3000, 1e6)
     assert not len(marked(AnomalyMarks(DT), surprise[: round(3 * PEAK_SECONDS / DT)]))
     assert not AnomalyMarks(DT).add(np.nan)

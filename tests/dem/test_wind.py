@@ -1,7 +1,5 @@
 """The wind's torque, offline and live: the smoother against a joint Gaussian, bands, gusts, simulated truth."""
 
-from __future__ import annotations
-
 from concurrent.futures import Executor, ThreadPoolExecutor
 from typing import NamedTuple
 
@@ -63,6 +61,7 @@ def flown(seed: int, samples: int, known: Parameters, steady: float = 0.0) -> tu
     return Flight(DT * np.arange(samples), inputs, outputs), torque
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damping", [-0.5, 2.0])
 @pytest.mark.parametrize("components", [TURBULENCE[:1], TURBULENCE, (TURBULENCE[1], TURBULENCE[1])], ids="123")
 def test_the_smoother_is_the_posterior_of_the_joint_gaussian(components, damping):

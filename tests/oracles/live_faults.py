@@ -1,7 +1,5 @@
 """A live session with a simulated ArduPilot that every fault befalls, on a clock of its own: as fast as possible."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Flights of systems of known order: the paper's four, held at hover, and random ones with smooth inputs."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 import numpy as np

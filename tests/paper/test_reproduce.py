@@ -1,7 +1,5 @@
 """The report on the paper's experiments: verdicts follow from their rules, either way, and the report is whole."""
 
-from __future__ import annotations
-
 import json
 import re
 from types import SimpleNamespace

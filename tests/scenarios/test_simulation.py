@@ -33,6 +33,7 @@ def flight():
     return fly(brief())
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_bits_in_pieces_too(flight):
     simulation, rows = Simulation(brief()), []
     for cycles in (1, 7, 1000, 3, 10**6):
