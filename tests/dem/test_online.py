@@ -364,7 +364,7 @@ def test_of_two_failures_both_are_marked_and_bands_recover_within_seconds():
     ("log", "start", "end", "changes"),
     # The wind's fall at 95.73 s, within 20 s of its rise, is not marked by models that are learned every two seconds.
     # The change at 115.43 s, a stronger roll moment, is a sixth of the surprise of the one before it, and not marked.
-    [("ap_motor.tlog", 85.0, 130.0, [117.33]), ("px4_windjump.tlog", 40.0, 105.0, [76.08])],
+    [("ap_motor.tlog", 90.0, 130.0, [117.33]), ("px4_windjump.tlog", 52.0, 100.0, [76.08])],
 )
 def test_the_changes_of_a_recorded_flight_are_marked_and_nothing_else_is(log, start, end, changes):
     path = SHARED / "sitl_events" / log
