@@ -16,7 +16,6 @@ from mavdem.baselines.identified import (
     identified,
     regression,
     required_order,
-    triangle,
 )
 from mavdem.confidence import LEVEL, half_width, require_probability
 from mavdem.dem.engine.linalg import Array, one_thread
@@ -52,7 +51,6 @@ def arx(train: UniformRecord | Sequence[UniformRecord], order: int = 2) -> Ident
                 f"train has {rows} samples with {order} before them, and ARX({order}) of it has {columns} parameters "
                 f"for each output: lower the order, or train on more samples"
             )
-        regressors, targets = np.split(triangle(np.hstack([regressors, targets])), [columns], axis=1)
         return Fitted(_realised(regression(regressors, targets), order, m), np.zeros((len(segments), m * order)))
 
     found = identified(f"ARX({order})", train, fit)

@@ -214,33 +214,23 @@ class Units(NamedTuple):
 
 def hold(train: UniformRecord | Sequence[UniformRecord]) -> Identified:
     """Forecasts the last measurement of ``train``; the first sample of a segment is predicted by the mean."""
-    record = Record.of(train)
-    return _without_dynamics("hold", record, record.outputs.mean(axis=0), held=record.outputs.shape[1])
+    return _without_dynamics("hold", Record.of(train), held=True)
 
 
 def constant_mean(train: UniformRecord | Sequence[UniformRecord]) -> Identified:
     """Forecasts the mean of the training data ``train``."""
-    record = Record.of(train)
-    return _without_dynamics("constant mean", record, record.outputs.mean(axis=0), held=0)
+    return _without_dynamics("constant mean", Record.of(train))
 
 
 def zero(train: UniformRecord | Sequence[UniformRecord]) -> Identified:
     """Forecasts zero, whatever the training data ``train``."""
-    record = Record.of(train)
-    return _without_dynamics("zero", record, np.zeros(record.outputs.shape[1]), held=0)
+    return _without_dynamics("zero", Record.of(train), about=0.0)
 
 
-def _without_dynamics(method: str, record: Record, output_trim: Array, held: int) -> Identified:
-    """A state for each output that is held: its last deviation from the trim."""
-    r, m = record.inputs.shape[1], len(output_trim)
-    model = StateSpace(
-        A=np.eye(held),
-        B=np.zeros((held, r)),
-        C=np.eye(m, held),
-        D=np.zeros((m, r)),
-        K=np.eye(held, m),
-        offset=np.zeros(held),
-        input_trim=np.zeros(r),
-        output_trim=output_trim,
-    )
-    return Identified(method, model, record, starts=np.zeros((len(record.lengths), held)))
+def _without_dynamics(method: str, record: Record, held: bool = False, about: float = 1.0) -> Identified:
+    """The training mean times ``about``; where ``held``, each output has a state, its last deviation from that."""
+    r, m = record.inputs.shape[1], record.outputs.shape[1]
+    n, trim = m * held, about * record.outputs.mean(axis=0)
+    B, D = np.zeros((n, r)), np.zeros((m, r))
+    model = StateSpace(np.eye(n), B, np.eye(m, n), D, np.eye(n, m), np.zeros(n), np.zeros(r), trim)
+    return Identified(method, model, record, starts=np.zeros((len(record.lengths), n)))

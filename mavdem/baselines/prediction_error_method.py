@@ -21,7 +21,7 @@ from mavdem.baselines.identified import (
 )
 from mavdem.baselines.subspace_identification import found_by_projection
 from mavdem.dem.engine.linalg import Array
-from mavdem.dem.engine.model import WORST_MODES
+from mavdem.dem.engine.model import WORST_MODES, recursion
 from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.record import UniformRecord
 
@@ -136,7 +136,11 @@ def _responses(F: Array, C: Array, signals: Array) -> tuple[Array, Array]:
     samples, n = len(signals), len(F)
     eigenvalues, modes = np.linalg.eig(F)
     if np.linalg.cond(modes) > WORST_MODES:
-        return _responses_by_sample(F, C, signals)
+        still, units = np.zeros((samples, n)), np.eye(n)
+        pushed = [[recursion(F, np.outer(signal, unit), still[0]) for signal in signals.T] for unit in units]
+        shown = np.pad(pushed, ((0, 0), (0, 0), (1, 0), (0, 0)))[:, :, :-1] @ C.T
+        decays = [np.vstack([unit, recursion(F, still[1:], unit)]) @ C.T for unit in units]
+        return shown.transpose(2, 3, 0, 1), np.stack(decays, axis=2)
     driven = np.stack([lfilter([0.0, 1.0], [1.0, -value], signals.astype(complex), axis=0) for value in eigenvalues])
     through = (C @ modes)[:, None, :] * np.linalg.inv(modes).T[None]
     m = len(C)
@@ -144,17 +148,6 @@ def _responses(F: Array, C: Array, signals: Array) -> tuple[Array, Array]:
     powers = eigenvalues[:, None] ** np.arange(samples)
     decay = (through.reshape(m * n, n) @ powers).real.reshape(m, n, samples)
     return responses.transpose(2, 0, 1, 3), decay.transpose(2, 0, 1)
-
-
-def _responses_by_sample(F: Array, C: Array, signals: Array) -> tuple[Array, Array]:
-    (samples, number), n = signals.shape, len(F)
-    responses, decay = np.empty((samples, len(C), n, number)), np.empty((samples, len(C), n))
-    state, power = np.zeros((n, n, number)), np.eye(n)
-    for t in range(samples):
-        responses[t], decay[t] = np.tensordot(C, state, 1), C @ power
-        state = np.tensordot(F, state, 1) + np.eye(n)[:, :, None] * signals[t]
-        power = F @ power
-    return responses, decay
 
 
 def _parameters(found: Fitted) -> FreeParameters:

@@ -18,9 +18,8 @@ from mavdem.view.plots import BOOT_CLOCK, Plot, blueprint, recorded
 
 Array = NDArray[np.float64]
 
-AIRBORNE_SPEED_SHARE = 0.7  # share of the median speed of armed rotors above which they carry the vehicle
+AIRBORNE_SPEED_SHARE = 0.9  # share of the median speed of armed rotors above which they carry the vehicle
 MAX_ROWS = 50_000  # the viewer draws every row
-SPOOLING_SECONDS = 0.5  # how long rotors take to speed up and to slow down
 TRAIL, POINTS_A_SECOND = 4.0, 20  # seconds of the way behind the vehicle that are drawn, anew ten times a second
 WIND_SCALE = 0.4  # length of the wind's arrow for 1 m/s, in lengths of an arm
 WIND_AWAY = 1.4  # where that arrow ends before the vehicle, in lengths of an arm
@@ -70,13 +69,11 @@ class Pose:
         return float(np.hypot(*self.rotors.T).max())
 
     def carries(self) -> NDArray[np.bool_]:
-        """(N,) where the rotors carry the vehicle, without spooling up and down; everywhere if they never do."""
+        """(N,) where the rotors carry the vehicle; everywhere if they never do."""
         speed = self.rotor_speeds.mean(axis=1)
         hover = float(np.median(speed[self.armed])) if self.armed.any() else np.inf
-        carried = self.time[speed > AIRBORNE_SPEED_SHARE * hover]
-        if not len(carried) or carried[-1] - carried[0] < 3 * SPOOLING_SECONDS:
-            return np.ones(len(speed), dtype=np.bool_)
-        return np.asarray((self.time > carried[0] + SPOOLING_SECONDS) & (self.time < carried[-1] - SPOOLING_SECONDS))
+        carried = np.asarray(speed > AIRBORNE_SPEED_SHARE * hover)
+        return carried if carried.any() else ~carried
 
     def at(self, rate: float) -> NDArray[np.intp]:
         """Rows of the flight, evenly, at about ``rate`` Hz, no faster than there are, and fewer of a long flight."""

@@ -65,12 +65,3 @@ def test_the_kernel_width_of_gaussian_kernel_noise_is_found(steps):
     rng = np.random.default_rng(0)
     found = np.array([noise.analyse_noise(gaussian(rng, steps, 5000), 0.01).smoothness for _ in range(100)])
     assert found.mean() == pytest.approx(0.01 * steps, rel=0.05)
-
-
-@pytest.mark.parametrize(
-    ("values", "overlap", "named"),
-    [(np.arange(19.0), 1, "19 / 1"), (np.ones(100), 1, "vary"), (np.full(100, np.nan), 1, "finite")],
-)
-def test_a_series_that_tells_nothing_is_refused(values, overlap, named):
-    with pytest.raises(ValueError, match=named):
-        noise.analyse_noise(values, 0.01, overlap)
