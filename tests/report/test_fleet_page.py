@@ -26,7 +26,7 @@ def parts(text: str) -> dict[str, str]:
 
 @pytest.mark.slow
 def test_the_same_rows_make_the_same_bytes_in_whatever_order_they_come():
-    rows = fleet_rows(10)
+    rows = [row for row in fleet_rows(10) if row.vehicle in ("quad-1", "quad-2") or row.status != "ok"]
     shuffled = random.Random(1).sample(rows, len(rows))
     assert fleet_page(rows) == fleet_page(shuffled)
 
