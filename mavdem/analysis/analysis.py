@@ -117,12 +117,14 @@ def analyse(
         return without_model(refusal)
     cautions = (*([SLOW_CAUTION] if slow else []), *flights[0].provenance["cautions"], *learned.cautions)
     learned = replace(learned, cautions=cautions)  # before anything is fitted that it keeps
+    changes = [alarm.since for alarm in alarms if alarm.motor is not None]
+    learned = learned.cut_at(changes)
     compared = None if truth is None else compare_with_truth(learned, flights, truth_of(flights, truth))
     if axis == ALL:
         axes = {AXES[0]: AxisFigures(flights, learned.physical, learned.wind, learned.physical_reason)}
         with progress("Estimating the physical parameters") as done:
             for other in AXES[1:]:
-                axes[other] = axis_figures(signals.about(other, inputs), log.components)
+                axes[other] = axis_figures(signals.about(other, inputs), log.components, changes)
                 done(len(axes) / len(AXES))
         found = replace(found, vehicle=VehicleFigures(axes, condition.hover))
     return replace(
