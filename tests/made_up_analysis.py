@@ -1,7 +1,5 @@
 """A made-up analysis of a log, with figures that no fit decides, as reports and findings read it."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The layout: rooms on floors, libraries in their rooms, files that can be read, and rooms within their budgets."""
 
-from __future__ import annotations
-
 import ast
 import sys
 from collections import Counter

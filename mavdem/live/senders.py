@@ -114,7 +114,7 @@ class Senders:
 
     def __iter__(self) -> Iterator[Sender]:
         """The senders that are kept, by system and component."""
-        return iter([sender for _, sender in sorted(self._senders.items())])
+        return (sender for _, sender in sorted(self._senders.items()))
 
     def of(self, frame: Frame) -> Sender:
         """The sender of a frame."""

@@ -24,7 +24,6 @@ from mavdem.report.screen import key_figures, screen, title
 from mavdem.view.plots import Plot, blueprint, faint, range_of, recorded, utf8, with_gaps
 
 BEYOND = 0.15  # how far a plot extends beyond the measured values, in spans of them, where a forecast does
-FIRST_ITERATIONS = 2  # that are left out of the bars of F̄: they may be far from all others
 
 
 def write_recording(
@@ -48,18 +47,17 @@ def write_recording(
 
 
 class FlightSeries:
-    """The series of a learned flight over seconds from its first sample, in degrees, as plots."""
+    """The series of a learned flight over the boot clock, s, in degrees, as plots."""
 
     def __init__(self, flights: Sequence[Flight], learned: Learned, held_out: HeldOut) -> None:
         self.flights, self.learned, self.held_out = flights, learned, held_out
         self.labels = Labels.of(learned)
-        start = float(flights[0].time[0])
-        self.times = [flight.time - start for flight in flights]
-        self.windows = held_out.time - start
+        self.times = [flight.time for flight in flights]
+        self.windows = held_out.time
         after = self.windows[:, 0] > self.times[-1][-1]
         self._time = with_gaps([*self.times, *self.windows[after]], last=True)
         self._outputs = with_gaps([*(flight.outputs for flight in flights), *held_out.measured[after]])
-        self.end = float(self._time[-1])
+        self.span = float(self._time[0]), float(self._time[-1])
 
     def output(self, i: int) -> list[Plot]:
         """Returns an output with its forecasts in held-out windows, and what these leave."""
@@ -151,7 +149,7 @@ def _flight(recording: rr.RecordingStream, series: FlightSeries) -> rrb.Containe
     return rrb.Vertical(
         rrb.Horizontal(*strip, column_shares=[max(len(value.split(" (")[0]), 11) for _, value in figures]),
         rrb.Horizontal(
-            rrb.Vertical(*(plot.view(series.end) for plot in plots), row_shares=[34, 20, 20, 26][: len(plots)]),
+            rrb.Vertical(*(plot.view(*series.span) for plot in plots), row_shares=[34, 20, 20, 26][: len(plots)]),
             rrb.Vertical(*beside, row_shares=[38, 27, 35][: len(beside)]),
             column_shares=[78, 22],
         ),
@@ -199,13 +197,13 @@ def _details(recording: rr.RecordingStream, series: FlightSeries) -> rrb.Contain
     plots = [*(plot for i in others for plot in series.output(i)), series.motors(), *series.dem()]
     for plot in plots:
         plot.draw(recording)
-    return rrb.Vertical(*(plot.view(series.end) for plot in plots), name="Details")
+    return rrb.Vertical(*(plot.view(*series.span) for plot in plots), name="Details")
 
 
 def _learning(recording: rr.RecordingStream, learned: Learned) -> rrb.Container:
     """F̄ by iteration as bars, beside what was learned."""
     energy = learned.free_energy
-    first = min(FIRST_ITERATIONS, len(energy) - 1)
+    first = min(2, len(energy) - 1)  # the first two may be far from all others
     gap = (energy.total.max() - energy.total)[first:]
     heading = f"F̄ below its maximum of {energy.total.max():,.0f} nats, by iteration"
     return rrb.Horizontal(

@@ -1,7 +1,5 @@
 """Airborne and settled: a report of EXTENDED_SYS_STATE counts for the time it covers, elsewhere the motors' thrust."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from math import inf
 
@@ -32,7 +30,7 @@ def in_air(time: np.ndarray) -> np.ndarray:
     return (time > LIFTED) & (time < LANDED)
 
 
-def test_reports_that_come_late_leave_the_flight_before_them_to_the_motors() -> None:
+def test_reports_that_come_late_leave_the_flight_before_them_to_the_motors():
     """The first report is of the landing, as of a stream that was asked for just then."""
     time = np.arange(HOVER.sinking, HOVER.end, 0.1)
     telemetry = reporting(time, np.where(time < LANDED, 4, 1))
@@ -44,26 +42,21 @@ def test_reports_that_come_late_leave_the_flight_before_them_to_the_motors() -> 
 
 
 @pytest.mark.parametrize("state", [3, 4])
-def test_taking_off_and_landing_are_airborne_and_not_settled(state: int) -> None:
+def test_taking_off_and_landing_are_airborne_and_not_settled(state):
     time = HOVER.stamps(2.0)
     signals = Signals(reporting(time, np.where(in_air(time), state, 1)))
     (flight,) = phases.flying(signals, 0)
     assert flight == pytest.approx((LIFTED, LANDED), abs=0.6) and phases.settled(signals, 0) == []
-
-
-def test_what_is_undefined_reports_nothing() -> None:
-    time = HOVER.stamps(2.0)
+    # What is undefined reports nothing.
     (flight,) = phases.flying(Signals(reporting(time, np.where(time < 40, 0, np.where(in_air(time), 2, 1)))), 0)
     assert flight == pytest.approx((LIFTED, LANDED), abs=1.1)
-
-
-def test_reports_without_any_motors_hold_until_another() -> None:
+    # Without any motors a report holds until another.
     time = np.array([1.0, 30.0, 60.0])
     signals = Signals(reporting(time, np.array([1, 2, 2]), without=("SERVO_OUTPUT_RAW",)))
     assert phases.in_states(signals, 0, OFF_GROUND) == [(30.0, inf)]
 
 
-def test_a_vertical_speed_that_only_sinks_has_run_away() -> None:
+def test_a_vertical_speed_that_only_sinks_has_run_away():
     telemetry = HOVER.telemetry()
     position = telemetry.messages["LOCAL_POSITION_NED"]
     signals = Signals(changed(telemetry, "LOCAL_POSITION_NED", vz=np.full(len(position["time"]), 5.0)))
@@ -71,7 +64,7 @@ def test_a_vertical_speed_that_only_sinks_has_run_away() -> None:
     assert (start, end) == pytest.approx((LIFTED + TRANSIENT_SECONDS, LANDED - TRANSIENT_SECONDS), abs=1.5)
 
 
-def test_a_recorded_flight_whose_reports_come_at_its_end() -> None:
+def test_a_recorded_flight_whose_reports_come_at_its_end():
     signals = Signals(read_log(shared("real/logs/ardupilot_late_landed_state.tlog")).vehicles[0])
     (flight,) = phases.flying(signals, 0)
     assert flight == pytest.approx((45, 131), abs=1)  # by the reports it landed at 131.4 s
@@ -86,14 +79,11 @@ def eight_and_twelve(phase: int) -> np.ndarray:
     return np.round(phase * 0.004 + np.cumsum(steps), 3)
 
 
-def test_the_longest_segment_is_the_hover():
+def test_the_longest_segment_is_the_hover_and_without_climb_rate_its_ends_are_cut_by_the_clock():
     (segment,) = settled_segments(Signals(HOVER.telemetry()))
     assert segment.boot == 0
     assert segment.start == pytest.approx(HOVER.level, abs=1.0)
     assert segment.end == pytest.approx(HOVER.sinking, abs=1.0)
-
-
-def test_without_climb_rate_the_ends_are_cut_by_the_clock():
     (segment,) = settled_segments(Signals(HOVER.telemetry(without=("LOCAL_POSITION_NED",))))
     assert segment.start == pytest.approx(6.0 + TRANSIENT_SECONDS, abs=1.0)
     assert segment.end == pytest.approx(HOVER.landed - TRANSIENT_SECONDS, abs=1.0)
@@ -240,6 +230,8 @@ def test_boots_are_never_joined():
     assert sorted(segment.boot for segment in found) == [0, 1]
     flight = align(Signals(telemetry), found[1])
     np.testing.assert_allclose(flight.outputs[:, 0], HOVER.roll(flight.time), atol=1e-9)
+    with pytest.raises(ValueError, match="segment"):
+        align(Signals(telemetry), Segment(boot=3, start=0.0, end=9.0))
 
 
 def test_a_uniform_source_keeps_its_samples():
@@ -296,11 +288,6 @@ def test_lost_messages_and_jitter_part_nothing():
         found = settled_segments(Signals(HOVER.telemetry(stamps, HOVER.stamps(50.0))))
         assert sum(segment.duration for segment in found) > 39
         assert len(found) <= 1 + np.count_nonzero(np.diff(stamps) > MAX_GAP_SECONDS)
-
-
-def test_a_segment_of_another_flight_is_refused():
-    with pytest.raises(ValueError, match="segment"):
-        align(Signals(HOVER.telemetry()), Segment(boot=3, start=0.0, end=9.0))
 
 
 @pytest.mark.parametrize(

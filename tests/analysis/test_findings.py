@@ -1,7 +1,5 @@
 """Findings: a bad result never looks good, and each limit holds at its edge."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

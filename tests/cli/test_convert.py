@@ -1,7 +1,5 @@
 """``mavdem convert``: what comes out is what went in, and nothing is overwritten that should not be."""
 
-from __future__ import annotations
-
 import csv
 import json
 import signal

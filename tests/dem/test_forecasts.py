@@ -152,6 +152,7 @@ def test_every_so_many_samples_a_prediction_begins_anew(learned):
         learned.predict_band(0)
 
 
+@pytest.mark.slow
 def test_it_is_better_than_the_last_sample_and_the_mean_at_every_horizon():
     errors = {steps: [] for steps in (1, 5, 10, 25, 50, 150)}
     for seed in range(6):

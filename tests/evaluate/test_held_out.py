@@ -19,6 +19,7 @@ def held_out():
     return held_out_windows([FLIGHT], QUICK, STEPS)
 
 
+@pytest.mark.slow
 def test_every_sample_after_the_first_windows_is_held_out_once(held_out):
     time = held_out.time.ravel()
     assert len(np.unique(time)) == len(time) and (np.diff(time) > 0).all()

@@ -1,8 +1,5 @@
 """Flights as pandas and xarray objects, and models as systems of python-control."""
 
-from __future__ import annotations
-
-import sys
 from pathlib import Path
 
 import control
@@ -70,10 +67,3 @@ def test_hidden_states_and_arrays_without_names_are_numbered():
     system = learned.to_control()
     assert system.state_labels == ["output_1", "output_2", "hidden_1"]
     assert system.input_labels[-1] == "input_4"
-
-
-@pytest.mark.parametrize(("library", "method"), [("pandas", "to_pandas"), ("xarray", "to_xarray")])
-def test_a_library_that_is_not_installed_is_named_with_the_command(library, method, flight, monkeypatch):
-    monkeypatch.setitem(sys.modules, library, None)
-    with pytest.raises(ImportError, match=rf"Flight.{method}\(\) needs {library}: pip install 'mavdem\[{library}\]'\."):
-        getattr(flight, method)()

@@ -1,7 +1,5 @@
 """The details of a learnt flight: the model as textbooks print it, and how it was learnt."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -31,7 +29,7 @@ TRAIN, TEST = FLIGHT[:400], FLIGHT[400:]
 
 
 @pytest.fixture(scope="module")
-def learned() -> mavdem.Learned:
+def learned():
     return mavdem.learn(TRAIN, mavdem.Settings(window=9, parameter_precision=1.0))
 
 
@@ -52,6 +50,7 @@ def words(blocks: list[Block]) -> str:
     return "\n".join(f"{block.lead} {block.text}" for block in blocks if isinstance(block, Sentence))
 
 
+@pytest.mark.slow
 def test_the_model_can_be_used_from_what_is_reported(learned):
     tables = {block.header[0]: block for block in told(learned) if isinstance(block, Table)}
     assert tables["A"].header == ["A", "roll", "roll rate", "hidden 1"]

@@ -1,7 +1,5 @@
 """Figures: drawn in the palette's colours, in degrees, with legends beside the data; and the numbers behind them."""
 
-from __future__ import annotations
-
 import re
 import sys
 from dataclasses import replace
@@ -153,6 +151,7 @@ def test_a_correlation_is_found_at_its_lag():
     assert np.abs(np.delete(values, 7)).max() < 0.06
 
 
+@pytest.mark.slow
 def test_a_command_is_the_difference_of_the_motors_of_unknown_geometry_by_effects_and_a_demand_itself(learned, flight):
     command, up = AxisCommand.of(learned), flight.effect_directions > 0
     difference = flight.inputs[:, up].mean(axis=1) - flight.inputs[:, ~up].mean(axis=1)

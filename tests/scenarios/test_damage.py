@@ -39,6 +39,7 @@ def hovering(motion, begin, end):
     return motion.outputs[(motion.time > begin) & (motion.time < end)].mean(0)
 
 
+@pytest.mark.slow
 def test_hover_balances_again(broken):
     _, scenario, motion = broken
     [(start, condition)] = damages(scenario)
@@ -67,6 +68,7 @@ def test_the_truth_says_what_is_left_and_since_when(broken):
     np.testing.assert_allclose(known["roll_effect_weak"] / known["roll_effect"], expected * speeds, rtol=0.02)
 
 
+@pytest.mark.slow
 def test_an_unbalanced_propeller_shakes_gyro_and_accelerometer():
     propeller = Propeller(motor=2, start=18.0, thrust=0.9, torque=0.88, unbalance=20.0)
     scenario = Scenario(duration=40.0, sensors=QUIET, propeller=propeller)

@@ -1,7 +1,5 @@
 """What is said of a flight is read back as it was, by mavdem's own reader and by pymavlink, field by field."""
 
-from __future__ import annotations
-
 import io
 from collections import Counter
 
@@ -115,6 +113,7 @@ def test_setpoints_and_sticks_come_when_they_are_asked_for(autopilot, version, t
     assert not set(rates) & set(plain)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("version", [1, 2])
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 def test_pymavlink_reads_every_frame(autopilot, version, tmp_path):

@@ -6,14 +6,13 @@ oldest, and Rerun is called from the sinks' threads only.
 
 from __future__ import annotations
 
-import atexit
+import threading
 import time as wall
 from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from itertools import groupby
 from math import inf, isfinite
-from threading import Event, Lock, Thread
 from uuid import UUID, uuid4
 
 import numpy as np
@@ -21,47 +20,42 @@ import rerun as rr
 from numpy.typing import ArrayLike
 
 from mavdem.dem import Estimate, Learned
-from mavdem.health.explanations import lost_thrust
-from mavdem.live import SessionStatus
-from mavdem.view.live.blueprint import figures, live_blueprint, status_document
-from mavdem.view.live.content import Channels, LiveWriter, LogLine, ViewRow
+from mavdem.live import Event, SessionStatus
+from mavdem.view.live_content import Channels, LiveWriter, ViewRow, figures, log, status_document
 from mavdem.view.plots import BOOT_CLOCK, utf8
 from mavdem.view.viewer import Sink
 
 CLOSE_SECONDS = 3.0  # how long ``close`` waits for slow sinks
-REBOOT_SECONDS = 2.0  # a clock that falls by more has been restarted; log lines may be a little older
-REBOOT_GAP_SECONDS = 1.0  # shown between the last row before a reboot and the first after it
-MAX_ROWS = 8192  # rows that wait for a sink: 20 s at 400 Hz, about 20 MB
-MAX_LINES = 1000  # log lines that wait for a sink
-STATUS_SECONDS = 1.0  # between two status documents
-RETRY_SECONDS = 1.0  # between two attempts to reach a viewer
+MAX_ROWS, MAX_LINES = 8192, 1000  # that wait for a sink: rows of 20 s at 400 Hz, about 20 MB, and log lines
+STATUS_SECONDS, RETRY_SECONDS = 1.0, 1.0  # between two status documents, and two attempts to reach a viewer
 FLUSH_SECONDS = 5.0  # time limit for sending a batch; a slower one is still under way
 
 
 class SinkThread:
     """Sends rows, log lines and the status to a sink, a few times a second; one that cannot be opened gets nothing."""
 
-    def __init__(self, sink: Sink, channels: Channels, recording_id: UUID) -> None:
-        self.sink, self._channels, self._id = sink, channels, recording_id
+    def __init__(self, sink: Sink, recording_id: UUID) -> None:
+        self.sink, self._id = sink, recording_id
         self._rows: deque[ViewRow] = deque(maxlen=MAX_ROWS)
-        self._lines: deque[LogLine] = deque(maxlen=MAX_LINES)
-        self._lock = Lock()  # held for an append or a swap only
+        self._lines: deque[Event] = deque(maxlen=MAX_LINES)
+        self._lock = threading.Lock()  # held for an append or a swap only
         self.dropped = 0  # rows
         self.status = SessionStatus()
         self.trouble = ""  # why nothing arrives, one sentence
-        self._writer = LiveWriter(channels)
+        self._channels: Channels | None = None  # that the recording shows
+        self._writer: LiveWriter | None = None
         self._recording: rr.RecordingStream | None = None
         self._last: ViewRow | None = None
         self._until: float | None = None  # time of the last sample that the latest model was trained on, s
         self._reported_drops, self._next_status, self._next_try = 0, 0.0, 0.0
-        self.closing = Event()  # when it is set, the rest is sent
-        self._thread = Thread(target=self._run, name=f"to {sink.name}", daemon=True)
+        self.closing = threading.Event()  # when it is set, the rest is sent
+        self._thread = threading.Thread(target=self._run, name=f"to {sink.name}", daemon=True)
         self._thread.start()
 
-    def put(self, item: ViewRow | LogLine) -> None:
+    def put(self, item: ViewRow | Event) -> None:
         """Adds a row or a log line; drops the oldest if too many wait."""
         with self._lock:
-            if isinstance(item, LogLine):
+            if isinstance(item, Event):
                 self._lines.append(item)
             else:
                 self.dropped += len(self._rows) == self._rows.maxlen
@@ -77,10 +71,9 @@ class SinkThread:
     def _run(self) -> None:
         ending = False
         while not ending:
-            # At once, since Rerun takes a third of a second the first time, in which the caller receives samples.
-            self._attempt(self._open)
             ending = self.closing.wait(self.sink.period)
             self._next_status *= not ending
+            self._attempt(self._open)
             self._attempt(self._send)
         if self._recording is not None:
             self._recording.disconnect()
@@ -101,10 +94,10 @@ class SinkThread:
                 with suppress(OSError):
                     self.sink.delivered(arrived=False)
         except Exception as error:  # a row that cannot be drawn ends neither the view nor the flight
-            self.put(LogLine(self._last.time if self._last else 0.0, "ERROR", f"not drawn: {error}"))
+            self.put(Event(self._last.time if self._last else 0.0, f"not drawn: {error}", "ERROR"))
 
     def _open(self) -> None:
-        if self._recording is not None or wall.monotonic() < self._next_try:
+        if self._recording is not None or not self._rows or wall.monotonic() < self._next_try:
             return
         self._next_try = wall.monotonic() + RETRY_SECONDS if self.sink.retried else inf
         recording = rr.RecordingStream("mavdem", recording_id=self._id)
@@ -113,20 +106,7 @@ class SinkThread:
         if not self.sink.open(recording):
             self.trouble = f"there is no viewer at {self.sink.name}"
             return
-        self._recording = recording
-        recording.send_recording_name(self._channels.title)
-        self._begin(recording)
-        self._deliver(recording)
-
-    def _deliver(self, recording: rr.RecordingStream) -> None:
-        recording.flush(timeout_sec=FLUSH_SECONDS)
-        self.sink.delivered()
-        self.trouble = ""
-
-    def _begin(self, recording: rr.RecordingStream) -> None:
-        """Sends the styles and the layout of the channels."""
-        self._writer.begin(recording)
-        recording.send_blueprint(live_blueprint(self._channels))
+        self._recording, self._channels = recording, None
 
     def _send(self) -> None:
         if (recording := self._recording) is None:
@@ -136,26 +116,28 @@ class SinkThread:
             self._rows.clear()
             self._lines.clear()
         for channels, batch in groupby(rows, key=lambda row: row.channels):
-            if channels != self._channels:
+            if self._writer is None or channels != self._channels:
                 self._channels, self._writer = channels, LiveWriter(channels)
-                self._begin(recording)
+                self._writer.begin(recording)
             same = list(batch)
             self._last = same[-1]
             models = (row.estimate.until for row in reversed(same) if row.estimate and row.estimate.model)
             self._until = next(models, self._until)
             self._writer.rows(recording, same)
         for line in lines:
-            line.send(recording)
+            log(recording, *line)
         if self._last is not None and wall.monotonic() >= self._next_status:
             self._next_status = wall.monotonic() + STATUS_SECONDS
             self._send_status(recording, self._last)
-        self._deliver(recording)
+        recording.flush(timeout_sec=FLUSH_SECONDS)
+        self.sink.delivered()
+        self.trouble = ""
 
     def _send_status(self, recording: rr.RecordingStream, last: ViewRow) -> None:
         if new := self.dropped - self._reported_drops:
-            LogLine(last.time, "WARN", f"{new} rows are not shown here: this view is too slow").send(recording)
+            log(recording, last.time, f"{new} rows are not shown here: this view is too slow", "WARN")
             self._reported_drops += new
-        about = self._channels, self.status, last, self._until
+        about = last.channels, self.status, last, self._until
         documents = {f"figures/{i}": text for i, text in enumerate(figures(*about))}
         recording.set_time(BOOT_CLOCK, duration=last.time)
         for path, text in {**documents, "status": status_document(*about)}.items():
@@ -163,29 +145,25 @@ class SinkThread:
 
 
 class LiveView:
-    """Takes rows from the learning thread, log lines and statuses from any thread; never makes one wait.
+    """Takes rows, log lines and statuses of a live flight; never makes their giver wait.
 
-    It opens its sinks without waiting; ``troubles`` reports those that cannot be written. Without :meth:`close` it is
-    closed when Python ends.
+    It opens its sinks with the first row; ``troubles`` reports those that cannot be written.
     """
 
-    def __init__(self, channels: Channels, sinks: Sequence[Sink]) -> None:
-        self._lock = Lock()
-        self._shift, self._latest = 0.0, -inf  # timeline minus boot clock, and the latest time on the timeline, s
-        self._channels, self._closed, self._marked = channels, False, 0  # alarms that are marked
+    def __init__(self, sinks: Sequence[Sink]) -> None:
+        self._channels: Channels | None = None
+        self._closed = False
         recording_id = uuid4()
-        self._threads = [SinkThread(sink, channels, recording_id) for sink in sinks]
-        atexit.register(self.close)
+        self._threads = [SinkThread(sink, recording_id) for sink in sinks]
 
     def change(self, channels: Channels) -> None:
-        """Sets the ``channels`` of the rows from now on."""
-        if channels != self._channels:
-            self._channels = channels
-            self.log("other channels are shown from here on")
+        """Sets the ``channels`` of the rows from now on; once at least before the first row."""
+        self._channels = channels
 
     def put(
         self,
         time: float,
+        shift: float,
         segment: int,
         outputs: ArrayLike,
         inputs: ArrayLike,
@@ -194,58 +172,26 @@ class LiveView:
     ) -> None:
         """Shows a row of ``outputs`` (m,) and ``inputs`` (r,) at ``time``, s of the boot clock; takes microseconds.
 
-        The number of the ``segment`` changes where samples are missing or the vehicle rebooted. ``estimate`` is of this
-        sample; ``learned`` is the learner's last batch result, which contains the prior.
+        The timeline is ``shift`` s after that clock, so that flights of two boots do not overlap. The number of the
+        ``segment`` changes where samples are missing or the vehicle rebooted. ``estimate`` is of this sample;
+        ``learned`` is the learner's last batch result, which contains the prior.
         """
-        if self._closed:
+        if self._closed or self._channels is None:
             return
-        shown, shift = self._place(time)
         # Copies, since callers may reuse their arrays.
         y, u = np.array(outputs, np.float64), np.array(inputs, np.float64)
-        row = ViewRow(shown, shift, segment, y, u, estimate, learned, self._channels)
+        row = ViewRow(time + shift, shift, segment, y, u, estimate, learned, self._channels)
         for thread in self._threads:
             thread.put(row)
 
-    def log(self, text: str, level: str = "INFO", time: float | None = None) -> None:
-        """Shows one sentence, ``text``, in the log, with a ``level`` of "INFO", "WARN" or "ERROR".
-
-        Its ``time``, s of the boot clock, is that of the latest row by default.
-        """
-        if not self._closed:
-            self._log(self._place(time)[0], level, text)
-
-    def _place(self, time: float | None) -> tuple[float, float]:
-        """The place of a boot-clock time on the timeline, and the shift, s; the latest one for ``None`` and NaN.
-
-        The timeline continues after a reboot: flights do not overlap.
-        """
-        with self._lock:
-            if time is None or not isfinite(time):
-                return max(self._latest, 0.0), self._shift
-            rebooted = time + self._shift < self._latest - REBOOT_SECONDS
-            if rebooted:
-                self._shift = self._latest + REBOOT_GAP_SECONDS - time
-            shown, shift = time + self._shift, self._shift
-            self._latest = max(self._latest, shown)
-        if rebooted:
-            self._log(shown, "WARN", f"rebooted: {time:.1f} s is shown as {shown:.1f} s")
-        return shown, shift
-
-    def _log(self, shown: float, level: str, text: str) -> None:
-        for thread in self._threads:
-            thread.put(LogLine(shown, level, utf8(text)))
+    def log(self, event: Event) -> None:
+        """Shows an event in the log, at its time of the timeline."""
+        time = event.seconds if isfinite(event.seconds) else 0.0
+        for thread in () if self._closed else self._threads:
+            thread.put(event._replace(seconds=time, sentence=utf8(event.sentence)))
 
     def status(self, status: SessionStatus) -> None:
         """Shows the latest ``status``, once a second."""
-        new = min(status.alarm_count - self._marked, len(status.alarms))
-        for alarm in status.alarms[len(status.alarms) - new :]:
-            with self._lock:
-                began = alarm.since + self._shift
-            what = "the steady torque in roll and pitch is another from here on"
-            if alarm.name:
-                what = f"{alarm.name} lost about {lost_thrust(alarm.size):.0%} of its thrust (motor or propeller)"
-            self._log(began, "WARN", what)
-        self._marked = status.alarm_count
         for thread in self._threads:
             thread.status = status
 
@@ -259,13 +205,11 @@ class LiveView:
         if self._closed:
             return
         self._closed = True
-        atexit.unregister(self.close)
         for thread in self._threads:
             thread.closing.set()
         deadline = wall.monotonic() + CLOSE_SECONDS
-        ended = [thread.ended(max(0.0, deadline - wall.monotonic())) for thread in self._threads]
-        if not all(ended):
-            # Otherwise Rerun waits for the hanging viewer when Python ends.
-            rr.unregister_shutdown()
         for thread in self._threads:
+            if not thread.ended(max(0.0, deadline - wall.monotonic())):
+                # Otherwise Rerun waits for the hanging viewer when Python ends.
+                rr.unregister_shutdown()
             thread.sink.close()
