@@ -334,6 +334,7 @@ def test_a_format_is_laid_out_once_however_often_it_is_subscribed_to(tmp_path, f
     assert perf_counter() - began < 10
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fields", ["uint8_t[9999] x0;uint8_t[9999] x1;uint8_t[9999] x2;", ""])
 def test_topics_of_more_values_than_there_can_be_are_left_out(tmp_path, fields):
     """A few kilobytes could ask for gigabytes: each value of each subscription is a column."""

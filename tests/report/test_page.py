@@ -105,6 +105,7 @@ def test_the_same_result_makes_the_same_bytes_small_though_its_lines_are_long(pa
     assert len(pages[0]) < 250_000
 
 
+@pytest.mark.slow
 def test_tags_close_in_order_ids_are_unique_and_nothing_is_fetched_or_run(pages):
     seen = Balanced(pages[0])
     assert len(seen.ids) == len(set(seen.ids)) and {"svg", "table", "details"} <= set(seen.seen)
