@@ -146,7 +146,7 @@ def _motors_in(telemetry: Telemetry, message: str) -> Motors | Obstacle:
     if not len(whole.time):
         return f"{name} has no message with finite outputs of all motors.", "Check what wrote the log."
     # Of the values as sent: interpolated ones fall between the steps of the stream.
-    scale = output_scale(np.concatenate(sent), telemetry.parameters)
+    scale = output_scale(np.concatenate(sent), telemetry.parameters, plan.drivers)
     left_out = signal.left_out + whole.left_out
     return Motors(message, whole.time, whole.boot, whole.values, plan, scale, signal.sent, left_out)
 
