@@ -214,7 +214,7 @@ def live_command(
         has_page = html is not None and _written(html, page, "page")
         broken = dashboard.file is not None and dashboard.file.broken
         kept = dashboard.file is not None and dashboard.file.complete > 0
-        if rrd is not None and not kept and not broken:
+        if dashboard.file is not None and not kept and not broken:
             say_aside(f"There was nothing to show, so {rrd} was not written.")
         if as_json:
             figures = {

@@ -33,11 +33,8 @@ from mavdem.live.messages import Values
 from mavdem.live.rows import Samples
 
 REPORTED = ("armed", "landed_state")
-TOUCHDOWN_SHARE, TOUCHDOWN_SECONDS = 0.5, 0.2
-"""Of the collective in flight, and over how long: in the air a multirotor carries its weight, on the ground it idles at
-a third."""
-MAX_ROWS = 512  # Of each stream of outputs that are looked back on
-MAX_REPORTS = 4096  # Of each kind of what shows the phase
+TOUCHDOWN_SHARE, TOUCHDOWN_SECONDS = 0.5, 0.2  # Of the collective in flight: on the ground it idles at a third
+MAX_ROWS, MAX_REPORTS = 512, 4096  # Of each stream of outputs, and of each kind of what shows the phase
 
 
 @dataclass(frozen=True, eq=False)

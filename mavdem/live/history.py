@@ -29,12 +29,10 @@ ACCOUNT = {
     "silent": "without a message",
     "link_lost": "with the link lost",
     "no_vehicle": "without a vehicle",
-}
-"""What the seconds of a session are accounted for as."""
+}  # What the seconds of a session are accounted for as
 AHEAD = 0.25  # s; how well the model predicts so far ahead is reported
 HORIZONS = 0.05, 0.1, AHEAD, 0.5  # s; of a live session's predictions, besides one step
-MAX_ROWS = 100_000
-"""Rows kept of the lines; when there are more, every second one is dropped, and from then on every second one kept."""
+MAX_ROWS = 100_000  # Of the lines; when there are more, every second one is dropped, and from then on not kept
 REBOOT_GAP_SECONDS = 1.0  # Shown between the last time before a reboot and the first after it
 SETTLED_GAP = 1.0  # s between two learned samples from which on they belong to different parts of the flight
 SAME_TIME = 1e-6  # s between a prediction and the row it is of, at most

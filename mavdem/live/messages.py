@@ -36,8 +36,7 @@ FIELDS: dict[str, tuple[str, ...]] = {
     "ACTUATOR_OUTPUT_STATUS": ("actuator",),
     "HIL_ACTUATOR_CONTROLS": ("controls",),
     DEMAND_MESSAGE: ("group_mlx", "controls"),
-} | {message: (field,) for message, (field, _) in CLIMB_FIELDS.items()}
-"""The messages that a model needs and their fields."""
+} | {message: (field,) for message, (field, _) in CLIMB_FIELDS.items()}  # of the messages that a model needs
 
 
 class Frame(NamedTuple):

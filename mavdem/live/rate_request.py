@@ -18,9 +18,7 @@ from mavdem.ingest.vocabulary import ACTIVE
 from mavdem.live.messages import Message
 
 GROUND_STATION = FrameSender(255, 190)  # The usual ids of ground stations; 190 is MAV_COMP_ID_MISSIONPLANNER
-GREETER = FrameSender(254, 190)
-"""Sends the HEARTBEATs. When those of 255, the usual ground station, end, autopilots assume a lost link and may fly
-home."""
+GREETER = FrameSender(254, 190)  # Of HEARTBEATs: when those of 255 end, autopilots may fly home for a lost link
 GCS, NO_AUTOPILOT, VERSION = 6, 8, 3  # MAV_TYPE_GCS, MAV_AUTOPILOT_INVALID, and the version in every HEARTBEAT
 GET_INTERVAL, SET_INTERVAL = 510, 511  # MAV_CMD_GET_MESSAGE_INTERVAL and _SET_MESSAGE_INTERVAL
 EVERYONE = 0  # Target id of messages to all, and of those without a target

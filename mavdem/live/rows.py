@@ -147,8 +147,7 @@ class BootClock:
         return None
 
     def _hold(self, message: Message) -> list[PlacedMessage]:
-        self._held.append(message)
-        del self._held[: -40 * MIN_RESET_STAMPS]
+        self._held = [*self._held[1 - 40 * MIN_RESET_STAMPS :], message]
         return []
 
 

@@ -31,8 +31,7 @@ from mavdem.live.rows import AlignedRow
 from mavdem.live.stream import LiveStream
 
 STATUS_SECONDS = 1.0  # From one status to the next
-REPEAT_SECONDS = 30.0
-"""In which a sentence is reported once, whatever its numbers: a link at a limit must not fill a terminal."""
+REPEAT_SECONDS = 30.0  # In which a sentence is reported once, whatever its numbers: a link may be at a limit
 MAX_MODELS = 16  # Kept, so that one from before a landing is among them: several times the seconds that are taken back
 LOW_PRIORITY = 10  # Niceness, 0 to 19, of the process that learns
 
@@ -42,10 +41,7 @@ Result = TypeVar("Result")
 
 
 class LearningProcess(Executor):
-    """An executor with one process of low priority.
-
-    If the process is killed, the future of its job raises, and the next job runs in a new process.
-    """
+    """An executor with one process of low priority; if that is killed, the next job runs in a new one."""
 
     def __init__(self) -> None:
         self._exits = ExitStack()
@@ -171,11 +167,7 @@ class LiveSession:
         return dict(self._account)
 
     def final_model(self) -> Learned:
-        """Returns the last model before the last landing; in flight, that of the last samples.
-
-        Raises:
-            ValueError: there is none.
-        """
+        """Returns the last model before the last landing; in flight, that of the last samples; ValueError if none."""
         if self.learner is None:
             raise ValueError("there was no settled flight")
         if not (self._landed and self._models):

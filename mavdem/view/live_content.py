@@ -343,13 +343,9 @@ def status_document(channels: Channels, status: SessionStatus, row: ViewRow, unt
     }
     if isfinite(status.latency[0]):
         facts["latency"] = f"{1000 * status.latency[0]:.0f} ms"
-    if until is None:
-        learning = f"No model yet. {sentence(status.obstacle or TOO_FEW)}"
-    elif row.estimate is None:
-        learning = f"The latest model is kept; the samples now are not settled flight. {sentence(status.obstacle)}"
-    else:
-        ago = max(0.0, row.estimate.time - until)
-        learning = f"The model was learned up to {ago:.1f} s ago. {sentence(status.obstacle)}"
+    ago = "" if until is None else f" up to {max(0.0, row.time - row.shift - until):.1f} s ago"
+    model = f"The model was learned{ago}." if ago else "No model yet."
+    learning = f"{model} {sentence(status.obstacle or ('' if ago else TOO_FEW))}"
     cautions = [f"**Cautions:** {' '.join(row.learned.cautions)}"] if row.learned and row.learned.cautions else []
     table = "\n".join(f"- {name}: {fact}" for name, fact in facts.items())
     return "\n\n".join([f"**{channels.title}**", learning.strip(), table, *cautions, LEGEND])

@@ -49,8 +49,8 @@ class SinkThread:
         self._until: float | None = None  # time of the last sample that the latest model was trained on, s
         self._reported_drops, self._next_status, self._next_try = 0, 0.0, 0.0
         self.closing = threading.Event()  # when it is set, the rest is sent
-        self._thread = threading.Thread(target=self._run, name=f"to {sink.name}", daemon=True)
-        self._thread.start()
+        self.thread = threading.Thread(target=self._run, name=f"to {sink.name}", daemon=True)
+        self.thread.start()
 
     def put(self, item: ViewRow | Event) -> None:
         """Adds a row or a log line; drops the oldest if too many wait."""
@@ -60,13 +60,6 @@ class SinkThread:
             else:
                 self.dropped += len(self._rows) == self._rows.maxlen
                 self._rows.append(item)
-
-    def ended(self, within: float) -> bool:
-        """Returns whether the rest is sent and the sink closed within so many seconds from when ``closing`` is set."""
-        self._thread.join(within)
-        if self._thread.is_alive():
-            self.trouble = f"{self.sink.name} does not respond; the last rows may be missing"
-        return not self._thread.is_alive()
 
     def _run(self) -> None:
         ending = False
@@ -208,8 +201,9 @@ class LiveView:
         for thread in self._threads:
             thread.closing.set()
         deadline = wall.monotonic() + CLOSE_SECONDS
-        for thread in self._threads:
-            if not thread.ended(max(0.0, deadline - wall.monotonic())):
-                # Otherwise Rerun waits for the hanging viewer when Python ends.
-                rr.unregister_shutdown()
-            thread.sink.close()
+        for each in self._threads:
+            each.thread.join(max(0.0, deadline - wall.monotonic()))
+            if each.thread.is_alive():
+                each.trouble = f"{each.sink.name} does not respond; the last rows may be missing"
+                rr.unregister_shutdown()  # otherwise Rerun waits for the hanging viewer when Python ends
+            each.sink.close()
