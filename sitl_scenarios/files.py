@@ -20,7 +20,9 @@ from sitl_scenarios.scenario import Excitation, Moment, Scenario, Wind, place, s
 
 MAX_LISTED = 5  # Problems that are listed one by one: the others often follow from them
 KINDS: Mapping[str, Mapping[str, type[BaseModel]]] = {
-    section: {get_args(model.model_fields["kind"].annotation)[0]: model for model in get_args(get_args(union)[0])}
+    section: {
+        kind: one for one in get_args(get_args(union)[0]) for kind in get_args(one.model_fields["kind"].annotation)
+    }
     for section, union in (("wind", Wind), ("excitation", Excitation))
 }
 """Of the sections that have a ``kind``."""
@@ -31,10 +33,12 @@ def _did_you_mean(given: str, known: Iterable[str]) -> str:
     return f" (did you mean {near[0]!r}?)" if near else ""
 
 
-def _sentence(detail: Any, table: Mapping[str, Any]) -> str:
+def _sentence(detail: Any) -> str:
     """What pydantic found in one place."""
     where, given, kind = detail["loc"], detail.get("input"), detail["type"]
-    words = _words(where, table)
+    # The keys in the file: pydantic's place without the name of the kind that it went through.
+    at = 2 if where[:1] == ("wind",) else 1
+    words = [word for i, word in enumerate(where) if i != at or word not in KINDS.get(where[0], ())]
     key, context = place(words) if words else "it", detail.get("ctx", {})
     if kind == "value_error":
         return str(context["error"])
@@ -63,17 +67,6 @@ def _sentence(detail: Any, table: Mapping[str, Any]) -> str:
 
 def _shown(given: Any) -> str:
     return shortened(json.dumps(given))
-
-
-def _words(where: Sequence[int | str], table: Any) -> list[int | str]:
-    """The keys in the file: pydantic's place without the names of the kinds that it went through."""
-    words: list[int | str] = []
-    for position, word in enumerate(where):
-        inside = isinstance(table, dict) and word in table or isinstance(table, list) and isinstance(word, int)
-        if inside or position == len(where) - 1:
-            words.append(word)
-            table = table[word] if inside else None
-    return words
 
 
 def _section(where: Sequence[int | str]) -> tuple[str, list[str]]:
@@ -158,7 +151,7 @@ def scenario_of(table: dict[str, Any]) -> Scenario:
         # By way of JSON, in whose arrays pydantic takes the tuples that it would refuse to take in Python's lists.
         scenario = Scenario.model_validate_json(json.dumps(table, default=str))
     except ValidationError as error:
-        wrong = list(dict.fromkeys(shortened(_sentence(detail, table), 300) for detail in error.errors()))
+        wrong = list(dict.fromkeys(shortened(_sentence(detail), 300) for detail in error.errors()))
         more = [f"and {len(wrong) - MAX_LISTED} more"] if len(wrong) > MAX_LISTED else []
         raise ValueError("; ".join([*wrong[:MAX_LISTED], *more])) from None
     except RecursionError:

@@ -69,12 +69,7 @@ class Holding:
         self._since: float | None = None
         self._phase = ON_GROUND
         self._rows = self._limited = 0
-        self.farthest = 0.0
-
-    @property
-    def at_limit(self) -> float:
-        """See the class."""
-        return self._limited / self._rows if self._rows else 0.0
+        self.farthest = self.at_limit = 0.0
 
     def add(self, motion: Motion) -> None:
         """The next rows."""
@@ -82,6 +77,7 @@ class Holding:
         limited = (motion.outputs >= 2000.0) | (motion.outputs <= 1000.0 + 1000.0 * IDLE_COMMAND)
         self._rows += int(np.count_nonzero(flying))
         self._limited += int(np.count_nonzero(limited[flying].any(axis=1)))
+        self.at_limit = self._limited / max(self._rows, 1)
         north, east, down = motion.position.T
         off = np.sqrt(north**2 + (east - np.clip(east, 0.0, self._aside)) ** 2 + (down + self._height) ** 2)
         rows = zip(motion.time.tolist(), motion.landed_state.tolist(), motion.armed.tolist(), off.tolist(), strict=True)

@@ -58,12 +58,9 @@ Millimetres = Annotated[float, Field(ge=-100, le=100)]
 class Propeller(Section):
     """A propeller that chips in flight: it gives less thrust, takes less torque, and shakes the vehicle."""
 
-    motor: Annotated[int, Field(ge=0, le=4)] = 0
-    """Motor that turns it, counted from 1 as the autopilot does; 0: none."""
-    start: NotNegative = 0.0
-    """Seconds into the flight at which it chips."""
-    thrust: Left = 0.85
-    """Share of its thrust that is left, at the same speed."""
+    motor: int = Field(0, ge=0, le=4, description="Motor that turns it, counted from 1 as the autopilot does; 0: none")
+    start: NotNegative = Field(0.0, description="Seconds into the flight at which it chips")
+    thrust: Left = Field(0.85, description="Share of its thrust that is left, at the same speed")
     torque: Left = 0.82
     """Share of its torque that is left; where blades get shorter, thrust goes with R⁴ and torque with R⁵."""
     unbalance: Annotated[float, Field(ge=0, le=1000)] = 20.0
@@ -73,12 +70,9 @@ class Propeller(Section):
 class Load(Section):
     """A load that shifts in flight, and the vehicle's centre of mass with it."""
 
-    start: NotNegative = 0.0
-    """Seconds into the flight at which it shifts."""
-    forward: Millimetres = 0.0
-    """How far the centre of mass moves forward, mm; back where negative."""
-    right: Millimetres = 0.0
-    """How far it moves to the right, mm; to the left where negative."""
+    start: NotNegative = Field(0.0, description="Seconds into the flight at which it shifts")
+    forward: Millimetres = Field(0.0, description="How far the centre of mass moves forward, mm; back where negative")
+    right: Millimetres = Field(0.0, description="How far it moves to the right, mm; to the left where negative")
 
 
 MAX_WINDS = 16  # Winds, and moments, that are summed
@@ -89,7 +83,7 @@ Angle = Annotated[float, Field(gt=0, le=30)]  # Degrees of roll or pitch, degree
 Frequency = Annotated[float, Field(gt=0, le=200)]  # Hz: half of the greatest rate of a stream
 Speed = Annotated[float, Field(ge=0, le=60)]  # Of wind, m/s: no hurricane's mean is greater
 
-Direction = Annotated[float, Field(ge=-360, le=360)]
+Direction = Annotated[float, Field(ge=-360, le=360, description="It comes from, degrees clockwise from north")]
 
 
 def towards(direction: float) -> NDArray[np.float64]:
@@ -97,10 +91,9 @@ def towards(direction: float) -> NDArray[np.float64]:
     return np.array([-cos(radians(direction)), -sin(radians(direction)), 0.0])
 
 
-Lag = Annotated[float, Field(ge=0, le=1)]  # Of a rotor's speed, s
-
 _OrInf = BeforeValidator(lambda given: None if given == inf else given)
 """Beside None, the time that never comes: TOML has no word for None, JSON none for infinity."""
+Lag = Annotated[Annotated[float, Field(ge=0, le=1)] | None, _OrInf]  # Of a rotor's speed, s
 
 
 SENSORS, WIND, MOMENT, STICKS = range(4)
@@ -110,10 +103,8 @@ SENSORS, WIND, MOMENT, STICKS = range(4)
 class VehicleSpec(Section):
     """The vehicle."""
 
-    model: Literal["ardrone2", "iris", "crazyflie"] = "iris"
-    """AR.Drone 2.0, 3DR Iris or Crazyflie 2."""
-    frame: Literal["x", "plus"] = "x"
-    """Where the rotors are."""
+    model: Literal["ardrone2", "iris", "crazyflie"] = Field("iris", description="AR.Drone 2.0, 3DR Iris or Crazyflie 2")
+    frame: Literal["x", "plus"] = Field("x", description="Where the rotors are")
     battery_sag: Annotated[float, Field(ge=0, lt=0.5)] = 0.0
     """Share of the voltage, and of the rotors' speed, that the battery loses from the flight's beginning to its end."""
     battery_load: Annotated[float, Field(ge=0, le=0.1)] = 0.0
@@ -122,77 +113,52 @@ class VehicleSpec(Section):
     """Whether rotors in wind drag the vehicle along and tilt it; if not, its hull still does."""
     quadratic_thrust: Annotated[Share | None, _OrInf] = None
     """Share of the thrust that is quadratic in the command, the rest linear; inf: rotor speed linear in it."""
-    lag_up: Annotated[Lag | None, _OrInf] = None
-    """Time constant of a rotor that speeds up, s; inf: as published."""
-    lag_down: Annotated[Lag | None, _OrInf] = None
-    """Time constant of a rotor that slows down, s; inf: as published."""
+    lag_up: Lag = Field(None, description="Time constant of a rotor that speeds up, s; inf: as published")
+    lag_down: Lag = Field(None, description="Time constant of a rotor that slows down, s; inf: as published")
     inertia_scale: Annotated[float, Field(ge=0.1, le=10)] = 1.0
     """Multiple of the published moments of inertia; the autopilot is tuned for it."""
     weak_motor: Annotated[int, Field(ge=0, le=4)] = 0
     """Motor, counted from 1 as the autopilot does, that loses thrust; 0: none."""
-    weak_from: NotNegative = 0.0
-    """Seconds into the flight from which it is weak."""
-    weak_thrust: Annotated[float, Field(gt=0, le=1)] = 0.65
-    """Share of its thrust that is left."""
+    weak_from: NotNegative = Field(0.0, description="Seconds into the flight from which it is weak")
+    weak_thrust: float = Field(0.65, gt=0, le=1, description="Share of its thrust that is left")
 
 
 class SteadyWind(Section):
     """Wind that never changes."""
 
     kind: Literal["steady"]
-    speed: Speed
-    """Of the wind, m/s."""
+    speed: Speed = Field(description="Of the wind, m/s")
     direction: Direction = 90.0
-    """It comes from, degrees clockwise from north."""
 
 
 class GaussianWind(Section):
     """The paper's noise: white noise through a Gaussian kernel; the autocorrelation is exp(−τ²/4s²)."""
 
     kind: Literal["gaussian"]
-    sd: Annotated[float, Field(ge=0, le=20)]
-    """Standard deviation along each axis, m/s."""
-    s: Kernel
-    """Standard deviation of the kernel, s."""
+    sd: float = Field(ge=0, le=20, description="Standard deviation along each axis, m/s")
+    s: Kernel = Field(description="Standard deviation of the kernel, s")
 
 
 class TurbulentWind(Section):
-    """Turbulence at low altitude about a mean wind (MIL-F-8785C).
+    """Turbulence of the Dryden or the von Kármán spectra at low altitude (MIL-F-8785C) about a mean wind.
 
     The military grades of ``wind_at_20_feet`` are 7.7, 15.4 and 23.2 (15, 30 and 45 kt: light, moderate and severe).
     """
 
-    kind: str
-    speed: Speed
-    """Of the mean wind, m/s, which counts as wind too."""
+    kind: Literal["dryden", "von_karman"]
+    speed: Speed = Field(description="Of the mean wind, m/s, which counts as wind too")
     direction: Direction = 90.0
-    """The mean wind comes from, degrees clockwise from north."""
     wind_at_20_feet: Speed = 7.7
     """What the intensity follows from, m/s: 7.7 is light, 15.4 moderate, 23.2 severe."""
-
-
-class DrydenWind(TurbulentWind):
-    """Turbulence of the Dryden spectra at low altitude (MIL-F-8785C) about a mean wind."""
-
-    kind: Literal["dryden"]
-
-
-class VonKarmanWind(TurbulentWind):
-    """Turbulence of the von Kármán spectra; keys as of ``DrydenWind``."""
-
-    kind: Literal["von_karman"]
 
 
 class Gust(Section):
     """A 1-cosine gust (MIL-F-8785C)."""
 
     kind: Literal["gust"]
-    start: NotNegative
-    """Seconds into the flight."""
-    speed: Speed
-    """Its greatest, m/s."""
+    start: NotNegative = Field(description="Seconds into the flight")
+    speed: Speed = Field(description="Its greatest, m/s")
     direction: Direction = 90.0
-    """It comes from, degrees clockwise from north."""
     rise: Annotated[float, Field(ge=1e-3, le=MAX_SECONDS)] = 1.0
     """Seconds from its beginning to its greatest, where it stays."""
     hold: Annotated[NotNegative | None, _OrInf] = 0.0
@@ -203,23 +169,17 @@ class Jet(Section):
     """A blower's jet through the place where the vehicle hovers; entering and leaving its edge colours the wind."""
 
     kind: Literal["jet"]
-    speed: Speed
-    """On the axis where it leaves the blower, m/s."""
+    speed: Speed = Field(description="On the axis where it leaves the blower, m/s")
     direction: Direction = 90.0
-    """It comes from, degrees clockwise from north."""
-    distance: Annotated[float, Field(ge=0.01, le=100)] = 2.0
-    """From the blower to where the vehicle hovers, m."""
-    diameter: Annotated[float, Field(ge=0.01, le=10)] = 0.5
-    """Of the blower's mouth, m."""
-    turbulence: Share = 0.2
-    """Standard deviation of the speed in the jet, as a share of the local mean."""
-    s: Kernel = 0.05
-    """Of the kernel of that turbulence, s, as of a gaussian wind."""
+    distance: float = Field(2.0, ge=0.01, le=100, description="From the blower to where the vehicle hovers, m")
+    diameter: float = Field(0.5, ge=0.01, le=10, description="Of the blower's mouth, m")
+    turbulence: Share = Field(0.2, description="Standard deviation of the speed, as a share of the local mean")
+    s: Kernel = Field(0.05, description="Of the kernel of that turbulence, s, as of a gaussian wind")
     offset: Annotated[float, Field(ge=-100, le=100)] = 0.0
     """Of the jet's axis to the right of where the vehicle hovers, seen along the jet, m."""
 
 
-Wind = Annotated[SteadyWind | GaussianWind | DrydenWind | VonKarmanWind | Gust | Jet, Field(discriminator="kind")]
+Wind = Annotated[SteadyWind | GaussianWind | TurbulentWind | Gust | Jet, Field(discriminator="kind")]
 
 
 Axis = Literal["roll", "pitch", "yaw"]
@@ -229,42 +189,30 @@ AXES: tuple[Axis, ...] = ("roll", "pitch", "yaw")
 class Moment(Section):
     """A coloured moment on the body, whatever the wind."""
 
-    axis: Axis = "roll"
-    """It turns the vehicle about."""
-    sd: Annotated[float, Field(ge=0, le=10)]
-    """Standard deviation, N m."""
-    s: Kernel
-    """Standard deviation of the kernel, s, as of a gaussian wind."""
+    axis: Axis = Field("roll", description="It turns the vehicle about")
+    sd: float = Field(ge=0, le=10, description="Standard deviation, N m")
+    s: Kernel = Field(description="Standard deviation of the kernel, s, as of a gaussian wind")
 
 
 class Doublets(Section):
     """A demand to one side, then to the other, again and again."""
 
     kind: Literal["doublets"]
-    axis: Axis = "roll"
-    """What is asked for: an angle of roll or pitch, or a rate of yaw."""
-    amplitude: Angle = 8.0
-    """Of roll or pitch, degrees; of the yaw rate, degrees/s."""
-    width: Positive = 0.4
-    """Seconds to each side; at most half of the period."""
-    period: Positive = 5.0
-    """Seconds from one to the next."""
+    axis: Axis = Field("roll", description="What is asked for: an angle of roll or pitch, or a rate of yaw")
+    amplitude: Angle = Field(8.0, description="Of roll or pitch, degrees; of the yaw rate, degrees/s")
+    width: Positive = Field(0.4, description="Seconds to each side; at most half of the period")
+    period: Positive = Field(5.0, description="Seconds from one to the next")
 
 
 class Chirp(Section):
     """A sine whose frequency rises, again and again."""
 
     kind: Literal["chirp"]
-    axis: Axis = "roll"
-    """What is asked for: an angle of roll or pitch, or a rate of yaw."""
-    amplitude: Angle = 3.0
-    """Of roll or pitch, degrees; of the yaw rate, degrees/s."""
-    lowest: Frequency = 0.2
-    """Hz, at the beginning."""
-    highest: Frequency = 5.0
-    """Hz, at the end; below half of the stream's rate."""
-    period: Positive = 20.0
-    """Seconds from one to the next."""
+    axis: Axis = Field("roll", description="What is asked for: an angle of roll or pitch, or a rate of yaw")
+    amplitude: Angle = Field(3.0, description="Of roll or pitch, degrees; of the yaw rate, degrees/s")
+    lowest: Frequency = Field(0.2, description="Hz, at the beginning")
+    highest: Frequency = Field(5.0, description="Hz, at the end; below half of the stream's rate")
+    period: Positive = Field(20.0, description="Seconds from one to the next")
 
 
 class Multisine(Section):
@@ -275,22 +223,17 @@ class Multisine(Section):
     """What is asked for: an angle of roll or pitch, a rate of yaw, or all three, with every third sine each."""
     sd: Angle = 2.0
     """Standard deviation of an axis's sines together: of roll and pitch, degrees; of the yaw rate, degrees/s."""
-    lowest: Frequency = 0.2
-    """Hz; at least one turn in a period."""
-    highest: Frequency = 5.0
-    """Hz; below half of the stream's rate."""
-    period: Positive = 20.0
-    """Seconds after which they repeat."""
+    lowest: Frequency = Field(0.2, description="Hz; at least one turn in a period")
+    highest: Frequency = Field(5.0, description="Hz; below half of the stream's rate")
+    period: Positive = Field(20.0, description="Seconds after which they repeat")
 
 
 class Steps(Section):
     """Sideways steps, there and back, again and again."""
 
     kind: Literal["steps"]
-    distance: Annotated[float, Field(gt=0, le=100)] = 2.0
-    """To the right, m."""
-    period: Positive = 6.0
-    """Seconds from one to the next."""
+    distance: float = Field(2.0, gt=0, le=100, description="To the right, m")
+    period: Positive = Field(6.0, description="Seconds from one to the next")
 
 
 class Sticks(Section):
@@ -311,16 +254,11 @@ Excitation = Annotated[Doublets | Chirp | Multisine | Steps | Sticks, Field(disc
 class Sensors(Section):
     """White noise and delay of the autopilot's estimates."""
 
-    rate_sd: Annotated[float, Field(ge=0, le=10)] = 0.005
-    """Standard deviation of each body rate, rad/s."""
-    attitude_sd: Share = 0.001
-    """Standard deviation of roll, pitch and yaw, rad."""
-    position_sd: Annotated[float, Field(ge=0, le=100)] = 0.02
-    """Standard deviation of each coordinate, m."""
-    velocity_sd: Annotated[float, Field(ge=0, le=100)] = 0.02
-    """Standard deviation of each velocity, m/s."""
-    delay: Annotated[float, Field(ge=0, le=0.05)] = 0.004
-    """Seconds from the motion to the motors' command."""
+    rate_sd: float = Field(0.005, ge=0, le=10, description="Standard deviation of each body rate, rad/s")
+    attitude_sd: Share = Field(0.001, description="Standard deviation of roll, pitch and yaw, rad")
+    position_sd: float = Field(0.02, ge=0, le=100, description="Standard deviation of each coordinate, m")
+    velocity_sd: float = Field(0.02, ge=0, le=100, description="Standard deviation of each velocity, m/s")
+    delay: float = Field(0.004, ge=0, le=0.05, description="Seconds from the motion to the motors' command")
 
 
 class StreamSpec(Section):
@@ -334,33 +272,25 @@ class StreamSpec(Section):
     """Hz by the name of a message, instead: {ATTITUDE = 50, SYS_STATUS = 1}; 0: not until it is asked for."""
     only_when_asked: bool = False
     """Whether only HEARTBEAT and what ``rates`` names comes unasked, as where ArduPilot's SRn_ parameters are 0."""
-    system: Annotated[int, Field(ge=1, le=250)] = 1
-    """Its MAVLink system id."""
-    version: Literal[1, 2] = 2
-    """Of MAVLink's frames."""
+    system: int = Field(1, ge=1, le=250, description="Its MAVLink system id")
+    version: Literal[1, 2] = Field(2, description="Of MAVLink's frames")
 
 
 class Faults(Section):
     """What the link does to the stream, by chance."""
 
-    loss: Share = 0.0
-    """Share of the messages that are lost."""
-    delay: Annotated[float, Field(ge=0, le=60)] = 0.0
-    """Seconds that each is late."""
-    jitter: Annotated[float, Field(ge=0, le=60)] = 0.0
-    """Up to so many seconds more."""
-    reordered: Share = 0.0
-    """Share of the messages that are overtaken by the one after."""
+    loss: Share = Field(0.0, description="Share of the messages that are lost")
+    delay: float = Field(0.0, ge=0, le=60, description="Seconds that each is late")
+    jitter: float = Field(0.0, ge=0, le=60, description="Up to so many seconds more")
+    reordered: Share = Field(0.0, description="Share of the messages that are overtaken by the one after")
     reboot: Annotated[Positive | None, _OrInf] = None
     """Seconds into the flight at which the autopilot reboots in flight, clock and rates too; inf: never."""
     outage: Annotated[Positive | None, _OrInf] = None
     """Seconds into the flight at which the link is lost, in both directions; inf: never."""
-    outage_seconds: Positive = 10.0
-    """Seconds until it is back."""
+    outage_seconds: Positive = Field(10.0, description="Seconds until it is back")
     clock_jump: Annotated[Positive | None, _OrInf] = None
     """Seconds into the flight at which the boot clock jumps ahead, as a paused simulator's does; inf: never."""
-    clock_jump_seconds: Positive = 300.0
-    """How far it jumps."""
+    clock_jump_seconds: Positive = Field(300.0, description="How far it jumps")
     mavproxy_rate: Annotated[float, Field(ge=0, le=400)] = 0.0
     """Hz to which another ground station sets all streams every 15 s, as MAVProxy does with 4; 0: there is none."""
 
@@ -368,21 +298,15 @@ class Faults(Section):
 class Scenario(Section):
     """A flight from arming to disarming: climb, hover with the excitation and in the wind given, land."""
 
-    description: str = ""
-    """One sentence about it."""
-    duration: Annotated[float, Field(ge=15, le=MAX_SECONDS)] = 60.0
-    """Seconds from arming to disarming."""
+    description: str = Field("", description="One sentence about it")
+    duration: float = Field(60.0, ge=15, le=MAX_SECONDS, description="Seconds from arming to disarming")
     flights: Annotated[int, Field(ge=1, le=100)] = 1
     """How often it takes off, each time for the duration; faults count from the first."""
-    height: Annotated[float, Field(gt=0.5, le=100)] = 5.0
-    """Of the hover, m."""
-    seed: Annotated[int, Field(ge=0, lt=2**32)] = 0
-    """Random seed."""
+    height: float = Field(5.0, gt=0.5, le=100, description="Of the hover, m")
+    seed: int = Field(0, ge=0, lt=2**32, description="Random seed")
     vehicle: VehicleSpec = VehicleSpec()
-    wind: Annotated[tuple[Wind, ...], Field(max_length=MAX_WINDS)] = ()
-    """Summed."""
-    moments: Annotated[tuple[Moment, ...], Field(max_length=MAX_WINDS)] = ()
-    """Summed."""
+    wind: Annotated[tuple[Wind, ...], Field(max_length=MAX_WINDS)] = Field((), description="Summed")
+    moments: Annotated[tuple[Moment, ...], Field(max_length=MAX_WINDS)] = Field((), description="Summed")
     excitation: Excitation | None = None
     sensors: Sensors = Sensors()
     stream: StreamSpec = StreamSpec()

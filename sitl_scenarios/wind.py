@@ -26,18 +26,7 @@ from scipy.special import gamma, gammainc, kv
 
 from sitl_scenarios.dynamics import AirState, Three, frame
 from sitl_scenarios.motion import Array
-from sitl_scenarios.scenario import (
-    MOMENT,
-    WIND,
-    DrydenWind,
-    GaussianWind,
-    Gust,
-    Jet,
-    Scenario,
-    SteadyWind,
-    TurbulentWind,
-    towards,
-)
+from sitl_scenarios.scenario import MOMENT, WIND, GaussianWind, Gust, Jet, Scenario, SteadyWind, TurbulentWind, towards
 from sitl_scenarios.vehicles import AIRFRAMES
 
 
@@ -269,7 +258,7 @@ def _turbulent(wind: TurbulentWind, scenario: Scenario, dt: float, samples: int,
     """(N, 5) velocity NED of the mean wind and its turbulence, and the air's rotation about two horizontal axes."""
     places = frame(scenario.vehicle.frame, AIRFRAMES[scenario.vehicle.model].arm)
     turbulent = turbulence(wind, scenario.height, max(places.right) - min(places.right))
-    if isinstance(wind, DrydenWind):
+    if wind.kind == "dryden":
         along = first_order(turbulent.along[0], dt, samples, noise)
         across, down = (second_order(turbulent[i][0], dt, samples, noise) for i in (1, 2))
     else:

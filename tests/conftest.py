@@ -1,7 +1,6 @@
 """What holds for every test."""
 
 import os
-from collections.abc import Iterator
 
 import pytest
 from hypothesis import settings
@@ -22,7 +21,7 @@ settings.load_profile("without deadline")
 
 
 @pytest.fixture(scope="module")
-def without_wind_fits() -> Iterator[None]:
+def without_wind_fits():
     """For tests of other things: a learner that follows the wind spends half its time on physical parameters."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("mavdem.dem.online.wind.FIRST_FIT_SECONDS", 1e9)

@@ -1,7 +1,5 @@
 """Golden files: a whole screen each, compared line by line."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A made-up hover for tests: a vehicle whose every signal is a known function of time, sampled as a stream would."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Rows of a live flight, made up, with predictions whose errors are known."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,11 +7,11 @@ import numpy as np
 DT, AHEAD = 0.01, (0.01, 0.25)
 
 
-def flown(history, seconds, segment=0, start=100.0, learnt=True, late=0.0):
-    """Takes rows of a sine whose predictions are off by 0.1 and 0.2; the first come ``late``."""
+def flown(history, seconds, segment=0, start=100.0, learnt=True, boot=0):
+    """Takes rows of a sine whose predictions are off by 0.1 and 0.2."""
     time = start + DT * np.arange(round(seconds / DT))
     motion = np.stack([np.sin(time), np.cos(time)], axis=-1)
-    for i, (now, row) in enumerate(zip(time, motion, strict=True)):
+    for now, row in zip(time, motion, strict=True):
         later = now + np.array(AHEAD)
         estimate = SimpleNamespace(
             time=now,
@@ -23,5 +21,6 @@ def flown(history, seconds, segment=0, start=100.0, learnt=True, late=0.0):
             wind_torque=1.0,
             wind_torque_band=0.5,
         )
-        history.take(now - 90 + max(late - 2 * DT * i, 0.0), segment, now, row, estimate if learnt else None)
+        history.advance(now, boot)
+        history.take(segment, now, row, estimate if learnt else None)
     return time, motion

@@ -1,7 +1,5 @@
 """A made-up analysis of a log, with figures that no fit decides, as reports and findings read it."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np
@@ -106,5 +104,6 @@ HOVER = HoverFigures(
 def analysis(parameters: Parameters) -> LogAnalysis:
     learned, windows = model(parameters), held_out()
     verdict = SimpleNamespace(figures=SimpleNamespace(consistency=0.99))
-    known = verdict, SimpleNamespace(name="a"), SimpleNamespace(hover=HOVER), None, SimpleNamespace(hover=HOVER)
+    condition = SimpleNamespace(hover=HOVER, oscillation=None)
+    known = verdict, SimpleNamespace(name="a"), condition, None, SimpleNamespace(hover=HOVER)
     return LogAnalysis(*known, learned=learned, held_out=windows, watched=True)

@@ -1,7 +1,5 @@
 """A motion that nobody simulated: a hover with a roll that swings, known exactly, for tests of what is said of it."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sitl_scenarios.dynamics import DISARMED_PULSE

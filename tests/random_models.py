@@ -1,7 +1,5 @@
 """Random generative models and data for the engine's tests."""
 
-from __future__ import annotations
-
 import numpy as np
 from hypothesis import strategies as st
 from numpy.typing import NDArray

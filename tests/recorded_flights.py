@@ -1,7 +1,5 @@
 """Recorded flights that are not in the repository: a test that needs one is skipped where they are not."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Made-up roll axes: driven by its motors, and flown by an autopilot that answers what it measures."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 

@@ -1,7 +1,5 @@
 """Made-up logs, whose names say what becomes of their reader, and a fleet of them. Workers import this by its name."""
 
-from __future__ import annotations
-
 import ctypes
 import os
 import tempfile

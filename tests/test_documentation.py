@@ -1,7 +1,5 @@
 """Pages, docstrings and notebooks: what they show to be typed runs, and what they must say is said."""
 
-from __future__ import annotations
-
 import ast
 import contextlib
 import dataclasses
@@ -77,9 +75,7 @@ def test_every_command_that_is_shown_exists_with_its_options():
 def test_the_reference_has_every_public_name():
     shown = set(re.findall(r"^\.\. auto\w+:: mavdem\.(\w+)$", PAGES["docs/api.md"], re.MULTILINE))
     assert shown == {*mavdem.__all__, "dem"}
-
-
-def test_every_page_is_in_the_site():
+    # And the site every page.
     listed = set(re.findall(r"^(?:.*<)?(\w+)>?$", PAGES["docs/index.md"], re.MULTILINE))
     assert {Path(page).stem for page in PAGES if page.startswith("docs/")} - {"index"} <= listed
 
@@ -178,15 +174,12 @@ def arguments(value: Any) -> list[str]:
     return [name for name in names if not name.startswith("_")]
 
 
-def test_every_module_says_what_it_holds():
-    assert [module.__name__ for module in MODULES if not module.__doc__] == []
-
-
-def test_every_public_name_has_a_docstring_of_its_own():
+def test_every_module_and_every_public_name_has_a_docstring_of_its_own():
     def generated(value):
         return inspect.isclass(value) and value.__doc__.startswith(f"{value.__name__}(")
 
     assert len(EVERYTHING) > 500
+    assert [module.__name__ for module in MODULES if not module.__doc__] == []
     assert [name for name, value in EVERYTHING.items() if not value.__doc__ or generated(value)] == []
 
 
@@ -221,14 +214,12 @@ EXAMPLES = {one.name: one for one in examples()}
 
 
 @pytest.fixture(scope="module")
-def learned() -> mavdem.Learned:
+def learned():
     return mavdem.learn(simulated(wind=1.0)[:700])
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
-def test_an_example_does_what_it_says(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
-) -> None:
+def test_an_example_does_what_it_says(name, tmp_path, monkeypatch, request):
     """In a folder with a log, ``flight.tlog``; of a method of ``Learned``, on ``learned``, of 700 samples."""
     monkeypatch.chdir(tmp_path)
     os.symlink(LOG, "flight.tlog")

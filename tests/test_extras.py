@@ -1,7 +1,5 @@
 """Extras: what is missing is named with the command that installs it, and everything else works."""
 
-from __future__ import annotations
-
 import json
 import re
 import subprocess
@@ -47,6 +45,7 @@ def test_what_is_installed_is_not_asked_for(without_rerun):
         require("It", "view")
 
 
+@pytest.mark.slow
 def test_without_rerun_learning_writes_all_but_its_recording(without_rerun, tmp_path, capsys):
     (tmp_path / "flight.rrd").write_text("of a run before")
     words = ["learn", str(LOG), "--out", str(tmp_path), "--preset", "paper", "--train", "200", "--test", "20", "--json"]
@@ -75,6 +74,7 @@ def test_without_rerun_a_dashboard_that_is_asked_for_is_refused(words, without_r
     dashboard.close()
 
 
+@pytest.mark.slow
 def test_no_module_but_its_own_needs_an_extra():
     """What any command or ``import mavdem`` imports first is there in a core installation, which runs as a module."""
     libraries = sorted({library for modules in EXTRAS.values() for library in modules})

@@ -1,7 +1,5 @@
 """A file that is written appears whole, in place of one that was there, with its mode and where its link leads."""
 
-from __future__ import annotations
-
 import os
 import stat
 

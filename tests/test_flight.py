@@ -20,6 +20,10 @@ def test_arrays_make_a_flight_and_slicing_gives_one():
     assert (len(part), part.dt, part.output_names, part.provenance) == (2, flight.dt, ("roll",), {"source": "here"})
     assert part.duration == pytest.approx(0.02)
     assert len(flight[:1]) == 1
+    assert repr(flight) == "<Flight: 6 samples at 100 Hz, input 1, input 2 -> roll from here>"
+    known = Flight(TIME, INPUTS, OUTPUTS, effect_directions=[-1, 1])
+    np.testing.assert_array_equal(known[1:3].effect_directions, [-1, 1])
+    assert flight.effect_directions is None
 
 
 def test_every_slice_of_a_flight_is_a_flight_of_the_same_step():
@@ -30,11 +34,6 @@ def test_every_slice_of_a_flight_is_a_flight_of_the_same_step():
         assert part.dt == flight.dt and len(part) == 700
         np.testing.assert_array_equal(part.time, time[start : start + 700])
         assert len(part[3:9]) == 6
-
-
-def test_a_flight_prints_as_a_line():
-    flight = Flight(TIME, INPUTS, OUTPUTS, output_names=("roll",), provenance={"source": "here.tlog"})
-    assert repr(flight) == "<Flight: 6 samples at 100 Hz, input 1, input 2 -> roll from here.tlog>"
 
 
 @pytest.mark.parametrize(
@@ -96,9 +95,3 @@ def test_a_flight_its_slices_and_its_copies_cannot_be_changed():
         flight.dt = 1.0
     INPUTS[0, 0] += 1
     assert flight.inputs[0, 0] == INPUTS[0, 0] - 1
-
-
-def test_effect_directions_stay_with_slices():
-    flight = Flight(TIME, INPUTS, OUTPUTS, effect_directions=[-1, 1])
-    np.testing.assert_array_equal(flight[1:3].effect_directions, [-1, 1])
-    assert Flight(TIME, INPUTS, OUTPUTS).effect_directions is None

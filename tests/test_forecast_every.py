@@ -1,7 +1,5 @@
 """Forecasts begun anew along what follows the training data: of every method alike."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

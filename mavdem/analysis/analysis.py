@@ -121,7 +121,7 @@ def analyse(
         return without_model(refusal)
     cautions = (*([SLOW_CAUTION] if slow else []), *flights[0].provenance["cautions"], *learned.cautions)
     learned = replace(learned, cautions=cautions)  # before anything is fitted that it keeps
-    if getattr(condition, "oscillation", None) is not None and learned.wind is not None:
+    if condition.oscillation is not None and learned.wind is not None:
         vars(learned)["wind"] = replace(learned.wind, reason="The vehicle oscillates: that torque is its own.")
     compared = None if truth is None else compare_with_truth(learned, flights, truth_of(flights, truth))
     if axis == ALL:

@@ -134,13 +134,14 @@ def findings_of(
 
 
 def _oscillation(condition: Condition | None) -> list[Override]:
-    found = getattr(condition, "oscillation", None)
+    found = None if condition is None else condition.oscillation
     if found is None:
         return []
-    size = f"{found.axis} rate {found.rate:.0f} °/s (standard deviation){', and growing' if found.growing else ''}"
-    sentence = f"At {found.frequency:.2g} Hz, {size}; motors at a limit {100 * found.at_limit:.0f} % of the time."
+    at = "" if found.frequency is None else f" at {found.frequency:.2g} Hz"
+    size = f"{found.axis} rate {found.rate:.0f} °/s (standard deviation) for {found.seconds:.0f} s"
+    limit = f"{', growing' if found.growing else ''}; a motor at a limit {100 * found.at_limit:.0f} % of that time"
     remedy = "Do not fly: check frame type, gains and motor order."
-    return [Override("oscillation", f"Oscillates at {found.frequency:.2g} Hz: do not fly.", sentence, remedy)]
+    return [Override("oscillation", f"Oscillates{at}: do not fly.", f"It oscillates{at}, {size}{limit}.", remedy)]
 
 
 def _lost_thrust(alarms: Sequence[MotorAlarm]) -> list[Override]:

@@ -14,10 +14,8 @@ from mavdem.baselines.identified import (
     Identified,
     Segments,
     identified,
-    least_ridge,
     regression,
     required_order,
-    triangle,
 )
 from mavdem.confidence import LEVEL, half_width, require_probability
 from mavdem.dem.engine.linalg import Array, one_thread
@@ -28,7 +26,7 @@ from mavdem.dem.record import Record, UniformRecord, required_steps
 from mavdem.dem.validation import is_number
 
 
-def arx(train: UniformRecord | Sequence[UniformRecord], order: int = 2, stable: bool = False) -> Identified:
+def arx(train: UniformRecord | Sequence[UniformRecord], order: int = 2) -> Identified:
     """y_t = Σₖ Aₖ y_{t−k} + Σₖ Bₖ u_{t−k} + c + e_t over ``order`` lags k = 1, 2, …, by least squares.
 
     Consistent, also in closed loop, where e is white (Ljung, System Identification, 2nd ed., secs. 7.3 and 13.4); noise
@@ -38,7 +36,6 @@ def arx(train: UniformRecord | Sequence[UniformRecord], order: int = 2, stable: 
     Args:
         train: a ``Flight``, or a list of them, segments with gaps between: no lag reaches across a gap.
         order: number of lags.
-        stable: shrink the Aₖ of an unstable model by a ridge, the smallest tried that makes it stable.
 
     Raises:
         ValueError: too few samples, values that are not finite, an output that does not vary, or an order that is no
@@ -46,7 +43,7 @@ def arx(train: UniformRecord | Sequence[UniformRecord], order: int = 2, stable: 
     """
     order = required_order(order)
 
-    def fit(segments: Segments, bound: float) -> Fitted:
+    def fit(segments: Segments) -> Fitted:
         regressors, targets = _lagged(segments, order)
         (rows, columns), m = regressors.shape, targets.shape[1]
         if rows <= columns:
@@ -54,17 +51,13 @@ def arx(train: UniformRecord | Sequence[UniformRecord], order: int = 2, stable: 
                 f"train has {rows} samples with {order} before them, and ARX({order}) of it has {columns} parameters "
                 f"for each output: lower the order, or train on more samples"
             )
-        regressors, targets = np.split(triangle(np.hstack([regressors, targets])), [columns], axis=1)
+        return Fitted(_realised(regression(regressors, targets), order, m), np.zeros((len(segments), m * order)))
 
-        def model(ridge: float | None) -> StateSpace:
-            shrunk = None if ridge is None else ridge * (np.arange(columns) < m * order)
-            return _realised(regression(regressors, targets, shrunk), order, m)
-
-        ridge = least_ridge(lambda ridge: model(ridge).spectral_radius, rows) if bound < np.inf else None
-        return Fitted(model(ridge), np.zeros((len(segments), m * order)))
-
-    found = identified(f"ARX({order})", train, fit, stable)
-    return replace(found, model=found.model.with_states(np.diag(np.tile(found.model.C.diagonal(), order))))
+    found = identified(f"ARX({order})", train, fit)
+    # The states in physical units, in which C = [I 0].
+    model, scale = found.model, np.tile(found.model.C.diagonal(), order)[:, None]
+    A, B, C, K, offset = scale * model.A / scale.T, scale * model.B, model.C / scale.T, scale * model.K, model.offset
+    return replace(found, model=model._replace(A=A, B=B, C=C, K=K, offset=scale[:, 0] * offset))
 
 
 def _lagged(segments: Segments, order: int) -> tuple[Array, Array]:

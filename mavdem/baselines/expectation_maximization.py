@@ -18,7 +18,6 @@ from mavdem.dem.record import UniformRecord
 STARTS = 4  # the subspace model, and others at random
 TRIAL_ITERATIONS, MAX_ITERATIONS = 30, 300  # iterations from each start, and at most in all from the best of them
 START_NOISE = 0.1  # least variance of w at every start: EM converges slowly from a motion that is taken to be exact
-HALVINGS = 50  # of a step that leads to an unstable A, before it is rejected
 
 CONVERGED_NATS = 0.1
 """EM has converged when the likelihood has less than this to gain, extrapolated from its last gains."""
@@ -29,31 +28,22 @@ RANK_TOLERANCE = 1e-12
 LEAST_NOISE = 1e-8  # smallest variance of w and v in any direction, states and outputs being of size 1
 
 
-def em(
-    train: UniformRecord | Sequence[UniformRecord],
-    order: int = 2,
-    feedthrough: bool = False,
-    stable: bool = False,
-    seed: int = 0,
-) -> Identified:
-    """The model of :class:`StateSpace`'s A, B, C and D with independent white noises of states and outputs.
+def em(train: UniformRecord | Sequence[UniformRecord], order: int = 2, seed: int = 0) -> Identified:
+    """The model of :class:`StateSpace`'s A, B and C with independent white noises of states and outputs.
 
-    Expectation: states are smoothed under the model there is. Maximization: A, B, offset and Q, C, D, trim and R, and
+    Expectation: states are smoothed under the model there is. Maximization: A, B, offset and Q, C, trim and R, and
     the states in which segments begin are regressed on them (Shumway and Stoffer, Journal of Time Series Analysis 3(4),
     1982; with inputs Cara, Juan and Alarcón, Mechanical Systems and Signal Processing 46(2), 2014). The likelihood
     rises with every iteration, to a maximum that need not be the highest: so it starts from the subspace model and at
     random, and after some iterations continues from the highest likelihood. K is the steady Kalman gain.
-    Consistent in closed loop, as far as order and noises are right. ``train``, ``order``, ``feedthrough`` and errors
-    are as for :func:`mavdem.baselines.subspace`; ``stable`` keeps A of a model that comes out unstable stable all the
-    way from a stable start; ``seed`` is of the random starts. ``ValueError`` too where EM breaks down from each.
+    Consistent in closed loop, as far as order and noises are right. ``train``, ``order`` and errors are as for
+    :func:`mavdem.baselines.subspace`; ``seed`` is of the random starts. ``ValueError`` too where EM breaks down from
+    each.
     """
     order = required_order(order)
 
-    def fit(segments: Segments, bound: float) -> Fitted:
-        return _best_fit(segments, order, feedthrough, bound, seed)
-
     unfinished = f"The likelihood was still rising after {MAX_ITERATIONS} iterations of EM: {NOT_THE_BEST}."
-    return identified(f"EM({order})", train, fit, stable, unfinished)
+    return identified(f"EM({order})", train, lambda segments: _best_fit(segments, order, seed), unfinished)
 
 
 class EMFit(NamedTuple):
@@ -65,8 +55,8 @@ class EMFit(NamedTuple):
     converged: bool
 
 
-def iterated(begun: EMFit, segments: Segments, iterations: int, feedthrough: bool, bound: float) -> EMFit:
-    """As many iterations more, or until it has converged; the spectral radius of A never above ``bound``."""
+def iterated(begun: EMFit, segments: Segments, iterations: int) -> EMFit:
+    """As many iterations more, or until it has converged."""
     model, starts, likelihoods, converged = begun
     for _ in range(iterations):
         if converged:
@@ -77,7 +67,7 @@ def iterated(begun: EMFit, segments: Segments, iterations: int, feedthrough: boo
             raise np.linalg.LinAlgError("the likelihood is not finite")
         converged = _left_to_gain(likelihoods) < CONVERGED_NATS
         if not converged:
-            model = _maximized(model, expected, segments, feedthrough, bound)
+            model = _maximized(model, expected, segments)
             starts = np.array([of.means[0] for of in expected])
     return EMFit(model, starts, likelihoods, converged)
 
@@ -90,9 +80,7 @@ def _left_to_gain(likelihoods: tuple[float, ...]) -> float:
     return float(last * last / (before - last)) if 0 <= last < before else float(np.inf if last > 0 else 0.0)
 
 
-def _maximized(
-    model: GaussianModel, expected: list[Smoothed], segments: Segments, feedthrough: bool, bound: float
-) -> GaussianModel:
+def _maximized(model: GaussianModel, expected: list[Smoothed], segments: Segments) -> GaussianModel:
     """The model under which the expected likelihood of outputs and states together is highest."""
     n, k = model.B.shape
     dynamics, observation = [], []
@@ -105,31 +93,19 @@ def _maximized(
                 regressors, means[1:], covariances[:-1].sum(0), states.lagged.sum(0), covariances[1:].sum(0)
             )
         )
-        regressors = np.hstack([means, ones, inputs[:, : k * feedthrough]])
+        regressors = np.hstack([means, ones])
         observation.append(_ExpectedSums.of(regressors, outputs, covariances.sum(0)))
     of_states, of_outputs = _ExpectedSums.sum(dynamics), _ExpectedSums.sum(observation)
-
-    now = np.hstack([model.A, model.B, model.offset[:, None]])
-    best, seen = _as_far_as_allowed(now, of_states.solution(), bound), of_outputs.solution()
+    best, seen = of_states.solution(), of_outputs.solution()
     return GaussianModel(
         A=best[:, :n],
         B=best[:, n : n + k],
         offset=best[:, -1],
         C=seen[:, :n],
-        D=seen[:, n + 1 :] if feedthrough else model.D,
         trim=seen[:, n],
         Q=of_states.covariance(best),
         R=of_outputs.covariance(seen),
     )
-
-
-def _as_far_as_allowed(now: Array, best: Array, bound: float) -> Array:
-    """From [A, B, offset] as they are, towards the best: the expected likelihood rises all the way there."""
-    for share in 0.5 ** np.arange(HALVINGS):
-        there: Array = now + share * (best - now)
-        if np.abs(np.linalg.eigvals(there[:, : len(there)])).max() <= bound:
-            return there
-    return now
 
 
 class _ExpectedSums(NamedTuple):
@@ -167,18 +143,19 @@ class _ExpectedSums(NamedTuple):
         return np.asarray(axes * np.maximum(variances, LEAST_NOISE) @ axes.T)
 
 
-def _best_fit(segments: Segments, order: int, feedthrough: bool, bound: float, seed: int) -> Fitted:
+def _best_fit(segments: Segments, order: int, seed: int) -> Fitted:
     """From the start that has come highest after its trial, to the end; of those from which nothing breaks down."""
     tried = []
-    for start in starting_points(segments, order, feedthrough, bound < np.inf, seed):
+    for start in starting_points(segments, order, seed):
         with suppress(np.linalg.LinAlgError):
-            tried.append(iterated(start, segments, TRIAL_ITERATIONS, feedthrough, bound))
+            tried.append(iterated(start, segments, TRIAL_ITERATIONS))
     for trial in sorted(tried, key=lambda one: one.log_likelihoods[-1], reverse=True):
         with suppress(np.linalg.LinAlgError):
-            fitted = iterated(trial, segments, MAX_ITERATIONS - TRIAL_ITERATIONS, feedthrough, bound)
-            A, B, offset, C, D, trim, Q, R = fitted.model
-            gain = innovation_gain(A, C, Q, R, np.zeros((len(A), len(C))))
-            model = StateSpace(A, B, C, D, gain, offset, np.zeros(B.shape[1]), trim)
+            fitted = iterated(trial, segments, MAX_ITERATIONS - TRIAL_ITERATIONS)
+            A, B, offset, C, trim, Q, R = fitted.model
+            (n, k), m = B.shape, len(C)
+            gain = innovation_gain(A, C, Q, R, np.zeros((n, m)))
+            model = StateSpace(A, B, C, np.zeros((m, k)), gain, offset, np.zeros(k), trim)
             return Fitted(model, fitted.starts, fitted.converged)
     raise ValueError(
         f"EM for {order} states broke down from each of {STARTS} starts, since covariances lost their rank or left the "
@@ -186,22 +163,22 @@ def _best_fit(segments: Segments, order: int, feedthrough: bool, bound: float, s
     )
 
 
-def starting_points(segments: Segments, order: int, feedthrough: bool, stable: bool, seed: int) -> list[EMFit]:
-    """The subspace model with noise, and models at random; none of them unstable if they must be ``stable``."""
+def starting_points(segments: Segments, order: int, seed: int) -> list[EMFit]:
+    """The subspace model with noise, and models at random."""
     rng = np.random.default_rng(seed)
     # First, since it refuses an order that no memory holds.
-    starts = [_from_subspace(segments, order, feedthrough, stable)]
+    starts = [_from_subspace(segments, order)]
     return starts + [_at_random(rng, segments, order) for _ in range(STARTS - 1)]
 
 
-def _from_subspace(segments: Segments, order: int, feedthrough: bool, stable: bool) -> EMFit:
-    found, starts, _ = found_by_projection(segments, order, "CVA", feedthrough, stable)
-    A, B, C, D, K, offset, _, trim, *_ = found
+def _from_subspace(segments: Segments, order: int) -> EMFit:
+    found, starts, _ = found_by_projection(segments, order)
+    A, B, C, _, K, offset, _, trim, *_ = found
     pairs = zip(starts, segments, strict=True)
     errors = np.concatenate([segment[1] - found.predicted(start, *segment) for start, segment in pairs])
     R = errors.T @ errors / len(errors)
     noise = K @ R @ K.T + START_NOISE * np.eye(order)
-    model = GaussianModel(A, B, offset, C, D, trim, noise, R + LEAST_NOISE * np.eye(len(C)))
+    model = GaussianModel(A, B, offset, C, trim, noise, R + LEAST_NOISE * np.eye(len(C)))
     return EMFit(model, starts, (), False)
 
 
@@ -214,7 +191,6 @@ def _at_random(rng: np.random.Generator, segments: Segments, order: int) -> EMFi
         0.1 * rng.standard_normal((order, k)),
         np.zeros(order),
         rng.standard_normal((m, order)),
-        np.zeros((m, k)),
         np.zeros(m),
         START_NOISE * np.eye(order),
         START_NOISE * np.eye(m),

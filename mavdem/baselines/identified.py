@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.linalg import qr
 
 from mavdem.dem.engine.linalg import Array, one_thread
@@ -28,7 +28,6 @@ class Identified:
         model: A, B, C, D and K of one sampling step.
         record: the training data.
         starts: (segments, n) the state of each segment's first sample, as the method has it.
-        stabilised: whether the model was unstable and, as was asked for, made stable.
         cautions: one sentence for each limitation of the model.
 
     Raises:
@@ -40,7 +39,6 @@ class Identified:
     model: StateSpace
     record: Record
     starts: Array
-    stabilised: bool = False
     cautions: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
@@ -120,32 +118,22 @@ class Fitted(NamedTuple):
 def identified(
     method: str,
     train: UniformRecord | Sequence[UniformRecord],
-    fit: Callable[[Segments, float], Fitted],
-    stable: bool,
+    fit: Callable[[Segments], Fitted],
     unfinished: str = "",
 ) -> Identified:
-    """The result of ``fit``, which takes segments and a bound of the spectral radius of A; bounded only if it must be.
-
-    ``unfinished`` is the caution of a fit that has not converged.
-    """
+    """The result of ``fit``; ``unfinished`` is the caution where it has not converged."""
     record = Record.of(train)
     units = Units.of(record)
     with one_thread():
-        segments = units.segments(record)
-        fitted = fit(segments, np.inf)
-        stabilised = stable and not fitted.model.stable
-        if stabilised:
-            fitted = fit(segments, stable_radius(len(record)))
+        fitted = fit(units.segments(record))
     model, cautions = fitted.model, []
-    if stabilised:
-        cautions.append("The model was unstable and has been made stable, as requested.")
-    elif not model.stable:
+    if not model.stable:
         cautions.append(
             f"The model is unstable: a mode grows by {model.spectral_radius - 1:.2g} of itself at each sample, and so "
             "may forecasts."
         )
     cautions += [] if fitted.converged else [unfinished]
-    return Identified(method, units.physical(model), record, fitted.starts, stabilised, tuple(cautions))
+    return Identified(method, units.physical(model), record, fitted.starts, tuple(cautions))
 
 
 def required_order(order: int) -> int:
@@ -158,17 +146,9 @@ def required_order(order: int) -> int:
 RANK_TOLERANCE = 1e-8
 """Singular values of the regressors below this of the largest count as zero: of all solutions the smallest is taken."""
 
-RIDGES = np.geomspace(1e-12, 1e6, 55)  # tried one after the other, per sample: from no effect to zero coefficients
 
-
-def regression(regressors: Array, targets: Array, ridge: NDArray[np.floating] | None = None) -> Array:
-    """The smallest least-squares solution (columns, k) of regressors (N, columns) · solution = targets (N, k).
-
-    The square of each coefficient costs its ``ridge`` (columns,).
-    """
-    if ridge is not None:
-        regressors = np.vstack([regressors, np.diag(np.sqrt(ridge))])
-        targets = np.vstack([targets, np.zeros((len(ridge), targets.shape[1]))])
+def regression(regressors: Array, targets: Array) -> Array:
+    """The smallest least-squares solution (columns, k) of regressors (N, columns) · solution = targets (N, k)."""
     return np.asarray(np.linalg.lstsq(regressors, targets, rcond=RANK_TOLERANCE)[0])
 
 
@@ -176,17 +156,6 @@ def triangle(table: Array) -> Array:
     """R of the QR decomposition of (N, columns): at most as many rows as columns, with the same inner products."""
     (R,) = qr(table, mode="r", check_finite=False)
     return np.asarray(R[: table.shape[1]], np.float64)
-
-
-def stable_radius(samples: int) -> float:
-    """The largest spectral radius of a stabilised model: its slowest mode decays within the length of its data."""
-    return 1 - 1 / samples
-
-
-def least_ridge(radius: Callable[[float], float], samples: int) -> float:
-    """The first of :data:`RIDGES`, times the number of samples, whose model has a small enough spectral radius."""
-    enough = (ridge for ridge in RIDGES * samples if radius(ridge) <= stable_radius(samples))
-    return float(next(enough, RIDGES[-1] * samples))
 
 
 LEAST_VARIANCE = 1e-16  # of a prediction error, in a method's units: smaller errors are zero
@@ -245,33 +214,23 @@ class Units(NamedTuple):
 
 def hold(train: UniformRecord | Sequence[UniformRecord]) -> Identified:
     """Forecasts the last measurement of ``train``; the first sample of a segment is predicted by the mean."""
-    record = Record.of(train)
-    return _without_dynamics("hold", record, record.outputs.mean(axis=0), held=record.outputs.shape[1])
+    return _without_dynamics("hold", Record.of(train), held=True)
 
 
 def constant_mean(train: UniformRecord | Sequence[UniformRecord]) -> Identified:
     """Forecasts the mean of the training data ``train``."""
-    record = Record.of(train)
-    return _without_dynamics("constant mean", record, record.outputs.mean(axis=0), held=0)
+    return _without_dynamics("constant mean", Record.of(train))
 
 
 def zero(train: UniformRecord | Sequence[UniformRecord]) -> Identified:
     """Forecasts zero, whatever the training data ``train``."""
-    record = Record.of(train)
-    return _without_dynamics("zero", record, np.zeros(record.outputs.shape[1]), held=0)
+    return _without_dynamics("zero", Record.of(train), about=0.0)
 
 
-def _without_dynamics(method: str, record: Record, output_trim: Array, held: int) -> Identified:
-    """A state for each output that is held: its last deviation from the trim."""
-    r, m = record.inputs.shape[1], len(output_trim)
-    model = StateSpace(
-        A=np.eye(held),
-        B=np.zeros((held, r)),
-        C=np.eye(m, held),
-        D=np.zeros((m, r)),
-        K=np.eye(held, m),
-        offset=np.zeros(held),
-        input_trim=np.zeros(r),
-        output_trim=output_trim,
-    )
-    return Identified(method, model, record, starts=np.zeros((len(record.lengths), held)))
+def _without_dynamics(method: str, record: Record, held: bool = False, about: float = 1.0) -> Identified:
+    """The training mean times ``about``; where ``held``, each output has a state, its last deviation from that."""
+    r, m = record.inputs.shape[1], record.outputs.shape[1]
+    n, trim = m * held, about * record.outputs.mean(axis=0)
+    B, D = np.zeros((n, r)), np.zeros((m, r))
+    model = StateSpace(np.eye(n), B, np.eye(m, n), D, np.eye(n, m), np.zeros(n), np.zeros(r), trim)
+    return Identified(method, model, record, starts=np.zeros((len(record.lengths), n)))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple, get_args
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import null_space
@@ -19,9 +19,9 @@ from mavdem.baselines.identified import (
     identified,
     required_order,
 )
-from mavdem.baselines.subspace_identification import Weighting, found_by_projection
+from mavdem.baselines.subspace_identification import found_by_projection
 from mavdem.dem.engine.linalg import Array
-from mavdem.dem.engine.model import WORST_MODES
+from mavdem.dem.engine.model import WORST_MODES, recursion
 from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.record import UniformRecord
 
@@ -30,32 +30,28 @@ EVALUATIONS = 30  # of the errors at most, with one weighting
 CONVERGED_NATS = 0.1  # PEM has converged when the likelihood gains less; one more parameter gains half a nat by chance
 
 
-def pem(
-    train: UniformRecord | Sequence[UniformRecord], order: int = 2, feedthrough: bool = False, stable: bool = False
-) -> Identified:
+def pem(train: UniformRecord | Sequence[UniformRecord], order: int = 2) -> Identified:
     """The model in innovation form that makes the determinant of the one-step errors' covariance smallest.
 
     That is maximum likelihood where errors are Gaussian (Ljung, System Identification, 2nd ed., secs. 7.2, 10.2): all
     of A, B, C, K, the offset and the states in which segments begin, in full parametrization, by Levenberg and
     Marquardt's method on errors weighted by their covariance, iterated until it converges. The determinant never rises:
-    tr(R₀⁻¹R) bounds ln det R from above and touches it at R₀. It starts from the subspace model with the smallest
-    determinant among all weightings, and stays where the predictor A − K C is stable. Consistent in closed loop, as far
-    as the order is right.
+    tr(R₀⁻¹R) bounds ln det R from above and touches it at R₀. It starts from the subspace model, and stays where the
+    predictor A − K C is stable. Consistent in closed loop, as far as the order is right.
 
-    ``train``, ``order``, ``feedthrough`` and errors are as for :func:`mavdem.baselines.subspace`; ``stable`` keeps A of
-    a model that comes out unstable stable all the way from a stable start.
+    ``train``, ``order`` and errors are as for :func:`mavdem.baselines.subspace`.
     """
     order = required_order(order)
 
-    def fit(segments: Segments, bound: float) -> Fitted:
-        return _minimised(_best_start(segments, order, feedthrough, bound < np.inf), feedthrough, segments, bound)
+    def fit(segments: Segments) -> Fitted:
+        return _minimised(found_by_projection(segments, order), segments)
 
     unfinished = f"The prediction errors were still falling after {REWEIGHTINGS} rounds: {NOT_THE_BEST}."
-    return identified(f"PEM({order})", train, fit, stable, unfinished)
+    return identified(f"PEM({order})", train, fit, unfinished)
 
 
 class FreeParameters(NamedTuple):
-    """What is varied: all of A, B, C, K and the offset, D where there is feedthrough, and where segments begin.
+    """What is varied: all of A, B, C, K and the offset, and where segments begin.
 
     As a vector they follow each other in the order of these fields, rows first.
     """
@@ -63,7 +59,6 @@ class FreeParameters(NamedTuple):
     A: Array  # (n, n)
     B: Array  # (n, k)
     C: Array  # (m, n)
-    D: Array  # (m, k), or (m, 0) without feedthrough
     K: Array  # (n, m)
     offset: Array  # (n,)
     starts: Array  # (segments, n)
@@ -85,10 +80,10 @@ class FreeParameters(NamedTuple):
         Its complement is what x → (1 + T) x + c does to the parameters, for any T and for those c which C does not see
         (McKelvey, Helmersson and Ribarits, Data driven local coordinates, Automatica 40(9), 2004).
         """
-        A, B, C, D, K, offset, starts = self
+        A, B, C, K, offset, starts = self
         n, unseen = len(A), null_space(C)
         units = np.eye(n * n).reshape(-1, n, n)
-        turned = [FreeParameters(T @ A - A @ T, T @ B, -C @ T, 0 * D, T @ K, T @ offset, starts @ T.T) for T in units]
+        turned = [FreeParameters(T @ A - A @ T, T @ B, -C @ T, T @ K, T @ offset, starts @ T.T) for T in units]
         nothing = FreeParameters(*(np.zeros_like(part) for part in self))
         moved = [nothing._replace(offset=c - A @ c, starts=np.tile(c, (len(starts), 1))) for c in unseen.T]
         complement = np.stack([change.vector() for change in turned + moved], axis=1)
@@ -104,8 +99,8 @@ def prediction_errors(parameters: FreeParameters, model: StateSpace, segments: S
 
 def with_parameters(model: StateSpace, parameters: FreeParameters) -> StateSpace:
     """The model with these parameters, which has its trims from before."""
-    A, B, C, D, K, offset, _ = parameters
-    return StateSpace(A, B, C, D if D.size else np.zeros_like(model.D), K, offset, model.input_trim, model.output_trim)
+    A, B, C, K, offset, _ = parameters
+    return model._replace(A=A, B=B, C=C, K=K, offset=offset)
 
 
 def sensitivities(parameters: FreeParameters, model: StateSpace, segments: Segments) -> Array:
@@ -120,7 +115,7 @@ def sensitivities(parameters: FreeParameters, model: StateSpace, segments: Segme
 
 
 def _of_segment(model: StateSpace, parameters: FreeParameters, number: int, inputs: Array, outputs: Array) -> Array:
-    A, B, C, D, K, *_ = parameters
+    A, B, C, K, *_ = parameters
     (n, k), m, samples = B.shape, len(C), len(outputs)
     states = model.filtered(parameters.starts[number], inputs, outputs)[:-1]
     errors = outputs - states @ C.T - model.direct(inputs)
@@ -130,10 +125,9 @@ def _of_segment(model: StateSpace, parameters: FreeParameters, number: int, inpu
     responses, decay = _responses(A - K @ C, C, signals)
     of_states, of_inputs, of_constant, of_errors = np.split(responses, np.cumsum([n, k, 1]), axis=3)
     of_C = -np.einsum("tmls,li->tmis", of_states, K) + np.einsum("mi,ts->tmis", np.eye(m), states)
-    of_D = -np.einsum("tmls,li->tmis", of_inputs, K) + np.einsum("mi,ts->tmis", np.eye(m), inputs)
     of_starts = np.zeros((samples, m, *parameters.starts.shape))
     of_starts[:, :, number] = decay
-    parts = [of_states, of_inputs, of_C, of_D if D.size else of_D[..., :0], of_errors, of_constant, of_starts]
+    parts = [of_states, of_inputs, of_C, of_errors, of_constant, of_starts]
     return -np.concatenate([part.reshape(samples, m, -1) for part in parts], axis=2)
 
 
@@ -142,7 +136,11 @@ def _responses(F: Array, C: Array, signals: Array) -> tuple[Array, Array]:
     samples, n = len(signals), len(F)
     eigenvalues, modes = np.linalg.eig(F)
     if np.linalg.cond(modes) > WORST_MODES:
-        return _responses_by_sample(F, C, signals)
+        still, units = np.zeros((samples, n)), np.eye(n)
+        pushed = [[recursion(F, np.outer(signal, unit), still[0]) for signal in signals.T] for unit in units]
+        shown = np.pad(pushed, ((0, 0), (0, 0), (1, 0), (0, 0)))[:, :, :-1] @ C.T
+        decays = [np.vstack([unit, recursion(F, still[1:], unit)]) @ C.T for unit in units]
+        return shown.transpose(2, 3, 0, 1), np.stack(decays, axis=2)
     driven = np.stack([lfilter([0.0, 1.0], [1.0, -value], signals.astype(complex), axis=0) for value in eigenvalues])
     through = (C @ modes)[:, None, :] * np.linalg.inv(modes).T[None]
     m = len(C)
@@ -152,35 +150,9 @@ def _responses(F: Array, C: Array, signals: Array) -> tuple[Array, Array]:
     return responses.transpose(2, 0, 1, 3), decay.transpose(2, 0, 1)
 
 
-def _responses_by_sample(F: Array, C: Array, signals: Array) -> tuple[Array, Array]:
-    (samples, number), n = signals.shape, len(F)
-    responses, decay = np.empty((samples, len(C), n, number)), np.empty((samples, len(C), n))
-    state, power = np.zeros((n, n, number)), np.eye(n)
-    for t in range(samples):
-        responses[t], decay[t] = np.tensordot(C, state, 1), C @ power
-        state = np.tensordot(F, state, 1) + np.eye(n)[:, :, None] * signals[t]
-        power = F @ power
-    return responses, decay
-
-
-def _best_start(segments: Segments, order: int, feedthrough: bool, stable: bool) -> Fitted:
-    """The subspace model, of those there are, that predicts best."""
-    found: list[Fitted] = []
-    for weighting in get_args(Weighting):
-        try:
-            found.append(found_by_projection(segments, order, weighting, feedthrough, stable))
-        except ValueError as error:
-            refused = error
-    if not found:
-        raise refused
-    return min(
-        found, key=lambda one: _determinant(prediction_errors(_parameters(one, feedthrough), one.model, segments))
-    )
-
-
-def _parameters(found: Fitted, feedthrough: bool) -> FreeParameters:
-    A, B, C, D, K, offset, *_ = found.model
-    return FreeParameters(A, B, C, D if feedthrough else D[:, :0], K, offset, found.starts)
+def _parameters(found: Fitted) -> FreeParameters:
+    A, B, C, _, K, offset, *_ = found.model
+    return FreeParameters(A, B, C, K, offset, found.starts)
 
 
 def _determinant(errors: Array) -> float:
@@ -192,13 +164,12 @@ def _covariance(errors: Array) -> Array:
     return np.asarray(errors.T @ errors / len(errors) + LEAST_VARIANCE * np.eye(errors.shape[1]))
 
 
-def _minimised(found: Fitted, feedthrough: bool, segments: Segments, bound: float) -> Fitted:
-    """Minimised from there, the spectral radius of A never above ``bound``."""
-    best, converged = _parameters(found, feedthrough), False
+def _minimised(found: Fitted, segments: Segments) -> Fitted:
+    best, converged = _parameters(found), False
     errors = prediction_errors(best, found.model, segments)
     for _ in range(REWEIGHTINGS):
         weight = np.linalg.cholesky(np.linalg.inv(_covariance(errors)))
-        tried = _downhill(best, found.model, segments, weight, bound)
+        tried = _downhill(best, found.model, segments, weight)
         before, errors_there = _determinant(errors), prediction_errors(tried, found.model, segments)
         gained = before - _determinant(errors_there)
         if gained > 0:
@@ -209,9 +180,7 @@ def _minimised(found: Fitted, feedthrough: bool, segments: Segments, bound: floa
     return Fitted(with_parameters(found.model, best), best.starts, converged)
 
 
-def _downhill(
-    start: FreeParameters, model: StateSpace, segments: Segments, weight: Array, bound: float
-) -> FreeParameters:
+def _downhill(start: FreeParameters, model: StateSpace, segments: Segments, weight: Array) -> FreeParameters:
     """The parameters that minimise the weighted sum of squared errors."""
     nowhere = 1e3 * (prediction_errors(start, model, segments) @ weight).ravel()
     origin, directions = start.vector(), start.identifiable()
@@ -221,26 +190,19 @@ def _downhill(
 
     def weighted(steps: Array) -> Array:
         parameters = there(steps)
-        if not _allowed(parameters, bound):
+        if not np.isfinite(steps).all() or _predictor_radius(parameters) >= 1:
             return nowhere
         return (prediction_errors(parameters, model, segments) @ weight).ravel()
 
     def slopes(steps: Array) -> Array:
-        by_output = sensitivities(there(steps), model, segments) @ directions
-        return (weight.T @ by_output).reshape(-1, len(steps))
+        return (weight.T @ sensitivities(there(steps), model, segments) @ directions).reshape(-1, len(steps))
 
-    still = np.zeros(directions.shape[1])
     # With this weight half the sum of squares, about half their number, is in nats.
     converged = 2 * CONVERGED_NATS / len(nowhere)
+    still = np.zeros(directions.shape[1])
     return there(least_squares(weighted, still, slopes, method="lm", ftol=converged, max_nfev=EVALUATIONS).x)
 
 
-def _allowed(parameters: FreeParameters, bound: float) -> bool:
-    """Whether the predictor is stable, and the model as far as it must be."""
-    A, C, K = parameters.A, parameters.C, parameters.K
-    finite = np.isfinite(parameters.vector()).all()
-    return bool(
-        finite
-        and np.abs(np.linalg.eigvals(A - K @ C)).max() < 1
-        and (bound == np.inf or np.abs(np.linalg.eigvals(A)).max() <= bound)
-    )
+def _predictor_radius(parameters: FreeParameters) -> float:
+    """The spectral radius of A − K C."""
+    return float(np.abs(np.linalg.eigvals(parameters.A - parameters.K @ parameters.C)).max())

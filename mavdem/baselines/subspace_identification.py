@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from typing import Literal, NamedTuple, get_args
+from typing import NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -16,43 +16,28 @@ from mavdem.baselines.identified import (
     Identified,
     Segments,
     identified,
-    least_ridge,
     regression,
     required_order,
     triangle,
 )
 from mavdem.dem.engine.kalman import steady_gain
 from mavdem.dem.engine.linalg import Array
-from mavdem.dem.engine.model import STABILITY_TOLERANCE, recursion
+from mavdem.dem.engine.model import recursion
 from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.record import UniformRecord
-
-Weighting = Literal["CVA", "MOESP", "SSARX"]
 
 LONGEST_HORIZON = 20  # samples of past and of future that the state is found from, at most
 WINDOWS_PER_COLUMN = 2  # so many windows there must be for each number in one of them
 
 
-def subspace(
-    train: UniformRecord | Sequence[UniformRecord],
-    order: int = 2,
-    weighting: Weighting = "CVA",
-    feedthrough: bool = False,
-    stable: bool = False,
-) -> Identified:
+def subspace(train: UniformRecord | Sequence[UniformRecord], order: int = 2) -> Identified:
     """A state-space model of ``order`` states from projections, without iterations.
 
-    The states are the combinations of the past that predict the future best; y is regressed on them for C (and D),
-    their successors on them and u for A and B, and K is the steady Kalman gain of the residuals' covariances (Van
-    Overschee and De Moor, Subspace Identification for Linear Systems, 1996, ch. 4; Katayama, Subspace Methods for
-    System Identification, 2005, ch. 10). What "best" means is the weighting's:
-
-    - ``"CVA"``: canonical correlations of past and future, given the future inputs (Larimore 1990).
-    - ``"MOESP"``: the variance of the future outputs which the past explains, given the future inputs (Verhaegen 1994).
-    - ``"SSARX"``: canonical correlations of the past and what is left of the future outputs when the effects of inputs
-      and outputs within the future are subtracted, as a long ARX model has them; the successors are regressed on the
-      innovations too. Consistent in closed loop, which the others are not (Jansson, Subspace identification and ARX
-      modeling, SYSID 2003).
+    The states are the combinations of the past that predict the future best, given the future inputs: canonical
+    correlations (CVA, Larimore 1990). y is regressed on them for C, their successors on them and u for A and B, and K
+    is the steady Kalman gain of the residuals' covariances (Van Overschee and De Moor, Subspace Identification for
+    Linear Systems, 1996, ch. 4; Katayama, Subspace Methods for System Identification, 2005, ch. 10). Biased in closed
+    loop.
 
     Past and future are as long as the ARX model that Akaike's criterion chooses, but longer than the order needs. The
     state in which a segment begins is estimated from that segment.
@@ -60,57 +45,31 @@ def subspace(
     Args:
         train: a ``Flight``, or a list of them, segments with gaps between: no window reaches across a gap.
         order: number of states.
-        weighting: of past and future.
-        feedthrough: whether inputs act on the outputs of the same sample, D; otherwise it is zero.
-        stable: shrink A of an unstable model by a ridge, the smallest tried that makes it stable (as Van Gestel
-            and others, IEEE Trans. Automatic Control 46(9), 2001).
 
     Raises:
         ValueError: too few samples for the order, values that are not finite, an output that does not vary, or an order
-            or weighting that is none.
+            that is none.
     """
     order = required_order(order)
-    if weighting not in get_args(Weighting):
-        raise ValueError(f"weighting must be one of {', '.join(get_args(Weighting))}, not {weighting!r}")
-
-    def fit(segments: Segments, bound: float) -> Fitted:
-        return found_by_projection(segments, order, weighting, feedthrough, bound < np.inf)
-
-    return identified(f"subspace({order}, {weighting})", train, fit, stable)
+    return identified(f"subspace({order})", train, lambda segments: found_by_projection(segments, order))
 
 
-def found_by_projection(
-    segments: Segments, order: int, weighting: Weighting, feedthrough: bool, stable: bool
-) -> Fitted:
-    """The model of inputs and outputs of each segment, made stable by a ridge if it must be ``stable`` and is not."""
+def found_by_projection(segments: Segments, order: int) -> Fitted:
+    """The model of inputs and outputs of each segment."""
     horizon = _horizon(segments, order)
     windows = Windows.of(segments, horizon, horizon)
-    state_map = _state_map(windows, order, weighting, feedthrough)
+    state_map = _state_map(windows, order)
     states, successors = windows.both(0, horizon) @ state_map, windows.both(1, horizon + 1) @ state_map
     inputs, outputs = windows.inputs(horizon, horizon + 1), windows.outputs(horizon, horizon + 1)
     k, m = inputs.shape[1], outputs.shape[1]
 
-    regressors = np.hstack([windows.constant, states, inputs[:, : k * feedthrough]])
+    regressors = np.hstack([windows.constant, states])
     of_outputs = regression(regressors, outputs)
     innovations = outputs - regressors @ of_outputs
-    output_trim, C, D = np.split(of_outputs.T, [1, 1 + order], axis=1)
-    if not feedthrough:
-        D = np.zeros((m, k))
+    output_trim, C = np.split(of_outputs.T, [1], axis=1)
 
     regressors = np.hstack([windows.constant, states, inputs])
-    explained = [regressors, innovations] if weighting == "SSARX" else [regressors]
-    columns = np.hstack(explained)
-    of_states = np.isin(np.arange(columns.shape[1]), np.arange(1, 1 + order))
-
-    def dynamics(ridge: float | None) -> Array:
-        solution = regression(columns, successors, None if ridge is None else ridge * of_states)
-        return solution[: regressors.shape[1]].T
-
-    def radius(ridge: float | None) -> float:
-        return float(np.abs(np.linalg.eigvals(dynamics(ridge)[:, 1 : 1 + order])).max())
-
-    stabilised = stable and radius(None) > 1 + STABILITY_TOLERANCE
-    of_successors = dynamics(least_ridge(radius, windows.number) if stabilised else None)
+    of_successors = regression(regressors, successors).T
     offset, A, B = np.split(of_successors, [1, 1 + order], axis=1)
     errors = np.hstack([successors - regressors @ of_successors.T, innovations])
     covariance = errors.T @ errors / windows.number
@@ -121,7 +80,7 @@ def found_by_projection(
         raise ValueError(
             f"the training data determine no model of {order} observable states: lower the order"
         ) from None
-    model = StateSpace(A, B, C, D, K, offset[:, 0], np.zeros(k), output_trim[:, 0])
+    model = StateSpace(A, B, C, np.zeros((m, k)), K, offset[:, 0], np.zeros(k), output_trim[:, 0])
     return Fitted(model, estimated_starts(model, segments, R))
 
 
@@ -158,22 +117,16 @@ def _horizon(segments: Segments, order: int) -> int:
     return max(min(range(1, longest + 1), key=criterion), fewest)
 
 
-def _state_map(windows: Windows, order: int, weighting: Weighting, feedthrough: bool) -> Array:
+def _state_map(windows: Windows, order: int) -> Array:
     """(past · (k + m), n): from the past, oldest sample first, to states of variance 1."""
     past, future = windows.past, windows.samples.shape[1] - windows.past
     before = windows.both(0, past)
-    if weighting == "SSARX":
-        given, after = windows.constant, _without_effects_of_the_future(windows, feedthrough)
-    else:
-        given = np.hstack([windows.constant, windows.inputs(past, past + future)])
-        after = windows.outputs(past, past + future)
+    given = np.hstack([windows.constant, windows.inputs(past, past + future)])
+    after = windows.outputs(past, past + future)
     projected = triangle(np.hstack([given, before, after]))[given.shape[1] :, given.shape[1] :]
     of_past, of_future = projected[:, : before.shape[1]], projected[:, before.shape[1] :]
     basis, to_basis = _orthonormal(of_past)
-    shared = basis.T @ of_future
-    if weighting != "MOESP":
-        shared = shared @ _orthonormal(of_future)[1]
-    directions = np.linalg.svd(shared, full_matrices=False)[0]
+    directions = np.linalg.svd(basis.T @ of_future @ _orthonormal(of_future)[1], full_matrices=False)[0]
     if directions.shape[1] < order:
         raise ValueError(
             f"the training data have no {order} states: their past and future share only {directions.shape[1]}; lower "
@@ -187,28 +140,6 @@ def _orthonormal(table: Array) -> tuple[Array, Array]:
     basis, sizes, directions = np.linalg.svd(table, full_matrices=False)
     kept = sizes > RANK_TOLERANCE * sizes.max(initial=0.0)
     return basis[:, kept], directions[kept].T / sizes[kept]
-
-
-def _without_effects_of_the_future(windows: Windows, feedthrough: bool) -> Array:
-    """(rows, future · m): the future outputs less what inputs and outputs since the past ended add to them.
-
-    By the coefficients of the ARX model with as many lags as the past has samples.
-    """
-    past, k = windows.past, windows.k
-    now = windows.inputs(past, past + 1)[:, : k * feedthrough]
-    coefficients = regression(
-        np.hstack([windows.constant, now, windows.both(0, past)]), windows.outputs(past, past + 1)
-    )
-    direct = coefficients[1 : 1 + now.shape[1]]
-    # By lag, from 1 on.
-    lagged = coefficients[1 + now.shape[1] :].reshape(past, -1, coefficients.shape[1])[::-1]
-    after = windows.samples[:, past:]
-    left = after[:, :, k:].copy()
-    if feedthrough:
-        left -= after[:, :, :k] @ direct
-    for lag in range(1, after.shape[1]):
-        left[:, lag:] -= after[:, :-lag] @ lagged[lag - 1]
-    return left.reshape(len(left), -1)
 
 
 class Windows(NamedTuple):

@@ -27,8 +27,11 @@ from mavdem.live.link import Link, RawRecording
 from mavdem.live.session import LearningProcess, LiveSession
 from mavdem.report.page import live_page
 
+STATUS_SECONDS = 5.0  # between two status lines on standard error
+
 if TYPE_CHECKING:
-    from mavdem.view.live import LiveView, RecordingFile, Sink
+    from mavdem.view.live_view import LiveView
+    from mavdem.view.viewer import RecordingFile
 
 
 class Dashboard:
@@ -42,7 +45,6 @@ class Dashboard:
         self._link, self._axis = link, axis
         self.view: LiveView | None = None
         self._said: set[str] = set()
-        self._sinks: list[Sink] = []
         self.file: RecordingFile | None = None
         self.advice = advice("The dashboard", "view")
         if self.advice:
@@ -51,16 +53,19 @@ class Dashboard:
             return
         # Rerun takes a second to load.
         with ending_at_once():
-            from mavdem.view.live import RecordingFile, WebServer, sinks_for
+            from mavdem.view.live_view import LiveView
+            from mavdem.view.viewer import RecordingFile, WebServer, sinks_for
         try:
-            self._sinks = sinks_for(rrd, serve, connect)
+            sinks = sinks_for(rrd, serve, connect)
         except ValueError as error:
             raise click.BadParameter(f"{error}.", param_hint="--connect") from error
         except OSError as error:
             raise Unreadable(f"The dashboard cannot be opened: {error}.") from None
-        if not self._sinks:
+        if not sinks:
             self.advice = "There is no screen here: use --rrd FILE to record, or --serve for browsers of this machine."
-        for sink in self._sinks:
+            return
+        self.view = LiveView(sinks)
+        for sink in sinks:
             if isinstance(sink, WebServer):
                 self.advice = f"Open {sink.page} in a browser."
             elif isinstance(sink, RecordingFile):
@@ -68,36 +73,29 @@ class Dashboard:
 
     def open(self, setup: Setup) -> LiveView | None:
         """Shows the rows of a setup from now on; None where nothing can be shown."""
-        if not self._sinks:
+        if self.view is None:
             return None
-        from mavdem.view.live import Channels, LiveView
+        from mavdem.view.live_content import Channels
 
         layout, (outputs, units) = setup.layout, zip(*axis_outputs(self._axis), strict=True)
         weights = None if layout.positions_assumed else layout.effect(self._axis)
         command = () if weights is None else tuple((2 * weights).tolist())
         motors = layout.names, outputs, (setup.scale.unit,) * len(layout.names), units
-        channels = Channels(self._link, setup.dt, horizons(setup.dt), *motors, command)
-        if self.view is None:
-            self.view = LiveView(channels, self._sinks)
-        self.view.change(channels)
+        self.view.change(Channels(self._link, setup.dt, horizons(setup.dt), *motors, command))
         return self.view
 
     def report(self, status: SessionStatus) -> None:
         """Shows the status, and prints what is wrong with the view."""
         if self.view is not None:
             self.view.status(status)
-            for trouble in self.view.troubles:
-                if trouble not in self._said:
-                    say_aside(trouble)
+            for trouble in set(self.view.troubles) - self._said:
+                say_aside(trouble)
                 self._said.add(trouble)
 
     def close(self) -> None:
         """Ends the view."""
-        for shown in self._sinks if self.view is None else [self.view]:
-            shown.close()
-
-
-STATUS_SECONDS = 5.0  # between two status lines on standard error
+        if self.view is not None:
+            self.view.close()
 
 
 def _number(context: click.Context, parameter: click.Parameter, value: float | None) -> float | None:
@@ -203,11 +201,7 @@ def live_command(
         say_aside(f"Of {sum(account.values()):.0f} s: {spent or 'nothing'}.")
         if ahead := _ahead(session.status, axis):
             say_aside(sentence(ahead))
-        tasks = ["learning the model of the last samples"] if session.learner is not None else []
-        tasks += ["restoring the vehicle's message rates"] if session.request is not None else []
-        tasks += ["completing files"] if rrd is not None or record is not None else []
-        if tasks:
-            say_aside(f"Ending: {', '.join(tasks)}; this takes some seconds.")
+        say_aside("Ending takes some seconds: model, message rates and files are completed.")
         status, learned, code = session.status, None, UNSUPPORTED
         # The model is written first: what follows may fail or take its time.
         try:
@@ -218,7 +212,9 @@ def live_command(
         ends.close()
         page = "" if html is None else live_page(link, axis, session.history, status, account, learned)
         has_page = html is not None and _written(html, page, "page")
-        if rrd is not None and dashboard.view is None:
+        broken = dashboard.file is not None and dashboard.file.broken
+        kept = dashboard.file is not None and dashboard.file.complete > 0
+        if dashboard.file is not None and not kept and not broken:
             say_aside(f"There was nothing to show, so {rrd} was not written.")
         if as_json:
             figures = {
@@ -235,13 +231,12 @@ def live_command(
                 "obstacle": status.obstacle,
                 **alarm_figures(status.alarms),
                 "events": [event.sentence for event in session.history.events],
-                "rrd": str(rrd) if dashboard.file is not None and dashboard.file.kept else None,
+                "rrd": str(rrd) if kept else None,
                 "record": None if recording is None else {"file": str(record), "frames": recording.frames},
                 "model": str(model) if code == DONE and model is not None else None,
                 "html": str(html) if has_page else None,
             }
             print_json(figures)
-    broken = dashboard.file is not None and dashboard.file.broken
     lost = session.recording is not recording or broken or (html is not None and not has_page)
     click.get_current_context().exit(UNUSABLE if lost else code)
 
@@ -279,9 +274,8 @@ def _run(session: LiveSession, asked: Callable[[], bool], duration: float | None
 
 def _ahead(status: SessionStatus, axis: str) -> str:
     """How well the model predicts; empty before it has."""
-    seconds, half = status.ahead
-    degrees = f"{math.degrees(half):.2g}°"
-    return f"{axis} predicted {seconds:.2g} s ahead within ±{degrees} (90 %)" if math.isfinite(half) else ""
+    seconds, half = status.ahead[0], math.degrees(status.ahead[1])
+    return f"{axis} predicted {seconds:.2g} s ahead within ±{half:.2g}° (90 %)" if math.isfinite(half) else ""
 
 
 def _status_line(status: SessionStatus, axis: str) -> str:

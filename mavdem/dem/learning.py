@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mavdem.dem.engine.ascent import CoordinateAscent, FreeEnergy, Learning
+from mavdem.dem.engine.ascent import CoordinateAscent
 from mavdem.dem.engine.free_energy import free_energy
 from mavdem.dem.engine.generative import SufficientStatistics
 from mavdem.dem.engine.linalg import Array, inverse, one_thread, raise_on_overflow
@@ -239,13 +239,12 @@ def _learned(attempt: _Attempt, record: Record) -> Learned:
         undetermined=undetermined_directions(information, precision[np.ix_(vehicle, vehicle)], ~held, sizes),
         prior_sd=np.sqrt(np.diag(physical(prior_covariance))),
         known=held,
-        free_energy=FreeEnergy(dict(ascent.terms)),
+        free_energy=ascent.free_energy,
         free_energy_of_samples=free_energy(fit.model, data, data @ ascent.state_map.T, ascent.belief),
-        learning=Learning(
-            (ascent.theta * scale)[:, vehicle].copy(),
-            (ascent.theta_sd * scale)[:, vehicle].copy(),
-            ascent.lambda_,
-            ascent.lambda_sd,
+        learning=replace(
+            ascent.learning,
+            theta=(ascent.learning.theta * scale)[:, vehicle].copy(),
+            theta_sd=(ascent.learning.theta_sd * scale)[:, vehicle].copy(),
         ),
         converged=fit.converged,
         record=record,

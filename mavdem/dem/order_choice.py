@@ -6,7 +6,6 @@ from collections.abc import Iterable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
-from math import e
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,13 +15,12 @@ from mavdem.dem.engine.linalg import Array, one_thread
 from mavdem.dem.order_search import BlackBox, fits_by_order
 from mavdem.dem.parallel import parallel_map
 from mavdem.dem.record import Record, UniformRecord
-from mavdem.dem.validation import is_number, is_whole
+from mavdem.dem.validation import is_whole
 
 STRONG_EVIDENCE_NATS = 3.0  # odds of 20 to 1: strong evidence by Kass and Raftery (1995)
 STANDARD_ERRORS = 2.0  # that a mean gain over several flights must exceed as well, so that no single flight decides
 DEFAULT_MAX_ORDER = 6  # two states more than the paper's largest system
 LARGEST_ORDER = 8  # more states need higher derivatives of an output, which would be rounding
-UNKNOWN_INPUT = e**2  # P̃ᵛ of unrecorded inputs, as in the paper; in units of the data
 
 
 class FlightOrders(NamedTuple):
@@ -30,7 +28,7 @@ class FlightOrders(NamedTuple):
 
     free_energy: Array  # (N,) nats; NaN where no fit converged
     width: float  # of the kernel that filters the flight, s: faster motion is not seen
-    smoothness: Array  # (N,) kernel width s of the noise, seconds, as given or estimated for each order
+    smoothness: Array  # (N,) estimated kernel width s of the noise, seconds
     samples: float  # effective sample size
     remarks: tuple[str, ...]  # why orders are missing, one sentence each
 
@@ -129,8 +127,6 @@ def choose_order(
     flights: UniformRecord | Iterable[UniformRecord | Sequence[UniformRecord]],
     max_order: int = DEFAULT_MAX_ORDER,
     known_inputs: bool = True,
-    input_precision: float = UNKNOWN_INPUT,
-    smoothness: float | None = None,
     executor: Executor | None = None,
 ) -> OrderChoice:
     """Compares model orders by F̄ᵒ, which increases with the number of states and saturates.
@@ -143,52 +139,35 @@ def choose_order(
         flights: one, or several of the same inputs and outputs, each a ``Flight`` or segments of one.
         max_order: the highest order that is fitted, up to ``LARGEST_ORDER``.
         known_inputs: whether the recorded inputs drive the system; if not, as many unknown ones do, η̃ᵛ = 0.
-        input_precision: P̃ᵛ of unknown inputs and of each derivative, in units of the data (``BlackBox``).
-        smoothness: kernel width s of the noise, seconds; ``None``: the maximum of F̄ᵒ, for each order.
         executor: does the work, one flight at a time, in place of this process.
 
     Raises:
         ValueError: an argument of the wrong kind; flights of other channels; or one that is too short, or for which no
             order can be fitted.
     """
-    work = partial(
-        orders_of,
-        max_order=max_order,
-        known_inputs=known_inputs,
-        input_precision=input_precision,
-        smoothness=smoothness,
-    )
     records = [Record.of(flight) for flight in (flights if isinstance(flights, Iterable) else [flights])]
     if not records:
         raise ValueError("flights must be at least one")
     channels = {(record.inputs.shape[1], record.outputs.shape[1]) for record in records}
     if len(channels) > 1:
         raise ValueError(f"flights must have the same numbers of inputs and outputs, not {sorted(channels)}")
-    return OrderChoice(tuple(parallel_map(work, records, executor)))
+    return OrderChoice(
+        tuple(parallel_map(partial(orders_of, max_order=max_order, known_inputs=known_inputs), records, executor))
+    )
 
 
 def orders_of(
-    flight: UniformRecord | Sequence[UniformRecord],
-    max_order: int = DEFAULT_MAX_ORDER,
-    known_inputs: bool = True,
-    input_precision: float = UNKNOWN_INPUT,
-    smoothness: float | None = None,
+    flight: UniformRecord | Sequence[UniformRecord], max_order: int = DEFAULT_MAX_ORDER, known_inputs: bool = True
 ) -> FlightOrders:
-    """F̄ᵒ of one ``flight``, or of its segments, by order.
-
-    ``max_order``, ``known_inputs``, ``input_precision``, ``smoothness`` and errors are as for :func:`choose_order`.
-    """
+    """F̄ᵒ of one ``flight``, or of its segments, by order; arguments and errors are as for :func:`choose_order`."""
     if not (is_whole(max_order) and 1 <= max_order <= LARGEST_ORDER):
         raise ValueError(f"max_order must be a whole number from 1 to {LARGEST_ORDER}, not {max_order!r}")
-    for name, value in (("input_precision", input_precision), ("smoothness", smoothness)):
-        if not (value is None and name == "smoothness" or is_number(value) and 0 < value < np.inf):
-            raise ValueError(f"{name} must be a positive number, not {value!r}")
     record = Record.of(flight)
     with one_thread():
-        box = BlackBox.of(record, max_order, known_inputs, input_precision)
+        box = BlackBox.of(record, max_order, known_inputs)
         # No more parameters, less n² for the coordinates, than effective values.
         allowed = min(max_order, max(1, int(box.counted(box.dt).number * box.m / (box.r + box.m))))
-        fits = fits_by_order(box, allowed, smoothness)
+        fits = fits_by_order(box, allowed)
     values, widths = np.full((2, max_order), np.nan)
     values[:allowed] = [np.nan if fit is None else fit.iterate.free_energy for fit in fits]
     widths[:allowed] = [np.nan if fit is None else fit.smoothness for fit in fits]

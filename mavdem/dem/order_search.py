@@ -51,7 +51,7 @@ LAMBDA_Z, LAMBDA_W, LAMBDA_PRECISION = 8.0, 2.0, 0.1
 the states' rates, within a factor of five."""
 
 UNIT = 1.0  # prior precision of every parameter about 0, and of every state
-KNOWN_INPUT = e**12  # P̃ᵛ of inputs that are known, as in ``Settings``
+KNOWN_INPUT, UNKNOWN_INPUT = e**12, e**2  # P̃ᵛ of recorded inputs, as in ``Settings``, and of others, as in the paper
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,13 +68,13 @@ class BlackBox:
     input_precision: Array  # P̃ᵛ
 
     @classmethod
-    def of(cls, record: Record, most: int, known_inputs: bool, input_precision: float) -> BlackBox:
-        """That of a record, for models of at ``most`` so many states; P̃ᵛ of unknown inputs is ``input_precision``."""
+    def of(cls, record: Record, most: int, known_inputs: bool) -> BlackBox:
+        """That of a record, for models of at ``most`` so many states."""
         settings = replace(Settings.paper(), scaling="channel", known_inputs=known_inputs)
         scaling = Scaling.of(*record.spread, settings)
         width = kernel_width(record)
         m, r = record.outputs.shape[1], record.inputs.shape[1] + scaling.constant
-        p = embedding_order(m, most)
+        p = max(LEAST_EMBEDDING, ceil((most + SPARE_VALUES) / m) - 1)
         # [ỹ; η̃] of the samples whose whole kernel lies inside their segment.
         pairs = [
             (embed_through_kernel(y, p, width, record.dt), embed_through_kernel(u, p - 1, width, record.dt))
@@ -89,7 +89,7 @@ class BlackBox:
             )
         unit = _time_of_change(read[:, :m], read[:, m : 2 * m])
         in_units = unit ** np.repeat(np.concatenate([np.arange(p + 1), np.arange(p)]), [m] * (p + 1) + [r] * p)
-        each = np.full(r, KNOWN_INPUT if known_inputs else input_precision)
+        each = np.full(r, KNOWN_INPUT if known_inputs else UNKNOWN_INPUT)
         each[r - scaling.constant :] = KNOWN_INPUT
         precision = np.diag(np.tile(each, p))
         return cls(SufficientStatistics.of(read * in_units), r, m, p, record.dt, width, unit, precision)
@@ -149,11 +149,6 @@ def _repeated(width: float, dt: float) -> float:
     return sqrt(2 * pi) * width / dt
 
 
-def embedding_order(outputs: int, most: int) -> int:
-    """p, so that a generalized output has ``SPARE_VALUES`` numbers more than the largest model has states."""
-    return max(LEAST_EMBEDDING, ceil((most + SPARE_VALUES) / outputs) - 1)
-
-
 def kernel_width(record: Record) -> float:
     """σ of the kernel that filters a record, s."""
     spread, m = record.spread[1], record.outputs.shape[1]
@@ -193,29 +188,26 @@ class OrderFit(NamedTuple):
     iterate: Iterate
 
 
-def fits_by_order(box: BlackBox, most: int, smoothness: float | None) -> tuple[OrderFit | None, ...]:
-    """The best fit of each order from 1 to ``most``; None where every fit broke down.
+def fits_by_order(box: BlackBox, most: int) -> tuple[OrderFit | None, ...]:
+    """The best fit of each order from 1 to ``most``, with the smoothness s of the noise that maximises its F̄ᵒ.
 
-    Without a ``smoothness`` of the noise, s, each order has the one that maximises its F̄ᵒ.
+    None where every fit broke down.
     """
-    if smoothness is not None:
-        return _swept(_Fits(box, box.counted(smoothness), smoothness), most)
-    fits = _swept(_Fits(box, box.counted(box.dt), None), most)
+    fits = _swept(_Fits(box, box.counted(box.dt)), most)
     highest = max((fit for fit in fits if fit), key=lambda fit: fit.iterate.free_energy, default=None)
     if highest is None:
         return fits
     # The effective sample size follows from the smoothness, which is known only now.
-    recounted = _Fits(box, box.counted(highest.smoothness), None)
+    recounted = _Fits(box, box.counted(highest.smoothness))
     return tuple(None if fit is None else recounted.continued(fit) for fit in fits)
 
 
 @dataclass(frozen=True, eq=False)
 class _Fits:
-    """Fits of one flight with one effective sample size; ``smoothness`` is ``None`` where it is estimated."""
+    """Fits of one flight with one effective sample size."""
 
     box: BlackBox
     samples: SufficientStatistics
-    smoothness: float | None
 
     def best_of(self, order: int, smoothness: float, starts: Iterable[Array], best: float) -> OrderFit | None:
         """The best fit from the starts: a few rounds from each, more from the best, and last its smoothness.
@@ -240,8 +232,6 @@ class _Fits:
 
     def _with_best_smoothness(self, fit: OrderFit) -> OrderFit:
         """With the smoothness that maximises F̄."""
-        if self.smoothness is not None:
-            return fit
         fits = {fit.smoothness: fit}
 
         def negative_free_energy(log_width: float) -> float:
@@ -265,12 +255,12 @@ def _swept(fits: _Fits, most: int) -> tuple[OrderFit | None, ...]:
     Upwards, a model extends the one before; downwards, it is the next larger one reduced. Each finds maxima that the
     other does not.
     """
-    box, begin = fits.box, fits.smoothness or fits.box.dt
+    box = fits.box
     best: dict[int, OrderFit] = {}
 
     def improves(order: int, beside: int, starts: Sequence[Array] = ()) -> bool:
         """Whether a fit from the starts, or from one of the order ``beside``, increases F̄ of that order."""
-        smoothness, before, near = begin, -np.inf, best.get(beside)
+        smoothness, before, near = box.dt, -np.inf, best.get(beside)
         if near is not None:
             smoothness, changed = near.smoothness, grown if beside < order else reduced
             starts = [*starts, *(_or_none(lambda: changed(box, near.model, near.iterate)) or ())]

@@ -75,30 +75,8 @@ Log = Annotated[float, Field(ge=-LARGEST_LOG, le=LARGEST_LOG)]
 Logs = Log | Annotated[tuple[Log, ...], Field(min_length=1)]
 Matrix = Annotated[tuple[tuple[float, ...], ...], Field(min_length=1), AfterValidator(_positive_definite)]
 Groups = Annotated[tuple[int, ...], Field(min_length=1), AfterValidator(_numbered_from_zero)]
-
-TYPES: dict[str, Any] = {
-    "order": Natural | None,
-    "p": Whole,
-    "d": Whole | None,
-    "window": Natural | None,
-    "scaling": Literal["channel", "paper", "none"],
-    "known_inputs": bool | Annotated[tuple[bool, ...], Field(min_length=1)],
-    "smoothness": Positive | None,
-    "correlation": Literal["sampled", "continuous"],
-    "noise_groups": tuple[Groups, Groups] | None,
-    "prior": Literal["regulated", "uniform"] | Gaussian,
-    "parameter_precision": Positive | None,
-    "lambda_z": Logs,
-    "lambda_w": Logs,
-    "lambda_log_precision": tuple[Logs, Logs],
-    "input_precision": Positive | Annotated[tuple[Positive, ...], Field(min_length=1)] | Matrix,
-    "learning_rates": tuple[Positive | None, Positive | None, Positive | None] | None,
-    "iterations": Natural,
-    "seed": Whole,
-    "horizon": Positive | None,
-    "forecasts": Literal["mixed", "shrunk", "model"],
-}
-"""What each setting may be, for pydantic; the fields' own annotations are for people."""
+Precisions = Positive | Annotated[tuple[Positive, ...], Field(min_length=1)] | Matrix
+Flags = bool | Annotated[tuple[bool, ...], Field(min_length=1)]
 
 FORMER = {
     **dict.fromkeys(("lambda_prior", "lambda_z_precision", "lambda_w_precision"), "lambda_log_precision, their logs"),
@@ -108,8 +86,6 @@ FORMER = {
     "last_derivative_zero": 'correlation: "continuous" or "sampled"',
 }
 """What to use for settings of former versions."""
-
-COMPLETE_TYPES = TYPES | {"order": Natural, "d": Whole, "window": Natural, "parameter_precision": Positive}
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,34 +157,34 @@ class Settings:
             these, mixed with others that take the motors for measurements of the motion as well.
     """
 
-    order: int | None = None
-    p: int = 2
-    d: int | None = None
-    window: int | None = None
+    order: Natural | None = None
+    p: Whole = 2
+    d: Whole | None = None
+    window: Natural | None = None
     scaling: Literal["channel", "paper", "none"] = "channel"
-    known_inputs: bool | tuple[bool, ...] = True
+    known_inputs: Flags = True
 
-    smoothness: float | None = None
+    smoothness: Positive | None = None
     correlation: Literal["sampled", "continuous"] = "sampled"
-    noise_groups: tuple[tuple[int, ...], tuple[int, ...]] | None = None
+    noise_groups: tuple[Groups, Groups] | None = None
 
     prior: Literal["regulated", "uniform"] | Gaussian = "regulated"
-    parameter_precision: float | None = None
-    lambda_z: float | tuple[float, ...] = 20.0
-    lambda_w: float | tuple[float, ...] = 3.0
-    lambda_log_precision: tuple[float | tuple[float, ...], float | tuple[float, ...]] = (25.0, -4.6)
-    input_precision: float | tuple[float, ...] | tuple[tuple[float, ...], ...] = 1.6e5
+    parameter_precision: Positive | None = None
+    lambda_z: Logs = 20.0
+    lambda_w: Logs = 3.0
+    lambda_log_precision: tuple[Logs, Logs] = (25.0, -4.6)
+    input_precision: Precisions = 1.6e5
 
-    learning_rates: tuple[float | None, float | None, float | None] | None = None
-    iterations: int = 200
-    seed: int = 0
+    learning_rates: tuple[Positive | None, Positive | None, Positive | None] | None = None
+    iterations: Natural = 200
+    seed: Whole = 0
 
-    horizon: float | None = 0.3
+    horizon: Positive | None = 0.3
     forecasts: Literal["mixed", "shrunk", "model"] = "mixed"
 
     def __post_init__(self) -> None:
-        types = COMPLETE_TYPES if isinstance(self, CompleteSettings) else TYPES
-        for name, value in checked_values(types, {name: _plain(value) for name, value in vars(self).items()}).items():
+        values = {name: _plain(value) for name, value in vars(self).items()}
+        for name, value in checked_values(type(self), values).items():
             object.__setattr__(self, name, value)
         self._require_consistent()
 
@@ -307,10 +283,10 @@ class Settings:
 class CompleteSettings(Settings):
     """Settings with a number for all that may be left to the data; the fields are those of :class:`Settings`."""
 
-    order: int
-    d: int
-    window: int
-    parameter_precision: float
+    order: Natural
+    d: Whole
+    window: Natural
+    parameter_precision: Positive
 
 
 def _plain(value: Any) -> Any:

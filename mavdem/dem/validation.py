@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import cache
 from reprlib import Repr
-from typing import Any, TypeGuard
+from typing import Any, TypeGuard, get_type_hints
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,10 +17,10 @@ SHORT = Repr()
 SHORT.maxother = SHORT.maxstring = 80
 
 
-def checked_values(types: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
-    """Returns the values by name, each of its type, or ``ValueError``: ``<name> must be …, not <value>``."""
+def checked_values(kind: type, values: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns values by name, as the fields of ``kind`` are annotated; ``ValueError``: ``<name> must be …, not …``."""
     try:
-        return dict(_model(tuple(types.items())).model_validate(values))
+        return dict(_model(kind).model_validate(values))
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         name, said = str(first["loc"][0]), first["msg"].removeprefix("Value error, ")
@@ -29,8 +29,8 @@ def checked_values(types: Mapping[str, Any], values: Mapping[str, Any]) -> dict[
 
 
 @cache
-def _model(types: tuple[tuple[str, Any], ...]) -> type[BaseModel]:
-    fields: Any = {name: (kind, ...) for name, kind in types}
+def _model(kind: type) -> type[BaseModel]:
+    fields: Any = {name: (hint, ...) for name, hint in get_type_hints(kind, include_extras=True).items()}
     model: type[BaseModel] = create_model("Values", __config__=STRICT, **fields)
     return model
 

@@ -17,7 +17,7 @@ from mavdem.export.tables import TIME, columns, own_columns, write_csv, write_pa
 from mavdem.files import atomic_write
 from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream
-from mavdem.ingest.mavlink.framing import GOOD, Progress
+from mavdem.ingest.mavlink.framing import GOOD, Progress, no_progress
 from mavdem.ingest.mcap.writer import MAX_STAMP, write_mcap
 from mavdem.ingest.tlog import write_tlog
 
@@ -31,7 +31,7 @@ def convert(
     axis: str = "roll",
     vehicle: str | None = None,
     inputs: str | None = None,
-    progress: Progress | None = None,
+    progress: Progress = no_progress,
 ) -> dict[str, Any]:
     """Converts ``source`` to the format of ``out``'s ending, and reports what was written.
 
@@ -69,7 +69,7 @@ def convert(
     return {"source": str(source), "out": str(out), **written}
 
 
-def _convert_stream(source: Path, out: Path, progress: Progress | None) -> dict[str, Any]:
+def _convert_stream(source: Path, out: Path, progress: Progress) -> dict[str, Any]:
     kind, stream = out.suffix.lower(), read_stream(source, progress)
     if stream.form == kind:
         raise ValueError(f"{source} is a {kind} already: choose another format")
@@ -88,7 +88,7 @@ def _convert_stream(source: Path, out: Path, progress: Progress | None) -> dict[
 
 
 def _convert_to_table(
-    source: Path, out: Path, axis: str, vehicle: str | None, inputs: str | None, progress: Progress | None
+    source: Path, out: Path, axis: str, vehicle: str | None, inputs: str | None, progress: Progress
 ) -> dict[str, Any]:
     log = read_log(source, progress)
     signals = Signals(choose_vehicle(log.vehicles, vehicle), axis, inputs)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from mavdem.errors import Unreadable
 from mavdem.ingest.contents import READABLE_FORMATS, file_beginning, is_dataflash_text
-from mavdem.ingest.mavlink.framing import MARKER_1, MARKER_2, Progress
+from mavdem.ingest.mavlink.framing import MARKER_1, MARKER_2, Progress, no_progress
 from mavdem.ingest.mavlink.vehicles import FrameStream
 from mavdem.ingest.telemetry import Log
 from mavdem.ingest.tlog import STAMP_BYTES, read_tlog, tlog_stream
@@ -25,7 +25,7 @@ ARCHIVES = {b"\x1f\x8b": "a gzip archive", b"PK\x03\x04": "a zip archive"}
 STAMPS = range(946_684_800_000_000, 4_102_444_800_000_000)  # µs since 1970, of the years 2000 to 2099
 
 
-def read_log(path: str | bytes | os.PathLike[str], progress: Progress | None = None) -> Log:
+def read_log(path: str | bytes | os.PathLike[str], progress: Progress = no_progress) -> Log:
     """Reads a recorded flight.
 
     >>> log = mavdem.ingest.read_log("flight.tlog")
@@ -72,7 +72,7 @@ def _has_marker(beginning: bytes) -> bool:
     return beginning[STAMP_BYTES : STAMP_BYTES + 1] in (bytes([MARKER_1]), bytes([MARKER_2]))
 
 
-def read_stream(path: str | bytes | os.PathLike[str], progress: Progress | None = None) -> FrameStream:
+def read_stream(path: str | bytes | os.PathLike[str], progress: Progress = no_progress) -> FrameStream:
     """Reads the MAVLink frames of a telemetry log (.tlog) or of an MCAP recording (.mcap), whatever the file's name.
 
     Raises Unreadable: it cannot be opened, has another format, or no MAVLink; ValueError: ``path`` is not a path.

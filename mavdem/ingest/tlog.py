@@ -21,7 +21,7 @@ from mavdem.errors import Unreadable
 from mavdem.ingest.contents import READABLE_FORMATS, mapped_bytes, require_whole
 from mavdem.ingest.mavlink.clocks import Places, Times, far_off, without
 from mavdem.ingest.mavlink.definitions import seeds
-from mavdem.ingest.mavlink.framing import GOOD, Bytes, Frames, Progress, concatenated, find_frames, rows_of
+from mavdem.ingest.mavlink.framing import GOOD, Bytes, Frames, Progress, concatenated, find_frames, no_progress, rows_of
 from mavdem.ingest.mavlink.vehicles import FrameIndex, FrameStream, assemble
 from mavdem.ingest.telemetry import Log
 
@@ -34,7 +34,7 @@ CHANCE_FRAMES = 1e-6
 BATCH = 1 << 16  # Stamps read together
 
 
-def read_tlog(path: str | os.PathLike[str], progress: Progress | None = None) -> Log:
+def read_tlog(path: str | os.PathLike[str], progress: Progress = no_progress) -> Log:
     """Reads a telemetry log; a damaged one as far as possible.
 
     Raises Unreadable: the file cannot be opened, contains no MAVLink, or is cut short while it is read.
@@ -50,7 +50,7 @@ def read_tlog(path: str | os.PathLike[str], progress: Progress | None = None) ->
     return assemble(data, index, stamps.at, stamps.span, stamps.bytes_skipped, source, repairs)
 
 
-def tlog_stream(path: str | os.PathLike[str], progress: Progress | None = None) -> FrameStream:
+def tlog_stream(path: str | os.PathLike[str], progress: Progress = no_progress) -> FrameStream:
     """Returns the frames of a telemetry log with their receive stamps, in the order they were received.
 
     Raises Unreadable: as ``read_tlog``.
@@ -153,7 +153,7 @@ def _stamps(data: Bytes, start: NDArray[np.int64]) -> NDArray[np.uint64]:
     return rows_of(data, np.maximum(start - STAMP_BYTES, 0), STAMP_BYTES).view(">u8")[:, 0].astype(np.uint64)
 
 
-def _tables(data: Bytes, source: str, progress: Progress | None) -> Iterator[Frames]:
+def _tables(data: Bytes, source: str, progress: Progress) -> Iterator[Frames]:
     for frames in find_frames(data, seeds(), STAMP_BYTES, progress):
         require_whole(data, source)
         yield frames

@@ -27,7 +27,7 @@ from scipy.ndimage import median_filter
 from mavdem.errors import Unreadable
 from mavdem.ingest.contents import file_bytes
 from mavdem.ingest.mavlink.definitions import enum_name
-from mavdem.ingest.mavlink.framing import Progress
+from mavdem.ingest.mavlink.framing import Progress, no_progress
 from mavdem.ingest.px4_topics import NEEDED, Px4Topic, mav_type, messages, names, notes
 from mavdem.ingest.telemetry import Log, Telemetry, joined, listed, log_of_vehicles, repair_sentences, rows_by, selected
 from mavdem.ingest.vocabulary import PX4, UNNAMED, version_text
@@ -135,7 +135,7 @@ class WholeMessages:
     """
 
     def __init__(
-        self, content: bytes, wanted: Container[bytes] | None, source: str, progress: Progress | None = None
+        self, content: bytes, wanted: Container[bytes] | None, source: str, progress: Progress = no_progress
     ) -> None:
         self.messages = self.bytes_skipped = self.damaged = self.cut = self.crowded = 0
         self._definitions, self._data = bytearray(), bytearray()
@@ -161,7 +161,7 @@ class WholeMessages:
         """Walks the messages of ``content[at:end]``; a message that ``end`` cuts off is left out."""
         content, topics, reported = self._content, self._topics, at
         while at < end:
-            if at - reported > 1 << 20 and self._progress is not None:
+            if at - reported > 1 << 20:
                 self._progress(at / len(content))
                 reported = at
             after = self._after(at, end)
@@ -338,7 +338,7 @@ def _begun(low_bytes: set[int]) -> re.Pattern[bytes]:
     return re.compile(_BEGUN + (b"|D(?=[%s])" % numbers if numbers else b""), re.DOTALL)
 
 
-def read_ulog(path: str | os.PathLike[str], progress: Progress | None = None) -> Log:
+def read_ulog(path: str | os.PathLike[str], progress: Progress = no_progress) -> Log:
     """Reads a ULog file; a damaged one as far as possible. It has one vehicle, PX4's.
 
     In the ``Log``, ``frames`` counts the whole messages of the file. There are no receive times. Raises Unreadable: the
@@ -375,8 +375,7 @@ def read_ulog(path: str | os.PathLike[str], progress: Progress | None = None) ->
         dropouts=len(found.dropouts),
         board=str(log.msg_info_dict.get("sys_uuid", "")).lower(),
     )
-    if progress is not None:
-        progress(1.0)
+    progress(1.0)
     return log_of_vehicles((telemetry,), found.messages, found.bytes_skipped)
 
 

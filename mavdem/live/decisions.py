@@ -11,7 +11,7 @@ when its motors fall far below their level in flight.
 
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -32,39 +32,24 @@ from mavdem.live.history import FLIGHT_UNKNOWN, NOT_FLYING
 from mavdem.live.messages import Values
 from mavdem.live.rows import Samples
 
-PHASE_SECONDS, REPORTS_SECONDS = 2 * AVERAGING_SECONDS, 2 * REPORT_SECONDS
-"""Of thrust and vertical speed, and of reports, that are looked back on."""
 REPORTED = ("armed", "landed_state")
-TOUCHDOWN_SHARE, TOUCHDOWN_SECONDS = 0.5, 0.2
-"""Of the collective in flight, and over how long: in the air a multirotor carries its weight, on the ground it idles at
-a third."""
-MAX_ROWS = 512  # Of each stream of outputs that are looked back on
-MIN_STEP_SECONDS = 0.005  # Between two values of the collective
-MAX_REPORTS = 4096  # Of each kind of what shows the phase
+TOUCHDOWN_SHARE, TOUCHDOWN_SECONDS = 0.5, 0.2  # Of the collective in flight: on the ground it idles at a third
+MAX_ROWS, MAX_REPORTS = 512, 4096  # Of each stream of outputs, and of each kind of what shows the phase
 
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """What the rows of a segment are, like the ``provenance`` of a ``Flight``.
+    """What the rows of a segment are, like the ``provenance`` of a ``Flight``."""
 
-    Attributes:
-        segment, boot: numbers.
-        dt: step, s.
-        attitude, motors: names of the messages.
-        layout, scale: of the inputs.
-        rates: Hz of attitude and motors that decided the step.
-        start: first point of the grid, s; the first row may be a few seconds later.
-    """
-
-    segment: int
-    boot: int
-    dt: float
-    attitude: str
-    motors: str
-    layout: MotorGeometry
-    scale: OutputScale
-    rates: tuple[float, ...]
-    start: float
+    segment: int  # number
+    boot: int  # number
+    dt: float  # step, s
+    attitude: str  # name of the message
+    motors: str  # name of the message
+    layout: MotorGeometry  # of the inputs
+    scale: OutputScale  # of the inputs
+    rates: tuple[float, ...]  # Hz of attitude and motors that decided the step
+    start: float  # first point of the grid, s; the first row may be a few seconds later
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,8 +65,8 @@ class Inputs:
     @cached_property
     def ports(self) -> tuple[int, ...]:
         """The ports with inputs, the one with most of them first."""
-        ports = [port for port, _ in self.picks]
-        return tuple(sorted(set(ports), key=lambda port: (-ports.count(port), port)))
+        counts = Counter(port for port, _ in sorted(self.picks))
+        return tuple(port for port, _ in counts.most_common())
 
     @property
     def key(self) -> tuple[object, ...]:
@@ -104,8 +89,7 @@ class InputChoice:
 
     def restart(self) -> None:
         """Begins another clock after a reboot; which channels move stays."""
-        for key, kept in self._extremes.items():
-            self._extremes[key] = [(-1.0 - row, values) for row, (_, values) in enumerate(kept)]
+        self._extremes = {key: [(-1.0, values) for _, values in kept] for key, kept in self._extremes.items()}
 
     def choose(
         self,
@@ -118,8 +102,7 @@ class InputChoice:
     ) -> Inputs | None:
         """Returns the inputs by the rule of ``Signals.drive``; None without any.
 
-        ``streams`` are by message and port, ``rates``, Hz, by message, ``axis`` and ``inputs`` as for ``Signals``.
-        ``staying`` is the only message to consider, if there is one.
+        ``streams`` are by message and port, ``rates``, Hz, by message; ``staying`` is the only message to consider.
         """
         messages: dict[str, dict[str, NDArray[Any]]] = {}
         oldest = min((stream.time[0] for stream in streams.values() if stream.time), default=inf)
@@ -236,8 +219,8 @@ class Phase:
         if not isfinite(value):
             return
         rows = self._rows[kind]
-        if kind == "collective" and rows and 0 <= time - rows[-1][0] < MIN_STEP_SECONDS:
-            return
+        if kind == "collective" and rows and 0 <= time - rows[-1][0] < 0.005:
+            return  # of a fast stream, enough
         changed = kind == "landed_state" and (not rows or rows[-1][1] != value)
         rows.append((time, value))
         if changed:
@@ -273,7 +256,7 @@ class Phase:
         columns: dict[str, Columns] = {}
         series: dict[str, Signal | None] = {}
         for kind, rows in self._rows.items():
-            since = now - (REPORTS_SECONDS if kind in REPORTED else PHASE_SECONDS)
+            since = now - 2 * (REPORT_SECONDS if kind in REPORTED else AVERAGING_SECONDS)
             while len(rows) > 2 * (kind == "armed") and rows[0][0] < since:  # the last state stays
                 rows.popleft()
             reports = list(rows)

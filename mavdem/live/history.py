@@ -29,12 +29,11 @@ ACCOUNT = {
     "silent": "without a message",
     "link_lost": "with the link lost",
     "no_vehicle": "without a vehicle",
-}
-"""What the seconds of a session are accounted for as."""
+}  # What the seconds of a session are accounted for as
 AHEAD = 0.25  # s; how well the model predicts so far ahead is reported
 HORIZONS = 0.05, 0.1, AHEAD, 0.5  # s; of a live session's predictions, besides one step
-MAX_ROWS = 100_000
-"""Rows kept of the lines; when there are more, every second one is dropped, and from then on every second one kept."""
+MAX_ROWS = 100_000  # Of the lines; when there are more, every second one is dropped, and from then on not kept
+REBOOT_GAP_SECONDS = 1.0  # Shown between the last time before a reboot and the first after it
 SETTLED_GAP = 1.0  # s between two learned samples from which on they belong to different parts of the flight
 SAME_TIME = 1e-6  # s between a prediction and the row it is of, at most
 
@@ -53,8 +52,9 @@ def sentence(text: str) -> str:
 class Event(NamedTuple):
     """Something that happened, in one sentence."""
 
-    seconds: float  # UNIX s of the bytes that caused it for a stream, s from the beginning in a history
+    seconds: float  # UNIX s of the bytes that caused it for a stream, s of the vehicle's clock in a history
     sentence: str
+    level: str = "INFO"  # or "ERROR" for an alarm
 
 
 @dataclass(frozen=True)
@@ -64,45 +64,30 @@ class SessionStatus:
     ``LiveStream`` fills in what concerns the link and the vehicle, ``LiveSession`` the rest. ``useful`` is the longest
     useful horizon, s (``Estimate.useful``), and the squared error there over that of the better of the last sample and
     the mean so far.
-
-    Attributes:
-        vehicle: the followed one, "system:component".
-        obstacle: why there are no rows or no new model; empty while all is well.
-        rates: Hz of attitude and motors over the last 2 s, by message.
-        flying: whether the vehicle is armed and airborne.
-        learned, shown: rows that the learner used, and that were only shown.
-        latency: median and 99th percentile, s, from the link to the estimate.
-        ahead: about ``AHEAD`` s, and half width, rad, of the angle's 90 % band there.
-        lost: messages of the vehicle missing by its sequence numbers.
-        late, unread: samples that came too late for their row, and frames of another dialect or damaged.
-        alarms, alarm_count: the latest changes of the motors' balance, and how many; without a motor no alarms.
-        alarm: the latest on a motor in this boot and this flight; it stays after the landing.
     """
 
-    vehicle: str | None = None
-    obstacle: str = ""
-    rates: Mapping[str, float] = field(default_factory=dict)
-    flying: bool = False
-    learned: int = 0
-    shown: int = 0
-    latency: tuple[float, float] = (nan, nan)
-    ahead: tuple[float, float] = (nan, nan)
+    vehicle: str | None = None  # the followed one, "system:component"
+    obstacle: str = ""  # why there are no rows or no new model; empty while all is well
+    rates: Mapping[str, float] = field(default_factory=dict)  # Hz of attitude and motors over the last 2 s, by message
+    flying: bool = False  # whether the vehicle is armed and airborne
+    learned: int = 0  # rows that the learner used
+    shown: int = 0  # rows that were only shown
+    latency: tuple[float, float] = (nan, nan)  # median and 99th percentile, s, from the link to the estimate
+    ahead: tuple[float, float] = (nan, nan)  # about ``AHEAD`` s, and half width, rad, of the angle's 90 % band there
     useful: tuple[float, float] = (nan, nan)
-    lost: int = 0
-    late: int = 0
-    unread: int = 0
-    alarms: tuple[MotorAlarm, ...] = ()
-    alarm_count: int = 0
-    alarm: str = ""
+    lost: int = 0  # messages of the vehicle missing by its sequence numbers
+    late: int = 0  # samples that came too late for their row
+    unread: int = 0  # frames of another dialect or damaged
+    alarms: tuple[MotorAlarm, ...] = ()  # the latest changes of the motors' balance; without a motor they are no alarms
+    alarm: str = ""  # the latest on a motor in this boot and this flight; it stays after the landing
 
     def predicting(self, estimate: Estimate) -> SessionStatus:
         """Returns the same with ``ahead`` and ``useful`` of an estimate."""
-        seconds, longest = estimate.ahead_times - estimate.time, estimate.useful
+        seconds, longest, useful = estimate.ahead_times - estimate.time, estimate.useful, self.useful
         nearest = int(abs(seconds - AHEAD).argmin())
-        ahead = float(seconds[nearest]), float(estimate.ahead_band[nearest, 0])
-        if longest is None:
-            return replace(self, ahead=ahead)
-        return replace(self, ahead=ahead, useful=(float(seconds[longest]), float(estimate.ahead_ratio[longest].mean())))
+        if longest is not None:
+            useful = float(seconds[longest]), float(estimate.ahead_ratio[longest].mean())
+        return replace(self, ahead=(float(seconds[nearest]), float(estimate.ahead_band[nearest, 0])), useful=useful)
 
 
 class HorizonErrors(NamedTuple):
@@ -116,7 +101,7 @@ class HorizonErrors(NamedTuple):
 
 
 class HistoryLines(NamedTuple):
-    """Lines over time, (N,) each, s from the beginning; NaN where there is nothing and across gaps."""
+    """Lines over time, (N,) each, s as of ``LiveHistory``; NaN where there is nothing and across gaps."""
 
     time: Array
     measured: Array  # first output
@@ -127,71 +112,69 @@ class HistoryLines(NamedTuple):
 
 
 class LiveHistory:
-    """Collects what happens in a live flight; the memory of its lines is bounded. ``events``: by s from the beginning.
+    """Collects what happens in a live flight; the memory of its lines is bounded.
 
-    The lines show predictions about ``AHEAD`` s ahead.
+    Its time is the boot clock of the first boot, s, which goes on where a later boot begins, ``shift`` s after that
+    one's clock; ``now``: the latest, NaN before any. The lines show predictions about ``AHEAD`` s ahead.
     """
 
     def __init__(self) -> None:
+        self.now, self.shift, self._boot = nan, 0.0, 0
         self.events: list[Event] = []
         self._rows: list[tuple[float, ...]] = []  # of the lines, after the number of the segment
-        self._stride, self._skipped = 1, 0
-        # Of each segment, s from the boot clock to the time since the beginning. The first rows of one may come late,
-        # all at once: the smallest difference is right.
-        self._offsets: dict[int, float] = {}
-        self._learned: list[tuple[int, float, float]] = []
+        self._stride, self._taken = 1, 0
+        self._segment = 0
+        self.learned: list[tuple[float, float]] = []  # the parts learned from: first and last sample, s
         # By horizon: time, prediction, band and last sample of those whose time has not come.
         self._pending: dict[float, deque[tuple[float, Array, Array, Array]]] = {}
         self._sums: dict[float, tuple[int, Array]] = {}
 
-    def take(self, now: float, segment: int, time: float, outputs: Array, estimate: Estimate | None) -> None:
-        """Takes a row of the boot clock's ``time``, which came ``now``, s; without an estimate it was not learned from.
+    def advance(self, time: float, boot: int) -> None:
+        """Advances to a ``time`` of the vehicle's clock, s, in its boot of this number; to none if it is NaN."""
+        if boot != self._boot:
+            self._boot, self.shift = boot, self.now + REBOOT_GAP_SECONDS - time
+        if not time + self.shift <= self.now:
+            self.now = time + self.shift
+
+    def take(self, segment: int, time: float, outputs: Array, estimate: Estimate | None) -> None:
+        """Takes a row at a ``time`` of the vehicle's clock; without an estimate it was not learned from.
 
         ``segment`` counts the gaps before it; ``outputs`` (m,) are the measured ones.
         """
-        if segment not in self._offsets:
+        time += self.shift
+        if new := segment != self._segment:
+            self._segment = segment
             self._pending.clear()
-        self._offsets[segment] = min(now - time, self._offsets.get(segment, np.inf))
         predicted = self._compare(time, outputs)
         torque = (np.nan, np.nan) if estimate is None else (estimate.wind_torque, estimate.wind_torque_band)
-        self._skipped += 1
-        if self._skipped >= self._stride:
-            self._skipped = 0
+        self._taken += 1
+        if self._taken % self._stride == 0:
             self._rows.append((segment, time, float(outputs[0]), *predicted, *torque))
             if len(self._rows) > MAX_ROWS:
                 self._rows, self._stride = self._rows[::2], 2 * self._stride
         if estimate is None:
             return
-        first = time
-        if self._learned and self._learned[-1][0] == segment and time - self._learned[-1][2] < SETTLED_GAP:
-            _, first, _ = self._learned.pop()
-        self._learned.append((segment, first, time))
+        joins = self.learned and not new and time - self.learned[-1][1] < SETTLED_GAP
+        self.learned.append((self.learned.pop()[0] if joins else time, time))
         for ahead, values, width in zip(estimate.ahead_times, estimate.ahead, estimate.ahead_band, strict=True):
             if np.isfinite(values).all() and np.isfinite(width).all():
-                waiting = self._pending.setdefault(round(float(ahead) - time, 6), deque())
-                waiting.append((float(ahead), values, width, outputs))
+                ahead = float(ahead) + self.shift
+                self._pending.setdefault(round(ahead - time, 6), deque()).append((ahead, values, width, outputs))
 
     def errors(self) -> list[HorizonErrors]:
         """Returns those of each horizon, the shortest first."""
         return [HorizonErrors(seconds, count, *(sums / count)) for seconds, (count, sums) in sorted(self._sums.items())]
 
     @property
-    def learned(self) -> list[tuple[float, float]]:
-        """The parts learned from: first and last sample, s."""
-        return [(first + self._offsets[i], last + self._offsets[i]) for i, first, last in self._learned]
-
-    @property
     def lines(self) -> HistoryLines:
         """The lines so far."""
         segments, time, *others = np.array(self._rows).reshape(-1, 1 + len(HistoryLines._fields)).T
-        time = time + np.array([self._offsets[segment] for segment in segments.astype(int).tolist()])
         gaps = np.flatnonzero(np.diff(segments)) + 1
         return HistoryLines(np.insert(time, gaps, time[gaps]), *(np.insert(other, gaps, np.nan) for other in others))
 
     def _compare(self, time: float, outputs: Array) -> tuple[float, float]:
         """Compares predictions of ``time`` with what was measured; returns that of the lines and its band, or NaN."""
-        shown = nan, nan
-        nearest = min(self._pending, key=lambda seconds: abs(seconds - AHEAD), default=nan)
+        shown, nearest = (nan, nan), min(self._pending, key=lambda seconds: abs(seconds - AHEAD), default=nan)
         for seconds, waiting in self._pending.items():
             while waiting and waiting[0][0] < time + SAME_TIME:
                 ahead, predicted, band, last = waiting.popleft()

@@ -15,7 +15,6 @@ import select
 import socket
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -29,11 +28,9 @@ from mavdem.ingest.tlog import write_stamped
 from mavdem.ingest.vocabulary import AUTOPILOT_COMPONENT
 
 LOOPBACK = "127.0.0.1"
-BUFFER_BYTES = 4 << 20  # Asked of the kernel: half a minute of a fast link
 MAX_PIECE_BYTES = 1 << 16  # Of a datagram, and of a piece of a byte stream
 MAX_PIECES = 512  # Datagrams or pieces taken in one call: a fast sender must not hold up the caller
 SENDER_SECONDS, MAX_PEERS = 10.0, 16  # How long an address that sent something is sent to, and how many are kept
-BAUD = 115200
 CONNECT_SECONDS = 5.0  # Time limit of a connection attempt
 SILENCE_SECONDS = 5  # After which a silent client gives way to another, and a silent connection is probed
 PROBE_SECONDS, MAX_PROBES = 2, 3  # Between two probes, and probes without a reply until the connection is lost
@@ -55,7 +52,8 @@ class Link:
     def __init__(self, name: str) -> None:
         self.name = name
         self._events: list[str] = []
-        self._origins = Origins(self._events.append)
+        self._first: dict[tuple[int, ...], tuple[Any, float]] = {}  # by MAVLink ids, address and when it was heard
+        self._rivals: dict[tuple[int, ...], Any] = {}  # address that was refused, until that is reported
         self._pause, self._not_before = FIRST_PAUSE_SECONDS, 0.0
         self._opened = self._came = 0.0
         self._server: socket.socket | None = None
@@ -102,7 +100,7 @@ class Link:
                     self._lose("was closed by the other side")
                 if piece:
                     self._came = time.monotonic()
-                    if self._origins.admit(piece, self._from, self._came):
+                    if self._admits(piece):
                         received.append((time.time(), piece))
                     else:
                         self._peers.pop(self._from, None)  # nor is anything sent to a vehicle that only shares the ids
@@ -145,16 +143,15 @@ class Link:
             try:
                 self._open()
             except OSError:
-                self.close()
-                self._pause_attempts()
+                self._shut()
         return self._waiting_on() is not None
 
     def close(self) -> None:
         """Closes it."""
         for opened in filter(None, (self._socket, self._server)):
             opened.close()
-        with contextlib.suppress(OSError):
-            if self._serial is not None:
+        if self._serial is not None:
+            with contextlib.suppress(OSError):
                 os.close(self._serial)
         self._socket = self._server = self._serial = None
 
@@ -169,7 +166,7 @@ class Link:
         except UnicodeError as error:  # no valid host name
             raise socket.gaierror(str(error)) from error
         opened = socket.socket(family, kind)
-        opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
+        opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4 << 20)  # half a minute of a fast link
         if self._kind == "tcpin":
             self._server = opened
             opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -206,18 +203,45 @@ class Link:
                 return None  # a datagram is refused where the last one sent had no receiver
             raise
 
+    def _admits(self, datagram: bytes) -> bool:
+        """Whether the latest datagram is of the first address of its autopilot; other components may have several."""
+        address, now = self._from, self._came
+        ids: tuple[int, ...] = ()
+        if len(datagram) >= HEADER_1 and datagram[0] in (MARKER_1, MARKER_2):
+            ids = tuple(datagram[3:5] if datagram[0] == MARKER_1 else datagram[5:7])
+        if address is None or ids[1:] != (AUTOPILOT_COMPONENT,):
+            return True
+        first, heard = self._first.get(ids, (address, now))
+        if first != address and now - heard <= HEARD_SECONDS:
+            self._rivals.setdefault(ids, address)
+            return False
+        if self._rivals.get(ids) == address:
+            del self._rivals[ids]  # it took the place of the first
+        if self._rivals.get(ids) is not None:
+            # Both send; one that restarts from another port would not send from the first again.
+            addresses = " and ".join(f"{host}:{port}" for host, port, *_ in (address, self._rivals[ids]))
+            self._events.append(
+                f"Two addresses send as {ids[0]}:{ids[1]}, {addresses}: only the first is read; if they are two "
+                "vehicles, give one another system id."
+            )
+            self._rivals[ids] = None
+        if ids in self._first or len(self._first) < MAX_VEHICLES:
+            self._first[ids] = address, now
+        return True
+
     def _lose(self, how: str) -> NoReturn:
         if self._server is not None and self._socket is not None:
             self._socket.close()
             self._socket = None  # the next client may connect at once
         else:
-            self.close()
             if time.monotonic() - self._opened >= STABLE_SECONDS:
                 self._pause = FIRST_PAUSE_SECONDS
-            self._pause_attempts()
+            self._shut()
         raise LinkLost(f"The link {self.name} {how}.")
 
-    def _pause_attempts(self) -> None:
+    def _shut(self) -> None:
+        """Closes it until a pause is over, which doubles each time."""
+        self.close()
         self._not_before = time.monotonic() + self._pause
         self._pause = min(2 * self._pause, MAX_PAUSE_SECONDS)
 
@@ -237,40 +261,6 @@ class Link:
         )
         reason = next((text for holds, text in reasons if holds), error.strerror or str(error))
         raise Unreadable(f"Cannot open {self.name}: {reason}.") from error
-
-
-class Origins:
-    """Admits the datagrams of each autopilot from one address only; other components may have several."""
-
-    def __init__(self, report: Callable[[str], None]) -> None:
-        self._report = report
-        self._first: dict[tuple[int, ...], tuple[Any, float]] = {}
-        self._rivals: dict[tuple[int, ...], Any] = {}  # address that was refused, until that is reported
-
-    def admit(self, datagram: bytes, address: Any, now: float) -> bool:
-        """Whether a datagram from ``address``, None where there are none, is of the first of its ids; ``now`` in s."""
-        ids: tuple[int, ...] | None = None  # of its first frame
-        if len(datagram) >= HEADER_1 and datagram[0] in (MARKER_1, MARKER_2):
-            ids = tuple(datagram[3:5] if datagram[0] == MARKER_1 else datagram[5:7])
-        if address is None or ids is None or ids[1:] != (AUTOPILOT_COMPONENT,):
-            return True
-        first, heard = self._first.get(ids, (address, now))
-        if first != address and now - heard <= HEARD_SECONDS:
-            self._rivals.setdefault(ids, address)
-            return False
-        if self._rivals.get(ids) == address:
-            del self._rivals[ids]  # it took the place of the first
-        if self._rivals.get(ids) is not None:
-            # Both send; one that restarts from another port would not send from the first again.
-            addresses = " and ".join(f"{host}:{port}" for host, port, *_ in (address, self._rivals[ids]))
-            self._report(
-                f"Two addresses send as {ids[0]}:{ids[1]}, {addresses}: only the first is read; if they are two "
-                "vehicles, give one another system id."
-            )
-            self._rivals[ids] = None
-        if ids in self._first or len(self._first) < MAX_VEHICLES:
-            self._first[ids] = address, now
-        return True
 
 
 def _parsed(name: str) -> tuple[str, str, int]:
@@ -309,7 +299,7 @@ def _serial(name: str) -> int:
     import tty
 
     device, _, speed = name.partition(",")
-    baud = getattr(termios, f"B{speed or BAUD}", None)
+    baud = getattr(termios, f"B{speed or 115200}", None)
     if baud is None or not (speed or "1").isdigit():
         raise Unreadable(f"Cannot open {name}: {speed!r} is not a speed of a serial port.")
     port = os.open(device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
@@ -330,16 +320,13 @@ CHUNK_BYTES = 1 << 15  # About a second of a fast link
 
 
 class RawRecording:
-    """A growing file, new, whose name ends in .tlog or .mcap, of the raw stream; a crash loses at most a second.
+    """A growing file, new, of the raw stream, a tlog or as .mcap; a crash loses at most a second.
 
     ``frames``: number of frames in it; bytes that belong to no frame are not in it.
-    Raises Unreadable: the file exists, or cannot be created. Raises ValueError: another ending.
+    Raises Unreadable: the file exists, or cannot be created.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
-        ending = Path(path).suffix.lower()
-        if ending not in (".tlog", ".mcap"):
-            raise ValueError(f"{path} must end in .tlog or .mcap")
         try:
             self._file = open(path, "xb")  # noqa: SIM115 - open until close()
         except FileExistsError:
@@ -347,7 +334,7 @@ class RawRecording:
         except OSError as error:
             raise Unreadable(f"{path} cannot be written ({error.strerror or error}): name another file.") from None
         self.frames = 0
-        self._mcap = started(self._file, CHUNK_BYTES) if ending == ".mcap" else None
+        self._mcap = started(self._file, CHUNK_BYTES) if Path(path).suffix.lower() == ".mcap" else None
         self._channel = 0 if self._mcap is None else raw_channel(self._mcap)
         self._pieces: list[tuple[float, bytes]] = []
         self._first = 0.0

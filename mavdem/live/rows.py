@@ -25,7 +25,6 @@ from mavdem.alignment.signals import ATTITUDE_MESSAGES, MINIMUM_RATE
 from mavdem.ingest.mavlink.clocks import MAX_OFFSET, MIN_RESET_STAMPS, OTHER_EPOCH, STEP_BACK, WRAP_GAP
 from mavdem.live.messages import Message, Values
 
-MAX_HELD = 40 * MIN_RESET_STAMPS  # Messages held back; beyond it the oldest are dropped
 KEPT_SECONDS, MAX_SAMPLES = 2.5, 8192  # Of each stream: enough to decide rates and steps, also of hostile stamps
 DECISION_SECONDS = 2.0  # Duration of both streams from which the step and the sampling are decided
 RESUME_SECONDS = 0.25  # Duration of both streams after a gap, after which the grid starts again with the previous step
@@ -34,23 +33,14 @@ OTHER_RATE_RATIO = 1.3  # A rate that differs by this factor from the one that d
 
 
 class AlignedRow(NamedTuple):
-    """One point of the grid, as a row of the ``Flight`` that ``align`` returns.
+    """One point of the grid, as a row of the ``Flight`` that ``align`` returns."""
 
-    Attributes:
-        time: s on the boot clock.
-        inputs: (r,) motor outputs in the unit of the stream, or the demand.
-        outputs: (2,) angle, rad, and body rate, rad/s.
-        segment: its number, from 0 on; rows of one segment are one step apart.
-        received: UNIX s at which the bytes that completed it were received.
-        settled: whether the vehicle was in settled flight, as far as is known by then.
-    """
-
-    time: float
-    inputs: NDArray[np.float64]
-    outputs: NDArray[np.float64]
-    segment: int
-    received: float
-    settled: bool
+    time: float  # s on the boot clock
+    inputs: NDArray[np.float64]  # (r,) motor outputs in the unit of the stream, or the demand
+    outputs: NDArray[np.float64]  # (2,) angle, rad, and body rate, rad/s
+    segment: int  # its number, from 0 on; rows of one segment are one step apart
+    received: float  # UNIX s at which the bytes that completed it were received
+    settled: bool  # whether the vehicle was in settled flight, as far as is known by then
 
 
 class PlacedMessage(NamedTuple):
@@ -102,8 +92,9 @@ class BootClock:
             self._accepted += 1
             self._held, self._run = [], []
             return [self._stamp(message, time)]
-        keeps = self._run and _continues(message.stamp, self._run[-1])
-        self._run = [*(self._run if keeps else ()), message.stamp]
+        if self._run and not _continues(message.stamp, self._run[-1]):
+            self._run = []
+        self._run.append(message.stamp)
         self._hold(message)
         return self._restart() if len(self._run) >= MIN_RESET_STAMPS else []
 
@@ -156,8 +147,7 @@ class BootClock:
         return None
 
     def _hold(self, message: Message) -> list[PlacedMessage]:
-        self._held.append(message)
-        del self._held[:-MAX_HELD]
+        self._held = [*self._held[1 - 40 * MIN_RESET_STAMPS :], message]
         return []
 
 
@@ -182,23 +172,17 @@ class Samples:
 
     def add(self, time: float, values: Values) -> bool:
         """Adds a sample; returns False for a copy, a repeated stamp, a late sample and values that are not finite."""
-        if not all(map(isfinite, values)):
+        row = bisect_left(self.time, time)
+        if not all(map(isfinite, values)) or self.time[row : row + 1] == [time]:
+            return False
+        if row < len(self.time) and time <= max(self.used_until, self.since):
+            self.late += 1
             return False
         self.gap = 0.0
-        if not self.time or time > self.time[-1]:
-            if self.time and time - self.time[-1] > align.MAX_GAP_SECONDS:
-                self.gap, self._start = time - self.time[-1], time
-            self.time.append(time)
-            self.values.append(values)
-        else:
-            row = bisect_left(self.time, time)
-            if self.time[row] == time:
-                return False
-            if time <= max(self.used_until, self.since):
-                self.late += 1
-                return False
-            self.time.insert(row, time)
-            self.values.insert(row, values)
+        if 0 < row == len(self.time) and time - self.time[-1] > align.MAX_GAP_SECONDS:
+            self.gap, self._start = time - self.time[-1], time
+        self.time.insert(row, time)
+        self.values.insert(row, values)
         self.added += 1
         # Only now and then: deleting from the front of a list moves all of it.
         if self.added % 64 == 0:
@@ -266,7 +250,7 @@ class Grid:
         self._usual_steps: tuple[float | None, ...] = ()
         self._next = 0
         self._latest = self._try_from = self._steady_from = -inf
-        self._steps: list[float] = []
+        self._steps: list[float] = []  # so far
 
     def end(self, forget_step: bool = False) -> None:
         """Ends the segment; the step stays, or the next one decides it again."""
@@ -295,11 +279,12 @@ class Grid:
             if min(rates) < MINIMUM_RATE:
                 self._try_from = last + DECISION_SECONDS / 4
                 return False
-            if not all(_is_steady(time, first, last) for time in times):
-                # Decided from stamps of both rates, the step would be neither's, and stay.
+            quarters = np.array([np.histogram(time, bins=4, range=(first, last))[0] for time in times])
+            if np.any(quarters.max(axis=1) >= OTHER_RATE_RATIO * quarters.min(axis=1)):
+                # A rate changes: decided from stamps of both, the step would be neither's, and stay.
                 self._steady_from = last
                 return False
-            self.dt, self.rates = self._step(rates), rates
+            self.dt, self.rates = self._step(align.step(rates)), rates
             self._usual_steps = tuple(stream.usual_step() for stream in streams)
         grid = align.grid_of(times[0], times[1], self.dt)
         self._samplings = tuple(_sampling(time, grid, self.dt) for time in times)
@@ -339,31 +324,21 @@ class Grid:
         same = before is None or now is None or 1 / OTHER_RATE_RATIO < now / before < OTHER_RATE_RATIO
         return None if before is None or same else 1 / before
 
-    def _step(self, rates: tuple[float, ...]) -> float:
-        """The step for these rates: one used before if the rates are about the same.
+    def _step(self, new: float) -> float:
+        """The step: one used before if it is about the same.
 
         Lost samples make the measured step a little longer, and the model learned so far has the earlier one.
         """
-        new = align.step(rates)
-        former = [before for before in self._steps if 1 / OTHER_RATE_RATIO < new / before < OTHER_RATE_RATIO]
-        if not former:
-            self._steps.append(new)
-        return (former or [new])[0]
-
-
-def _is_steady(time: NDArray[np.float64], first: float, last: float) -> bool:
-    """Whether as many of the stamps (N,) lie in each quarter of the time; lost messages aside."""
-    counts, _ = np.histogram(time, bins=4, range=(first, last))
-    return bool(counts.max() < OTHER_RATE_RATIO * counts.min())
+        former = [step for step in self._steps if 1 / OTHER_RATE_RATIO < new / step < OTHER_RATE_RATIO]
+        self._steps += [new] * (not former)
+        return [*former, new][0]
 
 
 def _sampling(time: NDArray[np.float64], grid: NDArray[np.float64], dt: float) -> _Sampling:
-    if align.is_low_passed(time, dt):
-        rate = align.mean_rate(time)
-        weights = align.impulse_response(rate, dt)
-        reach = len(weights) // 2
-        return weights, np.arange(-reach, reach + 1) / rate
-    return align.kept_rows(grid, time) is not None
+    if not align.is_low_passed(time, dt):
+        return align.kept_rows(grid, time) is not None
+    weights = align.impulse_response(rate := align.mean_rate(time), dt)
+    return weights, (np.arange(len(weights)) - len(weights) // 2) / rate
 
 
 def _value_at(stream: Samples, sampling: _Sampling, time: float, dt: float) -> Values | None:

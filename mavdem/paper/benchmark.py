@@ -28,13 +28,11 @@ from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.numbers import listed, rounded
 from mavdem.report.page import Picture
 
-SHOWN = (WITH, *PEERS, OURS, *OTHERS, MEAN)
-"""Methods in the order of tables and legends: the paper's four, then others."""
+SHOWN = (WITH, *PEERS, OURS, *OTHERS, MEAN)  # Methods in the order of tables and legends: the paper's four, then others
 
 NAMES = {WITH: "DEM with the paper’s settings", OURS: "DEM with default settings"}
 
-Errors = dict[str, Array]
-"""The error (flights,) of each method."""
+Errors = dict[str, Array]  # The error (flights,) of each method
 
 
 def run(runner: Runner) -> Result:

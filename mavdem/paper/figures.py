@@ -27,13 +27,11 @@ def lines(
 ) -> Figure:
     """Draws panels, by title, of lines, by name; values (N,) are at whole numbers from ``first`` on."""
     with picture() as figure:
-        for axes, (title, series) in zip(
-            figure.subplots(1, len(panels), squeeze=False)[0], panels.items(), strict=True
-        ):
+        row = figure.subplots(1, len(panels), squeeze=False)[0]
+        for axes, (title, series) in zip(row, panels.items(), strict=True):
             for number, (name, values) in enumerate(series.items()):
-                axes.plot(
-                    first + np.arange(len(values)), values, ".-", markersize=3, color=distinct(number), label=name
-                )
+                at = first + np.arange(len(values))
+                axes.plot(at, values, ".-", markersize=3, color=distinct(number), label=name)
             for bound in bounds:
                 axes.axhline(bound, color=BOUND, linewidth=0.8)
             axes.set(title=title, xlabel=x_label, yscale=scale)
@@ -58,9 +56,8 @@ def forecasts(window: Window, panels: Mapping[str, Mapping[str, Array]], one_ste
                 axes.axvspan(*(test.time[[0, -1]] - train.time[0]), color=MEASURED, alpha=HELD_OUT_OPACITY, linewidth=0)
                 axes.plot(time, measured, color=MEASURED, label="measured")
                 if one_step is not None:
-                    axes.plot(
-                        time[1 : len(train)], one_step[1:, output], color=PREDICTED, label="one step", linewidth=0.7
-                    )
+                    ahead = time[1 : len(train)], one_step[1:, output]
+                    axes.plot(*ahead, color=PREDICTED, label="one step", linewidth=0.7)
                 for number, (name, forecast) in enumerate(by_name.items(), 1):
                     axes.plot(test.time - train.time[0], forecast[:, output], color=distinct(number), label=name)
                 # A forecast that diverges would flatten all others.

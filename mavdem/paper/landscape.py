@@ -85,7 +85,7 @@ def run(runner: Runner) -> Result:
             ),
         ),
         numbers={"peak": peaks, "curvature_along_A": sharpness, "ends_over_posterior_sd": scatter},
-        tables=tables(beliefs, peaks, paths),
+        tables=tables(beliefs, peaks),
         pictures=(
             Picture(
                 "The manifold",
@@ -126,18 +126,12 @@ def ends(paths: list[list[Belief]]) -> tuple[Array, Array]:
     return np.array([beliefs[-1].theta[:2] for beliefs in paths]), np.sqrt(np.diag(paths[0][-1].theta_covariance)[:2])
 
 
-def tables(beliefs: list[Belief], peaks: list[float], paths: dict[str, list[list[Belief]]]) -> tuple[Block, ...]:
-    """Returns estimates by iteration, and where the ascents from the circle and those of the cross-sections end."""
+def tables(beliefs: list[Belief], peaks: list[float]) -> tuple[Block, ...]:
+    """Returns estimates by iteration, and where the ascents of the cross-sections end."""
     by_iteration = [
         [str(number), *(f"{value:.2f}" for value in belief.theta[:2]), f"{height:,.0f}", f"{curvature(belief):,.0f}"]
         for number, belief, height in zip(DRAWN, beliefs, peaks, strict=True)
     ]
-    from_circle = []
-    for name, beliefs_of in paths.items():
-        reached, sd = ends(beliefs_of)
-        mean = (f"{value:.3f}" for value in reached.mean(axis=0))
-        spreads = (f"{a:.1e}, {b:.1e}" for a, b in (reached.std(axis=0), sd))
-        from_circle.append([f"{name} settings", *mean, *spreads])
     sections = []
     for name, (settings, world) in SECTIONS.items():
         end = plain_rounds(settings.model(), settings.samples(world, seed=0), SECTION_ITERATIONS)[-1]
@@ -147,8 +141,6 @@ def tables(beliefs: list[Belief], peaks: list[float], paths: dict[str, list[list
     return (
         Sentence("", "The estimate and F̄ᵒ there, by iteration."),
         Table(["iteration", "A", "B", "F̄ᵒ, nats", "curvature along A"], by_iteration),
-        Sentence("", "Where the ascents from fifty priors end, and how far apart."),
-        Table(["settings", "A", "B", "sd of the ends", "posterior sd"], from_circle),
         Sentence("", "Where the ascents from η = (−8, 8) end."),
         Table(["settings", "A ± sd", "B ± sd", "truth in the 95 % region"], sections),
     )
@@ -202,33 +194,25 @@ def circle(model: GenerativeModel, samples: SufficientStatistics, paths: dict[st
 
 
 def cross_sections() -> Figure:
-    """Draws curves of F̄ᵒ along A and along B for each case of ``SECTIONS``, by iteration."""
+    """Draws F̄ᵒ along A and along B for each case of ``SECTIONS`` at several iterations, with a dot at each estimate."""
+    grids = np.linspace(-10, 1, 221), np.linspace(-1, 10, 221)
     with picture(1.8 * len(SECTIONS)) as figure:
         rows = figure.subplots(len(SECTIONS), 2)
         for (name, (settings, world)), row in zip(SECTIONS.items(), rows, strict=True):
             model, samples = settings.model(), settings.samples(world, seed=0)
-            beliefs = plain_rounds(model, samples, SECTION_ITERATIONS)
-            for parameter, axes in enumerate(row):
-                _cross_section(axes, model, samples, beliefs, parameter)
+            rounds = plain_rounds(model, samples, SECTION_ITERATIONS)
+            beliefs = {iteration: rounds[iteration] for iteration in (0, 1, 2, 3, 5, SECTION_ITERATIONS)}
+            heights = [peak(model, samples, belief) / 1e3 for belief in beliefs.values()]
+            low, high = min(heights), max(heights)
+            for parameter, (axes, grid) in enumerate(zip(row, grids, strict=True)):
+                for number, (iteration, belief) in enumerate(beliefs.items()):
+                    a, b = belief.theta[:2]
+                    along = [(value, b) if parameter == 0 else (a, value) for value in grid]
+                    curve = [value_at(model, samples, belief, *at) / 1e3 for at in along]
+                    axes.plot(grid, curve, color=distinct(number), label=f"{iteration}")
+                    axes.plot(belief.theta[parameter], heights[number], "o", markersize=3, color=distinct(number))
+                axes.axvline((A, B)[parameter], color=TRUTH, linestyle="--", linewidth=1)
+                axes.set_ylim(2 * low - high, high + 0.15 * (high - low))
                 axes.set_title(f"{name}, along {'AB'[parameter]}")
         rows[0, 0].legend(title="iteration", fontsize=7)
         return figure
-
-
-def _cross_section(
-    axes: Axes, model: GenerativeModel, samples: SufficientStatistics, beliefs: list[Belief], parameter: int
-) -> None:
-    """Draws F̄ᵒ along A (``parameter`` 0) or B (1) at several iterations, with a dot at the estimate of each."""
-    grid = np.linspace(-10, 1, 221) if parameter == 0 else np.linspace(-1, 10, 221)
-    heights = []
-    for number, iteration in enumerate((0, 1, 2, 3, 5, SECTION_ITERATIONS)):
-        belief = beliefs[iteration]
-        a, b = belief.theta[:2]
-        along = [(value, b) if parameter == 0 else (a, value) for value in grid]
-        curve = [value_at(model, samples, belief, *at) / 1e3 for at in along]
-        heights.append(peak(model, samples, belief) / 1e3)
-        axes.plot(grid, curve, color=distinct(number), label=f"{iteration}")
-        axes.plot(belief.theta[parameter], heights[-1], "o", markersize=3, color=distinct(number))
-    axes.axvline((A, B)[parameter], color=TRUTH, linestyle="--", linewidth=1)
-    low, high = min(heights), max(heights)
-    axes.set_ylim(2 * low - high, high + 0.15 * (high - low))

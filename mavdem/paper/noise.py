@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 from scipy.signal import correlate
 from scipy.stats import chi2, jarque_bera, norm
 
-from mavdem.dem import Learned, learn
+from mavdem.dem import learn
 from mavdem.dem.engine.linalg import Array
 from mavdem.evaluate.windows import Window
 from mavdem.paper import figures
@@ -95,8 +95,16 @@ def run(runner: Runner) -> Result:
 
 
 def noise_of_model(window: Window) -> Noise:
-    """Returns w^φ̇ = (C(x′ − Ax − Bv))^φ̇ under DEM with the paper's settings, in the training data, rad/s²."""
-    return process_noise(learn(window.train, PAPER))[ROLL_RATE]
+    """Returns w^φ̇ = (C(x′ − Ax − Bv))^φ̇, rad/s², under DEM with the paper's settings, as the D step estimates it.
+
+    It is that of the longest part of the training data without gaps.
+    """
+    learned = learn(window.train, PAPER)
+    samples, noise = learned.process_noise()
+    runs = np.split(np.arange(len(samples)), np.flatnonzero(np.diff(samples) > 1) + 1)
+    overlap = learned.settings.window
+    assert overlap is not None
+    return analyse_noise(noise[max(runs, key=len)] @ learned.model.C[ROLL_RATE], learned.dt, overlap)
 
 
 def noise_of_known_model(window: Window) -> Noise:
@@ -141,7 +149,6 @@ def _table(learned: dict[str, Noise], known: dict[str, Noise]) -> tuple[Block, .
     return title, Table([*header, "p white", "s, ms"], rows)
 
 
-MIN_VALUES = 20  # with fewer values no test of shape or colour has power
 LAGS, SHARE_OF_LAGS = 10, 5  # the Ljung-Box test uses at most so many lags, and one lag for so many values
 MAX_LAGS = 100  # lags of the reported autocorrelation; at most a quarter of the values
 WHITE_BOUND = float(norm.ppf(0.975))  # half width of the 95 % bounds of white noise's autocorrelation, times √N
@@ -181,33 +188,12 @@ class Noise(NamedTuple):
         return self._asdict() | {name: getattr(self, name)._asdict() for name in tests}
 
 
-def process_noise(learned: Learned) -> dict[int, Noise]:
-    """Returns the statistics of a model's process noise, as it drives each output, by the output's number.
-
-    That is C w, w = x′ − A x − B v as the D step estimates it, in units of the outputs per second, over the longest
-    part of the training data without gaps. Raises ValueError: too few samples, or a noise that does not vary.
-    """
-    samples, noise = learned.process_noise()
-    runs = np.split(np.arange(len(samples)), np.flatnonzero(np.diff(samples) > 1) + 1)
-    driving = noise[max(runs, key=len)] @ learned.model.C.T
-    window = learned.settings.window
-    assert window is not None
-    return {output: analyse_noise(driving[:, output], learned.dt, overlap=window) for output in range(driving.shape[1])}
-
-
 def analyse_noise(values: ArrayLike, dt: float, overlap: int = 1) -> Noise:
-    """Returns the statistics of a series of noise: ``values`` (N,), finite, ``dt`` seconds apart, in any unit.
+    """Returns the statistics of a series of noise: ``values`` (N,) that vary, ``dt`` seconds apart, in any unit.
 
-    ``overlap``: number of neighbouring values that an underlying sample contributes to; 1 if values share none. Raises
-    ValueError: fewer than twenty values that share no samples, or values that are not finite or do not vary.
+    ``overlap``: number of neighbouring values that an underlying sample contributes to; 1 if values share none.
     """
     series = np.asarray(values, np.float64)
-    if series.ndim != 1 or not np.isfinite(series).all():
-        raise ValueError(f"values must be finite, of shape (N,), not {series.shape}")
-    if overlap < 1 or len(series[::overlap]) < MIN_VALUES:
-        raise ValueError(f"values must be {MIN_VALUES} at least that share no samples, not {len(series)} / {overlap}")
-    if not np.ptp(series):
-        raise ValueError("values must vary")
     sd = float(series.std())
     scaled = (series - series.mean()) / sd
     correlation = autocovariance(scaled)

@@ -11,17 +11,7 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.evaluate.windows import Window
 from mavdem.flight import Flight
 from mavdem.paper.flights import SHARED, TRAIN
-from mavdem.paper.runner import (
-    PAPER,
-    PAPER_WITHOUT,
-    STARTS,
-    Check,
-    Learn,
-    Result,
-    Runner,
-    percent,
-    plain,
-)
+from mavdem.paper.runner import PAPER, PAPER_WITHOUT, STARTS, Check, Learn, Result, Runner, percent, plain
 from mavdem.report.blocks import Sentence, Table
 from mavdem.report.numbers import rounded
 

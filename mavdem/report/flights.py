@@ -308,7 +308,7 @@ def _sureness(found: VehicleDifference) -> str:
 
 
 def live_report(history: LiveHistory, status: SessionStatus, account: Mapping[str, float], axis: str) -> list[Block]:
-    """Returns the errors of what was predicted on an ``axis``, and the parts trained on; times in s from the beginning.
+    """Returns the errors of what was predicted on an ``axis``, and the parts trained on, by the vehicle's clock.
 
     ``history`` was collected in flight, ``status`` is that at its end; ``account`` are seconds by the keys of
     ``ACCOUNT``.
@@ -332,8 +332,8 @@ def live_report(history: LiveHistory, status: SessionStatus, account: Mapping[st
 
 def event_blocks(history: LiveHistory) -> list[Block]:
     """Returns what happened when, by the ``history`` of a live flight."""
-    rows = [[f"{event.seconds:.1f} s", event.sentence] for event in history.events]
-    return [Table(["time", "what happened"], rows, words=True)] if rows else [Sentence("Nothing happened.")]
+    rows = [[f"{event.seconds:.1f} s" if isfinite(event.seconds) else "–", event.sentence] for event in history.events]
+    return [Table(["boot clock", "what happened"], rows, words=True)] if rows else [Sentence("Nothing happened.")]
 
 
 def _live_headline(errors: Sequence[HorizonErrors], axis: str) -> str:

@@ -14,54 +14,37 @@ from numpy.typing import NDArray
 from mavdem.ingest.motors import place_name
 from mavdem.ingest.vocabulary import euler_angles
 from mavdem.report import palette
-from mavdem.view.plots import FLIGHT_TIME, Plot, blueprint, recorded
+from mavdem.view.plots import BOOT_CLOCK, Plot, blueprint, recorded
 
 Array = NDArray[np.float64]
 
-AIRBORNE_SPEED_SHARE = 0.7  # share of the median speed of armed rotors above which they carry the vehicle
+AIRBORNE_SPEED_SHARE = 0.9  # share of the median speed of armed rotors above which they carry the vehicle
 MAX_ROWS = 50_000  # the viewer draws every row
-SPOOLING_SECONDS = 0.5  # how long rotors take to speed up and to slow down
-FRAMES_A_SECOND = 50  # of the 3D view
 TRAIL, POINTS_A_SECOND = 4.0, 20  # seconds of the way behind the vehicle that are drawn, anew ten times a second
-WIND_SCALE = 0.4  # length of the wind's arrow for 1 m/s, in lengths of an arm
-WIND_AWAY = 1.4  # where that arrow ends before the vehicle, in lengths of an arm
-EYE_POSITION = (-5.2, 2.2, -3.5)  # in lengths of an arm, north, east and down: from the south-east and above
-EYE_TARGET = (0.0, 0.9, -0.2)  # what is looked at, likewise: a little to the east, where there is room for the wind
-PLOT_HEIGHTS = (5, 5, 5, 7, 6, 6)  # a legend of more lines takes more
+WIND_SCALE, WIND_AWAY = 0.4, 1.4  # length of the wind's arrow for 1 m/s, and of the way from its head, in arms
 MAX_GROUND_METRES, GROUND_MARGIN_METRES = 50.0, 8.0  # the ground is drawn so far from the start, around the flight
 
 BODY, NOSE, GROUND = (210, 214, 220), (255, 107, 107), (70, 74, 80)
 TRAIL_COLOUR = (94, 214, 120)
-SPEEDS = np.array([(60, 110, 255), (165, 165, 170), (255, 150, 30)], dtype=np.float64)
-"""Colours of a rotor slower than in hover, as in hover, and faster."""
+SPEEDS = np.array([(60, 110, 255), (165, 165, 170), (255, 150, 30)], float)  # slower than in hover, as there, faster
 
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """A flight to be shown: N rows, NED and body axes forward, right, down.
+    """A flight to be shown: N rows, NED and body axes forward, right, down; attitude and rates true and as known."""
 
-    Attributes:
-        time, position: (N,) s, and (N, 3) m.
-        attitude, known_attitude: (N, 4) unit quaternions (w, x, y, z), body to NED, true and as estimated.
-        rates, known_rates: (N, 3) body rates, rad/s, likewise.
-        outputs, rotor_speeds, armed: (N, 4) of the motors, µs; (N, 4) rad/s; (N,) bool.
-        wind: (N, 3) NED, m/s, where the air moves to.
-        moment: (N, 3) of what disturbs, body, N m.
-        rotors: (4, 2) where the rotors are, forward and right of the centre of mass, m.
-    """
-
-    time: Array
-    position: Array
-    attitude: Array
-    known_attitude: Array
-    rates: Array
-    known_rates: Array
-    outputs: Array
-    rotor_speeds: Array
-    wind: Array
-    moment: Array
-    armed: NDArray[np.bool_]
-    rotors: Array
+    time: Array  # (N,) s
+    position: Array  # (N, 3) m
+    attitude: Array  # (N, 4) unit quaternions (w, x, y, z), body to NED
+    known_attitude: Array  # (N, 4) as estimated
+    rates: Array  # (N, 3) body rates, rad/s
+    known_rates: Array  # (N, 3) as estimated
+    outputs: Array  # (N, 4) of the motors, µs
+    rotor_speeds: Array  # (N, 4) rad/s
+    wind: Array  # (N, 3) NED, m/s, where the air moves to
+    moment: Array  # (N, 3) of what disturbs, body, N m
+    armed: NDArray[np.bool_]  # (N,)
+    rotors: Array  # (4, 2) where the rotors are, forward and right of the centre of mass, m
 
     @property
     def motors(self) -> tuple[str, ...]:
@@ -74,13 +57,11 @@ class Pose:
         return float(np.hypot(*self.rotors.T).max())
 
     def carries(self) -> NDArray[np.bool_]:
-        """(N,) where the rotors carry the vehicle, without spooling up and down; everywhere if they never do."""
+        """(N,) where the rotors carry the vehicle; everywhere if they never do."""
         speed = self.rotor_speeds.mean(axis=1)
         hover = float(np.median(speed[self.armed])) if self.armed.any() else np.inf
-        carried = self.time[speed > AIRBORNE_SPEED_SHARE * hover]
-        if not len(carried) or carried[-1] - carried[0] < 3 * SPOOLING_SECONDS:
-            return np.ones(len(speed), dtype=np.bool_)
-        return np.asarray((self.time > carried[0] + SPOOLING_SECONDS) & (self.time < carried[-1] - SPOOLING_SECONDS))
+        carried = np.asarray(speed > AIRBORNE_SPEED_SHARE * hover)
+        return carried if carried.any() else ~carried
 
     def at(self, rate: float) -> NDArray[np.intp]:
         """Rows of the flight, evenly, at about ``rate`` Hz, no faster than there are, and fewer of a long flight."""
@@ -93,7 +74,7 @@ def write_pose(path: str | os.PathLike[str], name: str, pose: Pose) -> None:
 
     It appears whole or not at all: ``OSError`` if it cannot be written there.
     """
-    rows, plots = pose.at(FRAMES_A_SECOND), _plots(pose)
+    rows, plots = pose.at(50), _plots(pose)
     with recorded(path, name) as recording:
         # North, east, down are to a world what forward, right, down are to a body.
         for frame in ("world", "world/here"):
@@ -102,7 +83,7 @@ def write_pose(path: str | os.PathLike[str], name: str, pose: Pose) -> None:
         _surroundings(recording, pose, rows)
         for plot in plots:
             plot.draw(recording)
-        views = rrb.Vertical(*(plot.view(float(pose.time[-1])) for plot in plots), row_shares=PLOT_HEIGHTS)
+        views = rrb.Vertical(*(plot.view(0.0, float(pose.time[-1])) for plot in plots), row_shares=(5, 5, 5, 7, 6, 6))
         layout = rrb.Horizontal(_scene(pose), views, column_shares=[45, 55])
         recording.send_blueprint(blueprint(layout, play_state="playing", loop_mode="all"), make_active=False)
 
@@ -141,8 +122,9 @@ def _scene(pose: Pose) -> rrb.View:
         line_grid=False,
         eye_controls=rrb.EyeControls3D(
             kind=rrb.Eye3DKind.Orbital,
-            position=pose.arm * np.array(EYE_POSITION),
-            look_target=pose.arm * np.array(EYE_TARGET),
+            # North, east and down: from the south-east and above, on what leaves room for the wind in the east.
+            position=pose.arm * np.array((-5.2, 2.2, -3.5)),
+            look_target=pose.arm * np.array((0.0, 0.9, -0.2)),
             eye_up=(0, 0, -1),
         ),
     )
@@ -150,7 +132,7 @@ def _scene(pose: Pose) -> rrb.View:
 
 def _vehicle(recording: rr.RecordingStream, pose: Pose, rows: NDArray[np.intp]) -> None:
     """A box with a nose on four arms; each rotor's colour shows its speed, its arrow its thrust."""
-    arm, index = pose.arm, [rr.TimeColumn(FLIGHT_TIME, duration=pose.time[rows])]
+    arm, index = pose.arm, [rr.TimeColumn(BOOT_CLOCK, duration=pose.time[rows])]
     recording.send_columns("world/here", index, rr.Transform3D.columns(translation=pose.position[rows]))
     attitude = np.roll(pose.attitude[rows], -1, axis=1)  # Rerun has w last
     recording.send_columns("world/here/vehicle", index, rr.Transform3D.columns(quaternion=attitude))
@@ -196,11 +178,11 @@ def _surroundings(recording: rr.RecordingStream, pose: Pose, rows: NDArray[np.in
     recording.log("world/here/wind", style, static=True)
     labels = [f"wind {each:.1f} m/s" for each in speed[:, 0]]
     columns = rr.Arrows3D.columns(vectors=vectors, origins=-away - vectors, labels=labels)
-    recording.send_columns("world/here/wind", [rr.TimeColumn(FLIGHT_TIME, duration=pose.time[rows])], columns)
+    recording.send_columns("world/here/wind", [rr.TimeColumn(BOOT_CLOCK, duration=pose.time[rows])], columns)
     now = pose.at(10)
     before = np.searchsorted(pose.time, pose.time[now] - TRAIL)
     step = max(len(pose.time) // len(pose.at(POINTS_A_SECOND)), 1)
     strips = [pose.position[first : last + 1 : step] for first, last in zip(before, now, strict=True)]
     recording.log("world/trail", rr.LineStrips3D.from_fields(radii=[0.022 * arm], colors=[TRAIL_COLOUR]), static=True)
-    index = [rr.TimeColumn(FLIGHT_TIME, duration=pose.time[now])]
+    index = [rr.TimeColumn(BOOT_CLOCK, duration=pose.time[now])]
     recording.send_columns("world/trail", index, rr.LineStrips3D.columns(strips=strips))

@@ -18,18 +18,12 @@ from mavdem.files import atomic_write
 from mavdem.report import palette
 from mavdem.report.numbers import rounded
 
-FLIGHT_TIME = "flight time"
-"""Timeline of a recording, seconds since the first sample that is shown."""
 BOOT_CLOCK = "boot clock"
-"""Timeline of a live flight, s: the boot clock of its first boot, which goes on where a later one begins."""
+"""Timeline of flights, s: the vehicle's boot clock; live that of its first boot, which goes on where another begins."""
 
-LEGEND_ROOM = 1.16
-"""Length of a time axis, in lengths of its lines: the legend stands beside them."""
-FILL_WIDTH, MAX_STROKES = 2.5, 20_000
-"""The viewer fills nothing: an area is drawn as upright strokes so close to each other that they touch. Points, and how
-many at most, which the viewer draws at once."""
-SPAN_STROKES = 3000  # of all shaded times of a plot
-AXIS_MARGIN = 0.05  # margin beyond the values, as a share of their span
+FILL_WIDTH, MAX_STROKES, SPAN_STROKES = 2.5, 20_000, 3000
+"""The viewer fills nothing: an area is drawn as upright strokes so close to each other that they touch. Points, how
+many at most, which the viewer draws at once, and how many for all shaded times of a plot."""
 
 
 @dataclass(frozen=True)
@@ -46,29 +40,26 @@ class Lines:
     def send_style(self, recording: rr.RecordingStream) -> None:
         """Sends how the lines are drawn; once a recording."""
         look: dict[str, Any] = {"names": self.names, "colors": [palette.channels(colour) for colour in self.colours]}
-        widths, count = [FILL_WIDTH if self.filled else self.width] * len(self.names), len(self.names)
+        widths = [FILL_WIDTH if self.filled else self.width] * len(self.names)
         # Averaging within a pixel would hide gusts, and make a point of a stroke.
-        policy = rr.components.AggregationPolicy.Off
-        style = (
-            rr.SeriesPoints(marker_sizes=widths, markers=["circle"] * count, **look)
-            if self.marked
-            else rr.SeriesLines(widths=widths, aggregation_policy=policy, **look)
-        )
+        style: Any = rr.SeriesLines(widths=widths, aggregation_policy=rr.components.AggregationPolicy.Off, **look)
+        if self.marked:
+            style = rr.SeriesPoints(marker_sizes=widths, markers=["circle"] * len(widths), **look)
         recording.log(self.path, style, static=True)
 
-    def send(self, recording: rr.RecordingStream, time: Array, values: Array, timeline: str = BOOT_CLOCK) -> None:
+    def send(self, recording: rr.RecordingStream, time: Array, values: Array) -> None:
         """Sends values (N, k), or edges (N, 2), at times (N,), s; NaN breaks a line."""
         if not len(time):
             return
         if self.filled:
             time, values = np.repeat(time, 2), values.reshape(-1, 1)
         columns = rr.Scalars.columns(scalars=values.ravel()).partition([len(self.names)] * len(time))
-        recording.send_columns(self.path, [rr.TimeColumn(timeline, duration=time)], columns)
+        recording.send_columns(self.path, [rr.TimeColumn(BOOT_CLOCK, duration=time)], columns)
 
 
 @dataclass(eq=False)
 class Plot:
-    """A picture over flight time at the entity ``origin``; later lines are drawn over earlier ones.
+    """A picture over the boot clock at the entity ``origin``; later lines are drawn over earlier ones.
 
     The ``range`` of values is in its title, since the viewer numbers hardly an axis of a low plot.
     """
@@ -89,15 +80,16 @@ class Plot:
         return plot
 
     def line(self, name: str, colour: str, time: Array, values: Array, width: float = 1.2) -> None:
-        """Adds a line: values (N,) at times (N,), s; NaN breaks it."""
-        self._add(name, colour, time, values, width)
+        """Adds a line: values (N,) at times (N,), s; NaN breaks it; of two columns the area between them."""
+        path = f"{self.origin}/{rr.escape_entity_path_part(f'{len(self.lines)} {name}')}"
+        self.lines.append((Lines(path, (name,), (colour,), width, filled=values.ndim > 1), time, values))
 
     def area(self, name: str, colour: str, time: Array, low: Array, high: Array) -> None:
         """Adds the area between two lines (N,), as far as it is in sight; opaque, since strokes that overlap add up."""
         least, most = self.range
         edges = np.clip([low, high], 2 * least - most, 2 * most - least)
         step = ceil(len(time) / MAX_STROKES)
-        self._add(name, colour, time[::step], edges.T[::step], filled=True)
+        self.line(name, colour, time[::step], edges.T[::step])
 
     def spans(self, name: str, colour: str, times: Sequence[tuple[float, float]]) -> None:
         """Adds filled spans of time, from start to end, s, over the whole range; nothing if there are none."""
@@ -107,23 +99,19 @@ class Plot:
             time, inside = with_gaps(parts, last=True), with_gaps([np.ones(len(part)) for part in parts])
             self.area(name, colour, time, self.range[0] * inside, self.range[1] * inside)
 
-    def _add(
-        self, name: str, colour: str, time: Array, values: Array, width: float = 1.5, filled: bool = False
-    ) -> None:
-        path = f"{self.origin}/{rr.escape_entity_path_part(f'{len(self.lines)} {name}')}"
-        self.lines.append((Lines(path, (name,), (colour,), width, filled=filled), time, values))
-
     def draw(self, recording: rr.RecordingStream) -> None:
         """Draws the lines."""
         for lines, time, values in self.lines:
             lines.send_style(recording)
-            lines.send(recording, time, values, FLIGHT_TIME)
+            lines.send(recording, time, values)
 
-    def view(self, end: float) -> rrb.View:
-        """Returns the view over a flight of ``end`` seconds, with a legend where there is more than one line."""
+    def view(self, first: float, last: float) -> rrb.View:
+        """Returns the view from ``first`` to ``last``, s, with a legend where there is more than one line."""
         low, high = self.range
-        margin = AXIS_MARGIN * max(high - low, 1e-9 * max(abs(low), abs(high), 1.0))
-        start, stop = (rr.TimeRangeBoundary.absolute(seconds=second) for second in (0.0, LEGEND_ROOM * end))
+        margin = 0.05 * max(high - low, 1e-9 * max(abs(low), abs(high), 1.0))
+        # The legend stands beside the lines.
+        end = first + 1.16 * (last - first)
+        start, stop = (rr.TimeRangeBoundary.absolute(seconds=second) for second in (first, end))
         return rrb.TimeSeriesView(
             name=f"{self.title} ({rounded(low, 3)} to {rounded(high, 3)})",
             origin=self.origin,
@@ -150,7 +138,7 @@ def blueprint(view: rrb.Container, time: rrb.TimePanel | None = None, **options:
     """Returns a layout of one container with all panels beside it collapsed; ``options`` are of the time panel."""
     return rrb.Blueprint(
         view,
-        time or rrb.TimePanel(state="collapsed", timeline=FLIGHT_TIME, **options),
+        time or rrb.TimePanel(state="collapsed", timeline=BOOT_CLOCK, **options),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
         auto_views=False,

@@ -24,7 +24,6 @@ from mavdem.report.screen import conclusion, key_figures, screen, title
 from mavdem.view.plots import Plot, blueprint, faint, range_of, recorded, utf8, with_gaps
 
 BEYOND = 0.15  # how far a plot extends beyond the measured values, in spans of them, where a forecast does
-FIRST_ITERATIONS = 2  # that are left out of the bars of F̄: they may be far from all others
 
 
 def write_recording(
@@ -53,18 +52,18 @@ def write_recording(
 
 
 class FlightSeries:
-    """The series of a learned flight over seconds from its first sample, in degrees, as plots."""
+    """The series of a learned flight over the boot clock, s, in degrees, as plots."""
 
     def __init__(self, flights: Sequence[Flight], learned: Learned, held_out: HeldOut) -> None:
         self.flights, self.learned, self.held_out = flights, learned, held_out
         self.labels = Labels.of(learned)
-        start = float(flights[0].time[0])
-        self.times = [flight.time - start for flight in flights]
-        self.windows = held_out.time - start
+        self.times = [flight.time for flight in flights]
+        self.clock = with_gaps(self.times, last=True)
+        self.windows = held_out.time
         after = self.windows[:, 0] > self.times[-1][-1]
         self._time = with_gaps([*self.times, *self.windows[after]], last=True)
         self._outputs = with_gaps([*(flight.outputs for flight in flights), *held_out.measured[after]])
-        self.end = float(self._time[-1])
+        self.span = float(self._time[0]), float(self._time[-1])
 
     def output(self, i: int) -> list[Plot]:
         """Returns an output with its forecasts in held-out windows, and what these leave."""
@@ -100,8 +99,7 @@ class FlightSeries:
         command = AxisCommand.of(self.learned)
         inputs = command.series(np.vstack([flight.inputs for flight in self.flights]))
         heading = f"{named(command.name.capitalize(), command.unit)}: the motors' difference, about its mean"
-        time = with_gaps(self.times, last=True)
-        return Plot.series("command", heading, time, {command.name: self._with_gaps(inputs)}, palette.COMMAND)
+        return Plot.series("command", heading, self.clock, {command.name: self._with_gaps(inputs)}, palette.COMMAND)
 
     def motors(self) -> Plot:
         """Returns what drives the vehicle: several inputs, each beyond the mean of all, by their places."""
@@ -110,7 +108,7 @@ class FlightSeries:
         values = inputs - inputs.mean(axis=1, keepdims=True) if several else inputs
         heading = named("Inputs, each beyond the mean of all" if several else "Input", unit)
         series = dict(zip(map(place, self.labels.input_names), self._with_gaps(values).T, strict=True))
-        return Plot.series("inputs", heading, with_gaps(self.times, last=True), series)
+        return Plot.series("inputs", heading, self.clock, series)
 
     def wind(self) -> Plot | None:
         """Returns the wind torque with its band, and gusts behind it; None where it is not known."""
@@ -118,7 +116,7 @@ class FlightSeries:
         if wind is None or len(wind.torque) != sum(map(len, self.flights)):
             return None
         torque, band = (self._with_gaps(unit.scale * values) for values in (wind.torque, wind.band))
-        time, clock, colour = with_gaps(self.times, last=True), np.concatenate(self.times), palette.DISTURBANCE
+        time, clock, colour = self.clock, np.concatenate(self.times), palette.DISTURBANCE
         gusts = [(clock[gust.sample], clock[gust.sample] + gust.length) for gust in wind.gusts]
         plot = Plot("wind", f"Wind torque, {unit.name}", range_of(torque))
         plot.spans(f"gust ({len(gusts)})", faint(palette.GUST, 0.5), gusts)
@@ -155,7 +153,7 @@ def _flight(recording: rr.RecordingStream, series: FlightSeries, found: Findings
     return rrb.Vertical(
         rrb.Horizontal(*strip, column_shares=[max(len(value.split(" (")[0]), 11) for _, value in figures]),
         rrb.Horizontal(
-            rrb.Vertical(*(plot.view(series.end) for plot in plots), row_shares=[34, 20, 20, 26][: len(plots)]),
+            rrb.Vertical(*(plot.view(*series.span) for plot in plots), row_shares=[34, 20, 20, 26][: len(plots)]),
             rrb.Vertical(*beside, row_shares=[38, 27, 35][: len(beside)]),
             column_shares=[78, 22],
         ),
@@ -177,13 +175,8 @@ def _effectiveness(recording: rr.RecordingStream, series: FlightSeries) -> list[
         return []
     values, halves = unit.scale * physical.effect, unit.scale * physical.interval(LEVEL).effect
     heading = f"{unit.name} per {series.labels.input_units[0] or 'unit'} ± {LEVEL:.0%} interval"
-    table = Table(
-        ["motor", heading],
-        [
-            [f"{number} {place(name)}", plus_minus(*pair)]
-            for number, (name, *pair) in enumerate(zip(series.labels.input_names, values, halves, strict=True), 1)
-        ],
-    )
+    motors = enumerate(zip(series.labels.input_names, values, halves, strict=True), 1)
+    table = Table(["motor", heading], [[f"{n} {place(name)}", plus_minus(*pair)] for n, (name, *pair) in motors])
     bars = _bars(recording, "effect/bars", "By motor", values, 1)
     return [_text(recording, "effect/table", "Control effectiveness", [table]), bars]
 
@@ -203,20 +196,18 @@ def _details(recording: rr.RecordingStream, series: FlightSeries) -> rrb.Contain
     plots = [*(plot for i in others for plot in series.output(i)), series.motors(), *series.dem()]
     for plot in plots:
         plot.draw(recording)
-    return rrb.Vertical(*(plot.view(series.end) for plot in plots), name="Details")
+    return rrb.Vertical(*(plot.view(*series.span) for plot in plots), name="Details")
 
 
 def _learning(recording: rr.RecordingStream, learned: Learned) -> rrb.Container:
     """F̄ by iteration as bars, beside what was learned."""
     energy = learned.free_energy
-    first = min(FIRST_ITERATIONS, len(energy) - 1)
+    first = min(2, len(energy) - 1)  # the first two may be far from all others
     gap = (energy.total.max() - energy.total)[first:]
     heading = f"F̄ below its maximum of {energy.total.max():,.0f} nats, by iteration"
-    return rrb.Horizontal(
-        _bars(recording, "learning/gap", heading, gap, first),
-        _text(recording, "learning/details", "The model, and how it was learned", detail_blocks(learned)),
-        name="Learning",
-    )
+    bars = _bars(recording, "learning/gap", heading, gap, first)
+    details = _text(recording, "learning/details", "The model, and how it was learned", detail_blocks(learned))
+    return rrb.Horizontal(bars, details, name="Learning")
 
 
 def _text(recording: rr.RecordingStream, origin: str, name: str, words: str | Sequence[Block]) -> rrb.View:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shlex
 import shutil
 import signal
@@ -11,12 +12,12 @@ import subprocess
 import sys
 from contextlib import suppress
 from pathlib import Path
-from urllib.parse import quote, urlsplit
+from urllib.parse import quote
 
 import rerun as rr
 
 LOOPBACK = "127.0.0.1"
-VIEWER_MEMORY, SERVER_MEMORY = "1GB", "256MB"  # the server keeps data for later viewers; the oldest go first
+SERVER_MEMORY = "256MB"  # the server keeps data for later viewers; the oldest go first
 WATCHDOG = """
 import os, signal, subprocess, sys, threading
 def kill_at_end_of_input():
@@ -71,8 +72,8 @@ class Sink:
     """A destination of a live flight."""
 
     name: str  # as a user calls it
-    period: float  # seconds between batches
-    retried: bool  # whether one that fails, or is not there yet, is tried again
+    period = 0.1  # seconds between batches
+    retried = True  # whether one that fails, or is not there yet, is tried again
 
     def open(self, recording: rr.RecordingStream) -> bool:
         """Directs the recording to the sink; returns whether it could; ``RuntimeError`` if it never can."""
@@ -100,12 +101,7 @@ class RecordingFile(Sink):
         self.path = Path(path)
         self.name = str(self.path)
         self.broken = False  # whether something could not be written
-        self._complete = 0
-
-    @property
-    def kept(self) -> bool:
-        """Whether the file contains anything."""
-        return self._complete > 0
+        self.complete = 0  # bytes of complete batches
 
     def open(self, recording: rr.RecordingStream) -> bool:
         """Writes the recording into the file."""
@@ -115,10 +111,10 @@ class RecordingFile(Sink):
     def delivered(self, arrived: bool = True) -> None:
         """Keeps what has arrived; see :class:`Sink`."""
         if arrived:
-            self._complete = self.path.stat().st_size
+            self.complete = self.path.stat().st_size
         else:
             self.broken = True
-            os.truncate(self.path, self._complete)
+            os.truncate(self.path, self.complete)
 
 
 class Viewer(Sink):
@@ -129,19 +125,13 @@ class Viewer(Sink):
     A ``url`` that is not of the form rerun+http://HOST:PORT/proxy is a ``ValueError``.
     """
 
-    period = 0.1
-    retried = True
-
     def __init__(self, url: str = f"rerun+http://{LOOPBACK}:9876/proxy") -> None:
         self.url = self.name = url
-        with suppress(ValueError):
-            parts = urlsplit(url)
-            self._address = parts.hostname or "", parts.port or 0
-            schemes = ("rerun", "rerun+http", "rerun+https")
-            if parts.scheme in schemes and parts.path == "/proxy" and all(self._address):
-                return
-        form = "the address of a Rerun viewer, which looks like rerun+http://127.0.0.1:9876/proxy"
-        raise ValueError(f"{url!r} is not {form}")
+        address = re.fullmatch(r"rerun(?:\+https?)?://\[?([^/@\]]+?)\]?:(\d{1,5})/proxy", url)
+        if address is None or not 0 < int(address[2]) < 65536:
+            form = "the address of a Rerun viewer, which looks like rerun+http://127.0.0.1:9876/proxy"
+            raise ValueError(f"{url!r} is not {form}")
+        self._address = address[1], int(address[2])
 
     def open(self, recording: rr.RecordingStream) -> bool:
         """Sends the recording to the viewer, if it is there; see :class:`Sink`."""
@@ -165,8 +155,8 @@ class WebServer(Viewer):
             try:
                 socket.create_server((LOOPBACK, number)).close()
             except OSError as error:
-                cure = "end the program that uses it, perhaps another view"
-                raise OSError(f"port {number} of {LOOPBACK} is taken: {cure}") from error
+                taken = f"port {number} of {LOOPBACK} is taken: end the program that uses it, perhaps another view"
+                raise OSError(taken) from error
         # Rerun's page reports its use to Rerun, unless it is in a notebook: https://github.com/rerun-io/rerun/pull/3166.
         self.page = f"http://{LOOPBACK}:{page_port}?url={quote(self.url, safe='')}&notebook=1"
         ports = ("--port", str(port), "--web-viewer-port", str(page_port))
@@ -197,7 +187,7 @@ def sinks_for(rrd: str | os.PathLike[str] | None = None, serve: bool = False, co
         # A window, which stays open after the process ends.
         with socket.create_server((LOOPBACK, 0)) as probe:
             port = int(probe.getsockname()[1])
-        limits = ("--server-memory-limit", SERVER_MEMORY, "--memory-limit", VIEWER_MEMORY)
+        limits = ("--server-memory-limit", SERVER_MEMORY, "--memory-limit", "1GB")
         _start(*limits, "--port", str(port), "--expect-data-soon", "--hide-welcome-screen")
         sinks.append(Viewer(f"rerun+http://{LOOPBACK}:{port}/proxy"))
     return sinks

@@ -56,9 +56,8 @@ def addressed_messages(datagram: bytes, system: int, component: int, most: int |
 
 
 ACCEPTED, UNSUPPORTED = 0, 3  # MAV_RESULT
-ARM_DISARM, GET_INTERVAL, SET_INTERVAL, REQUEST_MESSAGE, REQUEST_CAPABILITIES = 400, 510, 511, 512, 520
-"""MAV_CMD_COMPONENT_ARM_DISARM, _GET_MESSAGE_INTERVAL, _SET_MESSAGE_INTERVAL, _REQUEST_MESSAGE and
-_REQUEST_AUTOPILOT_CAPABILITIES."""
+ARM_DISARM, GET_INTERVAL, SET_INTERVAL, REQUEST_MESSAGE = 400, 510, 511, 512
+"""MAV_CMD_COMPONENT_ARM_DISARM, _GET_MESSAGE_INTERVAL, _SET_MESSAGE_INTERVAL and _REQUEST_MESSAGE."""
 FORCE = 21196  # What MAV_CMD_COMPONENT_ARM_DISARM's second parameter must be to stop the motors in the air
 MAX_REPORTED = 20  # Changes of rates that are reported: some ground stations ask again and again
 
@@ -99,8 +98,6 @@ class CommandHandler:
 
     def _result(self, command: int, first: float, second: float) -> int:
         """Obeys a command with its first two parameters; returns the MAV_RESULT."""
-        if command == REQUEST_CAPABILITIES:
-            return self._request("AUTOPILOT_VERSION", 0.0)
         if command not in (ARM_DISARM, GET_INTERVAL, SET_INTERVAL, REQUEST_MESSAGE):
             return UNSUPPORTED
         if not isfinite(first):

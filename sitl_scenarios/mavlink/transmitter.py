@@ -62,15 +62,6 @@ EARLY = 0.5e-6
 """Seconds before it is due that a message may be sent: half of what times are rounded to, so that none is a tie."""
 
 
-@dataclass
-class _Course:
-    """Messages due at ``first``, ``first + interval``, …, of which ``sent`` have been."""
-
-    first: float
-    interval: float
-    sent: int = 0
-
-
 class Schedule:
     """The streams that are being sent. ``usual``: Hz by message that it begins with; 0 for one that is not sent."""
 
@@ -81,7 +72,9 @@ class Schedule:
         """
         self.usual = dict(usual)
         self._step, self._cycle = step, cycle
-        self._courses: dict[str, _Course] = {}
+        # By message: those due at a first time, s, and every so many s from then on, and how many have been sent.
+        self._courses: dict[str, tuple[float, float]] = {}
+        self._sent: dict[str, int] = {}
         for number, (name, rate) in enumerate(usual.items()):
             self.set(name, 1 / rate if rate else np.inf, start + number * cycle * apart)
 
@@ -90,26 +83,26 @@ class Schedule:
         if np.isfinite(interval / self._step):
             # The loop looks once in a cycle: what is due more often is sent once.
             interval = max(int(interval / self._step + 1e-6) * self._step, self._cycle)
-        self._courses[name] = _Course(start, interval)
+        self._courses[name], self._sent[name] = (start, interval), 0
 
     def interval(self, name: str) -> float:
         """Seconds between one message and the next; infinite for none."""
-        return self._courses[name].interval
+        return self._courses[name][1]
 
     def due(self, name: str, times: NDArray[np.float64]) -> NDArray[np.intp]:
         """In which of the next cycles, at ``times`` (N,), s, ascending, a message is sent.
 
         The times of one call come after those of the call before.
         """
-        course = self._courses[name]
-        if not np.isfinite(course.interval):
+        first, interval = self._courses[name]
+        if not np.isfinite(interval):
             return np.empty(0, dtype=np.intp)
         # One more than there can be: which of them are due is for one comparison to decide, since two might differ.
-        until = int(np.floor((times[-1] + EARLY - course.first) / course.interval)) + 2
-        due = course.first + course.interval * np.arange(course.sent, until)
+        until = int(np.floor((times[-1] + EARLY - first) / interval)) + 2
+        due = first + interval * np.arange(self._sent[name], until)
         rows = np.searchsorted(times, due - EARLY)
         rows = rows[rows < len(times)]
-        course.sent += len(rows)
+        self._sent[name] += len(rows)
         return np.unique(rows)
 
 
@@ -336,18 +329,15 @@ class LossyLink:
 
     def _swapped(self, batch: Batch, waits: list[int]) -> Batch:
         """The batch with each frame that waits behind the next; the last, if it waits, is held."""
+        if not waits:
+            return batch
         order = np.arange(len(batch))
-        free = 0
         for row in waits:
-            if row < free:
-                continue  # it has itself just overtaken another
-            if row + 1 == len(batch):
-                last = order[-1:]
-                self._held = batch.taken(last, batch.time[last])
-                return batch.taken(order[:-1], batch.time[:-1])
-            order[row], order[row + 1] = row + 1, row
-            free = row + 2
-        return batch.taken(order, batch.time) if free else batch
+            if order[row] == row < len(batch) - 1:  # else it has itself just overtaken another
+                order[row], order[row + 1] = row + 1, row
+        if waits[-1] == order[-1] == len(batch) - 1:
+            self._held, order = batch.taken(order[-1:], batch.time[-1:]), order[:-1]
+        return batch.taken(order, batch.time[: len(order)])
 
 
 EPOCH = 1_767_225_600

@@ -1,7 +1,5 @@
 """Setpoints: which message has them, when they hold, and how a flight carries them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hover import Hover, changed, columns
@@ -48,15 +46,6 @@ def test_a_flight_has_the_last_setpoint_until_its_sample_and_none_of_the_future(
     assert flight.provenance["setpoints"]["roll setpoint"] == "ATTITUDE_TARGET"
 
 
-def test_each_axis_has_its_own():
-    rate, angle = setpoints(with_targets(), "pitch")
-    np.testing.assert_allclose(rate.signal.values, 2 * rate.signal.time)
-    np.testing.assert_allclose(angle.signal.values, 0.05 * np.cos(angle.signal.time), atol=1e-12)
-    (rate,) = setpoints(with_targets(), "yaw")
-    assert rate.name == "yaw rate setpoint"
-    np.testing.assert_allclose(rate.signal.values, 3 * rate.signal.time)
-
-
 @pytest.mark.parametrize(
     ("mask", "units"), [(1, ["rad"]), (2, ["rad/s", "rad"]), (64, ["rad/s", "rad"]), (128, ["rad/s"]), (129, [])]
 )
@@ -68,11 +57,6 @@ def test_before_the_first_and_long_after_the_last_nothing_is_known():
     flight = flight_of(with_targets(start=20.0, end=30.0))
     known = np.isfinite(flight.setpoints[:, 0])
     np.testing.assert_array_equal(known, (flight.time >= 20 - 1e-9) & (flight.time <= 29.9 + HOLD_SECONDS + 1e-9))
-
-
-def test_without_setpoints_a_flight_has_none():
-    flight = flight_of(HOVER.telemetry())
-    assert flight.setpoints is None and flight.setpoint_names == () and flight.provenance["setpoints"] == {}
 
 
 def with_sticks(autopilot: str = "ARDUPILOTMEGA", parameters: dict[str, float] | None = None) -> Telemetry:
@@ -102,9 +86,7 @@ def test_the_stick_is_on_the_channel_of_the_parameters(autopilot, parameters, ax
     if channel:
         assert found[0].unit == "µs"
         assert found[0].signal.values.mean() == pytest.approx(1000 + 200 * channel, abs=5)
-
-
-def test_a_channel_that_was_not_received_is_no_setpoint():
+    # A channel that was not received is none.
     (stick,) = setpoints(with_sticks(), "pitch")
     assert len(stick.signal.time) == len(HOVER.stamps(4.0)) // 2 and stick.signal.values.max() < 1500
 

@@ -1,7 +1,5 @@
 """Which message means what: attitude, motors, their order and scale, armed and airborne."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -138,19 +136,18 @@ def test_px4_motors_over_two_drivers():
 
 
 def test_without_parameters_the_moving_channels_are_assumed_and_said():
-    motors = drive.motors_or_obstacle(HOVER.telemetry()).layout
-    assert motors.channels == (1, 2, 3, 4)
-    assert motors.channels_assumed and motors.positions_assumed
+    for incomplete in ({}, {"SERVO7_FUNCTION": 35.0, "SERVO2_FUNCTION": 34.0}):
+        motors = drive.motors_or_obstacle(HOVER.telemetry(parameters=incomplete)).layout
+        assert motors.channels == (1, 2, 3, 4)
+        assert motors.channels_assumed and motors.positions_assumed
     assert "X quad" in motors.basis and "channels that move" in motors.basis
 
 
-def test_the_tilt_servo_of_a_tricopter_is_no_motor():
+def test_the_tilt_servo_of_a_tricopter_is_no_motor_and_an_unknown_frame_has_no_places():
     parameters = {"FRAME_CLASS": 7.0} | {f"SERVO{n}_FUNCTION": 32.0 + n for n in (1, 2, 4, 7)}
     found = motor_geometry("TRICOPTER", "ARDUPILOTMEGA", parameters, moving=[1, 2, 4, 7], bank=8)
     assert found.motors == (1, 2, 4) and not found.positions_assumed
-
-
-def test_a_hexarotor_of_unknown_frame_has_no_places():
+    # A hexarotor of unknown frame has no places.
     motors = motor_geometry("HEXAROTOR", "ARDUPILOTMEGA", {}, moving=range(1, 9), bank=8)
     assert motors.channels == (1, 2, 3, 4, 5, 6)
     assert motors.names[0] == "motor 1" and motors.effect("roll") is None
@@ -196,7 +193,7 @@ def test_rounding_is_measured_before_a_bank_is_moved_to_the_stamps_of_another():
     assert motors.scale.step == 1.0
 
 
-def test_a_message_without_motors_that_move_leaves_the_next() -> None:
+def test_a_message_without_motors_that_move_leaves_the_next():
     """The more frequent message stands still, and the one with the motors has a channel that never has a number."""
     time = HOVER.stamps(50.0)
     actuator = np.full((len(time), 32), np.nan)
@@ -206,11 +203,6 @@ def test_a_message_without_motors_that_move_leaves_the_next() -> None:
     motors = drive.motors_or_obstacle(changed(telemetry, "SERVO_OUTPUT_RAW", **still))
     assert motors is not None and motors.message == "ACTUATOR_OUTPUT_STATUS"
     np.testing.assert_array_equal(motors.outputs, HOVER.motors(time))
-
-
-def test_parameters_of_some_motors_only_are_incomplete() -> None:
-    motors = drive.motors_or_obstacle(HOVER.telemetry(parameters={"SERVO7_FUNCTION": 35.0, "SERVO2_FUNCTION": 34.0}))
-    assert motors is not None and motors.layout.channels == (1, 2, 3, 4) and motors.layout.channels_assumed
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,5 @@
 """The verdict: what can be learnt from is let through with its doubts, what cannot is refused with its figures."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import re
@@ -241,15 +239,6 @@ def test_a_command_at_the_floor_of_the_stream_is_refused():
     truth = (0.5**2 / 2) / (1 / 12 * np.sum(X_QUAD**2) / 16)
     assert near.figures.input_snr == pytest.approx(truth, rel=0.3)
     assert "rounding" in refused_for(rounded(Hover(command=0.1)))
-
-
-def test_assumptions_are_cautions_and_limits_figures():
-    telemetry = HOVER.telemetry()
-    assert any("assumed" in caution for caution in verdict_of(Signals(telemetry)).cautions)
-    table = telemetry.messages["SERVO_OUTPUT_RAW"]
-    full = {"servo1_raw": np.where(np.sin(table["time"]) > 0, 2000.0, table["servo1_raw"])}
-    verdict = verdict_of(Signals(changed(telemetry, "SERVO_OUTPUT_RAW", **full)))
-    assert verdict.figures.saturation == pytest.approx(0.5, abs=0.1)
 
 
 def random_stamps(random: np.random.Generator, end: float) -> np.ndarray:

@@ -1,16 +1,14 @@
 """The analysis of a log at each tier: what is learnt, what is withheld, and why."""
 
-from __future__ import annotations
-
-import os
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from made_up_analysis import held_out
+from recorded_flights import shared
 
-from mavdem.analysis import LogAnalysis, analyse
+from mavdem.analysis import analyse
 from mavdem.analysis.analysis import MAX_SLOW_RATIO, slow_motion_refusal
 from mavdem.health.in_flight import MotorAlarm
 from mavdem.ingest import read_log
@@ -18,12 +16,11 @@ from mavdem.ingest.telemetry import selected
 from mavdem.report.blocks import Sentence
 from mavdem.report.screen import analysis_blocks
 
-DATA = Path(os.environ.get("MAVDEM_SHARED_DATA", Path(__file__).parents[3] / "shared/data"))
 SAMPLE = Path(__file__).parents[2] / "logs" / "ardupilot_wind5_steps.tlog"
 
 
 @pytest.fixture(scope="module")
-def slow() -> LogAnalysis:
+def slow():
     """A flight at 100 Hz as a link of 10 Hz would send it."""
     whole = read_log(SAMPLE)
     (vehicle,) = whole.vehicles
@@ -34,6 +31,7 @@ def slow() -> LogAnalysis:
     return analyse(replace(whole, vehicles=(replace(vehicle, messages=messages),)))
 
 
+@pytest.mark.slow
 def test_the_slow_motion_is_learnt_where_it_predicts_better_and_nothing_faster_is_told(slow):
     assert slow.tier.name == "b" and slow.learned is not None and slow.held_out is not None
     assert slow.held_out.error_ratio() < MAX_SLOW_RATIO and slow.held_out.coverage > 0.75
@@ -45,6 +43,7 @@ def test_the_slow_motion_is_learnt_where_it_predicts_better_and_nothing_faster_i
         slow.learned.simulate(slow.flights[0].inputs)
 
 
+@pytest.mark.slow
 def test_a_motor_that_weakened_in_flight_is_told_first(slow):
     assert slow.alarms == () and slow.findings.headline.startswith("Slow motion only: ATTITUDE comes at 10")
     weak = replace(slow, alarms=(MotorAlarm(30.0, 28.5, 2, "motor 2 (rear left)", 0.25, 0.98),))
@@ -73,6 +72,7 @@ def test_a_model_must_beat_the_baselines_by_a_margin_that_is_not_luck(ratio, win
     assert (slow_motion_refusal(judged) == "") == kept
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "tier"),
     [
@@ -83,9 +83,7 @@ def test_a_model_must_beat_the_baselines_by_a_margin_that_is_not_luck(ratio, win
     ],
 )
 def test_every_log_says_something_or_why_not(name, tier):
-    if not (DATA / name).exists():
-        pytest.skip(f"{name} is not here; MAVDEM_SHARED_DATA says where the recorded flights are")
-    found = analyse(read_log(DATA / name))
+    found = analyse(read_log(shared(name)))
     assert found.tier.name == tier and found.reason and found.remedy
     assert (found.learned, found.held_out, found.flights, found.findings.purposes) == (None, None, (), ())
     assert found.findings.headline == f"No model: {found.reason}" and found.findings.next_step == found.remedy

@@ -1,7 +1,5 @@
 """The figures of a model as plain values, and those of all axes of a log against the calls for each."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

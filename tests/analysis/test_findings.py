@@ -1,7 +1,5 @@
 """Findings: a bad result never looks good, and each limit holds at its edge."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -10,6 +8,7 @@ import pytest
 from made_up_analysis import HOVER, held_out, model, physical
 
 from mavdem.analysis.findings import GOOD, LIMITED, NONE, PURPOSES, Finding, findings_of, next_step, warnings_of
+from mavdem.condition import Oscillation
 from mavdem.evaluate import HeldOut
 from mavdem.health.in_flight import MotorAlarm
 
@@ -110,7 +109,7 @@ def saturated(share: float) -> SimpleNamespace:
     return SimpleNamespace(hover=replace(HOVER, at_upper_limit=(0.0, 0.0, share, 0.0)), oscillation=None)
 
 
-CYCLE = SimpleNamespace(axis="roll", frequency=7.1, rate=85.0, at_limit=0.4, growing=False)
+CYCLE = Oscillation(axis="roll", frequency=7.1, rate=85.0, at_limit=0.4, growing=False, seconds=12.0)
 WEAK = MotorAlarm(70.0, 66.4, 1, "motor 1 (front right)", 0.24, 0.99)
 
 
@@ -139,7 +138,9 @@ def test_what_overrides_leaves_nothing_good_and_decides_what_to_do(known, headli
     sound = findings_of(model(physical()), held_out(), SimpleNamespace(hover=HOVER, oscillation=None), watched=True)
     assert {one.grade for one in sound.purposes} == {GOOD} and "reference" in sound.next_step
     assert sound.headline == "Healthy."
-    found = findings_of(model(physical()), held_out(), **({"condition": SimpleNamespace(hover=HOVER)} | known))
+    found = findings_of(
+        model(physical()), held_out(), **({"condition": SimpleNamespace(hover=HOVER, oscillation=None)} | known)
+    )
     assert found.headline == headline and found.next_step.startswith(following)
     assert GOOD not in {one.grade for one in found.purposes} and "reference" not in found.next_step
 

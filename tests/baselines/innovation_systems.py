@@ -1,7 +1,5 @@
 """Random systems in innovation form, and what they do when driven by noise."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """Flights that are hard to learn from, and what must hold of every method on them."""
 
-from __future__ import annotations
-
 import numpy as np
 from simulated import simulated
 

@@ -1,7 +1,5 @@
 """How near an efficient estimate of a system comes to it: the Cramér-Rao bound of what no choice of states changes."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,15 +21,13 @@ class Bound:
 
     def __init__(self, system: StateSpace, flight: Flight, noise: float) -> None:
         n, m = len(system.A), len(system.C)
-        parameters = FreeParameters(
-            system.A, system.B, system.C, system.D[:, :0], system.K, system.offset, np.zeros((1, n))
-        )
+        parameters = FreeParameters(system.A, system.B, system.C, system.K, system.offset, np.zeros((1, n)))
         slopes = sensitivities(parameters, system, [(flight.inputs, flight.outputs)])
         slopes = slopes.reshape(-1, slopes.shape[2]) / noise
         vector = parameters.vector()
 
         def answers(vector: Array) -> Array:
-            A, B, C, _, K, *_ = parameters.of(vector)
+            A, B, C, K, *_ = parameters.of(vector)
             return pulse_answers(system._replace(A=A, B=B, C=C, K=K))
 
         steps = 1e-6 * np.eye(len(vector))

@@ -33,13 +33,14 @@ def of_mavdem(flight: Flight, order: int, monkeypatch: pytest.MonkeyPatch) -> St
     """With the same horizon as theirs."""
     module = importlib.import_module("mavdem.baselines.subspace_identification")
     monkeypatch.setattr(module, "_horizon", lambda segments, order: HORIZON)
-    return baselines.subspace(flight, order, "MOESP").model
+    return baselines.subspace(flight, order).model
 
 
 def input_answers(model: StateSpace) -> np.ndarray:
     return np.array([model.C @ np.linalg.matrix_power(model.A, k) @ model.B for k in range(2 * HORIZON)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", [1, 2, 3, 4])
 def test_without_noise_nfoursid_finds_the_same_system(order, monkeypatch):
     system = random_system(order, order)

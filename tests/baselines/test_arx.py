@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from peculiar_flights import growing
 
 from mavdem import Flight, baselines
 
@@ -67,9 +66,3 @@ def test_no_lag_reaches_across_a_gap():
     assert arx.one_step().shape == (452, 2)
     np.testing.assert_allclose(arx.one_step()[[0, 250, 252]], np.tile(arx.model.output_trim, (3, 1)))
     np.testing.assert_allclose(arx.one_step()[254:], segments[-1].outputs[2:], atol=1e-9)
-
-
-@pytest.mark.filterwarnings("error")
-def test_a_forecast_beyond_all_numbers_is_no_error():
-    arx = baselines.arx(growing(), 1)
-    assert not np.isfinite(arx.forecast(np.zeros((200_000, 1)))).all()

@@ -5,7 +5,7 @@ import pytest
 from peculiar_flights import TEST, TRAIN, back_from_other_units, in_other_units
 from simulated import in_closed_loop
 
-from mavdem import Forecaster, baselines, evaluate
+from mavdem import baselines, evaluate
 
 SEGMENTS = [TRAIN[:300], TRAIN[400:]]
 
@@ -13,11 +13,6 @@ SEGMENTS = [TRAIN[:300], TRAIN[400:]]
 @pytest.fixture(scope="module")
 def model():
     return baselines.var(TRAIN)
-
-
-def test_it_is_a_forecaster(model):
-    assert isinstance(model, Forecaster) and model.stable and not model.cautions
-    assert model.forecast_every(1, TEST.inputs[:0], TEST.outputs[:0]).shape == (0, 2)
 
 
 def test_motors_show_the_motion_and_later_ones_show_more():

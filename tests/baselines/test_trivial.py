@@ -20,7 +20,7 @@ def test_forecasts_are_the_trivial_ones(method, expected):
     forecaster = method(FLIGHT[:700])
     np.testing.assert_allclose(forecaster.forecast(FLIGHT.inputs[700:]), np.tile(expected, (150, 1)), atol=1e-14)
     assert isinstance(forecaster, Forecaster)
-    assert forecaster.stable and not forecaster.cautions and not forecaster.stabilised
+    assert forecaster.stable and not forecaster.cautions
     assert forecaster.forecast(FLIGHT.inputs[:0]).shape == (0, 2)
 
 
@@ -35,16 +35,6 @@ def test_one_step_begins_anew_in_each_segment():
     assert not zero.one_step().any() and zero.one_step().shape == outputs.shape
     np.testing.assert_allclose(held.forecast(np.zeros((3, 4))), np.tile(outputs[-1], (3, 1)))
     np.testing.assert_allclose(held.forecast(np.zeros((3, 4)), from_zero=True), np.tile(average, (3, 1)))
-
-
-def test_without_a_model_of_the_inputs_predictions_are_the_forecasts():
-    for method in (baselines.hold, baselines.constant_mean, baselines.zero):
-        forecaster, test = method(FLIGHT[:700]), FLIGHT[700:]
-        np.testing.assert_array_equal(forecaster.predict(150), forecaster.forecast(test.inputs))
-        pieces = forecaster.forecast_every(20, test.inputs, test.outputs)
-        np.testing.assert_array_equal(forecaster.predict_every(20, test.inputs, test.outputs), pieces)
-        with pytest.raises(ValueError, match="steps must"):
-            forecaster.predict(0)
 
 
 def test_models_that_need_the_inputs_say_so_and_what_to_use():

@@ -1,7 +1,5 @@
 """``mavdem compare``: its document, its tables, and what of several flights cannot be compared."""
 
-from __future__ import annotations
-
 import csv
 import multiprocessing
 import os
@@ -53,6 +51,7 @@ SCHEMA = {
 }
 
 
+@pytest.mark.slow
 def test_the_document_has_these_keys(quick, capsys):
     assert main(["compare", FLIGHT, OTHER, SLOW, "--json"]) == 0
     told = strict_json(capsys.readouterr().out)

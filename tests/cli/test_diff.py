@@ -1,7 +1,5 @@
 """``mavdem diff``: two fleets, two reports, or two logs in words or as one document, and refusals with their reason."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,10 +1,7 @@
 """What the command line answers to good, poor and broken input: an exit code, one sentence, and never a traceback."""
 
-from __future__ import annotations
-
 import json
 import os
-import resource
 import signal
 import subprocess
 import sys
@@ -106,26 +103,8 @@ def test_a_result_is_distinguished_from_a_log(tmp_path, capsys):
 
 
 FULL = Path("/dev/full")
-FEW = ["--preset", "paper", "--train", "100", "--test", "20"]  # samples: what is written matters here
 
 needs_full = pytest.mark.skipif(not FULL.exists(), reason="there is no /dev/full")
-
-
-def no_file_beyond(size: int) -> None:
-    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
-
-
-@pytest.mark.slow
-def test_a_recording_that_does_not_fit_is_reported_and_leaves_nothing(tmp_path):
-    out = tmp_path / "made" / "here"
-    words = [*MAVDEM, "learn", FLIGHT, "--out", out, *FEW]
-    limited = {"preexec_fn": lambda: no_file_beyond(100_000), "timeout": PATIENCE}
-    done = subprocess.run(words, capture_output=True, text=True, **limited)
-    assert done.returncode == 2
-    assert done.stdout == ""
-    assert done.stderr.startswith("mavdem: --out ") and done.stderr.count("\n") == 1
-    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.slow
@@ -217,14 +196,6 @@ def offered(monkeypatch, capsys, *words: str) -> list[str]:
     said = capsys.readouterr()
     assert said.err == ""
     return said.out.split()
-
-
-@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_the_script_of_each_shell_is_printed(shell, monkeypatch, capsys):
-    monkeypatch.setenv("_MAVDEM_COMPLETE", f"{shell}_source")
-    assert main([]) == 0
-    script = capsys.readouterr().out
-    assert "_MAVDEM_COMPLETE" in script and "Usage" not in script
 
 
 def test_commands_options_values_and_scenarios_are_offered(monkeypatch, capsys):

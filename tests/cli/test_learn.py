@@ -1,7 +1,5 @@
 """``mavdem learn``: its three files, its one document, and its refusals."""
 
-from __future__ import annotations
-
 import json
 import shlex
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """`mavdem order`: the table, the document, and flights that do not tell."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """``mavdem track``: a fleet in one command, its answers, and how it refuses."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

@@ -4,8 +4,6 @@ The engine maximizes one F̄ exactly. The published steps are approximations of 
 where it is made. They serve to compare the engine's parts with the authors' results, which have gone through all this.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag, expm

@@ -1,13 +1,9 @@
 """The results of the paper's authors' own code, and their simulated case a as this engine's model and data."""
 
-from __future__ import annotations
-
-import os
-from pathlib import Path
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from recorded_flights import SHARED
 
 from mavdem.dem.engine.coordinates import embed, temporal_precision
 from mavdem.dem.engine.generative import GenerativeModel, Prior
@@ -15,7 +11,6 @@ from mavdem.dem.engine.model import pack
 
 Array = NDArray[np.float64]
 
-SHARED = Path(os.environ.get("MAVDEM_SHARED_DATA", Path(__file__).parents[3] / "shared" / "data"))
 ORACLE = SHARED / "oracle"
 
 needs_oracle = pytest.mark.skipif(not ORACLE.is_dir(), reason=f"the authors' results are not in {ORACLE}")

@@ -1,7 +1,5 @@
 """Predictions with the inputs unknown: never much worse than the last sample or the mean, bounded, with bands."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from simulated import simulated

@@ -81,15 +81,6 @@ def test_a_given_executor_does_the_work_and_is_left_open(expected):
         assert executor.submit(int, "3").result() == 3
 
 
-def test_what_jobs_raise_is_raised():
-    def broken():
-        yield JOBS[0]
-        raise OSError("no such log")
-
-    with pytest.raises(OSError, match="no such log"), ThreadPoolExecutor(1) as executor:
-        list(learn_many(broken(), executor))
-
-
 @pytest.mark.slow
 def test_a_killed_worker_is_reported(two_workers):
     answers = learn_many(repeat(JOBS[0]))

@@ -42,6 +42,7 @@ def learned():
     return learn(TRAIN)
 
 
+@pytest.mark.slow
 def test_smoothing_uses_motors_that_come_later(learned):
     causal, smooth = (learned.forecast(TEST.inputs, smooth=later) for later in (False, True))
     changed = TEST.inputs.copy()
@@ -152,6 +153,7 @@ def test_every_so_many_samples_a_prediction_begins_anew(learned):
         learned.predict_band(0)
 
 
+@pytest.mark.slow
 def test_it_is_better_than_the_last_sample_and_the_mean_at_every_horizon():
     errors = {steps: [] for steps in (1, 5, 10, 25, 50, 150)}
     for seed in range(6):

@@ -295,17 +295,18 @@ def test_an_unstable_flow_is_known_and_not_run():
     climb = ascend(model, samples, 1, Rates(state=unstable, segments=(data,), dt=DT))
     assert not climb.flowed.any()
     exact = ascend(model, samples, 1)
-    np.testing.assert_array_equal(climb.theta, exact.theta)
+    np.testing.assert_array_equal(climb.learning.theta, exact.learning.theta)
 
 
+@pytest.mark.slow
 @given(model=models, seed=seeds, logs=st.tuples(*[st.one_of(st.none(), st.floats(-4, 4))] * 3))
 @settings(max_examples=30)
 def test_a_climb_at_any_rates_never_falls(model, seed, logs):
     data = np.random.default_rng(seed).standard_normal((40, model.hidden.start))
     rates = [None if log is None else 10**log for log in logs]
     climb = ascend(model, SufficientStatistics.of(data), 12, Rates(*rates, segments=(data,), dt=DT))
-    assert (np.diff(climb.free_energy) >= 0).all() and np.isfinite(climb.theta).all()
-    assert len(climb.theta) == len(climb.lambda_) == len(climb.free_energy) <= 12 + 1
+    assert (np.diff(climb.free_energy) >= 0).all() and np.isfinite(climb.learning.theta).all()
+    assert len(climb.learning.theta) == len(climb.learning.lambda_) == len(climb.free_energy) <= 12 + 1
 
 
 def test_flows_run_and_lead_to_the_same_place():
@@ -313,7 +314,7 @@ def test_flows_run_and_lead_to_the_same_place():
     settings = Settings(order=2, d=2, window=5, parameter_precision=1.0)
     exact, flowing = fit(record, settings), fit(record, replace(settings, learning_rates=(1e5, None, None)))
     assert flowing.ascent.flowed.sum() > 1
-    np.testing.assert_allclose(flowing.ascent.theta[-1], exact.ascent.theta[-1], rtol=1e-3, atol=1e-3)
+    np.testing.assert_allclose(flowing.ascent.learning.theta[-1], exact.ascent.learning.theta[-1], rtol=1e-3, atol=1e-3)
 
 
 @given(model=models, seed=seeds)

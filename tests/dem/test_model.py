@@ -96,6 +96,7 @@ def random_filter(seed, n=3, r=2, m=2, dt=0.02):
     return TextbookFilter.of(A, B, C, dt, gain)
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 10**6))
 def test_the_innovation_form_is_the_filter_of_textbooks(seed):
     textbook = random_filter(seed)
@@ -120,10 +121,7 @@ def test_the_innovation_form_is_the_filter_of_textbooks(seed):
     np.testing.assert_allclose(from_there[0], forecast, atol=1e-8 * scale)
     every = predictor.simulated_every(7, start, u[1:], y[1:])
     np.testing.assert_allclose(every[14:21], textbook.forecast(corrected[14], u[14:])[:7], atol=1e-8 * scale)
-
-
-def test_one_sample_has_no_prediction():
-    predictor = random_filter(0).predictor
+    # One sample has no prediction.
     assert predictor.one_step(np.ones((1, 2)), np.ones((1, 2))).shape == (0, 2)
     assert predictor.simulated(np.ones(3), np.ones((0, 2))) == pytest.approx(np.empty((0, 2)))
 
@@ -194,7 +192,6 @@ def random_gaussian_model(seed, n, k, m, radius=0.9):
         rng.standard_normal((n, k)),
         rng.standard_normal(n),
         rng.standard_normal((m, n)),
-        rng.standard_normal((m, k)),
         rng.standard_normal(m),
         *(0.1 * root @ root.T + 0.01 * np.eye(len(root)) for root in roots),
     )
@@ -205,7 +202,7 @@ def joint(model, start, inputs, outputs, spread=None):
 
     ``spread`` (n, n) is the covariance of the first state, one unless given.
     """
-    A, B, offset, C, D, trim, Q, R = model
+    A, B, offset, C, trim, Q, R = model
     samples, n = len(outputs), len(A)
     # States are a linear map of the first one and all noises.
     effects, means = np.zeros((samples, n, samples, n)), [start]
@@ -218,7 +215,7 @@ def joint(model, start, inputs, outputs, spread=None):
     noises = np.kron(np.eye(samples), Q)
     noises[:n, :n] = np.eye(n) if spread is None else spread
     prior, mean = effects @ noises @ effects.T, np.concatenate(means)
-    seen, targets = np.kron(np.eye(samples), C), (outputs - inputs @ D.T - trim).ravel()
+    seen, targets = np.kron(np.eye(samples), C), (outputs - trim).ravel()
     of_targets = seen @ prior @ seen.T + np.kron(np.eye(samples), R)
     gain = prior @ seen.T @ np.linalg.inv(of_targets)
     return (
@@ -272,8 +269,6 @@ def test_the_steady_covariance_solves_riccati_s_equation(noise, radius):
     np.testing.assert_allclose(P, expected[0], atol=1e-6 * np.abs(expected[0]).max())
     innovations = C[0] @ expected[0] @ C[0].T + R[0]
     np.testing.assert_allclose(gain @ innovations, A[0] @ expected[0] @ C[0].T + S[0], atol=1e-6 * np.abs(P).max())
-
-
-def test_a_state_that_grows_unseen_has_no_steady_filter():
+    # A state that grows unseen has none.
     with pytest.raises(np.linalg.LinAlgError, match="no steady filter"):
         steady_gain(np.diag([1.1, 0.5]), np.array([[0.0, 1.0]]), np.eye(2), np.eye(1))

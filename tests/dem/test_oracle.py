@@ -1,7 +1,5 @@
 """This engine beside the code of the paper's authors: its steps on their X, θ and λ, and where both end."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
@@ -21,6 +19,7 @@ from mavdem.dem.engine.linalg import inverse, solve
 pytestmark = needs_oracle
 
 
+@pytest.mark.slow
 def test_case_a_taken_as_published_ends_where_theirs_does():
     """The engine's parts, put together with every departure of the published code, go its way for 150 iterations.
 

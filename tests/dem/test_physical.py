@@ -3,8 +3,6 @@
 And what commanded motors would do: the plant alone, beside a plant that is commanded.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.linalg import expm, solve_continuous_lyapunov
@@ -171,6 +169,7 @@ def test_scores_of_windows_are_the_slopes_of_their_likelihoods():
         np.testing.assert_allclose(score, slope, atol=2e-2 * np.abs(fit.scores).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("known", [True, False], ids=["known geometry", "inferred geometry"])
 def test_a_steered_flight_gives_the_truth_back(known):
     flight = flown(0, steering=1.0)

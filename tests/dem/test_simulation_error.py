@@ -1,7 +1,5 @@
 """Along trajectories: the climb, its posterior, the noise model of one-step errors, and mixer geometry as a prior."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -44,7 +42,6 @@ def climb_of(flight: Flight) -> tuple[SimulationError, np.ndarray]:
     scaling, model = fitted.scaling, fitted.model
     segments = [(scaling.scale_inputs(u), scaling.scale_outputs(y)) for u, y in record.segments]
     stretches = SimulationSegments.of(segments, 30)
-    assert stretches is not None
     places = np.array([3, 4, 8, 14, 15, 19])
     mean, precision = model.prior.theta_mean[places], np.diag(np.linspace(0.1, 1.0, len(places)))
     climb = SimulationError(
@@ -90,6 +87,7 @@ def test_slopes_and_curvature_are_those_of_the_height():
     assert np.linalg.eigvalsh(here.curvature).min() > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wind", [0.3, 2.0])
 def test_the_climb_never_falls_and_settles(wind):
     learned = learn(simulated(wind=wind, lag=0.05)[:700], COMPLETE)
@@ -112,7 +110,6 @@ def test_a_model_without_noise_is_found_as_it_is():
     textbook = TextbookFilter.of(A, B, np.eye(m, n), dt, gain)
     outputs = np.vstack([np.zeros((1, m)), textbook.forecast(np.zeros(n), inputs)])
     stretches = SimulationSegments.of([(inputs, outputs)], 30)
-    assert stretches is not None
     truth = np.concatenate([A.ravel(), B.ravel(), np.eye(m, n).ravel()])
     precision = np.full(len(truth), 1e8)
     free = np.array([3, 4, 8, *range(13, 21)])
@@ -120,7 +117,6 @@ def test_a_model_without_noise_is_found_as_it_is():
     start = truth.copy()
     start[free] *= 1 + 0.3 * rng.uniform(-1, 1, len(free))
     climbed = fit_with_prior(start, (start, np.diag(precision)), (n, r, m), gain, dt, stretches, iterations=50)
-    assert climbed is not None
     found, _ = climbed
     np.testing.assert_array_equal(found.free, free)
     np.testing.assert_allclose(found.theta[free], truth[free], rtol=1e-3, atol=1e-3)
@@ -140,6 +136,7 @@ def test_the_posterior_holds_the_truth_as_often_as_it_says():
     assert share > 0.9 - 3 * np.sqrt(0.9 * 0.1 / len(inside))
 
 
+@pytest.mark.slow
 def test_inputs_beyond_what_was_learnt_from_are_not_believed():
     plant = replace(COMPLETE, forecasts="shrunk")
     learned = learn(FLIGHT[:700], plant)
@@ -157,10 +154,10 @@ def test_inputs_beyond_what_was_learnt_from_are_not_believed():
     np.testing.assert_allclose(learned.forecast_band(ahead), half)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("samples", "seconds"), [(700, 0.3), (420, 0.3), (280, 0.2), (175, 0.12)])
 def test_the_horizon_is_as_long_as_the_samples_suffice_for(samples, seconds):
     found = learn(FLIGHT[:samples], COMPLETE).simulation_fit
-    assert found is not None
     assert found.horizon == round(seconds / FLIGHT.dt)
     assert found.effective_samples >= SAMPLES_PER_PARAMETER * len(found.free)
 
@@ -174,6 +171,7 @@ def test_the_horizon_lasts_as_long_at_every_rate(rate):
     assert horizon_of(fitted.model, settings, fitted.scaling, record) == 0.3 * rate
 
 
+@pytest.mark.slow
 def test_too_little_leaves_theta_where_generalized_coordinates_led_it_and_says_so():
     learned = learn(FLIGHT[:60], COMPLETE)
     assert learned.simulation_fit is None
@@ -218,6 +216,7 @@ def document():
     return learn(FLIGHT[:300], COMPLETE).to_json()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [1e150, 1e300])
 def test_inputs_without_measure_are_forecast_without_a_word(document, size):
     learned = Learned.from_json(document)

@@ -1,7 +1,5 @@
 """The vector autoregression against least squares, and its paths against conditioning of the whole Gaussian at once."""
 
-from __future__ import annotations
-
 from itertools import product
 
 import numpy as np

@@ -1,8 +1,6 @@
 """The wind's torque, offline and live: the smoother against a joint Gaussian, bands, gusts, simulated truth."""
 
-from __future__ import annotations
-
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Executor, ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +13,7 @@ from mavdem import Flight, OnlineLearner, Settings
 from mavdem.dem.engine.kalman import GaussianModel
 from mavdem.dem.graybox.likelihood import FIRST_ORDER, Coloured, delayed, plant, smooth
 from mavdem.dem.graybox.wind import _Spectra, gusts, wind
-from mavdem.dem.online.memory import MemoryBlock
+from mavdem.dem.online.memory import Memory
 from mavdem.dem.online.wind import DELAY_SECONDS, FILTER_SECONDS, FIRST_FIT_SECONDS, OnlineWind, _Tracked, wind_filter
 from mavdem.dem.record import Record
 from sitl_scenarios.files import load
@@ -63,6 +61,7 @@ def flown(seed: int, samples: int, known: Parameters, steady: float = 0.0) -> tu
     return Flight(DT * np.arange(samples), inputs, outputs), torque
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damping", [-0.5, 2.0])
 @pytest.mark.parametrize("components", [TURBULENCE[:1], TURBULENCE, (TURBULENCE[1], TURBULENCE[1])], ids="123")
 def test_the_smoother_is_the_posterior_of_the_joint_gaussian(components, damping):
@@ -74,9 +73,7 @@ def test_the_smoother_is_the_posterior_of_the_joint_gaussian(components, damping
     pushed = np.column_stack([of.step.input_now[:, 0], of.step.input_next[:, 0]])
     n = len(of.wind)
     one, nothing = np.eye(1, n), np.zeros(n)
-    model = GaussianModel(
-        of.step.state, pushed, nothing, one, np.zeros((1, 2)), np.zeros(1), of.process, np.array([[noise**2]])
-    )
+    model = GaussianModel(of.step.state, pushed, nothing, one, np.zeros(1), of.process, np.array([[noise**2]]))
     start, spread = nothing.copy(), of.stationary.copy()
     start[:2] = rate.mean(), commanded[0]
     spread[0, 0] = np.var(rate) + of.filter(noise).variance
@@ -228,14 +225,19 @@ LAG = round(DELAY_SECONDS / WINDY.dt)
 BEGINS = round((FILTER_SECONDS + DELAY_SECONDS) / WINDY.dt)
 
 
-def followed(online: OnlineWind, flight: Flight, block: int = 10) -> np.ndarray:
+def online_wind(executor: Executor | None = None) -> tuple[OnlineWind, Memory]:
+    memory = Memory(WINDY.dt, 10, 200, 4, 2)
+    return OnlineWind(memory, executor), memory
+
+
+def followed(online: OnlineWind, memory: Memory, flight: Flight) -> np.ndarray:
     """(T, 2) what each update returns."""
     found = np.empty((len(flight), 2))
-    for k, (inputs, outputs) in enumerate(zip(flight.inputs, flight.outputs, strict=True)):
+    for k, (time, inputs, outputs) in enumerate(zip(flight.time, flight.inputs, flight.outputs, strict=True)):
+        closed = memory.add(inputs, outputs, time)
         found[k] = online.update(inputs, outputs)
-        if (k + 1) % block == 0:
-            rows = slice(k + 1 - block, k + 1)
-            online.add(MemoryBlock(flight.inputs[rows], flight.outputs[rows], k + 1 == block, float(flight.time[k])))
+        if closed:
+            online.add(memory.blocks[-1])
     return found
 
 
@@ -260,25 +262,26 @@ def test_it_is_the_smoother_s_but_for_what_later_samples_add():
 
 @pytest.mark.slow
 def test_it_is_known_from_the_first_fit_on_and_anew_after_a_gap():
-    online = OnlineWind(WINDY.dt, 10, None, None)
-    found = followed(online, WINDY[:1500])
+    online, memory = online_wind()
+    found = followed(online, memory, WINDY[:1500])
     first = round(FIRST_FIT_SECONDS / WINDY.dt)
     assert np.isnan(found[:first]).all()
     assert np.isfinite(found[first:]).all()
+    memory.end_segment()
     online.end_segment()
-    after = followed(online, WINDY[:300])
+    after = followed(online, memory, WINDY[:300])
     assert np.isnan(after[:BEGINS]).all()
     assert np.isfinite(after[BEGINS + 1 :]).all()
 
 
 def test_a_fit_that_fails_leaves_the_last_one():
     still = Flight(WINDY.time, np.full_like(WINDY.inputs, 1500.0), WINDY.outputs)
-    online = OnlineWind(WINDY.dt, 10, None, None)
-    assert np.isnan(followed(online, still)).all()
+    online, memory = online_wind()
+    assert np.isnan(followed(online, memory, still)).all()
     assert online.filter is None
     with ThreadPoolExecutor(1) as executor:
-        gone = OnlineWind(WINDY.dt, 10, executor, None)
-    assert np.isnan(followed(gone, WINDY[:900])).all()
+        gone = online_wind(executor)
+    assert np.isnan(followed(*gone, WINDY[:900])).all()
 
 
 @pytest.mark.slow

@@ -1,7 +1,5 @@
 """Scores: what counts at which horizon, and beside what; the paired test at the level it says; and windows."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np
@@ -49,6 +47,8 @@ def test_the_constant_mean_has_one_at_every_horizon_and_the_truth_none():
     for row in scores:
         np.testing.assert_allclose(score_values(row)["relative_per_output"], 1)
     assert evaluate.relative_mspe(TRAIN, TEST, TEST.outputs) == 0.0
+    still = Flight(TEST.time, TEST.inputs, np.tile(TRAIN.outputs.mean(axis=0), (150, 1)))
+    assert ratio(score(TRAIN, still, still.outputs)).tolist() == [1]  # neither errs
 
 
 def test_outputs_count_in_units_of_their_training_variance():
@@ -59,9 +59,7 @@ def test_outputs_count_in_units_of_their_training_variance():
     )
     scaled = Flight(FLIGHT.time, FLIGHT.inputs, FLIGHT.outputs * [57.3, 0.01] + 5)
     np.testing.assert_allclose(ratio(scores_of(baselines.hold)), ratio(scores_of(baselines.hold, scaled)))
-
-
-def test_an_output_that_is_constant_in_training_has_no_unit_of_error():
+    # One that is constant in training has none.
     train = Flight(TRAIN.time, TRAIN.inputs, TRAIN.outputs * [1, 0] + [0, 0.1])
     with pytest.raises(ValueError, match="^train must vary"):
         evaluate.relative_mspe(train, TEST, TEST.outputs)
@@ -88,11 +86,6 @@ def test_a_random_walk_held_errs_more_the_longer():
     for steps, row in zip((1, 5, 10, 25), scores, strict=False):
         expected = pytest.approx((steps + 1) / 2, rel=5 * np.sqrt(2 / (40 * 150 / steps)))
         assert row["squared_error"].mean() == expected
-
-
-def test_neither_erring_is_alike():
-    still = Flight(TEST.time, TEST.inputs, np.tile(TRAIN.outputs.mean(axis=0), (150, 1)))
-    assert ratio(score(TRAIN, still, still.outputs)).tolist() == [1]
 
 
 def test_horizons_are_those_of_the_test_part():
@@ -151,9 +144,7 @@ def test_a_method_that_diverged_lost_that_window():
     assert paired([INF, INF, 1], [INF, INF, 1]) == Paired(1.0, 0, 3, 3, 1.0)
     assert paired([INF, 1], [1, INF]).ratio == 1.0
     assert paired([INF, INF], [1, 1]).ratio == INF
-
-
-def test_nothing_to_compare_is_no_evidence():
+    # Nothing to compare is no evidence.
     none = paired([], [], [])
     assert np.isnan(none.ratio) and (none.windows, none.tested, none.p_value) == (0, 0, 1.0)
     assert paired([1, 2], [1, 2]).p_value == 1.0

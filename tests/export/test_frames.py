@@ -1,8 +1,5 @@
 """Flights as pandas and xarray objects, and models as systems of python-control."""
 
-from __future__ import annotations
-
-import sys
 from pathlib import Path
 
 import control
@@ -36,6 +33,7 @@ def test_a_frame_has_the_columns_of_the_csv_file(flight):
     assert frame.attrs["provenance"] == flight.provenance
 
 
+@pytest.mark.slow
 def test_a_dataset_has_what_else_a_flight_has():
     time = np.arange(4) * 0.1
     asked = np.array([np.nan, 1, 1, 2])
@@ -70,10 +68,3 @@ def test_hidden_states_and_arrays_without_names_are_numbered():
     system = learned.to_control()
     assert system.state_labels == ["output_1", "output_2", "hidden_1"]
     assert system.input_labels[-1] == "input_4"
-
-
-@pytest.mark.parametrize(("library", "method"), [("pandas", "to_pandas"), ("xarray", "to_xarray")])
-def test_a_library_that_is_not_installed_is_named_with_the_command(library, method, flight, monkeypatch):
-    monkeypatch.setitem(sys.modules, library, None)
-    with pytest.raises(ImportError, match=rf"Flight.{method}\(\) needs {library}: pip install 'mavdem\[{library}\]'\."):
-        getattr(flight, method)()

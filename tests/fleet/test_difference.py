@@ -1,7 +1,5 @@
 """Differences between states of a vehicle: found where they are, rarely where they are not, and never hidden."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 
@@ -64,6 +62,7 @@ def state(numbers, seed=0, **changed):
     return [row for number in numbers for row in flight(number, rng, **changed)]
 
 
+@pytest.mark.slow
 def test_of_many_pairs_of_flights_of_the_same_vehicle_few_have_any_change():
     rng = np.random.default_rng(4)
     pairs = 150

@@ -1,7 +1,5 @@
 """Flights of a log: what a row says is what the log says, at each tier, and health comes from the vehicle's others."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,7 +18,7 @@ SLOW = LOGS / "ardupilot_default_rates.tlog"
 
 
 @pytest.fixture(scope="module")
-def slow_rows() -> list[FlightRow]:
+def slow_rows():
     return rows_of_log(SLOW)[0]
 
 

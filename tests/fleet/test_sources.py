@@ -1,10 +1,7 @@
 """Sources: which logs names stand for, here and behind URLs."""
 
-from __future__ import annotations
-
 import os
 import threading
-from collections.abc import Iterator
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -24,7 +21,7 @@ def names(*given: object, apart_from: Path | None = None) -> list[str]:
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path: Path):
     for name in ("a.bin", "below/b.ULG", "below/c.mcap", "below/d.ulg.xz", "results/e.bin"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_bytes(b"?")
@@ -53,7 +50,7 @@ def test_a_file_is_taken_whatever_it_holds_and_each_log_once(folder):
 
 
 @pytest.fixture
-def served(tmp_path: Path) -> Iterator[tuple[Path, str]]:
+def served(tmp_path: Path):
     """A folder, and the URL of a server of it."""
     (tmp_path / "served").mkdir()
 
@@ -69,6 +66,7 @@ def served(tmp_path: Path) -> Iterator[tuple[Path, str]]:
     thread.join()
 
 
+@pytest.mark.slow
 def test_logs_behind_urls_are_read_and_known(served, tmp_path):
     folder, url = served
     make_logs(folder, 3)

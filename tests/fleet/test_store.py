@@ -1,7 +1,5 @@
 """The store: what goes in comes out, in the columns that DESIGN.md names, for every reader of the table."""
 
-from __future__ import annotations
-
 import json
 import math
 import re

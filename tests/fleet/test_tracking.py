@@ -1,7 +1,5 @@
 """Tracking: what is known is not read again, a run that was cut off goes on, and health is judged."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -22,7 +20,7 @@ from mavdem.fleet.workers import Limits
 
 
 @pytest.fixture
-def fleet(tmp_path: Path) -> tuple[Path, Path, list[Path], bytes]:
+def fleet(tmp_path: Path):
     """A fleet, the folder of its two logs, these, and its table."""
     logs = make_logs(tmp_path / "logs", 2)
     assert track(tmp_path / "fleet", tmp_path / "logs").read == 2

@@ -3,15 +3,12 @@
 These are the tests of the fleet that start processes.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import sqlite3
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
@@ -123,7 +120,7 @@ def test_a_killed_run_leaves_nothing_and_is_resumed_to_the_same_table(tmp_path):
 
 
 @pytest.fixture(scope="module")
-def two_workers() -> Iterator[Any]:
+def two_workers():
     with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=50) as found:
         yield found
 

@@ -1,7 +1,5 @@
 """Assessments of made-up vehicles: what is found, what is named, and how often healthy flights alarm."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 
@@ -105,6 +103,7 @@ def test_a_flight_that_could_not_show_a_weak_motor_is_not_ok():
     assert "leans too much" in found.reason
 
 
+@pytest.mark.slow
 def test_healthy_flights_in_other_winds_are_ok():
     found = [judged(seed, None) for seed in range(100)]
     assert sum(one.health == "fault" for one in found) <= 1

@@ -53,6 +53,7 @@ def after(time, rise):
     return np.outer(time >= 100.0 + BREAKS, rise)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("motor", range(4))
 def test_a_motor_that_works_an_eighth_harder_is_named_within_five_seconds(motor, seed):
@@ -92,15 +93,14 @@ def test_yaw_alone_and_thrust_alone_are_no_motor(change):
     assert not changes(time, commands + after(time, 0.6 * quad(*change)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("sd", "seconds"), [(0.01, 0.1), (0.02, 3.0)])
 def test_coloured_noise_gives_no_alarm(sd, seconds):
     """Over five minutes each; what is slow is more than the test was told of at first, and it must learn that."""
     time, commands = flight(3, 300.0, sd, seconds)
     assert HOURS_TO_FALSE_ALARM > 2 * 300 / 3600
     assert not [one for one in changes(time, commands) if one.motor is not None]
-
-
-def test_a_gust_that_passes_is_no_change():
+    # Nor a gust that passes.
     time, commands = flight(4, 60.0, 0.005)
     gust = np.exp(-((time - 130.0) ** 2) / 2 / 1.5**2)
     assert not changes(time, commands + 0.6 * np.outer(gust, quad(0.0, 0.06, 0.04, 0.01)))

@@ -1,7 +1,5 @@
 """Made-up DataFlash logs, byte by byte: FMT for each message, then messages."""
 
-from __future__ import annotations
-
 import struct
 
 HEADER = b"\xa3\x95"

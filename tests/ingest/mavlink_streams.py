@@ -1,7 +1,5 @@
 """Streams to read, built byte by byte; checksums come from pymavlink, not from the code under test."""
 
-from __future__ import annotations
-
 import struct
 from pathlib import Path
 from typing import Any

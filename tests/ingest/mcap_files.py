@@ -1,16 +1,15 @@
 """MCAP files to read, written with the mcap library."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from mavlink_streams import NOW
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
+from mavdem.ingest import Log, read_log
 from mavdem.ingest.mcap.writer import write_mcap
 from mavdem.ingest.tlog import tlog_stream
 
@@ -26,12 +25,17 @@ class Recorder:
         self._channels: dict[str, int] = {}
         self._time = NOW * 1000
 
-    def __enter__(self) -> Recorder:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
         self._writer.finish()
         self._file.close()
+
+    def log(self) -> Log:
+        """What is read of the file, which is finished by that."""
+        self.__exit__()
+        return read_log(self.path)
 
     def write(
         self, topic: str, data: bytes, encoding: str = "json", schema: bool = True, time: int | None = None

@@ -1,25 +1,39 @@
 """ROS 2 recordings to read, as rosbag2 writes them: MCAP, with messages in CDR and their definitions beside them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from mavlink_streams import NOW
 from mcap.writer import CompressionType
 from mcap_ros2.writer import Writer
 from numpy.typing import NDArray
-from ros2_message_definitions import DEFINITIONS
 from scipy.spatial.transform import Rotation
 from ulog_files import roll
+
+from mavdem.ingest import read_log
+from mavdem.ingest.telemetry import Telemetry
 
 TIMES = 20 + 0.01 * np.arange(300)
 """A short flight."""
 UNIX = NOW // 1_000_000
 """s, when the companion's clock read 0 on the autopilot's."""
 QUADROTOR = 2
+
+
+def definitions() -> dict[str, str]:
+    """Of messages by name, from lines ``name = field; field``, where ``@name`` is what stands on another line."""
+    lines = (Path(__file__).parent / "ros2_messages.txt").read_text().splitlines()
+    rows = dict(line.split(" = ", 1) for line in lines)
+
+    def written(row: str) -> str:
+        return "".join(written(rows[part]) if part[:1] == "@" else f"{part}\n" for part in row.split("; "))
+
+    return {name: written(row) for name, row in rows.items() if name[0] != "@"}
+
+
+DEFINITIONS = definitions()
 
 
 class Ros2Recorder:
@@ -32,18 +46,24 @@ class Ros2Recorder:
         chunk_size: int = 1 << 20,
         definitions: Mapping[str, str] | None = None,
     ) -> None:
-        self._file = path.open("wb")
+        self.path, self._file = path, path.open("wb")
         self._writer = Writer(self._file, chunk_size=chunk_size, compression=compression)
         self._definitions = {**DEFINITIONS, **(definitions or {})}
         self._schemas: dict[str, Any] = {}
         self._time = NOW * 1000
 
-    def __enter__(self) -> Ros2Recorder:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
         self._writer.finish()
         self._file.close()
+
+    def vehicle(self) -> Telemetry:
+        """The only one of the file, which is finished by that."""
+        self.__exit__()
+        (vehicle,) = read_log(self.path).vehicles
+        return vehicle
 
     def write(self, topic: str, kind: str, fields: Mapping[str, Any], log_time: int | None = None) -> None:
         """A message of type ``kind``; fields that are not given are 0."""

@@ -1,7 +1,5 @@
 """The boot clock undoes wraps, counts reboots, keeps gaps, and is not taken in by outliers."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
@@ -54,7 +52,7 @@ def interleaved(times: NDArray[Any], servo: NDArray[Any]) -> SimpleNamespace:
 
 
 @given(st.floats(1, 3e6), st.floats(0.01, 5), st.integers(10, 300))
-def test_servo_wraps_are_put_on_the_epoch_of_attitude(start: float, step: float, count: int) -> None:
+def test_servo_wraps_are_put_on_the_epoch_of_attitude(start, step, count):
     times = start + step * np.arange(count)
     servo = np.maximum((times + 0.001) % WRAP_US, 1e-6)
     made = interleaved(times, servo)
@@ -63,21 +61,19 @@ def test_servo_wraps_are_put_on_the_epoch_of_attitude(start: float, step: float,
     assert not made.boot.any()
 
 
-def test_a_wrap_of_the_only_clock_is_undone() -> None:
+def test_a_wrap_of_the_only_clock_is_undone():
     times = 4000 + 0.5 * np.arange(2000)
     made = clock_of(times % WRAP_US, period=WRAP_US)
     assert np.allclose(made.time, times)
     assert not made.boot.any()
     assert "wraps every 71.6 min" in made.repairs[0]
-
-
-def test_49_days_are_undone() -> None:
+    # So are 49 days.
     times = WRAP_MS - 30 + 0.1 * np.arange(1000)
     assert np.allclose(clock_of(times % WRAP_MS).time, times)
 
 
 @given(st.floats(20, 4200), st.floats(0.5, 15), st.floats(0.02, 1.0))
-def test_a_reboot_starts_a_new_boot(before: float, after: float, step: float) -> None:
+def test_a_reboot_starts_a_new_boot(before, after, step):
     first = before + step * np.arange(100)
     second = after + step * np.arange(100)
     times = np.concatenate([first, second])
@@ -87,7 +83,7 @@ def test_a_reboot_starts_a_new_boot(before: float, after: float, step: float) ->
     assert made.boot.tolist() == [0] * 100 + [1] * 100
 
 
-def test_messages_around_a_reboot_go_to_the_boot_their_own_stamp_tells() -> None:
+def test_messages_around_a_reboot_go_to_the_boot_their_own_stamp_tells():
     times = np.concatenate([500 + 0.25 * np.arange(40), 4 + 0.25 * np.arange(40)])
     servo = times + 0.01
     servo[39] = 3.9
@@ -96,7 +92,7 @@ def test_messages_around_a_reboot_go_to_the_boot_their_own_stamp_tells() -> None
     assert made.boot[77] == 0 and made.boot[81] == 1
 
 
-def test_a_reboot_after_a_wrap_reads_its_own_time() -> None:
+def test_a_reboot_after_a_wrap_reads_its_own_time():
     first = 4200 + 0.5 * np.arange(400)
     second = 5 + 0.5 * np.arange(100)
     received = 1e9 + np.concatenate([first, first[-1] + 10 + second])
@@ -106,7 +102,7 @@ def test_a_reboot_after_a_wrap_reads_its_own_time() -> None:
 
 
 @given(st.integers(0, 199), st.floats(0.001, 4e6), st.booleans())
-def test_a_stray_stamp_is_no_reboot(row: int, wrong: float, twice: bool) -> None:
+def test_a_stray_stamp_is_no_reboot(row, wrong, twice):
     """One anywhere; two together away from the ends, where they could as well be a boot cut short."""
     times = 1000 + 0.1 * np.arange(200)
     stray = times.copy()
@@ -116,7 +112,7 @@ def test_a_stray_stamp_is_no_reboot(row: int, wrong: float, twice: bool) -> None
     assert np.abs(made.time - times).max() < 10
 
 
-def test_late_and_repeated_messages_are_no_reboot() -> None:
+def test_late_and_repeated_messages_are_no_reboot():
     times = 100 + 0.1 * np.arange(400)
     late = times.copy()
     late[50::2] -= 3.0
@@ -126,7 +122,7 @@ def test_late_and_repeated_messages_are_no_reboot() -> None:
     assert not clock_of(repeated, received).boot.any()
 
 
-def test_a_jump_forward_stays_a_gap() -> None:
+def test_a_jump_forward_stays_a_gap():
     times = np.concatenate([10 + 0.01 * np.arange(500), 600 + 0.01 * np.arange(500)])
     made = clock_of(times)
     assert np.array_equal(made.time, times)
@@ -134,7 +130,7 @@ def test_a_jump_forward_stays_a_gap() -> None:
     assert made.repairs == ()
 
 
-def test_unix_time_is_moved_to_the_boot_clock() -> None:
+def test_unix_time_is_moved_to_the_boot_clock():
     times = np.linspace(50.0, 59.9, 100)
     rows = np.arange(100)
     stamps = [
@@ -144,22 +140,20 @@ def test_unix_time_is_moved_to_the_boot_clock() -> None:
     made = clock(stamps, np.full(200, np.nan))
     assert np.abs(made.time[1::2] - times).max() <= 0.1 + 1e-6
     assert "another clock" in made.repairs[0]
-
-
-def test_messages_without_a_clock_take_the_last_before_them() -> None:
+    # Messages without a clock take the last before them.
     stamps = [Stamps("ATTITUDE", np.array([1, 3, 4]), np.array([7.0, 7.1, 7.2]), WRAP_MS)]
     assert clock(stamps, np.full(6, np.nan)).time.tolist() == [7.0, 7.0, 7.0, 7.1, 7.2, 7.2]
 
 
 @given(st.lists(st.floats(0, 4e6), min_size=1, max_size=60), st.booleans())
-def test_any_stamps_at_all_give_finite_times(times: list[float], servo: bool) -> None:
+def test_any_stamps_at_all_give_finite_times(times, servo):
     values = np.array(times)
     made = interleaved(values, values[::-1] % WRAP_US) if servo else clock_of(values)
     assert np.isfinite(made.time).all() or not values.any()
     assert (np.diff(made.boot) >= -made.boot.max()).all() and (made.boot >= 0).all()
 
 
-def test_a_clock_that_jumps_to_and_fro_is_ignored_where_it_is_ahead() -> None:
+def test_a_clock_that_jumps_to_and_fro_is_ignored_where_it_is_ahead():
     times = 100 + 0.01 * np.arange(600)
     jumping = times + 100 * (np.arange(600) % 2)
     made = clock_of(jumping)
@@ -168,7 +162,7 @@ def test_a_clock_that_jumps_to_and_fro_is_ignored_where_it_is_ahead() -> None:
     assert "299 time stamps of ATTITUDE" in made.repairs[0]
 
 
-def test_a_message_whose_stamp_is_ignored_repeats_the_last_of_its_kind() -> None:
+def test_a_message_whose_stamp_is_ignored_repeats_the_last_of_its_kind():
     times = 100 + 0.1 * np.arange(200)
     servo = times + 0.05
     servo[100] = 900.0
@@ -178,7 +172,7 @@ def test_a_message_whose_stamp_is_ignored_repeats_the_last_of_its_kind() -> None
 
 
 @pytest.mark.parametrize("stamp", [0.0, 1e13])
-def test_equal_receive_stamps_say_nothing(stamp: float, recwarn: pytest.WarningsRecorder) -> None:
+def test_equal_receive_stamps_say_nothing(stamp, recwarn):
     times = np.concatenate([100 + 0.1 * np.arange(100), 5 + 0.1 * np.arange(100)])
     made = clock_of(times, np.full(200, stamp))
     assert made.boot.tolist() == [0] * 100 + [1] * 100
@@ -190,7 +184,7 @@ def test_equal_receive_stamps_say_nothing(stamp: float, recwarn: pytest.Warnings
     st.sampled_from([5, 9]),
     st.floats(0.01, 1e5),
 )
-def test_what_is_far_off_is_so_by_the_median_of_those_around(times: list[float], window: int, limit: float) -> None:
+def test_what_is_far_off_is_so_by_the_median_of_those_around(times, window, limit):
     values = np.array(times)
     around = np.pad(values, window // 2, mode="reflect")
     medians = np.array([np.median(around[row : row + window]) for row in range(len(values))])

@@ -1,7 +1,5 @@
 """DataFlash logs of other versions of ArduPilot: other columns, units and stamps for the same quantities."""
 
-from __future__ import annotations
-
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -72,22 +70,17 @@ def log(
         (1, "ArduPlane V3.3.0", False),
     ],
 )
-def test_the_unit_of_rate_is_told_by_the_gyro_else_by_the_version(
-    tmp_path: Path, rate: float, firmware: str, gyro: bool
-) -> None:
+def test_the_unit_of_rate_is_told_by_the_gyro_else_by_the_version(tmp_path, rate, firmware, gyro):
     vehicle = log(tmp_path, rate, firmware, gyro)
     np.testing.assert_allclose(vehicle.messages["ATTITUDE"]["rollspeed"], ROLL_RATE, rtol=1e-4, atol=1e-6)
     assert any("centidegrees" in note for note in vehicle.repairs) == (rate == 100)
     (asked,) = setpoints(vehicle, "roll")
     np.testing.assert_allclose(asked.signal.values, 2 * ROLL_RATE, rtol=1e-4, atol=1e-6)
-
-
-def test_a_gyro_that_does_not_turn_decides_nothing(tmp_path: Path) -> None:
-    """Rounding and bias of a vehicle at rest make any ratio."""
+    # Rounding and bias of a vehicle at rest make any ratio.
     assert not any("centidegrees" in note for note in log(tmp_path, 100.0, swing=0.001).repairs)
 
 
-def test_demands_of_4500_are_full_demands(tmp_path: Path) -> None:
+def test_demands_of_4500_are_full_demands(tmp_path):
     controls = log(tmp_path, 100.0).messages["ACTUATOR_CONTROL_TARGET"]["controls"]
     np.testing.assert_allclose(controls[:, 0], 10.0 / 4500)
     np.testing.assert_allclose(controls[:, 3], 0.4)
@@ -95,13 +88,13 @@ def test_demands_of_4500_are_full_demands(tmp_path: Path) -> None:
     np.testing.assert_allclose(controls[:, [0, 3]], [[0.1, 0.4]] * len(TIMES))
 
 
-def test_rate_with_columns_nobody_knows_leaves_the_gyro(tmp_path: Path) -> None:
+def test_rate_with_columns_nobody_knows_leaves_the_gyro(tmp_path):
     vehicle = log(tmp_path, RATE="TimeUS,a,b,c,d,e,f,g,h,i,j")
     np.testing.assert_allclose(vehicle.messages["ATTITUDE"]["rollspeed"], ROLL_RATE, atol=1e-9)
     assert vehicle.called("ATTITUDE") == "ATT" and "ACTUATOR_CONTROL_TARGET" not in vehicle.messages
 
 
-def test_rate_of_3_3_before_its_release_is_read_under_its_own_names(tmp_path: Path) -> None:
+def test_rate_of_3_3_before_its_release_is_read_under_its_own_names(tmp_path):
     vehicle = log(tmp_path, RATE="TimeUS,Rll,Pit,Yaw,RllOut,PitOut,YawOut,x,RllDes,PitDes,YawDes")
     (asked,) = setpoints(vehicle, "roll")
     np.testing.assert_allclose(asked.signal.values, 2 * ROLL_RATE, rtol=1e-4, atol=1e-6)
@@ -109,11 +102,8 @@ def test_rate_of_3_3_before_its_release_is_read_under_its_own_names(tmp_path: Pa
     controls = vehicle.messages["ACTUATOR_CONTROL_TARGET"]["controls"]
     assert (controls[:, 0] == 0.1).all() and np.isnan(controls[:, 3]).all()
     assert Signals(vehicle).collective is None
-
-
-def test_events_without_stamps_have_the_time_of_the_message_before_them(tmp_path: Path) -> None:
+    # Events without stamps have the time of the message before them.
     armed = Signals(log(tmp_path)).armed
-    assert armed is not None
     assert armed.time[armed.values > 0].tolist() == [21.0, 22.0]
 
 
@@ -124,7 +114,7 @@ def test_events_without_stamps_have_the_time_of_the_message_before_them(tmp_path
         ("FMT, 129, 0, ATT, fff, Roll,Pitch,Yaw\nFMT, 1, 0, TIME, Q, StartTime\nATT, 1, 2, 3\nTIME, 5\n", "sdlog2"),
     ],
 )
-def test_a_log_without_a_clock_says_what_it_is(tmp_path: Path, lines: str, said: str) -> None:
+def test_a_log_without_a_clock_says_what_it_is(tmp_path, lines, said):
     (tmp_path / "flight.log").write_text(lines)
     with pytest.raises(Unreadable, match=said):
         read_dataflash(tmp_path / "flight.log")
@@ -139,7 +129,7 @@ def test_a_log_without_a_clock_says_what_it_is(tmp_path: Path, lines: str, said:
         ("ardupilot31_bitmask_already_set.BIN", 0),
     ],
 )
-def test_recorded_logs_of_old_versions(name: str, notes: int) -> None:
+def test_recorded_logs_of_old_versions(name, notes):
     (vehicle,) = read_dataflash(shared(f"real/logs/{name}")).vehicles
     attitude = Signals(vehicle).attitude
     assert attitude is not None and attitude.impossible == 0
@@ -152,7 +142,7 @@ def test_recorded_logs_of_old_versions(name: str, notes: int) -> None:
 
 
 @pytest.mark.parametrize("battery", ["BAT", "CURR"])
-def test_the_battery_in_volts_and_in_the_hundredths_of_old_logs(tmp_path: Path, battery: str) -> None:
+def test_the_battery_in_volts_and_in_the_hundredths_of_old_logs(tmp_path, battery):
     vehicle = log(tmp_path, battery=battery)
     signal = Signals(vehicle).voltage
     assert signal is not None and len(signal.time) == len(TIMES)

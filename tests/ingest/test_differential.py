@@ -3,10 +3,7 @@
 ``test_framing`` sees to single frames and to real logs; here whole logs are made up.
 """
 
-from __future__ import annotations
-
 import struct
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +25,7 @@ TIMES = [20 + 0.01 * row for row in range(60)]
 
 
 @pytest.fixture(autouse=True, scope="module")
-def _same_dialect() -> Iterator[None]:
+def _same_dialect():
     usual = mavutil.current_dialect
     mavutil.set_dialect("all")
     yield
@@ -78,11 +75,11 @@ def theirs(content: bytes, folder: Path) -> list[Any]:
 @given(st.lists(st.tuples(GARBAGE, STAMPS, any_message()), min_size=1, max_size=6), any_message(), st.data())
 @settings(max_examples=40)
 def test_among_garbage_none_is_missed_that_was_sent_or_that_pymavlink_finds(
-    tmp_path_factory: pytest.TempPathFactory,
-    sent: list[tuple[bytes, bytes, bytes]],
-    last: bytes,
-    data: st.DataObject,
-) -> None:
+    tmp_path_factory,
+    sent,
+    last,
+    data,
+):
     """The other way round pymavlink loses frames behind garbage that looks like the header of a long one.
 
     A header in garbage whose frame would end exactly where the next begins is taken for a damaged frame. What was sent
@@ -110,15 +107,12 @@ def in_order(some: list[bytes], all_of_them: list[bytes]) -> bool:
 
 @given(st.integers(1, 118), st.binary(min_size=8, max_size=8))
 @settings(max_examples=40)
-def test_a_damaged_stamp_misleads_pymavlink_and_not_us(
-    tmp_path_factory: pytest.TempPathFactory, row: int, wrong: bytes
-) -> None:
+def test_a_damaged_stamp_misleads_pymavlink_and_not_us(tmp_path_factory, row, wrong):
     frames = [heartbeat(), *flight(TIMES)]
     place = sum(STAMP_BYTES + len(each) for each in frames[:row])
     content = bytearray(tlog(frames))
     content[place : place + STAMP_BYTES] = wrong
     log = read(bytes(content))
-    assert log is not None
     first, last = NOW / 1e6, NOW / 1e6 + 0.01 * (len(frames) - 1)
     assert (
         log.receive_time == pytest.approx((first, last))
@@ -131,12 +125,11 @@ def test_a_damaged_stamp_misleads_pymavlink_and_not_us(
 
 @given(st.integers(1, 117), st.integers(1, 8))
 @settings(max_examples=40)
-def test_a_stamp_with_bytes_missing_costs_us_no_message(row: int, missing: int) -> None:
+def test_a_stamp_with_bytes_missing_costs_us_no_message(row, missing):
     frames = [heartbeat(), *flight(TIMES)]
     place = sum(STAMP_BYTES + len(each) for each in frames[:row])
     content = tlog(frames)
     log = read(content[:place] + content[place + missing :])
-    assert log is not None
     assert log.components[0].messages == {"HEARTBEAT": 1, "ATTITUDE": len(TIMES), "SERVO_OUTPUT_RAW": len(TIMES)}
     assert log.receive_time == pytest.approx((NOW / 1e6, NOW / 1e6 + 0.01 * (len(frames) - 1)))
 
@@ -154,28 +147,26 @@ UNREADABLE = [frame(64_000, b"abc", seed=3), frame(33, bytes(range(28)), seed=1)
     )
 )
 @settings(max_examples=40)
-def test_blocks_of_a_few_bytes_read_as_one_block(sent: list[tuple[bytes, bytes, bytes]]) -> None:
+def test_blocks_of_a_few_bytes_read_as_one_block(sent):
     content = tlog([heartbeat(), *flight(TIMES[:4])]) + b"".join(b"".join(each) for each in sent)
     for stream in (content, content.replace(b"\n", b"\r\n")):
         assert everything(in_small_blocks(stream)) == everything(read(stream))
 
 
 @pytest.mark.parametrize("left", range(12))
-def test_a_cut_tail_costs_no_whole_message(left: int) -> None:
+def test_a_cut_tail_costs_no_whole_message(left):
     """Nor where the cut lies in the stamp of the next, or behind it."""
     content = tlog([heartbeat(), *flight(TIMES)])
     log = read(content + tlog([heartbeat()])[:left])
-    assert log is not None
     assert sum(log.components[0].messages.values()) == log.frames == 1 + 2 * len(TIMES)
     assert (log.unread, log.bytes_skipped) == ((), left)
 
 
-def test_a_burst_of_late_and_repeated_messages_costs_none(tmp_path: Path) -> None:
+def test_a_burst_of_late_and_repeated_messages_costs_none(tmp_path):
     """As links that retry and loggers that hear two radios have them."""
     frames = flight(TIMES)
     jumbled = [heartbeat(), *frames[:40], *frames[30:70], *reversed(frames[70:90]), *frames[90:]]
     log = read(tlog(jumbled))
-    assert log is not None
     attitude = log.vehicles[0].messages["ATTITUDE"]
     assert len(attitude["time"]) == sum(each in frames[::2] for each in jumbled)
     assert np.array_equal(attitude["time"], attitude["time_boot_ms"] / 1e3) and not attitude["boot"].any()

@@ -1,7 +1,5 @@
 """MCAP recordings: the same stream as the telemetry log they were made from, other recorders' layouts, and damage."""
 
-from __future__ import annotations
-
 import json
 import random
 import struct
@@ -43,6 +41,11 @@ def assert_same(one: Log, other: Log, unknown: frozenset[str]) -> None:
                 assert np.array_equal(values, expected, equal_nan=values.dtype.kind == "f"), (name, field)
 
 
+@pytest.fixture
+def recorder(tmp_path: Path):
+    return Recorder(tmp_path / "flight.mcap")
+
+
 def back_to_tlog(mcap: Path) -> bytes:
     path = mcap.with_suffix(".back.tlog")
     with path.open("wb") as file:
@@ -52,7 +55,7 @@ def back_to_tlog(mcap: Path) -> bytes:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("log", SAMPLE_LOGS, ids=lambda log: log.stem)
-def test_json_alone_tells_the_same(log: Path, tmp_path: Path) -> None:
+def test_json_alone_tells_the_same(log, tmp_path):
     log = beginning(log, tmp_path, 200_000)
     path = json_only(converted(log, tmp_path), tmp_path)
     theirs = read_log(log)
@@ -63,7 +66,7 @@ def test_json_alone_tells_the_same(log: Path, tmp_path: Path) -> None:
     assert_same(read_log(path), theirs, unknown)
 
 
-def test_a_stamp_that_mcap_cannot_hold_becomes_the_one_before(tmp_path: Path) -> None:
+def test_a_stamp_that_mcap_cannot_hold_becomes_the_one_before(tmp_path):
     content = bytearray(tlog([heartbeat(), *flight(TIMES)]))
     second = 8 + len(heartbeat())
     content[second : second + 8] = struct.pack(">Q", 2**63)
@@ -76,26 +79,24 @@ def test_a_stamp_that_mcap_cannot_hold_becomes_the_one_before(tmp_path: Path) ->
 # Other recorders' files
 
 
-def test_blueos(tmp_path: Path) -> None:
-    path = tmp_path / "blueos.mcap"
-    with Recorder(path) as recorder:
-        recorder.flight(TIMES)
-        name = json.dumps([*"SERVO1_FUNCTION", "\0"])
-        recorder.blueos(
-            "PARAM_VALUE",
-            f'"param_value":33.0,"param_count":1,"param_index":0,"param_id":{name},'
-            '"param_type":{"type":"MAV_PARAM_TYPE_INT16"}',
-        )
-        recorder.blueos("PARAM_VALUE", '"param_value":2.5,"param_id":"GAIN\0","param_type":9')
-        recorder.blueos(
-            "VFR_HUD", '"airspeed":NaN,"groundspeed":Infinity,"alt":-inf,"climb":null,"heading":-3,"throttle":7'
-        )
-        recorder.blueos(
-            "SYS_STATUS",
-            '"onboard_control_sensors_present":"MAV_SYS_STATUS_SENSOR_3D_GYRO | MAV_SYS_STATUS_SENSOR_3D_MAG | 0x8",'
-            '"onboard_control_sensors_enabled":"","load":12',
-        )
-    log = read_log(path)
+def test_blueos(recorder):
+    recorder.flight(TIMES)
+    name = json.dumps([*"SERVO1_FUNCTION", "\0"])
+    recorder.blueos(
+        "PARAM_VALUE",
+        f'"param_value":33.0,"param_count":1,"param_index":0,"param_id":{name},'
+        '"param_type":{"type":"MAV_PARAM_TYPE_INT16"}',
+    )
+    recorder.blueos("PARAM_VALUE", '"param_value":2.5,"param_id":"GAIN\0","param_type":9')
+    recorder.blueos(
+        "VFR_HUD", '"airspeed":NaN,"groundspeed":Infinity,"alt":-inf,"climb":null,"heading":-3,"throttle":7'
+    )
+    recorder.blueos(
+        "SYS_STATUS",
+        '"onboard_control_sensors_present":"MAV_SYS_STATUS_SENSOR_3D_GYRO | MAV_SYS_STATUS_SENSOR_3D_MAG | 0x8",'
+        '"onboard_control_sensors_enabled":"","load":12',
+    )
+    log = recorder.log()
     (vehicle,) = log.vehicles
     assert (vehicle.vehicle, vehicle.autopilot, vehicle.repairs) == ("QUADROTOR", "ARDUPILOTMEGA", ())
     assert log.frames == 605
@@ -113,82 +114,70 @@ def test_blueos(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("own", "repeat"), [(True, True), (True, False), (False, True)])
-def test_each_message_counts_once_wherever_it_stands(own: bool, repeat: bool, tmp_path: Path) -> None:
-    path = tmp_path / "once.mcap"
-    with Recorder(path) as recorder:
-        recorder.flight(TIMES, own=own, repeat=repeat)
-        recorder.blueos("VFR_HUD", {"alt": 1.0}, 601 % 256, own=False)
-    (speaker,) = read_log(path).components
+def test_each_message_counts_once_wherever_it_stands(own, repeat, recorder):
+    recorder.flight(TIMES, own=own, repeat=repeat)
+    recorder.blueos("VFR_HUD", {"alt": 1.0}, 601 % 256, own=False)
+    (speaker,) = recorder.log().components
     assert speaker.messages == {"HEARTBEAT": 1, "ATTITUDE": 300, "SERVO_OUTPUT_RAW": 300, "VFR_HUD": 1}
     assert speaker.lost == 0
 
 
-def test_gaps_in_the_headers_sequence_are_losses(tmp_path: Path) -> None:
-    path = tmp_path / "lost.mcap"
-    with Recorder(path) as recorder:
-        for row in range(300):
-            if not 100 <= row < 107:
-                recorder.blueos("ATTITUDE", {"time_boot_ms": 20_000 + row, "roll": 0.0}, row)
-    assert read_log(path).components[0].lost == 7
+def test_gaps_in_the_headers_sequence_are_losses(recorder):
+    for row in range(300):
+        if not 100 <= row < 107:
+            recorder.blueos("ATTITUDE", {"time_boot_ms": 20_000 + row, "roll": 0.0}, row)
+    assert recorder.log().components[0].lost == 7
 
 
-def test_the_other_bridge(tmp_path: Path) -> None:
-    path = tmp_path / "bridge.mcap"
-    with Recorder(path) as recorder:
-        recorder.write("/camera/image", b"\xff\xd8", "cdr")
-        beat = {"type": 2, "autopilot": 12, "base_mode": 81, "custom_mode": 0, "system_status": 4, "mavlink_version": 3}
-        recorder.write("/mavlink/3/1/HEARTBEAT", json.dumps(beat).encode())
-        for time in TIMES:
-            body = {"time_boot_ms": round(time * 1e3), "roll": time, "pitch": 0, "yaw": 0, "rollspeed": 1.5}
-            recorder.write("/mavlink/3/1/ATTITUDE", json.dumps(body).encode())
-    log = read_log(path)
+def test_the_other_bridge(recorder):
+    recorder.write("/camera/image", b"\xff\xd8", "cdr")
+    beat = {"type": 2, "autopilot": 12, "base_mode": 81, "custom_mode": 0, "system_status": 4, "mavlink_version": 3}
+    recorder.write("/mavlink/3/1/HEARTBEAT", json.dumps(beat).encode())
+    for time in TIMES:
+        body = {"time_boot_ms": round(time * 1e3), "roll": time, "pitch": 0, "yaw": 0, "rollspeed": 1.5}
+        recorder.write("/mavlink/3/1/ATTITUDE", json.dumps(body).encode())
+    log = recorder.log()
     (vehicle,) = log.vehicles
     assert (vehicle.system, vehicle.vehicle, vehicle.autopilot) == (3, "QUADROTOR", "PX4")
     assert np.array_equal(vehicle.messages["ATTITUDE"]["roll"], np.array(TIMES, dtype=np.float32))
     assert log.components[0].lost == 0
 
 
-def test_two_bridges_in_one_recording_count_once(tmp_path: Path) -> None:
-    path = tmp_path / "bridges.mcap"
-    with Recorder(path) as recorder:
-        for row in range(20):
-            fields = {"time_boot_ms": row + 1, "roll": 0.5}
-            recorder.write("/mavlink/1/1/ATTITUDE", json.dumps(fields).encode())
-            recorder.blueos("ATTITUDE", fields, row)
-        recorder.write("/mavlink/1/1/VFR_HUD", b'{"alt":1.0}')
-    assert read_log(path).components[0].messages == {"ATTITUDE": 20, "VFR_HUD": 1}
+def test_two_bridges_in_one_recording_count_once(recorder):
+    for row in range(20):
+        fields = {"time_boot_ms": row + 1, "roll": 0.5}
+        recorder.write("/mavlink/1/1/ATTITUDE", json.dumps(fields).encode())
+        recorder.blueos("ATTITUDE", fields, row)
+    recorder.write("/mavlink/1/1/VFR_HUD", b'{"alt":1.0}')
+    assert recorder.log().components[0].messages == {"ATTITUDE": 20, "VFR_HUD": 1}
 
 
 @pytest.mark.parametrize("encoding", ["mavlink", ""])
-def test_frames_may_come_in_pieces(encoding: str, tmp_path: Path) -> None:
+def test_frames_may_come_in_pieces(encoding, recorder):
     frames = [heartbeat(), *flight(TIMES)]
     content, size = b"".join(frames), 100
-    path = tmp_path / "pieces.mcap"
-    with Recorder(path) as recorder:
-        for begin in range(0, len(content), size):
-            recorder.write("serial", content[begin : begin + size], encoding, schema=False)
-            recorder.write("noise", b"\xfe\x01\x02 something else", "x", schema=False)
-    log = read_log(path)
+    for begin in range(0, len(content), size):
+        recorder.write("serial", content[begin : begin + size], encoding, schema=False)
+        recorder.write("noise", b"\xfe\x01\x02 something else", "x", schema=False)
+    log = recorder.log()
     assert log.components[0].messages == {"HEARTBEAT": 1, "ATTITUDE": 300, "SERVO_OUTPUT_RAW": 300}
     first, last = log.receive_time
     assert (first, last) == pytest.approx((NOW / 1e6 + 0.01, NOW / 1e6 + 0.02 * (len(content) // size) + 0.01))
 
 
-def test_who_is_heard_in_frames_is_not_read_again_from_json(tmp_path: Path) -> None:
-    path = tmp_path / "both.mcap"
-    with Recorder(path) as recorder:
-        for row, frame in enumerate(flight(TIMES[:20], system=1)):
-            recorder.write("raw", frame, "mavlink", schema=False)
-            recorder.blueos("ATTITUDE", {"time_boot_ms": row + 1, "roll": 9.0}, row, system=1)
-        recorder.flight(TIMES[:20], system=2)
-    log = read_log(path)
+def test_who_is_heard_in_frames_is_not_read_again_from_json(recorder):
+    for row, frame in enumerate(flight(TIMES[:20], system=1)):
+        recorder.write("raw", frame, "mavlink", schema=False)
+        recorder.blueos("ATTITUDE", {"time_boot_ms": row + 1, "roll": 9.0}, row, system=1)
+    recorder.flight(TIMES[:20], system=2)
+    log = recorder.log()
     assert [(one.system, one.messages.get("ATTITUDE")) for one in log.components] == [(1, 20), (2, 20)]
     assert (log.vehicles[0].messages["ATTITUDE"]["roll"] == np.float32(0.1)).all()
 
 
 @pytest.mark.parametrize("chunked", [True, False])
 @pytest.mark.parametrize("compression", COMPRESSIONS)
-def test_the_library_reads_the_same_messages(compression: CompressionType, chunked: bool, tmp_path: Path) -> None:
+def test_the_library_reads_the_same_messages(compression, chunked, tmp_path):
     path = tmp_path / "compared.mcap"
     with Recorder(path, compression=compression, use_chunking=chunked, chunk_size=3000) as recorder:
         recorder.flight(TIMES[:50])
@@ -197,17 +186,15 @@ def test_the_library_reads_the_same_messages(compression: CompressionType, chunk
     with path.open("rb") as file:
         read = NonSeekingReader(file).iter_messages(log_time_order=False)
         assert ours == [(channel.topic, one.log_time, one.data) for _, channel, one in read]
-    assert recording.damage.sentences() == ()
+    assert recording.repairs() == ()
 
 
 @pytest.mark.parametrize("topic", ["two\nlines", "\x1b[2Jcleared", "\u202etnorf ot kcab", "long" * 10_000])
-def test_a_topic_may_be_called_anything(topic: str, tmp_path: Path) -> None:
-    path = tmp_path / "odd.mcap"
-    with Recorder(path) as recorder:
-        recorder.write(topic, b"{}")
+def test_a_topic_may_be_called_anything(topic, recorder):
+    recorder.write(topic, b"{}")
     with pytest.raises(Unreadable) as failure:
-        read_mcap(path)
-    assert str(failure.value).isprintable() and len(str(failure.value)) < 300 + len(str(path))
+        recorder.log()
+    assert str(failure.value).isprintable() and len(str(failure.value)) < 300 + len(str(recorder.path))
 
 
 # Damage and malice
@@ -240,7 +227,7 @@ def attitudes(path: Path) -> list[int] | None:
 
 
 @pytest.mark.parametrize("frames", [True, False])
-def test_a_cut_recording_is_read_up_to_the_cut(frames: bool, tmp_path: Path) -> None:
+def test_a_cut_recording_is_read_up_to_the_cut(frames, tmp_path):
     content = small(tmp_path, CompressionType.ZSTD if frames else CompressionType.LZ4, frames)
     path = tmp_path / "cut.mcap"
     whole = [round(time * 1e3) for time in TIMES[: 60 if frames else 30]]
@@ -258,9 +245,7 @@ def test_a_cut_recording_is_read_up_to_the_cut(frames: bool, tmp_path: Path) -> 
 
 @given(st.integers(0, 2**32), st.sampled_from(COMPRESSIONS), st.booleans())
 @settings(max_examples=40)
-def test_damage_never_makes_an_error_or_a_false_message(
-    tmp_path_factory: pytest.TempPathFactory, seed: int, compression: CompressionType, frames: bool
-) -> None:
+def test_damage_never_makes_an_error_or_a_false_message(tmp_path_factory, seed, compression, frames):
     chance = random.Random(seed)
     folder = tmp_path_factory.mktemp("damaged")
     content = bytearray(small(folder, compression, frames))
@@ -273,7 +258,7 @@ def test_damage_never_makes_an_error_or_a_false_message(
 
 
 @pytest.mark.parametrize("compression", COMPRESSIONS)
-def test_a_damaged_stretch_costs_its_own_messages(compression: CompressionType, tmp_path: Path) -> None:
+def test_a_damaged_stretch_costs_its_own_messages(compression, tmp_path):
     content = bytearray(small(tmp_path, compression, frames=True))
     place = len(MAGIC)
     while content[place] != mcap_records.CHUNK:
@@ -287,7 +272,7 @@ def test_a_damaged_stretch_costs_its_own_messages(compression: CompressionType, 
     assert any("damaged bytes" in repair for repair in read_mcap(path).vehicles[0].repairs)
 
 
-def test_what_a_damaged_chunk_says_in_json_is_not_believed(tmp_path: Path) -> None:
+def test_what_a_damaged_chunk_says_in_json_is_not_believed(tmp_path):
     content = small(tmp_path, CompressionType.NONE, frames=False)
     wrong = content.replace(b'"roll": 0.1, "yaw": 3}', b'"roll": 0.9, "yaw": 3}')
     assert wrong != content
@@ -317,14 +302,12 @@ BODIES = [
 
 
 @pytest.mark.parametrize("body", BODIES, ids=range(len(BODIES)))
-def test_a_hostile_body_costs_itself_only(body: bytes, tmp_path: Path) -> None:
-    path = tmp_path / "hostile.mcap"
-    with Recorder(path) as recorder:
-        recorder.flight(TIMES[:20])
-        for topic in ("mavlink/1/1/ATTITUDE", "mavlink/out", "mavlink/1/1/NOTHING", "mavlink/1/1/STATUSTEXT"):
-            recorder.write(topic, body)
-        recorder.blueos("ATTITUDE", {"time_boot_ms": 20_200, "roll": 0.1}, 42)
-    (vehicle,) = read_mcap(path).vehicles
+def test_a_hostile_body_costs_itself_only(body, recorder):
+    recorder.flight(TIMES[:20])
+    for topic in ("mavlink/1/1/ATTITUDE", "mavlink/out", "mavlink/1/1/NOTHING", "mavlink/1/1/STATUSTEXT"):
+        recorder.write(topic, body)
+    recorder.blueos("ATTITUDE", {"time_boot_ms": 20_200, "roll": 0.1}, 42)
+    (vehicle,) = recorder.log().vehicles
     assert vehicle.messages["ATTITUDE"]["time_boot_ms"].tolist() == [
         *(round(time * 1e3) for time in TIMES[:20]),
         20_200,
@@ -333,13 +316,11 @@ def test_a_hostile_body_costs_itself_only(body: bytes, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("header", ["5", "{}", '{"sequence":-1,"system_id":1e9}', '{"sequence":1e400}'])
-def test_without_a_header_the_topic_tells_who_sent_it(header: str, tmp_path: Path) -> None:
-    path = tmp_path / "headless.mcap"
-    with Recorder(path) as recorder:
-        for row in range(20):
-            body = f'{{"header":{header},"message":{{"type":"ATTITUDE","time_boot_ms":{row + 1},"roll":1}}}}'
-            recorder.write("mavlink/7/1/ATTITUDE", body.encode())
-    (speaker,) = read_log(path).components
+def test_without_a_header_the_topic_tells_who_sent_it(header, recorder):
+    for row in range(20):
+        body = f'{{"header":{header},"message":{{"type":"ATTITUDE","time_boot_ms":{row + 1},"roll":1}}}}'
+        recorder.write("mavlink/7/1/ATTITUDE", body.encode())
+    (speaker,) = recorder.log().components
     assert (speaker.system, speaker.messages, speaker.lost) == (7, {"ATTITUDE": 20}, 0)
 
 
@@ -371,7 +352,7 @@ def chunk(packed: bytes, compression: bytes = b"zstd", size: int = 0, length: in
     ],
     ids=range(13),
 )
-def test_absurd_lengths_do_no_harm(content: bytes, tmp_path: Path) -> None:
+def test_absurd_lengths_do_no_harm(content, tmp_path):
     path = tmp_path / "absurd.mcap"
     path.write_bytes(MAGIC + content)
     assert attitudes(path) is None
@@ -379,7 +360,7 @@ def test_absurd_lengths_do_no_harm(content: bytes, tmp_path: Path) -> None:
     assert attitudes(path) is None or len(attitudes(path) or []) <= 60
 
 
-def test_what_chunks_unpack_to_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_chunks_unpack_to_is_bounded(tmp_path, monkeypatch):
     bomb = chunk(zstandard.ZstdCompressor().compress(record(0x80, bytes(1 << 23))))
     given: list[int] = []
     unpack = mcap_records._unpacked
@@ -399,24 +380,20 @@ def test_what_chunks_unpack_to_is_bounded(tmp_path: Path, monkeypatch: pytest.Mo
     assert sum(given) < 50 << 23
 
 
-def test_numbers_come_in_other_words(tmp_path: Path) -> None:
-    path = tmp_path / "words.mcap"
+def test_numbers_come_in_other_words(recorder):
     body = {"time_boot_ms": 5.0, "roll": "NaN", "pitch": "-Infinity", "yaw": "1.5", "rollspeed": 2, "yawspeed": False}
-    with Recorder(path) as recorder:
-        recorder.write("/mavlink/1/1/ATTITUDE", json.dumps(body).encode())
-        recorder.write("/mavlink/1/1/ATTITUDE", json.dumps({"time_boot_ms": "6", "roll": "level"}).encode())
-    (vehicle,) = read_log(path).vehicles
+    recorder.write("/mavlink/1/1/ATTITUDE", json.dumps(body).encode())
+    recorder.write("/mavlink/1/1/ATTITUDE", json.dumps({"time_boot_ms": "6", "roll": "level"}).encode())
+    (vehicle,) = recorder.log().vehicles
     (row,) = zip(*(vehicle.messages["ATTITUDE"][name].tolist() for name in body), strict=True)
     assert np.array_equal(row, [5, np.nan, -np.inf, 1.5, 2, 0], equal_nan=True)
 
 
-def test_texts_of_json_are_as_on_the_wire(tmp_path: Path) -> None:
-    path = tmp_path / "texts.mcap"
-    with Recorder(path) as recorder:
-        recorder.flight(TIMES[:5])
-        for text in ('"hello"', '["h","e","l","l","o","\\u0000"]', "[104,101,108,108,111,0,0]"):
-            recorder.blueos("STATUSTEXT", f'"severity":{{"type":"MAV_SEVERITY_INFO"}},"text":{text}')
-        recorder.blueos("STATUSTEXT", f'"text":"{51 * "x"}"')
-    (vehicle,) = read_log(path).vehicles
+def test_texts_of_json_are_as_on_the_wire(recorder):
+    recorder.flight(TIMES[:5])
+    for text in ('"hello"', '["h","e","l","l","o","\\u0000"]', "[104,101,108,108,111,0,0]"):
+        recorder.blueos("STATUSTEXT", f'"severity":{{"type":"MAV_SEVERITY_INFO"}},"text":{text}')
+    recorder.blueos("STATUSTEXT", f'"text":"{51 * "x"}"')
+    (vehicle,) = recorder.log().vehicles
     assert vehicle.messages["STATUSTEXT"]["text"].tolist() == [b"hello"] * 3
     assert vehicle.messages["STATUSTEXT"]["severity"].tolist() == [6] * 3

@@ -1,7 +1,5 @@
 """Whole logs: who flew, what was mended, and one clear sentence for what cannot be read."""
 
-from __future__ import annotations
-
 import lzma
 import os
 import random
@@ -39,7 +37,7 @@ def log_of(content: bytes, folder: Path, name: str = "flight.tlog") -> Log:
     return read_log(path)
 
 
-def test_several_systems_are_kept_apart_and_only_vehicles_listed(tmp_path: Path) -> None:
+def test_several_systems_are_kept_apart_and_only_vehicles_listed(tmp_path):
     one, two = flight(TIMES, system=2), flight([time + 1000 for time in TIMES], system=7)
     frames = [heartbeat(2), heartbeat(7, kind=13, autopilot=12), heartbeat(255, 190, kind=6, autopilot=8)]
     frames += [heartbeat(2, 154, kind=26, autopilot=8)]
@@ -54,21 +52,19 @@ def test_several_systems_are_kept_apart_and_only_vehicles_listed(tmp_path: Path)
 
 
 @pytest.mark.parametrize("stray", [heartbeat(kind=0, autopilot=8), heartbeat(kind=6, autopilot=8)])
-def test_stray_heartbeats_do_not_change_who_flies(tmp_path: Path, stray: bytes) -> None:
+def test_stray_heartbeats_do_not_change_who_flies(tmp_path, stray):
     frames = flight(TIMES) + [heartbeat()] * 3 + [stray] * 2
     (vehicle,) = log_of(tlog(frames), tmp_path).vehicles
     assert (vehicle.vehicle, vehicle.autopilot) == ("QUADROTOR", "ARDUPILOTMEGA")
 
 
-def test_a_vehicle_without_heartbeats_is_one_still(tmp_path: Path) -> None:
+def test_a_vehicle_without_heartbeats_is_one_still(tmp_path):
     (vehicle,) = log_of(tlog(flight(TIMES)), tmp_path).vehicles
     assert (vehicle.vehicle, vehicle.autopilot) == ("UNKNOWN", "UNKNOWN")
 
 
 @pytest.mark.parametrize(("autopilot", "expected"), [(12, -7.0), (3, 99.0)])
-def test_integer_parameters_travel_as_each_autopilot_sends_them(
-    tmp_path: Path, autopilot: int, expected: float
-) -> None:
+def test_integer_parameters_travel_as_each_autopilot_sends_them(tmp_path, autopilot, expected):
     copied = float(np.int32(-7).view(np.float32))
     old = message("PARAM_VALUE", param_id=b"COUNT", param_value=99.0, param_type=9)
     sent = message("PARAM_VALUE", param_id=b"COUNT", param_value=copied, param_type=6)
@@ -78,7 +74,7 @@ def test_integer_parameters_travel_as_each_autopilot_sends_them(
     assert vehicle.parameters["GAIN_OF_16_CHARS"] == 0.5
 
 
-def test_parameters_a_ground_station_noted_fill_in(tmp_path: Path) -> None:
+def test_parameters_a_ground_station_noted_fill_in(tmp_path):
     noted = [
         message("PARAM_VALUE", component=190, param_id=name, param_value=1.0, param_type=9) for name in (b"A", b"B")
     ]
@@ -89,7 +85,7 @@ def test_parameters_a_ground_station_noted_fill_in(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("autopilot", [3, 12])
 @pytest.mark.parametrize("value", [float("nan"), float("-inf")])
-def test_a_parameter_that_is_not_finite_was_not_sent(tmp_path: Path, autopilot: int, value: float) -> None:
+def test_a_parameter_that_is_not_finite_was_not_sent(tmp_path, autopilot, value):
     sent = [
         message("PARAM_VALUE", param_id=name, param_value=number, param_type=9)
         for name, number in ((b"SERVO1_FUNCTION", value), (b"GAIN", 0.5), (b"GAIN", value))
@@ -98,14 +94,14 @@ def test_a_parameter_that_is_not_finite_was_not_sent(tmp_path: Path, autopilot: 
     assert vehicle.parameters == {"GAIN": 0.5}
 
 
-def test_who_only_beats_is_heard_but_no_vehicle(tmp_path: Path) -> None:
+def test_who_only_beats_is_heard_but_no_vehicle(tmp_path):
     beats = [heartbeat(system, component) for system in range(2, 22) for component in range(1, 101)]
     log = log_of(tlog([heartbeat(), *flight(TIMES), *beats]), tmp_path)
     assert [vehicle.system for vehicle in log.vehicles] == [1]
     assert len(log.components) == 1 + len(beats)
 
 
-def test_failures_are_distinguished(tmp_path: Path) -> None:
+def test_failures_are_distinguished(tmp_path):
     frames = [heartbeat(), *flight(TIMES)]
     damaged = bytearray(frames[11])
     damaged[15] ^= 0xFF
@@ -117,7 +113,7 @@ def test_failures_are_distinguished(tmp_path: Path) -> None:
     assert log.frames == len(frames)
 
 
-def test_what_is_overtaken_or_comes_twice_is_not_lost(tmp_path: Path) -> None:
+def test_what_is_overtaken_or_comes_twice_is_not_lost(tmp_path):
     frames = [heartbeat(), *flight(TIMES, sequence=1)]
     for row in range(10, 500, 7):
         frames[row : row + 2] = frames[row + 1], frames[row]
@@ -131,7 +127,7 @@ def test_what_is_overtaken_or_comes_twice_is_not_lost(tmp_path: Path) -> None:
     assert log_of(tlog(again), tmp_path).components[0].lost <= 10 + 127
 
 
-def test_a_file_transferred_as_text_is_restored(tmp_path: Path) -> None:
+def test_a_file_transferred_as_text_is_restored(tmp_path):
     content = tlog([heartbeat(), *flight(TIMES)])
     (intact,) = log_of(content, tmp_path).vehicles
     (restored,) = log_of(content.replace(b"\n", b"\r\n"), tmp_path).vehicles
@@ -141,11 +137,10 @@ def test_a_file_transferred_as_text_is_restored(tmp_path: Path) -> None:
     assert "0A" in restored.repairs[0]
 
 
+@pytest.mark.slow
 @given(st.integers(0, 2**32), st.floats(0.0, 0.02), st.sampled_from(["tlog", "ulg"]))
 @settings(max_examples=80)
-def test_damage_never_makes_an_error_or_a_false_message(
-    tmp_path_factory: pytest.TempPathFactory, seed: int, rate: float, kind: str
-) -> None:
+def test_damage_never_makes_an_error_or_a_false_message(tmp_path_factory, seed, rate, kind):
     chance = random.Random(seed)
     if kind == "tlog":
         content = bytearray(tlog([heartbeat(), *flight(TIMES[:100])] * 2))
@@ -208,14 +203,14 @@ BEGUN = dataflash_logs.formats() + dataflash_logs.told()
         ("a.log", b"FMT, 1\nATT, 2\n", "DataFlash"),
     ],
 )
-def test_what_cannot_be_read_is_said_in_one_sentence(tmp_path: Path, name: str, content: bytes, said: str) -> None:
+def test_what_cannot_be_read_is_said_in_one_sentence(tmp_path, name, content, said):
     path = tmp_path / name
     path.write_bytes(content)
     assert re.search(said, unreadable(path))
 
 
 @pytest.mark.parametrize("name", ["a.tlog", "a.mcap", "a.BIN", "a.ulg", "a"])
-def test_a_pointer_of_git_lfs_says_how_to_fetch_the_log(tmp_path: Path, name: str) -> None:
+def test_a_pointer_of_git_lfs_says_how_to_fetch_the_log(tmp_path, name):
     pointer = b"version https://git-lfs.github.com/spec/v1\noid sha256:f878642b\nsize 61497068\n"
     for read in (read_log, read_stream):
         (tmp_path / name).write_bytes(pointer)
@@ -223,14 +218,14 @@ def test_a_pointer_of_git_lfs_says_how_to_fetch_the_log(tmp_path: Path, name: st
             read(tmp_path / name)
 
 
-def test_a_frame_that_chance_makes_in_another_file_is_no_log(tmp_path: Path) -> None:
+def test_a_frame_that_chance_makes_in_another_file_is_no_log(tmp_path):
     other = random.Random(0).randbytes(1 << 20)
     with pytest.raises(Unreadable, match="contains no MAVLink"):
         log_of(other + heartbeat() + other, tmp_path)
     assert log_of(heartbeat(), tmp_path).frames == 1
 
 
-def test_what_is_no_file_is_said_in_one_sentence(tmp_path: Path) -> None:
+def test_what_is_no_file_is_said_in_one_sentence(tmp_path):
     assert "folder" in unreadable(tmp_path)
     assert "does not exist" in unreadable(tmp_path / "missing.tlog")
     pipe = tmp_path / "pipe.tlog"
@@ -239,7 +234,7 @@ def test_what_is_no_file_is_said_in_one_sentence(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("path", [None, 5, [], 1.5])
-def test_what_is_no_path_is_named(path: object) -> None:
+def test_what_is_no_path_is_named(path):
     with pytest.raises(ValueError, match="path must"):
         read_log(path)  # type: ignore[arg-type]
 
@@ -265,7 +260,7 @@ def recorded(kind: str, folder: Path) -> Path:
 
 
 @pytest.mark.parametrize("kind", ["tlog", "xz", "mcap", "ros2", "ulg", "bin"])
-def test_progress_rises_to_one(kind: str, tmp_path: Path) -> None:
+def test_progress_rises_to_one(kind, tmp_path):
     seen: list[float] = []
     path = recorded(kind, tmp_path)
     assert read_log(path, seen.append).vehicles
@@ -273,7 +268,7 @@ def test_progress_rises_to_one(kind: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.filterwarnings("error")
-def test_a_signalling_nan_is_no_number_and_no_warning(tmp_path: Path) -> None:
+def test_a_signalling_nan_is_no_number_and_no_warning(tmp_path):
     """Which a conversion to another width of number complains of."""
     signalling = bytes.fromhex("010080 7f")
     odd = frame(22, signalling + bytes(4) + b"SYSID_THISMAV\0\0\0" + b"\x09")
@@ -285,7 +280,7 @@ def test_a_signalling_nan_is_no_number_and_no_warning(tmp_path: Path) -> None:
     assert seen is not None and seen.sent == len(TIMES) + 3 and len(seen.time) == len(TIMES)
 
 
-def test_a_path_may_be_bytes_and_have_any_name(tmp_path: Path) -> None:
+def test_a_path_may_be_bytes_and_have_any_name(tmp_path):
     path = tmp_path / "flight.bin"
     path.write_bytes(tlog([heartbeat(), *flight(TIMES)]))
     log = read_log(os.fsencode(path))
@@ -300,7 +295,7 @@ OTHERS = [
 
 
 @pytest.fixture
-def _mapped(monkeypatch: pytest.MonkeyPatch) -> None:
+def _mapped(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(files, "MIN_MAPPED_BYTES", 1)
 
 
@@ -310,7 +305,7 @@ def written(path: Path, content: bytes) -> Path:
 
 
 @pytest.mark.usefixtures("_mapped")
-def test_a_mapped_file_that_is_cut_while_it_is_written_anew_leaves_nothing_behind(tmp_path: Path) -> None:
+def test_a_mapped_file_that_is_cut_while_it_is_written_anew_leaves_nothing_behind(tmp_path):
     path = written(tmp_path / "flight.tlog", tlog([heartbeat(), *flight(TIMES)]))
     stream = tlog_stream(path)
     os.truncate(path, 100)
@@ -320,7 +315,7 @@ def test_a_mapped_file_that_is_cut_while_it_is_written_anew_leaves_nothing_behin
 
 
 @pytest.mark.usefixtures("_mapped")
-def test_a_mapped_file_that_is_cut_later_ends_in_a_sentence_and_not_the_process(tmp_path: Path) -> None:
+def test_a_mapped_file_that_is_cut_later_ends_in_a_sentence_and_not_the_process(tmp_path):
     """Recording again under the same name does that to a log still open in a notebook."""
     path = written(tmp_path / "flight.tlog", tlog([heartbeat(), *flight(TIMES * 20)]))
     (vehicle,) = read_log(path).vehicles
@@ -332,7 +327,7 @@ def test_a_mapped_file_that_is_cut_later_ends_in_a_sentence_and_not_the_process(
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("_mapped")
-def test_reading_takes_less_memory_than_the_file(tmp_path: Path) -> None:
+def test_reading_takes_less_memory_than_the_file(tmp_path):
     """Counts, clocks and the columns of attitude among other messages: no copy of the file, nor of its frames."""
     others = [frame(kind.id, bytes(range(1, kind.unpacker.size + 1))) for kind in OTHERS]
     flown = flight(TIMES)

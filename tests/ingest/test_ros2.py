@@ -1,7 +1,5 @@
 """ROS 2 recordings: the flight that PX4's topics or MAVROS's tell is the one of the log they were made from; damage."""
 
-from __future__ import annotations
-
 import dataclasses
 import random
 import sys
@@ -51,34 +49,25 @@ def written(folder: Path, write: Callable[[Ros2Recorder], None], **options: Any)
     return path
 
 
-def vehicle_of(folder: Path, write: Callable[[Ros2Recorder], None], **options: Any) -> Telemetry:
-    (vehicle,) = read_log(written(folder, write, **options)).vehicles
-    return vehicle
+@pytest.fixture
+def recorder(tmp_path: Path):
+    return Ros2Recorder(tmp_path / "flight.mcap")
 
 
 def message(vehicle: Telemetry, name: str, *fields: str) -> NDArray[np.float64]:
     return np.column_stack([np.asarray(vehicle.messages[name][field], dtype=np.float64) for field in fields])
 
 
-# The flight
-
-
-# Frames
-
-
 @pytest.mark.parametrize(
     "rpy",
     [(10, 0, 0), (-10, 0, 0), (0, 10, 0), (0, 0, 90), (10, 5, -120), (-25, 12, 200), (170, -80, 30)],
 )
-def test_what_mavros_turned_is_turned_back(rpy: tuple[float, float, float], tmp_path: Path) -> None:
+def test_what_mavros_turned_is_turned_back(rpy, recorder):
     angles, rates = np.radians(rpy), (0.3, -0.2, 0.1)
-
-    def write(recorder: Ros2Recorder) -> None:
-        recorder.mavros("state", "mavros_msgs/msg/State", UNIX, armed=True)
-        for row in range(5):
-            recorder.imu(UNIX + row, tuple(angles), rates)
-
-    vehicle = vehicle_of(tmp_path, write)
+    recorder.mavros("state", "mavros_msgs/msg/State", UNIX, armed=True)
+    for row in range(5):
+        recorder.imu(UNIX + row, tuple(angles), rates)
+    vehicle = recorder.vehicle()
     w, x, y, z = message(vehicle, "ATTITUDE_QUATERNION", "q1", "q2", "q3", "q4")[0]
     expected = Rotation.from_euler("ZYX", angles[::-1])
     assert (Rotation.from_quat([x, y, z, w]) * expected.inv()).magnitude() < 1e-9
@@ -86,16 +75,14 @@ def test_what_mavros_turned_is_turned_back(rpy: tuple[float, float, float], tmp_
     assert np.allclose(ours, [rates] * 5, rtol=0, atol=1e-12)
 
 
-def test_what_else_mavros_tells(tmp_path: Path) -> None:
-    def write(recorder: Ros2Recorder) -> None:
-        mavros_flight(recorder)
-        for at in (UNIX + TIMES).tolist():
-            velocity = {"linear": {"x": 1.0, "y": 2.0, "z": 3.0}}
-            recorder.mavros("local_position/velocity_local", "geometry_msgs/msg/TwistStamped", at, twist=velocity)
-            demand = [0.1, 0.2, 0.3, at % 1, 0.0, 0.0, 0.0, 0.0]
-            recorder.mavros("target_actuator_control", "mavros_msgs/msg/ActuatorControl", at, controls=demand)
-
-    vehicle = vehicle_of(tmp_path, write)
+def test_what_else_mavros_tells(recorder):
+    mavros_flight(recorder)
+    for at in (UNIX + TIMES).tolist():
+        velocity = {"linear": {"x": 1.0, "y": 2.0, "z": 3.0}}
+        recorder.mavros("local_position/velocity_local", "geometry_msgs/msg/TwistStamped", at, twist=velocity)
+        demand = [0.1, 0.2, 0.3, at % 1, 0.0, 0.0, 0.0, 0.0]
+        recorder.mavros("target_actuator_control", "mavros_msgs/msg/ActuatorControl", at, controls=demand)
+    vehicle = recorder.vehicle()
     assert message(vehicle, "LOCAL_POSITION_NED", "vx", "vy", "vz")[0].tolist() == [2.0, 1.0, -3.0]
     climb, armed, flying = Signals(vehicle).climb_rate, Signals(vehicle).armed, Signals(vehicle).landed_state
     assert climb is not None and (climb.values == 3.0).all()
@@ -114,17 +101,16 @@ def test_what_else_mavros_tells(tmp_path: Path) -> None:
         ("", "GENERIC"),
     ],
 )
-def test_modes_tell_the_autopilot(mode: str, autopilot: str, tmp_path: Path) -> None:
-    vehicle = vehicle_of(tmp_path, lambda recorder: mavros_flight(recorder, mode=mode))
+def test_modes_tell_the_autopilot(mode, autopilot, recorder):
+    mavros_flight(recorder, mode=mode)
+    vehicle = recorder.vehicle()
     assert (vehicle.autopilot, vehicle.vehicle, vehicle.translated_from) == (autopilot, "UNKNOWN", "MAVROS")
 
 
-# Names and vehicles
-
-
 @pytest.mark.parametrize("prefix", ["/fmu/out/", "fmu/out/", "/a/b/fmu/out/", "/uav/", "/", "/fmu/in/"])
-def test_wherever_px4s_topics_lie(prefix: str, tmp_path: Path) -> None:
-    vehicle = vehicle_of(tmp_path, lambda recorder: px4_flight(recorder, prefix=prefix, system_id=7))
+def test_wherever_px4s_topics_lie(prefix, recorder):
+    px4_flight(recorder, prefix=prefix, system_id=7)
+    vehicle = recorder.vehicle()
     assert (vehicle.system, vehicle.vehicle, vehicle.translated_from) == (7, "QUADROTOR", "uXRCE-DDS")
     assert vehicle.repairs == ()
     assert len(vehicle.messages["ATTITUDE_QUATERNION"]["time"]) == len(TIMES)
@@ -132,21 +118,19 @@ def test_wherever_px4s_topics_lie(prefix: str, tmp_path: Path) -> None:
     assert seen is not None and np.allclose(seen.angle, roll(TIMES)[0], atol=1e-6)
 
 
-def test_versions_and_directions_of_topics(tmp_path: Path) -> None:
-    def write(recorder: Ros2Recorder) -> None:
-        for at in TIMES.tolist():
-            recorder.px4("vehicle_status", at, "/fmu/out/", arming_state=2, system_type=2)
-            for later in (0, 1):
-                status = {"timestamp": round(at * 1e6) + later, "arming_state": 2, "system_type": 13}
-                recorder.write("/fmu/out/vehicle_status_v1", "px4_msgs/msg/VehicleStatus", status)
-            recorder.px4("vehicle_torque_setpoint", at, "/fmu/in/", xyz=[0.5, 0.0, 0.0])
-            recorder.px4("vehicle_torque_setpoint", at, "/fmu/out/", xyz=[at % 1, 0.0, 0.0])
-            recorder.px4("vehicle_thrust_setpoint", at, "/fmu/in/", xyz=[0.0, 0.0, -0.25])
-            # What looks like the attitude and is something else.
-            recorder.write("/fmu/out/vehicle_attitude", "geometry_msgs/msg/TwistStamped", {"header": header(at)})
-            recorder.write("/fmu/out/vehicle_attitude_groundtruth", "px4_msgs/msg/VehicleAttitude", {"q": [1.0] * 4})
-
-    vehicle = vehicle_of(tmp_path, write)
+def test_versions_and_directions_of_topics(recorder):
+    for at in TIMES.tolist():
+        recorder.px4("vehicle_status", at, "/fmu/out/", arming_state=2, system_type=2)
+        for later in (0, 1):
+            status = {"timestamp": round(at * 1e6) + later, "arming_state": 2, "system_type": 13}
+            recorder.write("/fmu/out/vehicle_status_v1", "px4_msgs/msg/VehicleStatus", status)
+        recorder.px4("vehicle_torque_setpoint", at, "/fmu/in/", xyz=[0.5, 0.0, 0.0])
+        recorder.px4("vehicle_torque_setpoint", at, "/fmu/out/", xyz=[at % 1, 0.0, 0.0])
+        recorder.px4("vehicle_thrust_setpoint", at, "/fmu/in/", xyz=[0.0, 0.0, -0.25])
+        # What looks like the attitude and is something else.
+        recorder.write("/fmu/out/vehicle_attitude", "geometry_msgs/msg/TwistStamped", {"header": header(at)})
+        recorder.write("/fmu/out/vehicle_attitude_groundtruth", "px4_msgs/msg/VehicleAttitude", {"q": [1.0] * 4})
+    vehicle = recorder.vehicle()
     assert vehicle.vehicle == "HEXAROTOR"
     assert set(vehicle.messages) == {"HEARTBEAT", "ACTUATOR_CONTROL_TARGET"}
     controls = vehicle.messages["ACTUATOR_CONTROL_TARGET"]["controls"]
@@ -154,7 +138,7 @@ def test_versions_and_directions_of_topics(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_several_vehicles_are_listed_and_chosen(tmp_path: Path) -> None:
+def test_several_vehicles_are_listed_and_chosen(tmp_path):
     times = 20 + 0.01 * np.arange(1500)
 
     def write(recorder: Ros2Recorder) -> None:
@@ -174,17 +158,12 @@ def test_several_vehicles_are_listed_and_chosen(tmp_path: Path) -> None:
     assert mavdem.read_flight(path, vehicle="3").time[0] == pytest.approx(120)
 
 
-# Clocks
-
-
-def test_stamps_that_are_missing_or_astray_are_left_out(tmp_path: Path) -> None:
-    def write(recorder: Ros2Recorder) -> None:
-        for row, at in enumerate(TIMES.tolist()):
-            recorder.px4("vehicle_angular_velocity", 0.0 if row == 9 else at, xyz=[0.0, 0.0, 0.0])
-            recorder.px4("vehicle_attitude", 7000.0 if row == 50 else at, q=[1.0, 0.0, 0.0, 0.0])
-            recorder.px4("actuator_motors", 1e13 if row == 70 else at, control=[0.5] * 12)
-
-    vehicle = vehicle_of(tmp_path, write)
+def test_stamps_that_are_missing_or_astray_are_left_out(recorder):
+    for row, at in enumerate(TIMES.tolist()):
+        recorder.px4("vehicle_angular_velocity", 0.0 if row == 9 else at, xyz=[0.0, 0.0, 0.0])
+        recorder.px4("vehicle_attitude", 7000.0 if row == 50 else at, q=[1.0, 0.0, 0.0, 0.0])
+        recorder.px4("actuator_motors", 1e13 if row == 70 else at, control=[0.5] * 12)
+    vehicle = recorder.vehicle()
     ours = vehicle.messages["ATTITUDE_QUATERNION"]["time"]
     assert np.allclose(ours, np.delete(TIMES, 9))
     assert np.allclose(vehicle.messages["HIL_ACTUATOR_CONTROLS"]["time"], np.delete(TIMES, 70))
@@ -192,34 +171,23 @@ def test_stamps_that_are_missing_or_astray_are_left_out(tmp_path: Path) -> None:
     assert any("far off its neighbours" in repair for repair in vehicle.repairs)
 
 
-def test_the_wrap_of_servo_output_raw_that_mavros_hands_on_is_undone(tmp_path: Path) -> None:
+def test_the_wrap_of_servo_output_raw_that_mavros_hands_on_is_undone(recorder):
     wrap = 2**32 / 1e6
-
-    def write(recorder: Ros2Recorder) -> None:
-        recorder.mavros("state", "mavros_msgs/msg/State", UNIX, armed=True)
-        for at in (wrap - 1.5 + TIMES - TIMES[0]).tolist():
-            recorder.imu(UNIX + at, (0.1, 0.0, 0.0), (0.0, 0.0, 0.0))
-            channels = [1500 + round(100 * (at % 1))] * 4
-            recorder.mavros("rc/out", "mavros_msgs/msg/RCOut", UNIX + at % wrap, channels=channels)
-
-    vehicle = vehicle_of(tmp_path, write)
+    recorder.mavros("state", "mavros_msgs/msg/State", UNIX, armed=True)
+    for at in (wrap - 1.5 + TIMES - TIMES[0]).tolist():
+        recorder.imu(UNIX + at, (0.1, 0.0, 0.0), (0.0, 0.0, 0.0))
+        channels = [1500 + round(100 * (at % 1))] * 4
+        recorder.mavros("rc/out", "mavros_msgs/msg/RCOut", UNIX + at % wrap, channels=channels)
+    vehicle = recorder.vehicle()
     times = [vehicle.messages[name]["time"] for name in ("ATTITUDE_QUATERNION", "SERVO_OUTPUT_RAW")]
     assert len(times[1]) == 300 and np.allclose(times[0], times[1], rtol=0, atol=1e-5)
     assert any("wraps" in repair for repair in vehicle.repairs)
 
 
-# Beside MAVLink, and without the library
-
-
-def test_without_the_library_the_command_that_installs_it_is_reported(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_the_library_the_command_that_installs_it_is_reported(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "mcap_ros2", None)
     with pytest.raises(MissingExtra, match=r"pip install 'mavdem\[ros2\]'"):
         read_log(written(tmp_path, px4_flight))
-
-
-# Damage and malice
 
 
 def attitudes(path: Path) -> list[int] | None:
@@ -242,9 +210,7 @@ WHOLE = np.rint(TIMES[:60] * 1e3).astype(int).tolist()
 @pytest.mark.slow
 @given(st.integers(0, 2**32), st.sampled_from(COMPRESSIONS), st.booleans())
 @settings(max_examples=40)
-def test_damage_never_makes_an_error_or_a_false_message(
-    tmp_path_factory: pytest.TempPathFactory, seed: int, compression: CompressionType, mavros: bool
-) -> None:
+def test_damage_never_makes_an_error_or_a_false_message(tmp_path_factory, seed, compression, mavros):
     chance = random.Random(seed)
     folder = tmp_path_factory.mktemp("damaged")
 
@@ -313,7 +279,7 @@ def within(levels: int, names: list[int]) -> str:
         ("uint8 a #" + "x" * (65536 - 9), "uint8 a #" + "x" * (65536 - 8)),
     ],
 )
-def test_definitions_are_bounded(just: str, beyond: str) -> None:
+def test_definitions_are_bounded(just, beyond):
     """8 messages within one another, 1000 values, 65536 characters."""
     begun = time.perf_counter()
     assert rewritten("p/msg/M", just) is not None
@@ -321,10 +287,9 @@ def test_definitions_are_bounded(just: str, beyond: str) -> None:
     assert time.perf_counter() - begun < 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [*HOSTILE, *ODD])
-def test_hostile_definitions_are_harmless(
-    name: str, tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_hostile_definitions_are_harmless(name, tmp_path, capfd, monkeypatch):
     monkeypatch.setattr("os.system", lambda _: pytest.fail("the file was executed"))
     kind = "px4_msgs/msg/VehicleAttitude"
     path = tmp_path / "hostile.mcap"
@@ -352,7 +317,7 @@ def write_raw(path: Path, kind: str, definition: str, bodies: list[bytes]) -> No
             recorder.px4("vehicle_status", at, arming_state=2, system_type=2, system_id=1)
 
 
-def test_messages_of_a_wrong_length_cost_themselves_only(tmp_path: Path) -> None:
+def test_messages_of_a_wrong_length_cost_themselves_only(tmp_path):
     kind = "px4_msgs/msg/VehicleAttitude"
     path = tmp_path / "wrong.mcap"
     good = [b"".join([round(at * 1e6).to_bytes(8, "little"), bytes(8), np.ones(4, "<f4").tobytes()]) for at in TIMES]
@@ -368,9 +333,7 @@ def test_messages_of_a_wrong_length_cost_themselves_only(tmp_path: Path) -> None
     ("beginning", "language"),
     [(begun, "ros2msg") for begun in (b"\0\2\0\0", b"\xff\xff\xff\xff", b"", b"\0")] + [(b"\0\1\0\0", "ros2idl")],
 )
-def test_other_encapsulations_and_languages_of_definition_are_not_read(
-    beginning: bytes, language: str, tmp_path: Path
-) -> None:
+def test_other_encapsulations_and_languages_of_definition_are_not_read(beginning, language, tmp_path):
     path, kind = tmp_path / "other.mcap", "px4_msgs/msg/VehicleAttitude"
     with Recorder(path) as recorder:
         schema = recorder._writer.register_schema(kind, language, DEFINITIONS[kind].encode())
@@ -380,17 +343,15 @@ def test_other_encapsulations_and_languages_of_definition_are_not_read(
         read_log(path)
 
 
-def test_setpoints_of_px4_are_those_that_it_reports(tmp_path: Path) -> None:
-    def write(recorder: Ros2Recorder) -> None:
-        px4_flight(recorder)
-        for row in range(5):
-            at, q = 20 + 0.1 * row, [float(np.cos(0.1 * row)), float(np.sin(0.1 * row)), 0.0, 0.0]
-            recorder.px4("vehicle_attitude_setpoint", at, q_d=q)
-            recorder.px4("vehicle_rates_setpoint", at, roll=float(row), pitch=10.0 + row, yaw=20.0 + row)
-            recorder.px4("manual_control_setpoint", at, valid=row < 4, roll=0.1 * row, pitch=-0.1 * row)
-            recorder.px4("vehicle_rates_setpoint", UNIX + at, "/companion/fmu/in/", roll=99.0)
-
-    (vehicle,) = read_log(written(tmp_path, write)).vehicles
+def test_setpoints_of_px4_are_those_that_it_reports(recorder):
+    px4_flight(recorder)
+    for row in range(5):
+        at, q = 20 + 0.1 * row, [float(np.cos(0.1 * row)), float(np.sin(0.1 * row)), 0.0, 0.0]
+        recorder.px4("vehicle_attitude_setpoint", at, q_d=q)
+        recorder.px4("vehicle_rates_setpoint", at, roll=float(row), pitch=10.0 + row, yaw=20.0 + row)
+        recorder.px4("manual_control_setpoint", at, valid=row < 4, roll=0.1 * row, pitch=-0.1 * row)
+        recorder.px4("vehicle_rates_setpoint", UNIX + at, "/companion/fmu/in/", roll=99.0)
+    vehicle = recorder.vehicle()
     rate, angle, stick = setpoints(vehicle, "roll")
     np.testing.assert_allclose(rate.signal.values, np.arange(5))
     np.testing.assert_allclose(angle.signal.values, 0.2 * np.arange(5), atol=1e-7)
@@ -399,7 +360,7 @@ def test_setpoints_of_px4_are_those_that_it_reports(tmp_path: Path) -> None:
     assert [one.signal.values[1] for one in setpoints(vehicle, "pitch")] == pytest.approx([11, 0, -0.1])
 
 
-def test_the_battery_of_either_bridge(tmp_path: Path) -> None:
+def test_the_battery_of_either_bridge(tmp_path):
     def write(recorder: Ros2Recorder) -> None:
         px4_flight(recorder)
         mavros_flight(recorder, node="/uav/mavros")
@@ -414,17 +375,14 @@ def test_the_battery_of_either_bridge(tmp_path: Path) -> None:
         assert np.diff(signal.time) == pytest.approx([1, 1], abs=1e-6)
 
 
-def test_setpoints_of_mavros_are_turned_back(tmp_path: Path) -> None:
+def test_setpoints_of_mavros_are_turned_back(recorder):
     rpy, pqr = (0.3, -0.2, 1.0), np.array([0.5, -0.6, 0.7])
-
-    def write(recorder: Ros2Recorder) -> None:
-        mavros_flight(recorder)
-        at, turned = float(UNIX + TIMES[50]), {"x": pqr[0], "y": -pqr[1], "z": -pqr[2]}
-        fields = {"orientation": xyzw(to_ros(rpy)), "body_rate": turned, "type_mask": 1}
-        recorder.mavros("setpoint_raw/target_attitude", "mavros_msgs/msg/AttitudeTarget", at, **fields)
-        recorder.mavros("rc/in", "mavros_msgs/msg/RCIn", at, channels=[1600, 1400, 1000, 1500])
-
-    (vehicle,) = read_log(written(tmp_path, write)).vehicles
+    mavros_flight(recorder)
+    at, turned = float(UNIX + TIMES[50]), {"x": pqr[0], "y": -pqr[1], "z": -pqr[2]}
+    fields = {"orientation": xyzw(to_ros(rpy)), "body_rate": turned, "type_mask": 1}
+    recorder.mavros("setpoint_raw/target_attitude", "mavros_msgs/msg/AttitudeTarget", at, **fields)
+    recorder.mavros("rc/in", "mavros_msgs/msg/RCIn", at, channels=[1600, 1400, 1000, 1500])
+    vehicle = recorder.vehicle()
     assert [(one.name, one.signal.values.tolist()) for one in setpoints(vehicle, "roll")] == [
         ("roll setpoint", [pytest.approx(rpy[0])])
     ]
@@ -436,7 +394,7 @@ def test_setpoints_of_mavros_are_turned_back(tmp_path: Path) -> None:
     assert [one.signal.values[0] for one in setpoints(ardupilots, "roll")][-1] == 1600
 
 
-def test_what_holds_no_flight_of_a_vehicle_is_refused(tmp_path: Path) -> None:
+def test_what_holds_no_flight_of_a_vehicle_is_refused(tmp_path):
     """Setpoints alone, another sensor's IMU; and where a stream of MAVLink is asked for, topics."""
     with pytest.raises(Unreadable):
         read_log(written(tmp_path, lambda recorder: recorder.px4("vehicle_rates_setpoint", 20.0, roll=1.0)))
@@ -446,8 +404,9 @@ def test_what_holds_no_flight_of_a_vehicle_is_refused(tmp_path: Path) -> None:
         mcap_stream(written(tmp_path, px4_flight))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("write", "begin"), [(px4_flight, 0), (mavros_flight, UNIX + 19)])
-def test_the_flight_is_the_motion_that_it_was_made_of(write: Callable[..., None], begin: int, tmp_path: Path) -> None:
+def test_the_flight_is_the_motion_that_it_was_made_of(write, begin, tmp_path):
     """On UNIX time the recording's first second counts as 1."""
     sent = (UNIX if begin else 0) + 20 + 0.01 * np.arange(1500)
     found = mavdem.read_flight(written(tmp_path, lambda recorder: write(recorder, sent)))
@@ -463,7 +422,7 @@ def test_the_flight_is_the_motion_that_it_was_made_of(write: Callable[..., None]
 
 
 @pytest.mark.parametrize("other", ["MAVLink", "MAVROS"])
-def test_mavlink_is_read_before_ros_2_and_px4s_own_topics_before_mavros(other: str, tmp_path: Path) -> None:
+def test_mavlink_is_read_before_ros_2_and_px4s_own_topics_before_mavros(other, tmp_path):
     path = tmp_path / "both.mcap"
     if other == "MAVLink":
         with Recorder(path) as recorder:

@@ -1,11 +1,8 @@
 """PX4's logs: values as pyulog reads them, in MAVLink's words; and what is whole of a file that is not."""
 
-from __future__ import annotations
-
 import lzma
 import random
 import struct
-from pathlib import Path
 from time import perf_counter
 
 import numpy as np
@@ -26,13 +23,11 @@ from ulog_files import (
     log,
     message,
     parameter,
-    roll,
     subscription,
     subscriptions,
     vehicle_of,
 )
 
-import mavdem
 from mavdem.alignment.signals import Signals, setpoints
 from mavdem.errors import Unreadable
 from mavdem.ingest import contents as files
@@ -45,7 +40,7 @@ def same(ours: NDArray[np.generic], theirs: NDArray[np.generic]) -> bool:
 
 
 @pytest.mark.parametrize("name", REAL)
-def test_values_are_those_pyulog_reads(name: str) -> None:
+def test_values_are_those_pyulog_reads(name):
     path = shared(name)
     (vehicle,) = read_log(path).vehicles
     plain = ULog(str(path))
@@ -75,21 +70,7 @@ def test_values_are_those_pyulog_reads(name: str) -> None:
     assert (vehicle.vehicle, vehicle.autopilot, vehicle.system) == ("QUADROTOR", "PX4", 1)
 
 
-def test_a_log_can_be_learnt_from(tmp_path: Path) -> None:
-    times = 20 + 0.01 * np.arange(2500)
-    pieces = flight(times)
-    pieces.insert(0, data("vehicle_land_detected", 10.0, True))
-    pieces.insert(1, data("vehicle_land_detected", 20.0, False))
-    path = tmp_path / "flight.ulg"
-    path.write_bytes(log(*pieces))
-    learnt = mavdem.read_flight(path)
-    angle, rate = roll(learnt.time)
-    assert learnt.dt == pytest.approx(0.01) and len(learnt) > 1900
-    assert np.allclose(learnt.outputs, np.column_stack([angle, rate]), atol=1e-6)
-    assert np.allclose(learnt.inputs, 0.5 + np.outer(angle, [-1, 1, 1, -1]), atol=1e-6)
-
-
-def test_attitude_is_moved_to_the_stamps_of_the_rates(tmp_path: Path) -> None:
+def test_attitude_is_moved_to_the_stamps_of_the_rates(tmp_path):
     """Attitude 20 times a second and rates 50, as PX4 logs them by default; one stretch without attitude."""
     pieces = []
     for time in np.arange(0, 4, 0.05):
@@ -108,7 +89,7 @@ def test_attitude_is_moved_to_the_stamps_of_the_rates(tmp_path: Path) -> None:
     assert np.allclose(angle, time / 2, atol=1e-4) and np.allclose(messages["yawspeed"], 0.1)
 
 
-def test_an_attitude_too_slow_keeps_its_stamps(tmp_path: Path) -> None:
+def test_an_attitude_too_slow_keeps_its_stamps(tmp_path):
     pieces = [data("vehicle_attitude", 20 + 0.5 * row, 1, 0, 0, 0, 0) for row in range(20)]
     pieces += [data("vehicle_angular_velocity", 20 + 0.01 * row, 0.01 * row, 0, 0) for row in range(1000)]
     messages = vehicle_of(log(*pieces), tmp_path).messages["ATTITUDE_QUATERNION"]
@@ -116,7 +97,7 @@ def test_an_attitude_too_slow_keeps_its_stamps(tmp_path: Path) -> None:
     assert np.allclose(messages["rollspeed"], 0.5 * np.arange(20), atol=1e-6)
 
 
-def test_motors_are_put_on_their_channels(tmp_path: Path) -> None:
+def test_motors_are_put_on_their_channels(tmp_path):
     swapped = b"".join(parameter(f"PWM_MAIN_FUNC{n}", motor) for n, motor in ((1, 103), (2, 101), (5, 104), (6, 102)))
     pieces = [data("actuator_motors", 20 + 0.01 * row, 0.1, 0.2, 0.3, 0.4 + row / 1e3, *OFF) for row in range(50)]
     vehicle = vehicle_of(log(*pieces, parameters=swapped), tmp_path)
@@ -124,7 +105,7 @@ def test_motors_are_put_on_their_channels(tmp_path: Path) -> None:
     assert np.allclose(controls[0], [0.3, 0.1, 0, 0, 0.4, 0.2] + [0] * 10)
 
 
-def test_instances_of_outputs_are_ports(tmp_path: Path) -> None:
+def test_instances_of_outputs_are_ports(tmp_path):
     def outputs(row: int, instance: int) -> bytes:
         values = [1000 * (instance + 1) + row + 0.5, *[7.0] * 15]
         return data("actuator_outputs", 20 + 0.01 * row, 1, *values, instance=instance)
@@ -136,7 +117,7 @@ def test_instances_of_outputs_are_ports(tmp_path: Path) -> None:
     assert not sent["servo2_raw"].any()  # beyond the outputs in use
 
 
-def test_a_topic_subscribed_to_twice_is_one(tmp_path: Path) -> None:
+def test_a_topic_subscribed_to_twice_is_one(tmp_path):
     again = subscription("actuator_controls_0", number=900)
     first = [data("actuator_controls_0", 20 + row, *[row] * 8) for row in range(5)]
     then = [data("actuator_controls_0", 25 + row, *[5 + row] * 8, number=900) for row in range(5)]
@@ -144,7 +125,7 @@ def test_a_topic_subscribed_to_twice_is_one(tmp_path: Path) -> None:
     assert controls[:, 0].tolist() == list(range(10))
 
 
-def test_setpoints_keep_their_own_stamps(tmp_path: Path) -> None:
+def test_setpoints_keep_their_own_stamps(tmp_path):
     pieces = flight(TIMES)
     for row in range(4):
         half = 0.05 * row
@@ -165,14 +146,28 @@ def test_setpoints_keep_their_own_stamps(tmp_path: Path) -> None:
     assert vehicle.called("MANUAL_CONTROL") == "manual_control_setpoint"
 
 
-def test_the_battery(tmp_path: Path) -> None:
+def test_the_battery(tmp_path):
     pieces = flight(TIMES) + [data("battery_status", 20 + row, 16 - row, 99) for row in range(3)]
     signal = Signals(vehicle_of(log(*pieces), tmp_path)).voltage
     assert signal is not None and signal.values.tolist() == pytest.approx([16, 15, 14])
     assert signal.time.tolist() == pytest.approx([20, 21, 22])
 
 
-def test_landed_states(tmp_path: Path) -> None:
+def test_drivers_that_publish_outputs_in_turn_are_told_apart_by_their_number_of_outputs(tmp_path):
+    """PX4 1.12: one driver's constant outputs, 4, between the motors', of which it says that there are none."""
+    turns = [4 if row % 3 == 2 else 0 for row in range(60)]
+    values = [[1500.0] * 4 if used else [1000.0 + row] * 4 for row, used in enumerate(turns)]
+    rows = zip(turns, values, strict=True)
+    pieces = [
+        data("actuator_outputs", 20 + 0.1 * row, used, *four, *[0.0] * 12) for row, (used, four) in enumerate(rows)
+    ]
+    servos = vehicle_of(log(subscription("actuator_outputs"), *pieces), tmp_path).messages["SERVO_OUTPUT_RAW"]
+    moving = servos["servo4_raw"][servos["port"] == 0]
+    assert moving.tolist() == [1000.0 + row for row in range(60) if row % 3 != 2]
+    assert np.unique(servos["servo4_raw"][servos["port"] != 0]).tolist() == [1500.0]
+
+
+def test_landed_states(tmp_path):
     def target(seconds: float, kind: int, valid: bool = True) -> bytes:
         return data("position_setpoint_triplet", seconds, 0, 0.0, False, 0, 0, 47.0, valid, kind)
 
@@ -182,9 +177,7 @@ def test_landed_states(tmp_path: Path) -> None:
     states = vehicle_of(log(*pieces), tmp_path).messages["EXTENDED_SYS_STATE"]
     told = dict(zip(states["time"].tolist(), states["landed_state"].tolist(), strict=True))
     assert told == {10: 1, 10.5: 1, 11: 1, 12: 3, 20: 2, 30: 4, 31: 2, 32: 4, 33: 2, 40: 1}
-
-
-def test_a_vertical_speed_that_is_not_valid_is_left_out(tmp_path: Path) -> None:
+    # A vertical speed that is not valid is left out.
     pieces = [data("vehicle_local_position", 20 + row, 0, 0, 0, 0, 0, row, row % 2 == 0) for row in range(6)]
     climb = Signals(vehicle_of(log(*pieces), tmp_path)).climb_rate
     assert climb is not None and climb.values.tolist() == [0, -2, -4]
@@ -200,7 +193,7 @@ def test_a_vertical_speed_that_is_not_valid_is_left_out(tmp_path: Path) -> None:
         ((2, 0, 0), b"", "UNKNOWN"),
     ],
 )
-def test_what_the_vehicle_is(tmp_path: Path, status: tuple[int, ...], parameters: bytes, expected: str) -> None:
+def test_what_the_vehicle_is(tmp_path, status, parameters, expected):
     pieces = [data("vehicle_status", 20 + row, *status) for row in range(4)]
     vehicle = vehicle_of(log(*pieces, parameters=parameters), tmp_path)
     assert vehicle.vehicle == expected
@@ -209,7 +202,7 @@ def test_what_the_vehicle_is(tmp_path: Path, status: tuple[int, ...], parameters
         assert armed is not None and armed.values.all()
 
 
-def test_parameters_are_the_last_that_were_set(tmp_path: Path) -> None:
+def test_parameters_are_the_last_that_were_set(tmp_path):
     initial = parameter("MAV_SYS_ID", 7) + parameter("GAIN", 0.5, "float") + parameter("BAD", float("nan"), "float")
     changed = [parameter("GAIN", 0.25, "float"), parameter("GAIN", float("inf"), "float")]
     vehicle = vehicle_of(log(*flight(TIMES[:9]), *changed, parameters=initial), tmp_path)
@@ -227,7 +220,7 @@ INTACT = [round(time * 1e6) for time in TIMES.tolist()]
 
 
 @pytest.mark.parametrize("header", ["00 00 44", "01 00 44", "42 FF 44", "42 01 44", "42 00 00", "42 00 FF", "42 00 4C"])
-def test_a_wrong_header_costs_its_own_message(tmp_path: Path, header: str) -> None:
+def test_a_wrong_header_costs_its_own_message(tmp_path, header):
     pieces = flight(TIMES)
     row = next(row for row, piece in enumerate(pieces) if row > 700 and piece[:5] == b"\x42\0D\x02\0")
     pieces[row] = bytes.fromhex(header) + pieces[row][3:]
@@ -250,7 +243,7 @@ INSERTED = {
 
 
 @pytest.mark.parametrize("name", INSERTED)
-def test_what_lies_between_messages_costs_nothing(tmp_path: Path, name: str) -> None:
+def test_what_lies_between_messages_costs_nothing(tmp_path, name):
     pieces, (inserted, repair) = flight(TIMES), INSERTED[name]
     for row, piece in zip((900, 600, 300), inserted, strict=False):
         pieces.insert(row, piece)
@@ -266,13 +259,13 @@ FIRST_FORMATS = {
 
 
 @pytest.mark.parametrize("lost", FIRST_FORMATS)
-def test_a_format_that_has_no_stamp_or_contains_itself_costs_its_topic(tmp_path: Path, lost: str) -> None:
+def test_a_format_that_has_no_stamp_or_contains_itself_costs_its_topic(tmp_path, lost):
     first = message("F", FIRST_FORMATS[lost])
     vehicle = vehicle_of(HEADER + first + definitions() + subscriptions() + b"".join(flight(TIMES)), tmp_path)
     assert stamps_of(vehicle) == INTACT and lost not in vehicle.messages
 
 
-def test_padding_may_be_there_or_not(tmp_path: Path) -> None:
+def test_padding_may_be_there_or_not(tmp_path):
     pieces = [data("vehicle_angular_velocity", time, 0.5, 0.0, 0.1) for time in (19.9, 20.0, 20.1, 20.35)]
     pieces += [data("vehicle_attitude", 19.8 + 0.08 * row, 1, 0, 0, 0, 0) for row in range(8)]
     pieces[-1] = message("D", pieces[-1][3:] + bytes(7))
@@ -281,7 +274,7 @@ def test_padding_may_be_there_or_not(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_log_cut_off_anywhere_gives_what_came_before(tmp_path: Path) -> None:
+def test_a_log_cut_off_anywhere_gives_what_came_before(tmp_path):
     content = log(*flight(TIMES[:30]))
     begin = len(log())
     for end in [*range(0, begin, 37), *range(begin, len(content), 23)]:
@@ -297,7 +290,7 @@ def test_a_log_cut_off_anywhere_gives_what_came_before(tmp_path: Path) -> None:
             )
 
 
-def test_what_was_appended_after_a_crash_is_read(tmp_path: Path) -> None:
+def test_what_was_appended_after_a_crash_is_read(tmp_path):
     """The data section ends within a message; what was saved on the way down follows, in three parts."""
     pieces = flight(TIMES)
     parts = [b"".join(pieces[:900]) + pieces[900][:-4], b"".join(pieces[901:1200]), b"".join(pieces[1200:]), SYNC]
@@ -312,13 +305,13 @@ def test_what_was_appended_after_a_crash_is_read(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("offsets", [(5, 0, 0), (2**60, 0, 0), (400, 300, 0)])
-def test_offsets_that_cannot_be_are_ignored(tmp_path: Path, offsets: tuple[int, ...]) -> None:
+def test_offsets_that_cannot_be_are_ignored(tmp_path, offsets):
     flags = message("B", bytes(8) + b"\x01" + bytes(7) + struct.pack("<3Q", *offsets))
     content = HEADER + flags + definitions() + subscriptions() + b"".join(flight(TIMES))
     assert stamps_of(vehicle_of(content, tmp_path)) == INTACT
 
 
-def test_stamps_that_cannot_be_are_left_out(tmp_path: Path) -> None:
+def test_stamps_that_cannot_be_are_left_out(tmp_path):
     pieces = flight(TIMES)
     for row, wrong in ((500, 1e12), (900, 3.0), (len(pieces) - 1, 5000.0)):
         row = max(row for row in range(row + 1) if pieces[row][2:4] == b"D\x02")
@@ -347,9 +340,7 @@ def nested(deep: int, wide: int) -> bytes:
     ],
     ids=["nested", "nested and missing", "holds itself", "hold each other"],
 )
-def test_a_format_is_laid_out_once_however_often_it_is_subscribed_to(
-    tmp_path: Path, formats: bytes, topic: str
-) -> None:
+def test_a_format_is_laid_out_once_however_often_it_is_subscribed_to(tmp_path, formats, topic):
     content = HEADER + formats + subscription(topic, number=5000) * 20_000
     began = perf_counter()
     vehicle = vehicle_of(content + definitions() + subscriptions() + b"".join(flight(TIMES)), tmp_path)
@@ -357,8 +348,9 @@ def test_a_format_is_laid_out_once_however_often_it_is_subscribed_to(
     assert perf_counter() - began < 10
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fields", ["uint8_t[9999] x0;uint8_t[9999] x1;uint8_t[9999] x2;", ""])
-def test_topics_of_more_values_than_there_can_be_are_left_out(tmp_path: Path, fields: str) -> None:
+def test_topics_of_more_values_than_there_can_be_are_left_out(tmp_path, fields):
     """A few kilobytes could ask for gigabytes: each value of each subscription is a column."""
     formats = message("F", f"actuator_outputs:{FORMATS['cpuload']}{fields}".encode())
     many = b"".join(subscription("actuator_outputs", number=1000 + n) for n in range(9000))
@@ -371,7 +363,7 @@ def test_topics_of_more_values_than_there_can_be_are_left_out(tmp_path: Path, fi
     assert perf_counter() - began < 10
 
 
-def test_a_dropout_before_the_first_topic_is_reported(tmp_path: Path) -> None:
+def test_a_dropout_before_the_first_topic_is_reported(tmp_path):
     dropout = message("O", struct.pack("<H", 1500))
     vehicle = vehicle_of(HEADER + definitions() + dropout + subscriptions() + b"".join(flight(TIMES)), tmp_path)
     assert "dropped out 1 time, for 1.5 s in all and 1.5 s at most" in vehicle.repairs[0]
@@ -385,7 +377,7 @@ def test_a_dropout_before_the_first_topic_is_reported(tmp_path: Path) -> None:
         (lambda packed: lzma.compress(bytes(2_000_000)), "more than 1 MiB"),
     ],
 )
-def test_an_archive_that_cannot_be_unpacked_is_refused(tmp_path, monkeypatch, spoil, said) -> None:
+def test_an_archive_that_cannot_be_unpacked_is_refused(tmp_path, monkeypatch, spoil, said):
     monkeypatch.setattr(files, "MAX_UNPACKED_BYTES", 1 << 20)
     path = tmp_path / "flight.ulg.xz"
     path.write_bytes(spoil(lzma.compress(log(*flight(TIMES)))))

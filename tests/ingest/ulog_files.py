@@ -1,7 +1,5 @@
 """ULog files to read, built byte by byte as https://docs.px4.io/main/en/dev_log/ulog_file_format.html lays them out."""
 
-from __future__ import annotations
-
 import struct
 from pathlib import Path
 

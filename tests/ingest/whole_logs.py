@@ -1,7 +1,5 @@
 """Whole logs to compare: everything a file holds, read as usual or in blocks of a few bytes and messages."""
 
-from __future__ import annotations
-
 import tempfile
 from typing import Any
 

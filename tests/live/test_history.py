@@ -30,13 +30,19 @@ def test_nothing_is_compared_across_a_gap_and_lines_break_there():
     assert np.isnan(lines.measured).sum() == 1
     shown = np.isfinite(lines.predicted)
     np.testing.assert_allclose(lines.predicted[shown], lines.measured[shown] + 0.1)
-    assert history.learned == [pytest.approx((10.0, 10.99)), pytest.approx((13.0, 14.99))]
+    assert history.learned == [pytest.approx((100.0, 100.99)), pytest.approx((103.0, 104.99))]
 
 
-def test_late_rows_are_dated_by_the_others_and_what_is_not_learnt_from_is_shown_and_not_judged():
+def test_the_clock_goes_on_where_a_reboot_sets_it_back_and_predictions_with_it():
     history = LiveHistory()
-    flown(history, 3.0, late=2.0)
-    assert history.learned == [pytest.approx((10.0, 12.99))]
+    flown(history, 3.0)
+    flown(history, 3.0, segment=1, start=5.0, boot=1)
+    assert history.learned == [pytest.approx((100.0, 102.99)), pytest.approx((103.99, 106.98))]
+    assert [one.samples for one in history.errors()] == [598, 550]
+    assert history.now == pytest.approx(106.98) and history.shift == pytest.approx(98.99)
+
+
+def test_what_is_not_learnt_from_is_shown_and_not_judged():
     history = LiveHistory()
     flown(history, 1.0, learnt=False)
     assert history.errors() == [] and history.learned == []
@@ -49,7 +55,7 @@ def test_a_long_flight_keeps_its_shape_in_bounded_memory(monkeypatch):
     flown(history, 10.0)
     lines = history.lines
     assert len(lines.time) <= 100
-    assert lines.time[0] == pytest.approx(10.0) and lines.time[-1] == pytest.approx(20.0, abs=0.2)
+    assert lines.time[0] == pytest.approx(100.0, abs=0.2) and lines.time[-1] == pytest.approx(110.0, abs=0.2)
     assert history.errors()[0].samples == 999
     for segment in (1, 2, 3):
         flown(history, 2.0, segment, 110.0 + 5 * segment)

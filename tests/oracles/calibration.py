@@ -5,8 +5,6 @@ parameters from their prior. The others are sampled flights: varying motors, win
 estimated from samples. "Own" is DEM's posterior, "corrected" the sandwich estimate of ``mavdem.dem.uncertainty``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """DEM of series from known systems, one state that decays and a stabilised roll angle: states and parameters."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

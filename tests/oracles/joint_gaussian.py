@@ -14,12 +14,10 @@ sampled smooth noise is predictable from its past beyond the resolution of any s
 output also has a white error of ``ROUNDING`` times its noise.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,7 +61,7 @@ class System:
         """All parameters, as :func:`mavdem.dem.engine.model.pack` packs them."""
         return pack(self.A, self.B, self.C)
 
-    def at(self, parameters: Array) -> System:
+    def at(self, parameters: Array) -> Self:
         """The same with other values (k,) of the free parameters."""
         theta = self.theta
         theta[self.free] = parameters

@@ -1,7 +1,5 @@
 """A live session with a simulated ArduPilot that every fault befalls, on a clock of its own: as fast as possible."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field
@@ -31,7 +29,7 @@ class NullView:
 
     def put(self, *_: object) -> None: ...
 
-    def log(self, text: str) -> None: ...
+    def log(self, *_: object) -> None: ...
 
 
 @dataclass

@@ -1,7 +1,5 @@
 """What the page on section IV shows of the algorithm is so."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """A browser without a screen: what a script says of a page."""
 
-from __future__ import annotations
-
 import html
 import json
 import re
@@ -29,6 +27,5 @@ def shown(page: str, script: str, folder: Path, width: int = 1600) -> tuple[str,
     ran = subprocess.run([CHROMIUM, *options, *place], capture_output=True, text=True, check=True)
     assert "CONSOLE" not in ran.stderr
     found = re.search(r"<title>(.*?)</title>", ran.stdout, re.DOTALL)
-    assert found is not None
     title, value = json.loads(html.unescape(found[1]))
     return title, value

@@ -1,7 +1,5 @@
 """Rows of a made-up fleet: vehicles with and without trouble, tiers, gaps, refused logs, and names that attack."""
 
-from __future__ import annotations
-
 from datetime import UTC, datetime, timedelta
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The details of a learnt flight: the model as textbooks print it, and how it was learnt."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -14,6 +12,7 @@ from mavdem.evaluate import held_out_test
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.details import _poles, detail_blocks
 
+pytestmark = pytest.mark.slow
 DT = 0.01
 
 
@@ -31,7 +30,7 @@ TRAIN, TEST = FLIGHT[:400], FLIGHT[400:]
 
 
 @pytest.fixture(scope="module")
-def learned() -> mavdem.Learned:
+def learned():
     return mavdem.learn(TRAIN, mavdem.Settings(window=9, parameter_precision=1.0))
 
 

@@ -1,7 +1,5 @@
 """The index of a fleet: its words, charts and table, in a browser with a thousand flights too."""
 
-from __future__ import annotations
-
 import random
 import re
 from dataclasses import replace
@@ -26,12 +24,14 @@ def parts(text: str) -> dict[str, str]:
     return dict(zip(found, pieces, strict=True))
 
 
+@pytest.mark.slow
 def test_the_same_rows_make_the_same_bytes_in_whatever_order_they_come():
-    rows = fleet_rows(10)
+    rows = [row for row in fleet_rows(10) if row.vehicle in ("quad-1", "quad-2") or row.status != "ok"]
     shuffled = random.Random(1).sample(rows, len(rows))
     assert fleet_page(rows) == fleet_page(shuffled)
 
 
+@pytest.mark.slow
 def test_who_is_in_trouble_stands_first_and_open_and_others_are_folded():
     text = fleet_page(fleet_rows(20))
     found = parts(text)
@@ -47,9 +47,7 @@ def test_a_fleet_without_a_flight_and_one_with_a_single_flight_have_a_page():
     assert "No log holds a flight" in fleet_page([])
     alone = fleet_page([flight_row("quad", 0)])
     assert "<svg" not in alone and parts(alone) == {}
-
-
-def test_flights_that_do_not_say_whose_they_are_are_drawn_as_nobodys():
+    # Flights that do not say whose they are are drawn as nobody's.
     text = fleet_page([flight_row("unknown", number) for number in range(4)])
     assert parts(text) == {} and "compared with no other" in text
 
@@ -83,6 +81,7 @@ def test_effects_per_unit_of_a_motor_and_of_the_demand_are_not_one_line():
         assert np.isfinite(line.get_ydata()).tolist() == known
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("flights", [3, 60])
 def test_a_fault_is_marked_above_its_flight_and_intervals_are_drawn(flights):
     rows = [flight_row("quad", number, health="fault" if number == 2 else "ok") for number in range(flights)]
@@ -166,9 +165,7 @@ def test_columns_of_which_nothing_is_known_are_left_out():
     assert heads == ["flight", "vehicle", "date", "axis", "tier", "health", "settled (s)", "largest share", "notes"]
     cells = re.findall(r"<tr>(.*?)</tr>", text.split("<tbody>")[-1])
     assert {line.count("<td") for line in cells} == {len(heads)}
-
-
-def test_each_line_leads_to_the_page_of_its_flight():
+    # Each line leads to the page of its flight.
     text = fleet_page([flight_row("quad", 0, page="pages/a b#1.html"), flight_row("quad", 1, page=None)])
     assert text.count("<td><a href=") + text.count('"><a href=') == 1
     assert 'href="pages/a%20b%231.html"' in text

@@ -1,7 +1,5 @@
 """What is said of many flights: who needs a look first, what was flown, and what changed between two states."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from datetime import timedelta
 

@@ -1,7 +1,5 @@
 """The page: one file that fetches nothing, runs nothing, escapes everything, and fits a narrow and a wide window."""
 
-from __future__ import annotations
-
 import re
 import sys
 from html.parser import HTMLParser
@@ -97,24 +95,24 @@ def page(name: str = "flight.tlog") -> str:
 
 
 @pytest.fixture(scope="module")
-def pages() -> tuple[str, str]:
+def pages():
     return page(), page(NAME + "x" * 200)
 
 
+@pytest.mark.slow
 def test_the_same_result_makes_the_same_bytes_small_though_its_lines_are_long(pages):
     assert page() == pages[0]
     assert len(pages[0]) < 250_000
 
 
+@pytest.mark.slow
 def test_tags_close_in_order_ids_are_unique_and_nothing_is_fetched_or_run(pages):
     seen = Balanced(pages[0])
     assert len(seen.ids) == len(set(seen.ids)) and {"svg", "table", "details"} <= set(seen.seen)
     assert not {"script", "link", "img", "iframe"} & set(seen.seen)
     fetched = pages[0].replace("http://www.w3.org/2000/svg", "").replace("http://www.w3.org/1999/xlink", "")
     assert "://" not in fetched and "@import" not in fetched
-
-
-def test_what_comes_from_a_log_is_text(pages):
+    # What comes from a log is text.
     assert not {"script", "b"} & set(Balanced(pages[1]).seen)
 
 
@@ -170,9 +168,7 @@ def test_a_live_flight_is_drawn_in_degrees_with_what_was_trained_on_and_has_its_
     text = live_page("udpin:<b>", "roll", history, SessionStatus("1:1"), NOTHING | {"learned": 53.0}, None)
     for told in (">0.25 s ahead</td>", ">12.2 s</td>", "come again after 3 s", "udpin:&lt;b&gt;", "<svg"):
         assert told in text
-
-
-def test_a_link_without_a_vehicle_has_a_page_too():
+    # A link without a vehicle has a page too.
     status = SessionStatus(obstacle="No vehicle found yet.")
     text = live_page("udpin:0", "roll", LiveHistory(), status, NOTHING, None)
     assert "No vehicle found yet." in text and "no attitude came" in text

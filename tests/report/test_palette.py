@@ -1,7 +1,5 @@
 """The palette: read on light and dark, and with two kinds of cones."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What the screens say, one golden file a screen; layouts as text, Markdown and HTML, and what notebooks show."""
 
-from __future__ import annotations
-
 import re
 from functools import partial
 from pathlib import Path
@@ -31,16 +29,16 @@ LOGS = Path(__file__).parents[2] / "logs"
 NAN = float("nan")
 
 
-def test_the_screen_of_a_model(request):
-    is_golden(request, "model", analysis_blocks(analysis(physical())))
+SCREENS = {
+    "model": lambda: analysis_blocks(analysis(physical())),
+    "doubtful": lambda: analysis_blocks(analysis(physical(0.2, lag="not identifiable", damping="biased"))),
+    "contents": lambda: log_blocks(inventory(read_log(LOGS / "ardupilot_default_rates.tlog"))),
+}
 
 
-def test_the_screen_where_the_time_constant_is_not_identifiable_and_the_rest_uncertain(request):
-    is_golden(request, "doubtful", analysis_blocks(analysis(physical(0.2, lag="not identifiable", damping="biased"))))
-
-
-def test_the_contents_of_a_log_that_allows_its_condition_only(request):
-    is_golden(request, "contents", log_blocks(inventory(read_log(LOGS / "ardupilot_default_rates.tlog"))))
+@pytest.mark.parametrize("name", SCREENS)
+def test_a_screen_reads_as_its_golden_file(name, request):
+    is_golden(request, name, SCREENS[name]())
 
 
 def test_a_comparison_of_methods(request):
@@ -89,14 +87,13 @@ def test_a_notebook_shows_a_flight_with_a_row_a_channel_in_degrees(flight):
     ]
     assert float(rows[5][2]) == pytest.approx(np.degrees(flight.outputs[:, 0].mean()), abs=0.05)
     assert "ardupilot_wind5_steps.tlog" in "".join(page.itertext()) and "8 s" in "".join(page.itertext())
-
-
-def test_what_is_unknown_is_a_dash():
+    # What is unknown is a dash.
     time = np.arange(5.0)
     flight = mavdem.Flight(time, time, time, setpoints=np.full(5, np.nan), setpoint_names=("asked",))
     assert re.search(r">asked</td>.*>-</td>", flight._repr_html_())
 
 
+@pytest.mark.slow
 def test_a_notebook_shows_what_a_model_is_good_for(flight):
     learned = mavdem.learn(flight, mavdem.Settings(order=2, d=2, window=9, parameter_precision=1.0, horizon=None))
     text = "".join(ElementTree.fromstring(learned._repr_html_()).itertext())

@@ -1,7 +1,5 @@
 """The systems of the paper's table ``tab:systems``, from the dynamics that fly."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 import numpy as np

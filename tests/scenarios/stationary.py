@@ -5,8 +5,6 @@ Of K independent series of n samples and the process's autocorrelation ρ follow
 probability ``FALSE_ALARM``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """What a ground station asks is done and answered, and what is no question changes nothing."""
 
-from __future__ import annotations
-
 import struct
 
 import numpy as np

@@ -10,6 +10,7 @@ from sitl_scenarios.simulation import fly
 from sitl_scenarios.truth import truth
 from sitl_scenarios.vehicles import GRAVITY, IRIS
 
+pytestmark = pytest.mark.slow
 QUIET = Sensors(rate_sd=0.0, attitude_sd=0.0, position_sd=0.0, velocity_sd=0.0)
 BREAKS = {
     "weak": {"vehicle": VehicleSpec(weak_motor=1, weak_from=18.0, weak_thrust=0.8)},
@@ -29,7 +30,7 @@ def balanced(condition):
     return 1000 + 1000 * (speeds / condition.speed - offset) / slope
 
 
-@pytest.fixture(scope="module", params=[pytest.param("weak", marks=pytest.mark.slow), "chipped", "shifted"])
+@pytest.fixture(scope="module", params=["weak", "chipped", "shifted"])
 def broken(request):
     scenario = Scenario(duration=40.0, sensors=QUIET, **BREAKS[request.param])
     return request.param, scenario, fly(scenario)

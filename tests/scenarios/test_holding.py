@@ -1,7 +1,5 @@
 """Whether a vehicle held its place is told as it was."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,11 +1,9 @@
-"""The linear systems are the paper's, the closed forms', and how the vehicle really moves a little."""
+"""The linear systems are the paper's and the closed forms'; test_truth.py has how the vehicle really moves."""
 
 import numpy as np
 import pytest
 from paper_systems import paper_system
-from scipy.linalg import expm
 
-from sitl_scenarios.dynamics import AirState, Body, State
 from sitl_scenarios.scenario import VehicleSpec
 from sitl_scenarios.truth import linearised
 from sitl_scenarios.vehicles import AIRFRAMES, GRAVITY
@@ -48,22 +46,3 @@ def test_closed_forms(model, kind):
     assert found.B[at("down speed")] == pytest.approx(np.full(4, -slope / body.mass), rel=1e-6)
     turn = (2 * body.torque[0] * omega + body.torque[1]) * body.speed[0]
     assert found.B[at("yaw rate")] == pytest.approx(turn / body.inertia[2] * np.array([1, 1, -1, -1]), rel=1e-6)
-
-
-@pytest.mark.parametrize("model", ["ardrone2", "crazyflie"])  # the Iris's rotors, faster up than down, are not linear
-def test_a_small_motion_of_the_vehicle_is_the_linear_ones(model):
-    """A roll command of 1 µs for 0.2 s, with all 16 states."""
-    vehicle, body = VehicleSpec(model=model), AIRFRAMES[model]
-    step, steps = 1e-4, 2000
-    change = np.array([-1.0, 1.0, 1.0, -1.0]) * body.full / 1000
-    speeds = body.hover_speed + body.speed[0] * change
-    start = State((0.0, 0.0, -5.0), rotors=(body.hover_speed,) * 4)
-    moved = Body(vehicle, step).moved(start, tuple(speeds.tolist()), AirState(), steps)
-    linear = linearised(vehicle)
-    augmented = np.zeros((20, 20))
-    augmented[:16, :16], augmented[:16, 16:] = linear.A, linear.B
-    predicted = (expm(augmented * step * steps) @ np.concatenate([np.zeros(16), change]))[:16]
-    roll = 2 * moved.attitude[1]
-    assert moved.rates[0] == pytest.approx(predicted[9], rel=2e-3)
-    assert roll == pytest.approx(predicted[6], rel=2e-3)
-    assert moved.velocity[1] == pytest.approx(predicted[4], rel=2e-3)

@@ -1,7 +1,5 @@
 """What is said of a flight is read back as it was, by mavdem's own reader and by pymavlink, field by field."""
 
-from __future__ import annotations
-
 import io
 from collections import Counter
 
@@ -115,6 +113,7 @@ def test_setpoints_and_sticks_come_when_they_are_asked_for(autopilot, version, t
     assert not set(rates) & set(plain)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("version", [1, 2])
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 def test_pymavlink_reads_every_frame(autopilot, version, tmp_path):
@@ -148,7 +147,7 @@ def test_the_parameters_say_where_the_motors_are(autopilot, frame, tmp_path):
     else:
         assert vehicle.parameters["FRAME_CLASS"] == 1 and vehicle.parameters["SERVO3_FUNCTION"] == 35
         assert vehicle.parameters["SCHED_LOOP_RATE"] == 400
-    motors = drive.motors(vehicle)
+    motors = drive.motors_or_obstacle(vehicle)
     assert motors.layout.channels == (1, 2, 3, 4)
     assert not motors.layout.channels_assumed and not motors.layout.positions_assumed
     expected = "front right, rear left, front left, rear right" if frame == "x" else "right, left, front, rear"

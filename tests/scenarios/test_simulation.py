@@ -33,6 +33,7 @@ def flight():
     return fly(brief())
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_bits_in_pieces_too(flight):
     simulation, rows = Simulation(brief()), []
     for cycles in (1, 7, 1000, 3, 10**6):
@@ -71,7 +72,7 @@ def test_disarming_is_refused_in_the_air_unless_forced():
 @pytest.mark.parametrize("name", names())
 def test_every_scenario_is_flown_to_its_end(name):
     whole = load(name)
-    scenario = whole.model_copy(update={"duration": min(whole.duration, 60.0), "flights": 1})
+    scenario = whole.model_copy(update={"duration": min(whole.duration, 45.0), "flights": 1})
     motion = fly(scenario)
     hovering = (motion.landed_state == 2) & (motion.time > 10)
     assert np.abs(roll(motion)).max() < 50

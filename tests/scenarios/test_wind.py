@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from sitl_scenarios.scenario import DrydenWind, Gust, Jet, Moment, Scenario, SteadyWind, VonKarmanWind
+from sitl_scenarios.scenario import Gust, Jet, Moment, Scenario, SteadyWind, TurbulentWind
 from sitl_scenarios.wind import Weather, gust_speed, jet_speed, turbulence
 
 ORIGIN = (0.0, 0.0, 0.0)
@@ -46,8 +46,8 @@ def test_a_jet_is_turbulent_by_its_share_of_the_local_mean():
     "wind",
     [
         SteadyWind(kind="steady", speed=3.0),
-        DrydenWind(kind="dryden", speed=5.0),
-        VonKarmanWind(kind="von_karman", speed=5.0),
+        TurbulentWind(kind="dryden", speed=5.0),
+        TurbulentWind(kind="von_karman", speed=5.0),
         Gust(kind="gust", start=0.1, speed=3.0),
         Jet(kind="jet", speed=6.0, turbulence=0.3, offset=0.1),
     ],
@@ -67,14 +67,14 @@ def test_wind_from_another_direction_is_the_same_wind_turned(wind):
 
 def test_low_altitude_turbulence_has_the_standards_figures():
     """MIL-F-8785C at 20 ft and 15 kt: σ_w = 1.5 kt, L_w = 20 ft, L_u = 20/0.19346^1.2 ft, σ_u = σ_w/0.19346^0.4."""
-    found = turbulence(DrydenWind(kind="dryden", speed=10.0, wind_at_20_feet=7.7), 20 * 0.3048, 0.44)
+    found = turbulence(TurbulentWind(kind="dryden", speed=10.0, wind_at_20_feet=7.7), 20 * 0.3048, 0.44)
     assert found.down == pytest.approx((20 * 0.3048 / 10, 0.77))
     assert found.along == found.across == pytest.approx((143.54 * 0.3048 / 10, 1.4859), rel=1e-3)
 
 
 def test_the_airs_rotation_has_the_standards_variance_and_corner_frequency():
     """The integral of MIL-F-8785C's Φ_p, and πV/4b, with σ_w = 0.77 m/s, L_w = 20 ft, b = 0.44 m and V = 10 m/s."""
-    of_wind = DrydenWind(kind="dryden", speed=10.0, wind_at_20_feet=7.7)
+    of_wind = TurbulentWind(kind="dryden", speed=10.0, wind_at_20_feet=7.7)
     constant, sd = turbulence(of_wind, 20 * 0.3048, 0.44).rotation
     low = 20 * 0.3048
 

@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import quad
 from stationary import Stationary, holds
 
-from sitl_scenarios.scenario import DrydenWind, Scenario, StreamSpec, VonKarmanWind
+from sitl_scenarios.scenario import Scenario, StreamSpec, TurbulentWind
 from sitl_scenarios.simulation import CYCLES
 from sitl_scenarios.wind import (
     LENGTH,
@@ -62,6 +62,7 @@ def test_a_random_model_is_the_process_it_says(model, dt):
         assert holds(band)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dt", STEPS)
 @pytest.mark.parametrize("model", [model for model in MODELS if "von karman" not in model])  # a circle has no beginning
 def test_a_series_begins_as_it_goes_on(model, dt):
@@ -93,11 +94,10 @@ def test_autocorrelations_are_those_of_the_standards_spectra(tau):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", [DrydenWind, VonKarmanWind])
+@pytest.mark.parametrize("kind", ["dryden", "von_karman"])
 @pytest.mark.parametrize("autopilot", CYCLES)
 def test_the_weather_is_as_strong_as_the_standard_says(kind, autopilot):
-    name = "dryden" if kind is DrydenWind else "von_karman"
-    wind = kind(kind=name, speed=8.0, direction=0.0, wind_at_20_feet=15.4)
+    wind = TurbulentWind(kind=kind, speed=8.0, direction=0.0, wind_at_20_feet=15.4)
     dt, n, flights = CYCLES[autopilot], 6000, 40
     time = dt * np.arange(n)
     of_wind = turbulence(wind, 5.0, 0.44)
@@ -119,6 +119,6 @@ def test_the_weather_is_as_strong_as_the_standard_says(kind, autopilot):
         if shape == "rotation":
             autocorrelation = MODELS["dryden along"][1]
         else:
-            autocorrelation = MODELS[f"{name.replace('_', ' ')} {shape}"][1]
+            autocorrelation = MODELS[f"{kind.replace('_', ' ')} {shape}"][1]
         scaled = lambda tau, constant=constant, rho=autocorrelation: rho(tau / constant * T)  # noqa: E731
         assert holds(Stationary(scaled, series / sd, dt * 100).variance())

@@ -30,10 +30,10 @@ def columns(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, np.
     assert len(RrdReader(path).blueprints()) == 1
     found: dict[str, dict[str, np.ndarray]] = {}
     for name, chunk, batch in chunks(path):
-        if "flight time" not in chunk.timeline_names:
+        if "boot clock" not in chunk.timeline_names:
             continue
         own = {part.split(":")[-1]: batch.column(part).to_pylist() for part in batch.schema.names if ":" in part}
-        own["time"] = np.array(batch.column("flight time").cast("int64")) / 1e9
+        own["time"] = np.array(batch.column("boot clock").cast("int64")) / 1e9
         found.setdefault(f"/{name}", {}).update(own)
     return found
 

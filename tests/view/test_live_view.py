@@ -12,7 +12,7 @@ import sys
 import time
 import urllib.request
 from collections.abc import Iterator
-from contextlib import closing
+from contextlib import closing, contextmanager
 from pathlib import Path
 from threading import Event
 from types import SimpleNamespace
@@ -27,14 +27,13 @@ from rerun_file import chunks, views
 
 import mavdem
 from mavdem.dem import Estimate, LinearModel
-from mavdem.health.in_flight import MotorAlarm
+from mavdem.live import Event as Occurrence
 from mavdem.live import SessionStatus
-from mavdem.view.live import Channels, LiveView, RecordingFile, Viewer, WebServer, sinks_for
-from mavdem.view.live.blueprint import figures, status_document
-from mavdem.view.live.content import ViewRow
-from mavdem.view.live.live_view import MAX_ROWS, REBOOT_GAP_SECONDS
+from mavdem.view.live_content import Channels, ViewRow, figures, status_document
+from mavdem.view.live_view import MAX_ROWS, LiveView
+from mavdem.view.viewer import RecordingFile, Sink, Viewer, WebServer, sinks_for
 
-PATIENCE = 300.0  # Seconds that a slow, busy machine may take for anything; on others nothing waits for them
+PATIENCE = 20.0  # Seconds that a slow, busy machine may take for anything; on others nothing waits for them
 DT, HORIZONS = 0.01, (1, 25, 50)
 MOTORS = tuple(f"motor {i} (somewhere)" for i in range(1, 5))
 UNITS = ("µs",) * 4, ("rad", "rad/s")
@@ -78,7 +77,7 @@ OUTPUTS = np.random.default_rng(1).normal(size=(300, 2))
 INPUTS = np.random.default_rng(2).uniform(1000, 2000, size=(300, 4))
 ESTIMATES = [None if i < 20 else estimate(i, t) for i, t in enumerate(TIME)]
 TOLD = ESTIMATES[20:]
-ROW = (50.0, 0, OUTPUTS[0], INPUTS[0])
+ROW = (50.0, 0.0, 0, OUTPUTS[0], INPUTS[0])
 
 
 def drawn(path: Path, ignored: str = "") -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
@@ -111,12 +110,19 @@ def until(happens):
     return answer
 
 
+@contextmanager
+def showing(*sinks: Sink, channels: Channels = CHANNELS) -> Iterator[LiveView]:
+    with closing(LiveView(sinks)) as view:
+        view.change(channels)
+        yield view
+
+
 @pytest.fixture(scope="module", autouse=True)
 def patience() -> Iterator[None]:
     """A file is waited for as long as a busy machine takes."""
     with pytest.MonkeyPatch.context() as patch:
         for name in ("CLOSE_SECONDS", "FLUSH_SECONDS"):
-            patch.setattr(f"mavdem.view.live.live_view.{name}", PATIENCE)
+            patch.setattr(f"mavdem.view.live_view.{name}", PATIENCE)
         yield
 
 
@@ -124,12 +130,12 @@ def patience() -> Iterator[None]:
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("live") / "flight.rrd"
     rates = {"ATTITUDE": 99.4}
-    with closing(LiveView(CHANNELS, [RecordingFile(path)])) as view:
-        view.log("attached", time=50.0)
+    with showing(RecordingFile(path)) as view:
+        view.log(Occurrence(50.0, "attached"))
         view.status(SessionStatus(rates=rates, lost=7, latency=(0.012, 0.02), learned=300, obstacle="no motion"))
         for t, y, u, known in zip(TIME, OUTPUTS, INPUTS, ESTIMATES, strict=True):
-            view.put(t, 0, y, u, known)
-        view.log("link lost", "WARN")
+            view.put(t, 0.0, 0, y, u, known)
+        view.log(Occurrence(TIME[-1], "link lost"))
     assert view.troubles == []
     return path
 
@@ -178,7 +184,7 @@ def test_what_is_estimated_is_drawn_at_the_times_it_is_about(recording: Path) ->
 def test_log_status_and_blueprint_show_what_is_there_in_batches_that_are_not_tiny(recording: Path) -> None:
     assert [text for text in texts(recording) if "unusual" not in text] == ["attached", "link lost"]
     document = texts(recording, "TextDocument:text")[-1]
-    for fact in (CHANNELS.title, "300 at 100 Hz", "99.4 Hz", "frames lost | 7", "12 ms", "No motion.", "0.1 s ago"):
+    for fact in (CHANNELS.title, "300 at 100 Hz", "99.4 Hz", "frames lost: 7", "12 ms", "No motion.", "0.1 s ago"):
         assert fact in document
     entities = {name: batch.num_rows for name, _, batch in chunks(recording)}
     assert min(rows for name, rows in entities.items() if name.startswith(("outputs", "command"))) >= 100
@@ -187,26 +193,16 @@ def test_log_status_and_blueprint_show_what_is_there_in_batches_that_are_not_tin
         assert any(f"{entity}/".startswith(f"{origin}/") for entity in entities), f"the view of {origin} is empty"
 
 
-def test_each_alarm_is_marked_once_also_where_the_status_keeps_the_latest_only(monkeypatch) -> None:
-    alarms = [MotorAlarm(at + 2.0, at, 1, "motor 1", 0.2, 0.99) for at in range(5)]
-    marked: list[float] = []
-    with closing(LiveView(CHANNELS, [])) as view:
-        monkeypatch.setattr(view, "_log", lambda shown, level, text: marked.append(shown))
-        for count in (1, 3, 3, 4, 5):
-            view.status(SessionStatus(alarms=tuple(alarms[:count][-2:]), alarm_count=count))
-    assert marked == [0, 1, 2, 3, 4]
-
-
 @pytest.mark.slow
 def test_what_happens_is_logged_with_its_time_and_size(tmp_path: Path) -> None:
     path = tmp_path / "flight.rrd"
     torque = np.random.default_rng(1).normal(size=4000)
     torque[3200:3250] = 20.0
-    with closing(LiveView(CHANNELS, [RecordingFile(path)])) as view:
+    with showing(RecordingFile(path)) as view:
         for i, one in enumerate(torque):
             now = estimate(20, 50.0 + DT * i)
             now = now._replace(wind_torque=one, wind_torque_band=0.5, unusual=3500 <= i < 3600, surprise=7.0)
-            view.put(now.time, 0, OUTPUTS[0], INPUTS[0], now)
+            view.put(now.time, 0.0, 0, OUTPUTS[0], INPUTS[0], now)
     gust, unusual = texts(path)
     assert gust.endswith(" °/s² for 0.5 s") and unusual == "unusual motion: surprise 7"
     assert float(gust.split()[1]) == pytest.approx(np.degrees(20.0), rel=0.01)  # beside the torque so far
@@ -221,9 +217,9 @@ def test_a_flight_is_shown_as_it_is_learned_from(tmp_path: Path) -> None:
     up = np.array(flight.effect_directions) / 2
     channels = CHANNELS._replace(dt=flight.dt, input_names=flight.input_names, command=tuple(up))
     learner = mavdem.OnlineLearner(dt=flight.dt, n_inputs=4, n_outputs=2, horizons=HORIZONS)
-    with closing(LiveView(channels, [RecordingFile(path)])) as view:
+    with showing(RecordingFile(path), channels=channels) as view:
         for now, outputs, inputs in zip(flight.time, flight.outputs, flight.inputs, strict=True):
-            view.put(now, 0, outputs, inputs, learner.update(now, outputs, inputs), learner.learned)
+            view.put(now, 0.0, 0, outputs, inputs, learner.update(now, outputs, inputs), learner.learned)
     assert view.troubles == []
     lines = drawn(path)
     np.testing.assert_allclose(lines["outputs/roll/1_measured"][1][:, 0], np.degrees(flight.outputs[:, 0]))
@@ -237,11 +233,11 @@ def test_a_flight_is_shown_as_it_is_learned_from(tmp_path: Path) -> None:
 def test_other_channels_continue_the_lines_under_their_own_names(tmp_path: Path) -> None:
     path = tmp_path / "flight.rrd"
     demand = CHANNELS._replace(dt=0.02, horizons=(1, 12, 50), input_names=("roll demand",), input_units=("",))
-    with closing(LiveView(CHANNELS, [RecordingFile(path)])) as view:
+    with showing(RecordingFile(path)) as view:
         for i, channels in enumerate([CHANNELS, CHANNELS, demand, demand, demand, CHANNELS]):
             view.change(channels)
-            view.put(TIME[i], 0, OUTPUTS[i], INPUTS[i][: len(channels.input_names)], estimate(20 + i, TIME[i]))
-    assert view.troubles == [] and ["other channels" in text for text in texts(path)] == [True, True]
+            view.put(TIME[i], 0.0, 0, OUTPUTS[i], INPUTS[i][: len(channels.input_names)], estimate(20 + i, TIME[i]))
+    assert view.troubles == []
     rows = [batch.column("Scalars:scalars").to_pylist() for name, _, batch in chunks(path) if name == "command"]
     assert sorted(len(values) for batch in rows for values in batch) == [1, 1, 1, 4, 4, 4]
     lines = drawn(path, ignored="command")
@@ -249,23 +245,20 @@ def test_other_channels_continue_the_lines_under_their_own_names(tmp_path: Path)
     np.testing.assert_allclose(lines["outputs/roll/2_predicted"][0][2:5], TIME[2:5] + 0.25)
 
 
-@pytest.mark.slow
 def test_a_gap_parts_every_line_and_time_goes_on_where_a_reboot_sets_the_clock_back(tmp_path: Path) -> None:
     path = tmp_path / "flight.rrd"
-    with closing(LiveView(CHANNELS, [RecordingFile(path)])) as view:
-        for segment, start in enumerate((498.9, 500.0, 3.0)):
+    with showing(RecordingFile(path)) as view:
+        for segment, (start, shift) in enumerate(((498.9, 0.0), (500.0, 0.0), (3.0, 498.0))):
             for i in range(10):
-                view.put(start + DT * i, segment, OUTPUTS[i], INPUTS[i], estimate(20, start + DT * i))
-            view.log("a moment ago", time=start - 0.5)  # is no reboot
+                view.put(start + DT * i, shift, segment, OUTPUTS[i], INPUTS[i], estimate(20, start + DT * i))
     lines, ten = drawn(path), DT * np.arange(10)
-    shown = np.concatenate([498.9 + ten, 500.0 + ten, 500.09 + REBOOT_GAP_SECONDS + ten])
+    shown = np.concatenate([498.9 + ten, 500.0 + ten, 501.0 + ten])
     for name, width in (("command", 4), ("outputs/roll/1_measured", 1), ("outputs/roll/2_predicted", 1)):
         times, values = lines[name]
         assert values.shape == (32, width) and np.isnan(values[[10, 21]]).all() and (np.diff(times) > 0).all()
     np.testing.assert_allclose(np.delete(lines["command"][0], [10, 21]), shown, atol=1e-8)
     np.testing.assert_allclose(lines["free_energy_of_samples"][0], shown - LATE, atol=1e-8)
-    assert "rebooted: 3.0 s is shown as 501.1 s" in texts(path)
-    assert "3.1 s since a reboot; shown as 501.2 s" in texts(path, "TextDocument:text")[-1]
+    assert "3.1 s since a reboot; shown as 501.1 s" in texts(path, "TextDocument:text")[-1]
 
 
 class Held(RecordingFile):
@@ -286,11 +279,11 @@ class Held(RecordingFile):
 def test_a_stalled_sink_holds_up_nobody_and_loses_the_oldest_rows_only(tmp_path: Path) -> None:
     stalled, other = Held(tmp_path / "stalled.rrd"), RecordingFile(tmp_path / "other.rrd")
     known, rows = estimate(20, 50.0), MAX_ROWS + 1000
-    with closing(LiveView(CHANNELS, [stalled, other])) as view:
+    with showing(stalled, other) as view:
         waiting = view._threads[1]._rows
         # Comes to its end, although the first sink takes nothing.
         for i in range(rows):
-            view.put(50.0 + DT * i, 0, OUTPUTS[0], INPUTS[0], known)
+            view.put(50.0 + DT * i, 0.0, 0, OUTPUTS[0], INPUTS[0], known)
             if i % 4000 == 3999:
                 until(lambda: not waiting)
         assert [thread.dropped for thread in view._threads] == [1000, 0]
@@ -309,7 +302,7 @@ def test_figures_and_status_show_what_is_known_and_a_model_outlives_the_flight()
     assert all("### –" in figure for figure in others)
     assert "No model yet. The vehicle is on the ground." in status_document(CHANNELS, status, row, None)
     landed = status_document(CHANNELS, status, row, 55.0)
-    assert "No model" not in landed and "The latest model is kept" in landed and "on the ground." in landed
+    assert "No model" not in landed and "learned up to 5.0 s ago" in landed and "on the ground." in landed
     physical = SimpleNamespace(
         mean_effect=lambda level: (0.1, 0.01), damping=3.0, interval=lambda level: SimpleNamespace(damping=np.nan)
     )
@@ -323,9 +316,9 @@ def test_figures_and_status_show_what_is_known_and_a_model_outlives_the_flight()
 
 def test_a_row_that_cannot_be_drawn_and_a_file_that_cannot_be_written_end_nothing(tmp_path: Path) -> None:
     path = tmp_path / "flight.rrd"
-    with closing(LiveView(CHANNELS, [RecordingFile(tmp_path / "nowhere" / "flight.rrd"), RecordingFile(path)])) as view:
+    with showing(RecordingFile(tmp_path / "nowhere" / "flight.rrd"), RecordingFile(path)) as view:
         thread = view._threads[1]
-        view.put(50.0, 0, OUTPUTS[0][:1], INPUTS[0])
+        view.put(50.0, 0.0, 0, OUTPUTS[0][:1], INPUTS[0])
         until(lambda: thread._lines)
         view.put(50.1, *ROW[1:])
     size = path.stat().st_size
@@ -338,30 +331,29 @@ def test_a_row_that_cannot_be_drawn_and_a_file_that_cannot_be_written_end_nothin
 
 
 @pytest.mark.slow
-def test_a_killed_process_or_a_full_disk_leaves_a_file_that_opens(tmp_path: Path) -> None:
+def test_a_killed_process_or_a_full_disk_leaves_a_file_that_opens(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # A file that fails while it is flushed is noticed by the next flush.
+    monkeypatch.setattr("mavdem.view.live_view.FLUSH_SECONDS", 2.0)
     path, killed = tmp_path / "flight.rrd", tmp_path / "killed.rrd"
     sink, limits = RecordingFile(path), resource.getrlimit(resource.RLIMIT_FSIZE)
     before = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-
-    def put(count: int) -> int:
-        """Rows until they are in the file."""
-        complete = sink._complete
-        for i in range(count):
-            view.put(50.0 + DT * i, 0, OUTPUTS[0], INPUTS[0])
-        return until(lambda: sink._complete > complete or view.troubles)
-
     try:
-        with closing(LiveView(CHANNELS, [sink])) as view:
-            until(lambda: sink.kept)
-            put(500)
-            shutil.copy(path, killed)  # as a process that is killed leaves it
-            resource.setrlimit(resource.RLIMIT_FSIZE, (path.stat().st_size + 3000, limits[1]))
-            put(3000)
-            assert "flight.rrd failed" in view.troubles[0]
+        with showing(sink) as view:
+            for count in (500, 3000):
+                for i in range(count):
+                    view.put(50.0 + DT * i, 0.0, 0, OUTPUTS[0], INPUTS[0])
+                if count == 500:
+                    until(lambda: sink.complete > 20_000)
+                    shutil.copy(path, killed)  # as a process that is killed leaves it
+                    resource.setrlimit(resource.RLIMIT_FSIZE, (path.stat().st_size + 3000, limits[1]))
+            until(lambda: "flight.rrd failed" in "".join(view.troubles))
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
         signal.signal(signal.SIGXFSZ, before)
-    assert len(drawn(killed)["command"][0]) == len(drawn(path)["command"][0]) == 500
+    assert len(drawn(killed)["command"][0]) >= 100
+    assert len(drawn(path)["command"][0]) >= 500
 
 
 def test_what_was_asked_for_is_shown_or_refused(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -382,7 +374,7 @@ def free_port() -> int:
 def test_a_viewer_that_is_not_there_is_not_connected_to(monkeypatch: pytest.MonkeyPatch) -> None:
     # Rerun's own client would keep all rows, and wait for ten seconds at the end.
     monkeypatch.setattr(rr.RecordingStream, "connect_grpc", lambda *_: pytest.fail("connected"))
-    with closing(LiveView(CHANNELS, [Viewer(f"rerun+http://127.0.0.1:{free_port()}/proxy")])) as view:
+    with showing(Viewer(f"rerun+http://127.0.0.1:{free_port()}/proxy")) as view:
         view.put(*ROW)
         until(lambda: view.troubles)
         assert "there is no viewer at rerun+http" in view.troubles[0]
@@ -390,7 +382,7 @@ def test_a_viewer_that_is_not_there_is_not_connected_to(monkeypatch: pytest.Monk
 
 SERVING = """
 import sys, time
-from mavdem.view.live import WebServer
+from mavdem.view.viewer import WebServer
 server = WebServer(*map(int, sys.argv[1:]))
 print(server.page, flush=True)
 time.sleep(3600)
@@ -415,7 +407,7 @@ def test_the_server_is_reached_from_this_machine_only_reports_to_nobody_and_ends
     with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) as owner:
         assert until(lambda: len(listening()) == 2 and listening()) == {("127.0.0.1", port) for port in ports}
         page = owner.stdout.readline().strip()
-        with closing(LiveView(CHANNELS, [Viewer(f"rerun+http://127.0.0.1:{ports[0]}/proxy")])) as view:
+        with showing(Viewer(f"rerun+http://127.0.0.1:{ports[0]}/proxy")) as view:
             view.put(*ROW)
             until(lambda: not view._threads[0]._rows)
         assert view.troubles == []

@@ -19,8 +19,7 @@ from mavdem.view.recording import FlightSeries
 
 FLIGHT = mavdem.read_flight(Path(__file__).parents[2] / "logs" / "ardupilot_wind5_steps.tlog")
 PARTS, TEST = (FLIGHT[:380], FLIGHT[400:800]), FLIGHT[800:900]
-START = float(FLIGHT.time[0])
-TIME = np.concatenate([part.time for part in PARTS]) - START
+TIME = np.concatenate([part.time for part in PARTS])
 SETTINGS = mavdem.Settings(order=2, window=9, parameter_precision=0.1, noise_groups=((0, 1), (0, 1)), iterations=5)
 
 
@@ -41,12 +40,12 @@ def recording(learned: mavdem.Learned, tmp_path_factory: pytest.TempPathFactory)
 
 
 def lines(path: Path) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Times, s, and values of every line over flight time, by entity path without its place in order."""
+    """Times, s, and values of every line over boot clock, by entity path without its place in order."""
     found = {}
     for name, chunk, batch in chunks(path):
-        if "Scalars:scalars" in batch.schema.names and "flight time" in chunk.timeline_names:
+        if "Scalars:scalars" in batch.schema.names and "boot clock" in chunk.timeline_names:
             folder, line = name.rsplit("/", 1)
-            times = np.array(batch.column("flight time").cast("int64")) / 1e9
+            times = np.array(batch.column("boot clock").cast("int64")) / 1e9
             found[f"{folder}/{line.split(' ', 1)[1]}"] = times, np.ravel(batch.column("Scalars:scalars").to_pylist())
     return found
 
@@ -70,7 +69,7 @@ def without_gaps(line: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.nd
 def test_outputs_and_residuals_are_those_of_flight_and_model_in_degrees(
     recording: Path, learned: mavdem.Learned, column: int, name: str
 ) -> None:
-    drawn, window = lines(recording), TEST.time - START
+    drawn, window = lines(recording), TEST.time
     forecast = learned.forecast(TEST.inputs)[:, column]
     half = learned.forecast_band(TEST.inputs, 0.9)[:, column]
     measured = np.concatenate([*(part.outputs for part in PARTS), TEST.outputs])[:, column]
@@ -85,7 +84,7 @@ def test_outputs_and_residuals_are_those_of_flight_and_model_in_degrees(
         np.testing.assert_allclose(shown, np.degrees(values), rtol=1e-9, atol=1e-9)
     # A gap after each segment, and a band as upright strokes.
     times, shown = drawn[f"outputs/{name}/measured"]
-    np.testing.assert_allclose(times[np.isnan(shown)], [part.time[-1] - START for part in (*PARTS, TEST)], atol=1e-8)
+    np.testing.assert_allclose(times[np.isnan(shown)], [part.time[-1] for part in (*PARTS, TEST)], atol=1e-8)
     times, edges = without_gaps(drawn[f"residuals/{name}/90 % band"])
     np.testing.assert_allclose(times, np.repeat(window, 2), atol=1e-8)
     np.testing.assert_allclose(edges[1::2], np.minimum(np.degrees(half), edges.max()), rtol=1e-9)

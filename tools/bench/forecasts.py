@@ -1,13 +1,12 @@
 #!/usr/bin/env python
 """Forecasts of windows of recorded flights, DEM against the constant mean; prints a table by flight and one by rate.
 
-A window is 7 s to learn from and 1.5 s to forecast at every rate, or as many samples as --samples has.
-The error ratio is the squared forecast error over that of the constant mean; the tables have the median over windows. A
-window from which nothing can be learnt counts as 1. Every flight belongs to half A or half B, with all its rates: what
-is chosen on one half is judged on the other. With --rates also autopilots' own logs, and scenarios flown at each rate.
+A window is 7 s to learn from and 1.5 s to forecast at every rate. The error ratio is the squared forecast error over
+that of the constant mean; the tables have the median over windows. A window from which nothing can be learnt counts as
+1. Every flight belongs to half A or half B, with all its rates: what is chosen on one half is judged on the other. With
+--rates also autopilots' own logs, and scenarios flown at each rate.
 
-Usage: tools/bench/forecasts.py [--rates] [--windows N] [--samples TRAIN TEST] [--preset paper] [--settings JSON]
-       [--json FILE]
+Usage: tools/bench/forecasts.py [--rates] [--windows N] [--preset paper] [--settings JSON] [--json FILE]
 """
 
 from __future__ import annotations
@@ -83,12 +82,10 @@ def figures(window: Window, learned: mavdem.Learned | ValueError) -> dict[str, f
     return {"ratio": float(evaluate.relative_mspe(window.train, test, forecast)), "inside": float(np.mean(inside))}
 
 
-def of_flight(
-    halved: Halved, most: int | None, samples: tuple[int, int] | None, settings: mavdem.Settings
-) -> list[dict[str, Any]]:
+def of_flight(halved: Halved, most: int | None, settings: mavdem.Settings) -> list[dict[str, Any]]:
     """The figures of each window; prints their row."""
     name, number, flight = halved
-    every, half, rate = windows(name, flight, *(samples or ())), "AB"[number % 2], round(1 / flight.dt)
+    every, half, rate = windows(name, flight), "AB"[number % 2], round(1 / flight.dt)
     # Up to ``most`` windows, evenly over the flight.
     cut = [every[i] for i in np.unique(np.linspace(0, len(every) - 1, min(most or len(every), len(every))).astype(int))]
     began = perf_counter()
@@ -111,7 +108,6 @@ def column(rows: Sequence[dict[str, Any]], name: str) -> Any:
 
 
 def print_summaries(by_flight: Sequence[list[dict[str, Any]]]) -> None:
-    """By rate and half, and of all windows."""
     print("\n| Hz | half | flights | windows | geometric mean of medians | worse than the constant mean | worst |")
     print("|---|---|---|---|---|---|---|")
     rates = sorted({rows[0]["rate"] for rows in by_flight})
@@ -130,18 +126,15 @@ def print_summaries(by_flight: Sequence[list[dict[str, Any]]]) -> None:
 @click.command(help=__doc__)
 @click.option("--rates", is_flag=True, help="Also autopilots' logs, and scenarios at every rate.")
 @click.option("--windows", "most", type=click.IntRange(min=1), help="Of each flight, evenly over it.  [default: all]")
-@click.option("--samples", type=click.IntRange(min=1), nargs=2, help="Of each window's two parts.")
 @click.option("--preset", type=click.Choice(["real", "paper"]), default="real", show_default=True)
 @click.option("--settings", default="{}", help='Changes to the preset, such as {"order": 2}.')
 @click.option("--json", "to", type=click.Path(path_type=Path), help="Also write each window's figures there.")
-def main(
-    rates: bool, most: int | None, samples: tuple[int, int] | None, preset: str, settings: str, to: Path | None
-) -> None:
+def main(rates: bool, most: int | None, preset: str, settings: str, to: Path | None) -> None:
     base = mavdem.Settings.paper() if preset == "paper" else mavdem.Settings()
     chosen = replace(base, **json.loads(settings))
     print("| flight | half | inputs | Hz | windows | median ratio | worst | below 1 | in the 90 % band | s a window |")
     print("|---|---|---|---|---|---|---|---|---|---|")
-    by_flight = [rows for one in flights(rates) if (rows := of_flight(one, most, samples, chosen))]
+    by_flight = [rows for one in flights(rates) if (rows := of_flight(one, most, chosen))]
     if not by_flight:
         sys.exit(f"There are no recorded flights in {SHARED}; name their folder in MAVDEM_SHARED_DATA.")
     print_summaries(by_flight)

@@ -1,10 +1,9 @@
 #!/usr/bin/env python
 """Time of a whole fit of 20 iterations on one core, and time of learning with default settings; prints a table.
 
-A whole fit: embedding, sufficient statistics, the ascent and the predictor. With --jobs, instead: time of so many fits
-of 700 samples, one after the other and as a batch on all cores.
+A whole fit: embedding, sufficient statistics, the ascent and the predictor.
 
-Usage: tools/bench/learn.py [--jobs N]
+Usage: tools/bench/learn.py
 """
 
 from __future__ import annotations
@@ -12,10 +11,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 from statistics import median
-from timeit import repeat, timeit
+from timeit import repeat
 
 import click
 import numpy as np
+from scipy.signal import lfilter
 from threadpoolctl import threadpool_limits
 
 import mavdem
@@ -34,31 +34,18 @@ def flight(samples: int, inputs: int = 4) -> mavdem.Flight:
     rng = np.random.default_rng(0)
     motors = rng.standard_normal((samples, inputs)).cumsum(axis=0)
     motors -= np.linspace(0, 1, samples)[:, None] * motors[-1]
-    states = np.zeros((samples, 2))
     push = motors @ np.resize([1.0, -1.0, -1.0, 1.0], inputs) * 0.01 + rng.standard_normal(samples)
-    for t in range(1, samples):
-        roll, rate = states[t - 1]
-        states[t] = roll + DT * rate, rate + DT * (push[t] - 9 * roll - 5 * rate)
-    return mavdem.Flight(DT * np.arange(samples), motors, states)
+    roll = lfilter([DT**2], [1, 5 * DT - 2, 1 - 5 * DT + 9 * DT**2], push)
+    return mavdem.Flight(DT * np.arange(samples), motors, np.column_stack([roll, np.gradient(roll, DT)]))
 
 
 def time_of(function: Callable[[], object]) -> float:
     return median(repeat(function, number=1, repeat=REPEATS))
 
 
-def print_batch(count: int) -> None:
-    """Fits of one flight by seed, prior precision and order, with complete settings: one candidate each."""
-    settings = [
-        mavdem.Settings(order=2 + seed % 2, window=9, parameter_precision=10.0 ** (seed % 4), seed=seed)
-        for seed in range(count)
-    ]
-    jobs = [(flight(700), each) for each in settings]
-    serial = timeit(lambda: [mavdem.learn(*job) for job in jobs], number=1)
-    batch = timeit(lambda: list(mavdem.learn_many(jobs)), number=1)
-    print(f"{count} fits: {serial:.1f} s one after the other, {batch:.1f} s by learn_many, {serial / batch:.2f} times.")
-
-
-def print_fits() -> None:
+@click.command(help=__doc__)
+def main() -> None:
+    threadpool_limits(limits=1, user_api="blas")
     # Nothing converges, so that all iterations are taken.
     ascent.CONVERGED_NATS = -np.inf
     print("| T | n | r | p, d | fit of 20 iterations, ms |\n|---|---|---|---|---|")
@@ -72,15 +59,6 @@ def print_fits() -> None:
     ascent.CONVERGED_NATS = 0.1
     learn = partial(mavdem.learn, flight(700))
     print(f"\nLearning 700 samples with default settings: {time_of(learn):.2f} s.")
-
-
-@click.command(help=__doc__)
-@click.option("--jobs", "count", type=click.IntRange(min=1))
-def main(count: int | None) -> None:
-    if count is not None:
-        return print_batch(count)
-    with threadpool_limits(limits=1, user_api="blas"):
-        print_fits()
 
 
 if __name__ == "__main__":

@@ -30,6 +30,7 @@ import zlib
 from abc import ABC, abstractmethod
 from math import cos, sin
 from pathlib import Path
+from typing import Any
 
 import click
 import numpy as np
@@ -50,6 +51,8 @@ with tracing:
     import ulog_files
     import whole_logs
     import zstandard
+    from mcap import records
+    from mcap.data_stream import RecordBuilder
     from pymavlink.dialects.v20 import all as dialect
     from pymavlink.generator.mavcrc import x25crc
 
@@ -91,7 +94,6 @@ class Format(ABC):
         return {f"seed_{number}": content for number, content in enumerate(made)}
 
     def check(self, data: bytes) -> None:
-        """Reads the file of an input and asserts what must hold of any."""
         mode, printed = data[0] % self.modes if data else 0, io.StringIO()
         content = self.header + (data[1:] if mode == 0 else self.file(mode, data[1:].split(BETWEEN)))
         with tempfile.NamedTemporaryFile(suffix=self.suffix, dir=MEMORY if MEMORY.exists() else None) as file:
@@ -111,7 +113,6 @@ class Format(ABC):
 
 
 def times(piece: bytes) -> list[float]:
-    """Returns the stamps (s) of a whole flight, from its piece."""
     first, step, count = struct.unpack_from("<IIB", piece[1:].ljust(9, b"\0"))
     return [0.001 + first / 1e4 + row * step / 1e6 for row in range(count)]
 
@@ -173,8 +174,13 @@ CHANNELS = [
     *(("mavlink/out", "json", 1), ("mavlink/raw", "mavlink", 0), ("serial", "", 0), ("camera", "cdr", 1)),
 ]
 """Topic, encoding and schema; the first byte of a piece chooses one."""
-CHANNEL, MESSAGE, CHUNK, FOOTER = 4, 5, 6, 2  # opcodes of MCAP's records
 NOW = 1_700_000_000_000_000_000
+
+
+def written(record: records.McapRecord) -> bytes:
+    builder: Any = RecordBuilder()
+    record.write(builder)
+    return bytes(builder.end())
 
 
 class Mcap(Format):
@@ -183,33 +189,21 @@ class Mcap(Format):
     any_record = b"\xfe"  # first byte of a piece that is any record, whose opcode follows
 
     def file(self, mode: int, pieces: list[bytes]) -> bytes:
-        parts = [b"".join(self._channel(number, *channel) for number, channel in enumerate(CHANNELS))]
+        named = (records.Channel(number, topic, kind, {}, of) for number, (topic, kind, of) in enumerate(CHANNELS))
+        parts = [b"".join(map(written, named))]
         parts += [self._records(piece, NOW + 10_000_000 * row) for row, piece in enumerate(pieces)]
         if mode > 1:
-            name, pack = {3: ("lz4", lz4.frame.compress), 4: ("zstd", zstandard.compress)}.get(mode, ("", bytes))
-            half = len(parts) // 2 + 1
-            parts = [self._chunk(b"".join(some), name, pack, mode == 5) for some in (parts[:half], parts[half:])]
-        return b"".join(parts) + self._record(FOOTER, bytes(20)) + self.header
-
-    def _record(self, opcode: int, content: bytes) -> bytes:
-        return struct.pack("<BQ", opcode, len(content)) + content
-
-    def _text(self, content: str) -> bytes:
-        return struct.pack("<I", len(content)) + content.encode()
-
-    def _channel(self, number: int, topic: str, encoding: str, schema: int) -> bytes:
-        texts = self._text(topic) + self._text(encoding) + self._text("")
-        return self._record(CHANNEL, struct.pack("<HH", number, schema) + texts)
-
-    def _chunk(self, content: bytes, compression: str, pack: object, wrong: bool) -> bytes:
-        assert callable(pack)
-        packed, checksum = pack(content), zlib.crc32(content) ^ wrong
-        head = struct.pack("<QQQI", 0, 0, len(content), checksum) + self._text(compression)
-        return self._record(CHUNK, head + struct.pack("<Q", len(packed)) + packed)
+            name, half = {3: "lz4", 4: "zstd"}.get(mode, ""), len(parts) // 2 + 1
+            pack = {"lz4": lz4.frame.compress, "zstd": zstandard.compress, "": bytes}[name]
+            parts = [b"".join(parts[:half]), b"".join(parts[half:])]
+            sums = [zlib.crc32(part) ^ (mode == 5) for part in parts]
+            both = zip(parts, sums, strict=True)
+            parts = [written(records.Chunk(name, pack(part), 0, 0, of, len(part))) for part, of in both]
+        return b"".join(parts) + written(records.Footer(0, 0, 0)) + self.header
 
     def _records(self, piece: bytes, stamp: int) -> bytes:
         if piece.startswith(self.any_record):
-            return self._record(piece[1] if len(piece) > 1 else 0, piece[2:])
+            return struct.pack("<BQ", piece[1] if len(piece) > 1 else 0, len(piece[2:])) + piece[2:]
         bodies = [piece]
         if piece.startswith(FLIGHT):
             bodies = [b'\x09{"message":{"type":"HEARTBEAT","mavtype":2,"autopilot":3}}']
@@ -219,8 +213,9 @@ class Mcap(Format):
                 pulses = b'"servo2_raw":1600,"servo3_raw":1500,"servo4_raw":1500'
                 head = b'\x01{"time_usec":%d,"servo1_raw":%d,%s}'
                 bodies.append(head % (round(1e6 * time), 1500 + 50 * sin(5 * time), pulses))
-        heads = ((struct.pack("<HIQQ", body[0] % len(CHANNELS), 0, stamp, stamp), body) for body in bodies if body)
-        return b"".join(self._record(MESSAGE, head + body[1:]) for head, body in heads)
+        when = {"sequence": 0, "log_time": stamp, "publish_time": stamp}
+        messages = (records.Message(channel_id=one[0] % len(CHANNELS), data=one[1:], **when) for one in bodies if one)
+        return b"".join(map(written, messages))
 
     def pieces(self) -> list[bytes]:
         raw = mavlink_streams.heartbeat() + mavlink_streams.message("ATTITUDE", time_boot_ms=20_000, roll=0.1)
@@ -236,7 +231,7 @@ class Mcap(Format):
             b"\x0a" + raw,
             b"\x0b" + mavlink_streams.message("SERVO_OUTPUT_RAW", time_usec=20_000_000, servo1_raw=1500, version=1),
             b"\x0c\xff\xd8",
-            self.any_record + b"\x01" + self._text("") + self._text("profile"),
+            self.any_record + b"\x01" + written(records.Header("profile", ""))[9:],
             HOVER,
         ]
 

@@ -4,16 +4,15 @@
 For each kind of flight and each half: where a motor loses a fifth of its thrust, or a propeller chips, how many were
 found within five seconds, how many of those found were named right, and delays; where a load shifts, alarms on a motor;
 and the same of sound flights with gusts, steps, sticks and take-offs. The test's parameters were chosen on the half of
-even numbers. Flights are simulated without MAVLink, in about forty minutes on two processors,
-and kept in a folder; what a flight is follows from its kind and number.
+even numbers. Flights are simulated without MAVLink, in about forty minutes on two processors; what a flight is follows
+from its kind and number.
 
-Usage: tools/validation/alarms.py FOLDER [--rate HZ] [--flights N] [--jobs N]
+Usage: tools/validation/alarms.py [--rate HZ] [--flights N] [--jobs N]
 """
 
 from __future__ import annotations
 
 from concurrent.futures import ProcessPoolExecutor
-from pathlib import Path
 from typing import NamedTuple
 
 import click
@@ -28,7 +27,6 @@ from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import CYCLES, fly
 
 IN_TIME = 5.0  # s
-RATE = 50.0  # Hz of the samples that are kept
 SOUND, HOVER, WIND, CHIPPED, SHIFTED = "sound", "weak in hover", "weak in wind", "chipped", "shifted load"
 KINDS = {SOUND: 72, HOVER: 100, WIND: 100, CHIPPED: 40, SHIFTED: 120}
 """Flights of each kind; the sound ones of ten minutes, which makes twelve hours with about ten of them settled."""
@@ -36,7 +34,6 @@ SETTLES = 5.0  # s in the air before a flight counts as settled, as ``alignment.
 
 
 def scenario(kind: str, number: int) -> Scenario:
-    """The scenario of a flight."""
     draw = np.random.default_rng([list(KINDS).index(kind), number])
 
     def some(low: float, high: float, digits: int | None = 1) -> float:
@@ -87,32 +84,7 @@ def scenario(kind: str, number: int) -> Scenario:
     return scenario_of(table | {"vehicle": vehicle})
 
 
-def flown(kind: str, number: int, folder: Path) -> Path:
-    """Flies a flight, where ``folder`` does not hold it yet, into a file there."""
-    path = folder / f"{kind.replace(' ', '_')}_{number}.npz"
-    if path.exists():
-        return path
-    flight = scenario(kind, number)
-    motion = fly(flight)
-    every = round(1 / RATE / CYCLES[flight.stream.autopilot])
-    time, air = motion.time[::every], motion.landed_state[::every] == IN_AIR
-    since = np.where(air & ~np.concatenate([[False], air[:-1]]), time, -np.inf)
-    settled = air & (time >= np.maximum.accumulate(since) + SETTLES)
-    motors = (motion.outputs[::every] - MIN_PULSE) / (MAX_PULSE - MIN_PULSE)
-    spec = flight.vehicle
-    breaks = {CHIPPED: flight.propeller.start, SHIFTED: flight.load.start}.get(kind, spec.weak_from)
-    # The first two seconds are before the arming that scenarios count from.
-    at = np.inf if kind == SOUND else breaks + 2.0
-    motor = 0 if kind in (SOUND, SHIFTED) else spec.weak_motor or flight.propeller.motor
-    rough = path.with_suffix(".part.npz")
-    np.savez(rough, time=time, motors=motors.astype(np.float32), settled=settled, breaks=at, motor=motor)
-    rough.rename(path)
-    return path
-
-
 class Watched(NamedTuple):
-    """What a watch said in one flight."""
-
     kind: str
     number: int
     hours: float  # settled
@@ -121,31 +93,36 @@ class Watched(NamedTuple):
     alarms: tuple[MotorAlarm, ...]
 
 
-def watched(kind: str, number: int, folder: Path, rate: float) -> Watched:
-    """One flight, its motors at ``rate``, Hz."""
-    every = round(RATE / rate)
-    with np.load(flown(kind, number, folder)) as file:
-        time, motors, settled = (file[name][::every] for name in ("time", "motors", "settled"))
-        breaks, motor = float(file["breaks"]), int(file["motor"])
+def watched(kind: str, number: int, rate: float) -> Watched:
+    """What a watch says in one flight, its motors at ``rate``, Hz."""
+    flight = scenario(kind, number)
+    motion = fly(flight)
+    every = round(1 / rate / CYCLES[flight.stream.autopilot])
+    time, air = motion.time[::every], motion.landed_state[::every] == IN_AIR
+    since = np.where(air & ~np.concatenate([[False], air[:-1]]), time, -np.inf)
+    settled = air & (time >= np.maximum.accumulate(since) + SETTLES)
+    motors = (motion.outputs[::every] - MIN_PULSE) / (MAX_PULSE - MIN_PULSE)
     layout = motor_geometry("QUADROTOR", "", {}, (1, 2, 3, 4), 8)
     assert layout is not None
     watch = MotorWatch(layout.names, layout.motors, layout.positions, layout.spins)
     for at in np.flatnonzero(settled):
-        watch.take(float(time[at]), motors[at].astype(np.float64))
-    hours = float(settled.sum() / rate / 3600)
+        watch.take(float(time[at]), motors[at])
+    spec, hours = flight.vehicle, float(settled.sum() / rate / 3600)
+    begin = {CHIPPED: flight.propeller.start, SHIFTED: flight.load.start}.get(kind, spec.weak_from)
+    # The first two seconds are before the arming that scenarios count from.
+    breaks = np.inf if kind == SOUND else begin + 2.0
+    motor = 0 if kind in (SOUND, SHIFTED) else spec.weak_motor or flight.propeller.motor
     return Watched(kind, number, hours, breaks, motor, tuple(watch.alarms))
 
 
 @click.command(help=__doc__)
-@click.argument("folder", type=click.Path(path_type=Path, file_okay=False))
-@click.option("--rate", default=10.0, show_default=True, help="Hz of the motors' samples, at most 50.")
+@click.option("--rate", default=10.0, show_default=True, help="Hz of the motors' samples.")
 @click.option("--flights", type=int, help="Of each kind at most; all by default.")
 @click.option("--jobs", default=2, show_default=True, help="Processes.")
-def main(folder: Path, rate: float, flights: int | None, jobs: int) -> None:
-    folder.mkdir(parents=True, exist_ok=True)
+def main(rate: float, flights: int | None, jobs: int) -> None:
     asked = [(kind, number) for kind, count in KINDS.items() for number in range(min(count, flights or count))]
     with ProcessPoolExecutor(jobs) as pool:
-        done = list(pool.map(watched, *zip(*asked, strict=True), [folder] * len(asked), [rate] * len(asked)))
+        done = list(pool.map(watched, *zip(*asked, strict=True), [rate] * len(asked)))
     halves = {
         (kind, half): [one for one in done if one.kind == kind and one.number % 2 == number]
         for kind in KINDS

@@ -1,23 +1,20 @@
 #!/usr/bin/env python
 """Physical parameters compared with the truth of simulated flights, and of a Crazyflie; prints tables.
 
-"Inside" is the share of 90 % intervals that hold the truth. Progress, each estimate and what is refused go to standard
-error.
+"Inside" is the share of 90 % intervals that hold the truth. Progress and what is refused go to standard error.
 
 The simulated flights are of each vehicle in each wind with each steering; rate and autopilot take turns, and three
 flights in ten have another thrust curve, lag, inertia and battery.
 
-Usage: tools/validation/physical.py simulated|crazyflie [--seed N] [--flights N] [--every K]
+Usage: tools/validation/physical.py simulated|crazyflie [--seed N] [--every K]
 """
 
 from __future__ import annotations
 
-import struct
+import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from functools import partial
-from io import BytesIO
 from itertools import cycle, product
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -48,10 +45,10 @@ MOMENTS = {"iris": 0.05, "ardrone2": 0.006, "crazyflie": 2e-5}  # N m, standard 
 WINDS = ("calm", "light", "Dryden, light", "Dryden, moderate", "jet", "gusts", "slow")
 STEERING: dict[str, dict[str, Any] | None] = {
     "none": None,
-    "multisine": {"kind": "multisine", "sd": 3.0, "lowest": 0.2, "highest": 4.0, "period": 10.0},
-    "doublets": {"kind": "doublets", "amplitude": 6.0, "width": 0.4, "period": 3.0},
-    "side steps": {"kind": "steps", "distance": 2.0, "period": 5.0},
-    "sticks": {"kind": "sticks"},
+    "multisine, 3°": {"kind": "multisine", "sd": 3.0, "lowest": 0.2, "highest": 4.0, "period": 10.0},
+    "doublets, 6°": {"kind": "doublets", "amplitude": 6.0, "width": 0.4, "period": 3.0},
+    "side steps, 2 m": {"kind": "steps", "distance": 2.0, "period": 5.0},
+    "pilot's sticks, 4°": {"kind": "sticks"},
 }
 RATES = (50.0, 100.0, 200.0)  # Hz
 AUTOPILOTS = ("px4", "ardupilot")
@@ -60,8 +57,6 @@ VARIED = 0.3  # share of flights whose thrust curve, lag, inertia and battery ar
 
 
 class Case(NamedTuple):
-    """One flight of the bank, and in words what it is."""
-
     vehicle: str
     wind: str
     steering: str
@@ -70,16 +65,11 @@ class Case(NamedTuple):
     varied: dict[str, float]
     seed: int
 
-    def __str__(self) -> str:
-        varied = ", ".join(f"{name} {value:.2f}" for name, value in self.varied.items())
-        words = (self.vehicle, self.wind, self.steering, f"{self.rate:.0f} Hz", self.autopilot, varied)
-        return "; ".join(word for word in words if word) + f"; seed {self.seed}"
 
-
-def cases(seed: int, repeats: int, every: int = 1) -> list[Case]:
-    """Every vehicle in every wind with every steering, ``repeats`` times, or one of ``every`` so many drawn by seed."""
+def cases(seed: int, every: int = 1) -> list[Case]:
+    """Every vehicle in every wind with every steering, or one of ``every`` so many drawn by seed."""
     rng = np.random.default_rng(seed)
-    places = list(product(SPEEDS, WINDS)) * repeats
+    places = list(product(SPEEDS, WINDS))
     kept = len(places) // every
     # Steering, and rates with autopilots, take turns: a part of the bank has as many of each.
     drawn = [[places[number] for number in rng.permutation(len(places))[:kept]] for _ in STEERING]
@@ -105,7 +95,6 @@ def _varied(rng: np.random.Generator) -> dict[str, float]:
 
 
 def scenario(case: Case) -> Scenario:
-    """The scenario of a case."""
     k, moment = SPEEDS[case.vehicle], MOMENTS[case.vehicle]
     winds: dict[str, list[dict[str, Any]]] = {
         "calm": [],
@@ -159,7 +148,6 @@ def estimate_of(found: Physical, name: str) -> tuple[float, float]:
 
 
 def parts_of(flight: Flight) -> dict[int | None, Flight]:
-    """The whole flight, and its windows by number."""
     size = round(WINDOW_SECONDS / flight.dt)
     return {None: flight} | {i: flight[i * size : (i + 1) * size] for i in range(len(flight) // size)}
 
@@ -183,15 +171,8 @@ class Estimate(NamedTuple):
         error, half = self.error(name)
         return abs(error) <= half
 
-    def __str__(self) -> str:
-        errors = [(name, *self.error(name)) for name in PARAMETERS]
-        words = [f"{name} {error:+.1%} ± {half:.1%}, {self.found.status[name]}" for name, error, half in errors]
-        where = "whole" if self.window is None else f"window {self.window}"
-        return f"{self.case} | {where} | {' | '.join(words)} | wind {self.found.wind_share:.0%}"
-
 
 def estimates(bank: Sequence[Case]) -> Iterator[Estimate]:
-    """Of all windows of each flight, and of the whole flight."""
     for number, case in enumerate(bank, start=1):
         log(f"{number} of {len(bank)}")
         try:
@@ -205,22 +186,18 @@ def estimates(bank: Sequence[Case]) -> Iterator[Estimate]:
             if isinstance(found, NotIdentifiable):
                 log(f"{case}: refused: {found.reason}")
                 continue
-            estimate = Estimate(case, window, found, truth_of(motion, of, part))
-            log(str(estimate))
-            yield estimate
+            yield Estimate(case, window, found, truth_of(motion, of, part))
+
+
+def of(name: str, value: object) -> Callable[[Case], bool]:
+    return lambda case: getattr(case, name) == value
 
 
 GROUPS: dict[str, Callable[[Case], bool]] = {
-    "none": lambda case: case.steering == "none",
-    "multisine, 3°": lambda case: case.steering == "multisine",
-    "multisine, 3°, 100 Hz or more": lambda case: case.steering == "multisine" and case.rate >= 100,
-    "doublets, 6°": lambda case: case.steering == "doublets",
-    "side steps, 2 m": lambda case: case.steering == "side steps",
-    "pilot's sticks, 4°": lambda case: case.steering == "sticks",
+    **{name: of("steering", name) for name in STEERING},
+    "multisine, 3°, 100 Hz or more": lambda case: case.steering.startswith("multisine") and case.rate >= 100,
     "all": lambda case: True,
-    "all, 50 Hz": lambda case: case.rate == 50,
-    "all, 100 Hz": lambda case: case.rate == 100,
-    "all, 200 Hz": lambda case: case.rate == 200,
+    **{f"all, {rate:.0f} Hz": of("rate", rate) for rate in RATES},
     "all, thrust curve, lag, inertia and battery varied": lambda case: bool(case.varied),
 }
 
@@ -231,7 +208,6 @@ def share(of: Iterable[bool]) -> str:
 
 
 def by_steering(name: str, every: Sequence[Estimate]) -> list[list[str]]:
-    """Rows of the table of one parameter."""
     rows = []
     for label, belongs in GROUPS.items():
         for whole in (False, True):
@@ -253,9 +229,9 @@ def by_steering(name: str, every: Sequence[Estimate]) -> list[list[str]]:
     return rows
 
 
-def simulated(seed: int, flights: int, every: int) -> None:
+def simulated(seed: int, every: int) -> None:
     """Share that is reported, and how often intervals hold the truth, by steering."""
-    found = list(estimates(cases(seed, flights, every)))
+    found = list(estimates(cases(seed, every)))
     click.echo(f"{len({each.case.seed for each in found})} flights, seed {seed}.\n")
     heads = ["steering", "of", "number", *STATUSES]
     for name in PARAMETERS:
@@ -289,57 +265,41 @@ AXES = {"roll": ("gyro.x", [-1.0, -1.0, 1.0, 1.0]), "pitch": ("gyro.y", [-1.0, 1
 EXPECTED = "318–403"  # rad/s² of roll per unit of one motor's command, by published thrust curves and inertia
 
 
-def usdlog(path: Path) -> dict[str, Array]:
-    """Columns of the fixed-frequency event of a Crazyflie's log, version 2, and ``time``, s; units as logged."""
-    file = BytesIO(path.read_bytes()[1:])
-
-    def numbers(form: str) -> tuple[Any, ...]:
-        return struct.unpack(f"<{form}", file.read(struct.calcsize(f"<{form}")))
-
-    def text() -> str:
-        return b"".join(iter(partial(file.read, 1), b"\0")).decode()
-
-    events: dict[int, tuple[str, list[str], list[tuple[Any, ...]]]] = {}
-    _, kinds = numbers("HH")
-    for _ in range(kinds):
-        (kind,), event, (count,) = numbers("H"), text(), numbers("H")
-        events[kind] = event, [text() for _ in range(count)], []
-    # A variable is called name(letter); a checksum, shorter than any event, ends the file.
-    with suppress(struct.error, KeyError):
-        while True:
-            _, variables, rows = events[numbers("H")[0]]
-            rows.append(numbers("Q" + "".join(each[-2] for each in variables)))
-    _, variables, rows = next(one for one in events.values() if one[0] == "fixedFrequency")
-    time, *columns = np.array(rows).T
-    return {"time": time / 1e6, **{name[:-3]: values for name, values in zip(variables, columns, strict=True)}}
+def usdlog(path: Path) -> NDArray[Any]:
+    """Rows of a Crazyflie's log, version 2, of one kind of event; ``time`` in µs, other columns as logged."""
+    content = path.read_bytes()
+    variables = list(re.finditer(rb"([\w.]+)\((\w)\)\0", content[:1000]))
+    named = [(each[1].decode(), f"<{each[2].decode()}") for each in variables]
+    row, begin = np.dtype([("event", "<u2"), ("time", "<u8"), *named]), variables[-1].end()
+    # A checksum, shorter than any row, ends the file.
+    return np.frombuffer(content, row, (len(content) - begin) // row.itemsize, begin)
 
 
 def crazyflie() -> None:
     """A Crazyflie 2.1 with roll and pitch excited, really flown, at three rates."""
-    logged = usdlog(CRAZYFLIE)
-    rows = []
+    rows, table_rows = usdlog(CRAZYFLIE), list[list[str]]()
+    clock = rows["time"] / 1e6
     for axis, (gyro, directions) in AXES.items():
         for rate in (100.0, 200.0, 400.0):
             time = np.arange(EXCITED[0] * rate, EXCITED[1] * rate) / rate
-            motors = [np.interp(time, logged["time"], logged[f"motor.m{motor}"] / 65535) for motor in range(1, 5)]
-            turning = np.radians(np.interp(time, logged["time"], logged[gyro]))
+            motors = [np.interp(time, clock, rows[f"motor.m{motor}"] / 65535) for motor in range(1, 5)]
+            turning = np.radians(np.interp(time, clock, rows[gyro]))
             flight = Flight(
                 time, np.stack(motors, 1), turning[:, None], dt=1 / rate, effect_directions=np.array(directions)
             )
             log(f"{axis}, {rate:.0f} Hz")
             for window, part in parts_of(flight).items():
-                rows.append(row_of([axis, "whole"] if window is None else ["", f"7 s, no. {window + 1}"], part))
+                table_rows.append(row_of([axis, "whole"] if window is None else ["", f"7 s, no. {window + 1}"], part))
     title = f"**Crazyflie** (effect in rad/s² per unit of command; published: {EXPECTED} for roll)"
-    table(title, ["axis", "of", *HEADS], rows)
+    table(title, ["axis", "of", *HEADS], table_rows)
 
 
 @click.command(help=__doc__)
 @click.argument("which", type=click.Choice(["simulated", "crazyflie"]))
 @click.option("--seed", default=0, show_default=True, help="Of the simulated flights.")
-@click.option("--flights", default=1, show_default=True, help="Simulated, of each vehicle, wind and steering.")
 @click.option("--every", default=1, show_default=True, help="One of so many of these, drawn by seed.")
-def main(which: str, seed: int, flights: int, every: int) -> None:
-    {"simulated": lambda: simulated(seed, flights, every), "crazyflie": crazyflie}[which]()
+def main(which: str, seed: int, every: int) -> None:
+    {"simulated": lambda: simulated(seed, every), "crazyflie": crazyflie}[which]()
 
 
 if __name__ == "__main__":

@@ -49,7 +49,6 @@ def main(folder: Path, vehicles: int, flights: int) -> None:
 
 
 def recorded_flights(folder: Path) -> list[HealthFigures]:
-    """Returns the figures of each flight of a folder."""
     found = []
     for path in sorted(folder.glob("*.BIN")):
         telemetry = choose_vehicle(read_log(path).vehicles)

@@ -88,23 +88,64 @@ NEWTON_SHARES = (1.0, 0.25, 0.0625)  # shares of a Newton step that are tried in
 
 
 @dataclass(frozen=True, eq=False)
-class Ascent:
-    """The iterations of one fit: the final belief, and the parameters after each iteration; row 0 is the start."""
+class FreeEnergy:
+    """F̄ᵒ by iteration, row 0 being the priors' means; behaves as its array of totals, (I + 1,).
 
-    belief: Belief
-    state_map: Array  # L with X = L [ỹ; η̃], of the last D step's exact limit
-    terms: Mapping[str, Array]  # each named term of F̄ᵒ, (I + 1,)
+    Attributes:
+        terms: the named terms of Eq. ``F_action_opt``, (I + 1,) each, which sum to the total.
+    """
+
+    terms: Mapping[str, Array]
+
+    @cached_property
+    def total(self) -> Array:
+        """F̄ᵒ by iteration, (I + 1,)."""
+        return np.asarray(np.sum(list(self.terms.values()), axis=0))
+
+    @property
+    def gained(self) -> float:
+        """Nats gained from the priors' means to the end."""
+        return float(self.total[-1] - self.total[0])
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
+        return np.array(self.total, dtype=dtype)
+
+    def __len__(self) -> int:
+        return len(self.total)
+
+    def __getitem__(self, index: Any) -> Any:
+        return self.total[index]
+
+    def __iter__(self) -> Iterator[float]:
+        return iter(self.total.tolist())
+
+
+@dataclass(frozen=True, eq=False)
+class Learning:
+    """The estimates by iteration: rows are those of :class:`FreeEnergy`.
+
+    Attributes:
+        theta, theta_sd: (I + 1, k) in physical units, θ = [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)] without the trim offset; those of
+            an ``Ascent`` in the engine's, with it.
+        lambda_, lambda_sd: (I + 1, g) log noise precisions in the engine's units: measurement noise, process noise.
+    """
+
     theta: Array
     theta_sd: Array
     lambda_: Array
     lambda_sd: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Ascent:
+    """The iterations of one fit, in the engine's units."""
+
+    belief: Belief  # at the end
+    state_map: Array  # L with X = L [ỹ; η̃], of the last D step's exact limit
+    free_energy: FreeEnergy
+    learning: Learning
     converged: bool  # whether less than ``CONVERGED_NATS`` were left to gain before the iterations ran out
     flowed: NDArray[np.bool_]  # (I + 1,) whether the D step followed its flow, stable and not lowering F̄, or its limit
-
-    @property
-    def free_energy(self) -> Array:
-        """F̄ᵒ by iteration, (I + 1,)."""
-        return np.asarray(np.sum(list(self.terms.values()), axis=0))
 
 
 class Rates(NamedTuple):
@@ -167,11 +208,15 @@ def ascend(
     return Ascent(
         belief=beliefs[-1],
         state_map=iterates[-1].state_map,
-        terms={name: np.array([iterate.terms[name] for iterate in iterates]) for name in iterates[0].terms},
-        theta=np.array([belief.theta for belief in beliefs]),
-        theta_sd=np.sqrt([np.diag(belief.theta_covariance) for belief in beliefs]),
-        lambda_=np.array([belief.lambda_ for belief in beliefs]),
-        lambda_sd=np.sqrt([np.diag(belief.lambda_covariance) for belief in beliefs]),
+        free_energy=FreeEnergy(
+            {name: np.array([iterate.terms[name] for iterate in iterates]) for name in iterates[0].terms}
+        ),
+        learning=Learning(
+            np.array([belief.theta for belief in beliefs]),
+            np.sqrt([np.diag(belief.theta_covariance) for belief in beliefs]),
+            np.array([belief.lambda_ for belief in beliefs]),
+            np.sqrt([np.diag(belief.lambda_covariance) for belief in beliefs]),
+        ),
         converged=converged,
         flowed=np.array([iterate.flowed for iterate in iterates]),
     )
@@ -327,51 +372,3 @@ def _extrapolated(first: Belief, second: Belief, third: Belief) -> Belief | None
     length = float(np.linalg.norm(step) / np.linalg.norm(bend))
     theta, lambda_ = np.split((a + 2 * length * step + length**2 * bend) * unit, [len(third.theta)])
     return third._replace(theta=theta, lambda_=lambda_)
-
-
-@dataclass(frozen=True, eq=False)
-class FreeEnergy:
-    """F̄ᵒ by iteration, row 0 being the priors' means; behaves as its array of totals, (I + 1,).
-
-    Attributes:
-        terms: the named terms of Eq. ``F_action_opt``, (I + 1,) each, which sum to the total.
-    """
-
-    terms: Mapping[str, Array]
-
-    @cached_property
-    def total(self) -> Array:
-        """F̄ᵒ by iteration, (I + 1,)."""
-        return np.asarray(np.sum(list(self.terms.values()), axis=0))
-
-    @property
-    def gained(self) -> float:
-        """Nats gained from the priors' means to the end."""
-        return float(self.total[-1] - self.total[0])
-
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
-        return np.array(self.total, dtype=dtype)
-
-    def __len__(self) -> int:
-        return len(self.total)
-
-    def __getitem__(self, index: Any) -> Any:
-        return self.total[index]
-
-    def __iter__(self) -> Iterator[float]:
-        return iter(self.total.tolist())
-
-
-@dataclass(frozen=True, eq=False)
-class Learning:
-    """The estimates by iteration: rows are those of :class:`FreeEnergy`.
-
-    Attributes:
-        theta, theta_sd: (I + 1, k) in physical units, θ = [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)] without the trim offset.
-        lambda_, lambda_sd: (I + 1, g) log noise precisions in the engine's units: measurement noise, process noise.
-    """
-
-    theta: Array
-    theta_sd: Array
-    lambda_: Array
-    lambda_sd: Array

@@ -63,42 +63,30 @@ class SampleEnergy(NamedTuple):
     @classmethod
     def of(cls, model: GenerativeModel, belief: Belief) -> SampleEnergy:
         """That of a model under a belief, whose moments are not used."""
-        theta, lambda_ = belief.theta, belief.lambda_
+        theta, lambda_, prior = belief.theta, belief.lambda_, model.prior
         # W^λ and W^θ of a sample are quadratic in its errors and in its X.
         precision = model.precision(expected_weights(lambda_, belief.lambda_covariance))
         uncertainty = parameter_uncertainty(model, belief.theta_covariance, np.exp(lambda_))
-        priors = _of_priors(model, belief)
-        constant = priors + _of_noise(model, belief)
-        return cls(constant, priors, model.error_operator(theta), precision, uncertainty)
+        priors = 0.0
+        for mean, covariance, about, certainty in (
+            (theta, belief.theta_covariance, prior.theta_mean, prior.theta_precision),
+            (lambda_, belief.lambda_covariance, prior.lambda_mean, prior.lambda_precision),
+        ):
+            squares = (mean - about) @ certainty @ (mean - about) + np.sum(covariance * certainty)
+            priors += 0.5 * (logdet(certainty) + logdet(covariance) - float(squares))
+        noise = 0.5 * float(
+            model.log_precision_at_zero
+            + model.log_precision_slope @ lambda_
+            + np.sum(belief.state_covariance * state_curvature(model, theta, np.exp(lambda_)))
+            + logdet(belief.state_covariance)
+        )
+        return cls(priors + noise, priors, model.error_operator(theta), precision, uncertainty)
 
     def at(self, data: Array, states: Array) -> Array:
         """F(t), (T,), of generalized data (T, ·) and states (T, dim X)."""
         errors = np.hstack([data, states]) @ self.errors.T
         squares = np.sum(errors @ self.precision * errors, axis=1) + np.sum(states @ self.uncertainty * states, axis=1)
         return np.asarray(self.constant - 0.5 * squares)
-
-
-def _of_noise(model: GenerativeModel, belief: Belief) -> float:
-    """What F(t) has at every sample of the noise, and of X and how uncertain it is."""
-    return 0.5 * float(
-        model.log_precision_at_zero
-        + model.log_precision_slope @ belief.lambda_
-        + np.sum(belief.state_covariance * state_curvature(model, belief.theta, np.exp(belief.lambda_)))
-        + logdet(belief.state_covariance)
-    )
-
-
-def _of_priors(model: GenerativeModel, belief: Belief) -> float:
-    """What F(t) has of the priors and entropies of θ and λ."""
-    prior, total = model.prior, 0.0
-    for mean, covariance, about, certainty in (
-        (belief.theta, belief.theta_covariance, prior.theta_mean, prior.theta_precision),
-        (belief.lambda_, belief.lambda_covariance, prior.lambda_mean, prior.lambda_precision),
-    ):
-        error = mean - about
-        total += logdet(certainty) + logdet(covariance)
-        total -= float(error @ certainty @ error + np.sum(covariance * certainty))
-    return 0.5 * total
 
 
 def expected_weights(lambda_: Array, lambda_covariance: Array) -> Array:

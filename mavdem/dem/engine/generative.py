@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.dem.engine.coordinates import derivative_operator
-from mavdem.dem.engine.linalg import Array, logdet, require_positive_definite
+from mavdem.dem.engine.linalg import Array, logdet
 from mavdem.dem.engine.model import unpack
 
 
@@ -76,24 +76,6 @@ class GenerativeModel:
     def sizes(self) -> tuple[int, int, int]:
         """n, r and m."""
         return self.n, self.r, self.m
-
-    def __post_init__(self) -> None:
-        n, r, m = self.sizes
-        if not (min(n, m) >= 1 and r >= 0 and min(self.p, self.d) >= 0 and 0 <= self.q <= self.p):
-            raise ValueError("n and m must be at least 1, r, p and d at least 0, and q between 0 and p")
-        prior, k, g = self.prior, n * n + n * r + m * n, int(max(*self.output_groups, *self.state_groups)) + 1
-        for name, mean, size in (("theta", prior.theta_mean, k), ("lambda", prior.lambda_mean, g)):
-            if mean.shape != (size,) or not np.isfinite(mean).all():
-                raise ValueError(f"prior.{name}_mean must be {size} finite numbers, not of shape {mean.shape}")
-        for name, matrix, size in (
-            ("output_correlation", self.output_correlation, self.p + 1),
-            ("state_correlation", self.state_correlation, self.q + 1),
-            ("input_precision", self.input_precision, r * (self.d + 1)),
-            ("prior.theta_precision", prior.theta_precision, k),
-            ("prior.lambda_precision", prior.lambda_precision, g),
-            ("state_precision", np.eye(n) if self.state_precision is None else self.state_precision, n),
-        ):
-            require_positive_definite(matrix, name, size)
 
     @property
     def errors(self) -> tuple[slice, slice, slice]:

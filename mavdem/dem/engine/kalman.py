@@ -209,10 +209,13 @@ class KalmanFilter(NamedTuple):
         states[..., 0, :] = start
         single = min(last, samples) if measured.ndim == 2 else samples
         with np.errstate(over="ignore", invalid="ignore"):
+            places = np.minimum(np.arange(single), last)
+            closed = np.swapaxes(self.A - self.gains @ self.C, 1, 2)[places]
+            driven = pushes[..., :single, :] + np.einsum(
+                "...tm,tnm->...tn", measured[..., :single, :], self.gains[places]
+            )
             for t in range(single):
-                x = states[..., t, :]
-                error = measured[..., t, :] - x @ self.C.T
-                states[..., t + 1, :] = x @ self.A.T + pushes[..., t, :] + error @ self.gains[min(t, last)].T
+                states[..., t + 1, :] = states[..., t, :] @ closed[t] + driven[..., t, :]
             if single < samples:
                 gain = self.gains[-1]
                 driven = pushes[single:] + measured[single:] @ gain.T
@@ -256,13 +259,12 @@ class KalmanFilter(NamedTuple):
 
 
 class GaussianModel(NamedTuple):
-    """x⁺ = A x + B u + offset + w,  y = C x + D u + trim + v; w ~ N(0, Q) and v ~ N(0, R), white and independent."""
+    """x⁺ = A x + B u + offset + w,  y = C x + trim + v; w ~ N(0, Q) and v ~ N(0, R), white and independent."""
 
     A: Array  # (n, n)
     B: Array  # (n, k)
     offset: Array  # (n,)
     C: Array  # (m, n)
-    D: Array  # (m, k)
     trim: Array  # (m,)
     Q: Array  # (n, n)
     R: Array  # (m, m)
@@ -290,7 +292,7 @@ def smoothed(model: GaussianModel, start: Array, inputs: Array, outputs: Array) 
     filtered = KalmanFilter.of(A, C, model.Q, model.R, np.zeros((len(A), len(C))), eye, len(outputs))
     if not np.isfinite(filtered.covariances).all():
         raise np.linalg.LinAlgError("the filter's covariance overflows")
-    pushes, measured = inputs @ model.B.T + model.offset, outputs - inputs @ model.D.T - model.trim
+    pushes, measured = inputs @ model.B.T + model.offset, outputs - model.trim
     states, errors = filtered.states(start, pushes, measured)
     weights = filtered.weights[np.minimum(np.arange(len(errors)), len(filtered.weights) - 1)]
     squares = np.einsum("ti,tij,tj->", errors, weights, errors)

@@ -116,7 +116,7 @@ class OnlineLearner:
         self._gaps = 0
         self._bands = ErrorBands(self.horizons, n_outputs, self._dt)
         self._ahead = PredictionsAhead(self._dt, block, self.horizons, n_inputs, n_outputs)
-        self._wind = OnlineWind(self._dt, block, executor, directions)
+        self._wind = OnlineWind(self._memory, executor)
         self._surprise, self._marks = Surprise(self._dt), AnomalyMarks(self._dt)
 
     def update(self, time: float, outputs: ArrayLike, inputs: ArrayLike) -> Estimate:
@@ -227,18 +227,14 @@ class OnlineLearner:
         expected_band, *ahead_band = self._bands.half_widths
         self._bands.add(y, expected, ahead)
         later = time + self._dt * np.array(self.horizons), ahead, np.array(ahead_band), self._ahead.error_ratio
+        estimate = Estimate(time, expected, expected_band, *later)
         if tracker is None:
-            nan, none = np.nan, np.empty(0)
-            return Estimate(time, expected, expected_band, *later, nan, nan, nan, none, nan, None, None, none, nan)
+            return estimate
         energy, disturbance = tracker.evaluate(self._memory)
         surprise = self._surprise.add(energy) if np.isfinite(energy) else np.nan
         delay = (tracker.window - 1 - tracker.window // 2) * self._dt
         learned = tracker.learned
-        return Estimate(
-            time,
-            expected,
-            expected_band,
-            *later,
+        return estimate._replace(
             seen=time - delay,
             free_energy=energy,
             surprise=surprise,

@@ -51,9 +51,9 @@ class Memory:
         self, dt: float, block: int, most: int, inputs: int, outputs: int, effect_directions: Array | None = None
     ) -> None:
         """Begins empty; keeps at ``most`` this many blocks of ``block`` samples of r ``inputs`` and m ``outputs``."""
-        self._effect_directions = effect_directions
+        self.effect_directions = effect_directions
         self.blocks: deque[MemoryBlock] = deque(maxlen=most)
-        self._dt, self._block = dt, block
+        self.dt, self.block = dt, block
         # Twice as long as what is kept, so that the latest samples are one slice and rows are rarely moved.
         self._inputs, self._outputs = np.empty((2 * most * block, inputs)), np.empty((2 * most * block, outputs))
         self._end = self._open = self._segment = 0
@@ -65,7 +65,7 @@ class Memory:
             self._move()
         self._inputs[self._end], self._outputs[self._end] = inputs, outputs
         self._end, self._time = self._end + 1, time
-        if self._end - self._open < self._block:
+        if self._end - self._open < self.block:
             return False
         self._close()
         return True
@@ -85,7 +85,7 @@ class Memory:
 
     def record(self) -> Record:
         """Returns the samples of all blocks, of which there is one at least."""
-        return record_of(self.blocks, self._dt, self._effect_directions)
+        return record_of(self.blocks, self.dt, self.effect_directions)
 
     def latest(self, number: int) -> tuple[Array, Array]:
         """Returns inputs and outputs of so many of the latest samples since the last gap; fewer where there are fewer.

@@ -95,15 +95,15 @@ class Estimate(NamedTuple):
     ahead: Array
     ahead_band: Array
     ahead_ratio: Array
-    seen: float
-    free_energy: float
-    surprise: float
-    disturbance: Array
-    free_energy_action: float
-    model: LinearModel | None
-    model_sd: LinearModel | None
-    log_precisions: Array
-    until: float
+    seen: float = np.nan
+    free_energy: float = np.nan
+    surprise: float = np.nan
+    disturbance: Array = np.empty(0)
+    free_energy_action: float = np.nan
+    model: LinearModel | None = None
+    model_sd: LinearModel | None = None
+    log_precisions: Array = np.empty(0)
+    until: float = np.nan
     unusual: bool = False
     wind_torque: float = np.nan
     wind_torque_band: float = np.nan

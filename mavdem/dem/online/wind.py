@@ -21,7 +21,7 @@ from mavdem.dem.graybox.identifiability import NotIdentifiable
 from mavdem.dem.graybox.likelihood import Plant, plant
 from mavdem.dem.graybox.parameters import Physical, rate_column
 from mavdem.dem.graybox.wind import balanced, steady, wind
-from mavdem.dem.online.memory import MemoryBlock, drop_since, record_of
+from mavdem.dem.online.memory import Memory, MemoryBlock, drop_since, record_of
 from mavdem.dem.record import Record
 
 DELAY_SECONDS = 0.25  # of the wind's torque, behind the latest sample
@@ -132,22 +132,19 @@ class OnlineWind:
         filter: of the last fit; ``None`` before the first.
     """
 
-    def __init__(self, dt: float, block: int, executor: Executor | None, effect_directions: Array | None) -> None:
+    def __init__(self, memory: Memory, executor: Executor | None) -> None:
         """Begins without a sample.
 
         Args:
-            dt: sampling step, s.
-            block: samples in a block.
+            memory: of the latest samples, each of which is in it before :meth:`update` is called.
             executor: where the fits run; unless given, inside :meth:`add`.
-            effect_directions: (r,) relative effect of each input, where it is known.
         """
         self.filter: WindFilter | None = None
-        self._dt, self._executor, self._directions = dt, executor, effect_directions
-        self._blocks: deque[MemoryBlock] = deque(maxlen=max(1, round(MEMORY_SECONDS / dt / block)))
-        self._latest: deque[tuple[Array, Array]] = deque(maxlen=round((FILTER_SECONDS + DELAY_SECONDS) / dt) + 1)
+        self._dt, self._memory, self._executor = memory.dt, memory, executor
+        self._blocks: deque[MemoryBlock] = deque(maxlen=max(1, round(MEMORY_SECONDS / memory.dt / memory.block)))
         self._tracked: _Tracked | None = None
         self._pending: Future[WindFilter] | None = None
-        self._samples, self._next = 0, round(FIRST_FIT_SECONDS / dt)
+        self._samples, self._next = 0, round(FIRST_FIT_SECONDS / self._dt)
 
     @property
     def delay(self) -> float:
@@ -156,7 +153,6 @@ class OnlineWind:
 
     def update(self, inputs: Array, outputs: Array) -> tuple[float, float]:
         """Takes the next sample, (r,) and (m,); returns the torque and its half width, rad/s², or NaN."""
-        self._latest.append((inputs, outputs))
         self._samples += 1
         if self._tracked is not None:
             self._tracked.add(inputs, outputs)
@@ -166,7 +162,6 @@ class OnlineWind:
 
     def end_segment(self) -> None:
         """A gap follows."""
-        self._latest.clear()
         self._tracked = None
 
     def add(self, block: MemoryBlock) -> None:
@@ -180,7 +175,7 @@ class OnlineWind:
         if self._samples < self._next:
             return
         self._next = self._samples + min(self._samples, round(LONGEST_PAUSE_SECONDS / self._dt))
-        record = record_of(self._blocks, self._dt, self._directions)
+        record = record_of(self._blocks, self._dt, self._memory.effect_directions)
         if self._executor is None:
             pending = Future()
             try:
@@ -209,6 +204,6 @@ class OnlineWind:
 
     def _follow(self) -> None:
         """The filter from the latest samples on."""
-        if self.filter is not None and self._latest:
-            inputs, outputs = zip(*self._latest, strict=True)
-            self._tracked = _Tracked(self.filter, self._dt, np.array(inputs), np.array(outputs))
+        inputs, outputs = self._memory.latest(round((FILTER_SECONDS + DELAY_SECONDS) / self._dt) + 1)
+        if self.filter is not None and len(outputs):
+            self._tracked = _Tracked(self.filter, self._dt, inputs, outputs)

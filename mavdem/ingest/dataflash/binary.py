@@ -16,6 +16,7 @@ from __future__ import annotations
 import re
 import struct
 from array import array
+from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -24,7 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.ingest.mavlink.framing import Progress
+from mavdem.ingest.mavlink.framing import Progress, no_progress
 from mavdem.ingest.telemetry import joined, selected
 
 HEADER, HEADER_LENGTH = b"\xa3\x95", 3  # The header's two bytes, and the bytes of it and the id
@@ -132,7 +133,7 @@ _FORMAT_BEGUN = re.compile(HEADER + bytes([FORMAT_ID]) + rb"(?=..[^\0]{0,3}[A-Za
 _Dated = list[tuple[int, FormatDefinition]]  # The definitions of one id, each with the place from which on it is valid
 
 
-def read_binary(content: bytes, progress: Progress | None = None) -> DataflashRecording:
+def read_binary(content: bytes, progress: Progress = no_progress) -> DataflashRecording:
     """Returns the messages in the bytes of a binary log; ``progress`` is called with the fraction done."""
     scan = _Scan(content)
     scan.run(progress)
@@ -175,12 +176,12 @@ class _Scan:
         self.lengths[FORMAT_ID] = FORMAT.length
         self._learn_definitions()
 
-    def run(self, progress: Progress | None) -> None:
+    def run(self, progress: Progress) -> None:
         content, lengths, starts = self.content, self.lengths, self.starts
         size, place, reported = len(content), 0, 0
         first, second = HEADER
         while place <= size - HEADER_LENGTH:
-            if progress is not None and place >= reported:
+            if place >= reported:
                 progress(place / size)
                 reported = place + BLOCK
             if content[place] == first and content[place + 1] == second:
@@ -196,8 +197,7 @@ class _Scan:
                     place = self._next_header(place + 1)
             else:
                 place = self._after_damage(place)
-        if progress is not None:
-            progress(1.0)
+        progress(1.0)
 
     def skipped(self) -> int:
         """Bytes that belong to no message, without the fill of a flash chip's last page."""
@@ -217,28 +217,21 @@ class _Scan:
                     self._set(kind, definition)
                 else:
                     contradictory.setdefault(kind, definition)
-        unsettled = {kind: found for kind, found in contradictory.items() if kind not in self.definitions}
-        if not unsettled:
-            return
-        data = np.frombuffer(self.content + bytes(MAX_MESSAGE_BYTES), dtype=np.uint8)
-        headers = (data[:-1] == HEADER[0]) & (data[1:] == HEADER[1])
-        places = np.flatnonzero(headers[: len(self.content)])
-        for kind, definition in unsettled.items():
-            self._settle(kind, definition, headers, places[data[places + 2] == kind])
+        for kind, definition in contradictory.items():
+            if kind not in self.definitions:
+                self._settle(kind, definition)
 
-    def _settle(
-        self, kind: int, definition: FormatDefinition, headers: NDArray[np.bool_], places: NDArray[np.int64]
-    ) -> None:
+    def _settle(self, kind: int, definition: FormatDefinition) -> None:
         """Chooses between the two lengths of a contradictory definition: more messages then end at another header.
 
-        With FMT's length and fields of another, messages are skipped but cannot be decoded. ``headers`` (N,): whether
-        there is a header at each place of the log; ``places`` (n,): those of this ``kind``.
+        With FMT's length and fields of another, messages are skipped but cannot be decoded.
         """
         candidates = [length for length in (definition.wire_length, definition.length) if length > HEADER_LENGTH]
         if not candidates:
             return
-        at_header = {n: np.count_nonzero(headers[np.minimum(places + n, len(headers) - 1)]) for n in candidates}
-        length = max(candidates, key=at_header.__getitem__)
+        begun = re.finditer(re.escape(HEADER + bytes([kind])), self.content)
+        ends = Counter(n for at in begun for n in candidates if self.content.startswith(HEADER, at.start() + n))
+        length = max(candidates, key=ends.__getitem__)
         decodable = length == definition.wire_length
         self._set(kind, FormatDefinition(definition.name, length, definition.characters, definition.fields))
         if definition.wire is None and length == definition.length:

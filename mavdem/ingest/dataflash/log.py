@@ -18,23 +18,12 @@ import numpy as np
 
 from mavdem.errors import Unreadable
 from mavdem.ingest.contents import file_bytes, is_dataflash_text
-from mavdem.ingest.dataflash.binary import (
-    EMPTY,
-    FORMAT,
-    MAX_DEFINITIONS,
-    TEXTS,
-    DataflashRecording,
-    FormatDefinition,
-    MessageTable,
-    defined,
-    joined_tables,
-    numbers,
-    read_binary,
-)
+from mavdem.ingest.dataflash import binary
+from mavdem.ingest.dataflash.binary import DataflashRecording, FormatDefinition, MessageTable, numbers, read_binary
 from mavdem.ingest.dataflash.translation import GYROS, NEEDED, OF_FLIGHT, on_boot_clock, translated
 from mavdem.ingest.mavlink.clocks import Sent, boot_clock
 from mavdem.ingest.mavlink.definitions import enum_name
-from mavdem.ingest.mavlink.framing import Progress
+from mavdem.ingest.mavlink.framing import Progress, no_progress
 from mavdem.ingest.telemetry import Columns, Log, Telemetry, listed, log_of_vehicles, repair_sentences, selected
 from mavdem.ingest.vocabulary import ARDUPILOT, AUTOPILOT_COMPONENT, UNNAMED, board_number_in_texts
 
@@ -42,36 +31,35 @@ _BYTE = re.compile(rb"\s*\d{1,3}\s*")  # A number of one byte as text
 _Lines = list[tuple[int, bytes]]  # The lines of one definition: their numbers, and their values
 
 
-def read_text(content: bytes, progress: Progress | None = None) -> DataflashRecording:
+def read_text(content: bytes, progress: Progress = no_progress) -> DataflashRecording:
     """Returns the messages in the bytes of a text log; ``progress`` is called with the fraction done."""
     groups: dict[str, dict[FormatDefinition, _Lines]] = {}
     holding: dict[str, FormatDefinition] = {}
     skipped = lost = 0
     every = max(content.count(b"\n") // 100, 1)
     for number, line in enumerate(content.split(b"\n")):
-        if progress is not None and number % every == 0:
+        if number % every == 0:
             progress(min(number / (100 * every), 1.0))
         name, _, values = line.partition(b",")
         text = name.decode("latin-1").strip()
-        if text == FORMAT.name and (definition := _definition(values)) is not None:
-            groups.setdefault(text, {}).setdefault(FORMAT, []).append((number, values))
+        if text == binary.FORMAT.name and (definition := _definition(values)) is not None:
+            groups.setdefault(text, {}).setdefault(binary.FORMAT, []).append((number, values))
             group = groups.setdefault(definition.name, {})
-            if definition in group or len(group) < MAX_DEFINITIONS:
+            if definition in group or len(group) < binary.MAX_DEFINITIONS:
                 group.setdefault(definition, [])
                 holding[definition.name] = definition
             else:
                 holding.pop(definition.name, None)
-        elif text in holding and text != FORMAT.name and values.count(b",") >= len(holding[text].fields) - 1:
+        elif text in holding and text != binary.FORMAT.name and values.count(b",") >= len(holding[text].fields) - 1:
             groups[text][holding[text]].append((number, values))
         elif line.strip():
             skipped += len(line) + 1
             lost += 1
-    if progress is not None:
-        progress(1.0)
+    progress(1.0)
     counts = {name: sum(map(len, group.values())) for name, group in groups.items()}
     return DataflashRecording(
         counts={name: count for name, count in counts.items() if count},
-        table=lambda name: joined_tables([_decoded(*group) for group in groups.get(name, {}).items()]),
+        table=lambda name: binary.joined_tables([_decoded(*group) for group in groups.get(name, {}).items()]),
         bytes_skipped=skipped,
         repairs=(f"{lost} lines that match no definition were left out.",) if lost else (),
     )
@@ -81,16 +69,16 @@ def _definition(values: bytes) -> FormatDefinition | None:
     parts = values.split(b",", 4)
     if len(parts) < 5 or not all(_BYTE.fullmatch(part) for part in parts[:2]):
         return None
-    found = defined((int(parts[0]), int(parts[1]), parts[2], parts[3], parts[4]))
+    found = binary.defined((int(parts[0]), int(parts[1]), parts[2], parts[3], parts[4]))
     return found[1] if found else None
 
 
 def _decoded(definition: FormatDefinition, lines: _Lines) -> MessageTable:
     count = len(definition.fields)
     if definition.wire is None or not count:
-        return EMPTY
+        return binary.EMPTY
     # A text that is the last field may hold commas.
-    numeric = {i for i, character in enumerate(definition.characters) if character not in TEXTS + "aM"}
+    numeric = {i for i, character in enumerate(definition.characters) if character not in binary.TEXTS + "aM"}
     places, whole = [], []
     for number, values in lines:
         row = [value.strip() for value in values.split(b",", count - 1)]
@@ -118,7 +106,7 @@ FRAME_NAMES = {"QUAD": 2, "HEXA": 13, "Y6": 13, "OCTA": 14, "OCTAQUAD": 14, "OCT
 _FRAME = re.compile(r"^Frame: ([A-Z0-9_]+)")
 
 
-def read_dataflash(path: str | os.PathLike[str], progress: Progress | None = None) -> Log:
+def read_dataflash(path: str | os.PathLike[str], progress: Progress = no_progress) -> Log:
     """Reads a DataFlash log; a damaged one as far as possible.
 
     The log has one vehicle. Its component counts the messages under DataFlash's names ("ATT"), the telemetry has them

@@ -129,6 +129,11 @@ _MIRRORED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))  # Each by
 Places = NDArray[np.int64]
 Progress = Callable[[float], None]  # Called repeatedly with the fraction done, 0 to 1
 
+
+def no_progress(fraction: float) -> None:
+    """Shows no progress."""
+
+
 MARKER_1, MARKER_2 = 0xFE, 0xFD
 SIGNED = 1
 SIGNATURE = 13
@@ -171,7 +176,7 @@ def concatenated(tables: Sequence[Frames]) -> Frames:
 
 
 def find_frames(
-    data: Bytes, seeds: NDArray[np.int32], gap: int = 0, progress: Progress | None = None
+    data: Bytes, seeds: NDArray[np.int32], gap: int = 0, progress: Progress = no_progress
 ) -> Iterator[Frames]:
     """Yields every frame in ``data``, also of unknown messages and with failed checksums, table by table.
 
@@ -193,8 +198,7 @@ def find_frames(
             yield _merged([taken, _apart(_merged(loose), decided)])
             decided, waiting = until, []
         waiting.append(block.loose(block.start >= decided))
-        if progress is not None:
-            progress(end / max(size, 1))
+        progress(end / max(size, 1))
 
 
 def find_in_pieces(data: Bytes, ends: Places, seeds: NDArray[np.int32]) -> tuple[Frames, Places]:

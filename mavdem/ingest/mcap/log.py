@@ -1,8 +1,8 @@
 """MCAP recordings (.mcap): MAVLink as JSON, in the layouts of BlueOS and of another bridge, or as frames; else ROS 2.
 
 MCAP's registry has no MAVLink. In use are the topics ``mavlink/{system}/{component}/{MESSAGE}`` (BlueOS) and the same
-after a slash, both with a JSON body (``mavlink.json_messages``), and ``mavlink/out``, which repeats everything. Frames
-are recorded with the message encoding ``mavlink``, or as bytes without a schema. A sender with frames is read from them
+after a slash, both with a JSON body (``mcap.json_topics``), and ``mavlink/out``, which repeats everything. Frames are
+recorded with the message encoding ``mavlink``, or as bytes without a schema. A sender with frames is read from them
 alone: its JSON messages are the same again. Topics of ROS 2 (``ros2.log``) are read where there is no MAVLink. Source
 of BlueOS's layout: its recorder, https://github.com/bluerobotics/BlueOS.
 """
@@ -23,22 +23,22 @@ from mavdem.errors import Unreadable, require
 from mavdem.ingest.contents import file_bytes
 from mavdem.ingest.mavlink.clocks import Places, Times, far_off
 from mavdem.ingest.mavlink.definitions import FrameSender, seeds
-from mavdem.ingest.mavlink.framing import GOOD, MARKER_1, MARKER_2, Progress, find_in_pieces
+from mavdem.ingest.mavlink.framing import GOOD, MARKER_1, MARKER_2, Progress, find_in_pieces, no_progress
 from mavdem.ingest.mavlink.vehicles import FrameIndex, FrameStream, RecordingPart, assemble, joined
-from mavdem.ingest.mcap.json_topics import JsonTopic, JsonTopics
+from mavdem.ingest.mcap.json_topics import JsonTopic, JsonTopics, json_kind
 from mavdem.ingest.mcap.records import Channel, McapMessage, McapRecording
 from mavdem.ingest.ros2.log import flight_topics, read_ros2
 from mavdem.ingest.telemetry import Log, listed
 from mavdem.ingest.tlog import MAX_STAMP_JUMP, STAMP_WINDOW
 
-OWN_TOPIC = re.compile(r"/?mavlink/(\d{1,3})/(\d{1,3})/(\w+)")
 REPEATED_TOPIC = re.compile(r"/?mavlink/out")
+OWN_TOPIC = re.compile(r"/?mavlink/(\d{1,3})/(\d{1,3})/(\w+)")
 JSON = frozenset({"json", "json5"})
 NO_FRAMES = JSON | {"ros1", "cdr", "protobuf", "flatbuffer", "cbor", "msgpack"}
 """Message encodings (https://mcap.dev/spec/registry) that are not of frames, whatever the first byte."""
 
 
-def read_mcap(path: str | os.PathLike[str], progress: Progress | None = None) -> Log:
+def read_mcap(path: str | os.PathLike[str], progress: Progress = no_progress) -> Log:
     """Reads the MAVLink in an MCAP recording, or else the flights in its ROS 2 topics, also where it is damaged.
 
     Raises Unreadable: it cannot be opened or contains neither; MissingExtra: the reader of ROS 2 is not installed.
@@ -62,7 +62,7 @@ def read_mcap(path: str | os.PathLike[str], progress: Progress | None = None) ->
     return assemble(stream.data, index, at, span, stream.bytes_skipped, stream.source, stream.repairs)
 
 
-def mcap_stream(path: str | os.PathLike[str], progress: Progress | None = None) -> FrameStream:
+def mcap_stream(path: str | os.PathLike[str], progress: Progress = no_progress) -> FrameStream:
     """Returns the MAVLink in an MCAP recording as frames; JSON messages are composed into frames.
 
     Raises Unreadable: the file cannot be opened, or contains no MAVLink.
@@ -74,7 +74,7 @@ def mcap_stream(path: str | os.PathLike[str], progress: Progress | None = None) 
     return stream
 
 
-def _stream(source: str, recording: McapRecording, progress: Progress | None) -> tuple[FrameStream | None, int]:
+def _stream(source: str, recording: McapRecording, progress: Progress) -> tuple[FrameStream | None, int]:
     """The MAVLink in a recording, or None, and the number of messages that look like MAVLink."""
     carried: dict[Channel, _FrameChannel | None] = {}
     for place, message in enumerate(recording.messages(_within(progress, 0.0, 0.5))):
@@ -90,13 +90,13 @@ def _stream(source: str, recording: McapRecording, progress: Progress | None) ->
     channels = list(recording.channels.values())
     if not heard and not any(channel.encoding in JSON for channel in channels):
         return None, sum(len(part.frames) for part, _ in found)
-    json, left_out = _json_parts(recording.content, channels, heard, _within(progress, 0.5, 1.0))
+    json, unknown, left_out = _json_parts(recording.content, channels, heard, _within(progress, 0.5, 1.0))
     parts = [*(part for part, _ in found), *json]
     if not any((part.frames.verdict == GOOD).any() for part in parts):
-        return None, sum(len(part.frames) for part in parts)
+        return None, unknown + sum(len(part.frames) for part in parts)
     part = joined(parts)
     stamps = part.log_time // np.uint64(1000)
-    repairs = [*recording.damage.sentences(), *left_out]
+    repairs = [*recording.repairs(), *left_out]
     if flight_topics(channels, recording.schemas):
         repairs.append("The recording also has ROS 2 topics of a flight; they were not read.")
     skipped = sum(skipped for _, skipped in found)
@@ -135,24 +135,22 @@ class _FrameChannel:
 
 
 def _json_parts(
-    content: bytes, channels: Sequence[Channel], heard: set[FrameSender], progress: Progress | None
-) -> tuple[list[RecordingPart], tuple[str, ...]]:
-    """The JSON messages of senders not ``heard`` in frames, and a sentence for each reason to leave some out."""
+    content: bytes, channels: Sequence[Channel], heard: set[FrameSender], progress: Progress
+) -> tuple[list[RecordingPart], int, tuple[str, ...]]:
+    """The JSON messages of senders not ``heard`` in frames, how many are unknown, and why some were left out."""
     kinds = _own_kinds(channels)
-    repeated = {channel for channel in channels if channel.encoding in JSON and REPEATED_TOPIC.fullmatch(channel.topic)}
-    if not repeated and all(kind.sender in heard for kind in kinds.values()):
-        if progress is not None:
-            progress(1.0)
-        return [], ()
-    topics = JsonTopics(kinds.values(), heard)
-    for place, message in enumerate(McapRecording(content).messages(progress)):
+    repeats = {channel for channel in channels if channel.encoding in JSON and REPEATED_TOPIC.fullmatch(channel.topic)}
+    topics, own = JsonTopics(), set(kinds.values())
+    needed = repeats or any(kind.sender not in heard for kind in own)
+    for place, message in enumerate(McapRecording(content).messages(progress) if needed else ()):
         kind = kinds.get(message.channel)
-        if kind is not None:
+        if message.channel in repeats and (repeated := json_kind(message.data)) not in own:
+            kind = repeated
+        if kind is not None and kind.sender not in heard:
             topics.add(kind, place, message)
-        elif message.channel in repeated:
-            topics.add_repeated(place, message)
+    progress(1.0)
     parts = list(topics.parts())
-    return parts, topics.sentences()
+    return parts, topics.unknown.total(), topics.sentences()
 
 
 def _own_kinds(channels: Sequence[Channel]) -> dict[Channel, JsonTopic]:
@@ -167,8 +165,8 @@ def _own_kinds(channels: Sequence[Channel]) -> dict[Channel, JsonTopic]:
     return {channel: kind for channel, kind in kinds.items() if channel.topic[:1] != "/" or kind not in headed}
 
 
-def _within(progress: Progress | None, first: float, last: float) -> Progress | None:
-    return progress and (lambda fraction: progress(first + (last - first) * fraction))
+def _within(progress: Progress, first: float, last: float) -> Progress:
+    return lambda fraction: progress(first + (last - first) * fraction)
 
 
 def _received(stamps: NDArray[np.uint64]) -> Times:

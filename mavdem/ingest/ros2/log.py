@@ -26,7 +26,7 @@ from mavdem.errors import Unreadable
 from mavdem.ingest import px4_topics
 from mavdem.ingest.mavlink.clocks import Places, Sent, boot_clock
 from mavdem.ingest.mavlink.definitions import enum_name
-from mavdem.ingest.mavlink.framing import Progress
+from mavdem.ingest.mavlink.framing import Progress, no_progress
 from mavdem.ingest.mcap.records import Channel, McapRecording, Schema
 from mavdem.ingest.px4_topics import NEEDED, SETPOINTS
 from mavdem.ingest.ros2.messages import CDR, RosTopicReader, TopicColumns, decoder
@@ -198,7 +198,7 @@ PX4_STAMP, PX4_SAMPLE = "timestamp", "timestamp_sample"
 SECOND = 1_000_000_000  # Nanoseconds
 
 
-def read_ros2(recording: McapRecording, source: str, progress: Progress | None = None) -> Log:
+def read_ros2(recording: McapRecording, source: str, progress: Progress = no_progress) -> Log:
     """Reads the vehicles in a ROS 2 recording; of each, PX4's own topics or, where there are none, MAVROS's.
 
     In the ``Log``, ``frames`` counts the messages that were read. The ``recording`` was read once, so that its channels
@@ -227,13 +227,13 @@ def read_ros2(recording: McapRecording, source: str, progress: Progress | None =
         raise Unreadable(f"{source} is a ROS 2 recording, but {why}")
     failed = {channel.topic: reader.failed for channel, reader in readers.items() if reader.failed}
     lost = sum(failed.values())
-    repairs = anew.damage.sentences() + repair_sentences(
+    repairs = anew.repairs() + repair_sentences(
         (damaged, f"{damaged} ROS 2 messages in damaged chunks were left out."),
         (undefined, f"{undefined} ROS 2 messages whose definition is damaged or missing were left out."),
         (lost, f"{lost} ROS 2 messages that cannot be decoded were left out, of {listed(failed)}."),
     )
     vehicles = tuple(replace(one, repairs=repairs + one.repairs) for one in numbered(made))
-    return log_of_vehicles(vehicles, count, anew.damage.skipped, (first / 1e9, last / 1e9))
+    return log_of_vehicles(vehicles, count, anew.skipped, (first / 1e9, last / 1e9))
 
 
 def _reader(topic: RosTopic) -> RosTopicReader:

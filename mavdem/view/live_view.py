@@ -1,0 +1,209 @@
+"""LiveView: shows a flight while it is learned from, by a thread for each place that it is sent to.
+
+A slow or hanging viewer delays neither learning nor a file: rows wait for each sink in a bounded queue, which drops the
+oldest, and Rerun is called from the sinks' threads only.
+"""
+
+from __future__ import annotations
+
+import threading
+import time as wall
+from collections import deque
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from itertools import groupby
+from math import inf, isfinite
+from uuid import UUID, uuid4
+
+import numpy as np
+import rerun as rr
+from numpy.typing import ArrayLike
+
+from mavdem.dem import Estimate, Learned
+from mavdem.live import Event, SessionStatus
+from mavdem.view.live_content import Channels, LiveWriter, ViewRow, figures, log, status_document
+from mavdem.view.plots import BOOT_CLOCK, utf8
+from mavdem.view.viewer import Sink
+
+CLOSE_SECONDS = 3.0  # how long ``close`` waits for slow sinks
+MAX_ROWS, MAX_LINES = 8192, 1000  # that wait for a sink: rows of 20 s at 400 Hz, about 20 MB, and log lines
+STATUS_SECONDS, RETRY_SECONDS = 1.0, 1.0  # between two status documents, and two attempts to reach a viewer
+FLUSH_SECONDS = 5.0  # time limit for sending a batch; a slower one is still under way
+
+
+class SinkThread:
+    """Sends rows, log lines and the status to a sink, a few times a second; one that cannot be opened gets nothing."""
+
+    def __init__(self, sink: Sink, recording_id: UUID) -> None:
+        self.sink, self._id = sink, recording_id
+        self._rows: deque[ViewRow] = deque(maxlen=MAX_ROWS)
+        self._lines: deque[Event] = deque(maxlen=MAX_LINES)
+        self._lock = threading.Lock()  # held for an append or a swap only
+        self.dropped = 0  # rows
+        self.status = SessionStatus()
+        self.trouble = ""  # why nothing arrives, one sentence
+        self._channels: Channels | None = None  # that the recording shows
+        self._writer: LiveWriter | None = None
+        self._recording: rr.RecordingStream | None = None
+        self._last: ViewRow | None = None
+        self._until: float | None = None  # time of the last sample that the latest model was trained on, s
+        self._reported_drops, self._next_status, self._next_try = 0, 0.0, 0.0
+        self.closing = threading.Event()  # when it is set, the rest is sent
+        self.thread = threading.Thread(target=self._run, name=f"to {sink.name}", daemon=True)
+        self.thread.start()
+
+    def put(self, item: ViewRow | Event) -> None:
+        """Adds a row or a log line; drops the oldest if too many wait."""
+        with self._lock:
+            if isinstance(item, Event):
+                self._lines.append(item)
+            else:
+                self.dropped += len(self._rows) == self._rows.maxlen
+                self._rows.append(item)
+
+    def _run(self) -> None:
+        ending = False
+        while not ending:
+            ending = self.closing.wait(self.sink.period)
+            self._next_status *= not ending
+            self._attempt(self._open)
+            self._attempt(self._send)
+        if self._recording is not None:
+            self._recording.disconnect()
+
+    def _attempt(self, work: Callable[[], None]) -> None:
+        """Opens the sink or sends what waits; gives up a sink that fails, or retries it later."""
+        try:
+            work()
+        except (RuntimeError, OSError) as error:
+            if "timed out" in str(error):
+                self.trouble = f"{self.sink.name} does not respond"
+                return
+            self.trouble = f"{self.sink.name} {'cannot be written' if self._recording is None else 'failed'}: {error}"
+            if self._recording is not None:
+                # A failed recording disconnects without waiting, and writes nothing more.
+                self._recording.disconnect()
+                self._recording = None
+                with suppress(OSError):
+                    self.sink.delivered(arrived=False)
+        except Exception as error:  # a row that cannot be drawn ends neither the view nor the flight
+            self.put(Event(self._last.time if self._last else 0.0, f"not drawn: {error}", "ERROR"))
+
+    def _open(self) -> None:
+        if self._recording is not None or not self._rows or wall.monotonic() < self._next_try:
+            return
+        self._next_try = wall.monotonic() + RETRY_SECONDS if self.sink.retried else inf
+        recording = rr.RecordingStream("mavdem", recording_id=self._id)
+        recording.set_log_time_enabled(False)
+        recording.set_log_tick_enabled(False)
+        if not self.sink.open(recording):
+            self.trouble = f"there is no viewer at {self.sink.name}"
+            return
+        self._recording, self._channels = recording, None
+
+    def _send(self) -> None:
+        if (recording := self._recording) is None:
+            return
+        with self._lock:
+            rows, lines = list(self._rows), list(self._lines)
+            self._rows.clear()
+            self._lines.clear()
+        for channels, batch in groupby(rows, key=lambda row: row.channels):
+            if self._writer is None or channels != self._channels:
+                self._channels, self._writer = channels, LiveWriter(channels)
+                self._writer.begin(recording)
+            same = list(batch)
+            self._last = same[-1]
+            models = (row.estimate.until for row in reversed(same) if row.estimate and row.estimate.model)
+            self._until = next(models, self._until)
+            self._writer.rows(recording, same)
+        for line in lines:
+            log(recording, *line)
+        if self._last is not None and wall.monotonic() >= self._next_status:
+            self._next_status = wall.monotonic() + STATUS_SECONDS
+            self._send_status(recording, self._last)
+        recording.flush(timeout_sec=FLUSH_SECONDS)
+        self.sink.delivered()
+        self.trouble = ""
+
+    def _send_status(self, recording: rr.RecordingStream, last: ViewRow) -> None:
+        if new := self.dropped - self._reported_drops:
+            log(recording, last.time, f"{new} rows are not shown here: this view is too slow", "WARN")
+            self._reported_drops += new
+        about = last.channels, self.status, last, self._until
+        documents = {f"figures/{i}": text for i, text in enumerate(figures(*about))}
+        recording.set_time(BOOT_CLOCK, duration=last.time)
+        for path, text in {**documents, "status": status_document(*about)}.items():
+            recording.log(path, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
+
+
+class LiveView:
+    """Takes rows, log lines and statuses of a live flight; never makes their giver wait.
+
+    It opens its sinks with the first row; ``troubles`` reports those that cannot be written.
+    """
+
+    def __init__(self, sinks: Sequence[Sink]) -> None:
+        self._channels: Channels | None = None
+        self._closed = False
+        recording_id = uuid4()
+        self._threads = [SinkThread(sink, recording_id) for sink in sinks]
+
+    def change(self, channels: Channels) -> None:
+        """Sets the ``channels`` of the rows from now on; once at least before the first row."""
+        self._channels = channels
+
+    def put(
+        self,
+        time: float,
+        shift: float,
+        segment: int,
+        outputs: ArrayLike,
+        inputs: ArrayLike,
+        estimate: Estimate | None = None,
+        learned: Learned | None = None,
+    ) -> None:
+        """Shows a row of ``outputs`` (m,) and ``inputs`` (r,) at ``time``, s of the boot clock; takes microseconds.
+
+        The timeline is ``shift`` s after that clock, so that flights of two boots do not overlap. The number of the
+        ``segment`` changes where samples are missing or the vehicle rebooted. ``estimate`` is of this sample;
+        ``learned`` is the learner's last batch result, which contains the prior.
+        """
+        if self._closed or self._channels is None:
+            return
+        # Copies, since callers may reuse their arrays.
+        y, u = np.array(outputs, np.float64), np.array(inputs, np.float64)
+        row = ViewRow(time + shift, shift, segment, y, u, estimate, learned, self._channels)
+        for thread in self._threads:
+            thread.put(row)
+
+    def log(self, event: Event) -> None:
+        """Shows an event in the log, at its time of the timeline."""
+        time = event.seconds if isfinite(event.seconds) else 0.0
+        for thread in () if self._closed else self._threads:
+            thread.put(event._replace(seconds=time, sentence=utf8(event.sentence)))
+
+    def status(self, status: SessionStatus) -> None:
+        """Shows the latest ``status``, once a second."""
+        for thread in self._threads:
+            thread.status = status
+
+    @property
+    def troubles(self) -> list[str]:
+        """One sentence for each sink that receives nothing."""
+        return [thread.trouble for thread in self._threads if thread.trouble]
+
+    def close(self) -> None:
+        """Sends what waits and closes the sinks; a sink that hangs is abandoned after ``CLOSE_SECONDS``."""
+        if self._closed:
+            return
+        self._closed = True
+        for thread in self._threads:
+            thread.closing.set()
+        deadline = wall.monotonic() + CLOSE_SECONDS
+        for each in self._threads:
+            each.thread.join(max(0.0, deadline - wall.monotonic()))
+            if each.thread.is_alive():
+                each.trouble = f"{each.sink.name} does not respond; the last rows may be missing"
+                rr.unregister_shutdown()  # otherwise Rerun waits for the hanging viewer when Python ends
+            each.sink.close()

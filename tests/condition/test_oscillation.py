@@ -1,0 +1,100 @@
+"""Limit cycles are found by their line, at the frequency they have; gusts, steps and a motor at its limit are none."""
+
+import numpy as np
+import pytest
+from hover import X_QUAD, Hover, changed
+from recorded_flights import shared
+from scipy.signal import lfilter
+
+from mavdem.alignment.signals import Signals
+from mavdem.condition import Oscillation, condition_of
+from mavdem.ingest import read_log
+
+HOVER = Hover(hovering=40.0)
+
+
+def found(rate, command, hertz: float = 100.0, offset: float = 0.0) -> Oscillation | None:
+    """Of a hover with a roll rate (N,), deg/s, and a roll command (N,), µs, that are functions of time, s."""
+    telemetry = HOVER.telemetry(attitude_time=hertz, motor_time=hertz)
+    time = telemetry.messages["SERVO_OUTPUT_RAW"]["time"]
+    flying = (time > 6.0) & (time < HOVER.landed)
+    outputs = np.clip(1500.0 + X_QUAD * command(time)[:, None], 1150.0, 1990.0)
+    outputs[:, 0] = np.clip(outputs[:, 0] + offset, 1150.0, 1990.0)
+    pulses = {f"servo{n + 1}_raw": np.where(flying, outputs[:, n], 1000.0) for n in range(4)}
+    telemetry = changed(telemetry, "SERVO_OUTPUT_RAW", **pulses)
+    turning = np.radians(rate(telemetry.messages["ATTITUDE"]["time"]))
+    return condition_of(Signals(changed(telemetry, "ATTITUDE", rollspeed=turning))).oscillation
+
+
+def swinging(hertz: float, size: float):
+    return lambda time: size * np.sin(2 * np.pi * hertz * time)
+
+
+def gusts(size: float, hertz: float = 1.5, damping: float = 0.4):
+    """A rate in wind: white noise through the attitude loop's resonance."""
+
+    def series(time):
+        step = time[1] - time[0]
+        pole = np.exp((-damping + 1j * np.sqrt(1 - damping**2)) * 2 * np.pi * hertz * step)
+        noise = np.random.default_rng(1).standard_normal(len(time))
+        values = lfilter([1.0, -1.0], [1.0, -2 * pole.real, abs(pole) ** 2], noise)
+        return size * values / values.std()
+
+    return series
+
+
+@pytest.mark.parametrize("hertz", [1.5, 7.0, 12.0])
+def test_a_limit_cycle_has_its_frequency_rate_and_time_at_a_limit(hertz):
+    one = found(
+        lambda time: swinging(hertz, 85.0)(time) + gusts(10.0)(time),
+        lambda time: 3 * swinging(hertz, 300.0)(time) + gusts(40.0)(time),
+    )
+    assert one is not None and one.axis == "roll" and not one.growing
+    assert one.frequency == pytest.approx(hertz, abs=0.25)
+    assert one.rate == pytest.approx(np.hypot(85.0 / np.sqrt(2), 10.0), rel=0.05)
+    assert one.at_limit > 0.5 and one.seconds > 30
+
+
+def test_one_that_grows_is_found_before_motors_reach_their_limits():
+    def grows(size):
+        return lambda time: np.exp((time - 50.0) / 12.0) * swinging(5.0, size)(time)
+
+    one = found(grows(60.0), grows(120.0))
+    assert one is not None and one.growing and one.at_limit == 0
+    assert one.frequency == pytest.approx(5.0, abs=0.25)
+
+
+def test_one_that_lasts_is_found_though_it_neither_grows_nor_reaches_a_limit():
+    one = found(swinging(4.0, 30.0), swinging(4.0, 60.0))
+    assert one is not None and not one.growing and one.at_limit == 0
+
+
+def test_where_messages_come_too_slowly_the_frequency_is_not_told():
+    one = found(swinging(12.0, 85.0), swinging(12.0, 900.0), 10.0)
+    assert one is not None and one.frequency is None
+
+
+@pytest.mark.parametrize(("rate", "command", "offset"), [(40.0, 300.0, 0.0), (10.0, 40.0, 600.0), (3.0, 20.0, 0.0)])
+def test_wind_is_none_though_motors_reach_their_limits(rate, command, offset):
+    assert found(gusts(rate), gusts(command), offset=offset) is None
+
+
+def test_steps_to_the_side_are_none():
+    square = [swinging(0.25, size) for size in (1.0, 1.0)]
+    assert found(lambda t: 40.0 * np.sign(square[0](t)), lambda t: 900.0 * np.sign(square[1](t))) is None
+
+
+def test_what_moves_only_the_rate_is_an_alias_or_a_vibration():
+    assert found(swinging(7.0, 85.0), gusts(300.0)) is None
+
+
+def test_it_is_in_json():
+    telemetry = HOVER.telemetry()
+    assert condition_of(Signals(telemetry)).as_dict()["oscillation"] is None
+
+
+@pytest.mark.parametrize("name", ["wlichon_baseline.BIN", "wlichon_baseline.tlog"])
+def test_a_recorded_vehicle_that_oscillates_faster_than_its_log_shows(name):
+    signals = Signals(read_log(shared(f"logs/{name}")).vehicles[0])
+    one = condition_of(signals).oscillation
+    assert one is not None and one.frequency is None and one.rate > 60 and one.at_limit > 0.5
