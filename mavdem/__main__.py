@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 
@@ -15,6 +16,8 @@ def run() -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # Pictures are written to files, and no window is opened: a backend of the user's that is missing matters not.
     os.environ["MPLBACKEND"] = "agg"
+    # Cyclic garbage is looked for less often: that took an eighth of the time of `mavdem learn`.
+    gc.set_threshold(200_000)
     with ending_at_once():
         from mavdem.cli.commands import main
     unwind_when_terminated()

@@ -53,6 +53,7 @@ class FlightSeries:
         self.flights, self.learned, self.held_out = flights, learned, held_out
         self.labels = Labels.of(learned)
         self.times = [flight.time for flight in flights]
+        self.clock = with_gaps(self.times, last=True)
         self.windows = held_out.time
         after = self.windows[:, 0] > self.times[-1][-1]
         self._time = with_gaps([*self.times, *self.windows[after]], last=True)
@@ -93,8 +94,7 @@ class FlightSeries:
         command = AxisCommand.of(self.learned)
         inputs = command.series(np.vstack([flight.inputs for flight in self.flights]))
         heading = f"{named(command.name.capitalize(), command.unit)}: the motors' difference, about its mean"
-        time = with_gaps(self.times, last=True)
-        return Plot.series("command", heading, time, {command.name: self._with_gaps(inputs)}, palette.COMMAND)
+        return Plot.series("command", heading, self.clock, {command.name: self._with_gaps(inputs)}, palette.COMMAND)
 
     def motors(self) -> Plot:
         """Returns what drives the vehicle: several inputs, each beyond the mean of all, by their places."""
@@ -103,7 +103,7 @@ class FlightSeries:
         values = inputs - inputs.mean(axis=1, keepdims=True) if several else inputs
         heading = named("Inputs, each beyond the mean of all" if several else "Input", unit)
         series = dict(zip(map(place, self.labels.input_names), self._with_gaps(values).T, strict=True))
-        return Plot.series("inputs", heading, with_gaps(self.times, last=True), series)
+        return Plot.series("inputs", heading, self.clock, series)
 
     def wind(self) -> Plot | None:
         """Returns the wind torque with its band, and gusts behind it; None where it is not known."""
@@ -111,7 +111,7 @@ class FlightSeries:
         if wind is None or len(wind.torque) != sum(map(len, self.flights)):
             return None
         torque, band = (self._with_gaps(unit.scale * values) for values in (wind.torque, wind.band))
-        time, clock, colour = with_gaps(self.times, last=True), np.concatenate(self.times), palette.DISTURBANCE
+        time, clock, colour = self.clock, np.concatenate(self.times), palette.DISTURBANCE
         gusts = [(clock[gust.sample], clock[gust.sample] + gust.length) for gust in wind.gusts]
         plot = Plot("wind", f"Wind torque, {unit.name}", range_of(torque))
         plot.spans(f"gust ({len(gusts)})", faint(palette.GUST, 0.5), gusts)
@@ -171,13 +171,8 @@ def _effectiveness(recording: rr.RecordingStream, series: FlightSeries) -> list[
         return []
     values, halves = unit.scale * physical.effect, unit.scale * physical.interval(LEVEL).effect
     heading = f"{unit.name} per {series.labels.input_units[0] or 'unit'} ± {LEVEL:.0%} interval"
-    table = Table(
-        ["motor", heading],
-        [
-            [f"{number} {place(name)}", plus_minus(*pair)]
-            for number, (name, *pair) in enumerate(zip(series.labels.input_names, values, halves, strict=True), 1)
-        ],
-    )
+    motors = enumerate(zip(series.labels.input_names, values, halves, strict=True), 1)
+    table = Table(["motor", heading], [[f"{n} {place(name)}", plus_minus(*pair)] for n, (name, *pair) in motors])
     bars = _bars(recording, "effect/bars", "By motor", values, 1)
     return [_text(recording, "effect/table", "Control effectiveness", [table]), bars]
 
@@ -206,11 +201,9 @@ def _learning(recording: rr.RecordingStream, learned: Learned) -> rrb.Container:
     first = min(2, len(energy) - 1)  # the first two may be far from all others
     gap = (energy.total.max() - energy.total)[first:]
     heading = f"F̄ below its maximum of {energy.total.max():,.0f} nats, by iteration"
-    return rrb.Horizontal(
-        _bars(recording, "learning/gap", heading, gap, first),
-        _text(recording, "learning/details", "The model, and how it was learned", detail_blocks(learned)),
-        name="Learning",
-    )
+    bars = _bars(recording, "learning/gap", heading, gap, first)
+    details = _text(recording, "learning/details", "The model, and how it was learned", detail_blocks(learned))
+    return rrb.Horizontal(bars, details, name="Learning")
 
 
 def _text(recording: rr.RecordingStream, origin: str, name: str, words: str | Sequence[Block]) -> rrb.View:

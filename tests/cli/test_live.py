@@ -24,7 +24,7 @@ from mavdem.ingest import read_log
 MAVDEM = [sys.executable, "-c", "import sys; from mavdem.__main__ import run; sys.exit(run())"]
 PATIENCE = 300.0  # Seconds that a slow, busy machine may take for anything; on others nothing waits for them
 PATIENTLY = (
-    f"import mavdem.view.live.live_view; mavdem.view.live.live_view.CLOSE_SECONDS = {PATIENCE}; "
+    f"import mavdem.view.live_view; mavdem.view.live_view.CLOSE_SECONDS = {PATIENCE}; "
     "import mavdem.cli.live; mavdem.cli.live.STATUS_SECONDS = 0.2; "
 )
 

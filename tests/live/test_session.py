@@ -20,7 +20,7 @@ from pymavlink.dialects.v20 import all as dialect
 import mavdem
 from mavdem.dem import Estimate, Settings
 from mavdem.ingest.formats import read_stream
-from mavdem.live import AlignedRow, LiveStream, SessionStatus, Setup
+from mavdem.live import AlignedRow, Event, LiveStream, SessionStatus, Setup
 from mavdem.live.history import UNCONFIRMED
 from mavdem.live.link import LinkLost, RawRecording
 from mavdem.live.session import LOW_PRIORITY, LearningProcess, LiveSession
@@ -77,8 +77,8 @@ class Screen:
     def put(self, time, shift, segment, outputs, inputs, estimate=None, learned=None) -> None:
         self.rows.append((time, segment, estimate))
 
-    def log(self, time: float, text: str) -> None:
-        self.sentences.append(text)
+    def log(self, event: Event) -> None:
+        self.sentences.append(event.sentence)
 
 
 def batches(seconds: float, start: float = 0.0) -> list[list[tuple[float, bytes]]]:

@@ -209,10 +209,13 @@ class KalmanFilter(NamedTuple):
         states[..., 0, :] = start
         single = min(last, samples) if measured.ndim == 2 else samples
         with np.errstate(over="ignore", invalid="ignore"):
+            places = np.minimum(np.arange(single), last)
+            closed = np.swapaxes(self.A - self.gains @ self.C, 1, 2)[places]
+            driven = pushes[..., :single, :] + np.einsum(
+                "...tm,tnm->...tn", measured[..., :single, :], self.gains[places]
+            )
             for t in range(single):
-                x = states[..., t, :]
-                error = measured[..., t, :] - x @ self.C.T
-                states[..., t + 1, :] = x @ self.A.T + pushes[..., t, :] + error @ self.gains[min(t, last)].T
+                states[..., t + 1, :] = states[..., t, :] @ closed[t] + driven[..., t, :]
             if single < samples:
                 gain = self.gains[-1]
                 driven = pushes[single:] + measured[single:] @ gain.T

@@ -21,9 +21,9 @@ class StateSpace(NamedTuple):
     """x⁺ = A x + B (u − input_trim) + offset + K e,  y = C x + D (u − input_trim) + output_trim + e.
 
     One step is one sample, e is the error of predicting y from all samples before it. With D = 0 the input of an
-    instant moves the outputs from the next sample on. Models that differ in their matrices run side by side where these
-    have a leading axis (b, ·, ·); states are then (b, S, n), and inputs and outputs (T, b or 1, S, ·). A segment's
-    second state is ``second_of_outputs`` times its first outputs plus ``second_of_inputs`` times its first inputs.
+    instant moves the outputs from the next sample on. Several models may be held at once, their matrices with a leading
+    axis. A segment's second state is ``second_of_outputs`` times its first outputs plus ``second_of_inputs`` times its
+    first inputs.
     """
 
     A: Array  # (n, n)
@@ -70,15 +70,15 @@ class StateSpace(NamedTuple):
     def second(self, inputs: Array, outputs: Array) -> Array:
         """(n,) the state of a segment's second sample, from the inputs (r,) and outputs (m,) of its first."""
         assert self.second_of_outputs is not None and self.second_of_inputs is not None
-        return np.asarray(outputs @ _turned(self.second_of_outputs) + inputs @ _turned(self.second_of_inputs))
+        return np.asarray(outputs @ self.second_of_outputs.T + inputs @ self.second_of_inputs.T)
 
     def filtered(self, start: Array, inputs: Array, outputs: Array) -> Array:
         """States (T + 1, n): of each sample predicted from those before it, and of the one after the last.
 
         They begin at ``start`` (n,), with ``inputs`` (T, r) and ``outputs`` (T, m).
         """
-        pushes = self._pushes(inputs) + (outputs - self.direct(inputs)) @ _turned(self.K)
-        return _run(self.A - self.K @ self.C, pushes, start)
+        pushes = self._pushes(inputs) + (outputs - self.direct(inputs)) @ self.K.T
+        return np.vstack([start, recursion(self.A - self.K @ self.C, pushes, start)])
 
     def predicted(self, start: Array, inputs: Array, outputs: Array) -> Array:
         """(T, m): samples predicted from those before; ``start``, ``inputs``, ``outputs`` as in :meth:`filtered`."""
@@ -99,7 +99,7 @@ class StateSpace(NamedTuple):
 
     def driven(self, start: Array, inputs: Array) -> Array:
         """States (T + 1, n) without noise, the first of which is ``start`` (n,), of inputs (T, r)."""
-        return _run(self.A, self._pushes(inputs), start)
+        return np.vstack([start, recursion(self.A, self._pushes(inputs), start)])
 
     def simulated(self, start: Array, inputs: Array) -> Array:
         """(H, m): outputs without noise, the first of state ``start`` (n,), of inputs (H, r).
@@ -135,37 +135,19 @@ class StateSpace(NamedTuple):
 
     def outputs(self, states: Array, inputs: Array) -> Array:
         """(T, m) of states (T, n) and inputs (T, r), without noise."""
-        return np.asarray(states @ _turned(self.C) + self.direct(inputs))
+        return np.asarray(states @ self.C.T + self.direct(inputs))
 
     def direct(self, inputs: Array) -> Array:
         """(T, m): the part of the outputs that ``inputs`` (T, r) and the trim make, not the state."""
-        return _plus(_plus(inputs, -self.input_trim) @ _turned(self.D), self.output_trim)
+        return _plus(_plus(inputs, -self.input_trim) @ self.D.T, self.output_trim)
 
     def _pushes(self, inputs: Array) -> Array:
-        return _plus(_plus(inputs, -self.input_trim) @ _turned(self.B), self.offset)
-
-
-def _turned(matrix: Array) -> Array:
-    """(…, r, n) of (…, n, r); of several models in C order, which makes products of each with many rows faster."""
-    turned = np.swapaxes(matrix, -1, -2)
-    return turned if matrix.ndim == 2 else np.ascontiguousarray(turned)
+        return _plus(_plus(inputs, -self.input_trim) @ self.B.T, self.offset)
 
 
 def _plus(values: Array, constant: Array) -> Array:
     """Values plus a constant for each of the few columns; most are 0, and to add it takes longer than the products."""
     return values + constant if constant.any() else np.asarray(values)
-
-
-def _run(F: Array, pushes: Array, start: Array) -> Array:
-    """x₀ … x_T (T + 1, n) of x⁺ = F x + push; of several models at once where they have a leading axis."""
-    if F.ndim == 2 and pushes.ndim == 2:
-        return np.vstack([start, recursion(F, pushes, start)])
-    states, step = np.empty((len(pushes) + 1, *pushes.shape[1:])), _turned(F)
-    states[0] = start
-    for number, push in enumerate(pushes):
-        np.matmul(states[number], step, out=states[number + 1])
-        states[number + 1] += push
-    return states
 
 
 def filter_gain(

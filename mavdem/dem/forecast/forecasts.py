@@ -310,7 +310,7 @@ def left_out_errors(record: Record, lags: int) -> LeftOutErrors | None:
             past, following = _cut(channels, whole_ones, lags, steps, stop)
             known.append(_squares(following, measured.infer(past, np.nan_to_num(following[..., m:])).mean))
             past, following = _cut(channels, np.arange(first, stop, stride), lags, steps, stop)
-            answers = predicted.predict(past, steps).mean[..., :m], past[:, -1:, :m], mean
+            answers = predicted.predicted(past, steps)[..., :m], past[:, -1:, :m], mean
             unknown.append([_squares(following, answer) for answer in answers])
     if not known:
         return None

@@ -44,7 +44,6 @@ CONVERGED_NATS = 0.02  # the fit has converged when a step gains less: the effec
 DAMPING = Damping(first=1e-3, factor=8.0, attempts=6)
 
 RELATIVE_STEP = 1e-6  # of a parameter, or of 1 if that is more: for slopes by differences
-STEPS_AT_ONCE = 8  # of the filter, whose states are kept in memory
 STEPS_COUNTED = 30  # residuals of a horizon at most, evenly spaced: those of faster samples repeat each other
 
 
@@ -61,17 +60,21 @@ def simulate(models: StateSpace, inputs: Array, outputs: Array, every: int = 1) 
 
     ``inputs`` are (h + H + 1, S, r), ``outputs`` (h + 1, S, m); one step in ``every`` is returned.
     """
-    settle, state, ahead = len(outputs), models.second(inputs[0], outputs[0]), []
+    A, B, C, D, K = models[:5]
+    driving = np.ascontiguousarray(inputs.swapaxes(1, 2))
+    known = np.concatenate([driving[: len(outputs)], outputs.swapaxes(1, 2)], axis=1)
+    second = np.concatenate([models.second_of_inputs, models.second_of_outputs], axis=-1)
+    closed, heard, ahead = A - K @ C, np.concatenate([B - K @ D, K], axis=-1), []
     # An unstable model may overflow; its errors are then infinite.
     with np.errstate(over="ignore", invalid="ignore"):
-        for begin in range(1, settle, STEPS_AT_ONCE):
-            rows = slice(begin, min(begin + STEPS_AT_ONCE, settle))
-            state = models.filtered(state, inputs[rows, None], outputs[rows, None])[-1]
-        for begin in range(settle, len(inputs) - every + 1, every):
-            states = models.driven(state, inputs[begin : begin + every, None])
-            ahead.append(models.outputs(states[-2], inputs[begin + every - 1, None]))
-            state = states[-1]
-    return np.stack(ahead, axis=2)
+        states = second @ known[0]
+        for now in known[1:]:
+            states = closed @ states + heard @ now
+        for step, now in enumerate(driving[len(outputs) :], start=1):
+            if step % every == 0:
+                ahead.append(C @ states + D @ now)
+            states = A @ states + B @ now
+    return np.moveaxis(np.array(ahead), (1, 3, 0), (0, 1, 2))
 
 
 class SimulationSegments(NamedTuple):
@@ -97,6 +100,19 @@ class SimulationSegments(NamedTuple):
         pieces = [(u[at : at + whole + 1], y[at : at + whole + 1]) for u, y, at in (starts[i] for i in kept)]
         inputs, outputs = (np.stack(tables, axis=1) for tables in zip(*pieces, strict=True))
         return cls(inputs, outputs, horizon, effective_number([len(outputs) for _, outputs in segments], horizon))
+
+    def compressed(self) -> SimulationSegments:
+        """Returns fewer pieces, if there are more than numbers in each, that have the same products of errors.
+
+        Errors are linear in a piece, so that any orthogonal transformation of the pieces keeps their mean products.
+        """
+        pieces, r = np.concatenate([self.inputs, self.outputs], axis=2), self.inputs.shape[2]
+        (steps, number, width), kept = pieces.shape, pieces.shape[0] * pieces.shape[2]
+        if number <= kept:
+            return self
+        pieces = np.linalg.qr(pieces.swapaxes(0, 1).reshape(number, kept), mode="r") * np.sqrt(kept / number)
+        pieces = pieces.reshape(kept, steps, width).swapaxes(0, 1)
+        return self._replace(inputs=pieces[:, :, :r], outputs=pieces[:, :, r:])
 
 
 def _starts(length: int, horizon: int) -> range:
@@ -326,6 +342,7 @@ def fit_simulation(
         return None
     segments = SimulationSegments.of(scaling.scale_segments(record), horizon)
     assert segments is not None
+    segments = segments.compressed()
     (n, r, _), mean, precision = model.sizes, model.prior.theta_mean, model.prior.theta_precision
     free = np.diag(precision) < KINEMATIC
     geometries: tuple[MixerPrior, ...] = ()

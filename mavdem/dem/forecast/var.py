@@ -224,6 +224,10 @@ class Var(NamedTuple):
                 response = np.concatenate([across @ response, response[:-k]])
             return self._physical(self._predicted(past, steps), variance.cumsum(axis=0))
 
+    def predicted(self, past: Array, steps: int) -> Array:
+        """Returns the mean of :meth:`predict`."""
+        return self._physical(self._predicted(past, steps), np.zeros(1)).mean
+
     def _predicted(self, past: Array, steps: int) -> Array:
         k, lags, across = len(self.offset), self.lags, self.across.T.copy()
         # All samples in one array, the latest first, so that the lags of each step are a slice of it.
@@ -289,7 +293,7 @@ class Var(NamedTuple):
     def predict_every(self, past: Array, steps: int, inputs: Array, outputs: Array) -> Array:
         """Returns (H, m): the samples that follow, by a new prediction from every ``steps``-th on."""
         length, m = len(inputs), outputs.shape[1]
-        mean = self.predict(self.pasts(past, steps, inputs, outputs), max(1, min(steps, length))).mean
+        mean = self.predicted(self.pasts(past, steps, inputs, outputs), max(1, min(steps, length)))
         return np.asarray(mean[..., :m].reshape(-1, m)[:length])
 
     def one_step(self, record: Record) -> Array:

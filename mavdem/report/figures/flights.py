@@ -11,12 +11,13 @@ from matplotlib.figure import Figure
 
 from mavdem.dem.engine.linalg import Array
 from mavdem.fleet.row import AXIS_ORDER, NOT_IDENTIFIABLE, Flight, worst_health
-from mavdem.report.figures.style import HAIRLINE, WIDTH, band, not_blown_up, picture
+from mavdem.report.figures.style import HAIRLINE, WIDTH, Room, band, not_blown_up, picture
 from mavdem.report.numbers import readable, short
 from mavdem.report.palette import BAD, LIMITED, distinct
 
 FEW = 25  # flights, up to which each has a dot and its own interval
 COLUMNS, PANEL_INCHES = 3, 1.6
+ROOM = Room(left=0.47, bottom=0.22, top=0.36, rows=0.7, columns=0.5)
 MARKS = {"fault": ("o", BAD), "drift": ("^", LIMITED)}
 """Above the flights in which they were found; the shapes differ too, so that colour is not needed."""
 AXES = AXIS_ORDER[:2]
@@ -39,13 +40,8 @@ def vehicle_figure(flights: Sequence[Flight]) -> Figure:
     rows = -(-len(panels) // COLUMNS)
     days = [f"{flight[0].date:%Y-%m-%d}" if flight[0].date else "" for flight in flights]
     marks = [(place, health) for place, flight in enumerate(flights) if (health := worst_health(flight)) in MARKS]
-    height = PANEL_INCHES * rows
-    with picture(height) as figure:
-        figure.set_size_inches(1.8 * WIDTH, height)
-        figure.set_layout_engine("none")  # a figure of so many panels takes it long
-        room = {"left": 0.05, "right": 0.99, "bottom": 0.22 / height, "top": 1 - 0.36 / height}
-        room |= {"hspace": 0.75, "wspace": 0.2}
-        grid = figure.subplots(rows, COLUMNS, squeeze=False, gridspec_kw=room).ravel()
+    with picture(PANEL_INCHES * rows, ROOM, 1.8 * WIDTH) as figure:
+        grid = figure.subplots(rows, COLUMNS, squeeze=False).ravel()
         for axes, panel in zip(grid, panels, strict=False):
             _draw(axes, panel)
             axes.set_xticks([0, len(flights) - 1], [days[0] or "first flight", days[-1] or "last flight"])

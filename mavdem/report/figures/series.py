@@ -24,6 +24,7 @@ from mavdem.live.history import AHEAD, LiveHistory
 from mavdem.report.figures.style import (
     HAIRLINE,
     THIN,
+    Room,
     band,
     legend_above,
     not_blown_up,
@@ -59,6 +60,7 @@ MIN_RANGE, MAX_RANGE = 1e2, 1e5  # of the spectrum's axis, below its largest val
 
 LEAST_IMBALANCE = 5.0  # percent, that the axis shows at least: less is not worth a look
 ROW, AROUND = 0.3, 0.95  # inches: a motor, and what is above and below
+LETTER = 0.07  # inches: the width of one in a motor's name
 END = 1.06  # of the iterations, where the final parameters stand
 SHOWN_TERMS = 6
 LINEAR_NATS = 10.0  # below which the terms' axis is linear
@@ -120,7 +122,7 @@ class Plots(SystemPlots):
         # The variance of a correlation of two independent series.
         joint = np.sqrt(max(1 + 2 * float(auto[1:] @ driven_auto[1:]), 1.0))
         lag = np.arange(lags + 1.0) * learned.dt
-        with picture(3.8) as figure:
+        with picture(3.8, Room(rows=0.7, columns=0.6)) as figure:
             axes = figure.subplot_mosaic([["time", "time"], ["auto", "across"]], height_ratios=[1, 1.25])
             time, shown = with_gaps(record, sample_times(record)), with_gaps(record, unit.scale * errors)
             axes["time"].plot(time, shown, color=PREDICTED, linewidth=0.6)
@@ -149,7 +151,7 @@ class Plots(SystemPlots):
         wind, record, unit = learned.wind, learned.record, readable("rad/s²")
         if wind is None:
             raise ValueError("there is no wind torque to show: no physical parameters can be fitted to this flight")
-        with picture(4.0) as figure:
+        with picture(4.0, Room(rows=0.7)) as figure:
             above, below = figure.subplots(2, 1, gridspec_kw={"height_ratios": [3, 2]})
             above.axhline(0, **HAIRLINE)
             clock = sample_times(record)
@@ -195,10 +197,11 @@ class Plots(SystemPlots):
             physical = None  # what drives the model is no motor but the demand, which has no row here
         names = labels.input_names if hover is None else hover.motors
         rows = np.arange(len(names))
-        with picture(AROUND + ROW * len(names)) as figure:
+        shown = [name.removeprefix("motor ").replace(" (", " ").rstrip(")") for name in names]  # "1 front right"
+        room = Room(left=0.12 + LETTER * max(map(len, shown)))
+        with picture(AROUND + ROW * len(names), room) as figure:
             panels = np.atleast_1d(figure.subplots(1, (physical is not None) + 2 * (hover is not None), sharey=True))
-            # Such as "1 front right", of "motor 1 (front right)".
-            panels[0].set_yticks(rows, [name.removeprefix("motor ").replace(" (", " ").rstrip(")") for name in names])
+            panels[0].set_yticks(rows, shown)
             for axes in panels:
                 axes.grid(False, axis="y")
                 axes.tick_params(axis="y", length=0)
@@ -233,7 +236,7 @@ class Plots(SystemPlots):
         learned = self.learned
         energy = learned.free_energy
         last, end = len(energy) - 1, END * (len(energy) - 1)
-        with picture(4.4) as figure:
+        with picture(4.4, Room(left=0.75, right=1.75, rows=0.28)) as figure:
             action, terms, parameters = figure.subplots(3, 1, sharex=True, gridspec_kw={"height_ratios": [3, 4, 4]})
             gap = np.maximum(energy.total.max() - energy.total, SMALLEST_GAIN)
             action.plot(gap, color=PREDICTED, marker="o", markersize=2.5)
@@ -290,7 +293,7 @@ def forecast(held: HeldOut, labels: Labels, output: int = 0, windows: int = WIND
     measured, mean, half = (
         unit.scale * values[..., output] for values in (held.measured, held.forecasts[FORECAST], held.band)
     )
-    with picture(4.0 if several else 3.2) as figure:
+    with picture(4.0 if several else 3.2, Room(rows=0.45)) as figure:
         axes, *below = np.atleast_1d(
             figure.subplots(1 + several, 1, gridspec_kw={"height_ratios": [5, 3][: 1 + several]})
         )
@@ -360,7 +363,7 @@ def live_flight(history: LiveHistory, name: str) -> Figure:
     if not np.isfinite(lines.measured).any():
         raise ValueError("no attitude came")
     angle, torque = readable("rad"), readable("rad/s²")
-    with picture(3.4) as figure:
+    with picture(3.4, Room()) as figure:
         above, below = figure.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": [3, 2]})
         for axes, mean, half, unit, colour, label in (
             (above, lines.predicted, lines.predicted_band, angle, PREDICTED, f"{AHEAD:g} s ahead"),

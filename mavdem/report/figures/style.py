@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from io import BytesIO, StringIO
 from textwrap import fill
-from typing import Any
+from typing import Any, NamedTuple
 
 import matplotlib
 import numpy as np
@@ -29,6 +29,7 @@ from mavdem.report.palette import BAND_OPACITY, DISTINCT, INK_ON_LIGHT, MEASURED
 WIDTH, HEIGHT = 5.2, 3.2  # inches: letters are read at 500 pixels, and two figures stand side by side at 1600
 MAX_VECTOR_POINTS = 1500  # of a line or a band, beyond which its pixels make a smaller file
 PIXELS_PER_INCH = 200  # of such lines, and of figures that a notebook shows: twice what a page shows
+LINE = 0.16  # inches: a line of small letters
 MAX_BEYOND = 0.6  # spans of the values, how far a band may widen an axis
 NOTE_WIDTH = 92  # letters of a remark in a line
 
@@ -91,13 +92,42 @@ class BareFigure(Figure):
         return file.getvalue()
 
 
+class Room(NamedTuple):
+    """Inches around a figure's axes, for their labels, and between its rows and its columns."""
+
+    left: float = 0.62
+    right: float = 0.1
+    bottom: float = 0.42
+    top: float = 0.26
+    rows: float = 0.16
+    columns: float = 0.16
+
+    def give(self, figure: Figure) -> None:
+        """Places the axes of a figure; what is written below them all has its lines beside."""
+        width, height = figure.get_size_inches()
+        below = figure.get_supxlabel()
+        bottom = self.bottom + (LINE * (1 + below.count("\n")) if below else 0.0)
+        grid = figure.axes[0].get_gridspec()
+        rows, columns = (1, 1) if grid is None else grid.get_geometry()
+        inside = height - bottom - self.top, width - self.left - self.right
+        between = zip((self.rows, self.columns), (rows, columns), inside, strict=True)
+        hspace, wspace = (gap * count / (size - gap * (count - 1)) for gap, count, size in between)
+        ends = bottom / height, 1 - self.top / height
+        figure.subplots_adjust(self.left / width, ends[0], 1 - self.right / width, ends[1], wspace, hspace)
+
+
 @contextmanager
-def picture(height: float = HEIGHT) -> Iterator[BareFigure]:
-    """Yields a new figure of this ``height``, inches, in the common style, to be drawn in the block."""
+def picture(height: float = HEIGHT, room: Room | None = None, width: float = WIDTH) -> Iterator[BareFigure]:
+    """Yields a new figure of this ``height``, inches, in the common style, to be drawn in the block.
+
+    Without ``room`` matplotlib measures what labels take, which takes it longer than the drawing.
+    """
     with matplotlib.rc_context(STYLE):
-        layout = ConstrainedLayoutEngine(w_pad=0.03, h_pad=0.03, hspace=0.04, wspace=0.05)
-        figure = BareFigure(figsize=(WIDTH, height), layout=layout, facecolor="none")
+        layout = None if room else ConstrainedLayoutEngine(w_pad=0.03, h_pad=0.03, hspace=0.04, wspace=0.05)
+        figure = BareFigure(figsize=(width, height), layout=layout, facecolor="none")
         yield figure
+        if room is not None:
+            room.give(figure)
         for axes in figure.axes:
             for line in axes.lines:
                 line.set_rasterized(len(line.get_path()) > MAX_VECTOR_POINTS)

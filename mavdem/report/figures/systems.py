@@ -20,7 +20,7 @@ from mavdem.confidence import LEVEL
 from mavdem.dem import Learned, Physical
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import pack, unpack
-from mavdem.report.figures.style import HAIRLINE, band, legend_above, not_blown_up, note, per, picture
+from mavdem.report.figures.style import HAIRLINE, Room, band, legend_above, not_blown_up, note, per, picture
 from mavdem.report.numbers import AxisCommand, Labels, readable
 from mavdem.report.palette import BAD, HELD_OUT_OPACITY, PHYSICAL, PREDICTED, TRUTH
 
@@ -136,7 +136,7 @@ class SystemPlots:
         output = range(len(labels.output_names))[output]
         unit = readable(labels.output_units[output])
         frequency = np.geomspace(LOWEST_HERTZ, min(HIGHEST_HERTZ, HIGHEST_OF_RATE / learned.dt), POINTS)
-        with picture(3.7) as figure:
+        with picture(3.7, Room(left=0.75)) as figure:
             above, below = figure.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": [3, 2]})
             magnitudes, phases = [], []
             for name, colour, systems in _curves(learned, command.motors, truth):
@@ -169,7 +169,7 @@ class SystemPlots:
         command, labels = AxisCommand.of(learned), Labels.of(learned)
         size = float(f"{command.series(learned.record.inputs).std():.1g}") or 1.0
         time, outputs = np.linspace(0.0, STEP_SECONDS, STEP_POINTS), len(labels.output_names)
-        with picture(1.5 + 1.2 * outputs) as figure:
+        with picture(1.5 + 1.2 * outputs, Room()) as figure:
             rows = np.atleast_1d(figure.subplots(outputs, 1, sharex=True))
             drawn = _curves(learned, command.motors, truth)
             curves = [(name, colour, size * systems.after_step(time)) for name, colour, systems in drawn]
@@ -198,7 +198,7 @@ class SystemPlots:
         true: Complex = np.empty(0, complex) if truth is None else np.linalg.eigvals(truth).astype(complex)
         limit = SLOW * max(float(np.abs(values).min()), 1.0)
         slow = np.abs(values) <= limit
-        with picture() as figure:
+        with picture(room=Room()) as figure:
             axes = figure.subplots()
             _plane(axes, np.concatenate([values[slow], true[np.abs(true) <= limit]]))
             (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
