@@ -137,7 +137,7 @@ def test_a_file_is_not_long():
 BUDGETS = {
     "mavdem": 640,
     "ingest": 5680,
-    "alignment": 1930,
+    "alignment": 2000,
     "condition": 830,
     "dem": 8960,
     "health": 1080,

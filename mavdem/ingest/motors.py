@@ -249,6 +249,9 @@ class OutputScale:
 
 
 MIN_PULSE_RANGE = 300.0  # µs from no to full throttle; less is no range of a speed controller
+MAX_OUTSIDE = (
+    0.5  # Share of the different pulse widths outside of the parameters' range: disarmed, while arming, damaged
+)
 MAX_DSHOT, MAX_UAVCAN = 1999.0, 8191.0  # PX4's outputs at full throttle
 
 
@@ -258,7 +261,7 @@ def output_scale(
     """Returns the scale of motor outputs of any shape, as sent, also while disarmed; non-finite values are ignored.
 
     Pulse widths never fall below 750 µs except to 0 for "off"; PX4's DShot runs to 1999 and idles far below that, and
-    its simulators send 150..1000. The range is that of the parameters: of PX4's ``drivers``
+    its simulators send 150..1000. The range is that of the parameters, where it holds the outputs: of PX4's ``drivers``
     (``MotorGeometry.drivers``), or ArduPilot's MOT_PWM_MIN and MOT_PWM_MAX; where they are 0, and in ArduCopter before
     3.4, which has neither, that of the throttle's input.
     """
@@ -275,11 +278,12 @@ def output_scale(
         throttle = f"RC{parameters['RCMAP_THROTTLE']:.0f}" if "RCMAP_THROTTLE" in parameters else ""
         named = () if drivers else (("MOT_PWM_MIN", "MOT_PWM_MAX"), (f"{throttle}_MIN", f"{throttle}_MAX"))
         for low, high in (own, *((parameters.get(one, 0.0), parameters.get(other, 0.0)) for one, other in named)):
-            if low > 0 and high - low >= MIN_PULSE_RANGE:
+            outside = np.mean((running < low) | (running > high + 1))
+            if low > 0 and high - low >= MIN_PULSE_RANGE and outside <= MAX_OUTSIDE:
                 return OutputScale("PWM", "µs", float(low), float(high), step, _ardupilot_stop(parameters))
         return OutputScale("PWM", "µs", 1000.0, 2000.0, step, _ardupilot_stop(parameters))
     if drivers and 10 < most <= 2047 and "DSHOT_MIN" in parameters:
-        return OutputScale("DShot", "", round(parameters["DSHOT_MIN"] * MAX_DSHOT), MAX_DSHOT, step)
+        return OutputScale("DShot", "", float(round(parameters["DSHOT_MIN"] * MAX_DSHOT)), MAX_DSHOT, step)
     # By the largest value; from 1.05 to 10 it is DShot too, hardly above idle.
     scales = [(1.05, "normalised", 1.0), (10.0, "DShot", 2000.0), (1000.0, "0-1000", 1000.0), (2047.0, "DShot", 2000.0)]
     scales += [(MAX_UAVCAN, "UAVCAN", MAX_UAVCAN)] if drivers else []

@@ -45,6 +45,7 @@ def test_the_slow_motion_is_learnt_where_it_predicts_better_and_nothing_faster_i
         slow.learned.simulate(slow.flights[0].inputs)
 
 
+@pytest.mark.slow
 def test_a_motor_that_weakened_in_flight_is_told_first(slow):
     assert slow.alarms == ()
     weak = replace(slow, alarms=(MotorAlarm(30.0, 28.5, 2, "motor 2 (rear left)", 0.25, 0.98),))
@@ -84,6 +85,7 @@ def test_a_model_must_beat_the_baselines_by_a_margin_that_is_not_luck(ratio, win
     assert (slow_motion_refusal(judged) == "") == kept
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "tier"),
     [

@@ -38,6 +38,13 @@ def scale_of(outputs: tuple[float, ...], parameters: dict[str, float], drivers: 
             {"PWM_AUX_MIN": 1050.0, "PWM_AUX_MAX": 1900.0, "PWM_MIN": 1.0},
             ("PWM", 1050, 1900),
         ),
+        # The parameters are not of the driver that sent these.
+        (
+            tuple(np.arange(1000.0, 1404.0, 2)),
+            OF_MAIN,
+            {"PWM_MAIN_MIN": 1230.0, "PWM_MAIN_MAX": 1950.0},
+            ("PWM", 1000, 2000),
+        ),
         # PX4 1.16 with DShot on the main outputs: actuator_motors 0.194 of a thrust curve of 0.3 is 25 % of the range.
         ((0.0, 110.0, 582.0, 826.0), OF_MAIN, {"DSHOT_MIN": 0.055, "PWM_MAIN_MIN1": 1000.0}, ("DShot", 110, 1999)),
         # PX4 1.9 with UAVCAN, and 1.16, which has its range among the parameters.

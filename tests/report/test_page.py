@@ -35,7 +35,7 @@ KNOWN = (
     Identity("1234", "board", 1, "PX4", "QUADROTOR", "PX4 v1.16.0", None),
     VehicleFigures({}, None),
 )
-SLOW = Tier("c", "Motors come at 4 Hz.", "b", "8 Hz", "Log them <faster>.")
+SLOW = Tier("c", "Motors come at 4 Hz.", "b", "Log them <faster>.")
 
 
 class Balanced(HTMLParser):
@@ -105,6 +105,7 @@ def test_the_same_result_makes_the_same_bytes_small_though_its_lines_are_long(pa
     assert len(pages[0]) < 250_000
 
 
+@pytest.mark.slow
 def test_tags_close_in_order_ids_are_unique_and_nothing_is_fetched_or_run(pages):
     seen = Balanced(pages[0])
     assert len(seen.ids) == len(set(seen.ids)) and {"svg", "table", "details"} <= set(seen.seen)
@@ -139,7 +140,7 @@ def test_two_axes_of_a_flight_of_a_fleet_fit_into_a_small_page_that_leads_back()
     learned = mavdem.learn(FLIGHT[:800], mavdem.Settings(window=9, parameter_precision=1.0))
     held_out = held_out_test(FLIGHT[:800], FLIGHT[800:], learned)
     model = {"flights": (FLIGHT,), "learned": learned, "held_out": held_out, "findings": findings(learned, held_out)}
-    fast = Tier("a", "All at 100 Hz.", None, "", "")
+    fast = Tier("a", "All at 100 Hz.", None, "")
     analysis = LogAnalysis(SimpleNamespace(as_dict=dict), fast, *KNOWN, **model)
     text = flight_page("flight.tlog", {"roll": analysis, "pitch": analysis})
     assert len(text.encode()) < 300_000 and text.count("<svg") == 2 * 3
