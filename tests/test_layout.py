@@ -144,7 +144,7 @@ BUDGETS = {
     "baselines": 1270,
     "evaluate": 1270,
     "live": 2680,
-    "analysis": 960,
+    "analysis": 970,
     "fleet": 1860,
     "report": 3160,
     "view": 1530,
