@@ -1,7 +1,5 @@
 """What a link received is in the file, frame by frame with its stamp, also when the recording ends without warning."""
 
-from __future__ import annotations
-
 import random
 import shutil
 import struct

@@ -1,7 +1,5 @@
 """The recording of a simulated flight: what is drawn is where the vehicle was, and what is plotted is what it did."""
 
-from __future__ import annotations
-
 from dataclasses import fields
 from pathlib import Path
 

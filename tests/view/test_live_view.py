@@ -1,7 +1,5 @@
 """A flight under way reaches a recording sample for sample, and nothing that shows it holds up who learns from it."""
 
-from __future__ import annotations
-
 import os
 import resource
 import shutil
