@@ -99,7 +99,7 @@ def session_of(script: list[Any], **options: Any) -> tuple[LiveSession, Screen, 
 
 
 @pytest.fixture
-def now(monkeypatch) -> list[float]:
+def now(monkeypatch):
     """The session's clock, s."""
     clock = [100.0]
     monkeypatch.setattr("mavdem.live.session.time.monotonic", lambda: clock[0])
