@@ -17,7 +17,7 @@ from typing import Any, get_args, get_origin, get_type_hints
 
 from mavdem.alignment.drive import INPUTS
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 """Changes with the columns or with what they mean: logs whose rows have another version are read again."""
 
 UNKNOWN = "unknown"  # the vehicle of a log that does not say whose it is, and health that is not known
@@ -79,7 +79,8 @@ class FlightRow:
     trim_share: Numbers | None = at("condition.hover.trim_share")  # as a share of the range, over the mean of all
     trim_share_interval: Numbers | None = at("condition.share_interval")
     headroom: Numbers | None = at("condition.hover.headroom")  # left at the 99th percentile, as a share of the range
-    saturated: Numbers | None = at("condition.hover.at_upper_limit")  # share of the time at full throttle
+    saturated: Numbers | None = at("condition.hover.at_upper_limit")  # share of the time at the upper stop
+    oscillation: float | None = at("condition.oscillation.seconds")  # how long it oscillated by its own controller, s
     # what is asked of the motors in roll, pitch and yaw, in shares of their mean command, and its standard error
     balance: Numbers | None = None
     balance_error: Numbers | None = None
