@@ -30,7 +30,8 @@ from mavdem.report.page import live_page
 STATUS_SECONDS = 5.0  # between two status lines on standard error
 
 if TYPE_CHECKING:
-    from mavdem.view.live import LiveView, RecordingFile
+    from mavdem.view.live_view import LiveView
+    from mavdem.view.viewer import RecordingFile
 
 
 class Dashboard:
@@ -52,7 +53,8 @@ class Dashboard:
             return
         # Rerun takes a second to load.
         with ending_at_once():
-            from mavdem.view.live import LiveView, RecordingFile, WebServer, sinks_for
+            from mavdem.view.live_view import LiveView
+            from mavdem.view.viewer import RecordingFile, WebServer, sinks_for
         try:
             sinks = sinks_for(rrd, serve, connect)
         except ValueError as error:
@@ -73,7 +75,7 @@ class Dashboard:
         """Shows the rows of a setup from now on; None where nothing can be shown."""
         if self.view is None:
             return None
-        from mavdem.view.live import Channels
+        from mavdem.view.live_content import Channels
 
         layout, (outputs, units) = setup.layout, zip(*axis_outputs(self._axis), strict=True)
         weights = None if layout.positions_assumed else layout.effect(self._axis)
@@ -86,9 +88,8 @@ class Dashboard:
         """Shows the status, and prints what is wrong with the view."""
         if self.view is not None:
             self.view.status(status)
-            for trouble in self.view.troubles:
-                if trouble not in self._said:
-                    say_aside(trouble)
+            for trouble in set(self.view.troubles) - self._said:
+                say_aside(trouble)
                 self._said.add(trouble)
 
     def close(self) -> None:
@@ -213,7 +214,7 @@ def live_command(
         has_page = html is not None and _written(html, page, "page")
         broken = dashboard.file is not None and dashboard.file.broken
         kept = dashboard.file is not None and dashboard.file.complete > 0
-        if rrd is not None and not kept and not broken:
+        if dashboard.file is not None and not kept and not broken:
             say_aside(f"There was nothing to show, so {rrd} was not written.")
         if as_json:
             figures = {
@@ -273,9 +274,8 @@ def _run(session: LiveSession, asked: Callable[[], bool], duration: float | None
 
 def _ahead(status: SessionStatus, axis: str) -> str:
     """How well the model predicts; empty before it has."""
-    seconds, half = status.ahead
-    degrees = f"{math.degrees(half):.2g}°"
-    return f"{axis} predicted {seconds:.2g} s ahead within ±{degrees} (90 %)" if math.isfinite(half) else ""
+    seconds, half = status.ahead[0], math.degrees(status.ahead[1])
+    return f"{axis} predicted {seconds:.2g} s ahead within ±{half:.2g}° (90 %)" if math.isfinite(half) else ""
 
 
 def _status_line(status: SessionStatus, axis: str) -> str:

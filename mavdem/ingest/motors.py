@@ -28,7 +28,8 @@ class MotorGeometry:
 
     ``positions`` and ``spins`` are empty when unknown; ``basis`` is the source of all this, or the assumption, as a
     phrase. A spin is 1 for a propeller that turns counterclockwise seen from above, -1 for one that turns clockwise.
-    ``labels`` are names of the inputs, where they are not motors.
+    ``labels`` are names of the inputs, where they are not motors. ``drivers`` are PX4's driver of each and its channel
+    there, from 1: ("PWM_MAIN", 1).
     """
 
     motors: tuple[int, ...]
@@ -39,6 +40,7 @@ class MotorGeometry:
     positions_assumed: bool
     labels: tuple[str, ...] = ()
     spins: tuple[int, ...] = ()
+    drivers: tuple[tuple[str, int], ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -82,8 +84,12 @@ def motor_geometry(
     ``vehicle`` and ``autopilot`` are MAV_TYPE and MAV_AUTOPILOT without prefixes, ``moving`` the channels, from 1,
     whose outputs change, ``bank`` how many channels a bank has (PX4 numbers those of each driver, and bank, from 1).
     """
+    drivers: dict[int, tuple[str, int]] = {}
     if autopilot == "PX4":
-        known = _px4_channels(parameters, moving, bank)
+        # Before PX4 1.13, which has no *_FUNCn, the first bank is that of the main outputs.
+        drivers = {n: (("PWM_MAIN", n) if n <= bank else ("PWM_AUX", n - bank)) for n in range(1, 2 * bank + 1)}
+        known, named = _px4_channels(parameters, moving, bank)
+        drivers |= named
         rotors = range(min(int(parameters.get("CA_ROTOR_COUNT", 0)), 12))  # n of the control allocation is motor n + 1
         at = {n + 1: tuple(parameters.get(f"CA_ROTOR{n}_P{axis}") for axis in "XY") for n in rotors}
         places = {motor: (float(x), float(y)) for motor, (x, y) in at.items() if x is not None and y is not None}
@@ -96,6 +102,9 @@ def motor_geometry(
         motor_of = {33 + i: 1 + i for i in range(8)} | {82 + i: 9 + i for i in range(4)}
         functions = {channel: int(parameters.get(f"SERVO{channel}_FUNCTION", 0)) for channel in range(32, 0, -1)}
         known = {motor_of[function]: channel for channel, function in functions.items() if function in motor_of}
+        # Before ArduCopter 3.5 motors have no function, and gimbals have RCn_FUNCTION.
+        others = {n for n in functions if parameters.get(f"RC{n}_FUNCTION", functions[n]) not in (0, *motor_of)}
+        moving = [channel for channel in moving if channel not in others]
         if vehicle == "TRICOPTER":
             known.pop(7, None)  # the servo that tilts the rear motor
         frame = _ardupilot_frame(vehicle, parameters)
@@ -119,7 +128,8 @@ def motor_geometry(
         basis += "; motor positions of an X quad" if places else "; motor positions unknown"
     positions = tuple(places[motor] for motor in motors) if places else ()
     spins = tuple(turns[motor] for motor in motors) if all(motor in turns for motor in motors) else ()
-    return MotorGeometry(motors, channels, positions, basis, channels_assumed, assumed, spins=spins)
+    places_of = tuple(drivers[channel] for channel in channels if channel in drivers)
+    return MotorGeometry(motors, channels, positions, basis, channels_assumed, assumed, (), spins, places_of)
 
 
 def place_name(position: Position) -> str:
@@ -196,9 +206,15 @@ def _circle(bearings: Mapping[int, float]) -> dict[int, Position]:
 _PX4_DRIVERS = ("PWM_MAIN", "PWM_AUX", "UAVCAN_EC", "DSHOT", "SIM_GZ_EC", "HIL_ACT", "TAP_ESC", "VOXL_ESC", "PCA9685")
 
 
-def _px4_channels(parameters: Mapping[str, float], moving: Sequence[int], bank: int) -> dict[int, int]:
-    """The motors ({driver}_FUNCn 101 to 112 are 1 to 12) of drivers whose channels move, in the first such bank."""
+def _px4_channels(
+    parameters: Mapping[str, float], moving: Sequence[int], bank: int
+) -> tuple[dict[int, int], dict[int, tuple[str, int]]]:
+    """The channel of each motor ({driver}_FUNCn 101 to 112 are 1 to 12), and the driver behind each channel.
+
+    Of drivers whose channels move, in the first such bank.
+    """
     channels: dict[int, int] = {}
+    drivers: dict[int, tuple[str, int]] = {}
     banks = [0, bank]
     for driver in _PX4_DRIVERS:
         motor_of = {n: int(parameters.get(f"{driver}_FUNC{n}", 0)) - 100 for n in range(1, 17)}
@@ -207,15 +223,17 @@ def _px4_channels(parameters: Mapping[str, float], moving: Sequence[int], bank: 
         first = next((first for first in banks if {first + n for n in further.values()} <= set(moving)), None)
         if further and first is not None:
             channels |= {motor: first + n for motor, n in further.items()}
+            drivers |= {first + n: (driver, n) for n in further.values()}
             banks.remove(first)
-    return channels
+    return channels, drivers
 
 
 @dataclass(frozen=True)
 class OutputScale:
-    """How motor outputs are expressed in a stream: "PWM" in µs, "normalised", "0-1000", "DShot" or "unknown".
+    """How motor outputs are expressed: "PWM" in µs, "normalised", "0-1000", "DShot", "UAVCAN" or "unknown".
 
     ``low`` and ``high`` are outputs at no and at full throttle, ``step`` is the smallest difference between two values.
+    ``stop`` is the share of the range beyond which the autopilot sends no motor; 1 where that is not known.
     """
 
     name: str
@@ -223,6 +241,7 @@ class OutputScale:
     low: float
     high: float
     step: float
+    stop: float = 1.0
 
     def fraction(self, outputs: NDArray[np.float64]) -> NDArray[np.float64]:
         """Outputs as a share of the range, 0 at ``low`` and 1 at ``high``; below 0 when disarmed on some autopilots."""
@@ -230,14 +249,21 @@ class OutputScale:
 
 
 MIN_PULSE_RANGE = 300.0  # µs from no to full throttle; less is no range of a speed controller
+MAX_OUTSIDE = (
+    0.5  # Share of the different pulse widths outside of the parameters' range: disarmed, while arming, damaged
+)
+MAX_DSHOT, MAX_UAVCAN = 1999.0, 8191.0  # PX4's outputs at full throttle
 
 
-def output_scale(outputs: NDArray[np.float64], parameters: Mapping[str, float]) -> OutputScale:
+def output_scale(
+    outputs: NDArray[np.float64], parameters: Mapping[str, float], drivers: Sequence[tuple[str, int]] = ()
+) -> OutputScale:
     """Returns the scale of motor outputs of any shape, as sent, also while disarmed; non-finite values are ignored.
 
     Pulse widths never fall below 750 µs except to 0 for "off"; PX4's DShot runs to 1999 and idles far below that, and
-    its simulators send 150..1000. ArduPilot's MOT_PWM_MIN and MOT_PWM_MAX are the range of pulse widths; where they are
-    0, and in ArduCopter before 3.4, which has neither, it is that of the throttle's input.
+    its simulators send 150..1000. The range is that of the parameters, where it holds the outputs: of PX4's ``drivers``
+    (``MotorGeometry.drivers``), or ArduPilot's MOT_PWM_MIN and MOT_PWM_MAX; where they are 0, and in ArduCopter before
+    3.4, which has neither, that of the throttle's input.
     """
     values = np.unique(outputs[np.isfinite(outputs)])
     running = values[values > 0]
@@ -245,14 +271,51 @@ def output_scale(outputs: NDArray[np.float64], parameters: Mapping[str, float]) 
         return OutputScale("unknown", "", 0.0, 1.0, 0.0)
     step = float(np.diff(values).min()) if len(values) > 1 else 0.0
     least, most = float(running[0]), float(running[-1])
+    driver, own = drivers[0][0] if drivers else "", _px4_range(drivers, parameters)
+    if not driver.startswith("PWM") and 1.05 < most <= own[1]:
+        return OutputScale("UAVCAN" if driver.startswith("UAVCAN") else "0-1000", "", *own, step)
     if least >= 750 and 1000 < most <= 2300:
         throttle = f"RC{parameters['RCMAP_THROTTLE']:.0f}" if "RCMAP_THROTTLE" in parameters else ""
-        for first, last in (("MOT_PWM_MIN", "MOT_PWM_MAX"), (f"{throttle}_MIN", f"{throttle}_MAX")):
-            low, high = parameters.get(first, 0.0), parameters.get(last, 0.0)
-            if low > 0 and high - low >= MIN_PULSE_RANGE:
-                return OutputScale("PWM", "µs", float(low), float(high), step)
-        return OutputScale("PWM", "µs", 1000.0, 2000.0, step)
+        named = () if drivers else (("MOT_PWM_MIN", "MOT_PWM_MAX"), (f"{throttle}_MIN", f"{throttle}_MAX"))
+        for low, high in (own, *((parameters.get(one, 0.0), parameters.get(other, 0.0)) for one, other in named)):
+            outside = np.mean((running < low) | (running > high + 1))
+            if low > 0 and high - low >= MIN_PULSE_RANGE and outside <= MAX_OUTSIDE:
+                return OutputScale("PWM", "µs", float(low), float(high), step, _ardupilot_stop(parameters))
+        return OutputScale("PWM", "µs", 1000.0, 2000.0, step, _ardupilot_stop(parameters))
+    if drivers and 10 < most <= 2047 and "DSHOT_MIN" in parameters:
+        return OutputScale("DShot", "", float(round(parameters["DSHOT_MIN"] * MAX_DSHOT)), MAX_DSHOT, step)
     # By the largest value; from 1.05 to 10 it is DShot too, hardly above idle.
-    ranges = ((1.05, "normalised", 1.0), (10.0, "DShot", 2000.0), (1000.0, "0-1000", 1000.0), (2047.0, "DShot", 2000.0))
-    name, high = next(((name, high) for bound, name, high in ranges if most <= bound), ("unknown", most))
+    scales = [(1.05, "normalised", 1.0), (10.0, "DShot", 2000.0), (1000.0, "0-1000", 1000.0), (2047.0, "DShot", 2000.0)]
+    scales += [(MAX_UAVCAN, "UAVCAN", MAX_UAVCAN)] if drivers else []
+    name, high = next(((name, high) for bound, name, high in scales if most <= bound), ("unknown", most))
     return OutputScale(name, "", 0.0, high, step)
+
+
+def _px4_range(drivers: Sequence[tuple[str, int]], parameters: Mapping[str, float]) -> tuple[float, float]:
+    """Outputs at no and at full throttle, the mean over the motors; 0 and 0 where one has none.
+
+    A channel has a range of its own or, where that is -1 and before PX4 1.12, that of its driver.
+    """
+    found: tuple[list[float], list[float]] = [], []
+    for driver, n in drivers:
+        for values, end in zip(found, ("MIN", "MAX"), strict=True):
+            names = (f"{driver}_{end}{n}", f"{driver}_{end}", f"PWM_{end}" if driver == "PWM_MAIN" else "")
+            values += [parameters[name] for name in names if parameters.get(name, 0.0) > 0][:1]
+    whole = min(map(len, found)) == len(drivers) > 0
+    return (float(np.mean(found[0])), float(np.mean(found[1]))) if whole else (0.0, 0.0)
+
+
+def _ardupilot_stop(parameters: Mapping[str, float]) -> float:
+    """The share of the range at which ArduPilot's mixer stops, by the parameter of its version; 1 without one.
+
+    MOT_SPIN_MAX from ArduCopter 3.4 on; MOT_THST_MAX in 3.3, of what is above THR_MIN; MOT_TCRV_MAXPCT before. Source:
+    ``AP_MotorsMulticopter`` and, before, ``AP_Motors`` of https://github.com/ArduPilot/ardupilot.
+    """
+    stop, idle = 1.0, parameters.get("THR_MIN", 0.0) / 1000
+    if "MOT_SPIN_MAX" in parameters:
+        stop = parameters["MOT_SPIN_MAX"]
+    elif "MOT_THST_MAX" in parameters:
+        stop = idle + (1 - idle) * parameters["MOT_THST_MAX"]
+    elif parameters.get("MOT_TCRV_ENABLE"):
+        stop = parameters.get("MOT_TCRV_MAXPCT", 100.0) / 100
+    return float(stop) if 0.5 <= stop <= 1 else 1.0

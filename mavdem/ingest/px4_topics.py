@@ -189,8 +189,18 @@ def _between(
 
 
 def _servo_output_raw(topics: Topics) -> dict[str, NDArray[Any]] | None:
-    """SERVO_OUTPUT_RAW.hpp: actuator_outputs, each instance a port of 16, with the decimals the message cuts off."""
-    ports = {port: topic for port, topic in topics.get("actuator_outputs", {}).items() if _has(topic, "output", 1)}
+    """SERVO_OUTPUT_RAW.hpp: actuator_outputs, each instance a port of 16, with the decimals the message cuts off.
+
+    An instance that two drivers publish in turn, each with its ``noutputs``, becomes two ports.
+    """
+    ports: dict[int, Px4Topic] = {}
+    for instance, topic in topics.get("actuator_outputs", {}).items():
+        if _has(topic, "output", 1):
+            used = topic.get("noutputs", np.zeros(len(topic["time"])))
+            in_turn = np.count_nonzero(np.diff(used)) >= 2 * len(np.unique(used))
+            parts = [selected(topic, used == kind) for kind in np.unique(used)] if in_turn else [topic]
+            parts.sort(key=lambda part: -float(np.ptp(part["output[0]"])))
+            ports |= {instance + _OUTPUTS * n: part for n, part in enumerate(parts)}
     if not ports:
         return None
     outputs = np.concatenate([_outputs(topic) for topic in ports.values()])
@@ -202,12 +212,13 @@ def _servo_output_raw(topics: Topics) -> dict[str, NDArray[Any]] | None:
 
 
 def _outputs(topic: Px4Topic) -> NDArray[np.float64]:
-    """(N, 16), zero beyond the number of outputs in use."""
+    """(N, 16), zero beyond the number of outputs in use, unless that is 0."""
     there = [n for n in range(_OUTPUTS) if f"output[{n}]" in topic]
     outputs = np.zeros((len(topic["time"]), _OUTPUTS))
     outputs[:, there] = np.column_stack([topic[f"output[{n}]"] for n in there])
     if "noutputs" in topic:
-        outputs[np.arange(_OUTPUTS) >= topic["noutputs"][:, None]] = 0.0
+        used = np.where(topic["noutputs"] > 0, topic["noutputs"], _OUTPUTS)
+        outputs[np.arange(_OUTPUTS) >= used[:, None]] = 0.0
     return outputs
 
 

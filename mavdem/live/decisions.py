@@ -33,35 +33,23 @@ from mavdem.live.messages import Values
 from mavdem.live.rows import Samples
 
 REPORTED = ("armed", "landed_state")
-TOUCHDOWN_SHARE, TOUCHDOWN_SECONDS = 0.5, 0.2
-"""Of the collective in flight, and over how long: in the air a multirotor carries its weight, on the ground it idles at
-a third."""
-MAX_ROWS = 512  # Of each stream of outputs that are looked back on
-MAX_REPORTS = 4096  # Of each kind of what shows the phase
+TOUCHDOWN_SHARE, TOUCHDOWN_SECONDS = 0.5, 0.2  # Of the collective in flight: on the ground it idles at a third
+MAX_ROWS, MAX_REPORTS = 512, 4096  # Of each stream of outputs, and of each kind of what shows the phase
 
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """What the rows of a segment are, like the ``provenance`` of a ``Flight``.
+    """What the rows of a segment are, like the ``provenance`` of a ``Flight``."""
 
-    Attributes:
-        segment, boot: numbers.
-        dt: step, s.
-        attitude, motors: names of the messages.
-        layout, scale: of the inputs.
-        rates: Hz of attitude and motors that decided the step.
-        start: first point of the grid, s; the first row may be a few seconds later.
-    """
-
-    segment: int
-    boot: int
-    dt: float
-    attitude: str
-    motors: str
-    layout: MotorGeometry
-    scale: OutputScale
-    rates: tuple[float, ...]
-    start: float
+    segment: int  # number
+    boot: int  # number
+    dt: float  # step, s
+    attitude: str  # name of the message
+    motors: str  # name of the message
+    layout: MotorGeometry  # of the inputs
+    scale: OutputScale  # of the inputs
+    rates: tuple[float, ...]  # Hz of attitude and motors that decided the step
+    start: float  # first point of the grid, s; the first row may be a few seconds later
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,8 +102,7 @@ class InputChoice:
     ) -> Inputs | None:
         """Returns the inputs by the rule of ``Signals.drive``; None without any.
 
-        ``streams`` are by message and port, ``rates``, Hz, by message, ``axis`` and ``inputs`` as for ``Signals``.
-        ``staying`` is the only message to consider, if there is one.
+        ``streams`` are by message and port, ``rates``, Hz, by message; ``staying`` is the only message to consider.
         """
         messages: dict[str, dict[str, NDArray[Any]]] = {}
         oldest = min((stream.time[0] for stream in streams.values() if stream.time), default=inf)

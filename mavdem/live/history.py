@@ -29,12 +29,10 @@ ACCOUNT = {
     "silent": "without a message",
     "link_lost": "with the link lost",
     "no_vehicle": "without a vehicle",
-}
-"""What the seconds of a session are accounted for as."""
+}  # What the seconds of a session are accounted for as
 AHEAD = 0.25  # s; how well the model predicts so far ahead is reported
 HORIZONS = 0.05, 0.1, AHEAD, 0.5  # s; of a live session's predictions, besides one step
-MAX_ROWS = 100_000
-"""Rows kept of the lines; when there are more, every second one is dropped, and from then on every second one kept."""
+MAX_ROWS = 100_000  # Of the lines; when there are more, every second one is dropped, and from then on not kept
 REBOOT_GAP_SECONDS = 1.0  # Shown between the last time before a reboot and the first after it
 SETTLED_GAP = 1.0  # s between two learned samples from which on they belong to different parts of the flight
 SAME_TIME = 1e-6  # s between a prediction and the row it is of, at most
@@ -56,6 +54,7 @@ class Event(NamedTuple):
 
     seconds: float  # UNIX s of the bytes that caused it for a stream, s of the vehicle's clock in a history
     sentence: str
+    level: str = "INFO"  # or "ERROR" for an alarm
 
 
 @dataclass(frozen=True)
@@ -65,36 +64,22 @@ class SessionStatus:
     ``LiveStream`` fills in what concerns the link and the vehicle, ``LiveSession`` the rest. ``useful`` is the longest
     useful horizon, s (``Estimate.useful``), and the squared error there over that of the better of the last sample and
     the mean so far.
-
-    Attributes:
-        vehicle: the followed one, "system:component".
-        obstacle: why there are no rows or no new model; empty while all is well.
-        rates: Hz of attitude and motors over the last 2 s, by message.
-        flying: whether the vehicle is armed and airborne.
-        learned, shown: rows that the learner used, and that were only shown.
-        latency: median and 99th percentile, s, from the link to the estimate.
-        ahead: about ``AHEAD`` s, and half width, rad, of the angle's 90 % band there.
-        lost: messages of the vehicle missing by its sequence numbers.
-        late, unread: samples that came too late for their row, and frames of another dialect or damaged.
-        alarms, alarm_count: the latest changes of the motors' balance, and how many; without a motor no alarms.
-        alarm: the latest on a motor in this boot and this flight; it stays after the landing.
     """
 
-    vehicle: str | None = None
-    obstacle: str = ""
-    rates: Mapping[str, float] = field(default_factory=dict)
-    flying: bool = False
-    learned: int = 0
-    shown: int = 0
-    latency: tuple[float, float] = (nan, nan)
-    ahead: tuple[float, float] = (nan, nan)
+    vehicle: str | None = None  # the followed one, "system:component"
+    obstacle: str = ""  # why there are no rows or no new model; empty while all is well
+    rates: Mapping[str, float] = field(default_factory=dict)  # Hz of attitude and motors over the last 2 s, by message
+    flying: bool = False  # whether the vehicle is armed and airborne
+    learned: int = 0  # rows that the learner used
+    shown: int = 0  # rows that were only shown
+    latency: tuple[float, float] = (nan, nan)  # median and 99th percentile, s, from the link to the estimate
+    ahead: tuple[float, float] = (nan, nan)  # about ``AHEAD`` s, and half width, rad, of the angle's 90 % band there
     useful: tuple[float, float] = (nan, nan)
-    lost: int = 0
-    late: int = 0
-    unread: int = 0
-    alarms: tuple[MotorAlarm, ...] = ()
-    alarm_count: int = 0
-    alarm: str = ""
+    lost: int = 0  # messages of the vehicle missing by its sequence numbers
+    late: int = 0  # samples that came too late for their row
+    unread: int = 0  # frames of another dialect or damaged
+    alarms: tuple[MotorAlarm, ...] = ()  # the latest changes of the motors' balance; without a motor they are no alarms
+    alarm: str = ""  # the latest on a motor in this boot and this flight; it stays after the landing
 
     def predicting(self, estimate: Estimate) -> SessionStatus:
         """Returns the same with ``ahead`` and ``useful`` of an estimate."""

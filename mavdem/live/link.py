@@ -28,11 +28,9 @@ from mavdem.ingest.tlog import write_stamped
 from mavdem.ingest.vocabulary import AUTOPILOT_COMPONENT
 
 LOOPBACK = "127.0.0.1"
-BUFFER_BYTES = 4 << 20  # Asked of the kernel: half a minute of a fast link
 MAX_PIECE_BYTES = 1 << 16  # Of a datagram, and of a piece of a byte stream
 MAX_PIECES = 512  # Datagrams or pieces taken in one call: a fast sender must not hold up the caller
 SENDER_SECONDS, MAX_PEERS = 10.0, 16  # How long an address that sent something is sent to, and how many are kept
-BAUD = 115200
 CONNECT_SECONDS = 5.0  # Time limit of a connection attempt
 SILENCE_SECONDS = 5  # After which a silent client gives way to another, and a silent connection is probed
 PROBE_SECONDS, MAX_PROBES = 2, 3  # Between two probes, and probes without a reply until the connection is lost
@@ -145,16 +143,15 @@ class Link:
             try:
                 self._open()
             except OSError:
-                self.close()
-                self._pause_attempts()
+                self._shut()
         return self._waiting_on() is not None
 
     def close(self) -> None:
         """Closes it."""
         for opened in filter(None, (self._socket, self._server)):
             opened.close()
-        with contextlib.suppress(OSError):
-            if self._serial is not None:
+        if self._serial is not None:
+            with contextlib.suppress(OSError):
                 os.close(self._serial)
         self._socket = self._server = self._serial = None
 
@@ -169,7 +166,7 @@ class Link:
         except UnicodeError as error:  # no valid host name
             raise socket.gaierror(str(error)) from error
         opened = socket.socket(family, kind)
-        opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
+        opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4 << 20)  # half a minute of a fast link
         if self._kind == "tcpin":
             self._server = opened
             opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -208,7 +205,8 @@ class Link:
 
     def _admits(self, datagram: bytes) -> bool:
         """Whether the latest datagram is of the first address of its autopilot; other components may have several."""
-        address, now, ids = self._from, self._came, ()
+        address, now = self._from, self._came
+        ids: tuple[int, ...] = ()
         if len(datagram) >= HEADER_1 and datagram[0] in (MARKER_1, MARKER_2):
             ids = tuple(datagram[3:5] if datagram[0] == MARKER_1 else datagram[5:7])
         if address is None or ids[1:] != (AUTOPILOT_COMPONENT,):
@@ -236,13 +234,14 @@ class Link:
             self._socket.close()
             self._socket = None  # the next client may connect at once
         else:
-            self.close()
             if time.monotonic() - self._opened >= STABLE_SECONDS:
                 self._pause = FIRST_PAUSE_SECONDS
-            self._pause_attempts()
+            self._shut()
         raise LinkLost(f"The link {self.name} {how}.")
 
-    def _pause_attempts(self) -> None:
+    def _shut(self) -> None:
+        """Closes it until a pause is over, which doubles each time."""
+        self.close()
         self._not_before = time.monotonic() + self._pause
         self._pause = min(2 * self._pause, MAX_PAUSE_SECONDS)
 
@@ -300,7 +299,7 @@ def _serial(name: str) -> int:
     import tty
 
     device, _, speed = name.partition(",")
-    baud = getattr(termios, f"B{speed or BAUD}", None)
+    baud = getattr(termios, f"B{speed or 115200}", None)
     if baud is None or not (speed or "1").isdigit():
         raise Unreadable(f"Cannot open {name}: {speed!r} is not a speed of a serial port.")
     port = os.open(device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)

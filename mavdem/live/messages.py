@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from functools import cache
-from math import asin, atan2, inf, isfinite
+from math import inf, isfinite
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,6 +18,7 @@ from mavdem.alignment.signals import CLIMB_FIELDS
 from mavdem.ingest.mavlink import framing
 from mavdem.ingest.mavlink.definitions import definitions, parameter_values, seeds
 from mavdem.ingest.mavlink.vehicles import CLOCK_UNITS
+from mavdem.ingest.vocabulary import euler_angles
 
 Values = tuple[float, ...]
 
@@ -35,8 +36,7 @@ FIELDS: dict[str, tuple[str, ...]] = {
     "ACTUATOR_OUTPUT_STATUS": ("actuator",),
     "HIL_ACTUATOR_CONTROLS": ("controls",),
     DEMAND_MESSAGE: ("group_mlx", "controls"),
-} | {message: (field,) for message, (field, _) in CLIMB_FIELDS.items()}
-"""The messages that a model needs and their fields."""
+} | {message: (field,) for message, (field, _) in CLIMB_FIELDS.items()}  # of the messages that a model needs
 
 
 class Frame(NamedTuple):
@@ -161,11 +161,10 @@ def attitude(message: Message) -> Values | None:
     if message.name == "ATTITUDE":
         roll, pitch, p, q, r = message.values
     else:
-        w, x, y, z, p, q, r = message.values
-        if not all(map(isfinite, (w, x, y, z))):
+        *attitude, p, q, r = message.values
+        if not all(map(isfinite, attitude)):
             return None
-        roll = atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
-        pitch = asin(min(max(2 * (w * y - z * x), -1.0), 1.0))
+        roll, pitch, _ = map(float, euler_angles(np.array(attitude)))
     # NaN fails every comparison.
     possible = all(abs(angle) <= MAX_ANGLE for angle in (roll, pitch))
     possible = possible and all(abs(rate) <= MAX_BODY_RATE for rate in (p, q, r))

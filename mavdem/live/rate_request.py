@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import count
 
 import numpy as np
 
@@ -17,9 +18,7 @@ from mavdem.ingest.vocabulary import ACTIVE
 from mavdem.live.messages import Message
 
 GROUND_STATION = FrameSender(255, 190)  # The usual ids of ground stations; 190 is MAV_COMP_ID_MISSIONPLANNER
-GREETER = FrameSender(254, 190)
-"""Sends the HEARTBEATs. When those of 255, the usual ground station, end, autopilots assume a lost link and may fly
-home."""
+GREETER = FrameSender(254, 190)  # Of HEARTBEATs: when those of 255 end, autopilots may fly home for a lost link
 GCS, NO_AUTOPILOT, VERSION = 6, 8, 3  # MAV_TYPE_GCS, MAV_AUTOPILOT_INVALID, and the version in every HEARTBEAT
 GET_INTERVAL, SET_INTERVAL = 510, 511  # MAV_CMD_GET_MESSAGE_INTERVAL and _SET_MESSAGE_INTERVAL
 EVERYONE = 0  # Target id of messages to all, and of those without a target
@@ -109,7 +108,6 @@ class RateRequest:
         self._vehicle = vehicle
         self._intervals = [_Interval(number, definitions()[number].name, rate) for number in messages]
         self._intervals += [_Interval(number, definitions()[number].name, EVIDENCE_RATE, True) for number in evidence]
-        self._sequence = 0
         self._contested = self._restoring = False
         self.unconfirmed: deque[_Interval] = deque()  # whose restoring awaits a reply
 
@@ -172,10 +170,9 @@ class RateRequest:
 
     def restart(self) -> None:
         """The vehicle may have rebooted, and forgotten all rates: asks for them again at once."""
-        for interval in self._intervals:
-            interval.settings, interval.done, interval.refused = 0, False, False
-            interval.last, interval.again = -np.inf, 0
-        if any(interval.set for interval in self._intervals):
+        for each in self._intervals:
+            each.settings, each.done, each.refused, each.last, each.again = 0, False, False, -np.inf, 0
+        if any(each.set for each in self._intervals):
             self.events.append("The vehicle is back: asking for its message rates again.")
 
     def restore(self) -> list[bytes]:
@@ -208,23 +205,25 @@ class RateRequest:
         interval.settings, interval.done, interval.again = 0, False, interval.again + 1
 
     def _command(self, command: int, first: float, second: float = 0.0) -> bytes:
-        self._sequence += 1
         target = {"target_system": self._vehicle.system, "target_component": self._vehicle.component}
         fields = target | {"command": command, "param1": first, "param2": second}
-        return _frame("COMMAND_LONG", GROUND_STATION, self._sequence - 1, fields)
+        return _frame("COMMAND_LONG", GROUND_STATION, fields)
 
 
-def greeting(number: int) -> bytes:
-    """Returns the ``number``-th HEARTBEAT, from 0 on, for vehicles that send only after they have received one."""
+def greeting() -> bytes:
+    """Returns a HEARTBEAT, for vehicles that send only after they have received one."""
     fields = {"type": GCS, "autopilot": NO_AUTOPILOT, "system_status": ACTIVE, "mavlink_version": VERSION}
-    return _frame("HEARTBEAT", GREETER, number, fields)
+    return _frame("HEARTBEAT", GREETER, fields)
 
 
-def _frame(name: str, sender: FrameSender, number: int, fields: Mapping[str, float]) -> bytes:
+_sequence = count()
+
+
+def _frame(name: str, sender: FrameSender, fields: Mapping[str, float]) -> bytes:
     definition = definition_named(name)
     assert definition is not None
     payload = np.zeros(1, dtype=definition.wire)
     for field, value in fields.items():
         payload[field] = value
-    data, _ = composed_frames(payload, definition, sender, np.array([number % 256], dtype=np.uint8))
-    return data.tobytes()
+    number = np.array([next(_sequence) % 256], dtype=np.uint8)
+    return composed_frames(payload, definition, sender, number)[0].tobytes()

@@ -21,8 +21,7 @@ from mavdem.live.messages import Frame, Message
 MAX_SENDERS = 64
 MAX_PARAMETERS = 2048  # Parameters kept of each; autopilots have up to 1500
 VOTING_HEARTBEATS = 31  # HEARTBEATs that decide what a sender is; later ones change nothing
-ENOUGH_MESSAGES = 3
-"""HEARTBEATs, and messages of attitude, before a vehicle is followed: about three seconds in which another may show."""
+ENOUGH_MESSAGES = 3  # HEARTBEATs, and of attitude, before a vehicle is followed: seconds in which another may show
 MAX_LISTED = 8  # Vehicles named in one sentence
 
 
@@ -60,8 +59,7 @@ class Sender:
 
     @property
     def can_be_followed(self) -> bool:
-        """Whether it is known what it is and whether it sends attitude."""
-        # Many autopilots send nothing but HEARTBEATs until asked.
+        """Whether it is known what it is; many autopilots send nothing but HEARTBEATs until asked."""
         mute = self.kind in MULTIROTORS and len(self._beats) >= 5 and not self.attitudes
         return mute or (self.known and self.flies)
 

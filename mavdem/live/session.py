@@ -31,8 +31,7 @@ from mavdem.live.rows import AlignedRow
 from mavdem.live.stream import LiveStream
 
 STATUS_SECONDS = 1.0  # From one status to the next
-REPEAT_SECONDS = 30.0
-"""In which a sentence is reported once, whatever its numbers: a link at a limit must not fill a terminal."""
+REPEAT_SECONDS = 30.0  # In which a sentence is reported once, whatever its numbers: a link may be at a limit
 MAX_MODELS = 16  # Kept, so that one from before a landing is among them: several times the seconds that are taken back
 LOW_PRIORITY = 10  # Niceness, 0 to 19, of the process that learns
 
@@ -42,10 +41,7 @@ Result = TypeVar("Result")
 
 
 class LearningProcess(Executor):
-    """An executor with one process of low priority.
-
-    If the process is killed, the future of its job raises, and the next job runs in a new process.
-    """
+    """An executor with one process of low priority; if that is killed, the next job runs in a new one."""
 
     def __init__(self) -> None:
         self._exits = ExitStack()
@@ -83,8 +79,8 @@ class LiveSession:
     stream: LiveStream  # of one vehicle
     settings: Settings  # of the learner
     # Called with the first setup and each new one; returns the display of its rows, or None. Its ``put`` takes a row's
-    # time, the shift of a ``LiveHistory``, segment, outputs, inputs, estimate and model, its ``log`` a time and a
-    # sentence, and both return at once.
+    # time, the shift of a ``LiveHistory``, segment, outputs, inputs, estimate and model, its ``log`` an event, and
+    # both return at once.
     show: Callable[[Setup], Any]
     report: Callable[[SessionStatus], None]  # called once a second with the status
     say: Callable[[str], None]  # called with each sentence
@@ -105,7 +101,7 @@ class LiveSession:
         self._display: Any = None
         self.request: RateRequest | None = None
         self._arrivals, self._boot = Arrivals(), 0
-        self._greetings, self._greeted = 0, -np.inf
+        self._greeted = -np.inf
         self._latencies: deque[float] = deque(maxlen=10_000)
         self._learned, self._shown = 0, 0
         self._estimate: Estimate | None = None
@@ -129,7 +125,9 @@ class LiveSession:
             landing = self.stream.landing()
             if landing is not None and self.learner is not None:
                 self._take_back(self.learner, landing)
-        for text in [*(event.sentence for event in self.stream.events()), *self.link.events()]:
+        for event in self.stream.events():
+            self._log(event.sentence, event.level)
+        for text in self.link.events():
             self._log(text)
         # The time that processing takes is no silence.
         now, resumed = time.monotonic(), {}
@@ -169,11 +167,7 @@ class LiveSession:
         return dict(self._account)
 
     def final_model(self) -> Learned:
-        """Returns the last model before the last landing; in flight, that of the last samples.
-
-        Raises:
-            ValueError: there is none.
-        """
+        """Returns the last model before the last landing; in flight, that of the last samples; ValueError if none."""
         if self.learner is None:
             raise ValueError("there was no settled flight")
         if not (self._landed and self._models):
@@ -201,24 +195,20 @@ class LiveSession:
         """The status as of now."""
         status, silence = self.stream.status(), self._silence()
         learning = self.learner.obstacle if self.learner is not None else ""
-        obstacle = (
-            silence or status.obstacle or (history.NOT_SETTLED if status.flying and not self._settled else learning)
-        )
+        learning = history.NOT_SETTLED if status.flying and not self._settled else learning
         rates = dict.fromkeys(status.rates, 0.0) if silence else status.rates
         median, late = np.percentile(self._latencies or [np.nan], [50, 99]).tolist()
         rows = replace(status, learned=self._learned, shown=self._shown, latency=(median, late))
-        rows = replace(rows, obstacle=obstacle, rates=rates)
+        rows = replace(rows, obstacle=silence or status.obstacle or learning, rates=rates)
         return rows if self._estimate is None else rows.predicting(self._estimate)
 
     def _silence(self) -> str:
         """The sentence about a silent link; empty if it is not silent."""
-        now, missing = time.monotonic(), ""
+        since = time.monotonic() - SILENCE_SECONDS
         if self._lost:
             return "the link is lost"
-        if now - self._heard > SILENCE_SECONDS:
-            missing = "nothing was"
-        elif self._samples and now - self._sampled > SILENCE_SECONDS:
-            missing = "no attitude and no motor outputs were"
+        missing = "no attitude and no motor outputs were" if self._samples and self._sampled < since else ""
+        missing = "nothing was" if self._heard < since else missing
         return missing and f"{missing} received for {SILENCE_SECONDS:.0f} s and more"
 
     def _receive(self, timeout: float) -> list[tuple[float, bytes]]:
@@ -291,7 +281,7 @@ class LiveSession:
             self._log(f"The display failed ({_reason(error)}); everything else continues.")
         if before is None and self._display is not None:
             for event in self.history.events:
-                self._display.log(*event)
+                self._display.log(event)
 
     def _take_back(self, learner: OnlineLearner, since: float) -> None:
         """Takes back what was learned from ``since``, s of the boot clock, on: it was of a landing."""
@@ -303,11 +293,11 @@ class LiveSession:
     def _named(self, learned: Learned) -> Learned:
         """The model with the names and units of the latest rows, where it has their inputs."""
         setup, record = self._setup, learned.record
-        if setup is None or record.inputs.shape[1] != len(setup.layout.names):
+        if setup is None or record.inputs.shape[1] != len(inputs := setup.layout.names):
             return learned
         names, units = zip(*axis_outputs(self.stream.axis), strict=True)
-        named = replace(record, input_names=setup.layout.names, output_names=names, output_units=units)
-        return replace(learned, record=replace(named, input_units=(setup.scale.unit,) * len(setup.layout.names)))
+        named = replace(record, input_names=inputs, output_names=names, output_units=units)
+        return replace(learned, record=replace(named, input_units=(setup.scale.unit,) * len(inputs)))
 
     def _request_rates(self, now: float) -> None:
         """Asks for rates if the user wants that and the vehicle is known; sends a HEARTBEAT if needed before."""
@@ -315,8 +305,7 @@ class LiveSession:
             return
         if self.link.speaks_first and now - max(self._heard, self._greeted) >= STATUS_SECONDS:
             self._greeted = now
-            self._send([greeting(self._greetings)])
-            self._greetings += 1
+            self._send([greeting()])
         vehicle = self.stream.followed
         if vehicle is None or now - self._heard > SILENCE_SECONDS:
             return
@@ -354,7 +343,7 @@ class LiveSession:
         except LinkLost as error:
             self._log(str(error))
 
-    def _log(self, text: str) -> None:
+    def _log(self, text: str, level: str = "INFO") -> None:
         now, said = time.monotonic(), sentence(text)
         kind = _NUMBERS.sub("", said)
         self._last_said = {before: at for before, at in self._last_said.items() if now - at < REPEAT_SECONDS}
@@ -362,9 +351,9 @@ class LiveSession:
             return
         self._last_said[kind] = now
         self.say(said)
-        self.history.events.append(Event(self.history.now, said))
+        self.history.events.append(Event(self.history.now, said, level))
         if self._display is not None:
-            self._display.log(self.history.now, said)
+            self._display.log(self.history.events[-1])
 
 
 def _reason(error: Exception) -> str:

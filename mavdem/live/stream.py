@@ -122,16 +122,14 @@ class LiveStream:
             late=sum(stream.late for stream in self._streams.values()),
             unread=self._frames.unread,
             alarms=tuple(self._alarms.latest),
-            alarm_count=self._alarms.count,
             alarm=self._alarms.sentence,
         )
 
     def _rates(self, now: float) -> dict[str, float]:
         """Hz of each message of attitude, outputs and demand; of several ports the fastest."""
-        rates: dict[str, float] = {}
-        for (name, _), stream in self._streams.items():
-            rates[name] = max(rates.get(name, 0.0), stream.rate(now))
-        return rates
+        return {
+            name: rate for rate, name in sorted((each.rate(now), name) for (name, _), each in self._streams.items())
+        }
 
     def _take(self, frame: Frame) -> Iterator[AlignedRow]:
         """Takes a frame; the rows that it completes."""
@@ -312,8 +310,8 @@ class LiveStream:
             self._alarms.landed |= not self._phase.flying
         elif all(ports.values()):
             commands = [inputs.share(ports[port][0][channel]) for port, channel in inputs.picks]
-            for sentence in self._alarms.take(time, self.boot, inputs, commands):
-                self._report(sentence)
+            for sentence, level in self._alarms.take(time, self.boot, inputs, commands):
+                self._report(sentence, level)
 
     def _reboot(self, boot: int) -> None:
         """Drops everything on the old clock; the vehicle's identity and parameters stay."""
@@ -326,8 +324,8 @@ class LiveStream:
         self._grid.restart()
         self._reviewed, self._connected_from = -inf, inf
 
-    def _report(self, sentence: str) -> None:
-        self._events.append(Event(self._received, sentence))
+    def _report(self, sentence: str, level: str = "INFO") -> None:
+        self._events.append(Event(self._received, sentence, level))
 
 
 class MotorAlarms:
@@ -335,13 +333,13 @@ class MotorAlarms:
 
     def __init__(self) -> None:
         self.latest: deque[MotorAlarm] = deque(maxlen=MAX_EVENTS)
-        self.count, self.sentence, self.landed = 0, "", False
+        self.sentence, self.landed = "", False
         self._watch: MotorWatch | None = None
         self._watched: object = None
         self._reported = {""}  # Reasons why none would be seen
 
-    def take(self, time: float, boot: int, inputs: Inputs, commands: list[float]) -> Iterator[str]:
-        """Sentences to report after a sample, the motors' ``commands`` as shares of their range, in settled flight."""
+    def take(self, time: float, boot: int, inputs: Inputs, commands: list[float]) -> Iterator[tuple[str, str]]:
+        """Sentences to report, with a level, after a sample in settled flight; ``commands`` as shares of the range."""
         if self.landed:
             self.sentence, self.landed = "", False
         obstacle, layout = ONLY_DEMAND, inputs.layout
@@ -353,9 +351,8 @@ class MotorAlarms:
             alarm, obstacle = self._watch.take(time, commands), self._watch.obstacle
             if alarm is not None:
                 self.latest.append(alarm)
-                self.count += 1
                 self.sentence = self.sentence if alarm.motor is None else alarm.sentence
-                yield alarm.sentence
+                yield alarm.sentence, "INFO" if alarm.motor is None else "ERROR"
         if obstacle not in self._reported:
             self._reported.add(obstacle)
-            yield obstacle
+            yield obstacle, "INFO"

@@ -18,46 +18,33 @@ from mavdem.view.plots import BOOT_CLOCK, Plot, blueprint, recorded
 
 Array = NDArray[np.float64]
 
-AIRBORNE_SPEED_SHARE = 0.7  # share of the median speed of armed rotors above which they carry the vehicle
+AIRBORNE_SPEED_SHARE = 0.9  # share of the median speed of armed rotors above which they carry the vehicle
 MAX_ROWS = 50_000  # the viewer draws every row
-SPOOLING_SECONDS = 0.5  # how long rotors take to speed up and to slow down
 TRAIL, POINTS_A_SECOND = 4.0, 20  # seconds of the way behind the vehicle that are drawn, anew ten times a second
-WIND_SCALE = 0.4  # length of the wind's arrow for 1 m/s, in lengths of an arm
-WIND_AWAY = 1.4  # where that arrow ends before the vehicle, in lengths of an arm
+WIND_SCALE, WIND_AWAY = 0.4, 1.4  # length of the wind's arrow for 1 m/s, and of the way from its head, in arms
 MAX_GROUND_METRES, GROUND_MARGIN_METRES = 50.0, 8.0  # the ground is drawn so far from the start, around the flight
 
 BODY, NOSE, GROUND = (210, 214, 220), (255, 107, 107), (70, 74, 80)
 TRAIL_COLOUR = (94, 214, 120)
-SPEEDS = np.array([(60, 110, 255), (165, 165, 170), (255, 150, 30)], dtype=np.float64)
-"""Colours of a rotor slower than in hover, as in hover, and faster."""
+SPEEDS = np.array([(60, 110, 255), (165, 165, 170), (255, 150, 30)], float)  # slower than in hover, as there, faster
 
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """A flight to be shown: N rows, NED and body axes forward, right, down.
+    """A flight to be shown: N rows, NED and body axes forward, right, down; attitude and rates true and as known."""
 
-    Attributes:
-        time, position: (N,) s, and (N, 3) m.
-        attitude, known_attitude: (N, 4) unit quaternions (w, x, y, z), body to NED, true and as estimated.
-        rates, known_rates: (N, 3) body rates, rad/s, likewise.
-        outputs, rotor_speeds, armed: (N, 4) of the motors, µs; (N, 4) rad/s; (N,) bool.
-        wind: (N, 3) NED, m/s, where the air moves to.
-        moment: (N, 3) of what disturbs, body, N m.
-        rotors: (4, 2) where the rotors are, forward and right of the centre of mass, m.
-    """
-
-    time: Array
-    position: Array
-    attitude: Array
-    known_attitude: Array
-    rates: Array
-    known_rates: Array
-    outputs: Array
-    rotor_speeds: Array
-    wind: Array
-    moment: Array
-    armed: NDArray[np.bool_]
-    rotors: Array
+    time: Array  # (N,) s
+    position: Array  # (N, 3) m
+    attitude: Array  # (N, 4) unit quaternions (w, x, y, z), body to NED
+    known_attitude: Array  # (N, 4) as estimated
+    rates: Array  # (N, 3) body rates, rad/s
+    known_rates: Array  # (N, 3) as estimated
+    outputs: Array  # (N, 4) of the motors, µs
+    rotor_speeds: Array  # (N, 4) rad/s
+    wind: Array  # (N, 3) NED, m/s, where the air moves to
+    moment: Array  # (N, 3) of what disturbs, body, N m
+    armed: NDArray[np.bool_]  # (N,)
+    rotors: Array  # (4, 2) where the rotors are, forward and right of the centre of mass, m
 
     @property
     def motors(self) -> tuple[str, ...]:
@@ -70,13 +57,11 @@ class Pose:
         return float(np.hypot(*self.rotors.T).max())
 
     def carries(self) -> NDArray[np.bool_]:
-        """(N,) where the rotors carry the vehicle, without spooling up and down; everywhere if they never do."""
+        """(N,) where the rotors carry the vehicle; everywhere if they never do."""
         speed = self.rotor_speeds.mean(axis=1)
         hover = float(np.median(speed[self.armed])) if self.armed.any() else np.inf
-        carried = self.time[speed > AIRBORNE_SPEED_SHARE * hover]
-        if not len(carried) or carried[-1] - carried[0] < 3 * SPOOLING_SECONDS:
-            return np.ones(len(speed), dtype=np.bool_)
-        return np.asarray((self.time > carried[0] + SPOOLING_SECONDS) & (self.time < carried[-1] - SPOOLING_SECONDS))
+        carried = np.asarray(speed > AIRBORNE_SPEED_SHARE * hover)
+        return carried if carried.any() else ~carried
 
     def at(self, rate: float) -> NDArray[np.intp]:
         """Rows of the flight, evenly, at about ``rate`` Hz, no faster than there are, and fewer of a long flight."""

@@ -10,7 +10,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from mavdem.analysis.findings import findings, known_wind
+from mavdem.analysis.findings import Findings, findings_of, known_wind
 from mavdem.confidence import LEVEL
 from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
@@ -20,14 +20,18 @@ from mavdem.report import palette
 from mavdem.report.blocks import Block, Sentence, Table, markdown
 from mavdem.report.details import detail_blocks
 from mavdem.report.numbers import AxisCommand, Labels, named, place, plus_minus, readable, state_names
-from mavdem.report.screen import key_figures, screen, title
+from mavdem.report.screen import conclusion, key_figures, screen, title
 from mavdem.view.plots import Plot, blueprint, faint, range_of, recorded, utf8, with_gaps
 
 BEYOND = 0.15  # how far a plot extends beyond the measured values, in spans of them, where a forecast does
 
 
 def write_recording(
-    path: str | os.PathLike[str], flights: Sequence[Flight], learned: Learned, held_out: HeldOut
+    path: str | os.PathLike[str],
+    flights: Sequence[Flight],
+    learned: Learned,
+    held_out: HeldOut,
+    found: Findings | None = None,
 ) -> None:
     """Writes ``learned``, the model of ``flights``, and forecasts of ``held_out`` windows as an .rrd file ``path``.
 
@@ -35,12 +39,13 @@ def write_recording(
     over its seconds, more of it, how the model was learned, and the report. Angles are in degrees.
     """
     series = FlightSeries(flights, learned, held_out)
+    found = findings_of(learned, held_out) if found is None else found
     with recorded(path, Path(str(flights[0].provenance.get("source", path))).name) as recording:
         tabs = rrb.Tabs(
-            _flight(recording, series),
+            _flight(recording, series, found),
             _details(recording, series),
             _learning(recording, learned),
-            _text(recording, "report", "Report", [title(flights), *screen(learned, held_out)]),
+            _text(recording, "report", "Report", [title(flights), *screen(learned, held_out, found=found)]),
             active_tab=0,
         )
         recording.send_blueprint(blueprint(tabs, play_state="paused"), make_active=False)
@@ -53,6 +58,7 @@ class FlightSeries:
         self.flights, self.learned, self.held_out = flights, learned, held_out
         self.labels = Labels.of(learned)
         self.times = [flight.time for flight in flights]
+        self.clock = with_gaps(self.times, last=True)
         self.windows = held_out.time
         after = self.windows[:, 0] > self.times[-1][-1]
         self._time = with_gaps([*self.times, *self.windows[after]], last=True)
@@ -93,8 +99,7 @@ class FlightSeries:
         command = AxisCommand.of(self.learned)
         inputs = command.series(np.vstack([flight.inputs for flight in self.flights]))
         heading = f"{named(command.name.capitalize(), command.unit)}: the motors' difference, about its mean"
-        time = with_gaps(self.times, last=True)
-        return Plot.series("command", heading, time, {command.name: self._with_gaps(inputs)}, palette.COMMAND)
+        return Plot.series("command", heading, self.clock, {command.name: self._with_gaps(inputs)}, palette.COMMAND)
 
     def motors(self) -> Plot:
         """Returns what drives the vehicle: several inputs, each beyond the mean of all, by their places."""
@@ -103,7 +108,7 @@ class FlightSeries:
         values = inputs - inputs.mean(axis=1, keepdims=True) if several else inputs
         heading = named("Inputs, each beyond the mean of all" if several else "Input", unit)
         series = dict(zip(map(place, self.labels.input_names), self._with_gaps(values).T, strict=True))
-        return Plot.series("inputs", heading, with_gaps(self.times, last=True), series)
+        return Plot.series("inputs", heading, self.clock, series)
 
     def wind(self) -> Plot | None:
         """Returns the wind torque with its band, and gusts behind it; None where it is not known."""
@@ -111,7 +116,7 @@ class FlightSeries:
         if wind is None or len(wind.torque) != sum(map(len, self.flights)):
             return None
         torque, band = (self._with_gaps(unit.scale * values) for values in (wind.torque, wind.band))
-        time, clock, colour = with_gaps(self.times, last=True), np.concatenate(self.times), palette.DISTURBANCE
+        time, clock, colour = self.clock, np.concatenate(self.times), palette.DISTURBANCE
         gusts = [(clock[gust.sample], clock[gust.sample] + gust.length) for gust in wind.gusts]
         plot = Plot("wind", f"Wind torque, {unit.name}", range_of(torque))
         plot.spans(f"gust ({len(gusts)})", faint(palette.GUST, 0.5), gusts)
@@ -134,17 +139,16 @@ class FlightSeries:
         return with_gaps(np.split(values, np.cumsum([len(flight) for flight in self.flights])[:-1]))
 
 
-def _flight(recording: rr.RecordingStream, series: FlightSeries) -> rrb.Container:
+def _flight(recording: rr.RecordingStream, series: FlightSeries, found: Findings) -> rrb.Container:
     """The key figures above, then the flight over time, verdicts and motors beside it."""
     figures = key_figures(series.learned, series.held_out)
     strip = [_text(recording, f"figures/{i}", "", _figure(*figure)) for i, figure in enumerate(figures)]
     plots = [*series.output(0), series.command(), *filter(None, [series.wind()])]
     for plot in plots:
         plot.draw(recording)
-    verdicts: list[Block] = [
-        Sentence(finding.reason, f"{finding.purpose.capitalize()}: {finding.grade}.")
-        for finding in findings(series.learned, series.held_out)
-    ]
+    purposes = (Sentence(one.reason, f"{one.purpose.capitalize()}: {one.grade}.") for one in found.purposes)
+    headline, *doubts, following = conclusion(found)
+    verdicts = [headline, *doubts, *purposes, following]
     beside = [_text(recording, "verdict", "Verdict", verdicts), *_effectiveness(recording, series)]
     return rrb.Vertical(
         rrb.Horizontal(*strip, column_shares=[max(len(value.split(" (")[0]), 11) for _, value in figures]),
@@ -171,13 +175,8 @@ def _effectiveness(recording: rr.RecordingStream, series: FlightSeries) -> list[
         return []
     values, halves = unit.scale * physical.effect, unit.scale * physical.interval(LEVEL).effect
     heading = f"{unit.name} per {series.labels.input_units[0] or 'unit'} ± {LEVEL:.0%} interval"
-    table = Table(
-        ["motor", heading],
-        [
-            [f"{number} {place(name)}", plus_minus(*pair)]
-            for number, (name, *pair) in enumerate(zip(series.labels.input_names, values, halves, strict=True), 1)
-        ],
-    )
+    motors = enumerate(zip(series.labels.input_names, values, halves, strict=True), 1)
+    table = Table(["motor", heading], [[f"{n} {place(name)}", plus_minus(*pair)] for n, (name, *pair) in motors])
     bars = _bars(recording, "effect/bars", "By motor", values, 1)
     return [_text(recording, "effect/table", "Control effectiveness", [table]), bars]
 
@@ -206,11 +205,9 @@ def _learning(recording: rr.RecordingStream, learned: Learned) -> rrb.Container:
     first = min(2, len(energy) - 1)  # the first two may be far from all others
     gap = (energy.total.max() - energy.total)[first:]
     heading = f"F̄ below its maximum of {energy.total.max():,.0f} nats, by iteration"
-    return rrb.Horizontal(
-        _bars(recording, "learning/gap", heading, gap, first),
-        _text(recording, "learning/details", "The model, and how it was learned", detail_blocks(learned)),
-        name="Learning",
-    )
+    bars = _bars(recording, "learning/gap", heading, gap, first)
+    details = _text(recording, "learning/details", "The model, and how it was learned", detail_blocks(learned))
+    return rrb.Horizontal(bars, details, name="Learning")
 
 
 def _text(recording: rr.RecordingStream, origin: str, name: str, words: str | Sequence[Block]) -> rrb.View:

@@ -17,7 +17,7 @@ from urllib.parse import quote
 import rerun as rr
 
 LOOPBACK = "127.0.0.1"
-VIEWER_MEMORY, SERVER_MEMORY = "1GB", "256MB"  # the server keeps data for later viewers; the oldest go first
+SERVER_MEMORY = "256MB"  # the server keeps data for later viewers; the oldest go first
 WATCHDOG = """
 import os, signal, subprocess, sys, threading
 def kill_at_end_of_input():
@@ -155,8 +155,8 @@ class WebServer(Viewer):
             try:
                 socket.create_server((LOOPBACK, number)).close()
             except OSError as error:
-                cure = "end the program that uses it, perhaps another view"
-                raise OSError(f"port {number} of {LOOPBACK} is taken: {cure}") from error
+                taken = f"port {number} of {LOOPBACK} is taken: end the program that uses it, perhaps another view"
+                raise OSError(taken) from error
         # Rerun's page reports its use to Rerun, unless it is in a notebook: https://github.com/rerun-io/rerun/pull/3166.
         self.page = f"http://{LOOPBACK}:{page_port}?url={quote(self.url, safe='')}&notebook=1"
         ports = ("--port", str(port), "--web-viewer-port", str(page_port))
@@ -187,7 +187,7 @@ def sinks_for(rrd: str | os.PathLike[str] | None = None, serve: bool = False, co
         # A window, which stays open after the process ends.
         with socket.create_server((LOOPBACK, 0)) as probe:
             port = int(probe.getsockname()[1])
-        limits = ("--server-memory-limit", SERVER_MEMORY, "--memory-limit", VIEWER_MEMORY)
+        limits = ("--server-memory-limit", SERVER_MEMORY, "--memory-limit", "1GB")
         _start(*limits, "--port", str(port), "--expect-data-soon", "--hide-welcome-screen")
         sinks.append(Viewer(f"rerun+http://{LOOPBACK}:{port}/proxy"))
     return sinks

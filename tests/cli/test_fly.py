@@ -51,7 +51,8 @@ def test_the_same_command_writes_the_same_bytes(tmp_path, capsys):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("autopilot", "frame"), [("px4", "x"), ("ardupilot", "plus")])
-def test_it_can_be_learnt_from_and_motors_are_where_they_are(autopilot, frame, tmp_path, capsys):
+def test_it_can_be_learnt_from_and_motors_are_where_they_are(autopilot, frame, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("mavdem.report.page.model_pictures", lambda *_, **__: [])
     mine = tmp_path / "mine.toml"
     scenario = load("iris_multisine").model_dump(mode="json", exclude_none=True)
     scenario["stream"]["autopilot"], scenario["vehicle"]["frame"], scenario["duration"] = autopilot, frame, 30.0
@@ -89,6 +90,7 @@ def test_the_list_is_one_a_line_name_first(capsys):
     assert {"hover_blower", "paper_1"} < {one["name"] for one in fly(capsys, "--list")["scenarios"]}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", names())
 def test_a_description_is_a_file_that_is_the_same_scenario(name, tmp_path):
     scenario = load(name)

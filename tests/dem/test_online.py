@@ -3,12 +3,13 @@
 import dataclasses
 import os
 from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor
+from itertools import takewhile
 from pathlib import Path
 from unittest.mock import Mock
 
 import numpy as np
 import pytest
-from mavlink_streams import SHARED
+from recorded_flights import shared
 from scipy.stats import norm
 from simulated import simulated
 
@@ -211,6 +212,7 @@ def test_a_dt_that_is_not_that_of_the_samples_is_an_obstacle(step, said):
     assert online.obstacle == ""
 
 
+@pytest.mark.slow
 def test_it_forgets_and_does_not_grow():
     online = OnlineLearner(COMPLETE, dt=0.01, memory=2.0)
     flown(online, WINDY[:500])
@@ -364,15 +366,13 @@ def test_of_two_failures_both_are_marked_and_bands_recover_within_seconds():
     ("log", "start", "end", "changes"),
     # The wind's fall at 95.73 s, within 20 s of its rise, is not marked by models that are learned every two seconds.
     # The change at 115.43 s, a stronger roll moment, is a sixth of the surprise of the one before it, and not marked.
-    [("ap_motor.tlog", 85.0, 130.0, [117.33]), ("px4_windjump.tlog", 40.0, 105.0, [76.08])],
+    [("ap_motor.tlog", 90.0, 130.0, [117.33]), ("px4_windjump.tlog", 52.0, 100.0, [76.08])],
 )
 def test_the_changes_of_a_recorded_flight_are_marked_and_nothing_else_is(log, start, end, changes):
-    path = SHARED / "sitl_events" / log
-    if not path.exists():
-        pytest.skip("needs the recorded flights")
+    path = shared(f"sitl_events/{log}")
     stream = LiveStream()
-    rows = [row for stamp, data in read_stream(path).stamped_frames() for row in stream.feed(stamp / 1e6, data)]
-    settled = [row for row in rows if row.settled and start <= row.time < end]
+    rows = (row for stamp, data in read_stream(path).stamped_frames() for row in stream.feed(stamp / 1e6, data))
+    settled = [row for row in takewhile(lambda row: row.time < end, rows) if row.settled and start <= row.time]
     online = OnlineLearner(dt=0.01)
     estimates = [online.update(row.time, row.outputs, row.inputs) for row in settled]
     time = np.array([row.time for row in settled])

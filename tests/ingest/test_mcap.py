@@ -186,7 +186,7 @@ def test_the_library_reads_the_same_messages(compression, chunked, tmp_path):
     with path.open("rb") as file:
         read = NonSeekingReader(file).iter_messages(log_time_order=False)
         assert ours == [(channel.topic, one.log_time, one.data) for _, channel, one in read]
-    assert recording.damage.sentences() == ()
+    assert recording.repairs() == ()
 
 
 @pytest.mark.parametrize("topic", ["two\nlines", "\x1b[2Jcleared", "\u202etnorf ot kcab", "long" * 10_000])

@@ -146,11 +146,18 @@ def test_setpoints_keep_their_own_stamps(tmp_path):
     assert vehicle.called("MANUAL_CONTROL") == "manual_control_setpoint"
 
 
-def test_the_battery(tmp_path):
-    pieces = flight(TIMES) + [data("battery_status", 20 + row, 16 - row, 99) for row in range(3)]
-    signal = Signals(vehicle_of(log(*pieces), tmp_path)).voltage
-    assert signal is not None and signal.values.tolist() == pytest.approx([16, 15, 14])
-    assert signal.time.tolist() == pytest.approx([20, 21, 22])
+def test_drivers_that_publish_outputs_in_turn_are_told_apart_by_their_number_of_outputs(tmp_path):
+    """PX4 1.12: one driver's constant outputs, 4, between the motors', of which it says that there are none."""
+    turns = [4 if row % 3 == 2 else 0 for row in range(60)]
+    values = [[1500.0] * 4 if used else [1000.0 + row] * 4 for row, used in enumerate(turns)]
+    rows = zip(turns, values, strict=True)
+    pieces = [
+        data("actuator_outputs", 20 + 0.1 * row, used, *four, *[0.0] * 12) for row, (used, four) in enumerate(rows)
+    ]
+    servos = vehicle_of(log(subscription("actuator_outputs"), *pieces), tmp_path).messages["SERVO_OUTPUT_RAW"]
+    moving = servos["servo4_raw"][servos["port"] == 0]
+    assert moving.tolist() == [1000.0 + row for row in range(60) if row % 3 != 2]
+    assert np.unique(servos["servo4_raw"][servos["port"] != 0]).tolist() == [1500.0]
 
 
 def test_landed_states(tmp_path):
@@ -334,6 +341,7 @@ def test_a_format_is_laid_out_once_however_often_it_is_subscribed_to(tmp_path, f
     assert perf_counter() - began < 10
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fields", ["uint8_t[9999] x0;uint8_t[9999] x1;uint8_t[9999] x2;", ""])
 def test_topics_of_more_values_than_there_can_be_are_left_out(tmp_path, fields):
     """A few kilobytes could ask for gigabytes: each value of each subscription is a column."""

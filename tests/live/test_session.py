@@ -1,7 +1,5 @@
 """A link, what learns from it and who is shown it, put together: with recorded flights and whatever may go wrong."""
 
-from __future__ import annotations
-
 import os
 import signal
 import time
@@ -9,7 +7,7 @@ from concurrent.futures import BrokenExecutor
 from dataclasses import replace
 from itertools import groupby
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 from unittest.mock import Mock
 
 import numpy as np
@@ -20,7 +18,7 @@ from pymavlink.dialects.v20 import all as dialect
 import mavdem
 from mavdem.dem import Estimate, Settings
 from mavdem.ingest.formats import read_stream
-from mavdem.live import AlignedRow, LiveStream, SessionStatus, Setup
+from mavdem.live import AlignedRow, Event, LiveStream, SessionStatus, Setup
 from mavdem.live.history import UNCONFIRMED
 from mavdem.live.link import LinkLost, RawRecording
 from mavdem.live.session import LOW_PRIORITY, LearningProcess, LiveSession
@@ -70,15 +68,15 @@ class Screen:
         self.statuses: list[SessionStatus] = []
         self.setups: list[Setup] = []
 
-    def open(self, setup: Setup) -> Screen:
+    def open(self, setup: Setup) -> Self:
         self.setups.append(setup)
         return self
 
     def put(self, time, shift, segment, outputs, inputs, estimate=None, learned=None) -> None:
         self.rows.append((time, segment, estimate))
 
-    def log(self, time: float, text: str) -> None:
-        self.sentences.append(text)
+    def log(self, event: Event) -> None:
+        self.sentences.append(event.sentence)
 
 
 def batches(seconds: float, start: float = 0.0) -> list[list[tuple[float, bytes]]]:
@@ -101,7 +99,7 @@ def session_of(script: list[Any], **options: Any) -> tuple[LiveSession, Screen, 
 
 
 @pytest.fixture
-def now(monkeypatch) -> list[float]:
+def now(monkeypatch):
     """The session's clock, s."""
     clock = [100.0]
     monkeypatch.setattr("mavdem.live.session.time.monotonic", lambda: clock[0])

@@ -25,22 +25,17 @@ MOMENT, FORCE = 3.0, 0.5  # rad/s² on the roll rate and m/s² on the speed, sta
 SLOWEST, FASTEST = 0.7, 3.0  # rad/s, of the modes of random systems
 MIN_HANKEL_RATIO = 0.1  # least Hankel singular value over the largest; a random system below it is drawn again
 WORST_CONDITION = 10.0  # of a random system's coordinates
+DISTURBANCE = 0.02  # standard deviation that process noise gives a random system's outputs, over that of its inputs
+SENSORS = 1e-3  # that of the sensors' noise, over that of each output
 INPUT_KERNEL, NOISE_KERNEL = 0.25, 0.2  # seconds, of random systems
 
 
-def paper_flight(
-    order: Literal[1, 2, 3, 4],
-    seed: int,
-    samples: int = 700,
-    dt: float = 1 / 120,
-    smoothness: float = 2.0,
-    sensors: float = 1e-3,
-) -> Flight:
+def paper_flight(order: Literal[1, 2, 3, 4], seed: int, samples: int = 700) -> Flight:
     """A flight of System 1 to 4, all of whose states are measured: the order is the number of outputs.
 
-    Held at hover by a linear-quadratic regulator, in Gaussian-kernel noise of ``smoothness`` steps. ``sensors`` is the
-    standard deviation of the sensors' noise, over that of each output.
+    Held at hover by a linear-quadratic regulator, in Gaussian-kernel noise of two steps.
     """
+    dt, smoothness = 1 / 120, 2.0
     rng = np.random.default_rng([order, seed])
     system = paper_system(order)
     A, B = system.A, system.B
@@ -63,31 +58,20 @@ def paper_flight(
     )
     moved = motion(closed, push, driven, step)
     motors = moved[:, order:] * ROLL + driven[:, 1:5]
-    return _recorded(moved[:, :order], motors, samples, dt, smoothness * dt, sensors, rng)
+    return _recorded(moved[:, :order], motors, samples, dt, smoothness * dt, rng)
 
 
-def random_flight(
-    order: int,
-    channels: int,
-    seed: int,
-    samples: int = 2000,
-    dt: float = 0.05,
-    disturbance: float = 0.02,
-    sensors: float = 1e-3,
-) -> Flight:
-    """A flight of a random stable system with as many inputs as outputs, moved by smooth inputs and by noise.
-
-    ``disturbance`` is the standard deviation that process noise gives the outputs, over that which the inputs give
-    them; ``sensors`` that of the sensors' noise, over that of each output.
-    """
+def random_flight(order: int, channels: int, seed: int) -> Flight:
+    """A flight of a random stable system with as many inputs as outputs, moved by smooth inputs and by noise."""
+    samples, dt = 2000, 0.05
     rng = np.random.default_rng([order, channels, seed])
     A, B, C = random_system(order, channels, rng)
     step, number = dt / SUBSTEPS, (samples + WARM_UP_SAMPLES) * SUBSTEPS
     inputs = smooth_noise(INPUT_KERNEL, step, number, channels, rng)
     noise = smooth_noise(NOISE_KERNEL, step, number, order, rng)
     by_inputs, by_noise = motion(A, B, inputs, step) @ C.T, motion(A, np.eye(order), noise, step) @ C.T
-    size = disturbance * np.sqrt(by_inputs.var(axis=0).mean() / by_noise.var(axis=0).mean())
-    return _recorded(by_inputs + size * by_noise, inputs, samples, dt, NOISE_KERNEL, sensors, rng)
+    size = DISTURBANCE * np.sqrt(by_inputs.var(axis=0).mean() / by_noise.var(axis=0).mean())
+    return _recorded(by_inputs + size * by_noise, inputs, samples, dt, NOISE_KERNEL, rng)
 
 
 def random_system(order: int, channels: int, rng: np.random.Generator) -> tuple[Array, Array, Array]:
@@ -138,9 +122,9 @@ def smooth_noise(width: float, step: float, number: int, channels: int, rng: np.
 
 
 def _recorded(
-    outputs: Array, inputs: Array, samples: int, dt: float, smoothness: float, sensors: float, rng: np.random.Generator
+    outputs: Array, inputs: Array, samples: int, dt: float, smoothness: float, rng: np.random.Generator
 ) -> Flight:
     kept = slice(WARM_UP_SAMPLES * SUBSTEPS, None, SUBSTEPS)
     outputs, inputs = outputs[kept], inputs[kept]
     noise = smooth_noise(smoothness, dt, samples, outputs.shape[1], rng)
-    return Flight(dt * np.arange(samples), inputs, outputs + sensors * outputs.std(axis=0) * noise)
+    return Flight(dt * np.arange(samples), inputs, outputs + SENSORS * outputs.std(axis=0) * noise)

@@ -16,6 +16,7 @@ from __future__ import annotations
 import re
 import struct
 from array import array
+from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -216,28 +217,21 @@ class _Scan:
                     self._set(kind, definition)
                 else:
                     contradictory.setdefault(kind, definition)
-        unsettled = {kind: found for kind, found in contradictory.items() if kind not in self.definitions}
-        if not unsettled:
-            return
-        data = np.frombuffer(self.content + bytes(MAX_MESSAGE_BYTES), dtype=np.uint8)
-        headers = (data[:-1] == HEADER[0]) & (data[1:] == HEADER[1])
-        places = np.flatnonzero(headers[: len(self.content)])
-        for kind, definition in unsettled.items():
-            self._settle(kind, definition, headers, places[data[places + 2] == kind])
+        for kind, definition in contradictory.items():
+            if kind not in self.definitions:
+                self._settle(kind, definition)
 
-    def _settle(
-        self, kind: int, definition: FormatDefinition, headers: NDArray[np.bool_], places: NDArray[np.int64]
-    ) -> None:
+    def _settle(self, kind: int, definition: FormatDefinition) -> None:
         """Chooses between the two lengths of a contradictory definition: more messages then end at another header.
 
-        With FMT's length and fields of another, messages are skipped but cannot be decoded. ``headers`` (N,): whether
-        there is a header at each place of the log; ``places`` (n,): those of this ``kind``.
+        With FMT's length and fields of another, messages are skipped but cannot be decoded.
         """
         candidates = [length for length in (definition.wire_length, definition.length) if length > HEADER_LENGTH]
         if not candidates:
             return
-        at_header = {n: np.count_nonzero(headers[np.minimum(places + n, len(headers) - 1)]) for n in candidates}
-        length = max(candidates, key=at_header.__getitem__)
+        begun = re.finditer(re.escape(HEADER + bytes([kind])), self.content)
+        ends = Counter(n for at in begun for n in candidates if self.content.startswith(HEADER, at.start() + n))
+        length = max(candidates, key=ends.__getitem__)
         decodable = length == definition.wire_length
         self._set(kind, FormatDefinition(definition.name, length, definition.characters, definition.fields))
         if definition.wire is None and length == definition.length:

@@ -74,14 +74,9 @@ def values(columns: Columns, fields: tuple[str, ...]) -> Values:
     return values
 
 
-def stamped(logged: Columns, stamp: str, fields: Mapping[str, NDArray[Any]]) -> Columns:
-    """Returns a message's columns at the logged stamps, with the field ``stamp`` as MAVLink sends it."""
-    time = logged["time"]
-    if stamp == "time_boot_ms":
-        fields = {stamp: (np.rint(time * 1e3) % 2**32).astype(np.uint32), **fields}  # as the counter wraps
-    elif stamp:
-        fields = {stamp: np.rint(time * 1e6).astype(np.uint64), **fields}
-    return {"time": time, "boot": logged["boot"], **fields}
+def stamped(logged: Columns, fields: Mapping[str, NDArray[Any]]) -> Columns:
+    """Returns a message's ``fields`` at the logged stamps."""
+    return {"time": logged["time"], "boot": logged["boot"], **fields}
 
 
 BATTERIES = ("BAT", "CURR")
@@ -106,7 +101,7 @@ def battery(tables: Mapping[str, Columns]) -> tuple[Columns | None, str]:
         found = {"voltage_battery": volts * (10.0 if hundredths else 1000.0)}
         if having(tables, name, ("Curr",)) is not None:
             found["current_battery"] = values(logged, ("Curr",))[:, 0] * (1.0 if hundredths else 100.0)
-        return stamped(logged, "", found), name
+        return stamped(logged, found), name
     return None, BATTERIES[0]
 
 
@@ -119,7 +114,7 @@ def vibration(tables: Mapping[str, Columns]) -> Columns | None:
     clips = next((logged[name] for name in ("Clip", "Clip0") if name in logged), np.zeros(len(logged["time"])))
     levels = zip(("vibration_x", "vibration_y", "vibration_z"), values(logged, LEVELS).T, strict=True)
     none = np.zeros(len(logged["time"]))
-    return stamped(logged, "time_usec", {**dict(levels), "clipping_0": clips, "clipping_1": none, "clipping_2": none})
+    return stamped(logged, {**dict(levels), "clipping_0": clips, "clipping_1": none, "clipping_2": none})
 
 
 def on_boot_clock(gps: MessageTable) -> MessageTable:
@@ -141,7 +136,7 @@ def calendar_time(tables: Mapping[str, Columns]) -> Columns | None:
     begins, ahead = np.array(LEAP_SECONDS).T
     seconds = seconds - ahead[np.searchsorted(begins, seconds, side="right") - 1]
     unix = np.rint(1e6 * np.where(np.isfinite(seconds), seconds, 0.0)).astype(np.uint64)
-    return stamped(logged, "time_boot_ms", {"time_unix_usec": unix})
+    return stamped(logged, {"time_unix_usec": unix})
 
 
 ANGLES, GYROS = ("Roll", "Pitch", "Yaw"), ("GyrX", "GyrY", "GyrZ")
@@ -184,7 +179,7 @@ def translated(
     changes = [_changes(tables, "EV", "Id", ARMED_EVENTS), _changes(tables, "ARM", "ArmState", ARM_STATES)]
     armed = _each_second(tables, np.concatenate(changes))
     landed = _each_second(tables, _changes(tables, "EV", "Id", LANDED_EVENTS), undefined=True)
-    rising = None if climb is None else stamped(climb, "", {"climb": values(climb, ("CRt",))[:, 0] / 100})
+    rising = None if climb is None else stamped(climb, {"climb": values(climb, ("CRt",))[:, 0] / 100})
     named_columns: dict[str, tuple[str, Columns | None]] = {
         "ATTITUDE": (named, attitude),
         "SERVO_OUTPUT_RAW": ("RCOU", _servos(tables)),
@@ -229,7 +224,7 @@ def _attitude(
     angles_rad = np.where(np.abs(angles_rad) > np.pi, np.remainder(angles_rad + np.pi, 2 * np.pi) - np.pi, angles_rad)
     fields = ("roll", "pitch", "yaw", "rollspeed", "pitchspeed", "yawspeed")
     turned = dict(zip(fields, np.hstack([angles_rad, speeds]).T, strict=True))
-    return stamped(base, "time_boot_ms", turned), named, notes
+    return stamped(base, turned), named, notes
 
 
 def _faster_angles(tables: Mapping[str, Columns], fields: tuple[str, ...]) -> str:
@@ -258,12 +253,12 @@ def _servos(tables: Mapping[str, Columns]) -> Columns | None:
         return None
     none = np.zeros(len(tables["RCOU"]["time"]), dtype=np.uint16)
     outputs = {f"servo{n}_raw": pulses.get(n, none) for n in range(1, 17)}
-    return stamped(tables["RCOU"], "time_usec", {"port": none.astype(np.uint8), **outputs})
+    return stamped(tables["RCOU"], {"port": none.astype(np.uint8), **outputs})
 
 
 def _sticks(tables: Mapping[str, Columns]) -> Columns | None:
     pulses = {f"chan{n}_raw": column for n, column in _channels(tables, "RCIN").items()}
-    return stamped(tables["RCIN"], "time_boot_ms", pulses) if pulses else None
+    return stamped(tables["RCIN"], pulses) if pulses else None
 
 
 def _channels(tables: Mapping[str, Columns], name: str) -> dict[int, NDArray[np.uint16]]:
@@ -284,12 +279,12 @@ def _targets(tables: Mapping[str, Columns], version: tuple[int, int] | None) -> 
         gyros = instance(having(tables, "IMU", GYROS), "I", 0)
         centidegrees = _in_centidegrees(rates, np.radians(values(rates, measured)), gyros, version)
         asked = np.radians(values(rates, desired)) / (100 if centidegrees else 1)
-        parts.append(stamped(rates, "time_boot_ms", attitude_target(rates=asked)))
+        parts.append(stamped(rates, attitude_target(rates=asked)))
         names.append("RATE")
     angles = having(tables, named, DESIRED_ANGLES)
     if angles is not None:
         q = quaternion(*np.radians(values(angles, DESIRED_ANGLES)).T)
-        parts.append(stamped(angles, "time_boot_ms", attitude_target(q=q)))
+        parts.append(stamped(angles, attitude_target(q=q)))
         names.append(named)
     if not parts:
         return None, "RATE"
@@ -313,7 +308,7 @@ def _demands(tables: Mapping[str, Columns]) -> tuple[Columns | None, tuple[str, 
         controls[:, 3] /= OLD_THRUST
         notes = (f"RATE's demands are outside the range -1 to 1: they were divided by {OLD_DEMAND:.0f}.",)
     group = np.zeros(len(controls), dtype=np.uint8)
-    return stamped(logged, "time_usec", {"group_mlx": group, "controls": controls}), notes
+    return stamped(logged, {"group_mlx": group, "controls": controls}), notes
 
 
 def _position(tables: Mapping[str, Columns]) -> tuple[Columns | None, str]:
@@ -324,7 +319,7 @@ def _position(tables: Mapping[str, Columns]) -> tuple[Columns | None, str]:
     for name, core in (("XKF1", primary), ("NKF1", 0)):
         logged = instance(having(tables, name, tuple(fields.values())), "C", core)
         if logged is not None:
-            return stamped(logged, "time_boot_ms", {ours: logged[theirs] for ours, theirs in fields.items()}), name
+            return stamped(logged, {ours: logged[theirs] for ours, theirs in fields.items()}), name
     return None, "XKF1"
 
 

@@ -109,34 +109,24 @@ def boot_clock(sent: Sequence[Sent], received: Callable[[Places], Times] | None 
     chosen = _reference(sent)
     if chosen is None:
         return BootClock({kind.message: _unplaced(kind, np.dtype(np.uint8)) for kind in sent}, ())
-    stamps = _stamps(chosen)
-    receive_times = np.full(len(stamps.places), np.nan) if received is None else received(stamps.places)
-    reference, repairs = _placed_alone(stamps, receive_times)
+    places, seconds = _stamps(chosen)
+    receive_times = np.full(len(places), np.nan) if received is None else received(places)
+    reference, repairs = _placed_alone(chosen, places, seconds, receive_times)
     placed = {}
     for kind in sent:
         placed[kind.message] = _unplaced(kind, reference.boot.dtype)
-        stamps, own = _stamps(kind), reference
-        if kind is not chosen and len(stamps.places):
-            own, repair = _placed_against(reference, stamps)
+        (places, seconds), own = _stamps(kind), reference
+        if kind is not chosen and len(places):
+            own, repair = _placed_against(reference, kind, places, seconds)
             repairs += repair
-        if len(stamps.places) and len(own.places):
-            rows = _last_at(kind.places, stamps.places)
+        if len(places) and len(own.places):
+            rows = _last_at(kind.places, places)
             # A message whose stamp was ignored repeats the last time of its type: that of another type would look like
             # a time at which it was sent.
-            at = _last_at(own.places, stamps.places)
+            at = _last_at(own.places, places)
             placed[kind.message].time[rows], placed[kind.message].boot[rows] = own.time[at], own.boot[at]
     _fill(sent, placed)
     return BootClock(placed, tuple(repairs))
-
-
-@dataclass(frozen=True, eq=False)
-class _Stamps:
-    """The stamps of one message type: ``places`` (n,) in the stream, ``seconds`` (n,)."""
-
-    message: str
-    places: Places
-    seconds: Times
-    period: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,21 +138,22 @@ class _Kept:
     boot: Boots
 
 
-def _stamps(kind: Sent) -> _Stamps:
+def _stamps(kind: Sent) -> tuple[Places, Times]:
+    """The places of the messages that have a stamp, and the stamps, s."""
     seconds = np.empty(0) if kind.stamps is None else kind.stamps()
     places = kind.places[: len(seconds)]
     there = seconds > 0
     if not there.all():
         places, seconds = places[there], seconds[there]
-    return _Stamps(kind.message, places, seconds, kind.period)
+    return places, seconds
 
 
 def _reference(sent: Sequence[Sent]) -> Sent | None:
     stamped = {kind.message: kind for kind in sent if kind.stamps is not None}
     for message in REFERENCES:
-        if message in stamped and len(_stamps(stamped[message]).places) >= 3:
+        if message in stamped and len(_stamps(stamped[message])[0]) >= 3:
             return stamped[message]
-    counts = {message: len(_stamps(kind).places) for message, kind in stamped.items()}
+    counts = {message: len(_stamps(kind)[0]) for message, kind in stamped.items()}
     some = [kind for message, kind in stamped.items() if counts[message]]
     return max(some, key=lambda kind: (np.isfinite(kind.period), counts[kind.message]), default=None)
 
@@ -214,25 +205,25 @@ def _fill(sent: Sequence[Sent], placed: Mapping[str, PlacedStamps]) -> None:
             own.time[:], own.boot[:] = times[at], boots[at]
 
 
-def _placed_alone(stamps: _Stamps, received: Times) -> tuple[_Kept, list[str]]:
+def _placed_alone(kind: Sent, places: Places, raw: Times, received: Times) -> tuple[_Kept, list[str]]:
     """The reference, by its own stamps: without outliers, wraps undone, reboots counted."""
-    outlier = outliers(stamps.seconds)
-    places, raw, received = without(outlier, stamps.places, stamps.seconds, received)
-    wraps = 1 + np.flatnonzero((np.diff(raw) < 0) & (np.diff(raw) + stamps.period <= WRAP_GAP))
+    outlier = outliers(raw)
+    places, raw, received = without(outlier, places, raw, received)
+    wraps = 1 + np.flatnonzero((np.diff(raw) < 0) & (np.diff(raw) + kind.period <= WRAP_GAP))
     turns = np.zeros(len(raw), dtype=np.int64)
     turns[wraps] = 1
     turns = np.cumsum(turns)
-    time = raw + stamps.period * turns if len(wraps) else raw
+    time = raw + kind.period * turns if len(wraps) else raw
     reboots = _reboots(time, raw, received)
     boot = np.zeros(len(places), dtype=np.min_scalar_type(len(reboots)))
     boot[reboots] = 1
     boot = np.cumsum(boot, dtype=boot.dtype)
     if len(wraps):
-        time = raw + stamps.period * (turns - turns[np.concatenate([[0], reboots])][boot])
+        time = raw + kind.period * (turns - turns[np.concatenate([[0], reboots])][boot])
     late = before_lower(time, boot)
-    repairs = _ignored(stamps.message, int(np.count_nonzero(outlier) + np.count_nonzero(late)))
+    repairs = _ignored(kind.message, int(np.count_nonzero(outlier) + np.count_nonzero(late)))
     if len(wraps):
-        repairs.append(f"The clock of {stamps.message} wraps every {stamps.period / 60:.1f} min; undone.")
+        repairs.append(f"The clock of {kind.message} wraps every {kind.period / 60:.1f} min; undone.")
     if len(reboots):
         at = time[reboots[0] - 1]
         times = "once," if len(reboots) == 1 else f"{len(reboots)} times, first"
@@ -271,16 +262,15 @@ def _reboots(time: Times, raw: Times, received: Times) -> Rows:
     return np.array(reboots, dtype=np.int64)
 
 
-def _placed_against(reference: _Kept, stamps: _Stamps) -> tuple[_Kept, list[str]]:
+def _placed_against(reference: _Kept, kind: Sent, places: Places, seconds: Times) -> tuple[_Kept, list[str]]:
     """Another type, compared with the reference's stamps before and after each of its messages."""
-    time, off = np.empty(len(stamps.places)), np.empty(len(stamps.places))
-    boot = np.empty(len(stamps.places), dtype=reference.boot.dtype)
+    time, off = np.empty(len(places)), np.empty(len(places))
+    boot = np.empty(len(places), dtype=reference.boot.dtype)
     for begin in range(0, len(time), BATCH):
         rows = slice(begin, begin + BATCH)
-        part = _Stamps(stamps.message, stamps.places[rows], stamps.seconds[rows], stamps.period)
-        time[rows], off[rows], boot[rows] = _read_against(reference, part)
-    wrapped = np.isfinite(stamps.period) and bool((np.abs(time - stamps.seconds) > stamps.period / 2).any())
-    inside = slice(*np.searchsorted(stamps.places, reference.places[[0, -1]], side="right").tolist())
+        time[rows], off[rows], boot[rows] = _read_against(reference, places[rows], seconds[rows], kind.period)
+    wrapped = np.isfinite(kind.period) and bool((np.abs(time - seconds) > kind.period / 2).any())
+    inside = slice(*np.searchsorted(places, reference.places[[0, -1]], side="right").tolist())
     typical = float(np.median(off[inside] if inside.start < inside.stop else off))
     repairs = []
     if abs(typical) > OTHER_EPOCH:
@@ -290,24 +280,24 @@ def _placed_against(reference: _Kept, stamps: _Stamps) -> tuple[_Kept, list[str]
             time[of_boot] -= shift
             off[of_boot] -= shift
         repairs.append(
-            f"The time stamps of {stamps.message} are of another clock, {typical:.6g} s away; "
+            f"The time stamps of {kind.message} are of another clock, {typical:.6g} s away; "
             "they were moved to the boot clock."
         )
     elif wrapped:
-        repairs.append(f"The clock of {stamps.message} wraps every {stamps.period / 60:.1f} min; undone.")
+        repairs.append(f"The clock of {kind.message} wraps every {kind.period / 60:.1f} min; undone.")
     outlier = outliers(off)
-    repairs += _ignored(stamps.message, int(np.count_nonzero(outlier)))
-    return _Kept(*without(outlier, stamps.places, time, boot)), repairs
+    repairs += _ignored(kind.message, int(np.count_nonzero(outlier)))
+    return _Kept(*without(outlier, places, time, boot)), repairs
 
 
-def _read_against(reference: _Kept, stamps: _Stamps) -> tuple[Times, Times, Boots]:
+def _read_against(reference: _Kept, places: Places, seconds: Times, period: float) -> tuple[Times, Times, Boots]:
     """The time of each stamp, its offset from the interval of the reference's stamps around it, and its boot."""
-    following = np.searchsorted(reference.places, stamps.places)
+    following = np.searchsorted(reference.places, places)
     before = np.maximum(following - 1, 0)
     after = np.minimum(following, len(reference.places) - 1)
     earlier, later = reference.time[before], reference.time[after]
     same_boot = reference.boot[before] == reference.boot[after]
-    by_earlier, by_later = _unwrapped(stamps, earlier), _unwrapped(stamps, later)
+    by_earlier, by_later = _unwrapped(seconds, period, earlier), _unwrapped(seconds, period, later)
     off_earlier = by_earlier - np.where(same_boot, np.clip(by_earlier, earlier, later), earlier)
     off_later = by_later - np.where(same_boot, np.clip(by_later, earlier, later), later)
     first = np.abs(off_earlier) <= np.abs(off_later)
@@ -315,8 +305,6 @@ def _read_against(reference: _Kept, stamps: _Stamps) -> tuple[Times, Times, Boot
     return np.where(first, by_earlier, by_later), np.where(first, off_earlier, off_later), boot
 
 
-def _unwrapped(stamps: _Stamps, near: Times) -> Times:
-    """The stamps plus whole periods, so that each is nearest to the time ``near`` for it."""
-    if not np.isfinite(stamps.period):
-        return stamps.seconds
-    return stamps.seconds + stamps.period * np.round((near - stamps.seconds) / stamps.period)
+def _unwrapped(seconds: Times, period: float, near: Times) -> Times:
+    """Stamps plus whole periods, so that each is nearest to the time ``near`` for it."""
+    return seconds + period * np.round((near - seconds) / period) if np.isfinite(period) else seconds

@@ -217,6 +217,7 @@ class _Columns(Mapping[str, NDArray[Any]]):
         self._data, self._starts, self._definition = data, starts, definition
         self._placed, self._source = placed, source
         self._fields: dict[str, NDArray[Any]] | None = None
+        self._names = (*(name for name in definition.fields if name not in ("time", "boot")), "time", "boot")
         self.count = len(starts)
 
     def __getitem__(self, name: str) -> NDArray[Any]:
@@ -232,11 +233,10 @@ class _Columns(Mapping[str, NDArray[Any]]):
         return self._fields[name]
 
     def __iter__(self) -> Iterator[str]:
-        yield from (name for name in self._definition.fields if name not in ("time", "boot"))
-        yield from ("time", "boot")
+        return iter(self._names)
 
     def __len__(self) -> int:
-        return len(set(self._definition.fields) | {"time", "boot"})
+        return len(self._names)
 
 
 def _sent(data: Bytes, definition: MessageDefinition, starts: Starts, source: str) -> Sent:

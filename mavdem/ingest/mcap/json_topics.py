@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as dialect
 
 from mavdem.ingest.mavlink.definitions import FrameSender, MessageDefinition, composed_frames, definition_named
-from mavdem.ingest.mavlink.framing import UNKNOWN, Bytes, Frames, Places
+from mavdem.ingest.mavlink.framing import Bytes, Places
 from mavdem.ingest.mavlink.vehicles import RecordingPart
 from mavdem.ingest.mcap.records import McapMessage
 from mavdem.ingest.telemetry import repair_sentences
@@ -36,11 +36,10 @@ _PARSER = json.JSONDecoder(strict=False)  # texts may contain control characters
 
 
 class Written(NamedTuple):
-    """A message in JSON; ``sequence`` is ``NO_SEQUENCE``, ``message_id`` and ``name`` None where it lacks them."""
+    """A message in JSON; ``sequence`` is ``NO_SEQUENCE`` and ``name`` None where it lacks them."""
 
     fields: dict[str, Any]
     sequence: int = NO_SEQUENCE
-    message_id: int | None = None
     name: str | None = None
 
 
@@ -52,16 +51,13 @@ def parse(body: bytes) -> Written | None:
     message, header = document.get("message"), document.get("header")
     if not isinstance(message, dict):
         return Written(document)
-    numbers = header if isinstance(header, dict) else {}
-    sequence, message_id = (
-        value if type(value := numbers.get(name)) is int and 0 <= value <= most else None
-        for name, most in (("sequence", 255), ("message_id", 0xFFFFFF))
-    )
+    number = header.get("sequence") if isinstance(header, dict) else None
+    sequence = number if type(number) is int and 0 <= number <= 255 else NO_SEQUENCE
     called = message.pop("type", None)
     if "mavtype" in message:
         message["type"] = message["mavtype"]
     name = called if isinstance(called, str) else None
-    return Written(message, NO_SEQUENCE if sequence is None else sequence, message_id, name)
+    return Written(message, sequence, name)
 
 
 def payloads(
@@ -204,8 +200,6 @@ def _text(value: Any) -> bytes | None:
 
 
 BATCH = 4096  # Messages of one topic that are parsed together: parsed, they take ten times the memory of their payloads
-
-
 KIND_PATTERNS = [re.compile(rb'"%s"\s*:\s*(\d{1,3})\b' % name) for name in (b"system_id", b"component_id")]
 KIND_PATTERNS.append(re.compile(rb'"type"\s*:\s*"(\w+)"'))
 
@@ -226,7 +220,6 @@ class _JsonMessages:
     sequence: array[int] = field(default_factory=partial(array, "q"))
     payloads: list[NDArray[np.void]] = field(default_factory=list)
     good: list[NDArray[np.bool_]] = field(default_factory=list)
-    message_id: int | None = None
 
     def add(self, place: int, log_time: int, body: bytes) -> None:
         self.places.append(place)
@@ -241,8 +234,6 @@ class _JsonMessages:
         self.sequence.extend(NO_SEQUENCE if one is None else one.sequence for one in written)
         definition = definition_named(self.kind.name)
         if definition is None:
-            ids = (one.message_id for one in written if one is not None and one.message_id is not None)
-            self.message_id = next(ids, self.message_id)
             return
         fields = [one.fields if one is not None and one.name in (None, self.kind.name) else {} for one in written]
         made, good = payloads(fields, definition)
@@ -252,26 +243,23 @@ class _JsonMessages:
     def part(self, sequence: Bytes) -> RecordingPart | None:
         """The messages as frames with these sequence numbers; None where the message is not known."""
         definition = definition_named(self.kind.name)
-        if definition is not None:
-            sender, good = self.kind.sender, np.concatenate(self.good)
-            data, frames = composed_frames(np.concatenate(self.payloads), definition, sender, sequence, good)
-        elif self.message_id is not None:
-            data, none, one = np.zeros(0, np.uint8), np.zeros(len(sequence), np.int64), np.ones(len(sequence), np.uint8)
-            system, component = self.kind.sender.system * one, self.kind.sender.component * one
-            ids, verdict = none + self.message_id, UNKNOWN * one
-            frames = Frames(none, none, none, none, ids, system, component, sequence, verdict)
-        else:
+        if definition is None:
             return None
+        sender, good = self.kind.sender, np.concatenate(self.good)
+        data, frames = composed_frames(np.concatenate(self.payloads), definition, sender, sequence, good)
         return RecordingPart(data, frames, np.array(self.places), np.array(self.log_times))
 
 
 class JsonTopics:
-    """The JSON messages of a recording, each once; none of a damaged chunk: no checksum shows a wrong digit there."""
+    """The JSON messages of a recording, each once; none of a damaged chunk: no checksum shows a wrong digit there.
+
+    ``unknown`` counts those of no known dialect by name, once ``parts`` were made.
+    """
 
     def __init__(self) -> None:
         self._topics: dict[JsonTopic, _JsonMessages] = {}
         self._damaged = 0
-        self._nameless: Counter[str] = Counter()
+        self.unknown: Counter[str] = Counter()
 
     def add(self, kind: JsonTopic, place: int, message: McapMessage) -> None:
         """Adds a message; ``place`` is its number in the recording."""
@@ -297,14 +285,14 @@ class JsonTopics:
             for topic, numbers in zip(topics, np.split(sequence, np.cumsum(lengths)[:-1]), strict=True):
                 part = topic.part(numbers)
                 if part is None:
-                    self._nameless[topic.kind.name] += len(topic.places)
+                    self.unknown[topic.kind.name] += len(topic.places)
                 else:
                     yield part
 
     def sentences(self) -> tuple[str, ...]:
         """A sentence for each reason for which messages were left out."""
-        names, unknown = [name for name, _ in self._nameless.most_common(5)], self._nameless.total()
-        more = f" and {len(self._nameless) - len(names)} more" if len(self._nameless) > len(names) else ""
+        names, unknown = [name for name, _ in self.unknown.most_common(5)], self.unknown.total()
+        more = f" and {len(self.unknown) - len(names)} more" if len(self.unknown) > len(names) else ""
         return repair_sentences(
             (self._damaged, f"{self._damaged} JSON messages in damaged chunks were left out."),
             (unknown, f"{unknown} JSON messages of no known dialect ({', '.join(names)}{more}) were left out."),

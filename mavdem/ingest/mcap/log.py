@@ -90,13 +90,13 @@ def _stream(source: str, recording: McapRecording, progress: Progress) -> tuple[
     channels = list(recording.channels.values())
     if not heard and not any(channel.encoding in JSON for channel in channels):
         return None, sum(len(part.frames) for part, _ in found)
-    json, left_out = _json_parts(recording.content, channels, heard, _within(progress, 0.5, 1.0))
+    json, unknown, left_out = _json_parts(recording.content, channels, heard, _within(progress, 0.5, 1.0))
     parts = [*(part for part, _ in found), *json]
     if not any((part.frames.verdict == GOOD).any() for part in parts):
-        return None, sum(len(part.frames) for part in parts)
+        return None, unknown + sum(len(part.frames) for part in parts)
     part = joined(parts)
     stamps = part.log_time // np.uint64(1000)
-    repairs = [*recording.damage.sentences(), *left_out]
+    repairs = [*recording.repairs(), *left_out]
     if flight_topics(channels, recording.schemas):
         repairs.append("The recording also has ROS 2 topics of a flight; they were not read.")
     skipped = sum(skipped for _, skipped in found)
@@ -136,8 +136,8 @@ class _FrameChannel:
 
 def _json_parts(
     content: bytes, channels: Sequence[Channel], heard: set[FrameSender], progress: Progress
-) -> tuple[list[RecordingPart], tuple[str, ...]]:
-    """The JSON messages of senders not ``heard`` in frames, and a sentence for each reason to leave some out."""
+) -> tuple[list[RecordingPart], int, tuple[str, ...]]:
+    """The JSON messages of senders not ``heard`` in frames, how many are unknown, and why some were left out."""
     kinds = _own_kinds(channels)
     repeats = {channel for channel in channels if channel.encoding in JSON and REPEATED_TOPIC.fullmatch(channel.topic)}
     topics, own = JsonTopics(), set(kinds.values())
@@ -150,7 +150,7 @@ def _json_parts(
             topics.add(kind, place, message)
     progress(1.0)
     parts = list(topics.parts())
-    return parts, topics.sentences()
+    return parts, topics.unknown.total(), topics.sentences()
 
 
 def _own_kinds(channels: Sequence[Channel]) -> dict[Channel, JsonTopic]:

@@ -60,23 +60,6 @@ class McapMessage(NamedTuple):
     sound: bool
 
 
-@dataclass
-class Damage:
-    """Number of damaged ``chunks``, ``skipped`` bytes of no record, and whether the end is ``cut``."""
-
-    chunks: int = 0
-    skipped: int = 0
-    cut: bool = False
-
-    def sentences(self) -> tuple[str, ...]:
-        """A sentence for each kind of damage."""
-        return repair_sentences(
-            (self.chunks, f"{self.chunks} damaged chunks were read as far as possible."),
-            (self.skipped, f"{self.skipped} damaged bytes of the recording were skipped."),
-            (self.cut, "The recording is cut off at its end; it was read up to the cut."),
-        )
-
-
 class _Chunk(NamedTuple):
     """Where a chunk's packed records lie in the file, their compression, unpacked size and checksum."""
 
@@ -101,12 +84,17 @@ class _Chunk(NamedTuple):
 
 @dataclass
 class McapRecording:
-    """An MCAP file; ``channels`` and ``schemas`` by their number, and ``damage``, as far as it was read."""
+    """An MCAP file; ``channels`` and ``schemas`` by their number, as far as it was read.
+
+    ``damaged`` is the number of damaged chunks, ``skipped`` that of bytes of no record, ``cut`` whether the end is.
+    """
 
     content: bytes
     channels: dict[int, Channel] = field(default_factory=dict)
     schemas: dict[int, Schema] = field(default_factory=dict)
-    damage: Damage = field(default_factory=Damage)
+    damaged: int = 0
+    skipped: int = 0
+    cut: bool = False
     _allowance: int = 0
 
     def messages(self, progress: Progress = no_progress) -> Iterator[McapMessage]:
@@ -114,13 +102,13 @@ class McapRecording:
         self._allowance = MAX_BYTES + MAX_RATIO * len(self.content)
         first = len(MAGIC) if self.content.startswith(MAGIC) else 0
         records = list(self._records(self.content, first))
-        self.damage.cut |= not records or records[-1][0] != FOOTER
+        self.cut |= not records or records[-1][0] != FOOTER
         # The summary at the end repeats channels and schemas, which helps where the first record is damaged.
         for opcode, start, stop in records:
             if opcode in (CHANNEL, SCHEMA):
                 self._note(opcode, self.content, start, stop)
         # After damage, messages outside of chunks are the rest of a chunk that has lost its checksum.
-        sound = not (self.damage.skipped and any(opcode == CHUNK for opcode, _, _ in records))
+        sound = not (self.skipped and any(opcode == CHUNK for opcode, _, _ in records))
         for opcode, start, stop in records:
             if opcode == CHUNK:
                 yield from self._in_chunk(start, stop)
@@ -130,6 +118,14 @@ class McapRecording:
                 if message is not None:
                     yield message
         progress(1.0)
+
+    def repairs(self) -> tuple[str, ...]:
+        """A sentence for each kind of damage."""
+        return repair_sentences(
+            (self.damaged, f"{self.damaged} damaged chunks were read as far as possible."),
+            (self.skipped, f"{self.skipped} damaged bytes of the recording were skipped."),
+            (self.cut, "The recording is cut off at its end; it was read up to the cut."),
+        )
 
     def _records(self, content: bytes, place: int) -> Iterator[tuple[int, int, int]]:
         """Opcode, start and end of the content of each record from ``place`` on; a chunk at the end may be cut."""
@@ -146,7 +142,7 @@ class McapRecording:
                 # A chunk whose two lengths agree extends beyond the end of the file.
                 cut = _Chunk.at(content, start, end) if opcode == CHUNK else None
                 if cut is not None and cut.end == stop:
-                    self.damage.cut = True
+                    self.cut = True
                     yield opcode, start, end
                     return
             if content.startswith(MAGIC, place):
@@ -154,21 +150,21 @@ class McapRecording:
                 continue
             following = _next_record(content, data, place + 1)
             if following < end or content is not self.content:
-                self.damage.skipped += following - place
+                self.skipped += following - place
             else:
-                self.damage.cut = True
+                self.cut = True
             place = following
 
     def _in_chunk(self, start: int, stop: int) -> Iterator[McapMessage]:
         chunk = _Chunk.at(self.content, start, stop)
         if chunk is None:
             return
-        cut = self.damage.cut and stop == len(self.content) < chunk.end
+        cut = self.cut and stop == len(self.content) < chunk.end
         most = min(self._allowance, MAX_CHUNK_BYTES)
         records, whole = _unpacked(chunk.compression, self.content[chunk.start : min(chunk.end, stop)], most)
         self._allowance -= len(records)
         sound = cut or (whole and len(records) == chunk.size and chunk.checksum in (0, zlib.crc32(records)))
-        self.damage.chunks += not sound
+        self.damaged += not sound
         for opcode, inner, end in self._records(records, 0):
             if opcode == MESSAGE:
                 message = self._message(records, inner, end, sound)

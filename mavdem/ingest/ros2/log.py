@@ -227,13 +227,13 @@ def read_ros2(recording: McapRecording, source: str, progress: Progress = no_pro
         raise Unreadable(f"{source} is a ROS 2 recording, but {why}")
     failed = {channel.topic: reader.failed for channel, reader in readers.items() if reader.failed}
     lost = sum(failed.values())
-    repairs = anew.damage.sentences() + repair_sentences(
+    repairs = anew.repairs() + repair_sentences(
         (damaged, f"{damaged} ROS 2 messages in damaged chunks were left out."),
         (undefined, f"{undefined} ROS 2 messages whose definition is damaged or missing were left out."),
         (lost, f"{lost} ROS 2 messages that cannot be decoded were left out, of {listed(failed)}."),
     )
     vehicles = tuple(replace(one, repairs=repairs + one.repairs) for one in numbered(made))
-    return log_of_vehicles(vehicles, count, anew.damage.skipped, (first / 1e9, last / 1e9))
+    return log_of_vehicles(vehicles, count, anew.skipped, (first / 1e9, last / 1e9))
 
 
 def _reader(topic: RosTopic) -> RosTopicReader:

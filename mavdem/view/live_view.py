@@ -6,14 +6,13 @@ oldest, and Rerun is called from the sinks' threads only.
 
 from __future__ import annotations
 
-import atexit
+import threading
 import time as wall
 from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from itertools import groupby
 from math import inf, isfinite
-from threading import Event, Lock, Thread
 from uuid import UUID, uuid4
 
 import numpy as np
@@ -21,18 +20,14 @@ import rerun as rr
 from numpy.typing import ArrayLike
 
 from mavdem.dem import Estimate, Learned
-from mavdem.health.explanations import lost_thrust
-from mavdem.live import SessionStatus
-from mavdem.view.live.blueprint import figures, live_blueprint, status_document
-from mavdem.view.live.content import Channels, LiveWriter, LogLine, ViewRow
+from mavdem.live import Event, SessionStatus
+from mavdem.view.live_content import Channels, LiveWriter, ViewRow, figures, log, status_document
 from mavdem.view.plots import BOOT_CLOCK, utf8
 from mavdem.view.viewer import Sink
 
 CLOSE_SECONDS = 3.0  # how long ``close`` waits for slow sinks
-MAX_ROWS = 8192  # rows that wait for a sink: 20 s at 400 Hz, about 20 MB
-MAX_LINES = 1000  # log lines that wait for a sink
-STATUS_SECONDS = 1.0  # between two status documents
-RETRY_SECONDS = 1.0  # between two attempts to reach a viewer
+MAX_ROWS, MAX_LINES = 8192, 1000  # that wait for a sink: rows of 20 s at 400 Hz, about 20 MB, and log lines
+STATUS_SECONDS, RETRY_SECONDS = 1.0, 1.0  # between two status documents, and two attempts to reach a viewer
 FLUSH_SECONDS = 5.0  # time limit for sending a batch; a slower one is still under way
 
 
@@ -42,8 +37,8 @@ class SinkThread:
     def __init__(self, sink: Sink, recording_id: UUID) -> None:
         self.sink, self._id = sink, recording_id
         self._rows: deque[ViewRow] = deque(maxlen=MAX_ROWS)
-        self._lines: deque[LogLine] = deque(maxlen=MAX_LINES)
-        self._lock = Lock()  # held for an append or a swap only
+        self._lines: deque[Event] = deque(maxlen=MAX_LINES)
+        self._lock = threading.Lock()  # held for an append or a swap only
         self.dropped = 0  # rows
         self.status = SessionStatus()
         self.trouble = ""  # why nothing arrives, one sentence
@@ -53,25 +48,18 @@ class SinkThread:
         self._last: ViewRow | None = None
         self._until: float | None = None  # time of the last sample that the latest model was trained on, s
         self._reported_drops, self._next_status, self._next_try = 0, 0.0, 0.0
-        self.closing = Event()  # when it is set, the rest is sent
-        self._thread = Thread(target=self._run, name=f"to {sink.name}", daemon=True)
-        self._thread.start()
+        self.closing = threading.Event()  # when it is set, the rest is sent
+        self.thread = threading.Thread(target=self._run, name=f"to {sink.name}", daemon=True)
+        self.thread.start()
 
-    def put(self, item: ViewRow | LogLine) -> None:
+    def put(self, item: ViewRow | Event) -> None:
         """Adds a row or a log line; drops the oldest if too many wait."""
         with self._lock:
-            if isinstance(item, LogLine):
+            if isinstance(item, Event):
                 self._lines.append(item)
             else:
                 self.dropped += len(self._rows) == self._rows.maxlen
                 self._rows.append(item)
-
-    def ended(self, within: float) -> bool:
-        """Returns whether the rest is sent and the sink closed within so many seconds from when ``closing`` is set."""
-        self._thread.join(within)
-        if self._thread.is_alive():
-            self.trouble = f"{self.sink.name} does not respond; the last rows may be missing"
-        return not self._thread.is_alive()
 
     def _run(self) -> None:
         ending = False
@@ -99,7 +87,7 @@ class SinkThread:
                 with suppress(OSError):
                     self.sink.delivered(arrived=False)
         except Exception as error:  # a row that cannot be drawn ends neither the view nor the flight
-            self.put(LogLine(self._last.time if self._last else 0.0, "ERROR", f"not drawn: {error}"))
+            self.put(Event(self._last.time if self._last else 0.0, f"not drawn: {error}", "ERROR"))
 
     def _open(self) -> None:
         if self._recording is not None or not self._rows or wall.monotonic() < self._next_try:
@@ -123,16 +111,14 @@ class SinkThread:
         for channels, batch in groupby(rows, key=lambda row: row.channels):
             if self._writer is None or channels != self._channels:
                 self._channels, self._writer = channels, LiveWriter(channels)
-                recording.send_recording_name(channels.title)
                 self._writer.begin(recording)
-                recording.send_blueprint(live_blueprint(channels))
             same = list(batch)
             self._last = same[-1]
             models = (row.estimate.until for row in reversed(same) if row.estimate and row.estimate.model)
             self._until = next(models, self._until)
             self._writer.rows(recording, same)
         for line in lines:
-            line.send(recording)
+            log(recording, *line)
         if self._last is not None and wall.monotonic() >= self._next_status:
             self._next_status = wall.monotonic() + STATUS_SECONDS
             self._send_status(recording, self._last)
@@ -142,7 +128,7 @@ class SinkThread:
 
     def _send_status(self, recording: rr.RecordingStream, last: ViewRow) -> None:
         if new := self.dropped - self._reported_drops:
-            LogLine(last.time, "WARN", f"{new} rows are not shown here: this view is too slow").send(recording)
+            log(recording, last.time, f"{new} rows are not shown here: this view is too slow", "WARN")
             self._reported_drops += new
         about = last.channels, self.status, last, self._until
         documents = {f"figures/{i}": text for i, text in enumerate(figures(*about))}
@@ -154,22 +140,17 @@ class SinkThread:
 class LiveView:
     """Takes rows, log lines and statuses of a live flight; never makes their giver wait.
 
-    It opens its sinks with the first row; ``troubles`` reports those that cannot be written. Without :meth:`close` it
-    is closed when Python ends.
+    It opens its sinks with the first row; ``troubles`` reports those that cannot be written.
     """
 
     def __init__(self, sinks: Sequence[Sink]) -> None:
-        self._shift = self._latest = 0.0  # timeline minus boot clock, and the latest time on the timeline, s
         self._channels: Channels | None = None
-        self._closed, self._marked = False, 0  # alarms that are marked
+        self._closed = False
         recording_id = uuid4()
         self._threads = [SinkThread(sink, recording_id) for sink in sinks]
-        atexit.register(self.close)
 
     def change(self, channels: Channels) -> None:
         """Sets the ``channels`` of the rows from now on; once at least before the first row."""
-        if self._channels not in (None, channels):
-            self.log(self._latest, "other channels are shown from here on")
         self._channels = channels
 
     def put(
@@ -193,24 +174,17 @@ class LiveView:
         # Copies, since callers may reuse their arrays.
         y, u = np.array(outputs, np.float64), np.array(inputs, np.float64)
         row = ViewRow(time + shift, shift, segment, y, u, estimate, learned, self._channels)
-        self._latest, self._shift = row.time, shift
         for thread in self._threads:
             thread.put(row)
 
-    def log(self, time: float, text: str, level: str = "INFO") -> None:
-        """Shows one sentence, ``text``, in the log at a ``time`` of the timeline, with a level; see ``LogLine``."""
+    def log(self, event: Event) -> None:
+        """Shows an event in the log, at its time of the timeline."""
+        time = event.seconds if isfinite(event.seconds) else 0.0
         for thread in () if self._closed else self._threads:
-            thread.put(LogLine(time if isfinite(time) else 0.0, level, utf8(text)))
+            thread.put(event._replace(seconds=time, sentence=utf8(event.sentence)))
 
     def status(self, status: SessionStatus) -> None:
         """Shows the latest ``status``, once a second."""
-        new = min(status.alarm_count - self._marked, len(status.alarms))
-        for alarm in status.alarms[len(status.alarms) - new :]:
-            what = "the steady torque in roll and pitch is another from here on"
-            if alarm.name:
-                what = f"{alarm.name} lost about {lost_thrust(alarm.size):.0%} of its thrust (motor or propeller)"
-            self.log(alarm.since + self._shift, what, "WARN")
-        self._marked = status.alarm_count
         for thread in self._threads:
             thread.status = status
 
@@ -224,13 +198,12 @@ class LiveView:
         if self._closed:
             return
         self._closed = True
-        atexit.unregister(self.close)
         for thread in self._threads:
             thread.closing.set()
         deadline = wall.monotonic() + CLOSE_SECONDS
-        ended = [thread.ended(max(0.0, deadline - wall.monotonic())) for thread in self._threads]
-        if not all(ended):
-            # Otherwise Rerun waits for the hanging viewer when Python ends.
-            rr.unregister_shutdown()
-        for thread in self._threads:
-            thread.sink.close()
+        for each in self._threads:
+            each.thread.join(max(0.0, deadline - wall.monotonic()))
+            if each.thread.is_alive():
+                each.trouble = f"{each.sink.name} does not respond; the last rows may be missing"
+                rr.unregister_shutdown()  # otherwise Rerun waits for the hanging viewer when Python ends
+            each.sink.close()

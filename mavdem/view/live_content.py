@@ -1,48 +1,53 @@
-"""Content: what a live view is given, and how it becomes the entities of a recording, batch by batch."""
+"""What a live view is given, how it becomes the entities of a recording, and the layout and words that show them."""
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
+from math import isfinite
 from typing import NamedTuple
 
 import numpy as np
 import rerun as rr
+import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
+from mavdem.confidence import LEVEL
 from mavdem.dem import Estimate, Learned, LinearModel
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.graybox.wind import LEVEL_SECONDS, gusts
+from mavdem.dem.online.learner import TOO_FEW
+from mavdem.dem.online.tracker import FALSE_MARK_SECONDS
 from mavdem.dem.priors import hyperparameter_groups
 from mavdem.dem.record import Record
-from mavdem.live.history import AHEAD
-from mavdem.report.numbers import place, readable, state_names
+from mavdem.live import SessionStatus
+from mavdem.live.history import AHEAD, sentence
+from mavdem.report.numbers import named, place, plus_minus, readable, state_names, with_unit
 from mavdem.report.palette import BAD, BAND_OPACITY, BOUND, COMMAND, DISTURBANCE, MEASURED, PREDICTED, distinct
-from mavdem.view.plots import BOOT_CLOCK, Lines, faint
+from mavdem.view.plots import BOOT_CLOCK, Lines, blueprint, faint
 
+FLIGHT_SECONDS, LEARNING_SECONDS = 20.0, 120.0  # in view
+UNKNOWN = "–"
+LEGEND = (
+    "An error ratio is beside the better of the last sample and the mean. Surprise is how far F(t) is below its recent "
+    "median: 1 is the worst of twenty samples. A mark is where it stays above what is usual in this flight; one in "
+    f"{FALSE_MARK_SECONDS / 60:.0f} minutes is expected without a change."
+)
 GUST_SECONDS = 60.0  # of the latest torque, which gusts are found in
 BEYOND = 0.3  # how far predictions and bands are drawn beyond what was measured, in spans of it
 
 
 class Channels(NamedTuple):
-    """The channels of a live flight.
+    """The channels of a live flight; their names and units as of a ``Flight``."""
 
-    Attributes:
-        title: of the recording: vehicle and link.
-        dt: sampling step, s.
-        horizons: the learner's, in steps.
-        input_names, output_names, input_units, output_units: as of a ``Flight``.
-        command: weights of the inputs in the command of the axis; empty where they are not known.
-    """
-
-    title: str
-    dt: float
-    horizons: tuple[int, ...]
+    title: str  # of the recording: vehicle and link
+    dt: float  # sampling step, s
+    horizons: tuple[int, ...]  # the learner's, in steps
     input_names: tuple[str, ...]
     output_names: tuple[str, ...]
     input_units: tuple[str, ...]
     output_units: tuple[str, ...]
-    command: tuple[float, ...] = ()
+    command: tuple[float, ...] = ()  # weights of the inputs in the command of the axis; empty where not known
 
 
 class ViewRow(NamedTuple):
@@ -58,17 +63,10 @@ class ViewRow(NamedTuple):
     channels: Channels  # of outputs and inputs
 
 
-class LogLine(NamedTuple):
-    """A sentence ``text`` at a ``time`` on the timeline, s, with a ``level``: "INFO", "WARN" or "ERROR"."""
-
-    time: float
-    level: str
-    text: str
-
-    def send(self, recording: rr.RecordingStream) -> None:
-        """Writes it into the log."""
-        recording.set_time(BOOT_CLOCK, duration=self.time)
-        recording.log("log", rr.TextLog(self.text, level=self.level))
+def log(recording: rr.RecordingStream, time: float, sentence: str, level: str = "INFO") -> None:
+    """Writes a sentence into the log at a ``time`` on the timeline, s, with a level: "INFO", "WARN" or "ERROR"."""
+    recording.set_time(BOOT_CLOCK, duration=time)
+    recording.log("log", rr.TextLog(sentence, level=level))
 
 
 class LiveWriter:
@@ -113,7 +111,9 @@ class LiveWriter:
         return lines
 
     def begin(self, recording: rr.RecordingStream) -> None:
-        """Sends the styles; once a recording, before the first row."""
+        """Sends the styles and the layout; once a recording, before the first row."""
+        recording.send_recording_name(self._channels.title)
+        recording.send_blueprint(live_blueprint(self._channels))
         for lines in self.lines.values():
             lines.send_style(recording)
 
@@ -193,7 +193,7 @@ class LiveWriter:
             end = gust.sample + round(gust.length / dt)
             if end < len(time) and time[end] > before:
                 text = f"gust: {readable('rad/s²').scale * gust.size:+.0f} °/s² for {gust.length:.2g} s"
-                LogLine(float(time[gust.sample]), "WARN", text).send(recording)
+                log(recording, float(time[gust.sample]), text)
 
     def _judgement(self, recording: rr.RecordingStream, estimates: Sequence[tuple[Estimate, float]]) -> None:
         """Draws F(t) and surprise at the centres of their windows, and logs marks."""
@@ -206,7 +206,7 @@ class LiveWriter:
         self.lines["surprise/samples"].send(recording, time, np.stack([np.ones(len(time)), surprise], axis=-1))
         self.lines["surprise/unusual"].send(recording, time[marked], surprise[marked, None])
         for i in np.flatnonzero(marked & ~np.append(self._unusual, marked[:-1])):
-            LogLine(float(time[i]), "WARN", f"unusual motion: surprise {surprise[i]:.2g}").send(recording)
+            log(recording, float(time[i]), f"unusual motion: surprise {surprise[i]:.2g}")
         self._unusual = bool(marked[-1])
 
     def _models(self, recording: rr.RecordingStream, rows: list[ViewRow]) -> None:
@@ -235,3 +235,117 @@ def precision_names(outputs: Sequence[str], learned: Learned) -> tuple[str, ...]
             shared = " and ".join(name for name, member in zip(channels, group, strict=True) if member == number)
             names.append(f"{noise} of {shared}" if len(numbers) > 1 else f"{noise}, {whole}")
     return tuple(names)
+
+
+class FollowingTimePanel(rrb.TimePanel):
+    """A time panel that follows the latest data; the SDK's own does not send its play state."""
+
+    def _log_to_stream(self, stream: rr.RecordingStream) -> None:
+        super()._log_to_stream(stream)
+        following = rrb.archetypes.TimePanelBlueprint.from_fields(play_state=rrb.components.PlayState.Following)
+        stream.log(self.blueprint_path(), following)
+
+
+def live_blueprint(channels: Channels) -> rrb.Blueprint:
+    """Returns tabs: the flight, the model, more of the samples, the status."""
+
+    def plot(name: str, origin: str, seconds: float = FLIGHT_SECONDS) -> rrb.TimeSeriesView:
+        """A plot of the last seconds before the time cursor; only these are queried."""
+        right = 0.22 if seconds == FLIGHT_SECONDS else 0.35  # left free for the legend
+        start, end = (rr.TimeRangeBoundary.cursor_relative(seconds=at * seconds) for at in (-1, right))
+        return rrb.TimeSeriesView(
+            name=name,
+            origin=origin,
+            axis_x=rrb.archetypes.TimeAxis(view_range=rr.TimeRange(start=start, end=end)),
+            time_ranges=[rrb.VisibleTimeRange(BOOT_CLOCK, start=start, end=end)],
+            plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.RightTop),
+        )
+
+    outputs = [
+        plot(
+            f"{named(name.capitalize(), readable(unit).name)}: measured, and predicted without the motors ahead",
+            rr.new_entity_path(["outputs", name]),
+        )
+        for name, unit in zip(channels.output_names, channels.output_units, strict=True)
+    ]
+    command = f"{channels.output_names[0].capitalize()} command" if channels.command else "Motors"
+    log_columns = rrb.archetypes.TextLogColumns(timeline_columns=[BOOT_CLOCK], text_log_columns=["LogLevel", "Body"])
+    flight = rrb.Vertical(
+        rrb.Horizontal(
+            *(rrb.TextDocumentView(origin=f"figures/{i}", name=f"Figure {i}", titlebar=False) for i in range(4))
+        ),
+        rrb.Horizontal(
+            rrb.Vertical(
+                outputs[0],
+                plot(f"Wind torque, {readable('rad/s²').name}", "wind"),
+                plot(named(command, next(iter(channels.input_units), "")), "command"),
+                row_shares=[42, 32, 26],
+            ),
+            rrb.TextLogView(origin="log", name="Events", columns=log_columns),
+            column_shares=[70, 30],
+        ),
+        row_shares=[13, 87],
+        name="Flight",
+    )
+    model = rrb.Grid(
+        plot("λ: log precisions of the noise", "noise_precisions", LEARNING_SECONDS),
+        plot("F̄ of the learner's memory, nats", "free_energy_action", LEARNING_SECONDS),
+        grid_columns=1,
+        name="Model",
+    )
+    details = rrb.Vertical(
+        *outputs[1:],
+        plot("Surprise: how unusual a sample is", "surprise"),
+        plot("F(t), nats: low at an unusual sample", "free_energy_of_samples"),
+        name="Details",
+    )
+    status = rrb.TextDocumentView(origin="status", name="Status")
+    following = FollowingTimePanel(state="collapsed", timeline=BOOT_CLOCK)
+    return blueprint(rrb.Tabs(flight, model, details, status, active_tab=0), following)
+
+
+def figures(channels: Channels, status: SessionStatus, row: ViewRow, until: float | None) -> tuple[str, ...]:
+    """Returns four Markdown documents: the state, the prediction, the wind torque, and the physical parameters.
+
+    ``row`` is the latest; the model was learned ``until`` s of the boot clock.
+    """
+    output, now, unit = channels.output_names[0], row.estimate, readable("rad/s²")
+    state = "alarm" if status.alarm else "waiting" if status.obstacle or until is None else "learning"
+    reason = sentence(status.obstacle or (TOO_FEW if until is None else ""))
+    said = status.alarm or reason or "The model follows the flight."
+    shown = {"State": (f"{state}, {status.learned * channels.dt:.0f} s learned", said)}
+    error = torque = effect = (UNKNOWN, "")
+    (seconds, half), (ahead, ratio) = status.ahead, status.useful
+    if isfinite(half):
+        useful = f"; error ratio {ratio:.2f} at {ahead:.2g} s" if isfinite(ratio) else ""
+        error = f"± {with_unit(half, readable(channels.output_units[0]))}", f"{seconds:.2g} s ahead (90 %){useful}"
+    if now is not None and isfinite(now.wind_torque):
+        sizes = unit.scale * now.wind_torque, unit.scale * now.wind_torque_band
+        torque = f"{plus_minus(*sizes)} {unit.name}", "now, steady part included (90 %)"
+    if now is not None and now.physical is not None:
+        physical, names = now.physical, (f"{unit.name} per {channels.input_units[0] or 'unit'}", "1/s")
+        mean = [unit.scale * value for value in physical.mean_effect(LEVEL)]
+        pairs = zip((mean, (physical.damping, physical.interval(LEVEL).damping)), names, strict=True)
+        words = [f"{plus_minus(*pair)} {name}" if isfinite(pair[1]) else "not identifiable" for pair, name in pairs]
+        effect = words[0], f"rate damping {words[1]}"
+    shown |= {f"Error of the predicted {output}": error, "Wind torque": torque, "Control effectiveness": effect}
+    return tuple(f"{name}\n### {value}\n{remark}" for name, (value, remark) in shown.items())
+
+
+def status_document(channels: Channels, status: SessionStatus, row: ViewRow, until: float | None) -> str:
+    """Returns the latest status and row as Markdown; the model was learned ``until`` s, None before the first."""
+    reboot = f" since a reboot; shown as {row.time:,.1f} s" if row.shift else ""
+    facts = {
+        "samples": f"{status.learned + status.shown:,} at {1 / channels.dt:.4g} Hz",
+        "boot clock": f"{row.time - row.shift:,.1f} s{reboot}",
+        **{name: f"{rate:.1f} Hz" for name, rate in status.rates.items()},
+        "frames lost": f"{status.lost:,}",
+    }
+    if isfinite(status.latency[0]):
+        facts["latency"] = f"{1000 * status.latency[0]:.0f} ms"
+    ago = "" if until is None else f" up to {max(0.0, row.time - row.shift - until):.1f} s ago"
+    model = f"The model was learned{ago}." if ago else "No model yet."
+    learning = f"{model} {sentence(status.obstacle or ('' if ago else TOO_FEW))}"
+    cautions = [f"**Cautions:** {' '.join(row.learned.cautions)}"] if row.learned and row.learned.cautions else []
+    table = "\n".join(f"- {name}: {fact}" for name, fact in facts.items())
+    return "\n\n".join([f"**{channels.title}**", learning.strip(), table, *cautions, LEGEND])

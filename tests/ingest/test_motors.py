@@ -1,0 +1,96 @@
+"""Which channels drive motors, and what their outputs mean, by the parameters of real vehicles."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mavdem.ingest.motors import motor_geometry, output_scale
+
+OF_MAIN = [("PWM_MAIN", n) for n in range(1, 5)]
+
+
+def scale_of(outputs: tuple[float, ...], parameters: dict[str, float], drivers: list[tuple[str, int]] = OF_MAIN):
+    return output_scale(np.array([outputs]), parameters, drivers)
+
+
+@pytest.mark.parametrize(
+    ("outputs", "drivers", "parameters", "expected"),
+    [
+        # PX4 1.16: each channel has its range; actuator_motors of the same log has 0.736 and 0.562 for these outputs.
+        (
+            (1000.0, 1100.0, 1689.0, 1550.0),
+            OF_MAIN,
+            {f"PWM_MAIN_{end}{n}": value for n in range(1, 5) for end, value in (("MIN", 1100.0), ("MAX", 1900.0))},
+            ("PWM", 1100, 1900),
+        ),
+        # PX4 1.9 to 1.11: one range of all; 1.12: one of each driver.
+        (
+            (900.0, 1200.0, 1680.0),
+            OF_MAIN,
+            {"PWM_MAIN_MIN1": -1.0, "PWM_MIN": 1200.0, "PWM_MAX": 1950.0},
+            ("PWM", 1200, 1950),
+        ),
+        ((1230.0, 1300.0), OF_MAIN, {"PWM_MAIN_MIN": 1230.0, "PWM_MAIN_MAX": 1950.0}, ("PWM", 1230, 1950)),
+        (
+            (1100.0, 1300.0),
+            [("PWM_AUX", 1)],
+            {"PWM_AUX_MIN": 1050.0, "PWM_AUX_MAX": 1900.0, "PWM_MIN": 1.0},
+            ("PWM", 1050, 1900),
+        ),
+        # The parameters are not of the driver that sent these.
+        (
+            tuple(np.arange(1000.0, 1404.0, 2)),
+            OF_MAIN,
+            {"PWM_MAIN_MIN": 1230.0, "PWM_MAIN_MAX": 1950.0},
+            ("PWM", 1000, 2000),
+        ),
+        # PX4 1.16 with DShot on the main outputs: actuator_motors 0.194 of a thrust curve of 0.3 is 25 % of the range.
+        ((0.0, 110.0, 582.0, 826.0), OF_MAIN, {"DSHOT_MIN": 0.055, "PWM_MAIN_MIN1": 1000.0}, ("DShot", 110, 1999)),
+        # PX4 1.9 with UAVCAN, and 1.16, which has its range among the parameters.
+        ((0.0, 2457.3, 4712.6, 6158.4), OF_MAIN, {"PWM_MIN": 1000.0}, ("UAVCAN", 0, 8191)),
+        ((1000.0, 1500.0), [("UAVCAN_EC", 1)], {"UAVCAN_EC_MIN1": 1.0, "UAVCAN_EC_MAX1": 8191.0}, ("UAVCAN", 1, 8191)),
+        (
+            (0.0, 0.194, 0.278),
+            [("UAVCAN_EC", 1)],
+            {"UAVCAN_EC_MIN1": 1.0, "UAVCAN_EC_MAX1": 8191.0},
+            ("normalised", 0, 1),
+        ),
+    ],
+)
+def test_the_range_of_px4s_outputs_is_that_of_their_driver(outputs, drivers, parameters, expected):
+    scale = scale_of(outputs, parameters, drivers)
+    assert (scale.name, scale.low, scale.high, scale.stop) == (*expected, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "highest"),
+    [
+        ({"MOT_PWM_MIN": 1000.0, "MOT_PWM_MAX": 2000.0, "MOT_SPIN_MAX": 0.95}, 1950.0),
+        ({"RCMAP_THROTTLE": 3.0, "RC3_MIN": 1073.0, "RC3_MAX": 1920.0, "THR_MIN": 130.0, "MOT_THST_MAX": 0.95}, 1883.0),
+        ({"RCMAP_THROTTLE": 3.0, "RC3_MIN": 991.0, "RC3_MAX": 2016.0, "THR_MIN": 130.0}
+         | {"MOT_TCRV_ENABLE": 1.0, "MOT_TCRV_MAXPCT": 93.0}, 1944.0),
+        ({"MOT_PWM_MIN": 1100.0, "MOT_PWM_MAX": 1900.0, "MOT_TCRV_ENABLE": 0.0, "MOT_TCRV_MAXPCT": 93.0}, 1900.0),
+        ({"MOT_SPIN_MAX": 0.0}, 2000.0),
+    ],
+)  # fmt: skip
+def test_ardupilots_motors_stop_where_its_version_lets_them(parameters, highest):
+    """The highest outputs in logs of 4.2, 3.3 and 3.2, in which a motor was at its limit for long."""
+    scale = output_scale(np.array([[1061.0, 1800.0]]), parameters)
+    assert scale.low + scale.stop * (scale.high - scale.low) == pytest.approx(highest, abs=1.0)
+
+
+def test_a_gimbals_channels_are_no_motors():
+    parameters = {"FRAME": 1.0, "RC5_FUNCTION": 7.0, "RC6_FUNCTION": 8.0, "RC7_FUNCTION": 0.0}
+    found = motor_geometry("GENERIC_MULTIROTOR", "ARDUPILOTMEGA", parameters, moving=range(1, 7), bank=8)
+    assert found is not None and found.channels == (1, 2, 3, 4)
+    on_servos = motor_geometry("GENERIC_MULTIROTOR", "ARDUPILOTMEGA", {"SERVO2_FUNCTION": 7.0}, range(1, 6), 8)
+    assert on_servos is not None and on_servos.channels == (1, 3, 4, 5)
+
+
+def test_the_driver_of_each_motor_is_known():
+    parameters = {f"PWM_AUX_FUNC{n}": 100.0 + n for n in range(1, 5)}
+    found = motor_geometry("QUADROTOR", "PX4", parameters, moving=range(17, 21), bank=16)
+    assert found is not None and found.drivers == tuple(("PWM_AUX", n) for n in range(1, 5))
+    old = motor_geometry("QUADROTOR", "PX4", {}, moving=range(9, 13), bank=8)
+    assert old is not None and old.drivers == tuple(("PWM_AUX", n) for n in range(1, 5))
