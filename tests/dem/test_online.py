@@ -212,6 +212,7 @@ def test_a_dt_that_is_not_that_of_the_samples_is_an_obstacle(step, said):
     assert online.obstacle == ""
 
 
+@pytest.mark.slow
 def test_it_forgets_and_does_not_grow():
     online = OnlineLearner(COMPLETE, dt=0.01, memory=2.0)
     flown(online, WINDY[:500])
