@@ -371,7 +371,7 @@ def test_a_dropout_before_the_first_topic_is_reported(tmp_path):
     ],
 )
 def test_an_archive_that_cannot_be_unpacked_is_refused(tmp_path, monkeypatch, spoil, said):
-    monkeypatch.setattr(files, "MAX_UNPACKED_BYTES", 1 << 20)
+    monkeypatch.setattr(files, "MAX_BYTES", 1 << 20)
     path = tmp_path / "flight.ulg.xz"
     path.write_bytes(spoil(lzma.compress(log(*flight(TIMES)))))
     with pytest.raises(Unreadable, match=said) as failure:
