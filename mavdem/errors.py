@@ -8,22 +8,6 @@ from typing import Any
 
 REMEDIES = {"attach", "check", "convert", "cut", "delete", "fetch", "give", "install", "make", "move", "name", "save"}
 """Words that begin what to do."""
-    "attach",
-    "check",
-    "convert",
-    "cut",
-    "delete",
-    "fetch",
-    "give",
-    "install",
-    "make",
-    "move",
-    "name",
-    "put",
-    "read",
-    "save",
-    "start",
-]
 
 
 class Unreadable(ValueError):
