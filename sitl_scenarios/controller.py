@@ -38,7 +38,8 @@ class Controller:
 
     def __init__(self, vehicle: VehicleSpec, cycle: float, delay: float) -> None:
         self._body = body = airframe(vehicle)
-        self._frame = places = frame(vehicle.frame, body.arm)
+        self._frame = places = frame(vehicle.mixed_as, body.arm)
+        self._stop, self._gain = vehicle.stop, vehicle.rate_gain
         lag = sum(body.lag) / 2
         # A loop with an integrator and a dead time T in all is well damped up to about 0.4/T; a cycle's hold and its
         # computing take about one cycle.
@@ -111,7 +112,7 @@ class Controller:
             _limited(self._steered(2, rates[2], r, flying) / 4 * per_yaw, 1.0),
             min(max(command, 0.0), 1.0),
         )
-        a, b, c, d = mix(self._frame, demands)
+        a, b, c, d = mix(self._frame, demands, self._stop)
         outputs = pulse(a), pulse(b), pulse(c), pulse(d)
         return ControlOutput(outputs, demands, (wanted_roll, wanted_pitch, self._heading), rates)
 
@@ -122,7 +123,7 @@ class Controller:
         led = LEAD * rate - (LEAD - 1.0) * self._slow[axis]
         if flying:
             self._trim[axis] += self._rate / 12 * self._cycle * (wanted - rate)
-        return self._rate * (wanted - led + self._trim[axis])
+        return self._gain * self._rate * (wanted - led + self._trim[axis])
 
 
 def _limited(value: float, limit: float) -> float:

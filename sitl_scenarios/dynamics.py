@@ -63,8 +63,8 @@ def frame(kind: Literal["x", "plus"], arm: tuple[float, float]) -> RotorFrame:
 IDLE_COMMAND = 0.1  # Of full command: what an armed motor turns at, at least
 
 
-def mix(frame: RotorFrame, demands: Four) -> Four:
-    """Normalised commands of the motors, ``IDLE_COMMAND`` to 1.
+def mix(frame: RotorFrame, demands: Four, stop: float = 1.0) -> Four:
+    """Normalised commands of the motors, ``IDLE_COMMAND`` to ``stop``.
 
     ``demands`` are roll, pitch, yaw (−1 to 1) and thrust (0 to 1). Where a motor would saturate, thrust gives way
     first, so that the vehicle stays upright, and then all of roll, pitch and yaw alike.
@@ -72,11 +72,11 @@ def mix(frame: RotorFrame, demands: Four) -> Four:
     roll, pitch, yaw, thrust = demands
     a, b, c, d = (roll * r + pitch * p + yaw * s for r, p, s in zip(frame.roll, frame.pitch, frame.yaw, strict=True))
     lowest, highest = min(a, b, c, d), max(a, b, c, d)
-    if highest - lowest > 1.0 - IDLE_COMMAND:
-        scale = (1.0 - IDLE_COMMAND) / (highest - lowest)
+    if highest - lowest > stop - IDLE_COMMAND:
+        scale = (stop - IDLE_COMMAND) / (highest - lowest)
         a, b, c, d = a * scale, b * scale, c * scale, d * scale
         lowest, highest = lowest * scale, highest * scale
-    thrust = min(max(thrust, IDLE_COMMAND - lowest), 1.0 - highest)
+    thrust = min(max(thrust, IDLE_COMMAND - lowest), stop - highest)
     return a + thrust, b + thrust, c + thrust, d + thrust
 
 

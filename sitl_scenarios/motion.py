@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sitl_scenarios.dynamics import IDLE_COMMAND
+from sitl_scenarios.dynamics import IDLE_COMMAND, pulse
 from sitl_scenarios.scenario import Scenario, Steps
 
 Array = NDArray[np.float64]
@@ -65,7 +65,7 @@ class Holding:
     def __init__(self, scenario: Scenario) -> None:
         # On its way from one end of a sideways step to the other it is where it should be.
         self._aside = scenario.excitation.distance if isinstance(scenario.excitation, Steps) else 0.0
-        self._height = scenario.height
+        self._height, self._stop = scenario.height, pulse(scenario.vehicle.stop)
         self._since: float | None = None
         self._phase = ON_GROUND
         self._rows = self._limited = 0
@@ -74,7 +74,7 @@ class Holding:
     def add(self, motion: Motion) -> None:
         """The next rows."""
         flying = motion.armed & (motion.landed_state >= IN_AIR)
-        limited = (motion.outputs >= 2000.0) | (motion.outputs <= 1000.0 + 1000.0 * IDLE_COMMAND)
+        limited = (motion.outputs >= self._stop) | (motion.outputs <= 1000.0 + 1000.0 * IDLE_COMMAND)
         self._rows += int(np.count_nonzero(flying))
         self._limited += int(np.count_nonzero(limited[flying].any(axis=1)))
         self.at_limit = self._limited / max(self._rows, 1)

@@ -47,12 +47,13 @@ class Times(NamedTuple):
 def times(scenario: Scenario) -> Times:
     """When a scenario does what. Raises ValueError: the duration leaves no time to hover."""
     climb, descent = max(3.0, scenario.height / _FASTEST), max(4.0, scenario.height / _FASTEST)
-    shortest = SPIN_UP_SECONDS + climb + 5.0 + descent + AFTER_SECONDS  # with five seconds of hover
+    after = AFTER_SECONDS + scenario.idle
+    shortest = SPIN_UP_SECONDS + climb + 5.0 + descent + after  # with five seconds of hover
     if scenario.duration < shortest:
         raise ValueError(
             f"duration must be at least {shortest:g} s for a height of {scenario.height:g} m, not {scenario.duration:g}"
         )
-    return Times(climb, descent, SPIN_UP_SECONDS + climb, scenario.duration - AFTER_SECONDS - descent)
+    return Times(climb, descent, SPIN_UP_SECONDS + climb, scenario.duration - after - descent)
 
 
 def seconds(scenario: Scenario) -> float:

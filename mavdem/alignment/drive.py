@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -87,6 +87,9 @@ DEMAND_MESSAGE = "ACTUATOR_CONTROL_TARGET"
 THRUST_COLUMN = 3  # Place of thrust in ACTUATOR_CONTROL_TARGET.controls of group 0
 PORT_CHANNELS, WIDE_PORT_CHANNELS = 8, 16
 """Channels a port of SERVO_OUTPUT_RAW; firmware that fills the message's extension counts ports by 16."""
+LEAST_STOP, STOP_SHARE, STOP_WIDTH, STOP_BINS = 0.8, 0.01, 0.003, 5
+"""An upper stop that the outputs show: at least so much of the range, so often reached, this wide, and how many bins of
+that width below it show what is usual."""
 UNUSED_CHANNEL = 65535  # SERVO_OUTPUT_RAW's value for a channel without an output
 
 
@@ -148,7 +151,23 @@ def _motors_in(telemetry: Telemetry, message: str) -> Motors | Obstacle:
     # Of the values as sent: interpolated ones fall between the steps of the stream.
     scale = output_scale(np.concatenate(sent), telemetry.parameters, plan.drivers)
     left_out = signal.left_out + whole.left_out
+    scale = replace(scale, stop=min(scale.stop, _seen_stop(scale.fraction(whole.values))))
     return Motors(message, whole.time, whole.boot, whole.values, plan, scale, signal.sent, left_out)
+
+
+def _seen_stop(shares: NDArray[np.float64]) -> float:
+    """The share of the range at which motors (N, k) stay, as no output does that moves freely; 1 where they do not.
+
+    That is the highest of all, with ``STOP_SHARE`` of some motor's samples and far more than in the bins below it.
+    """
+    highest = float(shares.max())
+    for column in shares.T if highest >= LEAST_STOP else ():
+        bins = np.floor((highest - column[column > 0]) / STOP_WIDTH)
+        at_stop, near = np.count_nonzero(bins == 0), np.count_nonzero((bins > 0) & (bins <= STOP_BINS)) / STOP_BINS
+        reached = at_stop >= max(STOP_SHARE * len(column), STOP_BINS * near, 3)
+        if reached and np.count_nonzero(bins > STOP_BINS) > np.count_nonzero(bins > 0) / 2:
+            return highest
+    return 1.0
 
 
 def demand(telemetry: Telemetry, axis: str) -> Motors | None:

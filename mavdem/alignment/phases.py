@@ -26,8 +26,18 @@ TRANSIENT_SECONDS = 5.0
 first metres."""
 CLIMB_OUT_SPEED = 0.25
 """m/s: climb-out and landing last while the vehicle rises or sinks faster. Autopilots land at 0.3 m/s and more."""
+CLIMB_SPEED = 1.0  # m/s, for ``TRANSIENT_SECONDS`` or longer: a climb or a descent in the midst of a flight
 MAX_TILT = np.radians(60.0)
 """Tilt beyond which no hover model holds: half the thrust no longer carries, and Euler angles leave the body rates."""
+CARRYING_SHARE = 0.75
+"""Of the motors' mean in hover: with less, in the mean of 2 s, no multirotor stays up, be its thrust as the square of
+its command or as the command."""
+STILL_SHARE, FIGHTING_SHARE = 0.1, 0.5
+"""What the ground holds turns so little beside the flight, while some motor does so much more or less than in flight,
+as a share of the hover's mean, that it would turn what nothing holds: of four, one that lost half its thrust does 0.3
+more."""
+GROUND_SECONDS = 3.0  # As long it lasts at least: motors are throttled for a moment in the air, too
+LEAST_CLIMB = 0.1  # m/s, averaged, of what leaves the ground
 REPORT_SECONDS = 10.0
 """Longest time between two reports of EXTENDED_SYS_STATE that they cover: autopilots send it at 0.2 Hz and faster, and
 what the vehicle did in a longer gap the other evidence shows better."""
@@ -95,15 +105,57 @@ def airborne_collective(parameters: Mapping[str, float]) -> float:
 def settled(signals: Signals, boot: int) -> Intervals:
     """Returns the intervals of ``boot`` in settled flight, as the autopilot reports it or else as the motors show it.
 
-    Neither take-off nor landing, where it reports them; both axes must stay upright.
+    Neither take-off nor landing, where it reports them, nor what the ground holds; both axes must stay upright.
     """
-    climb = _of_boot(signals.climb_rate, boot)
+    climb, landing = _of_boot(signals.climb_rate, boot), _of_boot(signals.landing, boot)
     flights = both(armed(signals, boot), in_states(signals, boot, (IN_AIR,)))
+    if landing is not None and climb is None and _of_boot(signals.landed_state, boot) is None:
+        flights = both(flights, where(landing.time, landing.values == 0))
+    held = [part for part in both(flights, grounded(signals, boot)) if part[1] - part[0] >= GROUND_SECONDS]
+    flights = both(flights, outside(held))
+    for tilt in signals.tilts[:1]:  # what lies on its back has crashed
+        here = tilt.boot == boot
+        flights = both(flights, where(tilt.time[here], np.abs(tilt.angle[here]) < np.pi / 2))
     level = [between for flight in flights if (between := between_transients(flight, climb)) is not None]
+    if climb is not None:
+        speed = average(climb)
+        aloft = np.any([(climb.time >= start) & (climb.time <= end) for start, end in [(inf, inf), *level]], axis=0)
+        if np.any(speed[aloft] > -CLIMB_OUT_SPEED):
+            steady = both(level, where(climb.time, np.abs(speed) > CLIMB_SPEED))
+            level = both(level, outside([part for part in steady if part[1] - part[0] >= TRANSIENT_SECONDS]))
     for tilt in signals.tilts:
         here = tilt.boot == boot
         level = both(level, where(tilt.time[here], np.abs(tilt.angle[here]) < MAX_TILT))
     return level if signals.tilts else []
+
+
+def grounded(signals: Signals, boot: int) -> Intervals:
+    """Returns where the ground holds the vehicle, whatever is reported: its motors do much less than in hover.
+
+    Or its attitude stands still while its motors fight what holds it.
+    """
+    collective, motors = _of_boot(signals.collective, boot), signals.motors
+    if collective is None:
+        return []
+    mean = average(collective)
+    running = mean > airborne_collective(signals.telemetry.parameters)
+    if not running.any():
+        return []
+    hover = float(np.median(mean[running & (mean > np.quantile(mean[running], 0.9) / 2)]))
+    squares = np.zeros(len(mean))
+    for tilt in signals.tilts:
+        here = tilt.boot == boot
+        turning = Signal(tilt.time[here], tilt.boot[here], tilt.rate[here] ** 2)
+        squares += np.interp(collective.time, turning.time, average(turning)) if here.any() else 0.0
+    lively = float(np.quantile(squares[running], 0.9))
+    moving = running & (squares >= STILL_SHARE * lively)
+    fighting = np.zeros(len(mean), dtype=np.bool_)
+    if motors is not None:
+        for share in motors.scale.fraction(motors.outputs[motors.boot == boot]).T:
+            apart = average(Signal(collective.time, collective.boot, share)) - mean
+            fighting |= np.abs(apart - np.median(apart[moving])) > FIGHTING_SHARE * hover
+    still = squares < STILL_SHARE**2 * lively
+    return where(collective.time, (mean < CARRYING_SHARE * hover) | (still & fighting))
 
 
 def flying(signals: Signals, boot: int) -> Intervals:
@@ -155,6 +207,8 @@ def between_transients(flight: Interval, climb: Signal | None) -> Interval | Non
     if climb is not None:
         speed = average(climb)
         inside = (climb.time >= after) & (climb.time <= before)
+        if climb.time[0] <= start and np.abs(speed[climb.time <= end]).max(initial=0.0) < LEAST_CLIMB:
+            return None
         # No whole flight only sinks: then the estimate has run away.
         if isinf(start) or isinf(end) or np.any(speed[inside] > -CLIMB_OUT_SPEED):
             rising = climb.time[inside & (speed < CLIMB_OUT_SPEED)]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.alignment import phases
-from mavdem.alignment.align import Segment, mean_rate, sample, usually_slow, within
+from mavdem.alignment.align import Segment, mean_rate, recorded_parts, sample, usually_slow, within
 from mavdem.alignment.drive import Motors
 from mavdem.alignment.phases import Intervals, both, total, unbroken
 from mavdem.alignment.signals import Attitude, Signals, usual_rate
@@ -21,9 +21,9 @@ it is of the whole segment, and a single outlier must not decide it."""
 HELD_STEPS = 1.5
 """Quantisation steps by which a value that had been constant for a message or more usually changes when it does, if it
 was held. One that only moves less than a step goes on by one step."""
-FULL_THROTTLE, IDLE_THROTTLE = 0.99, 0.15
-"""Shares of the range at which a motor is at its limits: full throttle, and the idle below which autopilots let none
-fall in flight (ArduPilot's default for MOT_SPIN_MIN)."""
+STOP_MARGIN, IDLE_THROTTLE = 0.01, 0.15
+"""Shares of the range: how near to its upper stop (``OutputScale.stop``) a motor is at it, and the idle below which
+autopilots let none fall in flight (ArduPilot's default for MOT_SPIN_MIN)."""
 
 
 @dataclass(frozen=True)
@@ -70,11 +70,11 @@ def of_log(signals: Signals, segments: int) -> QualityFigures:
     """Returns the figures of a whole log with so many ``segments``; its rates are those between outages."""
     attitude, drive = signals.attitude, signals.drive
     assert attitude is not None and drive is not None
-    armed = airborne = 0.0
+    parts = recorded_parts(signals)
+    armed = sum(total(both([(part.start, part.end)], phases.armed(signals, part.boot))) for part in parts)
+    airborne = 0.0
     for boot in np.intersect1d(attitude.boot, drive.boot):
-        recorded = _recorded(drive, boot)
-        armed += total(both(recorded, phases.armed(signals, boot)))
-        airborne += total(both(recorded, phases.flying(signals, boot)))
+        airborne += total(both(_recorded(drive, boot), phases.flying(signals, boot)))
     return QualityFigures(
         armed, airborne, segments, attitude_rate=usual_rate(attitude) or None, motor_rate=usual_rate(drive) or None
     )
@@ -122,7 +122,7 @@ def of_segment(signals: Signals, segment: Segment, flight: Flight, log: QualityF
         differences = flight.inputs - flight.inputs.mean(axis=1, keepdims=True)
         combination, rounding = differences[:, np.argmax(differences.std(axis=0))], motors.scale.step / 12**0.5
     share = motors.scale.fraction(flight.inputs)
-    limited = (share >= FULL_THROTTLE) | (share <= IDLE_THROTTLE)
+    limited = (share >= motors.scale.stop - STOP_MARGIN) | (share <= IDLE_THROTTLE)
     return replace(
         log,
         duration=flight.duration,

@@ -44,7 +44,7 @@ from mavdem.alignment.drive import (
 )
 from mavdem.ingest.mavlink.definitions import enum_name
 from mavdem.ingest.telemetry import Columns, Telemetry, rate_without_gaps
-from mavdem.ingest.vocabulary import ARMED, euler_angles
+from mavdem.ingest.vocabulary import ARMED, CUSTOM_MODE, LANDING_MODES, euler_angles
 
 ATTITUDE_MESSAGES = ("ATTITUDE", "ATTITUDE_QUATERNION")  # Messages with the attitude, the preferred first
 CLIMB_FIELDS = {"LOCAL_POSITION_NED": ("vz", -1.0), "GLOBAL_POSITION_INT": ("vz", -0.01), "VFR_HUD": ("climb", 1.0)}
@@ -186,7 +186,7 @@ class Signals:
     def about(self, axis: str, inputs: str | None = None) -> Signals:
         """Returns the signals for another ``axis`` or other ``inputs``; what depends on neither is not read again."""
         other = replace(self, axis=axis, inputs=inputs)
-        shared = ("tilts", "motors", "voltage", "armed", "landed_state", "climb_rate")
+        shared = ("tilts", "motors", "voltage", "_beats", "landed_state", "climb_rate")
         own = ("attitude", "demand", "setpoints") if axis == self.axis else ()
         other.__dict__.update({name: self.__dict__[name] for name in (*shared, *own) if name in self.__dict__})
         return other
@@ -240,7 +240,19 @@ class Signals:
 
     @cached_property
     def armed(self) -> Signal | None:
-        """Whether the vehicle was armed, from HEARTBEAT; a single stray heartbeat is outvoted by its neighbours.
+        """Whether the vehicle was armed, from HEARTBEAT; None where no heartbeat is its own."""
+        beats = self._beats
+        return None if beats is None else replace(beats, values=beats.values[:, 0])
+
+    @cached_property
+    def landing(self) -> Signal | None:
+        """Whether the autopilot was in a mode that lands by itself, from HEARTBEAT; None where none is its own."""
+        beats = self._beats
+        return None if beats is None else replace(beats, values=beats.values[:, 1])
+
+    @cached_property
+    def _beats(self) -> Signal | None:
+        """Both (N, 2) of them; a single stray heartbeat is outvoted by its neighbours.
 
         Heartbeats that name another type or autopilot than the vehicle's are not its own.
         """
@@ -256,7 +268,10 @@ class Signals:
             own &= np.isin(columns[field], [number for number in numbers if enum_name(enum, int(number)) == name])
         if not own.any():
             return None
-        state = (np.asarray(columns["base_mode"]).astype(np.int64) & ARMED) > 0
+        flags, modes = columns["base_mode"].astype(np.int64), columns.get("custom_mode", np.zeros(len(own)))
+        number = int(columns["autopilot"][own][0])
+        lands = np.isin(modes, list(LANDING_MODES.get(number, ()))) & (flags & CUSTOM_MODE > 0)
+        state = np.column_stack([flags & ARMED > 0, lands])
         order = np.lexsort((columns["time"][own], columns["boot"][own]))
         time, boot, state = columns["time"][own][order], columns["boot"][own][order], state[own][order]
         before, after = np.concatenate([state[:1], state[:-1]]), np.concatenate([state[1:], state[-1:]])

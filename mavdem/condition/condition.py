@@ -23,10 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.alignment import phases
-from mavdem.alignment.align import Segment, settled_segments, within
+from mavdem.alignment.align import Segment, recorded_parts, settled_segments, within
 from mavdem.alignment.drive import AXES, TILT_AXES, Signal, floats, series
 from mavdem.alignment.phases import both, total
-from mavdem.alignment.quality import FULL_THROTTLE, IDLE_THROTTLE
+from mavdem.alignment.quality import IDLE_THROTTLE, STOP_MARGIN
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals
 from mavdem.alignment.verdict import verdict_of
@@ -51,8 +51,9 @@ class HoverFigures:
         trim: mean output, in ``unit``.
         trim_of_range: the same as a share of the range, 0 at no and 1 at full throttle.
         trim_share: ``trim_of_range`` over its mean of all motors: 1 where all work alike.
-        headroom: 1 less the 99th percentile of the output as a share of the range: what is left for gusts.
-        at_upper_limit: share of the time within 1 % of full throttle.
+        headroom: the upper stop less the 99th percentile of the output, as shares of the range: what is left for gusts.
+        at_upper_limit: share of the time within 1 % of the range of the upper stop, where the autopilot or the outputs
+            show one; else of full throttle.
         at_lower_limit: share of the time at 15 % of the range or less, the idle in flight of ArduPilot by default.
         roll, pitch: mean angles, degrees: the steady lean, against wind or an offset centre of mass. None where not
             known.
@@ -168,8 +169,8 @@ def _figures(
         "trim": outputs.mean(axis=0),
         "trim_of_range": trims,
         "trim_share": trims / trims.mean(),
-        "headroom": 1 - np.percentile(shares, HIGHEST_PERCENTILE, axis=0),
-        "at_upper_limit": (shares >= FULL_THROTTLE).mean(axis=0),
+        "headroom": np.maximum(scale.stop - np.percentile(shares, HIGHEST_PERCENTILE, axis=0), 0.0),
+        "at_upper_limit": (shares >= scale.stop - STOP_MARGIN).mean(axis=0),
         "at_lower_limit": (shares <= IDLE_THROTTLE).mean(axis=0),
     }
     figures: dict[str, Any] = {name: tuple(values.tolist()) for name, values in each.items()}
@@ -307,14 +308,6 @@ def _flown(signals: Signals, span: tuple[Segment, ...]) -> tuple[Segment, ...]:
     """Flight that need not be settled."""
     flights = ((one.boot, both([(one.start, one.end)], phases.flying(signals, one.boot))) for one in span)
     return tuple(Segment(boot, *interval) for boot, intervals in flights for interval in intervals)
-
-
-def recorded_parts(signals: Signals) -> tuple[Segment, ...]:
-    """Returns each boot from its first message to its last."""
-    messages = signals.telemetry.messages.values()
-    time, boot = (np.concatenate([np.zeros(0), *(columns[name] for columns in messages)]) for name in ("time", "boot"))
-    boots = ((int(number), time[boot == number]) for number in np.unique(boot))
-    return tuple(Segment(number, float(stamps.min()), float(stamps.max())) for number, stamps in boots)
 
 
 def mean_interval(values: NDArray[np.float64], seconds: float) -> NDArray[np.float64]:

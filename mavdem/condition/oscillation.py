@@ -13,7 +13,7 @@ import numpy as np
 
 from mavdem.alignment.align import Segment, mean_rate, within
 from mavdem.alignment.drive import TILT_AXES, Motors
-from mavdem.alignment.quality import FULL_THROTTLE, IDLE_THROTTLE
+from mavdem.alignment.quality import IDLE_THROTTLE, STOP_MARGIN
 from mavdem.alignment.signals import MINIMUM_RATE, Attitude, Signals
 
 WINDOWS, FEWEST_SAMPLES, PERIODS = (4.0, 8.0), 32, 8
@@ -99,7 +99,7 @@ def _windows(tilt: Attitude, motors: Motors, part: Segment, seconds: float) -> I
     sampled = min(map(mean_rate, streams))
     time = np.arange(max(one[0] for one in streams), min(one[-1] for one in streams), 1 / sampled)
     shares = motors.scale.fraction(motors.outputs[driven])
-    limited = np.any((shares >= FULL_THROTTLE) | (shares <= IDLE_THROTTLE), axis=1)
+    limited = np.any((shares >= motors.scale.stop - STOP_MARGIN) | (shares <= IDLE_THROTTLE), axis=1)
     apart = shares - shares.mean(axis=1, keepdims=True)
     moved = np.column_stack([np.interp(time, streams[1], column) for column in apart.T])
     table = np.column_stack([np.degrees(np.interp(time, streams[0], tilt.rate[turning])), moved])

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
 from warnings import warn
 
 import numpy as np
@@ -83,7 +80,6 @@ class Learned(LearnedDownstream):
     state_map: Array
     theta: Array
     simulation_fit: SimulationFit | None
-    _changes: ClassVar[tuple[float, ...]] = ()
 
     def __repr__(self) -> str:
         (n, r), m, number = self.model.B.shape, len(self.model.C), len(self.cautions)
@@ -143,16 +139,9 @@ class Learned(LearnedDownstream):
     def wind(self) -> WindTorque | None:
         """The wind's torque in the training data (docs/wind.md); ``None`` without :attr:`physical`."""
         try:
-            return None if self.physical is None else wind(self.physical, self.record, self._changes)
+            return None if self.physical is None else wind(self.physical, self.record)
         except ValueError:  # LinAlgError is one
             return None
-
-    def cut_at(self, times: Sequence[float]) -> Learned:
-        """Returns this result with :attr:`wind` cut where the vehicle changed: ``times`` on the flight's clock, s."""
-        cut = copy(self)
-        cut.__dict__.pop("wind", None)
-        cut.__dict__["_changes"] = tuple(times)
-        return cut
 
     @may_overflow
     def one_step(self) -> Array:

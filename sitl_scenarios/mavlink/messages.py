@@ -17,9 +17,9 @@ from scipy.spatial.transform import Rotation
 
 from mavdem.ingest.mavlink.definitions import MessageDefinition, definitions
 from sitl_scenarios.dynamics import DISARMED_PULSE, MAX_PULSE, MIN_PULSE, SPINS, euler, frame
-from sitl_scenarios.mavlink.autopilots import ARMED, LANDING, ON_GROUND, Autopilot
+from sitl_scenarios.mavlink.autopilots import ARMED, IN_AIR, LANDING, ON_GROUND, Autopilot
 from sitl_scenarios.motion import Motion
-from sitl_scenarios.plan import FULL_STICK
+from sitl_scenarios.plan import BOOT_SECONDS, FULL_STICK, SPIN_UP_SECONDS, seconds
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.sensors import vibration
 from sitl_scenarios.vehicles import AIRFRAMES, CHARGED
@@ -52,7 +52,12 @@ def payload(name: str, count: int = 1, /, **fields: Any) -> Payloads:
 def written(name: str, motion: Motion, boot: NDArray[np.int64], autopilot: Autopilot, scenario: Scenario) -> Payloads:
     """The payloads (N,) of a message, one for each row of ``motion``, at ``boot`` (N,), µs since boot."""
     fields: dict[str, Any] = {"time_boot_ms": boot // 1000 % 2**32}
-    modes = np.array([autopilot.modes.get(state, (0, 0)) for state in range(LANDING + 1)])[motion.landed_state]
+    # While its motors idle after landing, as long as the scenario says, the autopilot has not noticed it.
+    turn = (motion.time - BOOT_SECONDS) % (seconds(scenario) / scenario.flights)
+    idles = motion.armed & (motion.landed_state == ON_GROUND) & (turn > SPIN_UP_SECONDS) & (scenario.idle > 0)
+    states = np.where(idles, LANDING, motion.landed_state)
+    states = states if scenario.landing_mode else np.where(states == LANDING, IN_AIR, states)
+    modes = np.array([autopilot.modes.get(state, (0, 0)) for state in range(LANDING + 1)])[states]
     base, custom = modes[:, 0] + ARMED * motion.armed, modes[:, 1]
     millivolts = np.round(1000 * CHARGED * motion.battery)
     rates = dict(zip(("rollspeed", "pitchspeed", "yawspeed"), motion.known_rates.T, strict=True))
@@ -60,7 +65,7 @@ def written(name: str, motion: Motion, boot: NDArray[np.int64], autopilot: Autop
     outputs[:, :MOTORS] = motion.outputs
     match name:
         case "HEARTBEAT":
-            flies = motion.armed & (autopilot.active_when_armed | (motion.landed_state != ON_GROUND))
+            flies = motion.armed & (autopilot.active_when_armed | (states != ON_GROUND))
             status = np.select([flies, ~motion.armed & (boot < 3e6)], [ACTIVE, autopilot.starting], STANDBY)
             fields = {"type": QUADROTOR, "autopilot": autopilot.number, "base_mode": base, "custom_mode": custom}
             fields |= {"system_status": status, "mavlink_version": 3}
@@ -152,12 +157,12 @@ def parameters(scenario: Scenario, autopilot: Autopilot, cycle: float) -> dict[s
 
 def _px4(scenario: Scenario) -> dict[int, dict[str, float]]:
     whole: dict[str, float] = {"CA_AIRFRAME": 0, "CA_ROTOR_COUNT": MOTORS, "MAV_SYS_ID": scenario.stream.system}
-    whole |= {"MAV_TYPE": QUADROTOR, "SYS_AUTOSTART": {"x": 4001, "plus": 5001}[scenario.vehicle.frame]}
+    whole |= {"MAV_TYPE": QUADROTOR, "SYS_AUTOSTART": {"x": 4001, "plus": 5001}[scenario.vehicle.mixed_as]}
     whole |= {f"PWM_MAIN_FUNC{n}": 100 + n if n <= MOTORS else 0 for n in range(1, 9)}
     for bound, value in (("DIS", DISARMED_PULSE["px4"]), ("MIN", MIN_PULSE), ("MAX", MAX_PULSE)):
         whole |= {f"PWM_MAIN_{bound}{n}": value for n in range(1, MOTORS + 1)}
     real = _thrust_curve("THR_MDL_FAC", scenario)
-    rotors = frame(scenario.vehicle.frame, AIRFRAMES[scenario.vehicle.model].arm)
+    rotors = frame(scenario.vehicle.mixed_as, AIRFRAMES[scenario.vehicle.model].arm)
     for n in range(MOTORS):
         real |= {f"CA_ROTOR{n}_PX": rotors.forward[n], f"CA_ROTOR{n}_PY": rotors.right[n], f"CA_ROTOR{n}_PZ": 0.0}
         real |= {f"CA_ROTOR{n}_CT": 6.5, f"CA_ROTOR{n}_KM": 0.05 * SPINS[n]}  # KM: positive counter-clockwise
@@ -165,14 +170,15 @@ def _px4(scenario: Scenario) -> dict[int, dict[str, float]]:
 
 
 def _ardupilot(scenario: Scenario, cycle: float) -> dict[int, dict[str, float]]:
-    small: dict[str, float] = {"FRAME_CLASS": 1, "FRAME_TYPE": {"plus": 0, "x": 1}[scenario.vehicle.frame]}
+    small: dict[str, float] = {"FRAME_CLASS": 1, "FRAME_TYPE": {"plus": 0, "x": 1}[scenario.vehicle.mixed_as]}
     medium: dict[str, float] = {"MAV_SYSID": scenario.stream.system, "SCHED_LOOP_RATE": round(1 / cycle)}
     medium |= {"MOT_PWM_MAX": MAX_PULSE, "MOT_PWM_MIN": MIN_PULSE}
     for n in range(1, 9):
         medium |= {f"SERVO{n}_FUNCTION": 32 + n if n <= MOTORS else 0}
         medium |= {f"SERVO{n}_MIN": MIN_PULSE, f"SERVO{n}_MAX": MAX_PULSE, f"SERVO{n}_TRIM": 1500}
         small |= {f"SERVO{n}_REVERSED": 0}
-    return {INT8: small, INT16: medium, REAL32: _thrust_curve("MOT_THST_EXPO", scenario)}
+    stop = {} if scenario.vehicle.stop == 1.0 else {"MOT_SPIN_MAX": scenario.vehicle.stop}
+    return {INT8: small, INT16: medium, REAL32: _thrust_curve("MOT_THST_EXPO", scenario) | stop}
 
 
 def _thrust_curve(name: str, scenario: Scenario) -> dict[str, float]:

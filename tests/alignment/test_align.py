@@ -1,5 +1,6 @@
 """Airborne and settled: a report of EXTENDED_SYS_STATE counts for the time it covers, elsewhere the motors' thrust."""
 
+from dataclasses import replace
 from math import inf
 
 import numpy as np
@@ -105,6 +106,106 @@ def test_a_log_cut_out_of_a_hover_is_used_whole():
     assert (segment.start, segment.end) == pytest.approx((15, 44.99))
 
 
+GROUNDED = Hover(hovering=40.0)
+ON_GROUND = GROUNDED.landed + 1.0  # the motors run on for 30 s, as if nobody disarmed them
+
+
+def landed(motors, rate=None, **changes) -> Signals:
+    """A hover that lands, without any report of that: on the ground ``motors`` (4,) µs, and a roll ``rate`` of it."""
+    hover = replace(GROUNDED, **changes)
+    time = np.arange(0.0, ON_GROUND + 30.0, 0.02)
+    ground = time > hover.landed
+    telemetry = hover.telemetry(time, time, without=("LOCAL_POSITION_NED",))
+    outputs = np.where(ground[:, None], motors, hover.motors(time))
+    outputs += 3.0 * np.random.default_rng(1).standard_normal(outputs.shape)
+    pulses = {f"servo{n + 1}_raw": outputs[:, n] for n in range(4)}
+    telemetry = changed(telemetry, "SERVO_OUTPUT_RAW", **pulses)
+    turning = np.where(ground, 1e-3 * np.sin(90 * time) if rate is None else rate(time), hover.roll_rate(time))
+    beat = telemetry.messages["HEARTBEAT"]
+    armed = np.where(beat["time"] >= 5.0, beat["base_mode"] | 128, beat["base_mode"])
+    telemetry = changed(telemetry, "HEARTBEAT", base_mode=armed)
+    return Signals(changed(telemetry, "ATTITUDE", roll=np.where(ground, 0.1, hover.roll(time)), rollspeed=turning))
+
+
+HELD = {
+    "idles at half of what it takes to hover": ([1320.0] * 4, None),
+    "idles while a hand turns it": ([1320.0] * 4, lambda time: 0.7 * np.sin(1.1 * time)),
+    "fights what holds it, with as much thrust as in hover": ([1950.0, 1150.0, 1950.0, 1350.0], None),
+}
+
+
+@pytest.mark.parametrize("held", HELD)
+def test_the_ground_shows_without_any_report(held):
+    ((start, end),) = phases.settled(landed(*HELD[held]), 0)
+    assert start == pytest.approx(LIFTED + TRANSIENT_SECONDS, abs=1.5)
+    assert end == pytest.approx(GROUNDED.landed - TRANSIENT_SECONDS, abs=1.5)
+
+
+def test_the_ground_shows_before_a_flight_too():
+    """Held in the hand at half the thrust for 20 s, and then flown."""
+    signals = landed([1600.0] * 4, GROUNDED.roll_rate)
+    telemetry = signals.telemetry
+    time = telemetry.messages["SERVO_OUTPUT_RAW"]["time"]
+    held = {f"servo{n}_raw": np.where((time > 6) & (time < 26), 1300.0, 1600.0) for n in range(1, 5)}
+    ((start, _),) = phases.settled(Signals(changed(telemetry, "SERVO_OUTPUT_RAW", **held)), 0)
+    assert start == pytest.approx(26.0 + TRANSIENT_SECONDS, abs=1.5)
+
+
+def test_a_mode_that_lands_ends_settled_flight_where_nothing_else_shows_the_landing():
+    signals = landed([1600.0] * 4, GROUNDED.roll_rate)
+    beat = signals.telemetry.messages["HEARTBEAT"]
+    mode = {"custom_mode": np.where(beat["time"] < GROUNDED.sinking, 5, 9), "base_mode": beat["base_mode"] | 1}
+    ((_, end),) = phases.settled(Signals(changed(signals.telemetry, "HEARTBEAT", **mode)), 0)
+    assert end == pytest.approx(GROUNDED.sinking - TRANSIENT_SECONDS, abs=1.5)
+
+
+def test_a_calm_hover_before_manoeuvres_and_a_moment_without_throttle_are_flight():
+    def calm_then_wild(time):
+        return np.where(time < 30, 2e-3, 0.5) * np.sin(3 * time)
+
+    signals = landed([1600.0] * 4, GROUNDED.roll_rate)
+    telemetry = signals.telemetry
+    time = telemetry.messages["SERVO_OUTPUT_RAW"]["time"]
+    chopped = {
+        f"servo{n}_raw": np.where(
+            np.abs(time - 35) < 0.5, 1100.0, telemetry.messages["SERVO_OUTPUT_RAW"][f"servo{n}_raw"]
+        )
+        for n in range(1, 5)
+    }
+    telemetry = changed(changed(telemetry, "SERVO_OUTPUT_RAW", **chopped), "ATTITUDE", rollspeed=calm_then_wild(time))
+    ((start, end),) = phases.settled(Signals(telemetry), 0)
+    assert start == pytest.approx(LIFTED + TRANSIENT_SECONDS, abs=1.5) and end > ON_GROUND
+
+
+def test_a_climb_in_the_midst_of_a_flight_is_not_settled():
+    telemetry = HOVER.telemetry()
+    position = telemetry.messages["LOCAL_POSITION_NED"]
+    climbs = np.where((position["time"] > 25) & (position["time"] < 35), -2.0, position["vz"])
+    found = phases.settled(Signals(changed(telemetry, "LOCAL_POSITION_NED", vz=climbs)), 0)
+    assert [round(edge) for span in found for edge in span[:2]][1:3] == [25, 35]
+
+
+def test_what_never_rose_was_never_in_the_air_whatever_is_reported():
+    telemetry = reporting(HOVER.stamps(2.0), np.where(in_air(HOVER.stamps(2.0)), 2, 1))
+    still = np.zeros(len(telemetry.messages["LOCAL_POSITION_NED"]["time"]))
+    assert phases.settled(Signals(changed(telemetry, "LOCAL_POSITION_NED", vz=still)), 0) == []
+
+
+LOGS = {
+    "ardupilot_motor3_at_its_limit.BIN": (),  # tipped over at take-off, and then lies at 56° with its motors on
+    "px4_pwm_1200_1950.ulg": (),  # its motors ran on the ground
+    "px4_default_rates_learnable.ulg": (122.3, 190.6),  # on the ground for 6 s after the report of take-off
+    "ardupilot33_rate_in_centidegrees.bin": (96.0, 231.7),  # crashes at 237 s
+}
+
+
+@pytest.mark.parametrize("name", LOGS)
+def test_recorded_vehicles_that_the_ground_holds(name):
+    signals = Signals(read_log(shared(f"real/logs/{name}")).vehicles[0], inputs="motors")
+    edges = [edge for span in phases.settled(signals, 0) for edge in span]
+    assert edges == pytest.approx(LOGS[name], abs=0.5)
+
+
 def test_gaps_and_tumbles_end_a_segment():
     telemetry = HOVER.telemetry()
     table = telemetry.messages["SERVO_OUTPUT_RAW"]
@@ -116,7 +217,7 @@ def test_gaps_and_tumbles_end_a_segment():
     assert [round(segment.duration) for segment in found] == sorted(
         (round(segment.duration) for segment in found), reverse=True
     )
-    assert sorted((round(s.start, 1), round(s.end, 1)) for s in found)[1] == (20.2, 39.5)
+    assert sorted((round(s.start, 1), round(s.end, 1)) for s in found)[1] == (20.2, 39.5 - TRANSIENT_SECONDS)
 
 
 def test_boots_are_never_joined():

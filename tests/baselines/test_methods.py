@@ -24,6 +24,7 @@ SLOW = [pytest.param(partial(baselines.em, order=2), id="em", marks=pytest.mark.
 ALL = [*(pytest.param(method, id=name) for name, method in METHODS.items()), *SLOW]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", [1, 2, 3, 4])
 @pytest.mark.parametrize("method", [baselines.subspace, baselines.pem])
 def test_without_noise_the_forecast_is_exact(method, order):

@@ -25,6 +25,7 @@ def convert(capsys, *words: object) -> dict:
     return json.loads(said.out)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("log", sorted(LOGS.glob("*.tlog")), ids=lambda log: log.stem)
 def test_through_mcap_a_telemetry_log_comes_back_byte_by_byte(log, tmp_path, capsys):
     mcap, back = tmp_path / "flight.mcap", tmp_path / "back.tlog"
@@ -52,6 +53,7 @@ def test_a_table_is_the_flight(axis, tmp_path, capsys):
         assert np.abs(column - exact).max() <= 0.5 * step * (1 + 1e-6)
 
 
+@pytest.mark.slow
 def test_a_parquet_table_is_the_flight(tmp_path, capsys):
     parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is optional")
     out = tmp_path / "flight.parquet"

@@ -90,6 +90,7 @@ def test_the_list_is_one_a_line_name_first(capsys):
     assert {"hover_blower", "paper_1"} < {one["name"] for one in fly(capsys, "--list")["scenarios"]}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", names())
 def test_a_description_is_a_file_that_is_the_same_scenario(name, tmp_path):
     scenario = load(name)

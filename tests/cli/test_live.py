@@ -1,7 +1,5 @@
 """``mavdem live``: what it refuses, what it keeps, and that it ends as it should, beside a simulated vehicle."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import re
@@ -10,7 +8,6 @@ import socket
 import subprocess
 import sys
 import time
-from pathlib import Path
 from unittest.mock import Mock
 
 import psutil
@@ -18,11 +15,12 @@ import pytest
 from rerun.chunk import RrdReader
 
 import mavdem
+from mavdem.cli import live
 from mavdem.cli.commands import main
 from mavdem.ingest import read_log
 
 MAVDEM = [sys.executable, "-c", "import sys; from mavdem.__main__ import run; sys.exit(run())"]
-PATIENCE = 300.0  # Seconds that a slow, busy machine may take for anything; on others nothing waits for them
+PATIENCE = 100.0  # Seconds that a slow, busy machine may take for anything; on others nothing waits for them
 PATIENTLY = (
     f"import mavdem.view.live_view; mavdem.view.live_view.CLOSE_SECONDS = {PATIENCE}; "
     "import mavdem.cli.live; mavdem.cli.live.STATUS_SECONDS = 0.2; "
@@ -110,61 +108,52 @@ def test_a_model_that_cannot_be_written_costs_nothing_else(tmp_path, capsys, mon
     assert "there is no folder" in said.err
 
 
-class Live:
-    """``mavdem live`` in a process of its own, listening, with a status line every 0.2 s."""
-
-    def __init__(self, folder: Path, *words: str) -> None:
-        self.port, self.folder = free_port(), folder
-        command = [*MAVDEM[:2], PATIENTLY + MAVDEM[2], "live", f"udpin:127.0.0.1:{self.port}", "--json", *words]
-        error = (folder / "error").open("w+")
-        self.process = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=error, text=True)
-        self.until("Listening")
-
-    def until(self, said: str, learned: int = 0) -> None:
-        """Waits for a sentence, and for a number of samples learned from."""
-        deadline, error = time.monotonic() + PATIENCE, ""
-        while said not in error or learned > max(map(int, re.findall(r"(\d+) samples learned", error)), default=0):
-            error = (self.folder / "error").read_text()
-            assert self.process.poll() is None and time.monotonic() < deadline, error
-            time.sleep(0.05)
-
-    def end(self, *numbers: int, code: int = 0) -> dict:
-        for number in numbers or (signal.SIGINT,):
-            self.process.send_signal(number)
-            time.sleep(0.3)  # apart, so that each is one; none may change anything, whenever it comes
-        out, _ = self.process.communicate(timeout=PATIENCE)
-        self.said = error = (self.folder / "error").read_text()
-        assert self.process.returncode == code, error
-        assert "Traceback" not in error and "should not have happened" not in error
-        return json.loads(out)
-
-
-@pytest.mark.slow
-def test_without_a_vehicle_it_ends_with_nothing_kept(tmp_path):
-    live = Live(tmp_path, "--rrd", "f.rrd", "--record", "f.tlog")
+def test_without_a_vehicle_it_ends_with_nothing_kept(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    port = free_port()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
         stranger.bind(("127.0.0.1", 0))
-        stranger.sendto(b"\xfd" + bytes(200), ("127.0.0.1", live.port))
-        live.until("No vehicle")
-        told = live.end(signal.SIGHUP, code=1)
-        stranger.settimeout(0.2)
+
+        def run(session, asked, duration):
+            stranger.sendto(b"\xfd" + bytes(200), ("127.0.0.1", port))
+            return listen(session, asked, duration)
+
+        listen = live._run
+        monkeypatch.setattr(live, "_run", run)
+        words = f"live udpin:127.0.0.1:{port} --rrd f.rrd --record f.tlog --duration 0.3 --json"
+        assert main(words.split()) == 1
+        stranger.settimeout(0.1)
         with pytest.raises(TimeoutError):
             stranger.recv(100)  # not one byte is sent
-    assert told["vehicle"] is None and told["model"] is None and told["rrd"] is None
+    said = capsys.readouterr()
+    told = json.loads(said.out)
+    assert "No vehicle" in said.err and told["vehicle"] is None and told["model"] is None and told["rrd"] is None
     assert told["samples"] == {"learnt": 0, "shown": 0}
 
 
 @pytest.mark.slow
 def test_a_simulated_vehicle_is_learnt_from_and_everything_is_kept(tmp_path):
-    chosen = ["--preset", "paper", "--order", "4"]
-    live = Live(tmp_path, "--rrd", "f.rrd", "--record", "f.tlog", "--request-rate", "50", *chosen)
-    fly = f"fly ardupilot_steps --udp 127.0.0.1:{live.port} --speed 2 --duration 900 --json".split()
+    port, error = free_port(), tmp_path / "error"
+    words = f"live udpin:127.0.0.1:{port} --rrd f.rrd --record f.tlog --request-rate 50 --preset paper --order 4 --json"
+    command = [*MAVDEM[:2], PATIENTLY + MAVDEM[2], *words.split()]
+    live = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=error.open("w"), text=True)
+    fly = f"fly ardupilot_steps --udp 127.0.0.1:{port} --speed 3 --duration 900 --json".split()
     flying = subprocess.Popen([*MAVDEM, *fly], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
-    live.until("The model is being learned", 201)
-    told = live.end(signal.SIGINT, signal.SIGINT, signal.SIGTERM)
+    deadline = time.monotonic() + PATIENCE
+    said, learned = "", 0
+    while learned <= 200 or "The model is being learned" not in said:
+        said = error.read_text()
+        learned = max(map(int, re.findall(r"(\d+) samples learned", said)), default=0)
+        assert live.poll() is None and time.monotonic() < deadline, said
+        time.sleep(0.05)
+    for number in (signal.SIGINT, signal.SIGINT, signal.SIGHUP):
+        live.send_signal(number)
+        time.sleep(0.3)  # apart, so that each is one; none may change anything, whenever it comes
+    told = json.loads(live.communicate(timeout=PATIENCE)[0])
     flying.send_signal(signal.SIGINT)
-    flown = json.loads(flying.communicate(timeout=PATIENCE)[0])
-    assert "Ending takes some seconds" in live.said
+    flown, said = json.loads(flying.communicate(timeout=PATIENCE)[0]), error.read_text()
+    assert live.returncode == 0 and "Traceback" not in said and "should not have happened" not in said, said
+    assert "Ending takes some seconds" in said
     assert told["vehicle"] == "1:1" and told["samples"]["learnt"] > 200 and told["lost"] == 0
     assert told["record"]["frames"] > 1000 and flown["commands"] >= 4
     assert told["rates"]["ATTITUDE"] == pytest.approx(100, rel=0.1), "what comes faster already is not lowered"

@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 
 import numpy as np
 import pytest
-from hover import Hover, changed, columns
+from hover import Hover, changed, columns, log_of
 from recorded_flights import shared
 from scipy.signal import lfilter
 
@@ -127,10 +127,6 @@ def test_a_rate_ten_times_as_high_makes_the_interval_no_narrower_where_it_adds_n
 PULSES = OutputScale("PWM", "µs", 1000.0, 2000.0, 1.0)
 
 
-def log_of(telemetry: Telemetry) -> Log:
-    return Log(telemetry.source, (telemetry,), (), (), 0, 0, (0.0, 0.0))
-
-
 def leaning(motor_rate: float = 100.0) -> Telemetry:
     """A hover about 10° of roll and -4° of pitch, motor 1 at 1800 µs and, every fourth message, at 1995 µs."""
     telemetry = HOVER.telemetry(motor_time=motor_rate)
@@ -156,12 +152,54 @@ def test_figures_are_those_of_the_flight_however_slowly_the_motors_come(motor_ra
     assert found.trim_share == pytest.approx(of_range / of_range.mean(), rel=5e-3)
     assert np.mean(found.trim_share) == pytest.approx(1) and np.sum(found.imbalance) == pytest.approx(0, abs=1e-9)
     assert found.imbalance == pytest.approx([100 * (share - 1) for share in found.trim_share])
-    assert found.headroom == pytest.approx([0.005, 0.38, 0.38, 0.38], abs=1e-3)
+    # Motor 1 stays at 1995 µs, so that is where all stop.
+    assert found.headroom == pytest.approx([0, 0.375, 0.375, 0.375], abs=1e-3)
     assert found.at_upper_limit == pytest.approx([0.25, 0, 0, 0], abs=0.01)
     assert found.at_lower_limit == (0, 0, 0, 0)
     assert (found.roll, found.pitch) == pytest.approx((10, -4), abs=0.2)
     assert found.seconds == pytest.approx(HOVER.hovering, abs=1.5)
     assert json.loads(json.dumps(found.as_dict(), allow_nan=False))["imbalance"] == pytest.approx(found.imbalance)
+
+
+@pytest.mark.parametrize(
+    ("stop", "parameters", "low"),
+    [
+        (1950.0, {"MOT_SPIN_MAX": 0.95, "MOT_PWM_MIN": 1000.0, "MOT_PWM_MAX": 2000.0}, 1000.0),
+        (1880.0, {}, 1000.0),
+        (1880.0, {"MOT_PWM_MIN": 1100.0, "MOT_PWM_MAX": 1900.0, "MOT_SPIN_MAX": 0.99}, 1100.0),
+    ],
+)
+def test_motors_are_at_the_stop_that_the_autopilot_sets_or_the_outputs_show(stop, parameters, low):
+    telemetry = HOVER.telemetry(parameters=parameters)
+    time, rng = telemetry.messages["SERVO_OUTPUT_RAW"]["time"], np.random.default_rng(3)
+    wanted = np.where((time > 6) & (time < HOVER.landed), 1650.0 + 100 * rng.standard_normal((4, len(time))), low)
+    wanted[1] += np.where(np.sin(0.5 * time) > 0.6, 400.0, 0.0) * (wanted[1] > low)
+    pulses = {f"servo{n + 1}_raw": np.round(np.clip(row, low, stop)) for n, row in enumerate(wanted)}
+    found = hover_of(Signals(changed(telemetry, "SERVO_OUTPUT_RAW", **pulses), inputs="motors"))
+    assert found.headroom[1] == 0 and 0 < found.headroom[0] < 0.1
+    assert found.at_upper_limit[1] == pytest.approx(0.3, abs=0.05) and max(found.at_upper_limit[::2]) < 0.02
+
+
+def test_outputs_that_hardly_move_show_no_stop():
+    telemetry = HOVER.telemetry()
+    time = telemetry.messages["SERVO_OUTPUT_RAW"]["time"]
+    flying = (time > 6) & (time < HOVER.landed)
+    calm = {f"servo{n}_raw": np.where(flying, 1850 + (7 * time).astype(int) % 2, 1000) for n in range(1, 5)}
+    found = hover_of(Signals(changed(telemetry, "SERVO_OUTPUT_RAW", **calm), inputs="motors"))
+    assert max(found.at_upper_limit) == 0 and found.headroom == pytest.approx([0.149] * 4)
+
+
+RECORDED = {
+    "ardupilot_motor2_at_its_limit.BIN": [0.017, 0.112, 0.003, 0.006],
+    "ardupilot_range_1075_1920_slow.tlog": [0.099, 0, 0.040, 0, 0, 0.030],
+}
+
+
+@pytest.mark.parametrize("name", RECORDED)
+def test_recorded_motors_at_their_stop(name):
+    found = hover_of(Signals(read_log(shared(f"real/logs/{name}")).vehicles[0], inputs="motors"))
+    assert found.at_upper_limit == pytest.approx(RECORDED[name], abs=0.005)
+    assert [left == 0 for left in found.headroom] == [share > 0.01 for share in RECORDED[name]]
 
 
 def test_flights_give_the_same_figures_and_count_their_motors_once():

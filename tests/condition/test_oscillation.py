@@ -1,7 +1,5 @@
 """Limit cycles are found by their line, at the frequency they have; gusts, steps and a motor at its limit are none."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hover import X_QUAD, Hover, changed

@@ -42,6 +42,7 @@ def learned():
     return learn(TRAIN)
 
 
+@pytest.mark.slow
 def test_smoothing_uses_motors_that_come_later(learned):
     causal, smooth = (learned.forecast(TEST.inputs, smooth=later) for later in (False, True))
     changed = TEST.inputs.copy()

@@ -163,6 +163,7 @@ def test_of_a_motion_that_only_noise_drives_dem_sees_the_ends_alone():
     assert abs(np.mean(exact) + 1) < 4 * standard_error(exact)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("smoothness", [1, 2])
 def test_a_backward_difference_makes_such_a_motion_grow(smoothness):
     """Σ xₜ (xₜ − xₜ₋₁)/dt ≥ 0: p = 1 reads the slope half a sample late, and the rate it finds is positive."""

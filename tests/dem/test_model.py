@@ -96,6 +96,7 @@ def random_filter(seed, n=3, r=2, m=2, dt=0.02):
     return TextbookFilter.of(A, B, C, dt, gain)
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 10**6))
 def test_the_innovation_form_is_the_filter_of_textbooks(seed):
     textbook = random_filter(seed)

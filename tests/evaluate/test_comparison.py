@@ -235,6 +235,7 @@ def predicted():
     return compare(WINDOWS, [VAR, HOLD, MEAN, ARX])
 
 
+@pytest.mark.slow
 def test_predictions_are_compared_of_the_methods_that_make_them(predicted):
     assert predicted.methods_of(UNKNOWN) == ("joint VAR(4)", "hold", "constant mean")
     window, outcome = WINDOWS[1], predicted.outcomes[1][0]

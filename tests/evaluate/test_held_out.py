@@ -9,6 +9,7 @@ from mavdem.evaluate import held_out as module
 from mavdem.evaluate import relative_mspe
 from mavdem.evaluate.held_out import CONSTANT_MEAN, FOLDS, HOLD_LAST, held_out_test, held_out_windows
 
+pytestmark = pytest.mark.slow
 FLIGHT = simulated(samples=1500, wind=0.5)
 QUICK = mavdem.Settings(order=2, window=5, parameter_precision=1.0, horizon=None, iterations=4)
 STEPS = 60
@@ -19,7 +20,6 @@ def held_out():
     return held_out_windows([FLIGHT], QUICK, STEPS)
 
 
-@pytest.mark.slow
 def test_every_sample_after_the_first_windows_is_held_out_once(held_out):
     time = held_out.time.ravel()
     assert len(np.unique(time)) == len(time) and (np.diff(time) > 0).all()
@@ -32,7 +32,6 @@ def test_every_sample_after_the_first_windows_is_held_out_once(held_out):
     np.testing.assert_array_equal(held_out.forecasts[HOLD_LAST][:, 0], FLIGHT.outputs[at[::STEPS] - 1])
 
 
-@pytest.mark.slow
 def test_no_window_is_in_the_training_data_of_its_model(monkeypatch):
     trained: list[set[float]] = []
     forecasts: list[set[float]] = []
@@ -53,7 +52,6 @@ def test_no_window_is_in_the_training_data_of_its_model(monkeypatch):
     assert all(not one & other for one, other in zip(trained, forecasts, strict=True))
 
 
-@pytest.mark.slow
 def test_nothing_after_a_sample_is_used_to_forecast_it(held_out):
     changed, moved = FLIGHT.outputs.copy(), FLIGHT.inputs.copy()
     last = np.searchsorted(FLIGHT.time, held_out.time[-1, 0])
@@ -96,7 +94,6 @@ def test_figures_are_those_of_the_windows(held_out):
     assert found["inside_90_percent_band"] == held_out.coverage
 
 
-@pytest.mark.slow
 def test_segments_are_held_out_together_and_filters_begin_anew_in_each():
     first, second = FLIGHT[:900], FLIGHT[1100:]
     held_out = held_out_windows([first, second], QUICK, STEPS)
@@ -106,7 +103,6 @@ def test_segments_are_held_out_together_and_filters_begin_anew_in_each():
     assert all(one.any() for one in inside)
 
 
-@pytest.mark.slow
 def test_a_model_that_cannot_be_learnt_errs_infinitely_and_says_why(held_out, monkeypatch):
     def refused(segments, settings, begin):
         raise ValueError("the outputs must vary")

@@ -18,6 +18,7 @@ from sitl_scenarios.files import load
 from sitl_scenarios.simulation import fly
 from sitl_scenarios.truth import truth, write_truth
 
+pytestmark = pytest.mark.slow
 MOTORS = ("motor 1 (front right)", "motor 2 (rear left)", "motor 3 (front left)", "motor 4 (rear right)")
 
 
@@ -56,7 +57,6 @@ def compared(learned, path, *flights) -> TruthComparison:
     return compare_with_truth(learned, flights, truth_of(flights, path))
 
 
-@pytest.mark.slow
 def test_each_estimate_stands_beside_its_truth(learned, flight, scenario, motion, path):
     found, known = compared(learned, path, flight), truth(scenario, motion)
     by_name = {one.name: one for one in found.parameters}

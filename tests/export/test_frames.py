@@ -33,6 +33,7 @@ def test_a_frame_has_the_columns_of_the_csv_file(flight):
     assert frame.attrs["provenance"] == flight.provenance
 
 
+@pytest.mark.slow
 def test_a_dataset_has_what_else_a_flight_has():
     time = np.arange(4) * 0.1
     asked = np.array([np.nan, 1, 1, 2])

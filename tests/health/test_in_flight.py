@@ -53,6 +53,7 @@ def after(time, rise):
     return np.outer(time >= 100.0 + BREAKS, rise)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("motor", range(4))
 def test_a_motor_that_works_an_eighth_harder_is_named_within_five_seconds(motor, seed):

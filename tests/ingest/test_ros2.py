@@ -287,6 +287,7 @@ def test_definitions_are_bounded(just, beyond):
     assert time.perf_counter() - begun < 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [*HOSTILE, *ODD])
 def test_hostile_definitions_are_harmless(name, tmp_path, capfd, monkeypatch):
     monkeypatch.setattr("os.system", lambda _: pytest.fail("the file was executed"))

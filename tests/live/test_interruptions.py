@@ -1,7 +1,5 @@
 """What interrupts a link: gaps, reboots, jumps, other rates, landings, bursts, copies, messages out of order."""
 
-from __future__ import annotations
-
 import random
 
 import numpy as np
@@ -68,7 +66,7 @@ def test_a_fifth_lost_changes_no_segment():
     settled_uniform(made)
     # The step is the mean of two seconds, and offline that of all: what is told must be what offline reads there.
     telemetry, rows = offline([data for _, data in frames]), made.segments()[0]
-    attitude, motors = signals.attitude(telemetry, "roll"), drive.motors(telemetry)
+    attitude, motors = signals.attitude(telemetry, "roll"), drive.motors_or_obstacle(telemetry)
     grid = np.array([row.time for row in rows])
     for stamps, values, told in (
         (attitude.time, np.column_stack([attitude.angle, attitude.rate]), [row.outputs for row in rows]),

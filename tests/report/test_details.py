@@ -12,6 +12,7 @@ from mavdem.evaluate import held_out_test
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.details import _poles, detail_blocks
 
+pytestmark = pytest.mark.slow
 DT = 0.01
 
 
@@ -50,7 +51,6 @@ def words(blocks: list[Block]) -> str:
     return "\n".join(f"{block.lead} {block.text}" for block in blocks if isinstance(block, Sentence))
 
 
-@pytest.mark.slow
 def test_the_model_can_be_used_from_what_is_reported(learned):
     tables = {block.header[0]: block for block in told(learned) if isinstance(block, Table)}
     assert tables["A"].header == ["A", "roll", "roll rate", "hidden 1"]

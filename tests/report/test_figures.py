@@ -10,14 +10,16 @@ import numpy as np
 import pytest
 
 import mavdem
+from mavdem.analysis.residuals import correlation
 from mavdem.evaluate import held_out_test, held_out_windows
 from mavdem.report import palette
 from mavdem.report.figures import Plots
-from mavdem.report.figures.series import correlation, forecast, typical_windows
+from mavdem.report.figures.series import forecast, typical_windows
 from mavdem.report.figures.style import svg
 from mavdem.report.figures.systems import model_systems, physical_systems
 from mavdem.report.numbers import AxisCommand, Labels
 
+pytestmark = pytest.mark.slow
 LOG = Path(__file__).parents[2] / "logs" / "ardupilot_wind5_steps.tlog"
 SETTINGS = mavdem.Settings(order=3, d=2, window=9, parameter_precision=1.0, horizon=None)
 METHODS = ("residuals", "bode", "step", "poles", "disturbance", "motors", "learning")
@@ -52,7 +54,6 @@ def figures(learned, flight, held):
     return drawn | {"forecast": learned.plot.forecast(held)}
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", [*METHODS, "forecast"])
 def test_a_figure_has_the_palette_s_colours_named_axes_and_no_legend_or_title_over_data(name, figures):
     figure = figures[name]
@@ -151,7 +152,6 @@ def test_a_correlation_is_found_at_its_lag():
     assert np.abs(np.delete(values, 7)).max() < 0.06
 
 
-@pytest.mark.slow
 def test_a_command_is_the_difference_of_the_motors_of_unknown_geometry_by_effects_and_a_demand_itself(learned, flight):
     command, up = AxisCommand.of(learned), flight.effect_directions > 0
     difference = flight.inputs[:, up].mean(axis=1) - flight.inputs[:, ~up].mean(axis=1)
@@ -163,7 +163,6 @@ def test_a_command_is_the_difference_of_the_motors_of_unknown_geometry_by_effect
     np.testing.assert_array_equal(AxisCommand.of(demand).weights, [1.0])
 
 
-@pytest.mark.slow
 def test_without_physical_parameters_only_what_needs_them_is_refused(learned, monkeypatch):
     unknown = learned.physical._replace(status=dict.fromkeys(learned.physical.status, "not identifiable"))
     monkeypatch.setattr(mavdem.Learned, "physical", unknown)

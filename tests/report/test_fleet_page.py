@@ -81,6 +81,7 @@ def test_effects_per_unit_of_a_motor_and_of_the_demand_are_not_one_line():
         assert np.isfinite(line.get_ydata()).tolist() == known
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("flights", [3, 60])
 def test_a_fault_is_marked_above_its_flight_and_intervals_are_drawn(flights):
     rows = [flight_row("quad", number, health="fault" if number == 2 else "ok") for number in range(flights)]

@@ -39,6 +39,7 @@ def test_what_is_known_is_late_by_the_delay():
     assert [each.velocity[0] for each in at_once] == list(range(10))
 
 
+@pytest.mark.slow
 def test_what_is_known_is_as_noisy_as_asked():
     sds = {"rates": 0.1, "attitude": 0.02, "position": 0.5, "velocity": 0.3}
     sensors = Sensors(**{f"{name.removesuffix('s')}_sd": sd for name, sd in sds.items()})
@@ -56,6 +57,7 @@ def excited(excitation, duration=60.0):
     return [plan.at(k * CYCLE) for k in range(round(duration / CYCLE))]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("axis", ["roll", "pitch", "yaw"])
 @pytest.mark.parametrize("kind", [Doublets, Chirp, Multisine, Sticks])
 def test_an_excitation_is_about_its_axis(kind, axis):

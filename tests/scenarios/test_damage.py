@@ -10,6 +10,7 @@ from sitl_scenarios.simulation import fly
 from sitl_scenarios.truth import truth
 from sitl_scenarios.vehicles import GRAVITY, IRIS
 
+pytestmark = pytest.mark.slow
 QUIET = Sensors(rate_sd=0.0, attitude_sd=0.0, position_sd=0.0, velocity_sd=0.0)
 BREAKS = {
     "weak": {"vehicle": VehicleSpec(weak_motor=1, weak_from=18.0, weak_thrust=0.8)},
@@ -29,7 +30,7 @@ def balanced(condition):
     return 1000 + 1000 * (speeds / condition.speed - offset) / slope
 
 
-@pytest.fixture(scope="module", params=[pytest.param("weak", marks=pytest.mark.slow), "chipped", "shifted"])
+@pytest.fixture(scope="module", params=["weak", "chipped", "shifted"])
 def broken(request):
     scenario = Scenario(duration=40.0, sensors=QUIET, **BREAKS[request.param])
     return request.param, scenario, fly(scenario)
@@ -39,7 +40,6 @@ def hovering(motion, begin, end):
     return motion.outputs[(motion.time > begin) & (motion.time < end)].mean(0)
 
 
-@pytest.mark.slow
 def test_hover_balances_again(broken):
     _, scenario, motion = broken
     [(start, condition)] = damages(scenario)
@@ -68,7 +68,6 @@ def test_the_truth_says_what_is_left_and_since_when(broken):
     np.testing.assert_allclose(known["roll_effect_weak"] / known["roll_effect"], expected * speeds, rtol=0.02)
 
 
-@pytest.mark.slow
 def test_an_unbalanced_propeller_shakes_gyro_and_accelerometer():
     propeller = Propeller(motor=2, start=18.0, thrust=0.9, torque=0.88, unbalance=20.0)
     scenario = Scenario(duration=40.0, sensors=QUIET, propeller=propeller)

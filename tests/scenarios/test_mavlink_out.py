@@ -147,7 +147,7 @@ def test_the_parameters_say_where_the_motors_are(autopilot, frame, tmp_path):
     else:
         assert vehicle.parameters["FRAME_CLASS"] == 1 and vehicle.parameters["SERVO3_FUNCTION"] == 35
         assert vehicle.parameters["SCHED_LOOP_RATE"] == 400
-    motors = drive.motors(vehicle)
+    motors = drive.motors_or_obstacle(vehicle)
     assert motors.layout.channels == (1, 2, 3, 4)
     assert not motors.layout.channels_assumed and not motors.layout.positions_assumed
     expected = "front right, rear left, front left, rear right" if frame == "x" else "right, left, front, rear"

@@ -12,6 +12,7 @@ from sitl_scenarios.motion import Motion
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import Simulation, fly
 
+FAULTY = {"landing_unnoticed", "motor_at_its_stop", "oscillating_frame", "oscillating_gains"}
 WINDY = (sections.SteadyWind(kind="steady", speed=4.0), sections.GaussianWind(kind="gaussian", sd=0.7, s=0.2))
 
 
@@ -69,7 +70,7 @@ def test_disarming_is_refused_in_the_air_unless_forced():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", names())
+@pytest.mark.parametrize("name", sorted({*names()} - FAULTY))
 def test_every_scenario_is_flown_to_its_end(name):
     whole = load(name)
     scenario = whole.model_copy(update={"duration": min(whole.duration, 45.0), "flights": 1})

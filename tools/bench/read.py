@@ -32,7 +32,7 @@ def ours(path: str) -> int:
         for columns in vehicle.messages.values():
             len(columns["time"]) / max(columns["time"][-1] - columns["time"][0], 1e-9)
         signals.attitude(vehicle, "roll")
-        drive.motors(vehicle)
+        drive.motors_or_obstacle(vehicle)
         drive.demand(vehicle, "roll")
     return log.frames
 
