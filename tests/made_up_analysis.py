@@ -5,7 +5,6 @@ from types import SimpleNamespace
 import numpy as np
 
 from mavdem.analysis.figures import LogAnalysis
-from mavdem.analysis.findings import findings
 from mavdem.condition.condition import HoverFigures
 from mavdem.dem.graybox import DetectedGust
 from mavdem.evaluate import HeldOut
@@ -58,9 +57,12 @@ def physical(share: float | None = None, **status: str) -> Parameters:
 
 def model(parameters: Parameters, **wind: object) -> SimpleNamespace:
     """A learned model as reports read it, with other figures of the ``wind``."""
+    rng = np.random.default_rng(0)
     record = SimpleNamespace(
-        inputs=np.zeros((1, 4)),
-        outputs=np.zeros((1, 2)),
+        inputs=rng.normal(size=(900, 4)),
+        outputs=rng.normal(size=(900, 2)),
+        starts=np.zeros(1, dtype=int),
+        effect_directions=np.array([-1.0, 1.0, 1.0, -1.0]),
         input_names=MOTORS,
         output_names=("roll", "roll rate"),
         input_units=("µs",) * 4,
@@ -69,7 +71,8 @@ def model(parameters: Parameters, **wind: object) -> SimpleNamespace:
     torque = {"sd": 0.977, "mean": -1.71, "mean_band": 0.07, "scale_error": 0.03, "reason": None, "resolved": True}
     gusts = {"gusts": (DetectedGust(120, 1.2, 0.4, -9.0),), "gust_threshold": 3.28, "false_gusts_per_minute": 0.1}
     known = SimpleNamespace(**(torque | gusts | wind))
-    return SimpleNamespace(record=record, physical=parameters, physical_reason="", wind=known, stable=True)
+    white = {"one_step": lambda: np.zeros((900, 2)), "dt": 0.01}
+    return SimpleNamespace(record=record, physical=parameters, physical_reason="", wind=known, stable=True, **white)
 
 
 def held_out(
@@ -100,6 +103,7 @@ HOVER = HoverFigures(
 
 def analysis(parameters: Parameters) -> LogAnalysis:
     learned, windows = model(parameters), held_out()
-    known = {"tier": SimpleNamespace(name="a"), "vehicle": SimpleNamespace(hover=HOVER)}
-    empty = dict.fromkeys(("verdict", "condition", "identity"))
-    return LogAnalysis(**known, **empty, learned=learned, held_out=windows, findings=findings(learned, windows))
+    verdict = SimpleNamespace(figures=SimpleNamespace(consistency=0.99))
+    condition = SimpleNamespace(hover=HOVER, oscillation=None)
+    known = verdict, SimpleNamespace(name="a"), condition, None, SimpleNamespace(hover=HOVER)
+    return LogAnalysis(*known, learned=learned, held_out=windows, watched=True)

@@ -13,12 +13,11 @@ from os import PathLike
 
 import numpy as np
 
-from mavdem.alignment.drive import AXES
+from mavdem.alignment.drive import AXES, TILT_AXES
 from mavdem.alignment.phases import settled
 from mavdem.alignment.read import choose_vehicle, usable_segments
-from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals
+from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals, usual_rate
 from mavdem.analysis.figures import ALL, AxisFigures, LogAnalysis, VehicleFigures, axis_figures
-from mavdem.analysis.findings import GOOD, LIMITED, PURPOSES, Finding, findings
 from mavdem.condition import condition_of, identity_of
 from mavdem.condition.inventory import tier_of
 from mavdem.dem import Learned, Settings, learn
@@ -29,7 +28,7 @@ from mavdem.evaluate.scores import SIGNIFICANCE, paired
 from mavdem.evaluate.truth import compare_with_truth, read_truth, truth_of
 from mavdem.evaluate.windows import TEST_SECONDS, Length, TooFewSamples, part_samples, samples_in
 from mavdem.flight import Flight
-from mavdem.health.in_flight import MotorAlarm, MotorWatch
+from mavdem.health.in_flight import MIN_RATE, MotorAlarm, MotorWatch
 from mavdem.ingest import Log
 
 MAX_SLOW_RATIO = 0.9  # of squared errors, to a forecast's without a model, up to which one of slow motion is worth it
@@ -61,6 +60,7 @@ def analyse(
     progress: StepProgress = silent,
     signals: Signals | None = None,
     other_axis: LogAnalysis | None = None,
+    whole: bool = True,
 ) -> LogAnalysis:
     """Returns all that a log says of one vehicle and axis.
 
@@ -78,6 +78,7 @@ def analyse(
         progress: shows the steps of the work.
         signals: of the vehicle, where they are known already; their axis and inputs do not matter.
         other_axis: the analysis of another axis of the vehicle, whose condition, identity and alarms are this one's.
+        whole: with the model; without, only that of slow motion is learned, where whether there is one decides.
 
     Raises:
         NotLearnable: no such vehicle, or the ``start``, ``train`` or ``test`` that was asked for does not fit.
@@ -92,20 +93,23 @@ def analyse(
     else:
         known = other_axis.condition, other_axis.identity, other_axis.alarms
     condition, identity, alarms = known
+    motor_rate = usual_rate(signals.motors) if signals.motors is not None and signals.motors.layout.positions else 0.0
     tier, motors = tier_of(verdict, condition), VehicleFigures({}, condition.hover)
-    found = LogAnalysis(verdict, tier, condition, identity, motors, tier.reason, tier.remedy, alarms=alarms)
+    found = LogAnalysis(verdict, tier, condition, identity, motors, alarms=alarms, watched=motor_rate >= MIN_RATE)
+    if tier.name != "a":
+        found = replace(found, reason=tier.reason, remedy=tier.remedy)
 
     def without_model(reason: str) -> LogAnalysis:
         return replace(found, reason=tier.reason if reason == tier.reason else f"{tier.reason} {reason}")
 
     if truth is not None:  # what is no truth file is refused before the work
         read_truth(truth, signals.axis)
-    slow = tier.name == "b"
+    slow = tier.name == "b" and signals.axis in TILT_AXES
     if slow:
         segments, of_slow = usable_segments(signals, log.components, SLOW_MOTION_RATE)
         if not segments:
             return without_model(of_slow.reason)
-    if not segments:
+    if not segments or not (whole or slow):
         return found
     try:
         flights, learned, held_out = _model(segments, settings or Settings(), start, train, test, progress)
@@ -117,6 +121,8 @@ def analyse(
         return without_model(refusal)
     cautions = (*([SLOW_CAUTION] if slow else []), *flights[0].provenance["cautions"], *learned.cautions)
     learned = replace(learned, cautions=cautions)  # before anything is fitted that it keeps
+    if condition.oscillation is not None and learned.wind is not None:
+        vars(learned)["wind"] = replace(learned.wind, reason="The vehicle oscillates: that torque is its own.")
     compared = None if truth is None else compare_with_truth(learned, flights, truth_of(flights, truth))
     if axis == ALL:
         axes = {AXES[0]: AxisFigures(flights, learned.physical, learned.wind, learned.physical_reason)}
@@ -125,15 +131,7 @@ def analyse(
                 axes[other] = axis_figures(signals.about(other, inputs), log.components)
                 done(len(axes) / len(AXES))
         found = replace(found, vehicle=VehicleFigures(axes, condition.hover))
-    return replace(
-        found,
-        reason=tier.reason if slow else "",
-        flights=flights,
-        learned=learned,
-        held_out=held_out,
-        findings=_limited(findings(learned, held_out), flights, alarms),
-        truth=compared,
-    )
+    return replace(found, flights=flights, learned=learned, held_out=held_out, truth=compared)
 
 
 def motor_alarms(signals: Signals) -> tuple[MotorAlarm, ...]:
@@ -158,21 +156,6 @@ def motor_alarms(signals: Signals) -> tuple[MotorAlarm, ...]:
             watch.take(float(time[row]), commands[row])
         alarms += watch.alarms
     return tuple(alarms)
-
-
-def _limited(
-    found: tuple[Finding, ...], flights: Sequence[Flight], alarms: Sequence[MotorAlarm]
-) -> tuple[Finding, ...]:
-    """The findings; of vehicle and wind at most LIMITED where a motor changed in what the model was trained on."""
-    for alarm in alarms:
-        if alarm.motor is not None and flights[0].time[0] < alarm.since < flights[-1].time[-1]:
-            reason = (
-                f"{alarm.name.capitalize()} changed at {alarm.since:.0f} s; this takes the flight before and after "
-                "together."
-            )
-            doubted = [finding for finding in found if finding.grade == GOOD and finding.purpose in PURPOSES[:3]]
-            return tuple(one._replace(grade=LIMITED, reason=reason) if one in doubted else one for one in found)
-    return found
 
 
 def _model(

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from os import PathLike
 from typing import Any, NamedTuple
 
@@ -17,7 +18,7 @@ from mavdem.alignment.drive import AXES
 from mavdem.alignment.read import choose_vehicle, usable_segments
 from mavdem.alignment.signals import Signals
 from mavdem.alignment.verdict import Verdict
-from mavdem.analysis.findings import Finding
+from mavdem.analysis.findings import Findings, findings_of
 from mavdem.condition import Condition, Identity
 from mavdem.condition.condition import HoverFigures, hover_of
 from mavdem.condition.inventory import Tier
@@ -75,10 +76,11 @@ class LogAnalysis:
         identity: which vehicle, and when.
         vehicle: how hard each motor works; of ``axis="all"`` also the physical parameters of each axis.
         reason, remedy: why there is no full model, and what to change; empty where there is one.
-        flights, learned, held_out, findings: what was trained on; the model, in tier "b" of the slow motion and without
-            physical parameters; forecasts of windows that no model saw; what it is good for, purpose by purpose.
+        flights, learned, held_out: what was trained on; the model, in tier "b" of the slow motion and without physical
+            parameters; forecasts of windows that no model saw.
         truth: the estimates beside the truth of a simulated flight, where its file was given.
         alarms: lasting changes of the motors' balance in flight, as a live session would have found them.
+        watched: whether a motor that weakens would have been seen.
     """
 
     verdict: Verdict
@@ -91,9 +93,20 @@ class LogAnalysis:
     flights: tuple[Flight, ...] = ()
     learned: Learned | None = None
     held_out: HeldOut | None = None
-    findings: tuple[Finding, ...] = ()
     truth: TruthComparison | None = None
     alarms: tuple[MotorAlarm, ...] = ()
+    watched: bool = False
+
+    @property
+    def model(self) -> str | None:
+        """Which model can be learned: "full", "slow motion", or None."""
+        return "full" if self.verdict.learnable else None if self.learned is None else "slow motion"
+
+    @cached_property
+    def findings(self) -> Findings:
+        """What the flight says of its vehicle, and what the model is good for: made once, shown everywhere."""
+        known = self.condition, self.alarms, self.reason, self.remedy, self.flights, self.watched
+        return findings_of(self.learned, self.held_out, *known, self.verdict.figures.consistency)
 
     def as_dict(self) -> dict[str, Any]:
         """Returns all figures as plain JSON values: what ``report.json`` has.
@@ -110,7 +123,7 @@ class LogAnalysis:
             "condition": self.condition.as_dict(),
             "identity": self.identity.as_dict(),
             **alarm_figures(self.alarms),
-            "findings": [finding._asdict() for finding in self.findings],
+            **self.findings.as_dict(),
             "truth": None if self.truth is None else self.truth.as_dict(),
             "settings": None if learned is None else asdict(learned.settings),
             "verdict": self.verdict.as_dict(),

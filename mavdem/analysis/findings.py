@@ -1,19 +1,28 @@
-"""Findings: what a flight's model is good for, purpose by purpose, each with a grade and the reason.
+"""Findings: what a flight says of its vehicle and what its model is good for, made once and shown everywhere.
 
 One scale of three grades says how sure something is. What is estimated is graded by the half width of its 90 %
 interval, as a share of the estimate (``HALF_WIDTH``), and by its status: what is biased is ``LIMITED`` however narrow
-its interval is. Forecasts are graded by windows that no model saw (``PREDICTION_LIMITS``).
+its interval is. Forecasts are graded by windows that no model saw (``PREDICTION_LIMITS``). Whatever makes the flight
+itself doubtful overrides all grades: then nothing is GOOD, and what to do next follows from it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from math import isfinite, nan
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
+import numpy as np
+
+from mavdem.alignment.verdict import DOUBTFUL_CONSISTENCY
+from mavdem.analysis.residuals import Residuals, correlation, residuals
+from mavdem.condition import Condition
 from mavdem.confidence import LEVEL, quantile
 from mavdem.dem import Learned, Physical, WindTorque
-from mavdem.evaluate.held_out import HeldOut
+from mavdem.evaluate.held_out import BASELINES, HOLD_LAST, HeldOut
+from mavdem.flight import Flight
+from mavdem.health.explanations import lost_thrust
+from mavdem.health.in_flight import MotorAlarm
 
 Grade = Literal["GOOD", "LIMITED", "NOT IDENTIFIABLE"]
 GOOD: Grade = "GOOD"
@@ -32,13 +41,22 @@ class PredictionLimits(NamedTuple):
 
     ratio: float = 0.5  # of the squared error of the better baseline, at most
     worse: float = 0.1  # share of the windows that may be worse than the constant mean
+    worse_than_last: float = 0.25  # and than the last sample held, which near the trim is hard to beat
     coverage: float = 0.75  # of a 90 % band, at least; below, a warning says so
     over_expected: float = 3.0  # squared error over the one to expect, above which a warning says so
     windows: int = 5  # fewest; where in a flight a single one is decides its error
 
 
 PREDICTION_LIMITS = PredictionLimits()
-PURPOSES = ("motor effectiveness", "damping and lag", "wind", "prediction")
+SATURATED = 0.05  # share of the time at full throttle, from which on no linear model describes the vehicle
+UNEVEN = 8.0  # percent of a motor beyond the mean of all: what health calls a fault's size
+LITTLE_HEADROOM = 0.1  # share of the range
+RINGING, RINGING_SECONDS = (
+    0.15,
+    3.0,
+)  # autocorrelation of the rate: that of a swing with a damping ratio of 0.3, after one
+WIND_WORDS = {"light": 0.005, "moderate": 0.02, "strong": float("inf")}  # below, as a share of the motors' full torque
+PURPOSES = ("motor effectiveness", "damping and lag", "wind", "prediction", "residuals")
 
 
 class Finding(NamedTuple):
@@ -49,19 +67,158 @@ class Finding(NamedTuple):
     reason: str
 
 
-def findings(learned: Learned, held_out: HeldOut | None) -> tuple[Finding, ...]:
-    """Returns the findings on each of the ``PURPOSES``; on prediction only with ``held_out`` windows."""
-    physical, why_not = learned.physical, learned.physical_reason
-    if physical is None:
-        graded = [(NONE, why_not)] * 3
+class Override(NamedTuple):
+    """What makes the flight itself doubtful, and overrides all grades."""
+
+    kind: str  # "oscillation", "motors", "saturation" or "data"
+    headline: str  # the plain sentence, for above all tables
+    sentence: str  # the same with its figures
+    remedy: str  # what to do, one sentence
+
+
+class Findings(NamedTuple):
+    """What a flight says, as every screen, page and document shows it."""
+
+    headline: str  # one plain sentence
+    overrides: tuple[Override, ...]  # the worst first
+    purposes: tuple[Finding, ...]  # graded; none without a model
+    warnings: tuple[str, ...]  # what must be known before the model is used
+    next_step: str  # one sentence
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain JSON values; ``findings`` are the graded purposes."""
+        return {
+            "headline": self.headline,
+            "overrides": [override._asdict() for override in self.overrides],
+            "findings": [finding._asdict() for finding in self.purposes],
+            "warnings": list(self.warnings),
+            "next_step": self.next_step,
+        }
+
+
+def findings_of(
+    learned: Learned | None = None,
+    held_out: HeldOut | None = None,
+    condition: Condition | None = None,
+    alarms: Sequence[MotorAlarm] = (),
+    reason: str = "",
+    remedy: str = "",
+    flights: Sequence[Flight] = (),
+    watched: bool = False,
+    consistency: float | None = None,
+) -> Findings:
+    """Returns the findings of a flight, of which each part may be missing.
+
+    Args:
+        learned, held_out: the model, and forecasts of windows that no model saw.
+        condition: of the vehicle.
+        alarms: lasting changes of the motors' balance.
+        reason, remedy: why there is no full model, and what to change.
+        flights: what the model was trained on.
+        watched: whether a motor that weakens would have been seen.
+        consistency: share of the angle's changes that the rates explain.
+    """
+    overrides = (*_oscillation(condition), *_lost_thrust(alarms), *_saturation(condition))
+    if learned is not None and consistency is not None and consistency < DOUBTFUL_CONSISTENCY:
+        overrides += (_inconsistent(consistency),)
+    purposes = () if learned is None else _purposes(learned, held_out)
+    if overrides:
+        headline, following = overrides[0].headline, overrides[0].remedy
+        purposes = tuple(one._replace(grade=LIMITED, reason=headline) if one.grade == GOOD else one for one in purposes)
+    elif reason:
+        headline, following = f"{'No model' if learned is None else 'Slow motion only'}: {reason}", remedy
     else:
-        graded = [_effect(physical), _motion(physical), _wind(learned.wind, physical, why_not)]
+        headline = _in_short(learned, condition, flights, watched)
+        following = "Learn a model: `mavdem learn`." if learned is None else next_step(purposes)
+    return Findings(headline, overrides, purposes, () if learned is None else warnings_of(learned, held_out), following)
+
+
+def _oscillation(condition: Condition | None) -> list[Override]:
+    found = None if condition is None else condition.oscillation
+    if found is None:
+        return []
+    at = "" if found.frequency is None else f" at {found.frequency:.2g} Hz"
+    size = f"{found.axis} rate {found.rate:.0f} °/s (standard deviation) for {found.seconds:.0f} s"
+    limit = f"{', growing' if found.growing else ''}; a motor at a limit {100 * found.at_limit:.0f} % of that time"
+    remedy = "Do not fly: check frame type, gains and motor order."
+    return [Override("oscillation", f"Oscillates{at}: do not fly.", f"It oscillates{at}, {size}{limit}.", remedy)]
+
+
+def _lost_thrust(alarms: Sequence[MotorAlarm]) -> list[Override]:
+    """Each motor that weakened in flight, at the time of its first alarm and by its largest, the worst first."""
+    ours = sorted((alarm for alarm in alarms if alarm.motor is not None), key=lambda alarm: -alarm.size)
+    overrides = []
+    for name, worst in reversed({alarm.name: alarm for alarm in reversed(ours)}.items()):
+        since = min(alarm.since for alarm in ours if alarm.name == name)
+        lost = f"lost about {100 * lost_thrust(worst.size):.0f} % of its thrust at {since:.0f} s"
+        remedy = f"Do not fly before {name}, its propeller, connector and controller are inspected."
+        sentence = worst.sentence.removeprefix("Alarm: ")
+        overrides.append(Override("motors", f"{name.capitalize()} {lost}.", sentence, remedy))
+    return overrides
+
+
+def _saturation(condition: Condition | None) -> list[Override]:
+    """The motor that is at its upper limit most, if for more of the time than ``SATURATED``."""
+    hover = None if condition is None else condition.hover
+    if hover is None or (share := max(hover.at_upper_limit)) <= SATURATED:
+        return []
+    name = hover.motors[hover.at_upper_limit.index(share)].split(" (")[0]
+    headline = f"{name.capitalize()} is at its upper limit {100 * share:.0f} % of the time."
+    sentence = f"{headline[:-1]}: there it answers no command, and no linear model holds."
+    remedy = f"Do not fly in wind before {name} and its propeller are checked, and the load is less or better centred."
+    return [Override("saturation", headline, sentence, remedy)]
+
+
+def _inconsistent(consistency: float) -> Override:
+    sentence = f"The rate explains {consistency:.2f} of the angle's changes: noise, or an alias."
+    remedy = "Log attitude and rates faster, and check the mounting of the autopilot for vibration."
+    return Override("data", "Angle and rate contradict each other.", sentence, remedy)
+
+
+def _in_short(learned: Learned | None, condition: Condition | None, flights: Sequence[Flight], watched: bool) -> str:
+    """A flight that nothing overrides, in one sentence: only what is clearly so."""
+    words, hover = ["Healthy" if watched else "No fault seen"], None if condition is None else condition.hover
+    if hover is None:
+        words = ["Motor outputs not known"]
+    elif (most := max(hover.imbalance, key=abs)) and abs(most) > UNEVEN:
+        name = hover.motors[hover.imbalance.index(most)].split(" (")[0].capitalize()
+        words = [f"{name} works {abs(most):.0f} % {'harder' if most > 0 else 'less'} than the mean"]
+    elif min(hover.headroom) < LITTLE_HEADROOM:
+        words = [f"Headroom of {100 * min(hover.headroom):.0f} % only"]
+    if flights and max(map(_ringing, flights)) < RINGING:
+        words.append("well damped")
+    scale = flights[0].provenance.get("scale") if flights else None
+    wind = None if learned is None else known_wind(learned.wind, learned.physical)
+    if wind is not None and learned is not None and learned.physical is not None and scale:
+        full = abs(learned.physical.effect).sum() * (scale["high"] - scale["low"])
+        words.append(next(f"{word} wind torque" for word, most in WIND_WORDS.items() if wind.sd < most * full))
+    return f"{', '.join(words)}."
+
+
+def _ringing(flight: Flight) -> float:
+    """The highest autocorrelation of the rate after it has been negative: near 0 where swings die out within one."""
+    rate = flight.outputs[:, -1] - flight.outputs[:, -1].mean()
+    auto = correlation(rate, rate, min(round(RINGING_SECONDS / flight.dt), len(rate) - 1))
+    return float(auto[int(np.argmax(auto < 0)) :].max())
+
+
+def _purposes(learned: Learned, held_out: HeldOut | None) -> tuple[Finding, ...]:
+    """The findings on each of the ``PURPOSES``; on prediction only with ``held_out`` windows."""
+    physical, why_not = learned.physical, learned.physical_reason
+    graded = dict.fromkeys(PURPOSES[:3], (NONE, why_not))
+    if physical is not None:
+        parts = _effect(physical), _motion(physical), _wind(learned.wind, physical, why_not)
+        graded = dict(zip(PURPOSES, parts, strict=False))
     if held_out is not None:
-        graded.append(_prediction(held_out))
-    return tuple(
-        Finding(purpose, grade, _first_sentence(reason) + ".")
-        for purpose, (grade, reason) in zip(PURPOSES, graded, strict=False)
-    )
+        graded["prediction"] = _prediction(held_out)
+    graded["residuals"] = _residuals(residuals(learned))
+    return tuple(Finding(name, grade, _first_sentence(reason) + ".") for name, (grade, reason) in graded.items())
+
+
+def _residuals(found: Residuals) -> tuple[Grade, str]:
+    (auto, across), (bound, joint) = found.largest, found.bounds
+    figures = f"autocorrelation up to {auto:.2f} (99 % bound {bound:.2f}), with the command {across:.2f} ({joint:.2f})"
+    return (GOOD, f"White: {figures}") if found.white else (LIMITED, f"Not white, the model leaves motion: {figures}")
 
 
 def _first_sentence(text: str) -> str:
@@ -128,15 +285,17 @@ def _wind(wind: WindTorque | None, physical: Physical, why_not: str) -> tuple[Gr
 
 def _prediction(held_out: HeldOut) -> tuple[Grade, str]:
     limits, best = PREDICTION_LIMITS, held_out.best_baseline
-    ratio, worse = held_out.error_ratio() / held_out.error_ratio(best), float((held_out.error_ratios() > 1).mean())
+    ratio = held_out.error_ratio() / held_out.error_ratio(best)
+    worse, than_last = (float((held_out.error_ratios(baseline=name) > 1).mean()) for name in BASELINES)
     shown = (
         f"{ratio:.2g} times the squared error of “{best}”" if isfinite(ratio) else "No model of a part could be learned"
     )
     among = f"in {100 * worse:.0f} % of {len(held_out)} windows" if len(held_out) > 1 else f"in {worse:.0f} of 1 window"
-    reason = f"{shown}; worse than the mean {among}."
+    reason = f"{shown}; worse than the mean {among}, than “{HOLD_LAST}” in {100 * than_last:.0f} %."
     if not ratio < 1:
         return NONE, reason
     good = len(held_out) >= limits.windows and ratio <= limits.ratio and worse <= limits.worse
+    good = good and than_last <= limits.worse_than_last
     return (GOOD if good and held_out.coverage >= limits.coverage else LIMITED), reason
 
 
@@ -162,7 +321,7 @@ def warnings_of(learned: Learned, held_out: HeldOut | None) -> tuple[str, ...]:
 def next_step(found: Sequence[Finding]) -> str:
     """Returns what to do next, by what was ``found``: the first purpose that is not served decides."""
     grades = {finding.purpose: finding.grade for finding in found}
-    effect, motion, _, prediction = (grades.get(purpose, GOOD) for purpose in PURPOSES)
+    effect, motion, _, prediction, white = (grades.get(purpose, GOOD) for purpose in PURPOSES)
     if effect != GOOD or motion == NONE:
         return (
             "Fly half a minute of quick small movements on this axis in calm air (docs/manoeuvres.md), and learn from "
@@ -175,4 +334,6 @@ def next_step(found: Sequence[Finding]) -> str:
         )
     if prediction == NONE:
         return "`mavdem compare` with this log shows whether another method predicts it better."
+    if prediction != GOOD or white != GOOD:
+        return "Keep its physical parameters as the vehicle's reference, but do not rely on its forecasts."
     return "Keep this as the vehicle's reference; `--axis all` has pitch and yaw."

@@ -6,12 +6,16 @@ from collections.abc import Iterable
 
 import click
 
+from mavdem.alignment.read import choose_vehicle
+from mavdem.alignment.signals import Signals
+from mavdem.analysis import LogAnalysis, analyse
 from mavdem.cli.options import source_options
 from mavdem.cli.output import complain, print_json, say
 from mavdem.cli.sources import read_source
 from mavdem.condition.inventory import inventory
 from mavdem.report.blocks import Block, Sentence
 from mavdem.report.condition import sender, stream_contents, vehicle_contents
+from mavdem.report.screen import conclusion
 
 
 @click.command("info")
@@ -22,26 +26,34 @@ def info_command(
 ) -> None:
     """Reports what a log holds and if a model can be learnt.
 
-    SOURCE is a log: .tlog, .mcap (MAVLink or ROS 2), .bin, .log, .ulg or .ulg.xz. For each vehicle it prints the
-    verdict (can a model be learnt; if not, why and what to change), the settled flight, and the messages with their
-    rates.
+    SOURCE is a log: .tlog, .mcap (MAVLink or ROS 2), .bin, .log, .ulg or .ulg.xz. For each vehicle it prints what the
+    flight says of it, if a model can be learned (a model of the slow motion too; if not, why and what to change), the
+    settled flight, and the messages with their rates.
     --json has all details, for example message counts; the reason is then also printed on standard error.
 
     Exit code: 0 if a model can be learned from at least one vehicle, otherwise 1.
     """
-    held = inventory(read_source(source), axis, vehicle, inputs)
+    log, analyses = read_source(source), dict[tuple[int, int], LogAnalysis]()
+    for telemetry in log.vehicles if vehicle is None else [choose_vehicle(log.vehicles, vehicle)]:
+        found = analyse(log, axis, inputs=inputs, signals=Signals(telemetry, axis, inputs), whole=False)
+        analyses[telemetry.system, telemetry.component] = found
+    known = {place: (one.verdict, one.condition, one.identity) for place, one in analyses.items()}
+    held = inventory(log, axis, vehicle, inputs, known)
+    for shown, one in zip(held["vehicles"], analyses.values(), strict=True):
+        shown |= one.findings.as_dict() | {"model": one.model}
+    held["learnable"] = any(one["model"] for one in held["vehicles"])
     if as_json:
         print_json(held)
     else:
-        for one in held["vehicles"]:
-            _print([*vehicle_contents(one), Sentence("")])
+        for shown, one in zip(held["vehicles"], analyses.values(), strict=True):
+            _print([*conclusion(one.findings), *vehicle_contents(shown), Sentence("")])
         if not held["vehicles"]:
             say("There is no vehicle in this log: check that the autopilot's own messages are recorded.\n")
         _print(stream_contents(held))
     if not held["learnable"]:
         if as_json:
             # The document is printed already, with all the reasons.
-            because = [f"; {sender(one)}: {one['verdict']['reason']}" for one in held["vehicles"]]
+            because = [f"; {sender(shown)}: {shown['verdict']['reason']}" for shown in held["vehicles"]]
             because.append(": there is no vehicle in this log.")
             complain(f"No {axis} model can be learned from {source}{because[0]}", "", as_json=False)
         context.exit(1)
@@ -50,7 +62,7 @@ def info_command(
 def _print(blocks: Iterable[Block]) -> None:
     for block in blocks:
         if isinstance(block, Sentence):
-            say(f"{block.lead} {block.text}".lstrip())
+            say(f"{block.lead} {block.text}".strip())
         else:
             for rate, names in block.rows:
                 say(click.wrap_text(f"{rate}: {names}", 100, "  ", "    "))

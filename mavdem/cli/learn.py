@@ -11,6 +11,7 @@ from typing import Any
 import click
 
 from mavdem.alignment.drive import TILT_AXES
+from mavdem.alignment.read import choose_vehicle
 from mavdem.analysis import LogAnalysis, analyse
 from mavdem.analysis.figures import ALL
 from mavdem.cli.options import chosen_settings, file_option, folder_named, model_options, source_options, window_options
@@ -145,7 +146,10 @@ def learn_command(
         blocks += vehicle_blocks(analysis.vehicle) if axis == ALL else []
         blocks += [] if analysis.truth is None else truth_blocks(analysis.truth)
         details = detail_blocks(learned, report)
-    held = inventory(log, verdict.axis, vehicle, inputs, (verdict, condition, analysis.identity))
+    telemetry = choose_vehicle(log.vehicles, vehicle)
+    known = {(telemetry.system, telemetry.component): (verdict, condition, analysis.identity)}
+    held = inventory(log, verdict.axis, vehicle, inputs, known)
+    held["vehicles"][0] |= analysis.findings.as_dict() | {"model": analysis.model}
     write_results(folder, report, log_page(heading, blocks, {verdict.axis: analysis}, held), analysis)
     for what, extra in ((f"{RECORDING} was not written, since it", "view"), ("Drawing its pictures", "plot")):
         if learned is not None and (hint := advice(what, extra)):
@@ -194,7 +198,7 @@ def write_results(folder: Path, report: dict[str, Any], page: str, analysis: Log
                 with ending_at_once():
                     from mavdem.view import write_recording
 
-                write_recording(place[RECORDING], flights, learned, held_out)
+                write_recording(place[RECORDING], flights, learned, held_out, analysis.findings)
             write_channels(place["flight.mcap"], flights, learned, held_out)
     for name in set(RESULT_FILES) - set(names):
         (folder / name).unlink(missing_ok=True)

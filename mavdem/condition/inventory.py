@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -165,7 +167,7 @@ def inventory(
     axis: str = "roll",
     vehicle: str | None = None,
     inputs: str | None = None,
-    known: tuple[Verdict, Condition, Identity] | None = None,
+    known: Mapping[tuple[int, int], tuple[Verdict, Condition, Identity]] = MappingProxyType({}),
 ) -> dict[str, Any]:
     """Returns everything there is to report of a log before learning, as plain JSON values; times in s, rates in Hz.
 
@@ -174,13 +176,12 @@ def inventory(
     streams; None where there are none. A link loses messages of all kinds alike: where ``missing_share`` is near 0, the
     sequence numbers that do not occur are of kinds that the log leaves out. A change of rates raises ``missing_share``
     but not ``lost_share``; only both together mean a loss. The arguments are as for :func:`mavdem.read_flight`; a
-    ``vehicle`` leaves the others out, and what is ``known`` of the one that was analysed is not worked out again.
+    ``vehicle`` leaves the others out, and what is ``known`` of one, by system and component, is not worked out again.
     Raises NotLearnable: no such vehicle; ValueError: unknown axis or inputs.
     """
     vehicles = log.vehicles if vehicle is None else (choose_vehicle(log.vehicles, vehicle),)
     missing = {(one.system, one.component): _missing_share(one) for one in log.vehicles}
-    analysed = None if known is None else choose_vehicle(log.vehicles, vehicle)
-    described = [_vehicle(one, axis, inputs, log, known if one is analysed else None) for one in vehicles]
+    described = [_vehicle(one, axis, inputs, log, known.get((one.system, one.component))) for one in vehicles]
     return {
         "source": log.source,
         "frames": log.frames,

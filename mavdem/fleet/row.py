@@ -17,7 +17,7 @@ from typing import Any, get_args, get_origin, get_type_hints
 
 from mavdem.alignment.drive import INPUTS
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 """Changes with the columns or with what they mean: logs whose rows have another version are read again."""
 
 UNKNOWN = "unknown"  # the vehicle of a log that does not say whose it is, and health that is not known
@@ -107,6 +107,7 @@ class FlightRow:
     residual_gain_inputs: Numbers | None = None
     residual_gain_outputs: Numbers | None = None
     residual_offset: float | None = None
+    headline: str | None = at("headline")  # what the flight says of its vehicle, in one plain sentence
     error_ratio: float | None = at("forecast_over_constant_mean")  # of squared errors, on parts held out
     coverage: float | None = at("inside_90_percent_band")  # share of held-out samples
     residual_mean: float | None = None  # what models of its healthy flights leave unexplained in this one, rad/s²
@@ -218,10 +219,10 @@ def _of_report(report: Mapping[str, Any]) -> dict[str, Any]:
         unit, inputs, cautions = value_at("flight.scale.unit"), DEMAND if by_demand else MOTORS, report.get("cautions")
         if not by_demand:
             columns = {"motors": names or None} | columns
-    alarms = [alarm["sentence"] for alarm in report.get("alarms") or ()]
+    overrides = [override["sentence"] for override in report.get("overrides") or ()]
     known = {"axis": axis, "inputs": inputs, "input_unit": unit}
     default = {} if "tier" in report else {"tier": "a"}
-    return default | columns | known | {"warnings": (*alarms, *(cautions or ()))}
+    return default | columns | known | {"warnings": (*overrides, *(cautions or ()))}
 
 
 Flight = Sequence[FlightRow]

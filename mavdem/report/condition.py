@@ -31,14 +31,9 @@ def identity_sentence(identity: dict[str, Any]) -> Sentence:
 
 
 def tier_sentences(tier: dict[str, Any]) -> list[Sentence]:
-    """Returns what the log allows and what the next ``tier`` needs, by ``Tier.as_dict``."""
-    name, following, sentences = tier["tier"], tier["next_tier"], list[Sentence]()
-    if name:
-        sentences.append(Sentence(f"{tier['allows']}.", f"{TIER_WORDS[name].capitalize()} (tier {name}):"))
-    if following:
-        words = f"{TIER_WORDS[following['tier']]} (tier {following['tier']})"
-        sentences.append(Sentence(f"{words} needs {following['needs']}.", "Next:"))
-    return sentences
+    """Returns what the log allows, by ``Tier.as_dict``; what the next ``tier`` needs, the findings say."""
+    name = tier["tier"]
+    return [Sentence(f"{tier['allows']}.", f"{TIER_WORDS[name].capitalize()} (tier {name}):")] if name else []
 
 
 def condition_sentences(condition: dict[str, Any]) -> list[Sentence]:
@@ -104,13 +99,20 @@ def log_blocks(held: dict[str, Any]) -> list[Block]:
 
 
 def vehicle_contents(vehicle: dict[str, Any]) -> list[Block]:
-    """Returns what a log holds of a ``vehicle``: whether a model can be learned, repairs, settled flight, messages."""
+    """Returns what a log holds of a ``vehicle``: whether a model can be learned, repairs, settled flight, messages.
+
+    Where the vehicle has findings, these are said before, with the reason why there is no model.
+    """
     verdict, names, messages = vehicle["verdict"], vehicle["names"], vehicle["messages"]
-    axis, can = verdict["axis"], "can" if verdict["learnable"] else "cannot"
+    axis, said = verdict["axis"], verdict["reason"] in vehicle.get("headline", "")
     what = f"A {axis} model" if axis in TILT_AXES else f"The physical parameters of {axis}"
+    can = "can" if verdict["learnable"] else "cannot"
+    if vehicle.get("model") == "slow motion":
+        what, can = f"A model of the slow {axis} motion", "can"
     whose = f"{sender(vehicle)} ({vehicle['vehicle']}, {vehicle['autopilot']})"
-    blocks: list[Block] = [Sentence(f"{what} {can} be learned from {whose}: {verdict['reason']}")]
-    if verdict["remedy"]:
+    why = "." if said else f": {verdict['reason']}"
+    blocks: list[Block] = [Sentence(f"{what} {can} be learned from {whose}{why}")]
+    if verdict["remedy"] and verdict["remedy"] != vehicle.get("next_step"):
         blocks.append(Sentence(verdict["remedy"], "What to do:"))
     blocks += [*tier_sentences(vehicle), identity_sentence(vehicle["identity"])]
     blocks += condition_sentences(vehicle["condition"])

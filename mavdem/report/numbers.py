@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mavdem.analysis.residuals import directions, weights
 from mavdem.dem import Learned
 
 
@@ -159,24 +160,11 @@ class AxisCommand(NamedTuple):
     @classmethod
     def of(cls, learned: Learned) -> AxisCommand:
         """Returns that of the axis of ``learned``, by the mixer geometry or else by each motor's effectiveness."""
-        labels, directions = Labels.of(learned), _directions(learned)
-        up, down = np.maximum(directions, 0.0), np.maximum(-directions, 0.0)
-        weights = sum(sign * side / side.sum() for sign, side in ((1, up), (-1, down)) if side.any())
-        motors = directions / (weights @ directions)
-        return cls(f"{labels.output_names[0]} command", labels.input_units[0], np.asarray(weights), motors)
+        labels, turning = Labels.of(learned), directions(learned)
+        motors = turning / (weights(turning) @ turning)
+        return cls(f"{labels.output_names[0]} command", labels.input_units[0], weights(turning), motors)
 
     def series(self, inputs: NDArray[np.float64]) -> NDArray[np.float64]:
         """Returns the command (T,) over ``inputs`` (T, r), about its mean."""
         command = inputs @ self.weights
         return np.asarray(command - command.mean())
-
-
-def _directions(learned: Learned) -> NDArray[np.float64]:
-    """(r,) how each input turns the vehicle, relative to the others; not all are zero."""
-    known = learned.record.effect_directions
-    if known is not None:
-        return np.asarray(known)
-    if learned.record.inputs.shape[1] == 1:  # the controller's demand
-        return np.ones(1)
-    effect = learned.model.B[-1] if learned.physical is None else learned.physical.effect
-    return np.asarray(effect if effect.any() else np.ones(len(effect)))

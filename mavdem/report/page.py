@@ -18,6 +18,7 @@ from jinja2 import Environment, PackageLoader
 from markupsafe import Markup, escape
 
 from mavdem.analysis import LogAnalysis
+from mavdem.analysis.findings import findings_of
 from mavdem.dem import Learned
 from mavdem.dem.order_choice import OrderChoice
 from mavdem.errors import advice, downstream
@@ -292,6 +293,7 @@ def live_page(
         large=True,
     )
     model = [] if learned is None else model_pictures(learned, ("motors", "bode", "step", "poles"))
+    found = findings_of(learned, alarms=status.alarms)
     return document(
         f"Flight over {link}",
         f"What {axis} did, learned and predicted while it flew.",
@@ -299,7 +301,7 @@ def live_page(
         [
             Chapter("Pictures", pictures=[flown, *model]),
             Chapter("What happened", event_blocks(history)),
-            Chapter("The model at the end", [] if learned is None else screen(learned)),
+            Chapter("The model at the end", [] if learned is None else screen(learned, found=found)),
         ],
         [] if learned is None else key_figures(learned),
     )

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from mavdem.analysis import AxisFigures, LogAnalysis, VehicleFigures
-from mavdem.analysis.findings import HALF_WIDTH, Finding, findings, known_wind, next_step, warnings_of
+from mavdem.analysis.findings import HALF_WIDTH, Findings, findings_of, known_wind
 from mavdem.condition.condition import HoverFigures
 from mavdem.confidence import LEVEL
 from mavdem.dem import Learned, Physical, WindTorque
@@ -37,47 +37,45 @@ def screen(
     learned: Learned,
     held_out: HeldOut | None = None,
     hover: HoverFigures | None = None,
-    found: Sequence[Finding] | None = None,
+    found: Findings | None = None,
 ) -> list[Block]:
-    """Returns the findings by purpose, the vehicle, the wind torque, prediction, and warnings of a ``learned`` model.
+    """Returns the headline, the findings, the vehicle, the wind torque, prediction and warnings of a ``learned`` model.
 
     ``held_out`` windows and the motors' ``hover`` figures are left out where there are none; the findings are those of
     the model unless ``found`` otherwise.
     """
-    labels, found = Labels.of(learned), findings(learned, held_out) if found is None else found
-    graded = [[PURPOSE_WORDS.get(purpose, purpose), grade, reason] for purpose, grade, reason in found]
+    labels, found = Labels.of(learned), findings_of(learned, held_out) if found is None else found
+    graded = [[PURPOSE_WORDS.get(purpose, purpose), grade, reason] for purpose, grade, reason in found.purposes]
+    *first, following = conclusion(found)
     return [
+        *first,
         Table(["purpose", "verdict", "because"], graded, words=True),
         *_vehicle(labels, learned.physical, hover),
         *_wind(learned.wind, learned.physical),
         *_prediction(labels, held_out),
-        *(Sentence(warning, "Warning:") for warning in warnings_of(learned, held_out)),
-        Sentence(next_step(found), "Next:"),
+        *(Sentence(warning, "Warning:") for warning in found.warnings),
+        following,
     ]
+
+
+def conclusion(found: Findings) -> list[Block]:
+    """Returns the headline, what overrides all grades, and last what to do next."""
+    doubts = (Sentence(override.sentence, f"{override.kind.capitalize()}:") for override in found.overrides)
+    return [Sentence("", found.headline), *doubts, Sentence(found.next_step, "Next:")]
 
 
 def analysis_blocks(analysis: LogAnalysis) -> list[Block]:
     """Returns the screen of an ``analysis``: its model's, else what is known without one, and why there is none."""
-    model: list[Block] = []
-    if analysis.learned is not None:
-        model = screen(analysis.learned, analysis.held_out, analysis.vehicle.hover, analysis.findings)
-    alarms: list[Block] = [Sentence(alarm.sentence.removeprefix("Alarm: "), "Motors:") for alarm in analysis.alarms]
-    full = analysis.tier.name == "a"
-    if suspect := next((alarm.name for alarm in analysis.alarms if alarm.motor is not None), ""):
-        inspect = (
-            f"Inspect {suspect}, its propeller, connector and controller before the next flight, then compare a hover "
-            "with healthy flights: `mavdem track --baseline`."
-        )
-        alarms.append(Sentence(inspect, "Next:"))
-    if full and model:
-        return [*alarms, *(model[:-1] if suspect else model)]
-    # What to do next is to record faster, whatever the findings.
+    learned, found = analysis.learned, analysis.findings
+    model = conclusion(found) if learned is None else screen(learned, analysis.held_out, analysis.vehicle.hover, found)
+    marks = [Sentence(alarm.sentence, "Motors:") for alarm in analysis.alarms if alarm.motor is None]
+    if analysis.tier.name == "a" and learned is not None:
+        return [*model, *marks]
     return [
-        *alarms,
-        *([] if model else [Sentence(analysis.reason, "No model:")]),
-        *([Sentence(analysis.remedy, "What to do:")] if analysis.remedy else []),
+        *model,
+        *([Sentence(analysis.reason, "No model:")] if learned is None and found.overrides else []),
+        *marks,
         *tier_sentences(analysis.tier.as_dict()),
-        *model[:-1],
         identity_sentence(analysis.identity.as_dict()),
         *condition_sentences(analysis.condition.as_dict()),
     ]

@@ -10,7 +10,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from mavdem.analysis.findings import findings, known_wind
+from mavdem.analysis.findings import Findings, findings_of, known_wind
 from mavdem.confidence import LEVEL
 from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
@@ -20,14 +20,18 @@ from mavdem.report import palette
 from mavdem.report.blocks import Block, Sentence, Table, markdown
 from mavdem.report.details import detail_blocks
 from mavdem.report.numbers import AxisCommand, Labels, named, place, plus_minus, readable, state_names
-from mavdem.report.screen import key_figures, screen, title
+from mavdem.report.screen import conclusion, key_figures, screen, title
 from mavdem.view.plots import Plot, blueprint, faint, range_of, recorded, utf8, with_gaps
 
 BEYOND = 0.15  # how far a plot extends beyond the measured values, in spans of them, where a forecast does
 
 
 def write_recording(
-    path: str | os.PathLike[str], flights: Sequence[Flight], learned: Learned, held_out: HeldOut
+    path: str | os.PathLike[str],
+    flights: Sequence[Flight],
+    learned: Learned,
+    held_out: HeldOut,
+    found: Findings | None = None,
 ) -> None:
     """Writes ``learned``, the model of ``flights``, and forecasts of ``held_out`` windows as an .rrd file ``path``.
 
@@ -35,12 +39,13 @@ def write_recording(
     over its seconds, more of it, how the model was learned, and the report. Angles are in degrees.
     """
     series = FlightSeries(flights, learned, held_out)
+    found = findings_of(learned, held_out) if found is None else found
     with recorded(path, Path(str(flights[0].provenance.get("source", path))).name) as recording:
         tabs = rrb.Tabs(
-            _flight(recording, series),
+            _flight(recording, series, found),
             _details(recording, series),
             _learning(recording, learned),
-            _text(recording, "report", "Report", [title(flights), *screen(learned, held_out)]),
+            _text(recording, "report", "Report", [title(flights), *screen(learned, held_out, found=found)]),
             active_tab=0,
         )
         recording.send_blueprint(blueprint(tabs, play_state="paused"), make_active=False)
@@ -134,17 +139,16 @@ class FlightSeries:
         return with_gaps(np.split(values, np.cumsum([len(flight) for flight in self.flights])[:-1]))
 
 
-def _flight(recording: rr.RecordingStream, series: FlightSeries) -> rrb.Container:
+def _flight(recording: rr.RecordingStream, series: FlightSeries, found: Findings) -> rrb.Container:
     """The key figures above, then the flight over time, verdicts and motors beside it."""
     figures = key_figures(series.learned, series.held_out)
     strip = [_text(recording, f"figures/{i}", "", _figure(*figure)) for i, figure in enumerate(figures)]
     plots = [*series.output(0), series.command(), *filter(None, [series.wind()])]
     for plot in plots:
         plot.draw(recording)
-    verdicts: list[Block] = [
-        Sentence(finding.reason, f"{finding.purpose.capitalize()}: {finding.grade}.")
-        for finding in findings(series.learned, series.held_out)
-    ]
+    purposes = (Sentence(one.reason, f"{one.purpose.capitalize()}: {one.grade}.") for one in found.purposes)
+    headline, *doubts, following = conclusion(found)
+    verdicts = [headline, *doubts, *purposes, following]
     beside = [_text(recording, "verdict", "Verdict", verdicts), *_effectiveness(recording, series)]
     return rrb.Vertical(
         rrb.Horizontal(*strip, column_shares=[max(len(value.split(" (")[0]), 11) for _, value in figures]),

@@ -1,23 +1,26 @@
 """Findings: a bad result never looks good, and each limit holds at its edge."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from made_up_analysis import held_out, model, physical
+from made_up_analysis import HOVER, held_out, model, physical
 
-from mavdem.analysis.findings import GOOD, LIMITED, NONE, PURPOSES, Finding, findings, next_step, warnings_of
+from mavdem.analysis.findings import GOOD, LIMITED, NONE, PURPOSES, Finding, findings_of, next_step, warnings_of
+from mavdem.condition import Oscillation
 from mavdem.evaluate import HeldOut
+from mavdem.health.in_flight import MotorAlarm
 
 
 def grades(*found: object) -> tuple[str, ...]:
-    return tuple(one.grade for one in findings(*found))
+    return tuple(one.grade for one in findings_of(*found).purposes)
 
 
 @pytest.mark.parametrize(
     ("figures", "grade", "reason"),
     [
-        ({}, GOOD, "0.04 times the squared error of “hold last”; worse than the mean in 0 % of 40 windows."),
+        ({}, GOOD, "0.04 times the squared error of “hold last”; worse than the mean in 0 % of 40 windows, than"),
         ({"forecast": 0.353}, GOOD, "0.5 times the squared error of “hold last”"),
         ({"forecast": 0.354}, LIMITED, "0.5 times the squared error of “hold last”"),
         ({"forecast": 0.6}, NONE, "1.4 times the squared error of “hold last”"),
@@ -28,7 +31,7 @@ def grades(*found: object) -> tuple[str, ...]:
     ],
 )
 def test_prediction_is_good_only_beside_the_better_baseline_and_with_a_band_that_holds(figures, grade, reason):
-    found = findings(model(physical()), held_out(**figures))[-1]
+    found = findings_of(model(physical()), held_out(**figures)).purposes[3]
     assert (found.purpose, found.grade) == ("prediction", grade)
     assert found.reason.startswith(reason)
 
@@ -43,8 +46,8 @@ def worse_in(share: float, covered: float = 1.0) -> HeldOut:
 
 @pytest.mark.parametrize(("share", "covered"), [(0.1, 1.0), (0.0, 0.75)])
 def test_a_few_worse_windows_and_a_band_that_holds_most_are_still_good(share, covered):
-    assert grades(model(physical()), worse_in(share, covered))[-1] == GOOD
-    assert grades(model(physical()), worse_in(share and 0.125, covered and covered - 0.01))[-1] == LIMITED
+    assert grades(model(physical()), worse_in(share, covered))[3] == GOOD
+    assert grades(model(physical()), worse_in(share and 0.125, covered and covered - 0.01))[3] == LIMITED
 
 
 @pytest.mark.parametrize(
@@ -62,7 +65,7 @@ def test_a_few_worse_windows_and_a_band_that_holds_most_are_still_good(share, co
     ],
 )
 def test_parameters_are_good_as_far_as_their_intervals_and_status_say(share, status, expected):
-    found = findings(model(physical(share, **status)), None)
+    found = findings_of(model(physical(share, **status)), None).purposes
     assert tuple(one.grade for one in found[:2]) == expected
     for one, names in zip(found, ({"effect"}, {"damping", "lag"}), strict=False):
         assert ("Why" in one.reason) == bool(names & set(status)) and "And more" not in one.reason
@@ -71,7 +74,7 @@ def test_parameters_are_good_as_far_as_their_intervals_and_status_say(share, sta
 def test_a_reason_is_given_once():
     known = physical(effect="not identifiable", damping="not identifiable", lag="not identifiable")
     known.reasons["damping"] = "Why effect. And otherwise."
-    assert findings(model(known), None)[1].reason == "For the same reason as control effectiveness."
+    assert findings_of(model(known)).purposes[1].reason == "For the same reason as control effectiveness."
 
 
 @pytest.mark.parametrize(
@@ -100,6 +103,59 @@ def test_the_next_step_is_that_of_the_first_purpose_that_is_not_served():
     ):
         found = [Finding(purpose, grade, "") for purpose, grade in zip(PURPOSES, given, strict=False)]
         assert advice in next_step(found)
+
+
+def saturated(share: float) -> SimpleNamespace:
+    return SimpleNamespace(hover=replace(HOVER, at_upper_limit=(0.0, 0.0, share, 0.0)), oscillation=None)
+
+
+CYCLE = Oscillation(axis="roll", frequency=7.1, rate=85.0, at_limit=0.4, growing=False, seconds=12.0)
+WEAK = MotorAlarm(70.0, 66.4, 1, "motor 1 (front right)", 0.24, 0.99)
+
+
+@pytest.mark.parametrize(
+    ("known", "headline", "following"),
+    [
+        (
+            {"alarms": (WEAK,)},
+            "Motor 1 (front right) lost about 35 % of its thrust at 66 s.",
+            "Do not fly before motor 1",
+        ),
+        (
+            {"condition": saturated(0.86)},
+            "Motor 3 is at its upper limit 86 % of the time.",
+            "Do not fly in wind before",
+        ),
+        ({"consistency": 0.7}, "Angle and rate contradict each other.", "Log attitude and rates faster"),
+        (
+            {"condition": SimpleNamespace(hover=HOVER, oscillation=CYCLE)},
+            "Oscillates at 7.1 Hz: do not fly.",
+            "Do not fly: check frame type, gains and motor order.",
+        ),
+    ],
+)
+def test_what_overrides_leaves_nothing_good_and_decides_what_to_do(known, headline, following):
+    sound = findings_of(model(physical()), held_out(), SimpleNamespace(hover=HOVER, oscillation=None), watched=True)
+    assert {one.grade for one in sound.purposes} == {GOOD} and "reference" in sound.next_step
+    assert sound.headline == "Healthy."
+    found = findings_of(
+        model(physical()), held_out(), **({"condition": SimpleNamespace(hover=HOVER, oscillation=None)} | known)
+    )
+    assert found.headline == headline and found.next_step.startswith(following)
+    assert GOOD not in {one.grade for one in found.purposes} and "reference" not in found.next_step
+
+
+def test_the_limit_of_saturation_is_a_twentieth_of_the_time():
+    assert findings_of(condition=saturated(0.05)).overrides == () != findings_of(condition=saturated(0.051)).overrides
+
+
+def test_residuals_that_are_far_from_white_are_said_and_leave_forecasts_in_doubt():
+    learned = model(physical())
+    slow = np.convolve(learned.record.outputs[:, 1], np.ones(10) / 3, "same")
+    learned.record.outputs[:, 1] = slow
+    found = findings_of(learned, held_out())
+    assert found.purposes[-1].grade == LIMITED and "Not white" in found.purposes[-1].reason
+    assert "do not rely on its forecasts" in found.next_step
 
 
 def test_warnings_are_only_where_they_mean_something():

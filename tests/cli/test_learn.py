@@ -62,7 +62,7 @@ def test_people_see_one_screen_and_with_verbose_the_model(tmp_path, monkeypatch,
     screen = capsys.readouterr()
     for fact in ("control effectiveness", "because", "constant mean", "pitch rate", "per µs", "±", "headroom"):
         assert fact in screen.out
-    assert len(screen.out.splitlines()) < 40 and "nats" not in screen.out
+    assert len(screen.out.splitlines()) < 43 and "nats" not in screen.out
     # The folder has the log's name; what was written is talk.
     assert names(tmp_path / "ardupilot_wind5_steps") == FILES
     assert "flight.rrd" in screen.err and "flight.rrd" not in screen.out
@@ -182,7 +182,7 @@ def test_yaw_has_no_model_and_is_judged_only(tmp_path, capsys):
     said = capsys.readouterr()
     assert said.out == "" and "'yaw' is not one of 'roll', 'pitch', 'all'" in said.err
     assert main(["info", FLIGHT, "--axis", "yaw"]) == 0
-    assert capsys.readouterr().out.startswith("The physical parameters of yaw can be learned from")
+    assert "The physical parameters of yaw can be learned from" in capsys.readouterr().out
 
 
 @pytest.mark.slow

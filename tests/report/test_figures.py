@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 import mavdem
+from mavdem.analysis.residuals import correlation
 from mavdem.evaluate import held_out_test, held_out_windows
 from mavdem.report import palette
 from mavdem.report.figures import Plots
-from mavdem.report.figures.series import correlation, forecast, typical_windows
+from mavdem.report.figures.series import forecast, typical_windows
 from mavdem.report.figures.style import svg
 from mavdem.report.figures.systems import model_systems, physical_systems
 from mavdem.report.numbers import AxisCommand, Labels

@@ -15,7 +15,6 @@ from simulated import simulated
 import mavdem
 from mavdem.analysis import LogAnalysis
 from mavdem.analysis.figures import VehicleFigures
-from mavdem.analysis.findings import findings
 from mavdem.condition import Condition, Identity
 from mavdem.condition.inventory import Tier
 from mavdem.evaluate import held_out_test
@@ -35,6 +34,7 @@ KNOWN = (
     Identity("1234", "board", 1, "PX4", "QUADROTOR", "PX4 v1.16.0", None),
     VehicleFigures({}, None),
 )
+VERDICT = SimpleNamespace(as_dict=dict, figures=SimpleNamespace(consistency=None))
 SLOW = Tier("c", "Motors come at 4 Hz.", "b", "Log them <faster>.")
 
 
@@ -139,9 +139,9 @@ def test_a_browser_shows_it_without_a_complaint_and_without_scrolling_sideways(w
 def test_two_axes_of_a_flight_of_a_fleet_fit_into_a_small_page_that_leads_back():
     learned = mavdem.learn(FLIGHT[:800], mavdem.Settings(window=9, parameter_precision=1.0))
     held_out = held_out_test(FLIGHT[:800], FLIGHT[800:], learned)
-    model = {"flights": (FLIGHT,), "learned": learned, "held_out": held_out, "findings": findings(learned, held_out)}
+    model = {"flights": (FLIGHT,), "learned": learned, "held_out": held_out}
     fast = Tier("a", "All at 100 Hz.", None, "")
-    analysis = LogAnalysis(SimpleNamespace(as_dict=dict), fast, *KNOWN, **model)
+    analysis = LogAnalysis(VERDICT, fast, *KNOWN, **model)
     text = flight_page("flight.tlog", {"roll": analysis, "pitch": analysis})
     assert len(text.encode()) < 300_000 and text.count("<svg") == 2 * 3
     assert '<a href="../index.html">' in text and "Pictures of pitch" in text
@@ -150,7 +150,7 @@ def test_two_axes_of_a_flight_of_a_fleet_fit_into_a_small_page_that_leads_back()
 
 
 def test_a_flight_without_a_model_says_why_and_what_to_do():
-    reason = LogAnalysis(SimpleNamespace(as_dict=dict), SLOW, *KNOWN, SLOW.reason, SLOW.remedy)
+    reason = LogAnalysis(VERDICT, SLOW, *KNOWN, SLOW.reason, SLOW.remedy)
     text = flight_page("<b>.tlog", {"roll": reason})
     assert "Motors come at 4 Hz." in text and "Log them &lt;faster&gt;." in text and "<b>" not in text
 

@@ -13,8 +13,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, MaxNLocator, NullLocator
 
+from mavdem.analysis.residuals import BOUND_LEVEL, LAG_SECONDS, residuals
 from mavdem.condition.condition import HoverFigures
-from mavdem.confidence import LEVEL, quantile
+from mavdem.confidence import LEVEL
 from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import pack, unpack
@@ -53,8 +54,6 @@ from mavdem.report.palette import (
 
 WINDOWS = 8  # that are shown in full
 MAX_BEYOND_MEASURED = 0.5  # spans of the measured values, how far the band of a forecast may widen the axis
-BOUND_LEVEL = 0.99  # share of the correlations at different lags that lie within the bounds by chance
-LAG_SECONDS = 0.5
 HIGHEST_HERTZ = 10.0  # of the spectrum: what is faster is noise of the sensors
 MIN_RANGE, MAX_RANGE = 1e2, 1e5  # of the spectrum's axis, below its largest value
 
@@ -111,26 +110,18 @@ class Plots(SystemPlots):
         labels, command, record = Labels.of(learned), AxisCommand.of(learned), learned.record
         output = range(len(labels.output_names))[output]
         unit, name = readable(labels.output_units[output]), labels.output_names[output]
-        errors = record.outputs[:, output] - learned.one_step()[:, output]
-        errors[record.starts] = np.nan  # a segment's first is not predicted
-        known = ~np.isnan(errors)
-        centred, driven = np.where(known, errors - errors[known].mean(), 0.0), command.series(record.inputs)
-        lags = round(LAG_SECONDS / learned.dt)
-        auto, driven_auto = correlation(centred, centred, lags), correlation(driven, driven, lags)
-        across = correlation(driven, centred, lags)
-        width = quantile(BOUND_LEVEL) / np.sqrt(known.sum())
-        # The variance of a correlation of two independent series.
-        joint = np.sqrt(max(1 + 2 * float(auto[1:] @ driven_auto[1:]), 1.0))
-        lag = np.arange(lags + 1.0) * learned.dt
+        found = residuals(learned, output)
         with picture(3.8, Room(rows=0.7, columns=0.6)) as figure:
             axes = figure.subplot_mosaic([["time", "time"], ["auto", "across"]], height_ratios=[1, 1.25])
-            time, shown = with_gaps(record, sample_times(record)), with_gaps(record, unit.scale * errors)
+            time, shown = with_gaps(record, sample_times(record)), with_gaps(record, unit.scale * found.errors)
             axes["time"].plot(time, shown, color=PREDICTED, linewidth=0.6)
             largest = 1.15 * float(np.nanmax(np.abs(shown)))
             axes["time"].set(xlabel="time since boot (s)", ylabel=f"residual ({unit.name})", ylim=(-largest, largest))
-            axes["time"].set_title(f"one-step residual of {name}: RMS {unit.scale * np.nanstd(errors):.2g} {unit.name}")
-            panels = (axes["auto"], lag[1:], auto[1:], width), (axes["across"], lag, across, width * joint)
-            for panel, shift, values, bound in panels:
+            axes["time"].set_title(
+                f"one-step residual of {name}: RMS {unit.scale * np.nanstd(found.errors):.2g} {unit.name}"
+            )
+            panels = (axes["auto"], found.lag[1:], found.auto[1:]), (axes["across"], found.lag, found.across)
+            for (panel, shift, values), bound in zip(panels, found.bounds, strict=True):
                 panel.axhspan(-bound, bound, color=BOUND, alpha=2 * HELD_OUT_OPACITY, linewidth=0)
                 panel.axhline(0, **HAIRLINE)
                 panel.vlines(shift, 0, values, color=PREDICTED, linewidth=1.3)
@@ -332,14 +323,6 @@ def typical_windows(held: HeldOut, windows: int) -> slice:
     broken = neighbours(gaps, count)[:, : count - 1].any(axis=1)
     start = int(np.argmin(np.where(broken & ~broken.all(), np.inf, off)))
     return slice(start, start + count)
-
-
-def correlation(one: Array, other: Array, lags: int) -> Array:
-    """Returns (lags + 1,) of ``one`` at a time with ``other`` 0, 1, … samples later."""
-    size = 2 * len(one)
-    products = np.fft.irfft(np.conj(np.fft.rfft(one, size)) * np.fft.rfft(other, size), size)[: lags + 1]
-    scale = np.sqrt(float(one @ one) * float(other @ other))
-    return np.asarray(products / scale if scale else np.zeros(lags + 1))
 
 
 def _bars(axes: Axes, values: Array, half: Array, least: float, colour: str) -> None:

@@ -1,0 +1,79 @@
+"""Residuals: what a model leaves of one step ahead, tested for whiteness and for what the command still explains."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from mavdem.confidence import quantile
+from mavdem.dem import Learned
+from mavdem.dem.engine.linalg import Array
+
+BOUND_LEVEL = 0.99  # of the bounds that chance alone keeps to
+LAG_SECONDS = 0.5
+FAR, LARGE = (
+    3.0,
+    0.1,
+)  # times the bound, and in size: from there on a correlation is no chance, and large enough to matter
+
+
+class Residuals(NamedTuple):
+    """One-step residuals of one output with their correlations by lag, and the 99 % bounds of these."""
+
+    errors: Array  # (T,) in the output's unit; NaN where nothing was predicted
+    lag: Array  # (L + 1,) s, from 0 on
+    auto: Array  # (L + 1,) autocorrelation
+    across: Array  # (L + 1,) correlation with the command, so long after it
+    bounds: tuple[float, float]  # of both; the second allows for the autocorrelation of both (Ljung, sec. 16.6)
+
+    @property
+    def largest(self) -> tuple[float, float]:
+        """The largest correlations, but for the first of ``auto``."""
+        return float(np.abs(self.auto[1:]).max()), float(np.abs(self.across).max())
+
+    @property
+    def white(self) -> bool:
+        """Whether neither is far outside its bound."""
+        return all(size <= max(FAR * bound, LARGE) for size, bound in zip(self.largest, self.bounds, strict=True))
+
+
+def residuals(learned: Learned, output: int = -1) -> Residuals:
+    """Returns the residuals of an ``output`` of the training data, the last one unless given."""
+    record, command = learned.record, learned.record.inputs @ weights(directions(learned))
+    errors = record.outputs[:, output] - learned.one_step()[:, output]
+    errors[record.starts] = np.nan  # a segment's first is not predicted
+    known = ~np.isnan(errors)
+    centred, driven = np.where(known, errors - errors[known].mean(), 0.0), command - command.mean()
+    lags = round(LAG_SECONDS / learned.dt)
+    auto, driven_auto = correlation(centred, centred, lags), correlation(driven, driven, lags)
+    width = float(quantile(BOUND_LEVEL) / np.sqrt(known.sum()))
+    # The variance of a correlation of two independent series.
+    joint = float(np.sqrt(max(1 + 2 * float(auto[1:] @ driven_auto[1:]), 1.0)))
+    lag = np.arange(lags + 1.0) * learned.dt
+    return Residuals(errors, lag, auto, correlation(driven, centred, lags), (width, width * joint))
+
+
+def correlation(one: Array, other: Array, lags: int) -> Array:
+    """Returns (lags + 1,) of ``one`` at a time with ``other`` 0, 1, … samples later."""
+    size = 2 * len(one)
+    products = np.fft.irfft(np.conj(np.fft.rfft(one, size)) * np.fft.rfft(other, size), size)[: lags + 1]
+    scale = np.sqrt(float(one @ one) * float(other @ other))
+    return np.asarray(products / scale if scale else np.zeros(lags + 1))
+
+
+def directions(learned: Learned) -> Array:
+    """Returns (r,) how each input turns the vehicle, relative to the others: by the mixer, or else as estimated."""
+    known = learned.record.effect_directions
+    if known is not None:
+        return np.asarray(known)
+    if learned.record.inputs.shape[1] == 1:  # the controller's demand
+        return np.ones(1)
+    effect = learned.model.B[-1] if learned.physical is None else learned.physical.effect
+    return np.asarray(effect if effect.any() else np.ones(len(effect)))
+
+
+def weights(directions: Array) -> Array:
+    """Returns (r,) the share of each input in the command of the axis: those that turn up it sum to 1, others to -1."""
+    up, down = np.maximum(directions, 0.0), np.maximum(-directions, 0.0)
+    return np.asarray(sum(sign * side / side.sum() for sign, side in ((1, up), (-1, down)) if side.any()))
