@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.ingest.telemetry import Telemetry
+from mavdem.ingest.telemetry import Log, Telemetry
 
 Array = NDArray[np.float64]
 
@@ -97,3 +97,8 @@ def changed(telemetry: Telemetry, message: str, **fields: NDArray) -> Telemetry:
     """The telemetry with other columns in one message, or with another message."""
     table = {**telemetry.messages.get(message, {}), **fields}
     return replace(telemetry, messages={**telemetry.messages, message: table})
+
+
+def log_of(telemetry: Telemetry) -> Log:
+    """A log of that vehicle alone."""
+    return Log(telemetry.source, (telemetry,), (), (), 0, 0, (0.0, 0.0))

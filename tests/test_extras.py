@@ -11,7 +11,7 @@ import pytest
 
 from mavdem.cli.commands import main
 from mavdem.cli.live import Dashboard
-from mavdem.errors import EXTRAS, MissingExtra, advice, require
+from mavdem.errors import EXTRAS
 
 ROOT = Path(__file__).parents[1]
 LOG = ROOT / "logs" / "ardupilot_wind5_steps.tlog"
@@ -35,14 +35,6 @@ def test_every_file_that_is_no_python_is_installed():
     for package, patterns in tool["package-data"].items():
         there = {path for path in (ROOT / package).rglob("*") if path.is_file() and path.suffix not in (".py", ".pyc")}
         assert there == {path for pattern in patterns for path in (ROOT / package).glob(pattern)}
-
-
-def test_what_is_installed_is_not_asked_for(without_rerun):
-    assert advice("It", "plot") == ""
-    require("It", "plot")
-    assert advice("It", "paper") == "It needs rerun: pip install 'mavdem[paper]'."
-    with pytest.raises(MissingExtra, match=r"It needs rerun: pip install 'mavdem\[view\]'\."):
-        require("It", "view")
 
 
 @pytest.mark.slow

@@ -162,13 +162,15 @@ def _attempt(record: Record, settings: CompleteSettings, before: Learned | None)
     except np.linalg.LinAlgError:
         return None if before is None else _attempt(record, settings, None)
     segments = generalized(settings, fitted.scaling, record)
-    uncertainty = uncertainty_of(fitted.model, segments, fitted.ascent)
     for finished in (_with_simulation_fit(fitted, record, SufficientStatistics.of(*segments), start), fitted):
         forecasts = training_forecasts(finished, record)
         if np.isfinite(forecasts.mse).all():
             if finished.simulation_fit is not None:
                 scaled = forecasts.mse / finished.scaling.output_scale**2
                 finished = replace(finished, simulation_fit=replace(finished.simulation_fit, mse=scaled))
+            # Of a simulation-error fit the covariance is its own.
+            scattered = finished.simulation_fit is None
+            uncertainty = uncertainty_of(fitted.model, segments, fitted.ascent, scattered)
             return _Attempt(finished, segments, uncertainty, forecasts)
     return None
 

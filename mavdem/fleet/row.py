@@ -79,7 +79,8 @@ class FlightRow:
     trim_share: Numbers | None = at("condition.hover.trim_share")  # as a share of the range, over the mean of all
     trim_share_interval: Numbers | None = at("condition.share_interval")
     headroom: Numbers | None = at("condition.hover.headroom")  # left at the 99th percentile, as a share of the range
-    saturated: Numbers | None = at("condition.hover.at_upper_limit")  # share of the time at full throttle
+    saturated: Numbers | None = at("condition.hover.at_upper_limit")  # share of the time at the upper stop
+    oscillation: float | None = at("condition.oscillation.seconds")  # how long it oscillated by its own controller, s
     # what is asked of the motors in roll, pitch and yaw, in shares of their mean command, and its standard error
     balance: Numbers | None = None
     balance_error: Numbers | None = None

@@ -5,7 +5,7 @@ import json
 
 import numpy as np
 import pytest
-from hover import Hover, changed
+from hover import Hover, changed, log_of
 from recorded_flights import shared
 
 from mavdem.alignment.align import Segment
@@ -19,10 +19,6 @@ from mavdem.ingest import Log
 from mavdem.ingest.telemetry import Telemetry
 
 HOVER = Hover()
-
-
-def log_of(telemetry: Telemetry) -> Log:
-    return Log(telemetry.source, (telemetry,), (), (), 0, 0, (0.0, 0.0))
 
 
 def segments_of(log: Log) -> tuple[tuple[Flight, ...], Verdict]:

@@ -365,14 +365,11 @@ def test_a_message_that_cannot_be_is_left_out_and_reported(field, wrong):
     assert np.abs(flight.outputs).max() < 1
 
 
-def test_one_wild_rate_does_not_speak_for_the_whole():
+def test_one_wild_rate_does_not_speak_for_the_whole_and_degrees_are_reported_as_such():
     telemetry = Hover(sway=0.01).telemetry()
     rate = telemetry.messages["ATTITUDE"]["rollspeed"].copy()
     rate[3000] = 30.0
     assert verdict_of(Signals(changed(telemetry, "ATTITUDE", rollspeed=rate))).figures.consistency > 0.99
-
-
-def test_degrees_are_reported_as_such():
     telemetry = Hover(sway=0.15).telemetry()
     degrees = {name: np.degrees(telemetry.messages["ATTITUDE"][name]) for name in ("roll", "rollspeed")}
     assert "not in radians" in refused_for(changed(telemetry, "ATTITUDE", **degrees))
@@ -387,7 +384,7 @@ def remedy_for(translated_from: str, without_demand: bool = False, **fields: obj
     return verdict_of(Signals(dataclasses.replace(telemetry, translated_from=translated_from, **fields))).remedy
 
 
-def test_no_remedy_is_in_force_already_in_a_dataflash_log():
+def test_no_remedy_is_in_force_already_in_a_dataflash_log_a_ulog_and_a_stream():
     assert "is 176126 in this log: set it to 176127" in remedy_for("DataFlash", parameters={"LOG_BITMASK": 176126.0})
     assert remedy_for("DataFlash", parameters={"LOG_BITMASK": -6146.0}).startswith("LOG_BITMASK is -6146 in this log")
     assert remedy_for("DataFlash").startswith("If it is not set (the log does not show it), set bit 0 of LOG_BITMASK")
@@ -407,17 +404,11 @@ def test_no_remedy_is_in_force_already_in_a_dataflash_log():
     assert "LOG_MAV" not in limited and "et bit 0" not in limited
     assert "LOG_BLK" not in remedy_for("DataFlash", parameters={**limits, "LOG_BACKEND_TYPE": 1.0})
     assert "no room for 12 messages" in remedy_for("DataFlash", parameters=in_force, dropouts=12)
-
-
-def test_no_remedy_is_in_force_already_in_a_ulog():
     assert "SDLOG_PROFILE is 131 in this log: set it to 147" in remedy_for("ULog", parameters={"SDLOG_PROFILE": 131.0})
     assert "this PX4 has no such parameter" in remedy_for("ULog", parameters={"SDLOG_MODE": 0.0})
     in_force = {"SDLOG_PROFILE": 17.0}
     assert "logger_topics.txt" in remedy_for("ULog", parameters=in_force)
     assert "dropped out 3 times" in remedy_for("ULog", parameters=in_force, dropouts=3)
-
-
-def test_no_remedy_is_in_force_already_in_a_stream():
     assert "SRn_EXTRA1 and SRn_RC_CHAN to 100" in remedy_for("", parameters={"SR0_EXTRA1": 4.0, "SR0_RC_CHAN": 4.0})
     assert "the telemetry port's MAVn_EXTRA1 and MAVn_RC_CHAN to 100" in remedy_for("", parameters={"MAV1_EXTRA1": 4.0})
     fast = {"SR0_EXTRA1": 4.0, "SR0_RC_CHAN": 4.0, "SR1_EXTRA1": 100.0, "SR1_RC_CHAN": 50.0, "SR2_EXTRA1": 100.0}

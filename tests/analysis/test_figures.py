@@ -66,8 +66,5 @@ def test_a_log_too_slow_for_parameters_has_hover_figures_and_the_reason():
     assert slow.as_dict()["axes"]["pitch"]["physical"] is None
     (motors,) = (block for block in vehicle_blocks(slow._replace(axes={})) if isinstance(block, Table))
     assert len(motors.rows) == len(slow.hover.motors)
-
-
-def test_an_unknown_axis_is_refused():
     with pytest.raises(ValueError, match="axis must be one of roll, pitch, yaw, all, not 'heave'"):
         mavdem.vehicle(FLIGHT, axis="heave")

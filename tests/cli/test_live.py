@@ -1,7 +1,5 @@
 """``mavdem live``: what it refuses, what it keeps, and that it ends as it should, beside a simulated vehicle."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import re

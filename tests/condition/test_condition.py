@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 
 import numpy as np
 import pytest
-from hover import Hover, changed, columns
+from hover import Hover, changed, columns, log_of
 from recorded_flights import shared
 from scipy.signal import lfilter
 
@@ -125,10 +125,6 @@ def test_a_rate_ten_times_as_high_makes_the_interval_no_narrower_where_it_adds_n
 
 
 PULSES = OutputScale("PWM", "µs", 1000.0, 2000.0, 1.0)
-
-
-def log_of(telemetry: Telemetry) -> Log:
-    return Log(telemetry.source, (telemetry,), (), (), 0, 0, (0.0, 0.0))
 
 
 def leaning(motor_rate: float = 100.0) -> Telemetry:

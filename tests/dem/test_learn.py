@@ -316,15 +316,12 @@ def cautions(inputs, names=()):
     return Record(inputs, FLIGHT.outputs, FLIGHT.dt, (len(inputs),), input_names=names).input_cautions
 
 
-def test_a_motor_that_hardly_moves_is_named():
+def test_a_motor_that_hardly_moves_is_named_and_demands_are_no_motors():
     assert cautions(FLIGHT.inputs) == ()
     inputs = FLIGHT.inputs.copy()
     inputs[:, 2] = 1500 + 0.001 * (inputs[:, 2] - 1500)
     (caution,) = cautions(inputs, ("M1", "M2", "M3", "M4"))
     assert caution.startswith("M3 hardly moves")
-
-
-def test_demands_are_not_motors_and_learning_says_so():
     inputs = FLIGHT.inputs - FLIGHT.inputs.mean(axis=0)
     (caution,) = cautions(inputs)
     assert caution.startswith("input 1 has both signs")

@@ -125,15 +125,12 @@ def test_where_there_is_no_maximum_no_interval_is_reported():
     assert any("no maximum" in caution for caution in learned.cautions)
 
 
-def test_much_information_on_one_parameter_hides_no_other():
+def test_much_information_hides_no_other_parameter_and_a_nuisance_has_its_best_value():
     directions = undetermined_directions(np.diag([1e13, 500.0, 0.5]), np.eye(3), np.ones(3, bool), (1, 1, 1))
     (one,) = directions
     np.testing.assert_allclose(np.abs(one.weights), [0, 0, 1], atol=1e-6)
     assert one.share == pytest.approx(0.5)
-
-
-def test_information_without_a_nuisance_is_that_of_its_best_value():
-    """Schur's complement: minimizing over the second parameter, which its own prior holds somewhat."""
+    # Schur's complement: minimizing over the second parameter, which its own prior holds somewhat.
     information, precision = np.array([[4.0, 3.0], [3.0, 5.0]]), np.diag([1.0, 2.0])
     np.testing.assert_allclose(marginal_information(information, precision, np.array([0])), [[4.0 - 9.0 / 7.0]])
 

@@ -3,7 +3,6 @@
 import contextlib
 import random
 import struct
-import time
 from collections import defaultdict
 from pathlib import Path
 
@@ -410,19 +409,3 @@ def test_a_message_defined_anew_each_time_is_given_up(tmp_path):
     for content in (binary, text.encode()):
         vehicle = vehicle_of(content, tmp_path)
         assert len(vehicle.messages["ATTITUDE"]["time"]) == MAX_DEFINITIONS and vehicle.repairs
-
-
-@pytest.mark.slow
-def test_many_boots_take_no_long(tmp_path):
-    """For each boot, each definition and each header the whole log was once looked through."""
-    boot = b"".join(made.message("EV", 10_000_000 * (1 + row), 10 + row % 2) for row in range(6))
-    told = b"".join(made.fmt("EV", length=100, kind=kind) for kind in range(256)) * 100
-    began = time.perf_counter()
-    vehicle = vehicle_of(made.formats() + 5000 * boot, tmp_path)
-    assert vehicle.messages["HEARTBEAT"]["boot"][-1] == 4999
-    vehicle = vehicle_of(made.formats() + told + b"".join(made.flight(TIMES)), tmp_path)
-    assert np.allclose(vehicle.messages["ATTITUDE"]["time"], TIMES, atol=1e-9)
-    for run in (b"\xa3\x95" * 100_000, b"\xa3\x95\x80" * 60_000, b"\xa3\x95\x81" * 60_000):
-        with contextlib.suppress(Unreadable):
-            log_of(made.formats() + run, tmp_path)
-    assert time.perf_counter() - began < 15

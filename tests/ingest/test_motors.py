@@ -58,7 +58,7 @@ def scale_of(outputs: tuple[float, ...], parameters: dict[str, float], drivers: 
         ),
     ],
 )
-def test_the_range_of_px4s_outputs_is_that_of_their_driver(outputs, drivers, parameters, expected) -> None:
+def test_the_range_of_px4s_outputs_is_that_of_their_driver(outputs, drivers, parameters, expected):
     scale = scale_of(outputs, parameters, drivers)
     assert (scale.name, scale.low, scale.high, scale.stop) == (*expected, 1.0)
 
@@ -74,13 +74,13 @@ def test_the_range_of_px4s_outputs_is_that_of_their_driver(outputs, drivers, par
         ({"MOT_SPIN_MAX": 0.0}, 2000.0),
     ],
 )  # fmt: skip
-def test_ardupilots_motors_stop_where_its_version_lets_them(parameters: dict[str, float], highest: float) -> None:
+def test_ardupilots_motors_stop_where_its_version_lets_them(parameters, highest):
     """The highest outputs in logs of 4.2, 3.3 and 3.2, in which a motor was at its limit for long."""
     scale = output_scale(np.array([[1061.0, 1800.0]]), parameters)
     assert scale.low + scale.stop * (scale.high - scale.low) == pytest.approx(highest, abs=1.0)
 
 
-def test_a_gimbals_channels_are_no_motors() -> None:
+def test_a_gimbals_channels_are_no_motors():
     parameters = {"FRAME": 1.0, "RC5_FUNCTION": 7.0, "RC6_FUNCTION": 8.0, "RC7_FUNCTION": 0.0}
     found = motor_geometry("GENERIC_MULTIROTOR", "ARDUPILOTMEGA", parameters, moving=range(1, 7), bank=8)
     assert found is not None and found.channels == (1, 2, 3, 4)
@@ -88,7 +88,7 @@ def test_a_gimbals_channels_are_no_motors() -> None:
     assert on_servos is not None and on_servos.channels == (1, 3, 4, 5)
 
 
-def test_the_driver_of_each_motor_is_known() -> None:
+def test_the_driver_of_each_motor_is_known():
     parameters = {f"PWM_AUX_FUNC{n}": 100.0 + n for n in range(1, 5)}
     found = motor_geometry("QUADROTOR", "PX4", parameters, moving=range(17, 21), bank=16)
     assert found is not None and found.drivers == tuple(("PWM_AUX", n) for n in range(1, 5))

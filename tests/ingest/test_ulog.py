@@ -146,13 +146,6 @@ def test_setpoints_keep_their_own_stamps(tmp_path):
     assert vehicle.called("MANUAL_CONTROL") == "manual_control_setpoint"
 
 
-def test_the_battery(tmp_path):
-    pieces = flight(TIMES) + [data("battery_status", 20 + row, 16 - row, 99) for row in range(3)]
-    signal = Signals(vehicle_of(log(*pieces), tmp_path)).voltage
-    assert signal is not None and signal.values.tolist() == pytest.approx([16, 15, 14])
-    assert signal.time.tolist() == pytest.approx([20, 21, 22])
-
-
 def test_drivers_that_publish_outputs_in_turn_are_told_apart_by_their_number_of_outputs(tmp_path):
     """PX4 1.12: one driver's constant outputs, 4, between the motors', of which it says that there are none."""
     turns = [4 if row % 3 == 2 else 0 for row in range(60)]
@@ -378,7 +371,7 @@ def test_a_dropout_before_the_first_topic_is_reported(tmp_path):
     ],
 )
 def test_an_archive_that_cannot_be_unpacked_is_refused(tmp_path, monkeypatch, spoil, said):
-    monkeypatch.setattr(files, "MAX_UNPACKED_BYTES", 1 << 20)
+    monkeypatch.setattr(files, "MAX_BYTES", 1 << 20)
     path = tmp_path / "flight.ulg.xz"
     path.write_bytes(spoil(lzma.compress(log(*flight(TIMES)))))
     with pytest.raises(Unreadable, match=said) as failure:

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.ingest import Log, read_log
+from mavdem.ingest import read_log
 from mavdem.ingest.telemetry import Telemetry
 
 REAL = ["logs/pyulog_sample.ulg", "logs/pyulog_appended_multiple.ulg"]
@@ -121,14 +121,9 @@ def flight(times: NDArray[np.float64]) -> list[bytes]:
     return pieces
 
 
-def log_of(content: bytes, folder: Path) -> Log:
-    """What is read of a file of that content."""
+def vehicle_of(content: bytes, folder: Path) -> Telemetry:
+    """The vehicle that is read of a file of that content."""
     path = folder / "flight.ulg"
     path.write_bytes(content)
-    return read_log(path)
-
-
-def vehicle_of(content: bytes, folder: Path) -> Telemetry:
-    """The vehicle in it."""
-    (vehicle,) = log_of(content, folder).vehicles
+    (vehicle,) = read_log(path).vehicles
     return vehicle

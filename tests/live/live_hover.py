@@ -1,7 +1,5 @@
 """The made-up hover as frames of a link, and what is made of them: live, piece by piece, and offline."""
 
-from __future__ import annotations
-
 import random
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """A live session with a vehicle that ArduPilot's habits and faults befall: what comes of it, on a clock of its own."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from live_faults import error_ratios, run_session, undisturbed

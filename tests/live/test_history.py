@@ -1,7 +1,5 @@
 """The history of a live flight: errors as they are by hand, lines with their gaps, and bounded memory."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from live_rows import AHEAD, flown

@@ -1,7 +1,5 @@
 """Whatever comes over the link: no exception, bounded memory, and the vehicle that is followed stays."""
 
-from __future__ import annotations
-
 import random
 from functools import cache
 

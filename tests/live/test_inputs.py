@@ -1,7 +1,5 @@
 """What is taken for the inputs, and the other axis."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from live_hover import Flight, Timed, differences, offline, replay

@@ -1,7 +1,5 @@
 """What interrupts a link: gaps, reboots, jumps, other rates, landings, bursts, copies, messages out of order."""
 
-from __future__ import annotations
-
 import random
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The link on loopback: what it hears, what it says when it cannot be opened or is lost, and that it keeps silent."""
 
-from __future__ import annotations
-
 import os
 import pty
 import socket

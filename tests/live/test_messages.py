@@ -1,7 +1,5 @@
 """Frames and messages one at a time are those of files, and hostile bytes cost neither memory nor much time."""
 
-from __future__ import annotations
-
 import random
 import time
 

@@ -1,7 +1,5 @@
 """What counts as settled flight while it is flown, and what is taken back when it turns out to have been a landing."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

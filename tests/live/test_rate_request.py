@@ -1,7 +1,5 @@
 """Rates are asked for and given back: what is sent is read by pymavlink, and what was there is never guessed as 0."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from pymavlink.dialects.v20 import all as dialect

@@ -1,7 +1,5 @@
 """What a link received is in the file, frame by frame with its stamp, also when the recording ends without warning."""
 
-from __future__ import annotations
-
 import random
 import shutil
 import struct
@@ -25,7 +23,7 @@ def recorded(path: Path) -> list[tuple[int, bytes]]:
 
 
 @pytest.mark.parametrize("form", [".tlog", ".mcap"])
-def test_datagrams_are_kept_with_their_stamps(tmp_path: Path, form: str) -> None:
+def test_datagrams_are_kept_with_their_stamps(tmp_path, form):
     frames = [*FRAMES[:200], *OTHERS, *FRAMES[200:]]
     recording = RawRecording(tmp_path / f"flight{form}")
     for row, each in enumerate(frames):
@@ -37,7 +35,7 @@ def test_datagrams_are_kept_with_their_stamps(tmp_path: Path, form: str) -> None
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_bytes_in_any_pieces_among_garbage_are_kept(tmp_path: Path, seed: int) -> None:
+def test_bytes_in_any_pieces_among_garbage_are_kept(tmp_path, seed):
     chance = random.Random(seed)
     content = b""
     for each in FRAMES:
@@ -58,7 +56,7 @@ def test_bytes_in_any_pieces_among_garbage_are_kept(tmp_path: Path, seed: int) -
 
 
 @pytest.mark.parametrize("form", [".tlog", ".mcap"])
-def test_what_was_received_is_there_before_the_end(tmp_path: Path, form: str) -> None:
+def test_what_was_received_is_there_before_the_end(tmp_path, form):
     path = tmp_path / f"flight{form}"
     recording = RawRecording(path)
     for row, each in enumerate(FRAMES):
@@ -71,7 +69,7 @@ def test_what_was_received_is_there_before_the_end(tmp_path: Path, form: str) ->
     recording.close()
 
 
-def test_a_clock_that_is_set_back_or_noise_without_end_hold_nothing_up(tmp_path: Path) -> None:
+def test_a_clock_that_is_set_back_or_noise_without_end_hold_nothing_up(tmp_path):
     recording = RawRecording(tmp_path / "flight.tlog")
     recording.take(NOW, FRAMES[0])
     recording.take(NOW - 5000.0, FRAMES[1])
@@ -84,7 +82,7 @@ def test_a_clock_that_is_set_back_or_noise_without_end_hold_nothing_up(tmp_path:
     assert struct.unpack(">Q", (tmp_path / "flight.tlog").read_bytes()[:8])[0] == round(NOW * 1e6)
 
 
-def test_it_replaces_nothing(tmp_path: Path) -> None:
+def test_it_replaces_nothing(tmp_path):
     (tmp_path / "flight.tlog").write_bytes(b"dear")
     with pytest.raises(Unreadable, match="there already"):
         RawRecording(tmp_path / "flight.tlog")

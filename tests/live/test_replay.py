@@ -1,7 +1,5 @@
 """The live path beside the offline one, on the made-up hover and on recorded flights."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from live_hover import Flight, Timed, cut, differences, offline, replay

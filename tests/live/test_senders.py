@@ -1,7 +1,5 @@
 """Which vehicle is followed."""
 
-from __future__ import annotations
-
 from live_hover import Flight, Timed, replay
 from mavlink_streams import heartbeat, message
 

@@ -1,7 +1,5 @@
 """A link, what learns from it and who is shown it, put together: with recorded flights and whatever may go wrong."""
 
-from __future__ import annotations
-
 import os
 import signal
 import time
@@ -9,7 +7,7 @@ from concurrent.futures import BrokenExecutor
 from dataclasses import replace
 from itertools import groupby
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 from unittest.mock import Mock
 
 import numpy as np
@@ -70,7 +68,7 @@ class Screen:
         self.statuses: list[SessionStatus] = []
         self.setups: list[Setup] = []
 
-    def open(self, setup: Setup) -> Screen:
+    def open(self, setup: Setup) -> Self:
         self.setups.append(setup)
         return self
 
@@ -101,7 +99,7 @@ def session_of(script: list[Any], **options: Any) -> tuple[LiveSession, Screen, 
 
 
 @pytest.fixture
-def now(monkeypatch) -> list[float]:
+def now(monkeypatch):
     """The session's clock, s."""
     clock = [100.0]
     monkeypatch.setattr("mavdem.live.session.time.monotonic", lambda: clock[0])

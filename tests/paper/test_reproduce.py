@@ -128,8 +128,6 @@ def test_what_cannot_be_done_is_one_document_and_no_work(tmp_path, capsys):
     for words, named in ((["everything"], "everything"), (["noise", "--out", str(tmp_path / "file")], "--out")):
         assert main(["reproduce", *words, "--json"]) == 2
         assert named in json.loads(capsys.readouterr().out)["error"]["reason"]
-
-
-def test_all_claims_are_listed(capsys):
+    # All claims are listed.
     assert main(["reproduce", "--list"]) == 0
     assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == [claim.name for claim in CLAIMS]

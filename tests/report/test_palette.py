@@ -51,9 +51,7 @@ MEANINGS = ("MEASURED", "PREDICTED", "BASELINE", "DISTURBANCE", "GUST", "COMMAND
 @pytest.mark.parametrize("colour", sorted({*palette.DISTINCT, *(getattr(palette, name) for name in MEANINGS)}))
 def test_a_colour_is_read_on_light_and_on_dark(colour):
     assert min(contrast(colour, paper) for paper in (palette.PAPER_LIGHT, palette.PAPER_DARK)) >= 3
-
-
-def test_ink_is_read_as_text():
+    # And ink as text.
     assert contrast(palette.INK_ON_LIGHT, palette.PAPER_LIGHT) >= 7
     assert contrast(palette.INK_ON_DARK, palette.PAPER_DARK) >= 7
 

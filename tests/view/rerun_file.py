@@ -1,7 +1,5 @@
 """What is in a Rerun file, for tests of what was drawn."""
 
-from __future__ import annotations
-
 import re
 import warnings
 from collections.abc import Iterator

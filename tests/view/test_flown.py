@@ -1,7 +1,5 @@
 """The recording of a simulated flight: what is drawn is where the vehicle was, and what is plotted is what it did."""
 
-from __future__ import annotations
-
 from dataclasses import fields
 from pathlib import Path
 
@@ -23,7 +21,7 @@ def pose(**instead) -> Pose:
 
 
 @pytest.fixture(scope="module")
-def columns(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, np.ndarray]]:
+def columns(tmp_path_factory: pytest.TempPathFactory):
     """By entity path, what was sent over time by component, and the time, s."""
     path: Path = tmp_path_factory.mktemp("flown") / "flight.rrd"
     write_pose(path, "made up", pose())

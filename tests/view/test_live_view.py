@@ -1,7 +1,5 @@
 """A flight under way reaches a recording sample for sample, and nothing that shows it holds up who learns from it."""
 
-from __future__ import annotations
-
 import os
 import resource
 import shutil
@@ -118,7 +116,7 @@ def showing(*sinks: Sink, channels: Channels = CHANNELS) -> Iterator[LiveView]:
 
 
 @pytest.fixture(scope="module", autouse=True)
-def patience() -> Iterator[None]:
+def patience():
     """A file is waited for as long as a busy machine takes."""
     with pytest.MonkeyPatch.context() as patch:
         for name in ("CLOSE_SECONDS", "FLUSH_SECONDS"):
@@ -127,7 +125,7 @@ def patience() -> Iterator[None]:
 
 
 @pytest.fixture(scope="module")
-def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def recording(tmp_path_factory: pytest.TempPathFactory):
     path = tmp_path_factory.mktemp("live") / "flight.rrd"
     rates = {"ATTITUDE": 99.4}
     with showing(RecordingFile(path)) as view:
@@ -141,9 +139,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize(("column", "name"), list(enumerate(CHANNELS.output_names)))
-def test_outputs_and_predictions_a_quarter_of_a_second_ahead_are_in_degrees_at_their_times(
-    recording: Path, column: int, name: str
-) -> None:
+def test_outputs_and_predictions_a_quarter_of_a_second_ahead_are_in_degrees_at_their_times(recording, column, name):
     lines = drawn(recording)
     measured = np.degrees(OUTPUTS[:, column])
     times, values = lines[f"outputs/{name}/1_measured"]
@@ -160,7 +156,7 @@ def test_outputs_and_predictions_a_quarter_of_a_second_ahead_are_in_degrees_at_t
     np.testing.assert_allclose(edges[40:, 0], np.clip(np.degrees([centre - half, centre + half]), *sight).T.ravel())
 
 
-def test_what_is_estimated_is_drawn_at_the_times_it_is_about(recording: Path) -> None:
+def test_what_is_estimated_is_drawn_at_the_times_it_is_about(recording):
     seen, surprise, energy = np.array([(e.seen, e.surprise, e.free_energy) for e in TOLD]).T
     unusual, torques = np.array([e.unusual for e in TOLD]), np.degrees(0.1 * np.arange(20.0, 300))
     torques[:20] = np.nan
@@ -181,7 +177,7 @@ def test_what_is_estimated_is_drawn_at_the_times_it_is_about(recording: Path) ->
     np.testing.assert_allclose(np.diff(edges[160:360, 0])[::2], np.degrees(0.02 * np.arange(100, 200)))
 
 
-def test_log_status_and_blueprint_show_what_is_there_in_batches_that_are_not_tiny(recording: Path) -> None:
+def test_log_status_and_blueprint_show_what_is_there_in_batches_that_are_not_tiny(recording):
     assert [text for text in texts(recording) if "unusual" not in text] == ["attached", "link lost"]
     document = texts(recording, "TextDocument:text")[-1]
     for fact in (CHANNELS.title, "300 at 100 Hz", "99.4 Hz", "frames lost: 7", "12 ms", "No motion.", "0.1 s ago"):
@@ -194,7 +190,7 @@ def test_log_status_and_blueprint_show_what_is_there_in_batches_that_are_not_tin
 
 
 @pytest.mark.slow
-def test_what_happens_is_logged_with_its_time_and_size(tmp_path: Path) -> None:
+def test_what_happens_is_logged_with_its_time_and_size(tmp_path):
     path = tmp_path / "flight.rrd"
     torque = np.random.default_rng(1).normal(size=4000)
     torque[3200:3250] = 20.0
@@ -211,7 +207,7 @@ def test_what_happens_is_logged_with_its_time_and_size(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_flight_is_shown_as_it_is_learned_from(tmp_path: Path) -> None:
+def test_a_flight_is_shown_as_it_is_learned_from(tmp_path):
     log, path = Path(__file__).parents[2] / "logs" / "ardupilot_wind5_steps.tlog", tmp_path / "flight.rrd"
     flight = mavdem.read_flight(log)[:400]
     up = np.array(flight.effect_directions) / 2
@@ -230,7 +226,7 @@ def test_a_flight_is_shown_as_it_is_learned_from(tmp_path: Path) -> None:
     assert precisions.shape[1] == len(learner.learned.learning.lambda_[-1])
 
 
-def test_other_channels_continue_the_lines_under_their_own_names(tmp_path: Path) -> None:
+def test_other_channels_continue_the_lines_under_their_own_names(tmp_path):
     path = tmp_path / "flight.rrd"
     demand = CHANNELS._replace(dt=0.02, horizons=(1, 12, 50), input_names=("roll demand",), input_units=("",))
     with showing(RecordingFile(path)) as view:
@@ -245,7 +241,7 @@ def test_other_channels_continue_the_lines_under_their_own_names(tmp_path: Path)
     np.testing.assert_allclose(lines["outputs/roll/2_predicted"][0][2:5], TIME[2:5] + 0.25)
 
 
-def test_a_gap_parts_every_line_and_time_goes_on_where_a_reboot_sets_the_clock_back(tmp_path: Path) -> None:
+def test_a_gap_parts_every_line_and_time_goes_on_where_a_reboot_sets_the_clock_back(tmp_path):
     path = tmp_path / "flight.rrd"
     with showing(RecordingFile(path)) as view:
         for segment, (start, shift) in enumerate(((498.9, 0.0), (500.0, 0.0), (3.0, 498.0))):
@@ -276,7 +272,7 @@ class Held(RecordingFile):
 
 
 @pytest.mark.slow
-def test_a_stalled_sink_holds_up_nobody_and_loses_the_oldest_rows_only(tmp_path: Path) -> None:
+def test_a_stalled_sink_holds_up_nobody_and_loses_the_oldest_rows_only(tmp_path):
     stalled, other = Held(tmp_path / "stalled.rrd"), RecordingFile(tmp_path / "other.rrd")
     known, rows = estimate(20, 50.0), MAX_ROWS + 1000
     with showing(stalled, other) as view:
@@ -294,7 +290,7 @@ def test_a_stalled_sink_holds_up_nobody_and_loses_the_oldest_rows_only(tmp_path:
     assert "1000 rows are not shown here: this view is too slow" in texts(stalled.path)
 
 
-def test_figures_and_status_show_what_is_known_and_a_model_outlives_the_flight() -> None:
+def test_figures_and_status_show_what_is_known_and_a_model_outlives_the_flight():
     row = ViewRow(60.0, 0.0, 0, OUTPUTS[0], INPUTS[0], None, None, CHANNELS)
     status = SessionStatus(obstacle="The vehicle is on the ground.")
     state, *others = figures(CHANNELS, status, row, None)
@@ -314,7 +310,7 @@ def test_figures_and_status_show_what_is_known_and_a_model_outlives_the_flight()
     assert "5.7 ± 0.6 °/s² per µs\nrate damping not identifiable" in shown
 
 
-def test_a_row_that_cannot_be_drawn_and_a_file_that_cannot_be_written_end_nothing(tmp_path: Path) -> None:
+def test_a_row_that_cannot_be_drawn_and_a_file_that_cannot_be_written_end_nothing(tmp_path):
     path = tmp_path / "flight.rrd"
     with showing(RecordingFile(tmp_path / "nowhere" / "flight.rrd"), RecordingFile(path)) as view:
         thread = view._threads[1]
@@ -331,9 +327,7 @@ def test_a_row_that_cannot_be_drawn_and_a_file_that_cannot_be_written_end_nothin
 
 
 @pytest.mark.slow
-def test_a_killed_process_or_a_full_disk_leaves_a_file_that_opens(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_killed_process_or_a_full_disk_leaves_a_file_that_opens(tmp_path, monkeypatch):
     # A file that fails while it is flushed is noticed by the next flush.
     monkeypatch.setattr("mavdem.view.live_view.FLUSH_SECONDS", 2.0)
     path, killed = tmp_path / "flight.rrd", tmp_path / "killed.rrd"
@@ -356,7 +350,7 @@ def test_a_killed_process_or_a_full_disk_leaves_a_file_that_opens(
     assert len(drawn(path)["command"][0]) >= 500
 
 
-def test_what_was_asked_for_is_shown_or_refused(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_what_was_asked_for_is_shown_or_refused(monkeypatch, tmp_path):
     monkeypatch.setattr("mavdem.view.viewer.has_screen", lambda: False)
     assert sinks_for() == []
     assert [type(sink) for sink in sinks_for(rrd=tmp_path / "flight.rrd")] == [RecordingFile]
@@ -371,7 +365,7 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
-def test_a_viewer_that_is_not_there_is_not_connected_to(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_viewer_that_is_not_there_is_not_connected_to(monkeypatch):
     # Rerun's own client would keep all rows, and wait for ten seconds at the end.
     monkeypatch.setattr(rr.RecordingStream, "connect_grpc", lambda *_: pytest.fail("connected"))
     with showing(Viewer(f"rerun+http://127.0.0.1:{free_port()}/proxy")) as view:
@@ -391,8 +385,8 @@ time.sleep(3600)
 
 @pytest.mark.slow
 def test_the_server_is_reached_from_this_machine_only_reports_to_nobody_and_ends_with_who_started_it(
-    tmp_path: Path,
-) -> None:
+    tmp_path,
+):
     ports = free_port(), free_port()
     unset = ("CI", "XDG_CONFIG_HOME", "XDG_DATA_HOME")
     environment = {name: value for name, value in os.environ.items() if name not in unset}

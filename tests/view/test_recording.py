@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,7 +22,7 @@ SETTINGS = mavdem.Settings(order=2, window=9, parameter_precision=0.1, noise_gro
 
 
 @pytest.fixture(scope="module")
-def learned() -> mavdem.Learned:
+def learned():
     return mavdem.learn(PARTS, SETTINGS)
 
 
@@ -33,7 +31,7 @@ def write(path: Path, learned: mavdem.Learned) -> None:
 
 
 @pytest.fixture(scope="module")
-def recording(learned: mavdem.Learned, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def recording(learned: mavdem.Learned, tmp_path_factory: pytest.TempPathFactory):
     path = tmp_path_factory.mktemp("view") / "flight.rrd"
     write(path, learned)
     return path
@@ -66,9 +64,7 @@ def without_gaps(line: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.nd
 
 
 @pytest.mark.parametrize(("column", "name"), list(enumerate(TEST.output_names)))
-def test_outputs_and_residuals_are_those_of_flight_and_model_in_degrees(
-    recording: Path, learned: mavdem.Learned, column: int, name: str
-) -> None:
+def test_outputs_and_residuals_are_those_of_flight_and_model_in_degrees(recording, learned, column, name):
     drawn, window = lines(recording), TEST.time
     forecast = learned.forecast(TEST.inputs)[:, column]
     half = learned.forecast_band(TEST.inputs, 0.9)[:, column]
@@ -92,7 +88,7 @@ def test_outputs_and_residuals_are_those_of_flight_and_model_in_degrees(
     assert (shaded.min(), shaded.max()) == pytest.approx((window[0], window[-1]))
 
 
-def test_the_command_and_the_wind_s_torque_are_over_the_training_data(recording: Path, learned: mavdem.Learned) -> None:
+def test_the_command_and_the_wind_s_torque_are_over_the_training_data(recording, learned):
     drawn, command = lines(recording), AxisCommand.of(learned)
     assert learned.wind is not None and learned.wind.reason is None
     expected = {
@@ -105,7 +101,7 @@ def test_the_command_and_the_wind_s_torque_are_over_the_training_data(recording:
         np.testing.assert_allclose(shown, values, atol=1e-9)
 
 
-def test_a_forecast_beyond_all_numbers_leaves_the_measured_in_sight(learned: mavdem.Learned) -> None:
+def test_a_forecast_beyond_all_numbers_leaves_the_measured_in_sight(learned):
     held_out = held_out_test(PARTS[-1], TEST, learned)
     away = np.exp(np.linspace(0, 700, len(TEST)))[None, :, None] * held_out.forecasts["forecast"]
     away[:, -3:] = [[np.inf, -np.inf], [np.nan, np.nan], [1.0, 1.0]]
@@ -116,9 +112,7 @@ def test_a_forecast_beyond_all_numbers_leaves_the_measured_in_sight(learned: mav
         assert np.ptp(measured) / 4 < high - low <= 2 * np.ptp(measured)
 
 
-def test_the_one_blueprint_in_the_file_shows_what_is_there_in_the_screen_s_words(
-    recording: Path, learned: mavdem.Learned
-) -> None:
+def test_the_one_blueprint_in_the_file_shows_what_is_there_in_the_screen_s_words(recording, learned):
     found = documents(recording)
     shown, held_out = views(recording), held_out_test(PARTS[-1], TEST, learned)
     entities = {str(chunk.entity_path).replace("\\", "") for chunk in RrdReader(recording).stream()}

@@ -73,9 +73,9 @@ def _gain(A: Array, C: Array, P: Array, R: Array, S: Array) -> Array:
 
 def _following(A: Array, C: Array, P: Array, Q: Array, R: Array, S: Array, gain: Array) -> Array:
     """The covariance one step later; in Joseph's form it stays positive."""
-    kept, mixed = A - gain @ C, gain @ np.swapaxes(S, -1, -2)
-    after = kept @ P @ np.swapaxes(kept, -1, -2) + gain @ R @ np.swapaxes(gain, -1, -2) + Q
-    after = after - mixed - np.swapaxes(mixed, -1, -2)
+    kept, turned = A - gain @ C, np.swapaxes(gain, -1, -2)
+    added = Q + (gain @ R - 2 * S) @ turned
+    after = kept @ P @ np.swapaxes(kept, -1, -2) + added
     return np.asarray((after + np.swapaxes(after, -1, -2)) / 2)
 
 
@@ -180,15 +180,15 @@ class KalmanFilter(NamedTuple):
         covariances, gains, weights = [first], [], []
         with np.errstate(over="ignore", invalid="ignore"):
             for _ in range(max(samples, 1)):
-                P = covariances[-1]
+                P, seen = covariances[-1], covariances[-1] @ C.T
                 try:
-                    weights.append(inverse(C @ P @ C.T + R))
+                    weights.append(inverse(C @ seen + R))
                 except np.linalg.LinAlgError:
                     covariances.append(np.full_like(P, np.inf))
                     gains.append(np.zeros_like(S))
                     weights.append(np.zeros_like(R))
                     break
-                gains.append((A @ P @ C.T + S) @ weights[-1])
+                gains.append((A @ seen + S) @ weights[-1])
                 covariances.append(_following(A, C, P, Q, R, S, gains[-1]))
                 if np.abs(covariances[-1] - P).max() <= STEADY * np.abs(P).max():
                     break

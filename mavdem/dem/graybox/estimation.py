@@ -90,25 +90,27 @@ def _chosen(windows: FlightWindows, directions: Array | None) -> tuple[list[Gray
 
 def _refined(plain: GrayBoxFit, windows: FlightWindows) -> GrayBoxFit:
     """With each refinement that predicts windows better that it was not fitted to, in two-fold cross-validation."""
-    chosen, score = plain, _unseen(plain.parameters, windows, plain.theta)
+    chosen, score = plain, _unseen(plain, windows)
     for name in REFINEMENTS:
         parameters = chosen.parameters._replace(refinements=(*chosen.parameters.refinements, name))
-        start = np.append(chosen.theta, 0.0)
         try:
-            unseen = _unseen(parameters, windows, start)
+            refined = fitted(parameters, windows, np.append(chosen.theta, 0.0))
+            unseen = _unseen(refined, windows)
         except np.linalg.LinAlgError:
             continue
         if min(unseen - score) > 0 and sum(unseen - score) > MIN_GAIN_NATS:
-            chosen, score = fitted(parameters, windows, start), unseen
+            chosen, score = refined, unseen
     return chosen
 
 
-def _unseen(parameters: Parameters, windows: FlightWindows, start: Array) -> Array:
-    """(2,) log likelihood of every other window with parameters fitted to those between."""
+def _unseen(fit: GrayBoxFit, windows: FlightWindows) -> Array:
+    """(2,) log likelihood of every other window with parameters of those between: a step of Fisher's scoring away."""
+    mean, sd = fit.parameters.prior
     likelihoods = []
     for half in (0, 1):
-        fit = fitted(parameters, windows.of(slice(half, None, 2)), start)
-        errors, _ = parameters.innovations(fit.theta[None], windows.of(slice(1 - half, None, 2)))
+        slope = fit.scores[half::2].sum(axis=0) - (fit.theta - mean) / sd**2
+        theta = fit.theta + np.linalg.solve(fit.information[half::2].sum(axis=0) + np.diag(sd**-2.0), slope)
+        errors, _ = fit.parameters.innovations(theta[None], windows.of(slice(1 - half, None, 2)))
         likelihoods.append(log_likelihood(errors[0]))
     return np.array(likelihoods)
 

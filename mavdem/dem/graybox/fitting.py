@@ -80,7 +80,7 @@ class _LogJoint(NamedTuple):
         points, scores, information, innovations = np.vstack([at, at + np.diag(steps)]), [], [], []
         with np.errstate(all="ignore"):
             for part in self._chunks:
-                errors, _ = self.parameters.innovations(points, part)
+                errors, variance = self.parameters.innovations(points, part)
                 slopes, square = (errors[1:] - errors[0]) / steps[:, None, None], np.mean(errors[0] ** 2, axis=1)
                 scores.append(-np.einsum("kwn,wn->wk", slopes, errors[0]) / square[:, None])
                 weighted = slopes / np.sqrt(square)[:, None]
@@ -91,7 +91,6 @@ class _LogJoint(NamedTuple):
         curvature = by_window.sum(axis=0) + prior
         if not (np.isfinite(value) and np.isfinite(curvature).all()):
             raise np.linalg.LinAlgError("there is no steady filter")
-        _, _, variance = self.parameters.filters(at[None], self.windows.dt)
         levels = np.sqrt(np.mean(np.concatenate(innovations) ** 2, axis=1) / variance[0])
         return GrayBoxFit(self.parameters, at, value, curvature, np.concatenate(scores), by_window, levels)
 

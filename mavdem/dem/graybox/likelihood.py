@@ -270,14 +270,12 @@ def delayed(inputs: Array, steps: float) -> tuple[Array, Array]:
 
     A command that reacts to a sample must not help to predict it: within a step the last command before it holds.
     """
-    last = np.arange(len(inputs) - 1, dtype=np.float64)
-    ends = []
-    for time in (last - max(steps, 0.0), last + min(1 - steps, 0.0)):
-        whole = np.floor(time)
-        share = (time - whole)[:, None]
-        at = whole.astype(np.intp)
-        low, high = np.maximum(at, 0), np.clip(at + 1, 0, len(inputs) - 1)
-        ends.append((1 - share) * inputs[low] + share * inputs[high])
+    ends, number = [], len(inputs)
+    for late in (min(max(0.0, steps), number), min(max(0.0, steps - 1), number)):
+        whole = int(np.ceil(late))
+        share = whole - late
+        moved = np.concatenate([np.repeat(inputs[:1], whole, axis=0), inputs[: number - whole]])
+        ends.append((1 - share) * moved[:-1] + share * moved[1:])
     return ends[0], ends[1]
 
 
