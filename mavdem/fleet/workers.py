@@ -178,7 +178,6 @@ def _begin(megabytes: int, scratch: str) -> None:
     # Linux counts what is allocated; elsewhere the limit may do nothing. Not the address space: mapped files and
     # reserved stacks of threads take no memory.
     with suppress(ValueError, OSError):
-        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         resource.setrlimit(resource.RLIMIT_DATA, (megabytes * MEGABYTE, megabytes * MEGABYTE))
     Thread(target=_end_with_parent, args=(scratch,), daemon=True).start()
 
@@ -193,10 +192,7 @@ def _end_with_parent(scratch: str) -> None:
 
 
 def perform(job: Job, read: str, seconds: float) -> Outcome:
-    """Reads one log in so many ``seconds`` of the processor, or the system ends the process.
-
-    Also ends it where memory is wanting, since what comes next would find it in pieces.
-    """
+    """Reads one log in so many ``seconds`` of the processor; ends the process where memory is wanting: it is in pieces."""
     began, hard = time.perf_counter(), resource.getrlimit(resource.RLIMIT_CPU)[1]
     soft = ceil(time.process_time() + seconds)
     resource.setrlimit(resource.RLIMIT_CPU, (soft if hard == resource.RLIM_INFINITY else min(soft, hard), hard))
