@@ -192,7 +192,7 @@ def _end_with_parent(scratch: str) -> None:
 
 
 def perform(job: Job, read: str, seconds: float) -> Outcome:
-    """Reads one log in so many ``seconds`` of the processor; ends the process where memory is wanting: it is in pieces."""
+    """Reads one log in ``seconds`` of the processor; ends the process where memory is wanting, which is in pieces."""
     began, hard = time.perf_counter(), resource.getrlimit(resource.RLIMIT_CPU)[1]
     soft = ceil(time.process_time() + seconds)
     resource.setrlimit(resource.RLIMIT_CPU, (soft if hard == resource.RLIM_INFINITY else min(soft, hard), hard))
