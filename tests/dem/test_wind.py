@@ -1,6 +1,7 @@
 """The wind's torque, offline and live: the smoother against a joint Gaussian, bands, gusts, simulated truth."""
 
 from concurrent.futures import Executor, ThreadPoolExecutor
+from functools import cache
 from itertools import product
 from typing import NamedTuple
 
@@ -235,12 +236,17 @@ def test_a_motors_step_is_no_wind():
     assert not [gust for gust in cut.gusts if 28.0 < gust.start < 32.0]
 
 
+@cache
+def hover_of(name: str, seed: int) -> tuple[Flight, dict[str, np.ndarray]]:
+    return settled(load(name).model_copy(update={"duration": 45.0, "seed": seed}), 3200)
+
+
 @pytest.mark.slow
 def test_the_size_is_known_as_well_as_the_interval_says():
     """Simulated flights by their own parameters: the truth is in nine of ten intervals, by what so few can tell."""
     inside = []
     for seed, name in product((11, 12), ("hover_blower", "iris_dryden", "crazyflie_gusts", "iris_doublets")):
-        flight, known = settled(load(name).model_copy(update={"duration": 45.0, "seed": seed}), 3200)
+        flight, known = hover_of(name, seed)
         found = wind(physical(flight), Record.of(flight))
         sd, mean = known["roll_disturbance"].std(), known["roll_disturbance"].mean()
         inside += [abs(found.sd - sd) < 1.645 * found.scale_error * found.sd, abs(found.mean - mean) < found.mean_band]
@@ -251,7 +257,7 @@ def test_the_size_is_known_as_well_as_the_interval_says():
 @pytest.mark.parametrize("name", ["hover_blower", "iris_dryden", "crazyflie_gusts"])
 def test_it_is_the_truth_of_a_simulated_flight_by_its_true_parameters(name):
     """Settled hover of ``sitl_scenarios`` in its wind."""
-    flight, known = settled(load(name).model_copy(update={"duration": 45.0}), 3200)
+    flight, known = hover_of(name, 11)
     torque, damping = known["roll_disturbance"], -float(known["roll_A"][1, 1])
     components = ((FIRST_ORDER, torque.std(), 0.15),)
     parameters = Parameters(known["roll_B"][1], damping, float(known["lag"][0]), components=components)
@@ -305,7 +311,7 @@ def test_it_is_the_smoother_s_but_for_what_later_samples_add():
 @pytest.mark.slow
 def test_it_is_known_from_the_first_fit_on_and_anew_after_a_gap():
     online, memory = online_wind()
-    found = followed(online, memory, WINDY[:1500])
+    found = followed(online, memory, WINDY[:900])
     first = round(FIRST_FIT_SECONDS / WINDY.dt)
     assert np.isnan(found[:first]).all()
     assert np.isfinite(found[first:]).all()
@@ -329,7 +335,7 @@ def test_a_fit_that_fails_leaves_the_last_one():
 @pytest.mark.slow
 def test_an_estimate_has_it_and_says_of_when():
     online = OnlineLearner(Settings(order=3, d=2, window=9, parameter_precision=1.0), dt=WINDY.dt)
-    for time, outputs, inputs in zip(WINDY.time[:1000], WINDY.outputs, WINDY.inputs, strict=False):
+    for time, outputs, inputs in zip(WINDY.time[:850], WINDY.outputs, WINDY.inputs, strict=False):
         estimate = online.update(time, outputs, inputs)
     assert estimate.wind_time == pytest.approx(estimate.time - DELAY_SECONDS)
     assert np.isfinite([estimate.wind_torque, estimate.wind_torque_band]).all()
