@@ -13,7 +13,7 @@ from os import PathLike
 
 import numpy as np
 
-from mavdem.alignment.drive import AXES, TILT_AXES
+from mavdem.alignment.drive import AXES, FLY, TILT_AXES
 from mavdem.alignment.phases import settled
 from mavdem.alignment.read import choose_vehicle, usable_segments
 from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals, usual_rate
@@ -96,7 +96,11 @@ def analyse(
     motor_rate = usual_rate(signals.motors) if signals.motors is not None and signals.motors.layout.positions else 0.0
     tier, motors = tier_of(verdict, condition), VehicleFigures({}, condition.hover)
     found = LogAnalysis(verdict, tier, condition, identity, motors, alarms=alarms, watched=motor_rate >= MIN_RATE)
-    if tier.name != "a":
+    measured = verdict.figures
+    if tier.name is None and measured.airborne and not measured.segments:
+        reason = f"It holds no settled flight, between climb and landing, in {measured.airborne:.0f} s in the air."
+        found = replace(found, reason=reason, remedy=FLY)
+    elif tier.name != "a":
         found = replace(found, reason=tier.reason, remedy=tier.remedy)
 
     def without_model(reason: str) -> LogAnalysis:
