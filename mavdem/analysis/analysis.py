@@ -21,6 +21,7 @@ from mavdem.analysis.figures import ALL, AxisFigures, LogAnalysis, VehicleFigure
 from mavdem.condition import condition_of, identity_of
 from mavdem.condition.inventory import tier_of
 from mavdem.dem import Learned, Settings, learn
+from mavdem.dem.graybox.wind import wind
 from mavdem.dem.learning import FEWEST_SAMPLES
 from mavdem.errors import NotLearnable
 from mavdem.evaluate.held_out import BASELINES, FOLDS, HeldOut, held_out_test, held_out_windows
@@ -125,6 +126,9 @@ def analyse(
         return without_model(refusal)
     cautions = (*([SLOW_CAUTION] if slow else []), *flights[0].provenance["cautions"], *learned.cautions)
     learned = replace(learned, cautions=cautions)  # before anything is fitted that it keeps
+    changes = [alarm.since for alarm in alarms if alarm.motor is not None]
+    if changes and learned.physical is not None and learned.wind is not None:
+        vars(learned)["wind"] = wind(learned.physical, learned.record, changes)
     if condition.oscillation is not None and learned.wind is not None:
         vars(learned)["wind"] = replace(learned.wind, reason="The vehicle oscillates: that torque is its own.")
     compared = None if truth is None else compare_with_truth(learned, flights, truth_of(flights, truth))
@@ -132,7 +136,7 @@ def analyse(
         axes = {AXES[0]: AxisFigures(flights, learned.physical, learned.wind, learned.physical_reason)}
         with progress("Estimating the physical parameters") as done:
             for other in AXES[1:]:
-                axes[other] = axis_figures(signals.about(other, inputs), log.components)
+                axes[other] = axis_figures(signals.about(other, inputs), log.components, changes)
                 done(len(axes) / len(AXES))
         found = replace(found, vehicle=VehicleFigures(axes, condition.hover))
     return replace(found, flights=flights, learned=learned, held_out=held_out, truth=compared)

@@ -272,8 +272,11 @@ def vehicle(path: str | bytes | PathLike[str], axis: str = ALL, vehicle: str | N
     return VehicleFigures(axes, hover)
 
 
-def axis_figures(signals: Signals, components: Sequence[Component] = ()) -> AxisFigures:
-    """Returns the physical parameters of the axis of ``signals``; ``components`` are those in the log."""
+def axis_figures(signals: Signals, components: Sequence[Component] = (), changes: Sequence[float] = ()) -> AxisFigures:
+    """Returns the physical parameters of the axis of ``signals``; ``components`` are those in the log.
+
+    The wind torque is cut at ``changes`` of a motor, s.
+    """
     flights, verdict = usable_segments(signals, components)
     if not flights:
         return AxisFigures((), None, None, str(NotLearnable(verdict.reason, verdict.remedy)))
@@ -282,6 +285,6 @@ def axis_figures(signals: Signals, components: Sequence[Component] = ()) -> Axis
     if isinstance(parameters, NotIdentifiable):
         return AxisFigures(flights, None, None, parameters.reason)
     try:
-        return AxisFigures(flights, parameters, wind(parameters, record), "")
+        return AxisFigures(flights, parameters, wind(parameters, record, changes), "")
     except ValueError:  # LinAlgError is one
         return AxisFigures(flights, parameters, None, "")
