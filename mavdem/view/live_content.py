@@ -13,9 +13,9 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from mavdem.confidence import LEVEL
-from mavdem.dem import Estimate, Learned, LinearModel
+from mavdem.dem import Estimate, Learned, LinearModel, Physical
 from mavdem.dem.engine.linalg import Array
-from mavdem.dem.graybox.wind import LEVEL_SECONDS, gusts
+from mavdem.dem.graybox.wind import LEVEL_SECONDS, gusts, shortest_gust
 from mavdem.dem.online.learner import TOO_FEW
 from mavdem.dem.online.tracker import FALSE_MARK_SECONDS
 from mavdem.dem.priors import hyperparameter_groups
@@ -79,6 +79,7 @@ class LiveWriter:
         self._units = [readable(unit) for unit in channels.output_units]
         self._torques: deque[tuple[float, float, float]] = deque(maxlen=round(GUST_SECONDS / channels.dt))
         self._gusts_until = -np.inf
+        self._physical: Physical | None = None  # of the latest wind torque
         self._segment: int | None = None
         self._seen: dict[str, tuple[float, float]] = {}  # by plot, the least and most that were measured
         self._changes: list[float] = []  # times at which a motor changed, s
@@ -184,6 +185,7 @@ class LiveWriter:
         scale, torques = readable("rad/s²").scale, []
         for now, shift in estimates:
             if np.isfinite(now.wind_time):
+                self._physical = now.physical
                 torques.append((now.wind_time + shift, now.wind_torque, now.wind_torque_band))
                 self._torques.append(torques[-1])
                 if not np.isfinite(now.wind_torque):
@@ -202,7 +204,8 @@ class LiveWriter:
             return
         time, torque, band = np.array(self._torques).T
         before, self._gusts_until = self._gusts_until, time[-1]
-        for gust in gusts(torque, band, Record(torque[:, None], torque[:, None], dt, (len(torque),))).found:
+        shortest = 0.0 if self._physical is None else shortest_gust(self._physical, dt)
+        for gust in gusts(torque, band, Record(torque[:, None], torque[:, None], dt, (len(torque),)), shortest).found:
             end = gust.sample + round(gust.length / dt)
             if end < len(time) and time[end] > before:
                 text = f"gust: {readable('rad/s²').scale * gust.size:+.0f} °/s² for {gust.length:.2g} s"
