@@ -188,7 +188,8 @@ class LiveSession:
 
     def judge(self, learned: Learned) -> None:
         """Judges the model at the end; from then on it has the physical parameters that were shown last."""
-        self.findings = self._judgement(learned)()
+        with suppress(ValueError):
+            self.findings = self._judgement(learned)()
 
     def end(self) -> None:
         """Restores the vehicle's rates, which it must confirm, and ends the recording."""
