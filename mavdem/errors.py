@@ -6,9 +6,23 @@ from importlib import import_module
 from importlib.util import find_spec
 from typing import Any
 
+REMEDIES = {"attach", "check", "convert", "cut", "delete", "fetch", "give", "install", "make", "move", "name", "save"}
+"""Words that begin what to do."""
+
 
 class Unreadable(ValueError):
     """A source that cannot be opened or holds nothing that can be read; the message is one sentence for the user."""
+
+    @property
+    def reason(self) -> str:
+        """The message."""
+        return str(self)
+
+    @property
+    def remedy(self) -> str:
+        """What the message says to do, after its last colon; empty where that says why."""
+        advice = str(self).rpartition(": ")[2]
+        return advice[:1].upper() + advice[1:] if advice.split(" ")[0] in REMEDIES else ""
 
 
 class NotLearnable(ValueError):
@@ -28,12 +42,13 @@ class NotLearnable(ValueError):
 EXTRAS = {
     "control": ("control",),
     "dask": ("distributed",),
-    "fleet": ("aiohttp", "fsspec", "pebble", "pyarrow"),
+    "fleet": ("pebble", "pyarrow"),
     "pandas": ("pandas",),
     "paper": ("matplotlib", "rerun"),
     "parquet": ("pyarrow",),
     "plot": ("matplotlib",),
     "ros2": ("mcap_ros2",),
+    "urls": ("aiohttp", "fsspec"),
     "view": ("rerun",),
     "xarray": ("xarray",),
 }

@@ -313,6 +313,7 @@ class Scenario(Section):
     """How often it takes off, each time for the duration; faults count from the first."""
     idle: NotNegative = 0.0
     """Seconds of the duration that it stands on the ground after landing, in the mode that landed, motors idling."""
+    idle_share: Share = Field(0.1, description="Of the pulse range: what the motors idle at then")
     landing_mode: bool = Field(True, description="Whether it lands in the mode for it; if not, in that of the hover")
     height: float = Field(5.0, gt=0.5, le=100, description="Of the hover, m")
     seed: int = Field(0, ge=0, lt=2**32, description="Random seed")

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.alignment import phases
-from mavdem.alignment.align import Segment, settled_segments, within
+from mavdem.alignment.align import Segment, recorded_parts, settled_segments, within
 from mavdem.alignment.drive import AXES, TILT_AXES, Signal, floats, series
 from mavdem.alignment.phases import Intervals, both
 from mavdem.alignment.quality import IDLE_THROTTLE, STOP_MARGIN
@@ -303,14 +303,6 @@ def _parts(signals: Signals, wanted: Callable[[Signals, int], Intervals]) -> tup
     """The ``wanted`` intervals of each boot, as far as anything was recorded."""
     recorded = ((one.boot, both([(one.start, one.end)], wanted(signals, one.boot))) for one in recorded_parts(signals))
     return tuple(Segment(boot, *interval) for boot, intervals in recorded for interval in intervals)
-
-
-def recorded_parts(signals: Signals) -> tuple[Segment, ...]:
-    """Returns each boot from its first message to its last."""
-    messages = signals.telemetry.messages.values()
-    time, boot = (np.concatenate([np.zeros(0), *(columns[name] for columns in messages)]) for name in ("time", "boot"))
-    boots = ((int(number), time[boot == number]) for number in np.unique(boot))
-    return tuple(Segment(number, float(stamps.min()), float(stamps.max())) for number, stamps in boots)
 
 
 def mean_interval(values: NDArray[np.float64], seconds: float) -> NDArray[np.float64]:
