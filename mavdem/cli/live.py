@@ -206,9 +206,13 @@ def live_command(
         # The model is written first: what follows may fail or take its time.
         try:
             learned = session.final_model()
+            session.judge(learned)
+            dashboard.report(status := session.status)
             code = DONE if _written(model, learned.to_json() + "\n", "model") else UNUSABLE
         except ValueError as error:
             say_aside(sentence(f"There is no model: {error}"))
+        if status.findings:
+            say_aside(status.findings.headline)
         ends.close()
         page = "" if html is None else live_page(link, axis, session.history, status, account, learned)
         has_page = html is not None and _written(html, page, "page")
@@ -229,6 +233,7 @@ def live_command(
                 "ahead": dict(zip(("seconds", "half_width_rad"), status.ahead, strict=True)),
                 "useful": dict(zip(("seconds", "error_ratio"), status.useful, strict=True)),
                 "obstacle": status.obstacle,
+                **(status.findings.as_dict() if status.findings else {}),
                 **alarm_figures(status.alarms),
                 "events": [event.sentence for event in session.history.events],
                 "rrd": str(rrd) if kept else None,

@@ -17,10 +17,10 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.evaluate.held_out import FORECAST, HeldOut
 from mavdem.flight import Flight
 from mavdem.report import palette
-from mavdem.report.blocks import Block, Sentence, Table, markdown
+from mavdem.report.blocks import Block, Table, markdown
 from mavdem.report.details import detail_blocks
 from mavdem.report.numbers import AxisCommand, Labels, named, place, plus_minus, readable, state_names
-from mavdem.report.screen import conclusion, key_figures, screen, title
+from mavdem.report.screen import key_figures, screen, title, verdict_blocks
 from mavdem.view.plots import Plot, blueprint, faint, range_of, recorded, utf8, with_gaps
 
 BEYOND = 0.15  # how far a plot extends beyond the measured values, in spans of them, where a forecast does
@@ -146,10 +146,7 @@ def _flight(recording: rr.RecordingStream, series: FlightSeries, found: Findings
     plots = [*series.output(0), series.command(), *filter(None, [series.wind()])]
     for plot in plots:
         plot.draw(recording)
-    purposes = (Sentence(one.reason, f"{one.purpose.capitalize()}: {one.grade}.") for one in found.purposes)
-    headline, *doubts, following = conclusion(found)
-    verdicts = [headline, *doubts, *purposes, following]
-    beside = [_text(recording, "verdict", "Verdict", verdicts), *_effectiveness(recording, series)]
+    beside = [_text(recording, "verdict", "Verdict", verdict_blocks(found)), *_effectiveness(recording, series)]
     return rrb.Vertical(
         rrb.Horizontal(*strip, column_shares=[max(len(value.split(" (")[0]), 11) for _, value in figures]),
         rrb.Horizontal(

@@ -189,6 +189,31 @@ def test_log_status_and_blueprint_show_what_is_there_in_batches_that_are_not_tin
         assert any(f"{entity}/".startswith(f"{origin}/") for entity in entities), f"the view of {origin} is empty"
 
 
+def test_an_alarm_is_an_error_in_the_log_and_marks_its_beginning_in_every_plot(tmp_path: Path) -> None:
+    path = tmp_path / "flight.rrd"
+    with showing(RecordingFile(path)) as view:
+        for t, y, u, known in zip(TIME, OUTPUTS, INPUTS, ESTIMATES, strict=True):
+            view.put(t, 0.0, 0, y, u, known)
+        view.log(Occurrence(52.9, "Alarm: motor 1 lost some thrust.", "ERROR", 51.25))
+    marks = {name: line for name, line in drawn(path).items() if name.endswith("changes")}
+    assert {name.rsplit("/", 1)[0] for name in marks} == {
+        *("outputs/roll", "outputs/roll rate", "wind", "command", "free_energy_of_samples", "surprise")
+    }
+    for times, values in marks.values():
+        np.testing.assert_allclose(times[np.isfinite(values[:, 0])], 51.25)
+        assert np.nanmin(values) < np.nanmax(values)
+    levels = [
+        level
+        for _, _, batch in chunks(path)
+        if "TextLog:level" in batch.schema.names
+        for level in zip(
+            batch.column("TextLog:text").to_pylist(), batch.column("TextLog:level").to_pylist(), strict=True
+        )
+    ]
+    assert (["Alarm: motor 1 lost some thrust."], ["ERROR"]) in levels
+    assert {level for (text,), (level,) in levels if "unusual" in text} == {"INFO"}
+
+
 @pytest.mark.slow
 def test_what_happens_is_logged_with_its_time_and_size(tmp_path):
     path = tmp_path / "flight.rrd"
