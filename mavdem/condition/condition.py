@@ -14,7 +14,7 @@ Trim: how hard each motor works in settled flight, how much it has left, and how
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from os import PathLike
 from typing import Any
@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from mavdem.alignment import phases
 from mavdem.alignment.align import Segment, recorded_parts, settled_segments, within
 from mavdem.alignment.drive import AXES, TILT_AXES, Signal, floats, series
-from mavdem.alignment.phases import both, total
+from mavdem.alignment.phases import Intervals, both
 from mavdem.alignment.quality import IDLE_THROTTLE, STOP_MARGIN
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals
@@ -272,11 +272,10 @@ def condition_of(signals: Signals) -> Condition:
     except NotLearnable:
         hover = None
     intervals, command = ((), {}) if hover is None else _balance(signals, settled)
-    armed = sum(total(both([(part.start, part.end)], phases.armed(signals, part.boot))) for part in span)
     lean, tilt = _leaning(signals, settled)
     return Condition(
         duration=_seconds(span),
-        armed=None if signals.armed is None else float(armed),
+        armed=None if signals.armed is None else _seconds(_parts(signals, phases.armed)),
         settled=_seconds(settled),
         hover=hover,
         share_interval=intervals,
@@ -287,7 +286,7 @@ def condition_of(signals: Signals) -> Condition:
         tilt_max=float(tilt.max()) if len(tilt) else None,
         vibration=_vibration(signals, settled),
         battery=_battery(signals, settled or span),
-        oscillation=oscillation_of(signals, settled or _flown(signals, span)),
+        oscillation=oscillation_of(signals, settled or _parts(signals, phases.flying)),
     )
 
 
@@ -297,17 +296,13 @@ def settled_parts(signals: Signals) -> tuple[Segment, ...]:
         return ()
     if signals.motors is not None:
         return tuple(sorted(settled_segments(signals), key=lambda segment: (segment.boot, segment.start)))
-    return tuple(
-        Segment(part.boot, start, end)
-        for part in recorded_parts(signals)
-        for start, end in both([(part.start, part.end)], phases.settled(signals, part.boot))
-    )
+    return _parts(signals, phases.settled)
 
 
-def _flown(signals: Signals, span: tuple[Segment, ...]) -> tuple[Segment, ...]:
-    """Flight that need not be settled."""
-    flights = ((one.boot, both([(one.start, one.end)], phases.flying(signals, one.boot))) for one in span)
-    return tuple(Segment(boot, *interval) for boot, intervals in flights for interval in intervals)
+def _parts(signals: Signals, wanted: Callable[[Signals, int], Intervals]) -> tuple[Segment, ...]:
+    """The ``wanted`` intervals of each boot, as far as anything was recorded."""
+    recorded = ((one.boot, both([(one.start, one.end)], wanted(signals, one.boot))) for one in recorded_parts(signals))
+    return tuple(Segment(boot, *interval) for boot, intervals in recorded for interval in intervals)
 
 
 def mean_interval(values: NDArray[np.float64], seconds: float) -> NDArray[np.float64]:
