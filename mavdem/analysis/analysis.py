@@ -14,7 +14,7 @@ from os import PathLike
 import numpy as np
 
 from mavdem.alignment.drive import AXES, FLY, TILT_AXES
-from mavdem.alignment.phases import settled
+from mavdem.alignment.phases import during, settled
 from mavdem.alignment.read import choose_vehicle, usable_segments
 from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals, usual_rate
 from mavdem.analysis.figures import ALL, AxisFigures, LogAnalysis, VehicleFigures, axis_figures
@@ -157,10 +157,7 @@ def motor_alarms(signals: Signals) -> tuple[MotorAlarm, ...]:
         watch = MotorWatch(*geometry, layout.positions_assumed, int(boot))
         rows = motors.boot == boot
         time, commands = motors.time[rows], motors.scale.fraction(motors.outputs[rows])
-        flying = np.zeros(len(time), dtype=bool)
-        for begin, end in settled(signals, int(boot)):
-            flying |= (time >= begin) & (time <= end)
-        for row in np.flatnonzero(flying):
+        for row in np.flatnonzero(during(time, settled(signals, int(boot)))):
             watch.take(float(time[row]), commands[row])
         alarms += watch.alarms
     return tuple(alarms)
