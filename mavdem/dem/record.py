@@ -127,6 +127,12 @@ class Record:
         cuts = self.starts[1:]
         return list(zip(np.split(self.inputs, cuts), np.split(self.outputs, cuts), strict=True))
 
+    def samples_at(self, times: Sequence[float]) -> list[int]:
+        """The samples at ``times`` on the flight's clock, s, as far as they are inside segments; sorted, each once."""
+        segments = list(zip(self.begins, self.starts.tolist(), self.lengths, strict=False))
+        steps = [(round((time - begin) / self.dt), *rest) for time in times for begin, *rest in segments]
+        return sorted({start + step for step, start, length in steps if 0 < step < length})
+
     @property
     def longest(self) -> int:
         """Samples of the longest segment."""
