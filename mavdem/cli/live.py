@@ -6,6 +6,7 @@ import gc
 import math
 from collections.abc import Callable
 from contextlib import ExitStack, closing
+from dataclasses import replace
 from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING
@@ -206,11 +207,12 @@ def live_command(
         # The model is written first: what follows may fail or take its time.
         try:
             learned = session.final_model()
-            session.judge(learned)
-            dashboard.report(status := session.status)
             code = DONE if _written(model, learned.to_json() + "\n", "model") else UNUSABLE
         except ValueError as error:
             say_aside(sentence(f"There is no model: {error}"))
+        if learned is not None:
+            session.judge(learned)
+            dashboard.report(status := replace(status, findings=session.findings))
         if status.findings:
             say_aside(status.findings.headline)
         ends.close()

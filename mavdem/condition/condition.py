@@ -15,7 +15,7 @@ Trim: how hard each motor works in settled flight, how much it has left, and how
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from os import PathLike
 from typing import Any
 
@@ -233,20 +233,20 @@ class Condition:
     """
 
     duration: float  # of the log, s, over all boots
-    armed: float | None  # of it armed, s; None where the log does not say
-    settled: float  # of it in settled flight, s
-    hover: HoverFigures | None  # what each motor does, how hard it works, and what it has left
+    armed: float | None = None  # of it armed, s; None where the log does not say
+    settled: float = 0.0  # of it in settled flight, s
+    hover: HoverFigures | None = None  # what each motor does, how hard it works, and what it has left
     # half widths of the 90 % intervals of ``hover.trim_share``; within this flight, not between flights
-    share_interval: tuple[float | None, ...]
+    share_interval: tuple[float | None, ...] = ()
     # for each axis known, the motors' combination that turns it, as a share of their range: what balances a shifted
     # load, steady wind or a weak motor. Positive: to the right, nose up, nose to the right
-    command: dict[str, Steady]
-    lean: dict[str, Steady]  # roll and pitch, rad
-    tilt_mean: float | None  # with tilt_sd, tilt_max: of the angle from level, rad
-    tilt_sd: float | None
-    tilt_max: float | None
-    vibration: VibrationFigures | None
-    battery: BatteryFigures | None
+    command: dict[str, Steady] = field(default_factory=dict)
+    lean: dict[str, Steady] = field(default_factory=dict)  # roll and pitch, rad
+    tilt_mean: float | None = None  # with tilt_sd, tilt_max: of the angle from level, rad
+    tilt_sd: float | None = None
+    tilt_max: float | None = None
+    vibration: VibrationFigures | None = None
+    battery: BatteryFigures | None = None
     oscillation: Oscillation | None = None  # a limit cycle; None where there is none
 
     @property

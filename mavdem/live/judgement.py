@@ -45,25 +45,13 @@ def _condition(learned: Learned, setup: Setup) -> tuple[Condition, list[Flight]]
         flights.append(Flight(time, inputs, outputs, provenance={"scale": asdict(setup.scale)}, **labels))
         start = float(time[-1]) + 1.0
     if setup.motors != DEMAND_MESSAGE:
-        hover, boot = hover_figures(flights), np.zeros(len(record), dtype=np.int64)
-        stamps: Any = np.concatenate([flight.time for flight in flights])
-        angle, rate = np.array(record.outputs.T, dtype=np.float64)
-        signals = Signals(Telemetry(0, 0, "UNKNOWN", "", {}))
-        # Two are not from messages here: they take the place of the cached properties.
-        motors = Motors(
-            setup.motors,
-            stamps,
-            boot,
-            np.array(record.inputs, dtype=np.float64),
-            setup.layout,
-            setup.scale,
-            len(boot),
-            0,
-        )
-        tilt = Attitude(setup.attitude, stamps, boot, angle, rate, rate, len(boot), 0, 0)
-        vars(signals).update(motors=motors, tilts=(tilt,))
+        hover, count, signals = hover_figures(flights), len(record), Signals(Telemetry(0, 0, "UNKNOWN", "", {}))
+        stamps: Any = [np.concatenate([flight.time for flight in flights]), np.zeros(count, dtype=np.int64)]
+        moved: Any = [record.inputs, setup.layout, setup.scale, count, 0]
+        turned: Any = [record.outputs[:, 0], record.outputs[:, 1], record.outputs[:, 1], count, 0, 0]
+        # They take the place of the cached properties: nothing is from messages here.
+        tilt = Attitude(setup.attitude, *stamps, *turned)
+        vars(signals).update(motors=Motors(setup.motors, *stamps, *moved), tilts=(tilt,))
         found = oscillation_of(signals, [Segment(0, float(one.time[0]), float(one.time[-1])) for one in flights])
-    oscillation = None if found is None else found._replace(axis=record.output_names[0])
-    known: dict[str, Any] = {"duration": start, "settled": start, "share_interval": (), "command": {}, "lean": {}}
-    known |= dict.fromkeys(("armed", "tilt_mean", "tilt_sd", "tilt_max", "vibration", "battery"))
-    return Condition(hover=hover, oscillation=oscillation, **known), flights
+        found = found and found._replace(axis=record.output_names[0])
+    return Condition(duration=start, settled=start, hover=hover, oscillation=found), flights

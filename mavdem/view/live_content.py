@@ -205,7 +205,9 @@ class LiveWriter:
         time, torque, band = np.array(self._torques).T
         before, self._gusts_until = self._gusts_until, time[-1]
         shortest = 0.0 if self._physical is None else shortest_gust(self._physical, dt)
-        for gust in gusts(torque, band, Record(torque[:, None], torque[:, None], dt, (len(torque),)), shortest).found:
+        changes = [int(np.searchsorted(time, at)) for at in self._changes if time[0] < at < time[-1]]
+        series = Record(torque[:, None], torque[:, None], dt, (len(torque),))
+        for gust in gusts(torque, band, series, shortest, changes).found:
             end = gust.sample + round(gust.length / dt)
             if end < len(time) and time[end] > before:
                 text = f"gust: {readable('rad/s²').scale * gust.size:+.0f} °/s² for {gust.length:.2g} s"
