@@ -288,13 +288,16 @@ def forecast(held: HeldOut, labels: Labels, output: int = 0, windows: int = WIND
         axes, *below = np.atleast_1d(
             figure.subplots(1 + several, 1, gridspec_kw={"height_ratios": [5, 3][: 1 + several]})
         )
-        for row in range(*shown.indices(len(held))):  # a forecast begins anew where a window does
-            time, first = held.time[row], row == shown.start
-            axes.plot(time, measured[row], color=MEASURED, linewidth=1.1, label="measured" * first, zorder=2.1)
-            axes.plot(time, mean[row], color=PREDICTED, label="forecast" * first)
-            band(axes, time, mean[row] - half[row], mean[row] + half[row], BAND, "90 % band" * first)
-            axes.axvline(time[0], color=MEASURED, linewidth=0.6, alpha=0.5, zorder=1)
+        # A forecast begins anew where a window does.
+        time, lines, middle, half_width = (
+            np.pad(values[shown], ((0, 0), (0, several)), constant_values=np.nan).ravel()
+            for values in (held.time, measured, mean, half)
+        )
+        axes.plot(time, lines, color=MEASURED, linewidth=1.1, label="measured", zorder=2.1)
+        axes.plot(time, middle, color=PREDICTED, label="forecast")
+        band(axes, time, middle - half_width, middle + half_width, BAND, "90 % band")
         not_blown_up(axes, measured[shown], MAX_BEYOND_MEASURED)
+        axes.vlines(held.time[shown, 0], *axes.get_ylim(), MEASURED, linewidth=0.6, alpha=0.5, zorder=1)
         axes.set(ylabel=f"{name} ({unit.name})", xlabel="" if several else "time since boot (s)")
         legend_above(axes)
         for errors in below:
@@ -302,8 +305,9 @@ def forecast(held: HeldOut, labels: Labels, output: int = 0, windows: int = WIND
             ours, constant = (
                 unit.scale * np.sqrt(held.squared_errors(method)[:, output]) for method in (FORECAST, CONSTANT_MEAN)
             )
-            errors.bar(starts, ours, 0.8 * length, align="edge", color=PREDICTED, label="forecast")
             ends, label = starts + 0.8 * length, "constant mean (baseline)"
+            bars = np.column_stack([starts, ends, ends]).ravel(), np.column_stack([ours, ours, np.nan * ours]).ravel()
+            errors.fill_between(bars[0], 0, bars[1], color=PREDICTED, linewidth=0, label="forecast")
             errors.hlines(constant, starts, ends, color=BASELINE, linewidth=1.6, label=label)
             span = starts[shown][0], starts[shown][-1] + length
             errors.axvspan(*span, color=MEASURED, alpha=HELD_OUT_OPACITY, linewidth=0, label="shown above")
