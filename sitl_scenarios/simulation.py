@@ -140,7 +140,8 @@ class Simulation:
         if not self.armed:
             control = ControlOutput((DISARMED_PULSE[self.scenario.stream.autopilot],) * 4, (0.0,) * 4)
         elif reference.landed_state == 1 or self._down:
-            control = ControlOutput((pulse(IDLE_COMMAND),) * 4, (0.0, 0.0, 0.0, IDLE_COMMAND))
+            idle = self.scenario.idle_share if self._down else IDLE_COMMAND
+            control = ControlOutput((pulse(idle),) * 4, (0.0, 0.0, 0.0, idle))
         else:
             control = self._controller.control(estimate, reference, not self._grounded)
         acting = (0.0,) * 12

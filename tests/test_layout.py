@@ -24,9 +24,9 @@ FLOORS = (
     {"condition", "dem"},
     {"health"},
     {"baselines"},
-    {"evaluate", "live"},
+    {"evaluate"},
     {"analysis"},
-    {"fleet"},
+    {"fleet", "live"},
     {"report"},
     {"export", "view"},
     {"paper"},
@@ -135,8 +135,8 @@ def test_a_file_is_not_long():
 
 
 BUDGETS = {
-    "mavdem": 640,
-    "ingest": 5680,
+    "mavdem": 680,
+    "ingest": 5600,
     "alignment": 2000,
     "condition": 830,
     "dem": 8960,
@@ -144,13 +144,13 @@ BUDGETS = {
     "baselines": 1270,
     "evaluate": 1270,
     "live": 2680,
-    "analysis": 970,
+    "analysis": 976,
     "fleet": 1860,
     "report": 3160,
     "view": 1530,
     "export": 370,
     "paper": 1980,
-    "cli": 2170,
+    "cli": 2149,
     "sitl_scenarios": 3390,
     "tools": 1550,
 }

@@ -39,6 +39,15 @@ class Segment:
         return self.end - self.start
 
 
+def recorded_parts(signals: Signals) -> tuple[Segment, ...]:
+    """Returns each boot from its first message to its last."""
+    messages = signals.telemetry.messages.values()
+    time, boot = (np.concatenate([np.zeros(0), *(columns[name] for columns in messages)]) for name in ("time", "boot"))
+    known = np.isfinite(time)
+    boots = ((int(number), time[known & (boot == number)]) for number in np.unique(boot[known]))
+    return tuple(Segment(number, float(stamps.min()), float(stamps.max())) for number, stamps in boots)
+
+
 def settled_segments(signals: Signals) -> tuple[Segment, ...]:
     """Segments of one boot each: armed, airborne, settled, upright, fast and without gaps; the longest first.
 

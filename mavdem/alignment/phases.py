@@ -97,6 +97,11 @@ def total(intervals: Intervals) -> float:
     return sum(end - start for start, end in intervals)
 
 
+def during(time: NDArray[np.float64], intervals: Intervals) -> NDArray[np.bool_]:
+    """Returns which stamps (N,) are in the intervals."""
+    return np.asarray(np.any([(time >= start) & (time <= end) for start, end in [(inf, inf), *intervals]], axis=0))
+
+
 def airborne_collective(parameters: Mapping[str, float]) -> float:
     """Returns the least share of the motors' range, 0 to 1, that holds a multirotor up."""
     return parameters.get("MOT_SPIN_MIN", IDLE_COLLECTIVE) + ABOVE_IDLE
@@ -113,20 +118,16 @@ def settled(signals: Signals, boot: int) -> Intervals:
         flights = both(flights, where(landing.time, landing.values == 0))
     held = [part for part in both(flights, grounded(signals, boot)) if part[1] - part[0] >= GROUND_SECONDS]
     flights = both(flights, outside(held))
-    for tilt in signals.tilts[:1]:  # what lies on its back has crashed
-        here = tilt.boot == boot
-        flights = both(flights, where(tilt.time[here], np.abs(tilt.angle[here]) < np.pi / 2))
+    tilts = [(tilt.time[tilt.boot == boot], np.abs(tilt.angle[tilt.boot == boot])) for tilt in signals.tilts]
+    for time, tilt in tilts[:1]:  # what lies on its back has crashed
+        flights = both(flights, where(time, tilt < np.pi / 2))
     level = [between for flight in flights if (between := between_transients(flight, climb)) is not None]
-    if climb is not None:
-        speed = average(climb)
-        aloft = np.any([(climb.time >= start) & (climb.time <= end) for start, end in [(inf, inf), *level]], axis=0)
-        if np.any(speed[aloft] > -CLIMB_OUT_SPEED):
-            steady = both(level, where(climb.time, np.abs(speed) > CLIMB_SPEED))
-            level = both(level, outside([part for part in steady if part[1] - part[0] >= TRANSIENT_SECONDS]))
-    for tilt in signals.tilts:
-        here = tilt.boot == boot
-        level = both(level, where(tilt.time[here], np.abs(tilt.angle[here]) < MAX_TILT))
-    return level if signals.tilts else []
+    if climb is not None and np.any((speed := average(climb))[during(climb.time, level)] > -CLIMB_OUT_SPEED):
+        climbs = both(level, where(climb.time, np.abs(speed) > CLIMB_SPEED))
+        level = both(level, outside([part for part in climbs if part[1] - part[0] >= TRANSIENT_SECONDS]))
+    for time, tilt in tilts:
+        level = both(level, where(time, tilt < MAX_TILT))
+    return level if tilts else []
 
 
 def grounded(signals: Signals, boot: int) -> Intervals:
@@ -174,9 +175,7 @@ def highest_collective(signals: Signals) -> float:
     highest, collective = 0.0, signals.collective
     for boot in np.unique(collective.boot) if collective is not None else ():
         if (here := _of_boot(collective, boot)) is not None:
-            for start, end in armed(signals, boot):
-                within = (here.time >= start) & (here.time <= end)
-                highest = max(highest, float(average(here)[within].max(initial=0.0)))
+            highest = max(highest, float(average(here)[during(here.time, armed(signals, boot))].max(initial=0.0)))
     return highest
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.alignment import phases
-from mavdem.alignment.align import Segment, mean_rate, sample, usually_slow, within
+from mavdem.alignment.align import Segment, mean_rate, recorded_parts, sample, usually_slow, within
 from mavdem.alignment.drive import Motors
 from mavdem.alignment.phases import Intervals, both, total, unbroken
 from mavdem.alignment.signals import Attitude, Signals, usual_rate
@@ -70,11 +70,11 @@ def of_log(signals: Signals, segments: int) -> QualityFigures:
     """Returns the figures of a whole log with so many ``segments``; its rates are those between outages."""
     attitude, drive = signals.attitude, signals.drive
     assert attitude is not None and drive is not None
-    armed = airborne = 0.0
+    parts = recorded_parts(signals)
+    armed = sum(total(both([(part.start, part.end)], phases.armed(signals, part.boot))) for part in parts)
+    airborne = 0.0
     for boot in np.intersect1d(attitude.boot, drive.boot):
-        recorded = _recorded(drive, boot)
-        armed += total(both(recorded, phases.armed(signals, boot)))
-        airborne += total(both(recorded, phases.flying(signals, boot)))
+        airborne += total(both(_recorded(drive, boot), phases.flying(signals, boot)))
     return QualityFigures(
         armed, airborne, segments, attitude_rate=usual_rate(attitude) or None, motor_rate=usual_rate(drive) or None
     )

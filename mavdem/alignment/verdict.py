@@ -133,7 +133,7 @@ def segment_verdicts(
     """
     attitude, drive, figures = signals.attitude, signals.drive, QualityFigures()
     found: tuple[Segment, ...] = ()
-    objection = _unusable(signals)
+    objection = _unusable(signals, components)
     if objection is None:
         assert attitude is not None and drive is not None
         found = settled_segments(signals)
@@ -161,13 +161,15 @@ def segment_verdicts(
         yield from (_of_segment(log, other, found, first.flight.dt) for other in long if other != first.segment)
 
 
-def _unusable(signals: Signals) -> Obstacle | None:
+def _unusable(signals: Signals, components: Sequence[Component]) -> Obstacle | None:
     """Why no flight need be looked for in a log, if that is so."""
     telemetry, attitude, drive = signals.telemetry, signals.attitude, signals.drive
     if telemetry.vehicle not in (*MULTIROTORS, "UNKNOWN"):
         source = "The log" if telemetry.translated_from else "HEARTBEAT"
         reason = f"{source} reports the type {telemetry.vehicle}; mavdem learns multirotors only."
-        return reason, "Give a multirotor's log, or name another vehicle of this log with `--vehicle`."
+        other = next((each for each in components if each.kind in MULTIROTORS), None)
+        named = f", or name the {other.kind} of this log: `--vehicle {other.system}:{other.component}`" if other else ""
+        return reason, f"Give a multirotor's log{named}."
     if attitude is None:
         return NO_ATTITUDE.get(telemetry.translated_from, NO_ATTITUDE[""]), ask_for_rate(telemetry)
     if drive is None:

@@ -13,14 +13,15 @@ from os import PathLike
 
 import numpy as np
 
-from mavdem.alignment.drive import AXES, TILT_AXES
-from mavdem.alignment.phases import settled
+from mavdem.alignment.drive import AXES, FLY, TILT_AXES
+from mavdem.alignment.phases import during, settled
 from mavdem.alignment.read import choose_vehicle, usable_segments
 from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals, usual_rate
 from mavdem.analysis.figures import ALL, AxisFigures, LogAnalysis, VehicleFigures, axis_figures
 from mavdem.condition import condition_of, identity_of
 from mavdem.condition.inventory import tier_of
 from mavdem.dem import Learned, Settings, learn
+from mavdem.dem.graybox.wind import wind
 from mavdem.dem.learning import FEWEST_SAMPLES
 from mavdem.errors import NotLearnable
 from mavdem.evaluate.held_out import BASELINES, FOLDS, HeldOut, held_out_test, held_out_windows
@@ -96,7 +97,11 @@ def analyse(
     motor_rate = usual_rate(signals.motors) if signals.motors is not None and signals.motors.layout.positions else 0.0
     tier, motors = tier_of(verdict, condition), VehicleFigures({}, condition.hover)
     found = LogAnalysis(verdict, tier, condition, identity, motors, alarms=alarms, watched=motor_rate >= MIN_RATE)
-    if tier.name != "a":
+    measured = verdict.figures
+    if tier.name is None and measured.airborne and not measured.segments:
+        reason = f"It holds no settled flight, between climb and landing, in {measured.airborne:.0f} s in the air."
+        found = replace(found, reason=reason, remedy=FLY)
+    elif tier.name != "a":
         found = replace(found, reason=tier.reason, remedy=tier.remedy)
 
     def without_model(reason: str) -> LogAnalysis:
@@ -121,6 +126,9 @@ def analyse(
         return without_model(refusal)
     cautions = (*([SLOW_CAUTION] if slow else []), *flights[0].provenance["cautions"], *learned.cautions)
     learned = replace(learned, cautions=cautions)  # before anything is fitted that it keeps
+    changes = [alarm.since for alarm in alarms if alarm.motor is not None]
+    if changes and learned.physical is not None and learned.wind is not None:
+        vars(learned)["wind"] = wind(learned.physical, learned.record, changes)
     if condition.oscillation is not None and learned.wind is not None:
         vars(learned)["wind"] = replace(learned.wind, reason="The vehicle oscillates: that torque is its own.")
     compared = None if truth is None else compare_with_truth(learned, flights, truth_of(flights, truth))
@@ -128,7 +136,7 @@ def analyse(
         axes = {AXES[0]: AxisFigures(flights, learned.physical, learned.wind, learned.physical_reason)}
         with progress("Estimating the physical parameters") as done:
             for other in AXES[1:]:
-                axes[other] = axis_figures(signals.about(other, inputs), log.components)
+                axes[other] = axis_figures(signals.about(other, inputs), log.components, changes)
                 done(len(axes) / len(AXES))
         found = replace(found, vehicle=VehicleFigures(axes, condition.hover))
     return replace(found, flights=flights, learned=learned, held_out=held_out, truth=compared)
@@ -149,10 +157,7 @@ def motor_alarms(signals: Signals) -> tuple[MotorAlarm, ...]:
         watch = MotorWatch(*geometry, layout.positions_assumed, int(boot))
         rows = motors.boot == boot
         time, commands = motors.time[rows], motors.scale.fraction(motors.outputs[rows])
-        flying = np.zeros(len(time), dtype=bool)
-        for begin, end in settled(signals, int(boot)):
-            flying |= (time >= begin) & (time <= end)
-        for row in np.flatnonzero(flying):
+        for row in np.flatnonzero(during(time, settled(signals, int(boot)))):
             watch.take(float(time[row]), commands[row])
         alarms += watch.alarms
     return tuple(alarms)

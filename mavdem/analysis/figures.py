@@ -106,7 +106,9 @@ class LogAnalysis:
     def findings(self) -> Findings:
         """What the flight says of its vehicle, and what the model is good for: made once, shown everywhere."""
         known = self.condition, self.alarms, self.reason, self.remedy, self.flights, self.watched
-        return findings_of(self.learned, self.held_out, *known, self.verdict.figures.consistency)
+        # Rates that are sent slowly say nothing of the angle.
+        consistency = self.verdict.figures.consistency if self.model == "full" else None
+        return findings_of(self.learned, self.held_out, *known, consistency)
 
     def as_dict(self) -> dict[str, Any]:
         """Returns all figures as plain JSON values: what ``report.json`` has.
@@ -270,8 +272,11 @@ def vehicle(path: str | bytes | PathLike[str], axis: str = ALL, vehicle: str | N
     return VehicleFigures(axes, hover)
 
 
-def axis_figures(signals: Signals, components: Sequence[Component] = ()) -> AxisFigures:
-    """Returns the physical parameters of the axis of ``signals``; ``components`` are those in the log."""
+def axis_figures(signals: Signals, components: Sequence[Component] = (), changes: Sequence[float] = ()) -> AxisFigures:
+    """Returns the physical parameters of the axis of ``signals``; ``components`` are those in the log.
+
+    The wind torque is cut at ``changes`` of a motor, s.
+    """
     flights, verdict = usable_segments(signals, components)
     if not flights:
         return AxisFigures((), None, None, str(NotLearnable(verdict.reason, verdict.remedy)))
@@ -280,6 +285,6 @@ def axis_figures(signals: Signals, components: Sequence[Component] = ()) -> Axis
     if isinstance(parameters, NotIdentifiable):
         return AxisFigures(flights, None, None, parameters.reason)
     try:
-        return AxisFigures(flights, parameters, wind(parameters, record), "")
+        return AxisFigures(flights, parameters, wind(parameters, record, changes), "")
     except ValueError:  # LinAlgError is one
         return AxisFigures(flights, parameters, None, "")

@@ -21,7 +21,7 @@ from mavdem.confidence import LEVEL, quantile
 from mavdem.dem import Learned, Physical, WindTorque
 from mavdem.evaluate.held_out import BASELINES, HOLD_LAST, HeldOut
 from mavdem.flight import Flight
-from mavdem.health.explanations import lost_thrust
+from mavdem.health.explanations import loss_in_words
 from mavdem.health.in_flight import MotorAlarm
 
 Grade = Literal["GOOD", "LIMITED", "NOT IDENTIFIABLE"]
@@ -150,7 +150,7 @@ def _lost_thrust(alarms: Sequence[MotorAlarm]) -> list[Override]:
     overrides = []
     for name, worst in reversed({alarm.name: alarm for alarm in reversed(ours)}.items()):
         since = min(alarm.since for alarm in ours if alarm.name == name)
-        lost = f"lost about {100 * lost_thrust(worst.size):.0f} % of its thrust at {since:.0f} s"
+        lost = f"lost {loss_in_words(worst.size)} of its thrust at {since:.0f} s"
         remedy = f"Do not fly before {name}, its propeller, connector and controller are inspected."
         sentence = worst.sentence.removeprefix("Alarm: ")
         overrides.append(Override("motors", f"{name.capitalize()} {lost}.", sentence, remedy))

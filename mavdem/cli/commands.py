@@ -119,10 +119,10 @@ def _run(command: click.Command, words: list[str], as_json: bool) -> int:
         where = error.ctx.command_path if isinstance(error, click.UsageError) and error.ctx else "mavdem"
         complain(_usage(error), f"Try `{where} --help`.", as_json)
         return UNUSABLE
-    except NotLearnable as error:
+    except (NotLearnable, Unreadable) as error:
         complain(error.reason, error.remedy, as_json)
-        return UNSUPPORTED
-    except (Unreadable, MissingExtra) as error:
+        return UNSUPPORTED if isinstance(error, NotLearnable) else UNUSABLE
+    except MissingExtra as error:
         complain(str(error), "", as_json)
         return UNUSABLE
     except KeyboardInterrupt:

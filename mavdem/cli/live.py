@@ -6,6 +6,7 @@ import gc
 import math
 from collections.abc import Callable
 from contextlib import ExitStack, closing
+from dataclasses import replace
 from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING
@@ -209,6 +210,11 @@ def live_command(
             code = DONE if _written(model, learned.to_json() + "\n", "model") else UNUSABLE
         except ValueError as error:
             say_aside(sentence(f"There is no model: {error}"))
+        if learned is not None:
+            session.judge(learned)
+            dashboard.report(status := replace(status, findings=session.findings))
+        if status.findings:
+            say_aside(status.findings.headline)
         ends.close()
         page = "" if html is None else live_page(link, axis, session.history, status, account, learned)
         has_page = html is not None and _written(html, page, "page")
@@ -229,6 +235,7 @@ def live_command(
                 "ahead": dict(zip(("seconds", "half_width_rad"), status.ahead, strict=True)),
                 "useful": dict(zip(("seconds", "error_ratio"), status.useful, strict=True)),
                 "obstacle": status.obstacle,
+                **(status.findings.as_dict() if status.findings else {}),
                 **alarm_figures(status.alarms),
                 "events": [event.sentence for event in session.history.events],
                 "rrd": str(rrd) if kept else None,

@@ -120,7 +120,7 @@ def _length(fewest: int, context: click.Context, parameter: click.Parameter, val
     if found is None:
         wrong = f"{value!r} is no length: give seconds, as in 7s, or samples, as in 700."
     elif not in_seconds and (number != round(number) or number < fewest):
-        wrong = f"{value} is not a whole number of at least {fewest} samples."
+        wrong = f"{value} is not a whole number of at least {fewest} samples: did you mean {value}s?"
     elif in_seconds and not 0 < number < 1e6:
         wrong = f"{value} is not a length of flight."
     if wrong:

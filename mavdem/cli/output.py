@@ -125,7 +125,8 @@ def _grid(table: Table) -> Grid:
 
 def complain(reason: str, remedy: str, as_json: bool) -> None:
     """Says on standard error what is wrong and what to do, and with ``as_json`` the same as the document."""
-    say_aside(_one_line(f"mavdem: {reason} {remedy}".rstrip()))
+    said = reason if reason.lower().endswith(remedy.lower()) else f"{reason} {remedy}"
+    say_aside(_one_line(f"mavdem: {said}"))
     if as_json:
         print_json({"error": {"reason": reason, "remedy": remedy}})
 

@@ -48,16 +48,10 @@ class Refused(NamedTuple):
     error: NotLearnable | Unreadable
 
     @property
-    def reason(self) -> dict[str, str]:
-        """Why not and what to do, for a document."""
-        if isinstance(self.error, NotLearnable):
-            return {"reason": self.error.reason, "remedy": self.error.remedy}
-        return {"reason": str(self.error), "remedy": ""}
-
-    @property
     def values(self) -> dict[str, str | dict[str, str]]:
         """All of it, for a document."""
-        return {"flight": self.name, "source": self.source, "error": self.reason}
+        error = {"reason": self.error.reason, "remedy": self.error.remedy}
+        return {"flight": self.name, "source": self.source, "error": error}
 
 
 def names_of(sources: Sequence[str]) -> list[str]:
@@ -102,5 +96,5 @@ def nothing_left(refused: Sequence[Refused], done: str) -> NotLearnable | Unread
     first = min(refused, key=lambda one: isinstance(one.error, NotLearnable))
     if len(refused) == 1:
         return first.error
-    reason = f"None of the {len(refused)} flights can be {done}; {first.source}: {first.reason['reason']}"
-    return Unreadable(reason) if isinstance(first.error, Unreadable) else NotLearnable(reason, first.reason["remedy"])
+    reason = f"None of the {len(refused)} flights can be {done}; {first.source}: {first.error.reason}"
+    return Unreadable(reason) if isinstance(first.error, Unreadable) else NotLearnable(reason, first.error.remedy)

@@ -59,7 +59,7 @@ PAGE = "mavdem.report.page:flight_page"
     type=click.FloatRange(1, MOST_SECONDS),
     default=Limits().seconds,
     show_default=True,
-    help="Seconds that one log may take.",
+    help="Seconds of the processor that one log may take.",
 )
 @click.option(
     "--memory-limit",

@@ -141,10 +141,12 @@ class Tier(NamedTuple):
     reason: str  # one sentence with the figures that decided; of all but "a", why it is no better
     next_tier: str | None  # the next better one; None for "a"
     remedy: str  # what to change, by the log's own parameters and firmware; empty for "a"
+    is_slow: bool = True  # whether rates are what is missing
 
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON values: ``tier``, ``tier_reason`` and ``next_tier``."""
-        better = self.next_tier and {"tier": self.next_tier, "needs": NEEDS[self.next_tier], "remedy": self.remedy}
+        needs = NEEDS[self.next_tier or "a"] if self.is_slow or not self.remedy else self.remedy.rstrip(".")
+        better = self.next_tier and {"tier": self.next_tier, "needs": needs, "remedy": self.remedy}
         allows = ALLOWS.get(self.name or "", "")
         return {"tier": self.name, "tier_reason": self.reason, "allows": allows, "next_tier": better}
 
@@ -159,7 +161,7 @@ def tier_of(verdict: Verdict, condition: Condition) -> Tier:
     name, following = ("b", "a") if slower >= SLOW_MOTION_RATE else ("c", "b")
     if not condition.settled or not condition.lean or 0 < slower < SLOWEST_RATE:
         name, following = None, "c"
-    return Tier(name, verdict.reason, following, verdict.remedy)
+    return Tier(name, verdict.reason, following, verdict.remedy, slower < MINIMUM_RATE)
 
 
 def inventory(

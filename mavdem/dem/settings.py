@@ -70,6 +70,7 @@ def _positive_definite(rows: tuple[tuple[float, ...], ...]) -> tuple[tuple[float
 
 Whole = Annotated[int, Field(ge=0, le=2**63 - 1)]
 Natural = Annotated[int, Field(ge=1, le=2**63 - 1)]
+LARGEST_ORDER = 12  # of a model: its fit takes memory of order n⁴, and no flight shows as many states
 Positive = Annotated[float, Field(ge=SMALLEST, le=1 / SMALLEST)]
 Log = Annotated[float, Field(ge=-LARGEST_LOG, le=LARGEST_LOG)]
 Logs = Log | Annotated[tuple[Log, ...], Field(min_length=1)]
@@ -157,7 +158,7 @@ class Settings:
             these, mixed with others that take the motors for measurements of the motion as well.
     """
 
-    order: Natural | None = None
+    order: Annotated[int, Field(ge=1, le=LARGEST_ORDER)] | None = None
     p: Whole = 2
     d: Whole | None = None
     window: Natural | None = None

@@ -103,7 +103,7 @@ def _file(path: str) -> Source:
 
 
 def _remote(url: str) -> Iterator[Source]:
-    require("Reading logs from URLs", "fleet")
+    require("Reading logs from URLs", "urls")
     import fsspec  # type: ignore[import-untyped]
 
     try:
@@ -134,7 +134,7 @@ def _unreadable(url: str, done: str, error: Exception) -> Unreadable:
 
 def fetch(url: str, copy: Path) -> None:
     """Copies the file behind a URL to this machine; raises ``Unreadable``."""
-    require("Reading logs from URLs", "fleet")
+    require("Reading logs from URLs", "urls")
     import fsspec
 
     try:

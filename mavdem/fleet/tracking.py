@@ -24,6 +24,7 @@ from mavdem.health.assessment import assess
 from mavdem.health.balance import BalanceFigures, motor_signatures
 from mavdem.health.reference import HealthFigures, healthy_flights
 
+SATURATED = 0.01  # of the time at its upper stop: with more a motor has nothing left, and the flight is not sound
 FEWEST_MODELS = 3  # of healthy flights, from which their scatter gives an interval
 JUDGED = ("fault_probability", "change_probability", "suspect_motor")  # columns that are a verdict's
 
@@ -43,7 +44,7 @@ class TrackedLogs(NamedTuple):
 def assess_rows(rows: Sequence[FlightRow], baseline: Sequence[FlightRow]) -> Sequence[FlightRow]:
     """Returns all rows of one vehicle with what its other flights say of each.
 
-    The ``baseline`` are its healthy ones; without any, its first flights are the reference.
+    The ``baseline`` are its healthy ones; without any, its first sound flights are the reference.
     """
     unknown: dict[str, Any] = dict.fromkeys((*JUDGED, "health_reason", "residual_mean", "residual_mean_interval"))
     rows = [replace(row, health=UNKNOWN, **unknown) for row in rows]
@@ -81,7 +82,8 @@ def health_figures(row: FlightRow) -> HealthFigures:
     if motors:
         signatures = motor_signatures(len(motors), row.positions or (), row.spins or ())
     name = f"{row.file} {row.system} {row.component}"
-    return HealthFigures(name, motors, signatures, balance, row.date, row.collective, row.voltage_mean)
+    sound = row.oscillation is None and max(row.saturated or (0.0,)) < SATURATED
+    return HealthFigures(name, motors, signatures, balance, row.date, row.collective, row.voltage_mean, sound)
 
 
 def _key(row: FlightRow) -> tuple[object, ...]:

@@ -23,6 +23,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib import metadata
 from itertools import islice
+from math import ceil
 from multiprocessing import get_context, parent_process
 from pathlib import Path
 from pkgutil import resolve_name
@@ -39,6 +40,7 @@ MEGABYTE = 1 << 20
 PAGES = "pages"  # the folder of pages of flights, in the fleet's
 READ_LOG = "mavdem.fleet.rows_of_log:rows_of_log"  # the function that makes rows of a log
 ATTEMPTS = 2  # at a log whose reading killed the process: something else may have killed it once
+WAITING = 10  # Times the limit of processor time that a log may take by the clock: on a busy machine it waits
 WANT_OF_MEMORY = 77  # exit code of a process that reached its limit: what is left of its memory is in pieces
 
 Ended = Literal["read", "known", "source", "error", "time", "memory", "died"]
@@ -49,7 +51,7 @@ LogRows = tuple[list[FlightRow], dict[str, str]]
 
 
 class Limits(NamedTuple):
-    """What one log may cost: ``seconds``, and ``megabytes`` of memory of the process that reads it."""
+    """What one log may cost: ``seconds`` of the processor, and ``megabytes`` of memory of the process that reads it."""
 
     seconds: float = 300.0
     megabytes: int = 600
@@ -134,14 +136,18 @@ class WorkerPool:
         from pebble import ProcessExpired
 
         seconds, code = self.limits.seconds, 0
+        late = replace(failed(job, "time", f"It takes longer than its time limit of {seconds:g} s."), seconds=seconds)
         for _ in range(ATTEMPTS):
             try:
-                outcome: Outcome = self._pool.schedule(perform, (job, self._read), timeout=seconds).result()
+                outcome: Outcome = self._pool.schedule(
+                    perform, (job, self._read, seconds), timeout=WAITING * seconds
+                ).result()
                 return outcome
             except OutOfTime:
-                status = f"It takes longer than its time limit of {seconds:g} s."
-                return replace(failed(job, "time", status), seconds=seconds)
+                return late
             except ProcessExpired as error:
+                if error.exitcode == -signal.SIGXCPU:
+                    return late
                 if (code := error.exitcode or 0) == WANT_OF_MEMORY:
                     status = f"It needs more memory than its limit of {self.limits.megabytes} MB."
                     return replace(failed(job, "memory", status), megabytes=self.limits.megabytes)
@@ -185,9 +191,11 @@ def _end_with_parent(scratch: str) -> None:
     os._exit(1)
 
 
-def perform(job: Job, read: str) -> Outcome:
-    """Reads one log; ends the process where memory is wanting, since what comes next would find it in pieces."""
-    began = time.perf_counter()
+def perform(job: Job, read: str, seconds: float) -> Outcome:
+    """Reads one log in ``seconds`` of the processor; ends the process where memory is wanting, which is in pieces."""
+    began, hard = time.perf_counter(), resource.getrlimit(resource.RLIMIT_CPU)[1]
+    soft = ceil(time.process_time() + seconds)
+    resource.setrlimit(resource.RLIMIT_CPU, (soft if hard == resource.RLIM_INFINITY else min(soft, hard), hard))
     try:
         outcome = outcome_of(job, resolve_name(read))
     except MemoryError:

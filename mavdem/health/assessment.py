@@ -62,8 +62,8 @@ def assess(flights: Sequence[HealthFigures], baseline: Sequence[HealthFigures] |
 
     Args:
         flights: of one vehicle.
-        baseline: its healthy flights, of ``flights`` or others; its first three by date unless given. A flight that
-            was logged twice counts once.
+        baseline: its healthy flights, of ``flights`` or others; its first three sound ones by date unless given. A
+            flight that was logged twice counts once.
     """
     chosen = baseline is not None
     named = flights if baseline is None else baseline
@@ -94,7 +94,7 @@ def assess(flights: Sequence[HealthFigures], baseline: Sequence[HealthFigures] |
         effort = effort_change(flight, others, last_effort)
         if not alone:
             before[flight.layout] = weighed, effort
-        reference = "healthy flights" if chosen else "of the vehicle's first flights, taken for healthy"
+        reference = "healthy flights" if chosen else "of the vehicle's first sound flights, taken for healthy"
         verdict = _verdict(flight, weighed, away, effort, f"{len(others)} {reference}")
         if verdict.health == "ok" and considered.shown(away) < DRIFT:
             verdict = Assessment("unknown", _too_unsure(away, f"{len(others)} {reference}"))
@@ -174,7 +174,7 @@ def _too_few(usable: int, others: int, chosen: bool) -> str:
     many = "is 1 other" if others == 1 else f"are {others or 'no'} others"
     have = f"there {many} of this vehicle"
     if others > usable:
-        date = "" if chosen else "no date, "
+        date = "" if chosen else "no date, a motor at its limit, an oscillation, "
         have += f", {others - usable} with {date}other motors, too little settled flight, or the same flight again"
     remedy = "fly or name more" if chosen else f"name {FEWEST_FLIGHTS} or more with --baseline"
     return f"Not enough healthy flights: {have}, and it takes {FEWEST_FLIGHTS} to show how much they differ; {remedy}."
@@ -196,8 +196,11 @@ def _conditions(flight: HealthFigures, others: Sequence[HealthFigures], effort: 
     if flight.balance is not None and leans:
         leaned = flight.balance.lean - np.mean(leans, axis=0)
         if np.abs(leaned).max() >= MIN_LEAN:
-            by = ", ".join(f"{axis} {np.degrees(angle):+.1f}°" for axis, angle in zip(AXES, leaned, strict=False))
-            sentences.append(f"It leans otherwise ({by}), by wind or speed; the balance is compared level.")
+            here, there = (
+                ", ".join(f"{axis} {np.degrees(angle):+.1f}°" for axis, angle in zip(AXES, lean, strict=False))
+                for lean in (flight.balance.lean, np.mean(leans, axis=0))
+            )
+            sentences.append(f"Its mean lean is {here}, that of the healthy flights {there}; both are compared level.")
     if effort is not None and abs(effort.more) >= effort.usual:
         sentences.append(
             f"At the same voltage all motors together are commanded {100 * abs(effort.more):.0f} % "

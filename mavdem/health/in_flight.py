@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from mavdem.dem.engine.linalg import Array
 from mavdem.health.balance import motor_signatures
-from mavdem.health.explanations import lost_thrust
+from mavdem.health.explanations import loss_in_words
 
 BLOCK_SECONDS = 0.5  # Of commands that are averaged: a tenth of what a change may take to be found
 MIN_SAMPLES = 3  # In a block
@@ -158,7 +158,7 @@ class MotorAlarm(NamedTuple):
             )
         known = ". Where the motors are is assumed, and so is the name" if self.assumed else ""
         return (
-            f"Alarm: {self.name} lost about {lost_thrust(self.size):.0%} of its thrust (motor or propeller) {since}: "
+            f"Alarm: {self.name} lost {loss_in_words(self.size)} of its thrust (motor or propeller) {since}: "
             f"it works {self.size:.0%} harder ({sure}){known}."
         )
 

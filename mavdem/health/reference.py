@@ -47,6 +47,7 @@ class HealthFigures:
     date: datetime | None = None  # when it began
     collective: float | None = None  # mean command of all motors, as a share of the range
     voltage: float | None = None  # mean of the battery, V
+    sound: bool = True  # no motor was at its limit, and it did not oscillate: it may be taken for healthy
 
     @property
     def missing(self) -> str:
@@ -106,8 +107,9 @@ class Deviation(NamedTuple):
 
 
 def healthy_flights(flights: Sequence[HealthFigures]) -> tuple[HealthFigures, ...]:
-    """Those a vehicle is compared with where none was chosen: the first three dated ones of each layout of motors."""
-    dated = distinct_flights([flight for flight in flights if flight.date is not None and not flight.missing])
+    """Those a vehicle is compared with where none was chosen: the first three sound dated ones of each layout."""
+    usable = [flight for flight in flights if flight.sound and flight.date is not None and not flight.missing]
+    dated = distinct_flights(usable)
     first: dict[object, list[HealthFigures]] = {}
     for flight in sorted(dated, key=lambda flight: flight.when):
         first.setdefault(flight.layout, []).append(flight)

@@ -7,6 +7,7 @@ import mmap
 import os
 import stat
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,15 +23,17 @@ LOG_ENDINGS = (".tlog", ".mcap", ".bin", ".log", ".ulg", ".ulg.xz")
 MIN_MAPPED_BYTES = 64 << 20
 """A file of this size or larger is mapped, not read: it takes no memory of its own, but must not change."""
 BEGINNING_BYTES = 1 << 16  # Bytes that are read of a file for its beginning; unpacked they are hardly ever fewer
-MAX_UNPACKED_BYTES = 1 << 30
-"""An archive may unpack to these: a few hours of the densest logs. A small one can be made to hold any number."""
+MAX_BYTES = 1 << 30  # Of a file that is read into memory, and of an archive's content: hours of the densest logs
+FREE_BYTES, MAX_RATIO = 1 << 26, 100
+"""Bytes that any archive may unpack to, and more for each of its own: a small one can be made to hold any number."""
+TAIL = 1 << 20  # Bytes of the blocks of one byte that are cut off the end of a file, and of one that has such
 
 
 def file_bytes(path: str | os.PathLike[str]) -> bytes:
     """Returns the whole file, or the contents of an xz archive.
 
     Raises Unreadable: it is missing, no plain file, not permitted, empty, or larger than the memory; or an archive that
-    is damaged, or holds more than ``MAX_UNPACKED_BYTES``.
+    is damaged. Neither may have more than ``MAX_BYTES``; zeros behind the data do not count.
     """
     return bytes(_content(path))
 
@@ -71,10 +74,12 @@ def _content(path: str | os.PathLike[str], limit: int | None = None, mapped: boo
             raise Unreadable(f"{path} is not a plain file: name a log file.")
         with path.open("rb") as file:
             # Not to the end: a file of size 0 may never end (/proc), and one that is being recorded grows.
-            size = status.st_size if limit is None else min(status.st_size, limit)
+            size = _end_of_data(file, status.st_size) if limit is None else min(status.st_size, limit)
             content: bytes | mmap.mmap
             if mapped and size >= MIN_MAPPED_BYTES:
-                content = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+                content = mmap.mmap(file.fileno(), size, access=mmap.ACCESS_READ)
+            elif size > MAX_BYTES:
+                raise Unreadable(f"{path} is larger than {MAX_BYTES >> 20} MiB: cut it into shorter logs.")
             else:
                 content = file.read(size)
         if content[:6] == b"\xfd7zXZ\x00":
@@ -89,8 +94,23 @@ def _content(path: str | os.PathLike[str], limit: int | None = None, mapped: boo
         reason = getattr(error, "strerror", None) or error
         raise Unreadable(f"{path} cannot be read ({reason}): check the name and its permissions.") from None
     if not len(content):
-        raise Unreadable(f"{path} is empty: nothing was recorded.")
+        what = "holds nothing but zeros" if status.st_size else "is empty"
+        raise Unreadable(f"{path} {what}: nothing was recorded.")
     return content
+
+
+def _end_of_data(file: BinaryIO, size: int) -> int:
+    """Where the data end in a file of this size: a full or damaged disk leaves one byte behind them, over and over."""
+    end = size
+    while end and size >= TAIL:
+        begin = (end - 1) // TAIL * TAIL
+        file.seek(begin)
+        block = file.read(end - begin)
+        if block[:1] not in (b"\0", b"\xff") or block != block[:1] * len(block):
+            break
+        end = begin
+    file.seek(0)
+    return end
 
 
 def _logs_in(folder: Path) -> str:
@@ -105,12 +125,13 @@ def _unpacked(content: bytes | mmap.mmap, path: Path, limit: int | None) -> byte
     """The first stream of an xz archive, or its first ``limit`` bytes; ``xz`` writes no second stream."""
     # Unpacking itself may take 128 MiB; the strongest setting of xz takes half.
     decompressor = lzma.LZMADecompressor(lzma.FORMAT_XZ, 1 << 27)
+    most = min(MAX_BYTES, FREE_BYTES + MAX_RATIO * len(content)) if limit is None else limit
     try:
-        unpacked = decompressor.decompress(content, MAX_UNPACKED_BYTES if limit is None else limit)
+        unpacked = decompressor.decompress(content, most)
     except lzma.LZMAError as error:
         raise Unreadable(f"{path} is a damaged xz archive ({error}): save what can be with `xz -dc`.") from None
     if limit is None and not decompressor.eof:
-        cut = len(unpacked) < MAX_UNPACKED_BYTES
-        why = "is cut off: save what can be" if cut else f"holds more than {MAX_UNPACKED_BYTES >> 20} MiB: unpack it"
+        cut = len(unpacked) < most
+        why = "is cut off: save what can be" if cut else f"holds more than {most >> 20} MiB: unpack it"
         raise Unreadable(f"{path} is an xz archive that {why} with `xz -dc`.")
     return unpacked

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mavdem.analysis.findings import Findings
 from mavdem.dem import Estimate
 from mavdem.dem.engine.linalg import Array
 from mavdem.health.in_flight import MotorAlarm
@@ -55,6 +56,7 @@ class Event(NamedTuple):
     seconds: float  # UNIX s of the bytes that caused it for a stream, s of the vehicle's clock in a history
     sentence: str
     level: str = "INFO"  # or "ERROR" for an alarm
+    since: float = nan  # when what an alarm is about began, s of the vehicle's clock
 
 
 @dataclass(frozen=True)
@@ -79,6 +81,7 @@ class SessionStatus:
     late: int = 0  # samples that came too late for their row
     unread: int = 0  # frames of another dialect or damaged
     alarms: tuple[MotorAlarm, ...] = ()  # the latest changes of the motors' balance; without a motor they are no alarms
+    findings: Findings | None = None  # what the flight says so far; None before the first model
     alarm: str = ""  # the latest on a motor in this boot and this flight; it stays after the landing
 
     def predicting(self, estimate: Estimate) -> SessionStatus:

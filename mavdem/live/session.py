@@ -11,26 +11,29 @@ import re
 import time
 from collections import deque
 from collections.abc import Callable
-from concurrent.futures import BrokenExecutor, Executor, Future
-from contextlib import ExitStack
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
 
 from mavdem.alignment.signals import axis_outputs
+from mavdem.analysis.findings import Findings, findings_of
 from mavdem.dem import Estimate, Learned, OnlineLearner, Settings
 from mavdem.dem.parallel import pool
 from mavdem.ingest.mavlink.definitions import FrameSender
 from mavdem.live import history
 from mavdem.live.decisions import Setup
 from mavdem.live.history import Event, LiveHistory, SessionStatus, horizons, sentence
+from mavdem.live.judgement import judged
 from mavdem.live.link import Link, LinkLost, RawRecording
 from mavdem.live.rate_request import MAX_TRIES, REPLY_SECONDS, SILENCE_SECONDS, Arrivals, RateRequest, greeting
 from mavdem.live.rows import AlignedRow
 from mavdem.live.stream import LiveStream
 
-STATUS_SECONDS = 1.0  # From one status to the next
+STATUS_SECONDS, JUDGING_SECONDS = 1.0, 10.0  # From one status to the next, and from one judgement to the next
 REPEAT_SECONDS = 30.0  # In which a sentence is reported once, whatever its numbers: a link may be at a limit
 MAX_MODELS = 16  # Kept, so that one from before a landing is among them: several times the seconds that are taken back
 LOW_PRIORITY = 10  # Niceness, 0 to 19, of the process that learns
@@ -105,6 +108,9 @@ class LiveSession:
         self._latencies: deque[float] = deque(maxlen=10_000)
         self._learned, self._shown = 0, 0
         self._estimate: Estimate | None = None
+        self.findings: Findings | None = None
+        self._judging: Future[Findings] | None = None
+        self._next_judging = 0.0
         self._settled = self._lost = False
         self._came = self._heard = now
         self._reported, self._sampled, self._samples = 0.0, -np.inf, 0
@@ -126,7 +132,7 @@ class LiveSession:
             if landing is not None and self.learner is not None:
                 self._take_back(self.learner, landing)
         for event in self.stream.events():
-            self._log(event.sentence, event.level)
+            self._log(event.sentence, event.level, event.since + self.history.shift)
         for text in self.link.events():
             self._log(text)
         # The time that processing takes is no silence.
@@ -141,6 +147,7 @@ class LiveSession:
                 self._log(f"{what} again after {after:.0f} s.")
         self._request_rates(now)
         if now - self._reported >= STATUS_SECONDS:
+            self._judge(now)
             self._reported, status = now, self.status
             self.report(status)
             if status.obstacle != self._obstacle:
@@ -179,6 +186,11 @@ class LiveSession:
                 self._log(f"The newest samples support no model ({error}): the former one is kept.")
         return self._named(self._models[-1][1])
 
+    def judge(self, learned: Learned) -> None:
+        """Judges the model at the end; from then on it has the physical parameters that were shown last."""
+        with suppress(ValueError):
+            self.findings = self._judgement(learned)()
+
     def end(self) -> None:
         """Restores the vehicle's rates, which it must confirm, and ends the recording."""
         if self.request is not None:
@@ -198,7 +210,7 @@ class LiveSession:
         learning = history.NOT_SETTLED if status.flying and not self._settled else learning
         rates = dict.fromkeys(status.rates, 0.0) if silence else status.rates
         median, late = np.percentile(self._latencies or [np.nan], [50, 99]).tolist()
-        rows = replace(status, learned=self._learned, shown=self._shown, latency=(median, late))
+        rows = replace(status, findings=self.findings, learned=self._learned, shown=self._shown, latency=(median, late))
         rows = replace(rows, obstacle=silence or status.obstacle or learning, rates=rates)
         return rows if self._estimate is None else rows.predicting(self._estimate)
 
@@ -272,7 +284,8 @@ class LiveSession:
         key = setup.dt, layout.names
         if key not in self._learners:
             self._learners[key] = OnlineLearner(self.settings, *sizes, executor=self.executor, **options)
-        self.learner = self._learners[key]
+        if self.learner is not self._learners[key]:
+            self.learner, self._estimate = self._learners[key], None
         before = self._display
         try:
             self._display = self.show(setup)
@@ -298,6 +311,27 @@ class LiveSession:
         names, units = zip(*axis_outputs(self.stream.axis), strict=True)
         named = replace(record, input_names=inputs, output_names=names, output_units=units)
         return replace(learned, record=replace(named, input_units=(setup.scale.unit,) * len(inputs)))
+
+    def _judgement(self, learned: Learned) -> Callable[[], Findings]:
+        """What judges a model with names, on its own."""
+        setup, alarms, latest = self._setup, self.stream.status().alarms, self._estimate
+        if setup is None or setup.layout.names != learned.record.input_names:
+            return partial(findings_of, learned, alarms=alarms)
+        return partial(judged, learned, None if latest is None else latest.physical, setup, alarms)
+
+    def _judge(self, now: float) -> None:
+        """Takes the findings; judges the latest model again now and then, by the executor."""
+        if self._judging is not None:
+            if self._judging.done():
+                with suppress(ValueError, RuntimeError, CancelledError):
+                    self.findings = self._judging.result()
+                self._judging = None
+        elif getattr(self._estimate, "physical", None) is None or self._newest is None or self.executor is None:
+            return
+        elif now >= self._next_judging:
+            self._next_judging = now + JUDGING_SECONDS
+            with suppress(RuntimeError):  # the executor's processes are gone
+                self._judging = self.executor.submit(self._judgement(self._named(self._newest)))
 
     def _request_rates(self, now: float) -> None:
         """Asks for rates if the user wants that and the vehicle is known; sends a HEARTBEAT if needed before."""
@@ -343,7 +377,7 @@ class LiveSession:
         except LinkLost as error:
             self._log(str(error))
 
-    def _log(self, text: str, level: str = "INFO") -> None:
+    def _log(self, text: str, level: str = "INFO", since: float = np.nan) -> None:
         now, said = time.monotonic(), sentence(text)
         kind = _NUMBERS.sub("", said)
         self._last_said = {before: at for before, at in self._last_said.items() if now - at < REPEAT_SECONDS}
@@ -351,7 +385,7 @@ class LiveSession:
             return
         self._last_said[kind] = now
         self.say(said)
-        self.history.events.append(Event(self.history.now, said, level))
+        self.history.events.append(Event(self.history.now, said, level, since))
         if self._display is not None:
             self._display.log(self.history.events[-1])
 

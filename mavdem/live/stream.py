@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import replace
-from math import inf, isnan
+from math import inf, isnan, nan
 
 import numpy as np
 
@@ -310,8 +310,8 @@ class LiveStream:
             self._alarms.landed |= not self._phase.flying
         elif all(ports.values()):
             commands = [inputs.share(ports[port][0][channel]) for port, channel in inputs.picks]
-            for sentence, level in self._alarms.take(time, self.boot, inputs, commands):
-                self._report(sentence, level)
+            for event in self._alarms.take(time, self.boot, inputs, commands):
+                self._report(*event)
 
     def _reboot(self, boot: int) -> None:
         """Drops everything on the old clock; the vehicle's identity and parameters stay."""
@@ -324,8 +324,8 @@ class LiveStream:
         self._grid.restart()
         self._reviewed, self._connected_from = -inf, inf
 
-    def _report(self, sentence: str, level: str = "INFO") -> None:
-        self._events.append(Event(self._received, sentence, level))
+    def _report(self, sentence: str, level: str = "INFO", since: float = nan) -> None:
+        self._events.append(Event(self._received, sentence, level, since))
 
 
 class MotorAlarms:
@@ -338,8 +338,8 @@ class MotorAlarms:
         self._watched: object = None
         self._reported = {""}  # Reasons why none would be seen
 
-    def take(self, time: float, boot: int, inputs: Inputs, commands: list[float]) -> Iterator[tuple[str, str]]:
-        """Sentences to report, with a level, after a sample in settled flight; ``commands`` as shares of the range."""
+    def take(self, time: float, boot: int, inputs: Inputs, commands: list[float]) -> Iterator[tuple[str, str, float]]:
+        """Sentence, level and beginning of what to report of a sample in settled flight; ``commands`` as shares."""
         if self.landed:
             self.sentence, self.landed = "", False
         obstacle, layout = ONLY_DEMAND, inputs.layout
@@ -352,7 +352,7 @@ class MotorAlarms:
             if alarm is not None:
                 self.latest.append(alarm)
                 self.sentence = self.sentence if alarm.motor is None else alarm.sentence
-                yield alarm.sentence, "INFO" if alarm.motor is None else "ERROR"
+                yield alarm.sentence, "INFO" if alarm.motor is None else "ERROR", alarm.since
         if obstacle not in self._reported:
             self._reported.add(obstacle)
-            yield obstacle, "INFO"
+            yield obstacle, "INFO", nan

@@ -293,7 +293,7 @@ def live_page(
         large=True,
     )
     model = [] if learned is None else model_pictures(learned, ("motors", "bode", "step", "poles"))
-    found = findings_of(learned, alarms=status.alarms)
+    found = status.findings or findings_of(learned, alarms=status.alarms)
     return document(
         f"Flight over {link}",
         f"What {axis} did, learned and predicted while it flew.",

@@ -64,6 +64,13 @@ def conclusion(found: Findings) -> list[Block]:
     return [Sentence("", found.headline), *doubts, Sentence(found.next_step, "Next:")]
 
 
+def verdict_blocks(found: Findings) -> list[Block]:
+    """Returns all findings without a table, for a narrow column."""
+    purposes = (Sentence(one.reason, f"{one.purpose.capitalize()}: {one.grade}.") for one in found.purposes)
+    *first, following = conclusion(found)
+    return [*first, *purposes, *(Sentence(warning, "Warning:") for warning in found.warnings), following]
+
+
 def analysis_blocks(analysis: LogAnalysis) -> list[Block]:
     """Returns the screen of an ``analysis``: its model's, else what is known without one, and why there is none."""
     learned, found = analysis.learned, analysis.findings

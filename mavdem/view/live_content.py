@@ -13,17 +13,19 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from mavdem.confidence import LEVEL
-from mavdem.dem import Estimate, Learned, LinearModel
+from mavdem.dem import Estimate, Learned, LinearModel, Physical
 from mavdem.dem.engine.linalg import Array
-from mavdem.dem.graybox.wind import LEVEL_SECONDS, gusts
+from mavdem.dem.graybox.wind import LEVEL_SECONDS, gusts, shortest_gust
 from mavdem.dem.online.learner import TOO_FEW
 from mavdem.dem.online.tracker import FALSE_MARK_SECONDS
 from mavdem.dem.priors import hyperparameter_groups
 from mavdem.dem.record import Record
 from mavdem.live import SessionStatus
 from mavdem.live.history import AHEAD, sentence
+from mavdem.report.blocks import markdown
 from mavdem.report.numbers import named, place, plus_minus, readable, state_names, with_unit
 from mavdem.report.palette import BAD, BAND_OPACITY, BOUND, COMMAND, DISTURBANCE, MEASURED, PREDICTED, distinct
+from mavdem.report.screen import verdict_blocks
 from mavdem.view.plots import BOOT_CLOCK, Lines, blueprint, faint
 
 FLIGHT_SECONDS, LEARNING_SECONDS = 20.0, 120.0  # in view
@@ -77,8 +79,10 @@ class LiveWriter:
         self._units = [readable(unit) for unit in channels.output_units]
         self._torques: deque[tuple[float, float, float]] = deque(maxlen=round(GUST_SECONDS / channels.dt))
         self._gusts_until = -np.inf
+        self._physical: Physical | None = None  # of the latest wind torque
         self._segment: int | None = None
         self._seen: dict[str, tuple[float, float]] = {}  # by plot, the least and most that were measured
+        self._changes: list[float] = []  # times at which a motor changed, s
         self._unusual = False
         self._model: LinearModel | None = None
         self._horizon = int(np.abs(np.array(channels.horizons) * channels.dt - AHEAD).argmin())
@@ -125,11 +129,21 @@ class LiveWriter:
         breaks = np.array([i for i in range(len(rows)) if segments[i] not in (None, segments[i + 1])], np.intp)
         self._outputs(recording, rows, time, breaks)
         command = inputs @ np.array(self._channels.command)[:, None] if self._channels.command else inputs
+        self._in_sight("command", command, command)
         self._draw(recording, "command", time, command, breaks)
         estimates = [(row.estimate, row.shift) for row in rows if row.estimate is not None]
         self._judgement(recording, [pair for pair in estimates if np.isfinite(pair[0].seen)])
         self._wind(recording, estimates)
         self._models(recording, rows)
+
+    def mark(self, recording: rr.RecordingStream, since: float) -> None:
+        """Marks a change of the vehicle at the time ``since`` in every plot; NaN is none."""
+        if np.isfinite(since):
+            self._changes.append(since)
+            for plot, (low, high) in self._seen.items():
+                line = Lines(f"{plot}/9_changes", ("motor changed",), (BAD,), filled=True)
+                line.send_style(recording)
+                line.send(recording, np.array([since - 1e-3, since]), np.array([[np.nan, np.nan], [low, high]]))
 
     def _draw(
         self, recording: rr.RecordingStream, path: str, time: Array, values: Array, breaks: NDArray[np.intp]
@@ -171,6 +185,7 @@ class LiveWriter:
         scale, torques = readable("rad/s²").scale, []
         for now, shift in estimates:
             if np.isfinite(now.wind_time):
+                self._physical = now.physical
                 torques.append((now.wind_time + shift, now.wind_torque, now.wind_torque_band))
                 self._torques.append(torques[-1])
                 if not np.isfinite(now.wind_torque):
@@ -189,7 +204,10 @@ class LiveWriter:
             return
         time, torque, band = np.array(self._torques).T
         before, self._gusts_until = self._gusts_until, time[-1]
-        for gust in gusts(torque, band, Record(torque[:, None], torque[:, None], dt, (len(torque),))).found:
+        shortest = 0.0 if self._physical is None else shortest_gust(self._physical, dt)
+        changes = [int(np.searchsorted(time, at)) for at in self._changes if time[0] < at < time[-1]]
+        series = Record(torque[:, None], torque[:, None], dt, (len(torque),))
+        for gust in gusts(torque, band, series, shortest, changes).found:
             end = gust.sample + round(gust.length / dt)
             if end < len(time) and time[end] > before:
                 text = f"gust: {readable('rad/s²').scale * gust.size:+.0f} °/s² for {gust.length:.2g} s"
@@ -202,6 +220,8 @@ class LiveWriter:
         rows = [(now.seen + shift, now.free_energy, now.surprise, now.unusual) for now, shift in estimates]
         time, energy, surprise, unusual = np.array(rows, np.float64).T
         marked = unusual > 0
+        for plot, values in (("free_energy_of_samples", energy), ("surprise", surprise)):
+            self._in_sight(plot, values, values)
         self.lines["free_energy_of_samples"].send(recording, time, energy[:, None])
         self.lines["surprise/samples"].send(recording, time, np.stack([np.ones(len(time)), surprise], axis=-1))
         self.lines["surprise/unusual"].send(recording, time[marked], surprise[marked, None])
@@ -310,9 +330,10 @@ def figures(channels: Channels, status: SessionStatus, row: ViewRow, until: floa
     ``row`` is the latest; the model was learned ``until`` s of the boot clock.
     """
     output, now, unit = channels.output_names[0], row.estimate, readable("rad/s²")
-    state = "alarm" if status.alarm else "waiting" if status.obstacle or until is None else "learning"
+    doubts = status.findings.overrides if status.findings else ()
+    state = "alarm" if status.alarm or doubts else "waiting" if status.obstacle or until is None else "learning"
     reason = sentence(status.obstacle or (TOO_FEW if until is None else ""))
-    said = status.alarm or reason or "The model follows the flight."
+    said = status.alarm or (doubts[0].headline if doubts else reason) or "The model follows the flight."
     shown = {"State": (f"{state}, {status.learned * channels.dt:.0f} s learned", said)}
     error = torque = effect = (UNKNOWN, "")
     (seconds, half), (ahead, ratio) = status.ahead, status.useful
@@ -348,4 +369,5 @@ def status_document(channels: Channels, status: SessionStatus, row: ViewRow, unt
     learning = f"{model} {sentence(status.obstacle or ('' if ago else TOO_FEW))}"
     cautions = [f"**Cautions:** {' '.join(row.learned.cautions)}"] if row.learned and row.learned.cautions else []
     table = "\n".join(f"- {name}: {fact}" for name, fact in facts.items())
-    return "\n\n".join([f"**{channels.title}**", learning.strip(), table, *cautions, LEGEND])
+    found = [] if status.findings is None else [markdown(verdict_blocks(status.findings))]
+    return "\n\n".join([f"**{channels.title}**", *found, learning.strip(), table, *cautions, LEGEND])

@@ -118,7 +118,9 @@ class SinkThread:
             self._until = next(models, self._until)
             self._writer.rows(recording, same)
         for line in lines:
-            log(recording, *line)
+            log(recording, *line[:3])
+            if self._writer is not None:
+                self._writer.mark(recording, line.since)
         if self._last is not None and wall.monotonic() >= self._next_status:
             self._next_status = wall.monotonic() + STATUS_SECONDS
             self._send_status(recording, self._last)

@@ -17,10 +17,10 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.evaluate.held_out import FORECAST, HeldOut
 from mavdem.flight import Flight
 from mavdem.report import palette
-from mavdem.report.blocks import Block, Sentence, Table, markdown
+from mavdem.report.blocks import Block, Table, markdown
 from mavdem.report.details import detail_blocks
 from mavdem.report.numbers import AxisCommand, Labels, named, place, plus_minus, readable, state_names
-from mavdem.report.screen import conclusion, key_figures, screen, title
+from mavdem.report.screen import key_figures, screen, title, verdict_blocks
 from mavdem.view.plots import Plot, blueprint, faint, range_of, recorded, utf8, with_gaps
 
 BEYOND = 0.15  # how far a plot extends beyond the measured values, in spans of them, where a forecast does
@@ -32,13 +32,16 @@ def write_recording(
     learned: Learned,
     held_out: HeldOut,
     found: Findings | None = None,
+    changes: Sequence[float] = (),
 ) -> None:
     """Writes ``learned``, the model of ``flights``, and forecasts of ``held_out`` windows as an .rrd file ``path``.
 
     It appears whole or not at all, ``OSError`` if it cannot be written, and opens with its own blueprint: the flight
-    over its seconds, more of it, how the model was learned, and the report. Angles are in degrees.
+    over its seconds, more of it, how the model was learned, and the report. Angles are in degrees; every plot is marked
+    where a motor ``changes``, s of the boot clock.
     """
     series = FlightSeries(flights, learned, held_out)
+    series.changes = [at for at in changes if series.span[0] < at < series.span[1]]
     found = findings_of(learned, held_out) if found is None else found
     with recorded(path, Path(str(flights[0].provenance.get("source", path))).name) as recording:
         tabs = rrb.Tabs(
@@ -64,6 +67,7 @@ class FlightSeries:
         self._time = with_gaps([*self.times, *self.windows[after]], last=True)
         self._outputs = with_gaps([*(flight.outputs for flight in flights), *held_out.measured[after]])
         self.span = float(self._time[0]), float(self._time[-1])
+        self.changes: list[float] = []  # s
 
     def output(self, i: int) -> list[Plot]:
         """Returns an output with its forecasts in held-out windows, and what these leave."""
@@ -139,21 +143,24 @@ class FlightSeries:
         return with_gaps(np.split(values, np.cumsum([len(flight) for flight in self.flights])[:-1]))
 
 
+def _drawn(recording: rr.RecordingStream, series: FlightSeries, plots: Sequence[Plot]) -> list[rrb.View]:
+    """The views of plots, each with its marks."""
+    for plot in plots:
+        plot.marks("motor changed", palette.BAD, series.changes)
+        plot.draw(recording)
+    return [plot.view(*series.span) for plot in plots]
+
+
 def _flight(recording: rr.RecordingStream, series: FlightSeries, found: Findings) -> rrb.Container:
     """The key figures above, then the flight over time, verdicts and motors beside it."""
     figures = key_figures(series.learned, series.held_out)
     strip = [_text(recording, f"figures/{i}", "", _figure(*figure)) for i, figure in enumerate(figures)]
-    plots = [*series.output(0), series.command(), *filter(None, [series.wind()])]
-    for plot in plots:
-        plot.draw(recording)
-    purposes = (Sentence(one.reason, f"{one.purpose.capitalize()}: {one.grade}.") for one in found.purposes)
-    headline, *doubts, following = conclusion(found)
-    verdicts = [headline, *doubts, *purposes, following]
-    beside = [_text(recording, "verdict", "Verdict", verdicts), *_effectiveness(recording, series)]
+    plots = _drawn(recording, series, [*series.output(0), series.command(), *filter(None, [series.wind()])])
+    beside = [_text(recording, "verdict", "Verdict", verdict_blocks(found)), *_effectiveness(recording, series)]
     return rrb.Vertical(
         rrb.Horizontal(*strip, column_shares=[max(len(value.split(" (")[0]), 11) for _, value in figures]),
         rrb.Horizontal(
-            rrb.Vertical(*(plot.view(*series.span) for plot in plots), row_shares=[34, 20, 20, 26][: len(plots)]),
+            rrb.Vertical(*plots, row_shares=[34, 20, 20, 26][: len(plots)]),
             rrb.Vertical(*beside, row_shares=[38, 27, 35][: len(beside)]),
             column_shares=[78, 22],
         ),
@@ -194,9 +201,7 @@ def _details(recording: rr.RecordingStream, series: FlightSeries) -> rrb.Contain
     """The other outputs, the motors, and what DEM makes of each sample."""
     others = range(1, len(series.labels.output_names))
     plots = [*(plot for i in others for plot in series.output(i)), series.motors(), *series.dem()]
-    for plot in plots:
-        plot.draw(recording)
-    return rrb.Vertical(*(plot.view(*series.span) for plot in plots), name="Details")
+    return rrb.Vertical(*_drawn(recording, series, plots), name="Details")
 
 
 def _learning(recording: rr.RecordingStream, learned: Learned) -> rrb.Container:

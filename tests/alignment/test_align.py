@@ -87,17 +87,13 @@ def test_the_longest_segment_is_the_hover_and_without_climb_rate_its_ends_are_cu
     (segment,) = settled_segments(Signals(HOVER.telemetry(without=("LOCAL_POSITION_NED",))))
     assert segment.start == pytest.approx(6.0 + TRANSIENT_SECONDS, abs=1.0)
     assert segment.end == pytest.approx(HOVER.landed - TRANSIENT_SECONDS, abs=1.0)
-
-
-def test_what_the_autopilot_says_of_take_off_and_landing_is_believed():
+    # What the autopilot says of take-off and landing is believed.
     time = HOVER.stamps(2.0)
     landed = np.where(time < 6, 1, np.where(time < 20, 3, np.where(time < 40, 2, np.where(time < 60, 4, 1))))
     telemetry = changed(HOVER.telemetry(), "EXTENDED_SYS_STATE", **columns(time, landed_state=landed))
     (segment,) = settled_segments(Signals(telemetry))
     assert 20 <= segment.start <= 21 + TRANSIENT_SECONDS and 39 - TRANSIENT_SECONDS <= segment.end <= 40
-
-
-def test_a_log_cut_out_of_a_hover_is_used_whole():
+    # A log cut out of a hover is used whole.
     telemetry = HOVER.telemetry()
     for message, table in telemetry.messages.items():
         inside = (table["time"] >= 15) & (table["time"] < 45)

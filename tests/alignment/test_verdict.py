@@ -214,7 +214,7 @@ REFUSED = {
     "too few": (with_outputs(**SIX), "8, 10, 12, but SERVO_OUTPUT_RAW has no channel 10, 12.", "16"),
     "idling": (idling(), "its motors ran at 10% of their range at most, and flight takes 20%", "Record a flight"),
     "shaking": (shaking(), "contradict", "long SET_MESSAGE_INTERVAL 30 5000"),
-    "submarine": (HOVER.telemetry(vehicle="SUBMARINE"), "HEARTBEAT reports the type SUBMARINE; ", "--vehicle"),
+    "submarine": (HOVER.telemetry(vehicle="SUBMARINE"), "HEARTBEAT reports the type SUBMARINE; ", "multirotor's log."),
 }
 
 
@@ -223,6 +223,12 @@ def test_what_cannot_be_learnt_from_is_refused_with_its_figures_and_a_remedy(nam
     telemetry, reason, remedy = REFUSED[name]
     verdict = verdict_of(Signals(telemetry))
     assert not verdict.learnable and reason in verdict.reason and remedy in verdict.remedy
+
+
+def test_another_vehicle_is_named_only_where_there_is_one():
+    signals, other = Signals(HOVER.telemetry(vehicle="SUBMARINE")), Component(4, 1, "QUADROTOR", "PX4", {}, 0)
+    assert "--vehicle" not in verdict_of(signals, [STATION]).remedy
+    assert "name the QUADROTOR of this log: `--vehicle 4:1`" in verdict_of(signals, [STATION, other]).remedy
 
 
 def rounded(hover: Hover) -> Telemetry:

@@ -118,7 +118,7 @@ WEAK = MotorAlarm(70.0, 66.4, 1, "motor 1 (front right)", 0.24, 0.99)
     [
         (
             {"alarms": (WEAK,)},
-            "Motor 1 (front right) lost about 35 % of its thrust at 66 s.",
+            "Motor 1 (front right) lost 19 to 35 % of its thrust at 66 s.",
             "Do not fly before motor 1",
         ),
         (

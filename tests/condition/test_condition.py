@@ -221,9 +221,6 @@ def test_arrays_need_the_range_of_their_outputs():
     found = hover_figures([flight], PULSES)
     assert found.trim_of_range == pytest.approx((0.5, 0.1)) and found.at_lower_limit == (0.0, 1.0)
     assert found.roll == pytest.approx(np.degrees(0.1)) and found.pitch is None
-
-
-def test_what_has_no_figures_is_refused():
     still = Flight([0, 1], [1000.0, 1000.0], [1.0, 2.0])
     with pytest.raises(NotLearnable, match="are off"):
         hover_figures([still], PULSES)

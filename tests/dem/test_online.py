@@ -23,6 +23,8 @@ from mavdem.dem.online.memory import Memory, drop_since
 from mavdem.dem.online.tracker import (
     BAND_SECONDS,
     FALSE_MARK_SECONDS,
+    MAX_MEDIANS,
+    MAX_QUARTILES,
     PEAK_SECONDS,
     AnomalyMarks,
     ErrorBands,
@@ -280,6 +282,17 @@ def test_a_band_forgets_by_the_number_of_errors_and_not_by_their_size():
     assert half[1000:].max() < 20
     after = 1200 + round(BAND_SECONDS / DT) + 10
     np.testing.assert_allclose(half[after:], norm.ppf(0.95), rtol=0.2)
+
+
+@pytest.mark.parametrize("share", [0.99, 1.01, 2.0])
+def test_a_band_and_the_unit_of_surprise_end_at_their_limits(share):
+    """A fifth of the errors, and a tenth of F(t), lie ``share`` of the limit away, where the others are one away."""
+    size = share * MAX_MEDIANS
+    half = fed(ErrorBands((1,), 1, DT), np.where(np.arange(1000) % 5, 1.0, size))[-1]
+    assert half == pytest.approx(min(size, MAX_MEDIANS))
+    low = share * MAX_QUARTILES
+    values = np.resize([-low, -1.0, 0.0, -1.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0], 2000)
+    assert surprise_after(values).add(-low) == pytest.approx(max(share, 1.0))
 
 
 def test_predictions_meet_their_own_sample():

@@ -49,9 +49,7 @@ def test_the_constant_mean_has_one_at_every_horizon_and_the_truth_none():
     assert evaluate.relative_mspe(TRAIN, TEST, TEST.outputs) == 0.0
     still = Flight(TEST.time, TEST.inputs, np.tile(TRAIN.outputs.mean(axis=0), (150, 1)))
     assert ratio(score(TRAIN, still, still.outputs)).tolist() == [1]  # neither errs
-
-
-def test_outputs_count_in_units_of_their_training_variance():
+    # Outputs count in units of their training variance.
     wrong = TEST.outputs + TRAIN.outputs.std(axis=0)
     half_wrong = TEST.outputs + TRAIN.outputs.std(axis=0) * [1, 0]
     assert evaluate.relative_mspe(TRAIN, TEST, wrong) == pytest.approx(

@@ -70,7 +70,7 @@ def test_each_estimate_stands_beside_its_truth(learned, flight, scenario, motion
     assert by_name["delay"].truth == pytest.approx(0.006)
     true = np.interp(flight.time, motion.time, known["roll_disturbance"])
     assert found.wind.true_sd == true.std() and found.wind.mean.truth == true.mean()
-    assert found.wind.correlation == np.corrcoef(true, learned.wind.torque)[0, 1] > 0.5
+    assert found.wind.correlation == np.corrcoef(learned.wind.torque, true)[0, 1] > 0.5
     assert found.wind.inside == np.mean(np.abs(true - learned.wind.torque) <= learned.wind.band)
     document = json.loads(json.dumps(found.as_dict(), allow_nan=False))
     assert document["parameters"][0]["truth"] == known["roll_effect"][0]

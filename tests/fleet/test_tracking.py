@@ -193,6 +193,11 @@ def test_health_comes_from_the_vehicle_s_healthy_flights():
     )
     assert nobody.health == "unknown" and "does not say which vehicle" in nobody.health_reason
     assert nobody.fault_probability is None and failed.health_reason is None
+    # Nor is one taken for healthy in which a motor was at its limit, or which oscillated.
+    for unsound in ({"saturated": (0.0, 0.02, 0.0, 0.0)}, {"oscillation": 12.0}):
+        first = [replace(rows[0], **unsound), *rows[1:]]
+        assert "taken for healthy" in assess_rows(first, [])[0].health_reason
+        assert "beside 3 of the vehicle's first sound flights" in assess_rows(first, [])[0].health_reason
     rows[3] = replace(rows[3], balance=(0.08, 0.08, -0.08))
     judged = assess_rows(rows, rows[:3])
     assert [row.health for row in judged[:3]] == ["ok"] * 3

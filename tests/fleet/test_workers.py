@@ -62,12 +62,12 @@ def test_what_is_no_plain_file_is_not_opened(tmp_path):
 def test_no_log_stops_a_run(tmp_path):
     logs = tmp_path / "logs"
     make_logs(logs, 3)
-    for name in ("slow", "crash", "big", "where"):
+    for name in ("slow", "crash", "big", "where", "waits"):
         make_logs(logs, 1, name)
     os.truncate(logs / "slow_0.bin", 1 << 40)  # sparse: its content alone takes longer to read than there is time
     healthy = make_logs(tmp_path / "healthy", 1)
     done = track(tmp_path / "fleet", logs, reader=WorkerPool(2, LIMITS, READ), baseline=healthy)
-    assert (done.logs, done.read, done.problems) == (7, 7, ())
+    assert (done.logs, done.read, done.problems) == (8, 8, ())
     found = statuses(tmp_path / "fleet")
     # The process starts no others, and leaves nothing.
     cores, scratch = found.pop("where_0.bin").split()
@@ -148,7 +148,7 @@ def test_a_killed_worker_of_a_cluster_loses_nothing(tmp_path, two_workers):
 @pytest.mark.parametrize(
     ("name", "value", "sentence"),
     [
-        ("SCHEMA_VERSION", 99, r"has mavdem .* \(columns 1\) on Python .*, this machine .*install the same there"),
+        ("SCHEMA_VERSION", 99, r"has mavdem .* \(columns 2\) on Python .*, this machine .*install the same there"),
         ("machine", partial(seen_by, os.getpid()), "The worker .* cannot read .*log_0.bin: put the logs"),
     ],
 )

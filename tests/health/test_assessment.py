@@ -16,7 +16,7 @@ from mavdem.health.explanations import (
     PRIORS,
     Candidates,
 )
-from mavdem.health.reference import Deviation, HealthFigures
+from mavdem.health.reference import Deviation, HealthFigures, healthy_flights
 
 VEHICLES = 40
 MOTORS = ("motor 1 (front right)", "motor 2 (rear left)", "motor 3 (front left)", "motor 4 (rear right)")
@@ -152,10 +152,20 @@ def test_without_a_choice_the_first_flights_are_taken_for_healthy_and_that_is_sa
     flights = [*vehicle.flights(3), *vehicle.flights(2, weak(1, 0.25))]
     found = assess(flights)
     assert [one.health for one in found] == ["ok", "ok", "ok", "fault", "fault"]
-    assert "of the vehicle's first flights, taken for healthy" in found[-1].reason
+    assert "of the vehicle's first sound flights, taken for healthy" in found[-1].reason
     assert {one.health for one in assess(undated(flights))} == {"unknown"}
     mixed = assess([*flights, *undated(vehicle.flights(1))])
     assert [one.health for one in mixed[:5]] == [one.health for one in found]
+
+
+def test_first_flights_that_are_not_sound_are_not_taken_for_healthy():
+    vehicle = MadeUpVehicle(11)
+    unsound = [replace(flight, sound=False) for flight in vehicle.flights(2, weak(2, 0.3))]
+    flights = [*unsound, *vehicle.flights(3)]
+    assert [one.health for one in assess(flights)][2:] == ["ok"] * 3
+    assert {flight.name for flight in healthy_flights(flights)} == {flight.name for flight in flights[2:]}
+    none = assess([replace(flight, sound=False) for flight in flights])
+    assert {one.health for one in none} == {"unknown"} and "a motor at its limit" in none[0].reason
 
 
 def test_more_effort_is_a_drift_and_no_fault():
@@ -205,9 +215,13 @@ def test_other_conditions_are_said():
     flight = vehicle.flight()
     leaning = flight.balance._replace(lean=flight.balance.lean + np.array([0.2, 0.0]))
     loaded = replace(flight, balance=leaning, collective=0.6)
-    reason = assess([loaded], vehicle.flights(3))[0].reason
+    healthy = vehicle.flights(3)
+    reason = assess([loaded], healthy)[0].reason
     assert "commanded 20 % more" in reason
-    assert "leans otherwise" in reason
+    here, there = (
+        np.degrees(lean[0]) for lean in (leaning.lean, np.mean([one.balance.lean for one in healthy], axis=0))
+    )
+    assert f"Its mean lean is roll {here:+.1f}°" in reason and f"healthy flights roll {there:+.1f}°" in reason
     sagged = replace(flight, collective=0.55, voltage=10.0)
     assert "commanded" not in assess([sagged], vehicle.flights(3))[0].reason
 

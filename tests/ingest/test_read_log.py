@@ -325,6 +325,35 @@ def test_a_mapped_file_that_is_cut_later_ends_in_a_sentence_and_not_the_process(
     assert len(vehicle.messages["ATTITUDE"]["time"]) == 20 * len(TIMES)
 
 
+@pytest.mark.parametrize("name", ["flight.bin", "flight.tlog", "flight.ulg"])
+def test_zeros_behind_the_data_take_neither_memory_nor_time(name: str, tmp_path: Path) -> None:
+    """A full or damaged disk leaves them, a gigabyte and more; here it is 100 MB, of a sparse file."""
+    contents = {
+        "tlog": tlog([heartbeat(), *flight(TIMES)]),
+        "ulg": ulog_files.log(*ulog_files.flight(ulog_files.TIMES)),
+    }
+    contents["bin"] = dataflash_logs.formats() + b"".join(dataflash_logs.flight(TIMES))
+    sound = written(tmp_path / f"sound.{name[7:]}", contents[name[7:]])
+    path = written(tmp_path / name, contents[name[7:]])
+    empty = written(tmp_path / f"empty.{name[7:]}", b"")
+    for one in (path, empty):
+        os.truncate(one, 100_000_000)
+    tracemalloc.start()
+    try:
+        assert read_log(path).vehicles[0].messages.keys() == read_log(sound).vehicles[0].messages.keys()
+        with pytest.raises(Unreadable, match="nothing but zeros"):
+            read_log(empty)
+        assert tracemalloc.get_traced_memory()[1] < 50_000_000
+    finally:
+        tracemalloc.stop()
+
+
+def test_a_small_archive_may_not_hold_any_number_of_bytes(tmp_path: Path) -> None:
+    path = written(tmp_path / "flight.tlog.xz", lzma.compress(bytes(100_000_000), preset=0))
+    with pytest.raises(Unreadable, match="holds more than 6. MiB"):
+        read_log(path)
+
+
 @pytest.mark.slow
 @pytest.mark.usefixtures("_mapped")
 def test_reading_takes_less_memory_than_the_file(tmp_path):

@@ -87,9 +87,7 @@ def test_attitude_is_moved_to_the_stamps_of_the_rates(tmp_path):
     assert np.allclose(np.diff(time)[np.diff(time) < 0.1], 0.02) and not ((time > 2.001) & (time < 2.499)).any()
     angle = 2 * np.arctan2(messages["q2"] * np.sign(messages["q1"]), np.abs(messages["q1"]))
     assert np.allclose(angle, time / 2, atol=1e-4) and np.allclose(messages["yawspeed"], 0.1)
-
-
-def test_an_attitude_too_slow_keeps_its_stamps(tmp_path):
+    # One too slow keeps its stamps.
     pieces = [data("vehicle_attitude", 20 + 0.5 * row, 1, 0, 0, 0, 0) for row in range(20)]
     pieces += [data("vehicle_angular_velocity", 20 + 0.01 * row, 0.01 * row, 0, 0) for row in range(1000)]
     messages = vehicle_of(log(*pieces), tmp_path).messages["ATTITUDE_QUATERNION"]
@@ -371,7 +369,7 @@ def test_a_dropout_before_the_first_topic_is_reported(tmp_path):
     ],
 )
 def test_an_archive_that_cannot_be_unpacked_is_refused(tmp_path, monkeypatch, spoil, said):
-    monkeypatch.setattr(files, "MAX_UNPACKED_BYTES", 1 << 20)
+    monkeypatch.setattr(files, "MAX_BYTES", 1 << 20)
     path = tmp_path / "flight.ulg.xz"
     path.write_bytes(spoil(lzma.compress(log(*flight(TIMES)))))
     with pytest.raises(Unreadable, match=said) as failure:

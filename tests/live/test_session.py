@@ -1,5 +1,6 @@
 """A link, what learns from it and who is shown it, put together: with recorded flights and whatever may go wrong."""
 
+import html
 import os
 import signal
 import time
@@ -22,6 +23,9 @@ from mavdem.live import AlignedRow, Event, LiveStream, SessionStatus, Setup
 from mavdem.live.history import UNCONFIRMED
 from mavdem.live.link import LinkLost, RawRecording
 from mavdem.live.session import LOW_PRIORITY, LearningProcess, LiveSession
+from mavdem.report.numbers import plus_minus
+from mavdem.report.page import live_page
+from mavdem.view.live_content import Channels, ViewRow, figures, status_document
 
 pytestmark = pytest.mark.usefixtures("without_wind_fits")
 LOG = Path(__file__).parents[2] / "logs" / "ardupilot_wind5_steps.tlog"
@@ -196,6 +200,27 @@ def test_a_landing_never_replaces_the_last_model_before_it():
     learner.learned = next_flight
     one._take(row._replace(time=80.0))
     assert one.final_model().settings.seed == 2 and "The newest samples support no model" in said[-1]
+
+
+def test_dashboard_and_page_of_a_session_say_the_same():
+    one, screen, _ = session_of(batches(8.0))
+    run(one)
+    model, late = one.final_model(), mavdem.read_flight(LOG)[2000:4000]
+    known = mavdem.learn(late, COMPLETE).physical
+    # As fitted in flight, to more than the model's own samples.
+    one._estimate = one._estimate._replace(physical=known)
+    one.judge(model)
+    assert model.physical is known
+    status, units = one.status, (("µs",) * 4, ("rad", "rad/s"))
+    channels = Channels("a session", 0.01, (1, 25), model.record.input_names, model.record.output_names, *units)
+    row = ViewRow(60.0, 0.0, 0, np.zeros(2), np.zeros(4), one._estimate, model, channels)
+    shown = "\n".join((*figures(channels, status, row, 59.0), status_document(channels, status, row, 59.0)))
+    page = html.unescape(live_page("udp", "roll", one.history, status, one.account(), model))
+    mean, half = np.degrees(known.mean_effect())
+    for place in (shown, page):
+        assert plus_minus(mean, half) in place and status.findings.headline in place
+        assert all(purpose.reason in place for purpose in status.findings.purposes)
+    assert status.findings.as_dict()["findings"][0]["grade"] == status.findings.purposes[0].grade
 
 
 @pytest.mark.slow

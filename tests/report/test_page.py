@@ -35,7 +35,7 @@ KNOWN = (
     Identity("1234", "board", 1, "PX4", "QUADROTOR", "PX4 v1.16.0", None),
     VehicleFigures({}, None),
 )
-VERDICT = SimpleNamespace(as_dict=dict, figures=SimpleNamespace(consistency=None))
+VERDICT = SimpleNamespace(as_dict=dict, figures=SimpleNamespace(consistency=None), learnable=True)
 SLOW = Tier("c", "Motors come at 4 Hz.", "b", "Log them <faster>.")
 
 

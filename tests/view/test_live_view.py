@@ -189,8 +189,34 @@ def test_log_status_and_blueprint_show_what_is_there_in_batches_that_are_not_tin
         assert any(f"{entity}/".startswith(f"{origin}/") for entity in entities), f"the view of {origin} is empty"
 
 
+def test_an_alarm_is_an_error_in_the_log_and_marks_its_beginning_in_every_plot(tmp_path: Path) -> None:
+    path = tmp_path / "flight.rrd"
+    with showing(RecordingFile(path)) as view:
+        for t, y, u, known in zip(TIME, OUTPUTS, INPUTS, ESTIMATES, strict=True):
+            view.put(t, 0.0, 0, y, u, known)
+        view.log(Occurrence(52.9, "Alarm: motor 1 lost some thrust.", "ERROR", 51.25))
+    marks = {name: line for name, line in drawn(path).items() if name.endswith("changes")}
+    assert {name.rsplit("/", 1)[0] for name in marks} == {
+        *("outputs/roll", "outputs/roll rate", "wind", "command", "free_energy_of_samples", "surprise")
+    }
+    for times, values in marks.values():
+        np.testing.assert_allclose(times[np.isfinite(values[:, 0])], 51.25)
+        assert np.nanmin(values) < np.nanmax(values)
+    levels = [
+        level
+        for _, _, batch in chunks(path)
+        if "TextLog:level" in batch.schema.names
+        for level in zip(
+            batch.column("TextLog:text").to_pylist(), batch.column("TextLog:level").to_pylist(), strict=True
+        )
+    ]
+    assert (["Alarm: motor 1 lost some thrust."], ["ERROR"]) in levels
+    assert {level for (text,), (level,) in levels if "unusual" in text} == {"INFO"}
+
+
 @pytest.mark.slow
-def test_what_happens_is_logged_with_its_time_and_size(tmp_path):
+@pytest.mark.parametrize("changed", [False, True])
+def test_what_happens_is_logged_with_its_time_and_size_and_a_motor_s_step_is_no_gust(tmp_path, changed):
     path = tmp_path / "flight.rrd"
     torque = np.random.default_rng(1).normal(size=4000)
     torque[3200:3250] = 20.0
@@ -199,7 +225,15 @@ def test_what_happens_is_logged_with_its_time_and_size(tmp_path):
             now = estimate(20, 50.0 + DT * i)
             now = now._replace(wind_torque=one, wind_torque_band=0.5, unusual=3500 <= i < 3600, surprise=7.0)
             view.put(now.time, 0.0, 0, OUTPUTS[0], INPUTS[0], now)
-    gust, unusual = texts(path)
+            if changed and i == 100:
+                until(lambda: not view._threads[0]._rows)
+                view.log(Occurrence(now.time, "Alarm", "ERROR", 50.0 + DT * 3200))
+                until(lambda: not view._threads[0]._lines)
+    *gusts, unusual = [text for text in texts(path) if text != "Alarm"]
+    if changed:
+        assert gusts == []
+        return
+    (gust,) = gusts
     assert gust.endswith(" °/s² for 0.5 s") and unusual == "unusual motion: surprise 7"
     assert float(gust.split()[1]) == pytest.approx(np.degrees(20.0), rel=0.01)  # beside the torque so far
     stamps = [np.array(batch.column("boot clock").cast("int64")) for name, _, batch in chunks(path) if name == "log"]

@@ -54,7 +54,7 @@ def main() -> None:
             order=order, p=p, d=d, window=p + 1 + p % 2, parameter_precision=1.0, iterations=ITERATIONS
         )
         whole = partial(fit, Record.of(flight(samples, inputs)), settings)
-        assert len(whole().ascent.theta) == ITERATIONS + 1
+        assert len(whole().ascent.learning.theta) == ITERATIONS + 1
         print(f"| {samples} | {order} | {inputs} | {p}, {d} | {1e3 * time_of(whole):.1f} |", flush=True)
     ascent.CONVERGED_NATS = 0.1
     learn = partial(mavdem.learn, flight(700))

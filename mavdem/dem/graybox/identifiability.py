@@ -55,6 +55,7 @@ class ModelErrors(NamedTuple):
     slow_bias: float = -0.08  # the effect's likely error below ``SLOWEST_RATE``, as a share
     slow: float = 0.3  # of damping and lag there, as a share
     wind: float = 0.15  # of the wind's torque, as a share of its sd: drag and cross-coupling are not modelled
+    wind_sd: float = 0.1  # of its sd and of its mean, likewise
 
 
 MODEL_ERRORS = ModelErrors()

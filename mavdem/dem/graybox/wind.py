@@ -7,11 +7,13 @@ It is smoothed over each segment, as coloured noise of the components that the f
 only differences between motors do: so the steady part is that of equal motors and a centred load. An unequal motor or
 a load to one side adds to it what it takes to balance it.
 
-Gusts: where the wind's torque leaves its running level by more than its turbulence does.
+Gusts: where the wind's torque leaves its running level by more than its turbulence does, for as long as the estimate
+resolves, and returns to it. Where the vehicle changed, as by a motor's loss of thrust, the series is cut.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -33,6 +35,7 @@ SPECTRUM_SECONDS = 8.0  # of the windows whose spectra are averaged, with half o
 INDEPENDENT = 18 / 19  # of windows by Hann with half of each in the next, as many count (Welch, 1967)
 SLOW_HERTZ = 1.0  # below which the slow wind's answer counts
 
+CHANGE_SECONDS = 2.0  # by which the time of a change of the vehicle may be off
 LEVEL_SECONDS = 10.0  # of the running median, which a gust stands out from
 LEVEL_STEP_SECONDS = 0.1  # between samples of that median
 THRESHOLD = 4.0  # standard deviations from it, by the median absolute deviation
@@ -75,9 +78,10 @@ class WindTorque:
             first order, and of what the model leaves out.
         mean: its mean, that of equal motors and a centred load.
         mean_band: likewise the half width for the mean.
-        sd: the standard deviation of the wind's torque; the estimate's own is less, since smoothing shrinks it.
-        scale_error: standard deviation of the error of its size, relative: large where the motors' effect is not
-            identifiable, since motors that do more balance more.
+        sd: the standard deviation of the wind's torque, between changes of the vehicle; the estimate's own is less,
+            since smoothing shrinks it.
+        scale_error: standard deviation of the error of ``sd``, relative: by effect, damping, lag and delay, and by what
+            the model leaves out. Large where the motors' effect is not identifiable: motors that do more balance more.
         motors: (T,) the motors' torque about its mean.
         gusts: in order of time; none where the wind is not resolved.
         gust_threshold: rad/s² from the running level.
@@ -129,8 +133,11 @@ class _Torques(NamedTuple):
     motors: Array
 
 
-def wind(physical: Physical, record: Record) -> WindTorque:
-    """Returns the wind's torque in a record, from all of it; ``LinAlgError`` where no filter is steady."""
+def wind(physical: Physical, record: Record, changes: Sequence[float] = ()) -> WindTorque:
+    """Returns the wind's torque in a record, from all of it; ``LinAlgError`` where no filter is steady.
+
+    ``changes`` are times on the record's clock, s, at which the vehicle changed, as by a motor's loss of thrust.
+    """
     column = rate_column(record)
     theta = np.array([*physical.effect, physical.damping, physical.lag, physical.delay])
     with one_thread():
@@ -138,8 +145,9 @@ def wind(physical: Physical, record: Record) -> WindTorque:
         nudges = RELATIVE_STEP * np.maximum(np.abs(theta), RELATIVE_STEP)
         beside = [_torques(theta + nudge, physical, record, column).mean for nudge in np.diag(nudges)]
         slopes = (np.array(beside) - torques.mean) / nudges[:, None]
-    size, levels = float(torques.mean.var()), slopes.mean(axis=1)
-    covariance = physical.covariance
+    cuts, levels, covariance = record.samples_at(changes), slopes.mean(axis=1), physical.covariance
+    moved, moving = _about_means(torques.mean, cuts), _about_means(slopes, cuts)
+    size = float(np.mean(moved**2))
     smoother = torques.variance + MODEL_ERRORS.wind**2 * size
 
     def with_parameters(slopes: Array) -> Array:
@@ -148,9 +156,9 @@ def wind(physical: Physical, record: Record) -> WindTorque:
     variance = with_parameters(slopes)
     # Motors that do more, and balance more: an error of the size alone leaves the course as it is. Where the motors do
     # more than balance the wind, as in steering, no more of it counts as one of the size.
-    moving, moved = slopes - levels[:, None], torques.mean - torques.mean.mean()
-    scales = moving @ moved / (len(moved) * size)
-    scales[-3:] = 0.0
+    samples = len(moved)
+    shares = moving @ moved / (samples * size)
+    scales = np.append(shares[:-3], np.zeros(3))
     scales /= max(1.0, abs(float(theta @ scales)))
     error = float(with_parameters(moving - np.outer(scales, moved)).mean())
     resolved = error < MAX_ERROR_SHARE * size
@@ -158,16 +166,20 @@ def wind(physical: Physical, record: Record) -> WindTorque:
         f"The wind's torque is not resolved: errors of about {np.degrees(np.sqrt(error)):.2g} °/s² are expected in an "
         f"estimate of standard deviation {np.degrees(np.sqrt(size)):.2g} °/s²."
     )
+    # An error of the parameters adds to the size in proportion, and by the square of what is not like the wind.
+    unlike = moving - np.outer(shares, moved)
+    added = np.sum((unlike @ unlike.T) * covariance) / (2 * samples * size)
+    scale_error = np.sqrt(shares @ covariance @ shares + added**2 + MODEL_ERRORS.wind_sd**2)
     spectra = _spectra(torques, record)
     band = half_width(variance)
-    gusty = gusts(torques.mean, band, record)
+    gusty = gusts(torques.mean, band, record, shortest_gust(physical, record.dt), cuts)
     return WindTorque(
         torque=torques.mean,
         band=band,
         mean=float(torques.mean.mean()),
-        mean_band=float(half_width(levels @ covariance @ levels)),
+        mean_band=float(half_width(levels @ covariance @ levels + MODEL_ERRORS.wind_sd**2 * size)),
         sd=float(np.sqrt(size + torques.variance.mean())),
-        scale_error=float(np.sqrt(scales @ covariance @ scales)),
+        scale_error=float(scale_error),
         motors=torques.motors,
         gusts=gusty.found if resolved else (),
         gust_threshold=gusty.threshold,
@@ -179,6 +191,12 @@ def wind(physical: Physical, record: Record) -> WindTorque:
         reason=None if resolved else reason,
         dt=record.dt,
     )
+
+
+def _about_means(values: Array, cuts: Sequence[int]) -> Array:
+    """(…, T) without the mean of each part between cuts."""
+    parts = np.split(values, cuts, axis=-1)
+    return np.concatenate([part - part.mean(axis=-1, keepdims=True) for part in parts if part.size], axis=-1)
 
 
 def _torques(theta: Array, physical: Physical, record: Record, column: int) -> _Torques:
@@ -274,13 +292,27 @@ class Gusts(NamedTuple):
     false_per_minute: float
 
 
-def gusts(torque: Array, band: Array, record: Record) -> Gusts:
+def shortest_gust(physical: Physical, dt: float) -> float:
+    """Returns how long a gust lasts at least, s: half a period of the fastest wind that the estimate resolves.
+
+    That is above the noise of the rate, and below half of the Nyquist frequency. And the time that the motors take to
+    answer, within which an error of lag or delay looks like a gust.
+    """
+    frequency = np.linspace(0.0, 0.25 / dt, 201)[1:]
+    noise = 2 * dt * physical.noise**2 * ((2 * np.pi * frequency) ** 2 + physical.damping**2)
+    resolved = frequency[_model_density(physical, frequency) > noise]
+    return 0.5 / float(resolved.max(initial=frequency[0])) + physical.lag + physical.delay
+
+
+def gusts(torque: Array, band: Array, record: Record, shortest: float = 0.0, changes: Sequence[int] = ()) -> Gusts:
     """Returns the gusts of the wind's ``torque`` (T,), no less than twice the half width of its ``band`` (T,).
 
+    They last ``shortest`` s or more, return to the level they left, and are not where the vehicle ``changes``, samples.
     The rate of false ones is that at which a Gaussian process of the same variance and the same variance of its
     derivative crosses the threshold, on both sides (Rice, "Mathematical analysis of random noise", 1944, sec. 3.3).
     """
-    parts, bands = np.split(torque, record.starts[1:]), np.split(band, record.starts[1:])
+    starts = np.unique([*record.starts, *changes]).astype(np.intp)
+    parts, bands = np.split(torque, starts[1:]), np.split(band, starts[1:])
     away = [part - _level(part, record.dt) for part in parts]
     sd = float(np.median(np.abs(np.concatenate(away)))) / NORMAL_MEDIAN
     if sd == 0.0:
@@ -289,16 +321,20 @@ def gusts(torque: Array, band: Array, record: Record) -> Gusts:
     # Likewise by the median, so that gusts do not count.
     crossings = float(np.median(np.abs(slopes))) / NORMAL_MEDIAN / sd / (2 * np.pi)
     false = 2 * 60 * crossings * float(np.exp(-(THRESHOLD**2) / 2))
-    detected = []
-    for first, part, width in zip(record.starts.tolist(), away, bands, strict=True):
+    detected, beside, apart = [], round(LEVEL_SECONDS / 2 / record.dt), CHANGE_SECONDS / record.dt
+    for first, whole, part, width in zip(starts.tolist(), parts, away, bands, strict=True):
         outside = np.concatenate([[False], np.abs(part) > END * THRESHOLD * sd, [False]])
         # A change of sign ends a gust.
         edges = np.flatnonzero(np.diff(outside * np.sign(np.concatenate([[0], part, [0]]))))
         for start, stop in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
             peak = start + int(np.argmax(np.abs(part[start:stop])))
-            if abs(part[peak]) > max(THRESHOLD * sd, CERTAIN * width[peak]):
-                sample = first + start
-                detected.append(DetectedGust(sample, sample * record.dt, (stop - start) * record.dt, float(part[peak])))
+            sample, length = first + start, (stop - start) * record.dt
+            before, after = whole[max(start - beside, 0) : start], whole[stop : stop + beside]
+            stays = before.size and after.size and abs(np.median(after) - np.median(before)) > THRESHOLD * sd
+            changed = any(sample - apart < change < first + stop + apart for change in changes)
+            high = abs(part[peak]) > max(THRESHOLD * sd, CERTAIN * width[peak])
+            if high and length >= shortest and not (stays or changed):
+                detected.append(DetectedGust(sample, sample * record.dt, length, float(part[peak])))
     return Gusts(tuple(detected), THRESHOLD * sd, false)
 
 
