@@ -112,8 +112,8 @@ class Room(NamedTuple):
         inside = height - bottom - self.top, width - self.left - self.right
         between = zip((self.rows, self.columns), (rows, columns), inside, strict=True)
         hspace, wspace = (gap * count / (size - gap * (count - 1)) for gap, count, size in between)
-        ends = bottom / height, 1 - self.top / height
-        figure.subplots_adjust(self.left / width, ends[0], 1 - self.right / width, ends[1], wspace, hspace)
+        sides = self.left / width, bottom / height, 1 - self.right / width, 1 - self.top / height
+        figure.subplots_adjust(*sides, wspace, hspace)
 
 
 @contextmanager
@@ -170,8 +170,7 @@ def band(axes: Axes, x: Array, low: Array | float, high: Array | float, colour: 
 
 def legend_above(axes: Axes, columns: int = 5) -> None:
     """Draws a legend above the axes, on the right: never over data."""
-    handles, labels = axes.get_legend_handles_labels()
-    axes.legend(handles, labels, loc="lower right", bbox_to_anchor=(1.0, 1.01), ncols=columns)
+    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.01), ncols=columns)
 
 
 def not_blown_up(axes: Axes, values: ArrayLike, beyond: float = MAX_BEYOND) -> None:
