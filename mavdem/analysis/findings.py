@@ -51,10 +51,7 @@ PREDICTION_LIMITS = PredictionLimits()
 SATURATED = 0.05  # share of the time at full throttle, from which on no linear model describes the vehicle
 UNEVEN = 8.0  # percent of a motor beyond the mean of all: what health calls a fault's size
 LITTLE_HEADROOM = 0.1  # share of the range
-RINGING, RINGING_SECONDS = (
-    0.15,
-    3.0,
-)  # autocorrelation of the rate: that of a swing with a damping ratio of 0.3, after one
+RINGING, RINGING_SECONDS = 0.15, 3.0  # autocorrelation of the rate after a swing, as of a damping ratio of 0.3
 WIND_WORDS = {"light": 0.005, "moderate": 0.02, "strong": float("inf")}  # below, as a share of the motors' full torque
 PURPOSES = ("motor effectiveness", "damping and lag", "wind", "prediction", "residuals")
 
