@@ -135,8 +135,8 @@ def test_a_file_is_not_long():
 
 
 BUDGETS = {
-    "mavdem": 655,
-    "ingest": 5680,
+    "mavdem": 680,
+    "ingest": 5600,
     "alignment": 2000,
     "condition": 830,
     "dem": 8960,

@@ -218,7 +218,7 @@ def test_a_gust_lasts_as_long_as_the_estimate_resolves_and_returns_to_the_level_
 
 
 def test_a_gust_lasts_longer_than_the_motors_take_and_than_the_noise_hides():
-    quick = Parameters(components=((FIRST_ORDER, 1.0, 0.3),))
+    quick = Parameters(components=((FIRST_ORDER, 1.0, 0.3),), noise=1e-4)
     assert shortest_gust(quick, DT) == pytest.approx(2 * DT + quick.lag + quick.delay)
     assert shortest_gust(quick._replace(noise=0.3), DT) > 3 * shortest_gust(quick, DT)
 
