@@ -108,11 +108,11 @@ class FlightDownstream:
 
     def to_pandas(self) -> Any:
         """Returns a ``pandas.DataFrame``: a row a sample, by time in s; columns with units as in ``flight.csv``."""
-        return downstream("export.tables", "to_pandas", "Flight.to_pandas()", "pandas")(self)
+        return downstream("export.conversion", "to_pandas", "Flight.to_pandas()", "pandas")(self)
 
     def to_xarray(self) -> Any:
         """Returns an ``xarray.Dataset``: inputs and outputs by time in s and name, their units beside them."""
-        return downstream("export.tables", "to_xarray", "Flight.to_xarray()", "xarray")(self)
+        return downstream("export.conversion", "to_xarray", "Flight.to_xarray()", "xarray")(self)
 
     def _repr_html_(self) -> str:
         return str(downstream("report.page", "flight_html")(self))
@@ -135,7 +135,7 @@ class LearnedDownstream:
 
     def to_control(self) -> Any:
         """Returns the model as a ``control.StateSpace``, about its trim, with names of states, inputs and outputs."""
-        return downstream("export.tables", "to_control", "Learned.to_control()", "control")(self)
+        return downstream("export.conversion", "to_control", "Learned.to_control()", "control")(self)
 
     def _repr_html_(self) -> str:
         return str(downstream("report.page", "learned_html")(self))

@@ -51,10 +51,7 @@ PREDICTION_LIMITS = PredictionLimits()
 SATURATED = 0.05  # share of the time at full throttle, from which on no linear model describes the vehicle
 UNEVEN = 8.0  # percent of a motor beyond the mean of all: what health calls a fault's size
 LITTLE_HEADROOM = 0.1  # share of the range
-RINGING, RINGING_SECONDS = (
-    0.15,
-    3.0,
-)  # autocorrelation of the rate: that of a swing with a damping ratio of 0.3, after one
+RINGING, RINGING_SECONDS = 0.15, 3.0  # autocorrelation of the rate after a swing, as of a damping ratio of 0.3
 WIND_WORDS = {"light": 0.005, "moderate": 0.02, "strong": float("inf")}  # below, as a share of the motors' full torque
 PURPOSES = ("motor effectiveness", "damping and lag", "wind", "prediction", "residuals")
 
@@ -218,7 +215,9 @@ def _purposes(learned: Learned, held_out: HeldOut | None) -> tuple[Finding, ...]
 def _residuals(found: Residuals) -> tuple[Grade, str]:
     (auto, across), (bound, joint) = found.largest, found.bounds
     figures = f"autocorrelation up to {auto:.2f} (99 % bound {bound:.2f}), with the command {across:.2f} ({joint:.2f})"
-    return (GOOD, f"White: {figures}") if found.white else (LIMITED, f"Not white, the model leaves motion: {figures}")
+    if not found.white:
+        return LIMITED, f"Not white: {figures}"
+    return GOOD, f"{'White' if auto <= bound and across <= joint else 'Nearly white'}: {figures}"
 
 
 def _first_sentence(text: str) -> str:
@@ -321,7 +320,7 @@ def warnings_of(learned: Learned, held_out: HeldOut | None) -> tuple[str, ...]:
 def next_step(found: Sequence[Finding]) -> str:
     """Returns what to do next, by what was ``found``: the first purpose that is not served decides."""
     grades = {finding.purpose: finding.grade for finding in found}
-    effect, motion, _, prediction, white = (grades.get(purpose, GOOD) for purpose in PURPOSES)
+    effect, motion, _, prediction = (grades.get(purpose, GOOD) for purpose in PURPOSES[:4])
     if effect != GOOD or motion == NONE:
         return (
             "Fly half a minute of quick small movements on this axis in calm air (docs/manoeuvres.md), and learn from "
@@ -334,6 +333,6 @@ def next_step(found: Sequence[Finding]) -> str:
         )
     if prediction == NONE:
         return "`mavdem compare` with this log shows whether another method predicts it better."
-    if prediction != GOOD or white != GOOD:
+    if prediction != GOOD:
         return "Keep its physical parameters as the vehicle's reference, but do not rely on its forecasts."
     return "Keep this as the vehicle's reference; `--axis all` has pitch and yaw."
