@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.ingest.motors import MotorGeometry, OutputScale, demand_geometry, motor_geometry, output_scale
+from mavdem.ingest.motors import MotorGeometry as MotorGeometry
+from mavdem.ingest.motors import OutputScale, demand_geometry, motor_geometry, output_scale
 from mavdem.ingest.telemetry import Columns, Telemetry
 
 FREQUENT_ENOUGH = 0.9

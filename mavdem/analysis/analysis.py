@@ -153,8 +153,7 @@ def motor_alarms(signals: Signals) -> tuple[MotorAlarm, ...]:
         return ()
     layout, alarms = motors.layout, list[MotorAlarm]()
     for boot in np.unique(motors.boot):
-        geometry = layout.names, layout.motors, layout.positions, layout.spins
-        watch = MotorWatch(*geometry, layout.positions_assumed, int(boot))
+        watch = MotorWatch(layout, int(boot))
         rows = motors.boot == boot
         time, commands = motors.time[rows], motors.scale.fraction(motors.outputs[rows])
         for row in np.flatnonzero(during(time, settled(signals, int(boot)))):

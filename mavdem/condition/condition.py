@@ -273,6 +273,7 @@ def condition_of(signals: Signals) -> Condition:
         hover = None
     intervals, command = ((), {}) if hover is None else _balance(signals, settled)
     lean, tilt = _leaning(signals, settled)
+    oscillation = oscillation_of(signals, settled) or oscillation_of(signals, _parts(signals, phases.flying))
     return Condition(
         duration=_seconds(span),
         armed=None if signals.armed is None else _seconds(_parts(signals, phases.armed)),
@@ -286,7 +287,7 @@ def condition_of(signals: Signals) -> Condition:
         tilt_max=float(tilt.max()) if len(tilt) else None,
         vibration=_vibration(signals, settled),
         battery=_battery(signals, settled or span),
-        oscillation=oscillation_of(signals, settled or _parts(signals, phases.flying)),
+        oscillation=oscillation,
     )
 
 
