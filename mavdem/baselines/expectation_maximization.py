@@ -43,32 +43,36 @@ def em(train: UniformRecord | Sequence[UniformRecord], order: int = 2) -> Identi
 
 
 class EMFit(NamedTuple):
-    """The state of EM: ``starts`` (segments, n) are means of first states; one likelihood an iteration."""
+    """What EM came to: ``starts`` (segments, n) are means of first states; one likelihood an iteration."""
 
     model: GaussianModel
     starts: Array
-    log_likelihoods: tuple[float, ...]
+    log_likelihoods: list[float]
     converged: bool
 
 
-def iterated(begun: EMFit, segments: Segments, iterations: int) -> EMFit:
-    """As many iterations more, or until it has converged."""
-    model, starts, likelihoods, converged = begun
+def iterated(segments: Segments, order: int, iterations: int = MAX_ITERATIONS) -> EMFit:
+    """From the subspace model, with noise, so many ``iterations`` on, or until it has converged."""
+    found, starts, _ = found_by_projection(segments, order)
+    A, B, C, _, K, offset, _, trim, *_ = found
+    pairs = zip(starts, segments, strict=True)
+    errors = np.concatenate([segment[1] - found.predicted(start, *segment) for start, segment in pairs])
+    R = errors.T @ errors / len(errors)
+    noise = K @ R @ K.T + START_NOISE * np.eye(order)
+    model, likelihoods = GaussianModel(A, B, offset, C, trim, noise, R + LEAST_NOISE * np.eye(len(C))), list[float]()
     for _ in range(iterations):
-        if converged:
-            break
         expected = [smoothed(model, start, *segment) for start, segment in zip(starts, segments, strict=True)]
-        likelihoods += (sum(of.log_likelihood for of in expected),)
+        likelihoods.append(sum(states.log_likelihood for states in expected))
         if not np.isfinite(likelihoods[-1]):
             raise np.linalg.LinAlgError("the likelihood is not finite")
-        converged = _left_to_gain(likelihoods) < CONVERGED_NATS
-        if not converged:
-            model = _maximized(model, expected, segments)
-            starts = np.array([of.means[0] for of in expected])
-    return EMFit(model, starts, likelihoods, converged)
+        if _left_to_gain(likelihoods) < CONVERGED_NATS:
+            return EMFit(model, starts, likelihoods, True)
+        model = _maximized(model, expected, segments)
+        starts = np.array([states.means[0] for states in expected])
+    return EMFit(model, starts, likelihoods, False)
 
 
-def _left_to_gain(likelihoods: tuple[float, ...]) -> float:
+def _left_to_gain(likelihoods: list[float]) -> float:
     """What the gains to come sum to, if they go on shrinking as the last two did (Aitken)."""
     if len(likelihoods) < 3:
         return np.inf
@@ -141,7 +145,7 @@ class _ExpectedSums(NamedTuple):
 
 def _fitted(segments: Segments, order: int) -> Fitted:
     try:
-        fit = iterated(from_subspace(segments, order), segments, MAX_ITERATIONS)
+        fit = iterated(segments, order)
         A, B, offset, C, trim, Q, R = fit.model
         (n, k), m = B.shape, len(C)
         gain = innovation_gain(A, C, Q, R, np.zeros((n, m)))
@@ -151,15 +155,3 @@ def _fitted(segments: Segments, order: int) -> Fitted:
             "the order, or train on other samples"
         ) from None
     return Fitted(StateSpace(A, B, C, np.zeros((m, k)), gain, offset, np.zeros(k), trim), fit.starts, fit.converged)
-
-
-def from_subspace(segments: Segments, order: int) -> EMFit:
-    """The start of EM: the subspace model, with noise."""
-    found, starts, _ = found_by_projection(segments, order)
-    A, B, C, _, K, offset, _, trim, *_ = found
-    pairs = zip(starts, segments, strict=True)
-    errors = np.concatenate([segment[1] - found.predicted(start, *segment) for start, segment in pairs])
-    R = errors.T @ errors / len(errors)
-    noise = K @ R @ K.T + START_NOISE * np.eye(order)
-    model = GaussianModel(A, B, offset, C, trim, noise, R + LEAST_NOISE * np.eye(len(C)))
-    return EMFit(model, starts, (), False)

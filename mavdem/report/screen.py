@@ -186,7 +186,7 @@ def _wind(wind: WindTorque | None, physical: Physical | None) -> list[Block]:
         "and the load is centred."
     )
     if wind.scale_error > HALF_WIDTH["wind"]:
-        text += f" Both are uncertain by {100 * wind.scale_error:.0f} %, as the control effectiveness is."
+        text += f" The standard deviation is uncertain by {100 * wind.scale_error:.0f} %."
     text += f" {count or 'No'} gust{'' if count == 1 else 's'} beyond {rounded(scale * wind.gust_threshold)} {unit}"
     if wind.gusts:
         largest = max(wind.gusts, key=lambda gust: abs(gust.size))

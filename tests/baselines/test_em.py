@@ -11,7 +11,7 @@ from peculiar_flights import (
 from scipy.stats import chi2
 
 from mavdem import Flight, baselines, evaluate
-from mavdem.baselines.expectation_maximization import LEAST_NOISE, from_subspace, iterated
+from mavdem.baselines.expectation_maximization import LEAST_NOISE, iterated
 from mavdem.baselines.identified import Units
 from mavdem.dem.engine.kalman import GaussianModel, smoothed
 from mavdem.dem.record import Record
@@ -52,7 +52,7 @@ def test_a_system_is_recovered_as_well_as_can_be(order, feedback):
     """Twice what the likelihood gains over the truth is χ² in as many parameters as data can tell (Wilks)."""
     truth = noisy_system(order)
     segments = [flown(truth, order, 800, feedback), flown(truth, order + 10, 400, feedback)]
-    found = iterated(from_subspace(segments, order), segments, 300).log_likelihoods[-1]
+    found = iterated(segments, order).log_likelihoods[-1]
     of_truth = sum(smoothed(truth, np.zeros(order), *segment).log_likelihood for segment in segments)
     # Input and noise answers, the noises' size, what is constant, and where two segments begin.
     freedom = order * (2 + 2 * 2) + 3 + 2 + 2 * order
@@ -65,7 +65,7 @@ def test_a_system_is_recovered_as_well_as_can_be(order, feedback):
 def test_the_likelihood_rises_and_covariances_stay_positive(order, train):
     record = Record.of(train)
     segments = Units.of(record).segments(record)
-    fitted = iterated(from_subspace(segments, order), segments, 40)
+    fitted = iterated(segments, order, 40)
     likelihoods = np.array(fitted.log_likelihoods)
     assert np.diff(likelihoods).min() > -1e-8 * np.abs(likelihoods).max()
     for covariance in (fitted.model.Q, fitted.model.R):
