@@ -37,8 +37,8 @@ def write_recording(
     """Writes ``learned``, the model of ``flights``, and forecasts of ``held_out`` windows as an .rrd file ``path``.
 
     It appears whole or not at all, ``OSError`` if it cannot be written, and opens with its own blueprint: the flight
-    over its seconds, more of it, how the model was learned, and the report. Angles are in degrees; every plot is marked
-    where a motor ``changes``, s of the boot clock.
+    over its seconds, more of it, how the model was learned, and the report by what was ``found``. Angles are in
+    degrees; every plot is marked where a motor ``changes``, s of the boot clock.
     """
     series = FlightSeries(flights, learned, held_out)
     series.changes = [at for at in changes if series.span[0] < at < series.span[1]]
