@@ -200,8 +200,6 @@ def live_command(
         account = session.account()
         spent = ", ".join(f"{seconds:.0f} s {ACCOUNT[kind]}" for kind, seconds in account.items() if seconds >= 0.5)
         say_aside(f"Of {sum(account.values()):.0f} s: {spent or 'nothing'}.")
-        if ahead := _ahead(session.status, axis):
-            say_aside(sentence(ahead))
         say_aside("Ending takes some seconds: model, message rates and files are completed.")
         status, learned, code = session.status, None, UNSUPPORTED
         # The model is written first: what follows may fail or take its time.

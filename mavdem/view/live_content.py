@@ -343,6 +343,8 @@ def figures(channels: Channels, status: SessionStatus, row: ViewRow, until: floa
     if now is not None and isfinite(now.wind_torque):
         sizes = unit.scale * now.wind_torque, unit.scale * now.wind_torque_band
         torque = f"{plus_minus(*sizes)} {unit.name}", "now, steady part included (90 %)"
+    elif now is not None and now.physical is not None:
+        torque = "not identifiable", ""
     if now is not None and now.physical is not None:
         physical, names = now.physical, (f"{unit.name} per {channels.input_units[0] or 'unit'}", "1/s")
         mean = [unit.scale * value for value in physical.mean_effect(LEVEL)]
