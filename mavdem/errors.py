@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from importlib import import_module
 from importlib.util import find_spec
+from math import pi
 from typing import Any
 
 REMEDIES = {"attach", "check", "convert", "cut", "delete", "fetch", "give", "install", "make", "move", "name", "save"}
@@ -37,6 +38,25 @@ class NotLearnable(ValueError):
         super().__init__(f"{reason} {remedy}".strip())
         self.reason = reason
         self.remedy = remedy
+
+
+SLIPS = {57.3: "The angle seems to be in degrees", 1 / 57.3: "The rate seems to be in degrees/s"}
+SLIPS |= {1e-3: "Time seems to be in milliseconds", 1e-6: "Time seems to be in microseconds"}
+"""What is likely by how many times as much an angle changes as its rate says."""
+
+
+def unit_slip(outputs: Any, dt: float) -> str:
+    """Returns a sentence where an angle and its rate, ``outputs`` (T, 2), or time ``dt`` seem to have another unit."""
+    angle, turned = outputs[:, 0], outputs[:, -1].cumsum() * dt
+    changed, expected = (values[8:] - values[:-8] for values in (angle, turned))  # so that noise counts little
+    if outputs.shape[1] != 2 or not changed @ expected > 0.9 * (changed @ changed * (expected @ expected)) ** 0.5:
+        return ""  # no angle and its rate
+    ratio, most = changed @ expected / (expected @ expected), abs(angle).max()
+    cause = next((cause for slip, cause in SLIPS.items() if 0.8 < ratio / slip < 1.25), "")
+    if 0.8 < ratio < 1.25 and most > pi:
+        cause = "Angle and rate seem to be in degrees"
+    says = f"the angle changes {ratio:.3g} times as much as its rate says, and reaches {most:.3g}"
+    return f"{cause} ({says}): give seconds, rad and rad/s." if cause else ""
 
 
 EXTRAS = {
@@ -88,11 +108,11 @@ class FlightDownstream:
 
     def to_pandas(self) -> Any:
         """Returns a ``pandas.DataFrame``: a row a sample, by time in s; columns with units as in ``flight.csv``."""
-        return downstream("export.tables", "to_pandas", "Flight.to_pandas()", "pandas")(self)
+        return downstream("export.conversion", "to_pandas", "Flight.to_pandas()", "pandas")(self)
 
     def to_xarray(self) -> Any:
         """Returns an ``xarray.Dataset``: inputs and outputs by time in s and name, their units beside them."""
-        return downstream("export.tables", "to_xarray", "Flight.to_xarray()", "xarray")(self)
+        return downstream("export.conversion", "to_xarray", "Flight.to_xarray()", "xarray")(self)
 
     def _repr_html_(self) -> str:
         return str(downstream("report.page", "flight_html")(self))
@@ -115,7 +135,7 @@ class LearnedDownstream:
 
     def to_control(self) -> Any:
         """Returns the model as a ``control.StateSpace``, about its trim, with names of states, inputs and outputs."""
-        return downstream("export.tables", "to_control", "Learned.to_control()", "control")(self)
+        return downstream("export.conversion", "to_control", "Learned.to_control()", "control")(self)
 
     def _repr_html_(self) -> str:
         return str(downstream("report.page", "learned_html")(self))

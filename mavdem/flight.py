@@ -6,11 +6,12 @@ from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass, field
 from typing import Any
+from warnings import warn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mavdem.errors import FlightDownstream
+from mavdem.errors import FlightDownstream, unit_slip
 
 MAX_VALUE = 1e100
 """Of any number of a flight: differences and squares of larger ones overflow."""
@@ -44,6 +45,8 @@ class Flight(FlightDownstream):
 
     Raises:
         ValueError: names the argument whose shape, order or values are wrong.
+
+    A ``UserWarning`` says where an angle, its rate or time seem to be in degrees or milliseconds.
 
     See Also:
         :func:`mavdem.read_flight`: a flight from a log; :meth:`segments`: from arrays with gaps.
@@ -107,6 +110,8 @@ class Flight(FlightDownstream):
         }
         for name, value in fields.items():
             object.__setattr__(self, name, value)
+        if not self.provenance and (slip := unit_slip(outputs, self.dt)):  # of a log, units are known
+            warn(slip, stacklevel=2)
 
     @classmethod
     def segments(

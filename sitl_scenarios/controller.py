@@ -38,7 +38,7 @@ class Controller:
 
     def __init__(self, vehicle: VehicleSpec, cycle: float, delay: float) -> None:
         self._body = body = airframe(vehicle)
-        self._frame = places = frame(vehicle.mixed_as, body.arm)
+        self._frame = places = frame(vehicle.mixer or vehicle.frame, body.arm)
         self._stop, self._gain = vehicle.stop, vehicle.rate_gain
         lag = sum(body.lag) / 2
         # A loop with an integrator and a dead time T in all is well damped up to about 0.4/T; a cycle's hold and its

@@ -115,8 +115,8 @@ class VehicleSpec(Section):
     """Share of the thrust that is quadratic in the command, the rest linear; inf: rotor speed linear in it."""
     lag_up: Lag = Field(None, description="Time constant of a rotor that speeds up, s; inf: as published")
     lag_down: Lag = Field(None, description="Time constant of a rotor that slows down, s; inf: as published")
-    mixer: Literal["as the frame", "x", "plus"] = "as the frame"
-    """Frame that the autopilot is set to; another than the vehicle's turns roll into pitch, and it may oscillate."""
+    mixer: Literal["", "x", "plus"] = ""
+    """Frame that the autopilot is set to, where it is another: it turns roll into pitch, and may oscillate."""
     rate_gain: float = Field(1.0, gt=0, le=50, description="Multiple of the rate loop's gain that suits the vehicle")
     stop: float = Field(1.0, gt=0.2, le=1, description="Share of the pulse range at which motors stop: MOT_SPIN_MAX")
     inertia_scale: Annotated[float, Field(ge=0.1, le=10)] = 1.0
@@ -125,11 +125,6 @@ class VehicleSpec(Section):
     """Motor, counted from 1 as the autopilot does, that loses thrust; 0: none."""
     weak_from: NotNegative = Field(0.0, description="Seconds into the flight from which it is weak")
     weak_thrust: float = Field(0.65, gt=0, le=1, description="Share of its thrust that is left")
-
-    @property
-    def mixed_as(self) -> Literal["x", "plus"]:
-        """The frame that the autopilot is set to."""
-        return self.frame if self.mixer == "as the frame" else self.mixer
 
 
 class SteadyWind(Section):

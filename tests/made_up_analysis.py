@@ -103,7 +103,7 @@ HOVER = HoverFigures(
 
 def analysis(parameters: Parameters) -> LogAnalysis:
     learned, windows = model(parameters), held_out()
-    verdict = SimpleNamespace(figures=SimpleNamespace(consistency=0.99))
+    verdict = SimpleNamespace(figures=SimpleNamespace(consistency=0.99), learnable=True)
     condition = SimpleNamespace(hover=HOVER, oscillation=None)
     known = verdict, SimpleNamespace(name="a"), condition, None, SimpleNamespace(hover=HOVER)
     return LogAnalysis(*known, learned=learned, held_out=windows, watched=True)

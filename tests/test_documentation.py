@@ -41,7 +41,7 @@ PAGES |= {f"docs/{path.name}": path.read_text() for path in sorted((ROOT / "docs
         ("docs/engine.md", "True "),
         ("docs/comparison.md", "\nconstant mean 1.0\n"),
         ("docs/scenarios.md", "[[0. 1.]"),
-        ("docs/baselines.md", "subspace(4,"),
+        ("docs/baselines.md", "subspace(4)"),
         ("README.md", "control effectiveness"),
         ("docs/python.md", "(2, 2)\n(3, 3)\n(4, 4)\n"),
     ],

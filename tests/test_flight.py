@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from mavdem import Flight
+from mavdem.dem import physical
+from mavdem.dem.record import Record
 
 TIME = 10 + 0.01 * np.arange(6)
 INPUTS, OUTPUTS = np.arange(12.0).reshape(6, 2), np.arange(6.0)
@@ -95,3 +97,25 @@ def test_a_flight_its_slices_and_its_copies_cannot_be_changed():
         flight.dt = 1.0
     INPUTS[0, 0] += 1
     assert flight.inputs[0, 0] == INPUTS[0, 0] - 1
+
+
+@pytest.mark.parametrize(
+    ("time", "outputs", "said"),
+    [
+        (1, (180 / np.pi, 180 / np.pi), "Angle and rate seem to be in degrees"),
+        (1, (180 / np.pi, 1), "The angle seems to be in degrees"),
+        (1, (1, 180 / np.pi), "The rate seems to be in degrees/s"),
+        (1e3, (1, 1), "milliseconds"),
+        (1e6, (1, 1), "microseconds"),
+    ],
+)
+def test_a_slip_of_units_is_said_with_its_likely_cause(time, outputs, said, recwarn):
+    """Effects would be 57 times too large, without a word. The flight is one of 6°, with noise on both outputs."""
+    noise = np.random.default_rng(3)
+    t = np.arange(800) / 100
+    turning = np.column_stack([0.1 * np.sin(6 * t), 0.6 * np.cos(6 * t)]) + noise.normal(0, (0.001, 0.02), (800, 2))
+    Flight(t, np.zeros((800, 4)), turning)
+    assert not recwarn.list
+    with pytest.warns(UserWarning, match=said):
+        flight = Flight(time * t, np.zeros((800, 4)), np.array(outputs) * turning)
+    assert said in physical(flight).reason and said in Record.of(flight).input_cautions[0]

@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.ingest.motors import MotorGeometry, OutputScale, demand_geometry, motor_geometry, output_scale
+from mavdem.ingest.motors import MotorGeometry as MotorGeometry
+from mavdem.ingest.motors import OutputScale, demand_geometry, motor_geometry, output_scale
 from mavdem.ingest.telemetry import Columns, Telemetry
 
 FREQUENT_ENOUGH = 0.9
@@ -87,9 +88,9 @@ DEMAND_MESSAGE = "ACTUATOR_CONTROL_TARGET"
 THRUST_COLUMN = 3  # Place of thrust in ACTUATOR_CONTROL_TARGET.controls of group 0
 PORT_CHANNELS, WIDE_PORT_CHANNELS = 8, 16
 """Channels a port of SERVO_OUTPUT_RAW; firmware that fills the message's extension counts ports by 16."""
-LEAST_STOP, STOP_SHARE, STOP_WIDTH, STOP_BINS = 0.8, 0.01, 0.003, 5
-"""An upper stop that the outputs show: at least so much of the range, so often reached, this wide, and how many bins of
-that width below it show what is usual."""
+LEAST_STOP, STOP_SHARE, STOP_WIDTH, STOP_BINS, STOP_EXCESS = 0.5, 0.01, 0.003, 5, 8
+"""An upper stop that the outputs show: at least so much of the range, so often reached, this wide, how many bins of
+that width below it show what is usual, and how many times as often it is reached: the crest of a sine 3 to 5 times."""
 UNUSED_CHANNEL = 65535  # SERVO_OUTPUT_RAW's value for a channel without an output
 
 
@@ -164,7 +165,7 @@ def _seen_stop(shares: NDArray[np.float64]) -> float:
     for column in shares.T if highest >= LEAST_STOP else ():
         bins = np.floor((highest - column[column > 0]) / STOP_WIDTH)
         at_stop, near = np.count_nonzero(bins == 0), np.count_nonzero((bins > 0) & (bins <= STOP_BINS)) / STOP_BINS
-        reached = at_stop >= max(STOP_SHARE * len(column), STOP_BINS * near, 3)
+        reached = at_stop >= max(STOP_SHARE * len(column), STOP_EXCESS * near, 3)
         if reached and np.count_nonzero(bins > STOP_BINS) > np.count_nonzero(bins > 0) / 2:
             return highest
     return 1.0

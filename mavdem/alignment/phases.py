@@ -97,6 +97,11 @@ def total(intervals: Intervals) -> float:
     return sum(end - start for start, end in intervals)
 
 
+def during(time: NDArray[np.float64], intervals: Intervals) -> NDArray[np.bool_]:
+    """Returns which stamps (N,) are in the intervals."""
+    return np.asarray(np.any([(time >= start) & (time <= end) for start, end in [(inf, inf), *intervals]], axis=0))
+
+
 def airborne_collective(parameters: Mapping[str, float]) -> float:
     """Returns the least share of the motors' range, 0 to 1, that holds a multirotor up."""
     return parameters.get("MOT_SPIN_MIN", IDLE_COLLECTIVE) + ABOVE_IDLE
@@ -111,22 +116,27 @@ def settled(signals: Signals, boot: int) -> Intervals:
     flights = both(armed(signals, boot), in_states(signals, boot, (IN_AIR,)))
     if landing is not None and climb is None and _of_boot(signals.landed_state, boot) is None:
         flights = both(flights, where(landing.time, landing.values == 0))
-    held = [part for part in both(flights, grounded(signals, boot)) if part[1] - part[0] >= GROUND_SECONDS]
-    flights = both(flights, outside(held))
-    for tilt in signals.tilts[:1]:  # what lies on its back has crashed
-        here = tilt.boot == boot
-        flights = both(flights, where(tilt.time[here], np.abs(tilt.angle[here]) < np.pi / 2))
+    flights = off_ground(flights, signals, boot)
+    tilts = [(tilt.time[tilt.boot == boot], np.abs(tilt.angle[tilt.boot == boot])) for tilt in signals.tilts]
+    for time, tilt in tilts[:1]:  # what lies on its back has crashed
+        flights = both(flights, where(time, tilt < np.pi / 2))
     level = [between for flight in flights if (between := between_transients(flight, climb)) is not None]
-    if climb is not None:
-        speed = average(climb)
-        aloft = np.any([(climb.time >= start) & (climb.time <= end) for start, end in [(inf, inf), *level]], axis=0)
-        if np.any(speed[aloft] > -CLIMB_OUT_SPEED):
-            steady = both(level, where(climb.time, np.abs(speed) > CLIMB_SPEED))
-            level = both(level, outside([part for part in steady if part[1] - part[0] >= TRANSIENT_SECONDS]))
-    for tilt in signals.tilts:
-        here = tilt.boot == boot
-        level = both(level, where(tilt.time[here], np.abs(tilt.angle[here]) < MAX_TILT))
-    return level if signals.tilts else []
+    if climb is not None and np.any((speed := average(climb))[during(climb.time, level)] > -CLIMB_OUT_SPEED):
+        climbs = both(level, where(climb.time, np.abs(speed) > CLIMB_SPEED))
+        level = both(level, outside([part for part in climbs if part[1] - part[0] >= TRANSIENT_SECONDS]))
+    for time, tilt in tilts:
+        level = both(level, where(time, tilt < MAX_TILT))
+    return level if tilts else []
+
+
+def off_ground(flights: Intervals, signals: Signals, boot: int) -> Intervals:
+    """Returns the ``flights`` of ``boot`` that rose, without what the ground held for ``GROUND_SECONDS`` or longer."""
+    if (climb := _of_boot(signals.climb_rate, boot)) is not None:
+        speed = np.abs(average(climb))
+        rose = (climb.time[0] > start or speed[climb.time <= end].max() >= LEAST_CLIMB for start, end in flights)
+        flights = [flight for flight, up in zip(flights, rose, strict=True) if up]
+    held = [part for part in both(flights, grounded(signals, boot)) if part[1] - part[0] >= GROUND_SECONDS]
+    return both(flights, outside(held))
 
 
 def grounded(signals: Signals, boot: int) -> Intervals:
@@ -174,9 +184,7 @@ def highest_collective(signals: Signals) -> float:
     highest, collective = 0.0, signals.collective
     for boot in np.unique(collective.boot) if collective is not None else ():
         if (here := _of_boot(collective, boot)) is not None:
-            for start, end in armed(signals, boot):
-                within = (here.time >= start) & (here.time <= end)
-                highest = max(highest, float(average(here)[within].max(initial=0.0)))
+            highest = max(highest, float(average(here)[during(here.time, armed(signals, boot))].max(initial=0.0)))
     return highest
 
 
@@ -207,8 +215,6 @@ def between_transients(flight: Interval, climb: Signal | None) -> Interval | Non
     if climb is not None:
         speed = average(climb)
         inside = (climb.time >= after) & (climb.time <= before)
-        if climb.time[0] <= start and np.abs(speed[climb.time <= end]).max(initial=0.0) < LEAST_CLIMB:
-            return None
         # No whole flight only sinks: then the estimate has run away.
         if isinf(start) or isinf(end) or np.any(speed[inside] > -CLIMB_OUT_SPEED):
             rising = climb.time[inside & (speed < CLIMB_OUT_SPEED)]

@@ -129,12 +129,14 @@ def _with_cautions(verdict: Verdict, further: tuple[str, ...] = ()) -> Flight:
 
 
 def choose_vehicle(vehicles: Sequence[Telemetry], wanted: str | None = None) -> Telemetry:
-    """The one vehicle, or the one ``wanted``: "system" or "system:component". One that sends no attitude is no rival.
+    """The one vehicle, or the one ``wanted``: "system", "system:component" or the number of its board.
+
+    One that sends no attitude is no rival.
 
     Raises NotLearnable: none or several match; the message lists them.
     """
     if wanted is not None:
-        matching = [vehicle for vehicle in vehicles if wanted in (str(vehicle.system), _name(vehicle))]
+        matching = [vehicle for vehicle in vehicles if wanted in (str(vehicle.system), _ids(vehicle), vehicle.board)]
     else:
         moving = [vehicle for vehicle in vehicles if any(message_counts(vehicle, ATTITUDE_MESSAGES).values())]
         matching = moving or list(vehicles)
@@ -142,13 +144,16 @@ def choose_vehicle(vehicles: Sequence[Telemetry], wanted: str | None = None) -> 
         return matching[0]
     if not vehicles:
         raise NotLearnable("There is no vehicle in it.", "Check that the autopilot's own messages are recorded.")
-    listed = ", ".join(f"{_name(vehicle)} ({vehicle.vehicle}, {vehicle.autopilot})" for vehicle in matching or vehicles)
-    example = f"Choose one, for example with `--vehicle {_name((matching or vehicles)[0])}`."
+    rivals = matching or vehicles
+    alike = len({_ids(vehicle) for vehicle in rivals}) < len(rivals)  # two logs in one, of vehicles with the same ids
+    names = [vehicle.board if alike and vehicle.board else _ids(vehicle) for vehicle in rivals]
+    listed = ", ".join(f"{name} ({one.vehicle}, {one.autopilot})" for name, one in zip(names, rivals, strict=True))
+    example = f"Choose one, for example with `--vehicle {names[0]}`."
     if not matching:
         there = "is" if len(vehicles) == 1 else "are"
         raise NotLearnable(f"There is no vehicle {wanted}; there {there} {listed}.", example)
     raise NotLearnable(f"There are several vehicles: {listed}.", example)
 
 
-def _name(vehicle: Telemetry) -> str:
+def _ids(vehicle: Telemetry) -> str:
     return f"{vehicle.system}:{vehicle.component}"

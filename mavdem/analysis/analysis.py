@@ -13,8 +13,8 @@ from os import PathLike
 
 import numpy as np
 
-from mavdem.alignment.drive import AXES, TILT_AXES
-from mavdem.alignment.phases import settled
+from mavdem.alignment.drive import AXES, FLY, TILT_AXES
+from mavdem.alignment.phases import during, settled
 from mavdem.alignment.read import choose_vehicle, usable_segments
 from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals, usual_rate
 from mavdem.analysis.figures import ALL, AxisFigures, LogAnalysis, VehicleFigures, axis_figures
@@ -97,7 +97,11 @@ def analyse(
     motor_rate = usual_rate(signals.motors) if signals.motors is not None and signals.motors.layout.positions else 0.0
     tier, motors = tier_of(verdict, condition), VehicleFigures({}, condition.hover)
     found = LogAnalysis(verdict, tier, condition, identity, motors, alarms=alarms, watched=motor_rate >= MIN_RATE)
-    if tier.name != "a":
+    measured = verdict.figures
+    if tier.name is None and measured.airborne and not measured.segments:
+        reason = f"It holds no settled flight, between climb and landing, in {measured.airborne:.0f} s in the air."
+        found = replace(found, reason=reason, remedy=FLY)
+    elif tier.name != "a":
         found = replace(found, reason=tier.reason, remedy=tier.remedy)
 
     def without_model(reason: str) -> LogAnalysis:
@@ -149,14 +153,10 @@ def motor_alarms(signals: Signals) -> tuple[MotorAlarm, ...]:
         return ()
     layout, alarms = motors.layout, list[MotorAlarm]()
     for boot in np.unique(motors.boot):
-        geometry = layout.names, layout.motors, layout.positions, layout.spins
-        watch = MotorWatch(*geometry, layout.positions_assumed, int(boot))
+        watch = MotorWatch(layout, int(boot))
         rows = motors.boot == boot
         time, commands = motors.time[rows], motors.scale.fraction(motors.outputs[rows])
-        flying = np.zeros(len(time), dtype=bool)
-        for begin, end in settled(signals, int(boot)):
-            flying |= (time >= begin) & (time <= end)
-        for row in np.flatnonzero(flying):
+        for row in np.flatnonzero(during(time, settled(signals, int(boot)))):
             watch.take(float(time[row]), commands[row])
         alarms += watch.alarms
     return tuple(alarms)

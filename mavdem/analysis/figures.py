@@ -106,7 +106,9 @@ class LogAnalysis:
     def findings(self) -> Findings:
         """What the flight says of its vehicle, and what the model is good for: made once, shown everywhere."""
         known = self.condition, self.alarms, self.reason, self.remedy, self.flights, self.watched
-        return findings_of(self.learned, self.held_out, *known, self.verdict.figures.consistency)
+        # Rates that are sent slowly say nothing of the angle.
+        consistency = self.verdict.figures.consistency if self.model == "full" else None
+        return findings_of(self.learned, self.held_out, *known, consistency)
 
     def as_dict(self) -> dict[str, Any]:
         """Returns all figures as plain JSON values: what ``report.json`` has.

@@ -21,7 +21,7 @@ from mavdem.confidence import LEVEL, quantile
 from mavdem.dem import Learned, Physical, WindTorque
 from mavdem.evaluate.held_out import BASELINES, HOLD_LAST, HeldOut
 from mavdem.flight import Flight
-from mavdem.health.explanations import lost_thrust
+from mavdem.health.explanations import loss_in_words
 from mavdem.health.in_flight import MotorAlarm
 
 Grade = Literal["GOOD", "LIMITED", "NOT IDENTIFIABLE"]
@@ -51,10 +51,7 @@ PREDICTION_LIMITS = PredictionLimits()
 SATURATED = 0.05  # share of the time at full throttle, from which on no linear model describes the vehicle
 UNEVEN = 8.0  # percent of a motor beyond the mean of all: what health calls a fault's size
 LITTLE_HEADROOM = 0.1  # share of the range
-RINGING, RINGING_SECONDS = (
-    0.15,
-    3.0,
-)  # autocorrelation of the rate: that of a swing with a damping ratio of 0.3, after one
+RINGING, RINGING_SECONDS = 0.15, 3.0  # autocorrelation of the rate after a swing, as of a damping ratio of 0.3
 WIND_WORDS = {"light": 0.005, "moderate": 0.02, "strong": float("inf")}  # below, as a share of the motors' full torque
 PURPOSES = ("motor effectiveness", "damping and lag", "wind", "prediction", "residuals")
 
@@ -128,7 +125,7 @@ def findings_of(
     elif reason:
         headline, following = f"{'No model' if learned is None else 'Slow motion only'}: {reason}", remedy
     else:
-        headline = _in_short(learned, condition, flights, watched)
+        headline = _in_short(learned, condition, flights, watched, {one.purpose: one.grade for one in purposes})
         following = "Learn a model: `mavdem learn`." if learned is None else next_step(purposes)
     return Findings(headline, overrides, purposes, () if learned is None else warnings_of(learned, held_out), following)
 
@@ -150,7 +147,7 @@ def _lost_thrust(alarms: Sequence[MotorAlarm]) -> list[Override]:
     overrides = []
     for name, worst in reversed({alarm.name: alarm for alarm in reversed(ours)}.items()):
         since = min(alarm.since for alarm in ours if alarm.name == name)
-        lost = f"lost about {100 * lost_thrust(worst.size):.0f} % of its thrust at {since:.0f} s"
+        lost = f"lost {loss_in_words(worst.size)} of its thrust at {since:.0f} s"
         remedy = f"Do not fly before {name}, its propeller, connector and controller are inspected."
         sentence = worst.sentence.removeprefix("Alarm: ")
         overrides.append(Override("motors", f"{name.capitalize()} {lost}.", sentence, remedy))
@@ -175,7 +172,13 @@ def _inconsistent(consistency: float) -> Override:
     return Override("data", "Angle and rate contradict each other.", sentence, remedy)
 
 
-def _in_short(learned: Learned | None, condition: Condition | None, flights: Sequence[Flight], watched: bool) -> str:
+def _in_short(
+    learned: Learned | None,
+    condition: Condition | None,
+    flights: Sequence[Flight],
+    watched: bool,
+    grades: dict[str, Grade],
+) -> str:
     """A flight that nothing overrides, in one sentence: only what is clearly so."""
     words, hover = ["Healthy" if watched else "No fault seen"], None if condition is None else condition.hover
     if hover is None:
@@ -188,10 +191,9 @@ def _in_short(learned: Learned | None, condition: Condition | None, flights: Seq
     if flights and max(map(_ringing, flights)) < RINGING:
         words.append("well damped")
     scale = flights[0].provenance.get("scale") if flights else None
-    wind = None if learned is None else known_wind(learned.wind, learned.physical)
-    if wind is not None and learned is not None and learned.physical is not None and scale:
+    if scale and grades.get("wind") == GOOD and learned is not None and learned.physical and learned.wind:
         full = abs(learned.physical.effect).sum() * (scale["high"] - scale["low"])
-        words.append(next(f"{word} wind torque" for word, most in WIND_WORDS.items() if wind.sd < most * full))
+        words.append(next(f"{word} wind torque" for word, most in WIND_WORDS.items() if learned.wind.sd < most * full))
     return f"{', '.join(words)}."
 
 
@@ -218,7 +220,9 @@ def _purposes(learned: Learned, held_out: HeldOut | None) -> tuple[Finding, ...]
 def _residuals(found: Residuals) -> tuple[Grade, str]:
     (auto, across), (bound, joint) = found.largest, found.bounds
     figures = f"autocorrelation up to {auto:.2f} (99 % bound {bound:.2f}), with the command {across:.2f} ({joint:.2f})"
-    return (GOOD, f"White: {figures}") if found.white else (LIMITED, f"Not white, the model leaves motion: {figures}")
+    if not found.white:
+        return LIMITED, f"Not white: {figures}"
+    return GOOD, f"{'White' if auto <= bound and across <= joint else 'Nearly white'}: {figures}"
 
 
 def _first_sentence(text: str) -> str:
@@ -321,7 +325,7 @@ def warnings_of(learned: Learned, held_out: HeldOut | None) -> tuple[str, ...]:
 def next_step(found: Sequence[Finding]) -> str:
     """Returns what to do next, by what was ``found``: the first purpose that is not served decides."""
     grades = {finding.purpose: finding.grade for finding in found}
-    effect, motion, _, prediction, white = (grades.get(purpose, GOOD) for purpose in PURPOSES)
+    effect, motion, _, prediction = (grades.get(purpose, GOOD) for purpose in PURPOSES[:4])
     if effect != GOOD or motion == NONE:
         return (
             "Fly half a minute of quick small movements on this axis in calm air (docs/manoeuvres.md), and learn from "
@@ -334,6 +338,6 @@ def next_step(found: Sequence[Finding]) -> str:
         )
     if prediction == NONE:
         return "`mavdem compare` with this log shows whether another method predicts it better."
-    if prediction != GOOD or white != GOOD:
+    if prediction != GOOD:
         return "Keep its physical parameters as the vehicle's reference, but do not rely on its forecasts."
     return "Keep this as the vehicle's reference; `--axis all` has pitch and yaw."

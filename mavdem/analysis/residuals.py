@@ -12,10 +12,7 @@ from mavdem.dem.engine.linalg import Array
 
 BOUND_LEVEL = 0.99  # of the bounds that chance alone keeps to
 LAG_SECONDS = 0.5
-FAR, LARGE = (
-    3.0,
-    0.1,
-)  # times the bound, and in size: from there on a correlation is no chance, and large enough to matter
+FAR, LARGE = 3.0, 0.2  # times the bound, and in size: from both on the model leaves what matters
 
 
 class Residuals(NamedTuple):

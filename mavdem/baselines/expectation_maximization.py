@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
@@ -15,9 +14,8 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.record import UniformRecord
 
-STARTS = 4  # the subspace model, and others at random
-TRIAL_ITERATIONS, MAX_ITERATIONS = 30, 300  # iterations from each start, and at most in all from the best of them
-START_NOISE = 0.1  # least variance of w at every start: EM converges slowly from a motion that is taken to be exact
+MAX_ITERATIONS = 300
+START_NOISE = 0.1  # least variance of w at the start: EM converges slowly from a motion that is taken to be exact
 
 CONVERGED_NATS = 0.1
 """EM has converged when the likelihood has less than this to gain, extrapolated from its last gains."""
@@ -28,51 +26,53 @@ RANK_TOLERANCE = 1e-12
 LEAST_NOISE = 1e-8  # smallest variance of w and v in any direction, states and outputs being of size 1
 
 
-def em(train: UniformRecord | Sequence[UniformRecord], order: int = 2, seed: int = 0) -> Identified:
+def em(train: UniformRecord | Sequence[UniformRecord], order: int = 2) -> Identified:
     """The model of :class:`StateSpace`'s A, B and C with independent white noises of states and outputs.
 
     Expectation: states are smoothed under the model there is. Maximization: A, B, offset and Q, C, trim and R, and
     the states in which segments begin are regressed on them (Shumway and Stoffer, Journal of Time Series Analysis 3(4),
     1982; with inputs Cara, Juan and Alarcón, Mechanical Systems and Signal Processing 46(2), 2014). The likelihood
-    rises with every iteration, to a maximum that need not be the highest: so it starts from the subspace model and at
-    random, and after some iterations continues from the highest likelihood. K is the steady Kalman gain.
-    Consistent in closed loop, as far as order and noises are right. ``train``, ``order`` and errors are as for
-    :func:`mavdem.baselines.subspace`; ``seed`` is of the random starts. ``ValueError`` too where EM breaks down from
-    each.
+    rises with every iteration from the subspace model on, to a maximum that need not be the highest. K is the steady
+    Kalman gain. Consistent in closed loop, as far as order and noises are right. ``train``, ``order`` and errors are as
+    for :func:`mavdem.baselines.subspace`; ``ValueError`` too where EM breaks down.
     """
     order = required_order(order)
 
     unfinished = f"The likelihood was still rising after {MAX_ITERATIONS} iterations of EM: {NOT_THE_BEST}."
-    return identified(f"EM({order})", train, lambda segments: _best_fit(segments, order, seed), unfinished)
+    return identified(f"EM({order})", train, lambda segments: _fitted(segments, order), unfinished)
 
 
 class EMFit(NamedTuple):
-    """The state of EM: ``starts`` (segments, n) are means of first states; one likelihood an iteration."""
+    """What EM came to: ``starts`` (segments, n) are means of first states; one likelihood an iteration."""
 
     model: GaussianModel
     starts: Array
-    log_likelihoods: tuple[float, ...]
+    log_likelihoods: list[float]
     converged: bool
 
 
-def iterated(begun: EMFit, segments: Segments, iterations: int) -> EMFit:
-    """As many iterations more, or until it has converged."""
-    model, starts, likelihoods, converged = begun
+def iterated(segments: Segments, order: int, iterations: int = MAX_ITERATIONS) -> EMFit:
+    """From the subspace model, with noise, so many ``iterations`` on, or until it has converged."""
+    found, starts, _ = found_by_projection(segments, order)
+    A, B, C, _, K, offset, _, trim, *_ = found
+    pairs = zip(starts, segments, strict=True)
+    errors = np.concatenate([segment[1] - found.predicted(start, *segment) for start, segment in pairs])
+    R = errors.T @ errors / len(errors)
+    noise = K @ R @ K.T + START_NOISE * np.eye(order)
+    model, likelihoods = GaussianModel(A, B, offset, C, trim, noise, R + LEAST_NOISE * np.eye(len(C))), list[float]()
     for _ in range(iterations):
-        if converged:
-            break
         expected = [smoothed(model, start, *segment) for start, segment in zip(starts, segments, strict=True)]
-        likelihoods += (sum(of.log_likelihood for of in expected),)
+        likelihoods.append(sum(states.log_likelihood for states in expected))
         if not np.isfinite(likelihoods[-1]):
             raise np.linalg.LinAlgError("the likelihood is not finite")
-        converged = _left_to_gain(likelihoods) < CONVERGED_NATS
-        if not converged:
-            model = _maximized(model, expected, segments)
-            starts = np.array([of.means[0] for of in expected])
-    return EMFit(model, starts, likelihoods, converged)
+        if _left_to_gain(likelihoods) < CONVERGED_NATS:
+            return EMFit(model, starts, likelihoods, True)
+        model = _maximized(model, expected, segments)
+        starts = np.array([states.means[0] for states in expected])
+    return EMFit(model, starts, likelihoods, False)
 
 
-def _left_to_gain(likelihoods: tuple[float, ...]) -> float:
+def _left_to_gain(likelihoods: list[float]) -> float:
     """What the gains to come sum to, if they go on shrinking as the last two did (Aitken)."""
     if len(likelihoods) < 3:
         return np.inf
@@ -143,56 +143,15 @@ class _ExpectedSums(NamedTuple):
         return np.asarray(axes * np.maximum(variances, LEAST_NOISE) @ axes.T)
 
 
-def _best_fit(segments: Segments, order: int, seed: int) -> Fitted:
-    """From the start that has come highest after its trial, to the end; of those from which nothing breaks down."""
-    tried = []
-    for start in starting_points(segments, order, seed):
-        with suppress(np.linalg.LinAlgError):
-            tried.append(iterated(start, segments, TRIAL_ITERATIONS))
-    for trial in sorted(tried, key=lambda one: one.log_likelihoods[-1], reverse=True):
-        with suppress(np.linalg.LinAlgError):
-            fitted = iterated(trial, segments, MAX_ITERATIONS - TRIAL_ITERATIONS)
-            A, B, offset, C, trim, Q, R = fitted.model
-            (n, k), m = B.shape, len(C)
-            gain = innovation_gain(A, C, Q, R, np.zeros((n, m)))
-            model = StateSpace(A, B, C, np.zeros((m, k)), gain, offset, np.zeros(k), trim)
-            return Fitted(model, fitted.starts, fitted.converged)
-    raise ValueError(
-        f"EM for {order} states broke down from each of {STARTS} starts, since covariances lost their rank or left the "
-        f"range of numbers: lower the order, or train on other samples"
-    )
-
-
-def starting_points(segments: Segments, order: int, seed: int) -> list[EMFit]:
-    """The subspace model with noise, and models at random."""
-    rng = np.random.default_rng(seed)
-    # First, since it refuses an order that no memory holds.
-    starts = [_from_subspace(segments, order)]
-    return starts + [_at_random(rng, segments, order) for _ in range(STARTS - 1)]
-
-
-def _from_subspace(segments: Segments, order: int) -> EMFit:
-    found, starts, _ = found_by_projection(segments, order)
-    A, B, C, _, K, offset, _, trim, *_ = found
-    pairs = zip(starts, segments, strict=True)
-    errors = np.concatenate([segment[1] - found.predicted(start, *segment) for start, segment in pairs])
-    R = errors.T @ errors / len(errors)
-    noise = K @ R @ K.T + START_NOISE * np.eye(order)
-    model = GaussianModel(A, B, offset, C, trim, noise, R + LEAST_NOISE * np.eye(len(C)))
-    return EMFit(model, starts, (), False)
-
-
-def _at_random(rng: np.random.Generator, segments: Segments, order: int) -> EMFit:
-    k, m = segments[0][0].shape[1], segments[0][1].shape[1]
-    turn = np.linalg.qr(rng.standard_normal((order, order))).Q
-    A = turn * rng.uniform(0.5, 0.95, order) @ turn.T
-    model = GaussianModel(
-        A,
-        0.1 * rng.standard_normal((order, k)),
-        np.zeros(order),
-        rng.standard_normal((m, order)),
-        np.zeros(m),
-        START_NOISE * np.eye(order),
-        START_NOISE * np.eye(m),
-    )
-    return EMFit(model, np.zeros((len(segments), order)), (), False)
+def _fitted(segments: Segments, order: int) -> Fitted:
+    try:
+        fit = iterated(segments, order)
+        A, B, offset, C, trim, Q, R = fit.model
+        (n, k), m = B.shape, len(C)
+        gain = innovation_gain(A, C, Q, R, np.zeros((n, m)))
+    except np.linalg.LinAlgError:
+        raise ValueError(
+            f"EM for {order} states broke down, since covariances lost their rank or left the range of numbers: lower "
+            "the order, or train on other samples"
+        ) from None
+    return Fitted(StateSpace(A, B, C, np.zeros((m, k)), gain, offset, np.zeros(k), trim), fit.starts, fit.converged)

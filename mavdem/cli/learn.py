@@ -198,7 +198,8 @@ def write_results(folder: Path, report: dict[str, Any], page: str, analysis: Log
                 with ending_at_once():
                     from mavdem.view import write_recording
 
-                write_recording(place[RECORDING], flights, learned, held_out, analysis.findings)
+                changes = [alarm.since for alarm in analysis.alarms if alarm.motor is not None]
+                write_recording(place[RECORDING], flights, learned, held_out, analysis.findings, changes)
             write_channels(place["flight.mcap"], flights, learned, held_out)
     for name in set(RESULT_FILES) - set(names):
         (folder / name).unlink(missing_ok=True)

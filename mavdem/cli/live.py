@@ -6,6 +6,7 @@ import gc
 import math
 from collections.abc import Callable
 from contextlib import ExitStack, closing
+from dataclasses import replace
 from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING
@@ -199,18 +200,17 @@ def live_command(
         account = session.account()
         spent = ", ".join(f"{seconds:.0f} s {ACCOUNT[kind]}" for kind, seconds in account.items() if seconds >= 0.5)
         say_aside(f"Of {sum(account.values()):.0f} s: {spent or 'nothing'}.")
-        if ahead := _ahead(session.status, axis):
-            say_aside(sentence(ahead))
         say_aside("Ending takes some seconds: model, message rates and files are completed.")
         status, learned, code = session.status, None, UNSUPPORTED
         # The model is written first: what follows may fail or take its time.
         try:
             learned = session.final_model()
-            session.judge(learned)
-            dashboard.report(status := session.status)
             code = DONE if _written(model, learned.to_json() + "\n", "model") else UNUSABLE
         except ValueError as error:
             say_aside(sentence(f"There is no model: {error}"))
+        if learned is not None:
+            session.judge(learned)
+            dashboard.report(status := replace(status, findings=session.findings))
         if status.findings:
             say_aside(status.findings.headline)
         ends.close()

@@ -14,8 +14,8 @@ Trim: how hard each motor works in settled flight, how much it has left, and how
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from os import PathLike
 from typing import Any
 
@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from mavdem.alignment import phases
 from mavdem.alignment.align import Segment, recorded_parts, settled_segments, within
 from mavdem.alignment.drive import AXES, TILT_AXES, Signal, floats, series
-from mavdem.alignment.phases import both, total
+from mavdem.alignment.phases import Intervals, both
 from mavdem.alignment.quality import IDLE_THROTTLE, STOP_MARGIN
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals
@@ -230,24 +230,31 @@ class Condition:
 
     All of them are of settled flight, but for the first two, and the battery where there was none. None where a figure
     was not recorded.
+
+    Attributes:
+        duration: of the log, s, over all boots; of it ``armed``, None where the log does not say; and ``settled``.
+        hover: what each motor does, how hard it works, and what it has left.
+        share_interval: half widths of the 90 % intervals of ``hover.trim_share``; within this flight, not between them.
+        command: for each axis known, the motors' combination that turns it, as a share of their range: what balances a
+            shifted load, steady wind or a weak motor. Positive: to the right, nose up, nose to the right.
+        lean: roll and pitch, rad; ``tilt_mean``, ``tilt_sd`` and ``tilt_max`` are of the angle from level, rad.
+        vibration, battery: as far as the log has them.
+        oscillation: a limit cycle; None where there is none.
     """
 
-    duration: float  # of the log, s, over all boots
-    armed: float | None  # of it armed, s; None where the log does not say
-    settled: float  # of it in settled flight, s
-    hover: HoverFigures | None  # what each motor does, how hard it works, and what it has left
-    # half widths of the 90 % intervals of ``hover.trim_share``; within this flight, not between flights
-    share_interval: tuple[float | None, ...]
-    # for each axis known, the motors' combination that turns it, as a share of their range: what balances a shifted
-    # load, steady wind or a weak motor. Positive: to the right, nose up, nose to the right
-    command: dict[str, Steady]
-    lean: dict[str, Steady]  # roll and pitch, rad
-    tilt_mean: float | None  # with tilt_sd, tilt_max: of the angle from level, rad
-    tilt_sd: float | None
-    tilt_max: float | None
-    vibration: VibrationFigures | None
-    battery: BatteryFigures | None
-    oscillation: Oscillation | None = None  # a limit cycle; None where there is none
+    duration: float
+    armed: float | None = None
+    settled: float = 0.0
+    hover: HoverFigures | None = None
+    share_interval: tuple[float | None, ...] = ()
+    command: dict[str, Steady] = field(default_factory=dict)
+    lean: dict[str, Steady] = field(default_factory=dict)
+    tilt_mean: float | None = None
+    tilt_sd: float | None = None
+    tilt_max: float | None = None
+    vibration: VibrationFigures | None = None
+    battery: BatteryFigures | None = None
+    oscillation: Oscillation | None = None
 
     @property
     def collective(self) -> float | None:
@@ -272,11 +279,11 @@ def condition_of(signals: Signals) -> Condition:
     except NotLearnable:
         hover = None
     intervals, command = ((), {}) if hover is None else _balance(signals, settled)
-    armed = sum(total(both([(part.start, part.end)], phases.armed(signals, part.boot))) for part in span)
     lean, tilt = _leaning(signals, settled)
+    oscillation = oscillation_of(signals, settled) or oscillation_of(signals, _parts(signals, phases.flying))
     return Condition(
         duration=_seconds(span),
-        armed=None if signals.armed is None else float(armed),
+        armed=None if signals.armed is None else _seconds(_parts(signals, phases.armed)),
         settled=_seconds(settled),
         hover=hover,
         share_interval=intervals,
@@ -287,7 +294,7 @@ def condition_of(signals: Signals) -> Condition:
         tilt_max=float(tilt.max()) if len(tilt) else None,
         vibration=_vibration(signals, settled),
         battery=_battery(signals, settled or span),
-        oscillation=oscillation_of(signals, settled or _flown(signals, span)),
+        oscillation=oscillation,
     )
 
 
@@ -297,17 +304,13 @@ def settled_parts(signals: Signals) -> tuple[Segment, ...]:
         return ()
     if signals.motors is not None:
         return tuple(sorted(settled_segments(signals), key=lambda segment: (segment.boot, segment.start)))
-    return tuple(
-        Segment(part.boot, start, end)
-        for part in recorded_parts(signals)
-        for start, end in both([(part.start, part.end)], phases.settled(signals, part.boot))
-    )
+    return _parts(signals, phases.settled)
 
 
-def _flown(signals: Signals, span: tuple[Segment, ...]) -> tuple[Segment, ...]:
-    """Flight that need not be settled."""
-    flights = ((one.boot, both([(one.start, one.end)], phases.flying(signals, one.boot))) for one in span)
-    return tuple(Segment(boot, *interval) for boot, intervals in flights for interval in intervals)
+def _parts(signals: Signals, wanted: Callable[[Signals, int], Intervals]) -> tuple[Segment, ...]:
+    """The ``wanted`` intervals of each boot, as far as anything was recorded."""
+    recorded = ((one.boot, both([(one.start, one.end)], wanted(signals, one.boot))) for one in recorded_parts(signals))
+    return tuple(Segment(boot, *interval) for boot, intervals in recorded for interval in intervals)
 
 
 def mean_interval(values: NDArray[np.float64], seconds: float) -> NDArray[np.float64]:

@@ -34,15 +34,23 @@ FIRST_SECOND = datetime(2001, 1, 1, tzinfo=UTC).timestamp()  # A clock that was 
 
 @dataclass(frozen=True)
 class Identity:
-    """Which vehicle a log is of."""
+    """Which vehicle a log is of.
 
-    name: str  # by which logs of this vehicle are known; of another kind, or another autopilot, it differs
-    basis: str  # of the name: "board", "accelerometer", "compass" or "system id", the last shared by many
-    system: int  # MAVLink system id
-    autopilot: str  # with frame, firmware: as the log has them; empty where it does not
+    Attributes:
+        name: by which logs of this vehicle are known; of another kind, or another autopilot, it differs.
+        basis: of the name: "board", "accelerometer", "compass" or "system id", the last shared by many.
+        system: MAVLink system id.
+        autopilot: with ``frame`` and ``firmware`` as the log has them; empty where it does not.
+        date: when its settled flight began, or the log, UTC; None where no message has the time of day.
+    """
+
+    name: str
+    basis: str
+    system: int
+    autopilot: str
     frame: str
     firmware: str
-    date: datetime | None  # when its settled flight began, or the log, UTC; None where no message has the time of day
+    date: datetime | None
 
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON values; the date in ISO 8601."""
@@ -140,10 +148,12 @@ class Tier(NamedTuple):
     reason: str  # one sentence with the figures that decided; of all but "a", why it is no better
     next_tier: str | None  # the next better one; None for "a"
     remedy: str  # what to change, by the log's own parameters and firmware; empty for "a"
+    is_slow: bool = True  # whether rates are what is missing
 
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON values: ``tier``, ``tier_reason`` and ``next_tier``."""
-        better = self.next_tier and {"tier": self.next_tier, "needs": NEEDS[self.next_tier], "remedy": self.remedy}
+        needs = NEEDS[self.next_tier or "a"] if self.is_slow or not self.remedy else self.remedy.rstrip(".")
+        better = self.next_tier and {"tier": self.next_tier, "needs": needs, "remedy": self.remedy}
         allows = ALLOWS.get(self.name or "", "")
         return {"tier": self.name, "tier_reason": self.reason, "allows": allows, "next_tier": better}
 
@@ -158,7 +168,7 @@ def tier_of(verdict: Verdict, condition: Condition) -> Tier:
     name, following = ("b", "a") if slower >= SLOW_MOTION_RATE else ("c", "b")
     if not condition.settled or not condition.lean or 0 < slower < SLOWEST_RATE:
         name, following = None, "c"
-    return Tier(name, verdict.reason, following, verdict.remedy)
+    return Tier(name, verdict.reason, following, verdict.remedy, slower < MINIMUM_RATE)
 
 
 def inventory(

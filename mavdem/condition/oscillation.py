@@ -7,6 +7,7 @@ motors do is then in one narrow band of their spectra.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -18,12 +19,12 @@ from mavdem.alignment.signals import MINIMUM_RATE, Attitude, Signals
 
 WINDOWS, FEWEST_SAMPLES, PERIODS = (4.0, 8.0), 32, 8
 """Of one spectrum: seconds, samples, and periods of the slowest line that can be told from what is merely slow."""
-LINE_WIDTH = (
-    0.1  # Half width of a line, as a share of its frequency; two bins at least, which is what Hann's window blurs
-)
-LINE_SHARE = 0.7
-"""Of the variance of the rate, and of the motors', that is in the line: on sound flights of over 8 °/s at most 0.55."""
-LEAST_RATE = 10.0  # deg/s, standard deviation: less is no danger, and may be rounding
+LINE_WIDTH = 0.1  # Half width of a line, as a share of its frequency, and two bins at least, as Hann's window blurs
+LINE_SHARE, SURE_SHARE = 0.6, 0.8
+"""Of the variance of the rate, and of the motors', that is in the line: in two successive windows of sound flights at
+most 0.55. Fewer than three windows must show it surely, and so must those with fewer than 2 ``PERIODS`` of it."""
+SLIGHT_RATE, LEAST_RATE = 2.0, 10.0
+"""deg/s, standard deviations: less may be rounding; and less is no danger where motors do not reach their limits."""
 LEAST_SECONDS = 6.0  # Of one line without a break
 LIMITED_SHARE, GROWTH, LASTING_SHARE = 0.05, 2.0, 0.5
 """What tells a limit cycle from a gust that rings: motors at a limit so much of the time, an amplitude that grows so
@@ -31,67 +32,39 @@ many times, or that it lasts so much of the flight."""
 
 
 class Oscillation(NamedTuple):
-    """A limit cycle."""
+    """A limit cycle.
 
-    axis: str  # "roll" or "pitch": the one that turns faster
-    frequency: float | None  # Hz; None where messages come so slowly that what they show may be an alias
-    rate: float  # standard deviation of the body rate while it oscillates, deg/s
-    at_limit: float  # share of that time with a motor at a limit
-    growing: bool  # whether the amplitude grew
-    seconds: float  # how long it oscillates
+    Attributes:
+        axis: "roll" or "pitch": the one that turns faster.
+        frequency: Hz; None where messages come so slowly that what they show may be an alias.
+        rate: standard deviation of the body rate while it oscillates, deg/s.
+        at_limit: share of that time with a motor at a limit.
+        growing: whether the amplitude grew, in the ``seconds`` that it oscillates.
+    """
 
-
-class _Window(NamedTuple):
-    start: float  # s
-    end: float
-    sampled: float  # Hz
-    frequency: float  # Hz, of the strongest line
-    share: float  # of the variance in it, of the rate or the motors', whichever is less
-    rate: float  # deg/s
-    limited: float  # share of the time with a motor at a limit
+    axis: str
+    frequency: float | None
+    rate: float
+    at_limit: float
+    growing: bool
+    seconds: float
 
 
 def oscillation_of(signals: Signals, parts: Sequence[Segment]) -> Oscillation | None:
     """Returns the limit cycle in these ``parts`` of a flight; None where there is none, or no motor outputs."""
     found: list[Oscillation] = []
-    motors = signals.motors
+    motors, whole = signals.motors, sum(part.duration for part in parts)
     if motors is not None:
         for axis, tilt in zip(TILT_AXES, signals.tilts, strict=False):
-            for seconds in WINDOWS:
-                windows = [list(_windows(tilt, motors, part, seconds)) for part in parts]
-                count = sum(map(len, windows))
-                runs = (run for of_part in windows for run in _runs(of_part))
-                found += [one for run in runs if (one := _limit_cycle(axis, run, len(run) / count)) is not None]
+            for part, seconds in product(parts, WINDOWS):
+                found += _limit_cycles(axis, tilt, motors, part, seconds, whole)
     return max(found, key=lambda one: one.rate, default=None)
 
 
-def _limit_cycle(axis: str, run: list[_Window], lasting: float) -> Oscillation | None:
-    """What a line in successive windows is, ``lasting`` for a share of the flight; None where it may be a gust's."""
-    seconds, third = run[-1].end - run[0].start, -(-len(run) // 3)
-    rates, limited = np.array([one.rate for one in run]), float(np.mean([one.limited for one in run]))
-    growing = len(run) > 2 and bool(rates[-third:].mean() >= GROWTH * rates[:third].mean())
-    if seconds < LEAST_SECONDS or not (limited >= LIMITED_SHARE or growing or lasting >= LASTING_SHARE):
-        return None
-    fast = min(one.sampled for one in run) >= MINIMUM_RATE
-    frequency = float(np.median([one.frequency for one in run])) if fast else None
-    return Oscillation(axis, frequency, float(np.sqrt(np.mean(rates**2))), limited, growing, seconds)
-
-
-def _runs(windows: list[_Window]) -> Iterator[list[_Window]]:
-    """Successive windows with one line."""
-    run: list[_Window] = []
-    for one in windows:
-        line = one.share >= LINE_SHARE and one.rate >= LEAST_RATE
-        if run and not (line and abs(one.frequency - run[-1].frequency) <= 2 * LINE_WIDTH * one.frequency):
-            yield run
-            run = []
-        run += [one] * line
-    if run:
-        yield run
-
-
-def _windows(tilt: Attitude, motors: Motors, part: Segment, seconds: float) -> Iterator[_Window]:
-    """Windows of ``part``, half over each other."""
+def _limit_cycles(
+    axis: str, tilt: Attitude, motors: Motors, part: Segment, seconds: float, whole: float
+) -> Iterator[Oscillation]:
+    """Those in a ``part`` of flights of ``whole`` s, by successive windows with one line, half over each other."""
     turning, driven = within(tilt, part), within(motors, part)
     streams = tilt.time[turning], motors.time[driven]
     if min(map(len, streams)) < FEWEST_SAMPLES:
@@ -100,21 +73,32 @@ def _windows(tilt: Attitude, motors: Motors, part: Segment, seconds: float) -> I
     time = np.arange(max(one[0] for one in streams), min(one[-1] for one in streams), 1 / sampled)
     shares = motors.scale.fraction(motors.outputs[driven])
     limited = np.any((shares >= motors.scale.stop - STOP_MARGIN) | (shares <= IDLE_THROTTLE), axis=1)
-    apart = shares - shares.mean(axis=1, keepdims=True)
-    moved = np.column_stack([np.interp(time, streams[1], column) for column in apart.T])
+    series = np.column_stack([shares - shares.mean(axis=1, keepdims=True), limited])
+    moved = np.column_stack([np.interp(time, streams[1], column) for column in series.T])
     table = np.column_stack([np.degrees(np.interp(time, streams[0], tilt.rate[turning])), moved])
     size = max(round(seconds * sampled), FEWEST_SAMPLES)
     hann, bins = np.hanning(size)[:, None], np.fft.rfftfreq(size, 1 / sampled)
-    apparent = bins >= PERIODS * sampled / size
+    windows = []
     for first in range(0, len(time) - size + 1, size // 2):
         window = table[first : first + size]
         power = np.square(np.abs(np.fft.rfft((window - window.mean(axis=0)) * hann, axis=0)))
-        power = np.column_stack([power[:, 0], power[:, 1:].sum(axis=1)])
-        frequency = float(bins[np.argmax(np.where(apparent, power[:, 0], 0.0))])
-        line = np.abs(bins - frequency) <= max(2.01 * bins[1], LINE_WIDTH * frequency)
-        share = power[line].sum(axis=0) / np.maximum(power.sum(axis=0), np.finfo(np.float64).tiny)
-        start, end = float(time[first]), float(time[first + size - 1])
-        here = (streams[1] >= start) & (streams[1] <= end)
-        yield _Window(
-            start, end, sampled, frequency, float(share.min()), float(window[:, 0].std()), limited[here].mean()
-        )
+        power = np.column_stack([power[:, 0], power[:, 1:-1].sum(axis=1)])
+        peak = bins[np.argmax(np.where(bins >= PERIODS * bins[1], power[:, 0], 0.0))]
+        line = np.abs(bins - peak) <= max(2.01 * bins[1], LINE_WIDTH * peak)
+        share = np.min(power[line].sum(axis=0) / np.maximum(power.sum(axis=0), np.finfo(np.float64).tiny))
+        windows.append((time[first], share, peak, window[:, 0].std(), window[:, -1].mean()))
+    start, share, peak, rate, at_limit = np.array(windows).reshape(-1, 5).T
+    sure = np.where(peak < 2 * PERIODS * bins[1], SURE_SHARE, LINE_SHARE)
+    lines = (share >= sure) & (rate >= SLIGHT_RATE)
+    same = lines[1:] & lines[:-1] & (np.abs(np.diff(peak)) <= 2 * LINE_WIDTH * peak[1:])
+    for run in np.split(np.arange(len(lines)), np.flatnonzero(~same) + 1):
+        lasted = float(np.ptp(start[run])) + size / sampled if len(run) and lines[run[0]] else 0.0
+        if lasted < LEAST_SECONDS or (len(run) < 3 and share[run].min() < SURE_SHARE):
+            continue
+        third = -(-len(run) // 3)
+        early, late = rate[run[:third]].mean(), rate[run[-third:]].mean()
+        growing, turned = len(run) > 2 and bool(late >= GROWTH * early), float(np.sqrt(np.mean(rate[run] ** 2)))
+        limit = float(at_limit[run].mean())
+        if limit >= LIMITED_SHARE or (turned >= LEAST_RATE and (growing or lasted >= LASTING_SHARE * whole)):
+            frequency = float(np.median(peak[run])) if sampled >= MINIMUM_RATE else None
+            yield Oscillation(axis, frequency, turned, limit, growing, lasted)

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.validation import is_whole, real_numbers
+from mavdem.errors import unit_slip
 
 SHORTEST_STEP, LARGEST = 1e-9, 1e50
 """Seconds between samples, and size of one: beyond, squares and derivatives overflow."""
@@ -165,8 +166,8 @@ class Record:
 
     @property
     def input_cautions(self) -> tuple[str, ...]:
-        """One sentence for each thing that is wrong with the inputs; none for most flights."""
-        cautions, sizes = [], self.inputs.std(axis=0)
+        """One sentence for each thing that is wrong with the inputs, or with units; none for most flights."""
+        cautions, sizes = [slip] if (slip := unit_slip(self.outputs, self.dt)) else [], self.inputs.std(axis=0)
         names = self.input_names or tuple(f"input {column + 1}" for column in range(len(sizes)))
         still = np.flatnonzero(sizes < HARDLY_MOVES * np.median(sizes))
         if len(still):

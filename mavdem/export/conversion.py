@@ -1,25 +1,166 @@
-"""Conversion of recorded streams between telemetry log and MCAP, and of flights to tables."""
+"""Conversion of streams, of flights to tables and objects of other libraries, and of models to python-control."""
 
 from __future__ import annotations
 
+import csv
+import io
+import json
 import os
+import re
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mavdem.alignment.align import LOW_PASS_RATIO, align, longest_recorded
+from mavdem.alignment.drive import Motors
 from mavdem.alignment.read import choose_vehicle
-from mavdem.alignment.signals import Signals
+from mavdem.alignment.signals import Attitude, Signals, axis_outputs
 from mavdem.alignment.verdict import verdict_of
+from mavdem.dem import Learned
 from mavdem.errors import NotLearnable, Unreadable, require
-from mavdem.export.tables import TIME, columns, own_columns, write_csv, write_parquet
 from mavdem.files import atomic_write
+from mavdem.flight import Flight
 from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream
 from mavdem.ingest.mavlink.framing import GOOD, Progress, no_progress
 from mavdem.ingest.mcap.writer import MAX_STAMP, write_mcap
+from mavdem.ingest.telemetry import rows_by
 from mavdem.ingest.tlog import write_tlog
+from mavdem.report.numbers import Labels, state_names, states_are_outputs
+
+if TYPE_CHECKING:
+    import control
+    import pandas
+    import xarray
+
+
+Table = Mapping[str, NDArray[np.float64]]
+"""Columns (T,) by name, with units, such as "roll_rate_rad_s"; the first is "time_s"."""
+TIME = "time_s"
+IN_TEXT = {TIME: ".6f"}  # stamps of autopilots are microseconds at best
+FLOAT32 = ".7g"  # other numbers in text: autopilots send and log them as float32
+
+
+def column_name(name: str, unit: str) -> str:
+    """Returns a name that needs no quotes: "motor_1_us" of "motor 1 (front left)" and "µs"."""
+    plain = f"{name.split(' (')[0]} {unit}".replace("µ", "u")
+    return "_".join(re.findall(r"[^\W_]+", plain.lower()))
+
+
+def _channels(flight: Flight) -> Iterator[tuple[str, tuple[str, ...], tuple[str, ...], NDArray[np.float64]]]:
+    """Kind, names, units and values (T, k) of what a flight has."""
+    for kind, values in (("input", flight.inputs), ("output", flight.outputs), ("setpoint", flight.setpoints)):
+        if values is not None:
+            yield kind, getattr(flight, f"{kind}_names"), getattr(flight, f"{kind}_units"), values
+
+
+def columns(flight: Flight) -> dict[str, NDArray[np.float64]]:
+    """Returns time, inputs, outputs and setpoints (T,) by :func:`column_name`.
+
+    Raises ``ValueError`` if two names are equal.
+    """
+    table = {TIME: flight.time}
+    for _, names, units, values in _channels(flight):
+        for name, unit, column in zip(names, units, values.T, strict=True):
+            head = column_name(name, unit)
+            if head in table:
+                raise ValueError(f"two columns of the flight are called {head}: name them apart")
+            table[head] = column
+    return table
+
+
+def own_columns(signals: Signals) -> dict[str, NDArray[np.float64]]:
+    """Returns time, inputs and outputs (T,), each at its own stamps and NaN at the other's, of the boot with most.
+
+    Empty where there are neither.
+    """
+    streams: list[tuple[Attitude | Motors, list[str], NDArray[np.float64]]] = []
+    if (drive := signals.drive) is not None:
+        streams.append((drive, [column_name(name, drive.scale.unit) for name in drive.layout.names], drive.outputs))
+    if (seen := signals.attitude) is not None:
+        names = [column_name(*output) for output in axis_outputs(signals.axis)]
+        streams.append((seen, names, np.column_stack([seen.angle, seen.rate])[:, -len(names) :]))
+    boots = rows_by(np.concatenate([np.zeros(0, dtype=np.int64), *(stream.boot for stream, _, _ in streams)]))
+    if not boots:
+        return {}
+    boot = max(boots, key=lambda number: len(boots[number]))
+    time = np.unique(np.concatenate([stream.time[stream.boot == boot] for stream, _, _ in streams]))
+    table = {TIME: time}
+    for stream, names, values in streams:
+        here = stream.boot == boot
+        placed = np.full((len(time), len(names)), np.nan)
+        placed[np.searchsorted(time, stream.time[here])] = values[here]
+        table |= dict(zip(names, placed.T, strict=True))
+    return table
+
+
+def write_csv(file: BinaryIO, table: Table, provenance: Mapping[str, Any]) -> None:
+    """Writes a head and one line a sample, as ``IN_TEXT`` and ``FLOAT32`` say, without the provenance."""
+    texts = [[format(value, IN_TEXT.get(name, FLOAT32)) for value in column.tolist()] for name, column in table.items()]
+    text = io.TextIOWrapper(file, encoding="utf-8", newline="")
+    lines = csv.writer(text, lineterminator="\n")
+    lines.writerow(table)
+    lines.writerows(zip(*texts, strict=True))
+    text.detach()
+
+
+def write_parquet(file: BinaryIO, table: Table, provenance: Mapping[str, Any]) -> None:
+    """Writes the columns as Parquet, as float64, the provenance as JSON in the metadata; needs pyarrow."""
+    import pyarrow
+    from pyarrow import parquet
+
+    metadata = {"provenance": json.dumps(dict(provenance))}
+    parquet.write_table(pyarrow.table(dict(table)).replace_schema_metadata(metadata), file)
+
+
+def to_pandas(flight: Flight) -> pandas.DataFrame:
+    """Returns a row a sample, by time in s on the boot clock; columns are those of :func:`columns`."""
+    import pandas
+
+    frame = pandas.DataFrame(columns(flight)).set_index(TIME)
+    frame.attrs = {"dt": flight.dt, "provenance": dict(flight.provenance)}
+    return frame
+
+
+def to_xarray(flight: Flight) -> xarray.Dataset:
+    """Returns variables ``inputs (time, input)``, ``outputs (time, output)`` and what else the flight has, by name.
+
+    ``time`` is in s on the autopilot's boot clock. Units stand beside the names, as ``input_unit (input)`` and so on;
+    the sampling step and the source are in ``attrs``.
+    """
+    import xarray
+
+    variables: dict[str, Any] = {}
+    coordinates: dict[str, Any] = {"time": ("time", flight.time, {"units": "s", "long_name": "time since boot"})}
+    for kind, names, units, values in _channels(flight):
+        variables[f"{kind}s"] = (("time", kind), values)
+        coordinates |= {kind: (kind, list(names)), f"{kind}_unit": (kind, list(units))}
+    if flight.effect_directions is not None:
+        variables["effect_directions"] = ("input", flight.effect_directions)
+    return xarray.Dataset(variables, coordinates, {"dt": flight.dt, "source": str(flight.provenance.get("source", ""))})
+
+
+def to_control(learned: Learned) -> control.StateSpace:
+    """Returns the learned ẋ = A x + B u, y = C x, in continuous time and in the units of the data: radians and s.
+
+    Inputs and outputs are deviations from the trim: from ``learned.model.input_trim`` and ``output_trim``. Signals are
+    named as columns of ``flight.csv`` are: "motor_1_us", "roll_rad". The process and measurement noise and the offset
+    are not in it.
+    """
+    import control
+
+    labels, model = Labels.of(learned), learned.model
+    inputs = list(map(column_name, labels.input_names, labels.input_units))
+    outputs = list(map(column_name, labels.output_names, labels.output_units))
+    states = [column_name(name, "") for name in state_names(labels.output_names, learned)]
+    if states_are_outputs(learned):
+        states = [*outputs, *states[len(outputs) :]][: len(states)]
+    names = {"inputs": inputs, "outputs": outputs, "states": states, "name": "mavdem"}
+    return control.StateSpace(model.A, model.B, model.C, np.zeros((len(outputs), len(inputs))), **names)
+
 
 STREAMS = {".tlog": write_tlog, ".mcap": write_mcap}
 TABLES = {".csv": write_csv, ".parquet": write_parquet}  # what writes a file, by the end of its name

@@ -109,6 +109,7 @@ class FlightRow:
     residual_gain_outputs: Numbers | None = None
     residual_offset: float | None = None
     headline: str | None = at("headline")  # what the flight says of its vehicle, in one plain sentence
+    overrides: tuple[str, ...] = ()  # what overrides that: "oscillation", "motors", "saturation" or "data"
     error_ratio: float | None = at("forecast_over_constant_mean")  # of squared errors, on parts held out
     coverage: float | None = at("inside_90_percent_band")  # share of held-out samples
     residual_mean: float | None = None  # what models of its healthy flights leave unexplained in this one, rad/s²
@@ -220,10 +221,12 @@ def _of_report(report: Mapping[str, Any]) -> dict[str, Any]:
         unit, inputs, cautions = value_at("flight.scale.unit"), DEMAND if by_demand else MOTORS, report.get("cautions")
         if not by_demand:
             columns = {"motors": names or None} | columns
-    overrides = [override["sentence"] for override in report.get("overrides") or ()]
     known = {"axis": axis, "inputs": inputs, "input_unit": unit}
+    overrides = report.get("overrides") or ()
+    known["overrides"] = [override["kind"] for override in overrides]
     default = {} if "tier" in report else {"tier": "a"}
-    return default | columns | known | {"warnings": (*overrides, *(cautions or ()))}
+    known["warnings"] = (*(override["sentence"] for override in overrides), *(cautions or ()))
+    return default | columns | known
 
 
 Flight = Sequence[FlightRow]

@@ -63,7 +63,7 @@ def _rows_of_vehicle(log: Log, telemetry: Telemetry, file: str) -> tuple[list[Fl
     columns: dict[str, Any] = {"file": file, "component": telemetry.component, "date": first.identity.date}
     if all(analysis.tier.name is None for analysis in analyses.values()):
         unknown = dict.fromkeys(("axis", "tier", "tier_reason", "attitude_rate", "motor_rate"))
-        return [FlightRow.of(first.as_dict(), status=_why_nothing(first), warnings=(), **unknown, **columns)], {}
+        return [FlightRow.of(first.as_dict(), status=first.reason, warnings=(), **unknown, **columns)], {}
     if (balance := balance_of_signals(signals)) is not None:
         columns |= {"balance": balance.mean, "balance_error": balance.error, "balance_lean": balance.lean}
         columns |= {name: np.ravel(getattr(balance, name)) for name in ("lean_effect", "lean_effect_error")}
@@ -78,14 +78,6 @@ def _rows_of_vehicle(log: Log, telemetry: Telemetry, file: str) -> tuple[list[Fl
             row = replace(row, motor_rate=None if signals.motors is None else usual_rate(signals.motors) or None)
         rows.append(row)
     return rows, analyses
-
-
-def _why_nothing(analysis: LogAnalysis) -> str:
-    """Why a log holds no settled flight; its rates are not the cause where there is none at any rate."""
-    measured = analysis.verdict.figures
-    if measured.airborne and not measured.segments:
-        return f"It holds no settled flight, between climb and landing, in {measured.airborne:.0f} s in the air."
-    return analysis.reason
 
 
 def _means(analysis: LogAnalysis) -> dict[str, Any]:

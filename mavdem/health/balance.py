@@ -45,10 +45,6 @@ class MotorSignatures:
     # ``MotorGeometry.effect`` has them
     weights: Array
 
-    def balance(self, commands: Array) -> Array:
-        """(..., a) commands (..., k) in thrust, roll, pitch and yaw, in their unit."""
-        return np.asarray(np.asarray(commands, dtype=np.float64) @ self.weights.T)
-
     @property
     def weak_motor(self) -> Array:
         """(k, a) how the balance of commands changes where motor i, by row, must work harder by 1."""
@@ -174,7 +170,7 @@ def _blocks(time: Array, commands: Array, lean: Array, signatures: MotorSignatur
     if len(time) < 2:
         return []
     balance = np.full((len(time), 3), np.nan)
-    asked = signatures.balance(commands)
+    asked = commands @ signatures.weights.T
     for axis, column in zip(signatures.axes[1:], asked.T[1:], strict=True):
         balance[:, AXES.index(axis)] = column
     thrust = asked[:, 0]

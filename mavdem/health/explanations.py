@@ -49,6 +49,11 @@ def lost_thrust(rise: float) -> float:
     return 1 - (1 + rise) ** -2
 
 
+def loss_in_words(rise: float) -> str:
+    """Returns the same as in "17 to 31 %": thrust goes with the command (as in simulators) up to with its square."""
+    return f"{100 * rise / (1 + rise):.0f} to {100 * lost_thrust(rise):.0f} %"
+
+
 def shift_sizes(scale: float, freedom: float = SHIFT_FREEDOM) -> tuple[Array, Array]:
     """Standard deviations whose normal distributions, weighed with the second array, make Student's of this scale."""
     sizes = scale * np.geomspace(0.4, 40.0, 24)

@@ -29,9 +29,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mavdem.alignment.drive import MotorGeometry
 from mavdem.dem.engine.linalg import Array
 from mavdem.health.balance import motor_signatures
-from mavdem.health.explanations import lost_thrust
+from mavdem.health.explanations import loss_in_words
 
 BLOCK_SECONDS = 0.5  # Of commands that are averaged: a tenth of what a change may take to be found
 MIN_SAMPLES = 3  # In a block
@@ -158,7 +159,7 @@ class MotorAlarm(NamedTuple):
             )
         known = ". Where the motors are is assumed, and so is the name" if self.assumed else ""
         return (
-            f"Alarm: {self.name} lost about {lost_thrust(self.size):.0%} of its thrust (motor or propeller) {since}: "
+            f"Alarm: {self.name} lost {loss_in_words(self.size)} of its thrust (motor or propeller) {since}: "
             f"it works {self.size:.0%} harder ({sure}){known}."
         )
 
@@ -186,25 +187,12 @@ class MotorWatch:
         obstacle: why nothing can be found, from settled flight of a few seconds on; empty where it can.
     """
 
-    def __init__(
-        self,
-        names: Sequence[str],
-        numbers: Sequence[int],
-        positions: Sequence[Sequence[float]],
-        spins: Sequence[int],
-        assumed: bool = False,
-        boot: int = 0,
-    ) -> None:
-        """Begins; the motors' ``names``, ``numbers``, ``positions`` and ``spins`` are as of ``MotorGeometry``.
-
-        ``assumed``: whether the positions are. ``boot``: the vehicle's, from 0 on.
-        """
+    def __init__(self, layout: MotorGeometry, boot: int = 0) -> None:
+        """Begins, with the motors' ``layout``, in the vehicle's ``boot``, from 0 on."""
         self.alarms: list[MotorAlarm] = []
-        self._names, self._numbers = tuple(names), tuple(numbers)
-        self._assumed, self._boot = assumed, boot
-        signatures = motor_signatures(len(names), positions, spins)
+        self._layout, self._boot = layout, boot
+        signatures = motor_signatures(len(layout.motors), layout.positions, layout.spins)
         self.obstacle = "" if signatures.names_a_motor else UNKNOWN_PLACES
-        self._judges = signatures.names_a_motor
         self._weights = signatures.weights[1:]
         # (k, a) of a rise of each motor's own command by 1; of six and more motors the neighbours' rise too.
         self._signatures = self._weights.T / np.diag(signatures.weak_motor_commands)[:, np.newaxis]
@@ -215,7 +203,7 @@ class MotorWatch:
 
     def take(self, time: float, commands: Sequence[float] | Array) -> MotorAlarm | None:
         """A sample of the ``commands`` (k,), shares of the range, at ``time``, s, in settled flight: what it shows."""
-        if not self._judges:
+        if self.obstacle == UNKNOWN_PLACES:
             return None
         number = floor(time / BLOCK_SECONDS)
         if not 0 <= time - self._latest < GAP_SECONDS:
@@ -279,10 +267,12 @@ class MotorWatch:
         return None
 
     def _found(self, motor: int | None, n: int, size: float, odds: float) -> MotorAlarm:
-        name, number = ("", None) if motor is None else (self._names[motor], self._numbers[motor])
+        name, number = ("", None) if motor is None else (self._layout.names[motor], self._layout.motors[motor])
         time, since = self._times[-1], self._times[-n] - BLOCK_SECONDS
         # What comes is compared with what is now.
         self._times, self._blocks = self._times[-n:], self._blocks[-n:]
         sure = float(1 / (1 + np.exp(-odds)))
-        self.alarms.append(MotorAlarm(time, since, number, name, size, sure, self._assumed, self._boot))
+        self.alarms.append(
+            MotorAlarm(time, since, number, name, size, sure, self._layout.positions_assumed, self._boot)
+        )
         return self.alarms[-1]

@@ -29,41 +29,22 @@ def judged(learned: Learned, physical: Physical | None, setup: Setup, alarms: Se
     """
     if physical is not None:
         vars(learned)["_gray_box"] = physical
-    condition, flights = _condition(learned, setup)
+    inputs, outputs = max(learned.record.segments, key=lambda part: len(part[1]))
+    time: Any = learned.dt * np.arange(len(inputs))
+    scale, names = {"scale": asdict(setup.scale)}, (setup.layout.names, learned.record.output_names)
+    flight = Flight(time, inputs, outputs, input_names=names[0], output_names=names[1], provenance=scale)
+    condition = Condition(duration=flight.duration, settled=flight.duration)
+    if setup.motors != DEMAND_MESSAGE:
+        signals, boot = Signals(Telemetry(0, 0, "UNKNOWN", "", {})), np.zeros(len(time), dtype=np.int64)
+        angle, rate = flight.outputs.T
+        tilt = Attitude(setup.attitude, time, boot, angle, rate, rate, len(time), 0, 0)
+        motors = Motors(setup.motors, time, boot, flight.inputs, setup.layout, setup.scale, len(time), 0)
+        # They take the place of the cached properties: nothing is from messages here.
+        vars(signals).update(motors=motors, tilts=(tilt,))
+        swing = oscillation_of(signals, [Segment(0, 0.0, flight.duration)])
+        swing = swing and swing._replace(axis=names[1][0])
+        condition = replace(condition, hover=hover_figures([flight]), oscillation=swing)
     if condition.oscillation is not None and learned.wind is not None:
         vars(learned)["wind"] = replace(learned.wind, reason="The vehicle oscillates: that torque is its own.")
     watched = condition.hover is not None and not setup.layout.positions_assumed
-    return findings_of(learned, None, condition, alarms, flights=flights, watched=watched)
-
-
-def _condition(learned: Learned, setup: Setup) -> tuple[Condition, list[Flight]]:
-    """What the samples show of the motors, and whether the vehicle oscillates; a second lies between segments."""
-    record, start, flights, hover, found = learned.record, 0.0, [], None, None
-    labels: dict[str, Any] = {"input_names": setup.layout.names, "output_names": record.output_names}
-    for inputs, outputs in record.segments:
-        time = start + record.dt * np.arange(len(inputs))
-        flights.append(Flight(time, inputs, outputs, provenance={"scale": asdict(setup.scale)}, **labels))
-        start = float(time[-1]) + 1.0
-    if setup.motors != DEMAND_MESSAGE:
-        hover, boot = hover_figures(flights), np.zeros(len(record), dtype=np.int64)
-        stamps: Any = np.concatenate([flight.time for flight in flights])
-        angle, rate = np.array(record.outputs.T, dtype=np.float64)
-        signals = Signals(Telemetry(0, 0, "UNKNOWN", "", {}))
-        # Two are not from messages here: they take the place of the cached properties.
-        motors = Motors(
-            setup.motors,
-            stamps,
-            boot,
-            np.array(record.inputs, dtype=np.float64),
-            setup.layout,
-            setup.scale,
-            len(boot),
-            0,
-        )
-        tilt = Attitude(setup.attitude, stamps, boot, angle, rate, rate, len(boot), 0, 0)
-        vars(signals).update(motors=motors, tilts=(tilt,))
-        found = oscillation_of(signals, [Segment(0, float(one.time[0]), float(one.time[-1])) for one in flights])
-    oscillation = None if found is None else found._replace(axis=record.output_names[0])
-    known: dict[str, Any] = {"duration": start, "settled": start, "share_interval": (), "command": {}, "lean": {}}
-    known |= dict.fromkeys(("armed", "tilt_mean", "tilt_sd", "tilt_max", "vibration", "battery"))
-    return Condition(hover=hover, oscillation=oscillation, **known), flights
+    return findings_of(learned, None, condition, alarms, flights=[flight], watched=watched)

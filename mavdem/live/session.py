@@ -110,7 +110,7 @@ class LiveSession:
         self._estimate: Estimate | None = None
         self.findings: Findings | None = None
         self._judging: Future[Findings] | None = None
-        self._judged: tuple[float, object] = -np.inf, None  # when, and which alarms
+        self._next_judging = 0.0
         self._settled = self._lost = False
         self._came = self._heard = now
         self._reported, self._sampled, self._samples = 0.0, -np.inf, 0
@@ -188,7 +188,8 @@ class LiveSession:
 
     def judge(self, learned: Learned) -> None:
         """Judges the model at the end; from then on it has the physical parameters that were shown last."""
-        self.findings = self._judgement(learned)()
+        with suppress(ValueError):
+            self.findings = self._judgement(learned)()
 
     def end(self) -> None:
         """Restores the vehicle's rates, which it must confirm, and ends the recording."""
@@ -283,7 +284,8 @@ class LiveSession:
         key = setup.dt, layout.names
         if key not in self._learners:
             self._learners[key] = OnlineLearner(self.settings, *sizes, executor=self.executor, **options)
-        self.learner = self._learners[key]
+        if self.learner is not self._learners[key]:
+            self.learner, self._estimate = self._learners[key], None
         before = self._display
         try:
             self._display = self.show(setup)
@@ -312,25 +314,22 @@ class LiveSession:
 
     def _judgement(self, learned: Learned) -> Callable[[], Findings]:
         """What judges a model with names, on its own."""
-        setup, alarms = self._setup, self.stream.status().alarms
+        setup, alarms, latest = self._setup, self.stream.status().alarms, self._estimate
         if setup is None or setup.layout.names != learned.record.input_names:
             return partial(findings_of, learned, alarms=alarms)
-        physical = None if self._estimate is None else self._estimate.physical
-        same = physical is not None and len(physical.effect) == len(setup.layout.names)
-        return partial(judged, learned, physical if same else None, setup, alarms)
+        return partial(judged, learned, None if latest is None else latest.physical, setup, alarms)
 
     def _judge(self, now: float) -> None:
-        """Takes the findings; judges the latest model again, by the executor, now and then and with each alarm."""
-        if self._judging is not None and self._judging.done():
-            pending, self._judging = self._judging, None
-            with suppress(ValueError, RuntimeError, CancelledError):
-                self.findings = pending.result()
-        known = self._estimate is not None and self._estimate.physical is not None
-        alarms, due = self.stream.status().alarms, now - self._judged[0] >= JUDGING_SECONDS
-        if self.executor is None or self._judging is not None or self._newest is None or not known:
+        """Takes the findings; judges the latest model again now and then, by the executor."""
+        if self._judging is not None:
+            if self._judging.done():
+                with suppress(ValueError, RuntimeError, CancelledError):
+                    self.findings = self._judging.result()
+                self._judging = None
+        elif getattr(self._estimate, "physical", None) is None or self._newest is None or self.executor is None:
             return
-        if due or alarms != self._judged[1]:
-            self._judged = now, alarms
+        elif now >= self._next_judging:
+            self._next_judging = now + JUDGING_SECONDS
             with suppress(RuntimeError):  # the executor's processes are gone
                 self._judging = self.executor.submit(self._judgement(self._named(self._newest)))
 

@@ -346,8 +346,7 @@ class MotorAlarms:
         if inputs.message != DEMAND_MESSAGE:
             watched = boot, layout, inputs.scale.low, inputs.scale.high  # balances on two ranges differ
             if self._watch is None or watched != self._watched:
-                motors = layout.names, layout.motors, layout.positions, layout.spins
-                self._watch, self._watched = MotorWatch(*motors, layout.positions_assumed, boot), watched
+                self._watch, self._watched = MotorWatch(layout, boot), watched
             alarm, obstacle = self._watch.take(time, commands), self._watch.obstacle
             if alarm is not None:
                 self.latest.append(alarm)

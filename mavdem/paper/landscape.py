@@ -151,7 +151,8 @@ def _from_above(axes: Axes, model: GenerativeModel, samples: SufficientStatistic
     values = np.array([[value_at(model, samples, belief, a, b) for a in AXIS_A] for b in AXIS_B])
     # Half a nat keeps the peak's own grid point on the logarithmic scale.
     depth = np.maximum(values.max() - values, 0.5)
-    axes.contourf(AXIS_A, AXIS_B, depth, [0.4, *LEVELS, 1e8], cmap="viridis_r", norm=LogNorm(1e2, 1e7))
+    filled = axes.contourf(AXIS_A, AXIS_B, depth, [0.4, *LEVELS, 1e8], cmap="viridis_r", norm=LogNorm(1e2, 1e7))
+    filled.set_rasterized(True)
     axes.plot(A, B, "+", color=TRUTH, markersize=9)
     axes.plot(*belief.theta[:2], "o", color="white", markeredgecolor=INK_ON_LIGHT, markersize=4)
     axes.set(xlabel="A", aspect="equal")

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from mavdem.confidence import LEVEL
-from mavdem.dem import Learned, Physical, WindTorque
+from mavdem.dem import Learned, Physical
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import unpack
 from mavdem.dem.graybox.identifiability import CHANGED
@@ -42,7 +42,6 @@ def detail_blocks(learned: Learned, report: dict[str, Any] | None = None) -> lis
         *([] if report is None else _one_step(report, labels)),
         *_model(labels, learned),
         *_physical(learned.physical),
-        *_cancelled(learned.wind),
         Sentence(
             f"increased by {energy.gained:,.0f} nats in {len(energy) - 1} iterations, to {energy[-1]:,.0f}.{end}",
             "Free energy action F̄:",
@@ -172,14 +171,6 @@ def _physical(physical: Physical | None) -> list[Block]:
         header = ["mean effectiveness", "rate damping (1/s)", "time constant (ms)", "wind torque (°/s²)"]
         blocks.append(Table(["window from", *header], rows))
     return blocks
-
-
-def _cancelled(wind: WindTorque | None) -> list[Block]:
-    """How much of the wind torque the motors had cancelled."""
-    if wind is None or wind.reason is not None or not isfinite(wind.cancelled_share + wind.cancelled_share_slow):
-        return []
-    slow, share = (f"{100 * max(one, 0.0):.0f} %" for one in (wind.cancelled_share_slow, wind.cancelled_share))
-    return [Sentence(f"the motors had cancelled {share} of its variance, {slow} below 1 Hz.", "Wind torque:")]
 
 
 def _simulation_fit(labels: Labels, learned: Learned, converged: str) -> list[Block]:

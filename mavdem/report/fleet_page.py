@@ -15,10 +15,13 @@ from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.flights import (
     TROUBLE,
     cut,
+    doubt,
     fleet_blocks,
     had_trouble,
     is_one_vehicle,
+    urgency,
     vehicle_health,
+    vehicle_name,
     vehicle_words,
 )
 from mavdem.report.numbers import plus_minus, readable, rounded
@@ -39,22 +42,22 @@ def fleet_page(rows: Sequence[FlightRow], changes: Mapping[str, Sequence[Block]]
     # Flights that do not say whose they are may be those of several vehicles.
     vehicles = {name: flights for name, flights in vehicles_of(rows).items() if is_one_vehicle(name, flights)}
     healths = {name: vehicle_health(flights) for name, flights in vehicles.items()}
-    ranked = sorted(vehicles, key=lambda name: (HEALTHS.index(healths[name]), name))
+    ranked = sorted(vehicles, key=lambda name: (urgency(vehicles[name]), name))
     flown_often = [name for name in ranked if len(vehicles[name]) >= MIN_FLIGHTS]
     drawn = flown_often[:MAX_DRAWN]
     hint = advice("Drawing the figures of this page", "plot")
     parts = [
         {
-            "name": name,
+            "name": vehicle_name(name, vehicles[name]),
             "flights": len(vehicles[name]),
             "health": healths[name],
-            "words": vehicle_words(vehicles[name]),
+            "words": f"{doubt(vehicles[name])} {vehicle_words(vehicles[name])}".strip(),
             "changes": since.get(name, ()),
             "figure": _svg(vehicles[name], name) if name in drawn and not hint else "",
-            "is_open": healths[name] in TROUBLE or len(drawn) <= MAX_OPEN,
+            "is_open": healths[name] in TROUBLE or bool(doubt(vehicles[name])) or len(drawn) <= MAX_OPEN,
         }
         for name in ranked
-        if name in drawn or name in since or had_trouble(vehicles[name])
+        if name in drawn or name in since or had_trouble(vehicles[name]) or doubt(vehicles[name])
     ]
     flights = flights_of(rows)
     dated = [flight for flight in flights if flight[0].date is not None]
@@ -118,8 +121,8 @@ def _residual(row: FlightRow) -> str:
 
 
 def _notes(row: FlightRow) -> str:
-    reason = row.health_reason if row.health_reason and row.health != OK else ""
-    return cut(row.status if row.status != OK else " ".join([*filter(None, [reason]), *row.warnings]), MAX_NOTE)
+    said = [row.headline, row.health_reason if row.health != OK else "", *row.warnings]
+    return cut(row.status if row.status != OK else " ".join(filter(None, said)), MAX_NOTE)
 
 
 COLUMNS: dict[str, tuple[str, Callable[[FlightRow], Any]]] = {

@@ -93,6 +93,23 @@ def had_trouble(flights: Flights) -> bool:
     return any(worst_health(flight) in TROUBLE for flight in flights)
 
 
+def doubt(flights: Flights) -> str:
+    """Returns what overrides all else in a vehicle's latest flight, as an oscillation; empty where nothing does."""
+    return next((row.headline or "" for row in flights[-1] if row.overrides), "")
+
+
+def urgency(flights: Flights) -> tuple[float, float]:
+    """Returns by what vehicles are sorted: the worst first, of these the one with the newest flight."""
+    worst, newest = HEALTHS.index(vehicle_health(flights)), flights[-1][0].date
+    return min(worst, 1.5) if doubt(flights) else worst, -newest.timestamp() if newest else 0.0
+
+
+def vehicle_name(name: str, flights: Flights) -> str:
+    """Returns a name to read: beside the number of a board what vehicle it is, and its firmware."""
+    known = listed(filter(None, (flights[-1][0].frame, flights[-1][0].firmware)))
+    return f"{name} [{known}]" if known and flights[-1][0].vehicle_basis == "board" else name
+
+
 def vehicle_words(flights: Flights) -> str:
     """Returns what was found of one vehicle, in a sentence or two."""
     counts = Counter(map(worst_health, flights))
@@ -122,13 +139,15 @@ def _headline(named: Mapping[str, Flights], flown: Flights) -> str:
     healths = {name: vehicle_health(flights) for name, flights in named.items()}
     recovered = sorted(name for name in named if healths[name] == OK and had_trouble(named[name]))
     earlier = f" Trouble in earlier flights, and not in the latest: {few(recovered)}." if recovered else ""
-    ill = sorted((name for name in healths if healths[name] in TROUBLE), key=lambda name: TROUBLE.index(healths[name]))
+    ill = [name for name in sorted(named, key=lambda name: (urgency(named[name]), name)) if urgency(named[name])[0] < 2]
     if ill:
         words = []
         for name in ill:
-            latest = next(flight for flight in reversed(named[name]) if worst_health(flight) != UNKNOWN)
+            latest = next((flight for flight in reversed(named[name]) if worst_health(flight) != UNKNOWN), ())
             suspects = sorted({row.suspect_motor or 0 for row in latest if row.health == healths[name]} - {0})
-            words.append(f"{name} ({healths[name]}{f', motor {listed(suspects)}' if suspects else ''})")
+            found = [healths[name]] * (healths[name] in TROUBLE) + [f"motor {listed(suspects)}"] * bool(suspects)
+            found += filter(None, [doubt(named[name]).rstrip(".")])
+            words.append(f"{vehicle_name(name, named[name])} ({', '.join(found)})")
         needs = "needs" if len(ill) == 1 else "need"
         return f"{len(ill)} of {_counted(len(named), 'vehicle')} {needs} a look: {few(words)}.{earlier}"
     if judged := sum(health == OK for health in healths.values()):

@@ -205,7 +205,9 @@ class LiveWriter:
         time, torque, band = np.array(self._torques).T
         before, self._gusts_until = self._gusts_until, time[-1]
         shortest = 0.0 if self._physical is None else shortest_gust(self._physical, dt)
-        for gust in gusts(torque, band, Record(torque[:, None], torque[:, None], dt, (len(torque),)), shortest).found:
+        changes = [int(np.searchsorted(time, at)) for at in self._changes if time[0] < at < time[-1]]
+        series = Record(torque[:, None], torque[:, None], dt, (len(torque),))
+        for gust in gusts(torque, band, series, shortest, changes).found:
             end = gust.sample + round(gust.length / dt)
             if end < len(time) and time[end] > before:
                 text = f"gust: {readable('rad/s²').scale * gust.size:+.0f} °/s² for {gust.length:.2g} s"
@@ -341,6 +343,8 @@ def figures(channels: Channels, status: SessionStatus, row: ViewRow, until: floa
     if now is not None and isfinite(now.wind_torque):
         sizes = unit.scale * now.wind_torque, unit.scale * now.wind_torque_band
         torque = f"{plus_minus(*sizes)} {unit.name}", "now, steady part included (90 %)"
+    elif now is not None and now.physical is not None:
+        torque = "not identifiable", ""
     if now is not None and now.physical is not None:
         physical, names = now.physical, (f"{unit.name} per {channels.input_units[0] or 'unit'}", "1/s")
         mean = [unit.scale * value for value in physical.mean_effect(LEVEL)]

@@ -91,6 +91,12 @@ class Plot:
         step = ceil(len(time) / MAX_STROKES)
         self.line(name, colour, time[::step], edges.T[::step])
 
+    def marks(self, name: str, colour: str, times: Sequence[float]) -> None:
+        """Adds an upright line at each time, s, over the whole range; nothing if there are none."""
+        if len(times):
+            ends = with_gaps([np.array(self.range) for _ in times])
+            self.line(name, colour, with_gaps([np.full(2, at) for at in times], last=True), ends, 2.0)
+
     def spans(self, name: str, colour: str, times: Sequence[tuple[float, float]]) -> None:
         """Adds filled spans of time, from start to end, s, over the whole range; nothing if there are none."""
         spacing = sum(end - start for start, end in times) / SPAN_STROKES

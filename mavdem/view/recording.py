@@ -20,7 +20,7 @@ from mavdem.report import palette
 from mavdem.report.blocks import Block, Table, markdown
 from mavdem.report.details import detail_blocks
 from mavdem.report.numbers import AxisCommand, Labels, named, place, plus_minus, readable, state_names
-from mavdem.report.screen import key_figures, screen, title, verdict_blocks
+from mavdem.report.screen import screen, title, verdict_blocks
 from mavdem.view.plots import Plot, blueprint, faint, range_of, recorded, utf8, with_gaps
 
 BEYOND = 0.15  # how far a plot extends beyond the measured values, in spans of them, where a forecast does
@@ -32,13 +32,16 @@ def write_recording(
     learned: Learned,
     held_out: HeldOut,
     found: Findings | None = None,
+    changes: Sequence[float] = (),
 ) -> None:
     """Writes ``learned``, the model of ``flights``, and forecasts of ``held_out`` windows as an .rrd file ``path``.
 
     It appears whole or not at all, ``OSError`` if it cannot be written, and opens with its own blueprint: the flight
-    over its seconds, more of it, how the model was learned, and the report. Angles are in degrees.
+    over its seconds, more of it, how the model was learned, and the report by what was ``found``. Angles are in
+    degrees; every plot is marked where a motor ``changes``, s of the boot clock.
     """
     series = FlightSeries(flights, learned, held_out)
+    series.changes = [at for at in changes if series.span[0] < at < series.span[1]]
     found = findings_of(learned, held_out) if found is None else found
     with recorded(path, Path(str(flights[0].provenance.get("source", path))).name) as recording:
         tabs = rrb.Tabs(
@@ -64,6 +67,7 @@ class FlightSeries:
         self._time = with_gaps([*self.times, *self.windows[after]], last=True)
         self._outputs = with_gaps([*(flight.outputs for flight in flights), *held_out.measured[after]])
         self.span = float(self._time[0]), float(self._time[-1])
+        self.changes: list[float] = []  # s
 
     def output(self, i: int) -> list[Plot]:
         """Returns an output with its forecasts in held-out windows, and what these leave."""
@@ -139,30 +143,28 @@ class FlightSeries:
         return with_gaps(np.split(values, np.cumsum([len(flight) for flight in self.flights])[:-1]))
 
 
-def _flight(recording: rr.RecordingStream, series: FlightSeries, found: Findings) -> rrb.Container:
-    """The key figures above, then the flight over time, verdicts and motors beside it."""
-    figures = key_figures(series.learned, series.held_out)
-    strip = [_text(recording, f"figures/{i}", "", _figure(*figure)) for i, figure in enumerate(figures)]
-    plots = [*series.output(0), series.command(), *filter(None, [series.wind()])]
+def _drawn(recording: rr.RecordingStream, series: FlightSeries, plots: Sequence[Plot]) -> list[rrb.View]:
+    """The views of plots, each with its marks."""
     for plot in plots:
+        plot.marks("motor changed", palette.BAD, series.changes)
         plot.draw(recording)
+    return [plot.view(*series.span) for plot in plots]
+
+
+def _flight(recording: rr.RecordingStream, series: FlightSeries, found: Findings) -> rrb.Container:
+    """The first sentence above, then the flight over time, verdicts and motors beside it."""
+    plots = _drawn(recording, series, [*series.output(0), series.command(), *filter(None, [series.wind()])])
     beside = [_text(recording, "verdict", "Verdict", verdict_blocks(found)), *_effectiveness(recording, series)]
     return rrb.Vertical(
-        rrb.Horizontal(*strip, column_shares=[max(len(value.split(" (")[0]), 11) for _, value in figures]),
+        _text(recording, "headline", "", f"## {found.headline}"),
         rrb.Horizontal(
-            rrb.Vertical(*(plot.view(*series.span) for plot in plots), row_shares=[34, 20, 20, 26][: len(plots)]),
+            rrb.Vertical(*plots, row_shares=[34, 20, 20, 26][: len(plots)]),
             rrb.Vertical(*beside, row_shares=[38, 27, 35][: len(beside)]),
             column_shares=[78, 22],
         ),
-        row_shares=[12.5, 87.5],
+        row_shares=[7, 93],
         name="Flight",
     )
-
-
-def _figure(name: str, value: str) -> str:
-    """A figure in large letters, and what stands in brackets after it below that."""
-    number, bracket, remark = value.partition(" (")
-    return f"{name[:1].upper()}{name[1:]}\n### {number}\n{remark.removesuffix(')') if bracket else ''}"
 
 
 def _effectiveness(recording: rr.RecordingStream, series: FlightSeries) -> list[rrb.View]:
@@ -191,9 +193,7 @@ def _details(recording: rr.RecordingStream, series: FlightSeries) -> rrb.Contain
     """The other outputs, the motors, and what DEM makes of each sample."""
     others = range(1, len(series.labels.output_names))
     plots = [*(plot for i in others for plot in series.output(i)), series.motors(), *series.dem()]
-    for plot in plots:
-        plot.draw(recording)
-    return rrb.Vertical(*(plot.view(*series.span) for plot in plots), name="Details")
+    return rrb.Vertical(*_drawn(recording, series, plots), name="Details")
 
 
 def _learning(recording: rr.RecordingStream, learned: Learned) -> rrb.Container:

@@ -156,13 +156,14 @@ def parameters(scenario: Scenario, autopilot: Autopilot, cycle: float) -> dict[s
 
 
 def _px4(scenario: Scenario) -> dict[int, dict[str, float]]:
+    kind = scenario.vehicle.mixer or scenario.vehicle.frame
     whole: dict[str, float] = {"CA_AIRFRAME": 0, "CA_ROTOR_COUNT": MOTORS, "MAV_SYS_ID": scenario.stream.system}
-    whole |= {"MAV_TYPE": QUADROTOR, "SYS_AUTOSTART": {"x": 4001, "plus": 5001}[scenario.vehicle.mixed_as]}
+    whole |= {"MAV_TYPE": QUADROTOR, "SYS_AUTOSTART": 4001 if kind == "x" else 5001}
     whole |= {f"PWM_MAIN_FUNC{n}": 100 + n if n <= MOTORS else 0 for n in range(1, 9)}
     for bound, value in (("DIS", DISARMED_PULSE["px4"]), ("MIN", MIN_PULSE), ("MAX", MAX_PULSE)):
         whole |= {f"PWM_MAIN_{bound}{n}": value for n in range(1, MOTORS + 1)}
     real = _thrust_curve("THR_MDL_FAC", scenario)
-    rotors = frame(scenario.vehicle.mixed_as, AIRFRAMES[scenario.vehicle.model].arm)
+    rotors = frame(kind, AIRFRAMES[scenario.vehicle.model].arm)
     for n in range(MOTORS):
         real |= {f"CA_ROTOR{n}_PX": rotors.forward[n], f"CA_ROTOR{n}_PY": rotors.right[n], f"CA_ROTOR{n}_PZ": 0.0}
         real |= {f"CA_ROTOR{n}_CT": 6.5, f"CA_ROTOR{n}_KM": 0.05 * SPINS[n]}  # KM: positive counter-clockwise
@@ -170,7 +171,8 @@ def _px4(scenario: Scenario) -> dict[int, dict[str, float]]:
 
 
 def _ardupilot(scenario: Scenario, cycle: float) -> dict[int, dict[str, float]]:
-    small: dict[str, float] = {"FRAME_CLASS": 1, "FRAME_TYPE": {"plus": 0, "x": 1}[scenario.vehicle.mixed_as]}
+    kind = scenario.vehicle.mixer or scenario.vehicle.frame
+    small: dict[str, float] = {"FRAME_CLASS": 1, "FRAME_TYPE": int(kind == "x")}
     medium: dict[str, float] = {"MAV_SYSID": scenario.stream.system, "SCHED_LOOP_RATE": round(1 / cycle)}
     medium |= {"MOT_PWM_MAX": MAX_PULSE, "MOT_PWM_MIN": MIN_PULSE}
     for n in range(1, 9):

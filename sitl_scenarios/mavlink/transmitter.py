@@ -204,7 +204,7 @@ class Transmitter:
         self._to_tell = []
         if not self._scenario.stream.only_when_asked:
             self.tell_parameters()
-        text = f"Simulated by mavdem, frame {self._scenario.vehicle.mixed_as}"
+        text = f"Simulated by mavdem, frame {self._scenario.vehicle.mixer or self._scenario.vehicle.frame}"
         self.ask("STATUSTEXT", severity=INFO, text=text.encode())
         self._fresh = True
 

@@ -88,6 +88,12 @@ def test_one_vehicle_is_chosen_and_several_are_listed():
         choose_vehicle((first, second))
     with pytest.raises(NotLearnable, match="no vehicle 3"):
         choose_vehicle((first, second), "3")
+    # Of the same ids, as in two logs that were joined, the boards tell.
+    joined = [dataclasses.replace(first, board=board) for board in ("2a", "7f")]
+    assert choose_vehicle(joined, "7f") is joined[1]
+    with pytest.raises(NotLearnable, match="2a .*7f ") as several:
+        choose_vehicle(joined)
+    assert "--vehicle 2a" in several.value.remedy
     with pytest.raises(NotLearnable, match="no vehicle"):
         choose_vehicle(())
 

@@ -118,7 +118,7 @@ WEAK = MotorAlarm(70.0, 66.4, 1, "motor 1 (front right)", 0.24, 0.99)
     [
         (
             {"alarms": (WEAK,)},
-            "Motor 1 (front right) lost about 35 % of its thrust at 66 s.",
+            "Motor 1 (front right) lost 19 to 35 % of its thrust at 66 s.",
             "Do not fly before motor 1",
         ),
         (
@@ -149,13 +149,12 @@ def test_the_limit_of_saturation_is_a_twentieth_of_the_time():
     assert findings_of(condition=saturated(0.05)).overrides == () != findings_of(condition=saturated(0.051)).overrides
 
 
-def test_residuals_that_are_far_from_white_are_said_and_leave_forecasts_in_doubt():
+def test_residuals_that_are_far_from_white_are_said():
     learned = model(physical())
     slow = np.convolve(learned.record.outputs[:, 1], np.ones(10) / 3, "same")
     learned.record.outputs[:, 1] = slow
     found = findings_of(learned, held_out())
     assert found.purposes[-1].grade == LIMITED and "Not white" in found.purposes[-1].reason
-    assert "do not rely on its forecasts" in found.next_step
 
 
 def test_warnings_are_only_where_they_mean_something():

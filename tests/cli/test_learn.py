@@ -14,12 +14,20 @@ from mavdem import learn as learn_model
 from mavdem.alignment.quality import QualityFigures
 from mavdem.alignment.read import read_flight
 from mavdem.alignment.verdict import Verdict
+from mavdem.analysis import analyse
 from mavdem.analysis.figures import model_figures
 from mavdem.analysis.findings import PURPOSES
 from mavdem.cli.commands import main
 from mavdem.cli.learn import RESULT_FILES, named_after
 from mavdem.cli.output import json_text, print_blocks
+from mavdem.fleet.row import FlightRow
+from mavdem.fleet.rows_of_log import rows_of_learned
+from mavdem.health.in_flight import MotorAlarm
+from mavdem.ingest import read_log
+from mavdem.live import SessionStatus
+from mavdem.live.history import ACCOUNT, LiveHistory
 from mavdem.report.blocks import Sentence, Table
+from mavdem.report.page import flight_page, live_page
 
 FLIGHT = str(FLIGHT)
 FILES = {"model.json", "report.json", "report.html", "flight.rrd", "flight.mcap"}
@@ -211,3 +219,33 @@ def test_an_out_that_cannot_be_made_or_a_truth_file_that_is_none_is_refused_befo
     said = capsys.readouterr()
     assert "ardupilot_wind5_steps.tlog is no truth file" in said.err and said.err.count("\n") == 1 and said.out == ""
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+@pytest.mark.slow
+def test_every_place_says_the_same_of_a_flight(tmp_path, monkeypatch, capsys):
+    alarm = MotorAlarm(70.0, 66.4, 1, "motor 1 (front right)", 0.24, 0.99)
+    monkeypatch.setattr("mavdem.analysis.analysis.motor_alarms", lambda signals: (alarm,))
+    headline, remedy = (
+        "Motor 1 (front right) lost 19 to 35 % of its thrust at 66 s.",
+        "Do not fly before motor 1 (front",
+    )
+    words, out = [FLIGHT, "--start", "50", "--preset", "paper"], tmp_path / "out"
+    assert main(["learn", *words, "--out", str(out)]) == 0
+    screen = capsys.readouterr().out
+    assert main(["info", FLIGHT]) == 0
+    contents = capsys.readouterr().out
+    page, document = (out / "report.html").read_text(), (out / "report.json").read_text()
+    log = read_log(FLIGHT)
+    analysis = analyse(log, start=50.0, settings=Settings.paper())
+    rows = [FlightRow.of(analysis.as_dict(), file=FLIGHT), *rows_of_learned(out)]
+    told = [screen, contents, page, document, flight_page(FLIGHT, {"roll": analysis}), *map(str, rows)]
+    for place in told:
+        assert headline in place.replace("&#39;", "'") and "GOOD" not in place.replace("GOOD_", "")
+    for place in told[:5]:
+        assert remedy in place and "vehicle's reference" not in place
+    assert all(row.overrides == ("motors",) and row.headline == headline for row in rows)
+    assert json.loads(document)["next_step"] == analysis.findings.next_step
+    # A session's page is made of the same record.
+    status = SessionStatus("1:1", alarms=(alarm,))
+    live = live_page("udpin:0", "roll", LiveHistory(), status, dict.fromkeys(ACCOUNT, 0.0), analysis.learned)
+    assert headline in live and remedy in live and ">GOOD<" not in live

@@ -100,6 +100,7 @@ def test_a_model_that_cannot_be_written_costs_nothing_else(tmp_path, capsys, mon
 
     monkeypatch.setattr("mavdem.cli.live._run", fly)
     monkeypatch.setattr("mavdem.cli.live.live_page", lambda *_: "")
+    monkeypatch.setattr("mavdem.cli.live.LiveSession.judge", lambda *_: None)
     assert main(["live", f"udpin:127.0.0.1:{free_port()}", "--model", str(folder / "m.json"), "--json"]) == 2
     said = capsys.readouterr()
     told = json.loads(said.out)

@@ -8,7 +8,11 @@ from scipy.signal import lfilter
 
 from mavdem.alignment.signals import Signals
 from mavdem.condition import Oscillation, condition_of
+from mavdem.export.conversion import STREAMS
 from mavdem.ingest import read_log
+from sitl_scenarios.files import load
+from sitl_scenarios.mavlink.transmitter import recorded
+from sitl_scenarios.simulation import Simulation, fly
 
 HOVER = Hover(hovering=40.0)
 
@@ -91,6 +95,17 @@ def test_what_moves_only_the_rate_is_an_alias_or_a_vibration():
 def test_it_is_in_json():
     telemetry = HOVER.telemetry()
     assert condition_of(Signals(telemetry)).as_dict()["oscillation"] is None
+
+
+@pytest.mark.parametrize(
+    ("name", "hertz"), [("oscillating_frame", 6.6), ("oscillating_gains", 17.1), ("motor_at_its_stop", None)]
+)
+def test_simulated_vehicles_that_oscillate_by_their_own_controller(name, hertz, tmp_path):
+    scenario = load(name)
+    with (tmp_path / "flight.tlog").open("wb") as file:
+        STREAMS[".tlog"](file, recorded(scenario, fly(scenario), Simulation(scenario).cycle, lambda _: None))
+    one = condition_of(Signals(read_log(tmp_path / "flight.tlog").vehicles[0])).oscillation
+    assert one is None if hertz is None else one.frequency == pytest.approx(hertz, rel=0.05) and one.at_limit > 0.3
 
 
 @pytest.mark.parametrize("name", ["wlichon_baseline.BIN", "wlichon_baseline.tlog"])

@@ -9,7 +9,7 @@ from simulated import simulated
 
 import mavdem
 from mavdem.dem.engine.model import discretize, recursion
-from mavdem.export.tables import columns
+from mavdem.export.conversion import columns
 
 LOG = Path(__file__).parents[2] / "logs" / "ardupilot_wind5_steps.tlog"
 

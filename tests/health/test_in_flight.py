@@ -7,7 +7,7 @@ import pytest
 
 from mavdem.health.balance import motor_signatures
 from mavdem.health.in_flight import HOURS_TO_FALSE_ALARM, MotorAlarm, MotorWatch, alarm_figures
-from mavdem.ingest.motors import motor_geometry
+from mavdem.ingest.motors import MotorGeometry, motor_geometry
 
 RATE, BREAKS = 10.0, 20.0  # Hz, s
 X = np.sqrt(0.5) * np.array([(1, 1), (-1, -1), (1, -1), (-1, 1)])
@@ -16,6 +16,11 @@ OCTO = np.array([(np.cos(at), np.sin(at)) for at in np.radians(np.arange(22.5, 3
 FRAMES = {4: (X, (1, 1, -1, -1)), 6: (HEXA, (-1, 1, -1, 1, 1, -1)), 8: (OCTO, (1, -1) * 4)}  # places and spins
 SIGNATURES = {motors: motor_signatures(motors, *frame) for motors, frame in FRAMES.items()}
 MIXERS = {motors: np.linalg.pinv(signatures.weights) for motors, signatures in SIGNATURES.items()}
+
+
+def geometry(places, spins):
+    motors = tuple(range(1, len(places) + 1))
+    return MotorGeometry(motors, motors, tuple(map(tuple, places)), "", False, False, spins=spins)
 
 
 def quad(*balance):
@@ -42,8 +47,7 @@ def flight(seed, seconds=45.0, sd=0.01, coloured_by=0.5, motors=4):
 
 
 def changes(time, commands):
-    motors = range(1, commands.shape[1] + 1)
-    watch = MotorWatch([f"motor {motor}" for motor in motors], motors, *FRAMES[len(motors)])
+    watch = MotorWatch(geometry(*FRAMES[commands.shape[1]]))
     found = [watch.take(at, row) for at, row in zip(time.tolist(), commands, strict=True)]
     return [one for one in found if one is not None]
 
@@ -121,12 +125,9 @@ def test_samples_that_leave_every_second_block_short_show_nothing():
     assert not changes(time[every], (commands + after(time, 0.2 * np.eye(4)[0]))[every])
 
 
-NAMES = ("motor 1 (front right)", "motor 2 (rear left)", "motor 3", "motor 4")
-
-
 def watched(rise, settled=lambda at: True, spins=(1, 1, -1, -1), rate=10.0, watch=None, begins=0.0):
     """The watch of a flight in which motors' commands rise (4,) at 25 s."""
-    watch = watch or MotorWatch(NAMES, (1, 2, 3, 4), X, spins)
+    watch = watch or MotorWatch(geometry(X, spins))
     time = np.arange(0.0, 45.0, 1 / rate)
     noise = np.random.default_rng(2).normal(scale=0.004, size=(len(time), 4))
     for at, row in zip(time.tolist(), 0.5 + noise + 0.5 * np.outer(time > 25.0, rise), strict=True):
@@ -138,11 +139,10 @@ def watched(rise, settled=lambda at: True, spins=(1, 1, -1, -1), rate=10.0, watc
 def test_it_names_the_motor_in_a_sentence_and_says_when_that_rests_on_an_assumption():
     [alarm] = watched([0.0, 0.3, 0.0, 0.0]).alarms
     assert (alarm.motor, alarm.name) == (2, "motor 2 (rear left)")
-    assert alarm.sentence.startswith("Alarm: motor 2 (rear left) lost about 36% of its thrust")
+    assert alarm.sentence.startswith("Alarm: motor 2 (rear left) lost 20 to 36 % of its thrust")
     assert "since 25 s" in alarm.sentence and "assumed" not in alarm.sentence
     layout = motor_geometry("QUADROTOR", "PX4", {}, (1, 2, 3, 4), 16)
-    assumed = MotorWatch(layout.names, layout.motors, layout.positions, layout.spins, layout.positions_assumed)
-    [alarm] = watched([0.3, 0.0, 0.0, 0.0], watch=assumed).alarms
+    [alarm] = watched([0.3, 0.0, 0.0, 0.0], watch=MotorWatch(layout)).alarms
     assert alarm.sentence.endswith("Where the motors are is assumed, and so is the name.")
 
 

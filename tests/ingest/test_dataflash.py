@@ -178,6 +178,27 @@ def test_a_reboot_within_a_file(tmp_path):
     assert any("rebooted" in repair for repair in vehicle.repairs)
 
 
+@pytest.mark.parametrize("by", ["boards", "calibrations"])
+def test_joined_logs_of_two_vehicles_are_two_vehicles(tmp_path, by):
+    """Their clocks need not show it: the second may have been on for longer."""
+
+    def one(letter, times):
+        said = made.message("MSG", 1_000_000, f"fmuv3 00{letter}A002F 30395113 33333539")
+        if by == "calibrations":
+            said = made.message("PARM", 1_000_000, "INS_ACCOFFS_X", float(int(letter)), 0.0)
+        return made.formats() + made.told() + said + b"".join(made.flight(times))
+
+    path = tmp_path / "joined.bin"
+    later = [time + 100 for time in TIMES]
+    path.write_bytes(one("1", TIMES) + one("2", later) + one("2", [time + 200 for time in TIMES]))
+    first, second = read_log(path).vehicles
+    assert (first.system, second.system) == (7, 8) and "2 vehicles" in first.repairs[0]
+    assert first.board[:3] == ("001" if by == "boards" else "") and first.board != second.board or by != "boards"
+    assert [len(one.messages["ATTITUDE"]["time"]) for one in (first, second)] == [len(TIMES), 2 * len(TIMES)]
+    path.write_bytes(one("1", TIMES) + one("1", later))
+    assert len(read_log(path).vehicles) == 1
+
+
 def test_an_appended_log_of_other_definitions(tmp_path):
     other = made.fmt("ATT", kind=130) + made.fmt("RATE", kind=129)
     rows = b"".join(

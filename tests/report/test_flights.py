@@ -26,6 +26,20 @@ def test_vehicles_in_trouble_come_first_and_the_worst_before_others():
     assert unjudged.startswith("No vehicle could be judged yet.")
 
 
+def test_the_worst_and_the_newest_come_first_with_what_a_board_is_of():
+    board = {"vehicle_basis": "board", "frame": "QUADROTOR", "firmware": "PX4 v1.16.0"}
+    cycle = {"headline": "Oscillates at 7 Hz: do not fly.", "overrides": ("oscillation",)}
+    rows = [
+        flight_row("older", 0, health="drift"),
+        flight_row("newer", 3, health="drift"),
+        flight_row("3900213235", 1, **board, **cycle),
+        flight_row("mended", 0, **cycle),
+        flight_row("mended", 1),
+    ]
+    said = "newer (drift), older (drift) and 3900213235 [QUADROTOR and PX4 v1.16.0] (Oscillates at 7 Hz: do not fly)."
+    assert text_of(fleet_blocks(rows)).startswith(f"3 of 4 vehicles need a look: {said}")
+
+
 def test_a_repaired_vehicle_says_that_later_flights_show_nothing():
     flights = [
         [flight_row("quad", 0, health="fault", suspect_motor=1, fault_probability=0.99)],

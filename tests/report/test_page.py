@@ -22,8 +22,9 @@ from mavdem.live import SessionStatus
 from mavdem.live.history import ACCOUNT, Event, LiveHistory
 from mavdem.report.blocks import Sentence, Table
 from mavdem.report.figures.series import live_flight
-from mavdem.report.figures.style import picture
+from mavdem.report.figures.style import band, picture
 from mavdem.report.page import Chapter, Picture, document, flight_page, live_page
+from mavdem.report.palette import PREDICTED
 
 NAME = f"{HOSTILE}.tlog"
 VOID = {"meta", "path", "use", "rect", "br", "image"}
@@ -34,7 +35,7 @@ KNOWN = (
     Identity("1234", "board", 1, "PX4", "QUADROTOR", "PX4 v1.16.0", None),
     VehicleFigures({}, None),
 )
-VERDICT = SimpleNamespace(as_dict=dict, figures=SimpleNamespace(consistency=None))
+VERDICT = SimpleNamespace(as_dict=dict, figures=SimpleNamespace(consistency=None), learnable=True)
 SLOW = Tier("c", "Motors come at 4 Hz.", "b", "Log them <faster>.")
 
 
@@ -70,7 +71,7 @@ def wave(label: str = "measured", samples: int = 20_000) -> Figure:
         time = np.linspace(0, 60, samples)
         values = np.sin(time) + 0.1 * np.random.default_rng(1).normal(size=samples)
         axes.plot(time, values, label=label[:60])
-        axes.fill_between(time, values - 0.3, values + 0.3, alpha=0.3)
+        band(axes, time, values - 0.3, values + 0.3, PREDICTED)
         axes.plot(time[:100], values[:100], marker="o")
         axes.legend()
     return figure

@@ -215,7 +215,8 @@ def test_an_alarm_is_an_error_in_the_log_and_marks_its_beginning_in_every_plot(t
 
 
 @pytest.mark.slow
-def test_what_happens_is_logged_with_its_time_and_size(tmp_path):
+@pytest.mark.parametrize("changed", [False, True])
+def test_what_happens_is_logged_with_its_time_and_size_and_a_motor_s_step_is_no_gust(tmp_path, changed):
     path = tmp_path / "flight.rrd"
     torque = np.random.default_rng(1).normal(size=4000)
     torque[3200:3250] = 20.0
@@ -224,7 +225,15 @@ def test_what_happens_is_logged_with_its_time_and_size(tmp_path):
             now = estimate(20, 50.0 + DT * i)
             now = now._replace(wind_torque=one, wind_torque_band=0.5, unusual=3500 <= i < 3600, surprise=7.0)
             view.put(now.time, 0.0, 0, OUTPUTS[0], INPUTS[0], now)
-    gust, unusual = texts(path)
+            if changed and i == 100:
+                until(lambda: not view._threads[0]._rows)
+                view.log(Occurrence(now.time, "Alarm", "ERROR", 50.0 + DT * 3200))
+                until(lambda: not view._threads[0]._lines)
+    *gusts, unusual = [text for text in texts(path) if text != "Alarm"]
+    if changed:
+        assert gusts == []
+        return
+    (gust,) = gusts
     assert gust.endswith(" °/s² for 0.5 s") and unusual == "unusual motion: surprise 7"
     assert float(gust.split()[1]) == pytest.approx(np.degrees(20.0), rel=0.01)  # beside the torque so far
     stamps = [np.array(batch.column("boot clock").cast("int64")) for name, _, batch in chunks(path) if name == "log"]

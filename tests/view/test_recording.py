@@ -7,17 +7,19 @@ from rerun.chunk import RrdReader
 from rerun_file import chunks, views
 
 import mavdem
+from mavdem.analysis.findings import findings_of
 from mavdem.evaluate import held_out_test
 from mavdem.report.blocks import markdown
 from mavdem.report.details import detail_blocks
 from mavdem.report.numbers import AxisCommand
-from mavdem.report.screen import key_figures, screen, title
+from mavdem.report.screen import screen, title
 from mavdem.view import write_recording
 from mavdem.view.recording import FlightSeries
 
 FLIGHT = mavdem.read_flight(Path(__file__).parents[2] / "logs" / "ardupilot_wind5_steps.tlog")
 PARTS, TEST = (FLIGHT[:380], FLIGHT[400:800]), FLIGHT[800:900]
 TIME = np.concatenate([part.time for part in PARTS])
+CHANGED = float(TIME[100])
 SETTINGS = mavdem.Settings(order=2, window=9, parameter_precision=0.1, noise_groups=((0, 1), (0, 1)), iterations=5)
 
 
@@ -27,7 +29,8 @@ def learned():
 
 
 def write(path: Path, learned: mavdem.Learned) -> None:
-    write_recording(path, PARTS, learned, held_out_test(PARTS[-1], TEST, learned))
+    changes = [TIME[0] - 5.0, CHANGED]  # the first is of before the flight
+    write_recording(path, PARTS, learned, held_out_test(PARTS[-1], TEST, learned), changes=changes)
 
 
 @pytest.fixture(scope="module")
@@ -101,6 +104,15 @@ def test_the_command_and_the_wind_s_torque_are_over_the_training_data(recording,
         np.testing.assert_allclose(shown, values, atol=1e-9)
 
 
+def test_every_plot_is_on_the_boot_clock_and_marked_where_a_motor_changed(recording: Path) -> None:
+    drawn = lines(recording)
+    plots = {line.rsplit("/", 1)[0] for line in drawn}
+    assert {f"{plot}/motor changed" for plot in plots} <= set(drawn) and len(plots) >= 6
+    for plot in plots:
+        times, _ = without_gaps(drawn[f"{plot}/motor changed"])
+        np.testing.assert_allclose(times, [CHANGED, CHANGED], atol=1e-8)
+
+
 def test_a_forecast_beyond_all_numbers_leaves_the_measured_in_sight(learned):
     held_out = held_out_test(PARTS[-1], TEST, learned)
     away = np.exp(np.linspace(0, 700, len(TEST)))[None, :, None] * held_out.forecasts["forecast"]
@@ -121,5 +133,4 @@ def test_the_one_blueprint_in_the_file_shows_what_is_there_in_the_screen_s_words
         assert any(f"{entity}/".startswith(f"/{origin.strip('/')}/") for entity in entities), origin
     assert found["/learning/details"] == markdown(detail_blocks(learned))
     assert found["/report"] == markdown([title(PARTS), *screen(learned, held_out)])
-    for i, (name, value) in enumerate(key_figures(learned, held_out)):
-        assert name[1:] in found[f"/figures/{i}"] and value.split(" (")[0] in found[f"/figures/{i}"]
+    assert found["/headline"] == f"## {findings_of(learned, held_out).headline}"

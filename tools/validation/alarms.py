@@ -104,7 +104,7 @@ def watched(kind: str, number: int, rate: float) -> Watched:
     motors = (motion.outputs[::every] - MIN_PULSE) / (MAX_PULSE - MIN_PULSE)
     layout = motor_geometry("QUADROTOR", "", {}, (1, 2, 3, 4), 8)
     assert layout is not None
-    watch = MotorWatch(layout.names, layout.motors, layout.positions, layout.spins)
+    watch = MotorWatch(layout)
     for at in np.flatnonzero(settled):
         watch.take(float(time[at]), motors[at])
     spec, hours = flight.vehicle, float(settled.sum() / rate / 3600)

@@ -24,7 +24,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem import Flight
-from mavdem.dem import NotIdentifiable, Physical, physical
+from mavdem.confidence import quantile
+from mavdem.dem import NotIdentifiable, Physical, WindTorque, physical
+from mavdem.dem.graybox.wind import wind
+from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable, Unreadable
 from mavdem.paper.flights import SHARED, logged
 from sitl_scenarios.files import scenario_of
@@ -127,7 +130,9 @@ def truth_of(motion: Motion, of: Scenario, part: Flight) -> dict[str, Any]:
     within = (motion.time >= part.time[0]) & (motion.time <= part.time[-1])
     landed = np.where(within & (motion.landed_state == IN_AIR), IN_AIR, 1).astype(np.uint8)
     known = truth(of, replace(motion, landed_state=landed))
-    return {"effect": known["roll_effect"], "damping": -float(known["roll_A"][1, 1]), "lag": known["lag"][0]}
+    turning = np.interp(part.time, motion.time, known["roll_disturbance"])
+    damping, lag = -float(known["roll_A"][1, 1]), known["lag"][0]
+    return {"effect": known["roll_effect"], "damping": damping, "lag": lag, "wind": turning}
 
 
 log = partial(click.echo, err=True)
@@ -159,6 +164,7 @@ class Estimate(NamedTuple):
     window: int | None
     found: Physical
     true: dict[str, Any]
+    torque: WindTorque | None  # of a whole flight
 
     def error(self, name: str) -> tuple[float, float]:
         """Of the mean effect, damping or lag, and the half width of its interval; both relative to the truth."""
@@ -186,7 +192,8 @@ def estimates(bank: Sequence[Case]) -> Iterator[Estimate]:
             if isinstance(found, NotIdentifiable):
                 log(f"{case}: refused: {found.reason}")
                 continue
-            yield Estimate(case, window, found, truth_of(motion, of, part))
+            torque = wind(found, Record.of(part)) if window is None else None
+            yield Estimate(case, window, found, truth_of(motion, of, part), torque)
 
 
 def of(name: str, value: object) -> Callable[[Case], bool]:
@@ -229,6 +236,16 @@ def by_steering(name: str, every: Sequence[Estimate]) -> list[list[str]]:
     return rows
 
 
+def by_wind(label: str, every: Sequence[Estimate]) -> list[str]:
+    """A row of the wind torque: how often intervals and band hold the truth."""
+    pairs = [(each.torque, each.true["wind"]) for each in every if each.torque and each.torque.resolved]
+    halves = [quantile(LEVEL) * torque.scale_error * torque.sd for torque, _ in pairs]
+    sizes = share(abs(torque.sd - true.std()) <= half for (torque, true), half in zip(pairs, halves, strict=True))
+    means = share(abs(torque.mean - true.mean()) <= torque.mean_band for torque, true in pairs)
+    course = share(held for torque, true in pairs for held in np.abs(torque.torque - true) <= torque.band)
+    return [label, str(len(pairs)), sizes, means, course]
+
+
 def simulated(seed: int, every: int) -> None:
     """Share that is reported, and how often intervals hold the truth, by steering."""
     found = list(estimates(cases(seed, every)))
@@ -238,6 +255,9 @@ def simulated(seed: int, every: int) -> None:
         insides = ["inside, each motor", "inside, mean"] if name == "effect" else ["inside"]
         ends = ["median error of the reported", "worst", "inside, where biased"]
         table(f"**{name.capitalize()}**", [*heads, *insides, *ends], by_steering(name, found))
+    heads = ["effect", "flights", "standard deviation inside", "mean inside", "course inside"]
+    rows = [by_wind(status, [each for each in found if each.found.status["effect"] == status]) for status in STATUSES]
+    table("**Wind torque**, where it is resolved", heads, rows)
 
 
 def row_of(label: Sequence[str], flight: Flight) -> list[str]:

@@ -21,6 +21,7 @@ from scipy.spatial.transform import Rotation
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals
 from mavdem.condition import condition_of
+from mavdem.dem.engine.linalg import Array
 from mavdem.health import reference
 from mavdem.health.assessment import assess
 from mavdem.health.balance import BalanceFigures, balance_figures, balance_of_signals, motor_signatures
@@ -97,9 +98,7 @@ def by_chance(healthy: int, vehicles: int) -> None:
     print("  the next flight: " + _shares(first) + "; the four after it: " + _shares(later))
 
 
-def _made_up(
-    rng: np.random.Generator, scatter: np.ndarray, effect: np.ndarray, spread: float, day: int
-) -> HealthFigures:
+def _made_up(rng: np.random.Generator, scatter: Array, effect: Array, spread: float, day: int) -> HealthFigures:
     lean = rng.normal(scale=0.05, size=2)
     # What differs from flight to flight is half real, half by manoeuvres.
     own = effect + rng.normal(scale=reference.LEAN_EFFECT_SCATTER / np.sqrt(2), size=(3, 2))

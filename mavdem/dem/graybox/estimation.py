@@ -24,6 +24,7 @@ from mavdem.dem.graybox.identifiability import (
 from mavdem.dem.graybox.likelihood import REFINEMENTS, FlightWindows, Parameters, lagged
 from mavdem.dem.graybox.parameters import Physical, WindComponent, WindowTable, windows_of
 from mavdem.dem.record import Record, UniformRecord
+from mavdem.errors import unit_slip
 
 CHOOSING_WINDOWS = 10  # of which the wind's spectrum and the refinements are chosen
 MIN_REFINING_WINDOWS, MIN_GAIN_NATS = 4, 3.0  # windows below which nothing is refined, and what unseen ones must gain
@@ -45,10 +46,12 @@ def physical(train: UniformRecord | Sequence[UniformRecord]) -> Physical | NotId
     {'effect': 'reported', 'damping': 'reported', 'lag': 'reported'}
 
     The rate, rad/s, is the output of ``train``, a ``Flight`` or segments of one, that is the derivative of another, or
-    the only one. Returns the parameters, each with its status; or the reason why there are none: no output is the rate
-    of another, there are too few samples, no motor moves, or there is no steady filter.
+    the only one. Returns the parameters, each with its status; or the reason why there are none: units, no output is
+    the rate of another, too few samples, no motor moves, or no steady filter.
     """
     record = Record.of(train)
+    if slip := unit_slip(record.outputs, record.dt):
+        return NotIdentifiable(slip)
     try:
         with one_thread(), np.errstate(all="ignore"):  # what overflows is not finite, and no step goes there
             return _estimated(windows_of(record), record.effect_directions)

@@ -155,7 +155,8 @@ def wind(physical: Physical, record: Record, changes: Sequence[float] = ()) -> W
     variance = with_parameters(slopes)
     # Motors that do more, and balance more: an error of the size alone leaves the course as it is. Where the motors do
     # more than balance the wind, as in steering, no more of it counts as one of the size.
-    shares = moving @ moved / (len(moved) * size)
+    samples = len(moved)
+    shares = moving @ moved / (samples * size)
     scales = np.append(shares[:-3], np.zeros(3))
     scales /= max(1.0, abs(float(theta @ scales)))
     error = float(with_parameters(moving - np.outer(scales, moved)).mean())
@@ -166,8 +167,8 @@ def wind(physical: Physical, record: Record, changes: Sequence[float] = ()) -> W
     )
     # An error of the parameters adds to the size in proportion, and by the square of what is not like the wind.
     unlike = moving - np.outer(shares, moved)
-    added = float(np.sum((unlike @ unlike.T) * covariance)) / (2 * len(moved) * size)
-    scale_variance = float(shares @ covariance @ shares) + added**2 + MODEL_ERRORS.wind_sd**2
+    added = np.sum((unlike @ unlike.T) * covariance) / (2 * samples * size)
+    scale_error = np.sqrt(shares @ covariance @ shares + added**2 + MODEL_ERRORS.wind_sd**2)
     spectra = _spectra(torques, record)
     band = half_width(variance)
     gusty = gusts(torques.mean, band, record, shortest_gust(physical, record.dt), cuts)
@@ -177,7 +178,7 @@ def wind(physical: Physical, record: Record, changes: Sequence[float] = ()) -> W
         mean=float(torques.mean.mean()),
         mean_band=float(half_width(levels @ covariance @ levels + MODEL_ERRORS.wind_sd**2 * size)),
         sd=float(np.sqrt(size + torques.variance.mean())),
-        scale_error=float(np.sqrt(scale_variance)),
+        scale_error=float(scale_error),
         motors=torques.motors,
         gusts=gusty.found if resolved else (),
         gust_threshold=gusty.threshold,
@@ -321,20 +322,20 @@ def gusts(torque: Array, band: Array, record: Record, shortest: float = 0.0, cha
     # Likewise by the median, so that gusts do not count.
     crossings = float(np.median(np.abs(slopes))) / NORMAL_MEDIAN / sd / (2 * np.pi)
     false = 2 * 60 * crossings * float(np.exp(-(THRESHOLD**2) / 2))
-    detected, beside = [], round(LEVEL_SECONDS / 2 / record.dt)
+    detected, beside, apart = [], round(LEVEL_SECONDS / 2 / record.dt), CHANGE_SECONDS / record.dt
     for first, whole, part, width in zip(starts.tolist(), parts, away, bands, strict=True):
         outside = np.concatenate([[False], np.abs(part) > END * THRESHOLD * sd, [False]])
         # A change of sign ends a gust.
         edges = np.flatnonzero(np.diff(outside * np.sign(np.concatenate([[0], part, [0]]))))
         for start, stop in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
             peak = start + int(np.argmax(np.abs(part[start:stop])))
+            sample, length = first + start, (stop - start) * record.dt
             before, after = whole[max(start - beside, 0) : start], whole[stop : stop + beside]
             stays = before.size and after.size and abs(np.median(after) - np.median(before)) > THRESHOLD * sd
-            sample, apart = first + start, CHANGE_SECONDS / record.dt
             changed = any(sample - apart < change < first + stop + apart for change in changes)
-            lasts = (stop - start) * record.dt >= shortest and not (stays or changed)
-            if lasts and abs(part[peak]) > max(THRESHOLD * sd, CERTAIN * width[peak]):
-                detected.append(DetectedGust(sample, sample * record.dt, (stop - start) * record.dt, float(part[peak])))
+            high = abs(part[peak]) > max(THRESHOLD * sd, CERTAIN * width[peak])
+            if high and length >= shortest and not (stays or changed):
+                detected.append(DetectedGust(sample, sample * record.dt, length, float(part[peak])))
     return Gusts(tuple(detected), THRESHOLD * sd, false)
 
 

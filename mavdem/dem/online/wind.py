@@ -44,6 +44,7 @@ class WindFilter(NamedTuple):
         level: what is added to the torque that the filter finds, rad/s².
         column: of the rate, in the outputs.
         half_width: of the 90 % band, rad/s².
+        known: whether the effect is identifiable, which the torque follows from, and the torque is resolved.
     """
 
     physical: Physical
@@ -55,6 +56,7 @@ class WindFilter(NamedTuple):
     level: float
     column: int
     half_width: float
+    known: bool
 
 
 def wind_filter(record: Record) -> WindFilter:
@@ -86,6 +88,7 @@ def wind_filter(record: Record) -> WindFilter:
         constant + balanced(found.effect, trim, record.effect_directions),
         column,
         width * float(np.sqrt(np.mean((whole.band / width) ** 2) + max(known, 0.0) * filtered.variance)),
+        found.identifiable and whole.reason is None,
     )
 
 
@@ -205,5 +208,6 @@ class OnlineWind:
     def _follow(self) -> None:
         """The filter from the latest samples on."""
         inputs, outputs = self._memory.latest(round((FILTER_SECONDS + DELAY_SECONDS) / self._dt) + 1)
-        if self.filter is not None and len(outputs):
+        self._tracked = None
+        if self.filter is not None and self.filter.known and len(outputs):
             self._tracked = _Tracked(self.filter, self._dt, inputs, outputs)

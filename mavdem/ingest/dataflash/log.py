@@ -12,6 +12,8 @@ import os
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
+from functools import partial
 from math import isfinite
 
 import numpy as np
@@ -109,12 +111,46 @@ _FRAME = re.compile(r"^Frame: ([A-Z0-9_]+)")
 def read_dataflash(path: str | os.PathLike[str], progress: Progress = no_progress) -> Log:
     """Reads a DataFlash log; a damaged one as far as possible.
 
-    The log has one vehicle. Its component counts the messages under DataFlash's names ("ATT"), the telemetry has them
-    under MAVLink's ("ATTITUDE"). Raises Unreadable: the file cannot be opened, or has no message of ArduPilot.
+    The log has one vehicle, or one for each board where logs of several were joined. Its component counts the messages
+    under DataFlash's names ("ATT"), the telemetry has them under MAVLink's ("ATTITUDE"). Raises Unreadable: the file
+    cannot be opened, or has no message of ArduPilot.
     """
     source = os.fspath(path)
     content = file_bytes(path)
     recording = read_text(content, progress) if is_dataflash_text(content) else read_binary(content, progress)
+    vehicles: list[Telemetry] = []
+    for own in (parts := _by_board(recording)):
+        one = _vehicle(own, source)
+        number = one.system + len(vehicles)
+        apart = (f"The file holds logs of {len(parts)} vehicles, by their boards or calibrations: this is {number}.",)
+        vehicles.append(replace(one, system=number, repairs=apart + one.repairs) if len(parts) > 1 else one)
+    frames = sum(recording.counts.values())
+    return log_of_vehicles(tuple(vehicles), frames, recording.bytes_skipped, counts=recording.counts)
+
+
+def _by_board(recording: DataflashRecording) -> list[DataflashRecording]:
+    """The recording, or one for each board or calibration of the accelerometers, where logs of several were joined."""
+    formats, messages, parameters = (recording.table(name) for name in ("FMT", "MSG", "PARM"))
+    texts = zip(messages.place.tolist(), _texts(messages, "Message"), strict=False)
+    known = [(place, number) for place, text in texts if (number := board_number_in_texts([text]))]
+    values = numbers(parameters).columns.get("Value", np.zeros(0)).tolist()
+    named = zip(parameters.place.tolist(), _texts(parameters, "Name"), values, strict=False)
+    known = known or [(place, f"{value:.4g}") for place, name, value in named if name == "INS_ACCOFFS_X" and value]
+    # Each log begins with the definition of definitions; of several numbers in one, the first is its own.
+    first = formats.place[formats.columns["Type"] == binary.FORMAT_ID] if "Type" in formats.columns else formats.place
+    owner = {int(first[first <= place].max(initial=0)): number for place, number in reversed(known)}
+    boards = list(dict.fromkeys(owner[start] for start in sorted(owner)))
+
+    def part(board: str, name: str) -> MessageTable:
+        whole, starts = recording.table(name), np.array(sorted(owner))
+        holder = np.array([owner[start] == board for start in starts.tolist()])
+        rows = holder[np.maximum(np.searchsorted(starts, whole.place, side="right") - 1, 0)]
+        return MessageTable(whole.place[rows], selected(whole.columns, rows))
+
+    return [recording._replace(table=partial(part, board)) for board in boards] if len(boards) > 1 else [recording]
+
+
+def _vehicle(recording: DataflashRecording, source: str) -> Telemetry:
     logged = {message: numbers(recording.table(message)) for message in NEEDED}
     imu = logged["IMU"]  # by far the most messages: only what is used of each is kept
     gyros = {name: column for name, column in imu.columns.items() if name in (*CLOCKS, "I", *GYROS)}
@@ -134,7 +170,7 @@ def read_dataflash(path: str | os.PathLike[str], progress: Progress = no_progres
         repairs = (f"{recording.bytes_skipped} bytes that belong to no message were skipped.", *repairs)
     lost = (dropouts, f"The logger had no room for {dropouts} messages (DSF): they are missing.")
     system_ids = ("MAV_SYSID", "SYSID_THISMAV")  # from ArduPilot 4.7 on, and before
-    vehicle = Telemetry(
+    return Telemetry(
         system=next((int(parameters[name]) for name in system_ids if 1 <= parameters.get(name, 0) <= 255), 1),
         component=AUTOPILOT_COMPONENT,
         vehicle=UNNAMED if kind == UNKNOWN else enum_name("MAV_TYPE", kind),
@@ -149,8 +185,6 @@ def read_dataflash(path: str | os.PathLike[str], progress: Progress = no_progres
         names=names,
         board=board_number_in_texts(texts),
     )
-    frames = sum(recording.counts.values())
-    return log_of_vehicles((vehicle,), frames, recording.bytes_skipped, counts=recording.counts)
 
 
 def _on_boot_clock(tables: Mapping[str, MessageTable]) -> tuple[dict[str, Columns], tuple[str, ...]]:

@@ -22,6 +22,7 @@ from mavdem.dem.engine.model import pack, unpack
 from mavdem.evaluate.held_out import CONSTANT_MEAN, FORECAST, HeldOut, held_out_test, held_out_windows
 from mavdem.flight import Flight
 from mavdem.live.history import AHEAD, LiveHistory
+from mavdem.report import palette
 from mavdem.report.figures.style import (
     HAIRLINE,
     THIN,
@@ -37,20 +38,7 @@ from mavdem.report.figures.style import (
 )
 from mavdem.report.figures.systems import SystemPlots
 from mavdem.report.numbers import AxisCommand, Labels, left_free, readable
-from mavdem.report.palette import (
-    BAND,
-    BASELINE,
-    BOUND,
-    COMMAND,
-    DISTURBANCE,
-    GUST,
-    HELD_OUT_OPACITY,
-    INK_ON_LIGHT,
-    MEASURED,
-    PREDICTED,
-    TRUTH,
-    distinct,
-)
+from mavdem.report.palette import HELD_OUT_OPACITY, MEASURED, TRUTH, distinct
 
 WINDOWS = 8  # that are shown in full
 MAX_BEYOND_MEASURED = 0.5  # spans of the measured values, how far the band of a forecast may widen the axis
@@ -114,7 +102,7 @@ class Plots(SystemPlots):
         with picture(3.8, Room(rows=0.7, columns=0.6)) as figure:
             axes = figure.subplot_mosaic([["time", "time"], ["auto", "across"]], height_ratios=[1, 1.25])
             time, shown = with_gaps(record, sample_times(record)), with_gaps(record, unit.scale * found.errors)
-            axes["time"].plot(time, shown, color=PREDICTED, linewidth=0.6)
+            axes["time"].plot(time, shown, color=palette.PREDICTED, linewidth=0.6)
             largest = 1.15 * float(np.nanmax(np.abs(shown)))
             axes["time"].set(xlabel="time since boot (s)", ylabel=f"residual ({unit.name})", ylim=(-largest, largest))
             axes["time"].set_title(
@@ -122,9 +110,9 @@ class Plots(SystemPlots):
             )
             panels = (axes["auto"], found.lag[1:], found.auto[1:]), (axes["across"], found.lag, found.across)
             for (panel, shift, values), bound in zip(panels, found.bounds, strict=True):
-                panel.axhspan(-bound, bound, color=BOUND, alpha=2 * HELD_OUT_OPACITY, linewidth=0)
+                panel.axhspan(-bound, bound, color=palette.BOUND, alpha=2 * HELD_OUT_OPACITY, linewidth=0)
                 panel.axhline(0, **HAIRLINE)
-                panel.vlines(shift, 0, values, color=PREDICTED, linewidth=1.3)
+                panel.vlines(shift, 0, values, color=palette.PREDICTED, linewidth=1.3)
                 limit = 1.1 * max(float(np.abs(values).max()), 1.5 * bound)
                 panel.set(ylim=(-limit, limit), xlim=(0, LAG_SECONDS))
             axes["auto"].set(xlabel="lag (s)", title="autocorrelation")
@@ -148,19 +136,19 @@ class Plots(SystemPlots):
             clock = sample_times(record)
             time = with_gaps(record, clock)
             torque, half = (unit.scale * with_gaps(record, values) for values in (wind.torque, wind.band))
-            band(above, time, torque - half, torque + half, DISTURBANCE, "90 % band")
+            band(above, time, torque - half, torque + half, palette.DISTURBANCE, "90 % band")
             if truth is not None:
                 above.plot(time, unit.scale * with_gaps(record, truth), color=TRUTH, linewidth=1.6, label="truth")
-            above.plot(time, torque, color=DISTURBANCE, linewidth=THIN, label="wind torque")
+            above.plot(time, torque, color=palette.DISTURBANCE, linewidth=THIN, label="wind torque")
             for number, gust in enumerate(wind.gusts):
                 ends = clock[gust.sample], clock[gust.sample] + gust.length
-                above.axvspan(*ends, color=GUST, alpha=0.3, linewidth=0, label="" if number else "gust")
+                above.axvspan(*ends, color=palette.GUST, alpha=0.3, linewidth=0, label="" if number else "gust")
             above.set(xlabel="time since boot (s)", ylabel=f"wind torque ({unit.name})")
             legend_above(above)
             frequency, density, model = wind.spectrum
             shown = (frequency > 0) & (frequency <= HIGHEST_HERTZ)
             frequency, density, model = (values[shown] for values in (frequency, density, model))
-            below.plot(frequency, unit.scale**2 * density, color=DISTURBANCE, label="wind torque")
+            below.plot(frequency, unit.scale**2 * density, color=palette.DISTURBANCE, label="wind torque")
             below.plot(frequency, unit.scale**2 * model, color=MEASURED, label="model of it", dashes=(4, 2))
             below.set(xscale="log", yscale="log", xlabel="frequency (Hz)", ylabel=f"({unit.name})²/Hz")
             top = unit.scale**2 * float(max(density.max(), model.max()))
@@ -200,18 +188,18 @@ class Plots(SystemPlots):
             if physical is not None:
                 unit = readable("rad/s²")
                 half = unit.scale * physical.interval(LEVEL).effect
-                _bars(panels[0], unit.scale * physical.effect, half, 0.0, PREDICTED)
+                _bars(panels[0], unit.scale * physical.effect, half, 0.0, palette.PREDICTED)
                 panels[0].set(title="effectiveness", xlabel=per(unit.name, labels.input_units[0]))
                 if not physical.identifiable:
                     note(figure, "Control effectiveness is not identifiable in this flight: no intervals are given.")
             if hover is not None:
                 imbalance, headroom = panels[-2:]
-                _bars(imbalance, np.array(hover.imbalance), np.zeros(len(names)), LEAST_IMBALANCE, COMMAND)
+                _bars(imbalance, np.array(hover.imbalance), np.zeros(len(names)), LEAST_IMBALANCE, palette.COMMAND)
                 imbalance.set(title="trim", xlabel="deviation (%)")
                 # The range of each motor: up to its trim, up to the highest output, and what is left.
-                headroom.barh(rows, 100 * (1 - np.array(hover.headroom)), 0.55, color=COMMAND, alpha=0.35)
+                headroom.barh(rows, 100 * (1 - np.array(hover.headroom)), 0.55, color=palette.COMMAND, alpha=0.35)
                 trim = 100 * np.array(hover.trim_of_range)
-                headroom.plot(trim, rows, "|", color=COMMAND, markersize=13, markeredgewidth=2.2)
+                headroom.plot(trim, rows, "|", color=palette.COMMAND, markersize=13, markeredgewidth=2.2)
                 text: dict[str, Any] = {"ha": "right", "va": "center", "fontsize": 7.5}
                 for row, left in zip(rows, hover.headroom, strict=True):
                     headroom.annotate(f"{100 * left:.0f} %", (100, row), (-1, 0), textcoords="offset points", **text)
@@ -230,7 +218,7 @@ class Plots(SystemPlots):
         with picture(4.4, Room(left=0.75, right=1.75, rows=0.28)) as figure:
             action, terms, parameters = figure.subplots(3, 1, sharex=True, gridspec_kw={"height_ratios": [3, 4, 4]})
             gap = np.maximum(energy.total.max() - energy.total, SMALLEST_GAIN)
-            action.plot(gap, color=PREDICTED, marker="o", markersize=2.5)
+            action.plot(gap, color=palette.PREDICTED, marker="o", markersize=2.5)
             title = f"F̄ below its maximum of {energy.total.max():,.0f} nats".replace("-", "−")
             action.set(yscale="log", ylabel="nats", title=title)
             action.yaxis.set_major_formatter("{x:g}")
@@ -272,7 +260,7 @@ class Plots(SystemPlots):
 def forecast(held: HeldOut, labels: Labels, output: int = 0, windows: int = WINDOWS) -> Figure:
     """Draws an output beside its forecasts in some windows that no model saw, and the error in every window.
 
-    Shown in full are ``windows`` neighbours whose errors are nearest to the median of all, not the best ones.
+    Shown in full are ``windows`` neighbours with errors nearest to the median, not the best; each is forecast anew.
 
     Raises:
         ValueError: no windows.
@@ -288,13 +276,15 @@ def forecast(held: HeldOut, labels: Labels, output: int = 0, windows: int = WIND
         axes, *below = np.atleast_1d(
             figure.subplots(1 + several, 1, gridspec_kw={"height_ratios": [5, 3][: 1 + several]})
         )
-        for row in range(*shown.indices(len(held))):  # a forecast begins anew where a window does
-            time, first = held.time[row], row == shown.start
-            axes.plot(time, measured[row], color=MEASURED, linewidth=1.1, label="measured" * first, zorder=2.1)
-            axes.plot(time, mean[row], color=PREDICTED, label="forecast" * first)
-            band(axes, time, mean[row] - half[row], mean[row] + half[row], BAND, "90 % band" * first)
-            axes.axvline(time[0], color=MEASURED, linewidth=0.6, alpha=0.5, zorder=1)
+        time, lines, middle, half_width = (
+            np.pad(values[shown], ((0, 0), (0, several)), constant_values=np.nan).ravel()
+            for values in (held.time, measured, mean, half)
+        )
+        axes.plot(time, lines, color=MEASURED, linewidth=1.1, label="measured", zorder=2.1)
+        axes.plot(time, middle, color=palette.PREDICTED, label="forecast")
+        band(axes, time, middle - half_width, middle + half_width, palette.BAND, "90 % band")
         not_blown_up(axes, measured[shown], MAX_BEYOND_MEASURED)
+        axes.vlines(held.time[shown, 0], *axes.get_ylim(), MEASURED, linewidth=0.6, alpha=0.5, zorder=1)
         axes.set(ylabel=f"{name} ({unit.name})", xlabel="" if several else "time since boot (s)")
         legend_above(axes)
         for errors in below:
@@ -302,9 +292,10 @@ def forecast(held: HeldOut, labels: Labels, output: int = 0, windows: int = WIND
             ours, constant = (
                 unit.scale * np.sqrt(held.squared_errors(method)[:, output]) for method in (FORECAST, CONSTANT_MEAN)
             )
-            errors.bar(starts, ours, 0.8 * length, align="edge", color=PREDICTED, label="forecast")
             ends, label = starts + 0.8 * length, "constant mean (baseline)"
-            errors.hlines(constant, starts, ends, color=BASELINE, linewidth=1.6, label=label)
+            bars = np.column_stack([starts, ends, ends]).ravel(), np.column_stack([ours, ours, np.nan * ours]).ravel()
+            errors.fill_between(bars[0], 0, bars[1], color=palette.PREDICTED, linewidth=0, label="forecast")
+            errors.hlines(constant, starts, ends, color=palette.BASELINE, linewidth=1.6, label=label)
             span = starts[shown][0], starts[shown][-1] + length
             errors.axvspan(*span, color=MEASURED, alpha=HELD_OUT_OPACITY, linewidth=0, label="shown above")
             errors.set_xlim(starts[0], starts[-1] + length)
@@ -330,7 +321,7 @@ def _bars(axes: Axes, values: Array, half: Array, least: float, colour: str) -> 
     rows, known = np.arange(len(values)), bool(np.isfinite(half).all())
     axes.barh(rows, values, 0.55, color=colour, alpha=1.0 if known else 0.35)
     if known and half.any():
-        axes.errorbar(values, rows, xerr=half, fmt="none", ecolor=INK_ON_LIGHT, capsize=3, linewidth=1.2)
+        axes.errorbar(values, rows, xerr=half, fmt="none", ecolor=palette.INK_ON_LIGHT, capsize=3, linewidth=1.2)
     axes.axvline(0, **HAIRLINE)
     largest = 1.15 * max(least, float((np.abs(values) + np.nan_to_num(half)).max()))
     axes.set_xlim(-largest, largest)
@@ -349,8 +340,8 @@ def live_flight(history: LiveHistory, name: str) -> Figure:
     with picture(3.4, Room()) as figure:
         above, below = figure.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": [3, 2]})
         for axes, mean, half, unit, colour, label in (
-            (above, lines.predicted, lines.predicted_band, angle, PREDICTED, f"{AHEAD:g} s ahead"),
-            (below, lines.torque, lines.torque_band, torque, DISTURBANCE, ""),
+            (above, lines.predicted, lines.predicted_band, angle, palette.PREDICTED, f"{AHEAD:g} s ahead"),
+            (below, lines.torque, lines.torque_band, torque, palette.DISTURBANCE, ""),
         ):
             for number, ends in enumerate(history.learned):
                 trained = "" if number or axes is below else "trained on"

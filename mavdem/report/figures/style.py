@@ -1,7 +1,7 @@
 """Style: the size, the letters and the lines that all figures share, where their legends stand, and SVG for a page.
 
 A figure is drawn in the colours of ``mavdem.report.palette``, with angles in degrees and nothing behind it: whoever
-shows it decides what it stands on. Lines of many samples become pixels where a figure is written as vectors.
+shows it decides what it stands on. Of lines of many samples only the extremes are drawn.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ from mavdem.dem.record import Record
 from mavdem.report.palette import BAND_OPACITY, DISTINCT, INK_ON_LIGHT, MEASURED, PAPER_LIGHT
 
 WIDTH, HEIGHT = 5.2, 3.2  # inches: letters are read at 500 pixels, and two figures stand side by side at 1600
-MAX_VECTOR_POINTS = 1500  # of a line or a band, beyond which its pixels make a smaller file
-PIXELS_PER_INCH = 200  # of such lines, and of figures that a notebook shows: twice what a page shows
+MAX_POINTS = 1200  # of a line or a band, beyond which the extremes of half as many parts are drawn
+PIXELS_PER_INCH = 200  # of figures that a notebook shows: twice what a page shows
 LINE = 0.16  # inches: a line of small letters
 MAX_BEYOND = 0.6  # spans of the values, how far a band may widen an axis
 NOTE_WIDTH = 92  # letters of a remark in a line
@@ -112,8 +112,8 @@ class Room(NamedTuple):
         inside = height - bottom - self.top, width - self.left - self.right
         between = zip((self.rows, self.columns), (rows, columns), inside, strict=True)
         hspace, wspace = (gap * count / (size - gap * (count - 1)) for gap, count, size in between)
-        ends = bottom / height, 1 - self.top / height
-        figure.subplots_adjust(self.left / width, ends[0], 1 - self.right / width, ends[1], wspace, hspace)
+        sides = self.left / width, bottom / height, 1 - self.right / width, 1 - self.top / height
+        figure.subplots_adjust(*sides, wspace, hspace)
 
 
 @contextmanager
@@ -130,9 +130,18 @@ def picture(height: float = HEIGHT, room: Room | None = None, width: float = WID
             room.give(figure)
         for axes in figure.axes:
             for line in axes.lines:
-                line.set_rasterized(len(line.get_path()) > MAX_VECTOR_POINTS)
-            for band in axes.collections:
-                band.set_rasterized(sum(map(len, band.get_paths())) > MAX_VECTOR_POINTS)
+                x, y = map(np.asarray, line.get_data())
+                if len(y) > MAX_POINTS:
+                    kept = _extremes(y, y)
+                    line.set_data(x[kept], y[kept])
+
+
+def _extremes(low: Array, high: Array) -> NDArray[np.intp]:
+    """Indices of what shows a band (N,), or a line: its least and largest in each of many parts, gaps, and ends."""
+    gaps, size = np.flatnonzero(np.isnan(low + high)), -(-len(low) // (MAX_POINTS // 2))
+    padded = np.pad([low, -high], ((0, 0), (0, -len(low) % size)), mode="edge").reshape(2, -1, size)
+    found = np.argmin(np.where(np.isnan(padded), np.inf, padded), axis=2) + size * np.arange(padded.shape[1])
+    return np.unique(np.minimum([*found.ravel(), *gaps, 0, len(low)], len(low) - 1))
 
 
 def svg(figure: Figure, name: str) -> str:
@@ -152,13 +161,16 @@ def svg(figure: Figure, name: str) -> str:
 
 def band(axes: Axes, x: Array, low: Array | float, high: Array | float, colour: str, label: str = "") -> None:
     """Draws the filled band between two lines (N,), or levels."""
+    if len(x) > MAX_POINTS:
+        low, high = np.broadcast_to(low, x.shape), np.broadcast_to(high, x.shape)
+        kept = _extremes(low, high)
+        x, low, high = x[kept], low[kept], high[kept]
     axes.fill_between(x, low, high, color=colour, alpha=BAND_OPACITY, linewidth=0, label=label)
 
 
 def legend_above(axes: Axes, columns: int = 5) -> None:
     """Draws a legend above the axes, on the right: never over data."""
-    handles, labels = axes.get_legend_handles_labels()
-    axes.legend(handles, labels, loc="lower right", bbox_to_anchor=(1.0, 1.01), ncols=columns)
+    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.01), ncols=columns)
 
 
 def not_blown_up(axes: Axes, values: ArrayLike, beyond: float = MAX_BEYOND) -> None:
