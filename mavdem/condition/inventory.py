@@ -39,8 +39,7 @@ class Identity:
     Attributes:
         name: by which logs of this vehicle are known; of another kind, or another autopilot, it differs.
         basis: of the name: "board", "accelerometer", "compass" or "system id", the last shared by many.
-        system: MAVLink system id.
-        autopilot: with ``frame`` and ``firmware`` as the log has them; empty where it does not.
+        autopilot: with ``frame`` and ``firmware`` as the log has them, else empty; ``system`` is the MAVLink system id.
         date: when its settled flight began, or the log, UTC; None where no message has the time of day.
     """
 

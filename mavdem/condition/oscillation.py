@@ -32,13 +32,11 @@ many times, or that it lasts so much of the flight."""
 
 
 class Oscillation(NamedTuple):
-    """A limit cycle.
+    """A limit cycle of the ``axis`` that turns faster, "roll" or "pitch".
 
     Attributes:
-        axis: "roll" or "pitch": the one that turns faster.
         frequency: Hz; None where messages come so slowly that what they show may be an alias.
-        rate: standard deviation of the body rate while it oscillates, deg/s.
-        at_limit: share of that time with a motor at a limit.
+        rate: standard deviation of the body rate meanwhile, deg/s; ``at_limit``, share of that time with a motor there.
         growing: whether the amplitude grew, in the ``seconds`` that it oscillates.
     """
 

@@ -71,10 +71,9 @@ class SessionStatus:
     ``LiveStream`` fills in what concerns the link and the vehicle, ``LiveSession`` the rest.
 
     Attributes:
-        vehicle: the followed one, "system:component".
+        vehicle: the followed one, "system:component"; ``flying``, whether it is armed and airborne.
         obstacle: why there are no rows or no new model; empty while all is well.
         rates: Hz of attitude and motors over the last 2 s, by message.
-        flying: whether the vehicle is armed and airborne.
         learned: rows that the learner used; ``shown``, those that were only shown.
         latency: median and 99th percentile, s, from the link to the estimate.
         ahead: about ``AHEAD`` s, and half width, rad, of the angle's 90 % band there.
@@ -83,8 +82,8 @@ class SessionStatus:
         lost: messages of the vehicle missing by its sequence numbers.
         late: samples that came too late for their row; ``unread``, frames of another dialect or damaged.
         alarms: the latest changes of the motors' balance; without a motor they are no alarms.
-        findings: what the flight says so far; None before the first model.
         alarm: the latest on a motor in this boot and this flight; it stays after the landing.
+        findings: what the flight says so far; None before the first model.
     """
 
     vehicle: str | None = None
