@@ -137,10 +137,10 @@ def test_a_file_is_not_long():
 BUDGETS = {
     "mavdem": 680,
     "ingest": 5600,
-    "alignment": 2005,
-    "condition": 790,
+    "alignment": 2020,
+    "condition": 785,
     "dem": 8960,
-    "health": 1060,
+    "health": 1052,
     "baselines": 1270,
     "evaluate": 1270,
     "live": 2680,

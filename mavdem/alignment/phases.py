@@ -116,8 +116,7 @@ def settled(signals: Signals, boot: int) -> Intervals:
     flights = both(armed(signals, boot), in_states(signals, boot, (IN_AIR,)))
     if landing is not None and climb is None and _of_boot(signals.landed_state, boot) is None:
         flights = both(flights, where(landing.time, landing.values == 0))
-    held = [part for part in both(flights, grounded(signals, boot)) if part[1] - part[0] >= GROUND_SECONDS]
-    flights = both(flights, outside(held))
+    flights = off_ground(flights, signals, boot)
     tilts = [(tilt.time[tilt.boot == boot], np.abs(tilt.angle[tilt.boot == boot])) for tilt in signals.tilts]
     for time, tilt in tilts[:1]:  # what lies on its back has crashed
         flights = both(flights, where(time, tilt < np.pi / 2))
@@ -128,6 +127,16 @@ def settled(signals: Signals, boot: int) -> Intervals:
     for time, tilt in tilts:
         level = both(level, where(time, tilt < MAX_TILT))
     return level if tilts else []
+
+
+def off_ground(flights: Intervals, signals: Signals, boot: int) -> Intervals:
+    """Returns the ``flights`` of ``boot`` that rose, without what the ground held for ``GROUND_SECONDS`` or longer."""
+    if (climb := _of_boot(signals.climb_rate, boot)) is not None:
+        speed = np.abs(average(climb))
+        rose = (climb.time[0] > start or speed[climb.time <= end].max() >= LEAST_CLIMB for start, end in flights)
+        flights = [flight for flight, up in zip(flights, rose, strict=True) if up]
+    held = [part for part in both(flights, grounded(signals, boot)) if part[1] - part[0] >= GROUND_SECONDS]
+    return both(flights, outside(held))
 
 
 def grounded(signals: Signals, boot: int) -> Intervals:
@@ -206,8 +215,6 @@ def between_transients(flight: Interval, climb: Signal | None) -> Interval | Non
     if climb is not None:
         speed = average(climb)
         inside = (climb.time >= after) & (climb.time <= before)
-        if climb.time[0] <= start and np.abs(speed[climb.time <= end]).max(initial=0.0) < LEAST_CLIMB:
-            return None
         # No whole flight only sinks: then the estimate has run away.
         if isinf(start) or isinf(end) or np.any(speed[inside] > -CLIMB_OUT_SPEED):
             rising = climb.time[inside & (speed < CLIMB_OUT_SPEED)]

@@ -74,7 +74,8 @@ def of_log(signals: Signals, segments: int) -> QualityFigures:
     armed = sum(total(both([(part.start, part.end)], phases.armed(signals, part.boot))) for part in parts)
     airborne = 0.0
     for boot in np.intersect1d(attitude.boot, drive.boot):
-        airborne += total(both(_recorded(drive, boot), phases.flying(signals, boot)))
+        flown = phases.off_ground(phases.flying(signals, boot), signals, boot)
+        airborne += total(both(_recorded(drive, boot), flown))
     return QualityFigures(
         armed, airborne, segments, attitude_rate=usual_rate(attitude) or None, motor_rate=usual_rate(drive) or None
     )

@@ -6,6 +6,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
+import numpy as np
+
 from mavdem.alignment import phases, quality
 from mavdem.alignment.align import Segment, align, settled_segments
 from mavdem.alignment.drive import DEMAND_MESSAGE, FLY, MAX_BODY_RATE, TILT_AXES, Motors, Obstacle, motors_or_obstacle
@@ -353,7 +355,10 @@ def _grounded(signals: Signals, figures: QualityFigures) -> Obstacle:
     """On a vehicle that was armed and did not fly: what shows that, if anything does."""
     state = signals.telemetry.called("EXTENDED_SYS_STATE")
     shown = f"by {state}"
-    if signals.landed_state is None:
+    boots = () if signals.attitude is None else np.unique(signals.attitude.boot)
+    if any(phases.flying(signals, int(boot)) for boot in boots):
+        shown = f"it did not rise by {phases.LEAST_CLIMB} m/s, or the ground held it, whatever else shows a flight"
+    elif signals.landed_state is None:
         if signals.collective is None:
             reason = f"Nothing shows when the vehicle flew: no {state}, motor outputs or thrust."
             return reason, ask_for_rate(signals.telemetry)

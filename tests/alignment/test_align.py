@@ -195,11 +195,18 @@ LOGS = {
 }
 
 
+AIRBORNE = dict(zip(LOGS, (3.8, 0.0, 78.3, 159.1), strict=True))
+
+
 @pytest.mark.parametrize("name", LOGS)
 def test_recorded_vehicles_that_the_ground_holds(name):
     signals = Signals(read_log(shared(f"real/logs/{name}")).vehicles[0], inputs="motors")
     edges = [edge for span in phases.settled(signals, 0) for edge in span]
     assert edges == pytest.approx(LOGS[name], abs=0.5)
+    airborne = verdict_of(Signals(signals.telemetry)).figures.airborne
+    assert airborne == pytest.approx(AIRBORNE[name], abs=1.0)
+    said = verdict_of(Signals(signals.telemetry)).reason
+    assert ("never left the ground" in said) == (airborne == 0)
 
 
 def test_gaps_and_tumbles_end_a_segment():

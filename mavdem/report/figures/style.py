@@ -27,7 +27,7 @@ from mavdem.dem.record import Record
 from mavdem.report.palette import BAND_OPACITY, DISTINCT, INK_ON_LIGHT, MEASURED, PAPER_LIGHT
 
 WIDTH, HEIGHT = 5.2, 3.2  # inches: letters are read at 500 pixels, and two figures stand side by side at 1600
-MAX_POINTS = 1200  # of a line or a band, beyond which the extremes of half as many stretches are drawn
+MAX_POINTS = 1200  # of a line or a band, beyond which the extremes of half as many parts are drawn
 PIXELS_PER_INCH = 200  # of figures that a notebook shows: twice what a page shows
 LINE = 0.16  # inches: a line of small letters
 MAX_BEYOND = 0.6  # spans of the values, how far a band may widen an axis
@@ -137,7 +137,7 @@ def picture(height: float = HEIGHT, room: Room | None = None, width: float = WID
 
 
 def _extremes(low: Array, high: Array) -> NDArray[np.intp]:
-    """Indices of what shows a band (N,), or a line: its least and largest in each of many stretches, gaps, and ends."""
+    """Indices of what shows a band (N,), or a line: its least and largest in each of many parts, gaps, and ends."""
     gaps, size = np.flatnonzero(np.isnan(low + high)), -(-len(low) // (MAX_POINTS // 2))
     padded = np.pad([low, -high], ((0, 0), (0, -len(low) % size)), mode="edge").reshape(2, -1, size)
     found = np.argmin(np.where(np.isnan(padded), np.inf, padded), axis=2) + size * np.arange(padded.shape[1])
