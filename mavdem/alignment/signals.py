@@ -42,6 +42,7 @@ from mavdem.alignment.drive import (
     preferred_message,
     series,
 )
+from mavdem.ingest.mavlink.clocks import far_off
 from mavdem.ingest.mavlink.definitions import enum_name
 from mavdem.ingest.telemetry import Columns, Telemetry, rate_without_gaps
 from mavdem.ingest.vocabulary import ARMED, CUSTOM_MODE, LANDING_MODES, euler_angles
@@ -233,7 +234,9 @@ class Signals:
             columns = self.telemetry.messages[message]
             volts = _of_cells(columns) if message == "BATTERY_STATUS" else floats(columns, "voltage_battery")
             volts = np.where(volts == NO_CELL, np.nan, volts) / 1000
-            measured = series(columns, volts, (volts >= LEAST_VOLTAGE) & (volts <= MOST_VOLTAGE))
+            possible = (volts >= LEAST_VOLTAGE) & (volts <= MOST_VOLTAGE)
+            possible[possible] = ~far_off(volts[possible], 9, volts[possible] / 2)  # damage doubles single ones
+            measured = series(columns, volts, possible)
             if len(measured.time):
                 return measured
         return None

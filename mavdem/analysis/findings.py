@@ -125,7 +125,7 @@ def findings_of(
     elif reason:
         headline, following = f"{'No model' if learned is None else 'Slow motion only'}: {reason}", remedy
     else:
-        headline = _in_short(learned, condition, flights, watched)
+        headline = _in_short(learned, condition, flights, watched, {one.purpose: one.grade for one in purposes})
         following = "Learn a model: `mavdem learn`." if learned is None else next_step(purposes)
     return Findings(headline, overrides, purposes, () if learned is None else warnings_of(learned, held_out), following)
 
@@ -172,7 +172,13 @@ def _inconsistent(consistency: float) -> Override:
     return Override("data", "Angle and rate contradict each other.", sentence, remedy)
 
 
-def _in_short(learned: Learned | None, condition: Condition | None, flights: Sequence[Flight], watched: bool) -> str:
+def _in_short(
+    learned: Learned | None,
+    condition: Condition | None,
+    flights: Sequence[Flight],
+    watched: bool,
+    grades: dict[str, Grade],
+) -> str:
     """A flight that nothing overrides, in one sentence: only what is clearly so."""
     words, hover = ["Healthy" if watched else "No fault seen"], None if condition is None else condition.hover
     if hover is None:
@@ -185,10 +191,9 @@ def _in_short(learned: Learned | None, condition: Condition | None, flights: Seq
     if flights and max(map(_ringing, flights)) < RINGING:
         words.append("well damped")
     scale = flights[0].provenance.get("scale") if flights else None
-    wind = None if learned is None else known_wind(learned.wind, learned.physical)
-    if wind is not None and learned is not None and learned.physical is not None and scale:
+    if scale and grades.get("wind") == GOOD and learned is not None and learned.physical and learned.wind:
         full = abs(learned.physical.effect).sum() * (scale["high"] - scale["low"])
-        words.append(next(f"{word} wind torque" for word, most in WIND_WORDS.items() if wind.sd < most * full))
+        words.append(next(f"{word} wind torque" for word, most in WIND_WORDS.items() if learned.wind.sd < most * full))
     return f"{', '.join(words)}."
 
 

@@ -33,7 +33,7 @@ from mavdem.report.details import detail_blocks
 from mavdem.report.flights import event_blocks, live_report
 from mavdem.report.numbers import Labels, listed, named, readable, rounded
 from mavdem.report.palette import INK_ON_LIGHT
-from mavdem.report.screen import analysis_blocks, key_figures, screen, title
+from mavdem.report.screen import analysis_blocks, screen, title
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -69,17 +69,16 @@ def document(
     subtitle: str,
     blocks: Sequence[Block],
     chapters: Sequence[Chapter] = (),
-    strip: Sequence[tuple[str, str]] = (),
     back: tuple[str, str] | None = None,
 ) -> str:
     """Returns the HTML of a page: its title and subtitle, the result in ``blocks``, then chapters.
 
-    ``strip`` are the few figures to see at a glance, label and value; ``back`` the name and the relative address of the
-    page that leads here. All text is escaped. What cannot be drawn says why in its place. The same arguments give the
-    same bytes with the same versions of mavdem, matplotlib and Python.
+    ``back`` is the name and the relative address of the page that leads here. All text is escaped. What cannot be drawn
+    says why in its place. The same arguments give the same bytes with the same versions of mavdem, matplotlib and
+    Python.
     """
     drawn = [_drawn(chapter, number) for number, chapter in enumerate(chapters) if any(chapter[1:3])]
-    parts = {"title": title, "subtitle": subtitle, "blocks": blocks, "chapters": drawn, "strip": strip, "back": back}
+    parts = {"title": title, "subtitle": subtitle, "blocks": blocks, "chapters": drawn, "back": back}
     return environment().get_template("document.html").render(parts)
 
 
@@ -145,7 +144,6 @@ def log_page(
     ``back`` is name and address of the page that leads here.
     """
     first, *others = analyses.values()
-    strip = [] if first.learned is None else key_figures(first.learned, first.held_out)
     # Vehicle, battery and balance are the same on each axis.
     chapters = [
         Chapter(axis.capitalize(), [block for block in analysis_blocks(analysis) if block not in blocks])
@@ -164,7 +162,7 @@ def log_page(
             rows = [[name, str(value)] for name, value in asdict(first.learned.settings).items()]
             folded.append(Chapter("Settings", [Table(["setting", "value"], rows, words=True)], folded=True))
     subtitle = heading.text[:1].upper() + heading.text[1:]
-    return document(heading.lead.rstrip(":"), subtitle, blocks, [*chapters, *folded], strip, back)
+    return document(heading.lead.rstrip(":"), subtitle, blocks, [*chapters, *folded], back)
 
 
 def flight_page(file: str, analyses: Mapping[str, LogAnalysis], index: str = "../index.html") -> str:
@@ -303,7 +301,6 @@ def live_page(
             Chapter("What happened", event_blocks(history)),
             Chapter("The model at the end", [] if learned is None else screen(learned, found=found)),
         ],
-        [] if learned is None else key_figures(learned),
     )
 
 

@@ -1,7 +1,7 @@
 """One screen: what a vehicle does in wind, how sure that is, and what must be known before the model is used.
 
 ``analysis_blocks`` is the screen of a log, ``screen`` that of a model alone; ``vehicle_blocks`` has all axes of a
-vehicle, ``key_figures`` the few figures to see at a glance.
+vehicle.
 """
 
 from __future__ import annotations
@@ -99,26 +99,6 @@ def title(flights: Sequence[Flight]) -> Sentence:
 def summary(learned: Learned) -> str:
     """Returns the screen as text, of what the ``learned`` model alone knows: without windows that it has not seen."""
     return text_of([*screen(learned), *(Sentence(caution, "Caution:") for caution in learned.cautions)])
-
-
-def key_figures(learned: Learned, held_out: HeldOut | None = None) -> list[tuple[str, str]]:
-    """Returns the few figures to see at a glance, each with its label and unit."""
-    labels, physical = Labels.of(learned), learned.physical
-    figures = []
-    if physical is not None:
-        mean, half = (TORQUE.scale * value for value in physical.mean_effect(LEVEL))
-        effect = _known(mean, half, _per_input(labels.input_units[0]))
-        figures = [("control effectiveness", effect), *_motion(physical)[:2]]
-    if (wind := known_wind(learned.wind, physical)) is not None:
-        figures.append(("wind torque, sd", f"{rounded(TORQUE.scale * wind.sd)} {TORQUE.name}"))
-        figures.append(("gusts", str(len(wind.gusts))))
-    if held_out is not None:
-        unit, best = readable(labels.output_units[0]), held_out.best_baseline
-        ours, theirs = (unit.scale * held_out.rmse(name)[0] for name in (FORECAST, best))
-        label = f"RMSE of {labels.output_names[0]}, {held_out.seconds:.2g} s ahead"
-        figures.append((label, f"{rounded(ours)}{unit.name} ({best} {rounded(theirs)}{unit.name})"))
-        figures.append(("90 % band holds", f"{100 * held_out.coverage:.0f} %"))
-    return figures
 
 
 def _known(value: float, half: float, unit: str) -> str:

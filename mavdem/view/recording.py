@@ -20,7 +20,7 @@ from mavdem.report import palette
 from mavdem.report.blocks import Block, Table, markdown
 from mavdem.report.details import detail_blocks
 from mavdem.report.numbers import AxisCommand, Labels, named, place, plus_minus, readable, state_names
-from mavdem.report.screen import key_figures, screen, title, verdict_blocks
+from mavdem.report.screen import screen, title, verdict_blocks
 from mavdem.view.plots import Plot, blueprint, faint, range_of, recorded, utf8, with_gaps
 
 BEYOND = 0.15  # how far a plot extends beyond the measured values, in spans of them, where a forecast does
@@ -152,27 +152,19 @@ def _drawn(recording: rr.RecordingStream, series: FlightSeries, plots: Sequence[
 
 
 def _flight(recording: rr.RecordingStream, series: FlightSeries, found: Findings) -> rrb.Container:
-    """The key figures above, then the flight over time, verdicts and motors beside it."""
-    figures = key_figures(series.learned, series.held_out)
-    strip = [_text(recording, f"figures/{i}", "", _figure(*figure)) for i, figure in enumerate(figures)]
+    """The first sentence above, then the flight over time, verdicts and motors beside it."""
     plots = _drawn(recording, series, [*series.output(0), series.command(), *filter(None, [series.wind()])])
     beside = [_text(recording, "verdict", "Verdict", verdict_blocks(found)), *_effectiveness(recording, series)]
     return rrb.Vertical(
-        rrb.Horizontal(*strip, column_shares=[max(len(value.split(" (")[0]), 11) for _, value in figures]),
+        _text(recording, "headline", "", f"## {found.headline}"),
         rrb.Horizontal(
             rrb.Vertical(*plots, row_shares=[34, 20, 20, 26][: len(plots)]),
             rrb.Vertical(*beside, row_shares=[38, 27, 35][: len(beside)]),
             column_shares=[78, 22],
         ),
-        row_shares=[12.5, 87.5],
+        row_shares=[7, 93],
         name="Flight",
     )
-
-
-def _figure(name: str, value: str) -> str:
-    """A figure in large letters, and what stands in brackets after it below that."""
-    number, bracket, remark = value.partition(" (")
-    return f"{name[:1].upper()}{name[1:]}\n### {number}\n{remark.removesuffix(')') if bracket else ''}"
 
 
 def _effectiveness(recording: rr.RecordingStream, series: FlightSeries) -> list[rrb.View]:

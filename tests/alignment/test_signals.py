@@ -283,6 +283,10 @@ def test_without_a_battery_monitor_there_is_none():
     for nothing in (0, 65535):
         silent = with_battery("SYS_STATUS", time, voltage_battery=np.full(len(time), nothing, dtype=np.uint16))
         assert Signals(silent).voltage is None
+    falling = np.linspace(16000, 14000, len(time))
+    falling[[0, 30, 31]] = 65_000, 33_000, 6_000  # of damaged bytes
+    damaged = Signals(with_battery("SYS_STATUS", time, voltage_battery=falling)).voltage.values
+    assert len(damaged) == len(time) - 3 and 14 <= damaged.min() <= damaged.max() <= 16
     assert Signals(HOVER.telemetry()).voltage is None
 
 

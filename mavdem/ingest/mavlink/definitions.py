@@ -8,10 +8,9 @@ https://mavlink.io/en/guide/serialization.html.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import cache, lru_cache
 from math import isfinite
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,11 +24,11 @@ BATCH = 1 << 14  # Messages decoded together: few enough to stay in the processo
 
 WIRE_TYPES = {"char": "S1", "float": "<f4", "double": "<f8"}
 WIRE_TYPES |= {f"{sign}int{8 * size}_t": f"<{sign or 'i'}{size}" for sign in ("", "u") for size in (1, 2, 4, 8)}
+RENAMED = {f"VTOL_RESERVED{n + 2}": f"VTOL_{name}" for n, name in enumerate(("FIXEDROTOR", "TAILSITTER", "TILTWING"))}
 INTEGER_TYPES = {1: "<u1", 2: "<i1", 3: "<u2", 4: "<i2", 5: "<u4", 6: "<i4"}  # MAV_PARAM_TYPE UINT8 to INT32
 
 
-@dataclass(frozen=True)
-class MessageDefinition:
+class MessageDefinition(NamedTuple):
     """One message of the dialect: ``fields`` are in the order of the definition, extensions last.
 
     ``wire`` is the payload as a structured dtype, in the order of the wire, extensions included; ``seed`` is CRC_EXTRA.
@@ -110,7 +109,8 @@ def enum_name(enum: str, value: int) -> str:
     entry = dialect.enums[enum].get(value)
     if entry is None or entry.name.endswith("_ENUM_END"):
         return str(value)
-    return str(entry.name).removeprefix(f"{enum}_")
+    name = str(entry.name).removeprefix(f"{enum}_")
+    return RENAMED.get(name, name)
 
 
 def parameter_values(sent: Columns, autopilot: str) -> dict[str, float]:
@@ -140,8 +140,7 @@ def _definition(message: Any) -> MessageDefinition:
     return MessageDefinition(message.id, message.msgname, tuple(message.fieldnames), np.dtype(wire), message.crc_extra)
 
 
-@dataclass(frozen=True)
-class FrameSender:
+class FrameSender(NamedTuple):
     """MAVLink ids ``system`` and ``component`` of who sends a frame."""
 
     system: int
