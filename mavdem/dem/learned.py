@@ -95,11 +95,6 @@ class Learned(LearnedDownstream):
         return self.record.dt
 
     @property
-    def smoothness(self) -> float:
-        """Kernel width s of the noise, s."""
-        return self.settings.smoothness or self.dt
-
-    @property
     def model_sd(self) -> LinearModel:
         """DEM's posterior standard deviations, arranged like A, B and C; the offset's and trims' are NaN.
 

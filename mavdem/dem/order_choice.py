@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
@@ -127,7 +126,6 @@ def choose_order(
     flights: UniformRecord | Iterable[UniformRecord | Sequence[UniformRecord]],
     max_order: int = DEFAULT_MAX_ORDER,
     known_inputs: bool = True,
-    executor: Executor | None = None,
 ) -> OrderChoice:
     """Compares model orders by F̄ᵒ, which increases with the number of states and saturates.
 
@@ -139,7 +137,6 @@ def choose_order(
         flights: one, or several of the same inputs and outputs, each a ``Flight`` or segments of one.
         max_order: the highest order that is fitted, up to ``LARGEST_ORDER``.
         known_inputs: whether the recorded inputs drive the system; if not, as many unknown ones do, η̃ᵛ = 0.
-        executor: does the work, one flight at a time, in place of this process.
 
     Raises:
         ValueError: an argument of the wrong kind; flights of other channels; or one that is too short, or for which no
@@ -151,9 +148,7 @@ def choose_order(
     channels = {(record.inputs.shape[1], record.outputs.shape[1]) for record in records}
     if len(channels) > 1:
         raise ValueError(f"flights must have the same numbers of inputs and outputs, not {sorted(channels)}")
-    return OrderChoice(
-        tuple(parallel_map(partial(orders_of, max_order=max_order, known_inputs=known_inputs), records, executor))
-    )
+    return OrderChoice(tuple(parallel_map(partial(orders_of, max_order=max_order, known_inputs=known_inputs), records)))
 
 
 def orders_of(

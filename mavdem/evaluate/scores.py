@@ -1,8 +1,6 @@
 """Scores: squared errors of forecasts beside those of the constant mean, in one table.
 
-A row is one method's forecasts of one window that answer one question in pieces of so many steps; what has an entry an
-output is an array in it. ``ratio`` is the error ratio of rows, ``by_horizon`` sorts them by the length of a forecast,
-``paired`` tests whether one method has a lower error than another, beyond chance.
+A row is one method's forecasts of one window that answer one question in pieces of so many steps.
 
 A test part of H samples is forecast in pieces of k steps: at every k-th sample a forecast starts from all data before
 it. So each sample counts once at every horizon, forecasts do not overlap, the error is the mean *up to* the k-th step,

@@ -357,10 +357,9 @@ def figures(channels: Channels, status: SessionStatus, row: ViewRow, until: floa
 
 def status_document(channels: Channels, status: SessionStatus, row: ViewRow, until: float | None) -> str:
     """Returns the latest status and row as Markdown; the model was learned ``until`` s, None before the first."""
-    reboot = f" since a reboot; shown as {row.time:,.1f} s" if row.shift else ""
     facts = {
         "samples": f"{status.learned + status.shown:,} at {1 / channels.dt:.4g} Hz",
-        "boot clock": f"{row.time - row.shift:,.1f} s{reboot}",
+        "boot clock": f"{row.time - row.shift:,.1f} s",
         **{name: f"{rate:.1f} Hz" for name, rate in status.rates.items()},
         "frames lost": f"{status.lost:,}",
     }

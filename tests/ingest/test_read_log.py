@@ -25,6 +25,7 @@ from mavdem.files import atomic_write
 from mavdem.ingest import Log, read_log
 from mavdem.ingest import contents as files
 from mavdem.ingest.formats import read_stream
+from mavdem.ingest.mavlink.definitions import enum_name
 from mavdem.ingest.mcap.writer import write_mcap
 from mavdem.ingest.tlog import tlog_stream
 
@@ -285,6 +286,10 @@ def test_a_path_may_be_bytes_and_have_any_name(tmp_path):
     path.write_bytes(tlog([heartbeat(), *flight(TIMES)]))
     log = read_log(os.fsencode(path))
     assert log.source == str(path) and len(log.vehicles) == 1
+
+
+def test_a_kind_of_vehicle_is_named_as_mavlink_names_it_today():
+    assert [enum_name("MAV_TYPE", kind) for kind in (2, 22, 24)] == ["QUADROTOR", "VTOL_FIXEDROTOR", "VTOL_TILTWING"]
 
 
 OTHERS = [

@@ -20,7 +20,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,8 +69,7 @@ FORMAT_ID = 0x80
 FORMAT = FormatDefinition("FMT", 89, "BBnNZ", ("Type", "Length", "Name", "Format", "Columns"))
 
 
-@dataclass(frozen=True, eq=False)
-class MessageTable:
+class MessageTable(NamedTuple):
     """Messages of one name: the ``place`` (N,) of each in the stream, increasing, and ``columns`` by field name.
 
     A column, (N,) or (N, 32), is in the field's unit; texts are bytes, ``S`` or objects.
@@ -80,8 +79,7 @@ class MessageTable:
     columns: Mapping[str, NDArray[Any]]
 
 
-@dataclass(frozen=True, eq=False)
-class DataflashRecording:
+class DataflashRecording(NamedTuple):
     """A DataFlash log, binary or text: the number of messages by name, ``counts``; none is decoded yet.
 
     ``table`` decodes those of one name; it is empty for a name that does not occur or has inconsistent fields.

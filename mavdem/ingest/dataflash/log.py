@@ -147,7 +147,7 @@ def _by_board(recording: DataflashRecording) -> list[DataflashRecording]:
         rows = holder[np.maximum(np.searchsorted(starts, whole.place, side="right") - 1, 0)]
         return MessageTable(whole.place[rows], selected(whole.columns, rows))
 
-    return [replace(recording, table=partial(part, board)) for board in boards] if len(boards) > 1 else [recording]
+    return [recording._replace(table=partial(part, board)) for board in boards] if len(boards) > 1 else [recording]
 
 
 def _vehicle(recording: DataflashRecording, source: str) -> Telemetry:

@@ -9,8 +9,7 @@ reboots and outliers; all other stamps are compared with it, which undoes their 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,8 +66,7 @@ OTHER_EPOCH = 10.0  # Median offset, s, of a type's stamps from the reference ab
 BATCH = 1 << 16  # Messages placed together: bounds the memory of intermediate arrays
 
 
-@dataclass(frozen=True, eq=False)
-class Sent:
+class Sent(NamedTuple):
     """The messages of one type: ``places`` (n,) in the stream, ascending, and a function for their stamps, if any.
 
     ``stamps`` returns (n,) s, zero for none, in an array of its own. ``period``, s, is where the counter wraps;
@@ -81,16 +79,14 @@ class Sent:
     period: float = np.inf
 
 
-@dataclass(frozen=True, eq=False)
-class PlacedStamps:
+class PlacedStamps(NamedTuple):
     """``time`` (n,) s and ``boot`` (n,) of each message of one type."""
 
     time: Times
     boot: Boots
 
 
-@dataclass(frozen=True, eq=False)
-class BootClock:
+class BootClock(NamedTuple):
     """The messages of each type on the boot clock, by name, and a sentence for each repair.
 
     Messages before the first stamp have the first stamp; without any stamp all times are NaN.
@@ -129,8 +125,7 @@ def boot_clock(sent: Sequence[Sent], received: Callable[[Places], Times] | None 
     return BootClock(placed, tuple(repairs))
 
 
-@dataclass(frozen=True, eq=False)
-class _Kept:
+class _Kept(NamedTuple):
     """Messages of one type on the boot clock, without outliers."""
 
     places: Places

@@ -8,10 +8,9 @@ https://mavlink.io/en/guide/serialization.html.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import cache, lru_cache
 from math import isfinite
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,8 +28,7 @@ RENAMED = {f"VTOL_RESERVED{n + 2}": f"VTOL_{name}" for n, name in enumerate(("FI
 INTEGER_TYPES = {1: "<u1", 2: "<i1", 3: "<u2", 4: "<i2", 5: "<u4", 6: "<i4"}  # MAV_PARAM_TYPE UINT8 to INT32
 
 
-@dataclass(frozen=True)
-class MessageDefinition:
+class MessageDefinition(NamedTuple):
     """One message of the dialect: ``fields`` are in the order of the definition, extensions last.
 
     ``wire`` is the payload as a structured dtype, in the order of the wire, extensions included; ``seed`` is CRC_EXTRA.
@@ -142,8 +140,7 @@ def _definition(message: Any) -> MessageDefinition:
     return MessageDefinition(message.id, message.msgname, tuple(message.fieldnames), np.dtype(wire), message.crc_extra)
 
 
-@dataclass(frozen=True)
-class FrameSender:
+class FrameSender(NamedTuple):
     """MAVLink ids ``system`` and ``component`` of who sends a frame."""
 
     system: int

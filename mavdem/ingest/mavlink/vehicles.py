@@ -11,7 +11,7 @@ from array import array
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -278,8 +278,7 @@ class FrameStream:
             yield stamp, bytes(content[start:end])
 
 
-@dataclass(frozen=True, eq=False)
-class RecordingPart:
+class RecordingPart(NamedTuple):
     """Some of a recording's frames, (N,), and the bytes with them.
 
     ``place`` (N,) is the number of the message of the recording in which each begins, ``log_time`` (N,) UNIX ns.

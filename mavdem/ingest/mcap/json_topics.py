@@ -35,29 +35,20 @@ NO_SEQUENCE = -1
 _PARSER = json.JSONDecoder(strict=False)  # texts may contain control characters
 
 
-class Written(NamedTuple):
-    """A message in JSON; ``sequence`` is ``NO_SEQUENCE`` and ``name`` None where it lacks them."""
-
-    fields: dict[str, Any]
-    sequence: int = NO_SEQUENCE
-    name: str | None = None
-
-
-def parse(body: bytes) -> Written | None:
-    """Returns the message in one body, of either layout; None without one."""
+def parse(body: bytes) -> tuple[dict[str, Any], int, str | None]:
+    """Returns the fields of the message in one body, of either layout; its sequence number and name, if it has them."""
     document = _document(body)
     if not isinstance(document, dict):
-        return None
+        return {}, NO_SEQUENCE, None
     message, header = document.get("message"), document.get("header")
     if not isinstance(message, dict):
-        return Written(document)
+        return document, NO_SEQUENCE, None
     number = header.get("sequence") if isinstance(header, dict) else None
     sequence = number if type(number) is int and 0 <= number <= 255 else NO_SEQUENCE
     called = message.pop("type", None)
     if "mavtype" in message:
         message["type"] = message["mavtype"]
-    name = called if isinstance(called, str) else None
-    return Written(message, sequence, name)
+    return message, sequence, called if isinstance(called, str) else None
 
 
 def payloads(
@@ -231,11 +222,11 @@ class _JsonMessages:
     def parse(self) -> None:
         written = [parse(body) for body in self.waiting]
         self.waiting.clear()
-        self.sequence.extend(NO_SEQUENCE if one is None else one.sequence for one in written)
+        self.sequence.extend(sequence for _, sequence, _ in written)
         definition = definition_named(self.kind.name)
         if definition is None:
             return
-        fields = [one.fields if one is not None and one.name in (None, self.kind.name) else {} for one in written]
+        fields = [message if name in (None, self.kind.name) else {} for message, _, name in written]
         made, good = payloads(fields, definition)
         self.payloads.append(made)
         self.good.append(good)
