@@ -8,7 +8,7 @@ import pytest
 from made_up_analysis import HOVER, analysis, held_out, model, physical
 
 from mavdem.analysis.findings import GOOD, LIMITED, NONE, PURPOSES, Finding, findings_of, next_step, warnings_of
-from mavdem.condition import Oscillation
+from mavdem.condition.oscillation import Oscillation
 from mavdem.evaluate import HeldOut
 from mavdem.health.in_flight import MotorAlarm
 
