@@ -1,9 +1,4 @@
-"""The components of a stream, where in the stream each of their messages is, and which of them are vehicles.
-
-A ``FrameStream`` has the frames of a recording in the order they were received, of any file format. A ``FrameIndex``
-sorts them by component and message in a few bytes a frame, and counts those that are missing. ``assemble`` makes of
-them a ``Log`` with one ``Telemetry`` for each vehicle.
-"""
+"""The components of a stream, where in the stream each of their messages is, and which of them are vehicles."""
 
 from __future__ import annotations
 
