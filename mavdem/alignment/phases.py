@@ -29,7 +29,7 @@ CLIMB_OUT_SPEED = 0.25
 CLIMB_SPEED = 1.0  # m/s, for ``TRANSIENT_SECONDS`` or longer: a climb or a descent in the midst of a flight
 MAX_TILT = np.radians(60.0)
 """Tilt beyond which no hover model holds: half the thrust no longer carries, and Euler angles leave the body rates."""
-CARRYING_SHARE = 0.75
+CARRYING_SHARE = 0.7
 """Of the motors' mean in hover: with less, in the mean of 2 s, no multirotor stays up, be its thrust as the square of
 its command or as the command."""
 STILL_SHARE, FIGHTING_SHARE = 0.1, 0.5

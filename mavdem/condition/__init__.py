@@ -2,15 +2,5 @@
 
 from mavdem.condition.condition import Condition, HoverFigures, condition_of, hover, hover_figures
 from mavdem.condition.inventory import Identity, identity_of
-from mavdem.condition.oscillation import Oscillation
 
-__all__ = [
-    "Condition",
-    "HoverFigures",
-    "Identity",
-    "Oscillation",
-    "condition_of",
-    "hover",
-    "hover_figures",
-    "identity_of",
-]
+__all__ = ["Condition", "HoverFigures", "Identity", "condition_of", "hover", "hover_figures", "identity_of"]

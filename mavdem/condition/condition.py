@@ -229,15 +229,12 @@ class Condition:
     """Figures that need no fast stream: means, spreads and limits. They hold for any rate from 1 Hz.
 
     Of settled flight, but for the first two, and the battery where there was none; None where it was not recorded.
-
-    Attributes:
-        duration: of the log, s, over all boots; of it ``armed``, None where the log does not say; and ``settled``.
-        hover: what each motor does, how hard it works, and what it has left; with ``vibration`` and ``battery``.
-        share_interval: half widths of the 90 % intervals of ``hover.trim_share``; within this flight, not between them.
-        command: for each axis known, the motors' combination that turns it, as a share of their range: what balances a
-            shifted load, steady wind or a weak motor. Positive: to the right, nose up, nose to the right.
-        lean: roll and pitch, rad; ``tilt_mean``, ``tilt_sd`` and ``tilt_max`` are of the angle from level, rad.
-        oscillation: a limit cycle; None where there is none.
+    ``duration``: of the log, s, over all boots; of it ``armed``, None where the log does not say; and ``settled``.
+    ``hover``: what each motor does, how hard it works, and what it has left; ``share_interval``: half widths of the
+    90 % intervals of its ``trim_share``, within this flight, not between flights. ``command``: for each axis known, the
+    motors' combination that turns it, as a share of their range: what balances a shifted load, steady wind or a weak
+    motor; positive: to the right, nose up, nose to the right. ``lean``: roll and pitch, rad; ``tilt_mean``,
+    ``tilt_sd``, ``tilt_max``: of the angle from level, rad; then ``vibration``; and ``oscillation``, a limit cycle.
     """
 
     duration: float

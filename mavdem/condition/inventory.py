@@ -34,13 +34,11 @@ FIRST_SECOND = datetime(2001, 1, 1, tzinfo=UTC).timestamp()  # A clock that was 
 
 @dataclass(frozen=True)
 class Identity:
-    """Which vehicle a log is of.
+    """Which vehicle a log is of, by its ``name``, which differs for another kind or autopilot.
 
-    Attributes:
-        name: by which logs of this vehicle are known; of another kind, or another autopilot, it differs.
-        basis: of the name: "board", "accelerometer", "compass" or "system id", the last shared by many.
-        autopilot: with ``frame`` and ``firmware`` as the log has them, else empty; ``system`` is the MAVLink system id.
-        date: when its settled flight began, or the log, UTC; None where no message has the time of day.
+    ``basis`` of the name: "board", "accelerometer", "compass" or "system id", the last shared by many. ``system``:
+    MAVLink's id. ``autopilot``, ``frame``, ``firmware``: as the log has them, else empty. ``date``: when its settled
+    flight began, or the log, UTC; None where no message has the time of day.
     """
 
     name: str

@@ -32,12 +32,11 @@ many times, or that it lasts so much of the flight."""
 
 
 class Oscillation(NamedTuple):
-    """A limit cycle of the ``axis`` that turns faster, "roll" or "pitch".
+    """A limit cycle of the ``axis`` that turns faster, "roll" or "pitch", for so many ``seconds``.
 
-    Attributes:
-        frequency: Hz; None where messages come so slowly that what they show may be an alias.
-        rate: standard deviation of the body rate meanwhile, deg/s; ``at_limit``, share of that time with a motor there.
-        growing: whether the amplitude grew, in the ``seconds`` that it oscillates.
+    ``frequency``: Hz; None where messages come so slowly that what they show may be an alias. ``rate``: standard
+    deviation of the body rate meanwhile, deg/s. ``at_limit``: share of that time with a motor at a limit. ``growing``:
+    whether the amplitude grew.
     """
 
     axis: str

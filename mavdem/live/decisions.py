@@ -42,10 +42,10 @@ class Setup:
     """What the rows of a segment are, like the ``provenance`` of a ``Flight``.
 
     Attributes:
-        segment: its number, and that of its ``boot``.
+        segment, boot: numbers.
         dt: step, s.
-        attitude: name of the message; ``motors``, that of theirs.
-        layout: of the inputs, and their ``scale``.
+        attitude, motors: names of the messages.
+        layout, scale: of the inputs.
         rates: Hz of attitude and motors that decided the step.
         start: first point of the grid, s; the first row may be a few seconds later.
     """

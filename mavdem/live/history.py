@@ -51,11 +51,13 @@ def sentence(text: str) -> str:
 
 
 class Event(NamedTuple):
-    """Something that happened, in one ``sentence``.
+    """Something that happened, in one sentence.
 
     Attributes:
         seconds: UNIX s of the bytes that caused it for a stream, s of the vehicle's clock in a history.
-        level: "INFO", or "ERROR" for an alarm, with ``since`` when what it is about began, s of the vehicle's clock.
+        sentence: what happened.
+        level: "INFO", or "ERROR" for an alarm.
+        since: when what an alarm is about began, s of the vehicle's clock; else NaN.
     """
 
     seconds: float
@@ -66,24 +68,25 @@ class Event(NamedTuple):
 
 @dataclass(frozen=True)
 class SessionStatus:
-    """The status of a live session at one moment; ``dataclasses.asdict`` turns it into plain JSON values.
+    """The status of a live session at one moment.
 
     ``LiveStream`` fills in what concerns the link and the vehicle, ``LiveSession`` the rest.
 
     Attributes:
-        vehicle: the followed one, "system:component"; ``flying``, whether it is armed and airborne.
+        vehicle: the followed one, "system:component".
         obstacle: why there are no rows or no new model; empty while all is well.
         rates: Hz of attitude and motors over the last 2 s, by message.
-        learned: rows that the learner used; ``shown``, those that were only shown.
+        flying: whether the vehicle is armed and airborne.
+        learned, shown: rows that the learner used, and that were only shown.
         latency: median and 99th percentile, s, from the link to the estimate.
         ahead: about ``AHEAD`` s, and half width, rad, of the angle's 90 % band there.
         useful: the longest useful horizon, s (``Estimate.useful``), and the squared error there over that of the better
             of the last sample and the mean so far.
         lost: messages of the vehicle missing by its sequence numbers.
-        late: samples that came too late for their row; ``unread``, frames of another dialect or damaged.
+        late, unread: samples that came too late for their row, and frames of another dialect or damaged.
         alarms: the latest changes of the motors' balance; without a motor they are no alarms.
-        alarm: the latest on a motor in this boot and this flight; it stays after the landing.
         findings: what the flight says so far; None before the first model.
+        alarm: the latest on a motor in this boot and this flight; it stays after the landing.
     """
 
     vehicle: str | None = None

@@ -316,7 +316,6 @@ def _serial(name: str) -> int:
 
 
 BATCH_SECONDS = 0.5  # Of received bytes written together: each search for frames costs time
-CHUNK_BYTES = 1 << 15  # About a second of a fast link
 
 
 class RawRecording:
@@ -334,7 +333,7 @@ class RawRecording:
         except OSError as error:
             raise Unreadable(f"{path} cannot be written ({error.strerror or error}): name another file.") from None
         self.frames = 0
-        self._mcap = started(self._file, CHUNK_BYTES) if Path(path).suffix.lower() == ".mcap" else None
+        self._mcap = started(self._file, 1 << 15) if Path(path).suffix.lower() == ".mcap" else None
         self._channel = 0 if self._mcap is None else raw_channel(self._mcap)
         self._pieces: list[tuple[float, bytes]] = []
         self._first = 0.0

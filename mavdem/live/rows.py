@@ -218,15 +218,6 @@ class Samples:
         steps = np.sort(np.diff(self.time[-align.MEDIAN_STEPS - 1 :]))
         return float(steps[align.MEDIAN_STEPS // 4 : align.MEDIAN_STEPS - align.MEDIAN_STEPS // 4].mean())
 
-    def interpolate(self, time: float) -> Values:
-        """Linear interpolation at ``time``, which must lie between the first and the last sample."""
-        after = bisect_left(self.time, time)
-        if self.time[after] == time:
-            return self.values[after]
-        start, span = self.time[after - 1], self.time[after] - self.time[after - 1]
-        ends = zip(self.values[after - 1], self.values[after], strict=True)
-        return tuple((right - left) / span * (time - start) + left for left, right in ends)
-
     def nearest(self, time: float) -> Values | None:
         """The sample nearest to ``time``; None if it is farther than ``STAMP_SECONDS``."""
         after = bisect_left(self.time, time)
@@ -234,16 +225,16 @@ class Samples:
         row = min(rows, key=lambda row: abs(self.time[row] - time), default=None)
         return None if row is None or abs(self.time[row] - time) > align.STAMP_SECONDS else self.values[row]
 
-    def filtered(self, time: float, weights: NDArray[np.float64], offsets: NDArray[np.float64]) -> Values:
-        """The values low-passed at ``time`` by ``weights`` (L,) at ``offsets`` (L,) s from it."""
+    def weighted(self, time: float, weights: NDArray[np.float64], offsets: NDArray[np.float64]) -> Values:
+        """The values interpolated at ``offsets`` (L,) s from ``time``, summed by ``weights`` (L,)."""
         first = max(bisect_left(self.time, time + offsets[0]) - 1, bisect_left(self.time, self.since))
         rows = slice(first, bisect_left(self.time, time + offsets[-1]) + 1)
         even = [np.interp(time + offsets, self.time[rows], column) for column in np.array(self.values[rows]).T]
         return tuple((np.array(even) @ weights).tolist())
 
 
-_Sampling = tuple[NDArray[np.float64], NDArray[np.float64]] | bool
-"""How a stream is sampled: low-passed by weights at offsets, s; kept (True) or interpolated (False)."""
+_Sampling = tuple[NDArray[np.float64], NDArray[np.float64], bool]
+"""How a stream is sampled: by several weights at offsets, s, low-passed, by one interpolated; whether rows are kept."""
 
 
 class Grid:
@@ -345,21 +336,17 @@ class Grid:
 
 def _sampling(time: NDArray[np.float64], grid: NDArray[np.float64], dt: float) -> _Sampling:
     if not align.is_low_passed(time, dt):
-        return align.kept_rows(grid, time) is not None
+        return np.ones(1), np.zeros(1), align.kept_rows(grid, time) is not None
     weights = align.impulse_response(rate := align.mean_rate(time), dt)
-    return weights, (np.arange(len(weights)) - len(weights) // 2) / rate
+    return weights, (np.arange(len(weights)) - len(weights) // 2) / rate, False
 
 
 def _value_at(stream: Samples, sampling: _Sampling, time: float, dt: float) -> Values | None:
     """The stream's values at ``time``; None if they are not known yet."""
-    last = stream.time[-1]
-    if not isinstance(sampling, bool):
-        known = last >= time + align.FILTER_EDGE_STEPS * dt - align.STAMP_SECONDS
-        return stream.filtered(time, *sampling) if known else None
+    (weights, offsets, kept), last = sampling, stream.time[-1]
     # Where two samples may lie within STAMP_SECONDS of one point, wait for the later one too.
     until = time - align.STAMP_SECONDS if dt >= 3 * align.STAMP_SECONDS else time
-    if sampling and last >= until and (near := stream.nearest(time)) is not None:
+    if kept and last >= until and (near := stream.nearest(time)) is not None:
         return near
-    if last < time - STAMP_RESOLUTION_SECONDS:
-        return None
-    return stream.interpolate(max(min(time, last), stream.since))
+    ahead = align.FILTER_EDGE_STEPS * dt - align.STAMP_SECONDS if len(weights) > 1 else -STAMP_RESOLUTION_SECONDS
+    return stream.weighted(time, weights, offsets) if last >= time + ahead else None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass
 from math import ceil
+from typing import Any
 
 import numpy as np
 import rerun as rr
@@ -31,14 +32,15 @@ SPEEDS = np.array([(60, 110, 255), (165, 165, 170), (255, 150, 30)], float)  # s
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """A flight to be shown: N rows, NED and body axes forward, right, down; attitude and rates true and as known.
+    """A flight to be shown: N rows, NED and body axes forward, right, down.
 
     Attributes:
-        time: (N,) s, with the ``position`` (N, 3), m, and whether it is ``armed`` (N,).
-        attitude: (N, 4) unit quaternions (w, x, y, z), body to NED; ``known_attitude``, as estimated.
-        rates: (N, 3) body rates, rad/s; ``known_rates``, as estimated.
-        outputs: (N, 4) of the motors, µs, and their ``rotor_speeds``, rad/s.
-        wind: (N, 3) NED, m/s, where the air moves to; ``moment`` (N, 3), of what disturbs, body, N m.
+        time, position: (N,) s, and (N, 3) m.
+        attitude, known_attitude: (N, 4) unit quaternions (w, x, y, z), body to NED, true and as estimated.
+        rates, known_rates: (N, 3) body rates, rad/s, likewise.
+        outputs, rotor_speeds, armed: (N, 4) of the motors, µs; (N, 4) rad/s; (N,) bool.
+        wind: (N, 3) NED, m/s, where the air moves to.
+        moment: (N, 3) of what disturbs, body, N m.
         rotors: (4, 2) where the rotors are, forward and right of the centre of mass, m.
     """
 
@@ -122,21 +124,15 @@ def _plots(pose: Pose) -> list[Plot]:
 
 def _scene(pose: Pose) -> rrb.View:
     """The view that the vehicle is seen in, with the scale of its arrows."""
-    return rrb.Spatial3DView(
-        name=f"Thrust arrows: {100 * pose.arm:.2g} cm at hover. Wind arrow: {100 * WIND_SCALE * pose.arm:.2g} cm for "
-        "1 m/s. Ground: 1 m. Green: the last 4 s",
-        # What moves along with the vehicle but does not turn with it: the eye does too.
-        origin="world/here",
-        contents="world/**",
-        line_grid=False,
-        eye_controls=rrb.EyeControls3D(
-            kind=rrb.Eye3DKind.Orbital,
-            # North, east and down: from the south-east and above, on what leaves room for the wind in the east.
-            position=pose.arm * np.array((-5.2, 2.2, -3.5)),
-            look_target=pose.arm * np.array((0.0, 0.9, -0.2)),
-            eye_up=(0, 0, -1),
-        ),
+    arrows = (
+        f"Thrust arrows: {100 * pose.arm:.2g} cm at hover. Wind arrow: {100 * WIND_SCALE * pose.arm:.2g} cm for 1 m/s"
     )
+    # North, east and down: from the south-east and above, on what leaves room for the wind in the east.
+    eye, target = (pose.arm * np.array(place) for place in ((-5.2, 2.2, -3.5), (0.0, 0.9, -0.2)))
+    controls = rrb.EyeControls3D(kind=rrb.Eye3DKind.Orbital, position=eye, look_target=target, eye_up=(0, 0, -1))
+    # What moves along with the vehicle but does not turn with it: the eye does too.
+    here: dict[str, Any] = {"origin": "world/here", "contents": "world/**", "line_grid": False}
+    return rrb.Spatial3DView(name=f"{arrows}. Ground: 1 m. Green: the last 4 s", eye_controls=controls, **here)
 
 
 def _vehicle(recording: rr.RecordingStream, pose: Pose, rows: NDArray[np.intp]) -> None:

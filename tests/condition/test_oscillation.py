@@ -7,7 +7,8 @@ from recorded_flights import shared
 from scipy.signal import lfilter
 
 from mavdem.alignment.signals import Signals
-from mavdem.condition import Oscillation, condition_of
+from mavdem.condition import condition_of
+from mavdem.condition.oscillation import Oscillation
 from mavdem.export.conversion import STREAMS
 from mavdem.ingest import read_log
 from sitl_scenarios.files import load

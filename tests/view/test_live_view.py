@@ -288,7 +288,7 @@ def test_a_gap_parts_every_line_and_time_goes_on_where_a_reboot_sets_the_clock_b
         assert values.shape == (32, width) and np.isnan(values[[10, 21]]).all() and (np.diff(times) > 0).all()
     np.testing.assert_allclose(np.delete(lines["command"][0], [10, 21]), shown, atol=1e-8)
     np.testing.assert_allclose(lines["free_energy_of_samples"][0], shown - LATE, atol=1e-8)
-    assert "3.1 s since a reboot; shown as 501.1 s" in texts(path, "TextDocument:text")[-1]
+    assert "boot clock: 3.1 s" in texts(path, "TextDocument:text")[-1]
 
 
 class Held(RecordingFile):
