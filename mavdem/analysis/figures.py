@@ -110,6 +110,12 @@ class LogAnalysis:
         consistency = self.verdict.figures.consistency if self.model == "full" else None
         return findings_of(self.learned, self.held_out, *known, consistency)
 
+    @property
+    def refusal(self) -> NotLearnable:
+        """Why there is no model, after what overrides that, and what to do."""
+        overrides = [override.headline for override in self.findings.overrides]
+        return NotLearnable(" ".join([*overrides, self.reason]), self.findings.next_step)
+
     def as_dict(self) -> dict[str, Any]:
         """Returns all figures as plain JSON values: what ``report.json`` has.
 

@@ -125,7 +125,8 @@ def findings_of(
     elif reason:
         headline, following = f"{'No model' if learned is None else 'Slow motion only'}: {reason}", remedy
     else:
-        headline = _in_short(learned, condition, flights, watched, {one.purpose: one.grade for one in purposes})
+        is_windy = any(one.purpose == "wind" and one.grade == GOOD for one in purposes)
+        headline = _in_short(learned if is_windy else None, condition, flights, watched)
         following = "Learn a model: `mavdem learn`." if learned is None else next_step(purposes)
     return Findings(headline, overrides, purposes, () if learned is None else warnings_of(learned, held_out), following)
 
@@ -172,14 +173,8 @@ def _inconsistent(consistency: float) -> Override:
     return Override("data", "Angle and rate contradict each other.", sentence, remedy)
 
 
-def _in_short(
-    learned: Learned | None,
-    condition: Condition | None,
-    flights: Sequence[Flight],
-    watched: bool,
-    grades: dict[str, Grade],
-) -> str:
-    """A flight that nothing overrides, in one sentence: only what is clearly so."""
+def _in_short(windy: Learned | None, condition: Condition | None, flights: Sequence[Flight], watched: bool) -> str:
+    """A flight that nothing overrides, in one sentence: only what is clearly so; ``windy`` where the wind is GOOD."""
     words, hover = ["Healthy" if watched else "No fault seen"], None if condition is None else condition.hover
     if hover is None:
         words = ["Motor outputs not known"]
@@ -191,9 +186,9 @@ def _in_short(
     if flights and max(map(_ringing, flights)) < RINGING:
         words.append("well damped")
     scale = flights[0].provenance.get("scale") if flights else None
-    if scale and grades.get("wind") == GOOD and learned is not None and learned.physical and learned.wind:
-        full = abs(learned.physical.effect).sum() * (scale["high"] - scale["low"])
-        words.append(next(f"{word} wind torque" for word, most in WIND_WORDS.items() if learned.wind.sd < most * full))
+    if scale and windy is not None and windy.physical and windy.wind:
+        full = abs(windy.physical.effect).sum() * (scale["high"] - scale["low"])
+        words.append(next(f"{word} wind torque" for word, most in WIND_WORDS.items() if windy.wind.sd < most * full))
     return f"{', '.join(words)}."
 
 
@@ -262,10 +257,7 @@ def _motion(physical: Physical) -> tuple[Grade, str]:
 
 
 def known_wind(wind: WindTorque | None, physical: Physical | None) -> WindTorque | None:
-    """Returns the ``wind`` torque where it is resolved and the effect, which it follows from, is identifiable.
-
-    ``physical`` are the parameters of the same flight.
-    """
+    """Returns the ``wind`` torque where it is resolved and the effect among ``physical`` is identifiable."""
     if wind is None or wind.reason is not None or physical is None or not physical.identifiable:
         return None
     return wind

@@ -29,7 +29,7 @@ from mavdem.cli.output import (
 from mavdem.cli.signals import ending_at_once
 from mavdem.cli.sources import read_source
 from mavdem.condition.inventory import inventory
-from mavdem.errors import NotLearnable, advice, missing
+from mavdem.errors import advice, missing
 from mavdem.evaluate.windows import Length
 from mavdem.export.channels import write_channels
 from mavdem.report.blocks import Block, Sentence
@@ -130,7 +130,7 @@ def learn_command(
     )
     learned, verdict, condition = analysis.learned, analysis.verdict, analysis.condition
     if learned is None and analysis.tier.name is None:
-        raise NotLearnable(analysis.reason, analysis.remedy)
+        raise analysis.refusal
     report: dict[str, Any] = {
         **analysis.as_dict(),
         "seconds": round(perf_counter() - began, 3),
@@ -140,7 +140,7 @@ def learn_command(
     if learned is None:
         text = f"{verdict.axis}, {condition.settled:.0f} s of settled flight, no model."
         heading = Sentence(text, f"{printable(Path(source).name)}:")
-        report["error"] = {"reason": analysis.reason, "remedy": analysis.remedy}
+        report["error"] = {"reason": analysis.refusal.reason, "remedy": analysis.refusal.remedy}
     else:
         heading = Sentence(*map(printable, title(analysis.flights)))
         blocks += vehicle_blocks(analysis.vehicle) if axis == ALL else []
@@ -164,7 +164,7 @@ def learn_command(
         if RECORDING in report["files"]:
             say_aside(f"Look: {shlex.join(['rerun', f'{place}/{RECORDING}'])}")
     if learned is None:
-        complain(analysis.reason, analysis.remedy, as_json=False)
+        complain(analysis.refusal.reason, analysis.refusal.remedy, as_json=False)
         raise click.exceptions.Exit(1)  # no model
 
 

@@ -63,7 +63,7 @@ def _rows_of_vehicle(log: Log, telemetry: Telemetry, file: str) -> tuple[list[Fl
     columns: dict[str, Any] = {"file": file, "component": telemetry.component, "date": first.identity.date}
     if all(analysis.tier.name is None for analysis in analyses.values()):
         unknown = dict.fromkeys(("axis", "tier", "tier_reason", "attitude_rate", "motor_rate"))
-        return [FlightRow.of(first.as_dict(), status=first.reason, warnings=(), **unknown, **columns)], {}
+        return [FlightRow.of(first.as_dict(), status=first.refusal.reason, warnings=(), **unknown, **columns)], {}
     if (balance := balance_of_signals(signals)) is not None:
         columns |= {"balance": balance.mean, "balance_error": balance.error, "balance_lean": balance.lean}
         columns |= {name: np.ravel(getattr(balance, name)) for name in ("lean_effect", "lean_effect_error")}

@@ -86,10 +86,7 @@ def motor_geometry(
     """
     drivers: dict[int, tuple[str, int]] = {}
     if autopilot == "PX4":
-        # Before PX4 1.13, which has no *_FUNCn, the first bank is that of the main outputs.
-        drivers = {n: (("PWM_MAIN", n) if n <= bank else ("PWM_AUX", n - bank)) for n in range(1, 2 * bank + 1)}
-        known, named = _px4_channels(parameters, moving, bank)
-        drivers |= named
+        known, drivers = _px4_channels(parameters, moving, bank)
         rotors = range(min(int(parameters.get("CA_ROTOR_COUNT", 0)), 12))  # n of the control allocation is motor n + 1
         at = {n + 1: tuple(parameters.get(f"CA_ROTOR{n}_P{axis}") for axis in "XY") for n in rotors}
         places = {motor: (float(x), float(y)) for motor, (x, y) in at.items() if x is not None and y is not None}
@@ -214,7 +211,8 @@ def _px4_channels(
     Of drivers whose channels move, in the first such bank.
     """
     channels: dict[int, int] = {}
-    drivers: dict[int, tuple[str, int]] = {}
+    # Before PX4 1.13, which has no *_FUNCn, the first bank is that of the main outputs.
+    drivers = {n: ("PWM_MAIN", n) if n <= bank else ("PWM_AUX", n - bank) for n in range(1, 2 * bank + 1)}
     banks = [0, bank]
     for driver in _PX4_DRIVERS:
         motor_of = {n: int(parameters.get(f"{driver}_FUNC{n}", 0)) - 100 for n in range(1, 17)}

@@ -66,57 +66,42 @@ def mav_type(topics: Topics, parameters: Parameters) -> int | None:
     return max(set(types), key=types.count, default=None)
 
 
-def messages(topics: Topics, parameters: Parameters, vehicle: str, kind: int | None) -> dict[str, Columns]:
-    """Returns the messages that topics make, by name; ``time`` is PX4's own stamp of the topic, ``boot`` 0 throughout.
+def messages(
+    topics: Topics, parameters: Parameters, vehicle: str, kind: int | None
+) -> tuple[dict[str, Columns], dict[str, str]]:
+    """Returns the messages that topics make, by name, and the topic of each, also of those that could be made.
 
-    ``vehicle`` is the MAV_TYPE without its prefix, ``kind`` its number, None when unknown.
+    ``time`` is PX4's own stamp of the topic, ``boot`` 0 throughout. ``vehicle`` is the MAV_TYPE without its prefix,
+    ``kind`` its number, None when unknown.
     """
     with np.errstate(all="ignore"):  # damage makes values that are not finite; their readers leave them out
-        made = {
-            "ATTITUDE_QUATERNION": _attitude_quaternion(topics),
-            "SERVO_OUTPUT_RAW": _servo_output_raw(topics),
-            "HIL_ACTUATOR_CONTROLS": _hil_actuator_controls(topics, vehicle, parameters),
-            "ACTUATOR_CONTROL_TARGET": _actuator_control_target(topics),
-            "HEARTBEAT": _heartbeat(topics, kind or 0),
-            "EXTENDED_SYS_STATE": _extended_sys_state(topics),
-            "LOCAL_POSITION_NED": _local_position_ned(topics),
+        attitude, rates = _attitude_quaternion(topics), _first(topics, "vehicle_angular_velocity")
+        by_rates = attitude is not None and rates is not None and np.isin(attitude["time"], rates["time"]).all()
+        old = "actuator_controls_0" in topics and "vehicle_torque_setpoint" not in topics
+        demand = "actuator_controls_0" if old else "vehicle_torque_setpoint"
+        named = {
+            "ATTITUDE_QUATERNION": ("vehicle_angular_velocity" if by_rates else "vehicle_attitude", attitude),
+            "SERVO_OUTPUT_RAW": ("actuator_outputs", _servo_output_raw(topics)),
+            "HIL_ACTUATOR_CONTROLS": ("actuator_motors", _hil_actuator_controls(topics, vehicle, parameters)),
+            "ACTUATOR_CONTROL_TARGET": (demand, _actuator_control_target(topics)),
+            "HEARTBEAT": ("vehicle_status", _heartbeat(topics, kind or 0)),
+            "EXTENDED_SYS_STATE": ("vehicle_land_detected", _extended_sys_state(topics)),
+            "LOCAL_POSITION_NED": ("vehicle_local_position", _local_position_ned(topics)),
         }
-        if any(columns is not None and len(columns["time"]) for columns in made.values()):
-            made |= {
-                "ATTITUDE_TARGET": _attitude_target(topics),
-                "MANUAL_CONTROL": _manual_control(topics),
-                "SYS_STATUS": _sys_status(topics),
-                "VIBRATION": _vibration(topics),
-                "SYSTEM_TIME": _system_time(topics),
+        if any(columns is not None and len(columns["time"]) for _, columns in named.values()):
+            named |= {
+                "ATTITUDE_TARGET": ("vehicle_rates_setpoint and vehicle_attitude_setpoint", _attitude_target(topics)),
+                "MANUAL_CONTROL": ("manual_control_setpoint", _manual_control(topics)),
+                "SYS_STATUS": ("battery_status", _sys_status(topics)),
+                "VIBRATION": ("vehicle_imu_status", _vibration(topics)),
+                "SYSTEM_TIME": ("vehicle_gps_position", _system_time(topics)),
             }
-    return {
+    made: dict[str, Columns] = {
         name: columns | {"boot": np.zeros(len(columns["time"]), dtype=np.int64)}
-        for name, columns in made.items()
+        for name, (_, columns) in named.items()
         if columns is not None and len(columns["time"])
     }
-
-
-def names(topics: Topics, made: Mapping[str, Columns]) -> dict[str, str]:
-    """The topic behind each message that is ``made`` or could be; of several the one with the message's stamps."""
-    attitude, rates = "vehicle_attitude", _first(topics, "vehicle_angular_velocity")
-    if rates is not None and "ATTITUDE_QUATERNION" in made:
-        stamped = np.isin(made["ATTITUDE_QUATERNION"]["time"], rates["time"]).all()
-        attitude = "vehicle_angular_velocity" if stamped else attitude
-    old = "actuator_controls_0" in topics and "vehicle_torque_setpoint" not in topics
-    return {
-        "ATTITUDE_QUATERNION": attitude,
-        "SERVO_OUTPUT_RAW": "actuator_outputs",
-        "HIL_ACTUATOR_CONTROLS": "actuator_motors",
-        "ACTUATOR_CONTROL_TARGET": "actuator_controls_0" if old else "vehicle_torque_setpoint",
-        "HEARTBEAT": "vehicle_status",
-        "EXTENDED_SYS_STATE": "vehicle_land_detected",
-        "LOCAL_POSITION_NED": "vehicle_local_position",
-        "ATTITUDE_TARGET": "vehicle_rates_setpoint and vehicle_attitude_setpoint",
-        "MANUAL_CONTROL": "manual_control_setpoint",
-        "SYS_STATUS": "battery_status",
-        "VIBRATION": "vehicle_imu_status",
-        "SYSTEM_TIME": "vehicle_gps_position",
-    }
+    return made, {name: topic for name, (topic, _) in named.items()}
 
 
 def notes(topics: Topics, made: Mapping[str, Columns]) -> tuple[str, ...]:

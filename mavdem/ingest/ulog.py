@@ -28,7 +28,7 @@ from mavdem.errors import Unreadable
 from mavdem.ingest.contents import file_bytes
 from mavdem.ingest.mavlink.definitions import enum_name
 from mavdem.ingest.mavlink.framing import Progress, no_progress
-from mavdem.ingest.px4_topics import NEEDED, Px4Topic, mav_type, messages, names, notes
+from mavdem.ingest.px4_topics import NEEDED, Px4Topic, mav_type, messages, notes
 from mavdem.ingest.telemetry import Log, Telemetry, joined, listed, log_of_vehicles, repair_sentences, rows_by, selected
 from mavdem.ingest.vocabulary import PX4, UNNAMED, version_text
 
@@ -355,7 +355,7 @@ def read_ulog(path: str | os.PathLike[str], progress: Progress = no_progress) ->
     topics = _topics(log, found)
     kind = mav_type(topics, parameters)
     vehicle = enum_name("MAV_TYPE", kind) if kind is not None else UNNAMED
-    made = messages(topics, parameters, vehicle, kind)
+    made, names = messages(topics, parameters, vehicle, kind)
     if not made:
         raise Unreadable(f"{source} is a ULog without the topics of a flight: {_instead(content, source, found)}")
     ids = (parameters.get(name, 1.0) for name in ("MAV_SYS_ID", "MAV_COMP_ID"))
@@ -370,7 +370,7 @@ def read_ulog(path: str | os.PathLike[str], progress: Progress = no_progress) ->
         source=source,
         repairs=(*_damage(found), *notes(topics, made)),
         translated_from="ULog",
-        names=names(topics, made),
+        names=names,
         firmware=_firmware(log.msg_info_dict),
         dropouts=len(found.dropouts),
         board=str(log.msg_info_dict.get("sys_uuid", "")).lower(),

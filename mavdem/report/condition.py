@@ -112,7 +112,7 @@ def vehicle_contents(vehicle: dict[str, Any]) -> list[Block]:
     whose = f"{sender(vehicle)} ({vehicle['vehicle']}, {vehicle['autopilot']})"
     why = "." if said else f": {verdict['reason']}"
     blocks: list[Block] = [Sentence(f"{what} {can} be learned from {whose}{why}")]
-    if verdict["remedy"] and verdict["remedy"] != vehicle.get("next_step"):
+    if verdict["remedy"] and "next_step" not in vehicle:
         blocks.append(Sentence(verdict["remedy"], "What to do:"))
     blocks += [*tier_sentences(vehicle), identity_sentence(vehicle["identity"])]
     blocks += condition_sentences(vehicle["condition"])

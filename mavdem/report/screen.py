@@ -27,6 +27,8 @@ PURPOSE_WORDS = {
     "motor effectiveness": "control effectiveness",
     "damping and lag": "damping and time constant",
     "wind": "wind torque",
+    "prediction": "prediction",
+    "residuals": "residuals",
 }
 PARAMETER_WORDS = {"effect": "control effectiveness", "damping": "rate damping", "lag": "motor time constant"}
 INTERVAL = f"± is the half width of the {100 * LEVEL:.0f} % interval."
@@ -45,7 +47,7 @@ def screen(
     the model unless ``found`` otherwise.
     """
     labels, found = Labels.of(learned), findings_of(learned, held_out) if found is None else found
-    graded = [[PURPOSE_WORDS.get(purpose, purpose), grade, reason] for purpose, grade, reason in found.purposes]
+    graded = [[PURPOSE_WORDS[purpose], grade, reason] for purpose, grade, reason in found.purposes]
     *first, following = conclusion(found)
     return [
         *first,
@@ -66,7 +68,9 @@ def conclusion(found: Findings) -> list[Block]:
 
 def verdict_blocks(found: Findings) -> list[Block]:
     """Returns all findings without a table, for a narrow column."""
-    purposes = (Sentence(one.reason, f"{one.purpose.capitalize()}: {one.grade}.") for one in found.purposes)
+    purposes = (
+        Sentence(one.reason, f"{PURPOSE_WORDS[one.purpose].capitalize()}: {one.grade}.") for one in found.purposes
+    )
     *first, following = conclusion(found)
     return [*first, *purposes, *(Sentence(warning, "Warning:") for warning in found.warnings), following]
 

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from made_up_analysis import HOVER, held_out, model, physical
+from made_up_analysis import HOVER, analysis, held_out, model, physical
 
 from mavdem.analysis.findings import GOOD, LIMITED, NONE, PURPOSES, Finding, findings_of, next_step, warnings_of
 from mavdem.condition.oscillation import Oscillation
@@ -166,3 +166,10 @@ def test_warnings_are_only_where_they_mean_something():
     assert "3.0 times the squared error that was to be expected" in surprise
     unstable = SimpleNamespace(stable=False, physical=None)
     assert warnings_of(unstable, None) == ("The model is unstable: long forecasts grow without bound.",)
+
+
+def test_why_there_is_no_model_begins_with_what_overrides_and_advises_no_flight():
+    found = replace(analysis(physical()), learned=None, reason="No settled flight.", remedy="Fly half a minute.")
+    found = replace(found, condition=SimpleNamespace(hover=HOVER, oscillation=CYCLE))
+    assert found.refusal.reason == "Oscillates at 7.1 Hz: do not fly. No settled flight."
+    assert found.refusal.remedy == "Do not fly: check frame type, gains and motor order."

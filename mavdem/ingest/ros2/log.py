@@ -307,7 +307,7 @@ def _px4_vehicle(tables: Mapping[str, TopicColumns], source: str) -> Telemetry |
         rows = {name: np.flatnonzero(on_clock.boot == boot) for name, on_clock in placed.items()}
         in_order = {name: rows[name][np.argsort(topics[name]["time"][rows[name]], kind="stable")] for name in topics}
         here = {name: {0: selected(topics[name], order)} for name, order in in_order.items() if len(order)}
-        made = px4_topics.messages(here, {}, name_of_kind, kind)
+        made, names = px4_topics.messages(here, {}, name_of_kind, kind)
         boots.append({name: {**columns, "boot": columns["boot"] + boot} for name, columns in made.items()})
     messages = {name: joined([made[name] for made in boots if name in made]) for name in sorted(set().union(*boots))}
     if not messages:
@@ -322,7 +322,7 @@ def _px4_vehicle(tables: Mapping[str, TopicColumns], source: str) -> Telemetry |
         source=source,
         repairs=repairs,
         translated_from=PX4_BRIDGE,
-        names=px4_topics.names(instances, messages),
+        names=names,
     )
 
 
