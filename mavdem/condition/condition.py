@@ -239,17 +239,17 @@ class Condition:
     """
 
     duration: float
-    armed: float | None
-    settled: float
-    hover: HoverFigures | None
-    share_interval: tuple[float | None, ...]
-    command: dict[str, Steady]
-    lean: dict[str, Steady]
-    tilt_mean: float | None
-    tilt_sd: float | None
-    tilt_max: float | None
-    vibration: VibrationFigures | None
-    battery: BatteryFigures | None
+    armed: float | None = None
+    settled: float = 0.0
+    hover: HoverFigures | None = None
+    share_interval: tuple[float | None, ...] = ()
+    command: dict[str, Steady] = field(default_factory=dict)
+    lean: dict[str, Steady] = field(default_factory=dict)
+    tilt_mean: float | None = None
+    tilt_sd: float | None = None
+    tilt_max: float | None = None
+    vibration: VibrationFigures | None = None
+    battery: BatteryFigures | None = None
     oscillation: Oscillation | None = None
 
     @property
