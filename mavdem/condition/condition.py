@@ -228,13 +228,14 @@ class BatteryFigures:
 class Condition:
     """Figures that need no fast stream: means, spreads and limits. They hold for any rate from 1 Hz.
 
-    Of settled flight, but for the first two, and the battery where there was none; None where it was not recorded.
-    ``duration``: of the log, s, over all boots; of it ``armed``, None where the log does not say; and ``settled``.
-    ``hover``: what each motor does, how hard it works, and what it has left; ``share_interval``: half widths of the
-    90 % intervals of its ``trim_share``, within this flight, not between flights. ``command``: for each axis known, the
-    motors' combination that turns it, as a share of their range: what balances a shifted load, steady wind or a weak
-    motor; positive: to the right, nose up, nose to the right. ``lean``: roll and pitch, rad; ``tilt_mean``,
-    ``tilt_sd``, ``tilt_max``: of the angle from level, rad; then ``vibration``; and ``oscillation``, a limit cycle.
+    All of them are of settled flight, but for the first two, and the battery where there was none. None where a figure
+    was not recorded. ``duration`` is of the log over all boots, ``armed`` and ``settled`` of it, s.
+
+    ``hover`` is what each motor does; ``share_interval`` the half widths of the 90 % intervals of its ``trim_share``,
+    within this flight, not between flights. ``command`` is, for each axis known, the motors' combination that turns it,
+    as a share of their range: what balances a shifted load, steady wind or a weak motor; positive to the right, nose
+    up, nose to the right. ``lean`` is roll and pitch, ``tilt_mean``, ``tilt_sd`` and ``tilt_max`` are of the angle from
+    level, rad. ``vibration``, ``battery``, and ``oscillation``, a limit cycle, are None where there is none.
     """
 
     duration: float

@@ -34,11 +34,11 @@ FIRST_SECOND = datetime(2001, 1, 1, tzinfo=UTC).timestamp()  # A clock that was 
 
 @dataclass(frozen=True)
 class Identity:
-    """Which vehicle a log is of, by its ``name``, which differs for another kind or autopilot.
+    """Which vehicle a log is of: a ``name`` by which its logs are known, made of the ``basis``.
 
-    ``basis`` of the name: "board", "accelerometer", "compass" or "system id", the last shared by many. ``system``:
-    MAVLink's id. ``autopilot``, ``frame``, ``firmware``: as the log has them, else empty. ``date``: when its settled
-    flight began, or the log, UTC; None where no message has the time of day.
+    That is "board", "accelerometer", "compass" or "system id", the last shared by many; of another kind, or another
+    autopilot, the name differs. ``system`` is the MAVLink id; ``autopilot``, ``frame`` and ``firmware`` are as the log
+    has them, empty where it does not; ``date`` is when its settled flight began, or the log, UTC, or None.
     """
 
     name: str

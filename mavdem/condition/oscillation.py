@@ -32,19 +32,14 @@ many times, or that it lasts so much of the flight."""
 
 
 class Oscillation(NamedTuple):
-    """A limit cycle of the ``axis`` that turns faster, "roll" or "pitch", for so many ``seconds``.
+    """A limit cycle."""
 
-    ``frequency``: Hz; None where messages come so slowly that what they show may be an alias. ``rate``: standard
-    deviation of the body rate meanwhile, deg/s. ``at_limit``: share of that time with a motor at a limit. ``growing``:
-    whether the amplitude grew.
-    """
-
-    axis: str
-    frequency: float | None
-    rate: float
-    at_limit: float
-    growing: bool
-    seconds: float
+    axis: str  # "roll" or "pitch": the one that turns faster
+    frequency: float | None  # Hz; None where messages come so slowly that what they show may be an alias
+    rate: float  # standard deviation of the body rate while it oscillates, deg/s
+    at_limit: float  # share of that time with a motor at a limit
+    growing: bool  # whether the amplitude grew
+    seconds: float  # how long it oscillates
 
 
 def oscillation_of(signals: Signals, parts: Sequence[Segment]) -> Oscillation | None:

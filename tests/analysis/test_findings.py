@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from made_up_analysis import HOVER, analysis, held_out, model, physical
 
+from mavdem import Flight
 from mavdem.analysis.findings import GOOD, LIMITED, NONE, PURPOSES, Finding, findings_of, next_step, warnings_of
 from mavdem.condition.oscillation import Oscillation
 from mavdem.evaluate import HeldOut
@@ -143,6 +144,16 @@ def test_what_overrides_leaves_nothing_good_and_decides_what_to_do(known, headli
     )
     assert found.headline == headline and found.next_step.startswith(following)
     assert GOOD not in {one.grade for one in found.purposes} and "reference" not in found.next_step
+
+
+@pytest.mark.parametrize(("shares", "step"), [((0.96, 0.96, 0.959, 1.121), None), ((1.0,) * 4, (2, -5.7))])
+def test_a_weak_motor_or_a_step_of_the_torque_leaves_neither_effectiveness_nor_wind_good(shares, step):
+    known = SimpleNamespace(hover=replace(HOVER, trim_share=shares), oscillation=None)
+    flights = [Flight(27.0 + 0.5 * np.arange(9), np.zeros((9, 4)), np.random.default_rng(0).standard_normal((9, 2)))]
+    found = findings_of(model(physical(), step=step), held_out(), known, flights=flights, watched=True)
+    assert [one.grade for one in found.purposes[:4]] == [LIMITED, GOOD, LIMITED, GOOD]
+    assert ("Motor 4 works 12 % harder" if step is None else "by -327 °/s² at 28 s") in found.headline
+    assert "where the load is" in found.next_step and "ealthy" not in found.headline
 
 
 def test_the_limit_of_saturation_is_a_twentieth_of_the_time():
