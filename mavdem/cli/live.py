@@ -208,9 +208,8 @@ def live_command(
             code = DONE if _written(model, learned.to_json() + "\n", "model") else UNUSABLE
         except ValueError as error:
             say_aside(sentence(f"There is no model: {error}"))
-        if learned is not None:
-            session.judge(learned)
-            dashboard.report(status := replace(status, findings=session.findings))
+        session.judge(learned)
+        dashboard.report(status := replace(status, findings=session.findings))
         if status.findings:
             say_aside(status.findings.headline)
         ends.close()

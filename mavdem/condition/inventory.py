@@ -35,15 +35,20 @@ FIRST_SECOND = datetime(2001, 1, 1, tzinfo=UTC).timestamp()  # A clock that was 
 
 @dataclass(frozen=True)
 class Identity:
-    """Which vehicle a log is of."""
+    """Which vehicle a log is of: a ``name`` by which its logs are known, made of the ``basis``.
 
-    name: str  # by which logs of this vehicle are known; of another kind, or another autopilot, it differs
-    basis: str  # of the name: "board", "accelerometer", "compass" or "system id", the last shared by many
-    system: int  # MAVLink system id
-    autopilot: str  # with frame, firmware: as the log has them; empty where it does not
+    That is "board", "accelerometer", "compass" or "system id", the last shared by many; of another kind, or another
+    autopilot, the name differs. ``system`` is the MAVLink id; ``autopilot``, ``frame`` and ``firmware`` are as the log
+    has them, empty where it does not; ``date`` is when its settled flight began, or the log, UTC, or None.
+    """
+
+    name: str
+    basis: str
+    system: int
+    autopilot: str
     frame: str
     firmware: str
-    date: datetime | None  # when its settled flight began, or the log, UTC; None where no message has the time of day
+    date: datetime | None
 
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON values; the date in ISO 8601."""

@@ -186,10 +186,11 @@ class LiveSession:
                 self._log(f"The newest samples support no model ({error}): the former one is kept.")
         return self._named(self._models[-1][1])
 
-    def judge(self, learned: Learned) -> None:
-        """Judges the model at the end; from then on it has the physical parameters that were shown last."""
+    def judge(self, learned: Learned | None) -> None:
+        """Judges the model at the end, if there is one: from then on it has the physical parameters shown last."""
+        none = partial(findings_of, alarms=self.stream.status().alarms, reason=sentence(self.status.obstacle))
         with suppress(ValueError):
-            self.findings = self._judgement(learned)()
+            self.findings = (none if learned is None else self._judgement(learned))()
 
     def end(self) -> None:
         """Restores the vehicle's rates, which it must confirm, and ends the recording."""

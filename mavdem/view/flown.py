@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass
 from math import ceil
+from typing import Any
 
 import numpy as np
 import rerun as rr
@@ -123,21 +124,15 @@ def _plots(pose: Pose) -> list[Plot]:
 
 def _scene(pose: Pose) -> rrb.View:
     """The view that the vehicle is seen in, with the scale of its arrows."""
-    return rrb.Spatial3DView(
-        name=f"Thrust arrows: {100 * pose.arm:.2g} cm at hover. Wind arrow: {100 * WIND_SCALE * pose.arm:.2g} cm for "
-        "1 m/s. Ground: 1 m. Green: the last 4 s",
-        # What moves along with the vehicle but does not turn with it: the eye does too.
-        origin="world/here",
-        contents="world/**",
-        line_grid=False,
-        eye_controls=rrb.EyeControls3D(
-            kind=rrb.Eye3DKind.Orbital,
-            # North, east and down: from the south-east and above, on what leaves room for the wind in the east.
-            position=pose.arm * np.array((-5.2, 2.2, -3.5)),
-            look_target=pose.arm * np.array((0.0, 0.9, -0.2)),
-            eye_up=(0, 0, -1),
-        ),
+    arrows = (
+        f"Thrust arrows: {100 * pose.arm:.2g} cm at hover. Wind arrow: {100 * WIND_SCALE * pose.arm:.2g} cm for 1 m/s"
     )
+    # North, east and down: from the south-east and above, on what leaves room for the wind in the east.
+    eye, target = (pose.arm * np.array(place) for place in ((-5.2, 2.2, -3.5), (0.0, 0.9, -0.2)))
+    controls = rrb.EyeControls3D(kind=rrb.Eye3DKind.Orbital, position=eye, look_target=target, eye_up=(0, 0, -1))
+    # What moves along with the vehicle but does not turn with it: the eye does too.
+    here: dict[str, Any] = {"origin": "world/here", "contents": "world/**", "line_grid": False}
+    return rrb.Spatial3DView(name=f"{arrows}. Ground: 1 m. Green: the last 4 s", eye_controls=controls, **here)
 
 
 def _vehicle(recording: rr.RecordingStream, pose: Pose, rows: NDArray[np.intp]) -> None:

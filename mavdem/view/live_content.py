@@ -273,52 +273,32 @@ def live_blueprint(channels: Channels) -> rrb.Blueprint:
         """A plot of the last seconds before the time cursor; only these are queried."""
         right = 0.22 if seconds == FLIGHT_SECONDS else 0.35  # left free for the legend
         start, end = (rr.TimeRangeBoundary.cursor_relative(seconds=at * seconds) for at in (-1, right))
-        return rrb.TimeSeriesView(
-            name=name,
-            origin=origin,
-            axis_x=rrb.archetypes.TimeAxis(view_range=rr.TimeRange(start=start, end=end)),
-            time_ranges=[rrb.VisibleTimeRange(BOOT_CLOCK, start=start, end=end)],
-            plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.RightTop),
+        axis = rrb.archetypes.TimeAxis(view_range=rr.TimeRange(start=start, end=end))
+        shown, legend = (
+            rrb.VisibleTimeRange(BOOT_CLOCK, start=start, end=end),
+            rrb.PlotLegend(corner=rrb.Corner2D.RightTop),
         )
+        return rrb.TimeSeriesView(name=name, origin=origin, axis_x=axis, time_ranges=[shown], plot_legend=legend)
 
-    outputs = [
-        plot(
-            f"{named(name.capitalize(), readable(unit).name)}: measured, and predicted without the motors ahead",
-            rr.new_entity_path(["outputs", name]),
-        )
-        for name, unit in zip(channels.output_names, channels.output_units, strict=True)
-    ]
+    what, outputs = "measured, and predicted without the motors ahead", []
+    for name, unit in zip(channels.output_names, channels.output_units, strict=True):
+        heading = f"{named(name.capitalize(), readable(unit).name)}: {what}"
+        outputs.append(plot(heading, rr.new_entity_path(["outputs", name])))
     command = f"{channels.output_names[0].capitalize()} command" if channels.command else "Motors"
+    inputs = plot(named(command, next(iter(channels.input_units), "")), "command")
+    wind = plot(f"Wind torque, {readable('rad/s²').name}", "wind")
+    pictures = rrb.Vertical(outputs[0], wind, inputs, row_shares=[42, 32, 26])
     log_columns = rrb.archetypes.TextLogColumns(timeline_columns=[BOOT_CLOCK], text_log_columns=["LogLevel", "Body"])
-    flight = rrb.Vertical(
-        rrb.Horizontal(
-            *(rrb.TextDocumentView(origin=f"figures/{i}", name=f"Figure {i}", titlebar=False) for i in range(4))
-        ),
-        rrb.Horizontal(
-            rrb.Vertical(
-                outputs[0],
-                plot(f"Wind torque, {readable('rad/s²').name}", "wind"),
-                plot(named(command, next(iter(channels.input_units), "")), "command"),
-                row_shares=[42, 32, 26],
-            ),
-            rrb.TextLogView(origin="log", name="Events", columns=log_columns),
-            column_shares=[70, 30],
-        ),
-        row_shares=[13, 87],
-        name="Flight",
-    )
-    model = rrb.Grid(
-        plot("λ: log precisions of the noise", "noise_precisions", LEARNING_SECONDS),
-        plot("F̄ of the learner's memory, nats", "free_energy_action", LEARNING_SECONDS),
-        grid_columns=1,
-        name="Model",
-    )
-    details = rrb.Vertical(
-        *outputs[1:],
-        plot("Surprise: how unusual a sample is", "surprise"),
-        plot("F(t), nats: low at an unusual sample", "free_energy_of_samples"),
-        name="Details",
-    )
+    events = rrb.TextLogView(origin="log", name="Events", columns=log_columns)
+    beside = rrb.Horizontal(pictures, events, column_shares=[70, 30])
+    cards = (rrb.TextDocumentView(origin=f"figures/{i}", name=f"Figure {i}", titlebar=False) for i in range(4))
+    flight = rrb.Vertical(rrb.Horizontal(*cards), beside, row_shares=[13, 87], name="Flight")
+    precisions = plot("λ: log precisions of the noise", "noise_precisions", LEARNING_SECONDS)
+    energy = plot("F̄ of the learner's memory, nats", "free_energy_action", LEARNING_SECONDS)
+    model = rrb.Grid(precisions, energy, grid_columns=1, name="Model")
+    surprise = plot("Surprise: how unusual a sample is", "surprise")
+    samples = plot("F(t), nats: low at an unusual sample", "free_energy_of_samples")
+    details = rrb.Vertical(*outputs[1:], surprise, samples, name="Details")
     status = rrb.TextDocumentView(origin="status", name="Status")
     following = FollowingTimePanel(state="collapsed", timeline=BOOT_CLOCK)
     return blueprint(rrb.Tabs(flight, model, details, status, active_tab=0), following)

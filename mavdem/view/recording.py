@@ -155,16 +155,11 @@ def _flight(recording: rr.RecordingStream, series: FlightSeries, found: Findings
     """The first sentence above, then the flight over time, verdicts and motors beside it."""
     plots = _drawn(recording, series, [*series.output(0), series.command(), *filter(None, [series.wind()])])
     beside = [_text(recording, "verdict", "Verdict", verdict_blocks(found)), *_effectiveness(recording, series)]
-    return rrb.Vertical(
-        _text(recording, "headline", "", f"## {found.headline}"),
-        rrb.Horizontal(
-            rrb.Vertical(*plots, row_shares=[34, 20, 20, 26][: len(plots)]),
-            rrb.Vertical(*beside, row_shares=[38, 27, 35][: len(beside)]),
-            column_shares=[78, 22],
-        ),
-        row_shares=[7, 93],
-        name="Flight",
-    )
+    pictures = rrb.Vertical(*plots, row_shares=[34, 20, 20, 26][: len(plots)])
+    words = rrb.Vertical(*beside, row_shares=[38, 27, 35][: len(beside)])
+    below = rrb.Horizontal(pictures, words, column_shares=[78, 22])
+    headline = _text(recording, "headline", "", f"## {found.headline}")
+    return rrb.Vertical(headline, below, row_shares=[7, 93], name="Flight")
 
 
 def _effectiveness(recording: rr.RecordingStream, series: FlightSeries) -> list[rrb.View]:

@@ -129,7 +129,7 @@ def test_without_a_vehicle_it_ends_with_nothing_kept(tmp_path, capsys, monkeypat
     said = capsys.readouterr()
     told = json.loads(said.out)
     assert "No vehicle" in said.err and told["vehicle"] is None and told["model"] is None and told["rrd"] is None
-    assert told["samples"] == {"learnt": 0, "shown": 0}
+    assert told["samples"] == {"learnt": 0, "shown": 0} and told["headline"] == "No model: No vehicle found yet."
 
 
 @pytest.mark.slow
