@@ -49,6 +49,7 @@ class PredictionLimits(NamedTuple):
 
 PREDICTION_LIMITS = PredictionLimits()
 SATURATED = 0.05  # share of the time at full throttle, from which on no linear model describes the vehicle
+CHECK = "Check motors, propellers and where the load is, and fly again before this is the vehicle's reference."
 UNEVEN = 8.0  # percent of a motor beyond the mean of all: what health calls a fault's size
 LITTLE_HEADROOM = 0.1  # share of the range
 RINGING, RINGING_SECONDS = 0.15, 3.0  # autocorrelation of the rate after a swing, as of a damping ratio of 0.3
@@ -122,6 +123,14 @@ def findings_of(
     if learned is not None and consistency is not None and consistency < DOUBTFUL_CONSISTENCY:
         overrides += (_inconsistent(consistency),)
     purposes = () if learned is None else _purposes(learned, held_out)
+    if other := _stepped(learned, flights):
+        meant = {PURPOSES[0]: "that of a motor may be another", PURPOSES[2]: "not all of it is wind"}
+        purposes = tuple(
+            one._replace(grade=LIMITED, reason=f"{other}: {meant[one.purpose]}.")
+            if one.grade == GOOD and one.purpose in meant
+            else one
+            for one in purposes
+        )
     if overrides:
         headline, following = overrides[0].headline, overrides[0].remedy
         purposes = tuple(_doubted(one, overrides[0]) for one in purposes)
@@ -129,8 +138,8 @@ def findings_of(
         headline, following = f"{'No model' if learned is None else 'Slow motion only'}: {reason}", remedy
     else:
         is_windy = any(one.purpose == "wind" and one.grade == GOOD for one in purposes)
-        headline = _in_short(learned if is_windy else None, condition, flights, watched)
-        following = "Learn a model: `mavdem learn`." if learned is None else next_step(purposes)
+        headline = _in_short(learned if is_windy else None, condition, flights, watched, other)
+        following = "Learn a model: `mavdem learn`." if learned is None else CHECK if other else next_step(purposes)
     return Findings(headline, overrides, purposes, () if learned is None else warnings_of(learned, held_out), following)
 
 
@@ -195,11 +204,15 @@ def _inconsistent(consistency: float) -> Override:
     return Override("data", "Angle and rate contradict each other.", sentence, remedy)
 
 
-def _in_short(windy: Learned | None, condition: Condition | None, flights: Sequence[Flight], watched: bool) -> str:
+def _in_short(
+    windy: Learned | None, condition: Condition | None, flights: Sequence[Flight], watched: bool, other: str
+) -> str:
     """A flight that nothing overrides, in one sentence: only what is clearly so; ``windy`` where the wind is GOOD."""
     words, hover = ["Healthy" if watched else "No fault seen"], None if condition is None else condition.hover
     if hover is None:
         words = ["Motor outputs not known"]
+    elif other:
+        words = [other]
     elif min(hover.headroom) < LITTLE_HEADROOM:
         words = [f"Headroom of {100 * min(hover.headroom):.0f} % only"]
     swings = max(map(_ringing, flights), default=1.0)
@@ -212,6 +225,18 @@ def _in_short(windy: Learned | None, condition: Condition | None, flights: Seque
         full = abs(windy.physical.effect).sum() * (scale["high"] - scale["low"])
         words.append(next(f"{word} wind torque" for word, most in WIND_WORDS.items() if windy.wind.sd < most * full))
     return f"{', '.join(words)}."
+
+
+def _stepped(learned: Learned | None, flights: Sequence[Flight]) -> str:
+    """That the torque changes at once and stays so, as by a load that moves; empty where it does not."""
+    wind = None if learned is None else known_wind(learned.wind, learned.physical)
+    if wind is None or wind.step is None or not flights:
+        return ""
+    sample, size = wind.step
+    time = np.concatenate([flight.time for flight in flights])[sample]
+    return (
+        f"The torque on this axis changes by {np.degrees(size):.0f} °/s² at {time:.0f} s and stays so (load or motor)"
+    )
 
 
 def _ringing(flight: Flight) -> float:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from made_up_analysis import HOVER, analysis, held_out, model, physical
 
+from mavdem import Flight
 from mavdem.analysis.findings import GOOD, LIMITED, NONE, PURPOSES, Finding, findings_of, next_step, warnings_of
 from mavdem.condition.oscillation import Oscillation
 from mavdem.evaluate import HeldOut
@@ -155,6 +156,15 @@ def test_a_motor_beyond_the_size_of_a_fault_is_no_reference_and_limits_are_no_re
     stopped = SimpleNamespace(hover=replace(uneven, at_upper_limit=(0.0, 0.3, 0.0, 0.0)), oscillation=CYCLE)
     found = findings_of(model(physical(effect="not identifiable")), None, stopped)
     assert {one.reason for one in found.purposes} == {"Oscillates at 7.1 Hz: do not fly."} and len(found.overrides) == 1
+
+
+def test_a_step_of_the_torque_leaves_neither_effectiveness_nor_wind_good():
+    known = SimpleNamespace(hover=replace(HOVER, trim_share=(1.0,) * 4), oscillation=None)
+    flights = [Flight(27.0 + 0.5 * np.arange(9), np.zeros((9, 4)), np.random.default_rng(0).standard_normal((9, 2)))]
+    found = findings_of(model(physical(), step=(2, -5.7)), held_out(), known, flights=flights, watched=True)
+    assert [one.grade for one in found.purposes[:4]] == [LIMITED, GOOD, LIMITED, GOOD]
+    assert "by -327 °/s² at 28 s" in found.headline
+    assert "where the load is" in found.next_step and "ealthy" not in found.headline
 
 
 def test_the_limit_of_saturation_is_a_twentieth_of_the_time():

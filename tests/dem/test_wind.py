@@ -229,10 +229,12 @@ def test_a_motors_step_is_no_wind():
     flight, torque = flown(5, 6000, known)
     inputs = flight.inputs + np.outer(np.arange(6000) >= 3000, 20 * np.sign(EFFECT))
     record = Record(inputs, flight.outputs, DT, (6000,), begins=(7.0,))
-    whole, cut = wind(known, record), wind(known, record, [37.0])
-    assert whole.sd > 1.5 * cut.sd
-    assert cut.sd == pytest.approx(torque.std(), rel=0.2)
-    assert not [gust for gust in cut.gusts if 28.0 < gust.start < 32.0]
+    for found in (wind(known, record), wind(known, record, [37.0])):
+        assert found.sd == pytest.approx(torque.std(), rel=0.2)
+        assert not [gust for gust in found.gusts if 28.0 < gust.start < 32.0]
+    sample, size = wind(known, record).step
+    assert (sample, size) == (pytest.approx(3000, abs=50), pytest.approx(-20 * np.abs(EFFECT).sum(), rel=0.1))
+    assert wind(known, record, [37.0]).step is None and wind(known, Record.of(flight)).step is None
 
 
 @pytest.mark.slow

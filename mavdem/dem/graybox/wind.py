@@ -36,6 +36,8 @@ INDEPENDENT = 18 / 19  # of windows by Hann with half of each in the next, as ma
 SLOW_HERTZ = 1.0  # below which the slow wind's answer counts
 
 CHANGE_SECONDS = 2.0  # by which the time of a change of the vehicle may be off
+STEP_SHARE, STEP_SHARPNESS = 0.5, 0.75
+"""Of the variance by a step, and of the step within ``CHANGE_SECONDS``: no wind of 105 simulated flights had both."""
 LEVEL_SECONDS = 10.0  # of the running median, which a gust stands out from
 LEVEL_STEP_SECONDS = 0.1  # between samples of that median
 THRESHOLD = 4.0  # standard deviations from it, by the median absolute deviation
@@ -83,6 +85,8 @@ class WindTorque:
         scale_error: standard deviation of the error of ``sd``, relative: by effect, damping, lag and delay, and by what
             the model leaves out. Large where the motors' effect is not identifiable: motors that do more balance more.
         motors: (T,) the motors' torque about its mean.
+        step: the sample at which its level changes at once and stays, and by how much, rad/s²: a load that moved, a
+            motor, or the front of a wind; ``None`` without one. ``sd`` is that on either side.
         gusts: in order of time; none where the wind is not resolved.
         gust_threshold: rad/s² from the running level.
         false_gusts_per_minute: to expect of Gaussian turbulence with the same spectrum, without gusts.
@@ -101,6 +105,7 @@ class WindTorque:
     sd: float
     scale_error: float
     motors: Array
+    step: tuple[int, float] | None
     gusts: tuple[DetectedGust, ...]
     gust_threshold: float
     false_gusts_per_minute: float
@@ -146,6 +151,8 @@ def wind(physical: Physical, record: Record, changes: Sequence[float] = ()) -> W
         beside = [_torques(theta + nudge, physical, record, column).mean for nudge in np.diag(nudges)]
         slopes = (np.array(beside) - torques.mean) / nudges[:, None]
     cuts, levels, covariance = record.samples_at(changes), slopes.mean(axis=1), physical.covariance
+    step = _step(_about_means(torques.mean, cuts), record.dt)
+    cuts = sorted({*cuts, *([] if step is None else step[:1])})
     moved, moving = _about_means(torques.mean, cuts), _about_means(slopes, cuts)
     size = float(np.mean(moved**2))
     smoother = torques.variance + MODEL_ERRORS.wind**2 * size
@@ -181,6 +188,7 @@ def wind(physical: Physical, record: Record, changes: Sequence[float] = ()) -> W
         sd=float(np.sqrt(size + torques.variance.mean())),
         scale_error=float(scale_error),
         motors=torques.motors,
+        step=step,
         gusts=gusty.found if resolved else (),
         gust_threshold=gusty.threshold,
         false_gusts_per_minute=gusty.false_per_minute,
@@ -197,6 +205,20 @@ def _about_means(values: Array, cuts: Sequence[int]) -> Array:
     """(…, T) without the mean of each part between cuts."""
     parts = np.split(values, cuts, axis=-1)
     return np.concatenate([part - part.mean(axis=-1, keepdims=True) for part in parts if part.size], axis=-1)
+
+
+def _step(torque: Array, dt: float) -> tuple[int, float] | None:
+    """The sample and size of the step that explains most of a torque (T,) of mean 0, where it is one."""
+    number, least, near = len(torque), round(LEVEL_SECONDS / dt), round(CHANGE_SECONDS / dt)
+    at = np.arange(least, number - least)
+    if not len(at):
+        return None
+    sums = np.cumsum(torque)[at - 1]
+    explained = sums**2 * number / (at * (number - at))
+    sample = int(at[np.argmax(explained)])
+    size = float(torque[sample:].mean() - torque[:sample].mean())
+    sharp = (torque[sample : sample + near].mean() - torque[sample - near : sample].mean()) / size
+    return (sample, size) if explained.max() > STEP_SHARE * (torque @ torque) and sharp > STEP_SHARPNESS else None
 
 
 def _torques(theta: Array, physical: Physical, record: Record, column: int) -> _Torques:
