@@ -19,7 +19,6 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import median_filter
-from scipy.signal import csd, detrend
 
 from mavdem.confidence import half_width
 from mavdem.dem.engine.linalg import Array, one_thread
@@ -280,6 +279,8 @@ class _Spectra(NamedTuple):
 
 def _spectra(torques: _Torques, record: Record) -> _Spectra:
     """By Welch's method, of windows of ``SPECTRUM_SECONDS``, or as long as the longest segment."""
+    from scipy.signal import csd, detrend  # it takes half a second to import
+
     length = min(round(SPECTRUM_SECONDS / record.dt), record.longest)
     total, windows, frequency = np.zeros((3, length // 2 + 1), complex), 0.0, np.zeros(length // 2 + 1)
     cuts = record.starts[1:]
