@@ -229,25 +229,28 @@ class Condition:
     """Figures that need no fast stream: means, spreads and limits. They hold for any rate from 1 Hz.
 
     All of them are of settled flight, but for the first two, and the battery where there was none. None where a figure
-    was not recorded.
+    was not recorded. ``duration`` is of the log over all boots, ``armed`` and ``settled`` of it, s.
+
+    ``hover`` is what each motor does; ``share_interval`` the half widths of the 90 % intervals of its ``trim_share``,
+    within this flight, not between flights. ``command`` is, for each axis known, the motors' combination that turns it,
+    as a share of their range: what balances a shifted load, steady wind or a weak motor; positive to the right, nose
+    up, nose to the right. ``lean`` is roll and pitch, ``tilt_mean``, ``tilt_sd`` and ``tilt_max`` are of the angle from
+    level, rad. ``vibration``, ``battery``, and ``oscillation``, a limit cycle, are None where there is none.
     """
 
-    duration: float  # of the log, s, over all boots
-    armed: float | None = None  # of it armed, s; None where the log does not say
-    settled: float = 0.0  # of it in settled flight, s
-    hover: HoverFigures | None = None  # what each motor does, how hard it works, and what it has left
-    # half widths of the 90 % intervals of ``hover.trim_share``; within this flight, not between flights
+    duration: float
+    armed: float | None = None
+    settled: float = 0.0
+    hover: HoverFigures | None = None
     share_interval: tuple[float | None, ...] = ()
-    # for each axis known, the motors' combination that turns it, as a share of their range: what balances a shifted
-    # load, steady wind or a weak motor. Positive: to the right, nose up, nose to the right
     command: dict[str, Steady] = field(default_factory=dict)
-    lean: dict[str, Steady] = field(default_factory=dict)  # roll and pitch, rad
-    tilt_mean: float | None = None  # with tilt_sd, tilt_max: of the angle from level, rad
+    lean: dict[str, Steady] = field(default_factory=dict)
+    tilt_mean: float | None = None
     tilt_sd: float | None = None
     tilt_max: float | None = None
     vibration: VibrationFigures | None = None
     battery: BatteryFigures | None = None
-    oscillation: Oscillation | None = None  # a limit cycle; None where there is none
+    oscillation: Oscillation | None = None
 
     @property
     def collective(self) -> float | None:

@@ -11,7 +11,6 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.stats import trim_mean
 
 from mavdem.alignment.align import settled_segments
 from mavdem.alignment.read import choose_vehicle
@@ -35,15 +34,20 @@ FIRST_SECOND = datetime(2001, 1, 1, tzinfo=UTC).timestamp()  # A clock that was 
 
 @dataclass(frozen=True)
 class Identity:
-    """Which vehicle a log is of."""
+    """Which vehicle a log is of: a ``name`` by which its logs are known, made of the ``basis``.
 
-    name: str  # by which logs of this vehicle are known; of another kind, or another autopilot, it differs
-    basis: str  # of the name: "board", "accelerometer", "compass" or "system id", the last shared by many
-    system: int  # MAVLink system id
-    autopilot: str  # with frame, firmware: as the log has them; empty where it does not
+    That is "board", "accelerometer", "compass" or "system id", the last shared by many; of another kind, or another
+    autopilot, the name differs. ``system`` is the MAVLink id; ``autopilot``, ``frame`` and ``firmware`` are as the log
+    has them, empty where it does not; ``date`` is when its settled flight began, or the log, UTC, or None.
+    """
+
+    name: str
+    basis: str
+    system: int
+    autopilot: str
     frame: str
     firmware: str
-    date: datetime | None  # when its settled flight began, or the log, UTC; None where no message has the time of day
+    date: datetime | None
 
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON values; the date in ISO 8601."""
@@ -248,7 +252,8 @@ def _missing_share(telemetry: Telemetry) -> float | None:
         time, boot = columns["time"], columns["boot"]
         steps = np.diff(time)[np.diff(boot) == 0]
         # The mean of the middle half: a loop of 4 ms makes steps of 8 and 12 ms of 10.
-        usual = float(trim_mean(steps, 0.25)) if len(time) >= 50 and len(steps) else 0.0
+        middle = np.sort(steps)[len(steps) // 4 : len(steps) - len(steps) // 4]
+        usual = float(middle.mean()) if len(time) >= 50 and len(steps) else 0.0
         if usual > 0:
             # A quarter of a step is jitter.
             missing = float(np.maximum(np.rint(steps / usual - 0.25) - 1, 0).sum())

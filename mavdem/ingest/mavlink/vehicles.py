@@ -6,6 +6,7 @@ from array import array
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -16,7 +17,7 @@ from mavdem.ingest.mavlink.clocks import PlacedStamps, Places, Sent, Times, boot
 from mavdem.ingest.mavlink.definitions import MessageDefinition, columns, definitions, enum_name, parameter_values
 from mavdem.ingest.mavlink.framing import GOOD, UNKNOWN, Bytes, Frames, concatenated
 from mavdem.ingest.telemetry import Columns, Component, Log, Telemetry, Unread, repair_sentences
-from mavdem.ingest.vocabulary import RADIO, RADIO_MESSAGES, UNNAMED
+from mavdem.ingest.vocabulary import RADIO, RADIO_MESSAGES, UNNAMED, board_number_in_bytes, board_number_in_texts
 
 Numbers = TypeVar("Numbers", int, NDArray[np.integer])
 Starts = NDArray[np.unsignedinteger]
@@ -129,6 +130,14 @@ VEHICLE_MESSAGES = frozenset(
 )
 """A component without a HEARTBEAT is a vehicle if it sent one of these messages."""
 PARAMETER_STORE = 190  # Component (MAV_COMP_ID_MISSIONPLANNER) under which MAVProxy logs the parameters of a system
+BOARDS: dict[int, tuple[str, Callable[[Any], str]]] = {
+    253: ("text", lambda text: board_number_in_texts([text.decode(errors="replace")])),
+    148: ("uid2", lambda uid: board_number_in_bytes(uid.tobytes(), words=True)),
+}
+"""The field of STATUSTEXT and AUTOPILOT_VERSION with the number of the board, and how to read it."""
+PARAMETERS = 22  # Id of PARAM_VALUE
+CALIBRATIONS = (b"INS_ACCOFFS_X", b"CAL_ACC0_XOFF")  # Parameters that no two vehicles share, where they are not 0
+ATTITUDES = (30, 31, 32, 33)  # Ids of messages with attitude or position, stamped by the autopilot
 CLOCK_UNITS = {"time_boot_ms": 1e3, "time_boot_us": 1e6, "time_usec": 1e6}
 """Fields with the boot clock, the more reliable first, and their units in a second."""
 
@@ -157,14 +166,22 @@ def assemble(
         (bytes_skipped, f"{bytes_skipped} bytes that belong to no frame were skipped."),
     )
     heard: list[tuple[Component, dict[str, _Columns], tuple[str, ...]]] = []
-    for ids, starts in sent.items():
+    parts = {ids: _by_board(data, starts) for ids, starts in sent.items()}
+    free = iter(sorted(set(range(1, 512)) - {ids >> 8 for ids in sent}))
+    for ids, n, starts in ((ids, n, starts) for ids, own in parts.items() for n, starts in enumerate(own)):
         messages, of_clock = _messages(data, starts, received, source)
+        system = next(free) if n else ids >> 8
+        if len(parts[ids]) > 1:
+            said = (
+                f"The file holds logs of {len(parts[ids])} vehicles, by their boards or calibrations: this is {system}."
+            )
+            of_clock = (said, *of_clock)
         kind, autopilot = identity(messages["HEARTBEAT"]) if "HEARTBEAT" in messages else (UNNAMED, UNNAMED)
         counts = {name: columns.count for name, columns in messages.items()}
         if counts and RADIO_MESSAGES.issuperset(counts):
             kind = RADIO
         lost = max(int(index.lost[ids]), 0)
-        heard.append((Component(ids >> 8, ids & 0xFF, kind, autopilot, counts, lost), messages, of_clock))
+        heard.append((Component(system, ids & 0xFF, kind, autopilot, counts, lost), messages, of_clock))
     stores: dict[int, Mapping[str, Columns]]
     stores = {one.system: messages for one, messages, _ in heard if one.component == PARAMETER_STORE}
     vehicles = []
@@ -180,6 +197,36 @@ def assemble(
             vehicles.append(Telemetry(*who, messages, parameters, source, found))
     components = tuple(one for one, *_ in heard)
     return Log(source, tuple(vehicles), components, unread, index.frames, bytes_skipped, receive_time)
+
+
+def _by_board(data: Bytes, sent: Mapping[int, Starts]) -> list[Mapping[int, Starts]]:
+    """A component's messages, or those of each vehicle where logs of several were joined, one behind the other.
+
+    They differ by the board in STATUSTEXT or AUTOPILOT_VERSION, or by the accelerometers' calibration. The cut is where
+    the clock of attitude jumps most between what one vehicle says of itself and what the next does.
+    """
+    known: list[tuple[int, str]] = []
+    for number, (field, board_in) in BOARDS.items():
+        if number in sent and not known:
+            said = columns(data, sent[number], definitions()[number], [field])[field]
+            known = [
+                (at, board) for at, one in zip(sent[number].tolist(), said, strict=True) if (board := board_in(one))
+            ]
+    if PARAMETERS in sent and not known:
+        fields = columns(data, sent[PARAMETERS], definitions()[PARAMETERS], ["param_id", "param_value"])
+        rows = zip(sent[PARAMETERS].tolist(), *fields.values(), strict=True)
+        known = [(at, f"{value:.4g}") for at, name, value in rows if name in CALIBRATIONS and value]
+    changes = [(start, following) for (start, one), (following, other) in pairwise(known) if one != other]
+    clock = next((number for number in ATTITUDES if number in sent), None)
+    if not changes or clock is None or len(changes) >= len({who for _, who in known}):
+        return [sent]
+    cuts = []
+    for start, following in changes:
+        places = sent[clock][(sent[clock] > start) & (sent[clock] <= following)]
+        stamps = columns(data, places, definitions()[clock], ["time_boot_ms"])["time_boot_ms"].astype(np.int64)
+        cuts.append(int(places[1 + np.argmax(np.abs(np.diff(stamps)))]) if len(places) > 1 else following)
+    parts = {number: np.split(starts, np.searchsorted(starts, cuts)) for number, starts in sent.items()}
+    return [{number: own[n] for number, own in parts.items() if len(own[n])} for n in range(1 + len(cuts))]
 
 
 def identity(heartbeats: Columns) -> tuple[str, str]:
