@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import norm
-from scipy.stats import t as student
+from scipy.special import ndtri, stdtrit  # as scipy.stats has them, which takes half a second to import
 
 LEVEL = 0.9
 """Probability of the intervals and bands that are shown, unless another level is asked for."""
@@ -29,7 +28,7 @@ def quantile(level: float = LEVEL, freedom: ArrayLike = np.inf) -> Any:
             distribution, where it is known.
     """
     freedoms = np.asarray(freedom, np.float64)
-    quantiles = np.where(np.isinf(freedoms), norm.ppf(0.5 + level / 2), student.ppf(0.5 + level / 2, freedoms))
+    quantiles = np.where(np.isinf(freedoms), ndtri(0.5 + level / 2), stdtrit(freedoms, 0.5 + level / 2))
     return quantiles if freedoms.ndim else float(quantiles)
 
 

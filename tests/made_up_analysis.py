@@ -68,7 +68,15 @@ def model(parameters: Parameters, **wind: object) -> SimpleNamespace:
         input_units=("µs",) * 4,
         output_units=("rad", "rad/s"),
     )
-    torque = {"sd": 0.977, "mean": -1.71, "mean_band": 0.07, "scale_error": 0.03, "reason": None, "resolved": True}
+    torque = {
+        "sd": 0.977,
+        "mean": -1.71,
+        "mean_band": 0.07,
+        "scale_error": 0.03,
+        "reason": None,
+        "resolved": True,
+        "step": None,
+    }
     gusts = {"gusts": (DetectedGust(120, 1.2, 0.4, -9.0),), "gust_threshold": 3.28, "false_gusts_per_minute": 0.1}
     known = SimpleNamespace(**(torque | gusts | wind))
     white = {"one_step": lambda: np.zeros((900, 2)), "dt": 0.01}

@@ -21,21 +21,20 @@ def simulated(
     fine = 10
     motors = gaussian_filter1d(rng.standard_normal((samples, 4)), 8, axis=0) * 40
     motors[700:] *= liveliness
-    motors = np.repeat(motors, fine, axis=0)
+    commands = [float(GAIN @ motor) for motor in motors]
     moment = (
         wind * gaussian_filter1d(rng.standard_normal(samples * fine), 5 * fine) * np.sqrt(10 * fine * np.sqrt(np.pi))
     )
     roll = rate = torque = 0.0
     outputs = np.empty((samples, 2))
     step = DT / fine
-    for i in range(samples * fine):
-        if i % fine == 0:
-            outputs[i // fine] = roll, rate
-        command = GAIN @ motors[i]
-        torque = command if not lag else torque + step / lag * (command - torque)
-        rate += step * (torque - RATE * rate - 9.0 * roll + moment[i])
-        roll += step * rate
-    return Flight(DT * np.arange(samples), 1500 + motors[::fine], outputs + [0.2, 0.0])
+    for t, command in enumerate(commands):
+        outputs[t] = roll, rate
+        for push in moment[t * fine : (t + 1) * fine].tolist():
+            torque = command if not lag else torque + step / lag * (command - torque)
+            rate += step * (torque - RATE * rate - 9.0 * roll + push)
+            roll += step * rate
+    return Flight(DT * np.arange(samples), 1500 + motors, outputs + [0.2, 0.0])
 
 
 def in_closed_loop(samples: int = 1000, seed: int = 0, dt: float = 0.01) -> Flight:

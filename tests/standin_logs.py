@@ -1,4 +1,7 @@
-"""Made-up logs, whose names say what becomes of their reader, and a fleet of them. Workers import this by its name."""
+"""Made-up logs, whose names say what becomes of their reader, and a fleet of them.
+
+Workers import this by its name, and none of what only the tests themselves need.
+"""
 
 import ctypes
 import os
@@ -6,17 +9,18 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mavdem.dem.parallel import spare_cores
 from mavdem.errors import Unreadable
-from mavdem.fleet import tracking
 from mavdem.fleet.row import FlightRow
-from mavdem.fleet.store import TABLE, read_rows
 from mavdem.fleet.workers import Job, Limits, LogRows, Outcome, Reader, outcome_of
 
+if TYPE_CHECKING:
+    from mavdem.fleet.tracking import TrackedLogs
+
 READ = "standin_logs:rows_of_log"
-LIMITS = Limits(seconds=3, megabytes=600)
+LIMITS = Limits(seconds=2, megabytes=600)
 
 
 def rows_of_log(path: Path, key: str, page: Any) -> LogRows:
@@ -25,7 +29,7 @@ def rows_of_log(path: Path, key: str, page: Any) -> LogRows:
     if "slow" in name:
         time.sleep(60)
     if "waits" in name:  # for a disk, or for other processes
-        time.sleep(4)
+        time.sleep(3)
     if "while" in name:
         time.sleep(0.2)
     if "crash" in name:
@@ -64,7 +68,9 @@ class InThisProcess:
 
 def track(
     out: Path, *names: object, baseline: Sequence[object] = (), reader: Reader | None = None, **options: Any
-) -> tracking.TrackedLogs:
+) -> "TrackedLogs":
+    from mavdem.fleet import tracking
+
     reader = reader or InThisProcess()
     return tracking.track(out, [*map(str, names)], reader, [*map(str, baseline)], **options)
 
@@ -79,11 +85,15 @@ def make_logs(folder: Path, count: int, name: str = "log") -> list[Path]:
 
 def table_of(out: Path) -> bytes:
     """The table, byte for byte."""
+    from mavdem.fleet.store import TABLE
+
     assert not list(out.glob(".unfinished"))
     return (out / TABLE).read_bytes()
 
 
 def statuses(out: Path) -> dict[str, str]:
+    from mavdem.fleet.store import read_rows
+
     return {Path(row.file).name: row.status for row in read_rows(out) if row.status != "ok"}
 
 

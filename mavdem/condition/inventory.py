@@ -11,7 +11,6 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.stats import trim_mean
 
 from mavdem.alignment.align import settled_segments
 from mavdem.alignment.read import choose_vehicle
@@ -253,7 +252,8 @@ def _missing_share(telemetry: Telemetry) -> float | None:
         time, boot = columns["time"], columns["boot"]
         steps = np.diff(time)[np.diff(boot) == 0]
         # The mean of the middle half: a loop of 4 ms makes steps of 8 and 12 ms of 10.
-        usual = float(trim_mean(steps, 0.25)) if len(time) >= 50 and len(steps) else 0.0
+        middle = np.sort(steps)[len(steps) // 4 : len(steps) - len(steps) // 4]
+        usual = float(middle.mean()) if len(time) >= 50 and len(steps) else 0.0
         if usual > 0:
             # A quarter of a step is jitter.
             missing = float(np.maximum(np.rint(steps / usual - 0.25) - 1, 0).sum())

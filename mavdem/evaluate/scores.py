@@ -24,7 +24,6 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import rankdata, wilcoxon
 
 from mavdem.dem.engine.linalg import Array
 from mavdem.evaluate.windows import Window
@@ -209,6 +208,8 @@ def paired(ours: ArrayLike, theirs: ArrayLike, windows: Sequence[Window] | None 
     with np.errstate(invalid="ignore", over="ignore"):
         # Two middle ones of opposite infinity have no mean: each method diverged as often as the other.
         middle = float(np.exp(np.nan_to_num(np.median(differences), posinf=np.inf, neginf=-np.inf))) if len(a) else nan
+    from scipy.stats import rankdata, wilcoxon  # it takes half a second to import
+
     # Only signs and ranks count, and ranks are finite if a method diverged.
     tested = differences[apart][differences[apart] != 0]
     ranks = np.sign(tested) * rankdata(np.abs(tested))

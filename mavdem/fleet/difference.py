@@ -19,7 +19,7 @@ from statistics import fmean, median
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtr
 
 from mavdem.alignment.drive import TILT_AXES
 from mavdem.confidence import LEVEL, quantile
@@ -264,7 +264,7 @@ def _judged(quantity: Quantity, raw: _Raw) -> QuantityChange:
     """The difference in the unit people read, with its interval and p-value; not yet tested beside the others."""
     sd = hypot(sqrt(raw.variance), raw.allowance)
     half = quantile(LEVEL, raw.freedom) * sd
-    p = float(2 * student.sf(abs(raw.difference) / sd, raw.freedom))
+    p = float(2 * stdtr(raw.freedom, -abs(raw.difference) / sd))
     found = QuantityChange(quantity, raw.before, raw.after, raw.difference, half, p, raw.allowance, "same")
     if quantity.kind in (SHARE, EFFECT, MEAN_EFFECT):
         # The interval of a ratio, at its difference.

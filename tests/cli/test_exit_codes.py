@@ -131,7 +131,7 @@ def test_names_need_not_be_utf_8_nor_terminals_and_settings_of_matplotlib_spoil_
     settings.write_text("text.usetex: True\nfont.family: none\nno such line\n")
     surroundings = {"MPLBACKEND": "none", "MATPLOTLIBRC": str(settings), "MPLCONFIGDIR": str(settings)}
     environment = {**os.environ, **surroundings, "PYTHONIOENCODING": "ascii"}
-    words = [*MAVDEM, "learn", log, "--out", out, "--train", "200", "--test", "20"]
+    words = [*MAVDEM, "learn", log, "--out", out, "--preset", "paper", "--train", "200", "--test", "20"]
     done = subprocess.run(words, capture_output=True, timeout=PATIENCE, env=environment)
     assert done.returncode == 0, done.stderr
     assert done.stderr.startswith(b"Took ") and done.stderr.count(b"\n") == 3

@@ -109,6 +109,7 @@ def test_a_model_that_cannot_be_written_costs_nothing_else(tmp_path, capsys, mon
     assert "there is no folder" in said.err
 
 
+@pytest.mark.slow
 def test_without_a_vehicle_it_ends_with_nothing_kept(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     port = free_port()

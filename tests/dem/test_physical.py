@@ -47,7 +47,8 @@ def flown(
     rng = np.random.default_rng(seed)
     reference = steering * np.sign(np.sin(2 * np.pi * np.arange(samples) * DT / 1.3))
     angle = rate = torque = drift = 0.0
-    keeps, fine = np.exp(-DT / FINE / 0.5), DT / FINE
+    keeps, fine = float(np.exp(-DT / FINE / 0.5)), DT / FINE
+    gusty, before = float(np.sqrt(1 - keeps**2)) * wind, 0.0
     commands, outputs = np.zeros((samples, 4)), np.empty((samples, 2))
     for k in range(samples):
         outputs[k] = angle, rate + 0.005 * rng.standard_normal()
@@ -55,11 +56,13 @@ def flown(
         commands[k] = wanted * MOTORS / (MOTORS @ MOTORS) + rng.standard_normal(4)
         if commanded is not None and k >= samples - len(commanded):
             commands[k] = commanded[k - samples]
-        for step in range(FINE):  # commands act half a sample late
-            torque += fine / LAG * (MOTORS @ commands[k if step >= 5 else max(k - 1, 0)] - torque)
-            drift = keeps * drift + np.sqrt(1 - keeps**2) * wind * rng.standard_normal()
+        now = float(MOTORS @ commands[k])
+        for step, push in enumerate(rng.standard_normal(FINE).tolist()):  # commands act half a sample late
+            torque += fine / LAG * ((now if step >= 5 or k == 0 else before) - torque)
+            drift = keeps * drift + gusty * push
             rate += fine * (torque - DAMPING * rate + drift)
             angle += fine * rate
+        before = now
     return Flight(DT * np.arange(samples), 1500 + commands, outputs)
 
 

@@ -1,6 +1,7 @@
 """The wind's torque, offline and live: the smoother against a joint Gaussian, bands, gusts, simulated truth."""
 
 from concurrent.futures import Executor, ThreadPoolExecutor
+from functools import cache
 from itertools import product
 from typing import NamedTuple
 
@@ -229,10 +230,17 @@ def test_a_motors_step_is_no_wind():
     flight, torque = flown(5, 6000, known)
     inputs = flight.inputs + np.outer(np.arange(6000) >= 3000, 20 * np.sign(EFFECT))
     record = Record(inputs, flight.outputs, DT, (6000,), begins=(7.0,))
-    whole, cut = wind(known, record), wind(known, record, [37.0])
-    assert whole.sd > 1.5 * cut.sd
-    assert cut.sd == pytest.approx(torque.std(), rel=0.2)
-    assert not [gust for gust in cut.gusts if 28.0 < gust.start < 32.0]
+    for found in (wind(known, record), wind(known, record, [37.0])):
+        assert found.sd == pytest.approx(torque.std(), rel=0.2)
+        assert not [gust for gust in found.gusts if 28.0 < gust.start < 32.0]
+    sample, size = wind(known, record).step
+    assert (sample, size) == (pytest.approx(3000, abs=50), pytest.approx(-20 * np.abs(EFFECT).sum(), rel=0.1))
+    assert wind(known, record, [37.0]).step is None and wind(known, Record.of(flight)).step is None
+
+
+@cache
+def hover_of(name: str, seed: int) -> tuple[Flight, dict[str, np.ndarray]]:
+    return settled(load(name).model_copy(update={"duration": 45.0, "seed": seed}), 3200)
 
 
 @pytest.mark.slow
@@ -240,7 +248,7 @@ def test_the_size_is_known_as_well_as_the_interval_says():
     """Simulated flights by their own parameters: the truth is in nine of ten intervals, by what so few can tell."""
     inside = []
     for seed, name in product((11, 12), ("hover_blower", "iris_dryden", "crazyflie_gusts", "iris_doublets")):
-        flight, known = settled(load(name).model_copy(update={"duration": 45.0, "seed": seed}), 3200)
+        flight, known = hover_of(name, seed)
         found = wind(physical(flight), Record.of(flight))
         sd, mean = known["roll_disturbance"].std(), known["roll_disturbance"].mean()
         inside += [abs(found.sd - sd) < 1.645 * found.scale_error * found.sd, abs(found.mean - mean) < found.mean_band]
@@ -251,7 +259,7 @@ def test_the_size_is_known_as_well_as_the_interval_says():
 @pytest.mark.parametrize("name", ["hover_blower", "iris_dryden", "crazyflie_gusts"])
 def test_it_is_the_truth_of_a_simulated_flight_by_its_true_parameters(name):
     """Settled hover of ``sitl_scenarios`` in its wind."""
-    flight, known = settled(load(name).model_copy(update={"duration": 45.0}), 3200)
+    flight, known = hover_of(name, 11)
     torque, damping = known["roll_disturbance"], -float(known["roll_A"][1, 1])
     components = ((FIRST_ORDER, torque.std(), 0.15),)
     parameters = Parameters(known["roll_B"][1], damping, float(known["lag"][0]), components=components)

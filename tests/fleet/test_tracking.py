@@ -94,7 +94,7 @@ def test_what_failed_is_tried_again_where_that_may_help(tmp_path, monkeypatch):
     assert track(out, tmp_path / "logs").read == 1
 
 
-@pytest.mark.parametrize(("limits", "read"), [(Limits(3, 600), 0), (Limits(4, 600), 1), (Limits(3, 700), 1)])
+@pytest.mark.parametrize(("limits", "read"), [(Limits(2, 600), 0), (Limits(3, 600), 1), (Limits(2, 700), 1)])
 def test_more_time_or_memory_is_another_try(tmp_path, monkeypatch, limits, read):
     class TooSlow(InThisProcess):
         def outcomes(self, jobs: Iterator[Any]) -> Iterator[Any]:

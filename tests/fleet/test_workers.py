@@ -73,7 +73,7 @@ def test_no_log_stops_a_run(tmp_path):
     cores, scratch = found.pop("where_0.bin").split()
     assert cores == "1" and not Path(scratch).exists()
     assert found == {
-        "slow_0.bin": "It takes longer than its time limit of 3 s.",
+        "slow_0.bin": "It takes longer than its time limit of 2 s.",
         "big_0.bin": "It needs more memory than its limit of 600 MB.",
         "crash_0.bin": "The process that read it died (SIGSEGV), each of 2 times.",
     }

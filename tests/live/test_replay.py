@@ -1,5 +1,7 @@
 """The live path beside the offline one, on the made-up hover and on recorded flights."""
 
+from functools import lru_cache
+
 import numpy as np
 import pytest
 from live_hover import Flight, Timed, cut, differences, offline, replay
@@ -11,6 +13,7 @@ from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import MINIMUM_RATE, Signals
 from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream
+from mavdem.ingest.telemetry import Telemetry
 from mavdem.live.stream import REVIEW_SECONDS
 
 RECORDED = sorted(SAMPLES.glob("*.tlog")) + sorted(SHARED.glob("sitl_*/*.tlog")) + sorted(SHARED.glob("logs/*.tlog"))
@@ -104,8 +107,13 @@ def recorded(path) -> Timed:
     return [(stamp / 1e6 - 1.7e9, data) for stamp, data in read_stream(path).stamped_frames()]
 
 
+@lru_cache(1)
+def vehicles_of(path) -> tuple[Telemetry, ...]:
+    return read_log(path).vehicles
+
+
 def hold_against_offline(path, vehicle: str | None = None) -> None:
-    telemetry = choose_vehicle(read_log(path).vehicles, vehicle)
+    telemetry = choose_vehicle(vehicles_of(path), vehicle)
     made = replay(recorded(path), vehicle=vehicle)
     found = settled_segments(Signals(telemetry))
     fast = [segment for segment in found if segment.duration > 10]
@@ -142,7 +150,7 @@ def hold_against_offline(path, vehicle: str | None = None) -> None:
     ids=lambda path: path.stem,
 )
 def test_a_recorded_flight_gives_what_it_gives_offline(path):
-    if "SUBMARINE" in {vehicle.vehicle for vehicle in read_log(path).vehicles}:
+    if "SUBMARINE" in {vehicle.vehicle for vehicle in vehicles_of(path)}:
         assert not replay(recorded(path)).rows
     else:
         hold_against_offline(path)
@@ -155,6 +163,6 @@ def test_of_two_vehicles_each_gives_what_it_gives_offline(vehicle):
     if not path.exists():
         pytest.skip("needs the recorded flights")
     hold_against_offline(path, vehicle)
-    undecided = replay(recorded(path)[:20_000])
+    undecided = replay(recorded(path)[:8_000])
     assert not undecided.rows and undecided.stream.status().vehicle is None, "none is guessed"
     assert any("2:1 (QUADROTOR, PX4), 3:1 (QUADROTOR, PX4). Choose one" in said for said in undecided.sentences)

@@ -31,6 +31,7 @@ def share_of_line(motion: Motion) -> tuple[float, float]:
     return power[np.abs(frequency - peak) < peak / 10].sum() / power.sum(), peak
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "hertz", "sound"),
     [("oscillating_frame", 6.6, {"mixer": "x"}), ("oscillating_gains", 17.1, {"rate_gain": 1.0})],
@@ -56,8 +57,9 @@ def logged(scenario: Scenario, folder: Path) -> tuple[Motion, dict[str, dict[str
     return motion, vehicle.messages, vehicle.parameters
 
 
+@pytest.mark.slow
 def test_a_landing_that_nobody_noticed_is_on_the_ground_and_in_no_message(tmp_path):
-    scenario = brief("landing_unnoticed", 80.0)
+    scenario = brief("landing_unnoticed", 40.0)
     motion, messages, _ = logged(scenario, tmp_path)
     idles = motion.armed & (motion.landed_state == 1) & (motion.time > 10)
     assert motion.time[idles][-1] - motion.time[idles][0] == pytest.approx(scenario.idle + 2, abs=1)
@@ -70,6 +72,7 @@ def test_a_landing_that_nobody_noticed_is_on_the_ground_and_in_no_message(tmp_pa
     np.testing.assert_array_equal(landing.position, motion.position)
 
 
+@pytest.mark.slow
 def test_motors_stop_below_the_pulse_range_as_the_parameter_says(tmp_path):
     motion, messages, parameters = logged(brief("motor_at_its_stop", 30.0), tmp_path)
     assert parameters["MOT_SPIN_MAX"] == pytest.approx(0.64) and parameters["MOT_PWM_MAX"] == 2000

@@ -8,7 +8,6 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
-from scipy.signal import lfilter
 
 from mavdem.dem.engine.linalg import Array
 
@@ -76,6 +75,8 @@ WORST_MODES = 1e8  # condition of the eigenvectors beyond which it runs block by
 
 def recursion(F: Array, pushes: Array, first: Array) -> Array:
     """x₁ … x_T of x_{t} = F x_{t−1} + push_t from x₀ = ``first``, mode by mode, in which it is vectorized."""
+    from scipy.signal import lfilter  # it takes half a second to import
+
     if not pushes.size:
         return np.empty_like(pushes)
     eigenvalues, modes = np.linalg.eig(F)

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.signal import butter, sosfiltfilt
 
 from mavdem.dem.engine.linalg import Array, inverse, one_thread
 from mavdem.dem.graybox.fitting import WINDS, GrayBoxFit, directed, fitted, log_likelihood
@@ -243,6 +242,8 @@ def _added_variance(values: Array, variances: Array) -> float:
 
 def _wind_share(parameters: Parameters, theta: Array, windows: FlightWindows, levels: Array) -> float:
     """Of the variance of wind and motors together, in the band of the motion; windows count as they do in the fit."""
+    from scipy.signal import butter, sosfiltfilt  # it takes half a second to import
+
     rate = 1 / windows.dt
     commanded, lag = parameters.commanded(theta, windows), float(parameters.lag(theta, windows.dt))
     torque = lagged(commanded[:, :, None], lag, windows.dt)[:, :, 0]

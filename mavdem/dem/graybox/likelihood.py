@@ -19,7 +19,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag, expm, solve_continuous_lyapunov
-from scipy.signal import lfilter
 
 from mavdem.dem.engine.kalman import SteadyFilter, SteadySmoothed, steady_covariance
 from mavdem.dem.engine.linalg import Array
@@ -260,6 +259,8 @@ def followed(step: Array, gains: Array, inputs: Array, first: Array) -> Array:
 
 def lagged(inputs: Array, lag: float, dt: float) -> Array:
     """(W, N, r) inputs after a first-order lag, s, from where they begin."""
+    from scipy.signal import lfilter  # it takes half a second to import
+
     keeps = float(np.exp(-dt / lag))
     begin = keeps * inputs[:, :1]
     return np.asarray(lfilter([1 - keeps], [1, -keeps], inputs, axis=1, zi=begin)[0])

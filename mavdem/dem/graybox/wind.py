@@ -19,7 +19,6 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import median_filter
-from scipy.signal import csd, detrend
 
 from mavdem.confidence import half_width
 from mavdem.dem.engine.linalg import Array, one_thread
@@ -35,7 +34,9 @@ SPECTRUM_SECONDS = 8.0  # of the windows whose spectra are averaged, with half o
 INDEPENDENT = 18 / 19  # of windows by Hann with half of each in the next, as many count (Welch, 1967)
 SLOW_HERTZ = 1.0  # below which the slow wind's answer counts
 
-CHANGE_SECONDS = 2.0  # by which the time of a change of the vehicle may be off
+CHANGE_SECONDS = 2.0  # on either side of a step
+STEP_SHARE, STEP_SHARPNESS = 0.5, 0.75
+"""Of the variance by a step, and of the step within ``CHANGE_SECONDS``: no wind of 105 simulated flights had both."""
 LEVEL_SECONDS = 10.0  # of the running median, which a gust stands out from
 LEVEL_STEP_SECONDS = 0.1  # between samples of that median
 THRESHOLD = 4.0  # standard deviations from it, by the median absolute deviation
@@ -83,6 +84,8 @@ class WindTorque:
         scale_error: standard deviation of the error of ``sd``, relative: by effect, damping, lag and delay, and by what
             the model leaves out. Large where the motors' effect is not identifiable: motors that do more balance more.
         motors: (T,) the motors' torque about its mean.
+        step: the sample at which its level changes at once and stays, and by how much, rad/s²: a load that moved, a
+            motor, or the front of a wind; ``None`` without one. ``sd`` is that on either side.
         gusts: in order of time; none where the wind is not resolved.
         gust_threshold: rad/s² from the running level.
         false_gusts_per_minute: to expect of Gaussian turbulence with the same spectrum, without gusts.
@@ -101,6 +104,7 @@ class WindTorque:
     sd: float
     scale_error: float
     motors: Array
+    step: tuple[int, float] | None
     gusts: tuple[DetectedGust, ...]
     gust_threshold: float
     false_gusts_per_minute: float
@@ -146,6 +150,8 @@ def wind(physical: Physical, record: Record, changes: Sequence[float] = ()) -> W
         beside = [_torques(theta + nudge, physical, record, column).mean for nudge in np.diag(nudges)]
         slopes = (np.array(beside) - torques.mean) / nudges[:, None]
     cuts, levels, covariance = record.samples_at(changes), slopes.mean(axis=1), physical.covariance
+    step = _step(_about_means(torques.mean, cuts), record.dt)
+    cuts = sorted({*cuts, *([] if step is None else step[:1])})
     moved, moving = _about_means(torques.mean, cuts), _about_means(slopes, cuts)
     size = float(np.mean(moved**2))
     smoother = torques.variance + MODEL_ERRORS.wind**2 * size
@@ -172,7 +178,7 @@ def wind(physical: Physical, record: Record, changes: Sequence[float] = ()) -> W
     scale_error = np.sqrt(shares @ covariance @ shares + added**2 + MODEL_ERRORS.wind_sd**2)
     spectra = _spectra(torques, record)
     band = half_width(variance)
-    gusty = gusts(torques.mean, band, record, shortest_gust(physical, record.dt), cuts)
+    gusty = gusts(torques.mean, band, record, shortest_gust(physical, record.dt))
     return WindTorque(
         torque=torques.mean,
         band=band,
@@ -181,6 +187,7 @@ def wind(physical: Physical, record: Record, changes: Sequence[float] = ()) -> W
         sd=float(np.sqrt(size + torques.variance.mean())),
         scale_error=float(scale_error),
         motors=torques.motors,
+        step=step,
         gusts=gusty.found if resolved else (),
         gust_threshold=gusty.threshold,
         false_gusts_per_minute=gusty.false_per_minute,
@@ -197,6 +204,20 @@ def _about_means(values: Array, cuts: Sequence[int]) -> Array:
     """(…, T) without the mean of each part between cuts."""
     parts = np.split(values, cuts, axis=-1)
     return np.concatenate([part - part.mean(axis=-1, keepdims=True) for part in parts if part.size], axis=-1)
+
+
+def _step(torque: Array, dt: float) -> tuple[int, float] | None:
+    """The sample and size of the step that explains most of a torque (T,) of mean 0, where it is one."""
+    number, least, near = len(torque), round(LEVEL_SECONDS / dt), round(CHANGE_SECONDS / dt)
+    at = np.arange(least, number - least)
+    if not len(at):
+        return None
+    sums = np.cumsum(torque)[at - 1]
+    explained = sums**2 * number / (at * (number - at))
+    sample = int(at[np.argmax(explained)])
+    size = float(torque[sample:].mean() - torque[:sample].mean())
+    sharp = (torque[sample : sample + near].mean() - torque[sample - near : sample].mean()) / size
+    return (sample, size) if explained.max() > STEP_SHARE * (torque @ torque) and sharp > STEP_SHARPNESS else None
 
 
 def _torques(theta: Array, physical: Physical, record: Record, column: int) -> _Torques:
@@ -258,6 +279,8 @@ class _Spectra(NamedTuple):
 
 def _spectra(torques: _Torques, record: Record) -> _Spectra:
     """By Welch's method, of windows of ``SPECTRUM_SECONDS``, or as long as the longest segment."""
+    from scipy.signal import csd, detrend  # it takes half a second to import
+
     length = min(round(SPECTRUM_SECONDS / record.dt), record.longest)
     total, windows, frequency = np.zeros((3, length // 2 + 1), complex), 0.0, np.zeros(length // 2 + 1)
     cuts = record.starts[1:]
@@ -304,15 +327,14 @@ def shortest_gust(physical: Physical, dt: float) -> float:
     return 0.5 / float(resolved.max(initial=frequency[0])) + physical.lag + physical.delay
 
 
-def gusts(torque: Array, band: Array, record: Record, shortest: float = 0.0, changes: Sequence[int] = ()) -> Gusts:
+def gusts(torque: Array, band: Array, record: Record, shortest: float = 0.0) -> Gusts:
     """Returns the gusts of the wind's ``torque`` (T,), no less than twice the half width of its ``band`` (T,).
 
-    They last ``shortest`` s or more, return to the level they left, and are not where the vehicle ``changes``, samples.
-    The rate of false ones is that at which a Gaussian process of the same variance and the same variance of its
-    derivative crosses the threshold, on both sides (Rice, "Mathematical analysis of random noise", 1944, sec. 3.3).
+    They last ``shortest`` s or more and return to the level they left: a step, as of a motor, is none. The rate of
+    false ones is that at which a Gaussian process of the same variance and the same variance of its derivative crosses
+    the threshold, on both sides (Rice, "Mathematical analysis of random noise", 1944, sec. 3.3).
     """
-    starts = np.unique([*record.starts, *changes]).astype(np.intp)
-    parts, bands = np.split(torque, starts[1:]), np.split(band, starts[1:])
+    parts, bands = np.split(torque, record.starts[1:]), np.split(band, record.starts[1:])
     away = [part - _level(part, record.dt) for part in parts]
     sd = float(np.median(np.abs(np.concatenate(away)))) / NORMAL_MEDIAN
     if sd == 0.0:
@@ -321,8 +343,8 @@ def gusts(torque: Array, band: Array, record: Record, shortest: float = 0.0, cha
     # Likewise by the median, so that gusts do not count.
     crossings = float(np.median(np.abs(slopes))) / NORMAL_MEDIAN / sd / (2 * np.pi)
     false = 2 * 60 * crossings * float(np.exp(-(THRESHOLD**2) / 2))
-    detected, beside, apart = [], round(LEVEL_SECONDS / 2 / record.dt), CHANGE_SECONDS / record.dt
-    for first, whole, part, width in zip(starts.tolist(), parts, away, bands, strict=True):
+    detected, beside = [], round(LEVEL_SECONDS / 2 / record.dt)
+    for first, whole, part, width in zip(record.starts.tolist(), parts, away, bands, strict=True):
         outside = np.concatenate([[False], np.abs(part) > END * THRESHOLD * sd, [False]])
         # A change of sign ends a gust.
         edges = np.flatnonzero(np.diff(outside * np.sign(np.concatenate([[0], part, [0]]))))
@@ -331,9 +353,8 @@ def gusts(torque: Array, band: Array, record: Record, shortest: float = 0.0, cha
             sample, length = first + start, (stop - start) * record.dt
             before, after = whole[max(start - beside, 0) : start], whole[stop : stop + beside]
             stays = before.size and after.size and abs(np.median(after) - np.median(before)) > THRESHOLD * sd
-            changed = any(sample - apart < change < first + stop + apart for change in changes)
             high = abs(part[peak]) > max(THRESHOLD * sd, CERTAIN * width[peak])
-            if high and length >= shortest and not (stays or changed):
+            if high and length >= shortest and not stays:
                 detected.append(DetectedGust(sample, sample * record.dt, length, float(part[peak])))
     return Gusts(tuple(detected), THRESHOLD * sd, false)
 

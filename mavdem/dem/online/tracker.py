@@ -10,7 +10,7 @@ from collections import deque
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from mavdem.confidence import LEVEL
 from mavdem.dem.engine.ascent import CoordinateAscent
@@ -310,5 +310,5 @@ def _limit(peaks: np.typing.NDArray[np.float64]) -> float:
         return np.inf
     middle = np.median(peaks)
     spread = max(1.4826 * float(np.median(np.abs(peaks - middle))), MIN_SPREAD)
-    far = student.ppf(1 - PEAK_SECONDS / FALSE_MARK_SECONDS, number - 1) * np.sqrt(1 + 1 / number)
+    far = stdtrit(number - 1, 1 - PEAK_SECONDS / FALSE_MARK_SECONDS) * np.sqrt(1 + 1 / number)
     return float(middle + far * spread)
