@@ -53,6 +53,7 @@ CHECK = "Check motors, propellers and where the load is, and fly again before th
 UNEVEN = 8.0  # percent of a motor beyond the mean of all: what health calls a fault's size
 LITTLE_HEADROOM = 0.1  # share of the range
 RINGING, RINGING_SECONDS = 0.15, 3.0  # autocorrelation of the rate after a swing, as of a damping ratio of 0.3
+SWINGING = 0.4
 WIND_WORDS = {"light": 0.005, "moderate": 0.02, "strong": float("inf")}  # below, as a share of the motors' full torque
 PURPOSES = ("motor effectiveness", "damping and lag", "wind", "prediction", "residuals")
 
@@ -68,7 +69,7 @@ class Finding(NamedTuple):
 class Override(NamedTuple):
     """What makes the flight itself doubtful, and overrides all grades."""
 
-    kind: str  # "oscillation", "motors", "saturation" or "data"
+    kind: str  # "oscillation", "motors", "saturation", "trim" or "data"
     headline: str  # the plain sentence, for above all tables
     sentence: str  # the same with its figures
     remedy: str  # what to do, one sentence
@@ -116,11 +117,13 @@ def findings_of(
         watched: whether a motor that weakens would have been seen.
         consistency: share of the angle's changes that the rates explain.
     """
-    overrides = (*_oscillation(condition), *_lost_thrust(alarms), *_saturation(condition))
+    known = _oscillation(condition), _lost_thrust(alarms), _saturation(condition), _uneven(condition)
+    # What comes first explains the others: motors at their limits, where the vehicle oscillates or one is weak.
+    overrides = tuple(next(filter(None, known), []))
     if learned is not None and consistency is not None and consistency < DOUBTFUL_CONSISTENCY:
         overrides += (_inconsistent(consistency),)
     purposes = () if learned is None else _purposes(learned, held_out)
-    if other := _uneven(condition) or _stepped(learned, flights):
+    if other := _stepped(learned, flights):
         meant = {PURPOSES[0]: "that of a motor may be another", PURPOSES[2]: "not all of it is wind"}
         purposes = tuple(
             one._replace(grade=LIMITED, reason=f"{other}: {meant[one.purpose]}.")
@@ -130,7 +133,7 @@ def findings_of(
         )
     if overrides:
         headline, following = overrides[0].headline, overrides[0].remedy
-        purposes = tuple(one._replace(grade=LIMITED, reason=headline) if one.grade == GOOD else one for one in purposes)
+        purposes = tuple(_doubted(one, overrides[0]) for one in purposes)
     elif reason:
         headline, following = f"{'No model' if learned is None else 'Slow motion only'}: {reason}", remedy
     else:
@@ -138,6 +141,13 @@ def findings_of(
         headline = _in_short(learned if is_windy else None, condition, flights, watched, other)
         following = "Learn a model: `mavdem learn`." if learned is None else CHECK if other else next_step(purposes)
     return Findings(headline, overrides, purposes, () if learned is None else warnings_of(learned, held_out), following)
+
+
+def _doubted(finding: Finding, override: Override) -> Finding:
+    """Not GOOD; of a flight that oscillates without its own reason, which would ask for movements."""
+    if finding.grade != GOOD and override.kind != "oscillation":
+        return finding
+    return finding._replace(grade=LIMITED if finding.grade == GOOD else finding.grade, reason=override.headline)
 
 
 def _oscillation(condition: Condition | None) -> list[Override]:
@@ -176,6 +186,18 @@ def _saturation(condition: Condition | None) -> list[Override]:
     return [Override("saturation", headline, sentence, remedy)]
 
 
+def _uneven(condition: Condition | None) -> list[Override]:
+    """The motor that is furthest from the mean of all, if by more than ``UNEVEN``."""
+    hover = None if condition is None else condition.hover
+    if hover is None or abs(most := max(hover.imbalance, key=abs)) <= UNEVEN:
+        return []
+    name = hover.motors[hover.imbalance.index(most)].split(" (")[0]
+    headline = f"{name.capitalize()} works {abs(most):.0f} % {'harder' if most > 0 else 'less'} than the mean of all."
+    sentence = f"{headline[:-1]}: it or another motor or propeller is weak, or the load is off centre."
+    remedy = f"Inspect {name}, the propellers and where the load is before the next flight."
+    return [Override("trim", headline, sentence, remedy)]
+
+
 def _inconsistent(consistency: float) -> Override:
     sentence = f"The rate explains {consistency:.2f} of the angle's changes: noise, or an alias."
     remedy = "Log attitude and rates faster, and check the mounting of the autopilot for vibration."
@@ -193,23 +215,16 @@ def _in_short(
         words = [other]
     elif min(hover.headroom) < LITTLE_HEADROOM:
         words = [f"Headroom of {100 * min(hover.headroom):.0f} % only"]
-    if flights and max(map(_ringing, flights)) < RINGING:
+    swings = max(map(_ringing, flights), default=1.0)
+    if swings < RINGING:
         words.append("well damped")
+    elif flights and swings > SWINGING:
+        words = [words[0].replace("Healthy", "No fault seen"), "hardly damped unless it was steered so"]
     scale = flights[0].provenance.get("scale") if flights else None
     if scale and windy is not None and windy.physical and windy.wind:
         full = abs(windy.physical.effect).sum() * (scale["high"] - scale["low"])
         words.append(next(f"{word} wind torque" for word, most in WIND_WORDS.items() if windy.wind.sd < most * full))
     return f"{', '.join(words)}."
-
-
-def _uneven(condition: Condition | None) -> str:
-    """That a motor works harder or less than the mean of all; empty where none does by much."""
-    hover = None if condition is None else condition.hover
-    most = 0.0 if hover is None else max(hover.imbalance, key=abs)
-    if hover is None or abs(most) <= UNEVEN:
-        return ""
-    name = hover.motors[hover.imbalance.index(most)].split(" (")[0].capitalize()
-    return f"{name} works {abs(most):.0f} % {'harder' if most > 0 else 'less'} than the mean"
 
 
 def _stepped(learned: Learned | None, flights: Sequence[Flight]) -> str:
@@ -240,15 +255,15 @@ def _purposes(learned: Learned, held_out: HeldOut | None) -> tuple[Finding, ...]
         graded = dict(zip(PURPOSES, parts, strict=False))
     if held_out is not None:
         graded["prediction"] = _prediction(held_out)
-    graded["residuals"] = _residuals(residuals(learned))
+    graded["residuals"] = _residuals(residuals(learned), graded.get("prediction", ("",))[0] == GOOD)
     return tuple(Finding(name, grade, _first_sentence(reason) + ".") for name, (grade, reason) in graded.items())
 
 
-def _residuals(found: Residuals) -> tuple[Grade, str]:
+def _residuals(found: Residuals, forecasts: bool) -> tuple[Grade, str]:
     (auto, across), (bound, joint) = found.largest, found.bounds
     figures = f"autocorrelation up to {auto:.2f} (99 % bound {bound:.2f}), with the command {across:.2f} ({joint:.2f})"
     if not found.white:
-        return LIMITED, f"Not white: {figures}"
+        return GOOD if forecasts else LIMITED, f"Not white{', but forecasts are good' * forecasts}: {figures}"
     return GOOD, f"{'White' if auto <= bound and across <= joint else 'Nearly white'}: {figures}"
 
 

@@ -109,7 +109,7 @@ class FlightRow:
     residual_gain_outputs: Numbers | None = None
     residual_offset: float | None = None
     headline: str | None = at("headline")  # what the flight says of its vehicle, in one plain sentence
-    overrides: tuple[str, ...] = ()  # what overrides that: "oscillation", "motors", "saturation" or "data"
+    overrides: tuple[str, ...] = ()  # what overrides that: "oscillation", "motors", "saturation", "trim" or "data"
     error_ratio: float | None = at("forecast_over_constant_mean")  # of squared errors, on parts held out
     coverage: float | None = at("inside_90_percent_band")  # share of held-out samples
     residual_mean: float | None = None  # what models of its healthy flights leave unexplained in this one, rad/s²

@@ -50,8 +50,11 @@ def lost_thrust(rise: float) -> float:
 
 
 def loss_in_words(rise: float) -> str:
-    """Returns the same as in "17 to 31 %": thrust goes with the command (as in simulators) up to with its square."""
-    return f"{100 * rise / (1 + rise):.0f} to {100 * lost_thrust(rise):.0f} %"
+    """Returns the same as in "17 to 39 %": thrust goes with the command (as in simulators) up to with its square.
+
+    The rise itself is known to about 15 %.
+    """
+    return f"{100 * (1 - 1 / (1 + 0.85 * rise)):.0f} to {100 * lost_thrust(1.15 * rise):.0f} %"
 
 
 def shift_sizes(scale: float, freedom: float = SHIFT_FREEDOM) -> tuple[Array, Array]:

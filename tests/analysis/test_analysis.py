@@ -48,8 +48,8 @@ def test_a_motor_that_weakened_in_flight_is_told_first(slow):
     assert slow.alarms == () and slow.findings.headline.startswith("Slow motion only: ATTITUDE comes at 10")
     weak = replace(slow, alarms=(MotorAlarm(30.0, 28.5, 2, "motor 2 (rear left)", 0.25, 0.98),))
     first, then, *_ = analysis_blocks(weak)
-    assert first == Sentence("", "Motor 2 (rear left) lost 20 to 36 % of its thrust at 28 s.")
-    assert "motor 2 (rear left) lost 20 to 36 % of its thrust (motor or propeller) since 28 s" in then.text
+    assert first == Sentence("", "Motor 2 (rear left) lost 18 to 40 % of its thrust at 28 s.")
+    assert "motor 2 (rear left) lost 18 to 40 % of its thrust (motor or propeller) since 28 s" in then.text
     assert "Do not fly before motor 2 (rear left), its propeller" in str(analysis_blocks(weak))
     (said,) = weak.as_dict()["alarms"]
     assert (said["motor"], said["since"]) == (2, 28.5) and "motor 2" in said["sentence"]

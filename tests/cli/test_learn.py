@@ -226,7 +226,7 @@ def test_every_place_says_the_same_of_a_flight(tmp_path, monkeypatch, capsys):
     alarm = MotorAlarm(70.0, 66.4, 1, "motor 1 (front right)", 0.24, 0.99)
     monkeypatch.setattr("mavdem.analysis.analysis.motor_alarms", lambda signals: (alarm,))
     headline, remedy = (
-        "Motor 1 (front right) lost 19 to 35 % of its thrust at 66 s.",
+        "Motor 1 (front right) lost 17 to 39 % of its thrust at 66 s.",
         "Do not fly before motor 1 (front",
     )
     words, out = [FLIGHT, "--start", "50", "--preset", "paper"], tmp_path / "out"
