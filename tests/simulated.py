@@ -46,9 +46,10 @@ def in_closed_loop(samples: int = 1000, seed: int = 0, dt: float = 0.01) -> Flig
     for t in range(samples):
         outputs[t] = roll, rate
         command = -(60 * roll + 12 * rate)
-        motors[t] = 1500 + SIGNS * command + 0.2 * rng.standard_normal(4)
-        for _ in range(fine):
-            wind += -step * 2.0 * wind + 6.0 * np.sqrt(step) * rng.standard_normal()
+        drawn = rng.standard_normal(4 + fine)
+        motors[t] = 1500 + SIGNS * command + 0.2 * drawn[:4]
+        for push in drawn[4:].tolist():
+            wind += -step * 2.0 * wind + 6.0 * step**0.5 * push
             torque += step / 0.03 * (command - torque)
             rate += step * (torque - rate + 10 * wind)
             roll += step * rate

@@ -3,7 +3,6 @@
 import dataclasses
 import os
 from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor
-from itertools import takewhile
 from pathlib import Path
 from unittest.mock import Mock
 
@@ -31,8 +30,6 @@ from mavdem.dem.online.tracker import (
     Estimate,
     Surprise,
 )
-from mavdem.ingest.formats import read_stream
-from mavdem.live import LiveStream
 
 pytestmark = pytest.mark.usefixtures("without_wind_fits")
 COMPLETE = Settings(order=3, d=2, window=9, parameter_precision=1.0)
@@ -383,13 +380,11 @@ def test_of_two_failures_both_are_marked_and_bands_recover_within_seconds():
     [("ap_motor.tlog", 90.0, 130.0, [117.33]), ("px4_windjump.tlog", 52.0, 100.0, [76.08])],
 )
 def test_the_changes_of_a_recorded_flight_are_marked_and_nothing_else_is(log, start, end, changes):
-    path = shared(f"sitl_events/{log}")
-    stream = LiveStream()
-    rows = (row for stamp, data in read_stream(path).stamped_frames() for row in stream.feed(stamp / 1e6, data))
-    settled = [row for row in takewhile(lambda row: row.time < end, rows) if row.settled and start <= row.time]
-    online = OnlineLearner(dt=0.01)
-    estimates = [online.update(row.time, row.outputs, row.inputs) for row in settled]
-    time = np.array([row.time for row in settled])
+    # Rows of a live stream are those of the log, see tests/live/test_replay.py.
+    (settled,) = (one for one in mavdem.read_segments(shared(f"sitl_events/{log}")) if one.time[0] < start)
+    flight = settled[slice(*np.searchsorted(settled.time, [start, end]))]
+    time, estimates = flight.time, flown(OnlineLearner(dt=0.01), flight)
+    assert flight.dt == pytest.approx(0.01) and time[-1] == pytest.approx(end, abs=0.02)
     marks = time[[estimate.unusual for estimate in estimates]]
     assert len(marks) == len(changes)
     # The wind of the simulator falls in 2 s.
