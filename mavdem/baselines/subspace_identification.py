@@ -56,12 +56,11 @@ def subspace(train: UniformRecord | Sequence[UniformRecord], order: int = 2) -> 
 
 def found_by_projection(segments: Segments, order: int) -> Fitted:
     """The model of inputs and outputs of each segment."""
-    horizon = _horizon(segments, order)
-    windows = Windows.of(segments, horizon, horizon)
-    state_map = _state_map(windows, order)
-    states, successors = windows.both(0, horizon) @ state_map, windows.both(1, horizon + 1) @ state_map
-    inputs, outputs = windows.inputs(horizon, horizon + 1), windows.outputs(horizon, horizon + 1)
-    k, m = inputs.shape[1], outputs.shape[1]
+    horizon, (k, m) = _horizon(segments, order), (table.shape[1] for table in segments[0])
+    windows = Windows.of(segments, 2 * horizon)
+    state_map = _state_map(windows, order, horizon, k)
+    states, successors = windows.part(0, horizon) @ state_map, windows.part(1, horizon + 1) @ state_map
+    inputs, outputs = np.split(windows.part(horizon, horizon + 1), [k], axis=1)
 
     regressors = np.hstack([windows.constant, states])
     of_outputs = regression(regressors, outputs)
@@ -104,9 +103,9 @@ def _horizon(segments: Segments, order: int) -> int:
             f"lower the order, or train on more samples without gaps"
         )
     longest = max(horizon for horizon in range(fewest, max(fewest, LONGEST_HORIZON) + 1) if enough(horizon))
-    windows = Windows.of(segments, longest, 1)
-    lags = [windows.both(longest - lag, longest - lag + 1) for lag in range(1, longest + 1)]
-    nested = triangle(np.hstack([windows.constant, *lags, windows.outputs(longest, longest + 1)]))
+    windows = Windows.of(segments, longest + 1)
+    lags = [windows.part(longest - lag, longest - lag + 1) for lag in range(1, longest + 1)]
+    nested = triangle(np.hstack([windows.constant, *lags, windows.samples[:, longest, k:]]))
 
     def criterion(horizon: int) -> float:
         left = nested[1 + horizon * (k + m) :, -m:]
@@ -117,12 +116,10 @@ def _horizon(segments: Segments, order: int) -> int:
     return max(min(range(1, longest + 1), key=criterion), fewest)
 
 
-def _state_map(windows: Windows, order: int) -> Array:
-    """(past · (k + m), n): from the past, oldest sample first, to states of variance 1."""
-    past, future = windows.past, windows.samples.shape[1] - windows.past
-    before = windows.both(0, past)
-    given = np.hstack([windows.constant, windows.inputs(past, past + future)])
-    after = windows.outputs(past, past + future)
+def _state_map(windows: Windows, order: int, past: int, k: int) -> Array:
+    """(past · (k + m), n): from the past, oldest sample first, to states of variance 1; ``k`` are the inputs."""
+    before, after = windows.part(0, past), windows.samples[:, past:, k:].reshape(len(windows.samples), -1)
+    given = np.hstack([windows.constant, windows.samples[:, past:, :k].reshape(len(windows.samples), -1)])
     projected = triangle(np.hstack([given, before, after]))[given.shape[1] :, given.shape[1] :]
     of_past, of_future = projected[:, : before.shape[1]], projected[:, before.shape[1] :]
     basis, to_basis = _orthonormal(of_past)
@@ -143,23 +140,20 @@ def _orthonormal(table: Array) -> tuple[Array, Array]:
 
 
 class Windows(NamedTuple):
-    """All windows of ``past`` + ``future`` samples in rows that are fewer and have the same inner products.
+    """All windows of so many samples, the oldest first, in rows that are fewer and have the same inner products.
 
     So whatever is regressed and projected here comes out as from the windows themselves, whose number enters once, in
-    one QR decomposition. Sample 0 of a window is its oldest, sample ``past`` the first of its future.
+    one QR decomposition.
     """
 
     constant: Array  # (rows, 1) what is 1 in each window
-    samples: Array  # (rows, past + future, k + m): inputs, then outputs
-    past: int
-    k: int  # inputs
+    samples: Array  # (rows, length, k + m): inputs, then outputs
     number: int
 
     @classmethod
-    def of(cls, segments: Segments, past: int, future: int) -> Windows:
+    def of(cls, segments: Segments, length: int) -> Windows:
         """Of the inputs (T, k) and outputs (T, m) of each segment; no window reaches across a gap."""
-        (inputs, outputs), length = segments[0], past + future
-        width = inputs.shape[1] + outputs.shape[1]
+        width = sum(table.shape[1] for table in segments[0])
         windows = [
             sliding_window_view(np.hstack(segment), length, axis=0).swapaxes(1, 2)
             for segment in segments
@@ -168,18 +162,10 @@ class Windows(NamedTuple):
         stacked = np.concatenate([np.empty((0, length, width)), *windows])
         flat = stacked.reshape(len(stacked), length * width)
         rows = triangle(np.hstack([np.ones((len(flat), 1)), flat]))
-        return cls(rows[:, :1], rows[:, 1:].reshape(len(rows), length, width), past, inputs.shape[1], len(flat))
+        return cls(rows[:, :1], rows[:, 1:].reshape(len(rows), length, width), len(flat))
 
-    def inputs(self, first: int, last: int) -> Array:
+    def part(self, first: int, last: int) -> Array:
         """(rows, ·) of the samples ``first`` to ``last`` − 1, one sample after the other."""
-        return self.samples[:, first:last, : self.k].reshape(len(self.samples), -1)
-
-    def outputs(self, first: int, last: int) -> Array:
-        """The same of the outputs."""
-        return self.samples[:, first:last, self.k :].reshape(len(self.samples), -1)
-
-    def both(self, first: int, last: int) -> Array:
-        """The same of inputs and outputs."""
         return self.samples[:, first:last].reshape(len(self.samples), -1)
 
 

@@ -124,9 +124,8 @@ def _plots(pose: Pose) -> list[Plot]:
 
 def _scene(pose: Pose) -> rrb.View:
     """The view that the vehicle is seen in, with the scale of its arrows."""
-    arrows = (
-        f"Thrust arrows: {100 * pose.arm:.2g} cm at hover. Wind arrow: {100 * WIND_SCALE * pose.arm:.2g} cm for 1 m/s"
-    )
+    thrust, wind = 100 * pose.arm, 100 * WIND_SCALE * pose.arm
+    arrows = f"Thrust arrows: {thrust:.2g} cm at hover. Wind arrow: {wind:.2g} cm for 1 m/s"
     # North, east and down: from the south-east and above, on what leaves room for the wind in the east.
     eye, target = (pose.arm * np.array(place) for place in ((-5.2, 2.2, -3.5), (0.0, 0.9, -0.2)))
     controls = rrb.EyeControls3D(kind=rrb.Eye3DKind.Orbital, position=eye, look_target=target, eye_up=(0, 0, -1))

@@ -274,10 +274,8 @@ def live_blueprint(channels: Channels) -> rrb.Blueprint:
         right = 0.22 if seconds == FLIGHT_SECONDS else 0.35  # left free for the legend
         start, end = (rr.TimeRangeBoundary.cursor_relative(seconds=at * seconds) for at in (-1, right))
         axis = rrb.archetypes.TimeAxis(view_range=rr.TimeRange(start=start, end=end))
-        shown, legend = (
-            rrb.VisibleTimeRange(BOOT_CLOCK, start=start, end=end),
-            rrb.PlotLegend(corner=rrb.Corner2D.RightTop),
-        )
+        shown = rrb.VisibleTimeRange(BOOT_CLOCK, start=start, end=end)
+        legend = rrb.PlotLegend(corner=rrb.Corner2D.RightTop)
         return rrb.TimeSeriesView(name=name, origin=origin, axis_x=axis, time_ranges=[shown], plot_legend=legend)
 
     what, outputs = "measured, and predicted without the motors ahead", []

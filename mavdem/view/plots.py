@@ -118,20 +118,17 @@ class Plot:
         # The legend stands beside the lines.
         end = first + 1.16 * (last - first)
         start, stop = (rr.TimeRangeBoundary.absolute(seconds=second) for second in (first, end))
-        return rrb.TimeSeriesView(
-            name=f"{self.title} ({rounded(low, 3)} to {rounded(high, 3)})",
-            origin=self.origin,
-            axis_x=rrb.archetypes.TimeAxis(view_range=rr.TimeRange(start=start, end=stop)),
-            axis_y=rrb.ScalarAxis(range=(low - margin, high + margin)),
-            plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.RightTop, visible=len(self.lines) > 1),
-        )
+        x = rrb.archetypes.TimeAxis(view_range=rr.TimeRange(start=start, end=stop))
+        y = rrb.ScalarAxis(range=(low - margin, high + margin))
+        legend = rrb.PlotLegend(corner=rrb.Corner2D.RightTop, visible=len(self.lines) > 1)
+        title = f"{self.title} ({rounded(low, 3)} to {rounded(high, 3)})"
+        return rrb.TimeSeriesView(name=title, origin=self.origin, axis_x=x, axis_y=y, plot_legend=legend)
 
 
 def with_gaps(parts: Sequence[Array] | Array, last: bool = False) -> Array:
     """Returns parts (N, …) one after the other, after each a NaN, which draws no line, or its ``last`` value again."""
-    return np.concatenate(
-        [np.concatenate([part, part[-1:] if last else np.full_like(part[-1:], np.nan)]) for part in parts]
-    )
+    ends = (part[-1:] if last else np.full_like(part[-1:], np.nan) for part in parts)
+    return np.concatenate([piece for pair in zip(parts, ends, strict=True) for piece in pair])
 
 
 def faint(colour: str, opacity: float) -> str:
@@ -142,14 +139,9 @@ def faint(colour: str, opacity: float) -> str:
 
 def blueprint(view: rrb.Container, time: rrb.TimePanel | None = None, **options: Any) -> rrb.Blueprint:
     """Returns a layout of one container with all panels beside it collapsed; ``options`` are of the time panel."""
-    return rrb.Blueprint(
-        view,
-        time or rrb.TimePanel(state="collapsed", timeline=BOOT_CLOCK, **options),
-        rrb.BlueprintPanel(state="collapsed"),
-        rrb.SelectionPanel(state="collapsed"),
-        auto_views=False,
-        auto_layout=False,
-    )
+    time = time or rrb.TimePanel(state="collapsed", timeline=BOOT_CLOCK, **options)
+    beside = rrb.BlueprintPanel(state="collapsed"), rrb.SelectionPanel(state="collapsed")
+    return rrb.Blueprint(view, time, *beside, auto_views=False, auto_layout=False)
 
 
 @contextmanager

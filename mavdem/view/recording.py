@@ -44,13 +44,9 @@ def write_recording(
     series.changes = [at for at in changes if series.span[0] < at < series.span[1]]
     found = findings_of(learned, held_out) if found is None else found
     with recorded(path, Path(str(flights[0].provenance.get("source", path))).name) as recording:
-        tabs = rrb.Tabs(
-            _flight(recording, series, found),
-            _details(recording, series),
-            _learning(recording, learned),
-            _text(recording, "report", "Report", [title(flights), *screen(learned, held_out, found=found)]),
-            active_tab=0,
-        )
+        report = _text(recording, "report", "Report", [title(flights), *screen(learned, held_out, found=found)])
+        pictures = _flight(recording, series, found), _details(recording, series), _learning(recording, learned)
+        tabs = rrb.Tabs(*pictures, report, active_tab=0)
         recording.send_blueprint(blueprint(tabs, play_state="paused"), make_active=False)
 
 

@@ -68,7 +68,7 @@ def test_the_document_has_these_keys(quick, capsys):
 @pytest.mark.slow
 def test_all_methods_on_all_cores_are_reported_with_their_losses_first(tmp_path, capsys):
     out = tmp_path / "new" / "folder"
-    assert main(["compare", FLIGHT, "--hop", "6000", "--out", str(out)]) == 0
+    assert main(["compare", FLIGHT, "--train", "400", "--hop", "6000", "--out", str(out)]) == 0
     said = capsys.readouterr().out
     assert said.startswith("DEM's error is not distinguishable from another method's: only ")
     assert all(f"\n{method.name} " in said for method in METHODS)
@@ -85,6 +85,7 @@ def test_all_methods_on_all_cores_are_reported_with_their_losses_first(tmp_path,
     assert not multiprocessing.active_children()
 
 
+@pytest.mark.slow
 def test_what_cannot_be_compared_is_reported_and_the_others_are_compared(quick, tmp_path, capsys):
     missing = str(tmp_path / "missing.tlog")
     assert main(["compare", SLOW, FLIGHT]) == 0

@@ -133,6 +133,7 @@ def test_what_is_left_open_is_chosen_as_learning_at_once_chooses_it():
     assert aside.learned.settings == online.learned.settings and estimate.model is not None
 
 
+@pytest.mark.slow
 def test_a_gap_keeps_what_was_learnt_and_predicts_nothing_across():
     online = OnlineLearner(COMPLETE, dt=0.01)
     flown(online, WINDY[:400])

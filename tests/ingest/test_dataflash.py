@@ -353,6 +353,7 @@ def test_the_firmware_and_what_the_logger_lost_are_known(tmp_path):
     assert "The logger had no room for 8 messages (DSF): they are missing." in vehicle.repairs
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(data=st.data())
 def test_any_damage_is_survived(data, tmp_path_factory):

@@ -377,6 +377,7 @@ def test_zeros_behind_the_data_take_neither_memory_nor_time(name: str, tmp_path:
         tracemalloc.stop()
 
 
+@pytest.mark.slow
 def test_a_small_archive_may_not_hold_any_number_of_bytes(tmp_path: Path) -> None:
     path = written(tmp_path / "flight.tlog.xz", lzma.compress(bytes(100_000_000), preset=0))
     with pytest.raises(Unreadable, match="holds more than 6. MiB"):

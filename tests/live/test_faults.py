@@ -13,7 +13,8 @@ FAULTS = {"reboot": 14.0, "outage": 25.0, "outage_seconds": 4.0, "clock_jump": 3
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("without_wind_fits")
-def test_a_session_with_all_faults_ends_with_a_good_model_and_every_second_is_accounted_for():
+def test_a_session_with_all_faults_ends_with_a_good_model_and_every_second_is_accounted_for(monkeypatch):
+    monkeypatch.setattr("live_faults.RATE", 50.0)
     long = load("ardupilot_faults").model_dump(mode="json")
     weak = {**long["vehicle"], "weak_from": 43.0}  # all of the second flight
     scenario = scenario_of({**long, **SHORT, "faults": FAULTS, "vehicle": weak})

@@ -44,6 +44,7 @@ def test_frames_of_random_content_from_the_vehicle_itself_raise_nothing():
         np.testing.assert_allclose(np.diff([row.time for row in rows]), made.setups[number].dt, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_impossible_values_stray_stamps_and_too_many_ports_change_nothing():
     odd = []
     values, stamps = [float("nan"), 1e38, float("inf"), -700.0] * 5, [1, 2**32 - 1, 900_000, 123_456_789] * 5
@@ -79,6 +80,7 @@ def test_two_heartbeats_in_a_row_that_say_disarmed_are_believed():
     assert not made.stream.status().flying
 
 
+@pytest.mark.slow
 def test_thousands_of_senders_take_no_memory_and_not_the_place_of_the_vehicle():
     chance, stream = random.Random(1), replay(FLIGHT.frames(end=13.0)).stream
     rest, forged = FLIGHT.frames(start=13.0, end=18.0), []

@@ -50,6 +50,7 @@ def with_demand(motors: float) -> Timed:
     return frames
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("motors", "wanted"), [(5.0, None), (100.0, "demand")])
 def test_the_demand_is_the_input_where_motors_come_too_slowly_or_it_is_asked_for(motors, wanted):
     frames = with_demand(motors)

@@ -46,6 +46,7 @@ def test_a_gap_begins_a_new_segment_with_the_same_step(silence):
     same_as_offline(made, frames + rest)
 
 
+@pytest.mark.slow
 def test_a_message_that_is_lost_is_bridged():
     frames = FLIGHT.frames(end=16.0)
     del frames[2 * 1200 + 7]
@@ -58,6 +59,7 @@ def test_a_message_that_is_lost_is_bridged():
     assert replay(frames).stream.status().lost == 1, "one that is overtaken is not lost"
 
 
+@pytest.mark.slow
 def test_a_fifth_lost_changes_no_segment():
     chance = random.Random(3)
     frames = [entry for entry in FLIGHT.frames(end=30.0) if chance.random() > 0.2]
@@ -77,6 +79,7 @@ def test_a_fifth_lost_changes_no_segment():
         np.testing.assert_allclose(told, expected, rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_after_a_reboot_everything_begins_anew():
     first = FLIGHT.frames(end=18.0)
     made = replay(first + shifted(FLIGHT.frames(end=18.0), 20.0))
@@ -106,6 +109,7 @@ def test_stamps_of_unix_time_are_moved_to_the_boot_clock():
     assert made.rows[-1].time == pytest.approx(17.99, abs=0.02)
 
 
+@pytest.mark.slow
 def test_a_rate_that_comes_back_has_the_step_it_had():
     chance = random.Random(0)
     slow = Flight(hover=FLIGHT.hover, attitude=50.0, motors=50.0).frames(start=18.0, end=23.0)
@@ -146,6 +150,7 @@ def test_a_stream_that_is_too_slow_is_reported_with_the_remedy_and_gives_no_rows
     assert "There is no message with motor outputs." in replay(bare).sentences
 
 
+@pytest.mark.slow
 def test_copies_change_nothing():
     frames = FLIGHT.frames(end=18.0)
     twice = [entry for entry in frames for _ in range(2)]

@@ -68,6 +68,7 @@ def test_a_stream_that_comes_faster_is_low_passed_as_align_does_it(flight):
     assert inputs < 0.01 * 600
 
 
+@pytest.mark.slow
 def test_only_what_is_settled_is_called_so():
     flight = Flight()
     frames = flight.frames()
@@ -80,6 +81,7 @@ def test_only_what_is_settled_is_called_so():
     assert len(settled) == round((settled[-1] - settled[0]) / 0.01) + 1
 
 
+@pytest.mark.slow
 def test_what_comes_of_it_does_not_depend_on_how_the_bytes_are_cut():
     frames = Flight().frames(end=18.0)
     whole, pieces = replay(frames), replay(cut(frames, 0))

@@ -163,7 +163,7 @@ def test_a_browser_runs_nothing_that_a_log_says_and_scrolls_sideways_in_the_tabl
     assert shown(fleet_page(hostile()), FITS, tmp_path, width) == ("Fleet", True)
 
 
-def test_columns_of_which_nothing_is_known_are_left_out():
+def test_columns_of_which_nothing_is_known_are_left_out(without_figures):
     nothing = dict.fromkeys(("effect", "damping", "lag", "wind_torque_sd", "residual_mean", "error_ratio"))
     text = fleet_page([flight_row("quad", number, tier="c", **nothing) for number in range(3)])
     heads = re.findall(r'<button type="button">(.*?)</button>', text.split("<thead>")[1].split("</thead>")[0])

@@ -59,7 +59,7 @@ def logged(scenario: Scenario, folder: Path) -> tuple[Motion, dict[str, dict[str
 
 @pytest.mark.slow
 def test_a_landing_that_nobody_noticed_is_on_the_ground_and_in_no_message(tmp_path):
-    scenario = brief("landing_unnoticed", 40.0)
+    scenario = brief("landing_unnoticed", 60.0)
     motion, messages, _ = logged(scenario, tmp_path)
     idles = motion.armed & (motion.landed_state == 1) & (motion.time > 10)
     assert motion.time[idles][-1] - motion.time[idles][0] == pytest.approx(scenario.idle + 2, abs=1)
@@ -82,6 +82,7 @@ def test_motors_stop_below_the_pulse_range_as_the_parameter_says(tmp_path):
     assert motion.outputs.max() == pulse(0.64) == messages["SERVO_OUTPUT_RAW"]["servo1_raw"].max()
 
 
+@pytest.mark.slow
 def test_parameters_say_what_the_autopilot_takes_the_frame_for(tmp_path):
     _, _, parameters = logged(brief("oscillating_frame", 20.0), tmp_path)
     assert parameters["FRAME_TYPE"] == 0

@@ -34,7 +34,7 @@ SPECTRUM_SECONDS = 8.0  # of the windows whose spectra are averaged, with half o
 INDEPENDENT = 18 / 19  # of windows by Hann with half of each in the next, as many count (Welch, 1967)
 SLOW_HERTZ = 1.0  # below which the slow wind's answer counts
 
-CHANGE_SECONDS = 2.0  # by which the time of a change of the vehicle may be off
+CHANGE_SECONDS = 2.0  # on either side of a step
 STEP_SHARE, STEP_SHARPNESS = 0.5, 0.75
 """Of the variance by a step, and of the step within ``CHANGE_SECONDS``: no wind of 105 simulated flights had both."""
 LEVEL_SECONDS = 10.0  # of the running median, which a gust stands out from
@@ -178,7 +178,7 @@ def wind(physical: Physical, record: Record, changes: Sequence[float] = ()) -> W
     scale_error = np.sqrt(shares @ covariance @ shares + added**2 + MODEL_ERRORS.wind_sd**2)
     spectra = _spectra(torques, record)
     band = half_width(variance)
-    gusty = gusts(torques.mean, band, record, shortest_gust(physical, record.dt), cuts)
+    gusty = gusts(torques.mean, band, record, shortest_gust(physical, record.dt))
     return WindTorque(
         torque=torques.mean,
         band=band,
@@ -327,15 +327,14 @@ def shortest_gust(physical: Physical, dt: float) -> float:
     return 0.5 / float(resolved.max(initial=frequency[0])) + physical.lag + physical.delay
 
 
-def gusts(torque: Array, band: Array, record: Record, shortest: float = 0.0, changes: Sequence[int] = ()) -> Gusts:
+def gusts(torque: Array, band: Array, record: Record, shortest: float = 0.0) -> Gusts:
     """Returns the gusts of the wind's ``torque`` (T,), no less than twice the half width of its ``band`` (T,).
 
-    They last ``shortest`` s or more, return to the level they left, and are not where the vehicle ``changes``, samples.
-    The rate of false ones is that at which a Gaussian process of the same variance and the same variance of its
-    derivative crosses the threshold, on both sides (Rice, "Mathematical analysis of random noise", 1944, sec. 3.3).
+    They last ``shortest`` s or more and return to the level they left: a step, as of a motor, is none. The rate of
+    false ones is that at which a Gaussian process of the same variance and the same variance of its derivative crosses
+    the threshold, on both sides (Rice, "Mathematical analysis of random noise", 1944, sec. 3.3).
     """
-    starts = np.unique([*record.starts, *changes]).astype(np.intp)
-    parts, bands = np.split(torque, starts[1:]), np.split(band, starts[1:])
+    parts, bands = np.split(torque, record.starts[1:]), np.split(band, record.starts[1:])
     away = [part - _level(part, record.dt) for part in parts]
     sd = float(np.median(np.abs(np.concatenate(away)))) / NORMAL_MEDIAN
     if sd == 0.0:
@@ -344,8 +343,8 @@ def gusts(torque: Array, band: Array, record: Record, shortest: float = 0.0, cha
     # Likewise by the median, so that gusts do not count.
     crossings = float(np.median(np.abs(slopes))) / NORMAL_MEDIAN / sd / (2 * np.pi)
     false = 2 * 60 * crossings * float(np.exp(-(THRESHOLD**2) / 2))
-    detected, beside, apart = [], round(LEVEL_SECONDS / 2 / record.dt), CHANGE_SECONDS / record.dt
-    for first, whole, part, width in zip(starts.tolist(), parts, away, bands, strict=True):
+    detected, beside = [], round(LEVEL_SECONDS / 2 / record.dt)
+    for first, whole, part, width in zip(record.starts.tolist(), parts, away, bands, strict=True):
         outside = np.concatenate([[False], np.abs(part) > END * THRESHOLD * sd, [False]])
         # A change of sign ends a gust.
         edges = np.flatnonzero(np.diff(outside * np.sign(np.concatenate([[0], part, [0]]))))
@@ -354,9 +353,8 @@ def gusts(torque: Array, band: Array, record: Record, shortest: float = 0.0, cha
             sample, length = first + start, (stop - start) * record.dt
             before, after = whole[max(start - beside, 0) : start], whole[stop : stop + beside]
             stays = before.size and after.size and abs(np.median(after) - np.median(before)) > THRESHOLD * sd
-            changed = any(sample - apart < change < first + stop + apart for change in changes)
             high = abs(part[peak]) > max(THRESHOLD * sd, CERTAIN * width[peak])
-            if high and length >= shortest and not (stays or changed):
+            if high and length >= shortest and not stays:
                 detected.append(DetectedGust(sample, sample * record.dt, length, float(part[peak])))
     return Gusts(tuple(detected), THRESHOLD * sd, false)
 

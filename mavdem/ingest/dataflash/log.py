@@ -125,7 +125,8 @@ def read_dataflash(path: str | os.PathLike[str], progress: Progress = no_progres
         apart = (f"The file holds logs of {len(parts)} vehicles, by their boards or calibrations: this is {number}.",)
         vehicles.append(replace(one, system=number, repairs=apart + one.repairs) if len(parts) > 1 else one)
     frames = sum(recording.counts.values())
-    return log_of_vehicles(tuple(vehicles), frames, recording.bytes_skipped, counts=recording.counts)
+    counts = recording.counts if len(parts) == 1 else None
+    return log_of_vehicles(tuple(vehicles), frames, recording.bytes_skipped, counts=counts)
 
 
 def _by_board(recording: DataflashRecording) -> list[DataflashRecording]:
