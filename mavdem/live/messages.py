@@ -111,11 +111,8 @@ def _frame_at(data: bytes, start: int) -> tuple[Frame | None, int]:
     payload, behind = start + size, start + size + header[1]
     definition, verdict = definitions().get(message_id), framing.UNKNOWN
     if definition is not None:
-        sent, right = (
-            data[behind] | data[behind + 1] << 8,
-            framing.frame_checksum(data[start + 1 : behind], definition.seed),
-        )
-        verdict = framing.GOOD if sent == right else framing.FAILED
+        expected = framing.frame_checksum(data[start + 1 : behind], definition.seed)
+        verdict = framing.GOOD if data[behind] | data[behind + 1] << 8 == expected else framing.FAILED
     return Frame(message_id, system, component, sequence, verdict, data[payload:behind]), end
 
 

@@ -96,7 +96,7 @@ def test_what_cannot_be_compared_is_reported_and_the_others_are_compared(quick, 
     told = strict_json(said.out)
     assert [(one["flight"], bool(one["error"]["remedy"])) for one in told["refused"]] == [
         ("ardupilot_default_rates", True),
-        ("missing", False),
+        ("missing", True),
     ]
     assert list(told["sources"].values()) == [FLIGHT]
     assert said.err.count("not compared: ") == said.err.count("\n") == 2

@@ -4,7 +4,7 @@ import html
 import os
 import signal
 import time
-from concurrent.futures import BrokenExecutor
+from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
 from dataclasses import replace
 from itertools import groupby
 from pathlib import Path
@@ -209,8 +209,12 @@ def test_dashboard_and_page_of_a_session_say_the_same():
     known = mavdem.learn(late, COMPLETE).physical
     # As fitted in flight, to more than the model's own samples.
     one._estimate = one._estimate._replace(physical=known)
+    with ThreadPoolExecutor(1) as one.executor:
+        one._judge(1e9)
+    one._judge(1e9)
+    in_flight = one.status.findings
     one.judge(model)
-    assert model.physical is known
+    assert model.physical is known and in_flight.purposes[:2] == one.findings.purposes[:2]
     status, units = one.status, (("µs",) * 4, ("rad", "rad/s"))
     channels = Channels("a session", 0.01, (1, 25), model.record.input_names, model.record.output_names, *units)
     row = ViewRow(60.0, 0.0, 0, np.zeros(2), np.zeros(4), one._estimate, model, channels)
