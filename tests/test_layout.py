@@ -138,7 +138,7 @@ BUDGETS = {
     "mavdem": 680,
     "ingest": 5600,
     "alignment": 2020,
-    "condition": 785,
+    "condition": 795,
     "dem": 8960,
     "health": 1060,
     "baselines": 1050,
