@@ -1,6 +1,6 @@
 """The boot clock undoes wraps, counts reboots, keeps gaps, and is not taken in by outliers."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -160,6 +160,24 @@ def test_a_clock_that_jumps_to_and_fro_is_ignored_where_it_is_ahead():
     assert np.array_equal(made.time[::2], times[::2]) and not made.boot.any()
     assert np.array_equal(made.time[1:-1:2], times[:-2:2])
     assert "299 time stamps of ATTITUDE" in made.repairs[0]
+
+
+@pytest.mark.parametrize("uptime", [10.0, 3000.0])
+@pytest.mark.parametrize("wrong", [2**32 - 1, 2**31, 2**30 + 5])
+@pytest.mark.parametrize("damaged", [slice(300, None, 2), slice(301, None, 2), slice(450, None)])
+def test_stamps_that_the_receiver_contradicts_are_no_wraps(uptime, wrong, damaged):
+    times = uptime + 0.1 * np.arange(600)
+    stamps = times.copy()
+    stamps[damaged] = wrong / 1e3
+    good = stamps == times
+    kinds = [Stamps("ATTITUDE", 2 * np.arange(600), stamps, WRAP_MS)]
+    other = [Stamps("ATTITUDE", 2 * np.arange(600), times, WRAP_MS)]
+    of_other = Stamps("SERVO_OUTPUT_RAW", 1 + 2 * np.arange(600), stamps, WRAP_MS)
+    for kinds, first in (([*kinds, replace(of_other, seconds=times)], 0), ([*other, of_other], 1)):
+        made = clock(kinds, 1e9 + np.repeat(times, 2))
+        assert np.allclose(made.time[first::2][good], times[good]) and not made.boot.any()
+        assert made.time.max() <= times[-1] and made.time.min() >= times[0]
+        assert len(made.repairs) == 1 and "ignored" in made.repairs[0]
 
 
 def test_a_message_whose_stamp_is_ignored_repeats_the_last_of_its_kind():
