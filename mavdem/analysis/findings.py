@@ -209,7 +209,9 @@ def _in_short(
 ) -> str:
     """A flight that nothing overrides, in one sentence: only what is clearly so; ``windy`` where the wind is GOOD."""
     words, hover = ["Healthy" if watched else "No fault seen"], None if condition is None else condition.hover
-    if hover is None:
+    if condition is None:
+        words = ["Model only: the vehicle's condition is not judged"]
+    elif hover is None:
         words = ["Motor outputs not known"]
     elif other:
         words = [other]

@@ -139,6 +139,7 @@ def test_what_overrides_leaves_nothing_good_and_decides_what_to_do(known, headli
     sound = findings_of(model(physical()), held_out(), SimpleNamespace(hover=HOVER, oscillation=None), watched=True)
     assert {one.grade for one in sound.purposes} == {GOOD} and "reference" in sound.next_step
     assert sound.headline == "Healthy."
+    assert "not judged" in findings_of(model(physical())).headline  # of the model alone nothing is said of the vehicle
     found = findings_of(
         model(physical()), held_out(), **({"condition": SimpleNamespace(hover=HOVER, oscillation=None)} | known)
     )
