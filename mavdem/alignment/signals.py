@@ -56,7 +56,6 @@ message before them: a few ms, for a quantity that changes over seconds."""
 NO_CELL = 65535  # mV of a cell, or battery, that is not measured
 LEAST_VOLTAGE, MOST_VOLTAGE = 1.0, 1000.0
 """V: below, there is no battery monitor, or the simulator has no battery; above, the message is damaged."""
-LEAST_VOLTAGES = 5
 MINIMUM_RATE = 40.0
 """Hz, of attitude and of motors. Ten times the roughly 4 Hz at which a multirotor's roll loop crosses over, and what is
 left of a 50 Hz stream on a link that loses a fifth. On recorded flights motors add nothing to a forecast at 1-10 Hz and
@@ -239,7 +238,7 @@ class Signals:
             possible[possible] = ~far_off(volts[possible], 9, volts[possible] / 2)  # damage doubles single ones
             measured = series(columns, volts, possible)
             # Of a battery that is not measured, single messages have a voltage by damage.
-            usual = np.count_nonzero(possible) >= max(LEAST_VOLTAGES, np.count_nonzero(~np.isnan(volts)) / 2)
+            usual = np.count_nonzero(possible) >= max(5, np.count_nonzero(~np.isnan(volts)) / 2)
             if usual and len(measured.time):
                 return measured
         return None

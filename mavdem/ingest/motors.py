@@ -115,10 +115,10 @@ def motor_geometry(
     if channels_assumed:
         count = MOTOR_COUNTS.get(vehicle, len(moving))
         moved, basis = sorted(moving)[:count], "the channels that move"
-        start = moved[0] - (moved[0] - 1) % bank if moved else 1
-        usual = [channel for channel in range(start, start + bank) if channel not in others][:count]
-        # A motor whose output never changes is one all the same. Those of a tricopter are on no row of channels.
-        if count <= 2 * len(moved) < 2 * count and set(moved) <= set(usual) and vehicle != "TRICOPTER":
+        before = (min(moving, default=1) - 1) // bank * bank
+        usual = [channel for channel in range(before + 1, 33) if channel not in others][:count]
+        # A motor whose output never changes is one all the same. A tricopter's are on no row of channels.
+        if count / 2 <= len(moved) < count and set(moved) <= set(usual) and vehicle != "TRICOPTER":
             moved, basis = usual, f"the first {count} channels"
         known = dict(enumerate(moved, 1))
     motors, channels = tuple(sorted(known)), tuple(known[motor] for motor in sorted(known))
@@ -250,11 +250,8 @@ class OutputScale:
     stop: float = 1.0
 
     def fraction(self, outputs: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Outputs as a share of the range, 0 at ``low`` and 1 at ``high``; below 0 when disarmed on some autopilots.
-
-        An output of 0 below the range is none, and a share of 0: a motor that is off does not brake the others.
-        """
-        return (np.where((outputs == 0) & (self.low > 0), self.low, outputs) - self.low) / (self.high - self.low)
+        """Outputs as a share of the range, 0 at ``low`` or off, 1 at ``high``; below 0 disarmed on some autopilots."""
+        return np.where((outputs == 0) & (self.low > 0), 0.0, (outputs - self.low) / (self.high - self.low))
 
 
 MIN_PULSE_RANGE = 300.0  # µs from no to full throttle; less is no range of a speed controller

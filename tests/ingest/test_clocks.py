@@ -173,8 +173,8 @@ def test_stamps_that_the_receiver_contradicts_are_no_wraps(uptime, wrong, damage
     kinds = [Stamps("ATTITUDE", 2 * np.arange(600), stamps, WRAP_MS)]
     other = [Stamps("ATTITUDE", 2 * np.arange(600), times, WRAP_MS)]
     of_other = Stamps("SERVO_OUTPUT_RAW", 1 + 2 * np.arange(600), stamps, WRAP_MS)
-    for kinds, first in (([*kinds, replace(of_other, seconds=times)], 0), ([*other, of_other], 1)):
-        made = clock(kinds, 1e9 + np.repeat(times, 2))
+    for sent, first in (([*kinds, replace(of_other, seconds=times)], 0), ([*other, of_other], 1)):
+        made = clock(sent, 1e9 + np.repeat(times, 2))
         assert np.allclose(made.time[first::2][good], times[good]) and not made.boot.any()
         assert made.time.max() <= times[-1] and made.time.min() >= times[0]
         assert len(made.repairs) == 1 and "ignored" in made.repairs[0]

@@ -236,13 +236,12 @@ def _ignored(message: str, stamps: int) -> list[str]:
 
 def _ahead(raw: Times, received: Times) -> NDArray[np.bool_]:
     """Stamps far ahead of the last good one by the receiver's clock, which runs as fast: of damaged bytes, no wraps."""
-    ahead = np.zeros(len(raw), dtype=np.bool_)
+    ahead, good = np.zeros(len(raw), dtype=np.bool_), 0
     steps, gaps = np.diff(raw), np.diff(received)
     jumps = steps > AHEAD + 2 * np.abs(gaps)
-    if not jumps.any() or not 0.5 < np.median(steps[~jumps & (steps > 0)]) / max(np.nanmedian(gaps), 1e-9) < 2:
-        return ahead
-    good = 0
-    for row in range(1, len(raw)):
+    ran = ~jumps & (steps > 0)
+    as_fast = 0.5 < steps[ran].sum() / max(float(np.nansum(gaps[ran])), 1e-9) < 2
+    for row in range(1, len(raw)) if jumps.any() and as_fast else ():
         ahead[row] = raw[row] - raw[good] > AHEAD + 2 * abs(received[row] - received[good])
         good = good if ahead[row] else row
     return ahead if 2 * np.count_nonzero(ahead) < len(ahead) else np.zeros_like(ahead)
