@@ -9,6 +9,7 @@ import pytest
 import mavdem
 from mavdem.analysis import analyse
 from mavdem.fleet import rows_of_log as module
+from mavdem.fleet.difference import conditions_of
 from mavdem.fleet.row import FlightRow
 from mavdem.fleet.rows_of_log import rows_of_log
 from mavdem.health.in_flight import MotorAlarm
@@ -40,6 +41,16 @@ def test_a_page_is_made_once_for_a_vehicle():
     # The figures of report.json are the row's.
     report = analyse(mavdem.ingest.read_log(SLOW), "pitch").as_dict()
     assert FlightRow.of(report, axis="pitch", file=rows[1].file).headroom == rows[1].headroom
+
+
+def test_a_row_has_a_wind_torque_only_where_it_is_known():
+    report = {"physical": {"status": {"effect": "biased"}}, "wind": {"sd": 0.8, "mean": 0.1, "mean_band": 0.2}}
+    assert FlightRow.of(report, axis="roll", file="f").wind_torque_sd == 0.8
+    unresolved = report | {"wind": report["wind"] | {"reason": "It is not resolved."}}
+    for unknown in (unresolved, report | {"physical": {"status": {"effect": "not identifiable"}}}):
+        row = FlightRow.of(unknown, axis="roll", file="f")
+        assert (row.wind_torque_sd, row.wind_torque_mean, row.wind_torque_interval) == (None, None, None)
+    assert conditions_of([[row]]).wind_torque == {}
 
 
 def test_an_error_in_one_vehicle_leaves_the_rows_of_the_others(slow_rows, monkeypatch):
