@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import stat
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import BinaryIO
@@ -73,6 +73,13 @@ def replaceable(path: str | os.PathLike[str]) -> Path:
     for folder in (Path(path).parent, place.parent):
         if not folder.is_dir():
             raise FileNotFoundError(None, f"there is no folder {folder}", str(path))
-    if not os.access(place.parent, os.W_OK | os.X_OK):
+    if not is_writable(place.parent):
         raise PermissionError(None, f"the folder {place.parent} is not writable", str(path))
     return place
+
+
+def is_writable(folder: Path) -> bool:
+    """Returns whether something can be made in a ``folder``, by trying: its mode does not tell for all file systems."""
+    with suppress(OSError), TemporaryDirectory(dir=folder, prefix=".unfinished."):
+        return True
+    return False
