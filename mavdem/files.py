@@ -1,7 +1,6 @@
 """Files that appear whole or not at all.
 
-A file that was there keeps its mode, and a symbolic link stays: what it leads to is replaced, as other programs that
-write to it would have it.
+A file that was there keeps its mode, and a symbolic link stays: what it leads to is replaced.
 """
 
 from __future__ import annotations
@@ -61,14 +60,12 @@ def replaceable(path: str | os.PathLike[str]) -> Path:
         OSError: something is there that cannot be replaced, or a name is too long, or a folder not writable.
     """
     place = Path(os.path.realpath(path))
-    try:
+    mode = stat.S_IFREG
+    with suppress(FileNotFoundError):
         mode = os.stat(place).st_mode
-    except FileNotFoundError:
-        mode = stat.S_IFREG
     if stat.S_ISDIR(mode):
         raise IsADirectoryError(None, "it is a folder", str(path))
-    if not stat.S_ISREG(mode):
-        # A device must not be replaced.
+    if not stat.S_ISREG(mode):  # a device must not be replaced
         raise FileExistsError(None, "it is there and no plain file", str(path))
     for folder in (Path(path).parent, place.parent):
         if not folder.is_dir():

@@ -1,5 +1,6 @@
 """Findings: a bad result never looks good, and each limit holds at its edge."""
 
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -8,10 +9,23 @@ import pytest
 from made_up_analysis import HOVER, analysis, held_out, model, physical
 
 from mavdem import Flight
-from mavdem.analysis.findings import GOOD, LIMITED, NONE, PURPOSES, Finding, findings_of, next_step, warnings_of
+from mavdem.analysis.findings import (
+    GOOD,
+    LIMITED,
+    NONE,
+    PURPOSES,
+    Finding,
+    _residuals,
+    findings_of,
+    next_step,
+    warnings_of,
+)
+from mavdem.analysis.residuals import Residuals
 from mavdem.condition.oscillation import Oscillation
+from mavdem.dem.graybox.identifiability import PARAMETERS, IdentifiabilityFigures, identifiability
 from mavdem.evaluate import HeldOut
 from mavdem.health.in_flight import MotorAlarm
+from mavdem.report.screen import parameter_reasons
 
 
 def grades(*found: object) -> tuple[str, ...]:
@@ -175,9 +189,51 @@ def test_residuals_that_are_far_from_white_are_said():
     learned = model(physical())
     slow = np.convolve(learned.record.outputs[:, 1], np.ones(10) / 3, "same")
     learned.record.outputs[:, 1] = slow
-    assert findings_of(learned).purposes[-1].grade == LIMITED
-    told = findings_of(learned, held_out()).purposes[-1]  # beside forecasts that are good
-    assert told.grade == GOOD and told.reason.startswith("Not white, but forecasts are good: ")
+    found = findings_of(learned, held_out())
+    told = found.purposes[-1]
+    assert told.grade == LIMITED and told.reason.startswith("Not white: ")
+    assert "reference" in found.next_step and "forecasts" not in found.next_step  # held-out windows count more
+
+
+@pytest.mark.parametrize(("size", "grade"), [(2.9, GOOD), (3.1, LIMITED)])
+def test_residuals_are_not_white_beyond_three_times_the_bound(size, grade):
+    lag, none = np.arange(3.0), np.zeros(3)
+    found = Residuals(none, lag, np.array([1.0, 0.03 * size, 0.0]), none, (0.03, 0.04))
+    told = _residuals(found)
+    assert told[0] == grade and told[1].startswith("Nearly white: " if grade == GOOD else "Not white: ")
+
+
+def test_a_model_alone_says_nothing_of_motors_that_it_does_not_know():
+    assert findings_of(model(physical())).headline == ""
+    rate = np.random.default_rng(0).standard_normal((200, 2))
+    flight = Flight(0.1 * np.arange(200), np.zeros((200, 4)), rate)
+    assert findings_of(model(physical()), flights=[flight]).headline in ("", "Well damped.")
+    assert findings_of(condition=SimpleNamespace(hover=None, oscillation=None)).headline == "Motor outputs not known."
+
+
+def test_under_what_overrides_reasons_keep_their_figures_and_ask_for_nothing():
+    windy = IdentifiabilityFigures(
+        0.46,
+        0.5,
+        dict.fromkeys(PARAMETERS, 0.6),
+        dict.fromkeys(PARAMETERS, 0.0),
+        dict.fromkeys(PARAMETERS, 0.3),
+        1,
+        0,
+        0.02,
+    )
+    statuses, reasons = identifiability(windy)
+    assert "until it has 25 %" in reasons["effect"] and "%" not in " ".join(reasons.values()).replace(" %", "")
+    known = physical(**{name: status for name, status in statuses.items() if status != "reported"})
+    known.reasons |= reasons
+    free = findings_of(model(known), held_out())
+    found = findings_of(model(known), held_out(), saturated(0.86))
+    headline = "Motor 3 is at its upper limit 86 % of the time."
+    assert "fly" in free.purposes[0].reason
+    assert found.purposes[0].reason.startswith("The wind has 46 % of the torque's variance, and the motors answer it")
+    assert found.purposes[3].reason == f"{free.purposes[3].reason} {headline}"
+    said = [one.reason for one in found.purposes] + parameter_reasons(known, doubted=True)
+    assert not re.search(r"\b(fly|steer|record|log)\b", " ".join(said), re.IGNORECASE)
 
 
 def test_warnings_are_only_where_they_mean_something():
