@@ -39,26 +39,17 @@ MAX_ROWS, MAX_REPORTS = 512, 4096  # Of each stream of outputs, and of each kind
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """What the rows of a segment are, like the ``provenance`` of a ``Flight``.
+    """What the rows of a segment are, like the ``provenance`` of a ``Flight``."""
 
-    Attributes:
-        segment, boot: numbers.
-        dt: step, s.
-        attitude, motors: names of the messages.
-        layout, scale: of the inputs.
-        rates: Hz of attitude and motors that decided the step.
-        start: first point of the grid, s; the first row may be a few seconds later.
-    """
-
-    segment: int
-    boot: int
-    dt: float
-    attitude: str
-    motors: str
-    layout: MotorGeometry
-    scale: OutputScale
-    rates: tuple[float, ...]
-    start: float
+    segment: int  # its number
+    boot: int  # its number
+    dt: float  # step, s
+    attitude: str  # name of the message
+    motors: str  # name of the message
+    layout: MotorGeometry  # of the inputs
+    scale: OutputScale  # of the inputs
+    rates: tuple[float, ...]  # Hz of attitude and motors that decided the step
+    start: float  # first point of the grid, s; the first row may be a few seconds later
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,10 +72,6 @@ class Inputs:
     def key(self) -> tuple[object, ...]:
         """What must not change within a segment."""
         return self.message, self.layout.channels, self.picks
-
-    def share(self, value: float) -> float:
-        """An output as a share of its range."""
-        return (value - self.scale.low) / (self.scale.high - self.scale.low)
 
 
 class InputChoice:

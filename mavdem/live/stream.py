@@ -185,8 +185,8 @@ class LiveStream:
             return
         if stream is streams[1]:
             used = [values[channel] for number, channel in inputs.picks if number == port]
-            share = inputs.share(sum(used) / len(used))
-            self._phase.take("collective", time, values[THRUST_COLUMN] if name == DEMAND_MESSAGE else share)
+            share = inputs.scale.fraction(np.array(used)).mean()
+            self._phase.take("collective", time, values[THRUST_COLUMN] if name == DEMAND_MESSAGE else float(share))
             self._watch_motors(time, inputs)
         if self._grid.running:
             if stream.gap:
@@ -309,8 +309,8 @@ class LiveStream:
         if not self._phase.settled(time):
             self._alarms.landed |= not self._phase.flying
         elif all(ports.values()):
-            commands = [inputs.share(ports[port][0][channel]) for port, channel in inputs.picks]
-            for event in self._alarms.take(time, self.boot, inputs, commands):
+            sent = np.array([ports[port][0][channel] for port, channel in inputs.picks])
+            for event in self._alarms.take(time, self.boot, inputs, inputs.scale.fraction(sent).tolist()):
                 self._report(*event)
 
     def _reboot(self, boot: int) -> None:

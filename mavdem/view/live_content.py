@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from mavdem.confidence import LEVEL
 from mavdem.dem import Estimate, Learned, LinearModel, Physical
 from mavdem.dem.engine.linalg import Array
-from mavdem.dem.graybox.wind import LEVEL_SECONDS, gusts, shortest_gust
+from mavdem.dem.graybox.wind import CHANGE_SECONDS, LEVEL_SECONDS, gusts, shortest_gust
 from mavdem.dem.online.learner import TOO_FEW
 from mavdem.dem.online.tracker import FALSE_MARK_SECONDS
 from mavdem.dem.priors import hyperparameter_groups
@@ -207,9 +207,10 @@ class LiveWriter:
         shortest = 0.0 if self._physical is None else shortest_gust(self._physical, dt)
         changes = [int(np.searchsorted(time, at)) for at in self._changes if time[0] < at < time[-1]]
         series = Record(torque[:, None], torque[:, None], dt, (len(torque),))
-        for gust in gusts(torque, band, series, shortest, changes).found:
+        for gust in gusts(torque, band, series, shortest).found:
             end = gust.sample + round(gust.length / dt)
-            if end < len(time) and time[end] > before:
+            near = any(abs(gust.sample - at) * dt <= CHANGE_SECONDS for at in changes)
+            if end < len(time) and time[end] > before and not near:
                 text = f"gust: {readable('rad/s²').scale * gust.size:+.0f} °/s² for {gust.length:.2g} s"
                 log(recording, float(time[gust.sample]), text)
 

@@ -186,10 +186,10 @@ def idling() -> Telemetry:
     return changed(HOVER.telemetry(), "SERVO_OUTPUT_RAW", **idle)
 
 
-def shaking() -> Telemetry:
+def shaking(size: float = 1.0, share: float = 1.0) -> Telemetry:
     """97 Hz sampled at 100 Hz looks like a slow oscillation of the rate that the angle does not follow."""
     time, rate = (HOVER.telemetry().messages["ATTITUDE"][name] for name in ("time", "rollspeed"))
-    return changed(HOVER.telemetry(), "ATTITUDE", rollspeed=rate + np.sin(2 * np.pi * 97 * time))
+    return changed(HOVER.telemetry(), "ATTITUDE", rollspeed=share * rate + size * np.sin(2 * np.pi * 97 * time))
 
 
 GAPS = HOVER.stamps(100.0)[HOVER.stamps(100.0) % 3.0 < 2.5]
@@ -214,6 +214,7 @@ REFUSED = {
     "too few": (with_outputs(**SIX), "8, 10, 12, but SERVO_OUTPUT_RAW has no channel 10, 12.", "16"),
     "idling": (idling(), "its motors ran at 10 % of their range at most, and flight takes 20 %", "Record a flight"),
     "shaking": (shaking(), "contradict", "long SET_MESSAGE_INTERVAL 30 5000"),
+    "noise of a gyroscope": (shaking(0.01, 0.0), "hardly moves", "excite roll with the stick"),
     "submarine": (HOVER.telemetry(vehicle="SUBMARINE"), "HEARTBEAT reports the type SUBMARINE; ", "multirotor's log."),
 }
 
