@@ -9,7 +9,6 @@ import pytest
 import mavdem
 from mavdem.analysis import analyse
 from mavdem.fleet import rows_of_log as module
-from mavdem.fleet.difference import conditions_of
 from mavdem.fleet.row import FlightRow
 from mavdem.fleet.rows_of_log import rows_of_log
 from mavdem.health.in_flight import MotorAlarm
@@ -50,7 +49,6 @@ def test_a_row_has_a_wind_torque_only_where_it_is_known():
     for unknown in (unresolved, report | {"physical": {"status": {"effect": "not identifiable"}}}):
         row = FlightRow.of(unknown, axis="roll", file="f")
         assert (row.wind_torque_sd, row.wind_torque_mean, row.wind_torque_interval) == (None, None, None)
-    assert conditions_of([[row]]).wind_torque == {}
 
 
 def test_an_error_in_one_vehicle_leaves_the_rows_of_the_others(slow_rows, monkeypatch):
