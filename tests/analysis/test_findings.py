@@ -199,17 +199,14 @@ def test_a_model_alone_says_nothing_of_motors_that_it_does_not_know():
 
 def test_under_what_overrides_reasons_keep_their_figures_and_ask_for_nothing():
     sds, none, ranges = (dict.fromkeys(PARAMETERS, size) for size in (0.6, 0.0, 0.3))
-    windy = IdentifiabilityFigures(0.46, 0.5, sds, none, ranges, 1.0, 0.0, 0.02)
-    statuses, reasons = identifiability(windy)
+    statuses, reasons = identifiability(IdentifiabilityFigures(0.46, 0.5, sds, none, ranges, 1.0, 0.0, 0.02))
     assert "until it has 25 %" in reasons["effect"] and "%" not in " ".join(reasons.values()).replace(" %", "")
     known = physical(**{name: status for name, status in statuses.items() if status != "reported"})
     known.reasons |= reasons
-    free = findings_of(model(known), held_out())
+    free = findings_of(model(known), held_out()).purposes
     found = findings_of(model(known), held_out(), saturated(0.86))
     assert found.purposes[0].reason.startswith("The wind has 46 % of the torque's variance, and the motors answer it")
-    assert (
-        "fly" in free.purposes[0].reason and found.purposes[3].reason == f"{free.purposes[3].reason} {found.headline}"
-    )
+    assert found.purposes[3].reason == f"{free[3].reason} {found.headline}" and "fly" in free[0].reason
     said = [one.reason for one in found.purposes] + parameter_reasons(known, doubted=True)
     assert not re.search(r"\b(fly|steer|record|log)\b", " ".join(said), re.IGNORECASE)
 
