@@ -203,9 +203,9 @@ def _fill(sent: Sequence[Sent], placed: Mapping[str, PlacedStamps]) -> None:
 
 def _placed_alone(kind: Sent, places: Places, raw: Times, received: Times) -> tuple[_Kept, list[str]]:
     """The reference, by its own stamps: without outliers, wraps undone, reboots counted."""
-    sent = len(raw)
-    places, raw, received = without(outliers(raw), places, raw, received)
-    places, raw, received = without(_ahead(raw, received), places, raw, received)
+    outlier = outliers(raw)
+    outlier[~outlier] = _ahead(raw[~outlier], received[~outlier])
+    places, raw, received = without(outlier, places, raw, received)
     wraps = 1 + np.flatnonzero((np.diff(raw) < 0) & (np.diff(raw) + kind.period <= WRAP_GAP))
     turns = np.zeros(len(raw), dtype=np.int64)
     turns[wraps] = 1
@@ -218,7 +218,7 @@ def _placed_alone(kind: Sent, places: Places, raw: Times, received: Times) -> tu
     if len(wraps):
         time = raw + kind.period * (turns - turns[np.concatenate([[0], reboots])][boot])
     late = before_lower(time, boot)
-    repairs = _ignored(kind.message, sent - len(raw) + int(np.count_nonzero(late)))
+    repairs = _ignored(kind.message, int(np.count_nonzero(outlier) + np.count_nonzero(late)))
     if len(wraps):
         repairs.append(f"The clock of {kind.message} wraps every {kind.period / 60:.1f} min; undone.")
     if len(reboots):
@@ -239,9 +239,8 @@ def _ahead(raw: Times, received: Times) -> NDArray[np.bool_]:
     ahead, good = np.zeros(len(raw), dtype=np.bool_), 0
     steps, gaps = np.diff(raw), np.diff(received)
     jumps = steps > AHEAD + 2 * np.abs(gaps)
-    ran = ~jumps & (steps > 0)
-    as_fast = 0.5 < steps[ran].sum() / max(float(np.nansum(gaps[ran])), 1e-9) < 2
-    for row in range(1, len(raw)) if jumps.any() and as_fast else ():
+    passed, ran = (float(np.nansum(each[~jumps & (steps > 0)])) for each in (gaps, steps))
+    for row in range(1, len(raw)) if jumps.any() and passed / 2 < ran < 2 * passed else ():
         ahead[row] = raw[row] - raw[good] > AHEAD + 2 * abs(received[row] - received[good])
         good = good if ahead[row] else row
     return ahead if 2 * np.count_nonzero(ahead) < len(ahead) else np.zeros_like(ahead)
@@ -279,7 +278,6 @@ def _placed_against(reference: _Kept, kind: Sent, places: Places, seconds: Times
     for begin in range(0, len(time), BATCH):
         rows = slice(begin, begin + BATCH)
         time[rows], off[rows], boot[rows] = _read_against(reference, places[rows], seconds[rows], kind.period)
-    turned = np.isfinite(kind.period) & (np.abs(time - seconds) > kind.period / 2)
     inside = slice(*np.searchsorted(places, reference.places[[0, -1]], side="right").tolist())
     typical = float(np.median(off[inside] if inside.start < inside.stop else off))
     repairs = []
@@ -295,8 +293,8 @@ def _placed_against(reference: _Kept, kind: Sent, places: Places, seconds: Times
         )
     outlier = outliers(off)
     near = slice(max(inside.start - MIN_RESET_STAMPS, 0), inside.stop + MIN_RESET_STAMPS)
-    outlier[near] |= (np.abs(off[near]) > AHEAD) | ((time[near] < 0) & turned[near])
-    if abs(typical) <= OTHER_EPOCH and (turned & ~outlier).any():
+    outlier[near] |= (np.abs(off[near]) > AHEAD) | (time[near] < 0)
+    if abs(typical) <= OTHER_EPOCH and (np.abs(time - seconds)[~outlier] > kind.period / 2).any():
         repairs.append(f"The clock of {kind.message} wraps every {kind.period / 60:.1f} min; undone.")
     repairs += _ignored(kind.message, int(np.count_nonzero(outlier)))
     return _Kept(*without(outlier, places, time, boot)), repairs

@@ -186,8 +186,7 @@ def _nothing_in(path: str | os.PathLike[str], recording: McapRecording, messages
         what = "is an MCAP recording of ROS 2 topics, not of MAVLink: it can be learnt from, or converted to a table"
         return f"{os.fspath(path)} {what} (.csv), but not to a stream of MAVLink."
     names = {channel.topic for channel in recording.channels.values()}
-    encoded = any(channel.encoding == "mavlink" for channel in recording.channels.values())
-    if recording.repairs() and (encoded or any(name.lstrip("/").startswith("mavlink/") for name in names)):
+    if recording.repairs() and any(name.lstrip("/").startswith("mavlink/") for name in names):
         what = f"is an MCAP recording whose MAVLink messages ({listed(names)}) are damaged or cut off"
         return f"{os.fspath(path)} {what}: none can be read. Copy it anew from where it was recorded."
     if names >= {"flight/inputs", "flight/outputs"}:  # of mavdem.export.channels
