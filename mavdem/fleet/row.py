@@ -179,7 +179,7 @@ def _value(value: Any, kind: Any) -> Any:
 
 
 def as_text(name: str) -> str:
-    """A name as text that UTF-8 can hold, which the name of a file need not be."""
+    """Returns a name as text that UTF-8 can hold, which the name of a file need not be."""
     return name.encode("utf-8", "backslashreplace").decode()
 
 
