@@ -70,7 +70,7 @@ def cautions_of(signals: Signals, figures: QualityFigures) -> tuple[str, ...]:
         cautions.append(
             f"The {_measured(axis, 'or')} is near the resolution of the stream (steps of {_steps(axis, figures)}): "
             "rounding can shrink what is learnt of the dynamics by "
-            f"{min(1.0, 1 / (1 + figures.output_snr)):.0%}."
+            f"{100 * min(1.0, 1 / (1 + figures.output_snr)):.0f} %."
         )
     if figures.consistency is not None and figures.consistency < DOUBTFUL_CONSISTENCY:
         cautions.append(f"The rate explains only {figures.consistency:.2f} of the angle's changes: noise, or an alias.")
@@ -369,7 +369,7 @@ def _grounded(signals: Signals, figures: QualityFigures) -> Obstacle:
             return reason, ask_for_rate(signals.telemetry)
         most = int(100 * phases.highest_collective(signals))
         least = phases.airborne_collective(signals.telemetry.parameters)
-        shown = f"its motors ran at {most}% of their range at most, and flight takes {least:.0%}"
+        shown = f"its motors ran at {most} % of their range at most, and flight takes {100 * least:.0f} %"
     return f"The vehicle was armed for {figures.armed:.0f} s and never left the ground: {shown}.", FLY
 
 

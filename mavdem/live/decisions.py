@@ -41,7 +41,6 @@ MAX_ROWS, MAX_REPORTS = 512, 4096  # Of each stream of outputs, and of each kind
 class Setup:
     """What the rows of a segment are, like the ``provenance`` of a ``Flight``."""
 
-    segment: int  # its number
     boot: int  # its number
     dt: float  # step, s
     attitude: str  # name of the message
@@ -143,16 +142,13 @@ class InputChoice:
 
 
 class Phase:
-    """Whether one boot is armed, airborne and settled, from its messages so far.
-
-    As of the last ``review``, ``flying``: whether it is airborne and, if that is reported, armed; ``steady``: whether
-    it also neither takes off nor lands where that is reported. ``idle``: whether outputs come and none has moved so
-    far. ``parameters``: of the autopilot.
-    """
+    """Whether one boot is armed, airborne and settled, from its messages so far."""
 
     def __init__(self) -> None:
-        self.flying = self.steady = self.idle = False
-        self.parameters: Mapping[str, float] = {}
+        self.flying = False  # as of the last review, airborne and, if that is reported, armed
+        self.steady = False  # and neither taking off nor landing where that is reported
+        self.idle = False  # whether outputs come and none has moved so far
+        self.parameters: Mapping[str, float] = {}  # of the autopilot
         kinds = ("collective", *REPORTED, *CLIMB_FIELDS)
         self._rows: dict[str, deque[tuple[float, float]]] = {kind: deque(maxlen=MAX_REPORTS) for kind in kinds}
         self._start = self._reviewed = -inf

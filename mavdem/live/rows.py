@@ -57,11 +57,11 @@ class BootClock:
 
     A stamp that does not continue the clock is held back. If the next attitude stamps continue from there, the clock
     has changed, and the held messages are placed on it; if one continues the old clock, they were outliers, which are
-    dropped. ``now``: the latest reference stamp, s; NaN before any. ``boot``: number, from 0 on.
+    dropped.
     """
 
     def __init__(self, report: Callable[[str], None]) -> None:
-        self.now, self.boot = nan, 0
+        self.now, self.boot = nan, 0  # the latest reference stamp, s, and the number of the boot
         self._latest, self._turns, self._accepted = nan, 0, 0
         self._held: list[Message] = []
         self._run: list[float] = []

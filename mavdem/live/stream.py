@@ -46,9 +46,6 @@ class LiveStream:
     is ``asked`` for rates already, no sentence advises it.
 
     Raises ValueError: unknown axis or inputs.
-
-    ``setup``: what the rows of the latest segment are; None before the first. ``samples``: number of samples of the
-    vehicle's attitude and motor outputs. ``boot``: number of the vehicle's boot, from 0 on.
     """
 
     def __init__(
@@ -58,8 +55,8 @@ class LiveStream:
             raise ValueError(f"axis must be one of {', '.join(TILT_AXES)}, not {axis!r}")
         if inputs not in (None, *INPUTS):
             raise ValueError(f"inputs must be one of {', '.join(INPUTS)}, not {inputs!r}")
-        self.setup: Setup | None = None
-        self.samples = self.boot = 0
+        self.setup: Setup | None = None  # what the rows of the latest segment are
+        self.samples = self.boot = 0  # of the vehicle: samples of attitude and motor outputs, and its boot's number
         self.axis, self._wanted, self._advice = axis, inputs, "" if asked else ADVICE
         self._frames, self._senders = FrameReader(), Senders(vehicle, self._report)
         self._clock = BootClock(self._report)
@@ -89,7 +86,7 @@ class LiveStream:
         """The vehicle's parameters received so far, by name; also those that MAVProxy stores for it."""
         if self.followed is None:
             return {}
-        store = self._senders.get(self.followed.system, PARAMETER_STORE)
+        store = self._senders.by_ids.get((self.followed.system, PARAMETER_STORE))
         sent = {**(store.parameters if store else {}), **self.followed.parameters}
         return parameters_of(sent.values(), self.followed.autopilot) if sent else {}
 
@@ -223,7 +220,7 @@ class LiveStream:
         grid, before, plan = self._grid, self.setup, inputs.layout
         assert grid.dt is not None and self._attitude is not None
         names = self._attitude, inputs.message
-        self.setup = now = Setup(grid.segment, self.boot, grid.dt, *names, plan, inputs.scale, grid.rates, grid.start)
+        self.setup = now = Setup(self.boot, grid.dt, *names, plan, inputs.scale, grid.rates, grid.start)
         if before is not None and (before.dt, before.motors, before.layout) == (now.dt, now.motors, plan):
             return
         self._report(
