@@ -1,6 +1,6 @@
 """The boot clock undoes wraps, counts reboots, keeps gaps, and is not taken in by outliers."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
 
@@ -162,20 +162,17 @@ def test_a_clock_that_jumps_to_and_fro_is_ignored_where_it_is_ahead():
     assert "299 time stamps of ATTITUDE" in made.repairs[0]
 
 
-@pytest.mark.parametrize("uptime", [10.0, 3000.0])
 @pytest.mark.parametrize("wrong", [2**32 - 1, 2**31, 2**30 + 5])
 @pytest.mark.parametrize("damaged", [slice(300, None, 2), slice(301, None, 2), slice(450, None)])
-def test_stamps_that_the_receiver_contradicts_are_no_wraps(uptime, wrong, damaged):
-    times = uptime + 0.1 * np.arange(600)
+def test_stamps_that_the_receiver_contradicts_are_no_wraps(wrong, damaged):
+    times = 10 + 0.1 * np.arange(600)
     stamps = times.copy()
     stamps[damaged] = wrong / 1e3
-    good = stamps == times
-    kinds = [Stamps("ATTITUDE", 2 * np.arange(600), stamps, WRAP_MS)]
-    other = [Stamps("ATTITUDE", 2 * np.arange(600), times, WRAP_MS)]
-    of_other = Stamps("SERVO_OUTPUT_RAW", 1 + 2 * np.arange(600), stamps, WRAP_MS)
-    for sent, first in (([*kinds, replace(of_other, seconds=times)], 0), ([*other, of_other], 1)):
-        made = clock(sent, 1e9 + np.repeat(times, 2))
-        assert np.allclose(made.time[first::2][good], times[good]) and not made.boot.any()
+    for first, columns in enumerate([(stamps, times), (times, stamps)]):
+        sent = zip(("ATTITUDE", "GLOBAL_POSITION_INT"), columns, strict=True)
+        kinds = [Stamps(name, row + 2 * np.arange(600), values, WRAP_MS) for row, (name, values) in enumerate(sent)]
+        made = clock(kinds, 1e9 + np.repeat(times, 2))
+        assert np.array_equal(made.time[first::2][stamps == times], times[stamps == times]) and not made.boot.any()
         assert made.time.max() <= times[-1] and made.time.min() >= times[0]
         assert len(made.repairs) == 1 and "ignored" in made.repairs[0]
 
