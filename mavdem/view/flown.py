@@ -18,6 +18,7 @@ from mavdem.ingest.vocabulary import euler_angles
 from mavdem.report import palette
 from mavdem.view.plots import BOOT_CLOCK, Plot, blueprint, recorded
 
+SPOOLING_SECONDS = 0.5  # how long rotors take to speed up and to slow down
 AIRBORNE_SPEED_SHARE = 0.9  # share of the median speed of armed rotors above which they carry the vehicle
 MAX_ROWS = 50_000  # the viewer draws every row
 TRAIL, POINTS_A_SECOND = 4.0, 20  # seconds of the way behind the vehicle that are drawn, anew ten times a second
@@ -100,7 +101,7 @@ def write_pose(path: str | os.PathLike[str], name: str, pose: Pose) -> None:
 
 def _plots(pose: Pose) -> list[Plot]:
     """What was flown, and the errors of what the autopilot knew of it; ranges are those in the air."""
-    rows, carries = pose.at(np.inf), pose.carries()
+    rows, carried = pose.at(np.inf), pose.time[pose.carries()]
     roll, known = (np.degrees(euler_angles(attitude)[0]) for attitude in (pose.attitude, pose.known_attitude))
     rate, known_rate = (np.degrees(rates[:, 0]) for rates in (pose.rates, pose.known_rates))
     motors = pose.outputs - pose.outputs.mean(axis=1, keepdims=True)
@@ -113,8 +114,9 @@ def _plots(pose: Pose) -> list[Plot]:
         ("wind", "Wind, m/s: where the air moves to", dict(zip(("north", "east", "down"), pose.wind.T, strict=True))),
         ("moment", "Disturbance moment, mN m", dict(zip(("roll", "pitch", "yaw"), 1e3 * pose.moment.T, strict=True))),
     )
-    # Outside the air, as long as rotors spool, values may be far off.
-    inside = carries[rows]
+    # While rotors spool and the ground takes or gives the vehicle, values may be far off.
+    aloft = np.abs(pose.time[rows] - carried[[0, -1]].mean()) < np.ptp(carried) / 2 - SPOOLING_SECONDS
+    inside = aloft if aloft.any() else np.full(len(rows), True)
     return [
         Plot.series(origin, title, pose.time[rows], {name: values[rows] for name, values in series.items()}, "", inside)
         for origin, title, series in tables

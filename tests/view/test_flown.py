@@ -10,6 +10,7 @@ from rerun.chunk import RrdReader
 from rerun_file import chunks
 
 from mavdem.view import Pose, write_pose
+from mavdem.view.flown import _plots
 
 MOTION = made_up_motion()
 ROTORS = 0.2 * np.array([[1.0, 1.0], [-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0]])
@@ -65,6 +66,14 @@ def test_lines_are_what_was_flown_and_errors_what_was_not_known(columns):
     for n, place in enumerate(("front right", "rear left", "front left", "rear right")):
         beyond = np.ravel(columns[f"/motors/{n} {place}"]["scalars"])
         np.testing.assert_allclose(beyond, MOTION.outputs[:, n] - mean, atol=1e-9)
+
+
+def test_what_the_ground_does_to_the_errors_at_touch_down_is_not_in_their_range():
+    rates = MOTION.known_rates.copy()
+    last = MOTION.time[pose().carries()][-1]
+    rates[np.abs(MOTION.time - last) < 0.1, 0] += 9.0
+    errors = _plots(pose(known_rates=rates))[2]
+    assert max(map(abs, errors.range)) < 1.0
 
 
 def test_a_flight_that_never_takes_off_and_a_name_that_is_no_text(tmp_path):
