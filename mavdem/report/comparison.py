@@ -68,7 +68,7 @@ def _failed_bands(comparison: Comparison, question: str) -> list[Block]:
         if share is not None and share < PREDICTION_LIMITS.coverage:
             where = f" on {flight}" if len(comparison.flights) > 1 else ""
             kind = "forecasts" if question == KNOWN else "predictions"
-            what = f"{reference}'s {kind} holds {share:.0%} of the samples{where}"
+            what = f"{reference}'s {kind} holds {100 * share:.0f} % of the samples{where}"
             cautions.append(Sentence(f"the 90 % band of {what}: it is too narrow.", "Caution:"))
     return cautions
 
@@ -126,7 +126,7 @@ def _inside(methods: Sequence[tuple[str, Sequence[float | None]]], comparison: C
     """Rows of the share in the 90 % band by horizon: of the first method, and of those that answer both questions."""
     shown: Collection[str] = {comparison.methods[0], *comparison.methods_of(UNKNOWN)}
     return [
-        [f"{method}: in its 90 % band", *("" if share is None else f"{share:.0%}" for share in shares)]
+        [f"{method}: in its 90 % band", *("" if share is None else f"{100 * share:.0f} %" for share in shares)]
         for method, shares in methods
         if method in shown and any(share is not None for share in shares)
     ]

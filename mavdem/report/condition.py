@@ -59,7 +59,7 @@ def condition_sentences(condition: dict[str, Any]) -> list[Sentence]:
         sentences.append(Sentence(f"{listed(f'{level:.1f}' for level in levels)} m/s²{along}; {clips}.", "Vibration:"))
     if condition["battery"]:
         sentences.append(_battery(condition["battery"], bool(condition["settled"])))
-    if condition["hover"]:
+    if any("±" in sentence.text for sentence in sentences):
         sentences.append(Sentence("± is the half width of the 90 % interval of a mean of this flight."))
     return sentences
 
@@ -144,7 +144,7 @@ def stream_contents(held: dict[str, Any]) -> list[Sentence]:
         line = f"From {name} ({kind}): {speaker['messages']} messages"
         # A ground station numbers its messages to all links together, so its gaps have no meaning.
         if name in vehicles and speaker["lost_share"] >= MIN_LOST_SHARE:
-            line += f"; {speaker['lost_share']:.0%} of its sequence numbers are missing, {_why(speaker)}"
+            line += f"; {100 * speaker['lost_share']:.0f} % of its sequence numbers are missing, {_why(speaker)}"
         blocks.append(Sentence(f"{line}."))
     for source, cause in dict.fromkeys((sender(unread), unread["cause"]) for unread in held["unread"]):
         ids = [str(u["message_id"]) for u in held["unread"] if (sender(u), u["cause"]) == (source, cause)]
@@ -172,4 +172,4 @@ def _why(speaker: dict[str, Any]) -> str:
         return "because the link lost messages or the log keeps only some"
     if speaker["missing_share"] < min(MIN_LOST_SHARE, speaker["lost_share"] / 2):
         return "but its streams have no gaps: the log keeps only some message types"
-    return f"and about {speaker['missing_share']:.0%} of its streams' messages are missing: the link lost some"
+    return f"and about {100 * speaker['missing_share']:.0f} % of its streams' messages are missing: the link lost some"

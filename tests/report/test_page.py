@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from browser import FITS, HOSTILE, shown
 from live_rows import flown
+from made_up_analysis import analysis, physical
 from matplotlib.figure import Figure
 from simulated import simulated
 
@@ -23,13 +24,14 @@ from mavdem.live.history import ACCOUNT, Event, LiveHistory
 from mavdem.report.blocks import Sentence, Table
 from mavdem.report.figures.series import live_flight
 from mavdem.report.figures.style import band, picture
-from mavdem.report.page import Chapter, Picture, document, flight_page, live_page
+from mavdem.report.page import Chapter, Picture, document, flight_page, live_page, model_pictures
 from mavdem.report.palette import PREDICTED
+from mavdem.report.screen import analysis_blocks
 
 NAME = f"{HOSTILE}.tlog"
 VOID = {"meta", "path", "use", "rect", "br", "image"}
 NOTHING = dict.fromkeys(ACCOUNT, 0.0)
-FLIGHT = simulated(samples=900, wind=4.0, lag=0.05)
+FLIGHT = simulated(samples=900, wind=0.2, lag=0.05)
 KNOWN = (
     Condition(90.0, 70.0, 60.0, None, (), {}, {}, None, None, None, None, None),
     Identity("1234", "board", 1, "PX4", "QUADROTOR", "PX4 v1.16.0", None),
@@ -134,6 +136,22 @@ def test_without_matplotlib_one_sentence_has_the_command_that_adds_pictures(monk
 def test_a_browser_shows_it_without_a_complaint_and_without_scrolling_sideways(which, width, pages, tmp_path):
     title, fits = shown(pages[which], FITS, tmp_path, width)
     assert fits and title == ("flight.tlog", NAME + "x" * 200)[which]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("width", [500, 1200])
+def test_every_column_of_the_motors_is_shown_and_no_line_ends_before_a_percent_sign(width, tmp_path):
+    text = document("flight.tlog", "46% of it, then 5 %", analysis_blocks(analysis(physical())))
+    widths = "[...document.querySelectorAll('.scroll')].map(e => e.scrollWidth - e.clientWidth)"
+    assert shown(text, f"return {widths}", tmp_path, width)[1] == [0, 0, 0]
+    body = text.split("<section")[1]
+    assert "\N{NO-BREAK SPACE}%" in body and not re.search(r"\d ?%", body)
+
+
+def test_responses_and_poles_are_drawn_only_where_control_effectiveness_is_identifiable():
+    known, unknown = analysis(physical()), analysis(physical(effect="not identifiable"))
+    drawn = [[one.title for one in model_pictures(each.learned, each.findings)] for each in (known, unknown)]
+    assert [one for one in drawn[0] if one not in drawn[1]] == ["Frequency response", "Step response", "Poles"]
 
 
 @pytest.mark.slow

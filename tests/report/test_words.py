@@ -1,29 +1,32 @@
 """What the screens say, one golden file a screen; layouts as text, Markdown and HTML, and what notebooks show."""
 
 import re
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 from golden import is_golden
-from made_up_analysis import analysis, physical
+from made_up_analysis import HOVER, analysis, physical
 
 import mavdem
 from mavdem import baselines
-from mavdem.condition.inventory import inventory
+from mavdem.condition import Identity
+from mavdem.condition.inventory import Tier, inventory
 from mavdem.evaluate import compare, windows
 from mavdem.evaluate.comparison import Method
 from mavdem.evaluate.truth import ComparedParameter, ComparedWind, TruthComparison
 from mavdem.ingest import read_log
-from mavdem.report.blocks import Sentence, Table, markdown
+from mavdem.report.blocks import Sentence, Table, markdown, text_of
 from mavdem.report.comparison import comparison_report
 from mavdem.report.condition import log_blocks
 from mavdem.report.flights import truth_blocks
 from mavdem.report.numbers import plus_minus, rounded
 from mavdem.report.page import notebook_html
-from mavdem.report.screen import analysis_blocks
+from mavdem.report.screen import analysis_blocks, screen
 
 LOGS = Path(__file__).parents[2] / "logs"
 NAN = float("nan")
@@ -39,6 +42,27 @@ SCREENS = {
 @pytest.mark.parametrize("name", SCREENS)
 def test_a_screen_reads_as_its_golden_file(name, request):
     is_golden(request, name, SCREENS[name]())
+
+
+def test_what_plus_minus_means_is_said_only_where_it_stands():
+    unknown = dict.fromkeys(("effect", "damping", "lag"), "not identifiable")
+    assert "± is" in text_of(screen(analysis(physical()).learned, hover=HOVER))
+    told = text_of(screen(analysis(physical(0.2, **unknown)).learned, hover=HOVER))
+    assert "mean lean" in told and "±" not in told
+
+
+def test_a_slow_motion_says_once_how_the_vehicle_leans():
+    lean = {"roll": {"mean": 0.1, "interval": None}, "pitch": {"mean": 0.0, "interval": None}}
+    said = {"duration": 90.0, "armed": None, "settled": 70.0, "hover": None, "command": {}, "lean": lean}
+    said |= {"tilt_mean": 0.1, "tilt_sd": 0.1, "tilt_max": 0.2, "vibration": None, "battery": None}
+    slow = replace(
+        analysis(physical()),
+        tier=Tier("b", "Outputs come at 10 Hz.", "a", "Log them faster."),
+        condition=SimpleNamespace(hover=HOVER, oscillation=None, as_dict=lambda: said),
+        identity=Identity("1", "board", 1, "PX4", "QUADROTOR", None, None),
+    )
+    told = text_of(analysis_blocks(slow))
+    assert "Lean: roll" in told and "mean lean" not in told
 
 
 def test_a_comparison_of_methods(request):
