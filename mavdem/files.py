@@ -1,7 +1,6 @@
 """Files that appear whole or not at all.
 
-A file that was there keeps its mode, and a symbolic link stays: what it leads to is replaced, as other programs that
-write to it would have it.
+A file that was there keeps its mode, and a symbolic link stays: what it leads to is replaced.
 """
 
 from __future__ import annotations
@@ -9,7 +8,7 @@ from __future__ import annotations
 import os
 import stat
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import BinaryIO
@@ -61,18 +60,23 @@ def replaceable(path: str | os.PathLike[str]) -> Path:
         OSError: something is there that cannot be replaced, or a name is too long, or a folder not writable.
     """
     place = Path(os.path.realpath(path))
-    try:
+    mode = stat.S_IFREG
+    with suppress(FileNotFoundError):
         mode = os.stat(place).st_mode
-    except FileNotFoundError:
-        mode = stat.S_IFREG
     if stat.S_ISDIR(mode):
         raise IsADirectoryError(None, "it is a folder", str(path))
-    if not stat.S_ISREG(mode):
-        # A device must not be replaced.
+    if not stat.S_ISREG(mode):  # a device must not be replaced
         raise FileExistsError(None, "it is there and no plain file", str(path))
     for folder in (Path(path).parent, place.parent):
         if not folder.is_dir():
             raise FileNotFoundError(None, f"there is no folder {folder}", str(path))
-    if not os.access(place.parent, os.W_OK | os.X_OK):
+    if not is_writable(place.parent):
         raise PermissionError(None, f"the folder {place.parent} is not writable", str(path))
     return place
+
+
+def is_writable(folder: Path) -> bool:
+    """Returns whether something can be made in a ``folder``, by trying: its mode does not tell for all file systems."""
+    with suppress(OSError), TemporaryDirectory(dir=folder, prefix=".unfinished."):
+        return True
+    return False

@@ -24,6 +24,7 @@ learnt from can shrink what is learnt to SNR/(1 + SNR) of the truth: to half at 
 REFUSED_CONSISTENCY, DOUBTFUL_CONSISTENCY = 0.5, 0.8
 """Share of the angle's changes over ``CONSISTENCY_SPAN`` that the integrated rates explain. Both measure one motion;
 where they disagree, the rate is an alias, noise, or in another unit: some of it, or most."""
+STILL_RATE = np.radians(1.0)  # rad/s, standard deviation: twice the noise of a gyroscope in flight
 DOUBTFUL_LOSS = 0.05  # Share of a stream's messages left out as damaged: the rest may be too
 IMPOSSIBLE = f"an angle beyond 2π or a rate beyond {MAX_BODY_RATE:.0f} rad/s"
 
@@ -69,7 +70,7 @@ def cautions_of(signals: Signals, figures: QualityFigures) -> tuple[str, ...]:
         cautions.append(
             f"The {_measured(axis, 'or')} is near the resolution of the stream (steps of {_steps(axis, figures)}): "
             "rounding can shrink what is learnt of the dynamics by "
-            f"{min(1.0, 1 / (1 + figures.output_snr)):.0%}."
+            f"{100 * min(1.0, 1 / (1 + figures.output_snr)):.0f} %."
         )
     if figures.consistency is not None and figures.consistency < DOUBTFUL_CONSISTENCY:
         cautions.append(f"The rate explains only {figures.consistency:.2f} of the angle's changes: noise, or an alias.")
@@ -248,6 +249,10 @@ def _objection(log: _Evidence, figures: QualityFigures) -> Obstacle | None:
                 "turns, and what the rate shows is mostly noise, an alias, or what the compass corrects.",
                 f"Turn the vehicle with the {axis} stick in flight, a few times to each side.",
             )
+        if figures.rate_sd < STILL_RATE:
+            still = f"The vehicle hardly moves: the {axis} rate is mostly its sensor's noise, and does not explain the "
+            remedy = f"Fly in wind, or excite {axis} with the stick."
+            return f"{still}angle's changes over {CONSISTENCY_SPAN} s.", remedy
         return (
             f"The {axis} rate and angle contradict each other: integrated, the rate explains "
             f"{figures.consistency:.3g} of the angle's changes over {CONSISTENCY_SPAN} s, so it is mostly an alias of "
@@ -364,7 +369,7 @@ def _grounded(signals: Signals, figures: QualityFigures) -> Obstacle:
             return reason, ask_for_rate(signals.telemetry)
         most = int(100 * phases.highest_collective(signals))
         least = phases.airborne_collective(signals.telemetry.parameters)
-        shown = f"its motors ran at {most}% of their range at most, and flight takes {least:.0%}"
+        shown = f"its motors ran at {most} % of their range at most, and flight takes {100 * least:.0f} %"
     return f"The vehicle was armed for {figures.armed:.0f} s and never left the ground: {shown}.", FLY
 
 

@@ -27,7 +27,7 @@ from mavdem.errors import NotLearnable
 from mavdem.evaluate.held_out import BASELINES, FOLDS, HeldOut, held_out_test, held_out_windows
 from mavdem.evaluate.scores import SIGNIFICANCE, paired
 from mavdem.evaluate.truth import compare_with_truth, read_truth, truth_of
-from mavdem.evaluate.windows import TEST_SECONDS, Length, TooFewSamples, part_samples, samples_in
+from mavdem.evaluate.windows import Length, TooFewSamples, part_samples
 from mavdem.flight import Flight
 from mavdem.health.in_flight import MIN_RATE, MotorAlarm, MotorWatch
 from mavdem.ingest import Log
@@ -234,7 +234,7 @@ def _too_few(flights: Sequence[Flight], steps: int) -> TooFewSamples:
     """Why no held-out window of ``steps`` fits into a part of the flights, and which would."""
     dt, samples = flights[0].dt, sum(map(len, flights))
     fewer = max(1, samples // (FOLDS + 1))
-    shorter = fewer < steps and samples >= 2 * samples_in(TEST_SECONDS, dt)
+    shorter = fewer < steps and samples >= 2 * part_samples(dt)[1]
     return TooFewSamples(
         f"The settled flight has {samples} samples ({samples * dt:.1f} s), too few for test windows of {steps}.",
         "" if shorter else "Fly longer, or give a smaller --start.",

@@ -8,6 +8,7 @@ itself doubtful overrides all grades: then nothing is GOOD, and what to do next 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from math import isfinite, nan
 from typing import Any, Literal, NamedTuple
@@ -55,6 +56,7 @@ LITTLE_HEADROOM = 0.1  # share of the range
 RINGING, RINGING_SECONDS = 0.15, 3.0  # autocorrelation of the rate after a swing, as of a damping ratio of 0.3
 SWINGING = 0.4
 WIND_WORDS = {"light": 0.005, "moderate": 0.02, "strong": float("inf")}  # below, as a share of the motors' full torque
+ADVICE = re.compile(r"[:.] (?:fly|steer|record|log)\b[^;.]*", re.IGNORECASE)  # in a reason; left out under overrides
 PURPOSES = ("motor effectiveness", "damping and lag", "wind", "prediction", "residuals")
 
 
@@ -78,7 +80,7 @@ class Override(NamedTuple):
 class Findings(NamedTuple):
     """What a flight says, as every screen, page and document shows it."""
 
-    headline: str  # one plain sentence
+    headline: str  # one plain sentence; empty of a model alone
     overrides: tuple[Override, ...]  # the worst first
     purposes: tuple[Finding, ...]  # graded; none without a model
     warnings: tuple[str, ...]  # what must be known before the model is used
@@ -144,10 +146,13 @@ def findings_of(
 
 
 def _doubted(finding: Finding, override: Override) -> Finding:
-    """Not GOOD; of a flight that oscillates without its own reason, which would ask for movements."""
-    if finding.grade != GOOD and override.kind != "oscillation":
-        return finding
-    return finding._replace(grade=LIMITED if finding.grade == GOOD else finding.grade, reason=override.headline)
+    """Not GOOD, and what the override is where it was; of a flight that oscillates without figures of its own."""
+    is_good, reason = finding.grade == GOOD, ADVICE.sub("", finding.reason)
+    if override.kind == "oscillation":
+        reason = override.headline
+    elif is_good:
+        reason += f" {override.headline}"
+    return finding._replace(grade=LIMITED if is_good else finding.grade, reason=reason)
 
 
 def _oscillation(condition: Condition | None) -> list[Override]:
@@ -207,24 +212,24 @@ def _inconsistent(consistency: float) -> Override:
 def _in_short(
     windy: Learned | None, condition: Condition | None, flights: Sequence[Flight], watched: bool, other: str
 ) -> str:
-    """A flight that nothing overrides, in one sentence: only what is clearly so; ``windy`` where the wind is GOOD."""
-    words, hover = ["Healthy" if watched else "No fault seen"], None if condition is None else condition.hover
+    """What is clearly so of a flight that nothing overrides; ``windy`` where the wind is GOOD, empty if all is open."""
+    swings, hover = max(map(_ringing, flights), default=nan), None if condition is None else condition.hover
+    words = ["Healthy" if watched and not swings > SWINGING else "No fault seen"]
     if hover is None:
-        words = ["Motor outputs not known"]
+        words = [] if condition is None else ["Motor outputs not known"]
     elif other:
         words = [other]
     elif min(hover.headroom) < LITTLE_HEADROOM:
         words = [f"Headroom of {100 * min(hover.headroom):.0f} % only"]
-    swings = max(map(_ringing, flights), default=1.0)
     if swings < RINGING:
         words.append("well damped")
-    elif flights and swings > SWINGING:
-        words = [words[0].replace("Healthy", "No fault seen"), "hardly damped unless it was steered so"]
+    elif swings > SWINGING:
+        words.append("hardly damped unless it was steered so")
     scale = flights[0].provenance.get("scale") if flights else None
     if scale and windy is not None and windy.physical and windy.wind:
         full = abs(windy.physical.effect).sum() * (scale["high"] - scale["low"])
         words.append(next(f"{word} wind torque" for word, most in WIND_WORDS.items() if windy.wind.sd < most * full))
-    return f"{', '.join(words)}."
+    return f"{words[0][0].upper()}{', '.join(words)[1:]}." if words else ""
 
 
 def _stepped(learned: Learned | None, flights: Sequence[Flight]) -> str:
@@ -255,16 +260,15 @@ def _purposes(learned: Learned, held_out: HeldOut | None) -> tuple[Finding, ...]
         graded = dict(zip(PURPOSES, parts, strict=False))
     if held_out is not None:
         graded["prediction"] = _prediction(held_out)
-    graded["residuals"] = _residuals(residuals(learned), graded.get("prediction", ("",))[0] == GOOD)
+    graded["residuals"] = _residuals(residuals(learned))
     return tuple(Finding(name, grade, _first_sentence(reason) + ".") for name, (grade, reason) in graded.items())
 
 
-def _residuals(found: Residuals, forecasts: bool) -> tuple[Grade, str]:
+def _residuals(found: Residuals) -> tuple[Grade, str]:
     (auto, across), (bound, joint) = found.largest, found.bounds
     figures = f"autocorrelation up to {auto:.2f} (99 % bound {bound:.2f}), with the command {across:.2f} ({joint:.2f})"
-    if not found.white:
-        return GOOD if forecasts else LIMITED, f"Not white{', but forecasts are good' * forecasts}: {figures}"
-    return GOOD, f"{'White' if auto <= bound and across <= joint else 'Nearly white'}: {figures}"
+    word = "Not white" if not found.white else "White" if auto <= bound and across <= joint else "Nearly white"
+    return GOOD if found.white else LIMITED, f"{word}: {figures}"
 
 
 def _first_sentence(text: str) -> str:

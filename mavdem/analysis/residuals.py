@@ -12,7 +12,7 @@ from mavdem.dem.engine.linalg import Array
 
 BOUND_LEVEL = 0.99  # of the bounds that chance alone keeps to
 LAG_SECONDS = 0.5
-FAR, LARGE = 3.0, 0.2  # times the bound, and in size: from both on the model leaves what matters
+FAR = 3.0  # times the bound, beyond which the model leaves what is no chance
 
 
 class Residuals(NamedTuple):
@@ -32,7 +32,7 @@ class Residuals(NamedTuple):
     @property
     def white(self) -> bool:
         """Whether neither is far outside its bound."""
-        return all(size <= max(FAR * bound, LARGE) for size, bound in zip(self.largest, self.bounds, strict=True))
+        return all(size <= FAR * bound for size, bound in zip(self.largest, self.bounds, strict=True))
 
 
 def residuals(learned: Learned, output: int = -1) -> Residuals:

@@ -9,20 +9,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mavdem.baselines.identified import (
-    Fitted,
-    Identified,
-    Segments,
-    identified,
-    regression,
-    required_order,
-)
+from mavdem.baselines.identified import Baseline, Fitted, Identified, Segments, identified, regression, unstable
 from mavdem.confidence import LEVEL, half_width, require_probability
 from mavdem.dem.engine.linalg import Array, one_thread
-from mavdem.dem.engine.model import STABILITY_TOLERANCE
 from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.forecast.var import RIDGE, Forecast, Var, lagged
-from mavdem.dem.record import Record, UniformRecord, required_steps
+from mavdem.dem.record import Record, UniformRecord, required_number
 from mavdem.dem.validation import is_number
 
 
@@ -41,7 +33,7 @@ def arx(train: UniformRecord | Sequence[UniformRecord], order: int = 2) -> Ident
         ValueError: too few samples, values that are not finite, an output that does not vary, or an order that is no
             positive number.
     """
-    order = required_order(order)
+    order = required_number(order, "order")
 
     def fit(segments: Segments) -> Fitted:
         regressors, targets = _lagged(segments, order)
@@ -94,7 +86,7 @@ def var(train: UniformRecord | Sequence[UniformRecord], order: int = 10, ridge: 
     motion, by a Kalman filter. ``train`` and errors are as for :func:`arx`; ``ridge`` is the precision of the prior at
     lag 1, times i² at lag i, of channels of deviation 1.
     """
-    order = required_order(order)
+    order = required_number(order, "order")
     if not (is_number(ridge) and 0 < ridge < float("inf")):
         raise ValueError(f"ridge must be a positive number, not {ridge!r}")
     record = Record.of(train)
@@ -103,7 +95,7 @@ def var(train: UniformRecord | Sequence[UniformRecord], order: int = 10, ridge: 
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class JointAutoregression:
+class JointAutoregression(Baseline):
     """A joint autoregression with its forecasts and predictions, in physical units; a :class:`mavdem.Forecaster`.
 
     Attributes:
@@ -116,36 +108,12 @@ class JointAutoregression:
             level that is no probability between 0 and 1.
     """
 
-    method: str
     model: Var
-    record: Record
-
-    def __repr__(self) -> str:
-        (r, m), length = (table.shape[1] for table in (self.record.inputs, self.record.outputs)), len(self.record)
-        return (
-            f"<JointAutoregression: {self.method}, {r} inputs, {m} outputs from {length} samples at "
-            f"{1 / self.record.dt:.6g} Hz, spectral radius {self.spectral_radius:.4g}>"
-        )
 
     @property
     def cautions(self) -> tuple[str, ...]:
-        """One sentence where the model grows."""
-        if self.stable:
-            return ()
-        return (
-            f"The model is unstable: a mode grows by {self.spectral_radius - 1:.2g} of itself at each sample, and so "
-            f"may predictions.",
-        )
-
-    @cached_property
-    def spectral_radius(self) -> float:
-        """The largest magnitude among the eigenvalues of the step from sample to sample, autopilot included."""
-        return self.model.spectral_radius
-
-    @property
-    def stable(self) -> bool:
-        """Whether no mode of vehicle and autopilot together grows, but for rounding."""
-        return self.spectral_radius <= 1 + STABILITY_TOLERANCE
+        """One sentence where vehicle and autopilot together grow."""
+        return tuple(filter(None, (unstable(self.spectral_radius),)))
 
     def one_step(self) -> Array:
         """Returns (T, m): each training sample from those before it in its segment, and the inputs up to its own."""
@@ -197,7 +165,7 @@ class JointAutoregression:
 
     def _predicted(self, steps: int) -> Forecast:
         m = self.record.outputs.shape[1]
-        return Forecast(*(table[:, :m] for table in self.model.predict(self._past, required_steps(steps))))
+        return Forecast(*(table[:, :m] for table in self.model.predict(self._past, required_number(steps))))
 
     def _inferred(self, inputs: ArrayLike, from_zero: bool = False, smooth: bool = False) -> Forecast:
         past = np.tile(self.model.units.center, (self.model.lags, 1)) if from_zero else self._past

@@ -7,18 +7,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.baselines.identified import NOT_THE_BEST, Fitted, Identified, Segments, identified, required_order
+from mavdem.baselines.identified import CONVERGED_NATS, Fitted, Identified, Segments, identified
 from mavdem.baselines.subspace_identification import found_by_projection, innovation_gain
 from mavdem.dem.engine.kalman import GaussianModel, Smoothed, smoothed
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.state_space import StateSpace
-from mavdem.dem.record import UniformRecord
+from mavdem.dem.record import UniformRecord, required_number
 
 MAX_ITERATIONS = 300
 START_NOISE = 0.1  # least variance of w at the start: EM converges slowly from a motion that is taken to be exact
-
-CONVERGED_NATS = 0.1
-"""EM has converged when the likelihood has less than this to gain, extrapolated from its last gains."""
 
 RANK_TOLERANCE = 1e-12
 """Sums of squares of regressors below this of the largest count as zero, in whatever combination they are so small."""
@@ -36,9 +33,8 @@ def em(train: UniformRecord | Sequence[UniformRecord], order: int = 2) -> Identi
     Kalman gain. Consistent in closed loop, as far as order and noises are right. ``train``, ``order`` and errors are as
     for :func:`mavdem.baselines.subspace`; ``ValueError`` too where EM breaks down.
     """
-    order = required_order(order)
-
-    unfinished = f"The likelihood was still rising after {MAX_ITERATIONS} iterations of EM: {NOT_THE_BEST}."
+    order = required_number(order, "order")
+    unfinished = f"The likelihood was still rising after {MAX_ITERATIONS} iterations of EM"
     return identified(f"EM({order})", train, lambda segments: _fitted(segments, order), unfinished)
 
 
@@ -73,7 +69,7 @@ def iterated(segments: Segments, order: int, iterations: int = MAX_ITERATIONS) -
 
 
 def _left_to_gain(likelihoods: list[float]) -> float:
-    """What the gains to come sum to, if they go on shrinking as the last two did (Aitken)."""
+    """What the gains of the likelihood to come sum to, if they go on shrinking as the last two did (Aitken)."""
     if len(likelihoods) < 3:
         return np.inf
     before, last = np.diff(likelihoods[-3:])

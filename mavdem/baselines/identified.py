@@ -12,15 +12,48 @@ from numpy.typing import ArrayLike
 from scipy.linalg import qr
 
 from mavdem.dem.engine.linalg import Array, one_thread
+from mavdem.dem.engine.model import STABILITY_TOLERANCE
 from mavdem.dem.engine.state_space import StateSpace
-from mavdem.dem.record import Record, UniformRecord, required_steps
-from mavdem.dem.validation import is_whole
+from mavdem.dem.forecast.var import Var
+from mavdem.dem.record import Record, UniformRecord, required_number
 
 Segments = list[tuple[Array, Array]]  # inputs (T, k) and outputs (T, m) of each segment, in a method's units
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Identified:
+class Baseline:
+    """A model with the name of its method and the training data."""
+
+    method: str
+    model: StateSpace | Var
+    record: Record
+
+    def __repr__(self) -> str:
+        (r, m), length = (table.shape[1] for table in (self.record.inputs, self.record.outputs)), len(self.record)
+        return (
+            f"<{type(self).__name__}: {self.method}, {r} inputs, {m} outputs from {length} samples at "
+            f"{1 / self.record.dt:.6g} Hz, spectral radius {self.spectral_radius:.4g}>"
+        )
+
+    @cached_property
+    def spectral_radius(self) -> float:
+        """The largest magnitude among the eigenvalues of the model's step from sample to sample."""
+        return self.model.spectral_radius
+
+    @property
+    def stable(self) -> bool:
+        """Whether no mode grows, but for rounding."""
+        return self.spectral_radius <= 1 + STABILITY_TOLERANCE
+
+
+def unstable(radius: float) -> str:
+    """The caution of a model of this spectral radius; empty where it is stable."""
+    grows = f"a mode grows by {radius - 1:.2g} of itself at each sample, and so may forecasts"
+    return f"The model is unstable: {grows}." if radius > 1 + STABILITY_TOLERANCE else ""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Identified(Baseline):
     """An identified model with its forecasts, in physical units; a :class:`mavdem.Forecaster`.
 
     Attributes:
@@ -35,28 +68,9 @@ class Identified:
             prediction by a model on which inputs have an effect.
     """
 
-    method: str
     model: StateSpace
-    record: Record
     starts: Array
     cautions: tuple[str, ...] = ()
-
-    def __repr__(self) -> str:
-        (n, r), m = self.model.B.shape, len(self.model.C)
-        return (
-            f"<Identified: {self.method}, {n} states, {r} inputs, {m} outputs from {len(self.record)} samples at "
-            f"{1 / self.record.dt:.6g} Hz, spectral radius {self.spectral_radius:.4g}>"
-        )
-
-    @property
-    def spectral_radius(self) -> float:
-        """The largest magnitude among the eigenvalues of A."""
-        return self.model.spectral_radius
-
-    @property
-    def stable(self) -> bool:
-        """Whether no mode grows, but for rounding."""
-        return self.model.stable
 
     def one_step(self) -> Array:
         """Returns (T, m): each training sample predicted from those before it in its segment, and the inputs."""
@@ -66,7 +80,7 @@ class Identified:
     def predict(self, steps: int) -> Array:
         """Returns (steps, m): the outputs after the training data, of a model on which inputs have no effect."""
         self._require_no_effect()
-        return self.forecast(np.broadcast_to(self.model.input_trim, (required_steps(steps), self.model.B.shape[1])))
+        return self.forecast(np.broadcast_to(self.model.input_trim, (required_number(steps), self.model.B.shape[1])))
 
     def predict_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
         """Returns :meth:`forecast_every` of these ``steps, inputs, outputs``, where inputs have no effect."""
@@ -104,9 +118,6 @@ class Identified:
         return np.asarray(self.model.filtered(self.starts[-1], *self.record.segments[-1])[-1])
 
 
-NOT_THE_BEST = "the model is not the best of its order"
-
-
 class Fitted(NamedTuple):
     """What a method found, in its units: a model, and the first states of segments (segments, n)."""
 
@@ -121,26 +132,14 @@ def identified(
     fit: Callable[[Segments], Fitted],
     unfinished: str = "",
 ) -> Identified:
-    """The result of ``fit``; ``unfinished`` is the caution where it has not converged."""
+    """The result of ``fit``; ``unfinished`` says what it still did where it has not converged."""
     record = Record.of(train)
     units = Units.of(record)
     with one_thread():
         fitted = fit(units.segments(record))
-    model, cautions = fitted.model, []
-    if not model.stable:
-        cautions.append(
-            f"The model is unstable: a mode grows by {model.spectral_radius - 1:.2g} of itself at each sample, and so "
-            "may forecasts."
-        )
-    cautions += [] if fitted.converged else [unfinished]
-    return Identified(method, units.physical(model), record, fitted.starts, tuple(cautions))
-
-
-def required_order(order: int) -> int:
-    """``order`` as an ``int``; ``ValueError`` for what is no positive whole number."""
-    if not (is_whole(order) and order >= 1):
-        raise ValueError(f"order must be a positive whole number, not {order!r}")
-    return int(order)
+    slow = "" if fitted.converged else f"{unfinished}: the model is not the best of its order."
+    cautions = tuple(filter(None, (unstable(fitted.model.spectral_radius), slow)))
+    return Identified(method, units.physical(fitted.model), record, fitted.starts, cautions)
 
 
 RANK_TOLERANCE = 1e-8
@@ -158,6 +157,7 @@ def triangle(table: Array) -> Array:
     return np.asarray(R[: table.shape[1]], np.float64)
 
 
+CONVERGED_NATS = 0.1  # left to gain of the likelihood at the end of iterations; a parameter more gains 0.5 by chance
 LEAST_VARIANCE = 1e-16  # of a prediction error, in a method's units: smaller errors are zero
 
 DEPENDENCE_TOLERANCE = 1e-6

@@ -11,23 +11,21 @@ from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
 from mavdem.baselines.identified import (
+    CONVERGED_NATS,
     LEAST_VARIANCE,
-    NOT_THE_BEST,
     Fitted,
     Identified,
     Segments,
     identified,
-    required_order,
 )
 from mavdem.baselines.subspace_identification import found_by_projection
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import WORST_MODES, recursion
 from mavdem.dem.engine.state_space import StateSpace
-from mavdem.dem.record import UniformRecord
+from mavdem.dem.record import UniformRecord, required_number
 
 REWEIGHTINGS = 30  # times at most that the errors are weighted again by their own covariance
 EVALUATIONS = 30  # of the errors at most, with one weighting
-CONVERGED_NATS = 0.1  # PEM has converged when the likelihood gains less; one more parameter gains half a nat by chance
 
 
 def pem(train: UniformRecord | Sequence[UniformRecord], order: int = 2) -> Identified:
@@ -41,13 +39,9 @@ def pem(train: UniformRecord | Sequence[UniformRecord], order: int = 2) -> Ident
 
     ``train``, ``order`` and errors are as for :func:`mavdem.baselines.subspace`.
     """
-    order = required_order(order)
-
-    def fit(segments: Segments) -> Fitted:
-        return _minimised(found_by_projection(segments, order), segments)
-
-    unfinished = f"The prediction errors were still falling after {REWEIGHTINGS} rounds: {NOT_THE_BEST}."
-    return identified(f"PEM({order})", train, fit, unfinished)
+    order = required_number(order, "order")
+    unfinished = f"The prediction errors were still falling after {REWEIGHTINGS} rounds"
+    return identified(f"PEM({order})", train, lambda segments: _minimised(segments, order), unfinished)
 
 
 class FreeParameters(NamedTuple):
@@ -164,7 +158,8 @@ def _covariance(errors: Array) -> Array:
     return np.asarray(errors.T @ errors / len(errors) + LEAST_VARIANCE * np.eye(errors.shape[1]))
 
 
-def _minimised(found: Fitted, segments: Segments) -> Fitted:
+def _minimised(segments: Segments, order: int) -> Fitted:
+    found = found_by_projection(segments, order)
     best, converged = _parameters(found), False
     errors = prediction_errors(best, found.model, segments)
     for _ in range(REWEIGHTINGS):

@@ -17,14 +17,13 @@ from mavdem.baselines.identified import (
     Segments,
     identified,
     regression,
-    required_order,
     triangle,
 )
 from mavdem.dem.engine.kalman import steady_gain
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import recursion
 from mavdem.dem.engine.state_space import StateSpace
-from mavdem.dem.record import UniformRecord
+from mavdem.dem.record import UniformRecord, required_number
 
 LONGEST_HORIZON = 20  # samples of past and of future that the state is found from, at most
 WINDOWS_PER_COLUMN = 2  # so many windows there must be for each number in one of them
@@ -50,7 +49,7 @@ def subspace(train: UniformRecord | Sequence[UniformRecord], order: int = 2) -> 
         ValueError: too few samples for the order, values that are not finite, an output that does not vary, or an order
             that is none.
     """
-    order = required_order(order)
+    order = required_number(order, "order")
     return identified(f"subspace({order})", train, lambda segments: found_by_projection(segments, order))
 
 

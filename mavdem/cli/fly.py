@@ -157,12 +157,13 @@ def _chosen(named: str, seed: int | None, duration: float | None) -> Scenario:
         scenario = load(named)
     if scenario == Scenario():
         say_aside(f"{printable(Path(named).name)} sets no value: every value is the default.")
-    instead = {key: value for key, value in (("seed", seed), ("duration", duration)) if value is not None}
-    with _refusing("--seed or --duration"):
-        chosen = scenario_of(scenario.model_dump(mode="json") | instead)
+    for key, value in (("seed", seed), ("duration", duration)):
+        if value is not None:
+            with _refusing(f"--{key}"):
+                scenario = scenario_of(scenario.model_dump(mode="json") | {key: value})
     with _refusing("SCENARIO", f"{Path(named).name}: "):  # not after a long flight
-        AUTOPILOTS[chosen.stream.autopilot].rates(chosen.stream.rate, chosen.stream.rates)
-    return chosen
+        AUTOPILOTS[scenario.stream.autopilot].rates(scenario.stream.rate, scenario.stream.rates)
+    return scenario
 
 
 def _to_files(name: str, scenario: Scenario, out: Path | None, rrd: Path | None) -> dict[str, Any]:

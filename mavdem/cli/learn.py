@@ -143,7 +143,7 @@ def learn_command(
         report["error"] = {"reason": analysis.refusal.reason, "remedy": analysis.refusal.remedy}
     else:
         heading = Sentence(*map(printable, title(analysis.flights)))
-        blocks += vehicle_blocks(analysis.vehicle) if axis == ALL else []
+        blocks += vehicle_blocks(analysis.vehicle, bool(analysis.findings.overrides)) if axis == ALL else []
         blocks += [] if analysis.truth is None else truth_blocks(analysis.truth)
         details = detail_blocks(learned, report)
     telemetry = choose_vehicle(log.vehicles, vehicle)
@@ -164,7 +164,8 @@ def learn_command(
         if RECORDING in report["files"]:
             say_aside(f"Look: {shlex.join(['rerun', f'{place}/{RECORDING}'])}")
     if learned is None:
-        complain(analysis.refusal.reason, analysis.refusal.remedy, as_json=False)
+        if as_json:  # else the screen has said it
+            complain(analysis.refusal.reason, analysis.refusal.remedy, as_json=False)
         raise click.exceptions.Exit(1)  # no model
 
 

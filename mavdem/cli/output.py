@@ -21,7 +21,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table as Grid
 
 from mavdem.errors import Unreadable
-from mavdem.files import atomic_write, atomic_writes, replaceable
+from mavdem.files import atomic_write, atomic_writes, is_writable, replaceable
 from mavdem.report.blocks import Sentence, Table
 
 STDERR = Console(stderr=True, highlight=False, markup=False, emoji=False)  # standard error
@@ -148,7 +148,7 @@ def check_folder(folder: Path, names: Sequence[str]) -> None:
     existing = next(place for place in (folder, *folder.absolute().parents) if os.path.lexists(place))
     if not existing.is_dir():
         raise Unreadable(f"--out {folder} is not a folder, because {existing} is a file: name another.")
-    if not os.access(existing, os.W_OK | os.X_OK):
+    if not is_writable(existing):
         raise Unreadable(f"--out {folder} cannot be made: {existing} is not writable.")
     for path in (folder / name for name in names):
         # Found only when the others are replaced, it would leave results of two runs.

@@ -29,6 +29,8 @@ LEAST_SECONDS = 6.0  # Of one line without a break
 LIMITED_SHARE, GROWTH, LASTING_SHARE = 0.05, 2.0, 0.5
 """What tells a limit cycle from a gust that rings: motors at a limit so much of the time, an amplitude that grows so
 many times, or that it lasts so much of the flight."""
+MAX_DRIFT = 0.3  # From its frequency, as a share of the median: what wanders more is a sweep, flown to identify
+STEERED = 3.5  # Hz, below which a lasting line that reaches no limit may be steered
 
 
 class Oscillation(NamedTuple):
@@ -87,10 +89,14 @@ def _limit_cycles(
         lasted = float(np.ptp(start[run])) + size / sampled if len(run) and lines[run[0]] else 0.0
         if lasted < LEAST_SECONDS or (len(run) < 3 and share[run].min() < SURE_SHARE):
             continue
-        third = -(-len(run) // 3)
+        line, third = np.median(peak[run]), -(-len(run) // 3)
+        if np.abs(peak[run] - line).max() > MAX_DRIFT * line:
+            continue
         early, late = rate[run[:third]].mean(), rate[run[-third:]].mean()
         growing, turned = len(run) > 2 and bool(late >= GROWTH * early), float(np.sqrt(np.mean(rate[run] ** 2)))
         limit = float(at_limit[run].mean())
-        if limit >= LIMITED_SHARE or (turned >= LEAST_RATE and (growing or lasted >= LASTING_SHARE * whole)):
-            frequency = float(np.median(peak[run])) if sampled >= MINIMUM_RATE else None
+        # Lines of an alias may be of any frequency.
+        lasting = lasted >= LASTING_SHARE * whole and (line >= STEERED or sampled < MINIMUM_RATE)
+        if limit >= LIMITED_SHARE or (turned >= LEAST_RATE and (growing or lasting)):
+            frequency = float(line) if sampled >= MINIMUM_RATE else None
             yield Oscillation(axis, frequency, turned, limit, growing, lasted)

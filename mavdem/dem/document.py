@@ -88,8 +88,6 @@ def _plain(value: Any) -> Any:
     """Arrays, tuples and dataclasses as lists and dictionaries."""
     if isinstance(value, np.ndarray):
         return value.tolist()
-    if isinstance(value, Settings):
-        return value.to_dict()
     if named := _fields(value):
         return {name: _plain(inner) for name, inner in named.items()}
     if isinstance(value, tuple | list):

@@ -21,7 +21,7 @@ from mavdem.dem.forecast.simulation_error import SimulationFit
 from mavdem.dem.graybox import NotIdentifiable, Physical, physical
 from mavdem.dem.graybox.simulation import simulated
 from mavdem.dem.graybox.wind import WindTorque, wind
-from mavdem.dem.record import Record, required_steps
+from mavdem.dem.record import Record, required_number
 from mavdem.dem.scaling import Scaling
 from mavdem.dem.settings import CompleteSettings
 from mavdem.dem.uncertainty import Direction, SandwichCovariance
@@ -166,7 +166,7 @@ class Learned(LearnedDownstream):
         >>> learned.predict(100).shape
         (100, 2)
         """
-        return self.prediction.unknown(required_steps(steps)).mean
+        return self.prediction.unknown(required_number(steps)).mean
 
     def predict_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
         """Returns the samples (H, m) after the training data, by a new prediction from every ``steps``-th of them on.
@@ -182,7 +182,7 @@ class Learned(LearnedDownstream):
         from how far they are apart.
         """
         require_probability(level)
-        variance = self.prediction.unknown(required_steps(steps)).variance
+        variance = self.prediction.unknown(required_number(steps)).variance
         return self.prediction.half_widths(variance, level, motors=False)
 
     @cached_property

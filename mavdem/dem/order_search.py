@@ -96,7 +96,7 @@ class BlackBox:
 
     def counted(self, smoothness: float) -> SufficientStatistics:
         """The data with the effective sample size of noise of that smoothness, s, before filtering."""
-        share = min(1 / _repeated(float(np.hypot(smoothness, self.width)), self.dt), 1.0)
+        share = 1 / _repeated(float(np.hypot(smoothness, self.width)), self.dt)
         return SufficientStatistics(share * self.data.number, share * self.data.gram)
 
     def model(self, order: int, smoothness: float) -> GenerativeModel:
@@ -130,10 +130,8 @@ def embed_through_kernel(samples: Array, order: int, width: float, dt: float) ->
     17, 23), and noise of smoothness s becomes that of √(s² + σ²), so that Eq. ``Smatrix`` holds.
 
     (T − window + 1, (order + 1)·m), order-major; none where the window is longer than the signal. The kernel is
-    exp(−t²/2σ²)/√(2π)σ, of ``width`` σ, s; ``ValueError`` where that is too narrow for the samples.
+    exp(−t²/2σ²)/√(2π)σ, of ``width`` σ, s, ``NARROWEST_STEPS`` at least.
     """
-    if not width >= NARROWEST_STEPS * dt * (1 - ROUNDING):
-        raise ValueError(f"width must be at least {NARROWEST_STEPS:g} steps of {dt:g} s, not {width:g} s")
     reach = ceil(REACH_WIDTHS * width / dt * (1 - ROUNDING))
     if len(samples) <= 2 * reach:
         return np.empty((0, (order + 1) * samples.shape[1]))

@@ -144,7 +144,7 @@ class Record:
 
     def following(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> tuple[Array, Array]:
         """The inputs (H, r) and outputs (H, m) that follow the record, checked, as is the number of ``steps``."""
-        required_steps(steps)
+        required_number(steps)
         ahead, measured = self.following_inputs(inputs), _table(outputs, "outputs", self.outputs.shape[1])
         if len(ahead) != len(measured):
             raise ValueError(f"inputs and outputs must be of the same samples, not {len(ahead)} and {len(measured)}")
@@ -184,11 +184,11 @@ class Record:
         return tuple(cautions)
 
 
-def required_steps(steps: int) -> int:
-    """``steps`` as an ``int``; ``ValueError`` for what is no positive whole number."""
-    if not (is_whole(steps) and steps >= 1):
-        raise ValueError(f"steps must be a whole number of at least 1, not {steps!r}")
-    return int(steps)
+def required_number(number: int, name: str = "steps") -> int:
+    """``number`` as an ``int``; ``ValueError``, which names it, for what is no positive whole number."""
+    if not (is_whole(number) and number >= 1):
+        raise ValueError(f"{name} must be a whole number of at least 1, not {number!r}")
+    return int(number)
 
 
 def _table(values: ArrayLike, name: str, columns: int) -> Array:

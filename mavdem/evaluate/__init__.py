@@ -1,8 +1,4 @@
-"""Evaluation: errors of forecasts beside a baseline, on windows that no model saw.
-
-``mspe`` is the error, ``relative_mspe`` the error ratio; ``compare`` runs every method on every window, ``paired``
-tests two of them; ``held_out_windows`` forecasts every part of a flight by models that were trained without it.
-"""
+"""Evaluation: errors of forecasts beside a baseline, on windows that no model saw."""
 
 from mavdem.evaluate.comparison import METHODS, Comparison, Method, compare
 from mavdem.evaluate.held_out import HeldOut, held_out_test, held_out_windows

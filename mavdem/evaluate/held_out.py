@@ -24,7 +24,7 @@ from mavdem.dem import Learned, Settings, learn
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.record import folds
 from mavdem.evaluate.scores import error_over
-from mavdem.evaluate.windows import TEST_SECONDS, samples_in
+from mavdem.evaluate.windows import part_samples
 from mavdem.flight import Flight
 
 FOLDS = 5
@@ -149,7 +149,8 @@ def held_out_windows(
     Raises:
         ValueError: too little flight for a window in any part.
     """
-    steps = samples_in(TEST_SECONDS, flights[0].dt) if steps is None else steps
+    _, usual = part_samples(flights[0].dt)
+    steps = usual if steps is None else steps
     parts = []
     for number, fold in enumerate(folds([len(flight) for flight in flights], FOLDS), start=1):
         training, model, failures = _others(flights, fold), None, tuple[str, ...]()
@@ -160,7 +161,7 @@ def held_out_windows(
         for i, first, stop in fold:
             flight = flights[i]
             # The filter finds its state in whole windows before the first that counts.
-            lead = steps * ceil(samples_in(TEST_SECONDS, flight.dt) / steps)
+            lead = steps * ceil(usual / steps)
             first = max(first, lead)
             count = (stop - first) // steps
             if count > 0:

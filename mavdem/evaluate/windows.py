@@ -12,28 +12,20 @@ TRAIN_SECONDS, TEST_SECONDS = 7.0, 1.5
 """Default lengths of a training and a test part: a few periods of a vehicle's motion, as in the paper at 100 Hz."""
 
 
-def samples_in(seconds: float, dt: float) -> int:
-    """Returns the number of samples ``dt`` s apart that last so many ``seconds``, at least 1."""
-    return max(1, round(seconds / dt))
-
-
 class Length(NamedTuple):
-    """A length of flight as it was asked for: a number of samples, or of seconds."""
+    """A length of flight: a number of samples, or of seconds."""
 
     number: float
-    in_seconds: bool
+    in_seconds: bool = True
 
     def samples(self, dt: float) -> int:
         """Returns the number of samples ``dt`` s apart, at least 1."""
-        return samples_in(self.number, dt) if self.in_seconds else int(self.number)
+        return max(1, round(self.number / dt)) if self.in_seconds else int(self.number)
 
 
-def part_samples(dt: float, train: Length | None, test: Length | None) -> tuple[int, int]:
+def part_samples(dt: float, train: Length | None = None, test: Length | None = None) -> tuple[int, int]:
     """Returns the samples of a training and a test part ``dt`` s apart: as asked for, else 7 s and 1.5 s."""
-    return (
-        train.samples(dt) if train else samples_in(TRAIN_SECONDS, dt),
-        test.samples(dt) if test else samples_in(TEST_SECONDS, dt),
-    )
+    return (train or Length(TRAIN_SECONDS)).samples(dt), (test or Length(TEST_SECONDS)).samples(dt)
 
 
 class TooFewSamples(NotLearnable):
@@ -88,7 +80,7 @@ def windows(
     Raises:
         ValueError: a number of samples that is not positive.
     """
-    usual = part_samples(flight.dt, None, None)
+    usual = part_samples(flight.dt)
     train, test = usual[0] if train is None else train, usual[1] if test is None else test
     hop = max(1, (train + test) // 2) if hop is None else hop
     if min(train, test, hop) < 1:

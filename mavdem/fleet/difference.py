@@ -130,7 +130,6 @@ class _Raw(NamedTuple):
     difference: float
     variance: float
     freedom: float
-    allowance: float
 
 
 def vehicle_difference(before: Sequence[FlightRow], after: Sequence[FlightRow]) -> VehicleDifference:
@@ -149,11 +148,10 @@ def vehicle_difference(before: Sequence[FlightRow], after: Sequence[FlightRow]) 
     for quantity in alike:
         pair = [[flight[quantity] for flight in side if quantity in flight] for side in estimates]
         if all(pair):
-            raw = _compared(quantity.kind, pair, _allowance(quantity.kind, conditions))
             # A motor's effect on roll and on pitch changes alike.
             merged = quantity._replace(axis="") if quantity.kind == EFFECT and quantity.motor else quantity
-            raws.setdefault(merged, []).append(raw)
-    judged = [_judged(quantity, _merged(parts)) for quantity, parts in raws.items()]
+            raws.setdefault(merged, []).append(_compared(quantity.kind, pair))
+    judged = [_judged(one, _merged(parts), _allowance(one.kind, conditions)) for one, parts in raws.items()]
     kinds = list(BETWEEN)
     changes = sorted(_tested(judged), key=lambda change: (kinds.index(change.quantity.kind), change.quantity))
     flights = [flight for side in sides for flight in side]
@@ -229,7 +227,7 @@ def _beside_median(kind: str, axis: str, known: Mapping[int, Estimate]) -> dict[
     return {Quantity(kind, motor, axis): (value - middle, sd) for motor, (value, sd) in known.items()}
 
 
-def _compared(kind: str, sides: Sequence[Sequence[Estimate]], allowance: float) -> _Raw:
+def _compared(kind: str, sides: Sequence[Sequence[Estimate]]) -> _Raw:
     """The difference of the means of two groups of flights, by random effects."""
     groups = [np.array([(value, sd**2) for value, sd in side]).T for side in sides]
     observed = sum(values.size - 1 for values, _ in groups)
@@ -244,7 +242,7 @@ def _compared(kind: str, sides: Sequence[Sequence[Estimate]], allowance: float) 
     of_flights = float(sum(((weight / weight.sum()) ** 2).sum() * between for weight in weights))
     # Welch and Satterthwaite: the part between flights is known from fewer numbers than the flights' own.
     freedom = variance**2 / (of_flights**2 / (PRIOR_FLIGHTS + observed) + (variance - of_flights) ** 2 / WITHIN_FREEDOM)
-    return _Raw(before, after, after - before, variance, freedom, allowance)
+    return _Raw(before, after, after - before, variance, freedom)
 
 
 def _merged(parts: Sequence[_Raw]) -> _Raw:
@@ -256,16 +254,15 @@ def _merged(parts: Sequence[_Raw]) -> _Raw:
     mean = float(weights @ differences / weights.sum())
     wider = max(1.0, float(weights @ (differences - mean) ** 2) / (len(parts) - 1))
     freedom = min(part.freedom for part in parts)
-    allowance = max(part.allowance for part in parts)
-    return _Raw(nan, nan, mean, wider / float(weights.sum()), freedom, allowance)
+    return _Raw(nan, nan, mean, wider / float(weights.sum()), freedom)
 
 
-def _judged(quantity: Quantity, raw: _Raw) -> QuantityChange:
+def _judged(quantity: Quantity, raw: _Raw, allowance: float) -> QuantityChange:
     """The difference in the unit people read, with its interval and p-value; not yet tested beside the others."""
-    sd = hypot(sqrt(raw.variance), raw.allowance)
+    sd = hypot(sqrt(raw.variance), allowance)
     half = quantile(LEVEL, raw.freedom) * sd
     p = float(2 * stdtr(raw.freedom, -abs(raw.difference) / sd))
-    found = QuantityChange(quantity, raw.before, raw.after, raw.difference, half, p, raw.allowance, "same")
+    found = QuantityChange(quantity, raw.before, raw.after, raw.difference, half, p, allowance, "same")
     if quantity.kind in (SHARE, EFFECT, MEAN_EFFECT):
         # The interval of a ratio, at its difference.
         ratio = exp(raw.difference)

@@ -179,7 +179,7 @@ def _value(value: Any, kind: Any) -> Any:
 
 
 def as_text(name: str) -> str:
-    """A name as text that UTF-8 can hold, which the name of a file need not be."""
+    """Returns a name as text that UTF-8 can hold, which the name of a file need not be."""
     return name.encode("utf-8", "backslashreplace").decode()
 
 
@@ -221,12 +221,13 @@ def _of_report(report: Mapping[str, Any]) -> dict[str, Any]:
         unit, inputs, cautions = value_at("flight.scale.unit"), DEMAND if by_demand else MOTORS, report.get("cautions")
         if not by_demand:
             columns = {"motors": names or None} | columns
-    known = {"axis": axis, "inputs": inputs, "input_unit": unit}
     overrides = report.get("overrides") or ()
-    known["overrides"] = [override["kind"] for override in overrides]
-    default = {} if "tier" in report else {"tier": "a"}
+    known = {"axis": axis, "inputs": inputs, "input_unit": unit, "overrides": [one["kind"] for one in overrides]}
+    if value_at("wind.reason") or value_at("physical.status.effect") in (None, "not identifiable"):
+        # It is not resolved, or what it is computed with is not identifiable.
+        columns = {name: value for name, value in columns.items() if not name.startswith("wind_torque")}
     known["warnings"] = (*(override["sentence"] for override in overrides), *(cautions or ()))
-    return default | columns | known
+    return ({} if "tier" in report else {"tier": "a"}) | columns | known
 
 
 Flight = Sequence[FlightRow]

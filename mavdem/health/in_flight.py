@@ -151,7 +151,7 @@ class MotorAlarm(NamedTuple):
     def sentence(self) -> str:
         """What changed since when, and what that means."""
         clock = f"the clock of boot {self.boot + 1}" if self.boot else "the boot clock"
-        since, sure = f"since {self.since:.0f} s of {clock}", f"probability {self.probability:.0%}"
+        since, sure = f"since {self.since:.0f} s of {clock}", f"probability {100 * self.probability:.0f} %"
         if self.motor is None:
             return (
                 f"The steady torque in roll and pitch is another {since}, and that in yaw the same: no motor is named "
@@ -160,7 +160,7 @@ class MotorAlarm(NamedTuple):
         known = ". Where the motors are is assumed, and so is the name" if self.assumed else ""
         return (
             f"Alarm: {self.name} lost {loss_in_words(self.size)} of its thrust (motor or propeller) {since}: "
-            f"it works {self.size:.0%} harder ({sure}){known}."
+            f"it works {100 * self.size:.0f} % harder ({sure}){known}."
         )
 
     def as_dict(self) -> dict[str, Any]:

@@ -85,6 +85,7 @@ def motor_geometry(
     whose outputs change, ``bank`` how many channels a bank has (PX4 numbers those of each driver, and bank, from 1).
     """
     drivers: dict[int, tuple[str, int]] = {}
+    others: set[int] = set()
     if autopilot == "PX4":
         known, drivers = _px4_channels(parameters, moving, bank)
         rotors = range(min(int(parameters.get("CA_ROTOR_COUNT", 0)), 12))  # n of the control allocation is motor n + 1
@@ -112,8 +113,14 @@ def motor_geometry(
         basis = "the SERVOn_FUNCTION and FRAME parameters" if places else "the SERVOn_FUNCTION parameters"
     channels_assumed = len(known) < MOTOR_COUNTS.get(vehicle, 1)  # some of the parameters did not come
     if channels_assumed:
-        moved = sorted(moving)[: MOTOR_COUNTS.get(vehicle, len(moving))]
-        known, basis = dict(enumerate(moved, 1)), "the channels that move"
+        count = MOTOR_COUNTS.get(vehicle, len(moving))
+        moved, basis = sorted(moving)[:count], "the channels that move"
+        start = moved[0] - (moved[0] - 1) % bank if moved else 1
+        usual = [channel for channel in range(start, start + bank) if channel not in others][:count]
+        # A motor whose output never changes is one all the same. Those of a tricopter are on no row of channels.
+        if count <= 2 * len(moved) < 2 * count and set(moved) <= set(usual) and vehicle != "TRICOPTER":
+            moved, basis = usual, f"the first {count} channels"
+        known = dict(enumerate(moved, 1))
     motors, channels = tuple(sorted(known)), tuple(known[motor] for motor in sorted(known))
     if not channels:
         return None
@@ -208,17 +215,18 @@ def _px4_channels(
 ) -> tuple[dict[int, int], dict[int, tuple[str, int]]]:
     """The channel of each motor ({driver}_FUNCn 101 to 112 are 1 to 12), and the driver behind each channel.
 
-    Of drivers whose channels move, in the first such bank.
+    Of drivers whose channels move, in the first such bank; then of those of which half move.
     """
     channels: dict[int, int] = {}
     # Before PX4 1.13, which has no *_FUNCn, the first bank is that of the main outputs.
     drivers = {n: ("PWM_MAIN", n) if n <= bank else ("PWM_AUX", n - bank) for n in range(1, 2 * bank + 1)}
     banks = [0, bank]
-    for driver in _PX4_DRIVERS:
+    for driver, still in [(driver, share) for share in (0.0, 0.5) for driver in _PX4_DRIVERS]:
         motor_of = {n: int(parameters.get(f"{driver}_FUNC{n}", 0)) - 100 for n in range(1, 17)}
         # A motor on two drivers is on a spare one.
         further = {motor: n for n, motor in motor_of.items() if 1 <= motor <= 12 and motor not in channels}
-        first = next((first for first in banks if {first + n for n in further.values()} <= set(moving)), None)
+        stopped = {first: len({first + n for n in further.values()} - set(moving)) for first in banks}
+        first = next((first for first, count in stopped.items() if count <= still * len(further)), None)
         if further and first is not None:
             channels |= {motor: first + n for motor, n in further.items()}
             drivers |= {first + n: (driver, n) for n in further.values()}
@@ -242,8 +250,11 @@ class OutputScale:
     stop: float = 1.0
 
     def fraction(self, outputs: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Outputs as a share of the range, 0 at ``low`` and 1 at ``high``; below 0 when disarmed on some autopilots."""
-        return (outputs - self.low) / (self.high - self.low)
+        """Outputs as a share of the range, 0 at ``low`` and 1 at ``high``; below 0 when disarmed on some autopilots.
+
+        An output of 0 below the range is none, and a share of 0: a motor that is off does not brake the others.
+        """
+        return (np.where((outputs == 0) & (self.low > 0), self.low, outputs) - self.low) / (self.high - self.low)
 
 
 MIN_PULSE_RANGE = 300.0  # µs from no to full throttle; less is no range of a speed controller

@@ -39,26 +39,16 @@ MAX_ROWS, MAX_REPORTS = 512, 4096  # Of each stream of outputs, and of each kind
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """What the rows of a segment are, like the ``provenance`` of a ``Flight``.
+    """What the rows of a segment are, like the ``provenance`` of a ``Flight``."""
 
-    Attributes:
-        segment, boot: numbers.
-        dt: step, s.
-        attitude, motors: names of the messages.
-        layout, scale: of the inputs.
-        rates: Hz of attitude and motors that decided the step.
-        start: first point of the grid, s; the first row may be a few seconds later.
-    """
-
-    segment: int
-    boot: int
-    dt: float
-    attitude: str
-    motors: str
-    layout: MotorGeometry
-    scale: OutputScale
-    rates: tuple[float, ...]
-    start: float
+    boot: int  # its number
+    dt: float  # step, s
+    attitude: str  # name of the message
+    motors: str  # name of the message
+    layout: MotorGeometry  # of the inputs
+    scale: OutputScale  # of the inputs
+    rates: tuple[float, ...]  # Hz of attitude and motors that decided the step
+    start: float  # first point of the grid, s; the first row may be a few seconds later
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,10 +71,6 @@ class Inputs:
     def key(self) -> tuple[object, ...]:
         """What must not change within a segment."""
         return self.message, self.layout.channels, self.picks
-
-    def share(self, value: float) -> float:
-        """An output as a share of its range."""
-        return (value - self.scale.low) / (self.scale.high - self.scale.low)
 
 
 class InputChoice:
@@ -156,16 +142,13 @@ class InputChoice:
 
 
 class Phase:
-    """Whether one boot is armed, airborne and settled, from its messages so far.
-
-    As of the last ``review``, ``flying``: whether it is airborne and, if that is reported, armed; ``steady``: whether
-    it also neither takes off nor lands where that is reported. ``idle``: whether outputs come and none has moved so
-    far. ``parameters``: of the autopilot.
-    """
+    """Whether one boot is armed, airborne and settled, from its messages so far."""
 
     def __init__(self) -> None:
-        self.flying = self.steady = self.idle = False
-        self.parameters: Mapping[str, float] = {}
+        self.flying = False  # as of the last review, airborne and, if that is reported, armed
+        self.steady = False  # and neither taking off nor landing where that is reported
+        self.idle = False  # whether outputs come and none has moved so far
+        self.parameters: Mapping[str, float] = {}  # of the autopilot
         kinds = ("collective", *REPORTED, *CLIMB_FIELDS)
         self._rows: dict[str, deque[tuple[float, float]]] = {kind: deque(maxlen=MAX_REPORTS) for kind in kinds}
         self._start = self._reviewed = -inf

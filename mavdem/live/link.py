@@ -321,7 +321,6 @@ BATCH_SECONDS = 0.5  # Of received bytes written together: each search for frame
 class RawRecording:
     """A growing file, new, of the raw stream, a tlog or as .mcap; a crash loses at most a second.
 
-    ``frames``: number of frames in it; bytes that belong to no frame are not in it.
     Raises Unreadable: the file exists, or cannot be created.
     """
 
@@ -332,7 +331,7 @@ class RawRecording:
             raise Unreadable(f"{path} is there already and is not overwritten: name another file.") from None
         except OSError as error:
             raise Unreadable(f"{path} cannot be written ({error.strerror or error}): name another file.") from None
-        self.frames = 0
+        self.frames = 0  # in it; bytes that belong to no frame are not
         self._mcap = started(self._file, 1 << 15) if Path(path).suffix.lower() == ".mcap" else None
         self._channel = 0 if self._mcap is None else raw_channel(self._mcap)
         self._pieces: list[tuple[float, bytes]] = []

@@ -39,13 +39,10 @@ sets rates back, MAVProxy every 15 s, costs as long each time as it takes to ask
 
 
 class Arrivals:
-    """Rates over the last ``WINDOW_SECONDS`` of the caller's clock: the vehicle's stops when nothing comes.
-
-    ``resumed``: whether the vehicle was silent before the latest call, and is no longer.
-    """
+    """Rates over the last ``WINDOW_SECONDS`` of the caller's clock: the vehicle's stops when nothing comes."""
 
     def __init__(self) -> None:
-        self.resumed = False
+        self.resumed = False  # whether the vehicle was silent before the latest call, and is no longer
         self._window: deque[tuple[float, dict[int, int]]] = deque()
         self._heard, self._total = -np.inf, 0
 

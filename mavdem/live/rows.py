@@ -33,23 +33,14 @@ OTHER_RATE_RATIO = 1.3  # A rate that differs by this factor from the one that d
 
 
 class AlignedRow(NamedTuple):
-    """One point of the grid, as a row of the ``Flight`` that ``align`` returns.
+    """One point of the grid, as a row of the ``Flight`` that ``align`` returns."""
 
-    Attributes:
-        time: s on the boot clock.
-        inputs: (r,) motor outputs in the unit of the stream, or the demand.
-        outputs: (2,) angle, rad, and body rate, rad/s.
-        segment: its number, from 0 on; rows of one segment are one step apart.
-        received: UNIX s at which the bytes that completed it were received.
-        settled: whether the vehicle was in settled flight, as far as is known by then.
-    """
-
-    time: float
-    inputs: NDArray[np.float64]
-    outputs: NDArray[np.float64]
-    segment: int
-    received: float
-    settled: bool
+    time: float  # s on the boot clock
+    inputs: NDArray[np.float64]  # (r,) motor outputs in the unit of the stream, or the demand
+    outputs: NDArray[np.float64]  # (2,) angle, rad, and body rate, rad/s
+    segment: int  # its number, from 0 on; rows of one segment are one step apart
+    received: float  # UNIX s at which the bytes that completed it were received
+    settled: bool  # whether the vehicle was in settled flight, as far as is known by then
 
 
 class PlacedMessage(NamedTuple):
@@ -66,11 +57,11 @@ class BootClock:
 
     A stamp that does not continue the clock is held back. If the next attitude stamps continue from there, the clock
     has changed, and the held messages are placed on it; if one continues the old clock, they were outliers, which are
-    dropped. ``now``: the latest reference stamp, s; NaN before any. ``boot``: number, from 0 on.
+    dropped.
     """
 
     def __init__(self, report: Callable[[str], None]) -> None:
-        self.now, self.boot = nan, 0
+        self.now, self.boot = nan, 0  # the latest reference stamp, s, and the number of the boot
         self._latest, self._turns, self._accepted = nan, 0, 0
         self._held: list[Message] = []
         self._run: list[float] = []

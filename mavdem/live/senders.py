@@ -26,14 +26,11 @@ MAX_LISTED = 8  # Vehicles named in one sentence
 
 
 class Sender:
-    """One component on the link, by its MAVLink ids.
-
-    ``kind`` and ``autopilot``: names of the MAV_TYPE and MAV_AUTOPILOT that most of its HEARTBEATs have.
-    """
+    """One component on the link, by its MAVLink ids."""
 
     def __init__(self, system: int, component: int) -> None:
         self.system, self.component, self.name = system, component, f"{system}:{component}"
-        self.kind = self.autopilot = UNNAMED
+        self.kind = self.autopilot = UNNAMED  # MAV_TYPE and MAV_AUTOPILOT that most of its HEARTBEATs have
         self.attitudes = self.frames = 0  # messages of attitude, and frames, unread ones included
         self.arrived: dict[int, int] = {}  # number of messages by id, damaged and unknown ones excluded
         self.parameters: dict[bytes, Message] = {}  # the last PARAM_VALUEs
@@ -97,36 +94,30 @@ class Sender:
 
 
 class Senders:
-    """All senders of a link and the one that is followed: ``wanted``, "system" or "system:component", or the only one.
-
-    ``followed``: None before the choice. ``obstacle``: why none is followed, one sentence; empty when one is.
-    """
+    """All senders of a link and the one followed: ``wanted``, "system" or "system:component", or the only one."""
 
     def __init__(self, wanted: str | None, report: Callable[[str], None]) -> None:
         self.followed: Sender | None = None
+        # why none is followed, one sentence; empty when one is
         self.obstacle = "No vehicle found yet." if wanted is None else f"Vehicle {wanted} not found yet."
         self._wanted = wanted
-        self._senders: dict[tuple[int, int], Sender] = {}
+        self.by_ids: dict[tuple[int, int], Sender] = {}  # those that are kept
         self._rivals: set[str] = set()
         self._report = report
 
     def __iter__(self) -> Iterator[Sender]:
         """The senders that are kept, by system and component."""
-        return (sender for _, sender in sorted(self._senders.items()))
+        return (sender for _, sender in sorted(self.by_ids.items()))
 
     def of(self, frame: Frame) -> Sender:
         """The sender of a frame."""
         ids = frame.system, frame.component
-        if ids not in self._senders:
-            if len(self._senders) >= MAX_SENDERS:
-                others = [key for key, other in self._senders.items() if other is not self.followed]
-                del self._senders[min(others, key=lambda key: self._senders[key].frames)]
-            self._senders[ids] = Sender(*ids)
-        return self._senders[ids]
-
-    def get(self, system: int, component: int) -> Sender | None:
-        """The sender with these ids, if it is kept."""
-        return self._senders.get((system, component))
+        if ids not in self.by_ids:
+            if len(self.by_ids) >= MAX_SENDERS:
+                others = [key for key, other in self.by_ids.items() if other is not self.followed]
+                del self.by_ids[min(others, key=lambda key: self.by_ids[key].frames)]
+            self.by_ids[ids] = Sender(*ids)
+        return self.by_ids[ids]
 
     def decide(self, sender: Sender) -> None:
         """Follows this sender, which sent a message, if it is the one to follow."""

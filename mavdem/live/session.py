@@ -72,11 +72,7 @@ class LearningProcess(Executor):
 
 @dataclass
 class LiveSession:
-    """A link and all that is done with what it receives.
-
-    ``learner``: of the latest rows; None before the first. ``request``: for rates, once sent. ``history``: what
-    happened.
-    """
+    """A link and all that is done with what it receives."""
 
     link: Link  # open
     stream: LiveStream  # of one vehicle
@@ -94,15 +90,15 @@ class LiveSession:
     def __post_init__(self) -> None:
         """Begins now, without a model."""
         now = time.monotonic()
-        self.learner: OnlineLearner | None = None
-        self.history = LiveHistory()
+        self.learner: OnlineLearner | None = None  # of the latest rows
+        self.history = LiveHistory()  # what happened
         self._learners: dict[tuple[float, tuple[str, ...]], OnlineLearner] = {}
         self._models: deque[tuple[float, Learned]] = deque(maxlen=MAX_MODELS)  # with the boot clock, s, of each
         self._newest: Learned | None = None
         self._landed = False  # whether no model has come since the last landing
         self._setup: Setup | None = None
         self._display: Any = None
-        self.request: RateRequest | None = None
+        self.request: RateRequest | None = None  # for rates, once sent
         self._arrivals, self._boot = Arrivals(), 0
         self._greeted = -np.inf
         self._latencies: deque[float] = deque(maxlen=10_000)

@@ -46,9 +46,6 @@ class LiveStream:
     is ``asked`` for rates already, no sentence advises it.
 
     Raises ValueError: unknown axis or inputs.
-
-    ``setup``: what the rows of the latest segment are; None before the first. ``samples``: number of samples of the
-    vehicle's attitude and motor outputs. ``boot``: number of the vehicle's boot, from 0 on.
     """
 
     def __init__(
@@ -58,8 +55,8 @@ class LiveStream:
             raise ValueError(f"axis must be one of {', '.join(TILT_AXES)}, not {axis!r}")
         if inputs not in (None, *INPUTS):
             raise ValueError(f"inputs must be one of {', '.join(INPUTS)}, not {inputs!r}")
-        self.setup: Setup | None = None
-        self.samples = self.boot = 0
+        self.setup: Setup | None = None  # what the rows of the latest segment are
+        self.samples = self.boot = 0  # of the vehicle: samples of attitude and motor outputs, and its boot's number
         self.axis, self._wanted, self._advice = axis, inputs, "" if asked else ADVICE
         self._frames, self._senders = FrameReader(), Senders(vehicle, self._report)
         self._clock = BootClock(self._report)
@@ -89,7 +86,7 @@ class LiveStream:
         """The vehicle's parameters received so far, by name; also those that MAVProxy stores for it."""
         if self.followed is None:
             return {}
-        store = self._senders.get(self.followed.system, PARAMETER_STORE)
+        store = self._senders.by_ids.get((self.followed.system, PARAMETER_STORE))
         sent = {**(store.parameters if store else {}), **self.followed.parameters}
         return parameters_of(sent.values(), self.followed.autopilot) if sent else {}
 
@@ -185,8 +182,8 @@ class LiveStream:
             return
         if stream is streams[1]:
             used = [values[channel] for number, channel in inputs.picks if number == port]
-            share = inputs.share(sum(used) / len(used))
-            self._phase.take("collective", time, values[THRUST_COLUMN] if name == DEMAND_MESSAGE else share)
+            share = inputs.scale.fraction(np.array(used)).mean()
+            self._phase.take("collective", time, values[THRUST_COLUMN] if name == DEMAND_MESSAGE else float(share))
             self._watch_motors(time, inputs)
         if self._grid.running:
             if stream.gap:
@@ -223,7 +220,7 @@ class LiveStream:
         grid, before, plan = self._grid, self.setup, inputs.layout
         assert grid.dt is not None and self._attitude is not None
         names = self._attitude, inputs.message
-        self.setup = now = Setup(grid.segment, self.boot, grid.dt, *names, plan, inputs.scale, grid.rates, grid.start)
+        self.setup = now = Setup(self.boot, grid.dt, *names, plan, inputs.scale, grid.rates, grid.start)
         if before is not None and (before.dt, before.motors, before.layout) == (now.dt, now.motors, plan):
             return
         self._report(
@@ -309,8 +306,8 @@ class LiveStream:
         if not self._phase.settled(time):
             self._alarms.landed |= not self._phase.flying
         elif all(ports.values()):
-            commands = [inputs.share(ports[port][0][channel]) for port, channel in inputs.picks]
-            for event in self._alarms.take(time, self.boot, inputs, commands):
+            sent = np.array([ports[port][0][channel] for port, channel in inputs.picks])
+            for event in self._alarms.take(time, self.boot, inputs, inputs.scale.fraction(sent).tolist()):
                 self._report(*event)
 
     def _reboot(self, boot: int) -> None:

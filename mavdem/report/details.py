@@ -41,7 +41,7 @@ def detail_blocks(learned: Learned, report: dict[str, Any] | None = None) -> lis
         *(Sentence(caution, "Caution:") for caution in learned.cautions),
         *([] if report is None else _one_step(report, labels)),
         *_model(labels, learned),
-        *_physical(learned.physical),
+        *_physical(learned.physical, bool((report or {}).get("overrides"))),
         Sentence(
             f"increased by {energy.gained:,.0f} nats in {len(energy) - 1} iterations, to {energy[-1]:,.0f}.{end}",
             "Free energy action F̄:",
@@ -152,11 +152,11 @@ def _pole(pole: complex) -> str:
     return f"{pole.real:.3g}: {'grows with ' if pole.real > 0 else ''}time constant {seconds:g} s"
 
 
-def _physical(physical: Physical | None) -> list[Block]:
+def _physical(physical: Physical | None, doubted: bool) -> list[Block]:
     """How the physical parameters were fitted, and each window's own, where they differ by more than chance."""
     if physical is None:
         return []
-    windows, reasons = physical.windows, parameter_reasons(physical)
+    windows, reasons = physical.windows, parameter_reasons(physical, doubted)
     refinements = listed(physical.refinements)
     refined = f" Unseen windows are predicted better with: {refinements}." if refinements else ""
     count = f"{len(windows.start)} windows, fitted together," if len(windows.start) > 1 else "one window"

@@ -371,8 +371,8 @@ def _errors(errors: Sequence[HorizonErrors], axis: str) -> Table:
     for i, (name, unit) in enumerate([(axis, readable("rad")), (f"{axis} rate", readable("rad/s"))]):
         header += [named(name, unit.name), "baseline", "in its 90 % band"]
         for row, one in zip(rows, errors, strict=True):
-            row += [f"{unit.scale * sqrt(square[i]):.2g}" for square in (one.mse, one.held)]
-            row.append(f"{100 * one.inside[i]:.0f} %")
+            errors_of = (f"{unit.scale * sqrt(square[i]):.2g}" for square in (one.mse, one.held))
+            row += [*errors_of, f"{100 * one.inside[i]:.0f} %"]
     return Table(header, rows)
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from mavdem.analysis import AxisFigures, LogAnalysis, VehicleFigures
-from mavdem.analysis.findings import HALF_WIDTH, Findings, findings_of, known_wind
+from mavdem.analysis.findings import ADVICE, HALF_WIDTH, Findings, findings_of, known_wind
 from mavdem.condition.condition import HoverFigures
 from mavdem.confidence import LEVEL
 from mavdem.dem import Learned, Physical, WindTorque
@@ -64,7 +64,7 @@ def screen(
 def conclusion(found: Findings) -> list[Block]:
     """Returns the headline, what overrides all grades, and last what to do next."""
     doubts = (Sentence(override.sentence, f"{override.kind.capitalize()}:") for override in found.overrides)
-    return [Sentence("", found.headline), *doubts, Sentence(found.next_step, "Next:")]
+    return [*([Sentence("", found.headline)] if found.headline else []), *doubts, Sentence(found.next_step, "Next:")]
 
 
 def verdict_blocks(found: Findings) -> list[Block]:
@@ -203,7 +203,7 @@ def _prediction(labels: Labels, held_out: HeldOut | None) -> list[Block]:
     return [Table([f"RMSE, {held_out.seconds:.2g} s ahead, {count}", *names, "error ratio"], rows), Sentence(text)]
 
 
-def vehicle_blocks(vehicle: VehicleFigures) -> list[Block]:
+def vehicle_blocks(vehicle: VehicleFigures, doubted: bool = False) -> list[Block]:
     """Returns a row an axis of a ``vehicle``, the reasons for what is not reported, and a row a motor."""
     blocks: list[Block] = []
     if vehicle.axes:  # A table without rows says nothing.
@@ -211,7 +211,7 @@ def vehicle_blocks(vehicle: VehicleFigures) -> list[Block]:
         unit = next((axis.flights[0].input_units[0] for _, axis in axes if axis.flights), "")
         words = ("rate damping (1/s)", "time constant (ms)", "wind torque, sd (°/s²)")
         header = ["axis", f"mean effectiveness ({_per_input(unit)})", *words]
-        reasons = [(name, one.reason or " ".join(parameter_reasons(one.physical))) for name, one in axes]
+        reasons = [(name, one.reason or " ".join(parameter_reasons(one.physical, doubted))) for name, one in axes]
         blocks = [
             Sentence(f"all settled flight of the log; {INTERVAL}", "Vehicle:"),
             Table(header, [[name, *_axis_row(one)] for name, one in axes]),
@@ -237,16 +237,17 @@ def _axis_row(axis: AxisFigures) -> list[str]:
     return [*marked, "-" if wind is None else rounded(TORQUE.scale * wind.sd)]
 
 
-def parameter_reasons(physical: Physical | None) -> list[str]:
-    """Returns each reason why a ``physical`` parameter is not reported once, with the parameters it is of."""
+def parameter_reasons(physical: Physical | None, doubted: bool = False) -> list[str]:
+    """Returns why ``physical`` parameters are not reported, each reason once; without advice if all is ``doubted``."""
     if physical is None:
         return []
+    reasons = {name: ADVICE.sub("", reason) if doubted else reason for name, reason in physical.reasons.items()}
     status = physical.status["effect"]
     if status != "reported" and set(physical.status.values()) == {status}:
         # What is wrong with the effectiveness is enough to know.
         names = listed(PARAMETER_WORDS.values()).capitalize()
-        return [f"{names} are {status}: {physical.reasons['effect']}"]
+        return [f"{names} are {status}: {reasons['effect']}"]
     parameters: dict[str, list[str]] = {}
-    for name, reason in physical.reasons.items():
+    for name, reason in reasons.items():
         parameters.setdefault(reason, []).append(f"{PARAMETER_WORDS[name]} {physical.status[name]}")
     return [f"{listed(names).capitalize()}: {reason}" for reason, names in parameters.items() if reason]

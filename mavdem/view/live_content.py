@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from mavdem.confidence import LEVEL
 from mavdem.dem import Estimate, Learned, LinearModel, Physical
 from mavdem.dem.engine.linalg import Array
-from mavdem.dem.graybox.wind import LEVEL_SECONDS, gusts, shortest_gust
+from mavdem.dem.graybox.wind import CHANGE_SECONDS, LEVEL_SECONDS, gusts, shortest_gust
 from mavdem.dem.online.learner import TOO_FEW
 from mavdem.dem.online.tracker import FALSE_MARK_SECONDS
 from mavdem.dem.priors import hyperparameter_groups
@@ -75,7 +75,7 @@ class LiveWriter:
     """Writes rows of one set of channels into one recording."""
 
     def __init__(self, channels: Channels) -> None:
-        self._channels = channels
+        self.channels = channels
         self._units = [readable(unit) for unit in channels.output_units]
         self._torques: deque[tuple[float, float, float]] = deque(maxlen=round(GUST_SECONDS / channels.dt))
         self._gusts_until = -np.inf
@@ -90,7 +90,7 @@ class LiveWriter:
 
     def _all_lines(self) -> list[Lines]:
         """All but those of the model; predictions are those nearest to ``AHEAD`` seconds ahead."""
-        channels = self._channels
+        channels = self.channels
         command = Lines("command", ("motors' difference",), (COMMAND,))
         if not channels.command:
             names = tuple(map(place, channels.input_names))
@@ -116,8 +116,8 @@ class LiveWriter:
 
     def begin(self, recording: rr.RecordingStream) -> None:
         """Sends the styles and the layout; once a recording, before the first row."""
-        recording.send_recording_name(self._channels.title)
-        recording.send_blueprint(live_blueprint(self._channels))
+        recording.send_recording_name(self.channels.title)
+        recording.send_blueprint(live_blueprint(self.channels))
         for lines in self.lines.values():
             lines.send_style(recording)
 
@@ -128,7 +128,7 @@ class LiveWriter:
         self._segment = rows[-1].segment
         breaks = np.array([i for i in range(len(rows)) if segments[i] not in (None, segments[i + 1])], np.intp)
         self._outputs(recording, rows, time, breaks)
-        command = inputs @ np.array(self._channels.command)[:, None] if self._channels.command else inputs
+        command = inputs @ np.array(self.channels.command)[:, None] if self.channels.command else inputs
         self._in_sight("command", command, command)
         self._draw(recording, "command", time, command, breaks)
         estimates = [(row.estimate, row.shift) for row in rows if row.estimate is not None]
@@ -151,7 +151,7 @@ class LiveWriter:
         """Draws lines that break before the rows ``breaks``, where samples are missing."""
         if len(breaks):
             values = np.insert(values, breaks, np.nan, axis=0)
-            time = np.insert(time, breaks, time[breaks] - self._channels.dt / 2)
+            time = np.insert(time, breaks, time[breaks] - self.channels.dt / 2)
         self.lines[path].send(recording, time, values)
 
     def _outputs(
@@ -159,11 +159,11 @@ class LiveWriter:
     ) -> None:
         h, measured = self._horizon, np.array([row.outputs for row in rows])
         ahead, half = np.full((2, *measured.shape), np.nan)
-        later = time + self._channels.horizons[h] * self._channels.dt
+        later = time + self.channels.horizons[h] * self.channels.dt
         for i, row in enumerate(rows):
             if (now := row.estimate) is not None:
                 ahead[i], half[i], later[i] = now.ahead[h], now.ahead_band[h], now.ahead_times[h] + row.shift
-        for i, (name, unit) in enumerate(zip(self._channels.output_names, self._units, strict=True)):
+        for i, (name, unit) in enumerate(zip(self.channels.output_names, self._units, strict=True)):
             plot, drawn = rr.new_entity_path(["outputs", name]), unit.scale * measured[:, i]
             then = unit.scale * np.stack([ahead[:, i] - half[:, i], ahead[:, i] + half[:, i], ahead[:, i]], axis=-1)
             then = self._in_sight(plot, drawn, then)
@@ -199,7 +199,7 @@ class LiveWriter:
 
     def _log_gusts(self, recording: rr.RecordingStream) -> None:
         """Logs the gusts of the latest torque that have ended since the last time, about once a second."""
-        dt = self._channels.dt
+        dt = self.channels.dt
         if len(self._torques) * dt < 2 * LEVEL_SECONDS or self._torques[-1][0] < self._gusts_until + 1.0:
             return
         time, torque, band = np.array(self._torques).T
@@ -207,9 +207,10 @@ class LiveWriter:
         shortest = 0.0 if self._physical is None else shortest_gust(self._physical, dt)
         changes = [int(np.searchsorted(time, at)) for at in self._changes if time[0] < at < time[-1]]
         series = Record(torque[:, None], torque[:, None], dt, (len(torque),))
-        for gust in gusts(torque, band, series, shortest, changes).found:
+        for gust in gusts(torque, band, series, shortest).found:
             end = gust.sample + round(gust.length / dt)
-            if end < len(time) and time[end] > before:
+            near = any(abs(gust.sample - at) * dt <= CHANGE_SECONDS for at in changes)
+            if end < len(time) and time[end] > before and not near:
                 text = f"gust: {readable('rad/s²').scale * gust.size:+.0f} °/s² for {gust.length:.2g} s"
                 log(recording, float(time[gust.sample]), text)
 
@@ -239,7 +240,7 @@ class LiveWriter:
             time, action = np.array([row.time]), np.array([now.free_energy_action])
             self.lines["free_energy_action"].send(recording, time, action)
             if row.learned is not None:
-                names = precision_names(self._channels.output_names, row.learned)
+                names = precision_names(self.channels.output_names, row.learned)
                 lines = Lines("noise_precisions", names, tuple(map(distinct, range(len(names)))), 2.0)
                 lines.send_style(recording)
                 lines.send(recording, time, now.log_precisions)

@@ -20,9 +20,10 @@ import rerun as rr
 from numpy.typing import ArrayLike
 
 from mavdem.dem import Estimate, Learned
+from mavdem.fleet.row import as_text
 from mavdem.live import Event, SessionStatus
 from mavdem.view.live_content import Channels, LiveWriter, ViewRow, figures, log, status_document
-from mavdem.view.plots import BOOT_CLOCK, utf8
+from mavdem.view.plots import BOOT_CLOCK
 from mavdem.view.viewer import Sink
 
 CLOSE_SECONDS = 3.0  # how long ``close`` waits for slow sinks
@@ -42,7 +43,6 @@ class SinkThread:
         self.dropped = 0  # rows
         self.status = SessionStatus()
         self.trouble = ""  # why nothing arrives, one sentence
-        self._channels: Channels | None = None  # that the recording shows
         self._writer: LiveWriter | None = None
         self._recording: rr.RecordingStream | None = None
         self._last: ViewRow | None = None
@@ -99,7 +99,7 @@ class SinkThread:
         if not self.sink.open(recording):
             self.trouble = f"there is no viewer at {self.sink.name}"
             return
-        self._recording, self._channels = recording, None
+        self._recording, self._writer = recording, None
 
     def _send(self) -> None:
         if (recording := self._recording) is None:
@@ -109,8 +109,8 @@ class SinkThread:
             self._rows.clear()
             self._lines.clear()
         for channels, batch in groupby(rows, key=lambda row: row.channels):
-            if self._writer is None or channels != self._channels:
-                self._channels, self._writer = channels, LiveWriter(channels)
+            if self._writer is None or channels != self._writer.channels:
+                self._writer = LiveWriter(channels)
                 self._writer.begin(recording)
             same = list(batch)
             self._last = same[-1]
@@ -183,7 +183,7 @@ class LiveView:
         """Shows an event in the log, at its time of the timeline."""
         time = event.seconds if isfinite(event.seconds) else 0.0
         for thread in () if self._closed else self._threads:
-            thread.put(event._replace(seconds=time, sentence=utf8(event.sentence)))
+            thread.put(event._replace(seconds=time, sentence=as_text(event.sentence)))
 
     def status(self, status: SessionStatus) -> None:
         """Shows the latest ``status``, once a second."""

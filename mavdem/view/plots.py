@@ -15,6 +15,7 @@ import rerun.blueprint as rrb
 
 from mavdem.dem.engine.linalg import Array
 from mavdem.files import atomic_write
+from mavdem.fleet.row import as_text
 from mavdem.report import palette
 from mavdem.report.numbers import rounded
 
@@ -149,17 +150,12 @@ def recorded(path: str | os.PathLike[str], name: str) -> Iterator[rr.RecordingSt
     """Yields a recording called ``name`` that is then written to ``path``, whole or not at all; ``OSError`` if not."""
     recording = rr.RecordingStream("mavdem")
     memory = recording.memory_recording()
-    recording.send_recording_name(utf8(name))
+    recording.send_recording_name(as_text(name))
     yield recording
     # Rerun does not report when a file it writes fails, as on a full disk; Python does.
     contents = memory.drain_as_bytes()
     with atomic_write(path) as file:
         file.write(contents)
-
-
-def utf8(text: str) -> str:
-    """Returns the text as UTF-8, which a file's name need not be, and what Rerun is given must be."""
-    return text.encode(errors="replace").decode()
 
 
 def range_of(*values: Array) -> tuple[float, float]:

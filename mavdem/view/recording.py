@@ -15,13 +15,14 @@ from mavdem.confidence import LEVEL
 from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
 from mavdem.evaluate.held_out import FORECAST, HeldOut
+from mavdem.fleet.row import as_text
 from mavdem.flight import Flight
 from mavdem.report import palette
 from mavdem.report.blocks import Block, Table, markdown
 from mavdem.report.details import detail_blocks
 from mavdem.report.numbers import AxisCommand, Labels, named, place, plus_minus, readable, state_names
 from mavdem.report.screen import screen, title, verdict_blocks
-from mavdem.view.plots import Plot, blueprint, faint, range_of, recorded, utf8, with_gaps
+from mavdem.view.plots import Plot, blueprint, faint, range_of, recorded, with_gaps
 
 BEYOND = 0.15  # how far a plot extends beyond the measured values, in spans of them, where a forecast does
 
@@ -201,5 +202,5 @@ def _learning(recording: rr.RecordingStream, learned: Learned) -> rrb.Container:
 def _text(recording: rr.RecordingStream, origin: str, name: str, words: str | Sequence[Block]) -> rrb.View:
     """A view of Markdown, without a title bar if it has no name."""
     text = words if isinstance(words, str) else markdown(words)
-    recording.log(origin, rr.TextDocument(utf8(text), media_type=rr.MediaType.MARKDOWN), static=True)
+    recording.log(origin, rr.TextDocument(as_text(text), media_type=rr.MediaType.MARKDOWN), static=True)
     return rrb.TextDocumentView(origin=origin, name=name or origin, titlebar=bool(name))

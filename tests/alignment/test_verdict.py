@@ -148,7 +148,7 @@ def test_a_hover_on_little_of_the_motors_range_is_a_flight_where_the_autopilot_i
     table = telemetry.messages["SERVO_OUTPUT_RAW"]
     low = {f"servo{n}_raw": 1000 + (table[f"servo{n}_raw"] - 1000) // 3 for n in (1, 2, 3, 4)}
     strong = changed(telemetry, "SERVO_OUTPUT_RAW", **low)
-    assert "flight takes 20%" in refused_for(strong)
+    assert "flight takes 20 %" in refused_for(strong)
     strong = dataclasses.replace(strong, parameters={**strong.parameters, "MOT_SPIN_MIN": 0.06})
     assert verdict_of(Signals(strong)).learnable
 
@@ -157,7 +157,7 @@ def test_a_hover_on_little_of_the_motors_range_is_a_flight_where_the_autopilot_i
     ("figure", "limit", "doubted_below", "words"),
     [
         # 1/(1 + 20): rounding can shrink what is learnt by 5 %.
-        ("output_snr", DOUBTFUL_SNR, True, "rounding can shrink what is learnt of the dynamics by 5%"),
+        ("output_snr", DOUBTFUL_SNR, True, "rounding can shrink what is learnt of the dynamics by 5 %"),
         ("consistency", DOUBTFUL_CONSISTENCY, True, "The rate explains only 0.80 of the angle's changes"),
     ],
 )
@@ -186,10 +186,10 @@ def idling() -> Telemetry:
     return changed(HOVER.telemetry(), "SERVO_OUTPUT_RAW", **idle)
 
 
-def shaking() -> Telemetry:
+def shaking(size: float = 1.0, share: float = 1.0) -> Telemetry:
     """97 Hz sampled at 100 Hz looks like a slow oscillation of the rate that the angle does not follow."""
     time, rate = (HOVER.telemetry().messages["ATTITUDE"][name] for name in ("time", "rollspeed"))
-    return changed(HOVER.telemetry(), "ATTITUDE", rollspeed=rate + np.sin(2 * np.pi * 97 * time))
+    return changed(HOVER.telemetry(), "ATTITUDE", rollspeed=share * rate + size * np.sin(2 * np.pi * 97 * time))
 
 
 GAPS = HOVER.stamps(100.0)[HOVER.stamps(100.0) % 3.0 < 2.5]
@@ -212,8 +212,9 @@ REFUSED = {
     "still": (with_outputs(1000.0), "The motors did not run: no output in SERVO_OUTPUT_RAW ever changes.", "Record"),
     "other channels": (with_outputs(**FOUR), "are on channels 5, 6, 7, 8, which never change in SERVO_", "Record"),
     "too few": (with_outputs(**SIX), "8, 10, 12, but SERVO_OUTPUT_RAW has no channel 10, 12.", "16"),
-    "idling": (idling(), "its motors ran at 10% of their range at most, and flight takes 20%", "Record a flight"),
+    "idling": (idling(), "its motors ran at 10 % of their range at most, and flight takes 20 %", "Record a flight"),
     "shaking": (shaking(), "contradict", "long SET_MESSAGE_INTERVAL 30 5000"),
+    "noise of a gyroscope": (shaking(0.01, 0.0), "hardly moves", "excite roll with the stick"),
     "submarine": (HOVER.telemetry(vehicle="SUBMARINE"), "HEARTBEAT reports the type SUBMARINE; ", "multirotor's log."),
 }
 

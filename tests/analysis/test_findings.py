@@ -1,5 +1,6 @@
 """Findings: a bad result never looks good, and each limit holds at its edge."""
 
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -9,9 +10,12 @@ from made_up_analysis import HOVER, analysis, held_out, model, physical
 
 from mavdem import Flight
 from mavdem.analysis.findings import GOOD, LIMITED, NONE, PURPOSES, Finding, findings_of, next_step, warnings_of
+from mavdem.analysis.residuals import Residuals
 from mavdem.condition.oscillation import Oscillation
+from mavdem.dem.graybox.identifiability import PARAMETERS, IdentifiabilityFigures, identifiability
 from mavdem.evaluate import HeldOut
 from mavdem.health.in_flight import MotorAlarm
+from mavdem.report.screen import parameter_reasons
 
 
 def grades(*found: object) -> tuple[str, ...]:
@@ -175,9 +179,36 @@ def test_residuals_that_are_far_from_white_are_said():
     learned = model(physical())
     slow = np.convolve(learned.record.outputs[:, 1], np.ones(10) / 3, "same")
     learned.record.outputs[:, 1] = slow
-    assert findings_of(learned).purposes[-1].grade == LIMITED
-    told = findings_of(learned, held_out()).purposes[-1]  # beside forecasts that are good
-    assert told.grade == GOOD and told.reason.startswith("Not white, but forecasts are good: ")
+    found = findings_of(learned, held_out())
+    assert found.purposes[-1].grade == LIMITED and found.purposes[-1].reason.startswith("Not white: ")
+    assert "reference" in found.next_step and "forecasts" not in found.next_step  # held-out windows count more
+
+
+def test_residuals_are_not_white_beyond_three_times_the_bound():
+    for size in (0.087, 0.093):
+        auto, none = np.array([1.0, size, 0.0]), np.zeros(3)
+        assert Residuals(none, none, auto, none, (0.03, 0.04)).white == (size < 0.09)
+
+
+def test_a_model_alone_says_nothing_of_motors_that_it_does_not_know():
+    assert findings_of(model(physical())).headline == ""
+    flight = Flight(0.1 * np.arange(999), np.zeros((999, 4)), np.random.default_rng(0).standard_normal((999, 2)))
+    assert findings_of(model(physical()), flights=[flight]).headline == "Well damped."
+    assert findings_of(condition=SimpleNamespace(hover=None, oscillation=None)).headline == "Motor outputs not known."
+
+
+def test_under_what_overrides_reasons_keep_their_figures_and_ask_for_nothing():
+    sds, none, ranges = (dict.fromkeys(PARAMETERS, size) for size in (0.6, 0.0, 0.3))
+    statuses, reasons = identifiability(IdentifiabilityFigures(0.46, 0.5, sds, none, ranges, 1.0, 0.0, 0.02))
+    assert "until it has 25 %" in reasons["effect"] and "%" not in " ".join(reasons.values()).replace(" %", "")
+    known = physical(**{name: status for name, status in statuses.items() if status != "reported"})
+    known.reasons |= reasons
+    free = findings_of(model(known), held_out()).purposes
+    found = findings_of(model(known), held_out(), saturated(0.86))
+    assert found.purposes[0].reason.startswith("The wind has 46 % of the torque's variance, and the motors answer it")
+    assert found.purposes[3].reason == f"{free[3].reason} {found.headline}" and "fly" in free[0].reason
+    said = [one.reason for one in found.purposes] + parameter_reasons(known, doubted=True)
+    assert not re.search(r"\b(fly|steer|record|log)\b", " ".join(said), re.IGNORECASE)
 
 
 def test_warnings_are_only_where_they_mean_something():

@@ -72,7 +72,7 @@ STILL = Flight(TRAIN.time, TRAIN.inputs, np.zeros((700, 2)))
     [
         (lambda: baselines.arx(TRAIN[:9], 2), "^train has 7 samples with 2 before them"),
         (lambda: baselines.arx(None), "^train must be a Flight"),
-        (lambda: baselines.arx(TRAIN, 2.5), "^order must be a positive whole number, not 2.5"),
+        (lambda: baselines.arx(TRAIN, 2.5), "^order must be a whole number of at least 1, not 2.5"),
         (lambda: baselines.subspace([TRAIN[i : i + 5] for i in range(0, 600, 5)], 4), "^train has too few samples"),
         (lambda: baselines.em(TRAIN, 10**9), "^train has too few samples for 1000000000 states"),
         *((partial(method, STILL), "^outputs column 0 must vary") for method in METHODS.values()),

@@ -2,6 +2,7 @@
 
 import json
 import tomllib
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -133,6 +134,22 @@ def test_files_that_fail_to_be_written_leave_those_that_were_there(tmp_path, cap
     words = ["hover_blower", "--out", tmp_path / "f.tlog", "--rrd", tmp_path / "f.rrd", *SHORT]
     assert "No space left" in refused(capsys, 2, "fly", *words)
     assert [path.read_bytes() for path in tmp_path.iterdir()] == [b"old"]
+
+
+@pytest.mark.parametrize("words", ["fly hover_blower --out none.tlog", "reproduce noise --out none"])
+def test_a_place_that_takes_no_file_is_refused_before_the_work(words, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # it takes none, as /proc does, though its mode says that it would
+    monkeypatch.setattr("mavdem.files.TemporaryDirectory", Mock(side_effect=FileNotFoundError))
+    for work in ("fly.progress", "reproduce.pool"):
+        monkeypatch.setattr(f"mavdem.cli.{work}", lambda *_: pytest.fail("it works"))
+    assert main(words.split()) == 2
+    assert "not writable" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("words", ["--duration 2", "--duration 30 --seed -1"])
+def test_the_option_that_is_wrong_is_named(words, capsys):
+    assert main(["fly", "hover_blower", "--out", "f.tlog", *words.split()]) == 2
+    assert f"Invalid value for {words.split()[-2]}:" in capsys.readouterr().err
 
 
 def test_describing_prints_every_value_with_what_it_means_and_may_be(capsys, tmp_path):

@@ -42,6 +42,15 @@ def test_a_page_is_made_once_for_a_vehicle():
     assert FlightRow.of(report, axis="pitch", file=rows[1].file).headroom == rows[1].headroom
 
 
+def test_a_row_has_a_wind_torque_only_where_it_is_known():
+    report = {"physical": {"status": {"effect": "biased"}}, "wind": {"sd": 0.8, "mean": 0.1, "mean_band": 0.2}}
+    assert FlightRow.of(report, axis="roll", file="f").wind_torque_sd == 0.8
+    unresolved = report | {"wind": report["wind"] | {"reason": "It is not resolved."}}
+    for unknown in (unresolved, report | {"physical": {"status": {"effect": "not identifiable"}}}):
+        row = FlightRow.of(unknown, axis="roll", file="f")
+        assert (row.wind_torque_sd, row.wind_torque_mean, row.wind_torque_interval) == (None, None, None)
+
+
 def test_an_error_in_one_vehicle_leaves_the_rows_of_the_others(slow_rows, monkeypatch):
     log = mavdem.ingest.read_log(SLOW)
     (sound,) = log.vehicles

@@ -202,6 +202,7 @@ def test_a_landing_never_replaces_the_last_model_before_it():
     assert one.final_model().settings.seed == 2 and "The newest samples support no model" in said[-1]
 
 
+@pytest.mark.slow
 def test_dashboard_and_page_of_a_session_say_the_same():
     one, screen, _ = session_of(batches(8.0))
     run(one)
@@ -251,6 +252,7 @@ def test_what_came_before_a_silence_does_not_pass_for_what_comes(now):
     assert one.status.rates["ATTITUDE"] > 50 and not one.status.obstacle
 
 
+@pytest.mark.slow
 def test_every_second_is_accounted_for(now):
     one, _, _ = session_of([[], *batches(9.0), LinkLost("The link x was lost.")])
     one._heard = 100.0

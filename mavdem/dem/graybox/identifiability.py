@@ -99,20 +99,20 @@ def identifiability(figures: IdentifiabilityFigures) -> tuple[dict[str, Status],
 def _obstacles(name: str, figures: IdentifiabilityFigures) -> Iterator[tuple[Status, str]]:
     share, sd, spread = figures.wind_share, figures.sd[name], figures.spectrum_range[name]
     by_wind = WIND_SHARE.status(share)
-    high = f" The effect may be off by {2 * MODEL_ERRORS.wind_bias:.0%}, mostly high."
+    high = f" The effect may be off by {200 * MODEL_ERRORS.wind_bias:.0f} %, mostly high."
     yield (
         by_wind,
-        f"The wind has {share:.0%} of the torque's variance, and the motors answer it (closed loop): fly quick "
-        f"inputs on this axis (doublets, or a sweep of about 3°) in calm air, until it has {WIND_SHARE.reported:.0%}."
-        + (high if by_wind == "biased" and name == "effect" else ""),
+        f"The wind has {100 * share:.0f} % of the torque's variance, and the motors answer it (closed loop): fly quick "
+        "inputs on this axis (doublets, or a sweep of about 3°) in calm air, until it has "
+        f"{100 * WIND_SHARE.reported:.0f} %." + (high if by_wind == "biased" and name == "effect" else ""),
     )
     if figures.alias_share > MAX_ALIAS_SHARE:
         yield (
             "not identifiable",
-            f"{figures.alias_share:.0%} of the motor commands' variance is too fast for {1 / figures.dt:.0f} Hz: "
-            "record faster, or steer more.",
+            f"{100 * figures.alias_share:.0f} % of the motor commands' variance is too fast for {1 / figures.dt:.0f} "
+            "Hz: record faster, or steer more.",
         )
-    yield RELATIVE_SD[name].status(sd), f"Its standard deviation is {sd:.0%}: fly longer, or steer more."
+    yield RELATIVE_SD[name].status(sd), f"Its standard deviation is {100 * sd:.0f} %: fly longer, or steer more."
     if figures.window_sd[name] > RELATIVE_SD[name].reported:
         yield "biased", f"{CHANGED}: the table over time shows when."
     yield (
@@ -137,11 +137,11 @@ def _obstacles(name: str, figures: IdentifiabilityFigures) -> Iterator[tuple[Sta
         yield (
             "biased",
             f"At {1 / figures.dt:.0f} Hz the commands between samples are not known: the effect is low by about "
-            f"{-MODEL_ERRORS.slow_bias:.0%}, damping and lag may be off by {2 * MODEL_ERRORS.slow:.0%}. Record at "
-            f"{SLOWEST_RATE:.0f} Hz or more.",
+            f"{-100 * MODEL_ERRORS.slow_bias:.0f} %, damping and lag may be off by {200 * MODEL_ERRORS.slow:.0f} %. "
+            f"Record at {SLOWEST_RATE:.0f} Hz or more.",
         )
 
 
 def _factor(spread: float) -> str:
     """A range of the logarithm in words."""
-    return f"{np.expm1(spread):.0%}" if spread < 1 else "more than a factor of 2"
+    return f"{100 * np.expm1(spread):.0f} %" if spread < 1 else "more than a factor of 2"

@@ -20,7 +20,7 @@ from mavdem.dem.online.ahead import PredictionsAhead
 from mavdem.dem.online.memory import Memory, drop_since
 from mavdem.dem.online.tracker import AnomalyMarks, ErrorBands, Estimate, Surprise, Tracker, Tracking
 from mavdem.dem.online.wind import OnlineWind
-from mavdem.dem.record import LARGEST, SHORTEST_STEP, Record
+from mavdem.dem.record import LARGEST, SHORTEST_STEP, Record, required_number
 from mavdem.dem.settings import Settings
 from mavdem.dem.validation import is_number, is_whole, real_numbers
 
@@ -87,8 +87,7 @@ class OnlineLearner:
         if not (is_number(dt) and SHORTEST_STEP <= dt <= 1 / SHORTEST_STEP):
             raise ValueError(f"dt must be positive seconds, at least {SHORTEST_STEP:g}, not {dt!r}")
         for name, number in (("n_inputs", n_inputs), ("n_outputs", n_outputs)):
-            if not (is_whole(number) and number >= 1):
-                raise ValueError(f"{name} must be a whole number of at least 1, not {number!r}")
+            required_number(number, name)
         steps = isinstance(horizons, tuple | list) and len(horizons) > 0 and all(map(is_whole, horizons))
         if not steps or horizons[0] < 1 or list(horizons) != sorted(set(horizons)):
             raise ValueError(f"horizons must be whole steps of at least 1, increasing, not {horizons!r}")
