@@ -181,9 +181,7 @@ class Units(NamedTuple):
     def of(cls, record: Record) -> Units:
         """The units in which the training data have mean 0 and variance 1; ``ValueError`` for a constant output."""
         inputs, outputs = record.spread
-        still = np.flatnonzero(~outputs.moving)
-        if len(still):
-            raise ValueError(f"outputs column {still[0]} must vary: constant samples determine no model")
+        record.require_moving(np.zeros_like(inputs.moving))
         scale = np.where(inputs.moving, np.sqrt(inputs.variance), np.inf)
         _, sizes, directions = np.linalg.svd((record.inputs - inputs.mean) / scale, full_matrices=False)
         kept = sizes > DEPENDENCE_TOLERANCE * sizes[0]

@@ -144,11 +144,6 @@ def _responses(F: Array, C: Array, signals: Array) -> tuple[Array, Array]:
     return responses.transpose(2, 0, 1, 3), decay.transpose(2, 0, 1)
 
 
-def _parameters(found: Fitted) -> FreeParameters:
-    A, B, C, _, K, offset, *_ = found.model
-    return FreeParameters(A, B, C, K, offset, found.starts)
-
-
 def _determinant(errors: Array) -> float:
     """The logarithm of that of the errors' covariance."""
     return float(np.linalg.slogdet(_covariance(errors))[1])
@@ -160,7 +155,8 @@ def _covariance(errors: Array) -> Array:
 
 def _minimised(segments: Segments, order: int) -> Fitted:
     found = found_by_projection(segments, order)
-    best, converged = _parameters(found), False
+    A, B, C, _, K, offset, *_ = found.model
+    best, converged = FreeParameters(A, B, C, K, offset, found.starts), False
     errors = prediction_errors(best, found.model, segments)
     for _ in range(REWEIGHTINGS):
         weight = np.linalg.cholesky(np.linalg.inv(_covariance(errors)))
@@ -185,7 +181,9 @@ def _downhill(start: FreeParameters, model: StateSpace, segments: Segments, weig
 
     def weighted(steps: Array) -> Array:
         parameters = there(steps)
-        if not np.isfinite(steps).all() or _predictor_radius(parameters) >= 1:
+        if not np.isfinite(steps).all():
+            return nowhere
+        if np.abs(np.linalg.eigvals(parameters.A - parameters.K @ parameters.C)).max() >= 1:
             return nowhere
         return (prediction_errors(parameters, model, segments) @ weight).ravel()
 
@@ -196,8 +194,3 @@ def _downhill(start: FreeParameters, model: StateSpace, segments: Segments, weig
     converged = 2 * CONVERGED_NATS / len(nowhere)
     still = np.zeros(directions.shape[1])
     return there(least_squares(weighted, still, slopes, method="lm", ftol=converged, max_nfev=EVALUATIONS).x)
-
-
-def _predictor_radius(parameters: FreeParameters) -> float:
-    """The spectral radius of A − K C."""
-    return float(np.abs(np.linalg.eigvals(parameters.A - parameters.K @ parameters.C)).max())

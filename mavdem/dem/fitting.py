@@ -72,7 +72,7 @@ class Start(NamedTuple):
 @raise_on_overflow()
 def fit(record: Record, settings: CompleteSettings, start: Start | None = None) -> Fit:
     """Fits a record from ``start`` or the priors' means; ``LinAlgError`` where the fit breaks down."""
-    scaling = Scaling.of(*record.spread, settings)
+    scaling = Scaling.of(record, settings)
     model = generative_model(settings, scaling, record)
     segments = generalized(settings, scaling, record)
     samples = SufficientStatistics.of(*segments)
@@ -147,7 +147,7 @@ def held_by_prior(precision: Array, scale: Array, settings: CompleteSettings, re
 
     Those with a prior standard deviation below a hundredth of their natural unit, made of the channels' deviations.
     """
-    natural = Scaling.of(*record.spread, replace(settings, scaling="channel"))
+    natural = Scaling.of(record, replace(settings, scaling="channel"))
     motors = of_vehicle(settings.order, record.inputs.shape[1], record.outputs.shape[1], natural.constant)
     units = natural.parameter_scale(settings.order)[motors] / scale
     return np.asarray(precision * units**2 >= KINEMATIC)
@@ -240,7 +240,7 @@ def estimate_smoothness(train: UniformRecord | Sequence[UniformRecord]) -> Smoot
     settings = CompleteSettings(order=record.outputs.shape[1], p=2, d=2, window=3, parameter_precision=1.0)
     if not record.windows(settings.window):
         raise ValueError(f"train must have a segment of at least {settings.window} samples, not {record.longest}")
-    scaling = Scaling.of(*record.spread, settings)
+    scaling = Scaling.of(record, settings)
     samples = SufficientStatistics.of(*generalized(settings, scaling, record))
 
     @cache

@@ -75,7 +75,10 @@ def learn(
     if len(record) < FEWEST_SAMPLES:
         raise ValueError(f"train must have at least {FEWEST_SAMPLES} samples, not {len(record)}")
     with one_thread():
-        _require_moving(record, settings)
+        # In one half, a vehicle may have stood on the ground.
+        known = known_inputs(settings, record.inputs.shape[1])
+        for part, where in ((record, ""), *((half, " in both halves") for half in record.halves())):
+            part.require_moving(known, where)
         attempts = []
         for choice in choices(settings, record):
             attempt = _attempt(record, choice, start)
@@ -118,21 +121,6 @@ def _odd(samples: float, fewest: int) -> int:
     """The odd window next to ``samples``, of at least ``fewest``: an odd window has a sample at its centre."""
     window = max(round(samples), fewest)
     return window + 1 - window % 2
-
-
-def _require_moving(record: Record, settings: Settings) -> None:
-    """Refuses channels that do not vary, in the whole record or in one half: a vehicle on the ground, say."""
-    for part, where in ((record, ""), *((half, " in both halves") for half in record.halves())):
-        inputs, outputs = part.spread
-        known = known_inputs(settings, len(inputs.mean))
-        for name, constant in (("inputs", ~inputs.moving & known), ("outputs", ~outputs.moving)):
-            still = np.flatnonzero(constant)
-            if len(still):
-                single = name == "inputs" and len(still) < np.count_nonzero(known)
-                missing = ". Leave out a motor that is missing or not recorded" if single else ""
-                raise ValueError(
-                    f"{name} column {still[0]} must vary{where}: constant samples determine no model{missing}"
-                )
 
 
 @dataclass(frozen=True, eq=False)

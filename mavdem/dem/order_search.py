@@ -71,7 +71,7 @@ class BlackBox:
     def of(cls, record: Record, most: int, known_inputs: bool) -> BlackBox:
         """That of a record, for models of at ``most`` so many states."""
         settings = replace(Settings.paper(), scaling="channel", known_inputs=known_inputs)
-        scaling = Scaling.of(*record.spread, settings)
+        scaling = Scaling.of(record, settings)
         width = kernel_width(record)
         m, r = record.outputs.shape[1], record.inputs.shape[1] + scaling.constant
         p = max(LEAST_EMBEDDING, ceil((most + SPARE_VALUES) / m) - 1)
@@ -327,8 +327,11 @@ def chain(box: BlackBox, order: int) -> list[Array]:
     y, v = _channels(box)
     states = rates = np.zeros((0, len(box.data.gram)))
     for k in range(box.p):
-        explained, of_rates = _explained(box, y[k], [states, *v[:k]], [rates, *v[1 : k + 1]])
-        left, rate = y[k] - explained, y[k + 1] - of_rates
+        left, rate = y[k], y[k + 1]
+        if k:
+            regressors = np.vstack([states, *v[:k]])
+            coefficients = _regression(box, y[k], regressors, NEGLIGIBLE)
+            left, rate = left - coefficients @ regressors, rate - coefficients @ np.vstack([rates, *v[1 : k + 1]])
         unit = np.sqrt(np.diag(_moments(box, y[k], y[k])))
         # Its largest directions, in units of the derivative itself.
         most = _directions(_moments(box, left / unit[:, None], left / unit[:, None]))[: order - len(states)] / unit
@@ -382,15 +385,6 @@ def _channels(box: BlackBox) -> tuple[list[Array], list[Array]]:
 def _moments(box: BlackBox, left: Array, right: Array) -> Array:
     """Mean products of two linear functions of the data."""
     return np.asarray(left @ box.data.gram @ right.T / box.data.number)
-
-
-def _explained(box: BlackBox, wanted: Array, by: list[Array], of_rates: list[Array]) -> tuple[Array, Array]:
-    """The prediction of some functions of the data by a regression on others; and the same of their rates."""
-    regressors = np.vstack(by)
-    if not len(regressors):
-        return np.zeros_like(wanted), np.zeros_like(wanted)
-    coefficients = _regression(box, wanted, regressors, NEGLIGIBLE)
-    return coefficients @ regressors, coefficients @ np.vstack(of_rates)
 
 
 def _regression(box: BlackBox, wanted: Array, regressors: Array, ridge: float) -> Array:

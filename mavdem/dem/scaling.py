@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import LinearModel, pack, unpack
-from mavdem.dem.record import Record, Spread
+from mavdem.dem.record import Record
 from mavdem.dem.settings import Settings
 
 
@@ -24,13 +24,11 @@ class Scaling(NamedTuple):
     known: NDArray[np.bool_]  # (r,) which of the inputs count; of the others the engine has 0, in a unit of its own
 
     @classmethod
-    def of(cls, inputs: Spread, outputs: Spread, settings: Settings) -> Scaling:
-        """The scaling that ``settings.scaling`` asks for; ``ValueError`` where a channel that must vary does not."""
+    def of(cls, record: Record, settings: Settings) -> Scaling:
+        """The scaling that ``settings.scaling`` asks for; ``ValueError`` where an output or all inputs are constant."""
+        inputs, outputs = record.spread
         known = known_inputs(settings, len(inputs.mean))
-        if known.any() and not inputs.moving[known].any():
-            raise ValueError(f"inputs {_CONSTANT}")
-        if not outputs.moving.all():
-            raise ValueError(f"outputs column {np.argmin(outputs.moving)} {_CONSTANT}")
+        record.require_moving(known & ~inputs.moving[known].any())
         m, constant = len(outputs.mean), settings.scaling == "channel"
         output_trim, output_scale = np.zeros(m), np.ones(m)
         trim, scale = np.zeros(len(known)), np.ones(len(known))
@@ -87,6 +85,3 @@ def known_inputs(settings: Settings, inputs: int) -> NDArray[np.bool_]:
     if isinstance(settings.known_inputs, tuple) and len(settings.known_inputs) != inputs:
         raise ValueError(f"known_inputs must say it of {inputs} inputs, not of {len(settings.known_inputs)}")
     return np.broadcast_to(np.array(settings.known_inputs), inputs).copy()
-
-
-_CONSTANT = "must vary over each half of the training data; constant samples determine no model"

@@ -56,11 +56,12 @@ class Method(NamedTuple):
     predicts: bool = False
 
 
-def dem(name: str, settings: Settings, predicts: bool = False) -> Method:
-    """Returns DEM with these ``settings`` of the fit, as the method of this ``name``, which ``predicts`` as well."""
-    return Method(name, partial(learn, settings=settings), predicts)
-
-
+DEM = {
+    "DEM": Settings(),
+    "DEM p=1": replace(Settings(), p=1, d=1),
+    "DEM paper": Settings.paper(),
+    "DEM paper p=1": replace(Settings.paper(), p=1, d=1, window=2),
+}
 PEERS = (
     *(Method(f"subspace({order})", partial(baselines.subspace, order=order)) for order in (2, 4)),
     *(Method(f"PEM({order})", partial(baselines.pem, order=order)) for order in (2, 4)),
@@ -69,10 +70,7 @@ PEERS = (
     *(Method(f"joint VAR({order})", partial(baselines.var, order=order), predicts=True) for order in (4, 10)),
 )
 METHODS = (
-    dem("DEM", Settings(), predicts=True),
-    dem("DEM p=1", replace(Settings(), p=1, d=1)),
-    dem("DEM paper", Settings.paper()),
-    dem("DEM paper p=1", replace(Settings.paper(), p=1, d=1, window=2)),
+    *(Method(name, partial(learn, settings=settings), predicts=name == "DEM") for name, settings in DEM.items()),
     *PEERS,
     Method("constant mean", baselines.constant_mean, predicts=True),
     Method("hold last", baselines.hold, predicts=True),

@@ -59,7 +59,6 @@ class Quantity(NamedTuple):
 
 Estimate = tuple[float, float]
 """A value, or its logarithm, and the standard deviation of its error within the flight."""
-Estimates = Mapping[Quantity, Estimate]
 
 
 class QuantityChange(NamedTuple):
@@ -341,7 +340,7 @@ def _other_inputs(sides: Sequence[Flights]) -> str:
 
 
 def _incomparable(
-    sides: Sequence[Flights], estimates: Sequence[Sequence[Estimates]], other_kinds: str, other_inputs: str
+    sides: Sequence[Flights], estimates: Sequence[Sequence[Iterable[Quantity]]], other_kinds: str, other_inputs: str
 ) -> list[tuple[str, str]]:
     """What is missing on either side, by name, each with its reason."""
     if other_kinds:

@@ -29,7 +29,6 @@ AXIS_ORDER = ("roll", "pitch", "yaw")
 MOTORS, DEMAND = INPUTS
 
 Numbers = tuple[float, ...]
-Pairs = tuple[tuple[float, float], ...]
 
 
 def at(place: str, default: str | None = None) -> Any:
@@ -73,7 +72,7 @@ class FlightRow:
     clips: int | None = at("condition.vibration.clips")  # how often an accelerometer was at its limit
     motors: tuple[str, ...] | None = at("condition.hover.motors")  # their names
     spins: tuple[int, ...] | None = None  # +1 counter-clockwise seen from above, -1 clockwise, 0 not known
-    positions: Pairs | None = None  # forward and right, in arm lengths
+    positions: tuple[tuple[float, float], ...] | None = None  # forward and right, in arm lengths
     trim_unit: str | None = at("condition.hover.unit")
     trim: Numbers | None = at("condition.hover.trim")  # mean output, in ``trim_unit``
     trim_share: Numbers | None = at("condition.hover.trim_share")  # as a share of the range, over the mean of all

@@ -118,7 +118,7 @@ class LiveHistory:
     """Collects what happens in a live flight; the memory of its lines is bounded.
 
     Its time is the boot clock of the first boot, s, which goes on where a later boot begins, ``shift`` s after that
-    one's clock; ``now``: the latest, NaN before any. The lines show predictions about ``AHEAD`` s ahead.
+    one's clock; ``now``: the latest, NaN before any.
     """
 
     def __init__(self) -> None:

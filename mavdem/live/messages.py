@@ -51,10 +51,10 @@ class Frame(NamedTuple):
 
 
 class FrameReader:
-    """Finds the frames of one stream. ``unread``: number of those of other dialects, and damaged ones."""
+    """Finds the frames of one stream."""
 
     def __init__(self) -> None:
-        self.unread = 0
+        self.unread = 0  # number of those of other dialects, and damaged ones
         self._rest = b""
         message_readers(), seeds()  # slow the first time
 

@@ -1,8 +1,7 @@
 """What an experiment is made of: the paper's claim, the flights it runs on, and the checks that decide it.
 
-The rules of checks are fixed before the numbers are known. All checks hold: reproduced. None holds: not reproduced.
-Otherwise: partly. Methods run on the windows of five simulated flights, in place of the paper's, and of recorded ones,
-in worker processes; what several experiments share is computed once.
+The rules of checks are fixed before the numbers are known. Methods run on the windows of five simulated flights, in
+place of the paper's, and of recorded ones, in worker processes; what several experiments share is computed once.
 """
 
 from __future__ import annotations

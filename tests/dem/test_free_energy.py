@@ -334,7 +334,7 @@ def test_steps_at_a_finite_rate_follow_the_gradient_and_end_at_the_maximum(model
 def problem(**settings):
     complete = Settings(**{"order": 3, "d": 2, "window": 9, "parameter_precision": 1.0, **settings})
     record = Record.of(simulated(wind=0.5)[:700])
-    scaling = Scaling.of(*record.spread, complete)
+    scaling = Scaling.of(record, complete)
     model = generative_model(complete, scaling, record)
     return model, SufficientStatistics.of(*generalized(complete, scaling, record))
 
