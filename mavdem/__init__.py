@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from mavdem.analysis import VehicleFigures as VehicleFigures
     from mavdem.analysis import vehicle as vehicle
     from mavdem.condition import HoverFigures as HoverFigures
-    from mavdem.condition import condition as hover
+    from mavdem.condition import hover as hover
     from mavdem.condition import hover_figures as hover_figures
     from mavdem.dem import Learned as Learned
     from mavdem.dem import OnlineLearner as OnlineLearner
