@@ -41,7 +41,6 @@ def physical(share: float | None = None, **status: str) -> Parameters:
     for name, value in status.items():
         if value == "not identifiable":
             setattr(half, name, NAN * getattr(half, name))
-            half.delay = NAN if name == "lag" else half.delay
     names = ("effect", "damping", "lag")
     return Parameters(
         effect=effect,

@@ -1,37 +1,32 @@
 """What the screens say, one golden file a screen; layouts as text, Markdown and HTML, and what notebooks show."""
 
 import re
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 from golden import is_golden
-from made_up_analysis import HOVER, analysis, physical
+from made_up_analysis import analysis, physical
 
 import mavdem
 from mavdem import baselines
-from mavdem.condition import Identity
-from mavdem.condition.inventory import Tier, inventory
+from mavdem.condition.inventory import inventory
 from mavdem.evaluate import compare, windows
 from mavdem.evaluate.comparison import Method
 from mavdem.evaluate.truth import ComparedParameter, ComparedWind, TruthComparison
 from mavdem.ingest import read_log
-from mavdem.report.blocks import Sentence, Table, markdown, text_of
+from mavdem.report.blocks import Sentence, Table, markdown
 from mavdem.report.comparison import comparison_report
 from mavdem.report.condition import log_blocks
 from mavdem.report.flights import truth_blocks
 from mavdem.report.numbers import plus_minus, rounded
 from mavdem.report.page import notebook_html
-from mavdem.report.screen import analysis_blocks, screen
+from mavdem.report.screen import analysis_blocks
 
 LOGS = Path(__file__).parents[2] / "logs"
 NAN = float("nan")
-
-
 SCREENS = {
     "model": lambda: analysis_blocks(analysis(physical())),
     "doubtful": lambda: analysis_blocks(analysis(physical(0.2, lag="not identifiable", damping="biased"))),
@@ -42,27 +37,6 @@ SCREENS = {
 @pytest.mark.parametrize("name", SCREENS)
 def test_a_screen_reads_as_its_golden_file(name, request):
     is_golden(request, name, SCREENS[name]())
-
-
-def test_what_plus_minus_means_is_said_only_where_it_stands():
-    unknown = dict.fromkeys(("effect", "damping", "lag"), "not identifiable")
-    assert "± is" in text_of(screen(analysis(physical()).learned, hover=HOVER))
-    told = text_of(screen(analysis(physical(0.2, **unknown)).learned, hover=HOVER))
-    assert "mean lean" in told and "±" not in told
-
-
-def test_a_slow_motion_says_once_how_the_vehicle_leans():
-    lean = {"roll": {"mean": 0.1, "interval": None}, "pitch": {"mean": 0.0, "interval": None}}
-    said = {"duration": 90.0, "armed": None, "settled": 70.0, "hover": None, "command": {}, "lean": lean}
-    said |= {"tilt_mean": 0.1, "tilt_sd": 0.1, "tilt_max": 0.2, "vibration": None, "battery": None}
-    slow = replace(
-        analysis(physical()),
-        tier=Tier("b", "Outputs come at 10 Hz.", "a", "Log them faster."),
-        condition=SimpleNamespace(hover=HOVER, oscillation=None, as_dict=lambda: said),
-        identity=Identity("1", "board", 1, "PX4", "QUADROTOR", None, None),
-    )
-    told = text_of(analysis_blocks(slow))
-    assert "Lean: roll" in told and "mean lean" not in told
 
 
 def test_a_comparison_of_methods(request):
@@ -109,13 +83,6 @@ def test_a_notebook_shows_a_flight_with_a_row_a_channel_in_degrees(flight):
     time = np.arange(5.0)
     flight = mavdem.Flight(time, time, time, setpoints=np.full(5, np.nan), setpoint_names=("asked",))
     assert re.search(r">asked</td>.*>-</td>", flight._repr_html_())
-
-
-@pytest.mark.slow
-def test_a_notebook_shows_what_a_model_is_good_for(flight):
-    learned = mavdem.learn(flight, mavdem.Settings(order=2, d=2, window=9, parameter_precision=1.0, horizon=None))
-    text = "".join(ElementTree.fromstring(learned._repr_html_()).itertext())
-    assert "control effectiveness" in text and "2 states, from 8 s at 100 Hz" in text
 
 
 def test_every_text_is_escaped():
