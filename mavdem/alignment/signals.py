@@ -237,7 +237,9 @@ class Signals:
             possible = (volts >= LEAST_VOLTAGE) & (volts <= MOST_VOLTAGE)
             possible[possible] = ~far_off(volts[possible], 9, volts[possible] / 2)  # damage doubles single ones
             measured = series(columns, volts, possible)
-            if len(measured.time):
+            # Of a battery that is not measured, single messages have a voltage by damage.
+            usual = np.count_nonzero(possible) >= max(5, np.count_nonzero(~np.isnan(volts)) / 2)
+            if usual and len(measured.time):
                 return measured
         return None
 

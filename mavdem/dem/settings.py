@@ -79,6 +79,15 @@ Groups = Annotated[tuple[int, ...], Field(min_length=1), AfterValidator(_numbere
 Precisions = Positive | Annotated[tuple[Positive, ...], Field(min_length=1)] | Matrix
 Flags = bool | Annotated[tuple[bool, ...], Field(min_length=1)]
 
+FORMER = {
+    **dict.fromkeys(("lambda_prior", "lambda_z_precision", "lambda_w_precision"), "lambda_log_precision, their logs"),
+    **dict.fromkeys(("state_rate", "parameter_rate", "hyperparameter_rate"), "one of the three learning_rates"),
+    **dict.fromkeys(("output_groups", "state_groups"), "one of the two noise_groups"),
+    **dict.fromkeys(("closed_loop", "shrink_forecasts"), 'forecasts: "mixed", "shrunk" or "model"'),
+    "last_derivative_zero": 'correlation: "continuous" or "sampled"',
+}
+"""What to use for settings of former versions."""
+
 
 @dataclass(frozen=True, eq=False)
 class Settings:
@@ -264,7 +273,8 @@ class Settings:
             raise ValueError(f"settings must be an object of settings by name, not {values!r}")
         unknown = set(values) - {f.name for f in fields(cls)}
         if unknown:
-            raise ValueError(f"not a setting: {', '.join(sorted(unknown))}")
+            now = "; ".join(f"{name} is now {FORMER[name]}" for name in sorted(unknown & FORMER.keys()))
+            raise ValueError(f"not a setting: {', '.join(sorted(unknown))}{now and f'. {now}'}")
         if isinstance(values.get("prior"), dict):
             values = values | {"prior": Gaussian.from_dict(values["prior"])}
         return cls(**values)

@@ -115,10 +115,9 @@ def motor_geometry(
     if channels_assumed:
         count = MOTOR_COUNTS.get(vehicle, len(moving))
         moved, basis = sorted(moving)[:count], "the channels that move"
-        start = moved[0] - (moved[0] - 1) % bank if moved else 1
-        usual = [channel for channel in range(start, start + bank) if channel not in others][:count]
-        # A motor whose output never changes is one all the same. Those of a tricopter are on no row of channels.
-        if count <= 2 * len(moved) < 2 * count and set(moved) <= set(usual) and vehicle != "TRICOPTER":
+        usual = [n for n in range((min(moving, default=1) - 1) // bank * bank + 1, 33) if n not in others][:count]
+        # A motor whose output never changes is one all the same. A tricopter's are on no row of channels.
+        if count / 2 <= len(moved) < count and set(moved) <= set(usual) and vehicle != "TRICOPTER":
             moved, basis = usual, f"the first {count} channels"
         known = dict(enumerate(moved, 1))
     motors, channels = tuple(sorted(known)), tuple(known[motor] for motor in sorted(known))
@@ -221,12 +220,12 @@ def _px4_channels(
     # Before PX4 1.13, which has no *_FUNCn, the first bank is that of the main outputs.
     drivers = {n: ("PWM_MAIN", n) if n <= bank else ("PWM_AUX", n - bank) for n in range(1, 2 * bank + 1)}
     banks = [0, bank]
-    for driver, still in [(driver, share) for share in (0.0, 0.5) for driver in _PX4_DRIVERS]:
+    for most, driver in [(share, driver) for share in (0.0, 0.5) for driver in _PX4_DRIVERS]:
         motor_of = {n: int(parameters.get(f"{driver}_FUNC{n}", 0)) - 100 for n in range(1, 17)}
         # A motor on two drivers is on a spare one.
         further = {motor: n for n, motor in motor_of.items() if 1 <= motor <= 12 and motor not in channels}
-        stopped = {first: len({first + n for n in further.values()} - set(moving)) for first in banks}
-        first = next((first for first, count in stopped.items() if count <= still * len(further)), None)
+        still = {first: len({first + n for n in further.values()} - set(moving)) for first in banks}
+        first = next((first for first in banks if still[first] <= most * len(further)), None)
         if further and first is not None:
             channels |= {motor: first + n for motor, n in further.items()}
             drivers |= {first + n: (driver, n) for n in further.values()}
@@ -250,17 +249,12 @@ class OutputScale:
     stop: float = 1.0
 
     def fraction(self, outputs: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Outputs as a share of the range, 0 at ``low`` and 1 at ``high``; below 0 when disarmed on some autopilots.
-
-        An output of 0 below the range is none, and a share of 0: a motor that is off does not brake the others.
-        """
-        return (np.where((outputs == 0) & (self.low > 0), self.low, outputs) - self.low) / (self.high - self.low)
+        """Outputs as a share of the range, 0 at ``low`` or off, 1 at ``high``; below 0 disarmed on some autopilots."""
+        return np.where((outputs == 0) & (self.low > 0), 0.0, (outputs - self.low) / (self.high - self.low))
 
 
 MIN_PULSE_RANGE = 300.0  # µs from no to full throttle; less is no range of a speed controller
-MAX_OUTSIDE = (
-    0.5  # Share of the different pulse widths outside of the parameters' range: disarmed, while arming, damaged
-)
+MAX_OUTSIDE = 0.5  # Share of the different pulse widths outside of the parameters' range: disarmed, arming, damaged
 MAX_DSHOT, MAX_UAVCAN = 1999.0, 8191.0  # PX4's outputs at full throttle
 
 

@@ -39,16 +39,25 @@ MAX_ROWS, MAX_REPORTS = 512, 4096  # Of each stream of outputs, and of each kind
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """What the rows of a segment are, like the ``provenance`` of a ``Flight``."""
+    """What the rows of a segment are, like the ``provenance`` of a ``Flight``.
 
-    boot: int  # its number
-    dt: float  # step, s
-    attitude: str  # name of the message
-    motors: str  # name of the message
-    layout: MotorGeometry  # of the inputs
-    scale: OutputScale  # of the inputs
-    rates: tuple[float, ...]  # Hz of attitude and motors that decided the step
-    start: float  # first point of the grid, s; the first row may be a few seconds later
+    Attributes:
+        boot: its number.
+        dt: step, s.
+        attitude, motors: names of the messages.
+        layout, scale: of the inputs.
+        rates: Hz of attitude and motors that decided the step.
+        start: first point of the grid, s; the first row may be a few seconds later.
+    """
+
+    boot: int
+    dt: float
+    attitude: str
+    motors: str
+    layout: MotorGeometry
+    scale: OutputScale
+    rates: tuple[float, ...]
+    start: float
 
 
 @dataclass(frozen=True, eq=False)

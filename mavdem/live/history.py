@@ -51,12 +51,19 @@ def sentence(text: str) -> str:
 
 
 class Event(NamedTuple):
-    """Something that happened, in one sentence."""
+    """Something that happened, in one sentence.
 
-    seconds: float  # UNIX s of the bytes that caused it for a stream, s of the vehicle's clock in a history
+    Attributes:
+        seconds: UNIX s of the bytes that caused it for a stream, s of the vehicle's clock in a history.
+        sentence: what happened.
+        level: "INFO", or "ERROR" for an alarm.
+        since: when what an alarm is about began, s of the vehicle's clock; else NaN.
+    """
+
+    seconds: float
     sentence: str
-    level: str = "INFO"  # or "ERROR" for an alarm
-    since: float = nan  # when what an alarm is about began, s of the vehicle's clock
+    level: str = "INFO"
+    since: float = nan
 
 
 @dataclass(frozen=True)
@@ -64,25 +71,39 @@ class SessionStatus:
     """The status of a live session at one moment.
 
     ``LiveStream`` fills in what concerns the link and the vehicle, ``LiveSession`` the rest.
+
+    Attributes:
+        vehicle: the followed one, "system:component".
+        obstacle: why there are no rows or no new model; empty while all is well.
+        rates: Hz of attitude and motors over the last 2 s, by message.
+        flying: whether the vehicle is armed and airborne.
+        learned, shown: rows that the learner used, and that were only shown.
+        latency: median and 99th percentile, s, from the link to the estimate.
+        ahead: about ``AHEAD`` s, and half width, rad, of the angle's 90 % band there.
+        useful: the longest useful horizon, s (``Estimate.useful``), and the squared error there over that of the better
+            of the last sample and the mean so far.
+        lost: messages of the vehicle missing by its sequence numbers.
+        late, unread: samples that came too late for their row, and frames of another dialect or damaged.
+        alarms: the latest changes of the motors' balance; without a motor they are no alarms.
+        findings: what the flight says so far; None before the first model.
+        alarm: the latest on a motor in this boot and this flight; it stays after the landing.
     """
 
-    vehicle: str | None = None  # the followed one, "system:component"
-    obstacle: str = ""  # why there are no rows or no new model; empty while all is well
-    rates: Mapping[str, float] = field(default_factory=dict)  # Hz of attitude and motors over the last 2 s, by message
-    flying: bool = False  # whether the vehicle is armed and airborne
-    learned: int = 0  # rows that the learner used
-    shown: int = 0  # rows that were only shown
-    latency: tuple[float, float] = (nan, nan)  # median and 99th percentile, s, from the link to the estimate
-    ahead: tuple[float, float] = (nan, nan)  # about ``AHEAD`` s, and half width, rad, of the angle's 90 % band there
-    # the longest useful horizon, s (``Estimate.useful``), and the squared error there over that of the better of the
-    # last sample and the mean so far
+    vehicle: str | None = None
+    obstacle: str = ""
+    rates: Mapping[str, float] = field(default_factory=dict)
+    flying: bool = False
+    learned: int = 0
+    shown: int = 0
+    latency: tuple[float, float] = (nan, nan)
+    ahead: tuple[float, float] = (nan, nan)
     useful: tuple[float, float] = (nan, nan)
-    lost: int = 0  # messages of the vehicle missing by its sequence numbers
-    late: int = 0  # samples that came too late for their row
-    unread: int = 0  # frames of another dialect or damaged
-    alarms: tuple[MotorAlarm, ...] = ()  # the latest changes of the motors' balance; without a motor they are no alarms
-    findings: Findings | None = None  # what the flight says so far; None before the first model
-    alarm: str = ""  # the latest on a motor in this boot and this flight; it stays after the landing
+    lost: int = 0
+    late: int = 0
+    unread: int = 0
+    alarms: tuple[MotorAlarm, ...] = ()
+    findings: Findings | None = None
+    alarm: str = ""
 
     def predicting(self, estimate: Estimate) -> SessionStatus:
         """Returns the same with ``ahead`` and ``useful`` of an estimate."""

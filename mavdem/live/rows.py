@@ -33,14 +33,23 @@ OTHER_RATE_RATIO = 1.3  # A rate that differs by this factor from the one that d
 
 
 class AlignedRow(NamedTuple):
-    """One point of the grid, as a row of the ``Flight`` that ``align`` returns."""
+    """One point of the grid, as a row of the ``Flight`` that ``align`` returns.
 
-    time: float  # s on the boot clock
-    inputs: NDArray[np.float64]  # (r,) motor outputs in the unit of the stream, or the demand
-    outputs: NDArray[np.float64]  # (2,) angle, rad, and body rate, rad/s
-    segment: int  # its number, from 0 on; rows of one segment are one step apart
-    received: float  # UNIX s at which the bytes that completed it were received
-    settled: bool  # whether the vehicle was in settled flight, as far as is known by then
+    Attributes:
+        time: s on the boot clock.
+        inputs: (r,) motor outputs in the unit of the stream, or the demand.
+        outputs: (2,) angle, rad, and body rate, rad/s.
+        segment: its number, from 0 on; rows of one segment are one step apart.
+        received: UNIX s at which the bytes that completed it were received.
+        settled: whether the vehicle was in settled flight, as far as is known by then.
+    """
+
+    time: float
+    inputs: NDArray[np.float64]
+    outputs: NDArray[np.float64]
+    segment: int
+    received: float
+    settled: bool
 
 
 class PlacedMessage(NamedTuple):

@@ -31,20 +31,30 @@ SPEEDS = np.array([(60, 110, 255), (165, 165, 170), (255, 150, 30)], float)  # s
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """A flight to be shown: N rows, NED and body axes forward, right, down."""
+    """A flight to be shown: N rows, NED and body axes forward, right, down.
 
-    time: Array  # (N,) s
-    position: Array  # (N, 3) m
-    attitude: Array  # (N, 4) unit quaternions (w, x, y, z), body to NED
-    known_attitude: Array  # the same as estimated
-    rates: Array  # (N, 3) body rates, rad/s
-    known_rates: Array  # the same as estimated
-    outputs: Array  # (N, 4) of the motors, µs
-    rotor_speeds: Array  # (N, 4) rad/s
-    wind: Array  # (N, 3) NED, m/s, where the air moves to
-    moment: Array  # (N, 3) of what disturbs, body, N m
-    armed: NDArray[np.bool_]  # (N,)
-    rotors: Array  # (4, 2) where the rotors are, forward and right of the centre of mass, m
+    Attributes:
+        time, position: (N,) s, and (N, 3) m.
+        attitude, known_attitude: (N, 4) unit quaternions (w, x, y, z), body to NED, true and as estimated.
+        rates, known_rates: (N, 3) body rates, rad/s, likewise.
+        outputs, rotor_speeds, armed: (N, 4) of the motors, µs; (N, 4) rad/s; (N,) bool.
+        wind: (N, 3) NED, m/s, where the air moves to.
+        moment: (N, 3) of what disturbs, body, N m.
+        rotors: (4, 2) where the rotors are, forward and right of the centre of mass, m.
+    """
+
+    time: Array
+    position: Array
+    attitude: Array
+    known_attitude: Array
+    rates: Array
+    known_rates: Array
+    outputs: Array
+    rotor_speeds: Array
+    wind: Array
+    moment: Array
+    armed: NDArray[np.bool_]
+    rotors: Array
 
     @property
     def motors(self) -> tuple[str, ...]:

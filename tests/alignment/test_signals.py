@@ -283,6 +283,9 @@ def test_without_a_battery_monitor_there_is_none():
     for nothing in (0, 65535):
         silent = with_battery("SYS_STATUS", time, voltage_battery=np.full(len(time), nothing, dtype=np.uint16))
         assert Signals(silent).voltage is None
+        silent.messages["SYS_STATUS"]["voltage_battery"][[3, 30, 31, 40]] = 12_800  # of damaged bytes
+        assert Signals(silent).voltage is None
+    assert Signals(with_battery("SYS_STATUS", time[:4], voltage_battery=np.full(4, 12_800))).voltage is None
     falling = np.linspace(16000, 14000, len(time))
     falling[[0, 30, 31]] = 65_000, 33_000, 6_000  # of damaged bytes
     damaged = Signals(with_battery("SYS_STATUS", time, voltage_battery=falling)).voltage.values

@@ -162,6 +162,21 @@ def test_a_clock_that_jumps_to_and_fro_is_ignored_where_it_is_ahead():
     assert "299 time stamps of ATTITUDE" in made.repairs[0]
 
 
+@pytest.mark.parametrize("wrong", [2**32 - 1, 2**31, 2**30 + 5])
+@pytest.mark.parametrize("damaged", [slice(300, None, 2), slice(301, None, 2), slice(450, None)])
+def test_stamps_that_the_receiver_contradicts_are_no_wraps(wrong, damaged):
+    times = 10 + 0.1 * np.arange(600)
+    stamps = times.copy()
+    stamps[damaged] = wrong / 1e3
+    for first, columns in enumerate([(stamps, times), (times, stamps)]):
+        sent = zip(("ATTITUDE", "GLOBAL_POSITION_INT"), columns, strict=True)
+        kinds = [Stamps(name, row + 2 * np.arange(600), values, WRAP_MS) for row, (name, values) in enumerate(sent)]
+        made = clock(kinds, 1e9 + np.repeat(times, 2))
+        assert np.array_equal(made.time[first::2][stamps == times], times[stamps == times]) and not made.boot.any()
+        assert made.time.max() <= times[-1] and made.time.min() >= times[0]
+        assert len(made.repairs) == 1 and "ignored" in made.repairs[0]
+
+
 def test_a_message_whose_stamp_is_ignored_repeats_the_last_of_its_kind():
     times = 100 + 0.1 * np.arange(200)
     servo = times + 0.05

@@ -62,6 +62,7 @@ REFERENCES = ("ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED", "GLOBAL_P
 WRAP_GAP = 60.0  # Longest silence, s, across which a 32-bit reference clock counts as wrapped, not as restarted
 STEP_BACK = 1.0  # Seconds by which a clock falls when it was reset; less is reordering
 BOOT_SLACK = 30.0  # Seconds that a clock may show after a reboot beyond the time that passed at the receiver
+AHEAD = 600.0  # Seconds by which no clock runs ahead of the receiver's, or of the reference's stamps around it
 OTHER_EPOCH = 10.0  # Median offset, s, of a type's stamps from the reference above which they are of another clock
 BATCH = 1 << 16  # Messages placed together: bounds the memory of intermediate arrays
 
@@ -203,6 +204,7 @@ def _fill(sent: Sequence[Sent], placed: Mapping[str, PlacedStamps]) -> None:
 def _placed_alone(kind: Sent, places: Places, raw: Times, received: Times) -> tuple[_Kept, list[str]]:
     """The reference, by its own stamps: without outliers, wraps undone, reboots counted."""
     outlier = outliers(raw)
+    outlier[~outlier] = _ahead(raw[~outlier], received[~outlier])
     places, raw, received = without(outlier, places, raw, received)
     wraps = 1 + np.flatnonzero((np.diff(raw) < 0) & (np.diff(raw) + kind.period <= WRAP_GAP))
     turns = np.zeros(len(raw), dtype=np.int64)
@@ -230,6 +232,18 @@ def _ignored(message: str, stamps: int) -> list[str]:
     if stamps == 1:
         return [f"1 time stamp of {message} far off its neighbours was ignored."]
     return [f"{stamps} time stamps of {message} far off their neighbours were ignored."] if stamps else []
+
+
+def _ahead(raw: Times, received: Times) -> NDArray[np.bool_]:
+    """Stamps far ahead of the last good one by the receiver's clock, which runs as fast: of damaged bytes, no wraps."""
+    ahead, good = np.zeros(len(raw), dtype=np.bool_), 0
+    steps, gaps = np.diff(raw), np.diff(received)
+    jumps = steps > AHEAD + 2 * np.abs(gaps)
+    passed, ran = (float(np.nansum(each[~jumps & (steps > 0)])) for each in (gaps, steps))
+    for row in range(1, len(raw)) if jumps.any() and passed / 2 < ran < 2 * passed else ():
+        ahead[row] = raw[row] - raw[good] > AHEAD + 2 * abs(received[row] - received[good])
+        good = good if ahead[row] else row
+    return ahead if 2 * np.count_nonzero(ahead) < len(ahead) else np.zeros_like(ahead)
 
 
 def _reboots(time: Times, raw: Times, received: Times) -> Rows:
@@ -264,7 +278,6 @@ def _placed_against(reference: _Kept, kind: Sent, places: Places, seconds: Times
     for begin in range(0, len(time), BATCH):
         rows = slice(begin, begin + BATCH)
         time[rows], off[rows], boot[rows] = _read_against(reference, places[rows], seconds[rows], kind.period)
-    wrapped = np.isfinite(kind.period) and bool((np.abs(time - seconds) > kind.period / 2).any())
     inside = slice(*np.searchsorted(places, reference.places[[0, -1]], side="right").tolist())
     typical = float(np.median(off[inside] if inside.start < inside.stop else off))
     repairs = []
@@ -278,9 +291,11 @@ def _placed_against(reference: _Kept, kind: Sent, places: Places, seconds: Times
             f"The time stamps of {kind.message} are of another clock, {typical:.6g} s away; "
             "they were moved to the boot clock."
         )
-    elif wrapped:
-        repairs.append(f"The clock of {kind.message} wraps every {kind.period / 60:.1f} min; undone.")
     outlier = outliers(off)
+    near = slice(max(inside.start - MIN_RESET_STAMPS, 0), inside.stop + MIN_RESET_STAMPS)
+    outlier[near] |= (np.abs(off[near]) > AHEAD) | (time[near] < 0)
+    if abs(typical) <= OTHER_EPOCH and (np.abs(time - seconds)[~outlier] > kind.period / 2).any():
+        repairs.append(f"The clock of {kind.message} wraps every {kind.period / 60:.1f} min; undone.")
     repairs += _ignored(kind.message, int(np.count_nonzero(outlier)))
     return _Kept(*without(outlier, places, time, boot)), repairs
 

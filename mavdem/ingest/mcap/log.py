@@ -186,10 +186,8 @@ def _nothing_in(path: str | os.PathLike[str], recording: McapRecording, messages
         what = "is an MCAP recording of ROS 2 topics, not of MAVLink: it can be learnt from, or converted to a table"
         return f"{os.fspath(path)} {what} (.csv), but not to a stream of MAVLink."
     names = {channel.topic for channel in recording.channels.values()}
-    of_mavlink = {name for name in names if OWN_TOPIC.fullmatch(name) or REPEATED_TOPIC.fullmatch(name)}
-    of_mavlink |= {channel.topic for channel in recording.channels.values() if channel.encoding == "mavlink"}
-    if of_mavlink and recording.repairs():
-        what = f"is an MCAP recording whose MAVLink messages ({listed(of_mavlink)}) are damaged or cut off"
+    if recording.repairs() and any(name.lstrip("/").startswith("mavlink/") for name in names):
+        what = f"is an MCAP recording whose MAVLink messages ({listed(names)}) are damaged or cut off"
         return f"{os.fspath(path)} {what}: none can be read. Copy it anew from where it was recorded."
     if names >= {"flight/inputs", "flight/outputs"}:  # of mavdem.export.channels
         return f"{os.fspath(path)} was written by `mavdem learn` for viewers: name the log of the flight instead."
