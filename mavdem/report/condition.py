@@ -59,7 +59,7 @@ def condition_sentences(condition: dict[str, Any]) -> list[Sentence]:
         sentences.append(Sentence(f"{listed(f'{level:.1f}' for level in levels)} m/s²{along}; {clips}.", "Vibration:"))
     if condition["battery"]:
         sentences.append(_battery(condition["battery"], bool(condition["settled"])))
-    if condition["hover"]:
+    if any("±" in sentence.text for sentence in sentences):
         sentences.append(Sentence("± is the half width of the 90 % interval of a mean of this flight."))
     return sentences
 

@@ -18,7 +18,7 @@ from jinja2 import Environment, PackageLoader
 from markupsafe import Markup, escape
 
 from mavdem.analysis import LogAnalysis
-from mavdem.analysis.findings import findings_of
+from mavdem.analysis.findings import NONE, Findings, findings_of
 from mavdem.dem import Learned
 from mavdem.dem.order_choice import OrderChoice
 from mavdem.errors import advice, downstream
@@ -111,7 +111,8 @@ def _drawn(chapter: Chapter, number: int) -> dict[str, Any]:
 
 
 def _prose(text: str) -> Markup:
-    """Text with what stands between backquotes as code."""
+    """Text with what stands between backquotes as code, and no line's end before a percent sign."""
+    text = re.sub(r"(?<=\d) ?%", "\N{NO-BREAK SPACE}%", text)
     parts = text.split("`")
     if len(parts) % 2 == 0:
         return escape(text)
@@ -152,7 +153,7 @@ def log_page(
     folded = []
     for axis, analysis in analyses.items():
         if (learned := analysis.learned) is not None:
-            pictures = model_pictures(learned, PICTURES if inventory else FEW_PICTURES, analysis)
+            pictures = model_pictures(learned, analysis.findings, PICTURES if inventory else FEW_PICTURES, analysis)
             chapters.append(Chapter(f"Pictures of {axis}", pictures=pictures))
             details = detail_blocks(learned, analysis.as_dict())
             folded.append(Chapter(f"The model of {axis}, and how it was learned", details, folded=True))
@@ -180,28 +181,14 @@ PICTURES = {
         "Windows that no model saw which forecasts them, each from what came before it, with the motors as recorded. "
         "Shown in full are neighbours with errors near the median. Below, if there are more, the error of each window.",
     ),
-    "disturbance": (
-        "Wind torque",
-        "Angular acceleration by neither the motors nor the damping, with its 90 % band; gusts are marked. Below, its "
-        "spectrum.",
-    ),
-    "motors": (
-        "Motors",
-        "The control effectiveness of each motor with its 90 % interval, and how hard each works where that is known.",
-    ),
+    "disturbance": ("Wind torque", "Angular acceleration by neither the motors nor the damping. Below, its spectrum."),
+    "motors": ("Motors", "What is known of each motor."),
     "bode": (
         "Frequency response",
         "From the command of the axis to its rate (Bode plot), with a 90 % band at each frequency.",
     ),
-    "step": (
-        "Step response",
-        "After a step of the command, with a 90 % band at each time. Where the two differ, closed loop biases the "
-        "model's A and B: the physical parameters are what the vehicle does.",
-    ),
-    "poles": (
-        "Poles",
-        "Of model and physical parameters with the motors as inputs, without the autopilot; left of 0 is stable.",
-    ),
+    "step": ("Step response", "After a step of the command, with a 90 % band at each time."),
+    "poles": ("Poles", "With the motors as inputs, without the autopilot; left of 0 is stable."),
     "residuals": (
         "Residuals",
         "Errors one step ahead in the training data; below, what past errors and the command still predict of them. "
@@ -211,14 +198,19 @@ PICTURES = {
 }
 """Title and caption by the method of ``learned.plot`` that draws it."""
 FEW_PICTURES = "forecast", "disturbance", "motors"
+SYSTEM_PICTURES = "bode", "step", "poles"  # what motors' effect, damping and lag show; nothing where these are unknown
 
 
 def model_pictures(
-    learned: Learned, methods: Iterable[str] = PICTURES, analysis: LogAnalysis | None = None
+    learned: Learned, found: Findings, methods: Iterable[str] = PICTURES, analysis: LogAnalysis | None = None
 ) -> list[Picture]:
-    """Returns the pictures of a model; those of forecasts and of hovering motors need the ``analysis`` it is from."""
+    """Returns the pictures of a model; those of forecasts and of hovering motors need the ``analysis`` it is from.
+
+    Responses and poles are left out where control effectiveness is not identifiable by what was ``found``.
+    """
     pictures, names = [], Labels.of(learned).output_names
-    for method in methods:
+    unknown = any(one.purpose == "motor effectiveness" and one.grade == NONE for one in found.purposes)
+    for method in (one for one in methods if not (unknown and one in SYSTEM_PICTURES)):
         title, caption = PICTURES[method]
         for output, name in enumerate(names if method == "forecast" and methods is PICTURES else names[:1]):
             options: dict[str, Any] = {}
@@ -290,8 +282,8 @@ def live_page(
         lambda: downstream("report.figures.series", "live_flight")(history, axis),
         large=True,
     )
-    model = [] if learned is None else model_pictures(learned, ("motors", "bode", "step", "poles"))
     found = status.findings or findings_of(learned, alarms=status.alarms)
+    model = [] if learned is None else model_pictures(learned, found, ("motors", *SYSTEM_PICTURES))
     return document(
         f"Flight over {link}",
         f"What {axis} did, learned and predicted while it flew.",

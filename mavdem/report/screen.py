@@ -7,6 +7,7 @@ vehicle.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -77,8 +78,10 @@ def verdict_blocks(found: Findings) -> list[Block]:
 
 def analysis_blocks(analysis: LogAnalysis) -> list[Block]:
     """Returns the screen of an ``analysis``: its model's, else what is known without one, and why there is none."""
-    learned, found = analysis.learned, analysis.findings
-    model = conclusion(found) if learned is None else screen(learned, analysis.held_out, analysis.vehicle.hover, found)
+    learned, found, hover = analysis.learned, analysis.findings, analysis.vehicle.hover
+    if hover is not None and analysis.tier.name != "a":
+        hover = replace(hover, roll=None, pitch=None)  # the condition says how the vehicle leans
+    model = conclusion(found) if learned is None else screen(learned, analysis.held_out, hover, found)
     marks = [Sentence(alarm.sentence, "Motors:") for alarm in analysis.alarms if alarm.motor is None]
     if analysis.tier.name == "a" and learned is not None:
         return [*model, *marks]
@@ -130,7 +133,6 @@ def _vehicle(labels: Labels, physical: Physical | None, hover: HoverFigures | No
         effect = zip(TORQUE.scale * physical.effect, TORQUE.scale * physical.interval(LEVEL).effect, strict=True)
         columns[f"effectiveness ({_per_input(labels.input_units[0])})"] = [plus_minus(*pair) for pair in effect]
         rest = [f"{name} {figure}" for name, figure in _motion(physical)]
-        rest[0] = rest[0].capitalize()
     if hover is not None and hover.motors == labels.input_names:
         columns |= _hover_columns(hover)
     if columns:
@@ -138,7 +140,8 @@ def _vehicle(labels: Labels, physical: Physical | None, hover: HoverFigures | No
         blocks.append(Table(["vehicle", *columns], [list(row) for row in rows]))
     if hover is not None and (leaning := _lean(hover)):
         rest.append(f"mean lean {leaning}")
-    return [*blocks, Sentence(f"{'; '.join(rest)}. {INTERVAL}")] if rest else blocks
+    text = f"{'; '.join(rest)}.{f' {INTERVAL}' if '±' in f'{columns}{rest}' else ''}"
+    return [*blocks, Sentence(text[:1].upper() + text[1:])] if rest else blocks
 
 
 def _hover_columns(hover: HoverFigures) -> dict[str, list[str]]:

@@ -13,7 +13,8 @@ from mavdem.analysis.analysis import MAX_SLOW_RATIO, slow_motion_refusal
 from mavdem.health.in_flight import MotorAlarm
 from mavdem.ingest import read_log
 from mavdem.ingest.telemetry import selected
-from mavdem.report.blocks import Sentence
+from mavdem.report.blocks import Sentence, text_of
+from mavdem.report.page import model_pictures
 from mavdem.report.screen import analysis_blocks
 
 SAMPLE = Path(__file__).parents[2] / "logs" / "ardupilot_wind5_steps.tlog"
@@ -39,6 +40,9 @@ def test_the_slow_motion_is_learnt_where_it_predicts_better_and_nothing_faster_i
     assert "40 samples a second" in slow.learned.physical_reason
     assert "slow motion" in slow.learned.cautions[0]
     assert "Hz" in slow.reason and slow.remedy
+    told = text_of(analysis_blocks(slow))
+    assert "Lean:" in told and "mean lean" not in told and told.count("± is") == 1
+    assert not {"Step response", "Poles"} & {one.title for one in model_pictures(slow.learned, slow.findings)}
     with pytest.raises(ValueError, match="40 samples a second"):
         slow.learned.simulate(slow.flights[0].inputs)
 

@@ -27,5 +27,4 @@ def shown(page: str, script: str, folder: Path, width: int = 1600) -> tuple[str,
     ran = subprocess.run([CHROMIUM, *options, *place], capture_output=True, text=True, check=True)
     assert "CONSOLE" not in ran.stderr
     found = re.search(r"<title>(.*?)</title>", ran.stdout, re.DOTALL)
-    title, value = json.loads(html.unescape(found[1]))
-    return title, value
+    return tuple(json.loads(html.unescape(found[1])))

@@ -1,6 +1,7 @@
 """The details of a learnt flight: the model as textbooks print it, and how it was learnt."""
 
 from dataclasses import replace
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -14,18 +15,10 @@ from mavdem.report.details import _poles, detail_blocks
 
 pytestmark = pytest.mark.slow
 DT = 0.01
-
-
 MOTORS = 1500 + 50 * gaussian_filter1d(np.random.default_rng(0).standard_normal((500, 2)), 6, axis=0)
 RATE = np.cumsum((MOTORS - 1500) @ [0.02, -0.02]) * DT
-FLIGHT = mavdem.Flight(
-    DT * np.arange(500),
-    MOTORS,
-    np.stack([np.cumsum(RATE) * DT, RATE], axis=1),
-    input_units=("µs", "µs"),
-    output_names=("roll", "roll rate"),
-    output_units=("rad", "rad/s"),
-)
+NAMES = {"input_units": ("µs", "µs"), "output_names": ("roll", "roll rate"), "output_units": ("rad", "rad/s")}
+FLIGHT = mavdem.Flight(DT * np.arange(500), MOTORS, np.stack([np.cumsum(RATE) * DT, RATE], axis=1), **NAMES)
 TRAIN, TEST = FLIGHT[:400], FLIGHT[400:]
 
 
@@ -77,6 +70,8 @@ def test_what_is_not_known_of_the_parameters_is_not_reported(learned):
     assert "±" in cells(learned)
     unknown = cells(altered(learned, scatter=None))
     assert "±" not in unknown and "nan" not in unknown
+    notebook = "".join(ElementTree.fromstring(learned._repr_html_()).itertext())
+    assert "control effectiveness" in notebook and "3 states, from 4 s at 100 Hz" in notebook
 
 
 def test_poles_have_a_frequency_and_a_damping_ratio_or_a_time_constant():

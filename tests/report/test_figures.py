@@ -77,6 +77,7 @@ def test_a_figure_has_the_palette_s_colours_named_axes_and_no_legend_or_title_ov
             assert box.x0 >= 0 and box.x1 <= figure.bbox.x1
     assert figure.axes[-1].get_xlabel()
     assert name == "poles" or "rad" not in text, "angles are in degrees"
+    assert name != "poles" or "Beyond the edge, of DEM's model:" in figure.get_supxlabel().replace("\n", " ")
     units = {"bode": "°/s per µs", "step": "roll (°)", "disturbance": "°/s²", "forecast": "roll (°)"}
     assert units.get(name, "") in text
 
@@ -166,8 +167,10 @@ def test_a_command_is_the_difference_of_the_motors_of_unknown_geometry_by_effect
 def test_without_physical_parameters_only_what_needs_them_is_refused(learned, monkeypatch):
     unknown = learned.physical._replace(status=dict.fromkeys(learned.physical.status, "not identifiable"))
     monkeypatch.setattr(mavdem.Learned, "physical", unknown)
-    for draw in (learned.plot.bode, learned.plot.motors, learned.plot.disturbance):
-        assert "not identifiable" in draw().get_supxlabel()
+    assert "not identifiable" in learned.plot.bode().get_supxlabel()
+    for draw in (learned.plot.motors, learned.plot.disturbance):
+        with pytest.raises(ValueError, match="not identifiable"):
+            draw()
     monkeypatch.setattr(mavdem.Learned, "physical", None)
     monkeypatch.setitem(learned.__dict__, "wind", None)
     with pytest.raises(ValueError, match="no wind torque"):

@@ -60,7 +60,7 @@ def test_a_fleet_without_a_flight_and_one_with_a_single_flight_have_a_page():
 def test_what_changed_since_the_baseline_stands_with_its_vehicle():
     rows = [flight_row("quad-2", number) for number in range(2)]
     text = fleet_page(rows, {"quad-2": [Sentence("motor 3's effect −18 % ± 6 %.", "Changed:")]})
-    assert "motor 3&#39;s effect −18 % ± 6 %." in parts(text)["quad-2"]
+    assert "motor 3&#39;s effect −18\N{NO-BREAK SPACE}% ± 6\N{NO-BREAK SPACE}%." in parts(text)["quad-2"]
 
 
 def panels(rows: list[FlightRow]) -> dict[str, Any]:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from browser import FITS, HOSTILE, shown
 from live_rows import flown
+from made_up_analysis import analysis, physical
 from matplotlib.figure import Figure
 from simulated import simulated
 
@@ -25,11 +26,12 @@ from mavdem.report.figures.series import live_flight
 from mavdem.report.figures.style import band, picture
 from mavdem.report.page import Chapter, Picture, document, flight_page, live_page
 from mavdem.report.palette import PREDICTED
+from mavdem.report.screen import analysis_blocks
 
 NAME = f"{HOSTILE}.tlog"
 VOID = {"meta", "path", "use", "rect", "br", "image"}
 NOTHING = dict.fromkeys(ACCOUNT, 0.0)
-FLIGHT = simulated(samples=900, wind=4.0, lag=0.05)
+FLIGHT = simulated(samples=900, wind=0.2, lag=0.05)
 KNOWN = (
     Condition(90.0, 70.0, 60.0, None, (), {}, {}, None, None, None, None, None),
     Identity("1234", "board", 1, "PX4", "QUADROTOR", "PX4 v1.16.0", None),
@@ -137,6 +139,14 @@ def test_a_browser_shows_it_without_a_complaint_and_without_scrolling_sideways(w
 
 
 @pytest.mark.slow
+def test_every_column_of_the_motors_is_shown_and_no_line_ends_before_a_percent_sign(tmp_path):
+    text = document("flight.tlog", "", analysis_blocks(analysis(physical())))
+    widths = "return [...document.querySelectorAll('.scroll')].map(e => e.scrollWidth - e.clientWidth)"
+    assert [shown(text, widths, tmp_path, width)[1] for width in (500, 1200)] == 2 * [[0, 0, 0]]
+    assert not re.search(r"\d ?%", text.split("<section")[1])
+
+
+@pytest.mark.slow
 def test_two_axes_of_a_flight_of_a_fleet_fit_into_a_small_page_that_leads_back():
     learned = mavdem.learn(FLIGHT[:800], mavdem.Settings(window=9, parameter_precision=1.0))
     held_out = held_out_test(FLIGHT[:800], FLIGHT[800:], learned)
@@ -151,8 +161,7 @@ def test_two_axes_of_a_flight_of_a_fleet_fit_into_a_small_page_that_leads_back()
 
 
 def test_a_flight_without_a_model_says_why_and_what_to_do():
-    reason = LogAnalysis(VERDICT, SLOW, *KNOWN, SLOW.reason, SLOW.remedy)
-    text = flight_page("<b>.tlog", {"roll": reason})
+    text = flight_page("<b>.tlog", {"roll": LogAnalysis(VERDICT, SLOW, *KNOWN, SLOW.reason, SLOW.remedy)})
     assert "Motors come at 4 Hz." in text and "Log them &lt;faster&gt;." in text and "<b>" not in text
 
 
@@ -170,6 +179,5 @@ def test_a_live_flight_is_drawn_in_degrees_with_what_was_trained_on_and_has_its_
     for told in (">0.25 s ahead</td>", ">12.2 s</td>", "come again after 3 s", "udpin:&lt;b&gt;", "<svg"):
         assert told in text
     # A link without a vehicle has a page too.
-    status = SessionStatus(obstacle="No vehicle found yet.")
-    text = live_page("udpin:0", "roll", LiveHistory(), status, NOTHING, None)
+    text = live_page("udpin:0", "roll", LiveHistory(), SessionStatus(obstacle="No vehicle found yet."), NOTHING, None)
     assert "No vehicle found yet." in text and "no attitude came" in text

@@ -27,8 +27,6 @@ from mavdem.report.screen import analysis_blocks
 
 LOGS = Path(__file__).parents[2] / "logs"
 NAN = float("nan")
-
-
 SCREENS = {
     "model": lambda: analysis_blocks(analysis(physical())),
     "doubtful": lambda: analysis_blocks(analysis(physical(0.2, lag="not identifiable", damping="biased"))),
@@ -85,13 +83,6 @@ def test_a_notebook_shows_a_flight_with_a_row_a_channel_in_degrees(flight):
     time = np.arange(5.0)
     flight = mavdem.Flight(time, time, time, setpoints=np.full(5, np.nan), setpoint_names=("asked",))
     assert re.search(r">asked</td>.*>-</td>", flight._repr_html_())
-
-
-@pytest.mark.slow
-def test_a_notebook_shows_what_a_model_is_good_for(flight):
-    learned = mavdem.learn(flight, mavdem.Settings(order=2, d=2, window=9, parameter_precision=1.0, horizon=None))
-    text = "".join(ElementTree.fromstring(learned._repr_html_()).itertext())
-    assert "control effectiveness" in text and "2 states, from 8 s at 100 Hz" in text
 
 
 def test_every_text_is_escaped():

@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, MaxNLocator, NullLocator
 
+from mavdem.analysis.findings import known_wind
 from mavdem.analysis.residuals import BOUND_LEVEL, LAG_SECONDS, residuals
 from mavdem.condition.condition import HoverFigures
 from mavdem.confidence import LEVEL
@@ -124,13 +125,13 @@ class Plots(SystemPlots):
         """Draws the wind torque over time with band and gusts, its spectral density, and the ``truth`` (T,), rad/s².
 
         Raises:
-            ValueError: there is no wind torque, since no physical parameters can be fitted.
+            ValueError: the wind torque is not identifiable.
         """
         learned = self.learned
-        wind, record, unit = learned.wind, learned.record, readable("rad/s²")
+        wind, record, unit = known_wind(learned.wind, learned.physical), learned.record, readable("rad/s²")
         if wind is None:
-            raise ValueError("there is no wind torque to show: no physical parameters can be fitted to this flight")
-        with picture(4.0, Room(rows=0.7)) as figure:
+            raise ValueError("there is no wind torque to show: it is not identifiable in this flight")
+        with picture(4.0, Room(left=0.8, rows=0.7)) as figure:
             above, below = figure.subplots(2, 1, gridspec_kw={"height_ratios": [3, 2]})
             above.axhline(0, **HAIRLINE)
             clock = sample_times(record)
@@ -155,25 +156,24 @@ class Plots(SystemPlots):
             below.set_ylim(np.clip(below.get_ylim()[0], top / MAX_RANGE, top / MIN_RANGE), 2 * top)
             for axis in (below.xaxis, below.yaxis):
                 axis.set_major_formatter("{x:g}")
+                axis.set_minor_formatter("")  # which would overlap
             legend_above(below)
-            if learned.physical is not None and not learned.physical.identifiable:
-                note(figure, "Control effectiveness is not identifiable in this flight, and so the wind torque is not.")
-            elif wind.reason is not None:
-                note(figure, "Not resolved in this flight: expect errors about as large as the torque itself.")
         return figure
 
     def motors(self, hover: HoverFigures | None = None) -> Figure:
         """Draws a row a motor: its control effectiveness and, by ``mavdem.hover``, its trim deviation and its headroom.
 
         Raises:
-            ValueError: there are no physical parameters, and no ``hover``.
+            ValueError: control effectiveness is not identifiable, and there is no ``hover``.
         """
         learned = self.learned
         labels, physical = Labels.of(learned), learned.physical
+        # What drives the model may be no motor but the demand, which has no row here.
+        of_motors = hover is None or len(hover.motors) == len(labels.input_names)
+        if physical is not None and not (of_motors and physical.identifiable):
+            physical = None
         if physical is None and hover is None:
-            raise ValueError("there are no motors to show: no physical parameters can be fitted to this flight")
-        if hover is not None and len(hover.motors) != len(labels.input_names):
-            physical = None  # what drives the model is no motor but the demand, which has no row here
+            raise ValueError("there are no motors to show: control effectiveness is not identifiable in this flight")
         names = labels.input_names if hover is None else hover.motors
         rows = np.arange(len(names))
         shown = [name.removeprefix("motor ").replace(" (", " ").rstrip(")") for name in names]  # "1 front right"
@@ -190,8 +190,7 @@ class Plots(SystemPlots):
                 half = unit.scale * physical.interval(LEVEL).effect
                 _bars(panels[0], unit.scale * physical.effect, half, 0.0, palette.PREDICTED)
                 panels[0].set(title="effectiveness", xlabel=per(unit.name, labels.input_units[0]))
-                if not physical.identifiable:
-                    note(figure, "Control effectiveness is not identifiable in this flight: no intervals are given.")
+                note(figure, f"Whiskers: {100 * LEVEL:.0f} % intervals of the control effectiveness.")
             if hover is not None:
                 imbalance, headroom = panels[-2:]
                 _bars(imbalance, np.array(hover.imbalance), np.zeros(len(names)), LEAST_IMBALANCE, palette.COMMAND)
@@ -317,13 +316,13 @@ def typical_windows(held: HeldOut, windows: int) -> slice:
 
 
 def _bars(axes: Axes, values: Array, half: Array, least: float, colour: str) -> None:
-    """Bars about 0 with intervals, faint where these are not known; the axis shows ``least`` at least."""
-    rows, known = np.arange(len(values)), bool(np.isfinite(half).all())
-    axes.barh(rows, values, 0.55, color=colour, alpha=1.0 if known else 0.35)
-    if known and half.any():
+    """Bars about 0 with intervals, where there are any; the axis shows ``least`` at least."""
+    rows = np.arange(len(values))
+    axes.barh(rows, values, 0.55, color=colour)
+    if half.any():
         axes.errorbar(values, rows, xerr=half, fmt="none", ecolor=palette.INK_ON_LIGHT, capsize=3, linewidth=1.2)
     axes.axvline(0, **HAIRLINE)
-    largest = 1.15 * max(least, float((np.abs(values) + np.nan_to_num(half)).max()))
+    largest = 1.15 * max(least, float((np.abs(values) + half).max()))
     axes.set_xlim(-largest, largest)
 
 

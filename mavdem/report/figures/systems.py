@@ -187,43 +187,47 @@ class SystemPlots:
         return figure
 
     def poles(self, truth: Array | None = None) -> Figure:
-        """Draws the slow poles of the model, with draws from their uncertainty; fast ones are named at the edge.
+        """Draws the slow poles of the model, with draws from their uncertainty; fast ones are named below.
 
         ``truth`` is A (n, n) of a simulated vehicle.
         """
         learned = self.learned
-        systems = model_systems(learned, np.ones(learned.model.B.shape[1]))
+        systems, physical = model_systems(learned, np.ones(learned.model.B.shape[1])), _reported(learned)
         values: Complex = np.linalg.eigvals(systems.A[0]).astype(complex)
         drawn: Complex = np.linalg.eigvals(systems.A[1 : CLOUD + 1]).astype(complex).ravel()
         true: Complex = np.empty(0, complex) if truth is None else np.linalg.eigvals(truth).astype(complex)
+        fitted = np.array([] if physical is None else [-physical.damping, -1 / physical.lag], complex)
         limit = SLOW * max(float(np.abs(values).min()), 1.0)
-        slow = np.abs(values) <= limit
+        slow, *others = (poles[np.abs(poles) <= limit] for poles in (values, fitted, true))
         with picture(room=Room()) as figure:
             axes = figure.subplots()
-            _plane(axes, np.concatenate([values[slow], true[np.abs(true) <= limit]]))
-            (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
-            inside = (drawn.real > left) & (drawn.real < right) & (drawn.imag > bottom) & (drawn.imag < top)
+            _plane(axes, np.concatenate([slow, *others]))
+            (left, right), top = axes.get_xlim(), axes.get_ylim()[1]
+            inside = (drawn.real > left) & (drawn.real < right) & (np.abs(drawn.imag) < top)
             cloud: dict[str, Any] = {"color": PREDICTED, "alpha": 0.45, "markersize": 3, "markeredgewidth": 0}
             axes.plot(drawn[inside].real, drawn[inside].imag, ".", **cloud)
-            _physical(axes, learned.physical)
-            crosses = ("x", 7, PREDICTED, "DEM's model", values), ("+", 9, TRUTH, "truth", true)
-            for marker, size, colour, label, at in crosses[: 1 + bool(len(true))]:
-                style: dict[str, Any] = {"color": colour, "markersize": size, "markeredgewidth": 2, "label": label}
-                axes.plot(at.real, at.imag, marker, **style)
+            if physical is not None:
+                half = physical.interval(LEVEL).damping
+                band(axes, np.array([-half, half]) - physical.damping, -BAR * top, BAR * top, PHYSICAL)
+            remark = "Dots: draws from the uncertainty of A, without closed-loop bias. Rays: ζ = 0.2 to 0.8."
+            drawings = ("s", 5, PHYSICAL, "physical parameters", fitted), ("x", 7, PREDICTED, "DEM's model", values)
+            for marker, size, colour, label, at in (*drawings, ("+", 9, TRUTH, "truth", true)):
+                shown = (at.real > left) & (at.real < right) & (np.abs(at.imag) < top)
+                style: dict[str, Any] = {"color": colour, "markersize": size, "markeredgewidth": 2}
+                axes.plot(at[shown].real, at[shown].imag, marker, label=label if shown.any() else "", **style)
+                if fast := ", ".join(_words(value) for value in at[~shown] if value.imag >= 0):
+                    remark += f" Beyond the edge, of {label}: {fast}."
             axes.set(xlabel="real part (1/s)", ylabel="imaginary part (rad/s)")
-            _label(axes, values[slow])
-            if not slow.all():
-                fast = ", ".join(_words(value) for value in values[~slow] if value.imag >= 0)
-                axes.annotate(f"◂ {fast}", (0.01, 0.53), xycoords="axes fraction", fontsize=7.5)
+            _label(axes, slow)
             legend_above(axes)
-            note(figure, "Dots: draws from the uncertainty of A, without closed-loop bias. Rays: ζ = 0.2 to 0.8.")
+            note(figure, remark)
         return figure
 
 
 def _curves(learned: Learned, motors: Array, truth: Truth | None) -> Iterator[tuple[str, str, Systems]]:
     """Name, colour and systems of each curve."""
-    outputs, physical = learned.record.outputs.shape[1], learned.physical
-    if physical is not None and set(physical.status.values()) == {"reported"} and outputs <= 2:
+    outputs, physical = learned.record.outputs.shape[1], _reported(learned)
+    if physical is not None:
         yield "physical parameters", PHYSICAL, physical_systems(physical, motors, outputs)
     yield "DEM's model", PREDICTED, model_systems(learned, motors)
     if truth is not None:
@@ -244,19 +248,16 @@ def _draw(axes: Axes, x: Array, values: Array, name: str, colour: str) -> None:
 def _remark(learned: Learned) -> str:
     if learned.physical is not None and not learned.physical.identifiable:
         return "Control effectiveness is not identifiable in this flight: its response may be far off."
-    return "Bands: 90 %. That of DEM's model leaves out the bias of the closed loop."
+    remark = "Bands: 90 %. That of DEM's model leaves out the bias of the closed loop."
+    both = " Where the two differ, the physical parameters are what the vehicle does."
+    return remark if _reported(learned) is None else remark + both
 
 
-def _physical(axes: Axes, physical: Physical | None) -> None:
-    """The poles of damping and lag, where both are reported, with the interval of the damping."""
-    if physical is None or set(physical.status.values()) != {"reported"}:
-        return
-    half = physical.interval(LEVEL).damping
-    ends = [-physical.damping - half, -physical.damping + half]
-    bottom, top = axes.get_ylim()
-    band(axes, np.array(ends), BAR * bottom, BAR * top, PHYSICAL)
-    style: dict[str, Any] = {"color": PHYSICAL, "markersize": 5, "label": "physical parameters"}
-    axes.plot([-physical.damping, -1 / physical.lag], [0, 0], "s", **style)
+def _reported(learned: Learned) -> Physical | None:
+    """The physical parameters, where all of them are reported, and their outputs are those of the model."""
+    physical, outputs = learned.physical, learned.record.outputs.shape[1]
+    known = physical is not None and outputs <= 2 and set(physical.status.values()) == {"reported"}
+    return physical if known else None
 
 
 def _plane(axes: Axes, values: Complex) -> None:
