@@ -138,24 +138,24 @@ BUDGETS = {
     "mavdem": 680,
     "ingest": 5600,
     "alignment": 2030,
-    "condition": 795,
-    "dem": 8960,
+    "condition": 790,
+    "dem": 8910,
     "health": 1060,
-    "baselines": 1050,
-    "evaluate": 1270,
-    "live": 2680,
+    "baselines": 990,
+    "evaluate": 1250,
+    "live": 2630,
     "analysis": 1020,
-    "fleet": 1855,
-    "report": 3140,
-    "view": 1530,
+    "fleet": 1850,
+    "report": 3130,
+    "view": 1340,
     "export": 350,
-    "paper": 1980,
-    "cli": 2145,
-    "sitl_scenarios": 3390,
-    "tools": 1550,
+    "paper": 1940,
+    "cli": 2150,
+    "sitl_scenarios": 3310,
+    "tools": 1490,
 }
 """Lines of Python a room may have, docstrings counted: what a new capability needs, something older gives back."""
-ALL_LINES, ALL_FILES, TEST_LINES = 41_200, 240, 22_700
+ALL_LINES, ALL_FILES, TEST_LINES = 40_450, 220, 22_700
 
 
 def lines_of(path: Path) -> int:

@@ -91,7 +91,7 @@ def test_the_translation_holds_dfreaders_values_in_mavlinks_units(steps):
     assert np.allclose(np.exp(1j * attitude["yaw"]), np.exp(1j * heading), atol=1e-12)
     assert np.abs(attitude["yaw"]).max() <= np.pi
     assert np.array_equal(attitude["rollspeed"], np.radians(read["RATE"]["R"]))
-    assert np.array_equal(servos["time"], read["RCOU"]["TimeUS"] / 1e6)
+    assert np.array_equal(servos["time"], np.array(read["RCOU"]["TimeUS"]) / 1e6)
     for channel in range(1, 15):
         assert np.array_equal(servos[f"servo{channel}_raw"], read["RCOU"][f"C{channel}"])
     controls = vehicle.messages["ACTUATOR_CONTROL_TARGET"]["controls"]

@@ -364,15 +364,15 @@ def test_the_battery_of_either_bridge(tmp_path):
     def write(recorder: Ros2Recorder) -> None:
         px4_flight(recorder)
         mavros_flight(recorder, node="/uav/mavros")
-        for row in range(3):
+        for row in range(5):
             recorder.px4("battery_status", 20.0 + row, voltage_v=16.0 - row, connected=True)
             volts = {"node": "/uav/mavros", "voltage": 16.0 - row}
             recorder.mavros("battery", "sensor_msgs/msg/BatteryState", UNIX + 20.0 + row, **volts)
 
     for vehicle in read_log(written(tmp_path, write)).vehicles:
         signal = Signals(vehicle).voltage
-        assert signal is not None and signal.values.tolist() == pytest.approx([16, 15, 14])
-        assert np.diff(signal.time) == pytest.approx([1, 1], abs=1e-6)
+        assert signal is not None and signal.values.tolist() == pytest.approx([16, 15, 14, 13, 12])
+        assert np.diff(signal.time) == pytest.approx([1, 1, 1, 1], abs=1e-6)
 
 
 def test_setpoints_of_mavros_are_turned_back(recorder):
