@@ -155,7 +155,7 @@ BUDGETS = {
     "tools": 1490,
 }
 """Lines of Python a room may have, docstrings counted: what a new capability needs, something older gives back."""
-ALL_LINES, ALL_FILES, TEST_LINES = 40_450, 220, 22_700
+ALL_LINES, ALL_FILES, TEST_LINES = 40_450, 220, 22_710
 
 
 def lines_of(path: Path) -> int:

@@ -19,7 +19,7 @@ from mavdem.live.stream import REVIEW_SECONDS
 RECORDED = sorted(SAMPLES.glob("*.tlog")) + sorted(SHARED.glob("sitl_*/*.tlog")) + sorted(SHARED.glob("logs/*.tlog"))
 AS_ANOTHER = (
     *("ardupilot_calm", "ardupilot_wind6_gusts", "ardupilot_wind5_gustmoment_strong", "ardupilot_inertia_wind5_steps"),
-    *("px4_calm", "px4_wind5_steps"),
+    *("ardupilot_wind5_turb", "px4_calm", "px4_wind5_steps"),
 )
 """Flown as another of the recorded flights is, in other wind, or the whole of a sample flight."""
 TWO_VEHICLES = "px4_two_vehicles_gcslink"

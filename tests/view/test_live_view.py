@@ -11,6 +11,7 @@ import time
 import urllib.request
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
+from itertools import count
 from pathlib import Path
 from threading import Event
 from types import SimpleNamespace
@@ -362,21 +363,23 @@ def test_a_row_that_cannot_be_drawn_and_a_file_that_cannot_be_written_end_nothin
 
 @pytest.mark.slow
 def test_a_killed_process_or_a_full_disk_leaves_a_file_that_opens(tmp_path, monkeypatch):
-    # A file that fails while it is flushed is noticed by the next flush.
-    monkeypatch.setattr("mavdem.view.live_view.FLUSH_SECONDS", 2.0)
+    monkeypatch.setattr("mavdem.view.live_view.FLUSH_SECONDS", 0.5)
     path, killed = tmp_path / "flight.rrd", tmp_path / "killed.rrd"
     sink, limits = RecordingFile(path), resource.getrlimit(resource.RLIMIT_FSIZE)
     before = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     try:
         with showing(sink) as view:
-            for count in (500, 3000):
-                for i in range(count):
-                    view.put(50.0 + DT * i, 0.0, 0, OUTPUTS[0], INPUTS[0])
-                if count == 500:
-                    until(lambda: sink.complete > 20_000)
-                    shutil.copy(path, killed)  # as a process that is killed leaves it
-                    resource.setrlimit(resource.RLIMIT_FSIZE, (path.stat().st_size + 3000, limits[1]))
-            until(lambda: "flight.rrd failed" in "".join(view.troubles))
+            rows = count()
+
+            def failed() -> bool:  # what fails while it is flushed is noticed by a later flush
+                for _ in range(500):
+                    view.put(50.0 + DT * next(rows), 0.0, 0, OUTPUTS[0], INPUTS[0])
+                return "flight.rrd failed" in "".join(view.troubles)
+
+            assert not failed() and until(lambda: sink.complete > 20_000)
+            shutil.copy(path, killed)  # as a process that is killed leaves it
+            resource.setrlimit(resource.RLIMIT_FSIZE, (path.stat().st_size + 3000, limits[1]))
+            until(failed)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
         signal.signal(signal.SIGXFSZ, before)
