@@ -13,6 +13,7 @@ from mavdem.alignment.drive import Motors
 from mavdem.alignment.phases import Intervals, both, total, unbroken
 from mavdem.alignment.signals import Attitude, Signals, usual_rate
 from mavdem.flight import Flight
+from mavdem.ingest.motors import OutputScale
 
 CONSISTENCY_SPAN = 0.2  # Seconds: one period of 5 Hz, so that sensor noise averages out and roll dynamics do not
 OUTLIER_SHARE = 0.01
@@ -122,8 +123,7 @@ def of_segment(signals: Signals, segment: Segment, flight: Flight, log: QualityF
     else:
         differences = flight.inputs - flight.inputs.mean(axis=1, keepdims=True)
         combination, rounding = differences[:, np.argmax(differences.std(axis=0))], motors.scale.step / 12**0.5
-    share = motors.scale.fraction(flight.inputs)
-    limited = (share >= motors.scale.stop - STOP_MARGIN) | (share <= IDLE_THROTTLE)
+    limited = np.logical_or(*at_limits(motors.scale.fraction(flight.inputs), motors.scale))
     return replace(
         log,
         duration=flight.duration,
@@ -145,7 +145,7 @@ def of_segment(signals: Signals, segment: Segment, flight: Flight, log: QualityF
         input_sd=float(combination.std()),
         input_step=motors.scale.step,
         input_snr=float(combination.var() / rounding**2) - 1 if rounding > 0 else None,
-        saturation=float(np.mean(limited.any(axis=1))),
+        saturation=float(limited.any(axis=1).mean()),
         upper_band=_upper_band(flown_rate),
         consistency=min((share for share in consistencies if share is not None), default=None),
     )
@@ -155,6 +155,11 @@ def _step(values: NDArray[np.float64]) -> float:
     """The quantisation step: the median difference between neighbouring values; next to nothing where not rounded."""
     distinct = np.unique(values)
     return float(np.median(np.diff(distinct))) if len(distinct) > 1 else 0.0
+
+
+def at_limits(shares: NDArray[np.float64], scale: OutputScale) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Returns where motors are at the upper stop of their ``scale``, and where they idle, shaped like ``shares``."""
+    return shares >= scale.stop - STOP_MARGIN, shares <= IDLE_THROTTLE
 
 
 def _snr_of_changes(time: NDArray[np.float64], values: NDArray[np.float64], step: float) -> float | None:

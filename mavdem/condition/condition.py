@@ -26,7 +26,7 @@ from mavdem.alignment import phases
 from mavdem.alignment.align import Segment, recorded_parts, settled_segments, within
 from mavdem.alignment.drive import AXES, TILT_AXES, Signal, floats, series
 from mavdem.alignment.phases import Intervals, both
-from mavdem.alignment.quality import IDLE_THROTTLE, STOP_MARGIN
+from mavdem.alignment.quality import at_limits
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals
 from mavdem.alignment.verdict import verdict_of
@@ -165,13 +165,14 @@ def _figures(
     if not trims.mean() > 0:
         raise NotLearnable("The motors are off in all of the settled flight.", "Check what wrote the log.")
 
+    upper, lower = at_limits(shares, scale)
     each = {
         "trim": outputs.mean(axis=0),
         "trim_of_range": trims,
         "trim_share": trims / trims.mean(),
         "headroom": np.maximum(scale.stop - np.percentile(shares, HIGHEST_PERCENTILE, axis=0), 0.0),
-        "at_upper_limit": (shares >= scale.stop - STOP_MARGIN).mean(axis=0),
-        "at_lower_limit": (shares <= IDLE_THROTTLE).mean(axis=0),
+        "at_upper_limit": upper.mean(axis=0),
+        "at_lower_limit": lower.mean(axis=0),
     }
     figures: dict[str, Any] = {name: tuple(values.tolist()) for name, values in each.items()}
     return HoverFigures(names, scale.unit, float(seconds), **figures, roll=lean.get("roll"), pitch=lean.get("pitch"))

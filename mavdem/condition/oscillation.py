@@ -14,7 +14,7 @@ import numpy as np
 
 from mavdem.alignment.align import Segment, mean_rate, within
 from mavdem.alignment.drive import TILT_AXES, Motors
-from mavdem.alignment.quality import IDLE_THROTTLE, STOP_MARGIN
+from mavdem.alignment.quality import at_limits
 from mavdem.alignment.signals import MINIMUM_RATE, Attitude, Signals
 
 WINDOWS, FEWEST_SAMPLES, PERIODS = (4.0, 8.0), 32, 8
@@ -66,7 +66,7 @@ def _limit_cycles(
     sampled = min(map(mean_rate, streams))
     time = np.arange(max(one[0] for one in streams), min(one[-1] for one in streams), 1 / sampled)
     shares = motors.scale.fraction(motors.outputs[driven])
-    limited = np.any((shares >= motors.scale.stop - STOP_MARGIN) | (shares <= IDLE_THROTTLE), axis=1)
+    limited = np.any(np.logical_or(*at_limits(shares, motors.scale)), axis=1)
     series = np.column_stack([shares - shares.mean(axis=1, keepdims=True), limited])
     moved = np.column_stack([np.interp(time, streams[1], column) for column in series.T])
     table = np.column_stack([np.degrees(np.interp(time, streams[0], tilt.rate[turning])), moved])
