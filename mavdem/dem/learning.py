@@ -1,34 +1,23 @@
-"""Learning a flight: what the settings leave open, the fits, the cautions about them, and the result."""
+"""Learning a flight: what the settings leave open, the fit, the cautions about it, and the result."""
 
 from __future__ import annotations
 
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from mavdem.dem.engine.ascent import CoordinateAscent
 from mavdem.dem.engine.free_energy import free_energy
-from mavdem.dem.engine.generative import SufficientStatistics
-from mavdem.dem.engine.linalg import Array, inverse, one_thread, raise_on_overflow
-from mavdem.dem.fitting import Fit, Start, fit, generalized, held_by_prior, of_vehicle, predictor_of
-from mavdem.dem.forecast.forecasts import TrainingForecasts, training_forecasts
-from mavdem.dem.forecast.noise_model import lags_of, with_noise_model
-from mavdem.dem.forecast.simulation_error import SHORTEST_HORIZON, fit_simulation, horizon_of
+from mavdem.dem.engine.linalg import Array, inverse, one_thread
+from mavdem.dem.fitting import Fit, Start, fit, generalized, held_by_prior, of_vehicle
 from mavdem.dem.learned import Learned
 from mavdem.dem.parallel import parallel_map
 from mavdem.dem.priors import hyperparameter_groups
 from mavdem.dem.record import Record, UniformRecord
 from mavdem.dem.scaling import known_inputs
 from mavdem.dem.settings import CompleteSettings, Settings
-from mavdem.dem.uncertainty import (
-    ParameterUncertainty,
-    SandwichCovariance,
-    marginal_information,
-    uncertainty_of,
-    undetermined_directions,
-)
+from mavdem.dem.uncertainty import marginal_information, uncertainty_of, undetermined_directions
 
 Job = (
     tuple[UniformRecord | Sequence[UniformRecord], Settings | None]
@@ -42,11 +31,7 @@ HIDDEN_STATES = 1  # beside the outputs, unless the order is given: the lag betw
 WINDOW_SECONDS = 0.09
 """Embedding window: wide enough to average measurement noise, short beside the motion of a vehicle."""
 
-PARAMETER_PRECISIONS = (10.0, 0.01, 1.0, 100.0)
-"""Prior precisions of each free parameter under the regulated prior, in the units of ``scaling``.
-
-The first is used where a simulation-error fit follows, which only begins at that θ. Where none can follow, the one is
-used whose model forecasts the training data best."""
+PARAMETER_PRECISION = 1.0  # prior precision of each free parameter, in the units of ``scaling``
 
 
 def learn(
@@ -79,38 +64,31 @@ def learn(
         known = known_inputs(settings, record.inputs.shape[1])
         for part, where in ((record, ""), *((half, " in both halves") for half in record.halves())):
             part.require_moving(known, where)
-        attempts = []
-        for choice in choices(settings, record):
-            attempt = _attempt(record, choice, start)
-            if attempt is not None:
-                attempts.append(attempt)
-                if attempt.refined:
-                    break
-        if not attempts:
+        settings = complete(settings, record)
+        try:
+            return _learned(fit(record, settings, None if start is None else _start(record, settings, start)), record)
+        except np.linalg.LinAlgError:
+            if start is not None:
+                return learn(record, settings)
             raise ValueError(
-                "no model of the training data, with these settings, can forecast any part of them: where a prior is "
-                "given, the states must be observable through its C"
-            )
-        return _learned(min(attempts, key=lambda attempt: (not attempt.refined, attempt.error(record))), record)
+                "DEM breaks down on the training data with these settings: where a prior is given, the states must be "
+                "observable through its C"
+            ) from None
 
 
-def choices(settings: Settings, record: Record) -> tuple[CompleteSettings, ...]:
-    """Returns the settings with order, d, window and prior precision, once for each precision, the preferred first.
+def complete(settings: Settings, record: Record) -> CompleteSettings:
+    """Returns the settings with order, d, window and prior precision.
 
     A window that is not given lasts ``WINDOW_SECONDS``, or is the shortest possible where segments are too short.
     """
     order = settings.order or record.outputs.shape[1] + HIDDEN_STATES
     d = min(2, settings.p) if settings.d is None else settings.d
-    if settings.parameter_precision:
-        precisions: tuple[float, ...] = (settings.parameter_precision,)
-    else:
-        precisions = PARAMETER_PRECISIONS if settings.prior == "regulated" else (1.0,)
     fewest = max(settings.p, d) + 1
     windows = [settings.window] if settings.window else [_odd(WINDOW_SECONDS / record.dt, fewest), _odd(0, fewest)]
     for window in windows:
         # Half of the samples must have a whole window, or the derivatives come from too few of them.
         if record.windows(window) >= len(record) // 2:
-            return tuple(settings.completed(order, d, window, precision) for precision in precisions)
+            return settings.completed(order, d, window, settings.parameter_precision or PARAMETER_PRECISION)
     raise ValueError(
         f"train must be longer for windows of {windows[-1]} samples: at least {2 * windows[-1]} samples, in segments "
         f"of more than twice the window, not {len(record)} in segments of up to {record.longest}"
@@ -121,46 +99,6 @@ def _odd(samples: float, fewest: int) -> int:
     """The odd window next to ``samples``, of at least ``fewest``: an odd window has a sample at its centre."""
     window = max(round(samples), fewest)
     return window + 1 - window % 2
-
-
-@dataclass(frozen=True, eq=False)
-class _Attempt:
-    """A finished fit with complete settings, its generalized data, and forecasts of the training data by it."""
-
-    fit: Fit
-    segments: tuple[Array, ...]
-    uncertainty: ParameterUncertainty
-    forecasts: TrainingForecasts
-
-    @property
-    def refined(self) -> bool:
-        """Whether θ is that of the simulation-error fit."""
-        return self.fit.simulation_fit is not None
-
-    def error(self, record: Record) -> float:
-        """Mean squared error of the forecasts, over all lengths, in training variances."""
-        return float(np.mean(self.forecasts.mse / record.outputs.var(axis=0)))
-
-
-def _attempt(record: Record, settings: CompleteSettings, before: Learned | None) -> _Attempt | None:
-    """A fit, with the simulation-error fit where there can be one; ``None`` where it breaks down or cannot forecast."""
-    start = None if before is None else _start(record, settings, before)
-    try:
-        fitted = fit(record, settings, start)
-    except np.linalg.LinAlgError:
-        return None if before is None else _attempt(record, settings, None)
-    segments = generalized(settings, fitted.scaling, record)
-    for finished in (_with_simulation_fit(fitted, record, SufficientStatistics.of(*segments), start), fitted):
-        forecasts = training_forecasts(finished, record)
-        if np.isfinite(forecasts.mse).all():
-            if finished.simulation_fit is not None:
-                scaled = forecasts.mse / finished.scaling.output_scale**2
-                finished = replace(finished, simulation_fit=replace(finished.simulation_fit, mse=scaled))
-            # Of a simulation-error fit the covariance is its own.
-            scattered = finished.simulation_fit is None
-            uncertainty = uncertainty_of(fitted.model, segments, fitted.ascent, scattered)
-            return _Attempt(finished, segments, uncertainty, forecasts)
-    return None
 
 
 def _start(record: Record, settings: CompleteSettings, before: Learned) -> Start:
@@ -174,47 +112,20 @@ def _start(record: Record, settings: CompleteSettings, before: Learned) -> Start
             "start must have the states, inputs, outputs, noise precisions and constant input of this fit, "
             f"{sizes}, not {given}"
         )
-    last = before.theta * before.scaling.parameter_scale(n)
-    theta = last.copy()
+    theta = before.theta * before.scaling.parameter_scale(n)
     theta[of_vehicle(n, r, m, before.scaling.constant)] = before.learning.theta[-1]
-    if before.simulation_fit is None:
-        return Start(theta, lambda_, None, None)
-    return Start(theta, lambda_, last, before.simulation_fit.mixer)
+    return Start(theta, lambda_)
 
 
-def _with_simulation_fit(fitted: Fit, record: Record, samples: SufficientStatistics, start: Start | None) -> Fit:
-    """The fit with θ of a simulation-error fit, where the settings ask for one and it succeeds; else as it was."""
-    model, ascent, settings, scaling = fitted.model, fitted.ascent, fitted.settings, fitted.scaling
-    theta, mixer = ascent.belief.theta, None
-    if start is not None and start.simulated_theta is not None:
-        theta, mixer = start.simulated_theta / scaling.parameter_scale(model.n), start.mixer
-    try:
-        with raise_on_overflow():
-            refined = fit_simulation(model, settings, scaling, theta, fitted.gain, record, geometry=mixer)
-            if refined is None:
-                return fitted
-            iterate = CoordinateAscent(model, samples).at_theta(refined.theta, ascent.belief)
-            predictor = predictor_of(refined.theta, model.sizes, fitted.gain, record.dt)
-            predictor = with_noise_model(predictor, scaling.scale_segments(record), lags_of(record.dt))
-    except np.linalg.LinAlgError:
-        return fitted
-    refined_ascent = replace(ascent, belief=iterate.belief, state_map=iterate.state_map)
-    return replace(fitted, ascent=refined_ascent, predictor=predictor, simulation_fit=refined)
-
-
-def _learned(attempt: _Attempt, record: Record) -> Learned:
+def _learned(fit: Fit, record: Record) -> Learned:
     """The result, in physical units, of a fit in the engine's."""
-    fit, uncertainty = attempt.fit, attempt.uncertainty
     order, ascent, scaling = fit.model.n, fit.ascent, fit.scaling
     sizes = order, record.inputs.shape[1], fit.model.m
     vehicle = of_vehicle(*sizes, scaling.constant)
     scale = scaling.parameter_scale(order)
-    data, precision = np.concatenate(attempt.segments), fit.model.prior.theta_precision
-    prior_covariance = inverse(precision)
-    covariance, scatter = ascent.belief.theta_covariance, uncertainty.scatter
-    if fit.simulation_fit is not None:
-        covariance = fit.simulation_fit.theta_covariance(prior_covariance)
-        scatter = SandwichCovariance(covariance, fit.simulation_fit.freedom)
+    segments = generalized(fit.settings, scaling, record)
+    uncertainty = uncertainty_of(fit.model, segments, ascent)
+    data, precision, scatter = np.concatenate(segments), fit.model.prior.theta_precision, uncertainty.scatter
 
     def physical(covariance: Array) -> Array:
         return np.asarray((covariance * np.outer(scale, scale))[np.ix_(vehicle, vehicle)])
@@ -224,10 +135,10 @@ def _learned(attempt: _Attempt, record: Record) -> Learned:
     return Learned(
         settings=fit.settings,
         model=scaling.physical_model(ascent.belief.theta, order),
-        theta_covariance=physical(covariance),
+        theta_covariance=physical(ascent.belief.theta_covariance),
         scatter=scatter and scatter._replace(covariance=physical(scatter.covariance)),
         undetermined=undetermined_directions(information, precision[np.ix_(vehicle, vehicle)], ~held, sizes),
-        prior_sd=np.sqrt(np.diag(physical(prior_covariance))),
+        prior_sd=np.sqrt(np.diag(physical(inverse(precision)))),
         known=held,
         free_energy=ascent.free_energy,
         free_energy_of_samples=free_energy(fit.model, data, data @ ascent.state_map.T, ascent.belief),
@@ -236,40 +147,25 @@ def _learned(attempt: _Attempt, record: Record) -> Learned:
             theta=(ascent.learning.theta * scale)[:, vehicle].copy(),
             theta_sd=(ascent.learning.theta_sd * scale)[:, vehicle].copy(),
         ),
-        converged=fit.converged,
+        converged=ascent.converged,
         record=record,
-        training_forecasts=attempt.forecasts,
-        cautions=tuple(_cautions(fit, record, uncertainty)),
+        cautions=tuple(_cautions(fit, record, scatter is not None)),
         scaling=scaling,
         predictor=fit.predictor,
         state_map=np.ascontiguousarray(ascent.state_map),
         theta=ascent.belief.theta,
-        simulation_fit=fit.simulation_fit,
     )
 
 
-def _cautions(fit: Fit, record: Record, uncertainty: ParameterUncertainty) -> Iterator[str]:
-    """Limits of a model, one sentence each."""
+def _cautions(fit: Fit, record: Record, maximum: bool) -> Iterator[str]:
+    """Limits of a model, one sentence each; F̄ has a ``maximum`` or not."""
     if fit.settings.prior == "regulated":
         yield from record.input_cautions
-    abscissa = fit.scaling.physical_model(fit.ascent.belief.theta, fit.model.n).spectral_abscissa
-    if abscissa > 0:
-        yield f"The model is unstable: it grows e-fold in {1 / abscissa:.3g} s."
-    if fit.simulation_fit is None:
-        if uncertainty.scatter is None:
-            yield (
-                "F̄ has no maximum at these parameters: their uncertainty is not known. More iterations, or a larger "
-                "prior precision, may find one."
-            )
-        horizon = horizon_of(fit.model, fit.settings, fit.scaling, record)
-        if horizon is not None:
-            reason = (
-                "its simulations, or forecasts by its parameters, overflow. Learn from another part of the flight"
-                if horizon
-                else f"{len(record) * record.dt:.2g} s of samples are too few for its parameters even over "
-                f"{SHORTEST_HORIZON:g} s. Learn from more, or ask for fewer states"
-            )
-            yield f"There is no simulation-error fit: {reason}. Forecasts are worse without it."
+    if not maximum:
+        yield (
+            "F̄ has no maximum at these parameters: their uncertainty is not known. More iterations, or a larger "
+            "prior precision, may find one."
+        )
     flowed = fit.ascent.flowed[1:]
     if fit.settings.learning_rates is not None and fit.settings.learning_rates[0] is not None and not flowed.all():
         yield (

@@ -13,7 +13,6 @@ import numpy as np
 from scipy.special import stdtrit
 
 from mavdem.confidence import LEVEL
-from mavdem.dem.engine.ascent import CoordinateAscent
 from mavdem.dem.engine.coordinates import taylor_weights
 from mavdem.dem.engine.free_energy import Belief, SampleEnergy
 from mavdem.dem.engine.generative import GeneralizedMoments, SufficientStatistics
@@ -144,8 +143,6 @@ class Tracking(NamedTuple):
             theta=learned.theta, lambda_=learned.learning.lambda_[-1]
         )
         belief = with_optimal_precisions(model, belief)
-        if learned.simulation_fit is not None:
-            belief = CoordinateAscent(model, samples).at_theta(learned.theta, belief).belief
         A, B, _ = unpack(belief.theta, *model.sizes)
         # w = x′ − A x − B v, at order 0.
         disturbance = np.zeros((model.n, len(learned.state_map)))
@@ -158,32 +155,14 @@ class Tracking(NamedTuple):
 
 
 class Tracker:
-    """The filter of a learned model; its ``state`` (n,) is the next sample's, ``None`` before a segment's first."""
+    """How well samples agree with a learned model."""
 
     def __init__(self, learned: Learned, tracking: Tracking, until: float) -> None:
         """Takes the model and the time of the last sample it was learned from, s."""
         self.learned, self.tracking, self.until = learned, tracking, until
         self.window, self.model_sd = learned.settings.window, learned.model_sd
-        self.state: Array | None = None
         orders = learned.settings.p, learned.settings.d
         self._weights = [taylor_weights(order, learned.dt, self.window, self.window // 2) for order in orders]
-
-    def find_state(self, inputs: Array, outputs: Array) -> None:
-        """Filters the latest samples, (T, r) and (T, m)."""
-        if len(outputs):
-            scaling = self.learned.scaling
-            self.state = self.learned.predictor.at_end(scaling.scale_inputs(inputs), scaling.scale_outputs(outputs))
-
-    def filter(self, begins: bool, inputs: Array, outputs: Array) -> Array:
-        """Advances the state by a sample; returns the sample's prediction (m,), NaN where a segment ``begins``."""
-        scaling, predictor = self.learned.scaling, self.learned.predictor
-        if self.state is None or begins:
-            self.find_state(inputs[None], outputs[None])
-            return np.full(len(outputs), np.nan)
-        u, y = scaling.scale_inputs(inputs[None])[0], scaling.scale_outputs(outputs)
-        expected = predictor.outputs(self.state, u)
-        self.state = predictor.following(self.state, u, y)
-        return scaling.physical_outputs(expected)
 
     def evaluate(self, memory: Memory) -> tuple[float, Array]:
         """Returns F(t) less its priors, and the disturbance, at the centre of the latest window; NaN without one."""
