@@ -2,9 +2,6 @@
 
 import numpy as np
 import pytest
-from simulated import in_closed_loop
-
-from mavdem import Flight, baselines, evaluate, learn
 from mavdem.dem.forecast.forecasts import (
     DOUBLING_DEVIATION,
     FOLDS,
@@ -21,6 +18,9 @@ from mavdem.dem.forecast.forecasts import (
     running_mean,
     shrunk,
 )
+from simulated import in_closed_loop
+
+from mavdem import Flight, baselines, evaluate, learn
 from mavdem.dem.forecast.var import ChannelUnits, LagStatistics, Var
 from mavdem.dem.record import Record, folds
 from mavdem.evaluate import relative_mspe

@@ -8,6 +8,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
+from mavdem.dem.forecast.simulation_error import CONVERGED_NATS
 from recorded_flights import shared
 from scipy.stats import norm
 from simulated import simulated
@@ -15,7 +16,6 @@ from simulated import simulated
 import mavdem
 from mavdem import Flight, OnlineLearner, Settings
 from mavdem.dem.engine.linalg import one_thread, one_thread_if_free
-from mavdem.dem.forecast.simulation_error import CONVERGED_NATS
 from mavdem.dem.learning import FEWEST_SAMPLES
 from mavdem.dem.online.learner import HORIZONS, LEARNING_SECONDS, TOO_FEW
 from mavdem.dem.online.memory import Memory, drop_since

@@ -5,17 +5,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy.ndimage import zoom
-from scipy.signal import lfilter
-from simulated import GAIN, simulated
-from textbook_filter import TextbookFilter
-
-from mavdem import Flight, Learned, Settings, learn
-from mavdem.dem.engine.gauss_newton import Quadratic
-from mavdem.dem.engine.model import unpack
-from mavdem.dem.engine.state_space import StateSpace, filter_gain
-from mavdem.dem.fitting import fit, predictor_of
-from mavdem.dem.forecast.mixer import mixer_priors
 from mavdem.dem.forecast.noise_model import FEWEST_LAGS, lags_of, with_noise_model
 from mavdem.dem.forecast.simulation_error import (
     MAX_SEGMENTS,
@@ -28,6 +17,17 @@ from mavdem.dem.forecast.simulation_error import (
     models_of,
     simulate,
 )
+from scipy.ndimage import zoom
+from scipy.signal import lfilter
+from simulated import GAIN, simulated
+from textbook_filter import TextbookFilter
+
+from mavdem import Flight, Learned, Settings, learn
+from mavdem.dem.engine.gauss_newton import Quadratic
+from mavdem.dem.engine.model import unpack
+from mavdem.dem.engine.state_space import StateSpace, filter_gain
+from mavdem.dem.fitting import fit, predictor_of
+from mavdem.dem.forecast.mixer import mixer_priors
 from mavdem.dem.record import Record
 
 COMPLETE = Settings(order=3, d=2, window=9, parameter_precision=1.0)

@@ -267,6 +267,12 @@ class CoordinateAscent:
             Belief(moments, np.empty(0), theta, certain, lambda_, np.empty(0)), state_map, flowed=False
         )
 
+    def at_belief(self, belief: Belief) -> Iterate:
+        """The iterate of a belief, with X at its maximum."""
+        state_map = d_step(self.model, belief.theta, belief.theta_covariance, belief.lambda_, belief.lambda_covariance)
+        moments = GeneralizedMoments.of(self.model, self.samples, state_map)
+        return self._iterate(belief._replace(moments=moments), state_map, flowed=False)
+
     def rounds(self, now: Iterate) -> Iterator[Iterate]:
         """Two rounds in turn and, with exact rates, one from their extrapolation."""
         first = self.round(now, now.belief)

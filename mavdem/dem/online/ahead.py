@@ -155,6 +155,7 @@ class OnlineJoint:
                 self._fit(self._statistics, center, scale)
 
     def _channels(self, inputs: Array, outputs: Array) -> Array:
+        assert self.combinations is not None
         return np.hstack([outputs, inputs @ self.combinations])
 
     def _fit(self, statistics: LagStatistics, center: Array, scale: Array) -> None:

@@ -19,7 +19,7 @@ from mavdem.condition.condition import HoverFigures
 from mavdem.confidence import LEVEL
 from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
-from mavdem.dem.engine.model import pack, unpack
+from mavdem.dem.engine.model import unpack
 from mavdem.evaluate.held_out import CONSTANT_MEAN, FORECAST, HeldOut, held_out_test, held_out_windows
 from mavdem.flight import Flight
 from mavdem.live.history import AHEAD, LiveHistory
@@ -208,12 +208,11 @@ class Plots(SystemPlots):
     def learning(self) -> Figure:
         """Draws F̄ below its maximum, the terms it is the sum of and the free entries of A, B and C, by iteration.
 
-        Iteration 0 is the prior. Each entry is in units of its largest magnitude; dots are the values after the
-        simulation-error fit, which continues from the last iteration.
+        Iteration 0 is the prior. Each entry is in units of its largest magnitude.
         """
         learned = self.learned
         energy = learned.free_energy
-        last, end = len(energy) - 1, END * (len(energy) - 1)
+        end = END * (len(energy) - 1)
         with picture(4.4, Room(left=0.75, right=1.75, rows=0.28)) as figure:
             action, terms, parameters = figure.subplots(3, 1, sharex=True, gridspec_kw={"height_ratios": [3, 4, 4]})
             gap = np.maximum(energy.total.max() - energy.total, SMALLEST_GAIN)
@@ -234,19 +233,15 @@ class Plots(SystemPlots):
             terms.yaxis.set_major_formatter("{x:g}")
 
             (n, r), m = learned.model.B.shape, len(learned.model.C)
-            values = np.vstack([learned.learning.theta, pack(*learned.model[:3])])
+            values = learned.learning.theta.copy()
             scale = np.abs(values).max(axis=0)
             values /= np.where(scale > 0, scale, 1.0)
             columns = dict(zip("ABC", unpack(np.arange(values.shape[1]), n, r, m), strict=True))
             for number, (name, free) in enumerate(left_free(learned).items()):
                 entries, colour = values[:, columns[name].ravel()[free].astype(int)], distinct(number)
                 if free.any():
-                    parameters.plot(entries[:-1], color=colour, linewidth=1.1)
+                    parameters.plot(entries, color=colour, linewidth=1.1)
                     parameters.plot([], [], color=colour, label=f"entries of {name}")
-                    parameters.plot([last, end], entries[-2:], color=colour, linewidth=0.7, linestyle=":")
-                    at = np.full(entries.shape[1], end)
-                    parameters.plot(at, entries[-1], "o", color=colour, markersize=4, clip_on=False)
-            parameters.plot([], [], "o", color=MEASURED, markersize=4, label="after the last fit")
             parameters.set(ylabel="share of largest", title="parameters", ylim=(-1.08, 1.08))
             parameters.xaxis.set_major_locator(MaxNLocator(integer=True))
             parameters.set(xlabel="iteration", xlim=(0, end))
