@@ -96,7 +96,7 @@ class Settings:
 
     Settings are equal where all their values are, complete (:class:`CompleteSettings`) or not.
 
-    >>> settings = mavdem.Settings(order=4, horizon=None)
+    >>> settings = mavdem.Settings(order=4, forecasts="plant")
     >>> mavdem.Settings.from_json(settings.to_json()) == settings
     True
 

@@ -123,7 +123,7 @@ def _statistics(record: Record, combinations: Array, lags: int) -> tuple[Channel
 
 def choose(statistics: LagStatistics, lags: int) -> tuple[Choice, Regression]:
     """Returns the choice of the highest F̄, and its posterior, for ``statistics`` of so many ``lags`` or fewer."""
-    choices = [choice for choice in CHOICES if choice.lags <= lags]
+    choices = [one for one in CHOICES if one.lags <= lags] or [Choice(lags, ridge, False) for ridge in RIDGES]
     grams = {fewer: statistics.shortened(lags, fewer) for fewer in {choice.lags for choice in choices}}
     tried = [(choice, regress(grams[choice.lags], statistics.rows, choice.prior)) for choice in choices]
     return max(tried, key=lambda one: one[1].free_energy)
@@ -156,11 +156,13 @@ class JointModel:
         """Learns from training data; ``seed`` is of the draws.
 
         Raises:
-            ValueError: no segment has two samples before a third.
+            ValueError: no segment has two samples.
         """
         with one_thread():
             combinations = turning_combinations(record)
-            lags = max((one for one in LAGS if one <= record.longest // 4), default=LAGS[0])
+            lags = max(
+                (one for one in LAGS if one <= record.longest // 4), default=max(1, min(LAGS[0], record.longest - 1))
+            )
             units, statistics = _statistics(record, combinations, lags)
             choice, found = choose(statistics, lags)
             sizes, directions = np.linalg.eigh(found.covariance)
@@ -202,12 +204,12 @@ class JointModel:
                 state += (now[:, t] - expected[..., m:]) @ gain.T
                 np.clip(state, -LARGEST, LARGEST, out=state)
                 made[:, :, t] = state[..., :m]
-            if smooth:
-                given = self.process.infer(pasts, combined[rows], smooth=True).mean
-                made[0] = self.process.units.scaled(given)
         variance = np.maximum(np.diagonal(filtered.covariances_of(steps), axis1=1, axis2=2)[1:, :m], 0.0)
         moved = np.mean(now**2, axis=-1).cumsum(axis=1) / np.arange(1, steps + 1)
-        return self._answer(made, variance, np.maximum(moved, 1.0)[..., None], length)
+        mean, spread = made[0], np.mean((made[1:] - made[0]) ** 2, axis=0)
+        if smooth:
+            mean = self.process.units.scaled(self.process.infer(pasts, combined[rows], smooth=True).mean)
+        return self._answer(mean, spread, variance, np.maximum(moved, 1.0)[..., None], length)
 
     def unknown_every(self, steps: int, inputs: Array, outputs: Array) -> Forecast:
         """Returns (H, m) forecasts likewise, each without the inputs after its beginning."""
@@ -226,7 +228,7 @@ class JointModel:
                 state = np.concatenate([following, state[..., :-k]], axis=-1)
                 made[:, :, t] = following[..., :m]
         scaled = np.minimum(variance[0, :, :m] / self.process.units.scale[:m] ** 2, LARGEST)
-        return self._answer(made, scaled, np.ones(1), length)
+        return self._answer(made[0], np.mean((made[1:] - made[0]) ** 2, axis=0), scaled, np.ones(1), length)
 
     def one_step(self, record: Record) -> Array:
         """Returns (T, m): each sample of ``record`` from those before it in its segment and the inputs up to it."""
@@ -248,15 +250,14 @@ class JointModel:
         every = np.concatenate([np.vstack([across, offset])[None], self.draws])
         return every[:, :-1].reshape(len(every), -1, k, k), every[:, -1]
 
-    def _answer(self, made: Array, variance: Array, prior: Array, length: int) -> Forecast:
-        """The forecast of what the mean ``made`` first and each draw after it, (1 + D, S, H, m), scaled.
+    def _answer(self, deviation: Array, spread: Array, variance: Array, prior: Array, length: int) -> Forecast:
+        """The forecast of a ``deviation`` d (S, H, m) from the training mean with a ``spread`` V of draws; scaled.
 
-        What the posterior does not determine shrinks the deviation d from the training mean, where it was expected with
-        variance S, the ``prior``: to d / (1 + V/S), and less the larger it is.
+        It was expected with variance S, the ``prior``; as far as the posterior leaves it open it becomes d / (1 + V/S),
+        and less the larger it is.
         """
-        deviation, spread = made[0], np.mean((made[1:] - made[0]) ** 2, axis=0)
         kept = 1 / (1 + spread / prior * (1 + deviation**2 / (prior * DOUBLING_DEVIATION**2)))
-        center, scale = (values[: made.shape[-1]] for values in self.process.units)
+        center, scale = (values[: deviation.shape[-1]] for values in self.process.units)
         answers = deviation * kept, variance + spread * kept
-        mean, squared = (table.reshape(-1, made.shape[-1])[:length] for table in answers)
+        mean, squared = (table.reshape(-1, table.shape[-1])[:length] for table in answers)
         return Forecast(center + scale * mean, scale**2 * squared)

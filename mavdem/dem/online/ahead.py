@@ -58,6 +58,7 @@ class OnlineJoint:
         There is no model without ``combinations`` (r, c) of the inputs, which :meth:`begin_with` may bring.
         """
         self._dt, self._horizons, self._outputs = dt, np.array(horizons), outputs
+        self.combinations: Array | None = None
         self._maps: _Maps | None = None
         # What was predicted, in a ring: a sample is compared with what was predicted of it horizons ago.
         self._ring = np.full((horizons[-1] + 1, len(horizons), outputs, 3), np.nan)
@@ -70,7 +71,8 @@ class OnlineJoint:
 
     def begin_with(self, blocks: Iterable[MemoryBlock], combinations: Array | None) -> None:
         """Learns anew from these blocks: later samples, or the mixer, were not what they seemed to be."""
-        self.combinations = combinations
+        if combinations is not self.combinations:
+            self.combinations, self._maps = combinations, None
         self._statistics: LagStatistics | None = None
         self._before, self._waiting = np.empty((0, 0)), deque(blocks)
         self._units: tuple[Array, Array] | None = None  # of the first second, in which rows are summed
