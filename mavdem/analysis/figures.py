@@ -144,7 +144,7 @@ def model_figures(flights: Sequence[Flight], learned: Learned, held_out: HeldOut
 
     Angles in rad, rates in rad/s, time in s.
     """
-    first, measured = flights[0], learned.record.outputs
+    first, measured, fit = flights[0], learned.record.outputs, learned.simulation_fit
     after_first = np.setdiff1d(np.arange(len(measured)), learned.record.starts)
     one_step = {
         JOINT: learned.one_step()[after_first],
@@ -157,7 +157,7 @@ def model_figures(flights: Sequence[Flight], learned: Learned, held_out: HeldOut
     ranked = _ranked(forecast_errors, held_out.variance)
     model, energy = learned.model, learned.free_energy
     sd, half_width = learned.model_sd, learned.model_interval(LEVEL)
-    joint = learned.joint
+    joint, turning = learned.joint, None if fit is None or fit.mixer is None else fit.mixer.turning
     return {
         "flight": dict(first.provenance),
         "segments": [{"start": float(flight.time[0]), "samples": len(flight)} for flight in flights],
@@ -188,6 +188,16 @@ def model_figures(flights: Sequence[Flight], learned: Learned, held_out: HeldOut
         "prediction": {
             "half_explained_seconds": (learned.useful_steps * first.dt).tolist(),
             "error_ratio": held_out.error_ratio(PREDICTION),
+        },
+        "simulation_fit": None
+        if fit is None
+        else {
+            "samples": fit.horizon,
+            "converged": fit.converged,
+            "numbers": fit.effective_samples,
+            "parameters": len(fit.free),
+            "turning": None if turning is None else turning.tolist(),
+            "terms": {name: float(term[-1]) for name, term in fit.terms.items()},
         },
         "joint": {
             "lags": joint.choice.lags,

@@ -19,6 +19,8 @@ from mavdem.dem.engine.generative import GenerativeModel, Prior, SufficientStati
 from mavdem.dem.engine.linalg import Array, raise_on_overflow
 from mavdem.dem.engine.model import discretize, pack, unpack
 from mavdem.dem.engine.state_space import StateSpace, filter_gain
+from mavdem.dem.forecast.mixer import MixerPrior
+from mavdem.dem.forecast.simulation_error import SimulationFit
 from mavdem.dem.priors import (
     KINEMATIC,
     derivative_pairs,
@@ -38,20 +40,33 @@ KNOWN_INPUT = float(np.exp(12.0))  # precision of the constant input
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A learned model in the engine's units; ``predictor`` has the filter of the ascent's model and its noises."""
+    """A learned model in the engine's units.
+
+    ``gain`` (n, m) is of the filter of the ascent's model and its noises, and ``predictor`` has that filter. Where
+    there is a ``simulation_fit``, the ascent's belief is about its θ.
+    """
 
     settings: CompleteSettings
     scaling: Scaling
     model: GenerativeModel
     ascent: Ascent
+    gain: Array
     predictor: StateSpace
+    simulation_fit: SimulationFit | None = None
+
+    @property
+    def converged(self) -> bool:
+        """Whether the last fit has converged: the simulation-error fit, where there was one."""
+        return self.ascent.converged if self.simulation_fit is None else self.simulation_fit.converged
 
 
 class Start(NamedTuple):
     """Where a fit starts: at the estimates of an earlier one."""
 
-    theta: Array  # (k,) physical, the constant input's column of B included
+    theta: Array  # (k,) of DEM, physical, the constant input's column of B included
     lambda_: Array  # (g,)
+    simulated_theta: Array | None  # (k,) of the simulation-error fit, likewise, where there was one
+    mixer: MixerPrior | None  # the mixer geometry of that fit's prior
 
 
 @raise_on_overflow()
@@ -65,9 +80,8 @@ def fit(record: Record, settings: CompleteSettings, start: Start | None = None) 
     begin = None if start is None else (start.theta / scaling.parameter_scale(model.n), start.lambda_)
     ascent = ascend(model, samples, settings.iterations, rates, begin)
     gain = gain_of(model, ascent.belief, smoothness_of(settings, record.dt), record.dt)
-    A, B, C = unpack(ascent.belief.theta, *model.sizes)
-    predictor = StateSpace.of_transition(discretize(A, B, record.dt), C, gain)
-    return Fit(settings, scaling, model, ascent, predictor)
+    predictor = predictor_of(ascent.belief.theta, model.sizes, gain, record.dt)
+    return Fit(settings, scaling, model, ascent, gain, predictor)
 
 
 def smoothness_of(settings: CompleteSettings, dt: float) -> float:
@@ -173,6 +187,12 @@ def gain_of(model: GenerativeModel, belief: Belief, smoothness: float, dt: float
     unknown = np.linalg.inv(model.input_precision)[: model.r, : model.r]
     process = np.diag(noise[model.state_groups]) + B @ unknown @ B.T
     return filter_gain(A, C, dt, noise[model.output_groups], process, smoothness)
+
+
+def predictor_of(theta: Array, sizes: tuple[int, int, int], gain: Array, dt: float) -> StateSpace:
+    """The predictor of θ (k,), of n states, r inputs and m outputs, with a filter of that gain (n, m)."""
+    A, B, C = unpack(theta, *sizes)
+    return StateSpace.of_transition(discretize(A, B, dt), C, gain)
 
 
 MIN_STEPS = 0.25  # steps: noise of a smoothness below this is white to the samples, whatever it is between them

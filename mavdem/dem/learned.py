@@ -19,6 +19,7 @@ from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.fitting import generalized
 from mavdem.dem.forecast.joint import JointModel
 from mavdem.dem.forecast.plant import PlantForecasts
+from mavdem.dem.forecast.simulation_error import SimulationFit
 from mavdem.dem.forecast.var import Forecast
 from mavdem.dem.graybox import NotIdentifiable, Physical, physical
 from mavdem.dem.graybox.simulation import simulated
@@ -50,18 +51,20 @@ class Learned(LearnedDownstream):
     Attributes:
         settings: as used, with nothing left open.
         model: posterior means.
-        theta_covariance: (k, k) posterior covariance of θ = [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)], physical units.
+        theta_covariance: (k, k) posterior covariance of θ = [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)], physical units: of the
+            simulation-error fit, or of DEM where there was none.
         scatter: sandwich covariance of the estimate of θ, physical units, over data of this kind. Unlike the posterior
             it allows for correlated samples; see ``model_interval``. ``None`` where F̄ has no maximum.
         undetermined: combinations of parameters that the data determine less than the prior.
-        prior_sd: (k,) prior standard deviations of θ.
+        prior_sd: (k,) prior standard deviations of θ in DEM; those of the simulation-error fit are wider.
         known: (k,) which parameters the prior fixes: that a rate is the derivative of its angle, that C = [I 0].
         free_energy: by iteration, with its named terms.
         free_energy_of_samples: (T′,) F(t) of the samples at ``places``: how well each sample agrees with the model.
         learning: parameters and hyperparameters by iteration.
-        converged: whether the fit converged; where not, its parameters may still change with more iterations.
+        converged: whether the last fit converged; where not, its parameters may still change with more iterations.
         record: the training data, physical.
         cautions: limits of the model, one sentence each.
+        simulation_fit: the simulation-error fit of θ, in the engine's units; ``None`` where there was none.
         scaling, predictor, state_map, theta: what :attr:`plant` and :meth:`process_noise` compute with, in the engine's
             units.
 
@@ -87,6 +90,7 @@ class Learned(LearnedDownstream):
     predictor: StateSpace
     state_map: Array
     theta: Array
+    simulation_fit: SimulationFit | None
 
     def __repr__(self) -> str:
         (n, r), m, number = self.model.B.shape, len(self.model.C), len(self.cautions)
@@ -161,7 +165,7 @@ class Learned(LearnedDownstream):
 
     @may_overflow
     def one_step(self) -> Array:
-        """Returns each training sample (T, m) predicted from those before it, a segment's first by the trim."""
+        """Returns each training sample (T, m) predicted from those before it; the joint model knows its inputs too."""
         if self._jointly:
             return self.joint.one_step(self.record)
         predictions = []

@@ -1,4 +1,4 @@
-"""Learning a flight: what the settings leave open, the fit, the cautions about it, and the result."""
+"""Learning a flight: what the settings leave open, the fits, the cautions about them, and the result."""
 
 from __future__ import annotations
 
@@ -8,16 +8,25 @@ from dataclasses import replace
 
 import numpy as np
 
+from mavdem.dem.engine.ascent import CoordinateAscent
 from mavdem.dem.engine.free_energy import free_energy
-from mavdem.dem.engine.linalg import Array, inverse, one_thread
-from mavdem.dem.fitting import Fit, Start, fit, generalized, held_by_prior, of_vehicle
+from mavdem.dem.engine.generative import SufficientStatistics
+from mavdem.dem.engine.linalg import Array, inverse, one_thread, raise_on_overflow
+from mavdem.dem.fitting import Fit, Start, fit, generalized, held_by_prior, of_vehicle, predictor_of
+from mavdem.dem.forecast.simulation_error import SHORTEST_HORIZON, fit_simulation, horizon_of
 from mavdem.dem.learned import Learned
 from mavdem.dem.parallel import parallel_map
 from mavdem.dem.priors import hyperparameter_groups
 from mavdem.dem.record import Record, UniformRecord
 from mavdem.dem.scaling import known_inputs
 from mavdem.dem.settings import CompleteSettings, Settings
-from mavdem.dem.uncertainty import marginal_information, uncertainty_of, undetermined_directions
+from mavdem.dem.uncertainty import (
+    ParameterUncertainty,
+    SandwichCovariance,
+    marginal_information,
+    uncertainty_of,
+    undetermined_directions,
+)
 
 Job = (
     tuple[UniformRecord | Sequence[UniformRecord], Settings | None]
@@ -31,7 +40,7 @@ HIDDEN_STATES = 1  # beside the outputs, unless the order is given: the lag betw
 WINDOW_SECONDS = 0.09
 """Embedding window: wide enough to average measurement noise, short beside the motion of a vehicle."""
 
-PARAMETER_PRECISION = 1.0  # prior precision of each free parameter, in the units of ``scaling``
+PARAMETER_PRECISION = 10.0  # prior precision of each free parameter, in the units of ``scaling``
 
 
 def learn(
@@ -65,8 +74,9 @@ def learn(
         for part, where in ((record, ""), *((half, " in both halves") for half in record.halves())):
             part.require_moving(known, where)
         settings = complete(settings, record)
+        begin = None if start is None else _start(record, settings, start)
         try:
-            return _learned(fit(record, settings, None if start is None else _start(record, settings, start)), record)
+            fitted = fit(record, settings, begin)
         except np.linalg.LinAlgError:
             if start is not None:
                 return learn(record, settings)
@@ -74,6 +84,7 @@ def learn(
                 "DEM breaks down on the training data with these settings: where a prior is given, the states must be "
                 "observable through its C"
             ) from None
+        return _learned(fitted, record, begin)
 
 
 def complete(settings: Settings, record: Record) -> CompleteSettings:
@@ -83,12 +94,13 @@ def complete(settings: Settings, record: Record) -> CompleteSettings:
     """
     order = settings.order or record.outputs.shape[1] + HIDDEN_STATES
     d = min(2, settings.p) if settings.d is None else settings.d
+    usual = PARAMETER_PRECISION if settings.prior == "regulated" else 1.0
     fewest = max(settings.p, d) + 1
     windows = [settings.window] if settings.window else [_odd(WINDOW_SECONDS / record.dt, fewest), _odd(0, fewest)]
     for window in windows:
         # Half of the samples must have a whole window, or the derivatives come from too few of them.
         if record.windows(window) >= len(record) // 2:
-            return settings.completed(order, d, window, settings.parameter_precision or PARAMETER_PRECISION)
+            return settings.completed(order, d, window, settings.parameter_precision or usual)
     raise ValueError(
         f"train must be longer for windows of {windows[-1]} samples: at least {2 * windows[-1]} samples, in segments "
         f"of more than twice the window, not {len(record)} in segments of up to {record.longest}"
@@ -112,20 +124,49 @@ def _start(record: Record, settings: CompleteSettings, before: Learned) -> Start
             "start must have the states, inputs, outputs, noise precisions and constant input of this fit, "
             f"{sizes}, not {given}"
         )
-    theta = before.theta * before.scaling.parameter_scale(n)
+    last = before.theta * before.scaling.parameter_scale(n)
+    theta = last.copy()
     theta[of_vehicle(n, r, m, before.scaling.constant)] = before.learning.theta[-1]
-    return Start(theta, lambda_)
+    if before.simulation_fit is None:
+        return Start(theta, lambda_, None, None)
+    return Start(theta, lambda_, last, before.simulation_fit.mixer)
 
 
-def _learned(fit: Fit, record: Record) -> Learned:
-    """The result, in physical units, of a fit in the engine's."""
+def _with_simulation_fit(fitted: Fit, record: Record, samples: SufficientStatistics, start: Start | None) -> Fit:
+    """The fit with θ of a simulation-error fit, where the settings ask for one and it succeeds; else as it was."""
+    model, ascent, settings, scaling = fitted.model, fitted.ascent, fitted.settings, fitted.scaling
+    theta, mixer = ascent.belief.theta, None
+    if start is not None and start.simulated_theta is not None:
+        theta, mixer = start.simulated_theta / scaling.parameter_scale(model.n), start.mixer
+    try:
+        with raise_on_overflow():
+            refined = fit_simulation(model, settings, scaling, theta, fitted.gain, record, geometry=mixer)
+            if refined is None:
+                return fitted
+            iterate = CoordinateAscent(model, samples).at_theta(refined.theta, ascent.belief)
+            predictor = predictor_of(refined.theta, model.sizes, fitted.gain, record.dt)
+    except np.linalg.LinAlgError:
+        return fitted
+    refined_ascent = replace(ascent, belief=iterate.belief, state_map=iterate.state_map)
+    return replace(fitted, ascent=refined_ascent, predictor=predictor, simulation_fit=refined)
+
+
+def _learned(fitted: Fit, record: Record, start: Start | None) -> Learned:
+    """The result, in physical units, of a fit in the engine's, with the simulation-error fit where there can be one."""
+    segments = generalized(fitted.settings, fitted.scaling, record)
+    fit = _with_simulation_fit(fitted, record, SufficientStatistics.of(*segments), start)
+    # Of a simulation-error fit the covariance is its own.
+    uncertainty = uncertainty_of(fitted.model, segments, fitted.ascent, fit.simulation_fit is None)
     order, ascent, scaling = fit.model.n, fit.ascent, fit.scaling
     sizes = order, record.inputs.shape[1], fit.model.m
     vehicle = of_vehicle(*sizes, scaling.constant)
     scale = scaling.parameter_scale(order)
-    segments = generalized(fit.settings, scaling, record)
-    uncertainty = uncertainty_of(fit.model, segments, ascent)
-    data, precision, scatter = np.concatenate(segments), fit.model.prior.theta_precision, uncertainty.scatter
+    data, precision = np.concatenate(segments), fit.model.prior.theta_precision
+    prior_covariance = inverse(precision)
+    covariance, scatter = ascent.belief.theta_covariance, uncertainty.scatter
+    if fit.simulation_fit is not None:
+        covariance = fit.simulation_fit.theta_covariance(prior_covariance)
+        scatter = SandwichCovariance(covariance, fit.simulation_fit.freedom)
 
     def physical(covariance: Array) -> Array:
         return np.asarray((covariance * np.outer(scale, scale))[np.ix_(vehicle, vehicle)])
@@ -135,10 +176,10 @@ def _learned(fit: Fit, record: Record) -> Learned:
     return Learned(
         settings=fit.settings,
         model=scaling.physical_model(ascent.belief.theta, order),
-        theta_covariance=physical(ascent.belief.theta_covariance),
+        theta_covariance=physical(covariance),
         scatter=scatter and scatter._replace(covariance=physical(scatter.covariance)),
         undetermined=undetermined_directions(information, precision[np.ix_(vehicle, vehicle)], ~held, sizes),
-        prior_sd=np.sqrt(np.diag(physical(inverse(precision)))),
+        prior_sd=np.sqrt(np.diag(physical(prior_covariance))),
         known=held,
         free_energy=ascent.free_energy,
         free_energy_of_samples=free_energy(fit.model, data, data @ ascent.state_map.T, ascent.belief),
@@ -147,25 +188,39 @@ def _learned(fit: Fit, record: Record) -> Learned:
             theta=(ascent.learning.theta * scale)[:, vehicle].copy(),
             theta_sd=(ascent.learning.theta_sd * scale)[:, vehicle].copy(),
         ),
-        converged=ascent.converged,
+        converged=fit.converged,
         record=record,
-        cautions=tuple(_cautions(fit, record, scatter is not None)),
+        cautions=tuple(_cautions(fit, record, uncertainty)),
         scaling=scaling,
         predictor=fit.predictor,
         state_map=np.ascontiguousarray(ascent.state_map),
         theta=ascent.belief.theta,
+        simulation_fit=fit.simulation_fit,
     )
 
 
-def _cautions(fit: Fit, record: Record, maximum: bool) -> Iterator[str]:
-    """Limits of a model, one sentence each; F̄ has a ``maximum`` or not."""
+def _cautions(fit: Fit, record: Record, uncertainty: ParameterUncertainty) -> Iterator[str]:
+    """Limits of a model, one sentence each."""
     if fit.settings.prior == "regulated":
         yield from record.input_cautions
-    if not maximum:
-        yield (
-            "F̄ has no maximum at these parameters: their uncertainty is not known. More iterations, or a larger "
-            "prior precision, may find one."
-        )
+    abscissa = fit.scaling.physical_model(fit.ascent.belief.theta, fit.model.n).spectral_abscissa
+    if abscissa > 0:
+        yield f"The model is unstable: it grows e-fold in {1 / abscissa:.3g} s."
+    if fit.simulation_fit is None:
+        if uncertainty.scatter is None:
+            yield (
+                "F̄ has no maximum at these parameters: their uncertainty is not known. More iterations, or a larger "
+                "prior precision, may find one."
+            )
+        horizon = horizon_of(fit.model, fit.settings, fit.scaling, record)
+        if horizon is not None:
+            reason = (
+                "its simulations, or forecasts by its parameters, overflow. Learn from another part of the flight"
+                if horizon
+                else f"{len(record) * record.dt:.2g} s of samples are too few for its parameters even over "
+                f"{SHORTEST_HORIZON:g} s. Learn from more, or ask for fewer states"
+            )
+            yield f"There is no simulation-error fit: {reason}. A, B and C are biased by closed loop without it."
     flowed = fit.ascent.flowed[1:]
     if fit.settings.learning_rates is not None and fit.settings.learning_rates[0] is not None and not flowed.all():
         yield (

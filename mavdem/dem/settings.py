@@ -84,7 +84,6 @@ FORMER = {
     **dict.fromkeys(("state_rate", "parameter_rate", "hyperparameter_rate"), "one of the three learning_rates"),
     **dict.fromkeys(("output_groups", "state_groups"), "one of the two noise_groups"),
     **dict.fromkeys(("closed_loop", "shrink_forecasts"), 'forecasts: "joint" or "plant"'),
-    "horizon": "gone: forecasts are the joint model's",
     "last_derivative_zero": 'correlation: "continuous" or "sampled"',
 }
 """What to use for settings of former versions."""
@@ -96,7 +95,7 @@ class Settings:
 
     Settings are equal where all their values are, complete (:class:`CompleteSettings`) or not.
 
-    >>> settings = mavdem.Settings(order=4, forecasts="plant")
+    >>> settings = mavdem.Settings(order=4, horizon=None)
     >>> mavdem.Settings.from_json(settings.to_json()) == settings
     True
 
@@ -132,7 +131,7 @@ class Settings:
             actuator lags, C = [I 0]; "uniform": a mean drawn from U[−1, 1] for every parameter; or a ``Gaussian`` of
             θ = [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)] in physical units, in which a known parameter is one of high precision.
         parameter_precision: prior precision P of each free parameter; under a ``Gaussian`` prior, only of the trim;
-            ``None``: 1.
+            ``None``: 10 under the "regulated" prior, 1 under others.
         lambda_z, lambda_w: prior means of the log precisions of measurement and process noise; one number, or one for
             each group.
         lambda_log_precision: the log precisions of these two priors: e²⁵ fixes λᶻ, e^−4.6 leaves λʷ to the data.
@@ -150,6 +149,9 @@ class Settings:
     **Forecasts**
 
     Attributes:
+        horizon: seconds of the simulation-error fit that refines θ after DEM, where inputs are known and the prior is
+            not "uniform" (``mavdem.dem.forecast.simulation_error``), less where the training data are too short;
+            ``None``: no such fit.
         forecasts: "joint": by the joint model of outputs and motors, in which the motors measure the motion
             (``mavdem.dem.forecast.joint``); "plant": by A, B and C alone, motors as causes, as the paper does.
     """
@@ -176,6 +178,7 @@ class Settings:
     iterations: Natural = 200
     seed: Whole = 0
 
+    horizon: Positive | None = 0.3
     forecasts: Literal["joint", "plant"] = "joint"
 
     def __post_init__(self) -> None:
@@ -234,6 +237,7 @@ class Settings:
             input_precision=e**16,
             iterations=20,
             seed=seed,
+            horizon=None,
             forecasts="plant",
         )
 

@@ -45,14 +45,21 @@ class ParameterUncertainty(NamedTuple):
     scatter: SandwichCovariance | None  # ``None`` where F̄ has no maximum
 
 
-def uncertainty_of(model: GenerativeModel, segments: Sequence[Array], ascent: Ascent) -> ParameterUncertainty:
-    """The uncertainty of the parameters at the end of a fit to generalized data [ỹ; η̃], (T, ·) for each segment."""
+def uncertainty_of(
+    model: GenerativeModel, segments: Sequence[Array], ascent: Ascent, scattered: bool = True
+) -> ParameterUncertainty:
+    """The uncertainty of the parameters at the end of a fit to generalized data [ỹ; η̃], (T, ·) for each segment.
+
+    Unless ``scattered``, what the data determine is known and the sandwich covariance is not.
+    """
     samples, belief, prior = SufficientStatistics.of(*segments), ascent.belief, model.prior.theta_precision
     information = np.zeros_like(prior)
     try:
         with raise_on_overflow():
             curvature = theta_curvature_of_profile(model, samples, belief)
             information = curvature - prior
+            if not scattered:
+                return ParameterUncertainty(information, None)
             bread = inverse(curvature)
             spread, freedom = long_run_covariance(
                 [sample_slopes(model, data, data @ ascent.state_map.T, belief) for data in segments]

@@ -35,16 +35,18 @@ def detail_blocks(learned: Learned, report: dict[str, Any] | None = None) -> lis
     ``report`` is ``LogAnalysis.as_dict()``; without it the errors are left out.
     """
     labels, energy = Labels.of(learned), learned.free_energy
+    converged = "Converged." if learned.converged else "Not converged."
+    end = "" if learned.simulation_fit is not None else f" {converged}"
     return [
         *(Sentence(caution, "Caution:") for caution in learned.cautions),
         *([] if report is None else _one_step(report, labels)),
         *_model(labels, learned),
         *_physical(learned.physical, bool((report or {}).get("overrides"))),
         Sentence(
-            f"increased by {energy.gained:,.0f} nats in {len(energy) - 1} iterations, to {energy[-1]:,.0f}. "
-            f"{'Converged.' if learned.converged else 'Not converged.'}",
+            f"increased by {energy.gained:,.0f} nats in {len(energy) - 1} iterations, to {energy[-1]:,.0f}.{end}",
             "Free energy action F̄ of A, B and C:",
         ),
+        *_simulation_fit(learned, converged),
         *_joint(labels, learned),
     ]
 
@@ -193,3 +195,16 @@ def _joint(labels: Labels, learned: Learned) -> list[Block]:
         source = "Chosen by F̄" if record.effect_directions is None else "Known for these inputs"
         blocks.append(Sentence(f"{up} against {down}. {source}.", "Motors that turn the axis:"))
     return blocks
+
+
+def _simulation_fit(learned: Learned, converged: str) -> list[Block]:
+    """The simulation-error fit after DEM."""
+    fit = learned.simulation_fit
+    if fit is None:
+        return []
+    start, end = (sum(term[i] for term in fit.terms.values()) for i in (0, -1))
+    text = (
+        f"over {fit.horizon * learned.dt:.2g} s: {len(fit.free)} parameters, effective sample size "
+        f"{fit.effective_samples:.0f}; F̄ increased by another {end - start:.3g} nats. {converged}"
+    )
+    return [Sentence(text, "Simulation-error (output-error) fit of A, B and C")]

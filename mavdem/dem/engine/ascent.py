@@ -169,6 +169,7 @@ class Rates(NamedTuple):
 
 EXACT_RATES = Rates()
 
+ROUNDS_AT_FIXED_THETA = 3  # rounds of D and M steps with θ fixed: λ and X then converge quickly
 LARGEST_LAMBDA = 150.0  # noise precisions beyond e^±150 are lost in rounding
 
 
@@ -272,6 +273,15 @@ class CoordinateAscent:
         state_map = d_step(self.model, belief.theta, belief.theta_covariance, belief.lambda_, belief.lambda_covariance)
         moments = GeneralizedMoments.of(self.model, self.samples, state_map)
         return self._iterate(belief._replace(moments=moments), state_map, flowed=False)
+
+    def at_theta(self, theta: Array, belief: Belief) -> Iterate:
+        """D and M steps in turn with θ fixed at ``theta``, from a belief: the λ and X that belong to that θ."""
+        iterate = self.at_belief(belief._replace(theta=theta))
+        for _ in range(ROUNDS_AT_FIXED_THETA):
+            lambda_ = m_step(self.model, self.samples, iterate.belief)
+            iterate = self.at_belief(iterate.belief._replace(lambda_=lambda_))
+            _require_sane(iterate.belief.lambda_)
+        return iterate
 
     def rounds(self, now: Iterate) -> Iterator[Iterate]:
         """Two rounds in turn and, with exact rates, one from their extrapolation."""

@@ -24,7 +24,7 @@ from numpy.polynomial.legendre import legvander
 
 from mavdem.confidence import half_width
 from mavdem.dem.engine.linalg import Array, one_thread
-from mavdem.dem.forecast.mixer import FEWEST_ROTORS, turning_patterns
+from mavdem.dem.forecast.mixer import FEWEST_ROTORS, mixer_priors
 from mavdem.dem.forecast.var import (
     LEAST_FREEDOM,
     ChannelUnits,
@@ -46,7 +46,6 @@ RIDGES = (1e-4, 1e-3, 1e-2)  # likewise, precisions of the prior at lag 1, of ch
 MIXER_LAGS, MIXER_RIDGE = 10, 1e-3  # of the models whose F̄ chooses the turning combination
 DRAWS = 24  # of the posterior of W, in pairs about its mean
 LARGEST = 1e6  # deviations: forecasts of unstable draws go no farther
-DOUBLING_DEVIATION = 5.0  # in standard deviations: at this deviation a forecast's variance counts twice
 
 
 class Choice(NamedTuple):
@@ -100,7 +99,7 @@ def turning_combinations(record: Record) -> Array:
         units, statistics = _statistics(record, combinations, lags)
         return regress(statistics.gram, statistics.rows, prior, m), units, statistics.rows
 
-    found = turning_patterns(r)
+    found = [prior.turning for prior in mixer_priors(r) if prior.turning is not None]
     every, units, rows = of_outputs(np.eye(r))
     effects = every.mean[:-1, m - 1].reshape(lags, m + r)[:, m:].sum(axis=0) / units.scale[m:]
     size = float(np.linalg.norm(effects))
@@ -253,10 +252,9 @@ class JointModel:
     def _answer(self, deviation: Array, spread: Array, variance: Array, prior: Array, length: int) -> Forecast:
         """The forecast of a ``deviation`` d (S, H, m) from the training mean with a ``spread`` V of draws; scaled.
 
-        It was expected with variance S, the ``prior``; as far as the posterior leaves it open it becomes d / (1 + V/S),
-        and less the larger it is.
+        It was expected with variance S, the ``prior``; as far as the posterior leaves it open it becomes d / (1 + V/S).
         """
-        kept = 1 / (1 + spread / prior * (1 + deviation**2 / (prior * DOUBLING_DEVIATION**2)))
+        kept = 1 / (1 + spread / prior)
         center, scale = (values[: deviation.shape[-1]] for values in self.process.units)
         answers = deviation * kept, variance + spread * kept
         mean, squared = (table.reshape(-1, table.shape[-1])[:length] for table in answers)

@@ -13,6 +13,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from mavdem.confidence import LEVEL
+from mavdem.dem.engine.ascent import CoordinateAscent
 from mavdem.dem.engine.coordinates import taylor_weights
 from mavdem.dem.engine.free_energy import Belief, SampleEnergy
 from mavdem.dem.engine.generative import GeneralizedMoments, SufficientStatistics
@@ -62,7 +63,7 @@ class Estimate(NamedTuple):
         expected: (m,) the sample, predicted from those before it and from its own inputs.
         expected_band: (m,) half width of its 90 % band: the quantile of the latest errors.
         ahead_times: (H,) times of the next two, s: the learner's horizons from here.
-        ahead: (H, m) predictions of the samples then, inputs unknown, by an autoregression, or the last sample before
+        ahead: (H, m) predictions of the samples then, inputs unknown, by the joint model, or the last sample before
             its first fit. From the first sample on, also without a model.
         ahead_band: (H, m) likewise, of the errors of ``ahead``.
         ahead_ratio: (H, m) squared error of ``ahead``, averaged over about 10 s, over that of the better of the last
@@ -143,6 +144,8 @@ class Tracking(NamedTuple):
             theta=learned.theta, lambda_=learned.learning.lambda_[-1]
         )
         belief = with_optimal_precisions(model, belief)
+        if learned.simulation_fit is not None:
+            belief = CoordinateAscent(model, samples).at_theta(learned.theta, belief).belief
         A, B, _ = unpack(belief.theta, *model.sizes)
         # w = x′ − A x − B v, at order 0.
         disturbance = np.zeros((model.n, len(learned.state_map)))

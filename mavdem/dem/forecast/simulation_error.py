@@ -1,0 +1,339 @@
+"""The simulation-error (output-error) fit: θ continues from the ascent, by simulations over a short horizon.
+
+Over segments of the record the state starts where the filter has it and then follows ẋ = A x + B v, the limit of a high
+precision of w. The residual is z, wind included. Within a horizon neighbouring residuals repeat each other, so that the
+effective sample size is the number of horizons that follow each other. F̄ has its named terms, with a weak prior of the
+parameters and λ at its maximum, which is known. It has many maxima; the ascent leads to the right one (docs/method.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavdem.dem.engine.gauss_newton import Damping, Quadratic, gauss_newton
+from mavdem.dem.engine.generative import GenerativeModel
+from mavdem.dem.engine.linalg import Array, inverse, logdet
+from mavdem.dem.engine.model import discretize, unpack
+from mavdem.dem.engine.state_space import StateSpace
+from mavdem.dem.forecast.mixer import MixerPrior, mixer_priors
+from mavdem.dem.priors import KINEMATIC
+from mavdem.dem.record import Record
+from mavdem.dem.scaling import Scaling
+from mavdem.dem.settings import CompleteSettings
+
+WEAK_PRECISION = 1e-5
+"""Prior precision of a free parameter, in the engine's units: it determines what the segments do not."""
+
+SAMPLES_PER_PARAMETER = 2.0
+"""Least effective sample size for each free parameter. A short record has it over a shorter horizon only."""
+
+SHORTEST_HORIZON = 0.05
+"""Seconds; below, a simulation says no more than the derivatives of the ascent, and there is no such fit."""
+
+STARTS_PER_HORIZON = 4  # segments begin so many times a horizon
+MAX_SEGMENTS = 2000  # spread over the whole record, however long it is
+MAX_ITERATIONS = 40  # Gauss-Newton steps at most
+CONVERGED_NATS = 0.02  # the fit has converged when a step gains less: the effective sample size is small
+
+DAMPING = Damping(first=1e-3, factor=8.0, attempts=6)
+
+RELATIVE_STEP = 1e-6  # of a parameter, or of 1 if that is more: for slopes by differences
+STEPS_COUNTED = 30  # residuals of a horizon at most, evenly spaced: those of faster samples repeat each other
+
+
+def models_of(thetas: Array, sizes: tuple[int, int, int], gain: Array, dt: float) -> StateSpace:
+    """Models that differ in θ (b, k) alone, side by side; of n states, r inputs and m outputs, and C of the first."""
+    A, B, C = (np.stack(each) for each in zip(*(unpack(theta, *sizes) for theta in thetas), strict=True))
+    transition = discretize(A, B, dt)
+    with np.errstate(over="ignore", invalid="ignore"):
+        return StateSpace.of_transition(transition, C[0], gain)
+
+
+def simulate(models: StateSpace, inputs: Array, outputs: Array, every: int = 1) -> Array:
+    """Returns outputs (b, S, H / every, m) of b models over H steps, from the state that the filter finds over h steps.
+
+    ``inputs`` are (h + H + 1, S, r), ``outputs`` (h + 1, S, m); one step in ``every`` is returned.
+    """
+    A, B, C, D, K = models[:5]
+    driving = np.ascontiguousarray(inputs.swapaxes(1, 2))
+    known = np.concatenate([driving[: len(outputs)], outputs.swapaxes(1, 2)], axis=1)
+    second = np.concatenate([models.second_of_inputs, models.second_of_outputs], axis=-1)
+    closed, heard, ahead = A - K @ C, np.concatenate([B - K @ D, K], axis=-1), []
+    # An unstable model may overflow; its errors are then infinite.
+    with np.errstate(over="ignore", invalid="ignore"):
+        states = second @ known[0]
+        for now in known[1:]:
+            states = closed @ states + heard @ now
+        for step, now in enumerate(driving[len(outputs) :], start=1):
+            if step % every == 0:
+                ahead.append(C @ states + D @ now)
+            states = A @ states + B @ now
+    return np.moveaxis(np.array(ahead), (1, 3, 0), (0, 1, 2))
+
+
+class SimulationSegments(NamedTuple):
+    """Pieces of a record, step by step: the filter uses the first half of each, simulations begin at its middle.
+
+    ``inputs`` (h + H, S, r) and ``outputs`` (h + H, S, m) are in the engine's units; the filter takes h = ``settle``
+    steps; ``number`` is the effective one of segments: as many as follow each other in the record.
+    """
+
+    inputs: Array
+    outputs: Array
+    settle: int
+    number: float
+
+    @classmethod
+    def of(cls, segments: list[tuple[Array, Array]], horizon: int) -> SimulationSegments | None:
+        """Pieces of ``horizon`` samples before and ahead, all over segments; ``None`` where none is long enough."""
+        whole = 2 * horizon
+        starts = [(inputs, outputs, start) for inputs, outputs in segments for start in _starts(len(outputs), horizon)]
+        if not starts:
+            return None
+        kept = np.unique(np.linspace(0, len(starts) - 1, MAX_SEGMENTS).astype(int))
+        pieces = [(u[at : at + whole + 1], y[at : at + whole + 1]) for u, y, at in (starts[i] for i in kept)]
+        inputs, outputs = (np.stack(tables, axis=1) for tables in zip(*pieces, strict=True))
+        return cls(inputs, outputs, horizon, effective_number([len(outputs) for _, outputs in segments], horizon))
+
+    def compressed(self) -> SimulationSegments:
+        """Returns fewer pieces, if there are more than numbers in each, that have the same products of errors.
+
+        Errors are linear in a piece, so that any orthogonal transformation of the pieces keeps their mean products.
+        """
+        pieces, r = np.concatenate([self.inputs, self.outputs], axis=2), self.inputs.shape[2]
+        (steps, number, width), kept = pieces.shape, pieces.shape[0] * pieces.shape[2]
+        if number <= kept:
+            return self
+        pieces = np.linalg.qr(pieces.swapaxes(0, 1).reshape(number, kept), mode="r") * np.sqrt(kept / number)
+        pieces = pieces.reshape(kept, steps, width).swapaxes(0, 1)
+        return self._replace(inputs=pieces[:, :, :r], outputs=pieces[:, :, r:])
+
+
+def _starts(length: int, horizon: int) -> range:
+    """The samples of a segment of that ``length`` at which its pieces begin."""
+    return range(0, length - 2 * horizon, max(1, horizon // STARTS_PER_HORIZON))
+
+
+def effective_number(lengths: Sequence[int], horizon: int) -> float:
+    """Of pieces of segments of these ``lengths``: as many as follow each other, and at most as many as are used."""
+    samples = sum(length for length in lengths if length > 2 * horizon)
+    return min(samples / horizon, float(MAX_SEGMENTS), float(sum(len(_starts(each, horizon)) for each in lengths)))
+
+
+def horizon_of(model: GenerativeModel, settings: CompleteSettings, scaling: Scaling, record: Record) -> int | None:
+    """Samples of each simulation: ``settings.horizon``, or less where the effective sample size would be too small.
+
+    0 where even ``SHORTEST_HORIZON`` is too long for the record. ``None`` where there is to be no fit: the settings ask
+    for none, inputs are unknown, the prior is the paper's, or it leaves no parameter free.
+    """
+    n, r, m = model.sizes
+    free = np.count_nonzero(np.diag(model.prior.theta_precision)[: n * n + n * r] < KINEMATIC)
+    if settings.horizon is None or settings.prior == "uniform" or not scaling.known.all() or not free:
+        return None
+    longest = max(1, round(settings.horizon / record.dt))
+    shortest = min(longest, max(1, round(SHORTEST_HORIZON / record.dt)))
+    least, steps = SAMPLES_PER_PARAMETER * free, range(longest, shortest - 1, -1)
+    return next((each for each in steps if effective_number(record.lengths, each) * m >= least), 0)
+
+
+@dataclass(frozen=True, eq=False)
+class SimulationFit:
+    """The result of the fit, in the engine's units."""
+
+    theta: Array  # (k,) all parameters
+    free: NDArray[np.intp]  # (f,) indices of the free ones
+    covariance: Array  # (f, f) of their posterior
+    effective_samples: float  # outputs times horizons that follow each other
+    horizon: int  # samples of each simulation, and of the filter before it
+    terms: Mapping[str, Array]  # each named term of F̄, (I + 1,)
+    converged: bool  # whether it has converged, by the gain of the last step or the gain that the curvature predicts
+    mixer: MixerPrior | None  # mixer geometry of the prior; ``None`` where one was given, or inputs are not rotors
+
+    @property
+    def rounds(self) -> int:
+        """Gauss-Newton steps."""
+        return len(self.terms["noise entropy"]) - 1
+
+    @property
+    def freedom(self) -> float:
+        """Degrees of freedom that the noise's variance is estimated with."""
+        return self.effective_samples - len(self.free)
+
+    def theta_covariance(self, held: Array) -> Array:
+        """(k, k) posterior covariance of θ; parameters that were not free have that of the prior, ``held`` (k, k)."""
+        covariance = np.zeros_like(held)
+        fixed = np.setdiff1d(np.arange(len(held)), self.free)
+        covariance[np.ix_(fixed, fixed)] = held[np.ix_(fixed, fixed)]
+        covariance[np.ix_(self.free, self.free)] = self.covariance
+        return covariance
+
+
+@dataclass(frozen=True, eq=False)
+class SimulationError:
+    """The log joint of the simulation errors of segments and of free parameters, which are θ at ``free``."""
+
+    theta: Array
+    free: NDArray[np.intp]
+    prior_mean: Array
+    prior_precision: Array
+    sizes: tuple[int, int, int]
+    gain: Array
+    dt: float
+    segments: SimulationSegments
+
+    @property
+    def effective_samples(self) -> float:
+        """Effective sample size."""
+        return self.segments.number * self.sizes[2]
+
+    def errors(self, at: Array) -> Array:
+        """(b, S, steps counted, m) of the models whose free parameters are ``at`` (b, f)."""
+        inputs, outputs, settle, _ = self.segments
+        every = -(-settle // STEPS_COUNTED)
+        thetas = np.repeat(self.theta[None], len(at), axis=0)
+        thetas[:, self.free] = at
+        models = models_of(thetas, self.sizes, self.gain, self.dt)
+        predicted = simulate(models, inputs, outputs[: settle + 1], every)
+        with np.errstate(over="ignore", invalid="ignore"):
+            return np.asarray(np.moveaxis(outputs[settle + every :: every], 0, 1) - predicted)
+
+    def value(self, at: Array) -> tuple[float, Array]:
+        """The log joint up to a constant, with the noise precision at its maximum; and errors (S, steps counted, m)."""
+        errors = self.errors(at[None])[0]
+        return self._value(at, errors), errors
+
+    def quadratic(self, at: Array, residuals: Array) -> Quadratic:
+        """Slope and Gauss-Newton curvature, the posterior precision, by differences of the errors ``residuals``."""
+        steps = RELATIVE_STEP * np.maximum(1.0, np.abs(at))
+        beside = self.errors(at + np.diag(steps))
+        jacobian = (beside - residuals).reshape(len(at), -1) / steps[:, None]
+        mse, each = _mean_square(residuals), self.effective_samples / residuals.size
+        slope = -each * jacobian @ residuals.ravel() / mse - self.prior_precision @ (at - self.prior_mean)
+        curvature = each * jacobian @ jacobian.T / mse + self.prior_precision
+        return Quadratic(at, self._value(at, residuals), slope, curvature)
+
+    def likelihood(self, joint: Quadratic) -> Quadratic:
+        """The log joint without its prior."""
+        at, value, slope, curvature = joint
+        pull = self.prior_precision @ (at - self.prior_mean)
+        return Quadratic(at, value - self._log_prior(at), slope + pull, curvature - self.prior_precision)
+
+    def terms(self, joint: Quadratic) -> dict[str, float]:
+        """The named terms of F̄, Eq. ``F_action_opt``; X has no entropy of its own in a simulation."""
+        log_prior = self._log_prior(joint.at)
+        return {
+            "noise entropy": joint.value - log_prior,
+            "parameter entropy": -0.5 * (logdet(joint.curvature) - logdet(self.prior_precision)),
+            "prediction error of outputs": -0.5 * self.effective_samples,
+            "prediction error of parameters": log_prior,
+        }
+
+    def _value(self, at: Array, errors: Array) -> float:
+        return float(-0.5 * self.effective_samples * np.log(_mean_square(errors)) + self._log_prior(at))
+
+    def _log_prior(self, at: Array) -> float:
+        off = at - self.prior_mean
+        return float(-0.5 * off @ self.prior_precision @ off)
+
+
+def _mean_square(errors: Array) -> float:
+    with np.errstate(over="ignore", invalid="ignore"):
+        return float((errors**2).mean())
+
+
+def fit_with_prior(
+    theta: Array,
+    prior: tuple[Array, Array],
+    sizes: tuple[int, int, int],
+    gain: Array,
+    dt: float,
+    segments: SimulationSegments,
+    iterations: int,
+) -> tuple[SimulationFit, Quadratic] | None:
+    """The fit from θ (k,) by damped Gauss-Newton steps, each of which increases F̄, and the log likelihood about it.
+
+    The ``prior`` has mean (k,) and precision (k, k); parameters of A and B with a precision below ``KINEMATIC`` are
+    free. ``None`` where there are none, or errors overflow.
+    """
+    (n, r, m), (mean, precision) = sizes, prior
+    free = np.flatnonzero(np.diag(precision)[: n * n + n * r] < KINEMATIC)
+    objective = SimulationError(theta, free, mean[free], precision[np.ix_(free, free)], sizes, gain, dt, segments)
+    if not len(free):
+        return None
+    _, errors = objective.value(theta[free])
+    if not np.isfinite(_mean_square(errors)):
+        return None
+    start, samples = objective.quadratic(theta[free], errors), objective.effective_samples
+    trace, gained = gauss_newton(objective, start, DAMPING, iterations, CONVERGED_NATS)
+    best = theta.copy()
+    best[free] = trace[-1].at
+    terms = [objective.terms(each) for each in trace]
+    return SimulationFit(
+        theta=best,
+        free=free,
+        # The variance that is left is an estimate as well: of as many numbers as the parameters have left over.
+        covariance=inverse(trace[-1].curvature) * samples / (samples - len(free)),
+        effective_samples=samples,
+        horizon=segments.settle,
+        terms={name: np.array([row[name] for row in terms]) for name in terms[0]},
+        converged=gained <= CONVERGED_NATS,
+        mixer=None,
+    ), objective.likelihood(trace[-1])
+
+
+def fit_simulation(
+    model: GenerativeModel,
+    settings: CompleteSettings,
+    scaling: Scaling,
+    theta: Array,
+    gain: Array,
+    record: Record,
+    iterations: int = MAX_ITERATIONS,
+    geometry: MixerPrior | None = None,
+) -> SimulationFit | None:
+    """The simulation-error fit to a record from θ (k,), with a filter of that gain (n, m).
+
+    Under the package's own prior the mixer geometry is the known one, ``record.effect_directions``, or the likeliest:
+    the fit is made with the ``geometry`` found before, or with none in particular, and once more where another turns
+    out to be likelier. ``None`` where there is no horizon (:func:`horizon_of`), or errors overflow.
+    """
+    horizon = horizon_of(model, settings, scaling, record)
+    if not horizon:
+        return None
+    segments = SimulationSegments.of(scaling.scale_segments(record), horizon)
+    assert segments is not None
+    segments = segments.compressed()
+    (n, r, _), mean, precision = model.sizes, model.prior.theta_mean, model.prior.theta_precision
+    free = np.diag(precision) < KINEMATIC
+    geometries: tuple[MixerPrior, ...] = ()
+    if settings.prior == "regulated":
+        precision = np.where(np.outer(free, free), WEAK_PRECISION * np.eye(len(free)), precision)
+        geometries = mixer_priors(r - scaling.constant, record.effect_directions)
+    rows = np.flatnonzero(free[n * n : n * n + n * r : r])
+
+    def precision_of(mixer: MixerPrior | None) -> Array:
+        return precision if mixer is None else precision + mixer.added_precision(model.sizes, rows)
+
+    def fitted(mixer: MixerPrior | None) -> tuple[SimulationFit, Quadratic] | None:
+        prior = mean, precision_of(mixer)
+        return fit_with_prior(theta, prior, model.sizes, gain, record.dt, segments, iterations)
+
+    before = [each for each in geometries if geometry is not None and np.array_equal(each.quiet, geometry.quiet)]
+    first = next(iter([*before, *geometries]), None)
+    found = fitted(first)
+    if found is None or not geometries:
+        return found and found[0]
+    fit, likelihood = found
+
+    def log_odds(mixer: MixerPrior) -> float:
+        return mixer.log_odds + likelihood.highest(mean[fit.free], precision_of(mixer)[np.ix_(fit.free, fit.free)])
+
+    likeliest = max(geometries, key=log_odds)
+    if likeliest is not first and (found := fitted(likeliest)) is not None:
+        fit, _ = found
+    return replace(fit, mixer=likeliest)

@@ -1,0 +1,308 @@
+"""Along trajectories: the climb, its posterior, the noise model of one-step errors, and mixer geometry as a prior."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.ndimage import zoom
+from simulated import GAIN, simulated
+from textbook_filter import TextbookFilter
+
+from mavdem import Flight, Learned, Settings, learn
+from mavdem.dem.engine.gauss_newton import Quadratic
+from mavdem.dem.engine.model import unpack
+from mavdem.dem.engine.state_space import filter_gain
+from mavdem.dem.fitting import fit, predictor_of
+from mavdem.dem.forecast.mixer import mixer_priors
+from mavdem.dem.forecast.simulation_error import (
+    MAX_SEGMENTS,
+    SAMPLES_PER_PARAMETER,
+    WEAK_PRECISION,
+    SimulationError,
+    SimulationSegments,
+    fit_with_prior,
+    horizon_of,
+    models_of,
+    simulate,
+)
+from mavdem.dem.record import Record
+
+COMPLETE = Settings(order=3, d=2, window=9, parameter_precision=1.0)
+FLIGHT = simulated(wind=1.0, lag=0.05)
+ROTORS = FLIGHT.inputs.shape[1]
+
+
+def climb_of(flight: Flight) -> tuple[SimulationError, np.ndarray]:
+    """A climb of random free parameters about those of a fit, and where it stands."""
+    record = Record.of(flight)
+    fitted = fit(record, COMPLETE)
+    scaling, model = fitted.scaling, fitted.model
+    segments = [(scaling.scale_inputs(u), scaling.scale_outputs(y)) for u, y in record.segments]
+    stretches = SimulationSegments.of(segments, 30)
+    places = np.array([3, 4, 8, 14, 15, 19])
+    mean, precision = model.prior.theta_mean[places], np.diag(np.linspace(0.1, 1.0, len(places)))
+    climb = SimulationError(
+        fitted.ascent.belief.theta, places, mean, precision, model.sizes, fitted.gain, record.dt, stretches
+    )
+    return climb, fitted.ascent.belief.theta[places]
+
+
+def test_errors_are_those_of_forecasts_that_begin_at_every_middle():
+    climb, free = climb_of(FLIGHT[:300])
+    errors = climb.errors(free[None])[0]
+    inputs, outputs, settle, _ = climb.segments
+    n, r, m = climb.sizes
+    A, B, C = unpack(climb.theta, n, r, m)
+    textbook = TextbookFilter.of(A, B, C, climb.dt, climb.gain)
+    for stretch in (0, errors.shape[0] - 1):
+        states, _ = textbook.corrected(inputs[: settle + 1, stretch], outputs[: settle + 1, stretch])
+        ahead = textbook.forecast(states[-1], inputs[settle:, stretch])
+        np.testing.assert_allclose(errors[stretch], outputs[settle + 1 :, stretch] - ahead, atol=1e-9)
+
+
+def test_of_fast_samples_every_so_many_count():
+    rng = np.random.default_rng(0)
+    theta = np.concatenate([[0.0, 1.0, -9.0, -4.0], [0.0, 3.0], np.eye(2).ravel()])
+    models = models_of(theta[None], (2, 1, 2), np.full((2, 2), 0.5), 0.0025)
+    inputs, outputs = rng.standard_normal((241, 3, 1)), rng.standard_normal((121, 3, 2))
+    np.testing.assert_array_equal(
+        simulate(models, inputs, outputs, every=4),
+        simulate(models, inputs, outputs)[:, :, 3::4],
+    )
+
+
+def test_slopes_and_curvature_are_those_of_the_height():
+    climb, free = climb_of(FLIGHT[:400])
+
+    def height(at: np.ndarray) -> float:
+        return climb.value(at)[0]
+
+    here = climb.quadratic(free, climb.errors(free[None])[0])
+    steps = 1e-4 * np.maximum(1.0, np.abs(free))
+    by_differences = [(height(free + step) - height(free - step)) / (2 * step.max()) for step in np.diag(steps)]
+    np.testing.assert_allclose(here.slope, by_differences, rtol=1e-3, atol=1e-4 * np.abs(here.slope).max())
+    assert np.linalg.eigvalsh(here.curvature).min() > 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("wind", [0.3, 2.0])
+def test_the_climb_never_falls_and_settles(wind):
+    learned = learn(simulated(wind=wind, lag=0.05)[:700], COMPLETE)
+    trajectory = learned.simulation_fit
+    assert trajectory is not None and trajectory.converged
+    log_joint = sum(term for name, term in trajectory.terms.items() if name != "parameter entropy")
+    assert (np.diff(log_joint) > 0).all()
+    assert set(trajectory.terms) <= set(learned.free_energy.terms)
+
+
+def test_a_model_without_noise_is_found_as_it_is():
+    """Samples that a third-order model makes, whatever moved its motors: nothing is left at any horizon."""
+    rng = np.random.default_rng(3)
+    n, r, m, dt, T = 3, 4, 2, 0.01, 700
+    A = np.array([[0.0, 1.0, 0.0], [-4.0, -3.0, 20.0], [0.0, 0.0, -20.0]])
+    B = np.array([[0.0] * r, [0.0] * r, [3.0, -3.0, -2.0, 2.5]])
+    inputs = np.cumsum(rng.standard_normal((T, r)), axis=0)
+    inputs -= np.convolve(inputs.mean(axis=1), np.ones(50) / 50, "same")[:, None]
+    gain = filter_gain(A, np.eye(m, n), dt, np.full(m, 1e-6), np.eye(n), dt)
+    textbook = TextbookFilter.of(A, B, np.eye(m, n), dt, gain)
+    outputs = np.vstack([np.zeros((1, m)), textbook.forecast(np.zeros(n), inputs)])
+    stretches = SimulationSegments.of([(inputs, outputs)], 30)
+    truth = np.concatenate([A.ravel(), B.ravel(), np.eye(m, n).ravel()])
+    precision = np.full(len(truth), 1e8)
+    free = np.array([3, 4, 8, *range(13, 21)])
+    precision[free] = WEAK_PRECISION
+    start = truth.copy()
+    start[free] *= 1 + 0.3 * rng.uniform(-1, 1, len(free))
+    climbed = fit_with_prior(start, (start, np.diag(precision)), (n, r, m), gain, dt, stretches, iterations=50)
+    found, _ = climbed
+    np.testing.assert_array_equal(found.free, free)
+    np.testing.assert_allclose(found.theta[free], truth[free], rtol=1e-3, atol=1e-3)
+
+
+@pytest.mark.slow
+def test_the_posterior_holds_the_truth_as_often_as_it_says():
+    """Of a simulated axis in wind that forgets within the horizon, by the binomial spread of what is counted."""
+    inside = []
+    for seed in range(25):
+        flight = simulated(wind=1.0, seed=seed)
+        learned = learn(flight[:700], Settings(order=2, window=9, parameter_precision=0.01))
+        half = learned.model_interval(0.9).B[1]
+        inside.append(np.abs(learned.model.B[1] - GAIN) <= half)
+    share = np.mean(inside)
+    # The four motors of one flight err together, so the flights are what is counted.
+    assert share > 0.9 - 3 * np.sqrt(0.9 * 0.1 / len(inside))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("samples", "seconds"), [(700, 0.3), (420, 0.3), (280, 0.2), (175, 0.12)])
+def test_the_horizon_is_as_long_as_the_samples_suffice_for(samples, seconds):
+    found = learn(FLIGHT[:samples], COMPLETE).simulation_fit
+    assert found.horizon == round(seconds / FLIGHT.dt)
+    assert found.effective_samples >= SAMPLES_PER_PARAMETER * len(found.free)
+
+
+@pytest.mark.parametrize("rate", [50, 400])
+def test_the_horizon_lasts_as_long_at_every_rate(rate):
+    resampled = (zoom(table[:700], (rate / 100, 1), order=1) for table in (FLIGHT.inputs, FLIGHT.outputs))
+    record = Record.of(Flight(np.arange(7 * rate) / rate, *resampled))
+    settings = replace(COMPLETE, window=5)
+    fitted = fit(record, settings)
+    assert horizon_of(fitted.model, settings, fitted.scaling, record) == 0.3 * rate
+
+
+@pytest.mark.slow
+def test_too_little_leaves_theta_where_generalized_coordinates_led_it_and_says_so():
+    learned = learn(FLIGHT[:60], COMPLETE)
+    assert learned.simulation_fit is None
+    assert any(caution.startswith("There is no simulation-error fit: 0.6 s") for caution in learned.cautions)
+    short = learn(FLIGHT[:60], replace(COMPLETE, horizon=None))
+    assert not any("simulation-error" in caution for caution in short.cautions)
+    np.testing.assert_array_equal(learned.model.A, short.model.A)
+    np.testing.assert_array_equal(learned.forecast(FLIGHT.inputs[200:250]), short.forecast(FLIGHT.inputs[200:250]))
+    assert SimulationSegments.of([(FLIGHT.inputs[:60], FLIGHT.outputs[:60])], 30) is None
+
+
+def test_nothing_runs_across_a_gap_and_long_flights_are_thinned():
+    flight = simulated(samples=400, wind=1.0)
+    parts = [(flight.inputs[:150], flight.outputs[:150]), (flight.inputs[200:], flight.outputs[200:])]
+    both = SimulationSegments.of(parts, 30)
+    alone = [SimulationSegments.of([part], 30) for part in parts]
+    assert both is not None and all(alone)
+    np.testing.assert_array_equal(both.outputs, np.concatenate([each.outputs for each in alone], axis=1))
+    assert both.number == pytest.approx((150 + 200) / 30)
+    many = SimulationSegments.of([(np.zeros((MAX_SEGMENTS * 20, 1)), np.zeros((MAX_SEGMENTS * 20, 1)))], 30)
+    assert many is not None and many.outputs.shape[1] == MAX_SEGMENTS
+    assert many.number == pytest.approx(MAX_SEGMENTS * 20 / 30)
+
+
+def test_a_filter_that_overflows_leaves_theta_as_the_ascent_ended(monkeypatch):
+    """Over short segments a growing filter may stay finite; over the whole record it does not."""
+
+    def unstable(theta, sizes, gain, dt):
+        predictor = predictor_of(theta, sizes, gain, dt)
+        return predictor._replace(A=10 * predictor.A)
+
+    monkeypatch.setattr("mavdem.dem.learning.predictor_of", unstable)
+    learned = learn(FLIGHT[:300], COMPLETE)
+    assert learned.simulation_fit is None
+    assert any("overflow" in caution for caution in learned.cautions)
+    short = learn(FLIGHT[:300], replace(COMPLETE, horizon=None))
+    np.testing.assert_array_equal(learned.model.A, short.model.A)
+
+
+@pytest.fixture(scope="module")
+def document():
+    return learn(FLIGHT[:300], COMPLETE).to_json()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("size", [1e150, 1e300])
+def test_inputs_without_measure_are_forecast_without_a_word(document, size):
+    learned = Learned.from_json(document)
+    ahead = np.full((150, ROTORS), size)
+    with np.errstate(all="raise", under="ignore"):
+        assert learned.forecast(ahead).shape == learned.forecast(ahead, from_zero=True).shape == (150, 2)
+        assert learned.forecast_variance(ahead).shape == learned.forecast_band(ahead).shape == (150, 2)
+        assert learned.forecast_every(5, ahead, np.full((150, 2), 1e308)).shape == (150, 2)
+
+
+@pytest.mark.parametrize("rotors", [3, 4, 6, 8])
+def test_quiet_combinations_are_of_unit_length_and_at_right_angles(rotors):
+    any_way, *named = mixer_priors(rotors)
+    assert any_way.quiet.shape == (0, rotors)
+    for layout in named:
+        np.testing.assert_allclose(layout.quiet @ layout.quiet.T, np.eye(len(layout.quiet)), atol=1e-12)
+        np.testing.assert_allclose(layout.quiet[0], rotors**-0.5)
+    assert mixer_priors(2) == ()
+
+
+def test_of_four_rotors_an_x_turns_by_two_against_two_and_a_plus_by_one_against_one():
+    turning = [layout.turning for layout in mixer_priors(4)[1:]]
+    assert mixer_priors(4)[0].turning is None and mixer_priors(6)[1].turning is None
+    for layout, way in zip(mixer_priors(4)[1:], turning, strict=True):
+        np.testing.assert_allclose(layout.quiet @ way, 0, atol=1e-12)
+    sizes = sorted(tuple(np.round(np.sort(np.abs(way)), 3)) for way in turning)
+    assert sizes == [(0.0, 0.0, 0.707, 0.707)] * 6 + [(0.5, 0.5, 0.5, 0.5)] * 3
+    assert len({tuple(np.round(np.outer(way, way).ravel(), 3)) for way in turning}) == 9
+
+
+def test_the_height_is_that_of_a_linear_gaussian_model():
+    """Of data y = J θ + e with a Gaussian prior, at its most probable θ; differences of priors are what counts."""
+    rng = np.random.default_rng(0)
+    J, at, y = rng.standard_normal((12, 4)), rng.standard_normal(4), rng.standard_normal(12)
+    likelihood = Quadratic(at, 0.0, J.T @ (y - J @ at), J.T @ J)
+    ours, exact = [], []
+    for _ in range(3):
+        root, mean = rng.standard_normal((4, 4)), rng.standard_normal(4)
+        precision = root @ root.T + np.eye(4)
+        best = np.linalg.solve(J.T @ J + precision, J.T @ y + precision @ mean)
+        ours.append(likelihood.highest(mean, precision))
+        exact.append(-0.5 * np.sum((y - J @ best) ** 2) - 0.5 * (best - mean) @ precision @ (best - mean))
+    np.testing.assert_allclose(np.diff(ours), np.diff(exact), rtol=1e-9)
+
+
+def test_an_x_is_found_where_nothing_but_roll_is_flown():
+    """Then the layouts that hold the very combination that moves must not win by holding it."""
+    flight = simulated(wind=0.5, lag=0.05)[:700]
+    way = np.array([-0.5, 0.5, 0.5, -0.5])
+    only = Flight(flight.time, 1500 + (flight.inputs - 1500) @ np.outer(way, way), flight.outputs, dt=flight.dt)
+    assert abs(learn(only, COMPLETE).simulation_fit.mixer.turning @ way) == pytest.approx(1)
+
+
+def effect(flight: Flight) -> np.ndarray:
+    """(4,) of length 1: what motors do to the rate once their lag has passed, as it is learnt."""
+    A, B, _ = unpack(learn(flight, COMPLETE).theta, 3, 5, 2)
+    whole = (B[1] - A[1, 2] * B[2] / A[2, 2])[:4]
+    return whole / np.linalg.norm(whole)
+
+
+def test_motors_in_a_plus_and_in_another_geometry_are_recognised():
+    flight = simulated(wind=0.2, lag=0.05)[:700]
+    # The same motion, by two motors that do what the four did together, and two that turn as they like.
+    pushes = flight.inputs - 1500
+    roll, others = pushes @ np.sign(GAIN) / 2, np.roll(pushes[:, :2], 350, axis=0)
+    motors = np.column_stack([others[:, 0] + roll, others[:, 1], others[:, 0] - roll, -others[:, 1]])
+    plus = Flight(flight.time, 1500 + motors, flight.outputs, dt=flight.dt)
+    assert effect(plus) @ [1, 0, -1, 0] / np.sqrt(2) > 0.97
+    # One motor is said to be what others do together: no layout knows such a vehicle.
+    mixed = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.4, -0.3, 0.2, 1.0]])
+    back = effect(Flight(flight.time, flight.inputs @ mixed.T, flight.outputs, dt=flight.dt)) @ mixed
+    assert back @ np.sign(GAIN) / 2 / np.linalg.norm(back) > 0.97
+
+
+@pytest.mark.slow
+def test_a_known_geometry_takes_the_place_of_the_one_that_is_inferred():
+    flight = simulated(wind=1.0, lag=0.05)[:700]
+    inferred, known, other = (
+        learn(each, COMPLETE).simulation_fit
+        for each in (
+            flight,
+            _with_directions(flight, np.array([0.2, -0.2, -0.2, 0.2])),
+            _with_directions(flight, np.array([1.0, 1.0, -1.0, -1.0])),
+        )
+    )
+    np.testing.assert_allclose(known.mixer.turning, np.array([1, -1, -1, 1]) / 2, atol=1e-12)
+    np.testing.assert_allclose(known.theta, inferred.theta, atol=1e-4)
+    assert np.abs(other.theta - inferred.theta).max() > 1e-2
+
+
+@pytest.mark.parametrize("wrong", [np.ones(3), np.full(4, np.nan)])
+def test_directions_that_are_none_are_refused(wrong):
+    with pytest.raises(ValueError, match="effect_directions must be"):
+        Record.of(_with_directions(simulated()[:100], wrong))
+
+
+def test_segments_of_different_geometries_have_none_in_common():
+    flight = simulated()[:200]
+    same, other = (np.array([1.0, -1.0, -1.0, 1.0]) * sign for sign in (1, -1))
+    assert Record.of([_with_directions(flight, same)] * 2).effect_directions is not None
+    assert Record.of([_with_directions(flight, same), _with_directions(flight, other)]).effect_directions is None
+    assert Record.of([_with_directions(flight, same), flight]).effect_directions is None
+    assert Record.of(_with_directions(flight, np.zeros(4))).effect_directions is None
+    halves = Record.of(_with_directions(flight, same)).halves()
+    assert all(half.effect_directions is not None for half in halves)
+
+
+def _with_directions(flight, directions):
+    return SimpleNamespace(inputs=flight.inputs, outputs=flight.outputs, dt=flight.dt, effect_directions=directions)
