@@ -260,7 +260,7 @@ def fit_with_prior(
     The ``prior`` has mean (k,) and precision (k, k); parameters of A and B with a precision below ``KINEMATIC`` are
     free. ``None`` where there are none, or errors overflow.
     """
-    (n, r, m), (mean, precision) = sizes, prior
+    (n, r, _), (mean, precision) = sizes, prior
     free = np.flatnonzero(np.diag(precision)[: n * n + n * r] < KINEMATIC)
     objective = SimulationError(theta, free, mean[free], precision[np.ix_(free, free)], sizes, gain, dt, segments)
     if not len(free):

@@ -118,7 +118,7 @@ class LagStatistics(NamedTuple):
         one = len(self.gram) * lags // (lags + 1)
         k = len(self.gram) - one - 1
         places = np.r_[: fewer * k, one : one + 1 + k]
-        return self.gram[np.ix_(places, places)]
+        return np.asarray(self.gram[np.ix_(places, places)])
 
     def in_own_units(self, lags: int, least: float) -> tuple[LagStatistics, ChannelUnits]:
         """Returns them in units in which channels have mean 0 and deviation 1, no scale below ``least``; and these."""

@@ -40,7 +40,7 @@ class _Maps(NamedTuple):
     @property
     def number(self) -> int:
         """Of lags."""
-        return self.lags.shape[-1] // len(self.center)
+        return int(self.lags.shape[-1] // len(self.center))
 
     def scaled(self, channels: Array) -> Array:
         """Returns (L k,) the last samples of ``channels`` (T, k), the latest first."""
