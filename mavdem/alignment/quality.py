@@ -78,8 +78,8 @@ def of_log(signals: Signals, segments: int) -> QualityFigures:
     for boot in np.intersect1d(attitude.boot, drive.boot):
         flown = phases.off_ground(phases.flying(signals, boot), signals, boot)
         airborne += total(both(_recorded(drive, boot), flown))
-    rates = {"attitude_rate": usual_rate(attitude) or None, "motor_rate": usual_rate(drive) or None}
-    return QualityFigures(armed, airborne, segments, **rates)
+    figures = QualityFigures(armed, airborne, segments)
+    return replace(figures, attitude_rate=usual_rate(attitude) or None, motor_rate=usual_rate(drive) or None)
 
 
 def slow_in_air(signals: Signals, stream: Attitude | Motors) -> tuple[tuple[Segment, ...], float]:

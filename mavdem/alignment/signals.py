@@ -98,37 +98,33 @@ def setpoints(telemetry: Telemetry, axis: str) -> tuple[Setpoint, ...]:
     targets = telemetry.messages.get(TARGET_MESSAGE)
     manual = telemetry.messages.get(MANUAL_MESSAGE)
     radio = preferred_message(message_counts(telemetry, RADIO_MESSAGES))
-    found: list[tuple[str, str, str, Columns, Array]] = []
+    found: list[Setpoint] = []
     if targets is not None:
         ignored = np.asarray(targets.get("type_mask", np.zeros(len(targets["time"])))).astype(np.int64)
         rates = np.where(ignored & IGNORED_RATES[axis], np.nan, floats(targets, f"body_{axis}_rate"))
         rates[np.abs(rates) > MAX_BODY_RATE] = np.nan
-        found.append((f"{axis} rate setpoint", "rad/s", TARGET_MESSAGE, targets, rates))
+        found.append(Setpoint(f"{axis} rate setpoint", "rad/s", TARGET_MESSAGE, series(targets, rates)))
         if axis != "yaw":
             asked = np.atleast_2d(floats(targets, "q"))
             with np.errstate(invalid="ignore", divide="ignore"):  # NaN where the quaternion is none
                 angles = euler_angles(asked / np.linalg.norm(asked, axis=1, keepdims=True))[TILT_AXES.index(axis)]
             angles = np.where(ignored & IGNORED_ATTITUDE, np.nan, angles)
-            found.append((f"{axis} setpoint", "rad", TARGET_MESSAGE, targets, angles))
+            found.append(Setpoint(f"{axis} setpoint", "rad", TARGET_MESSAGE, series(targets, angles)))
     if manual is not None:
         deflection = floats(manual, MANUAL_FIELDS[axis]) / MANUAL_RANGE
         deflection[np.abs(deflection) > 1] = np.nan
-        found.append((f"{axis} stick", "", MANUAL_MESSAGE, manual, deflection))
+        found.append(Setpoint(f"{axis} stick", "", MANUAL_MESSAGE, series(manual, deflection)))
     elif radio is not None and (pulses := _pulses(telemetry, radio, axis)) is not None:
-        found.append((f"{axis} stick", "µs", radio, telemetry.messages[radio], pulses))
-    made = (Setpoint(name, unit, message, series(columns, values)) for name, unit, message, columns, values in found)
-    return tuple(setpoint for setpoint in made if len(setpoint.signal.time))
+        found.append(Setpoint(f"{axis} stick", "µs", radio, series(telemetry.messages[radio], pulses)))
+    return tuple(setpoint for setpoint in found if len(setpoint.signal.time))
 
 
 def held(setpoint: Setpoint, boot: int, time: Array) -> Array:
     """Returns the last setpoint until ``time`` (T,) s of ``boot``; NaN where none came in ``HOLD_SECONDS``."""
     here = setpoint.signal.boot == boot
-    stamps, values = setpoint.signal.time[here], setpoint.signal.values[here]
-    if not len(stamps):
-        return np.full(len(time), np.nan)
+    stamps, values = np.append(-np.inf, setpoint.signal.time[here]), np.append(np.nan, setpoint.signal.values[here])
     last = np.searchsorted(stamps, time + ROUNDING, side="right") - 1
-    known = (last >= 0) & (time - stamps[np.maximum(last, 0)] <= HOLD_SECONDS + ROUNDING)
-    return np.where(known, values[np.maximum(last, 0)], np.nan)
+    return np.where(time - stamps[last] <= HOLD_SECONDS + ROUNDING, values[last], np.nan)
 
 
 def _pulses(telemetry: Telemetry, message: str, axis: str) -> Array | None:
@@ -222,7 +218,8 @@ class Signals:
         if self.inputs is not None:
             return self.demand if self.inputs == "demand" else self.motors
         rates = (0.0 if stream is None else usual_rate(stream) for stream in (self.motors, self.demand))
-        return motors_or_demand(self.motors, self.demand, *rates)
+        driven: Motors | None = motors_or_demand(self.motors, self.demand, *rates)
+        return driven
 
     @cached_property
     def setpoints(self) -> tuple[Setpoint, ...]:
