@@ -156,8 +156,8 @@ def mavros_message(message: str, fields: Fields, vehicle_autopilot: int) -> dict
     if message == "SYS_STATUS":
         return {"voltage_battery": 1000.0 * fields["voltage"]}  # plugins/sys_status.cpp
     if message == "ATTITUDE_TARGET":  # plugins/setpoint_raw.cpp, which turns the setpoint as it does the attitude
-        names = ("body_roll_rate", "body_pitch_rate", "body_yaw_rate")
-        rates = dict(zip(names, _body_rates(fields, "body_rate"), strict=True))
+        asked = ("body_roll_rate", "body_pitch_rate", "body_yaw_rate")
+        rates = dict(zip(asked, _body_rates(fields, "body_rate"), strict=True))
         return {"type_mask": fields["type_mask"], "q": _quaternion(fields).T, **rates}
     if message in ("SERVO_OUTPUT_RAW", "RC_CHANNELS"):
         first, count = ("servo", 16) if message == "SERVO_OUTPUT_RAW" else ("chan", 18)
