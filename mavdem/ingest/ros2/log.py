@@ -342,22 +342,20 @@ def _on_one_clock(
     if without:
         repairs.append(f"{without} messages without a time stamp, or with one of another clock, were left out.")
     # Without receive times: by them, a companion's clock that was set back would not be a restart.
-    clock = boot_clock(
-        [
-            Sent(name, tables[name].places[some], seconds[name][some].copy, MAVROS_PERIODS.get(name, np.inf))
-            for name, some in usable.items()
-            if some.any()
-        ]
-    )
-    placed: dict[str, Columns] = {}
-    for name, on_clock in clock.placed.items():
+    sent = [
+        Sent(name, tables[name].places[some], seconds[name][some].copy, MAVROS_PERIODS.get(name, np.inf))
+        for name, some in usable.items()
+        if some.any()
+    ]
+    (stamped, of_clock), placed = boot_clock(sent), dict[str, Columns]()
+    for name, on_clock in stamped.items():
         time, boot = on_clock.time, on_clock.boot.astype(np.int64)
         # A message whose stamp was ignored has the place of the one before.
         new = np.ones(len(time), dtype=np.bool_)
         new[1:] = (np.diff(time) != 0) | (np.diff(boot) != 0)
         kept = selected(tables[name].columns, np.flatnonzero(usable[name])[new])
         placed[name] = kept | {"time": time[new], "boot": boot[new]}
-    return placed, (*repairs, *clock.repairs)
+    return placed, (*repairs, *of_clock)
 
 
 def _start(stamps: NDArray[np.int64]) -> tuple[int, list[str]]:
