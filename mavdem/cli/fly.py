@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import shlex
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
@@ -15,7 +14,7 @@ import click
 import numpy as np
 from click.shell_completion import CompletionItem
 
-from mavdem.cli.options import file_option, no_option
+from mavdem.cli.options import Number, file_option, no_option
 from mavdem.cli.output import check_file, print_json, printable, progress, say, say_aside, writing
 from mavdem.cli.signals import ending_at_once
 from mavdem.errors import Unreadable, require
@@ -55,7 +54,7 @@ class ScenarioName(click.Path):
 @click.option("--udp", metavar="HOST:PORT", callback=no_option, help="Fly live and send MAVLink to HOST:PORT.")
 @click.option(
     "--speed",
-    type=click.FloatRange(0.01, 1000.0),
+    type=Number(0.01, 1000.0),
     help="Speed of a live flight, as a multiple of real time.  [default: 1]",
 )
 @click.option("--seed", type=int, help="Random seed, instead of the scenario's.")
@@ -222,8 +221,6 @@ def _write_rrd(path: Path, name: str, scenario: Scenario, motion: Motion) -> Non
 
 def _live(name: str, scenario: Scenario, udp: str, speed: float) -> dict[str, Any]:
     host, port = _address(udp)
-    if not math.isfinite(speed):
-        raise click.BadParameter("it must be a number.", param_hint="--speed")
     whole = seconds(scenario)
     with _refusing(), closing(Ground(host, port)) as ground:
         say_aside(f"Flying {printable(name)} for {whole:g} s, sending to {printable(udp)}; Ctrl-C ends it.")

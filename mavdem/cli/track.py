@@ -10,8 +10,8 @@ from time import monotonic
 import click
 
 from mavdem.cli.commands import UNSUPPORTED, UNUSABLE
-from mavdem.cli.options import folder_named, no_option
-from mavdem.cli.output import STDERR, print_blocks, print_json, printable, progress, say, say_aside, write_page
+from mavdem.cli.options import Number, folder_named, no_option
+from mavdem.cli.output import STDERR, print_blocks, print_json, printable, progress, say, say_aside, write_text
 from mavdem.cli.sources import refuse_link
 from mavdem.dem.parallel import spare_cores
 from mavdem.fleet.cluster import Cluster
@@ -56,7 +56,7 @@ PAGE = "mavdem.report.page:flight_page"
 )
 @click.option(
     "--time-limit",
-    type=click.FloatRange(1, MOST_SECONDS),
+    type=Number(1, MOST_SECONDS),
     default=Limits().seconds,
     show_default=True,
     help="Seconds of the processor that one log may take.",
@@ -115,13 +115,10 @@ def track_command(
     """
     for name in logs:
         refuse_link(name)
-    if time_limit != time_limit:
-        raise click.BadParameter("it must be a number.", param_hint="--time-limit")
     limits = Limits(time_limit, memory_limit)
     if scheduler is not None and jobs:
-        raise click.BadParameter(
-            "it is of this machine; with --scheduler the cluster has its own.", param_hint="--jobs"
-        )
+        what = "it is of this machine; with --scheduler the cluster has its own."
+        raise click.BadParameter(what, param_hint="--jobs")
     reader: Reader = Cluster(scheduler, limits) if scheduler is not None else WorkerPool(jobs or spare_cores(), limits)
     try:
         with _progress() as show:
@@ -133,7 +130,7 @@ def track_command(
     counts = {"logs": tracked.logs, "read": tracked.read, **summary(rows)}
     changes = since_baseline(rows, tracked.healthy) if tracked.healthy else {}
     since = {name: baseline_blocks(*change) for name, change in changes.items()}
-    write_page(out / INDEX, fleet_page(rows, since))
+    write_text(out / INDEX, fleet_page(rows, since))
     for problem in tracked.problems:
         say_aside(printable(f"mavdem: {problem}"))
     if as_json:
