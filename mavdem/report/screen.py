@@ -32,6 +32,11 @@ PURPOSE_WORDS = {
     "residuals": "residuals",
 }
 PARAMETER_WORDS = {"effect": "control effectiveness", "damping": "rate damping", "lag": "motor time constant"}
+MOTION = (
+    ("damping", "rate damping", 1.0, "1/s"),
+    ("lag", "motor time constant", 1e3, "ms"),
+    ("delay", "delay", 1e3, "ms"),
+)
 INTERVAL = f"± is the half width of the {100 * LEVEL:.0f} % interval."
 TORQUE = readable("rad/s²")
 
@@ -108,31 +113,20 @@ def summary(learned: Learned) -> str:
     return text_of([*screen(learned), *(Sentence(caution, "Caution:") for caution in learned.cautions)])
 
 
-def _known(value: float, half: float, unit: str) -> str:
-    return f"{plus_minus(value, half)} {unit}" if np.isfinite(half) else "not identifiable"
-
-
 def _per_input(unit: str) -> str:
     return f"{TORQUE.name} per {unit or 'unit of input'}"
-
-
-def _motion(physical: Physical) -> list[tuple[str, str]]:
-    """Rate damping, motor time constant and delay, each with its interval and unit."""
-    half = physical.interval(LEVEL)
-    return [
-        ("rate damping", _known(physical.damping, half.damping, "1/s")),
-        ("motor time constant", _known(1e3 * physical.lag, 1e3 * half.lag, "ms")),
-        ("delay", _known(1e3 * physical.delay, 1e3 * half.delay, "ms")),
-    ]
 
 
 def _vehicle(labels: Labels, physical: Physical | None, hover: HoverFigures | None) -> list[Block]:
     """A row a motor: effectiveness, trim deviation, trim, headroom and saturation; and what is of all motors."""
     columns, blocks, rest = dict[str, list[str]](), list[Block](), list[str]()
     if physical is not None:
-        effect = zip(TORQUE.scale * physical.effect, TORQUE.scale * physical.interval(LEVEL).effect, strict=True)
+        half = physical.interval(LEVEL)
+        effect = zip(TORQUE.scale * physical.effect, TORQUE.scale * half.effect, strict=True)
         columns[f"effectiveness ({_per_input(labels.input_units[0])})"] = [plus_minus(*pair) for pair in effect]
-        rest = [f"{name} {figure}" for name, figure in _motion(physical)]
+        for name, words, scale, unit in MOTION:
+            pair = scale * getattr(physical, name), scale * getattr(half, name)
+            rest.append(f"{words} {f'{plus_minus(*pair)} {unit}' if np.isfinite(pair[1]) else 'not identifiable'}")
     if hover is not None and hover.motors == labels.input_names:
         columns |= _hover_columns(hover)
     if columns:
@@ -232,9 +226,9 @@ def _axis_row(axis: AxisFigures) -> list[str]:
     _, damping, lag, _ = physical.interval(LEVEL)
     mean, half = (TORQUE.scale * value for value in physical.mean_effect(LEVEL))
     estimates = {"effect": (mean, half), "damping": (physical.damping, damping), "lag": (1e3 * physical.lag, 1e3 * lag)}
-    biased = {name: " (biased)" if status == "biased" else "" for name, status in physical.status.items()}
-    marked = [f"{plus_minus(*pair)}{biased[name]}" for name, pair in estimates.items()]
-    return [*marked, "-" if wind is None else rounded(TORQUE.scale * wind.sd)]
+    marks = {name: " (biased)" * (physical.status[name] == "biased") for name in estimates}
+    shown = [f"{plus_minus(*pair)}{marks[name]}" for name, pair in estimates.items()]
+    return [*shown, "-" if wind is None else rounded(TORQUE.scale * wind.sd)]
 
 
 def parameter_reasons(physical: Physical | None, doubted: bool = False) -> list[str]:
