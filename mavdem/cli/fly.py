@@ -25,15 +25,13 @@ from sitl_scenarios.files import in_toml, in_words, load, names, scenario_of
 from sitl_scenarios.mavlink.autopilots import AUTOPILOTS
 from sitl_scenarios.mavlink.live import Ground, fly_live
 from sitl_scenarios.mavlink.transmitter import recorded
-from sitl_scenarios.motion import Holding, Motion
+from sitl_scenarios.motion import Holding
 from sitl_scenarios.plan import seconds
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import Simulation
 from sitl_scenarios.simulation import fly as fly_through
 from sitl_scenarios.truth import write_truth
 from sitl_scenarios.vehicles import AIRFRAMES
-
-KEPT_UP = 0.95  # share of the speed asked for below which a live flight is reported as too slow
 
 
 class ScenarioName(click.Path):
@@ -188,7 +186,12 @@ def _to_files(name: str, scenario: Scenario, out: Path | None, rrd: Path | None)
                 report |= {"out": str(out), "frames": STREAMS[out.suffix.lower()](file, stream), "truth": str(truth)}
             write_truth(place[truth], scenario, motion)
         if rrd is not None:
-            _write_rrd(place[rrd], name, scenario, motion)
+            with ending_at_once():  # Rerun takes a second to load
+                from mavdem.view import Pose, write_pose
+
+            rotors = frame(scenario.vehicle.frame, AIRFRAMES[scenario.vehicle.model].arm)
+            shown = {field.name: getattr(motion, field.name) for field in fields(Pose) if field.name != "rotors"}
+            write_pose(place[rrd], name, Pose(**shown, rotors=np.column_stack([rotors.forward, rotors.right])))
             report |= {"rrd": str(rrd)}
     report["took"] = round(perf_counter() - began, 3)
     say_aside(f"Flew {motion.time[-1]:.1f} s in {report['took']:.1f} s.")
@@ -209,16 +212,6 @@ def _say_cautions(holding: Holding) -> dict[str, Any]:
     return {"cautions": cautions}
 
 
-def _write_rrd(path: Path, name: str, scenario: Scenario, motion: Motion) -> None:
-    # Rerun takes a second to load.
-    with ending_at_once():
-        from mavdem.view import Pose, write_pose
-
-    rotors = frame(scenario.vehicle.frame, AIRFRAMES[scenario.vehicle.model].arm)
-    shown = {field.name: getattr(motion, field.name) for field in fields(Pose) if field.name != "rotors"}
-    write_pose(path, name, Pose(**shown, rotors=np.column_stack([rotors.forward, rotors.right])))
-
-
 def _live(name: str, scenario: Scenario, udp: str, speed: float) -> dict[str, Any]:
     host, port = _address(udp)
     whole = seconds(scenario)
@@ -229,7 +222,7 @@ def _live(name: str, scenario: Scenario, udp: str, speed: float) -> dict[str, An
             outcome = fly_live(scenario, simulation, ground, speed, lambda now: done(min(now / whole, 1.0)), say_aside)
     ended = "Stopped after" if outcome.stopped else "Flew"
     say_aside(f"{ended} {outcome.flown:.1f} s in {outcome.took:.1f} s: sent {outcome.sent} frames.")
-    if (ran := outcome.flown / outcome.took if outcome.took else speed) < KEPT_UP * speed:
+    if (ran := outcome.flown / outcome.took if outcome.took else speed) < 0.95 * speed:
         say_aside(f"This machine is too slow: it ran at {ran:.2g} times real time, not {speed:g}.")
     if outcome.unheard:
         say_aside(f"Received more than it can process: {outcome.unheard} datagrams were dropped, at least in part.")

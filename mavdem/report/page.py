@@ -38,13 +38,6 @@ from mavdem.report.screen import analysis_blocks, screen, title
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-RATINGS = {
-    "good": ("GOOD", "ok", "reported", "reproduced"),
-    "fair": ("LIMITED", "biased", "drift"),
-    "bad": ("NOT IDENTIFIABLE", "not identifiable", "fault", "unstable"),
-}
-"""Words that are set off by a colour where a cell of a table begins with one, by that colour's class."""
-
 
 class Picture(NamedTuple):
     """A figure, which ``draw`` makes, or raises ``ValueError`` with a reason; a ``large`` one takes two columns."""
@@ -97,16 +90,15 @@ def environment() -> Environment:
 def _drawn(chapter: Chapter, number: int) -> dict[str, Any]:
     """The chapter with its pictures as SVG; where one cannot be drawn, a sentence with the reason."""
     blocks, drawings = list(chapter.blocks), []
-    if chapter.pictures and (hint := advice("Drawing the pictures of this page", "plot")):
+    hint = advice("Drawing the pictures of this page", "plot")
+    if chapter.pictures and hint:
         blocks.append(Sentence(f"{hint} Then run the same command again."))
-    else:
-        for place, picture in enumerate(chapter.pictures):
-            try:
-                svg = downstream("report.figures.style", "svg")(picture.draw(), f"figure-{number}-{place}")
-            except ValueError as error:
-                blocks.append(Sentence(f"{error}.", f"{picture.title}:"))
-            else:
-                drawings.append((picture, Markup(svg)))
+    for place, picture in enumerate(() if hint else chapter.pictures):
+        try:
+            svg = downstream("report.figures.style", "svg")(picture.draw(), f"figure-{number}-{place}")
+            drawings.append((picture, Markup(svg)))
+        except ValueError as error:
+            blocks.append(Sentence(f"{error}.", f"{picture.title}:"))
     return {"title": chapter.title, "blocks": blocks, "drawings": drawings, "folded": chapter.folded}
 
 
@@ -123,8 +115,11 @@ def _headline(text: str) -> tuple[str, str]:
 
 
 def _rating(cell: str) -> str:
-    """The class of a cell that rates something; empty for others."""
-    return next((name for name, words in RATINGS.items() if cell.startswith(words)), "")
+    """The class, of a colour, of a cell that rates something; empty for others."""
+    good, fair = ("GOOD", "ok", "reported", "reproduced"), ("LIMITED", "biased", "drift")
+    bad = "NOT IDENTIFIABLE", "not identifiable", "fault", "unstable"
+    ratings = {"good": good, "fair": fair, "bad": bad}
+    return next((name for name, words in ratings.items() if cell.startswith(words)), "")
 
 
 def log_page(

@@ -74,11 +74,11 @@ def conclusion(found: Findings) -> list[Block]:
 
 def verdict_blocks(found: Findings) -> list[Block]:
     """Returns all findings without a table, for a narrow column."""
-    purposes = (
-        Sentence(one.reason, f"{PURPOSE_WORDS[one.purpose].capitalize()}: {one.grade}.") for one in found.purposes
-    )
-    *first, following = conclusion(found)
-    return [*first, *purposes, *(Sentence(warning, "Warning:") for warning in found.warnings), following]
+    *blocks, following = conclusion(found)
+    blocks += [
+        Sentence(reason, f"{PURPOSE_WORDS[what].capitalize()}: {grade}.") for what, grade, reason in found.purposes
+    ]
+    return [*blocks, *(Sentence(warning, "Warning:") for warning in found.warnings), following]
 
 
 def analysis_blocks(analysis: LogAnalysis) -> list[Block]:
@@ -86,18 +86,13 @@ def analysis_blocks(analysis: LogAnalysis) -> list[Block]:
     learned, found, hover = analysis.learned, analysis.findings, analysis.vehicle.hover
     if hover is not None and analysis.tier.name != "a":
         hover = replace(hover, roll=None, pitch=None)  # the condition says how the vehicle leans
-    model = conclusion(found) if learned is None else screen(learned, analysis.held_out, hover, found)
-    marks = [Sentence(alarm.sentence, "Motors:") for alarm in analysis.alarms if alarm.motor is None]
-    if analysis.tier.name == "a" and learned is not None:
-        return [*model, *marks]
-    return [
-        *model,
-        *([Sentence(analysis.reason, "No model:")] if learned is None and found.overrides else []),
-        *marks,
-        *tier_sentences(analysis.tier.as_dict()),
-        identity_sentence(analysis.identity.as_dict()),
-        *condition_sentences(analysis.condition.as_dict()),
-    ]
+    blocks = conclusion(found) if learned is None else screen(learned, analysis.held_out, hover, found)
+    blocks += [Sentence(analysis.reason, "No model:")] if learned is None and found.overrides else []
+    blocks += [Sentence(alarm.sentence, "Motors:") for alarm in analysis.alarms if alarm.motor is None]
+    if analysis.tier.name != "a" or learned is None:
+        blocks += [*tier_sentences(analysis.tier.as_dict()), identity_sentence(analysis.identity.as_dict())]
+        blocks += condition_sentences(analysis.condition.as_dict())
+    return blocks
 
 
 def title(flights: Sequence[Flight]) -> Sentence:
@@ -157,8 +152,7 @@ def _lean(hover: HoverFigures) -> str:
 
 def _wind(wind: WindTorque | None, physical: Physical | None) -> list[Block]:
     """The wind torque: its level, share and gusts; nothing where it is not known."""
-    wind = known_wind(wind, physical)
-    if wind is None or physical is None:
+    if physical is None or (wind := known_wind(wind, physical)) is None:
         return []
     unit, scale, count = TORQUE.name, TORQUE.scale, len(wind.gusts)
     text = (
@@ -180,19 +174,16 @@ def _prediction(labels: Labels, held_out: HeldOut | None) -> list[Block]:
     """RMSE beside the baselines over all held-out windows, and how windows differ."""
     if held_out is None:
         return []
-    names, units = outputs_of(labels)
+    (names, units), rows = outputs_of(labels), list[list[str]]()
     count = f"{len(held_out)} held-out windows" if len(held_out) > 1 else "one held-out window"
-    rows = []
     for name in sorted(held_out.forecasts, key=held_out.error_ratio):
         rmse = (unit.scale * value for unit, value in zip(units, held_out.rmse(name), strict=True))
         rows.append([ROWS.get(name, name), *map(rounded, (*rmse, held_out.error_ratio(name)))])
     text = f"The 90 % band holds {100 * held_out.coverage:.0f} % of the samples."
     if len(held_out) > 1:
         low, median, high = (rounded(value) for value in np.percentile(held_out.error_ratios(), [25, 50, 75]))
-        worse = ", ".join(
-            f"{100 * float((held_out.error_ratios(baseline=name) > 1).mean()):.0f} % worse than “{name}”"
-            for name in BASELINES
-        )
+        shares = ((name, float((held_out.error_ratios(baseline=name) > 1).mean())) for name in BASELINES)
+        worse = ", ".join(f"{100 * share:.0f} % worse than “{name}”" for name, share in shares)
         text = f"Error ratio by window: median {median}, interquartile range {low} to {high}; {worse}. {text}"
     return [Table([f"RMSE, {held_out.seconds:.2g} s ahead, {count}", *names, "error ratio"], rows), Sentence(text)]
 
