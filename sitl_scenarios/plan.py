@@ -50,9 +50,8 @@ def times(scenario: Scenario) -> Times:
     after = AFTER_SECONDS + scenario.idle
     shortest = SPIN_UP_SECONDS + climb + 5.0 + descent + after  # with five seconds of hover
     if scenario.duration < shortest:
-        raise ValueError(
-            f"duration must be at least {shortest:g} s for a height of {scenario.height:g} m, not {scenario.duration:g}"
-        )
+        least = f"at least {shortest:g} s for a height of {scenario.height:g} m"
+        raise ValueError(f"duration must be {least}, not {scenario.duration:g}")
     return Times(climb, descent, SPIN_UP_SECONDS + climb, scenario.duration - after - descent)
 
 

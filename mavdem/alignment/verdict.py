@@ -26,6 +26,8 @@ REFUSED_CONSISTENCY, DOUBTFUL_CONSISTENCY = 0.5, 0.8
 where they disagree, the rate is an alias, noise, or in another unit: some of it, or most."""
 STILL_RATE = np.radians(1.0)  # rad/s, standard deviation: twice the noise of a gyroscope in flight
 DOUBTFUL_LOSS = 0.05  # Share of a stream's messages left out as damaged: the rest may be too
+NEEDED = f"motion has frequencies of several Hz, which need {MINIMUM_RATE:.0f} Hz of attitude and of motor outputs or "
+NEEDED += "demand, better 100"
 IMPOSSIBLE = f"an angle beyond 2π or a rate beyond {MAX_BODY_RATE:.0f} rad/s"
 
 
@@ -232,8 +234,7 @@ def _objection(log: _Evidence, figures: QualityFigures) -> Obstacle | None:
     slow = _too_slow(log, log.figures if short else figures)
     if slow or short:
         return slow or _slowed_down(log) or _too_short(log, figures)
-    held = _held(log, figures)
-    if held:
+    if held := _held(log, figures):
         return held
     if not figures.rate_sd or not (figures.angle_sd or axis not in TILT_AXES):
         return f"The {_measured(axis, 'or')} never changes.", "Check that the stream is not a replay of one message."
@@ -303,7 +304,7 @@ def _slowed_down(log: _Evidence) -> Obstacle | None:
     reason = (
         f"In the air {name} comes at {below(rate, MINIMUM_RATE)} Hz from {start.start:.1f} s"
         f"{f' of boot {start.boot + 1}' if start.boot else ' after boot'} on, for {seconds:.0f} of "
-        f"{log.figures.airborne:.0f} s, though faster elsewhere; {_needed(log.signals.axis)}."
+        f"{log.figures.airborne:.0f} s, though faster elsewhere; {log.signals.axis} {NEEDED}."
     )
     return reason, _for_faster(log, log.name(log.attitude) not in found)
 
@@ -323,12 +324,7 @@ def too_slow(rates: Mapping[str, float], axis: str, least: float = MINIMUM_RATE)
     if not slow:
         return None
     named = (f"{name} {'at' if place else 'comes at'} {rate} Hz" for place, (name, rate) in enumerate(slow))
-    return f"{' and '.join(named)}; {_needed(axis)}."
-
-
-def _needed(axis: str) -> str:
-    needed = f"{MINIMUM_RATE:.0f} Hz of attitude and of motor outputs or demand, better 100"
-    return f"{axis} motion has frequencies of several Hz, which need {needed}"
+    return f"{' and '.join(named)}; {axis} {NEEDED}."
 
 
 def _held(log: _Evidence, figures: QualityFigures) -> Obstacle | None:

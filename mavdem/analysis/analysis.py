@@ -18,6 +18,7 @@ from mavdem.alignment.phases import during, settled
 from mavdem.alignment.read import choose_vehicle, usable_segments
 from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals, usual_rate
 from mavdem.analysis.figures import ALL, AxisFigures, LogAnalysis, VehicleFigures, axis_figures
+from mavdem.analysis.findings import disown_torque
 from mavdem.condition import condition_of, identity_of
 from mavdem.condition.inventory import tier_of
 from mavdem.dem import Learned, Settings, learn
@@ -36,7 +37,6 @@ MAX_SLOW_RATIO = 0.9  # of squared errors, to a forecast's without a model, up t
 SLOW_CAUTION = (
     "The model is of the slow motion only: what shows at several Hz, such as the control effectiveness, is not in it."
 )
-
 
 StepProgress = Callable[..., AbstractContextManager[Callable[[float], None]]]
 """Shows a step of the work by its ``title``; what it yields is called with the share done, if it is ``measured``."""
@@ -129,8 +129,7 @@ def analyse(
     changes = [alarm.since for alarm in alarms if alarm.motor is not None]
     if changes and learned.physical is not None and learned.wind is not None:
         vars(learned)["wind"] = wind(learned.physical, learned.record, changes)
-    if condition.oscillation is not None and learned.wind is not None:
-        vars(learned)["wind"] = replace(learned.wind, reason="The vehicle oscillates: that torque is its own.")
+    disown_torque(learned, condition)
     compared = None if truth is None else compare_with_truth(learned, flights, truth_of(flights, truth))
     if axis == ALL:
         axes = {AXES[0]: AxisFigures(flights, learned.physical, learned.wind, learned.physical_reason)}

@@ -20,7 +20,6 @@ from os import PathLike
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mavdem.alignment import phases
 from mavdem.alignment.align import Segment, recorded_parts, settled_segments, within
@@ -36,6 +35,7 @@ from mavdem.errors import NotLearnable
 from mavdem.flight import Flight
 from mavdem.ingest import Component, read_log
 from mavdem.ingest.motors import MULTIROTORS, OutputScale
+from mavdem.ingest.telemetry import Array
 
 HIGHEST_PERCENTILE = 99.0  # What stands for the highest output: the very highest is a spike
 
@@ -157,7 +157,7 @@ def _figures(
     names: tuple[str, ...],
     scale: OutputScale,
     seconds: float,
-    outputs: NDArray[np.float64],
+    outputs: Array,
     lean: Mapping[str, float],
 ) -> HoverFigures:
     shares = scale.fraction(outputs)
@@ -310,7 +310,7 @@ def _parts(signals: Signals, wanted: Callable[[Signals, int], Intervals]) -> tup
     return tuple(Segment(boot, *interval) for boot, intervals in recorded for interval in intervals)
 
 
-def mean_interval(values: NDArray[np.float64], seconds: float) -> NDArray[np.float64]:
+def mean_interval(values: Array, seconds: float) -> Array:
     """Returns the half widths (k,) of the 90 % intervals of the means of ``values`` (N, k), infinite where too short.
 
     The samples are uniform over so many ``seconds``.
@@ -344,7 +344,7 @@ def _balance(signals: Signals, settled: tuple[Segment, ...]) -> tuple[tuple[floa
     )
 
 
-def _leaning(signals: Signals, settled: tuple[Segment, ...]) -> tuple[dict[str, Steady], NDArray[np.float64]]:
+def _leaning(signals: Signals, settled: tuple[Segment, ...]) -> tuple[dict[str, Steady], Array]:
     """Roll and pitch, and the angle from level (N,), rad."""
     angles = [tilt.angle[within(tilt, *settled, slack=0)] for tilt in signals.tilts]
     if len(angles) < len(TILT_AXES) or not all(map(len, angles)):
@@ -355,7 +355,7 @@ def _leaning(signals: Signals, settled: tuple[Segment, ...]) -> tuple[dict[str, 
     return lean, np.arccos(np.clip(np.cos(roll) * np.cos(pitch), -1, 1))
 
 
-def _steady(values: NDArray[np.float64], seconds: float) -> Steady:
+def _steady(values: Array, seconds: float) -> Steady:
     return Steady(float(values.mean()), _known(mean_interval(values[:, None], seconds)[0]), float(values.std()))
 
 
@@ -399,14 +399,11 @@ def _battery(signals: Signals, parts: tuple[Segment, ...]) -> BatteryFigures | N
     if load is None or not here.any() or load.values[here, 1].min() <= 0:
         return BatteryFigures(*figures)
     volts, amperes = load.values[here, 0] / 1e3, load.values[here, 1] / 1e2
-    return BatteryFigures(
-        *figures, float(amperes.mean()), float(amperes.max()), *_resistance(load.time[here], volts, amperes)
-    )
+    resistance = _resistance(load.time[here], volts, amperes)
+    return BatteryFigures(*figures, float(amperes.mean()), float(amperes.max()), *resistance)
 
 
-def _resistance(
-    time: NDArray[np.float64], volts: NDArray[np.float64], amperes: NDArray[np.float64]
-) -> tuple[float | None, float | None]:
+def _resistance(time: Array, volts: Array, amperes: Array) -> tuple[float | None, float | None]:
     """Resistance and half width: regression on the current, both without their straight line over time."""
     line = np.column_stack([np.ones_like(time), time - time.mean()])
     fallen, load = (column - line @ np.linalg.lstsq(line, column, rcond=None)[0] for column in (-volts, amperes))

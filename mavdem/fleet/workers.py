@@ -139,9 +139,8 @@ class WorkerPool:
         late = replace(failed(job, "time", f"It takes longer than its time limit of {seconds:g} s."), seconds=seconds)
         for _ in range(ATTEMPTS):
             try:
-                outcome: Outcome = self._pool.schedule(
-                    perform, (job, self._read, seconds), timeout=WAITING * seconds
-                ).result()
+                task = self._pool.schedule(perform, (job, self._read, seconds), timeout=WAITING * seconds)
+                outcome: Outcome = task.result()
                 return outcome
             except OutOfTime:
                 return late

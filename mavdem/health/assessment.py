@@ -10,23 +10,9 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from mavdem.health.balance import AXES
-from mavdem.health.explanations import (
-    DETECTABLE_RISE,
-    Candidates,
-    EffortChange,
-    Explanations,
-    effort_change,
-    lost_thrust,
-)
-from mavdem.health.reference import (
-    FEWEST_FLIGHTS,
-    Deviation,
-    HealthFigures,
-    deviation,
-    distinct_flights,
-    healthy_flights,
-)
+from mavdem.alignment.drive import AXES
+from mavdem.health.explanations import Candidates, EffortChange, Explanations, effort_change, lost_thrust
+from mavdem.health.reference import FEWEST_FLIGHTS, Deviation, HealthFigures, deviation, healthy_flights
 
 Health = Literal["ok", "drift", "fault", "unknown"]
 
@@ -67,8 +53,7 @@ def assess(flights: Sequence[HealthFigures], baseline: Sequence[HealthFigures] |
     """
     chosen = baseline is not None
     named = flights if baseline is None else baseline
-    usable = [flight for flight in (healthy_flights(flights) if baseline is None else baseline) if not flight.missing]
-    healthy = distinct_flights(usable)
+    healthy = healthy_flights(flights, baseline)
     verdicts: dict[int, Assessment] = {}
     candidates: dict[object, Candidates] = {}
     before: dict[object, tuple[Explanations, EffortChange | None]] = {}
@@ -184,7 +169,7 @@ def _too_unsure(away: Deviation, reference: str) -> str:
     """Why a flight that looks healthy is not called so."""
     unsure = ", ".join(f"{axis} ±{100 * usual:.1f} %" for axis, usual in zip(AXES, away.usual, strict=True))
     return (
-        f"Health is unknown: a motor that lost {100 * lost_thrust(DETECTABLE_RISE):.0f} % of its thrust would not show "
+        f"Health is unknown: a motor that lost {100 * lost_thrust():.0f} % of its thrust would not show "
         f"beside {reference} ({unsure}), for the flight leans too much or is too short, or they differ too much."
     )
 

@@ -89,9 +89,8 @@ def _long_run(sums: Array, begin: NDArray[np.int_], end: NDArray[np.int_], mean:
         if len(sums) <= batch:
             break
         means = (sums[batch:] - sums[:-batch]) / batch
-        first, second = (
-            np.vstack([np.zeros(means.shape[1]), np.cumsum(values, axis=0)]) for values in (means, means**2)
-        )
+        none = np.zeros(means.shape[1])
+        first, second = (np.vstack([none, np.cumsum(values, axis=0)]) for values in (means, means**2))
         start = np.minimum(begin, len(means))
         last = np.clip(end - batch + 1, start, len(means))
         count = (last - start)[:, np.newaxis]
@@ -99,9 +98,8 @@ def _long_run(sums: Array, begin: NDArray[np.int_], end: NDArray[np.int_], mean:
         # Batches overlap: as many count as follow each other.
         several = np.where(count > batch, (end - begin)[:, np.newaxis] / batch, 0.0)
         held = PRIOR_BLOCKS / batch
-        variance = np.maximum(
-            variance, (held * prior + several * batch * squares / np.maximum(count, 1)) / (held + several)
-        )
+        seen = several * batch * squares / np.maximum(count, 1)
+        variance = np.maximum(variance, (held * prior + seen) / (held + several))
     return variance
 
 
@@ -268,11 +266,9 @@ class MotorWatch:
 
     def _found(self, motor: int | None, n: int, size: float, odds: float) -> MotorAlarm:
         name, number = ("", None) if motor is None else (self._layout.names[motor], self._layout.motors[motor])
-        time, since = self._times[-1], self._times[-n] - BLOCK_SECONDS
+        since = self._times[-n] - BLOCK_SECONDS
         # What comes is compared with what is now.
         self._times, self._blocks = self._times[-n:], self._blocks[-n:]
-        sure = float(1 / (1 + np.exp(-odds)))
-        self.alarms.append(
-            MotorAlarm(time, since, number, name, size, sure, self._layout.positions_assumed, self._boot)
-        )
+        found = self._times[-1], since, number, name, size, float(1 / (1 + np.exp(-odds)))
+        self.alarms.append(MotorAlarm(*found, self._layout.positions_assumed, self._boot))
         return self.alarms[-1]

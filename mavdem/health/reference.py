@@ -85,6 +85,9 @@ class HealthFigures:
         return self.collective * self.voltage
 
 
+HealthFlights = Sequence[HealthFigures]  # Of one vehicle
+
+
 class Deviation(NamedTuple):
     """How far a flight's level balance is from that of healthy flights."""
 
@@ -106,8 +109,10 @@ class Deviation(NamedTuple):
         return bool((np.abs(self.change) > far).any())
 
 
-def healthy_flights(flights: Sequence[HealthFigures]) -> tuple[HealthFigures, ...]:
-    """Those a vehicle is compared with where none was chosen: the first three sound dated ones of each layout."""
+def healthy_flights(flights: HealthFlights, baseline: HealthFlights | None = None) -> HealthFlights:
+    """Those to compare with: of the ``baseline``, or else the first three sound dated ones of each layout."""
+    if baseline is not None:
+        return distinct_flights([flight for flight in baseline if not flight.missing])
     usable = [flight for flight in flights if flight.sound and flight.date is not None and not flight.missing]
     dated = distinct_flights(usable)
     first: dict[object, list[HealthFigures]] = {}
@@ -116,7 +121,7 @@ def healthy_flights(flights: Sequence[HealthFigures]) -> tuple[HealthFigures, ..
     return tuple(flight for same in first.values() for flight in same[:FIRST_FLIGHTS])
 
 
-def distinct_flights(flights: Sequence[HealthFigures]) -> list[HealthFigures]:
+def distinct_flights(flights: HealthFlights) -> list[HealthFigures]:
     """Each flight once, though it was logged twice, as on board and on the ground: with the surer balance."""
     kept: list[HealthFigures] = []
     for flight in sorted(flights, key=lambda flight: float(np.linalg.norm(_balance(flight).error))):
@@ -125,7 +130,7 @@ def distinct_flights(flights: Sequence[HealthFigures]) -> list[HealthFigures]:
     return [flight for flight in flights if flight in kept]
 
 
-def deviation(flight: HealthFigures, healthy: Sequence[HealthFigures]) -> Deviation:
+def deviation(flight: HealthFigures, healthy: HealthFlights) -> Deviation:
     """How far a flight is from ``healthy`` ones, of which it is none; all have what :attr:`HealthFigures.missing` asks.
 
     The flights are compared level, by the effect of lean that they show themselves. What is left follows Student's
@@ -161,9 +166,8 @@ def _lean_effects(flights: Sequence[BalanceFigures]) -> tuple[Array, Array]:
     seen, variance = np.where(known, seen, 0.0), np.where(known, variance, np.inf)
     plain = seen.sum(axis=0) / np.maximum(known.sum(axis=0), 1)
     spread = np.where(known, (seen - plain) ** 2, 0.0).sum(axis=0)
-    scatter = (LEAN_EFFECT_FREEDOM * LEAN_EFFECT_SCATTER**2 + spread) / (
-        LEAN_EFFECT_FREEDOM + np.maximum(known.sum(axis=0) - 1, 0)
-    )
+    freedom = LEAN_EFFECT_FREEDOM + np.maximum(known.sum(axis=0) - 1, 0)
+    scatter = (LEAN_EFFECT_FREEDOM * LEAN_EFFECT_SCATTER**2 + spread) / freedom
     weights = 1 / (variance + scatter)
     total = weights.sum(axis=0) + LEAN_EFFECT**-2
     mean = (weights * seen).sum(axis=0) / total

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.ingest.motors import motor_geometry
-from mavdem.ingest.telemetry import Columns, joined, rate_without_gaps, selected
+from mavdem.ingest.telemetry import Array, Columns, joined, rate_without_gaps, selected
 from mavdem.ingest.vocabulary import IN_AIR, LANDING, ON_GROUND, PX4, TAKING_OFF, attitude_target, heartbeat_fields
 
 Px4Topic = Mapping[str, NDArray[Any]]
@@ -149,7 +149,7 @@ def _attitude_quaternion(topics: Topics) -> dict[str, NDArray[Any]] | None:
     return {"time": time, **dict(zip(names, [*q.T, *xyz.T], strict=True))}
 
 
-def _moments(*topics: Px4Topic) -> list[NDArray[np.float64]]:
+def _moments(*topics: Px4Topic) -> list[Array]:
     """When each was measured, s, where all topics have that in order; else when all were published, a little later."""
     stamped = all("timestamp_sample" in topic for topic in topics)
     sampled = [topic["timestamp_sample"] for topic in topics] if stamped else []
@@ -158,9 +158,7 @@ def _moments(*topics: Px4Topic) -> list[NDArray[np.float64]]:
     return [topic["time"] for topic in topics]
 
 
-def _between(
-    time: NDArray[np.float64], q: NDArray[np.float64], after: NDArray[np.intp], moments: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _between(time: Array, q: Array, after: NDArray[np.intp], moments: Array) -> Array:
     """Unit quaternions (M, 4) on the chord between those of ``q`` (N, 4) before and ``after`` (M,) the moments (M,)."""
     before, following = q[after - 1], q[after]
     # q and −q are the same attitude: the chord must not lead from one to the other.
@@ -196,7 +194,7 @@ def _servo_output_raw(topics: Topics) -> dict[str, NDArray[Any]] | None:
     return {"time": time[order], "port": port[order], **fields}
 
 
-def _outputs(topic: Px4Topic) -> NDArray[np.float64]:
+def _outputs(topic: Px4Topic) -> Array:
     """(N, 16), zero beyond the number of outputs in use, unless that is 0."""
     there = [n for n in range(_OUTPUTS) if f"output[{n}]" in topic]
     outputs = np.zeros((len(topic["time"]), _OUTPUTS))
@@ -337,7 +335,7 @@ def _extended_sys_state(topics: Topics) -> dict[str, NDArray[Any]] | None:
     return {"time": time, "landed_state": state.astype(np.uint8)}
 
 
-def _held(topic: Px4Topic | None, field: str, time: NDArray[np.float64]) -> NDArray[np.float64]:
+def _held(topic: Px4Topic | None, field: str, time: Array) -> Array:
     """The field's last value at each time (N,); 0 before the first, and where it was not logged."""
     if topic is None or field not in topic:
         return np.zeros(len(time))
@@ -367,5 +365,5 @@ def _has(topic: Px4Topic, field: str, count: int) -> bool:
     return all(f"{field}[{n}]" in topic for n in range(count))
 
 
-def _array(topic: Px4Topic, field: str, count: int) -> NDArray[np.float64]:
+def _array(topic: Px4Topic, field: str, count: int) -> Array:
     return np.column_stack([topic[f"{field}[{n}]"] for n in range(count)]).astype(np.float64)

@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mavdem.ingest.telemetry import Array
+
 ARMED = 128  # MAV_MODE_FLAG_SAFETY_ARMED in HEARTBEAT.base_mode
 CUSTOM_MODE = 1  # MAV_MODE_FLAG_CUSTOM_MODE_ENABLED in HEARTBEAT.base_mode
 ON_GROUND, IN_AIR, TAKING_OFF, LANDING = 1, 2, 3, 4  # MAV_LANDED_STATE in EXTENDED_SYS_STATE.landed_state
@@ -75,9 +77,6 @@ def board_number_in_bytes(uid2: bytes, words: bool) -> str:
         return (number[:SIMULATED_LETTERS] if words else uid2).hex()
     number = uid2[: 3 * WORD]
     return b"".join(number[at : at + WORD][::-1] for at in range(0, len(number), WORD)).hex()
-
-
-Array = NDArray[np.float64]
 
 
 def euler_angles(attitude: Array) -> tuple[Array, Array, Array]:

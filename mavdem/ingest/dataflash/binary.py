@@ -297,9 +297,8 @@ def _damaged_rows(data: NDArray[np.uint8], starts: NDArray[np.int64], doubtful: 
     for row, length in doubtful:
         same = rows_of[int(ids[row])]
         at = int(np.searchsorted(same, row))
-        around = [
-            other for other in same[max(at - NEIGHBOURS, 0) : at + NEIGHBOURS + 1].tolist() if other not in suspect
-        ]
+        near = same[max(at - NEIGHBOURS, 0) : at + NEIGHBOURS + 1].tolist()
+        around = [other for other in near if other not in suspect]
         if len(around) >= MIN_NEIGHBOURS:
             bodies = np.stack([data[start : start + length] for start in starts[around].tolist()])
             constant = (bodies == bodies[0]).all(axis=0)

@@ -40,10 +40,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.ingest.dataflash.binary import MessageTable
-from mavdem.ingest.telemetry import Columns, joined, rows_by, selected
+from mavdem.ingest.telemetry import Array, Columns, joined, rows_by, selected
 from mavdem.ingest.vocabulary import ARDUPILOT, ARMED, IN_AIR, ON_GROUND, attitude_target, heartbeat_fields, quaternion
-
-Values = NDArray[np.float64]
 
 
 def having(tables: Mapping[str, Columns], name: str, fields: tuple[str, ...]) -> Columns | None:
@@ -67,7 +65,7 @@ def count(columns: Columns | None) -> int:
     return 0 if columns is None else len(columns["time"])
 
 
-def values(columns: Columns, fields: tuple[str, ...]) -> Values:
+def values(columns: Columns, fields: tuple[str, ...]) -> Array:
     """Returns the fields as columns (N, k); NaN where not finite."""
     values = np.column_stack([np.asarray(columns[field], dtype=np.float64) for field in fields])
     values[~np.isfinite(values)] = np.nan
@@ -231,7 +229,7 @@ def _faster_angles(tables: Mapping[str, Columns], fields: tuple[str, ...]) -> st
     return max(("ATT", "ANG"), key=lambda name: count(having(tables, name, fields)))
 
 
-def _in_centidegrees(rates: Columns, speeds: Values, gyros: Columns | None, version: tuple[int, int] | None) -> str:
+def _in_centidegrees(rates: Columns, speeds: Array, gyros: Columns | None, version: tuple[int, int] | None) -> str:
     """Why ``speeds`` (N, 3), degrees turned to radians, were centidegrees: by the gyro while it turns, else by version.
 
     Empty where they were degrees.
@@ -323,7 +321,7 @@ def _position(tables: Mapping[str, Columns]) -> tuple[Columns | None, str]:
     return None, "XKF1"
 
 
-def _onto(base: Columns, source: Columns, values: Values, turning: bool = False) -> Values:
+def _onto(base: Columns, source: Columns, values: Array, turning: bool = False) -> Array:
     """Columns of ``values`` (N, k), of ``source``, at the stamps of ``base``; NaN before, after and inside gaps.
 
     Linear between the neighbours, across a full turn where ``turning``; exact at a stamp that both have.
@@ -352,7 +350,7 @@ def _onto(base: Columns, source: Columns, values: Values, turning: bool = False)
     return moved
 
 
-def _changes(tables: Mapping[str, Columns], name: str, field: str, states: Mapping[int, tuple[int, int]]) -> Values:
+def _changes(tables: Mapping[str, Columns], name: str, field: str, states: Mapping[int, tuple[int, int]]) -> Array:
     """Boot, time, state before and state after each event (N, 4)."""
     logged = tables.get(name, {})
     if field not in logged:
@@ -362,8 +360,8 @@ def _changes(tables: Mapping[str, Columns], name: str, field: str, states: Mappi
 
 
 def _each_second(
-    tables: Mapping[str, Columns], changes: Values, undefined: bool = False
-) -> tuple[Values, NDArray[np.int64], NDArray[np.uint8]]:
+    tables: Mapping[str, Columns], changes: Array, undefined: bool = False
+) -> tuple[Array, NDArray[np.int64], NDArray[np.uint8]]:
     """Time, boot and state at each change and at the first message of each second of a boot that has changes.
 
     At messages, because between two of them the clock may jump a year. With ``undefined``, the state is 0 between

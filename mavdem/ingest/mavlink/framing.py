@@ -20,9 +20,10 @@ from __future__ import annotations
 from array import array
 from binascii import crc_hqx
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cache
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -205,6 +206,18 @@ def find_in_pieces(data: Bytes, ends: Places, seeds: NDArray[np.int32]) -> tuple
     """Every frame in pieces of a stream that end at ``ends`` (P,), and the number of the piece in which each begins."""
     frames = concatenated(list(find_frames(data, seeds)))
     return frames, np.searchsorted(ends, frames.start, side="right")
+
+
+def gathered(parts: Sequence[tuple[Bytes, Frames]], rows: slice | NDArray[Any] = slice(None)) -> tuple[Bytes, Frames]:
+    """Returns the frames of these ``rows`` of all parts, in this order, and their bytes, one behind the other."""
+    frames = concatenated([own for _, own in parts])[rows]
+    holding = np.repeat(np.arange(len(parts)), [len(own) for _, own in parts])[rows]
+    contents, data = [content.data for content, _ in parts], bytearray()
+    for number, start, end in zip(holding.tolist(), frames.start.tolist(), frames.end.tolist(), strict=True):
+        data += contents[number][start:end]
+    moved = np.cumsum(frames.end - frames.start) - frames.end
+    frames = replace(frames, start=frames.start + moved, end=frames.end + moved, payload=frames.payload + moved)
+    return np.frombuffer(data, dtype=np.uint8), frames
 
 
 class _FrameBlock:
