@@ -15,17 +15,7 @@ from mavdem.alignment.read import choose_vehicle
 from mavdem.analysis import LogAnalysis, analyse
 from mavdem.analysis.figures import ALL
 from mavdem.cli.options import chosen_settings, file_option, folder_named, model_options, source_options, window_options
-from mavdem.cli.output import (
-    check_folder,
-    complain,
-    files_in,
-    json_text,
-    print_blocks,
-    print_json,
-    printable,
-    progress,
-    say_aside,
-)
+from mavdem.cli.output import check_folder, complain, files_in, json_text, print_result, printable, progress, say_aside
 from mavdem.cli.signals import ending_at_once
 from mavdem.cli.sources import read_source
 from mavdem.condition.inventory import inventory
@@ -154,18 +144,16 @@ def learn_command(
     for what, extra in ((f"{RECORDING} was not written, since it", "view"), ("Drawing its pictures", "plot")):
         if learned is not None and (hint := advice(what, extra)):
             say_aside(hint)
-    if as_json:
-        print_json(report)
-    else:
-        print_blocks([heading, *blocks, *(details if verbose else [])])
+    print_result(report, [heading, *blocks, *(details if verbose else [])], as_json)
+    if not as_json:
         place = printable(folder)
         say_aside(f"Took {report['seconds']:.1f} s. Written to {place}: {', '.join(map(printable, report['files']))}.")
         say_aside(f"Read or mail: {place}/report.html")
         if RECORDING in report["files"]:
             say_aside(f"Look: {shlex.join(['rerun', f'{place}/{RECORDING}'])}")
+    elif learned is None:  # else the screen has said it
+        complain(analysis.refusal.reason, analysis.refusal.remedy, as_json=False)
     if learned is None:
-        if as_json:  # else the screen has said it
-            complain(analysis.refusal.reason, analysis.refusal.remedy, as_json=False)
         raise click.exceptions.Exit(1)  # no model
 
 

@@ -91,8 +91,16 @@ def _one_line(text: str) -> str:
 
 
 def print_json(document: Any) -> None:
-    """Returns the one document on standard output of ``--json``."""
+    """Prints the one document of ``--json`` on standard output."""
     click.echo(json_text(document))
+
+
+def print_result(document: Any, blocks: Iterable[Sentence | Table], as_json: bool) -> None:
+    """Prints the one document of ``--json``, or else the blocks."""
+    if as_json:
+        print_json(document)
+    else:
+        print_blocks(blocks)
 
 
 class _Page(Console):
@@ -113,11 +121,9 @@ def print_blocks(blocks: Iterable[Sentence | Table]) -> None:
 
 
 def _grid(table: Table) -> Grid:
-    first, *others = map(printable, table.header)
     grid = Grid(box=None, pad_edge=False)
-    grid.add_column(first, no_wrap=True)
-    for other in others:
-        grid.add_column(other, justify="left" if table.words else "right")
+    for column, heading in enumerate(map(printable, table.header)):
+        grid.add_column(heading, justify="right" if column and not table.words else "left", no_wrap=not column)
     for row in table.rows:
         grid.add_row(*map(printable, row))
     return grid
@@ -160,10 +166,10 @@ def check_folder(folder: Path, names: Sequence[str]) -> None:
             raise Unreadable(f"{path} is a folder, where a file is to be written: move it, or name another --out.")
 
 
-def write_page(path: Path, page: str) -> None:
-    """Writes HTML, whole or not at all; raises ``Unreadable`` where it cannot be written."""
+def write_text(path: Path, text: str) -> None:
+    """Writes a file, whole or not at all; raises ``Unreadable`` where it cannot be written."""
     with writing(path), atomic_write(path) as file:
-        file.write(page.encode(errors="replace"))  # the name of a file in it need not be UTF-8
+        file.write(text.encode(errors="replace"))  # the name of a file in it need not be UTF-8
 
 
 @contextmanager

@@ -34,10 +34,9 @@ def write_channels(
     ``OSError`` if ``path`` cannot be written, ``ValueError`` for a time before 0, which MCAP cannot hold, or a model of
     other flights.
     """
-    first = flights[0]
-    if first.time[0] < 0:
+    first, time = flights[0], np.concatenate([flight.time for flight in flights])
+    if time[0] < 0:
         raise ValueError("time must not be negative: MCAP counts from 0")
-    time = np.concatenate([flight.time for flight in flights])
     series = {
         "flight/outputs": _series(time, first.output_names, np.vstack([flight.outputs for flight in flights])),
         "flight/inputs": _series(time, first.input_names, np.vstack([flight.inputs for flight in flights])),
@@ -57,8 +56,7 @@ def write_channels(
 def _learned(flight: Flight, time: Array, learned: Learned) -> dict[str, Series]:
     if len(learned.record) != len(time):
         raise ValueError(f"the model was learned from {len(learned.record)} samples, not these {len(time)}")
-    places, noise = learned.process_noise()
-    command = AxisCommand.of(learned)
+    (places, noise), command = learned.process_noise(), AxisCommand.of(learned)
     series = {
         "learned/one_step": _series(time, flight.output_names, learned.one_step()),
         "learned/process_noise": _series(time[places], state_names(flight.output_names, learned), noise),
@@ -72,10 +70,8 @@ def _learned(flight: Flight, time: Array, learned: Learned) -> dict[str, Series]
 
 
 def _series(time: Array, names: Sequence[str], values: Array) -> Series:
-    return time, dict(zip(_keys(names), values.T, strict=True))
-
-
-def _keys(names: Sequence[str]) -> list[str]:
-    """The names as a viewer's paths can have them: "motor_1" for "motor 1 (front right)"; apart in any case."""
+    """By the names as a viewer's paths can have them: "motor_1" for "motor 1 (front right)"; apart in any case."""
     keys = [re.sub(r"\W+", "_", short(name)).strip("_") for name in names]
-    return keys if len(set(keys)) == len(keys) else [f"{key}_{i + 1}" for i, key in enumerate(keys)]
+    if len(set(keys)) < len(keys):
+        keys = [f"{key}_{i + 1}" for i, key in enumerate(keys)]
+    return time, dict(zip(keys, values.T, strict=True))

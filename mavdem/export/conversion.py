@@ -64,8 +64,7 @@ def columns(flight: Flight) -> dict[str, NDArray[np.float64]]:
     """
     table = {TIME: flight.time}
     for _, names, units, values in _channels(flight):
-        for name, unit, column in zip(names, units, values.T, strict=True):
-            head = column_name(name, unit)
+        for head, column in zip(map(column_name, names, units), values.T, strict=True):
             if head in table:
                 raise ValueError(f"two columns of the flight are called {head}: name them apart")
             table[head] = column
@@ -101,9 +100,7 @@ def write_csv(file: BinaryIO, table: Table, provenance: Mapping[str, Any]) -> No
     """Writes a head and one line a sample, as ``IN_TEXT`` and ``FLOAT32`` say, without the provenance."""
     texts = [[format(value, IN_TEXT.get(name, FLOAT32)) for value in column.tolist()] for name, column in table.items()]
     text = io.TextIOWrapper(file, encoding="utf-8", newline="")
-    lines = csv.writer(text, lineterminator="\n")
-    lines.writerow(table)
-    lines.writerows(zip(*texts, strict=True))
+    csv.writer(text, lineterminator="\n").writerows([list(table), *zip(*texts, strict=True)])
     text.detach()
 
 

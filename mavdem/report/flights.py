@@ -12,20 +12,9 @@ from collections.abc import Mapping, Sequence
 from math import degrees, hypot, isfinite, sqrt
 from pathlib import PurePath
 
-from mavdem.evaluate.truth import ComparedParameter, ComparedWind, TruthComparison
-from mavdem.fleet.difference import (
-    BETWEEN,
-    DAMPING,
-    EFFECT,
-    FAMILY_ERROR,
-    LAG,
-    MEAN_EFFECT,
-    SHARE,
-    Conditions,
-    Flights,
-    QuantityChange,
-    VehicleDifference,
-)
+from mavdem.evaluate.truth import ComparedParameter, TruthComparison
+from mavdem.fleet import difference
+from mavdem.fleet.difference import BETWEEN, FAMILY_ERROR, Conditions, Flights, QuantityChange, VehicleDifference
 from mavdem.fleet.row import (
     HEALTHS,
     OK,
@@ -49,11 +38,11 @@ LARGEST_ERROR = 10.0  # of the truth, from which on it is not shown in percent
 MAX_NAMED = 12  # vehicles in a sentence
 MAX_REASONS = 8  # rows of the table of logs that could not be used
 QUANTITIES = {
-    SHARE: ("share", 100.0, "%"),
-    EFFECT: ("control effectiveness", 100.0, "%"),
-    MEAN_EFFECT: ("mean control effectiveness", 100.0, "%"),
-    DAMPING: ("rate damping", 1.0, "1/s"),
-    LAG: ("motor time constant", 1e3, "ms"),
+    difference.SHARE: ("share", 100.0, "%"),
+    difference.EFFECT: ("control effectiveness", 100.0, "%"),
+    difference.MEAN_EFFECT: ("mean control effectiveness", 100.0, "%"),
+    difference.DAMPING: ("rate damping", 1.0, "1/s"),
+    difference.LAG: ("motor time constant", 1e3, "ms"),
 }
 """What a kind of quantity is called, and the scale and unit that it is shown in."""
 MIN_LEAN, MIN_SHARE = 2.0, 0.02  # degrees, and share of a voltage or output, from which a difference is reported
@@ -159,8 +148,8 @@ def _headline(named: Mapping[str, Flights], flown: Flights) -> str:
 def _flown(vehicles: int, flown: Flights, twice: int) -> str:
     hours = sum(max((row.duration or 0.0 for row in flight), default=0.0) for flight in flown) / 3600
     dates = sorted(flight[0].date for flight in flown if flight[0].date is not None)
-    when = f", {dates[0]:%Y-%m-%d} to {dates[-1]:%Y-%m-%d}" if dates else ""
     tiers = Counter(map(best_tier, flown))
+    when = f", {dates[0]:%Y-%m-%d} to {dates[-1]:%Y-%m-%d}" if dates else ""
     kinds = listed(f"{tiers[tier]} {words}" for tier, words in TIER_WORDS.items() if tiers[tier])
     vehicle = f" of {_counted(vehicles, 'vehicle')}" if vehicles else ""
     have = "has a flight" if twice == 1 else "have flights"
@@ -231,7 +220,7 @@ def _changes(found: VehicleDifference) -> list[Block]:
     changed, unknown = ("; ".join(_change(one, found) for one in found.of(kind)) for kind in ("changed", "uncertain"))
     blocks = [Sentence(f"{changed}.", "Changed:") if changed else Sentence("", "Nothing changed beyond chance.")]
     if same := found.of("same"):
-        blocks.append(Sentence(f"{listed(_grouped(same, found))}.", "The same:"))
+        blocks.append(Sentence(f"{listed(_grouped(same))}.", "The same:"))
     if unknown:
         blocks.append(Sentence(f"{unknown}: too uncertain to call changed or the same.", "Not known:"))
     return [*blocks]
@@ -239,35 +228,31 @@ def _changes(found: VehicleDifference) -> list[Block]:
 
 def _change(change: QuantityChange, found: VehicleDifference) -> str:
     """As in "motor 3's share −18 % ± 6 %"."""
-    _, scale, unit = QUANTITIES[change.quantity.kind]
-    difference, half = scale * change.difference, scale * change.half_width
+    (kind, motor, axis), motors = change.quantity, found.motors
+    noun, scale, unit = QUANTITIES[kind]
+    name = f"{noun} on {axis}"
+    if motor:
+        name = f"{short(motors[motor - 1]) if motor <= len(motors) else f'motor {motor}'}'s {noun}"
+    more, half = scale * change.difference, scale * change.half_width
     if change.before is None or change.after is None:
         decimals = 0 if half >= 3 else 1
-        return f"{_name(change, found)} {_signed(f'{difference:.{decimals}f}')} % ± {half:.{decimals}f} %"
+        return f"{name} {_signed(f'{more:.{decimals}f}')} % ± {half:.{decimals}f} %"
     values = f"{rounded(scale * change.before)} → {rounded(scale * change.after)} {unit}"
-    return f"{_name(change, found)} {values} ({_signed(plus_minus(difference, half))})"
+    return f"{name} {values} ({_signed(plus_minus(more, half))})"
 
 
-def _name(change: QuantityChange, found: VehicleDifference) -> str:
-    kind, motor, axis = change.quantity
-    if motor:
-        name = short(found.motors[motor - 1]) if motor <= len(found.motors) else f"motor {motor}"
-        return f"{name}'s {QUANTITIES[kind][0]}"
-    return f"{QUANTITIES[kind][0]} on {axis}"
-
-
-def _grouped(changes: Sequence[QuantityChange], found: VehicleDifference) -> list[str]:
+def _grouped(changes: Sequence[QuantityChange]) -> list[str]:
     """Names with the widest half width, those of motors together: "the shares of motors 1, 2 and 4 (± 2 %)"."""
     words = []
-    for kind in (SHARE, EFFECT):
+    for kind, ending in ((difference.SHARE, "s"), (difference.EFFECT, "")):
         if ours := [change for change in changes if change.quantity.kind == kind]:
-            noun = QUANTITIES[kind][0] + "s" * (kind == SHARE and len(ours) > 1)
+            noun = QUANTITIES[kind][0] + ending * (len(ours) > 1)
             motors = f"motor{'s' * (len(ours) > 1)} {listed(change.quantity.motor for change in ours)}"
             words.append(f"the {noun} of {motors} (± {rounded(100 * max(change.half_width for change in ours))} %)")
     for change in changes:
-        if change.quantity.kind not in (SHARE, EFFECT):
-            _, scale, unit = QUANTITIES[change.quantity.kind]
-            words.append(f"{_name(change, found)} (± {rounded(scale * change.half_width)} {unit})")
+        if not change.quantity.motor:
+            noun, scale, unit = QUANTITIES[change.quantity.kind]
+            words.append(f"{noun} on {change.quantity.axis} (± {rounded(scale * change.half_width)} {unit})")
     return words
 
 
@@ -311,14 +296,13 @@ def _vehicles(found: VehicleDifference) -> list[Block]:
 
 
 def _sureness(found: VehicleDifference) -> str:
-    """What the statements rest on."""
     before, after = (_counted(count, "flight") for count in found.flights)
     basis = f"{before} of A and {after} of B show how much flights differ."
     if max(found.flights) == 1:
         basis = (
             "A and B are one flight each, and their intervals those of one flight each: how much a flight differs from "
-            f"the next is assumed (a share by {100 * BETWEEN[SHARE]:.0f} %, a control effectiveness by "
-            f"{100 * BETWEEN[EFFECT]:.0f} %), not measured. Track several flights of each to measure it."
+            f"the next is assumed (a share by {100 * BETWEEN[difference.SHARE]:.0f} %, a control effectiveness by "
+            f"{100 * BETWEEN[difference.EFFECT]:.0f} %), not measured. Track several flights of each to measure it."
         )
     return (
         f"± are 90 % intervals. {len(found.changes)} quantities are tested together (Holm): that any is called changed "
@@ -346,7 +330,13 @@ def live_report(history: LiveHistory, status: SessionStatus, account: Mapping[st
         rows = [[f"{first:.0f} s", f"{last:.0f} s", f"{last - first:.0f} s"] for first, last in history.learned]
         blocks.append(Table(["learned from", "until", "length"], rows))
     spent = [[what[0].upper() + what[1:], f"{account[kind]:.0f} s"] for kind, what in ACCOUNT.items() if account[kind]]
-    return [*blocks, Table([f"of {sum(account.values()):.0f} s", "time"], spent), *_link(status)]
+    blocks.append(Table([f"of {sum(account.values()):.0f} s", "time"], spent))
+    if status.vehicle is not None:
+        rates = ", ".join(f"{name} {rate:.3g} Hz" for name, rate in sorted(status.rates.items()) if rate)
+        text = f"vehicle {status.vehicle}; {f'at the end {rates}; ' if rates else ''}{status.lost} messages lost, "
+        text += f"{status.late} samples too late, {status.unread} frames not decoded."
+        blocks.append(Sentence(text, "Link:"))
+    return blocks
 
 
 def event_blocks(history: LiveHistory) -> list[Block]:
@@ -376,15 +366,6 @@ def _errors(errors: Sequence[HorizonErrors], axis: str) -> Table:
     return Table(header, rows)
 
 
-def _link(status: SessionStatus) -> list[Sentence]:
-    if status.vehicle is None:
-        return []
-    rates = ", ".join(f"{name} {rate:.3g} Hz" for name, rate in sorted(status.rates.items()) if rate)
-    parts = [f"vehicle {status.vehicle}", *([f"at the end {rates}"] if rates else [])]
-    parts.append(f"{status.lost} messages lost, {status.late} samples too late, {status.unread} frames not decoded")
-    return [Sentence(f"{'; '.join(parts)}.", "Link:")]
-
-
 def truth_blocks(found: TruthComparison) -> list[Block]:
     """Returns a row a parameter with the truth beside it, and how the wind torque compares, of what was ``found``."""
     compared = list(found.parameters)
@@ -395,7 +376,14 @@ def truth_blocks(found: TruthComparison) -> list[Block]:
     blocks: list[Block] = [Sentence(f"of {found.source}; ± is the half width of the 90 % interval.{count}", "Truth:")]
     if compared:
         blocks.append(Table(["", "estimate", "truth", "error", "unit", "inside"], list(map(_row, compared))))
-    return [*blocks, *([] if found.wind is None else [_wind(found.wind)])]
+    if (wind := found.wind) is not None:
+        sizes = (with_unit(sd, readable("rad/s²")) for sd in (wind.sd, wind.true_sd))
+        text = f"correlation {wind.correlation:.2f}; standard deviation {', truth '.join(sizes)}; "
+        text += f"{100 * wind.inside:.0f} % of the samples inside the 90 % band."
+        if not wind.resolved:
+            text += " The estimate is not resolved: its expected errors are as large as itself."
+        blocks.append(Sentence(text, "Wind torque beside its truth:"))
+    return blocks
 
 
 def _row(one: ComparedParameter) -> list[str]:
@@ -414,13 +402,3 @@ def _row(one: ComparedParameter) -> list[str]:
         f"{unit}{per}{rest}",
         f"{inside}, biased" if one.status == "biased" else inside,
     ]
-
-
-def _wind(found: ComparedWind) -> Sentence:
-    unit = readable("rad/s²")
-    resolved = "" if found.resolved else " The estimate is not resolved: its expected errors are as large as itself."
-    return Sentence(
-        f"correlation {found.correlation:.2f}; standard deviation {with_unit(found.sd, unit)}, truth "
-        f"{with_unit(found.true_sd, unit)}; {100 * found.inside:.0f} % of the samples inside the 90 % band.{resolved}",
-        "Wind torque beside its truth:",
-    )

@@ -132,7 +132,7 @@ class SinkThread:
         if new := self.dropped - self._reported_drops:
             log(recording, last.time, f"{new} rows are not shown here: this view is too slow", "WARN")
             self._reported_drops += new
-        about = last.channels, self.status, last, self._until
+        about = self.status, last, self._until
         documents = {f"figures/{i}": text for i, text in enumerate(figures(*about))}
         recording.set_time(BOOT_CLOCK, duration=last.time)
         for path, text in {**documents, "status": status_document(*about)}.items():

@@ -55,11 +55,9 @@ class FlightSeries:
     """The series of a learned flight over the boot clock, s, in degrees, as plots."""
 
     def __init__(self, flights: Sequence[Flight], learned: Learned, held_out: HeldOut) -> None:
-        self.flights, self.learned, self.held_out = flights, learned, held_out
-        self.labels = Labels.of(learned)
-        self.times = [flight.time for flight in flights]
+        self.flights, self.learned, self.held_out, self.windows = flights, learned, held_out, held_out.time
+        self.labels, self.times = Labels.of(learned), [flight.time for flight in flights]
         self.clock = with_gaps(self.times, last=True)
-        self.windows = held_out.time
         after = self.windows[:, 0] > self.times[-1][-1]
         self._time = with_gaps([*self.times, *self.windows[after]], last=True)
         self._outputs = with_gaps([*(flight.outputs for flight in flights), *held_out.measured[after]])
@@ -77,12 +75,11 @@ class FlightSeries:
         forecast = np.clip(forecast, low - 9 * span, high + 9 * span)  # it may overflow
         residual = in_windows - forecast
         inner = range_of(np.clip(forecast, low - BEYOND * span, high + BEYOND * span), measured)
-        outer = range_of(np.clip(residual, -span, span))
-        seconds = f"{self.held_out.seconds:.2g} s"
-        heading = f"{named(name.capitalize(), unit.name)}: measured, and forecast in held-out windows of {seconds}"
-        left = named("Residual: measured minus forecast", unit.name)
+        what = f"measured, and forecast in held-out windows of {self.held_out.seconds:.2g} s"
+        heading = f"{named(name.capitalize(), unit.name)}: {what}"
         above = Plot(rr.new_entity_path(["outputs", name]), heading, inner)
-        below = Plot(rr.new_entity_path(["residuals", name]), left, outer)
+        left = named("Residual: measured minus forecast", unit.name)
+        below = Plot(rr.new_entity_path(["residuals", name]), left, range_of(np.clip(residual, -span, span)))
         starts, ends = self.windows[:, 0], self.windows[:, -1]
         apart = starts[1:] - ends[:-1] > 1.5 * self.learned.dt
         parts = list(zip(starts[np.append(True, apart)], ends[np.append(apart, True)], strict=True))
@@ -168,8 +165,8 @@ def _effectiveness(recording: rr.RecordingStream, series: FlightSeries) -> list[
     heading = f"{unit.name} per {series.labels.input_units[0] or 'unit'} ± {LEVEL:.0%} interval"
     motors = enumerate(zip(series.labels.input_names, values, halves, strict=True), 1)
     table = Table(["motor", heading], [[f"{n} {place(name)}", plus_minus(*pair)] for n, (name, *pair) in motors])
-    bars = _bars(recording, "effect/bars", "By motor", values, 1)
-    return [_text(recording, "effect/table", "Control effectiveness", [table]), bars]
+    words = _text(recording, "effect/table", "Control effectiveness", [table])
+    return [words, _bars(recording, "effect/bars", "By motor", values, 1)]
 
 
 def _bars(recording: rr.RecordingStream, origin: str, name: str, values: Array, first: int) -> rrb.View:
@@ -192,9 +189,8 @@ def _learning(recording: rr.RecordingStream, learned: Learned) -> rrb.Container:
     """F̄ by iteration as bars, beside what was learned."""
     energy = learned.free_energy
     first = min(2, len(energy) - 1)  # the first two may be far from all others
-    gap = (energy.total.max() - energy.total)[first:]
     heading = f"F̄ below its maximum of {energy.total.max():,.0f} nats, by iteration"
-    bars = _bars(recording, "learning/gap", heading, gap, first)
+    bars = _bars(recording, "learning/gap", heading, (energy.total.max() - energy.total)[first:], first)
     details = _text(recording, "learning/details", "The model, and how it was learned", detail_blocks(learned))
     return rrb.Horizontal(bars, details, name="Learning")
 

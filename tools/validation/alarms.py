@@ -85,8 +85,6 @@ def scenario(kind: str, number: int) -> Scenario:
 
 
 class Watched(NamedTuple):
-    kind: str
-    number: int
     hours: float  # settled
     breaks: float  # s
     motor: int  # at fault; 0: none
@@ -112,7 +110,7 @@ def watched(kind: str, number: int, rate: float) -> Watched:
     # The first two seconds are before the arming that scenarios count from.
     breaks = np.inf if kind == SOUND else begin + 2.0
     motor = 0 if kind in (SOUND, SHIFTED) else spec.weak_motor or flight.propeller.motor
-    return Watched(kind, number, hours, breaks, motor, tuple(watch.alarms))
+    return Watched(hours, breaks, motor, tuple(watch.alarms))
 
 
 @click.command(help=__doc__)
@@ -123,11 +121,9 @@ def main(rate: float, flights: int | None, jobs: int) -> None:
     asked = [(kind, number) for kind, count in KINDS.items() for number in range(min(count, flights or count))]
     with ProcessPoolExecutor(jobs) as pool:
         done = list(pool.map(watched, *zip(*asked, strict=True), [rate] * len(asked)))
-    halves = {
-        (kind, half): [one for one in done if one.kind == kind and one.number % 2 == number]
-        for kind in KINDS
-        for number, half in enumerate(("even", "odd"))
-    }
+    halves: dict[tuple[str, str], list[Watched]] = {(kind, half): [] for kind in KINDS for half in ("even", "odd")}
+    for (kind, number), one in zip(asked, done, strict=True):
+        halves[kind, ("even", "odd")[number % 2]].append(one)
     print(f"Motors at {rate:g} Hz; even numbers chose the parameters, odd ones did not.\n")
     print("| flights | half | number | found in 5 s | named right, of found | median delay, s | longest, s |")
     print("|---|---|---|---|---|---|---|")
@@ -150,8 +146,7 @@ def _found(flights: list[Watched]) -> str:
     pairs = list(zip(flights, firsts, strict=True))
     delays = np.array([np.inf if first is None else first.time - one.breaks for one, first in pairs])
     right = sum(first is not None and first.motor == one.motor for one, first in pairs)
-    found = delays[np.isfinite(delays)]
-    soon = int((delays <= IN_TIME).sum())
+    found, soon = delays[np.isfinite(delays)], int((delays <= IN_TIME).sum())
     return f"{soon} | {right} of {len(found)} | {np.median(delays):.1f} | {found.max() if len(found) else np.nan:.1f}"
 
 
