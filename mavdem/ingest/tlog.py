@@ -29,8 +29,6 @@ STAMP_BYTES = 8  # Bytes of the receive stamp before each frame
 MAX_STAMP_JUMP = 3600.0  # Seconds from its neighbours beyond which a receive stamp is wrong
 MAX_JUMP_AFTER_DAMAGE = 60.0  # The same for a stamp after damage, which may itself be damaged
 STAMP_WINDOW = 9  # Stamps whose median is compared with the one in their middle
-CHANCE_FRAMES = 1e-6
-"""Good frames a byte that belongs to none, of which a log has more; random bytes have some 1.5e-7."""
 BATCH = 1 << 16  # Stamps read together
 
 
@@ -171,5 +169,5 @@ def _require_mavlink(source: str, good: int, frames: int, skipped: int) -> None:
     if frames and not good:
         what = f"{frames} frames that look like MAVLink, but none matches a dialect that pymavlink has"
         raise Unreadable(f"{source} contains {what}: it is of another dialect or damaged throughout.")
-    if good <= CHANCE_FRAMES * skipped:
+    if good <= 1e-6 * skipped:  # random bytes have some 1.5e-7 good frames each
         raise Unreadable(f"{source} contains no MAVLink: {READABLE_FORMATS}.")

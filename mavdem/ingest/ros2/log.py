@@ -52,11 +52,11 @@ class RosTopic(NamedTuple):
 def flight_topics(channels: Iterable[Channel], schemas: Mapping[int, Schema]) -> dict[Channel, RosTopic]:
     """Returns the topic of each channel that is of a flight.
 
-    A node is MAVROS's if one of its topics has a type that only MAVROS sends.
+    A node is MAVROS's if one of its topics has a type that only MAVROS sends: other drivers send imu/data too.
     """
     typed = {channel: schemas[channel.schema].name for channel in channels if channel.schema in schemas}
     topics = {channel: topic for channel, name in typed.items() if (topic := _topic(channel, name)) is not None}
-    own = {topics[channel].vehicle for channel in topics if typed[channel].startswith(MAVROS_TYPES)}
+    own = {topics[channel].vehicle for channel in topics if typed[channel].startswith("mavros_msgs/msg/")}
     return {channel: topic for channel, topic in topics.items() if topic.bridge == PX4_BRIDGE or topic.vehicle in own}
 
 
@@ -127,8 +127,6 @@ MAVROS_TOPICS = {
     ),
 }
 """By the name after the node's, which is ``mavros`` unless it was started with another."""
-MAVROS_TYPES = "mavros_msgs/msg/"
-"""Beginning of the types that only MAVROS sends: a driver of another sensor sends imu/data too."""
 MAVROS_PERIODS = {"SERVO_OUTPUT_RAW": 2**32 / 1e6}
 """Seconds after which stamps wrap: MAVROS moves the 32 bits of SERVO_OUTPUT_RAW's as they are (plugins/rc_io.cpp)."""
 _PX4_MODES = frozenset({"ALTCTL", "POSCTL", "OFFBOARD", "STABILIZED", "RATTITUDE"})
