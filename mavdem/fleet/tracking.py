@@ -41,10 +41,7 @@ class TrackedLogs(NamedTuple):
 
 
 def assess_rows(rows: Sequence[FlightRow], baseline: Sequence[FlightRow]) -> Sequence[FlightRow]:
-    """Returns all rows of one vehicle with what its other flights say of each.
-
-    The ``baseline`` are its healthy ones; without any, its first sound flights are the reference.
-    """
+    """Returns all rows of a vehicle, each judged beside its ``baseline`` or, without any, its first sound flights."""
     unknown: dict[str, Any] = dict.fromkeys((*JUDGED, "health_reason", "residual_mean", "residual_mean_interval"))
     rows = [replace(row, health=UNKNOWN, **unknown) for row in rows]
     flown = [row for row in rows if row.status == OK]

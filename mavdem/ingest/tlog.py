@@ -49,10 +49,7 @@ def read_tlog(path: str | os.PathLike[str], progress: Progress = no_progress) ->
 
 
 def tlog_stream(path: str | os.PathLike[str], progress: Progress = no_progress) -> FrameStream:
-    """Returns the frames of a telemetry log with their receive stamps, in the order they were received.
-
-    Raises Unreadable: as ``read_tlog``.
-    """
+    """Returns the frames of a telemetry log with their stamps, in the order received; raises as ``read_tlog``."""
     source = os.fspath(path)
     data, repairs = _without_carriage_returns(mapped_bytes(path))
     stamps, tables = ReceiveStamps(data), []
@@ -126,10 +123,7 @@ class ReceiveStamps:
         self._untrusted = np.sort(np.concatenate(untrusted))
 
     def at(self, start: Places) -> Times:
-        """UNIX s (N,) of the frames that begin at ``start`` (N,), ascending.
-
-        NaN where there is no stamp or it lies far from its neighbours'.
-        """
+        """UNIX s (N,) of frames that begin at ``start`` (N,), ascending; NaN: no stamp, or far from its neighbours."""
         untrusted = np.isin(start, self._untrusted)
         return np.where(untrusted, np.nan, _stamps(self._data, start.astype(np.int64)) / 1e6)
 

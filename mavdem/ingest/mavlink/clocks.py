@@ -25,10 +25,7 @@ MIN_RESET_STAMPS = 5
 
 
 def far_off(values: Times, window: int, limit: float | Times) -> NDArray[np.bool_]:
-    """Returns which values are farther than ``limit`` from the median of the ``window`` (odd) values around them.
-
-    The ends are reflected.
-    """
+    """Returns which values are over ``limit`` from the median of a ``window`` (odd) around them; ends are reflected."""
     if not len(values):
         return np.zeros(0, dtype=np.bool_)
     half = window // 2

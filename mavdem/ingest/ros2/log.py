@@ -38,10 +38,7 @@ _TO_PX4, _FROM_PX4 = "in", "out"
 
 
 class RosTopic(NamedTuple):
-    """A topic by its ``bridge``, the namespace of its ``vehicle`` ("/uav1", or empty) and the name there ("imu/data").
-
-    ``incoming``: whether it goes to the autopilot, not from it.
-    """
+    """A topic: its ``bridge``, ``vehicle`` ("/uav1", or empty) and ``name`` there; ``incoming``: to the autopilot."""
 
     bridge: str
     vehicle: str
@@ -251,10 +248,7 @@ def _by_vehicle(tables: Sequence[tuple[RosTopic, TopicColumns]]) -> list[tuple[s
 
 
 def vehicle(topics: Mapping[RosTopic, TopicColumns], source: str) -> Telemetry | None:
-    """Returns the vehicle of one namespace's topics, by PX4's own or else MAVROS's; None without any message of it.
-
-    ``system`` is 0 where no topic has it.
-    """
+    """Returns the vehicle of a namespace's topics, PX4's or else MAVROS's, ``system`` 0 if unsaid; None without."""
     # Topics to the autopilot are used where there is none from it.
     in_turn = sorted(topics.items(), key=lambda item: not item[0].incoming)
     px4 = {topic.name: table for topic, table in in_turn if topic.bridge == PX4_BRIDGE}
