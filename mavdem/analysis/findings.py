@@ -30,8 +30,6 @@ Grade = Literal["GOOD", "LIMITED", "NOT IDENTIFIABLE"]
 GOOD: Grade = "GOOD"
 LIMITED: Grade = "LIMITED"
 NONE: Grade = "NOT IDENTIFIABLE"
-GRADE_OF_STATUS: dict[str, Grade] = {"reported": GOOD, "biased": LIMITED, "not identifiable": NONE}
-"""The best grade of a physical parameter with that status."""
 
 HALF_WIDTH = {"effect": 0.15, "damping": 1 / 3, "lag": 1 / 3, "wind": 0.25}
 """Of the 90 % interval over the estimate, up to which it is GOOD; of the wind torque that of its standard deviation.
@@ -53,7 +51,6 @@ PREDICTION_LIMITS = PredictionLimits()
 SATURATED = 0.05  # share of the time at full throttle, from which on no linear model describes the vehicle
 CHECK = "Check motors, propellers and where the load is, and fly again before this is the vehicle's reference."
 UNEVEN = 8.0  # percent of a motor beyond the mean of all: what health calls a fault's size
-LITTLE_HEADROOM = 0.1  # share of the range
 RINGING, SWINGING = 0.15, 0.4  # autocorrelation of the rate after a swing: below, as of a damping ratio of 0.3; above
 WIND_WORDS = {"light": 0.005, "moderate": 0.02, "strong": float("inf")}  # below, as a share of the motors' full torque
 ADVICE = re.compile(r"[:.] (?:fly|steer|record|log)\b[^;.]*", re.IGNORECASE)  # in a reason; left out under overrides
@@ -224,7 +221,7 @@ def _in_short(
         words = [] if condition is None else ["Motor outputs not known"]
     elif other:
         words = [other]
-    elif min(hover.headroom) < LITTLE_HEADROOM:
+    elif min(hover.headroom) < 0.1:
         words = [f"Headroom of {100 * min(hover.headroom):.0f} % only"]
     if swings < RINGING:
         words.append("well damped")
@@ -270,14 +267,14 @@ def _first_sentence(text: str) -> str:
 
 
 def _grade(name: str, share: float, status: str = "reported") -> Grade:
-    """The grade of an estimate by its ``status`` and the half ``width`` of its interval as a share of it."""
-    best = GRADE_OF_STATUS[status]
-    return LIMITED if best == GOOD and share > HALF_WIDTH[name] else best
+    """The grade of an estimate by its ``status`` and the half width of its interval, as a ``share`` of it."""
+    if status == "not identifiable":
+        return NONE
+    return LIMITED if status == "biased" or share > HALF_WIDTH[name] else GOOD
 
 
 def _effect(physical: Physical) -> tuple[Grade, str]:
-    mean, half = physical.mean_effect(LEVEL)
-    status = physical.status["effect"]
+    (mean, half), status = physical.mean_effect(LEVEL), physical.status["effect"]
     reason = f"Known to ±{100 * half / mean:.0f} %." if status == "reported" else physical.reasons["effect"]
     return _grade("effect", half / mean, status), reason
 

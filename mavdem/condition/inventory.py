@@ -28,7 +28,6 @@ CALIBRATIONS = {
 """Parameters, X, Y and Z of each, that a vehicle's own sensors have, ArduPilot's and PX4's, the more lasting first: a
 compass is calibrated anew in the field, the gyroscopes at each start."""
 SIMULATED = ((0.001, 0.001, 0.001), (5.0, 13.0, -18.0))  # Offsets that every vehicle of ArduPilot's simulator has
-OFFSETS, DIGITS = 3, 4  # The first three are offsets; significant digits, which a parameter keeps as text or float32
 FIRST_SECOND = datetime(2001, 1, 1, tzinfo=UTC).timestamp()  # A clock that was never set shows an earlier time
 
 
@@ -68,9 +67,9 @@ def _name(telemetry: Telemetry) -> tuple[str, str]:
         for family in families:
             names = [name.format(axis) for name in family.split() for axis in "XYZ"]
             values = [telemetry.parameters[name] for name in names if name in telemetry.parameters]
-            offsets = tuple(round(offset, 6) for offset in values[:OFFSETS])
+            offsets = tuple(round(offset, 6) for offset in values[:3])
             if len(values) == len(names) and any(offsets) and offsets not in SIMULATED:
-                text = " ".join(f"{value:.{DIGITS}g}" for value in values)
+                text = " ".join(f"{value:.4g}" for value in values)  # the digits that text and float32 keep
                 return f"{sensor}-{hashlib.sha256(text.encode()).hexdigest()[:12]}", sensor
     return f"{telemetry.autopilot}-{telemetry.system}".lower(), "system id"
 

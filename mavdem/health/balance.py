@@ -29,7 +29,6 @@ from mavdem.alignment.drive import AXES, MotorGeometry
 from mavdem.alignment.signals import Signals
 from mavdem.dem.engine.linalg import Array
 
-SAME = 0.99  # Cosine from which two signatures are one
 BLOCK_SECONDS = 3.0
 """Over which commands and lean are averaged: longer than the attitude's motion, shorter than most gusts."""
 FEWEST_BLOCKS = 6  # From which means and slopes have an error that can be estimated
@@ -69,7 +68,7 @@ class MotorSignatures:
         if not signatures[:, -1].all():
             return False
         cosines = signatures @ signatures.T / np.outer(size, size)
-        return bool((cosines[~np.eye(len(size), dtype=bool)] < SAME).all())
+        return bool((cosines[~np.eye(len(size), dtype=bool)] < 0.99).all())
 
 
 def motor_signatures(

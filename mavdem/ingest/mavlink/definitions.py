@@ -8,6 +8,7 @@ https://mavlink.io/en/guide/serialization.html.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import cache, lru_cache
 from math import isfinite
 from typing import Any, NamedTuple
@@ -176,17 +177,8 @@ def composed_frames(
     kept = ((column < header + length[:, None]) | (column >= header + width)) & good[:, None]
     end = np.cumsum(kept.sum(axis=1))
     start = np.concatenate([[0], end])[:-1]
-    frames = Frames(
-        start=start,
-        end=end,
-        payload=start + header,
-        length=length,
-        message_id=np.full(count, message_id, dtype=np.int64),
-        system=np.full(count, sender.system, dtype=np.uint8),
-        component=np.full(count, sender.component, dtype=np.uint8),
-        sequence=sequence,
-        verdict=np.where(good, framing.GOOD, framing.FAILED).astype(np.uint8),
-    )
+    verdict = np.where(good, framing.GOOD, framing.FAILED).astype(np.uint8)
+    frames = replace(framing.headed_frames(start, whole[:, : framing.HEADER]), end=end, verdict=verdict)
     data = whole[kept]
     body, at = start[good] + 1, end[good] - framing.CHECKSUM
     seeds = np.full(len(body), definition.seed, dtype=np.int32)
