@@ -51,19 +51,16 @@ def cautions_of(signals: Signals, figures: QualityFigures) -> tuple[str, ...]:
         cautions.append(f"{what} were left out, for {IMPOSSIBLE}.")
     for stream in (attitude, drive):
         if stream.left_out > DOUBTFUL_LOSS * stream.sent:
-            cautions.append(
-                f"{stream.left_out} of {stream.sent} {called(stream.message)} messages were left out: their time "
-                "stamps are far off or those of others, or their numbers make no sense."
-            )
+            wrong = "their time stamps are far off or those of others, or their numbers make no sense."
+            what = f"{stream.left_out} of {stream.sent} {called(stream.message)} messages"
+            cautions.append(f"{what} were left out: {wrong}")
     layout = drive.layout
     if drive.message == DEMAND_MESSAGE:
         rate = 0.0 if signals.motors is None else usual_rate(signals.motors)
         slowly = f"come too slowly ({below(rate, MINIMUM_RATE)} Hz)" if rate else "are missing"
         lead = "The" if rate >= MINIMUM_RATE else f"Motor outputs {slowly}, so the"
-        cautions.append(
-            f"{lead} input is the controller's {axis} demand, and the model includes the mixer, the motors' limits "
-            "and the battery."
-        )
+        within = "the model includes the mixer, the motors' limits and the battery."
+        cautions.append(f"{lead} input is the controller's {axis} demand, and {within}")
     if signals.telemetry.vehicle == "UNKNOWN":
         cautions.append("No heartbeat says what the vehicle is: a multirotor was assumed.")
     if layout.channels_assumed or layout.positions_assumed:

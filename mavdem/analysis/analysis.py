@@ -219,10 +219,8 @@ def flown_after(flights: Sequence[Flight], start: float) -> tuple[Flight, ...]:
         if len(one) - (skip := round(float(np.clip(begin - one.time[0], 0, one.duration)) / one.dt)) >= FEWEST_SAMPLES
     )
     if not left:
-        raise TooFewSamples(
-            f"Less than {FEWEST_SAMPLES} samples of settled flight are left after {start:g} s.",
-            "Start earlier, with a smaller --start.",
-        )
+        few = f"Less than {FEWEST_SAMPLES} samples of settled flight are left after {start:g} s."
+        raise TooFewSamples(few, "Start earlier, with a smaller --start.")
     return left
 
 

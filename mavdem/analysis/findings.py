@@ -346,10 +346,8 @@ def warnings_of(learned: Learned, held_out: HeldOut | None) -> tuple[str, ...]:
             advice = "of so few windows it may be chance" if few else "do not rely on it"
             warnings.append(f"The 90 % band held {100 * held_out.coverage:.0f} % of the held-out samples: {advice}.")
         if held_out.over_expected > limits.over_expected:
-            warnings.append(
-                f"Forecasts had {held_out.over_expected:.1f} times the squared error that was to be expected: the "
-                "flight changed, or the model is wrong."
-            )
+            larger = f"{held_out.over_expected:.1f} times the squared error that was to be expected"
+            warnings.append(f"Forecasts had {larger}: the flight changed, or the model is wrong.")
     if not learned.stable:
         warnings.append("The model is unstable: long forecasts grow without bound.")
     return tuple(warnings)
@@ -360,15 +358,12 @@ def next_step(found: Sequence[Finding]) -> str:
     grades = {finding.purpose: finding.grade for finding in found}
     effect, motion, _, prediction = (grades.get(purpose, GOOD) for purpose in PURPOSES[:4])
     if effect != GOOD or motion == NONE:
-        return (
-            "Fly half a minute of quick small movements on this axis in calm air (docs/manoeuvres.md), and learn from "
-            "that: the motors must move more than the wind makes them."
-        )
+        movements = "quick small movements on this axis in calm air (docs/manoeuvres.md)"
+        needed = "the motors must move more than the wind makes them."
+        return f"Fly half a minute of {movements}, and learn from that: {needed}"
     if motion != GOOD:
-        return (
-            "Fly such movements for longer, at a higher rate if the log allows it: rate damping and motor time "
-            "constant need both."
-        )
+        needed = "rate damping and motor time constant need both."
+        return f"Fly such movements for longer, at a higher rate if the log allows it: {needed}"
     if prediction == NONE:
         return "`mavdem compare` with this log shows whether another method predicts it better."
     if prediction != GOOD:

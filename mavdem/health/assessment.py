@@ -102,9 +102,9 @@ def _verdict(
         suspect = int(weighed.faults.argmax())
         name, lost, harder = _motor(flight, weighed, suspect)
         reason = (
-            f"{name[0].upper()}{name[1:]} {lost} with probability {likely:.2f}: it then works {harder} harder than in "
-            f"{reference}. That any motor lost thrust has probability {weighed.fault:.2f}."
+            f"{name[0].upper()}{name[1:]} {lost} with probability {likely:.2f}: it then works {harder} harder than "
         )
+        reason += f"in {reference}. That any motor lost thrust has probability {weighed.fault:.2f}."
         mean, low, high = (100 * float(value) for value in weighed.harder[:, suspect])
         return Assessment("fault", reason, weighed.fault, change, suspect + 1, likely, (mean, low, high))
     # Whatever the weights of the explanations are, what healthy flights do not show is a change.
@@ -168,10 +168,8 @@ def _too_few(usable: int, others: int, chosen: bool) -> str:
 def _too_unsure(away: Deviation, reference: str) -> str:
     """Why a flight that looks healthy is not called so."""
     unsure = ", ".join(f"{axis} ±{100 * usual:.1f} %" for axis, usual in zip(AXES, away.usual, strict=True))
-    return (
-        f"Health is unknown: a motor that lost {100 * lost_thrust():.0f} % of its thrust would not show "
-        f"beside {reference} ({unsure}), for the flight leans too much or is too short, or they differ too much."
-    )
+    lost = f"a motor that lost {100 * lost_thrust():.0f} % of its thrust would not show beside {reference} ({unsure})"
+    return f"Health is unknown: {lost}, for the flight leans too much or is too short, or they differ too much."
 
 
 def _conditions(flight: HealthFigures, others: Sequence[HealthFigures], effort: EffortChange | None) -> list[str]:

@@ -233,10 +233,9 @@ class _Scan:
         self._set(kind, FormatDefinition(definition.name, length, definition.characters, definition.fields))
         if definition.wire is None and length == definition.length:
             return  # a field of a newer type is no damage
-        self.repairs.append(
-            f"The definition (FMT) of {definition.name} says {definition.length} bytes and lists fields for "
-            f"{definition.wire_length}: its messages were {'read by the fields' if decodable else 'left out'}."
-        )
+        sizes = f"says {definition.length} bytes and lists fields for {definition.wire_length}"
+        done = "read by the fields" if decodable else "left out"
+        self.repairs.append(f"The definition (FMT) of {definition.name} {sizes}: its messages were {done}.")
 
     def _set(self, kind: int, definition: FormatDefinition, since: int = 0) -> None:
         self.definitions.setdefault(kind, []).append((since, definition))

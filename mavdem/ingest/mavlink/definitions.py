@@ -72,7 +72,8 @@ def columns(
     MAVLink 2, extensions in MAVLink 1. Bytes beyond the definition, extensions newer than the dialect, are left out.
     Texts are bytes, ``S``. ``names`` are the fields, all unless given.
     """
-    fields = {name: (definition.wire.fields or {})[name][:2] for name in tuple(names) or definition.fields}
+    placed: Any = definition.wire.fields
+    fields = {name: placed[name][:2] for name in tuple(names) or definition.fields}
     # Read from the stretch of the payload that holds them.
     first = min(offset for _, offset in fields.values())
     width = max(offset + kind.itemsize for kind, offset in fields.values()) - first
