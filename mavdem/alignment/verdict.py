@@ -66,11 +66,9 @@ def cautions_of(signals: Signals, figures: QualityFigures) -> tuple[str, ...]:
     if layout.channels_assumed or layout.positions_assumed:
         cautions.append(f"Which motor is which was assumed: {layout.basis}.")
     if figures.output_snr is not None and figures.output_snr < DOUBTFUL_SNR:
-        cautions.append(
-            f"The {_measured(axis, 'or')} is near the resolution of the stream (steps of {_steps(axis, figures)}): "
-            "rounding can shrink what is learnt of the dynamics by "
-            f"{100 * min(1.0, 1 / (1 + figures.output_snr)):.0f} %."
-        )
+        near = f"near the resolution of the stream (steps of {_steps(axis, figures)})"
+        shrunk = f"what is learnt of the dynamics by {100 * min(1.0, 1 / (1 + figures.output_snr)):.0f} %."
+        cautions.append(f"The {_measured(axis, 'or')} is {near}: rounding can shrink {shrunk}")
     if figures.consistency is not None and figures.consistency < DOUBTFUL_CONSISTENCY:
         cautions.append(f"The rate explains only {figures.consistency:.2f} of the angle's changes: noise, or an alias.")
     return tuple(cautions)

@@ -152,11 +152,7 @@ def hover_figures(flights: Sequence[Flight], scale: OutputScale | None = None) -
 
 
 def _figures(
-    names: tuple[str, ...],
-    scale: OutputScale,
-    seconds: float,
-    outputs: Array,
-    lean: Mapping[str, float],
+    names: tuple[str, ...], scale: OutputScale, seconds: float, outputs: Array, lean: Mapping[str, float]
 ) -> HoverFigures:
     shares = scale.fraction(outputs)
     trims = shares.mean(axis=0)

@@ -215,15 +215,13 @@ def _vehicle(
         signals = Signals(telemetry, axis, inputs)
         known = verdict_of(signals, log.components), condition_of(signals), identity_of(signals, log.receive_time[0])
     verdict, condition, identity = known
+    messages = sorted(telemetry.messages.items())
     return {
         **{name: getattr(telemetry, name) for name in ("system", "component", "vehicle", "autopilot")},
         "translated_from": telemetry.translated_from,
         "names": {name: telemetry.names[name] for name in sorted(telemetry.messages) if name in telemetry.names},
         "parameters": len(telemetry.parameters),
-        "messages": {
-            name: {"count": len(columns["time"]), "rate": _rate(columns)}
-            for name, columns in sorted(telemetry.messages.items())
-        },
+        "messages": {name: {"count": len(sent["time"]), "rate": _rate(sent)} for name, sent in messages},
         "boots": len(set().union(*(np.unique(columns["boot"]).tolist() for columns in telemetry.messages.values()))),
         "segments": [{**asdict(segment), "duration": segment.duration} for segment in verdict.segments],
         "repairs": list(telemetry.repairs),

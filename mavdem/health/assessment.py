@@ -123,10 +123,8 @@ def _drift(
     reference: str,
 ) -> str:
     """What changed, with its ``probability``, and what may explain it."""
-    changed = ", ".join(
-        f"{axis} {100 * change:+.1f} % (usual ±{100 * usual:.1f} %)"
-        for axis, change, usual in zip(AXES, away.change, away.usual, strict=True)
-    )
+    each = zip(AXES, away.change, away.usual, strict=True)
+    changed = ", ".join(f"{axis} {100 * by:+.1f} % (usual ±{100 * usual:.1f} %)" for axis, by, usual in each)
     if away.beyond and probability < DRIFT:
         return f"Outside the 99.9 % range of {reference}: {changed}."
     differs = f"Differs from {reference} (probability {probability:.2f})"

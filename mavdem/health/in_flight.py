@@ -237,10 +237,8 @@ class MotorWatch:
         null = _log_t(changes, 0.0)
         sized = SIZES[:, np.newaxis, np.newaxis, np.newaxis] * self._signatures[:, np.newaxis]
         by_window = _log_sum(_log_t(changes, sized)) - log(len(SIZES)) - null  # (k, w)
-        load, *rest = (
-            _log_t(changes, 0.0, OTHER_SD**2 * free) - null
-            for free in (self._flat, 1 - self._flat, np.ones_like(self._flat))
-        )
+        kinds = self._flat, 1 - self._flat, np.ones_like(self._flat)
+        load, *rest = (_log_t(changes, 0.0, OTHER_SD**2 * free) - null for free in kinds)
         motors = _log_sum(by_window.T) - log(len(by_window))
         others = _log_sum([_log_sum(factors) for factors in rest])
         best = int(np.argmax(motors))
