@@ -199,8 +199,23 @@ def difference_blocks(found: VehicleDifference) -> list[Block]:
     covered = "shares for the lean and mean control effectiveness for battery and mean output"
     allowed = f" Intervals that allow for conditions: {covered}." * any(change.allowance for change in found.changes)
     conditions = Sentence(f"{words}.{allowed}", "Conditions, no change of the vehicle:")
-    sure = [Sentence(_sureness(found), "How sure:")] if found.changes else []
-    return [*_changes(found), *missing, conditions, *_vehicles(found), *sure]
+    blocks = [*_changes(found), *missing, conditions, *_vehicles(found)]
+    if found.changes:
+        before, after = (_counted(count, "flight") for count in found.flights)
+        basis = f"{before} of A and {after} of B show how much flights differ."
+        if max(found.flights) == 1:
+            share, effect = (f"{100 * BETWEEN[kind]:.0f} %" for kind in (difference.SHARE, difference.EFFECT))
+            basis = (
+                "A and B are one flight each, and their intervals those of one flight each: how much a flight differs "
+                f"from the next is assumed (a share by {share}, a control effectiveness by {effect}), not measured. "
+                "Track several flights of each to measure it."
+            )
+        text = f"± are 90 % intervals. {len(found.changes)} quantities are tested together (Holm): that any is called "
+        text += (
+            f"changed when none did has a chance of at most {100 * FAMILY_ERROR:.0f} %, as far as the intervals hold."
+        )
+        blocks.append(Sentence(f"{text} {basis}", "How sure:"))
+    return blocks
 
 
 def baseline_blocks(latest: FlightRow, found: VehicleDifference | None) -> list[Block]:
@@ -295,29 +310,20 @@ def _vehicles(found: VehicleDifference) -> list[Block]:
     return [Sentence(named, "Caution:")] if found.shared else []
 
 
-def _sureness(found: VehicleDifference) -> str:
-    before, after = (_counted(count, "flight") for count in found.flights)
-    basis = f"{before} of A and {after} of B show how much flights differ."
-    if max(found.flights) == 1:
-        basis = (
-            "A and B are one flight each, and their intervals those of one flight each: how much a flight differs from "
-            f"the next is assumed (a share by {100 * BETWEEN[difference.SHARE]:.0f} %, a control effectiveness by "
-            f"{100 * BETWEEN[difference.EFFECT]:.0f} %), not measured. Track several flights of each to measure it."
-        )
-    return (
-        f"± are 90 % intervals. {len(found.changes)} quantities are tested together (Holm): that any is called changed "
-        f"when none did has a chance of at most {100 * FAMILY_ERROR:.0f} %, as far as the intervals hold. {basis}"
-    )
-
-
 def live_report(history: LiveHistory, status: SessionStatus, account: Mapping[str, float], axis: str) -> list[Block]:
     """Returns the errors of what was predicted on an ``axis``, and the parts trained on, by the vehicle's clock.
 
     ``history`` was collected in flight, ``status`` is that at its end; ``account`` are seconds by the keys of
     ``ACCOUNT``.
     """
-    errors = history.errors()
-    blocks: list[Block] = [Sentence("", lead=_live_headline(errors, axis))]
+    errors, angle = history.errors(), readable("rad")
+    headline = f"Nothing of {axis} was predicted: there was no settled flight to learn from."
+    if errors:
+        best = min(errors, key=lambda one: abs(one.seconds - AHEAD))
+        ours, held = (with_unit(sqrt(square[0]), angle) for square in (best.mse, best.held))
+        headline = f"{axis.capitalize()} was predicted {best.seconds:.2g} s ahead with an RMSE of {ours} (baseline "
+        headline += f"{held}); {100 * best.inside[0]:.0f} % of the samples were inside the 90 % band."
+    blocks: list[Block] = [Sentence("", headline)]
     blocks += [Sentence(alarm.sentence.removeprefix("Alarm: "), "Motors:") for alarm in status.alarms]
     if any(alarm.motor is not None for alarm in status.alarms):
         blocks.append(Sentence(FALSE_ALARMS_BASIS, "False alarms:"))
@@ -343,17 +349,6 @@ def event_blocks(history: LiveHistory) -> list[Block]:
     """Returns what happened when, by the ``history`` of a live flight."""
     rows = [[f"{event.seconds:.1f} s" if isfinite(event.seconds) else "–", event.sentence] for event in history.events]
     return [Table(["boot clock", "what happened"], rows, words=True)] if rows else [Sentence("Nothing happened.")]
-
-
-def _live_headline(errors: Sequence[HorizonErrors], axis: str) -> str:
-    if not errors:
-        return f"Nothing of {axis} was predicted: there was no settled flight to learn from."
-    best = min(errors, key=lambda one: abs(one.seconds - AHEAD))
-    ours, held = (degrees(sqrt(square[0])) for square in (best.mse, best.held))
-    return (
-        f"{axis.capitalize()} was predicted {best.seconds:.2g} s ahead with an RMSE of {ours:.2g}° (baseline "
-        f"{held:.2g}°); {100 * best.inside[0]:.0f} % of the samples were inside the 90 % band."
-    )
 
 
 def _errors(errors: Sequence[HorizonErrors], axis: str) -> Table:

@@ -46,8 +46,10 @@ def write_recording(
     found = findings_of(learned, held_out) if found is None else found
     with recorded(path, Path(str(flights[0].provenance.get("source", path))).name) as recording:
         report = _text(recording, "report", "Report", [title(flights), *screen(learned, held_out, found=found)])
-        pictures = _flight(recording, series, found), _details(recording, series), _learning(recording, learned)
-        tabs = rrb.Tabs(*pictures, report, active_tab=0)
+        others = [plot for i in range(1, len(series.labels.output_names)) for plot in series.output(i)]
+        details = _drawn(recording, series, [*others, series.motors(), *series.dem()])
+        flight, learning = _flight(recording, series, found), _learning(recording, learned)
+        tabs = rrb.Tabs(flight, rrb.Vertical(*details, name="Details"), learning, report, active_tab=0)
         recording.send_blueprint(blueprint(tabs, play_state="paused"), make_active=False)
 
 
@@ -176,13 +178,6 @@ def _bars(recording: rr.RecordingStream, origin: str, name: str, values: Array, 
     bars = rr.BarChart(values, abscissa=left, widths=np.full(len(values), width), color=colour)
     recording.log(origin, bars, static=True)
     return rrb.BarChartView(origin=origin, name=name, plot_legend=rrb.PlotLegend(visible=False))
-
-
-def _details(recording: rr.RecordingStream, series: FlightSeries) -> rrb.Container:
-    """The other outputs, the motors, and what DEM makes of each sample."""
-    others = range(1, len(series.labels.output_names))
-    plots = [*(plot for i in others for plot in series.output(i)), series.motors(), *series.dem()]
-    return rrb.Vertical(*_drawn(recording, series, plots), name="Details")
 
 
 def _learning(recording: rr.RecordingStream, learned: Learned) -> rrb.Container:
