@@ -10,15 +10,13 @@ from mavdem.ingest.vocabulary import UNNAMED
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.numbers import listed, plus_minus, rounded
 
-TIER_WORDS = {"a": "full model", "b": "slow motion", "c": "condition only"}
-"""What a tier is called where it is shown."""
-BASES = {
+TIER_WORDS = {"a": "full model", "b": "slow motion", "c": "condition only"}  # what a tier is called where it is shown
+BASES = {  # what a vehicle's name is made of, in words
     "board": "the number of its board",
     "accelerometer": "its accelerometer's calibration",
     "compass": "its compass's calibration",
     "system id": "its system id only, which other vehicles have too",
 }
-"""What a vehicle's name is made of, in words."""
 SLOW_HZ = 0.95  # messages below this rate are listed together: they are too slow to describe the motion
 MIN_LOST_SHARE = 0.01  # share of missing sequence numbers from which it is reported; less is a radio link in good order
 

@@ -34,7 +34,6 @@ from mavdem.report.condition import TIER_WORDS
 from mavdem.report.numbers import listed, named, plus_minus, readable, rounded, short, with_unit
 
 TROUBLE = HEALTHS[:2]
-LARGEST_ERROR = 10.0  # of the truth, from which on it is not shown in percent
 MAX_NAMED = 12  # vehicles in a sentence
 MAX_REASONS = 8  # rows of the table of logs that could not be used
 QUANTITIES = {
@@ -45,7 +44,6 @@ QUANTITIES = {
     difference.LAG: ("motor time constant", 1e3, "ms"),
 }
 """What a kind of quantity is called, and the scale and unit that it is shown in."""
-MIN_LEAN, MIN_SHARE = 2.0, 0.02  # degrees, and share of a voltage or output, from which a difference is reported
 
 
 def fleet_blocks(rows: Sequence[FlightRow]) -> list[Block]:
@@ -281,13 +279,13 @@ def _condition_words(before: Conditions, after: Conditions) -> list[str]:
         words = [f"battery {before.voltage:.1f} → {after.voltage:.1f} V"]
     if before.collective and after.collective:
         change = after.collective / before.collective - 1
-        more = f"{100 * change:+.0f} % (payload, battery or climbing)" if abs(change) >= MIN_SHARE else "the same"
+        more = f"{100 * change:+.0f} % (payload, battery or climbing)" if abs(change) >= 0.02 else "the same"
         words.append(f"the motors' mean output {more}")
     leans = (before.lean_roll, after.lean_roll), (before.lean_pitch, after.lean_pitch)
     roll, pitch = (None if a is None or b is None else degrees(b - a) for a, b in leans)
     if roll is None or pitch is None:
         words.append("lean not known in both")
-    elif hypot(roll, pitch) < MIN_LEAN:
+    elif hypot(roll, pitch) < 2.0:
         words.append("lean the same")
     else:
         words.append(f"another lean: {roll:+.0f}° of roll and {pitch:+.0f}° of pitch (wind, or flown forward)")
@@ -386,7 +384,7 @@ def _row(one: ComparedParameter) -> list[str]:
     angle, per, rest = one.unit.partition(" per ")
     unit, scale = ("ms", 1e3) if one.unit == "s" else readable(angle)
     estimate, half, truth = (scale * value for value in (one.estimate, one.half_width, one.truth))
-    near = abs(estimate - truth) < LARGEST_ERROR * abs(truth)
+    near = abs(estimate - truth) < 10.0 * abs(truth)
     inside = {None: one.status, True: "yes", False: "no"}[one.inside]
     words = {"mean effect": "mean effectiveness", "damping": "rate damping", "lag of the motors": "motor time constant"}
     return [

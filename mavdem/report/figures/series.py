@@ -30,8 +30,6 @@ from mavdem.report.figures.systems import SystemPlots
 from mavdem.report.numbers import AxisCommand, Labels, left_free, readable
 from mavdem.report.palette import HELD_OUT_OPACITY, MEASURED, TRUTH, distinct
 
-WINDOWS = 8  # that are shown in full
-HIGHEST_HERTZ = 10.0  # of the spectrum: what is faster is noise of the sensors
 END = 1.06  # of the iterations, where the final parameters stand
 
 
@@ -127,7 +125,7 @@ class Plots(SystemPlots):
                 above.axvspan(*ends, color=palette.GUST, alpha=0.3, linewidth=0, label="" if number else "gust")
             above.set(xlabel="time since boot (s)", ylabel=f"wind torque ({unit.name})")
             legend_above(above)
-            shown = (wind.spectrum[0] > 0) & (wind.spectrum[0] <= HIGHEST_HERTZ)
+            shown = (wind.spectrum[0] > 0) & (wind.spectrum[0] <= 10.0)  # Hz: what is faster is noise of the sensors
             frequency, density, model = (values[shown] for values in wind.spectrum)
             below.plot(frequency, unit.scale**2 * density, color=palette.DISTURBANCE, label="wind torque")
             below.plot(frequency, unit.scale**2 * model, color=MEASURED, label="model of it", dashes=(4, 2))
@@ -237,7 +235,7 @@ class Plots(SystemPlots):
         return figure
 
 
-def forecast(held: HeldOut, labels: Labels, output: int = 0, windows: int = WINDOWS) -> Figure:
+def forecast(held: HeldOut, labels: Labels, output: int = 0, windows: int = 8) -> Figure:
     """Draws an output beside its forecasts in some windows that no model saw, and the error in every window.
 
     Shown in full are ``windows`` neighbours with errors nearest to the median, not the best; each is forecast anew.
@@ -262,7 +260,7 @@ def forecast(held: HeldOut, labels: Labels, output: int = 0, windows: int = WIND
         )
         axes.plot(time, lines, color=MEASURED, linewidth=1.1, label="measured", zorder=2.1)
         axes.plot(time, middle, color=palette.PREDICTED, label="forecast")
-        band(axes, time, middle - half_width, middle + half_width, palette.BAND, "90 % band")
+        band(axes, time, middle - half_width, middle + half_width, palette.PREDICTED, "90 % band")
         not_blown_up(axes, measured[shown], 0.5)
         axes.vlines(held.time[shown, 0], *axes.get_ylim(), MEASURED, linewidth=0.6, alpha=0.5, zorder=1)
         axes.set(ylabel=f"{name} ({unit.name})", xlabel="" if several else "time since boot (s)")
