@@ -52,6 +52,11 @@ def readable(unit: str) -> Readable:
     return Readable(unit, 1.0)
 
 
+def per(unit: Readable, of: str) -> str:
+    """Returns the unit of what one unit ``of`` the input does: "°/s per µs"."""
+    return f"{unit.name or '1'} per {of or 'unit of input'}"
+
+
 def named(name: str, unit: str) -> str:
     """Returns the ``name`` with its ``unit``, where it has one."""
     return f"{name}, {unit}" if unit else name

@@ -22,7 +22,7 @@ from mavdem.dem.record import Record
 from mavdem.live import SessionStatus
 from mavdem.live.history import AHEAD, sentence
 from mavdem.report.blocks import markdown
-from mavdem.report.numbers import named, place, plus_minus, readable, state_names, with_unit
+from mavdem.report.numbers import named, per, place, plus_minus, readable, state_names, with_unit
 from mavdem.report.palette import BAD, BAND_OPACITY, BOUND, COMMAND, DISTURBANCE, MEASURED, PREDICTED, distinct
 from mavdem.report.screen import verdict_blocks
 from mavdem.view.plots import BOOT_CLOCK, Lines, blueprint, faint
@@ -295,7 +295,7 @@ def figures(status: SessionStatus, row: ViewRow, until: float | None) -> tuple[s
     elif now is not None and now.physical is not None:
         torque = "not identifiable", ""
     if now is not None and now.physical is not None:
-        physical, names = now.physical, (f"{unit.name} per {channels.input_units[0] or 'unit'}", "1/s")
+        physical, names = now.physical, (per(unit, channels.input_units[0]), "1/s")
         mean = [unit.scale * value for value in physical.mean_effect(LEVEL)]
         pairs = zip((mean, (physical.damping, physical.interval(LEVEL).damping)), names, strict=True)
         words = [f"{plus_minus(*pair)} {name}" if isfinite(pair[1]) else "not identifiable" for pair, name in pairs]

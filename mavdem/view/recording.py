@@ -20,7 +20,7 @@ from mavdem.flight import Flight
 from mavdem.report import palette
 from mavdem.report.blocks import Block, Table, markdown
 from mavdem.report.details import detail_blocks
-from mavdem.report.numbers import AxisCommand, Labels, named, place, plus_minus, readable, state_names
+from mavdem.report.numbers import AxisCommand, Labels, named, per, place, plus_minus, readable, state_names
 from mavdem.report.screen import screen, title, verdict_blocks
 from mavdem.view.plots import Plot, blueprint, faint, range_of, recorded, with_gaps
 
@@ -164,7 +164,7 @@ def _effectiveness(recording: rr.RecordingStream, series: FlightSeries) -> list[
     if physical is None or physical.status["effect"] == "not identifiable":
         return []
     values, halves = unit.scale * physical.effect, unit.scale * physical.interval(LEVEL).effect
-    heading = f"{unit.name} per {series.labels.input_units[0] or 'unit'} ± {LEVEL:.0%} interval"
+    heading = f"{per(unit, series.labels.input_units[0])} ± {LEVEL:.0%} interval"
     motors = enumerate(zip(series.labels.input_names, values, halves, strict=True), 1)
     table = Table(["motor", heading], [[f"{n} {place(name)}", plus_minus(*pair)] for n, (name, *pair) in motors])
     words = _text(recording, "effect/table", "Control effectiveness", [table])

@@ -27,7 +27,7 @@ from mavdem.report import palette
 from mavdem.report.figures import style
 from mavdem.report.figures.style import HAIRLINE, THIN, Room, band, legend_above, not_blown_up, note, picture
 from mavdem.report.figures.systems import SystemPlots
-from mavdem.report.numbers import AxisCommand, Labels, left_free, readable
+from mavdem.report.numbers import AxisCommand, Labels, left_free, per, readable
 from mavdem.report.palette import HELD_OUT_OPACITY, MEASURED, TRUTH, distinct
 
 END = 1.06  # of the iterations, where the final parameters stand
@@ -167,7 +167,7 @@ class Plots(SystemPlots):
                 unit = readable("rad/s²")
                 half = unit.scale * physical.interval(LEVEL).effect
                 _bars(panels[0], unit.scale * physical.effect, half, 0.0, palette.PREDICTED)
-                panels[0].set(title="effectiveness", xlabel=style.per(unit.name, labels.input_units[0]))
+                panels[0].set(title="effectiveness", xlabel=per(unit, labels.input_units[0]))
                 note(figure, f"Whiskers: {100 * LEVEL:.0f} % intervals of the control effectiveness.")
             if hover is not None:
                 imbalance, headroom = panels[-2:]
