@@ -36,14 +36,13 @@ from mavdem.report.numbers import listed, named, plus_minus, readable, rounded, 
 TROUBLE = HEALTHS[:2]
 MAX_NAMED = 12  # vehicles in a sentence
 MAX_REASONS = 8  # rows of the table of logs that could not be used
-QUANTITIES = {
+QUANTITIES = {  # what a kind of quantity is called, and the scale and unit that it is shown in
     difference.SHARE: ("share", 100.0, "%"),
     difference.EFFECT: ("control effectiveness", 100.0, "%"),
     difference.MEAN_EFFECT: ("mean control effectiveness", 100.0, "%"),
     difference.DAMPING: ("rate damping", 1.0, "1/s"),
     difference.LAG: ("motor time constant", 1e3, "ms"),
 }
-"""What a kind of quantity is called, and the scale and unit that it is shown in."""
 
 
 def fleet_blocks(rows: Sequence[FlightRow]) -> list[Block]:

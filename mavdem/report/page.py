@@ -166,7 +166,7 @@ def flight_page(file: str, analyses: Mapping[str, LogAnalysis], index: str = "..
     return log_page(Sentence(subtitle, file), blocks, analyses, back=("Fleet", index))
 
 
-PICTURES = {
+PICTURES = {  # title and caption by the method of ``learned.plot`` that draws it
     "forecast": (
         "Forecast of {output}",
         "Windows that no model saw which forecasts them, each from what came before it, with the motors as recorded. "
@@ -187,7 +187,6 @@ PICTURES = {
     ),
     "learning": ("Learning", "The free energy action F̄, its terms and the parameters by iteration."),
 }
-"""Title and caption by the method of ``learned.plot`` that draws it."""
 FEW_PICTURES = "forecast", "disturbance", "motors"
 SYSTEM_PICTURES = "bode", "step", "poles"  # what motors' effect, damping and lag show; nothing where these are unknown
 
