@@ -22,7 +22,7 @@ from mavdem.condition.inventory import inventory
 from mavdem.dem import Settings
 from mavdem.errors import advice, missing
 from mavdem.evaluate.windows import Length
-from mavdem.export.channels import write_channels
+from mavdem.export.conversion import write_channels
 from mavdem.report.blocks import Block, Sentence
 from mavdem.report.details import detail_blocks
 from mavdem.report.flights import truth_blocks
