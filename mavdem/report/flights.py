@@ -31,7 +31,7 @@ from mavdem.health.in_flight import FALSE_ALARMS_BASIS
 from mavdem.live.history import ACCOUNT, AHEAD, HorizonErrors, LiveHistory, SessionStatus
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.condition import TIER_WORDS
-from mavdem.report.numbers import listed, named, plus_minus, readable, rounded, short, with_unit
+from mavdem.report.numbers import TORQUE, listed, named, plus_minus, readable, rounded, short, with_unit
 
 TROUBLE = HEALTHS[:2]
 MAX_NAMED = 12  # vehicles in a sentence
@@ -288,10 +288,9 @@ def _condition_words(before: Conditions, after: Conditions) -> list[str]:
         words.append("lean the same")
     else:
         words.append(f"another lean: {roll:+.0f}° of roll and {pitch:+.0f}° of pitch (wind, or flown forward)")
-    unit = readable("rad/s²")
     for axis in sorted(before.wind_torque.keys() & after.wind_torque.keys(), reverse=True):  # roll first
-        torques = (rounded(unit.scale * state.wind_torque[axis]) for state in (before, after))
-        words.append(f"wind torque on {axis} {' → '.join(torques)} {unit.name}")
+        torques = (rounded(TORQUE.scale * state.wind_torque[axis]) for state in (before, after))
+        words.append(f"wind torque on {axis} {' → '.join(torques)} {TORQUE.name}")
     return words
 
 
@@ -369,7 +368,7 @@ def truth_blocks(found: TruthComparison) -> list[Block]:
     if compared:
         blocks.append(Table(["", "estimate", "truth", "error", "unit", "inside"], list(map(_row, compared))))
     if (wind := found.wind) is not None:
-        sizes = (with_unit(sd, readable("rad/s²")) for sd in (wind.sd, wind.true_sd))
+        sizes = (with_unit(sd, TORQUE) for sd in (wind.sd, wind.true_sd))
         text = f"correlation {wind.correlation:.2f}; standard deviation {', truth '.join(sizes)}; "
         text += f"{100 * wind.inside:.0f} % of the samples inside the 90 % band."
         if not wind.resolved:

@@ -52,6 +52,9 @@ def readable(unit: str) -> Readable:
     return Readable(unit, 1.0)
 
 
+TORQUE = readable("rad/s²")  # of torques and of effects, by the axis's inertia
+
+
 def per(unit: Readable, of: str) -> str:
     """Returns the unit of what one unit ``of`` the input does: "°/s per µs"."""
     return f"{unit.name or '1'} per {of or 'unit of input'}"

@@ -21,7 +21,7 @@ from mavdem.evaluate.held_out import BASELINES, FORECAST, PREDICTION, HeldOut
 from mavdem.flight import Flight
 from mavdem.report.blocks import Block, Sentence, Table, text_of
 from mavdem.report.condition import condition_sentences, identity_sentence, tier_sentences
-from mavdem.report.numbers import Labels, listed, outputs_of, per, plus_minus, readable, rounded, short
+from mavdem.report.numbers import TORQUE, Labels, listed, outputs_of, per, plus_minus, rounded, short
 
 ROWS = {FORECAST: "forecast, motors recorded", PREDICTION: "prediction, motors unknown"}  # beside the baselines
 PURPOSE_WORDS = {
@@ -38,7 +38,6 @@ MOTION = (
     ("delay", "delay", 1e3, "ms"),
 )
 INTERVAL = f"± is the half width of the {100 * LEVEL:.0f} % interval."
-TORQUE = readable("rad/s²")
 
 
 def screen(

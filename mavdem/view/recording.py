@@ -20,7 +20,7 @@ from mavdem.flight import Flight
 from mavdem.report import palette
 from mavdem.report.blocks import Block, Table, markdown
 from mavdem.report.details import detail_blocks
-from mavdem.report.numbers import AxisCommand, Labels, named, per, place, plus_minus, readable, state_names
+from mavdem.report.numbers import TORQUE, AxisCommand, Labels, named, per, place, plus_minus, readable, state_names
 from mavdem.report.screen import screen, title, verdict_blocks
 from mavdem.view.plots import Plot, blueprint, faint, range_of, recorded, with_gaps
 
@@ -112,7 +112,7 @@ class FlightSeries:
 
     def wind(self) -> Plot | None:
         """Returns the wind torque with its band, and gusts behind it; None where it is not known."""
-        wind, unit = known_wind(self.learned.wind, self.learned.physical), readable("rad/s²")
+        wind, unit = known_wind(self.learned.wind, self.learned.physical), TORQUE
         if wind is None or len(wind.torque) != sum(map(len, self.flights)):
             return None
         torque, band = (self._with_gaps(unit.scale * values) for values in (wind.torque, wind.band))
@@ -160,7 +160,7 @@ def _flight(recording: rr.RecordingStream, series: FlightSeries, found: Findings
 
 def _effectiveness(recording: rr.RecordingStream, series: FlightSeries) -> list[rrb.View]:
     """Bars of the motors in their order, below a table with their names and intervals; nothing where not known."""
-    physical, unit = series.learned.physical, readable("rad/s²")
+    physical, unit = series.learned.physical, TORQUE
     if physical is None or physical.status["effect"] == "not identifiable":
         return []
     values, halves = unit.scale * physical.effect, unit.scale * physical.interval(LEVEL).effect

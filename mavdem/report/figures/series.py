@@ -27,7 +27,7 @@ from mavdem.report import palette
 from mavdem.report.figures import style
 from mavdem.report.figures.style import HAIRLINE, THIN, Room, band, legend_above, not_blown_up, note, picture
 from mavdem.report.figures.systems import SystemPlots
-from mavdem.report.numbers import AxisCommand, Labels, left_free, per, readable
+from mavdem.report.numbers import TORQUE, AxisCommand, Labels, left_free, per, readable
 from mavdem.report.palette import HELD_OUT_OPACITY, MEASURED, TRUTH, distinct
 
 END = 1.06  # of the iterations, where the final parameters stand
@@ -107,7 +107,7 @@ class Plots(SystemPlots):
             ValueError: the wind torque is not identifiable.
         """
         learned = self.learned
-        wind, record, unit = known_wind(learned.wind, learned.physical), learned.record, readable("rad/s²")
+        wind, record, unit = known_wind(learned.wind, learned.physical), learned.record, TORQUE
         if wind is None:
             raise ValueError("there is no wind torque to show: it is not identifiable in this flight")
         with picture(4.0, Room(left=0.8, rows=0.7)) as figure:
@@ -164,10 +164,9 @@ class Plots(SystemPlots):
                 axes.tick_params(axis="y", length=0)
                 axes.set_ylim(len(names) - 0.4, -0.6)
             if physical is not None:
-                unit = readable("rad/s²")
-                half = unit.scale * physical.interval(LEVEL).effect
-                _bars(panels[0], unit.scale * physical.effect, half, 0.0, palette.PREDICTED)
-                panels[0].set(title="effectiveness", xlabel=per(unit, labels.input_units[0]))
+                half = TORQUE.scale * physical.interval(LEVEL).effect
+                _bars(panels[0], TORQUE.scale * physical.effect, half, 0.0, palette.PREDICTED)
+                panels[0].set(title="effectiveness", xlabel=per(TORQUE, labels.input_units[0]))
                 note(figure, f"Whiskers: {100 * LEVEL:.0f} % intervals of the control effectiveness.")
             if hover is not None:
                 imbalance, headroom = panels[-2:]
@@ -314,7 +313,7 @@ def live_flight(history: LiveHistory, name: str) -> Figure:
     lines = history.lines
     if not np.isfinite(lines.measured).any():
         raise ValueError("no attitude came")
-    angle, torque = readable("rad"), readable("rad/s²")
+    angle, torque = readable("rad"), TORQUE
     with picture(3.4, Room()) as figure:
         above, below = figure.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": [3, 2]})
         for axes, mean, half, unit, colour, label in (
