@@ -61,10 +61,7 @@ def seconds(scenario: Scenario) -> float:
 
 
 class Plan:
-    """Spin up, climb for three seconds or as long as it takes, hover and be excited, descend, and wait.
-
-    Raises ValueError: the duration leaves no time to hover.
-    """
+    """Spin up, climb for 3 s or longer, hover and be excited, descend, wait; raises ValueError: no time to hover."""
 
     def __init__(self, scenario: Scenario, cycle: float) -> None:
         self._times = times(scenario)

@@ -89,10 +89,7 @@ class Simulation:
         return True
 
     def advance(self, cycles: int) -> Motion:
-        """The next ``cycles`` rows, fewer at the end of the flight.
-
-        Raises ValueError: the vehicle tumbles, more than anything that flies.
-        """
+        """The next ``cycles`` rows, fewer at the end; raises ValueError: it tumbles, more than anything that flies."""
         rows: list[tuple[float, ...]] = []
         for _ in range(cycles):
             if self.finished:
@@ -169,10 +166,7 @@ class Simulation:
 
 
 def fly(scenario: Scenario, progress: Callable[[float], None] | None = None) -> Motion:
-    """A whole flight; ``progress`` is called with the share flown, 0 to 1, about once a second of flight.
-
-    Raises ValueError: the vehicle tumbles, more than anything that flies.
-    """
+    """A whole flight; ``progress`` gets the share flown, once a second of it. Raises ValueError: it tumbles."""
     simulation, whole, pieces = Simulation(scenario), seconds(scenario), list[Motion]()
     while not simulation.finished:
         pieces.append(simulation.advance(round(1 / simulation.cycle)))

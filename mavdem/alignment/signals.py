@@ -319,10 +319,7 @@ def usual_rate(stream: Attitude | Motors) -> float:
 
 
 def attitude(telemetry: Telemetry, axis: str) -> Attitude | None:
-    """Returns angle and body rate of ``axis``, "roll", "pitch" or "yaw".
-
-    From ATTITUDE or, where it comes clearly faster, ATTITUDE_QUATERNION.
-    """
+    """Returns angle and body rate of ``axis``, from ATTITUDE or, where that is clearly faster, ATTITUDE_QUATERNION."""
     message = preferred_message(message_counts(telemetry, ATTITUDE_MESSAGES))
     if message is None:
         return None

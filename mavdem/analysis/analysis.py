@@ -211,10 +211,7 @@ def slow_motion_refusal(held_out: HeldOut) -> str:
 
 
 def flown_after(flights: Sequence[Flight], start: float) -> tuple[Flight, ...]:
-    """Returns what of ``flights`` is flown ``start`` seconds after the first sample and later.
-
-    Raises ``TooFewSamples`` if too little is left to learn from.
-    """
+    """Returns what is flown ``start`` s after the first sample and later; raises ``TooFewSamples`` of too little."""
     begin = flights[0].time[0] + start
     left = tuple(
         one[skip:]
@@ -242,10 +239,7 @@ def _too_few(flights: Sequence[Flight], steps: int) -> TooFewSamples:
 
 
 def cut(flight: Flight, start: float, train: Length, test: Length | None) -> tuple[Flight, Flight]:
-    """Returns the training data of length ``train`` from ``start`` s of the ``flight`` on, and the ``test`` after it.
-
-    Raises ``TooFewSamples`` if they do not fit.
-    """
+    """Returns ``train`` of the ``flight`` from ``start`` s on and the ``test`` after it; raises ``TooFewSamples``."""
     first = round(min(start / flight.dt, len(flight)))
     length, ahead = part_samples(flight.dt, train, test)
     end = first + length

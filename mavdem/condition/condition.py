@@ -311,10 +311,7 @@ def _parts(signals: Signals, wanted: Callable[[Signals, int], Intervals]) -> tup
 
 
 def mean_interval(values: Array, seconds: float) -> Array:
-    """Returns the half widths (k,) of the 90 % intervals of the means of ``values`` (N, k), infinite where too short.
-
-    The samples are uniform over so many ``seconds``.
-    """
+    """Returns half widths (k,) of the means of ``values`` (N, k), uniform over ``seconds``: 90 %, inf if too short."""
     length = len(values)
     cosines = int(np.clip(round(2 * FASTEST * seconds), FEWEST, MOST))
     if length <= 2 * cosines:

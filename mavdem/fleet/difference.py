@@ -132,10 +132,7 @@ class _Raw(NamedTuple):
 
 
 def vehicle_difference(before: Sequence[FlightRow], after: Sequence[FlightRow]) -> VehicleDifference:
-    """Returns what differs between the flights ``before`` and ``after``, of one vehicle or of two.
-
-    Rows without figures count for nothing.
-    """
+    """Returns what differs between flights ``before`` and ``after``, of one vehicle or of two; of rows with figures."""
     sides = [flights_of(row for row in rows if row.status == OK) for rows in (before, after)]
     conditions = (conditions_of(sides[0]), conditions_of(sides[1]))
     estimates = [[estimates_of(flight) for flight in flights] for flights in sides]

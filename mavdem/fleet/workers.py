@@ -204,10 +204,7 @@ def perform(job: Job, read: str, seconds: float) -> Outcome:
 
 
 def outcome_of(job: Job, read: Callable[[Path, str, Callable[..., str] | None], LogRows]) -> Outcome:
-    """Returns what becomes of a job in this process, without what it costs; raises ``MemoryError``.
-
-    ``read`` takes a log's path, the key of its content, and what makes a page or None.
-    """
+    """Returns what becomes of a job here, by ``read`` of path, key and page maker or None; raises ``MemoryError``."""
     key = ""
     try:
         with _as_file(job.path) as path:

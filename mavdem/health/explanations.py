@@ -172,10 +172,7 @@ class EffortChange(NamedTuple):
 
 
 def effort_change(flight: HealthFigures, healthy: HealthFlights, before: EffortChange | None) -> EffortChange | None:
-    """By how much the effort changed; None where it is not known of the flight and of two healthy ones.
-
-    ``before`` is what the flight before it showed.
-    """
+    """By how much the effort changed, after what the flight ``before`` showed; None unless known of three flights."""
     efforts = np.log([effort for other in healthy if (effort := other.effort) is not None])
     if flight.effort is None or len(efforts) < FEWEST_FLIGHTS:
         return None

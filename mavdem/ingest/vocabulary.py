@@ -54,8 +54,6 @@ SIMULATED_TEXT = re.compile(r"^.[0-9a-f]{31}$")
 """What its simulator says instead: the machine's number, with the vehicle's added to the first letter."""
 SIMULATED_LETTERS = 17  # Letters of it that AUTOPILOT_VERSION has room for
 WORD = 4  # Bytes of such a word, the last byte first
-LEAST_BYTES = 6
-"""Bytes of a number that are not zero: simulators number their vehicles in one or two."""
 
 
 def board_number_in_texts(texts: Iterable[str]) -> str:
@@ -70,7 +68,7 @@ def board_number_in_texts(texts: Iterable[str]) -> str:
 
 def board_number_in_bytes(uid2: bytes, words: bool) -> str:
     """The number in AUTOPILOT_VERSION.uid2; with ``words``, as ArduPilot's text has it. Empty where there is none."""
-    if sum(byte > 0 for byte in uid2) < LEAST_BYTES:
+    if sum(byte > 0 for byte in uid2) < 6:  # simulators number their vehicles in one byte or two
         return ""
     number = uid2.rstrip(b"\0")
     if not words or len(number) > 3 * WORD:

@@ -63,10 +63,7 @@ MAX_REPORTED = 20  # Changes of rates that are reported: some ground stations as
 
 
 class CommandHandler:
-    """Executes commands of ground stations for one vehicle; ``report`` is called with a sentence when rates change.
-
-    ``accepted``: how many commands were.
-    """
+    """Executes a vehicle's commands, ``accepted`` so many; ``report`` is called with a sentence when rates change."""
 
     def __init__(
         self, transmitter: Transmitter, simulation: Simulation, report: Callable[[str], None] = lambda _: None

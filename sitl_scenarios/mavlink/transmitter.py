@@ -78,10 +78,7 @@ class Schedule:
         return self._courses[name][1]
 
     def due(self, name: str, times: NDArray[np.float64]) -> NDArray[np.intp]:
-        """In which of the next cycles, at ``times`` (N,), s, ascending, a message is sent.
-
-        The times of one call come after those of the call before.
-        """
+        """In which of the next cycles, at ``times`` (N,), s, ascending from call to call, a message is sent."""
         first, interval = self._courses[name]
         if not np.isfinite(interval):
             return np.empty(0, dtype=np.intp)

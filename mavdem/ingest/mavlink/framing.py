@@ -47,10 +47,7 @@ def checksums(data: Bytes, start: NDArray[np.int64], count: NDArray[np.int64], s
 
 
 def frame_checksum(content: bytes, seed: int) -> int:
-    """Returns the checksum of one frame's ``content`` and the byte ``seed`` after it.
-
-    The standard library has the same polynomial in C with the bits in reverse order.
-    """
+    """Returns the checksum of a frame's ``content`` and ``seed``, by the library's polynomial with bits reversed."""
     register = crc_hqx((content + bytes((seed,))).translate(_MIRRORED), 0xFFFF)
     return _MIRRORED[register >> 8] | _MIRRORED[register & 0xFF] << 8
 
@@ -245,10 +242,7 @@ class _FrameBlock:
         return self._good(self._linked)
 
     def loose(self, within: NDArray[np.bool_]) -> Frames:
-        """The other frames whose checksum agrees, of the candidates ``within``.
-
-        Linked ones are left out: each whose checksum agrees was accepted, or begins inside one that was.
-        """
+        """The others ``within`` whose checksum agrees; each linked one was accepted, or begins inside one that was."""
         return self._good(within & ~self._linked)
 
     def _good(self, wanted: NDArray[np.bool_]) -> Frames:

@@ -239,11 +239,9 @@ def _messages(
 ) -> tuple[dict[str, _Columns], tuple[str, ...]]:
     """The good frames of one component by message id, as columns by name on the boot clock; repairs of its clock."""
     kinds = [(definitions()[message_id], starts) for message_id, starts in sent.items()]
-    clock = boot_clock([_sent(data, definition, starts, source) for definition, starts in kinds], received)
-    return {
-        definition.name: _Columns(data, starts, definition, clock.placed[definition.name], source)
-        for definition, starts in kinds
-    }, clock.repairs
+    placed, repairs = boot_clock([_sent(data, definition, starts, source) for definition, starts in kinds], received)
+    named = ((one.name, _Columns(data, starts, one, placed[one.name], source)) for one, starts in kinds)
+    return dict(named), repairs
 
 
 class _Columns(Mapping[str, NDArray[Any]]):

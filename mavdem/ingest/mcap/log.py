@@ -63,10 +63,7 @@ def read_mcap(path: str | os.PathLike[str], progress: Progress = no_progress) ->
 
 
 def mcap_stream(path: str | os.PathLike[str], progress: Progress = no_progress) -> FrameStream:
-    """Returns the MAVLink in an MCAP recording as frames; JSON messages are composed into frames.
-
-    Raises Unreadable: the file cannot be opened, or contains no MAVLink.
-    """
+    """Returns the MAVLink of an MCAP recording, JSON too, as frames; raises ``Unreadable``: no file, or none in it."""
     recording = McapRecording(file_bytes(path))
     stream, seen = _stream(os.fspath(path), recording, progress)
     if stream is None:

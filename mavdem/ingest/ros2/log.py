@@ -38,10 +38,7 @@ _TO_PX4, _FROM_PX4 = "in", "out"
 
 
 class RosTopic(NamedTuple):
-    """A topic by its ``bridge``, the namespace of its ``vehicle`` ("/uav1", or empty) and the name there ("imu/data").
-
-    ``incoming``: whether it goes to the autopilot, not from it.
-    """
+    """A topic: its ``bridge``, ``vehicle`` ("/uav1", or empty) and ``name`` there; ``incoming``: to the autopilot."""
 
     bridge: str
     vehicle: str
@@ -52,11 +49,11 @@ class RosTopic(NamedTuple):
 def flight_topics(channels: Iterable[Channel], schemas: Mapping[int, Schema]) -> dict[Channel, RosTopic]:
     """Returns the topic of each channel that is of a flight.
 
-    A node is MAVROS's if one of its topics has a type that only MAVROS sends.
+    A node is MAVROS's if one of its topics has a type that only MAVROS sends: other drivers send imu/data too.
     """
     typed = {channel: schemas[channel.schema].name for channel in channels if channel.schema in schemas}
     topics = {channel: topic for channel, name in typed.items() if (topic := _topic(channel, name)) is not None}
-    own = {topics[channel].vehicle for channel in topics if typed[channel].startswith(MAVROS_TYPES)}
+    own = {topics[channel].vehicle for channel in topics if typed[channel].startswith("mavros_msgs/msg/")}
     return {channel: topic for channel, topic in topics.items() if topic.bridge == PX4_BRIDGE or topic.vehicle in own}
 
 
@@ -127,8 +124,6 @@ MAVROS_TOPICS = {
     ),
 }
 """By the name after the node's, which is ``mavros`` unless it was started with another."""
-MAVROS_TYPES = "mavros_msgs/msg/"
-"""Beginning of the types that only MAVROS sends: a driver of another sensor sends imu/data too."""
 MAVROS_PERIODS = {"SERVO_OUTPUT_RAW": 2**32 / 1e6}
 """Seconds after which stamps wrap: MAVROS moves the 32 bits of SERVO_OUTPUT_RAW's as they are (plugins/rc_io.cpp)."""
 _PX4_MODES = frozenset({"ALTCTL", "POSCTL", "OFFBOARD", "STABILIZED", "RATTITUDE"})
@@ -156,8 +151,8 @@ def mavros_message(message: str, fields: Fields, vehicle_autopilot: int) -> dict
     if message == "SYS_STATUS":
         return {"voltage_battery": 1000.0 * fields["voltage"]}  # plugins/sys_status.cpp
     if message == "ATTITUDE_TARGET":  # plugins/setpoint_raw.cpp, which turns the setpoint as it does the attitude
-        names = ("body_roll_rate", "body_pitch_rate", "body_yaw_rate")
-        rates = dict(zip(names, _body_rates(fields, "body_rate"), strict=True))
+        asked = ("body_roll_rate", "body_pitch_rate", "body_yaw_rate")
+        rates = dict(zip(asked, _body_rates(fields, "body_rate"), strict=True))
         return {"type_mask": fields["type_mask"], "q": _quaternion(fields).T, **rates}
     if message in ("SERVO_OUTPUT_RAW", "RC_CHANNELS"):
         first, count = ("servo", 16) if message == "SERVO_OUTPUT_RAW" else ("chan", 18)
@@ -253,10 +248,7 @@ def _by_vehicle(tables: Sequence[tuple[RosTopic, TopicColumns]]) -> list[tuple[s
 
 
 def vehicle(topics: Mapping[RosTopic, TopicColumns], source: str) -> Telemetry | None:
-    """Returns the vehicle of one namespace's topics, by PX4's own or else MAVROS's; None without any message of it.
-
-    ``system`` is 0 where no topic has it.
-    """
+    """Returns the vehicle of a namespace's topics, PX4's or else MAVROS's, ``system`` 0 if unsaid; None without."""
     # Topics to the autopilot are used where there is none from it.
     in_turn = sorted(topics.items(), key=lambda item: not item[0].incoming)
     px4 = {topic.name: table for topic, table in in_turn if topic.bridge == PX4_BRIDGE}
@@ -342,22 +334,20 @@ def _on_one_clock(
     if without:
         repairs.append(f"{without} messages without a time stamp, or with one of another clock, were left out.")
     # Without receive times: by them, a companion's clock that was set back would not be a restart.
-    clock = boot_clock(
-        [
-            Sent(name, tables[name].places[some], seconds[name][some].copy, MAVROS_PERIODS.get(name, np.inf))
-            for name, some in usable.items()
-            if some.any()
-        ]
-    )
-    placed: dict[str, Columns] = {}
-    for name, on_clock in clock.placed.items():
+    sent = [
+        Sent(name, tables[name].places[some], seconds[name][some].copy, MAVROS_PERIODS.get(name, np.inf))
+        for name, some in usable.items()
+        if some.any()
+    ]
+    (stamped, of_clock), placed = boot_clock(sent), dict[str, Columns]()
+    for name, on_clock in stamped.items():
         time, boot = on_clock.time, on_clock.boot.astype(np.int64)
         # A message whose stamp was ignored has the place of the one before.
         new = np.ones(len(time), dtype=np.bool_)
         new[1:] = (np.diff(time) != 0) | (np.diff(boot) != 0)
         kept = selected(tables[name].columns, np.flatnonzero(usable[name])[new])
         placed[name] = kept | {"time": time[new], "boot": boot[new]}
-    return placed, (*repairs, *clock.repairs)
+    return placed, (*repairs, *of_clock)
 
 
 def _start(stamps: NDArray[np.int64]) -> tuple[int, list[str]]:
