@@ -213,9 +213,12 @@ def _say_cautions(holding: Holding) -> dict[str, Any]:
 
 
 def _live(name: str, scenario: Scenario, udp: str, speed: float) -> dict[str, Any]:
-    host, port = _address(udp)
+    host, _, port = udp.rpartition(":")
+    host = host.removeprefix("[").removesuffix("]")
+    if not host or not port.isascii() or not port.isdigit() or len(port) > 5 or not 0 < int(port) < 1 << 16:
+        raise click.BadParameter(f"{udp} must be HOST:PORT, such as 127.0.0.1:14550.", param_hint="--udp")
     whole = seconds(scenario)
-    with _refusing(), closing(Ground(host, port)) as ground:
+    with _refusing(), closing(Ground(host, int(port))) as ground:
         say_aside(f"Flying {printable(name)} for {whole:g} s, sending to {printable(udp)}; Ctrl-C ends it.")
         with progress(f"Flying {name}") as done:
             simulation = Simulation(scenario)
@@ -229,11 +232,3 @@ def _live(name: str, scenario: Scenario, udp: str, speed: float) -> dict[str, An
     counted = {"frames": outcome.sent, "commands": outcome.commands, "unheard": outcome.unheard}
     times = {"flown": round(outcome.flown, 3), "took": round(outcome.took, 3), "stopped": outcome.stopped}
     return {"udp": udp, **counted, **times, **_say_cautions(outcome.holding)}
-
-
-def _address(udp: str) -> tuple[str, int]:
-    host, _, port = udp.rpartition(":")
-    host = host.removeprefix("[").removesuffix("]")
-    if not host or not port.isascii() or not port.isdigit() or len(port) > 5 or not 0 < int(port) < 1 << 16:
-        raise click.BadParameter(f"{udp} must be HOST:PORT, such as 127.0.0.1:14550.", param_hint="--udp")
-    return host, int(port)

@@ -14,14 +14,15 @@ from mavdem.alignment.drive import TILT_AXES
 from mavdem.alignment.read import choose_vehicle
 from mavdem.analysis import LogAnalysis, analyse
 from mavdem.analysis.figures import ALL
-from mavdem.cli.options import chosen_settings, file_option, folder_named, model_options, source_options, window_options
+from mavdem.cli.options import file_option, folder_named, model_options, source_options, window_options
 from mavdem.cli.output import check_folder, complain, files_in, json_text, print_result, printable, progress, say_aside
 from mavdem.cli.signals import ending_at_once
 from mavdem.cli.sources import read_source
 from mavdem.condition.inventory import inventory
+from mavdem.dem import Settings
 from mavdem.errors import advice, missing
 from mavdem.evaluate.windows import Length
-from mavdem.export.channels import write_channels
+from mavdem.export.conversion import write_channels
 from mavdem.report.blocks import Block, Sentence
 from mavdem.report.details import detail_blocks
 from mavdem.report.flights import truth_blocks
@@ -70,8 +71,7 @@ def learn_command(
     inputs: str | None,
     as_json: bool,
     out: Path | None,
-    preset: str,
-    order: int | None,
+    settings: Settings,
     train: Length | None,
     test: Length | None,
     start: float,
@@ -110,7 +110,6 @@ def learn_command(
       mavdem learn flight.tlog --train 7s --preset paper --order 2
       mavdem learn simulated.tlog --truth simulated.truth.npz
     """
-    settings = chosen_settings(preset, order)
     folder = out or named_after(source)
     check_folder(folder, RESULT_FILES)
     began = perf_counter()

@@ -15,9 +15,10 @@ import click
 
 from mavdem.alignment.signals import axis_outputs
 from mavdem.cli.commands import DONE, UNSUPPORTED, UNUSABLE
-from mavdem.cli.options import Number, chosen_settings, file_option, model_options, motion_options, no_option
+from mavdem.cli.options import Number, file_option, model_options, motion_options, no_option
 from mavdem.cli.output import check_file, print_json, printable, say_aside, write_text
 from mavdem.cli.signals import asked_to_end, ending_at_once
+from mavdem.dem import Settings
 from mavdem.errors import MissingExtra, Unreadable, advice
 from mavdem.export.conversion import STREAMS
 from mavdem.health.in_flight import alarm_figures
@@ -126,8 +127,7 @@ def live_command(
     vehicle: str | None,
     inputs: str | None,
     as_json: bool,
-    preset: str,
-    order: int | None,
+    settings: Settings,
     rrd: Path | None,
     serve: bool,
     connect: str | None,
@@ -158,7 +158,6 @@ def live_command(
       mavdem live udpin:127.0.0.1:14550 --rrd flight.rrd
       mavdem fly iris_multisine --udp 127.0.0.1:14550
     """
-    settings = chosen_settings(preset, order)
     # What could not be written after the flight is refused before it.
     check_file(rrd, "--rrd", (".rrd",))
     check_file(record, "--record", tuple(STREAMS))

@@ -89,26 +89,29 @@ def source_options(axes: Sequence[str] = AXES, text: str = "Axis of the vehicle.
 
 
 def model_options(command: Command) -> Command:
-    """Adds --preset and --order to a command."""
+    """Adds --preset and --order to a command, which receives their ``settings``."""
     return _adding(
         click.option(
             "--preset",
             type=click.Choice(["real", "paper"]),
             default="real",
             show_default=True,
+            is_eager=True,
             help="real: scaling and priors for real flights; paper: the settings of the paper, section V.D.",
         ),
         click.option(
             "--order",
+            "settings",
             type=int,
+            callback=_settings,
             help=f"Number of states, {SPOKEN['real']}; for paper {SPOKEN['paper']}. [default: 3 (angle, rate, and a "
             "hidden state for the motors' lag); for paper 2]",
         ),
     )(command)
 
 
-def chosen_settings(preset: str, order: int | None) -> Settings:
-    """The settings of --preset and --order; raises ``BadParameter`` for an order that the preset does not have."""
+def _settings(context: click.Context, parameter: click.Parameter, order: int | None) -> Settings:
+    preset = context.params.pop("preset")
     if order is not None and order not in ORDERS[preset]:
         what = f"{order} is not in {SPOKEN[preset]}, the numbers of states of --preset {preset}."
         raise click.BadParameter(what, param_hint="--order")

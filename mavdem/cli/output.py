@@ -25,11 +25,9 @@ from mavdem.files import atomic_write, atomic_writes, is_writable, replaceable
 from mavdem.report.blocks import Sentence, Table
 
 STDERR = Console(stderr=True, highlight=False, markup=False, emoji=False)  # standard error
-WIDTH_OF_A_PIPE = 120  # columns a table may take where standard output is no terminal
-
+# Of what the terminal cannot show; other such characters become a question mark.
 PLAIN_CHARACTERS = {"±": "+-", "°": "deg", "µ": "u", "“": '"', "”": '"', "\N{COMBINING MACRON}": "", "²": "^2"}
 PLAIN_CHARACTERS |= {"−": "-", "₀": "0", "ẋ": "x'"}
-"""Replacements of characters that the terminal cannot show; others become a question mark."""
 
 
 def prepare_streams() -> None:
@@ -103,30 +101,22 @@ def print_result(document: Any, blocks: Iterable[Sentence | Table], as_json: boo
         print_blocks(blocks)
 
 
-class _Page(Console):
-    """Standard output that leaves a closed pipe to ``main``."""
-
-    def on_broken_pipe(self) -> None:
-        raise
-
-
 def print_blocks(blocks: Iterable[Sentence | Table]) -> None:
     """Prints sentences and tables, each with an empty line after it; names in them may hold what a terminal obeys."""
-    width = None if sys.stdout.isatty() else WIDTH_OF_A_PIPE
+    width = None if sys.stdout.isatty() else 120  # columns a table may take where it is no terminal
     for block in blocks:
         if isinstance(block, Sentence):
             say(f"{printable(f'{block.lead} {block.text}'.strip())}\n")
         else:
-            _Page(width=width, highlight=False, markup=False, emoji=False).print(_grid(block), "")
-
-
-def _grid(table: Table) -> Grid:
-    grid = Grid(box=None, pad_edge=False)
-    for column, heading in enumerate(map(printable, table.header)):
-        grid.add_column(heading, justify="right" if column and not table.words else "left", no_wrap=not column)
-    for row in table.rows:
-        grid.add_row(*map(printable, row))
-    return grid
+            grid = Grid(box=None, pad_edge=False)
+            for column, heading in enumerate(map(printable, block.header)):
+                grid.add_column(heading, justify="right" if column and not block.words else "left", no_wrap=not column)
+            for row in block.rows:
+                grid.add_row(*map(printable, row))
+            console = Console(width=width, highlight=False, markup=False, emoji=False)
+            with console.capture() as captured:
+                console.print(grid, "")
+            click.echo(captured.get(), file=sys.stdout, nl=False)
 
 
 def complain(reason: str, remedy: str, as_json: bool) -> None:

@@ -18,6 +18,7 @@ from mavdem.report.numbers import THREE_STATES, listed, named, readable
 
 WORDS = {KNOWN: "What happened, given the inputs:", UNKNOWN: "What comes next, inputs unknown:"}
 Summary = dict[str, Any]
+_ratio = "{:.3g}".format
 
 
 def comparison_report(comparison: Comparison, from_zero: bool = False) -> list[Block]:
@@ -189,10 +190,6 @@ def _legend(reference: str, from_zero: bool, several: bool, predicted: bool) -> 
         f"errors are not distinguishable (≈).{overall}{unknown} In its 90 % "
         "band: the share of the first k samples after training, mean over windows."
     )
-
-
-def _ratio(value: float) -> str:
-    return f"{value:.3g}"
 
 
 def order_report(choice: OrderChoice, names: Sequence[str]) -> list[Block]:

@@ -10,15 +10,13 @@ from mavdem.ingest.vocabulary import UNNAMED
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.numbers import listed, plus_minus, rounded
 
-TIER_WORDS = {"a": "full model", "b": "slow motion", "c": "condition only"}
-"""What a tier is called where it is shown."""
-BASES = {
+TIER_WORDS = {"a": "full model", "b": "slow motion", "c": "condition only"}  # what a tier is called where it is shown
+BASES = {  # what a vehicle's name is made of, in words
     "board": "the number of its board",
     "accelerometer": "its accelerometer's calibration",
     "compass": "its compass's calibration",
     "system id": "its system id only, which other vehicles have too",
 }
-"""What a vehicle's name is made of, in words."""
 SLOW_HZ = 0.95  # messages below this rate are listed together: they are too slow to describe the motion
 MIN_LOST_SHARE = 0.01  # share of missing sequence numbers from which it is reported; less is a radio link in good order
 
@@ -63,22 +61,18 @@ def condition_sentences(condition: dict[str, Any]) -> list[Sentence]:
         along = " along x, y and z" if len(levels) == 3 else ""
         clips = f"{vibration['clips']} samples clipped" if vibration["clips"] else "none clipped"
         sentences.append(Sentence(f"{listed(f'{level:.1f}' for level in levels)} m/s²{along}; {clips}.", "Vibration:"))
-    if condition["battery"]:
-        sentences.append(_battery(condition["battery"], bool(condition["settled"])))
+    if battery := condition["battery"]:
+        text = f"{battery['voltage_start']:.2f} V at the start, {battery['voltage_end']:.2f} V at the end of "
+        text += f"{'settled flight' if condition['settled'] else 'the log'}, {battery['voltage_min']:.2f} V at least"
+        if battery["current_mean"] is not None:
+            text += f"; {battery['current_mean']:.1f} A in the mean, {battery['current_max']:.1f} A at most"
+        if battery["resistance"] is not None:
+            sag = plus_minus(1e3 * battery["resistance"], 1e3 * battery["resistance_interval"])
+            text += f"; it sags {sag} mV for each ampere more"
+        sentences.append(Sentence(f"{text}.", "Battery:"))
     if any("±" in sentence.text for sentence in sentences):
         sentences.append(Sentence("± is the half width of the 90 % interval of a mean of this flight."))
     return sentences
-
-
-def _battery(battery: dict[str, Any], flown: bool) -> Sentence:
-    text = f"{battery['voltage_start']:.2f} V at the start, {battery['voltage_end']:.2f} V at the end"
-    text += f"{' of settled flight' if flown else ' of the log'}, {battery['voltage_min']:.2f} V at least"
-    if battery["current_mean"] is not None:
-        text += f"; {battery['current_mean']:.1f} A in the mean, {battery['current_max']:.1f} A at most"
-    if battery["resistance"] is not None:
-        sag = plus_minus(1e3 * battery["resistance"], 1e3 * battery["resistance_interval"])
-        text += f"; it sags {sag} mV for each ampere more"
-    return Sentence(f"{text}.", "Battery:")
 
 
 def _interval(value: float, half: float | None, scale: float = 100.0, unit: str = " %") -> str:

@@ -16,6 +16,7 @@ from mavdem.dem.graybox.identifiability import CHANGED
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.numbers import (
     THREE_STATES,
+    TORQUE,
     Labels,
     listed,
     outputs_of,
@@ -26,7 +27,7 @@ from mavdem.report.numbers import (
     states_are_outputs,
     with_unit,
 )
-from mavdem.report.screen import TORQUE, parameter_reasons
+from mavdem.report.screen import parameter_reasons
 
 
 def detail_blocks(learned: Learned, report: dict[str, Any] | None = None) -> list[Block]:

@@ -14,14 +14,13 @@ from mavdem.fleet.row import HEALTHS, NOT_IDENTIFIABLE, OK, UNKNOWN, FlightRow, 
 from mavdem.report import flights as words
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.flights import TROUBLE, cut, doubt, had_trouble, urgency, vehicle_health
-from mavdem.report.numbers import plus_minus, readable, rounded
+from mavdem.report.numbers import TORQUE, plus_minus, rounded
 from mavdem.report.page import environment
 
 MAX_DRAWN = 20  # vehicles, those in trouble first: with more the page takes long to make, and is too large to mail
 FIRST_SHOWN = 200  # lines of the table until all are asked for: a browser lays out so many at once
 MAX_OPEN = 4  # vehicles whose figures are open when nothing is wrong with them
 NOT_USED = "not used"  # in the place of the health of a log without a flight
-DEGREES = readable("rad/s²").scale
 
 
 def fleet_page(rows: Sequence[FlightRow], changes: Mapping[str, Sequence[Block]] | None = None) -> str:
@@ -100,14 +99,14 @@ def _effectiveness(row: FlightRow) -> str:
     """The mean size over the motors, and the unit."""
     if not row.effect or row.effect_status == NOT_IDENTIFIABLE:
         return ""
-    return f"{rounded(DEGREES * sum(map(abs, row.effect)) / len(row.effect), 3)} per {row.per_input}"
+    return f"{rounded(TORQUE.scale * sum(map(abs, row.effect)) / len(row.effect), 3)} per {row.per_input}"
 
 
 def _residual(row: FlightRow) -> str:
     """The figure, and how large it is in healthy flights."""
     half = row.residual_mean_interval
-    usual = "" if half is None else f" (usual ±{rounded(DEGREES * half)})"
-    return "" if row.residual_mean is None else f"{rounded(DEGREES * row.residual_mean)}{usual}"
+    usual = "" if half is None else f" (usual ±{rounded(TORQUE.scale * half)})"
+    return "" if row.residual_mean is None else f"{rounded(TORQUE.scale * row.residual_mean)}{usual}"
 
 
 def _notes(row: FlightRow) -> str:
@@ -129,7 +128,7 @@ COLUMNS: dict[str, tuple[str, Callable[[FlightRow], Any]]] = {
     "mean effectiveness (°/s²)": ("number", _effectiveness),
     "rate damping (1/s)": ("number", _number("damping", estimated=True)),
     "motor time constant (ms)": ("number", _number("lag", 1e3, estimated=True)),
-    "wind torque (°/s²)": ("number", _number("wind_torque_sd", DEGREES)),
+    "wind torque (°/s²)": ("number", _number("wind_torque_sd", TORQUE.scale)),
     "residual mean (°/s²)": ("number", _residual),
     "error ratio": ("number", _number("error_ratio")),
     "notes": ("text", _notes),

@@ -31,21 +31,18 @@ from mavdem.health.in_flight import FALSE_ALARMS_BASIS
 from mavdem.live.history import ACCOUNT, AHEAD, HorizonErrors, LiveHistory, SessionStatus
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.condition import TIER_WORDS
-from mavdem.report.numbers import listed, named, plus_minus, readable, rounded, short, with_unit
+from mavdem.report.numbers import TORQUE, listed, named, plus_minus, readable, rounded, short, with_unit
 
 TROUBLE = HEALTHS[:2]
-LARGEST_ERROR = 10.0  # of the truth, from which on it is not shown in percent
 MAX_NAMED = 12  # vehicles in a sentence
 MAX_REASONS = 8  # rows of the table of logs that could not be used
-QUANTITIES = {
+QUANTITIES = {  # what a kind of quantity is called, and the scale and unit that it is shown in
     difference.SHARE: ("share", 100.0, "%"),
     difference.EFFECT: ("control effectiveness", 100.0, "%"),
     difference.MEAN_EFFECT: ("mean control effectiveness", 100.0, "%"),
     difference.DAMPING: ("rate damping", 1.0, "1/s"),
     difference.LAG: ("motor time constant", 1e3, "ms"),
 }
-"""What a kind of quantity is called, and the scale and unit that it is shown in."""
-MIN_LEAN, MIN_SHARE = 2.0, 0.02  # degrees, and share of a voltage or output, from which a difference is reported
 
 
 def fleet_blocks(rows: Sequence[FlightRow]) -> list[Block]:
@@ -199,8 +196,23 @@ def difference_blocks(found: VehicleDifference) -> list[Block]:
     covered = "shares for the lean and mean control effectiveness for battery and mean output"
     allowed = f" Intervals that allow for conditions: {covered}." * any(change.allowance for change in found.changes)
     conditions = Sentence(f"{words}.{allowed}", "Conditions, no change of the vehicle:")
-    sure = [Sentence(_sureness(found), "How sure:")] if found.changes else []
-    return [*_changes(found), *missing, conditions, *_vehicles(found), *sure]
+    blocks = [*_changes(found), *missing, conditions, *_vehicles(found)]
+    if found.changes:
+        before, after = (_counted(count, "flight") for count in found.flights)
+        basis = f"{before} of A and {after} of B show how much flights differ."
+        if max(found.flights) == 1:
+            share, effect = (f"{100 * BETWEEN[kind]:.0f} %" for kind in (difference.SHARE, difference.EFFECT))
+            basis = (
+                "A and B are one flight each, and their intervals those of one flight each: how much a flight differs "
+                f"from the next is assumed (a share by {share}, a control effectiveness by {effect}), not measured. "
+                "Track several flights of each to measure it."
+            )
+        text = f"± are 90 % intervals. {len(found.changes)} quantities are tested together (Holm): that any is called "
+        text += (
+            f"changed when none did has a chance of at most {100 * FAMILY_ERROR:.0f} %, as far as the intervals hold."
+        )
+        blocks.append(Sentence(f"{text} {basis}", "How sure:"))
+    return blocks
 
 
 def baseline_blocks(latest: FlightRow, found: VehicleDifference | None) -> list[Block]:
@@ -266,20 +278,19 @@ def _condition_words(before: Conditions, after: Conditions) -> list[str]:
         words = [f"battery {before.voltage:.1f} → {after.voltage:.1f} V"]
     if before.collective and after.collective:
         change = after.collective / before.collective - 1
-        more = f"{100 * change:+.0f} % (payload, battery or climbing)" if abs(change) >= MIN_SHARE else "the same"
+        more = f"{100 * change:+.0f} % (payload, battery or climbing)" if abs(change) >= 0.02 else "the same"
         words.append(f"the motors' mean output {more}")
     leans = (before.lean_roll, after.lean_roll), (before.lean_pitch, after.lean_pitch)
     roll, pitch = (None if a is None or b is None else degrees(b - a) for a, b in leans)
     if roll is None or pitch is None:
         words.append("lean not known in both")
-    elif hypot(roll, pitch) < MIN_LEAN:
+    elif hypot(roll, pitch) < 2.0:
         words.append("lean the same")
     else:
         words.append(f"another lean: {roll:+.0f}° of roll and {pitch:+.0f}° of pitch (wind, or flown forward)")
-    unit = readable("rad/s²")
     for axis in sorted(before.wind_torque.keys() & after.wind_torque.keys(), reverse=True):  # roll first
-        torques = (rounded(unit.scale * state.wind_torque[axis]) for state in (before, after))
-        words.append(f"wind torque on {axis} {' → '.join(torques)} {unit.name}")
+        torques = (rounded(TORQUE.scale * state.wind_torque[axis]) for state in (before, after))
+        words.append(f"wind torque on {axis} {' → '.join(torques)} {TORQUE.name}")
     return words
 
 
@@ -295,29 +306,20 @@ def _vehicles(found: VehicleDifference) -> list[Block]:
     return [Sentence(named, "Caution:")] if found.shared else []
 
 
-def _sureness(found: VehicleDifference) -> str:
-    before, after = (_counted(count, "flight") for count in found.flights)
-    basis = f"{before} of A and {after} of B show how much flights differ."
-    if max(found.flights) == 1:
-        basis = (
-            "A and B are one flight each, and their intervals those of one flight each: how much a flight differs from "
-            f"the next is assumed (a share by {100 * BETWEEN[difference.SHARE]:.0f} %, a control effectiveness by "
-            f"{100 * BETWEEN[difference.EFFECT]:.0f} %), not measured. Track several flights of each to measure it."
-        )
-    return (
-        f"± are 90 % intervals. {len(found.changes)} quantities are tested together (Holm): that any is called changed "
-        f"when none did has a chance of at most {100 * FAMILY_ERROR:.0f} %, as far as the intervals hold. {basis}"
-    )
-
-
 def live_report(history: LiveHistory, status: SessionStatus, account: Mapping[str, float], axis: str) -> list[Block]:
     """Returns the errors of what was predicted on an ``axis``, and the parts trained on, by the vehicle's clock.
 
     ``history`` was collected in flight, ``status`` is that at its end; ``account`` are seconds by the keys of
     ``ACCOUNT``.
     """
-    errors = history.errors()
-    blocks: list[Block] = [Sentence("", lead=_live_headline(errors, axis))]
+    errors, angle = history.errors(), readable("rad")
+    headline = f"Nothing of {axis} was predicted: there was no settled flight to learn from."
+    if errors:
+        best = min(errors, key=lambda one: abs(one.seconds - AHEAD))
+        ours, held = (with_unit(sqrt(square[0]), angle) for square in (best.mse, best.held))
+        headline = f"{axis.capitalize()} was predicted {best.seconds:.2g} s ahead with an RMSE of {ours} (baseline "
+        headline += f"{held}); {100 * best.inside[0]:.0f} % of the samples were inside the 90 % band."
+    blocks: list[Block] = [Sentence("", headline)]
     blocks += [Sentence(alarm.sentence.removeprefix("Alarm: "), "Motors:") for alarm in status.alarms]
     if any(alarm.motor is not None for alarm in status.alarms):
         blocks.append(Sentence(FALSE_ALARMS_BASIS, "False alarms:"))
@@ -345,17 +347,6 @@ def event_blocks(history: LiveHistory) -> list[Block]:
     return [Table(["boot clock", "what happened"], rows, words=True)] if rows else [Sentence("Nothing happened.")]
 
 
-def _live_headline(errors: Sequence[HorizonErrors], axis: str) -> str:
-    if not errors:
-        return f"Nothing of {axis} was predicted: there was no settled flight to learn from."
-    best = min(errors, key=lambda one: abs(one.seconds - AHEAD))
-    ours, held = (degrees(sqrt(square[0])) for square in (best.mse, best.held))
-    return (
-        f"{axis.capitalize()} was predicted {best.seconds:.2g} s ahead with an RMSE of {ours:.2g}° (baseline "
-        f"{held:.2g}°); {100 * best.inside[0]:.0f} % of the samples were inside the 90 % band."
-    )
-
-
 def _errors(errors: Sequence[HorizonErrors], axis: str) -> Table:
     header, rows = ["RMSE of predictions"], [[f"{one.seconds:.2g} s ahead"] for one in errors]
     for i, (name, unit) in enumerate([(axis, readable("rad")), (f"{axis} rate", readable("rad/s"))]):
@@ -377,7 +368,7 @@ def truth_blocks(found: TruthComparison) -> list[Block]:
     if compared:
         blocks.append(Table(["", "estimate", "truth", "error", "unit", "inside"], list(map(_row, compared))))
     if (wind := found.wind) is not None:
-        sizes = (with_unit(sd, readable("rad/s²")) for sd in (wind.sd, wind.true_sd))
+        sizes = (with_unit(sd, TORQUE) for sd in (wind.sd, wind.true_sd))
         text = f"correlation {wind.correlation:.2f}; standard deviation {', truth '.join(sizes)}; "
         text += f"{100 * wind.inside:.0f} % of the samples inside the 90 % band."
         if not wind.resolved:
@@ -391,7 +382,7 @@ def _row(one: ComparedParameter) -> list[str]:
     angle, per, rest = one.unit.partition(" per ")
     unit, scale = ("ms", 1e3) if one.unit == "s" else readable(angle)
     estimate, half, truth = (scale * value for value in (one.estimate, one.half_width, one.truth))
-    near = abs(estimate - truth) < LARGEST_ERROR * abs(truth)
+    near = abs(estimate - truth) < 10.0 * abs(truth)
     inside = {None: one.status, True: "yes", False: "no"}[one.inside]
     words = {"mean effect": "mean effectiveness", "damping": "rate damping", "lag of the motors": "motor time constant"}
     return [

@@ -157,16 +157,16 @@ def log_page(
     return document(heading.lead.rstrip(":"), subtitle, blocks, [*chapters, *folded], back)
 
 
-def flight_page(file: str, analyses: Mapping[str, LogAnalysis], index: str = "../index.html") -> str:
-    """Returns the HTML of one flight of a fleet, the log ``file``; ``index`` is where the link back leads."""
+def flight_page(file: str, analyses: Mapping[str, LogAnalysis]) -> str:
+    """Returns the HTML of one flight of a fleet, the log ``file``, with a link back to the fleet's page."""
     subtitle = "No model could be learned from this flight; what it holds nevertheless."
     if any(analysis.learned is not None for analysis in analyses.values()):
         subtitle = f"{listed(analyses)} of a flight."
     blocks = analysis_blocks(next(iter(analyses.values())))
-    return log_page(Sentence(subtitle, file), blocks, analyses, back=("Fleet", index))
+    return log_page(Sentence(subtitle, file), blocks, analyses, back=("Fleet", "../index.html"))
 
 
-PICTURES = {
+PICTURES = {  # title and caption by the method of ``learned.plot`` that draws it
     "forecast": (
         "Forecast of {output}",
         "Windows that no model saw which forecasts them, each from what came before it, with the motors as recorded. "
@@ -187,7 +187,6 @@ PICTURES = {
     ),
     "learning": ("Learning", "The free energy action F̄, its terms and the parameters by iteration."),
 }
-"""Title and caption by the method of ``learned.plot`` that draws it."""
 FEW_PICTURES = "forecast", "disturbance", "motors"
 SYSTEM_PICTURES = "bode", "step", "poles"  # what motors' effect, damping and lag show; nothing where these are unknown
 

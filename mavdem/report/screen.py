@@ -21,7 +21,7 @@ from mavdem.evaluate.held_out import BASELINES, FORECAST, PREDICTION, HeldOut
 from mavdem.flight import Flight
 from mavdem.report.blocks import Block, Sentence, Table, text_of
 from mavdem.report.condition import condition_sentences, identity_sentence, tier_sentences
-from mavdem.report.numbers import Labels, listed, outputs_of, plus_minus, readable, rounded, short
+from mavdem.report.numbers import TORQUE, Labels, listed, outputs_of, per, plus_minus, rounded, short
 
 ROWS = {FORECAST: "forecast, motors recorded", PREDICTION: "prediction, motors unknown"}  # beside the baselines
 PURPOSE_WORDS = {
@@ -38,7 +38,6 @@ MOTION = (
     ("delay", "delay", 1e3, "ms"),
 )
 INTERVAL = f"± is the half width of the {100 * LEVEL:.0f} % interval."
-TORQUE = readable("rad/s²")
 
 
 def screen(
@@ -108,17 +107,13 @@ def summary(learned: Learned) -> str:
     return text_of([*screen(learned), *(Sentence(caution, "Caution:") for caution in learned.cautions)])
 
 
-def _per_input(unit: str) -> str:
-    return f"{TORQUE.name} per {unit or 'unit of input'}"
-
-
 def _vehicle(labels: Labels, physical: Physical | None, hover: HoverFigures | None) -> list[Block]:
     """A row a motor: effectiveness, trim deviation, trim, headroom and saturation; and what is of all motors."""
     columns, blocks, rest = dict[str, list[str]](), list[Block](), list[str]()
     if physical is not None:
         half = physical.interval(LEVEL)
         effect = zip(TORQUE.scale * physical.effect, TORQUE.scale * half.effect, strict=True)
-        columns[f"effectiveness ({_per_input(labels.input_units[0])})"] = [plus_minus(*pair) for pair in effect]
+        columns[f"effectiveness ({per(TORQUE, labels.input_units[0])})"] = [plus_minus(*pair) for pair in effect]
         for name, words, scale, unit in MOTION:
             pair = scale * getattr(physical, name), scale * getattr(half, name)
             rest.append(f"{words} {f'{plus_minus(*pair)} {unit}' if np.isfinite(pair[1]) else 'not identifiable'}")
@@ -195,7 +190,7 @@ def vehicle_blocks(vehicle: VehicleFigures, doubted: bool = False) -> list[Block
         axes = vehicle.axes.items()
         unit = next((axis.flights[0].input_units[0] for _, axis in axes if axis.flights), "")
         words = ("rate damping (1/s)", "time constant (ms)", "wind torque, sd (°/s²)")
-        header = ["axis", f"mean effectiveness ({_per_input(unit)})", *words]
+        header = ["axis", f"mean effectiveness ({per(TORQUE, unit)})", *words]
         reasons = [(name, one.reason or " ".join(parameter_reasons(one.physical, doubted))) for name, one in axes]
         blocks = [
             Sentence(f"all settled flight of the log; {INTERVAL}", "Vehicle:"),

@@ -22,7 +22,7 @@ from mavdem.dem.record import Record
 from mavdem.live import SessionStatus
 from mavdem.live.history import AHEAD, sentence
 from mavdem.report.blocks import markdown
-from mavdem.report.numbers import named, place, plus_minus, readable, state_names, with_unit
+from mavdem.report.numbers import TORQUE, named, per, place, plus_minus, readable, state_names, with_unit
 from mavdem.report.palette import BAD, BAND_OPACITY, BOUND, COMMAND, DISTURBANCE, MEASURED, PREDICTED, distinct
 from mavdem.report.screen import verdict_blocks
 from mavdem.view.plots import BOOT_CLOCK, Lines, blueprint, faint
@@ -159,7 +159,7 @@ class LiveWriter:
 
     def _wind(self, recording: rr.RecordingStream, estimates: Sequence[tuple[Estimate, float]]) -> None:
         """Draws the wind torque with its band at the times it is of, and logs gusts; NaN where it is not known."""
-        scale, torques = readable("rad/s²").scale, []
+        scale, torques = TORQUE.scale, []
         for now, shift in estimates:
             if np.isfinite(now.wind_time):
                 self._physical = now.physical
@@ -189,7 +189,7 @@ class LiveWriter:
             end = gust.sample + round(gust.length / dt)
             near = any(abs(gust.sample - at) * dt <= CHANGE_SECONDS for at in changes)
             if end < len(time) and time[end] > before and not near:
-                text = f"gust: {readable('rad/s²').scale * gust.size:+.0f} °/s² for {gust.length:.2g} s"
+                text = f"gust: {TORQUE.scale * gust.size:+.0f} °/s² for {gust.length:.2g} s"
                 log(recording, float(time[gust.sample]), text)
 
     def _judgement(self, recording: rr.RecordingStream, estimates: Sequence[tuple[Estimate, float]]) -> None:
@@ -255,7 +255,7 @@ def live_blueprint(channels: Channels) -> rrb.Blueprint:
         outputs.append(plot(heading, rr.new_entity_path(["outputs", name])))
     command = f"{channels.output_names[0].capitalize()} command" if channels.command else "Motors"
     inputs = plot(named(command, next(iter(channels.input_units), "")), "command")
-    wind = plot(f"Wind torque, {readable('rad/s²').name}", "wind")
+    wind = plot(f"Wind torque, {TORQUE.name}", "wind")
     pictures = rrb.Vertical(outputs[0], wind, inputs, row_shares=[42, 32, 26])
     log_columns = rrb.archetypes.TextLogColumns(timeline_columns=[BOOT_CLOCK], text_log_columns=["LogLevel", "Body"])
     events = rrb.TextLogView(origin="log", name="Events", columns=log_columns)
@@ -277,7 +277,7 @@ def figures(status: SessionStatus, row: ViewRow, until: float | None) -> tuple[s
 
     ``row`` is the latest; the model was learned ``until`` s of the boot clock.
     """
-    channels, now, unit = row.channels, row.estimate, readable("rad/s²")
+    channels, now, unit = row.channels, row.estimate, TORQUE
     output = channels.output_names[0]
     doubts = status.findings.overrides if status.findings else ()
     state = "alarm" if status.alarm or doubts else "waiting" if status.obstacle or until is None else "learning"
@@ -295,7 +295,7 @@ def figures(status: SessionStatus, row: ViewRow, until: float | None) -> tuple[s
     elif now is not None and now.physical is not None:
         torque = "not identifiable", ""
     if now is not None and now.physical is not None:
-        physical, names = now.physical, (f"{unit.name} per {channels.input_units[0] or 'unit'}", "1/s")
+        physical, names = now.physical, (per(unit, channels.input_units[0]), "1/s")
         mean = [unit.scale * value for value in physical.mean_effect(LEVEL)]
         pairs = zip((mean, (physical.damping, physical.interval(LEVEL).damping)), names, strict=True)
         words = [f"{plus_minus(*pair)} {name}" if isfinite(pair[1]) else "not identifiable" for pair, name in pairs]

@@ -20,7 +20,7 @@ from mavdem.flight import Flight
 from mavdem.report import palette
 from mavdem.report.blocks import Block, Table, markdown
 from mavdem.report.details import detail_blocks
-from mavdem.report.numbers import AxisCommand, Labels, named, place, plus_minus, readable, state_names
+from mavdem.report.numbers import TORQUE, AxisCommand, Labels, named, per, place, plus_minus, readable, state_names
 from mavdem.report.screen import screen, title, verdict_blocks
 from mavdem.view.plots import Plot, blueprint, faint, range_of, recorded, with_gaps
 
@@ -46,8 +46,10 @@ def write_recording(
     found = findings_of(learned, held_out) if found is None else found
     with recorded(path, Path(str(flights[0].provenance.get("source", path))).name) as recording:
         report = _text(recording, "report", "Report", [title(flights), *screen(learned, held_out, found=found)])
-        pictures = _flight(recording, series, found), _details(recording, series), _learning(recording, learned)
-        tabs = rrb.Tabs(*pictures, report, active_tab=0)
+        others = [plot for i in range(1, len(series.labels.output_names)) for plot in series.output(i)]
+        details = _drawn(recording, series, [*others, series.motors(), *series.dem()])
+        flight, learning = _flight(recording, series, found), _learning(recording, learned)
+        tabs = rrb.Tabs(flight, rrb.Vertical(*details, name="Details"), learning, report, active_tab=0)
         recording.send_blueprint(blueprint(tabs, play_state="paused"), make_active=False)
 
 
@@ -110,7 +112,7 @@ class FlightSeries:
 
     def wind(self) -> Plot | None:
         """Returns the wind torque with its band, and gusts behind it; None where it is not known."""
-        wind, unit = known_wind(self.learned.wind, self.learned.physical), readable("rad/s²")
+        wind, unit = known_wind(self.learned.wind, self.learned.physical), TORQUE
         if wind is None or len(wind.torque) != sum(map(len, self.flights)):
             return None
         torque, band = (self._with_gaps(unit.scale * values) for values in (wind.torque, wind.band))
@@ -158,11 +160,11 @@ def _flight(recording: rr.RecordingStream, series: FlightSeries, found: Findings
 
 def _effectiveness(recording: rr.RecordingStream, series: FlightSeries) -> list[rrb.View]:
     """Bars of the motors in their order, below a table with their names and intervals; nothing where not known."""
-    physical, unit = series.learned.physical, readable("rad/s²")
+    physical, unit = series.learned.physical, TORQUE
     if physical is None or physical.status["effect"] == "not identifiable":
         return []
     values, halves = unit.scale * physical.effect, unit.scale * physical.interval(LEVEL).effect
-    heading = f"{unit.name} per {series.labels.input_units[0] or 'unit'} ± {LEVEL:.0%} interval"
+    heading = f"{per(unit, series.labels.input_units[0])} ± {LEVEL:.0%} interval"
     motors = enumerate(zip(series.labels.input_names, values, halves, strict=True), 1)
     table = Table(["motor", heading], [[f"{n} {place(name)}", plus_minus(*pair)] for n, (name, *pair) in motors])
     words = _text(recording, "effect/table", "Control effectiveness", [table])
@@ -176,13 +178,6 @@ def _bars(recording: rr.RecordingStream, origin: str, name: str, values: Array, 
     bars = rr.BarChart(values, abscissa=left, widths=np.full(len(values), width), color=colour)
     recording.log(origin, bars, static=True)
     return rrb.BarChartView(origin=origin, name=name, plot_legend=rrb.PlotLegend(visible=False))
-
-
-def _details(recording: rr.RecordingStream, series: FlightSeries) -> rrb.Container:
-    """The other outputs, the motors, and what DEM makes of each sample."""
-    others = range(1, len(series.labels.output_names))
-    plots = [*(plot for i in others for plot in series.output(i)), series.motors(), *series.dem()]
-    return rrb.Vertical(*_drawn(recording, series, plots), name="Details")
 
 
 def _learning(recording: rr.RecordingStream, learned: Learned) -> rrb.Container:

@@ -73,13 +73,12 @@ def mcap(path: str) -> int:
     return count
 
 
-READERS: dict[str, dict[str, Callable[[str], int]]] = {
+READERS: dict[str, dict[str, Callable[[str], int]]] = {  # by format and library
     ".tlog": {"mavdem": ours, "pymavlink": recv_match, "fasttlogparser": fasttlogparser},
     ".bin": {"mavdem": ours, "pymavlink": dfreader},
     ".ulg": {"mavdem": ours, "pyulog": ulog},
     ".mcap": {"mavdem": ours, "mcap": mcap},
 }
-"""By format and library."""
 
 
 @click.command(help=__doc__)

@@ -159,13 +159,12 @@ class ULog(Format):
         return [*(message[2:] for message in whole), HOVER, *others, *stamped]
 
 
-CHANNELS = [
+CHANNELS = [  # topic, encoding and schema; the first byte of a piece chooses one
     *((f"mavlink/1/1/{name}", "json", 1) for name in ("ATTITUDE", "SERVO_OUTPUT_RAW", "HEARTBEAT", "PARAM_VALUE")),
     *((f"mavlink/1/1/{name}", "json", 1) for name in ("STATUSTEXT", "EXTENDED_SYS_STATE", "OTHER")),
     *((f"/mavlink/2/1/{name}", "json5", 1) for name in ("ATTITUDE_QUATERNION", "HIL_ACTUATOR_CONTROLS")),
     *(("mavlink/out", "json", 1), ("mavlink/raw", "mavlink", 0), ("serial", "", 0), ("camera", "cdr", 1)),
 ]
-"""Topic, encoding and schema; the first byte of a piece chooses one."""
 NOW = 1_700_000_000_000_000_000
 
 

@@ -26,11 +26,9 @@ from sitl_scenarios.motion import IN_AIR
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import CYCLES, fly
 
-IN_TIME = 5.0  # s
 SOUND, HOVER, WIND, CHIPPED, SHIFTED = "sound", "weak in hover", "weak in wind", "chipped", "shifted load"
 KINDS = {SOUND: 72, HOVER: 100, WIND: 100, CHIPPED: 40, SHIFTED: 120}
 """Flights of each kind; the sound ones of ten minutes, which makes twelve hours with about ten of them settled."""
-SETTLES = 5.0  # s in the air before a flight counts as settled, as ``alignment.phases`` has it
 
 
 def scenario(kind: str, number: int) -> Scenario:
@@ -98,7 +96,7 @@ def watched(kind: str, number: int, rate: float) -> Watched:
     every = round(1 / rate / CYCLES[flight.stream.autopilot])
     time, air = motion.time[::every], motion.landed_state[::every] == IN_AIR
     since = np.where(air & ~np.concatenate([[False], air[:-1]]), time, -np.inf)
-    settled = air & (time >= np.maximum.accumulate(since) + SETTLES)
+    settled = air & (time >= np.maximum.accumulate(since) + 5.0)  # as ``alignment.phases`` has it
     motors = (motion.outputs[::every] - MIN_PULSE) / (MAX_PULSE - MIN_PULSE)
     layout = motor_geometry("QUADROTOR", "", {}, (1, 2, 3, 4), 8)
     assert layout is not None
@@ -146,7 +144,7 @@ def _found(flights: list[Watched]) -> str:
     pairs = list(zip(flights, firsts, strict=True))
     delays = np.array([np.inf if first is None else first.time - one.breaks for one, first in pairs])
     right = sum(first is not None and first.motor == one.motor for one, first in pairs)
-    found, soon = delays[np.isfinite(delays)], int((delays <= IN_TIME).sum())
+    found, soon = delays[np.isfinite(delays)], int((delays <= 5.0).sum())
     return f"{soon} | {right} of {len(found)} | {np.median(delays):.1f} | {found.max() if len(found) else np.nan:.1f}"
 
 

@@ -39,11 +39,9 @@ from sitl_scenarios.truth import truth
 
 Array = NDArray[np.float64]
 
-WINDOW_SECONDS = 7.0
 PARAMETERS = ("effect", "damping", "lag")
 STATUSES = {"reported": "", "biased": " (biased)", "not identifiable": " (no)"}  # and how it marks an estimate
 SPEEDS = {"iris": 1.0, "ardrone2": 0.6, "crazyflie": 0.3}  # of the winds, relative to those below
-MOMENTS = {"iris": 0.05, "ardrone2": 0.006, "crazyflie": 2e-5}  # N m, standard deviation
 WINDS = ("calm", "light", "Dryden, light", "Dryden, moderate", "jet", "gusts", "slow")
 STEERING: dict[str, dict[str, Any] | None] = {
     "none": None,
@@ -53,10 +51,6 @@ STEERING: dict[str, dict[str, Any] | None] = {
     "pilot's sticks, 4°": {"kind": "sticks"},
 }
 RATES = (50.0, 100.0, 200.0)  # Hz
-AUTOPILOTS = ("px4", "ardupilot")
-
-CRAZYFLIE = SHARED / "real" / "crazyflie" / "roll_pitch_excitation.usdlog"
-EXCITED = (56.0, 89.0)  # s of its clock
 AXES = {"roll": ("gyro.x", [-1.0, -1.0, 1.0, 1.0]), "pitch": ("gyro.y", [-1.0, 1.0, 1.0, -1.0])}
 
 
@@ -80,7 +74,7 @@ def cases(seed: int, every: int = 1) -> list[Case]:
     turns = [case for some in zip(*drawn, strict=True) for case in some]
     return [
         Case(*turn, *stream, _varied(rng), int(rng.integers(1_000_000)))
-        for turn, stream in zip(turns, cycle(product(RATES, AUTOPILOTS)), strict=False)
+        for turn, stream in zip(turns, cycle(product(RATES, ("px4", "ardupilot"))), strict=False)
     ]
 
 
@@ -98,7 +92,7 @@ def _varied(rng: np.random.Generator) -> dict[str, float]:
 
 
 def scenario(case: Case) -> Scenario:
-    k, moment = SPEEDS[case.vehicle], MOMENTS[case.vehicle]
+    k, moment = SPEEDS[case.vehicle], {"iris": 0.05, "ardrone2": 0.006, "crazyflie": 2e-5}[case.vehicle]  # N m, sd
     winds: dict[str, list[dict[str, Any]]] = {
         "calm": [],
         "light": [{"kind": "gaussian", "sd": 0.5 * k, "s": 0.2}],
@@ -150,7 +144,7 @@ def estimate_of(found: Physical, name: str) -> tuple[float, float]:
 
 
 def parts_of(flight: Flight) -> dict[int | None, Flight]:
-    size = round(WINDOW_SECONDS / flight.dt)
+    size = round(7.0 / flight.dt)
     return {None: flight} | {i: flight[i * size : (i + 1) * size] for i in range(len(flight) // size)}
 
 
@@ -168,11 +162,6 @@ class Estimate(NamedTuple):
         value, half = estimate_of(self.found, name)
         true = float(np.abs(self.true["effect"]).mean() if name == "effect" else self.true[name])
         return value / true - 1, half / true
-
-    def inside(self, name: str) -> bool:
-        """Whether the interval of the mean effect, damping or lag holds the truth."""
-        error, half = self.error(name)
-        return abs(error) <= half
 
 
 def estimates(bank: Sequence[Case]) -> Iterator[Estimate]:
@@ -202,7 +191,7 @@ GROUPS: dict[str, Callable[[Case], bool]] = {
 }
 
 
-def share(of: Iterable[bool]) -> str:
+def share(of: Iterable[Any]) -> str:
     found = list(of)
     return f"{np.mean(found):.0%}" if found else "–"
 
@@ -220,10 +209,11 @@ def by_steering(name: str, every: Sequence[Estimate]) -> list[list[str]]:
             if name == "effect":
                 by_motor = [(each.found.effect - each.true["effect"], each.found.interval(LEVEL)) for each in reported]
                 row.append(share(held for error, half in by_motor for held in abs(error) <= half.effect))
-            row.append(share(each.inside(name) for each in reported))
-            errors = np.array([each.error(name)[0] for each in reported])
+            known, doubted = (np.reshape([each.error(name) for each in of], (-1, 2)) for of in (reported, biased))
+            row.append(share(abs(known[:, 0]) <= known[:, 1]))
+            errors = known[:, 0]
             row += [f"{np.median(errors):+.0%}", f"{errors[np.argmax(abs(errors))]:+.0%}"] if reported else ["–", "–"]
-            rows.append([*row, share(each.inside(name) for each in biased)])
+            rows.append([*row, share(abs(doubted[:, 0]) <= doubted[:, 1])])
     return rows
 
 
@@ -279,11 +269,11 @@ def usdlog(path: Path) -> NDArray[Any]:
 
 def crazyflie() -> None:
     """A Crazyflie 2.1 with roll and pitch excited, really flown, at three rates."""
-    rows, table_rows = usdlog(CRAZYFLIE), list[list[str]]()
+    rows, table_rows = usdlog(SHARED / "real/crazyflie/roll_pitch_excitation.usdlog"), list[list[str]]()
     clock = rows["time"] / 1e6
     for axis, (gyro, directions) in AXES.items():
         for rate in (100.0, 200.0, 400.0):
-            time = np.arange(EXCITED[0] * rate, EXCITED[1] * rate) / rate
+            time = np.arange(56.0 * rate, 89.0 * rate) / rate  # where it is excited
             motors = [np.interp(time, clock, rows[f"motor.m{motor}"] / 65535) for motor in range(1, 5)]
             turning = np.radians(np.interp(time, clock, rows[gyro]))
             flight = Flight(

@@ -187,7 +187,7 @@ def _nothing_in(path: str | os.PathLike[str], recording: McapRecording, messages
     if recording.repairs() and any(name.lstrip("/").startswith("mavlink/") for name in names):
         what = f"is an MCAP recording whose MAVLink messages ({listed(names)}) are damaged or cut off"
         return f"{os.fspath(path)} {what}: none can be read. Copy it anew from where it was recorded."
-    if names >= {"flight/inputs", "flight/outputs"}:  # of mavdem.export.channels
+    if names >= {"flight/inputs", "flight/outputs"}:  # of mavdem.export.conversion
         return f"{os.fspath(path)} was written by `mavdem learn` for viewers: name the log of the flight instead."
     contents = f"its topics are {listed(names)}" if names else "nothing in it can be read"
     what = f"is an MCAP recording without MAVLink and without topics of PX4 or MAVROS ({contents}): record mavlink/…,"

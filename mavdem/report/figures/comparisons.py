@@ -16,8 +16,8 @@ from mavdem.report.palette import BASELINE, DISTINCT, HELD_OUT_OPACITY, MEASURED
 
 SHOWN_RATIOS = 1e-3, 1e3  # error ratios beyond these are drawn at the edge
 HELD = "hold last"
+# Of the errors by horizon: 1 by definition, without a horizon, or not comparable.
 LEFT_OUT = {"constant mean", "zero", "DEM p=1", "DEM paper", "DEM paper p=1"}
-"""Of the errors by horizon: 1 by definition, without a horizon, or not comparable."""
 PEERS = tuple(colour for colour in DISTINCT if colour not in (PREDICTED, BASELINE))
 
 

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from mavdem.dem.engine.linalg import Array
 from mavdem.fleet.row import AXIS_ORDER, NOT_IDENTIFIABLE, Flight, worst_health
 from mavdem.report.figures.style import HAIRLINE, WIDTH, Room, band, not_blown_up, picture, plain
-from mavdem.report.numbers import readable, short
+from mavdem.report.numbers import TORQUE, short
 from mavdem.report.palette import BAD, LIMITED, distinct
 
 FEW = 25  # flights, up to which each has a dot and its own interval
@@ -20,7 +20,6 @@ COLUMNS = 3
 MARKS = {"fault": ("o", BAD), "drift": ("^", LIMITED)}
 """Above the flights in which they were found; the shapes differ too, so that colour is not needed."""
 AXES = AXIS_ORDER[:2]
-DEGREES = readable("rad/s²")
 
 
 class Panel(NamedTuple):
@@ -90,22 +89,22 @@ def _panels(flights: Sequence[Flight]) -> Iterator[Panel]:
             names = [*map(short, motors)] if count == len(motors) else [f"input {i + 1}" for i in range(count)]
             # The size of an effectiveness, whose sign is only where the motor is.
             lines = {
-                name: np.abs(DEGREES.scale * _line(flights, "effect", axis, unit, (i, count)))
+                name: np.abs(TORQUE.scale * _line(flights, "effect", axis, unit, (i, count)))
                 for i, name in enumerate(names)
             }
-            yield Panel(f"Effectiveness on {axis} ({DEGREES.name} per {unit})", lines)
+            yield Panel(f"Effectiveness on {axis} ({TORQUE.name} per {unit})", lines)
         # Both are the model's: with the demand as its input the time constant has the mixer's in it.
         beside = f", per {unit}" if len(kinds) > 1 else ""
         for title, name, scale in (("Rate damping (1/s)", "damping", 1.0), ("Motor time constant (ms)", "lag", 1e3)):
             yield Panel(f"{title}{beside}", {axis: scale * _line(flights, name, axis, unit) for axis in AXES})
-    torque = {axis: DEGREES.scale * _line(flights, "wind_torque_sd", axis) for axis in AXES}
-    yield Panel(f"Wind torque, sd ({DEGREES.name})", torque)
-    residual = {axis: DEGREES.scale * _line(flights, "residual_mean", axis) for axis in AXES}
+    torque = {axis: TORQUE.scale * _line(flights, "wind_torque_sd", axis) for axis in AXES}
+    yield Panel(f"Wind torque, sd ({TORQUE.name})", torque)
+    residual = {axis: TORQUE.scale * _line(flights, "residual_mean", axis) for axis in AXES}
     for axis in AXES:
         # That of healthy flights: about 0, and how far from it.
-        usual = DEGREES.scale * _line(flights, "residual_mean_interval", axis)[:, 0]
+        usual = TORQUE.scale * _line(flights, "residual_mean_interval", axis)[:, 0]
         residual[f"usual on {axis}"] = np.column_stack([0.0 * usual, usual])
-    yield Panel(f"Residual mean ({DEGREES.name})", residual, 0.0)
+    yield Panel(f"Residual mean ({TORQUE.name})", residual, 0.0)
     yield Panel("Error ratio (1: as the mean)", {axis: _line(flights, "error_ratio", axis) for axis in AXES}, 1.0)
 
 

@@ -27,11 +27,9 @@ from mavdem.report import palette
 from mavdem.report.figures import style
 from mavdem.report.figures.style import HAIRLINE, THIN, Room, band, legend_above, not_blown_up, note, picture
 from mavdem.report.figures.systems import SystemPlots
-from mavdem.report.numbers import AxisCommand, Labels, left_free, readable
+from mavdem.report.numbers import TORQUE, AxisCommand, Labels, left_free, per, readable
 from mavdem.report.palette import HELD_OUT_OPACITY, MEASURED, TRUTH, distinct
 
-WINDOWS = 8  # that are shown in full
-HIGHEST_HERTZ = 10.0  # of the spectrum: what is faster is noise of the sensors
 END = 1.06  # of the iterations, where the final parameters stand
 
 
@@ -109,7 +107,7 @@ class Plots(SystemPlots):
             ValueError: the wind torque is not identifiable.
         """
         learned = self.learned
-        wind, record, unit = known_wind(learned.wind, learned.physical), learned.record, readable("rad/s²")
+        wind, record, unit = known_wind(learned.wind, learned.physical), learned.record, TORQUE
         if wind is None:
             raise ValueError("there is no wind torque to show: it is not identifiable in this flight")
         with picture(4.0, Room(left=0.8, rows=0.7)) as figure:
@@ -127,7 +125,7 @@ class Plots(SystemPlots):
                 above.axvspan(*ends, color=palette.GUST, alpha=0.3, linewidth=0, label="" if number else "gust")
             above.set(xlabel="time since boot (s)", ylabel=f"wind torque ({unit.name})")
             legend_above(above)
-            shown = (wind.spectrum[0] > 0) & (wind.spectrum[0] <= HIGHEST_HERTZ)
+            shown = (wind.spectrum[0] > 0) & (wind.spectrum[0] <= 10.0)  # Hz: what is faster is noise of the sensors
             frequency, density, model = (values[shown] for values in wind.spectrum)
             below.plot(frequency, unit.scale**2 * density, color=palette.DISTURBANCE, label="wind torque")
             below.plot(frequency, unit.scale**2 * model, color=MEASURED, label="model of it", dashes=(4, 2))
@@ -166,10 +164,9 @@ class Plots(SystemPlots):
                 axes.tick_params(axis="y", length=0)
                 axes.set_ylim(len(names) - 0.4, -0.6)
             if physical is not None:
-                unit = readable("rad/s²")
-                half = unit.scale * physical.interval(LEVEL).effect
-                _bars(panels[0], unit.scale * physical.effect, half, 0.0, palette.PREDICTED)
-                panels[0].set(title="effectiveness", xlabel=style.per(unit.name, labels.input_units[0]))
+                half = TORQUE.scale * physical.interval(LEVEL).effect
+                _bars(panels[0], TORQUE.scale * physical.effect, half, 0.0, palette.PREDICTED)
+                panels[0].set(title="effectiveness", xlabel=per(TORQUE, labels.input_units[0]))
                 note(figure, f"Whiskers: {100 * LEVEL:.0f} % intervals of the control effectiveness.")
             if hover is not None:
                 imbalance, headroom = panels[-2:]
@@ -237,7 +234,7 @@ class Plots(SystemPlots):
         return figure
 
 
-def forecast(held: HeldOut, labels: Labels, output: int = 0, windows: int = WINDOWS) -> Figure:
+def forecast(held: HeldOut, labels: Labels, output: int = 0, windows: int = 8) -> Figure:
     """Draws an output beside its forecasts in some windows that no model saw, and the error in every window.
 
     Shown in full are ``windows`` neighbours with errors nearest to the median, not the best; each is forecast anew.
@@ -262,7 +259,7 @@ def forecast(held: HeldOut, labels: Labels, output: int = 0, windows: int = WIND
         )
         axes.plot(time, lines, color=MEASURED, linewidth=1.1, label="measured", zorder=2.1)
         axes.plot(time, middle, color=palette.PREDICTED, label="forecast")
-        band(axes, time, middle - half_width, middle + half_width, palette.BAND, "90 % band")
+        band(axes, time, middle - half_width, middle + half_width, palette.PREDICTED, "90 % band")
         not_blown_up(axes, measured[shown], 0.5)
         axes.vlines(held.time[shown, 0], *axes.get_ylim(), MEASURED, linewidth=0.6, alpha=0.5, zorder=1)
         axes.set(ylabel=f"{name} ({unit.name})", xlabel="" if several else "time since boot (s)")
@@ -316,7 +313,7 @@ def live_flight(history: LiveHistory, name: str) -> Figure:
     lines = history.lines
     if not np.isfinite(lines.measured).any():
         raise ValueError("no attitude came")
-    angle, torque = readable("rad"), readable("rad/s²")
+    angle, torque = readable("rad"), TORQUE
     with picture(3.4, Room()) as figure:
         above, below = figure.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": [3, 2]})
         for axes, mean, half, unit, colour, label in (

@@ -177,11 +177,6 @@ def not_blown_up(axes: Axes, values: ArrayLike, beyond: float = 0.6) -> None:
     axes.set_ylim(max(bottom, low - beyond * span), min(top, high + beyond * span))
 
 
-def per(unit: str, of: str) -> str:
-    """Returns the unit of what one ``unit`` ``of`` the input does: "°/s per µs"."""
-    return f"{unit or '1'} per {of or 'unit of input'}"
-
-
 def note(figure: Figure, text: str) -> None:
     """Writes a remark below everything else, small."""
     figure.supxlabel(fill(text, 92), x=0.01, ha="left", fontsize=7.5)

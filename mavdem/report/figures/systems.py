@@ -20,8 +20,8 @@ from mavdem.confidence import LEVEL
 from mavdem.dem import Learned, Physical
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import pack, unpack
-from mavdem.report.figures.style import HAIRLINE, Room, band, legend_above, not_blown_up, note, per, picture
-from mavdem.report.numbers import AxisCommand, Labels, readable
+from mavdem.report.figures.style import HAIRLINE, Room, band, legend_above, not_blown_up, note, picture
+from mavdem.report.numbers import AxisCommand, Labels, per, readable
 from mavdem.report.palette import BAD, HELD_OUT_OPACITY, PHYSICAL, PREDICTED, TRUTH
 
 Complex = NDArray[np.complex128]
@@ -142,7 +142,7 @@ class SystemPlots:
                     _draw(axes, frequency, values, name, colour)
                     estimates.append(values[0])
             above.set(xscale="log", yscale="log")
-            above.set_ylabel(f"{labels.output_names[output]} by {command.name}\n({per(unit.name, command.unit)})")
+            above.set_ylabel(f"{labels.output_names[output]} by {command.name}\n({per(unit, command.unit)})")
             lowest, highest = np.min(magnitudes) / MAX_WIDER, np.max(magnitudes) * MAX_WIDER
             above.set_ylim(*np.clip(above.get_ylim(), lowest, highest))
             below.set(xlabel="frequency (Hz)", ylabel="phase (°)")
