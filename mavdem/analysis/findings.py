@@ -126,10 +126,9 @@ def findings_of(
     purposes = () if learned is None else _purposes(learned, held_out)
     if other := _stepped(learned, flights):
         meant = {PURPOSES[0]: "that of a motor may be another", PURPOSES[2]: "not all of it is wind"}
-        known = {
-            one: f"{other}: {meant[one.purpose]}." for one in purposes if one.grade == GOOD and one.purpose in meant
-        }
-        purposes = tuple(one._replace(grade=LIMITED, reason=clear[one]) if one in clear else one for one in purposes)
+        clear = [one for one in purposes if one.grade == GOOD and one.purpose in meant]
+        doubts = {one: f"{other}: {meant[one.purpose]}." for one in clear}
+        purposes = tuple(one._replace(grade=LIMITED, reason=doubts[one]) if one in doubts else one for one in purposes)
     if overrides:
         headline, following = overrides[0].headline, overrides[0].remedy
         purposes = tuple(_doubted(one, overrides[0]) for one in purposes)
