@@ -180,9 +180,6 @@ def _effects(scenario: Scenario, motion: Motion) -> dict[str, Array]:
 
 
 def write_truth(path: str | os.PathLike[str], scenario: Scenario, motion: Motion) -> None:
-    """Writes :func:`truth` as .npz, whole or not at all; the same flight gives the same bytes.
-
-    Raises OSError: it cannot be written.
-    """
+    """Writes :func:`truth` as .npz, whole or not at all, the same bytes of the same flight; raises OSError."""
     with atomic_write(path) as file:
         np.savez_compressed(file, allow_pickle=False, **truth(scenario, motion))

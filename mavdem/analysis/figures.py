@@ -40,10 +40,7 @@ ALL = "all"  # of an axis: roll, pitch and yaw
 
 
 class AxisFigures(NamedTuple):
-    """One axis, from ``flights``, the segments of all its settled flight: ``physical`` parameters and ``wind`` torque.
-
-    ``reason`` says why there are none.
-    """
+    """One axis: all its settled ``flights``, ``physical`` parameters, ``wind`` torque; ``reason``: why none."""
 
     flights: tuple[Flight, ...]
     physical: Physical | None

@@ -16,6 +16,7 @@ from mavdem.dem.graybox.identifiability import CHANGED
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.numbers import (
     THREE_STATES,
+    TORQUE,
     Labels,
     listed,
     outputs_of,
@@ -26,7 +27,7 @@ from mavdem.report.numbers import (
     states_are_outputs,
     with_unit,
 )
-from mavdem.report.screen import TORQUE, parameter_reasons
+from mavdem.report.screen import parameter_reasons
 
 
 def detail_blocks(learned: Learned, report: dict[str, Any] | None = None) -> list[Block]:
@@ -72,24 +73,18 @@ def _model(labels: Labels, learned: Learned) -> list[Block]:
     model, states, outputs = learned.model, state_names(labels.output_names, learned), states_are_outputs(learned)
     (n, r), m, half = model.B.shape, len(model.C), learned.model_interval(LEVEL)
     known = unpack(learned.known, n, r, m)
-    A, B, C = (
-        [[_entry(*cell) for cell in zip(*row, strict=True)] for row in zip(values, widths, fixed, strict=True)]
-        for values, widths, fixed in zip(model[:3], half[:3], known, strict=True)
-    )
     derivatives, inputs = [f"d/dt {state}" for state in states], [short(name) for name in labels.input_names]
+
+    def table(which: int, columns: Sequence[str], rows: Sequence[str]) -> Table:
+        cells = zip(rows, model[which], half[which], known[which], strict=True)
+        return Table(["ABC"[which], *columns], [[head, *map(_entry, *row)] for head, *row in cells])
+
+    A, B, C = table(0, states, derivatives), table(1, inputs, derivatives), table(2, states, labels.output_names)
     constant = learned.scaling.constant
     if constant:
-        inputs.append("d")
-        B = [[*row, f"{value:.3g}"] for row, value in zip(B, model.offset, strict=True)]
-
-    tables = {
-        name: Table([name, *columns], [[row, *values] for row, values in zip(rows, cells, strict=True)])
-        for name, columns, rows, cells in (
-            ("A", states, derivatives, A),
-            ("B", inputs, derivatives, B),
-            ("C", states, labels.output_names, C),
-        )
-    }
+        B.header.append("d")
+        for row, value in zip(B.rows, model.offset, strict=True):
+            row.append(f"{value:.3g}")
     units = ", ".join(dict.fromkeys(unit for unit in (*labels.output_units, *labels.input_units) if unit))
     blocks: list[Block] = [
         Sentence(
@@ -98,16 +93,20 @@ def _model(labels: Labels, learned: Learned) -> list[Block]:
             "without the bias of the closed loop. Entries without ± are held by the prior.",
             "Model:",
         ),
-        tables["A"],
-        tables["B"],
+        A,
+        B,
     ]
     if outputs and len(states) == len(labels.output_names) + 1:
         blocks.append(Sentence(f"hidden 1 is the motors' lag. {THREE_STATES}", "States:"))
     if not outputs:
-        blocks.append(tables["C"])
+        blocks.append(C)
+    if count := len(learned.undetermined):
+        text = (
+            f"{count} combination{'s' * (count > 1)} of parameters: the data contain less information than the prior."
+        )
+        blocks.append(Sentence(text, "Not identifiable:"))
     return [
         *blocks,
-        *_not_identifiable(len(learned.undetermined)),
         Sentence(f"{_trim(labels.output_names, model.output_trim, labels.output_units)}.", "y₀:"),
         Sentence(f"{_trim(labels.input_names, model.input_trim, labels.input_units)}.", "u₀:"),
         Sentence(_poles(model.A), "Poles of A (1/s):"),
@@ -129,16 +128,10 @@ def _trim(names: Sequence[str], values: Array, units: Sequence[str]) -> str:
     return ", ".join(shown)
 
 
-def _not_identifiable(count: int) -> list[Block]:
-    text = f"{count} combination{'s' * (count > 1)} of parameters: the data contain less information than the prior."
-    return [Sentence(text, "Not identifiable:")] if count else []
-
-
 def _poles(A: Array) -> str:
     """The eigenvalues of A, the slowest first, one of each complex pair, and whether the model is stable."""
     poles = sorted((value for value in np.linalg.eigvals(A) if value.imag >= 0), key=lambda value: -value.real)
-    unstable = any(value.real > 0 for value in poles)
-    return f"{'; '.join(map(_pole, poles))}. The model is {'unstable' if unstable else 'stable'}."
+    return f"{'; '.join(map(_pole, poles))}. The model is {'unstable' if poles[0].real > 0 else 'stable'}."
 
 
 def _pole(pole: complex) -> str:
