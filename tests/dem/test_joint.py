@@ -7,7 +7,7 @@ import pytest
 from simulated import in_closed_loop
 
 from mavdem.dem.forecast import joint
-from mavdem.dem.forecast.joint import DOUBLING_DEVIATION, LAGS, Choice, JointModel
+from mavdem.dem.forecast.joint import LAGS, Choice, JointModel
 from mavdem.dem.forecast.var import CONSTANT_RIDGE, INPUT_NOISE, LagStatistics, lagged, regress
 from mavdem.dem.online.ahead import OnlineJoint
 from mavdem.dem.online.memory import Memory
@@ -133,8 +133,8 @@ def test_a_forecast_is_the_mean_s_path_shrunk_by_the_spread_of_the_draws(model):
     paths = np.array([by_loop(wide, draw, CHANNELS[740 - model.choice.lags : 740], motors) for draw in wide.draws])
     deviation = (exact.mean[rows] - center) / scale
     moved = np.cumsum(model.process.units.scaled_inputs(motors) ** 2, axis=0) / np.arange(1, 41)[:, None]
-    spread, prior = ((paths - deviation) ** 2).mean(axis=0), np.maximum(moved, 1.0)
-    share = spread / prior * (1 + deviation**2 / (prior * DOUBLING_DEVIATION**2))
+    spread = ((paths - deviation) ** 2).mean(axis=0)
+    share = spread / np.maximum(moved, 1.0)
     assert share.max() > 0.2
     np.testing.assert_allclose(found.mean[rows], center + scale * deviation / (1 + share), rtol=1e-8, atol=1e-10)
     np.testing.assert_allclose(found.variance[rows], exact.variance[rows] + scale**2 * spread / (1 + share), rtol=1e-6)

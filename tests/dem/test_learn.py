@@ -11,12 +11,12 @@ from simulated import DT, GAIN, RATE, simulated
 
 from mavdem import Flight, Forecaster, Learned, Settings, evaluate, learn
 from mavdem.dem.engine.model import discretize
-from mavdem.dem.learning import PARAMETER_PRECISION, complete
+from mavdem.dem.learning import complete
 from mavdem.dem.priors import derivative_pairs
 from mavdem.dem.record import Record, folds
 
 QUICK = Settings(order=2, window=3, parameter_precision=1.0)
-PLANT = replace(QUICK, forecasts="plant")
+PLANT = replace(QUICK, horizon=None, forecasts="plant")
 
 
 def alone(outputs):
@@ -64,7 +64,7 @@ def test_the_window_that_is_left_open_lasts_as_long_at_every_rate(rate, window):
     record = Record(np.zeros((700, 4)), np.zeros((700, 2)), 1 / rate, (700,))
     settings = complete(Settings(), record)
     left_open = settings.order, settings.d, settings.window, settings.parameter_precision
-    assert left_open == (3, 2, window, PARAMETER_PRECISION)
+    assert left_open == (3, 2, window, 10.0)
     assert complete(settings, record) == settings
     given = complete(Settings(order=2, window=7, parameter_precision=3.0), record)
     assert (given.order, given.d, given.window, given.parameter_precision) == (2, 2, 7, 3.0)
@@ -118,6 +118,7 @@ def test_unstable_models_are_said_to_be():
     flight = Flight(time, rng.standard_normal((400, 1)), outputs)
     learned = learn(flight, Settings(order=2, parameter_precision=0.01, window=3))
     assert learned.model.spectral_abscissa > 0
+    assert any("unstable" in caution for caution in learned.cautions)
     assert not learned.stable and not replace(learned, settings=replace(learned.settings, forecasts="plant")).stable
 
 
@@ -168,7 +169,7 @@ def test_derivative_pairs_are_found_whatever_their_places_and_noise():
 
 def test_an_ascent_that_broke_off_where_no_step_increased_it_has_not_converged(monkeypatch):
     monkeypatch.setattr("mavdem.dem.engine.ascent.NEWTON_SHARES", ())
-    learned = learn(simulated(wind=0.5)[:700], Settings(window=9, parameter_precision=1.0))
+    learned = learn(simulated(wind=0.5)[:700], Settings(window=9, parameter_precision=1.0, horizon=None))
     assert not learned.converged
 
 
@@ -182,7 +183,7 @@ def test_wrong_forecast_inputs_are_named():
         learned.forecast_band(np.zeros((10, 4)), level=2)
 
 
-@pytest.mark.parametrize("settings", [PLANT, replace(Settings.paper(), order=2), replace(QUICK, order=3)])
+@pytest.mark.parametrize("settings", [PLANT, Settings.paper(), replace(PLANT, order=3, forecasts="joint")])
 def test_from_zero_row_0_is_the_trim_and_the_inputs_move_the_rest_by_the_physical_model(settings):
     flight = simulated(wind=0.5)
     learned = learn(flight[:700], settings)

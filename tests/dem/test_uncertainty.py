@@ -105,7 +105,7 @@ def test_two_motors_that_always_agree_leave_their_difference_undetermined():
     flight = simulated(wind=0.5)
     inputs = flight.inputs.copy()
     inputs[:, 1] = inputs[:, 0]
-    settings = Settings(order=2, window=5, parameter_precision=1.0)
+    settings = Settings(order=2, window=5, parameter_precision=1.0, horizon=None)
     learned = learn(Flight(flight.time, inputs, flight.outputs)[:700], settings)
     (direction,) = learned.undetermined
     assert direction.share < 1e-6

@@ -11,7 +11,7 @@ from mavdem.evaluate.held_out import CONSTANT_MEAN, FOLDS, HOLD_LAST, held_out_t
 
 pytestmark = pytest.mark.slow
 FLIGHT = simulated(samples=1500, wind=0.5)
-QUICK = mavdem.Settings(order=2, window=5, parameter_precision=1.0, iterations=4)
+QUICK = mavdem.Settings(order=2, window=5, parameter_precision=1.0, horizon=None, iterations=4)
 STEPS = 60
 
 

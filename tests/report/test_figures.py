@@ -21,7 +21,7 @@ from mavdem.report.numbers import AxisCommand, Labels
 
 pytestmark = pytest.mark.slow
 LOG = Path(__file__).parents[2] / "logs" / "ardupilot_wind5_steps.tlog"
-SETTINGS = mavdem.Settings(order=3, d=2, window=9, parameter_precision=1.0)
+SETTINGS = mavdem.Settings(order=3, d=2, window=9, parameter_precision=1.0, horizon=None)
 METHODS = ("residuals", "bode", "step", "poles", "disturbance", "motors", "learning")
 
 
