@@ -154,7 +154,7 @@ def model_figures(flights: Sequence[Flight], learned: Learned, held_out: HeldOut
     ranked = _ranked(forecast_errors, held_out.variance)
     model, energy = learned.model, learned.free_energy
     sd, half_width = learned.model_sd, learned.model_interval(LEVEL)
-    joint, turning = learned.joint, None if fit is None or fit.mixer is None else fit.mixer.turning
+    joint = learned.joint
     return {
         "flight": dict(first.provenance),
         "segments": [{"start": float(flight.time[0]), "samples": len(flight)} for flight in flights],
@@ -193,7 +193,7 @@ def model_figures(flights: Sequence[Flight], learned: Learned, held_out: HeldOut
             "converged": fit.converged,
             "numbers": fit.effective_samples,
             "parameters": len(fit.free),
-            "turning": None if turning is None else turning.tolist(),
+            "turning": joint.combinations[:, 0].tolist(),
             "terms": {name: float(term[-1]) for name, term in fit.terms.items()},
         },
         "joint": {

@@ -128,19 +128,19 @@ def _start(record: Record, settings: CompleteSettings, before: Learned) -> Start
     theta = last.copy()
     theta[of_vehicle(n, r, m, before.scaling.constant)] = before.learning.theta[-1]
     if before.simulation_fit is None:
-        return Start(theta, lambda_, None, None)
-    return Start(theta, lambda_, last, before.simulation_fit.mixer)
+        return Start(theta, lambda_, None)
+    return Start(theta, lambda_, last)
 
 
 def _with_simulation_fit(fitted: Fit, record: Record, samples: SufficientStatistics, start: Start | None) -> Fit:
     """The fit with θ of a simulation-error fit, where the settings ask for one and it succeeds; else as it was."""
     model, ascent, settings, scaling = fitted.model, fitted.ascent, fitted.settings, fitted.scaling
-    theta, mixer = ascent.belief.theta, None
+    theta = ascent.belief.theta
     if start is not None and start.simulated_theta is not None:
-        theta, mixer = start.simulated_theta / scaling.parameter_scale(model.n), start.mixer
+        theta = start.simulated_theta / scaling.parameter_scale(model.n)
     try:
         with raise_on_overflow():
-            refined = fit_simulation(model, settings, scaling, theta, fitted.gain, record, geometry=mixer)
+            refined = fit_simulation(model, settings, scaling, theta, fitted.gain, record)
             if refined is None:
                 return fitted
             iterate = CoordinateAscent(model, samples).at_theta(refined.theta, ascent.belief)

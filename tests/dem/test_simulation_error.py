@@ -10,11 +10,9 @@ from simulated import GAIN, simulated
 from textbook_filter import TextbookFilter
 
 from mavdem import Flight, Learned, Settings, learn
-from mavdem.dem.engine.gauss_newton import Quadratic
 from mavdem.dem.engine.model import unpack
 from mavdem.dem.engine.state_space import filter_gain
-from mavdem.dem.fitting import fit, predictor_of
-from mavdem.dem.forecast.mixer import mixer_priors
+from mavdem.dem.fitting import fit
 from mavdem.dem.forecast.simulation_error import (
     MAX_SEGMENTS,
     SAMPLES_PER_PARAMETER,
@@ -115,7 +113,7 @@ def test_a_model_without_noise_is_found_as_it_is():
     start = truth.copy()
     start[free] *= 1 + 0.3 * rng.uniform(-1, 1, len(free))
     climbed = fit_with_prior(start, (start, np.diag(precision)), (n, r, m), gain, dt, stretches, iterations=50)
-    found, _ = climbed
+    found = climbed
     np.testing.assert_array_equal(found.free, free)
     np.testing.assert_allclose(found.theta[free], truth[free], rtol=1e-3, atol=1e-3)
 
@@ -176,21 +174,6 @@ def test_nothing_runs_across_a_gap_and_long_flights_are_thinned():
     assert many.number == pytest.approx(MAX_SEGMENTS * 20 / 30)
 
 
-def test_a_filter_that_overflows_leaves_theta_as_the_ascent_ended(monkeypatch):
-    """Over short segments a growing filter may stay finite; over the whole record it does not."""
-
-    def unstable(theta, sizes, gain, dt):
-        predictor = predictor_of(theta, sizes, gain, dt)
-        return predictor._replace(A=10 * predictor.A)
-
-    monkeypatch.setattr("mavdem.dem.learning.predictor_of", unstable)
-    learned = learn(FLIGHT[:300], COMPLETE)
-    assert learned.simulation_fit is None
-    assert any("overflow" in caution for caution in learned.cautions)
-    short = learn(FLIGHT[:300], replace(COMPLETE, horizon=None))
-    np.testing.assert_array_equal(learned.model.A, short.model.A)
-
-
 @pytest.fixture(scope="module")
 def document():
     return learn(FLIGHT[:300], COMPLETE).to_json()
@@ -207,47 +190,12 @@ def test_inputs_without_measure_are_forecast_without_a_word(document, size):
         assert learned.forecast_every(5, ahead, np.full((150, 2), 1e308)).shape == (150, 2)
 
 
-@pytest.mark.parametrize("rotors", [3, 4, 6, 8])
-def test_quiet_combinations_are_of_unit_length_and_at_right_angles(rotors):
-    any_way, *named = mixer_priors(rotors)
-    assert any_way.quiet.shape == (0, rotors)
-    for layout in named:
-        np.testing.assert_allclose(layout.quiet @ layout.quiet.T, np.eye(len(layout.quiet)), atol=1e-12)
-        np.testing.assert_allclose(layout.quiet[0], rotors**-0.5)
-    assert mixer_priors(2) == ()
-
-
-def test_of_four_rotors_an_x_turns_by_two_against_two_and_a_plus_by_one_against_one():
-    turning = [layout.turning for layout in mixer_priors(4)[1:]]
-    assert mixer_priors(4)[0].turning is None and mixer_priors(6)[1].turning is None
-    for layout, way in zip(mixer_priors(4)[1:], turning, strict=True):
-        np.testing.assert_allclose(layout.quiet @ way, 0, atol=1e-12)
-    sizes = sorted(tuple(np.round(np.sort(np.abs(way)), 3)) for way in turning)
-    assert sizes == [(0.0, 0.0, 0.707, 0.707)] * 6 + [(0.5, 0.5, 0.5, 0.5)] * 3
-    assert len({tuple(np.round(np.outer(way, way).ravel(), 3)) for way in turning}) == 9
-
-
-def test_the_height_is_that_of_a_linear_gaussian_model():
-    """Of data y = J θ + e with a Gaussian prior, at its most probable θ; differences of priors are what counts."""
-    rng = np.random.default_rng(0)
-    J, at, y = rng.standard_normal((12, 4)), rng.standard_normal(4), rng.standard_normal(12)
-    likelihood = Quadratic(at, 0.0, J.T @ (y - J @ at), J.T @ J)
-    ours, exact = [], []
-    for _ in range(3):
-        root, mean = rng.standard_normal((4, 4)), rng.standard_normal(4)
-        precision = root @ root.T + np.eye(4)
-        best = np.linalg.solve(J.T @ J + precision, J.T @ y + precision @ mean)
-        ours.append(likelihood.highest(mean, precision))
-        exact.append(-0.5 * np.sum((y - J @ best) ** 2) - 0.5 * (best - mean) @ precision @ (best - mean))
-    np.testing.assert_allclose(np.diff(ours), np.diff(exact), rtol=1e-9)
-
-
 def test_an_x_is_found_where_nothing_but_roll_is_flown():
     """Then the layouts that hold the very combination that moves must not win by holding it."""
     flight = simulated(wind=0.5, lag=0.05)[:700]
     way = np.array([-0.5, 0.5, 0.5, -0.5])
     only = Flight(flight.time, 1500 + (flight.inputs - 1500) @ np.outer(way, way), flight.outputs, dt=flight.dt)
-    assert abs(learn(only, COMPLETE).simulation_fit.mixer.turning @ way) == pytest.approx(1)
+    assert abs(way @ learn(only, COMPLETE).joint.combinations[:, 0]) == pytest.approx(1)
 
 
 def effect(flight: Flight) -> np.ndarray:
@@ -275,14 +223,14 @@ def test_motors_in_a_plus_and_in_another_geometry_are_recognised():
 def test_a_known_geometry_takes_the_place_of_the_one_that_is_inferred():
     flight = simulated(wind=1.0, lag=0.05)[:700]
     inferred, known, other = (
-        learn(each, COMPLETE).simulation_fit
+        learn(each, COMPLETE)
         for each in (
             flight,
             _with_directions(flight, np.array([0.2, -0.2, -0.2, 0.2])),
             _with_directions(flight, np.array([1.0, 1.0, -1.0, -1.0])),
         )
     )
-    np.testing.assert_allclose(known.mixer.turning, np.array([1, -1, -1, 1]) / 2, atol=1e-12)
+    np.testing.assert_allclose(known.joint.combinations[:, 0], np.array([1, -1, -1, 1]) / 2, atol=1e-12)
     np.testing.assert_allclose(known.theta, inferred.theta, atol=1e-4)
     assert np.abs(other.theta - inferred.theta).max() > 1e-2
 

@@ -24,7 +24,7 @@ from numpy.polynomial.legendre import legvander
 
 from mavdem.confidence import half_width
 from mavdem.dem.engine.linalg import Array, one_thread
-from mavdem.dem.forecast.mixer import FEWEST_ROTORS, mixer_priors
+from mavdem.dem.forecast.mixer import FEWEST_ROTORS, turning_patterns
 from mavdem.dem.forecast.var import (
     LEAST_FREEDOM,
     ChannelUnits,
@@ -99,7 +99,7 @@ def turning_combinations(record: Record) -> Array:
         units, statistics = _statistics(record, combinations, lags)
         return regress(statistics.gram, statistics.rows, prior, m), units, statistics.rows
 
-    found = [prior.turning for prior in mixer_priors(r) if prior.turning is not None]
+    found = turning_patterns(r)
     every, units, rows = of_outputs(np.eye(r))
     effects = every.mean[:-1, m - 1].reshape(lags, m + r)[:, m:].sum(axis=0) / units.scale[m:]
     size = float(np.linalg.norm(effects))
