@@ -149,10 +149,8 @@ class Simulation:
         state = self._body.moved(state, targets, air, self._steps)
         # Not a number is not less either.
         if not hypot(*state.rates) < MAX_BODY_RATE:
-            raise ValueError(
-                f"the vehicle is out of control {self._now * self.cycle:.1f} s after boot, turning at more than "
-                f"{MAX_BODY_RATE:g} rad/s: it needs less wind, or smaller moments"
-            )
+            fast = f"{self._now * self.cycle:.1f} s after boot, turning at more than {MAX_BODY_RATE:g} rad/s"
+            raise ValueError(f"the vehicle is out of control {fast}: it needs less wind, or smaller moments")
         north, east, down = state.position
         if down >= 0.0 and state.velocity[2] > 0.0:
             # It stands where it came down, level, with the heading it had.

@@ -151,11 +151,7 @@ AIRFRAMES = {"ardrone2": ARDRONE2, "iris": IRIS, "crazyflie": CRAZYFLIE}  # By t
 def airframe(vehicle: VehicleSpec) -> Airframe:
     """The published airframe with what a scenario changes of it."""
     published = AIRFRAMES[vehicle.model]
-    up, down = published.lag
+    lags = zip(published.lag, (vehicle.lag_up, vehicle.lag_down), strict=True)
+    up, down = (own if given is None else given for own, given in lags)
     ix, iy, iz = (vehicle.inertia_scale * inertia for inertia in published.inertia)
-    return replace(
-        published,
-        inertia=(ix, iy, iz),
-        lag=(up if vehicle.lag_up is None else vehicle.lag_up, down if vehicle.lag_down is None else vehicle.lag_down),
-        quadratic=vehicle.quadratic_thrust,
-    )
+    return replace(published, inertia=(ix, iy, iz), lag=(up, down), quadratic=vehicle.quadratic_thrust)

@@ -53,10 +53,8 @@ def where(time: Array, true: NDArray[np.bool_]) -> Intervals:
     seen bound an interval.
     """
     edges = np.flatnonzero(np.diff(np.concatenate([[False], true, [False]]).astype(np.int8)))
-    return [
-        (-inf if first == 0 else float(time[first]), inf if after == len(time) else float(time[after - 1]))
-        for first, after in zip(edges[::2], edges[1::2], strict=True)
-    ]
+    runs = zip(edges[::2], edges[1::2], strict=True)
+    return [(-inf if a == 0 else float(time[a]), inf if b == len(time) else float(time[b - 1])) for a, b in runs]
 
 
 def unbroken(time: Array, broken: NDArray[np.bool_]) -> Intervals:

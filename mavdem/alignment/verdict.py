@@ -51,29 +51,24 @@ def cautions_of(signals: Signals, figures: QualityFigures) -> tuple[str, ...]:
         cautions.append(f"{what} were left out, for {IMPOSSIBLE}.")
     for stream in (attitude, drive):
         if stream.left_out > DOUBTFUL_LOSS * stream.sent:
-            cautions.append(
-                f"{stream.left_out} of {stream.sent} {called(stream.message)} messages were left out: their time "
-                "stamps are far off or those of others, or their numbers make no sense."
-            )
+            wrong = "their time stamps are far off or those of others, or their numbers make no sense."
+            what = f"{stream.left_out} of {stream.sent} {called(stream.message)} messages"
+            cautions.append(f"{what} were left out: {wrong}")
     layout = drive.layout
     if drive.message == DEMAND_MESSAGE:
         rate = 0.0 if signals.motors is None else usual_rate(signals.motors)
         slowly = f"come too slowly ({below(rate, MINIMUM_RATE)} Hz)" if rate else "are missing"
         lead = "The" if rate >= MINIMUM_RATE else f"Motor outputs {slowly}, so the"
-        cautions.append(
-            f"{lead} input is the controller's {axis} demand, and the model includes the mixer, the motors' limits "
-            "and the battery."
-        )
+        within = "the model includes the mixer, the motors' limits and the battery."
+        cautions.append(f"{lead} input is the controller's {axis} demand, and {within}")
     if signals.telemetry.vehicle == "UNKNOWN":
         cautions.append("No heartbeat says what the vehicle is: a multirotor was assumed.")
     if layout.channels_assumed or layout.positions_assumed:
         cautions.append(f"Which motor is which was assumed: {layout.basis}.")
     if figures.output_snr is not None and figures.output_snr < DOUBTFUL_SNR:
-        cautions.append(
-            f"The {_measured(axis, 'or')} is near the resolution of the stream (steps of {_steps(axis, figures)}): "
-            "rounding can shrink what is learnt of the dynamics by "
-            f"{100 * min(1.0, 1 / (1 + figures.output_snr)):.0f} %."
-        )
+        near = f"near the resolution of the stream (steps of {_steps(axis, figures)})"
+        shrunk = f"what is learnt of the dynamics by {100 * min(1.0, 1 / (1 + figures.output_snr)):.0f} %."
+        cautions.append(f"The {_measured(axis, 'or')} is {near}: rounding can shrink {shrunk}")
     if figures.consistency is not None and figures.consistency < DOUBTFUL_CONSISTENCY:
         cautions.append(f"The rate explains only {figures.consistency:.2f} of the angle's changes: noise, or an alias.")
     return tuple(cautions)

@@ -213,16 +213,11 @@ def slow_motion_refusal(held_out: HeldOut) -> str:
 def flown_after(flights: Sequence[Flight], start: float) -> tuple[Flight, ...]:
     """Returns what is flown ``start`` s after the first sample and later; raises ``TooFewSamples`` of too little."""
     begin = flights[0].time[0] + start
-    left = tuple(
-        one[skip:]
-        for one in flights
-        if len(one) - (skip := round(float(np.clip(begin - one.time[0], 0, one.duration)) / one.dt)) >= FEWEST_SAMPLES
-    )
+    skips = (round(float(np.clip(begin - one.time[0], 0, one.duration)) / one.dt) for one in flights)
+    left = tuple(one[skip:] for one, skip in zip(flights, skips, strict=True) if len(one) - skip >= FEWEST_SAMPLES)
     if not left:
-        raise TooFewSamples(
-            f"Less than {FEWEST_SAMPLES} samples of settled flight are left after {start:g} s.",
-            "Start earlier, with a smaller --start.",
-        )
+        few = f"Less than {FEWEST_SAMPLES} samples of settled flight are left after {start:g} s."
+        raise TooFewSamples(few, "Start earlier, with a smaller --start.")
     return left
 
 

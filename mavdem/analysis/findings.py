@@ -30,8 +30,6 @@ Grade = Literal["GOOD", "LIMITED", "NOT IDENTIFIABLE"]
 GOOD: Grade = "GOOD"
 LIMITED: Grade = "LIMITED"
 NONE: Grade = "NOT IDENTIFIABLE"
-GRADE_OF_STATUS: dict[str, Grade] = {"reported": GOOD, "biased": LIMITED, "not identifiable": NONE}
-"""The best grade of a physical parameter with that status."""
 
 HALF_WIDTH = {"effect": 0.15, "damping": 1 / 3, "lag": 1 / 3, "wind": 0.25}
 """Of the 90 % interval over the estimate, up to which it is GOOD; of the wind torque that of its standard deviation.
@@ -53,7 +51,6 @@ PREDICTION_LIMITS = PredictionLimits()
 SATURATED = 0.05  # share of the time at full throttle, from which on no linear model describes the vehicle
 CHECK = "Check motors, propellers and where the load is, and fly again before this is the vehicle's reference."
 UNEVEN = 8.0  # percent of a motor beyond the mean of all: what health calls a fault's size
-LITTLE_HEADROOM = 0.1  # share of the range
 RINGING, SWINGING = 0.15, 0.4  # autocorrelation of the rate after a swing: below, as of a damping ratio of 0.3; above
 WIND_WORDS = {"light": 0.005, "moderate": 0.02, "strong": float("inf")}  # below, as a share of the motors' full torque
 ADVICE = re.compile(r"[:.] (?:fly|steer|record|log)\b[^;.]*", re.IGNORECASE)  # in a reason; left out under overrides
@@ -129,12 +126,9 @@ def findings_of(
     purposes = () if learned is None else _purposes(learned, held_out)
     if other := _stepped(learned, flights):
         meant = {PURPOSES[0]: "that of a motor may be another", PURPOSES[2]: "not all of it is wind"}
-        purposes = tuple(
-            one._replace(grade=LIMITED, reason=f"{other}: {meant[one.purpose]}.")
-            if one.grade == GOOD and one.purpose in meant
-            else one
-            for one in purposes
-        )
+        clear = [one for one in purposes if one.grade == GOOD and one.purpose in meant]
+        doubts = {one: f"{other}: {meant[one.purpose]}." for one in clear}
+        purposes = tuple(one._replace(grade=LIMITED, reason=doubts[one]) if one in doubts else one for one in purposes)
     if overrides:
         headline, following = overrides[0].headline, overrides[0].remedy
         purposes = tuple(_doubted(one, overrides[0]) for one in purposes)
@@ -224,7 +218,7 @@ def _in_short(
         words = [] if condition is None else ["Motor outputs not known"]
     elif other:
         words = [other]
-    elif min(hover.headroom) < LITTLE_HEADROOM:
+    elif min(hover.headroom) < 0.1:
         words = [f"Headroom of {100 * min(hover.headroom):.0f} % only"]
     if swings < RINGING:
         words.append("well damped")
@@ -270,14 +264,14 @@ def _first_sentence(text: str) -> str:
 
 
 def _grade(name: str, share: float, status: str = "reported") -> Grade:
-    """The grade of an estimate by its ``status`` and the half ``width`` of its interval as a share of it."""
-    best = GRADE_OF_STATUS[status]
-    return LIMITED if best == GOOD and share > HALF_WIDTH[name] else best
+    """The grade of an estimate by its ``status`` and the half width of its interval, as a ``share`` of it."""
+    if status == "not identifiable":
+        return NONE
+    return LIMITED if status == "biased" or share > HALF_WIDTH[name] else GOOD
 
 
 def _effect(physical: Physical) -> tuple[Grade, str]:
-    mean, half = physical.mean_effect(LEVEL)
-    status = physical.status["effect"]
+    (mean, half), status = physical.mean_effect(LEVEL), physical.status["effect"]
     reason = f"Known to ±{100 * half / mean:.0f} %." if status == "reported" else physical.reasons["effect"]
     return _grade("effect", half / mean, status), reason
 
@@ -349,10 +343,8 @@ def warnings_of(learned: Learned, held_out: HeldOut | None) -> tuple[str, ...]:
             advice = "of so few windows it may be chance" if few else "do not rely on it"
             warnings.append(f"The 90 % band held {100 * held_out.coverage:.0f} % of the held-out samples: {advice}.")
         if held_out.over_expected > limits.over_expected:
-            warnings.append(
-                f"Forecasts had {held_out.over_expected:.1f} times the squared error that was to be expected: the "
-                "flight changed, or the model is wrong."
-            )
+            larger = f"{held_out.over_expected:.1f} times the squared error that was to be expected"
+            warnings.append(f"Forecasts had {larger}: the flight changed, or the model is wrong.")
     if not learned.stable:
         warnings.append("The model is unstable: long forecasts grow without bound.")
     return tuple(warnings)
@@ -363,15 +355,12 @@ def next_step(found: Sequence[Finding]) -> str:
     grades = {finding.purpose: finding.grade for finding in found}
     effect, motion, _, prediction = (grades.get(purpose, GOOD) for purpose in PURPOSES[:4])
     if effect != GOOD or motion == NONE:
-        return (
-            "Fly half a minute of quick small movements on this axis in calm air (docs/manoeuvres.md), and learn from "
-            "that: the motors must move more than the wind makes them."
-        )
+        movements = "quick small movements on this axis in calm air (docs/manoeuvres.md)"
+        needed = "the motors must move more than the wind makes them."
+        return f"Fly half a minute of {movements}, and learn from that: {needed}"
     if motion != GOOD:
-        return (
-            "Fly such movements for longer, at a higher rate if the log allows it: rate damping and motor time "
-            "constant need both."
-        )
+        needed = "rate damping and motor time constant need both."
+        return f"Fly such movements for longer, at a higher rate if the log allows it: {needed}"
     if prediction == NONE:
         return "`mavdem compare` with this log shows whether another method predicts it better."
     if prediction != GOOD:

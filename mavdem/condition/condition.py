@@ -37,8 +37,6 @@ from mavdem.ingest import Component, read_log
 from mavdem.ingest.motors import MULTIROTORS, OutputScale
 from mavdem.ingest.telemetry import Array
 
-HIGHEST_PERCENTILE = 99.0  # What stands for the highest output: the very highest is a spike
-
 
 @dataclass(frozen=True)
 class HoverFigures:
@@ -154,11 +152,7 @@ def hover_figures(flights: Sequence[Flight], scale: OutputScale | None = None) -
 
 
 def _figures(
-    names: tuple[str, ...],
-    scale: OutputScale,
-    seconds: float,
-    outputs: Array,
-    lean: Mapping[str, float],
+    names: tuple[str, ...], scale: OutputScale, seconds: float, outputs: Array, lean: Mapping[str, float]
 ) -> HoverFigures:
     shares = scale.fraction(outputs)
     trims = shares.mean(axis=0)
@@ -170,7 +164,7 @@ def _figures(
         "trim": outputs.mean(axis=0),
         "trim_of_range": trims,
         "trim_share": trims / trims.mean(),
-        "headroom": np.maximum(scale.stop - np.percentile(shares, HIGHEST_PERCENTILE, axis=0), 0.0),
+        "headroom": np.maximum(scale.stop - np.percentile(shares, 99.0, axis=0), 0.0),  # the very highest is a spike
         "at_upper_limit": upper.mean(axis=0),
         "at_lower_limit": lower.mean(axis=0),
     }
@@ -182,7 +176,6 @@ FASTEST = 0.05
 """Hz, of the fastest cosine: slower than gusts and the position loop, whose seconds are no mean of a flight."""
 FEWEST, MOST = 4, 32  # Cosines; fewer than 4 make intervals that are mostly chance, more than 32 hardly change them
 END_SECONDS = 2.0  # The battery's voltage at either end is the median over so long
-MIN_BATTERY_SAMPLES = 10  # From which a resistance is estimated
 LEVELS, CLIPS = ("vibration_x", "vibration_y", "vibration_z"), ("clipping_0", "clipping_1", "clipping_2")
 
 
@@ -405,7 +398,7 @@ def _resistance(time: Array, volts: Array, amperes: Array) -> tuple[float | None
     line = np.column_stack([np.ones_like(time), time - time.mean()])
     fallen, load = (column - line @ np.linalg.lstsq(line, column, rcond=None)[0] for column in (-volts, amperes))
     power = float(load @ load)
-    if len(time) < MIN_BATTERY_SAMPLES or power <= 0:
+    if len(time) < 10 or power <= 0:
         return None, None
     resistance = float(load @ fallen) / power
     scores = load * (fallen - resistance * load) * len(load) / power

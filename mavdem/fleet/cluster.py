@@ -70,10 +70,8 @@ class Cluster:
             for future in done:
                 job = sent.pop(future)
                 if future.cancelled():
-                    raise Unreadable(
-                        f"The scheduler at {self.address} has gone: what was read is kept; start it, and the same "
-                        "command goes on."
-                    )
+                    kept = "what was read is kept; start it, and the same command goes on."
+                    raise Unreadable(f"The scheduler at {self.address} has gone: {kept}")
                 trouble = future.exception()
                 if isinstance(trouble, KilledWorker):
                     yield failed(job, "died", "The workers of the cluster that read it died.")
@@ -123,10 +121,9 @@ def _threads(client: Any, address: str, path: str) -> int:
     try:
         workers = client.run(machine, path)
     except Exception as error:  # raised there: where there is no mavdem, the function cannot be found
-        raise Unreadable(
-            f"The workers of {address} have no mavdem that reads logs of a fleet ({type(error).__name__}: {error}): "
-            f"install 'mavdem[dask,fleet]' {metadata.version('mavdem')} there."
-        ) from None
+        lacking = f"have no mavdem that reads logs of a fleet ({type(error).__name__}: {error})"
+        install = f"install 'mavdem[dask,fleet]' {metadata.version('mavdem')} there."
+        raise Unreadable(f"The workers of {address} {lacking}: {install}") from None
     for worker, (there, readable) in sorted(workers.items()):
         if there != here:
             raise Unreadable(f"The worker {worker} has {there}, this machine {here}: install the same there.")

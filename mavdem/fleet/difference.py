@@ -175,10 +175,8 @@ def since_baseline(
     before, after = vehicles_of(baseline), vehicles_of(row for row in rows if row.key not in keys)
     latest = {name: flights[-1] for name, flights in after.items() if name != UNKNOWN}
     healthy = {name: [row for flight in flights for row in flight] for name, flights in before.items()}
-    return {
-        name: (flight[0], vehicle_difference(healthy[name], flight) if name in healthy else None)
-        for name, flight in latest.items()
-    }
+    found = {name: vehicle_difference(healthy[name], flight) for name, flight in latest.items() if name in healthy}
+    return {name: (flight[0], found.get(name)) for name, flight in latest.items()}
 
 
 def estimates_of(flight: Flight) -> dict[Quantity, Estimate]:

@@ -151,10 +151,8 @@ class WorkerPool:
                     status = f"It needs more memory than its limit of {self.limits.megabytes} MB."
                     return replace(failed(job, "memory", status), megabytes=self.limits.megabytes)
             except (BrokenProcessPool, CancelledError, OSError, RuntimeError) as error:
-                raise Unreadable(
-                    f"No process that reads logs can be started ({error}): what was read is kept. See why with "
-                    "MAVDEM_TRACEBACK=1."
-                ) from None
+                kept = "what was read is kept. See why with MAVDEM_TRACEBACK=1."
+                raise Unreadable(f"No process that reads logs can be started ({error}): {kept}") from None
         cause = signal.Signals(-code).name if code < 0 else f"exit code {code}"
         return failed(job, "died", f"The process that read it died ({cause}), each of {ATTEMPTS} times.")
 

@@ -29,7 +29,6 @@ from mavdem.alignment.drive import AXES, MotorGeometry
 from mavdem.alignment.signals import Signals
 from mavdem.dem.engine.linalg import Array
 
-SAME = 0.99  # Cosine from which two signatures are one
 BLOCK_SECONDS = 3.0
 """Over which commands and lean are averaged: longer than the attitude's motion, shorter than most gusts."""
 FEWEST_BLOCKS = 6  # From which means and slopes have an error that can be estimated
@@ -69,7 +68,7 @@ class MotorSignatures:
         if not signatures[:, -1].all():
             return False
         cosines = signatures @ signatures.T / np.outer(size, size)
-        return bool((cosines[~np.eye(len(size), dtype=bool)] < SAME).all())
+        return bool((cosines[~np.eye(len(size), dtype=bool)] < 0.99).all())
 
 
 def motor_signatures(
@@ -140,14 +139,8 @@ def balance_figures(
         freedom -= 2
         effect_variance = np.broadcast_to(np.diag(inverse), (3, 2))
     variance = (rest**2).sum(axis=0) / freedom * [_inflation(column) for column in rest.T]
-    return BalanceFigures(
-        balance.mean(axis=0),
-        np.sqrt(variance / len(blocks)),
-        lean.mean(axis=0),
-        effect,
-        np.sqrt(variance[:, None] * effect_variance),
-        seconds,
-    )
+    error, effect_error = np.sqrt(variance / len(blocks)), np.sqrt(variance[:, None] * effect_variance)
+    return BalanceFigures(balance.mean(axis=0), error, lean.mean(axis=0), effect, effect_error, seconds)
 
 
 def _blocks(time: Array, commands: Array, lean: Array, signatures: MotorSignatures) -> list[tuple[Array, Array]]:
@@ -163,11 +156,8 @@ def _blocks(time: Array, commands: Array, lean: Array, signatures: MotorSignatur
     count = int(seconds / BLOCK_SECONDS)
     number = np.minimum((time - time[0]) / seconds * count, count - 1).astype(int)
     rows = [number == block for block in range(count)]
-    return [
-        (balance[mine].mean(axis=0) / thrust[mine].mean(), lean[mine].mean(axis=0))
-        for mine in rows
-        if mine.any() and thrust[mine].mean() > 0
-    ]
+    flown = [mine for mine in rows if mine.any() and thrust[mine].mean() > 0]
+    return [(balance[mine].mean(axis=0) / thrust[mine].mean(), lean[mine].mean(axis=0)) for mine in flown]
 
 
 def _inflation(rest: Array) -> float:

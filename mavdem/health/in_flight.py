@@ -151,15 +151,11 @@ class MotorAlarm(NamedTuple):
         clock = f"the clock of boot {self.boot + 1}" if self.boot else "the boot clock"
         since, sure = f"since {self.since:.0f} s of {clock}", f"probability {100 * self.probability:.0f} %"
         if self.motor is None:
-            return (
-                f"The steady torque in roll and pitch is another {since}, and that in yaw the same: no motor is named "
-                f"({sure})."
-            )
+            steady = f"The steady torque in roll and pitch is another {since}, and that in yaw the same"
+            return f"{steady}: no motor is named ({sure})."
         known = ". Where the motors are is assumed, and so is the name" if self.assumed else ""
-        return (
-            f"Alarm: {self.name} lost {loss_in_words(self.size)} of its thrust (motor or propeller) {since}: "
-            f"it works {100 * self.size:.0f} % harder ({sure}){known}."
-        )
+        lost = f"{self.name} lost {loss_in_words(self.size)} of its thrust (motor or propeller) {since}"
+        return f"Alarm: {lost}: it works {100 * self.size:.0f} % harder ({sure}){known}."
 
     def as_dict(self) -> dict[str, Any]:
         """All of it as plain JSON values, with the sentence."""
@@ -241,10 +237,8 @@ class MotorWatch:
         null = _log_t(changes, 0.0)
         sized = SIZES[:, np.newaxis, np.newaxis, np.newaxis] * self._signatures[:, np.newaxis]
         by_window = _log_sum(_log_t(changes, sized)) - log(len(SIZES)) - null  # (k, w)
-        load, *rest = (
-            _log_t(changes, 0.0, OTHER_SD**2 * free) - null
-            for free in (self._flat, 1 - self._flat, np.ones_like(self._flat))
-        )
+        kinds = self._flat, 1 - self._flat, np.ones_like(self._flat)
+        load, *rest = (_log_t(changes, 0.0, OTHER_SD**2 * free) - null for free in kinds)
         motors = _log_sum(by_window.T) - log(len(by_window))
         others = _log_sum([_log_sum(factors) for factors in rest])
         best = int(np.argmax(motors))

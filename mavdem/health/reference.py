@@ -19,7 +19,6 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.health.balance import BalanceFigures, MotorSignatures
 
 FEWEST_FLIGHTS = 2  # Of healthy ones: one alone does not show how much they differ
-FIRST_FLIGHTS = 3  # So many of a vehicle's first flights are the reference where none is chosen
 
 SCATTER = np.array([0.010, 0.010, 0.008])
 """Standard deviation of the level balance over healthy flights, before any was seen, in shares of the mean command. A
@@ -33,7 +32,6 @@ of mass in roll and pitch; in yaw, and across, a load 5 mm beside it."""
 LEAN_EFFECT_SCATTER, LEAN_EFFECT_FREEDOM = 0.2, 1.0
 """Standard deviation of the same over flights of one vehicle, 1/rad, before any flight, and how many flights that is
 worth: loads differ, and where a vehicle manoeuvres it also leans without wind."""
-OUTLIER_LEVEL = 0.999  # Of healthy flights: one that is farther off than so many is never like them
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +103,7 @@ class Deviation(NamedTuple):
     @property
     def beyond(self) -> bool:
         """Whether it is farther off on some axis than 999 healthy flights in 1000 are."""
-        far = stats.t.ppf((1 + OUTLIER_LEVEL) / 2, self.freedom) * np.hypot(self.scale, self.centre_error)
+        far = stats.t.ppf((1 + 0.999) / 2, self.freedom) * np.hypot(self.scale, self.centre_error)
         return bool((np.abs(self.change) > far).any())
 
 
@@ -118,7 +116,7 @@ def healthy_flights(flights: HealthFlights, baseline: HealthFlights | None = Non
     first: dict[object, list[HealthFigures]] = {}
     for flight in sorted(dated, key=lambda flight: flight.when):
         first.setdefault(flight.layout, []).append(flight)
-    return tuple(flight for same in first.values() for flight in same[:FIRST_FLIGHTS])
+    return tuple(flight for same in first.values() for flight in same[:3])
 
 
 def distinct_flights(flights: HealthFlights) -> list[HealthFigures]:

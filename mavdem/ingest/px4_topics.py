@@ -96,11 +96,7 @@ def messages(
             "VIBRATION": ("vehicle_imu_status", _made(_vibration, topics)),
             "SYSTEM_TIME": ("vehicle_gps_position", _made(_system_time, topics)),
         }
-    made: dict[str, Columns] = {
-        name: columns | {"boot": np.zeros(len(columns["time"]), dtype=np.int64)}
-        for name, (_, columns) in named.items()
-        if columns
-    }
+    made: dict[str, Columns] = {name: columns for name, (_, columns) in named.items() if columns}
     return made, {name: topic for name, (topic, _) in named.items()}
 
 
@@ -111,7 +107,8 @@ def _made(make: Callable[..., dict[str, NDArray[Any]]], *given: Any) -> dict[str
             columns = make(*given)
     except KeyError:
         return {}
-    return columns if len(columns.get("time", ())) else {}
+    time = columns.get("time", np.zeros(0))
+    return columns | {"boot": np.zeros(len(time), dtype=np.int64)} if len(time) else {}
 
 
 def notes(topics: Topics, made: Mapping[str, Columns]) -> tuple[str, ...]:

@@ -386,10 +386,9 @@ def _instead(content: bytes, source: str, found: WholeMessages) -> str:
     if not held:
         return "it is damaged or cut off at its beginning." if damaged or found.cut else "nothing was logged in it."
     state = "is damaged," if damaged else "is cut off at its end," if found.cut else "is intact, but"
-    return (
-        f"the file {state} holds neither attitude nor motor outputs (its topics: {listed(held)}); in PX4 log "
-        "vehicle_attitude, vehicle_angular_velocity and actuator_motors (the parameter SDLOG_PROFILE)."
-    )
+    topics = "vehicle_attitude, vehicle_angular_velocity and actuator_motors (the parameter SDLOG_PROFILE)"
+    missing = f"holds neither attitude nor motor outputs (its topics: {listed(held)})"
+    return f"the file {state} {missing}; in PX4 log {topics}."
 
 
 def _topics(log: ULog, found: WholeMessages) -> dict[str, dict[int, Px4Topic]]:

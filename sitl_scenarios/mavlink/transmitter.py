@@ -197,14 +197,9 @@ class Transmitter:
         return Schedule(self._rates, start, self._cycle, self.autopilot.interval_step, self.autopilot.apart)
 
     def _told(self, parameter: Parameter, index: int) -> Payloads:
-        return payload(
-            "PARAM_VALUE",
-            param_id=parameter.name.encode(),
-            param_value=parameter.encoded(self.autopilot.bitwise),
-            param_type=parameter.kind,
-            param_count=len(self.parameters),
-            param_index=index,
-        )
+        value, count = parameter.encoded(self.autopilot.bitwise), len(self.parameters)
+        named = {"param_id": parameter.name.encode(), "param_value": value, "param_type": parameter.kind}
+        return payload("PARAM_VALUE", **named, param_count=count, param_index=index)
 
     def _sent(self, motion: Motion) -> Batch:
         motion = rows_of_motion(motion, slice(int(np.searchsorted(motion.time, self._first)), None))

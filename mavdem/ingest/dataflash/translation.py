@@ -78,12 +78,10 @@ def stamped(logged: Columns, fields: Mapping[str, NDArray[Any]]) -> Columns:
 
 
 BATTERIES = ("BAT", "CURR")
-MAX_VOLTAGE = 200.0  # V: no multirotor has more, and a battery of one cell has more hundredths
 LEVELS = ("VibeX", "VibeY", "VibeZ")
 GPS_EPOCH, WEEK = 315964800, 604800  # UNIX s at which GPS time began, and seconds of a week
 LEAP_SECONDS = ((0.0, 16), (1435708800.0, 17), (1483228800.0, 18))
 """How far GPS time is ahead of UTC from a UNIX second on: https://hpiers.obspm.fr/iers/bul/bulc/bulletinc.dat."""
-FIX_3D = 3  # GPS Status from which the receiver knows the time
 
 
 def battery(tables: Mapping[str, Columns]) -> tuple[Columns | None, str]:
@@ -95,7 +93,8 @@ def battery(tables: Mapping[str, Columns]) -> tuple[Columns | None, str]:
         for field in ("Inst", "Instance", "I"):
             logged = instance(logged, field, 0) or logged
         volts = values(logged, ("Volt",))[:, 0]
-        hundredths = np.any(volts > 0) and np.nanmedian(volts[volts > 0]) > MAX_VOLTAGE
+        # No multirotor has more than 200 V, and a battery of one cell has more hundredths.
+        hundredths = np.any(volts > 0) and np.nanmedian(volts[volts > 0]) > 200
         found = {"voltage_battery": volts * (10.0 if hundredths else 1000.0)}
         if having(tables, name, ("Curr",)) is not None:
             found["current_battery"] = values(logged, ("Curr",))[:, 0] * (1.0 if hundredths else 100.0)
@@ -128,7 +127,7 @@ def calendar_time(tables: Mapping[str, Columns]) -> Columns | None:
     logged = having(tables, "GPS", ("Status", "GMS", "GWk"))
     if logged is None:
         return None
-    logged = selected(logged, (logged["Status"] >= FIX_3D) & (logged["GWk"] > 0))
+    logged = selected(logged, (logged["Status"] >= 3) & (logged["GWk"] > 0))  # 3D, by which it knows the time
     week, milliseconds = values(logged, ("GWk", "GMS")).T
     seconds = GPS_EPOCH + WEEK * week + milliseconds / 1e3
     begins, ahead = np.array(LEAP_SECONDS).T

@@ -277,10 +277,8 @@ def _placed_against(reference: _Kept, kind: Sent, places: Places, seconds: Times
             shift = np.median(off[of_boot])
             time[of_boot] -= shift
             off[of_boot] -= shift
-        repairs.append(
-            f"The time stamps of {kind.message} are of another clock, {typical:.6g} s away; "
-            "they were moved to the boot clock."
-        )
+        away = f"{typical:.6g} s away; they were moved to the boot clock."
+        repairs.append(f"The time stamps of {kind.message} are of another clock, {away}")
     outlier = outliers(off)
     near = slice(max(inside.start - MIN_RESET_STAMPS, 0), inside.stop + MIN_RESET_STAMPS)
     outlier[near] |= (np.abs(off[near]) > AHEAD) | (time[near] < 0)

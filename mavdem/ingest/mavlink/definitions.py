@@ -8,6 +8,7 @@ https://mavlink.io/en/guide/serialization.html.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import cache, lru_cache
 from math import isfinite
 from typing import Any, NamedTuple
@@ -71,7 +72,8 @@ def columns(
     MAVLink 2, extensions in MAVLink 1. Bytes beyond the definition, extensions newer than the dialect, are left out.
     Texts are bytes, ``S``. ``names`` are the fields, all unless given.
     """
-    fields = {name: (definition.wire.fields or {})[name][:2] for name in tuple(names) or definition.fields}
+    placed: Any = definition.wire.fields
+    fields = {name: placed[name][:2] for name in tuple(names) or definition.fields}
     # Read from the stretch of the payload that holds them.
     first = min(offset for _, offset in fields.values())
     width = max(offset + kind.itemsize for kind, offset in fields.values()) - first
@@ -176,17 +178,8 @@ def composed_frames(
     kept = ((column < header + length[:, None]) | (column >= header + width)) & good[:, None]
     end = np.cumsum(kept.sum(axis=1))
     start = np.concatenate([[0], end])[:-1]
-    frames = Frames(
-        start=start,
-        end=end,
-        payload=start + header,
-        length=length,
-        message_id=np.full(count, message_id, dtype=np.int64),
-        system=np.full(count, sender.system, dtype=np.uint8),
-        component=np.full(count, sender.component, dtype=np.uint8),
-        sequence=sequence,
-        verdict=np.where(good, framing.GOOD, framing.FAILED).astype(np.uint8),
-    )
+    verdict = np.where(good, framing.GOOD, framing.FAILED).astype(np.uint8)
+    frames = replace(framing.headed_frames(start, whole[:, : framing.HEADER]), end=end, verdict=verdict)
     data = whole[kept]
     body, at = start[good] + 1, end[good] - framing.CHECKSUM
     seeds = np.full(len(body), definition.seed, dtype=np.int32)

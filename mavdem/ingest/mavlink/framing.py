@@ -247,7 +247,7 @@ class _FrameBlock:
 
     def _good(self, wanted: NDArray[np.bool_]) -> Frames:
         rows = np.flatnonzero(wanted & (self.end <= self._size))
-        frames = _frames(self.start[rows], self._header[rows])
+        frames = headed_frames(self.start[rows], self._header[rows])
         seeds = _seeds_of(frames, self._seeds)
         known = seeds >= 0
         frames, seeds = frames[known], seeds[known]
@@ -264,8 +264,8 @@ def _lengths(header: Bytes) -> Places:
     return np.asarray(np.where(second, HEADER, HEADER_1) + header[:, 1] + CHECKSUM + signature, dtype=np.int64)
 
 
-def _frames(start: Places, header: Bytes) -> Frames:
-    """The frames that begin at ``start`` with these headers (N, ``HEADER``), all with the verdict ``GOOD``."""
+def headed_frames(start: Places, header: Bytes) -> Frames:
+    """Returns the frames that begin at ``start`` with these headers (N, ``HEADER``), all with the verdict ``GOOD``."""
     second = header[:, 0] == MARKER_2
     low, middle, high = (header[:, 7 + byte].astype(np.int64) for byte in range(3))
     return Frames(
@@ -310,7 +310,7 @@ def _explained(data: Bytes, linked: Frames, decided: int, until: int, gap: int, 
     filling = np.frombuffer(starts, dtype=np.int64)
     # A header at the very end may be shorter than ``HEADER``; the bytes read instead are no part of it.
     header = data[np.minimum(filling[:, None] + np.arange(HEADER), len(data) - 1)]
-    frames = _frames(filling, header)
+    frames = headed_frames(filling, header)
     frames.verdict[:] = np.where(_seeds_of(frames, seeds) < 0, UNKNOWN, FAILED)
     return frames[frames.end <= len(data)]
 

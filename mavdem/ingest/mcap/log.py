@@ -31,8 +31,6 @@ from mavdem.ingest.ros2.log import flight_topics, read_ros2
 from mavdem.ingest.telemetry import Log, listed
 from mavdem.ingest.tlog import MAX_STAMP_JUMP, STAMP_WINDOW
 
-REPEATED_TOPIC = re.compile(r"/?mavlink/out")
-OWN_TOPIC = re.compile(r"/?mavlink/(\d{1,3})/(\d{1,3})/(\w+)")
 JSON = frozenset({"json", "json5"})
 NO_FRAMES = JSON | {"ros1", "cdr", "protobuf", "flatbuffer", "cbor", "msgpack"}
 """Message encodings (https://mcap.dev/spec/registry) that are not of frames, whatever the first byte."""
@@ -136,7 +134,9 @@ def _json_parts(
 ) -> tuple[list[RecordingPart], int, tuple[str, ...]]:
     """The JSON messages of senders not ``heard`` in frames, how many are unknown, and why some were left out."""
     kinds = _own_kinds(channels)
-    repeats = {channel for channel in channels if channel.encoding in JSON and REPEATED_TOPIC.fullmatch(channel.topic)}
+    repeats = {
+        channel for channel in channels if channel.encoding in JSON and re.fullmatch("/?mavlink/out", channel.topic)
+    }
     topics, own = JsonTopics(), set(kinds.values())
     needed = repeats or any(kind.sender not in heard for kind in own)
     for place, message in enumerate(McapRecording(content).messages(progress) if needed else ()):
@@ -152,7 +152,8 @@ def _json_parts(
 
 def _own_kinds(channels: Sequence[Channel]) -> dict[Channel, JsonTopic]:
     """The channels of one message each. Where both bridges were recorded, BlueOS's alone: it has headers."""
-    topics = {channel: OWN_TOPIC.fullmatch(channel.topic) for channel in channels if channel.encoding in JSON}
+    own = r"/?mavlink/(\d{1,3})/(\d{1,3})/(\w+)"
+    topics = {channel: re.fullmatch(own, channel.topic) for channel in channels if channel.encoding in JSON}
     kinds = {
         channel: JsonTopic(FrameSender(int(topic[1]), int(topic[2])), topic[3])
         for channel, topic in topics.items()
