@@ -137,10 +137,7 @@ class LogAnalysis:
 
 
 def model_figures(flights: Sequence[Flight], learned: Learned, held_out: HeldOut) -> dict[str, Any]:
-    """Returns the figures of one model of ``flights``, judged by ``held_out`` windows, as plain JSON values.
-
-    Angles in rad, rates in rad/s, time in s.
-    """
+    """Returns the figures of a model of ``flights``, judged by ``held_out`` windows, as JSON values: rad, rad/s, s."""
     first, measured, fit = flights[0], learned.record.outputs, learned.simulation_fit
     after_first = np.setdiff1d(np.arange(len(measured)), learned.record.starts)
     one_step = {
@@ -284,10 +281,7 @@ def vehicle(path: str | bytes | PathLike[str], axis: str = ALL, vehicle: str | N
 
 
 def axis_figures(signals: Signals, components: Sequence[Component] = (), changes: Sequence[float] = ()) -> AxisFigures:
-    """Returns the physical parameters of the axis of ``signals``; ``components`` are those in the log.
-
-    The wind torque is cut at ``changes`` of a motor, s.
-    """
+    """Returns the physical parameters of the axis of ``signals``; the torque is cut at ``changes``, s, of a motor."""
     flights, verdict = usable_segments(signals, components)
     if not flights:
         return AxisFigures((), None, None, str(NotLearnable(verdict.reason, verdict.remedy)))

@@ -43,9 +43,9 @@ def condition_sentences(condition: dict[str, Any]) -> list[Sentence]:
         known = zip(hover["motors"], hover["trim_share"], condition["share_interval"], strict=True)
         shares = listed(f"{name} {_interval(share, half)}" for name, share, half in known)
         limit = max(up + low for up, low in zip(hover["at_upper_limit"], hover["at_lower_limit"], strict=True))
-        least, most = (f"{100 * bound(hover['headroom']):.0f}" for bound in (min, max))
+        least, best = (f"{100 * bound(hover['headroom']):.0f}" for bound in (min, max))
         text = f"{shares} of their mean, which is {100 * condition['collective']:.0f} % of the range; headroom {least}"
-        text += f"{f' to {most}' if most != least else ''} %, at a limit {100 * limit:.1f} % of the time at most."
+        text += f"{f' to {best}' if best != least else ''} %, at a limit {100 * limit:.1f} % of the time at most."
         sentences.append(Sentence(text, "Motors:"))
     if condition["command"]:
         steady = [f"{name} {_interval(one['mean'], one['interval'])}" for name, one in condition["command"].items()]

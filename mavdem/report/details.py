@@ -13,20 +13,9 @@ from mavdem.dem import Learned, Physical
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import unpack
 from mavdem.dem.graybox.identifiability import CHANGED
+from mavdem.report import numbers
 from mavdem.report.blocks import Block, Sentence, Table
-from mavdem.report.numbers import (
-    THREE_STATES,
-    TORQUE,
-    Labels,
-    listed,
-    outputs_of,
-    plus_minus,
-    readable,
-    short,
-    state_names,
-    states_are_outputs,
-    with_unit,
-)
+from mavdem.report.numbers import TORQUE, Labels, listed, plus_minus, readable, short
 from mavdem.report.screen import parameter_reasons
 
 
@@ -54,7 +43,7 @@ def detail_blocks(learned: Learned, report: dict[str, Any] | None = None) -> lis
 
 def _one_step(report: dict[str, Any], labels: Labels) -> list[Block]:
     """RMSE by output on the training data, and how far ahead predictions are worth something without the inputs."""
-    names, units = outputs_of(labels)
+    names, units = numbers.outputs_of(labels)
     rows = []
     for name, error in report["one_step_mspe"].items():
         rmse = (unit.scale * sqrt(square) for unit, square in zip(units, error["per_output"], strict=True))
@@ -70,7 +59,8 @@ def _one_step(report: dict[str, Any], labels: Labels) -> list[Block]:
 
 def _model(labels: Labels, learned: Learned) -> list[Block]:
     """The model with all it takes to use it elsewhere: a table a matrix, a row a derivative."""
-    model, states, outputs = learned.model, state_names(labels.output_names, learned), states_are_outputs(learned)
+    model, outputs = learned.model, numbers.states_are_outputs(learned)
+    states = numbers.state_names(labels.output_names, learned)
     (n, r), m, half = model.B.shape, len(model.C), learned.model_interval(LEVEL)
     known = unpack(learned.known, n, r, m)
     derivatives, inputs = [f"d/dt {state}" for state in states], [short(name) for name in labels.input_names]
@@ -97,7 +87,7 @@ def _model(labels: Labels, learned: Learned) -> list[Block]:
         B,
     ]
     if outputs and len(states) == len(labels.output_names) + 1:
-        blocks.append(Sentence(f"hidden 1 is the motors' lag. {THREE_STATES}", "States:"))
+        blocks.append(Sentence(f"hidden 1 is the motors' lag. {numbers.THREE_STATES}", "States:"))
     if not outputs:
         blocks.append(C)
     if count := len(learned.undetermined):
@@ -123,7 +113,7 @@ def _trim(names: Sequence[str], values: Array, units: Sequence[str]) -> str:
     shown = []
     for name, value, unit in zip(names, values, units, strict=True):
         degrees = readable(unit)
-        also = f" ({with_unit(value, degrees, 3)})" if degrees.name != unit else ""
+        also = f" ({numbers.with_unit(value, degrees, 3)})" if degrees.name != unit else ""
         shown.append(f"{name} {value:.4g} {unit}{also}".rstrip())
     return ", ".join(shown)
 

@@ -200,12 +200,12 @@ def model_pictures(
     """
 
     # ``learned.plot`` loads matplotlib, which not everyone has.
-    def draw(method: str, output: int) -> Figure:
-        options: dict[str, Any] = {}
+    def draw(method: str, output: int) -> Any:
+        options: dict[str, dict[str, Any]] = {}
         if analysis is not None:
-            known = {"held_out": analysis.held_out, "output": output}, {"hover": analysis.vehicle.hover}
-            options = dict(zip(("forecast", "motors"), known, strict=True)).get(method, {})
-        return getattr(learned.plot, method)(**options)
+            options["forecast"] = {"held_out": analysis.held_out, "output": output}
+            options["motors"] = {"hover": analysis.vehicle.hover}
+        return getattr(learned.plot, method)(**options.get(method, {}))
 
     pictures, names = [], Labels.of(learned).output_names
     unknown = any(one.purpose == "motor effectiveness" and one.grade == NONE for one in found.purposes)

@@ -70,10 +70,12 @@ def log(recording: rr.RecordingStream, time: float, sentence: str, level: str = 
 
 
 class LiveWriter:
-    """Writes rows of one set of channels into one recording."""
+    """Writes rows of one set of channels into one recording, to which it sends their layout."""
 
-    def __init__(self, channels: Channels) -> None:
-        self.channels = channels
+    def __init__(self, channels: Channels, recording: rr.RecordingStream) -> None:
+        recording.send_recording_name(channels.title)
+        recording.send_blueprint(live_blueprint(channels))
+        self.channels, self._recording = channels, recording
         self._units = [readable(unit) for unit in channels.output_units]
         self._torques: deque[tuple[float, float, float]] = deque(maxlen=round(GUST_SECONDS / channels.dt))
         self._gusts_until = -np.inf
@@ -85,50 +87,45 @@ class LiveWriter:
         self._model: LinearModel | None = None
         self._styled: set[Lines] = set()
 
-    def begin(self, recording: rr.RecordingStream) -> None:
-        """Sends the layout; once a recording, before the first row."""
-        recording.send_recording_name(self.channels.title)
-        recording.send_blueprint(live_blueprint(self.channels))
-
-    def rows(self, recording: rr.RecordingStream, rows: list[ViewRow]) -> None:
+    def rows(self, rows: list[ViewRow]) -> None:
         """Draws rows in the order of their times, and what happens in them."""
         time, inputs = np.array([row.time for row in rows]), np.array([row.inputs for row in rows])
         segments = [self._segment, *(row.segment for row in rows)]
         self._segment = rows[-1].segment
         breaks = np.array([i for i in range(len(rows)) if segments[i] not in (None, segments[i + 1])], np.intp)
-        self._outputs(recording, rows, time, breaks)
+        self._outputs(rows, time, breaks)
         command, names = inputs, tuple(map(place, self.channels.input_names))
         lines = Lines("command", names, tuple(map(distinct, range(len(names)))))
         if self.channels.command:
             command = inputs @ np.array(self.channels.command)[:, None]
             lines = Lines("command", ("motors' difference",), (COMMAND,))
         self._in_sight("command", command, command)
-        self._draw(recording, lines, time, command, breaks)
+        self._draw(lines, time, command, breaks)
         estimates = [(row.estimate, row.shift) for row in rows if row.estimate is not None]
-        self._judgement(recording, [pair for pair in estimates if np.isfinite(pair[0].seen)])
-        self._wind(recording, estimates)
-        self._models(recording, rows)
+        self._judgement([pair for pair in estimates if np.isfinite(pair[0].seen)])
+        self._wind(estimates)
+        self._models(rows)
 
-    def mark(self, recording: rr.RecordingStream, since: float) -> None:
+    def mark(self, since: float) -> None:
         """Marks a change of the vehicle at the time ``since`` in every plot; NaN is none."""
         if np.isfinite(since):
             self._changes.append(since)
             for plot, (low, high) in self._seen.items():
                 line = Lines(f"{plot}/9_changes", ("motor changed",), (BAD,), filled=True)
                 ends = np.array([[np.nan, np.nan], [low, high]])
-                self._draw(recording, line, np.array([since - 1e-3, since]), ends)
+                self._draw(line, np.array([since - 1e-3, since]), ends)
 
-    def _draw(self, recording: rr.RecordingStream, lines: Lines, time: Array, values: Array, breaks: Any = ()) -> None:
+    def _draw(self, lines: Lines, time: Array, values: Array, breaks: Any = ()) -> None:
         """Draws lines that break before the rows ``breaks``, where samples are missing."""
         if lines not in self._styled:
             self._styled.add(lines)
-            lines.send_style(recording)
+            lines.send_style(self._recording)
         if len(breaks):
             values = np.insert(values, breaks, np.nan, axis=0)
             time = np.insert(time, breaks, time[breaks] - self.channels.dt / 2)
-        lines.send(recording, time, values)
+        lines.send(self._recording, time, values)
 
-    def _outputs(self, recording: rr.RecordingStream, rows: list[ViewRow], time: Array, breaks: Any) -> None:
+    def _outputs(self, rows: list[ViewRow], time: Array, breaks: Any) -> None:
         """Draws outputs with their predictions, of which those nearest to ``AHEAD`` seconds ahead are shown."""
         seconds, measured = np.array(self.channels.horizons) * self.channels.dt, np.array([row.outputs for row in rows])
         h = int(np.abs(seconds - AHEAD).argmin())
@@ -144,9 +141,9 @@ class LiveWriter:
             band = Lines(f"{plot}/0_band", ("90 % band",), (faint(PREDICTED, BAND_OPACITY),), filled=True)
             line = Lines(f"{plot}/1_measured", ("measured",), (MEASURED,), 1.2)
             predicted = Lines(f"{plot}/2_predicted", (f"{seconds[h]:.2g} s ahead",), (PREDICTED,), 1.8)
-            self._draw(recording, band, later, then[:, :2], breaks)
-            self._draw(recording, line, time, drawn[:, None], breaks)
-            self._draw(recording, predicted, later, then[:, 2:], breaks)
+            self._draw(band, later, then[:, :2], breaks)
+            self._draw(line, time, drawn[:, None], breaks)
+            self._draw(predicted, later, then[:, 2:], breaks)
 
     def _in_sight(self, plot: str, measured: Array, values: Array) -> Array:
         """Values cut off beyond what was measured so far, or they would decide about the range of the axis."""
@@ -157,7 +154,7 @@ class LiveWriter:
         beyond = BEYOND * (high - low)
         return np.clip(values, low - beyond, high + beyond) if high > low else values
 
-    def _wind(self, recording: rr.RecordingStream, estimates: Sequence[tuple[Estimate, float]]) -> None:
+    def _wind(self, estimates: Sequence[tuple[Estimate, float]]) -> None:
         """Draws the wind torque with its band at the times it is of, and logs gusts; NaN where it is not known."""
         scale, torques = TORQUE.scale, []
         for now, shift in estimates:
@@ -167,15 +164,15 @@ class LiveWriter:
                 self._torques.append(torques[-1])
                 if not np.isfinite(now.wind_torque):
                     self._torques.clear()
-        self._log_gusts(recording)
+        self._log_gusts()
         if torques:
             time, torque, half = np.array(torques).T
             edges = np.stack([torque - half, torque + half], axis=-1)
             band = Lines("wind/0_band", ("90 % band",), (faint(DISTURBANCE, BAND_OPACITY),), filled=True)
-            self._draw(recording, band, time, self._in_sight("wind", scale * torque, scale * edges))
-            self._draw(recording, Lines("wind/1_torque", ("torque",), (DISTURBANCE,)), time, scale * torque[:, None])
+            self._draw(band, time, self._in_sight("wind", scale * torque, scale * edges))
+            self._draw(Lines("wind/1_torque", ("torque",), (DISTURBANCE,)), time, scale * torque[:, None])
 
-    def _log_gusts(self, recording: rr.RecordingStream) -> None:
+    def _log_gusts(self) -> None:
         """Logs the gusts of the latest torque that have ended since the last time, about once a second."""
         dt = self.channels.dt
         if len(self._torques) * dt < 2 * LEVEL_SECONDS or self._torques[-1][0] < self._gusts_until + 1.0:
@@ -190,9 +187,9 @@ class LiveWriter:
             near = any(abs(gust.sample - at) * dt <= CHANGE_SECONDS for at in changes)
             if end < len(time) and time[end] > before and not near:
                 text = f"gust: {TORQUE.scale * gust.size:+.0f} °/s² for {gust.length:.2g} s"
-                log(recording, float(time[gust.sample]), text)
+                log(self._recording, float(time[gust.sample]), text)
 
-    def _judgement(self, recording: rr.RecordingStream, estimates: Sequence[tuple[Estimate, float]]) -> None:
+    def _judgement(self, estimates: Sequence[tuple[Estimate, float]]) -> None:
         """Draws F(t) and surprise at the centres of their windows, and logs marks."""
         if not estimates:
             return
@@ -203,14 +200,14 @@ class LiveWriter:
             self._in_sight(plot, values, values)
         samples = Lines("surprise/samples", ("worst of 20", "surprise"), (BOUND, PREDICTED))
         above = Lines("surprise/unusual", ("unusual",), (BAD,), 4.0, marked=True)
-        self._draw(recording, Lines("free_energy_of_samples", ("F(t)",), (MEASURED,)), time, energy[:, None])
-        self._draw(recording, samples, time, np.stack([np.ones(len(time)), surprise], axis=-1))
-        self._draw(recording, above, time[marked], surprise[marked, None])
+        self._draw(Lines("free_energy_of_samples", ("F(t)",), (MEASURED,)), time, energy[:, None])
+        self._draw(samples, time, np.stack([np.ones(len(time)), surprise], axis=-1))
+        self._draw(above, time[marked], surprise[marked, None])
         for i in np.flatnonzero(marked & ~np.append(self._unusual, marked[:-1])):
-            log(recording, float(time[i]), f"unusual motion: surprise {surprise[i]:.2g}")
+            log(self._recording, float(time[i]), f"unusual motion: surprise {surprise[i]:.2g}")
         self._unusual = bool(marked[-1])
 
-    def _models(self, recording: rr.RecordingStream, rows: list[ViewRow]) -> None:
+    def _models(self, rows: list[ViewRow]) -> None:
         """Draws F̄ and λ: a point for each new model."""
         for row in rows:
             now = row.estimate
@@ -218,11 +215,11 @@ class LiveWriter:
                 continue
             self._model = now.model
             time, action = np.array([row.time]), np.array([now.free_energy_action])
-            self._draw(recording, Lines("free_energy_action", ("F̄",), (MEASURED,), 2.0), time, action)
+            self._draw(Lines("free_energy_action", ("F̄",), (MEASURED,), 2.0), time, action)
             if row.learned is not None:
                 names = precision_names(self.channels.output_names, row.learned)
                 lines = Lines("noise_precisions", names, tuple(map(distinct, range(len(names)))), 2.0)
-                self._draw(recording, lines, time, now.log_precisions)
+                self._draw(lines, time, now.log_precisions)
 
 
 def precision_names(outputs: Sequence[str], learned: Learned) -> tuple[str, ...]:

@@ -110,17 +110,16 @@ class SinkThread:
             self._lines.clear()
         for channels, batch in groupby(rows, key=lambda row: row.channels):
             if self._writer is None or channels != self._writer.channels:
-                self._writer = LiveWriter(channels)
-                self._writer.begin(recording)
+                self._writer = LiveWriter(channels, recording)
             same = list(batch)
             self._last = same[-1]
             models = (row.estimate.until for row in reversed(same) if row.estimate and row.estimate.model)
             self._until = next(models, self._until)
-            self._writer.rows(recording, same)
+            self._writer.rows(same)
         for line in lines:
             log(recording, *line[:3])
             if self._writer is not None:
-                self._writer.mark(recording, line.since)
+                self._writer.mark(line.since)
         if self._last is not None and wall.monotonic() >= self._next_status:
             self._next_status = wall.monotonic() + STATUS_SECONDS
             if new := self.dropped - self._reported_drops:

@@ -73,8 +73,8 @@ def cases(seed: int, every: int = 1) -> list[Case]:
     drawn = [[(*places[number], one) for number in rng.permutation(len(places))[:kept]] for one in STEERING]
     turns = [case for some in zip(*drawn, strict=True) for case in some]
     return [
-        Case(*turn, *stream, _varied(rng), int(rng.integers(1_000_000)))
-        for turn, stream in zip(turns, cycle(product(RATES, ("px4", "ardupilot"))), strict=False)
+        Case(vehicle, wind, steering, *stream, _varied(rng), int(rng.integers(1_000_000)))
+        for (vehicle, wind, steering), stream in zip(turns, cycle(product(RATES, ("px4", "ardupilot"))), strict=False)
     ]
 
 
@@ -133,7 +133,7 @@ log = partial(click.echo, err=True)
 
 
 def table(title: str, heads: list[str], rows: list[list[str]]) -> None:
-    click.echo(markdown([Sentence(title), Table(heads, rows, words=True), Sentence("")]))
+    click.echo(markdown([Sentence(title), Table(heads, rows, words=True)]) + "\n")
 
 
 def estimate_of(found: Physical, name: str) -> tuple[float, float]:

@@ -113,11 +113,11 @@ def _shares(counts: Counter[str]) -> str:
     return ", ".join(f"{name} {counts[name] / counts.total():.3f}" for name in VERDICTS if counts[name])
 
 
-WEAK: dict[str, dict[str, dict[str, float]]] = {
-    f"motor of {percent} % thrust": {"vehicle": {"weak_motor": 1, "weak_thrust": percent / 100}}
-    for percent in (95, 90, 85, 80, 70)
-}
-KINDS = {"healthy": {}} | WEAK | {"chipped propeller (85 % thrust, 82 % torque)": {"propeller": {"motor": 1}}}
+KINDS: dict[str, dict[str, dict[str, float]]] = {"healthy": {}}
+for percent in (95, 90, 85, 80, 70):
+    weak = {"weak_motor": 1, "weak_thrust": percent / 100}
+    KINDS[f"motor of {percent} % thrust"] = {"vehicle": weak}
+KINDS |= {"chipped propeller (85 % thrust, 82 % torque)": {"propeller": {"motor": 1}}}
 KINDS |= {"load shifted by 10 mm": {"load": {"forward": 7.0, "right": 7.0}}}
 KINDS |= {"load shifted by 20 mm": {"load": {"forward": 14.0, "right": -14.0}}}
 
