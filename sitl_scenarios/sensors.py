@@ -66,10 +66,7 @@ def vibration(scenario: Scenario, motion: Motion) -> NDArray[np.float64]:
 
 
 class Sensing:
-    """The way from states to what is known of them.
-
-    The delay is exact: the state is interpolated between two cycles. Noise is white from cycle to cycle.
-    """
+    """The way from states to what is known: an exact delay, between cycles, and noise, white from cycle to cycle."""
 
     def __init__(self, sensors: Sensors, cycle: float, noise: np.random.Generator) -> None:
         late = sensors.delay / cycle
