@@ -99,10 +99,7 @@ def _array(values: Numbers | None, count: int) -> Array:
 
 
 def residual_mean(row: FlightRow, healthy: Iterable[FlightRow]) -> float | None:
-    """The mean acceleration that models of ``healthy`` flights, frozen, leave unexplained in this one, rad/s².
-
-    Each of the same axis and inputs predicts none at its own flight's means. None where it is not known.
-    """
+    """The mean acceleration, rad/s², that frozen models of other ``healthy`` flights leave in this; None if unknown."""
     if row.mean_inputs is None:
         return None
     inputs, outputs = _array(row.mean_inputs, 0), _array(row.mean_outputs or (0.0, 0.0), 2)
