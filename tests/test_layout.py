@@ -135,7 +135,7 @@ def test_a_file_is_not_long():
 
 
 BUDGETS = {
-    "mavdem": 680,
+    "mavdem": 670,
     "ingest": 5600,
     "alignment": 2030,
     "condition": 790,
@@ -146,13 +146,13 @@ BUDGETS = {
     "live": 2630,
     "analysis": 1020,
     "fleet": 1850,
-    "report": 3130,
-    "view": 1340,
-    "export": 350,
+    "report": 2960,
+    "view": 1290,
+    "export": 320,
     "paper": 1940,
-    "cli": 2150,
+    "cli": 2070,
     "sitl_scenarios": 3310,
-    "tools": 1490,
+    "tools": 1430,
 }
 """Lines of Python a room may have, docstrings counted: what a new capability needs, something older gives back."""
 ALL_LINES, ALL_FILES, TEST_LINES = 40_450, 220, 22_710
