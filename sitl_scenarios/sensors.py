@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections import deque
 from itertools import chain, count
 from math import cos, hypot, pi, sin, sqrt
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sitl_scenarios.dynamics import SPINS, Four, Quaternion, State, Three, frame, turned
+from sitl_scenarios.dynamics import SPINS, Four, State, Three, frame, turned
 from sitl_scenarios.motion import Motion
 from sitl_scenarios.plan import BOOT_SECONDS
 from sitl_scenarios.scenario import Propeller, Scenario, Sensors, VehicleSpec
@@ -66,15 +65,6 @@ def vibration(scenario: Scenario, motion: Motion) -> NDArray[np.float64]:
     return felt
 
 
-class StateEstimate(NamedTuple):
-    """The autopilot's estimates; units as in ``State``."""
-
-    position: Three
-    velocity: Three
-    attitude: Quaternion
-    rates: Three
-
-
 class Sensing:
     """The way from states to what is known of them.
 
@@ -90,8 +80,8 @@ class Sensing:
         blocks = (noise.standard_normal((1000, 12)) * np.repeat(sds, 3) for _ in count())
         self._noise = chain.from_iterable(block.tolist() for block in blocks)
 
-    def estimate(self, state: State, shaken: Three = (0.0, 0.0, 0.0)) -> StateEstimate:
-        """What is known once the vehicle is in ``state``, its gyro ``shaken``, rad/s; one call each cycle."""
+    def estimate(self, state: State, shaken: Three = (0.0, 0.0, 0.0)) -> State:
+        """What is known, not of the rotors, in ``state``, the gyro ``shaken``, rad/s; one call each cycle."""
         self._seen.append(state)
         last = len(self._seen) - 1
         new, old = self._seen[max(last - self._whole, 0)], self._seen[max(last - self._whole - 1, 0)]
@@ -102,7 +92,7 @@ class Sensing:
         a, b, c, d = k * a + m * a0, k * b + m * b0, k * c + m * c0, k * d + m * d0
         a, b, c, d = turned((a, b, c, d), (ea, eb, ec))
         size = 1.0 / sqrt(a * a + b * b + c * c + d * d)
-        return StateEstimate(
+        return State(
             (k * x + m * x0 + nx, k * y + m * y0 + ny, k * z + m * z0 + nz),
             (k * u + m * u0 + nu, k * v + m * v0 + nv, k * w + m * w0 + nw),
             (a * size, b * size, c * size, d * size),

@@ -81,11 +81,6 @@ class Airframe:
         """Of each rotor when the four carry the weight, rad/s."""
         return self.speed_for(self.mass * GRAVITY / 4)
 
-    @property
-    def hover_command(self) -> float:
-        """That holds ``hover_speed``, in the vehicle's own unit."""
-        return self.command_for(self.hover_speed)
-
 
 ARDRONE2 = Airframe(
     # TU Delft's figures, from which the paper's table of systems follows: D. Benders, "AR.Drone 2.0 state estimation

@@ -261,8 +261,7 @@ def _low_passed(time: Array, values: Array, cutoff: float) -> tuple[Array, Array
     rate = mean_rate(time)
     # A slower filter's numbers are lost in rounding; whatever is sampled on so coarse a grid is refused for its rate.
     cutoff = max(cutoff, 1e-4 * rate)
-    settling = round(3 * rate / cutoff)
-    return even, _filtered(table, rate, cutoff, min(settling, len(table) - 1))
+    return even, _filtered(table, rate, cutoff, min(round(3 * rate / cutoff), len(table) - 1))  # until it settles
 
 
 def impulse_response(rate: float, dt: float) -> Array:

@@ -208,9 +208,7 @@ def in_states(signals: Signals, boot: int, states: tuple[int, ...]) -> Intervals
     undefined = reported.values == 0
     covered = unbroken(reported.time, (np.diff(reported.time) > REPORT_SECONDS) | undefined[1:] | undefined[:-1])
     inside = where(reported.time, np.isin(reported.values, states))
-    if collective is None:
-        return inside
-    return either(both(inside, covered), both(carried, outside(covered)))
+    return inside if collective is None else either(both(inside, covered), both(carried, outside(covered)))
 
 
 def between_transients(flight: Interval, climb: Signal | None) -> Interval | None:

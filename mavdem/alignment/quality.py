@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from mavdem.alignment import phases
 from mavdem.alignment.align import Segment, mean_rate, recorded_parts, sample, usually_slow, within
 from mavdem.alignment.drive import Motors
-from mavdem.alignment.phases import Intervals, both, total, unbroken
+from mavdem.alignment.phases import both, total, unbroken
 from mavdem.alignment.signals import Attitude, Signals, usual_rate
 from mavdem.flight import Flight
 from mavdem.ingest.motors import OutputScale
@@ -77,7 +77,7 @@ def of_log(signals: Signals, segments: int) -> QualityFigures:
     airborne = 0.0
     for boot in np.intersect1d(attitude.boot, drive.boot):
         flown = phases.off_ground(phases.flying(signals, boot), signals, boot)
-        airborne += total(both(_recorded(drive, boot), flown))
+        airborne += total(both(unbroken(drive.time[drive.boot == boot], np.zeros(0, dtype=np.bool_)), flown))
     figures = QualityFigures(armed, airborne, segments)
     return replace(figures, attitude_rate=usual_rate(attitude) or None, motor_rate=usual_rate(drive) or None)
 
@@ -89,17 +89,13 @@ def slow_in_air(signals: Signals, stream: Attitude | Motors) -> tuple[tuple[Segm
     messages = 0
     for boot in np.intersect1d(stream.boot, signals.drive.boot):
         time = stream.time[stream.boot == boot]
-        flown = both(_recorded(signals.drive, boot), phases.flying(signals, boot))
+        driven = signals.drive.time[signals.drive.boot == boot]
+        flown = both(unbroken(driven, np.zeros(0, dtype=np.bool_)), phases.flying(signals, boot))
         # Outages are not slow.
         for start, end in both(unbroken(time, ~usually_slow(np.diff(time))), flown):
             slow.append(Segment(int(boot), start, end))
             messages += int(np.count_nonzero((time > start) & (time <= end)))
     return tuple(slow), messages / max(sum(part.duration for part in slow), 1e-9)
-
-
-def _recorded(drive: Motors, boot: int) -> Intervals:
-    time = drive.time[drive.boot == boot]
-    return [(float(time[0]), float(time[-1]))]
 
 
 def of_segment(signals: Signals, segment: Segment, flight: Flight, log: QualityFigures) -> QualityFigures:

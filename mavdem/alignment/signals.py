@@ -245,14 +245,12 @@ class Signals:
     @cached_property
     def armed(self) -> Signal | None:
         """Whether the vehicle was armed, from HEARTBEAT; None where no heartbeat is its own."""
-        beats = self._beats
-        return None if beats is None else replace(beats, values=beats.values[:, 0])
+        return self._beats and replace(self._beats, values=self._beats.values[:, 0])
 
     @cached_property
     def landing(self) -> Signal | None:
         """Whether the autopilot was in a mode that lands by itself, from HEARTBEAT; None where none is its own."""
-        beats = self._beats
-        return None if beats is None else replace(beats, values=beats.values[:, 1])
+        return self._beats and replace(self._beats, values=self._beats.values[:, 1])
 
     @cached_property
     def _beats(self) -> Signal | None:

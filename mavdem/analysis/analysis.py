@@ -194,10 +194,7 @@ def _model(
 
 
 def slow_motion_refusal(held_out: HeldOut) -> str:
-    """Returns why a model of the slow motion is not worth having; empty where it is.
-
-    It must beat each baseline in the ``held_out`` windows by a margin, and beyond chance.
-    """
+    """Returns why a model does not beat each baseline in ``held_out`` windows by a margin, beyond chance; or empty."""
     for name in BASELINES:
         ratio = held_out.error_ratio() / held_out.error_ratio(name)
         test = paired(held_out.error_ratios(baseline=name), np.ones(len(held_out)))

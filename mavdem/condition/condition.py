@@ -104,13 +104,12 @@ def hover(path: str | bytes | PathLike[str], vehicle: str | None = None) -> Hove
 
 def hover_of(signals: Signals, components: Sequence[Component] = ()) -> HoverFigures:
     """Returns the figures of ``signals`` with the motors as inputs, as :func:`hover` gives them."""
-    segments = settled_segments(signals)
-    motors = signals.motors
+    segments, motors = settled_segments(signals), signals.motors
     if not segments or motors is None or signals.telemetry.vehicle not in (*MULTIROTORS, "UNKNOWN"):
         verdict = verdict_of(signals, components)
         raise NotLearnable(verdict.reason, verdict.remedy)
     rows = within(motors, *segments)
-    tilts = zip(("roll", "pitch"), signals.tilts, strict=True)
+    tilts = zip(TILT_AXES, signals.tilts, strict=True)
     lean = {axis: float(np.degrees(tilt.angle[within(tilt, *segments)].mean())) for axis, tilt in tilts}
     seconds = sum(segment.duration for segment in segments)
     return _figures(motors.layout.names, motors.scale, seconds, motors.outputs[rows], lean)

@@ -37,7 +37,7 @@ class Cluster:
         self.address, self.limits, self.read = address, limits, read
 
     def outcomes(self, jobs: Iterator[Job]) -> Iterator[Outcome]:
-        """As ``Reader`` has it.
+        """As ``WorkerPool.outcomes``.
 
         Raises ``Unreadable``: there is no such cluster, it has no worker, or one of its workers has another version of
         mavdem or Python, or cannot see the first file.

@@ -329,9 +329,7 @@ def _other_inputs(sides: Sequence[Flights]) -> str:
     with_model = [row for flights in sides for flight in flights for row in flight if row.effect]
     if len({row.inputs for row in with_model} - {None}) > 1:
         return "some models have the motors as inputs and others the controller's demand."
-    if len({row.input_unit for row in with_model} - {None}) > 1:
-        return "the models' inputs have other units."
-    return ""
+    return "the models' inputs have other units." if len({row.input_unit for row in with_model} - {None}) > 1 else ""
 
 
 def _incomparable(

@@ -16,10 +16,11 @@ import numpy as np
 from mavdem.confidence import LEVEL, quantile
 from mavdem.dem.engine.linalg import Array
 from mavdem.errors import Unreadable
+from mavdem.fleet.cluster import Cluster
 from mavdem.fleet.row import OK, SHARED, UNKNOWN, FlightRow, Numbers
 from mavdem.fleet.sources import Source, find_logs
 from mavdem.fleet.store import AssessRows, Store, is_fleet, opened, read_rows
-from mavdem.fleet.workers import Job, Reader
+from mavdem.fleet.workers import Job, WorkerPool
 from mavdem.health.assessment import assess
 from mavdem.health.balance import BalanceFigures, motor_signatures
 from mavdem.health.reference import HealthFigures, healthy_flights
@@ -27,6 +28,7 @@ from mavdem.health.reference import HealthFigures, healthy_flights
 SATURATED = 0.01  # of the time at its upper stop: with more a motor has nothing left, and the flight is not sound
 JUDGED = ("fault_probability", "change_probability", "suspect_motor")  # columns that are a verdict's
 
+Reader = WorkerPool | Cluster  # What reads the logs: the processes of this machine, or a cluster
 Progress = Callable[[int, int], None]
 """Called with how many logs are done, and how many there are to read."""
 

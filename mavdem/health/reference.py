@@ -78,9 +78,7 @@ class HealthFigures:
     @property
     def effort(self) -> float | None:
         """The collective at a battery of 1 V: it grows with the payload, and not as the battery sags."""
-        if not self.collective or not self.voltage:
-            return None
-        return self.collective * self.voltage
+        return self.collective * self.voltage if self.collective and self.voltage else None
 
 
 HealthFlights = Sequence[HealthFigures]  # Of one vehicle

@@ -34,9 +34,10 @@ def detail_blocks(learned: Learned, report: dict[str, Any] | None = None) -> lis
         *_physical(learned.physical, bool((report or {}).get("overrides"))),
         Sentence(
             f"increased by {energy.gained:,.0f} nats in {len(energy) - 1} iterations, to {energy[-1]:,.0f}.{end}",
-            "Free energy action F̄:",
+            "Free energy action F̄ of A, B and C:",
         ),
-        *_simulation_fit(labels, learned, converged),
+        *_simulation_fit(learned, converged),
+        *_joint(labels, learned),
     ]
 
 
@@ -156,8 +157,31 @@ def _physical(physical: Physical | None, doubted: bool) -> list[Block]:
     return blocks
 
 
-def _simulation_fit(labels: Labels, learned: Learned, converged: str) -> list[Block]:
-    """The simulation-error fit after DEM, and the mixer geometry in its prior."""
+def _joint(labels: Labels, learned: Learned) -> list[Block]:
+    """What F̄ chose of the joint model, and which motors it takes to turn the axis."""
+    joint, record = learned.joint, learned.record
+    form = "smooth" if joint.choice.smooth else "plain"
+    text = (
+        f"each sample from the {joint.choice.lags} before it ({1e3 * joint.choice.lags * learned.dt:.0f} ms), {form} "
+        f"prior of precision {joint.choice.ridge:g}; F̄ {joint.free_energy:,.0f} nats, the highest of those tried."
+    )
+    blocks: list[Block] = [Sentence(text, "Joint model of outputs and motors:")]
+    if joint.combinations.shape[1] < record.inputs.shape[1]:
+        up, down = (
+            " and ".join(
+                short(name)
+                for name, way in zip(labels.input_names, joint.combinations[:, 0], strict=True)
+                if sign * way > np.abs(joint.combinations).max() / 4
+            )
+            for sign in (1, -1)
+        )
+        source = "Chosen by F̄" if record.effect_directions is None else "Known for these inputs"
+        blocks.append(Sentence(f"{up} against {down}. {source}.", "Motors that turn the axis:"))
+    return blocks
+
+
+def _simulation_fit(learned: Learned, converged: str) -> list[Block]:
+    """The simulation-error fit after DEM."""
     fit = learned.simulation_fit
     if fit is None:
         return []
@@ -166,13 +190,4 @@ def _simulation_fit(labels: Labels, learned: Learned, converged: str) -> list[Bl
         f"over {fit.horizon * learned.dt:.2g} s: {len(fit.free)} parameters, effective sample size "
         f"{fit.effective_samples:.0f}; F̄ increased by another {end - start:.3g} nats. {converged}"
     )
-    blocks: list[Block] = [Sentence(text, "Simulation-error (output-error) fit")]
-    turning = None if fit.mixer is None else fit.mixer.turning
-    if turning is not None:
-        up, down = (
-            " and ".join(short(name) for name, way in zip(labels.input_names, turning, strict=True) if sign * way > 0)
-            for sign in (1, -1)
-        )
-        source = "Estimated from the data" if learned.record.effect_directions is None else "Known for these inputs"
-        blocks.append(Sentence(f"{up} against {down}. {source}.", "Mixer geometry, used as a prior:"))
-    return blocks
+    return [Sentence(text, "Simulation-error (output-error) fit of A, B and C")]

@@ -244,8 +244,7 @@ def _mav_type(texts: Sequence[str], parameters: Mapping[str, float]) -> int:
     multirotor = 43  # MAV_TYPE_GENERIC_MULTIROTOR, where the number of motors is not known
     if "FRAME_CLASS" in parameters:
         return FRAME_CLASSES.get(int(parameters["FRAME_CLASS"]), multirotor)
-    frame = next((found[1] for text in texts if (found := _FRAME.match(text))), "")
-    return FRAME_NAMES.get(frame, multirotor)
+    return FRAME_NAMES.get(next((found[1] for text in texts if (found := _FRAME.match(text))), ""), multirotor)
 
 
 def _no_flight(source: str, recording: DataflashRecording) -> str:

@@ -229,10 +229,7 @@ def _faster_angles(tables: Mapping[str, Columns], fields: tuple[str, ...]) -> st
 
 
 def _in_centidegrees(rates: Columns, speeds: Array, gyros: Columns | None, version: tuple[int, int] | None) -> str:
-    """Why ``speeds`` (N, 3), degrees turned to radians, were centidegrees: by the gyro while it turns, else by version.
-
-    Empty where they were degrees.
-    """
+    """Why ``speeds`` (N, 3), from degrees, were centidegrees: by the gyro where it turns, else by version; or empty."""
     if gyros is not None:
         turning = np.linalg.norm(_onto(rates, gyros, values(gyros, GYROS)), axis=1)
         moving = turning > MOVING_RATE

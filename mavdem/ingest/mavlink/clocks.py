@@ -37,8 +37,7 @@ def outliers(seconds: Times) -> NDArray[np.bool_]:
     """Stamps far from the median of the five around them: one or two messages, not a lasting change of the clock."""
     if len(seconds) < 3:
         return np.zeros(len(seconds), dtype=np.bool_)
-    step = float(np.median(np.abs(np.diff(seconds))))
-    return far_off(seconds, 5, MAX_OFFSET + 10 * step)
+    return far_off(seconds, 5, MAX_OFFSET + 10 * float(np.median(np.abs(np.diff(seconds)))))
 
 
 def before_lower(time: Times, boot: Boots) -> NDArray[np.bool_]:

@@ -46,7 +46,8 @@ class FrameIndex:
         """Adds the next frames of the stream."""
         self.frames += len(frames)
         source = frames.system.astype(np.int64) << 8 | frames.component
-        self._count_lost(source, frames.sequence)
+        order = np.argsort(source.astype(np.uint16), kind="stable")
+        self._count_lost(source[order], frames.sequence[order].astype(np.int16))
         good = frames.verdict == GOOD
         for row in np.flatnonzero(~good).tolist():
             key = int(frames.message_id[row]) << 16 | int(source[row])
@@ -57,9 +58,7 @@ class FrameIndex:
         self._starts.frombytes(frames.start[good].astype(self._starts.typecode).tobytes())
         self._kind.frombytes(numbers[row_of].tobytes())
 
-    def _count_lost(self, source: NDArray[np.int64], sequence: NDArray[np.uint8]) -> None:
-        order = np.argsort(source.astype(np.uint16), kind="stable")
-        source, sequence = source[order], sequence[order].astype(np.int16)
+    def _count_lost(self, source: NDArray[np.int64], sequence: NDArray[np.int16]) -> None:
         first, last = np.ones(len(source), dtype=np.bool_), np.ones(len(source), dtype=np.bool_)
         first[1:] = last[:-1] = source[1:] != source[:-1]
         before = np.roll(sequence, 1)

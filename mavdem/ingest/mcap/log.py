@@ -146,8 +146,7 @@ def _json_parts(
         if kind is not None and kind.sender not in heard:
             topics.add(kind, place, message)
     progress(1.0)
-    parts = list(topics.parts())
-    return parts, topics.unknown.total(), topics.sentences()
+    return list(topics.parts()), topics.unknown.total(), topics.sentences()
 
 
 def _own_kinds(channels: Sequence[Channel]) -> dict[Channel, JsonTopic]:

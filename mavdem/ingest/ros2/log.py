@@ -51,16 +51,12 @@ def flight_topics(channels: Iterable[Channel], schemas: Mapping[int, Schema]) ->
 
     A node is MAVROS's if one of its topics has a type that only MAVROS sends: other drivers send imu/data too.
     """
-    typed = {channel: schemas[channel.schema].name for channel in channels if channel.schema in schemas}
-    topics = {channel: topic for channel, name in typed.items() if (topic := _topic(channel, name)) is not None}
+    typed = {one: schemas[one.schema].name for one in channels if one.schema in schemas and one.encoding == CDR}
+    px4 = {channel for channel, name in typed.items() if re.fullmatch(r"px4_msgs/msg/\w+", name)}
+    found = {one: _of_px4(one.topic) if one in px4 else _of_mavros(one.topic, name) for one, name in typed.items()}
+    topics = {channel: topic for channel, topic in found.items() if topic is not None}
     own = {topics[channel].vehicle for channel in topics if typed[channel].startswith("mavros_msgs/msg/")}
     return {channel: topic for channel, topic in topics.items() if topic.bridge == PX4_BRIDGE or topic.vehicle in own}
-
-
-def _topic(channel: Channel, schema: str) -> RosTopic | None:
-    if channel.encoding != CDR:
-        return None
-    return _of_px4(channel.topic) if re.fullmatch(r"px4_msgs/msg/\w+", schema) else _of_mavros(channel.topic, schema)
 
 
 def _of_px4(topic: str) -> RosTopic | None:
