@@ -146,7 +146,7 @@ BUDGETS = {
     "live": 2620,
     "analysis": 990,
     "fleet": 1820,
-    "report": 2960,
+    "report": 2970,
     "view": 1290,
     "export": 320,
     "paper": 1940,
