@@ -106,10 +106,7 @@ class Transmitter:
     """
 
     def __init__(self, scenario: Scenario, cycle: float) -> None:
-        """Takes the flight's scenario and the cycle of the autopilot's loop, s.
-
-        Raises ValueError: the scenario names rates of a message that is not sent.
-        """
+        """Takes the scenario and the loop's cycle, s; raises ValueError: it has rates of a message that is not sent."""
         self.autopilot = AUTOPILOTS[scenario.stream.autopilot]
         self.system = scenario.stream.system
         self._rates = self.autopilot.rates(scenario.stream.rate, scenario.stream.rates)
