@@ -79,9 +79,10 @@ def _chosen(windows: FlightWindows, directions: Array | None) -> tuple[list[Gray
     for wind in WINDS:
         parameters = plain._replace(wind=wind)
         first = parameters.prior[0]
-        first[0] = start[0]
+        first[: len(start) - 1], first[-1] = start[:-1], start[-1]
         try:
             fits.append(fitted(parameters, some, first))
+            start = fits[-1].theta
         except np.linalg.LinAlgError:
             continue
     if not fits:
@@ -96,7 +97,7 @@ def _refined(plain: GrayBoxFit, windows: FlightWindows) -> GrayBoxFit:
     for name in REFINEMENTS:
         parameters = chosen.parameters._replace(refinements=(*chosen.parameters.refinements, name))
         try:
-            refined = fitted(parameters, windows, np.append(chosen.theta, 0.0))
+            refined = fitted(parameters, windows, np.append(chosen.theta, 0.0), MIN_GAIN_NATS)
             unseen = _unseen(refined, windows)
         except np.linalg.LinAlgError:
             continue
@@ -256,7 +257,7 @@ def _wind_share(parameters: Parameters, theta: Array, windows: FlightWindows, le
 
 def _alias_share(parameters: Parameters, theta: Array, windows: FlightWindows) -> float:
     """The share of the commands' variance above half of the Nyquist frequency, each window without its mean."""
-    commands = parameters.commanded(theta, windows)
+    commands = windows.inputs @ parameters.effect(theta)
     commands = commands - commands.mean(axis=1, keepdims=True)
     power = np.abs(np.fft.rfft(commands * np.hanning(commands.shape[1]), axis=1)) ** 2
     return float(power[:, power.shape[1] // 2 :].sum() / power.sum())

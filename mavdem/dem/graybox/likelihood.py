@@ -74,6 +74,7 @@ GUSTS = smooth(4)
 ``Smatrix``), to an order that is enough for the spectrum where there is power."""
 
 SETTLING_SECONDS = 0.25  # of each window, whose prediction errors do not count: the filter finds the state
+ANSWERED_SECONDS = 0.004  # for which an autopilot answers one sample of the rate: then it has the next
 SHORTEST_LAG = 0.5  # steps of the stream
 MAX_DAMPING = 25.0  # 1/s: five times that of the smallest published vehicles
 BLOCK = 24  # steps that are worked out together
@@ -87,9 +88,10 @@ mixer's direction. The effect's mean is that of a first estimate."""
 TIMES = ((np.log(1.0), 1.0), (np.log(0.07), 1.0))
 """Likewise of the time of each component of the wind: the drift of the air, and gusts."""
 
-REFINEMENTS = {"thrust curve": (0.0, 0.3), "spin-up": (0.0, 0.3)}
-"""Refinements, each a parameter: relative change of the effect for one standard deviation of the inputs; and, as a
-share of the lag, by how much rotors spin up faster than down."""
+REFINEMENTS = {"jumps": (0.0, 0.3), "thrust curve": (0.0, 0.3), "spin-up": (0.0, 0.3)}
+"""Refinements, each a parameter: by what share of a step inputs that jump between two samples did so sooner than half
+way; relative change of the effect for one standard deviation of the inputs; and, as a share of the lag, by how much
+rotors spin up faster than down."""
 
 
 class FlightWindows(NamedTuple):
@@ -100,10 +102,13 @@ class FlightWindows(NamedTuple):
     dt: float  # step, s
     starts: Array  # (W,) s of the record before each
     unit: float  # of the inputs, in the unit of the record's
+    answers: Array  # (W, N, r) of the inputs, what answers what is new in the rate at the same sample
 
     def of(self, some: slice | NDArray[np.intp]) -> FlightWindows:
         """Returns some of them."""
-        return FlightWindows(self.inputs[some], self.rate[some], self.dt, self.starts[some], self.unit)
+        return FlightWindows(
+            self.inputs[some], self.rate[some], self.dt, self.starts[some], self.unit, self.answers[some]
+        )
 
 
 class Parameters(NamedTuple):
@@ -193,7 +198,9 @@ class Parameters(NamedTuple):
         """(W, N) the torque that the motors would settle at, rad/s², refinements included."""
         inputs = windows.inputs
         for name, value in zip(self.refinements, theta[self.noise_index + 1 :], strict=True):
-            if name == "thrust curve":
+            if name == "jumps":
+                inputs = jumping(inputs, value)
+            elif name == "thrust curve":
                 inputs = inputs + value * windows.inputs**2 / 2
             else:
                 # To first order: the lag divided by 1 ± value where the rotor speeds up or slows down.
@@ -212,8 +219,12 @@ class Parameters(NamedTuple):
         driven = np.empty((number, W, N - 1, 3))
         driven[..., 2] = windows.rate[:, :-1]
         for k, theta in enumerate(thetas):
-            ends = delayed(self.commanded(theta, windows).T, theta[self.motors + 3] / windows.dt)
-            driven[k, :, :, 0], driven[k, :, :, 1] = (end.T for end in ends)
+            steps = float(theta[self.motors + 3]) / windows.dt
+            # A command that reacts to a sample must not help to predict it: what answers a sample is held from then on.
+            answer = windows.answers @ self.effect(theta)
+            held, _ = delayed(min(1.0, ANSWERED_SECONDS / windows.dt) * answer.T, steps)
+            ends = delayed((self.commanded(theta, windows) - answer).T, steps)
+            driven[k, :, :, 0], driven[k, :, :, 1] = ((end + held).T for end in ends)
         step = transition.state.copy()
         step[:, :, 0] -= gain
         predicted = followed(step, np.stack([now[..., 0], later[..., 0], gain], axis=2), driven, windows.rate[:, 0])
@@ -266,18 +277,24 @@ def lagged(inputs: Array, lag: float, dt: float) -> Array:
     return np.asarray(lfilter([1 - keeps], [1, -keeps], inputs, axis=1, zi=begin)[0])
 
 
-def delayed(inputs: Array, steps: float) -> tuple[Array, Array]:
-    """Commands (T − 1, r) as they act at the beginning and the end of each step, interpolated.
+def jumping(inputs: Array, sooner: float) -> Array:
+    """(W, N, r) inputs whose jumps between two samples come ``sooner`` than half way, in shares of a step.
 
-    A command that reacts to a sample must not help to predict it: within a step the last command before it holds.
+    A jump is what a change has beyond the one before it, and of it alone where their signs differ.
     """
-    ends, number = [], len(inputs)
-    for late in (min(max(0.0, steps), number), min(max(0.0, steps - 1), number)):
-        whole = int(np.ceil(late))
-        share = whole - late
-        moved = np.concatenate([np.repeat(inputs[:1], whole, axis=0), inputs[: number - whole]])
-        ends.append((1 - share) * moved[:-1] + share * moved[1:])
-    return ends[0], ends[1]
+    changes = np.diff(inputs, axis=1, prepend=inputs[:, :1])
+    before = np.roll(changes, 1, axis=1)
+    before[:, 0] = 0.0
+    return np.asarray(inputs + sooner * (changes - np.clip(before, np.minimum(changes, 0.0), np.maximum(changes, 0.0))))
+
+
+def delayed(inputs: Array, steps: float) -> tuple[Array, Array]:
+    """Commands (T − 1, r) as they act at the beginning and the end of each step, interpolated."""
+    whole = int(min(max(0.0, steps), len(inputs)))
+    share = min(max(0.0, steps) - whole, 1.0)
+    later = np.concatenate([np.repeat(inputs[:1], whole + 1, axis=0), inputs])[: len(inputs) + 1]
+    moved = (1 - share) * later[1:] + share * later[:-1]
+    return moved[:-1], moved[1:]
 
 
 class Plant(NamedTuple):
@@ -287,10 +304,11 @@ class Plant(NamedTuple):
     process: Array  # (n, n) covariance of the noise, which drives the wind
     wind: Array  # (n,) the wind's torque, rad/s², out of a state
     stationary: Array  # (n, n) covariance of the wind's states before anything is measured; 0 for rate and torque
+    jumps: float  # share of a step by which commands that jump do so sooner than half way
 
     def pushes(self, commanded: Array, steps: float) -> Array:
         """Returns (T − 1, n) what commands (T,), rad/s², that act so many ``steps`` later do to the next state."""
-        early, late = delayed(commanded[:, None], steps)
+        early, late = delayed(jumping(commanded[None, :, None], self.jumps)[0], steps)
         return early * self.step.input_now[:, 0] + late * self.step.input_next[:, 0]
 
     def filter(self, noise: float) -> SteadyFilter:
@@ -324,10 +342,12 @@ def with_wind(vehicle: Array, components: Sequence[tuple[Coloured, float, float]
     return A, drive, stationary, wind
 
 
-def plant(damping: float, lag: float, components: Sequence[tuple[Coloured, float, float]], dt: float) -> Plant:
+def plant(
+    damping: float, lag: float, components: Sequence[tuple[Coloured, float, float]], dt: float, jumps: float = 0.0
+) -> Plant:
     """The plant with ``damping``, 1/s, ``lag``, s, and wind as in :func:`with_wind`, sampled every ``dt`` seconds."""
     A, drive, stationary, wind = with_wind(np.array([[-damping, 1.0], [0.0, -1 / lag]]), components)
     A[0] += wind
     step = discretize(A, np.eye(len(A))[:, 1:2] / lag, dt)
     process = step_covariance(A, drive, dt)
-    return Plant(step, (process + process.T) / 2, wind, stationary)
+    return Plant(step, (process + process.T) / 2, wind, stationary, jumps)

@@ -117,6 +117,7 @@ class Physical(NamedTuple):
 
 WINDOW_SECONDS, SHORTEST_WINDOW_SECONDS = 7.0, 2.0
 MIN_SAMPLES = 200
+PAST = 4  # samples that tell what is new in the next
 FEWEST_RATE = 39.0
 """Hz: of fewer samples, a lag and damping of tens of milliseconds are no more than a guess. A grid of 40 Hz may have a
 little less."""
@@ -140,7 +141,24 @@ def windows_of(record: Record) -> FlightWindows:
     if not unit:
         raise ValueError("physical parameters need motors that move: all inputs are constant")
     dt = float(samples[0, 1] - samples[0, 0]) * record.dt
-    return FlightWindows(inputs / unit, record.outputs[samples, rate], dt, np.asarray(record.dt * samples[:, 0]), unit)
+    inputs, turning = inputs / unit, record.outputs[samples, rate]
+    return FlightWindows(inputs, turning, dt, np.asarray(record.dt * samples[:, 0]), unit, answers(inputs, turning))
+
+
+def answers(inputs: Array, rate: Array) -> Array:
+    """(W, N, r) what in ``inputs`` (W, N, r) answers what is new in the ``rate`` (W, N) at the same sample.
+
+    New is what a linear regression on the samples before does not predict.
+    """
+    both, count = np.concatenate([rate[:, :, None], inputs], axis=2), rate.shape[1]
+    past = np.concatenate([both[:, lag : count - PAST + lag] for lag in range(PAST)], axis=2)
+    now, past = (part.reshape(-1, part.shape[2]) for part in (both[:, PAST:], past))
+    now = now - now.mean(axis=0)
+    new = now - past @ np.linalg.lstsq(past, now)[0]
+    found = np.zeros_like(inputs)
+    gains = new[:, 0] @ new[:, 1:] / (new[:, 0] @ new[:, 0])
+    found[:, PAST:] = (new[:, :1] * gains).reshape(len(rate), -1, inputs.shape[2])
+    return found
 
 
 def rate_column(record: Record) -> int:

@@ -223,7 +223,7 @@ def _step(torque: Array, dt: float) -> tuple[int, float] | None:
 def _torques(theta: Array, physical: Physical, record: Record, column: int) -> _Torques:
     """Of all segments, with effect, damping, lag and delay ``theta`` (r + 3,), of the rate in a ``column``."""
     effect, (damping, lag, delay) = theta[:-3], theta[-3:].tolist()
-    axis = plant(damping, lag, physical.components, record.dt)
+    axis = plant(damping, lag, physical.components, record.dt, physical.refinements.get("jumps", 0.0))
     trim = record.inputs.mean(axis=0)
     level = balanced(effect, trim, record.effect_directions)
     parts = []
