@@ -121,7 +121,7 @@ def test_innovations_of_its_own_model_are_white_and_of_the_variance_it_says(wind
         state = transition.state[0] @ state + known + root @ rng.standard_normal(n)
         rates[k + 1] = state[0]
     measured = rates + np.exp(theta[model.noise_index]) * rng.standard_normal(samples)
-    errors, variance = model.innovations(theta[None], FlightWindows(inputs[None], measured[None], DT, np.zeros(1), 1.0))
+    errors, variance = model.innovations(theta[None], FlightWindows(inputs[None], measured[None], DT, np.zeros(1), 1.0, np.zeros((1, samples, 1))))
     number = errors.shape[2]
     assert errors[0].var() / variance[0] == pytest.approx(1.0, abs=4 * np.sqrt(2 / number))
     assert abs(errors[0].mean()) < 4 * np.sqrt(variance[0] / number)

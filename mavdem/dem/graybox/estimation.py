@@ -66,7 +66,9 @@ def _estimated(windows: FlightWindows, directions: Array | None) -> Physical:
     table, window_variance = _over_time(whole, jacobian, windows)
     by_spectrum = [_logarithms(fit.parameters, fit.theta, windows.dt) for fit in fits]
     spread = _Spread(window_variance, np.ptp(by_spectrum, axis=0))
-    figures = _figures(whole, np.sqrt(np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian)), spread, windows)
+    figures = _figures(
+        whole, MODEL_ERRORS.own * np.sqrt(np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian)), spread, windows
+    )
     return _physical(whole, covariance, spread, windows, table, figures)
 
 
@@ -171,14 +173,15 @@ def _physical(
     slopes[r + 2, r + 3] = 1.0
     covariance = slopes @ covariance @ slopes.T
     varied = spread.window_variance + (spread.spectrum_range / RANGE) ** 2
-    slow = 1 / dt < SLOWEST_RATE
+    varied += (1 - errors.own**-2) * np.square([figures.sd[name] for name in PARAMETERS])
     common = varied[0] + errors.effect**2
-    if figures.wind_share > WIND_SHARE.reported:
-        common += errors.wind_bias**2
+    bias = errors.wind_bias if figures.wind_share > WIND_SHARE.reported else 0.0
+    common += bias**2
     if status["effect"] == "not identifiable":
         common += errors.unknown_effect**2
-    if slow:
-        varied = varied + errors.slow**2
+    if 1 / dt < SLOWEST_RATE:
+        common += errors.slow_effect**2
+        varied += errors.slow**2
     covariance[:r, :r] += np.outer(effect, effect) * common + np.diag(effect**2) * errors.motor**2
     covariance[r, r] += damping**2 * varied[1] + errors.damping**2
     covariance[r + 1, r + 1] += lag**2 * (varied[2] + errors.lag**2)
@@ -194,7 +197,7 @@ def _physical(
         covariance=covariance * np.outer(scale, scale),
         status=status,
         reasons=reasons,
-        bias=errors.slow_bias if slow else 0.0,
+        bias=bias,
         wind=float(np.sqrt(np.sum(sizes**2))),
         wind_share=figures.wind_share,
         components=tuple(

@@ -57,7 +57,7 @@ class Physical(NamedTuple):
             over the wind's possible spectra, and nonlinear effects.
         status: "reported", "biased" or "not identifiable", by "effect", "damping" and "lag".
         reasons: likewise, a sentence or two; empty where nothing is to be said.
-        bias: likely relative error of the effect, negative where it comes out low; 0 unless it is biased by the rate.
+        bias: likely relative error of the effect, negative where it comes out low; 0 unless it is biased by the wind.
         wind: standard deviation of the angular acceleration that is not by the motors, rad/s², without its constant.
         wind_share: of its variance in the sum with that of the motors' torque, in the band of the motion.
         components: of the wind.
@@ -89,7 +89,7 @@ class Physical(NamedTuple):
         require_probability(level)
         share = np.sign(self.effect) / len(self.effect)
         mean, r = float(share @ self.effect), len(self.effect)
-        half = float(half_width(share @ self.covariance[:r, :r] @ share, level)) + abs(self.bias) * mean
+        half = float(half_width(share @ self.covariance[:r, :r] @ share, level))
         return mean, half if self.identifiable else np.nan
 
     @property
@@ -103,10 +103,9 @@ class Physical(NamedTuple):
         return None if self.identifiable else f"The motors' effect is not identifiable. {self.reasons['effect']}"
 
     def interval(self, level: float = LEVEL) -> PhysicalInterval:
-        """Returns half widths of intervals of probability ``level``; a likely bias widens them."""
+        """Returns half widths of intervals of probability ``level``."""
         require_probability(level)
         half = half_width(self.covariance.diagonal(), level)
-        half[:-3] += np.abs(self.bias * self.effect)
         effect, damping, lag = (
             np.where(self.status[name] == "not identifiable", np.nan, part)
             for name, part in zip(PARAMETERS, (half[:-3], half[-3], half[-2]), strict=True)
