@@ -172,8 +172,11 @@ def _physical(
     slopes[r : r + 2] = _log_jacobian(parameters, theta, dt)[1:] * [[damping], [lag]]
     slopes[r + 2, r + 3] = 1.0
     covariance = slopes @ covariance @ slopes.T
+    # The wind's spectrum is as wrong for all motors.
+    alike = np.eye(r + 3)
+    alike[:r, :r] = np.outer(effect, np.sign(effect)) / np.abs(effect).sum()
+    covariance += (errors.own**2 - 1) * alike @ covariance @ alike.T
     varied = spread.window_variance + (spread.spectrum_range / RANGE) ** 2
-    varied += (1 - errors.own**-2) * np.square([figures.sd[name] for name in PARAMETERS])
     common = varied[0] + errors.effect**2
     bias = errors.wind_bias if figures.wind_share > WIND_SHARE.reported else 0.0
     common += bias**2

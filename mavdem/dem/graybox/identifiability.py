@@ -45,7 +45,7 @@ class ModelErrors(NamedTuple):
     the effect changes with the tilt in wind, and rotors spin up twice as fast as they slow down.
     """
 
-    own: float = 3.0  # times an estimate's own standard deviation: the wind's spectrum is not quite that of the model
+    own: float = 3.0  # times the likelihood's standard deviation: the wind's spectrum is not quite that of the model
     effect: float = 0.02  # of all motors together, as a share of the effect
     motor: float = 0.015  # of each by itself, likewise
     damping: float = 0.3  # 1/s
@@ -73,7 +73,7 @@ class IdentifiabilityFigures(NamedTuple):
 
     wind_share: float  # of the wind's torque, in the variance of its sum with the motors', in the roll motion's band
     alias_share: float  # share of the commands' variance that is above half of the Nyquist frequency
-    sd: dict[str, float]  # relative standard deviation of the estimate, ``ModelErrors.own`` times that by itself
+    sd: dict[str, float]  # relative standard deviation of the estimate, by ``ModelErrors.own``
     window_sd: dict[str, float]  # relative standard deviation that the spread between windows adds to that of the mean
     spectrum_range: dict[str, float]  # of the logarithm, over the wind's possible spectra
     damping: float  # estimate, 1/s
