@@ -152,7 +152,6 @@ def answers(inputs: Array, rate: Array) -> Array:
     both, count = np.concatenate([rate[:, :, None], inputs], axis=2), rate.shape[1]
     past = np.concatenate([both[:, lag : count - PAST + lag] for lag in range(PAST)], axis=2)
     now, past = (part.reshape(-1, part.shape[2]) for part in (both[:, PAST:], past))
-    now = now - now.mean(axis=0)
     new = now - past @ np.linalg.lstsq(past, now)[0]
     found = np.zeros_like(inputs)
     gains = new[:, 0] @ new[:, 1:] / (new[:, 0] @ new[:, 0])
