@@ -176,7 +176,7 @@ def test_no_command_helps_to_predict_the_sample_that_it_answers(delay):
 def test_what_answers_a_sample_is_found(gain):
     rng = np.random.default_rng(6)
     rate = np.cumsum(rng.standard_normal((3, 600)), axis=1)
-    new, slow = np.diff(rate, axis=1, prepend=0.0), np.cumsum(rng.standard_normal((3, 600)), axis=1)
+    new, slow = np.diff(rate, axis=1, prepend=0.0), np.cumsum(0.2 * rng.standard_normal((3, 600)), axis=1)
     inputs = (slow - gain * new)[:, :, None]
     found = answers(inputs, rate)[:, 10:, 0]
     np.testing.assert_allclose(found, -gain * new[:, 10:], atol=0.25)
