@@ -179,7 +179,7 @@ def test_what_answers_a_sample_is_found(gain):
     new, slow = np.diff(rate, axis=1, prepend=0.0), np.cumsum(0.2 * rng.standard_normal((3, 600)), axis=1)
     inputs = (slow - gain * new)[:, :, None]
     found = answers(inputs, rate)[:, 10:, 0]
-    np.testing.assert_allclose(found, -gain * new[:, 10:], atol=0.25)
+    np.testing.assert_allclose(found, -gain * new[:, 10:], atol=0.25 * max(gain, 1))
 
 
 def test_scores_of_windows_are_the_slopes_of_their_likelihoods():

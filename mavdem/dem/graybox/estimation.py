@@ -6,12 +6,11 @@ Effect, damping and lag are the same in all windows; trim and the level of the w
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
 from mavdem.dem.engine.linalg import Array, inverse, one_thread
-from mavdem.dem.graybox.fitting import WINDS, GrayBoxFit, directed, fitted, log_likelihood
+from mavdem.dem.graybox.fitting import WINDS, GrayBoxFit, directed, fitted
 from mavdem.dem.graybox.identifiability import (
     MODEL_ERRORS,
     PARAMETERS,
@@ -27,16 +26,9 @@ from mavdem.dem.record import Record, UniformRecord
 from mavdem.errors import unit_slip
 
 CHOOSING_WINDOWS = 10  # of which the wind's spectrum and the refinements are chosen
-MIN_REFINING_WINDOWS, MIN_GAIN_NATS = 4, 3.0  # windows below which nothing is refined, and what unseen ones must gain
+MIN_GAIN_NATS = 3.0  # that a refinement's first step must promise
 RANGE = 1.69  # of three values, in their standard deviations in the mean (Tippett 1925)
 BAND_HZ, MAX_BAND_SHARE = (0.4, 6.0), 0.125  # of the roll motion; its upper end in shares of the sampling rate
-
-
-class _Spread(NamedTuple):
-    """What estimates vary by besides by chance, (3,): logarithms of mean effect, damping and lag."""
-
-    window_variance: Array  # that the spread over windows adds
-    spectrum_range: Array  # over the wind's possible spectra
 
 
 def physical(train: UniformRecord | Sequence[UniformRecord]) -> Physical | NotIdentifiable:
@@ -63,17 +55,15 @@ def _estimated(windows: FlightWindows, directions: Array | None) -> Physical:
     fits, refined = _chosen(windows, directions)
     whole = fitted(refined.parameters, windows, refined.theta) if len(windows.rate) > CHOOSING_WINDOWS else refined
     covariance, jacobian = inverse(whole.curvature), _log_jacobian(whole.parameters, whole.theta, windows.dt)
-    table, window_variance = _over_time(whole, jacobian, windows)
+    table, window_sd = _over_time(whole, jacobian, windows)
     by_spectrum = [_logarithms(fit.parameters, fit.theta, windows.dt) for fit in fits]
-    spread = _Spread(window_variance, np.ptp(by_spectrum, axis=0))
-    figures = _figures(
-        whole, MODEL_ERRORS.own * np.sqrt(np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian)), spread, windows
-    )
-    return _physical(whole, covariance, spread, windows, table, figures)
+    own = MODEL_ERRORS.own * np.sqrt(np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian))
+    figures = _figures(whole, own, window_sd, np.ptp(by_spectrum, axis=0), windows)
+    return _physical(whole, covariance, windows, table, figures)
 
 
 def _chosen(windows: FlightWindows, directions: Array | None) -> tuple[list[GrayBoxFit], GrayBoxFit]:
-    """A fit for each wind that has one, and the most probable one with the refinements that unseen windows bear out."""
+    """A fit for each wind that has one, and the most probable one with the refinements that it bears out."""
     count = len(windows.rate)
     some = windows.of(np.linspace(0, count - 1, min(count, CHOOSING_WINDOWS)).round().astype(np.intp))
     plain, start = directed(some, directions)
@@ -90,34 +80,20 @@ def _chosen(windows: FlightWindows, directions: Array | None) -> tuple[list[Gray
     if not fits:
         raise ValueError("there is no steady filter for these motors and rates: take another part of the flight")
     best = max(fits, key=lambda fit: fit.evidence)
-    return fits, _refined(best, some) if len(some.rate) >= MIN_REFINING_WINDOWS else best
+    return fits, _refined(best, some)
 
 
 def _refined(plain: GrayBoxFit, windows: FlightWindows) -> GrayBoxFit:
-    """With each refinement that predicts windows better that it was not fitted to, in two-fold cross-validation."""
-    chosen, score = plain, _unseen(plain, windows)
+    """With each refinement that makes what was measured more probable."""
+    chosen = plain
     for name in REFINEMENTS:
         parameters = chosen.parameters._replace(refinements=(*chosen.parameters.refinements, name))
         try:
             refined = fitted(parameters, windows, np.append(chosen.theta, 0.0), MIN_GAIN_NATS)
-            unseen = _unseen(refined, windows)
         except np.linalg.LinAlgError:
             continue
-        if min(unseen - score) > 0 and sum(unseen - score) > MIN_GAIN_NATS:
-            chosen, score = refined, unseen
+        chosen = max(chosen, refined, key=lambda fit: fit.evidence)
     return chosen
-
-
-def _unseen(fit: GrayBoxFit, windows: FlightWindows) -> Array:
-    """(2,) log likelihood of every other window with parameters of those between: a step of Fisher's scoring away."""
-    mean, sd = fit.parameters.prior
-    likelihoods = []
-    for half in (0, 1):
-        slope = fit.scores[half::2].sum(axis=0) - (fit.theta - mean) / sd**2
-        theta = fit.theta + np.linalg.solve(fit.information[half::2].sum(axis=0) + np.diag(sd**-2.0), slope)
-        errors, _ = fit.parameters.innovations(theta[None], windows.of(slice(1 - half, None, 2)))
-        likelihoods.append(log_likelihood(errors[0]))
-    return np.array(likelihoods)
 
 
 def _logarithms(parameters: Parameters, theta: Array, dt: float) -> Array:
@@ -137,16 +113,17 @@ def _log_jacobian(parameters: Parameters, theta: Array, dt: float) -> Array:
     return jacobian
 
 
-def _figures(whole: GrayBoxFit, sd: Array, spread: _Spread, windows: FlightWindows) -> IdentifiabilityFigures:
+def _figures(
+    whole: GrayBoxFit, own: Array, window_sd: Array, spectrum_range: Array, windows: FlightWindows
+) -> IdentifiabilityFigures:
     parameters, theta = whole.parameters, whole.theta
-    tables = sd, np.sqrt(spread.window_variance), spread.spectrum_range
-    own, over_windows, over_spectra = (dict(zip(PARAMETERS, table.tolist(), strict=True)) for table in tables)
+    by_name = [dict(zip(PARAMETERS, table.tolist(), strict=True)) for table in (own, window_sd, spectrum_range)]
     return IdentifiabilityFigures(
         wind_share=_wind_share(parameters, theta, windows, whole.levels),
         alias_share=_alias_share(parameters, theta, windows),
-        sd=own,
-        window_sd=over_windows,
-        spectrum_range=over_spectra,
+        sd=by_name[0],
+        window_sd=by_name[1],
+        spectrum_range=by_name[2],
         damping=float(parameters.damping(theta)),
         lag=float(np.exp(theta[parameters.motors + 2])),
         dt=windows.dt,
@@ -156,7 +133,6 @@ def _figures(whole: GrayBoxFit, sd: Array, spread: _Spread, windows: FlightWindo
 def _physical(
     whole: GrayBoxFit,
     covariance: Array,
-    spread: _Spread,
     windows: FlightWindows,
     table: WindowTable,
     figures: IdentifiabilityFigures,
@@ -176,7 +152,9 @@ def _physical(
     alike = np.eye(r + 3)
     alike[:r, :r] = np.outer(effect, np.sign(effect)) / np.abs(effect).sum()
     covariance += (errors.own**2 - 1) * alike @ covariance @ alike.T
-    varied = spread.window_variance + (spread.spectrum_range / RANGE) ** 2
+    varied = np.array(
+        [figures.window_sd[name] ** 2 + (figures.spectrum_range[name] / RANGE) ** 2 for name in PARAMETERS]
+    )
     common = varied[0] + errors.effect**2
     bias = errors.wind_bias if figures.wind_share > WIND_SHARE.reported else 0.0
     common += bias**2
@@ -214,7 +192,7 @@ def _physical(
 
 
 def _over_time(whole: GrayBoxFit, jacobian: Array, windows: FlightWindows) -> tuple[WindowTable, Array]:
-    """Each window's own estimate, and (3,) the variance that the spread between windows adds to the mean's.
+    """Each window's own estimate, and (3,) the sd that the spread between windows adds to the mean's.
 
     A step of Fisher's scoring from the estimate of all, with the prior about it. The spread is that of a random-effects
     model (DerSimonian and Laird, "Meta-analysis in clinical trials", Controlled Clinical Trials 7, 1986).
@@ -232,7 +210,7 @@ def _over_time(whole: GrayBoxFit, jacobian: Array, windows: FlightWindows) -> tu
     effect, damping, lag = (np.exp(np.clip(deviations, -3, 3)) * whole_flight).T
     effect_sd, damping_sd, lag_sd = (np.sqrt(variances) * whole_flight).T
     wind = whole.levels * float(np.sqrt(np.sum(parameters.sizes(whole.theta) ** 2)))
-    return WindowTable(windows.starts, effect, effect_sd, damping, damping_sd, lag, lag_sd, wind), added
+    return WindowTable(windows.starts, effect, effect_sd, damping, damping_sd, lag, lag_sd, wind), np.sqrt(added)
 
 
 def _added_variance(values: Array, variances: Array) -> float:

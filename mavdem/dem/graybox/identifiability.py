@@ -121,7 +121,8 @@ def _obstacles(name: str, figures: IdentifiabilityFigures) -> Iterator[tuple[Sta
         f"It changes by {_factor(spread)} with the spectrum that the wind is taken to have: steer more, or fly in "
         "calmer air.",
     )
-    if name == "effect" and figures.spectrum_range["lag"] > SPECTRUM_RANGE["lag"].reported:
+    short = figures.lag < RESOLVED_LAG * figures.dt
+    if name == "effect" and not short and figures.spectrum_range["lag"] > SPECTRUM_RANGE["lag"].reported:
         yield (
             "not identifiable",
             f"The lag changes by {_factor(figures.spectrum_range['lag'])} with the spectrum that the wind is taken to "
@@ -129,7 +130,7 @@ def _obstacles(name: str, figures: IdentifiabilityFigures) -> Iterator[tuple[Sta
         )
     if name == "damping" and figures.damping > LARGEST_DAMPING:
         yield "not identifiable", f"It is at the bound of what rotors in air can do, {LARGEST_DAMPING:.0f} 1/s."
-    if name == "lag" and figures.lag < RESOLVED_LAG * figures.dt:
+    if name == "lag" and short:
         yield (
             "not identifiable",
             f"It is shorter than half a step of the stream ({1e3 * figures.dt:.0f} ms): record faster.",

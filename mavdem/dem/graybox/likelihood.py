@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag, expm, solve_continuous_lyapunov
+from scipy.linalg import expm, solve_continuous_lyapunov
 
 from mavdem.dem.engine.kalman import SteadyFilter, SteadySmoothed, steady_covariance
 from mavdem.dem.engine.linalg import Array
@@ -88,10 +88,9 @@ mixer's direction. The effect's mean is that of a first estimate."""
 TIMES = ((np.log(1.0), 1.0), (np.log(0.07), 1.0))
 """Likewise of the time of each component of the wind: the drift of the air, and gusts."""
 
-REFINEMENTS = {"jumps": (0.0, 0.3), "thrust curve": (0.0, 0.3), "spin-up": (0.0, 0.3)}
+REFINEMENTS = {"jumps": (0.0, 0.3), "thrust curve": (0.0, 0.3)}
 """Refinements, each a parameter: by what share of a step inputs that jump between two samples did so sooner than half
-way; relative change of the effect for one standard deviation of the inputs; and, as a share of the lag, by how much
-rotors spin up faster than down."""
+way; and the relative change of the effect for one standard deviation of the inputs."""
 
 
 class FlightWindows(NamedTuple):
@@ -174,18 +173,14 @@ class Parameters(NamedTuple):
 
         The transition has two inputs: the torque that the motors settle at, and a constant acceleration.
         """
-        n = 2 + sum(len(colour.A) for colour in self.wind)
-        A, B, drive = (np.zeros((len(thetas), n, width)) for width in (n, 2, n))
-        rate = 1 / self.lag(thetas, dt)
-        A[:, 0, 0], A[:, 0, 1], A[:, 1, 1] = -self.damping(thetas), 1.0, -rate
+        vehicle, rate = np.zeros((len(thetas), 2, 2)), 1 / self.lag(thetas, dt)
+        vehicle[:, 0, 0], vehicle[:, 0, 1], vehicle[:, 1, 1] = -self.damping(thetas), 1.0, -rate
+        components = zip(self.wind, self.sizes(thetas).T, self.times(thetas).T, strict=True)
+        A, drive, wind = with_wind(vehicle, list(components))
+        A[:, 0] += wind
+        n = A.shape[-1]
+        B = np.zeros((len(thetas), n, 2))
         B[:, 1, 0], B[:, 0, 1] = rate, 1.0
-        start = 2
-        for each, size, time in zip(self.wind, self.sizes(thetas).T, self.times(thetas).T, strict=True):
-            states = slice(start, start + len(each.A))
-            A[:, states, states] = each.A / time[:, None, None]
-            drive[:, states, states] = each.drive / time[:, None, None]
-            A[:, 0, states] = each.C * size[:, None]
-            start = states.stop
         transition = discretize(A, B, dt)
         process = step_covariance(A, drive, dt)
         noise = np.exp(2 * thetas[:, self.noise_index]) + self.least_noise**2
@@ -198,14 +193,7 @@ class Parameters(NamedTuple):
         """(W, N) the torque that the motors would settle at, rad/s², refinements included."""
         inputs = windows.inputs
         for name, value in zip(self.refinements, theta[self.noise_index + 1 :], strict=True):
-            if name == "jumps":
-                inputs = jumping(inputs, value)
-            elif name == "thrust curve":
-                inputs = inputs + value * windows.inputs**2 / 2
-            else:
-                # To first order: the lag divided by 1 ± value where the rotor speeds up or slows down.
-                lag = float(self.lag(theta, windows.dt))
-                inputs = inputs + value * np.abs(windows.inputs - lagged(windows.inputs, lag, windows.dt))
+            inputs = jumping(inputs, value) if name == "jumps" else inputs + value * inputs**2 / 2
         return np.asarray(inputs @ self.effect(theta))
 
     def innovations(self, thetas: Array, windows: FlightWindows) -> tuple[Array, Array]:
@@ -327,27 +315,38 @@ class Plant(NamedTuple):
         return filtered.smoothed(self.pushes(commanded, steps), rate, first, uncertainty, self.wind)
 
 
-def with_wind(vehicle: Array, components: Sequence[tuple[Coloured, float, float]]) -> tuple[Array, Array, Array, Array]:
-    """A (n, n) of the ``vehicle`` and, uncoupled, the wind's states; their drive, stationary covariance, and torque.
+def with_wind(
+    vehicle: Array, components: Sequence[tuple[Coloured, Array | float, Array | float]]
+) -> tuple[Array, Array, Array]:
+    """A (…, n, n) of the ``vehicle`` (…, m, m) and, uncoupled, the wind's states; their drive, and the torque (…, n).
 
-    ``components`` are colour, standard deviation in rad/s², and time in s of each; the torque, rad/s², is (n,).
+    ``components`` are colour, standard deviation in rad/s² (…), and time in s (…) of each.
     """
-    A = block_diag(vehicle, *(colour.A / time for colour, _, time in components))
-    drive, stationary, wind, start = np.zeros_like(A), np.zeros_like(A), np.zeros(len(A)), len(vehicle)
+    start = vehicle.shape[-1]
+    n = start + sum(len(colour.A) for colour, _, _ in components)
+    A, drive = np.zeros((2, *vehicle.shape[:-2], n, n))
+    wind = np.zeros(A.shape[:-1])
+    A[..., :start, :start] = vehicle
     for colour, size, time in components:
-        states = slice(start, start + len(colour.A))
-        wind[states], start = size * colour.C, states.stop
-        drive[states, states] = colour.drive / time
-        stationary[states, states] = solve_continuous_lyapunov(A[states, states], -drive[states, states])
-    return A, drive, stationary, wind
+        states, pace = slice(start, start + len(colour.A)), 1 / np.asarray(time)[..., None, None]
+        A[..., states, states], drive[..., states, states] = colour.A * pace, colour.drive * pace
+        wind[..., states], start = colour.C * np.asarray(size)[..., None], states.stop
+    return A, drive, wind
+
+
+def stationary(A: Array, drive: Array, first: int) -> Array:
+    """(n, n) covariance of the states from the ``first`` of the wind on, and 0 of those before."""
+    covariance = np.zeros_like(A)
+    covariance[first:, first:] = solve_continuous_lyapunov(A[first:, first:], -drive[first:, first:])
+    return covariance
 
 
 def plant(
     damping: float, lag: float, components: Sequence[tuple[Coloured, float, float]], dt: float, jumps: float = 0.0
 ) -> Plant:
     """The plant with ``damping``, 1/s, ``lag``, s, and wind as in :func:`with_wind`, sampled every ``dt`` seconds."""
-    A, drive, stationary, wind = with_wind(np.array([[-damping, 1.0], [0.0, -1 / lag]]), components)
+    A, drive, wind = with_wind(np.array([[-damping, 1.0], [0.0, -1 / lag]]), components)
     A[0] += wind
     step = discretize(A, np.eye(len(A))[:, 1:2] / lag, dt)
     process = step_covariance(A, drive, dt)
-    return Plant(step, (process + process.T) / 2, wind, stationary, jumps)
+    return Plant(step, (process + process.T) / 2, wind, stationary(A, drive, 2), jumps)
