@@ -24,11 +24,7 @@ autodoc_type_aliases = {"ArrayLike": "ArrayLike", "Array": "Array"}
 napoleon_use_ivar = True
 
 
-def _skip(app: Any, what: str, name: str, obj: object, skip: bool, options: Any) -> bool | None:
-    """Leaves out the fields of named tuples, which the class has described."""
-    return True if str(getattr(obj, "__doc__", "")).startswith("Alias for field number") else None
-
-
 def setup(app: Any) -> None:
-    """Called by Sphinx."""
-    app.connect("autodoc-skip-member", _skip)
+    """Called by Sphinx: leaves out the fields of named tuples, which the class has described."""
+    field = "Alias for field number"
+    app.connect("autodoc-skip-member", lambda *of: str(getattr(of[3], "__doc__", "")).startswith(field) or None)

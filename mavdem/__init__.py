@@ -4,26 +4,19 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from mavdem import baselines as baselines
-    from mavdem import evaluate as evaluate
-    from mavdem.alignment import read_flight as read_flight
-    from mavdem.alignment import read_segments as read_segments
-    from mavdem.analysis import VehicleFigures as VehicleFigures
-    from mavdem.analysis import vehicle as vehicle
-    from mavdem.condition import HoverFigures as HoverFigures
-    from mavdem.condition import hover as hover
-    from mavdem.condition import hover_figures as hover_figures
-    from mavdem.dem import Learned as Learned
-    from mavdem.dem import OnlineLearner as OnlineLearner
-    from mavdem.dem import Settings as Settings
-    from mavdem.dem import learn as learn
-    from mavdem.dem import learn_many as learn_many
-    from mavdem.errors import NotLearnable as NotLearnable
-    from mavdem.errors import Unreadable as Unreadable
-    from mavdem.flight import Flight as Flight
-    from mavdem.forecaster import Forecaster as Forecaster
-    from mavdem.ingest import Telemetry as Telemetry
+    from mavdem import baselines, evaluate
+    from mavdem.alignment import read_flight, read_segments
+    from mavdem.analysis import VehicleFigures, vehicle
+    from mavdem.condition import HoverFigures, hover, hover_figures
+    from mavdem.dem import Learned, OnlineLearner, Settings, learn, learn_many
+    from mavdem.errors import NotLearnable, Unreadable
+    from mavdem.flight import Flight
+    from mavdem.forecaster import Forecaster
+    from mavdem.ingest import Telemetry
 
+__all__ = ["Flight", "Forecaster", "HoverFigures", "Learned", "NotLearnable", "OnlineLearner", "Settings", "Telemetry"]
+__all__ += ["Unreadable", "VehicleFigures", "baselines", "evaluate", "hover", "hover_figures", "learn", "learn_many"]
+__all__ += ["read_flight", "read_segments", "vehicle"]
 _ROOMS = {
     "alignment": ("read_flight", "read_segments"),
     "analysis": ("VehicleFigures", "vehicle"),
@@ -35,7 +28,6 @@ _ROOMS = {
     "ingest": ("Telemetry",),
 }
 _HOMES = {name: room for room, names in _ROOMS.items() for name in names}
-__all__ = sorted([*_HOMES, "baselines", "evaluate"])
 
 
 def __getattr__(name: str) -> Any:

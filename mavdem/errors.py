@@ -59,7 +59,7 @@ def unit_slip(outputs: Any, dt: float) -> str:
     return f"{cause} ({says}): give seconds, rad and rad/s." if cause else ""
 
 
-EXTRAS = {
+EXTRAS = {  # modules by the name of the extra in pyproject.toml
     "control": ("control",),
     "dask": ("distributed",),
     "fleet": ("pebble", "pyarrow"),
@@ -72,7 +72,6 @@ EXTRAS = {
     "view": ("rerun",),
     "xarray": ("xarray",),
 }
-"""Modules by the name of the extra in pyproject.toml."""
 
 
 class MissingExtra(ImportError):

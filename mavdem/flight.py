@@ -13,8 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mavdem.errors import FlightDownstream, unit_slip
 
-MAX_VALUE = 1e100
-"""Of any number of a flight: differences and squares of larger ones overflow."""
+MAX_VALUE = 1e100  # of any number of a flight: differences and squares of larger ones overflow
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,10 +10,9 @@ from __future__ import annotations
 from math import atan, cos, exp, fsum, hypot, pi, radians, sin
 from typing import NamedTuple
 
-from sitl_scenarios.dynamics import Four, Three, euler, frame, mix, pulse
+from sitl_scenarios.dynamics import Four, State, Three, euler, frame, mix, pulse
 from sitl_scenarios.plan import Reference
 from sitl_scenarios.scenario import VehicleSpec
-from sitl_scenarios.sensors import StateEstimate
 from sitl_scenarios.vehicles import GRAVITY, airframe
 
 FASTEST = 25.0  # rad/s: bandwidth of the rate loop that is not exceeded, for the noise that it would put on the motors
@@ -51,7 +50,7 @@ class Controller:
         self._smooths = 1.0 - exp(-cycle * LEAD * self._velocity)
         self._forgets = 1.0 - exp(-cycle * LEAD / lag) if lag else 1.0
         # Moments of a demand of 1 about the three axes, N m, by the slope of the rotors' curves in hover.
-        per_command = body.speed_slope(body.hover_command) * body.full
+        per_command = body.speed_slope(body.command_for(body.hover_speed)) * body.full
         thrust = (2 * body.thrust[0] * body.hover_speed + body.thrust[1]) * per_command
         torque = (2 * body.torque[0] * body.hover_speed + body.torque[1]) * per_command
         of_roll = -fsum(a * b for a, b in zip(places.roll, places.right, strict=True))
@@ -65,7 +64,7 @@ class Controller:
         self._push, self._smooth, self._trim, self._slow = ([0.0, 0.0, 0.0] for _ in range(4))
         self._heading = 0.0
 
-    def control(self, estimate: StateEstimate, reference: Reference, flying: bool) -> ControlOutput:
+    def control(self, estimate: State, reference: Reference, flying: bool) -> ControlOutput:
         """What one cycle asks for; nothing is learned unless ``flying``."""
         (vn, ve, vd), (pn, pe, pd) = estimate.velocity, estimate.position
         along, fast = self._position, self._velocity

@@ -270,10 +270,25 @@ class Body:
     """A vehicle's way from state to state, in steps of ``step`` seconds, by ``dynamics``, which damage changes."""
 
     def __init__(self, vehicle: VehicleSpec, step: float) -> None:
-        self.dynamics = dynamics(vehicle)
-        self._step = step
-        up, down = airframe(vehicle).lag
+        self._vehicle, self._airframe, self._step = vehicle, airframe(vehicle), step
+        self.damage(UNDAMAGED)
+        up, down = self._airframe.lag
         self._keeps = tuple(exp(-step / tau) if tau else 0.0 for tau in (up / 0.5, up, down / 0.5, down))
+
+    def damage(self, condition: Damage) -> None:
+        """The vehicle from now on is in this ``condition``."""
+        self.condition, self.dynamics = condition, dynamics(self._vehicle, condition)
+
+    def targets(self, outputs: Four, battery: float) -> Four:
+        """Rotor speeds that the outputs settle at, rad/s, with what is left of the battery."""
+        body, span = self._airframe, MAX_PULSE - MIN_PULSE
+        if body.quadratic is not None:
+            speeds = [battery * body.rotor_speed(body.full / span * (us - MIN_PULSE)) for us in outputs]
+        else:
+            slope, offset = battery * body.speed[0] * body.full / span, battery * body.speed[1]
+            speeds = [slope * (us - MIN_PULSE) + offset for us in outputs]
+        a, b, c, d = (speed * left for speed, left in zip(speeds, self.condition.speed, strict=True))
+        return a, b, c, d
 
     def spun(self, rotors: Four, targets: Four, steps: int) -> Four:
         """Rotor speeds after some steps towards what their commands settle at, the body standing still."""

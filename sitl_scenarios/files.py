@@ -143,10 +143,7 @@ def _table(source: bytes) -> dict[str, Any]:
 
 
 def scenario_of(table: dict[str, Any]) -> Scenario:
-    """The scenario in a table of plain values, as TOML and JSON have them.
-
-    Raises ValueError: one sentence that names every key that is wrong, or the first of many.
-    """
+    """The scenario in a table of plain values; raises ValueError: a sentence on all wrong keys, or the first ones."""
     try:
         # By way of JSON, in whose arrays pydantic takes the tuples that it would refuse to take in Python's lists.
         scenario = Scenario.model_validate_json(json.dumps(table, default=str))

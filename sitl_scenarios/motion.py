@@ -92,8 +92,6 @@ class Holding:
     def cautions(self) -> list[str]:
         """One sentence for each problem, without a full stop."""
         away = f"the vehicle could not hold its place and was {self.farthest:.3g} m off: use less wind"
-        limited = (
-            f"motors were at their limits in {self.at_limit:.0%} of the time in the air, where nothing linear is "
-            "to be learned: use less wind, or smaller moments"
-        )
+        limited = f"motors were at their limits in {self.at_limit:.0%} of the time in the air, where nothing linear "
+        limited += "is to be learned: use less wind, or smaller moments"
         return [away] * bool(self.farthest) + [limited] * (self.at_limit > 0.1)

@@ -50,9 +50,8 @@ def times(scenario: Scenario) -> Times:
     after = AFTER_SECONDS + scenario.idle
     shortest = SPIN_UP_SECONDS + climb + 5.0 + descent + after  # with five seconds of hover
     if scenario.duration < shortest:
-        raise ValueError(
-            f"duration must be at least {shortest:g} s for a height of {scenario.height:g} m, not {scenario.duration:g}"
-        )
+        least = f"at least {shortest:g} s for a height of {scenario.height:g} m"
+        raise ValueError(f"duration must be {least}, not {scenario.duration:g}")
     return Times(climb, descent, SPIN_UP_SECONDS + climb, scenario.duration - after - descent)
 
 
@@ -62,10 +61,7 @@ def seconds(scenario: Scenario) -> float:
 
 
 class Plan:
-    """Spin up, climb for three seconds or as long as it takes, hover and be excited, descend, and wait.
-
-    Raises ValueError: the duration leaves no time to hover.
-    """
+    """Spin up, climb for 3 s or longer, hover and be excited, descend, wait; raises ValueError: no time to hover."""
 
     def __init__(self, scenario: Scenario, cycle: float) -> None:
         self._times = times(scenario)

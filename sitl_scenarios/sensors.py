@@ -5,18 +5,15 @@ from __future__ import annotations
 from collections import deque
 from itertools import chain, count
 from math import cos, hypot, pi, sin, sqrt
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sitl_scenarios.dynamics import SPINS, Four, Quaternion, State, Three, frame, turned
+from sitl_scenarios.dynamics import SPINS, Four, State, Three, frame, turned
 from sitl_scenarios.motion import Motion
 from sitl_scenarios.plan import BOOT_SECONDS
 from sitl_scenarios.scenario import Propeller, Scenario, Sensors, VehicleSpec
 from sitl_scenarios.vehicles import airframe
-
-GYRO_CUTOFF = 20.0  # Hz of the gyro's low-pass: ArduPilot's INS_GYRO_FILTER
 
 
 class Unbalance:
@@ -51,7 +48,7 @@ class Unbalance:
         fx, fy = force * sin(self._phase), -force * cos(self._phase)
         x, y, z = self._arm
         moment = -z * fy, z * fx, x * fy - y * fx
-        passes = 1 / hypot(1.0, speed / (2 * pi * GYRO_CUTOFF))
+        passes = 1 / hypot(1.0, speed / (2 * pi * 20.0))  # Hz of ArduPilot's INS_GYRO_FILTER
         p, q, r = (passes * one / (inertia * speed) for one, inertia in zip(moment, self._inertia, strict=True))
         return p, q, r
 
@@ -66,20 +63,8 @@ def vibration(scenario: Scenario, motion: Motion) -> NDArray[np.float64]:
     return felt
 
 
-class StateEstimate(NamedTuple):
-    """The autopilot's estimates; units as in ``State``."""
-
-    position: Three
-    velocity: Three
-    attitude: Quaternion
-    rates: Three
-
-
 class Sensing:
-    """The way from states to what is known of them.
-
-    The delay is exact: the state is interpolated between two cycles. Noise is white from cycle to cycle.
-    """
+    """The way from states to what is known: an exact delay, between cycles, and noise, white from cycle to cycle."""
 
     def __init__(self, sensors: Sensors, cycle: float, noise: np.random.Generator) -> None:
         late = sensors.delay / cycle
@@ -90,8 +75,8 @@ class Sensing:
         blocks = (noise.standard_normal((1000, 12)) * np.repeat(sds, 3) for _ in count())
         self._noise = chain.from_iterable(block.tolist() for block in blocks)
 
-    def estimate(self, state: State, shaken: Three = (0.0, 0.0, 0.0)) -> StateEstimate:
-        """What is known once the vehicle is in ``state``, its gyro ``shaken``, rad/s; one call each cycle."""
+    def estimate(self, state: State, shaken: Three = (0.0, 0.0, 0.0)) -> State:
+        """What is known, not of the rotors, in ``state``, the gyro ``shaken``, rad/s; one call each cycle."""
         self._seen.append(state)
         last = len(self._seen) - 1
         new, old = self._seen[max(last - self._whole, 0)], self._seen[max(last - self._whole - 1, 0)]
@@ -102,7 +87,7 @@ class Sensing:
         a, b, c, d = k * a + m * a0, k * b + m * b0, k * c + m * c0, k * d + m * d0
         a, b, c, d = turned((a, b, c, d), (ea, eb, ec))
         size = 1.0 / sqrt(a * a + b * b + c * c + d * d)
-        return StateEstimate(
+        return State(
             (k * x + m * x0 + nx, k * y + m * y0 + ny, k * z + m * z0 + nz),
             (k * u + m * u0 + nu, k * v + m * v0 + nv, k * w + m * w0 + nw),
             (a * size, b * size, c * size, d * size),

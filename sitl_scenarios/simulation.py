@@ -10,20 +10,7 @@ from math import ceil, fsum, hypot, sqrt
 import numpy as np
 
 from sitl_scenarios.controller import Controller, ControlOutput
-from sitl_scenarios.dynamics import (
-    DISARMED_PULSE,
-    IDLE_COMMAND,
-    MAX_PULSE,
-    MIN_PULSE,
-    UNDAMAGED,
-    AirState,
-    Body,
-    Four,
-    State,
-    damages,
-    dynamics,
-    pulse,
-)
+from sitl_scenarios.dynamics import DISARMED_PULSE, IDLE_COMMAND, AirState, Body, Four, State, damages, pulse
 from sitl_scenarios.motion import Array, Motion
 from sitl_scenarios.plan import AFTER_SECONDS, BOOT_SECONDS, Plan, seconds
 from sitl_scenarios.scenario import SENSORS, Scenario
@@ -55,7 +42,6 @@ class Simulation:
         self.cycle = CYCLES[scenario.stream.autopilot]
         self._steps = ceil(self.cycle / MAX_STEP_SECONDS - 1e-9)
         self._body = Body(scenario.vehicle, self.cycle / self._steps)
-        self._dynamics = self._body.dynamics
         self._airframe = airframe(scenario.vehicle)
         self._plan = Plan(scenario, self.cycle)
         self._controller = Controller(scenario.vehicle, self.cycle, scenario.sensors.delay)
@@ -71,7 +57,6 @@ class Simulation:
         self._more = scenario.flights - 1
         spec = scenario.vehicle
         self._per_watt = spec.battery_load / (4 * self._airframe.power_at(self._airframe.hover_speed))
-        self._condition = UNDAMAGED
         # Of the first arming, whatever the number of flights.
         self._damage = [(self._boot + round(begin / self.cycle), left) for begin, left in damages(scenario)]
         self._unbalance = Unbalance(spec, scenario.propeller, self.cycle)
@@ -104,10 +89,7 @@ class Simulation:
         return True
 
     def advance(self, cycles: int) -> Motion:
-        """The next ``cycles`` rows, fewer at the end of the flight.
-
-        Raises ValueError: the vehicle tumbles, more than anything that flies.
-        """
+        """The next ``cycles`` rows, fewer at the end; raises ValueError: it tumbles, more than anything that flies."""
         rows: list[tuple[float, ...]] = []
         for _ in range(cycles):
             if self.finished:
@@ -118,8 +100,7 @@ class Simulation:
     def _row(self) -> tuple[float, ...]:
         """What is at the beginning of a cycle, and how it is flown through."""
         while self._damage and self._now >= self._damage[0][0]:
-            self._condition = self._damage.pop(0)[1]
-            self._body.dynamics = self._dynamics = dynamics(self.scenario.vehicle, self._condition)
+            self._body.damage(self._damage.pop(0)[1])
         if self._more and not self.armed and self._now >= self._arming + self._end:
             self._arming, self._more, self._down = self._now + self._boot, self._more - 1, False
             self._controller.rest()
@@ -133,7 +114,7 @@ class Simulation:
         battery = 1.0 - self.scenario.vehicle.battery_sag * min(max(flown / self._flight, 0.0), 1.0)
         if self._per_watt:
             battery -= self._per_watt * fsum(self._airframe.power_at(speed) for speed in state.rotors)
-        shaken = self._unbalance.at(state.rotors, self._condition.thrust)
+        shaken = self._unbalance.at(state.rotors, self._body.condition.thrust)
         estimate = self._sensing.estimate(state, shaken)
         reference = self._plan.at(flown * self.cycle)
         landed = 1 if self._grounded and not (self.armed and reference.landed_state == 3) else reference.landed_state
@@ -146,45 +127,30 @@ class Simulation:
             control = self._controller.control(estimate, reference, not self._grounded)
         acting = (0.0,) * 12
         if not self._grounded:
-            acting = self._dynamics(state.attitude, state.velocity, state.rates, state.rotors, air)
+            acting = self._body.dynamics(state.attitude, state.velocity, state.rates, state.rotors, air)
         sticks = reference.demand if reference.by_stick and self.armed else (0.0,) * 3
         known = estimate.attitude, estimate.rates, estimate.position, estimate.velocity
         columns = (*state[:4], *known, *control, sticks, state.rotors, (battery,), air[:3], acting[6:])
         row = (self._now * self.cycle, *chain.from_iterable(columns), float(self.armed), float(landed))
-        self._move(self._targets(control.outputs, battery), air, reference.landed_state)
+        self._move(control.outputs, battery, air, reference.landed_state)
         self._now += 1
         return row
 
-    def _targets(self, outputs: Four, battery: float) -> Four:
-        """Rotor speeds that the outputs settle at, rad/s, with what is left of the battery."""
-        if not self.armed:
-            return 0.0, 0.0, 0.0, 0.0
-        body, span = self._airframe, MAX_PULSE - MIN_PULSE
-        if body.quadratic is not None:
-            speeds = [battery * body.rotor_speed(body.full / span * (us - MIN_PULSE)) for us in outputs]
-        else:
-            slope, offset = battery * body.speed[0] * body.full / span, battery * body.speed[1]
-            speeds = [slope * (us - MIN_PULSE) + offset for us in outputs]
-        a, b, c, d = (speed * left for speed, left in zip(speeds, self._condition.speed, strict=True))
-        return a, b, c, d
-
-    def _move(self, targets: Four, air: AirState, phase: int) -> None:
+    def _move(self, outputs: Four, battery: float, air: AirState, phase: int) -> None:
         """Through a cycle, off the ground and onto it."""
-        state = self._state
+        state, targets = self._state, self._body.targets(outputs, battery) if self.armed else (0.0, 0.0, 0.0, 0.0)
         if self._grounded:
             rotors = self._body.spun(state.rotors, targets, self._steps)
             self._state = state._replace(rotors=rotors)
-            shares = zip(rotors, self._condition.thrust, strict=True)
+            shares = zip(rotors, self._body.condition.thrust, strict=True)
             lift = fsum(left * self._airframe.thrust_at(speed) for speed, left in shares)
             self._grounded = lift <= self._airframe.mass * GRAVITY
             return
         state = self._body.moved(state, targets, air, self._steps)
         # Not a number is not less either.
         if not hypot(*state.rates) < MAX_BODY_RATE:
-            raise ValueError(
-                f"the vehicle is out of control {self._now * self.cycle:.1f} s after boot, turning at more than "
-                f"{MAX_BODY_RATE:g} rad/s: it needs less wind, or smaller moments"
-            )
+            fast = f"{self._now * self.cycle:.1f} s after boot, turning at more than {MAX_BODY_RATE:g} rad/s"
+            raise ValueError(f"the vehicle is out of control {fast}: it needs less wind, or smaller moments")
         north, east, down = state.position
         if down >= 0.0 and state.velocity[2] > 0.0:
             # It stands where it came down, level, with the heading it had.
@@ -198,10 +164,7 @@ class Simulation:
 
 
 def fly(scenario: Scenario, progress: Callable[[float], None] | None = None) -> Motion:
-    """A whole flight; ``progress`` is called with the share flown, 0 to 1, about once a second of flight.
-
-    Raises ValueError: the vehicle tumbles, more than anything that flies.
-    """
+    """A whole flight; ``progress`` gets the share flown, once a second of it. Raises ValueError: it tumbles."""
     simulation, whole, pieces = Simulation(scenario), seconds(scenario), list[Motion]()
     while not simulation.finished:
         pieces.append(simulation.advance(round(1 / simulation.cycle)))

@@ -55,10 +55,7 @@ class Linear:
 
 
 def linearised(vehicle: VehicleSpec) -> Linear:
-    """All states of ``STATES``, about hover; a rotor's lag is the mean of its two.
-
-    Motor commands are in the vehicle's own unit, in the order of ``sitl_scenarios.dynamics``.
-    """
+    """All ``STATES`` about hover, by motor commands in the vehicle's own unit; a rotor's lag is the mean of its two."""
     body, change = airframe(vehicle), dynamics(vehicle)
     # A vehicle whose rotors do not lag has no such states; any small lag leaves the same without it.
     tau = sum(body.lag) / 2 or 1e-3
@@ -77,7 +74,7 @@ def linearised(vehicle: VehicleSpec) -> Linear:
         return np.array([vn, ve, vd, *acting[:3], *angles, *acting[3:6], *(np.array(targets) - state[12:]) / tau])
 
     # States and commands.
-    hover = np.repeat([0.0, body.hover_speed, body.hover_command], [12, 4, 4])
+    hover = np.repeat([0.0, body.hover_speed, body.command_for(body.hover_speed)], [12, 4, 4])
     steps = np.repeat([1e-3, 1e-5, 1e-5, 1e-4, 1e-5 * body.hover_speed, 1e-5 * body.full], [3, 3, 3, 3, 4, 4])
     pairs = zip(np.diag(steps), steps, strict=True)
     columns = [(derivative(hover + step) - derivative(hover - step)) / (2 * size) for step, size in pairs]
@@ -130,7 +127,7 @@ def truth(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:
     up, down = body.lag
     arrays: dict[str, NDArray[Any]] = {field.name: getattr(motion, field.name) for field in fields(motion)}
     arrays["scenario"] = np.array(scenario.model_dump_json())
-    arrays["trim"] = np.full(4, 1000 + 1000 * body.hover_command / body.full)
+    arrays["trim"] = np.full(4, 1000 + 1000 * body.command_for(body.hover_speed) / body.full)
     arrays |= _effects(scenario, motion) | _damage(scenario, motion) | {"vibration": vibration(scenario, motion)}
     arrays["delay"] = np.array(scenario.sensors.delay + CYCLES[scenario.stream.autopilot] / 2)
     arrays["voltage"] = CHARGED * motion.battery
@@ -180,9 +177,6 @@ def _effects(scenario: Scenario, motion: Motion) -> dict[str, Array]:
 
 
 def write_truth(path: str | os.PathLike[str], scenario: Scenario, motion: Motion) -> None:
-    """Writes :func:`truth` as .npz, whole or not at all; the same flight gives the same bytes.
-
-    Raises OSError: it cannot be written.
-    """
+    """Writes :func:`truth` as .npz, whole or not at all, the same bytes of the same flight; raises OSError."""
     with atomic_write(path) as file:
         np.savez_compressed(file, allow_pickle=False, **truth(scenario, motion))

@@ -81,11 +81,6 @@ class Airframe:
         """Of each rotor when the four carry the weight, rad/s."""
         return self.speed_for(self.mass * GRAVITY / 4)
 
-    @property
-    def hover_command(self) -> float:
-        """That holds ``hover_speed``, in the vehicle's own unit."""
-        return self.command_for(self.hover_speed)
-
 
 ARDRONE2 = Airframe(
     # TU Delft's figures, from which the paper's table of systems follows: D. Benders, "AR.Drone 2.0 state estimation
@@ -151,11 +146,7 @@ AIRFRAMES = {"ardrone2": ARDRONE2, "iris": IRIS, "crazyflie": CRAZYFLIE}  # By t
 def airframe(vehicle: VehicleSpec) -> Airframe:
     """The published airframe with what a scenario changes of it."""
     published = AIRFRAMES[vehicle.model]
-    up, down = published.lag
+    lags = zip(published.lag, (vehicle.lag_up, vehicle.lag_down), strict=True)
+    up, down = (own if given is None else given for own, given in lags)
     ix, iy, iz = (vehicle.inertia_scale * inertia for inertia in published.inertia)
-    return replace(
-        published,
-        inertia=(ix, iy, iz),
-        lag=(up if vehicle.lag_up is None else vehicle.lag_up, down if vehicle.lag_down is None else vehicle.lag_down),
-        quadratic=vehicle.quadratic_thrust,
-    )
+    return replace(published, inertia=(ix, iy, iz), lag=(up, down), quadratic=vehicle.quadratic_thrust)

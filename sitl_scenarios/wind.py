@@ -82,12 +82,8 @@ def turbulence(wind: TurbulentWind, height: float, span: float) -> Turbulence:
     vertical = 0.1 * wind.wind_at_20_feet
     horizontal = vertical / slope**0.4
     variance = vertical**2 / low * 0.8 * (pi * low / (4 * span)) ** (1 / 3) * pi**2 / (8 * span)
-    return Turbulence(
-        along=(wide / airspeed, horizontal),
-        across=(wide / airspeed, horizontal),
-        down=(low / airspeed, vertical),
-        rotation=(4 * span / (pi * airspeed), variance**0.5),
-    )
+    level, rotation = (wide / airspeed, horizontal), (4 * span / (pi * airspeed), variance**0.5)
+    return Turbulence(along=level, across=level, down=(low / airspeed, vertical), rotation=rotation)
 
 
 def first_order(constant: float, dt: float, samples: int, noise: np.random.Generator) -> Array:

@@ -135,27 +135,27 @@ def test_a_file_is_not_long():
 
 
 BUDGETS = {
-    "mavdem": 680,
-    "ingest": 5600,
-    "alignment": 2030,
-    "condition": 790,
-    "dem": 8910,
-    "health": 1060,
+    "mavdem": 670,
+    "ingest": 5450,
+    "alignment": 2010,
+    "condition": 780,
+    "dem": 8570,
+    "health": 1000,
     "baselines": 990,
-    "evaluate": 1250,
-    "live": 2630,
-    "analysis": 1020,
-    "fleet": 1850,
-    "report": 3130,
-    "view": 1340,
-    "export": 350,
+    "evaluate": 1260,
+    "live": 2620,
+    "analysis": 990,
+    "fleet": 1820,
+    "report": 2970,
+    "view": 1290,
+    "export": 320,
     "paper": 1940,
-    "cli": 2150,
-    "sitl_scenarios": 3310,
-    "tools": 1490,
+    "cli": 2070,
+    "sitl_scenarios": 3210,
+    "tools": 1430,
 }
 """Lines of Python a room may have, docstrings counted: what a new capability needs, something older gives back."""
-ALL_LINES, ALL_FILES, TEST_LINES = 40_450, 220, 22_710
+ALL_LINES, ALL_FILES, TEST_LINES = 39_350, 220, 22_700
 
 
 def lines_of(path: Path) -> int:

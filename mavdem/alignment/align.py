@@ -14,6 +14,7 @@ from mavdem.alignment.drive import Motors, Signal
 from mavdem.alignment.phases import Intervals, both, unbroken
 from mavdem.alignment.signals import MINIMUM_RATE, Attitude, Signals, axis_outputs, held
 from mavdem.flight import Flight
+from mavdem.ingest.telemetry import Array
 
 MEDIAN_STEPS = 41
 """Steps, about 1 s at ``MINIMUM_RATE``, whose median is a stream's usual step. A median follows a change of rate to the
@@ -69,7 +70,7 @@ def longest_recorded(signals: Signals) -> Segment | None:
 
 
 def _sampled(
-    signals: Signals, unbroken_runs: Callable[[NDArray[np.float64]], Intervals], wanted: Callable[[int], Intervals]
+    signals: Signals, unbroken_runs: Callable[[Array], Intervals], wanted: Callable[[int], Intervals]
 ) -> Iterator[Segment]:
     """Where both streams are unbroken, in the ``wanted`` intervals of each boot."""
     attitude, drive = signals.attitude, signals.drive
@@ -96,18 +97,18 @@ def is_sampled(attitude: Attitude, motors: Motors, segment: Segment) -> bool:
     return len(near) > 1 < len(driven) and bool(max(near[0], driven[0]) <= min(near[-1], driven[-1]))
 
 
-def _fast(time: NDArray[np.float64]) -> Intervals:
+def _fast(time: Array) -> Intervals:
     """Where the stamps (N,) of one boot come at ``MINIMUM_RATE`` or faster and without gaps."""
     steps = np.diff(time)
     return unbroken(time, usually_slow(steps) | (steps > MAX_GAP_SECONDS)) if len(time) > 1 else []
 
 
-def usually_slow(steps: NDArray[np.float64]) -> NDArray[np.bool_]:
+def usually_slow(steps: Array) -> NDArray[np.bool_]:
     """Returns which steps (N,) between the stamps of one boot are usually too long for ``MINIMUM_RATE``."""
     return np.asarray(median_filter(steps, size=MEDIAN_STEPS, mode="mirror") > STEP_TOLERANCE / MINIMUM_RATE)
 
 
-def _at_any_rate(time: NDArray[np.float64]) -> Intervals:
+def _at_any_rate(time: Array) -> Intervals:
     """Where the stamps (N,) of one boot come without gaps, by the measure of their own usual step."""
     steps = np.diff(time)
     return unbroken(time, steps > max(MAX_GAP_SECONDS, 3 * float(np.median(steps)))) if len(time) > 1 else []
@@ -195,14 +196,12 @@ def step(rates: Iterable[float]) -> float:
     return max(round(1 / min(rates), 4), 1e-4)
 
 
-def mean_rate(time: NDArray[np.float64]) -> float:
+def mean_rate(time: Array) -> float:
     """Samples a second over the whole of ``time`` (N,), N ≥ 2."""
     return float((len(time) - 1) / (time[-1] - time[0]))
 
 
-def sample(
-    grid: NDArray[np.float64], dt: float, time: NDArray[np.float64], values: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], str]:
+def sample(grid: Array, dt: float, time: Array, values: Array) -> tuple[Array, str]:
     """Columns of ``values`` (N, k), sampled at ``time`` (N,), at ``grid`` (T,) of step ``dt``, and how they were made.
 
     "samples kept", "linear" between the neighbours, or, from a stream at ``LOW_PASS_RATIO`` times the rate of the grid
@@ -217,7 +216,7 @@ def sample(
     return np.column_stack([np.interp(grid, time, column) for column in values.T]), way
 
 
-def grid_of(attitude: NDArray[np.float64], motors: NDArray[np.float64], dt: float) -> NDArray[np.float64]:
+def grid_of(attitude: Array, motors: Array, dt: float) -> Array:
     """Steps of ``dt`` where both streams have samples.
 
     From an attitude sample when both streams then keep theirs; otherwise from a motor sample: motor outputs change more
@@ -233,7 +232,7 @@ def grid_of(attitude: NDArray[np.float64], motors: NDArray[np.float64], dt: floa
     return grid[sure] if sure.any() else grid
 
 
-def kept_rows(grid: NDArray[np.float64], time: NDArray[np.float64]) -> NDArray[np.intp] | None:
+def kept_rows(grid: Array, time: Array) -> NDArray[np.intp] | None:
     """Rows of ``time`` (N,) at each point of ``grid`` (T,); None unless all differ and lie within ``STAMP_SECONDS``."""
     after = np.clip(np.searchsorted(time, grid), 1, len(time) - 1)
     nearest = np.where(grid - time[after - 1] < time[after] - grid, after - 1, after)
@@ -241,20 +240,18 @@ def kept_rows(grid: NDArray[np.float64], time: NDArray[np.float64]) -> NDArray[n
     return nearest if kept else None
 
 
-def is_low_passed(time: NDArray[np.float64], dt: float) -> bool:
+def is_low_passed(time: Array, dt: float) -> bool:
     """Returns whether a stream sampled at ``time`` (N,) is so much faster than a grid of ``dt`` to be low-passed."""
     return mean_rate(time) * dt >= LOW_PASS_RATIO
 
 
-def _sure(grid: NDArray[np.float64], dt: float, time: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _sure(grid: Array, dt: float, time: Array) -> NDArray[np.bool_]:
     """Which grid points (T,) are free of edge effects of the stream's low-pass filter, if there is one."""
     margin = FILTER_EDGE_STEPS * dt if is_low_passed(time, dt) else 0.0
     return np.asarray((grid >= time[0] + margin - STAMP_SECONDS) & (grid <= time[-1] - margin + STAMP_SECONDS))
 
 
-def _low_passed(
-    time: NDArray[np.float64], values: NDArray[np.float64], cutoff: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _low_passed(time: Array, values: Array, cutoff: float) -> tuple[Array, Array]:
     """The columns at as many even stamps, through a Butterworth filter of fourth order, forwards and then backwards.
 
     Flat where the dynamics are, and without phase. At the cut-off half the amplitude is left, at twice that 1/257.
@@ -264,11 +261,10 @@ def _low_passed(
     rate = mean_rate(time)
     # A slower filter's numbers are lost in rounding; whatever is sampled on so coarse a grid is refused for its rate.
     cutoff = max(cutoff, 1e-4 * rate)
-    settling = round(3 * rate / cutoff)
-    return even, _filtered(table, rate, cutoff, min(settling, len(table) - 1))
+    return even, _filtered(table, rate, cutoff, min(round(3 * rate / cutoff), len(table) - 1))  # until it settles
 
 
-def impulse_response(rate: float, dt: float) -> NDArray[np.float64]:
+def impulse_response(rate: float, dt: float) -> Array:
     """(2 L + 1,) the low-pass filter's response to one sample of a stream of ``rate`` Hz, for streams as they come.
 
     It reaches ``FILTER_EDGE_STEPS`` steps ``dt`` either way; what is cut off beyond is less than a hundredth of it.
@@ -280,7 +276,7 @@ def impulse_response(rate: float, dt: float) -> NDArray[np.float64]:
     return np.asarray(response / response.sum())
 
 
-def _filtered(values: NDArray[np.float64], rate: float, cutoff: float, padding: int) -> NDArray[np.float64]:
+def _filtered(values: Array, rate: float, cutoff: float, padding: int) -> Array:
     from scipy.signal import butter, sosfiltfilt  # it takes half a second to import, and few flights need it
 
     return np.asarray(sosfiltfilt(butter(4, cutoff, fs=rate, output="sos"), values, axis=0, padlen=padding))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mavdem.ingest.motors import MotorGeometry as MotorGeometry
 from mavdem.ingest.motors import OutputScale, demand_geometry, motor_geometry, output_scale
-from mavdem.ingest.telemetry import Columns, Telemetry
+from mavdem.ingest.telemetry import Array, Columns, Telemetry
 
 FREQUENT_ENOUGH = 0.9
 """A preferred message gives way to another only when it comes less often than this share of the other's count."""
@@ -28,20 +28,20 @@ class Signal:
     ``left_out`` counts those not used: not finite, or with the stamp of another. Exact copies do not count.
     """
 
-    time: NDArray[np.float64]
+    time: Array
     boot: NDArray[np.int64]
-    values: NDArray[np.float64]
+    values: Array
     sent: int = 0
     left_out: int = 0
 
 
-def floats(columns: Columns, field: str) -> NDArray[np.float64]:
+def floats(columns: Columns, field: str) -> Array:
     """Returns a field of a message as floats; what is no number becomes NaN."""
     with np.errstate(invalid="ignore"):
         return np.asarray(columns[field], dtype=np.float64)
 
 
-def series(columns: Columns, values: NDArray[np.float64], rows: NDArray[np.bool_] | None = None) -> Signal:
+def series(columns: Columns, values: Array, rows: NDArray[np.bool_] | None = None) -> Signal:
     """Returns ``values`` (N,) or (N, k) of all messages, or ``rows`` (N,), in time order, each stamp once, finite."""
     time, boot = columns["time"], columns["boot"]
     if rows is not None:
@@ -99,9 +99,9 @@ class Motors:
     """Motor outputs, or the demand as one column."""
 
     message: str  # they come from
-    time: NDArray[np.float64]  # with boot: (N,) s on the clock of a boot
+    time: Array  # with boot: (N,) s on the clock of a boot
     boot: NDArray[np.int64]
-    outputs: NDArray[np.float64]  # (N, k) in the unit of the stream
+    outputs: Array  # (N, k) in the unit of the stream
     layout: MotorGeometry  # which channels and where their motors are
     scale: OutputScale  # unit, range and resolution
     sent: int  # messages in the stream
@@ -156,7 +156,7 @@ def _motors_in(telemetry: Telemetry, message: str) -> Motors | Obstacle:
     return Motors(message, whole.time, whole.boot, whole.values, plan, scale, signal.sent, left_out)
 
 
-def _seen_stop(shares: NDArray[np.float64]) -> float:
+def _seen_stop(shares: Array) -> float:
     """The share of the range at which motors (N, k) stay, as no output does that moves freely; 1 where they do not.
 
     That is the highest of all, with ``STOP_SHARE`` of some motor's samples and far more than in the bins below it.
@@ -214,7 +214,7 @@ def _banks(message: str, columns: Columns) -> list[_Bank]:
     return [_bank(columns, values[:, :width], 1 + width * int(p), port == p) for p in np.unique(port)]
 
 
-def _bank(columns: Columns, values: NDArray[np.float64], first: int, rows: NDArray[np.bool_]) -> _Bank:
+def _bank(columns: Columns, values: Array, first: int, rows: NDArray[np.bool_]) -> _Bank:
     """A bank of outputs; a channel that never has a number has none."""
     return _Bank(first, series(columns, np.where(np.isfinite(values[rows]).any(axis=0), values, 0.0), rows))
 
@@ -223,13 +223,13 @@ def _numbers(channels: Iterable[int]) -> str:
     return ", ".join(str(channel) for channel in sorted(channels))
 
 
-def _moves(values: NDArray[np.float64]) -> bool:
+def _moves(values: Array) -> bool:
     """Whether a channel takes several values beside 0, which stands for "no output yet"."""
     running = values[values != 0]
     return len(running) > 0 and float(np.ptp(running)) > 0
 
 
-def _interpolated(main: Signal, bank: Signal, values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _interpolated(main: Signal, bank: Signal, values: Array) -> Array:
     moved = np.full(len(main.time), np.nan)
     for boot in np.unique(main.boot):
         there, here = bank.boot == boot, main.boot == boot

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from mavdem.alignment.drive import Signal
 from mavdem.alignment.signals import Signals
+from mavdem.ingest.telemetry import Array
 from mavdem.ingest.vocabulary import IN_AIR, OFF_GROUND
 
 Interval = tuple[float, float]
@@ -45,20 +46,18 @@ AVERAGING_SECONDS = 2.0
 """Seconds over which vertical speed and collective are averaged, so that a gust does not end a climb."""
 
 
-def where(time: NDArray[np.float64], true: NDArray[np.bool_]) -> Intervals:
+def where(time: Array, true: NDArray[np.bool_]) -> Intervals:
     """Returns from the first to the last stamp of each run of ``true`` (N,) at ``time`` (N,).
 
     A run that holds at the first or last stamp is taken to hold before or after it too, so only the changes that were
     seen bound an interval.
     """
     edges = np.flatnonzero(np.diff(np.concatenate([[False], true, [False]]).astype(np.int8)))
-    return [
-        (-inf if first == 0 else float(time[first]), inf if after == len(time) else float(time[after - 1]))
-        for first, after in zip(edges[::2], edges[1::2], strict=True)
-    ]
+    runs = zip(edges[::2], edges[1::2], strict=True)
+    return [(-inf if a == 0 else float(time[a]), inf if b == len(time) else float(time[b - 1])) for a, b in runs]
 
 
-def unbroken(time: NDArray[np.float64], broken: NDArray[np.bool_]) -> Intervals:
+def unbroken(time: Array, broken: NDArray[np.bool_]) -> Intervals:
     """Returns the runs of ``time`` (N,) between the steps (N - 1,) that are ``broken``."""
     if not len(time):
         return []
@@ -97,7 +96,7 @@ def total(intervals: Intervals) -> float:
     return sum(end - start for start, end in intervals)
 
 
-def during(time: NDArray[np.float64], intervals: Intervals) -> NDArray[np.bool_]:
+def during(time: Array, intervals: Intervals) -> NDArray[np.bool_]:
     """Returns which stamps (N,) are in the intervals."""
     return np.asarray(np.any([(time >= start) & (time <= end) for start, end in [(inf, inf), *intervals]], axis=0))
 
@@ -112,6 +111,12 @@ def settled(signals: Signals, boot: int) -> Intervals:
 
     Neither take-off nor landing, where it reports them, nor what the ground holds; both axes must stay upright.
     """
+    if boot not in signals.settled:
+        signals.settled[boot] = _settled(signals, boot)
+    return signals.settled[boot]
+
+
+def _settled(signals: Signals, boot: int) -> Intervals:
     climb, landing = _of_boot(signals.climb_rate, boot), _of_boot(signals.landing, boot)
     flights = both(armed(signals, boot), in_states(signals, boot, (IN_AIR,)))
     if landing is not None and climb is None and _of_boot(signals.landed_state, boot) is None:
@@ -203,9 +208,7 @@ def in_states(signals: Signals, boot: int, states: tuple[int, ...]) -> Intervals
     undefined = reported.values == 0
     covered = unbroken(reported.time, (np.diff(reported.time) > REPORT_SECONDS) | undefined[1:] | undefined[:-1])
     inside = where(reported.time, np.isin(reported.values, states))
-    if collective is None:
-        return inside
-    return either(both(inside, covered), both(carried, outside(covered)))
+    return inside if collective is None else either(both(inside, covered), both(carried, outside(covered)))
 
 
 def between_transients(flight: Interval, climb: Signal | None) -> Interval | None:
@@ -233,10 +236,10 @@ def _of_boot(signal: Signal | None, boot: int) -> Signal | None:
     return Signal(signal.time[here], signal.boot[here], signal.values[here])
 
 
-def average(signal: Signal) -> NDArray[np.float64]:
+def average(signal: Signal) -> Array:
     """Returns centred mean of the samples within half of ``AVERAGING_SECONDS`` on either side."""
     total = np.concatenate([[0.0], np.cumsum(signal.values)])
     first = np.searchsorted(signal.time, signal.time - AVERAGING_SECONDS / 2, side="left")
     after = np.searchsorted(signal.time, signal.time + AVERAGING_SECONDS / 2, side="right")
-    mean: NDArray[np.float64] = (total[after] - total[first]) / (after - first)
+    mean: Array = (total[after] - total[first]) / (after - first)
     return mean

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from mavdem.alignment import phases
 from mavdem.alignment.align import Segment, mean_rate, recorded_parts, sample, usually_slow, within
 from mavdem.alignment.drive import Motors
-from mavdem.alignment.phases import Intervals, both, total, unbroken
+from mavdem.alignment.phases import both, total, unbroken
 from mavdem.alignment.signals import Attitude, Signals, usual_rate
 from mavdem.flight import Flight
 from mavdem.ingest.motors import OutputScale
+from mavdem.ingest.telemetry import Array
 
 CONSISTENCY_SPAN = 0.2  # Seconds: one period of 5 Hz, so that sensor noise averages out and roll dynamics do not
 OUTLIER_SHARE = 0.01
@@ -76,10 +77,9 @@ def of_log(signals: Signals, segments: int) -> QualityFigures:
     airborne = 0.0
     for boot in np.intersect1d(attitude.boot, drive.boot):
         flown = phases.off_ground(phases.flying(signals, boot), signals, boot)
-        airborne += total(both(_recorded(drive, boot), flown))
-    return QualityFigures(
-        armed, airborne, segments, attitude_rate=usual_rate(attitude) or None, motor_rate=usual_rate(drive) or None
-    )
+        airborne += total(both(unbroken(drive.time[drive.boot == boot], np.zeros(0, dtype=np.bool_)), flown))
+    figures = QualityFigures(armed, airborne, segments)
+    return replace(figures, attitude_rate=usual_rate(attitude) or None, motor_rate=usual_rate(drive) or None)
 
 
 def slow_in_air(signals: Signals, stream: Attitude | Motors) -> tuple[tuple[Segment, ...], float]:
@@ -89,17 +89,13 @@ def slow_in_air(signals: Signals, stream: Attitude | Motors) -> tuple[tuple[Segm
     messages = 0
     for boot in np.intersect1d(stream.boot, signals.drive.boot):
         time = stream.time[stream.boot == boot]
-        flown = both(_recorded(signals.drive, boot), phases.flying(signals, boot))
+        driven = signals.drive.time[signals.drive.boot == boot]
+        flown = both(unbroken(driven, np.zeros(0, dtype=np.bool_)), phases.flying(signals, boot))
         # Outages are not slow.
         for start, end in both(unbroken(time, ~usually_slow(np.diff(time))), flown):
             slow.append(Segment(int(boot), start, end))
             messages += int(np.count_nonzero((time > start) & (time <= end)))
     return tuple(slow), messages / max(sum(part.duration for part in slow), 1e-9)
-
-
-def _recorded(drive: Motors, boot: int) -> Intervals:
-    time = drive.time[drive.boot == boot]
-    return [(float(time[0]), float(time[-1]))]
 
 
 def of_segment(signals: Signals, segment: Segment, flight: Flight, log: QualityFigures) -> QualityFigures:
@@ -151,18 +147,18 @@ def of_segment(signals: Signals, segment: Segment, flight: Flight, log: QualityF
     )
 
 
-def _step(values: NDArray[np.float64]) -> float:
+def _step(values: Array) -> float:
     """The quantisation step: the median difference between neighbouring values; next to nothing where not rounded."""
     distinct = np.unique(values)
     return float(np.median(np.diff(distinct))) if len(distinct) > 1 else 0.0
 
 
-def at_limits(shares: NDArray[np.float64], scale: OutputScale) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def at_limits(shares: Array, scale: OutputScale) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Returns where motors are at the upper stop of their ``scale``, and where they idle, shaped like ``shares``."""
     return shares >= scale.stop - STOP_MARGIN, shares <= IDLE_THROTTLE
 
 
-def _snr_of_changes(time: NDArray[np.float64], values: NDArray[np.float64], step: float) -> float | None:
+def _snr_of_changes(time: Array, values: Array, step: float) -> float | None:
     """Of the changes, not the values: it is by them that the dynamics show, and both ends of each are rounded."""
     starts = time <= time[-1] - CONSISTENCY_SPAN
     change = np.interp(time[starts] + CONSISTENCY_SPAN, time, values) - values[starts]
@@ -170,7 +166,7 @@ def _snr_of_changes(time: NDArray[np.float64], values: NDArray[np.float64], step
     return float(change.var()) / rounding - 1 if rounding > 0 and len(change) else None
 
 
-def _fresh_rate(time: NDArray[np.float64], rows: NDArray[np.float64], step: NDArray[np.float64] | float) -> float:
+def _fresh_rate(time: Array, rows: Array, step: Array | float) -> float:
     """Rows (N, k) a second that are not the one before them sent again; ``step`` (k,): of which they are multiples."""
     rate, changes = mean_rate(time), np.abs(np.diff(rows, axis=0))
     changed = np.asarray((changes > 0).any(axis=1))
@@ -182,7 +178,7 @@ def _fresh_rate(time: NDArray[np.float64], rows: NDArray[np.float64], step: NDAr
     return float(np.count_nonzero(changed)) / len(changed) * rate if held else rate
 
 
-def _upper_band(rate: NDArray[np.float64]) -> float | None:
+def _upper_band(rate: Array) -> float | None:
     """By Welch's method; without ``scipy.signal``, which takes half a second to import."""
     length = min(256, len(rate))
     pieces = np.lib.stride_tricks.sliding_window_view(rate, length)[:: length - length // 2]
@@ -194,7 +190,7 @@ def _upper_band(rate: NDArray[np.float64]) -> float | None:
     return float(power[np.arange(len(power)) > (len(power) - 1) / 2].sum()) / total if total > 0 else None
 
 
-def _consistency(time: NDArray[np.float64], angle: NDArray[np.float64], slope: NDArray[np.float64]) -> float | None:
+def _consistency(time: Array, angle: Array, slope: Array) -> float | None:
     """1 − var(Δangle − ∫slope)/var(Δangle) over spans of ``CONSISTENCY_SPAN``, without the worst ``OUTLIER_SHARE``."""
     turned = np.concatenate([[0.0], np.cumsum(np.diff(time) * (slope[1:] + slope[:-1]) / 2)])
     starts = time <= time[-1] - CONSISTENCY_SPAN

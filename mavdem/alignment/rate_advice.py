@@ -80,10 +80,9 @@ def _stream_rates(telemetry: Telemetry, rate: int) -> str:
     fast = [" and ".join(both) for both in ports.values() if min(asked.get(one, 0) for one in both) >= MINIMUM_RATE]
     if not fast:
         return f"Set the telemetry port's {named} to {rate}"
-    return (
-        f"{', '.join(fast)} are {MINIMUM_RATE:.0f} or more already: if that is the port of this link, reboot, and "
-        f"raise its baud rate if that does not help. Otherwise set the {named} of this link's port to {rate}"
-    )
+    known = f"{', '.join(fast)} are {MINIMUM_RATE:.0f} or more already: if that is the port of this link, reboot, and "
+    known += "raise its baud rate if that does not help."
+    return f"{known} Otherwise set the {named} of this link's port to {rate}"
 
 
 def _dataflash(telemetry: Telemetry) -> str:
@@ -118,10 +117,9 @@ def _dataflash(telemetry: Telemetry) -> str:
     if telemetry.dropouts:
         card = "use a faster card, raise LOG_FILE_BUFSIZE or clear other bits of LOG_BITMASK; fly anew."
         return f"{already}, but the logger had no room for {telemetry.dropouts} messages: {card}"
-    return (
-        f"{already}, and the log does not show why messages come no faster: fly anew if the bit was set after this "
-        "flight began, and look at the load of the board (PM) and at what else the log was passed through."
-    )
+    late = "fly anew if the bit was set after this flight began"
+    load = "look at the load of the board (PM) and at what else the log was passed through"
+    return f"{already}, and the log does not show why messages come no faster: {late}, and {load}."
 
 
 def _ulog(telemetry: Telemetry) -> str:
@@ -136,7 +134,5 @@ def _ulog(telemetry: Telemetry) -> str:
     already = f"SDLOG_PROFILE is {int(profile)}, so the high rate (bit 4) is set already"
     if telemetry.dropouts:
         return f"{already}, but the logger dropped out {telemetry.dropouts} times: use a faster card and fly anew."
-    return (
-        f"{already}: reboot if it was set after this boot, and remove etc/logging/logger_topics.txt from the card if "
-        "it is there, because it replaces the profile; fly anew."
-    )
+    topics = "remove etc/logging/logger_topics.txt from the card if it is there, because it replaces the profile"
+    return f"{already}: reboot if it was set after this boot, and {topics}; fly anew."

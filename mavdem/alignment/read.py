@@ -101,10 +101,7 @@ def learnable_flight(
 def usable_segments(
     signals: Signals, components: Sequence[Component] = (), least_rate: float = MINIMUM_RATE
 ) -> tuple[tuple[Flight, ...], Verdict]:
-    """Returns all usable segments, as of :func:`read_segments`, and the verdict on the longest; none if that is no.
-
-    Of ``signals`` that need no more than ``least_rate``, Hz.
-    """
+    """Returns all usable segments, none if the verdict, on the longest, is no; both need ``least_rate``, Hz."""
     verdicts = list(segment_verdicts(signals, components, least_rate))
     found, usable = verdicts[0].segments, [verdict for verdict in verdicts if verdict.learnable]
     lost = [segment.duration for segment in found if segment not in [verdict.segment for verdict in usable]]

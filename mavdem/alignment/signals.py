@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,7 +44,7 @@ from mavdem.alignment.drive import (
 )
 from mavdem.ingest.mavlink.clocks import far_off
 from mavdem.ingest.mavlink.definitions import enum_name
-from mavdem.ingest.telemetry import Columns, Telemetry, rate_without_gaps
+from mavdem.ingest.telemetry import Array, Columns, Telemetry, rate_without_gaps
 from mavdem.ingest.vocabulary import ARMED, CUSTOM_MODE, LANDING_MODES, euler_angles
 
 ATTITUDE_MESSAGES = ("ATTITUDE", "ATTITUDE_QUATERNION")  # Messages with the attitude, the preferred first
@@ -63,8 +63,6 @@ do at 50."""
 SLOW_MOTION_RATE = 8.0
 """Hz, of both, from which a model may predict the slow motion: of flights decimated to 10 Hz and recorded at 10 Hz,
 nine in ten were predicted better than without a model. Motors' effect, damping and lag show at higher frequencies."""
-Inputs = TypeVar("Inputs")
-
 TARGET_MESSAGE = "ATTITUDE_TARGET"
 IGNORED_RATES = {"roll": 1, "pitch": 2, "yaw": 4}
 IGNORED_ATTITUDE = 128
@@ -100,40 +98,36 @@ def setpoints(telemetry: Telemetry, axis: str) -> tuple[Setpoint, ...]:
     targets = telemetry.messages.get(TARGET_MESSAGE)
     manual = telemetry.messages.get(MANUAL_MESSAGE)
     radio = preferred_message(message_counts(telemetry, RADIO_MESSAGES))
-    found: list[tuple[str, str, str, Columns, NDArray[np.float64]]] = []
+    found: list[Setpoint] = []
     if targets is not None:
         ignored = np.asarray(targets.get("type_mask", np.zeros(len(targets["time"])))).astype(np.int64)
         rates = np.where(ignored & IGNORED_RATES[axis], np.nan, floats(targets, f"body_{axis}_rate"))
         rates[np.abs(rates) > MAX_BODY_RATE] = np.nan
-        found.append((f"{axis} rate setpoint", "rad/s", TARGET_MESSAGE, targets, rates))
+        found.append(Setpoint(f"{axis} rate setpoint", "rad/s", TARGET_MESSAGE, series(targets, rates)))
         if axis != "yaw":
             asked = np.atleast_2d(floats(targets, "q"))
             with np.errstate(invalid="ignore", divide="ignore"):  # NaN where the quaternion is none
                 angles = euler_angles(asked / np.linalg.norm(asked, axis=1, keepdims=True))[TILT_AXES.index(axis)]
             angles = np.where(ignored & IGNORED_ATTITUDE, np.nan, angles)
-            found.append((f"{axis} setpoint", "rad", TARGET_MESSAGE, targets, angles))
+            found.append(Setpoint(f"{axis} setpoint", "rad", TARGET_MESSAGE, series(targets, angles)))
     if manual is not None:
         deflection = floats(manual, MANUAL_FIELDS[axis]) / MANUAL_RANGE
         deflection[np.abs(deflection) > 1] = np.nan
-        found.append((f"{axis} stick", "", MANUAL_MESSAGE, manual, deflection))
+        found.append(Setpoint(f"{axis} stick", "", MANUAL_MESSAGE, series(manual, deflection)))
     elif radio is not None and (pulses := _pulses(telemetry, radio, axis)) is not None:
-        found.append((f"{axis} stick", "µs", radio, telemetry.messages[radio], pulses))
-    made = (Setpoint(name, unit, message, series(columns, values)) for name, unit, message, columns, values in found)
-    return tuple(setpoint for setpoint in made if len(setpoint.signal.time))
+        found.append(Setpoint(f"{axis} stick", "µs", radio, series(telemetry.messages[radio], pulses)))
+    return tuple(setpoint for setpoint in found if len(setpoint.signal.time))
 
 
-def held(setpoint: Setpoint, boot: int, time: NDArray[np.float64]) -> NDArray[np.float64]:
+def held(setpoint: Setpoint, boot: int, time: Array) -> Array:
     """Returns the last setpoint until ``time`` (T,) s of ``boot``; NaN where none came in ``HOLD_SECONDS``."""
     here = setpoint.signal.boot == boot
-    stamps, values = setpoint.signal.time[here], setpoint.signal.values[here]
-    if not len(stamps):
-        return np.full(len(time), np.nan)
+    stamps, values = np.append(-np.inf, setpoint.signal.time[here]), np.append(np.nan, setpoint.signal.values[here])
     last = np.searchsorted(stamps, time + ROUNDING, side="right") - 1
-    known = (last >= 0) & (time - stamps[np.maximum(last, 0)] <= HOLD_SECONDS + ROUNDING)
-    return np.where(known, values[np.maximum(last, 0)], np.nan)
+    return np.where(time - stamps[last] <= HOLD_SECONDS + ROUNDING, values[last], np.nan)
 
 
-def _pulses(telemetry: Telemetry, message: str, axis: str) -> NDArray[np.float64] | None:
+def _pulses(telemetry: Telemetry, message: str, axis: str) -> Array | None:
     """(N,) µs of the receiver's channel for ``axis``; None where no channel is known for it."""
     columns, parameters = telemetry.messages[message], telemetry.parameters
     if telemetry.autopilot == "PX4":
@@ -155,12 +149,12 @@ class Attitude:
     """One axis at ``time`` (N,) s of ``boot`` (N,), from ``message``, without rows not finite or impossible."""
 
     message: str
-    time: NDArray[np.float64]
+    time: Array
     boot: NDArray[np.int64]
-    angle: NDArray[np.float64]  # (N,) Euler angle, rad; that of yaw without its jumps by a turn
-    rate: NDArray[np.float64]  # (N,) body rate, rad/s: p for roll, q for pitch, r for yaw
+    angle: Array  # (N,) Euler angle, rad; that of yaw without its jumps by a turn
+    rate: Array  # (N,) body rate, rad/s: p for roll, q for pitch, r for yaw
     # (N,) the derivative of ``angle`` that the three body rates and the attitude imply, rad/s
-    slope: NDArray[np.float64]
+    slope: Array
     sent: int  # messages in the stream
     left_out: int  # those not used: not finite, impossible, or with the stamp of another. Exact copies do not count.
     impossible: int  # those with an angle beyond ``MAX_ANGLE`` or a body rate beyond ``MAX_BODY_RATE``
@@ -186,11 +180,15 @@ class Signals:
 
     def about(self, axis: str, inputs: str | None = None) -> Signals:
         """Returns the signals for another ``axis`` or other ``inputs``; what depends on neither is not read again."""
-        other = replace(self, axis=axis, inputs=inputs)
-        shared = ("tilts", "motors", "voltage", "_beats", "landed_state", "climb_rate")
-        own = ("attitude", "demand", "setpoints") if axis == self.axis else ()
-        other.__dict__.update({name: self.__dict__[name] for name in (*shared, *own) if name in self.__dict__})
+        other, known = replace(self, axis=axis, inputs=inputs), vars(self) | {"settled": self.settled}
+        own = {"axis", "inputs", "drive", *(("attitude", "demand", "setpoints") if axis != self.axis else ())}
+        vars(other).update({name: value for name, value in known.items() if name not in own})
         return other
+
+    @cached_property
+    def settled(self) -> dict[int, list[tuple[float, float]]]:
+        """Settled flight by boot, where ``phases.settled`` has worked it out."""
+        return {}
 
     @cached_property
     def attitude(self) -> Attitude | None:
@@ -220,7 +218,8 @@ class Signals:
         if self.inputs is not None:
             return self.demand if self.inputs == "demand" else self.motors
         rates = (0.0 if stream is None else usual_rate(stream) for stream in (self.motors, self.demand))
-        return motors_or_demand(self.motors, self.demand, *rates)
+        driven: Motors | None = motors_or_demand(self.motors, self.demand, *rates)
+        return driven
 
     @cached_property
     def setpoints(self) -> tuple[Setpoint, ...]:
@@ -246,14 +245,12 @@ class Signals:
     @cached_property
     def armed(self) -> Signal | None:
         """Whether the vehicle was armed, from HEARTBEAT; None where no heartbeat is its own."""
-        beats = self._beats
-        return None if beats is None else replace(beats, values=beats.values[:, 0])
+        return self._beats and replace(self._beats, values=self._beats.values[:, 0])
 
     @cached_property
     def landing(self) -> Signal | None:
         """Whether the autopilot was in a mode that lands by itself, from HEARTBEAT; None where none is its own."""
-        beats = self._beats
-        return None if beats is None else replace(beats, values=beats.values[:, 1])
+        return self._beats and replace(self._beats, values=self._beats.values[:, 1])
 
     @cached_property
     def _beats(self) -> Signal | None:
@@ -307,9 +304,7 @@ class Signals:
         return thrust if thrust is not None and len(thrust.time) else None
 
 
-def motors_or_demand(
-    motors: Inputs | None, demand: Inputs | None, motor_rate: float, demand_rate: float
-) -> Inputs | None:
+def motors_or_demand(motors: Any, demand: Any, motor_rate: float, demand_rate: float) -> Any:
     """Returns the motors, or the demand where only it comes at ``MINIMUM_RATE``; rates in Hz."""
     if demand is None or motor_rate >= MINIMUM_RATE:
         return motors
@@ -322,10 +317,7 @@ def usual_rate(stream: Attitude | Motors) -> float:
 
 
 def attitude(telemetry: Telemetry, axis: str) -> Attitude | None:
-    """Returns angle and body rate of ``axis``, "roll", "pitch" or "yaw".
-
-    From ATTITUDE or, where it comes clearly faster, ATTITUDE_QUATERNION.
-    """
+    """Returns angle and body rate of ``axis``, from ATTITUDE or, where that is clearly faster, ATTITUDE_QUATERNION."""
     message = preferred_message(message_counts(telemetry, ATTITUDE_MESSAGES))
     if message is None:
         return None
@@ -365,7 +357,7 @@ def axis_outputs(axis: str) -> tuple[tuple[str, str], ...]:
     return ((axis, "rad"), rate) if axis in TILT_AXES else (rate,)
 
 
-def _of_cells(columns: Columns) -> NDArray[np.float64]:
+def _of_cells(columns: Columns) -> Array:
     """(N,) mV of battery 0: the sum of its cells, or the whole in the place of the first."""
     cells = np.atleast_2d(floats(columns, "voltages"))
     total = np.where(cells == NO_CELL, 0.0, cells).sum(axis=1)

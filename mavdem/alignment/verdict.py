@@ -26,6 +26,8 @@ REFUSED_CONSISTENCY, DOUBTFUL_CONSISTENCY = 0.5, 0.8
 where they disagree, the rate is an alias, noise, or in another unit: some of it, or most."""
 STILL_RATE = np.radians(1.0)  # rad/s, standard deviation: twice the noise of a gyroscope in flight
 DOUBTFUL_LOSS = 0.05  # Share of a stream's messages left out as damaged: the rest may be too
+NEEDED = f"motion has frequencies of several Hz, which need {MINIMUM_RATE:.0f} Hz of attitude and of motor outputs or "
+NEEDED += "demand, better 100"
 IMPOSSIBLE = f"an angle beyond 2π or a rate beyond {MAX_BODY_RATE:.0f} rad/s"
 
 
@@ -49,29 +51,24 @@ def cautions_of(signals: Signals, figures: QualityFigures) -> tuple[str, ...]:
         cautions.append(f"{what} were left out, for {IMPOSSIBLE}.")
     for stream in (attitude, drive):
         if stream.left_out > DOUBTFUL_LOSS * stream.sent:
-            cautions.append(
-                f"{stream.left_out} of {stream.sent} {called(stream.message)} messages were left out: their time "
-                "stamps are far off or those of others, or their numbers make no sense."
-            )
+            wrong = "their time stamps are far off or those of others, or their numbers make no sense."
+            what = f"{stream.left_out} of {stream.sent} {called(stream.message)} messages"
+            cautions.append(f"{what} were left out: {wrong}")
     layout = drive.layout
     if drive.message == DEMAND_MESSAGE:
         rate = 0.0 if signals.motors is None else usual_rate(signals.motors)
         slowly = f"come too slowly ({below(rate, MINIMUM_RATE)} Hz)" if rate else "are missing"
         lead = "The" if rate >= MINIMUM_RATE else f"Motor outputs {slowly}, so the"
-        cautions.append(
-            f"{lead} input is the controller's {axis} demand, and the model includes the mixer, the motors' limits "
-            "and the battery."
-        )
+        within = "the model includes the mixer, the motors' limits and the battery."
+        cautions.append(f"{lead} input is the controller's {axis} demand, and {within}")
     if signals.telemetry.vehicle == "UNKNOWN":
         cautions.append("No heartbeat says what the vehicle is: a multirotor was assumed.")
     if layout.channels_assumed or layout.positions_assumed:
         cautions.append(f"Which motor is which was assumed: {layout.basis}.")
     if figures.output_snr is not None and figures.output_snr < DOUBTFUL_SNR:
-        cautions.append(
-            f"The {_measured(axis, 'or')} is near the resolution of the stream (steps of {_steps(axis, figures)}): "
-            "rounding can shrink what is learnt of the dynamics by "
-            f"{100 * min(1.0, 1 / (1 + figures.output_snr)):.0f} %."
-        )
+        near = f"near the resolution of the stream (steps of {_steps(axis, figures)})"
+        shrunk = f"what is learnt of the dynamics by {100 * min(1.0, 1 / (1 + figures.output_snr)):.0f} %."
+        cautions.append(f"The {_measured(axis, 'or')} is {near}: rounding can shrink {shrunk}")
     if figures.consistency is not None and figures.consistency < DOUBTFUL_CONSISTENCY:
         cautions.append(f"The rate explains only {figures.consistency:.2f} of the angle's changes: noise, or an alias.")
     return tuple(cautions)
@@ -232,8 +229,7 @@ def _objection(log: _Evidence, figures: QualityFigures) -> Obstacle | None:
     slow = _too_slow(log, log.figures if short else figures)
     if slow or short:
         return slow or _slowed_down(log) or _too_short(log, figures)
-    held = _held(log, figures)
-    if held:
+    if held := _held(log, figures):
         return held
     if not figures.rate_sd or not (figures.angle_sd or axis not in TILT_AXES):
         return f"The {_measured(axis, 'or')} never changes.", "Check that the stream is not a replay of one message."
@@ -303,7 +299,7 @@ def _slowed_down(log: _Evidence) -> Obstacle | None:
     reason = (
         f"In the air {name} comes at {below(rate, MINIMUM_RATE)} Hz from {start.start:.1f} s"
         f"{f' of boot {start.boot + 1}' if start.boot else ' after boot'} on, for {seconds:.0f} of "
-        f"{log.figures.airborne:.0f} s, though faster elsewhere; {_needed(log.signals.axis)}."
+        f"{log.figures.airborne:.0f} s, though faster elsewhere; {log.signals.axis} {NEEDED}."
     )
     return reason, _for_faster(log, log.name(log.attitude) not in found)
 
@@ -323,12 +319,7 @@ def too_slow(rates: Mapping[str, float], axis: str, least: float = MINIMUM_RATE)
     if not slow:
         return None
     named = (f"{name} {'at' if place else 'comes at'} {rate} Hz" for place, (name, rate) in enumerate(slow))
-    return f"{' and '.join(named)}; {_needed(axis)}."
-
-
-def _needed(axis: str) -> str:
-    needed = f"{MINIMUM_RATE:.0f} Hz of attitude and of motor outputs or demand, better 100"
-    return f"{axis} motion has frequencies of several Hz, which need {needed}"
+    return f"{' and '.join(named)}; {axis} {NEEDED}."
 
 
 def _held(log: _Evidence, figures: QualityFigures) -> Obstacle | None:

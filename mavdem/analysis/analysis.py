@@ -18,6 +18,7 @@ from mavdem.alignment.phases import during, settled
 from mavdem.alignment.read import choose_vehicle, usable_segments
 from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals, usual_rate
 from mavdem.analysis.figures import ALL, AxisFigures, LogAnalysis, VehicleFigures, axis_figures
+from mavdem.analysis.findings import disown_torque
 from mavdem.condition import condition_of, identity_of
 from mavdem.condition.inventory import tier_of
 from mavdem.dem import Learned, Settings, learn
@@ -36,7 +37,6 @@ MAX_SLOW_RATIO = 0.9  # of squared errors, to a forecast's without a model, up t
 SLOW_CAUTION = (
     "The model is of the slow motion only: what shows at several Hz, such as the control effectiveness, is not in it."
 )
-
 
 StepProgress = Callable[..., AbstractContextManager[Callable[[float], None]]]
 """Shows a step of the work by its ``title``; what it yields is called with the share done, if it is ``measured``."""
@@ -89,11 +89,11 @@ def analyse(
     signals = Signals(choose_vehicle(log.vehicles, vehicle)) if signals is None else signals
     signals = signals.about(AXES[0] if axis == ALL else axis, inputs)
     segments, verdict = usable_segments(signals, log.components)
-    if other_axis is None:
-        known = condition_of(signals), identity_of(signals, log.receive_time[0]), motor_alarms(signals)
+    if other_axis is not None:
+        condition, identity, alarms = other_axis.condition, other_axis.identity, other_axis.alarms
     else:
-        known = other_axis.condition, other_axis.identity, other_axis.alarms
-    condition, identity, alarms = known
+        condition, identity = condition_of(signals), identity_of(signals, log.receive_time[0])
+        alarms = motor_alarms(signals)
     motor_rate = usual_rate(signals.motors) if signals.motors is not None and signals.motors.layout.positions else 0.0
     tier, motors = tier_of(verdict, condition), VehicleFigures({}, condition.hover)
     found = LogAnalysis(verdict, tier, condition, identity, motors, alarms=alarms, watched=motor_rate >= MIN_RATE)
@@ -129,8 +129,7 @@ def analyse(
     changes = [alarm.since for alarm in alarms if alarm.motor is not None]
     if changes and learned.physical is not None and learned.wind is not None:
         vars(learned)["wind"] = wind(learned.physical, learned.record, changes)
-    if condition.oscillation is not None and learned.wind is not None:
-        vars(learned)["wind"] = replace(learned.wind, reason="The vehicle oscillates: that torque is its own.")
+    disown_torque(learned, condition)
     compared = None if truth is None else compare_with_truth(learned, flights, truth_of(flights, truth))
     if axis == ALL:
         axes = {AXES[0]: AxisFigures(flights, learned.physical, learned.wind, learned.physical_reason)}
@@ -195,10 +194,7 @@ def _model(
 
 
 def slow_motion_refusal(held_out: HeldOut) -> str:
-    """Returns why a model of the slow motion is not worth having; empty where it is.
-
-    It must beat each baseline in the ``held_out`` windows by a margin, and beyond chance.
-    """
+    """Returns why a model does not beat each baseline in ``held_out`` windows by a margin, beyond chance; or empty."""
     for name in BASELINES:
         ratio = held_out.error_ratio() / held_out.error_ratio(name)
         test = paired(held_out.error_ratios(baseline=name), np.ones(len(held_out)))
@@ -212,21 +208,13 @@ def slow_motion_refusal(held_out: HeldOut) -> str:
 
 
 def flown_after(flights: Sequence[Flight], start: float) -> tuple[Flight, ...]:
-    """Returns what of ``flights`` is flown ``start`` seconds after the first sample and later.
-
-    Raises ``TooFewSamples`` if too little is left to learn from.
-    """
+    """Returns what is flown ``start`` s after the first sample and later; raises ``TooFewSamples`` of too little."""
     begin = flights[0].time[0] + start
-    left = tuple(
-        one[skip:]
-        for one in flights
-        if len(one) - (skip := round(float(np.clip(begin - one.time[0], 0, one.duration)) / one.dt)) >= FEWEST_SAMPLES
-    )
+    skips = (round(float(np.clip(begin - one.time[0], 0, one.duration)) / one.dt) for one in flights)
+    left = tuple(one[skip:] for one, skip in zip(flights, skips, strict=True) if len(one) - skip >= FEWEST_SAMPLES)
     if not left:
-        raise TooFewSamples(
-            f"Less than {FEWEST_SAMPLES} samples of settled flight are left after {start:g} s.",
-            "Start earlier, with a smaller --start.",
-        )
+        few = f"Less than {FEWEST_SAMPLES} samples of settled flight are left after {start:g} s."
+        raise TooFewSamples(few, "Start earlier, with a smaller --start.")
     return left
 
 
@@ -243,10 +231,7 @@ def _too_few(flights: Sequence[Flight], steps: int) -> TooFewSamples:
 
 
 def cut(flight: Flight, start: float, train: Length, test: Length | None) -> tuple[Flight, Flight]:
-    """Returns the training data of length ``train`` from ``start`` s of the ``flight`` on, and the ``test`` after it.
-
-    Raises ``TooFewSamples`` if they do not fit.
-    """
+    """Returns ``train`` of the ``flight`` from ``start`` s on and the ``test`` after it; raises ``TooFewSamples``."""
     first = round(min(start / flight.dt, len(flight)))
     length, ahead = part_samples(flight.dt, train, test)
     end = first + length

@@ -28,6 +28,7 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.dem.graybox.wind import wind
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
+from mavdem.evaluate.comparison import JOINT
 from mavdem.evaluate.held_out import BASELINES, CONSTANT_MEAN, FORECAST, HOLD_LAST, PREDICTION, HeldOut
 from mavdem.evaluate.scores import error_over, mspe
 from mavdem.evaluate.truth import TruthComparison
@@ -39,10 +40,7 @@ ALL = "all"  # of an axis: roll, pitch and yaw
 
 
 class AxisFigures(NamedTuple):
-    """One axis, from ``flights``, the segments of all its settled flight: ``physical`` parameters and ``wind`` torque.
-
-    ``reason`` says why there are none.
-    """
+    """One axis: all its settled ``flights``, ``physical`` parameters, ``wind`` torque; ``reason``: why none."""
 
     flights: tuple[Flight, ...]
     physical: Physical | None
@@ -139,24 +137,21 @@ class LogAnalysis:
 
 
 def model_figures(flights: Sequence[Flight], learned: Learned, held_out: HeldOut) -> dict[str, Any]:
-    """Returns the figures of one model of ``flights``, judged by ``held_out`` windows, as plain JSON values.
-
-    Angles in rad, rates in rad/s, time in s.
-    """
+    """Returns the figures of a model of ``flights``, judged by ``held_out`` windows, as JSON values: rad, rad/s, s."""
     first, measured, fit = flights[0], learned.record.outputs, learned.simulation_fit
     after_first = np.setdiff1d(np.arange(len(measured)), learned.record.starts)
     one_step = {
-        "DEM": learned.one_step()[after_first],
+        JOINT: learned.one_step()[after_first],
         HOLD_LAST: measured[after_first - 1],
         CONSTANT_MEAN: np.broadcast_to(measured.mean(axis=0), measured[after_first].shape),
     }
     one_step_errors = {name: mspe(measured[after_first], values).per_output for name, values in one_step.items()}
-    names = {"DEM": FORECAST, **dict(zip(BASELINES, BASELINES, strict=True))}
+    names = {JOINT: FORECAST, **dict(zip(BASELINES, BASELINES, strict=True))}
     forecast_errors = {shown: held_out.squared_errors(name).mean(axis=0) for shown, name in names.items()}
     ranked = _ranked(forecast_errors, held_out.variance)
     model, energy = learned.model, learned.free_energy
     sd, half_width = learned.model_sd, learned.model_interval(LEVEL)
-    turning = None if fit is None or fit.mixer is None else fit.mixer.turning
+    joint = learned.joint
     return {
         "flight": dict(first.provenance),
         "segments": [{"start": float(flight.time[0]), "samples": len(flight)} for flight in flights],
@@ -181,11 +176,11 @@ def model_figures(flights: Sequence[Flight], learned: Learned, held_out: HeldOut
         "held_out": held_out.as_dict(),
         "one_step_mspe": _ranked(one_step_errors, measured.var(axis=0)),
         "forecast_mspe": ranked,
-        "forecast_over_constant_mean": ranked["DEM"]["relative"],
+        "forecast_over_constant_mean": ranked[JOINT]["relative"],
         "expected_error": float((held_out.expected / held_out.variance).mean()),
         "inside_90_percent_band": held_out.coverage,
         "prediction": {
-            "half_explained_seconds": (learned.prediction.useful_steps(0.5) * first.dt).tolist(),
+            "half_explained_seconds": (learned.useful_steps * first.dt).tolist(),
             "error_ratio": held_out.error_ratio(PREDICTION),
         },
         "simulation_fit": None
@@ -195,13 +190,20 @@ def model_figures(flights: Sequence[Flight], learned: Learned, held_out: HeldOut
             "converged": fit.converged,
             "numbers": fit.effective_samples,
             "parameters": len(fit.free),
-            "turning": None if turning is None else turning.tolist(),
+            "turning": joint.combinations[:, 0].tolist(),
             "terms": {name: float(term[-1]) for name, term in fit.terms.items()},
+        },
+        "joint": {
+            "lags": joint.choice.lags,
+            "prior_precision": joint.choice.ridge,
+            "smooth": joint.choice.smooth,
+            "combinations": joint.combinations.T.tolist(),
+            "spectral_radius": joint.process.spectral_radius,
+            "free_energy": joint.terms,
         },
         "physical": physical_values(learned.physical),
         "wind": wind_values(learned.wind),
         "closed_loop": None,
-        "motors_share": learned.training_forecasts.motors_share,
         "cautions": list(learned.cautions),
     }
 
@@ -279,10 +281,7 @@ def vehicle(path: str | bytes | PathLike[str], axis: str = ALL, vehicle: str | N
 
 
 def axis_figures(signals: Signals, components: Sequence[Component] = (), changes: Sequence[float] = ()) -> AxisFigures:
-    """Returns the physical parameters of the axis of ``signals``; ``components`` are those in the log.
-
-    The wind torque is cut at ``changes`` of a motor, s.
-    """
+    """Returns the physical parameters of the axis of ``signals``; the torque is cut at ``changes``, s, of a motor."""
     flights, verdict = usable_segments(signals, components)
     if not flights:
         return AxisFigures((), None, None, str(NotLearnable(verdict.reason, verdict.remedy)))

@@ -10,13 +10,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from math import isfinite, nan
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from mavdem.alignment.verdict import DOUBTFUL_CONSISTENCY
-from mavdem.analysis.residuals import Residuals, correlation, residuals
+from mavdem.analysis.residuals import correlation, residuals
 from mavdem.condition import Condition
 from mavdem.confidence import LEVEL, quantile
 from mavdem.dem import Learned, Physical, WindTorque
@@ -29,8 +30,6 @@ Grade = Literal["GOOD", "LIMITED", "NOT IDENTIFIABLE"]
 GOOD: Grade = "GOOD"
 LIMITED: Grade = "LIMITED"
 NONE: Grade = "NOT IDENTIFIABLE"
-GRADE_OF_STATUS: dict[str, Grade] = {"reported": GOOD, "biased": LIMITED, "not identifiable": NONE}
-"""The best grade of a physical parameter with that status."""
 
 HALF_WIDTH = {"effect": 0.15, "damping": 1 / 3, "lag": 1 / 3, "wind": 0.25}
 """Of the 90 % interval over the estimate, up to which it is GOOD; of the wind torque that of its standard deviation.
@@ -50,11 +49,8 @@ class PredictionLimits(NamedTuple):
 
 PREDICTION_LIMITS = PredictionLimits()
 SATURATED = 0.05  # share of the time at full throttle, from which on no linear model describes the vehicle
-CHECK = "Check motors, propellers and where the load is, and fly again before this is the vehicle's reference."
 UNEVEN = 8.0  # percent of a motor beyond the mean of all: what health calls a fault's size
-LITTLE_HEADROOM = 0.1  # share of the range
-RINGING, RINGING_SECONDS = 0.15, 3.0  # autocorrelation of the rate after a swing, as of a damping ratio of 0.3
-SWINGING = 0.4
+RINGING, SWINGING = 0.15, 0.4  # autocorrelation of the rate after a swing: below, as of a damping ratio of 0.3; above
 WIND_WORDS = {"light": 0.005, "moderate": 0.02, "strong": float("inf")}  # below, as a share of the motors' full torque
 ADVICE = re.compile(r"[:.] (?:fly|steer|record|log)\b[^;.]*", re.IGNORECASE)  # in a reason; left out under overrides
 PURPOSES = ("motor effectiveness", "damping and lag", "wind", "prediction", "residuals")
@@ -119,20 +115,19 @@ def findings_of(
         watched: whether a motor that weakens would have been seen.
         consistency: share of the angle's changes that the rates explain.
     """
-    known = _oscillation(condition), _lost_thrust(alarms), _saturation(condition), _uneven(condition)
+    known = _oscillation(condition), _lost_thrust(alarms), _unbalanced(condition)
     # What comes first explains the others: motors at their limits, where the vehicle oscillates or one is weak.
     overrides = tuple(next(filter(None, known), []))
     if learned is not None and consistency is not None and consistency < DOUBTFUL_CONSISTENCY:
-        overrides += (_inconsistent(consistency),)
+        sentence = f"The rate explains {consistency:.2f} of the angle's changes: noise, or an alias."
+        remedy = "Log attitude and rates faster, and check the mounting of the autopilot for vibration."
+        overrides += (Override("data", "Angle and rate contradict each other.", sentence, remedy),)
     purposes = () if learned is None else _purposes(learned, held_out)
     if other := _stepped(learned, flights):
         meant = {PURPOSES[0]: "that of a motor may be another", PURPOSES[2]: "not all of it is wind"}
-        purposes = tuple(
-            one._replace(grade=LIMITED, reason=f"{other}: {meant[one.purpose]}.")
-            if one.grade == GOOD and one.purpose in meant
-            else one
-            for one in purposes
-        )
+        clear = [one for one in purposes if one.grade == GOOD and one.purpose in meant]
+        doubts = {one: f"{other}: {meant[one.purpose]}." for one in clear}
+        purposes = tuple(one._replace(grade=LIMITED, reason=doubts[one]) if one in doubts else one for one in purposes)
     if overrides:
         headline, following = overrides[0].headline, overrides[0].remedy
         purposes = tuple(_doubted(one, overrides[0]) for one in purposes)
@@ -141,8 +136,15 @@ def findings_of(
     else:
         is_windy = any(one.purpose == "wind" and one.grade == GOOD for one in purposes)
         headline = _in_short(learned if is_windy else None, condition, flights, watched, other)
-        following = "Learn a model: `mavdem learn`." if learned is None else CHECK if other else next_step(purposes)
+        check = "Check motors, propellers and where the load is, and fly again before this is the vehicle's reference."
+        following = "Learn a model: `mavdem learn`." if learned is None else check if other else next_step(purposes)
     return Findings(headline, overrides, purposes, () if learned is None else warnings_of(learned, held_out), following)
+
+
+def disown_torque(learned: Learned, condition: Condition) -> None:
+    """Gives the wind torque of a vehicle that oscillates the reason why it is not the wind's."""
+    if condition.oscillation is not None and learned.wind is not None:
+        vars(learned)["wind"] = replace(learned.wind, reason="The vehicle oscillates: that torque is its own.")
 
 
 def _doubted(finding: Finding, override: Override) -> Finding:
@@ -179,47 +181,44 @@ def _lost_thrust(alarms: Sequence[MotorAlarm]) -> list[Override]:
     return overrides
 
 
-def _saturation(condition: Condition | None) -> list[Override]:
-    """The motor that is at its upper limit most, if for more of the time than ``SATURATED``."""
+def _unbalanced(condition: Condition | None) -> list[Override]:
+    """The motor most at its upper limit, if over ``SATURATED``; else the most uneven one, if over ``UNEVEN``."""
     hover = None if condition is None else condition.hover
-    if hover is None or (share := max(hover.at_upper_limit)) <= SATURATED:
+    if hover is None:
         return []
-    name = hover.motors[hover.at_upper_limit.index(share)].split(" (")[0]
-    headline = f"{name.capitalize()} is at its upper limit {100 * share:.0f} % of the time."
-    sentence = f"{headline[:-1]}: there it answers no command, and no linear model holds."
-    remedy = f"Do not fly in wind before {name} and its propeller are checked, and the load is less or better centred."
-    return [Override("saturation", headline, sentence, remedy)]
-
-
-def _uneven(condition: Condition | None) -> list[Override]:
-    """The motor that is furthest from the mean of all, if by more than ``UNEVEN``."""
-    hover = None if condition is None else condition.hover
-    if hover is None or abs(most := max(hover.imbalance, key=abs)) <= UNEVEN:
+    share, most = max(hover.at_upper_limit), max(hover.imbalance, key=abs)
+    number = hover.at_upper_limit.index(share) if share > SATURATED else hover.imbalance.index(most)
+    name = hover.motors[number].split(" (")[0]
+    if share > SATURATED:
+        kind, fact = "saturation", f"is at its upper limit {100 * share:.0f} % of the time"
+        meaning = "there it answers no command, and no linear model holds"
+        remedy = f"Do not fly in wind before {name} and its propeller are checked,"
+        remedy += " and the load is less or better centred."
+    elif abs(most) > UNEVEN:
+        kind, fact = "trim", f"works {abs(most):.0f} % {'harder' if most > 0 else 'less'} than the mean of all"
+        meaning = "it or another motor or propeller is weak, or the load is off centre"
+        remedy = f"Inspect {name}, the propellers and where the load is before the next flight."
+    else:
         return []
-    name = hover.motors[hover.imbalance.index(most)].split(" (")[0]
-    headline = f"{name.capitalize()} works {abs(most):.0f} % {'harder' if most > 0 else 'less'} than the mean of all."
-    sentence = f"{headline[:-1]}: it or another motor or propeller is weak, or the load is off centre."
-    remedy = f"Inspect {name}, the propellers and where the load is before the next flight."
-    return [Override("trim", headline, sentence, remedy)]
-
-
-def _inconsistent(consistency: float) -> Override:
-    sentence = f"The rate explains {consistency:.2f} of the angle's changes: noise, or an alias."
-    remedy = "Log attitude and rates faster, and check the mounting of the autopilot for vibration."
-    return Override("data", "Angle and rate contradict each other.", sentence, remedy)
+    headline = f"{name.capitalize()} {fact}"
+    return [Override(kind, f"{headline}.", f"{headline}: {meaning}.", remedy)]
 
 
 def _in_short(
     windy: Learned | None, condition: Condition | None, flights: Sequence[Flight], watched: bool, other: str
 ) -> str:
     """What is clearly so of a flight that nothing overrides; ``windy`` where the wind is GOOD, empty if all is open."""
-    swings, hover = max(map(_ringing, flights), default=nan), None if condition is None else condition.hover
+    swings, hover = nan, None if condition is None else condition.hover
+    for flight in flights:  # the highest autocorrelation of the rate after it has been negative: of what rings on
+        rate = flight.outputs[:, -1] - flight.outputs[:, -1].mean()
+        auto = correlation(rate, rate, min(round(3.0 / flight.dt), len(rate) - 1))
+        swings = np.fmax(swings, auto[int(np.argmax(auto < 0)) :].max())
     words = ["Healthy" if watched and not swings > SWINGING else "No fault seen"]
     if hover is None:
         words = [] if condition is None else ["Motor outputs not known"]
     elif other:
         words = [other]
-    elif min(hover.headroom) < LITTLE_HEADROOM:
+    elif min(hover.headroom) < 0.1:
         words = [f"Headroom of {100 * min(hover.headroom):.0f} % only"]
     if swings < RINGING:
         words.append("well damped")
@@ -239,16 +238,8 @@ def _stepped(learned: Learned | None, flights: Sequence[Flight]) -> str:
         return ""
     sample, size = wind.step
     time = np.concatenate([flight.time for flight in flights])[sample]
-    return (
-        f"The torque on this axis changes by {np.degrees(size):.0f} °/s² at {time:.0f} s and stays so (load or motor)"
-    )
-
-
-def _ringing(flight: Flight) -> float:
-    """The highest autocorrelation of the rate after it has been negative: near 0 where swings die out within one."""
-    rate = flight.outputs[:, -1] - flight.outputs[:, -1].mean()
-    auto = correlation(rate, rate, min(round(RINGING_SECONDS / flight.dt), len(rate) - 1))
-    return float(auto[int(np.argmax(auto < 0)) :].max())
+    change = f"{np.degrees(size):.0f} °/s² at {time:.0f} s"
+    return f"The torque on this axis changes by {change} and stays so (load or motor)"
 
 
 def _purposes(learned: Learned, held_out: HeldOut | None) -> tuple[Finding, ...]:
@@ -260,15 +251,12 @@ def _purposes(learned: Learned, held_out: HeldOut | None) -> tuple[Finding, ...]
         graded = dict(zip(PURPOSES, parts, strict=False))
     if held_out is not None:
         graded["prediction"] = _prediction(held_out)
-    graded["residuals"] = _residuals(residuals(learned))
-    return tuple(Finding(name, grade, _first_sentence(reason) + ".") for name, (grade, reason) in graded.items())
-
-
-def _residuals(found: Residuals) -> tuple[Grade, str]:
+    found = residuals(learned)
     (auto, across), (bound, joint) = found.largest, found.bounds
     figures = f"autocorrelation up to {auto:.2f} (99 % bound {bound:.2f}), with the command {across:.2f} ({joint:.2f})"
     word = "Not white" if not found.white else "White" if auto <= bound and across <= joint else "Nearly white"
-    return GOOD if found.white else LIMITED, f"{word}: {figures}"
+    graded["residuals"] = GOOD if found.white else LIMITED, f"{word}: {figures}"
+    return tuple(Finding(name, grade, _first_sentence(reason) + ".") for name, (grade, reason) in graded.items())
 
 
 def _first_sentence(text: str) -> str:
@@ -276,14 +264,14 @@ def _first_sentence(text: str) -> str:
 
 
 def _grade(name: str, share: float, status: str = "reported") -> Grade:
-    """The grade of an estimate by its ``status`` and the half ``width`` of its interval as a share of it."""
-    best = GRADE_OF_STATUS[status]
-    return LIMITED if best == GOOD and share > HALF_WIDTH[name] else best
+    """The grade of an estimate by its ``status`` and the half width of its interval, as a ``share`` of it."""
+    if status == "not identifiable":
+        return NONE
+    return LIMITED if status == "biased" or share > HALF_WIDTH[name] else GOOD
 
 
 def _effect(physical: Physical) -> tuple[Grade, str]:
-    mean, half = physical.mean_effect(LEVEL)
-    status = physical.status["effect"]
+    (mean, half), status = physical.mean_effect(LEVEL), physical.status["effect"]
     reason = f"Known to ±{100 * half / mean:.0f} %." if status == "reported" else physical.reasons["effect"]
     return _grade("effect", half / mean, status), reason
 
@@ -334,9 +322,8 @@ def _prediction(held_out: HeldOut) -> tuple[Grade, str]:
     limits, best = PREDICTION_LIMITS, held_out.best_baseline
     ratio = held_out.error_ratio() / held_out.error_ratio(best)
     worse, than_last = (float((held_out.error_ratios(baseline=name) > 1).mean()) for name in BASELINES)
-    shown = (
-        f"{ratio:.2g} times the squared error of “{best}”" if isfinite(ratio) else "No model of a part could be learned"
-    )
+    shown = f"{ratio:.2g} times the squared error of “{best}”"
+    shown = shown if isfinite(ratio) else "No model of a part could be learned"
     among = f"in {100 * worse:.0f} % of {len(held_out)} windows" if len(held_out) > 1 else f"in {worse:.0f} of 1 window"
     reason = f"{shown}; worse than the mean {among}, than “{HOLD_LAST}” in {100 * than_last:.0f} %."
     if not ratio < 1:
@@ -356,10 +343,8 @@ def warnings_of(learned: Learned, held_out: HeldOut | None) -> tuple[str, ...]:
             advice = "of so few windows it may be chance" if few else "do not rely on it"
             warnings.append(f"The 90 % band held {100 * held_out.coverage:.0f} % of the held-out samples: {advice}.")
         if held_out.over_expected > limits.over_expected:
-            warnings.append(
-                f"Forecasts had {held_out.over_expected:.1f} times the squared error that was to be expected: the "
-                "flight changed, or the model is wrong."
-            )
+            larger = f"{held_out.over_expected:.1f} times the squared error that was to be expected"
+            warnings.append(f"Forecasts had {larger}: the flight changed, or the model is wrong.")
     if not learned.stable:
         warnings.append("The model is unstable: long forecasts grow without bound.")
     return tuple(warnings)
@@ -370,15 +355,12 @@ def next_step(found: Sequence[Finding]) -> str:
     grades = {finding.purpose: finding.grade for finding in found}
     effect, motion, _, prediction = (grades.get(purpose, GOOD) for purpose in PURPOSES[:4])
     if effect != GOOD or motion == NONE:
-        return (
-            "Fly half a minute of quick small movements on this axis in calm air (docs/manoeuvres.md), and learn from "
-            "that: the motors must move more than the wind makes them."
-        )
+        movements = "quick small movements on this axis in calm air (docs/manoeuvres.md)"
+        needed = "the motors must move more than the wind makes them."
+        return f"Fly half a minute of {movements}, and learn from that: {needed}"
     if motion != GOOD:
-        return (
-            "Fly such movements for longer, at a higher rate if the log allows it: rate damping and motor time "
-            "constant need both."
-        )
+        needed = "rate damping and motor time constant need both."
+        return f"Fly such movements for longer, at a higher rate if the log allows it: {needed}"
     if prediction == NONE:
         return "`mavdem compare` with this log shows whether another method predicts it better."
     if prediction != GOOD:

@@ -114,35 +114,29 @@ def _run(command: click.Command, words: list[str], as_json: bool) -> int:
         return end.exit_code
     except click.exceptions.NoArgsIsHelpError as error:
         say_aside(error.format_message())
-        return UNUSABLE
     except click.ClickException as error:
         where = error.ctx.command_path if isinstance(error, click.UsageError) and error.ctx else "mavdem"
         complain(_usage(error), f"Try `{where} --help`.", as_json)
-        return UNUSABLE
     except (NotLearnable, Unreadable) as error:
         complain(error.reason, error.remedy, as_json)
         return UNSUPPORTED if isinstance(error, NotLearnable) else UNUSABLE
     except MissingExtra as error:
         complain(str(error), "", as_json)
-        return UNUSABLE
     except KeyboardInterrupt:
         complain("Interrupted; nothing is left half written.", "", as_json)
         return INTERRUPTED
     except MemoryError:
         complain("There is not enough memory.", "Close other programs, or give it a shorter log.", as_json)
-        return UNUSABLE
     except Exception as error:
         if isinstance(error, OSError) and error.filename is None:
             raise  # standard output: the only thing written to here that has no name
         if os.environ.get("MAVDEM_TRACEBACK"):
             traceback.print_exc()
-        complain(
-            f"This should not have happened ({type(error).__name__}: {error}).",
-            "Run it again with MAVDEM_TRACEBACK=1 to see where.",
-            as_json,
-        )
-        return UNUSABLE
-    return DONE
+        what = f"This should not have happened ({type(error).__name__}: {error})."
+        complain(what, "Run it again with MAVDEM_TRACEBACK=1 to see where.", as_json)
+    else:
+        return DONE
+    return UNUSABLE
 
 
 def _usage(error: click.ClickException) -> str:

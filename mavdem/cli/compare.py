@@ -10,15 +10,7 @@ from time import perf_counter
 import click
 
 from mavdem.cli.options import folder_named, motion_options, window_options
-from mavdem.cli.output import (
-    check_folder,
-    files_in,
-    json_text,
-    print_blocks,
-    print_json,
-    printable,
-    progress,
-)
+from mavdem.cli.output import check_folder, files_in, json_text, print_result, printable, progress
 from mavdem.cli.sources import end_report, names_of, nothing_left, of_each
 from mavdem.dem.learning import FEWEST_SAMPLES
 from mavdem.evaluate.comparison import METHODS, Comparison, Outcome, outcomes
@@ -122,9 +114,6 @@ def compare_command(
                 writer = csv.DictWriter(file, rows[0], lineterminator="\n")
                 writer.writeheader()
                 writer.writerows(rows)
-    if as_json:
-        print_json(report)
-    else:
-        print_blocks(comparison_report(compared, from_zero))
+    print_result(report, comparison_report(compared, from_zero), as_json)
     written = f" Written: {', '.join(map(printable, report['files'].values()))}" if report["files"] else ""
     end_report(context, refused, "not compared", f"Took {report['seconds']:.1f} s.{written}", as_json)

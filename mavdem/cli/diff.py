@@ -8,7 +8,7 @@ import click
 
 from mavdem.cli.commands import UNSUPPORTED
 from mavdem.cli.options import no_option
-from mavdem.cli.output import print_blocks, print_json, progress
+from mavdem.cli.output import print_result, progress
 from mavdem.cli.sources import refuse_link
 from mavdem.errors import NotLearnable
 from mavdem.fleet.difference import vehicle_difference
@@ -62,10 +62,7 @@ def diff_command(context: click.Context, before: str, after: str, vehicle: str |
             raise NotLearnable(reason, f"Choose with --vehicle: {few(sorted(names | others))}.")
         first, second = ([row for row in rows if row.vehicle in both] for rows in (first, second))
     found = vehicle_difference(first, second)
-    if as_json:
-        print_json({"a": before, "b": after, **found.as_dict()})
-    else:
-        print_blocks(difference_blocks(found))
+    print_result({"a": before, "b": after, **found.as_dict()}, difference_blocks(found), as_json)
     if not found.changes:
         context.exit(UNSUPPORTED)
 
@@ -91,6 +88,5 @@ def _rows(name: str, source: str, vehicle: str | None) -> list[FlightRow]:
         names = {row.vehicle for row in rows if row.status == OK}
         if vehicle is not None and names and not chosen:
             raise NotLearnable(f"{name} has no vehicle {vehicle}.", f"Choose one of: {few(sorted(names))}.")
-        reasons = sorted(row.status for row in chosen)
-        raise NotLearnable(f"{name} has no flight with figures.", " ".join(reasons[:1]))
+        raise NotLearnable(f"{name} has no flight with figures.", min((row.status for row in chosen), default=""))
     return chosen

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import shlex
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
@@ -15,7 +14,7 @@ import click
 import numpy as np
 from click.shell_completion import CompletionItem
 
-from mavdem.cli.options import file_option, no_option
+from mavdem.cli.options import Number, file_option, no_option
 from mavdem.cli.output import check_file, print_json, printable, progress, say, say_aside, writing
 from mavdem.cli.signals import ending_at_once
 from mavdem.errors import Unreadable, require
@@ -26,15 +25,13 @@ from sitl_scenarios.files import in_toml, in_words, load, names, scenario_of
 from sitl_scenarios.mavlink.autopilots import AUTOPILOTS
 from sitl_scenarios.mavlink.live import Ground, fly_live
 from sitl_scenarios.mavlink.transmitter import recorded
-from sitl_scenarios.motion import Holding, Motion
+from sitl_scenarios.motion import Holding
 from sitl_scenarios.plan import seconds
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import Simulation
 from sitl_scenarios.simulation import fly as fly_through
 from sitl_scenarios.truth import write_truth
 from sitl_scenarios.vehicles import AIRFRAMES
-
-KEPT_UP = 0.95  # share of the speed asked for below which a live flight is reported as too slow
 
 
 class ScenarioName(click.Path):
@@ -55,7 +52,7 @@ class ScenarioName(click.Path):
 @click.option("--udp", metavar="HOST:PORT", callback=no_option, help="Fly live and send MAVLink to HOST:PORT.")
 @click.option(
     "--speed",
-    type=click.FloatRange(0.01, 1000.0),
+    type=Number(0.01, 1000.0),
     help="Speed of a live flight, as a multiple of real time.  [default: 1]",
 )
 @click.option("--seed", type=int, help="Random seed, instead of the scenario's.")
@@ -189,7 +186,12 @@ def _to_files(name: str, scenario: Scenario, out: Path | None, rrd: Path | None)
                 report |= {"out": str(out), "frames": STREAMS[out.suffix.lower()](file, stream), "truth": str(truth)}
             write_truth(place[truth], scenario, motion)
         if rrd is not None:
-            _write_rrd(place[rrd], name, scenario, motion)
+            with ending_at_once():  # Rerun takes a second to load
+                from mavdem.view import Pose, write_pose
+
+            rotors = frame(scenario.vehicle.frame, AIRFRAMES[scenario.vehicle.model].arm)
+            shown = {field.name: getattr(motion, field.name) for field in fields(Pose) if field.name != "rotors"}
+            write_pose(place[rrd], name, Pose(**shown, rotors=np.column_stack([rotors.forward, rotors.right])))
             report |= {"rrd": str(rrd)}
     report["took"] = round(perf_counter() - began, 3)
     say_aside(f"Flew {motion.time[-1]:.1f} s in {report['took']:.1f} s.")
@@ -210,40 +212,23 @@ def _say_cautions(holding: Holding) -> dict[str, Any]:
     return {"cautions": cautions}
 
 
-def _write_rrd(path: Path, name: str, scenario: Scenario, motion: Motion) -> None:
-    # Rerun takes a second to load.
-    with ending_at_once():
-        from mavdem.view import Pose, write_pose
-
-    rotors = frame(scenario.vehicle.frame, AIRFRAMES[scenario.vehicle.model].arm)
-    shown = {field.name: getattr(motion, field.name) for field in fields(Pose) if field.name != "rotors"}
-    write_pose(path, name, Pose(**shown, rotors=np.column_stack([rotors.forward, rotors.right])))
-
-
 def _live(name: str, scenario: Scenario, udp: str, speed: float) -> dict[str, Any]:
-    host, port = _address(udp)
-    if not math.isfinite(speed):
-        raise click.BadParameter("it must be a number.", param_hint="--speed")
+    host, _, port = udp.rpartition(":")
+    host = host.removeprefix("[").removesuffix("]")
+    if not host or not port.isascii() or not port.isdigit() or len(port) > 5 or not 0 < int(port) < 1 << 16:
+        raise click.BadParameter(f"{udp} must be HOST:PORT, such as 127.0.0.1:14550.", param_hint="--udp")
     whole = seconds(scenario)
-    with _refusing(), closing(Ground(host, port)) as ground:
+    with _refusing(), closing(Ground(host, int(port))) as ground:
         say_aside(f"Flying {printable(name)} for {whole:g} s, sending to {printable(udp)}; Ctrl-C ends it.")
         with progress(f"Flying {name}") as done:
             simulation = Simulation(scenario)
             outcome = fly_live(scenario, simulation, ground, speed, lambda now: done(min(now / whole, 1.0)), say_aside)
     ended = "Stopped after" if outcome.stopped else "Flew"
     say_aside(f"{ended} {outcome.flown:.1f} s in {outcome.took:.1f} s: sent {outcome.sent} frames.")
-    if (ran := outcome.flown / outcome.took if outcome.took else speed) < KEPT_UP * speed:
+    if (ran := outcome.flown / outcome.took if outcome.took else speed) < 0.95 * speed:
         say_aside(f"This machine is too slow: it ran at {ran:.2g} times real time, not {speed:g}.")
     if outcome.unheard:
         say_aside(f"Received more than it can process: {outcome.unheard} datagrams were dropped, at least in part.")
     counted = {"frames": outcome.sent, "commands": outcome.commands, "unheard": outcome.unheard}
     times = {"flown": round(outcome.flown, 3), "took": round(outcome.took, 3), "stopped": outcome.stopped}
     return {"udp": udp, **counted, **times, **_say_cautions(outcome.holding)}
-
-
-def _address(udp: str) -> tuple[str, int]:
-    host, _, port = udp.rpartition(":")
-    host = host.removeprefix("[").removesuffix("]")
-    if not host or not port.isascii() or not port.isdigit() or len(port) > 5 or not 0 < int(port) < 1 << 16:
-        raise click.BadParameter(f"{udp} must be HOST:PORT, such as 127.0.0.1:14550.", param_hint="--udp")
-    return host, int(port)

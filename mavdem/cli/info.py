@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 import click
 
 from mavdem.alignment.read import choose_vehicle
@@ -38,18 +36,22 @@ def info_command(
         found = analyse(log, axis, inputs=inputs, signals=Signals(telemetry, axis, inputs), whole=False)
         analyses[telemetry.system, telemetry.component] = found
     known = {place: (one.verdict, one.condition, one.identity) for place, one in analyses.items()}
-    held = inventory(log, axis, vehicle, inputs, known)
+    held, blocks = inventory(log, axis, vehicle, inputs, known), list[Block]()
     for shown, one in zip(held["vehicles"], analyses.values(), strict=True):
         shown |= one.findings.as_dict() | {"model": one.model}
+        blocks += [*conclusion(one.findings), *vehicle_contents(shown), Sentence("")]
     held["learnable"] = any(one["model"] for one in held["vehicles"])
+    if not held["vehicles"]:
+        what = "There is no vehicle in this log: check that the autopilot's own messages are recorded."
+        blocks += [Sentence(what), Sentence("")]
     if as_json:
         print_json(held)
-    else:
-        for shown, one in zip(held["vehicles"], analyses.values(), strict=True):
-            _print([*conclusion(one.findings), *vehicle_contents(shown), Sentence("")])
-        if not held["vehicles"]:
-            say("There is no vehicle in this log: check that the autopilot's own messages are recorded.\n")
-        _print(stream_contents(held))
+    for block in [] if as_json else [*blocks, *stream_contents(held)]:
+        if isinstance(block, Sentence):
+            say(f"{block.lead} {block.text}".strip())
+        else:
+            for rate, names in block.rows:
+                say(click.wrap_text(f"{rate}: {names}", 100, "  ", "    "))
     if not held["learnable"]:
         if as_json:
             # The document is printed already, with all the reasons.
@@ -57,12 +59,3 @@ def info_command(
             because.append(": there is no vehicle in this log.")
             complain(f"No {axis} model can be learned from {source}{because[0]}", "", as_json=False)
         context.exit(1)
-
-
-def _print(blocks: Iterable[Block]) -> None:
-    for block in blocks:
-        if isinstance(block, Sentence):
-            say(f"{block.lead} {block.text}".strip())
-        else:
-            for rate, names in block.rows:
-                say(click.wrap_text(f"{rate}: {names}", 100, "  ", "    "))

@@ -14,24 +14,15 @@ from mavdem.alignment.drive import TILT_AXES
 from mavdem.alignment.read import choose_vehicle
 from mavdem.analysis import LogAnalysis, analyse
 from mavdem.analysis.figures import ALL
-from mavdem.cli.options import chosen_settings, file_option, folder_named, model_options, source_options, window_options
-from mavdem.cli.output import (
-    check_folder,
-    complain,
-    files_in,
-    json_text,
-    print_blocks,
-    print_json,
-    printable,
-    progress,
-    say_aside,
-)
+from mavdem.cli.options import file_option, folder_named, model_options, source_options, window_options
+from mavdem.cli.output import check_folder, complain, files_in, json_text, print_result, printable, progress, say_aside
 from mavdem.cli.signals import ending_at_once
 from mavdem.cli.sources import read_source
 from mavdem.condition.inventory import inventory
+from mavdem.dem import Settings
 from mavdem.errors import advice, missing
 from mavdem.evaluate.windows import Length
-from mavdem.export.channels import write_channels
+from mavdem.export.conversion import write_channels
 from mavdem.report.blocks import Block, Sentence
 from mavdem.report.details import detail_blocks
 from mavdem.report.flights import truth_blocks
@@ -80,8 +71,7 @@ def learn_command(
     inputs: str | None,
     as_json: bool,
     out: Path | None,
-    preset: str,
-    order: int | None,
+    settings: Settings,
     train: Length | None,
     test: Length | None,
     start: float,
@@ -120,7 +110,6 @@ def learn_command(
       mavdem learn flight.tlog --train 7s --preset paper --order 2
       mavdem learn simulated.tlog --truth simulated.truth.npz
     """
-    settings = chosen_settings(preset, order)
     folder = out or named_after(source)
     check_folder(folder, RESULT_FILES)
     began = perf_counter()
@@ -154,18 +143,16 @@ def learn_command(
     for what, extra in ((f"{RECORDING} was not written, since it", "view"), ("Drawing its pictures", "plot")):
         if learned is not None and (hint := advice(what, extra)):
             say_aside(hint)
-    if as_json:
-        print_json(report)
-    else:
-        print_blocks([heading, *blocks, *(details if verbose else [])])
+    print_result(report, [heading, *blocks, *(details if verbose else [])], as_json)
+    if not as_json:
         place = printable(folder)
         say_aside(f"Took {report['seconds']:.1f} s. Written to {place}: {', '.join(map(printable, report['files']))}.")
         say_aside(f"Read or mail: {place}/report.html")
         if RECORDING in report["files"]:
             say_aside(f"Look: {shlex.join(['rerun', f'{place}/{RECORDING}'])}")
+    elif learned is None:  # else the screen has said it
+        complain(analysis.refusal.reason, analysis.refusal.remedy, as_json=False)
     if learned is None:
-        if as_json:  # else the screen has said it
-            complain(analysis.refusal.reason, analysis.refusal.remedy, as_json=False)
         raise click.exceptions.Exit(1)  # no model
 
 

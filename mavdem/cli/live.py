@@ -15,12 +15,12 @@ import click
 
 from mavdem.alignment.signals import axis_outputs
 from mavdem.cli.commands import DONE, UNSUPPORTED, UNUSABLE
-from mavdem.cli.options import chosen_settings, file_option, model_options, motion_options, no_option
-from mavdem.cli.output import check_file, print_json, printable, say_aside, writing
+from mavdem.cli.options import Number, file_option, model_options, motion_options, no_option
+from mavdem.cli.output import check_file, print_json, printable, say_aside, write_text
 from mavdem.cli.signals import asked_to_end, ending_at_once
+from mavdem.dem import Settings
 from mavdem.errors import MissingExtra, Unreadable, advice
 from mavdem.export.conversion import STREAMS
-from mavdem.files import atomic_write
 from mavdem.health.in_flight import alarm_figures
 from mavdem.live import LiveStream, SessionStatus, Setup
 from mavdem.live.history import ACCOUNT, horizons, sentence
@@ -99,13 +99,6 @@ class Dashboard:
             self.view.close()
 
 
-def _number(context: click.Context, parameter: click.Parameter, value: float | None) -> float | None:
-    """Refuses NaN, which every range accepts."""
-    if value is not None and math.isnan(value):
-        raise click.BadParameter("it must be a number.", context, parameter)
-    return value
-
-
 @click.command("live")
 @click.argument("link")
 @motion_options()
@@ -122,21 +115,19 @@ def _number(context: click.Context, parameter: click.Parameter, value: float | N
 )
 @click.option(
     "--request-rate",
-    type=click.FloatRange(1, 1000),
+    type=Number(1, 1000),
     metavar="HZ",
-    callback=_number,
     help="Ask the vehicle for attitude and motor outputs at this rate, and at 4 Hz for what shows a landing; what "
     "comes faster already stays as it is. Without it nothing is ever sent.",
 )
-@click.option("--duration", type=click.FloatRange(0, min_open=True), callback=_number, help="Seconds until it ends.")
+@click.option("--duration", type=Number(0, min_open=True), help="Seconds until it ends.")
 def live_command(
     link: str,
     axis: str,
     vehicle: str | None,
     inputs: str | None,
     as_json: bool,
-    preset: str,
-    order: int | None,
+    settings: Settings,
     rrd: Path | None,
     serve: bool,
     connect: str | None,
@@ -167,7 +158,6 @@ def live_command(
       mavdem live udpin:127.0.0.1:14550 --rrd flight.rrd
       mavdem fly iris_multisine --udp 127.0.0.1:14550
     """
-    settings = chosen_settings(preset, order)
     # What could not be written after the flight is refused before it.
     check_file(rrd, "--rrd", (".rrd",))
     check_file(record, "--record", tuple(STREAMS))
@@ -251,8 +241,7 @@ def _written(path: Path | None, text: str, what: str) -> bool:
         say_aside(f"The {what} was not written.")
         return True
     try:
-        with writing(path), atomic_write(path) as file:
-            file.write(text.encode(errors="replace"))  # a file's name in it need not be UTF-8
+        write_text(path, text)
     except Unreadable as error:
         say_aside(f"The {what} is lost: {error}")
         return False
@@ -276,18 +265,13 @@ def _run(session: LiveSession, asked: Callable[[], bool], duration: float | None
     return monotonic() - began
 
 
-def _ahead(status: SessionStatus, axis: str) -> str:
-    """How well the model predicts; empty before it has."""
-    seconds, half = status.ahead[0], math.degrees(status.ahead[1])
-    return f"{axis} predicted {seconds:.2g} s ahead within ±{half:.2g}° (90 %)" if math.isfinite(half) else ""
-
-
 def _status_line(status: SessionStatus, axis: str) -> str:
     """Empty before there is a vehicle: the session has reported that."""
     if status.vehicle is None:
         return ""
     rates = ", ".join(f"{name} {rate:.3g} Hz" for name, rate in sorted(status.rates.items()) if rate) or "no attitude"
     late = f", latency {1e3 * status.latency[1]:.1f} ms (99 %)" if status.learned + status.shown else ""
-    ahead = f"; {ahead}" if (ahead := _ahead(status, axis)) else ""
+    seconds, half = status.ahead[0], math.degrees(status.ahead[1])
+    ahead = f"; {axis} predicted {seconds:.2g} s ahead within ±{half:.2g}° (90 %)" if math.isfinite(half) else ""
     end = f". {sentence(status.obstacle)}" if status.obstacle else "; learning."
     return f"{status.vehicle}: {rates}; {status.learned} samples learned{late}{ahead}{end} {status.alarm}".rstrip()

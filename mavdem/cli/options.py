@@ -20,6 +20,7 @@ Command = TypeVar("Command", bound=Callable[..., Any])
 Value = TypeVar("Value")
 ORDERS = {"real": range(2, 2 + Settings().p + 1), "paper": range(1, 11)}
 """The real prior has a state for each of two outputs and at most p hidden ones; a fit's memory is of order n⁴."""
+SPOKEN = {preset: f"{orders[0]} to {orders[-1]}" for preset, orders in ORDERS.items()}
 
 
 def file_option(name: str, text: str) -> Callable[[Command], Command]:
@@ -51,6 +52,15 @@ def _vehicle(context: click.Context, parameter: click.Parameter, value: str | No
     return value
 
 
+class Number(click.FloatRange):
+    """A range of numbers, without the one that every range accepts: NaN."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Returns the number, or refuses it as click does."""
+        number = super().convert(value, param, ctx)
+        return number if number == number else self.fail("it must be a number.", param, ctx)
+
+
 def _adding(*options: Callable[[Command], Command]) -> Callable[[Command], Command]:
     """Adds options to a command, in this order on its page of help."""
     return lambda command: reduce(lambda made, option: option(made), reversed(options), command)
@@ -78,33 +88,32 @@ def source_options(axes: Sequence[str] = AXES, text: str = "Axis of the vehicle.
     return lambda command: click.argument("source", type=click.Path())(motion_options(axes, text)(command))
 
 
-def _spoken(orders: range) -> str:
-    return f"{orders[0]} to {orders[-1]}"
-
-
 def model_options(command: Command) -> Command:
-    """Adds --preset and --order to a command."""
+    """Adds --preset and --order to a command, which receives their ``settings``."""
     return _adding(
         click.option(
             "--preset",
             type=click.Choice(["real", "paper"]),
             default="real",
             show_default=True,
+            is_eager=True,
             help="real: scaling and priors for real flights; paper: the settings of the paper, section V.D.",
         ),
         click.option(
             "--order",
+            "settings",
             type=int,
-            help=f"Number of states, {_spoken(ORDERS['real'])}; for paper {_spoken(ORDERS['paper'])}. "
-            "[default: 3 (angle, rate, and a hidden state for the motors' lag); for paper 2]",
+            callback=_settings,
+            help=f"Number of states, {SPOKEN['real']}; for paper {SPOKEN['paper']}. [default: 3 (angle, rate, and a "
+            "hidden state for the motors' lag); for paper 2]",
         ),
     )(command)
 
 
-def chosen_settings(preset: str, order: int | None) -> Settings:
-    """The settings of --preset and --order; raises ``BadParameter`` for an order that the preset does not have."""
+def _settings(context: click.Context, parameter: click.Parameter, order: int | None) -> Settings:
+    preset = context.params.pop("preset")
     if order is not None and order not in ORDERS[preset]:
-        what = f"{order} is not in {_spoken(ORDERS[preset])}, the numbers of states of --preset {preset}."
+        what = f"{order} is not in {SPOKEN[preset]}, the numbers of states of --preset {preset}."
         raise click.BadParameter(what, param_hint="--order")
     settings = Settings.paper() if preset == "paper" else Settings()
     return settings if order is None else replace(settings, order=order)
@@ -116,27 +125,22 @@ def _length(fewest: int, context: click.Context, parameter: click.Parameter, val
         return None
     found = re.fullmatch(r"(\d{1,9}(?:\.\d{1,9})?)(s?)", value, re.ASCII)
     number, in_seconds = (float(found[1]), bool(found[2])) if found else (0.0, False)
-    wrong = ""
     if found is None:
         wrong = f"{value!r} is no length: give seconds, as in 7s, or samples, as in 700."
     elif not in_seconds and (number != round(number) or number < fewest):
         wrong = f"{value} is not a whole number of at least {fewest} samples: did you mean {value}s?"
     elif in_seconds and not 0 < number < 1e6:
         wrong = f"{value} is not a length of flight."
-    if wrong:
-        raise click.BadParameter(wrong, context, parameter)
-    return Length(number, in_seconds)
+    else:
+        return Length(number, in_seconds)
+    raise click.BadParameter(wrong, context, parameter)
 
 
 def window_options(train_default: str, test_help: str) -> Callable[[Command], Command]:
     """Adds --train and --test, lengths in samples or seconds, to a command."""
-    train_help, default = "Training data: seconds (7s) or samples (700).", f"{TEST_SECONDS:g}s"
+    train_help = f"Training data: seconds (7s) or samples (700). [default: {train_default}]"
+    test_help = f"{test_help} [default: {TEST_SECONDS:g}s]"
     return _adding(
-        *(
-            click.option(name, callback=partial(_length, fewest), metavar="LENGTH", help=f"{what} [default: {usual}]")
-            for name, fewest, what, usual in (
-                ("--train", FEWEST_SAMPLES, train_help, train_default),
-                ("--test", 1, test_help, default),
-            )
-        )
+        click.option("--train", callback=partial(_length, FEWEST_SAMPLES), metavar="LENGTH", help=train_help),
+        click.option("--test", callback=partial(_length, 1), metavar="LENGTH", help=test_help),
     )

@@ -10,7 +10,7 @@ from time import perf_counter
 import click
 
 from mavdem.cli.options import file_option, motion_options
-from mavdem.cli.output import check_file, print_blocks, print_json, printable, progress, write_page
+from mavdem.cli.output import check_file, print_result, printable, progress, write_text
 from mavdem.cli.sources import Refused, end_report, names_of, nothing_left, of_each
 from mavdem.dem.order_choice import DEFAULT_MAX_ORDER, LARGEST_ORDER, FlightOrders, OrderChoice, orders_of
 from mavdem.dem.parallel import parallel_map
@@ -82,8 +82,8 @@ def order_command(
     with progress(title) as done, closing(parallel_map(work, flights.values())) as coming:
         for number, (name, result) in enumerate(zip(flights, coming, strict=True), 1):
             if isinstance(result, ValueError):
-                cure = "Record a longer flight, or one with more motion."
-                refused.append(Refused(name, named[name], NotLearnable(f"{str(result).capitalize()}.", cure)))
+                why = NotLearnable(f"{str(result).capitalize()}.", "Record a longer flight, or one with more motion.")
+                refused.append(Refused(name, named[name], why))
             else:
                 found[name] = result
             done(number / len(flights))
@@ -92,13 +92,10 @@ def order_command(
     choice = OrderChoice(tuple(found.values()))
     seconds, written = round(perf_counter() - began, 3), "" if html is None else f" Written: {printable(html)}"
     if html is not None:
-        write_page(html, order_page(choice, list(found)))
-    if as_json:
-        report = {"flights": list(found), "axis": axis, "known_inputs": not unknown_inputs, "seconds": seconds}
-        report |= {"refused": [one.values for one in refused], "html": None if html is None else str(html)}
-        print_json(choice.to_dict() | report)
-    else:
-        print_blocks(order_report(choice, list(found)))
+        write_text(html, order_page(choice, list(found)))
+    report = {"flights": list(found), "axis": axis, "known_inputs": not unknown_inputs, "seconds": seconds}
+    report |= {"refused": [one.values for one in refused], "html": None if html is None else str(html)}
+    print_result(choice.to_dict() | report, order_report(choice, list(found)), as_json)
     end_report(context, refused, "no order", f"Took {seconds:.1f} s.{written}", as_json)
 
 

@@ -25,11 +25,9 @@ from mavdem.files import atomic_write, atomic_writes, is_writable, replaceable
 from mavdem.report.blocks import Sentence, Table
 
 STDERR = Console(stderr=True, highlight=False, markup=False, emoji=False)  # standard error
-WIDTH_OF_A_PIPE = 120  # columns a table may take where standard output is no terminal
-
+# Of what the terminal cannot show; other such characters become a question mark.
 PLAIN_CHARACTERS = {"±": "+-", "°": "deg", "µ": "u", "“": '"', "”": '"', "\N{COMBINING MACRON}": "", "²": "^2"}
 PLAIN_CHARACTERS |= {"−": "-", "₀": "0", "ẋ": "x'"}
-"""Replacements of characters that the terminal cannot show; others become a question mark."""
 
 
 def prepare_streams() -> None:
@@ -91,36 +89,34 @@ def _one_line(text: str) -> str:
 
 
 def print_json(document: Any) -> None:
-    """Returns the one document on standard output of ``--json``."""
+    """Prints the one document of ``--json`` on standard output."""
     click.echo(json_text(document))
 
 
-class _Page(Console):
-    """Standard output that leaves a closed pipe to ``main``."""
-
-    def on_broken_pipe(self) -> None:
-        raise
+def print_result(document: Any, blocks: Iterable[Sentence | Table], as_json: bool) -> None:
+    """Prints the one document of ``--json``, or else the blocks."""
+    if as_json:
+        print_json(document)
+    else:
+        print_blocks(blocks)
 
 
 def print_blocks(blocks: Iterable[Sentence | Table]) -> None:
     """Prints sentences and tables, each with an empty line after it; names in them may hold what a terminal obeys."""
-    width = None if sys.stdout.isatty() else WIDTH_OF_A_PIPE
+    width = None if sys.stdout.isatty() else 120  # columns a table may take where it is no terminal
     for block in blocks:
         if isinstance(block, Sentence):
             say(f"{printable(f'{block.lead} {block.text}'.strip())}\n")
         else:
-            _Page(width=width, highlight=False, markup=False, emoji=False).print(_grid(block), "")
-
-
-def _grid(table: Table) -> Grid:
-    first, *others = map(printable, table.header)
-    grid = Grid(box=None, pad_edge=False)
-    grid.add_column(first, no_wrap=True)
-    for other in others:
-        grid.add_column(other, justify="left" if table.words else "right")
-    for row in table.rows:
-        grid.add_row(*map(printable, row))
-    return grid
+            grid = Grid(box=None, pad_edge=False)
+            for column, heading in enumerate(map(printable, block.header)):
+                grid.add_column(heading, justify="right" if column and not block.words else "left", no_wrap=not column)
+            for row in block.rows:
+                grid.add_row(*map(printable, row))
+            console = Console(width=width, highlight=False, markup=False, emoji=False)
+            with console.capture() as captured:
+                console.print(grid, "")
+            click.echo(captured.get(), file=sys.stdout, nl=False)
 
 
 def complain(reason: str, remedy: str, as_json: bool) -> None:
@@ -160,10 +156,10 @@ def check_folder(folder: Path, names: Sequence[str]) -> None:
             raise Unreadable(f"{path} is a folder, where a file is to be written: move it, or name another --out.")
 
 
-def write_page(path: Path, page: str) -> None:
-    """Writes HTML, whole or not at all; raises ``Unreadable`` where it cannot be written."""
+def write_text(path: Path, text: str) -> None:
+    """Writes a file, whole or not at all; raises ``Unreadable`` where it cannot be written."""
     with writing(path), atomic_write(path) as file:
-        file.write(page.encode(errors="replace"))  # the name of a file in it need not be UTF-8
+        file.write(text.encode(errors="replace"))  # the name of a file in it need not be UTF-8
 
 
 @contextmanager

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mavdem.cli.output import check_folder, json_text, print_blocks, print_json, progress, say, writing
+from mavdem.cli.output import check_folder, json_text, print_result, progress, say, writing
 from mavdem.cli.signals import ending_at_once
 from mavdem.dem.parallel import pool, spare_cores
 from mavdem.errors import require
@@ -63,12 +63,11 @@ def reproduce_command(names: tuple[str, ...], out: Path, as_json: bool, as_list:
                     reports.append(ItemReport(claim, run(runner)))
         with progress("Writing the report", measured=False):
             write_report(out, reports, runner, perf_counter() - began)
-    if as_json:
-        print_json(document(reports, perf_counter() - began))
-        return
+    seconds = perf_counter() - began
     found = [[one.claim.name, one.status.value, f"{one.sentence} {one.beyond}".rstrip()] for one in reports]
-    print_blocks([Table(["item", "verdict", "findings"], found, words=True)])
-    say(f"Took {perf_counter() - began:.0f} s. Written: {out / PAGE}")
+    print_result(document(reports, seconds), [Table(["item", "verdict", "findings"], found, words=True)], as_json)
+    if not as_json:
+        say(f"Took {seconds:.0f} s. Written: {out / PAGE}")
 
 
 def write_report(out: Path, reports: Sequence[ItemReport], runner: Runner, seconds: float) -> None:

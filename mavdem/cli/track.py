@@ -10,8 +10,8 @@ from time import monotonic
 import click
 
 from mavdem.cli.commands import UNSUPPORTED, UNUSABLE
-from mavdem.cli.options import folder_named, no_option
-from mavdem.cli.output import STDERR, print_blocks, print_json, printable, progress, say, say_aside, write_page
+from mavdem.cli.options import Number, folder_named, no_option
+from mavdem.cli.output import STDERR, print_blocks, print_json, printable, progress, say, say_aside, write_text
 from mavdem.cli.sources import refuse_link
 from mavdem.dem.parallel import spare_cores
 from mavdem.fleet.cluster import Cluster
@@ -25,11 +25,8 @@ from mavdem.report.blocks import Sentence
 from mavdem.report.fleet_page import fleet_page
 from mavdem.report.flights import baseline_blocks, fleet_blocks
 
-SECONDS_BETWEEN_LINES = 30.0  # of progress, where standard error is no terminal
-MOST_SECONDS, MOST_MEGABYTES = 1_000_000, 1_000_000  # that may be asked for: days, and a terabyte
-INDEX = "index.html"
-PAGE = "mavdem.report.page:flight_page"
-"""The function that makes a flight's page, as workers call it."""
+MOST = 1_000_000  # seconds and megabytes that may be asked for: days, and a terabyte
+PAGE = "mavdem.report.page:flight_page"  # the function that makes a flight's page, as workers call it
 
 
 @click.command("track")
@@ -56,14 +53,14 @@ PAGE = "mavdem.report.page:flight_page"
 )
 @click.option(
     "--time-limit",
-    type=click.FloatRange(1, MOST_SECONDS),
+    type=Number(1, MOST),
     default=Limits().seconds,
     show_default=True,
     help="Seconds of the processor that one log may take.",
 )
 @click.option(
     "--memory-limit",
-    type=click.IntRange(256, MOST_MEGABYTES),
+    type=click.IntRange(256, MOST),
     default=Limits().megabytes,
     show_default=True,
     help="Memory in MB that the reading of one log may take.",
@@ -115,13 +112,10 @@ def track_command(
     """
     for name in logs:
         refuse_link(name)
-    if time_limit != time_limit:
-        raise click.BadParameter("it must be a number.", param_hint="--time-limit")
     limits = Limits(time_limit, memory_limit)
     if scheduler is not None and jobs:
-        raise click.BadParameter(
-            "it is of this machine; with --scheduler the cluster has its own.", param_hint="--jobs"
-        )
+        what = "it is of this machine; with --scheduler the cluster has its own."
+        raise click.BadParameter(what, param_hint="--jobs")
     reader: Reader = Cluster(scheduler, limits) if scheduler is not None else WorkerPool(jobs or spare_cores(), limits)
     try:
         with _progress() as show:
@@ -129,11 +123,11 @@ def track_command(
     except KeyboardInterrupt:
         say_aside("What was read is kept: the same command goes on.")
         raise
-    rows = read_rows(out)
+    rows, index = read_rows(out), out / "index.html"
     counts = {"logs": tracked.logs, "read": tracked.read, **summary(rows)}
     changes = since_baseline(rows, tracked.healthy) if tracked.healthy else {}
     since = {name: baseline_blocks(*change) for name, change in changes.items()}
-    write_page(out / INDEX, fleet_page(rows, since))
+    write_text(index, fleet_page(rows, since))
     for problem in tracked.problems:
         say_aside(printable(f"mavdem: {problem}"))
     if as_json:
@@ -141,13 +135,13 @@ def track_command(
             name: {"file": latest.file, "date": latest.as_dict()["date"], "found": change and change.as_dict()}
             for name, (latest, change) in changes.items()
         }
-        print_json({"fleet": str(out), "index": str(out / INDEX), **counts, "since_baseline": found})
+        print_json({"fleet": str(out), "index": str(index), **counts, "since_baseline": found})
     else:
         say(f"{tracked.logs} log{'s' * (tracked.logs != 1)}, {tracked.read} of them read.\n")
         print_blocks(fleet_blocks(rows))
         for name, blocks in since.items():
             print_blocks([Sentence("", f"{name}:"), *blocks])
-        say_aside(printable(f"Look: {out / INDEX}"))
+        say_aside(printable(f"Look: {index}"))
         table = f"{out}/flights/**/*.parquet".replace("'", "''")  # as SQL quotes it
         say_aside(printable(f"Query, for example in DuckDB: from '{table}'"))
     if tracked.problems:
@@ -165,7 +159,7 @@ def _progress() -> Iterator[LogProgress]:
         def show(done: int, of: int) -> None:
             nonlocal shown
             bar(done / max(of, 1))
-            if not STDERR.is_terminal and 0 < done < of and monotonic() - shown >= SECONDS_BETWEEN_LINES:
+            if not STDERR.is_terminal and 0 < done < of and monotonic() - shown >= 30.0:
                 shown = monotonic()
                 left = (shown - began) * (of - done) / done
                 say_aside(f"{done} of {of} logs, {left / 60:.0f} min left")

@@ -20,7 +20,6 @@ from os import PathLike
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mavdem.alignment import phases
 from mavdem.alignment.align import Segment, recorded_parts, settled_segments, within
@@ -36,8 +35,7 @@ from mavdem.errors import NotLearnable
 from mavdem.flight import Flight
 from mavdem.ingest import Component, read_log
 from mavdem.ingest.motors import MULTIROTORS, OutputScale
-
-HIGHEST_PERCENTILE = 99.0  # What stands for the highest output: the very highest is a spike
+from mavdem.ingest.telemetry import Array
 
 
 @dataclass(frozen=True)
@@ -106,13 +104,12 @@ def hover(path: str | bytes | PathLike[str], vehicle: str | None = None) -> Hove
 
 def hover_of(signals: Signals, components: Sequence[Component] = ()) -> HoverFigures:
     """Returns the figures of ``signals`` with the motors as inputs, as :func:`hover` gives them."""
-    segments = settled_segments(signals)
-    motors = signals.motors
+    segments, motors = settled_segments(signals), signals.motors
     if not segments or motors is None or signals.telemetry.vehicle not in (*MULTIROTORS, "UNKNOWN"):
         verdict = verdict_of(signals, components)
         raise NotLearnable(verdict.reason, verdict.remedy)
     rows = within(motors, *segments)
-    tilts = zip(("roll", "pitch"), signals.tilts, strict=True)
+    tilts = zip(TILT_AXES, signals.tilts, strict=True)
     lean = {axis: float(np.degrees(tilt.angle[within(tilt, *segments)].mean())) for axis, tilt in tilts}
     seconds = sum(segment.duration for segment in segments)
     return _figures(motors.layout.names, motors.scale, seconds, motors.outputs[rows], lean)
@@ -154,11 +151,7 @@ def hover_figures(flights: Sequence[Flight], scale: OutputScale | None = None) -
 
 
 def _figures(
-    names: tuple[str, ...],
-    scale: OutputScale,
-    seconds: float,
-    outputs: NDArray[np.float64],
-    lean: Mapping[str, float],
+    names: tuple[str, ...], scale: OutputScale, seconds: float, outputs: Array, lean: Mapping[str, float]
 ) -> HoverFigures:
     shares = scale.fraction(outputs)
     trims = shares.mean(axis=0)
@@ -170,7 +163,7 @@ def _figures(
         "trim": outputs.mean(axis=0),
         "trim_of_range": trims,
         "trim_share": trims / trims.mean(),
-        "headroom": np.maximum(scale.stop - np.percentile(shares, HIGHEST_PERCENTILE, axis=0), 0.0),
+        "headroom": np.maximum(scale.stop - np.percentile(shares, 99.0, axis=0), 0.0),  # the very highest is a spike
         "at_upper_limit": upper.mean(axis=0),
         "at_lower_limit": lower.mean(axis=0),
     }
@@ -182,7 +175,6 @@ FASTEST = 0.05
 """Hz, of the fastest cosine: slower than gusts and the position loop, whose seconds are no mean of a flight."""
 FEWEST, MOST = 4, 32  # Cosines; fewer than 4 make intervals that are mostly chance, more than 32 hardly change them
 END_SECONDS = 2.0  # The battery's voltage at either end is the median over so long
-MIN_BATTERY_SAMPLES = 10  # From which a resistance is estimated
 LEVELS, CLIPS = ("vibration_x", "vibration_y", "vibration_z"), ("clipping_0", "clipping_1", "clipping_2")
 
 
@@ -310,11 +302,8 @@ def _parts(signals: Signals, wanted: Callable[[Signals, int], Intervals]) -> tup
     return tuple(Segment(boot, *interval) for boot, intervals in recorded for interval in intervals)
 
 
-def mean_interval(values: NDArray[np.float64], seconds: float) -> NDArray[np.float64]:
-    """Returns the half widths (k,) of the 90 % intervals of the means of ``values`` (N, k), infinite where too short.
-
-    The samples are uniform over so many ``seconds``.
-    """
+def mean_interval(values: Array, seconds: float) -> Array:
+    """Returns half widths (k,) of the means of ``values`` (N, k), uniform over ``seconds``: 90 %, inf if too short."""
     length = len(values)
     cosines = int(np.clip(round(2 * FASTEST * seconds), FEWEST, MOST))
     if length <= 2 * cosines:
@@ -344,7 +333,7 @@ def _balance(signals: Signals, settled: tuple[Segment, ...]) -> tuple[tuple[floa
     )
 
 
-def _leaning(signals: Signals, settled: tuple[Segment, ...]) -> tuple[dict[str, Steady], NDArray[np.float64]]:
+def _leaning(signals: Signals, settled: tuple[Segment, ...]) -> tuple[dict[str, Steady], Array]:
     """Roll and pitch, and the angle from level (N,), rad."""
     angles = [tilt.angle[within(tilt, *settled, slack=0)] for tilt in signals.tilts]
     if len(angles) < len(TILT_AXES) or not all(map(len, angles)):
@@ -355,7 +344,7 @@ def _leaning(signals: Signals, settled: tuple[Segment, ...]) -> tuple[dict[str, 
     return lean, np.arccos(np.clip(np.cos(roll) * np.cos(pitch), -1, 1))
 
 
-def _steady(values: NDArray[np.float64], seconds: float) -> Steady:
+def _steady(values: Array, seconds: float) -> Steady:
     return Steady(float(values.mean()), _known(mean_interval(values[:, None], seconds)[0]), float(values.std()))
 
 
@@ -399,19 +388,16 @@ def _battery(signals: Signals, parts: tuple[Segment, ...]) -> BatteryFigures | N
     if load is None or not here.any() or load.values[here, 1].min() <= 0:
         return BatteryFigures(*figures)
     volts, amperes = load.values[here, 0] / 1e3, load.values[here, 1] / 1e2
-    return BatteryFigures(
-        *figures, float(amperes.mean()), float(amperes.max()), *_resistance(load.time[here], volts, amperes)
-    )
+    resistance = _resistance(load.time[here], volts, amperes)
+    return BatteryFigures(*figures, float(amperes.mean()), float(amperes.max()), *resistance)
 
 
-def _resistance(
-    time: NDArray[np.float64], volts: NDArray[np.float64], amperes: NDArray[np.float64]
-) -> tuple[float | None, float | None]:
+def _resistance(time: Array, volts: Array, amperes: Array) -> tuple[float | None, float | None]:
     """Resistance and half width: regression on the current, both without their straight line over time."""
     line = np.column_stack([np.ones_like(time), time - time.mean()])
     fallen, load = (column - line @ np.linalg.lstsq(line, column, rcond=None)[0] for column in (-volts, amperes))
     power = float(load @ load)
-    if len(time) < MIN_BATTERY_SAMPLES or power <= 0:
+    if len(time) < 10 or power <= 0:
         return None, None
     resistance = float(load @ fallen) / power
     scores = load * (fallen - resistance * load) * len(load) / power

@@ -28,7 +28,6 @@ CALIBRATIONS = {
 """Parameters, X, Y and Z of each, that a vehicle's own sensors have, ArduPilot's and PX4's, the more lasting first: a
 compass is calibrated anew in the field, the gyroscopes at each start."""
 SIMULATED = ((0.001, 0.001, 0.001), (5.0, 13.0, -18.0))  # Offsets that every vehicle of ArduPilot's simulator has
-OFFSETS, DIGITS = 3, 4  # The first three are offsets; significant digits, which a parameter keeps as text or float32
 FIRST_SECOND = datetime(2001, 1, 1, tzinfo=UTC).timestamp()  # A clock that was never set shows an earlier time
 
 
@@ -68,9 +67,9 @@ def _name(telemetry: Telemetry) -> tuple[str, str]:
         for family in families:
             names = [name.format(axis) for name in family.split() for axis in "XYZ"]
             values = [telemetry.parameters[name] for name in names if name in telemetry.parameters]
-            offsets = tuple(round(offset, 6) for offset in values[:OFFSETS])
+            offsets = tuple(round(offset, 6) for offset in values[:3])
             if len(values) == len(names) and any(offsets) and offsets not in SIMULATED:
-                text = " ".join(f"{value:.{DIGITS}g}" for value in values)
+                text = " ".join(f"{value:.4g}" for value in values)  # the digits that text and float32 keep
                 return f"{sensor}-{hashlib.sha256(text.encode()).hexdigest()[:12]}", sensor
     return f"{telemetry.autopilot}-{telemetry.system}".lower(), "system id"
 
@@ -196,9 +195,8 @@ def inventory(
         "unread": [asdict(unread) for unread in log.unread],
         "speakers": [
             {name: getattr(one, name) for name in ("system", "component", "kind")}
+            | {"messages": (sent := sum(one.messages.values())), "lost": one.lost}
             | {
-                "messages": (sent := sum(one.messages.values())),
-                "lost": one.lost,
                 "lost_share": one.lost / max(one.lost + sent, 1),
                 "missing_share": missing.get((one.system, one.component)),
             }
@@ -216,15 +214,13 @@ def _vehicle(
         signals = Signals(telemetry, axis, inputs)
         known = verdict_of(signals, log.components), condition_of(signals), identity_of(signals, log.receive_time[0])
     verdict, condition, identity = known
+    messages = sorted(telemetry.messages.items())
     return {
         **{name: getattr(telemetry, name) for name in ("system", "component", "vehicle", "autopilot")},
         "translated_from": telemetry.translated_from,
         "names": {name: telemetry.names[name] for name in sorted(telemetry.messages) if name in telemetry.names},
         "parameters": len(telemetry.parameters),
-        "messages": {
-            name: {"count": len(columns["time"]), "rate": _rate(columns)}
-            for name, columns in sorted(telemetry.messages.items())
-        },
+        "messages": {name: {"count": len(sent["time"]), "rate": _rate(sent)} for name, sent in messages},
         "boots": len(set().union(*(np.unique(columns["boot"]).tolist() for columns in telemetry.messages.values()))),
         "segments": [{**asdict(segment), "duration": segment.duration} for segment in verdict.segments],
         "repairs": list(telemetry.repairs),

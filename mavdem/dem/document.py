@@ -36,7 +36,6 @@ _PATHS = {
     "iterations k": "learning.theta learning.theta_sd",
     "iterations g": "learning.lambda_ learning.lambda_sd",
     "windows": "free_energy_of_samples",
-    "H m": "training_forecasts.mse training_forecasts.weight training_forecasts.weighted_mse",
     "carried carried": "predictor.A",
     "carried driven": "predictor.B predictor.second_of_inputs",
     "carried m": "predictor.K predictor.second_of_outputs",
@@ -49,9 +48,6 @@ _PATHS = {
     "free": "simulation_fit.free",
     "free free": "simulation_fit.covariance",
     "rounds": "simulation_fit.terms",
-    "longest m": "simulation_fit.mse",
-    "n m": "simulation_fit.gain",
-    "combinations r": "simulation_fit.mixer.quiet",
 }
 SHAPES = {path: shape.split() for shape, paths in _PATHS.items() for path in paths.split()}
 """Shapes of all arrays; equal names are equal numbers: T samples, r inputs, m outputs, n states, k parameters of the
@@ -155,8 +151,6 @@ def _require_shapes(result: Any) -> None:
     sizes: dict[str, int] = {}
     for path, array in _arrays(result, ""):
         names = SHAPES[path]
-        if path.endswith(".quiet") and not array.size:  # in JSON, a table without rows has no columns
-            array.resize((0, sizes.get(names[-1], 0)), refcheck=False)
         if array.ndim != len(names) or not np.isfinite(array).all():
             raise ValueError(f"{path} must be finite and of shape ({', '.join(names)}), not {array.shape}")
         expected = tuple(sizes.setdefault(name, size) for name, size in zip(names, array.shape, strict=True))
@@ -186,5 +180,5 @@ def _require_shapes(result: Any) -> None:
     for name, size in expected_sizes.items():
         if sizes[name] != size or not size:
             raise ValueError(f"the document's arrays must have {name} = {size}, not {sizes[name]}")
-    if not (min(n, r, m, sizes["H"], sizes.get("iterations", 0)) and sizes["carried"] >= n):
+    if not (min(n, r, m, sizes.get("iterations", 0)) and sizes["carried"] == n):
         raise ValueError("the document's arrays must not be empty")

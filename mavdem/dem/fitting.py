@@ -19,7 +19,6 @@ from mavdem.dem.engine.generative import GenerativeModel, Prior, SufficientStati
 from mavdem.dem.engine.linalg import Array, raise_on_overflow
 from mavdem.dem.engine.model import discretize, pack, unpack
 from mavdem.dem.engine.state_space import StateSpace, filter_gain
-from mavdem.dem.forecast.mixer import MixerPrior
 from mavdem.dem.forecast.simulation_error import SimulationFit
 from mavdem.dem.priors import (
     KINEMATIC,
@@ -66,7 +65,6 @@ class Start(NamedTuple):
     theta: Array  # (k,) of DEM, physical, the constant input's column of B included
     lambda_: Array  # (g,)
     simulated_theta: Array | None  # (k,) of the simulation-error fit, likewise, where there was one
-    mixer: MixerPrior | None  # the mixer geometry of that fit's prior
 
 
 @raise_on_overflow()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 from warnings import warn
 
 import numpy as np
@@ -16,8 +17,10 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import STABILITY_TOLERANCE, LinearModel, unpack
 from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.fitting import generalized
-from mavdem.dem.forecast.forecasts import BandedForecast, Forecasts, PlantForecasts, TrainingForecasts
+from mavdem.dem.forecast.joint import JointModel
+from mavdem.dem.forecast.plant import PlantForecasts
 from mavdem.dem.forecast.simulation_error import SimulationFit
+from mavdem.dem.forecast.var import Forecast
 from mavdem.dem.graybox import NotIdentifiable, Physical, physical
 from mavdem.dem.graybox.simulation import simulated
 from mavdem.dem.graybox.wind import WindTorque, wind
@@ -27,8 +30,18 @@ from mavdem.dem.settings import CompleteSettings
 from mavdem.dem.uncertainty import Direction, SandwichCovariance
 from mavdem.errors import LearnedDownstream
 
+LONGEST_SECONDS = 1.5  # of the predictions that are looked at for what they are worth
+
 may_overflow = np.errstate(over="ignore", invalid="ignore")
 """Forecasts of an unstable model, or with huge inputs, overflow to infinity or NaN without a warning."""
+
+
+class BandedForecast(NamedTuple):
+    """A forecast (H, m) with the squared error to expect, and the half width of a band about it, (H, m); physical."""
+
+    mean: Array
+    variance: Array
+    half_width: Array
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -50,11 +63,10 @@ class Learned(LearnedDownstream):
         learning: parameters and hyperparameters by iteration.
         converged: whether the last fit converged; where not, its parameters may still change with more iterations.
         record: the training data, physical.
-        training_forecasts: forecasts of the training data, and the error to expect of others.
         cautions: limits of the model, one sentence each.
         simulation_fit: the simulation-error fit of θ, in the engine's units; ``None`` where there was none.
-        scaling, predictor, state_map, theta: what :meth:`one_step`, :meth:`forecast` and :meth:`process_noise` compute
-            with, in the engine's units.
+        scaling, predictor, state_map, theta: what :attr:`plant` and :meth:`process_noise` compute with, in the engine's
+            units.
 
     Raises:
         ValueError: from every method, for arguments of another shape or not finite, fewer steps than 1, or a level that
@@ -73,7 +85,6 @@ class Learned(LearnedDownstream):
     learning: Learning
     converged: bool
     record: Record
-    training_forecasts: TrainingForecasts
     cautions: tuple[str, ...]
     scaling: Scaling
     predictor: StateSpace
@@ -138,9 +149,25 @@ class Learned(LearnedDownstream):
         except ValueError:  # LinAlgError is one
             return None
 
+    @cached_property
+    def joint(self) -> JointModel:
+        """The joint model of outputs and motors, by which the flight is forecast (``mavdem.dem.forecast.joint``)."""
+        return JointModel.learn(self.record, self.settings.seed)
+
+    @property
+    def plant(self) -> PlantForecasts:
+        """The forecasts by A, B and C alone."""
+        return PlantForecasts(self.record, self.scaling, self.predictor)
+
+    @property
+    def _jointly(self) -> bool:
+        return self.settings.forecasts == "joint" and bool(self.scaling.known.all())
+
     @may_overflow
     def one_step(self) -> Array:
-        """Returns each training sample (T, m) predicted from those before it, a segment's first by the trim."""
+        """Returns each training sample (T, m) predicted from those before it; the joint model knows its inputs too."""
+        if self._jointly:
+            return self.joint.one_step(self.record)
         predictions = []
         for inputs, outputs in self.scaling.scale_segments(self.record):
             ahead = self.predictor.one_step(inputs, outputs)
@@ -149,56 +176,58 @@ class Learned(LearnedDownstream):
 
     @property
     def spectral_radius(self) -> float:
-        """The largest magnitude among the eigenvalues of the model's step from sample to sample, exp(A dt)."""
+        """The largest magnitude among the eigenvalues of the step from sample to sample of what forecasts."""
+        if self._jointly:
+            return self.joint.process.spectral_radius
         return float(np.exp(self.model.spectral_abscissa * self.dt))
 
     @property
     def stable(self) -> bool:
-        """Whether no mode of the model grows, but for rounding."""
+        """Whether no mode of what forecasts grows, but for rounding."""
         return self.spectral_radius <= 1 + STABILITY_TOLERANCE
 
     def predict(self, steps: int) -> Array:
         """Returns what comes next (steps, m), inputs unknown; row 0 is the first sample after the training data.
 
-        By vector autoregressions of outputs and inputs, the last sample and the training mean, mixed by the error each
-        is to expect (``mavdem.dem.forecast.forecasts``).
+        By the joint model, whatever ``Settings.forecasts``: the plant has no answer without inputs.
 
         >>> learned.predict(100).shape
         (100, 2)
         """
-        return self.prediction.unknown(required_number(steps)).mean
+        return self._predicted(steps).mean
 
     def predict_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
         """Returns the samples (H, m) after the training data, by a new prediction from every ``steps``-th of them on.
 
         Each uses the ``inputs`` (H, r) and ``outputs`` (H, m) before it, and none after; nothing is fitted again.
         """
-        return self.prediction.unknown_every(steps, *self.record.following(steps, inputs, outputs)).mean
+        return self.joint.unknown_every(steps, *self.record.following(steps, inputs, outputs)).mean
 
     def predict_band(self, steps: int, level: float = LEVEL) -> Array:
         """Returns the half width (steps, m), about :meth:`predict`, of the band of probability ``level``.
 
-        From the errors of such predictions inside the training data, by models that were fitted without that part, and
-        from how far they are apart.
+        From the noise and the posterior of the joint model.
         """
         require_probability(level)
-        variance = self.prediction.unknown(required_number(steps)).variance
-        return self.prediction.half_widths(variance, level, motors=False)
+        return self.joint.half_widths(self._predicted(steps).variance, level, steps)
 
-    @cached_property
-    def prediction(self) -> Forecasts:
-        """What :meth:`predict` and :meth:`forecast` compute with; what takes long is learned when it is first used."""
-        shrink, fit = self.settings.forecasts != "model", self.simulation_fit
-        plant = PlantForecasts(self.record, self.scaling, self.predictor, fit, self.training_forecasts, shrink)
-        return Forecasts(plant, self.model.B[-1], self.settings.forecasts == "mixed" and bool(self.scaling.known.all()))
+    def _predicted(self, steps: int) -> Forecast:
+        number, (r, m) = required_number(steps), (self.model.B.shape[1], len(self.model.C))
+        return self.joint.unknown_every(number, np.zeros((number, r)), np.zeros((number, m)))
+
+    @property
+    def useful_steps(self) -> NDArray[np.intp]:
+        """(m,) the longest horizon, up to 1.5 s, at which predictions err by less than half of the variance."""
+        found = self._predicted(max(1, round(LONGEST_SECONDS / self.dt)))
+        errors = np.maximum.accumulate(found.variance)
+        return np.asarray((errors < 0.5 * self.record.outputs.var(axis=0)).sum(axis=0))
 
     @may_overflow
     def forecast(self, inputs: ArrayLike, from_zero: bool = False, smooth: bool = False) -> Array:
         """Returns the outputs (H, m) after the training data: row 0 is the first sample after it.
 
-        The motors cause motion, and answer it: unless ``Settings.forecasts`` says otherwise, forecasts of the model and
-        of vector autoregressions of outputs and motors are mixed by the error each is to expect
-        (``mavdem.dem.forecast.forecasts``).
+        The motors cause motion, and answer it: the joint model takes them for measurements of it. With
+        ``Settings(forecasts="plant")`` they are causes alone.
 
         >>> errors = learned.forecast(test.inputs) - test.outputs
         >>> bool((errors**2).mean() < test.outputs.var())
@@ -206,14 +235,14 @@ class Learned(LearnedDownstream):
 
         Args:
             inputs: (H, r) motor outputs over the forecast, in the unit of the training inputs.
-            from_zero: gives the model's own forecast alone, from state 0 at row 0 (the outputs at their trim), as the
-                paper's figures do.
-            smooth: lets the autoregressions use all motors for each sample, not only those up to it.
+            from_zero: gives the plant's forecast from state 0 at row 0 (the outputs at their trim), as the paper's
+                figures do.
+            smooth: lets the joint model use all motors for each sample, not only those up to it.
         """
         following = self.record.following_inputs(inputs)
         if from_zero:
-            return self.prediction.plant.from_zero(following)
-        return self.prediction.known(following, smooth).mean
+            return self.plant.from_zero(following)
+        return self._known(following, smooth).mean
 
     @may_overflow
     def forecast_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
@@ -222,18 +251,19 @@ class Learned(LearnedDownstream):
         Each is as :meth:`forecast`'s, from the state that the filter has after all samples before it, in ``inputs``
         (H, r) and ``outputs`` (H, m); nothing is fitted again.
         """
-        return self.prediction.known_every(steps, *self.record.following(steps, inputs, outputs)).mean
+        return self._known_every(steps, *self.record.following(steps, inputs, outputs)).mean
 
     @may_overflow
     def forecast_variance(self, inputs: ArrayLike) -> Array:
         """Returns the expected squared error (H, m), rad² and (rad/s)², of :meth:`forecast` with ``inputs`` (H, r)."""
-        return self.prediction.known(self.record.following_inputs(inputs)).variance
+        return self._known(self.record.following_inputs(inputs)).variance
 
     @may_overflow
     def forecast_band(self, inputs: ArrayLike, level: float = LEVEL) -> Array:
         """Returns the half width (H, m), about :meth:`forecast` of ``inputs``, of the band of probability ``level``."""
         require_probability(level)
-        return self.prediction.half_widths(self.forecast_variance(inputs), level)
+        variance = self.forecast_variance(inputs)
+        return self._half_widths(variance, level, len(variance))
 
     @may_overflow
     def forecast_every_with_band(
@@ -241,8 +271,19 @@ class Learned(LearnedDownstream):
     ) -> BandedForecast:
         """Returns :meth:`forecast_every` of ``steps``, ``inputs`` and ``outputs``, its error and band of ``level``."""
         require_probability(level)
-        mean, variance = self.prediction.known_every(steps, *self.record.following(steps, inputs, outputs))
-        return BandedForecast(mean, variance, self.prediction.half_widths(variance, level, steps))
+        mean, variance = self._known_every(steps, *self.record.following(steps, inputs, outputs))
+        return BandedForecast(mean, variance, self._half_widths(variance, level, steps))
+
+    def _known(self, inputs: Array, smooth: bool = False) -> Forecast:
+        return self._known_every(len(inputs), inputs, np.zeros((len(inputs), len(self.model.C))), smooth)
+
+    def _known_every(self, steps: int, inputs: Array, outputs: Array, smooth: bool = False) -> Forecast:
+        if self._jointly:
+            return self.joint.known_every(steps, inputs, outputs, smooth)
+        return self.plant.every(steps, inputs, outputs)
+
+    def _half_widths(self, variance: Array, level: float, steps: int) -> Array:
+        return self.joint.half_widths(variance, level, steps) if self._jointly else half_width(variance, level)
 
     def simulate(self, inputs: ArrayLike) -> Array:
         """Returns the outputs (H, m) if these ``inputs`` (H, r) were commanded: the plant alone, by :attr:`physical`.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,8 +13,6 @@ from mavdem.dem.engine.free_energy import free_energy
 from mavdem.dem.engine.generative import SufficientStatistics
 from mavdem.dem.engine.linalg import Array, inverse, one_thread, raise_on_overflow
 from mavdem.dem.fitting import Fit, Start, fit, generalized, held_by_prior, of_vehicle, predictor_of
-from mavdem.dem.forecast.forecasts import TrainingForecasts, training_forecasts
-from mavdem.dem.forecast.noise_model import lags_of, with_noise_model
 from mavdem.dem.forecast.simulation_error import SHORTEST_HORIZON, fit_simulation, horizon_of
 from mavdem.dem.learned import Learned
 from mavdem.dem.parallel import parallel_map
@@ -42,11 +40,7 @@ HIDDEN_STATES = 1  # beside the outputs, unless the order is given: the lag betw
 WINDOW_SECONDS = 0.09
 """Embedding window: wide enough to average measurement noise, short beside the motion of a vehicle."""
 
-PARAMETER_PRECISIONS = (10.0, 0.01, 1.0, 100.0)
-"""Prior precisions of each free parameter under the regulated prior, in the units of ``scaling``.
-
-The first is used where a simulation-error fit follows, which only begins at that θ. Where none can follow, the one is
-used whose model forecasts the training data best."""
+PARAMETER_PRECISION = 10.0  # prior precision of each free parameter, in the units of ``scaling``
 
 
 def learn(
@@ -79,38 +73,34 @@ def learn(
         known = known_inputs(settings, record.inputs.shape[1])
         for part, where in ((record, ""), *((half, " in both halves") for half in record.halves())):
             part.require_moving(known, where)
-        attempts = []
-        for choice in choices(settings, record):
-            attempt = _attempt(record, choice, start)
-            if attempt is not None:
-                attempts.append(attempt)
-                if attempt.refined:
-                    break
-        if not attempts:
+        settings = complete(settings, record)
+        begin = None if start is None else _start(record, settings, start)
+        try:
+            fitted = fit(record, settings, begin)
+        except np.linalg.LinAlgError:
+            if start is not None:
+                return learn(record, settings)
             raise ValueError(
-                "no model of the training data, with these settings, can forecast any part of them: where a prior is "
-                "given, the states must be observable through its C"
-            )
-        return _learned(min(attempts, key=lambda attempt: (not attempt.refined, attempt.error(record))), record)
+                "DEM breaks down on the training data with these settings: where a prior is given, the states must be "
+                "observable through its C"
+            ) from None
+        return _learned(fitted, record, begin)
 
 
-def choices(settings: Settings, record: Record) -> tuple[CompleteSettings, ...]:
-    """Returns the settings with order, d, window and prior precision, once for each precision, the preferred first.
+def complete(settings: Settings, record: Record) -> CompleteSettings:
+    """Returns the settings with order, d, window and prior precision.
 
     A window that is not given lasts ``WINDOW_SECONDS``, or is the shortest possible where segments are too short.
     """
     order = settings.order or record.outputs.shape[1] + HIDDEN_STATES
     d = min(2, settings.p) if settings.d is None else settings.d
-    if settings.parameter_precision:
-        precisions: tuple[float, ...] = (settings.parameter_precision,)
-    else:
-        precisions = PARAMETER_PRECISIONS if settings.prior == "regulated" else (1.0,)
+    usual = PARAMETER_PRECISION if settings.prior == "regulated" else 1.0
     fewest = max(settings.p, d) + 1
     windows = [settings.window] if settings.window else [_odd(WINDOW_SECONDS / record.dt, fewest), _odd(0, fewest)]
     for window in windows:
         # Half of the samples must have a whole window, or the derivatives come from too few of them.
         if record.windows(window) >= len(record) // 2:
-            return tuple(settings.completed(order, d, window, precision) for precision in precisions)
+            return settings.completed(order, d, window, settings.parameter_precision or usual)
     raise ValueError(
         f"train must be longer for windows of {windows[-1]} samples: at least {2 * windows[-1]} samples, in segments "
         f"of more than twice the window, not {len(record)} in segments of up to {record.longest}"
@@ -121,46 +111,6 @@ def _odd(samples: float, fewest: int) -> int:
     """The odd window next to ``samples``, of at least ``fewest``: an odd window has a sample at its centre."""
     window = max(round(samples), fewest)
     return window + 1 - window % 2
-
-
-@dataclass(frozen=True, eq=False)
-class _Attempt:
-    """A finished fit with complete settings, its generalized data, and forecasts of the training data by it."""
-
-    fit: Fit
-    segments: tuple[Array, ...]
-    uncertainty: ParameterUncertainty
-    forecasts: TrainingForecasts
-
-    @property
-    def refined(self) -> bool:
-        """Whether θ is that of the simulation-error fit."""
-        return self.fit.simulation_fit is not None
-
-    def error(self, record: Record) -> float:
-        """Mean squared error of the forecasts, over all lengths, in training variances."""
-        return float(np.mean(self.forecasts.mse / record.outputs.var(axis=0)))
-
-
-def _attempt(record: Record, settings: CompleteSettings, before: Learned | None) -> _Attempt | None:
-    """A fit, with the simulation-error fit where there can be one; ``None`` where it breaks down or cannot forecast."""
-    start = None if before is None else _start(record, settings, before)
-    try:
-        fitted = fit(record, settings, start)
-    except np.linalg.LinAlgError:
-        return None if before is None else _attempt(record, settings, None)
-    segments = generalized(settings, fitted.scaling, record)
-    for finished in (_with_simulation_fit(fitted, record, SufficientStatistics.of(*segments), start), fitted):
-        forecasts = training_forecasts(finished, record)
-        if np.isfinite(forecasts.mse).all():
-            if finished.simulation_fit is not None:
-                scaled = forecasts.mse / finished.scaling.output_scale**2
-                finished = replace(finished, simulation_fit=replace(finished.simulation_fit, mse=scaled))
-            # Of a simulation-error fit the covariance is its own.
-            scattered = finished.simulation_fit is None
-            uncertainty = uncertainty_of(fitted.model, segments, fitted.ascent, scattered)
-            return _Attempt(finished, segments, uncertainty, forecasts)
-    return None
 
 
 def _start(record: Record, settings: CompleteSettings, before: Learned) -> Start:
@@ -178,38 +128,40 @@ def _start(record: Record, settings: CompleteSettings, before: Learned) -> Start
     theta = last.copy()
     theta[of_vehicle(n, r, m, before.scaling.constant)] = before.learning.theta[-1]
     if before.simulation_fit is None:
-        return Start(theta, lambda_, None, None)
-    return Start(theta, lambda_, last, before.simulation_fit.mixer)
+        return Start(theta, lambda_, None)
+    return Start(theta, lambda_, last)
 
 
 def _with_simulation_fit(fitted: Fit, record: Record, samples: SufficientStatistics, start: Start | None) -> Fit:
     """The fit with θ of a simulation-error fit, where the settings ask for one and it succeeds; else as it was."""
     model, ascent, settings, scaling = fitted.model, fitted.ascent, fitted.settings, fitted.scaling
-    theta, mixer = ascent.belief.theta, None
+    theta = ascent.belief.theta
     if start is not None and start.simulated_theta is not None:
-        theta, mixer = start.simulated_theta / scaling.parameter_scale(model.n), start.mixer
+        theta = start.simulated_theta / scaling.parameter_scale(model.n)
     try:
         with raise_on_overflow():
-            refined = fit_simulation(model, settings, scaling, theta, fitted.gain, record, geometry=mixer)
+            refined = fit_simulation(model, settings, scaling, theta, fitted.gain, record)
             if refined is None:
                 return fitted
             iterate = CoordinateAscent(model, samples).at_theta(refined.theta, ascent.belief)
             predictor = predictor_of(refined.theta, model.sizes, fitted.gain, record.dt)
-            predictor = with_noise_model(predictor, scaling.scale_segments(record), lags_of(record.dt))
     except np.linalg.LinAlgError:
         return fitted
     refined_ascent = replace(ascent, belief=iterate.belief, state_map=iterate.state_map)
     return replace(fitted, ascent=refined_ascent, predictor=predictor, simulation_fit=refined)
 
 
-def _learned(attempt: _Attempt, record: Record) -> Learned:
-    """The result, in physical units, of a fit in the engine's."""
-    fit, uncertainty = attempt.fit, attempt.uncertainty
+def _learned(fitted: Fit, record: Record, start: Start | None) -> Learned:
+    """The result, in physical units, of a fit in the engine's, with the simulation-error fit where there can be one."""
+    segments = generalized(fitted.settings, fitted.scaling, record)
+    fit = _with_simulation_fit(fitted, record, SufficientStatistics.of(*segments), start)
+    # Of a simulation-error fit the covariance is its own.
+    uncertainty = uncertainty_of(fitted.model, segments, fitted.ascent, fit.simulation_fit is None)
     order, ascent, scaling = fit.model.n, fit.ascent, fit.scaling
     sizes = order, record.inputs.shape[1], fit.model.m
     vehicle = of_vehicle(*sizes, scaling.constant)
     scale = scaling.parameter_scale(order)
-    data, precision = np.concatenate(attempt.segments), fit.model.prior.theta_precision
+    data, precision = np.concatenate(segments), fit.model.prior.theta_precision
     prior_covariance = inverse(precision)
     covariance, scatter = ascent.belief.theta_covariance, uncertainty.scatter
     if fit.simulation_fit is not None:
@@ -238,7 +190,6 @@ def _learned(attempt: _Attempt, record: Record) -> Learned:
         ),
         converged=fit.converged,
         record=record,
-        training_forecasts=attempt.forecasts,
         cautions=tuple(_cautions(fit, record, uncertainty)),
         scaling=scaling,
         predictor=fit.predictor,
@@ -269,7 +220,7 @@ def _cautions(fit: Fit, record: Record, uncertainty: ParameterUncertainty) -> It
                 else f"{len(record) * record.dt:.2g} s of samples are too few for its parameters even over "
                 f"{SHORTEST_HORIZON:g} s. Learn from more, or ask for fewer states"
             )
-            yield f"There is no simulation-error fit: {reason}. Forecasts are worse without it."
+            yield f"There is no simulation-error fit: {reason}. A, B and C are biased by closed loop without it."
     flowed = fit.ascent.flowed[1:]
     if fit.settings.learning_rates is not None and fit.settings.learning_rates[0] is not None and not flowed.all():
         yield (

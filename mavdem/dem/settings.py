@@ -83,7 +83,7 @@ FORMER = {
     **dict.fromkeys(("lambda_prior", "lambda_z_precision", "lambda_w_precision"), "lambda_log_precision, their logs"),
     **dict.fromkeys(("state_rate", "parameter_rate", "hyperparameter_rate"), "one of the three learning_rates"),
     **dict.fromkeys(("output_groups", "state_groups"), "one of the two noise_groups"),
-    **dict.fromkeys(("closed_loop", "shrink_forecasts"), 'forecasts: "mixed", "shrunk" or "model"'),
+    **dict.fromkeys(("closed_loop", "shrink_forecasts"), 'forecasts: "joint" or "plant"'),
     "last_derivative_zero": 'correlation: "continuous" or "sampled"',
 }
 """What to use for settings of former versions."""
@@ -131,8 +131,7 @@ class Settings:
             actuator lags, C = [I 0]; "uniform": a mean drawn from U[−1, 1] for every parameter; or a ``Gaussian`` of
             θ = [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)] in physical units, in which a known parameter is one of high precision.
         parameter_precision: prior precision P of each free parameter; under a ``Gaussian`` prior, only of the trim;
-            ``None``: 10 under the "regulated" prior, or, without a simulation-error fit, the one of four that forecasts
-            the training data best; under others 1.
+            ``None``: 10 under the "regulated" prior, 1 under others.
         lambda_z, lambda_w: prior means of the log precisions of measurement and process noise; one number, or one for
             each group.
         lambda_log_precision: the log precisions of these two priors: e²⁵ fixes λᶻ, e^−4.6 leaves λʷ to the data.
@@ -153,9 +152,8 @@ class Settings:
         horizon: seconds of the simulation-error fit that refines θ after DEM, where inputs are known and the prior is
             not "uniform" (``mavdem.dem.forecast.simulation_error``), less where the training data are too short;
             ``None``: no such fit.
-        forecasts: "model": by the model alone; "shrunk": these, shrunk towards the trim as far as the posterior of θ is
-            uncertain, or, where θ was not refined, by the weight that forecasts of the training data give; "mixed":
-            these, mixed with others that take the motors for measurements of the motion as well.
+        forecasts: "joint": by the joint model of outputs and motors, in which the motors measure the motion
+            (``mavdem.dem.forecast.joint``); "plant": by A, B and C alone, motors as causes, as the paper does.
     """
 
     order: Annotated[int, Field(ge=1, le=LARGEST_ORDER)] | None = None
@@ -181,7 +179,7 @@ class Settings:
     seed: Whole = 0
 
     horizon: Positive | None = 0.3
-    forecasts: Literal["mixed", "shrunk", "model"] = "mixed"
+    forecasts: Literal["joint", "plant"] = "joint"
 
     def __post_init__(self) -> None:
         values = {name: _plain(value) for name, value in vars(self).items()}
@@ -240,7 +238,7 @@ class Settings:
             iterations=20,
             seed=seed,
             horizon=None,
-            forecasts="model",
+            forecasts="plant",
         )
 
     def completed(self, order: int, d: int, window: int, parameter_precision: float) -> CompleteSettings:

@@ -56,9 +56,12 @@ class Method(NamedTuple):
     predicts: bool = False
 
 
+PLANT = Settings(forecasts="plant")
+JOINT = "DEM joint"
 DEM = {
-    "DEM": Settings(),
-    "DEM p=1": replace(Settings(), p=1, d=1),
+    JOINT: Settings(),
+    "DEM plant": PLANT,
+    "DEM plant p=1": replace(PLANT, p=1, d=1),
     "DEM paper": Settings.paper(),
     "DEM paper p=1": replace(Settings.paper(), p=1, d=1, window=2),
 }
@@ -70,15 +73,15 @@ PEERS = (
     *(Method(f"joint VAR({order})", partial(baselines.var, order=order), predicts=True) for order in (4, 10)),
 )
 METHODS = (
-    *(Method(name, partial(learn, settings=settings), predicts=name == "DEM") for name, settings in DEM.items()),
+    *(Method(name, partial(learn, settings=settings), predicts=name == JOINT) for name, settings in DEM.items()),
     *PEERS,
     Method("constant mean", baselines.constant_mean, predicts=True),
     Method("hold last", baselines.hold, predicts=True),
     Method("zero", baselines.zero),
 )
-"""The methods of ``mavdem compare``; the first is compared with each of the others. Predictions without the inputs are
-compared of those that make them; settings of DEM do not matter to these. p = 1 is what the paper calls
-without generalized coordinates (section V.G): the first derivative only, which the model itself needs."""
+"""The methods of ``mavdem compare``; the first is compared with each of the others. "DEM joint" is the joint model of
+outputs and motors, "DEM plant" DEM's model with the motors as causes, both by the default settings. p = 1 is what the
+paper calls without generalized coordinates (section V.G): the first derivative only, which the model itself needs."""
 
 
 @dataclass(frozen=True, eq=False)

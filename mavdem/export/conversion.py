@@ -1,4 +1,4 @@
-"""Conversion of streams, of flights to tables and objects of other libraries, and of models to python-control."""
+"""Conversion of streams, of flights to tables, MCAP channels and objects of other libraries, and of models."""
 
 from __future__ import annotations
 
@@ -7,12 +7,11 @@ import io
 import json
 import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mavdem.alignment.align import LOW_PASS_RATIO, align, longest_recorded
 from mavdem.alignment.drive import Motors
@@ -20,24 +19,25 @@ from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Attitude, Signals, axis_outputs
 from mavdem.alignment.verdict import verdict_of
 from mavdem.dem import Learned
+from mavdem.dem.engine.linalg import Array
 from mavdem.errors import NotLearnable, Unreadable, require
+from mavdem.evaluate.held_out import FORECAST, HeldOut
 from mavdem.files import atomic_write
 from mavdem.flight import Flight
 from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream
 from mavdem.ingest.mavlink.framing import GOOD, Progress, no_progress
-from mavdem.ingest.mcap.writer import MAX_STAMP, write_mcap
+from mavdem.ingest.mcap.writer import MAX_STAMP, Series, write_mcap, write_series
 from mavdem.ingest.telemetry import rows_by
 from mavdem.ingest.tlog import write_tlog
-from mavdem.report.numbers import Labels, state_names, states_are_outputs
+from mavdem.report.numbers import AxisCommand, Labels, short, state_names, states_are_outputs
 
 if TYPE_CHECKING:
     import control
     import pandas
     import xarray
 
-
-Table = Mapping[str, NDArray[np.float64]]
+Table = Mapping[str, Array]
 """Columns (T,) by name, with units, such as "roll_rate_rad_s"; the first is "time_s"."""
 TIME = "time_s"
 IN_TEXT = {TIME: ".6f"}  # stamps of autopilots are microseconds at best
@@ -46,38 +46,37 @@ FLOAT32 = ".7g"  # other numbers in text: autopilots send and log them as float3
 
 def column_name(name: str, unit: str) -> str:
     """Returns a name that needs no quotes: "motor_1_us" of "motor 1 (front left)" and "µs"."""
-    plain = f"{name.split(' (')[0]} {unit}".replace("µ", "u")
+    plain = f"{short(name)} {unit}".replace("µ", "u")
     return "_".join(re.findall(r"[^\W_]+", plain.lower()))
 
 
-def _channels(flight: Flight) -> Iterator[tuple[str, tuple[str, ...], tuple[str, ...], NDArray[np.float64]]]:
+def _channels(flight: Flight) -> Iterator[tuple[str, tuple[str, ...], tuple[str, ...], Array]]:
     """Kind, names, units and values (T, k) of what a flight has."""
     for kind, values in (("input", flight.inputs), ("output", flight.outputs), ("setpoint", flight.setpoints)):
         if values is not None:
             yield kind, getattr(flight, f"{kind}_names"), getattr(flight, f"{kind}_units"), values
 
 
-def columns(flight: Flight) -> dict[str, NDArray[np.float64]]:
+def columns(flight: Flight) -> dict[str, Array]:
     """Returns time, inputs, outputs and setpoints (T,) by :func:`column_name`.
 
     Raises ``ValueError`` if two names are equal.
     """
     table = {TIME: flight.time}
     for _, names, units, values in _channels(flight):
-        for name, unit, column in zip(names, units, values.T, strict=True):
-            head = column_name(name, unit)
+        for head, column in zip(map(column_name, names, units), values.T, strict=True):
             if head in table:
                 raise ValueError(f"two columns of the flight are called {head}: name them apart")
             table[head] = column
     return table
 
 
-def own_columns(signals: Signals) -> dict[str, NDArray[np.float64]]:
+def own_columns(signals: Signals) -> dict[str, Array]:
     """Returns time, inputs and outputs (T,), each at its own stamps and NaN at the other's, of the boot with most.
 
     Empty where there are neither.
     """
-    streams: list[tuple[Attitude | Motors, list[str], NDArray[np.float64]]] = []
+    streams: list[tuple[Attitude | Motors, list[str], Array]] = []
     if (drive := signals.drive) is not None:
         streams.append((drive, [column_name(name, drive.scale.unit) for name in drive.layout.names], drive.outputs))
     if (seen := signals.attitude) is not None:
@@ -101,9 +100,7 @@ def write_csv(file: BinaryIO, table: Table, provenance: Mapping[str, Any]) -> No
     """Writes a head and one line a sample, as ``IN_TEXT`` and ``FLOAT32`` say, without the provenance."""
     texts = [[format(value, IN_TEXT.get(name, FLOAT32)) for value in column.tolist()] for name, column in table.items()]
     text = io.TextIOWrapper(file, encoding="utf-8", newline="")
-    lines = csv.writer(text, lineterminator="\n")
-    lines.writerow(table)
-    lines.writerows(zip(*texts, strict=True))
+    csv.writer(text, lineterminator="\n").writerows([list(table), *zip(*texts, strict=True)])
     text.detach()
 
 
@@ -259,3 +256,63 @@ def _convert_to_table(
         "learnable": verdict.learnable,
         "cautions": cautions,
     }
+
+
+def write_channels(
+    path: str | os.PathLike[str],
+    flights: Sequence[Flight],
+    learned: Learned | None = None,
+    held_out: HeldOut | None = None,
+) -> None:
+    """Writes flights of one boot as JSON channels of an .mcap file, on the boot clock, in the units of the flight.
+
+    ``flight/outputs`` and ``flight/inputs`` are what was measured; with ``learned``, the model of these ``flights``,
+    also ``learned/one_step``, ``learned/process_noise`` (per second), ``learned/free_energy`` (F(t)),
+    ``learned/command``, the motors' difference, and, if it is known, ``learned/wind_torque`` with the half width of its
+    band (rad/s²); and with ``held_out`` windows ``held_out/measured``, ``held_out/forecast``, ``held_out/residual`` and
+    ``held_out/band``, the half width of the forecast's 90 % band. ``docs/layouts`` shows them in either viewer.
+
+    ``OSError`` if ``path`` cannot be written, ``ValueError`` for a time before 0, which MCAP cannot hold, or a model of
+    other flights.
+    """
+    first, time = flights[0], np.concatenate([flight.time for flight in flights])
+    if time[0] < 0:
+        raise ValueError("time must not be negative: MCAP counts from 0")
+    series = {
+        "flight/outputs": _series(time, first.output_names, np.vstack([flight.outputs for flight in flights])),
+        "flight/inputs": _series(time, first.input_names, np.vstack([flight.inputs for flight in flights])),
+    }
+    if learned is not None:
+        series |= _learned(first, time, learned)
+    if held_out is not None:
+        inside = held_out.time.ravel()
+        measured, forecast = held_out.measured, held_out.forecasts[FORECAST]
+        windows = {"measured": measured, "forecast": forecast, "residual": measured - forecast, "band": held_out.band}
+        for name, values in windows.items():
+            series[f"held_out/{name}"] = _series(inside, first.output_names, values.reshape(len(inside), -1))
+    with atomic_write(path) as file:
+        write_series(file, series)
+
+
+def _learned(flight: Flight, time: Array, learned: Learned) -> dict[str, Series]:
+    if len(learned.record) != len(time):
+        raise ValueError(f"the model was learned from {len(learned.record)} samples, not these {len(time)}")
+    (places, noise), command = learned.process_noise(), AxisCommand.of(learned)
+    series = {
+        "learned/one_step": _series(time, flight.output_names, learned.one_step()),
+        "learned/process_noise": _series(time[places], state_names(flight.output_names, learned), noise),
+        "learned/free_energy": (time[places], {"free_energy": learned.free_energy_of_samples}),
+        "learned/command": _series(time, [command.name], command.series(learned.record.inputs)[:, None]),
+    }
+    if learned.wind is not None:
+        torque = np.stack([learned.wind.torque, learned.wind.band], axis=1)
+        series["learned/wind_torque"] = _series(time, ("torque", "band"), torque)
+    return series
+
+
+def _series(time: Array, names: Sequence[str], values: Array) -> Series:
+    """By the names as a viewer's paths can have them: "motor_1" for "motor 1 (front right)"; apart in any case."""
+    keys = [re.sub(r"\W+", "_", short(name)).strip("_") for name in names]
+    if len(set(keys)) < len(keys):
+        keys = [f"{key}_{i + 1}" for i, key in enumerate(keys)]
+    return time, dict(zip(keys, values.T, strict=True))

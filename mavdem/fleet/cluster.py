@@ -19,7 +19,6 @@ from mavdem.fleet.row import SCHEMA_VERSION
 from mavdem.fleet.sources import is_url
 from mavdem.fleet.workers import READ_LOG, Job, Limits, Outcome, WorkerPool, failed
 
-JOBS_AHEAD = 8  # of each worker's thread, sent before they are needed
 RETRIES = 2  # of a log whose reading fails on a worker, as where a machine has no process to spare
 SECONDS_TO_CONNECT = 10.0
 
@@ -66,14 +65,12 @@ class Cluster:
                     sent[future] = job
                     done.add(future)
 
-            send(JOBS_AHEAD * threads)
+            send(8 * threads)  # before they are needed
             for future in done:
                 job = sent.pop(future)
                 if future.cancelled():
-                    raise Unreadable(
-                        f"The scheduler at {self.address} has gone: what was read is kept; start it, and the same "
-                        "command goes on."
-                    )
+                    kept = "what was read is kept; start it, and the same command goes on."
+                    raise Unreadable(f"The scheduler at {self.address} has gone: {kept}")
                 trouble = future.exception()
                 if isinstance(trouble, KilledWorker):
                     yield failed(job, "died", "The workers of the cluster that read it died.")
@@ -123,10 +120,9 @@ def _threads(client: Any, address: str, path: str) -> int:
     try:
         workers = client.run(machine, path)
     except Exception as error:  # raised there: where there is no mavdem, the function cannot be found
-        raise Unreadable(
-            f"The workers of {address} have no mavdem that reads logs of a fleet ({type(error).__name__}: {error}): "
-            f"install 'mavdem[dask,fleet]' {metadata.version('mavdem')} there."
-        ) from None
+        lacking = f"have no mavdem that reads logs of a fleet ({type(error).__name__}: {error})"
+        install = f"install 'mavdem[dask,fleet]' {metadata.version('mavdem')} there."
+        raise Unreadable(f"The workers of {address} {lacking}: {install}") from None
     for worker, (there, readable) in sorted(workers.items()):
         if there != here:
             raise Unreadable(f"The worker {worker} has {there}, this machine {here}: install the same there.")

@@ -132,10 +132,7 @@ class _Raw(NamedTuple):
 
 
 def vehicle_difference(before: Sequence[FlightRow], after: Sequence[FlightRow]) -> VehicleDifference:
-    """Returns what differs between the flights ``before`` and ``after``, of one vehicle or of two.
-
-    Rows without figures count for nothing.
-    """
+    """Returns what differs between flights ``before`` and ``after``, of one vehicle or of two; of rows with figures."""
     sides = [flights_of(row for row in rows if row.status == OK) for rows in (before, after)]
     conditions = (conditions_of(sides[0]), conditions_of(sides[1]))
     estimates = [[estimates_of(flight) for flight in flights] for flights in sides]
@@ -178,10 +175,8 @@ def since_baseline(
     before, after = vehicles_of(baseline), vehicles_of(row for row in rows if row.key not in keys)
     latest = {name: flights[-1] for name, flights in after.items() if name != UNKNOWN}
     healthy = {name: [row for flight in flights for row in flight] for name, flights in before.items()}
-    return {
-        name: (flight[0], vehicle_difference(healthy[name], flight) if name in healthy else None)
-        for name, flight in latest.items()
-    }
+    found = {name: vehicle_difference(healthy[name], flight) for name, flight in latest.items() if name in healthy}
+    return {name: (flight[0], found.get(name)) for name, flight in latest.items()}
 
 
 def estimates_of(flight: Flight) -> dict[Quantity, Estimate]:
@@ -334,9 +329,7 @@ def _other_inputs(sides: Sequence[Flights]) -> str:
     with_model = [row for flights in sides for flight in flights for row in flight if row.effect]
     if len({row.inputs for row in with_model} - {None}) > 1:
         return "some models have the motors as inputs and others the controller's demand."
-    if len({row.input_unit for row in with_model} - {None}) > 1:
-        return "the models' inputs have other units."
-    return ""
+    return "the models' inputs have other units." if len({row.input_unit for row in with_model} - {None}) > 1 else ""
 
 
 def _incomparable(

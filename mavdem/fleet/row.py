@@ -147,10 +147,7 @@ class FlightRow:
 
     @staticmethod
     def of(report: Mapping[str, Any], **columns: Any) -> FlightRow:
-        """Returns the row of a document of ``report.json``, as ``mavdem.analysis`` makes it; ``columns`` come first.
-
-        The document of a model alone has fewer keys: what it lacks is not known.
-        """
+        """Returns the row of a ``report.json`` document; ``columns`` come first, what it lacks is not known."""
         return FlightRow(**(_of_report(report) | columns))
 
 

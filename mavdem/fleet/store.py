@@ -111,10 +111,9 @@ def opened(folder: Path) -> Iterator[Store]:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if (disk := _disk(folder)) in NETWORK_DISKS:
-            raise Unreadable(
-                f"{folder} is on a disk of another machine ({disk}), where SQLite's lock does not hold: name a folder "
-                "on a disk of this one; the logs may stay where they are."
-            )
+            other = f"a disk of another machine ({disk}), where SQLite's lock does not hold"
+            here = "name a folder on a disk of this one; the logs may stay where they are."
+            raise Unreadable(f"{folder} is on {other}: {here}")
         store = Store(folder)
         with closing(store._db):
             yield store

@@ -6,7 +6,7 @@ the models of healthy flights, frozen, leave unexplained in another.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -25,7 +25,6 @@ from mavdem.health.balance import BalanceFigures, motor_signatures
 from mavdem.health.reference import HealthFigures, healthy_flights
 
 SATURATED = 0.01  # of the time at its upper stop: with more a motor has nothing left, and the flight is not sound
-FEWEST_MODELS = 3  # of healthy flights, from which their scatter gives an interval
 JUDGED = ("fault_probability", "change_probability", "suspect_motor")  # columns that are a verdict's
 
 Progress = Callable[[int, int], None]
@@ -42,10 +41,7 @@ class TrackedLogs(NamedTuple):
 
 
 def assess_rows(rows: Sequence[FlightRow], baseline: Sequence[FlightRow]) -> Sequence[FlightRow]:
-    """Returns all rows of one vehicle with what its other flights say of each.
-
-    The ``baseline`` are its healthy ones; without any, its first sound flights are the reference.
-    """
+    """Returns all rows of a vehicle, each judged beside its ``baseline`` or, without any, its first sound flights."""
     unknown: dict[str, Any] = dict.fromkeys((*JUDGED, "health_reason", "residual_mean", "residual_mean_interval"))
     rows = [replace(row, health=UNKNOWN, **unknown) for row in rows]
     flown = [row for row in rows if row.status == OK]
@@ -61,13 +57,14 @@ def assess_rows(rows: Sequence[FlightRow], baseline: Sequence[FlightRow]) -> Seq
     verdicts = dict(zip(judged, assess([*judged.values()], [*given.values()] or None), strict=True))
     names = {flight.name for flight in given.values() or healthy_flights([*judged.values()])}
     healthy = {(*_key(row), row.axis): row for row in (*healthy_rows, *flown) if figures[_key(row)].name in names}
-    models = {_kind(row): HealthyModels(healthy.values(), row) for row in flown}
+    intervals = {_kind(row): residual_interval(row, healthy.values()) for row in flown}
 
     def with_health(row: FlightRow) -> FlightRow:
-        verdict, model = verdicts[_key(row)], models[_kind(row)]
+        verdict = verdicts[_key(row)]
         columns = {name: getattr(verdict, name) for name in ("health", *JUDGED)}
-        columns |= {"residual_mean": model.residual_mean(row), "residual_mean_interval": model.interval}
-        return replace(row, health_reason=verdict.reason, **columns)
+        columns |= {"residual_mean": residual_mean(row, healthy.values())}
+        columns |= {"residual_mean_interval": intervals[_kind(row)], "health_reason": verdict.reason}
+        return replace(row, **columns)
 
     return [with_health(row) if row.status == OK else row for row in rows]
 
@@ -101,34 +98,26 @@ def _array(values: Numbers | None, count: int) -> Array:
     return np.full(count, np.nan) if values is None else np.array(values, dtype=np.float64)
 
 
-class HealthyModels:
-    """The models of healthy flights of one vehicle and axis, frozen.
+def residual_mean(row: FlightRow, healthy: Iterable[FlightRow]) -> float | None:
+    """The mean acceleration, rad/s², that frozen models of other ``healthy`` flights leave in this; None if unknown."""
+    if row.mean_inputs is None:
+        return None
+    inputs, outputs = _array(row.mean_inputs, 0), _array(row.mean_outputs or (0.0, 0.0), 2)
+    residuals = [
+        float(_array(model.residual_gain_inputs, len(inputs)) @ inputs)
+        + float(_array(model.residual_gain_outputs, 2) @ outputs)
+        + model.residual_offset
+        for model in healthy
+        if model.residual_offset is not None and model.key != row.key and _kind(model) == _kind(row)
+    ]
+    return float(np.mean(residuals)) if residuals else None
 
-    Each predicts no angular acceleration at its own flight's means; what it leaves at another's is the residual. They
-    are those of the ``healthy`` rows with axis and inputs ``like`` a row. ``interval``: half width of the residual mean
-    of a healthy flight, rad/s², by the scatter of these; None of few.
-    """
 
-    def __init__(self, healthy: Iterable[FlightRow], like: FlightRow) -> None:
-        self._models = [row for row in healthy if _kind(row) == _kind(like) and row.residual_offset is not None]
-        left = [residual for row in self._models if (residual := self.residual_mean(row)) is not None]
-        self.interval = None
-        if len(left) >= FEWEST_MODELS:
-            self.interval = quantile(LEVEL, len(left) - 1) * float(np.sqrt(np.mean(np.square(left))))
-
-    def residual_mean(self, row: FlightRow) -> float | None:
-        """The mean acceleration that other flights' models leave unexplained in this, rad/s²; None where not known."""
-        if row.mean_inputs is None:
-            return None
-        inputs, outputs = _array(row.mean_inputs, 0), _array(row.mean_outputs or (0.0, 0.0), 2)
-        residuals = [
-            float(_array(model.residual_gain_inputs, len(inputs)) @ inputs)
-            + float(_array(model.residual_gain_outputs, 2) @ outputs)
-            + (model.residual_offset or 0.0)
-            for model in self._models
-            if model.key != row.key and _kind(model) == _kind(row)
-        ]
-        return float(np.mean(residuals)) if residuals else None
+def residual_interval(like: FlightRow, healthy: Collection[FlightRow]) -> float | None:
+    """Half width of the 90 % interval of that in a healthy flight with axis and inputs ``like`` a row; None of few."""
+    models = [row for row in healthy if row.residual_offset is not None and _kind(row) == _kind(like)]
+    left = [residual for row in models if (residual := residual_mean(row, models)) is not None]
+    return quantile(LEVEL, len(left) - 1) * float(np.sqrt(np.mean(np.square(left)))) if len(left) >= 3 else None
 
 
 def track(

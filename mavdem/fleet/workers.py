@@ -139,9 +139,8 @@ class WorkerPool:
         late = replace(failed(job, "time", f"It takes longer than its time limit of {seconds:g} s."), seconds=seconds)
         for _ in range(ATTEMPTS):
             try:
-                outcome: Outcome = self._pool.schedule(
-                    perform, (job, self._read, seconds), timeout=WAITING * seconds
-                ).result()
+                task = self._pool.schedule(perform, (job, self._read, seconds), timeout=WAITING * seconds)
+                outcome: Outcome = task.result()
                 return outcome
             except OutOfTime:
                 return late
@@ -152,10 +151,8 @@ class WorkerPool:
                     status = f"It needs more memory than its limit of {self.limits.megabytes} MB."
                     return replace(failed(job, "memory", status), megabytes=self.limits.megabytes)
             except (BrokenProcessPool, CancelledError, OSError, RuntimeError) as error:
-                raise Unreadable(
-                    f"No process that reads logs can be started ({error}): what was read is kept. See why with "
-                    "MAVDEM_TRACEBACK=1."
-                ) from None
+                kept = "what was read is kept. See why with MAVDEM_TRACEBACK=1."
+                raise Unreadable(f"No process that reads logs can be started ({error}): {kept}") from None
         cause = signal.Signals(-code).name if code < 0 else f"exit code {code}"
         return failed(job, "died", f"The process that read it died ({cause}), each of {ATTEMPTS} times.")
 
@@ -205,10 +202,7 @@ def perform(job: Job, read: str, seconds: float) -> Outcome:
 
 
 def outcome_of(job: Job, read: Callable[[Path, str, Callable[..., str] | None], LogRows]) -> Outcome:
-    """Returns what becomes of a job in this process, without what it costs; raises ``MemoryError``.
-
-    ``read`` takes a log's path, the key of its content, and what makes a page or None.
-    """
+    """Returns what becomes of a job here, by ``read`` of path, key and page maker or None; raises ``MemoryError``."""
     key = ""
     try:
         with _as_file(job.path) as path:

@@ -10,23 +10,9 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from mavdem.health.balance import AXES
-from mavdem.health.explanations import (
-    DETECTABLE_RISE,
-    Candidates,
-    EffortChange,
-    Explanations,
-    effort_change,
-    lost_thrust,
-)
-from mavdem.health.reference import (
-    FEWEST_FLIGHTS,
-    Deviation,
-    HealthFigures,
-    deviation,
-    distinct_flights,
-    healthy_flights,
-)
+from mavdem.alignment.drive import AXES
+from mavdem.health.explanations import Candidates, EffortChange, Explanations, effort_change, lost_thrust
+from mavdem.health.reference import FEWEST_FLIGHTS, Deviation, HealthFigures, deviation, healthy_flights
 
 Health = Literal["ok", "drift", "fault", "unknown"]
 
@@ -67,8 +53,7 @@ def assess(flights: Sequence[HealthFigures], baseline: Sequence[HealthFigures] |
     """
     chosen = baseline is not None
     named = flights if baseline is None else baseline
-    usable = [flight for flight in (healthy_flights(flights) if baseline is None else baseline) if not flight.missing]
-    healthy = distinct_flights(usable)
+    healthy = healthy_flights(flights, baseline)
     verdicts: dict[int, Assessment] = {}
     candidates: dict[object, Candidates] = {}
     before: dict[object, tuple[Explanations, EffortChange | None]] = {}
@@ -117,9 +102,9 @@ def _verdict(
         suspect = int(weighed.faults.argmax())
         name, lost, harder = _motor(flight, weighed, suspect)
         reason = (
-            f"{name[0].upper()}{name[1:]} {lost} with probability {likely:.2f}: it then works {harder} harder than in "
-            f"{reference}. That any motor lost thrust has probability {weighed.fault:.2f}."
+            f"{name[0].upper()}{name[1:]} {lost} with probability {likely:.2f}: it then works {harder} harder than "
         )
+        reason += f"in {reference}. That any motor lost thrust has probability {weighed.fault:.2f}."
         mean, low, high = (100 * float(value) for value in weighed.harder[:, suspect])
         return Assessment("fault", reason, weighed.fault, change, suspect + 1, likely, (mean, low, high))
     # Whatever the weights of the explanations are, what healthy flights do not show is a change.
@@ -138,10 +123,8 @@ def _drift(
     reference: str,
 ) -> str:
     """What changed, with its ``probability``, and what may explain it."""
-    changed = ", ".join(
-        f"{axis} {100 * change:+.1f} % (usual ±{100 * usual:.1f} %)"
-        for axis, change, usual in zip(AXES, away.change, away.usual, strict=True)
-    )
+    each = zip(AXES, away.change, away.usual, strict=True)
+    changed = ", ".join(f"{axis} {100 * by:+.1f} % (usual ±{100 * usual:.1f} %)" for axis, by, usual in each)
     if away.beyond and probability < DRIFT:
         return f"Outside the 99.9 % range of {reference}: {changed}."
     differs = f"Differs from {reference} (probability {probability:.2f})"
@@ -183,10 +166,8 @@ def _too_few(usable: int, others: int, chosen: bool) -> str:
 def _too_unsure(away: Deviation, reference: str) -> str:
     """Why a flight that looks healthy is not called so."""
     unsure = ", ".join(f"{axis} ±{100 * usual:.1f} %" for axis, usual in zip(AXES, away.usual, strict=True))
-    return (
-        f"Health is unknown: a motor that lost {100 * lost_thrust(DETECTABLE_RISE):.0f} % of its thrust would not show "
-        f"beside {reference} ({unsure}), for the flight leans too much or is too short, or they differ too much."
-    )
+    lost = f"a motor that lost {100 * lost_thrust():.0f} % of its thrust would not show beside {reference} ({unsure})"
+    return f"Health is unknown: {lost}, for the flight leans too much or is too short, or they differ too much."
 
 
 def _conditions(flight: HealthFigures, others: Sequence[HealthFigures], effort: EffortChange | None) -> list[str]:

@@ -25,11 +25,10 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.alignment.align import settled_segments, within
+from mavdem.alignment.drive import AXES, MotorGeometry
 from mavdem.alignment.signals import Signals
 from mavdem.dem.engine.linalg import Array
 
-SAME = 0.99  # Cosine from which two signatures are one
-AXES = ("roll", "pitch", "yaw")
 BLOCK_SECONDS = 3.0
 """Over which commands and lean are averaged: longer than the attitude's motion, shorter than most gusts."""
 FEWEST_BLOCKS = 6  # From which means and slopes have an error that can be estimated
@@ -69,36 +68,21 @@ class MotorSignatures:
         if not signatures[:, -1].all():
             return False
         cosines = signatures @ signatures.T / np.outer(size, size)
-        return bool((cosines[~np.eye(len(size), dtype=bool)] < SAME).all())
+        return bool((cosines[~np.eye(len(size), dtype=bool)] < 0.99).all())
 
 
 def motor_signatures(
-    motors: int, positions: Sequence[Sequence[float]] = (), spins: Sequence[int] = ()
+    motors: int, positions: Sequence[tuple[float, float]] = (), spins: Sequence[int] = ()
 ) -> MotorSignatures:
-    """Those of a vehicle.
+    """Those of a vehicle with so many ``motors``; ``positions`` and ``spins`` are as ``MotorGeometry`` has them.
 
-    Args:
-        motors: how many it has.
-        positions: (forward, right) of each motor, as ``MotorGeometry.positions``; empty where not known.
-        spins: 1 counterclockwise seen from above, -1 clockwise; empty, or zeros, where not known.
-
-    Raises:
-        ValueError: there are no motors, or positions or spins of another number of them.
+    Both are empty where not known, and spins may be zeros then. Raises ValueError: they are of other motors.
     """
-    if motors < 1:
-        raise ValueError(f"motors must be 1 or more, not {motors}")
-    for name, given in (("positions", positions), ("spins", spins)):
-        if len(given) not in (0, motors):
-            raise ValueError(f"{name} must hold none or {motors} entries, not {len(given)}")
-    axes, rows = ["thrust"], [np.full(motors, 1.0 / motors)]
-    forward, right = np.asarray(positions, dtype=np.float64).T if len(positions) else np.zeros((2, 1))
-    turning = np.asarray(spins, dtype=np.float64) if all(spins) else np.zeros(1)
-    for axis, row in (("roll", -right), ("pitch", forward), ("yaw", turning)):
-        total = float(np.abs(row).sum())
-        if total > 0:
-            axes.append(axis)
-            rows.append(row / total)
-    return MotorSignatures(tuple(axes), np.array(rows))
+    if motors < 1 or {len(positions), len(spins)} - {0, motors}:
+        raise ValueError(f"positions and spins must be of the {motors} motors, of which there is one at least")
+    layout = MotorGeometry((), (), tuple(positions), "", False, False, spins=tuple(spins) if all(spins) else ())
+    effects = {axis: effect for axis in AXES if (effect := layout.effect(axis)) is not None}
+    return MotorSignatures(("thrust", *effects), np.array([np.full(motors, 1.0 / motors), *effects.values()]))
 
 
 class BalanceFigures(NamedTuple):
@@ -155,14 +139,8 @@ def balance_figures(
         freedom -= 2
         effect_variance = np.broadcast_to(np.diag(inverse), (3, 2))
     variance = (rest**2).sum(axis=0) / freedom * [_inflation(column) for column in rest.T]
-    return BalanceFigures(
-        balance.mean(axis=0),
-        np.sqrt(variance / len(blocks)),
-        lean.mean(axis=0),
-        effect,
-        np.sqrt(variance[:, None] * effect_variance),
-        seconds,
-    )
+    error, effect_error = np.sqrt(variance / len(blocks)), np.sqrt(variance[:, None] * effect_variance)
+    return BalanceFigures(balance.mean(axis=0), error, lean.mean(axis=0), effect, effect_error, seconds)
 
 
 def _blocks(time: Array, commands: Array, lean: Array, signatures: MotorSignatures) -> list[tuple[Array, Array]]:
@@ -178,11 +156,8 @@ def _blocks(time: Array, commands: Array, lean: Array, signatures: MotorSignatur
     count = int(seconds / BLOCK_SECONDS)
     number = np.minimum((time - time[0]) / seconds * count, count - 1).astype(int)
     rows = [number == block for block in range(count)]
-    return [
-        (balance[mine].mean(axis=0) / thrust[mine].mean(), lean[mine].mean(axis=0))
-        for mine in rows
-        if mine.any() and thrust[mine].mean() > 0
-    ]
+    flown = [mine for mine in rows if mine.any() and thrust[mine].mean() > 0]
+    return [(balance[mine].mean(axis=0) / thrust[mine].mean(), lean[mine].mean(axis=0)) for mine in flown]
 
 
 def _inflation(rest: Array) -> float:

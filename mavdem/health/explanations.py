@@ -8,7 +8,6 @@ payload, in thinner air, and with propellers that give less thrust: which, it do
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import NamedTuple
@@ -18,7 +17,7 @@ from scipy import stats
 
 from mavdem.dem.engine.linalg import Array
 from mavdem.health.balance import MotorSignatures
-from mavdem.health.reference import FEWEST_FLIGHTS, SCATTER_FREEDOM, Deviation, HealthFigures
+from mavdem.health.reference import FEWEST_FLIGHTS, SCATTER_FREEDOM, Deviation, HealthFigures, HealthFlights
 
 PRIORS = {"healthy": 0.76, "motor": 0.10, "load": 0.08, "yaw": 0.04, "other": 0.02}
 """Before any flight: that nothing changed, that one of the motors or propellers is weak, that roll and pitch, yaw
@@ -44,7 +43,7 @@ CENTRE_ERRORS, CENTRE_WEIGHTS = np.polynomial.hermite_e.hermegauss(7)  # Of the 
 TAIL = 0.05  # Outside each end of an interval of 90 %
 
 
-def lost_thrust(rise: float) -> float:
+def lost_thrust(rise: float = DETECTABLE_RISE) -> float:
     """Returns which share of its thrust a motor lost, as thrust goes with the square of a command that rose so much."""
     return 1 - (1 + rise) ** -2
 
@@ -57,10 +56,10 @@ def loss_in_words(rise: float) -> str:
     return f"{100 * (1 - 1 / (1 + 0.85 * rise)):.0f} to {100 * lost_thrust(1.15 * rise):.0f} %"
 
 
-def shift_sizes(scale: float, freedom: float = SHIFT_FREEDOM) -> tuple[Array, Array]:
+def shift_sizes(scale: float) -> tuple[Array, Array]:
     """Standard deviations whose normal distributions, weighed with the second array, make Student's of this scale."""
     sizes = scale * np.geomspace(0.4, 40.0, 24)
-    weights = sizes**-freedom * np.exp(-freedom / 2 * (scale / sizes) ** 2)
+    weights = sizes**-SHIFT_FREEDOM * np.exp(-SHIFT_FREEDOM / 2 * (scale / sizes) ** 2)
     return sizes, weights / weights.sum()
 
 
@@ -172,13 +171,8 @@ class EffortChange(NamedTuple):
     candidates: Array  # (S,) the probabilities of no change, by the error of the healthy flights' mean, then of changes
 
 
-def effort_change(
-    flight: HealthFigures, healthy: Sequence[HealthFigures], before: EffortChange | None = None
-) -> EffortChange | None:
-    """By how much the effort changed; None where it is not known of the flight and of two healthy ones.
-
-    ``before`` is what the flight before it showed.
-    """
+def effort_change(flight: HealthFigures, healthy: HealthFlights, before: EffortChange | None) -> EffortChange | None:
+    """By how much the effort changed, after what the flight ``before`` showed; None unless known of three flights."""
     efforts = np.log([effort for other in healthy if (effort := other.effort) is not None])
     if flight.effort is None or len(efforts) < FEWEST_FLIGHTS:
         return None

@@ -89,9 +89,8 @@ def _long_run(sums: Array, begin: NDArray[np.int_], end: NDArray[np.int_], mean:
         if len(sums) <= batch:
             break
         means = (sums[batch:] - sums[:-batch]) / batch
-        first, second = (
-            np.vstack([np.zeros(means.shape[1]), np.cumsum(values, axis=0)]) for values in (means, means**2)
-        )
+        none = np.zeros(means.shape[1])
+        first, second = (np.vstack([none, np.cumsum(values, axis=0)]) for values in (means, means**2))
         start = np.minimum(begin, len(means))
         last = np.clip(end - batch + 1, start, len(means))
         count = (last - start)[:, np.newaxis]
@@ -99,9 +98,8 @@ def _long_run(sums: Array, begin: NDArray[np.int_], end: NDArray[np.int_], mean:
         # Batches overlap: as many count as follow each other.
         several = np.where(count > batch, (end - begin)[:, np.newaxis] / batch, 0.0)
         held = PRIOR_BLOCKS / batch
-        variance = np.maximum(
-            variance, (held * prior + several * batch * squares / np.maximum(count, 1)) / (held + several)
-        )
+        seen = several * batch * squares / np.maximum(count, 1)
+        variance = np.maximum(variance, (held * prior + seen) / (held + several))
     return variance
 
 
@@ -153,15 +151,11 @@ class MotorAlarm(NamedTuple):
         clock = f"the clock of boot {self.boot + 1}" if self.boot else "the boot clock"
         since, sure = f"since {self.since:.0f} s of {clock}", f"probability {100 * self.probability:.0f} %"
         if self.motor is None:
-            return (
-                f"The steady torque in roll and pitch is another {since}, and that in yaw the same: no motor is named "
-                f"({sure})."
-            )
+            steady = f"The steady torque in roll and pitch is another {since}, and that in yaw the same"
+            return f"{steady}: no motor is named ({sure})."
         known = ". Where the motors are is assumed, and so is the name" if self.assumed else ""
-        return (
-            f"Alarm: {self.name} lost {loss_in_words(self.size)} of its thrust (motor or propeller) {since}: "
-            f"it works {100 * self.size:.0f} % harder ({sure}){known}."
-        )
+        lost = f"{self.name} lost {loss_in_words(self.size)} of its thrust (motor or propeller) {since}"
+        return f"Alarm: {lost}: it works {100 * self.size:.0f} % harder ({sure}){known}."
 
     def as_dict(self) -> dict[str, Any]:
         """All of it as plain JSON values, with the sentence."""
@@ -243,10 +237,8 @@ class MotorWatch:
         null = _log_t(changes, 0.0)
         sized = SIZES[:, np.newaxis, np.newaxis, np.newaxis] * self._signatures[:, np.newaxis]
         by_window = _log_sum(_log_t(changes, sized)) - log(len(SIZES)) - null  # (k, w)
-        load, *rest = (
-            _log_t(changes, 0.0, OTHER_SD**2 * free) - null
-            for free in (self._flat, 1 - self._flat, np.ones_like(self._flat))
-        )
+        kinds = self._flat, 1 - self._flat, np.ones_like(self._flat)
+        load, *rest = (_log_t(changes, 0.0, OTHER_SD**2 * free) - null for free in kinds)
         motors = _log_sum(by_window.T) - log(len(by_window))
         others = _log_sum([_log_sum(factors) for factors in rest])
         best = int(np.argmax(motors))
@@ -268,11 +260,9 @@ class MotorWatch:
 
     def _found(self, motor: int | None, n: int, size: float, odds: float) -> MotorAlarm:
         name, number = ("", None) if motor is None else (self._layout.names[motor], self._layout.motors[motor])
-        time, since = self._times[-1], self._times[-n] - BLOCK_SECONDS
+        since = self._times[-n] - BLOCK_SECONDS
         # What comes is compared with what is now.
         self._times, self._blocks = self._times[-n:], self._blocks[-n:]
-        sure = float(1 / (1 + np.exp(-odds)))
-        self.alarms.append(
-            MotorAlarm(time, since, number, name, size, sure, self._layout.positions_assumed, self._boot)
-        )
+        found = self._times[-1], since, number, name, size, float(1 / (1 + np.exp(-odds)))
+        self.alarms.append(MotorAlarm(*found, self._layout.positions_assumed, self._boot))
         return self.alarms[-1]

@@ -19,7 +19,6 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.health.balance import BalanceFigures, MotorSignatures
 
 FEWEST_FLIGHTS = 2  # Of healthy ones: one alone does not show how much they differ
-FIRST_FLIGHTS = 3  # So many of a vehicle's first flights are the reference where none is chosen
 
 SCATTER = np.array([0.010, 0.010, 0.008])
 """Standard deviation of the level balance over healthy flights, before any was seen, in shares of the mean command. A
@@ -33,7 +32,6 @@ of mass in roll and pitch; in yaw, and across, a load 5 mm beside it."""
 LEAN_EFFECT_SCATTER, LEAN_EFFECT_FREEDOM = 0.2, 1.0
 """Standard deviation of the same over flights of one vehicle, 1/rad, before any flight, and how many flights that is
 worth: loads differ, and where a vehicle manoeuvres it also leans without wind."""
-OUTLIER_LEVEL = 0.999  # Of healthy flights: one that is farther off than so many is never like them
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,9 +78,10 @@ class HealthFigures:
     @property
     def effort(self) -> float | None:
         """The collective at a battery of 1 V: it grows with the payload, and not as the battery sags."""
-        if not self.collective or not self.voltage:
-            return None
-        return self.collective * self.voltage
+        return self.collective * self.voltage if self.collective and self.voltage else None
+
+
+HealthFlights = Sequence[HealthFigures]  # Of one vehicle
 
 
 class Deviation(NamedTuple):
@@ -102,21 +101,23 @@ class Deviation(NamedTuple):
     @property
     def beyond(self) -> bool:
         """Whether it is farther off on some axis than 999 healthy flights in 1000 are."""
-        far = stats.t.ppf((1 + OUTLIER_LEVEL) / 2, self.freedom) * np.hypot(self.scale, self.centre_error)
+        far = stats.t.ppf((1 + 0.999) / 2, self.freedom) * np.hypot(self.scale, self.centre_error)
         return bool((np.abs(self.change) > far).any())
 
 
-def healthy_flights(flights: Sequence[HealthFigures]) -> tuple[HealthFigures, ...]:
-    """Those a vehicle is compared with where none was chosen: the first three sound dated ones of each layout."""
+def healthy_flights(flights: HealthFlights, baseline: HealthFlights | None = None) -> HealthFlights:
+    """Those to compare with: of the ``baseline``, or else the first three sound dated ones of each layout."""
+    if baseline is not None:
+        return distinct_flights([flight for flight in baseline if not flight.missing])
     usable = [flight for flight in flights if flight.sound and flight.date is not None and not flight.missing]
     dated = distinct_flights(usable)
     first: dict[object, list[HealthFigures]] = {}
     for flight in sorted(dated, key=lambda flight: flight.when):
         first.setdefault(flight.layout, []).append(flight)
-    return tuple(flight for same in first.values() for flight in same[:FIRST_FLIGHTS])
+    return tuple(flight for same in first.values() for flight in same[:3])
 
 
-def distinct_flights(flights: Sequence[HealthFigures]) -> list[HealthFigures]:
+def distinct_flights(flights: HealthFlights) -> list[HealthFigures]:
     """Each flight once, though it was logged twice, as on board and on the ground: with the surer balance."""
     kept: list[HealthFigures] = []
     for flight in sorted(flights, key=lambda flight: float(np.linalg.norm(_balance(flight).error))):
@@ -125,7 +126,7 @@ def distinct_flights(flights: Sequence[HealthFigures]) -> list[HealthFigures]:
     return [flight for flight in flights if flight in kept]
 
 
-def deviation(flight: HealthFigures, healthy: Sequence[HealthFigures]) -> Deviation:
+def deviation(flight: HealthFigures, healthy: HealthFlights) -> Deviation:
     """How far a flight is from ``healthy`` ones, of which it is none; all have what :attr:`HealthFigures.missing` asks.
 
     The flights are compared level, by the effect of lean that they show themselves. What is left follows Student's
@@ -161,9 +162,8 @@ def _lean_effects(flights: Sequence[BalanceFigures]) -> tuple[Array, Array]:
     seen, variance = np.where(known, seen, 0.0), np.where(known, variance, np.inf)
     plain = seen.sum(axis=0) / np.maximum(known.sum(axis=0), 1)
     spread = np.where(known, (seen - plain) ** 2, 0.0).sum(axis=0)
-    scatter = (LEAN_EFFECT_FREEDOM * LEAN_EFFECT_SCATTER**2 + spread) / (
-        LEAN_EFFECT_FREEDOM + np.maximum(known.sum(axis=0) - 1, 0)
-    )
+    freedom = LEAN_EFFECT_FREEDOM + np.maximum(known.sum(axis=0) - 1, 0)
+    scatter = (LEAN_EFFECT_FREEDOM * LEAN_EFFECT_SCATTER**2 + spread) / freedom
     weights = 1 / (variance + scatter)
     total = weights.sum(axis=0) + LEAN_EFFECT**-2
     mean = (weights * seen).sum(axis=0) / total

@@ -54,10 +54,7 @@ def is_dataflash_text(content: bytes) -> bool:
 
 
 def require_whole(data: NDArray[np.uint8], source: str) -> None:
-    """Makes sure that ``data``, over ``mapped_bytes`` of the file ``source``, can still be read.
-
-    Raises Unreadable: the file was cut after it was opened; the system ends a process that reads beyond its end.
-    """
+    """Raises Unreadable where ``source`` was cut since ``data`` was mapped: reading beyond its end ends the process."""
     content = data.base.obj if isinstance(data.base, memoryview) else data.base
     if isinstance(content, mmap.mmap) and content.size() < len(content):
         raise Unreadable(f"{source} was cut short while it was in use: read it again.")

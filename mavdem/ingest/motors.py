@@ -16,7 +16,6 @@ Position = tuple[float, float]
 """(forward, right) of the centre of mass: metres from the autopilot's parameters, else on a unit circle."""
 MOTOR_COUNTS = {"TRICOPTER": 3, "QUADROTOR": 4, "HEXAROTOR": 6, "OCTOROTOR": 8, "DECAROTOR": 10, "DODECAROTOR": 12}
 """Number of motors of each MAV_TYPE that has one."""
-TRICOPTER = 7  # FRAME_CLASS
 MULTIROTORS = (*MOTOR_COUNTS, "GENERIC_MULTIROTOR")  # The MAV_TYPEs of vehicles with fixed rotors
 
 _COMPASS = ("front", "front right", "right", "rear right", "rear", "rear left", "left", "front left")
@@ -105,11 +104,15 @@ def motor_geometry(
         moving = [channel for channel in moving if channel not in others]
         if vehicle == "TRICOPTER":
             known.pop(7, None)  # the servo that tilts the rear motor
-        frame = _ardupilot_frame(vehicle, parameters)
-        places = _circle(dict(enumerate(_ARDUPILOT_FRAMES.get(frame[0], {}).get(frame[1], ()), 1)))
-        turns = _by_motor(_ARDUPILOT_SPINS.get(frame[0], {}).get(frame[1], ""))
-        if frame[0] == TRICOPTER:
-            places = _circle({1: 60.0, 2: -60.0, 4: 180.0})
+        frame_class, frame_type = int(parameters.get("FRAME_CLASS", 0)), int(parameters.get("FRAME_TYPE", -1))
+        if "FRAME_CLASS" not in parameters and "FRAME" in parameters:
+            # Before ArduCopter 3.5 the class was compiled in and FRAME was the type.
+            frame_class = {"QUADROTOR": 1, "HEXAROTOR": 2, "OCTOROTOR": 3}.get(vehicle, 0)
+            frame_type = int(parameters["FRAME"])
+        places, turns = _placed(*_ARDUPILOT_FRAMES.get(frame_class, {}).get(frame_type, ((), "")))
+        if frame_class == 7:  # a tricopter
+            places, turns = _placed((60, -60, 0, 180), "")
+            del places[3]  # its servo has another number, and it has no motor of this one
         basis = "the SERVOn_FUNCTION and FRAME parameters" if places else "the SERVOn_FUNCTION parameters"
     channels_assumed = len(known) < MOTOR_COUNTS.get(vehicle, 1)  # some of the parameters did not come
     if channels_assumed:
@@ -126,8 +129,7 @@ def motor_geometry(
     assumed = not all(motor in places for motor in motors)
     if assumed:
         # ArduPilot and PX4 number the motors of an X quad, by far the most common frame, the same way.
-        places = _circle(dict(enumerate(_QUAD_X, 1))) if motors == (1, 2, 3, 4) else {}
-        turns = _by_motor(_QUAD_X_SPINS) if places else {}
+        places, turns = _placed(_QUAD_X, _QUAD_X_SPINS) if motors == (1, 2, 3, 4) else ({}, {})
         basis += "; motor positions of an X quad" if places else "; motor positions unknown"
     positions = tuple(places[motor] for motor in motors) if places else ()
     spins = tuple(turns[motor] for motor in motors) if all(motor in turns for motor in motors) else ()
@@ -149,61 +151,43 @@ _QUAD_BETAFLIGHT: _Bearings = (135, 45, -135, -45)
 _OCTAQUAD_X: _Bearings = (45, -45, -135, 135, -45, 45, 135, -135)
 _Y6: _Bearings = (60, -60, -60, 180, 60, 180)
 
-_ARDUPILOT_FRAMES: dict[int, dict[int, _Bearings]] = {
-    1: {0: _QUAD_PLUS, 6: _QUAD_PLUS, 16: _QUAD_PLUS}
-    | {1: _QUAD_X, 2: _QUAD_X, 3: _QUAD_X, 17: _QUAD_X}
-    | {12: _QUAD_BETAFLIGHT, 18: _QUAD_BETAFLIGHT}
-    | {13: (45, -45, -135, 135), 14: (45, 135, -135, -45)},
+_QUAD_X_SPINS, _ALTERNATING = "++--", "+-+-+-+-"
+_ARDUPILOT_FRAMES: dict[int, dict[int, tuple[_Bearings, str]]] = {
+    1: {0: (_QUAD_PLUS, "++--"), 6: (_QUAD_PLUS, "--++"), 16: (_QUAD_PLUS, "")}
+    | {1: (_QUAD_X, "++--"), 2: (_QUAD_X, "++--"), 3: (_QUAD_X, "--++"), 17: (_QUAD_X, "")}
+    | {12: (_QUAD_BETAFLIGHT, "-++-"), 18: (_QUAD_BETAFLIGHT, "+--+")}
+    | {13: ((45, -45, -135, 135), "+-+-"), 14: ((45, 135, -135, -45), "+-+-")},
     2: {
-        0: (0, 180, -120, 60, -60, 120),
-        1: (90, -90, -30, 150, 30, -150),
-        13: (30, -30, -90, -150, 150, 90),
-        14: (30, 90, 150, -150, -90, -30),
+        0: ((0, 180, -120, 60, -60, 120), "-+-++-"),
+        1: ((90, -90, -30, 150, 30, -150), "-+-++-"),
+        13: ((30, -30, -90, -150, 150, 90), "+-+-+-"),
+        14: ((30, 90, 150, -150, -90, -30), "+-+-+-"),
     },
     3: {
-        0: (0, 180, 45, 135, -45, -135, -90, 90),
-        1: (22.5, -157.5, 67.5, 157.5, -22.5, -112.5, -67.5, 112.5),
-        13: (22.5, -22.5, -67.5, -112.5, -157.5, 157.5, 112.5, 67.5),
-        14: (22.5, 67.5, 112.5, 157.5, -157.5, -112.5, -67.5, -22.5),
+        0: ((0, 180, 45, 135, -45, -135, -90, 90), "--++++--"),
+        1: ((22.5, -157.5, 67.5, 157.5, -22.5, -112.5, -67.5, 112.5), "--++++--"),
+        13: ((22.5, -22.5, -67.5, -112.5, -157.5, 157.5, 112.5, 67.5), _ALTERNATING),
+        14: ((22.5, 67.5, 112.5, 157.5, -157.5, -112.5, -67.5, -22.5), _ALTERNATING),
     },
-    4: {0: (0, -90, 180, 90, -90, 0, 90, 180), 14: (45, 45, 135, 135, -135, -135, -45, -45)}
-    | {1: _OCTAQUAD_X, 2: _OCTAQUAD_X, 3: _OCTAQUAD_X}
-    | {12: _QUAD_BETAFLIGHT * 2, 18: _QUAD_BETAFLIGHT * 2},
-    5: {0: _Y6, 1: _Y6, 10: (60, 60, 180, 180, -60, -60), 11: (180, 60, -60, 180, 60, -60)},
+    4: {
+        0: ((0, -90, 180, 90, -90, 0, 90, 180), _ALTERNATING),
+        14: ((45, 45, 135, 135, -135, -135, -45, -45), "+--++--+"),
+    }
+    | {1: (_OCTAQUAD_X, _ALTERNATING), 2: (_OCTAQUAD_X, _ALTERNATING), 3: (_OCTAQUAD_X, "-+-+-+-+")}
+    | {12: (_QUAD_BETAFLIGHT * 2, "-++-+--+"), 18: (_QUAD_BETAFLIGHT * 2, "+--+-++-")},
+    5: {0: (_Y6, "+-+--+"), 1: (_Y6, "+-+--+")}
+    | {10: ((60, 60, 180, 180, -60, -60), "-+-+-+"), 11: ((180, 60, -60, 180, 60, -60), "+++---")},
 }
-"""Bearing of each motor, degrees clockwise from the nose, by FRAME_CLASS (1 quad, 2 hexa, 3 octa, 4 octaquad, 5 Y6) and
-FRAME_TYPE. Source: ArduPilot's motor order diagrams, https://ardupilot.org/copter/docs/connect-escs-and-motors.html."""
-_QUAD_X_SPINS, _ALTERNATING = "++--", "+-+-+-+-"
-_ARDUPILOT_SPINS: dict[int, dict[int, str]] = {
-    1: {0: _QUAD_X_SPINS, 1: _QUAD_X_SPINS, 2: _QUAD_X_SPINS, 3: "--++", 6: "--++"}
-    | {12: "-++-", 13: "+-+-", 14: "+-+-", 18: "+--+"},
-    2: {0: "-+-++-", 1: "-+-++-", 13: "+-+-+-", 14: "+-+-+-"},
-    3: {0: "--++++--", 1: "--++++--", 13: _ALTERNATING, 14: _ALTERNATING},
-    4: {0: _ALTERNATING, 1: _ALTERNATING, 2: _ALTERNATING, 3: "-+-+-+-+"}
-    | {12: "-++-+--+", 14: "+--++--+", 18: "+--+-++-"},
-    5: {0: "+-+--+", 1: "+-+--+", 10: "-+-+-+", 11: "+++---"},
-}
-"""Direction of each propeller of the same frames, "+" for counterclockwise; frames without control of yaw have none.
-Source: https://github.com/ArduPilot/ardupilot/blob/master/libraries/AP_Motors/AP_MotorsMatrix.cpp."""
+"""Bearing of each motor, degrees clockwise from the nose, and direction of its propeller, "+" for counterclockwise, by
+FRAME_CLASS (1 quad, 2 hexa, 3 octa, 4 octaquad, 5 Y6) and FRAME_TYPE; frames without control of yaw have no directions.
+Source: ArduPilot's motor order diagrams, https://ardupilot.org/copter/docs/connect-escs-and-motors.html, and
+https://github.com/ArduPilot/ardupilot/blob/master/libraries/AP_Motors/AP_MotorsMatrix.cpp."""
 
 
-def _ardupilot_frame(vehicle: str, parameters: Mapping[str, float]) -> tuple[int, int]:
-    """FRAME_CLASS and FRAME_TYPE; 0 and -1 where they are not known."""
-    frame_class = int(parameters.get("FRAME_CLASS", 0))
-    frame_type = int(parameters.get("FRAME_TYPE", -1))
-    if "FRAME_CLASS" not in parameters and "FRAME" in parameters:
-        # Before ArduCopter 3.5 the class was compiled in and FRAME was the type.
-        frame_class = {"QUADROTOR": 1, "HEXAROTOR": 2, "OCTOROTOR": 3}.get(vehicle, 0)
-        frame_type = int(parameters["FRAME"])
-    return frame_class, frame_type
-
-
-def _by_motor(spins: str) -> dict[int, int]:
-    return {motor: 1 if spin == "+" else -1 for motor, spin in enumerate(spins, 1)}
-
-
-def _circle(bearings: Mapping[int, float]) -> dict[int, Position]:
-    return {n: (round(cos(radians(at)), 6), round(sin(radians(at)), 6)) for n, at in bearings.items()}
+def _placed(bearings: _Bearings, directions: str) -> tuple[dict[int, Position], dict[int, int]]:
+    """Place and spin of each motor."""
+    places = ((round(cos(radians(at)), 6), round(sin(radians(at)), 6)) for at in bearings)
+    return dict(enumerate(places, 1)), {n: 1 if spin == "+" else -1 for n, spin in enumerate(directions, 1)}
 
 
 _PX4_DRIVERS = ("PWM_MAIN", "PWM_AUX", "UAVCAN_EC", "DSHOT", "SIM_GZ_EC", "HIL_ACT", "TAP_ESC", "VOXL_ESC", "PCA9685")
@@ -253,8 +237,6 @@ class OutputScale:
         return np.where((outputs == 0) & (self.low > 0), 0.0, (outputs - self.low) / (self.high - self.low))
 
 
-MIN_PULSE_RANGE = 300.0  # µs from no to full throttle; less is no range of a speed controller
-MAX_OUTSIDE = 0.5  # Share of the different pulse widths outside of the parameters' range: disarmed, arming, damaged
 MAX_DSHOT, MAX_UAVCAN = 1999.0, 8191.0  # PX4's outputs at full throttle
 
 
@@ -281,8 +263,8 @@ def output_scale(
         throttle = f"RC{parameters['RCMAP_THROTTLE']:.0f}" if "RCMAP_THROTTLE" in parameters else ""
         named = () if drivers else (("MOT_PWM_MIN", "MOT_PWM_MAX"), (f"{throttle}_MIN", f"{throttle}_MAX"))
         for low, high in (own, *((parameters.get(one, 0.0), parameters.get(other, 0.0)) for one, other in named)):
-            outside = np.mean((running < low) | (running > high + 1))
-            if low > 0 and high - low >= MIN_PULSE_RANGE and outside <= MAX_OUTSIDE:
+            # Pulse widths outside are of disarmed and arming motors, or damaged; 300 µs is a speed controller's range.
+            if low > 0 and high - low >= 300 and np.mean((running < low) | (running > high + 1)) <= 0.5:
                 return OutputScale("PWM", "µs", float(low), float(high), step, _ardupilot_stop(parameters))
         return OutputScale("PWM", "µs", 1000.0, 2000.0, step, _ardupilot_stop(parameters))
     if drivers and 10 < most <= 2047 and "DSHOT_MIN" in parameters:

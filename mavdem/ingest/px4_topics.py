@@ -7,14 +7,14 @@ https://github.com/PX4/PX4-Autopilot/tree/main/msg. Fields that no topic has are
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.ingest.motors import motor_geometry
-from mavdem.ingest.telemetry import Columns, joined, rate_without_gaps, selected
+from mavdem.ingest.telemetry import Array, Columns, joined, rate_without_gaps, selected
 from mavdem.ingest.vocabulary import IN_AIR, LANDING, ON_GROUND, PX4, TAKING_OFF, attitude_target, heartbeat_fields
 
 Px4Topic = Mapping[str, NDArray[Any]]
@@ -57,7 +57,7 @@ _OUTPUTS, _MOTORS, _CONTROLS = 16, 12, 8
 
 def mav_type(topics: Topics, parameters: Parameters) -> int | None:
     """MAV_TYPE, from vehicle_status.system_type, the parameter MAV_TYPE, or the kind of wings; None without any."""
-    status = _first(topics, "vehicle_status") or {}
+    status = _first(topics, "vehicle_status")
     types = [*status.get("system_type", ()), parameters.get("MAV_TYPE", 0)]
     types = [int(kind) for kind in types if 0 < kind < 256] or [
         *(_OF_WINGS[kind] for kind in status.get("vehicle_type", ()) if kind in _OF_WINGS),
@@ -74,34 +74,41 @@ def messages(
     ``time`` is PX4's own stamp of the topic, ``boot`` 0 throughout. ``vehicle`` is the MAV_TYPE without its prefix,
     ``kind`` its number, None when unknown.
     """
-    with np.errstate(all="ignore"):  # damage makes values that are not finite; their readers leave them out
-        attitude, rates = _attitude_quaternion(topics), _first(topics, "vehicle_angular_velocity")
-        by_rates = attitude is not None and rates is not None and np.isin(attitude["time"], rates["time"]).all()
-        old = "actuator_controls_0" in topics and "vehicle_torque_setpoint" not in topics
-        demand = "actuator_controls_0" if old else "vehicle_torque_setpoint"
-        named = {
-            "ATTITUDE_QUATERNION": ("vehicle_angular_velocity" if by_rates else "vehicle_attitude", attitude),
-            "SERVO_OUTPUT_RAW": ("actuator_outputs", _servo_output_raw(topics)),
-            "HIL_ACTUATOR_CONTROLS": ("actuator_motors", _hil_actuator_controls(topics, vehicle, parameters)),
-            "ACTUATOR_CONTROL_TARGET": (demand, _actuator_control_target(topics)),
-            "HEARTBEAT": ("vehicle_status", _heartbeat(topics, kind or 0)),
-            "EXTENDED_SYS_STATE": ("vehicle_land_detected", _extended_sys_state(topics)),
-            "LOCAL_POSITION_NED": ("vehicle_local_position", _local_position_ned(topics)),
-        }
-        if any(columns is not None and len(columns["time"]) for _, columns in named.values()):
-            named |= {
-                "ATTITUDE_TARGET": ("vehicle_rates_setpoint and vehicle_attitude_setpoint", _attitude_target(topics)),
-                "MANUAL_CONTROL": ("manual_control_setpoint", _manual_control(topics)),
-                "SYS_STATUS": ("battery_status", _sys_status(topics)),
-                "VIBRATION": ("vehicle_imu_status", _vibration(topics)),
-                "SYSTEM_TIME": ("vehicle_gps_position", _system_time(topics)),
-            }
-    made: dict[str, Columns] = {
-        name: columns | {"boot": np.zeros(len(columns["time"]), dtype=np.int64)}
-        for name, (_, columns) in named.items()
-        if columns is not None and len(columns["time"])
+    old = "actuator_controls_0" in topics and "vehicle_torque_setpoint" not in topics
+    demand = "actuator_controls_0" if old else "vehicle_torque_setpoint"
+    attitude, rates = _made(_attitude_quaternion, topics), _first(topics, "vehicle_angular_velocity")
+    by_rates = bool(attitude and rates) and np.isin(attitude["time"], rates["time"]).all()
+    named = {
+        "ATTITUDE_QUATERNION": ("vehicle_angular_velocity" if by_rates else "vehicle_attitude", attitude),
+        "SERVO_OUTPUT_RAW": ("actuator_outputs", _made(_servo_output_raw, topics)),
+        "HIL_ACTUATOR_CONTROLS": ("actuator_motors", _made(_hil_actuator_controls, topics, vehicle, parameters)),
+        "ACTUATOR_CONTROL_TARGET": (demand, _made(_actuator_control_target, topics)),
+        "HEARTBEAT": ("vehicle_status", _made(_heartbeat, topics, kind or 0)),
+        "EXTENDED_SYS_STATE": ("vehicle_land_detected", _made(_extended_sys_state, topics)),
+        "LOCAL_POSITION_NED": ("vehicle_local_position", _made(_local_position_ned, topics)),
     }
+    if any(columns for _, columns in named.values()):
+        targets = _made(_attitude_target, topics)
+        named |= {
+            "ATTITUDE_TARGET": ("vehicle_rates_setpoint and vehicle_attitude_setpoint", targets),
+            "MANUAL_CONTROL": ("manual_control_setpoint", _made(_manual_control, topics)),
+            "SYS_STATUS": ("battery_status", _made(_sys_status, topics)),
+            "VIBRATION": ("vehicle_imu_status", _made(_vibration, topics)),
+            "SYSTEM_TIME": ("vehicle_gps_position", _made(_system_time, topics)),
+        }
+    made: dict[str, Columns] = {name: columns for name, (_, columns) in named.items() if columns}
     return made, {name: topic for name, (topic, _) in named.items()}
+
+
+def _made(make: Callable[..., dict[str, NDArray[Any]]], *given: Any) -> dict[str, NDArray[Any]]:
+    """A message by one of the functions below; nothing where a topic, or a field of it, was not logged."""
+    try:
+        with np.errstate(all="ignore"):  # damage makes values that are not finite; their readers leave them out
+            columns = make(*given)
+    except KeyError:
+        return {}
+    time = columns.get("time", np.zeros(0))
+    return columns | {"boot": np.zeros(len(time), dtype=np.int64)} if len(time) else {}
 
 
 def notes(topics: Topics, made: Mapping[str, Columns]) -> tuple[str, ...]:
@@ -115,29 +122,25 @@ def notes(topics: Topics, made: Mapping[str, Columns]) -> tuple[str, ...]:
     return (f"{logged_at}: attitude was interpolated at the timestamps of the body rates.",)
 
 
-def _attitude_quaternion(topics: Topics) -> dict[str, NDArray[Any]] | None:
+def _attitude_quaternion(topics: Topics) -> dict[str, NDArray[Any]]:
     """ATTITUDE_QUATERNION.hpp: vehicle_attitude and, from PX4 1.10 on, vehicle_angular_velocity for the rates.
 
     PX4 sends the rates that were last published. Here attitude, the smoother of the two, is interpolated at the stamps
     of the rates, so that neither is late. Only an attitude too slow for that keeps its own stamps.
     """
     attitude = _first(topics, "vehicle_attitude")
-    if attitude is None or not _has(attitude, "q", 4):
-        return None
     q = _array(attitude, "q", 4)
     rates = ("rollspeed", "pitchspeed", "yawspeed")
     names = ("q1", "q2", "q3", "q4", *rates)
     if all(name in attitude for name in rates):
         return {"time": attitude["time"], **dict(zip(names, q.T, strict=False)), **{n: attitude[n] for n in rates}}
     angular = _first(topics, "vehicle_angular_velocity")
-    if angular is None or not _has(angular, "xyz", 3):
-        return None
-    measured, moments = _moments(attitude, angular)
     xyz, time = _array(angular, "xyz", 3), angular["time"]
+    measured, moments = _moments(attitude, angular)
     finite = np.isfinite(q).all(axis=1) & q.any(axis=1)
     measured, q, stamps = measured[finite], q[finite], attitude["time"][finite]
     if len(q) < 2:
-        return None
+        return {}
     steps = np.diff(measured)
     if np.median(steps) > MAX_ATTITUDE_STEP:
         xyz = np.column_stack([np.interp(measured, moments, rate) for rate in xyz.T])
@@ -149,7 +152,7 @@ def _attitude_quaternion(topics: Topics) -> dict[str, NDArray[Any]] | None:
     return {"time": time, **dict(zip(names, [*q.T, *xyz.T], strict=True))}
 
 
-def _moments(*topics: Px4Topic) -> list[NDArray[np.float64]]:
+def _moments(*topics: Px4Topic) -> list[Array]:
     """When each was measured, s, where all topics have that in order; else when all were published, a little later."""
     stamped = all("timestamp_sample" in topic for topic in topics)
     sampled = [topic["timestamp_sample"] for topic in topics] if stamped else []
@@ -158,9 +161,7 @@ def _moments(*topics: Px4Topic) -> list[NDArray[np.float64]]:
     return [topic["time"] for topic in topics]
 
 
-def _between(
-    time: NDArray[np.float64], q: NDArray[np.float64], after: NDArray[np.intp], moments: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _between(time: Array, q: Array, after: NDArray[np.intp], moments: Array) -> Array:
     """Unit quaternions (M, 4) on the chord between those of ``q`` (N, 4) before and ``after`` (M,) the moments (M,)."""
     before, following = q[after - 1], q[after]
     # q and −q are the same attitude: the chord must not lead from one to the other.
@@ -173,21 +174,21 @@ def _between(
     return np.where(share == 1, following, np.where(share == 0, before, unit))
 
 
-def _servo_output_raw(topics: Topics) -> dict[str, NDArray[Any]] | None:
+def _servo_output_raw(topics: Topics) -> dict[str, NDArray[Any]]:
     """SERVO_OUTPUT_RAW.hpp: actuator_outputs, each instance a port of 16, with the decimals the message cuts off.
 
     An instance that two drivers publish in turn, each with its ``noutputs``, becomes two ports.
     """
     ports: dict[int, Px4Topic] = {}
     for instance, topic in topics.get("actuator_outputs", {}).items():
-        if _has(topic, "output", 1):
+        if "output[0]" in topic:
             used = topic.get("noutputs", np.zeros(len(topic["time"])))
             in_turn = np.count_nonzero(np.diff(used)) >= 2 * len(np.unique(used))
             parts = [selected(topic, used == kind) for kind in np.unique(used)] if in_turn else [topic]
             parts.sort(key=lambda part: -float(np.ptp(part["output[0]"])))
             ports |= {instance + _OUTPUTS * n: part for n, part in enumerate(parts)}
     if not ports:
-        return None
+        return {}
     outputs = np.concatenate([_outputs(topic) for topic in ports.values()])
     port = np.concatenate([np.full(len(topic["time"]), port, dtype=np.uint8) for port, topic in ports.items()])
     time = np.concatenate([topic["time"] for topic in ports.values()])
@@ -196,7 +197,7 @@ def _servo_output_raw(topics: Topics) -> dict[str, NDArray[Any]] | None:
     return {"time": time[order], "port": port[order], **fields}
 
 
-def _outputs(topic: Px4Topic) -> NDArray[np.float64]:
+def _outputs(topic: Px4Topic) -> Array:
     """(N, 16), zero beyond the number of outputs in use, unless that is 0."""
     there = [n for n in range(_OUTPUTS) if f"output[{n}]" in topic]
     outputs = np.zeros((len(topic["time"]), _OUTPUTS))
@@ -207,20 +208,18 @@ def _outputs(topic: Px4Topic) -> NDArray[np.float64]:
     return outputs
 
 
-def _hil_actuator_controls(topics: Topics, vehicle: str, parameters: Parameters) -> dict[str, NDArray[Any]] | None:
+def _hil_actuator_controls(topics: Topics, vehicle: str, parameters: Parameters) -> dict[str, NDArray[Any]]:
     """HIL_ACTUATOR_CONTROLS, which has outputs as shares of the range: actuator_motors, from PX4 1.13 on.
 
     The topic counts motors, the message channels: each motor is put on the channel that the parameters give it. NaN,
     a motor that is off, becomes 0.
     """
     topic = _first(topics, "actuator_motors")
-    if topic is None or not _has(topic, "control", 1):
-        return None
     plan = motor_geometry(vehicle, "PX4", parameters, range(1, _OUTPUTS + 1), _OUTPUTS)
     channel = {motor: motor for motor in range(1, _MOTORS + 1)}
     if plan is not None and not plan.channels_assumed:
         channel = dict(zip(plan.motors, plan.channels, strict=True))
-    controls = np.zeros((len(topic["time"]), _OUTPUTS))
+    controls = np.zeros((len(topic["control[0]"]), _OUTPUTS))
     for motor in range(1, _MOTORS + 1):
         if f"control[{motor - 1}]" in topic and motor in channel:
             control = topic[f"control[{motor - 1}]"]
@@ -228,104 +227,93 @@ def _hil_actuator_controls(topics: Topics, vehicle: str, parameters: Parameters)
     return {"time": topic["time"], "controls": controls}
 
 
-def _actuator_control_target(topics: Topics) -> dict[str, NDArray[Any]] | None:
+def _actuator_control_target(topics: Topics) -> dict[str, NDArray[Any]]:
     """ACTUATOR_CONTROL_TARGET: the demands on roll, pitch, yaw (−1…1) and thrust (0…1), group 0.
 
     From vehicle_torque_setpoint and vehicle_thrust_setpoint, whose z points down, or the actuator_controls_0 of PX4
     before 1.14, whose controls the message sent as they are (ACTUATOR_CONTROL_TARGET.hpp until then).
     """
-    torque = _first(topics, "vehicle_torque_setpoint")
-    if torque is not None and _has(torque, "xyz", 3):
+    if torque := _first(topics, "vehicle_torque_setpoint"):
         controls = np.zeros((len(torque["time"]), _CONTROLS))
         controls[:, :3] = _array(torque, "xyz", 3)
         thrust = _first(topics, "vehicle_thrust_setpoint")
-        if thrust is not None and "xyz[2]" in thrust:
+        if "xyz[2]" in thrust:
             controls[:, 3] = np.interp(torque["time"], thrust["time"], -thrust["xyz[2]"])
         time = torque["time"]
     else:
         old = _first(topics, "actuator_controls_0")
-        if old is None or not _has(old, "control", _CONTROLS):
-            return None
         controls, time = _array(old, "control", _CONTROLS), old["time"]
     return {"time": time, "group_mlx": np.zeros(len(time), dtype=np.uint8), "controls": controls}
 
 
-def _attitude_target(topics: Topics) -> dict[str, NDArray[Any]] | None:
+def _attitude_target(topics: Topics) -> dict[str, NDArray[Any]]:
     """ATTITUDE_TARGET.hpp: vehicle_attitude_setpoint and vehicle_rates_setpoint, rad/s; each masks the other."""
-    parts = []
+    parts: list[Columns] = []
     attitude, rates = _first(topics, "vehicle_attitude_setpoint"), _first(topics, "vehicle_rates_setpoint")
-    if attitude is not None and _has(attitude, "q_d", 4):
+    if "q_d[3]" in attitude:
         attitude = selected(attitude, _valid(attitude, "q_d_valid"))
         parts.append({"time": attitude["time"], **attitude_target(q=_array(attitude, "q_d", 4))})
-    if rates is not None and all(axis in rates for axis in ("roll", "pitch", "yaw")):
+    if all(axis in rates for axis in ("roll", "pitch", "yaw")):
         asked = np.column_stack([rates[axis] for axis in ("roll", "pitch", "yaw")]).astype(np.float64)
         parts.append({"time": rates["time"], **attitude_target(rates=asked)})
-    if not parts:
-        return None
-    together = joined(parts)
+    together = joined(parts or [{"time": np.zeros(0)}])
     return selected(together, np.argsort(together["time"], kind="stable"))
 
 
-def _manual_control(topics: Topics) -> dict[str, NDArray[Any]] | None:
+def _manual_control(topics: Topics) -> dict[str, NDArray[Any]]:
     """MANUAL_CONTROL.hpp: manual_control_setpoint, called x, y and r until PX4 1.13, with the decimals it cuts off."""
-    sticks = _first(topics, "manual_control_setpoint") or {}
+    sticks = _first(topics, "manual_control_setpoint")
     names = {"x": "pitch", "y": "roll", "r": "yaw"}
     fields = {ours: theirs if theirs in sticks else ours for ours, theirs in names.items()}
-    if not all(field in sticks for field in fields.values()):
-        return None
     shares, valid = {ours: sticks[field].astype(np.float64) for ours, field in fields.items()}, _valid(sticks, "valid")
     return {"time": sticks["time"]} | {n: np.where(valid, STICK_RANGE * share, NO_STICK) for n, share in shares.items()}
 
 
-def _sys_status(topics: Topics) -> dict[str, NDArray[Any]] | None:
+def _sys_status(topics: Topics) -> dict[str, NDArray[Any]]:
     """SYS_STATUS.hpp: battery_status, mV and cA, with the decimals the message cuts off."""
-    battery = _first(topics, "battery_status") or {}
-    field = next((name for name in ("voltage_v", "voltage_filtered_v") if name in battery), None)
-    if field is None:
-        return None
+    battery = _first(topics, "battery_status")
+    field = "voltage_v" if "voltage_v" in battery else "voltage_filtered_v"
     found = {"time": battery["time"], "voltage_battery": 1000.0 * battery[field].astype(np.float64)}
     if "current_a" in battery:
         found["current_battery"] = 100.0 * battery["current_a"].astype(np.float64)
     return found
 
 
-def _vibration(topics: Topics) -> dict[str, NDArray[Any]] | None:
+def _vibration(topics: Topics) -> dict[str, NDArray[Any]]:
     """VIBRATION.hpp: vehicle_imu_status of the first IMU; z is the level of its acceleration, m/s²."""
-    status = _first(topics, "vehicle_imu_status") or {}
+    status = _first(topics, "vehicle_imu_status")
     # Before PX4 1.13, which has no gyro_clipping yet, the level was that of the velocity's increments.
-    if not (_has(status, "accel_clipping", 3) and _has(status, "gyro_clipping", 3)):
-        return None
+    if "gyro_clipping[2]" not in status:
+        return {}
     clips = {f"clipping_{axis}": status[f"accel_clipping[{axis}]"] for axis in range(3)}
     return {"time": status["time"], "vibration_z": status["accel_vibration_metric"], **clips}
 
 
-def _system_time(topics: Topics) -> dict[str, NDArray[Any]] | None:
+def _system_time(topics: Topics) -> dict[str, NDArray[Any]]:
     """SYSTEM_TIME.hpp: vehicle_gps_position, where the receiver knows the time."""
-    gps = _first(topics, "vehicle_gps_position") or {}
-    known = selected(gps, gps["time_utc_usec"] > 0) if "time_utc_usec" in gps else None
-    return known and {"time": known["time"], "time_unix_usec": known["time_utc_usec"]}
+    gps = _first(topics, "vehicle_gps_position")
+    known = selected(gps, gps["time_utc_usec"] > 0)
+    return {"time": known["time"], "time_unix_usec": known["time_utc_usec"]}
 
 
-def _heartbeat(topics: Topics, kind: int) -> dict[str, NDArray[Any]] | None:
+def _heartbeat(topics: Topics, kind: int) -> dict[str, NDArray[Any]]:
     """HEARTBEAT.hpp: vehicle_status. The state "armed" has been 2 in every version."""
-    status = _first(topics, "vehicle_status") or {}
-    if "arming_state" not in status:
-        return None
+    status = _first(topics, "vehicle_status")
     return {"time": status["time"], **heartbeat_fields(kind, PX4, status["arming_state"] == 2)}
 
 
-def _extended_sys_state(topics: Topics) -> dict[str, NDArray[Any]] | None:
+def _extended_sys_state(topics: Topics) -> dict[str, NDArray[Any]]:
     """EXTENDED_SYS_STATE.hpp: vehicle_land_detected, what an automatic mode flies to; a row whenever a topic came.
 
     Also one at the first message of each second: old PX4 logged the state at its changes only.
     """
     land, mode = _first(topics, "vehicle_land_detected"), _first(topics, "vehicle_control_mode")
     target = _first(topics, "position_setpoint_triplet")
-    if land is None or "landed" not in land:
-        return None
+    if "landed" not in land:
+        return {}
     logged = np.unique(np.concatenate([topic["time"] for group in topics.values() for topic in group.values()]))
     _, first = np.unique(np.floor(logged), return_index=True)
-    came = [topic["time"] for topic in (land, mode, target) if topic is not None]
+    came = [topic["time"] for topic in (land, mode, target) if topic]
     time = np.unique(np.concatenate([*came, logged[first]]))
     time = time[time >= land["time"].min()]
     state = np.where(_held(land, "landed", time), ON_GROUND, IN_AIR)
@@ -337,19 +325,17 @@ def _extended_sys_state(topics: Topics) -> dict[str, NDArray[Any]] | None:
     return {"time": time, "landed_state": state.astype(np.uint8)}
 
 
-def _held(topic: Px4Topic | None, field: str, time: NDArray[np.float64]) -> NDArray[np.float64]:
+def _held(topic: Px4Topic, field: str, time: Array) -> Array:
     """The field's last value at each time (N,); 0 before the first, and where it was not logged."""
-    if topic is None or field not in topic:
+    if field not in topic:
         return np.zeros(len(time))
     last = np.searchsorted(topic["time"], time, side="right") - 1
     return np.where(last >= 0, topic[field][np.maximum(last, 0)].astype(np.float64), 0.0)
 
 
-def _local_position_ned(topics: Topics) -> dict[str, NDArray[Any]] | None:
+def _local_position_ned(topics: Topics) -> dict[str, NDArray[Any]]:
     """LOCAL_POSITION_NED.hpp: vehicle_local_position where its vertical speed is valid; m and m/s."""
-    topic, fields = _first(topics, "vehicle_local_position") or {}, ("time", "x", "y", "z", "vx", "vy", "vz")
-    if not all(field in topic for field in fields):
-        return None
+    topic, fields = _first(topics, "vehicle_local_position"), ("time", "x", "y", "z", "vx", "vy", "vz")
     return selected({field: topic[field] for field in fields}, _valid(topic, "v_z_valid"))
 
 
@@ -357,15 +343,11 @@ def _valid(topic: Px4Topic, field: str) -> NDArray[np.bool_]:
     return np.asarray(topic.get(field, np.ones(len(topic["time"])))).astype(np.bool_)
 
 
-def _first(topics: Topics, name: str) -> Px4Topic | None:
-    """The instance of the lowest number."""
+def _first(topics: Topics, name: str) -> Px4Topic:
+    """The instance of the lowest number; empty where there is none."""
     instances = topics.get(name)
-    return instances[min(instances)] if instances else None
+    return instances[min(instances)] if instances else {}
 
 
-def _has(topic: Px4Topic, field: str, count: int) -> bool:
-    return all(f"{field}[{n}]" in topic for n in range(count))
-
-
-def _array(topic: Px4Topic, field: str, count: int) -> NDArray[np.float64]:
+def _array(topic: Px4Topic, field: str, count: int) -> Array:
     return np.column_stack([topic[f"{field}[{n}]"] for n in range(count)]).astype(np.float64)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+Array = NDArray[np.float64]
 Columns = Mapping[str, NDArray[Any]]
 """One message type's fields by name; every array has one row per message, in stream order.
 
@@ -62,7 +63,7 @@ class Telemetry:
         return self.names.get(message, message)
 
 
-def rate_without_gaps(steps: NDArray[np.float64]) -> float:
+def rate_without_gaps(steps: Array) -> float:
     """Returns messages a second by the ``steps`` (N,), s, between them, without gaps of over three usual ones."""
     return 1 / float(steps[steps <= 3 * np.median(steps)].mean()) if len(steps) else 0.0
 

@@ -29,8 +29,6 @@ STAMP_BYTES = 8  # Bytes of the receive stamp before each frame
 MAX_STAMP_JUMP = 3600.0  # Seconds from its neighbours beyond which a receive stamp is wrong
 MAX_JUMP_AFTER_DAMAGE = 60.0  # The same for a stamp after damage, which may itself be damaged
 STAMP_WINDOW = 9  # Stamps whose median is compared with the one in their middle
-CHANCE_FRAMES = 1e-6
-"""Good frames a byte that belongs to none, of which a log has more; random bytes have some 1.5e-7."""
 BATCH = 1 << 16  # Stamps read together
 
 
@@ -51,10 +49,7 @@ def read_tlog(path: str | os.PathLike[str], progress: Progress = no_progress) ->
 
 
 def tlog_stream(path: str | os.PathLike[str], progress: Progress = no_progress) -> FrameStream:
-    """Returns the frames of a telemetry log with their receive stamps, in the order they were received.
-
-    Raises Unreadable: as ``read_tlog``.
-    """
+    """Returns the frames of a telemetry log with their stamps, in the order received; raises as ``read_tlog``."""
     source = os.fspath(path)
     data, repairs = _without_carriage_returns(mapped_bytes(path))
     stamps, tables = ReceiveStamps(data), []
@@ -128,10 +123,7 @@ class ReceiveStamps:
         self._untrusted = np.sort(np.concatenate(untrusted))
 
     def at(self, start: Places) -> Times:
-        """UNIX s (N,) of the frames that begin at ``start`` (N,), ascending.
-
-        NaN where there is no stamp or it lies far from its neighbours'.
-        """
+        """UNIX s (N,) of frames that begin at ``start`` (N,), ascending; NaN: no stamp, or far from its neighbours."""
         untrusted = np.isin(start, self._untrusted)
         return np.where(untrusted, np.nan, _stamps(self._data, start.astype(np.int64)) / 1e6)
 
@@ -171,5 +163,5 @@ def _require_mavlink(source: str, good: int, frames: int, skipped: int) -> None:
     if frames and not good:
         what = f"{frames} frames that look like MAVLink, but none matches a dialect that pymavlink has"
         raise Unreadable(f"{source} contains {what}: it is of another dialect or damaged throughout.")
-    if good <= CHANCE_FRAMES * skipped:
+    if good <= 1e-6 * skipped:  # random bytes have some 1.5e-7 good frames each
         raise Unreadable(f"{source} contains no MAVLink: {READABLE_FORMATS}.")

@@ -65,7 +65,6 @@ _BEGUN = (
 _TOPIC = re.compile(rb"[\w/-]{1,255}")
 _KEY = re.compile(rb"(\w+)(\[\d*\])? [ -~]+")
 _TEXT = re.compile(rb"[^\x00-\x08\x0e-\x1a\x1c-\x1f]*")
-_COMPAT_FLAGS, _OFFSETS = slice(8, 16), struct.Struct("<3Q")
 _APPENDED = 1
 
 
@@ -95,15 +94,15 @@ _BASIC = {kind.encode(): UlogFormat(size, size, 1) for kind, size in SIZES.items
 
 def _appended(content: bytes, source: str) -> list[int]:
     """Where data begin that were appended after a crash; the message before each is cut off there."""
-    if len(content) < FIRST_MESSAGE + 3 or content[FIRST_MESSAGE + 2] != ord("B"):
-        return []
     flags = content[FIRST_MESSAGE + 3 : FIRST_MESSAGE + 3 + 40]
-    if len(flags) < 40 or _HEADER.unpack_from(content, FIRST_MESSAGE)[0] < 40:
+    if len(flags) < 40 or content[FIRST_MESSAGE + 2] != ord("B") or _ID.unpack_from(content, FIRST_MESSAGE)[0] < 40:
         return []
-    incompatible = flags[_COMPAT_FLAGS]
+    incompatible = flags[8:16]
     if incompatible[0] & ~_APPENDED or any(incompatible[1:]):
         raise Unreadable(f"{source} is a ULog of a later format or damaged at its beginning: its flags are unknown.")
-    offsets = [offset for offset in _OFFSETS.unpack_from(flags, 16) if offset] if incompatible[0] & _APPENDED else []
+    offsets = (
+        [offset for offset in struct.unpack_from("<3Q", flags, 16) if offset] if incompatible[0] & _APPENDED else []
+    )
     sound = all(a < b for a, b in zip([FIRST_MESSAGE + 43, *offsets], [*offsets, len(content)], strict=True))
     return offsets if sound else []
 
@@ -386,10 +385,9 @@ def _instead(content: bytes, source: str, found: WholeMessages) -> str:
     if not held:
         return "it is damaged or cut off at its beginning." if damaged or found.cut else "nothing was logged in it."
     state = "is damaged," if damaged else "is cut off at its end," if found.cut else "is intact, but"
-    return (
-        f"the file {state} holds neither attitude nor motor outputs (its topics: {listed(held)}); in PX4 log "
-        "vehicle_attitude, vehicle_angular_velocity and actuator_motors (the parameter SDLOG_PROFILE)."
-    )
+    topics = "vehicle_attitude, vehicle_angular_velocity and actuator_motors (the parameter SDLOG_PROFILE)"
+    missing = f"holds neither attitude nor motor outputs (its topics: {listed(held)})"
+    return f"the file {state} {missing}; in PX4 log {topics}."
 
 
 def _topics(log: ULog, found: WholeMessages) -> dict[str, dict[int, Px4Topic]]:

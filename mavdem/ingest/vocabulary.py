@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mavdem.ingest.telemetry import Array
+
 ARMED = 128  # MAV_MODE_FLAG_SAFETY_ARMED in HEARTBEAT.base_mode
 CUSTOM_MODE = 1  # MAV_MODE_FLAG_CUSTOM_MODE_ENABLED in HEARTBEAT.base_mode
 ON_GROUND, IN_AIR, TAKING_OFF, LANDING = 1, 2, 3, 4  # MAV_LANDED_STATE in EXTENDED_SYS_STATE.landed_state
@@ -52,8 +54,6 @@ SIMULATED_TEXT = re.compile(r"^.[0-9a-f]{31}$")
 """What its simulator says instead: the machine's number, with the vehicle's added to the first letter."""
 SIMULATED_LETTERS = 17  # Letters of it that AUTOPILOT_VERSION has room for
 WORD = 4  # Bytes of such a word, the last byte first
-LEAST_BYTES = 6
-"""Bytes of a number that are not zero: simulators number their vehicles in one or two."""
 
 
 def board_number_in_texts(texts: Iterable[str]) -> str:
@@ -68,16 +68,13 @@ def board_number_in_texts(texts: Iterable[str]) -> str:
 
 def board_number_in_bytes(uid2: bytes, words: bool) -> str:
     """The number in AUTOPILOT_VERSION.uid2; with ``words``, as ArduPilot's text has it. Empty where there is none."""
-    if sum(byte > 0 for byte in uid2) < LEAST_BYTES:
+    if sum(byte > 0 for byte in uid2) < 6:  # simulators number their vehicles in one byte or two
         return ""
     number = uid2.rstrip(b"\0")
     if not words or len(number) > 3 * WORD:
         return (number[:SIMULATED_LETTERS] if words else uid2).hex()
     number = uid2[: 3 * WORD]
     return b"".join(number[at : at + WORD][::-1] for at in range(0, len(number), WORD)).hex()
-
-
-Array = NDArray[np.float64]
 
 
 def euler_angles(attitude: Array) -> tuple[Array, Array, Array]:

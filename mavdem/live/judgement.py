@@ -11,7 +11,7 @@ import numpy as np
 from mavdem.alignment.align import Segment
 from mavdem.alignment.drive import DEMAND_MESSAGE, Motors
 from mavdem.alignment.signals import Attitude, Signals
-from mavdem.analysis.findings import Findings, findings_of
+from mavdem.analysis.findings import Findings, disown_torque, findings_of
 from mavdem.condition import Condition
 from mavdem.condition.condition import hover_figures
 from mavdem.condition.oscillation import oscillation_of
@@ -44,7 +44,6 @@ def judged(learned: Learned, physical: Physical | None, setup: Setup, alarms: Se
         swing = oscillation_of(signals, [Segment(0, 0.0, flight.duration)])
         swing = swing and swing._replace(axis=names[1][0])
         condition = replace(condition, hover=hover_figures([flight]), oscillation=swing)
-    if condition.oscillation is not None and learned.wind is not None:
-        vars(learned)["wind"] = replace(learned.wind, reason="The vehicle oscillates: that torque is its own.")
+    disown_torque(learned, condition)
     watched = condition.hover is not None and not setup.layout.positions_assumed
     return findings_of(learned, None, condition, alarms, flights=[flight], watched=watched)

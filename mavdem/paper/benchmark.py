@@ -30,7 +30,7 @@ from mavdem.report.page import Picture
 
 SHOWN = (WITH, *PEERS, OURS, *OTHERS, MEAN)  # Methods in the order of tables and legends: the paper's four, then others
 
-NAMES = {WITH: "DEM with the paper’s settings", OURS: "DEM with default settings"}
+NAMES = {WITH: "DEM with the paper’s settings", OURS: "the joint model"}
 
 Errors = dict[str, Array]  # The error (flights,) of each method
 

@@ -14,8 +14,8 @@ from mavdem.paper import figures
 from mavdem.paper.claims import MSPE_WITH_COORDINATES, MSPE_WITHOUT_COORDINATES
 from mavdem.paper.flights import REAL
 from mavdem.paper.runner import (
-    OURS,
-    OURS_WITHOUT,
+    PLANT,
+    PLANT_WITHOUT,
     STARTS,
     WITH,
     WITHOUT,
@@ -30,7 +30,7 @@ from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.numbers import rounded
 from mavdem.report.page import Picture
 
-SETTINGS = {"paper’s": (WITH, WITHOUT), "default": (OURS, OURS_WITHOUT)}  # with generalized coordinates, and without
+SETTINGS = {"paper’s": (WITH, WITHOUT), "default": (PLANT, PLANT_WITHOUT)}  # with generalized coordinates, and without
 MIN_SHARE = 0.8  # share of the experiments on which p = 2 must have the lower error, as on four of the paper's five
 
 Errors = tuple[Array, Array]
@@ -40,7 +40,7 @@ Errors = tuple[Array, Array]
 def run(runner: Runner) -> Result:
     """Tries DEM with p = 2 and p = 1 on the five experiments, from many random priors, and on recorded flights."""
     drawn = [runner.draws[name].values() for name in (WITH, WITHOUT)]
-    default = [[[runner.trial(name, number)] for number in runner.experiments] for name in (OURS, OURS_WITHOUT)]
+    default = [[[runner.trial(name, number)] for number in runner.experiments] for name in (PLANT, PLANT_WITHOUT)]
     errors = {f"paper’s settings, from {start}": _errors(drawn, start) for start in STARTS}
     ours = {f"default settings, from {start}": _errors(default, start) for start in STARTS}
     middle = {

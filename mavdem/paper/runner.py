@@ -22,6 +22,7 @@ from mavdem.dem import Settings, learn
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.parallel import parallel_map
 from mavdem.evaluate import mspe, relative_mspe
+from mavdem.evaluate.comparison import JOINT
 from mavdem.evaluate.windows import Window, windows
 from mavdem.flight import Flight
 from mavdem.forecaster import Forecaster
@@ -91,7 +92,8 @@ PAPER = Settings.paper()
 PAPER_WITHOUT = replace(PAPER, p=1, d=1, window=2)
 """The paper's settings without generalized coordinates: the first derivative, which the model needs, and no more."""
 
-WITH, WITHOUT, OURS, OURS_WITHOUT = "DEM paper", "DEM paper p=1", "DEM", "DEM p=1"
+WITH, WITHOUT, PLANT, PLANT_WITHOUT = "DEM paper", "DEM paper p=1", "DEM plant", "DEM plant p=1"
+OURS = JOINT
 PEERS = ("subspace(2)", "PEM(2)", "EM(2)")  # the paper's, with as many states as its model
 OTHERS = ("subspace(4)", "ARX(2)")  # textbook methods that the paper does not compare
 MEAN = "constant mean"
@@ -100,7 +102,7 @@ Learn = Callable[[Flight], Forecaster]
 METHODS: dict[str, Learn] = {
     method.name: method.learn
     for method in evaluate.METHODS
-    if method.name in (OURS, OURS_WITHOUT, WITH, WITHOUT, *PEERS, *OTHERS, MEAN)
+    if method.name in (OURS, PLANT, PLANT_WITHOUT, WITH, WITHOUT, *PEERS, *OTHERS, MEAN)
 }
 
 STARTS = ("the data", "state 0")  # of a forecast: the end of training, or 0 as in the authors' code

@@ -32,16 +32,11 @@ def text_of(blocks: Iterable[Block]) -> str:
 def _text(block: Block) -> str:
     if isinstance(block, Sentence):
         return f"{block.lead} {block.text}".strip()
-    table = [block.header, *block.rows]
-    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
-    cells = [
-        [
-            cell.ljust(width) if block.words or not column else cell.rjust(width)
-            for column, (cell, width) in enumerate(zip(row, widths, strict=True))
-        ]
-        for row in table
-    ]
-    return "\n".join("  ".join(row).rstrip() for row in cells)
+    columns = []
+    for number, column in enumerate(zip(block.header, *block.rows, strict=True)):
+        aligned, width = str.ljust if block.words or not number else str.rjust, max(map(len, column))
+        columns.append([aligned(cell, width) for cell in column])
+    return "\n".join("  ".join(row).rstrip() for row in zip(*columns, strict=True))
 
 
 def markdown(blocks: Iterable[Block]) -> str:

@@ -18,6 +18,7 @@ from mavdem.report.numbers import THREE_STATES, listed, named, readable
 
 WORDS = {KNOWN: "What happened, given the inputs:", UNKNOWN: "What comes next, inputs unknown:"}
 Summary = dict[str, Any]
+_ratio = "{:.3g}".format
 
 
 def comparison_report(comparison: Comparison, from_zero: bool = False) -> list[Block]:
@@ -40,10 +41,10 @@ def _verdict(comparison: Comparison, question: str) -> str:
     """Than which methods' errors the first one's is lower or higher, and from which it is not distinguishable."""
     silent = [row["method"] for row in comparison.over_flights(question) if row["failed"] == row["windows"]]
     tests = {method: test for method, test in comparison.verdicts(question).items() if method not in silent}
-    if not tests:
-        return f"No forecast was made by {listed(silent)}."
-    flights, pairs = len(comparison.flights), min(test.tested for test in tests.values())
     without = f" No forecast was made by {listed(silent)}." if silent else ""
+    if not tests:
+        return without.strip()
+    flights, pairs = len(comparison.flights), min(test.tested for test in tests.values())
     error = f"{comparison.methods_of(question)[0]}'s error{f' on {flights} flights' if flights > 1 else ''}"
     if pairs < FEWEST_PAIRS:
         few = f"only {'1 window does' if pairs == 1 else f'{pairs} windows do'} not overlap"
@@ -80,9 +81,8 @@ def _losses(comparison: Comparison) -> list[Block]:
     if not losses:
         return []
     header, columns = _shared_horizons(comparison, KNOWN)
-    if len(flights) == 1:
-        head = f"{reference}'s error / the method's, where above 1; steps:"
-    else:
+    head = f"{reference}'s error / the method's, where above 1; steps:"
+    if len(flights) > 1:
         head = f"flights of {len(flights)} with {reference} worse (distinguishably); steps:"
 
     def cell(method: str, steps: Collection[tuple[str, int]]) -> str:
@@ -117,8 +117,8 @@ def _over_flights(comparison: Comparison, questions: Sequence[str]) -> list[Bloc
         table = [[row["method"], *map(_ratio, row["horizons"]), *_counts(row, row["reference"])] for row in rows]
         inside = _inside([(row["method"], row["inside"]) for row in rows], comparison)
         table += [[*row, "", "", "", ""] for row in inside]
-        words = WORDS.get(question, WORDS[KNOWN])
-        blocks.append(Table([f"{words} error ratio; steps:", *header, *_count_columns(comparison)], table))
+        head = f"{WORDS.get(question, WORDS[KNOWN])} error ratio; steps:"
+        blocks.append(Table([head, *header, *_count_columns(comparison)], table))
     return blocks
 
 
@@ -169,16 +169,11 @@ def _flight(comparison: Comparison, flight: str, questions: Sequence[str]) -> li
         table = [[row["method"], *(_ratio(at["relative"]) for at in row["horizons"])] for row in rows]
         table += _inside([(row["method"], [at["inside"] for at in row["horizons"]]) for row in rows], comparison)
         blocks.append(Table([f"{WORDS[question]} error ratio; steps:", *steps], table))
-    return [*blocks, *(Sentence(text) for row in summaries if (text := _without_forecast(row)))]
-
-
-def _without_forecast(row: Summary) -> str:
-    parts = []
-    if row["failed"]:
-        parts.append(f"made no forecast in {row['failed']} of {row['windows']} windows: {row['failure']}")
-    if row["diverged"]:
-        parts.append(f"diverged to infinity or NaN in {row['diverged']} of {row['windows']} windows")
-    return f"{row['method']} {'; and '.join(parts)}." if parts else ""
+    for row in summaries:
+        counts = ("failed", "made no forecast", f": {row['failure']}"), ("diverged", "diverged to infinity or NaN", "")
+        parts = [f"{what} in {row[key]} of {row['windows']} windows{why}" for key, what, why in counts if row[key]]
+        blocks += [Sentence(f"{row['method']} {'; and '.join(parts)}.")] if parts else []
+    return blocks
 
 
 def _legend(reference: str, from_zero: bool, several: bool, predicted: bool) -> Sentence:
@@ -197,26 +192,17 @@ def _legend(reference: str, from_zero: bool, several: bool, predicted: bool) -> 
     )
 
 
-def _ratio(value: float) -> str:
-    return f"{value:.3g}"
-
-
 def order_report(choice: OrderChoice, names: Sequence[str]) -> list[Block]:
     """Returns F̄ by order and flight, and the chosen order with its reason.
 
     ``names`` are those of the flights of ``choice``.
     """
-
-    def nats(value: float) -> str:
-        return f"{value:,.1f}" if isfinite(value) else "-"
-
-    several = len(names) > 1
-    highest = choice.free_energy[:, choice.chosen - 1]
-    rows = []
+    rows, several, chosen = [], len(names) > 1, choice.chosen - 1
     for column, order in enumerate(choice.orders):
-        cells = [nats(value) for value in choice.free_energy[:, column] - highest]
+        nats = [*(choice.free_energy[:, column] - choice.free_energy[:, chosen])]
         if several:
-            cells += [nats(choice.mean[column] - choice.mean[choice.chosen - 1]), nats(choice.spread[column])]
+            nats += [choice.mean[column] - choice.mean[chosen], choice.spread[column]]
+        cells = [f"{value:,.1f}" if isfinite(value) else "-" for value in nats]
         rows.append([f"{order}{' (chosen)' if order == choice.chosen else ''}", *cells])
     spread = " Spread: the standard deviation over the flights." if several else ""
     return [

@@ -10,15 +10,13 @@ from mavdem.ingest.vocabulary import UNNAMED
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.numbers import listed, plus_minus, rounded
 
-TIER_WORDS = {"a": "full model", "b": "slow motion", "c": "condition only"}
-"""What a tier is called where it is shown."""
-BASES = {
+TIER_WORDS = {"a": "full model", "b": "slow motion", "c": "condition only"}  # what a tier is called where it is shown
+BASES = {  # what a vehicle's name is made of, in words
     "board": "the number of its board",
     "accelerometer": "its accelerometer's calibration",
     "compass": "its compass's calibration",
     "system id": "its system id only, which other vehicles have too",
 }
-"""What a vehicle's name is made of, in words."""
 SLOW_HZ = 0.95  # messages below this rate are listed together: they are too slow to describe the motion
 MIN_LOST_SHARE = 0.01  # share of missing sequence numbers from which it is reported; less is a radio link in good order
 
@@ -41,14 +39,20 @@ def condition_sentences(condition: dict[str, Any]) -> list[Sentence]:
     armed = "" if condition["armed"] is None else f", {condition['armed']:.0f} s armed"
     text = f"{condition['duration']:.0f} s{armed}, {condition['settled']:.0f} s in settled flight."
     sentences = [Sentence(text, "Recorded:")]
-    if condition["hover"]:
-        sentences.append(_motors(condition))
+    if hover := condition["hover"]:
+        known = zip(hover["motors"], hover["trim_share"], condition["share_interval"], strict=True)
+        shares = listed(f"{name} {_interval(share, half)}" for name, share, half in known)
+        limit = max(up + low for up, low in zip(hover["at_upper_limit"], hover["at_lower_limit"], strict=True))
+        least, best = (f"{100 * bound(hover['headroom']):.0f}" for bound in (min, max))
+        text = f"{shares} of their mean, which is {100 * condition['collective']:.0f} % of the range; headroom {least}"
+        text += f"{f' to {best}' if best != least else ''} %, at a limit {100 * limit:.1f} % of the time at most."
+        sentences.append(Sentence(text, "Motors:"))
     if condition["command"]:
         steady = [f"{name} {_interval(one['mean'], one['interval'])}" for name, one in condition["command"].items()]
         sentences.append(Sentence(f"{listed(steady)} of the motors' range.", "Steady command:"))
     if condition["lean"]:
-        means = [(name, one["mean"], one["interval"]) for name, one in condition["lean"].items()]
-        lean = [f"{name} {_interval(mean, half, degrees(1), '°')}" for name, mean, half in means]
+        means = condition["lean"].items()
+        lean = [f"{name} {_interval(one['mean'], one['interval'], degrees(1), '°')}" for name, one in means]
         mean, sd, most = (degrees(condition[name]) for name in ("tilt_mean", "tilt_sd", "tilt_max"))
         tilt = f"the angle from level is {mean:.1f}° in the mean, {sd:.1f}° in standard deviation, {most:.1f}° at most"
         sentences.append(Sentence(f"{listed(lean)}; {tilt}.", "Lean:"))
@@ -57,35 +61,18 @@ def condition_sentences(condition: dict[str, Any]) -> list[Sentence]:
         along = " along x, y and z" if len(levels) == 3 else ""
         clips = f"{vibration['clips']} samples clipped" if vibration["clips"] else "none clipped"
         sentences.append(Sentence(f"{listed(f'{level:.1f}' for level in levels)} m/s²{along}; {clips}.", "Vibration:"))
-    if condition["battery"]:
-        sentences.append(_battery(condition["battery"], bool(condition["settled"])))
+    if battery := condition["battery"]:
+        text = f"{battery['voltage_start']:.2f} V at the start, {battery['voltage_end']:.2f} V at the end of "
+        text += f"{'settled flight' if condition['settled'] else 'the log'}, {battery['voltage_min']:.2f} V at least"
+        if battery["current_mean"] is not None:
+            text += f"; {battery['current_mean']:.1f} A in the mean, {battery['current_max']:.1f} A at most"
+        if battery["resistance"] is not None:
+            sag = plus_minus(1e3 * battery["resistance"], 1e3 * battery["resistance_interval"])
+            text += f"; it sags {sag} mV for each ampere more"
+        sentences.append(Sentence(f"{text}.", "Battery:"))
     if any("±" in sentence.text for sentence in sentences):
         sentences.append(Sentence("± is the half width of the 90 % interval of a mean of this flight."))
     return sentences
-
-
-def _motors(condition: dict[str, Any]) -> Sentence:
-    hover = condition["hover"]
-    known = zip(hover["motors"], hover["trim_share"], condition["share_interval"], strict=True)
-    shares = [f"{name} {_interval(share, half)}" for name, share, half in known]
-    limits = [up + low for up, low in zip(hover["at_upper_limit"], hover["at_lower_limit"], strict=True)]
-    least, most = (f"{100 * bound(hover['headroom']):.0f}" for bound in (min, max))
-    return Sentence(
-        f"{listed(shares)} of their mean, which is {100 * condition['collective']:.0f} % of the range; headroom "
-        f"{least}{f' to {most}' if most != least else ''} %, at a limit {100 * max(limits):.1f} % of the time at most.",
-        "Motors:",
-    )
-
-
-def _battery(battery: dict[str, Any], flown: bool) -> Sentence:
-    text = f"{battery['voltage_start']:.2f} V at the start, {battery['voltage_end']:.2f} V at the end"
-    text += f"{' of settled flight' if flown else ' of the log'}, {battery['voltage_min']:.2f} V at least"
-    if battery["current_mean"] is not None:
-        text += f"; {battery['current_mean']:.1f} A in the mean, {battery['current_max']:.1f} A at most"
-    if battery["resistance"] is not None:
-        sag = plus_minus(1e3 * battery["resistance"], 1e3 * battery["resistance_interval"])
-        text += f"; it sags {sag} mV for each ampere more"
-    return Sentence(f"{text}.", "Battery:")
 
 
 def _interval(value: float, half: float | None, scale: float = 100.0, unit: str = " %") -> str:
@@ -124,7 +111,11 @@ def vehicle_contents(vehicle: dict[str, Any]) -> list[Block]:
         boot = "boot" if vehicle["boots"] == 1 else f"boot {longest['boot'] + 1} of {vehicle['boots']}"
         text = f"{longest['duration']:.1f} s, from {longest['start']:.1f} s after {boot}{others}."
         blocks.append(Sentence(text, "Settled flight:"))
-    streams = _by_rate({f"{name} ({names[name]})" if name in names else name: one for name, one in messages.items()})
+    streams: dict[str, list[str]] = {}  # names of the periodic messages by their rounded rate, the fastest first
+    for name, one in sorted(messages.items(), key=lambda stream: -(stream[1]["rate"] or 0.0)):
+        shown = f"{name} ({names[name]})" if name in names else name
+        if one["rate"] and shown != "PARAM_VALUE":
+            streams.setdefault(f"{one['rate']:.1f} Hz" if one["rate"] >= SLOW_HZ else "below 1 Hz", []).append(shown)
     if streams and (format_name := vehicle["translated_from"]):
         blocks.append(Sentence(f"The motion, translated from {format_name} to the equivalent MAVLink messages:"))
     if streams:
@@ -146,25 +137,16 @@ def stream_contents(held: dict[str, Any]) -> list[Sentence]:
         if name in vehicles and speaker["lost_share"] >= MIN_LOST_SHARE:
             line += f"; {100 * speaker['lost_share']:.0f} % of its sequence numbers are missing, {_why(speaker)}"
         blocks.append(Sentence(f"{line}."))
-    for source, cause in dict.fromkeys((sender(unread), unread["cause"]) for unread in held["unread"]):
-        ids = [str(u["message_id"]) for u in held["unread"] if (sender(u), u["cause"]) == (source, cause)]
-        blocks.append(Sentence(f"Not decoded from {source}: message id {', '.join(ids)} ({cause})."))
-    return blocks
+    unread: dict[tuple[str, str], list[str]] = {}
+    for one in held["unread"]:
+        unread.setdefault((sender(one), one["cause"]), []).append(str(one["message_id"]))
+    sentences = (f"Not decoded from {of}: message id {', '.join(ids)} ({why})." for (of, why), ids in unread.items())
+    return [*blocks, *map(Sentence, sentences)]
 
 
 def sender(component: dict[str, Any]) -> str:
     """Returns system and number of a ``component``, as in "1:1"."""
     return f"{component['system']}:{component['component']}"
-
-
-def _by_rate(messages: dict[str, dict[str, Any]]) -> dict[str, list[str]]:
-    """Names of the periodic messages by their rounded rate, the fastest first."""
-    streams = {name: message["rate"] for name, message in messages.items() if message["rate"] and name != "PARAM_VALUE"}
-    groups: dict[str, list[str]] = {}
-    for name, rate in sorted(streams.items(), key=lambda stream: -stream[1]):
-        label = f"{rate:.1f} Hz" if rate >= SLOW_HZ else "below 1 Hz"
-        groups.setdefault(label, []).append(name)
-    return groups
 
 
 def _why(speaker: dict[str, Any]) -> str:

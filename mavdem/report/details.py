@@ -13,20 +13,10 @@ from mavdem.dem import Learned, Physical
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import unpack
 from mavdem.dem.graybox.identifiability import CHANGED
+from mavdem.report import numbers
 from mavdem.report.blocks import Block, Sentence, Table
-from mavdem.report.numbers import (
-    THREE_STATES,
-    Labels,
-    listed,
-    outputs_of,
-    plus_minus,
-    readable,
-    short,
-    state_names,
-    states_are_outputs,
-    with_unit,
-)
-from mavdem.report.screen import TORQUE, parameter_reasons
+from mavdem.report.numbers import TORQUE, Labels, listed, plus_minus, readable, short
+from mavdem.report.screen import parameter_reasons
 
 
 def detail_blocks(learned: Learned, report: dict[str, Any] | None = None) -> list[Block]:
@@ -44,15 +34,16 @@ def detail_blocks(learned: Learned, report: dict[str, Any] | None = None) -> lis
         *_physical(learned.physical, bool((report or {}).get("overrides"))),
         Sentence(
             f"increased by {energy.gained:,.0f} nats in {len(energy) - 1} iterations, to {energy[-1]:,.0f}.{end}",
-            "Free energy action F̄:",
+            "Free energy action F̄ of A, B and C:",
         ),
-        *_simulation_fit(labels, learned, converged),
+        *_simulation_fit(learned, converged),
+        *_joint(labels, learned),
     ]
 
 
 def _one_step(report: dict[str, Any], labels: Labels) -> list[Block]:
     """RMSE by output on the training data, and how far ahead predictions are worth something without the inputs."""
-    names, units = outputs_of(labels)
+    names, units = numbers.outputs_of(labels)
     rows = []
     for name, error in report["one_step_mspe"].items():
         rmse = (unit.scale * sqrt(square) for unit, square in zip(units, error["per_output"], strict=True))
@@ -68,27 +59,22 @@ def _one_step(report: dict[str, Any], labels: Labels) -> list[Block]:
 
 def _model(labels: Labels, learned: Learned) -> list[Block]:
     """The model with all it takes to use it elsewhere: a table a matrix, a row a derivative."""
-    model, states, outputs = learned.model, state_names(labels.output_names, learned), states_are_outputs(learned)
+    model, outputs = learned.model, numbers.states_are_outputs(learned)
+    states = numbers.state_names(labels.output_names, learned)
     (n, r), m, half = model.B.shape, len(model.C), learned.model_interval(LEVEL)
     known = unpack(learned.known, n, r, m)
-    A, B, C = (
-        [[_entry(*cell) for cell in zip(*row, strict=True)] for row in zip(values, widths, fixed, strict=True)]
-        for values, widths, fixed in zip(model[:3], half[:3], known, strict=True)
-    )
     derivatives, inputs = [f"d/dt {state}" for state in states], [short(name) for name in labels.input_names]
+
+    def table(which: int, columns: Sequence[str], rows: Sequence[str]) -> Table:
+        cells = zip(rows, model[which], half[which], known[which], strict=True)
+        return Table(["ABC"[which], *columns], [[head, *map(_entry, *row)] for head, *row in cells])
+
+    A, B, C = table(0, states, derivatives), table(1, inputs, derivatives), table(2, states, labels.output_names)
     constant = learned.scaling.constant
     if constant:
-        inputs.append("d")
-        B = [[*row, f"{value:.3g}"] for row, value in zip(B, model.offset, strict=True)]
-
-    tables = {
-        name: Table([name, *columns], [[row, *values] for row, values in zip(rows, cells, strict=True)])
-        for name, columns, rows, cells in (
-            ("A", states, derivatives, A),
-            ("B", inputs, derivatives, B),
-            ("C", states, labels.output_names, C),
-        )
-    }
+        B.header.append("d")
+        for row, value in zip(B.rows, model.offset, strict=True):
+            row.append(f"{value:.3g}")
     units = ", ".join(dict.fromkeys(unit for unit in (*labels.output_units, *labels.input_units) if unit))
     blocks: list[Block] = [
         Sentence(
@@ -97,16 +83,20 @@ def _model(labels: Labels, learned: Learned) -> list[Block]:
             "without the bias of the closed loop. Entries without ± are held by the prior.",
             "Model:",
         ),
-        tables["A"],
-        tables["B"],
+        A,
+        B,
     ]
     if outputs and len(states) == len(labels.output_names) + 1:
-        blocks.append(Sentence(f"hidden 1 is the motors' lag. {THREE_STATES}", "States:"))
+        blocks.append(Sentence(f"hidden 1 is the motors' lag. {numbers.THREE_STATES}", "States:"))
     if not outputs:
-        blocks.append(tables["C"])
+        blocks.append(C)
+    if count := len(learned.undetermined):
+        text = (
+            f"{count} combination{'s' * (count > 1)} of parameters: the data contain less information than the prior."
+        )
+        blocks.append(Sentence(text, "Not identifiable:"))
     return [
         *blocks,
-        *_not_identifiable(len(learned.undetermined)),
         Sentence(f"{_trim(labels.output_names, model.output_trim, labels.output_units)}.", "y₀:"),
         Sentence(f"{_trim(labels.input_names, model.input_trim, labels.input_units)}.", "u₀:"),
         Sentence(_poles(model.A), "Poles of A (1/s):"),
@@ -123,21 +113,15 @@ def _trim(names: Sequence[str], values: Array, units: Sequence[str]) -> str:
     shown = []
     for name, value, unit in zip(names, values, units, strict=True):
         degrees = readable(unit)
-        also = f" ({with_unit(value, degrees, 3)})" if degrees.name != unit else ""
+        also = f" ({numbers.with_unit(value, degrees, 3)})" if degrees.name != unit else ""
         shown.append(f"{name} {value:.4g} {unit}{also}".rstrip())
     return ", ".join(shown)
-
-
-def _not_identifiable(count: int) -> list[Block]:
-    text = f"{count} combination{'s' * (count > 1)} of parameters: the data contain less information than the prior."
-    return [Sentence(text, "Not identifiable:")] if count else []
 
 
 def _poles(A: Array) -> str:
     """The eigenvalues of A, the slowest first, one of each complex pair, and whether the model is stable."""
     poles = sorted((value for value in np.linalg.eigvals(A) if value.imag >= 0), key=lambda value: -value.real)
-    unstable = any(value.real > 0 for value in poles)
-    return f"{'; '.join(map(_pole, poles))}. The model is {'unstable' if unstable else 'stable'}."
+    return f"{'; '.join(map(_pole, poles))}. The model is {'unstable' if poles[0].real > 0 else 'stable'}."
 
 
 def _pole(pole: complex) -> str:
@@ -173,8 +157,31 @@ def _physical(physical: Physical | None, doubted: bool) -> list[Block]:
     return blocks
 
 
-def _simulation_fit(labels: Labels, learned: Learned, converged: str) -> list[Block]:
-    """The simulation-error fit after DEM, and the mixer geometry in its prior."""
+def _joint(labels: Labels, learned: Learned) -> list[Block]:
+    """What F̄ chose of the joint model, and which motors it takes to turn the axis."""
+    joint, record = learned.joint, learned.record
+    form = "smooth" if joint.choice.smooth else "plain"
+    text = (
+        f"each sample from the {joint.choice.lags} before it ({1e3 * joint.choice.lags * learned.dt:.0f} ms), {form} "
+        f"prior of precision {joint.choice.ridge:g}; F̄ {joint.free_energy:,.0f} nats, the highest of those tried."
+    )
+    blocks: list[Block] = [Sentence(text, "Joint model of outputs and motors:")]
+    if joint.combinations.shape[1] < record.inputs.shape[1]:
+        up, down = (
+            " and ".join(
+                short(name)
+                for name, way in zip(labels.input_names, joint.combinations[:, 0], strict=True)
+                if sign * way > np.abs(joint.combinations).max() / 4
+            )
+            for sign in (1, -1)
+        )
+        source = "Chosen by F̄" if record.effect_directions is None else "Known for these inputs"
+        blocks.append(Sentence(f"{up} against {down}. {source}.", "Motors that turn the axis:"))
+    return blocks
+
+
+def _simulation_fit(learned: Learned, converged: str) -> list[Block]:
+    """The simulation-error fit after DEM."""
     fit = learned.simulation_fit
     if fit is None:
         return []
@@ -183,13 +190,4 @@ def _simulation_fit(labels: Labels, learned: Learned, converged: str) -> list[Bl
         f"over {fit.horizon * learned.dt:.2g} s: {len(fit.free)} parameters, effective sample size "
         f"{fit.effective_samples:.0f}; F̄ increased by another {end - start:.3g} nats. {converged}"
     )
-    blocks: list[Block] = [Sentence(text, "Simulation-error (output-error) fit")]
-    turning = None if fit.mixer is None else fit.mixer.turning
-    if turning is not None:
-        up, down = (
-            " and ".join(short(name) for name, way in zip(labels.input_names, turning, strict=True) if sign * way > 0)
-            for sign in (1, -1)
-        )
-        source = "Estimated from the data" if learned.record.effect_directions is None else "Known for these inputs"
-        blocks.append(Sentence(f"{up} against {down}. {source}.", "Mixer geometry, used as a prior:"))
-    return blocks
+    return [Sentence(text, "Simulation-error (output-error) fit of A, B and C")]

@@ -11,47 +11,34 @@ from markupsafe import Markup
 
 from mavdem.errors import advice, downstream
 from mavdem.fleet.row import HEALTHS, NOT_IDENTIFIABLE, OK, UNKNOWN, FlightRow, flights_of, vehicles_of
+from mavdem.report import flights as words
 from mavdem.report.blocks import Block, Sentence, Table
-from mavdem.report.flights import (
-    TROUBLE,
-    cut,
-    doubt,
-    fleet_blocks,
-    had_trouble,
-    is_one_vehicle,
-    urgency,
-    vehicle_health,
-    vehicle_name,
-    vehicle_words,
-)
-from mavdem.report.numbers import plus_minus, readable, rounded
+from mavdem.report.flights import TROUBLE, cut, doubt, had_trouble, urgency, vehicle_health
+from mavdem.report.numbers import TORQUE, plus_minus, rounded
 from mavdem.report.page import environment
 
-MIN_FLIGHTS = 2  # of a vehicle whose figures are drawn
 MAX_DRAWN = 20  # vehicles, those in trouble first: with more the page takes long to make, and is too large to mail
 FIRST_SHOWN = 200  # lines of the table until all are asked for: a browser lays out so many at once
 MAX_OPEN = 4  # vehicles whose figures are open when nothing is wrong with them
 NOT_USED = "not used"  # in the place of the health of a log without a flight
-MAX_NOTE = 160  # letters of the notes of a line: the page of the flight has all
-DEGREES = readable("rad/s²").scale
 
 
 def fleet_page(rows: Sequence[FlightRow], changes: Mapping[str, Sequence[Block]] | None = None) -> str:
     """Returns the HTML of a fleet's index, the same for the same rows; ``changes`` since a baseline by vehicle."""
     since = dict(changes or {})
     # Flights that do not say whose they are may be those of several vehicles.
-    vehicles = {name: flights for name, flights in vehicles_of(rows).items() if is_one_vehicle(name, flights)}
+    vehicles = {name: flights for name, flights in vehicles_of(rows).items() if words.is_one_vehicle(name, flights)}
     healths = {name: vehicle_health(flights) for name, flights in vehicles.items()}
     ranked = sorted(vehicles, key=lambda name: (urgency(vehicles[name]), name))
-    flown_often = [name for name in ranked if len(vehicles[name]) >= MIN_FLIGHTS]
+    flown_often = [name for name in ranked if len(vehicles[name]) > 1]
     drawn = flown_often[:MAX_DRAWN]
     hint = advice("Drawing the figures of this page", "plot")
     parts = [
         {
-            "name": vehicle_name(name, vehicles[name]),
+            "name": words.vehicle_name(name, vehicles[name]),
             "flights": len(vehicles[name]),
             "health": healths[name],
-            "words": f"{doubt(vehicles[name])} {vehicle_words(vehicles[name])}".strip(),
+            "words": f"{doubt(vehicles[name])} {words.vehicle_words(vehicles[name])}".strip(),
             "changes": since.get(name, ()),
             "figure": _svg(vehicles[name], name) if name in drawn and not hint else "",
             "is_open": healths[name] in TROUBLE or bool(doubt(vehicles[name])) or len(drawn) <= MAX_OPEN,
@@ -62,21 +49,23 @@ def fleet_page(rows: Sequence[FlightRow], changes: Mapping[str, Sequence[Block]]
     flights = flights_of(rows)
     dated = [flight for flight in flights if flight[0].date is not None]
     newest = [row for flight in (*reversed(dated), *flights[len(dated) :]) for row in flight]
-    cells = [[read(row) for _, read in COLUMNS.values()] for row in newest]
-    kept = [i for i, name in enumerate(COLUMNS) if name in ALWAYS or any(line[i] for line in cells)]
-    table = Table([[*COLUMNS][i] for i in kept], [[line[i] for i in kept] for line in cells])
+    columns = {name: [read(row) for row in newest] for name, (_, read) in COLUMNS.items()}
+    kept = [name for name, cells in columns.items() if name in ALWAYS or any(cells)]
     # A colon in a link would make what comes before it a scheme.
     links = [("" if row.page is None else quote(row.page, safe="/"), row.file) for row in newest]
-    template = environment().get_template("fleet.html")
-    return template.render(
-        blocks=[*fleet_blocks(rows), *([Sentence(hint, "Not drawn:")] if hint and drawn else [])],
-        vehicles=parts,
-        not_drawn=len(flown_often) - len(drawn),
-        table=table,
-        kinds=[[*COLUMNS.values()][i][0] for i in kept],
-        links=links,
-        first_shown=FIRST_SHOWN,
-        severity=(*TROUBLE, NOT_USED, *HEALTHS[len(TROUBLE) :]),
+    return (
+        environment()
+        .get_template("fleet.html")
+        .render(
+            blocks=[*words.fleet_blocks(rows), *([Sentence(hint, "Not drawn:")] if hint and drawn else [])],
+            vehicles=parts,
+            not_drawn=len(flown_often) - len(drawn),
+            table=Table(kept, [list(line) for line in zip(*(columns[name] for name in kept), strict=True)]),
+            kinds=[COLUMNS[name][0] for name in kept],
+            links=links,
+            first_shown=FIRST_SHOWN,
+            severity=(*TROUBLE, NOT_USED, *HEALTHS[len(TROUBLE) :]),
+        )
     )
 
 
@@ -110,19 +99,20 @@ def _effectiveness(row: FlightRow) -> str:
     """The mean size over the motors, and the unit."""
     if not row.effect or row.effect_status == NOT_IDENTIFIABLE:
         return ""
-    return f"{rounded(DEGREES * sum(map(abs, row.effect)) / len(row.effect), 3)} per {row.per_input}"
+    return f"{rounded(TORQUE.scale * sum(map(abs, row.effect)) / len(row.effect), 3)} per {row.per_input}"
 
 
 def _residual(row: FlightRow) -> str:
     """The figure, and how large it is in healthy flights."""
     half = row.residual_mean_interval
-    usual = "" if half is None else f" (usual ±{rounded(DEGREES * half)})"
-    return "" if row.residual_mean is None else f"{rounded(DEGREES * row.residual_mean)}{usual}"
+    usual = "" if half is None else f" (usual ±{rounded(TORQUE.scale * half)})"
+    return "" if row.residual_mean is None else f"{rounded(TORQUE.scale * row.residual_mean)}{usual}"
 
 
 def _notes(row: FlightRow) -> str:
     said = [row.headline, row.health_reason if row.health != OK else "", *row.warnings]
-    return cut(row.status if row.status != OK else " ".join(filter(None, said)), MAX_NOTE)
+    # The page of the flight has all.
+    return cut(row.status if row.status != OK else " ".join(filter(None, said)), 160)
 
 
 COLUMNS: dict[str, tuple[str, Callable[[FlightRow], Any]]] = {
@@ -138,7 +128,7 @@ COLUMNS: dict[str, tuple[str, Callable[[FlightRow], Any]]] = {
     "mean effectiveness (°/s²)": ("number", _effectiveness),
     "rate damping (1/s)": ("number", _number("damping", estimated=True)),
     "motor time constant (ms)": ("number", _number("lag", 1e3, estimated=True)),
-    "wind torque (°/s²)": ("number", _number("wind_torque_sd", DEGREES)),
+    "wind torque (°/s²)": ("number", _number("wind_torque_sd", TORQUE.scale)),
     "residual mean (°/s²)": ("number", _residual),
     "error ratio": ("number", _number("error_ratio")),
     "notes": ("text", _notes),

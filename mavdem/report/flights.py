@@ -12,20 +12,9 @@ from collections.abc import Mapping, Sequence
 from math import degrees, hypot, isfinite, sqrt
 from pathlib import PurePath
 
-from mavdem.evaluate.truth import ComparedParameter, ComparedWind, TruthComparison
-from mavdem.fleet.difference import (
-    BETWEEN,
-    DAMPING,
-    EFFECT,
-    FAMILY_ERROR,
-    LAG,
-    MEAN_EFFECT,
-    SHARE,
-    Conditions,
-    Flights,
-    QuantityChange,
-    VehicleDifference,
-)
+from mavdem.evaluate.truth import ComparedParameter, TruthComparison
+from mavdem.fleet import difference
+from mavdem.fleet.difference import BETWEEN, FAMILY_ERROR, Conditions, Flights, QuantityChange, VehicleDifference
 from mavdem.fleet.row import (
     HEALTHS,
     OK,
@@ -42,21 +31,18 @@ from mavdem.health.in_flight import FALSE_ALARMS_BASIS
 from mavdem.live.history import ACCOUNT, AHEAD, HorizonErrors, LiveHistory, SessionStatus
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.condition import TIER_WORDS
-from mavdem.report.numbers import listed, named, plus_minus, readable, rounded, short, with_unit
+from mavdem.report.numbers import TORQUE, listed, named, plus_minus, readable, rounded, short, with_unit
 
 TROUBLE = HEALTHS[:2]
-LARGEST_ERROR = 10.0  # of the truth, from which on it is not shown in percent
 MAX_NAMED = 12  # vehicles in a sentence
 MAX_REASONS = 8  # rows of the table of logs that could not be used
-QUANTITIES = {
-    SHARE: ("share", 100.0, "%"),
-    EFFECT: ("control effectiveness", 100.0, "%"),
-    MEAN_EFFECT: ("mean control effectiveness", 100.0, "%"),
-    DAMPING: ("rate damping", 1.0, "1/s"),
-    LAG: ("motor time constant", 1e3, "ms"),
+QUANTITIES = {  # what a kind of quantity is called, and the scale and unit that it is shown in
+    difference.SHARE: ("share", 100.0, "%"),
+    difference.EFFECT: ("control effectiveness", 100.0, "%"),
+    difference.MEAN_EFFECT: ("mean control effectiveness", 100.0, "%"),
+    difference.DAMPING: ("rate damping", 1.0, "1/s"),
+    difference.LAG: ("motor time constant", 1e3, "ms"),
 }
-"""What a kind of quantity is called, and the scale and unit that it is shown in."""
-MIN_LEAN, MIN_SHARE = 2.0, 0.02  # degrees, and share of a voltage or output, from which a difference is reported
 
 
 def fleet_blocks(rows: Sequence[FlightRow]) -> list[Block]:
@@ -159,8 +145,8 @@ def _headline(named: Mapping[str, Flights], flown: Flights) -> str:
 def _flown(vehicles: int, flown: Flights, twice: int) -> str:
     hours = sum(max((row.duration or 0.0 for row in flight), default=0.0) for flight in flown) / 3600
     dates = sorted(flight[0].date for flight in flown if flight[0].date is not None)
-    when = f", {dates[0]:%Y-%m-%d} to {dates[-1]:%Y-%m-%d}" if dates else ""
     tiers = Counter(map(best_tier, flown))
+    when = f", {dates[0]:%Y-%m-%d} to {dates[-1]:%Y-%m-%d}" if dates else ""
     kinds = listed(f"{tiers[tier]} {words}" for tier, words in TIER_WORDS.items() if tiers[tier])
     vehicle = f" of {_counted(vehicles, 'vehicle')}" if vehicles else ""
     have = "has a flight" if twice == 1 else "have flights"
@@ -210,8 +196,23 @@ def difference_blocks(found: VehicleDifference) -> list[Block]:
     covered = "shares for the lean and mean control effectiveness for battery and mean output"
     allowed = f" Intervals that allow for conditions: {covered}." * any(change.allowance for change in found.changes)
     conditions = Sentence(f"{words}.{allowed}", "Conditions, no change of the vehicle:")
-    sure = [Sentence(_sureness(found), "How sure:")] if found.changes else []
-    return [*_changes(found), *missing, conditions, *_vehicles(found), *sure]
+    blocks = [*_changes(found), *missing, conditions, *_vehicles(found)]
+    if found.changes:
+        before, after = (_counted(count, "flight") for count in found.flights)
+        basis = f"{before} of A and {after} of B show how much flights differ."
+        if max(found.flights) == 1:
+            share, effect = (f"{100 * BETWEEN[kind]:.0f} %" for kind in (difference.SHARE, difference.EFFECT))
+            basis = (
+                "A and B are one flight each, and their intervals those of one flight each: how much a flight differs "
+                f"from the next is assumed (a share by {share}, a control effectiveness by {effect}), not measured. "
+                "Track several flights of each to measure it."
+            )
+        text = f"± are 90 % intervals. {len(found.changes)} quantities are tested together (Holm): that any is called "
+        text += (
+            f"changed when none did has a chance of at most {100 * FAMILY_ERROR:.0f} %, as far as the intervals hold."
+        )
+        blocks.append(Sentence(f"{text} {basis}", "How sure:"))
+    return blocks
 
 
 def baseline_blocks(latest: FlightRow, found: VehicleDifference | None) -> list[Block]:
@@ -231,7 +232,7 @@ def _changes(found: VehicleDifference) -> list[Block]:
     changed, unknown = ("; ".join(_change(one, found) for one in found.of(kind)) for kind in ("changed", "uncertain"))
     blocks = [Sentence(f"{changed}.", "Changed:") if changed else Sentence("", "Nothing changed beyond chance.")]
     if same := found.of("same"):
-        blocks.append(Sentence(f"{listed(_grouped(same, found))}.", "The same:"))
+        blocks.append(Sentence(f"{listed(_grouped(same))}.", "The same:"))
     if unknown:
         blocks.append(Sentence(f"{unknown}: too uncertain to call changed or the same.", "Not known:"))
     return [*blocks]
@@ -239,35 +240,31 @@ def _changes(found: VehicleDifference) -> list[Block]:
 
 def _change(change: QuantityChange, found: VehicleDifference) -> str:
     """As in "motor 3's share −18 % ± 6 %"."""
-    _, scale, unit = QUANTITIES[change.quantity.kind]
-    difference, half = scale * change.difference, scale * change.half_width
+    (kind, motor, axis), motors = change.quantity, found.motors
+    noun, scale, unit = QUANTITIES[kind]
+    name = f"{noun} on {axis}"
+    if motor:
+        name = f"{short(motors[motor - 1]) if motor <= len(motors) else f'motor {motor}'}'s {noun}"
+    more, half = scale * change.difference, scale * change.half_width
     if change.before is None or change.after is None:
         decimals = 0 if half >= 3 else 1
-        return f"{_name(change, found)} {_signed(f'{difference:.{decimals}f}')} % ± {half:.{decimals}f} %"
+        return f"{name} {_signed(f'{more:.{decimals}f}')} % ± {half:.{decimals}f} %"
     values = f"{rounded(scale * change.before)} → {rounded(scale * change.after)} {unit}"
-    return f"{_name(change, found)} {values} ({_signed(plus_minus(difference, half))})"
+    return f"{name} {values} ({_signed(plus_minus(more, half))})"
 
 
-def _name(change: QuantityChange, found: VehicleDifference) -> str:
-    kind, motor, axis = change.quantity
-    if motor:
-        name = short(found.motors[motor - 1]) if motor <= len(found.motors) else f"motor {motor}"
-        return f"{name}'s {QUANTITIES[kind][0]}"
-    return f"{QUANTITIES[kind][0]} on {axis}"
-
-
-def _grouped(changes: Sequence[QuantityChange], found: VehicleDifference) -> list[str]:
+def _grouped(changes: Sequence[QuantityChange]) -> list[str]:
     """Names with the widest half width, those of motors together: "the shares of motors 1, 2 and 4 (± 2 %)"."""
     words = []
-    for kind in (SHARE, EFFECT):
+    for kind, ending in ((difference.SHARE, "s"), (difference.EFFECT, "")):
         if ours := [change for change in changes if change.quantity.kind == kind]:
-            noun = QUANTITIES[kind][0] + "s" * (kind == SHARE and len(ours) > 1)
+            noun = QUANTITIES[kind][0] + ending * (len(ours) > 1)
             motors = f"motor{'s' * (len(ours) > 1)} {listed(change.quantity.motor for change in ours)}"
             words.append(f"the {noun} of {motors} (± {rounded(100 * max(change.half_width for change in ours))} %)")
     for change in changes:
-        if change.quantity.kind not in (SHARE, EFFECT):
-            _, scale, unit = QUANTITIES[change.quantity.kind]
-            words.append(f"{_name(change, found)} (± {rounded(scale * change.half_width)} {unit})")
+        if not change.quantity.motor:
+            noun, scale, unit = QUANTITIES[change.quantity.kind]
+            words.append(f"{noun} on {change.quantity.axis} (± {rounded(scale * change.half_width)} {unit})")
     return words
 
 
@@ -281,20 +278,19 @@ def _condition_words(before: Conditions, after: Conditions) -> list[str]:
         words = [f"battery {before.voltage:.1f} → {after.voltage:.1f} V"]
     if before.collective and after.collective:
         change = after.collective / before.collective - 1
-        more = f"{100 * change:+.0f} % (payload, battery or climbing)" if abs(change) >= MIN_SHARE else "the same"
+        more = f"{100 * change:+.0f} % (payload, battery or climbing)" if abs(change) >= 0.02 else "the same"
         words.append(f"the motors' mean output {more}")
     leans = (before.lean_roll, after.lean_roll), (before.lean_pitch, after.lean_pitch)
     roll, pitch = (None if a is None or b is None else degrees(b - a) for a, b in leans)
     if roll is None or pitch is None:
         words.append("lean not known in both")
-    elif hypot(roll, pitch) < MIN_LEAN:
+    elif hypot(roll, pitch) < 2.0:
         words.append("lean the same")
     else:
         words.append(f"another lean: {roll:+.0f}° of roll and {pitch:+.0f}° of pitch (wind, or flown forward)")
-    unit = readable("rad/s²")
     for axis in sorted(before.wind_torque.keys() & after.wind_torque.keys(), reverse=True):  # roll first
-        torques = (rounded(unit.scale * state.wind_torque[axis]) for state in (before, after))
-        words.append(f"wind torque on {axis} {' → '.join(torques)} {unit.name}")
+        torques = (rounded(TORQUE.scale * state.wind_torque[axis]) for state in (before, after))
+        words.append(f"wind torque on {axis} {' → '.join(torques)} {TORQUE.name}")
     return words
 
 
@@ -310,30 +306,20 @@ def _vehicles(found: VehicleDifference) -> list[Block]:
     return [Sentence(named, "Caution:")] if found.shared else []
 
 
-def _sureness(found: VehicleDifference) -> str:
-    """What the statements rest on."""
-    before, after = (_counted(count, "flight") for count in found.flights)
-    basis = f"{before} of A and {after} of B show how much flights differ."
-    if max(found.flights) == 1:
-        basis = (
-            "A and B are one flight each, and their intervals those of one flight each: how much a flight differs from "
-            f"the next is assumed (a share by {100 * BETWEEN[SHARE]:.0f} %, a control effectiveness by "
-            f"{100 * BETWEEN[EFFECT]:.0f} %), not measured. Track several flights of each to measure it."
-        )
-    return (
-        f"± are 90 % intervals. {len(found.changes)} quantities are tested together (Holm): that any is called changed "
-        f"when none did has a chance of at most {100 * FAMILY_ERROR:.0f} %, as far as the intervals hold. {basis}"
-    )
-
-
 def live_report(history: LiveHistory, status: SessionStatus, account: Mapping[str, float], axis: str) -> list[Block]:
     """Returns the errors of what was predicted on an ``axis``, and the parts trained on, by the vehicle's clock.
 
     ``history`` was collected in flight, ``status`` is that at its end; ``account`` are seconds by the keys of
     ``ACCOUNT``.
     """
-    errors = history.errors()
-    blocks: list[Block] = [Sentence("", lead=_live_headline(errors, axis))]
+    errors, angle = history.errors(), readable("rad")
+    headline = f"Nothing of {axis} was predicted: there was no settled flight to learn from."
+    if errors:
+        best = min(errors, key=lambda one: abs(one.seconds - AHEAD))
+        ours, held = (with_unit(sqrt(square[0]), angle) for square in (best.mse, best.held))
+        headline = f"{axis.capitalize()} was predicted {best.seconds:.2g} s ahead with an RMSE of {ours} (baseline "
+        headline += f"{held}); {100 * best.inside[0]:.0f} % of the samples were inside the 90 % band."
+    blocks: list[Block] = [Sentence("", headline)]
     blocks += [Sentence(alarm.sentence.removeprefix("Alarm: "), "Motors:") for alarm in status.alarms]
     if any(alarm.motor is not None for alarm in status.alarms):
         blocks.append(Sentence(FALSE_ALARMS_BASIS, "False alarms:"))
@@ -346,24 +332,19 @@ def live_report(history: LiveHistory, status: SessionStatus, account: Mapping[st
         rows = [[f"{first:.0f} s", f"{last:.0f} s", f"{last - first:.0f} s"] for first, last in history.learned]
         blocks.append(Table(["learned from", "until", "length"], rows))
     spent = [[what[0].upper() + what[1:], f"{account[kind]:.0f} s"] for kind, what in ACCOUNT.items() if account[kind]]
-    return [*blocks, Table([f"of {sum(account.values()):.0f} s", "time"], spent), *_link(status)]
+    blocks.append(Table([f"of {sum(account.values()):.0f} s", "time"], spent))
+    if status.vehicle is not None:
+        rates = ", ".join(f"{name} {rate:.3g} Hz" for name, rate in sorted(status.rates.items()) if rate)
+        text = f"vehicle {status.vehicle}; {f'at the end {rates}; ' if rates else ''}{status.lost} messages lost, "
+        text += f"{status.late} samples too late, {status.unread} frames not decoded."
+        blocks.append(Sentence(text, "Link:"))
+    return blocks
 
 
 def event_blocks(history: LiveHistory) -> list[Block]:
     """Returns what happened when, by the ``history`` of a live flight."""
     rows = [[f"{event.seconds:.1f} s" if isfinite(event.seconds) else "–", event.sentence] for event in history.events]
     return [Table(["boot clock", "what happened"], rows, words=True)] if rows else [Sentence("Nothing happened.")]
-
-
-def _live_headline(errors: Sequence[HorizonErrors], axis: str) -> str:
-    if not errors:
-        return f"Nothing of {axis} was predicted: there was no settled flight to learn from."
-    best = min(errors, key=lambda one: abs(one.seconds - AHEAD))
-    ours, held = (degrees(sqrt(square[0])) for square in (best.mse, best.held))
-    return (
-        f"{axis.capitalize()} was predicted {best.seconds:.2g} s ahead with an RMSE of {ours:.2g}° (baseline "
-        f"{held:.2g}°); {100 * best.inside[0]:.0f} % of the samples were inside the 90 % band."
-    )
 
 
 def _errors(errors: Sequence[HorizonErrors], axis: str) -> Table:
@@ -376,15 +357,6 @@ def _errors(errors: Sequence[HorizonErrors], axis: str) -> Table:
     return Table(header, rows)
 
 
-def _link(status: SessionStatus) -> list[Sentence]:
-    if status.vehicle is None:
-        return []
-    rates = ", ".join(f"{name} {rate:.3g} Hz" for name, rate in sorted(status.rates.items()) if rate)
-    parts = [f"vehicle {status.vehicle}", *([f"at the end {rates}"] if rates else [])]
-    parts.append(f"{status.lost} messages lost, {status.late} samples too late, {status.unread} frames not decoded")
-    return [Sentence(f"{'; '.join(parts)}.", "Link:")]
-
-
 def truth_blocks(found: TruthComparison) -> list[Block]:
     """Returns a row a parameter with the truth beside it, and how the wind torque compares, of what was ``found``."""
     compared = list(found.parameters)
@@ -395,7 +367,14 @@ def truth_blocks(found: TruthComparison) -> list[Block]:
     blocks: list[Block] = [Sentence(f"of {found.source}; ± is the half width of the 90 % interval.{count}", "Truth:")]
     if compared:
         blocks.append(Table(["", "estimate", "truth", "error", "unit", "inside"], list(map(_row, compared))))
-    return [*blocks, *([] if found.wind is None else [_wind(found.wind)])]
+    if (wind := found.wind) is not None:
+        sizes = (with_unit(sd, TORQUE) for sd in (wind.sd, wind.true_sd))
+        text = f"correlation {wind.correlation:.2f}; standard deviation {', truth '.join(sizes)}; "
+        text += f"{100 * wind.inside:.0f} % of the samples inside the 90 % band."
+        if not wind.resolved:
+            text += " The estimate is not resolved: its expected errors are as large as itself."
+        blocks.append(Sentence(text, "Wind torque beside its truth:"))
+    return blocks
 
 
 def _row(one: ComparedParameter) -> list[str]:
@@ -403,7 +382,7 @@ def _row(one: ComparedParameter) -> list[str]:
     angle, per, rest = one.unit.partition(" per ")
     unit, scale = ("ms", 1e3) if one.unit == "s" else readable(angle)
     estimate, half, truth = (scale * value for value in (one.estimate, one.half_width, one.truth))
-    near = abs(estimate - truth) < LARGEST_ERROR * abs(truth)
+    near = abs(estimate - truth) < 10.0 * abs(truth)
     inside = {None: one.status, True: "yes", False: "no"}[one.inside]
     words = {"mean effect": "mean effectiveness", "damping": "rate damping", "lag of the motors": "motor time constant"}
     return [
@@ -414,13 +393,3 @@ def _row(one: ComparedParameter) -> list[str]:
         f"{unit}{per}{rest}",
         f"{inside}, biased" if one.status == "biased" else inside,
     ]
-
-
-def _wind(found: ComparedWind) -> Sentence:
-    unit = readable("rad/s²")
-    resolved = "" if found.resolved else " The estimate is not resolved: its expected errors are as large as itself."
-    return Sentence(
-        f"correlation {found.correlation:.2f}; standard deviation {with_unit(found.sd, unit)}, truth "
-        f"{with_unit(found.true_sd, unit)}; {100 * found.inside:.0f} % of the samples inside the 90 % band.{resolved}",
-        "Wind torque beside its truth:",
-    )

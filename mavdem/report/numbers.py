@@ -52,6 +52,14 @@ def readable(unit: str) -> Readable:
     return Readable(unit, 1.0)
 
 
+TORQUE = readable("rad/s²")  # of torques and of effects, by the axis's inertia
+
+
+def per(unit: Readable, of: str) -> str:
+    """Returns the unit of what one unit ``of`` the input does: "°/s per µs"."""
+    return f"{unit.name or '1'} per {of or 'unit of input'}"
+
+
 def named(name: str, unit: str) -> str:
     """Returns the ``name`` with its ``unit``, where it has one."""
     return f"{name}, {unit}" if unit else name
@@ -87,12 +95,11 @@ def left_free(learned: Learned) -> dict[str, NDArray[np.bool_]]:
     return {"A": A, "B": B, "C": C}
 
 
-THREE_STATES = (
+THREE_STATES = (  # why the two commands differ, for the reports of both
     "`mavdem learn` has 3 states unless --order says otherwise: angle, rate, and the motors' lag, which exists, and "
     "without which forecasts are worse (docs/benchmarks.md). `mavdem order` counts the states that the outputs show; 2 "
     "means that no lag can be seen in them."
 )
-"""Why the two commands differ, for the reports of both."""
 
 
 def states_are_outputs(learned: Learned) -> bool:

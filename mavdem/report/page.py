@@ -38,13 +38,6 @@ from mavdem.report.screen import analysis_blocks, screen, title
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-RATINGS = {
-    "good": ("GOOD", "ok", "reported", "reproduced"),
-    "fair": ("LIMITED", "biased", "drift"),
-    "bad": ("NOT IDENTIFIABLE", "not identifiable", "fault", "unstable"),
-}
-"""Words that are set off by a colour where a cell of a table begins with one, by that colour's class."""
-
 
 class Picture(NamedTuple):
     """A figure, which ``draw`` makes, or raises ``ValueError`` with a reason; a ``large`` one takes two columns."""
@@ -97,27 +90,22 @@ def environment() -> Environment:
 def _drawn(chapter: Chapter, number: int) -> dict[str, Any]:
     """The chapter with its pictures as SVG; where one cannot be drawn, a sentence with the reason."""
     blocks, drawings = list(chapter.blocks), []
-    if chapter.pictures and (hint := advice("Drawing the pictures of this page", "plot")):
+    hint = advice("Drawing the pictures of this page", "plot")
+    if chapter.pictures and hint:
         blocks.append(Sentence(f"{hint} Then run the same command again."))
-    else:
-        for place, picture in enumerate(chapter.pictures):
-            try:
-                svg = downstream("report.figures.style", "svg")(picture.draw(), f"figure-{number}-{place}")
-            except ValueError as error:
-                blocks.append(Sentence(f"{error}.", f"{picture.title}:"))
-            else:
-                drawings.append((picture, Markup(svg)))
+    for place, picture in enumerate(() if hint else chapter.pictures):
+        try:
+            svg = downstream("report.figures.style", "svg")(picture.draw(), f"figure-{number}-{place}")
+            drawings.append((picture, Markup(svg)))
+        except ValueError as error:
+            blocks.append(Sentence(f"{error}.", f"{picture.title}:"))
     return {"title": chapter.title, "blocks": blocks, "drawings": drawings, "folded": chapter.folded}
 
 
 def _prose(text: str) -> Markup:
     """Text with what stands between backquotes as code, and no line's end before a percent sign."""
-    text = re.sub(r"(?<=\d) ?%", "\N{NO-BREAK SPACE}%", text)
-    parts = text.split("`")
-    if len(parts) % 2 == 0:
-        return escape(text)
-    shown = (Markup("<code>{}</code>").format(part) if place % 2 else escape(part) for place, part in enumerate(parts))
-    return Markup("").join(shown)
+    text = str(escape(re.sub(r"(?<=\d) ?%", "\N{NO-BREAK SPACE}%", text)))
+    return Markup(text if text.count("`") % 2 else re.sub("`([^`]*)`", r"<code>\1</code>", text))
 
 
 def _headline(text: str) -> tuple[str, str]:
@@ -127,8 +115,11 @@ def _headline(text: str) -> tuple[str, str]:
 
 
 def _rating(cell: str) -> str:
-    """The class of a cell that rates something; empty for others."""
-    return next((name for name, words in RATINGS.items() if cell.startswith(words)), "")
+    """The class, of a colour, of a cell that rates something; empty for others."""
+    good, fair = ("GOOD", "ok", "reported", "reproduced"), ("LIMITED", "biased", "drift")
+    bad = "NOT IDENTIFIABLE", "not identifiable", "fault", "unstable"
+    ratings = {"good": good, "fair": fair, "bad": bad}
+    return next((name for name, words in ratings.items() if cell.startswith(words)), "")
 
 
 def log_page(
@@ -166,16 +157,16 @@ def log_page(
     return document(heading.lead.rstrip(":"), subtitle, blocks, [*chapters, *folded], back)
 
 
-def flight_page(file: str, analyses: Mapping[str, LogAnalysis], index: str = "../index.html") -> str:
-    """Returns the HTML of one flight of a fleet, the log ``file``; ``index`` is where the link back leads."""
-    learned = any(analysis.learned is not None for analysis in analyses.values())
-    nothing = "No model could be learned from this flight; what it holds nevertheless."
-    subtitle = f"{listed(analyses)} of a flight." if learned else nothing
+def flight_page(file: str, analyses: Mapping[str, LogAnalysis]) -> str:
+    """Returns the HTML of one flight of a fleet, the log ``file``, with a link back to the fleet's page."""
+    subtitle = "No model could be learned from this flight; what it holds nevertheless."
+    if any(analysis.learned is not None for analysis in analyses.values()):
+        subtitle = f"{listed(analyses)} of a flight."
     blocks = analysis_blocks(next(iter(analyses.values())))
-    return log_page(Sentence(subtitle, file), blocks, analyses, back=("Fleet", index))
+    return log_page(Sentence(subtitle, file), blocks, analyses, back=("Fleet", "../index.html"))
 
 
-PICTURES = {
+PICTURES = {  # title and caption by the method of ``learned.plot`` that draws it
     "forecast": (
         "Forecast of {output}",
         "Windows that no model saw which forecasts them, each from what came before it, with the motors as recorded. "
@@ -196,7 +187,6 @@ PICTURES = {
     ),
     "learning": ("Learning", "The free energy action F̄, its terms and the parameters by iteration."),
 }
-"""Title and caption by the method of ``learned.plot`` that draws it."""
 FEW_PICTURES = "forecast", "disturbance", "motors"
 SYSTEM_PICTURES = "bode", "step", "poles"  # what motors' effect, damping and lag show; nothing where these are unknown
 
@@ -208,20 +198,22 @@ def model_pictures(
 
     Responses and poles are left out where control effectiveness is not identifiable by what was ``found``.
     """
+
+    # ``learned.plot`` loads matplotlib, which not everyone has.
+    def draw(method: str, output: int) -> Any:
+        options: dict[str, dict[str, Any]] = {}
+        if analysis is not None:
+            options["forecast"] = {"held_out": analysis.held_out, "output": output}
+            options["motors"] = {"hover": analysis.vehicle.hover}
+        return getattr(learned.plot, method)(**options.get(method, {}))
+
     pictures, names = [], Labels.of(learned).output_names
     unknown = any(one.purpose == "motor effectiveness" and one.grade == NONE for one in found.purposes)
     for method in (one for one in methods if not (unknown and one in SYSTEM_PICTURES)):
         title, caption = PICTURES[method]
         for output, name in enumerate(names if method == "forecast" and methods is PICTURES else names[:1]):
-            options: dict[str, Any] = {}
-            if analysis is not None and method == "forecast":
-                options = {"held_out": analysis.held_out, "output": output}
-            elif analysis is not None and method == "motors":
-                options = {"hover": analysis.vehicle.hover}
             words = f"The same of {name}." if output else caption
-            # ``learned.plot`` loads matplotlib, which not everyone has.
-            draw = partial(lambda method, options: getattr(learned.plot, method)(**options), method, options)
-            pictures.append(Picture(title.format(output=name), words, draw))
+            pictures.append(Picture(title.format(output=name), words, partial(draw, method, output)))
     return pictures
 
 
@@ -242,10 +234,8 @@ def comparison_page(comparison: Comparison, from_zero: bool = False) -> str:
     blocks = comparison_report(comparison, from_zero)
     first = next(number for number, block in enumerate(blocks) if isinstance(block, Table))
     pictures = Chapter("Pictures", pictures=[windows] if from_zero else [windows, growth])
-    subtitle = f"Forecasts of the same windows of {listed(comparison.flights)}."
-    return document(
-        "DEM and other methods", subtitle, blocks[:first], [pictures, Chapter("All errors", blocks[first:])]
-    )
+    subtitle, rest = f"Forecasts of the same windows of {listed(comparison.flights)}.", blocks[first:]
+    return document("DEM and other methods", subtitle, blocks[:first], [pictures, Chapter("All errors", rest)])
 
 
 def order_page(choice: OrderChoice, names: Sequence[str]) -> str:
@@ -255,12 +245,8 @@ def order_page(choice: OrderChoice, names: Sequence[str]) -> str:
         "How far F̄ is below its highest value. In the shaded part the difference is no strong evidence.",
         lambda: downstream("report.figures.comparisons", "free_energy_by_order")(choice, names),
     )
-    return document(
-        "Model order",
-        f"The number of states that {listed(names)} show{'s' * (len(names) == 1)}, by the free energy.",
-        order_report(choice, names),
-        [Chapter("Pictures", pictures=[picture])],
-    )
+    subtitle = f"The number of states that {listed(names)} show{'s' * (len(names) == 1)}, by the free energy."
+    return document("Model order", subtitle, order_report(choice, names), [Chapter("Pictures", pictures=[picture])])
 
 
 def live_page(
@@ -284,16 +270,10 @@ def live_page(
     )
     found = status.findings or findings_of(learned, alarms=status.alarms)
     model = [] if learned is None else model_pictures(learned, found, ("motors", *SYSTEM_PICTURES))
-    return document(
-        f"Flight over {link}",
-        f"What {axis} did, learned and predicted while it flew.",
-        live_report(history, status, account, axis),
-        [
-            Chapter("Pictures", pictures=[flown, *model]),
-            Chapter("What happened", event_blocks(history)),
-            Chapter("The model at the end", [] if learned is None else screen(learned, found=found)),
-        ],
-    )
+    chapters = [Chapter("Pictures", pictures=[flown, *model]), Chapter("What happened", event_blocks(history))]
+    chapters.append(Chapter("The model at the end", [] if learned is None else screen(learned, found=found)))
+    what = f"What {axis} did, learned and predicted while it flew."
+    return document(f"Flight over {link}", what, live_report(history, status, account, axis), chapters)
 
 
 def notebook_html(blocks: Sequence[Block]) -> str:

@@ -21,7 +21,7 @@ from mavdem.evaluate.held_out import BASELINES, FORECAST, PREDICTION, HeldOut
 from mavdem.flight import Flight
 from mavdem.report.blocks import Block, Sentence, Table, text_of
 from mavdem.report.condition import condition_sentences, identity_sentence, tier_sentences
-from mavdem.report.numbers import Labels, listed, outputs_of, plus_minus, readable, rounded, short
+from mavdem.report.numbers import TORQUE, Labels, listed, outputs_of, per, plus_minus, rounded, short
 
 ROWS = {FORECAST: "forecast, motors recorded", PREDICTION: "prediction, motors unknown"}  # beside the baselines
 PURPOSE_WORDS = {
@@ -32,8 +32,12 @@ PURPOSE_WORDS = {
     "residuals": "residuals",
 }
 PARAMETER_WORDS = {"effect": "control effectiveness", "damping": "rate damping", "lag": "motor time constant"}
+MOTION = (
+    ("damping", "rate damping", 1.0, "1/s"),
+    ("lag", "motor time constant", 1e3, "ms"),
+    ("delay", "delay", 1e3, "ms"),
+)
 INTERVAL = f"± is the half width of the {100 * LEVEL:.0f} % interval."
-TORQUE = readable("rad/s²")
 
 
 def screen(
@@ -69,11 +73,11 @@ def conclusion(found: Findings) -> list[Block]:
 
 def verdict_blocks(found: Findings) -> list[Block]:
     """Returns all findings without a table, for a narrow column."""
-    purposes = (
-        Sentence(one.reason, f"{PURPOSE_WORDS[one.purpose].capitalize()}: {one.grade}.") for one in found.purposes
-    )
-    *first, following = conclusion(found)
-    return [*first, *purposes, *(Sentence(warning, "Warning:") for warning in found.warnings), following]
+    *blocks, following = conclusion(found)
+    blocks += [
+        Sentence(reason, f"{PURPOSE_WORDS[what].capitalize()}: {grade}.") for what, grade, reason in found.purposes
+    ]
+    return [*blocks, *(Sentence(warning, "Warning:") for warning in found.warnings), following]
 
 
 def analysis_blocks(analysis: LogAnalysis) -> list[Block]:
@@ -81,18 +85,13 @@ def analysis_blocks(analysis: LogAnalysis) -> list[Block]:
     learned, found, hover = analysis.learned, analysis.findings, analysis.vehicle.hover
     if hover is not None and analysis.tier.name != "a":
         hover = replace(hover, roll=None, pitch=None)  # the condition says how the vehicle leans
-    model = conclusion(found) if learned is None else screen(learned, analysis.held_out, hover, found)
-    marks = [Sentence(alarm.sentence, "Motors:") for alarm in analysis.alarms if alarm.motor is None]
-    if analysis.tier.name == "a" and learned is not None:
-        return [*model, *marks]
-    return [
-        *model,
-        *([Sentence(analysis.reason, "No model:")] if learned is None and found.overrides else []),
-        *marks,
-        *tier_sentences(analysis.tier.as_dict()),
-        identity_sentence(analysis.identity.as_dict()),
-        *condition_sentences(analysis.condition.as_dict()),
-    ]
+    blocks = conclusion(found) if learned is None else screen(learned, analysis.held_out, hover, found)
+    blocks += [Sentence(analysis.reason, "No model:")] if learned is None and found.overrides else []
+    blocks += [Sentence(alarm.sentence, "Motors:") for alarm in analysis.alarms if alarm.motor is None]
+    if analysis.tier.name != "a" or learned is None:
+        blocks += [*tier_sentences(analysis.tier.as_dict()), identity_sentence(analysis.identity.as_dict())]
+        blocks += condition_sentences(analysis.condition.as_dict())
+    return blocks
 
 
 def title(flights: Sequence[Flight]) -> Sentence:
@@ -108,31 +107,16 @@ def summary(learned: Learned) -> str:
     return text_of([*screen(learned), *(Sentence(caution, "Caution:") for caution in learned.cautions)])
 
 
-def _known(value: float, half: float, unit: str) -> str:
-    return f"{plus_minus(value, half)} {unit}" if np.isfinite(half) else "not identifiable"
-
-
-def _per_input(unit: str) -> str:
-    return f"{TORQUE.name} per {unit or 'unit of input'}"
-
-
-def _motion(physical: Physical) -> list[tuple[str, str]]:
-    """Rate damping, motor time constant and delay, each with its interval and unit."""
-    half = physical.interval(LEVEL)
-    return [
-        ("rate damping", _known(physical.damping, half.damping, "1/s")),
-        ("motor time constant", _known(1e3 * physical.lag, 1e3 * half.lag, "ms")),
-        ("delay", _known(1e3 * physical.delay, 1e3 * half.delay, "ms")),
-    ]
-
-
 def _vehicle(labels: Labels, physical: Physical | None, hover: HoverFigures | None) -> list[Block]:
     """A row a motor: effectiveness, trim deviation, trim, headroom and saturation; and what is of all motors."""
     columns, blocks, rest = dict[str, list[str]](), list[Block](), list[str]()
     if physical is not None:
-        effect = zip(TORQUE.scale * physical.effect, TORQUE.scale * physical.interval(LEVEL).effect, strict=True)
-        columns[f"effectiveness ({_per_input(labels.input_units[0])})"] = [plus_minus(*pair) for pair in effect]
-        rest = [f"{name} {figure}" for name, figure in _motion(physical)]
+        half = physical.interval(LEVEL)
+        effect = zip(TORQUE.scale * physical.effect, TORQUE.scale * half.effect, strict=True)
+        columns[f"effectiveness ({per(TORQUE, labels.input_units[0])})"] = [plus_minus(*pair) for pair in effect]
+        for name, words, scale, unit in MOTION:
+            pair = scale * getattr(physical, name), scale * getattr(half, name)
+            rest.append(f"{words} {f'{plus_minus(*pair)} {unit}' if np.isfinite(pair[1]) else 'not identifiable'}")
     if hover is not None and hover.motors == labels.input_names:
         columns |= _hover_columns(hover)
     if columns:
@@ -163,8 +147,7 @@ def _lean(hover: HoverFigures) -> str:
 
 def _wind(wind: WindTorque | None, physical: Physical | None) -> list[Block]:
     """The wind torque: its level, share and gusts; nothing where it is not known."""
-    wind = known_wind(wind, physical)
-    if wind is None or physical is None:
+    if physical is None or (wind := known_wind(wind, physical)) is None:
         return []
     unit, scale, count = TORQUE.name, TORQUE.scale, len(wind.gusts)
     text = (
@@ -186,19 +169,16 @@ def _prediction(labels: Labels, held_out: HeldOut | None) -> list[Block]:
     """RMSE beside the baselines over all held-out windows, and how windows differ."""
     if held_out is None:
         return []
-    names, units = outputs_of(labels)
+    (names, units), rows = outputs_of(labels), list[list[str]]()
     count = f"{len(held_out)} held-out windows" if len(held_out) > 1 else "one held-out window"
-    rows = []
     for name in sorted(held_out.forecasts, key=held_out.error_ratio):
         rmse = (unit.scale * value for unit, value in zip(units, held_out.rmse(name), strict=True))
         rows.append([ROWS.get(name, name), *map(rounded, (*rmse, held_out.error_ratio(name)))])
     text = f"The 90 % band holds {100 * held_out.coverage:.0f} % of the samples."
     if len(held_out) > 1:
         low, median, high = (rounded(value) for value in np.percentile(held_out.error_ratios(), [25, 50, 75]))
-        worse = ", ".join(
-            f"{100 * float((held_out.error_ratios(baseline=name) > 1).mean()):.0f} % worse than “{name}”"
-            for name in BASELINES
-        )
+        shares = ((name, float((held_out.error_ratios(baseline=name) > 1).mean())) for name in BASELINES)
+        worse = ", ".join(f"{100 * share:.0f} % worse than “{name}”" for name, share in shares)
         text = f"Error ratio by window: median {median}, interquartile range {low} to {high}; {worse}. {text}"
     return [Table([f"RMSE, {held_out.seconds:.2g} s ahead, {count}", *names, "error ratio"], rows), Sentence(text)]
 
@@ -210,7 +190,7 @@ def vehicle_blocks(vehicle: VehicleFigures, doubted: bool = False) -> list[Block
         axes = vehicle.axes.items()
         unit = next((axis.flights[0].input_units[0] for _, axis in axes if axis.flights), "")
         words = ("rate damping (1/s)", "time constant (ms)", "wind torque, sd (°/s²)")
-        header = ["axis", f"mean effectiveness ({_per_input(unit)})", *words]
+        header = ["axis", f"mean effectiveness ({per(TORQUE, unit)})", *words]
         reasons = [(name, one.reason or " ".join(parameter_reasons(one.physical, doubted))) for name, one in axes]
         blocks = [
             Sentence(f"all settled flight of the log; {INTERVAL}", "Vehicle:"),
@@ -232,9 +212,9 @@ def _axis_row(axis: AxisFigures) -> list[str]:
     _, damping, lag, _ = physical.interval(LEVEL)
     mean, half = (TORQUE.scale * value for value in physical.mean_effect(LEVEL))
     estimates = {"effect": (mean, half), "damping": (physical.damping, damping), "lag": (1e3 * physical.lag, 1e3 * lag)}
-    biased = {name: " (biased)" if status == "biased" else "" for name, status in physical.status.items()}
-    marked = [f"{plus_minus(*pair)}{biased[name]}" for name, pair in estimates.items()]
-    return [*marked, "-" if wind is None else rounded(TORQUE.scale * wind.sd)]
+    marks = {name: " (biased)" * (physical.status[name] == "biased") for name in estimates}
+    shown = [f"{plus_minus(*pair)}{marks[name]}" for name, pair in estimates.items()]
+    return [*shown, "-" if wind is None else rounded(TORQUE.scale * wind.sd)]
 
 
 def parameter_reasons(physical: Physical | None, doubted: bool = False) -> list[str]:

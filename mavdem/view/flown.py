@@ -18,15 +18,10 @@ from mavdem.ingest.vocabulary import euler_angles
 from mavdem.report import palette
 from mavdem.view.plots import BOOT_CLOCK, Plot, blueprint, recorded
 
-SPOOLING_SECONDS = 0.5  # how long rotors take to speed up and to slow down
-AIRBORNE_SPEED_SHARE = 0.9  # share of the median speed of armed rotors above which they carry the vehicle
 MAX_ROWS = 50_000  # the viewer draws every row
-TRAIL, POINTS_A_SECOND = 4.0, 20  # seconds of the way behind the vehicle that are drawn, anew ten times a second
-WIND_SCALE, WIND_AWAY = 0.4, 1.4  # length of the wind's arrow for 1 m/s, and of the way from its head, in arms
-MAX_GROUND_METRES, GROUND_MARGIN_METRES = 50.0, 8.0  # the ground is drawn so far from the start, around the flight
+WIND_SCALE = 0.4  # length of the wind's arrow for 1 m/s, in arms
 
-BODY, NOSE, GROUND = (210, 214, 220), (255, 107, 107), (70, 74, 80)
-TRAIL_COLOUR = (94, 214, 120)
+BODY, NOSE, GROUND, TRAIL = (210, 214, 220), (255, 107, 107), (70, 74, 80), (94, 214, 120)
 SPEEDS = np.array([(60, 110, 255), (165, 165, 170), (255, 150, 30)], float)  # slower than in hover, as there, faster
 
 
@@ -71,7 +66,7 @@ class Pose:
         """(N,) where the rotors carry the vehicle; everywhere if they never do."""
         speed = self.rotor_speeds.mean(axis=1)
         hover = float(np.median(speed[self.armed])) if self.armed.any() else np.inf
-        carried = np.asarray(speed > AIRBORNE_SPEED_SHARE * hover)
+        carried = np.asarray(speed > 0.9 * hover)
         return carried if carried.any() else ~carried
 
     def at(self, rate: float) -> NDArray[np.intp]:
@@ -114,8 +109,8 @@ def _plots(pose: Pose) -> list[Plot]:
         ("wind", "Wind, m/s: where the air moves to", dict(zip(("north", "east", "down"), pose.wind.T, strict=True))),
         ("moment", "Disturbance moment, mN m", dict(zip(("roll", "pitch", "yaw"), 1e3 * pose.moment.T, strict=True))),
     )
-    # While rotors spool and the ground takes or gives the vehicle, values may be far off.
-    aloft = np.abs(pose.time[rows] - carried[[0, -1]].mean()) < np.ptp(carried) / 2 - SPOOLING_SECONDS
+    # While rotors spool, for half a second, and the ground takes or gives the vehicle, values may be far off.
+    aloft = np.abs(pose.time[rows] - carried[[0, -1]].mean()) < np.ptp(carried) / 2 - 0.5
     inside = aloft if aloft.any() else np.full(len(rows), True)
     return [
         Plot.series(origin, title, pose.time[rows], {name: values[rows] for name, values in series.items()}, "", inside)
@@ -137,19 +132,19 @@ def _scene(pose: Pose) -> rrb.View:
 
 def _vehicle(recording: rr.RecordingStream, pose: Pose, rows: NDArray[np.intp]) -> None:
     """A box with a nose on four arms; each rotor's colour shows its speed, its arrow its thrust."""
-    arm, index = pose.arm, [rr.TimeColumn(BOOT_CLOCK, duration=pose.time[rows])]
+    arm, count, index = pose.arm, len(pose.rotors), [rr.TimeColumn(BOOT_CLOCK, duration=pose.time[rows])]
     recording.send_columns("world/here", index, rr.Transform3D.columns(translation=pose.position[rows]))
     attitude = np.roll(pose.attitude[rows], -1, axis=1)  # Rerun has w last
     recording.send_columns("world/here/vehicle", index, rr.Transform3D.columns(quaternion=attitude))
-    hubs = np.column_stack([pose.rotors, np.full(len(pose.rotors), -0.12 * arm)])
-    count = len(hubs)
+    hubs, discs = (
+        np.column_stack([pose.rotors, np.full(count, -0.12 * arm)]),
+        ([0.02 * arm] * count, [0.48 * arm] * count),
+    )
     parts = {
         "body": rr.Boxes3D(half_sizes=[[0.34 * arm, 0.2 * arm, 0.1 * arm]], colors=BODY, fill_mode="solid"),
         "arms": rr.LineStrips3D([[[0, 0, 0], hub] for hub in hubs.tolist()], radii=0.03 * arm, colors=BODY),
         "nose": rr.Arrows3D(vectors=[[0.75 * arm, 0, 0]], origins=[[0.3 * arm, 0, 0]], radii=0.04 * arm, colors=NOSE),
-        "rotors": rr.Cylinders3D(
-            lengths=[0.02 * arm] * count, radii=[0.48 * arm] * count, centers=hubs, fill_mode="solid"
-        ),
+        "rotors": rr.Cylinders3D(lengths=discs[0], radii=discs[1], centers=hubs, fill_mode="solid"),
         "thrust": rr.Arrows3D.from_fields(origins=hubs, radii=[0.025 * arm], labels=pose.motors, show_labels=True),
     }
     for name, part in parts.items():
@@ -169,25 +164,25 @@ def _vehicle(recording: rr.RecordingStream, pose: Pose, rows: NDArray[np.intp]) 
 
 def _surroundings(recording: rr.RecordingStream, pose: Pose, rows: NDArray[np.intp]) -> None:
     """The wind at the vehicle, its flight path, and the ground with a line every metre."""
-    place = np.clip(pose.position[:, :2], -MAX_GROUND_METRES, MAX_GROUND_METRES)
-    north, east = np.floor(place.min(axis=0)) - GROUND_MARGIN_METRES
-    northern, eastern = np.ceil(place.max(axis=0)) + GROUND_MARGIN_METRES
+    place = np.clip(pose.position[:, :2], -50.0, 50.0)  # m from the start
+    north, east = np.floor(place.min(axis=0)) - 8.0
+    northern, eastern = np.ceil(place.max(axis=0)) + 8.0
     squares = [[[n, east, 0], [n, eastern, 0]] for n in np.arange(north, northern + 1)]
     squares += [[[north, e, 0], [northern, e, 0]] for e in np.arange(east, eastern + 1)]
     recording.log("world/ground", rr.LineStrips3D(squares, radii=0.004, colors=[GROUND]), static=True)
     arm, wind = pose.arm, pose.wind[rows]
     speed = np.linalg.norm(wind, axis=1, keepdims=True)
     vectors, colour = WIND_SCALE * arm * wind, palette.channels(palette.DISTURBANCE)
-    away = WIND_AWAY * arm * wind / np.maximum(speed, 1e-9)  # its head stays out of the rotors
+    away = 1.4 * arm * wind / np.maximum(speed, 1e-9)  # its head stays out of the rotors
     style = rr.Arrows3D.from_fields(radii=[0.05 * arm], colors=[colour], show_labels=True)
     recording.log("world/here/wind", style, static=True)
     labels = [f"wind {each:.1f} m/s" for each in speed[:, 0]]
     columns = rr.Arrows3D.columns(vectors=vectors, origins=-away - vectors, labels=labels)
     recording.send_columns("world/here/wind", [rr.TimeColumn(BOOT_CLOCK, duration=pose.time[rows])], columns)
     now = pose.at(10)
-    before = np.searchsorted(pose.time, pose.time[now] - TRAIL)
-    step = max(len(pose.time) // len(pose.at(POINTS_A_SECOND)), 1)
+    before = np.searchsorted(pose.time, pose.time[now] - 4.0)  # seconds of the way behind it
+    step = max(len(pose.time) // len(pose.at(20)), 1)
     strips = [pose.position[first : last + 1 : step] for first, last in zip(before, now, strict=True)]
-    recording.log("world/trail", rr.LineStrips3D.from_fields(radii=[0.022 * arm], colors=[TRAIL_COLOUR]), static=True)
+    recording.log("world/trail", rr.LineStrips3D.from_fields(radii=[0.022 * arm], colors=[TRAIL]), static=True)
     index = [rr.TimeColumn(BOOT_CLOCK, duration=pose.time[now])]
     recording.send_columns("world/trail", index, rr.LineStrips3D.columns(strips=strips))

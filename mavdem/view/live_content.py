@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from math import isfinite
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-from numpy.typing import NDArray
 
 from mavdem.confidence import LEVEL
 from mavdem.dem import Estimate, Learned, LinearModel, Physical
@@ -23,13 +22,12 @@ from mavdem.dem.record import Record
 from mavdem.live import SessionStatus
 from mavdem.live.history import AHEAD, sentence
 from mavdem.report.blocks import markdown
-from mavdem.report.numbers import named, place, plus_minus, readable, state_names, with_unit
+from mavdem.report.numbers import TORQUE, named, per, place, plus_minus, readable, state_names, with_unit
 from mavdem.report.palette import BAD, BAND_OPACITY, BOUND, COMMAND, DISTURBANCE, MEASURED, PREDICTED, distinct
 from mavdem.report.screen import verdict_blocks
 from mavdem.view.plots import BOOT_CLOCK, Lines, blueprint, faint
 
 FLIGHT_SECONDS, LEARNING_SECONDS = 20.0, 120.0  # in view
-UNKNOWN = "–"
 LEGEND = (
     "An error ratio is beside the better of the last sample and the mean. Surprise is how far F(t) is below its recent "
     "median: 1 is the worst of twenty samples. A mark is where it stays above what is usual in this flight; one in "
@@ -72,10 +70,12 @@ def log(recording: rr.RecordingStream, time: float, sentence: str, level: str = 
 
 
 class LiveWriter:
-    """Writes rows of one set of channels into one recording."""
+    """Writes rows of one set of channels into one recording, to which it sends their layout."""
 
-    def __init__(self, channels: Channels) -> None:
-        self.channels = channels
+    def __init__(self, channels: Channels, recording: rr.RecordingStream) -> None:
+        recording.send_recording_name(channels.title)
+        recording.send_blueprint(live_blueprint(channels))
+        self.channels, self._recording = channels, recording
         self._units = [readable(unit) for unit in channels.output_units]
         self._torques: deque[tuple[float, float, float]] = deque(maxlen=round(GUST_SECONDS / channels.dt))
         self._gusts_until = -np.inf
@@ -85,81 +85,52 @@ class LiveWriter:
         self._changes: list[float] = []  # times at which a motor changed, s
         self._unusual = False
         self._model: LinearModel | None = None
-        self._horizon = int(np.abs(np.array(channels.horizons) * channels.dt - AHEAD).argmin())
-        self.lines = {lines.path: lines for lines in self._all_lines()}
+        self._styled: set[Lines] = set()
 
-    def _all_lines(self) -> list[Lines]:
-        """All but those of the model; predictions are those nearest to ``AHEAD`` seconds ahead."""
-        channels = self.channels
-        command = Lines("command", ("motors' difference",), (COMMAND,))
-        if not channels.command:
-            names = tuple(map(place, channels.input_names))
-            command = Lines("command", names, tuple(map(distinct, range(len(names)))))
-        lines = [
-            command,
-            Lines("free_energy_of_samples", ("F(t)",), (MEASURED,)),
-            Lines("free_energy_action", ("F̄",), (MEASURED,), 2.0),
-            Lines("surprise/samples", ("worst of 20", "surprise"), (BOUND, PREDICTED)),
-            Lines("surprise/unusual", ("unusual",), (BAD,), 4.0, marked=True),
-            Lines("wind/0_band", ("90 % band",), (faint(DISTURBANCE, BAND_OPACITY),), filled=True),
-            Lines("wind/1_torque", ("torque",), (DISTURBANCE,)),
-        ]
-        for name in channels.output_names:
-            plot = rr.new_entity_path(["outputs", name])
-            ahead = f"{channels.horizons[self._horizon] * channels.dt:.2g} s ahead"
-            lines += [
-                Lines(f"{plot}/0_band", ("90 % band",), (faint(PREDICTED, BAND_OPACITY),), filled=True),
-                Lines(f"{plot}/1_measured", ("measured",), (MEASURED,), 1.2),
-                Lines(f"{plot}/2_predicted", (ahead,), (PREDICTED,), 1.8),
-            ]
-        return lines
-
-    def begin(self, recording: rr.RecordingStream) -> None:
-        """Sends the styles and the layout; once a recording, before the first row."""
-        recording.send_recording_name(self.channels.title)
-        recording.send_blueprint(live_blueprint(self.channels))
-        for lines in self.lines.values():
-            lines.send_style(recording)
-
-    def rows(self, recording: rr.RecordingStream, rows: list[ViewRow]) -> None:
+    def rows(self, rows: list[ViewRow]) -> None:
         """Draws rows in the order of their times, and what happens in them."""
         time, inputs = np.array([row.time for row in rows]), np.array([row.inputs for row in rows])
         segments = [self._segment, *(row.segment for row in rows)]
         self._segment = rows[-1].segment
         breaks = np.array([i for i in range(len(rows)) if segments[i] not in (None, segments[i + 1])], np.intp)
-        self._outputs(recording, rows, time, breaks)
-        command = inputs @ np.array(self.channels.command)[:, None] if self.channels.command else inputs
+        self._outputs(rows, time, breaks)
+        command, names = inputs, tuple(map(place, self.channels.input_names))
+        lines = Lines("command", names, tuple(map(distinct, range(len(names)))))
+        if self.channels.command:
+            command = inputs @ np.array(self.channels.command)[:, None]
+            lines = Lines("command", ("motors' difference",), (COMMAND,))
         self._in_sight("command", command, command)
-        self._draw(recording, "command", time, command, breaks)
+        self._draw(lines, time, command, breaks)
         estimates = [(row.estimate, row.shift) for row in rows if row.estimate is not None]
-        self._judgement(recording, [pair for pair in estimates if np.isfinite(pair[0].seen)])
-        self._wind(recording, estimates)
-        self._models(recording, rows)
+        self._judgement([pair for pair in estimates if np.isfinite(pair[0].seen)])
+        self._wind(estimates)
+        self._models(rows)
 
-    def mark(self, recording: rr.RecordingStream, since: float) -> None:
+    def mark(self, since: float) -> None:
         """Marks a change of the vehicle at the time ``since`` in every plot; NaN is none."""
         if np.isfinite(since):
             self._changes.append(since)
             for plot, (low, high) in self._seen.items():
                 line = Lines(f"{plot}/9_changes", ("motor changed",), (BAD,), filled=True)
-                line.send_style(recording)
-                line.send(recording, np.array([since - 1e-3, since]), np.array([[np.nan, np.nan], [low, high]]))
+                ends = np.array([[np.nan, np.nan], [low, high]])
+                self._draw(line, np.array([since - 1e-3, since]), ends)
 
-    def _draw(
-        self, recording: rr.RecordingStream, path: str, time: Array, values: Array, breaks: NDArray[np.intp]
-    ) -> None:
+    def _draw(self, lines: Lines, time: Array, values: Array, breaks: Any = ()) -> None:
         """Draws lines that break before the rows ``breaks``, where samples are missing."""
+        if lines not in self._styled:
+            self._styled.add(lines)
+            lines.send_style(self._recording)
         if len(breaks):
             values = np.insert(values, breaks, np.nan, axis=0)
             time = np.insert(time, breaks, time[breaks] - self.channels.dt / 2)
-        self.lines[path].send(recording, time, values)
+        lines.send(self._recording, time, values)
 
-    def _outputs(
-        self, recording: rr.RecordingStream, rows: list[ViewRow], time: Array, breaks: NDArray[np.intp]
-    ) -> None:
-        h, measured = self._horizon, np.array([row.outputs for row in rows])
+    def _outputs(self, rows: list[ViewRow], time: Array, breaks: Any) -> None:
+        """Draws outputs with their predictions, of which those nearest to ``AHEAD`` seconds ahead are shown."""
+        seconds, measured = np.array(self.channels.horizons) * self.channels.dt, np.array([row.outputs for row in rows])
+        h = int(np.abs(seconds - AHEAD).argmin())
         ahead, half = np.full((2, *measured.shape), np.nan)
-        later = time + self.channels.horizons[h] * self.channels.dt
+        later = time + seconds[h]
         for i, row in enumerate(rows):
             if (now := row.estimate) is not None:
                 ahead[i], half[i], later[i] = now.ahead[h], now.ahead_band[h], now.ahead_times[h] + row.shift
@@ -167,9 +138,12 @@ class LiveWriter:
             plot, drawn = rr.new_entity_path(["outputs", name]), unit.scale * measured[:, i]
             then = unit.scale * np.stack([ahead[:, i] - half[:, i], ahead[:, i] + half[:, i], ahead[:, i]], axis=-1)
             then = self._in_sight(plot, drawn, then)
-            self._draw(recording, f"{plot}/0_band", later, then[:, :2], breaks)
-            self._draw(recording, f"{plot}/1_measured", time, drawn[:, None], breaks)
-            self._draw(recording, f"{plot}/2_predicted", later, then[:, 2:], breaks)
+            band = Lines(f"{plot}/0_band", ("90 % band",), (faint(PREDICTED, BAND_OPACITY),), filled=True)
+            line = Lines(f"{plot}/1_measured", ("measured",), (MEASURED,), 1.2)
+            predicted = Lines(f"{plot}/2_predicted", (f"{seconds[h]:.2g} s ahead",), (PREDICTED,), 1.8)
+            self._draw(band, later, then[:, :2], breaks)
+            self._draw(line, time, drawn[:, None], breaks)
+            self._draw(predicted, later, then[:, 2:], breaks)
 
     def _in_sight(self, plot: str, measured: Array, values: Array) -> Array:
         """Values cut off beyond what was measured so far, or they would decide about the range of the axis."""
@@ -180,9 +154,9 @@ class LiveWriter:
         beyond = BEYOND * (high - low)
         return np.clip(values, low - beyond, high + beyond) if high > low else values
 
-    def _wind(self, recording: rr.RecordingStream, estimates: Sequence[tuple[Estimate, float]]) -> None:
+    def _wind(self, estimates: Sequence[tuple[Estimate, float]]) -> None:
         """Draws the wind torque with its band at the times it is of, and logs gusts; NaN where it is not known."""
-        scale, torques = readable("rad/s²").scale, []
+        scale, torques = TORQUE.scale, []
         for now, shift in estimates:
             if np.isfinite(now.wind_time):
                 self._physical = now.physical
@@ -190,14 +164,15 @@ class LiveWriter:
                 self._torques.append(torques[-1])
                 if not np.isfinite(now.wind_torque):
                     self._torques.clear()
-        self._log_gusts(recording)
+        self._log_gusts()
         if torques:
             time, torque, half = np.array(torques).T
             edges = np.stack([torque - half, torque + half], axis=-1)
-            self.lines["wind/0_band"].send(recording, time, self._in_sight("wind", scale * torque, scale * edges))
-            self.lines["wind/1_torque"].send(recording, time, scale * torque[:, None])
+            band = Lines("wind/0_band", ("90 % band",), (faint(DISTURBANCE, BAND_OPACITY),), filled=True)
+            self._draw(band, time, self._in_sight("wind", scale * torque, scale * edges))
+            self._draw(Lines("wind/1_torque", ("torque",), (DISTURBANCE,)), time, scale * torque[:, None])
 
-    def _log_gusts(self, recording: rr.RecordingStream) -> None:
+    def _log_gusts(self) -> None:
         """Logs the gusts of the latest torque that have ended since the last time, about once a second."""
         dt = self.channels.dt
         if len(self._torques) * dt < 2 * LEVEL_SECONDS or self._torques[-1][0] < self._gusts_until + 1.0:
@@ -211,10 +186,10 @@ class LiveWriter:
             end = gust.sample + round(gust.length / dt)
             near = any(abs(gust.sample - at) * dt <= CHANGE_SECONDS for at in changes)
             if end < len(time) and time[end] > before and not near:
-                text = f"gust: {readable('rad/s²').scale * gust.size:+.0f} °/s² for {gust.length:.2g} s"
-                log(recording, float(time[gust.sample]), text)
+                text = f"gust: {TORQUE.scale * gust.size:+.0f} °/s² for {gust.length:.2g} s"
+                log(self._recording, float(time[gust.sample]), text)
 
-    def _judgement(self, recording: rr.RecordingStream, estimates: Sequence[tuple[Estimate, float]]) -> None:
+    def _judgement(self, estimates: Sequence[tuple[Estimate, float]]) -> None:
         """Draws F(t) and surprise at the centres of their windows, and logs marks."""
         if not estimates:
             return
@@ -223,14 +198,16 @@ class LiveWriter:
         marked = unusual > 0
         for plot, values in (("free_energy_of_samples", energy), ("surprise", surprise)):
             self._in_sight(plot, values, values)
-        self.lines["free_energy_of_samples"].send(recording, time, energy[:, None])
-        self.lines["surprise/samples"].send(recording, time, np.stack([np.ones(len(time)), surprise], axis=-1))
-        self.lines["surprise/unusual"].send(recording, time[marked], surprise[marked, None])
+        samples = Lines("surprise/samples", ("worst of 20", "surprise"), (BOUND, PREDICTED))
+        above = Lines("surprise/unusual", ("unusual",), (BAD,), 4.0, marked=True)
+        self._draw(Lines("free_energy_of_samples", ("F(t)",), (MEASURED,)), time, energy[:, None])
+        self._draw(samples, time, np.stack([np.ones(len(time)), surprise], axis=-1))
+        self._draw(above, time[marked], surprise[marked, None])
         for i in np.flatnonzero(marked & ~np.append(self._unusual, marked[:-1])):
-            log(recording, float(time[i]), f"unusual motion: surprise {surprise[i]:.2g}")
+            log(self._recording, float(time[i]), f"unusual motion: surprise {surprise[i]:.2g}")
         self._unusual = bool(marked[-1])
 
-    def _models(self, recording: rr.RecordingStream, rows: list[ViewRow]) -> None:
+    def _models(self, rows: list[ViewRow]) -> None:
         """Draws F̄ and λ: a point for each new model."""
         for row in rows:
             now = row.estimate
@@ -238,12 +215,11 @@ class LiveWriter:
                 continue
             self._model = now.model
             time, action = np.array([row.time]), np.array([now.free_energy_action])
-            self.lines["free_energy_action"].send(recording, time, action)
+            self._draw(Lines("free_energy_action", ("F̄",), (MEASURED,), 2.0), time, action)
             if row.learned is not None:
                 names = precision_names(self.channels.output_names, row.learned)
                 lines = Lines("noise_precisions", names, tuple(map(distinct, range(len(names)))), 2.0)
-                lines.send_style(recording)
-                lines.send(recording, time, now.log_precisions)
+                self._draw(lines, time, now.log_precisions)
 
 
 def precision_names(outputs: Sequence[str], learned: Learned) -> tuple[str, ...]:
@@ -256,15 +232,6 @@ def precision_names(outputs: Sequence[str], learned: Learned) -> tuple[str, ...]
             shared = " and ".join(name for name, member in zip(channels, group, strict=True) if member == number)
             names.append(f"{noise} of {shared}" if len(numbers) > 1 else f"{noise}, {whole}")
     return tuple(names)
-
-
-class FollowingTimePanel(rrb.TimePanel):
-    """A time panel that follows the latest data; the SDK's own does not send its play state."""
-
-    def _log_to_stream(self, stream: rr.RecordingStream) -> None:
-        super()._log_to_stream(stream)
-        following = rrb.archetypes.TimePanelBlueprint.from_fields(play_state=rrb.components.PlayState.Following)
-        stream.log(self.blueprint_path(), following)
 
 
 def live_blueprint(channels: Channels) -> rrb.Blueprint:
@@ -285,7 +252,7 @@ def live_blueprint(channels: Channels) -> rrb.Blueprint:
         outputs.append(plot(heading, rr.new_entity_path(["outputs", name])))
     command = f"{channels.output_names[0].capitalize()} command" if channels.command else "Motors"
     inputs = plot(named(command, next(iter(channels.input_units), "")), "command")
-    wind = plot(f"Wind torque, {readable('rad/s²').name}", "wind")
+    wind = plot(f"Wind torque, {TORQUE.name}", "wind")
     pictures = rrb.Vertical(outputs[0], wind, inputs, row_shares=[42, 32, 26])
     log_columns = rrb.archetypes.TextLogColumns(timeline_columns=[BOOT_CLOCK], text_log_columns=["LogLevel", "Body"])
     events = rrb.TextLogView(origin="log", name="Events", columns=log_columns)
@@ -299,22 +266,22 @@ def live_blueprint(channels: Channels) -> rrb.Blueprint:
     samples = plot("F(t), nats: low at an unusual sample", "free_energy_of_samples")
     details = rrb.Vertical(*outputs[1:], surprise, samples, name="Details")
     status = rrb.TextDocumentView(origin="status", name="Status")
-    following = FollowingTimePanel(state="collapsed", timeline=BOOT_CLOCK)
-    return blueprint(rrb.Tabs(flight, model, details, status, active_tab=0), following)
+    return blueprint(rrb.Tabs(flight, model, details, status, active_tab=0), play_state="following")
 
 
-def figures(channels: Channels, status: SessionStatus, row: ViewRow, until: float | None) -> tuple[str, ...]:
+def figures(status: SessionStatus, row: ViewRow, until: float | None) -> tuple[str, ...]:
     """Returns four Markdown documents: the state, the prediction, the wind torque, and the physical parameters.
 
     ``row`` is the latest; the model was learned ``until`` s of the boot clock.
     """
-    output, now, unit = channels.output_names[0], row.estimate, readable("rad/s²")
+    channels, now, unit = row.channels, row.estimate, TORQUE
+    output = channels.output_names[0]
     doubts = status.findings.overrides if status.findings else ()
     state = "alarm" if status.alarm or doubts else "waiting" if status.obstacle or until is None else "learning"
     reason = sentence(status.obstacle or (TOO_FEW if until is None else ""))
     said = status.alarm or (doubts[0].headline if doubts else reason) or "The model follows the flight."
     shown = {"State": (f"{state}, {status.learned * channels.dt:.0f} s learned", said)}
-    error = torque = effect = (UNKNOWN, "")
+    error = torque = effect = ("–", "")
     (seconds, half), (ahead, ratio) = status.ahead, status.useful
     if isfinite(half):
         useful = f"; error ratio {ratio:.2f} at {ahead:.2g} s" if isfinite(ratio) else ""
@@ -325,7 +292,7 @@ def figures(channels: Channels, status: SessionStatus, row: ViewRow, until: floa
     elif now is not None and now.physical is not None:
         torque = "not identifiable", ""
     if now is not None and now.physical is not None:
-        physical, names = now.physical, (f"{unit.name} per {channels.input_units[0] or 'unit'}", "1/s")
+        physical, names = now.physical, (per(unit, channels.input_units[0]), "1/s")
         mean = [unit.scale * value for value in physical.mean_effect(LEVEL)]
         pairs = zip((mean, (physical.damping, physical.interval(LEVEL).damping)), names, strict=True)
         words = [f"{plus_minus(*pair)} {name}" if isfinite(pair[1]) else "not identifiable" for pair, name in pairs]
@@ -334,8 +301,9 @@ def figures(channels: Channels, status: SessionStatus, row: ViewRow, until: floa
     return tuple(f"{name}\n### {value}\n{remark}" for name, (value, remark) in shown.items())
 
 
-def status_document(channels: Channels, status: SessionStatus, row: ViewRow, until: float | None) -> str:
+def status_document(status: SessionStatus, row: ViewRow, until: float | None) -> str:
     """Returns the latest status and row as Markdown; the model was learned ``until`` s, None before the first."""
+    channels = row.channels
     facts = {
         "samples": f"{status.learned + status.shown:,} at {1 / channels.dt:.4g} Hz",
         "boot clock": f"{row.time - row.shift:,.1f} s",
@@ -344,9 +312,11 @@ def status_document(channels: Channels, status: SessionStatus, row: ViewRow, unt
     }
     if isfinite(status.latency[0]):
         facts["latency"] = f"{1000 * status.latency[0]:.0f} ms"
-    ago = "" if until is None else f" up to {max(0.0, row.time - row.shift - until):.1f} s ago"
-    model = f"The model was learned{ago}." if ago else "No model yet."
-    learning = f"{model} {sentence(status.obstacle or ('' if ago else TOO_FEW))}"
+    model, reason = "No model yet.", status.obstacle or TOO_FEW
+    if until is not None:
+        ago = max(0.0, row.time - row.shift - until)
+        model, reason = f"The model was learned up to {ago:.1f} s ago.", status.obstacle
+    learning = f"{model} {sentence(reason)}"
     cautions = [f"**Cautions:** {' '.join(row.learned.cautions)}"] if row.learned and row.learned.cautions else []
     table = "\n".join(f"- {name}: {fact}" for name, fact in facts.items())
     found = [] if status.findings is None else [markdown(verdict_blocks(status.findings))]

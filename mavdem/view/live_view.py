@@ -110,33 +110,29 @@ class SinkThread:
             self._lines.clear()
         for channels, batch in groupby(rows, key=lambda row: row.channels):
             if self._writer is None or channels != self._writer.channels:
-                self._writer = LiveWriter(channels)
-                self._writer.begin(recording)
+                self._writer = LiveWriter(channels, recording)
             same = list(batch)
             self._last = same[-1]
             models = (row.estimate.until for row in reversed(same) if row.estimate and row.estimate.model)
             self._until = next(models, self._until)
-            self._writer.rows(recording, same)
+            self._writer.rows(same)
         for line in lines:
             log(recording, *line[:3])
             if self._writer is not None:
-                self._writer.mark(recording, line.since)
+                self._writer.mark(line.since)
         if self._last is not None and wall.monotonic() >= self._next_status:
             self._next_status = wall.monotonic() + STATUS_SECONDS
-            self._send_status(recording, self._last)
+            if new := self.dropped - self._reported_drops:
+                log(recording, self._last.time, f"{new} rows are not shown here: this view is too slow", "WARN")
+                self._reported_drops += new
+            about = self.status, self._last, self._until
+            documents = {f"figures/{i}": text for i, text in enumerate(figures(*about))}
+            recording.set_time(BOOT_CLOCK, duration=self._last.time)
+            for path, text in {**documents, "status": status_document(*about)}.items():
+                recording.log(path, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
         recording.flush(timeout_sec=FLUSH_SECONDS)
         self.sink.delivered()
         self.trouble = ""
-
-    def _send_status(self, recording: rr.RecordingStream, last: ViewRow) -> None:
-        if new := self.dropped - self._reported_drops:
-            log(recording, last.time, f"{new} rows are not shown here: this view is too slow", "WARN")
-            self._reported_drops += new
-        about = last.channels, self.status, last, self._until
-        documents = {f"figures/{i}": text for i, text in enumerate(figures(*about))}
-        recording.set_time(BOOT_CLOCK, duration=last.time)
-        for path, text in {**documents, "status": status_document(*about)}.items():
-            recording.log(path, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
 
 
 class LiveView:

@@ -138,9 +138,9 @@ def faint(colour: str, opacity: float) -> str:
     return "#" + bytes(np.round(opacity * over + (1 - opacity) * under).astype(np.uint8)).hex()
 
 
-def blueprint(view: rrb.Container, time: rrb.TimePanel | None = None, **options: Any) -> rrb.Blueprint:
+def blueprint(view: rrb.Container, **options: Any) -> rrb.Blueprint:
     """Returns a layout of one container with all panels beside it collapsed; ``options`` are of the time panel."""
-    time = time or rrb.TimePanel(state="collapsed", timeline=BOOT_CLOCK, **options)
+    time = rrb.TimePanel(state="collapsed", timeline=BOOT_CLOCK, **options)
     beside = rrb.BlueprintPanel(state="collapsed"), rrb.SelectionPanel(state="collapsed")
     return rrb.Blueprint(view, time, *beside, auto_views=False, auto_layout=False)
 

@@ -20,7 +20,7 @@ from mavdem.flight import Flight
 from mavdem.report import palette
 from mavdem.report.blocks import Block, Table, markdown
 from mavdem.report.details import detail_blocks
-from mavdem.report.numbers import AxisCommand, Labels, named, place, plus_minus, readable, state_names
+from mavdem.report.numbers import TORQUE, AxisCommand, Labels, named, per, place, plus_minus, readable, state_names
 from mavdem.report.screen import screen, title, verdict_blocks
 from mavdem.view.plots import Plot, blueprint, faint, range_of, recorded, with_gaps
 
@@ -46,8 +46,10 @@ def write_recording(
     found = findings_of(learned, held_out) if found is None else found
     with recorded(path, Path(str(flights[0].provenance.get("source", path))).name) as recording:
         report = _text(recording, "report", "Report", [title(flights), *screen(learned, held_out, found=found)])
-        pictures = _flight(recording, series, found), _details(recording, series), _learning(recording, learned)
-        tabs = rrb.Tabs(*pictures, report, active_tab=0)
+        others = [plot for i in range(1, len(series.labels.output_names)) for plot in series.output(i)]
+        details = _drawn(recording, series, [*others, series.motors(), *series.dem()])
+        flight, learning = _flight(recording, series, found), _learning(recording, learned)
+        tabs = rrb.Tabs(flight, rrb.Vertical(*details, name="Details"), learning, report, active_tab=0)
         recording.send_blueprint(blueprint(tabs, play_state="paused"), make_active=False)
 
 
@@ -55,11 +57,9 @@ class FlightSeries:
     """The series of a learned flight over the boot clock, s, in degrees, as plots."""
 
     def __init__(self, flights: Sequence[Flight], learned: Learned, held_out: HeldOut) -> None:
-        self.flights, self.learned, self.held_out = flights, learned, held_out
-        self.labels = Labels.of(learned)
-        self.times = [flight.time for flight in flights]
+        self.flights, self.learned, self.held_out, self.windows = flights, learned, held_out, held_out.time
+        self.labels, self.times = Labels.of(learned), [flight.time for flight in flights]
         self.clock = with_gaps(self.times, last=True)
-        self.windows = held_out.time
         after = self.windows[:, 0] > self.times[-1][-1]
         self._time = with_gaps([*self.times, *self.windows[after]], last=True)
         self._outputs = with_gaps([*(flight.outputs for flight in flights), *held_out.measured[after]])
@@ -77,12 +77,11 @@ class FlightSeries:
         forecast = np.clip(forecast, low - 9 * span, high + 9 * span)  # it may overflow
         residual = in_windows - forecast
         inner = range_of(np.clip(forecast, low - BEYOND * span, high + BEYOND * span), measured)
-        outer = range_of(np.clip(residual, -span, span))
-        seconds = f"{self.held_out.seconds:.2g} s"
-        heading = f"{named(name.capitalize(), unit.name)}: measured, and forecast in held-out windows of {seconds}"
-        left = named("Residual: measured minus forecast", unit.name)
+        what = f"measured, and forecast in held-out windows of {self.held_out.seconds:.2g} s"
+        heading = f"{named(name.capitalize(), unit.name)}: {what}"
         above = Plot(rr.new_entity_path(["outputs", name]), heading, inner)
-        below = Plot(rr.new_entity_path(["residuals", name]), left, outer)
+        left = named("Residual: measured minus forecast", unit.name)
+        below = Plot(rr.new_entity_path(["residuals", name]), left, range_of(np.clip(residual, -span, span)))
         starts, ends = self.windows[:, 0], self.windows[:, -1]
         apart = starts[1:] - ends[:-1] > 1.5 * self.learned.dt
         parts = list(zip(starts[np.append(True, apart)], ends[np.append(apart, True)], strict=True))
@@ -113,7 +112,7 @@ class FlightSeries:
 
     def wind(self) -> Plot | None:
         """Returns the wind torque with its band, and gusts behind it; None where it is not known."""
-        wind, unit = known_wind(self.learned.wind, self.learned.physical), readable("rad/s²")
+        wind, unit = known_wind(self.learned.wind, self.learned.physical), TORQUE
         if wind is None or len(wind.torque) != sum(map(len, self.flights)):
             return None
         torque, band = (self._with_gaps(unit.scale * values) for values in (wind.torque, wind.band))
@@ -161,15 +160,15 @@ def _flight(recording: rr.RecordingStream, series: FlightSeries, found: Findings
 
 def _effectiveness(recording: rr.RecordingStream, series: FlightSeries) -> list[rrb.View]:
     """Bars of the motors in their order, below a table with their names and intervals; nothing where not known."""
-    physical, unit = series.learned.physical, readable("rad/s²")
+    physical, unit = series.learned.physical, TORQUE
     if physical is None or physical.status["effect"] == "not identifiable":
         return []
     values, halves = unit.scale * physical.effect, unit.scale * physical.interval(LEVEL).effect
-    heading = f"{unit.name} per {series.labels.input_units[0] or 'unit'} ± {LEVEL:.0%} interval"
+    heading = f"{per(unit, series.labels.input_units[0])} ± {LEVEL:.0%} interval"
     motors = enumerate(zip(series.labels.input_names, values, halves, strict=True), 1)
     table = Table(["motor", heading], [[f"{n} {place(name)}", plus_minus(*pair)] for n, (name, *pair) in motors])
-    bars = _bars(recording, "effect/bars", "By motor", values, 1)
-    return [_text(recording, "effect/table", "Control effectiveness", [table]), bars]
+    words = _text(recording, "effect/table", "Control effectiveness", [table])
+    return [words, _bars(recording, "effect/bars", "By motor", values, 1)]
 
 
 def _bars(recording: rr.RecordingStream, origin: str, name: str, values: Array, first: int) -> rrb.View:
@@ -181,20 +180,12 @@ def _bars(recording: rr.RecordingStream, origin: str, name: str, values: Array, 
     return rrb.BarChartView(origin=origin, name=name, plot_legend=rrb.PlotLegend(visible=False))
 
 
-def _details(recording: rr.RecordingStream, series: FlightSeries) -> rrb.Container:
-    """The other outputs, the motors, and what DEM makes of each sample."""
-    others = range(1, len(series.labels.output_names))
-    plots = [*(plot for i in others for plot in series.output(i)), series.motors(), *series.dem()]
-    return rrb.Vertical(*_drawn(recording, series, plots), name="Details")
-
-
 def _learning(recording: rr.RecordingStream, learned: Learned) -> rrb.Container:
     """F̄ by iteration as bars, beside what was learned."""
     energy = learned.free_energy
     first = min(2, len(energy) - 1)  # the first two may be far from all others
-    gap = (energy.total.max() - energy.total)[first:]
     heading = f"F̄ below its maximum of {energy.total.max():,.0f} nats, by iteration"
-    bars = _bars(recording, "learning/gap", heading, gap, first)
+    bars = _bars(recording, "learning/gap", heading, (energy.total.max() - energy.total)[first:], first)
     details = _text(recording, "learning/details", "The model, and how it was learned", detail_blocks(learned))
     return rrb.Horizontal(bars, details, name="Learning")
 

@@ -49,10 +49,7 @@ class Autopilot:
     bitwise: bool  # whether integer parameters are copied bit by bit into PARAM_VALUE's float, rather than cast
 
     def rates(self, rate: float, instead: Mapping[str, float]) -> dict[str, float]:
-        """Hz of every message that it sends by itself, by name; where ``instead`` has another, that.
-
-        Raises ValueError: ``instead`` names a message that it does not send.
-        """
+        """Hz of every message it sends by itself, or ``instead``; raises ValueError: that has one it does not send."""
         usual = dict.fromkeys(self.fast, rate) | dict.fromkeys(self.quarter, rate / 4) | dict(self.slow)
         for name in instead:
             if name not in usual:

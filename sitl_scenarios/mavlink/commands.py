@@ -6,7 +6,8 @@ https://mavlink.io/en/services/mission.html; where the autopilots differ, ``sitl
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
+from itertools import islice
 from math import inf, isfinite
 from typing import Any, NamedTuple
 
@@ -63,10 +64,7 @@ MAX_REPORTED = 20  # Changes of rates that are reported: some ground stations as
 
 
 class CommandHandler:
-    """Executes commands of ground stations for one vehicle; ``report`` is called with a sentence when rates change.
-
-    ``accepted``: how many commands were.
-    """
+    """Executes a vehicle's commands, ``accepted`` so many; ``report`` is called with a sentence when rates change."""
 
     def __init__(
         self, transmitter: Transmitter, simulation: Simulation, report: Callable[[str], None] = lambda _: None
@@ -87,11 +85,21 @@ class CommandHandler:
             case "PARAM_REQUEST_LIST":
                 self._transmitter.tell_parameters()
             case "PARAM_REQUEST_READ":
-                self._read_parameter(received.fields)
+                known, index = self._transmitter.parameters, int(received.fields["param_index"])
+                by_name = known.get(_text(received.fields["param_id"]))
+                if (found := by_name if index < 0 else next(islice(known.values(), index, None), None)) is not None:
+                    self._transmitter.tell(found)
             case "PARAM_SET":
-                self._set_parameter(received.fields)
+                if (old := self._transmitter.parameters.get(_text(received.fields["param_id"]))) is not None:
+                    value, bitwise = float(received.fields["param_value"]), self._transmitter.autopilot.bitwise
+                    self._transmitter.parameters[old.name] = old.changed(value, bitwise) or old
+                    self._transmitter.tell(self._transmitter.parameters[old.name])
             case "REQUEST_DATA_STREAM":
-                self._request_streams(received.fields)
+                # The rate, Hz, of a group of messages, or of all groups.
+                groups, group = self._transmitter.autopilot.groups, int(received.fields["req_stream_id"])
+                rate = int(received.fields["req_message_rate"]) if received.fields["start_stop"] else 0
+                chosen = list(groups) if group == 0 else [group]
+                self._set_intervals((name for one in chosen for name in groups.get(one, ())), 1 / rate if rate else inf)
             case "MISSION_REQUEST_LIST":
                 # There never is a mission.
                 self._transmitter.ask("MISSION_COUNT", mission_type=received.fields["mission_type"], **whom)
@@ -160,27 +168,6 @@ class CommandHandler:
         else:
             return transmitter.autopilot.unknown_message
         return ACCEPTED
-
-    def _read_parameter(self, asked: Mapping[str, Any]) -> None:
-        parameters, index = self._transmitter.parameters, int(asked["param_index"])
-        by_index = list(parameters.values())[index : index + 1] if index >= 0 else []
-        found = by_index[0] if by_index else parameters.get(_text(asked["param_id"])) if index < 0 else None
-        if found is not None:
-            self._transmitter.tell(found)
-
-    def _set_parameter(self, asked: Mapping[str, Any]) -> None:
-        known = self._transmitter.parameters.get(_text(asked["param_id"]))
-        if known is not None:
-            changed = known.changed(float(asked["param_value"]), self._transmitter.autopilot.bitwise) or known
-            self._transmitter.parameters[known.name] = changed
-            self._transmitter.tell(changed)
-
-    def _request_streams(self, asked: Mapping[str, Any]) -> None:
-        """Sets the rate, Hz, of a group of messages, or of all groups."""
-        groups, group = self._transmitter.autopilot.groups, int(asked["req_stream_id"])
-        rate = int(asked["req_message_rate"]) if asked["start_stop"] else 0
-        chosen = list(groups) if group == 0 else [group]
-        self._set_intervals((name for one in chosen for name in groups.get(one, ())), 1 / rate if rate else inf)
 
 
 def _in_hertz(interval: float) -> str:

@@ -103,9 +103,8 @@ def written(name: str, motion: Motion, boot: NDArray[np.int64], autopilot: Autop
             fields |= dict(zip(("vx", "vy", "vz"), motion.known_velocity.T, strict=True))
         case "SERVO_OUTPUT_RAW":
             # The one clock of 32-bit microseconds: it wraps every 71.6 minutes.
-            fields = {f"servo{n + 1}_raw": np.round(outputs[:, n]) for n in range(CHANNELS)} | {
-                "time_usec": boot % 2**32
-            }
+            fields = {"time_usec": boot % 2**32}
+            fields |= {f"servo{n + 1}_raw": np.round(outputs[:, n]) for n in range(CHANNELS)}
         case "ACTUATOR_OUTPUT_STATUS":
             fields = {"time_usec": boot, "active": CHANNELS, "actuator": np.pad(outputs, ((0, 0), (0, CHANNELS)))}
         case "HIL_ACTUATOR_CONTROLS":

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.ingest.mavlink.definitions import FrameSender, composed_frames
-from mavdem.ingest.mavlink.framing import Bytes, Frames, concatenated
+from mavdem.ingest.mavlink.framing import Bytes, Frames, gathered
 from mavdem.ingest.mavlink.vehicles import FrameStream
 from sitl_scenarios.mavlink.autopilots import AUTOPILOTS, DISARMED, INFO
 from sitl_scenarios.mavlink.messages import Parameter, Payloads, named, parameters, payload, written
@@ -31,14 +31,7 @@ class Batch:
 
     def taken(self, rows: NDArray[np.intp], time: NDArray[np.float64]) -> Batch:
         """The frames of these rows (M,), in this order, at the times (M,)."""
-        chosen = self.frames[rows]
-        length = chosen.end - chosen.start
-        end = np.cumsum(length)
-        start = end - length
-        # Each byte's place is its frame's, and its own within it.
-        places = np.repeat(chosen.start - start, length) + np.arange(end[-1] if len(end) else 0)
-        moved = replace(chosen, start=start, end=end, payload=chosen.payload - chosen.start + start)
-        return Batch(time, self.data[places], moved)
+        return Batch(time, *gathered([(self.data, self.frames)], rows))
 
     def timed(self) -> Iterator[tuple[float, bytes]]:
         """The time and the bytes of each frame."""
@@ -49,13 +42,8 @@ class Batch:
 
 def joined(batches: Sequence[Batch]) -> Batch:
     """Batches, one at least, one behind the other."""
-    time, data = (np.concatenate([getattr(batch, name) for batch in batches]) for name in ("time", "data"))
-    tables, by = [], 0
-    for batch in batches:
-        own = batch.frames
-        tables.append(replace(own, start=own.start + by, end=own.end + by, payload=own.payload + by))
-        by += len(batch.data)
-    return Batch(time, data, concatenated(tables))
+    time = np.concatenate([batch.time for batch in batches])
+    return Batch(time, *gathered([(batch.data, batch.frames) for batch in batches]))
 
 
 EARLY = 0.5e-6
@@ -90,10 +78,7 @@ class Schedule:
         return self._courses[name][1]
 
     def due(self, name: str, times: NDArray[np.float64]) -> NDArray[np.intp]:
-        """In which of the next cycles, at ``times`` (N,), s, ascending, a message is sent.
-
-        The times of one call come after those of the call before.
-        """
+        """In which of the next cycles, at ``times`` (N,), s, ascending from call to call, a message is sent."""
         first, interval = self._courses[name]
         if not np.isfinite(interval):
             return np.empty(0, dtype=np.intp)
@@ -121,10 +106,7 @@ class Transmitter:
     """
 
     def __init__(self, scenario: Scenario, cycle: float) -> None:
-        """Takes the flight's scenario and the cycle of the autopilot's loop, s.
-
-        Raises ValueError: the scenario names rates of a message that is not sent.
-        """
+        """Takes the scenario and the loop's cycle, s; raises ValueError: it has rates of a message that is not sent."""
         self.autopilot = AUTOPILOTS[scenario.stream.autopilot]
         self.system = scenario.stream.system
         self._rates = self.autopilot.rates(scenario.stream.rate, scenario.stream.rates)
@@ -212,14 +194,9 @@ class Transmitter:
         return Schedule(self._rates, start, self._cycle, self.autopilot.interval_step, self.autopilot.apart)
 
     def _told(self, parameter: Parameter, index: int) -> Payloads:
-        return payload(
-            "PARAM_VALUE",
-            param_id=parameter.name.encode(),
-            param_value=parameter.encoded(self.autopilot.bitwise),
-            param_type=parameter.kind,
-            param_count=len(self.parameters),
-            param_index=index,
-        )
+        value, count = parameter.encoded(self.autopilot.bitwise), len(self.parameters)
+        named = {"param_id": parameter.name.encode(), "param_value": value, "param_type": parameter.kind}
+        return payload("PARAM_VALUE", **named, param_count=count, param_index=index)
 
     def _sent(self, motion: Motion) -> Batch:
         motion = rows_of_motion(motion, slice(int(np.searchsorted(motion.time, self._first)), None))

@@ -11,6 +11,7 @@ import mavdem
 from mavdem import evaluate
 from mavdem.analysis.figures import model_figures
 from mavdem.dem import physical
+from mavdem.evaluate.comparison import JOINT
 from mavdem.report.blocks import Table
 from mavdem.report.screen import vehicle_blocks
 
@@ -29,10 +30,9 @@ def test_the_figures_of_a_model_are_plain_json_and_put_the_best_first():
         ratios = [error["relative"] for error in errors.values()]
         assert ratios == sorted(ratios) and errors["constant mean"]["relative"] == 1
     forecast, one_step = learned.forecast(test.inputs), learned.one_step()
-    assert report["forecast_mspe"]["DEM"]["total"] == pytest.approx(evaluate.mspe(test.outputs, forecast).total)
-    assert report["one_step_mspe"]["DEM"]["total"] == pytest.approx(
-        evaluate.mspe(train.outputs[1:], one_step[1:]).total
-    )
+    assert report["forecast_mspe"][JOINT]["total"] == pytest.approx(evaluate.mspe(test.outputs, forecast).total)
+    one_step_error = evaluate.mspe(train.outputs[1:], one_step[1:]).total
+    assert report["one_step_mspe"][JOINT]["total"] == pytest.approx(one_step_error)
     assert report["held_out"]["error_ratio"]["forecast"] == report["forecast_over_constant_mean"]
     variance = learned.forecast_variance(test.inputs).mean(axis=0) / train.outputs.var(axis=0)
     assert report["expected_error"] == pytest.approx(variance.mean())
@@ -44,6 +44,8 @@ def test_the_figures_of_a_model_are_plain_json_and_put_the_best_first():
     ahead = evaluate.relative_mspe(train, test, learned.predict(len(test)))
     assert report["prediction"]["error_ratio"] == pytest.approx(ahead)
     assert report["free_energy"]["end"] == pytest.approx(sum(report["free_energy"]["terms"].values()))
+    assert sum(report["joint"]["free_energy"].values()) == pytest.approx(learned.joint.free_energy)
+    np.testing.assert_array_equal(np.transpose(report["joint"]["combinations"]), learned.joint.combinations)
 
 
 @pytest.mark.slow

@@ -70,7 +70,7 @@ def test_all_methods_on_all_cores_are_reported_with_their_losses_first(tmp_path,
     out = tmp_path / "new" / "folder"
     assert main(["compare", FLIGHT, "--train", "400", "--hop", "6000", "--out", str(out)]) == 0
     said = capsys.readouterr().out
-    assert said.startswith("DEM's error is not distinguishable from another method's: only ")
+    assert said.startswith("DEM joint's error is not distinguishable from another method's: only ")
     assert all(f"\n{method.name} " in said for method in METHODS)
     assert {path.name for path in out.iterdir()} == {"comparison.json", "comparison.html", "windows.csv"}
     assert "<h1>DEM and other methods</h1>" in (out / "comparison.html").read_text()

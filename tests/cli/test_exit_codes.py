@@ -15,7 +15,7 @@ from mavdem import read_flight
 from mavdem.cli import commands as command_line
 from mavdem.cli.commands import main, mavdem
 from mavdem.cli.learn import RESULT_FILES
-from mavdem.export.channels import write_channels
+from mavdem.export.conversion import write_channels
 
 BROKEN = {
     "empty.tlog": b"",

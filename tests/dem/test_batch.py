@@ -142,8 +142,8 @@ def test_threads_that_learn_take_turns(monkeypatch):
         turn.release()
         return fit_them(*arguments)
 
-    turn, fit_them = threading.Lock(), sys.modules["mavdem.dem.learning"].choices
-    monkeypatch.setattr(sys.modules["mavdem.dem.learning"], "choices", slowly)
+    turn, fit_them = threading.Lock(), sys.modules["mavdem.dem.learning"].complete
+    monkeypatch.setattr(sys.modules["mavdem.dem.learning"], "complete", slowly)
     with ThreadPoolExecutor(3) as executor:
         answers = list(executor.map(learn, [FLIGHTS[0]] * 6, [JOBS[0][1]] * 6))
     assert len({answer.to_json() for answer in answers}) == 1

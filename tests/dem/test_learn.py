@@ -11,12 +11,12 @@ from simulated import DT, GAIN, RATE, simulated
 
 from mavdem import Flight, Forecaster, Learned, Settings, evaluate, learn
 from mavdem.dem.engine.model import discretize
-from mavdem.dem.learning import PARAMETER_PRECISIONS, choices
+from mavdem.dem.learning import complete
 from mavdem.dem.priors import derivative_pairs
 from mavdem.dem.record import Record, folds
 
 QUICK = Settings(order=2, window=3, parameter_precision=1.0)
-MODEL_ALONE = replace(QUICK, horizon=None, forecasts="model")
+PLANT = replace(QUICK, horizon=None, forecasts="plant")
 
 
 def alone(outputs):
@@ -62,11 +62,11 @@ def test_the_memory_layout_of_the_data_does_not_matter():
 @pytest.mark.parametrize(("rate", "window"), [(50, 5), (100, 9), (120, 11), (200, 19), (250, 23), (400, 37)])
 def test_the_window_that_is_left_open_lasts_as_long_at_every_rate(rate, window):
     record = Record(np.zeros((700, 4)), np.zeros((700, 2)), 1 / rate, (700,))
-    settings, *others = choices(Settings(), record)
-    assert (settings.order, settings.d, settings.window, settings.parameter_precision) == (3, 2, window, 10.0)
-    assert [other.parameter_precision for other in others] == list(PARAMETER_PRECISIONS[1:])
-    assert choices(settings, record) == (settings,)
-    (given,) = choices(Settings(order=2, window=7, parameter_precision=3.0), record)
+    settings = complete(Settings(), record)
+    left_open = settings.order, settings.d, settings.window, settings.parameter_precision
+    assert left_open == (3, 2, window, 10.0)
+    assert complete(settings, record) == settings
+    given = complete(Settings(order=2, window=7, parameter_precision=3.0), record)
     assert (given.order, given.d, given.window, given.parameter_precision) == (2, 2, 7, 3.0)
 
 
@@ -74,21 +74,11 @@ def test_the_window_that_is_left_open_is_the_shortest_in_short_segments():
     def record(samples):
         return Record(np.zeros((60 * samples, 4)), np.zeros((60 * samples, 2)), 0.01, (samples,) * 60)
 
-    assert [choices(Settings(), record(samples))[0].window for samples in (20, 16, 12, 4)] == [9, 9, 3, 3]
+    assert [complete(Settings(), record(samples)).window for samples in (20, 16, 12, 4)] == [9, 9, 3, 3]
     with pytest.raises(ValueError, match="longer for windows of 3 samples"):
-        choices(Settings(), record(3))
+        complete(Settings(), record(3))
     with pytest.raises(ValueError, match="longer for windows of 9 samples"):
-        choices(Settings(window=9), record(12))
-
-
-@pytest.mark.slow
-def test_the_prior_precision_is_the_first_before_a_simulation_error_fit_and_else_the_best():
-    train = simulated(wind=0.5)[:700]
-    assert learn(train).settings.parameter_precision == PARAMETER_PRECISIONS[0]
-    without = Settings(horizon=None)
-    tried = [learn(train, replace(without, parameter_precision=precision)) for precision in PARAMETER_PRECISIONS]
-    best = min(tried, key=lambda one: (one.training_forecasts.mse / train.outputs.var(axis=0)).mean())
-    assert learn(train, without).settings == best.settings
+        complete(Settings(window=9), record(12))
 
 
 def test_process_noise_is_the_moment_of_the_wind():
@@ -120,23 +110,6 @@ def test_the_band_holds_nine_samples_in_ten():
     assert np.mean(inside) == pytest.approx(0.9, abs=3 * np.std(inside) / np.sqrt(flights))
 
 
-def test_without_trajectories_forecasts_lean_on_the_trim_as_much_as_the_training_data_advise():
-    flight = simulated(wind=1.0)
-    train, test = flight[:700], flight[700:]
-    plain = Settings(order=2, window=3, parameter_precision=1.0, horizon=None, forecasts="model")
-    alone, leaning = learn(train, plain), learn(train, replace(plain, forecasts="shrunk"))
-    weight, trim = leaning.training_forecasts.weight, leaning.model.output_trim
-    assert ((weight >= 0) & (weight <= 1)).all()
-    assert (alone.training_forecasts.weight == 1).all()
-    assert alone.training_forecasts.motors_share == leaning.training_forecasts.motors_share
-    assert 0 < leaning.training_forecasts.motors_share < 1
-    expected = trim + weight * (alone.forecast(test.inputs) - trim)
-    np.testing.assert_allclose(leaning.forecast(test.inputs), expected, rtol=1e-9)
-    # What the parameters took is added to the error to expect, more of it the longer the forecast.
-    added = alone.training_forecasts.weighted_mse / alone.training_forecasts.mse
-    assert (added >= 1).all() and (np.diff(added[:, 0]) >= 0).all() and added.max() <= 2
-
-
 def test_unstable_models_are_said_to_be():
     time = DT * np.arange(400)
     growing = 1e-3 * np.exp(2 * time)
@@ -146,6 +119,7 @@ def test_unstable_models_are_said_to_be():
     learned = learn(flight, Settings(order=2, parameter_precision=0.01, window=3))
     assert learned.model.spectral_abscissa > 0
     assert any("unstable" in caution for caution in learned.cautions)
+    assert not learned.stable and not replace(learned, settings=replace(learned.settings, forecasts="plant")).stable
 
 
 @pytest.mark.slow
@@ -209,7 +183,7 @@ def test_wrong_forecast_inputs_are_named():
         learned.forecast_band(np.zeros((10, 4)), level=2)
 
 
-@pytest.mark.parametrize("settings", [MODEL_ALONE, replace(Settings.paper(), order=2), replace(MODEL_ALONE, order=3)])
+@pytest.mark.parametrize("settings", [PLANT, Settings.paper(), replace(PLANT, order=3, forecasts="joint")])
 def test_from_zero_row_0_is_the_trim_and_the_inputs_move_the_rest_by_the_physical_model(settings):
     flight = simulated(wind=0.5)
     learned = learn(flight[:700], settings)
@@ -253,7 +227,9 @@ def test_predictions_and_noise_belong_to_their_segments():
     learned = learn(segments, CLEAN)
     ahead = learned.one_step()
     assert ahead.shape == (640, 2)
-    np.testing.assert_array_equal(ahead[[0, 400]], np.tile(learned.model.output_trim, (2, 1)))
+    process, inputs = learned.joint.process, learned.record.inputs @ learned.joint.combinations
+    first = process.infer(np.tile(process.units.center, (2, process.lags, 1)), inputs[[0, 400], None]).mean[:, 0]
+    np.testing.assert_allclose(ahead[[0, 400]], first, rtol=1e-12)
     places, noise = learned.process_noise()
     np.testing.assert_array_equal(places, np.r_[2:398, 402:638])
     assert noise.shape == (len(places), 2)
@@ -262,7 +238,7 @@ def test_predictions_and_noise_belong_to_their_segments():
     outputs = record.outputs.copy()
     outputs[:400] += 1.0
     outputs[500:] += 1.0
-    changed = replace(learned, record=replace(record, outputs=outputs)).one_step()
+    changed = learned.joint.one_step(replace(record, outputs=outputs))
     np.testing.assert_array_equal(changed[400:501], ahead[400:501])
     assert np.abs(changed[501:] - ahead[501:]).max() > 0.1
 

@@ -6,17 +6,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.ndimage import zoom
-from scipy.signal import lfilter
 from simulated import GAIN, simulated
 from textbook_filter import TextbookFilter
 
 from mavdem import Flight, Learned, Settings, learn
-from mavdem.dem.engine.gauss_newton import Quadratic
 from mavdem.dem.engine.model import unpack
-from mavdem.dem.engine.state_space import StateSpace, filter_gain
-from mavdem.dem.fitting import fit, predictor_of
-from mavdem.dem.forecast.mixer import mixer_priors
-from mavdem.dem.forecast.noise_model import FEWEST_LAGS, lags_of, with_noise_model
+from mavdem.dem.engine.state_space import filter_gain
+from mavdem.dem.fitting import fit
 from mavdem.dem.forecast.simulation_error import (
     MAX_SEGMENTS,
     SAMPLES_PER_PARAMETER,
@@ -117,7 +113,7 @@ def test_a_model_without_noise_is_found_as_it_is():
     start = truth.copy()
     start[free] *= 1 + 0.3 * rng.uniform(-1, 1, len(free))
     climbed = fit_with_prior(start, (start, np.diag(precision)), (n, r, m), gain, dt, stretches, iterations=50)
-    found, _ = climbed
+    found = climbed
     np.testing.assert_array_equal(found.free, free)
     np.testing.assert_allclose(found.theta[free], truth[free], rtol=1e-3, atol=1e-3)
 
@@ -134,24 +130,6 @@ def test_the_posterior_holds_the_truth_as_often_as_it_says():
     share = np.mean(inside)
     # The four motors of one flight err together, so the flights are what is counted.
     assert share > 0.9 - 3 * np.sqrt(0.9 * 0.1 / len(inside))
-
-
-@pytest.mark.slow
-def test_inputs_beyond_what_was_learnt_from_are_not_believed():
-    plant = replace(COMPLETE, forecasts="shrunk")
-    learned = learn(FLIGHT[:700], plant)
-    trim, ahead = learned.model.output_trim, FLIGHT.inputs[700:850]
-    calm = np.broadcast_to(learned.model.input_trim, ahead.shape)
-    wild = learned.model.input_trim + 100 * (ahead - learned.model.input_trim)
-    alone = learn(FLIGHT[:700], replace(plant, forecasts="model"))
-    np.testing.assert_array_equal(alone.model.A, learned.model.A)
-    for inputs in (calm, ahead, wild):
-        weight = (learned.forecast(inputs) - trim) / (alone.forecast(inputs) - trim)
-        assert (weight >= 0).all() and (weight <= 1 + 1e-9).all()
-    variance = [learned.forecast_variance(inputs).mean(axis=0) for inputs in (calm, ahead, wild)]
-    assert (variance[0] < variance[2]).all() and (variance[1] < variance[2]).all()
-    half = learned.simulation_fit.quantile(0.9) * np.sqrt(learned.forecast_variance(ahead))
-    np.testing.assert_allclose(learned.forecast_band(ahead), half)
 
 
 @pytest.mark.slow
@@ -196,21 +174,6 @@ def test_nothing_runs_across_a_gap_and_long_flights_are_thinned():
     assert many.number == pytest.approx(MAX_SEGMENTS * 20 / 30)
 
 
-def test_a_filter_that_overflows_leaves_theta_as_the_ascent_ended(monkeypatch):
-    """Over short segments a growing filter may stay finite; over the whole record it does not."""
-
-    def unstable(theta, sizes, gain, dt):
-        predictor = predictor_of(theta, sizes, gain, dt)
-        return predictor._replace(A=10 * predictor.A)
-
-    monkeypatch.setattr("mavdem.dem.learning.predictor_of", unstable)
-    learned = learn(FLIGHT[:300], COMPLETE)
-    assert learned.simulation_fit is None
-    assert any("overflow" in caution for caution in learned.cautions)
-    short = learn(FLIGHT[:300], replace(COMPLETE, horizon=None))
-    np.testing.assert_array_equal(learned.model.A, short.model.A)
-
-
 @pytest.fixture(scope="module")
 def document():
     return learn(FLIGHT[:300], COMPLETE).to_json()
@@ -227,142 +190,12 @@ def test_inputs_without_measure_are_forecast_without_a_word(document, size):
         assert learned.forecast_every(5, ahead, np.full((150, 2), 1e308)).shape == (150, 2)
 
 
-DT = 0.01
-A = np.array([[0.0, 1.0, 0.0], [-9.0, -4.0, 20.0], [0.0, 0.0, -20.0]])
-B = np.array([[0.0, 0.0], [0.0, 0.0], [3.0, -2.0]])
-
-
-C = np.eye(2, 3)
-
-
-TEXTBOOK = TextbookFilter.of(A, B, C, DT, filter_gain(A, C, DT, np.array([0.02, 0.05]), np.diag([1e-4, 0.5, 1e-4]), DT))
-SHORT = TEXTBOOK.predictor
-
-
-def driven(samples: int = 3000, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """Inputs, and outputs whose errors of one step are white and normal, 0.1 and 0.2 in size."""
-    rng = np.random.default_rng(seed)
-    inputs = np.cumsum(rng.standard_normal((samples, 2)), axis=0) * 0.1
-    return inputs, TEXTBOOK.outputs(inputs, rng.standard_normal((samples, 2)) * [0.1, 0.2])
-
-
-def longer(inputs: np.ndarray, outputs: np.ndarray) -> StateSpace:
-    return with_noise_model(SHORT, [(inputs, outputs)])
-
-
-def test_coloured_errors_are_foreseen_but_for_what_is_new_in_them():
-    rng = np.random.default_rng(1)
-    inputs, _ = driven(6000)
-    news = rng.standard_normal((6000, 2))
-    errors = lfilter([1.0], [1.0, -1.2, 0.5], news, axis=0)
-    outputs = TEXTBOOK.outputs(inputs, errors)
-    long = longer(inputs[:3000], outputs[:3000])
-    off = outputs[3001:] - long.one_step(inputs[3000:], outputs[3000:])
-    short = outputs[3001:] - SHORT.one_step(inputs[3000:], outputs[3000:])
-    # What is new has variance 1; three thousand of them tell it to 2.6 %, four standard deviations 0.11.
-    np.testing.assert_allclose((off[50:] ** 2).mean(axis=0), 1.0, atol=0.11)
-    assert ((short[50:] ** 2).mean(axis=0) > 2.5).all()
-
-
-def test_what_changes_of_the_inputs_do_at_once_is_learnt():
-    inputs, outputs = driven()
-    changes = np.diff(inputs, axis=0, prepend=inputs[:1])
-    at_once_felt = np.array([[0.5, 0.0], [0.0, -0.7]])
-    errors = np.random.default_rng(2).standard_normal((3000, 2)) * 0.01 + changes @ at_once_felt.T
-    outputs = TEXTBOOK.outputs(inputs, errors)
-    np.testing.assert_allclose(longer(inputs, outputs).B[3:5], at_once_felt, atol=0.02)
-
-
-def test_it_is_the_shorter_predictor_with_the_expected_error_added():
-    inputs, outputs = driven(200)
-    outputs = lfilter([1.0], [1.0, -0.6], outputs, axis=0)
-    short, long = TEXTBOOK, longer(inputs, outputs)
-    past = slice(3 + 2 * FEWEST_LAGS, None)
-    of_errors, of_past = long.A[3:5, 3 : 3 + 2 * FEWEST_LAGS], long.A[3:5, past]
-    state, errors, ahead = np.linalg.pinv(C) @ outputs[0], [np.zeros(2)] * FEWEST_LAGS, []
-    remembered = [inputs[0]] * FEWEST_LAGS
-    for t in range(1, 200):
-        expected = of_errors @ np.concatenate(errors[:FEWEST_LAGS]) + of_past @ np.concatenate(remembered[:FEWEST_LAGS])
-        expected = expected + long.B[3:5] @ inputs[t]
-        before = short._moved(state, inputs[t - 1], inputs[t])
-        ahead.append(C @ before + expected)
-        errors.insert(0, outputs[t] - C @ before)
-        remembered.insert(0, inputs[t])
-        state = before + short.gain @ errors[0]
-    np.testing.assert_allclose(long.one_step(inputs, outputs), ahead, atol=1e-9)
-    np.testing.assert_allclose(
-        long.filtered(long.second(inputs[0], outputs[0]), inputs, outputs)[:, :3],
-        SHORT.filtered(SHORT.second(inputs[0], outputs[0]), inputs, outputs),
-        atol=1e-9,
-    )
-
-
-def test_inputs_that_never_change_and_records_that_are_too_short_tell_nothing():
-    inputs, outputs = driven(400)
-    inputs[:, 1] = 1.0
-    long = longer(inputs, outputs)
-    assert np.isfinite(long.A).all() and not long.B[3:5, 1].any()
-    brief = longer(inputs[:3], outputs[:3])
-    assert not brief.A[3:5, 3:].any()
-    np.testing.assert_allclose(
-        brief.one_step(inputs[:50], outputs[:50]), SHORT.one_step(inputs[:50], outputs[:50]), atol=1e-9
-    )
-
-
-@pytest.mark.parametrize("growth", [1.02, 1.2])
-def test_errors_that_grew_in_training_die_away_in_forecasts(growth):
-    inputs, _ = driven(120)
-    errors = np.outer(growth ** np.arange(120), [1e-3, -1e-3])
-    long = longer(inputs, TEXTBOOK.outputs(inputs, errors))
-    assert np.abs(np.linalg.eigvals(long.A)).max() < 1
-
-
-@pytest.mark.parametrize(("rate", "lags"), [(50, 3), (100, 3), (120, 3), (200, 5), (250, 6), (400, 6)])
-def test_lags_last_as_long_within_limits(rate, lags):
-    assert lags_of(1 / rate) == lags
-
-
-@pytest.mark.parametrize("rotors", [3, 4, 6, 8])
-def test_quiet_combinations_are_of_unit_length_and_at_right_angles(rotors):
-    any_way, *named = mixer_priors(rotors)
-    assert any_way.quiet.shape == (0, rotors)
-    for layout in named:
-        np.testing.assert_allclose(layout.quiet @ layout.quiet.T, np.eye(len(layout.quiet)), atol=1e-12)
-        np.testing.assert_allclose(layout.quiet[0], rotors**-0.5)
-    assert mixer_priors(2) == ()
-
-
-def test_of_four_rotors_an_x_turns_by_two_against_two_and_a_plus_by_one_against_one():
-    turning = [layout.turning for layout in mixer_priors(4)[1:]]
-    assert mixer_priors(4)[0].turning is None and mixer_priors(6)[1].turning is None
-    for layout, way in zip(mixer_priors(4)[1:], turning, strict=True):
-        np.testing.assert_allclose(layout.quiet @ way, 0, atol=1e-12)
-    sizes = sorted(tuple(np.round(np.sort(np.abs(way)), 3)) for way in turning)
-    assert sizes == [(0.0, 0.0, 0.707, 0.707)] * 6 + [(0.5, 0.5, 0.5, 0.5)] * 3
-    assert len({tuple(np.round(np.outer(way, way).ravel(), 3)) for way in turning}) == 9
-
-
-def test_the_height_is_that_of_a_linear_gaussian_model():
-    """Of data y = J θ + e with a Gaussian prior, at its most probable θ; differences of priors are what counts."""
-    rng = np.random.default_rng(0)
-    J, at, y = rng.standard_normal((12, 4)), rng.standard_normal(4), rng.standard_normal(12)
-    likelihood = Quadratic(at, 0.0, J.T @ (y - J @ at), J.T @ J)
-    ours, exact = [], []
-    for _ in range(3):
-        root, mean = rng.standard_normal((4, 4)), rng.standard_normal(4)
-        precision = root @ root.T + np.eye(4)
-        best = np.linalg.solve(J.T @ J + precision, J.T @ y + precision @ mean)
-        ours.append(likelihood.highest(mean, precision))
-        exact.append(-0.5 * np.sum((y - J @ best) ** 2) - 0.5 * (best - mean) @ precision @ (best - mean))
-    np.testing.assert_allclose(np.diff(ours), np.diff(exact), rtol=1e-9)
-
-
 def test_an_x_is_found_where_nothing_but_roll_is_flown():
     """Then the layouts that hold the very combination that moves must not win by holding it."""
     flight = simulated(wind=0.5, lag=0.05)[:700]
     way = np.array([-0.5, 0.5, 0.5, -0.5])
     only = Flight(flight.time, 1500 + (flight.inputs - 1500) @ np.outer(way, way), flight.outputs, dt=flight.dt)
-    assert abs(learn(only, COMPLETE).simulation_fit.mixer.turning @ way) == pytest.approx(1)
+    assert abs(way @ learn(only, COMPLETE).joint.combinations[:, 0]) == pytest.approx(1)
 
 
 def effect(flight: Flight) -> np.ndarray:
@@ -390,14 +223,14 @@ def test_motors_in_a_plus_and_in_another_geometry_are_recognised():
 def test_a_known_geometry_takes_the_place_of_the_one_that_is_inferred():
     flight = simulated(wind=1.0, lag=0.05)[:700]
     inferred, known, other = (
-        learn(each, COMPLETE).simulation_fit
+        learn(each, COMPLETE)
         for each in (
             flight,
             _with_directions(flight, np.array([0.2, -0.2, -0.2, 0.2])),
             _with_directions(flight, np.array([1.0, 1.0, -1.0, -1.0])),
         )
     )
-    np.testing.assert_allclose(known.mixer.turning, np.array([1, -1, -1, 1]) / 2, atol=1e-12)
+    np.testing.assert_allclose(known.joint.combinations[:, 0], np.array([1, -1, -1, 1]) / 2, atol=1e-12)
     np.testing.assert_allclose(known.theta, inferred.theta, atol=1e-4)
     assert np.abs(other.theta - inferred.theta).max() > 1e-2
 

@@ -4,7 +4,16 @@ from itertools import product
 
 import numpy as np
 
-from mavdem.dem.forecast.var import ChannelUnits, LagStatistics, Var, initial_lags
+from mavdem.dem.forecast.var import (
+    RIDGE,
+    ChannelUnits,
+    LagStatistics,
+    Regression,
+    Var,
+    initial_lags,
+    lag_prior,
+    regress,
+)
 
 OUTPUTS, INPUTS, LAGS, STEPS = 2, 3, 3, 12
 CHANNELS = OUTPUTS + INPUTS
@@ -17,7 +26,6 @@ def model(scale: float = 0.12, seed: int = 0) -> Var:
         coefficients=scale * rng.standard_normal((LAGS, CHANNELS, CHANNELS)),
         offset=rng.standard_normal(CHANNELS),
         covariance=root @ root.T,
-        precision=np.eye(LAGS * CHANNELS + 1),
         units=ChannelUnits(np.zeros(CHANNELS), np.ones(CHANNELS)),
     )
 
@@ -30,6 +38,13 @@ def run(true: Var, samples: int, seed: int = 1) -> np.ndarray:
         lagged = sum(A @ channels[t - 1 - lag] for lag, A in enumerate(true.coefficients))
         channels[t] = lagged + true.offset + root @ rng.standard_normal(CHANNELS)
     return channels
+
+
+def fitted(segments: list[np.ndarray], ridge: float = RIDGE) -> tuple[Var, Regression]:
+    statistics = LagStatistics.of(segments, LAGS)
+    found = regress(statistics.gram, statistics.rows, lag_prior(LAGS, ridge))
+    k = found.mean.shape[1]
+    return Var.of(found, ChannelUnits(np.zeros(k), np.ones(k))), found
 
 
 def joint(true: Var, past: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray]:
@@ -74,34 +89,35 @@ def test_predicted_filtered_and_smoothed_are_those_of_the_joint_gaussian_for_eac
 
 def test_coefficients_and_covariance_are_those_of_least_squares_without_a_prior():
     segments = [run(model(), 300, seed) for seed in (1, 2)]
-    found = Var.fit(LagStatistics.of(segments, LAGS), LAGS, ridge=1e-12)
+    found, regression = fitted(segments, 1e-12)
     rows = [np.hstack([*(each[LAGS - i : 300 - i] for i in (1, 2, 3)), np.ones((297, 1))]) for each in segments]
     regressors, targets = np.vstack(rows), np.vstack([each[LAGS:] for each in segments])
     expected, squares, *_ = np.linalg.lstsq(regressors, targets)
     np.testing.assert_allclose(np.hstack([found.across, found.offset[:, None]]).T, expected, rtol=1e-6, atol=1e-9)
     freedom = len(targets) - len(expected)
     np.testing.assert_allclose(found.covariance.diagonal(), squares / freedom, rtol=1e-6)
-    np.testing.assert_allclose(found.precision, regressors.T @ regressors, rtol=1e-6, atol=1e-6)
+    precision = np.linalg.inv(regression.root.T @ regression.root)
+    np.testing.assert_allclose(precision, regressors.T @ regressors, rtol=1e-6, atol=1e-6)
 
 
 def test_the_ridge_is_the_posterior_mean_of_a_random_walk():
     samples, ridge = run(model(), 60), 3.0
-    found = Var.fit(LagStatistics.of([samples], LAGS), LAGS, ridge)
+    found, _ = fitted([samples], ridge)
     regressors = np.hstack([*(samples[LAGS - i : 60 - i] for i in (1, 2, 3)), np.ones((57, 1))])
     weights = np.diag([*np.repeat(ridge * np.array([1.0, 4.0, 9.0]), CHANNELS), 1e-8])
     walk = np.eye(len(weights), CHANNELS)
     expected = np.linalg.solve(regressors.T @ regressors + weights, regressors.T @ samples[LAGS:] + weights @ walk)
     np.testing.assert_allclose(found.across.T, expected[:-1], rtol=1e-8)
     # A strong prior leaves the random walk.
-    strong = Var.fit(LagStatistics.of([samples], LAGS), LAGS, 1e12)
+    strong, _ = fitted([samples], 1e12)
     np.testing.assert_allclose(strong.across, walk[:-1].T, atol=1e-6)
 
 
 def test_intervals_of_coefficients_hold_as_often_as_they_say():
     true, inside = model(), []
     for seed in range(200):
-        found = Var.fit(LagStatistics.of([run(true, 150, seed)], LAGS), LAGS, 1e-6)
-        sd = np.sqrt(np.outer(found.covariance.diagonal(), np.linalg.inv(found.precision).diagonal()))
+        found, regression = fitted([run(true, 150, seed)], 1e-6)
+        sd = np.sqrt(np.outer(found.covariance.diagonal(), (regression.root**2).sum(axis=0)))
         inside.append(np.abs(found.across - true.across) < 1.645 * sd[:, :-1])
     assert 0.88 < np.mean(inside) < 0.92
 
@@ -118,10 +134,10 @@ def test_statistics_add_up_over_segments_and_come_off_again():
 
 def test_inputs_that_are_constant_copied_or_mixed_change_nothing_and_may_move_later():
     samples = run(model(), 400)
-    plain = Var.fit(LagStatistics.of([samples], LAGS), LAGS)
+    plain, _ = fitted([samples])
     constant, copy, mixed = np.zeros((400, 1)), samples[:, 2:3], samples[:, 2:4] @ [[1.0], [-1.0]]
     more = np.hstack([samples, constant, copy, mixed])
-    found = Var.fit(LagStatistics.of([more], LAGS), LAGS)
+    found, _ = fitted([more])
     ahead = np.random.default_rng(3).standard_normal((40, INPUTS))
     wider = np.hstack([ahead, np.ones((40, 1)), ahead[:, :1], ahead[:, :2] @ [[1.0], [-1.0]]])
     for smooth in (False, True):

@@ -2,7 +2,7 @@ from math import ceil
 
 import numpy as np
 import pytest
-from simulated import simulated
+from simulated import SIGNS, simulated
 
 import mavdem
 from mavdem.evaluate import held_out as module
@@ -57,7 +57,7 @@ def test_nothing_after_a_sample_is_used_to_forecast_it(held_out):
     last = np.searchsorted(FLIGHT.time, held_out.time[-1, 0])
     # Of the last part, which only its own model does not see.
     changed[last:] += 0.1
-    moved[last:] += 30.0
+    moved[last:] += 30.0 * SIGNS
     again = held_out_windows([mavdem.Flight(FLIGHT.time, FLIGHT.inputs, changed)], QUICK, STEPS)
     for name in ("forecast", "prediction"):
         np.testing.assert_array_equal(again.forecasts[name][-1], held_out.forecasts[name][-1])

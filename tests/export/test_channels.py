@@ -10,7 +10,7 @@ from mcap.reader import make_reader
 
 import mavdem
 from mavdem.evaluate import held_out_test
-from mavdem.export.channels import write_channels
+from mavdem.export.conversion import write_channels
 from mavdem.flight import Flight
 
 ROOT = Path(__file__).parents[2]

@@ -15,7 +15,7 @@ from mavdem.errors import Unreadable
 from mavdem.fleet import store
 from mavdem.fleet.row import FlightRow
 from mavdem.fleet.store import TABLE, read_rows
-from mavdem.fleet.tracking import HealthyModels, assess_rows
+from mavdem.fleet.tracking import assess_rows, residual_interval, residual_mean
 from mavdem.fleet.workers import Limits
 
 
@@ -163,16 +163,16 @@ def flight(key: str, means: tuple[float, ...], **columns: object) -> FlightRow:
 
 def test_the_residual_mean_is_what_healthy_models_leave_of_a_flight():
     healthy = [flight(str(number), (1500 + number, 1500 - number), inputs="motors") for number in (-1, 0, 1)]
-    models, new = HealthyModels(healthy, healthy[0]), flight("new", (1510, 1500), inputs="motors")
-    assert models.residual_mean(new) == pytest.approx(-10)
+    new = flight("new", (1510, 1500), inputs="motors")
+    assert residual_mean(new, healthy) == pytest.approx(-10)
     # Each of the three leaves -3, 0 and 3 by the other two: a half width of Student's t with two degrees of freedom.
-    assert models.interval == pytest.approx(2.920 * np.sqrt(6), rel=1e-3)
-    assert models.residual_mean(healthy[0]) == pytest.approx(3)
+    assert residual_interval(new, healthy) == pytest.approx(2.920 * np.sqrt(6), rel=1e-3)
+    assert residual_mean(healthy[0], healthy) == pytest.approx(3)
     # Other axes, motors and inputs are other models.
     by_demand = flight("demand", (0.1,), inputs="demand", residual_gain_inputs=(-2.0,))
     for other in (replace(new, axis="pitch"), replace(new, motors=("other", "names")), by_demand):
-        assert models.residual_mean(other) is None and HealthyModels(healthy, other).interval is None
-    assert HealthyModels([*healthy, by_demand], healthy[0]).residual_mean(healthy[0]) == pytest.approx(3)
+        assert residual_mean(other, healthy) is None and residual_interval(other, healthy) is None
+    assert residual_mean(healthy[0], [*healthy, by_demand]) == pytest.approx(3)
 
 
 def test_health_comes_from_the_vehicle_s_healthy_flights():

@@ -31,11 +31,11 @@ def clock(kinds: list[Stamps], received: NDArray[Any]) -> SimpleNamespace:
     unstamped = np.setdiff1d(np.arange(len(received)), np.concatenate([kind.rows for kind in kinds]))
     sent = [Sent(kind.message, kind.rows, kind.seconds.copy, kind.period) for kind in kinds]
     sent += [Sent("HEARTBEAT", unstamped)] if len(unstamped) else []
-    made = boot_clock(sent, lambda places: received[places])
+    placed, repairs = boot_clock(sent, lambda places: received[places])
     time, boot = np.empty(len(received)), np.empty(len(received), dtype=np.int64)
     for kind in sent:
-        time[kind.places], boot[kind.places] = made.placed[kind.message].time, made.placed[kind.message].boot
-    return SimpleNamespace(time=time, boot=boot, repairs=made.repairs)
+        time[kind.places], boot[kind.places] = placed[kind.message]
+    return SimpleNamespace(time=time, boot=boot, repairs=repairs)
 
 
 def clock_of(times: NDArray[Any], received: NDArray[Any] | None = None, period: float = WRAP_MS) -> SimpleNamespace:

@@ -219,7 +219,7 @@ def test_dashboard_and_page_of_a_session_say_the_same():
     status, units = one.status, (("µs",) * 4, ("rad", "rad/s"))
     channels = Channels("a session", 0.01, (1, 25), model.record.input_names, model.record.output_names, *units)
     row = ViewRow(60.0, 0.0, 0, np.zeros(2), np.zeros(4), one._estimate, model, channels)
-    shown = "\n".join((*figures(channels, status, row, 59.0), status_document(channels, status, row, 59.0)))
+    shown = "\n".join((*figures(status, row, 59.0), status_document(status, row, 59.0)))
     page = html.unescape(live_page("udp", "roll", one.history, status, one.account(), model)).replace("\u00a0", " ")
     of_all, of_one = known.mean_effect(), (known.effect[0], known.interval().effect[0])
     for place, (value, half) in ((shown, of_all), (page, of_one)):

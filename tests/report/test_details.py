@@ -90,7 +90,17 @@ def test_poles_have_a_frequency_and_a_damping_ratio_or_a_time_constant():
 
 def test_it_says_how_far_ahead_predictions_without_the_inputs_are_worth_something(learned):
     report = model_figures([TRAIN], learned, held_out_test(TRAIN, TEST, learned))
-    assert report["prediction"]["half_explained_seconds"] == (learned.prediction.useful_steps(0.5) * DT).tolist()
+    assert report["prediction"]["half_explained_seconds"] == (learned.useful_steps * DT).tolist()
     report["prediction"]["half_explained_seconds"] = [0.2, 0.0]
     said = words(detail_blocks(learned, report))
     assert "half of the variance of roll up to 0.2 s ahead, roll rate at no horizon, by predictions inside" in said
+
+
+def test_it_says_which_samples_count_and_which_motors_are_taken_to_turn_the_axis(learned):
+    assert f"each sample from the {learned.joint.choice.lags} before it" in words(told(learned))
+    assert "turn the axis" not in words(told(learned))  # two inputs are demands, and no motors
+    motors = np.hstack([MOTORS, MOTORS[::-1]])
+    flight = replace(FLIGHT, inputs=motors, input_units=("µs",) * 4, input_names=tuple("abcd"))
+    for known, said in ((None, "Chosen by F̄."), ([1, -1, 0.1, 0], "a against b. Known for these inputs.")):
+        four = mavdem.learn(replace(flight, effect_directions=known), learned.settings)
+        assert said in words(detail_blocks(four))

@@ -328,18 +328,18 @@ def test_a_stalled_sink_holds_up_nobody_and_loses_the_oldest_rows_only(tmp_path)
 def test_figures_and_status_show_what_is_known_and_a_model_outlives_the_flight():
     row = ViewRow(60.0, 0.0, 0, OUTPUTS[0], INPUTS[0], None, None, CHANNELS)
     status = SessionStatus(obstacle="The vehicle is on the ground.")
-    state, *others = figures(CHANNELS, status, row, None)
+    state, *others = figures(status, row, None)
     assert "waiting, 0 s learned\nThe vehicle is on the ground." in state
     assert all("### –" in figure for figure in others)
-    assert "No model yet. The vehicle is on the ground." in status_document(CHANNELS, status, row, None)
-    landed = status_document(CHANNELS, status, row, 55.0)
+    assert "No model yet. The vehicle is on the ground." in status_document(status, row, None)
+    landed = status_document(status, row, 55.0)
     assert "No model" not in landed and "learned up to 5.0 s ago" in landed and "on the ground." in landed
     physical = SimpleNamespace(
         mean_effect=lambda level: (0.1, 0.01), damping=3.0, interval=lambda level: SimpleNamespace(damping=np.nan)
     )
     status = SessionStatus(learned=4200, ahead=(0.25, np.radians(2.0)), useful=(0.5, 0.41))
     now = estimate(60, 60.0)._replace(physical=physical)
-    shown = "\n".join(figures(CHANNELS, status, row._replace(estimate=now), 59.0))
+    shown = "\n".join(figures(status, row._replace(estimate=now), 59.0))
     for words in ("learning, 42 s learned", "± 2.0°\n0.25 s ahead (90 %); error ratio 0.41 at 0.5 s", "340 ± 30 °/s²"):
         assert words in shown
     assert "5.7 ± 0.6 °/s² per µs\nrate damping not identifiable" in shown

@@ -20,7 +20,7 @@ import numpy as np
 from pymavlink.dialects.v20 import all as dialect
 
 from mavdem.dem import Settings
-from mavdem.live import LiveStream, Setup
+from mavdem.live import LiveStream
 from mavdem.live.link import Link
 from mavdem.live.session import LearningProcess, LiveSession
 
@@ -28,11 +28,11 @@ SECONDS = 30.0
 PORT = 14598
 
 
-def hover(rate: float, seconds: float) -> Iterator[tuple[float, bytes]]:
+def hover(rate: float) -> Iterator[tuple[float, bytes]]:
     """Datagrams with the second at which each is sent: attitude and motor outputs at ``rate`` Hz each, in the air."""
     vehicle, rng = dialect.MAVLink(None, srcSystem=1, srcComponent=1), np.random.default_rng(0)
     roll = speed = wind = 0.0
-    for tick in range(round(seconds * rate)):
+    for tick in range(round(SECONDS * rate)):
         now = tick / rate
         if tick % round(rate) == 0:
             yield now, vehicle.heartbeat_encode(2, 3, 128, 0, 4).pack(vehicle)
@@ -46,32 +46,24 @@ def hover(rate: float, seconds: float) -> Iterator[tuple[float, bytes]]:
         yield now, vehicle.servo_output_raw_encode(round(stamp * 1e3) % 2**32, 0, *outputs).pack(vehicle)
 
 
-def send(rate: float, seconds: float, port: int) -> None:
-    """Sends the hover to ``port`` of this machine at its own pace."""
-    datagrams = list(hover(rate, seconds))
+def send(rate: float) -> None:
+    """Sends the hover to this machine at its own pace."""
+    datagrams = list(hover(rate))
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as outlet:
         begin = time.monotonic()
         for at, datagram in datagrams:
             time.sleep(max(begin + at - time.monotonic(), 0.0))
-            outlet.sendto(datagram, ("127.0.0.1", port))
+            outlet.sendto(datagram, ("127.0.0.1", PORT))
 
 
 def silence(_: object) -> None: ...
 
 
-class NullView:
-    def __init__(self, setup: Setup) -> None: ...
-
-    def put(self, *_: object) -> None: ...
-
-    def log(self, *_: object) -> None: ...
-
-
 def over_udp(rate: float) -> str:
     link = Link(f"udpin:127.0.0.1:{PORT}")
-    vehicle = multiprocessing.get_context("spawn").Process(target=send, args=(rate, SECONDS, PORT))
+    vehicle = multiprocessing.get_context("spawn").Process(target=send, args=(rate,))
     with LearningProcess() as executor:
-        session = LiveSession(link, LiveStream(), Settings(), NullView, silence, silence, executor)
+        session = LiveSession(link, LiveStream(), Settings(), silence, silence, silence, executor)
         vehicle.start()
         while session.status.vehicle is None:
             session.step()
@@ -80,8 +72,7 @@ def over_udp(rate: float) -> str:
             session.step()
         share = (time.process_time() - used) / (time.monotonic() - began)
     link.close()
-    status = session.status
-    median, late = (1e3 * each for each in status.latency)
+    status, (median, late) = session.status, (1e3 * each for each in session.status.latency)
     rows = status.learned + status.shown
     return f"| {rate:.0f} | {rows} | {status.lost} | {median:.2f} | {late:.2f} | {share:.0%} |"
 

@@ -20,8 +20,6 @@ from timeit import repeat
 
 import click
 
-REPEATS = 3
-
 
 def ours(path: str) -> int:
     from mavdem.alignment import drive, signals
@@ -40,10 +38,7 @@ def ours(path: str) -> int:
 def recv_match(path: str) -> int:
     from pymavlink import mavutil
 
-    reader, count = mavutil.mavlogfile(path, robust_parsing=True), 0
-    while reader.recv_match() is not None:
-        count += 1
-    return count
+    return sum(1 for _ in iter(mavutil.mavlogfile(path, robust_parsing=True).recv_match, None))
 
 
 def fasttlogparser(path: str) -> int:
@@ -56,11 +51,8 @@ def fasttlogparser(path: str) -> int:
 def dfreader(path: str) -> int:
     from pymavlink.DFReader import DFReader_binary
 
-    log, count = DFReader_binary(path), 0
     kinds = ["ATT", "ANG", "RATE", "IMU", "RCOU", "CTUN", "XKF1", "EV", "ARM", "PARM", "MSG"]
-    while log.recv_match(type=kinds) is not None:
-        count += 1
-    return count
+    return sum(1 for _ in iter(partial(DFReader_binary(path).recv_match, type=kinds), None))
 
 
 def ulog(path: str) -> int:
@@ -81,13 +73,12 @@ def mcap(path: str) -> int:
     return count
 
 
-READERS: dict[str, dict[str, Callable[[str], int]]] = {
+READERS: dict[str, dict[str, Callable[[str], int]]] = {  # by format and library
     ".tlog": {"mavdem": ours, "pymavlink": recv_match, "fasttlogparser": fasttlogparser},
     ".bin": {"mavdem": ours, "pymavlink": dfreader},
     ".ulg": {"mavdem": ours, "pyulog": ulog},
     ".mcap": {"mavdem": ours, "mcap": mcap},
 }
-"""By format and library."""
 
 
 @click.command(help=__doc__)
@@ -101,7 +92,7 @@ def main(logs: tuple[Path, ...]) -> None:
             if importlib.util.find_spec(name) is None:
                 continue
             count = read(str(path))
-            seconds = min(repeat(partial(read, str(path)), number=1, repeat=REPEATS))
+            seconds = min(repeat(partial(read, str(path)), number=1, repeat=3))
             fastest = fastest or seconds
             print(
                 f"| {path.name} | {size:.1f} | {name} | {seconds:.2f} | {size / seconds:.1f} | {count:,} "

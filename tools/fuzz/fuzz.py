@@ -27,7 +27,7 @@ import sys
 import tempfile
 import warnings
 import zlib
-from abc import ABC, abstractmethod
+from collections.abc import Callable
 from math import cos, sin
 from pathlib import Path
 from typing import Any
@@ -73,18 +73,12 @@ def check_columns(log: Log) -> None:
             assert {len(values) for values in columns.values()} == {columns["time"].size}, name
 
 
-class Format(ABC):
+class Format:
     """A format's inputs: pieces become a file, whose name ends in ``suffix`` and which has ``header`` in any case."""
 
     suffix, header, modes = "", b"", 3
-
-    @abstractmethod
-    def file(self, mode: int, pieces: list[bytes]) -> bytes:
-        """Returns the file of pieces, but for the header."""
-
-    @abstractmethod
-    def pieces(self) -> list[bytes]:
-        """Returns pieces that a file of this format may have."""
+    file: Callable[[int, list[bytes]], bytes]  # of a mode and pieces, but for the header
+    pieces: Callable[[], list[bytes]]  # that a file of this format may have
 
     def seeds(self) -> dict[str, bytes]:
         """Returns the first inputs, by name: all pieces in each mode, and each by itself."""
@@ -157,23 +151,20 @@ class ULog(Format):
         whole += [made.subscription(name) for name in ("vehicle_attitude", "vehicle_angular_velocity")]
         whole += [made.data("vehicle_land_detected", 20, False), made.data("vehicle_control_mode", 20, True)]
         whole += [made.data("actuator_outputs", 20, 4, *[1500] * 16)]
-        stamped = [
-            b"D" + struct.pack("<HQQ", number, 20_000_000, 19_999_000) + b"\1\0\0\x3f" * 9
-            for number in made.NUMBERS.values()
-        ]
+        heads = [struct.pack("<HQQ", number, 20_000_000, 19_999_000) for number in made.NUMBERS.values()]
+        stamped = [b"D" + head + b"\1\0\0\x3f" * 9 for head in heads]
         others = [b"Factuator_motors:uint64_t timestamp;int8_t[12] control;", b"O\x10\0", b"I\x0echar[3] ver_swPX4"]
         others += [b"M\0\x0achar[3] abxyz", b"Q\1\x0dint32_t GAIN1\1\0\0\0", b"L6" + bytes(8) + b"hello", b"R\1\0"]
         others += [b"C6\1\0" + bytes(8) + b"tagged", b"B" + bytes(8) + b"\1" + bytes(7) + struct.pack("<3Q", 9, 6, 0)]
         return [*(message[2:] for message in whole), HOVER, *others, *stamped]
 
 
-CHANNELS = [
+CHANNELS = [  # topic, encoding and schema; the first byte of a piece chooses one
     *((f"mavlink/1/1/{name}", "json", 1) for name in ("ATTITUDE", "SERVO_OUTPUT_RAW", "HEARTBEAT", "PARAM_VALUE")),
     *((f"mavlink/1/1/{name}", "json", 1) for name in ("STATUSTEXT", "EXTENDED_SYS_STATE", "OTHER")),
     *((f"/mavlink/2/1/{name}", "json5", 1) for name in ("ATTITUDE_QUATERNION", "HIL_ACTUATOR_CONTROLS")),
     *(("mavlink/out", "json", 1), ("mavlink/raw", "mavlink", 0), ("serial", "", 0), ("camera", "cdr", 1)),
 ]
-"""Topic, encoding and schema; the first byte of a piece chooses one."""
 NOW = 1_700_000_000_000_000_000
 
 
@@ -193,12 +184,11 @@ class Mcap(Format):
         parts = [b"".join(map(written, named))]
         parts += [self._records(piece, NOW + 10_000_000 * row) for row, piece in enumerate(pieces)]
         if mode > 1:
-            name, half = {3: "lz4", 4: "zstd"}.get(mode, ""), len(parts) // 2 + 1
-            pack = {"lz4": lz4.frame.compress, "zstd": zstandard.compress, "": bytes}[name]
+            packers = {3: ("lz4", lz4.frame.compress), 4: ("zstd", zstandard.compress)}
+            (name, pack), half = packers.get(mode, ("", bytes)), len(parts) // 2 + 1
             parts = [b"".join(parts[:half]), b"".join(parts[half:])]
-            sums = [zlib.crc32(part) ^ (mode == 5) for part in parts]
-            both = zip(parts, sums, strict=True)
-            parts = [written(records.Chunk(name, pack(part), 0, 0, of, len(part))) for part, of in both]
+            sums = [(part, zlib.crc32(part) ^ (mode == 5)) for part in parts]
+            parts = [written(records.Chunk(name, pack(part), 0, 0, of, len(part))) for part, of in sums]
         return b"".join(parts) + written(records.Footer(0, 0, 0)) + self.header
 
     def _records(self, piece: bytes, stamp: int) -> bytes:

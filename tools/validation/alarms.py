@@ -26,11 +26,9 @@ from sitl_scenarios.motion import IN_AIR
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import CYCLES, fly
 
-IN_TIME = 5.0  # s
 SOUND, HOVER, WIND, CHIPPED, SHIFTED = "sound", "weak in hover", "weak in wind", "chipped", "shifted load"
 KINDS = {SOUND: 72, HOVER: 100, WIND: 100, CHIPPED: 40, SHIFTED: 120}
 """Flights of each kind; the sound ones of ten minutes, which makes twelve hours with about ten of them settled."""
-SETTLES = 5.0  # s in the air before a flight counts as settled, as ``alignment.phases`` has it
 
 
 def scenario(kind: str, number: int) -> Scenario:
@@ -85,8 +83,6 @@ def scenario(kind: str, number: int) -> Scenario:
 
 
 class Watched(NamedTuple):
-    kind: str
-    number: int
     hours: float  # settled
     breaks: float  # s
     motor: int  # at fault; 0: none
@@ -100,7 +96,7 @@ def watched(kind: str, number: int, rate: float) -> Watched:
     every = round(1 / rate / CYCLES[flight.stream.autopilot])
     time, air = motion.time[::every], motion.landed_state[::every] == IN_AIR
     since = np.where(air & ~np.concatenate([[False], air[:-1]]), time, -np.inf)
-    settled = air & (time >= np.maximum.accumulate(since) + SETTLES)
+    settled = air & (time >= np.maximum.accumulate(since) + 5.0)  # as ``alignment.phases`` has it
     motors = (motion.outputs[::every] - MIN_PULSE) / (MAX_PULSE - MIN_PULSE)
     layout = motor_geometry("QUADROTOR", "", {}, (1, 2, 3, 4), 8)
     assert layout is not None
@@ -112,7 +108,7 @@ def watched(kind: str, number: int, rate: float) -> Watched:
     # The first two seconds are before the arming that scenarios count from.
     breaks = np.inf if kind == SOUND else begin + 2.0
     motor = 0 if kind in (SOUND, SHIFTED) else spec.weak_motor or flight.propeller.motor
-    return Watched(kind, number, hours, breaks, motor, tuple(watch.alarms))
+    return Watched(hours, breaks, motor, tuple(watch.alarms))
 
 
 @click.command(help=__doc__)
@@ -123,11 +119,9 @@ def main(rate: float, flights: int | None, jobs: int) -> None:
     asked = [(kind, number) for kind, count in KINDS.items() for number in range(min(count, flights or count))]
     with ProcessPoolExecutor(jobs) as pool:
         done = list(pool.map(watched, *zip(*asked, strict=True), [rate] * len(asked)))
-    halves = {
-        (kind, half): [one for one in done if one.kind == kind and one.number % 2 == number]
-        for kind in KINDS
-        for number, half in enumerate(("even", "odd"))
-    }
+    halves: dict[tuple[str, str], list[Watched]] = {(kind, half): [] for kind in KINDS for half in ("even", "odd")}
+    for (kind, number), one in zip(asked, done, strict=True):
+        halves[kind, ("even", "odd")[number % 2]].append(one)
     print(f"Motors at {rate:g} Hz; even numbers chose the parameters, odd ones did not.\n")
     print("| flights | half | number | found in 5 s | named right, of found | median delay, s | longest, s |")
     print("|---|---|---|---|---|---|---|")
@@ -150,8 +144,7 @@ def _found(flights: list[Watched]) -> str:
     pairs = list(zip(flights, firsts, strict=True))
     delays = np.array([np.inf if first is None else first.time - one.breaks for one, first in pairs])
     right = sum(first is not None and first.motor == one.motor for one, first in pairs)
-    found = delays[np.isfinite(delays)]
-    soon = int((delays <= IN_TIME).sum())
+    found, soon = delays[np.isfinite(delays)], int((delays <= 5.0).sum())
     return f"{soon} | {right} of {len(found)} | {np.median(delays):.1f} | {found.max() if len(found) else np.nan:.1f}"
 
 

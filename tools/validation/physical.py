@@ -24,12 +24,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem import Flight
-from mavdem.confidence import quantile
+from mavdem.confidence import LEVEL, quantile
 from mavdem.dem import NotIdentifiable, Physical, WindTorque, physical
 from mavdem.dem.graybox.wind import wind
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable, Unreadable
 from mavdem.paper.flights import SHARED, logged
+from mavdem.report.blocks import Sentence, Table, markdown
 from sitl_scenarios.files import scenario_of
 from sitl_scenarios.motion import IN_AIR, Motion
 from sitl_scenarios.scenario import Scenario
@@ -38,13 +39,9 @@ from sitl_scenarios.truth import truth
 
 Array = NDArray[np.float64]
 
-WINDOW_SECONDS = 7.0
 PARAMETERS = ("effect", "damping", "lag")
-STATUSES = ("reported", "biased", "not identifiable")
-LEVEL = 0.9
-
+STATUSES = {"reported": "", "biased": " (biased)", "not identifiable": " (no)"}  # and how it marks an estimate
 SPEEDS = {"iris": 1.0, "ardrone2": 0.6, "crazyflie": 0.3}  # of the winds, relative to those below
-MOMENTS = {"iris": 0.05, "ardrone2": 0.006, "crazyflie": 2e-5}  # N m, standard deviation
 WINDS = ("calm", "light", "Dryden, light", "Dryden, moderate", "jet", "gusts", "slow")
 STEERING: dict[str, dict[str, Any] | None] = {
     "none": None,
@@ -54,9 +51,7 @@ STEERING: dict[str, dict[str, Any] | None] = {
     "pilot's sticks, 4°": {"kind": "sticks"},
 }
 RATES = (50.0, 100.0, 200.0)  # Hz
-AUTOPILOTS = ("px4", "ardupilot")
-SECONDS = 60.0  # from arming to disarming
-VARIED = 0.3  # share of flights whose thrust curve, lag, inertia and battery are not the published ones
+AXES = {"roll": ("gyro.x", [-1.0, -1.0, 1.0, 1.0]), "pitch": ("gyro.y", [-1.0, 1.0, 1.0, -1.0])}
 
 
 class Case(NamedTuple):
@@ -75,17 +70,16 @@ def cases(seed: int, every: int = 1) -> list[Case]:
     places = list(product(SPEEDS, WINDS))
     kept = len(places) // every
     # Steering, and rates with autopilots, take turns: a part of the bank has as many of each.
-    drawn = [[places[number] for number in rng.permutation(len(places))[:kept]] for _ in STEERING]
-    turns = [
-        (*place, steering) for some in zip(*drawn, strict=True) for place, steering in zip(some, STEERING, strict=True)
-    ]
+    drawn = [[(*places[number], one) for number in rng.permutation(len(places))[:kept]] for one in STEERING]
+    turns = [case for some in zip(*drawn, strict=True) for case in some]
     return [
-        Case(vehicle, wind, steering, rate, autopilot, _varied(rng), int(rng.integers(1_000_000)))
-        for (vehicle, wind, steering), (rate, autopilot) in zip(turns, cycle(product(RATES, AUTOPILOTS)), strict=False)
+        Case(vehicle, wind, steering, *stream, _varied(rng), int(rng.integers(1_000_000)))
+        for (vehicle, wind, steering), stream in zip(turns, cycle(product(RATES, ("px4", "ardupilot"))), strict=False)
     ]
 
 
 def _varied(rng: np.random.Generator) -> dict[str, float]:
+    """Of three flights in ten thrust curve, lag, inertia and battery, which are not the published ones."""
     up = float(rng.uniform(0.015, 0.06))
     drawn = {
         "quadratic_thrust": float(rng.uniform(0.3, 1.0)),
@@ -94,11 +88,11 @@ def _varied(rng: np.random.Generator) -> dict[str, float]:
         "inertia_scale": float(rng.uniform(0.7, 1.6)),
         "battery_sag": float(rng.uniform(0.0, 0.15)),
     }
-    return drawn if rng.random() < VARIED else {}
+    return drawn if rng.random() < 0.3 else {}
 
 
 def scenario(case: Case) -> Scenario:
-    k, moment = SPEEDS[case.vehicle], MOMENTS[case.vehicle]
+    k, moment = SPEEDS[case.vehicle], {"iris": 0.05, "ardrone2": 0.006, "crazyflie": 2e-5}[case.vehicle]  # N m, sd
     winds: dict[str, list[dict[str, Any]]] = {
         "calm": [],
         "light": [{"kind": "gaussian", "sd": 0.5 * k, "s": 0.2}],
@@ -114,7 +108,7 @@ def scenario(case: Case) -> Scenario:
     moments = {"gusts": [{"sd": moment, "s": 0.05}], "slow": [{"sd": moment / 2, "s": 0.3}]}
     steering = STEERING[case.steering]
     values: dict[str, Any] = {
-        "duration": SECONDS,
+        "duration": 60.0,
         "seed": case.seed,
         "height": 1.5 if case.wind == "jet" else 8.0,
         "vehicle": {"model": case.vehicle, **case.varied},
@@ -138,11 +132,8 @@ def truth_of(motion: Motion, of: Scenario, part: Flight) -> dict[str, Any]:
 log = partial(click.echo, err=True)
 
 
-def table(title: str, heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    click.echo(f"{title}\n\n| {' | '.join(heads)} |\n|{'---|' * len(heads)}")
-    for row in rows:
-        click.echo(f"| {' | '.join(row)} |")
-    click.echo()
+def table(title: str, heads: list[str], rows: list[list[str]]) -> None:
+    click.echo(markdown([Sentence(title), Table(heads, rows, words=True)]) + "\n")
 
 
 def estimate_of(found: Physical, name: str) -> tuple[float, float]:
@@ -153,7 +144,7 @@ def estimate_of(found: Physical, name: str) -> tuple[float, float]:
 
 
 def parts_of(flight: Flight) -> dict[int | None, Flight]:
-    size = round(WINDOW_SECONDS / flight.dt)
+    size = round(7.0 / flight.dt)
     return {None: flight} | {i: flight[i * size : (i + 1) * size] for i in range(len(flight) // size)}
 
 
@@ -171,11 +162,6 @@ class Estimate(NamedTuple):
         value, half = estimate_of(self.found, name)
         true = float(np.abs(self.true["effect"]).mean() if name == "effect" else self.true[name])
         return value / true - 1, half / true
-
-    def inside(self, name: str) -> bool:
-        """Whether the interval of the mean effect, damping or lag holds the truth."""
-        error, half = self.error(name)
-        return abs(error) <= half
 
 
 def estimates(bank: Sequence[Case]) -> Iterator[Estimate]:
@@ -196,20 +182,16 @@ def estimates(bank: Sequence[Case]) -> Iterator[Estimate]:
             yield Estimate(case, window, found, truth_of(motion, of, part), torque)
 
 
-def of(name: str, value: object) -> Callable[[Case], bool]:
-    return lambda case: getattr(case, name) == value
-
-
 GROUPS: dict[str, Callable[[Case], bool]] = {
-    **{name: of("steering", name) for name in STEERING},
+    **{name: lambda case, name=name: case.steering == name for name in STEERING},  # type: ignore[misc]
     "multisine, 3°, 100 Hz or more": lambda case: case.steering.startswith("multisine") and case.rate >= 100,
     "all": lambda case: True,
-    **{f"all, {rate:.0f} Hz": of("rate", rate) for rate in RATES},
+    **{f"all, {rate:.0f} Hz": lambda case, rate=rate: case.rate == rate for rate in RATES},  # type: ignore[misc]
     "all, thrust curve, lag, inertia and battery varied": lambda case: bool(case.varied),
 }
 
 
-def share(of: Iterable[bool]) -> str:
+def share(of: Iterable[Any]) -> str:
     found = list(of)
     return f"{np.mean(found):.0%}" if found else "–"
 
@@ -222,17 +204,16 @@ def by_steering(name: str, every: Sequence[Estimate]) -> list[list[str]]:
             if not some:
                 continue
             row = [label, "flights" if whole else "7 s", str(len(some))]
-            row += [f"{np.mean([each.found.status[name] == status for each in some]):.0%}" for status in STATUSES]
-            reported = [each for each in some if each.found.status[name] == "reported"]
+            row += [share(each.found.status[name] == status for each in some) for status in STATUSES]
+            reported, biased, _ = ([each for each in some if each.found.status[name] == one] for one in STATUSES)
             if name == "effect":
                 by_motor = [(each.found.effect - each.true["effect"], each.found.interval(LEVEL)) for each in reported]
                 row.append(share(held for error, half in by_motor for held in abs(error) <= half.effect))
-            row.append(share(each.inside(name) for each in reported))
-            errors = np.array([each.error(name)[0] for each in reported])
+            known, doubted = (np.reshape([each.error(name) for each in of], (-1, 2)) for of in (reported, biased))
+            row.append(share(abs(known[:, 0]) <= known[:, 1]))
+            errors = known[:, 0]
             row += [f"{np.median(errors):+.0%}", f"{errors[np.argmax(abs(errors))]:+.0%}"] if reported else ["–", "–"]
-            biased = [each for each in some if each.found.status[name] == "biased"]
-            row.append(share(each.inside(name) for each in biased))
-            rows.append(row)
+            rows.append([*row, share(abs(doubted[:, 0]) <= doubted[:, 1])])
     return rows
 
 
@@ -250,10 +231,12 @@ def simulated(seed: int, every: int) -> None:
     """Share that is reported, and how often intervals hold the truth, by steering."""
     found = list(estimates(cases(seed, every)))
     click.echo(f"{len({each.case.seed for each in found})} flights, seed {seed}.\n")
-    heads = ["steering", "of", "number", *STATUSES]
+    heads, ends = (
+        ["steering", "of", "number", *STATUSES],
+        ["median error of the reported", "worst", "inside, where biased"],
+    )
     for name in PARAMETERS:
         insides = ["inside, each motor", "inside, mean"] if name == "effect" else ["inside"]
-        ends = ["median error of the reported", "worst", "inside, where biased"]
         table(f"**{name.capitalize()}**", [*heads, *insides, *ends], by_steering(name, found))
     heads = ["effect", "flights", "standard deviation inside", "mean inside", "course inside"]
     rows = [by_wind(status, [each for each in found if each.found.status["effect"] == status]) for status in STATUSES]
@@ -267,22 +250,11 @@ def row_of(label: Sequence[str], flight: Flight) -> list[str]:
     if isinstance(found, NotIdentifiable):
         return [*row, found.reason, *[""] * 5]
     for name in PARAMETERS:
-        value, half = estimate_of(found, name)
-        scale = 1e3 if name == "lag" else 1.0
-        width = f" ± {scale * half:.2g}" if np.isfinite(half) else ""
-        mark = {"reported": "", "biased": " (biased)", "not identifiable": " (no)"}[found.status[name]]
-        row.append(f"{scale * value:.3g}{width}{mark}")
+        value, half = ((1e3 if name == "lag" else 1.0) * one for one in estimate_of(found, name))
+        width = f" ± {half:.2g}" if np.isfinite(half) else ""
+        row.append(f"{value:.3g}{width}{STATUSES[found.status[name]]}")
     more = ", ".join(f"{name} {value:.2f}" for name, value in found.refinements.items())
     return [*row, f"{found.wind_share:.0%}", f"{found.wind:.2g}", more]
-
-
-HEADS = ("s", "Hz", "effect", "damping, 1/s", "lag, ms", "wind's share", "wind, rad/s²", "refinements")
-
-
-CRAZYFLIE = SHARED / "real" / "crazyflie" / "roll_pitch_excitation.usdlog"
-EXCITED = (56.0, 89.0)  # s of its clock
-AXES = {"roll": ("gyro.x", [-1.0, -1.0, 1.0, 1.0]), "pitch": ("gyro.y", [-1.0, 1.0, 1.0, -1.0])}
-EXPECTED = "318–403"  # rad/s² of roll per unit of one motor's command, by published thrust curves and inertia
 
 
 def usdlog(path: Path) -> NDArray[Any]:
@@ -297,21 +269,36 @@ def usdlog(path: Path) -> NDArray[Any]:
 
 def crazyflie() -> None:
     """A Crazyflie 2.1 with roll and pitch excited, really flown, at three rates."""
-    rows, table_rows = usdlog(CRAZYFLIE), list[list[str]]()
+    rows, table_rows = usdlog(SHARED / "real/crazyflie/roll_pitch_excitation.usdlog"), list[list[str]]()
     clock = rows["time"] / 1e6
     for axis, (gyro, directions) in AXES.items():
         for rate in (100.0, 200.0, 400.0):
-            time = np.arange(EXCITED[0] * rate, EXCITED[1] * rate) / rate
+            time = np.arange(56.0 * rate, 89.0 * rate) / rate  # where it is excited
             motors = [np.interp(time, clock, rows[f"motor.m{motor}"] / 65535) for motor in range(1, 5)]
             turning = np.radians(np.interp(time, clock, rows[gyro]))
             flight = Flight(
                 time, np.stack(motors, 1), turning[:, None], dt=1 / rate, effect_directions=np.array(directions)
             )
             log(f"{axis}, {rate:.0f} Hz")
-            for window, part in parts_of(flight).items():
-                table_rows.append(row_of([axis, "whole"] if window is None else ["", f"7 s, no. {window + 1}"], part))
-    title = f"**Crazyflie** (effect in rad/s² per unit of command; published: {EXPECTED} for roll)"
-    table(title, ["axis", "of", *HEADS], table_rows)
+            table_rows += [
+                row_of([axis, "whole"] if window is None else ["", f"7 s, no. {window + 1}"], part)
+                for window, part in parts_of(flight).items()
+            ]
+    heads = [
+        "axis",
+        "of",
+        "s",
+        "Hz",
+        "effect",
+        "damping, 1/s",
+        "lag, ms",
+        "wind's share",
+        "wind, rad/s²",
+        "refinements",
+    ]
+    # By published thrust curves and inertia.
+    title = "**Crazyflie** (effect in rad/s² per unit of one motor's command; published: 318–403 for roll)"
+    table(title, heads, table_rows)
 
 
 @click.command(help=__doc__)

@@ -83,8 +83,7 @@ def recorded(folder: Path) -> None:
 def by_chance(healthy: int, vehicles: int) -> None:
     """False alarms of vehicles whose flights scatter as the prior says, the first flight after the healthy ones."""
     rng = np.random.default_rng(healthy)
-    first: Counter[str] = Counter()
-    later: Counter[str] = Counter()
+    first, later = Counter[str](), Counter[str]()
     for _ in range(vehicles):
         freedom = reference.SCATTER_FREEDOM
         scatter = reference.SCATTER * np.sqrt(freedom / rng.chisquare(freedom, 3))
@@ -95,7 +94,7 @@ def by_chance(healthy: int, vehicles: int) -> None:
         first[found[0].health] += 1
         later.update(one.health for one in found[1:])
     print(f"\nBy chance, {vehicles} vehicles with {healthy} healthy flights, shares of other healthy flights:")
-    print("  the next flight: " + _shares(first) + "; the four after it: " + _shares(later))
+    print(f"  the next flight: {_shares(first)}; the four after it: {_shares(later)}")
 
 
 def _made_up(rng: np.random.Generator, scatter: Array, effect: Array, spread: float, day: int) -> HealthFigures:
@@ -114,16 +113,13 @@ def _shares(counts: Counter[str]) -> str:
     return ", ".join(f"{name} {counts[name] / counts.total():.3f}" for name in VERDICTS if counts[name])
 
 
-KINDS: dict[str, dict[str, dict[str, float]]] = {
-    "healthy": {},
-    **{
-        f"motor of {100 * left:.0f} % thrust": {"vehicle": {"weak_motor": 1, "weak_thrust": left}}
-        for left in (0.95, 0.9, 0.85, 0.8, 0.7)
-    },
-    "chipped propeller (85 % thrust, 82 % torque)": {"propeller": {"motor": 1}},
-    "load shifted by 10 mm": {"load": {"forward": 7.0, "right": 7.0}},
-    "load shifted by 20 mm": {"load": {"forward": 14.0, "right": -14.0}},
-}
+KINDS: dict[str, dict[str, dict[str, float]]] = {"healthy": {}}
+for percent in (95, 90, 85, 80, 70):
+    weak = {"weak_motor": 1, "weak_thrust": percent / 100}
+    KINDS[f"motor of {percent} % thrust"] = {"vehicle": weak}
+KINDS |= {"chipped propeller (85 % thrust, 82 % torque)": {"propeller": {"motor": 1}}}
+KINDS |= {"load shifted by 10 mm": {"load": {"forward": 7.0, "right": 7.0}}}
+KINDS |= {"load shifted by 20 mm": {"load": {"forward": 14.0, "right": -14.0}}}
 
 
 def simulated(count: int) -> None:
@@ -134,8 +130,7 @@ def simulated(count: int) -> None:
     print(f"\nSimulated (Iris, wind of 0 to 8 m/s from all sides, load within 3 mm): {count} flights of each kind,")
     print("each against 3 healthy ones drawn at random, five times")
     for kind, flights in flown.items():
-        verdicts: Counter[str] = Counter()
-        right: list[bool] = []
+        verdicts, right = Counter[str](), list[bool]()
         for number, (flight, motor) in enumerate(flights):
             for draw in range(5):
                 pick = np.random.default_rng([number, draw]).permutation(count)
@@ -162,15 +157,14 @@ def _flown(rng: np.random.Generator, change: dict[str, dict[str, float]], number
             table[section][name] = motor if name in ("weak_motor", "motor") else before + value
     ranges = {"speed": (0.0, 8.0), "direction": (0.0, 360.0), "wind_at_20_feet": (5.0, 20.0)}
     wind = {"kind": "dryden", **{name: rng.uniform(*of) for name, of in ranges.items()}}
-    seed = int(rng.integers(1 << 30))
-    motion = fly(scenario_of({"duration": 70.0, "height": 10.0, "seed": seed, **table, "wind": [wind]}))
+    flown = {"duration": 70.0, "height": 10.0, "seed": int(rng.integers(1 << 30)), **table, "wind": [wind]}
+    motion = fly(scenario_of(flown))
     # At the autopilots' default rate of 10 Hz, after the climb-out.
     airborne = motion.landed_state == IN_AIR
     rows = np.flatnonzero(airborne & (motion.time > motion.time[airborne][0] + 5.0))[::25]
     commands = (motion.outputs[rows] - MIN_PULSE) / (MAX_PULSE - MIN_PULSE)
     lean = Rotation.from_quat(motion.known_attitude[rows], scalar_first=True).as_euler("ZYX")[:, :0:-1]
-    seconds = float(np.ptp(motion.time[rows]))
-    balance = balance_figures([(motion.time[rows], commands, lean)], QUAD_X, seconds)
+    balance = balance_figures([(motion.time[rows], commands, lean)], QUAD_X, float(np.ptp(motion.time[rows])))
     return HealthFigures(f"{number}", MOTORS, QUAD_X, balance), motor
 
 

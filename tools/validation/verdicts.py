@@ -53,11 +53,9 @@ def main(folder: Path, axis: str) -> None:
             print(f"{name} | 2 | {str(done.exception).removeprefix(f'{path} ')}")
             continue
         vehicles = json.loads(done.stdout)["vehicles"]
-        if not vehicles:
-            print(f"{name} | {done.exit_code} | no vehicle")
-        for one in vehicles:
-            who = f"{one['system']}:{one['component']} {one['vehicle']}"
-            print(" | ".join([str(name), str(done.exit_code), who, *figures(one)]), flush=True)
+        lines = [[f"{one['system']}:{one['component']} {one['vehicle']}", *figures(one)] for one in vehicles]
+        for line in lines or [["no vehicle"]]:
+            print(" | ".join([str(name), str(done.exit_code), *line]), flush=True)
 
 
 if __name__ == "__main__":

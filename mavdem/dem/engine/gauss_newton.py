@@ -27,12 +27,6 @@ class Quadratic(NamedTuple):
         """What the function gains up to the maximum of the quadratic."""
         return float(0.5 * self.slope @ np.linalg.solve(self.curvature, self.slope))
 
-    def highest(self, mean: Array, precision: Array) -> float:
-        """The maximum with a Gaussian prior (f,), (f, f) added, up to a constant that is the same for any prior."""
-        off = mean - self.at
-        slope = self.slope + precision @ off
-        return float(0.5 * slope @ np.linalg.solve(self.curvature + precision, slope) - 0.5 * off @ precision @ off)
-
 
 class Objective(Protocol):
     """A function to maximise."""

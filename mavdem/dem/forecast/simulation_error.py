@@ -9,19 +9,19 @@ parameters and λ at its maximum, which is known. It has many maxima; the ascent
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import null_space
 
-from mavdem.confidence import quantile
 from mavdem.dem.engine.gauss_newton import Damping, Quadratic, gauss_newton
 from mavdem.dem.engine.generative import GenerativeModel
 from mavdem.dem.engine.linalg import Array, inverse, logdet
 from mavdem.dem.engine.model import discretize, unpack
 from mavdem.dem.engine.state_space import StateSpace
-from mavdem.dem.forecast.mixer import MixerPrior, mixer_priors
+from mavdem.dem.forecast.joint import turning_combinations
 from mavdem.dem.priors import KINEMATIC
 from mavdem.dem.record import Record
 from mavdem.dem.scaling import Scaling
@@ -29,6 +29,10 @@ from mavdem.dem.settings import CompleteSettings
 
 WEAK_PRECISION = 1e-5
 """Prior precision of a free parameter, in the engine's units: it determines what the segments do not."""
+
+QUIET_PRECISION = 0.1
+"""Prior precision, in the engine's units, of the effect of a combination that does not turn the vehicle: its standard
+deviation is about 3, since rotors are not quite alike and loads not quite centred."""
 
 SAMPLES_PER_PARAMETER = 2.0
 """Least effective sample size for each free parameter. A short record has it over a shorter horizon only."""
@@ -153,9 +157,6 @@ class SimulationFit:
     horizon: int  # samples of each simulation, and of the filter before it
     terms: Mapping[str, Array]  # each named term of F̄, (I + 1,)
     converged: bool  # whether it has converged, by the gain of the last step or the gain that the curvature predicts
-    mse: Array  # (L, m) of forecasts inside the training data, by their length
-    gain: Array  # (n, m) of the filter that finds the state before each simulation
-    mixer: MixerPrior | None  # mixer geometry of the prior; ``None`` where one was given, or inputs are not rotors
 
     @property
     def rounds(self) -> int:
@@ -174,36 +175,6 @@ class SimulationFit:
         covariance[np.ix_(fixed, fixed)] = held[np.ix_(fixed, fixed)]
         covariance[np.ix_(self.free, self.free)] = self.covariance
         return covariance
-
-    def quantile(self, level: float) -> float:
-        """Half width of an interval that holds its number with probability ``level``, in standard deviations."""
-        return float(quantile(level, self.freedom))
-
-    @property
-    def noise(self) -> Array:
-        """(L, m) variance about a forecast with the true θ, by its length.
-
-        Forecasts of the training data have smaller errors, by the parameters' degrees of freedom. A shorter forecast
-        has a larger effective sample size.
-        """
-        lengths = np.minimum(np.arange(1, len(self.mse) + 1), self.horizon)
-        samples = self.effective_samples * self.horizon / lengths
-        return np.asarray(self.mse * (samples / (samples - len(self.free)))[:, None])
-
-    def spread(self, sizes: tuple[int, int, int], dt: float, inputs: Array, outputs: Array) -> Array:
-        """(S, H, m) variance that θ's posterior gives forecasts; infinite where it leaves the range of numbers.
-
-        ``inputs`` are (h + H, S, r) for S forecasts, from the samples on by which the filter finds the state;
-        ``outputs`` (h, S, m) come before.
-        """
-        nudges = RELATIVE_STEP * np.maximum(1.0, np.abs(self.theta[self.free]))
-        thetas = np.repeat(self.theta[None], len(nudges) + 1, axis=0)
-        thetas[1:, self.free] += np.diag(nudges)
-        ahead = simulate(models_of(thetas, sizes, self.gain, dt), inputs, outputs)
-        with np.errstate(over="ignore", invalid="ignore"):
-            jacobian = (ahead[1:] - ahead[0]) / nudges[:, None, None, None]
-            variance = np.einsum("isht,ij,jsht->sht", jacobian, self.covariance, jacobian, optimize=True)
-        return np.where(np.isfinite(variance), variance, np.inf)
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,12 +221,6 @@ class SimulationError:
         curvature = each * jacobian @ jacobian.T / mse + self.prior_precision
         return Quadratic(at, self._value(at, residuals), slope, curvature)
 
-    def likelihood(self, joint: Quadratic) -> Quadratic:
-        """The log joint without its prior."""
-        at, value, slope, curvature = joint
-        pull = self.prior_precision @ (at - self.prior_mean)
-        return Quadratic(at, value - self._log_prior(at), slope + pull, curvature - self.prior_precision)
-
     def terms(self, joint: Quadratic) -> dict[str, float]:
         """The named terms of F̄, Eq. ``F_action_opt``; X has no entropy of its own in a simulation."""
         log_prior = self._log_prior(joint.at)
@@ -287,13 +252,13 @@ def fit_with_prior(
     dt: float,
     segments: SimulationSegments,
     iterations: int,
-) -> tuple[SimulationFit, Quadratic] | None:
-    """The fit from θ (k,) by damped Gauss-Newton steps, each of which increases F̄, and the log likelihood about it.
+) -> SimulationFit | None:
+    """The fit from θ (k,) by damped Gauss-Newton steps, each of which increases F̄.
 
     The ``prior`` has mean (k,) and precision (k, k); parameters of A and B with a precision below ``KINEMATIC`` are
     free. ``None`` where there are none, or errors overflow.
     """
-    (n, r, m), (mean, precision) = sizes, prior
+    (n, r, _), (mean, precision) = sizes, prior
     free = np.flatnonzero(np.diag(precision)[: n * n + n * r] < KINEMATIC)
     objective = SimulationError(theta, free, mean[free], precision[np.ix_(free, free)], sizes, gain, dt, segments)
     if not len(free):
@@ -315,10 +280,7 @@ def fit_with_prior(
         horizon=segments.settle,
         terms={name: np.array([row[name] for row in terms]) for name in terms[0]},
         converged=gained <= CONVERGED_NATS,
-        mse=np.empty((0, m)),
-        gain=gain,
-        mixer=None,
-    ), objective.likelihood(trace[-1])
+    )
 
 
 def fit_simulation(
@@ -329,13 +291,11 @@ def fit_simulation(
     gain: Array,
     record: Record,
     iterations: int = MAX_ITERATIONS,
-    geometry: MixerPrior | None = None,
 ) -> SimulationFit | None:
     """The simulation-error fit to a record from θ (k,), with a filter of that gain (n, m).
 
-    Under the package's own prior the mixer geometry is the known one, ``record.effect_directions``, or the likeliest:
-    the fit is made with the ``geometry`` found before, or with none in particular, and once more where another turns
-    out to be likelier. ``None`` where there is no horizon (:func:`horizon_of`), or errors overflow.
+    Under the package's own prior, combinations of the motors that are at right angles to the turning one of the joint
+    model hardly turn the vehicle. ``None`` where there is no horizon (:func:`horizon_of`), or errors overflow.
     """
     horizon = horizon_of(model, settings, scaling, record)
     if not horizon:
@@ -345,30 +305,10 @@ def fit_simulation(
     segments = segments.compressed()
     (n, r, _), mean, precision = model.sizes, model.prior.theta_mean, model.prior.theta_precision
     free = np.diag(precision) < KINEMATIC
-    geometries: tuple[MixerPrior, ...] = ()
     if settings.prior == "regulated":
         precision = np.where(np.outer(free, free), WEAK_PRECISION * np.eye(len(free)), precision)
-        geometries = mixer_priors(r - scaling.constant, record.effect_directions)
-    rows = np.flatnonzero(free[n * n : n * n + n * r : r])
-
-    def precision_of(mixer: MixerPrior | None) -> Array:
-        return precision if mixer is None else precision + mixer.added_precision(model.sizes, rows)
-
-    def fitted(mixer: MixerPrior | None) -> tuple[SimulationFit, Quadratic] | None:
-        prior = mean, precision_of(mixer)
-        return fit_with_prior(theta, prior, model.sizes, gain, record.dt, segments, iterations)
-
-    before = [each for each in geometries if geometry is not None and np.array_equal(each.quiet, geometry.quiet)]
-    first = next(iter([*before, *geometries]), None)
-    found = fitted(first)
-    if found is None or not geometries:
-        return found and found[0]
-    fit, likelihood = found
-
-    def log_odds(mixer: MixerPrior) -> float:
-        return mixer.log_odds + likelihood.highest(mean[fit.free], precision_of(mixer)[np.ix_(fit.free, fit.free)])
-
-    likeliest = max(geometries, key=log_odds)
-    if likeliest is not first and (found := fitted(likeliest)) is not None:
-        fit, _ = found
-    return replace(fit, mixer=likeliest)
+        quiet = null_space(turning_combinations(record).T)
+        for row in np.flatnonzero(free[n * n : n * n + n * r : r]):
+            places = n * n + row * r + np.arange(len(quiet))
+            precision[np.ix_(places, places)] += QUIET_PRECISION * quiet @ quiet.T
+    return fit_with_prior(theta, (mean, precision), model.sizes, gain, record.dt, segments, iterations)

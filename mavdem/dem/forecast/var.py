@@ -15,9 +15,10 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from mavdem.dem.engine.kalman import KalmanFilter
-from mavdem.dem.engine.linalg import Array, inverse, solve
+from mavdem.dem.engine.linalg import Array
 from mavdem.dem.record import Record, Spread
 
 RIDGE = 0.01
@@ -112,6 +113,13 @@ class LagStatistics(NamedTuple):
         """Returns what is left of them when each sample counts only this ``share``."""
         return LagStatistics(share * self.rows, share * self.gram)
 
+    def shortened(self, lags: int, fewer: int) -> Array:
+        """Returns the ``gram`` of rows with ``fewer`` lags than these ``lags``, over the same samples."""
+        one = len(self.gram) * lags // (lags + 1)
+        k = len(self.gram) - one - 1
+        places = np.r_[: fewer * k, one : one + 1 + k]
+        return np.asarray(self.gram[np.ix_(places, places)])
+
     def in_own_units(self, lags: int, least: float) -> tuple[LagStatistics, ChannelUnits]:
         """Returns them in units in which channels have mean 0 and deviation 1, no scale below ``least``; and these."""
         one = len(self.gram) * lags // (lags + 1)
@@ -124,60 +132,98 @@ class LagStatistics(NamedTuple):
         return LagStatistics(self.rows, step @ self.gram @ step.T), ChannelUnits(center, scale)
 
 
-class Var(NamedTuple):
-    """The fitted model; samples that it takes and returns are physical.
+class Regression(NamedTuple):
+    """The posterior of the coefficients (q, t) of t channels on [lag 1 … lag p, 1]: matrix normal, exact given Σ."""
 
-    Given Σ, the coefficients of channels i and j have covariance Σ_ij G⁻¹.
+    mean: Array  # (q, t)
+    root: Array  # (q, q) Rᵀ R is the inverse of the posterior precision
+    covariance: Array  # (t, t) Σ of the innovations, over the rows that the coefficients leave
+    terms: dict[str, float]  # of F̄, nats
+
+    @property
+    def free_energy(self) -> float:
+        """F̄, nats: with the posterior exact, the logarithm of the evidence, but for that of Σ."""
+        return sum(self.terms.values())
+
+
+def lag_prior(lags: int, ridge: float) -> Array:
+    """Returns (lags, lags), the prior precision of each lag's coefficient: ``ridge`` · i² at lag i."""
+    return np.diag(ridge * np.arange(1.0, lags + 1) ** LAG_POWER)
+
+
+def regress(gram: Array, rows: float, prior: Array, targets: int | None = None) -> Regression:
+    """Regresses samples of k channels on their lags, the first ``targets`` of them or all.
+
+    The prior is a random walk, A₁ = 1 and nothing else, with covariance Σ ⊗ ``prior``⁻¹ of the deviations from it, the
+    same for every channel: for a diagonal precision (lags, lags) that grows with the lag the "Minnesota prior" (R.
+    Litterman, Journal of Business & Economic Statistics 4(1), 1986). Channels have about deviation 1. Σ is the squared
+    errors, the prior's among them, over the rows less the effective number of coefficients.
+
+    Args:
+        gram: Σ row rowᵀ over ``rows`` rows [lag 1 … lag p, 1, sample], of (p + 1) k + 1 numbers.
+        rows: how many there were, more than 0.
+        prior: (lags, lags) precision of a channel's coefficients by lag.
+        targets: how many channels to regress.
     """
+    lags, width = len(prior), len(gram)
+    k = (width - 1) // (lags + 1)
+    t, q = k if targets is None else targets, lags * k + 1
+    precision = np.zeros((q, q))
+    precision[:-1, :-1] = np.kron(prior, np.eye(k))
+    precision[-1, -1] = CONSTANT_RIDGE
+    before = np.eye(q, t)
+    factor = np.linalg.cholesky(gram[:q, :q] + precision)
+    root = solve_triangular(factor, np.eye(q), lower=True)
+    # Moments of the error of a random walk: small numbers, where the samples themselves are large ones.
+    walk = np.vstack([np.eye(q, q + t), np.hstack([-before.T, np.eye(t)])])
+    errors = walk @ gram[: q + t, : q + t] @ walk.T
+    explained = root @ errors[:q, q:]
+    change = root.T @ explained
+    left = errors[q:, q:] - explained.T @ explained
+    # The nearest matrix without negative eigenvalues, which rounding leaves where errors vanish.
+    sizes, directions = np.linalg.eigh((left + left.T) / 2)
+    left = (directions * np.maximum(sizes, 0.0)) @ directions.T
+    used = q - float(np.sum(precision * (root.T @ root)))
+    noise = left / rows + INPUT_NOISE * np.eye(t)
+    of_prior = float(np.sum(np.linalg.inv(noise) * (change.T @ precision @ change)))
+    determined = 2 * (np.log(factor.diagonal()).sum()) - k * np.linalg.slogdet(prior)[1] - np.log(CONSTANT_RIDGE)
+    terms = {
+        "prediction errors": -0.5 * (float(np.sum(np.linalg.inv(noise) * left)) - of_prior),
+        "noise entropy": -0.5 * rows * float(np.linalg.slogdet(2 * np.pi * noise)[1]),
+        "parameter errors": -0.5 * of_prior,
+        "parameter entropy": -0.5 * t * float(determined),
+    }
+    return Regression(before + change, root, left / max(rows - used, LEAST_FREEDOM), terms)
+
+
+class Var(NamedTuple):
+    """The process with its parameters; samples that it takes and returns are physical."""
 
     coefficients: Array  # (lags, k, k) posterior means of A₁ … A_lags, in ``units``
     offset: Array  # (k,) likewise
     covariance: Array  # (k, k) Σ, of the innovations
-    precision: Array  # (lags k + 1, lags k + 1) G of the regressors [lag 1 … lag p, 1]
     units: ChannelUnits  # of the channels, between the model and its arguments
 
     @classmethod
-    def fit(cls, statistics: LagStatistics, lags: int, ridge: float = RIDGE, units: ChannelUnits | None = None) -> Var:
-        """Regresses a sample on its ``lags``, in Bayes' way and exact given Σ: the posterior is matrix normal.
-
-        The prior is a random walk, A₁ = 1 and nothing else, with precision ``ridge`` · i² at lag i: the "Minnesota
-        prior" (R. Litterman, Journal of Business & Economic Statistics 4(1), 1986), for channels of about deviation 1.
-        Σ is the squared errors, the prior's among them, over the rows that the coefficients leave (rows less their
-        effective number). The ``statistics`` are of channels in ``units``, the channels' own unless given.
-        ``ValueError`` for no rows, or statistics of another number of lags.
-        """
-        width = len(statistics.gram)
-        k, left = divmod(width - 1, lags + 1)
-        if left or k < 1:
-            raise ValueError(f"statistics must be of {lags} lags: {width} columns are not (lags + 1) · channels + 1")
-        if statistics.rows <= 0:
-            raise ValueError(f"segments must have more than {lags} samples: none has so many before it")
-        prior = np.append(ridge * np.repeat(np.arange(1.0, lags + 1) ** LAG_POWER, k), CONSTANT_RIDGE)
-        before = np.eye(lags * k + 1, k)
-        precision = statistics.gram[:-k, :-k] + np.diag(prior)
-        # Moments of the error of a random walk: small numbers, where the samples themselves are large ones.
-        walk = np.vstack([np.eye(width - k, width), np.hstack([-before.T, np.eye(k)])])
-        gram = walk @ statistics.gram @ walk.T
-        change = solve(precision, gram[:-k, -k:])
-        errors = gram[-k:, -k:] - gram[-k:, :-k] @ change
-        # The nearest matrix without negative eigenvalues, which rounding leaves where errors vanish.
-        sizes, directions = np.linalg.eigh((errors + errors.T) / 2)
-        used = width - k - float(prior @ inverse(precision).diagonal())
-        freedom = max(statistics.rows - used, LEAST_FREEDOM)
-        coefficients = (before + change).T
+    def of(cls, found: Regression, units: ChannelUnits) -> Var:
+        """Returns that of the posterior means of a regression."""
+        (q, k), coefficients = found.mean.shape, found.mean.T
+        lags = (q - 1) // k
         return cls(
             np.ascontiguousarray(coefficients[:, :-1].reshape(k, lags, k).swapaxes(0, 1)),
             np.ascontiguousarray(coefficients[:, -1]),
-            np.asarray((directions * np.maximum(sizes, 0.0)) @ directions.T) / freedom,
-            precision,
-            ChannelUnits(np.zeros(k), np.ones(k)) if units is None else units,
+            found.covariance,
+            units,
         )
 
     @classmethod
     def learn(cls, record: Record, lags: int, ridge: float = RIDGE) -> Var:
         """Learns from training data; ``ValueError`` where no segment has more than ``lags`` samples."""
         units = ChannelUnits.of(record)
-        return cls.fit(LagStatistics.of(units.segments(record), lags), lags, ridge, units)
+        statistics = LagStatistics.of(units.segments(record), lags)
+        if statistics.rows <= 0:
+            raise ValueError(f"segments must have more than {lags} samples: none has so many before it")
+        return cls.of(regress(statistics.gram, statistics.rows, lag_prior(lags, ridge)), units)
 
     @property
     def lags(self) -> int:
@@ -232,7 +278,7 @@ class Var(NamedTuple):
         k, lags, across = len(self.offset), self.lags, self.across.T.copy()
         # All samples in one array, the latest first, so that the lags of each step are a slice of it.
         samples = np.empty((*past.shape[:-2], (steps + lags) * k))
-        samples[..., steps * k :] = _latest_first(self.units.scaled(past))
+        samples[..., steps * k :] = latest_first(self.units.scaled(past))
         with np.errstate(over="ignore", invalid="ignore"):
             for start in range((steps - 1) * k, -1, -k):
                 lagged_samples = samples[..., start + k : start + (lags + 1) * k]
@@ -256,6 +302,21 @@ class Var(NamedTuple):
         maps = np.array([rows[horizon] for horizon in horizons])
         return np.ascontiguousarray(maps[:, :, :-1]), maps[:, :, -1]
 
+    def output_gain(self, m: int) -> Array:
+        """Returns (m, r): of what a sample's inputs, by their innovations, say of its m outputs."""
+        noise = self.covariance[m:, m:] + INPUT_NOISE * np.eye(len(self.covariance) - m)
+        return np.asarray(np.linalg.solve(noise, self.covariance[m:, :m]).T)
+
+    def filter(self, m: int, steps: int) -> KalmanFilter:
+        """Returns the filter of the m outputs of all lags, with the inputs measured; what those add to it is known."""
+        lags, k, _ = self.coefficients.shape
+        n, r = m * lags, k - m
+        output_effect, A = self.coefficients.swapaxes(0, 1)[:, :, :m].reshape(k, n), np.eye(n, k=-m)
+        A[:m] = output_effect[:m]
+        Q, S, R = np.zeros((n, n)), np.zeros((n, r)), self.covariance[m:, m:] + INPUT_NOISE * np.eye(r)
+        Q[:m, :m], S[:m] = self.covariance[:m, :m], self.covariance[:m, m:]
+        return KalmanFilter.of(A, output_effect[m:], Q, R, S, np.zeros((n, n)), steps)
+
     def infer(self, past: Array, inputs: Array, smooth: bool = False) -> Forecast:
         """Returns the outputs (…, H, m) after ``past`` (…, lags, k), each given ``inputs`` (…, H, r) up to its sample.
 
@@ -263,19 +324,14 @@ class Var(NamedTuple):
         """
         (lags, k, _), r, steps = self.coefficients.shape, inputs.shape[-1], inputs.shape[-2]
         m, n = k - r, (k - r) * lags
-        # The state is the outputs of all lags; what the inputs of the lags add is known.
+        filtered = self.filter(m, steps)
         across = self.coefficients.swapaxes(0, 1)
-        output_effect, A = across[:, :, :m].reshape(k, n), np.eye(n, k=-m)
-        A[:m] = output_effect[:m]
-        Q, S, R = np.zeros((n, n)), np.zeros((n, r)), self.covariance[m:, m:] + INPUT_NOISE * np.eye(r)
-        Q[:m, :m], S[:m] = self.covariance[:m, :m], self.covariance[:m, m:]
-        filtered = KalmanFilter.of(A, output_effect[m:], Q, R, S, np.zeros((n, n)), steps)
         before, now = self.units.scaled(past), self.units.scaled_inputs(inputs)
         earlier = lagged(np.concatenate([before[..., m:], now], axis=-2), lags)
         drives = earlier @ across[:, :, m:].reshape(k, lags * r).T + self.offset
         pushes = np.zeros((*drives.shape[:-1], n))
         pushes[..., :m] = drives[..., :m]
-        states, errors = filtered.states(_latest_first(before[..., :m]), pushes, now - drives[..., m:])
+        states, errors = filtered.states(latest_first(before[..., :m]), pushes, now - drives[..., m:])
         covariances = filtered.covariances_of(steps)
         if smooth:
             states, covariances, _ = filtered.smoothed(states, errors)
@@ -287,7 +343,7 @@ class Var(NamedTuple):
         length, m = len(inputs), outputs.shape[1]
         steps = max(1, min(steps, length))
         pasts = self.pasts(past, steps, inputs, outputs)
-        found = self.infer(pasts, inputs[_pieces(len(pasts), steps, length)], smooth)
+        found = self.infer(pasts, inputs[pieces(len(pasts), steps, length)], smooth)
         return Forecast(*(table.reshape(-1, m)[:length] for table in found))
 
     def predict_every(self, past: Array, steps: int, inputs: Array, outputs: Array) -> Array:
@@ -307,21 +363,6 @@ class Var(NamedTuple):
             answers.append(self.infer(pasts, inputs[:, None]).mean[:, 0])
         return np.concatenate(answers)
 
-    def leverage(self, past: Array, steps: int, inputs: Array, outputs: Array, forecast: Array) -> Array:
-        """Returns (H,) how far each sample's regressors are from the training data's, whose mean square is 1.
-
-        Mahalanobis distances by the posterior's precision, in proportion to which the parameters' uncertainty grows.
-        ``forecast`` (H, m) begins at every ``steps``-th sample of ``inputs`` (H, r) and ``outputs`` (H, m).
-        """
-        length, pasts = len(inputs), self.pasts(past, steps, inputs, outputs)
-        rows = _pieces(len(pasts), steps, length)
-        channels = np.concatenate([pasts, np.hstack([forecast, inputs])[rows]], axis=1)
-        with np.errstate(over="ignore", invalid="ignore"):
-            regressors = np.concatenate([lagged(self.units.scaled(channels), self.lags), np.ones((*rows.shape, 1))], 2)
-            distance = np.sum(regressors @ inverse(self.precision) * regressors, axis=2)
-        # The offset's precision is the number of rows; x' G⁻¹ x has mean q / rows over them.
-        return np.asarray(distance.reshape(-1)[:length] * self.precision[-1, -1] / len(self.precision))
-
     def _physical(self, mean: Array, variance: Array) -> Forecast:
         center, scale = (values[: mean.shape[-1]] for values in self.units)
         finite = np.isfinite(mean)
@@ -330,11 +371,11 @@ class Var(NamedTuple):
         return Forecast(mean, scale**2 * np.where(known, np.broadcast_to(variance, mean.shape), np.inf))
 
 
-def _pieces(number: int, steps: int, length: int) -> np.typing.NDArray[np.intp]:
-    """(S, steps) rows of each piece of ``length`` samples; the last one stays at the end."""
+def pieces(number: int, steps: int, length: int) -> np.typing.NDArray[np.intp]:
+    """Returns (S, steps), the rows of each piece of ``length`` samples; the last one stays at the end."""
     return np.minimum(np.arange(number * steps), length - 1).reshape(-1, steps)
 
 
-def _latest_first(past: Array) -> Array:
-    """(…, lags · k) of (…, lags, k)."""
+def latest_first(past: Array) -> Array:
+    """Returns (…, lags · k) of a ``past`` (…, lags, k)."""
     return past[..., ::-1, :].reshape(*past.shape[:-2], past.shape[-2] * past.shape[-1])

@@ -8,7 +8,7 @@ import numpy as np
 
 from mavdem.dem.engine.gauss_newton import Damping, Quadratic, gauss_newton
 from mavdem.dem.engine.linalg import Array
-from mavdem.dem.forecast.mixer import mixer_priors
+from mavdem.dem.forecast.mixer import turning_patterns
 from mavdem.dem.graybox.likelihood import FIRST_ORDER, GUSTS, FlightWindows, Parameters
 
 WINDS = ((FIRST_ORDER,), (FIRST_ORDER, GUSTS), (GUSTS, GUSTS))
@@ -162,7 +162,7 @@ def directed(windows: FlightWindows, effect_directions: Array | None) -> tuple[P
 
 def _recognised(effect: Array, gram: Array) -> Array | None:
     """(r,) the direction of the geometry, an X before a plus, that explains the regression's ``effect`` (r,)."""
-    turnings = [prior.turning for prior in mixer_priors(len(effect)) if prior.turning is not None]
+    turnings = turning_patterns(len(effect))
     # Combinations that the motors hardly move in explain nothing but rounding.
     moved = EXCITED * np.trace(gram) / len(effect)
     turnings = [row for row in turnings if row @ gram @ row > moved * (row @ row)]

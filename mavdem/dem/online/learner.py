@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mavdem.dem.engine.linalg import Array
+from mavdem.dem.forecast.joint import known_combinations
 from mavdem.dem.learned import Learned
 from mavdem.dem.learning import FEWEST_SAMPLES, learn
-from mavdem.dem.online.ahead import PredictionsAhead
+from mavdem.dem.online.ahead import OnlineJoint
 from mavdem.dem.online.memory import Memory, drop_since
 from mavdem.dem.online.tracker import AnomalyMarks, ErrorBands, Estimate, Surprise, Tracker, Tracking
 from mavdem.dem.online.wind import OnlineWind
@@ -28,7 +29,7 @@ BLOCK_SECONDS = 0.1  # of samples, which are remembered and forgotten together
 LEARNING_SECONDS = 2.0  # of samples, before the first call of ``learn``, and between two
 HORIZONS = (1, 5, 10, 25, 50)
 """Default steps ahead."""
-FILTER_SECONDS = 1.0  # of samples, over which a new model's filter finds the state
+ALIKE = 0.9  # cosine of the angle between turning combinations that differ by chance
 MAX_GAPS = 5  # in a row, after which ``dt`` is wrong rather than samples missing
 TOO_FEW = "there are not enough samples yet"
 FIRST_RUNS = "the first learning is still running"
@@ -44,6 +45,7 @@ class _Result(NamedTuple):
 
 def _learn(record: Record, settings: Settings, start: Learned | None, until: float) -> _Result:
     learned = learn(record, settings, start)
+    learned.joint  # noqa: B018  here, not where samples come
     return _Result(learned, Tracking.of(learned), until)
 
 
@@ -114,7 +116,8 @@ class OnlineLearner:
         self._last: float | None = None
         self._gaps = 0
         self._bands = ErrorBands(self.horizons, n_outputs, self._dt)
-        self._ahead = PredictionsAhead(self._dt, block, self.horizons, n_inputs, n_outputs)
+        combinations = known_combinations(n_inputs, directions)
+        self._ahead = OnlineJoint(self._dt, block, self.horizons, n_outputs, combinations)
         self._wind = OnlineWind(self._memory, executor)
         self._surprise, self._marks = Surprise(self._dt), AnomalyMarks(self._dt)
 
@@ -152,7 +155,7 @@ class OnlineLearner:
         closed = self._memory.add(u, y, time)
         self._samples += 1
         torque = self._wind.update(u, y)
-        estimate = self._estimate(time, u, y)._replace(
+        estimate = self._estimate(time, y)._replace(
             wind_torque=torque[0],
             wind_torque_band=torque[1],
             wind_time=time - self._wind.delay,
@@ -178,7 +181,7 @@ class OnlineLearner:
         self._begin_segment()
         if not drop_since(self._memory.blocks, time):
             return
-        self._ahead.begin_with(self._memory.blocks)
+        self._ahead.begin_with(self._memory.blocks, self._ahead.combinations)
         self._wind.drop_since(time)
         if self._pending is not None:
             self._pending.cancel()
@@ -218,10 +221,8 @@ class OnlineLearner:
         self._wind.end_segment()
         self._last = None
 
-    def _estimate(self, time: float, u: Array, y: Array) -> Estimate:
-        tracker, expected = self._tracker, np.full_like(y, np.nan)
-        if tracker is not None:
-            expected = tracker.filter(self._last is None, u, y)
+    def _estimate(self, time: float, y: Array) -> Estimate:
+        tracker, expected = self._tracker, self._ahead.expect(self._memory)
         ahead = self._ahead.predict(self._memory)
         expected_band, *ahead_band = self._bands.half_widths
         self._bands.add(y, expected, ahead)
@@ -291,7 +292,9 @@ class OnlineLearner:
             self._surprise = Surprise(self._dt)
         self.learned, self.obstacle = learned, ""
         self._tracker = Tracker(learned, tracking, until)
-        self._tracker.find_state(*self._memory.latest(round(FILTER_SECONDS / self._dt)))
+        before, now = self._ahead.combinations, learned.joint.combinations
+        if before is None or np.abs(np.sum(before * now, axis=0)).min() < ALIKE:
+            self._ahead.begin_with(self._memory.blocks, now)
 
     def _put_off(self, error: BaseException) -> None:
         """Tries again soon, with half the memory: a vehicle on the ground may have taken off since."""

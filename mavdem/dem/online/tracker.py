@@ -63,7 +63,7 @@ class Estimate(NamedTuple):
         expected: (m,) the sample, predicted from those before it and from its own inputs.
         expected_band: (m,) half width of its 90 % band: the quantile of the latest errors.
         ahead_times: (H,) times of the next two, s: the learner's horizons from here.
-        ahead: (H, m) predictions of the samples then, inputs unknown, by an autoregression, or the last sample before
+        ahead: (H, m) predictions of the samples then, inputs unknown, by the joint model, or the last sample before
             its first fit. From the first sample on, also without a model.
         ahead_band: (H, m) likewise, of the errors of ``ahead``.
         ahead_ratio: (H, m) squared error of ``ahead``, averaged over about 10 s, over that of the better of the last
@@ -158,32 +158,14 @@ class Tracking(NamedTuple):
 
 
 class Tracker:
-    """The filter of a learned model; its ``state`` (n,) is the next sample's, ``None`` before a segment's first."""
+    """How well samples agree with a learned model."""
 
     def __init__(self, learned: Learned, tracking: Tracking, until: float) -> None:
         """Takes the model and the time of the last sample it was learned from, s."""
         self.learned, self.tracking, self.until = learned, tracking, until
         self.window, self.model_sd = learned.settings.window, learned.model_sd
-        self.state: Array | None = None
         orders = learned.settings.p, learned.settings.d
         self._weights = [taylor_weights(order, learned.dt, self.window, self.window // 2) for order in orders]
-
-    def find_state(self, inputs: Array, outputs: Array) -> None:
-        """Filters the latest samples, (T, r) and (T, m)."""
-        if len(outputs):
-            scaling = self.learned.scaling
-            self.state = self.learned.predictor.at_end(scaling.scale_inputs(inputs), scaling.scale_outputs(outputs))
-
-    def filter(self, begins: bool, inputs: Array, outputs: Array) -> Array:
-        """Advances the state by a sample; returns the sample's prediction (m,), NaN where a segment ``begins``."""
-        scaling, predictor = self.learned.scaling, self.learned.predictor
-        if self.state is None or begins:
-            self.find_state(inputs[None], outputs[None])
-            return np.full(len(outputs), np.nan)
-        u, y = scaling.scale_inputs(inputs[None])[0], scaling.scale_outputs(outputs)
-        expected = predictor.outputs(self.state, u)
-        self.state = predictor.following(self.state, u, y)
-        return scaling.physical_outputs(expected)
 
     def evaluate(self, memory: Memory) -> tuple[float, Array]:
         """Returns F(t) less its priors, and the disturbance, at the centre of the latest window; NaN without one."""

@@ -125,7 +125,6 @@ BLOCK = 1 << 22  # Bytes between two calls of ``progress``
 NEIGHBOURS, MIN_NEIGHBOURS = 8, 4
 """Messages of its id before and after a doubtful one for comparison, and how many of them there must be."""
 
-_FORMAT_BODY = struct.Struct("<BB4s16s64s")
 _FORMAT_BEGUN = re.compile(HEADER + bytes([FORMAT_ID]) + rb"(?=..[^\0]{0,3}[A-Za-z0-9_])", re.DOTALL)
 """The beginning of an FMT, long enough to skip most other matches: long runs of headers contain millions."""
 _Dated = list[tuple[int, FormatDefinition]]  # The definitions of one id, each with the place from which on it is valid
@@ -234,10 +233,9 @@ class _Scan:
         self._set(kind, FormatDefinition(definition.name, length, definition.characters, definition.fields))
         if definition.wire is None and length == definition.length:
             return  # a field of a newer type is no damage
-        self.repairs.append(
-            f"The definition (FMT) of {definition.name} says {definition.length} bytes and lists fields for "
-            f"{definition.wire_length}: its messages were {'read by the fields' if decodable else 'left out'}."
-        )
+        sizes = f"says {definition.length} bytes and lists fields for {definition.wire_length}"
+        done = "read by the fields" if decodable else "left out"
+        self.repairs.append(f"The definition (FMT) of {definition.name} {sizes}: its messages were {done}.")
 
     def _set(self, kind: int, definition: FormatDefinition, since: int = 0) -> None:
         self.definitions.setdefault(kind, []).append((since, definition))
@@ -258,7 +256,7 @@ class _Scan:
     def _defined_at(self, place: int) -> tuple[int, FormatDefinition] | None:
         if place + FORMAT.length > len(self.content):
             return None
-        return defined(_FORMAT_BODY.unpack_from(self.content, place + HEADER_LENGTH))
+        return defined(struct.unpack_from("<BB4s16s64s", self.content, place + HEADER_LENGTH))
 
     def _after_damage(self, place: int) -> int:
         """The place to continue from where there is no header; rejects the message before it if that is damaged."""
@@ -297,9 +295,8 @@ def _damaged_rows(data: NDArray[np.uint8], starts: NDArray[np.int64], doubtful: 
     for row, length in doubtful:
         same = rows_of[int(ids[row])]
         at = int(np.searchsorted(same, row))
-        around = [
-            other for other in same[max(at - NEIGHBOURS, 0) : at + NEIGHBOURS + 1].tolist() if other not in suspect
-        ]
+        near = same[max(at - NEIGHBOURS, 0) : at + NEIGHBOURS + 1].tolist()
+        around = [other for other in near if other not in suspect]
         if len(around) >= MIN_NEIGHBOURS:
             bodies = np.stack([data[start : start + length] for start in starts[around].tolist()])
             constant = (bodies == bodies[0]).all(axis=0)

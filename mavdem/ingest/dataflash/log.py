@@ -200,10 +200,9 @@ def _on_boot_clock(tables: Mapping[str, MessageTable]) -> tuple[dict[str, Column
     impossible = ~((seconds >= 0) & (seconds <= 2.0**63 / 1e6))
     seconds[impossible] = 0.0  # no stamp, to the boot clock
     order = np.argsort(np.concatenate([tables[name].place for name in clocks]), kind="stable")
-    sent = Sent("the messages", np.arange(len(order)), seconds[order].copy)
-    clock = boot_clock([sent])
+    on_clock, repairs = boot_clock([Sent("the messages", np.arange(len(order)), seconds[order].copy)])
     time, boot = np.empty(len(order)), np.empty(len(order), dtype=np.int64)
-    time[order], boot[order] = clock.placed[sent.message].time, clock.placed[sent.message].boot
+    time[order], boot[order] = on_clock["the messages"]
     placed: dict[str, Columns] = {}
     first = 0
     for name in clocks:
@@ -219,7 +218,7 @@ def _on_boot_clock(tables: Mapping[str, MessageTable]) -> tuple[dict[str, Column
             placed[name] = {**tables[name].columns, "time": time[before], "boot": boot[before]}
     lost = int(np.count_nonzero(impossible))
     sentence = (lost, f"{lost} messages with an impossible time stamp were left out.")
-    return placed, repair_sentences(sentence) + clock.repairs
+    return placed, repair_sentences(sentence) + repairs
 
 
 def _parameters(logged: MessageTable) -> dict[str, float]:
@@ -245,8 +244,7 @@ def _mav_type(texts: Sequence[str], parameters: Mapping[str, float]) -> int:
     multirotor = 43  # MAV_TYPE_GENERIC_MULTIROTOR, where the number of motors is not known
     if "FRAME_CLASS" in parameters:
         return FRAME_CLASSES.get(int(parameters["FRAME_CLASS"]), multirotor)
-    frame = next((found[1] for text in texts if (found := _FRAME.match(text))), "")
-    return FRAME_NAMES.get(frame, multirotor)
+    return FRAME_NAMES.get(next((found[1] for text in texts if (found := _FRAME.match(text))), ""), multirotor)
 
 
 def _no_flight(source: str, recording: DataflashRecording) -> str:

@@ -40,10 +40,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.ingest.dataflash.binary import MessageTable
-from mavdem.ingest.telemetry import Columns, joined, rows_by, selected
+from mavdem.ingest.telemetry import Array, Columns, joined, rows_by, selected
 from mavdem.ingest.vocabulary import ARDUPILOT, ARMED, IN_AIR, ON_GROUND, attitude_target, heartbeat_fields, quaternion
-
-Values = NDArray[np.float64]
 
 
 def having(tables: Mapping[str, Columns], name: str, fields: tuple[str, ...]) -> Columns | None:
@@ -67,7 +65,7 @@ def count(columns: Columns | None) -> int:
     return 0 if columns is None else len(columns["time"])
 
 
-def values(columns: Columns, fields: tuple[str, ...]) -> Values:
+def values(columns: Columns, fields: tuple[str, ...]) -> Array:
     """Returns the fields as columns (N, k); NaN where not finite."""
     values = np.column_stack([np.asarray(columns[field], dtype=np.float64) for field in fields])
     values[~np.isfinite(values)] = np.nan
@@ -80,12 +78,10 @@ def stamped(logged: Columns, fields: Mapping[str, NDArray[Any]]) -> Columns:
 
 
 BATTERIES = ("BAT", "CURR")
-MAX_VOLTAGE = 200.0  # V: no multirotor has more, and a battery of one cell has more hundredths
 LEVELS = ("VibeX", "VibeY", "VibeZ")
 GPS_EPOCH, WEEK = 315964800, 604800  # UNIX s at which GPS time began, and seconds of a week
 LEAP_SECONDS = ((0.0, 16), (1435708800.0, 17), (1483228800.0, 18))
 """How far GPS time is ahead of UTC from a UNIX second on: https://hpiers.obspm.fr/iers/bul/bulc/bulletinc.dat."""
-FIX_3D = 3  # GPS Status from which the receiver knows the time
 
 
 def battery(tables: Mapping[str, Columns]) -> tuple[Columns | None, str]:
@@ -97,7 +93,8 @@ def battery(tables: Mapping[str, Columns]) -> tuple[Columns | None, str]:
         for field in ("Inst", "Instance", "I"):
             logged = instance(logged, field, 0) or logged
         volts = values(logged, ("Volt",))[:, 0]
-        hundredths = np.any(volts > 0) and np.nanmedian(volts[volts > 0]) > MAX_VOLTAGE
+        # No multirotor has more than 200 V, and a battery of one cell has more hundredths.
+        hundredths = np.any(volts > 0) and np.nanmedian(volts[volts > 0]) > 200
         found = {"voltage_battery": volts * (10.0 if hundredths else 1000.0)}
         if having(tables, name, ("Curr",)) is not None:
             found["current_battery"] = values(logged, ("Curr",))[:, 0] * (1.0 if hundredths else 100.0)
@@ -130,7 +127,7 @@ def calendar_time(tables: Mapping[str, Columns]) -> Columns | None:
     logged = having(tables, "GPS", ("Status", "GMS", "GWk"))
     if logged is None:
         return None
-    logged = selected(logged, (logged["Status"] >= FIX_3D) & (logged["GWk"] > 0))
+    logged = selected(logged, (logged["Status"] >= 3) & (logged["GWk"] > 0))  # 3D, by which it knows the time
     week, milliseconds = values(logged, ("GWk", "GMS")).T
     seconds = GPS_EPOCH + WEEK * week + milliseconds / 1e3
     begins, ahead = np.array(LEAP_SECONDS).T
@@ -231,11 +228,8 @@ def _faster_angles(tables: Mapping[str, Columns], fields: tuple[str, ...]) -> st
     return max(("ATT", "ANG"), key=lambda name: count(having(tables, name, fields)))
 
 
-def _in_centidegrees(rates: Columns, speeds: Values, gyros: Columns | None, version: tuple[int, int] | None) -> str:
-    """Why ``speeds`` (N, 3), degrees turned to radians, were centidegrees: by the gyro while it turns, else by version.
-
-    Empty where they were degrees.
-    """
+def _in_centidegrees(rates: Columns, speeds: Array, gyros: Columns | None, version: tuple[int, int] | None) -> str:
+    """Why ``speeds`` (N, 3), from degrees, were centidegrees: by the gyro where it turns, else by version; or empty."""
     if gyros is not None:
         turning = np.linalg.norm(_onto(rates, gyros, values(gyros, GYROS)), axis=1)
         moving = turning > MOVING_RATE
@@ -323,7 +317,7 @@ def _position(tables: Mapping[str, Columns]) -> tuple[Columns | None, str]:
     return None, "XKF1"
 
 
-def _onto(base: Columns, source: Columns, values: Values, turning: bool = False) -> Values:
+def _onto(base: Columns, source: Columns, values: Array, turning: bool = False) -> Array:
     """Columns of ``values`` (N, k), of ``source``, at the stamps of ``base``; NaN before, after and inside gaps.
 
     Linear between the neighbours, across a full turn where ``turning``; exact at a stamp that both have.
@@ -352,7 +346,7 @@ def _onto(base: Columns, source: Columns, values: Values, turning: bool = False)
     return moved
 
 
-def _changes(tables: Mapping[str, Columns], name: str, field: str, states: Mapping[int, tuple[int, int]]) -> Values:
+def _changes(tables: Mapping[str, Columns], name: str, field: str, states: Mapping[int, tuple[int, int]]) -> Array:
     """Boot, time, state before and state after each event (N, 4)."""
     logged = tables.get(name, {})
     if field not in logged:
@@ -362,8 +356,8 @@ def _changes(tables: Mapping[str, Columns], name: str, field: str, states: Mappi
 
 
 def _each_second(
-    tables: Mapping[str, Columns], changes: Values, undefined: bool = False
-) -> tuple[Values, NDArray[np.int64], NDArray[np.uint8]]:
+    tables: Mapping[str, Columns], changes: Array, undefined: bool = False
+) -> tuple[Array, NDArray[np.int64], NDArray[np.uint8]]:
     """Time, boot and state at each change and at the first message of each second of a boot that has changes.
 
     At messages, because between two of them the clock may jump a year. With ``undefined``, the state is 0 between

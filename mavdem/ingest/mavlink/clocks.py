@@ -25,10 +25,7 @@ MIN_RESET_STAMPS = 5
 
 
 def far_off(values: Times, window: int, limit: float | Times) -> NDArray[np.bool_]:
-    """Returns which values are farther than ``limit`` from the median of the ``window`` (odd) values around them.
-
-    The ends are reflected.
-    """
+    """Returns which values are over ``limit`` from the median of a ``window`` (odd) around them; ends are reflected."""
     if not len(values):
         return np.zeros(0, dtype=np.bool_)
     half = window // 2
@@ -40,8 +37,7 @@ def outliers(seconds: Times) -> NDArray[np.bool_]:
     """Stamps far from the median of the five around them: one or two messages, not a lasting change of the clock."""
     if len(seconds) < 3:
         return np.zeros(len(seconds), dtype=np.bool_)
-    step = float(np.median(np.abs(np.diff(seconds))))
-    return far_off(seconds, 5, MAX_OFFSET + 10 * step)
+    return far_off(seconds, 5, MAX_OFFSET + 10 * float(np.median(np.abs(np.diff(seconds)))))
 
 
 def before_lower(time: Times, boot: Boots) -> NDArray[np.bool_]:
@@ -87,25 +83,18 @@ class PlacedStamps(NamedTuple):
     boot: Boots
 
 
-class BootClock(NamedTuple):
-    """The messages of each type on the boot clock, by name, and a sentence for each repair.
+def boot_clock(
+    sent: Sequence[Sent], received: Callable[[Places], Times] | None = None
+) -> tuple[dict[str, PlacedStamps], tuple[str, ...]]:
+    """Places each of a component's messages on its boot clock: those of each type by name, and a sentence a repair.
 
-    Messages before the first stamp have the first stamp; without any stamp all times are NaN.
-    """
-
-    placed: Mapping[str, PlacedStamps]
-    repairs: tuple[str, ...]
-
-
-def boot_clock(sent: Sequence[Sent], received: Callable[[Places], Times] | None = None) -> BootClock:
-    """Places each of a component's messages on its boot clock.
-
-    Stamps are read one type at a time: those of all types of a long log take much memory. ``received`` returns when the
-    messages at the places (n,) were received, s of the receiver's clock; NaN where that is not known.
+    Messages before the first stamp have the first stamp; without any stamp all times are NaN. Stamps are read one type
+    at a time: those of all types of a long log take much memory. ``received`` returns when the messages at the places
+    (n,) were received, s of the receiver's clock; NaN where that is not known.
     """
     chosen = _reference(sent)
     if chosen is None:
-        return BootClock({kind.message: _unplaced(kind, np.dtype(np.uint8)) for kind in sent}, ())
+        return {kind.message: _unplaced(kind, np.dtype(np.uint8)) for kind in sent}, ()
     places, seconds = _stamps(chosen)
     receive_times = np.full(len(places), np.nan) if received is None else received(places)
     reference, repairs = _placed_alone(chosen, places, seconds, receive_times)
@@ -123,7 +112,7 @@ def boot_clock(sent: Sequence[Sent], received: Callable[[Places], Times] | None 
             at = _last_at(own.places, places)
             placed[kind.message].time[rows], placed[kind.message].boot[rows] = own.time[at], own.boot[at]
     _fill(sent, placed)
-    return BootClock(placed, tuple(repairs))
+    return placed, tuple(repairs)
 
 
 class _Kept(NamedTuple):
@@ -287,10 +276,8 @@ def _placed_against(reference: _Kept, kind: Sent, places: Places, seconds: Times
             shift = np.median(off[of_boot])
             time[of_boot] -= shift
             off[of_boot] -= shift
-        repairs.append(
-            f"The time stamps of {kind.message} are of another clock, {typical:.6g} s away; "
-            "they were moved to the boot clock."
-        )
+        away = f"{typical:.6g} s away; they were moved to the boot clock."
+        repairs.append(f"The time stamps of {kind.message} are of another clock, {away}")
     outlier = outliers(off)
     near = slice(max(inside.start - MIN_RESET_STAMPS, 0), inside.stop + MIN_RESET_STAMPS)
     outlier[near] |= (np.abs(off[near]) > AHEAD) | (time[near] < 0)

@@ -8,6 +8,7 @@ https://mavlink.io/en/guide/serialization.html.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import cache, lru_cache
 from math import isfinite
 from typing import Any, NamedTuple
@@ -71,37 +72,29 @@ def columns(
     MAVLink 2, extensions in MAVLink 1. Bytes beyond the definition, extensions newer than the dialect, are left out.
     Texts are bytes, ``S``. ``names`` are the fields, all unless given.
     """
-    names = tuple(names) or definition.fields
-    kinds = {name: definition.wire[name] for name in names}
-    filled = {name: np.empty((len(start), *kind.shape), dtype=kind.base) for name, kind in kinds.items()}
-    for begin in range(0, len(start), BATCH):
-        rows = slice(begin, begin + BATCH)
-        messages = _messages(data, start[rows].astype(np.int64), definition, names)
-        for name in names:
-            filled[name][rows] = messages[name]
-    return filled
-
-
-def _messages(
-    data: Bytes, start: NDArray[np.int64], definition: MessageDefinition, names: Sequence[str]
-) -> NDArray[Any]:
-    """A structured array (N,) of the named fields, read from the stretch of the payload that holds them."""
-    fields = {name: definition.wire.fields[name][:2] for name in names} if definition.wire.fields else {}
+    placed: Any = definition.wire.fields
+    fields = {name: placed[name][:2] for name in tuple(names) or definition.fields}
+    # Read from the stretch of the payload that holds them.
     first = min(offset for _, offset in fields.values())
     width = max(offset + kind.itemsize for kind, offset in fields.values()) - first
     kinds, offsets = [kind for kind, _ in fields.values()], [offset - first for _, offset in fields.values()]
     wire = np.dtype({"names": list(fields), "formats": kinds, "offsets": offsets, "itemsize": width})
-    payload = start + np.where(data[start] == MARKER_1, HEADER_1, HEADER) + first
-    inside = int(np.searchsorted(payload, len(data) - width, side="right"))
-    table = rows_of(data, payload[:inside], width)
-    if inside < len(payload):
-        # The definition may extend beyond the end of the stream; the bytes read instead were not sent.
-        rest = data[np.minimum(payload[inside:, None] + np.arange(width), len(data) - 1)]
-        table = np.concatenate([table, rest])
-    sent = data[start + 1]
-    if int(sent.min()) < first + width:
-        table[np.arange(first, first + width) >= sent[:, None]] = 0
-    return table.view(wire)[:, 0]
+    filled = {name: np.empty((len(start), *kind.shape), dtype=kind.base) for name, (kind, _) in fields.items()}
+    for begin in range(0, len(start), BATCH):
+        places = start[begin : begin + BATCH].astype(np.int64)
+        payload = places + np.where(data[places] == MARKER_1, HEADER_1, HEADER) + first
+        inside = int(np.searchsorted(payload, len(data) - width, side="right"))
+        table = rows_of(data, payload[:inside], width)
+        if inside < len(payload):
+            # The definition may extend beyond the end of the stream; the bytes read instead were not sent.
+            rest = data[np.minimum(payload[inside:, None] + np.arange(width), len(data) - 1)]
+            table = np.concatenate([table, rest])
+        sent = data[places + 1]
+        if int(sent.min()) < first + width:
+            table[np.arange(first, first + width) >= sent[:, None]] = 0
+        for name in fields:
+            filled[name][begin : begin + BATCH] = table.view(wire)[:, 0][name]
+    return filled
 
 
 def enum_name(enum: str, value: int) -> str:
@@ -185,17 +178,8 @@ def composed_frames(
     kept = ((column < header + length[:, None]) | (column >= header + width)) & good[:, None]
     end = np.cumsum(kept.sum(axis=1))
     start = np.concatenate([[0], end])[:-1]
-    frames = Frames(
-        start=start,
-        end=end,
-        payload=start + header,
-        length=length,
-        message_id=np.full(count, message_id, dtype=np.int64),
-        system=np.full(count, sender.system, dtype=np.uint8),
-        component=np.full(count, sender.component, dtype=np.uint8),
-        sequence=sequence,
-        verdict=np.where(good, framing.GOOD, framing.FAILED).astype(np.uint8),
-    )
+    verdict = np.where(good, framing.GOOD, framing.FAILED).astype(np.uint8)
+    frames = replace(framing.headed_frames(start, whole[:, : framing.HEADER]), end=end, verdict=verdict)
     data = whole[kept]
     body, at = start[good] + 1, end[good] - framing.CHECKSUM
     seeds = np.full(len(body), definition.seed, dtype=np.int32)

@@ -20,9 +20,10 @@ from __future__ import annotations
 from array import array
 from binascii import crc_hqx
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cache
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,10 +47,7 @@ def checksums(data: Bytes, start: NDArray[np.int64], count: NDArray[np.int64], s
 
 
 def frame_checksum(content: bytes, seed: int) -> int:
-    """Returns the checksum of one frame's ``content`` and the byte ``seed`` after it.
-
-    The standard library has the same polynomial in C with the bits in reverse order.
-    """
+    """Returns the checksum of a frame's ``content`` and ``seed``, by the library's polynomial with bits reversed."""
     register = crc_hqx((content + bytes((seed,))).translate(_MIRRORED), 0xFFFF)
     return _MIRRORED[register >> 8] | _MIRRORED[register & 0xFF] << 8
 
@@ -207,6 +205,18 @@ def find_in_pieces(data: Bytes, ends: Places, seeds: NDArray[np.int32]) -> tuple
     return frames, np.searchsorted(ends, frames.start, side="right")
 
 
+def gathered(parts: Sequence[tuple[Bytes, Frames]], rows: slice | NDArray[Any] = slice(None)) -> tuple[Bytes, Frames]:
+    """Returns the frames of these ``rows`` of all parts, in this order, and their bytes, one behind the other."""
+    frames = concatenated([own for _, own in parts])[rows]
+    holding = np.repeat(np.arange(len(parts)), [len(own) for _, own in parts])[rows]
+    contents, data = [content.data for content, _ in parts], bytearray()
+    for number, start, end in zip(holding.tolist(), frames.start.tolist(), frames.end.tolist(), strict=True):
+        data += contents[number][start:end]
+    moved = np.cumsum(frames.end - frames.start) - frames.end
+    frames = replace(frames, start=frames.start + moved, end=frames.end + moved, payload=frames.payload + moved)
+    return np.frombuffer(data, dtype=np.uint8), frames
+
+
 class _FrameBlock:
     """The candidates (N,) that begin in one block of the bytes: markers with known incompatibility flags."""
 
@@ -232,15 +242,12 @@ class _FrameBlock:
         return self._good(self._linked)
 
     def loose(self, within: NDArray[np.bool_]) -> Frames:
-        """The other frames whose checksum agrees, of the candidates ``within``.
-
-        Linked ones are left out: each whose checksum agrees was accepted, or begins inside one that was.
-        """
+        """The others ``within`` whose checksum agrees; each linked one was accepted, or begins inside one that was."""
         return self._good(within & ~self._linked)
 
     def _good(self, wanted: NDArray[np.bool_]) -> Frames:
         rows = np.flatnonzero(wanted & (self.end <= self._size))
-        frames = _frames(self.start[rows], self._header[rows])
+        frames = headed_frames(self.start[rows], self._header[rows])
         seeds = _seeds_of(frames, self._seeds)
         known = seeds >= 0
         frames, seeds = frames[known], seeds[known]
@@ -257,8 +264,8 @@ def _lengths(header: Bytes) -> Places:
     return np.asarray(np.where(second, HEADER, HEADER_1) + header[:, 1] + CHECKSUM + signature, dtype=np.int64)
 
 
-def _frames(start: Places, header: Bytes) -> Frames:
-    """The frames that begin at ``start`` with these headers (N, ``HEADER``), all with the verdict ``GOOD``."""
+def headed_frames(start: Places, header: Bytes) -> Frames:
+    """Returns the frames that begin at ``start`` with these headers (N, ``HEADER``), all with the verdict ``GOOD``."""
     second = header[:, 0] == MARKER_2
     low, middle, high = (header[:, 7 + byte].astype(np.int64) for byte in range(3))
     return Frames(
@@ -303,7 +310,7 @@ def _explained(data: Bytes, linked: Frames, decided: int, until: int, gap: int, 
     filling = np.frombuffer(starts, dtype=np.int64)
     # A header at the very end may be shorter than ``HEADER``; the bytes read instead are no part of it.
     header = data[np.minimum(filling[:, None] + np.arange(HEADER), len(data) - 1)]
-    frames = _frames(filling, header)
+    frames = headed_frames(filling, header)
     frames.verdict[:] = np.where(_seeds_of(frames, seeds) < 0, UNKNOWN, FAILED)
     return frames[frames.end <= len(data)]
 

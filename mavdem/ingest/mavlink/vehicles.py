@@ -5,9 +5,9 @@ from __future__ import annotations
 from array import array
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 from mavdem.ingest.contents import require_whole
 from mavdem.ingest.mavlink.clocks import PlacedStamps, Places, Sent, Times, boot_clock
 from mavdem.ingest.mavlink.definitions import MessageDefinition, columns, definitions, enum_name, parameter_values
-from mavdem.ingest.mavlink.framing import GOOD, UNKNOWN, Bytes, Frames, concatenated
+from mavdem.ingest.mavlink.framing import GOOD, UNKNOWN, Bytes, Frames, gathered
 from mavdem.ingest.telemetry import Columns, Component, Log, Telemetry, Unread, repair_sentences
 from mavdem.ingest.vocabulary import RADIO, RADIO_MESSAGES, UNNAMED, board_number_in_bytes, board_number_in_texts
 
-Numbers = TypeVar("Numbers", int, NDArray[np.integer])
 Starts = NDArray[np.unsignedinteger]
 """Places of frames in the stream, in its order, in the smallest type that holds them."""
 BATCH = 1 << 16  # Frames sorted together
@@ -47,7 +46,8 @@ class FrameIndex:
         """Adds the next frames of the stream."""
         self.frames += len(frames)
         source = frames.system.astype(np.int64) << 8 | frames.component
-        self._count_lost(source, frames.sequence)
+        order = np.argsort(source.astype(np.uint16), kind="stable")
+        self._count_lost(source[order], frames.sequence[order].astype(np.int16))
         good = frames.verdict == GOOD
         for row in np.flatnonzero(~good).tolist():
             key = int(frames.message_id[row]) << 16 | int(source[row])
@@ -58,9 +58,7 @@ class FrameIndex:
         self._starts.frombytes(frames.start[good].astype(self._starts.typecode).tobytes())
         self._kind.frombytes(numbers[row_of].tobytes())
 
-    def _count_lost(self, source: NDArray[np.int64], sequence: NDArray[np.uint8]) -> None:
-        order = np.argsort(source.astype(np.uint16), kind="stable")
-        source, sequence = source[order], sequence[order].astype(np.int16)
+    def _count_lost(self, source: NDArray[np.int64], sequence: NDArray[np.int16]) -> None:
         first, last = np.ones(len(source), dtype=np.bool_), np.ones(len(source), dtype=np.bool_)
         first[1:] = last[:-1] = source[1:] != source[:-1]
         before = np.roll(sequence, 1)
@@ -107,7 +105,7 @@ class FrameIndex:
         return tuple(found)
 
 
-def missing_between(before: Numbers, after: Numbers) -> Numbers:
+def missing_between(before: Any, after: Any) -> Any:
     """Returns increase of one sender's number of missing messages from one message to the next, −33 to 127.
 
     The numbers run from 0 to 255 and start again. A late message was counted as missing when another overtook it, and
@@ -171,10 +169,8 @@ def assemble(
     for ids, n, starts in ((ids, n, starts) for ids, own in parts.items() for n, starts in enumerate(own)):
         messages, of_clock = _messages(data, starts, received, source)
         system = next(free) if n else ids >> 8
-        if len(parts[ids]) > 1:
-            said = (
-                f"The file holds logs of {len(parts[ids])} vehicles, by their boards or calibrations: this is {system}."
-            )
+        if (several := len(parts[ids])) > 1:
+            said = f"The file holds logs of {several} vehicles, by their boards or calibrations: this is {system}."
             of_clock = (said, *of_clock)
         kind, autopilot = identity(messages["HEARTBEAT"]) if "HEARTBEAT" in messages else (UNNAMED, UNNAMED)
         counts = {name: columns.count for name, columns in messages.items()}
@@ -209,9 +205,8 @@ def _by_board(data: Bytes, sent: Mapping[int, Starts]) -> list[Mapping[int, Star
     for number, (field, board_in) in BOARDS.items():
         if number in sent and not known:
             said = columns(data, sent[number], definitions()[number], [field])[field]
-            known = [
-                (at, board) for at, one in zip(sent[number].tolist(), said, strict=True) if (board := board_in(one))
-            ]
+            texts = zip(sent[number].tolist(), said, strict=True)
+            known = [(at, board) for at, text in texts if (board := board_in(text))]
     if PARAMETERS in sent and not known:
         fields = columns(data, sent[PARAMETERS], definitions()[PARAMETERS], ["param_id", "param_value"])
         rows = zip(sent[PARAMETERS].tolist(), *fields.values(), strict=True)
@@ -243,11 +238,9 @@ def _messages(
 ) -> tuple[dict[str, _Columns], tuple[str, ...]]:
     """The good frames of one component by message id, as columns by name on the boot clock; repairs of its clock."""
     kinds = [(definitions()[message_id], starts) for message_id, starts in sent.items()]
-    clock = boot_clock([_sent(data, definition, starts, source) for definition, starts in kinds], received)
-    return {
-        definition.name: _Columns(data, starts, definition, clock.placed[definition.name], source)
-        for definition, starts in kinds
-    }, clock.repairs
+    placed, repairs = boot_clock([_sent(data, definition, starts, source) for definition, starts in kinds], received)
+    named = ((one.name, _Columns(data, starts, one, placed[one.name], source)) for one, starts in kinds)
+    return dict(named), repairs
 
 
 class _Columns(Mapping[str, NDArray[Any]]):
@@ -336,15 +329,7 @@ def joined(parts: Sequence[RecordingPart]) -> RecordingPart:
     """Returns all parts, one at least, as one, its frames and their bytes in the order of the recording."""
     if len(parts) == 1:
         return parts[0]
-    frames = concatenated([part.frames for part in parts])
-    place = np.concatenate([part.place for part in parts])
+    place, log_time = (np.concatenate([getattr(part, name) for part in parts]) for name in ("place", "log_time"))
     order = np.argsort(place, kind="stable")
-    contents = [part.data.data for part in parts]
-    holding = np.repeat(np.arange(len(parts)), [len(part.frames) for part in parts])[order]
-    frames, data = frames[order], bytearray()
-    for number, start, end in zip(holding.tolist(), frames.start.tolist(), frames.end.tolist(), strict=True):
-        data += contents[number][start:end]
-    moved = np.cumsum(frames.end - frames.start) - frames.end
-    frames = replace(frames, start=frames.start + moved, end=frames.end + moved, payload=frames.payload + moved)
-    log_time = np.concatenate([part.log_time for part in parts])[order]
-    return RecordingPart(np.frombuffer(data, dtype=np.uint8), frames, place[order], log_time)
+    data, frames = gathered([(part.data, part.frames) for part in parts], order)
+    return RecordingPart(data, frames, place[order], log_time[order])

@@ -31,8 +31,6 @@ from mavdem.ingest.ros2.log import flight_topics, read_ros2
 from mavdem.ingest.telemetry import Log, listed
 from mavdem.ingest.tlog import MAX_STAMP_JUMP, STAMP_WINDOW
 
-REPEATED_TOPIC = re.compile(r"/?mavlink/out")
-OWN_TOPIC = re.compile(r"/?mavlink/(\d{1,3})/(\d{1,3})/(\w+)")
 JSON = frozenset({"json", "json5"})
 NO_FRAMES = JSON | {"ros1", "cdr", "protobuf", "flatbuffer", "cbor", "msgpack"}
 """Message encodings (https://mcap.dev/spec/registry) that are not of frames, whatever the first byte."""
@@ -63,10 +61,7 @@ def read_mcap(path: str | os.PathLike[str], progress: Progress = no_progress) ->
 
 
 def mcap_stream(path: str | os.PathLike[str], progress: Progress = no_progress) -> FrameStream:
-    """Returns the MAVLink in an MCAP recording as frames; JSON messages are composed into frames.
-
-    Raises Unreadable: the file cannot be opened, or contains no MAVLink.
-    """
+    """Returns the MAVLink of an MCAP recording, JSON too, as frames; raises ``Unreadable``: no file, or none in it."""
     recording = McapRecording(file_bytes(path))
     stream, seen = _stream(os.fspath(path), recording, progress)
     if stream is None:
@@ -139,7 +134,9 @@ def _json_parts(
 ) -> tuple[list[RecordingPart], int, tuple[str, ...]]:
     """The JSON messages of senders not ``heard`` in frames, how many are unknown, and why some were left out."""
     kinds = _own_kinds(channels)
-    repeats = {channel for channel in channels if channel.encoding in JSON and REPEATED_TOPIC.fullmatch(channel.topic)}
+    repeats = {
+        channel for channel in channels if channel.encoding in JSON and re.fullmatch("/?mavlink/out", channel.topic)
+    }
     topics, own = JsonTopics(), set(kinds.values())
     needed = repeats or any(kind.sender not in heard for kind in own)
     for place, message in enumerate(McapRecording(content).messages(progress) if needed else ()):
@@ -149,13 +146,13 @@ def _json_parts(
         if kind is not None and kind.sender not in heard:
             topics.add(kind, place, message)
     progress(1.0)
-    parts = list(topics.parts())
-    return parts, topics.unknown.total(), topics.sentences()
+    return list(topics.parts()), topics.unknown.total(), topics.sentences()
 
 
 def _own_kinds(channels: Sequence[Channel]) -> dict[Channel, JsonTopic]:
     """The channels of one message each. Where both bridges were recorded, BlueOS's alone: it has headers."""
-    topics = {channel: OWN_TOPIC.fullmatch(channel.topic) for channel in channels if channel.encoding in JSON}
+    own = r"/?mavlink/(\d{1,3})/(\d{1,3})/(\w+)"
+    topics = {channel: re.fullmatch(own, channel.topic) for channel in channels if channel.encoding in JSON}
     kinds = {
         channel: JsonTopic(FrameSender(int(topic[1]), int(topic[2])), topic[3])
         for channel, topic in topics.items()
@@ -189,7 +186,7 @@ def _nothing_in(path: str | os.PathLike[str], recording: McapRecording, messages
     if recording.repairs() and any(name.lstrip("/").startswith("mavlink/") for name in names):
         what = f"is an MCAP recording whose MAVLink messages ({listed(names)}) are damaged or cut off"
         return f"{os.fspath(path)} {what}: none can be read. Copy it anew from where it was recorded."
-    if names >= {"flight/inputs", "flight/outputs"}:  # of mavdem.export.channels
+    if names >= {"flight/inputs", "flight/outputs"}:  # of mavdem.export.conversion
         return f"{os.fspath(path)} was written by `mavdem learn` for viewers: name the log of the flight instead."
     contents = f"its topics are {listed(names)}" if names else "nothing in it can be read"
     what = f"is an MCAP recording without MAVLink and without topics of PX4 or MAVROS ({contents}): record mavlink/…,"

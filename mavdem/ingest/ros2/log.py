@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from mavdem.errors import Unreadable
 from mavdem.ingest import px4_topics
-from mavdem.ingest.mavlink.clocks import Places, Sent, boot_clock
+from mavdem.ingest.mavlink.clocks import Sent, boot_clock
 from mavdem.ingest.mavlink.definitions import enum_name
 from mavdem.ingest.mavlink.framing import Progress, no_progress
 from mavdem.ingest.mcap.records import Channel, McapRecording, Schema
@@ -38,10 +38,7 @@ _TO_PX4, _FROM_PX4 = "in", "out"
 
 
 class RosTopic(NamedTuple):
-    """A topic by its ``bridge``, the namespace of its ``vehicle`` ("/uav1", or empty) and the name there ("imu/data").
-
-    ``incoming``: whether it goes to the autopilot, not from it.
-    """
+    """A topic: its ``bridge``, ``vehicle`` ("/uav1", or empty) and ``name`` there; ``incoming``: to the autopilot."""
 
     bridge: str
     vehicle: str
@@ -52,18 +49,14 @@ class RosTopic(NamedTuple):
 def flight_topics(channels: Iterable[Channel], schemas: Mapping[int, Schema]) -> dict[Channel, RosTopic]:
     """Returns the topic of each channel that is of a flight.
 
-    A node is MAVROS's if one of its topics has a type that only MAVROS sends.
+    A node is MAVROS's if one of its topics has a type that only MAVROS sends: other drivers send imu/data too.
     """
-    typed = {channel: schemas[channel.schema].name for channel in channels if channel.schema in schemas}
-    topics = {channel: topic for channel, name in typed.items() if (topic := _topic(channel, name)) is not None}
-    own = {topics[channel].vehicle for channel in topics if typed[channel].startswith(MAVROS_TYPES)}
+    typed = {one: schemas[one.schema].name for one in channels if one.schema in schemas and one.encoding == CDR}
+    px4 = {channel for channel, name in typed.items() if re.fullmatch(r"px4_msgs/msg/\w+", name)}
+    found = {one: _of_px4(one.topic) if one in px4 else _of_mavros(one.topic, name) for one, name in typed.items()}
+    topics = {channel: topic for channel, topic in found.items() if topic is not None}
+    own = {topics[channel].vehicle for channel in topics if typed[channel].startswith("mavros_msgs/msg/")}
     return {channel: topic for channel, topic in topics.items() if topic.bridge == PX4_BRIDGE or topic.vehicle in own}
-
-
-def _topic(channel: Channel, schema: str) -> RosTopic | None:
-    if channel.encoding != CDR:
-        return None
-    return _of_px4(channel.topic) if re.fullmatch(r"px4_msgs/msg/\w+", schema) else _of_mavros(channel.topic, schema)
 
 
 def _of_px4(topic: str) -> RosTopic | None:
@@ -103,8 +96,6 @@ class MavrosTopic(NamedTuple):
 
 MAVROS_STAMP = ("header.stamp.sec", "header.stamp.nanosec")  # Fields of every message
 _QUATERNION, _RATES = ("w", "x", "y", "z"), ("x", "y", "z")
-_ATTITUDE_FIELDS = ("q1", "q2", "q3", "q4", "rollspeed", "pitchspeed", "yawspeed")
-_TARGET_RATES = ("body_roll_rate", "body_pitch_rate", "body_yaw_rate")
 MAVROS_TOPICS = {
     "imu/data": MavrosTopic(
         "ATTITUDE_QUATERNION",
@@ -129,8 +120,6 @@ MAVROS_TOPICS = {
     ),
 }
 """By the name after the node's, which is ``mavros`` unless it was started with another."""
-MAVROS_TYPES = "mavros_msgs/msg/"
-"""Beginning of the types that only MAVROS sends: a driver of another sensor sends imu/data too."""
 MAVROS_PERIODS = {"SERVO_OUTPUT_RAW": 2**32 / 1e6}
 """Seconds after which stamps wrap: MAVROS moves the 32 bits of SERVO_OUTPUT_RAW's as they are (plugins/rc_io.cpp)."""
 _PX4_MODES = frozenset({"ALTCTL", "POSCTL", "OFFBOARD", "STABILIZED", "RATTITUDE"})
@@ -153,12 +142,13 @@ def mavros_autopilot(modes: Counter[str]) -> int:
 def mavros_message(message: str, fields: Fields, vehicle_autopilot: int) -> dict[str, NDArray[Any]]:
     """Returns the fields of one MAVLink message of ``MAVROS_TOPICS``, without its stamps, from those of its topic."""
     if message == "ATTITUDE_QUATERNION":  # plugins/imu.cpp, lib/ftf_frame_conversions.cpp
-        values = *_quaternion(fields), *_body_rates(fields, "angular_velocity")
-        return dict(zip(_ATTITUDE_FIELDS, values, strict=True))
+        names = ("q1", "q2", "q3", "q4", "rollspeed", "pitchspeed", "yawspeed")
+        return dict(zip(names, (*_quaternion(fields), *_body_rates(fields, "angular_velocity")), strict=True))
     if message == "SYS_STATUS":
         return {"voltage_battery": 1000.0 * fields["voltage"]}  # plugins/sys_status.cpp
     if message == "ATTITUDE_TARGET":  # plugins/setpoint_raw.cpp, which turns the setpoint as it does the attitude
-        rates = dict(zip(_TARGET_RATES, _body_rates(fields, "body_rate"), strict=True))
+        asked = ("body_roll_rate", "body_pitch_rate", "body_yaw_rate")
+        rates = dict(zip(asked, _body_rates(fields, "body_rate"), strict=True))
         return {"type_mask": fields["type_mask"], "q": _quaternion(fields).T, **rates}
     if message in ("SERVO_OUTPUT_RAW", "RC_CHANNELS"):
         first, count = ("servo", 16) if message == "SERVO_OUTPUT_RAW" else ("chan", 18)
@@ -243,9 +233,7 @@ def _reader(topic: RosTopic) -> RosTopicReader:
     return RosTopicReader((*MAVROS_STAMP, *kind.numbers), (), kind.texts)
 
 
-def _by_vehicle(
-    tables: Sequence[tuple[RosTopic, TopicColumns]],
-) -> list[tuple[str, dict[RosTopic, TopicColumns]]]:
+def _by_vehicle(tables: Sequence[tuple[RosTopic, TopicColumns]]) -> list[tuple[str, dict[RosTopic, TopicColumns]]]:
     """The namespace of each vehicle and its topics; of several channels of a topic, the one with most messages."""
     found: dict[str, dict[RosTopic, TopicColumns]] = {}
     for topic, table in tables:
@@ -256,10 +244,7 @@ def _by_vehicle(
 
 
 def vehicle(topics: Mapping[RosTopic, TopicColumns], source: str) -> Telemetry | None:
-    """Returns the vehicle of one namespace's topics, by PX4's own or else MAVROS's; None without any message of it.
-
-    ``system`` is 0 where no topic has it.
-    """
+    """Returns the vehicle of a namespace's topics, PX4's or else MAVROS's, ``system`` 0 if unsaid; None without."""
     # Topics to the autopilot are used where there is none from it.
     in_turn = sorted(topics.items(), key=lambda item: not item[0].incoming)
     px4 = {topic.name: table for topic, table in in_turn if topic.bridge == PX4_BRIDGE}
@@ -288,23 +273,18 @@ def numbered(vehicles: Sequence[tuple[str, Telemetry]]) -> Iterator[Telemetry]:
 
 
 def _px4_vehicle(tables: Mapping[str, TopicColumns], source: str) -> Telemetry | None:
-    stamped = {
-        name: _StampedTopic(table.places, _nanoseconds(table.columns[PX4_STAMP], 1000))
-        for name, table in tables.items()
-    }
-    placed, repairs = _on_one_clock(stamped)
-    topics: dict[str, Columns] = {}
-    for name, on_clock in placed.items():
-        topics[name] = selected(tables[name].columns, on_clock.rows) | {"time": on_clock.time}
-        if PX4_SAMPLE in topics[name]:  # both stamps are moved alike, also those of another clock
-            moved = np.rint(on_clock.time * 1e6 - topics[name][PX4_STAMP])
-            topics[name] = {**topics[name], PX4_SAMPLE: topics[name][PX4_SAMPLE] + moved}
+    stamps = {name: _nanoseconds(table.columns[PX4_STAMP], 1000) for name, table in tables.items()}
+    topics, repairs = _on_one_clock(tables, stamps)
+    for name, columns in topics.items():
+        if PX4_SAMPLE in columns:  # both stamps are moved alike, also those of another clock
+            moved = np.rint(columns["time"] * 1e6 - columns[PX4_STAMP])
+            topics[name] = {**columns, PX4_SAMPLE: columns[PX4_SAMPLE] + moved}
     instances = {name: {0: topic} for name, topic in topics.items()}
     kind = px4_topics.mav_type(instances, {})
     name_of_kind = enum_name("MAV_TYPE", kind) if kind is not None else UNNAMED
     boots = []
-    for boot in np.unique(np.concatenate([on_clock.boot for on_clock in placed.values()])) if placed else ():
-        rows = {name: np.flatnonzero(on_clock.boot == boot) for name, on_clock in placed.items()}
+    for boot in np.unique(np.concatenate([columns["boot"] for columns in topics.values()])) if topics else ():
+        rows = {name: np.flatnonzero(columns["boot"] == boot) for name, columns in topics.items()}
         in_order = {name: rows[name][np.argsort(topics[name]["time"][rows[name]], kind="stable")] for name in topics}
         here = {name: {0: selected(topics[name], order)} for name, order in in_order.items() if len(order)}
         made, names = px4_topics.messages(here, {}, name_of_kind, kind)
@@ -312,95 +292,58 @@ def _px4_vehicle(tables: Mapping[str, TopicColumns], source: str) -> Telemetry |
     messages = {name: joined([made[name] for made in boots if name in made]) for name in sorted(set().union(*boots))}
     if not messages:
         return None
-    status = topics.get("vehicle_status", {})
-    return Telemetry(
-        system=_most_frequent_id(status.get("system_id"), 0),
-        component=_most_frequent_id(status.get("component_id"), AUTOPILOT_COMPONENT),
-        vehicle=name_of_kind,
-        autopilot=enum_name("MAV_AUTOPILOT", PX4),
-        messages=messages,
-        source=source,
-        repairs=repairs,
-        translated_from=PX4_BRIDGE,
-        names=names,
-    )
+    ids = topics.get("vehicle_status", {})
+    system, component = _most_frequent_id(ids, "system_id", 0), _most_frequent_id(ids, "component_id", 1)
+    who = system, component, name_of_kind, enum_name("MAV_AUTOPILOT", PX4)
+    return Telemetry(*who, messages, {}, source, repairs, translated_from=PX4_BRIDGE, names=names)
 
 
 def _mavros_vehicle(tables: Mapping[str, TopicColumns], source: str) -> Telemetry | None:
-    names = {name: MAVROS_TOPICS[name].message for name in tables}
-    seconds, nanoseconds = MAVROS_STAMP
-    placed, repairs = _on_one_clock(
-        {
-            names[name]: _StampedTopic(
-                table.places,
-                _nanoseconds(table.columns[seconds], SECOND) + _nanoseconds(table.columns[nanoseconds], 1),
-                MAVROS_PERIODS.get(names[name], np.inf),
-            )
-            for name, table in tables.items()
-        }
-    )
+    named = {MAVROS_TOPICS[name].message: table for name, table in tables.items()}
+    parts = {name: [table.columns[field] for field in MAVROS_STAMP] for name, table in named.items()}
+    stamps = {name: _nanoseconds(whole, SECOND) + _nanoseconds(rest, 1) for name, (whole, rest) in parts.items()}
+    placed, repairs = _on_one_clock(named, stamps)
     autopilot = mavros_autopilot(sum((table.texts for table in tables.values()), Counter()))
     messages: dict[str, Columns] = {}
-    for name, table in tables.items():
-        if names[name] in placed:
-            on_clock = placed[names[name]]
-            made = mavros_message(names[name], selected(table.columns, on_clock.rows), autopilot)
-            messages[names[name]] = {"time": on_clock.time, "boot": on_clock.boot, **made}
+    for name, columns in placed.items():
+        on_clock = {"time": columns["time"], "boot": columns["boot"]}
+        messages[name] = {**on_clock, **mavros_message(name, columns, autopilot)}
     if not messages:
         return None
-    return Telemetry(
-        system=0,
-        component=AUTOPILOT_COMPONENT,
-        vehicle=UNNAMED,
-        autopilot=enum_name("MAV_AUTOPILOT", autopilot),
-        messages=messages,
-        source=source,
-        repairs=repairs,
-        translated_from=MAVROS,
-        names={topic.message: name for name, topic in MAVROS_TOPICS.items()},
-    )
+    who = 0, AUTOPILOT_COMPONENT, UNNAMED, enum_name("MAV_AUTOPILOT", autopilot)
+    names = {topic.message: name for name, topic in MAVROS_TOPICS.items()}
+    return Telemetry(*who, messages, {}, source, repairs, translated_from=MAVROS, names=names)
 
 
-class _StampedTopic(NamedTuple):
-    places: Places  # (N,) of the messages in the recording, ascending
-    stamps: NDArray[np.int64]  # (N,) ns
-    period: float = np.inf  # s, after which stamps wrap
-
-
-class _PlacedTopic(NamedTuple):
-    rows: NDArray[np.intp]  # (M,) of a topic, those that have a place on the clock
-    time: NDArray[np.float64]  # (M,) s, with boot (M,)
-    boot: NDArray[np.int64]
-
-
-def _on_one_clock(topics: Mapping[str, _StampedTopic]) -> tuple[dict[str, _PlacedTopic], tuple[str, ...]]:
-    """The messages of each topic on the common clock, and a sentence for each repair.
+def _on_one_clock(
+    tables: Mapping[str, TopicColumns], stamps: Mapping[str, NDArray[np.int64]]
+) -> tuple[dict[str, Columns], tuple[str, ...]]:
+    """Each topic's columns by its ``stamps``, ns, with ``time`` and ``boot``, and a sentence for each repair.
 
     UNIX time counts from a second before the first stamp: floats of seconds since 1970 do not resolve a microsecond.
     """
-    stamps = np.concatenate([topic.stamps for topic in topics.values()]) if topics else np.empty(0, dtype=np.int64)
-    start, repairs = _start(stamps[stamps > 0])
-    seconds = {name: (topic.stamps - start) / 1e9 for name, topic in topics.items()}
-    usable = {name: (topic.stamps > 0) & (seconds[name] > 0) for name, topic in topics.items()}
+    every = np.concatenate([*stamps.values(), np.empty(0, dtype=np.int64)])
+    start, repairs = _start(every[every > 0])
+    seconds = {name: (own - start) / 1e9 for name, own in stamps.items()}
+    usable = {name: (own > 0) & (seconds[name] > 0) for name, own in stamps.items()}
     without = sum(int(np.count_nonzero(~some)) for some in usable.values())
     if without:
         repairs.append(f"{without} messages without a time stamp, or with one of another clock, were left out.")
     # Without receive times: by them, a companion's clock that was set back would not be a restart.
-    clock = boot_clock(
-        [
-            Sent(name, topic.places[usable[name]], seconds[name][usable[name]].copy, topic.period)
-            for name, topic in topics.items()
-            if usable[name].any()
-        ]
-    )
-    placed = {}
-    for name, on_clock in clock.placed.items():
+    sent = [
+        Sent(name, tables[name].places[some], seconds[name][some].copy, MAVROS_PERIODS.get(name, np.inf))
+        for name, some in usable.items()
+        if some.any()
+    ]
+    (stamped, of_clock), placed = boot_clock(sent), dict[str, Columns]()
+    for name, on_clock in stamped.items():
         time, boot = on_clock.time, on_clock.boot.astype(np.int64)
         # A message whose stamp was ignored has the place of the one before.
         new = np.ones(len(time), dtype=np.bool_)
         new[1:] = (np.diff(time) != 0) | (np.diff(boot) != 0)
-        placed[name] = _PlacedTopic(np.flatnonzero(usable[name])[new], time[new], boot[new])
-    return placed, (*repairs, *clock.repairs)
+        kept = selected(tables[name].columns, np.flatnonzero(usable[name])[new])
+        placed[name] = kept | {"time": time[new], "boot": boot[new]}
+    return placed, (*repairs, *of_clock)
 
 
 def _start(stamps: NDArray[np.int64]) -> tuple[int, list[str]]:
@@ -420,6 +363,6 @@ def _nanoseconds(values: NDArray[np.float64], unit: int) -> NDArray[np.int64]:
     return np.where((values > 0) & (values < 9 * 10**18 // unit), values, 0.0).astype(np.int64) * unit
 
 
-def _most_frequent_id(ids: NDArray[np.float64] | None, default: int) -> int:
-    valid = [] if ids is None else [int(one) for one in ids if 1 <= one <= 255]
+def _most_frequent_id(status: Columns, field: str, default: int) -> int:
+    valid = [int(one) for one in status.get(field, ()) if 1 <= one <= 255]
     return max(set(valid), key=valid.count, default=default)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -10,18 +11,14 @@ from matplotlib.figure import Figure
 from mavdem.dem.order_choice import STRONG_EVIDENCE_NATS, OrderChoice
 from mavdem.evaluate.comparison import Comparison
 from mavdem.evaluate.scores import FROM_ZERO, KNOWN, ratio
-from mavdem.report.figures.style import HAIRLINE, legend_above, picture
+from mavdem.report.figures.style import HAIRLINE, legend_above, picture, plain
 from mavdem.report.palette import BASELINE, DISTINCT, HELD_OUT_OPACITY, MEASURED, PREDICTED, distinct
 
-SHOWN_RATIOS = 1e-3, 1e3
-"""Error ratios beyond these are drawn at the edge."""
-SHOWN_GROWTH = 30.0  # the highest error ratio by horizon that is shown
+SHOWN_RATIOS = 1e-3, 1e3  # error ratios beyond these are drawn at the edge
 HELD = "hold last"
+# Of the errors by horizon: 1 by definition, without a horizon, or not comparable.
 LEFT_OUT = {"constant mean", "zero", "DEM p=1", "DEM paper", "DEM paper p=1"}
-"""Of the errors by horizon: 1 by definition, without a horizon, or not comparable."""
 PEERS = tuple(colour for colour in DISTINCT if colour not in (PREDICTED, BASELINE))
-ROW_INCHES, AROUND_ROWS_INCHES = 0.21, 0.75
-MANY_FLIGHTS = 6  # from which on flights are not named
 
 
 def error_ratios(comparison: Comparison, from_zero: bool = False) -> Figure:
@@ -31,7 +28,7 @@ def error_ratios(comparison: Comparison, from_zero: bool = False) -> Figure:
     ratios = {method: [float(ratio(one.of(question))[-1]) for one in column] for method, column in columns}
     medians = {method: float(np.median(values)) for method, values in ratios.items()}
     ranked = sorted(medians, key=medians.__getitem__)
-    with picture(AROUND_ROWS_INCHES + ROW_INCHES * len(ranked)) as figure:
+    with picture(0.75 + 0.21 * len(ranked)) as figure:
         axes = figure.subplots()
         axes.axvline(1, **HAIRLINE)
         for place, method in enumerate(ranked):
@@ -58,8 +55,7 @@ def error_growth(comparison: Comparison) -> Figure:
     Of several flights, their geometric mean is drawn.
     """
     steps = [at["steps"] for at in comparison.summaries(comparison.flights[0])[0]["horizons"]]
-    first = comparison.methods[0]
-    drawn: set[str] = set()
+    first, drawn = comparison.methods[0], set[str]()
     with picture() as figure:
         axes = figure.subplots()
         axes.axhline(1, **HAIRLINE)
@@ -68,24 +64,20 @@ def error_growth(comparison: Comparison) -> Figure:
             if family in drawn or family in LEFT_OUT:
                 continue
             drawn.add(family)
-            peer = PEERS[len(drawn - {first, HELD}) % len(PEERS)]
-            axes.plot(
-                steps[: len(summary["horizons"]) - 1] + steps[-1:],
-                summary["horizons"],
-                "--" if method == HELD else "-",
-                color=PREDICTED if method == first else BASELINE if method == HELD else peer,
-                linewidth=2.6 if method == first else 1.3,
-                zorder=3 if method == first else 2,
-                marker="o",
-                markersize=3,
-                label=method,
-            )
+            colour = PEERS[len(drawn - {first, HELD}) % len(PEERS)]
+            style: dict[str, Any] = {"color": colour, "linewidth": 1.3, "linestyle": "-", "zorder": 2}
+            if method == first:
+                style |= {"color": PREDICTED, "linewidth": 2.6, "zorder": 3}
+            elif method == HELD:
+                style |= {"color": BASELINE, "linestyle": "--"}
+            shown = steps[: len(summary["horizons"]) - 1] + steps[-1:]
+            axes.plot(shown, summary["horizons"], marker="o", markersize=3, label=method, **style)
         axes.set(xscale="log", yscale="log", xlabel="steps ahead", ylabel="error ratio (1: the constant mean)")
         axes.set_xticks(steps, map(str, steps))
         axes.minorticks_off()
         axes.yaxis.set_major_formatter("{x:g}")
         axes.margins(x=0.03)
-        axes.set_ylim(top=min(axes.get_ylim()[1], SHOWN_GROWTH))
+        axes.set_ylim(top=min(axes.get_ylim()[1], 30.0))
         legend_above(axes, 4)
     return figure
 
@@ -93,13 +85,13 @@ def error_growth(comparison: Comparison) -> Figure:
 def free_energy_by_order(choice: OrderChoice, names: Sequence[str]) -> Figure:
     """Draws F̄ by the number of states, below its highest value, of flights of these ``names`` and on average."""
     below = np.nanmax(choice.free_energy, axis=1, keepdims=True) - choice.free_energy
-    mean, few = np.nanmax(choice.mean) - choice.mean, len(names) < MANY_FLIGHTS
+    mean, few = np.nanmax(choice.mean) - choice.mean, len(names) < 6  # more are not named
     with picture() as figure:
         axes = figure.subplots()
         axes.axhspan(0, STRONG_EVIDENCE_NATS, color=MEASURED, alpha=HELD_OUT_OPACITY, linewidth=0)
         for number, (name, values) in enumerate(zip(names, below, strict=True), 1):
             colour, opacity = (distinct(number), 1.0) if few else (MEASURED, 0.4)
-            label = name.replace("$", r"\$") if few else ""
+            label = plain(name) if few else ""
             axes.plot(choice.orders, values, "o-", color=colour, markersize=4, alpha=opacity, label=label)
         if len(names) > 1:
             axes.plot(choice.orders, mean, "o-", color=PREDICTED, linewidth=2.5, label="mean")

@@ -11,17 +11,15 @@ from matplotlib.figure import Figure
 
 from mavdem.dem.engine.linalg import Array
 from mavdem.fleet.row import AXIS_ORDER, NOT_IDENTIFIABLE, Flight, worst_health
-from mavdem.report.figures.style import HAIRLINE, WIDTH, Room, band, not_blown_up, picture
-from mavdem.report.numbers import readable, short
+from mavdem.report.figures.style import HAIRLINE, WIDTH, Room, band, not_blown_up, picture, plain
+from mavdem.report.numbers import TORQUE, short
 from mavdem.report.palette import BAD, LIMITED, distinct
 
 FEW = 25  # flights, up to which each has a dot and its own interval
-COLUMNS, PANEL_INCHES = 3, 1.6
-ROOM = Room(left=0.47, bottom=0.22, top=0.36, rows=0.7, columns=0.5)
+COLUMNS = 3
 MARKS = {"fault": ("o", BAD), "drift": ("^", LIMITED)}
 """Above the flights in which they were found; the shapes differ too, so that colour is not needed."""
 AXES = AXIS_ORDER[:2]
-DEGREES = readable("rad/s²")
 
 
 class Panel(NamedTuple):
@@ -40,7 +38,8 @@ def vehicle_figure(flights: Sequence[Flight]) -> Figure:
     rows = -(-len(panels) // COLUMNS)
     days = [f"{flight[0].date:%Y-%m-%d}" if flight[0].date else "" for flight in flights]
     marks = [(place, health) for place, flight in enumerate(flights) if (health := worst_health(flight)) in MARKS]
-    with picture(PANEL_INCHES * rows, ROOM, 1.8 * WIDTH) as figure:
+    room = Room(left=0.47, bottom=0.22, top=0.36, rows=0.7, columns=0.5)
+    with picture(1.6 * rows, room, 1.8 * WIDTH) as figure:
         grid = figure.subplots(rows, COLUMNS, squeeze=False).ravel()
         for axes, panel in zip(grid, panels, strict=False):
             _draw(axes, panel)
@@ -55,11 +54,6 @@ def vehicle_figure(flights: Sequence[Flight]) -> Figure:
         for axes in grid[len(panels) :]:
             axes.set_visible(False)
     return figure
-
-
-def plain(text: str) -> str:
-    """Returns a text of a log as matplotlib shows it letter by letter: as no formula."""
-    return text.replace("$", r"\$")
 
 
 def _draw(axes: Axes, panel: Panel) -> None:
@@ -95,22 +89,22 @@ def _panels(flights: Sequence[Flight]) -> Iterator[Panel]:
             names = [*map(short, motors)] if count == len(motors) else [f"input {i + 1}" for i in range(count)]
             # The size of an effectiveness, whose sign is only where the motor is.
             lines = {
-                name: np.abs(DEGREES.scale * _line(flights, "effect", axis, unit, (i, count)))
+                name: np.abs(TORQUE.scale * _line(flights, "effect", axis, unit, (i, count)))
                 for i, name in enumerate(names)
             }
-            yield Panel(f"Effectiveness on {axis} ({DEGREES.name} per {unit})", lines)
+            yield Panel(f"Effectiveness on {axis} ({TORQUE.name} per {unit})", lines)
         # Both are the model's: with the demand as its input the time constant has the mixer's in it.
         beside = f", per {unit}" if len(kinds) > 1 else ""
         for title, name, scale in (("Rate damping (1/s)", "damping", 1.0), ("Motor time constant (ms)", "lag", 1e3)):
             yield Panel(f"{title}{beside}", {axis: scale * _line(flights, name, axis, unit) for axis in AXES})
-    torque = {axis: DEGREES.scale * _line(flights, "wind_torque_sd", axis) for axis in AXES}
-    yield Panel(f"Wind torque, sd ({DEGREES.name})", torque)
-    residual = {axis: DEGREES.scale * _line(flights, "residual_mean", axis) for axis in AXES}
+    torque = {axis: TORQUE.scale * _line(flights, "wind_torque_sd", axis) for axis in AXES}
+    yield Panel(f"Wind torque, sd ({TORQUE.name})", torque)
+    residual = {axis: TORQUE.scale * _line(flights, "residual_mean", axis) for axis in AXES}
     for axis in AXES:
         # That of healthy flights: about 0, and how far from it.
-        usual = DEGREES.scale * _line(flights, "residual_mean_interval", axis)[:, 0]
+        usual = TORQUE.scale * _line(flights, "residual_mean_interval", axis)[:, 0]
         residual[f"usual on {axis}"] = np.column_stack([0.0 * usual, usual])
-    yield Panel(f"Residual mean ({DEGREES.name})", residual, 0.0)
+    yield Panel(f"Residual mean ({TORQUE.name})", residual, 0.0)
     yield Panel("Error ratio (1: as the mean)", {axis: _line(flights, "error_ratio", axis) for axis in AXES}, 1.0)
 
 
@@ -128,8 +122,7 @@ def _line(
             half = getattr(row, f"{name}_interval", None) if name not in ("wind_torque_sd", "residual_mean") else None
             if entry is not None:
                 which, count = entry
-                value = value[which] if value is not None and len(value) == count else None
-                half = half[which] if half is not None and len(half) == count else None
+                value, half = (None if one is None or len(one) != count else one[which] for one in (value, half))
             refused = getattr(row, f"{name}_status", None) == NOT_IDENTIFIABLE
             wanted = axis in ("", row.axis) and unit in ("", row.per_input)
             if value is not None and wanted and not refused and np.isnan(line[place, 0]):

@@ -24,35 +24,13 @@ from mavdem.evaluate.held_out import CONSTANT_MEAN, FORECAST, HeldOut, held_out_
 from mavdem.flight import Flight
 from mavdem.live.history import AHEAD, LiveHistory
 from mavdem.report import palette
-from mavdem.report.figures.style import (
-    HAIRLINE,
-    THIN,
-    Room,
-    band,
-    legend_above,
-    not_blown_up,
-    note,
-    per,
-    picture,
-    sample_times,
-    with_gaps,
-)
+from mavdem.report.figures import style
+from mavdem.report.figures.style import HAIRLINE, THIN, Room, band, legend_above, not_blown_up, note, picture
 from mavdem.report.figures.systems import SystemPlots
-from mavdem.report.numbers import AxisCommand, Labels, left_free, readable
+from mavdem.report.numbers import TORQUE, AxisCommand, Labels, left_free, per, readable
 from mavdem.report.palette import HELD_OUT_OPACITY, MEASURED, TRUTH, distinct
 
-WINDOWS = 8  # that are shown in full
-MAX_BEYOND_MEASURED = 0.5  # spans of the measured values, how far the band of a forecast may widen the axis
-HIGHEST_HERTZ = 10.0  # of the spectrum: what is faster is noise of the sensors
-MIN_RANGE, MAX_RANGE = 1e2, 1e5  # of the spectrum's axis, below its largest value
-
-LEAST_IMBALANCE = 5.0  # percent, that the axis shows at least: less is not worth a look
-ROW, AROUND = 0.3, 0.95  # inches: a motor, and what is above and below
-LETTER = 0.07  # inches: the width of one in a motor's name
 END = 1.06  # of the iterations, where the final parameters stand
-SHOWN_TERMS = 6
-LINEAR_NATS = 10.0  # below which the terms' axis is linear
-SMALLEST_GAIN = 1e-3  # nats: less is no more learning
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -77,7 +55,7 @@ class Plots(SystemPlots):
             output: which, in the order of the flight's outputs.
         """
         record, labels = self.learned.record, Labels.of(self.learned)
-        times = np.split(sample_times(record), record.starts[1:])
+        times = np.split(style.sample_times(record), record.starts[1:])
         flights = [
             Flight(time, *channels, record.dt, *labels, effect_directions=record.effect_directions)
             for time, channels in zip(times, record.segments, strict=True)
@@ -102,7 +80,8 @@ class Plots(SystemPlots):
         found = residuals(learned, output)
         with picture(3.8, Room(rows=0.7, columns=0.6)) as figure:
             axes = figure.subplot_mosaic([["time", "time"], ["auto", "across"]], height_ratios=[1, 1.25])
-            time, shown = with_gaps(record, sample_times(record)), with_gaps(record, unit.scale * found.errors)
+            series = style.sample_times(record), unit.scale * found.errors
+            time, shown = (style.with_gaps(record, values) for values in series)
             axes["time"].plot(time, shown, color=palette.PREDICTED, linewidth=0.6)
             largest = 1.15 * float(np.nanmax(np.abs(shown)))
             axes["time"].set(xlabel="time since boot (s)", ylabel=f"residual ({unit.name})", ylim=(-largest, largest))
@@ -128,32 +107,31 @@ class Plots(SystemPlots):
             ValueError: the wind torque is not identifiable.
         """
         learned = self.learned
-        wind, record, unit = known_wind(learned.wind, learned.physical), learned.record, readable("rad/s²")
+        wind, record, unit = known_wind(learned.wind, learned.physical), learned.record, TORQUE
         if wind is None:
             raise ValueError("there is no wind torque to show: it is not identifiable in this flight")
         with picture(4.0, Room(left=0.8, rows=0.7)) as figure:
             above, below = figure.subplots(2, 1, gridspec_kw={"height_ratios": [3, 2]})
             above.axhline(0, **HAIRLINE)
-            clock = sample_times(record)
-            time = with_gaps(record, clock)
-            torque, half = (unit.scale * with_gaps(record, values) for values in (wind.torque, wind.band))
+            clock = style.sample_times(record)
+            time = style.with_gaps(record, clock)
+            torque, half = (unit.scale * style.with_gaps(record, values) for values in (wind.torque, wind.band))
             band(above, time, torque - half, torque + half, palette.DISTURBANCE, "90 % band")
             if truth is not None:
-                above.plot(time, unit.scale * with_gaps(record, truth), color=TRUTH, linewidth=1.6, label="truth")
+                above.plot(time, unit.scale * style.with_gaps(record, truth), color=TRUTH, linewidth=1.6, label="truth")
             above.plot(time, torque, color=palette.DISTURBANCE, linewidth=THIN, label="wind torque")
             for number, gust in enumerate(wind.gusts):
                 ends = clock[gust.sample], clock[gust.sample] + gust.length
                 above.axvspan(*ends, color=palette.GUST, alpha=0.3, linewidth=0, label="" if number else "gust")
             above.set(xlabel="time since boot (s)", ylabel=f"wind torque ({unit.name})")
             legend_above(above)
-            frequency, density, model = wind.spectrum
-            shown = (frequency > 0) & (frequency <= HIGHEST_HERTZ)
-            frequency, density, model = (values[shown] for values in (frequency, density, model))
+            shown = (wind.spectrum[0] > 0) & (wind.spectrum[0] <= 10.0)  # Hz: what is faster is noise of the sensors
+            frequency, density, model = (values[shown] for values in wind.spectrum)
             below.plot(frequency, unit.scale**2 * density, color=palette.DISTURBANCE, label="wind torque")
             below.plot(frequency, unit.scale**2 * model, color=MEASURED, label="model of it", dashes=(4, 2))
             below.set(xscale="log", yscale="log", xlabel="frequency (Hz)", ylabel=f"({unit.name})²/Hz")
             top = unit.scale**2 * float(max(density.max(), model.max()))
-            below.set_ylim(np.clip(below.get_ylim()[0], top / MAX_RANGE, top / MIN_RANGE), 2 * top)
+            below.set_ylim(np.clip(below.get_ylim()[0], top / 1e5, top / 1e2), 2 * top)
             for axis in (below.xaxis, below.yaxis):
                 axis.set_major_formatter("{x:g}")
                 axis.set_minor_formatter("")  # which would overlap
@@ -177,8 +155,8 @@ class Plots(SystemPlots):
         names = labels.input_names if hover is None else hover.motors
         rows = np.arange(len(names))
         shown = [name.removeprefix("motor ").replace(" (", " ").rstrip(")") for name in names]  # "1 front right"
-        room = Room(left=0.12 + LETTER * max(map(len, shown)))
-        with picture(AROUND + ROW * len(names), room) as figure:
+        room = Room(left=0.12 + 0.07 * max(map(len, shown)))  # inches a letter
+        with picture(0.95 + 0.3 * len(names), room) as figure:
             panels = np.atleast_1d(figure.subplots(1, (physical is not None) + 2 * (hover is not None), sharey=True))
             panels[0].set_yticks(rows, shown)
             for axes in panels:
@@ -186,14 +164,14 @@ class Plots(SystemPlots):
                 axes.tick_params(axis="y", length=0)
                 axes.set_ylim(len(names) - 0.4, -0.6)
             if physical is not None:
-                unit = readable("rad/s²")
-                half = unit.scale * physical.interval(LEVEL).effect
-                _bars(panels[0], unit.scale * physical.effect, half, 0.0, palette.PREDICTED)
-                panels[0].set(title="effectiveness", xlabel=per(unit.name, labels.input_units[0]))
+                half = TORQUE.scale * physical.interval(LEVEL).effect
+                _bars(panels[0], TORQUE.scale * physical.effect, half, 0.0, palette.PREDICTED)
+                panels[0].set(title="effectiveness", xlabel=per(TORQUE, labels.input_units[0]))
                 note(figure, f"Whiskers: {100 * LEVEL:.0f} % intervals of the control effectiveness.")
             if hover is not None:
                 imbalance, headroom = panels[-2:]
-                _bars(imbalance, np.array(hover.imbalance), np.zeros(len(names)), LEAST_IMBALANCE, palette.COMMAND)
+                # Less than 5 % is not worth a look.
+                _bars(imbalance, np.array(hover.imbalance), np.zeros(len(names)), 5.0, palette.COMMAND)
                 imbalance.set(title="trim", xlabel="deviation (%)")
                 # The range of each motor: up to its trim, up to the highest output, and what is left.
                 headroom.barh(rows, 100 * (1 - np.array(hover.headroom)), 0.55, color=palette.COMMAND, alpha=0.35)
@@ -216,7 +194,7 @@ class Plots(SystemPlots):
         last, end = len(energy) - 1, END * (len(energy) - 1)
         with picture(4.4, Room(left=0.75, right=1.75, rows=0.28)) as figure:
             action, terms, parameters = figure.subplots(3, 1, sharex=True, gridspec_kw={"height_ratios": [3, 4, 4]})
-            gap = np.maximum(energy.total.max() - energy.total, SMALLEST_GAIN)
+            gap = np.maximum(energy.total.max() - energy.total, 1e-3)  # nats: less is no more learning
             action.plot(gap, color=palette.PREDICTED, marker="o", markersize=2.5)
             title = f"F̄ below its maximum of {energy.total.max():,.0f} nats".replace("-", "−")
             action.set(yscale="log", ylabel="nats", title=title)
@@ -224,10 +202,10 @@ class Plots(SystemPlots):
 
             # Those that change most, less their last value: where F̄ increases, the sum of all does.
             change = {name: term - term[-1] for name, term in energy.terms.items()}
-            largest = sorted(change, key=lambda name: -np.abs(change[name]).max())[:SHOWN_TERMS]
+            largest = sorted(change, key=lambda name: -np.abs(change[name]).max())[:6]
             for number, name in enumerate(name for name in change if name in largest):
                 terms.plot(change[name], color=distinct(number), label=name.replace("prediction error of", "error of"))
-            terms.set_yscale("symlog", linthresh=LINEAR_NATS)
+            terms.set_yscale("symlog", linthresh=10.0)
             terms.set(ylabel="nats", title="terms of F̄, less their last value")
             terms.yaxis.set_major_locator(FixedLocator([-1e6, -1e3, 0, 1e3, 1e6]))
             terms.yaxis.set_minor_locator(NullLocator())
@@ -256,7 +234,7 @@ class Plots(SystemPlots):
         return figure
 
 
-def forecast(held: HeldOut, labels: Labels, output: int = 0, windows: int = WINDOWS) -> Figure:
+def forecast(held: HeldOut, labels: Labels, output: int = 0, windows: int = 8) -> Figure:
     """Draws an output beside its forecasts in some windows that no model saw, and the error in every window.
 
     Shown in full are ``windows`` neighbours with errors nearest to the median, not the best; each is forecast anew.
@@ -281,8 +259,8 @@ def forecast(held: HeldOut, labels: Labels, output: int = 0, windows: int = WIND
         )
         axes.plot(time, lines, color=MEASURED, linewidth=1.1, label="measured", zorder=2.1)
         axes.plot(time, middle, color=palette.PREDICTED, label="forecast")
-        band(axes, time, middle - half_width, middle + half_width, palette.BAND, "90 % band")
-        not_blown_up(axes, measured[shown], MAX_BEYOND_MEASURED)
+        band(axes, time, middle - half_width, middle + half_width, palette.PREDICTED, "90 % band")
+        not_blown_up(axes, measured[shown], 0.5)
         axes.vlines(held.time[shown, 0], *axes.get_ylim(), MEASURED, linewidth=0.6, alpha=0.5, zorder=1)
         axes.set(ylabel=f"{name} ({unit.name})", xlabel="" if several else "time since boot (s)")
         legend_above(axes)
@@ -335,7 +313,7 @@ def live_flight(history: LiveHistory, name: str) -> Figure:
     lines = history.lines
     if not np.isfinite(lines.measured).any():
         raise ValueError("no attitude came")
-    angle, torque = readable("rad"), readable("rad/s²")
+    angle, torque = readable("rad"), TORQUE
     with picture(3.4, Room()) as figure:
         above, below = figure.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": [3, 2]})
         for axes, mean, half, unit, colour, label in (

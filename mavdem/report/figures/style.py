@@ -26,13 +26,9 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.dem.record import Record
 from mavdem.report.palette import BAND_OPACITY, DISTINCT, INK_ON_LIGHT, MEASURED, PAPER_LIGHT
 
-WIDTH, HEIGHT = 5.2, 3.2  # inches: letters are read at 500 pixels, and two figures stand side by side at 1600
+WIDTH = 5.2  # inches: letters are read at 500 pixels, and two figures stand side by side at 1600
 MAX_POINTS = 1200  # of a line or a band, beyond which the extremes of half as many parts are drawn
 PIXELS_PER_INCH = 200  # of figures that a notebook shows: twice what a page shows
-LINE = 0.16  # inches: a line of small letters
-MAX_BEYOND = 0.6  # spans of the values, how far a band may widen an axis
-NOTE_WIDTH = 92  # letters of a remark in a line
-
 STYLE: Any = {
     "font.family": "sans-serif",
     "font.sans-serif": ["DejaVu Sans", "Verdana", "Arial"],
@@ -106,7 +102,7 @@ class Room(NamedTuple):
         """Places the axes of a figure; what is written below them all has its lines beside."""
         width, height = figure.get_size_inches()
         below = figure.get_supxlabel()
-        bottom = self.bottom + (LINE * (1 + below.count("\n")) if below else 0.0)
+        bottom = self.bottom + (0.16 * (1 + below.count("\n")) if below else 0.0)  # for each line of small letters
         grid = figure.axes[0].get_gridspec()
         rows, columns = (1, 1) if grid is None else grid.get_geometry()
         inside = height - bottom - self.top, width - self.left - self.right
@@ -117,7 +113,7 @@ class Room(NamedTuple):
 
 
 @contextmanager
-def picture(height: float = HEIGHT, room: Room | None = None, width: float = WIDTH) -> Iterator[BareFigure]:
+def picture(height: float = 3.2, room: Room | None = None, width: float = WIDTH) -> Iterator[BareFigure]:
     """Yields a new figure of this ``height``, inches, in the common style, to be drawn in the block.
 
     Without ``room`` matplotlib measures what labels take, which takes it longer than the drawing.
@@ -147,12 +143,11 @@ def _extremes(low: Array, high: Array) -> NDArray[np.intp]:
 def svg(figure: Figure, name: str) -> str:
     """Returns the figure as an ``<svg>`` element; its ids are unique on a page if its ``name`` is."""
     drawn = StringIO()
-    unknown = dict.fromkeys(("Creator", "Date", "Format", "Type"))
     with matplotlib.rc_context(STYLE | {"svg.hashsalt": name}):
         # ``savefig`` would draw twice where there is a layout.
         figure.dpi = PIXELS_PER_INCH
         canvas: Any = FigureCanvasSVG(figure)
-        canvas.print_svg(drawn, metadata=unknown)
+        canvas.print_svg(drawn, metadata=dict.fromkeys(("Creator", "Date", "Format", "Type")))
     text = drawn.getvalue()[drawn.getvalue().index("<svg") :]
     # Groups of all figures have the same ids, to which nothing refers.
     used = set(re.findall(r"#(\w+)", text))
@@ -173,7 +168,7 @@ def legend_above(axes: Axes, columns: int = 5) -> None:
     axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.01), ncols=columns)
 
 
-def not_blown_up(axes: Axes, values: ArrayLike, beyond: float = MAX_BEYOND) -> None:
+def not_blown_up(axes: Axes, values: ArrayLike, beyond: float = 0.6) -> None:
     """Limits the vertical axis to ``beyond`` spans beyond these values, however wide a band around them is."""
     shown = np.asarray(values, np.float64)
     low, high = float(np.nanmin(shown)), float(np.nanmax(shown))
@@ -182,14 +177,14 @@ def not_blown_up(axes: Axes, values: ArrayLike, beyond: float = MAX_BEYOND) -> N
     axes.set_ylim(max(bottom, low - beyond * span), min(top, high + beyond * span))
 
 
-def per(unit: str, of: str) -> str:
-    """Returns the unit of what one ``unit`` ``of`` the input does: "°/s per µs"."""
-    return f"{unit or '1'} per {of or 'unit of input'}"
-
-
 def note(figure: Figure, text: str) -> None:
     """Writes a remark below everything else, small."""
-    figure.supxlabel(fill(text, NOTE_WIDTH), x=0.01, ha="left", fontsize=7.5)
+    figure.supxlabel(fill(text, 92), x=0.01, ha="left", fontsize=7.5)
+
+
+def plain(text: str) -> str:
+    """Returns a text of a log as matplotlib shows it letter by letter: as no formula."""
+    return text.replace("$", r"\$")
 
 
 def sample_times(record: Record) -> NDArray[np.float64]:

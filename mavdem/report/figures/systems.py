@@ -20,23 +20,16 @@ from mavdem.confidence import LEVEL
 from mavdem.dem import Learned, Physical
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import pack, unpack
-from mavdem.report.figures.style import HAIRLINE, Room, band, legend_above, not_blown_up, note, per, picture
-from mavdem.report.numbers import AxisCommand, Labels, readable
+from mavdem.report.figures.style import HAIRLINE, Room, band, legend_above, not_blown_up, note, picture
+from mavdem.report.numbers import AxisCommand, Labels, per, readable
 from mavdem.report.palette import BAD, HELD_OUT_OPACITY, PHYSICAL, PREDICTED, TRUTH
 
 Complex = NDArray[np.complex128]
 Truth = tuple[Array, Array, float]
 
 DRAWS = 400
-EDGES = 50 * (1 - LEVEL), 50 * (1 + LEVEL)  # percentiles of draws: of the 90 % band
-LOWEST_HERTZ, HIGHEST_HERTZ, POINTS = 0.1, 20.0, 200
-HIGHEST_OF_RATE = 0.4  # of the sampling rate: what is faster cannot be asked of the model
 MAX_WIDER = 4.0  # by which factor a band may widen the range of magnitudes
-STEP_SECONDS, STEP_POINTS = 1.5, 151
-
-DAMPING_RATIOS = (0.2, 0.4, 0.6, 0.8)
 SLOW = 10.0  # times the slowest pole, or 1/s, up to which poles are shown
-CLOUD = 150  # draws of poles that are shown
 BAR = 0.04  # of the height, to each side: the interval of a real pole
 MARGIN = 0.3  # beyond the outermost poles, in spans
 REMARK: dict[str, Any] = {"textcoords": "offset points", "fontsize": 7.5}
@@ -66,9 +59,8 @@ class Systems(NamedTuple):
         n = self.A.shape[-1]
         generator = np.zeros((len(self.A), n + 1, n + 1))
         generator[:, :n, :n], generator[:, :n, n] = self.A, self.b
-        flow, state = expm(generator * (time[1] - time[0])), np.zeros((len(self.A), n + 1))
-        state[:, n] = 1.0
-        states = [state]
+        flow = expm(generator * (time[1] - time[0]))
+        states = [np.repeat(np.eye(n + 1)[-1:], len(self.A), axis=0)]
         for _ in time[1:]:
             states.append(np.einsum("nij,nj->ni", flow, states[-1]))
         outputs = np.einsum("nmi,tni->nmt", self.C, np.array(states)[..., :n])
@@ -135,19 +127,22 @@ class SystemPlots:
         command, labels = AxisCommand.of(learned), Labels.of(learned)
         output = range(len(labels.output_names))[output]
         unit = readable(labels.output_units[output])
-        frequency = np.geomspace(LOWEST_HERTZ, min(HIGHEST_HERTZ, HIGHEST_OF_RATE / learned.dt), POINTS)
+        # What is faster than 0.4 of the sampling rate cannot be asked of the model.
+        frequency = np.geomspace(0.1, min(20.0, 0.4 / learned.dt), 200)
         with picture(3.7, Room(left=0.75)) as figure:
             above, below = figure.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": [3, 2]})
-            magnitudes, phases = [], []
+            magnitudes, phases = list[Array](), list[Array]()
             for name, colour, systems in _curves(learned, command.motors, truth):
                 response = systems.over_frequency(frequency, output)
-                magnitudes.append(unit.scale * np.abs(response))
-                phases.append(np.degrees(np.unwrap(np.angle(response[0])) + np.angle(response / response[0])))
-                _draw(above, frequency, magnitudes[-1], name, colour)
-                _draw(below, frequency, phases[-1], name, colour)
-            magnitudes, phases = ([one[0] for one in curves] for curves in (magnitudes, phases))
+                phase = np.degrees(np.unwrap(np.angle(response[0])) + np.angle(response / response[0]))
+                for axes, values, estimates in (
+                    (above, unit.scale * np.abs(response), magnitudes),
+                    (below, phase, phases),
+                ):
+                    _draw(axes, frequency, values, name, colour)
+                    estimates.append(values[0])
             above.set(xscale="log", yscale="log")
-            above.set_ylabel(f"{labels.output_names[output]} by {command.name}\n({per(unit.name, command.unit)})")
+            above.set_ylabel(f"{labels.output_names[output]} by {command.name}\n({per(unit, command.unit)})")
             lowest, highest = np.min(magnitudes) / MAX_WIDER, np.max(magnitudes) * MAX_WIDER
             above.set_ylim(*np.clip(above.get_ylim(), lowest, highest))
             below.set(xlabel="frequency (Hz)", ylabel="phase (°)")
@@ -168,7 +163,7 @@ class SystemPlots:
         learned = self.learned
         command, labels = AxisCommand.of(learned), Labels.of(learned)
         size = float(f"{command.series(learned.record.inputs).std():.1g}") or 1.0
-        time, outputs = np.linspace(0.0, STEP_SECONDS, STEP_POINTS), len(labels.output_names)
+        time, outputs = np.linspace(0.0, 1.5, 151), len(labels.output_names)
         with picture(1.5 + 1.2 * outputs, Room()) as figure:
             rows = np.atleast_1d(figure.subplots(outputs, 1, sharex=True))
             drawn = _curves(learned, command.motors, truth)
@@ -194,7 +189,7 @@ class SystemPlots:
         learned = self.learned
         systems, physical = model_systems(learned, np.ones(learned.model.B.shape[1])), _reported(learned)
         values: Complex = np.linalg.eigvals(systems.A[0]).astype(complex)
-        drawn: Complex = np.linalg.eigvals(systems.A[1 : CLOUD + 1]).astype(complex).ravel()
+        drawn: Complex = np.linalg.eigvals(systems.A[1:151]).astype(complex).ravel()
         true: Complex = np.empty(0, complex) if truth is None else np.linalg.eigvals(truth).astype(complex)
         fitted = np.array([] if physical is None else [-physical.damping, -1 / physical.lag], complex)
         limit = SLOW * max(float(np.abs(values).min()), 1.0)
@@ -241,7 +236,7 @@ def _draw(axes: Axes, x: Array, values: Array, name: str, colour: str) -> None:
     certain = len(values) == 1
     axes.plot(x, values[0], color=colour, label=name, linestyle=(0, (4, 2)) if certain else "-")
     if not certain:
-        low, high = np.percentile(values[1:], EDGES, axis=0)
+        low, high = np.percentile(values[1:], (50 * (1 - LEVEL), 50 * (1 + LEVEL)), axis=0)
         band(axes, x, low, high, colour)
 
 
@@ -270,7 +265,7 @@ def _plane(axes: Axes, values: Complex) -> None:
     axes.axvspan(0, right, color=BAD, alpha=HELD_OUT_OPACITY, linewidth=0)
     axes.annotate("unstable", (1, 0), (-3, 4), xycoords="axes fraction", ha="right", color=BAD, **REMARK)
     axes.axhline(0, **HAIRLINE)
-    for ratio in DAMPING_RATIOS:
+    for ratio in (0.2, 0.4, 0.6, 0.8):
         slope = np.sqrt(1 - ratio**2) / ratio
         end = max(left, -top / slope)
         for sign in (1, -1):
