@@ -20,7 +20,7 @@ from mavdem.dem.graybox.identifiability import (
     NotIdentifiable,
     identifiability,
 )
-from mavdem.dem.graybox.likelihood import REFINEMENTS, FlightWindows, Parameters, lagged
+from mavdem.dem.graybox.likelihood import REFINEMENTS, FlightWindows, Parameters
 from mavdem.dem.graybox.parameters import Physical, WindComponent, WindowTable, windows_of
 from mavdem.dem.record import Record, UniformRecord
 from mavdem.errors import unit_slip
@@ -58,7 +58,7 @@ def _estimated(windows: FlightWindows, directions: Array | None) -> Physical:
     table, window_sd = _over_time(whole, jacobian, windows)
     by_spectrum = [_logarithms(fit.parameters, fit.theta, windows.dt) for fit in fits]
     own = MODEL_ERRORS.own * np.sqrt(np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian))
-    figures = _figures(whole, own, window_sd, np.ptp(by_spectrum, axis=0), windows)
+    figures = _figures(whole, np.array([own, window_sd, np.ptp(by_spectrum, axis=0)]), windows)
     return _physical(whole, covariance, windows, table, figures)
 
 
@@ -79,21 +79,15 @@ def _chosen(windows: FlightWindows, directions: Array | None) -> tuple[list[Gray
             continue
     if not fits:
         raise ValueError("there is no steady filter for these motors and rates: take another part of the flight")
-    best = max(fits, key=lambda fit: fit.evidence)
-    return fits, _refined(best, some)
-
-
-def _refined(plain: GrayBoxFit, windows: FlightWindows) -> GrayBoxFit:
-    """With each refinement that makes what was measured more probable."""
-    chosen = plain
+    chosen = max(fits, key=lambda fit: fit.evidence)
     for name in REFINEMENTS:
         parameters = chosen.parameters._replace(refinements=(*chosen.parameters.refinements, name))
         try:
-            refined = fitted(parameters, windows, np.append(chosen.theta, 0.0), MIN_GAIN_NATS)
+            refined = fitted(parameters, some, np.append(chosen.theta, 0.0), MIN_GAIN_NATS)
+            chosen = max(chosen, refined, key=lambda fit: fit.evidence)
         except np.linalg.LinAlgError:
             continue
-        chosen = max(chosen, refined, key=lambda fit: fit.evidence)
-    return chosen
+    return fits, chosen
 
 
 def _logarithms(parameters: Parameters, theta: Array, dt: float) -> Array:
@@ -113,17 +107,15 @@ def _log_jacobian(parameters: Parameters, theta: Array, dt: float) -> Array:
     return jacobian
 
 
-def _figures(
-    whole: GrayBoxFit, own: Array, window_sd: Array, spectrum_range: Array, windows: FlightWindows
-) -> IdentifiabilityFigures:
+def _figures(whole: GrayBoxFit, spreads: Array, windows: FlightWindows) -> IdentifiabilityFigures:
     parameters, theta = whole.parameters, whole.theta
-    by_name = [dict(zip(PARAMETERS, table.tolist(), strict=True)) for table in (own, window_sd, spectrum_range)]
+    sd, window_sd, spectrum_range = (dict(zip(PARAMETERS, row, strict=True)) for row in spreads.tolist())
     return IdentifiabilityFigures(
         wind_share=_wind_share(parameters, theta, windows, whole.levels),
         alias_share=_alias_share(parameters, theta, windows),
-        sd=by_name[0],
-        window_sd=by_name[1],
-        spectrum_range=by_name[2],
+        sd=sd,
+        window_sd=window_sd,
+        spectrum_range=spectrum_range,
         damping=float(parameters.damping(theta)),
         lag=float(np.exp(theta[parameters.motors + 2])),
         dt=windows.dt,
@@ -152,12 +144,10 @@ def _physical(
     alike = np.eye(r + 3)
     alike[:r, :r] = np.outer(effect, np.sign(effect)) / np.abs(effect).sum()
     covariance += (errors.own**2 - 1) * alike @ covariance @ alike.T
-    varied = np.array(
-        [figures.window_sd[name] ** 2 + (figures.spectrum_range[name] / RANGE) ** 2 for name in PARAMETERS]
-    )
-    common = varied[0] + errors.effect**2
+    spreads = [(figures.window_sd[name], figures.spectrum_range[name] / RANGE) for name in PARAMETERS]
+    varied = np.square(spreads).sum(axis=1)
     bias = errors.wind_bias if figures.wind_share > WIND_SHARE.reported else 0.0
-    common += bias**2
+    common = varied[0] + errors.effect**2 + bias**2
     if status["effect"] == "not identifiable":
         common += errors.unknown_effect**2
     if 1 / dt < SLOWEST_RATE:
@@ -227,11 +217,12 @@ def _added_variance(values: Array, variances: Array) -> float:
 
 def _wind_share(parameters: Parameters, theta: Array, windows: FlightWindows, levels: Array) -> float:
     """Of the variance of wind and motors together, in the band of the motion; windows count as they do in the fit."""
-    from scipy.signal import butter, sosfiltfilt  # it takes half a second to import
+    from scipy.signal import butter, lfilter, sosfiltfilt  # it takes half a second to import
 
     rate = 1 / windows.dt
-    commanded, lag = parameters.commanded(theta, windows), float(parameters.lag(theta, windows.dt))
-    torque = lagged(commanded[:, :, None], lag, windows.dt)[:, :, 0]
+    commanded = parameters.commanded(theta, windows)
+    keeps = float(np.exp(-windows.dt / parameters.lag(theta, windows.dt)))
+    torque, _ = lfilter([1 - keeps], [1, -keeps], commanded, axis=1, zi=keeps * commanded[:, :1])
     turning = np.gradient(windows.rate, windows.dt, axis=1) + parameters.damping(theta) * windows.rate
     band = butter(2, (BAND_HZ[0], min(BAND_HZ[1], MAX_BAND_SHARE * rate)), "bandpass", fs=rate, output="sos")
     motors, both = (sosfiltfilt(band, signal, axis=1) for signal in (torque, turning))

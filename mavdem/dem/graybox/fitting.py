@@ -105,12 +105,8 @@ class _LogJoint(NamedTuple):
 
     def _value(self, at: Array, errors: Array) -> float:
         mean, sd = self.parameters.prior
-        return log_likelihood(errors) - float(0.5 * np.sum(((at - mean) / sd) ** 2))
-
-
-def log_likelihood(errors: Array) -> float:
-    """Of innovations (W, N), each window with the level that suits it best."""
-    return float(-0.5 * errors.shape[1] * np.log(np.mean(errors**2, axis=1)).sum())
+        likelihood = -0.5 * errors.shape[1] * np.log(np.mean(errors**2, axis=1)).sum()
+        return float(likelihood - 0.5 * np.sum(((at - mean) / sd) ** 2))
 
 
 def fitted(parameters: Parameters, windows: FlightWindows, start: Array, promised: float = 0.0) -> GrayBoxFit:

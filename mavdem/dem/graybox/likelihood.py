@@ -105,9 +105,7 @@ class FlightWindows(NamedTuple):
 
     def of(self, some: slice | NDArray[np.intp]) -> FlightWindows:
         """Returns some of them."""
-        return FlightWindows(
-            self.inputs[some], self.rate[some], self.dt, self.starts[some], self.unit, self.answers[some]
-        )
+        return self._replace(**{name: getattr(self, name)[some] for name in ("inputs", "rate", "starts", "answers")})
 
 
 class Parameters(NamedTuple):
@@ -256,23 +254,13 @@ def followed(step: Array, gains: Array, inputs: Array, first: Array) -> Array:
     return followed.reshape(number, W, blocks * BLOCK)[:, :, :N]
 
 
-def lagged(inputs: Array, lag: float, dt: float) -> Array:
-    """(W, N, r) inputs after a first-order lag, s, from where they begin."""
-    from scipy.signal import lfilter  # it takes half a second to import
-
-    keeps = float(np.exp(-dt / lag))
-    begin = keeps * inputs[:, :1]
-    return np.asarray(lfilter([1 - keeps], [1, -keeps], inputs, axis=1, zi=begin)[0])
-
-
 def jumping(inputs: Array, sooner: float) -> Array:
     """(W, N, r) inputs whose jumps between two samples come ``sooner`` than half way, in shares of a step.
 
     A jump is what a change has beyond the one before it, and of it alone where their signs differ.
     """
     changes = np.diff(inputs, axis=1, prepend=inputs[:, :1])
-    before = np.roll(changes, 1, axis=1)
-    before[:, 0] = 0.0
+    before = np.concatenate([np.zeros_like(changes[:, :1]), changes[:, :-1]], axis=1)
     return np.asarray(inputs + sooner * (changes - np.clip(before, np.minimum(changes, 0.0), np.maximum(changes, 0.0))))
 
 

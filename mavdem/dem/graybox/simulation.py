@@ -76,12 +76,8 @@ def _of_wind(physical: Physical, dt: float, steps: int) -> Array:
     """(H, 2) variance that the wind gives angle and rate from a known beginning."""
     A, drive, wind = with_wind(np.array([[0.0, 1.0], [0.0, -physical.damping]]), physical.components)
     A[1] += wind
-    P, state, process, variance = (
-        stationary(A, drive, 2),
-        expm(A * dt),
-        step_covariance(A, drive, dt),
-        np.empty((steps, 2)),
-    )
+    P, variance = stationary(A, drive, 2), np.empty((steps, 2))
+    state, process = expm(A * dt), step_covariance(A, drive, dt)
     for step in range(steps):
         P = state @ P @ state.T + process
         variance[step] = P.diagonal()[:2]
