@@ -136,9 +136,9 @@ def test_a_file_is_not_long():
 
 BUDGETS = {
     "mavdem": 670,
-    "ingest": 5450,
+    "ingest": 5440,
     "alignment": 2010,
-    "condition": 780,
+    "condition": 770,
     "dem": 8570,
     "health": 1000,
     "baselines": 990,
@@ -151,7 +151,7 @@ BUDGETS = {
     "export": 320,
     "paper": 1940,
     "cli": 2070,
-    "sitl_scenarios": 3210,
+    "sitl_scenarios": 3200,
     "tools": 1430,
 }
 """Lines of Python a room may have, docstrings counted: what a new capability needs, something older gives back."""
