@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri, stdtrit  # as scipy.stats has them, which takes half a second to import
 
-LEVEL = 0.9
-"""Probability of the intervals and bands that are shown, unless another level is asked for."""
+LEVEL = 0.9  # probability of the intervals and bands that are shown, unless another level is asked for
 
 
 def require_probability(level: float) -> None:

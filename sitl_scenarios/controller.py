@@ -19,8 +19,6 @@ FASTEST = 25.0  # rad/s: bandwidth of the rate loop that is not exceeded, for th
 LEAD = 4.0
 """The rotors' lag is made so many times shorter by a lead in the rate loop, and the noise above it as much larger."""
 MAX_TILT, MAX_RATE, MAX_SPEED = radians(35), radians(220), 4.0  # Most that is asked for: rad, rad/s and m/s
-MAX_PUSH = 7.0
-"""m/s²: most that is held against the wind for good, about what ``MAX_TILT`` gives; a storm must not wind it up."""
 
 
 class ControlOutput(NamedTuple):
@@ -76,8 +74,8 @@ class Controller:
         # A fifth of the loop's bandwidth for the integral: wind is found in about two seconds.
         gain = fast * fast / 5 * self._cycle
         for i in range(3):
-            if flying:
-                push[i] = _limited(push[i] + gain * error[i], MAX_PUSH)
+            if flying:  # m/s², at most about what ``MAX_TILT`` gives: a storm must not wind it up
+                push[i] = _limited(push[i] + gain * error[i], 7.0)
             # Noise of position and velocity would reach the motors multiplied by every bandwidth within.
             smooth[i] += self._smooths * (fast * error[i] - smooth[i])
         an, ae, ad = smooth[0] + push[0], smooth[1] + push[1], smooth[2] + push[2]

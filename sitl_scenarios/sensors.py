@@ -15,8 +15,6 @@ from sitl_scenarios.plan import BOOT_SECONDS
 from sitl_scenarios.scenario import Propeller, Scenario, Sensors, VehicleSpec
 from sitl_scenarios.vehicles import airframe
 
-GYRO_CUTOFF = 20.0  # Hz of the gyro's low-pass: ArduPilot's INS_GYRO_FILTER
-
 
 class Unbalance:
     """What a chipped propeller shakes: a force u ω² that turns with the rotor, at its hub.
@@ -50,7 +48,7 @@ class Unbalance:
         fx, fy = force * sin(self._phase), -force * cos(self._phase)
         x, y, z = self._arm
         moment = -z * fy, z * fx, x * fy - y * fx
-        passes = 1 / hypot(1.0, speed / (2 * pi * GYRO_CUTOFF))
+        passes = 1 / hypot(1.0, speed / (2 * pi * 20.0))  # Hz of ArduPilot's INS_GYRO_FILTER
         p, q, r = (passes * one / (inertia * speed) for one, inertia in zip(moment, self._inertia, strict=True))
         return p, q, r
 
@@ -66,10 +64,7 @@ def vibration(scenario: Scenario, motion: Motion) -> NDArray[np.float64]:
 
 
 class Sensing:
-    """The way from states to what is known of them.
-
-    The delay is exact: the state is interpolated between two cycles. Noise is white from cycle to cycle.
-    """
+    """The way from states to what is known: an exact delay, between cycles, and noise, white from cycle to cycle."""
 
     def __init__(self, sensors: Sensors, cycle: float, noise: np.random.Generator) -> None:
         late = sensors.delay / cycle

@@ -89,11 +89,11 @@ def analyse(
     signals = Signals(choose_vehicle(log.vehicles, vehicle)) if signals is None else signals
     signals = signals.about(AXES[0] if axis == ALL else axis, inputs)
     segments, verdict = usable_segments(signals, log.components)
-    if other_axis is None:
-        known = condition_of(signals), identity_of(signals, log.receive_time[0]), motor_alarms(signals)
+    if other_axis is not None:
+        condition, identity, alarms = other_axis.condition, other_axis.identity, other_axis.alarms
     else:
-        known = other_axis.condition, other_axis.identity, other_axis.alarms
-    condition, identity, alarms = known
+        condition, identity = condition_of(signals), identity_of(signals, log.receive_time[0])
+        alarms = motor_alarms(signals)
     motor_rate = usual_rate(signals.motors) if signals.motors is not None and signals.motors.layout.positions else 0.0
     tier, motors = tier_of(verdict, condition), VehicleFigures({}, condition.hover)
     found = LogAnalysis(verdict, tier, condition, identity, motors, alarms=alarms, watched=motor_rate >= MIN_RATE)

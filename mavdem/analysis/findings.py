@@ -49,7 +49,6 @@ class PredictionLimits(NamedTuple):
 
 PREDICTION_LIMITS = PredictionLimits()
 SATURATED = 0.05  # share of the time at full throttle, from which on no linear model describes the vehicle
-CHECK = "Check motors, propellers and where the load is, and fly again before this is the vehicle's reference."
 UNEVEN = 8.0  # percent of a motor beyond the mean of all: what health calls a fault's size
 RINGING, SWINGING = 0.15, 0.4  # autocorrelation of the rate after a swing: below, as of a damping ratio of 0.3; above
 WIND_WORDS = {"light": 0.005, "moderate": 0.02, "strong": float("inf")}  # below, as a share of the motors' full torque
@@ -137,7 +136,8 @@ def findings_of(
     else:
         is_windy = any(one.purpose == "wind" and one.grade == GOOD for one in purposes)
         headline = _in_short(learned if is_windy else None, condition, flights, watched, other)
-        following = "Learn a model: `mavdem learn`." if learned is None else CHECK if other else next_step(purposes)
+        check = "Check motors, propellers and where the load is, and fly again before this is the vehicle's reference."
+        following = "Learn a model: `mavdem learn`." if learned is None else check if other else next_step(purposes)
     return Findings(headline, overrides, purposes, () if learned is None else warnings_of(learned, held_out), following)
 
 

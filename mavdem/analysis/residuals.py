@@ -12,7 +12,6 @@ from mavdem.dem.engine.linalg import Array
 
 BOUND_LEVEL = 0.99  # of the bounds that chance alone keeps to
 LAG_SECONDS = 0.5
-FAR = 3.0  # times the bound, beyond which the model leaves what is no chance
 
 
 class Residuals(NamedTuple):
@@ -31,8 +30,8 @@ class Residuals(NamedTuple):
 
     @property
     def white(self) -> bool:
-        """Whether neither is far outside its bound."""
-        return all(size <= FAR * bound for size, bound in zip(self.largest, self.bounds, strict=True))
+        """Whether neither is outside its bound by three times, which is no chance."""
+        return all(size <= 3 * bound for size, bound in zip(self.largest, self.bounds, strict=True))
 
 
 def residuals(learned: Learned, output: int = -1) -> Residuals:

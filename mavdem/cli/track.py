@@ -19,8 +19,8 @@ from mavdem.fleet.difference import since_baseline
 from mavdem.fleet.row import summary
 from mavdem.fleet.store import read_rows
 from mavdem.fleet.tracking import Progress as LogProgress
-from mavdem.fleet.tracking import Reader, track
-from mavdem.fleet.workers import Limits, WorkerPool
+from mavdem.fleet.tracking import track
+from mavdem.fleet.workers import Limits, Reader, WorkerPool
 from mavdem.report.blocks import Sentence
 from mavdem.report.fleet_page import fleet_page
 from mavdem.report.flights import baseline_blocks, fleet_blocks

@@ -195,9 +195,8 @@ def inventory(
         "unread": [asdict(unread) for unread in log.unread],
         "speakers": [
             {name: getattr(one, name) for name in ("system", "component", "kind")}
+            | {"messages": (sent := sum(one.messages.values())), "lost": one.lost}
             | {
-                "messages": (sent := sum(one.messages.values())),
-                "lost": one.lost,
                 "lost_share": one.lost / max(one.lost + sent, 1),
                 "missing_share": missing.get((one.system, one.component)),
             }

@@ -25,7 +25,6 @@ LINE_SHARE, SURE_SHARE = 0.6, 0.8
 most 0.55. Fewer than three windows must show it surely, and so must those with fewer than 2 ``PERIODS`` of it."""
 SLIGHT_RATE, LEAST_RATE = 2.0, 10.0
 """deg/s, standard deviations: less may be rounding; and less is no danger where motors do not reach their limits."""
-LEAST_SECONDS = 6.0  # Of one line without a break
 LIMITED_SHARE, GROWTH, LASTING_SHARE = 0.05, 2.0, 0.5
 """What tells a limit cycle from a gust that rings: motors at a limit so much of the time, an amplitude that grows so
 many times, or that it lasts so much of the flight."""
@@ -58,7 +57,7 @@ def oscillation_of(signals: Signals, parts: Sequence[Segment]) -> Oscillation | 
 def _limit_cycles(
     axis: str, tilt: Attitude, motors: Motors, part: Segment, seconds: float, whole: float
 ) -> Iterator[Oscillation]:
-    """Those in a ``part`` of flights of ``whole`` s, by successive windows with one line, half over each other."""
+    """Those of 6 s or more in a ``part`` of ``whole`` s, by successive windows with one line, half over each other."""
     turning, driven = within(tilt, part), within(motors, part)
     streams = tilt.time[turning], motors.time[driven]
     if min(map(len, streams)) < FEWEST_SAMPLES:
@@ -87,7 +86,7 @@ def _limit_cycles(
     same = lines[1:] & lines[:-1] & (np.abs(np.diff(peak)) <= 2 * LINE_WIDTH * peak[1:])
     for run in np.split(np.arange(len(lines)), np.flatnonzero(~same) + 1):
         lasted = float(np.ptp(start[run])) + size / sampled if len(run) and lines[run[0]] else 0.0
-        if lasted < LEAST_SECONDS or (len(run) < 3 and share[run].min() < SURE_SHARE):
+        if lasted < 6 or (len(run) < 3 and share[run].min() < SURE_SHARE):
             continue
         line, third = np.median(peak[run]), -(-len(run) // 3)
         if np.abs(peak[run] - line).max() > MAX_DRIFT * line:

@@ -37,8 +37,7 @@ if TYPE_CHECKING:
     import pandas
     import xarray
 
-Table = Mapping[str, Array]
-"""Columns (T,) by name, with units, such as "roll_rate_rad_s"; the first is "time_s"."""
+Table = Mapping[str, Array]  # columns (T,) by name, with units, such as "roll_rate_rad_s"; the first is "time_s"
 TIME = "time_s"
 IN_TEXT = {TIME: ".6f"}  # stamps of autopilots are microseconds at best
 FLOAT32 = ".7g"  # other numbers in text: autopilots send and log them as float32

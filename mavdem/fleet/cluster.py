@@ -19,7 +19,6 @@ from mavdem.fleet.row import SCHEMA_VERSION
 from mavdem.fleet.sources import is_url
 from mavdem.fleet.workers import READ_LOG, Job, Limits, Outcome, WorkerPool, failed
 
-JOBS_AHEAD = 8  # of each worker's thread, sent before they are needed
 RETRIES = 2  # of a log whose reading fails on a worker, as where a machine has no process to spare
 SECONDS_TO_CONNECT = 10.0
 
@@ -37,7 +36,7 @@ class Cluster:
         self.address, self.limits, self.read = address, limits, read
 
     def outcomes(self, jobs: Iterator[Job]) -> Iterator[Outcome]:
-        """As ``WorkerPool.outcomes``.
+        """As ``Reader`` has it.
 
         Raises ``Unreadable``: there is no such cluster, it has no worker, or one of its workers has another version of
         mavdem or Python, or cannot see the first file.
@@ -66,7 +65,7 @@ class Cluster:
                     sent[future] = job
                     done.add(future)
 
-            send(JOBS_AHEAD * threads)
+            send(8 * threads)  # before they are needed
             for future in done:
                 job = sent.pop(future)
                 if future.cancelled():

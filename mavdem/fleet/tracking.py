@@ -16,11 +16,10 @@ import numpy as np
 from mavdem.confidence import LEVEL, quantile
 from mavdem.dem.engine.linalg import Array
 from mavdem.errors import Unreadable
-from mavdem.fleet.cluster import Cluster
 from mavdem.fleet.row import OK, SHARED, UNKNOWN, FlightRow, Numbers
 from mavdem.fleet.sources import Source, find_logs
 from mavdem.fleet.store import AssessRows, Store, is_fleet, opened, read_rows
-from mavdem.fleet.workers import Job, WorkerPool
+from mavdem.fleet.workers import Job, Reader
 from mavdem.health.assessment import assess
 from mavdem.health.balance import BalanceFigures, motor_signatures
 from mavdem.health.reference import HealthFigures, healthy_flights
@@ -28,7 +27,6 @@ from mavdem.health.reference import HealthFigures, healthy_flights
 SATURATED = 0.01  # of the time at its upper stop: with more a motor has nothing left, and the flight is not sound
 JUDGED = ("fault_probability", "change_probability", "suspect_motor")  # columns that are a verdict's
 
-Reader = WorkerPool | Cluster  # What reads the logs: the processes of this machine, or a cluster
 Progress = Callable[[int, int], None]
 """Called with how many logs are done, and how many there are to read."""
 
@@ -101,10 +99,7 @@ def _array(values: Numbers | None, count: int) -> Array:
 
 
 def residual_mean(row: FlightRow, healthy: Iterable[FlightRow]) -> float | None:
-    """The mean acceleration that models of ``healthy`` flights, frozen, leave unexplained in this one, rad/s².
-
-    Each of the same axis and inputs predicts none at its own flight's means. None where it is not known.
-    """
+    """The mean acceleration, rad/s², that frozen models of other ``healthy`` flights leave in this; None if unknown."""
     if row.mean_inputs is None:
         return None
     inputs, outputs = _array(row.mean_inputs, 0), _array(row.mean_outputs or (0.0, 0.0), 2)

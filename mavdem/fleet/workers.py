@@ -28,7 +28,7 @@ from multiprocessing import get_context, parent_process
 from pathlib import Path
 from pkgutil import resolve_name
 from threading import Thread
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, Protocol
 from urllib.parse import urlsplit
 
 from mavdem.dem.parallel import stay_in_this_process
@@ -84,6 +84,15 @@ def failed(job: Job, ended: Ended, status: str, key: str = "") -> Outcome:
     return Outcome(job.path, ended, (FlightRow(file=job.path, key=key, status=status),), key)
 
 
+class Reader(Protocol):
+    """What reads many logs: the processes of this machine, or a cluster."""
+
+    limits: Limits  # of each log
+
+    def outcomes(self, jobs: Iterator[Job]) -> Iterator[Outcome]:
+        """Yields outcomes in the order in which they come; a job is taken when its turn has come."""
+
+
 class WorkerPool:
     """Reads logs with so many ``processes`` at a time, each log within ``limits``, by the function ``read``."""
 
@@ -106,7 +115,7 @@ class WorkerPool:
         self._pool = ProcessPool(self._processes, initializer=_begin, initargs=given, context=get_context("spawn"))
 
     def outcomes(self, jobs: Iterator[Job]) -> Iterator[Outcome]:
-        """Yields outcomes as they come, taking each job in its turn; raises ``Unreadable`` without any process."""
+        """As :class:`Reader` has it; raises ``Unreadable`` if no process can be started."""
         # One more than processes, so that none waits for what comes next. Ctrl-C reaches this process only, which
         # decides what it means: the threads, and the processes that they start, have it blocked.
         block = partial(signal.pthread_sigmask, signal.SIG_BLOCK, {signal.SIGINT})

@@ -30,9 +30,6 @@ SHIFT = 0.05
 """Scale of a changed balance on an axis: a load moved by 15 mm on arms of 160 mm, an arm twisted by 1.5°. Changes
 follow Student's distribution of ``SHIFT_FREEDOM``, for none is too large to happen."""
 SHIFT_FREEDOM = 2.0
-YAW_BY_LEAN = 1.0
-"""Yaw by a load that shifted, over its roll or pitch and the lean in rad, as far as the flights' effects of lean leave
-it: wind pulls beside the load."""
 FAULT_RISE = 0.08
 """A motor that must work so much harder, for which one of four loses an eighth of its thrust, is a fault."""
 DETECTABLE_RISE = 0.2
@@ -103,7 +100,8 @@ class Candidates:
         changed[self.groups["healthy"]] = False
         spread = self.spread.copy()
         load, motors = self.groups["load"], self.groups["motor"]
-        spread[load, 2] = spread[load, 0] * YAW_BY_LEAN * away.lean
+        # Yaw by a load that shifted, as far as the flights' effects of lean leave it: wind pulls beside the load.
+        spread[load, 2] = spread[load, 0] * away.lean
         scale = np.sqrt(away.scale**2 + changed[:, None] * away.centre_error**2 + spread**2)
         scales = (away.change - self.change - self.centre * away.centre_error) / scale
         likelihood = (stats.t.logpdf(scales, away.freedom) - np.log(scale)).sum(axis=1)

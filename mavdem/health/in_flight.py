@@ -128,7 +128,6 @@ FALSE_ALARMS_BASIS = (
 )
 UNKNOWN_PLACES = "The motors' places and spins are not known, so that a weak motor would not be seen."
 TOO_SLOW = f"Motor outputs come less than {MIN_RATE:.0f} times a second, so that a weak motor would not be seen."
-GAP_SECONDS = 2.0  # Without settled samples: what was before is no reference for what comes after
 
 
 class MotorAlarm(NamedTuple):
@@ -200,7 +199,7 @@ class MotorWatch:
         if self.obstacle == UNKNOWN_PLACES:
             return None
         number = floor(time / BLOCK_SECONDS)
-        if not 0 <= time - self._latest < GAP_SECONDS:
+        if not 0 <= time - self._latest < 2:  # s, after which what was before is no reference
             self._times: list[float] = []
             self._blocks: list[Array] = []
             self._number, self._open = number, list[Any]()  # The block that is not whole yet

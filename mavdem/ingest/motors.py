@@ -16,7 +16,6 @@ Position = tuple[float, float]
 """(forward, right) of the centre of mass: metres from the autopilot's parameters, else on a unit circle."""
 MOTOR_COUNTS = {"TRICOPTER": 3, "QUADROTOR": 4, "HEXAROTOR": 6, "OCTOROTOR": 8, "DECAROTOR": 10, "DODECAROTOR": 12}
 """Number of motors of each MAV_TYPE that has one."""
-TRICOPTER = 7  # FRAME_CLASS
 MULTIROTORS = (*MOTOR_COUNTS, "GENERIC_MULTIROTOR")  # The MAV_TYPEs of vehicles with fixed rotors
 
 _COMPASS = ("front", "front right", "right", "rear right", "rear", "rear left", "left", "front left")
@@ -111,7 +110,7 @@ def motor_geometry(
             frame_class = {"QUADROTOR": 1, "HEXAROTOR": 2, "OCTOROTOR": 3}.get(vehicle, 0)
             frame_type = int(parameters["FRAME"])
         places, turns = _placed(*_ARDUPILOT_FRAMES.get(frame_class, {}).get(frame_type, ((), "")))
-        if frame_class == TRICOPTER:
+        if frame_class == 7:  # a tricopter
             places, turns = _placed((60, -60, 0, 180), "")
             del places[3]  # its servo has another number, and it has no motor of this one
         basis = "the SERVOn_FUNCTION and FRAME parameters" if places else "the SERVOn_FUNCTION parameters"

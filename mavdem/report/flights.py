@@ -14,19 +14,9 @@ from pathlib import PurePath
 
 from mavdem.evaluate.truth import ComparedParameter, TruthComparison
 from mavdem.fleet import difference
+from mavdem.fleet import row as fleet_row
 from mavdem.fleet.difference import BETWEEN, FAMILY_ERROR, Conditions, Flights, QuantityChange, VehicleDifference
-from mavdem.fleet.row import (
-    HEALTHS,
-    OK,
-    UNKNOWN,
-    FlightRow,
-    best_tier,
-    flights_of,
-    flown_once,
-    is_shared,
-    vehicles_of,
-    worst_health,
-)
+from mavdem.fleet.row import HEALTHS, OK, UNKNOWN, FlightRow, is_shared, worst_health
 from mavdem.health.in_flight import FALSE_ALARMS_BASIS
 from mavdem.live.history import ACCOUNT, AHEAD, HorizonErrors, LiveHistory, SessionStatus
 from mavdem.report.blocks import Block, Sentence, Table
@@ -47,9 +37,9 @@ QUANTITIES = {  # what a kind of quantity is called, and the scale and unit that
 
 def fleet_blocks(rows: Sequence[FlightRow]) -> list[Block]:
     """Returns the summary of a fleet: a headline, what was flown, and why logs could not be used."""
-    vehicles = vehicles_of(rows)
+    vehicles = fleet_row.vehicles_of(rows)
     named = {name: flights for name, flights in vehicles.items() if is_one_vehicle(name, flights)}
-    once = {name: flown_once(flights) for name, flights in named.items() if not is_shared(flights)}
+    once = {name: fleet_row.flown_once(flights) for name, flights in named.items() if not is_shared(flights)}
     flown = [flight for name in vehicles for flight in once.get(name, vehicles[name])]
     blocks: list[Block] = [Sentence("", _headline(named, flown))]
     if flown:
@@ -61,7 +51,7 @@ def fleet_blocks(rows: Sequence[FlightRow]) -> list[Block]:
     if nameless := sum(len(flights) for name, flights in vehicles.items() if name not in named):
         text = "whose logs do not say of which vehicle, or by a system id only; compared with no other."
         blocks.append(Sentence(f"{_counted(nameless, 'flight')} {text}", "Without a name:"))
-    return blocks + _unused([flight[0] for flight in flights_of(row for row in rows if row.status != OK)])
+    return blocks + _unused([flight[0] for flight in fleet_row.flights_of(row for row in rows if row.status != OK)])
 
 
 def is_one_vehicle(name: str, flights: Flights) -> bool:
@@ -145,7 +135,7 @@ def _headline(named: Mapping[str, Flights], flown: Flights) -> str:
 def _flown(vehicles: int, flown: Flights, twice: int) -> str:
     hours = sum(max((row.duration or 0.0 for row in flight), default=0.0) for flight in flown) / 3600
     dates = sorted(flight[0].date for flight in flown if flight[0].date is not None)
-    tiers = Counter(map(best_tier, flown))
+    tiers = Counter(map(fleet_row.best_tier, flown))
     when = f", {dates[0]:%Y-%m-%d} to {dates[-1]:%Y-%m-%d}" if dates else ""
     kinds = listed(f"{tiers[tier]} {words}" for tier, words in TIER_WORDS.items() if tiers[tier])
     vehicle = f" of {_counted(vehicles, 'vehicle')}" if vehicles else ""

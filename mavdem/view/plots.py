@@ -22,9 +22,8 @@ from mavdem.report.numbers import rounded
 BOOT_CLOCK = "boot clock"
 """Timeline of flights, s: the vehicle's boot clock; live that of its first boot, which goes on where another begins."""
 
-FILL_WIDTH, MAX_STROKES, SPAN_STROKES = 2.5, 20_000, 3000
-"""The viewer fills nothing: an area is drawn as upright strokes so close to each other that they touch. Points, how
-many at most, which the viewer draws at once, and how many for all shaded times of a plot."""
+FILL_WIDTH = 2.5  # points: the viewer fills nothing, so an area is drawn as upright strokes that touch each other
+MAX_STROKES, SPAN_STROKES = 20_000, 3000  # of an area, which is drawn at once, and of all shaded times of a plot
 
 
 @dataclass(frozen=True)

@@ -106,10 +106,7 @@ class Transmitter:
     """
 
     def __init__(self, scenario: Scenario, cycle: float) -> None:
-        """Takes the flight's scenario and the cycle of the autopilot's loop, s.
-
-        Raises ValueError: the scenario names rates of a message that is not sent.
-        """
+        """Takes the scenario and the loop's cycle, s; raises ValueError: it has rates of a message that is not sent."""
         self.autopilot = AUTOPILOTS[scenario.stream.autopilot]
         self.system = scenario.stream.system
         self._rates = self.autopilot.rates(scenario.stream.rate, scenario.stream.rates)
@@ -320,8 +317,6 @@ class LossyLink:
         return batch.taken(order, batch.time[: len(order)])
 
 
-EPOCH = 1_767_225_600
-"""UNIX seconds of the first boot, 1 January 2026, 0:00 UTC: the same for every flight, so that files are too."""
 BLOCK = 1 << 14  # Cycles whose frames are made together
 
 
@@ -337,5 +332,6 @@ def recorded(scenario: Scenario, motion: Motion, cycle: float, progress: Callabl
         received.append(link.pass_on(transmitter.send(rows_of_motion(motion, slice(end - BLOCK, end)))))
         progress(min(end / len(motion), 1.0))
     whole = joined([*received, *link.rest()])
-    stamps = EPOCH * 1_000_000 + np.round(whole.time * 1e6)
+    # The first boot is on 1 January 2026, 0:00 UTC: the same for every flight, so that files are too.
+    stamps = 1_767_225_600_000_000 + np.round(whole.time * 1e6)
     return FrameStream("simulation", "simulation", whole.data, whole.frames, stamps.astype(np.uint64), 0, ())

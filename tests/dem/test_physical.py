@@ -23,7 +23,7 @@ from mavdem.dem.graybox.likelihood import (
     followed,
     smooth,
 )
-from mavdem.dem.graybox.parameters import Physical, WindComponent, WindowTable
+from mavdem.dem.graybox.parameters import Physical, WindComponent, WindowTable, answers
 from mavdem.dem.graybox.simulation import simulated
 from mavdem.dem.record import Record
 from sitl_scenarios.dynamics import euler
@@ -121,7 +121,9 @@ def test_innovations_of_its_own_model_are_white_and_of_the_variance_it_says(wind
         state = transition.state[0] @ state + known + root @ rng.standard_normal(n)
         rates[k + 1] = state[0]
     measured = rates + np.exp(theta[model.noise_index]) * rng.standard_normal(samples)
-    errors, variance = model.innovations(theta[None], FlightWindows(inputs[None], measured[None], DT, np.zeros(1), 1.0))
+    errors, variance = model.innovations(
+        theta[None], FlightWindows(inputs[None], measured[None], DT, np.zeros(1), 1.0, np.zeros((1, samples, 1)))
+    )
     number = errors.shape[2]
     assert errors[0].var() / variance[0] == pytest.approx(1.0, abs=4 * np.sqrt(2 / number))
     assert abs(errors[0].mean()) < 4 * np.sqrt(variance[0] / number)
@@ -144,20 +146,48 @@ def test_blocks_side_by_side_are_the_recursion_step_by_step(samples):
 
 
 @pytest.mark.parametrize("steps", [-0.4, 0.0, 0.3, 1.0, 1.7, 3.2])
-def test_no_command_helps_to_predict_the_sample_that_it_answers(steps):
-    inputs = np.arange(20.0)[:, None]
-    before, after = delayed(inputs, steps)
-    now = np.arange(19)
-    assert np.all(before[:, 0] <= now)
-    assert np.all(after[:, 0] <= now)
-    np.testing.assert_allclose(after[5:, 0], np.minimum(now + 1 - steps, now)[5:])
+def test_commands_act_as_late_as_they_are(steps):
+    before, after = delayed(np.arange(20.0)[:, None], steps)
+    now = np.arange(5, 19)
+    np.testing.assert_allclose(before[5:, 0], now - max(0.0, steps))
+    np.testing.assert_allclose(after[5:, 0], now + 1 - max(0.0, steps))
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.003, 0.014])
+def test_no_command_helps_to_predict_the_sample_that_it_answers(delay):
+    """White noise in the commands, of which all or nothing answers the rate at the same sample."""
+    rng, model = np.random.default_rng(4), Parameters(np.ones(1), 0.1, WINDS[0], least_noise=0.0)
+    theta, at = model.prior[0].copy(), 150
+    theta[model.motors + 3] = delay
+    inputs, rate = rng.standard_normal((1, 300, 1)), rng.standard_normal((1, 300))
+    windows = FlightWindows(inputs, rate, DT, np.zeros(1), 1.0, np.zeros_like(inputs))
+    more = np.zeros_like(inputs)
+    more[0, at] = 1.0
+    changed = windows._replace(inputs=inputs + more, answers=more)
+
+    # A constant acceleration is solved for with all samples, so that all of them change a little.
+    before, after = (model.innovations(theta[None], of)[0][0, 0] for of in (windows, changed))
+    change = np.abs(after - before)
+    first = at - len(rate[0]) + len(change)
+    assert change[: first + 1].max() < 0.02 * change[first + 1 :].max()
+
+
+@pytest.mark.parametrize("gain", [0.0, 3.0])
+def test_what_answers_a_sample_is_found(gain):
+    rng = np.random.default_rng(6)
+    rate = np.cumsum(rng.standard_normal((3, 600)), axis=1)
+    new, slow = np.diff(rate, axis=1, prepend=0.0), np.cumsum(0.2 * rng.standard_normal((3, 600)), axis=1)
+    inputs = (slow - gain * new)[:, :, None]
+    found = answers(inputs, rate)[:, 10:, 0]
+    np.testing.assert_allclose(found, -gain * new[:, 10:], atol=0.25 * max(gain, 1))
 
 
 def test_scores_of_windows_are_the_slopes_of_their_likelihoods():
     """Central differences of the log likelihood itself, window by window."""
     flight = flown(2, steering=1.0, samples=900)
     inputs = (flight.inputs - flight.inputs.mean(axis=0)).reshape(3, 300, -1)
-    windows = FlightWindows(inputs, flight.outputs[:, 1].reshape(3, -1), DT, np.zeros(3), 1.0)
+    rate = flight.outputs[:, 1].reshape(3, -1)
+    windows = FlightWindows(inputs, rate, DT, np.zeros(3), 1.0, answers(inputs, rate))
     plain, start = directed(windows, np.sign(MOTORS))
     fit = fitted(plain._replace(wind=WINDS[1]), windows, np.append(start, np.zeros(2))[: len(start) + 2])
     parameters, theta = fit.parameters, fit.theta
@@ -219,7 +249,8 @@ def edges():
         yield "wind_share", name, limits.WIND_SHARE.biased, "biased", "not identifiable"
         yield "alias_share", name, limits.MAX_ALIAS_SHARE, "reported", "not identifiable"
         yield "window_sd", name, limits.RELATIVE_SD[name].reported, "reported", "biased"
-        yield "dt", name, 1 / limits.SLOWEST_RATE, "reported", "biased"
+        if name != "effect":
+            yield "dt", name, 1 / limits.SLOWEST_RATE, "reported", "biased"
     yield "damping", "damping", limits.LARGEST_DAMPING, "reported", "not identifiable"
     yield "lag", "lag", limits.RESOLVED_LAG * SOUND.dt, "not identifiable", "reported"
 
@@ -286,7 +317,7 @@ TRUE = Physical(
     effect=MOTORS,
     damping=DAMPING,
     lag=LAG,
-    delay=DT / 2,
+    delay=DT,  # half a step, and half of one for which a command is held
     covariance=np.zeros((7, 7)),
     status=dict.fromkeys(("effect", "damping", "lag"), "reported"),
     reasons=dict.fromkeys(("effect", "damping", "lag"), ""),

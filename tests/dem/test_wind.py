@@ -37,6 +37,7 @@ class Parameters(NamedTuple):
     covariance: np.ndarray = np.zeros((7, 7))
     components: tuple[tuple[Coloured, float, float], ...] = TURBULENCE
     noise: float = 0.004
+    refinements: dict[str, float] = {}
 
 
 def root_of(covariance: np.ndarray) -> np.ndarray:

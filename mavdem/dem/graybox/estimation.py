@@ -6,12 +6,11 @@ Effect, damping and lag are the same in all windows; trim and the level of the w
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
 from mavdem.dem.engine.linalg import Array, inverse, one_thread
-from mavdem.dem.graybox.fitting import WINDS, GrayBoxFit, directed, fitted, log_likelihood
+from mavdem.dem.graybox.fitting import WINDS, GrayBoxFit, directed, fitted
 from mavdem.dem.graybox.identifiability import (
     MODEL_ERRORS,
     PARAMETERS,
@@ -21,22 +20,15 @@ from mavdem.dem.graybox.identifiability import (
     NotIdentifiable,
     identifiability,
 )
-from mavdem.dem.graybox.likelihood import REFINEMENTS, FlightWindows, Parameters, lagged
+from mavdem.dem.graybox.likelihood import REFINEMENTS, FlightWindows, Parameters
 from mavdem.dem.graybox.parameters import Physical, WindComponent, WindowTable, windows_of
 from mavdem.dem.record import Record, UniformRecord
 from mavdem.errors import unit_slip
 
 CHOOSING_WINDOWS = 10  # of which the wind's spectrum and the refinements are chosen
-MIN_REFINING_WINDOWS, MIN_GAIN_NATS = 4, 3.0  # windows below which nothing is refined, and what unseen ones must gain
+MIN_GAIN_NATS = 3.0  # that a refinement's first step must promise
 RANGE = 1.69  # of three values, in their standard deviations in the mean (Tippett 1925)
 BAND_HZ, MAX_BAND_SHARE = (0.4, 6.0), 0.125  # of the roll motion; its upper end in shares of the sampling rate
-
-
-class _Spread(NamedTuple):
-    """What estimates vary by besides by chance, (3,): logarithms of mean effect, damping and lag."""
-
-    window_variance: Array  # that the spread over windows adds
-    spectrum_range: Array  # over the wind's possible spectra
 
 
 def physical(train: UniformRecord | Sequence[UniformRecord]) -> Physical | NotIdentifiable:
@@ -63,15 +55,15 @@ def _estimated(windows: FlightWindows, directions: Array | None) -> Physical:
     fits, refined = _chosen(windows, directions)
     whole = fitted(refined.parameters, windows, refined.theta) if len(windows.rate) > CHOOSING_WINDOWS else refined
     covariance, jacobian = inverse(whole.curvature), _log_jacobian(whole.parameters, whole.theta, windows.dt)
-    table, window_variance = _over_time(whole, jacobian, windows)
+    table, window_sd = _over_time(whole, jacobian, windows)
     by_spectrum = [_logarithms(fit.parameters, fit.theta, windows.dt) for fit in fits]
-    spread = _Spread(window_variance, np.ptp(by_spectrum, axis=0))
-    figures = _figures(whole, np.sqrt(np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian)), spread, windows)
-    return _physical(whole, covariance, spread, windows, table, figures)
+    own = MODEL_ERRORS.own * np.sqrt(np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian))
+    figures = _figures(whole, np.array([own, window_sd, np.ptp(by_spectrum, axis=0)]), windows)
+    return _physical(whole, covariance, windows, table, figures)
 
 
 def _chosen(windows: FlightWindows, directions: Array | None) -> tuple[list[GrayBoxFit], GrayBoxFit]:
-    """A fit for each wind that has one, and the most probable one with the refinements that unseen windows bear out."""
+    """A fit for each wind that has one, and the most probable one with the refinements that it bears out."""
     count = len(windows.rate)
     some = windows.of(np.linspace(0, count - 1, min(count, CHOOSING_WINDOWS)).round().astype(np.intp))
     plain, start = directed(some, directions)
@@ -79,42 +71,23 @@ def _chosen(windows: FlightWindows, directions: Array | None) -> tuple[list[Gray
     for wind in WINDS:
         parameters = plain._replace(wind=wind)
         first = parameters.prior[0]
-        first[0] = start[0]
+        first[: len(start) - 1], first[-1] = start[:-1], start[-1]
         try:
             fits.append(fitted(parameters, some, first))
+            start = fits[-1].theta
         except np.linalg.LinAlgError:
             continue
     if not fits:
         raise ValueError("there is no steady filter for these motors and rates: take another part of the flight")
-    best = max(fits, key=lambda fit: fit.evidence)
-    return fits, _refined(best, some) if len(some.rate) >= MIN_REFINING_WINDOWS else best
-
-
-def _refined(plain: GrayBoxFit, windows: FlightWindows) -> GrayBoxFit:
-    """With each refinement that predicts windows better that it was not fitted to, in two-fold cross-validation."""
-    chosen, score = plain, _unseen(plain, windows)
+    chosen = max(fits, key=lambda fit: fit.evidence)
     for name in REFINEMENTS:
         parameters = chosen.parameters._replace(refinements=(*chosen.parameters.refinements, name))
         try:
-            refined = fitted(parameters, windows, np.append(chosen.theta, 0.0))
-            unseen = _unseen(refined, windows)
+            refined = fitted(parameters, some, np.append(chosen.theta, 0.0), MIN_GAIN_NATS)
+            chosen = max(chosen, refined, key=lambda fit: fit.evidence)
         except np.linalg.LinAlgError:
             continue
-        if min(unseen - score) > 0 and sum(unseen - score) > MIN_GAIN_NATS:
-            chosen, score = refined, unseen
-    return chosen
-
-
-def _unseen(fit: GrayBoxFit, windows: FlightWindows) -> Array:
-    """(2,) log likelihood of every other window with parameters of those between: a step of Fisher's scoring away."""
-    mean, sd = fit.parameters.prior
-    likelihoods = []
-    for half in (0, 1):
-        slope = fit.scores[half::2].sum(axis=0) - (fit.theta - mean) / sd**2
-        theta = fit.theta + np.linalg.solve(fit.information[half::2].sum(axis=0) + np.diag(sd**-2.0), slope)
-        errors, _ = fit.parameters.innovations(theta[None], windows.of(slice(1 - half, None, 2)))
-        likelihoods.append(log_likelihood(errors[0]))
-    return np.array(likelihoods)
+    return fits, chosen
 
 
 def _logarithms(parameters: Parameters, theta: Array, dt: float) -> Array:
@@ -134,16 +107,15 @@ def _log_jacobian(parameters: Parameters, theta: Array, dt: float) -> Array:
     return jacobian
 
 
-def _figures(whole: GrayBoxFit, sd: Array, spread: _Spread, windows: FlightWindows) -> IdentifiabilityFigures:
+def _figures(whole: GrayBoxFit, spreads: Array, windows: FlightWindows) -> IdentifiabilityFigures:
     parameters, theta = whole.parameters, whole.theta
-    tables = sd, np.sqrt(spread.window_variance), spread.spectrum_range
-    own, over_windows, over_spectra = (dict(zip(PARAMETERS, table.tolist(), strict=True)) for table in tables)
+    sd, window_sd, spectrum_range = (dict(zip(PARAMETERS, row, strict=True)) for row in spreads.tolist())
     return IdentifiabilityFigures(
         wind_share=_wind_share(parameters, theta, windows, whole.levels),
         alias_share=_alias_share(parameters, theta, windows),
-        sd=own,
-        window_sd=over_windows,
-        spectrum_range=over_spectra,
+        sd=sd,
+        window_sd=window_sd,
+        spectrum_range=spectrum_range,
         damping=float(parameters.damping(theta)),
         lag=float(np.exp(theta[parameters.motors + 2])),
         dt=windows.dt,
@@ -153,7 +125,6 @@ def _figures(whole: GrayBoxFit, sd: Array, spread: _Spread, windows: FlightWindo
 def _physical(
     whole: GrayBoxFit,
     covariance: Array,
-    spread: _Spread,
     windows: FlightWindows,
     table: WindowTable,
     figures: IdentifiabilityFigures,
@@ -169,15 +140,19 @@ def _physical(
     slopes[r : r + 2] = _log_jacobian(parameters, theta, dt)[1:] * [[damping], [lag]]
     slopes[r + 2, r + 3] = 1.0
     covariance = slopes @ covariance @ slopes.T
-    varied = spread.window_variance + (spread.spectrum_range / RANGE) ** 2
-    slow = 1 / dt < SLOWEST_RATE
-    common = varied[0] + errors.effect**2
-    if figures.wind_share > WIND_SHARE.reported:
-        common += errors.wind_bias**2
+    # The wind's spectrum is as wrong for all motors.
+    alike = np.eye(r + 3)
+    alike[:r, :r] = np.outer(effect, np.sign(effect)) / np.abs(effect).sum()
+    covariance += (errors.own**2 - 1) * alike @ covariance @ alike.T
+    spreads = [(figures.window_sd[name], figures.spectrum_range[name] / RANGE) for name in PARAMETERS]
+    varied = np.square(spreads).sum(axis=1)
+    bias = errors.wind_bias if figures.wind_share > WIND_SHARE.reported else 0.0
+    common = varied[0] + errors.effect**2 + bias**2
     if status["effect"] == "not identifiable":
         common += errors.unknown_effect**2
-    if slow:
-        varied = varied + errors.slow**2
+    if 1 / dt < SLOWEST_RATE:
+        common += errors.slow_effect**2
+        varied += errors.slow**2
     covariance[:r, :r] += np.outer(effect, effect) * common + np.diag(effect**2) * errors.motor**2
     covariance[r, r] += damping**2 * varied[1] + errors.damping**2
     covariance[r + 1, r + 1] += lag**2 * (varied[2] + errors.lag**2)
@@ -193,7 +168,7 @@ def _physical(
         covariance=covariance * np.outer(scale, scale),
         status=status,
         reasons=reasons,
-        bias=errors.slow_bias if slow else 0.0,
+        bias=bias,
         wind=float(np.sqrt(np.sum(sizes**2))),
         wind_share=figures.wind_share,
         components=tuple(
@@ -207,7 +182,7 @@ def _physical(
 
 
 def _over_time(whole: GrayBoxFit, jacobian: Array, windows: FlightWindows) -> tuple[WindowTable, Array]:
-    """Each window's own estimate, and (3,) the variance that the spread between windows adds to the mean's.
+    """Each window's own estimate, and (3,) the sd that the spread between windows adds to the mean's.
 
     A step of Fisher's scoring from the estimate of all, with the prior about it. The spread is that of a random-effects
     model (DerSimonian and Laird, "Meta-analysis in clinical trials", Controlled Clinical Trials 7, 1986).
@@ -225,7 +200,7 @@ def _over_time(whole: GrayBoxFit, jacobian: Array, windows: FlightWindows) -> tu
     effect, damping, lag = (np.exp(np.clip(deviations, -3, 3)) * whole_flight).T
     effect_sd, damping_sd, lag_sd = (np.sqrt(variances) * whole_flight).T
     wind = whole.levels * float(np.sqrt(np.sum(parameters.sizes(whole.theta) ** 2)))
-    return WindowTable(windows.starts, effect, effect_sd, damping, damping_sd, lag, lag_sd, wind), added
+    return WindowTable(windows.starts, effect, effect_sd, damping, damping_sd, lag, lag_sd, wind), np.sqrt(added)
 
 
 def _added_variance(values: Array, variances: Array) -> float:
@@ -242,11 +217,12 @@ def _added_variance(values: Array, variances: Array) -> float:
 
 def _wind_share(parameters: Parameters, theta: Array, windows: FlightWindows, levels: Array) -> float:
     """Of the variance of wind and motors together, in the band of the motion; windows count as they do in the fit."""
-    from scipy.signal import butter, sosfiltfilt  # it takes half a second to import
+    from scipy.signal import butter, lfilter, sosfiltfilt  # it takes half a second to import
 
     rate = 1 / windows.dt
-    commanded, lag = parameters.commanded(theta, windows), float(parameters.lag(theta, windows.dt))
-    torque = lagged(commanded[:, :, None], lag, windows.dt)[:, :, 0]
+    commanded = parameters.commanded(theta, windows)
+    keeps = float(np.exp(-windows.dt / parameters.lag(theta, windows.dt)))
+    torque, _ = lfilter([1 - keeps], [1, -keeps], commanded, axis=1, zi=keeps * commanded[:, :1])
     turning = np.gradient(windows.rate, windows.dt, axis=1) + parameters.damping(theta) * windows.rate
     band = butter(2, (BAND_HZ[0], min(BAND_HZ[1], MAX_BAND_SHARE * rate)), "bandpass", fs=rate, output="sos")
     motors, both = (sosfiltfilt(band, signal, axis=1) for signal in (torque, turning))
@@ -256,7 +232,7 @@ def _wind_share(parameters: Parameters, theta: Array, windows: FlightWindows, le
 
 def _alias_share(parameters: Parameters, theta: Array, windows: FlightWindows) -> float:
     """The share of the commands' variance above half of the Nyquist frequency, each window without its mean."""
-    commands = parameters.commanded(theta, windows)
+    commands = windows.inputs @ parameters.effect(theta)
     commands = commands - commands.mean(axis=1, keepdims=True)
     power = np.abs(np.fft.rfft(commands * np.hanning(commands.shape[1]), axis=1)) ** 2
     return float(power[:, power.shape[1] // 2 :].sum() / power.sum())

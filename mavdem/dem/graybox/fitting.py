@@ -105,20 +105,20 @@ class _LogJoint(NamedTuple):
 
     def _value(self, at: Array, errors: Array) -> float:
         mean, sd = self.parameters.prior
-        return log_likelihood(errors) - float(0.5 * np.sum(((at - mean) / sd) ** 2))
+        likelihood = -0.5 * errors.shape[1] * np.log(np.mean(errors**2, axis=1)).sum()
+        return float(likelihood - 0.5 * np.sum(((at - mean) / sd) ** 2))
 
 
-def log_likelihood(errors: Array) -> float:
-    """Of innovations (W, N), each window with the level that suits it best."""
-    return float(-0.5 * errors.shape[1] * np.log(np.mean(errors**2, axis=1)).sum())
+def fitted(parameters: Parameters, windows: FlightWindows, start: Array, promised: float = 0.0) -> GrayBoxFit:
+    """The most probable parameters, from ``start`` (k,) on; ``LinAlgError`` where there is no steady filter there.
 
-
-def fitted(parameters: Parameters, windows: FlightWindows, start: Array) -> GrayBoxFit:
-    """The most probable parameters, from ``start`` (k,) on; ``LinAlgError`` where there is no steady filter there."""
+    It stays at ``start`` where less than the ``promised`` gain, in nats, is expected of the first step.
+    """
     objective = _LogJoint(parameters, windows, [])
     damping = Damping(first=1e-2, factor=6.0, attempts=12, limited=objective.limited, careful=True)
     first = objective.quadratic(start, np.empty(0))
-    gauss_newton(objective, first, damping, MAX_ITERATIONS, CONVERGED_NATS)
+    if first.remaining >= promised:
+        gauss_newton(objective, first, damping, MAX_ITERATIONS, CONVERGED_NATS)
     return objective.fits[-1]
 
 

@@ -28,8 +28,8 @@ class Limit(NamedTuple):
         return "reported" if figure <= self.reported else "biased" if figure <= self.biased else "not identifiable"
 
 
-WIND_SHARE = Limit(0.25, 0.40)  # of the wind, in the torque's variance
-RELATIVE_SD = {"effect": Limit(0.10, 0.20), "damping": Limit(0.50, 0.50), "lag": Limit(0.25, 0.35)}
+WIND_SHARE = Limit(0.25, 0.33)  # of the wind, in the torque's variance
+RELATIVE_SD = {"effect": Limit(0.10, 0.20), "damping": Limit(0.75, 0.75), "lag": Limit(0.25, 0.35)}
 SPECTRUM_RANGE = {"effect": Limit(0.10, 0.30), "damping": Limit(0.60, 0.90), "lag": Limit(0.40, 0.40)}
 """Of the logarithm of the estimate, over the spectra that the wind may have. An effect cannot be told from its lag."""
 MAX_ALIAS_SHARE = 0.12  # of the commands' variance, above half of the Nyquist frequency
@@ -45,15 +45,16 @@ class ModelErrors(NamedTuple):
     the effect changes with the tilt in wind, and rotors spin up twice as fast as they slow down.
     """
 
-    effect: float = 0.025  # of all motors together, as a share of the effect
+    own: float = 3.0  # times the likelihood's standard deviation: the wind's spectrum is not quite that of the model
+    effect: float = 0.02  # of all motors together, as a share of the effect
     motor: float = 0.015  # of each by itself, likewise
     damping: float = 0.3  # 1/s
-    lag: float = 0.05  # as a share of the lag
+    lag: float = 0.08  # as a share of the lag
     delay: float = 0.002  # s
-    unknown_effect: float = 0.3  # of an effect that is not identifiable, as a share of it
-    wind_bias: float = 0.1  # of the effect where it is biased by the wind, as a share; it comes out high more often
-    slow_bias: float = -0.08  # the effect's likely error below ``SLOWEST_RATE``, as a share
-    slow: float = 0.3  # of damping and lag there, as a share
+    unknown_effect: float = 0.4  # of an effect that is not identifiable, as a share of it
+    wind_bias: float = -0.2  # of the effect where it is biased by the wind, as a share: likely, and as uncertain
+    slow_effect: float = 0.05  # below ``SLOWEST_RATE``, as a share
+    slow: float = 0.3  # of damping and lag there, likewise
     wind: float = 0.15  # of the wind's torque, as a share of its sd: drag and cross-coupling are not modelled
     wind_sd: float = 0.1  # of its sd and of its mean, likewise
 
@@ -72,7 +73,7 @@ class IdentifiabilityFigures(NamedTuple):
 
     wind_share: float  # of the wind's torque, in the variance of its sum with the motors', in the roll motion's band
     alias_share: float  # share of the commands' variance that is above half of the Nyquist frequency
-    sd: dict[str, float]  # relative standard deviation of the estimate by itself
+    sd: dict[str, float]  # relative standard deviation of the estimate, by ``ModelErrors.own``
     window_sd: dict[str, float]  # relative standard deviation that the spread between windows adds to that of the mean
     spectrum_range: dict[str, float]  # of the logarithm, over the wind's possible spectra
     damping: float  # estimate, 1/s
@@ -99,12 +100,12 @@ def identifiability(figures: IdentifiabilityFigures) -> tuple[dict[str, Status],
 def _obstacles(name: str, figures: IdentifiabilityFigures) -> Iterator[tuple[Status, str]]:
     share, sd, spread = figures.wind_share, figures.sd[name], figures.spectrum_range[name]
     by_wind = WIND_SHARE.status(share)
-    high = f" The effect may be off by {200 * MODEL_ERRORS.wind_bias:.0f} %, mostly high."
+    low = f" The effect may be off by {-200 * MODEL_ERRORS.wind_bias:.0f} %, mostly low."
     yield (
         by_wind,
         f"The wind has {100 * share:.0f} % of the torque's variance, and the motors answer it (closed loop): fly quick "
         "inputs on this axis (doublets, or a sweep of about 3°) in calm air, until it has "
-        f"{100 * WIND_SHARE.reported:.0f} %." + (high if by_wind == "biased" and name == "effect" else ""),
+        f"{100 * WIND_SHARE.reported:.0f} %." + (low if by_wind == "biased" and name == "effect" else ""),
     )
     if figures.alias_share > MAX_ALIAS_SHARE:
         yield (
@@ -120,7 +121,8 @@ def _obstacles(name: str, figures: IdentifiabilityFigures) -> Iterator[tuple[Sta
         f"It changes by {_factor(spread)} with the spectrum that the wind is taken to have: steer more, or fly in "
         "calmer air.",
     )
-    if name == "effect" and figures.spectrum_range["lag"] > SPECTRUM_RANGE["lag"].reported:
+    short = figures.lag < RESOLVED_LAG * figures.dt
+    if name == "effect" and not short and figures.spectrum_range["lag"] > SPECTRUM_RANGE["lag"].reported:
         yield (
             "not identifiable",
             f"The lag changes by {_factor(figures.spectrum_range['lag'])} with the spectrum that the wind is taken to "
@@ -128,17 +130,16 @@ def _obstacles(name: str, figures: IdentifiabilityFigures) -> Iterator[tuple[Sta
         )
     if name == "damping" and figures.damping > LARGEST_DAMPING:
         yield "not identifiable", f"It is at the bound of what rotors in air can do, {LARGEST_DAMPING:.0f} 1/s."
-    if name == "lag" and figures.lag < RESOLVED_LAG * figures.dt:
+    if name == "lag" and short:
         yield (
             "not identifiable",
             f"It is shorter than half a step of the stream ({1e3 * figures.dt:.0f} ms): record faster.",
         )
-    if 1 / figures.dt < SLOWEST_RATE:
+    if name != "effect" and 1 / figures.dt < SLOWEST_RATE:
         yield (
             "biased",
-            f"At {1 / figures.dt:.0f} Hz the commands between samples are not known: the effect is low by about "
-            f"{-100 * MODEL_ERRORS.slow_bias:.0f} %, damping and lag may be off by {200 * MODEL_ERRORS.slow:.0f} %. "
-            f"Record at {SLOWEST_RATE:.0f} Hz or more.",
+            f"At {1 / figures.dt:.0f} Hz the commands between samples are not known: it may be off by "
+            f"{200 * MODEL_ERRORS.slow:.0f} %. Record at {SLOWEST_RATE:.0f} Hz or more.",
         )
 
 

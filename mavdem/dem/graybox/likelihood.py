@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag, expm, solve_continuous_lyapunov
+from scipy.linalg import expm, solve_continuous_lyapunov
 
 from mavdem.dem.engine.kalman import SteadyFilter, SteadySmoothed, steady_covariance
 from mavdem.dem.engine.linalg import Array
@@ -74,6 +74,7 @@ GUSTS = smooth(4)
 ``Smatrix``), to an order that is enough for the spectrum where there is power."""
 
 SETTLING_SECONDS = 0.25  # of each window, whose prediction errors do not count: the filter finds the state
+ANSWERED_SECONDS = 0.004  # for which an autopilot answers one sample of the rate: then it has the next
 SHORTEST_LAG = 0.5  # steps of the stream
 MAX_DAMPING = 25.0  # 1/s: five times that of the smallest published vehicles
 BLOCK = 24  # steps that are worked out together
@@ -87,9 +88,9 @@ mixer's direction. The effect's mean is that of a first estimate."""
 TIMES = ((np.log(1.0), 1.0), (np.log(0.07), 1.0))
 """Likewise of the time of each component of the wind: the drift of the air, and gusts."""
 
-REFINEMENTS = {"thrust curve": (0.0, 0.3), "spin-up": (0.0, 0.3)}
-"""Refinements, each a parameter: relative change of the effect for one standard deviation of the inputs; and, as a
-share of the lag, by how much rotors spin up faster than down."""
+REFINEMENTS = {"jumps": (0.0, 0.3), "thrust curve": (0.0, 0.3)}
+"""Refinements, each a parameter: by what share of a step inputs that jump between two samples did so sooner than half
+way; and the relative change of the effect for one standard deviation of the inputs."""
 
 
 class FlightWindows(NamedTuple):
@@ -100,10 +101,11 @@ class FlightWindows(NamedTuple):
     dt: float  # step, s
     starts: Array  # (W,) s of the record before each
     unit: float  # of the inputs, in the unit of the record's
+    answers: Array  # (W, N, r) of the inputs, what answers what is new in the rate at the same sample
 
     def of(self, some: slice | NDArray[np.intp]) -> FlightWindows:
         """Returns some of them."""
-        return FlightWindows(self.inputs[some], self.rate[some], self.dt, self.starts[some], self.unit)
+        return self._replace(**{name: getattr(self, name)[some] for name in ("inputs", "rate", "starts", "answers")})
 
 
 class Parameters(NamedTuple):
@@ -169,18 +171,14 @@ class Parameters(NamedTuple):
 
         The transition has two inputs: the torque that the motors settle at, and a constant acceleration.
         """
-        n = 2 + sum(len(colour.A) for colour in self.wind)
-        A, B, drive = (np.zeros((len(thetas), n, width)) for width in (n, 2, n))
-        rate = 1 / self.lag(thetas, dt)
-        A[:, 0, 0], A[:, 0, 1], A[:, 1, 1] = -self.damping(thetas), 1.0, -rate
+        vehicle, rate = np.zeros((len(thetas), 2, 2)), 1 / self.lag(thetas, dt)
+        vehicle[:, 0, 0], vehicle[:, 0, 1], vehicle[:, 1, 1] = -self.damping(thetas), 1.0, -rate
+        components = zip(self.wind, self.sizes(thetas).T, self.times(thetas).T, strict=True)
+        A, drive, wind = with_wind(vehicle, list(components))
+        A[:, 0] += wind
+        n = A.shape[-1]
+        B = np.zeros((len(thetas), n, 2))
         B[:, 1, 0], B[:, 0, 1] = rate, 1.0
-        start = 2
-        for each, size, time in zip(self.wind, self.sizes(thetas).T, self.times(thetas).T, strict=True):
-            states = slice(start, start + len(each.A))
-            A[:, states, states] = each.A / time[:, None, None]
-            drive[:, states, states] = each.drive / time[:, None, None]
-            A[:, 0, states] = each.C * size[:, None]
-            start = states.stop
         transition = discretize(A, B, dt)
         process = step_covariance(A, drive, dt)
         noise = np.exp(2 * thetas[:, self.noise_index]) + self.least_noise**2
@@ -193,12 +191,7 @@ class Parameters(NamedTuple):
         """(W, N) the torque that the motors would settle at, rad/s², refinements included."""
         inputs = windows.inputs
         for name, value in zip(self.refinements, theta[self.noise_index + 1 :], strict=True):
-            if name == "thrust curve":
-                inputs = inputs + value * windows.inputs**2 / 2
-            else:
-                # To first order: the lag divided by 1 ± value where the rotor speeds up or slows down.
-                lag = float(self.lag(theta, windows.dt))
-                inputs = inputs + value * np.abs(windows.inputs - lagged(windows.inputs, lag, windows.dt))
+            inputs = jumping(inputs, value) if name == "jumps" else inputs + value * inputs**2 / 2
         return np.asarray(inputs @ self.effect(theta))
 
     def innovations(self, thetas: Array, windows: FlightWindows) -> tuple[Array, Array]:
@@ -212,8 +205,12 @@ class Parameters(NamedTuple):
         driven = np.empty((number, W, N - 1, 3))
         driven[..., 2] = windows.rate[:, :-1]
         for k, theta in enumerate(thetas):
-            ends = delayed(self.commanded(theta, windows).T, theta[self.motors + 3] / windows.dt)
-            driven[k, :, :, 0], driven[k, :, :, 1] = (end.T for end in ends)
+            steps = float(theta[self.motors + 3]) / windows.dt
+            # A command that reacts to a sample must not help to predict it: what answers a sample is held from then on.
+            answer = windows.answers @ self.effect(theta)
+            held, _ = delayed(min(1.0, ANSWERED_SECONDS / windows.dt) * answer.T, steps)
+            ends = delayed((self.commanded(theta, windows) - answer).T, steps)
+            driven[k, :, :, 0], driven[k, :, :, 1] = ((end + held).T for end in ends)
         step = transition.state.copy()
         step[:, :, 0] -= gain
         predicted = followed(step, np.stack([now[..., 0], later[..., 0], gain], axis=2), driven, windows.rate[:, 0])
@@ -257,27 +254,23 @@ def followed(step: Array, gains: Array, inputs: Array, first: Array) -> Array:
     return followed.reshape(number, W, blocks * BLOCK)[:, :, :N]
 
 
-def lagged(inputs: Array, lag: float, dt: float) -> Array:
-    """(W, N, r) inputs after a first-order lag, s, from where they begin."""
-    from scipy.signal import lfilter  # it takes half a second to import
+def jumping(inputs: Array, sooner: float) -> Array:
+    """(W, N, r) inputs whose jumps between two samples come ``sooner`` than half way, in shares of a step.
 
-    keeps = float(np.exp(-dt / lag))
-    begin = keeps * inputs[:, :1]
-    return np.asarray(lfilter([1 - keeps], [1, -keeps], inputs, axis=1, zi=begin)[0])
+    A jump is what a change has beyond the one before it, and of it alone where their signs differ.
+    """
+    changes = np.diff(inputs, axis=1, prepend=inputs[:, :1])
+    before = np.concatenate([np.zeros_like(changes[:, :1]), changes[:, :-1]], axis=1)
+    return np.asarray(inputs + sooner * (changes - np.clip(before, np.minimum(changes, 0.0), np.maximum(changes, 0.0))))
 
 
 def delayed(inputs: Array, steps: float) -> tuple[Array, Array]:
-    """Commands (T − 1, r) as they act at the beginning and the end of each step, interpolated.
-
-    A command that reacts to a sample must not help to predict it: within a step the last command before it holds.
-    """
-    ends, number = [], len(inputs)
-    for late in (min(max(0.0, steps), number), min(max(0.0, steps - 1), number)):
-        whole = int(np.ceil(late))
-        share = whole - late
-        moved = np.concatenate([np.repeat(inputs[:1], whole, axis=0), inputs[: number - whole]])
-        ends.append((1 - share) * moved[:-1] + share * moved[1:])
-    return ends[0], ends[1]
+    """Commands (T − 1, r) as they act at the beginning and the end of each step, interpolated."""
+    whole = int(min(max(0.0, steps), len(inputs)))
+    share = min(max(0.0, steps) - whole, 1.0)
+    later = np.concatenate([np.repeat(inputs[:1], whole + 1, axis=0), inputs])[: len(inputs) + 1]
+    moved = (1 - share) * later[1:] + share * later[:-1]
+    return moved[:-1], moved[1:]
 
 
 class Plant(NamedTuple):
@@ -287,10 +280,11 @@ class Plant(NamedTuple):
     process: Array  # (n, n) covariance of the noise, which drives the wind
     wind: Array  # (n,) the wind's torque, rad/s², out of a state
     stationary: Array  # (n, n) covariance of the wind's states before anything is measured; 0 for rate and torque
+    jumps: float  # share of a step by which commands that jump do so sooner than half way
 
     def pushes(self, commanded: Array, steps: float) -> Array:
         """Returns (T − 1, n) what commands (T,), rad/s², that act so many ``steps`` later do to the next state."""
-        early, late = delayed(commanded[:, None], steps)
+        early, late = delayed(jumping(commanded[None, :, None], self.jumps)[0], steps)
         return early * self.step.input_now[:, 0] + late * self.step.input_next[:, 0]
 
     def filter(self, noise: float) -> SteadyFilter:
@@ -309,25 +303,38 @@ class Plant(NamedTuple):
         return filtered.smoothed(self.pushes(commanded, steps), rate, first, uncertainty, self.wind)
 
 
-def with_wind(vehicle: Array, components: Sequence[tuple[Coloured, float, float]]) -> tuple[Array, Array, Array, Array]:
-    """A (n, n) of the ``vehicle`` and, uncoupled, the wind's states; their drive, stationary covariance, and torque.
+def with_wind(
+    vehicle: Array, components: Sequence[tuple[Coloured, Array | float, Array | float]]
+) -> tuple[Array, Array, Array]:
+    """A (…, n, n) of the ``vehicle`` (…, m, m) and, uncoupled, the wind's states; their drive, and the torque (…, n).
 
-    ``components`` are colour, standard deviation in rad/s², and time in s of each; the torque, rad/s², is (n,).
+    ``components`` are colour, standard deviation in rad/s² (…), and time in s (…) of each.
     """
-    A = block_diag(vehicle, *(colour.A / time for colour, _, time in components))
-    drive, stationary, wind, start = np.zeros_like(A), np.zeros_like(A), np.zeros(len(A)), len(vehicle)
+    start = vehicle.shape[-1]
+    n = start + sum(len(colour.A) for colour, _, _ in components)
+    A, drive = np.zeros((2, *vehicle.shape[:-2], n, n))
+    wind = np.zeros(A.shape[:-1])
+    A[..., :start, :start] = vehicle
     for colour, size, time in components:
-        states = slice(start, start + len(colour.A))
-        wind[states], start = size * colour.C, states.stop
-        drive[states, states] = colour.drive / time
-        stationary[states, states] = solve_continuous_lyapunov(A[states, states], -drive[states, states])
-    return A, drive, stationary, wind
+        states, pace = slice(start, start + len(colour.A)), 1 / np.asarray(time)[..., None, None]
+        A[..., states, states], drive[..., states, states] = colour.A * pace, colour.drive * pace
+        wind[..., states], start = colour.C * np.asarray(size)[..., None], states.stop
+    return A, drive, wind
 
 
-def plant(damping: float, lag: float, components: Sequence[tuple[Coloured, float, float]], dt: float) -> Plant:
+def stationary(A: Array, drive: Array, first: int) -> Array:
+    """(n, n) covariance of the states from the ``first`` of the wind on, and 0 of those before."""
+    covariance = np.zeros_like(A)
+    covariance[first:, first:] = solve_continuous_lyapunov(A[first:, first:], -drive[first:, first:])
+    return covariance
+
+
+def plant(
+    damping: float, lag: float, components: Sequence[tuple[Coloured, float, float]], dt: float, jumps: float = 0.0
+) -> Plant:
     """The plant with ``damping``, 1/s, ``lag``, s, and wind as in :func:`with_wind`, sampled every ``dt`` seconds."""
-    A, drive, stationary, wind = with_wind(np.array([[-damping, 1.0], [0.0, -1 / lag]]), components)
+    A, drive, wind = with_wind(np.array([[-damping, 1.0], [0.0, -1 / lag]]), components)
     A[0] += wind
     step = discretize(A, np.eye(len(A))[:, 1:2] / lag, dt)
     process = step_covariance(A, drive, dt)
-    return Plant(step, (process + process.T) / 2, wind, stationary)
+    return Plant(step, (process + process.T) / 2, wind, stationary(A, drive, 2), jumps)

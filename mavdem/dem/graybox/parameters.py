@@ -57,7 +57,7 @@ class Physical(NamedTuple):
             over the wind's possible spectra, and nonlinear effects.
         status: "reported", "biased" or "not identifiable", by "effect", "damping" and "lag".
         reasons: likewise, a sentence or two; empty where nothing is to be said.
-        bias: likely relative error of the effect, negative where it comes out low; 0 unless it is biased by the rate.
+        bias: likely relative error of the effect, negative where it comes out low; 0 unless it is biased by the wind.
         wind: standard deviation of the angular acceleration that is not by the motors, rad/s², without its constant.
         wind_share: of its variance in the sum with that of the motors' torque, in the band of the motion.
         components: of the wind.
@@ -89,7 +89,7 @@ class Physical(NamedTuple):
         require_probability(level)
         share = np.sign(self.effect) / len(self.effect)
         mean, r = float(share @ self.effect), len(self.effect)
-        half = float(half_width(share @ self.covariance[:r, :r] @ share, level)) + abs(self.bias) * mean
+        half = float(half_width(share @ self.covariance[:r, :r] @ share, level))
         return mean, half if self.identifiable else np.nan
 
     @property
@@ -103,10 +103,9 @@ class Physical(NamedTuple):
         return None if self.identifiable else f"The motors' effect is not identifiable. {self.reasons['effect']}"
 
     def interval(self, level: float = LEVEL) -> PhysicalInterval:
-        """Returns half widths of intervals of probability ``level``; a likely bias widens them."""
+        """Returns half widths of intervals of probability ``level``."""
         require_probability(level)
         half = half_width(self.covariance.diagonal(), level)
-        half[:-3] += np.abs(self.bias * self.effect)
         effect, damping, lag = (
             np.where(self.status[name] == "not identifiable", np.nan, part)
             for name, part in zip(PARAMETERS, (half[:-3], half[-3], half[-2]), strict=True)
@@ -117,6 +116,7 @@ class Physical(NamedTuple):
 
 WINDOW_SECONDS, SHORTEST_WINDOW_SECONDS = 7.0, 2.0
 MIN_SAMPLES = 200
+PAST = 4  # samples that tell what is new in the next
 FEWEST_RATE = 39.0
 """Hz: of fewer samples, a lag and damping of tens of milliseconds are no more than a guess. A grid of 40 Hz may have a
 little less."""
@@ -130,8 +130,6 @@ def windows_of(record: Record) -> FlightWindows:
             "motors' effect, damping, lag and poles show at several Hz, which needs 40 samples a second, not "
             f"{1 / record.dt:.3g}"
         )
-    if not record.inputs.std(axis=0).any():
-        raise ValueError("physical parameters need motors that move: all inputs are constant")
     rate = rate_column(record)
     samples = _window_samples(record)
     inputs = record.inputs[samples]
@@ -140,7 +138,23 @@ def windows_of(record: Record) -> FlightWindows:
     if not unit:
         raise ValueError("physical parameters need motors that move: all inputs are constant")
     dt = float(samples[0, 1] - samples[0, 0]) * record.dt
-    return FlightWindows(inputs / unit, record.outputs[samples, rate], dt, np.asarray(record.dt * samples[:, 0]), unit)
+    inputs, turning = inputs / unit, record.outputs[samples, rate]
+    return FlightWindows(inputs, turning, dt, np.asarray(record.dt * samples[:, 0]), unit, answers(inputs, turning))
+
+
+def answers(inputs: Array, rate: Array) -> Array:
+    """(W, N, r) what in ``inputs`` (W, N, r) answers what is new in the ``rate`` (W, N) at the same sample.
+
+    New is what a linear regression on the samples before does not predict.
+    """
+    both, count = np.concatenate([rate[:, :, None], inputs], axis=2), rate.shape[1]
+    past = np.concatenate([both[:, lag : count - PAST + lag] for lag in range(PAST)], axis=2)
+    now, past = (part.reshape(-1, part.shape[2]) for part in (both[:, PAST:], past))
+    new = now - past @ np.linalg.lstsq(past, now)[0]
+    found = np.zeros_like(inputs)
+    gains = new[:, 0] @ new[:, 1:] / (new[:, 0] @ new[:, 0])
+    found[:, PAST:] = (new[:, :1] * gains).reshape(len(rate), -1, inputs.shape[2])
+    return found
 
 
 def rate_column(record: Record) -> int:

@@ -8,7 +8,7 @@ from scipy.linalg import expm
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import discretize, recursion
 from mavdem.dem.forecast.var import Forecast
-from mavdem.dem.graybox.likelihood import delayed, step_covariance, with_wind
+from mavdem.dem.graybox.likelihood import delayed, stationary, step_covariance, with_wind
 from mavdem.dem.graybox.parameters import Physical
 from mavdem.dem.priors import derivative_pairs
 from mavdem.dem.record import Record
@@ -74,9 +74,10 @@ def _mean(theta: Array, delay: float, record: Record, order: list[int], inputs: 
 
 def _of_wind(physical: Physical, dt: float, steps: int) -> Array:
     """(H, 2) variance that the wind gives angle and rate from a known beginning."""
-    A, drive, P, wind = with_wind(np.array([[0.0, 1.0], [0.0, -physical.damping]]), physical.components)
+    A, drive, wind = with_wind(np.array([[0.0, 1.0], [0.0, -physical.damping]]), physical.components)
     A[1] += wind
-    state, process, variance = expm(A * dt), step_covariance(A, drive, dt), np.empty((steps, 2))
+    P, variance = stationary(A, drive, 2), np.empty((steps, 2))
+    state, process = expm(A * dt), step_covariance(A, drive, dt)
     for step in range(steps):
         P = state @ P @ state.T + process
         variance[step] = P.diagonal()[:2]

@@ -28,7 +28,7 @@ from mavdem.dem.graybox.parameters import Physical, rate_column
 from mavdem.dem.record import Record
 
 RELATIVE_STEP = 1e-4  # of a parameter, for slopes by differences
-MAX_ERROR_SHARE = 0.5  # of the estimate's variance, that its errors may have before it is not resolved
+MAX_ERROR_SHARE = 0.75  # of the estimate's variance, that its errors may have before it is not resolved
 MAX_SCATTER = 0.1  # of the cancelled share: with more, the motors do too much else for it to be known
 SPECTRUM_SECONDS = 8.0  # of the windows whose spectra are averaged, with half of each in the next
 INDEPENDENT = 18 / 19  # of windows by Hann with half of each in the next, as many count (Welch, 1967)
@@ -223,7 +223,7 @@ def _step(torque: Array, dt: float) -> tuple[int, float] | None:
 def _torques(theta: Array, physical: Physical, record: Record, column: int) -> _Torques:
     """Of all segments, with effect, damping, lag and delay ``theta`` (r + 3,), of the rate in a ``column``."""
     effect, (damping, lag, delay) = theta[:-3], theta[-3:].tolist()
-    axis = plant(damping, lag, physical.components, record.dt)
+    axis = plant(damping, lag, physical.components, record.dt, physical.refinements.get("jumps", 0.0))
     trim = record.inputs.mean(axis=0)
     level = balanced(effect, trim, record.effect_directions)
     parts = []

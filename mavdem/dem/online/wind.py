@@ -70,7 +70,7 @@ def wind_filter(record: Record) -> WindFilter:
     if isinstance(found, NotIdentifiable):
         raise ValueError(found.reason)
     whole = wind(found, record)
-    axis = plant(found.damping, found.lag, found.components, record.dt)
+    axis = plant(found.damping, found.lag, found.components, record.dt, found.refinements.get("jumps", 0.0))
     filtered = axis.filter(found.noise)
     weights = filtered.weights(round(DELAY_SECONDS / record.dt) + 1, axis.wind)
     inputs, outputs = record.segments[-1]
@@ -105,7 +105,7 @@ class _Tracked:
         first[:2] = rate[0], commanded[0]
         states = of.steady.predicted(of.axis.pushes(commanded, self._steps), rate, first)
         self._state, self._number = states[-1], len(states)
-        self._commands = deque(commanded.tolist(), maxlen=int(np.ceil(self._steps)) + 3)
+        self._commands = deque(commanded.tolist(), maxlen=int(np.ceil(self._steps)) + 5)
         self._innovations = deque((rate - states[:, 0]).tolist(), maxlen=lag)
         self._winds = deque((states @ of.axis.wind).tolist(), maxlen=lag)
 

@@ -146,7 +146,6 @@ OF_FLIGHT = ("ATT", "ANG", "RATE", "IMU", "RCOU", "CTUN", "XKF1", "XKF4", "NKF1"
 """DataFlash's messages of the vehicle's motion, motors and state: a log without them is none of a flight."""
 NEEDED = (*OF_FLIGHT, "RCIN", *BATTERIES, "VIBE", "GPS")  # DataFlash's messages that are translated
 SLOWER_SHARE = 0.9  # A message is slower than another when it has fewer than this share of the other's number
-IN_DEGREES = (3, 4)  # The first version of ArduCopter whose releases log RATE in degrees/s
 CENTIDEGREES = (15.0, 400.0)
 """RATE, taken for degrees/s, over the gyro: the range in which it is in centidegrees/s. RATE may be filtered where the
 gyro is not, so that it is less than 100 times as much."""
@@ -237,7 +236,7 @@ def _in_centidegrees(rates: Columns, speeds: Array, gyros: Columns | None, versi
             ratio = float(np.median(np.linalg.norm(speeds[moving], axis=1) / turning[moving]))
             low, high = CENTIDEGREES
             return f"{ratio:.0f} times the gyro's rate in IMU" if low < ratio < high else ""
-    if version is not None and version < IN_DEGREES:
+    if version is not None and version < (3, 4):  # the first whose releases log RATE in degrees/s
         return f"as ArduCopter {version[0]}.{version[1]} logs it"
     return ""
 

@@ -73,8 +73,10 @@ def _stream(source: str, recording: McapRecording, progress: Progress) -> tuple[
     """The MAVLink in a recording, or None, and the number of messages that look like MAVLink."""
     carried: dict[Channel, _FrameChannel | None] = {}
     for place, message in enumerate(recording.messages(_within(progress, 0.0, 0.5))):
-        if message.channel not in carried:
-            carried[message.channel] = _FrameChannel() if _carries_frames(message) else None
+        if (channel := message.channel) not in carried:
+            marked = message.data[:1] in (bytes([MARKER_1]), bytes([MARKER_2]))
+            bare = channel.schema == 0 and channel.encoding not in NO_FRAMES and marked
+            carried[channel] = _FrameChannel() if channel.encoding == "mavlink" or bare else None
         if (frames := carried[message.channel]) is not None:
             frames.add(place, message)
     found = [frames.found() for frames in carried.values() if frames is not None]
@@ -96,12 +98,6 @@ def _stream(source: str, recording: McapRecording, progress: Progress) -> tuple[
         repairs.append("The recording also has ROS 2 topics of a flight; they were not read.")
     skipped = sum(skipped for _, skipped in found)
     return FrameStream(source, ".mcap", part.data, part.frames, stamps, skipped, tuple(repairs)), len(part.frames)
-
-
-def _carries_frames(message: McapMessage) -> bool:
-    channel = message.channel
-    marked = message.data[:1] in (bytes([MARKER_1]), bytes([MARKER_2]))
-    return channel.encoding == "mavlink" or (channel.schema == 0 and channel.encoding not in NO_FRAMES and marked)
 
 
 @dataclass
