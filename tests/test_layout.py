@@ -139,14 +139,14 @@ BUDGETS = {
     "ingest": 5440,
     "alignment": 2010,
     "condition": 770,
-    "dem": 8570,
+    "dem": 8580,
     "health": 1000,
     "baselines": 990,
     "evaluate": 1260,
     "live": 2620,
     "analysis": 990,
     "fleet": 1820,
-    "report": 2970,
+    "report": 2960,
     "view": 1290,
     "export": 320,
     "paper": 1940,
@@ -155,7 +155,7 @@ BUDGETS = {
     "tools": 1430,
 }
 """Lines of Python a room may have, docstrings counted: what a new capability needs, something older gives back."""
-ALL_LINES, ALL_FILES, TEST_LINES = 39_350, 220, 22_700
+ALL_LINES, ALL_FILES, TEST_LINES = 39_300, 220, 22_700
 
 
 def lines_of(path: Path) -> int:
