@@ -139,7 +139,7 @@ BUDGETS = {
     "ingest": 5440,
     "alignment": 2010,
     "condition": 770,
-    "dem": 8580,
+    "dem": 8490,
     "health": 1000,
     "baselines": 990,
     "evaluate": 1260,
@@ -152,10 +152,10 @@ BUDGETS = {
     "paper": 1940,
     "cli": 2070,
     "sitl_scenarios": 3200,
-    "tools": 1430,
+    "tools": 1450,
 }
 """Lines of Python a room may have, docstrings counted: what a new capability needs, something older gives back."""
-ALL_LINES, ALL_FILES, TEST_LINES = 39_300, 220, 22_700
+ALL_LINES, ALL_FILES, TEST_LINES = 39_250, 220, 22_700
 
 
 def lines_of(path: Path) -> int:
