@@ -136,26 +136,26 @@ def test_a_file_is_not_long():
 
 BUDGETS = {
     "mavdem": 670,
-    "ingest": 5450,
+    "ingest": 5440,
     "alignment": 2010,
-    "condition": 780,
-    "dem": 8570,
+    "condition": 770,
+    "dem": 8490,
     "health": 1000,
     "baselines": 990,
     "evaluate": 1260,
     "live": 2620,
     "analysis": 990,
     "fleet": 1820,
-    "report": 2970,
+    "report": 2960,
     "view": 1290,
     "export": 320,
     "paper": 1940,
     "cli": 2070,
-    "sitl_scenarios": 3210,
-    "tools": 1430,
+    "sitl_scenarios": 3200,
+    "tools": 1450,
 }
 """Lines of Python a room may have, docstrings counted: what a new capability needs, something older gives back."""
-ALL_LINES, ALL_FILES, TEST_LINES = 39_350, 220, 22_700
+ALL_LINES, ALL_FILES, TEST_LINES = 39_250, 220, 22_700
 
 
 def lines_of(path: Path) -> int:

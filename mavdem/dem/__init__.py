@@ -2,7 +2,6 @@
 
 from mavdem.dem.engine.ascent import FreeEnergy, Learning
 from mavdem.dem.engine.model import LinearModel
-from mavdem.dem.fitting import SmoothnessEstimate, estimate_smoothness
 from mavdem.dem.graybox import NotIdentifiable, Physical, WindTorque, physical
 from mavdem.dem.learned import Learned
 from mavdem.dem.learning import learn, learn_many
@@ -21,9 +20,7 @@ __all__ = [
     "NotIdentifiable",
     "Physical",
     "Settings",
-    "SmoothnessEstimate",
     "WindTorque",
-    "estimate_smoothness",
     "learn",
     "learn_many",
     "physical",

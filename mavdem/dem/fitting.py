@@ -1,17 +1,13 @@
-"""One fit, from a record and complete settings to an ascent and its predictor; and the noise's smoothness by fits."""
+"""One fit, from a record and complete settings to an ascent and its predictor."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 
-from mavdem.confidence import LEVEL, quantile, require_probability
 from mavdem.dem.engine.ascent import Ascent, Rates, ascend
 from mavdem.dem.engine.coordinates import embed, sampled_output_precision, sampled_state_precision, temporal_precision
 from mavdem.dem.engine.free_energy import Belief
@@ -29,7 +25,7 @@ from mavdem.dem.priors import (
     regulated_prior,
     uniform_prior,
 )
-from mavdem.dem.record import Record, UniformRecord
+from mavdem.dem.record import Record
 from mavdem.dem.scaling import Scaling
 from mavdem.dem.settings import CompleteSettings
 
@@ -191,82 +187,3 @@ def predictor_of(theta: Array, sizes: tuple[int, int, int], gain: Array, dt: flo
     """The predictor of θ (k,), of n states, r inputs and m outputs, with a filter of that gain (n, m)."""
     A, B, C = unpack(theta, *sizes)
     return StateSpace.of_transition(discretize(A, B, dt), C, gain)
-
-
-MIN_STEPS = 0.25  # steps: noise of a smoothness below this is white to the samples, whatever it is between them
-
-MAX_SHARE, MAX_STEPS = 0.05, 1000.0
-"""Of the longest segment: smoother noise does not change often enough to be measured. And in steps: of smoother noise
-differences between samples are rounding."""
-
-GRID_POINTS = 9  # of the first, coarse search, over ln s
-CURVATURE_STEP = 0.1  # in ln s: for the curvature of F̄ᵒ by differences
-
-
-class SmoothnessEstimate(NamedTuple):
-    """The estimated smoothness, and how flat F̄ᵒ is around it.
-
-    Attributes:
-        smoothness: kernel width s, seconds.
-        log_sd: standard deviation of ln s, from the curvature of F̄ᵒ for the effective number of samples: F̄ᵒ counts
-            neighbours as independent. Infinite at an end of the range.
-        tried: (k,) every s at which F̄ᵒ was computed, seconds, increasing.
-        free_energy: (k,) F̄ᵒ there.
-    """
-
-    smoothness: float
-    log_sd: float
-    tried: Array
-    free_energy: Array
-
-    def interval(self, level: float = LEVEL) -> tuple[float, float]:
-        """Returns the interval of s with probability ``level``, seconds."""
-        require_probability(level)
-        span = float(np.exp(quantile(level) * self.log_sd))
-        return self.smoothness / span, self.smoothness * span
-
-
-def estimate_smoothness(train: UniformRecord | Sequence[UniformRecord]) -> SmoothnessEstimate:
-    """Estimates the smoothness s of the noise of ``train``, a flight or segments: the maximum of F̄ᵒ over s.
-
-    Each sample's derivatives determine s: a noise of variance 1 has a derivative of variance 1/(2s²). So the shortest
-    window with two derivatives is enough, without hidden states, which would explain coloured noise as motion. Sensor
-    noise is assumed small (``Settings.lambda_z``): where it is not, s is too short. ``ValueError`` where no segment has
-    three samples, or no smoothness in range can be fitted.
-    """
-    record = Record.of(train)
-    settings = CompleteSettings(order=record.outputs.shape[1], p=2, d=2, window=3, parameter_precision=1.0)
-    if not record.windows(settings.window):
-        raise ValueError(f"train must have a segment of at least {settings.window} samples, not {record.longest}")
-    scaling = Scaling.of(record, settings)
-    samples = SufficientStatistics.of(*generalized(settings, scaling, record))
-
-    @cache
-    def value(log_s: float) -> float:
-        try:
-            with raise_on_overflow():
-                model = generative_model(replace(settings, smoothness=float(np.exp(log_s))), scaling, record)
-                return float(ascend(model, samples, settings.iterations).free_energy[-1])
-        except ValueError:  # LinAlgError is one
-            return -np.inf
-
-    longest = min(max(MAX_SHARE * record.longest, 1.0), MAX_STEPS)
-    tried = np.linspace(np.log(MIN_STEPS * record.dt), np.log(longest * record.dt), GRID_POINTS).tolist()
-    best = int(np.argmax([value(log_s) for log_s in tried]))
-    if not np.isfinite(value(tried[best])):
-        raise ValueError("the training data do not determine the smoothness of their noise: set it")
-    log_s, log_sd, beside = tried[best], np.inf, tried[max(best - 1, 0) : best + 2]
-    # Where F̄ᵒ cannot be computed between its neighbours, it counts as the lower of them.
-    lowest = min(value(log_s) for log_s in beside)
-    if len(beside) == 3 and np.isfinite(lowest):
-        objective = lambda log_s: tried.append(float(log_s)) or -max(value(float(log_s)), lowest)  # noqa: E731
-        log_s = float(minimize_scalar(objective, bounds=(beside[0], beside[2]), options={"xatol": 0.01}).x)
-        around = value(log_s - CURVATURE_STEP) + value(log_s + CURVATURE_STEP) - 2 * value(log_s)
-        if -np.inf < around < 0:
-            # A sample's square, by which variances are estimated, is correlated with its neighbours' by ρ².
-            width = np.exp(log_s) / record.dt
-            lags = np.arange(-np.ceil(10 * width), np.ceil(10 * width) + 1)
-            redundancy = np.exp(-((lags / width) ** 2) / 2).sum()
-            log_sd = float(np.sqrt(redundancy / -around)) * CURVATURE_STEP
-    tried = sorted({log_s for log_s in tried if np.isfinite(value(log_s))})
-    return SmoothnessEstimate(float(np.exp(log_s)), log_sd, np.exp(tried), np.array([value(log_s) for log_s in tried]))

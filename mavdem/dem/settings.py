@@ -117,7 +117,6 @@ class Settings:
 
     Attributes:
         smoothness: kernel width s of the noise, seconds; ``None``: one sampling step.
-            :func:`mavdem.dem.estimate_smoothness` estimates it.
         correlation: S, of the noise and its derivatives. "sampled": of derivatives computed from the window's samples,
             the highest left out; "continuous": of the true derivatives, Eq. ``Smatrix``, the highest taken to be zero
             and counted as evidence, as the paper's D does.

@@ -127,7 +127,7 @@ def by_loop(model, coefficients, past, motors):
 def test_a_forecast_is_the_mean_s_path_shrunk_by_the_spread_of_the_draws(model):
     center, scale = (values[:2] for values in model.process.units)
     mean = np.vstack([model.process.across.T, model.process.offset])
-    wide = replace(model, draws=mean + 30 * (model.draws - mean))
+    wide = replace(model, draws=mean + 10 * (model.draws - mean))
     found, rows, motors = wide.known_every(40, *AHEAD), slice(40, 80), CHANNELS[740:780, 2:]
     exact = model.process.infer_every(model.past, 40, CHANNELS[700:, 2:], AHEAD[1])
     paths = np.array([by_loop(wide, draw, CHANNELS[740 - model.choice.lags : 740], motors) for draw in wide.draws])

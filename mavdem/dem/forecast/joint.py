@@ -41,9 +41,11 @@ from mavdem.dem.forecast.var import (
 )
 from mavdem.dem.record import Record
 
-LAGS = (4, 6, 8, 10, 14, 20)  # that F̄ chooses from, samples
+LAGS = (6, 8, 10, 14, 20)  # that F̄ chooses from, samples
 RIDGES = (1e-4, 1e-3, 1e-2)  # likewise, precisions of the prior at lag 1, of channels of deviation 1
 MIXER_LAGS, MIXER_RIDGE = 10, 1e-3  # of the models whose F̄ chooses the turning combination
+X_PATTERNS, PLUS_COST = 3, 3.0  # of the patterns an X comes first; a plus is flown by one vehicle in twenty, nats
+MIXER_NOISE = 1e-5  # added to their innovations: how well an angle follows from its rate tells nothing of the motors
 DRAWS = 24  # of the posterior of W, in pairs about its mean
 LARGEST = 1e6  # deviations: forecasts of unstable draws go no farther
 
@@ -97,7 +99,7 @@ def turning_combinations(record: Record) -> Array:
 
     def of_outputs(combinations: Array) -> tuple[Regression, ChannelUnits, float]:
         units, statistics = _statistics(record, combinations, lags)
-        return regress(statistics.gram, statistics.rows, prior, m), units, statistics.rows
+        return regress(statistics.gram, statistics.rows, prior, m, MIXER_NOISE), units, statistics.rows
 
     found = turning_patterns(r)
     every, units, rows = of_outputs(np.eye(r))
@@ -105,8 +107,10 @@ def turning_combinations(record: Record) -> Array:
     size = float(np.linalg.norm(effects))
     if size > 0:
         found.append(effects / size)
-    # What the flight tells of the motors' effects costs the last one as many nats as its numbers (Schwarz, 1978).
-    costs = np.append(np.zeros(len(found) - 1), 0.5 * (r - 1) * np.log(rows))
+    costs = np.where(np.arange(len(found)) < X_PATTERNS, 0.0, PLUS_COST)
+    if size > 0:
+        # What the flight tells of the motors' effects costs as many nats as its numbers (Schwarz, 1978).
+        costs[-1] = 0.5 * (r - 1) * np.log(rows)
     energies = [of_outputs(one[:, None])[0].free_energy - cost for one, cost in zip(found, costs, strict=True)]
     return np.asarray(found[int(np.argmax(energies))][:, None])
 

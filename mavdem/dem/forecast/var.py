@@ -151,7 +151,9 @@ def lag_prior(lags: int, ridge: float) -> Array:
     return np.diag(ridge * np.arange(1.0, lags + 1) ** LAG_POWER)
 
 
-def regress(gram: Array, rows: float, prior: Array, targets: int | None = None) -> Regression:
+def regress(
+    gram: Array, rows: float, prior: Array, targets: int | None = None, least: float = INPUT_NOISE
+) -> Regression:
     """Regresses samples of k channels on their lags, the first ``targets`` of them or all.
 
     The prior is a random walk, A₁ = 1 and nothing else, with covariance Σ ⊗ ``prior``⁻¹ of the deviations from it, the
@@ -164,6 +166,7 @@ def regress(gram: Array, rows: float, prior: Array, targets: int | None = None) 
         rows: how many there were, more than 0.
         prior: (lags, lags) precision of a channel's coefficients by lag.
         targets: how many channels to regress.
+        least: variance of the innovations that F̄ adds to those found.
     """
     lags, width = len(prior), len(gram)
     k = (width - 1) // (lags + 1)
@@ -184,7 +187,7 @@ def regress(gram: Array, rows: float, prior: Array, targets: int | None = None) 
     sizes, directions = np.linalg.eigh((left + left.T) / 2)
     left = (directions * np.maximum(sizes, 0.0)) @ directions.T
     used = q - float(np.sum(precision * (root.T @ root)))
-    noise = left / rows + INPUT_NOISE * np.eye(t)
+    noise = left / rows + least * np.eye(t)
     of_prior = float(np.sum(np.linalg.inv(noise) * (change.T @ precision @ change)))
     determined = 2 * (np.log(factor.diagonal()).sum()) - k * np.linalg.slogdet(prior)[1] - np.log(CONSTANT_RIDGE)
     terms = {
