@@ -15,7 +15,6 @@ from mavdem.dem.graybox.identifiability import (
     MODEL_ERRORS,
     PARAMETERS,
     SLOWEST_RATE,
-    WIND_SHARE,
     IdentifiabilityFigures,
     NotIdentifiable,
     identifiability,
@@ -146,7 +145,7 @@ def _physical(
     covariance += (errors.own**2 - 1) * alike @ covariance @ alike.T
     spreads = [(figures.window_sd[name], figures.spectrum_range[name] / RANGE) for name in PARAMETERS]
     varied = np.square(spreads).sum(axis=1)
-    bias = errors.wind_bias if figures.wind_share > WIND_SHARE.reported else 0.0
+    bias = errors.wind_bias if status["effect"] == "biased" else 0.0
     common = varied[0] + errors.effect**2 + bias**2
     if status["effect"] == "not identifiable":
         common += errors.unknown_effect**2

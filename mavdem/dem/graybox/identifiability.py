@@ -29,8 +29,8 @@ class Limit(NamedTuple):
 
 
 WIND_SHARE = Limit(0.25, 0.33)  # of the wind, in the torque's variance
-RELATIVE_SD = {"effect": Limit(0.10, 0.20), "damping": Limit(0.75, 0.75), "lag": Limit(0.25, 0.35)}
-SPECTRUM_RANGE = {"effect": Limit(0.10, 0.30), "damping": Limit(0.60, 0.90), "lag": Limit(0.40, 0.40)}
+RELATIVE_SD = {"effect": Limit(0.08, 0.20), "damping": Limit(0.75, 0.75), "lag": Limit(0.25, 0.35)}
+SPECTRUM_RANGE = {"effect": Limit(0.06, 0.30), "damping": Limit(0.60, 0.90), "lag": Limit(0.40, 0.40)}
 """Of the logarithm of the estimate, over the spectra that the wind may have. An effect cannot be told from its lag."""
 MAX_ALIAS_SHARE = 0.12  # of the commands' variance, above half of the Nyquist frequency
 SLOWEST_RATE = 80.0  # Hz, below which the commands between samples matter
@@ -52,7 +52,7 @@ class ModelErrors(NamedTuple):
     lag: float = 0.08  # as a share of the lag
     delay: float = 0.002  # s
     unknown_effect: float = 0.4  # of an effect that is not identifiable, as a share of it
-    wind_bias: float = -0.2  # of the effect where it is biased by the wind, as a share: likely, and as uncertain
+    wind_bias: float = -0.15  # of an effect that is biased, as a share: likely, and as uncertain
     slow_effect: float = 0.05  # below ``SLOWEST_RATE``, as a share
     slow: float = 0.3  # of damping and lag there, likewise
     wind: float = 0.15  # of the wind's torque, as a share of its sd: drag and cross-coupling are not modelled
@@ -122,9 +122,9 @@ def _obstacles(name: str, figures: IdentifiabilityFigures) -> Iterator[tuple[Sta
         "calmer air.",
     )
     short = figures.lag < RESOLVED_LAG * figures.dt
-    if name == "effect" and not short and figures.spectrum_range["lag"] > SPECTRUM_RANGE["lag"].reported:
+    if name == "effect" and figures.spectrum_range["lag"] > SPECTRUM_RANGE["lag"].reported:
         yield (
-            "not identifiable",
+            "biased" if short else "not identifiable",
             f"The lag changes by {_factor(figures.spectrum_range['lag'])} with the spectrum that the wind is taken to "
             "have, and the effect cannot be told from it: steer more, or fly in calmer air.",
         )

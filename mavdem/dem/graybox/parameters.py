@@ -57,7 +57,7 @@ class Physical(NamedTuple):
             over the wind's possible spectra, and nonlinear effects.
         status: "reported", "biased" or "not identifiable", by "effect", "damping" and "lag".
         reasons: likewise, a sentence or two; empty where nothing is to be said.
-        bias: likely relative error of the effect, negative where it comes out low; 0 unless it is biased by the wind.
+        bias: likely relative error of the effect, negative where it comes out low; 0 unless it is biased.
         wind: standard deviation of the angular acceleration that is not by the motors, rad/s², without its constant.
         wind_share: of its variance in the sum with that of the motors' torque, in the band of the motion.
         components: of the wind.
