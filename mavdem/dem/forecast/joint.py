@@ -240,10 +240,11 @@ class JointModel:
     def half_widths(self, variance: Array, level: float, steps: int) -> Array:
         """Returns (H, m) of the band of probability ``level`` of forecasts of that ``variance``, begun each ``steps``.
 
-        The training data hold so many forecasts one after the other, by which the variance is known: Student's t.
+        The variance is known by as many forecasts as the training data hold, each as far from the next as it is long, so
+        that their errors are hardly correlated: Student's t.
         """
         lengths = np.arange(len(variance)) % max(1, steps) + 1
-        return half_width(variance, level, np.maximum(self.samples / lengths, 3 * LEAST_FREEDOM)[:, None])
+        return half_width(variance, level, np.maximum(self.samples / (2 * lengths), 3 * LEAST_FREEDOM)[:, None])
 
     @property
     def _weights(self) -> tuple[Array, Array]:
