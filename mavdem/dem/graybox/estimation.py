@@ -34,7 +34,7 @@ def physical(train: UniformRecord | Sequence[UniformRecord]) -> Physical | NotId
     """Estimates the motors' effect, damping and lag from all that is given.
 
     >>> mavdem.dem.physical(mavdem.read_flight("flight.tlog")[:2000]).status
-    {'effect': 'reported', 'damping': 'reported', 'lag': 'reported'}
+    {'effect': 'biased', 'damping': 'biased', 'lag': 'biased'}
 
     The rate, rad/s, is the output of ``train``, a ``Flight`` or segments of one, that is the derivative of another, or
     the only one. Returns the parameters, each with its status; or the reason why there are none: units, no output is
