@@ -139,8 +139,9 @@ def print_summaries(by_flight: Sequence[list[dict[str, Any]]]) -> None:
                 print(f"| {name} | {half} | {len(those)} | {len(ratios)} | {mean:.3g} | {worse} | {ratios.max():.3g} |")
     for question, steps in (("known", KNOWN), ("unknown", UNKNOWN)):
         for half in ("A", "B", "AB"):
-            those = [np.median(column(rows, question), axis=0) for rows in by_flight if rows[0]["half"] in half]
-            over = np.exp(np.mean([np.log(ours / theirs) for ours, theirs in those], axis=0)) if those else []
+            tables = [np.median(column(rows, question), axis=0) for rows in by_flight if rows[0]["half"] in half]
+            logs = [np.log(table[0]) - np.log(table[1]) for table in tables]
+            over = np.exp(np.mean(logs, axis=0)) if logs else []
             listed = ", ".join(f"{value:.2f} at {step}" for value, step in zip(over, steps, strict=False))
             print(
                 f"\nMotors {question}, half {half}, over joint VAR({10 if question == 'known' else 4}): {listed} steps."

@@ -240,8 +240,8 @@ class JointModel:
     def half_widths(self, variance: Array, level: float, steps: int) -> Array:
         """Returns (H, m) of the band of probability ``level`` of forecasts of that ``variance``, begun each ``steps``.
 
-        The variance is known by as many forecasts as the training data hold, each as far from the next as it is long, so
-        that their errors are hardly correlated: Student's t.
+        The variance is known by as many forecasts as the training data hold, each as far from the next as it is long,
+        so that their errors are hardly correlated: Student's t.
         """
         lengths = np.arange(len(variance)) % max(1, steps) + 1
         return half_width(variance, level, np.maximum(self.samples / (2 * lengths), 3 * LEAST_FREEDOM)[:, None])
