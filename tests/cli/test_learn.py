@@ -65,10 +65,10 @@ def test_the_document_is_the_report_of_the_library(without_pictures, tmp_path, c
 @pytest.mark.slow
 def test_people_see_one_screen_and_with_verbose_the_model(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    words = ["learn", FLIGHT, "--axis", "pitch", "--order", "2", "--train", "300", "--test", "100"]
+    words = ["learn", FLIGHT, "--axis", "roll", "--order", "2", "--train", "2500", "--test", "100"]
     assert main(words) == 0
     screen = capsys.readouterr()
-    for fact in ("control effectiveness", "because", "constant mean", "pitch rate", "per µs", "headroom"):
+    for fact in ("control effectiveness", "because", "constant mean", "roll rate", "per µs", "±", "headroom"):
         assert fact in screen.out
     assert len(screen.out.splitlines()) < 43 and "nats" not in screen.out
     # The folder has the log's name; what was written is talk.

@@ -244,7 +244,7 @@ class JointModel:
         so that their errors are hardly correlated: Student's t.
         """
         lengths = np.arange(len(variance)) % max(1, steps) + 1
-        return half_width(variance, level, np.maximum(self.samples / (2 * lengths), 3 * LEAST_FREEDOM)[:, None])
+        return half_width(variance, level, np.maximum(self.samples / (2 * lengths), 4 * LEAST_FREEDOM)[:, None])
 
     @property
     def _weights(self) -> tuple[Array, Array]:
