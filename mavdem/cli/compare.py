@@ -60,9 +60,9 @@ def compare_command(
 
     The same without the inputs of the time ahead: what comes next, by the methods that can predict it.
 
-    The methods: the joint model of outputs and motors (DEM joint); DEM's plant, with the motors as causes; the
-    plant without generalized coordinates (p=1); both with the paper's settings; subspace identification; prediction error minimisation (PEM); expectation maximisation (EM); ARX; joint VAR; and three
-    forecasts without a model.
+    The methods: the joint model of outputs and motors (DEM joint); DEM's plant, with the motors as causes; the plant
+    without generalized coordinates (p=1); both with the paper's settings; subspace identification; prediction error
+    minimisation (PEM); expectation maximisation (EM); ARX; joint VAR; and three forecasts without a model.
 
     --out receives comparison.json (the document of --json), comparison.html (a page to read in a browser and to mail)
     and windows.csv (a line for each window, method and horizon). In --json an error that is infinite, or of a missing

@@ -97,8 +97,8 @@ def left_free(learned: Learned) -> dict[str, NDArray[np.bool_]]:
 
 THREE_STATES = (  # why the two commands differ, for the reports of both
     "`mavdem learn` has 3 states unless --order says otherwise: angle, rate, and the motors' lag, which exists, and "
-    "without which the plant forecasts worse (docs/benchmarks.md). `mavdem order` counts the states that the outputs show; 2 "
-    "means that no lag can be seen in them."
+    "without which the plant forecasts worse (docs/benchmarks.md). `mavdem order` counts the states that the outputs "
+    "show; 2 means that no lag can be seen in them."
 )
 
 
