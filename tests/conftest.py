@@ -15,8 +15,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--write-golden", action="store_true", help="write the golden files of tests/report anew")
 
 
-# A busy machine may take long over an example; the profile is otherwise the one that hypothesis chose.
-settings.register_profile("without deadline", settings(), deadline=None)
+# A busy machine may take long over an example, and every run tries the same ones; the rest is as hypothesis has it.
+settings.register_profile("without deadline", settings(), deadline=None, derandomize=True)
 settings.load_profile("without deadline")
 
 
