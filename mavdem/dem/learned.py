@@ -18,7 +18,7 @@ from mavdem.dem.engine.model import STABILITY_TOLERANCE, LinearModel, unpack
 from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.fitting import generalized
 from mavdem.dem.forecast.joint import JointModel
-from mavdem.dem.forecast.plant import PlantForecasts
+from mavdem.dem.forecast.plant import LONGEST_FORECAST_SECONDS, PlantForecasts
 from mavdem.dem.forecast.simulation_error import SimulationFit
 from mavdem.dem.forecast.var import Forecast
 from mavdem.dem.graybox import NotIdentifiable, Physical, physical
@@ -29,8 +29,6 @@ from mavdem.dem.scaling import Scaling
 from mavdem.dem.settings import CompleteSettings
 from mavdem.dem.uncertainty import Direction, SandwichCovariance
 from mavdem.errors import LearnedDownstream
-
-LONGEST_SECONDS = 1.5  # of the predictions that are looked at for what they are worth
 
 may_overflow = np.errstate(over="ignore", invalid="ignore")
 """Forecasts of an unstable model, or with huge inputs, overflow to infinity or NaN without a warning."""
@@ -154,7 +152,7 @@ class Learned(LearnedDownstream):
         """The joint model of outputs and motors, by which the flight is forecast (``mavdem.dem.forecast.joint``)."""
         return JointModel.learn(self.record, self.settings.seed)
 
-    @property
+    @cached_property
     def plant(self) -> PlantForecasts:
         """The forecasts by A, B and C alone."""
         return PlantForecasts(self.record, self.scaling, self.predictor)
@@ -218,7 +216,7 @@ class Learned(LearnedDownstream):
     @property
     def useful_steps(self) -> NDArray[np.intp]:
         """(m,) the longest horizon, up to 1.5 s, at which predictions err by less than half of the variance."""
-        found = self._predicted(max(1, round(LONGEST_SECONDS / self.dt)))
+        found = self._predicted(max(1, round(LONGEST_FORECAST_SECONDS / self.dt)))
         errors = np.maximum.accumulate(found.variance)
         return np.asarray((errors < 0.5 * self.record.outputs.var(axis=0)).sum(axis=0))
 

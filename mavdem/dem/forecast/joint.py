@@ -32,7 +32,6 @@ from mavdem.dem.forecast.var import (
     LagStatistics,
     Regression,
     Var,
-    initial_lags,
     lag_prior,
     lagged,
     latest_first,
@@ -115,8 +114,13 @@ def turning_combinations(record: Record) -> Array:
     return np.asarray(found[int(np.argmax(energies))][:, None])
 
 
+def _combined(record: Record, combinations: Array) -> Record:
+    """The record with these (r, c) combinations of its inputs as the inputs."""
+    return replace(record, inputs=record.inputs @ combinations, effect_directions=None)
+
+
 def _statistics(record: Record, combinations: Array, lags: int) -> tuple[ChannelUnits, LagStatistics]:
-    combined = replace(record, inputs=record.inputs @ combinations, effect_directions=None)
+    combined = _combined(record, combinations)
     units = ChannelUnits.of(combined)
     statistics = LagStatistics.of(units.segments(combined), lags)
     if statistics.rows <= 0:
@@ -172,8 +176,8 @@ class JointModel:
             spread = (directions * np.sqrt(np.maximum(sizes, 0.0))) @ directions.T
             half = np.random.default_rng(seed).standard_normal((DRAWS // 2, *found.mean.shape))
             away = found.root.T @ np.concatenate([half, -half]) @ spread
-            process, (inputs, outputs) = Var.of(found, units), record.segments[-1]
-            past = initial_lags(np.hstack([outputs, inputs @ combinations]), choice.lags)
+            process = Var.of(found, units)
+            past = process.past(_combined(record, combinations))
             return cls(combinations, choice, process, found.terms, found.mean + away, past, len(record))
 
     @property
@@ -219,7 +223,6 @@ class JointModel:
         length, m = outputs.shape
         steps = max(1, min(steps, length))
         pasts = self.process.pasts(self.past, steps, inputs @ self.combinations, outputs)
-        mean, variance = self.process.predict(pasts, steps)
         weights, offsets = self._weights
         weights = weights.reshape(len(weights), -1, weights.shape[-1])
         state = np.repeat(latest_first(self.process.units.scaled(pasts))[None], len(weights), axis=0)
@@ -230,12 +233,13 @@ class JointModel:
                 following = np.clip(state @ weights + offsets[:, None], -LARGEST, LARGEST)
                 state = np.concatenate([following, state[..., :-k]], axis=-1)
                 made[:, :, t] = following[..., :m]
-        scaled = np.minimum(variance[0, :, :m] / self.process.units.scale[:m] ** 2, LARGEST)
-        return self._answer(made[0], np.mean((made[1:] - made[0]) ** 2, axis=0), scaled, np.ones(1), length)
+        variance = self.process.variances(steps)[:, :m]
+        variance = np.where(variance < LARGEST, variance, LARGEST)
+        return self._answer(made[0], np.mean((made[1:] - made[0]) ** 2, axis=0), variance, np.ones(1), length)
 
     def one_step(self, record: Record) -> Array:
         """Returns (T, m): each sample of ``record`` from those before it in its segment and the inputs up to it."""
-        return self.process.one_step(replace(record, inputs=record.inputs @ self.combinations, effect_directions=None))
+        return self.process.one_step(_combined(record, self.combinations))
 
     def half_widths(self, variance: Array, level: float, steps: int) -> Array:
         """Returns (H, m) of the band of probability ``level`` of forecasts of that ``variance``, begun each ``steps``.

@@ -13,7 +13,7 @@ from mavdem.dem.forecast.var import Forecast
 from mavdem.dem.record import Record
 from mavdem.dem.scaling import Scaling
 
-LONGEST_FORECAST_SECONDS = 1.5  # of the training data, by whose errors others are expected: the paper's 150 samples
+LONGEST_FORECAST_SECONDS = 1.5  # whose errors are looked at: the paper's 150 samples
 MOST_STARTS = 200
 
 

@@ -84,7 +84,7 @@ def initial_lags(channels: Array, lags: int) -> Array:
 
 
 class LagStatistics(NamedTuple):
-    """All that the regression needs of the samples: sums over rows, which add up over segments and can be taken off.
+    """All that the regression needs of the samples: sums over rows, which add up over segments.
 
     A row is [lag 1 … lag p, 1, sample], of q = (p + 1) k + 1 numbers.
     """
@@ -105,9 +105,6 @@ class LagStatistics(NamedTuple):
 
     def __add__(self, other: LagStatistics) -> LagStatistics:  # type: ignore[override]
         return LagStatistics(self.rows + other.rows, self.gram + other.gram)
-
-    def __sub__(self, other: LagStatistics) -> LagStatistics:
-        return LagStatistics(self.rows - other.rows, self.gram - other.gram)
 
     def forgotten(self, share: float) -> LagStatistics:
         """Returns what is left of them when each sample counts only this ``share``."""
@@ -188,10 +185,11 @@ def regress(
     left = (directions * np.maximum(sizes, 0.0)) @ directions.T
     used = q - float(np.sum(precision * (root.T @ root)))
     noise = left / rows + least * np.eye(t)
-    of_prior = float(np.sum(np.linalg.inv(noise) * (change.T @ precision @ change)))
+    weight = np.linalg.inv(noise)
+    of_prior = float(np.sum(weight * (change.T @ precision @ change)))
     determined = 2 * (np.log(factor.diagonal()).sum()) - k * np.linalg.slogdet(prior)[1] - np.log(CONSTANT_RIDGE)
     terms = {
-        "prediction errors": -0.5 * (float(np.sum(np.linalg.inv(noise) * left)) - of_prior),
+        "prediction errors": -0.5 * (float(np.sum(weight * left)) - of_prior),
         "noise entropy": -0.5 * rows * float(np.linalg.slogdet(2 * np.pi * noise)[1]),
         "parameter errors": -0.5 * of_prior,
         "parameter entropy": -0.5 * t * float(determined),
@@ -263,6 +261,10 @@ class Var(NamedTuple):
         The ``past`` ends with the latest sample; leading axes are separate pasts. Where a mean overflows it is the mean
         of the training data, with infinite variance.
         """
+        return self._physical(self._predicted(past, steps), self.variances(steps))
+
+    def variances(self, steps: int) -> Array:
+        """Returns (steps, k) those of :meth:`predict` in the model's ``units``, the same for every past."""
         k, across = len(self.offset), self.across
         # Rows of Ψ, the response of a sample to each innovation before it.
         response = np.eye(self.lags * k, k)
@@ -271,7 +273,7 @@ class Var(NamedTuple):
             for step in range(steps):
                 variance[step] = np.einsum("ij,jl,il->i", response[:k], self.covariance, response[:k])
                 response = np.concatenate([across @ response, response[:-k]])
-            return self._physical(self._predicted(past, steps), variance.cumsum(axis=0))
+            return variance.cumsum(axis=0)
 
     def predicted(self, past: Array, steps: int) -> Array:
         """Returns the mean of :meth:`predict`."""

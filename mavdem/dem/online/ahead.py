@@ -172,8 +172,7 @@ class OnlineJoint:
             return
         self._choice, found = max(tried, key=lambda one: one[1].free_energy)
         m, process = self._outputs, Var.of(found, units)
-        gain = process.output_gain(m)
-        across = process.across.reshape(len(found.covariance), -1)
+        gain, across = process.output_gain(m), process.across
         self._maps = _Maps(
             center + scale * units.center,
             scale * units.scale,
