@@ -127,9 +127,7 @@ def _start(record: Record, settings: CompleteSettings, before: Learned) -> Start
     last = before.theta * before.scaling.parameter_scale(n)
     theta = last.copy()
     theta[of_vehicle(n, r, m, before.scaling.constant)] = before.learning.theta[-1]
-    if before.simulation_fit is None:
-        return Start(theta, lambda_, None)
-    return Start(theta, lambda_, last)
+    return Start(theta, lambda_, None if before.simulation_fit is None else last)
 
 
 def _with_simulation_fit(fitted: Fit, record: Record, samples: SufficientStatistics, start: Start | None) -> Fit:

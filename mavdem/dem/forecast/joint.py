@@ -104,12 +104,11 @@ def turning_combinations(record: Record) -> Array:
     every, units, rows = of_outputs(np.eye(r))
     effects = every.mean[:-1, m - 1].reshape(lags, m + r)[:, m:].sum(axis=0) / units.scale[m:]
     size = float(np.linalg.norm(effects))
-    if size > 0:
-        found.append(effects / size)
-    costs = np.where(np.arange(len(found)) < X_PATTERNS, 0.0, PLUS_COST)
+    costs = [0.0 if place < X_PATTERNS else PLUS_COST for place in range(len(found))]
     if size > 0:
         # What the flight tells of the motors' effects costs as many nats as its numbers (Schwarz, 1978).
-        costs[-1] = 0.5 * (r - 1) * np.log(rows)
+        found.append(effects / size)
+        costs.append(0.5 * (r - 1) * np.log(rows))
     energies = [of_outputs(one[:, None])[0].free_energy - cost for one, cost in zip(found, costs, strict=True)]
     return np.asarray(found[int(np.argmax(energies))][:, None])
 
@@ -227,11 +226,10 @@ class JointModel:
         weights = weights.reshape(len(weights), -1, weights.shape[-1])
         state = np.repeat(latest_first(self.process.units.scaled(pasts))[None], len(weights), axis=0)
         made = np.empty((*state.shape[:2], steps, m))
-        k = weights.shape[-1]
         with np.errstate(over="ignore", invalid="ignore"):
             for t in range(steps):
                 following = np.clip(state @ weights + offsets[:, None], -LARGEST, LARGEST)
-                state = np.concatenate([following, state[..., :-k]], axis=-1)
+                state = np.concatenate([following, state[..., : -following.shape[-1]]], axis=-1)
                 made[:, :, t] = following[..., :m]
         variance = self.process.variances(steps)[:, :m]
         variance = np.where(variance < LARGEST, variance, LARGEST)

@@ -84,7 +84,7 @@ def initial_lags(channels: Array, lags: int) -> Array:
 
 
 class LagStatistics(NamedTuple):
-    """All that the regression needs of the samples: sums over rows, which add up over segments.
+    """All that the regression needs of the samples: sums over rows, which add up over segments and can be taken off.
 
     A row is [lag 1 … lag p, 1, sample], of q = (p + 1) k + 1 numbers.
     """
@@ -105,6 +105,9 @@ class LagStatistics(NamedTuple):
 
     def __add__(self, other: LagStatistics) -> LagStatistics:  # type: ignore[override]
         return LagStatistics(self.rows + other.rows, self.gram + other.gram)
+
+    def __sub__(self, other: LagStatistics) -> LagStatistics:
+        return LagStatistics(self.rows - other.rows, self.gram - other.gram)
 
     def forgotten(self, share: float) -> LagStatistics:
         """Returns what is left of them when each sample counts only this ``share``."""
