@@ -89,6 +89,20 @@ def _unless_stopped(work: Callable[[Job], Result], job: Job) -> Result:
     return work(job)
 
 
+def in_background(work: Callable[[], Result]) -> Future[Result]:
+    """Starts ``work`` in a thread; the process ends without waiting for it."""
+    future: Future[Result] = Future()
+
+    def run() -> None:
+        try:
+            future.set_result(work())
+        except BaseException as error:  # whoever waits for the result gets it
+            future.set_exception(error)
+
+    Thread(target=run, daemon=True).start()
+    return future
+
+
 def spare_cores() -> int:
     """Returns how many workers are worth starting: the cores this process may use, or 1 where it is a worker itself."""
     if _alone or (parent_process() is not None and not _importing_main()):

@@ -29,6 +29,7 @@ ACCOUNT = {
     "waiting": "without attitude and motor outputs that come fast enough",
     "silent": "without a message",
     "link_lost": "with the link lost",
+    "left_out": "not analysed, since this computer was too slow (what it received is recorded)",
     "no_vehicle": "without a vehicle",
 }  # What the seconds of a session are accounted for as
 AHEAD = 0.25  # s; how well the model predicts so far ahead is reported
@@ -37,6 +38,12 @@ MAX_ROWS = 100_000  # Of the lines; when there are more, every second one is dro
 REBOOT_GAP_SECONDS = 1.0  # Shown between the last time before a reboot and the first after it
 SETTLED_GAP = 1.0  # s between two learned samples from which on they belong to different parts of the flight
 SAME_TIME = 1e-6  # s between a prediction and the row it is of, at most
+
+
+def whole_seconds(account: Mapping[str, float]) -> dict[str, int]:
+    """Returns an account in whole seconds, whose sum is that of the account."""
+    ends = np.rint(np.cumsum(list(account.values()))).astype(int)
+    return dict(zip(account, np.diff(ends, prepend=0).tolist(), strict=True))
 
 
 def horizons(dt: float) -> tuple[int, ...]:
@@ -78,11 +85,13 @@ class SessionStatus:
         rates: Hz of attitude and motors over the last 2 s, by message.
         flying: whether the vehicle is armed and airborne.
         learned, shown: rows that the learner used, and that were only shown.
-        latency: median and 99th percentile, s, from the link to the estimate.
+        latency: s from a packet's arrival at this computer to its estimate: median and 99th percentile of the latest
+            rows, and the largest of all.
         ahead: about ``AHEAD`` s, and half width, rad, of the angle's 90 % band there.
         useful: the longest useful horizon, s (``Estimate.useful``), and the squared error there over that of the better
             of the last sample and the mean so far.
-        lost: messages of the vehicle missing by its sequence numbers.
+        lost: messages of the vehicle missing by its sequence numbers, which start again after 256.
+        missing: s of gaps in which that may have happened, whose messages are not in ``lost``.
         late, unread: samples that came too late for their row, and frames of another dialect or damaged.
         alarms: the latest changes of the motors' balance; without a motor they are no alarms.
         findings: what the flight says so far; None before the first model.
@@ -95,10 +104,11 @@ class SessionStatus:
     flying: bool = False
     learned: int = 0
     shown: int = 0
-    latency: tuple[float, float] = (nan, nan)
+    latency: tuple[float, ...] = (nan, nan, nan)
     ahead: tuple[float, float] = (nan, nan)
     useful: tuple[float, float] = (nan, nan)
     lost: int = 0
+    missing: float = 0.0
     late: int = 0
     unread: int = 0
     alarms: tuple[MotorAlarm, ...] = ()

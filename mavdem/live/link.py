@@ -13,6 +13,7 @@ import os
 import re
 import select
 import socket
+import struct
 import sys
 import time
 from pathlib import Path
@@ -28,6 +29,9 @@ from mavdem.ingest.tlog import write_stamped
 from mavdem.ingest.vocabulary import AUTOPILOT_COMPONENT
 
 LOOPBACK = "127.0.0.1"
+SO_TIMESTAMPNS, SO_RXQ_OVFL = (35, 40) if sys.platform == "linux" else (None, None)
+"""Options of Linux sockets, which Python has no names for: when each datagram came, and how many came to a full buffer.
+Source: https://man7.org/linux/man-pages/man7/socket.7.html and include/uapi/asm-generic/socket.h."""
 MAX_PIECE_BYTES = 1 << 16  # Of a datagram, and of a piece of a byte stream
 MAX_PIECES = 512  # Datagrams or pieces taken in one call: a fast sender must not hold up the caller
 SENDER_SECONDS, MAX_PEERS = 10.0, 16  # How long an address that sent something is sent to, and how many are kept
@@ -56,6 +60,8 @@ class Link:
         self._rivals: dict[tuple[int, ...], Any] = {}  # address that was refused, until that is reported
         self._pause, self._not_before = FIRST_PAUSE_SECONDS, 0.0
         self._opened = self._came = 0.0
+        self.dropped = 0  # datagrams that this machine's buffer had no room for: nobody read them in time
+        self._arrival, self._emptied = 0.0, time.time()  # UNIX s of the latest piece; until then everything was read
         self._server: socket.socket | None = None
         self._socket: socket.socket | None = None
         self._serial: int | None = None
@@ -72,7 +78,10 @@ class Link:
             self._refuse(error)
 
     def receive(self, timeout: float) -> list[tuple[float, bytes]]:
-        """Up to ``MAX_PIECES`` waiting pieces: UNIX s of receipt, and the bytes as they came; none after ``timeout`` s.
+        """Up to ``MAX_PIECES`` waiting pieces: UNIX s of arrival, and the bytes as they came; none after ``timeout`` s.
+
+        The kernel stamps datagrams. Other pieces arrive when they are read or, where they waited, when everything
+        before had been.
 
         Raises LinkLost: the connection or the port is lost; ``reopen`` opens it again.
         """
@@ -83,8 +92,13 @@ class Link:
         try:
             # A silent client may be gone; while it sends, others wait.
             replaceable = [self._server] if self._server and time.monotonic() - self._came > SILENCE_SECONDS else []
-            ready = select.select([waiting_on, *replaceable], [], [], max(timeout, 0.0))[0]
+            self._arrival, readable = self._emptied, [waiting_on, *replaceable]
+            ready = select.select(readable, [], [], 0.0)[0]
+            if not ready and timeout > 0:
+                ready = select.select(readable, [], [], timeout)[0]
+                self._arrival = time.time()
             if not ready:
+                self._emptied = time.time()
                 return received
             if self._server is not None and self._socket is None:
                 self._socket, _ = self._server.accept()
@@ -101,9 +115,11 @@ class Link:
                 if piece:
                     self._came = time.monotonic()
                     if self._admits(piece):
-                        received.append((time.time(), piece))
+                        received.append((self._arrival, piece))
                     else:
                         self._peers.pop(self._from, None)  # nor is anything sent to a vehicle that only shares the ids
+            if len(received) < MAX_PIECES:
+                self._emptied = time.time()
         except OSError as error:
             if not received:
                 self._lose(f"was lost: {error.strerror or error}")
@@ -167,6 +183,8 @@ class Link:
             raise socket.gaierror(str(error)) from error
         opened = socket.socket(family, kind)
         opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4 << 20)  # half a minute of a fast link
+        for option in (SO_TIMESTAMPNS, SO_RXQ_OVFL) if self.datagrams and SO_TIMESTAMPNS else ():
+            opened.setsockopt(socket.SOL_SOCKET, option, 1)
         if self._kind == "tcpin":
             self._server = opened
             opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -191,13 +209,21 @@ class Link:
                 return os.read(self._serial, MAX_PIECE_BYTES)
             if self._socket is None:
                 return None
-            if self._kind == "udpin":
+            if not self.datagrams or SO_TIMESTAMPNS is None:
                 piece, sender = self._socket.recvfrom(MAX_PIECE_BYTES)
+            else:
+                piece, stamps, _, sender = self._socket.recvmsg(MAX_PIECE_BYTES, 64)
+                for _, kind, value in stamps:
+                    if kind == SO_TIMESTAMPNS:
+                        seconds, nanoseconds = struct.unpack("@2l", value)
+                        self._arrival = seconds + 1e-9 * nanoseconds
+                    elif kind == SO_RXQ_OVFL:
+                        self.dropped = struct.unpack("@I", value)[0]
+            if self._kind == "udpin":
                 if sender not in self._peers and len(self._peers) >= MAX_PEERS:
                     del self._peers[min(self._peers, key=self._peers.__getitem__)]
                 self._peers[sender], self._from = time.monotonic(), sender
-                return piece
-            return self._socket.recv(MAX_PIECE_BYTES)
+            return piece
         except (BlockingIOError, ConnectionRefusedError) as error:
             if isinstance(error, BlockingIOError) or self.datagrams:
                 return None  # a datagram is refused where the last one sent had no receiver

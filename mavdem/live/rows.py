@@ -77,6 +77,7 @@ class BootClock:
         self._shifts: dict[str, float] = {}
         self._far: dict[str, list[tuple[int, float]]] = {}
         self._report = report
+        self.left_out = False  # whether the next gap is known and not to be reported
 
     def place(self, message: Message) -> list[PlacedMessage]:
         """What can be placed after this message: itself, and messages held back before."""
@@ -113,9 +114,10 @@ class BootClock:
         if first < before:
             self.boot += 1
             self._report(f"The vehicle rebooted when its clock read {before:.1f} s.")
-        elif not isnan(before):
+        elif not isnan(before) and not self.left_out:
             length = f"{first - before:.1f} s of the vehicle's clock"
             self._report(f"Nothing was received for {length}, from {before:.1f} s on.")
+        self.left_out = False
         held, self._held, self._run = self._held, [], []
         self._turns, self.now = 0, first
         self._far.clear()

@@ -36,7 +36,9 @@ class Sender:
         self.parameters: dict[bytes, Message] = {}  # the last PARAM_VALUEs
         self.held = False  # Followed: ENOUGH_MESSAGES decide what it is, no flood of forged ones changes it
         self._beats: list[tuple[int, int]] = []
+        self.missing_seconds = 0.0  # of gaps longer than the sequence numbers can count
         self._last: Frame | None = None
+        self._came, self._interval = 0.0, 1.0  # s, of the last frame, and mean between two
         self._missing = 0
 
     @property
@@ -65,14 +67,18 @@ class Sender:
         """Its name, and what it is where that is known."""
         return f"{self.name} ({self.kind}, {self.autopilot})" if self.kind != UNNAMED else self.name
 
-    def take(self, frame: Frame) -> bool:
-        """Counts a frame; returns False for a copy of the last one, which some links send."""
+    def take(self, frame: Frame, now: float) -> bool:
+        """Counts a frame that arrived ``now``, s; returns False for a copy of the last one, which some links send."""
         self.frames += 1
         if frame == self._last:
             return False
         if self._last is not None:
-            self._missing += missing_between(self._last.sequence, frame.sequence)
-        self._last = frame
+            gap, missing = max(now - self._came, 0.0), missing_between(self._last.sequence, frame.sequence)
+            wrapped = missing and gap > 128 * self._interval
+            self.missing_seconds += gap * wrapped
+            self._missing += missing * (not wrapped)
+            self._interval += (min(gap, 1.0) - self._interval) / 64
+        self._last, self._came = frame, now
         if frame.verdict == GOOD:
             self.arrived[frame.message_id] = self.arrived.get(frame.message_id, 0) + 1
             if self.kind in (UNNAMED, RADIO) and not self._beats:
@@ -80,6 +86,10 @@ class Sender:
                 self.kind = RADIO if RADIO_MESSAGES.issuperset(names) else UNNAMED
             self.attitudes += definitions()[frame.message_id].name in ATTITUDE_MESSAGES
         return True
+
+    def leave_out(self) -> None:
+        """Frames follow that are not taken: those missing are not counted."""
+        self._last = None
 
     def take_message(self, message: Message) -> None:
         """Keeps a PARAM_VALUE; counts the type and autopilot in a HEARTBEAT."""

@@ -18,7 +18,7 @@ from mavdem.fleet import row as fleet_row
 from mavdem.fleet.difference import BETWEEN, FAMILY_ERROR, Conditions, Flights, QuantityChange, VehicleDifference
 from mavdem.fleet.row import HEALTHS, OK, UNKNOWN, FlightRow, is_shared, worst_health
 from mavdem.health.in_flight import FALSE_ALARMS_BASIS
-from mavdem.live.history import ACCOUNT, AHEAD, HorizonErrors, LiveHistory, SessionStatus
+from mavdem.live.history import ACCOUNT, AHEAD, HorizonErrors, LiveHistory, SessionStatus, whole_seconds
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.condition import TIER_WORDS
 from mavdem.report.numbers import TORQUE, listed, named, plus_minus, readable, rounded, short, with_unit
@@ -321,11 +321,13 @@ def live_report(history: LiveHistory, status: SessionStatus, account: Mapping[st
     if history.learned:
         rows = [[f"{first:.0f} s", f"{last:.0f} s", f"{last - first:.0f} s"] for first, last in history.learned]
         blocks.append(Table(["learned from", "until", "length"], rows))
-    spent = [[what[0].upper() + what[1:], f"{account[kind]:.0f} s"] for kind, what in ACCOUNT.items() if account[kind]]
-    blocks.append(Table([f"of {sum(account.values()):.0f} s", "time"], spent))
+    whole = whole_seconds(account)
+    spent = [[what[0].upper() + what[1:], f"{whole[kind]} s"] for kind, what in ACCOUNT.items() if whole[kind]]
+    blocks.append(Table([f"of {sum(whole.values())} s", "time"], spent))
     if status.vehicle is not None:
         rates = ", ".join(f"{name} {rate:.3g} Hz" for name, rate in sorted(status.rates.items()) if rate)
-        text = f"vehicle {status.vehicle}; {f'at the end {rates}; ' if rates else ''}{status.lost} messages lost, "
+        text = f"vehicle {status.vehicle}; {f'at the end {rates}; ' if rates else ''}{status.lost} messages lost"
+        text += f", and all of {status.missing:.1f} s, " if status.missing else ", "
         text += f"{status.late} samples too late, {status.unread} frames not decoded."
         blocks.append(Sentence(text, "Link:"))
     return blocks

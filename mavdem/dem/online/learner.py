@@ -55,6 +55,8 @@ class OnlineLearner:
     Attributes:
         horizons: steps ahead of ``Estimate.ahead``.
         learned: the last result of ``learn``, whose model is in use; ``None`` before.
+        refits, fits_physical: whether the model is learned again, and the physical parameters are fitted, when that is
+            due: a caller that is behind its samples may put it off.
         obstacle: why there is no model, or no newer one; one sentence without its full stop, empty without a reason.
     """
 
@@ -100,6 +102,7 @@ class OnlineLearner:
         self.horizons = tuple(horizons)
         self.learned: Learned | None = None
         self.obstacle = TOO_FEW
+        self.refits = self.fits_physical = True
         self._settings = Settings() if settings is None else settings
         self._dt, self._sizes, self._executor = float(dt), (n_inputs, n_outputs), executor
         directions = None if effect_directions is None else real_numbers(effect_directions, "effect_directions")
@@ -167,7 +170,8 @@ class OnlineLearner:
             self._surprise.update_quantiles()
             self._remember()
         self._relearn()
-        self._ahead.advance()
+        if self.refits:
+            self._ahead.advance()
         if self._gaps >= MAX_GAPS:
             coming = f"come every {step:.3g} s" if step > 0 else "do not go on in time"
             self.obstacle = f"samples {coming}, where dt is {self._dt:g} s: each begins a segment of its own"
@@ -189,15 +193,22 @@ class OnlineLearner:
         # Without a sample left there is nothing to learn from: as in the beginning, but the model stays.
         self._next = self._next_choice = self._samples + (0 if self._memory.blocks else self._first)
 
-    def learn_now(self) -> Learned:
-        """Returns the result of ``learn`` on the samples in the memory, with the settings in use.
+    def learn_now(self, timeout: float | None = None) -> Learned:
+        """Returns the result of ``learn`` on the samples in the memory, with the settings in use; by the executor.
 
         Raises:
-            ValueError: they do not support one, or there is no full block of samples yet.
+            ValueError: they do not support one, there is no full block of samples yet, or the executor takes longer
+                than ``timeout``, s.
         """
         if not self._memory.blocks:
             raise ValueError(TOO_FEW)
-        return learn(self._memory.record(), self._settings if self.learned is None else self.learned.settings)
+        settings = self._settings if self.learned is None else self.learned.settings
+        if self._executor is None:
+            return learn(self._memory.record(), settings)
+        try:
+            return self._executor.submit(learn, self._memory.record(), settings).result(timeout)
+        except (TimeoutError, RuntimeError) as error:
+            raise ValueError(str(error) or f"it was not learned within {timeout:g} s") from error
 
     def _checked(self, time: float, inputs: ArrayLike, outputs: ArrayLike) -> tuple[float, Array, Array]:
         now, u, y = real_numbers(time, "time"), real_numbers(inputs, "inputs"), real_numbers(outputs, "outputs")
@@ -250,7 +261,7 @@ class OnlineLearner:
     def _remember(self) -> None:
         """Learns what comes next, and the wind's torque, from the block that was just closed."""
         self._ahead.add(self._memory.blocks[-1])
-        self._wind.add(self._memory.blocks[-1])
+        self._wind.add(self._memory.blocks[-1], self.fits_physical)
 
     def _missing(self) -> str:
         """Why there is no model yet; empty where there is one."""
@@ -263,6 +274,8 @@ class OnlineLearner:
         if self._pending is not None and self._pending.done():
             pending, self._pending = self._pending, None
             self._adopt(pending.result)
+        if not self.refits and self.learned is not None:
+            return
         if self._samples < self._next or self._pending is not None or not self._memory.blocks:
             return
         record, until = self._memory.record(), self._memory.blocks[-1].until
