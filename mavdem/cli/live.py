@@ -117,8 +117,8 @@ class Dashboard:
     "--request-rate",
     type=Number(1, 1000),
     metavar="HZ",
-    help="Ask the vehicle for attitude and motor outputs at this rate, and at 4 Hz for what shows a landing; what "
-    "comes faster already stays as it is. Without it nothing is ever sent.",
+    help="Ask the vehicle for attitude and motor outputs at this rate, and at 4 Hz for what shows a landing, and "
+    "for the parameters of its motors; what comes faster already stays as it is. Without it nothing is ever sent.",
 )
 @click.option("--duration", type=Number(0, min_open=True), help="Seconds until it ends.")
 def live_command(

@@ -18,6 +18,23 @@ MOTOR_COUNTS = {"TRICOPTER": 3, "QUADROTOR": 4, "HEXAROTOR": 6, "OCTOROTOR": 8, 
 """Number of motors of each MAV_TYPE that has one."""
 MULTIROTORS = (*MOTOR_COUNTS, "GENERIC_MULTIROTOR")  # The MAV_TYPEs of vehicles with fixed rotors
 
+
+def motor_parameters(vehicle: str, autopilot: str) -> tuple[str, ...]:
+    """Returns the names of what ``motor_geometry``, ``output_scale`` and thrust curves are read from; none if unknown.
+
+    ``vehicle`` and ``autopilot`` are MAV_TYPE and MAV_AUTOPILOT without prefixes.
+    """
+    count = MOTOR_COUNTS.get(vehicle, 0)
+    if autopilot == "PX4":
+        rotors = (f"CA_ROTOR{n}_{what}" for n in range(count) for what in ("PX", "PY", "KM"))
+        functions = (f"PWM_{bank}_FUNC{n}" for bank in ("MAIN", "AUX") for n in range(1, 9))
+        return "CA_ROTOR_COUNT", "THR_MDL_FAC", *rotors, *functions
+    motors = ("PWM_MIN", "PWM_MAX", "SPIN_ARM", "SPIN_MIN", "SPIN_MAX", "THST_EXPO")
+    functions = (f"SERVO{n}_FUNCTION" for n in range(1, max(count, 8) + 1))
+    named = ("FRAME_CLASS", "FRAME_TYPE", *functions, *(f"MOT_{what}" for what in motors))
+    return named if autopilot == "ARDUPILOTMEGA" else ()
+
+
 _COMPASS = ("front", "front right", "right", "rear right", "rear", "rear left", "left", "front left")
 
 

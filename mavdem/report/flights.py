@@ -321,7 +321,7 @@ def live_report(
         made = "in flight, without the motors of the time ahead. Baseline: the last sample held."
         blocks += [_errors(errors, axis), Sentence(made, "How they were made:")]
     if history.learned:
-        rows = []
+        rows: list[list[str]] = []
         for first, last in reversed(history.learned):
             seconds -= (used := min(seconds, max(min(last, history.modelled) - first, 0.0)))
             rows.insert(0, [f"{time:.0f} s" for time in (first, last, last - first, used)])
