@@ -15,7 +15,7 @@ from mavdem.dem import Estimate
 from mavdem.dem.engine.linalg import Array
 from mavdem.health.in_flight import MotorAlarm
 
-NOT_FLYING = "The vehicle is on the ground."
+NOT_FLYING = "The vehicle is on the ground: learning begins after take-off."
 FLIGHT_UNKNOWN = "Nothing shows yet whether the vehicle flies."
 UNCONFIRMED = (
     "The vehicle did not confirm that its message rates were restored (the link was lost?): reboot it, or set them "
@@ -149,6 +149,7 @@ class LiveHistory:
         self._stride, self._taken = 1, 0
         self._segment = 0
         self.learned: list[tuple[float, float]] = []  # the parts learned from: first and last sample, s
+        self.modelled = np.inf  # end of what the model at the end was learned from, s
         # By horizon: time, prediction, band and last sample of those whose time has not come.
         self._pending: dict[float, deque[tuple[float, Array, Array, Array]]] = {}
         self._sums: dict[float, tuple[int, Array]] = {}

@@ -82,6 +82,8 @@ class _Interval:
     refused: bool = False  # by the vehicle
     reached: float = 0.0  # Hz reached since it was set
     again: int = 0  # number of times that it was asked for again since it last stayed
+    came: bool = False  # whether it has come since it was last asked for
+    falls: int = 0  # number of times that it came as asked for and then no longer, since it last stayed
     restored: bool = False  # whether the vehicle confirmed the former interval
 
 
@@ -169,6 +171,7 @@ class RateRequest:
         """The vehicle may have rebooted, and forgotten all rates: asks for them again at once."""
         for each in self._intervals:
             each.settings, each.done, each.refused, each.last, each.again = 0, False, False, -np.inf, 0
+            each.reached, each.came, each.falls = 0.0, False, 0  # it may take a minute until it is sent at all
         if any(each.set for each in self._intervals):
             self.events.append("The vehicle is back: asking for its message rates again.")
 
@@ -185,21 +188,23 @@ class RateRequest:
         interval.reached = max(interval.reached, min(rate, interval.rate))
         unconfirmed = interval.settings == MAX_TRIES and not interval.reached
         if rate >= SLOW * interval.reached and not unconfirmed:
+            interval.came = rate > 0
             if now - interval.last >= MAX_PAUSE_SECONDS:
-                interval.again = 0
+                interval.again = interval.falls = 0
             return
         if now - interval.last < min(PAUSE_SECONDS * 2 ** (interval.again * unconfirmed), MAX_PAUSE_SECONDS):
             return
         if not interval.least and not unconfirmed and not self._contested:
             self.events.append(f"{interval.name} no longer comes at {interval.reached:.3g} Hz; asking for it again.")
-        # A request is withdrawn by another program, not by a reboot, if that occurs every time.
-        if rate and interval.again >= 2 and not self._contested:
+        # A request is withdrawn by another program, not by a reboot, if it is obeyed first, every time.
+        interval.falls += interval.came
+        if rate and interval.falls > 2 and not self._contested:
             self._contested = True
             self.events.append(
                 "Message rates are set back again and again, perhaps by another ground station (in MAVProxy, "
                 "`set streamrate -1` ends that): each time they are asked for again."
             )
-        interval.settings, interval.done, interval.again = 0, False, interval.again + 1
+        interval.settings, interval.done, interval.again, interval.came = 0, False, interval.again + 1, False
 
     def _command(self, command: int, first: float, second: float = 0.0) -> bytes:
         target = {"target_system": self._vehicle.system, "target_component": self._vehicle.component}

@@ -126,7 +126,7 @@ class Vehicle:
         self.request, self.arrivals, self.knows = request, Arrivals(), knows
         self.usual = {int(name[1:]): rate for name, rate in rates.items()}
         self.rates, self.now, self.sent, self.counts = dict(self.usual), 0.0, [], {0: 0.0}
-        self.silent = False
+        self.silent, self.late = False, 0  # ``late``: a message that it does not send yet
 
     def run(self, seconds: float, back_every: float = 0.0) -> None:
         """Lets so many seconds go by; another ground station may set its own rates again now and then."""
@@ -135,7 +135,9 @@ class Vehicle:
             if back_every and self.now % back_every < 0.1:
                 self.rates = dict(self.usual)
             for kind, rate in {0: 1.0, **self.rates}.items():
-                self.counts[kind] = self.counts.get(kind, 0.0) + (0.0 if self.silent else 0.1 * rate)
+                self.counts[kind] = self.counts.get(kind, 0.0) + (
+                    0.0 if self.silent or kind == self.late else 0.1 * rate
+                )
             rates = self.arrivals.rates(self.now, {kind: int(count) for kind, count in self.counts.items()})
             if self.arrivals.resumed:
                 self.request.restart()
@@ -170,6 +172,17 @@ def test_after_a_reboot_that_forgets_rates_they_are_asked_for_again(silence):
     assert vehicle.rates == {30: 100.0, 36: 100.0, 245: 4.0, 32: 4.0, 74: 4.0}
     vehicle.give_back()
     assert vehicle.rates == {30: 4.0, 36: 0.0, 245: 0.0, 32: 0.0, 74: 0.0}
+
+
+def test_what_is_not_sent_for_a_while_after_a_reboot_is_set_back_by_nobody():
+    vehicle = Vehicle(RateRequest(VEHICLE, 100.0), _30=4.0)
+    vehicle.run(20.0)
+    vehicle.rates, vehicle.late = {}, 32
+    vehicle.request.restart()
+    vehicle.run(40.0)
+    vehicle.late = 0
+    vehicle.run(20.0)
+    assert not any("set back" in event for event in vehicle.request.events)
 
 
 def test_what_distinguishes_flight_from_landing_is_asked_for_where_it_does_not_come_already():
