@@ -189,6 +189,7 @@ def _px4(scenario: Scenario) -> dict[int, dict[str, float]]:
         whole |= {f"PWM_MAIN_{bound}{n}": value for n in range(1, MOTORS + 1)}
     real = _thrust_curve("THR_MDL_FAC", scenario)
     real |= _drag("EKF2", scenario)
+    whole |= {"EKF2_DRAG_CTRL": 1} if scenario.stream.drag_calibrated else {}
     rotors = frame(kind, AIRFRAMES[scenario.vehicle.model].arm)
     for n in range(MOTORS):
         real |= {f"CA_ROTOR{n}_PX": rotors.forward[n], f"CA_ROTOR{n}_PY": rotors.right[n], f"CA_ROTOR{n}_PZ": 0.0}
