@@ -19,20 +19,15 @@ MOTOR_COUNTS = {"TRICOPTER": 3, "QUADROTOR": 4, "HEXAROTOR": 6, "OCTOROTOR": 8, 
 MULTIROTORS = (*MOTOR_COUNTS, "GENERIC_MULTIROTOR")  # The MAV_TYPEs of vehicles with fixed rotors
 
 
-def motor_parameters(vehicle: str, autopilot: str) -> tuple[str, ...]:
-    """Returns the names of what ``motor_geometry``, ``output_scale`` and thrust curves are read from; none if unknown.
-
-    ``vehicle`` and ``autopilot`` are MAV_TYPE and MAV_AUTOPILOT without prefixes.
-    """
-    count = MOTOR_COUNTS.get(vehicle, 0)
-    if autopilot == "PX4":
-        rotors = (f"CA_ROTOR{n}_{what}" for n in range(count) for what in ("PX", "PY", "KM"))
-        functions = (f"PWM_{bank}_FUNC{n}" for bank in ("MAIN", "AUX") for n in range(1, 9))
-        return "CA_ROTOR_COUNT", "THR_MDL_FAC", *rotors, *functions
-    motors = ("PWM_MIN", "PWM_MAX", "SPIN_ARM", "SPIN_MIN", "SPIN_MAX", "THST_EXPO")
-    functions = (f"SERVO{n}_FUNCTION" for n in range(1, max(count, 8) + 1))
-    named = ("FRAME_CLASS", "FRAME_TYPE", *functions, *(f"MOT_{what}" for what in motors))
-    return named if autopilot == "ARDUPILOTMEGA" else ()
+def motor_parameters(autopilot: str) -> tuple[str, ...]:
+    """Returns the parameters of a MAV_AUTOPILOT that say where motors are and how they respond; none if not known."""
+    names = {
+        "PX4": "CA_ROTOR_COUNT CA_ROTOR{1}_PX CA_ROTOR{1}_PY CA_ROTOR{1}_KM THR_MDL_FAC PWM_MAIN_FUNC{0} "
+        "PWM_AUX_FUNC{0}",
+        "ARDUPILOTMEGA": "FRAME_CLASS FRAME_TYPE SERVO{0}_FUNCTION MOT_PWM_MIN MOT_PWM_MAX MOT_SPIN_ARM MOT_SPIN_MIN "
+        "MOT_SPIN_MAX MOT_THST_EXPO",
+    }.get(autopilot, "")
+    return tuple(dict.fromkeys(name.format(n, n - 1) for name in names.split() for n in range(1, 9)))
 
 
 _COMPASS = ("front", "front right", "right", "rear right", "rear", "rear left", "left", "front left")

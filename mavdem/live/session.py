@@ -347,10 +347,7 @@ class LiveSession:
         if vehicle is None or now - self._heard > SILENCE_SECONDS:
             return
         if self.request is None:
-            ids, named = (
-                FrameSender(vehicle.system, vehicle.component),
-                motor_parameters(vehicle.kind, vehicle.autopilot),
-            )
+            ids, named = FrameSender(vehicle.system, vehicle.component), motor_parameters(vehicle.autopilot)
             self.request = RateRequest(ids, self.rate, parameters=named)
         for message in self.stream.replies():
             self.request.take(message)

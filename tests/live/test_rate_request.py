@@ -225,11 +225,11 @@ def test_another_ground_station_that_sets_rates_back_is_asked_against_each_time_
 def test_parameters_of_the_motors_are_asked_for_one_by_one_until_they_come(name, autopilot):
     simulated = Transmitter(Scenario(stream=StreamSpec(autopilot=name, only_when_asked=True)), 0.004)
     commands, motion, reader, vehicle = CommandHandler(simulated, None), made_up_motion(), FrameReader(), Sender(1, 1)
-    names = motor_parameters("QUADROTOR", autopilot)
+    names = motor_parameters(autopilot)
     request, asked = RateRequest(FrameSender(1, 1), 100.0, (30,), (), names), 0
     request._intervals.clear()
-    for number in range(200):
-        frames = request.due(0.1 * number, None, vehicle.parameters)
+    for number in range(150):
+        frames = request.due(0.2 * number, None, vehicle.parameters)
         assert len(frames) <= 1
         asked += len(frames)
         for one in addressed_messages(b"".join(frames), 1, 1):
