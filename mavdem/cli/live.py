@@ -7,13 +7,13 @@ import math
 import os
 import sys
 from collections.abc import Callable
-from concurrent.futures import wait
+from concurrent.futures import Future, wait
 from contextlib import ExitStack, closing
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from time import monotonic
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -21,16 +21,18 @@ from mavdem.alignment.signals import axis_outputs
 from mavdem.cli.commands import DONE, UNSUPPORTED, UNUSABLE
 from mavdem.cli.options import Number, file_option, model_options, motion_options, no_option
 from mavdem.cli.output import check_file, print_json, printable, say_aside, write_text
+from mavdem.cli.recording import RawRecording
 from mavdem.cli.signals import asked_to_end, ending_at_once
 from mavdem.dem import Settings
-from mavdem.dem.parallel import in_background
+from mavdem.dem.parallel import LearningProcess, in_background
 from mavdem.errors import MissingExtra, Unreadable, advice
 from mavdem.export.conversion import STREAMS
 from mavdem.health.in_flight import alarm_figures
 from mavdem.live import LiveStream, SessionStatus, Setup
-from mavdem.live.history import ACCOUNT, horizons, sentence, whole_seconds
-from mavdem.live.link import Link, RawRecording
-from mavdem.live.session import LearningProcess, LiveSession
+from mavdem.live.history import ACCOUNT, horizons, sentence
+from mavdem.live.link import Link
+from mavdem.live.session import LiveSession
+from mavdem.report.flights import whole_seconds
 from mavdem.report.page import live_page
 
 STATUS_SECONDS = 5.0  # between two status lines on standard error
@@ -124,8 +126,8 @@ class Dashboard:
     "--request-rate",
     type=Number(1, 1000),
     metavar="HZ",
-    help="Ask the vehicle for attitude and motor outputs at this rate, and at 4 Hz for what shows a landing; what "
-    "comes faster already stays as it is. Without it nothing is ever sent.",
+    help="Ask the vehicle for attitude and motor outputs at this rate, and at 4 Hz for what shows a landing, and "
+    "for the parameters of its motors; what comes faster already stays as it is. Without it nothing is ever sent.",
 )
 @click.option("--duration", type=Number(0, min_open=True), help="Seconds until it ends.")
 def live_command(
@@ -210,7 +212,7 @@ def live_command(
         except ValueError as error:
             say_aside(sentence(f"There is no model: {error}"))
         executor.shutdown()
-        last = in_background(partial(session.judge, learned))
+        last: Future[Any] = in_background(partial(session.judge, learned))
         wait([last], (ends_at - monotonic()) / 2)
         dashboard.report(status := replace(status, findings=session.findings))
         if status.findings:

@@ -1,36 +1,33 @@
 """LiveSession: records, learns from and shows what a link receives, step by step.
 
 One thread does all of it except what takes long: batch learning runs in the learner's executor, and what is shown waits
-in the view's own queue. What was received is recorded at once and waits for its analysis: time is that of arrival. The
-farther the analysis is behind, the less is done beside it (``SHED``).
+in the view's own queue. What is received is recorded, and waits for its analysis: time is that of arrival.
 """
 
 from __future__ import annotations
 
-import os
 import re
 import time
 from collections import deque
 from collections.abc import Callable
-from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
-from contextlib import ExitStack, suppress
+from concurrent.futures import CancelledError, Executor, Future
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
-from multiprocessing import active_children
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from mavdem.alignment.signals import axis_outputs
 from mavdem.analysis.findings import Findings, findings_of
 from mavdem.dem import Estimate, Learned, OnlineLearner, Settings
-from mavdem.dem.parallel import pool
 from mavdem.ingest.mavlink.definitions import FrameSender
+from mavdem.ingest.motors import motor_parameters
 from mavdem.live import history
 from mavdem.live.decisions import Setup
 from mavdem.live.history import Event, LiveHistory, SessionStatus, horizons, sentence
 from mavdem.live.judgement import judged
-from mavdem.live.link import MAX_PIECES, Link, LinkLost, RawRecording
+from mavdem.live.link import MAX_PIECES, Link, LinkLost
 from mavdem.live.rate_request import MAX_TRIES, REPLY_SECONDS, SILENCE_SECONDS, Arrivals, RateRequest, greeting
 from mavdem.live.rows import AlignedRow
 from mavdem.live.stream import LiveStream
@@ -39,57 +36,22 @@ STATUS_SECONDS, JUDGING_SECONDS = 1.0, 10.0  # From one status to the next, and 
 REPEAT_SECONDS = 30.0  # In which a sentence is reported once, whatever its numbers: a link may be at a limit
 MAX_LATENCIES = 10_000  # Of the latest rows, whose percentiles are in the status
 MAX_MODELS = 16  # Kept, so that one from before a landing is among them: several times the seconds that are taken back
-FIT_SECONDS = 3.0  # Of the last fit, at most
-LOW_PRIORITY = 10  # Niceness, 0 to 19, of the process that learns
+FIT_SECONDS = 3.0  # Of the last fit; where it takes longer, the model before is kept
 STEP_SECONDS = 0.02  # Of analysis, until the link is read again: its buffer may hold no more than a second
 TOGETHER_SECONDS = 0.01  # Pieces that arrived within it are searched for frames together
-SHED = {"physical fits": 0.5, "plots": 1.0, "refits": 2.0, "status": 3.0}
-"""What waits while the analysis is this many seconds behind the link."""
+SHED = {"physical fits": 0.5, "plots": 1.0, "refits": 2.0, "status": 3.0}  # What waits, from so many s behind on
 MAX_BEHIND_SECONDS = 5.0  # What waited longer is not analysed, up to what waits the first of SHED
 
 _NUMBERS = re.compile(r"\d+(\.\d+)?(?= (Hz|s|ms)\b)")
 
-Result = TypeVar("Result")
-
 
 class _Piece(NamedTuple):
-    """Bytes that wait for their analysis; ``arrival`` by the monotonic clock, ``stamp`` UNIX, s."""
+    """Bytes, their ``arrival`` by the monotonic clock and their ``stamp``, UNIX s; ``unread``: others were not read."""
 
     arrival: float
     stamp: float
     data: bytes
-    unread: bool  # whether datagrams were lost about then because nobody read them
-
-
-class LearningProcess(Executor):
-    """An executor with one process of low priority; if that is killed, the next job runs in a new one."""
-
-    def __init__(self) -> None:
-        self._exits = ExitStack()
-        self._start()
-
-    def submit(self, job: Callable[..., Result], /, *args: Any, **kwargs: Any) -> Future[Result]:
-        """Runs a job; see ``concurrent.futures.Executor``."""
-        try:
-            return self._pool.submit(job, *args, **kwargs)
-        except BrokenExecutor:
-            self._start()
-            return self._pool.submit(job, *args, **kwargs)
-
-    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Kills the process, whatever it computes."""
-        for child in self._children:
-            child.kill()
-        self._exits.close()
-
-    def _start(self) -> None:
-        self._exits.close()
-        others = active_children()
-        self._pool = self._exits.enter_context(pool(1))
-        self._children = [child for child in active_children() if child not in others]
-        if hasattr(os, "nice"):
-            # Batch learning may take its time; samples may not wait for a core.
-            self._pool.submit(os.nice, LOW_PRIORITY)
+    unread: bool
 
 
 @dataclass
@@ -106,7 +68,7 @@ class LiveSession:
     report: Callable[[SessionStatus], None]  # called once a second with the status
     say: Callable[[str], None]  # called with each sentence
     executor: Executor | None = None  # for batch learning
-    recording: RawRecording | None = None  # of the raw stream; ``None`` for none, and after it has failed
+    recording: Any = None  # of the raw stream, by ``take`` and ``close``; ``None`` for none, and after it has failed
     rate: float | None = None  # Hz to ask the vehicle for; ``None`` to send nothing at all
 
     def __post_init__(self) -> None:
@@ -115,7 +77,8 @@ class LiveSession:
         self.learner: OnlineLearner | None = None  # of the latest rows
         self.history = LiveHistory()  # what happened
         self._learners: dict[tuple[float, tuple[str, ...]], OnlineLearner] = {}
-        self._models: deque[tuple[float, Learned]] = deque(maxlen=MAX_MODELS)  # with the boot clock, s, of each
+        # With the boot clock and the history's, s, of each.
+        self._models: deque[tuple[float, Learned, float]] = deque(maxlen=MAX_MODELS)
         self._newest: Learned | None = None
         self._landed = False  # whether no model has come since the last landing
         self._setup: Setup | None = None
@@ -174,8 +137,7 @@ class LiveSession:
 
     def account(self, now: float | None = None) -> dict[str, float]:
         """Seconds by the keys of ``ACCOUNT``, second by second of arrival; their sum is the age of the session."""
-        now, (before, learned, owed) = self.now if now is None else now, self._accounted
-        stream = self.stream.status()
+        now, stream, (before, learned, owed) = now or self.now, self.stream.status(), self._accounted
         kinds = {
             "link_lost": self._lost,
             "silent": now - self._heard >= STATUS_SECONDS,
@@ -195,20 +157,17 @@ class LiveSession:
 
     def _keep_up(self) -> None:
         """Does less, the farther the analysis is behind the link; says so when that begins and when it is over."""
-        now = time.monotonic()
-        behind, hidden = now - self.now, "plots" in self._shed
+        behind, hidden = (now := time.monotonic()) - self.now, "plots" in self._shed
         self._shed = {what for what, limit in SHED.items() if behind >= limit}
         self._hidden += "plots" in self._shed and not hidden
         self.most_behind = max(self.most_behind, behind)
         if self.learner is not None:
-            self.learner.fits_physical, self.learner.refits = (
-                each not in self._shed for each in SHED if "fits" in each
-            )
+            self.learner.fits_physical = "physical fits" not in self._shed
+            self.learner.refits = "refits" not in self._shed
         if behind > MAX_BEHIND_SECONDS:
-            begin = self.now
             while self._waiting and now - self._waiting[0].arrival > SHED["physical fits"]:
                 self._waiting.popleft()
-            self._leave_out(begin)
+            self._leave_out(now - behind)
         if behind >= SHED["plots"]:
             if self._late is None:
                 self._log(
@@ -218,16 +177,14 @@ class LiveSession:
             self._late = now
         elif self._late is not None and now - self._late >= REPEAT_SECONDS:
             self._late = None
-            self._log(
-                f"This computer keeps up with the link again: it was up to {self.most_behind:.1f} s behind; "
-                f"{self._account['left_out']:.1f} s were not analysed, and {self._dropped} datagrams not received."
-            )
+            left = f"{self._account['left_out']:.1f} s were not analysed, {self._dropped} datagrams not received"
+            self._log(f"This computer keeps up again; it was up to {self.most_behind:.1f} s behind the link: {left}.")
 
     def _leave_out(self, since: float) -> None:
         """Nothing of the time from ``since`` until now is analysed: no silence, and no message that the link lost."""
-        self.account(min(max(since, self._accounted[0]), self.now))
-        left, now = self.now - self._accounted[0], self.now
-        self._account["left_out"] += left
+        now = self.now
+        self.account(min(max(since, self._accounted[0]), now))
+        self._account["left_out"] += now - self._accounted[0]
         self._accounted = now, *self._accounted[1:]
         self._heard, self._sampled = self._heard + now - since, self._sampled + now - since
         self.stream.leave_out()
@@ -247,6 +204,7 @@ class LiveSession:
         for row in self.stream.feed(first.stamp, b"".join(piece.data for piece in together)):
             self._take(row)
         self.history.advance(self.stream.now, self.stream.boot)
+        self._settled &= self.stream.flying
         landing = self.stream.landing()
         if landing is not None and self.learner is not None:
             self._take_back(self.learner, landing)
@@ -258,20 +216,19 @@ class LiveSession:
                 self._log(f"{what} again after {after:.0f} s.")
 
     def final_model(self) -> Learned:
-        """Returns the last model before the last landing; in flight, that of the last samples; ValueError if none.
-
-        It takes no longer than ``FIT_SECONDS``: the former model is kept if the fit does.
-        """
+        """Returns the last model before the last landing; in flight, that of the last samples; ValueError if none."""
         if self.learner is None:
             raise ValueError("there was no settled flight")
         if not (self._landed and self._models):
             try:
+                self.history.modelled = np.inf
                 return self._named(self.learner.learn_now(FIT_SECONDS))
             except ValueError as error:
                 if not self._models:
                     raise
                 self._log(f"The newest samples support no model ({error}): the former one is kept.")
-        return self._named(self._models[-1][1])
+        _, model, self.history.modelled = self._models[-1]
+        return self._named(model)
 
     def judge(self, learned: Learned | None) -> None:
         """Judges the model at the end, if there is one: from then on it has the physical parameters shown last."""
@@ -295,7 +252,8 @@ class LiveSession:
         """The status as of now."""
         status, silence = self.stream.status(), self._silence()
         learning = self.learner.obstacle if self.learner is not None else ""
-        learning = history.NOT_SETTLED if status.flying and not self._settled else learning
+        if not self._settled:
+            learning = history.NOT_SETTLED if status.flying else history.NOT_FLYING
         rates = dict.fromkeys(status.rates, 0.0) if silence else status.rates
         known = self._latencies[: self._learned + self._shown]
         latency = (*np.percentile(known, [50, 99]).tolist(), self._latest) if len(known) else status.latency
@@ -334,14 +292,11 @@ class LiveSession:
         except OSError as error:
             self.recording = None
             self._log(f"The recording ends here ({_reason(error)}); everything else continues.")
-        now, wall, unread = time.monotonic(), time.time(), self.link.dropped != self._dropped
-        self._dropped = self.link.dropped
+        now, wall, first = time.monotonic(), time.time(), self._emptied
+        unread, self._dropped = self.link.dropped != self._dropped, self.link.dropped
+        self._emptied = began if len(received) < MAX_PIECES else first
         # The wall clock may be set meanwhile: nothing arrived before everything had been read.
-        pieces = [
-            _Piece(min(max(now - (wall - stamp), self._emptied), now), stamp, data, unread) for stamp, data in received
-        ]
-        self._emptied = began if len(received) < MAX_PIECES else self._emptied
-        return pieces
+        return [_Piece(min(max(now - wall + stamp, first), now), stamp, data, unread) for stamp, data in received]
 
     def _take(self, row: AlignedRow) -> None:
         setup = self.stream.setup
@@ -358,7 +313,7 @@ class LiveSession:
                 self._log(f"A sample was skipped: {_reason(error)}.")
             if learner.learned is not None and learner.learned is not self._newest:
                 self._newest, self._landed = learner.learned, False
-                self._models.append((row.time, learner.learned))
+                self._models.append((row.time, learner.learned, self.history.now))
         latency = time.monotonic() - self._arrival
         self._latencies[(self._learned + self._shown) % MAX_LATENCIES] = latency
         self._latest = max(self._latest, latency)
@@ -374,7 +329,7 @@ class LiveSession:
     def _begin(self, setup: Setup) -> None:
         """Takes the learner of a setup's rows, and shows them; a display that fails is not used again."""
         if self._setup is not None and setup.boot != self._setup.boot:
-            self._models = deque(((-np.inf, learned) for _, learned in self._models), MAX_MODELS)
+            self._models = deque(((-np.inf, learned, end) for _, learned, end in self._models), MAX_MODELS)
         self._setup, layout, axis = setup, setup.layout, self.stream.axis
         sizes = setup.dt, len(layout.names), len(axis_outputs(axis))
         directions = None if layout.positions_assumed else layout.effect(axis)
@@ -434,9 +389,8 @@ class LiveSession:
     def _request_rates(self) -> None:
         """Asks for rates if the user wants that and the vehicle is known; sends a HEARTBEAT if needed before."""
         now = self.now
-        if self._shed:
-            self._arrivals = Arrivals()  # what comes now is as fast as the analysis
         if self.rate is None or self._lost or self._shed:
+            self._arrivals = Arrivals()  # what comes now would be as fast as the analysis
             return
         if self.link.speaks_first and now - max(self._heard, self._greeted) >= STATUS_SECONDS:
             self._greeted = now
@@ -444,14 +398,16 @@ class LiveSession:
         vehicle = self.stream.followed
         if vehicle is None or now - self._heard > SILENCE_SECONDS:
             return
-        self.request = self.request or RateRequest(FrameSender(vehicle.system, vehicle.component), self.rate)
+        if self.request is None:
+            ids, named = FrameSender(vehicle.system, vehicle.component), motor_parameters(vehicle.autopilot)
+            self.request = RateRequest(ids, self.rate, parameters=named)
         for message in self.stream.replies():
             self.request.take(message)
         rates = self._arrivals.rates(now, vehicle.arrived)
         if self._arrivals.resumed or self.stream.boot != self._boot:
             self._boot = self.stream.boot
             self.request.restart()
-        self._send(self.request.due(now, rates))
+        self._send(self.request.due(now, rates, vehicle.parameters))
         for event in self.request.events:
             self._log(event)
         self.request.events.clear()

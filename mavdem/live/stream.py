@@ -77,6 +77,11 @@ class LiveStream:
         return self._senders.followed
 
     @property
+    def flying(self) -> bool:
+        """Whether the vehicle is armed and airborne."""
+        return self._phase.flying
+
+    @property
     def now(self) -> float:
         """The latest time of the vehicle's clock, s; NaN before any."""
         return self._clock.now
@@ -99,7 +104,7 @@ class LiveStream:
         """What was received until now is not fed: the next gap is neither a silence nor lost messages."""
         self._left_out = self._clock.left_out = True
         for sender in self._senders:
-            sender.leave_out()
+            sender.left_out = True
 
     def landing(self) -> float | None:
         """The time, s of this boot, since which rows given as settled were of a landing; None if none is new."""
@@ -138,9 +143,9 @@ class LiveStream:
     def _take(self, frame: Frame) -> Iterator[AlignedRow]:
         """Takes a frame; the rows that it completes."""
         sender = self._senders.of(frame)
-        if not sender.take(frame, self._received) or frame.verdict != GOOD:
+        message = message_of(frame) if frame.verdict == GOOD else None
+        if not sender.take(frame, message, self._received) or frame.verdict != GOOD:
             return
-        message = message_of(frame)
         if message is not None:
             sender.take_message(message)
         self._senders.decide(sender)

@@ -12,13 +12,16 @@ from collections.abc import Mapping, Sequence
 from math import degrees, hypot, isfinite, sqrt
 from pathlib import PurePath
 
+import numpy as np
+
+from mavdem.dem.online.errors import HorizonErrors
 from mavdem.evaluate.truth import ComparedParameter, TruthComparison
 from mavdem.fleet import difference
 from mavdem.fleet import row as fleet_row
 from mavdem.fleet.difference import BETWEEN, FAMILY_ERROR, Conditions, Flights, QuantityChange, VehicleDifference
 from mavdem.fleet.row import HEALTHS, OK, UNKNOWN, FlightRow, is_shared, worst_health
 from mavdem.health.in_flight import FALSE_ALARMS_BASIS
-from mavdem.live.history import ACCOUNT, AHEAD, HorizonErrors, LiveHistory, SessionStatus, whole_seconds
+from mavdem.live.history import ACCOUNT, AHEAD, LiveHistory, SessionStatus
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.condition import TIER_WORDS
 from mavdem.report.numbers import TORQUE, listed, named, plus_minus, readable, rounded, short, with_unit
@@ -296,11 +299,19 @@ def _vehicles(found: VehicleDifference) -> list[Block]:
     return [Sentence(named, "Caution:")] if found.shared else []
 
 
-def live_report(history: LiveHistory, status: SessionStatus, account: Mapping[str, float], axis: str) -> list[Block]:
+def whole_seconds(account: Mapping[str, float]) -> dict[str, int]:
+    """Returns an account in whole seconds, whose sum is that of the account."""
+    ends = np.rint(np.cumsum(list(account.values()))).astype(int)
+    return dict(zip(account, np.diff(ends, prepend=0).tolist(), strict=True))
+
+
+def live_report(
+    history: LiveHistory, status: SessionStatus, account: Mapping[str, float], axis: str, seconds: float = 0.0
+) -> list[Block]:
     """Returns the errors of what was predicted on an ``axis``, and the parts trained on, by the vehicle's clock.
 
     ``history`` was collected in flight, ``status`` is that at its end; ``account`` are seconds by the keys of
-    ``ACCOUNT``.
+    ``ACCOUNT``; ``seconds`` of the last ones are in the model.
     """
     errors, angle = history.errors(), readable("rad")
     headline = f"Nothing of {axis} was predicted: there was no settled flight to learn from."
@@ -319,8 +330,11 @@ def live_report(history: LiveHistory, status: SessionStatus, account: Mapping[st
         made = "in flight, without the motors of the time ahead. Baseline: the last sample held."
         blocks += [_errors(errors, axis), Sentence(made, "How they were made:")]
     if history.learned:
-        rows = [[f"{first:.0f} s", f"{last:.0f} s", f"{last - first:.0f} s"] for first, last in history.learned]
-        blocks.append(Table(["learned from", "until", "length"], rows))
+        rows: list[list[str]] = []
+        for first, last in reversed(history.learned):
+            seconds -= (used := min(seconds, max(min(last, history.modelled) - first, 0.0)))
+            rows.insert(0, [f"{time:.0f} s" for time in (first, last, last - first, used)])
+        blocks.append(Table(["learned from", "until", "length", "of it in the model at the end"], rows))
     whole = whole_seconds(account)
     spent = [[what[0].upper() + what[1:], f"{whole[kind]} s"] for kind, what in ACCOUNT.items() if whole[kind]]
     blocks.append(Table([f"of {sum(whole.values())} s", "time"], spent))
