@@ -21,7 +21,8 @@ import numpy as np
 
 from mavdem.alignment.signals import axis_outputs
 from mavdem.analysis.findings import Findings, findings_of
-from mavdem.dem import Estimate, Learned, OnlineLearner, Settings
+from mavdem.dem import Estimate, Learned, OnlineLearner, Physical, Settings
+from mavdem.dem.graybox import PhysicalPrior
 from mavdem.dem.parallel import pool
 from mavdem.ingest.mavlink.definitions import FrameSender
 from mavdem.live import history
@@ -86,6 +87,7 @@ class LiveSession:
     executor: Executor | None = None  # for batch learning
     recording: RawRecording | None = None  # of the raw stream; ``None`` for none, and after it has failed
     rate: float | None = None  # Hz to ask the vehicle for; ``None`` to send nothing at all
+    prior: Physical | PhysicalPrior | None = None  # the vehicle's physical parameters as of an earlier flight
 
     def __post_init__(self) -> None:
         """Begins now, without a model."""
@@ -252,6 +254,7 @@ class LiveSession:
         assert learner is not None
         self._settled = row.settled
         if row.settled:
+            learner.pause_wind(self.stream.weak_since)
             try:
                 estimate = learner.update(row.time, row.outputs, row.inputs)
             except ValueError as error:
@@ -280,6 +283,10 @@ class LiveSession:
         options: dict[str, Any] = {"horizons": horizons(setup.dt), "effect_directions": directions}
         key = setup.dt, layout.names
         if key not in self._learners:
+            if self.prior is not None and len(self.prior.effect) == len(layout.names):
+                options["prior"] = self.prior
+            elif self.prior is not None:
+                self._log(f"The prior has {len(self.prior.effect)} inputs, not {len(layout.names)}: it is not used.")
             self._learners[key] = OnlineLearner(self.settings, *sizes, executor=self.executor, **options)
         if self.learner is not self._learners[key]:
             self.learner, self._estimate = self._learners[key], None

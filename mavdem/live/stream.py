@@ -99,6 +99,12 @@ class LiveStream:
         """The time, s of this boot, since which rows given as settled were of a landing; None if none is new."""
         return self._phase.landing()
 
+    @property
+    def weak_since(self) -> float:
+        """The time, s of this boot, since which the last motor alarm's motor is weak; NaN while none is."""
+        alarms = self._alarms.latest if self._alarms.sentence else ()
+        return max((each.since for each in alarms if each.motor is not None and each.boot == self.boot), default=nan)
+
     def replies(self) -> list[Message]:
         """The vehicle's messages of ``REPLIES`` since the last call."""
         return [self._replies.popleft() for _ in range(len(self._replies))]

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.forecast.joint import known_combinations
+from mavdem.dem.graybox.parameters import Physical, PhysicalPrior
 from mavdem.dem.learned import Learned
 from mavdem.dem.learning import FEWEST_SAMPLES, learn
 from mavdem.dem.online.ahead import OnlineJoint
@@ -68,6 +69,7 @@ class OnlineLearner:
         horizons: tuple[int, ...] = HORIZONS,
         executor: Executor | None = None,
         effect_directions: ArrayLike | None = None,
+        prior: PhysicalPrior | Physical | None = None,
     ) -> None:
         """Begins without a sample.
 
@@ -80,6 +82,7 @@ class OnlineLearner:
             executor: of processes, where ``learn`` runs; unless given, it runs inside an update, which then takes as
                 long. With one of threads an update may wait for them.
             effect_directions: (r,) relative effect of each input on the axis, where the mixer geometry is known.
+            prior: the vehicle's physical parameters as of an earlier flight, such as ``Learned.physical``.
 
         Raises:
             ValueError: names the argument that does not fit.
@@ -118,7 +121,7 @@ class OnlineLearner:
         self._bands = ErrorBands(self.horizons, n_outputs, self._dt)
         combinations = known_combinations(n_inputs, directions)
         self._ahead = OnlineJoint(self._dt, block, self.horizons, n_outputs, combinations)
-        self._wind = OnlineWind(self._memory, executor)
+        self._wind = OnlineWind(self._memory, executor, prior)
         self._surprise, self._marks = Surprise(self._dt), AnomalyMarks(self._dt)
 
     def update(self, time: float, outputs: ArrayLike, inputs: ArrayLike) -> Estimate:
@@ -188,6 +191,10 @@ class OnlineLearner:
             self._pending = None
         # Without a sample left there is nothing to learn from: as in the beginning, but the model stays.
         self._next = self._next_choice = self._samples + (0 if self._memory.blocks else self._first)
+
+    def pause_wind(self, since: float) -> None:
+        """Gives no wind torque from ``since``, s, on, as since a motor is weak, until it is called with NaN."""
+        self._wind.pause(since)
 
     def learn_now(self) -> Learned:
         """Returns the result of ``learn`` on the samples in the memory, with the settings in use.
