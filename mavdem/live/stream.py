@@ -349,11 +349,12 @@ class MotorAlarms:
             watched = boot, layout, inputs.scale.low, inputs.scale.high  # balances on two ranges differ
             if self._watch is None or watched != self._watched:
                 self._watch, self._watched = MotorWatch(layout, boot), watched
-            alarm, obstacle = self._watch.take(time, commands), self._watch.obstacle
-            if alarm is not None:
-                self.latest.append(alarm)
-                self.sentence = self.sentence if alarm.motor is None else alarm.sentence
-                yield alarm.sentence, "INFO" if alarm.motor is None else "ERROR", alarm.since
+            changes, obstacle = self._watch.take(time, commands), self._watch.obstacle
+            for change in changes:
+                self.latest.append(change)
+                if change.motor is not None:
+                    self.sentence = " ".join(alarm.sentence for alarm in self._watch.weak.values()) or change.sentence
+                yield change.sentence, "ERROR" if change.weak else "INFO", change.since
         if obstacle not in self._reported:
             self._reported.add(obstacle)
             yield obstacle, "INFO", nan
