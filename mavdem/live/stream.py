@@ -136,9 +136,9 @@ class LiveStream:
     def _take(self, frame: Frame) -> Iterator[AlignedRow]:
         """Takes a frame; the rows that it completes."""
         sender = self._senders.of(frame)
-        if not sender.take(frame) or frame.verdict != GOOD:
+        message = message_of(frame) if frame.verdict == GOOD else None
+        if not sender.take(frame, message) or frame.verdict != GOOD:
             return
-        message = message_of(frame)
         if message is not None:
             sender.take_message(message)
         self._senders.decide(sender)
