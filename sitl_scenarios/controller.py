@@ -66,8 +66,10 @@ class Controller:
         """What one cycle asks for; nothing is learned unless ``flying``."""
         (vn, ve, vd), (pn, pe, pd) = estimate.velocity, estimate.position
         along, fast = self._position, self._velocity
-        wn, we = -along * pn, along * (reference.aside - pe)
-        limit = MAX_SPEED / max(MAX_SPEED, hypot(wn, we))
+        ahead, aside = reference.velocity
+        wn, we = along * (reference.north - pn) + ahead, along * (reference.aside - pe) + aside
+        fastest = MAX_SPEED + hypot(ahead, aside)
+        limit = fastest / max(fastest, hypot(wn, we))
         wd = -reference.climb + _limited(along * (-reference.height - pd), MAX_SPEED)
         error = (wn * limit - vn, we * limit - ve, wd - vd)
         push, smooth = self._push, self._smooth

@@ -16,7 +16,7 @@ from typing import Any, get_args
 from pydantic import BaseModel, ValidationError
 
 from sitl_scenarios.plan import times
-from sitl_scenarios.scenario import Excitation, Moment, Scenario, Wind, place, shortened
+from sitl_scenarios.scenario import Excitation, Moment, Move, Scenario, Wind, place, shortened
 
 MAX_LISTED = 5  # Problems that are listed one by one: the others often follow from them
 KINDS: Mapping[str, Mapping[str, type[BaseModel]]] = {
@@ -74,6 +74,8 @@ def _section(where: Sequence[int | str]) -> tuple[str, list[str]]:
     section = str(where[0])
     if len(where) == 1:
         return "a scenario", list(Scenario.model_fields)
+    if "moves" in where[:-1]:
+        return "a move", list(Move.model_fields)
     if section in KINDS:
         kind = next(str(word) for word in where[1:] if word in KINDS[section])
         name = f"a {kind} wind" if section == "wind" else f"{section} of the kind {kind}"
@@ -224,6 +226,8 @@ def _key(key: str) -> str:
 def _toml(value: Any) -> str:
     if isinstance(value, dict):
         return "{" + ", ".join(f"{_key(key)} = {_toml(inside)}" for key, inside in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(_toml, value)) + "]"
     if value is None:
         return "inf"  # the time that never comes
     # Of text, numbers and truth values JSON's forms are TOML's too; what a terminal obeys is escaped besides.

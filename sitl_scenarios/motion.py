@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sitl_scenarios.dynamics import IDLE_COMMAND, pulse
-from sitl_scenarios.scenario import Scenario, Steps
+from sitl_scenarios.scenario import Course, Scenario, Steps
 
 Array = NDArray[np.float64]
 
@@ -63,9 +63,15 @@ class Holding:
     """
 
     def __init__(self, scenario: Scenario) -> None:
-        # On its way from one end of a sideways step to the other it is where it should be.
-        self._aside = scenario.excitation.distance if isinstance(scenario.excitation, Steps) else 0.0
-        self._height, self._stop = scenario.height, pulse(scenario.vehicle.stop)
+        # On its way from one end of a sideways step or a leg to the other it is where it should be.
+        places = [(0.0, 0.0, 0.0)]
+        if isinstance(scenario.excitation, Steps):
+            places.append((0.0, scenario.excitation.distance, 0.0))
+        elif isinstance(scenario.excitation, Course):
+            moves = [(move.north, move.east, -move.up) for move in scenario.excitation.moves]
+            places += np.cumsum(moves, axis=0).tolist()
+        self._box = np.array([np.min(places, axis=0), np.max(places, axis=0)]) - (0.0, 0.0, scenario.height)
+        self._stop = pulse(scenario.vehicle.stop)
         self._since: float | None = None
         self._phase = ON_GROUND
         self._rows = self._limited = 0
@@ -78,8 +84,7 @@ class Holding:
         self._rows += int(np.count_nonzero(flying))
         self._limited += int(np.count_nonzero(limited[flying].any(axis=1)))
         self.at_limit = self._limited / max(self._rows, 1)
-        north, east, down = motion.position.T
-        off = np.sqrt(north**2 + (east - np.clip(east, 0.0, self._aside)) ** 2 + (down + self._height) ** 2)
+        off = np.linalg.norm(motion.position - np.clip(motion.position, *self._box), axis=1)
         rows = zip(motion.time.tolist(), motion.landed_state.tolist(), motion.armed.tolist(), off.tolist(), strict=True)
         for time, state, armed, distance in rows:
             # Blown down to the ground it is still asked to hover.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import cos, pi, radians, sin, sqrt
+from math import cos, fsum, hypot, pi, radians, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -10,7 +10,18 @@ from scipy.fft import ifft
 
 from sitl_scenarios.dynamics import Three
 from sitl_scenarios.motion import Array
-from sitl_scenarios.scenario import AXES, STICKS, Chirp, Doublets, Multisine, Scenario, Steps, Sticks
+from sitl_scenarios.scenario import (
+    AXES,
+    STICKS,
+    Chirp,
+    Course,
+    Doublets,
+    Move,
+    Multisine,
+    Scenario,
+    Steps,
+    Sticks,
+)
 from sitl_scenarios.wind import gaussian_noise
 
 BOOT_SECONDS = 2.0  # Seconds from the autopilot's boot until it arms itself
@@ -20,6 +31,7 @@ AFTER_SECONDS = 1.0  # Seconds simulated after disarming; and from touch-down, a
 FULL_STICK: Three = (radians(35), radians(35), radians(150))
 """Roll and pitch, rad, and yaw rate, rad/s, that a stick asks for at its end: PX4's defaults of MPC_MAN_TILT_MAX and
 MPC_MAN_Y_MAX."""
+BRAKING = 2.5  # m/s² at the beginning and the end of a move
 _FASTEST = 1.5  # m/s: the mean of a climb or a descent that takes longer than the usual time
 _NO_DEMAND: Three = (0.0, 0.0, 0.0)
 
@@ -30,9 +42,11 @@ class Reference(NamedTuple):
     landed_state: int  # MAV_LANDED_STATE: 1 on the ground, 2 in the air, 3 taking off, 4 landing
     height: float  # m; climb: its rate, m/s
     climb: float
-    aside: float  # of the place to hover at, to the right, m
+    aside: float  # of the place to hover at, east of the first, m
     demand: Three = _NO_DEMAND  # to add to the roll and pitch that the position asks for, rad; yaw rate, rad/s
     by_stick: bool = False  # whether a pilot's sticks ask for it
+    north: float = 0.0  # of the place to hover at, m
+    velocity: tuple[float, float] = (0.0, 0.0)  # of that place, north and east, m/s
 
 
 class Times(NamedTuple):
@@ -48,9 +62,12 @@ def times(scenario: Scenario) -> Times:
     """When a scenario does what. Raises ValueError: the duration leaves no time to hover."""
     climb, descent = max(3.0, scenario.height / _FASTEST), max(4.0, scenario.height / _FASTEST)
     after = AFTER_SECONDS + scenario.idle
-    shortest = SPIN_UP_SECONDS + climb + 5.0 + descent + after  # with five seconds of hover
+    excited, course = 1.0, isinstance(scenario.excitation, Course)
+    if isinstance(scenario.excitation, Course):
+        excited = fsum(sum(move_seconds(move)[1:]) for move in scenario.excitation.moves)
+    shortest = SPIN_UP_SECONDS + climb + excited + 2 * SETTLE_SECONDS + descent + after
     if scenario.duration < shortest:
-        least = f"at least {shortest:g} s for a height of {scenario.height:g} m"
+        least = f"at least {shortest:g} s for a height of {scenario.height:g} m" + " and the course" * course
         raise ValueError(f"duration must be {least}, not {scenario.duration:g}")
     return Times(climb, descent, SPIN_UP_SECONDS + climb, scenario.duration - after - descent)
 
@@ -74,6 +91,10 @@ class Plan:
         elif isinstance(scenario.excitation, Sticks):
             samples = round((self._times.landing - self._times.hover) / cycle)
             table = _sticks(scenario, scenario.excitation, cycle, samples)
+        elif isinstance(scenario.excitation, Course):
+            self._course = _course(scenario.excitation, cycle).tolist()
+            excited = self._times.landing - self._times.hover - 2 * SETTLE_SECONDS
+            self._rounds = int(excited / (len(self._course) * cycle) + 1e-9)
         self._table: list[Three] = [(roll, pitch, yaw) for roll, pitch, yaw in table.tolist()]
 
     def at(self, time: float) -> Reference:
@@ -86,11 +107,22 @@ class Plan:
             return Reference(3, self._height * done, self._height * rate / climb, 0.0)
         if time < landing:
             excited = hover + SETTLE_SECONDS <= time < landing - SETTLE_SECONDS
+            if excited and isinstance(self._excitation, Course):
+                return self._flown(round((time - hover - SETTLE_SECONDS) / self._cycle))
             aside, demand = self._excited(time - hover - SETTLE_SECONDS) if excited else (0.0, _NO_DEMAND)
             return Reference(2, self._height, 0.0, aside, demand, excited and isinstance(self._excitation, Sticks))
         done, rate = _smooth(min((time - landing) / descent, 1.0))
         way = self._height + 0.2  # aims below the ground, so as to touch it
         return Reference(4, self._height - way * done, -way * rate / descent, 0.0)
+
+    def _flown(self, row: int) -> Reference:
+        """On the course, so many cycles after it began."""
+        rounds, row = divmod(row, len(self._course))
+        if rounds >= self._rounds:
+            return Reference(2, self._height, 0.0, 0.0)
+        north, east, up, ahead, aside, climb, turn = self._course[row]
+        demand = (0.0, 0.0, turn)
+        return Reference(2, self._height + up, climb, east, demand, north=north, velocity=(ahead, aside))
 
     def _excited(self, time: float) -> tuple[float, Three]:
         """Aside (m) and demand, ``time`` seconds after the excitation began."""
@@ -107,8 +139,36 @@ class Plan:
                 return 0.0, self._table[round(time / self._cycle) % len(self._table)]
             case Steps(distance=distance, period=period):
                 return (0.0 if time // period % 2 else distance), _NO_DEMAND
-            case None:
+            case Course() | None:
                 return 0.0, _NO_DEMAND
+
+
+def move_seconds(move: Move) -> tuple[float, float, float]:
+    """Returns its greatest speed, m/s, and how long its leg or turn, and the hover after it, take, s."""
+    length = hypot(move.north, move.east, move.up)
+    fastest = min(move.speed, sqrt(BRAKING * length))
+    leg = length / fastest + fastest / BRAKING if length else 0.0
+    return fastest, max(leg, abs(move.turn) / move.rate), move.hover
+
+
+def _course(course: Course, cycle: float) -> Array:
+    """(N, 7) of each cycle: place north, east and up, m, its velocity likewise, m/s, and yaw rate, rad/s."""
+    begin, rows = np.zeros(3), []
+    for move in course.moves:
+        way = np.array([move.north, move.east, move.up])
+        fastest, lasts, hover = move_seconds(move)
+        time = cycle * np.arange(round((lasts + hover) / cycle))
+        length, ramp = hypot(*way), fastest / BRAKING
+        leg = length / fastest + ramp if length else 0.0
+        # Faster, evenly, and slower again.
+        first, last = np.minimum(time, ramp), np.clip(time - leg + ramp, 0.0, ramp)
+        speed = BRAKING * (first - last)
+        done = BRAKING / 2 * (first**2 - last**2) + fastest * (np.clip(time - ramp, 0.0, leg - ramp))
+        turning = radians(move.rate) * (time < abs(move.turn) / move.rate) * (1 if move.turn > 0 else -1)
+        along = way / length if length else way
+        rows.append(np.column_stack([begin + done[:, None] * along, speed[:, None] * along, turning]))
+        begin = begin + way
+    return np.concatenate(rows)
 
 
 def _about(axis: str, value: float) -> Three:

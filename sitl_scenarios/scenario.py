@@ -80,6 +80,7 @@ MAX_WINDS = 16  # Winds, and moments, that are summed
 Kernel = Annotated[float, Field(ge=1e-3, le=60)]
 """Seconds. What is shorter than the steps of the physics is white to them; what is longer changes in no flight."""
 Angle = Annotated[float, Field(gt=0, le=30)]  # Degrees of roll or pitch, degrees/s of yaw rate, that are asked for
+Metres = Annotated[float, Field(ge=-500, le=500)]  # Of a move
 Frequency = Annotated[float, Field(gt=0, le=200)]  # Hz: half of the greatest rate of a stream
 Speed = Annotated[float, Field(ge=0, le=60)]  # Of wind, m/s: no hurricane's mean is greater
 
@@ -91,9 +92,11 @@ def towards(direction: float) -> NDArray[np.float64]:
     return np.array([-cos(radians(direction)), -sin(radians(direction)), 0.0])
 
 
-_OrInf = BeforeValidator(lambda given: None if given == inf else given)
-"""Beside None, the time that never comes: TOML has no word for None, JSON none for infinity."""
+_OrInf = BeforeValidator(lambda given: None if given == inf else tuple(given) if isinstance(given, list) else given)
+"""Beside None, the time that never comes: TOML has no word for None, JSON none for infinity nor for tuples."""
 Lag = Annotated[Annotated[float, Field(ge=0, le=1)] | None, _OrInf]  # Of a rotor's speed, s
+Degrees = Annotated[float, Field(ge=-10, le=10)]
+Drag = Annotated[tuple[Share, Share] | None, _OrInf]  # Along the body's x and y axes
 
 
 SENSORS, WIND, MOMENT, STICKS = range(4)
@@ -111,6 +114,10 @@ class VehicleSpec(Section):
     """Share of the voltage that the rotors' power takes in hover; at another power in proportion to it."""
     rotor_drag: bool = True
     """Whether rotors in wind drag the vehicle along and tilt it; if not, its hull still does."""
+    drag_linear: Drag = None
+    """Linear drag along body x and y, 1/s in hover, in place of the rotors' published one; inf: as published."""
+    drag_quadratic: Drag = None
+    """Quadratic drag along body x and y, 1/m, in place of the hull's published one; inf: as published."""
     quadratic_thrust: Annotated[Share | None, _OrInf] = None
     """Share of the thrust that is quadratic in the command, the rest linear; inf: rotor speed linear in it."""
     lag_up: Lag = Field(None, description="Time constant of a rotor that speeds up, s; inf: as published")
@@ -183,6 +190,18 @@ class Jet(Section):
     """Of the jet's axis to the right of where the vehicle hovers, seen along the jet, m."""
 
 
+class Profile(Section):
+    """How the sum of all winds but jets grows and turns with height, and turns in time."""
+
+    law: Literal["none", "power", "log"] = "none"
+    """Of the speed: (z/reference)^exponent, or log(z/roughness) / log(reference/roughness), at the height z."""
+    reference: float = Field(10.0, ge=1, le=100, description="Height at which the winds are as given, m")
+    exponent: Share = Field(1 / 7, description="Of the power law; 1/7 over open land")
+    roughness: float = Field(0.03, gt=0, lt=1, description="Length of the logarithmic law, m; 0.03 of grass")
+    veer: Degrees = Field(0.0, description="Clockwise turn with height, degrees/m")
+    turn: Degrees = Field(0.0, description="Clockwise turn in time, from arming, degrees/s")
+
+
 Wind = Annotated[SteadyWind | GaussianWind | TurbulentWind | Gust | Jet, Field(discriminator="kind")]
 
 
@@ -252,7 +271,26 @@ class Sticks(Section):
     """Of the kernel of the demand, s, as of a gaussian wind; its power falls to half at 0.13/s Hz."""
 
 
-Excitation = Annotated[Doublets | Chirp | Multisine | Steps | Sticks, Field(discriminator="kind")]
+class Move(Section):
+    """A leg, a climb and a turn at once, from where the move before ended, and the hover after it."""
+
+    north: Metres = Field(0.0, description="Of the leg, m")
+    east: Metres = Field(0.0, description="Of the leg, m")
+    up: Metres = Field(0.0, description="Of the climb, m")
+    speed: float = Field(4.0, gt=0, le=15, description="Along the leg, m/s; it begins and brakes with 2.5 m/s²")
+    turn: float = Field(0.0, ge=-3600, le=3600, description="Of the heading, degrees clockwise")
+    rate: float = Field(30.0, gt=0, le=180, description="Of the turn, degrees/s")
+    hover: NotNegative = Field(3.0, description="Seconds of hover after it")
+
+
+class Course(Section):
+    """Legs, climbs and turns one after another, back to where they began; as often as the hover lasts."""
+
+    kind: Literal["course"]
+    moves: tuple[Move, ...] = Field(min_length=1, max_length=100, description="Flown in this order")
+
+
+Excitation = Annotated[Doublets | Chirp | Multisine | Steps | Sticks | Course, Field(discriminator="kind")]
 
 
 class Sensors(Section):
@@ -263,6 +301,8 @@ class Sensors(Section):
     position_sd: float = Field(0.02, ge=0, le=100, description="Standard deviation of each coordinate, m")
     velocity_sd: float = Field(0.02, ge=0, le=100, description="Standard deviation of each velocity, m/s")
     delay: float = Field(0.004, ge=0, le=0.05, description="Seconds from the motion to the motors' command")
+    misalignment: tuple[Degrees, Degrees] = (0.0, 0.0)
+    """Degrees of roll and pitch that the autopilot reads on a level vehicle."""
 
 
 class StreamSpec(Section):
@@ -276,6 +316,8 @@ class StreamSpec(Section):
     """Hz by the name of a message, instead: {ATTITUDE = 50, SYS_STATUS = 1}; 0: not until it is asked for."""
     only_when_asked: bool = False
     """Whether only HEARTBEAT and what ``rates`` names comes unasked, as where ArduPilot's SRn_ parameters are 0."""
+    drag_calibrated: bool = False
+    """Whether the autopilot's drag parameters are set, and WIND, WIND_COV are the true wind; if not, they are 0."""
     system: int = Field(1, ge=1, le=250, description="Its MAVLink system id")
     version: Literal[1, 2] = Field(2, description="Of MAVLink's frames")
 
@@ -314,6 +356,7 @@ class Scenario(Section):
     seed: int = Field(0, ge=0, lt=2**32, description="Random seed")
     vehicle: VehicleSpec = VehicleSpec()
     wind: Annotated[tuple[Wind, ...], Field(max_length=MAX_WINDS)] = Field((), description="Summed")
+    profile: Profile = Profile()
     moments: Annotated[tuple[Moment, ...], Field(max_length=MAX_WINDS)] = Field((), description="Summed")
     excitation: Excitation | None = None
     sensors: Sensors = Sensors()
@@ -335,7 +378,7 @@ class Scenario(Section):
         lasting += [(place(["moments", number, "s"]), moment.s) for number, moment in enumerate(self.moments)]
         if self.excitation is not None:
             key = "s" if isinstance(self.excitation, Sticks) else "period"
-            lasting.append((f"excitation.{key}", getattr(self.excitation, key)))
+            lasting.append((f"excitation.{key}", getattr(self.excitation, key, None)))
         flight = "less than the duration of the flight", self.duration, "s"
         limits = [(given >= self.duration, key, given, *flight) for key, given in lasting if given is not None]
         once = [(f"faults.{key}", getattr(self.faults, key)) for key in ("reboot", "outage", "clock_jump")]
@@ -361,6 +404,13 @@ class Scenario(Section):
             enough, apart = "three turns in excitation.period above excitation.lowest", lowest + 3 * least
             few = self.excitation.axis == "all" and self.excitation.highest < apart
             limits.append((few, "excitation.highest", self.excitation.highest, enough, apart, "Hz"))
+        if isinstance(self.excitation, Course):
+            at = np.cumsum([(move.north, move.east, move.up) for move in self.excitation.moves], axis=0)
+            back, lowest = float(np.abs(at[-1]).max()), self.height + float(at[:, 2].min())
+            limits.append(
+                (back > 1e-6, "the way from the course's beginning to its end", back, "none at all", 0.0, "m")
+            )
+            limits.append((lowest < 0.5, "the course's lowest height", lowest, "clear of the ground", 0.5, "m"))
         for wrong, key, given, relation, limit, unit in limits:
             if wrong:
                 raise ValueError(f"{key} must be {relation}, {limit:g} {unit}, not {given:g}")

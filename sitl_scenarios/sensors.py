@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from itertools import chain, count
-from math import cos, hypot, pi, sin, sqrt
+from math import cos, hypot, pi, radians, sin, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,6 +74,7 @@ class Sensing:
         sds = (sensors.position_sd, sensors.velocity_sd, sensors.attitude_sd / 2, sensors.rate_sd)
         blocks = (noise.standard_normal((1000, 12)) * np.repeat(sds, 3) for _ in count())
         self._noise = chain.from_iterable(block.tolist() for block in blocks)
+        self._mounted = (radians(sensors.misalignment[0]) / 2, radians(sensors.misalignment[1]) / 2, 0.0)
 
     def estimate(self, state: State, shaken: Three = (0.0, 0.0, 0.0)) -> State:
         """What is known, not of the rotors, in ``state``, the gyro ``shaken``, rad/s; one call each cycle."""
@@ -85,7 +86,8 @@ class Sensing:
         (x0, y0, z0), (u0, v0, w0), (a0, b0, c0, d0), (p0, q0, r0) = old[:4]
         nx, ny, nz, nu, nv, nw, ea, eb, ec, np_, nq, nr = next(self._noise)
         a, b, c, d = k * a + m * a0, k * b + m * b0, k * c + m * c0, k * d + m * d0
-        a, b, c, d = turned((a, b, c, d), (ea, eb, ec))
+        mx, my, _ = self._mounted
+        a, b, c, d = turned((a, b, c, d), (mx + ea, my + eb, ec))
         size = 1.0 / sqrt(a * a + b * b + c * c + d * d)
         return State(
             (k * x + m * x0 + nx, k * y + m * y0 + ny, k * z + m * z0 + nz),

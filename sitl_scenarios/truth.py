@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from mavdem.files import atomic_write
-from sitl_scenarios.dynamics import MAX_PULSE, MIN_PULSE, UNDAMAGED, AirState, Damage, damages, dynamics
+from sitl_scenarios.dynamics import MAX_PULSE, MIN_PULSE, UNDAMAGED, AirState, Damage, damages, drag, dynamics
 from sitl_scenarios.motion import IN_AIR, Array, Motion
 from sitl_scenarios.plan import BOOT_SECONDS
 from sitl_scenarios.scenario import AXES, Axis, Scenario, VehicleSpec
@@ -122,6 +122,7 @@ def truth(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:
     ``roll_A`` (2, 2) and ``roll_B`` (2, 4) are of angle (rad) and rate (rad/s) without lag, by µs from ``trim`` (4,);
     ``roll_lag_A``, ``roll_lag_B`` with the rotors' angular acceleration, rad/s², as third state; ``lag`` mean, rising,
     falling, s; ``roll_disturbance`` (N,), rad/s²; ``roll_effect`` (4,), rad/s² per µs; likewise ``pitch_…``, ``yaw_…``.
+    ``drag_linear`` (1/s) and ``drag_quadratic`` (1/m) are along body x and y, (2,).
     """
     body = airframe(scenario.vehicle)
     up, down = body.lag
@@ -130,6 +131,7 @@ def truth(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:
     arrays["trim"] = np.full(4, 1000 + 1000 * body.command_for(body.hover_speed) / body.full)
     arrays |= _effects(scenario, motion) | _damage(scenario, motion) | {"vibration": vibration(scenario, motion)}
     arrays["delay"] = np.array(scenario.sensors.delay + CYCLES[scenario.stream.autopilot] / 2)
+    arrays["drag_linear"], arrays["drag_quadratic"] = map(np.array, drag(scenario.vehicle))
     arrays["voltage"] = CHARGED * motion.battery
     arrays["lag"] = np.array([(up + down) / 2, up, down])
     for number, name in enumerate(AXES):

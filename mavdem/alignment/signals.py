@@ -295,6 +295,16 @@ class Signals:
         return None
 
     @cached_property
+    def autopilot_wind(self) -> Signal | None:
+        """The autopilot's own estimate of the wind, (N, 2) m/s north and east, where the air moves to."""
+        if (columns := self.telemetry.messages.get("WIND_COV")) is not None:
+            return series(columns, np.column_stack([floats(columns, "wind_x"), floats(columns, "wind_y")]))
+        if (columns := self.telemetry.messages.get("WIND")) is None:
+            return None
+        angle, speed = np.radians(floats(columns, "direction")), floats(columns, "speed")
+        return series(columns, np.column_stack([-speed * np.cos(angle), -speed * np.sin(angle)]))
+
+    @cached_property
     def collective(self) -> Signal | None:
         """How hard the motors work together, 0 to 1: their mean, or the controller's thrust command."""
         working = self.motors

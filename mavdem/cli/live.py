@@ -119,8 +119,8 @@ class Dashboard:
     "--request-rate",
     type=Number(1, 1000),
     metavar="HZ",
-    help="Ask the vehicle for attitude and motor outputs at this rate, and at 4 Hz for what shows a landing; what "
-    "comes faster already stays as it is. Without it nothing is ever sent.",
+    help="Ask the vehicle for attitude and motor outputs at this rate, and at 4 Hz for what shows a landing, and "
+    "for the parameters of its motors; what comes faster already stays as it is. Without it nothing is ever sent.",
 )
 @file_option(
     "--prior", "Earlier model of the vehicle, model.json, or fleet folder: for the wind torque in a calm hover."

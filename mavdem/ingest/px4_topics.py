@@ -26,6 +26,8 @@ NEEDED: Mapping[str, tuple[str, ...]] = {
     "vehicle_attitude": ("timestamp_sample", "q[4]", "rollspeed", "pitchspeed", "yawspeed"),
     "vehicle_angular_velocity": ("timestamp_sample", "xyz[3]"),
     "vehicle_local_position": ("x", "y", "z", "vx", "vy", "vz", "v_z_valid"),
+    "wind": ("windspeed_north", "windspeed_east"),
+    "wind_estimate": ("windspeed_north", "windspeed_east"),  # its name before PX4 1.12
     "vehicle_status": ("arming_state", "system_type", "vehicle_type", "is_rotary_wing", "system_id", "component_id"),
     "vehicle_land_detected": ("landed",),
     "vehicle_control_mode": ("flag_control_auto_enabled",),
@@ -95,6 +97,7 @@ def messages(
             "SYS_STATUS": ("battery_status", _made(_sys_status, topics)),
             "VIBRATION": ("vehicle_imu_status", _made(_vibration, topics)),
             "SYSTEM_TIME": ("vehicle_gps_position", _made(_system_time, topics)),
+            "WIND_COV": ("wind", _made(_wind_cov, topics)),
         }
     made: dict[str, Columns] = {name: columns for name, (_, columns) in named.items() if columns}
     return made, {name: topic for name, (topic, _) in named.items()}
@@ -337,6 +340,12 @@ def _local_position_ned(topics: Topics) -> dict[str, NDArray[Any]]:
     """LOCAL_POSITION_NED.hpp: vehicle_local_position where its vertical speed is valid; m and m/s."""
     topic, fields = _first(topics, "vehicle_local_position"), ("time", "x", "y", "z", "vx", "vy", "vz")
     return selected({field: topic[field] for field in fields}, _valid(topic, "v_z_valid"))
+
+
+def _wind_cov(topics: Topics) -> dict[str, NDArray[Any]]:
+    """WIND_COV.hpp: wind, the filter's own estimate; m/s."""
+    topic = _first(topics, "wind") or _first(topics, "wind_estimate")
+    return {"time": topic["time"], "wind_x": topic["windspeed_north"], "wind_y": topic["windspeed_east"]}
 
 
 def _valid(topic: Px4Topic, field: str) -> NDArray[np.bool_]:

@@ -15,7 +15,7 @@ from mavdem.dem import Estimate
 from mavdem.dem.engine.linalg import Array
 from mavdem.health.in_flight import MotorAlarm
 
-NOT_FLYING = "The vehicle is on the ground."
+NOT_FLYING = "The vehicle is on the ground: learning begins after take-off."
 FLIGHT_UNKNOWN = "Nothing shows yet whether the vehicle flies."
 UNCONFIRMED = (
     "The vehicle did not confirm that its message rates were restored (the link was lost?): reboot it, or set them "
@@ -86,7 +86,7 @@ class SessionStatus:
         late, unread: samples that came too late for their row, and frames of another dialect or damaged.
         alarms: the latest changes of the motors' balance; without a motor they are no alarms.
         findings: what the flight says so far; None before the first model.
-        alarm: the latest on a motor in this boot and this flight; it stays after the landing.
+        alarm: on the motors that are weak, or which recovered last, in this flight; it stays after the landing.
     """
 
     vehicle: str | None = None
@@ -149,6 +149,7 @@ class LiveHistory:
         self._stride, self._taken = 1, 0
         self._segment = 0
         self.learned: list[tuple[float, float]] = []  # the parts learned from: first and last sample, s
+        self.modelled = np.inf  # end of what the model at the end was learned from, s
         # By horizon: time, prediction, band and last sample of those whose time has not come.
         self._pending: dict[float, deque[tuple[float, Array, Array, Array]]] = {}
         self._sums: dict[float, tuple[int, Array]] = {}

@@ -1,15 +1,17 @@
-"""Asks a vehicle for message rates and restores the former ones: the only part of mavdem that transmits.
+"""Asks a vehicle for message rates, which it restores, and parameters: the only part of mavdem that transmits.
 
-Source: https://mavlink.io/en/services/command.html and MAV_CMD_GET_MESSAGE_INTERVAL, MAV_CMD_SET_MESSAGE_INTERVAL and
-MESSAGE_INTERVAL of https://mavlink.io/en/messages/common.html.
+Source: https://mavlink.io/en/services/command.html, https://mavlink.io/en/services/parameter.html, and
+MAV_CMD_GET_MESSAGE_INTERVAL, MAV_CMD_SET_MESSAGE_INTERVAL and MESSAGE_INTERVAL of
+https://mavlink.io/en/messages/common.html.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import count
+from typing import Any
 
 import numpy as np
 
@@ -30,6 +32,7 @@ EVIDENCE = (245, 32, 74)  # EXTENDED_SYS_STATE, LOCAL_POSITION_NED, VFR_HUD: wha
 EVIDENCE_RATE = 4.0  # Hz; those that come faster already stay as they are
 REPLY_SECONDS = 1.0  # Until a request without a reply is sent again
 MAX_TRIES = 3
+PARAMETER_SECONDS = 0.2  # Between two requests for parameters: a slow radio has other things to send
 SILENCE_SECONDS = 3.0  # Without a byte, or without attitude and motors, until that is reported
 WINDOW_SECONDS, MIN_WINDOW_SECONDS = 5.0, 2.0  # Of arrival time, over which rates are measured
 SLOW = 0.7  # Share of the rate reached before, below which a message is asked for again
@@ -82,6 +85,8 @@ class _Interval:
     refused: bool = False  # by the vehicle
     reached: float = 0.0  # Hz reached since it was set
     again: int = 0  # number of times that it was asked for again since it last stayed
+    came: bool = False  # whether it has come since it was last asked for
+    falls: int = 0  # number of times that it came as asked for and then no longer, since it last stayed
     restored: bool = False  # whether the vehicle confirmed the former interval
 
 
@@ -91,7 +96,8 @@ class RateRequest:
     ``evidence``, messages that distinguish flight from landing, are asked for at ``EVIDENCE_RATE``. Each interval is
     queried, then set, one at a time since a confirmation does not name the message. What comes much slower later, after
     a reboot or by a ground station, is set again, at most every ``PAUSE_SECONDS``. Where the vehicle never reports the
-    interval, the one measured before is restored. ``events``: sentences to report; the caller removes them.
+    interval, the one measured before is restored. ``parameters`` are asked for by name, ``MAX_TRIES`` times at most,
+    until they come. ``events``: sentences to report; the caller removes them.
     """
 
     def __init__(
@@ -100,17 +106,28 @@ class RateRequest:
         rate: float,
         messages: Sequence[int] = (ATTITUDE, SERVO_OUTPUT_RAW),
         evidence: Sequence[int] = EVIDENCE,
+        parameters: Sequence[str] = (),
     ) -> None:
         self.events: list[str] = []
-        self._vehicle = vehicle
+        self._target = {"target_system": vehicle.system, "target_component": vehicle.component}
+        self._parameters, self._next = deque(MAX_TRIES * [name.encode() for name in parameters]), -np.inf
         self._intervals = [_Interval(number, definitions()[number].name, rate) for number in messages]
         self._intervals += [_Interval(number, definitions()[number].name, EVIDENCE_RATE, True) for number in evidence]
         self._contested = self._restoring = False
         self.unconfirmed: deque[_Interval] = deque()  # whose restoring awaits a reply
 
-    def due(self, now: float, measured: Mapping[int, float] | None) -> list[bytes]:
-        """Returns frames to send at ``now``, s of a monotonic clock; ``measured``: Hz by message id, once known."""
+    def due(self, now: float, measured: Mapping[int, float] | None, known: Container[bytes] = ()) -> list[bytes]:
+        """Returns frames to send at ``now``, s of a monotonic clock.
+
+        ``measured``: Hz by message id, once known; ``known``: names of the parameters that came.
+        """
         frames = []
+        while self._parameters and self._parameters[0] in known:
+            self._parameters.popleft()
+        if self._parameters and now >= self._next:
+            fields = self._target | {"param_id": self._parameters.popleft(), "param_index": -1}
+            frames.append(_frame("PARAM_REQUEST_READ", GROUND_STATION, fields))
+            self._next = now + PARAMETER_SECONDS
         for interval in self._intervals:
             rate = None if measured is None else measured.get(interval.message_id, 0.0)
             self._watch(interval, now, rate)
@@ -169,6 +186,7 @@ class RateRequest:
         """The vehicle may have rebooted, and forgotten all rates: asks for them again at once."""
         for each in self._intervals:
             each.settings, each.done, each.refused, each.last, each.again = 0, False, False, -np.inf, 0
+            each.reached, each.came, each.falls = 0.0, False, 0  # it may take a minute until it is sent at all
         if any(each.set for each in self._intervals):
             self.events.append("The vehicle is back: asking for its message rates again.")
 
@@ -185,25 +203,26 @@ class RateRequest:
         interval.reached = max(interval.reached, min(rate, interval.rate))
         unconfirmed = interval.settings == MAX_TRIES and not interval.reached
         if rate >= SLOW * interval.reached and not unconfirmed:
+            interval.came = rate > 0
             if now - interval.last >= MAX_PAUSE_SECONDS:
-                interval.again = 0
+                interval.again = interval.falls = 0
             return
         if now - interval.last < min(PAUSE_SECONDS * 2 ** (interval.again * unconfirmed), MAX_PAUSE_SECONDS):
             return
         if not interval.least and not unconfirmed and not self._contested:
             self.events.append(f"{interval.name} no longer comes at {interval.reached:.3g} Hz; asking for it again.")
-        # A request is withdrawn by another program, not by a reboot, if that occurs every time.
-        if rate and interval.again >= 2 and not self._contested:
+        # A request is withdrawn by another program, not by a reboot, if it is obeyed first, every time.
+        interval.falls += interval.came
+        if rate and interval.falls > 2 and not self._contested:
             self._contested = True
             self.events.append(
                 "Message rates are set back again and again, perhaps by another ground station (in MAVProxy, "
                 "`set streamrate -1` ends that): each time they are asked for again."
             )
-        interval.settings, interval.done, interval.again = 0, False, interval.again + 1
+        interval.settings, interval.done, interval.again, interval.came = 0, False, interval.again + 1, False
 
     def _command(self, command: int, first: float, second: float = 0.0) -> bytes:
-        target = {"target_system": self._vehicle.system, "target_component": self._vehicle.component}
-        fields = target | {"command": command, "param1": first, "param2": second}
+        fields = self._target | {"command": command, "param1": first, "param2": second}
         return _frame("COMMAND_LONG", GROUND_STATION, fields)
 
 
@@ -216,7 +235,7 @@ def greeting() -> bytes:
 _sequence = count()
 
 
-def _frame(name: str, sender: FrameSender, fields: Mapping[str, float]) -> bytes:
+def _frame(name: str, sender: FrameSender, fields: Mapping[str, Any]) -> bytes:
     definition = definition_named(name)
     assert definition is not None
     payload = np.zeros(1, dtype=definition.wire)

@@ -25,6 +25,7 @@ from mavdem.dem import Estimate, Learned, OnlineLearner, Physical, Settings
 from mavdem.dem.graybox import PhysicalPrior
 from mavdem.dem.parallel import pool
 from mavdem.ingest.mavlink.definitions import FrameSender
+from mavdem.ingest.motors import motor_parameters
 from mavdem.live import history
 from mavdem.live.decisions import Setup
 from mavdem.live.history import Event, LiveHistory, SessionStatus, horizons, sentence
@@ -95,7 +96,8 @@ class LiveSession:
         self.learner: OnlineLearner | None = None  # of the latest rows
         self.history = LiveHistory()  # what happened
         self._learners: dict[tuple[float, tuple[str, ...]], OnlineLearner] = {}
-        self._models: deque[tuple[float, Learned]] = deque(maxlen=MAX_MODELS)  # with the boot clock, s, of each
+        # With the boot clock and the history's, s, of each.
+        self._models: deque[tuple[float, Learned, float]] = deque(maxlen=MAX_MODELS)
         self._newest: Learned | None = None
         self._landed = False  # whether no model has come since the last landing
         self._setup: Setup | None = None
@@ -126,6 +128,7 @@ class LiveSession:
             for row in self.stream.feed(received[0][0], b"".join(data for _, data in received)):
                 self._take(row)
             self.history.advance(self.stream.now, self.stream.boot)
+            self._settled &= self.stream.flying
             landing = self.stream.landing()
             if landing is not None and self.learner is not None:
                 self._take_back(self.learner, landing)
@@ -177,12 +180,14 @@ class LiveSession:
             raise ValueError("there was no settled flight")
         if not (self._landed and self._models):
             try:
+                self.history.modelled = np.inf
                 return self._named(self.learner.learn_now())
             except ValueError as error:
                 if not self._models:
                     raise
                 self._log(f"The newest samples support no model ({error}): the former one is kept.")
-        return self._named(self._models[-1][1])
+        _, model, self.history.modelled = self._models[-1]
+        return self._named(model)
 
     def judge(self, learned: Learned | None) -> None:
         """Judges the model at the end, if there is one: from then on it has the physical parameters shown last."""
@@ -206,7 +211,8 @@ class LiveSession:
         """The status as of now."""
         status, silence = self.stream.status(), self._silence()
         learning = self.learner.obstacle if self.learner is not None else ""
-        learning = history.NOT_SETTLED if status.flying and not self._settled else learning
+        if not self._settled:
+            learning = history.NOT_SETTLED if status.flying else history.NOT_FLYING
         rates = dict.fromkeys(status.rates, 0.0) if silence else status.rates
         median, late = np.percentile(self._latencies or [np.nan], [50, 99]).tolist()
         rows = replace(status, findings=self.findings, learned=self._learned, shown=self._shown, latency=(median, late))
@@ -261,7 +267,7 @@ class LiveSession:
                 self._log(f"A sample was skipped: {_reason(error)}.")
             if learner.learned is not None and learner.learned is not self._newest:
                 self._newest, self._landed = learner.learned, False
-                self._models.append((row.time, learner.learned))
+                self._models.append((row.time, learner.learned, self.history.now))
         self._learned += estimate is not None
         self._estimate = self._estimate if estimate is None else estimate
         self._shown += estimate is None
@@ -276,7 +282,7 @@ class LiveSession:
     def _begin(self, setup: Setup) -> None:
         """Takes the learner of a setup's rows, and shows them; a display that fails is not used again."""
         if self._setup is not None and setup.boot != self._setup.boot:
-            self._models = deque(((-np.inf, learned) for _, learned in self._models), MAX_MODELS)
+            self._models = deque(((-np.inf, learned, end) for _, learned, end in self._models), MAX_MODELS)
         self._setup, layout, axis = setup, setup.layout, self.stream.axis
         sizes = setup.dt, len(layout.names), len(axis_outputs(axis))
         directions = None if layout.positions_assumed else layout.effect(axis)
@@ -347,14 +353,16 @@ class LiveSession:
         vehicle = self.stream.followed
         if vehicle is None or now - self._heard > SILENCE_SECONDS:
             return
-        self.request = self.request or RateRequest(FrameSender(vehicle.system, vehicle.component), self.rate)
+        if self.request is None:
+            ids, named = FrameSender(vehicle.system, vehicle.component), motor_parameters(vehicle.autopilot)
+            self.request = RateRequest(ids, self.rate, parameters=named)
         for message in self.stream.replies():
             self.request.take(message)
         rates = self._arrivals.rates(now, vehicle.arrived)
         if self._arrivals.resumed or self.stream.boot != self._boot:
             self._boot = self.stream.boot
             self.request.restart()
-        self._send(self.request.due(now, rates))
+        self._send(self.request.due(now, rates, vehicle.parameters))
         for event in self.request.events:
             self._log(event)
         self.request.events.clear()

@@ -77,6 +77,11 @@ class LiveStream:
         return self._senders.followed
 
     @property
+    def flying(self) -> bool:
+        """Whether the vehicle is armed and airborne."""
+        return self._phase.flying
+
+    @property
     def now(self) -> float:
         """The latest time of the vehicle's clock, s; NaN before any."""
         return self._clock.now
@@ -137,9 +142,9 @@ class LiveStream:
     def _take(self, frame: Frame) -> Iterator[AlignedRow]:
         """Takes a frame; the rows that it completes."""
         sender = self._senders.of(frame)
-        if not sender.take(frame) or frame.verdict != GOOD:
+        message = message_of(frame) if frame.verdict == GOOD else None
+        if not sender.take(frame, message) or frame.verdict != GOOD:
             return
-        message = message_of(frame)
         if message is not None:
             sender.take_message(message)
         self._senders.decide(sender)
@@ -350,11 +355,12 @@ class MotorAlarms:
             watched = boot, layout, inputs.scale.low, inputs.scale.high  # balances on two ranges differ
             if self._watch is None or watched != self._watched:
                 self._watch, self._watched = MotorWatch(layout, boot), watched
-            alarm, obstacle = self._watch.take(time, commands), self._watch.obstacle
-            if alarm is not None:
-                self.latest.append(alarm)
-                self.sentence = self.sentence if alarm.motor is None else alarm.sentence
-                yield alarm.sentence, "INFO" if alarm.motor is None else "ERROR", alarm.since
+            changes, obstacle = self._watch.take(time, commands), self._watch.obstacle
+            for change in changes:
+                self.latest.append(change)
+                if change.motor is not None:
+                    self.sentence = " ".join(alarm.sentence for alarm in self._watch.weak.values()) or change.sentence
+                yield change.sentence, "ERROR" if change.weak else "INFO", change.since
         if obstacle not in self._reported:
             self._reported.add(obstacle)
             yield obstacle, "INFO", nan

@@ -296,11 +296,13 @@ def _vehicles(found: VehicleDifference) -> list[Block]:
     return [Sentence(named, "Caution:")] if found.shared else []
 
 
-def live_report(history: LiveHistory, status: SessionStatus, account: Mapping[str, float], axis: str) -> list[Block]:
+def live_report(
+    history: LiveHistory, status: SessionStatus, account: Mapping[str, float], axis: str, seconds: float = 0.0
+) -> list[Block]:
     """Returns the errors of what was predicted on an ``axis``, and the parts trained on, by the vehicle's clock.
 
     ``history`` was collected in flight, ``status`` is that at its end; ``account`` are seconds by the keys of
-    ``ACCOUNT``.
+    ``ACCOUNT``; ``seconds`` of the last ones are in the model.
     """
     errors, angle = history.errors(), readable("rad")
     headline = f"Nothing of {axis} was predicted: there was no settled flight to learn from."
@@ -311,7 +313,7 @@ def live_report(history: LiveHistory, status: SessionStatus, account: Mapping[st
         headline += f"{held}); {100 * best.inside[0]:.0f} % of the samples were inside the 90 % band."
     blocks: list[Block] = [Sentence("", headline)]
     blocks += [Sentence(alarm.sentence.removeprefix("Alarm: "), "Motors:") for alarm in status.alarms]
-    if any(alarm.motor is not None for alarm in status.alarms):
+    if any(alarm.weak for alarm in status.alarms):
         blocks.append(Sentence(FALSE_ALARMS_BASIS, "False alarms:"))
     if status.obstacle:
         blocks.append(Sentence(status.obstacle, "At the end:"))
@@ -319,8 +321,11 @@ def live_report(history: LiveHistory, status: SessionStatus, account: Mapping[st
         made = "in flight, without the motors of the time ahead. Baseline: the last sample held."
         blocks += [_errors(errors, axis), Sentence(made, "How they were made:")]
     if history.learned:
-        rows = [[f"{first:.0f} s", f"{last:.0f} s", f"{last - first:.0f} s"] for first, last in history.learned]
-        blocks.append(Table(["learned from", "until", "length"], rows))
+        rows: list[list[str]] = []
+        for first, last in reversed(history.learned):
+            seconds -= (used := min(seconds, max(min(last, history.modelled) - first, 0.0)))
+            rows.insert(0, [f"{time:.0f} s" for time in (first, last, last - first, used)])
+        blocks.append(Table(["learned from", "until", "length", "of it in the model at the end"], rows))
     spent = [[what[0].upper() + what[1:], f"{account[kind]:.0f} s"] for kind, what in ACCOUNT.items() if account[kind]]
     blocks.append(Table([f"of {sum(account.values()):.0f} s", "time"], spent))
     if status.vehicle is not None:

@@ -273,7 +273,8 @@ def live_page(
     chapters = [Chapter("Pictures", pictures=[flown, *model]), Chapter("What happened", event_blocks(history))]
     chapters.append(Chapter("The model at the end", [] if learned is None else screen(learned, found=found)))
     what = f"What {axis} did, learned and predicted while it flew."
-    return document(f"Flight over {link}", what, live_report(history, status, account, axis), chapters)
+    seconds = 0.0 if learned is None else len(learned.record) * learned.dt
+    return document(f"Flight over {link}", what, live_report(history, status, account, axis, seconds), chapters)
 
 
 def notebook_html(blocks: Sequence[Block]) -> str:

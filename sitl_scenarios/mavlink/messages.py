@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from mavdem.ingest.mavlink.definitions import MessageDefinition, definitions
-from sitl_scenarios.dynamics import DISARMED_PULSE, MAX_PULSE, MIN_PULSE, SPINS, euler, frame
+from sitl_scenarios.dynamics import DISARMED_PULSE, MAX_PULSE, MIN_PULSE, SPINS, drag, euler, frame
 from sitl_scenarios.mavlink.autopilots import ARMED, IN_AIR, LANDING, ON_GROUND, Autopilot
 from sitl_scenarios.motion import Motion
 from sitl_scenarios.plan import BOOT_SECONDS, FULL_STICK, SPIN_UP_SECONDS, seconds
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.sensors import vibration
-from sitl_scenarios.vehicles import AIRFRAMES, CHARGED
+from sitl_scenarios.vehicles import AIR_DENSITY, AIRFRAMES, CHARGED
 
 Payloads = NDArray[Any]  # (N,) of a definition's wire type
 QUADROTOR = 2  # MAV_TYPE
@@ -32,6 +32,7 @@ SENSORS, FENCE = 0b1111, 1 << 20
 LIPO, UNKNOWN_TEMPERATURE, UNUSED_CELL = 1, 32767, 65535  # Of BATTERY_STATUS
 MIDDLE_PULSE = 1500.0  # µs of a stick in the middle
 RC_CHANNELS, UNUSED_CHANNEL, UNKNOWN_RSSI = 18, 65535, 255  # Of RC_CHANNELS: 1 roll, 2 pitch, 3 throttle, 4 yaw
+METRES_PER_DEGREE = 111_195.0  # Of latitude, on a sphere of 6371 km
 MOTORS, CHANNELS = 4, 16  # Outputs of the vehicle; in SERVO_OUTPUT_RAW and PX4's other output messages
 
 
@@ -101,6 +102,26 @@ def written(name: str, motion: Motion, boot: NDArray[np.int64], autopilot: Autop
         case "LOCAL_POSITION_NED":
             fields |= dict(zip("xyz", motion.known_position.T, strict=True))
             fields |= dict(zip(("vx", "vy", "vz"), motion.known_velocity.T, strict=True))
+        case "GLOBAL_POSITION_INT":
+            (north, east, down), (latitude, longitude, altitude) = motion.known_position.T, autopilot.home
+            fields["lat"] = np.round(1e7 * (latitude + north / METRES_PER_DEGREE))
+            fields["lon"] = np.round(1e7 * (longitude + east / METRES_PER_DEGREE / np.cos(np.radians(latitude))))
+            fields |= {"alt": np.round(1000 * (altitude - down)), "relative_alt": np.round(-1000 * down)}
+            fields |= dict(zip(("vx", "vy", "vz"), np.round(100 * motion.known_velocity.T), strict=True))
+            fields["hdg"] = np.round(100 * _heading(motion)) % 36000
+        case "VFR_HUD":
+            # Without an airspeed sensor both put the speed over ground there; whole degrees, and percent of throttle.
+            ground = np.hypot(*motion.known_velocity.T[:2])
+            fields = {"airspeed": ground, "groundspeed": ground, "climb": -motion.known_velocity[:, 2]}
+            fields |= {"alt": autopilot.home[2] - motion.known_position[:, 2], "heading": _heading(motion)}
+            fields["throttle"] = 100 * motion.demands[:, 3]
+        case "WIND":
+            north, east, down = (scenario.stream.drag_calibrated * motion.wind).T
+            fields = {"direction": np.degrees(np.arctan2(-east, -north)), "speed": np.hypot(north, east)}
+            fields["speed_z"] = down
+        case "WIND_COV":
+            known = zip("xyz", scenario.stream.drag_calibrated * motion.wind.T, strict=True)
+            fields = {"time_usec": boot} | {f"wind_{axis}": values for axis, values in known}
         case "SERVO_OUTPUT_RAW":
             # The one clock of 32-bit microseconds: it wraps every 71.6 minutes.
             fields = {"time_usec": boot % 2**32}
@@ -117,6 +138,11 @@ def written(name: str, motion: Motion, boot: NDArray[np.int64], autopilot: Autop
             felt = zip("xyz", vibration(scenario, motion).T, strict=True)
             fields = {"time_usec": boot} | {f"vibration_{axis}": values for axis, values in felt}
     return payload(name, len(boot), **fields)
+
+
+def _heading(motion: Motion) -> NDArray[np.float64]:
+    """(N,) degrees clockwise from north, 0 to 360."""
+    return np.degrees([euler(attitude)[2] for attitude in motion.known_attitude.tolist()]) % 360
 
 
 INT8, INT16, INT32, REAL32 = 2, 4, 6, 9  # MAV_PARAM_TYPE
@@ -162,6 +188,8 @@ def _px4(scenario: Scenario) -> dict[int, dict[str, float]]:
     for bound, value in (("DIS", DISARMED_PULSE["px4"]), ("MIN", MIN_PULSE), ("MAX", MAX_PULSE)):
         whole |= {f"PWM_MAIN_{bound}{n}": value for n in range(1, MOTORS + 1)}
     real = _thrust_curve("THR_MDL_FAC", scenario)
+    real |= _drag("EKF2", scenario)
+    whole |= {"EKF2_DRAG_CTRL": 1} if scenario.stream.drag_calibrated else {}
     rotors = frame(kind, AIRFRAMES[scenario.vehicle.model].arm)
     for n in range(MOTORS):
         real |= {f"CA_ROTOR{n}_PX": rotors.forward[n], f"CA_ROTOR{n}_PY": rotors.right[n], f"CA_ROTOR{n}_PZ": 0.0}
@@ -179,7 +207,20 @@ def _ardupilot(scenario: Scenario, cycle: float) -> dict[int, dict[str, float]]:
         medium |= {f"SERVO{n}_MIN": MIN_PULSE, f"SERVO{n}_MAX": MAX_PULSE, f"SERVO{n}_TRIM": 1500}
         small |= {f"SERVO{n}_REVERSED": 0}
     stop = {} if scenario.vehicle.stop == 1.0 else {"MOT_SPIN_MAX": scenario.vehicle.stop}
-    return {INT8: small, INT16: medium, REAL32: _thrust_curve("MOT_THST_EXPO", scenario) | stop}
+    return {
+        INT8: small,
+        INT16: medium,
+        REAL32: _thrust_curve("MOT_THST_EXPO", scenario) | _drag("EK3_DRAG", scenario) | stop,
+    }
+
+
+def _drag(name: str, scenario: Scenario) -> dict[str, float]:
+    """The parameters of drag: linear (1/s), the mean of both axes, and the ballistic coefficients (kg/m²) of each."""
+    if not scenario.stream.drag_calibrated:
+        return {}
+    linear, (x, y) = drag(scenario.vehicle)
+    ballistic = {f"{name}_BCOEF_{axis}": AIR_DENSITY / 2 / k if k else 0.0 for axis, k in (("X", x), ("Y", y))}
+    return {f"{name}_MCOEF": sum(linear) / 2} | ballistic
 
 
 def _thrust_curve(name: str, scenario: Scenario) -> dict[str, float]:

@@ -81,7 +81,7 @@ def test_every_value_of_every_message_is_dfreaders(log, steps):
 
 @pytest.mark.slow
 def test_the_translation_holds_dfreaders_values_in_mavlinks_units(steps):
-    read = by_dfreader(steps, ["ANG", "RATE", "RCOU", "CTUN", "XKF1", "PARM"])
+    read = by_dfreader(steps, ["ANG", "RATE", "RCOU", "CTUN", "XKF1", "XKF2", "PARM"])
     (vehicle,) = read_dataflash(steps).vehicles
     attitude, servos = vehicle.messages["ATTITUDE"], vehicle.messages["SERVO_OUTPUT_RAW"]
     assert np.array_equal(attitude["time"], np.array(read["ANG"]["TimeUS"]) / 1e6)
@@ -101,6 +101,9 @@ def test_the_translation_holds_dfreaders_values_in_mavlinks_units(steps):
     primary = np.array(read["XKF1"]["C"]) == 0
     assert vehicle.called("LOCAL_POSITION_NED") == "XKF1"
     assert np.array_equal(vehicle.messages["LOCAL_POSITION_NED"]["vz"], np.array(read["XKF1"]["VD"])[primary])
+    assert vehicle.called("WIND_COV") == "XKF2"
+    estimated = np.array(read["XKF2"]["VWN"])[np.array(read["XKF2"]["C"]) == 0]
+    assert np.array_equal(vehicle.messages["WIND_COV"]["wind_x"], estimated)
     assert np.array_equal(vehicle.messages["VFR_HUD"]["climb"], np.array(read["CTUN"]["CRt"]) / 100)
     named = dict(zip(read["PARM"]["Name"], read["PARM"]["Value"], strict=True))
     assert vehicle.parameters == named

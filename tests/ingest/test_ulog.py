@@ -53,6 +53,8 @@ def test_values_are_those_pyulog_reads(name):
     assert same(np.rint(ours["time"] * 1e6), attitude["timestamp"])
     for field in ("x", "y", "z", "vx", "vy", "vz"):
         assert same(vehicle.messages["LOCAL_POSITION_NED"][field], local[field][local["v_z_valid"] == 1])
+    if any(topic.name == "wind_estimate" for topic in plain.data_list):
+        assert same(vehicle.messages["WIND_COV"]["wind_y"], plain.get_dataset("wind_estimate").data["windspeed_east"])
     control = plain.get_dataset("actuator_controls_0").data
     for n in range(8):
         assert same(vehicle.messages["ACTUATOR_CONTROL_TARGET"]["controls"][:, n], control[f"control[{n}]"])

@@ -1,6 +1,7 @@
 """A link, what learns from it and who is shown it, put together: with recorded flights and whatever may go wrong."""
 
 import html
+import lzma
 import os
 import signal
 import time
@@ -15,6 +16,7 @@ import numpy as np
 import pytest
 from mavlink_streams import SHARED
 from pymavlink.dialects.v20 import all as dialect
+from recorded_flights import shared
 
 import mavdem
 from mavdem.dem import Estimate, Settings
@@ -226,6 +228,21 @@ def test_dashboard_and_page_of_a_session_say_the_same():
         assert plus_minus(*np.degrees([value, half])) in place and status.findings.headline in place
         assert all(purpose.reason in place for purpose in status.findings.purposes)
     assert status.findings.as_dict()["findings"][0]["grade"] == status.findings.purposes[0].grade
+
+
+@pytest.mark.slow
+def test_after_a_landing_and_a_reboot_nothing_false_is_said(now, tmp_path):
+    """LOCAL_POSITION_NED comes 40 s after the reboot at 105 s, take-off is at 161 s, and samples from 166 s on."""
+    (path := tmp_path / "d.tlog").write_bytes(lzma.decompress(shared("sitl_live/d.tlog.xz").read_bytes()))
+    script = recorded(path, 0.05, start=95.0)
+    one, _, said = session_of([], rate=100.0)
+    for one.link.script in ([batch] for batch in script if batch[0][0] < script[0][0][0] + 72.0):
+        now[0] = one.link.script[0][-1][0]
+        one.step(0.0)
+    assert any("The vehicle rebooted when its clock read 104.2 s" in sentence for sentence in said)
+    assert not any("set back" in sentence for sentence in said)
+    *_, waits, climbs = (sentence for sentence in said if "learn" in sentence)
+    assert "after take-off" in waits and "climb" in climbs, "nothing is said to be learned on the ground"
 
 
 @pytest.mark.slow

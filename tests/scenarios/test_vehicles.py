@@ -4,7 +4,7 @@ from math import hypot
 
 import pytest
 
-from sitl_scenarios.dynamics import AirState, dynamics
+from sitl_scenarios.dynamics import AirState, drag, dynamics
 from sitl_scenarios.mavlink.autopilots import PX4
 from sitl_scenarios.mavlink.messages import parameters
 from sitl_scenarios.scenario import Scenario, VehicleSpec
@@ -47,6 +47,16 @@ def test_px4_is_told_the_turning_of_each_rotor_as_it_turns(kind):
         speeds = tuple(900.0 if n == rotor else 800.0 for n in range(4))
         yaw = change((1.0, 0.0, 0.0, 0.0), (0.0,) * 3, (0.0,) * 3, speeds, AirState())[5]
         assert yaw * ratio > 0
+
+
+def test_drag_is_linear_and_quadratic_along_each_axis():
+    spec = VehicleSpec(drag_linear=(0.3, 0.2), drag_quadratic=(0.02, 0.04))
+    assert drag(spec) == (pytest.approx((0.3, 0.2)), pytest.approx((0.02, 0.04)))
+    # The Iris's rotors: 4 x 1.75e-4 N per (rad/s · m/s) at 798.9 rad/s; its hull: 1.225 / 2 x 0.03 kg/m.
+    assert drag(VehicleSpec()) == (pytest.approx((0.3679,) * 2, rel=1e-3), pytest.approx((0.01209,) * 2, rel=1e-3))
+    hover = (airframe(spec).hover_speed,) * 4
+    acceleration = dynamics(spec)((1.0, 0.0, 0.0, 0.0), (0.0,) * 3, (0.0,) * 3, hover, AirState(north=4.0, east=-3.0))
+    assert acceleration[:2] == pytest.approx(((0.3 + 0.02 * 5) * 4, (0.2 + 0.04 * 5) * -3))
 
 
 @pytest.mark.parametrize("share", [0.0, 0.3, 1.0])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from sitl_scenarios.scenario import Gust, Jet, Moment, Scenario, SteadyWind, TurbulentWind
+from sitl_scenarios.scenario import Gust, Jet, Moment, Profile, Scenario, SteadyWind, TurbulentWind
 from sitl_scenarios.wind import Weather, gust_speed, jet_speed, turbulence
 
 ORIGIN = (0.0, 0.0, 0.0)
@@ -87,6 +87,23 @@ def test_the_airs_rotation_has_the_standards_variance_and_corner_frequency():
     assert sd == pytest.approx(0.6953, abs=1e-4)
     assert 1 / constant == pytest.approx(17.850, abs=1e-3)
     assert spectrum(1 / constant / 10.0) == pytest.approx(spectrum(0) / 2)
+
+
+@pytest.mark.parametrize(
+    ("profile", "height", "speed"),
+    [
+        ({"law": "power", "exponent": 0.2}, 40.0, 4 * 4**0.2),
+        ({"law": "log", "roughness": 0.1}, 100.0, 6.0),
+        ({}, 40.0, 4.0),
+    ],
+)
+def test_wind_grows_with_height_and_turns_clockwise_with_height_and_time(profile, height, speed):
+    west = SteadyWind(kind="steady", speed=4.0, direction=270.0)
+    air = weather(samples=2501, wind=(west,), profile=Profile(veer=0.5, turn=3.0, **profile))
+    there = air.at(2500, (0.0, 0.0, -height))
+    angle = np.radians(0.5 * (height - 10) + 3.0 * 10)
+    assert there[:3] == pytest.approx((-speed * np.sin(angle), speed * np.cos(angle), 0.0))
+    assert air.at(0, (0.0, 0.0, -10.0))[:3] == pytest.approx((0.0, 4.0, 0.0))
 
 
 def test_winds_and_moments_are_summed():

@@ -16,6 +16,7 @@ Fields and units: https://ardupilot.org/copter/docs/logmessages.html, from ArduP
 | RC_CHANNELS chan1_raw to chan14_raw (µs) | RCIN C1 to C14 |
 | ACTUATOR_CONTROL_TARGET controls of group 0 | RATE ROut, POut, YOut (-1 to 1), AOut (0 to 1): what goes to the mixer |
 | LOCAL_POSITION_NED | XKF1 or NKF1 PN, PE, PD (m), VN, VE, VD (m/s) of the core that is primary (XKF4 PI) |
+| WIND_COV wind_x, wind_y (m/s) | XKF2 or NKF2 VWN, VWE of the same core |
 | VFR_HUD climb (m/s) | CTUN CRt (cm/s) |
 | HEARTBEAT base_mode, EXTENDED_SYS_STATE landed_state | EV, ARM, at each change and once a second |
 
@@ -144,7 +145,7 @@ DESIRED_RATES = (("RDes", "PDes", "YDes"), ("RllDes", "PitDes", "YawDes"))
 DESIRED_ANGLES = ("DesRoll", "DesPitch", "DesYaw")
 OF_FLIGHT = ("ATT", "ANG", "RATE", "IMU", "RCOU", "CTUN", "XKF1", "XKF4", "NKF1", "EV", "ARM")
 """DataFlash's messages of the vehicle's motion, motors and state: a log without them is none of a flight."""
-NEEDED = (*OF_FLIGHT, "RCIN", *BATTERIES, "VIBE", "GPS")  # DataFlash's messages that are translated
+NEEDED = (*OF_FLIGHT, "RCIN", *BATTERIES, "VIBE", "GPS", "XKF2", "NKF2")  # DataFlash's messages that are translated
 SLOWER_SHARE = 0.9  # A message is slower than another when it has fewer than this share of the other's number
 CENTIDEGREES = (15.0, 400.0)
 """RATE, taken for degrees/s, over the gyro: the range in which it is in centidegrees/s. RATE may be filtered where the
@@ -170,7 +171,8 @@ def translated(
     demands, scaled = _demands(tables)
     targets, asked = _targets(tables, version)
     volts, measured = battery(tables)
-    position, positioned = _position(tables)
+    position, positioned = _of_core(tables, "1", {"x": "PN", "y": "PE", "z": "PD", "vx": "VN", "vy": "VE", "vz": "VD"})
+    wind, estimated = _of_core(tables, "2", {"wind_x": "VWN", "wind_y": "VWE"})
     climb = having(tables, "CTUN", ("CRt",))
     changes = [_changes(tables, "EV", "Id", ARMED_EVENTS), _changes(tables, "ARM", "ArmState", ARM_STATES)]
     armed = _each_second(tables, np.concatenate(changes))
@@ -186,6 +188,7 @@ def translated(
         "VIBRATION": ("VIBE", vibration(tables)),
         "SYSTEM_TIME": ("GPS", calendar_time(tables)),
         "LOCAL_POSITION_NED": (positioned, position),
+        "WIND_COV": (estimated, wind),
         "VFR_HUD": ("CTUN", rising),
         "HEARTBEAT": ("", {"time": armed[0], "boot": armed[1], **heartbeat_fields(kind, ARDUPILOT, armed[2])}),
         "EXTENDED_SYS_STATE": ("", dict(zip(("time", "boot", "landed_state"), landed, strict=True))),
@@ -304,16 +307,16 @@ def _demands(tables: Mapping[str, Columns]) -> tuple[Columns | None, tuple[str, 
     return stamped(logged, {"group_mlx": group, "controls": controls}), notes
 
 
-def _position(tables: Mapping[str, Columns]) -> tuple[Columns | None, str]:
-    fields = {"x": "PN", "y": "PE", "z": "PD", "vx": "VN", "vy": "VE", "vz": "VD"}
+def _of_core(tables: Mapping[str, Columns], part: str, fields: Mapping[str, str]) -> tuple[Columns | None, str]:
+    """A part of the filter's states, of the core that is primary, and the name of its messages."""
     chosen = tables.get("XKF4", {}).get("PI", np.zeros(0))
     cores, times = np.unique(chosen[chosen >= 0], return_counts=True)
     primary = float(cores[times.argmax()]) if len(cores) else 0
-    for name, core in (("XKF1", primary), ("NKF1", 0)):
+    for name, core in ((f"XKF{part}", primary), (f"NKF{part}", 0)):
         logged = instance(having(tables, name, tuple(fields.values())), "C", core)
         if logged is not None:
             return stamped(logged, {ours: logged[theirs] for ours, theirs in fields.items()}), name
-    return None, "XKF1"
+    return None, f"XKF{part}"
 
 
 def _onto(base: Columns, source: Columns, values: Array, turning: bool = False) -> Array:
