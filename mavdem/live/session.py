@@ -21,8 +21,7 @@ import numpy as np
 
 from mavdem.alignment.signals import axis_outputs
 from mavdem.analysis.findings import Findings, findings_of
-from mavdem.dem import Estimate, Learned, OnlineLearner, Physical, Settings
-from mavdem.dem.graybox import PhysicalPrior
+from mavdem.dem import Estimate, Learned, OnlineLearner, Settings
 from mavdem.dem.parallel import pool
 from mavdem.ingest.mavlink.definitions import FrameSender
 from mavdem.ingest.motors import motor_parameters
@@ -88,7 +87,7 @@ class LiveSession:
     executor: Executor | None = None  # for batch learning
     recording: RawRecording | None = None  # of the raw stream; ``None`` for none, and after it has failed
     rate: float | None = None  # Hz to ask the vehicle for; ``None`` to send nothing at all
-    prior: Physical | PhysicalPrior | None = None  # the vehicle's physical parameters as of an earlier flight
+    prior: Any = None  # ``Physical`` or ``PhysicalPrior`` of an earlier flight; ``None`` for none
 
     def __post_init__(self) -> None:
         """Begins now, without a model."""
@@ -260,9 +259,8 @@ class LiveSession:
         assert learner is not None
         self._settled = row.settled
         if row.settled:
-            learner.pause_wind(self.stream.weak_since)
             try:
-                estimate = learner.update(row.time, row.outputs, row.inputs)
+                estimate = learner.update(row.time, row.outputs, row.inputs, self.stream.alarms.weak_since)
             except ValueError as error:
                 self._log(f"A sample was skipped: {_reason(error)}.")
             if learner.learned is not None and learner.learned is not self._newest:
@@ -286,13 +284,9 @@ class LiveSession:
         self._setup, layout, axis = setup, setup.layout, self.stream.axis
         sizes = setup.dt, len(layout.names), len(axis_outputs(axis))
         directions = None if layout.positions_assumed else layout.effect(axis)
-        options: dict[str, Any] = {"horizons": horizons(setup.dt), "effect_directions": directions}
+        options: dict[str, Any] = {"horizons": horizons(setup.dt), "effect_directions": directions, "prior": self.prior}
         key = setup.dt, layout.names
         if key not in self._learners:
-            if self.prior is not None and len(self.prior.effect) == len(layout.names):
-                options["prior"] = self.prior
-            elif self.prior is not None:
-                self._log(f"The prior has {len(self.prior.effect)} inputs, not {len(layout.names)}: it is not used.")
             self._learners[key] = OnlineLearner(self.settings, *sizes, executor=self.executor, **options)
         if self.learner is not self._learners[key]:
             self.learner, self._estimate = self._learners[key], None

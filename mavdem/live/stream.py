@@ -66,7 +66,7 @@ class LiveStream:
         self._choice, self._phase, self._grid = InputChoice(), Phase(), Grid()
         self._attitude: str | None = None
         self._inputs: Inputs | None = None
-        self._alarms = MotorAlarms()
+        self.alarms = MotorAlarms()
         self._reviewed = -inf
         self._connected_from, self._received, self._said_evidence = inf, 0.0, False
         self._obstacle, self._enough = "The message rates are being measured.", True
@@ -104,12 +104,6 @@ class LiveStream:
         """The time, s of this boot, since which rows given as settled were of a landing; None if none is new."""
         return self._phase.landing()
 
-    @property
-    def weak_since(self) -> float:
-        """The time, s of this boot, since which the last motor alarm's motor is weak; NaN while none is."""
-        alarms = self._alarms.latest if self._alarms.sentence else ()
-        return max((each.since for each in alarms if each.motor is not None and each.boot == self.boot), default=nan)
-
     def replies(self) -> list[Message]:
         """The vehicle's messages of ``REPLIES`` since the last call."""
         return [self._replies.popleft() for _ in range(len(self._replies))]
@@ -129,8 +123,8 @@ class LiveStream:
             lost=followed.lost if followed else 0,
             late=sum(stream.late for stream in self._streams.values()),
             unread=self._frames.unread,
-            alarms=tuple(self._alarms.latest),
-            alarm=self._alarms.sentence,
+            alarms=tuple(self.alarms.latest),
+            alarm=self.alarms.sentence,
         )
 
     def _rates(self, now: float) -> dict[str, float]:
@@ -315,10 +309,10 @@ class LiveStream:
         """Tests a sample of the motors for a lasting change, which is reported, as is why none would be seen."""
         ports = {port: self._streams[inputs.message, port].values[-1:] for port in inputs.ports}
         if not self._phase.settled(time):
-            self._alarms.landed |= not self._phase.flying
+            self.alarms.landed |= not self._phase.flying
         elif all(ports.values()):
             sent = np.array([ports[port][0][channel] for port, channel in inputs.picks])
-            for event in self._alarms.take(time, self.boot, inputs, inputs.scale.fraction(sent).tolist()):
+            for event in self.alarms.take(time, self.boot, inputs, inputs.scale.fraction(sent).tolist()):
                 self._report(*event)
 
     def _reboot(self, boot: int) -> None:
@@ -328,7 +322,7 @@ class LiveStream:
         self._choice.restart()
         self._attitude = self._inputs = None
         self._phase = Phase()
-        self._alarms.sentence = ""
+        self.alarms.sentence = ""
         self._grid.restart()
         self._reviewed, self._connected_from = -inf, inf
 
@@ -337,11 +331,11 @@ class LiveStream:
 
 
 class MotorAlarms:
-    """Lasting changes of the motors' balance, as ``SessionStatus`` has them. ``landed``: on the ground since."""
+    """Changes of the motors' balance, as in ``SessionStatus``. ``landed``: on the ground since; ``weak_since``: s."""
 
     def __init__(self) -> None:
         self.latest: deque[MotorAlarm] = deque(maxlen=MAX_EVENTS)
-        self.sentence, self.landed = "", False
+        self.sentence, self.landed, self.weak_since = "", False, nan
         self._watch: MotorWatch | None = None
         self._watched: object = None
         self._reported = {""}  # Reasons why none would be seen
@@ -356,6 +350,7 @@ class MotorAlarms:
             if self._watch is None or watched != self._watched:
                 self._watch, self._watched = MotorWatch(layout, boot), watched
             changes, obstacle = self._watch.take(time, commands), self._watch.obstacle
+            self.weak_since = min((weak.since for weak in self._watch.weak.values()), default=nan)
             for change in changes:
                 self.latest.append(change)
                 if change.motor is not None:

@@ -284,12 +284,12 @@ def online_wind(executor: Executor | None = None, prior: Physical | None = None)
     return OnlineWind(memory, executor, prior), memory
 
 
-def followed(online: OnlineWind, memory: Memory, flight: Flight) -> np.ndarray:
+def followed(online: OnlineWind, memory: Memory, flight: Flight, weak_since: float = np.nan) -> np.ndarray:
     """(T, 2) what each update returns."""
     found = np.empty((len(flight), 2))
     for k, (time, inputs, outputs) in enumerate(zip(flight.time, flight.inputs, flight.outputs, strict=True)):
         closed = memory.add(inputs, outputs, time)
-        found[k] = online.update(inputs, outputs)
+        found[k] = online.update(inputs, outputs, weak_since)
         if closed:
             online.add(memory.blocks[-1])
     return found
@@ -345,9 +345,7 @@ def test_with_a_prior_a_calm_hover_has_a_torque_whose_band_is_as_wide_as_steerin
         assert np.mean(np.abs(torque) <= band) > 0.85
         assert gusts(torque, band, record_of(len(torque))).found == ()
     assert np.median(doublets[:, 1]) > 3 * np.median(hover[:, 1])
-    online.pause(steering.time[-1])
-    assert np.isnan(followed(online, memory, steering[:20])).all()
-    online.pause(np.nan)
+    assert np.isnan(followed(online, memory, steering[:20], steering.time[-1])).all()
     assert np.isfinite(followed(online, memory, steering[20:200])[BEGINS + 1 :]).all()
 
 

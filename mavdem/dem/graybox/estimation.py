@@ -47,9 +47,9 @@ def physical(
 
     The rate, rad/s, is the output of ``train``, a ``Flight`` or segments of one, that is the derivative of another, or
     the only one. A ``prior`` is of the same vehicle's inputs, as of an earlier flight: what this flight does not
-    identify stays as it was, but for what changes between flights. Returns the parameters, each with its status; or the
-    reason why there are none: units, no output is the rate of another, too few samples, no motor moves, no steady
-    filter, or a prior of another number of inputs.
+    identify stays as it was, but for what changes between flights. One that the flight contradicts, or of other inputs,
+    counts for nothing. Returns the parameters, each with its status; or the reason why there are none: units, no output
+    is the rate of another, too few samples, no motor moves, or no steady filter.
     """
     record = Record.of(train)
     if slip := unit_slip(record.outputs, record.dt):

@@ -145,14 +145,13 @@ class PhysicalPrior(NamedTuple):
 
 
 def updated(found: Physical, prior: PhysicalPrior | Physical) -> Physical:
-    """Returns the parameters ``found`` in a flight, with what an earlier one adds; ``found`` itself where it differs.
+    """Returns the parameters ``found`` in a flight, with what an earlier one adds; ``found`` itself where they differ.
 
     Where the flight does not identify the effect, on which the others depend, it says nothing of any of them.
-    ``ValueError`` for a prior of another number of inputs.
     """
     r = len(found.effect)
     if len(prior.effect) != r:
-        raise ValueError(f"the prior is of {len(prior.effect)} inputs, and the flight has {r}")
+        return found
     theta, now = (np.array([*of.effect, of.damping, of.lag, of.delay]) for of in (prior, found))
     changes, shared = np.zeros((2, r + 3, r + 3))
     changes[:r, :r] = np.outer(theta[:r], theta[:r]) * MODEL_ERRORS.between_flights**2

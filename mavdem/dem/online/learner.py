@@ -124,8 +124,10 @@ class OnlineLearner:
         self._wind = OnlineWind(self._memory, executor, prior)
         self._surprise, self._marks = Surprise(self._dt), AnomalyMarks(self._dt)
 
-    def update(self, time: float, outputs: ArrayLike, inputs: ArrayLike) -> Estimate:
+    def update(self, time: float, outputs: ArrayLike, inputs: ArrayLike, weak_since: float = np.nan) -> Estimate:
         """Takes the next sample, ``outputs`` (m,) and ``inputs`` (r,) at a ``time`` in s.
+
+        While a motor is weak, ``weak_since`` a time in s, what it lacks is no wind: there is no wind torque.
 
         >>> online = mavdem.OnlineLearner(dt=0.01, n_inputs=4, n_outputs=2)
         >>> for time, outputs, inputs in zip(train.time[:50], train.outputs, train.inputs):
@@ -157,7 +159,7 @@ class OnlineLearner:
             self._gaps = 0
         closed = self._memory.add(u, y, time)
         self._samples += 1
-        torque = self._wind.update(u, y)
+        torque = self._wind.update(u, y, weak_since)
         estimate = self._estimate(time, y)._replace(
             wind_torque=torque[0],
             wind_torque_band=torque[1],
@@ -191,10 +193,6 @@ class OnlineLearner:
             self._pending = None
         # Without a sample left there is nothing to learn from: as in the beginning, but the model stays.
         self._next = self._next_choice = self._samples + (0 if self._memory.blocks else self._first)
-
-    def pause_wind(self, since: float) -> None:
-        """Gives no wind torque from ``since``, s, on, as since a motor is weak, until it is called with NaN."""
-        self._wind.pause(since)
 
     def learn_now(self) -> Learned:
         """Returns the result of ``learn`` on the samples in the memory, with the settings in use.

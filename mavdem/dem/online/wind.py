@@ -178,7 +178,7 @@ class OnlineWind:
         Args:
             memory: of the latest samples, each of which is in it before :meth:`update` is called.
             executor: where the fits run; unless given, inside :meth:`add`.
-            prior: the vehicle's physical parameters as of an earlier flight.
+            prior: the vehicle's physical parameters as of an earlier flight; that of other inputs counts for nothing.
         """
         self.filter: WindFilter | None = None
         self._dt, self._memory, self._executor, self._prior = memory.dt, memory, executor, prior
@@ -193,9 +193,18 @@ class OnlineWind:
         """Of the torque behind the latest sample, s: ``DELAY_SECONDS`` in whole steps."""
         return round(DELAY_SECONDS / self._dt) * self._dt
 
-    def update(self, inputs: Array, outputs: Array) -> tuple[float, float]:
-        """Takes the next sample, (r,) and (m,); returns the torque and its half width, rad/s², or NaN."""
-        if self._paused:
+    def update(self, inputs: Array, outputs: Array, weak_since: float = np.nan) -> tuple[float, float]:
+        """Takes the next sample, (r,) and (m,); returns the torque and its half width, rad/s², or NaN.
+
+        Gives and learns nothing of samples from ``weak_since``, s, on, until that is NaN again.
+        """
+        paused = np.isfinite(weak_since)
+        if paused and not self._paused:
+            self._tracked = None
+            self.drop_since(weak_since)
+        self._resumed |= self._paused and not paused
+        self._paused = bool(paused)
+        if paused:
             return np.nan, np.nan
         self._samples += 1
         if self._tracked is not None:
@@ -235,14 +244,6 @@ class OnlineWind:
             self._pending = self._executor.submit(wind_filter, record, self._prior)
         except RuntimeError:
             return  # The executor is gone; the learner says so.
-
-    def pause(self, since: float) -> None:
-        """Gives and learns nothing of samples from ``since``, s, on, as since a motor is weak; NaN ends that."""
-        paused = bool(np.isfinite(since))
-        if paused and not self._paused:
-            self._tracked = None
-            self.drop_since(since)
-        self._paused, self._resumed = paused, self._resumed or (self._paused and not paused)
 
     def drop_since(self, time: float) -> None:
         """Drops the samples from ``time``, s, on: they were not what they seemed to be."""
