@@ -18,6 +18,18 @@ MOTOR_COUNTS = {"TRICOPTER": 3, "QUADROTOR": 4, "HEXAROTOR": 6, "OCTOROTOR": 8, 
 """Number of motors of each MAV_TYPE that has one."""
 MULTIROTORS = (*MOTOR_COUNTS, "GENERIC_MULTIROTOR")  # The MAV_TYPEs of vehicles with fixed rotors
 
+
+def motor_parameters(autopilot: str) -> tuple[str, ...]:
+    """Returns the parameters of a MAV_AUTOPILOT that say where motors are and how they respond; none if not known."""
+    names = {
+        "PX4": "CA_ROTOR_COUNT CA_ROTOR{1}_PX CA_ROTOR{1}_PY CA_ROTOR{1}_KM THR_MDL_FAC PWM_MAIN_FUNC{0} "
+        "PWM_AUX_FUNC{0}",
+        "ARDUPILOTMEGA": "FRAME_CLASS FRAME_TYPE SERVO{0}_FUNCTION MOT_PWM_MIN MOT_PWM_MAX MOT_SPIN_ARM MOT_SPIN_MIN "
+        "MOT_SPIN_MAX MOT_THST_EXPO",
+    }.get(autopilot, "")
+    return tuple(dict.fromkeys(name.format(n, n - 1) for name in names.split() for n in range(1, 9)))
+
+
 _COMPASS = ("front", "front right", "right", "rear right", "rear", "rear left", "left", "front left")
 
 

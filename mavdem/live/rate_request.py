@@ -1,15 +1,17 @@
-"""Asks a vehicle for message rates and restores the former ones: the only part of mavdem that transmits.
+"""Asks a vehicle for message rates, which it restores, and parameters: the only part of mavdem that transmits.
 
-Source: https://mavlink.io/en/services/command.html and MAV_CMD_GET_MESSAGE_INTERVAL, MAV_CMD_SET_MESSAGE_INTERVAL and
-MESSAGE_INTERVAL of https://mavlink.io/en/messages/common.html.
+Source: https://mavlink.io/en/services/command.html, https://mavlink.io/en/services/parameter.html, and
+MAV_CMD_GET_MESSAGE_INTERVAL, MAV_CMD_SET_MESSAGE_INTERVAL and MESSAGE_INTERVAL of
+https://mavlink.io/en/messages/common.html.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import count
+from typing import Any
 
 import numpy as np
 
@@ -30,6 +32,7 @@ EVIDENCE = (245, 32, 74)  # EXTENDED_SYS_STATE, LOCAL_POSITION_NED, VFR_HUD: wha
 EVIDENCE_RATE = 4.0  # Hz; those that come faster already stay as they are
 REPLY_SECONDS = 1.0  # Until a request without a reply is sent again
 MAX_TRIES = 3
+PARAMETER_SECONDS = 0.2  # Between two requests for parameters: a slow radio has other things to send
 SILENCE_SECONDS = 3.0  # Without a byte, or without attitude and motors, until that is reported
 WINDOW_SECONDS, MIN_WINDOW_SECONDS = 5.0, 2.0  # Of arrival time, over which rates are measured
 SLOW = 0.7  # Share of the rate reached before, below which a message is asked for again
@@ -93,7 +96,8 @@ class RateRequest:
     ``evidence``, messages that distinguish flight from landing, are asked for at ``EVIDENCE_RATE``. Each interval is
     queried, then set, one at a time since a confirmation does not name the message. What comes much slower later, after
     a reboot or by a ground station, is set again, at most every ``PAUSE_SECONDS``. Where the vehicle never reports the
-    interval, the one measured before is restored. ``events``: sentences to report; the caller removes them.
+    interval, the one measured before is restored. ``parameters`` are asked for by name, ``MAX_TRIES`` times at most,
+    until they come. ``events``: sentences to report; the caller removes them.
     """
 
     def __init__(
@@ -102,17 +106,28 @@ class RateRequest:
         rate: float,
         messages: Sequence[int] = (ATTITUDE, SERVO_OUTPUT_RAW),
         evidence: Sequence[int] = EVIDENCE,
+        parameters: Sequence[str] = (),
     ) -> None:
         self.events: list[str] = []
-        self._vehicle = vehicle
+        self._target = {"target_system": vehicle.system, "target_component": vehicle.component}
+        self._parameters, self._next = deque(MAX_TRIES * [name.encode() for name in parameters]), -np.inf
         self._intervals = [_Interval(number, definitions()[number].name, rate) for number in messages]
         self._intervals += [_Interval(number, definitions()[number].name, EVIDENCE_RATE, True) for number in evidence]
         self._contested = self._restoring = False
         self.unconfirmed: deque[_Interval] = deque()  # whose restoring awaits a reply
 
-    def due(self, now: float, measured: Mapping[int, float] | None) -> list[bytes]:
-        """Returns frames to send at ``now``, s of a monotonic clock; ``measured``: Hz by message id, once known."""
+    def due(self, now: float, measured: Mapping[int, float] | None, known: Container[bytes] = ()) -> list[bytes]:
+        """Returns frames to send at ``now``, s of a monotonic clock.
+
+        ``measured``: Hz by message id, once known; ``known``: names of the parameters that came.
+        """
         frames = []
+        while self._parameters and self._parameters[0] in known:
+            self._parameters.popleft()
+        if self._parameters and now >= self._next:
+            fields = self._target | {"param_id": self._parameters.popleft(), "param_index": -1}
+            frames.append(_frame("PARAM_REQUEST_READ", GROUND_STATION, fields))
+            self._next = now + PARAMETER_SECONDS
         for interval in self._intervals:
             rate = None if measured is None else measured.get(interval.message_id, 0.0)
             self._watch(interval, now, rate)
@@ -207,8 +222,7 @@ class RateRequest:
         interval.settings, interval.done, interval.again, interval.came = 0, False, interval.again + 1, False
 
     def _command(self, command: int, first: float, second: float = 0.0) -> bytes:
-        target = {"target_system": self._vehicle.system, "target_component": self._vehicle.component}
-        fields = target | {"command": command, "param1": first, "param2": second}
+        fields = self._target | {"command": command, "param1": first, "param2": second}
         return _frame("COMMAND_LONG", GROUND_STATION, fields)
 
 
@@ -221,7 +235,7 @@ def greeting() -> bytes:
 _sequence = count()
 
 
-def _frame(name: str, sender: FrameSender, fields: Mapping[str, float]) -> bytes:
+def _frame(name: str, sender: FrameSender, fields: Mapping[str, Any]) -> bytes:
     definition = definition_named(name)
     assert definition is not None
     payload = np.zeros(1, dtype=definition.wire)

@@ -1,5 +1,7 @@
 """The senders on a link, which of them are vehicles, and which one is followed: once chosen, it stays.
 
+Two with the same ids differ in the numbers of their messages, and in their clocks.
+
 What a sender is, most of its first HEARTBEATs decide, as in a recorded stream. All that is kept is bounded: beyond
 that, the sender with the fewest frames is dropped.
 """
@@ -7,10 +9,12 @@ that, the sender with the fewest frames is dropped.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from mavdem.alignment.signals import ATTITUDE_MESSAGES
+from mavdem.ingest.mavlink.clocks import OTHER_EPOCH
 from mavdem.ingest.mavlink.definitions import definitions
 from mavdem.ingest.mavlink.framing import GOOD
 from mavdem.ingest.mavlink.vehicles import identity, missing_between
@@ -23,6 +27,24 @@ MAX_PARAMETERS = 2048  # Parameters kept of each; autopilots have up to 1500
 VOTING_HEARTBEATS = 31  # HEARTBEATs that decide what a sender is; later ones change nothing
 ENOUGH_MESSAGES = 3  # HEARTBEATs, and of attitude, before a vehicle is followed: seconds in which another may show
 MAX_LISTED = 8  # Vehicles named in one sentence
+MAX_SEQUENCES = 3  # Kept of one pair of ids
+SHARING_RETURNS = 16  # Returns from one sequence to another, while none begins, which show that two go on at once
+FORGOTTEN_FRAMES = 1024  # Frames without one of a sequence after which it has ended: some seconds
+MESSAGE_SECONDS = 0.005  # Between two messages, about: a number that is missing counts like so much of the clock
+CONTINUING_STEP = 16  # From one number to the next, up to which a sequence goes on: some relays leave messages out
+NEAR_STEP = 32  # Up to which a number belongs to a sequence, also a late one
+
+
+@dataclass
+class Sequence:
+    """Messages that are numbered one after the other; a reboot or a long gap begins another."""
+
+    number: int  # the highest so far, which goes on beyond 255
+    stamp: float = 0.0  # of the latest attitude, s, 0 without, and its number
+    stamped: int = 0
+    latest: int = 0  # frames with its ids up to its own last
+    recent: dict[int, tuple[int, Frame, int]] = field(default_factory=dict)
+    """By sequence number: the number as above, the frame, and how many had come."""
 
 
 class Sender:
@@ -35,9 +57,13 @@ class Sender:
         self.arrived: dict[int, int] = {}  # number of messages by id, damaged and unknown ones excluded
         self.parameters: dict[bytes, Message] = {}  # the last PARAM_VALUEs
         self.held = False  # Followed: ENOUGH_MESSAGES decide what it is, no flood of forged ones changes it
+        self.shared = False  # whether others with the same ids are left out
+        self.breaks = 0  # in its sequence of numbers
         self._beats: list[tuple[int, int]] = []
-        self._last: Frame | None = None
-        self._missing = 0
+        self._sequences: list[Sequence] = []
+        self._followed = self._latest = Sequence(0)
+        self._missing = self._returns = 0
+        self._alternating = False  # whether the latest two frames were of different sequences
 
     @property
     def lost(self) -> int:
@@ -65,14 +91,46 @@ class Sender:
         """Its name, and what it is where that is known."""
         return f"{self.name} ({self.kind}, {self.autopilot})" if self.kind != UNNAMED else self.name
 
-    def take(self, frame: Frame) -> bool:
-        """Counts a frame; returns False for a copy of the last one, which some links send."""
+    def take(self, frame: Frame, message: Message | None) -> bool:
+        """Counts a frame; returns False for a copy, which some links send, and for another's with the same ids."""
         self.frames += 1
-        if frame == self._last:
+        stamp = 0.0 if message is None else message.stamp
+        reference = message is not None and message.name in ATTITUDE_MESSAGES
+        fitting = []
+        for one in self._sequences:
+            step = (frame.sequence - one.number + 128) % 256 - 128
+            number, moved = one.number + step, stamp - one.stamp if stamp and one.stamp else 0.0
+            before, same, then = one.recent.get(frame.sequence, (None, frame, 0))
+            if before == number and same == frame and self.frames - then < 128:
+                return False
+            # No two messages of a sender have one number, and its clock runs as its numbers do.
+            disordered = reference and (number - one.stamped) * moved < 0
+            if abs(step) <= NEAR_STEP and before != number and not disordered:
+                away = abs(step - 1) * MESSAGE_SECONDS + min(abs(moved), OTHER_EPOCH)
+                fitting.append((away, (one is self._latest) == self._alternating, number, one))
+        last = self._followed.number
+        if fitting:
+            *_, number, found = min(fitting, key=lambda each: each[:2])
+            missing = number - found.number - 1 if number > found.number else -1
+            self._returns += found is not self._latest and 0 <= missing < CONTINUING_STEP
+        else:
+            number, missing = frame.sequence, missing_between(last, frame.sequence) if self._sequences else 0
+            found, self._returns = Sequence(number), 0
+            self._sequences = sorted(self._sequences, key=lambda one: one.latest)[1 - MAX_SEQUENCES :] + [found]
+        if not self.shared and self._returns >= SHARING_RETURNS:
+            self.shared, self._missing = True, 0
+            self._followed = max(self._sequences, key=lambda one: len(one.recent))
+        elif not self.shared or self.frames - self._followed.latest > FORGOTTEN_FRAMES:
+            self._followed = found
+        self._alternating, self._latest, found.latest = found is not self._latest, found, self.frames
+        found.recent[frame.sequence] = number, frame, self.frames
+        found.number = max(found.number, number)
+        if reference and number >= found.stamped:
+            found.stamp, found.stamped = stamp, number
+        if found is not self._followed:
             return False
-        if self._last is not None:
-            self._missing += missing_between(self._last.sequence, frame.sequence)
-        self._last = frame
+        self._missing += missing
+        self.breaks += not 0 < (number - last) % 256 <= CONTINUING_STEP
         if frame.verdict == GOOD:
             self.arrived[frame.message_id] = self.arrived.get(frame.message_id, 0) + 1
             if self.kind in (UNNAMED, RADIO) and not self._beats:
@@ -145,6 +203,10 @@ class Senders:
     def _notice(self, sender: Sender) -> None:
         """Reports another vehicle, once."""
         assert self.followed is not None
+        if sender is self.followed and sender.shared and sender.name not in self._rivals:
+            self._rivals.add(sender.name)
+            who = f"Two senders have the ids {sender.name}, two vehicles or two links of one"
+            self._report(f"{who}: only one of them is followed; give one vehicle another system id.")
         if sender is self.followed or sender.name in self._rivals or not (sender.known and sender.flies):
             return
         if len(self._rivals) < MAX_SENDERS:

@@ -24,6 +24,7 @@ from mavdem.analysis.findings import Findings, findings_of
 from mavdem.dem import Estimate, Learned, OnlineLearner, Settings
 from mavdem.dem.parallel import pool
 from mavdem.ingest.mavlink.definitions import FrameSender
+from mavdem.ingest.motors import motor_parameters
 from mavdem.live import history
 from mavdem.live.decisions import Setup
 from mavdem.live.history import Event, LiveHistory, SessionStatus, horizons, sentence
@@ -86,6 +87,7 @@ class LiveSession:
     executor: Executor | None = None  # for batch learning
     recording: RawRecording | None = None  # of the raw stream; ``None`` for none, and after it has failed
     rate: float | None = None  # Hz to ask the vehicle for; ``None`` to send nothing at all
+    prior: Any = None  # ``Physical`` or ``PhysicalPrior`` of an earlier flight; ``None`` for none
 
     def __post_init__(self) -> None:
         """Begins now, without a model."""
@@ -258,7 +260,7 @@ class LiveSession:
         self._settled = row.settled
         if row.settled:
             try:
-                estimate = learner.update(row.time, row.outputs, row.inputs)
+                estimate = learner.update(row.time, row.outputs, row.inputs, self.stream.alarms.weak_since)
             except ValueError as error:
                 self._log(f"A sample was skipped: {_reason(error)}.")
             if learner.learned is not None and learner.learned is not self._newest:
@@ -278,11 +280,11 @@ class LiveSession:
     def _begin(self, setup: Setup) -> None:
         """Takes the learner of a setup's rows, and shows them; a display that fails is not used again."""
         if self._setup is not None and setup.boot != self._setup.boot:
-            self._models = deque(((-np.inf, *rest) for _, *rest in self._models), MAX_MODELS)
+            self._models = deque(((-np.inf, learned, end) for _, learned, end in self._models), MAX_MODELS)
         self._setup, layout, axis = setup, setup.layout, self.stream.axis
         sizes = setup.dt, len(layout.names), len(axis_outputs(axis))
         directions = None if layout.positions_assumed else layout.effect(axis)
-        options: dict[str, Any] = {"horizons": horizons(setup.dt), "effect_directions": directions}
+        options: dict[str, Any] = {"horizons": horizons(setup.dt), "effect_directions": directions, "prior": self.prior}
         key = setup.dt, layout.names
         if key not in self._learners:
             self._learners[key] = OnlineLearner(self.settings, *sizes, executor=self.executor, **options)
@@ -345,14 +347,16 @@ class LiveSession:
         vehicle = self.stream.followed
         if vehicle is None or now - self._heard > SILENCE_SECONDS:
             return
-        self.request = self.request or RateRequest(FrameSender(vehicle.system, vehicle.component), self.rate)
+        if self.request is None:
+            ids, named = FrameSender(vehicle.system, vehicle.component), motor_parameters(vehicle.autopilot)
+            self.request = RateRequest(ids, self.rate, parameters=named)
         for message in self.stream.replies():
             self.request.take(message)
         rates = self._arrivals.rates(now, vehicle.arrived)
         if self._arrivals.resumed or self.stream.boot != self._boot:
             self._boot = self.stream.boot
             self.request.restart()
-        self._send(self.request.due(now, rates))
+        self._send(self.request.due(now, rates, vehicle.parameters))
         for event in self.request.events:
             self._log(event)
         self.request.events.clear()

@@ -313,7 +313,7 @@ def live_report(
         headline += f"{held}); {100 * best.inside[0]:.0f} % of the samples were inside the 90 % band."
     blocks: list[Block] = [Sentence("", headline)]
     blocks += [Sentence(alarm.sentence.removeprefix("Alarm: "), "Motors:") for alarm in status.alarms]
-    if any(alarm.motor is not None for alarm in status.alarms):
+    if any(alarm.weak for alarm in status.alarms):
         blocks.append(Sentence(FALSE_ALARMS_BASIS, "False alarms:"))
     if status.obstacle:
         blocks.append(Sentence(status.obstacle, "At the end:"))
@@ -321,7 +321,7 @@ def live_report(
         made = "in flight, without the motors of the time ahead. Baseline: the last sample held."
         blocks += [_errors(errors, axis), Sentence(made, "How they were made:")]
     if history.learned:
-        rows = []
+        rows: list[list[str]] = []
         for first, last in reversed(history.learned):
             seconds -= (used := min(seconds, max(min(last, history.modelled) - first, 0.0)))
             rows.insert(0, [f"{time:.0f} s" for time in (first, last, last - first, used)])

@@ -34,6 +34,7 @@ class Flight:
     version: int = 2
     autopilot: str = "ARDUPILOTMEGA"
     quaternion: bool = False
+    number: int = 0  # of its first message
 
     def frames(self, start: float = 3.0, end: float = 39.0) -> Timed:
         """What is sent from ``start`` to ``end`` of the hover's time, in its order."""
@@ -74,7 +75,7 @@ def _sent(flight: Flight, start: float, end: float) -> Timed:
     streams = (flight._attitude, flight._motors, flight._heartbeats, flight._climb)
     timed = sorted((entry for stream in streams for entry in stream(start, end)), key=lambda entry: entry[0])
     return [
-        (time, message(kind, flight.system, sequence=number % 256, version=flight.version, **values))
+        (time, message(kind, flight.system, sequence=(number + flight.number) % 256, version=flight.version, **values))
         for number, (time, kind, values) in enumerate(timed)
     ]
 

@@ -22,6 +22,7 @@ def test_a_session_with_all_faults_ends_with_a_good_model_and_every_second_is_ac
     said = " ".join(event.sentence for event in session.history.events)
     for each in ("rebooted", "again after", "is on the ground", "of the vehicle's clock", "set back again and again"):
         assert each in said
+    assert "assumed" not in said, "parameters say where the motors are, and come when they are asked for"
     assert sum(account.values()) == pytest.approx(86.0, abs=0.5)
     assert account["learned"] > 35.0 and account["silent"] > 2.5 and account["waiting"] < 25.0, account
     kept = session.final_model()

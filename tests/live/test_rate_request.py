@@ -2,11 +2,17 @@
 
 import numpy as np
 import pytest
+from made_up_motion import made_up_motion
 from pymavlink.dialects.v20 import all as dialect
 
 from mavdem.ingest.mavlink.definitions import FrameSender
-from mavdem.live.messages import Message
+from mavdem.ingest.motors import motor_geometry, motor_parameters
+from mavdem.live.messages import FrameReader, Message, message_of, parameters_of
 from mavdem.live.rate_request import GET_INTERVAL, PAUSE_SECONDS, SET_INTERVAL, STOPPED, Arrivals, RateRequest
+from mavdem.live.senders import Sender
+from sitl_scenarios.mavlink.commands import CommandHandler, addressed_messages
+from sitl_scenarios.mavlink.transmitter import Transmitter, rows_of_motion
+from sitl_scenarios.scenario import Scenario, StreamSpec
 
 VEHICLE = FrameSender(7, 1)
 US = (255, 190)
@@ -213,3 +219,25 @@ def test_another_ground_station_that_sets_rates_back_is_asked_against_each_time_
     vehicle.silent, vehicle.rates = False, {}
     vehicle.run(1.0)
     assert vehicle.rates[30] == vehicle.rates[36] == 100.0, "a reboot needs no pause"
+
+
+@pytest.mark.parametrize(("name", "autopilot"), [("px4", "PX4"), ("ardupilot", "ARDUPILOTMEGA")])
+def test_parameters_of_the_motors_are_asked_for_one_by_one_until_they_come(name, autopilot):
+    simulated = Transmitter(Scenario(stream=StreamSpec(autopilot=name, only_when_asked=True)), 0.004)
+    commands, motion, reader, vehicle = CommandHandler(simulated, None), made_up_motion(), FrameReader(), Sender(1, 1)
+    names = motor_parameters(autopilot)
+    request, asked = RateRequest(FrameSender(1, 1), 100.0, (30,), (), names), 0
+    request._intervals.clear()
+    for number in range(150):
+        frames = request.due(0.2 * number, None, vehicle.parameters)
+        assert len(frames) <= 1
+        asked += len(frames)
+        for one in addressed_messages(b"".join(frames), 1, 1):
+            commands.answer(one)
+        sent = simulated.send(rows_of_motion(motion, slice(number, number + 1)))
+        for frame in reader.feed(sent.data.tobytes() if number % 3 else b""):  # the others are lost
+            vehicle.take_message(message_of(frame)) if frame.message_id == 22 else None
+    assert asked <= 3 * len(names) and request.due(99.0, None, vehicle.parameters) == []
+    known = parameters_of(vehicle.parameters.values(), autopilot)
+    assert known.keys() == {each for each in names if each in simulated.parameters}
+    assert not motor_geometry("QUADROTOR", autopilot, known, (1, 2, 3, 4), 8).positions_assumed
