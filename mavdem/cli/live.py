@@ -18,13 +18,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from mavdem.alignment.signals import axis_outputs
+from mavdem.cli.background import LearningProcess, in_background
 from mavdem.cli.commands import DONE, UNSUPPORTED, UNUSABLE
 from mavdem.cli.options import Number, file_option, model_options, motion_options, no_option
 from mavdem.cli.output import check_file, print_json, printable, say_aside, write_text
 from mavdem.cli.recording import RawRecording
 from mavdem.cli.signals import asked_to_end, ending_at_once
 from mavdem.dem import Settings
-from mavdem.dem.parallel import LearningProcess, in_background
 from mavdem.errors import MissingExtra, Unreadable, advice
 from mavdem.export.conversion import STREAMS
 from mavdem.health.in_flight import alarm_figures

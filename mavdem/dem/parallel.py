@@ -11,13 +11,13 @@ import sys
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from functools import partial
 from itertools import chain, islice
-from multiprocessing import active_children, current_process, get_context, parent_process
+from multiprocessing import current_process, get_context, parent_process
 from multiprocessing.connection import Connection
 from threading import Thread, current_thread, main_thread
-from typing import Any, TypeVar
+from typing import TypeVar
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
@@ -26,7 +26,6 @@ FEW = 8  # up to this many jobs are sooner done in this process than by workers,
 
 AHEAD = 16  # jobs per own worker that are sent ahead of the result that is waited for
 AHEAD_ELSEWHERE = 256  # jobs for a given executor, whose number of workers cannot be asked
-LOW_PRIORITY = 10  # niceness, 0 to 19, of a process in the background
 ENDS = signal.SIGINT, signal.SIGTERM, signal.SIGHUP  # signals that end a program from outside
 
 _alone = False  # whether this process starts no others, because others like it have the other cores
@@ -90,20 +89,6 @@ def _unless_stopped(work: Callable[[Job], Result], job: Job) -> Result:
     return work(job)
 
 
-def in_background(work: Callable[[], Result]) -> Future[Result]:
-    """Starts ``work`` in a thread; the process ends without waiting for it."""
-    future: Future[Result] = Future()
-
-    def run() -> None:
-        try:
-            future.set_result(work())
-        except BaseException as error:  # whoever waits for the result gets it
-            future.set_exception(error)
-
-    Thread(target=run, daemon=True).start()
-    return future
-
-
 def spare_cores() -> int:
     """Returns how many workers are worth starting: the cores this process may use, or 1 where it is a worker itself."""
     if _alone or (parent_process() is not None and not _importing_main()):
@@ -147,37 +132,6 @@ def pool(workers: int) -> Iterator[Pool]:
         with stop_pipe, _blocked(*ENDS):
             parents_end.close()
             executor.shutdown()
-
-
-class LearningProcess(Executor):
-    """An executor with one process of low priority; if that is killed, the next job runs in a new one."""
-
-    def __init__(self) -> None:
-        self._exits = ExitStack()
-        self._start()
-
-    def submit(self, job: Callable[..., Result], /, *args: Any, **kwargs: Any) -> Future[Result]:
-        """Runs a job; see ``concurrent.futures.Executor``."""
-        try:
-            return self._pool.submit(job, *args, **kwargs)
-        except BrokenExecutor:
-            self._start()
-            return self._pool.submit(job, *args, **kwargs)
-
-    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Kills the process, whatever it computes."""
-        for child in self._children:
-            child.kill()
-        self._exits.close()
-
-    def _start(self) -> None:
-        self._exits.close()
-        others = active_children()
-        self._pool = self._exits.enter_context(pool(1))
-        self._children = [child for child in active_children() if child not in others]
-        if hasattr(os, "nice"):
-            # Batch learning may take its time; samples may not wait for a core.
-            self._pool.submit(os.nice, LOW_PRIORITY)
 
 
 @contextmanager

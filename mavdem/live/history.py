@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from math import nan
@@ -12,7 +13,6 @@ import numpy as np
 from mavdem.analysis.findings import Findings
 from mavdem.dem import Estimate
 from mavdem.dem.engine.linalg import Array
-from mavdem.dem.online.errors import HorizonErrors, PredictionErrors, TimedSample
 from mavdem.health.in_flight import MotorAlarm
 
 NOT_FLYING = "The vehicle is on the ground: learning begins after take-off."
@@ -34,10 +34,10 @@ ACCOUNT = {
 }  # What the seconds of a session are accounted for as
 AHEAD = 0.25  # s; how well the model predicts so far ahead is reported
 HORIZONS = 0.05, 0.1, AHEAD, 0.5  # s; of a live session's predictions, besides one step
-MAX_ROWS = 100_000  # Of the lines; when there are more, every second one is dropped, and from then on not kept
+MAX_ROWS = 20_000  # Of the lines; when there are more, every second one is dropped, and from then on not kept
 REBOOT_GAP_SECONDS = 1.0  # Shown between the last time before a reboot and the first after it
 SETTLED_GAP = 1.0  # s between two learned samples from which on they belong to different parts of the flight
-BLOCK_ROWS = 64  # Taken together
+SAME_TIME = 1e-6  # s between a prediction and the row it is of, at most
 
 
 def horizons(dt: float) -> tuple[int, ...]:
@@ -79,8 +79,7 @@ class SessionStatus:
         rates: Hz of attitude and motors over the last 2 s, by message.
         flying: whether the vehicle is armed and airborne.
         learned, shown: rows that the learner used, and that were only shown.
-        latency: s from a packet's arrival at this computer to its estimate: median and 99th percentile of the latest
-            rows, and the largest of all.
+        latency: s from a packet's arrival here to its estimate: median and 99th percentile of late, and the longest.
         ahead: about ``AHEAD`` s, and half width, rad, of the angle's 90 % band there.
         useful: the longest useful horizon, s (``Estimate.useful``), and the squared error there over that of the better
             of the last sample and the mean so far.
@@ -118,6 +117,16 @@ class SessionStatus:
         return replace(self, ahead=(float(seconds[nearest]), float(estimate.ahead_band[nearest, 0])), useful=useful)
 
 
+class HorizonErrors(NamedTuple):
+    """Errors of the predictions ``seconds`` ahead, inputs unknown; (m,) each, over ``samples``."""
+
+    seconds: float
+    samples: int
+    mse: Array  # mean squared error
+    held: Array  # that of the last sample held
+    inside: Array  # share inside the 90 % band
+
+
 class LiveHistory:
     """Collects what happens in a live flight; the memory of its lines is bounded.
 
@@ -128,14 +137,14 @@ class LiveHistory:
     def __init__(self) -> None:
         self.now, self.shift, self._boot = nan, 0.0, 0
         self.events: list[Event] = []
-        # Of the lines, after the number of the segment; from the beginning as large as it becomes.
-        self._rows = np.full((MAX_ROWS + BLOCK_ROWS, 7), nan)
-        self._number, self._stride, self._taken = 0, 1, 0
-        self._segment, self._offset = 0, 0.0  # of the latest rows
-        self._latest: list[TimedSample] = []  # which are not in the lines yet
-        self._errors = PredictionErrors()
+        self._rows: list[tuple[float, ...]] = []  # of the lines, after the number of the segment
+        self._stride, self._taken = 1, 0
+        self._segment = 0
         self.learned: list[tuple[float, float]] = []  # the parts learned from: first and last sample, s
         self.modelled = np.inf  # end of what the model at the end was learned from, s
+        # By horizon: time, prediction, band and last sample of those whose time has not come.
+        self._pending: dict[float, deque[tuple[float, Array, Array, Array]]] = {}
+        self._sums: dict[float, tuple[int, Array]] = {}
 
     def advance(self, time: float, boot: int) -> None:
         """Advances to a ``time`` of the vehicle's clock, s, in its boot of this number; to none if it is NaN."""
@@ -149,43 +158,47 @@ class LiveHistory:
 
         ``segment`` counts the gaps before it; ``outputs`` (m,) are the measured ones.
         """
-        if new := segment != self._segment:
-            self._write()
-            self._errors.end_segment()
-            self._segment = segment
-        self._offset = self.shift
-        self._latest.append(TimedSample(time, outputs, estimate))
-        if len(self._latest) == BLOCK_ROWS:
-            self._write()
         time += self.shift
-        if estimate is not None:
-            joins = self.learned and not new and time - self.learned[-1][1] < SETTLED_GAP
-            self.learned.append((self.learned.pop()[0] if joins else time, time))
+        if new := segment != self._segment:
+            self._segment = segment
+            self._pending.clear()
+        predicted = self._compare(time, outputs)
+        torque = (np.nan, np.nan) if estimate is None else (estimate.wind_torque, estimate.wind_torque_band)
+        self._taken += 1
+        if self._taken % self._stride == 0:
+            self._rows.append((segment, time, float(outputs[0]), *predicted, *torque))
+            if len(self._rows) > MAX_ROWS:
+                self._rows, self._stride = self._rows[::2], 2 * self._stride
+        if estimate is None:
+            return
+        joins = self.learned and not new and time - self.learned[-1][1] < SETTLED_GAP
+        self.learned.append((self.learned.pop()[0] if joins else time, time))
+        for ahead, values, width in zip(estimate.ahead_times, estimate.ahead, estimate.ahead_band, strict=True):
+            if np.isfinite(values).all() and np.isfinite(width).all():
+                ahead = float(ahead) + self.shift
+                self._pending.setdefault(round(ahead - time, 6), deque()).append((ahead, values, width, outputs))
 
     def errors(self) -> list[HorizonErrors]:
         """Returns those of each horizon, the shortest first."""
-        self._write()
-        return self._errors.result()
+        return [HorizonErrors(seconds, count, *(sums / count)) for seconds, (count, sums) in sorted(self._sums.items())]
 
     @property
     def rows(self) -> Array:
         """(N, 7): segment, time, first output, its prediction ``AHEAD`` s before, its band, wind torque, its band."""
-        self._write()
-        return self._rows[: self._number]
+        return np.array(self._rows).reshape(-1, 7)
 
-    def _write(self) -> None:
-        """Compares the latest rows with what was predicted of them, and adds them to the lines."""
-        rows, self._latest = self._latest, []
-        if not rows:
-            return
-        predicted = self._errors.add(rows, AHEAD)
-        winds = [(nan, nan) if one is None else (one.wind_torque, one.wind_torque_band) for *_, one in rows]
-        starts = [(self._segment, time + self._offset, outputs[0]) for time, outputs, _ in rows]
-        kept = slice(-(self._taken + 1) % self._stride, None, self._stride)
-        self._taken += len(rows)
-        block = np.column_stack([starts, predicted, winds])[kept]
-        self._rows[self._number : self._number + len(block)] = block
-        self._number += len(block)
-        if self._number > MAX_ROWS:
-            self._number, self._stride = (self._number + 1) // 2, 2 * self._stride
-            self._rows[: self._number] = self._rows[: 2 * self._number : 2].copy()
+    def _compare(self, time: float, outputs: Array) -> tuple[float, float]:
+        """Compares predictions of ``time`` with what was measured; returns that of the lines and its band, or NaN."""
+        shown, nearest = (nan, nan), min(self._pending, key=lambda seconds: abs(seconds - AHEAD), default=nan)
+        for seconds, waiting in self._pending.items():
+            while waiting and waiting[0][0] < time + SAME_TIME:
+                ahead, predicted, band, last = waiting.popleft()
+                if ahead < time - SAME_TIME:
+                    continue
+                error = outputs - predicted
+                sums = np.stack([error**2, (outputs - last) ** 2, np.abs(error) <= band])
+                count, before = self._sums.get(seconds, (0, np.zeros_like(sums)))
+                self._sums[seconds] = count + 1, before + sums
+                if seconds == nearest:
+                    shown = float(predicted[0]), float(band[0])
+        return shown

@@ -223,9 +223,10 @@ class LiveSession:
             try:
                 self.history.modelled = np.inf
                 return self._named(self.learner.learn_now(FIT_SECONDS))
-            except ValueError as error:
+            except (ValueError, RuntimeError, TimeoutError) as error:
+                error = ValueError(str(error) or f"not learned within {FIT_SECONDS:.0f} s")
                 if not self._models:
-                    raise
+                    raise error from None
                 self._log(f"The newest samples support no model ({error}): the former one is kept.")
         _, model, self.history.modelled = self._models[-1]
         return self._named(model)

@@ -14,14 +14,13 @@ from pathlib import PurePath
 
 import numpy as np
 
-from mavdem.dem.online.errors import HorizonErrors
 from mavdem.evaluate.truth import ComparedParameter, TruthComparison
 from mavdem.fleet import difference
 from mavdem.fleet import row as fleet_row
 from mavdem.fleet.difference import BETWEEN, FAMILY_ERROR, Conditions, Flights, QuantityChange, VehicleDifference
 from mavdem.fleet.row import HEALTHS, OK, UNKNOWN, FlightRow, is_shared, worst_health
 from mavdem.health.in_flight import FALSE_ALARMS_BASIS
-from mavdem.live.history import ACCOUNT, AHEAD, LiveHistory, SessionStatus
+from mavdem.live.history import ACCOUNT, AHEAD, HorizonErrors, LiveHistory, SessionStatus
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.condition import TIER_WORDS
 from mavdem.report.numbers import TORQUE, listed, named, plus_minus, readable, rounded, short, with_unit

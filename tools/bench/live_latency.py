@@ -19,8 +19,8 @@ import click
 import numpy as np
 from pymavlink.dialects.v20 import all as dialect
 
+from mavdem.cli.background import LearningProcess
 from mavdem.dem import Settings
-from mavdem.dem.parallel import LearningProcess
 from mavdem.live import LiveStream
 from mavdem.live.link import Link
 from mavdem.live.session import LiveSession

@@ -27,8 +27,7 @@ from mavdem.dem.validation import is_number, is_whole, real_numbers
 
 BLOCK_SECONDS = 0.1  # of samples, which are remembered and forgotten together
 LEARNING_SECONDS = 2.0  # of samples, before the first call of ``learn``, and between two
-HORIZONS = (1, 5, 10, 25, 50)
-"""Default steps ahead."""
+HORIZONS = (1, 5, 10, 25, 50)  # default steps ahead
 ALIKE = 0.9  # cosine of the angle between turning combinations that differ by chance
 MAX_GAPS = 5  # in a row, after which ``dt`` is wrong rather than samples missing
 TOO_FEW = "there are not enough samples yet"
@@ -55,8 +54,7 @@ class OnlineLearner:
     Attributes:
         horizons: steps ahead of ``Estimate.ahead``.
         learned: the last result of ``learn``, whose model is in use; ``None`` before.
-        refits, fits_physical: whether the model is learned again, and the physical parameters are fitted, when that is
-            due: a caller that is behind its samples may put it off.
+        refits, fits_physical: whether model and physical parameters are fitted again: a caller may put that off.
         obstacle: why there is no model, or no newer one; one sentence without its full stop, empty without a reason.
     """
 
@@ -194,21 +192,16 @@ class OnlineLearner:
         self._next = self._next_choice = self._samples + (0 if self._memory.blocks else self._first)
 
     def learn_now(self, timeout: float | None = None) -> Learned:
-        """Returns the result of ``learn`` on the samples in the memory, with the settings in use; by the executor.
+        """Returns the result of ``learn`` on the samples in the memory, with the settings in use.
 
         Raises:
-            ValueError: they do not support one, there is no full block of samples yet, or the executor takes longer
-                than ``timeout``, s.
+            ValueError: they do not support one, or there is no full block of samples yet.
+            TimeoutError: the executor took longer than ``timeout``, s.
         """
         if not self._memory.blocks:
             raise ValueError(TOO_FEW)
-        settings = self._settings if self.learned is None else self.learned.settings
-        if self._executor is None:
-            return learn(self._memory.record(), settings)
-        try:
-            return self._executor.submit(learn, self._memory.record(), settings).result(timeout)
-        except (TimeoutError, RuntimeError) as error:
-            raise ValueError(str(error) or f"it was not learned within {timeout:g} s") from error
+        given = self._memory.record(), self._settings if self.learned is None else self.learned.settings
+        return learn(*given) if self._executor is None else self._executor.submit(learn, *given).result(timeout)
 
     def _checked(self, time: float, inputs: ArrayLike, outputs: ArrayLike) -> tuple[float, Array, Array]:
         now, u, y = real_numbers(time, "time"), real_numbers(inputs, "inputs"), real_numbers(outputs, "outputs")
@@ -274,9 +267,8 @@ class OnlineLearner:
         if self._pending is not None and self._pending.done():
             pending, self._pending = self._pending, None
             self._adopt(pending.result)
-        if not self.refits and self.learned is not None:
-            return
-        if self._samples < self._next or self._pending is not None or not self._memory.blocks:
+        due = self._samples >= self._next and (self.refits or self.learned is None)
+        if not due or self._pending is not None or not self._memory.blocks:
             return
         record, until = self._memory.record(), self._memory.blocks[-1].until
         self._next = self._samples + round(LEARNING_SECONDS / self._dt)
