@@ -126,7 +126,6 @@ class LiveSession:
             for row in self.stream.feed(received[0][0], b"".join(data for _, data in received)):
                 self._take(row)
             self.history.advance(self.stream.now, self.stream.boot)
-            self._settled &= self.stream.flying
             landing = self.stream.landing()
             if landing is not None and self.learner is not None:
                 self._take_back(self.learner, landing)
@@ -149,6 +148,7 @@ class LiveSession:
             self._judge(now)
             self._reported, status = now, self.status
             self.report(status)
+            self._settled &= status.flying
             if status.obstacle != self._obstacle:
                 self._obstacle = status.obstacle
                 self._log(sentence(status.obstacle) or "The model is being learned.")
@@ -209,7 +209,7 @@ class LiveSession:
         """The status as of now."""
         status, silence = self.stream.status(), self._silence()
         learning = self.learner.obstacle if self.learner is not None else ""
-        if not self._settled:
+        if not (self._settled and status.flying):
             learning = history.NOT_SETTLED if status.flying else history.NOT_FLYING
         rates = dict.fromkeys(status.rates, 0.0) if silence else status.rates
         median, late = np.percentile(self._latencies or [np.nan], [50, 99]).tolist()
