@@ -29,6 +29,7 @@ KEPT_SECONDS, MAX_SAMPLES = 2.5, 8192  # Of each stream: enough to decide rates 
 DECISION_SECONDS = 2.0  # Duration of both streams from which the step and the sampling are decided
 RESUME_SECONDS = 0.25  # Duration of both streams after a gap, after which the grid starts again with the previous step
 STAMP_RESOLUTION_SECONDS = 1e-6  # The finest stamps: a point no further behind the latest sample coincides with it
+JUST_BOOTED = 10.0  # s; what a clock shows after a reboot at most, where no message was lost
 OTHER_RATE_RATIO = 1.3  # A rate that differs by this factor from the one that decided the step is another rate
 
 
@@ -75,12 +76,16 @@ class BootClock:
         self._held: list[Message] = []
         self._run: list[float] = []
         self._shifts: dict[str, float] = {}
+        self.breaks = self._breaks = 0  # in the numbers of the vehicle's messages, so far and at ``now``
+        self._back = 0.0  # s by which its clock was set back without a reboot
         self._far: dict[str, list[tuple[int, float]]] = {}
         self._report = report
 
     def place(self, message: Message) -> list[PlacedMessage]:
         """What can be placed after this message: itself, and messages held back before."""
-        if not message.stamp > 0:
+        if message.stamp > 0:
+            message = message._replace(stamp=message.stamp + self._back)
+        else:
             return [] if isnan(self._latest) else [PlacedMessage(message, self._latest, self.boot, False)]
         if message.name in ATTITUDE_MESSAGES:
             return self._place_reference(message)
@@ -99,6 +104,7 @@ class BootClock:
             self._turns = round((time - message.stamp) / message.period) if isfinite(message.period) else 0
             self.now = max(self.now, time)
             self._accepted += 1
+            self._breaks = self.breaks
             self._held, self._run = [], []
             return [self._stamp(message, time)]
         if self._run and not _continues(message.stamp, self._run[-1]):
@@ -109,14 +115,23 @@ class BootClock:
 
     def _restart(self) -> list[PlacedMessage]:
         """Starts the clock again at the first of the held stamps that continue each other."""
-        first, before = self._run[0], self.now
-        if first < before:
+        first, before, held = self._run[0], self.now, self._held
+        corrected = 0 < before - first <= WRAP_GAP and first - self._back > JUST_BOOTED
+        if corrected and self.breaks == self._breaks:
+            self._report(f"The vehicle's clock was set back by {before - first:.1f} s when it read {before:.1f} s.")
+            later = before - first + self._run[1] - first
+            held, first, self._back = (
+                [m._replace(stamp=m.stamp + later) for m in held],
+                first + later,
+                self._back + later,
+            )
+        elif first < before:
             self.boot += 1
             self._report(f"The vehicle rebooted when its clock read {before:.1f} s.")
         elif not isnan(before):
             length = f"{first - before:.1f} s of the vehicle's clock"
             self._report(f"Nothing was received for {length}, from {before:.1f} s on.")
-        held, self._held, self._run = self._held, [], []
+        self._held, self._run = [], []
         self._turns, self.now = 0, first
         self._far.clear()
         placed, started = [], False

@@ -142,6 +142,7 @@ class LiveStream:
         if message.name in REPLIES:
             self._replies.append(message)
             return
+        self._clock.breaks = sender.breaks
         for placed in self._clock.place(message):
             if placed.boot != self.boot:
                 self._reboot(placed.boot)
