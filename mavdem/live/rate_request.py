@@ -200,7 +200,12 @@ class RateRequest:
         interval.reached = max(interval.reached, min(rate, interval.rate))
         unconfirmed = interval.settings == MAX_TRIES and not interval.reached
         if rate >= SLOW * interval.reached and not unconfirmed:
-            interval.came = rate > 0
+            if not interval.came and now - interval.last >= WINDOW_SECONDS:
+                interval.came = rate > 0
+                if 0 < rate < 0.9 * interval.rate and not (interval.least or interval.again):
+                    self.events.append(
+                        f"{interval.name} comes at {rate:.3g} Hz; {interval.rate:.3g} Hz were asked for."
+                    )
             if now - interval.last >= MAX_PAUSE_SECONDS:
                 interval.again = 0
             return

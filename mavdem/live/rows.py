@@ -299,7 +299,7 @@ class Grid:
                 # A rate changes: decided from stamps of both, the step would be neither's, and stay.
                 self._steady_from = last
                 return False
-            self.dt, self.rates = self._step(align.step(rates)), rates
+            self.dt, self.rates = self._step(align.step(times)), rates
             self._usual_steps = tuple(stream.usual_step() for stream in streams)
         grid = align.grid_of(times[0], times[1], self.dt)
         self._samplings = tuple(_sampling(time, grid, self.dt) for time in times)

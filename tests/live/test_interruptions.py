@@ -146,6 +146,17 @@ def test_another_rate_in_flight_decides_the_step_anew(before, after):
     settled_uniform(made)
 
 
+def test_jitter_of_a_scheduler_changes_the_grid_neither_live_nor_offline():
+    """200 Hz asked of a loop of 4 ms: steps of 4, 8 and 12 ms come, of 8.5 ms in the mean."""
+    steps = np.random.default_rng(0).choice((1, 2, 3), 2500, p=(0.13, 0.62, 0.25))
+    fast = Flight(hover=FLIGHT.hover, attitude=250.0, motors=250.0).frames(end=18.0)
+    sent = set(np.cumsum(steps).tolist())
+    frames = [(at, data) for at, data in fast if data[7] not in (30, 36) or int(250 * at + 0.01) in sent]
+    made = replay(frames)
+    assert [setup.dt for setup in made.setups.values()] == [0.008]
+    same_as_offline(made, frames)
+
+
 def test_a_stream_that_is_too_slow_is_reported_with_the_remedy_and_gives_no_rows_until_it_is_fast():
     slow = Flight(hover=FLIGHT.hover, motors=4.0).frames(end=18.0)
     made = replay(slow)
