@@ -183,7 +183,7 @@ class RateRequest:
         """The vehicle may have rebooted, and forgotten all rates: asks for them again at once."""
         for each in self._intervals:
             each.settings, each.done, each.refused, each.last, each.again = 0, False, False, -np.inf, 0
-            each.reached, each.came = 0.0, False  # it may take a minute until it is sent at all
+            each.reached, each.came = 0.0, False  # it may take a minute until it is sent
         if any(each.unrefused for each in self._intervals):
             self.events.append("The vehicle is back: asking for its message rates again.")
 
@@ -203,9 +203,7 @@ class RateRequest:
             if not interval.came and now - interval.last >= WINDOW_SECONDS:
                 interval.came = rate > 0
                 if 0 < rate < 0.9 * interval.rate and not (interval.least or interval.again):
-                    self.events.append(
-                        f"{interval.name} comes at {rate:.3g} Hz; {interval.rate:.3g} Hz were asked for."
-                    )
+                    self.events.append(f"{interval.name} comes at {rate:.3g} of {interval.rate:.3g} Hz asked for.")
             if now - interval.last >= MAX_PAUSE_SECONDS:
                 interval.again = 0
             return

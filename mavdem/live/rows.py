@@ -226,12 +226,10 @@ class Samples:
         """Hz over the ``DECISION_SECONDS`` before ``now``, gaps included; 0 with fewer than two samples."""
         return align.mean_rate(np.array(self.time[-count:])) if (count := self.count(now)) > 1 else 0.0
 
-    def usual_step(self) -> float | None:
-        """Mean, s, of the middle half of the last steps, robust to jitter and to one lost in five; None if few."""
-        if len(self.time) - bisect_left(self.time, self.since) <= align.MEDIAN_STEPS:
-            return None
-        steps = np.sort(np.diff(self.time[-align.MEDIAN_STEPS - 1 :]))
-        return float(steps[align.MEDIAN_STEPS // 4 : align.MEDIAN_STEPS - align.MEDIAN_STEPS // 4].mean())
+    def steady_rate(self) -> float | None:
+        """Hz over the last ``DECISION_SECONDS`` without those before a gap; None with few samples."""
+        last = self.time[bisect_left(self.time, max(self.since, self.time[-1] - DECISION_SECONDS)) :]
+        return align.mean_rate(np.array(last)) if len(last) > align.MEDIAN_STEPS else None
 
     def nearest(self, time: float) -> Values | None:
         """The sample nearest to ``time``; None if it is farther than ``STAMP_SECONDS``."""
@@ -262,7 +260,6 @@ class Grid:
         self.rates: tuple[float, ...] = ()  # Hz of the streams that decided it
         self._streams: tuple[Samples, ...] = ()
         self._samplings: tuple[_Sampling, ...] = ()
-        self._usual_steps: tuple[float | None, ...] = ()
         self._next = 0
         self._latest = self._try_from = self._steady_from = -inf
         self._steps: list[float] = []  # so far
@@ -300,7 +297,6 @@ class Grid:
                 self._steady_from = last
                 return False
             self.dt, self.rates = self._step(align.step(times)), rates
-            self._usual_steps = tuple(stream.usual_step() for stream in streams)
         grid = align.grid_of(times[0], times[1], self.dt)
         self._samplings = tuple(_sampling(time, grid, self.dt) for time in times)
         self._streams = tuple(streams)
@@ -335,9 +331,8 @@ class Grid:
         """The rate, Hz, of a stream when the step was decided, if it has changed since; else None."""
         if not self.running or stream not in self._streams:
             return None
-        before, now = self._usual_steps[self._streams.index(stream)], stream.usual_step()
-        same = before is None or now is None or 1 / OTHER_RATE_RATIO < now / before < OTHER_RATE_RATIO
-        return None if before is None or same else 1 / before
+        before, now = self.rates[self._streams.index(stream)], stream.steady_rate()
+        return before if now is not None and not 1 / OTHER_RATE_RATIO < now / before < OTHER_RATE_RATIO else None
 
     def _step(self, new: float) -> float:
         """The step: one used before if it is about the same.

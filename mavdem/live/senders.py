@@ -122,7 +122,7 @@ class Sender:
             found.stamp = stamp
         if found is not self._followed:
             return False
-        if len(found.recent) + len(self._sequences) > 2:  # not the very first
+        if self.frames > 1:
             self._missing += missing_between(last, frame.sequence) if opens else max(step - 1, -1)
         self.breaks += not 0 < (frame.sequence - last) % 256 <= NEAR
         if frame.verdict == GOOD:
