@@ -23,6 +23,7 @@ from mavdem.confidence import LEVEL, quantile
 from mavdem.dem import Learned, Physical, WindTorque
 from mavdem.evaluate.held_out import BASELINES, HOLD_LAST, HeldOut
 from mavdem.flight import Flight
+from mavdem.health.explanations import loss_in_words
 from mavdem.health.in_flight import MotorAlarm
 
 Grade = Literal["GOOD", "LIMITED", "NOT IDENTIFIABLE"]
@@ -143,7 +144,7 @@ def findings_of(
 def disown_torque(learned: Learned, condition: Condition) -> None:
     """Gives the wind torque of a vehicle that oscillates the reason why it is not the wind's."""
     if condition.oscillation is not None and learned.wind is not None:
-        vars(learned)["wind"] = replace(learned.wind, reason="The vehicle oscillates: that torque is its own.")
+        vars(learned)["wind_torque"] = replace(learned.wind, reason="The vehicle oscillates: that torque is its own.")
 
 
 def _doubted(finding: Finding, override: Override) -> Finding:
@@ -169,11 +170,11 @@ def _oscillation(condition: Condition | None) -> list[Override]:
 
 def _lost_thrust(alarms: Sequence[MotorAlarm]) -> list[Override]:
     """Each motor that weakened in flight, at the time of its first alarm and by its largest, the worst first."""
-    ours = sorted((alarm for alarm in alarms if alarm.weak), key=lambda alarm: -alarm.size)
+    ours = sorted((alarm for alarm in alarms if alarm.motor is not None), key=lambda alarm: -alarm.size)
     overrides = []
     for name, worst in reversed({alarm.name: alarm for alarm in reversed(ours)}.items()):
         since = min(alarm.since for alarm in ours if alarm.name == name)
-        lost = f"lost {worst.lost} of its thrust at {since:.0f} s"
+        lost = f"lost {loss_in_words(worst.size)} of its thrust at {since:.0f} s"
         remedy = f"Do not fly before {name}, its propeller, connector and controller are inspected."
         sentence = worst.sentence.removeprefix("Alarm: ")
         overrides.append(Override("motors", f"{name.capitalize()} {lost}.", sentence, remedy))

@@ -18,11 +18,9 @@ from mavdem.cli.commands import DONE, UNSUPPORTED, UNUSABLE
 from mavdem.cli.options import Number, file_option, model_options, motion_options, no_option
 from mavdem.cli.output import check_file, print_json, printable, say_aside, write_text
 from mavdem.cli.signals import asked_to_end, ending_at_once
-from mavdem.dem import Learned, Physical, Settings
-from mavdem.dem.graybox import PhysicalPrior
+from mavdem.dem import Settings
 from mavdem.errors import MissingExtra, Unreadable, advice
 from mavdem.export.conversion import STREAMS
-from mavdem.fleet.store import read_rows
 from mavdem.health.in_flight import alarm_figures
 from mavdem.live import LiveStream, SessionStatus, Setup
 from mavdem.live.history import ACCOUNT, horizons, sentence
@@ -122,9 +120,6 @@ class Dashboard:
     help="Ask the vehicle for attitude and motor outputs at this rate, and at 4 Hz for what shows a landing, and "
     "for the parameters of its motors; what comes faster already stays as it is. Without it nothing is ever sent.",
 )
-@file_option(
-    "--prior", "Earlier model of the vehicle, model.json, or fleet folder: for the wind torque in a calm hover."
-)
 @click.option("--duration", type=Number(0, min_open=True), help="Seconds until it ends.")
 def live_command(
     link: str,
@@ -140,7 +135,6 @@ def live_command(
     model: Path | None,
     html: Path | None,
     request_rate: float | None,
-    prior: Path | None,
     duration: float | None,
 ) -> None:
     """Attaches to a link and learns while the vehicle flies.
@@ -173,7 +167,6 @@ def live_command(
     beside = beside or model
     html = html or (beside and beside.with_suffix(".html"))
     check_file(html, "--html", (".html",))
-    earlier = None if prior is None else _prior(prior, axis)
     stream = LiveStream(axis, vehicle, inputs, asked=request_rate is not None)
     with ExitStack() as signals, ExitStack() as ends:
         opened = Link(link)
@@ -185,7 +178,7 @@ def live_command(
         recording = None if record is None else RawRecording(record)
         executor = ends.enter_context(LearningProcess())
         shown = dashboard.open, dashboard.report, say_aside
-        session = LiveSession(opened, stream, settings, *shown, executor, recording, request_rate, earlier)
+        session = LiveSession(opened, stream, settings, *shown, executor, recording, request_rate)
         ends.callback(session.end)
         if dashboard.advice:
             say_aside(dashboard.advice)
@@ -240,25 +233,6 @@ def live_command(
             print_json(figures)
     lost = session.recording is not recording or broken or (html is not None and not has_page)
     click.get_current_context().exit(UNUSABLE if lost else code)
-
-
-def _prior(path: Path, axis: str) -> Physical | PhysicalPrior:
-    """The physical parameters of ``axis`` in a model, or in a fleet's last flight in which they are identifiable."""
-    try:
-        rows = read_rows(path) if path.is_dir() else []
-        known = None if path.is_dir() else Learned.from_json(path.read_text()).physical
-    except (OSError, ValueError, Unreadable) as error:
-        raise click.BadParameter(f"{error}", param_hint="--prior") from None
-    if len(names := {row.vehicle for row in rows}) > 1:
-        raise click.BadParameter(f"{path} has {len(names)} vehicles: name the model of one.", param_hint="--prior")
-    rows = [row for row in rows if row.axis == axis and row.effect_interval and row.damping and row.lag]
-    if rows:
-        row = max(rows, key=lambda row: str(row.date or ""))
-        halves = *(row.effect_interval or ()), row.damping_interval, row.lag_interval
-        return PhysicalPrior.of([*(row.effect or ()), row.damping or 0.0, row.lag or 0.0], halves)
-    if known is None or not known.identifiable:
-        raise click.BadParameter(f"{path} has no control effectiveness of {axis}.", param_hint="--prior")
-    return known
 
 
 def _written(path: Path | None, text: str, what: str) -> bool:

@@ -87,7 +87,6 @@ class LiveSession:
     executor: Executor | None = None  # for batch learning
     recording: RawRecording | None = None  # of the raw stream; ``None`` for none, and after it has failed
     rate: float | None = None  # Hz to ask the vehicle for; ``None`` to send nothing at all
-    prior: Any = None  # ``Physical`` or ``PhysicalPrior`` of an earlier flight; ``None`` for none
 
     def __post_init__(self) -> None:
         """Begins now, without a model."""
@@ -260,7 +259,7 @@ class LiveSession:
         self._settled = row.settled
         if row.settled:
             try:
-                estimate = learner.update(row.time, row.outputs, row.inputs, self.stream.alarms.weak_since)
+                estimate = learner.update(row.time, row.outputs, row.inputs)
             except ValueError as error:
                 self._log(f"A sample was skipped: {_reason(error)}.")
             if learner.learned is not None and learner.learned is not self._newest:
@@ -284,7 +283,7 @@ class LiveSession:
         self._setup, layout, axis = setup, setup.layout, self.stream.axis
         sizes = setup.dt, len(layout.names), len(axis_outputs(axis))
         directions = None if layout.positions_assumed else layout.effect(axis)
-        options: dict[str, Any] = {"horizons": horizons(setup.dt), "effect_directions": directions, "prior": self.prior}
+        options: dict[str, Any] = {"horizons": horizons(setup.dt), "effect_directions": directions}
         key = setup.dt, layout.names
         if key not in self._learners:
             self._learners[key] = OnlineLearner(self.settings, *sizes, executor=self.executor, **options)

@@ -66,7 +66,7 @@ class LiveStream:
         self._choice, self._phase, self._grid = InputChoice(), Phase(), Grid()
         self._attitude: str | None = None
         self._inputs: Inputs | None = None
-        self.alarms = MotorAlarms()
+        self._alarms = MotorAlarms()
         self._reviewed = -inf
         self._connected_from, self._received, self._said_evidence = inf, 0.0, False
         self._obstacle, self._enough = "The message rates are being measured.", True
@@ -118,8 +118,8 @@ class LiveStream:
             lost=followed.lost if followed else 0,
             late=sum(stream.late for stream in self._streams.values()),
             unread=self._frames.unread,
-            alarms=tuple(self.alarms.latest),
-            alarm=self.alarms.sentence,
+            alarms=tuple(self._alarms.latest),
+            alarm=self._alarms.sentence,
         )
 
     def _rates(self, now: float) -> dict[str, float]:
@@ -305,10 +305,10 @@ class LiveStream:
         """Tests a sample of the motors for a lasting change, which is reported, as is why none would be seen."""
         ports = {port: self._streams[inputs.message, port].values[-1:] for port in inputs.ports}
         if not self._phase.settled(time):
-            self.alarms.landed |= not self._phase.flying
+            self._alarms.landed |= not self._phase.flying
         elif all(ports.values()):
             sent = np.array([ports[port][0][channel] for port, channel in inputs.picks])
-            for event in self.alarms.take(time, self.boot, inputs, inputs.scale.fraction(sent).tolist()):
+            for event in self._alarms.take(time, self.boot, inputs, inputs.scale.fraction(sent).tolist()):
                 self._report(*event)
 
     def _reboot(self, boot: int) -> None:
@@ -318,7 +318,7 @@ class LiveStream:
         self._choice.restart()
         self._attitude = self._inputs = None
         self._phase = Phase()
-        self.alarms.sentence = ""
+        self._alarms.sentence = ""
         self._grid.restart()
         self._reviewed, self._connected_from = -inf, inf
 
@@ -327,11 +327,11 @@ class LiveStream:
 
 
 class MotorAlarms:
-    """Changes of the motors' balance, as in ``SessionStatus``. ``landed``: on the ground since; ``weak_since``: s."""
+    """Lasting changes of the motors' balance, as ``SessionStatus`` has them. ``landed``: on the ground since."""
 
     def __init__(self) -> None:
         self.latest: deque[MotorAlarm] = deque(maxlen=MAX_EVENTS)
-        self.sentence, self.landed, self.weak_since = "", False, nan
+        self.sentence, self.landed = "", False
         self._watch: MotorWatch | None = None
         self._watched: object = None
         self._reported = {""}  # Reasons why none would be seen
@@ -345,13 +345,11 @@ class MotorAlarms:
             watched = boot, layout, inputs.scale.low, inputs.scale.high  # balances on two ranges differ
             if self._watch is None or watched != self._watched:
                 self._watch, self._watched = MotorWatch(layout, boot), watched
-            changes, obstacle = self._watch.take(time, commands), self._watch.obstacle
-            self.weak_since = min((weak.since for weak in self._watch.weak.values()), default=nan)
-            for change in changes:
-                self.latest.append(change)
-                if change.motor is not None:
-                    self.sentence = " ".join(alarm.sentence for alarm in self._watch.weak.values()) or change.sentence
-                yield change.sentence, "ERROR" if change.weak else "INFO", change.since
+            alarm, obstacle = self._watch.take(time, commands), self._watch.obstacle
+            if alarm is not None:
+                self.latest.append(alarm)
+                self.sentence = self.sentence if alarm.motor is None else alarm.sentence
+                yield alarm.sentence, "INFO" if alarm.motor is None else "ERROR", alarm.since
         if obstacle not in self._reported:
             self._reported.add(obstacle)
             yield obstacle, "INFO", nan

@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike
 
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.forecast.joint import known_combinations
-from mavdem.dem.graybox.parameters import Physical, PhysicalPrior
 from mavdem.dem.learned import Learned
 from mavdem.dem.learning import FEWEST_SAMPLES, learn
 from mavdem.dem.online.ahead import OnlineJoint
@@ -69,7 +68,6 @@ class OnlineLearner:
         horizons: tuple[int, ...] = HORIZONS,
         executor: Executor | None = None,
         effect_directions: ArrayLike | None = None,
-        prior: PhysicalPrior | Physical | None = None,
     ) -> None:
         """Begins without a sample.
 
@@ -82,7 +80,6 @@ class OnlineLearner:
             executor: of processes, where ``learn`` runs; unless given, it runs inside an update, which then takes as
                 long. With one of threads an update may wait for them.
             effect_directions: (r,) relative effect of each input on the axis, where the mixer geometry is known.
-            prior: the vehicle's physical parameters as of an earlier flight, such as ``Learned.physical``.
 
         Raises:
             ValueError: names the argument that does not fit.
@@ -121,13 +118,11 @@ class OnlineLearner:
         self._bands = ErrorBands(self.horizons, n_outputs, self._dt)
         combinations = known_combinations(n_inputs, directions)
         self._ahead = OnlineJoint(self._dt, block, self.horizons, n_outputs, combinations)
-        self._wind = OnlineWind(self._memory, executor, prior)
+        self._wind = OnlineWind(self._memory, executor)
         self._surprise, self._marks = Surprise(self._dt), AnomalyMarks(self._dt)
 
-    def update(self, time: float, outputs: ArrayLike, inputs: ArrayLike, weak_since: float = np.nan) -> Estimate:
+    def update(self, time: float, outputs: ArrayLike, inputs: ArrayLike) -> Estimate:
         """Takes the next sample, ``outputs`` (m,) and ``inputs`` (r,) at a ``time`` in s.
-
-        While a motor is weak, ``weak_since`` a time in s, what it lacks is no wind: there is no wind torque.
 
         >>> online = mavdem.OnlineLearner(dt=0.01, n_inputs=4, n_outputs=2)
         >>> for time, outputs, inputs in zip(train.time[:50], train.outputs, train.inputs):
@@ -159,7 +154,7 @@ class OnlineLearner:
             self._gaps = 0
         closed = self._memory.add(u, y, time)
         self._samples += 1
-        torque = self._wind.update(u, y, weak_since)
+        torque = self._wind.update(u, y)
         estimate = self._estimate(time, y)._replace(
             wind_torque=torque[0],
             wind_torque_band=torque[1],
@@ -227,7 +222,8 @@ class OnlineLearner:
         self._last = None
 
     def _estimate(self, time: float, y: Array) -> Estimate:
-        tracker, (expected, ahead) = self._tracker, self._ahead.predict(self._memory)
+        tracker, expected = self._tracker, self._ahead.expect(self._memory)
+        ahead = self._ahead.predict(self._memory)
         expected_band, *ahead_band = self._bands.half_widths
         self._bands.add(y, expected, ahead)
         later = time + self._dt * np.array(self.horizons), ahead, np.array(ahead_band), self._ahead.error_ratio
