@@ -19,7 +19,7 @@ import time
 from typing import Any, NoReturn
 
 from mavdem.errors import Unreadable
-from mavdem.ingest.mavlink.framing import HEADER_1, MARKER_1, MARKER_2
+from mavdem.ingest.mavlink.framing import MARKER_1
 from mavdem.ingest.vocabulary import AUTOPILOT_COMPONENT
 
 LOOPBACK = "127.0.0.1"
@@ -32,8 +32,7 @@ CONNECT_SECONDS = 5.0  # Time limit of a connection attempt
 SILENCE_SECONDS = 5  # After which a silent client gives way to another, and a silent connection is probed
 PROBE_SECONDS, MAX_PROBES = 2, 3  # Between two probes, and probes without a reply until the connection is lost
 STABLE_SECONDS = 10.0  # A connection that lasted this long is opened again at once when it is lost
-HEARD_SECONDS, MAX_VEHICLES = 3.0, 64
-"""Since an autopilot's first address was heard last, until another may take its place; and how many are kept."""
+HEARD_SECONDS = 3.0  # Since an autopilot's first address was heard last, until another may take its place
 FIRST_PAUSE_SECONDS, MAX_PAUSE_SECONDS = 0.25, 8.0  # Before a lost link is opened again; doubled each time
 
 _NETWORK = re.compile(r"(?:(udpin|udp|udpout|tcp|tcpin):(?!/))?(?:(\[[^\]]*\]|[^:/]*):)?(\d+)")
@@ -49,8 +48,8 @@ class Link:
     def __init__(self, name: str) -> None:
         self.name = name
         self._events: list[str] = []
-        self._first: dict[tuple[int, ...], tuple[Any, float]] = {}  # by MAVLink ids, address and when it was heard
-        self._rivals: dict[tuple[int, ...], Any] = {}  # address that was refused, until that is reported
+        # By MAVLink ids: address, when it was heard, and one that was refused, or the first again once that is said.
+        self._first: dict[bytes, tuple[Any, float, Any]] = {}
         self._pause, self._not_before = FIRST_PAUSE_SECONDS, 0.0
         self._opened = self._came = 0.0
         self.dropped = 0  # datagrams that this machine's buffer had no room for: nobody read them in time
@@ -224,28 +223,20 @@ class Link:
 
     def _admits(self, datagram: bytes) -> bool:
         """Whether the latest datagram is of the first address of its autopilot; other components may have several."""
-        address, now = self._from, self._came
-        ids: tuple[int, ...] = ()
-        if len(datagram) >= HEADER_1 and datagram[0] in (MARKER_1, MARKER_2):
-            ids = tuple(datagram[3:5] if datagram[0] == MARKER_1 else datagram[5:7])
-        if address is None or ids[1:] != (AUTOPILOT_COMPONENT,):
+        ids, now = datagram[3:5] if datagram[:1] == bytes([MARKER_1]) else datagram[5:7], self._came
+        if self._from is None or ids[1:] != bytes([AUTOPILOT_COMPONENT]):
             return True
-        first, heard = self._first.get(ids, (address, now))
-        if first != address and now - heard <= HEARD_SECONDS:
-            self._rivals.setdefault(ids, address)
+        first, heard, rival = self._first.get(ids, (self._from, now, None))
+        if first != self._from and now - heard <= HEARD_SECONDS:
+            self._first[ids] = first, heard, rival or self._from
             return False
-        if self._rivals.get(ids) == address:
-            del self._rivals[ids]  # it took the place of the first
-        if self._rivals.get(ids) is not None:
+        if rival not in (None, first, self._from):
             # Both send; one that restarts from another port would not send from the first again.
-            addresses = " and ".join(f"{host}:{port}" for host, port, *_ in (address, self._rivals[ids]))
-            self._events.append(
-                f"Two addresses send as {ids[0]}:{ids[1]}, {addresses}: only the first is read; if they are two "
-                "vehicles, give one another system id."
-            )
-            self._rivals[ids] = None
-        if ids in self._first or len(self._first) < MAX_VEHICLES:
-            self._first[ids] = address, now
+            addresses = " and ".join(f"{host}:{port}" for host, port, *_ in (first, rival))
+            said = f"Two addresses send as {ids[0]}:{ids[1]}, {addresses}: only the first is read"
+            self._events.append(f"{said}; if they are two vehicles, give one another system id.")
+            rival = first
+        self._first[ids] = self._from, now, rival if first == self._from else None
         return True
 
     def _lose(self, how: str) -> NoReturn:

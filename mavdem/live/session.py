@@ -109,10 +109,8 @@ class LiveSession:
         self._waiting += self._receive(0.0 if self._waiting else timeout)
         self._keep_up()
         until = time.monotonic() + STEP_SECONDS
-        while self._waiting:
+        while self._waiting and time.monotonic() < until:
             self._analyse()
-            if time.monotonic() >= until:
-                break
         for event in self.stream.events():
             self._log(event.sentence, event.level, event.since + self.history.shift)
         for text in self.link.events():
@@ -124,6 +122,7 @@ class LiveSession:
             self._reported, status = now, self.status
             if "status" not in self._shed:
                 self.report(status)
+            self._settled &= status.flying
             if status.obstacle != self._obstacle:
                 self._obstacle = status.obstacle
                 self._log(sentence(status.obstacle) or "The model is being learned.")
@@ -163,7 +162,7 @@ class LiveSession:
         self.most_behind = max(self.most_behind, behind)
         if self.learner is not None:
             self.learner.fits_physical = "physical fits" not in self._shed
-            self.learner.refits = "refits" not in self._shed
+            self.learner.refits = "refits" not in self._shed or self.learner.learned is None
         if behind > MAX_BEHIND_SECONDS:
             while self._waiting and now - self._waiting[0].arrival > SHED["physical fits"]:
                 self._waiting.popleft()
@@ -204,7 +203,6 @@ class LiveSession:
         for row in self.stream.feed(first.stamp, b"".join(piece.data for piece in together)):
             self._take(row)
         self.history.advance(self.stream.now, self.stream.boot)
-        self._settled &= self.stream.flying
         landing = self.stream.landing()
         if landing is not None and self.learner is not None:
             self._take_back(self.learner, landing)
@@ -253,7 +251,7 @@ class LiveSession:
         """The status as of now."""
         status, silence = self.stream.status(), self._silence()
         learning = self.learner.obstacle if self.learner is not None else ""
-        if not self._settled:
+        if not (self._settled and status.flying):
             learning = history.NOT_SETTLED if status.flying else history.NOT_FLYING
         rates = dict.fromkeys(status.rates, 0.0) if silence else status.rates
         known = self._latencies[: self._learned + self._shown]

@@ -77,11 +77,6 @@ class LiveStream:
         return self._senders.followed
 
     @property
-    def flying(self) -> bool:
-        """Whether the vehicle is armed and airborne."""
-        return self._phase.flying
-
-    @property
     def now(self) -> float:
         """The latest time of the vehicle's clock, s; NaN before any."""
         return self._clock.now
@@ -154,6 +149,7 @@ class LiveStream:
         if message.name in REPLIES:
             self._replies.append(message)
             return
+        self._clock.breaks = sender.breaks
         for placed in self._clock.place(message):
             if placed.boot != self.boot:
                 self._reboot(placed.boot)

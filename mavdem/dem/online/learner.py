@@ -99,8 +99,7 @@ class OnlineLearner:
             raise ValueError(f"memory must be at least {2 * FEWEST_SAMPLES * dt:g} s at this dt, not {memory!r}")
         self.horizons = tuple(horizons)
         self.learned: Learned | None = None
-        self.obstacle = TOO_FEW
-        self.refits = self.fits_physical = True
+        self.obstacle, self.refits, self.fits_physical = TOO_FEW, True, True
         self._settings = Settings() if settings is None else settings
         self._dt, self._sizes, self._executor = float(dt), (n_inputs, n_outputs), executor
         directions = None if effect_directions is None else real_numbers(effect_directions, "effect_directions")
@@ -206,11 +205,8 @@ class OnlineLearner:
     def _checked(self, time: float, inputs: ArrayLike, outputs: ArrayLike) -> tuple[float, Array, Array]:
         now, u, y = real_numbers(time, "time"), real_numbers(inputs, "inputs"), real_numbers(outputs, "outputs")
         u, y = np.atleast_1d(u), np.atleast_1d(y)
-        for name, numbers, shape in (
-            ("time", now, ()),
-            ("inputs", u, self._sizes[:1]),
-            ("outputs", y, self._sizes[1:]),
-        ):
+        given, shapes = {"time": now, "inputs": u, "outputs": y}, ((), self._sizes[:1], self._sizes[1:])
+        for (name, numbers), shape in zip(given.items(), shapes, strict=True):
             if numbers.shape != shape or not np.isfinite(numbers).all():
                 raise ValueError(f"{name} must be finite and of shape {shape}, not {numbers}")
             if np.abs(numbers).max() > LARGEST:
@@ -267,8 +263,7 @@ class OnlineLearner:
         if self._pending is not None and self._pending.done():
             pending, self._pending = self._pending, None
             self._adopt(pending.result)
-        due = self._samples >= self._next and (self.refits or self.learned is None)
-        if not due or self._pending is not None or not self._memory.blocks:
+        if not self.refits or self._samples < self._next or self._pending is not None or not self._memory.blocks:
             return
         record, until = self._memory.record(), self._memory.blocks[-1].until
         self._next = self._samples + round(LEARNING_SECONDS / self._dt)
