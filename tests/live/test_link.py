@@ -75,6 +75,28 @@ def test_datagrams_come_whole_stamped_in_order_and_in_a_bounded_number():
         assert len(link.receive(1.0)) == 5 and link.receive(0.0) == []
 
 
+@pytest.mark.parametrize("form", ["udpin:127.0.0.1:{}", "tcpin:127.0.0.1:{}"])
+def test_what_waits_unread_is_stamped_with_its_arrival_and_what_finds_no_room_is_counted(form):
+    with listening(form) as (link, address):
+        if form.startswith("tcp"):
+            with socket.create_connection(address) as vehicle:
+                link.receive(0.0)
+                vehicle.sendall(HEARTBEAT)
+                sent = time.time()
+                while not (received := link.receive(0.0)):
+                    sent = time.time()
+                assert received[0][0] <= sent
+            return
+        link._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 14)
+        with udp() as vehicle:
+            for _ in range(400):
+                vehicle.sendto(HEARTBEAT, address)
+            sent, received = time.time(), link.receive(1.0)
+            assert received[-1][0] <= sent and link.dropped == 0
+            vehicle.sendto(HEARTBEAT, address)
+            assert len(link.receive(1.0)) == 1 and link.dropped == 400 - len(received) > 0
+
+
 def test_of_two_autopilots_with_the_same_ids_the_first_is_received_and_that_is_said_once(clock):
     others = message("HEARTBEAT", system=255, component=190, type=6, autopilot=8)
     with listening() as (link, address), udp() as first, udp() as second:

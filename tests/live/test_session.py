@@ -204,6 +204,8 @@ def test_a_landing_never_replaces_the_last_model_before_it():
     learner.learned = next_flight
     one._take(row._replace(time=80.0))
     assert one.final_model().settings.seed == 2 and "The newest samples support no model" in said[-1]
+    learner.learn_now.side_effect = TimeoutError
+    assert one.final_model().settings.seed == 2 and "(not learned within 3 s)" in said[-1]
 
 
 @pytest.mark.slow
@@ -289,6 +291,44 @@ def test_every_second_is_accounted_for(now):
     assert account["no_vehicle"] < 3.0 and not account["silent"] and not account["on_ground"]
 
 
+@pytest.mark.slow
+def test_a_computer_that_is_too_slow_says_so_and_blames_no_link(now, monkeypatch):
+    """Each row costs three times the time that it spans, for 15 s of a minute."""
+    monkeypatch.setattr("time.time", lambda: now[0] + 1e9)
+    arriving = [(stamp - FIRST + now[0] + 1e9, frame) for stamp, frame in FRAMES if 0.0 <= stamp - FIRST < 60.0]
+    recording, learned = Mock(), np.zeros((1, 2))
+    one, screen, said = session_of([], recording=recording, rate=100.0)
+    made = lambda self, t, y, u: Estimate(t, y, y, np.array([t + 0.25]), learned, learned, learned)  # noqa: E731
+    monkeypatch.setattr(mavdem.OnlineLearner, "update", made)
+    take, slow = one._take, []
+
+    def taken(row: AlignedRow) -> None:
+        now[0] += 0.03 * (107.0 < now[0] < 122.0)
+        slow.append((now[0], one.learner is not None and not one.learner.refits))
+        take(row)
+
+    one._take = taken  # type: ignore[method-assign]
+    while arriving or one._waiting:
+        here = [piece for piece in arriving if piece[0] <= now[0] + 1e9]
+        one.link.script = [here]
+        del arriving[: len(here)]
+        sent, behind = len(one.link.sent), one.now < now[0] - 0.6
+        one.step(0.0)
+        assert not behind or len(one.link.sent) == sent, "no rates are asked for meanwhile"
+        now[0] += 0.01
+    assert [text.split("0")[0] for text in said if "This computer" in text] == [
+        "This computer is 1.",
+        "This computer keeps up again; it was up to 5.",
+    ]
+    assert not [text for text in said if "again after" in text or "Nothing was" in text or "a new segment" in text]
+    assert recording.take.call_count == len([1 for stamp, _ in FRAMES if 0.0 <= stamp - FIRST < 60.0])
+    assert one.status.lost == 0 and 5.0 < one.status.latency[2] < 5.2 and any(put_off for _, put_off in slow)
+    account = one.account()
+    assert sum(account.values()) == pytest.approx(now[0] - 100.0)
+    assert 5.0 < account["left_out"] < 15.0 and account["learned"] == pytest.approx(one.status.learned / 100, abs=0.1)
+    assert not account["silent"] and len(screen.rows) < len(slow), "plots wait first"
+
+
 def test_every_frame_is_recorded_whatever_happens_to_the_rest(tmp_path, monkeypatch):
     recording = RawRecording(tmp_path / "flight.tlog")
     one, _, said = session_of([*batches(7.0), LinkLost("The link x was lost."), [], []], recording=recording)
@@ -322,5 +362,6 @@ def test_a_process_that_is_killed_is_replaced():
         second = executor.submit(os.getpid).result()
         assert second not in (first, os.getpid())
         assert executor.submit(os.nice, 0).result() - os.nice(0) == min(LOW_PRIORITY, 19 - os.nice(0))
+        executor.submit(time.sleep, 3600)  # which is not waited for
     with pytest.raises(ProcessLookupError):
         os.kill(second, 0)
