@@ -29,7 +29,7 @@ VOTING_HEARTBEATS = 31  # HEARTBEATs that decide what a sender is; later ones ch
 ENOUGH_MESSAGES = 3  # HEARTBEATs, and of attitude, before a vehicle is followed: seconds in which another may show
 MAX_LISTED = 8  # Vehicles named in one sentence
 MAX_SEQUENCES, NEAR = 3, 32  # Kept of one pair of ids, and the step, either way, up to which a number belongs to one
-SHARING_RETURNS = 16  # Returns from one sequence to another, while none begins, which show that two go on at once
+SHARING_RETURNS = 8  # Of the clock to an earlier one, with another sequence that goes on, which show two vehicles
 FORGOTTEN_FRAMES = 1024  # Frames without one of a sequence after which it has ended: some seconds
 MESSAGE_SECONDS = 0.005  # Between two messages, about: a number that is missing counts like so much of the clock
 
@@ -60,7 +60,8 @@ class Sender:
         self._beats: list[tuple[int, int]] = []
         self._sequences: list[Sequence] = []
         self._followed = self._latest = Sequence(0)
-        self._missing = self._returns = 0
+        self._missing = self._returns = self._last = 0
+        self._stamp = 0.0  # of the latest attitude, s
         self._alternating = False  # whether the latest two frames were of different sequences
 
     @property
@@ -93,7 +94,7 @@ class Sender:
         """Counts a frame; returns False for a copy, which some links send, and for another's with the same ids."""
         self.frames += 1
         stamp = 0.0 if message is None else message.stamp
-        found, nearest, last = None, (inf, True), self._followed.number
+        found, nearest = None, (inf, True)
         for one in self._sequences:
             step = (frame.sequence - one.number + 128) % 256 - 128
             number, same, then = one.recent.get(frame.sequence, (None, frame, 0))
@@ -109,7 +110,8 @@ class Sender:
             self._sequences = sorted(self._sequences, key=lambda one: one.latest)[1 - MAX_SEQUENCES :] + [found]
         step = (frame.sequence - found.number + 128) % 256 - 128
         self._alternating = found is not self._latest
-        self._returns += self._alternating and step > 0
+        reference = message is not None and message.name in ATTITUDE_MESSAGES
+        self._returns += reference and 0 < found.stamp < stamp < self._stamp and step > 0
         if not self.shared and self._returns >= SHARING_RETURNS:
             self.shared, self._missing = True, 0
             self._followed = max(self._sequences, key=lambda one: len(one.recent))
@@ -118,13 +120,14 @@ class Sender:
         self._latest, found.latest = found, self.frames
         found.recent[frame.sequence] = found.number + step, frame, self.frames
         found.number += max(step, 0)
-        if message is not None and message.name in ATTITUDE_MESSAGES:
-            found.stamp = stamp
+        if reference:
+            found.stamp = self._stamp = stamp
         if found is not self._followed:
             return False
-        if self.frames > 1:
-            self._missing += missing_between(last, frame.sequence) if opens else max(step - 1, -1)
-        self.breaks += not 0 < (frame.sequence - last) % 256 <= NEAR
+        missing = max(step - 1, -1) if self.shared and not opens else missing_between(self._last, frame.sequence)
+        self._missing += missing if self.frames > 1 else 0
+        self.breaks += not 0 < (frame.sequence - self._last) % 256 <= NEAR
+        self._last = frame.sequence
         if frame.verdict == GOOD:
             self.arrived[frame.message_id] = self.arrived.get(frame.message_id, 0) + 1
             if self.kind in (UNNAMED, RADIO) and not self._beats:
