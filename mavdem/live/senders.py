@@ -61,8 +61,11 @@ class Sender:
         self._sequences: list[Sequence] = []
         self._followed = self._latest = Sequence(0)
         self._missing = self._returns = self._last = 0
-        self._stamp = 0.0  # of the latest attitude, s
-        self._alternating = False  # whether the latest two frames were of different sequences
+        # Of the latest attitude, s, and whether the latest two frames were of different sequences.
+        self._stamp, self._alternating = 0.0, False
+        self.missing_seconds = 0.0  # of gaps longer than sequence numbers can count
+        self._came, self._interval = 0.0, 1.0  # s, of the last frame, and mean between two
+        self.left_out = False  # whether frames came that were not taken: those missing before the next do not count
 
     @property
     def lost(self) -> int:
@@ -90,11 +93,10 @@ class Sender:
         """Its name, and what it is where that is known."""
         return f"{self.name} ({self.kind}, {self.autopilot})" if self.kind != UNNAMED else self.name
 
-    def take(self, frame: Frame, message: Message | None) -> bool:
-        """Counts a frame; returns False for a copy, which some links send, and for another's with the same ids."""
+    def take(self, frame: Frame, message: Message | None, now: float) -> bool:
+        """Counts a frame that came ``now``, s; returns False for a copy, as some links send, and for another sender."""
         self.frames += 1
-        stamp = 0.0 if message is None else message.stamp
-        found, nearest = None, (inf, True)
+        found, nearest, stamp = None, (inf, True), 0.0 if message is None else message.stamp
         for one in self._sequences:
             step = (frame.sequence - one.number + 128) % 256 - 128
             number, same, then = one.recent.get(frame.sequence, (None, frame, 0))
@@ -125,7 +127,12 @@ class Sender:
         if found is not self._followed:
             return False
         missing = max(step - 1, -1) if self.shared and not opens else missing_between(self._last, frame.sequence)
-        self._missing += missing if self.frames > 1 else 0
+        gap, self._came = max(now - self._came, 0.0), now
+        wrapped = missing > 0 and gap > 128 * self._interval and not self.left_out
+        self.missing_seconds += gap * wrapped
+        if self.frames > 1 and not wrapped and not self.left_out:
+            self._missing += missing
+        self._interval, self.left_out = self._interval + (min(gap, 1.0) - self._interval) / 64, False
         self.breaks += not 0 < (frame.sequence - self._last) % 256 <= NEAR
         self._last = frame.sequence
         if frame.verdict == GOOD:
@@ -202,8 +209,8 @@ class Senders:
         assert self.followed is not None
         if sender is self.followed and sender.shared and sender.name not in self._rivals:
             self._rivals.add(sender.name)
-            who = f"Two senders have the ids {sender.name}, two vehicles or two links of one"
-            self._report(f"{who}: only one of them is followed; give one vehicle another system id.")
+            who = f"Two vehicles, with clocks of their own, have the ids {sender.name}"
+            self._report(f"{who}: only one of them is followed; give the other another system id.")
         if sender is self.followed or sender.name in self._rivals or not (sender.known and sender.flies):
             return
         if len(self._rivals) < MAX_SENDERS:
