@@ -323,8 +323,7 @@ class LiveStream:
         self.boot = boot
         self._streams.clear()
         self._choice.restart()
-        self._attitude = self._inputs = None
-        self._phase = Phase()
+        self._attitude, self._inputs, self._phase = None, None, Phase()
         self.alarms.sentence = ""
         self._grid.restart()
         self._reviewed, self._connected_from = -inf, inf
