@@ -117,8 +117,7 @@ class BootClock:
     def _restart(self) -> list[PlacedMessage]:
         """Starts the clock again at the first of the held stamps that continue each other."""
         first, before, held = self._run[0], self.now, self._held
-        corrected = 0 < before - first <= WRAP_GAP and first - self._back > JUST_BOOTED
-        if corrected and self.breaks == self._breaks:
+        if 0 < before - first <= WRAP_GAP and first - self._back > JUST_BOOTED and self.breaks == self._breaks:
             self._report(f"The vehicle's clock was set back by {before - first:.1f} s when it read {before:.1f} s.")
             later = before - first + self._run[1] - first
             held, first, self._back = (
