@@ -128,7 +128,7 @@ class Sender:
             return False
         missing = max(step - 1, -1) if self.shared and not opens else missing_between(self._last, frame.sequence)
         gap, self._came = max(now - self._came, 0.0), now
-        wrapped = (frame.sequence - last) % 256 != 1 and 128 * self._interval < gap < inf and not self.left_out
+        wrapped = (frame.sequence - self._last) % 256 != 1 and 128 * self._interval < gap < inf and not self.left_out
         if wrapped:
             self.missing_seconds += gap
         elif self.frames > 1 and not self.left_out:
