@@ -18,7 +18,7 @@ import numpy as np
 from mavdem.confidence import quantile
 from mavdem.dem.engine.linalg import Array
 
-POPULATION, POPULATION_SD = np.log([0.28, 0.014, 1.0, 1.0]), np.array([0.5, 0.9, 0.15, 0.3])
+POPULATION, POPULATION_SD = np.log([0.28, 0.014, 1.0, 1.0]), np.array([0.5, 0.9, 0.2, 0.35])
 """Logarithms of linear drag (1/s), quadratic drag (1/m) and the ratio of body y to body x of each, and their standard
 deviations: 0.12 to 0.64 1/s, as eight real and simulated vehicles have, three of them beside an anemometer."""
 LEAN_SD, LEAN_CHANGE = 0.18, 0.1
