@@ -77,6 +77,8 @@ def drag_at(logs: Array, moved: Motion, drag: Drag) -> Array:
 
 def identified(moved: Motion, drag: Drag) -> tuple[Drag, float]:
     """Returns the posterior of a prior ``drag``, and the share of the velocity's variance that gusts may make."""
+    along = np.einsum("tij,tj->ti", moved.axes, moved.velocity)
+    steered = along - np.nanmean(along, axis=0)  # by which an error is the slope of the likelihood by the drag
     speed = max(float(moved.velocity[moved.known, :2].var(axis=0).sum()), 1e-9)
 
     def whole(logs: Array, noise: float) -> Array:
@@ -89,7 +91,7 @@ def identified(moved: Motion, drag: Drag) -> tuple[Drag, float]:
         for _ in range(4):
             errors = filtered(whole(mean[None], noise), moved, keep=True).innovations
             noise = max(noise * float(np.sqrt(np.nanmean(errors**2))), 0.01)
-        doubt, independent = min(2 * (ANSWER_SECONDS * noise) ** 2 / speed, 1.0), independent_share(errors)
+        doubt, independent = min(2 * (ANSWER_SECONDS * noise) ** 2 / speed, 1.0), independent_share(errors * steered)
         share = independent / (1 + GUST_CORRELATION**2 * independent * moved.known.sum() * doubt)
 
         def likelihood(logs: Array, share: float = share, noise: float = noise) -> Array:
