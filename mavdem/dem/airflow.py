@@ -49,9 +49,9 @@ class Motion(NamedTuple):
 
 
 def motion(time: Array, attitude: Array, velocity: Array, step: float, wind: Array | None = None) -> Motion:
-    """Returns the motion on a grid, in means over steps; a known ``wind`` (T, 2) is taken off the ``velocity``.
+    """Returns the motion on a grid: means over steps, the acceleration the ``velocity``'s difference over two of them.
 
-    The acceleration is its central difference over two steps, and ``attitude`` and velocity are averaged alike.
+    ``attitude`` and velocity are averaged as that is; a known ``wind`` (T, 2) is taken off the velocity.
     """
     (cr, cp, cy), (sr, sp, sy) = np.cos(attitude).T, np.sin(attitude).T
     x, y = (cp * cy, cp * sy, -sp), (sr * sp * cy - cr * sy, sr * sp * sy + cr * cy, sr * cp)

@@ -1,7 +1,7 @@
 """Two passes over the airflow's model: the drag by the vehicle's own manoeuvres, then the wind for each drag it may be.
 
 The velocity that gusts cause is correlated with the wind, and says next to nothing of the drag: the first pass counts
-for as much as the manoeuvres are larger. In its steps of 1 s all that is fast is noise, of whatever colour.
+for as much as the manoeuvres are larger. In its steps of 1 s all that is fast is noise.
 """
 
 from __future__ import annotations
@@ -104,9 +104,8 @@ def identified(moved: Motion, drag: Drag) -> tuple[Drag, float]:
 def independent_share(errors: Array) -> float:
     """Returns for how many independent ones each of ``errors`` (T, k) counts, by their autocorrelation."""
     centred = np.nan_to_num(errors - np.nanmean(errors, axis=0))
-    lags, size = range(1, min(60, len(centred) // 3)), max(float((centred**2).sum()), 1e-12)
-    found = [float((centred[lag:] * centred[:-lag]).sum()) / size for lag in lags]
-    return 1 / (1 + 2 * sum(takewhile(lambda one: one > 0, found)))
+    found = (float((centred[lag:] * centred[:-lag]).sum()) for lag in range(1, min(60, len(centred) // 3)))
+    return 1 / (1 + 2 * sum(takewhile(lambda one: one > 0, found)) / max(float((centred**2).sum()), 1e-12))
 
 
 def courses(fine: Motion, drag: Drag) -> tuple[Array, Array]:
