@@ -23,9 +23,9 @@ SLOW_SECONDS, MEMORY_SECONDS = 60.0, 20.0  # of the wind in the first pass, and 
 ANSWER_SECONDS, GUST_CORRELATION = 1.0, 0.3
 """A gust of f m/s² makes f m/s at most, before the position loop takes it back; and the correlation of the two: hovers
 of both simulators have errors of the drag by 0.15 to 0.35 of that."""
-FOLLOWED, FAST_SECONDS, TILTED = 0.3, 0.3, 0.05
+FOLLOWED, FAST_SECONDS, TILTED = 0.3, 0.3, 0.2
 """Of what the tilt says, the velocity changes by 0.7 to 1.5 in free flight, over so long; less is no free flight, where
-the tilt changes by more than 0.05 m/s²: slowly, it may balance slow gusts."""
+the tilt changes by more than 0.2 m/s² (1°): less may balance gusts."""
 GUSTS, GUSTS_SD = np.log([1.0, 5.0, 0.05]), np.array([1.0, 1.0, 0.7])  # of sd (m/s), time (s) and noise (m/s²)
 DRAWS, ROUNDS, COURSES, GUST_STEPS, ITERATIONS = 128, 5, 32, 600, 30
 
