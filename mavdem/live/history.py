@@ -88,7 +88,7 @@ class SessionStatus:
         late, unread: samples that came too late for their row, and frames of another dialect or damaged.
         alarms: the latest changes of the motors' balance; without a motor they are no alarms.
         findings: what the flight says so far; None before the first model.
-        alarm: the latest on a motor in this boot and this flight; it stays after the landing.
+        alarm: on the motors that are weak, or which recovered last, in this flight; it stays after the landing.
     """
 
     vehicle: str | None = None

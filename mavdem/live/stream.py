@@ -27,11 +27,10 @@ from mavdem.live.messages import Frame, FrameReader, Message, Values, attitude, 
 from mavdem.live.rows import DECISION_SECONDS, AlignedRow, BootClock, Grid, PlacedMessage, Samples
 from mavdem.live.senders import Sender, Senders
 
-MAX_EVENTS = 256  # Events kept until they are fetched
+MAX_EVENTS, MAX_REPLIES = 256, 64  # Events, and replies, kept until they are fetched
 REVIEW_SECONDS, CHOICE_SECONDS = 0.1, 0.5  # Of the boot clock, between two reviews of the phase, and two of the inputs
 REPLIES = ("MESSAGE_INTERVAL", "COMMAND_ACK")  # What a vehicle sends when it is asked for rates
 MAX_PORTS = 4  # Of a message of outputs that are read; PX4 has two
-MAX_REPLIES = 64  # Replies kept until they are fetched
 RATE_CHECK_SAMPLES = 8  # Samples of a stream between two checks of its rate
 ONLY_DEMAND = "The inputs are the demand and not the motors, so that a weak motor would not be seen."
 NO_EVIDENCE = "There is no EXTENDED_SYS_STATE and no vertical speed: motors and flight mode alone show a landing."
@@ -66,7 +65,7 @@ class LiveStream:
         self._choice, self._phase, self._grid = InputChoice(), Phase(), Grid()
         self._attitude: str | None = None
         self._inputs: Inputs | None = None
-        self._alarms = MotorAlarms()
+        self.alarms = MotorAlarms()
         self._reviewed, self._left_out = -inf, False
         self._connected_from, self._received, self._said_evidence = inf, 0.0, False
         self._obstacle, self._enough = "The message rates are being measured.", True
@@ -125,8 +124,8 @@ class LiveStream:
             missing=followed.missing_seconds if followed else 0.0,
             late=sum(stream.late for stream in self._streams.values()),
             unread=self._frames.unread,
-            alarms=tuple(self._alarms.latest),
-            alarm=self._alarms.sentence,
+            alarms=tuple(self.alarms.latest),
+            alarm=self.alarms.sentence,
         )
 
     def _rates(self, now: float) -> dict[str, float]:
@@ -313,10 +312,10 @@ class LiveStream:
         """Tests a sample of the motors for a lasting change, which is reported, as is why none would be seen."""
         ports = {port: self._streams[inputs.message, port].values[-1:] for port in inputs.ports}
         if not self._phase.settled(time):
-            self._alarms.landed |= not self._phase.flying
+            self.alarms.landed |= not self._phase.flying
         elif all(ports.values()):
             sent = np.array([ports[port][0][channel] for port, channel in inputs.picks])
-            for event in self._alarms.take(time, self.boot, inputs, inputs.scale.fraction(sent).tolist()):
+            for event in self.alarms.take(time, self.boot, inputs, inputs.scale.fraction(sent).tolist()):
                 self._report(*event)
 
     def _reboot(self, boot: int) -> None:
@@ -324,9 +323,8 @@ class LiveStream:
         self.boot = boot
         self._streams.clear()
         self._choice.restart()
-        self._attitude = self._inputs = None
-        self._phase = Phase()
-        self._alarms.sentence = ""
+        self._attitude, self._inputs, self._phase = None, None, Phase()
+        self.alarms.sentence = ""
         self._grid.restart()
         self._reviewed, self._connected_from = -inf, inf
 
@@ -335,11 +333,11 @@ class LiveStream:
 
 
 class MotorAlarms:
-    """Lasting changes of the motors' balance, as ``SessionStatus`` has them. ``landed``: on the ground since."""
+    """Changes of the motors' balance, as in ``SessionStatus``. ``landed``: on the ground since; ``weak_since``: s."""
 
     def __init__(self) -> None:
         self.latest: deque[MotorAlarm] = deque(maxlen=MAX_EVENTS)
-        self.sentence, self.landed = "", False
+        self.sentence, self.landed, self.weak_since = "", False, nan
         self._watch: MotorWatch | None = None
         self._watched: object = None
         self._reported = {""}  # Reasons why none would be seen
@@ -353,11 +351,13 @@ class MotorAlarms:
             watched = boot, layout, inputs.scale.low, inputs.scale.high  # balances on two ranges differ
             if self._watch is None or watched != self._watched:
                 self._watch, self._watched = MotorWatch(layout, boot), watched
-            alarm, obstacle = self._watch.take(time, commands), self._watch.obstacle
-            if alarm is not None:
-                self.latest.append(alarm)
-                self.sentence = self.sentence if alarm.motor is None else alarm.sentence
-                yield alarm.sentence, "INFO" if alarm.motor is None else "ERROR", alarm.since
+            changes, obstacle = self._watch.take(time, commands), self._watch.obstacle
+            self.weak_since = min((weak.since for weak in self._watch.weak.values()), default=nan)
+            for change in changes:
+                self.latest.append(change)
+                if change.motor is not None:
+                    self.sentence = " ".join(alarm.sentence for alarm in self._watch.weak.values()) or change.sentence
+                yield change.sentence, "ERROR" if change.weak else "INFO", change.since
         if obstacle not in self._reported:
             self._reported.add(obstacle)
             yield obstacle, "INFO", nan

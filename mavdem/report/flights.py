@@ -321,7 +321,7 @@ def live_report(
         headline += f"{held}); {100 * best.inside[0]:.0f} % of the samples were inside the 90 % band."
     blocks: list[Block] = [Sentence("", headline)]
     blocks += [Sentence(alarm.sentence.removeprefix("Alarm: "), "Motors:") for alarm in status.alarms]
-    if any(alarm.motor is not None for alarm in status.alarms):
+    if any(alarm.weak for alarm in status.alarms):
         blocks.append(Sentence(FALSE_ALARMS_BASIS, "False alarms:"))
     if status.obstacle:
         blocks.append(Sentence(status.obstacle, "At the end:"))

@@ -222,8 +222,7 @@ class OnlineLearner:
         self._last = None
 
     def _estimate(self, time: float, y: Array) -> Estimate:
-        tracker, expected = self._tracker, self._ahead.expect(self._memory)
-        ahead = self._ahead.predict(self._memory)
+        tracker, (expected, ahead) = self._tracker, self._ahead.predict(self._memory)
         expected_band, *ahead_band = self._bands.half_widths
         self._bands.add(y, expected, ahead)
         later = time + self._dt * np.array(self.horizons), ahead, np.array(ahead_band), self._ahead.error_ratio
