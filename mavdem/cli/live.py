@@ -12,7 +12,7 @@ from contextlib import ExitStack, closing
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from time import monotonic
+from time import monotonic, thread_time
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -37,6 +37,7 @@ from mavdem.report.page import live_page
 
 STATUS_SECONDS = 5.0  # between two status lines on standard error
 ENDING_SECONDS = 9.0  # from a request to end until the page is given up; what follows takes less than a second
+COLLECTING_SECONDS = 0.003  # of a collection of garbage, for which a sample may wait
 SWITCH_SECONDS = 5e-4  # for which another thread may compute while a sample waits
 
 if TYPE_CHECKING:
@@ -289,7 +290,10 @@ def _run(session: LiveSession, asked: Callable[[], bool], duration: float | None
             reported, before, line = monotonic(), line, _status_line(session.status, session.stream.axis)
             if line not in ("", before):
                 say_aside(line)
+            used = thread_time()
             gc.collect()
+            if thread_time() - used > COLLECTING_SECONDS:
+                gc.freeze()  # what was loaded meanwhile is not gone through again
     gc.enable()
     sys.setswitchinterval(interval)
 
