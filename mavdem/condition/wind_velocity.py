@@ -60,9 +60,6 @@ class WindVelocity:
     status: Mapping[str, str]
     reasons: Mapping[str, str]
 
-    def __repr__(self) -> str:
-        return f"<WindVelocity: {self.speed:.2g} m/s from {self.direction:.0f}°>"
-
     @property
     def calm(self) -> bool:
         """Whether still air is likely, too: the wind is then said to be below the interval's upper end."""

@@ -80,8 +80,7 @@ class Drag:
     def relative_sd(self, speed: float) -> float:
         """Returns the relative standard deviation of the drag at an air ``speed``, m/s."""
         parts = np.exp(self.mean[:2]) * [1.0, speed]
-        share = parts / parts.sum()
-        return float(np.sqrt(share @ self.covariance[:2, :2] @ share))
+        return float(np.sqrt(parts @ self.covariance[:2, :2] @ parts) / parts.sum())
 
     def parameters(self, autopilot: str) -> dict[str, tuple[float, float, float]]:
         """Returns the ``autopilot``'s parameters to set, with both ends of 90 % intervals; empty without any."""

@@ -84,7 +84,7 @@ def identified(moved: Motion, drag: Drag) -> tuple[Drag, float]:
         sd = noise * np.sqrt(moved.step * SLOW_SECONDS / 2) / MEMORY_SECONDS / drag_at(logs, moved, drag)
         return np.column_stack([logs, np.log(sd), np.tile(np.log([SLOW_SECONDS, noise]), (len(logs), 1))])
 
-    noise, doubt, mean, covariance = 0.1, 1.0, drag.mean, drag.covariance
+    noise, mean = 0.1, drag.mean
     for rounds in (3, ROUNDS):
         for _ in range(4):
             errors = filtered(whole(mean[None], noise), moved, keep=True)[1]
@@ -115,9 +115,8 @@ def courses(fine: Motion, drag: Drag) -> tuple[Array, Array]:
     def likelihood(logs: Array) -> Array:
         return filtered(np.hstack([np.tile(drag.mean, (len(logs), 1)), logs]), part)[0]
 
-    gusts, _ = posterior(likelihood, GUSTS, np.diag(GUSTS_SD**2), 32, 4)
     places = drawn(drag.mean, drag.covariance, COURSES)
-    rest = np.tile(gusts, (COURSES, 1))
+    rest = np.tile(posterior(likelihood, GUSTS, np.diag(GUSTS_SD**2), 32, 4)[0], (COURSES, 1))
     rest[:, 0] -= np.log(drag_at(places, fine, drag) / drag_at(drag.mean[None], fine, drag))  # more drag, less wind
     return smoothed(*filtered(np.hstack([places, rest]), fine, keep=True)[2])
 
