@@ -7,6 +7,7 @@ import click
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals
 from mavdem.analysis import LogAnalysis, analyse
+from mavdem.cli.air import Air
 from mavdem.cli.options import source_options
 from mavdem.cli.output import complain, print_json, say
 from mavdem.cli.sources import read_source
@@ -14,6 +15,7 @@ from mavdem.condition.inventory import inventory
 from mavdem.report.blocks import Block, Sentence
 from mavdem.report.condition import sender, stream_contents, vehicle_contents
 from mavdem.report.screen import conclusion
+from mavdem.report.wind import wind_blocks
 
 
 @click.command("info")
@@ -39,7 +41,14 @@ def info_command(
     held, blocks = inventory(log, axis, vehicle, inputs, known), list[Block]()
     for shown, one in zip(held["vehicles"], analyses.values(), strict=True):
         shown |= one.findings.as_dict() | {"model": one.model}
-        blocks += [*conclusion(one.findings), *vehicle_contents(shown), Sentence("")]
+        air = Air.of(Signals(choose_vehicle(log.vehicles, sender(shown))))
+        shown["wind_velocity"] = air.as_dict()
+        blocks += [
+            *conclusion(one.findings),
+            *vehicle_contents(shown),
+            *wind_blocks(shown["wind_velocity"], air.reason),
+            Sentence(""),
+        ]
     held["learnable"] = any(one["model"] for one in held["vehicles"])
     if not held["vehicles"]:
         what = "There is no vehicle in this log: check that the autopilot's own messages are recorded."

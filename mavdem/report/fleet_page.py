@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from math import degrees
 from pathlib import PurePath
 from typing import Any
 from urllib.parse import quote
@@ -10,11 +11,11 @@ from urllib.parse import quote
 from markupsafe import Markup
 
 from mavdem.errors import advice, downstream
-from mavdem.fleet.row import HEALTHS, NOT_IDENTIFIABLE, OK, UNKNOWN, FlightRow, flights_of, vehicles_of
+from mavdem.fleet.row import HEALTHS, NOT_IDENTIFIABLE, OK, UNKNOWN, Flight, FlightRow, flights_of, vehicles_of
 from mavdem.report import flights as words
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.flights import TROUBLE, cut, doubt, had_trouble, urgency, vehicle_health
-from mavdem.report.numbers import TORQUE, plus_minus, rounded
+from mavdem.report.numbers import TORQUE, from_point, plus_minus, rounded
 from mavdem.report.page import environment
 
 MAX_DRAWN = 20  # vehicles, those in trouble first: with more the page takes long to make, and is too large to mail
@@ -59,6 +60,7 @@ def fleet_page(rows: Sequence[FlightRow], changes: Mapping[str, Sequence[Block]]
         .render(
             blocks=[*words.fleet_blocks(rows), *([Sentence(hint, "Not drawn:")] if hint and drawn else [])],
             vehicles=parts,
+            rose=_svg(flights, "rose", "wind", "wind_rose"),
             not_drawn=len(flown_often) - len(drawn),
             table=Table(kept, [list(line) for line in zip(*(columns[name] for name in kept), strict=True)]),
             kinds=[COLUMNS[name][0] for name in kept],
@@ -69,10 +71,10 @@ def fleet_page(rows: Sequence[FlightRow], changes: Mapping[str, Sequence[Block]]
     )
 
 
-def _svg(flights: Sequence[Sequence[FlightRow]], name: str) -> Markup:
+def _svg(flights: Sequence[Flight], name: str, module: str = "flights", draw: str = "vehicle_figure") -> Markup:
     try:
-        figure = downstream("report.figures.flights", "vehicle_figure")(flights)
-    except ValueError:  # nothing is known
+        figure = downstream(f"report.figures.{module}", draw)(flights)
+    except (ValueError, ImportError):  # nothing is known, or matplotlib is not installed
         return Markup("")
     return Markup(downstream("report.figures.style", "svg")(figure, name))
 
@@ -109,6 +111,13 @@ def _residual(row: FlightRow) -> str:
     return "" if row.residual_mean is None else f"{rounded(TORQUE.scale * row.residual_mean)}{usual}"
 
 
+def _wind(row: FlightRow) -> str:
+    if row.wind_speed is None or not row.wind_speed_interval:
+        return ""
+    point = "" if row.wind_direction is None else f" from {from_point(degrees(row.wind_direction))}"
+    return "{:.1f} ({:.1f} to {:.1f})".format(row.wind_speed, *row.wind_speed_interval) + point
+
+
 def _notes(row: FlightRow) -> str:
     said = [row.headline, row.health_reason if row.health != OK else "", *row.warnings]
     # The page of the flight has all.
@@ -128,6 +137,7 @@ COLUMNS: dict[str, tuple[str, Callable[[FlightRow], Any]]] = {
     "mean effectiveness (°/s²)": ("number", _effectiveness),
     "rate damping (1/s)": ("number", _number("damping", estimated=True)),
     "motor time constant (ms)": ("number", _number("lag", 1e3, estimated=True)),
+    "wind (m/s)": ("number", lambda row: _wind(row)),
     "wind torque (°/s²)": ("number", _number("wind_torque_sd", TORQUE.scale)),
     "residual mean (°/s²)": ("number", _residual),
     "error ratio": ("number", _number("error_ratio")),

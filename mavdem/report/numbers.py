@@ -52,6 +52,22 @@ def readable(unit: str) -> Readable:
     return Readable(unit, 1.0)
 
 
+POINTS = ("N", "NNE", "NE", "ENE", "E", "ESE", "SE", "SSE", "S", "SSW", "SW", "WSW", "W", "WNW", "NW", "NNW")
+
+
+def from_point(direction: float) -> str:
+    """Returns where wind from a ``direction``, °, comes from, and an arrow along it: "WSW (248°) ↗"."""
+    return f"{POINTS[round(direction / 22.5) % 16]} ({direction % 360:.0f}°) {'↓↙←↖↑↗→↘'[round(direction / 45) % 8]}"
+
+
+def speed_and_direction(velocity: NDArray[np.float64], band: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns (2, 2, T) speed (m/s) and direction (°, from), and half widths, of a ``velocity`` (T, 2) and its own."""
+    north, east = velocity.T / (speed := np.maximum(np.hypot(*velocity.T), 1e-9))
+    across = np.degrees(np.hypot(east * band[:, 0], north * band[:, 1]) / speed).clip(0, 180)
+    angle = np.degrees(np.arctan2(-east, -north)) % 360
+    return np.array([[speed, angle], [np.hypot(north * band[:, 0], east * band[:, 1]), across]])
+
+
 TORQUE = readable("rad/s²")  # of torques and of effects, by the axis's inertia
 
 
@@ -88,13 +104,6 @@ def listed(names: Iterable[object]) -> str:
     return f"{', '.join(before)} and {last}" if before else last
 
 
-def left_free(learned: Learned) -> dict[str, NDArray[np.bool_]]:
-    """Returns which entries of A, B and C of ``learned`` are estimated, each in the order of θ."""
-    model = learned.model
-    A, B, C = np.split(~learned.known, [model.A.size, model.A.size + model.B.size])
-    return {"A": A, "B": B, "C": C}
-
-
 THREE_STATES = (  # why the two commands differ, for the reports of both
     "`mavdem learn` has 3 states unless --order says otherwise: angle, rate, and the motors' lag, which exists, and "
     "without which the plant forecasts worse (docs/benchmarks.md). `mavdem order` counts the states that the outputs "
@@ -104,7 +113,7 @@ THREE_STATES = (  # why the two commands differ, for the reports of both
 
 def states_are_outputs(learned: Learned) -> bool:
     """Returns whether the first states of ``learned`` are the outputs: C is fixed to [I 0], not free."""
-    return not bool(left_free(learned)["C"].any())
+    return bool(learned.known[-learned.model.C.size :].all())
 
 
 def state_names(outputs: Sequence[str], learned: Learned) -> list[str]:

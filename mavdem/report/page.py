@@ -17,8 +17,10 @@ import numpy as np
 from jinja2 import Environment, PackageLoader
 from markupsafe import Markup, escape
 
+from mavdem.alignment.drive import Signal
 from mavdem.analysis import LogAnalysis
 from mavdem.analysis.findings import NONE, Findings, findings_of
+from mavdem.condition import WindVelocity
 from mavdem.dem import Learned
 from mavdem.dem.order_choice import OrderChoice
 from mavdem.errors import advice, downstream
@@ -128,12 +130,13 @@ def log_page(
     analyses: Mapping[str, LogAnalysis],
     inventory: dict[str, Any] | None = None,
     back: tuple[str, str] | None = None,
+    wind: tuple[WindVelocity | None, Signal | None, str] = (None, None, ""),
 ) -> str:
     """Returns the HTML of one log, with models or without.
 
     ``blocks`` are the report on the screen, of the first axis; ``analyses`` what the log says of one vehicle, by axis.
     Without the ``inventory`` (``mavdem.condition.inventory``) the page is small, with few pictures, for many flights.
-    ``back`` is name and address of the page that leads here.
+    ``back`` is name and address of the page that leads here; ``wind`` is that in m/s, and the autopilot's own.
     """
     first, *others = analyses.values()
     # Vehicle, battery and balance are the same on each axis.
@@ -141,6 +144,10 @@ def log_page(
         Chapter(axis.capitalize(), [block for block in analysis_blocks(analysis) if block not in blocks])
         for axis, analysis in zip(list(analyses)[1:], others, strict=True)
     ]
+    if (air := wind[0]) is not None:
+        said = "Speed, and direction that it comes from, with 90 % bands; the arrow is the mean's."
+        drawn = Picture("Wind", said, lambda: downstream("report.figures.wind", "wind_over_time")(air, wind[1]))
+        chapters.append(Chapter("Wind in m/s", pictures=[drawn]))
     folded = []
     for axis, analysis in analyses.items():
         if (learned := analysis.learned) is not None:
@@ -185,7 +192,7 @@ PICTURES = {  # title and caption by the method of ``learned.plot`` that draws i
         "Errors one step ahead in the training data; below, what past errors and the command still predict of them. "
         "Inside the shaded bounds that may be chance.",
     ),
-    "learning": ("Learning", "The free energy action F̄, its terms and the parameters by iteration."),
+    "learning": ("Learning", "The free energy action F̄ and its terms by iteration."),
 }
 FEW_PICTURES = "forecast", "disturbance", "motors"
 SYSTEM_PICTURES = "bode", "step", "poles"  # what motors' effect, damping and lag show; nothing where these are unknown
