@@ -23,7 +23,6 @@ from mavdem.confidence import LEVEL, quantile
 from mavdem.dem import Learned, Physical, WindTorque
 from mavdem.evaluate.held_out import BASELINES, HOLD_LAST, HeldOut
 from mavdem.flight import Flight
-from mavdem.health.explanations import loss_in_words
 from mavdem.health.in_flight import MotorAlarm
 
 Grade = Literal["GOOD", "LIMITED", "NOT IDENTIFIABLE"]
@@ -170,11 +169,11 @@ def _oscillation(condition: Condition | None) -> list[Override]:
 
 def _lost_thrust(alarms: Sequence[MotorAlarm]) -> list[Override]:
     """Each motor that weakened in flight, at the time of its first alarm and by its largest, the worst first."""
-    ours = sorted((alarm for alarm in alarms if alarm.motor is not None), key=lambda alarm: -alarm.size)
+    ours = sorted((alarm for alarm in alarms if alarm.weak), key=lambda alarm: -alarm.size)
     overrides = []
     for name, worst in reversed({alarm.name: alarm for alarm in reversed(ours)}.items()):
         since = min(alarm.since for alarm in ours if alarm.name == name)
-        lost = f"lost {loss_in_words(worst.size)} of its thrust at {since:.0f} s"
+        lost = f"lost {worst.lost} of its thrust at {since:.0f} s"
         remedy = f"Do not fly before {name}, its propeller, connector and controller are inspected."
         sentence = worst.sentence.removeprefix("Alarm: ")
         overrides.append(Override("motors", f"{name.capitalize()} {lost}.", sentence, remedy))

@@ -40,17 +40,9 @@ CENTRE_ERRORS, CENTRE_WEIGHTS = np.polynomial.hermite_e.hermegauss(7)  # Of the 
 TAIL = 0.05  # Outside each end of an interval of 90 %
 
 
-def lost_thrust(rise: float = DETECTABLE_RISE) -> float:
-    """Returns which share of its thrust a motor lost, as thrust goes with the square of a command that rose so much."""
-    return 1 - (1 + rise) ** -2
-
-
-def loss_in_words(rise: float) -> str:
-    """Returns the same as in "17 to 39 %": thrust goes with the command (as in simulators) up to with its square.
-
-    The rise itself is known to about 15 %.
-    """
-    return f"{100 * (1 - 1 / (1 + 0.85 * rise)):.0f} to {100 * lost_thrust(1.15 * rise):.0f} %"
+def lost_thrust(rise: float = DETECTABLE_RISE, exponent: float = 2.0) -> float:
+    """Returns which share of its thrust a motor lost whose command rose so much, to whose ``exponent`` thrust goes."""
+    return float(1 - (1 + rise) ** -exponent)
 
 
 def shift_sizes(scale: float) -> tuple[Array, Array]:

@@ -3,7 +3,8 @@
 Every half second the mean commands of the motors, as shares of their own mean, give the balance in roll, pitch and yaw.
 It is compared with that of the flight before, for changes that began one to twenty seconds ago, under hypotheses that
 exclude each other: nothing changed; motor i works harder, by 5 to 80 %, which shows as its signature; the steady torque
-in roll and pitch changed, as by a load that shifts or by wind; that in yaw alone did; all three did, of any cause.
+in roll and pitch changed, as by a load that shifts or by wind; that in yaw alone did; all three did, of any cause. Once
+motors are weak, so is that one of them gives more thrust again, and that all of them do.
 
 Each hypothesis has a Bayes factor against "nothing changed", a mixture over the size of the change. Summed over the
 times at which the change may have begun they are a Shiryaev–Roberts statistic. Were the noise known, the mean time to a
@@ -16,8 +17,9 @@ sequential change diagnosis", Mathematics of Operations Research 2008.
 
 Noise is coloured by the wind and by manoeuvres. Its long-run variance is taken from means over half a second to four
 seconds, before the change and, where that is more, after it: a manoeuvre that begins makes the test wait. The factors
-are those of a t distribution, for the variance is estimated. ``MotorWatch`` applies it over a vehicle's settled flight,
-and says in a sentence what changed for good.
+are those of a t distribution, for the variance is estimated. After a change the balance that it left is the reference,
+and the noise before it the prior of what follows: so the next may come two seconds later, as may the fault's end.
+``MotorWatch`` applies the test over a vehicle's settled flight, and says in a sentence what changed for good.
 """
 
 from __future__ import annotations
@@ -32,13 +34,17 @@ from numpy.typing import NDArray
 from mavdem.alignment.drive import MotorGeometry
 from mavdem.dem.engine.linalg import Array
 from mavdem.health.balance import motor_signatures
-from mavdem.health.explanations import loss_in_words
+from mavdem.health.explanations import lost_thrust
+
+Places = NDArray[np.int_]
 
 BLOCK_SECONDS = 0.5  # Of commands that are averaged: a tenth of what a change may take to be found
 MIN_SAMPLES = 3  # In a block
 MIN_RATE = MIN_SAMPLES / BLOCK_SECONDS  # Hz of the samples
 PRESENT_SHARE = 0.8  # Of the blocks, at least: where more are missing, changes are not judged
-REFERENCE_SECONDS = 8.0  # Before a change, at least
+REFERENCE_SECONDS = 8.0  # Before the first change, at least
+NEXT_REFERENCE_SECONDS = 2.0  # Before another: the noise is known then
+SETTLING_BLOCKS = 2  # Since a change of a motor, in which the vehicle settles: no reference
 MEMORY_SECONDS = 60.0  # Over which the reference forgets: wind and battery change, and damage comes at once
 KEPT_SECONDS = 150.0
 WINDOWS = (2, 3, 4, 6, 8, 10, 14, 20, 30, 40)  # Blocks since the change began
@@ -46,14 +52,20 @@ BATCHES = (1, 2, 4, 8)  # Blocks whose mean shows the long-run variance
 HOURS_TO_FALSE_ALARM = 10.0  # By design
 SIZES = np.geomspace(0.05, 0.8, 13)  # Of the rise of a motor's own command, as a share of the mean command
 OTHER_SD = 0.06  # Of a change in roll, pitch or yaw that is no motor's, as a share of the mean command
-PRIOR_SD = 0.006  # Of half a second's balance, before the flight has shown its own; and what that counts for
-PRIOR_BLOCKS = 10.0
+PRIOR_SD = 0.006  # Of half a second's balance, before the flight has shown its own
+PRIOR_FREEDOM = 5.0  # Degrees of freedom of that; two blocks each
+MOST_FREEDOM = 60.0  # Of the noise before a change, as the prior of that after it: as of a whole reference
 WANDER_SD = 0.003  # Of a balance that nothing changed: no mean is known better
 OTHERS_BESIDE_LOADS, OTHERS_BESIDE_MOTORS = 0.05, 0.1
 """How often a change that is neither a motor's nor in roll and pitch alone comes, beside those in roll and pitch, and
 beside motors: a load that shifts in wind changes yaw too, and to name a sound motor is the worst that can be said."""
 LASTING_SECONDS = 8.0  # Of a change in roll and pitch alone: a gust is over by then
+STALE_SECONDS = 15.0  # Of any change: then what was before is no reference, whatever the cause
 NAMING_ODDS = 20.0  # Times as likely as all other causes together: from there on a cause is named
+ENDS_BESIDE_FAULTS = 5.0  # How often one weak motor recovers, or all do, beside that one more weakens
+RETURNS = np.linspace(0.2, 1.3, len(SIZES))  # Shares of the rise that end with a fault; a quarter may be an error
+THRUST_EXPONENTS = 1.0, 2.0  # Thrust goes with the command (PX4's SIH) up to its square (ArduPilot's SITL at hover)
+QUANTILE = 1.64  # Standard errors to either end of an interval of 90 %
 
 
 class _Changes(NamedTuple):
@@ -62,10 +74,14 @@ class _Changes(NamedTuple):
     moved: Array  # (w, a) the balance, from before to after
     variance: Array  # (w, a) of that
     freedom: Array  # (w,) degrees of freedom of the variance
+    noise: Array  # (w, a) long-run variance of a block, before
 
 
-def _changes(blocks: Array, windows: NDArray[np.int_]) -> _Changes:
-    """What changed between the ``blocks`` (N, a) before and those of each of the ``windows`` (w,), the last ones."""
+def _changes(blocks: Array, windows: Places, prior: Array, freedom: float) -> _Changes:
+    """What changed between the ``blocks`` (N, a) before and those of each of the ``windows`` (w,), the last ones.
+
+    ``prior``: long-run variance (a,) of a block, with so many degrees of ``freedom``.
+    """
     whole, cut = len(blocks), len(blocks) - windows
     weights = np.exp(np.arange(whole) * (BLOCK_SECONDS / MEMORY_SECONDS))
     weight, square = np.cumsum(weights)[cut - 1], np.cumsum(weights**2)[cut - 1]
@@ -73,16 +89,16 @@ def _changes(blocks: Array, windows: NDArray[np.int_]) -> _Changes:
     weighed = weight**2 / square
     sums = np.vstack([np.zeros(blocks.shape[1]), np.cumsum(blocks, axis=0)])
     after = (sums[whole] - sums[cut]) / windows[:, np.newaxis]
-    noise = _long_run(sums, np.zeros_like(cut), cut, before, np.full_like(before, PRIOR_SD**2))
-    here = np.maximum(noise, _long_run(sums, cut, np.full_like(cut, whole), after, noise))
+    noise = _long_run(sums, np.zeros_like(cut), cut, before, np.broadcast_to(prior, before.shape), freedom)
+    here = np.maximum(noise, _long_run(sums, cut, np.full_like(cut, whole), after, noise, PRIOR_FREEDOM))
     variance = noise / weighed[:, np.newaxis] + here / windows[:, np.newaxis] + WANDER_SD**2
-    return _Changes(after - before, variance, PRIOR_BLOCKS / 2 + weighed / 4)
+    return _Changes(after - before, variance, freedom + weighed / 4, noise)
 
 
-def _long_run(sums: Array, begin: NDArray[np.int_], end: NDArray[np.int_], mean: Array, prior: Array) -> Array:
+def _long_run(sums: Array, begin: Places, end: Places, mean: Array, prior: Array, freedom: float) -> Array:
     """(w, a) n times the variance of a mean over n blocks, of those from ``begin`` to ``end`` (w,) about ``mean``.
 
-    ``sums`` (N + 1, a) are those of the blocks before each; the ``prior`` (w, a) counts as ``PRIOR_BLOCKS``.
+    ``sums`` (N + 1, a) are those of the blocks before each; the ``prior`` (w, a) has so many degrees of ``freedom``.
     """
     variance = prior
     for batch in BATCHES:
@@ -97,7 +113,7 @@ def _long_run(sums: Array, begin: NDArray[np.int_], end: NDArray[np.int_], mean:
         squares = second[last] - second[start] - 2 * mean * (first[last] - first[start]) + count * mean**2
         # Batches overlap: as many count as follow each other.
         several = np.where(count > batch, (end - begin)[:, np.newaxis] / batch, 0.0)
-        held = PRIOR_BLOCKS / batch
+        held = 2 * freedom / batch
         seen = several * batch * squares / np.maximum(count, 1)
         variance = np.maximum(variance, (held * prior + seen) / (held + several))
     return variance
@@ -119,12 +135,10 @@ def _log_t(changes: _Changes, shift: Array | float, more: Array | float = 0.0) -
     return np.asarray(-np.log(variance).sum(axis=-1) / 2 - power * np.log1p(squares / changes.freedom))
 
 
-FALSE_ALARMS_PER_HOUR = 0.54
-"""At most, with 95 % confidence: none came in 5.55 h of simulated sound flight in wind, with gusts and manoeuvres, on
-which no parameter was chosen (``tools/validation/alarms.py``). Real vehicles may differ."""
+FALSE_ALARMS_PER_HOUR = 0.54  # At most, with 95 % confidence (``tools/validation/alarms.py``)
 FALSE_ALARMS_BASIS = (
-    "none in 5.55 h of simulated sound flight that no parameter was chosen on, so at most 0.54 an hour with 95 % "
-    "confidence; real vehicles may differ."
+    f"none in 5.55 h of simulated sound flight that no parameter was chosen on, so at most {FALSE_ALARMS_PER_HOUR} an "
+    "hour with 95 % confidence; real vehicles may differ."
 )
 UNKNOWN_PLACES = "The motors' places and spins are not known, so that a weak motor would not be seen."
 TOO_SLOW = f"Motor outputs come less than {MIN_RATE:.0f} times a second, so that a weak motor would not be seen."
@@ -135,14 +149,27 @@ class MotorAlarm(NamedTuple):
 
     time: float  # s on the boot clock, when it was found
     since: float  # s, when it began, within a second or two
-    # number of the motor that works harder, from 1; None, which is no alarm: the steady torque in roll and pitch
-    # changed, as by wind or by a load that shifts
+    # number from 1 on; None, which is no alarm: the steady torque in roll and pitch changed, by wind or a shifted load
     motor: int | None
     name: str  # of the motor; empty without one
-    size: float  # rise of its command, as a share of the mean command; else the change in roll and pitch
+    # rise of the motor's own command since it was sound, as a share of it: 0 of one that is sound again, which is no
+    # alarm; without a motor the change in roll and pitch, as a share of the mean command
+    size: float
     probability: float  # that this is the cause, and none of the others that are considered
     assumed: bool = False  # whether the motors' places are assumed, and with them the name
     boot: int = 0  # number of the vehicle's boot, from 0 on, whose clock the times are on
+    # interval of 90 % of the share of its thrust that a weak motor lost, for any of ``THRUST_EXPONENTS``
+    loss: tuple[float, ...] = ()
+
+    @property
+    def weak(self) -> bool:
+        """Whether a motor gives less thrust than before: an alarm."""
+        return self.motor is not None and self.size > 0
+
+    @property
+    def lost(self) -> str:
+        """The loss of thrust, as in "17 to 39 %"."""
+        return " to ".join(f"{100 * end:.0f}" for end in self.loss) + " %"
 
     @property
     def sentence(self) -> str:
@@ -153,7 +180,9 @@ class MotorAlarm(NamedTuple):
             steady = f"The steady torque in roll and pitch is another {since}, and that in yaw the same"
             return f"{steady}: no motor is named ({sure})."
         known = ". Where the motors are is assumed, and so is the name" if self.assumed else ""
-        lost = f"{self.name} lost {loss_in_words(self.size)} of its thrust (motor or propeller) {since}"
+        if not self.weak:
+            return f"{self.name.capitalize()} gives its thrust again {since} ({sure}){known}."
+        lost = f"{self.name} lost {self.lost} of its thrust (motor or propeller) {since}"
         return f"Alarm: {lost}: it works {100 * self.size:.0f} % harder ({sure}){known}."
 
     def as_dict(self) -> dict[str, Any]:
@@ -162,9 +191,10 @@ class MotorAlarm(NamedTuple):
 
 
 def alarm_figures(changes: Sequence[MotorAlarm]) -> dict[str, Any]:
-    """Plain JSON values: the alarms on motors, the changes of the steady torque, which are none, and false alarms."""
+    """Plain JSON values: alarms on motors, motors that are sound again, changes of the steady torque, false alarms."""
     return {
-        "alarms": [change.as_dict() for change in changes if change.motor is not None],
+        "alarms": [change.as_dict() for change in changes if change.weak],
+        "recoveries": [change.as_dict() for change in changes if change.motor is not None and not change.weak],
         "torque_changes": [change.as_dict() for change in changes if change.motor is None],
         "false_alarms_per_hour": {"at_most": FALSE_ALARMS_PER_HOUR, "basis": FALSE_ALARMS_BASIS},
     }
@@ -177,31 +207,36 @@ class MotorWatch:
 
     Attributes:
         alarms: what was found so far.
+        weak: the latest alarm on each motor, by place, that has not recovered; none after 2 s without settled flight.
         obstacle: why nothing can be found, from settled flight of a few seconds on; empty where it can.
     """
 
     def __init__(self, layout: MotorGeometry, boot: int = 0) -> None:
         """Begins, with the motors' ``layout``, in the vehicle's ``boot``, from 0 on."""
         self.alarms: list[MotorAlarm] = []
+        self.weak: dict[int, MotorAlarm] = {}
         self._layout, self._boot = layout, boot
         signatures = motor_signatures(len(layout.motors), layout.positions, layout.spins)
         self.obstacle = "" if signatures.names_a_motor else UNKNOWN_PLACES
         self._weights = signatures.weights[1:]
         # (k, a) of a rise of each motor's own command by 1; of six and more motors the neighbours' rise too.
-        self._signatures = self._weights.T / np.diag(signatures.weak_motor_commands)[:, np.newaxis]
-        # Which axes a shifted load changes.
-        self._flat = np.array([axis != "yaw" for axis in signatures.axes[1:]], dtype=np.float64)
+        self._own = np.diag(signatures.weak_motor_commands)
+        self._signatures = self._weights.T / self._own[:, np.newaxis]
+        self._mixer = np.linalg.pinv(signatures.weights)
+        self._flat = np.array([axis != "yaw" for axis in signatures.axes[1:]], dtype=np.float64)  # What loads change
         self._enough = log(HOURS_TO_FALSE_ALARM * 3600 / BLOCK_SECONDS)
         self._latest = -inf
 
-    def take(self, time: float, commands: Sequence[float] | Array) -> MotorAlarm | None:
+    def take(self, time: float, commands: Sequence[float] | Array) -> list[MotorAlarm]:
         """A sample of the ``commands`` (k,), shares of the range, at ``time``, s, in settled flight: what it shows."""
         if self.obstacle == UNKNOWN_PLACES:
-            return None
+            return []
         number = floor(time / BLOCK_SECONDS)
         if not 0 <= time - self._latest < 2:  # s, after which what was before is no reference
             self._times: list[float] = []
             self._blocks: list[Array] = []
+            self._noise, self._freedom = np.full(len(self._weights), PRIOR_SD**2), PRIOR_FREEDOM
+            self.weak.clear()
             self._number, self._open = number, list[Any]()  # The block that is not whole yet
             self._rate_from, self._samples = time, 0
         self._latest = time
@@ -210,58 +245,90 @@ class MotorWatch:
             self.obstacle = "" if self._samples > 0.9 * MIN_RATE * passed else TOO_SLOW
             self._rate_from, self._samples = time, 0
         self._samples += 1
-        found = None
+        known = len(self.alarms)
         if number != self._number:
             if len(self._open) >= MIN_SAMPLES:
-                found = self._block((self._number + 1) * BLOCK_SECONDS, np.mean(self._open, axis=0))
+                self._block((self._number + 1) * BLOCK_SECONDS, np.mean(self._open, axis=0))
             self._number, self._open = number, []
         self._open.append(commands)
-        return found
+        return self.alarms[known:]
 
-    def _block(self, time: float, commands: Array) -> MotorAlarm | None:
+    def _block(self, time: float, commands: Array) -> None:
         mean = float(commands.mean())
         if not mean > 0:
-            return None
+            return
         self._times.append(time)
         self._blocks.append(self._weights @ (commands / mean))
         keep = round(KEPT_SECONDS / BLOCK_SECONDS)
         del self._times[:-keep], self._blocks[:-keep]
         if len(self._blocks) < PRESENT_SHARE * ((self._times[-1] - self._times[0]) / BLOCK_SECONDS + 1):
-            return None
-        windows = np.array([n for n in WINDOWS if len(self._blocks) >= n + REFERENCE_SECONDS / BLOCK_SECONDS], int)
-        return self._evidence(windows) if len(windows) else None
+            return
+        reference = NEXT_REFERENCE_SECONDS if self._freedom > PRIOR_FREEDOM else REFERENCE_SECONDS
+        windows = np.array([n for n in WINDOWS if len(self._blocks) >= n + reference / BLOCK_SECONDS], int)
+        if len(windows):
+            self._weigh(windows)
 
-    def _evidence(self, windows: NDArray[np.int_]) -> MotorAlarm | None:
-        changes = _changes(np.array(self._blocks), windows)
+    def _weigh(self, windows: Places) -> None:
+        changes = _changes(np.array(self._blocks), windows, self._noise, self._freedom)
         null = _log_t(changes, 0.0)
-        sized = SIZES[:, np.newaxis, np.newaxis, np.newaxis] * self._signatures[:, np.newaxis]
-        by_window = _log_sum(_log_t(changes, sized)) - log(len(SIZES)) - null  # (k, w)
+        sound = np.eye(len(self._signatures))
+        weak = [one.size * sound[place] for place, one in self.weak.items()]
+        ends = [*weak, sum(weak)] if len(weak) > 1 else weak
+        # (h, s, k) of the motors' commands, by cause and size: one motor weakens; a weak one recovers, and all do.
+        rises = np.array([np.outer(SIZES, one) for one in sound] + [np.outer(-RETURNS, one) for one in ends])
+        sized = (rises @ self._signatures).swapaxes(0, 1)[:, :, np.newaxis]
+        by_window = _log_sum(_log_t(changes, sized)) - log(len(SIZES)) - null  # (h, w)
         kinds = self._flat, 1 - self._flat, np.ones_like(self._flat)
         load, *rest = (_log_t(changes, 0.0, OTHER_SD**2 * free) - null for free in kinds)
-        motors = _log_sum(by_window.T) - log(len(by_window))
+        motors = _log_sum(by_window.T) - log(len(sound))
+        motors[len(sound) :] += log(ENDS_BESIDE_FAULTS)
         others = _log_sum([_log_sum(factors) for factors in rest])
         best = int(np.argmax(motors))
         rivals = [*np.delete(motors, best), _log_sum(load), others + log(OTHERS_BESIDE_MOTORS), 0.0]
         odds = float(motors[best] - _log_sum(rivals))
         if motors[best] >= self._enough and odds >= log(NAMING_ODDS):
             place = int(np.argmax(by_window[best]))
-            weighted = self._signatures[best] / changes.variance[place]
-            size = float(weighted @ changes.moved[place] / (weighted @ self._signatures[best]))
-            return self._found(best, int(windows[place]), size, odds)
-        lasting = windows * BLOCK_SECONDS >= LASTING_SECONDS
-        if lasting.any():
-            odds = float(_log_sum(load[lasting]) - _log_sum([*motors, others + log(OTHERS_BESIDE_LOADS), 0.0]))
-            if _log_sum(load[lasting]) >= self._enough and odds >= log(NAMING_ODDS):
-                place = int(np.argmax(np.where(lasting, load, -inf)))
-                size = float(np.linalg.norm(changes.moved[place] * self._flat))
-                return self._found(None, int(windows[place]), size, odds)
-        return None
-
-    def _found(self, motor: int | None, n: int, size: float, odds: float) -> MotorAlarm:
-        name, number = ("", None) if motor is None else (self._layout.names[motor], self._layout.motors[motor])
-        since = self._times[-n] - BLOCK_SECONDS
+            return self._motors_changed(rises[best, -1], int(windows[place]), changes, place, odds)
+        lasting, long = (np.where(windows * BLOCK_SECONDS >= s, 0.0, -inf) for s in (LASTING_SECONDS, STALE_SECONDS))
+        loaded, strange = _log_sum(load + lasting), long + _log_sum([*rest, load, *by_window])
+        odds = float(loaded - _log_sum([*motors, others + log(OTHERS_BESIDE_LOADS), 0.0]))
+        if loaded >= self._enough and odds >= log(NAMING_ODDS):
+            place = int(np.argmax(load + lasting))
+            self._found(None, int(windows[place]), odds, float(np.linalg.norm(changes.moved[place] * self._flat)))
+        elif strange.max() >= self._enough:
+            place = int(np.argmax(strange))
+        else:
+            return
         # What comes is compared with what is now.
-        self._times, self._blocks = self._times[-n:], self._blocks[-n:]
-        found = self._times[-1], since, number, name, size, float(1 / (1 + np.exp(-odds)))
-        self.alarms.append(MotorAlarm(*found, self._layout.positions_assumed, self._boot))
+        self._times, self._blocks = self._times[-windows[place] :], self._blocks[-windows[place] :]
+
+    def _motors_changed(self, rises: Array, n: int, changes: _Changes, place: int, odds: float) -> None:
+        """What a change in proportion to ``rises`` (k,) says, which began ``n`` blocks ago."""
+        before = np.mean(self._blocks[-n:], axis=0) - changes.moved[place]
+        after = np.mean(self._blocks[1 - n :], axis=0)  # Without the block that it began in
+        # The balance is in shares of the mean command, which rises too.
+        signature = rises @ self._signatures - (rises / self._own).mean() * after
+        weighted = signature / changes.variance[place]
+        power = weighted @ signature
+        own = rises / (self._mixer @ [1.0, *before])  # Of the motors' own commands
+        rose, error = weighted @ (after - before) / power * own, QUANTILE * power**-0.5 * np.abs(own)
+        moved = np.flatnonzero(rises).tolist()
+        for motor in moved:
+            was = self.weak.pop(motor).size if motor in self.weak else 0.0
+            low, size, high = ((1 + was) * (1 + rose[motor] + end * error[motor]) - 1 for end in (-1, 0, 1))
+            if rises[motor] < 0 and (len(moved) > 1 or size < max(SIZES[0], was / 4)):
+                self._found(motor, n, odds, 0.0)
+                continue
+            ends = zip((max(low, 0.0), high), THRUST_EXPONENTS, strict=True)
+            loss = (min(float(lost_thrust(rise, power) / self._own[motor]), 1.0) for rise, power in ends)
+            self.weak[motor] = self._found(motor, n, odds, max(size, SIZES[0]), *loss)
+        # What comes is compared with what is now, once the vehicle has settled.
+        self._times, self._blocks = self._times[-n:][SETTLING_BLOCKS:], self._blocks[-n:][SETTLING_BLOCKS:]
+        self._noise, self._freedom = changes.noise[place], min(changes.freedom[place], MOST_FREEDOM)
+
+    def _found(self, motor: int | None, n: int, odds: float, size: float, *loss: float) -> MotorAlarm:
+        name, number = ("", None) if motor is None else (self._layout.names[motor], self._layout.motors[motor])
+        since, probability = self._times[-n] - BLOCK_SECONDS, float(1 / (1 + np.exp(-odds)))
+        known = self._layout.positions_assumed, self._boot
+        self.alarms.append(MotorAlarm(self._times[-1], since, number, name, float(size), probability, *known, loss))
         return self.alarms[-1]

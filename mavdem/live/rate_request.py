@@ -200,9 +200,9 @@ class RateRequest:
         interval.reached = max(interval.reached, min(rate, interval.rate))
         unconfirmed = interval.settings == MAX_TRIES and not interval.reached
         if rate >= SLOW * interval.reached and not unconfirmed:
-            if not interval.came and now - interval.last >= WINDOW_SECONDS:
-                interval.came = rate > 0
-                if 0 < rate < 0.9 * interval.rate and not (interval.least or interval.again):
+            if rate and not interval.came and now - interval.last >= WINDOW_SECONDS:
+                interval.came = True
+                if rate < 0.9 * interval.rate and not (interval.least or interval.again):
                     self.events.append(f"{interval.name} comes at {rate:.3g} of {interval.rate:.3g} Hz asked for.")
             if now - interval.last >= MAX_PAUSE_SECONDS:
                 interval.again = 0

@@ -80,6 +80,7 @@ class BootClock:
         self._back = 0.0  # s by which its clock was set back without a reboot
         self._far: dict[str, list[tuple[int, float]]] = {}
         self._report = report
+        self.left_out = False  # whether the next gap is known and not to be reported
 
     def place(self, message: Message) -> list[PlacedMessage]:
         """What can be placed after this message: itself, and messages held back before."""
@@ -116,8 +117,7 @@ class BootClock:
     def _restart(self) -> list[PlacedMessage]:
         """Starts the clock again at the first of the held stamps that continue each other."""
         first, before, held = self._run[0], self.now, self._held
-        corrected = 0 < before - first <= WRAP_GAP and first - self._back > JUST_BOOTED
-        if corrected and self.breaks == self._breaks:
+        if 0 < before - first <= WRAP_GAP and first - self._back > JUST_BOOTED and self.breaks == self._breaks:
             self._report(f"The vehicle's clock was set back by {before - first:.1f} s when it read {before:.1f} s.")
             later = before - first + self._run[1] - first
             held, first, self._back = (
@@ -128,10 +128,10 @@ class BootClock:
         elif first < before:
             self.boot += 1
             self._report(f"The vehicle rebooted when its clock read {before:.1f} s.")
-        elif not isnan(before):
+        elif not isnan(before) and not self.left_out:
             length = f"{first - before:.1f} s of the vehicle's clock"
             self._report(f"Nothing was received for {length}, from {before:.1f} s on.")
-        self._held, self._run = [], []
+        self._held, self._run, self.left_out = [], [], False
         self._turns, self.now = 0, first
         self._far.clear()
         placed, started = [], False

@@ -29,7 +29,7 @@ VOTING_HEARTBEATS = 31  # HEARTBEATs that decide what a sender is; later ones ch
 ENOUGH_MESSAGES = 3  # HEARTBEATs, and of attitude, before a vehicle is followed: seconds in which another may show
 MAX_LISTED = 8  # Vehicles named in one sentence
 MAX_SEQUENCES, NEAR = 3, 32  # Kept of one pair of ids, and the step, either way, up to which a number belongs to one
-SHARING_RETURNS = 16  # Returns from one sequence to another, while none begins, which show that two go on at once
+SHARING_RETURNS = 8  # Of the clock to an earlier one, with another sequence that goes on, which show two vehicles
 FORGOTTEN_FRAMES = 1024  # Frames without one of a sequence after which it has ended: some seconds
 MESSAGE_SECONDS = 0.005  # Between two messages, about: a number that is missing counts like so much of the clock
 
@@ -60,8 +60,12 @@ class Sender:
         self._beats: list[tuple[int, int]] = []
         self._sequences: list[Sequence] = []
         self._followed = self._latest = Sequence(0)
-        self._missing = self._returns = 0
-        self._alternating = False  # whether the latest two frames were of different sequences
+        self._missing = self._returns = self._last = 0
+        # Of the latest attitude, s, and whether the latest two frames were of different sequences.
+        self._stamp, self._alternating = 0.0, False
+        self.missing_seconds = 0.0  # of gaps longer than sequence numbers can count
+        self._came, self._interval = 0.0, 1.0  # s, of the last frame, and mean between two
+        self.left_out = False  # whether frames came that were not taken: those missing before the next do not count
 
     @property
     def lost(self) -> int:
@@ -89,11 +93,10 @@ class Sender:
         """Its name, and what it is where that is known."""
         return f"{self.name} ({self.kind}, {self.autopilot})" if self.kind != UNNAMED else self.name
 
-    def take(self, frame: Frame, message: Message | None) -> bool:
-        """Counts a frame; returns False for a copy, which some links send, and for another's with the same ids."""
+    def take(self, frame: Frame, message: Message | None, now: float) -> bool:
+        """Counts a frame that came ``now``, s; returns False for a copy, as some links send, and for another sender."""
         self.frames += 1
-        stamp = 0.0 if message is None else message.stamp
-        found, nearest, last = None, (inf, True), self._followed.number
+        found, nearest, stamp = None, (inf, True), 0.0 if message is None else message.stamp
         for one in self._sequences:
             step = (frame.sequence - one.number + 128) % 256 - 128
             number, same, then = one.recent.get(frame.sequence, (None, frame, 0))
@@ -109,7 +112,8 @@ class Sender:
             self._sequences = sorted(self._sequences, key=lambda one: one.latest)[1 - MAX_SEQUENCES :] + [found]
         step = (frame.sequence - found.number + 128) % 256 - 128
         self._alternating = found is not self._latest
-        self._returns += self._alternating and step > 0
+        reference = message is not None and message.name in ATTITUDE_MESSAGES
+        self._returns += reference and 0 < found.stamp < stamp < self._stamp and step > 0
         if not self.shared and self._returns >= SHARING_RETURNS:
             self.shared, self._missing = True, 0
             self._followed = max(self._sequences, key=lambda one: len(one.recent))
@@ -118,13 +122,19 @@ class Sender:
         self._latest, found.latest = found, self.frames
         found.recent[frame.sequence] = found.number + step, frame, self.frames
         found.number += max(step, 0)
-        if message is not None and message.name in ATTITUDE_MESSAGES:
-            found.stamp = stamp
+        if reference:
+            found.stamp = self._stamp = stamp
         if found is not self._followed:
             return False
-        if self.frames > 1:
-            self._missing += missing_between(last, frame.sequence) if opens else max(step - 1, -1)
-        self.breaks += not 0 < (frame.sequence - last) % 256 <= NEAR
+        missing = max(step - 1, -1) if self.shared and not opens else missing_between(self._last, frame.sequence)
+        gap, self._came = max(now - self._came, 0.0), now
+        wrapped = missing > 0 and gap > 128 * self._interval and not self.left_out
+        self.missing_seconds += gap * wrapped
+        if self.frames > 1 and not wrapped and not self.left_out:
+            self._missing += missing
+        self._interval, self.left_out = self._interval + (min(gap, 1.0) - self._interval) / 64, False
+        self.breaks += not 0 < (frame.sequence - self._last) % 256 <= NEAR
+        self._last = frame.sequence
         if frame.verdict == GOOD:
             self.arrived[frame.message_id] = self.arrived.get(frame.message_id, 0) + 1
             if self.kind in (UNNAMED, RADIO) and not self._beats:
@@ -199,8 +209,8 @@ class Senders:
         assert self.followed is not None
         if sender is self.followed and sender.shared and sender.name not in self._rivals:
             self._rivals.add(sender.name)
-            who = f"Two senders have the ids {sender.name}, two vehicles or two links of one"
-            self._report(f"{who}: only one of them is followed; give one vehicle another system id.")
+            who = f"Two vehicles, with clocks of their own, have the ids {sender.name}"
+            self._report(f"{who}: only one of them is followed; give the other another system id.")
         if sender is self.followed or sender.name in self._rivals or not (sender.known and sender.flies):
             return
         if len(self._rivals) < MAX_SENDERS:

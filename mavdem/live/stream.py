@@ -27,11 +27,10 @@ from mavdem.live.messages import Frame, FrameReader, Message, Values, attitude, 
 from mavdem.live.rows import DECISION_SECONDS, AlignedRow, BootClock, Grid, PlacedMessage, Samples
 from mavdem.live.senders import Sender, Senders
 
-MAX_EVENTS = 256  # Events kept until they are fetched
+MAX_EVENTS, MAX_REPLIES = 256, 64  # Events, and replies, kept until they are fetched
 REVIEW_SECONDS, CHOICE_SECONDS = 0.1, 0.5  # Of the boot clock, between two reviews of the phase, and two of the inputs
 REPLIES = ("MESSAGE_INTERVAL", "COMMAND_ACK")  # What a vehicle sends when it is asked for rates
 MAX_PORTS = 4  # Of a message of outputs that are read; PX4 has two
-MAX_REPLIES = 64  # Replies kept until they are fetched
 RATE_CHECK_SAMPLES = 8  # Samples of a stream between two checks of its rate
 ONLY_DEMAND = "The inputs are the demand and not the motors, so that a weak motor would not be seen."
 NO_EVIDENCE = "There is no EXTENDED_SYS_STATE and no vertical speed: motors and flight mode alone show a landing."
@@ -66,8 +65,8 @@ class LiveStream:
         self._choice, self._phase, self._grid = InputChoice(), Phase(), Grid()
         self._attitude: str | None = None
         self._inputs: Inputs | None = None
-        self._alarms = MotorAlarms()
-        self._reviewed = -inf
+        self.alarms = MotorAlarms()
+        self._reviewed, self._left_out = -inf, False
         self._connected_from, self._received, self._said_evidence = inf, 0.0, False
         self._obstacle, self._enough = "The message rates are being measured.", True
 
@@ -95,6 +94,12 @@ class LiveStream:
         self._received = stamp
         return [row for frame in self._frames.feed(data) for row in self._take(frame)]
 
+    def leave_out(self) -> None:
+        """What was received until now is not fed: the next gap is neither a silence nor lost messages."""
+        self._left_out = self._clock.left_out = True
+        for sender in self._senders:
+            sender.left_out = True
+
     def landing(self) -> float | None:
         """The time, s of this boot, since which rows given as settled were of a landing; None if none is new."""
         return self._phase.landing()
@@ -116,10 +121,11 @@ class LiveStream:
             rates=self._rates(now),
             flying=self._phase.flying,
             lost=followed.lost if followed else 0,
+            missing=followed.missing_seconds if followed else 0.0,
             late=sum(stream.late for stream in self._streams.values()),
             unread=self._frames.unread,
-            alarms=tuple(self._alarms.latest),
-            alarm=self._alarms.sentence,
+            alarms=tuple(self.alarms.latest),
+            alarm=self.alarms.sentence,
         )
 
     def _rates(self, now: float) -> dict[str, float]:
@@ -132,7 +138,7 @@ class LiveStream:
         """Takes a frame; the rows that it completes."""
         sender = self._senders.of(frame)
         message = message_of(frame) if frame.verdict == GOOD else None
-        if not sender.take(frame, message) or frame.verdict != GOOD:
+        if not sender.take(frame, message, self._received) or frame.verdict != GOOD:
             return
         if message is not None:
             sender.take_message(message)
@@ -188,7 +194,8 @@ class LiveStream:
             self._watch_motors(time, inputs)
         if self._grid.running:
             if stream.gap:
-                self._report(f"No {name} for {stream.gap:.2f} s: a new segment starts.")
+                if not self._left_out:
+                    self._report(f"No {name} for {stream.gap:.2f} s: a new segment starts.")
                 self._grid.end()
             elif stream.added % RATE_CHECK_SAMPLES == 0 and (before := self._grid.former_rate(stream)) is not None:
                 self._report(f"{name} no longer comes at {before:.3g} Hz: a new segment starts.")
@@ -218,7 +225,7 @@ class LiveStream:
 
     def _begin(self, inputs: Inputs) -> None:
         """Reports the segment that begins, if its rows are others than before."""
-        grid, before, plan = self._grid, self.setup, inputs.layout
+        grid, before, plan, self._left_out = self._grid, self.setup, inputs.layout, False
         assert grid.dt is not None and self._attitude is not None
         names = self._attitude, inputs.message
         self.setup = now = Setup(self.boot, grid.dt, *names, plan, inputs.scale, grid.rates, grid.start)
@@ -305,10 +312,10 @@ class LiveStream:
         """Tests a sample of the motors for a lasting change, which is reported, as is why none would be seen."""
         ports = {port: self._streams[inputs.message, port].values[-1:] for port in inputs.ports}
         if not self._phase.settled(time):
-            self._alarms.landed |= not self._phase.flying
+            self.alarms.landed |= not self._phase.flying
         elif all(ports.values()):
             sent = np.array([ports[port][0][channel] for port, channel in inputs.picks])
-            for event in self._alarms.take(time, self.boot, inputs, inputs.scale.fraction(sent).tolist()):
+            for event in self.alarms.take(time, self.boot, inputs, inputs.scale.fraction(sent).tolist()):
                 self._report(*event)
 
     def _reboot(self, boot: int) -> None:
@@ -316,9 +323,8 @@ class LiveStream:
         self.boot = boot
         self._streams.clear()
         self._choice.restart()
-        self._attitude = self._inputs = None
-        self._phase = Phase()
-        self._alarms.sentence = ""
+        self._attitude, self._inputs, self._phase = None, None, Phase()
+        self.alarms.sentence = ""
         self._grid.restart()
         self._reviewed, self._connected_from = -inf, inf
 
@@ -327,11 +333,11 @@ class LiveStream:
 
 
 class MotorAlarms:
-    """Lasting changes of the motors' balance, as ``SessionStatus`` has them. ``landed``: on the ground since."""
+    """Changes of the motors' balance, as in ``SessionStatus``. ``landed``: on the ground since; ``weak_since``: s."""
 
     def __init__(self) -> None:
         self.latest: deque[MotorAlarm] = deque(maxlen=MAX_EVENTS)
-        self.sentence, self.landed = "", False
+        self.sentence, self.landed, self.weak_since = "", False, nan
         self._watch: MotorWatch | None = None
         self._watched: object = None
         self._reported = {""}  # Reasons why none would be seen
@@ -345,11 +351,13 @@ class MotorAlarms:
             watched = boot, layout, inputs.scale.low, inputs.scale.high  # balances on two ranges differ
             if self._watch is None or watched != self._watched:
                 self._watch, self._watched = MotorWatch(layout, boot), watched
-            alarm, obstacle = self._watch.take(time, commands), self._watch.obstacle
-            if alarm is not None:
-                self.latest.append(alarm)
-                self.sentence = self.sentence if alarm.motor is None else alarm.sentence
-                yield alarm.sentence, "INFO" if alarm.motor is None else "ERROR", alarm.since
+            changes, obstacle = self._watch.take(time, commands), self._watch.obstacle
+            self.weak_since = min((weak.since for weak in self._watch.weak.values()), default=nan)
+            for change in changes:
+                self.latest.append(change)
+                if change.motor is not None:
+                    self.sentence = " ".join(alarm.sentence for alarm in self._watch.weak.values()) or change.sentence
+                yield change.sentence, "ERROR" if change.weak else "INFO", change.since
         if obstacle not in self._reported:
             self._reported.add(obstacle)
             yield obstacle, "INFO", nan

@@ -87,7 +87,7 @@ def analysis_blocks(analysis: LogAnalysis) -> list[Block]:
         hover = replace(hover, roll=None, pitch=None)  # the condition says how the vehicle leans
     blocks = conclusion(found) if learned is None else screen(learned, analysis.held_out, hover, found)
     blocks += [Sentence(analysis.reason, "No model:")] if learned is None and found.overrides else []
-    blocks += [Sentence(alarm.sentence, "Motors:") for alarm in analysis.alarms if alarm.motor is None]
+    blocks += [Sentence(alarm.sentence, "Motors:") for alarm in analysis.alarms if not alarm.weak]
     if analysis.tier.name != "a" or learned is None:
         blocks += [*tier_sentences(analysis.tier.as_dict()), identity_sentence(analysis.identity.as_dict())]
         blocks += condition_sentences(analysis.condition.as_dict())

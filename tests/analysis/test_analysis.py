@@ -50,7 +50,9 @@ def test_the_slow_motion_is_learnt_where_it_predicts_better_and_nothing_faster_i
 @pytest.mark.slow
 def test_a_motor_that_weakened_in_flight_is_told_first(slow):
     assert slow.alarms == () and slow.findings.headline.startswith("Slow motion only: ATTITUDE comes at 10")
-    weak = replace(slow, alarms=(MotorAlarm(30.0, 28.5, 2, "motor 2 (rear left)", 0.25, 0.98),))
+    alarm = MotorAlarm(30.0, 28.5, 2, "motor 2 (rear left)", 0.25, 0.98, loss=(0.18, 0.4))
+    weak = replace(slow, alarms=(alarm, alarm._replace(time=50.0, size=0.0)))
+    assert "gives its thrust again" in str(analysis_blocks(weak))
     first, then, *_ = analysis_blocks(weak)
     assert first == Sentence("", "Motor 2 (rear left) lost 18 to 40 % of its thrust at 28 s.")
     assert "motor 2 (rear left) lost 18 to 40 % of its thrust (motor or propeller) since 28 s" in then.text

@@ -115,7 +115,7 @@ def saturated(share: float) -> SimpleNamespace:
 
 
 CYCLE = Oscillation(axis="roll", frequency=7.1, rate=85.0, at_limit=0.4, growing=False, seconds=12.0)
-WEAK = MotorAlarm(70.0, 66.4, 1, "motor 1 (front right)", 0.24, 0.99)
+WEAK = MotorAlarm(70.0, 66.4, 1, "motor 1 (front right)", 0.24, 0.99, loss=(0.17, 0.39))
 
 
 @pytest.mark.parametrize(

@@ -224,7 +224,7 @@ def test_an_out_that_cannot_be_made_or_a_truth_file_that_is_none_is_refused_befo
 
 @pytest.mark.slow
 def test_every_place_says_the_same_of_a_flight(tmp_path, monkeypatch, capsys):
-    alarm = MotorAlarm(70.0, 66.4, 1, "motor 1 (front right)", 0.24, 0.99)
+    alarm = MotorAlarm(70.0, 66.4, 1, "motor 1 (front right)", 0.24, 0.99, loss=(0.17, 0.39))
     monkeypatch.setattr("mavdem.analysis.analysis.motor_alarms", lambda signals: (alarm,))
     headline, remedy = (
         "Motor 1 (front right) lost 17 to 39 % of its thrust at 66 s.",

@@ -1,5 +1,7 @@
 """A motor that weakens in flight: the live path says which, and a log of the same stream says the same."""
 
+import ast
+import json
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,7 +23,7 @@ from sitl_scenarios.mavlink.transmitter import recorded
 from sitl_scenarios.scenario import Scenario, StreamSpec, TurbulentWind, VehicleSpec
 from sitl_scenarios.simulation import CYCLES, fly
 
-EVENTS = SHARED / "sitl_events"
+EVENTS, FAULTS = SHARED / "sitl_events", SHARED / "sitl_live" / "ap_F1.tlog.xz"
 
 
 def streamed(path):
@@ -121,3 +123,20 @@ def test_recorded_live_and_offline_agree_and_a_jump_of_the_wind_is_no_motor():
     assert [one[:4] for one in live] == [one[:4] for one in offline]
     assert not of_log(EVENTS / "px4_windjump.tlog")
     assert not of_log(EVENTS / "ap_quiet10.BIN")
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not FAULTS.exists(), reason="needs recorded flights: set MAVDEM_SHARED_DATA")
+def test_each_of_twelve_recorded_faults_is_found_and_so_is_its_end():
+    events = json.loads(FAULTS.with_name("ap_F1.notes.json").read_text())["events"]
+    truth = [(event["boot_ms"] / 1e3, event["what"]) for event in events if "SIM_ENGINE_FAIL" in event["what"]]
+    changes = of_log(FAULTS)
+    assert len(changes) == len(truth) == 24
+    for change, (time, what) in zip(changes, truth, strict=True):
+        set_to = ast.literal_eval(what[what.index("{") : what.index("}") + 1])
+        assert 0 < change.time - time < 1.5 and change.weak == (set_to["SIM_ENGINE_FAIL"] > 0)
+        if change.weak:
+            weak, left = set_to["SIM_ENGINE_FAIL"].bit_length(), set_to["SIM_ENGINE_MUL"]
+        # In this hover thrust goes with the square of the command (1000 µs is none).
+        assert change.motor == weak and (not change.weak or change.loss[0] < 1 - left**2 < change.loss[1])
+        assert not change.weak or change.size == pytest.approx(1 / left - 1, abs=0.03)

@@ -113,11 +113,12 @@ class LagStatistics(NamedTuple):
         """Returns what is left of them when each sample counts only this ``share``."""
         return LagStatistics(share * self.rows, share * self.gram)
 
-    def shortened(self, lags: int, fewer: int) -> Array:
-        """Returns the ``gram`` of rows with ``fewer`` lags than these ``lags``, over the same samples."""
+    def shortened(self, lags: int, fewer: int, channels: Array | None = None) -> Array:
+        """Returns the ``gram`` of rows with ``fewer`` lags than these ``lags``, of some ``channels`` or all."""
         one = len(self.gram) * lags // (lags + 1)
         k = len(self.gram) - one - 1
-        places = np.r_[: fewer * k, one : one + 1 + k]
+        kept = np.arange(k) if channels is None else channels
+        places = np.concatenate([*(kept + lag * k for lag in range(fewer)), [one], one + 1 + kept])
         return np.asarray(self.gram[np.ix_(places, places)])
 
     def in_own_units(self, lags: int, least: float) -> tuple[LagStatistics, ChannelUnits]:
@@ -126,10 +127,9 @@ class LagStatistics(NamedTuple):
         center = self.gram[one, one + 1 :] / self.gram[one, one]
         variance = self.gram.diagonal()[one + 1 :] / self.gram[one, one] - center**2
         scale = np.sqrt(np.maximum(variance, least**2))
-        step = np.diag(np.concatenate([np.tile(1 / scale, lags), [1.0], 1 / scale]))
-        step[:one, one] = -np.tile(center / scale, lags)
-        step[one + 1 :, one] = -center / scale
-        return LagStatistics(self.rows, step @ self.gram @ step.T), ChannelUnits(center, scale)
+        shift, unit = np.concatenate([np.tile([center, scale], lags), [[0.0], [1.0]], [center, scale]], axis=1)
+        rows = (self.gram - np.outer(shift, self.gram[one])) / unit[:, None]
+        return LagStatistics(self.rows, (rows - np.outer(rows[:, one], shift)) / unit), ChannelUnits(center, scale)
 
 
 class Regression(NamedTuple):

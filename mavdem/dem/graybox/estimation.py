@@ -109,16 +109,9 @@ def _log_jacobian(parameters: Parameters, theta: Array, dt: float) -> Array:
 def _figures(whole: GrayBoxFit, spreads: Array, windows: FlightWindows) -> IdentifiabilityFigures:
     parameters, theta = whole.parameters, whole.theta
     sd, window_sd, spectrum_range = (dict(zip(PARAMETERS, row, strict=True)) for row in spreads.tolist())
-    return IdentifiabilityFigures(
-        wind_share=_wind_share(parameters, theta, windows, whole.levels),
-        alias_share=_alias_share(parameters, theta, windows),
-        sd=sd,
-        window_sd=window_sd,
-        spectrum_range=spectrum_range,
-        damping=float(parameters.damping(theta)),
-        lag=float(np.exp(theta[parameters.motors + 2])),
-        dt=windows.dt,
-    )
+    shares = _wind_share(parameters, theta, windows, whole.levels), _alias_share(parameters, theta, windows)
+    damping, lag = float(parameters.damping(theta)), float(np.exp(theta[parameters.motors + 2]))
+    return IdentifiabilityFigures(*shares, sd, window_sd, spectrum_range, damping, lag, windows.dt)
 
 
 def _physical(
@@ -170,10 +163,7 @@ def _physical(
         bias=bias,
         wind=float(np.sqrt(np.sum(sizes**2))),
         wind_share=figures.wind_share,
-        components=tuple(
-            WindComponent(colour, float(size), float(time))
-            for colour, size, time in zip(parameters.wind, sizes, parameters.times(theta), strict=True)
-        ),
+        components=tuple(map(WindComponent, parameters.wind, sizes.tolist(), parameters.times(theta).tolist())),
         noise=level * float(np.hypot(np.exp(theta[parameters.noise_index]), parameters.least_noise)),
         refinements=dict(zip(parameters.refinements, theta[parameters.noise_index + 1 :].tolist(), strict=True)),
         windows=table,

@@ -126,10 +126,7 @@ FASTEST_RATE = 199.0  # Hz: of twice that or more, every so many samples are tak
 def windows_of(record: Record) -> FlightWindows:
     """Cuts a record into windows of one length, with one trim and one unit of inputs; ``ValueError`` says why not."""
     if 1 / record.dt < FEWEST_RATE:
-        raise ValueError(
-            "motors' effect, damping, lag and poles show at several Hz, which needs 40 samples a second, not "
-            f"{1 / record.dt:.3g}"
-        )
+        raise ValueError(f"effect, damping and lag show at several Hz: 40 samples a second, not {1 / record.dt:.3g}")
     rate = rate_column(record)
     samples = _window_samples(record)
     inputs = record.inputs[samples]
@@ -172,9 +169,7 @@ def _window_samples(record: Record) -> NDArray[np.intp]:
     step = max(1, int(1 / record.dt / FASTEST_RATE))
     shortest = max(step * MIN_SAMPLES, round(SHORTEST_WINDOW_SECONDS / record.dt))
     if record.longest < shortest:
-        raise ValueError(
-            f"physical parameters need at least {shortest} samples without long gaps, not {record.longest}"
-        )
+        raise ValueError(f"physical parameters need at least {shortest} samples without gaps, not {record.longest}")
     # Up to half as long again, or down to what there is, so that as little as possible is left over.
     usual = min(round(WINDOW_SECONDS / record.dt), record.longest)
     lengths = [length for length in range(usual, int(1.5 * usual) + 1, max(1, usual // 50)) if length <= record.longest]

@@ -1,50 +1,38 @@
 """The joint model of a stream: each sample from those before it, and the next ones with their inputs unknown.
 
-Sums over the samples are forgotten exponentially, and every half second the joint model is fitted to them again. Each
-time it tries one other choice of past and prior, and keeps the one of the higher F̄. Before its first fit the last
-sample is held. No prediction is farther from the last sample than the vehicle lately went in as many samples.
+Sums over the samples are forgotten exponentially, and every half second the joint model is fitted to them again, in
+three forms: with the past and prior that F̄ chooses, of which each time one other is tried; with the longest past; and
+of all motors, whose other combinations tell of coupled axes. Predictions are their average, at each horizon with
+weights by their latest errors there, and no farther from the last sample than the fastest step of late leads. Before
+the first fit the last sample is held.
 """
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable
+from contextlib import suppress
 from itertools import cycle
-from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from mavdem.dem.engine.linalg import Array, one_thread_if_free
 from mavdem.dem.forecast.joint import CHOICES, LAGS, Choice
-from mavdem.dem.forecast.var import LagStatistics, Var, initial_lags, regress
+from mavdem.dem.forecast.var import RIDGE, ChannelUnits, LagStatistics, Var, initial_lags, regress
 from mavdem.dem.online.memory import Memory, MemoryBlock
 
 MEMORY_SECONDS = 30.0  # time constant of forgetting
 FIRST_SECONDS, REFIT_SECONDS = 1.0, 0.5  # of samples before the first fit, and from one fit to the next
 SMALLEST_SCALE = 1e-6  # of a channel that became still, in units of its first second
-LARGEST_SECONDS = 20.0  # of samples whose largest change over a horizon bounds the next
-ERROR_SECONDS = 10.0  # time constant of the squared errors that are compared
-
-
-class _Maps(NamedTuple):
-    """Predictions as linear maps of the latest samples, in units of their own."""
-
-    center: Array  # (k,)
-    scale: Array  # (k,)
-    lags: Array  # (H, m, L k), the latest lag first
-    constant: Array  # (H, m)
-    expected: Array  # (m, L k) of the next sample, from the lags …
-    inputs: Array  # (m, c) … and its own inputs
-    expected_constant: Array  # (m,)
-
-    @property
-    def number(self) -> int:
-        """Of lags."""
-        return int(self.lags.shape[-1] // len(self.center))
-
-    def scaled(self, channels: Array) -> Array:
-        """Returns (L k,) the last samples of ``channels`` (T, k), the latest first."""
-        return np.asarray(((initial_lags(channels, self.number) - self.center) / self.scale)[::-1].ravel())
+LONG, ALL_MOTORS = Choice(LAGS[-1], 1e-4, False), Choice(4, RIDGE, False)  # of the second and the third form
+ERROR_SECONDS = np.array([10.0] * 3 + [3.0] * 3)
+"""Time constants of the squared errors of what was shown, the last sample and the mean, which are compared; and of the
+sizes of each form's errors, since what is best changes from hover to manoeuvre."""
+FASTEST_SECONDS = 20.0  # of samples whose largest change in a step bounds predictions: a step more than to the horizon
+INDEPENDENT_ERRORS = (
+    16  # among a form's latest: its likelihood by Laplace's distribution, their mean size to minus this
+)
 
 
 class OnlineJoint:
@@ -59,26 +47,29 @@ class OnlineJoint:
         """
         self._dt, self._horizons, self._outputs = dt, np.array(horizons), outputs
         self.combinations: Array | None = None
-        self._maps: _Maps | None = None
+        # Of the latest samples, outputs and inputs, the latest first, and constants: (3 H m + m, …) of each form's
+        # predictions and, last, of the latest sample by the first form, with its own inputs.
+        self._maps: Array | None = None
+        self._constants = np.zeros((3 * len(horizons) + 1) * outputs)
+        self._weights = np.full((3, len(horizons), outputs), 1 / 3)
+        self._steps: deque[Array] = deque(maxlen=max(1, round(FASTEST_SECONDS / dt / block)))
+        self._fastest = np.zeros(outputs)  # change in a step, of these blocks
         # What was predicted, in a ring: a sample is compared with what was predicted of it horizons ago.
-        self._ring = np.full((horizons[-1] + 1, len(horizons), outputs, 3), np.nan)
+        self._ring = np.full((horizons[-1] + 1, len(ERROR_SECONDS), len(horizons), outputs), np.nan)
         self._place = 0
         self._errors: list[Array] = []
-        self._changes: deque[Array] = deque(maxlen=max(1, round(LARGEST_SECONDS / dt / block)))
-        self._largest = np.zeros((len(horizons), outputs))
-        self._choice, self._others = Choice(LAGS[2], 1e-3, True), cycle(CHOICES)
+        self._choice, self._others, self._turns = Choice(LAGS[2], 1e-3, True), cycle(CHOICES), cycle((1, 2))
         self.begin_with((), combinations)
 
     def begin_with(self, blocks: Iterable[MemoryBlock], combinations: Array | None) -> None:
         """Learns anew from these blocks: later samples, or the mixer, were not what they seemed to be."""
-        if combinations is not self.combinations:
-            self.combinations, self._maps = combinations, None
+        self.combinations = combinations
         self._statistics: LagStatistics | None = None
         self._before, self._waiting = np.empty((0, 0)), deque(blocks)
         self._units: tuple[Array, Array] | None = None  # of the first second, in which rows are summed
         self._uncounted = 0
         self._errors.clear()
-        self._squared = np.full((*self._largest.shape, 3), np.nan)
+        self._sizes = np.full((len(self._horizons), len(ERROR_SECONDS), self._outputs), np.nan)
         self._number = sum(len(block.outputs) for block in self._waiting)
         self._mean = np.zeros(self._outputs)
         if self._waiting:
@@ -87,45 +78,42 @@ class OnlineJoint:
     def add(self, block: MemoryBlock) -> None:
         """Learns from the block that was just closed, whose samples were predicted from."""
         self._waiting.append(block)
+        self._steps.append(np.abs(np.diff(block.outputs, axis=0)).max(axis=0, initial=0.0))
+        self._fastest = np.max(self._steps, axis=0)
         if self._errors:
-            errors = np.array(self._errors)
+            errors = np.abs(self._errors)
+            errors[:, :, :3] **= 2
+            self._average(errors)
             self._errors.clear()
-            changes = np.abs(errors[..., 1])
-            self._changes.append(np.where(np.isfinite(changes), changes, 0.0).max(axis=0))
-            self._largest = np.max(self._changes, axis=0)
-            self._average(errors**2)
 
     def end_segment(self) -> None:
         """A gap follows: no sample after it is compared with predictions before it."""
         self._ring[:] = np.nan
 
-    def expect(self, memory: Memory) -> Array:
-        """Returns (m,): the latest sample of the ``memory`` from those before it and its own inputs; or NaN."""
-        if self._maps is None or self.combinations is None or len(memory.latest(2)[1]) < 2:
-            return np.full(self._outputs, np.nan)
-        m, maps, latest = self._outputs, self._maps, self._channels(*memory.latest(self._maps.number + 1))
-        now = ((latest[-1] - maps.center) / maps.scale)[m:]
-        ahead = maps.expected @ maps.scaled(latest[:-1]) + maps.inputs @ now + maps.expected_constant
-        return np.asarray(maps.center[:m] + maps.scale[:m] * ahead)
-
-    def predict(self, memory: Memory) -> Array:
-        """Returns (H, m): predictions at the horizons from the latest sample of the ``memory``."""
-        latest = memory.latest(1)[1][-1]
-        before = self._ring[(self._place - self._horizons) % len(self._ring), np.arange(len(self._horizons))]
-        self._errors.append(latest[:, None] - before)
+    def predict(self, memory: Memory) -> tuple[Array, Array]:
+        """Returns (m,) the latest sample, from those before it and its own inputs, or NaN; and (H, m) the next ones."""
+        inputs, outputs = memory.latest(LAGS[-1] + 1)
+        latest = outputs[-1]
+        before = self._ring[(self._place - self._horizons) % len(self._ring), :, np.arange(len(self._horizons))]
+        self._errors.append(latest - before)
         self._number += 1
         self._mean += (latest - self._mean) / self._number
-        held = shown = np.broadcast_to(latest, self._largest.shape)
-        if self._maps is not None and self.combinations is not None:
-            m, maps = self._outputs, self._maps
+        expected, every = np.full_like(latest, np.nan), latest
+        if self._maps is not None:
+            past = initial_lags(np.hstack([outputs, inputs]), LAGS[-1] + 1)[::-1].ravel()
             with np.errstate(over="ignore", invalid="ignore"):
-                ahead = maps.lags @ maps.scaled(self._channels(*memory.latest(maps.number))) + maps.constant
-                shown = maps.center[:m] + maps.scale[:m] * ahead
-            shown = np.where(np.isfinite(shown), shown, latest)
-            shown = np.clip(shown, latest - self._largest, latest + self._largest)
-        self._ring[self._place] = np.stack([shown, held, np.broadcast_to(self._mean, held.shape)], axis=-1)
+                found = self._maps @ past + self._constants
+            every = found[: -self._outputs].reshape(self._weights.shape)
+            if not np.isfinite(every).all():
+                every = np.where(np.isfinite(every), every, latest)
+            expected = found[-self._outputs :] if len(outputs) > 1 else expected
+        farthest = (self._horizons[:, None] + 1) * np.maximum(self._fastest, np.abs(latest - outputs[-2:][0]))
+        ahead = (self._weights * every).sum(axis=0)
+        ahead = np.minimum(np.maximum(ahead, latest - farthest), latest + farthest)
+        row = self._ring[self._place]
+        row[0], row[1], row[2], row[3:] = ahead, latest, self._mean, every
         self._place = (self._place + 1) % len(self._ring)
-        return shown
+        return expected, ahead
 
     def advance(self) -> None:
         """Counts the waiting blocks and fits when that is due, unless another thread is computing."""
@@ -158,41 +146,67 @@ class OnlineJoint:
 
     def _channels(self, inputs: Array, outputs: Array) -> Array:
         assert self.combinations is not None
-        return np.hstack([outputs, inputs @ self.combinations])
+        return np.hstack([outputs, inputs @ self.combinations, inputs])
 
     def _fit(self, statistics: LagStatistics, center: Array, scale: Array) -> None:
+        assert self.combinations is not None
+        m, (r, c) = self._outputs, self.combinations.shape
         scaled, units = statistics.in_own_units(LAGS[-1], SMALLEST_SCALE)
-        tried = []
-        for choice in (self._choice, next(self._others)):
-            try:
-                tried.append((choice, regress(scaled.shortened(LAGS[-1], choice.lags), scaled.rows, choice.prior)))
-            except np.linalg.LinAlgError:  # of this fit; the next has other samples
+        units = ChannelUnits(center + scale * units.center, scale * units.scale)
+        if self._maps is None:  # a form without a fit holds the last sample
+            self._maps = np.zeros((len(self._constants), (LAGS[-1] + 1) * (m + r)))
+            self._maps[:-m, :m] = np.tile(np.eye(m), (len(self._maps) // m - 1, 1))
+            self._constants[-m:] = np.nan
+        maps, all_constants = (each[:-m].reshape(*self._weights.shape, -1) for each in (self._maps, self._constants))
+        turning, motors = np.arange(m + c), np.r_[:m, m + c : m + c + r]
+        forms = (0, turning, (self._choice, next(self._others))), (1, turning, (LONG,)), (2, motors, (ALL_MOTORS,))
+        for place, channels, choices in (forms[0], forms[next(self._turns)]):
+            tried = []
+            for choice in choices:
+                gram = scaled.shortened(LAGS[-1], choice.lags, channels)
+                with suppress(np.linalg.LinAlgError):  # of this fit; the next has other samples
+                    tried.append((choice, regress(gram, scaled.rows, choice.prior)))
+            if not tried:
                 continue
-        if not tried:
-            return
-        self._choice, found = max(tried, key=lambda one: one[1].free_energy)
-        m, process = self._outputs, Var.of(found, units)
-        gain, across = process.output_gain(m), process.across
-        self._maps = _Maps(
-            center + scale * units.center,
-            scale * units.scale,
-            *process.ahead(tuple(self._horizons.tolist()), m),
-            across[:m] - gain @ across[m:],
-            gain,
-            process.offset[:m] - gain @ process.offset[m:],
-        )
+            choice, found = max(tried, key=lambda one: one[1].free_energy)
+            process = Var.of(found, ChannelUnits(units.center[channels], units.scale[channels]))
+            if process.spectral_radius > 1 + 1 / self._horizons[-1]:
+                # Of the beginning of a manoeuvre, that seems to grow for ever: the next block shows its end.
+                self._uncounted = round(REFIT_SECONDS / self._dt)
+                continue
+            weights, constants = process.ahead(tuple(self._horizons.tolist()), m)
+            maps[place], all_constants[place, ..., 0] = self._physical(process, channels, weights, constants)
+            if place == 0:
+                self._choice, gain, across = choice, process.output_gain(m), process.across
+                weights = np.hstack([np.zeros((m, m)), gain, across[:m] - gain @ across[m:]])
+                constants = process.offset[:m] - gain @ process.offset[m:]
+                self._maps[-m:], self._constants[-m:] = self._physical(process, channels, weights, constants)
+
+    def _physical(self, process: Var, channels: Array, weights: Array, constants: Array) -> tuple[Array, Array]:
+        """Weights (…, m, p k) of the latest p samples of some ``channels``, and constants (…, m)."""
+        assert self.combinations is not None
+        m, (center, scale), r = self._outputs, process.units, len(self.combinations)
+        basis = block_diag(np.eye(m), np.hstack([self.combinations, np.eye(r)]))[:, channels]
+        by_lag = scale[:m, None, None] * weights.reshape(*weights.shape[:-1], -1, len(center)) / scale
+        physical = np.zeros((*weights.shape[:-1], LAGS[-1] + 1, m + r))
+        physical[..., : by_lag.shape[-2], :] = by_lag @ basis.T
+        constants = center[:m] + scale[:m] * constants - by_lag.sum(axis=-2) @ center
+        return physical.reshape(*weights.shape[:-1], -1), constants
 
     @property
     def error_ratio(self) -> Array:
         """(H, m): recent squared error over that of the better of the last sample held and the mean; NaN at first."""
-        ours, held, mean = np.moveaxis(self._squared, -1, 0)
+        ours, held, mean = np.moveaxis(self._sizes[:, :3], 1, 0)
         with np.errstate(invalid="ignore", divide="ignore"):
             return np.asarray(ours / np.minimum(held, mean))
 
-    def _average(self, squared: Array) -> None:
-        known = np.isfinite(squared).all(axis=-1, keepdims=True)
+    def _average(self, errors: Array) -> None:
+        known = np.isfinite(errors).all(axis=2, keepdims=True)
         number = known.sum(axis=0)
-        mean = np.where(known, squared, 0.0).sum(axis=0) / np.maximum(number, 1)
-        before = np.where(np.isfinite(self._squared), self._squared, mean)
-        gain = 1 - np.exp(-len(squared) * self._dt / ERROR_SECONDS)
-        self._squared = np.where(number > 0, before + gain * (mean - before), self._squared)
+        mean = np.where(known, errors, 0.0).sum(axis=0) / np.maximum(number, 1)
+        before = np.where(np.isfinite(self._sizes), self._sizes, mean)
+        gain = 1 - np.exp(-len(errors) * self._dt / ERROR_SECONDS)[:, None]
+        self._sizes = np.where(number > 0, before + gain * (mean - before), self._sizes)
+        forms = np.maximum(np.moveaxis(self._sizes[:, 3:], 1, 0), np.finfo(float).tiny)
+        likelihood = np.where(np.isfinite(forms), forms.min(axis=0) / forms, 1.0) ** INDEPENDENT_ERRORS
+        self._weights = likelihood / likelihood.sum(axis=0)

@@ -167,15 +167,15 @@ class OnlineWind:
         """A gap follows."""
         self._tracked = None
 
-    def add(self, block: MemoryBlock) -> None:
-        """Keeps a block that was just closed; takes what was fitted meanwhile, and begins the next fit when due."""
+    def add(self, block: MemoryBlock, fits: bool = True) -> None:
+        """Keeps a block that was just closed; takes what was fitted meanwhile, and ``fits`` again when due."""
         self._blocks.append(block)
         if self._pending is not None:
             if not self._pending.done():
                 return
             pending, self._pending = self._pending, None
             self._adopt(pending)
-        if self._samples < self._next:
+        if self._samples < self._next or not fits:
             return
         self._next = self._samples + min(self._samples, round(LONGEST_PAUSE_SECONDS / self._dt))
         record = record_of(self._blocks, self._dt, self._memory.effect_directions)
