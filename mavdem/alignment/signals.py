@@ -295,12 +295,6 @@ class Signals:
         return None
 
     @cached_property
-    def position(self) -> Signal | None:
-        """(N, 3) north, east and down, m, from LOCAL_POSITION_NED; None where it was not recorded."""
-        columns = self.telemetry.messages.get("LOCAL_POSITION_NED", {})
-        return series(columns, np.column_stack([floats(columns, axis) for axis in "xyz"])) if "x" in columns else None
-
-    @cached_property
     def autopilot_wind(self) -> Signal | None:
         """The autopilot's own estimate of the wind, (N, 2) m/s north and east, where the air moves to."""
         if (columns := self.telemetry.messages.get("WIND_COV")) is not None:

@@ -7,7 +7,6 @@ import click
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals
 from mavdem.analysis import LogAnalysis, analyse
-from mavdem.cli.air import Air
 from mavdem.cli.options import source_options
 from mavdem.cli.output import complain, print_json, say
 from mavdem.cli.sources import read_source
@@ -15,7 +14,7 @@ from mavdem.condition.inventory import inventory
 from mavdem.report.blocks import Block, Sentence
 from mavdem.report.condition import sender, stream_contents, vehicle_contents
 from mavdem.report.screen import conclusion
-from mavdem.report.wind import wind_blocks
+from mavdem.report.wind import air_of, wind_blocks
 
 
 @click.command("info")
@@ -41,12 +40,12 @@ def info_command(
     held, blocks = inventory(log, axis, vehicle, inputs, known), list[Block]()
     for shown, one in zip(held["vehicles"], analyses.values(), strict=True):
         shown |= one.findings.as_dict() | {"model": one.model}
-        air = Air.of(Signals(choose_vehicle(log.vehicles, sender(shown))))
-        shown["wind_velocity"] = air.as_dict()
+        air = air_of(Signals(choose_vehicle(log.vehicles, sender(shown))))
+        shown["wind_velocity"] = air[0] and air[0].as_dict()
         blocks += [
             *conclusion(one.findings),
             *vehicle_contents(shown),
-            *wind_blocks(shown["wind_velocity"], air.reason),
+            *wind_blocks(air),
             Sentence(""),
         ]
     held["learnable"] = any(one["model"] for one in held["vehicles"])

@@ -10,12 +10,11 @@ from typing import Any
 
 import click
 
-from mavdem.alignment.drive import TILT_AXES, Signal
+from mavdem.alignment.drive import TILT_AXES
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals
 from mavdem.analysis import LogAnalysis, analyse
 from mavdem.analysis.figures import ALL
-from mavdem.cli.air import Air
 from mavdem.cli.options import file_option, folder_named, model_options, source_options, window_options
 from mavdem.cli.output import check_folder, complain, files_in, json_text, print_result, printable, progress, say_aside
 from mavdem.cli.signals import ending_at_once
@@ -30,7 +29,7 @@ from mavdem.report.details import detail_blocks
 from mavdem.report.flights import truth_blocks
 from mavdem.report.page import log_page
 from mavdem.report.screen import analysis_blocks, title, vehicle_blocks
-from mavdem.report.wind import wind_blocks
+from mavdem.report.wind import Air, air_of, wind_blocks
 
 RECORDING = "flight.rrd"
 RESULT_FILES = ("model.json", "report.json", "report.html", RECORDING, "flight.mcap")
@@ -124,10 +123,10 @@ def learn_command(
     if learned is None and analysis.tier.name is None:
         raise analysis.refusal
     telemetry = choose_vehicle(log.vehicles, vehicle)
-    air = Air.of(signals := Signals(telemetry))
+    air = air_of(Signals(telemetry))
     report: dict[str, Any] = {
         **analysis.as_dict(),
-        "wind_velocity": air.as_dict(),
+        "wind_velocity": air[0] and air[0].as_dict(),
         "seconds": round(perf_counter() - began, 3),
         "files": {name: str(folder / name) for name in result_files(with_model=learned is not None)},
     }
@@ -142,12 +141,12 @@ def learn_command(
         blocks += [] if analysis.truth is None else truth_blocks(analysis.truth)
         details = detail_blocks(learned, report)
     last = len(blocks) - (learned is not None)  # what to do next stays last
-    blocks[last:last] = wind_blocks(report["wind_velocity"], air.reason)
+    blocks[last:last] = wind_blocks(air)
     known = {(telemetry.system, telemetry.component): (verdict, condition, analysis.identity)}
     held = inventory(log, verdict.axis, vehicle, inputs, known)
     held["vehicles"][0] |= analysis.findings.as_dict() | {"model": analysis.model}
-    page = log_page(heading, blocks, {verdict.axis: analysis}, held, wind=air)
-    write_results(folder, report, page, analysis, air, signals.position)
+    page = log_page(heading, blocks, {verdict.axis: analysis}, held, air=air)
+    write_results(folder, report, page, analysis, air)
     for what, extra in ((f"{RECORDING} was not written, since it", "view"), ("Drawing its pictures", "plot")):
         if learned is not None and (hint := advice(what, extra)):
             say_aside(hint)
@@ -179,9 +178,7 @@ def result_files(with_model: bool = True) -> tuple[str, ...]:
     return tuple(name for name in RESULT_FILES if name != RECORDING or not missing("view"))
 
 
-def write_results(
-    folder: Path, report: dict[str, Any], page: str, analysis: LogAnalysis, air: Air, position: Signal | None
-) -> None:
+def write_results(folder: Path, report: dict[str, Any], page: str, analysis: LogAnalysis, air: Air) -> None:
     """Writes the :func:`result_files`, as :func:`files_in` does; ``page`` is the HTML. Those of a run before go."""
     learned, held_out, flights = analysis.learned, analysis.held_out, analysis.flights
     names = result_files(with_model=learned is not None)
@@ -197,8 +194,7 @@ def write_results(
                     from mavdem.view import write_recording
 
                 changes = [alarm.since for alarm in analysis.alarms if alarm.motor is not None]
-                path = None if air.wind is None or position is None else (position, air.wind)
-                write_recording(place[RECORDING], flights, learned, held_out, analysis.findings, changes, path)
-            write_channels(place["flight.mcap"], flights, learned, held_out, air.wind)
+                write_recording(place[RECORDING], flights, learned, held_out, analysis.findings, changes)
+            write_channels(place["flight.mcap"], flights, learned, held_out, air[0])
     for name in set(RESULT_FILES) - set(names):
         (folder / name).unlink(missing_ok=True)

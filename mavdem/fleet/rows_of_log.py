@@ -92,8 +92,8 @@ def _wind(signals: Signals) -> dict[str, Any]:
     if wind.status["speed"] != NOT_IDENTIFIABLE:
         columns |= {"wind_speed": wind.speed, "wind_speed_interval": wind.speed_interval}
     if wind.status["direction"] != NOT_IDENTIFIABLE and not wind.calm:
-        both = np.radians([wind.direction, wind.direction_interval])
-        columns |= dict(zip(("wind_direction", "wind_direction_interval"), both.tolist(), strict=True))
+        columns["wind_direction"] = np.radians(wind.direction)
+        columns["wind_direction_interval"] = np.radians(wind.direction_interval)
     half = [np.ptp(drag.interval(name), axis=0) / 2 for name in ("linear", "quadratic")]
     columns |= {"drag": (*drag.linear, *drag.quadratic), "drag_interval": np.ravel(half)}
     return columns | {"drag_status": wind.status["drag"]}

@@ -11,7 +11,7 @@ from urllib.parse import quote
 from markupsafe import Markup
 
 from mavdem.errors import advice, downstream
-from mavdem.fleet.row import HEALTHS, NOT_IDENTIFIABLE, OK, UNKNOWN, Flight, FlightRow, flights_of, vehicles_of
+from mavdem.fleet.row import HEALTHS, NOT_IDENTIFIABLE, OK, UNKNOWN, FlightRow, flights_of, vehicles_of
 from mavdem.report import flights as words
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.flights import TROUBLE, cut, doubt, had_trouble, urgency, vehicle_health
@@ -60,7 +60,6 @@ def fleet_page(rows: Sequence[FlightRow], changes: Mapping[str, Sequence[Block]]
         .render(
             blocks=[*words.fleet_blocks(rows), *([Sentence(hint, "Not drawn:")] if hint and drawn else [])],
             vehicles=parts,
-            rose=_svg(flights, "rose", "wind", "wind_rose"),
             not_drawn=len(flown_often) - len(drawn),
             table=Table(kept, [list(line) for line in zip(*(columns[name] for name in kept), strict=True)]),
             kinds=[COLUMNS[name][0] for name in kept],
@@ -71,10 +70,10 @@ def fleet_page(rows: Sequence[FlightRow], changes: Mapping[str, Sequence[Block]]
     )
 
 
-def _svg(flights: Sequence[Flight], name: str, module: str = "flights", draw: str = "vehicle_figure") -> Markup:
+def _svg(flights: Sequence[Sequence[FlightRow]], name: str) -> Markup:
     try:
-        figure = downstream(f"report.figures.{module}", draw)(flights)
-    except (ValueError, ImportError):  # nothing is known, or matplotlib is not installed
+        figure = downstream("report.figures.flights", "vehicle_figure")(flights)
+    except ValueError:  # nothing is known
         return Markup("")
     return Markup(downstream("report.figures.style", "svg")(figure, name))
 
@@ -111,13 +110,6 @@ def _residual(row: FlightRow) -> str:
     return "" if row.residual_mean is None else f"{rounded(TORQUE.scale * row.residual_mean)}{usual}"
 
 
-def _wind(row: FlightRow) -> str:
-    if row.wind_speed is None or not row.wind_speed_interval:
-        return ""
-    point = "" if row.wind_direction is None else f" from {from_point(degrees(row.wind_direction))}"
-    return "{:.1f} ({:.1f} to {:.1f})".format(row.wind_speed, *row.wind_speed_interval) + point
-
-
 def _notes(row: FlightRow) -> str:
     said = [row.headline, row.health_reason if row.health != OK else "", *row.warnings]
     # The page of the flight has all.
@@ -137,7 +129,8 @@ COLUMNS: dict[str, tuple[str, Callable[[FlightRow], Any]]] = {
     "mean effectiveness (°/s²)": ("number", _effectiveness),
     "rate damping (1/s)": ("number", _number("damping", estimated=True)),
     "motor time constant (ms)": ("number", _number("lag", 1e3, estimated=True)),
-    "wind (m/s)": ("number", lambda row: _wind(row)),
+    "wind (m/s)": ("number", _number("wind_speed")),
+    "from": ("text", lambda row: "" if row.wind_direction is None else from_point(degrees(row.wind_direction))),
     "wind torque (°/s²)": ("number", _number("wind_torque_sd", TORQUE.scale)),
     "residual mean (°/s²)": ("number", _residual),
     "error ratio": ("number", _number("error_ratio")),

@@ -60,14 +60,6 @@ def from_point(direction: float) -> str:
     return f"{POINTS[round(direction / 22.5) % 16]} ({direction % 360:.0f}°) {'↓↙←↖↑↗→↘'[round(direction / 45) % 8]}"
 
 
-def speed_and_direction(velocity: NDArray[np.float64], band: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns (2, 2, T) speed (m/s) and direction (°, from), and half widths, of a ``velocity`` (T, 2) and its own."""
-    north, east = velocity.T / (speed := np.maximum(np.hypot(*velocity.T), 1e-9))
-    across = np.degrees(np.hypot(east * band[:, 0], north * band[:, 1]) / speed).clip(0, 180)
-    angle = np.degrees(np.arctan2(-east, -north)) % 360
-    return np.array([[speed, angle], [np.hypot(north * band[:, 0], east * band[:, 1]), across]])
-
-
 TORQUE = readable("rad/s²")  # of torques and of effects, by the axis's inertia
 
 

@@ -17,10 +17,8 @@ import numpy as np
 from jinja2 import Environment, PackageLoader
 from markupsafe import Markup, escape
 
-from mavdem.alignment.drive import Signal
 from mavdem.analysis import LogAnalysis
 from mavdem.analysis.findings import NONE, Findings, findings_of
-from mavdem.condition import WindVelocity
 from mavdem.dem import Learned
 from mavdem.dem.order_choice import OrderChoice
 from mavdem.errors import advice, downstream
@@ -36,6 +34,7 @@ from mavdem.report.flights import event_blocks, live_report
 from mavdem.report.numbers import Labels, listed, named, readable, rounded
 from mavdem.report.palette import INK_ON_LIGHT
 from mavdem.report.screen import analysis_blocks, screen, title
+from mavdem.report.wind import Air
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -130,13 +129,13 @@ def log_page(
     analyses: Mapping[str, LogAnalysis],
     inventory: dict[str, Any] | None = None,
     back: tuple[str, str] | None = None,
-    wind: tuple[WindVelocity | None, Signal | None, str] = (None, None, ""),
+    air: Air | None = None,
 ) -> str:
     """Returns the HTML of one log, with models or without.
 
     ``blocks`` are the report on the screen, of the first axis; ``analyses`` what the log says of one vehicle, by axis.
     Without the ``inventory`` (``mavdem.condition.inventory``) the page is small, with few pictures, for many flights.
-    ``back`` is name and address of the page that leads here; ``wind`` is that in m/s, and the autopilot's own.
+    ``back`` is name and address of the page that leads here; ``air`` is the wind in m/s.
     """
     first, *others = analyses.values()
     # Vehicle, battery and balance are the same on each axis.
@@ -144,9 +143,9 @@ def log_page(
         Chapter(axis.capitalize(), [block for block in analysis_blocks(analysis) if block not in blocks])
         for axis, analysis in zip(list(analyses)[1:], others, strict=True)
     ]
-    if (air := wind[0]) is not None:
-        said = "Speed, and direction that it comes from, with 90 % bands; the arrow is the mean's."
-        drawn = Picture("Wind", said, lambda: downstream("report.figures.wind", "wind_over_time")(air, wind[1]))
+    if air is not None and air[0] is not None:
+        said = "Its speed with a 90 % band, and where it comes from in the mean: the arrow flies with it."
+        drawn = Picture("Wind", said, lambda: downstream("report.figures.wind", "wind_over_time")(*air[:2]))
         chapters.append(Chapter("Wind in m/s", pictures=[drawn]))
     folded = []
     for axis, analysis in analyses.items():

@@ -12,15 +12,13 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from mavdem.alignment.drive import Signal
-from mavdem.condition import WindVelocity
 from mavdem.dem.engine.linalg import Array
 from mavdem.ingest.motors import place_name
 from mavdem.ingest.vocabulary import euler_angles
 from mavdem.report import palette
 from mavdem.view.plots import BOOT_CLOCK, Plot, blueprint, recorded
 
-MAX_ROWS, MAX_ARROWS = 50_000, 240  # the viewer draws every row, and all arrows along a path at once
+MAX_ROWS = 50_000  # the viewer draws every row
 WIND_SCALE = 0.4  # length of the wind's arrow for 1 m/s, in arms
 
 BODY, NOSE, GROUND, TRAIL = (210, 214, 220), (255, 107, 107), (70, 74, 80), (94, 214, 120)
@@ -188,31 +186,3 @@ def _surroundings(recording: rr.RecordingStream, pose: Pose, rows: NDArray[np.in
     recording.log("world/trail", rr.LineStrips3D.from_fields(radii=[0.022 * arm], colors=[TRAIL]), static=True)
     index = [rr.TimeColumn(BOOT_CLOCK, duration=pose.time[now])]
     recording.send_columns("world/trail", index, rr.LineStrips3D.columns(strips=strips))
-
-
-def path_with_wind(recording: rr.RecordingStream, position: Signal, wind: WindVelocity) -> rrb.View:
-    """Returns a view of the path that was flown, the wind along it, and the place of the moment."""
-    rows = (position.time >= wind.time[0]) & (position.time <= wind.time[-1])
-    time, place = position.time[rows], position.values[rows]
-    if not len(time):
-        return rrb.Spatial3DView(name="Path", origin="path")
-    at = np.linspace(wind.time[0], wind.time[-1], min(MAX_ARROWS, ceil(np.ptp(wind.time)) + 1))
-    moved = np.column_stack([*(np.interp(at, wind.time, air) for air in wind.velocity.T), 0 * at])
-    origins, speeds = np.column_stack([np.interp(at, time, axis) for axis in place.T]), np.hypot(*moved.T[:2])
-    size, middle = float(np.ptp(place, axis=0).max()) + 5.0, (place.min(axis=0) + place.max(axis=0)) / 2
-    scale, colour = 0.2 * size / max(float(speeds.max()), 1.0), palette.channels(palette.DISTURBANCE)
-    corner = middle - size * np.array([0.6, 0.6, 0.0])
-    parts = {
-        "": rr.ViewCoordinates.FRD,  # as north, east, down
-        "/flown": rr.LineStrips3D([place[:: ceil(len(time) / MAX_ROWS)]], radii=0.0025 * size, colors=[TRAIL]),
-        "/wind": rr.Arrows3D(origins=origins, vectors=scale * moved, radii=0.004 * size, colors=[colour]),
-        "/north": rr.Arrows3D(origins=[corner], vectors=[[size / 6, 0, 0]], radii=0.004 * size, labels=["north"]),
-        "/here": rr.Points3D.from_fields(radii=[0.01 * size], colors=[NOSE], show_labels=True),
-    }
-    for name, part in parts.items():
-        recording.log(f"path{name}", part, static=True)
-    here = rr.Points3D.columns(positions=origins, labels=[f"{speed:.1f} m/s" for speed in speeds])
-    recording.send_columns("path/here", [rr.TimeColumn(BOOT_CLOCK, duration=at)], here)
-    eye: Any = {"position": middle + size * np.array([-0.95, -0.3, -0.7]), "look_target": middle, "eye_up": (0, 0, -1)}
-    controls = rrb.EyeControls3D(kind=rrb.Eye3DKind.Orbital, **eye)
-    return rrb.Spatial3DView(name=f"Path: {scale:.2g} m of arrow for 1 m/s", origin="path", eye_controls=controls)

@@ -10,9 +10,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from mavdem.alignment.drive import Signal
 from mavdem.analysis.findings import Findings, findings_of, known_wind
-from mavdem.condition import WindVelocity
 from mavdem.confidence import LEVEL
 from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
@@ -24,7 +22,6 @@ from mavdem.report.blocks import Block, Table, markdown
 from mavdem.report.details import detail_blocks
 from mavdem.report.numbers import TORQUE, AxisCommand, Labels, named, per, place, plus_minus, readable, state_names
 from mavdem.report.screen import screen, title, verdict_blocks
-from mavdem.view.flown import path_with_wind
 from mavdem.view.plots import Plot, blueprint, faint, range_of, recorded, with_gaps
 
 BEYOND = 0.15  # how far a plot extends beyond the measured values, in spans of them, where a forecast does
@@ -37,14 +34,12 @@ def write_recording(
     held_out: HeldOut,
     found: Findings | None = None,
     changes: Sequence[float] = (),
-    path_in_wind: tuple[Signal, WindVelocity] | None = None,
 ) -> None:
     """Writes ``learned``, the model of ``flights``, and forecasts of ``held_out`` windows as an .rrd file ``path``.
 
     It appears whole or not at all, ``OSError`` if it cannot be written, and opens with its own blueprint: the flight
     over its seconds, more of it, how the model was learned, and the report by what was ``found``. Angles are in
-    degrees; every plot is marked where a motor ``changes``, s of the boot clock. ``path_in_wind`` is the position and
-    the wind in m/s, shown in a tab of their own.
+    degrees; every plot is marked where a motor ``changes``, s of the boot clock.
     """
     series = FlightSeries(flights, learned, held_out)
     series.changes = [at for at in changes if series.span[0] < at < series.span[1]]
@@ -54,8 +49,7 @@ def write_recording(
         others = [plot for i in range(1, len(series.labels.output_names)) for plot in series.output(i)]
         details = _drawn(recording, series, [*others, series.motors(), *series.dem()])
         flight, learning = _flight(recording, series, found), _learning(recording, learned)
-        path_view = [] if path_in_wind is None else [path_with_wind(recording, *path_in_wind)]
-        tabs = rrb.Tabs(flight, *path_view, rrb.Vertical(*details, name="Details"), learning, report, active_tab=0)
+        tabs = rrb.Tabs(flight, rrb.Vertical(*details, name="Details"), learning, report, active_tab=0)
         recording.send_blueprint(blueprint(tabs, play_state="paused"), make_active=False)
 
 

@@ -46,7 +46,7 @@ def test_an_empty_file_is_the_default_scenario(tmp_path):
         ("height = 60", "duration must be at least 87 s for a height of 60 m, not 60"),
         (
             '[excitation]\nkind = "course"\nmoves = [{north = 5}]',
-            "course's beginning to its end must be none at all, 0 m, not 5",
+            "from its beginning, must be none at all, 0 m, not 5",
         ),
         ('[excitation]\nkind = "course"\nmoves = [{nort = 5}]', "a move has north, east, up, speed, turn, rate, hover"),
         (

@@ -112,16 +112,6 @@ def test_legs_climbs_and_turns_are_flown_and_end_where_they_began():
     assert not holding.cautions()
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", sorted(COURSES))
-def test_every_course_is_flown_on_its_way(name):
-    scenario, holding = load(name), Holding(load(name))
-    motion = fly(scenario)
-    holding.add(motion)
-    assert not holding.cautions() and motion.landed_state[-1] == 1 and not motion.armed[-1]
-    assert np.abs(motion.position[-1]).max() < 1
-
-
 def test_a_vehicle_that_tumbles_is_no_flight():
     scenario = brief(vehicle=sections.VehicleSpec(model="crazyflie"), moments=(sections.Moment(sd=1.0, s=0.5),))
     with pytest.raises(ValueError, match="the vehicle is out of control .* s after boot"):
