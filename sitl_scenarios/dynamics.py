@@ -3,8 +3,7 @@
 North-east-down (NED), body axes forward, right, down (FRD). On the body act its weight, the rotors' thrust along −z and
 torque about z, and air that moves past it:
 
-- the hull's drag, ½ρ C_d A |a| a, for air that moves with a relative to the body; along the body's x and y axes a
-  scenario may set others, and other rotors' drags too;
+- the hull's drag, ½ρ C_d A |a| a, for air that moves with a relative to the body; a scenario may set others;
 - each rotor's drag, k ω a along its disc: the H-force, linear in rotor speed and in the air's (Ph. Martin and
   E. Salaün, ICRA 2010; R. Mahony, V. Kumar and P. Corke, "Multirotor aerial vehicles", IEEE RAM 2012);
 - each rotor's loss of thrust to air that moves down through its disc, k_z ω a_z, with a_z at its own hub. So a body

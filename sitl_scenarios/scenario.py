@@ -203,10 +203,9 @@ class Profile(Section):
 
     def at(self, height: float, time: float) -> tuple[float, float]:
         """Returns the share of the speed at the reference, and the clockwise turn (rad), at m and s since arming."""
-        share, z = 1.0, max(height, 0.0)
-        if self.law == "power":
-            share = (z / self.reference) ** self.exponent
-        elif self.law == "log":
+        z = max(height, 0.0)
+        share = (z / self.reference) ** (self.exponent if self.law == "power" else 0.0)
+        if self.law == "log":
             share = log(max(z / self.roughness, 1.0)) / log(self.reference / self.roughness)
         return share, radians(self.veer * (z - self.reference) + self.turn * time)
 

@@ -140,8 +140,7 @@ def learn_command(
         blocks += vehicle_blocks(analysis.vehicle, bool(analysis.findings.overrides)) if axis == ALL else []
         blocks += [] if analysis.truth is None else truth_blocks(analysis.truth)
         details = detail_blocks(learned, report)
-    last = len(blocks) - (learned is not None)  # what to do next stays last
-    blocks[last:last] = wind_blocks(air)
+    blocks[-1:-1] = wind_blocks(air)  # what to do next stays last
     known = {(telemetry.system, telemetry.component): (verdict, condition, analysis.identity)}
     held = inventory(log, verdict.axis, vehicle, inputs, known)
     held["vehicles"][0] |= analysis.findings.as_dict() | {"model": analysis.model}

@@ -277,8 +277,8 @@ def write_channels(
     also ``learned/one_step``, ``learned/process_noise`` (per second), ``learned/free_energy`` (F(t)),
     ``learned/command``, the motors' difference, and, if it is known, ``learned/wind_torque`` with the half width of its
     band (rad/s²); and with ``held_out`` windows ``held_out/measured``, ``held_out/forecast``, ``held_out/residual`` and
-    ``held_out/band``, the half width of the forecast's 90 % band. ``docs/layouts`` shows them in either viewer. With
-    ``wind`` there are ``wind/velocity``, m/s north and east that the air moves to, and ``wind/band``, its half widths.
+    ``held_out/band``, the half width of the forecast's 90 % band. ``docs/layouts`` shows them in either viewer. The
+    ``wind`` is in ``wind/velocity``, m/s north and east that the air moves to, and its half widths ``wind/band``.
 
     ``OSError`` if ``path`` cannot be written, ``ValueError`` for a time before 0, which MCAP cannot hold, or a model of
     other flights.

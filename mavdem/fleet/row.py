@@ -106,7 +106,6 @@ class FlightRow:
     wind_direction_interval: float | None = None
     drag: Numbers | None = None  # linear along body x and y, 1/s, then quadratic, 1/m
     drag_interval: Numbers | None = None
-    drag_status: str | None = None
     mean_inputs: Numbers | None = at("condition.hover.trim")  # over the flight, of each input and output of the model
     mean_outputs: Numbers | None = None
     # the mean angular acceleration that this flight's frozen model leaves unexplained in another one, rad/s², is the

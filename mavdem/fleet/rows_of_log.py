@@ -95,8 +95,7 @@ def _wind(signals: Signals) -> dict[str, Any]:
         columns["wind_direction"] = np.radians(wind.direction)
         columns["wind_direction_interval"] = np.radians(wind.direction_interval)
     half = [np.ptp(drag.interval(name), axis=0) / 2 for name in ("linear", "quadratic")]
-    columns |= {"drag": (*drag.linear, *drag.quadratic), "drag_interval": np.ravel(half)}
-    return columns | {"drag_status": wind.status["drag"]}
+    return columns | {"drag": (*drag.linear, *drag.quadratic), "drag_interval": np.ravel(half)}
 
 
 def _means(analysis: LogAnalysis) -> dict[str, Any]:

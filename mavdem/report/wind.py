@@ -35,8 +35,8 @@ def wind_blocks(air: Air) -> list[Block]:
     text += f"; gusts up to {wind.gust:.1f} m/s over 3 s. Intervals hold the mean with 90 %."
     if own is not None and (rows := (own.time >= wind.time[0]) & (own.time <= wind.time[-1])).any():
         mean = own.values[rows].mean(axis=0)
-        speed, angle = float(np.hypot(*mean)), coming_from(*mean)
-        turned = (angle - wind.direction + 180) % 360 - 180
-        off = f" from {from_point(angle)}: {speed - wind.speed:+.1f} m/s, {turned:+.0f}°" if speed > 0.05 else ""
+        speed, angle = np.hypot(*mean), coming_from(*mean)
+        apart = f"{speed - wind.speed:+.1f} m/s, {(angle - wind.direction + 180) % 360 - 180:+.0f}°"
+        off = f" from {from_point(angle)}: {apart}" if speed > 0.05 else ""
         text += f" The autopilot's own estimate is {speed:.1f} m/s{off}."
     return [Sentence(text, "Wind:"), *(Sentence(why, f"Wind's {what}:") for what, why in wind.reasons.items())]

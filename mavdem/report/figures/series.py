@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FixedLocator, MaxNLocator, NullLocator
+from matplotlib.ticker import MaxNLocator
 
 from mavdem.analysis.findings import known_wind
 from mavdem.analysis.residuals import BOUND_LEVEL, LAG_SECONDS, residuals
@@ -197,8 +197,8 @@ class Plots(SystemPlots):
             for number, name in enumerate(name for name in change if name in largest):
                 terms.plot(change[name], color=distinct(number), label=name.replace("prediction error of", "error of"))
             terms.set_yscale("symlog", linthresh=10.0)
-            terms.yaxis.set_major_locator(FixedLocator([-1e6, -1e3, 0, 1e3, 1e6]))
-            terms.yaxis.set_minor_locator(NullLocator())
+            terms.set_yticks([-1e6, -1e3, 0, 1e3, 1e6])
+            terms.minorticks_off()
             terms.yaxis.set_major_formatter("{x:g}")
 
             terms.xaxis.set_major_locator(MaxNLocator(integer=True))

@@ -22,7 +22,7 @@ def wind_over_time(wind: WindVelocity, own: Signal | None = None) -> Figure:
         axes.plot(wind.time, speed, color=DISTURBANCE, linewidth=THIN, label="wind")
         if own is not None:
             axes.plot(own.time, np.hypot(*own.values.T), color=BASELINE, linewidth=THIN, label="autopilot's own")
-        axes.set(xlabel="time since boot (s)", ylabel="speed (m/s)", xlim=wind.time[[0, -1]], ylim=(0, None))
-        axes.set_title("" if wind.calm else f"from {from_point(wind.direction)}")
+        axes.set(xlabel="time since boot (s)", ylabel="speed (m/s)", xlim=wind.time[[0, -1]])
+        axes.set(ylim=(0, None), title="" if wind.calm else f"from {from_point(wind.direction)}")
         legend_above(axes)
     return figure
