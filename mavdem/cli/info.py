@@ -42,12 +42,7 @@ def info_command(
         shown |= one.findings.as_dict() | {"model": one.model}
         air = air_of(Signals(choose_vehicle(log.vehicles, sender(shown))))
         shown["wind_velocity"] = air[0] and air[0].as_dict()
-        blocks += [
-            *conclusion(one.findings),
-            *vehicle_contents(shown),
-            *wind_blocks(air),
-            Sentence(""),
-        ]
+        blocks += [*conclusion(one.findings), *vehicle_contents(shown), *wind_blocks(air), Sentence("")]
     held["learnable"] = any(one["model"] for one in held["vehicles"])
     if not held["vehicles"]:
         what = "There is no vehicle in this log: check that the autopilot's own messages are recorded."

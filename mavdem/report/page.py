@@ -145,7 +145,7 @@ def log_page(
     ]
     if air is not None and air[0] is not None:
         said = "Its speed with a 90 % band, and where it comes from in the mean: the arrow flies with it."
-        drawn = Picture("Wind", said, lambda: downstream("report.figures.wind", "wind_over_time")(*air[:2]))
+        drawn = Picture("Wind", said, lambda: downstream("report.figures.series", "wind_over_time")(*air[:2]))
         chapters.append(Chapter("Wind in m/s", pictures=[drawn]))
     folded = []
     for axis, analysis in analyses.items():

@@ -13,8 +13,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from mavdem.alignment.drive import Signal
 from mavdem.analysis.findings import known_wind
 from mavdem.analysis.residuals import BOUND_LEVEL, LAG_SECONDS, residuals
+from mavdem.condition import WindVelocity
 from mavdem.condition.condition import HoverFigures
 from mavdem.confidence import LEVEL
 from mavdem.dem import Learned
@@ -26,7 +28,7 @@ from mavdem.report import palette
 from mavdem.report.figures import style
 from mavdem.report.figures.style import HAIRLINE, THIN, Room, band, legend_above, not_blown_up, note, picture
 from mavdem.report.figures.systems import SystemPlots
-from mavdem.report.numbers import TORQUE, AxisCommand, Labels, per, readable
+from mavdem.report.numbers import TORQUE, AxisCommand, Labels, from_point, per, readable
 from mavdem.report.palette import HELD_OUT_OPACITY, MEASURED, TRUTH, distinct
 
 
@@ -253,6 +255,24 @@ def forecast(held: HeldOut, labels: Labels, output: int = 0, windows: int = 8) -
             errors.set_ylim(0, 1.05 * max(np.max(constant), np.percentile(ours[np.isfinite(ours)], 95)))
             errors.set(xlabel="time since boot (s)", ylabel=f"RMSE ({unit.name})")
             legend_above(errors)
+    return figure
+
+
+def wind_over_time(wind: WindVelocity, own: Signal | None = None) -> Figure:
+    """Draws the speed with its 90 % band and the ``own`` estimate of the autopilot; the mean's direction above."""
+    speed = np.hypot(*wind.velocity.T)
+    half = np.hypot(*(wind.velocity * wind.band).T) / np.maximum(speed, 1e-9)
+    with picture() as figure:
+        axes = figure.subplots()
+        band(axes, wind.time, np.maximum(speed - half, 0), speed + half, palette.DISTURBANCE, "90 % band")
+        axes.plot(wind.time, speed, color=palette.DISTURBANCE, linewidth=THIN, label="wind")
+        if own is not None:
+            axes.plot(
+                own.time, np.hypot(*own.values.T), color=palette.BASELINE, linewidth=THIN, label="autopilot's own"
+            )
+        axes.set(xlabel="time since boot (s)", ylabel="speed (m/s)", xlim=wind.time[[0, -1]])
+        axes.set(ylim=(0, None), title="" if wind.calm else f"from {from_point(wind.direction)}")
+        legend_above(axes)
     return figure
 
 
