@@ -23,6 +23,8 @@ STEP_TOLERANCE = 1.1
 """How much longer than 1/``MINIMUM_RATE`` usual steps may be, so that jitter of the stamps does not split a stream. The
 verdict decides whether the mean rate of a segment is enough."""
 MAX_GAP_SECONDS = 0.1  # Longest silence that is bridged: half a period of 5 Hz, a frequency at which roll still moves
+USUAL_SHARE, MAX_CYCLES, CYCLES_TOLERANCE = 0.02, 3, 0.1
+"""Share of steps below which they are rare; cycles of a scheduler an interval may be, and how far the mean may be."""
 STAMP_SECONDS = 1e-3  # Resolution of ``time_boot_ms``: two stamps no further apart may belong to the same moment
 
 
@@ -131,7 +133,8 @@ def align(signals: Signals, segment: Segment, dt: float | None = None) -> Flight
     the rate only.
 
     Unless given, the step is the mean interval of the slower of attitude and motors, to 0.1 ms. The mean, because an
-    autopilot that rounds 10 ms to its 4 ms loop alternates 8 and 12 and the median is neither.
+    autopilot that rounds 10 ms to its 4 ms loop alternates 8 and 12 and the median is neither; but with jitter of two
+    or three cycles of the loop, these.
 
     A stream with a sample within ``STAMP_SECONDS`` of every grid point keeps its samples as they are, unless it is so
     much faster that it has to be low-passed (see :func:`sample`). Otherwise it is interpolated linearly.
@@ -152,7 +155,7 @@ def align(signals: Signals, segment: Segment, dt: float | None = None) -> Flight
     motion = np.column_stack([attitude.angle, attitude.rate])[:, -len(measured) :]
     drive = within(motors, segment)
     rates = {"attitude": mean_rate(attitude.time[near]), "motors": mean_rate(motors.time[drive])}
-    dt = step(rates.values()) if dt is None else dt
+    dt = step((attitude.time[near], motors.time[drive])) if dt is None else dt
     time = grid_of(attitude.time[near], motors.time[drive], dt)
     outputs, attitude_way = sample(time, dt, attitude.time[near], motion[near])
     inputs, motors_way = sample(time, dt, motors.time[drive], motors.outputs[drive])
@@ -191,9 +194,24 @@ def align(signals: Signals, segment: Segment, dt: float | None = None) -> Flight
     )
 
 
-def step(rates: Iterable[float]) -> float:
-    """Returns the step, s, of a grid for streams of these mean rates, Hz: the interval of the slowest, to 0.1 ms."""
-    return max(round(1 / min(rates), 4), 1e-4)
+def step(streams: Iterable[Array]) -> float:
+    """Returns the step, s, of a grid for streams with these stamps (N,): the interval of the slowest, to 0.1 ms."""
+    return max(round(max(map(_interval, streams)), 4), 1e-4)
+
+
+def _interval(time: Array) -> float:
+    """The mean interval, s, of stamps (N,); with jitter of a scheduler's whole cycles, the nearest two or three cycles.
+
+    Steps of 4, 8 and 12 ms are 8 ms with jitter, whatever the mean of some seconds. 8 and 12 alone are their mean.
+    """
+    mean, since = 1 / mean_rate(time), time - time[0]
+    steps, counts = np.unique(np.rint(np.diff(time) / STAMP_SECONDS).astype(np.int64), return_counts=True)
+    steps = steps[counts >= USUAL_SHARE * len(time)]
+    cycle = STAMP_SECONDS * float(np.gcd.reduce(steps))
+    usual = cycle * min(round(mean / cycle), MAX_CYCLES) if cycle else mean
+    even = np.mean(np.abs(since - cycle * np.rint(since / (cycle or 1.0))) > STAMP_SECONDS) < USUAL_SHARE
+    jitter = even and steps[0] * STAMP_SECONDS < usual - STAMP_SECONDS
+    return usual if jitter and abs(usual - mean) <= CYCLES_TOLERANCE * mean else mean
 
 
 def mean_rate(time: Array) -> float:

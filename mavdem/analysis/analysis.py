@@ -128,7 +128,7 @@ def analyse(
     learned = replace(learned, cautions=cautions)  # before anything is fitted that it keeps
     changes = [alarm.since for alarm in alarms if alarm.motor is not None]
     if changes and learned.physical is not None and learned.wind is not None:
-        vars(learned)["wind"] = wind(learned.physical, learned.record, changes)
+        vars(learned)["wind_torque"] = wind(learned.physical, learned.record, changes)
     disown_torque(learned, condition)
     compared = None if truth is None else compare_with_truth(learned, flights, truth_of(flights, truth))
     if axis == ALL:

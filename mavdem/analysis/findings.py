@@ -143,7 +143,7 @@ def findings_of(
 def disown_torque(learned: Learned, condition: Condition) -> None:
     """Gives the wind torque of a vehicle that oscillates the reason why it is not the wind's."""
     if condition.oscillation is not None and learned.wind is not None:
-        vars(learned)["wind"] = replace(learned.wind, reason="The vehicle oscillates: that torque is its own.")
+        vars(learned)["wind_torque"] = replace(learned.wind, reason="The vehicle oscillates: that torque is its own.")
 
 
 def _doubted(finding: Finding, override: Override) -> Finding:

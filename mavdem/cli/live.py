@@ -4,33 +4,40 @@ from __future__ import annotations
 
 import gc
 import math
+import os
+import sys
 from collections.abc import Callable
+from concurrent.futures import Future, wait
 from contextlib import ExitStack, closing
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from time import monotonic
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from mavdem.alignment.signals import axis_outputs
+from mavdem.cli.background import LearningProcess, in_background
 from mavdem.cli.commands import DONE, UNSUPPORTED, UNUSABLE
 from mavdem.cli.options import Number, file_option, model_options, motion_options, no_option
 from mavdem.cli.output import check_file, print_json, printable, say_aside, write_text
+from mavdem.cli.recording import RawRecording
 from mavdem.cli.signals import asked_to_end, ending_at_once
-from mavdem.dem import Learned, Physical, Settings
-from mavdem.dem.graybox import PhysicalPrior
+from mavdem.dem import Settings
 from mavdem.errors import MissingExtra, Unreadable, advice
 from mavdem.export.conversion import STREAMS
-from mavdem.fleet.store import read_rows
 from mavdem.health.in_flight import alarm_figures
 from mavdem.live import LiveStream, SessionStatus, Setup
 from mavdem.live.history import ACCOUNT, horizons, sentence
-from mavdem.live.link import Link, RawRecording
-from mavdem.live.session import LearningProcess, LiveSession
+from mavdem.live.link import Link
+from mavdem.live.session import LiveSession
+from mavdem.report.flights import whole_seconds
 from mavdem.report.page import live_page
 
 STATUS_SECONDS = 5.0  # between two status lines on standard error
+ENDING_SECONDS = 9.0  # from a request to end until the page is given up; what follows takes less than a second
+SWITCH_SECONDS = 5e-4  # for which another thread may compute while a sample waits
 
 if TYPE_CHECKING:
     from mavdem.view.live_view import LiveView
@@ -122,9 +129,6 @@ class Dashboard:
     help="Ask the vehicle for attitude and motor outputs at this rate, and at 4 Hz for what shows a landing, and "
     "for the parameters of its motors; what comes faster already stays as it is. Without it nothing is ever sent.",
 )
-@file_option(
-    "--prior", "Earlier model of the vehicle, model.json, or fleet folder: for the wind torque in a calm hover."
-)
 @click.option("--duration", type=Number(0, min_open=True), help="Seconds until it ends.")
 def live_command(
     link: str,
@@ -140,7 +144,6 @@ def live_command(
     model: Path | None,
     html: Path | None,
     request_rate: float | None,
-    prior: Path | None,
     duration: float | None,
 ) -> None:
     """Attaches to a link and learns while the vehicle flies.
@@ -173,7 +176,6 @@ def live_command(
     beside = beside or model
     html = html or (beside and beside.with_suffix(".html"))
     check_file(html, "--html", (".html",))
-    earlier = None if prior is None else _prior(prior, axis)
     stream = LiveStream(axis, vehicle, inputs, asked=request_rate is not None)
     with ExitStack() as signals, ExitStack() as ends:
         opened = Link(link)
@@ -185,33 +187,44 @@ def live_command(
         recording = None if record is None else RawRecording(record)
         executor = ends.enter_context(LearningProcess())
         shown = dashboard.open, dashboard.report, say_aside
-        session = LiveSession(opened, stream, settings, *shown, executor, recording, request_rate, earlier)
-        ends.callback(session.end)
+        session = LiveSession(opened, stream, settings, *shown, executor, recording, request_rate)
+        restored = ends.enter_context(ExitStack())
+        restored.callback(session.end)
         if dashboard.advice:
             say_aside(dashboard.advice)
         say_aside(f"Listening on {link}; Ctrl-C ends it.")
         if model is None:
             say_aside("The model will not be written: name a file with --model, --rrd or --record.")
         asked = signals.enter_context(asked_to_end())
-        took = _run(session, asked, duration)
+        _run(session, asked, duration)
         account = session.account()
-        spent = ", ".join(f"{seconds:.0f} s {ACCOUNT[kind]}" for kind, seconds in account.items() if seconds >= 0.5)
-        say_aside(f"Of {sum(account.values()):.0f} s: {spent or 'nothing'}.")
+        ends_at, whole = monotonic() + ENDING_SECONDS, whole_seconds(account)
+        spent = ", ".join(f"{seconds} s {ACCOUNT[kind]}" for kind, seconds in whole.items() if seconds)
+        say_aside(f"Of {sum(whole.values())} s: {spent or 'nothing'}.")
         say_aside("Ending takes some seconds: model, message rates and files are completed.")
         status, learned, code = session.status, None, UNSUPPORTED
+        fitting = in_background(session.final_model)
+        restored.close()
         # The model is written first: what follows may fail or take its time.
         try:
-            learned = session.final_model()
+            learned = fitting.result()
             code = DONE if _written(model, learned.to_json() + "\n", "model") else UNUSABLE
         except ValueError as error:
             say_aside(sentence(f"There is no model: {error}"))
-        session.judge(learned)
+        executor.shutdown()
+        last: Future[Any] = in_background(partial(session.judge, learned))
+        wait([last], (ends_at - monotonic()) / 2)
         dashboard.report(status := replace(status, findings=session.findings))
         if status.findings:
             say_aside(status.findings.headline)
+        page = partial(live_page, link, axis, session.history, status, account, learned)
+        if html is not None and last.done():
+            last = in_background(page)
         ends.close()
-        page = "" if html is None else live_page(link, axis, session.history, status, account, learned)
-        has_page = html is not None and _written(html, page, "page")
+        wait([last], ends_at - monotonic())
+        if html is not None and not last.done():
+            say_aside("The page is lost: this computer is too slow.")
+        has_page = html is not None and last.done() and _written(html, last.result(), "page")
         broken = dashboard.file is not None and dashboard.file.broken
         kept = dashboard.file is not None and dashboard.file.complete > 0
         if dashboard.file is not None and not kept and not broken:
@@ -220,12 +233,14 @@ def live_command(
             figures = {
                 "link": link,
                 "vehicle": status.vehicle,
-                "seconds": round(took, 3),
+                "seconds": round(sum(account.values()), 3),
                 "account": {kind: round(spent, 3) for kind, spent in account.items()},
                 "samples": {"learnt": status.learned, "shown": status.shown},
                 "rates": status.rates,
                 "lost": status.lost,
-                "latency": dict(zip(("median", "p99"), status.latency, strict=True)),
+                "missing": round(status.missing, 3),
+                "behind": {"most": round(session.most_behind, 3), "datagrams_dropped": opened.dropped},
+                "latency": dict(zip(("median", "p99", "max"), status.latency, strict=True)),
                 "ahead": dict(zip(("seconds", "half_width_rad"), status.ahead, strict=True)),
                 "useful": dict(zip(("seconds", "error_ratio"), status.useful, strict=True)),
                 "obstacle": status.obstacle,
@@ -239,26 +254,10 @@ def live_command(
             }
             print_json(figures)
     lost = session.recording is not recording or broken or (html is not None and not has_page)
+    if not last.done():  # Python would end in the middle of what its thread computes
+        sys.stdout.flush()
+        os._exit(UNUSABLE)
     click.get_current_context().exit(UNUSABLE if lost else code)
-
-
-def _prior(path: Path, axis: str) -> Physical | PhysicalPrior:
-    """The physical parameters of ``axis`` in a model, or in a fleet's last flight in which they are identifiable."""
-    try:
-        rows = read_rows(path) if path.is_dir() else []
-        known = None if path.is_dir() else Learned.from_json(path.read_text()).physical
-    except (OSError, ValueError, Unreadable) as error:
-        raise click.BadParameter(f"{error}", param_hint="--prior") from None
-    if len(names := {row.vehicle for row in rows}) > 1:
-        raise click.BadParameter(f"{path} has {len(names)} vehicles: name the model of one.", param_hint="--prior")
-    rows = [row for row in rows if row.axis == axis and row.effect_interval and row.damping and row.lag]
-    if rows:
-        row = max(rows, key=lambda row: str(row.date or ""))
-        halves = *(row.effect_interval or ()), row.damping_interval, row.lag_interval
-        return PhysicalPrior.of([*(row.effect or ()), row.damping or 0.0, row.lag or 0.0], halves)
-    if known is None or not known.identifiable:
-        raise click.BadParameter(f"{path} has no control effectiveness of {axis}.", param_hint="--prior")
-    return known
 
 
 def _written(path: Path | None, text: str, what: str) -> bool:
@@ -275,12 +274,14 @@ def _written(path: Path | None, text: str, what: str) -> bool:
     return True
 
 
-def _run(session: LiveSession, asked: Callable[[], bool], duration: float | None) -> float:
-    """Runs until the time is over or the user asks to end; returns the seconds it took."""
-    # Existing objects are not collected again: that would delay samples by tens of milliseconds.
+def _run(session: LiveSession, asked: Callable[[], bool], duration: float | None) -> None:
+    """Runs until the time is over or the user asks to end."""
+    # No sample waits for a collection, nor longer than that for another thread.
     gc.collect()
     gc.freeze()
-    began = reported = monotonic()
+    gc.disable()
+    interval, began, reported = sys.getswitchinterval(), monotonic(), monotonic()
+    sys.setswitchinterval(SWITCH_SECONDS)
     line = ""
     while not asked() and (duration is None or monotonic() - began < duration):
         session.step()
@@ -288,7 +289,9 @@ def _run(session: LiveSession, asked: Callable[[], bool], duration: float | None
             reported, before, line = monotonic(), line, _status_line(session.status, session.stream.axis)
             if line not in ("", before):
                 say_aside(line)
-    return monotonic() - began
+            gc.collect()
+    gc.enable()
+    sys.setswitchinterval(interval)
 
 
 def _status_line(status: SessionStatus, axis: str) -> str:

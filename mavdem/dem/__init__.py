@@ -1,5 +1,7 @@
 """Dynamic Expectation Maximization of linear models: arrays in, a learned model out."""
 
+from mavdem.dem.drag import Drag
+from mavdem.dem.drag_identification import estimate_drag
 from mavdem.dem.engine.ascent import FreeEnergy, Learning
 from mavdem.dem.engine.model import LinearModel
 from mavdem.dem.graybox import NotIdentifiable, Physical, WindTorque, physical
@@ -10,6 +12,7 @@ from mavdem.dem.online.tracker import Estimate
 from mavdem.dem.settings import Gaussian, Settings
 
 __all__ = [
+    "Drag",
     "Estimate",
     "FreeEnergy",
     "Gaussian",
@@ -21,6 +24,7 @@ __all__ = [
     "Physical",
     "Settings",
     "WindTorque",
+    "estimate_drag",
     "learn",
     "learn_many",
     "physical",

@@ -139,8 +139,13 @@ class Learned(LearnedDownstream):
     def _gray_box(self) -> Physical | NotIdentifiable:
         return physical(self.record)
 
-    @cached_property
+    @property
     def wind(self) -> WindTorque | None:
+        """:attr:`wind_torque` by its old name."""
+        return self.wind_torque
+
+    @cached_property
+    def wind_torque(self) -> WindTorque | None:
         """The wind's torque in the training data (docs/wind.md); ``None`` without :attr:`physical`."""
         try:
             return None if self.physical is None else wind(self.physical, self.record)

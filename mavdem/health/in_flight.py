@@ -37,7 +37,6 @@ from mavdem.health.balance import motor_signatures
 from mavdem.health.explanations import lost_thrust
 
 Places = NDArray[np.int_]
-
 BLOCK_SECONDS = 0.5  # Of commands that are averaged: a tenth of what a change may take to be found
 MIN_SAMPLES = 3  # In a block
 MIN_RATE = MIN_SAMPLES / BLOCK_SECONDS  # Hz of the samples
@@ -60,11 +59,13 @@ OTHERS_BESIDE_LOADS, OTHERS_BESIDE_MOTORS = 0.05, 0.1
 """How often a change that is neither a motor's nor in roll and pitch alone comes, beside those in roll and pitch, and
 beside motors: a load that shifts in wind changes yaw too, and to name a sound motor is the worst that can be said."""
 LASTING_SECONDS = 8.0  # Of a change in roll and pitch alone: a gust is over by then
+STALE_SECONDS = 15.0  # Of any change: then what was before is no reference, whatever the cause
 NAMING_ODDS = 20.0  # Times as likely as all other causes together: from there on a cause is named
 ENDS_BESIDE_FAULTS = 5.0  # How often one weak motor recovers, or all do, beside that one more weakens
 RETURNS = np.linspace(0.2, 1.3, len(SIZES))  # Shares of the rise that end with a fault; a quarter may be an error
 THRUST_EXPONENTS = 1.0, 2.0  # Thrust goes with the command (PX4's SIH) up to its square (ArduPilot's SITL at hover)
 QUANTILE = 1.64  # Standard errors to either end of an interval of 90 %
+SETTLING_ERROR = 0.04  # Standard error of a motor's rise a second after it began, as a share: yaw settles last
 
 
 class _Changes(NamedTuple):
@@ -157,8 +158,8 @@ class MotorAlarm(NamedTuple):
     probability: float  # that this is the cause, and none of the others that are considered
     assumed: bool = False  # whether the motors' places are assumed, and with them the name
     boot: int = 0  # number of the vehicle's boot, from 0 on, whose clock the times are on
-    # interval of 90 % of the share of its thrust that the motor lost, for any of ``THRUST_EXPONENTS``
-    loss: tuple[float, float] = (0.0, 0.0)
+    # interval of 90 % of the share of its thrust that a weak motor lost, for any of ``THRUST_EXPONENTS``
+    loss: tuple[float, ...] = ()
 
     @property
     def weak(self) -> bool:
@@ -168,7 +169,7 @@ class MotorAlarm(NamedTuple):
     @property
     def lost(self) -> str:
         """The loss of thrust, as in "17 to 39 %"."""
-        return f"{100 * self.loss[0]:.0f} to {100 * self.loss[1]:.0f} %"
+        return " to ".join(f"{100 * end:.0f}" for end in self.loss) + " %"
 
     @property
     def sentence(self) -> str:
@@ -240,8 +241,7 @@ class MotorWatch:
             self._rate_from, self._samples = time, 0
         self._latest = time
         if (passed := time - self._rate_from) >= REFERENCE_SECONDS:
-            # By a tenth less, for what jitters.
-            self.obstacle = "" if self._samples > 0.9 * MIN_RATE * passed else TOO_SLOW
+            self.obstacle = "" if self._samples > 0.9 * MIN_RATE * passed else TOO_SLOW  # A tenth less, for jitter
             self._rate_from, self._samples = time, 0
         self._samples += 1
         known = len(self.alarms)
@@ -287,17 +287,19 @@ class MotorWatch:
         odds = float(motors[best] - _log_sum(rivals))
         if motors[best] >= self._enough and odds >= log(NAMING_ODDS):
             place = int(np.argmax(by_window[best]))
-            self._motors_changed(rises[best, -1], int(windows[place]), changes, place, odds)
+            return self._motors_changed(rises[best, -1], int(windows[place]), changes, place, odds)
+        lasting, long = (np.where(windows * BLOCK_SECONDS >= s, 0.0, -inf) for s in (LASTING_SECONDS, STALE_SECONDS))
+        loaded, strange = _log_sum(load + lasting), long + _log_sum([*rest, load, *by_window])
+        odds = float(loaded - _log_sum([*motors, others + log(OTHERS_BESIDE_LOADS), 0.0]))
+        if loaded >= self._enough and odds >= log(NAMING_ODDS):
+            place = int(np.argmax(load + lasting))
+            self._found(None, int(windows[place]), odds, float(np.linalg.norm(changes.moved[place] * self._flat)))
+        elif strange.max() >= self._enough:
+            place = int(np.argmax(strange))
+        else:
             return
-        lasting = windows * BLOCK_SECONDS >= LASTING_SECONDS
-        if lasting.any():
-            odds = float(_log_sum(load[lasting]) - _log_sum([*motors, others + log(OTHERS_BESIDE_LOADS), 0.0]))
-            if _log_sum(load[lasting]) >= self._enough and odds >= log(NAMING_ODDS):
-                place = int(np.argmax(np.where(lasting, load, -inf)))
-                size = float(np.linalg.norm(changes.moved[place] * self._flat))
-                self._found(None, windows[place], odds, size)
-                # What comes is compared with what is now.
-                self._times, self._blocks = self._times[-windows[place] :], self._blocks[-windows[place] :]
+        # What comes is compared with what is now.
+        self._times, self._blocks = self._times[-windows[place] :], self._blocks[-windows[place] :]
 
     def _motors_changed(self, rises: Array, n: int, changes: _Changes, place: int, odds: float) -> None:
         """What a change in proportion to ``rises`` (k,) says, which began ``n`` blocks ago."""
@@ -308,7 +310,8 @@ class MotorWatch:
         weighted = signature / changes.variance[place]
         power = weighted @ signature
         own = rises / (self._mixer @ [1.0, *before])  # Of the motors' own commands
-        rose, error = weighted @ (after - before) / power * own, QUANTILE * power**-0.5 * np.abs(own)
+        rose = weighted @ (after - before) / power * own
+        error = QUANTILE * np.hypot(power**-0.5 * own, SETTLING_ERROR * rose)
         moved = np.flatnonzero(rises).tolist()
         for motor in moved:
             was = self.weak.pop(motor).size if motor in self.weak else 0.0
@@ -317,15 +320,13 @@ class MotorWatch:
                 self._found(motor, n, odds, 0.0)
                 continue
             ends = zip((max(low, 0.0), high), THRUST_EXPONENTS, strict=True)
-            low, high = (min(float(lost_thrust(rise, power) / self._own[motor]), 1.0) for rise, power in ends)
-            self.weak[motor] = self._found(motor, n, odds, max(size, SIZES[0]), (low, high))
+            loss = (min(float(lost_thrust(rise, power) / self._own[motor]), 1.0) for rise, power in ends)
+            self.weak[motor] = self._found(motor, n, odds, max(size, SIZES[0]), *loss)
         # What comes is compared with what is now, once the vehicle has settled.
         self._times, self._blocks = self._times[-n:][SETTLING_BLOCKS:], self._blocks[-n:][SETTLING_BLOCKS:]
         self._noise, self._freedom = changes.noise[place], min(changes.freedom[place], MOST_FREEDOM)
 
-    def _found(
-        self, motor: int | None, n: int, odds: float, size: float, loss: tuple[float, float] = (0.0, 0.0)
-    ) -> MotorAlarm:
+    def _found(self, motor: int | None, n: int, odds: float, size: float, *loss: float) -> MotorAlarm:
         name, number = ("", None) if motor is None else (self._layout.names[motor], self._layout.motors[motor])
         since, probability = self._times[-n] - BLOCK_SECONDS, float(1 / (1 + np.exp(-odds)))
         known = self._layout.positions_assumed, self._boot

@@ -29,11 +29,12 @@ ACCOUNT = {
     "waiting": "without attitude and motor outputs that come fast enough",
     "silent": "without a message",
     "link_lost": "with the link lost",
+    "left_out": "not analysed, since this computer was too slow (what it received is recorded)",
     "no_vehicle": "without a vehicle",
 }  # What the seconds of a session are accounted for as
 AHEAD = 0.25  # s; how well the model predicts so far ahead is reported
 HORIZONS = 0.05, 0.1, AHEAD, 0.5  # s; of a live session's predictions, besides one step
-MAX_ROWS = 100_000  # Of the lines; when there are more, every second one is dropped, and from then on not kept
+MAX_ROWS = 20_000  # Of the lines; when there are more, every second one is dropped, and from then on not kept
 REBOOT_GAP_SECONDS = 1.0  # Shown between the last time before a reboot and the first after it
 SETTLED_GAP = 1.0  # s between two learned samples from which on they belong to different parts of the flight
 SAME_TIME = 1e-6  # s between a prediction and the row it is of, at most
@@ -78,11 +79,12 @@ class SessionStatus:
         rates: Hz of attitude and motors over the last 2 s, by message.
         flying: whether the vehicle is armed and airborne.
         learned, shown: rows that the learner used, and that were only shown.
-        latency: median and 99th percentile, s, from the link to the estimate.
+        latency: s from a packet's arrival here to its estimate: median and 99th percentile of late, and the longest.
         ahead: about ``AHEAD`` s, and half width, rad, of the angle's 90 % band there.
         useful: the longest useful horizon, s (``Estimate.useful``), and the squared error there over that of the better
             of the last sample and the mean so far.
-        lost: messages of the vehicle missing by its sequence numbers.
+        lost: messages of the vehicle missing by its sequence numbers, which start again after 256.
+        missing: s of gaps in which that may have happened, which are not in ``lost``.
         late, unread: samples that came too late for their row, and frames of another dialect or damaged.
         alarms: the latest changes of the motors' balance; without a motor they are no alarms.
         findings: what the flight says so far; None before the first model.
@@ -95,10 +97,11 @@ class SessionStatus:
     flying: bool = False
     learned: int = 0
     shown: int = 0
-    latency: tuple[float, float] = (nan, nan)
+    latency: tuple[float, ...] = (nan, nan, nan)
     ahead: tuple[float, float] = (nan, nan)
     useful: tuple[float, float] = (nan, nan)
     lost: int = 0
+    missing: float = 0.0
     late: int = 0
     unread: int = 0
     alarms: tuple[MotorAlarm, ...] = ()
@@ -122,17 +125,6 @@ class HorizonErrors(NamedTuple):
     mse: Array  # mean squared error
     held: Array  # that of the last sample held
     inside: Array  # share inside the 90 % band
-
-
-class HistoryLines(NamedTuple):
-    """Lines over time, (N,) each, s as of ``LiveHistory``; NaN where there is nothing and across gaps."""
-
-    time: Array
-    measured: Array  # first output
-    predicted: Array  # the same, about ``AHEAD`` s earlier
-    predicted_band: Array  # half width
-    torque: Array  # of the wind, rad/s²
-    torque_band: Array  # half width
 
 
 class LiveHistory:
@@ -191,11 +183,9 @@ class LiveHistory:
         return [HorizonErrors(seconds, count, *(sums / count)) for seconds, (count, sums) in sorted(self._sums.items())]
 
     @property
-    def lines(self) -> HistoryLines:
-        """The lines so far."""
-        segments, time, *others = np.array(self._rows).reshape(-1, 1 + len(HistoryLines._fields)).T
-        gaps = np.flatnonzero(np.diff(segments)) + 1
-        return HistoryLines(np.insert(time, gaps, time[gaps]), *(np.insert(other, gaps, np.nan) for other in others))
+    def rows(self) -> Array:
+        """(N, 7): segment, time, first output, its prediction ``AHEAD`` s before, its band, wind torque, its band."""
+        return np.array(self._rows).reshape(-1, 7)
 
     def _compare(self, time: float, outputs: Array) -> tuple[float, float]:
         """Compares predictions of ``time`` with what was measured; returns that of the lines and its band, or NaN."""

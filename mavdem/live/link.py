@@ -1,4 +1,4 @@
-"""A MAVLink link, and the recording of what it receives: a socket or a serial port, by pymavlink's connection strings.
+"""A MAVLink link: a socket or a serial port, by pymavlink's connection strings.
 
 ``udpin:HOST:PORT`` (also ``udp:HOST:PORT`` and ``HOST:PORT``), ``udpout:HOST:PORT``, ``tcp:HOST:PORT`` (a server),
 ``tcpin:HOST:PORT`` (waits for one client) or ``DEVICE[,BAUD]``, whose modem lines stay as they are. Without a HOST it
@@ -13,21 +13,18 @@ import os
 import re
 import select
 import socket
+import struct
 import sys
 import time
-from pathlib import Path
 from typing import Any, NoReturn
 
-import numpy as np
-
 from mavdem.errors import Unreadable
-from mavdem.ingest.mavlink.definitions import seeds
-from mavdem.ingest.mavlink.framing import HEADER_1, LONGEST_FRAME, MARKER_1, MARKER_2, find_in_pieces
-from mavdem.ingest.mcap.writer import raw_channel, started, write_message
-from mavdem.ingest.tlog import write_stamped
+from mavdem.ingest.mavlink.framing import MARKER_1
 from mavdem.ingest.vocabulary import AUTOPILOT_COMPONENT
 
 LOOPBACK = "127.0.0.1"
+SO_TIMESTAMPNS, SO_RXQ_OVFL = (35, 40) if sys.platform == "linux" else (0, 0)
+"""When each datagram came, and how many found no room. Source: Linux, include/uapi/asm-generic/socket.h."""
 MAX_PIECE_BYTES = 1 << 16  # Of a datagram, and of a piece of a byte stream
 MAX_PIECES = 512  # Datagrams or pieces taken in one call: a fast sender must not hold up the caller
 SENDER_SECONDS, MAX_PEERS = 10.0, 16  # How long an address that sent something is sent to, and how many are kept
@@ -35,8 +32,7 @@ CONNECT_SECONDS = 5.0  # Time limit of a connection attempt
 SILENCE_SECONDS = 5  # After which a silent client gives way to another, and a silent connection is probed
 PROBE_SECONDS, MAX_PROBES = 2, 3  # Between two probes, and probes without a reply until the connection is lost
 STABLE_SECONDS = 10.0  # A connection that lasted this long is opened again at once when it is lost
-HEARD_SECONDS, MAX_VEHICLES = 3.0, 64
-"""Since an autopilot's first address was heard last, until another may take its place; and how many are kept."""
+HEARD_SECONDS = 3.0  # Since an autopilot's first address was heard last, until another may take its place
 FIRST_PAUSE_SECONDS, MAX_PAUSE_SECONDS = 0.25, 8.0  # Before a lost link is opened again; doubled each time
 
 _NETWORK = re.compile(r"(?:(udpin|udp|udpout|tcp|tcpin):(?!/))?(?:(\[[^\]]*\]|[^:/]*):)?(\d+)")
@@ -52,10 +48,12 @@ class Link:
     def __init__(self, name: str) -> None:
         self.name = name
         self._events: list[str] = []
-        self._first: dict[tuple[int, ...], tuple[Any, float]] = {}  # by MAVLink ids, address and when it was heard
-        self._rivals: dict[tuple[int, ...], Any] = {}  # address that was refused, until that is reported
+        # By MAVLink ids: address, when it was heard, and one that was refused, or the first again once that is said.
+        self._first: dict[bytes, tuple[Any, float, Any]] = {}
         self._pause, self._not_before = FIRST_PAUSE_SECONDS, 0.0
         self._opened = self._came = 0.0
+        self.dropped = 0  # datagrams that this machine's buffer had no room for: nobody read them in time
+        self._arrival, self._emptied = 0.0, time.time()  # UNIX s of the latest piece; until then everything was read
         self._server: socket.socket | None = None
         self._socket: socket.socket | None = None
         self._serial: int | None = None
@@ -72,7 +70,10 @@ class Link:
             self._refuse(error)
 
     def receive(self, timeout: float) -> list[tuple[float, bytes]]:
-        """Up to ``MAX_PIECES`` waiting pieces: UNIX s of receipt, and the bytes as they came; none after ``timeout`` s.
+        """Up to ``MAX_PIECES`` waiting pieces: UNIX s of arrival, and the bytes as they came; none after ``timeout`` s.
+
+        The kernel stamps datagrams. Other pieces arrive when they are read or, where they waited, when everything
+        before had been.
 
         Raises LinkLost: the connection or the port is lost; ``reopen`` opens it again.
         """
@@ -83,8 +84,13 @@ class Link:
         try:
             # A silent client may be gone; while it sends, others wait.
             replaceable = [self._server] if self._server and time.monotonic() - self._came > SILENCE_SECONDS else []
-            ready = select.select([waiting_on, *replaceable], [], [], max(timeout, 0.0))[0]
+            self._arrival, readable = self._emptied, [waiting_on, *replaceable]
+            ready = select.select(readable, [], [], 0.0)[0]
+            if not ready and timeout > 0:
+                ready = select.select(readable, [], [], timeout)[0]
+                self._arrival = time.time()
             if not ready:
+                self._emptied = time.time()
                 return received
             if self._server is not None and self._socket is None:
                 self._socket, _ = self._server.accept()
@@ -101,9 +107,11 @@ class Link:
                 if piece:
                     self._came = time.monotonic()
                     if self._admits(piece):
-                        received.append((time.time(), piece))
+                        received.append((self._arrival, piece))
                     else:
                         self._peers.pop(self._from, None)  # nor is anything sent to a vehicle that only shares the ids
+            if len(received) < MAX_PIECES:
+                self._emptied = time.time()
         except OSError as error:
             if not received:
                 self._lose(f"was lost: {error.strerror or error}")
@@ -167,6 +175,8 @@ class Link:
             raise socket.gaierror(str(error)) from error
         opened = socket.socket(family, kind)
         opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4 << 20)  # half a minute of a fast link
+        for option in (SO_TIMESTAMPNS, SO_RXQ_OVFL) if self.datagrams and SO_TIMESTAMPNS else ():
+            opened.setsockopt(socket.SOL_SOCKET, option, 1)
         if self._kind == "tcpin":
             self._server = opened
             opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -191,13 +201,21 @@ class Link:
                 return os.read(self._serial, MAX_PIECE_BYTES)
             if self._socket is None:
                 return None
-            if self._kind == "udpin":
+            if not self.datagrams or not SO_TIMESTAMPNS:
                 piece, sender = self._socket.recvfrom(MAX_PIECE_BYTES)
+            else:
+                piece, stamps, _, sender = self._socket.recvmsg(MAX_PIECE_BYTES, 64)
+                for _, kind, value in stamps:
+                    if kind == SO_TIMESTAMPNS:
+                        seconds, nanoseconds = struct.unpack("@2l", value)
+                        self._arrival = seconds + 1e-9 * nanoseconds
+                    elif kind == SO_RXQ_OVFL:
+                        self.dropped = struct.unpack("@I", value)[0]
+            if self._kind == "udpin":
                 if sender not in self._peers and len(self._peers) >= MAX_PEERS:
                     del self._peers[min(self._peers, key=self._peers.__getitem__)]
                 self._peers[sender], self._from = time.monotonic(), sender
-                return piece
-            return self._socket.recv(MAX_PIECE_BYTES)
+            return piece
         except (BlockingIOError, ConnectionRefusedError) as error:
             if isinstance(error, BlockingIOError) or self.datagrams:
                 return None  # a datagram is refused where the last one sent had no receiver
@@ -205,28 +223,20 @@ class Link:
 
     def _admits(self, datagram: bytes) -> bool:
         """Whether the latest datagram is of the first address of its autopilot; other components may have several."""
-        address, now = self._from, self._came
-        ids: tuple[int, ...] = ()
-        if len(datagram) >= HEADER_1 and datagram[0] in (MARKER_1, MARKER_2):
-            ids = tuple(datagram[3:5] if datagram[0] == MARKER_1 else datagram[5:7])
-        if address is None or ids[1:] != (AUTOPILOT_COMPONENT,):
+        ids, now = datagram[3:5] if datagram[:1] == bytes([MARKER_1]) else datagram[5:7], self._came
+        if self._from is None or ids[1:] != bytes([AUTOPILOT_COMPONENT]):
             return True
-        first, heard = self._first.get(ids, (address, now))
-        if first != address and now - heard <= HEARD_SECONDS:
-            self._rivals.setdefault(ids, address)
+        first, heard, rival = self._first.get(ids, (self._from, now, None))
+        if first != self._from and now - heard <= HEARD_SECONDS:
+            self._first[ids] = first, heard, rival or self._from
             return False
-        if self._rivals.get(ids) == address:
-            del self._rivals[ids]  # it took the place of the first
-        if self._rivals.get(ids) is not None:
+        if rival not in (None, first, self._from):
             # Both send; one that restarts from another port would not send from the first again.
-            addresses = " and ".join(f"{host}:{port}" for host, port, *_ in (address, self._rivals[ids]))
-            self._events.append(
-                f"Two addresses send as {ids[0]}:{ids[1]}, {addresses}: only the first is read; if they are two "
-                "vehicles, give one another system id."
-            )
-            self._rivals[ids] = None
-        if ids in self._first or len(self._first) < MAX_VEHICLES:
-            self._first[ids] = address, now
+            addresses = " and ".join(f"{host}:{port}" for host, port, *_ in (first, rival))
+            said = f"Two addresses send as {ids[0]}:{ids[1]}, {addresses}: only the first is read"
+            self._events.append(f"{said}; if they are two vehicles, give one another system id.")
+            rival = first
+        self._first[ids] = self._from, now, rival if first == self._from else None
         return True
 
     def _lose(self, how: str) -> NoReturn:
@@ -313,67 +323,3 @@ def _serial(name: str) -> int:
         os.close(port)
         raise Unreadable(f"Cannot open {name}: it is not a serial port.") from error
     return port
-
-
-BATCH_SECONDS = 0.5  # Of received bytes written together: each search for frames costs time
-
-
-class RawRecording:
-    """A growing file, new, of the raw stream, a tlog or as .mcap; a crash loses at most a second.
-
-    Raises Unreadable: the file exists, or cannot be created.
-    """
-
-    def __init__(self, path: str | os.PathLike[str]) -> None:
-        try:
-            self._file = open(path, "xb")  # noqa: SIM115 - open until close()
-        except FileExistsError:
-            raise Unreadable(f"{path} is there already and is not overwritten: name another file.") from None
-        except OSError as error:
-            raise Unreadable(f"{path} cannot be written ({error.strerror or error}): name another file.") from None
-        self.frames = 0  # in it; bytes that belong to no frame are not
-        self._mcap = started(self._file, 1 << 15) if Path(path).suffix.lower() == ".mcap" else None
-        self._channel = 0 if self._mcap is None else raw_channel(self._mcap)
-        self._pieces: list[tuple[float, bytes]] = []
-        self._first = 0.0
-
-    def take(self, stamp: float, data: bytes) -> None:
-        """Adds any bytes that a link received, also parts of frames, at ``stamp``, UNIX s.
-
-        Raises OSError: it cannot be written.
-        """
-        if not self._pieces:
-            self._first = stamp
-        self._pieces.append((stamp, data))
-        if not 0 <= stamp - self._first < BATCH_SECONDS:
-            self._write(last=False)
-
-    def close(self) -> None:
-        """Writes the rest and closes the file. Raises OSError: it cannot be written."""
-        if self._file.closed:
-            return
-        with self._file:
-            self._write(last=True)
-            if self._mcap is not None:
-                self._mcap.finish()  # type: ignore[no-untyped-call]
-
-    def _write(self, last: bool) -> None:
-        content = b"".join(data for _, data in self._pieces)
-        ends = np.cumsum([len(data) for _, data in self._pieces])
-        frames, pieces = find_in_pieces(np.frombuffer(content, dtype=np.uint8), ends, seeds())
-        searched = len(content)
-        if not last:
-            # The last frame may not be complete.
-            searched = max(int(frames.end.max(initial=0)), len(content) - LONGEST_FRAME)
-        stamps = (round(self._pieces[piece][0] * 1e6) for piece in pieces.tolist())
-        contents = [content[a:b] for a, b in zip(frames.start.tolist(), frames.end.tolist(), strict=True)]
-        stamped = zip(stamps, contents, strict=True)
-        if self._mcap is None:
-            write_stamped(self._file, stamped)
-        else:
-            for stamp, frame in stamped:
-                write_message(self._mcap, self._channel, stamp * 1000, frame)
-        self._file.flush()
-        self.frames += len(contents)
-        self._pieces = [(self._pieces[-1][0], content[searched:])] if searched < len(content) else []
-        self._first = self._pieces[0][0] if self._pieces else 0.0

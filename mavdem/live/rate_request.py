@@ -78,7 +78,6 @@ class _Interval:
     before: int | None = None  # the former interval, µs, once known
     queries: int = 0  # so far
     settings: int = 0  # since the last reset
-    set: bool = False  # whether it was ever set
     unrefused: int = 0  # number of settings ever that the vehicle did not refuse
     last: float = -np.inf  # s, of the last query or setting
     done: bool = False  # whether no reply is awaited
@@ -86,7 +85,6 @@ class _Interval:
     reached: float = 0.0  # Hz reached since it was set
     again: int = 0  # number of times that it was asked for again since it last stayed
     came: bool = False  # whether it has come since it was last asked for
-    falls: int = 0  # number of times that it came as asked for and then no longer, since it last stayed
     restored: bool = False  # whether the vehicle confirmed the former interval
 
 
@@ -138,10 +136,10 @@ class RateRequest:
                 frames.append(self._command(GET_INTERVAL, interval.message_id))
             elif any(each.settings and not each.done and now - each.last < REPLY_SECONDS for each in self._intervals):
                 continue  # a setting may still be confirmed
-            elif rate is None and (interval.least or not interval.set):
+            elif rate is None and (interval.least or not interval.unrefused):
                 continue
             elif rate is not None and (
-                rate >= SLOW * interval.rate if interval.least else not interval.set and rate >= interval.rate
+                rate >= SLOW * interval.rate if interval.least else not interval.unrefused and rate >= interval.rate
             ):
                 interval.done = True  # what comes faster already stays as it is
             elif interval.settings < MAX_TRIES:
@@ -149,7 +147,6 @@ class RateRequest:
                     interval.before = round(1e6 / rate) if rate else STOPPED
                 interval.settings += 1
                 interval.unrefused += 1
-                interval.set = True
                 frames.append(self._command(SET_INTERVAL, interval.message_id, round(1e6 / interval.rate)))
             else:
                 interval.done = True
@@ -186,8 +183,8 @@ class RateRequest:
         """The vehicle may have rebooted, and forgotten all rates: asks for them again at once."""
         for each in self._intervals:
             each.settings, each.done, each.refused, each.last, each.again = 0, False, False, -np.inf, 0
-            each.reached, each.came, each.falls = 0.0, False, 0  # it may take a minute until it is sent at all
-        if any(each.set for each in self._intervals):
+            each.reached, each.came = 0.0, False  # it may take a minute until it is sent
+        if any(each.unrefused for each in self._intervals):
             self.events.append("The vehicle is back: asking for its message rates again.")
 
     def restore(self) -> list[bytes]:
@@ -203,17 +200,19 @@ class RateRequest:
         interval.reached = max(interval.reached, min(rate, interval.rate))
         unconfirmed = interval.settings == MAX_TRIES and not interval.reached
         if rate >= SLOW * interval.reached and not unconfirmed:
-            interval.came = rate > 0
+            if rate and not interval.came and now - interval.last >= WINDOW_SECONDS:
+                interval.came = True
+                if rate < 0.9 * interval.rate and not (interval.least or interval.again):
+                    self.events.append(f"{interval.name} comes at {rate:.3g} of {interval.rate:.3g} Hz asked for.")
             if now - interval.last >= MAX_PAUSE_SECONDS:
-                interval.again = interval.falls = 0
+                interval.again = 0
             return
         if now - interval.last < min(PAUSE_SECONDS * 2 ** (interval.again * unconfirmed), MAX_PAUSE_SECONDS):
             return
         if not interval.least and not unconfirmed and not self._contested:
             self.events.append(f"{interval.name} no longer comes at {interval.reached:.3g} Hz; asking for it again.")
         # A request is withdrawn by another program, not by a reboot, if it is obeyed first, every time.
-        interval.falls += interval.came
-        if rate and interval.falls > 2 and not self._contested:
+        if rate and interval.came and interval.again >= 2 and not self._contested:
             self._contested = True
             self.events.append(
                 "Message rates are set back again and again, perhaps by another ground station (in MAVProxy, "

@@ -29,6 +29,7 @@ KEPT_SECONDS, MAX_SAMPLES = 2.5, 8192  # Of each stream: enough to decide rates 
 DECISION_SECONDS = 2.0  # Duration of both streams from which the step and the sampling are decided
 RESUME_SECONDS = 0.25  # Duration of both streams after a gap, after which the grid starts again with the previous step
 STAMP_RESOLUTION_SECONDS = 1e-6  # The finest stamps: a point no further behind the latest sample coincides with it
+JUST_BOOTED = 10.0  # s; what a clock shows after a reboot at most, where no message was lost
 OTHER_RATE_RATIO = 1.3  # A rate that differs by this factor from the one that decided the step is another rate
 
 
@@ -75,12 +76,17 @@ class BootClock:
         self._held: list[Message] = []
         self._run: list[float] = []
         self._shifts: dict[str, float] = {}
+        self.breaks = self._breaks = 0  # in the numbers of the vehicle's messages, so far and at ``now``
+        self._back = 0.0  # s by which its clock was set back without a reboot
         self._far: dict[str, list[tuple[int, float]]] = {}
         self._report = report
+        self.left_out = False  # whether the next gap is known and not to be reported
 
     def place(self, message: Message) -> list[PlacedMessage]:
         """What can be placed after this message: itself, and messages held back before."""
-        if not message.stamp > 0:
+        if message.stamp > 0:
+            message = message._replace(stamp=message.stamp + self._back)
+        else:
             return [] if isnan(self._latest) else [PlacedMessage(message, self._latest, self.boot, False)]
         if message.name in ATTITUDE_MESSAGES:
             return self._place_reference(message)
@@ -99,6 +105,7 @@ class BootClock:
             self._turns = round((time - message.stamp) / message.period) if isfinite(message.period) else 0
             self.now = max(self.now, time)
             self._accepted += 1
+            self._breaks = self.breaks
             self._held, self._run = [], []
             return [self._stamp(message, time)]
         if self._run and not _continues(message.stamp, self._run[-1]):
@@ -109,14 +116,22 @@ class BootClock:
 
     def _restart(self) -> list[PlacedMessage]:
         """Starts the clock again at the first of the held stamps that continue each other."""
-        first, before = self._run[0], self.now
-        if first < before:
+        first, before, held = self._run[0], self.now, self._held
+        if 0 < before - first <= WRAP_GAP and first - self._back > JUST_BOOTED and self.breaks == self._breaks:
+            self._report(f"The vehicle's clock was set back by {before - first:.1f} s when it read {before:.1f} s.")
+            later = before - first + self._run[1] - first
+            held, first, self._back = (
+                [m._replace(stamp=m.stamp + later) for m in held],
+                first + later,
+                self._back + later,
+            )
+        elif first < before:
             self.boot += 1
             self._report(f"The vehicle rebooted when its clock read {before:.1f} s.")
-        elif not isnan(before):
+        elif not isnan(before) and not self.left_out:
             length = f"{first - before:.1f} s of the vehicle's clock"
             self._report(f"Nothing was received for {length}, from {before:.1f} s on.")
-        held, self._held, self._run = self._held, [], []
+        self._held, self._run, self.left_out = [], [], False
         self._turns, self.now = 0, first
         self._far.clear()
         placed, started = [], False
@@ -211,12 +226,10 @@ class Samples:
         """Hz over the ``DECISION_SECONDS`` before ``now``, gaps included; 0 with fewer than two samples."""
         return align.mean_rate(np.array(self.time[-count:])) if (count := self.count(now)) > 1 else 0.0
 
-    def usual_step(self) -> float | None:
-        """Mean, s, of the middle half of the last steps, robust to jitter and to one lost in five; None if few."""
-        if len(self.time) - bisect_left(self.time, self.since) <= align.MEDIAN_STEPS:
-            return None
-        steps = np.sort(np.diff(self.time[-align.MEDIAN_STEPS - 1 :]))
-        return float(steps[align.MEDIAN_STEPS // 4 : align.MEDIAN_STEPS - align.MEDIAN_STEPS // 4].mean())
+    def steady_rate(self) -> float | None:
+        """Hz over the last ``DECISION_SECONDS`` without those before a gap; None with few samples."""
+        last = self.time[bisect_left(self.time, max(self.since, self.time[-1] - DECISION_SECONDS)) :]
+        return align.mean_rate(np.array(last)) if len(last) > align.MEDIAN_STEPS else None
 
     def nearest(self, time: float) -> Values | None:
         """The sample nearest to ``time``; None if it is farther than ``STAMP_SECONDS``."""
@@ -247,7 +260,6 @@ class Grid:
         self.rates: tuple[float, ...] = ()  # Hz of the streams that decided it
         self._streams: tuple[Samples, ...] = ()
         self._samplings: tuple[_Sampling, ...] = ()
-        self._usual_steps: tuple[float | None, ...] = ()
         self._next = 0
         self._latest = self._try_from = self._steady_from = -inf
         self._steps: list[float] = []  # so far
@@ -284,8 +296,7 @@ class Grid:
                 # A rate changes: decided from stamps of both, the step would be neither's, and stay.
                 self._steady_from = last
                 return False
-            self.dt, self.rates = self._step(align.step(rates)), rates
-            self._usual_steps = tuple(stream.usual_step() for stream in streams)
+            self.dt, self.rates = self._step(align.step(times)), rates
         grid = align.grid_of(times[0], times[1], self.dt)
         self._samplings = tuple(_sampling(time, grid, self.dt) for time in times)
         self._streams = tuple(streams)
@@ -320,9 +331,8 @@ class Grid:
         """The rate, Hz, of a stream when the step was decided, if it has changed since; else None."""
         if not self.running or stream not in self._streams:
             return None
-        before, now = self._usual_steps[self._streams.index(stream)], stream.usual_step()
-        same = before is None or now is None or 1 / OTHER_RATE_RATIO < now / before < OTHER_RATE_RATIO
-        return None if before is None or same else 1 / before
+        before, now = self.rates[self._streams.index(stream)], stream.steady_rate()
+        return before if now is not None and not 1 / OTHER_RATE_RATIO < now / before < OTHER_RATE_RATIO else None
 
     def _step(self, new: float) -> float:
         """The step: one used before if it is about the same.

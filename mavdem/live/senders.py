@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from math import inf
 
 import numpy as np
 
@@ -27,12 +28,10 @@ MAX_PARAMETERS = 2048  # Parameters kept of each; autopilots have up to 1500
 VOTING_HEARTBEATS = 31  # HEARTBEATs that decide what a sender is; later ones change nothing
 ENOUGH_MESSAGES = 3  # HEARTBEATs, and of attitude, before a vehicle is followed: seconds in which another may show
 MAX_LISTED = 8  # Vehicles named in one sentence
-MAX_SEQUENCES = 3  # Kept of one pair of ids
-SHARING_RETURNS = 16  # Returns from one sequence to another, while none begins, which show that two go on at once
+MAX_SEQUENCES, NEAR = 3, 32  # Kept of one pair of ids, and the step, either way, up to which a number belongs to one
+SHARING_RETURNS = 8  # Of the clock to an earlier one, with another sequence that goes on, which show two vehicles
 FORGOTTEN_FRAMES = 1024  # Frames without one of a sequence after which it has ended: some seconds
 MESSAGE_SECONDS = 0.005  # Between two messages, about: a number that is missing counts like so much of the clock
-CONTINUING_STEP = 16  # From one number to the next, up to which a sequence goes on: some relays leave messages out
-NEAR_STEP = 32  # Up to which a number belongs to a sequence, also a late one
 
 
 @dataclass
@@ -40,11 +39,10 @@ class Sequence:
     """Messages that are numbered one after the other; a reboot or a long gap begins another."""
 
     number: int  # the highest so far, which goes on beyond 255
-    stamp: float = 0.0  # of the latest attitude, s, 0 without, and its number
-    stamped: int = 0
+    stamp: float = 0.0  # of the latest attitude, s, 0 without
     latest: int = 0  # frames with its ids up to its own last
+    # By sequence number: the number as above, the frame, and how many frames had come.
     recent: dict[int, tuple[int, Frame, int]] = field(default_factory=dict)
-    """By sequence number: the number as above, the frame, and how many had come."""
 
 
 class Sender:
@@ -62,8 +60,12 @@ class Sender:
         self._beats: list[tuple[int, int]] = []
         self._sequences: list[Sequence] = []
         self._followed = self._latest = Sequence(0)
-        self._missing = self._returns = 0
-        self._alternating = False  # whether the latest two frames were of different sequences
+        self._missing = self._returns = self._last = 0
+        # Of the latest attitude, s, and whether the latest two frames were of different sequences.
+        self._stamp, self._alternating = 0.0, False
+        self.missing_seconds = 0.0  # of gaps longer than sequence numbers can count
+        self._came, self._interval = 0.0, 1.0  # s, of the last frame, and mean between two
+        self.left_out = False  # whether frames came that were not taken: those missing before the next do not count
 
     @property
     def lost(self) -> int:
@@ -91,46 +93,48 @@ class Sender:
         """Its name, and what it is where that is known."""
         return f"{self.name} ({self.kind}, {self.autopilot})" if self.kind != UNNAMED else self.name
 
-    def take(self, frame: Frame, message: Message | None) -> bool:
-        """Counts a frame; returns False for a copy, which some links send, and for another's with the same ids."""
+    def take(self, frame: Frame, message: Message | None, now: float) -> bool:
+        """Counts a frame that came ``now``, s; returns False for a copy, as some links send, and for another sender."""
         self.frames += 1
-        stamp = 0.0 if message is None else message.stamp
-        reference = message is not None and message.name in ATTITUDE_MESSAGES
-        fitting = []
+        found, nearest, stamp = None, (inf, True), 0.0 if message is None else message.stamp
         for one in self._sequences:
             step = (frame.sequence - one.number + 128) % 256 - 128
-            number, moved = one.number + step, stamp - one.stamp if stamp and one.stamp else 0.0
-            before, same, then = one.recent.get(frame.sequence, (None, frame, 0))
-            if before == number and same == frame and self.frames - then < 128:
+            number, same, then = one.recent.get(frame.sequence, (None, frame, 0))
+            if number == one.number + step and same == frame and self.frames - then < 128:
                 return False
-            # No two messages of a sender have one number, and its clock runs as its numbers do.
-            disordered = reference and (number - one.stamped) * moved < 0
-            if abs(step) <= NEAR_STEP and before != number and not disordered:
-                away = abs(step - 1) * MESSAGE_SECONDS + min(abs(moved), OTHER_EPOCH)
-                fitting.append((away, (one is self._latest) == self._alternating, number, one))
-        last = self._followed.number
-        if fitting:
-            *_, number, found = min(fitting, key=lambda each: each[:2])
-            missing = number - found.number - 1 if number > found.number else -1
-            self._returns += found is not self._latest and 0 <= missing < CONTINUING_STEP
-        else:
-            number, missing = frame.sequence, missing_between(last, frame.sequence) if self._sequences else 0
-            found, self._returns = Sequence(number), 0
+            moved = min(abs(stamp - one.stamp), OTHER_EPOCH) if stamp and one.stamp else 0.0
+            away = abs(step - 1) * MESSAGE_SECONDS + moved, (one is self._latest) == self._alternating
+            # No two messages of a sender have one number.
+            if number != one.number + step and abs(step) <= NEAR and away < nearest:
+                found, nearest = one, away
+        if opens := found is None:
+            found, self._returns = Sequence(frame.sequence), 0
             self._sequences = sorted(self._sequences, key=lambda one: one.latest)[1 - MAX_SEQUENCES :] + [found]
+        step = (frame.sequence - found.number + 128) % 256 - 128
+        self._alternating = found is not self._latest
+        reference = message is not None and message.name in ATTITUDE_MESSAGES
+        self._returns += reference and 0 < found.stamp < stamp < self._stamp and step > 0
         if not self.shared and self._returns >= SHARING_RETURNS:
             self.shared, self._missing = True, 0
             self._followed = max(self._sequences, key=lambda one: len(one.recent))
         elif not self.shared or self.frames - self._followed.latest > FORGOTTEN_FRAMES:
             self._followed = found
-        self._alternating, self._latest, found.latest = found is not self._latest, found, self.frames
-        found.recent[frame.sequence] = number, frame, self.frames
-        found.number = max(found.number, number)
-        if reference and number >= found.stamped:
-            found.stamp, found.stamped = stamp, number
+        self._latest, found.latest = found, self.frames
+        found.recent[frame.sequence] = found.number + step, frame, self.frames
+        found.number += max(step, 0)
+        if reference:
+            found.stamp = self._stamp = stamp
         if found is not self._followed:
             return False
-        self._missing += missing
-        self.breaks += not 0 < (number - last) % 256 <= CONTINUING_STEP
+        missing = max(step - 1, -1) if self.shared and not opens else missing_between(self._last, frame.sequence)
+        gap, self._came = max(now - self._came, 0.0), now
+        wrapped = missing > 0 and gap > 128 * self._interval and not self.left_out
+        self.missing_seconds += gap * wrapped
+        if self.frames > 1 and not wrapped and not self.left_out:
+            self._missing += missing
+        self._interval, self.left_out = self._interval + (min(gap, 1.0) - self._interval) / 64, False
+        self.breaks += not 0 < (frame.sequence - self._last) % 256 <= NEAR
+        self._last = frame.sequence
         if frame.verdict == GOOD:
             self.arrived[frame.message_id] = self.arrived.get(frame.message_id, 0) + 1
             if self.kind in (UNNAMED, RADIO) and not self._beats:
@@ -205,8 +209,8 @@ class Senders:
         assert self.followed is not None
         if sender is self.followed and sender.shared and sender.name not in self._rivals:
             self._rivals.add(sender.name)
-            who = f"Two senders have the ids {sender.name}, two vehicles or two links of one"
-            self._report(f"{who}: only one of them is followed; give one vehicle another system id.")
+            who = f"Two vehicles, with clocks of their own, have the ids {sender.name}"
+            self._report(f"{who}: only one of them is followed; give the other another system id.")
         if sender is self.followed or sender.name in self._rivals or not (sender.known and sender.flies):
             return
         if len(self._rivals) < MAX_SENDERS:

@@ -1,74 +1,57 @@
 """LiveSession: records, learns from and shows what a link receives, step by step.
 
 One thread does all of it except what takes long: batch learning runs in the learner's executor, and what is shown waits
-in the view's own queue.
+in the view's own queue. What is received is recorded, and waits for its analysis: time is that of arrival.
 """
 
 from __future__ import annotations
 
-import os
 import re
 import time
 from collections import deque
 from collections.abc import Callable
-from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
-from contextlib import ExitStack, suppress
+from concurrent.futures import CancelledError, Executor, Future
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from mavdem.alignment.signals import axis_outputs
 from mavdem.analysis.findings import Findings, findings_of
 from mavdem.dem import Estimate, Learned, OnlineLearner, Settings
-from mavdem.dem.parallel import pool
 from mavdem.ingest.mavlink.definitions import FrameSender
 from mavdem.ingest.motors import motor_parameters
 from mavdem.live import history
 from mavdem.live.decisions import Setup
 from mavdem.live.history import Event, LiveHistory, SessionStatus, horizons, sentence
 from mavdem.live.judgement import judged
-from mavdem.live.link import Link, LinkLost, RawRecording
+from mavdem.live.link import MAX_PIECES, Link, LinkLost
 from mavdem.live.rate_request import MAX_TRIES, REPLY_SECONDS, SILENCE_SECONDS, Arrivals, RateRequest, greeting
 from mavdem.live.rows import AlignedRow
 from mavdem.live.stream import LiveStream
 
 STATUS_SECONDS, JUDGING_SECONDS = 1.0, 10.0  # From one status to the next, and from one judgement to the next
 REPEAT_SECONDS = 30.0  # In which a sentence is reported once, whatever its numbers: a link may be at a limit
+MAX_LATENCIES = 10_000  # Of the latest rows, whose percentiles are in the status
 MAX_MODELS = 16  # Kept, so that one from before a landing is among them: several times the seconds that are taken back
-LOW_PRIORITY = 10  # Niceness, 0 to 19, of the process that learns
+FIT_SECONDS = 3.0  # Of the last fit; where it takes longer, the model before is kept
+STEP_SECONDS = 0.02  # Of analysis, until the link is read again: its buffer may hold no more than a second
+TOGETHER_SECONDS = 0.01  # Pieces that arrived within it are searched for frames together
+SHED = {"physical fits": 0.5, "plots": 1.0, "refits": 2.0, "status": 3.0}  # What waits, from so many s behind on
+MAX_BEHIND_SECONDS = 5.0  # What waited longer is not analysed, up to what waits the first of SHED
 
 _NUMBERS = re.compile(r"\d+(\.\d+)?(?= (Hz|s|ms)\b)")
 
-Result = TypeVar("Result")
 
+class _Piece(NamedTuple):
+    """Bytes, their ``arrival`` by the monotonic clock and their ``stamp``, UNIX s; ``unread``: others were not read."""
 
-class LearningProcess(Executor):
-    """An executor with one process of low priority; if that is killed, the next job runs in a new one."""
-
-    def __init__(self) -> None:
-        self._exits = ExitStack()
-        self._start()
-
-    def submit(self, job: Callable[..., Result], /, *args: Any, **kwargs: Any) -> Future[Result]:
-        """Runs a job; see ``concurrent.futures.Executor``."""
-        try:
-            return self._pool.submit(job, *args, **kwargs)
-        except BrokenExecutor:
-            self._start()
-            return self._pool.submit(job, *args, **kwargs)
-
-    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Ends the process and waits until it is gone."""
-        self._exits.close()
-
-    def _start(self) -> None:
-        self._exits.close()
-        self._pool = self._exits.enter_context(pool(1))
-        if hasattr(os, "nice"):
-            # Batch learning may take its time; samples may not wait for a core.
-            self._pool.submit(os.nice, LOW_PRIORITY)
+    arrival: float
+    stamp: float
+    data: bytes
+    unread: bool
 
 
 @dataclass
@@ -85,9 +68,8 @@ class LiveSession:
     report: Callable[[SessionStatus], None]  # called once a second with the status
     say: Callable[[str], None]  # called with each sentence
     executor: Executor | None = None  # for batch learning
-    recording: RawRecording | None = None  # of the raw stream; ``None`` for none, and after it has failed
+    recording: Any = None  # of the raw stream, by ``take`` and ``close``; ``None`` for none, and after it has failed
     rate: float | None = None  # Hz to ask the vehicle for; ``None`` to send nothing at all
-    prior: Any = None  # ``Physical`` or ``PhysicalPrior`` of an earlier flight; ``None`` for none
 
     def __post_init__(self) -> None:
         """Begins now, without a model."""
@@ -104,65 +86,59 @@ class LiveSession:
         self.request: RateRequest | None = None  # for rates, once sent
         self._arrivals, self._boot = Arrivals(), 0
         self._greeted = -np.inf
-        self._latencies: deque[float] = deque(maxlen=10_000)
+        self._latencies, self._latest = np.full(MAX_LATENCIES, np.nan), 0.0  # of the latest rows, and the largest, s
         self._learned, self._shown = 0, 0
         self._estimate: Estimate | None = None
         self.findings: Findings | None = None
         self._judging: Future[Findings] | None = None
         self._next_judging = 0.0
         self._settled = self._lost = False
-        self._came = self._heard = now
+        self._waiting: deque[_Piece] = deque()
+        self._arrival = self._heard = self._emptied = now
+        self._late: float | None = None  # when the analysis was behind last
+        self._shed: set[str] = set()
+        self._hidden, self.most_behind, self._dropped = 0, 0.0, 0  # of plots, s, datagrams
         self._reported, self._sampled, self._samples = 0.0, -np.inf, 0
         self._account = dict.fromkeys(history.ACCOUNT, 0.0)
-        self._accounted = now, 0
+        self._accounted = now, 0, 0.0  # until when, samples learned, and s of them that are still to be counted
         self._obstacle = ""
         self._last_said: dict[str, float] = {}
 
     def step(self, timeout: float = 0.1) -> None:
-        """Processes what has come; waits at most ``timeout`` seconds for it."""
-        received = self._receive(timeout)
-        self._came = time.monotonic()
-        if received:
-            # All at once, since each search of garbage costs time; the first stamp, so that no latency is too short.
-            for row in self.stream.feed(received[0][0], b"".join(data for _, data in received)):
-                self._take(row)
-            self.history.advance(self.stream.now, self.stream.boot)
-            self._settled &= self.stream.flying
-            landing = self.stream.landing()
-            if landing is not None and self.learner is not None:
-                self._take_back(self.learner, landing)
+        """Receives what has come, and analyses it for ``STEP_SECONDS``; waits at most ``timeout`` s for something."""
+        self._waiting += self._receive(0.0 if self._waiting else timeout)
+        self._keep_up()
+        until = time.monotonic() + STEP_SECONDS
+        while self._waiting and time.monotonic() < until:
+            self._analyse()
         for event in self.stream.events():
             self._log(event.sentence, event.level, event.since + self.history.shift)
         for text in self.link.events():
             self._log(text)
-        # The time that processing takes is no silence.
-        now, resumed = time.monotonic(), {}
-        if received:
-            resumed["Messages come"], self._heard = now - self._heard, now
-        if self.stream.samples != self._samples:
-            resumed["Attitude and motor outputs come"] = now - self._sampled
-            self._samples, self._sampled = self.stream.samples, now
-        for what, after in resumed.items():
-            if SILENCE_SECONDS < after < np.inf:
-                self._log(f"{what} again after {after:.0f} s.")
-        self._request_rates(now)
+        now = time.monotonic()
+        self._request_rates()
         if now - self._reported >= STATUS_SECONDS:
             self._judge(now)
             self._reported, status = now, self.status
-            self.report(status)
+            if "status" not in self._shed:
+                self.report(status)
+            self._settled &= status.flying
             if status.obstacle != self._obstacle:
                 self._obstacle = status.obstacle
                 self._log(sentence(status.obstacle) or "The model is being learned.")
-            self.account()
+            if not self._waiting:
+                self.account(now)
 
-    def account(self) -> dict[str, float]:
-        """Seconds by the keys of ``ACCOUNT``, second by second up to now; their sum is the age of the session."""
-        now, (before, learned) = time.monotonic(), self._accounted
-        self._accounted = now, self._learned
-        stream = self.stream.status()
+    @property
+    def now(self) -> float:
+        """Until when all that arrived is analysed, s of the monotonic clock."""
+        return self._waiting[0].arrival if self._waiting else time.monotonic()
+
+    def account(self, now: float | None = None) -> dict[str, float]:
+        """Seconds by the keys of ``ACCOUNT``, second by second of arrival; their sum is the age of the session."""
+        now, stream, (before, learned, owed) = now or self.now, self.stream.status(), self._accounted
         kinds = {
             "link_lost": self._lost,
-            "learned": self._learned > learned,
             "silent": now - self._heard >= STATUS_SECONDS,
             "no_vehicle": stream.vehicle is None,
             "waiting": stream.obstacle not in ("", history.NOT_FLYING, history.FLIGHT_UNKNOWN)
@@ -170,8 +146,72 @@ class LiveSession:
             "unsettled": stream.flying,
             "on_ground": True,
         }
-        self._account[next(kind for kind, holds in kinds.items() if holds)] += now - before
-        return dict(self._account)
+        # Samples count for the time that they span, not for that in which they were analysed.
+        owed += (self._learned - learned) * (self._setup.dt if self._setup else 0.0)
+        spent = min(owed, now - before)
+        self._accounted = now, self._learned, min(owed - spent, STATUS_SECONDS)
+        self._account["learned"] += spent
+        self._account[next(kind for kind, holds in kinds.items() if holds)] += now - before - spent
+        return {**self._account, "left_out": self._account["left_out"] + time.monotonic() - now}
+
+    def _keep_up(self) -> None:
+        """Does less, the farther the analysis is behind the link; says so when that begins and when it is over."""
+        behind, hidden = (now := time.monotonic()) - self.now, "plots" in self._shed
+        self._shed = {what for what, limit in SHED.items() if behind >= limit}
+        self._hidden += "plots" in self._shed and not hidden
+        self.most_behind = max(self.most_behind, behind)
+        if self.learner is not None:
+            self.learner.fits_physical = "physical fits" not in self._shed
+            self.learner.refits = "refits" not in self._shed or self.learner.learned is None
+        if behind > MAX_BEHIND_SECONDS:
+            while self._waiting and now - self._waiting[0].arrival > SHED["physical fits"]:
+                self._waiting.popleft()
+            self._leave_out(now - behind)
+        if behind >= SHED["plots"]:
+            if self._late is None:
+                self._log(
+                    f"This computer is {behind:.1f} s behind the link: physical fits, plots and refits wait, and what "
+                    f"is older than {MAX_BEHIND_SECONDS:.0f} s is recorded and not analysed."
+                )
+            self._late = now
+        elif self._late is not None and now - self._late >= REPEAT_SECONDS:
+            self._late = None
+            left = f"{self._account['left_out']:.1f} s were not analysed, {self._dropped} datagrams not received"
+            self._log(f"This computer keeps up again; it was up to {self.most_behind:.1f} s behind the link: {left}.")
+
+    def _leave_out(self, since: float) -> None:
+        """Nothing of the time from ``since`` until now is analysed: no silence, and no message that the link lost."""
+        now = self.now
+        self.account(min(max(since, self._accounted[0]), now))
+        self._account["left_out"] += now - self._accounted[0]
+        self._accounted = now, *self._accounted[1:]
+        self._heard, self._sampled = self._heard + now - since, self._sampled + now - since
+        self.stream.leave_out()
+
+    def _analyse(self) -> None:
+        """Analyses what arrived first and waits."""
+        first = self._waiting[0]
+        if first.unread and first.arrival - self._heard >= STATUS_SECONDS:
+            self._leave_out(self._heard)
+        elif first.arrival - self._accounted[0] >= STATUS_SECONDS:
+            self.account()
+        together = []
+        while self._waiting and self._waiting[0].arrival - first.arrival <= TOGETHER_SECONDS:
+            together.append(self._waiting.popleft())
+        resumed = {"Messages come": first.arrival - self._heard}
+        self._arrival, self._heard = first.arrival, together[-1].arrival
+        for row in self.stream.feed(first.stamp, b"".join(piece.data for piece in together)):
+            self._take(row)
+        self.history.advance(self.stream.now, self.stream.boot)
+        landing = self.stream.landing()
+        if landing is not None and self.learner is not None:
+            self._take_back(self.learner, landing)
+        if self.stream.samples != self._samples:
+            resumed["Attitude and motor outputs come"] = self._heard - self._sampled
+            self._samples, self._sampled = self.stream.samples, self._heard
+        for what, after in resumed.items():
+            if SILENCE_SECONDS < after < np.inf:
+                self._log(f"{what} again after {after:.0f} s.")
 
     def final_model(self) -> Learned:
         """Returns the last model before the last landing; in flight, that of the last samples; ValueError if none."""
@@ -180,10 +220,11 @@ class LiveSession:
         if not (self._landed and self._models):
             try:
                 self.history.modelled = np.inf
-                return self._named(self.learner.learn_now())
-            except ValueError as error:
+                return self._named(self.learner.learn_now(FIT_SECONDS))
+            except (ValueError, RuntimeError, TimeoutError) as error:
+                error = ValueError(str(error) or f"not learned within {FIT_SECONDS:.0f} s")
                 if not self._models:
-                    raise
+                    raise error from None
                 self._log(f"The newest samples support no model ({error}): the former one is kept.")
         _, model, self.history.modelled = self._models[-1]
         return self._named(model)
@@ -210,25 +251,27 @@ class LiveSession:
         """The status as of now."""
         status, silence = self.stream.status(), self._silence()
         learning = self.learner.obstacle if self.learner is not None else ""
-        if not self._settled:
+        if not (self._settled and status.flying):
             learning = history.NOT_SETTLED if status.flying else history.NOT_FLYING
         rates = dict.fromkeys(status.rates, 0.0) if silence else status.rates
-        median, late = np.percentile(self._latencies or [np.nan], [50, 99]).tolist()
-        rows = replace(status, findings=self.findings, learned=self._learned, shown=self._shown, latency=(median, late))
+        known = self._latencies[: self._learned + self._shown]
+        latency = (*np.percentile(known, [50, 99]).tolist(), self._latest) if len(known) else status.latency
+        rows = replace(status, findings=self.findings, learned=self._learned, shown=self._shown, latency=latency)
         rows = replace(rows, obstacle=silence or status.obstacle or learning, rates=rates)
         return rows if self._estimate is None else rows.predicting(self._estimate)
 
     def _silence(self) -> str:
         """The sentence about a silent link; empty if it is not silent."""
-        since = time.monotonic() - SILENCE_SECONDS
+        since = self.now - SILENCE_SECONDS
         if self._lost:
             return "the link is lost"
         missing = "no attitude and no motor outputs were" if self._samples and self._sampled < since else ""
         missing = "nothing was" if self._heard < since else missing
         return missing and f"{missing} received for {SILENCE_SECONDS:.0f} s and more"
 
-    def _receive(self, timeout: float) -> list[tuple[float, bytes]]:
+    def _receive(self, timeout: float) -> list[_Piece]:
         """Receives and records; opens a lost link again."""
+        began = time.monotonic()
         try:
             if self._lost:
                 if not self.link.reopen():
@@ -248,7 +291,11 @@ class LiveSession:
         except OSError as error:
             self.recording = None
             self._log(f"The recording ends here ({_reason(error)}); everything else continues.")
-        return received
+        now, wall, first = time.monotonic(), time.time(), self._emptied
+        unread, self._dropped = self.link.dropped != self._dropped, self.link.dropped
+        self._emptied = began if len(received) < MAX_PIECES else first
+        # The wall clock may be set meanwhile: nothing arrived before everything had been read.
+        return [_Piece(min(max(now - wall + stamp, first), now), stamp, data, unread) for stamp, data in received]
 
     def _take(self, row: AlignedRow) -> None:
         setup = self.stream.setup
@@ -260,22 +307,23 @@ class LiveSession:
         self._settled = row.settled
         if row.settled:
             try:
-                estimate = learner.update(row.time, row.outputs, row.inputs, self.stream.alarms.weak_since)
+                estimate = learner.update(row.time, row.outputs, row.inputs)
             except ValueError as error:
                 self._log(f"A sample was skipped: {_reason(error)}.")
             if learner.learned is not None and learner.learned is not self._newest:
                 self._newest, self._landed = learner.learned, False
                 self._models.append((row.time, learner.learned, self.history.now))
+        latency = time.monotonic() - self._arrival
+        self._latencies[(self._learned + self._shown) % MAX_LATENCIES] = latency
+        self._latest = max(self._latest, latency)
         self._learned += estimate is not None
         self._estimate = self._estimate if estimate is None else estimate
         self._shown += estimate is None
-        # Not by the wall clock, which may be set meanwhile.
-        self._latencies.append(time.monotonic() - self._came)
         self.history.advance(row.time, setup.boot)
         self.history.take(row.segment, row.time, row.outputs, estimate)
-        if self._display is not None:
-            shift = self.history.shift
-            self._display.put(row.time, shift, row.segment, row.outputs, row.inputs, estimate, learner.learned)
+        if self._display is not None and "plots" not in self._shed:
+            shift, segment = self.history.shift, row.segment + self._hidden
+            self._display.put(row.time, shift, segment, row.outputs, row.inputs, estimate, learner.learned)
 
     def _begin(self, setup: Setup) -> None:
         """Takes the learner of a setup's rows, and shows them; a display that fails is not used again."""
@@ -284,7 +332,7 @@ class LiveSession:
         self._setup, layout, axis = setup, setup.layout, self.stream.axis
         sizes = setup.dt, len(layout.names), len(axis_outputs(axis))
         directions = None if layout.positions_assumed else layout.effect(axis)
-        options: dict[str, Any] = {"horizons": horizons(setup.dt), "effect_directions": directions, "prior": self.prior}
+        options: dict[str, Any] = {"horizons": horizons(setup.dt), "effect_directions": directions}
         key = setup.dt, layout.names
         if key not in self._learners:
             self._learners[key] = OnlineLearner(self.settings, *sizes, executor=self.executor, **options)
@@ -332,14 +380,16 @@ class LiveSession:
                 self._judging = None
         elif getattr(self._estimate, "physical", None) is None or self._newest is None or self.executor is None:
             return
-        elif now >= self._next_judging:
+        elif now >= self._next_judging and "physical fits" not in self._shed:
             self._next_judging = now + JUDGING_SECONDS
             with suppress(RuntimeError):  # the executor's processes are gone
                 self._judging = self.executor.submit(self._judgement(self._named(self._newest)))
 
-    def _request_rates(self, now: float) -> None:
+    def _request_rates(self) -> None:
         """Asks for rates if the user wants that and the vehicle is known; sends a HEARTBEAT if needed before."""
-        if self.rate is None or self._lost:
+        now = self.now
+        if self.rate is None or self._lost or self._shed:
+            self._arrivals = Arrivals()  # what comes now would be as fast as the analysis
             return
         if self.link.speaks_first and now - max(self._heard, self._greeted) >= STATUS_SECONDS:
             self._greeted = now
@@ -369,8 +419,9 @@ class LiveSession:
             self._send(frames)
             until = time.monotonic() + REPLY_SECONDS
             while request.unconfirmed and not self._lost and (left := until - time.monotonic()) > 0:
-                for stamp, data in self._receive(left):
-                    self.stream.feed(stamp, data)
+                for piece in self._receive(min(left, 0.05)):
+                    if time.monotonic() < until:
+                        self.stream.feed(piece.stamp, piece.data)
                 for message in self.stream.replies():
                     request.take(message)
         if request.restore():

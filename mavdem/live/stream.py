@@ -27,11 +27,10 @@ from mavdem.live.messages import Frame, FrameReader, Message, Values, attitude, 
 from mavdem.live.rows import DECISION_SECONDS, AlignedRow, BootClock, Grid, PlacedMessage, Samples
 from mavdem.live.senders import Sender, Senders
 
-MAX_EVENTS = 256  # Events kept until they are fetched
+MAX_EVENTS, MAX_REPLIES = 256, 64  # Events, and replies, kept until they are fetched
 REVIEW_SECONDS, CHOICE_SECONDS = 0.1, 0.5  # Of the boot clock, between two reviews of the phase, and two of the inputs
 REPLIES = ("MESSAGE_INTERVAL", "COMMAND_ACK")  # What a vehicle sends when it is asked for rates
 MAX_PORTS = 4  # Of a message of outputs that are read; PX4 has two
-MAX_REPLIES = 64  # Replies kept until they are fetched
 RATE_CHECK_SAMPLES = 8  # Samples of a stream between two checks of its rate
 ONLY_DEMAND = "The inputs are the demand and not the motors, so that a weak motor would not be seen."
 NO_EVIDENCE = "There is no EXTENDED_SYS_STATE and no vertical speed: motors and flight mode alone show a landing."
@@ -67,7 +66,7 @@ class LiveStream:
         self._attitude: str | None = None
         self._inputs: Inputs | None = None
         self.alarms = MotorAlarms()
-        self._reviewed = -inf
+        self._reviewed, self._left_out = -inf, False
         self._connected_from, self._received, self._said_evidence = inf, 0.0, False
         self._obstacle, self._enough = "The message rates are being measured.", True
 
@@ -75,11 +74,6 @@ class LiveStream:
     def followed(self) -> Sender | None:
         """The vehicle; None before it is known."""
         return self._senders.followed
-
-    @property
-    def flying(self) -> bool:
-        """Whether the vehicle is armed and airborne."""
-        return self._phase.flying
 
     @property
     def now(self) -> float:
@@ -99,6 +93,12 @@ class LiveStream:
         """Takes the next ``data`` of the link, received at ``stamp``, UNIX s; returns the rows that it completes."""
         self._received = stamp
         return [row for frame in self._frames.feed(data) for row in self._take(frame)]
+
+    def leave_out(self) -> None:
+        """What was received until now is not fed: the next gap is neither a silence nor lost messages."""
+        self._left_out = self._clock.left_out = True
+        for sender in self._senders:
+            sender.left_out = True
 
     def landing(self) -> float | None:
         """The time, s of this boot, since which rows given as settled were of a landing; None if none is new."""
@@ -121,6 +121,7 @@ class LiveStream:
             rates=self._rates(now),
             flying=self._phase.flying,
             lost=followed.lost if followed else 0,
+            missing=followed.missing_seconds if followed else 0.0,
             late=sum(stream.late for stream in self._streams.values()),
             unread=self._frames.unread,
             alarms=tuple(self.alarms.latest),
@@ -137,7 +138,7 @@ class LiveStream:
         """Takes a frame; the rows that it completes."""
         sender = self._senders.of(frame)
         message = message_of(frame) if frame.verdict == GOOD else None
-        if not sender.take(frame, message) or frame.verdict != GOOD:
+        if not sender.take(frame, message, self._received) or frame.verdict != GOOD:
             return
         if message is not None:
             sender.take_message(message)
@@ -147,6 +148,7 @@ class LiveStream:
         if message.name in REPLIES:
             self._replies.append(message)
             return
+        self._clock.breaks = sender.breaks
         for placed in self._clock.place(message):
             if placed.boot != self.boot:
                 self._reboot(placed.boot)
@@ -192,7 +194,8 @@ class LiveStream:
             self._watch_motors(time, inputs)
         if self._grid.running:
             if stream.gap:
-                self._report(f"No {name} for {stream.gap:.2f} s: a new segment starts.")
+                if not self._left_out:
+                    self._report(f"No {name} for {stream.gap:.2f} s: a new segment starts.")
                 self._grid.end()
             elif stream.added % RATE_CHECK_SAMPLES == 0 and (before := self._grid.former_rate(stream)) is not None:
                 self._report(f"{name} no longer comes at {before:.3g} Hz: a new segment starts.")
@@ -222,7 +225,7 @@ class LiveStream:
 
     def _begin(self, inputs: Inputs) -> None:
         """Reports the segment that begins, if its rows are others than before."""
-        grid, before, plan = self._grid, self.setup, inputs.layout
+        grid, before, plan, self._left_out = self._grid, self.setup, inputs.layout, False
         assert grid.dt is not None and self._attitude is not None
         names = self._attitude, inputs.message
         self.setup = now = Setup(self.boot, grid.dt, *names, plan, inputs.scale, grid.rates, grid.start)
@@ -320,8 +323,7 @@ class LiveStream:
         self.boot = boot
         self._streams.clear()
         self._choice.restart()
-        self._attitude = self._inputs = None
-        self._phase = Phase()
+        self._attitude, self._inputs, self._phase = None, None, Phase()
         self.alarms.sentence = ""
         self._grid.restart()
         self._reviewed, self._connected_from = -inf, inf

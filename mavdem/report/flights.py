@@ -12,6 +12,8 @@ from collections.abc import Mapping, Sequence
 from math import degrees, hypot, isfinite, sqrt
 from pathlib import PurePath
 
+import numpy as np
+
 from mavdem.evaluate.truth import ComparedParameter, TruthComparison
 from mavdem.fleet import difference
 from mavdem.fleet import row as fleet_row
@@ -296,6 +298,12 @@ def _vehicles(found: VehicleDifference) -> list[Block]:
     return [Sentence(named, "Caution:")] if found.shared else []
 
 
+def whole_seconds(account: Mapping[str, float]) -> dict[str, int]:
+    """Returns an account in whole seconds, whose sum is that of the account."""
+    ends = np.rint(np.cumsum(list(account.values()))).astype(int)
+    return dict(zip(account, np.diff(ends, prepend=0).tolist(), strict=True))
+
+
 def live_report(
     history: LiveHistory, status: SessionStatus, account: Mapping[str, float], axis: str, seconds: float = 0.0
 ) -> list[Block]:
@@ -326,11 +334,13 @@ def live_report(
             seconds -= (used := min(seconds, max(min(last, history.modelled) - first, 0.0)))
             rows.insert(0, [f"{time:.0f} s" for time in (first, last, last - first, used)])
         blocks.append(Table(["learned from", "until", "length", "of it in the model at the end"], rows))
-    spent = [[what[0].upper() + what[1:], f"{account[kind]:.0f} s"] for kind, what in ACCOUNT.items() if account[kind]]
-    blocks.append(Table([f"of {sum(account.values()):.0f} s", "time"], spent))
+    whole = whole_seconds(account)
+    spent = [[what[0].upper() + what[1:], f"{whole[kind]} s"] for kind, what in ACCOUNT.items() if whole[kind]]
+    blocks.append(Table([f"of {sum(whole.values())} s", "time"], spent))
     if status.vehicle is not None:
         rates = ", ".join(f"{name} {rate:.3g} Hz" for name, rate in sorted(status.rates.items()) if rate)
-        text = f"vehicle {status.vehicle}; {f'at the end {rates}; ' if rates else ''}{status.lost} messages lost, "
+        text = f"vehicle {status.vehicle}; {f'at the end {rates}; ' if rates else ''}{status.lost} messages lost"
+        text += f", and all of {status.missing:.1f} s, " if status.missing else ", "
         text += f"{status.late} samples too late, {status.unread} frames not decoded."
         blocks.append(Sentence(text, "Link:"))
     return blocks

@@ -6,6 +6,7 @@ from live_rows import AHEAD, flown
 
 from mavdem.live import history as live_history
 from mavdem.live.history import LiveHistory
+from mavdem.report.figures.series import FlightLines
 
 
 def test_errors_are_those_of_the_samples_whose_time_has_come():
@@ -24,7 +25,7 @@ def test_nothing_is_compared_across_a_gap_and_lines_break_there():
     flown(history, 1.0)
     flown(history, 2.0, segment=1, start=103.0)
     assert [one.samples for one in history.errors()] == [298, 250]
-    lines = history.lines
+    lines = FlightLines.of(history)
     assert np.isnan(lines.measured).sum() == 1
     shown = np.isfinite(lines.predicted)
     np.testing.assert_allclose(lines.predicted[shown], lines.measured[shown] + 0.1)
@@ -44,19 +45,19 @@ def test_what_is_not_learnt_from_is_shown_and_not_judged():
     history = LiveHistory()
     flown(history, 1.0, learnt=False)
     assert history.errors() == [] and history.learned == []
-    assert np.isfinite(history.lines.measured).sum() == 100
+    assert np.isfinite(FlightLines.of(history).measured).sum() == 100
 
 
 def test_a_long_flight_keeps_its_shape_in_bounded_memory(monkeypatch):
     monkeypatch.setattr(live_history, "MAX_ROWS", 100)
     history = LiveHistory()
     flown(history, 10.0)
-    lines = history.lines
+    lines = FlightLines.of(history)
     assert len(lines.time) <= 100
     assert lines.time[0] == pytest.approx(100.0, abs=0.2) and lines.time[-1] == pytest.approx(110.0, abs=0.2)
     assert history.errors()[0].samples == 999
     for segment in (1, 2, 3):
         flown(history, 2.0, segment, 110.0 + 5 * segment)
-    lines = history.lines
+    lines = FlightLines.of(history)
     assert np.isnan(lines.measured).sum() == 3
     assert np.diff(lines.time)[~np.isnan(lines.measured[1:])].max() < 1.0  # no line is drawn across a gap

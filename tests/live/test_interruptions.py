@@ -94,6 +94,19 @@ def test_after_a_reboot_everything_begins_anew():
     same_as_offline(made, first + shifted(FLIGHT.frames(end=18.0), 20.0))
 
 
+def test_a_clock_that_is_set_back_in_flight_goes_on_without_a_reboot():
+    """From 18 s, which the vehicle's clock shows as 68 s, it shows 5 s less."""
+    first = Flight(hover=FLIGHT.hover, clock=50.0).frames(end=18.0)
+    rest = Flight(hover=FLIGHT.hover, clock=45.0, number=len(first)).frames(start=18.0, end=22.0)
+    made = replay(first + rest)
+    (said,) = (sentence for sentence in made.sentences if "clock" in sentence)
+    assert said == "The vehicle's clock was set back by 5.0 s when it read 68.0 s."
+    assert made.segments().keys() == {0} and made.stream.boot == 0 and made.stream.status().lost == 0
+    times = np.array([row.time for row in made.rows])
+    np.testing.assert_allclose([row.outputs[0] for row in made.rows], FLIGHT.hover.roll(times - 50.0), atol=1e-3)
+    assert times[-1] == pytest.approx(72.0, abs=0.05)
+
+
 def test_stamps_of_unix_time_are_moved_to_the_boot_clock():
     frames = []
     for time, data in FLIGHT.frames(end=18.0):
@@ -131,6 +144,17 @@ def test_another_rate_in_flight_decides_the_step_anew(before, after):
     assert made.segments()[1][0].time < 21.0
     assert all(row.settled for row in made.segments()[1])
     settled_uniform(made)
+
+
+def test_jitter_of_a_scheduler_changes_the_grid_neither_live_nor_offline():
+    """200 Hz asked of a loop of 4 ms: steps of 4, 8 and 12 ms come, of 8.5 ms in the mean."""
+    steps = np.random.default_rng(0).choice((1, 2, 3), 2500, p=(0.13, 0.62, 0.25))
+    fast = Flight(hover=FLIGHT.hover, attitude=250.0, motors=250.0).frames(end=18.0)
+    sent = set(np.cumsum(steps).tolist())
+    frames = [(at, data) for at, data in fast if data[7] not in (30, 36) or int(250 * at + 0.01) in sent]
+    made = replay(frames)
+    assert [setup.dt for setup in made.setups.values()] == [0.008]
+    same_as_offline(made, frames)
 
 
 def test_a_stream_that_is_too_slow_is_reported_with_the_remedy_and_gives_no_rows_until_it_is_fast():

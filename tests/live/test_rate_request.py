@@ -104,6 +104,7 @@ def test_what_merely_falters_or_was_never_reached_is_not_asked_for_again():
     slow = known(400.0)
     slow.take(told("COMMAND_ACK", SET_INTERVAL, 0))
     assert [slow.due(float(second), {30: 50.0}) for second in range(1, 60)] == [[]] * 59
+    assert slow.events == ["ATTITUDE comes at 50 of 400 Hz asked for."]
 
 
 @pytest.mark.parametrize("interval", [0, 5, -5, -(2**31)])

@@ -19,12 +19,14 @@ from pymavlink.dialects.v20 import all as dialect
 from recorded_flights import shared
 
 import mavdem
+from mavdem.cli.background import LOW_PRIORITY, LearningProcess
+from mavdem.cli.recording import RawRecording
 from mavdem.dem import Estimate, Settings
 from mavdem.ingest.formats import read_stream
 from mavdem.live import AlignedRow, Event, LiveStream, SessionStatus, Setup
 from mavdem.live.history import UNCONFIRMED
-from mavdem.live.link import LinkLost, RawRecording
-from mavdem.live.session import LOW_PRIORITY, LearningProcess, LiveSession
+from mavdem.live.link import LinkLost
+from mavdem.live.session import LiveSession
 from mavdem.report.numbers import plus_minus
 from mavdem.report.page import live_page
 from mavdem.view.live_content import Channels, ViewRow, figures, status_document
@@ -40,7 +42,7 @@ FIRST = next(stamp for stamp, frame in FRAMES if frame[7:10] == bytes([30, 0, 0]
 class ScriptedLink:
     """Gives out what it is told, in place of a socket; an exception in the script is raised."""
 
-    datagrams = True
+    datagrams, dropped = True, 0
     speaks_first = False
 
     def __init__(self, script: list[Any]) -> None:

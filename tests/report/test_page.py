@@ -22,7 +22,7 @@ from mavdem.evaluate import held_out_test
 from mavdem.live import SessionStatus
 from mavdem.live.history import ACCOUNT, Event, LiveHistory
 from mavdem.report.blocks import Sentence, Table
-from mavdem.report.figures.series import live_flight
+from mavdem.report.figures.series import FlightLines, live_flight
 from mavdem.report.figures.style import band, picture
 from mavdem.report.flights import live_report
 from mavdem.report.page import Chapter, Picture, document, flight_page, live_page
@@ -174,7 +174,7 @@ def test_a_live_flight_is_drawn_in_degrees_with_what_was_trained_on_and_has_its_
     history.events.append(Event(12.25, "Messages come again after 3 s."))
     above, below = live_flight(history, "roll").axes
     measured = next(line for line in above.lines if line.get_label() == "measured")
-    assert np.nanmax(measured.get_ydata()) == pytest.approx(np.rad2deg(np.nanmax(history.lines.measured)))
+    assert np.nanmax(measured.get_ydata()) == pytest.approx(np.rad2deg(np.nanmax(FlightLines.of(history).measured)))
     assert len(above.patches) == len(history.learned) == 1
     assert "°/s²" in below.get_ylabel()
     text = live_page("udpin:<b>", "roll", history, SessionStatus("1:1"), NOTHING | {"learned": 53.0}, None)

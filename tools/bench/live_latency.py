@@ -19,10 +19,11 @@ import click
 import numpy as np
 from pymavlink.dialects.v20 import all as dialect
 
+from mavdem.cli.background import LearningProcess
 from mavdem.dem import Settings
 from mavdem.live import LiveStream
 from mavdem.live.link import Link
-from mavdem.live.session import LearningProcess, LiveSession
+from mavdem.live.session import LiveSession
 
 SECONDS = 30.0
 PORT = 14598

@@ -2,7 +2,7 @@
 
 from mavdem.dem.graybox.estimation import physical
 from mavdem.dem.graybox.identifiability import NotIdentifiable
-from mavdem.dem.graybox.parameters import Physical, PhysicalPrior
+from mavdem.dem.graybox.parameters import Physical
 from mavdem.dem.graybox.wind import DetectedGust, WindTorque
 
-__all__ = ["DetectedGust", "NotIdentifiable", "Physical", "PhysicalPrior", "WindTorque", "physical"]
+__all__ = ["DetectedGust", "NotIdentifiable", "Physical", "WindTorque", "physical"]

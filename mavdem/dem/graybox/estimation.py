@@ -20,14 +20,7 @@ from mavdem.dem.graybox.identifiability import (
     identifiability,
 )
 from mavdem.dem.graybox.likelihood import REFINEMENTS, FlightWindows, Parameters
-from mavdem.dem.graybox.parameters import (
-    Physical,
-    PhysicalPrior,
-    WindComponent,
-    WindowTable,
-    updated,
-    windows_of,
-)
+from mavdem.dem.graybox.parameters import Physical, WindComponent, WindowTable, windows_of
 from mavdem.dem.record import Record, UniformRecord
 from mavdem.errors import unit_slip
 
@@ -37,61 +30,49 @@ RANGE = 1.69  # of three values, in their standard deviations in the mean (Tippe
 BAND_HZ, MAX_BAND_SHARE = (0.4, 6.0), 0.125  # of the roll motion; its upper end in shares of the sampling rate
 
 
-def physical(
-    train: UniformRecord | Sequence[UniformRecord], prior: PhysicalPrior | Physical | None = None
-) -> Physical | NotIdentifiable:
+def physical(train: UniformRecord | Sequence[UniformRecord]) -> Physical | NotIdentifiable:
     """Estimates the motors' effect, damping and lag from all that is given.
 
     >>> mavdem.dem.physical(mavdem.read_flight("flight.tlog")[:2000]).status
     {'effect': 'biased', 'damping': 'biased', 'lag': 'biased'}
 
     The rate, rad/s, is the output of ``train``, a ``Flight`` or segments of one, that is the derivative of another, or
-    the only one. A ``prior`` is of the same vehicle's inputs, as of an earlier flight: what this flight does not
-    identify stays as it was, but for what changes between flights. One that the flight contradicts, or of other inputs,
-    counts for nothing. Returns the parameters, each with its status; or the reason why there are none: units, no output
-    is the rate of another, too few samples, no motor moves, or no steady filter.
+    the only one. Returns the parameters, each with its status; or the reason why there are none: units, no output is
+    the rate of another, too few samples, no motor moves, or no steady filter.
     """
     record = Record.of(train)
     if slip := unit_slip(record.outputs, record.dt):
         return NotIdentifiable(slip)
     try:
         with one_thread(), np.errstate(all="ignore"):  # what overflows is not finite, and no step goes there
-            return _estimated(windows_of(record), record.effect_directions, prior)
+            return _estimated(windows_of(record), record.effect_directions)
     except ValueError as error:  # LinAlgError is one
         return NotIdentifiable(f"{str(error)[:1].upper()}{str(error)[1:]}.")
 
 
-def _estimated(windows: FlightWindows, directions: Array | None, prior: PhysicalPrior | Physical | None) -> Physical:
-    count = len(windows.rate)
-    some = windows.of(np.linspace(0, count - 1, min(count, CHOOSING_WINDOWS)).round().astype(np.intp))
-    plain, start = directed(some, directions)
-    fits, refined = _chosen(some, plain, start)
+def _estimated(windows: FlightWindows, directions: Array | None) -> Physical:
+    fits, refined = _chosen(windows, directions)
     whole = fitted(refined.parameters, windows, refined.theta) if len(windows.rate) > CHOOSING_WINDOWS else refined
     covariance, jacobian = inverse(whole.curvature), _log_jacobian(whole.parameters, whole.theta, windows.dt)
     table, window_sd = _over_time(whole, jacobian, windows)
     by_spectrum = [_logarithms(fit.parameters, fit.theta, windows.dt) for fit in fits]
     own = MODEL_ERRORS.own * np.sqrt(np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian))
     figures = _figures(whole, np.array([own, window_sd, np.ptp(by_spectrum, axis=0)]), windows)
-    found = _physical(whole, covariance, windows, table, figures)
-    if prior is None or (known := updated(found, prior)) is found:
-        return found
-    held = plain.holding(known.effect * windows.unit, known.damping, known.lag, known.delay, windows.dt)
-    _, wind = _chosen(some, held, held.prior[0])
-    with_wind = _physical(wind, inverse(wind.curvature), windows, table, figures)
-    wind_share = _wind_share(wind.parameters, wind.theta, some, wind.levels)
-    kept = {name: getattr(known, name) for name in (*PhysicalPrior._fields, "status", "reasons", "bias")}
-    return with_wind._replace(wind_share=wind_share, **kept)
+    return _physical(whole, covariance, windows, table, figures)
 
 
-def _chosen(windows: FlightWindows, plain: Parameters, start: Array) -> tuple[list[GrayBoxFit], GrayBoxFit]:
+def _chosen(windows: FlightWindows, directions: Array | None) -> tuple[list[GrayBoxFit], GrayBoxFit]:
     """A fit for each wind that has one, and the most probable one with the refinements that it bears out."""
+    count = len(windows.rate)
+    some = windows.of(np.linspace(0, count - 1, min(count, CHOOSING_WINDOWS)).round().astype(np.intp))
+    plain, start = directed(some, directions)
     fits = []
     for wind in WINDS:
         parameters = plain._replace(wind=wind)
         first = parameters.prior[0]
         first[: len(start) - 1], first[-1] = start[:-1], start[-1]
         try:
-            fits.append(fitted(parameters, windows, first))
+            fits.append(fitted(parameters, some, first))
             start = fits[-1].theta
         except np.linalg.LinAlgError:
             continue
@@ -101,7 +82,7 @@ def _chosen(windows: FlightWindows, plain: Parameters, start: Array) -> tuple[li
     for name in REFINEMENTS:
         parameters = chosen.parameters._replace(refinements=(*chosen.parameters.refinements, name))
         try:
-            refined = fitted(parameters, windows, np.append(chosen.theta, 0.0), MIN_GAIN_NATS)
+            refined = fitted(parameters, some, np.append(chosen.theta, 0.0), MIN_GAIN_NATS)
             chosen = max(chosen, refined, key=lambda fit: fit.evidence)
         except np.linalg.LinAlgError:
             continue
@@ -128,16 +109,9 @@ def _log_jacobian(parameters: Parameters, theta: Array, dt: float) -> Array:
 def _figures(whole: GrayBoxFit, spreads: Array, windows: FlightWindows) -> IdentifiabilityFigures:
     parameters, theta = whole.parameters, whole.theta
     sd, window_sd, spectrum_range = (dict(zip(PARAMETERS, row, strict=True)) for row in spreads.tolist())
-    return IdentifiabilityFigures(
-        wind_share=_wind_share(parameters, theta, windows, whole.levels),
-        alias_share=_alias_share(parameters, theta, windows),
-        sd=sd,
-        window_sd=window_sd,
-        spectrum_range=spectrum_range,
-        damping=float(parameters.damping(theta)),
-        lag=float(np.exp(theta[parameters.motors + 2])),
-        dt=windows.dt,
-    )
+    shares = _wind_share(parameters, theta, windows, whole.levels), _alias_share(parameters, theta, windows)
+    damping, lag = float(parameters.damping(theta)), float(np.exp(theta[parameters.motors + 2]))
+    return IdentifiabilityFigures(*shares, sd, window_sd, spectrum_range, damping, lag, windows.dt)
 
 
 def _physical(
@@ -164,7 +138,7 @@ def _physical(
     covariance += (errors.own**2 - 1) * alike @ covariance @ alike.T
     spreads = [(figures.window_sd[name], figures.spectrum_range[name] / RANGE) for name in PARAMETERS]
     varied = np.square(spreads).sum(axis=1)
-    bias = (errors.lag_bias if figures.quick else errors.wind_bias) if status["effect"] == "biased" else 0.0
+    bias = errors.wind_bias if status["effect"] == "biased" else 0.0
     common = varied[0] + errors.effect**2 + bias**2
     if status["effect"] == "not identifiable":
         common += errors.unknown_effect**2
@@ -172,7 +146,7 @@ def _physical(
         common += errors.slow_effect**2
         varied += errors.slow**2
     covariance[:r, :r] += np.outer(effect, effect) * common + np.diag(effect**2) * errors.motor**2
-    covariance[r, r] += damping**2 * varied[1] + (errors.lag_damping if figures.quick else errors.damping) ** 2
+    covariance[r, r] += damping**2 * varied[1] + errors.damping**2
     covariance[r + 1, r + 1] += lag**2 * (varied[2] + errors.lag**2)
     covariance[-1, -1] += errors.delay**2
     scale = np.append(np.full(r, 1 / windows.unit), np.ones(3))
@@ -189,10 +163,7 @@ def _physical(
         bias=bias,
         wind=float(np.sqrt(np.sum(sizes**2))),
         wind_share=figures.wind_share,
-        components=tuple(
-            WindComponent(colour, float(size), float(time))
-            for colour, size, time in zip(parameters.wind, sizes, parameters.times(theta), strict=True)
-        ),
+        components=tuple(map(WindComponent, parameters.wind, sizes.tolist(), parameters.times(theta).tolist())),
         noise=level * float(np.hypot(np.exp(theta[parameters.noise_index]), parameters.least_noise)),
         refinements=dict(zip(parameters.refinements, theta[parameters.noise_index + 1 :].tolist(), strict=True)),
         windows=table,

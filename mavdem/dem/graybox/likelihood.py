@@ -85,8 +85,6 @@ SIZE, NOISE = (np.log(0.5), 1.5), (np.log(0.005), 2.0)
 multirotors and their autopilots. Damping of a rotor in air is positive, and so are the lag and the effect along the
 mixer's direction. The effect's mean is that of a first estimate."""
 
-HELD = 1e-3  # standard deviation of what is held
-
 TIMES = ((np.log(1.0), 1.0), (np.log(0.07), 1.0))
 """Likewise of the time of each component of the wind: the drift of the air, and gusts."""
 
@@ -122,14 +120,6 @@ class Parameters(NamedTuple):
     wind: tuple[Coloured, ...]
     least_noise: float  # rad/s
     refinements: tuple[str, ...] = ()
-    held: Array | None = None  # (r + 4,) entries of the vehicle, where they are known beforehand
-
-    def holding(self, effect: Array, damping: float, lag: float, delay: float, dt: float) -> Parameters:
-        """These, with the vehicle's entries held: ``effect`` as :meth:`effect`, 1/s, s, s."""
-        mean = float(np.abs(effect).mean())
-        damping, lag = 1 / max(damping, 1e-3) - 1 / MAX_DAMPING, lag**2 - (SHORTEST_LAG * dt) ** 2
-        logarithms = -np.log(max(damping, 1e-3)), 0.5 * np.log(max(lag, 1e-8))
-        return self._replace(held=np.array([np.log(mean), *(effect / mean - self.directions), *logarithms, delay]))
 
     @property
     def motors(self) -> int:
@@ -143,8 +133,6 @@ class Parameters(NamedTuple):
         deviations = [(0.0, self.deviation)] * self.motors
         refined = [REFINEMENTS[name] for name in self.refinements]
         mean, sd = np.array([EFFECT, *deviations, DAMPING, LAG, DELAY, *wind, NOISE, *refined]).T
-        if self.held is not None:
-            mean[: self.motors + 4], sd[: self.motors + 4] = self.held, HELD
         return mean, sd
 
     @property

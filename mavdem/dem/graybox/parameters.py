@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.confidence import LEVEL, half_width, quantile, require_probability
+from mavdem.confidence import LEVEL, half_width, require_probability
 from mavdem.dem.engine.linalg import Array
-from mavdem.dem.graybox.identifiability import MODEL_ERRORS, PARAMETERS, Status
-from mavdem.dem.graybox.likelihood import DELAY, Coloured, FlightWindows
+from mavdem.dem.graybox.identifiability import PARAMETERS, Status
+from mavdem.dem.graybox.likelihood import Coloured, FlightWindows
 from mavdem.dem.priors import derivative_pairs
 from mavdem.dem.record import Record
 
@@ -115,60 +114,6 @@ class Physical(NamedTuple):
         return PhysicalInterval(effect, float(damping), float(lag), float(delay))
 
 
-LEAST_DAMPING, LEAST_LAG = 0.05, 1e-3  # 1/s, s: no estimate is less
-CONTRADICTION = 3.0  # standard deviations between two flights, beyond which the vehicle is not as it was
-BY_PRIOR = "It is known from an earlier flight: this one alone does not identify it."
-
-
-class PhysicalPrior(NamedTuple):
-    """What is known of a vehicle before a flight: attributes of :class:`Physical`.
-
-    Attributes:
-        effect, damping, lag, delay, covariance: as there.
-    """
-
-    effect: Array
-    damping: float
-    lag: float
-    delay: float
-    covariance: Array
-
-    @classmethod
-    def of(cls, values: Sequence[float], half_widths: Sequence[float | None]) -> PhysicalPrior:
-        """Returns that of ``values``, effects, damping and lag, ± ``half_widths`` (90 %); ``None``: as the value."""
-        known = [value if half is None else half for value, half in zip(values, half_widths, strict=True)]
-        theta, sd = np.array([*values, DELAY[0]]), np.array([*np.divide(known, quantile()), DELAY[1]])
-        covariance, effect, (damping, lag, delay) = np.diag(sd**2), theta[:-3], theta[-3:].tolist()
-        moving = np.copysign(sd[:-3], effect)
-        covariance[:-3, :-3] = np.outer(moving, moving)  # motors are known together
-        return cls(effect, damping, lag, delay, covariance)
-
-
-def updated(found: Physical, prior: PhysicalPrior | Physical) -> Physical:
-    """Returns the parameters ``found`` in a flight, with what an earlier one adds; ``found`` itself where they differ.
-
-    Where the flight does not identify the effect, on which the others depend, it says nothing of any of them.
-    """
-    r = len(found.effect)
-    if len(prior.effect) != r:
-        return found
-    theta, now = (np.array([*of.effect, of.damping, of.lag, of.delay]) for of in (prior, found))
-    changes, shared = np.zeros((2, r + 3, r + 3))
-    changes[:r, :r] = np.outer(theta[:r], theta[:r]) * MODEL_ERRORS.between_flights**2
-    covariance, share = prior.covariance + changes, np.append(np.sign(theta[:r]) / r, np.zeros(3))
-    reasons = dict.fromkeys(PARAMETERS, BY_PRIOR)
-    if found.identifiable:
-        both = covariance + found.covariance
-        if abs(share @ (now - theta)) > CONTRADICTION * np.sqrt(share @ both @ share):
-            return found
-        gain = np.linalg.solve(both, covariance).T
-        theta, covariance = theta + gain @ (now - theta), covariance - gain @ covariance
-        reasons = {name: BY_PRIOR if found.status[name] == "not identifiable" else "" for name in PARAMETERS}
-    damping, lag, delay = np.maximum(theta[r:], [LEAST_DAMPING, LEAST_LAG, 0.0]).tolist()
-    known = PhysicalPrior(theta[:r], damping, lag, delay, covariance)
-    return found._replace(**known._asdict(), status=dict.fromkeys(PARAMETERS, "reported"), reasons=reasons, bias=0.0)
-
-
 WINDOW_SECONDS, SHORTEST_WINDOW_SECONDS = 7.0, 2.0
 MIN_SAMPLES = 200
 PAST = 4  # samples that tell what is new in the next
@@ -181,10 +126,7 @@ FASTEST_RATE = 199.0  # Hz: of twice that or more, every so many samples are tak
 def windows_of(record: Record) -> FlightWindows:
     """Cuts a record into windows of one length, with one trim and one unit of inputs; ``ValueError`` says why not."""
     if 1 / record.dt < FEWEST_RATE:
-        raise ValueError(
-            "motors' effect, damping, lag and poles show at several Hz, which needs 40 samples a second, not "
-            f"{1 / record.dt:.3g}"
-        )
+        raise ValueError(f"effect, damping and lag show at several Hz: 40 samples a second, not {1 / record.dt:.3g}")
     rate = rate_column(record)
     samples = _window_samples(record)
     inputs = record.inputs[samples]
@@ -227,9 +169,7 @@ def _window_samples(record: Record) -> NDArray[np.intp]:
     step = max(1, int(1 / record.dt / FASTEST_RATE))
     shortest = max(step * MIN_SAMPLES, round(SHORTEST_WINDOW_SECONDS / record.dt))
     if record.longest < shortest:
-        raise ValueError(
-            f"physical parameters need at least {shortest} samples without long gaps, not {record.longest}"
-        )
+        raise ValueError(f"physical parameters need at least {shortest} samples without gaps, not {record.longest}")
     # Up to half as long again, or down to what there is, so that as little as possible is left over.
     usual = min(round(WINDOW_SECONDS / record.dt), record.longest)
     lengths = [length for length in range(usual, int(1.5 * usual) + 1, max(1, usual // 50)) if length <= record.longest]

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import median_filter
 
-from mavdem.confidence import half_width, quantile
+from mavdem.confidence import half_width
 from mavdem.dem.engine.linalg import Array, one_thread
 from mavdem.dem.graybox.identifiability import MODEL_ERRORS
 from mavdem.dem.graybox.likelihood import plant
@@ -330,8 +330,6 @@ def shortest_gust(physical: Physical, dt: float) -> float:
 def gusts(torque: Array, band: Array, record: Record, shortest: float = 0.0) -> Gusts:
     """Returns the gusts of the wind's ``torque`` (T,), no less than twice the half width of its ``band`` (T,).
 
-    There are none where the errors that the band stands for are most of what the torque is.
-
     They last ``shortest`` s or more and return to the level they left: a step, as of a motor, is none. The rate of
     false ones is that at which a Gaussian process of the same variance and the same variance of its derivative crosses
     the threshold, on both sides (Rice, "Mathematical analysis of random noise", 1944, sec. 3.3).
@@ -345,9 +343,7 @@ def gusts(torque: Array, band: Array, record: Record, shortest: float = 0.0) -> 
     # Likewise by the median, so that gusts do not count.
     crossings = float(np.median(np.abs(slopes))) / NORMAL_MEDIAN / sd / (2 * np.pi)
     false = 2 * 60 * crossings * float(np.exp(-(THRESHOLD**2) / 2))
-    detected, beside = list[DetectedGust](), round(LEVEL_SECONDS / 2 / record.dt)
-    if np.mean((band / quantile()) ** 2) > MAX_ERROR_SHARE * np.var(torque):
-        return Gusts((), THRESHOLD * sd, false)
+    detected, beside = [], round(LEVEL_SECONDS / 2 / record.dt)
     for first, whole, part, width in zip(record.starts.tolist(), parts, away, bands, strict=True):
         outside = np.concatenate([[False], np.abs(part) > END * THRESHOLD * sd, [False]])
         # A change of sign ends a gust.

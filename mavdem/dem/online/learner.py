@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike
 
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.forecast.joint import known_combinations
-from mavdem.dem.graybox.parameters import Physical, PhysicalPrior
 from mavdem.dem.learned import Learned
 from mavdem.dem.learning import FEWEST_SAMPLES, learn
 from mavdem.dem.online.ahead import OnlineJoint
@@ -28,8 +27,7 @@ from mavdem.dem.validation import is_number, is_whole, real_numbers
 
 BLOCK_SECONDS = 0.1  # of samples, which are remembered and forgotten together
 LEARNING_SECONDS = 2.0  # of samples, before the first call of ``learn``, and between two
-HORIZONS = (1, 5, 10, 25, 50)
-"""Default steps ahead."""
+HORIZONS = (1, 5, 10, 25, 50)  # default steps ahead
 ALIKE = 0.9  # cosine of the angle between turning combinations that differ by chance
 MAX_GAPS = 5  # in a row, after which ``dt`` is wrong rather than samples missing
 TOO_FEW = "there are not enough samples yet"
@@ -56,6 +54,7 @@ class OnlineLearner:
     Attributes:
         horizons: steps ahead of ``Estimate.ahead``.
         learned: the last result of ``learn``, whose model is in use; ``None`` before.
+        refits, fits_physical: whether model and physical parameters are fitted again: a caller may put that off.
         obstacle: why there is no model, or no newer one; one sentence without its full stop, empty without a reason.
     """
 
@@ -69,7 +68,6 @@ class OnlineLearner:
         horizons: tuple[int, ...] = HORIZONS,
         executor: Executor | None = None,
         effect_directions: ArrayLike | None = None,
-        prior: PhysicalPrior | Physical | None = None,
     ) -> None:
         """Begins without a sample.
 
@@ -82,7 +80,6 @@ class OnlineLearner:
             executor: of processes, where ``learn`` runs; unless given, it runs inside an update, which then takes as
                 long. With one of threads an update may wait for them.
             effect_directions: (r,) relative effect of each input on the axis, where the mixer geometry is known.
-            prior: the vehicle's physical parameters as of an earlier flight, such as ``Learned.physical``.
 
         Raises:
             ValueError: names the argument that does not fit.
@@ -102,7 +99,7 @@ class OnlineLearner:
             raise ValueError(f"memory must be at least {2 * FEWEST_SAMPLES * dt:g} s at this dt, not {memory!r}")
         self.horizons = tuple(horizons)
         self.learned: Learned | None = None
-        self.obstacle = TOO_FEW
+        self.obstacle, self.refits, self.fits_physical = TOO_FEW, True, True
         self._settings = Settings() if settings is None else settings
         self._dt, self._sizes, self._executor = float(dt), (n_inputs, n_outputs), executor
         directions = None if effect_directions is None else real_numbers(effect_directions, "effect_directions")
@@ -121,13 +118,11 @@ class OnlineLearner:
         self._bands = ErrorBands(self.horizons, n_outputs, self._dt)
         combinations = known_combinations(n_inputs, directions)
         self._ahead = OnlineJoint(self._dt, block, self.horizons, n_outputs, combinations)
-        self._wind = OnlineWind(self._memory, executor, prior)
+        self._wind = OnlineWind(self._memory, executor)
         self._surprise, self._marks = Surprise(self._dt), AnomalyMarks(self._dt)
 
-    def update(self, time: float, outputs: ArrayLike, inputs: ArrayLike, weak_since: float = np.nan) -> Estimate:
+    def update(self, time: float, outputs: ArrayLike, inputs: ArrayLike) -> Estimate:
         """Takes the next sample, ``outputs`` (m,) and ``inputs`` (r,) at a ``time`` in s.
-
-        While a motor is weak, ``weak_since`` a time in s, what it lacks is no wind: there is no wind torque.
 
         >>> online = mavdem.OnlineLearner(dt=0.01, n_inputs=4, n_outputs=2)
         >>> for time, outputs, inputs in zip(train.time[:50], train.outputs, train.inputs):
@@ -159,7 +154,7 @@ class OnlineLearner:
             self._gaps = 0
         closed = self._memory.add(u, y, time)
         self._samples += 1
-        torque = self._wind.update(u, y, weak_since)
+        torque = self._wind.update(u, y)
         estimate = self._estimate(time, y)._replace(
             wind_torque=torque[0],
             wind_torque_band=torque[1],
@@ -172,7 +167,8 @@ class OnlineLearner:
             self._surprise.update_quantiles()
             self._remember()
         self._relearn()
-        self._ahead.advance()
+        if self.refits:
+            self._ahead.advance()
         if self._gaps >= MAX_GAPS:
             coming = f"come every {step:.3g} s" if step > 0 else "do not go on in time"
             self.obstacle = f"samples {coming}, where dt is {self._dt:g} s: each begins a segment of its own"
@@ -194,24 +190,23 @@ class OnlineLearner:
         # Without a sample left there is nothing to learn from: as in the beginning, but the model stays.
         self._next = self._next_choice = self._samples + (0 if self._memory.blocks else self._first)
 
-    def learn_now(self) -> Learned:
+    def learn_now(self, timeout: float | None = None) -> Learned:
         """Returns the result of ``learn`` on the samples in the memory, with the settings in use.
 
         Raises:
             ValueError: they do not support one, or there is no full block of samples yet.
+            TimeoutError: the executor took longer than ``timeout``, s.
         """
         if not self._memory.blocks:
             raise ValueError(TOO_FEW)
-        return learn(self._memory.record(), self._settings if self.learned is None else self.learned.settings)
+        given = self._memory.record(), self._settings if self.learned is None else self.learned.settings
+        return learn(*given) if self._executor is None else self._executor.submit(learn, *given).result(timeout)
 
     def _checked(self, time: float, inputs: ArrayLike, outputs: ArrayLike) -> tuple[float, Array, Array]:
         now, u, y = real_numbers(time, "time"), real_numbers(inputs, "inputs"), real_numbers(outputs, "outputs")
         u, y = np.atleast_1d(u), np.atleast_1d(y)
-        for name, numbers, shape in (
-            ("time", now, ()),
-            ("inputs", u, self._sizes[:1]),
-            ("outputs", y, self._sizes[1:]),
-        ):
+        given, shapes = {"time": now, "inputs": u, "outputs": y}, ((), self._sizes[:1], self._sizes[1:])
+        for (name, numbers), shape in zip(given.items(), shapes, strict=True):
             if numbers.shape != shape or not np.isfinite(numbers).all():
                 raise ValueError(f"{name} must be finite and of shape {shape}, not {numbers}")
             if np.abs(numbers).max() > LARGEST:
@@ -254,7 +249,7 @@ class OnlineLearner:
     def _remember(self) -> None:
         """Learns what comes next, and the wind's torque, from the block that was just closed."""
         self._ahead.add(self._memory.blocks[-1])
-        self._wind.add(self._memory.blocks[-1])
+        self._wind.add(self._memory.blocks[-1], self.fits_physical)
 
     def _missing(self) -> str:
         """Why there is no model yet; empty where there is one."""
@@ -267,7 +262,7 @@ class OnlineLearner:
         if self._pending is not None and self._pending.done():
             pending, self._pending = self._pending, None
             self._adopt(pending.result)
-        if self._samples < self._next or self._pending is not None or not self._memory.blocks:
+        if not self.refits or self._samples < self._next or self._pending is not None or not self._memory.blocks:
             return
         record, until = self._memory.record(), self._memory.blocks[-1].until
         self._next = self._samples + round(LEARNING_SECONDS / self._dt)

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -304,13 +304,31 @@ def _bars(axes: Axes, values: Array, half: Array, least: float, colour: str) -> 
     axes.set_xlim(-largest, largest)
 
 
+class FlightLines(NamedTuple):
+    """Lines over time, (N,) each, s as of ``LiveHistory``; NaN where there is nothing and across gaps."""
+
+    time: Array
+    measured: Array  # first output
+    predicted: Array  # the same, about ``AHEAD`` s earlier
+    predicted_band: Array  # half width
+    torque: Array  # of the wind, rad/s²
+    torque_band: Array  # half width
+
+    @classmethod
+    def of(cls, history: LiveHistory) -> FlightLines:
+        """Returns the lines of a live flight so far."""
+        segments, time, *others = history.rows.T
+        gaps = np.flatnonzero(np.diff(segments)) + 1
+        return cls(np.insert(time, gaps, time[gaps]), *(np.insert(other, gaps, np.nan) for other in others))
+
+
 def live_flight(history: LiveHistory, name: str) -> Figure:
     """Draws the first output, an angle of this ``name``, with its predictions; below, the wind torque.
 
     Raises:
         ValueError: there was no row.
     """
-    lines = history.lines
+    lines = FlightLines.of(history)
     if not np.isfinite(lines.measured).any():
         raise ValueError("no attitude came")
     angle, torque = readable("rad"), TORQUE

@@ -1,0 +1,103 @@
+"""The wind in metres a second in a recorded flight: which of its messages say it, and which parts of it count."""
+
+from __future__ import annotations
+
+from os import PathLike
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavdem.alignment import phases
+from mavdem.alignment.drive import AXES, floats
+from mavdem.alignment.read import choose_vehicle
+from mavdem.alignment.signals import Signals, attitude
+from mavdem.condition.wind_velocity import WindVelocity, estimate_wind
+from mavdem.dem.drag import Drag
+from mavdem.dem.drag_identification import LEAST_SECONDS
+from mavdem.errors import NotLearnable
+from mavdem.ingest import read_log
+from mavdem.ingest.telemetry import Array, Columns, rows_by
+
+VELOCITIES = {"LOCAL_POSITION_NED": 1.0, "GLOBAL_POSITION_INT": 0.01}
+"""Messages with the velocity over ground, the preferred first, and the factor that makes it m/s."""
+FLAGS, HORIZONTAL_VELOCITY, CONSTANT_POSITION = ("EKF_STATUS_REPORT", "ESTIMATOR_STATUS"), 2, 128
+"""Messages with the estimator's flags: that it knows the horizontal velocity, and that it assumes to stand still."""
+POSITION_JUMP, AROUND = 1.0, 1.5  # m beyond what the velocity covers, of a reset; s around it that are left out
+LOWEST_FLIGHT, LONGEST_STEP = 1.5, 1.5  # m above the lowest height, without motors; s between velocities
+
+
+def wind(path: str | bytes | PathLike[str], vehicle: str | None = None, drag: Drag | None = None) -> WindVelocity:
+    """Returns the wind of a log's longest flight, from attitude and velocity over ground at 1 Hz and faster.
+
+    Args:
+        path: a log that ``mavdem.ingest.read_log`` reads.
+        vehicle: "system" or "system:component", where the log holds several.
+        drag: of the vehicle; the autopilot's own coefficients, where somebody set them, unless given.
+
+    Raises:
+        Unreadable: the log cannot be read.
+        NotLearnable: it holds no vehicle, no velocity, no yaw or no flight, or no free one.
+    """
+    return wind_of(Signals(choose_vehicle(read_log(path).vehicles, vehicle)), drag)
+
+
+def wind_of(signals: Signals, drag: Drag | None = None) -> WindVelocity:
+    """Returns the wind of a vehicle's ``signals``, as :func:`wind` does, with the ``drag`` of before."""
+    telemetry = signals.telemetry
+    angles = [found for axis in AXES if (found := attitude(telemetry, axis)) is not None]
+    name = next((name for name in VELOCITIES if len(telemetry.messages.get(name, {"time": ()})["time"]) > 1), "")
+    if len(angles) < len(AXES) or not name:
+        ask = "Ask for ATTITUDE and LOCAL_POSITION_NED at 5 Hz or more; log XKF1, or vehicle_local_position in ULog."
+        missing = "velocity over ground" if len(angles) == len(AXES) else "attitude"
+        raise NotLearnable(f"The {missing} was not recorded, and without it there is no wind.", ask)
+    columns, factor = telemetry.messages[name], VELOCITIES[name]
+    moving = factor * np.column_stack([floats(columns, field) for field in ("vx", "vy", "vz")])
+    above = -floats(columns, "z") if factor == 1 else floats(columns, "relative_alt") / 1000
+    best = np.zeros((0, 8))
+    for boot, rows in rows_by(columns["boot"]).items():
+        time, first = np.unique(columns["time"][rows], return_index=True)
+        velocity, height = moving[rows[first]], above[rows[first]]
+        at, one = np.unique(angles[0].time[angles[0].boot == boot], return_index=True)
+        if len(time) < 2 or not len(at):
+            continue
+        sure = _known(signals, boot, columns, rows[first], velocity)
+        kept = phases.during(at, _flights(signals, boot, time, height)) & (at >= time[0]) & (at <= time[-1])
+        after = np.clip(np.searchsorted(time, at), 1, len(time) - 1)
+        kept &= sure[after] & sure[after - 1] & (time[after] - time[after - 1] <= LONGEST_STEP)
+        turned = [angle.angle[angle.boot == boot][one] for angle in angles]
+        moved = [np.interp(at, time, column) for column in (*velocity.T, height)]
+        found = np.column_stack([at, *turned, *moved])[kept]
+        best = found if len(found) > len(best) else best
+    if len(best) < 10 or np.ptp(best[:, 0]) < LEAST_SECONDS:
+        what = f"There are less than {LEAST_SECONDS:g} s of settled flight with attitude and a valid velocity"
+        raise NotLearnable(f"{what}: on the ground, in climbs and without a position there is no wind.")
+    if 0 in (still := np.ptp(best[:, 3:5], axis=0)):
+        raise NotLearnable(f"The {'velocity' if still[0] else 'yaw'} never changes by a digit: it is not measured.")
+    drag = Drag.of_parameters(telemetry.autopilot, telemetry.parameters) if drag is None else drag
+    return estimate_wind(best[:, 0], best[:, 1:4], best[:, 4:7], drag, best[:, 7])
+
+
+def _flights(signals: Signals, boot: int, time: Array, height: Array) -> phases.Intervals:
+    """Settled flight; where neither motors nor landed state were recorded, armed flight above the ground."""
+    if signals.collective is not None or signals.landed_state is not None:
+        return phases.settled(signals, boot)
+    up = phases.both(phases.armed(signals, boot), phases.where(time, height > np.nanmin(height) + LOWEST_FLIGHT))
+    return [flight for one in up if (flight := phases.between_transients(one, None)) is not None]
+
+
+def _known(signals: Signals, boot: int, columns: Columns, rows: NDArray[np.intp], velocity: Array) -> NDArray[np.bool_]:
+    """(N,) where the estimator knows the velocity, without what surrounds a reset of the position."""
+    time, sure = columns["time"][rows], np.isfinite(velocity).all(axis=1)
+    if "x" in columns:
+        steps = np.diff(np.column_stack([floats(columns, axis)[rows] for axis in "xy"]), axis=0)
+        covered = (velocity[1:, :2] + velocity[:-1, :2]) / 2 * np.diff(time)[:, None]
+        jumps = np.abs(steps - covered).max(axis=1) > POSITION_JUMP + 2 * np.diff(time)
+        sure &= ~phases.during(time, phases.either([(t - AROUND, t + AROUND) for t in time[1:][jumps]], []))
+    for name in FLAGS:
+        flags = signals.telemetry.messages.get(name, {})
+        if "flags" in flags and np.any(here := flags["boot"] == boot):
+            states = flags["flags"][here].astype(np.int64)
+            lost = (states & HORIZONTAL_VELOCITY == 0) | (states & CONSTANT_POSITION > 0)
+            last = np.searchsorted(flags["time"][here], time, side="right") - 1
+            sure &= ~(lost[np.maximum(last, 0)] & (last >= 0))
+    return np.asarray(sure)

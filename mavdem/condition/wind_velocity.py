@@ -1,0 +1,174 @@
+"""The wind in metres a second: mean, course and gusts, and what of it a flight identifies."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from mavdem.confidence import quantile
+from mavdem.dem.airflow import TOTAL
+from mavdem.dem.drag import Drag
+from mavdem.dem.drag_identification import DRAG_STEP, DRAG_STEPS, checked, courses, gridded, identified
+from mavdem.dem.engine.linalg import one_thread
+from mavdem.ingest.telemetry import Array
+
+WIND_STEP, WIND_STEPS = 0.5, 1200  # s, or the samples' own step; longer flights have so many longer steps
+GUST_SECONDS, INDEPENDENT_SECONDS = 3.0, 10.0  # of a gust's mean (WMO-No. 8, vol. I, ch. 5); after which noise is new
+LAYER, LAYER_SECONDS = 10.0, 10.0  # m of height, and s in it, of which a mean is shown
+SPEED_ERROR, SPEED_SHARE, SPEED_FACTOR = 0.8, 0.15, 8.0  # m/s or share of half width reported; ratio of ends biased
+DIRECTION_ERROR, DIRECTION_LIMIT = 10.0, 60.0  # degrees of half width, likewise
+DRAG_ERROR, DRAG_LEFT = 0.18, 0.8  # relative sd of the drag that is reported; share of the prior's that is biased
+MANOEUVRE = "fly legs of 3 m/s and more, there and back, in several directions, with turns of yaw"
+TURN = "A slow turn of yaw in hover separates them"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class WindVelocity:
+    """The horizontal wind of one flight.
+
+    Attributes:
+        speed: of the mean wind vector, m/s.
+        speed_interval: ends of its 90 % interval.
+        direction: where it comes from, degrees from the north of the yaw, 0 to 360.
+        direction_interval: half width of its 90 % interval, degrees.
+        gust: the strongest mean of 3 s, m/s.
+        turbulence_intensity: standard deviation of the wind along its mean direction, over its speed.
+        time: (T,) s, on the clock that was given.
+        velocity: (T, 2) north and east components of where the air moves to, m/s.
+        band: (T, 2) half widths that hold it with 90 %.
+        minutes: mean of each minute: ``start`` and ``end`` (s), ``speed``, ``low``, ``high`` (m/s), ``direction``.
+        profile: mean by height in layers of 10 m: ``height``, ``speed``, ``direction``; empty within one layer.
+        drag: of the vehicle, as the flight leaves it.
+        status: "reported", "biased" or "not identifiable", by "speed", "direction" and "drag".
+        reasons: one sentence each, of what is not reported.
+    """
+
+    speed: float
+    speed_interval: tuple[float, float]
+    direction: float
+    direction_interval: float
+    gust: float
+    turbulence_intensity: float
+    time: Array
+    velocity: Array
+    band: Array
+    minutes: tuple[dict[str, float], ...]
+    profile: tuple[dict[str, float], ...]
+    drag: Drag
+    status: Mapping[str, str]
+    reasons: Mapping[str, str]
+
+    def __repr__(self) -> str:
+        low, high = self.speed_interval
+        return f"<WindVelocity: {self.speed:.2g} m/s ({low:.2g} to {high:.2g}) from {self.direction:.0f}°>"
+
+    @property
+    def calm(self) -> bool:
+        """Whether still air is likely, too: the wind is then said to be below the interval's upper end."""
+        return self.speed_interval[0] < 0.25 * self.speed_interval[1]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Returns plain JSON values."""
+        values = {name: getattr(self, name) for name in self.__dataclass_fields__} | {"calm": self.calm}
+        values |= {name: values[name].round(4).tolist() for name in ("time", "velocity", "band")}
+        return values | {"drag": self.drag.as_dict()}
+
+
+def coming_from(north: float, east: float) -> float:
+    """Returns the direction that air moving ``north`` and ``east`` comes from, degrees, 0 to 360."""
+    return float(np.degrees(np.arctan2(-east, -north)) % 360)
+
+
+def estimate_wind(
+    time: Array, attitude: Array, velocity: Array, drag: Drag | None = None, height: Array | None = None
+) -> WindVelocity:
+    """Returns the wind of one flight from attitude and velocity, at 1 Hz and faster.
+
+    Args:
+        time: (T,) s, ascending; gaps may be in it.
+        attitude: (T, 3) roll, pitch and yaw, rad, Z-Y-X; rows that are not finite are left out.
+        velocity: (T, 3) north, east and down over ground, m/s.
+        drag: of the vehicle, from another flight or :func:`mavdem.estimate_drag`; the population's unless given.
+        height: (T,) m, where the wind is wanted by height.
+
+    Raises:
+        ValueError: arrays of other shapes, or a time that does not ascend.
+        NotLearnable: too short, or no free flight: held, carried, or a velocity that is not the vehicle's.
+    """
+    stamps, angles, speeds, usable = checked(time, attitude, velocity)
+    prior = Drag.of_parameters() if drag is None else drag
+    with one_thread():
+        found, doubt = identified(gridded(stamps, angles, speeds, DRAG_STEP, DRAG_STEPS), prior)
+        fine = gridded(stamps, angles, speeds, WIND_STEP, WIND_STEPS)
+        states, spreads = courses(fine, found)
+    winds, variances = states @ TOTAL.T, np.einsum("ai,tnij,aj->tna", TOTAL, spreads, TOTAL)
+    speed, low, high, turned = _mean(winds, spreads, fine.step)
+    air, width = winds.mean(axis=1), max(round(GUST_SECONDS / fine.step), 1)
+    mean = air.mean(axis=0)
+
+    edges = np.linspace(0, len(air), max(round(len(air) * fine.step / 60), 1) + 1).astype(int)
+    minutes, names = [], ("speed", "low", "high", "direction", "start", "end")
+    for a, b in zip(edges[:-1], edges[1:], strict=True):
+        one = *_mean(winds[a:b], spreads[a:b], fine.step)[:3], coming_from(*air[a:b].mean(axis=0))
+        minutes.append(dict(zip(names, (*one, float(fine.time[a]), float(fine.time[b - 1])), strict=True)))
+    high_up = np.zeros(len(time)) if height is None else np.asarray(height, np.float64)
+    place, layers = np.floor(np.interp(fine.time, stamps, high_up[usable]) / LAYER), []
+    for n in (n for n in np.unique(place) if np.sum(place == n) * fine.step >= LAYER_SECONDS):
+        one, middle = air[place == n].mean(axis=0), float(LAYER * (n + 0.5))
+        layers.append({"height": middle, "speed": float(np.hypot(*one)), "direction": coming_from(*one)})
+    moved = float(np.nanmean(np.hypot(*(fine.velocity[:, :2] - air).T)))
+    sd, known = found.relative_sd(moved), found.relative_sd(moved) / prior.relative_sd(moved)
+    found = replace(found, source=prior.source if known > DRAG_LEFT else "flight")
+    return WindVelocity(
+        speed=speed,
+        speed_interval=(low, high),
+        direction=coming_from(*mean),
+        direction_interval=turned,
+        gust=float(np.convolve(np.hypot(*air.T), np.ones(width) / width, mode="valid").max()),
+        turbulence_intensity=float((air @ mean).std() / max(float(mean @ mean), 1e-9)),
+        time=fine.time,
+        velocity=air,
+        band=quantile() * np.sqrt(variances.mean(axis=1) + winds.var(axis=1)),
+        minutes=tuple(minutes),
+        profile=tuple(layers if len(layers) > 1 else ()),
+        drag=found,
+        **_answers(speed, low, high, turned, sd, known, doubt, prior.source),
+    )
+
+
+def _mean(winds: Array, spreads: Array, step: float) -> tuple[float, float, float, float]:
+    """Speed of the mean over steps, both ends of its interval, and the direction's half width in degrees."""
+    means = winds.mean(axis=0)
+    # By the draws of drag and lean, which are common to all steps; what noise does averages out.
+    count = max(len(winds) * step / INDEPENDENT_SECONDS, 1.0)
+    variances = np.einsum("ai,tnij,aj->na", TOTAL, spreads, TOTAL) / len(winds) / count
+    drawn = np.random.default_rng(2).standard_normal((50, len(means), 2)) * np.sqrt(variances)
+    samples = (means + drawn).reshape(-1, 2)
+    low, high = np.quantile(np.hypot(*samples.T), [0.05, 0.95]).tolist()
+    apart = np.arctan2(samples[:, 1], samples[:, 0]) - np.arctan2(*means.mean(axis=0)[::-1])
+    turned = np.quantile(np.abs((apart + np.pi) % (2 * np.pi) - np.pi), 0.9)
+    return float(np.median(np.hypot(*means.T))), low, high, float(np.degrees(turned))
+
+
+def _answers(
+    speed: float, low: float, high: float, turned: float, sd: float, known: float, doubt: float, source: str
+) -> dict[str, dict[str, str]]:
+    """Status and reasons of speed, direction and drag."""
+    status, reasons = dict.fromkeys(("speed", "direction", "drag"), "reported"), {}
+    if sd > DRAG_ERROR:
+        status["drag"] = "not identifiable" if known > DRAG_LEFT else "biased"
+        cause = "gusts made most of the velocity" if doubt > 0.3 else "the velocity over ground hardly changed"
+        said = f"The drag is that of {source}: {cause}" if known > DRAG_LEFT else f"The drag is known to {sd:.0%} only"
+        reasons["drag"] = f"{said}. To identify it, {MANOEUVRE}."
+    if (high - low) / 2 > max(SPEED_ERROR, SPEED_SHARE * speed):
+        status["speed"] = "biased" if high <= SPEED_FACTOR * max(low, 0.3) else "not identifiable"
+        cause = "the drag is not identifiable" if sd > DRAG_ERROR else f"a lean looks like wind. {TURN}"
+        reasons["speed"] = f"The speed is known from {low:.1f} to {high:.1f} m/s only: {cause}."
+    if turned > DIRECTION_ERROR:
+        status["direction"] = "biased" if turned <= DIRECTION_LIMIT else "not identifiable"
+        lean = "misaligned attitude or a shifted load leans the vehicle as wind does"
+        reasons["direction"] = f"The direction is known to ±{turned:.0f}° only: {lean}. {TURN}."
+    return {"status": status, "reasons": reasons}

@@ -1,0 +1,178 @@
+"""Airflow: the wind as a coloured unknown cause of the specific force that drag makes, given attitude and velocity.
+
+On a grid of some tenths of a second, the specific force along body x and y is measured,
+
+    f = b − (c + q |u|) u + e,   u = Rᵀ (v − m − w),
+
+with velocity v, attitude R, mean wind m, white noise e, and the unknown cause w of mean η = 0: an Ornstein-Uhlenbeck
+process along north and east. An extended Kalman filter runs for many values of c, q, lean b, and sizes of w and e side
+by side. Its likelihood weighs them; its smoother, averaged over them, is the estimate. The lean is no state: a filter
+that is linearized at each step takes it for observed where it is not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavdem.dem.drag import coefficients
+from mavdem.dem.engine.linalg import Array
+
+GRAVITY, WIND_SD = 9.80665, 4.0  # m/s²; m/s along each axis, of the mean wind before the flight: 3 to 10 are usual
+FREEDOM = 8.0  # of Student's t that innovations have: a position reset or a touch of the ground is no wind
+MAX_FORCE = 25.0  # m/s² across the thrust axis: beyond, the velocity jumped
+BRIDGED_SECONDS = 10.0  # to the next step with data; farther ones are left out
+WIND, MEAN = slice(0, 2), slice(2, 4)  # of the four states
+TOTAL = np.kron([[1.0, 1.0]], np.eye(2))  # (2, 4) w + m of the states
+
+
+class Motion(NamedTuple):
+    """Attitude, velocity and specific force on a grid of ``step`` s; NaN where a step has no samples."""
+
+    time: Array  # (T,) s, of each step's middle
+    axes: Array  # (T, 2, 3) body x and y in north, east, down
+    velocity: Array  # (T, 3) m/s, relative to the ground, or to the air where that is known
+    force: Array  # (T, 2) m/s², along body x and y
+    step: float
+
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """(T,) which steps have all of it."""
+        return np.asarray(np.isfinite(self.force).all(axis=1) & np.isfinite(self.velocity).all(axis=1))
+
+    def at(self, rows: NDArray[np.bool_] | slice) -> Motion:
+        """Returns those steps."""
+        return Motion(self.time[rows], self.axes[rows], self.velocity[rows], self.force[rows], self.step)
+
+
+def motion(time: Array, attitude: Array, velocity: Array, step: float, wind: Array | None = None) -> Motion:
+    """Returns the motion on a grid: means over steps, the acceleration the ``velocity``'s difference over two of them.
+
+    ``attitude`` and velocity are averaged as that is; a known ``wind`` (T, 2) is taken off the velocity.
+    """
+    (cr, cp, cy), (sr, sp, sy) = np.cos(attitude).T, np.sin(attitude).T
+    x, y = (cp * cy, cp * sy, -sp), (sr * sp * cy - cr * sy, sr * sp * sy + cr * cy, sr * cp)
+    air = np.zeros((len(time), 2)) if wind is None else wind
+    count = int((time[-1] - time[0]) / step + 1e-6) + 1
+    place = np.minimum(((time - time[0]) / step + 1e-6).astype(int), count - 1)
+    number = np.bincount(place, minlength=count)
+    sums = [np.bincount(place, column, count) for column in (*x, *y, *velocity.T, *air.T)]
+    means = np.where(number > 0, np.array(sums) / np.maximum(number, 1), np.nan).T
+    smooth = (means[:-2] + 2 * means[1:-1] + means[2:]) / 4
+    axes, speed = smooth[:, :6].reshape(-1, 2, 3), smooth[:, 6:9].copy()
+    force = np.einsum("tij,tj->ti", axes, (means[2:, 6:9] - means[:-2, 6:9]) / (2 * step)) - GRAVITY * axes[:, :, 2]
+    force[~(np.abs(force) < MAX_FORCE).all(axis=1)] = np.nan
+    speed[:, :2] -= smooth[:, 9:]
+    grid = Motion(time[0] + step * (np.arange(1, count - 1) + 0.5), axes, speed, force, step)
+    reach = int(BRIDGED_SECONDS / step)
+    return grid.at(np.convolve(grid.known, np.ones(2 * reach + 1), mode="full")[reach : reach + len(force)] > 0)
+
+
+class Filtered(NamedTuple):
+    """The filter of G parameters; all but the first only where it was kept."""
+
+    log_likelihood: Array  # (G,)
+    innovations: Array  # (T, 2) of the first parameters, in standard deviations; NaN where nothing was measured
+    states: Array  # (2, T, G, 4) before and after each measurement
+    spreads: Array  # (2, T, G, 4, 4)
+    decay: Array  # (G, 4)
+
+
+def filtered(parameters: Array, motion: Motion, keep: bool = False) -> Filtered:
+    """Returns the extended Kalman filter's pass over a ``motion``; ``keep`` keeps the states.
+
+    ``parameters`` (G, 9): those of ``Drag.mean``, and logarithms of the wind's sd (m/s) and time (s) and of e's sd.
+    """
+    linear, quadratic = coefficients(parameters)
+    lean, (wind_sd, wind_seconds, noise) = parameters[:, 4:6], np.exp(parameters[:, 6:]).T
+    G, T, known = len(parameters), len(motion.force), motion.known
+    phi = np.exp(-motion.step / wind_seconds)
+    decay, x = np.ones((G, 4)), np.zeros((G, 4))
+    decay[:, WIND] = phi[:, None]
+    P, process = np.zeros((G, 4, 4)), np.zeros((G, 4, 4))
+    P[:, WIND, WIND], P[:, MEAN, MEAN] = wind_sd[:, None, None] ** 2 * np.eye(2), WIND_SD**2 * np.eye(2)
+    process[:, WIND, WIND] = (wind_sd**2 * (1 - phi**2))[:, None, None] * np.eye(2)
+    # The filter is linearized first about the wind that the median force stands for.
+    force = np.median(np.einsum("tij,ti->tj", motion.axes[known][:, :, :2], motion.force[known]), axis=0)
+    speed = air_speed(linear.mean(axis=1), quadratic.mean(axis=1), size := float(np.hypot(*force)))
+    x[:, MEAN] = np.median(motion.velocity[known, :2], axis=0) + force / max(size, 1e-9) * speed[:, None]
+    fade, total, kept = decay[:, :, None] * decay[:, None, :], np.zeros(G), T if keep else 0
+    states, spreads, innovations = np.empty((2, kept, G, 4)), np.empty((2, kept, G, 4, 4)), np.full((kept, 2), np.nan)
+    for t in range(T):
+        if t:
+            x, P = x * decay, P * fade + process
+        if keep:
+            states[0, t], spreads[0, t] = x, P
+        if known[t]:
+            axes = motion.axes[t]
+            u = axes @ motion.velocity[t] - (x[:, WIND] + x[:, MEAN]) @ axes[:, :2].T
+            speed = np.sqrt((u * u).sum(axis=1) + 1e-4)[:, None]
+            force = linear + quadratic * speed
+            slope = force[:, :, None] * np.eye(2) + (quadratic / speed * u)[:, :, None] * u[:, None, :]
+            H = slope @ axes[:, :2] @ TOTAL
+            error = motion.force[t] + force * u - lean
+            PH = P @ H.transpose(0, 2, 1)
+            S = H @ PH + (noise**2)[:, None, None] * np.eye(2)
+            det = S[:, 0, 0] * S[:, 1, 1] - S[:, 0, 1] ** 2
+            inverse = np.stack([S[:, 1, 1], -S[:, 0, 1], -S[:, 0, 1], S[:, 0, 0]], axis=1).reshape(G, 2, 2)
+            inverse /= det[:, None, None]
+            squares = np.einsum("gi,gij,gj->g", error, inverse, error)
+            total -= np.log(det) / 2 + (FREEDOM + 2) / 2 * np.log1p(squares / FREEDOM)
+            K = PH @ inverse * np.minimum((FREEDOM + 2) / (FREEDOM + squares), 1.0)[:, None, None]
+            x, P = x + np.einsum("gij,gj->gi", K, error), P - K @ PH.transpose(0, 2, 1)
+            if keep:
+                innovations[t] = error[0] / np.sqrt(np.diag(S[0]))
+        if keep:
+            states[1, t], spreads[1, t] = x, P
+    return Filtered(total, innovations, states, spreads, decay)
+
+
+def air_speed(linear: Array, quadratic: Array, force: float) -> Array:
+    """Returns the air speed, m/s, at which ``linear`` and ``quadratic`` drag makes a ``force``, m/s²."""
+    return np.asarray(2 * force / (linear + np.sqrt(linear**2 + 4 * quadratic * force)))
+
+
+def smoothed(run: Filtered) -> tuple[Array, Array]:
+    """Returns states (T, G, 4) and covariances given all steps of a ``run`` (Rauch, Tung and Striebel, 1965)."""
+    (x_before, states), (P_before, spreads) = run.states, run.spreads
+    gains = np.linalg.solve(P_before[1:], (spreads[:-1] * run.decay[:, None, :]).swapaxes(2, 3)).swapaxes(2, 3)
+    for t in range(len(states) - 2, -1, -1):
+        states[t] += np.einsum("gij,gj->gi", gains[t], states[t + 1] - x_before[t + 1])
+        spreads[t] += gains[t] @ (spreads[t + 1] - P_before[t + 1]) @ gains[t].transpose(0, 2, 1)
+    return states, spreads
+
+
+def drawn(mean: Array, covariance: Array, number: int) -> Array:
+    """Returns a ``number`` of Gaussian draws whose own ``mean`` and ``covariance`` are these; the same every time."""
+    half = np.linalg.qr(np.random.default_rng(1).standard_normal((number // 2, len(mean))))[0] * np.sqrt(number / 2)
+    return np.asarray(mean + np.vstack([half, -half]) @ np.linalg.cholesky(covariance).T)
+
+
+def posterior(
+    log_likelihood: Callable[[Array], Array], mean: Array, covariance: Array, draws: int, rounds: int
+) -> tuple[Array, Array]:
+    """Returns moments of a Gaussian prior of ``mean`` and ``covariance`` times the ``log_likelihood`` of (N, k).
+
+    By population Monte Carlo (Cappé and others, Journal of Computational and Graphical Statistics 13, 2004): in
+    ``rounds``, the Gaussian that ``draws`` come from follows weights flattened until a quarter of the draws counts.
+    """
+    centre, spread = mean, covariance
+    for _ in range(rounds):
+        wide = 1.44 * (spread + 1e-3 * covariance)
+        places = drawn(centre, wide, draws)
+        logs = log_likelihood(places) + _normal(places - mean, covariance) - _normal(places - centre, wide)
+        logs = np.where(np.isfinite(logs), logs - logs[np.isfinite(logs)].max(), -np.inf)
+        for share in 0.85 ** np.arange(40):
+            weights = np.exp(share * logs) / np.exp(share * logs).sum()
+            if 1 / (weights**2).sum() >= draws / 4:
+                break
+        centre = weights @ places
+        spread = (places - centre).T * weights @ (places - centre)
+    return centre, spread
+
+
+def _normal(apart: Array, covariance: Array) -> Array:
+    return np.asarray(-np.einsum("gi,ij,gj->g", apart, np.linalg.inv(covariance), apart) / 2)
