@@ -134,6 +134,14 @@ def test_yaw_alone_and_thrust_alone_are_no_motor(change):
     assert not changes(time, commands + after(time, 0.6 * quad(*change)))
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_what_no_cause_explains_and_lasts_does_not_hide_the_next_fault(seed):
+    time, commands = flight(seed, 70.0, 0.005)
+    turned = commands + 0.6 * np.outer(time >= 125.0, quad(0.0, 0.0, 0.0, 0.05))
+    [alarm] = changes(time, turned * np.where(time[:, np.newaxis] >= 160.0, [1, 1.12, 1, 1], 1))
+    assert alarm.motor == 2 and 160.0 < alarm.time < 163.0
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("sd", "seconds"), [(0.01, 0.1), (0.02, 3.0)])
 def test_coloured_noise_gives_no_alarm(sd, seconds):
