@@ -12,9 +12,8 @@ from mavdem.cli.output import complain, print_json, say
 from mavdem.cli.sources import read_source
 from mavdem.condition.inventory import inventory
 from mavdem.report.blocks import Block, Sentence
-from mavdem.report.condition import sender, stream_contents, vehicle_contents
+from mavdem.report.condition import air_of, sender, stream_contents, vehicle_contents, wind_blocks
 from mavdem.report.screen import conclusion
-from mavdem.report.wind import air_of, wind_blocks
 
 
 @click.command("info")

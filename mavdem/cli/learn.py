@@ -25,11 +25,11 @@ from mavdem.errors import advice, missing
 from mavdem.evaluate.windows import Length
 from mavdem.export.conversion import write_channels
 from mavdem.report.blocks import Block, Sentence
+from mavdem.report.condition import Air, air_of, wind_blocks
 from mavdem.report.details import detail_blocks
 from mavdem.report.flights import truth_blocks
 from mavdem.report.page import log_page
 from mavdem.report.screen import analysis_blocks, title, vehicle_blocks
-from mavdem.report.wind import Air, air_of, wind_blocks
 
 RECORDING = "flight.rrd"
 RESULT_FILES = ("model.json", "report.json", "report.html", RECORDING, "flight.mcap")

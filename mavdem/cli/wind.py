@@ -16,7 +16,7 @@ from mavdem.condition.wind_of_log import wind_of
 from mavdem.dem.drag import Drag
 from mavdem.errors import Unreadable
 from mavdem.report.blocks import Table
-from mavdem.report.wind import wind_blocks
+from mavdem.report.condition import wind_blocks
 
 
 @click.command("wind")

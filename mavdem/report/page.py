@@ -28,13 +28,12 @@ from mavdem.live import SessionStatus
 from mavdem.live.history import LiveHistory
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.comparison import comparison_report, order_report
-from mavdem.report.condition import log_blocks
+from mavdem.report.condition import Air, log_blocks
 from mavdem.report.details import detail_blocks
 from mavdem.report.flights import event_blocks, live_report
 from mavdem.report.numbers import Labels, listed, named, readable, rounded
 from mavdem.report.palette import INK_ON_LIGHT
 from mavdem.report.screen import analysis_blocks, screen, title
-from mavdem.report.wind import Air
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
