@@ -252,7 +252,8 @@ def edges():
         if name != "effect":
             yield "dt", name, 1 / limits.SLOWEST_RATE, "reported", "biased"
     yield "damping", "damping", limits.LARGEST_DAMPING, "reported", "not identifiable"
-    yield "lag", "lag", limits.RESOLVED_LAG * SOUND.dt, "not identifiable", "reported"
+    yield "lag", "lag", limits.RESOLVED_LAG * SOUND.dt, "not identifiable", "biased"
+    yield "lag", "effect", SOUND.dt, "biased", "reported"
 
 
 @pytest.mark.parametrize(("figure", "name", "limit", "below", "above"), list(edges()))

@@ -52,7 +52,10 @@ class ModelErrors(NamedTuple):
     lag: float = 0.08  # as a share of the lag
     delay: float = 0.002  # s
     unknown_effect: float = 0.4  # of an effect that is not identifiable, as a share of it
-    wind_bias: float = -0.15  # of an effect that is biased, as a share: likely, and as uncertain
+    wind_bias: float = -0.15  # of an effect that is biased by wind, as a share: likely, and as uncertain
+    lag_bias: float = 0.1  # likewise where the lag is not resolved: what delays the rate, as a filter, adds to it
+    lag_damping: float = 1.2  # 1/s, of damping there
+    between_flights: float = 0.1  # of an effect: by the battery's voltage and the load, as a share of it
     slow_effect: float = 0.05  # below ``SLOWEST_RATE``, as a share
     slow: float = 0.3  # of damping and lag there, likewise
     wind: float = 0.15  # of the wind's torque, as a share of its sd: drag and cross-coupling are not modelled
@@ -80,6 +83,11 @@ class IdentifiabilityFigures(NamedTuple):
     lag: float  # estimate beyond the shortest that a stream can hold, s
     dt: float  # step of the stream, s
 
+    @property
+    def quick(self) -> bool:
+        """Whether the motors are quicker than the stream, at ``SLOWEST_RATE`` or more."""
+        return self.lag < self.dt <= 1 / SLOWEST_RATE
+
 
 def identifiability(figures: IdentifiabilityFigures) -> tuple[dict[str, Status], dict[str, str]]:
     """Returns status and reason by name of parameter; the reason is empty where nothing is to be said."""
@@ -103,9 +111,9 @@ def _obstacles(name: str, figures: IdentifiabilityFigures) -> Iterator[tuple[Sta
     low = f" The effect may be off by {-200 * MODEL_ERRORS.wind_bias:.0f} %, mostly low."
     yield (
         by_wind,
-        f"The wind has {100 * share:.0f} % of the torque's variance, and the motors answer it (closed loop): fly quick "
-        "inputs on this axis (doublets, or a sweep of about 3°) in calm air, until it has "
-        f"{100 * WIND_SHARE.reported:.0f} %." + (low if by_wind == "biased" and name == "effect" else ""),
+        f"What no motor explains, wind or noise, has {100 * share:.0f} % of the torque's variance, and the motors "
+        "answer it (closed loop): fly quick inputs on this axis (doublets, or a sweep of about 3°) in calm air, until "
+        f"it has {100 * WIND_SHARE.reported:.0f} %." + (low if by_wind == "biased" and name == "effect" else ""),
     )
     if figures.alias_share > MAX_ALIAS_SHARE:
         yield (
@@ -127,6 +135,12 @@ def _obstacles(name: str, figures: IdentifiabilityFigures) -> Iterator[tuple[Sta
             "biased" if short else "not identifiable",
             f"The lag changes by {_factor(figures.spectrum_range['lag'])} with the spectrum that the wind is taken to "
             "have, and the effect cannot be told from it: steer more, or fly in calmer air.",
+        )
+    if name == "effect" and figures.quick:
+        yield (
+            "biased",
+            "The motors' lag is shorter than a step of the stream, and the gyro's filter counts for it: the effect may "
+            f"be off by {200 * MODEL_ERRORS.lag_bias:.0f} %, mostly high. Record faster.",
         )
     if name == "damping" and figures.damping > LARGEST_DAMPING:
         yield "not identifiable", f"It is at the bound of what rotors in air can do, {LARGEST_DAMPING:.0f} 1/s."

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import median_filter
 
-from mavdem.confidence import half_width
+from mavdem.confidence import half_width, quantile
 from mavdem.dem.engine.linalg import Array, one_thread
 from mavdem.dem.graybox.identifiability import MODEL_ERRORS
 from mavdem.dem.graybox.likelihood import plant
@@ -330,6 +330,7 @@ def shortest_gust(physical: Physical, dt: float) -> float:
 def gusts(torque: Array, band: Array, record: Record, shortest: float = 0.0) -> Gusts:
     """Returns the gusts of the wind's ``torque`` (T,), no less than twice the half width of its ``band`` (T,).
 
+    There are none where the errors that the band stands for are most of what the torque is.
     They last ``shortest`` s or more and return to the level they left: a step, as of a motor, is none. The rate of
     false ones is that at which a Gaussian process of the same variance and the same variance of its derivative crosses
     the threshold, on both sides (Rice, "Mathematical analysis of random noise", 1944, sec. 3.3).
@@ -337,8 +338,8 @@ def gusts(torque: Array, band: Array, record: Record, shortest: float = 0.0) -> 
     parts, bands = np.split(torque, record.starts[1:]), np.split(band, record.starts[1:])
     away = [part - _level(part, record.dt) for part in parts]
     sd = float(np.median(np.abs(np.concatenate(away)))) / NORMAL_MEDIAN
-    if sd == 0.0:
-        return Gusts((), 0.0, 0.0)
+    if sd == 0.0 or np.mean((band / quantile()) ** 2) > MAX_ERROR_SHARE * np.var(torque):
+        return Gusts((), THRESHOLD * sd, 0.0)
     slopes = np.concatenate([np.diff(part) for part in away]) / record.dt
     # Likewise by the median, so that gusts do not count.
     crossings = float(np.median(np.abs(slopes))) / NORMAL_MEDIAN / sd / (2 * np.pi)
