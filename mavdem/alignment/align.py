@@ -133,8 +133,8 @@ def align(signals: Signals, segment: Segment, dt: float | None = None) -> Flight
     the rate only.
 
     Unless given, the step is the mean interval of the slower of attitude and motors, to 0.1 ms. The mean, because an
-    autopilot that rounds 10 ms to its 4 ms loop alternates 8 and 12 and the median is neither; but a mean near one to
-    three whole cycles of the loop is that, with jitter or lost messages.
+    autopilot that rounds 10 ms to its 4 ms loop alternates 8 and 12 and the median is neither; but with jitter of two
+    or three cycles of the loop, these.
 
     A stream with a sample within ``STAMP_SECONDS`` of every grid point keeps its samples as they are, unless it is so
     much faster that it has to be low-passed (see :func:`sample`). Otherwise it is interpolated linearly.
@@ -200,19 +200,18 @@ def step(streams: Iterable[Array]) -> float:
 
 
 def _interval(time: Array) -> float:
-    """The mean interval, s, of stamps (N,); of stamps at whole cycles of a scheduler, the nearest few cycles.
+    """The mean interval, s, of stamps (N,); with jitter of a scheduler's whole cycles, the nearest two or three cycles.
 
-    Steps of 4, 8 and 12 ms are 8 ms with jitter, whatever the mean of some seconds. 8 and 12 alone are 10.
+    Steps of 4, 8 and 12 ms are 8 ms with jitter, whatever the mean of some seconds. 8 and 12 alone are their mean.
     """
-    mean = 1 / mean_rate(time)
+    mean, since = 1 / mean_rate(time), time - time[0]
     steps, counts = np.unique(np.rint(np.diff(time) / STAMP_SECONDS).astype(np.int64), return_counts=True)
-    cycle = STAMP_SECONDS * float(np.gcd.reduce(steps[counts >= USUAL_SHARE * len(time)]))
-    if not 0 < cycle <= (1 + CYCLES_TOLERANCE) * mean:
-        return mean
-    off = np.abs((time - time[0]) / cycle - np.rint((time - time[0]) / cycle)) * cycle
-    usual = cycle * round(mean / cycle)
-    even = np.mean(off > STAMP_SECONDS) < USUAL_SHARE and usual <= MAX_CYCLES * cycle
-    return usual if even and abs(usual - mean) <= CYCLES_TOLERANCE * mean else mean
+    steps = steps[counts >= USUAL_SHARE * len(time)]
+    cycle = STAMP_SECONDS * float(np.gcd.reduce(steps))
+    usual = cycle * min(round(mean / cycle), MAX_CYCLES) if cycle else mean
+    even = np.mean(np.abs(since - cycle * np.rint(since / (cycle or 1.0))) > STAMP_SECONDS) < USUAL_SHARE
+    jitter = even and steps[0] * STAMP_SECONDS < usual - STAMP_SECONDS
+    return usual if jitter and abs(usual - mean) <= CYCLES_TOLERANCE * mean else mean
 
 
 def mean_rate(time: Array) -> float:

@@ -101,9 +101,9 @@ def estimate_wind(
     stamps, angles, speeds, usable = checked(time, attitude, velocity)
     prior = Drag.of_parameters() if drag is None else drag
     with one_thread():
-        weighed, doubt = identified(gridded(stamps, angles, speeds, DRAG_STEP, DRAG_STEPS), prior)
+        found, doubt = identified(gridded(stamps, angles, speeds, DRAG_STEP, DRAG_STEPS), prior)
         fine = gridded(stamps, angles, speeds, WIND_STEP, WIND_STEPS)
-        states, spreads = courses(fine, weighed)
+        states, spreads = courses(fine, found)
     winds, variances = states @ TOTAL.T, np.einsum("ai,tnij,aj->tna", TOTAL, spreads, TOTAL)
     speed, low, high, turned = _mean(winds, spreads, fine.step)
     air, width = winds.mean(axis=1), max(round(GUST_SECONDS / fine.step), 1)
@@ -120,7 +120,6 @@ def estimate_wind(
         one, middle = air[place == n].mean(axis=0), float(LAYER * (n + 0.5))
         layers.append({"height": middle, "speed": float(np.hypot(*one)), "direction": coming_from(*one)})
     moved = float(np.nanmean(np.hypot(*(fine.velocity[:, :2] - air).T)))
-    found = Drag(weighed.mean, weighed.covariance, "flight")
     sd, known = found.relative_sd(moved), found.relative_sd(moved) / prior.relative_sd(moved)
     found = replace(found, source=prior.source if known > DRAG_LEFT else "flight")
     return WindVelocity(

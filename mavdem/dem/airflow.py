@@ -49,9 +49,9 @@ class Motion(NamedTuple):
 
 
 def motion(time: Array, attitude: Array, velocity: Array, step: float, wind: Array | None = None) -> Motion:
-    """Returns the motion on a grid, in means over steps; a known ``wind`` (T, 2) is taken off the ``velocity``.
+    """Returns the motion on a grid: means over steps, the acceleration the ``velocity``'s difference over two of them.
 
-    The acceleration is its central difference over two steps, and ``attitude`` and velocity are averaged alike.
+    ``attitude`` and velocity are averaged as that is; a known ``wind`` (T, 2) is taken off the velocity.
     """
     (cr, cp, cy), (sr, sp, sy) = np.cos(attitude).T, np.sin(attitude).T
     x, y = (cp * cy, cp * sy, -sp), (sr * sp * cy - cr * sy, sr * sp * sy + cr * cy, sr * cp)
@@ -145,38 +145,34 @@ def smoothed(run: Filtered) -> tuple[Array, Array]:
     return states, spreads
 
 
-class Posterior(NamedTuple):
-    """Draws (N, k) of equal weight, the same every time, with mean and covariance."""
-
-    draws: Array
-    mean: Array
-    covariance: Array
+def drawn(mean: Array, covariance: Array, number: int) -> Array:
+    """Returns a ``number`` of Gaussian draws whose own ``mean`` and ``covariance`` are these; the same every time."""
+    half = np.linalg.qr(np.random.default_rng(1).standard_normal((number // 2, len(mean))))[0] * np.sqrt(number / 2)
+    return np.asarray(mean + np.vstack([half, -half]) @ np.linalg.cholesky(covariance).T)
 
 
 def posterior(
     log_likelihood: Callable[[Array], Array], mean: Array, covariance: Array, draws: int, rounds: int
-) -> Posterior:
-    """Returns ``draws`` of a Gaussian prior of ``mean`` and ``covariance`` times the ``log_likelihood`` of (N, k).
+) -> tuple[Array, Array]:
+    """Returns moments of a Gaussian prior of ``mean`` and ``covariance`` times the ``log_likelihood`` of (N, k).
 
     By population Monte Carlo (Cappé and others, Journal of Computational and Graphical Statistics 13, 2004): in
-    ``rounds``, the Gaussian that is drawn from follows weights that are flattened until a quarter of the draws counts.
+    ``rounds``, the Gaussian that ``draws`` come from follows weights flattened until a quarter of the draws counts.
     """
-    normal = np.random.default_rng(1).standard_normal((draws // 2, len(mean)))
-    normal = np.vstack([normal, -normal])
-    precision, found = np.linalg.inv(covariance), Posterior(normal, mean, covariance)
+    centre, spread = mean, covariance
     for _ in range(rounds):
-        places = found.mean + 1.2 * normal @ np.linalg.cholesky(found.covariance + 1e-3 * covariance).T
-        apart = places - mean
-        logs = (
-            log_likelihood(places) + ((normal**2).sum(axis=1) - np.einsum("gi,ij,gj->g", apart, precision, apart)) / 2
-        )
+        wide = 1.44 * (spread + 1e-3 * covariance)
+        places = drawn(centre, wide, draws)
+        logs = log_likelihood(places) + _normal(places - mean, covariance) - _normal(places - centre, wide)
         logs = np.where(np.isfinite(logs), logs - logs[np.isfinite(logs)].max(), -np.inf)
         for share in 0.85 ** np.arange(40):
             weights = np.exp(share * logs) / np.exp(share * logs).sum()
             if 1 / (weights**2).sum() >= draws / 4:
                 break
         centre = weights @ places
-        order = np.argsort(places[:, 0])
-        rungs = np.searchsorted(np.cumsum(weights[order]), (np.arange(draws) + 0.5) / draws).clip(0, draws - 1)
-        found = Posterior(places[order][rungs], centre, (places - centre).T * weights @ (places - centre))
-    return found
+        spread = (places - centre).T * weights @ (places - centre)
+    return centre, spread
+
+
+def _normal(apart: Array, covariance: Array) -> Array:
+    return np.asarray(-np.einsum("gi,ij,gj->g", apart, np.linalg.inv(covariance), apart) / 2)

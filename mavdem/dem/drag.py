@@ -18,7 +18,7 @@ import numpy as np
 from mavdem.confidence import quantile
 from mavdem.dem.engine.linalg import Array
 
-POPULATION, POPULATION_SD = np.log([0.28, 0.014, 1.0, 1.0]), np.array([0.5, 0.9, 0.15, 0.3])
+POPULATION, POPULATION_SD = np.log([0.28, 0.014, 1.0, 1.0]), np.array([0.5, 0.9, 0.2, 0.35])
 """Logarithms of linear drag (1/s), quadratic drag (1/m) and the ratio of body y to body x of each, and their standard
 deviations: 0.12 to 0.64 1/s, as eight real and simulated vehicles have, three of them beside an anemometer."""
 LEAN_SD, LEAN_CHANGE = 0.18, 0.1
@@ -62,12 +62,12 @@ class Drag:
         m, x, y = (
             0.0 if parameters.get(name) in DEFAULTS.get(name, ()) else parameters.get(name, 0.0) for name in names
         )
-        logs, sd = POPULATION.copy(), POPULATION_SD.copy()
+        logs, sd, source = POPULATION.copy(), POPULATION_SD.copy(), "population"
         if m > 0.001:  # below, EKF2 takes the part for switched off
-            logs[0], sd[0] = np.log(m), SET_SD
+            logs[0], sd[0], source = np.log(m), SET_SD, "parameters"
         if x > 1 and y > 1:
             logs[[1, 3]], sd[[1, 3]] = np.log([HALF_AIR_DENSITY / np.sqrt(x * y), x / y]), SET_SD
-        source = "parameters" if m > 0.001 or (x > 1 and y > 1) else "population"
+            source = "parameters"
         return cls(np.append(logs, [0.0, 0.0]), np.diag(np.append(sd, [LEAN_SD, LEAN_SD]) ** 2), source)
 
     linear = property(lambda self: coefficients(self.mean)[0], doc="Linear drag (2,) along body x and y, 1/s: medians.")
@@ -114,6 +114,6 @@ class Drag:
     def from_dict(cls, values: Mapping[str, Any]) -> Drag:
         """Returns the drag whose ``values`` :meth:`as_dict` made; ``ValueError`` where one is missing or none."""
         mean, covariance = (np.array(values.get(name, 0.0), np.float64) for name in ("mean", "covariance"))
-        if mean.shape != (6,) or covariance.shape != (6, 6) or not np.isfinite(covariance.sum() + mean.sum()):
+        if (mean.shape, covariance.shape) != ((6,), (6, 6)) or not np.isfinite(covariance.sum() + mean.sum()):
             raise ValueError("these are not the values of a drag: 6 finite numbers, and 6 by 6")
         return cls(mean, covariance, str(values.get("source")))

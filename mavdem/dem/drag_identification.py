@@ -1,7 +1,7 @@
 """Two passes over the airflow's model: the drag by the vehicle's own manoeuvres, then the wind for each drag it may be.
 
 The velocity that gusts cause is correlated with the wind, and says next to nothing of the drag: the first pass counts
-for as much as the manoeuvres are larger. In its steps of 1 s all that is fast is noise, of whatever colour.
+for as much as the manoeuvres are larger. In its steps of 1 s all that is fast is noise.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from itertools import takewhile
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.dem.airflow import GRAVITY, Motion, Posterior, air_speed, filtered, motion, posterior, smoothed
+from mavdem.dem.airflow import GRAVITY, Motion, air_speed, drawn, filtered, motion, posterior, smoothed
 from mavdem.dem.drag import AXES, Drag, coefficients
 from mavdem.dem.engine.linalg import Array
 from mavdem.errors import NotLearnable
@@ -23,8 +23,9 @@ SLOW_SECONDS, MEMORY_SECONDS = 60.0, 20.0  # of the wind in the first pass, and 
 ANSWER_SECONDS, GUST_CORRELATION = 1.0, 0.3
 """A gust of f m/s² makes f m/s at most, before the position loop takes it back; and the correlation of the two: hovers
 of both simulators have errors of the drag by 0.15 to 0.35 of that."""
-FOLLOWED, FAST_SECONDS = 0.3, 0.3
-"""Of what the tilt says, the velocity changes by 0.7 to 1.5 in free flight, over so long; less is no free flight."""
+FOLLOWED, FAST_SECONDS, TILTED = 0.3, 0.3, 0.2
+"""Of what the tilt says, the velocity changes by 0.7 to 1.5 in free flight, over so long; less is no free flight, where
+the tilt changes by more than 0.2 m/s² (1°): less may balance gusts."""
 GUSTS, GUSTS_SD = np.log([1.0, 5.0, 0.05]), np.array([1.0, 1.0, 0.7])  # of sd (m/s), time (s) and noise (m/s²)
 DRAWS, ROUNDS, COURSES, GUST_STEPS, ITERATIONS = 128, 5, 32, 600, 30
 
@@ -47,9 +48,10 @@ def checked(time: Array, attitude: Array, velocity: Array) -> tuple[Array, Array
         # Where samples are slower, gusts and the position loop come between tilt and velocity.
         shown = motion(stamps, angles, speeds, max(FAST_SECONDS, 2 * interval))
         tilt = GRAVITY * shown.axes[:, :, 2]
+        earth = (np.einsum("ti,tij->tj", one, shown.axes[:, :, :2]) for one in (tilt, shown.force + tilt))
         both = shown.known[1:] & shown.known[:-1]
-        turned, moved = (np.diff(values, axis=0)[both].ravel() for values in (tilt, shown.force + tilt))
-        if len(turned) > 40 and turned.std() > 0.01 and turned @ moved < FOLLOWED * (turned @ turned):
+        turned, moved = (np.diff(values, axis=0)[both].ravel() for values in earth)
+        if len(turned) > 40 and turned.std() > TILTED and turned @ moved < FOLLOWED * (turned @ turned):
             why = "the vehicle is held, carried or on the ground, or its velocity is not measured"
             raise NotLearnable(f"The velocity does not follow the tilt: {why}.")
     return stamps, angles, speeds, usable
@@ -64,56 +66,60 @@ def gridded(time: Array, attitude: Array, velocity: Array, step: float, most: in
     return found
 
 
-def identified(moved: Motion, drag: Drag) -> tuple[Posterior, float]:
-    """Returns a prior ``drag``'s posterior, with draws (N, 9), and the share of the velocity that gusts may make."""
+def drag_at(logs: Array, moved: Motion, drag: Drag) -> Array:
+    """Returns (N,) drag over air speed, 1/s, of ``logs`` (N, ≥ 4), where ``drag`` makes the mean force of ``moved``."""
     known = moved.known
     force = float(np.hypot(*np.einsum("tij,ti->tj", moved.axes[known][:, :, :2], moved.force[known]).mean(axis=0)))
-    air = float(air_speed(np.exp(drag.mean[0]), np.exp(drag.mean[1]), force))
+    return np.asarray(
+        np.exp(logs[:, 0]) + np.exp(logs[:, 1]) * air_speed(np.exp(drag.mean[0]), np.exp(drag.mean[1]), force)
+    )
+
+
+def identified(moved: Motion, drag: Drag) -> tuple[Drag, float]:
+    """Returns the posterior of a prior ``drag``, and the share of the velocity's variance that gusts may make."""
+    along = np.einsum("tij,tj->ti", moved.axes, moved.velocity)
+    steered = along - np.nanmean(along, axis=0)  # by which an error is the slope of the likelihood by the drag
+    speed = max(float(moved.velocity[moved.known, :2].var(axis=0).sum()), 1e-9)
 
     def whole(logs: Array, noise: float) -> Array:
         """With the wind's sd by which the steady filter follows it over its memory."""
-        followed = noise * np.sqrt(moved.step * SLOW_SECONDS / 2) / MEMORY_SECONDS
-        sd = followed / (np.exp(logs[:, 0]) + np.exp(logs[:, 1]) * air)
+        sd = noise * np.sqrt(moved.step * SLOW_SECONDS / 2) / MEMORY_SECONDS / drag_at(logs, moved, drag)
         return np.column_stack([logs, np.log(sd), np.tile(np.log([SLOW_SECONDS, noise]), (len(logs), 1))])
 
-    noise, doubt = 0.1, 1.0
-    found = Posterior(drag.mean[None], drag.mean, drag.covariance)
+    noise, doubt, mean, covariance = 0.1, 1.0, drag.mean, drag.covariance
     for rounds in (3, ROUNDS):
         for _ in range(4):
-            errors = filtered(whole(found.mean[None], noise), moved, keep=True).innovations
+            errors = filtered(whole(mean[None], noise), moved, keep=True).innovations
             noise = max(noise * float(np.sqrt(np.nanmean(errors**2))), 0.01)
-        doubt = min(
-            2 * (ANSWER_SECONDS * noise) ** 2 / max(float(moved.velocity[known, :2].var(axis=0).sum()), 1e-9), 1
-        )
-        independent = independent_share(errors)
-        share = independent / (1 + GUST_CORRELATION**2 * independent * known.sum() * doubt)
+        doubt, independent = min(2 * (ANSWER_SECONDS * noise) ** 2 / speed, 1.0), independent_share(errors * steered)
+        share = independent / (1 + GUST_CORRELATION**2 * independent * moved.known.sum() * doubt)
 
         def likelihood(logs: Array, share: float = share, noise: float = noise) -> Array:
             return share * filtered(whole(logs, noise), moved).log_likelihood
 
-        found = posterior(likelihood, drag.mean, drag.covariance, DRAWS, rounds)
-    return found._replace(draws=whole(found.draws, noise)), doubt
+        mean, covariance = posterior(likelihood, drag.mean, drag.covariance, DRAWS, rounds)
+    return Drag(mean, covariance, "flight"), doubt
 
 
 def independent_share(errors: Array) -> float:
     """Returns for how many independent ones each of ``errors`` (T, k) counts, by their autocorrelation."""
     centred = np.nan_to_num(errors - np.nanmean(errors, axis=0))
-    lags, size = range(1, min(60, len(centred) // 3)), max(float((centred**2).sum()), 1e-12)
-    found = [float((centred[lag:] * centred[:-lag]).sum()) / size for lag in lags]
-    return 1 / (1 + 2 * sum(takewhile(lambda one: one > 0, found)))
+    found = (float((centred[lag:] * centred[:-lag]).sum()) for lag in range(1, min(60, len(centred) // 3)))
+    return 1 / (1 + 2 * sum(takewhile(lambda one: one > 0, found)) / max(float((centred**2).sum()), 1e-12))
 
 
-def courses(fine: Motion, weighed: Posterior) -> tuple[Array, Array]:
-    """Returns states (T, N, 4) of the airflow and their covariances, by draws of the drag."""
+def courses(fine: Motion, drag: Drag) -> tuple[Array, Array]:
+    """Returns states (T, N, 4) of the airflow and their covariances, by draws of the ``drag``."""
     part = fine.at(slice(GUST_STEPS))
 
     def likelihood(logs: Array) -> Array:
-        return filtered(np.hstack([np.tile(weighed.mean, (len(logs), 1)), logs]), part).log_likelihood
+        return filtered(np.hstack([np.tile(drag.mean, (len(logs), 1)), logs]), part).log_likelihood
 
-    gusts = posterior(likelihood, GUSTS, np.diag(GUSTS_SD**2), 32, 4).mean
-    drawn = weighed.draws[:: len(weighed.draws) // COURSES]
-    sizes = drawn[:, [6]] - drawn[:, 6].mean()  # a larger drag takes a smaller wind
-    return smoothed(filtered(np.hstack([drawn[:, :6], gusts + sizes * [1, 0, 0]]), fine, keep=True))
+    gusts, _ = posterior(likelihood, GUSTS, np.diag(GUSTS_SD**2), 32, 4)
+    places = drawn(drag.mean, drag.covariance, COURSES)
+    rest = np.tile(gusts, (COURSES, 1))
+    rest[:, 0] -= np.log(drag_at(places, fine, drag) / drag_at(drag.mean[None], fine, drag))  # more drag, less wind
+    return smoothed(filtered(np.hstack([places, rest]), fine, keep=True))
 
 
 def estimate_drag(time: Array, attitude: Array, velocity: Array, wind: Array) -> Drag:

@@ -1,0 +1,132 @@
+"""The wind in m/s: simulated flights with known drag, recorded ones beside an anemometer, and what is no flight."""
+
+import numpy as np
+import pytest
+from recorded_flights import shared
+
+import mavdem
+from mavdem.condition.wind_velocity import coming_from
+from mavdem.dem.airflow import posterior
+from mavdem.dem.drag import Drag
+from mavdem.errors import NotLearnable
+
+LINEAR, QUADRATIC = np.array([0.3, 0.24]), np.array([0.01, 0.016])
+
+
+def flight(legs=5.0, turning=0.05, seed=0, wind=(-3.0, 4.0), gusts=0.5, lean=(0.0, 0.0), jump=0.0, seconds=120):
+    """Time, attitude, velocity and wind at 10 Hz of legs of 10 s there and back, in gusts of 3 s."""
+    rng, time = np.random.default_rng(seed), np.arange(0, seconds, 0.1)
+    white, kernel = rng.standard_normal((2, len(time) + 200)), np.exp(-np.arange(0, 20, 0.1) / 3)
+    gust = np.column_stack([np.convolve(part, kernel)[200 : 200 + len(time)] for part in white])
+    air = np.array(wind) * (1 + jump * (time > seconds / 2))[:, None] + gusts * gust / gust.std()
+    course = np.floor(time / 20) * np.pi / 2 + np.pi * (time % 20 > 10)
+    parts = (np.pad(legs * part, (19, 0), "edge") for part in (np.cos(course), np.sin(course)))
+    velocity = np.column_stack([*(np.convolve(part, np.ones(20) / 20, "valid") for part in parts), 0 * time])
+    # The thrust is what drag and gravity leave of the acceleration, and body z is against it.
+    needed, u, drag = np.gradient(velocity, time, axis=0) - [0, 0, 9.80665], velocity - np.pad(air, ((0, 0), (0, 1))), 0
+    yaw = turning * time
+    for _ in range(8):
+        z = (drag - needed) / np.linalg.norm(drag - needed, axis=1, keepdims=True)
+        y = np.cross(z, np.column_stack([np.cos(yaw), np.sin(yaw), 0 * yaw]))
+        y /= np.linalg.norm(y, axis=1, keepdims=True)
+        axes = np.stack([np.cross(y, z), y], axis=1)
+        along = np.einsum("tij,tj->ti", axes, u)
+        force = np.asarray(lean) - (LINEAR + QUADRATIC * np.hypot(*along.T)[:, None]) * along
+        drag = np.einsum("ti,tij->tj", force, axes)
+    attitude = np.column_stack([np.arctan2(axes[:, 1, 2], z[:, 2]), -np.arcsin(axes[:, 0, 2]), yaw])
+    return time, attitude, velocity + 0.02 * rng.standard_normal(velocity.shape), air
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_legs_show_wind_drag_and_lean(seed):
+    wind = mavdem.estimate_wind(*flight(seed=seed, lean=(0.2, -0.1))[:3])
+    assert set(wind.status.values()) == {"reported"} and not wind.reasons
+    assert abs(wind.speed - 5) < 0.6 and abs(wind.direction - coming_from(-3, 4)) < 10
+    assert np.abs(wind.drag.lean - [0.2, -0.1]).max() < 0.1
+    low, high = wind.drag.interval("linear")
+    assert np.all(low < LINEAR) and np.all(high > LINEAR)
+
+
+def test_band_holds_and_a_jump_is_followed():
+    time, attitude, velocity, air = flight(seed=7, jump=1.0)
+    wind = mavdem.estimate_wind(time, attitude, velocity)
+    true = np.column_stack([np.interp(wind.time, time, part) for part in air.T])
+    assert 0.8 < np.mean(np.abs(wind.velocity - true) <= wind.band) <= 1.0
+    speeds = np.hypot(*wind.velocity.T)
+    assert speeds[wind.time < 55].mean() < 6.5 and speeds[wind.time > 65].mean() > 8.5
+    assert wind.gust > 9 and [round(one["speed"] / 5) for one in wind.minutes] == [1, 2]
+
+
+def test_hover_takes_the_drag_of_another_flight():
+    hover = flight(legs=0.0, turning=0.0, seed=3)[:3]
+    alone, drag = mavdem.estimate_wind(*hover), mavdem.estimate_drag(*flight(seed=4))
+    assert alone.status["drag"] == "not identifiable" and alone.status["speed"] != "reported"
+    assert "fly legs" in alone.reasons["drag"] and alone.drag.source == "population"
+    assert np.abs(drag.linear / LINEAR - 1).max() < 0.2
+    known = mavdem.estimate_wind(*hover, drag=Drag.from_dict(drag.as_dict()))
+    widths = [np.diff(one.speed_interval)[0] for one in (known, alone)]
+    assert abs(known.speed - 5) < 0.7 and widths[0] < 0.6 * widths[1]
+
+
+def test_calm_air_is_below_a_speed():
+    wind = mavdem.estimate_wind(*flight(wind=(0, 0), gusts=0.05)[:3])
+    assert wind.calm and wind.speed < 0.7
+
+
+def test_what_is_no_free_flight_has_a_sentence_and_no_number():
+    time, attitude, velocity, _ = flight(seconds=60)
+    with pytest.raises(NotLearnable, match="does not follow the tilt"):
+        mavdem.estimate_wind(time, attitude, 0.01 * velocity)
+    with pytest.raises(NotLearnable, match="The yaw is not known"):
+        mavdem.estimate_wind(time, attitude * [1, 1, np.nan], velocity)
+    with pytest.raises(NotLearnable, match="less than 15 s"):
+        mavdem.estimate_wind(time[:100], attitude[:100], velocity[:100])
+    with pytest.raises(ValueError, match="degrees"):
+        mavdem.estimate_wind(time, np.degrees(attitude), velocity)
+
+
+def test_parameters_are_read_and_written_in_the_autopilots_units():
+    named = {"EK3_DRAG_MCOEF": 0.209, "EK3_DRAG_BCOEF_X": 17.2, "EK3_DRAG_BCOEF_Y": 17.2}
+    drag = Drag.of_parameters("ARDUPILOTMEGA", named)
+    assert drag.source == "parameters" and np.allclose(drag.quadratic, 1.225 / 2 / 17.2)
+    assert {name: round(drag.parameters("ARDUPILOTMEGA")[name][0], 6) for name in named} == named
+    assert Drag.of_parameters("PX4", {"EKF2_MCOEF": 0.15, "EKF2_BCOEF_X": 100.0}).source == "population"
+
+
+def test_posterior_of_no_likelihood_is_the_prior():
+    mean, covariance = posterior(lambda places: np.zeros(len(places)), np.zeros(6), np.eye(6), 128, 5)
+    assert np.abs(mean).max() < 0.1 and np.allclose(np.diag(covariance), 1, atol=0.35)
+
+
+def test_solo_beside_an_anemometer():
+    with shared("real/wind/solo_sonic_1hz.csv").open() as file:
+        table = np.genfromtxt(file, delimiter=",", names=True, dtype=None, encoding=None)
+    stamps = np.array([np.datetime64(one[:19]) for one in table["datetime"]]).astype(float)
+    attitude = np.radians(np.column_stack([table["solo_roll"], table["solo_pitch"], 0 * stamps]))
+    still, origin = np.zeros((len(stamps), 3)), np.radians(table["sonic_wind_dir"])
+    air = -table["sonic_wind"][:, None] * np.column_stack([np.cos(origin), np.sin(origin)])
+    first, second = slice(len(stamps) // 2), slice(len(stamps) // 2, None)
+    drag = mavdem.estimate_drag(stamps[first], attitude[first], still[first], air[first])
+    wind = mavdem.estimate_wind(stamps[second], attitude[second], still[second], drag=drag)
+    course = np.column_stack([np.interp(stamps[second], wind.time, part) for part in wind.velocity.T])
+    for seconds, most in ((10, 0.6), (60, 0.4)):
+        whole = len(course) // seconds * seconds
+        found, true = (one[:whole].reshape(-1, seconds, 2).mean(axis=1) @ [1, 1j] for one in (course, air[second]))
+        assert np.sqrt(np.mean((np.abs(found) - np.abs(true)) ** 2)) < most
+    assert np.degrees(np.sqrt(np.mean(np.angle(found / true) ** 2))) < 10
+
+
+# Of the last, 5 m/s are those at 60 m: SIM_WIND_T is its default.
+@pytest.mark.parametrize(
+    ("log", "speed"),
+    [
+        ("ardupilot/ardupilot_inertia_wind5_steps", 5.0),
+        ("px4/px4_wind5_steps", 5.0),
+        ("events/ap_short_with_climb", 2.0),
+    ],
+)
+def test_recorded_simulators(log, speed):
+    wind = mavdem.wind(shared(f"sitl_{log}.tlog"))
+    assert wind.speed_interval[0] < speed < wind.speed_interval[1]
+    assert wind.status["speed"] != "reported" or abs(wind.speed - speed) < 0.7
+    assert abs(wind.direction - 87) < max(10, 1.3 * wind.direction_interval)
