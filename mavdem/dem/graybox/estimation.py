@@ -63,15 +63,7 @@ def _estimated(windows: FlightWindows, directions: Array | None, prior: Physical
     own = MODEL_ERRORS.own * np.sqrt(np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian))
     figures = _figures(whole, np.array([own, window_sd, np.ptp(by_spectrum, axis=0)]), windows)
     found = _physical(whole, covariance, windows, table, figures)
-    if prior is None or (known := updated(found, prior)) is found:
-        return found
-    # The wind, with the vehicle as it is known to be.
-    held = whole.parameters.holding(known.effect * windows.unit, known.damping, known.lag, known.delay, windows.dt)
-    start, _ = held.prior
-    start[held.motors + 4 :] = whole.theta[held.motors + 4 :]
-    fit = fitted(held, windows, start)
-    wind = _physical(fit, covariance, windows, table, figures)
-    return known._replace(**{name: getattr(wind, name) for name in ("wind", "components", "noise", "refinements")})
+    return found if prior is None else updated(found, prior)
 
 
 def _chosen(windows: FlightWindows, directions: Array | None) -> tuple[list[GrayBoxFit], GrayBoxFit]:
@@ -165,22 +157,12 @@ def _physical(
     scale = np.append(np.full(r, 1 / windows.unit), np.ones(3))
     level = float(np.sqrt(np.mean(whole.levels**2)))
     sizes = level * parameters.sizes(theta)
-    return Physical(
-        effect=effect / windows.unit,
-        damping=damping,
-        lag=lag,
-        delay=float(max(theta[r + 3], 0.0)),
-        covariance=covariance * np.outer(scale, scale),
-        status=status,
-        reasons=reasons,
-        bias=bias,
-        wind=float(np.sqrt(np.sum(sizes**2))),
-        wind_share=figures.wind_share,
-        components=tuple(map(WindComponent, parameters.wind, sizes.tolist(), parameters.times(theta).tolist())),
-        noise=level * float(np.hypot(np.exp(theta[parameters.noise_index]), parameters.least_noise)),
-        refinements=dict(zip(parameters.refinements, theta[parameters.noise_index + 1 :].tolist(), strict=True)),
-        windows=table,
-    )
+    delay, wind = float(max(theta[r + 3], 0.0)), float(np.sqrt(np.sum(sizes**2)))
+    components = tuple(map(WindComponent, parameters.wind, sizes.tolist(), parameters.times(theta).tolist()))
+    noise = level * float(np.hypot(np.exp(theta[parameters.noise_index]), parameters.least_noise))
+    refinements = dict(zip(parameters.refinements, theta[parameters.noise_index + 1 :].tolist(), strict=True))
+    vehicle = effect / windows.unit, damping, lag, delay, covariance * np.outer(scale, scale), status, reasons, bias
+    return Physical(*vehicle, wind, figures.wind_share, components, noise, refinements, table)
 
 
 def _over_time(whole: GrayBoxFit, jacobian: Array, windows: FlightWindows) -> tuple[WindowTable, Array]:

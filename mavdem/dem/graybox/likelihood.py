@@ -120,7 +120,6 @@ class Parameters(NamedTuple):
     wind: tuple[Coloured, ...]
     least_noise: float  # rad/s
     refinements: tuple[str, ...] = ()
-    held: Array | None = None  # (r + 4,) entries of the vehicle, where they are known beforehand
 
     @property
     def motors(self) -> int:
@@ -134,15 +133,7 @@ class Parameters(NamedTuple):
         deviations = [(0.0, self.deviation)] * self.motors
         refined = [REFINEMENTS[name] for name in self.refinements]
         mean, sd = np.array([EFFECT, *deviations, DAMPING, LAG, DELAY, *wind, NOISE, *refined]).T
-        if self.held is not None:
-            mean[: self.motors + 4], sd[: self.motors + 4] = self.held, 1e-3
         return mean, sd
-
-    def holding(self, effect: Array, damping: float, lag: float, delay: float, dt: float) -> Parameters:
-        """These, with the vehicle's entries held: ``effect`` as :meth:`effect`, 1/s, s, s."""
-        mean, damping = float(np.abs(effect).mean()), max(1 / damping - 1 / MAX_DAMPING, 1e-3)
-        logarithms = -np.log(damping), 0.5 * np.log(max(lag**2 - (SHORTEST_LAG * dt) ** 2, 1e-8))
-        return self._replace(held=np.array([np.log(mean), *(effect / mean - self.directions), *logarithms, delay]))
 
     @property
     def noise_index(self) -> int:

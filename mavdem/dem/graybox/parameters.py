@@ -120,7 +120,7 @@ BY_PRIOR = "It is known from an earlier flight: this one alone does not identify
 
 
 def updated(found: Physical, prior: Physical) -> Physical:
-    """Returns the parameters ``found`` in a flight with what an earlier one adds; ``found`` itself where they differ.
+    """Returns what a flight and, as :func:`physical` says, the ``prior`` of an earlier one tell of the vehicle.
 
     A flight that does not identify the effect, on which the others depend, says nothing of any of them.
     """
@@ -128,26 +128,23 @@ def updated(found: Physical, prior: Physical) -> Physical:
     if len(theta) != len(now):
         return found
     alike = np.append(theta[:-3], np.zeros(3))
-    covariance, judged = prior.covariance + np.outer(alike, alike) * MODEL_ERRORS.between_flights**2, prior
-    reasons = dict.fromkeys(PARAMETERS, BY_PRIOR)
+    covariance = prior.covariance + np.outer(alike, alike) * MODEL_ERRORS.between_flights**2
+    judged = prior._replace(reasons=dict.fromkeys(PARAMETERS, BY_PRIOR))
     if found.identifiable:
-        both, share, judged, reasons = covariance + found.covariance, np.sign(alike), found, found.reasons
+        both, share, judged = covariance + found.covariance, np.sign(alike), found
         if abs(share @ (now - theta)) > CONTRADICTION * np.sqrt(share @ both @ share):
             return found
         gain = np.linalg.solve(both, covariance).T
         theta, covariance = theta + gain @ (now - theta), covariance - gain @ covariance
-    damping, lag, delay = np.maximum(theta[-3:], LEAST).tolist()
-    status = judged.status
-    return found._replace(
-        effect=theta[:-3],
-        damping=damping,
-        lag=lag,
-        delay=delay,
-        covariance=covariance,
-        status=status,
-        reasons=reasons,
-        bias=judged.bias,
+    vehicle = (
+        theta[:-3],
+        *np.maximum(theta[-3:], LEAST).tolist(),
+        covariance,
+        judged.status,
+        judged.reasons,
+        judged.bias,
     )
+    return Physical(*vehicle, *found[len(vehicle) :])
 
 
 WINDOW_SECONDS, SHORTEST_WINDOW_SECONDS = 7.0, 2.0

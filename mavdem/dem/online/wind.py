@@ -8,7 +8,9 @@ earlier one. Its weights are the first of those of the smoother of a whole recor
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from concurrent.futures import CancelledError, Executor, Future
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -32,31 +34,18 @@ FILTER_SECONDS = 1.0  # of samples, over which the filter finds the state
 
 
 class WindFilter(NamedTuple):
-    """Physical parameters as filter and fixed-lag smoother.
+    """Physical parameters as filter and fixed-lag smoother."""
 
-    Attributes:
-        physical: what it is made from.
-        axis: the plant, and the wind.
-        steady: its filter.
-        weights: (lag + 1,) of the innovations of a sample and those after it, in the wind's torque there.
-        trim: (r,) of the inputs.
-        constant: torque that acts besides the commands, rad/s².
-        level: what is added to the torque that the filter finds, rad/s².
-        column: of the rate, in the outputs.
-        variance: of the torque, where the parameters are true: that of the smoother, and of what the model leaves out.
-        covariance: (4, 4) of the effect, relative, damping, lag and delay.
-    """
-
-    physical: Physical
-    axis: Plant
-    steady: SteadyFilter
-    weights: Array
-    trim: Array
-    constant: float
-    level: float
-    column: int
-    variance: float
-    covariance: Array
+    physical: Physical  # what it is made from
+    axis: Plant  # with the wind
+    steady: SteadyFilter  # of that
+    weights: Array  # (lag + 1,) of the innovations of a sample and those after it, in the wind's torque there
+    trim: Array  # (r,) of the inputs
+    constant: float  # torque that acts besides the commands, rad/s²
+    level: float  # what is added to the torque that the filter finds, rad/s²
+    column: int  # of the rate, in the outputs
+    variance: float  # of the torque by true parameters: of the smoother, and of what the model leaves out
+    covariance: Array  # (4, 4) of the effect, relative, damping, lag and delay
 
 
 def wind_filter(record: Record, prior: Physical | None = None) -> WindFilter:
@@ -130,11 +119,7 @@ class _Tracked:
 
 
 class OnlineWind:
-    """Fits the physical parameters to the latest blocks of samples now and then, and follows the wind's torque.
-
-    Attributes:
-        filter: of the last fit; ``None`` before the first.
-    """
+    """Fits the physical parameters to the latest blocks of samples now and then, and follows the wind's torque."""
 
     def __init__(self, memory: Memory, executor: Executor | None, prior: Physical | None = None) -> None:
         """Begins without a sample.
@@ -144,17 +129,13 @@ class OnlineWind:
             executor: where the fits run; unless given, inside :meth:`add`.
             prior: the vehicle's physical parameters as of an earlier flight.
         """
-        self.filter: WindFilter | None = None
+        self.filter: WindFilter | None = None  # of the last fit
         self._dt, self._memory, self._executor, self._prior = memory.dt, memory, executor, prior
         self._blocks: deque[MemoryBlock] = deque(maxlen=max(1, round(MEMORY_SECONDS / memory.dt / memory.block)))
         self._tracked: _Tracked | None = None
         self._pending: Future[WindFilter] | None = None
         self._samples, self._next = 0, round(FIRST_FIT_SECONDS / self._dt)
-
-    @property
-    def delay(self) -> float:
-        """Of the torque behind the latest sample, s: ``DELAY_SECONDS`` in whole steps."""
-        return round(DELAY_SECONDS / self._dt) * self._dt
+        self.delay = round(DELAY_SECONDS / self._dt) * self._dt  # of the torque behind the latest sample, s
 
     def update(self, inputs: Array, outputs: Array, weak_since: float = np.nan) -> tuple[float, float]:
         """Takes the next sample, (r,) and (m,); returns the torque and its half width, rad/s², or NaN.
@@ -184,18 +165,13 @@ class OnlineWind:
             if not self._pending.done():
                 return
             pending, self._pending = self._pending, None
-            self._adopt(pending)
+            self._adopt(pending.result)
         if self._samples < self._next or not fits:
             return
         self._next = self._samples + min(self._samples, round(LONGEST_PAUSE_SECONDS / self._dt))
         record = record_of(self._blocks, self._dt, self._memory.effect_directions)
         if self._executor is None:
-            pending = Future()
-            try:
-                pending.set_result(wind_filter(record, self._prior))
-            except (ValueError, np.linalg.LinAlgError) as error:
-                pending.set_exception(error)
-            self._adopt(pending)
+            self._adopt(partial(wind_filter, record, self._prior))
             return
         try:
             self._pending = self._executor.submit(wind_filter, record, self._prior)
@@ -208,9 +184,9 @@ class OnlineWind:
             self._pending.cancel()
             self._pending = None
 
-    def _adopt(self, found: Future[WindFilter]) -> None:
+    def _adopt(self, found: Callable[[], WindFilter]) -> None:
         try:
-            self.filter = found.result()
+            self.filter = found()
         except (ValueError, RuntimeError, CancelledError):  # LinAlgError is a ValueError
             return
         self._follow()
