@@ -37,7 +37,6 @@ from mavdem.health.balance import motor_signatures
 from mavdem.health.explanations import lost_thrust
 
 Places = NDArray[np.int_]
-
 BLOCK_SECONDS = 0.5  # Of commands that are averaged: a tenth of what a change may take to be found
 MIN_SAMPLES = 3  # In a block
 MIN_RATE = MIN_SAMPLES / BLOCK_SECONDS  # Hz of the samples
@@ -66,6 +65,7 @@ ENDS_BESIDE_FAULTS = 5.0  # How often one weak motor recovers, or all do, beside
 RETURNS = np.linspace(0.2, 1.3, len(SIZES))  # Shares of the rise that end with a fault; a quarter may be an error
 THRUST_EXPONENTS = 1.0, 2.0  # Thrust goes with the command (PX4's SIH) up to its square (ArduPilot's SITL at hover)
 QUANTILE = 1.64  # Standard errors to either end of an interval of 90 %
+SETTLING_ERROR = 0.04  # Standard error of a motor's rise a second after it began, as a share: yaw settles last
 
 
 class _Changes(NamedTuple):
@@ -241,8 +241,7 @@ class MotorWatch:
             self._rate_from, self._samples = time, 0
         self._latest = time
         if (passed := time - self._rate_from) >= REFERENCE_SECONDS:
-            # By a tenth less, for what jitters.
-            self.obstacle = "" if self._samples > 0.9 * MIN_RATE * passed else TOO_SLOW
+            self.obstacle = "" if self._samples > 0.9 * MIN_RATE * passed else TOO_SLOW  # A tenth less, for jitter
             self._rate_from, self._samples = time, 0
         self._samples += 1
         known = len(self.alarms)
@@ -311,7 +310,8 @@ class MotorWatch:
         weighted = signature / changes.variance[place]
         power = weighted @ signature
         own = rises / (self._mixer @ [1.0, *before])  # Of the motors' own commands
-        rose, error = weighted @ (after - before) / power * own, QUANTILE * power**-0.5 * np.abs(own)
+        rose = weighted @ (after - before) / power * own
+        error = QUANTILE * np.hypot(power**-0.5 * own, SETTLING_ERROR * rose)
         moved = np.flatnonzero(rises).tolist()
         for motor in moved:
             was = self.weak.pop(motor).size if motor in self.weak else 0.0

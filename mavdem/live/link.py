@@ -88,9 +88,8 @@ class Link:
             ready = select.select(readable, [], [], 0.0)[0]
             if not ready and timeout > 0:
                 ready = select.select(readable, [], [], timeout)[0]
-                self._arrival = time.time()
+                self._arrival = self._emptied = time.time()
             if not ready:
-                self._emptied = time.time()
                 return received
             if self._server is not None and self._socket is None:
                 self._socket, _ = self._server.accept()

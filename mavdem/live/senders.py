@@ -64,7 +64,7 @@ class Sender:
         # Of the latest attitude, s, and whether the latest two frames were of different sequences.
         self._stamp, self._alternating = 0.0, False
         self.missing_seconds = 0.0  # of gaps longer than sequence numbers can count
-        self._came, self._interval = 0.0, 1.0  # s, of the last frame, and mean between two
+        self._came, self._interval = -inf, 1.0  # s, of the last frame, and mean between two
         self.left_out = False  # whether frames came that were not taken: those missing before the next do not count
 
     @property
@@ -128,9 +128,10 @@ class Sender:
             return False
         missing = max(step - 1, -1) if self.shared and not opens else missing_between(self._last, frame.sequence)
         gap, self._came = max(now - self._came, 0.0), now
-        wrapped = missing > 0 and gap > 128 * self._interval and not self.left_out
-        self.missing_seconds += gap * wrapped
-        if self.frames > 1 and not wrapped and not self.left_out:
+        wrapped = (frame.sequence - self._last) % 256 != 1 and 128 * self._interval < gap < inf and not self.left_out
+        if wrapped:
+            self.missing_seconds += gap
+        elif self.frames > 1 and not self.left_out:
             self._missing += missing
         self._interval, self.left_out = self._interval + (min(gap, 1.0) - self._interval) / 64, False
         self.breaks += not 0 < (frame.sequence - self._last) % 256 <= NEAR

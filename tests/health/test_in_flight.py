@@ -176,7 +176,7 @@ def watched(rise, settled=lambda at: True, spins=(1, 1, -1, -1), rate=10.0, watc
 def test_it_names_the_motor_in_a_sentence_and_says_when_that_rests_on_an_assumption():
     [alarm] = watched([0.0, 0.3, 0.0, 0.0]).alarms
     assert (alarm.motor, alarm.name) == (2, "motor 2 (rear left)")
-    assert alarm.sentence.startswith("Alarm: motor 2 (rear left) lost 22 to 43 % of its thrust")
+    assert alarm.sentence.startswith("Alarm: motor 2 (rear left) lost 22 to 44 % of its thrust")
     assert "since 25 s" in alarm.sentence and "assumed" not in alarm.sentence
     layout = motor_geometry("QUADROTOR", "PX4", {}, (1, 2, 3, 4), 16)
     [alarm] = watched([0.3, 0.0, 0.0, 0.0], watch=MotorWatch(layout)).alarms

@@ -9,7 +9,10 @@ from mavdem.live.history import LiveHistory
 from mavdem.report.figures.series import FlightLines
 
 
-def test_errors_are_those_of_the_samples_whose_time_has_come():
+def test_errors_are_those_of_the_samples_that_are_learned_from_and_whose_time_has_come():
+    flown(history := LiveHistory(), 1.0, learnt=False)
+    assert history.errors() == [] and history.learned == []
+    assert np.isfinite(FlightLines.of(history).measured).sum() == 100
     history = LiveHistory()
     _, motion = flown(history, 5.0)
     short, long = history.errors()
@@ -39,13 +42,6 @@ def test_the_clock_goes_on_where_a_reboot_sets_it_back_and_predictions_with_it()
     assert history.learned == [pytest.approx((100.0, 102.99)), pytest.approx((103.99, 106.98))]
     assert [one.samples for one in history.errors()] == [598, 550]
     assert history.now == pytest.approx(106.98) and history.shift == pytest.approx(98.99)
-
-
-def test_what_is_not_learnt_from_is_shown_and_not_judged():
-    history = LiveHistory()
-    flown(history, 1.0, learnt=False)
-    assert history.errors() == [] and history.learned == []
-    assert np.isfinite(FlightLines.of(history).measured).sum() == 100
 
 
 def test_a_long_flight_keeps_its_shape_in_bounded_memory(monkeypatch):

@@ -42,6 +42,7 @@ def test_a_gap_begins_a_new_segment_with_the_same_step(silence):
     assert made.segments()[1][0].time == pytest.approx(18.0 + silence, abs=0.02)
     assert all(row.settled for row in made.segments()[1])
     assert any("a new segment starts" in said or "Nothing was received" in said for said in made.sentences)
+    assert silence < 1.0 or made.stream.status().missing == pytest.approx(silence, abs=0.1)
     settled_uniform(made)
     same_as_offline(made, frames + rest)
 

@@ -37,8 +37,7 @@ DT, HORIZONS = 0.01, (1, 25, 50)
 MOTORS = tuple(f"motor {i} (somewhere)" for i in range(1, 5))
 UNITS = ("µs",) * 4, ("rad", "rad/s")
 CHANNELS = Channels("vehicle 1 on udpin:127.0.0.1:14550", DT, HORIZONS, MOTORS, ("roll", "roll rate"), *UNITS)
-LATE = 0.04
-"""Seconds from the centre of a window to its end."""
+LATE = 0.04  # Seconds from the centre of a window to its end
 
 
 def model(seed: int) -> LinearModel:
@@ -50,24 +49,14 @@ def estimate(i: int, time: float) -> Estimate:
     """All its numbers differ, and differ from those of other samples."""
     rng = np.random.default_rng(i)
     sizes = {"expected": 2, "expected_band": 2, "ahead": (3, 2), "ahead_band": (3, 2), "disturbance": 3}
-    return Estimate(
-        time=time,
-        ahead_times=time + DT * np.array(HORIZONS),
-        ahead_ratio=np.array([[0.1, 0.2], [0.3, 0.4], [0.7, 0.8]]),
-        seen=time - LATE,
-        free_energy=-100.0 - i,
-        surprise=i % 50 / 10,
-        unusual=i % 50 == 40,
-        free_energy_action=-1000.0 - i // 10,
-        model=MODELS[i // 10],
-        model_sd=MODELS[i // 10 + 1],
-        log_precisions=np.array([20.0, i // 10]),
-        until=time - 0.1,
-        wind_torque=np.nan if i < 40 else 0.1 * i,
-        wind_torque_band=0.01 * i,
-        wind_time=time - 0.25,
-        **{name: rng.normal(size=size) for name, size in sizes.items()},
-    )
+    times = {"time": time, "seen": time - LATE, "until": time - 0.1, "wind_time": time - 0.25}
+    energies = {"free_energy": -100.0 - i, "free_energy_action": -1000.0 - i // 10, "surprise": i % 50 / 10}
+    models = {"model": MODELS[i // 10], "model_sd": MODELS[i // 10 + 1], "log_precisions": np.array([20.0, i // 10])}
+    torque = {"wind_torque": np.nan if i < 40 else 0.1 * i, "wind_torque_band": 0.01 * i, "unusual": i % 50 == 40}
+    ratios = np.array([[0.1, 0.2], [0.3, 0.4], [0.7, 0.8]])
+    known = {name: rng.normal(size=size) for name, size in sizes.items()}
+    later = time + DT * np.array(HORIZONS)
+    return Estimate(**times, **energies, **models, **torque, **known, ahead_times=later, ahead_ratio=ratios)
 
 
 MODELS = [model(seed) for seed in range(40)]
