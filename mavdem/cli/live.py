@@ -24,7 +24,7 @@ from mavdem.cli.options import Number, file_option, model_options, motion_option
 from mavdem.cli.output import check_file, print_json, printable, say_aside, write_text
 from mavdem.cli.recording import RawRecording
 from mavdem.cli.signals import asked_to_end, ending_at_once
-from mavdem.dem import Settings
+from mavdem.dem import Learned, Physical, Settings
 from mavdem.errors import MissingExtra, Unreadable, advice
 from mavdem.export.conversion import STREAMS
 from mavdem.health.in_flight import alarm_figures
@@ -108,6 +108,20 @@ class Dashboard:
             self.view.close()
 
 
+def _prior(context: click.Context, parameter: click.Parameter, file: Path | None) -> Physical | None:
+    """The physical parameters of a model, or of the newest in a folder."""
+    if file is None:
+        return None
+    try:
+        files = sorted(file.rglob("*model.json"), key=lambda model: model.stat().st_mtime) if file.is_dir() else [file]
+        prior = Learned.from_json(files[-1].read_text()).physical if files else None
+    except (OSError, ValueError) as error:
+        raise click.BadParameter(f"{error}.", context, parameter) from None
+    if prior is None or not prior.identifiable:
+        raise click.BadParameter(f"{file} has no model with a known control effectiveness.", context, parameter)
+    return prior
+
+
 @click.command("live")
 @click.argument("link")
 @motion_options()
@@ -129,6 +143,9 @@ class Dashboard:
     help="Ask the vehicle for attitude and motor outputs at this rate, and at 4 Hz for what shows a landing, and "
     "for the parameters of its motors; what comes faster already stays as it is. Without it nothing is ever sent.",
 )
+@click.option(
+    "--prior", type=click.Path(path_type=Path), callback=_prior, help="Earlier model of the vehicle, or a folder."
+)
 @click.option("--duration", type=Number(0, min_open=True), help="Seconds until it ends.")
 def live_command(
     link: str,
@@ -144,6 +161,7 @@ def live_command(
     model: Path | None,
     html: Path | None,
     request_rate: float | None,
+    prior: Physical | None,
     duration: float | None,
 ) -> None:
     """Attaches to a link and learns while the vehicle flies.
@@ -187,7 +205,7 @@ def live_command(
         recording = None if record is None else RawRecording(record)
         executor = ends.enter_context(LearningProcess())
         shown = dashboard.open, dashboard.report, say_aside
-        session = LiveSession(opened, stream, settings, *shown, executor, recording, request_rate)
+        session = LiveSession(opened, stream, settings, *shown, executor, recording, request_rate, prior)
         restored = ends.enter_context(ExitStack())
         restored.callback(session.end)
         if dashboard.advice:

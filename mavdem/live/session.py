@@ -85,8 +85,7 @@ class LiveSession:
         self._setup: Setup | None = None
         self._display: Any = None
         self.request: RateRequest | None = None  # for rates, once sent
-        self._arrivals, self._boot = Arrivals(), 0
-        self._greeted = -np.inf
+        self._arrivals, self._boot, self._greeted = Arrivals(), 0, -np.inf
         self._latencies, self._latest = np.full(MAX_LATENCIES, np.nan), 0.0  # of the latest rows, and the largest, s
         self._learned, self._shown = 0, 0
         self._estimate: Estimate | None = None

@@ -127,8 +127,6 @@ class OnlineLearner:
     def update(self, time: float, outputs: ArrayLike, inputs: ArrayLike, weak_since: float = np.nan) -> Estimate:
         """Takes the next sample, ``outputs`` (m,) and ``inputs`` (r,) at a ``time`` in s.
 
-        There is no wind torque while a motor is weak, since ``weak_since``, s: what it lacks is no wind.
-
         >>> online = mavdem.OnlineLearner(dt=0.01, n_inputs=4, n_outputs=2)
         >>> for time, outputs, inputs in zip(train.time[:50], train.outputs, train.inputs):
         ...     estimate = online.update(time, outputs, inputs)
@@ -137,7 +135,7 @@ class OnlineLearner:
 
         A time other than one step after the last, also one that goes back, begins a new segment: the model is kept, and
         nothing is predicted or differentiated across the gap. After ``MAX_GAPS`` in a row, ``obstacle`` states that
-        samples do not come every ``dt``.
+        samples do not come every ``dt``. While a motor is weak, since ``weak_since``, s, there is no wind torque.
 
         Returns:
             the estimate as of this sample, by the model before it.

@@ -138,10 +138,7 @@ class OnlineWind:
         self.delay = round(DELAY_SECONDS / self._dt) * self._dt  # of the torque behind the latest sample, s
 
     def update(self, inputs: Array, outputs: Array, weak_since: float = np.nan) -> tuple[float, float]:
-        """Takes the next sample, (r,) and (m,); returns the torque and its half width, rad/s², or NaN.
-
-        While a motor is weak, since ``weak_since``, s, there is no torque, and nothing is learned.
-        """
+        """Takes a sample, (r,) and (m,); returns the torque and its half width, rad/s², NaN while a motor is weak."""
         if np.isfinite(weak_since):
             self._tracked = None
             self.drop_since(weak_since)
