@@ -24,7 +24,7 @@ from mavdem.cli.options import Number, file_option, model_options, motion_option
 from mavdem.cli.output import check_file, print_json, printable, say_aside, write_text
 from mavdem.cli.recording import RawRecording
 from mavdem.cli.signals import asked_to_end, ending_at_once
-from mavdem.dem import Learned, Physical, Settings
+from mavdem.dem import Learned, Settings
 from mavdem.errors import MissingExtra, Unreadable, advice
 from mavdem.export.conversion import STREAMS
 from mavdem.health.in_flight import alarm_figures
@@ -108,20 +108,6 @@ class Dashboard:
             self.view.close()
 
 
-def _prior(context: click.Context, parameter: click.Parameter, file: Path | None) -> Physical | None:
-    """The physical parameters of a model, or of the newest in a folder."""
-    if file is None:
-        return None
-    try:
-        files = sorted(file.rglob("*model.json"), key=lambda model: model.stat().st_mtime) if file.is_dir() else [file]
-        prior = Learned.from_json(files[-1].read_text()).physical if files else None
-    except (OSError, ValueError) as error:
-        raise click.BadParameter(f"{error}.", context, parameter) from None
-    if prior is None or not prior.identifiable:
-        raise click.BadParameter(f"{file} has no model with a known control effectiveness.", context, parameter)
-    return prior
-
-
 @click.command("live")
 @click.argument("link")
 @motion_options()
@@ -132,9 +118,7 @@ def _prior(context: click.Context, parameter: click.Parameter, file: Path | None
 @file_option("--record", "Raw stream to record: FILE.tlog or FILE.mcap.")
 @file_option("--model", "Where to write the model at the end. [default: beside --rrd or --record, .model.json]")
 @file_option(
-    "--html",
-    "Page to write at the end, of what happened and how well it was predicted. [default: beside --rrd, --record or "
-    "--model, .html]",
+    "--html", "Page of what happened, to write at the end. [default: beside --rrd, --record or --model, .html]"
 )
 @click.option(
     "--request-rate",
@@ -143,9 +127,7 @@ def _prior(context: click.Context, parameter: click.Parameter, file: Path | None
     help="Ask the vehicle for attitude and motor outputs at this rate, and at 4 Hz for what shows a landing, and "
     "for the parameters of its motors; what comes faster already stays as it is. Without it nothing is ever sent.",
 )
-@click.option(
-    "--prior", type=click.Path(path_type=Path), callback=_prior, help="Earlier model of the vehicle, or a folder."
-)
+@file_option("--prior", "Earlier model of the vehicle, model.json: a calm hover then has a wind torque.")
 @click.option("--duration", type=Number(0, min_open=True), help="Seconds until it ends.")
 def live_command(
     link: str,
@@ -161,7 +143,7 @@ def live_command(
     model: Path | None,
     html: Path | None,
     request_rate: float | None,
-    prior: Physical | None,
+    prior: Path | None,
     duration: float | None,
 ) -> None:
     """Attaches to a link and learns while the vehicle flies.
@@ -194,6 +176,10 @@ def live_command(
     beside = beside or model
     html = html or (beside and beside.with_suffix(".html"))
     check_file(html, "--html", (".html",))
+    try:
+        earlier = None if prior is None else Learned.from_json(prior.read_text()).physical
+    except (OSError, ValueError) as error:
+        raise click.BadParameter(f"{error}.", param_hint="--prior") from None
     stream = LiveStream(axis, vehicle, inputs, asked=request_rate is not None)
     with ExitStack() as signals, ExitStack() as ends:
         opened = Link(link)
@@ -205,7 +191,7 @@ def live_command(
         recording = None if record is None else RawRecording(record)
         executor = ends.enter_context(LearningProcess())
         shown = dashboard.open, dashboard.report, say_aside
-        session = LiveSession(opened, stream, settings, *shown, executor, recording, request_rate, prior)
+        session = LiveSession(opened, stream, settings, *shown, executor, recording, request_rate, earlier)
         restored = ends.enter_context(ExitStack())
         restored.callback(session.end)
         if dashboard.advice:

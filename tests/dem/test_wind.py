@@ -330,19 +330,16 @@ def test_it_is_known_from_the_first_fit_on_and_anew_after_a_gap():
 
 def test_with_a_prior_a_calm_hover_has_a_torque_whose_band_is_as_wide_as_steering_makes_it():
     """Without wind: what is drawn is error. Nothing is of a vehicle whose motor is weak."""
-    prior = physical(steered(0, steering=1.0))
     calm, steering = steered(1, steering=0.0, samples=900, wind=0.0), steered(2, steering=1.0, wind=0.0)
-    without, memory = online_wind()
-    assert np.isnan(followed(without, memory, calm)).all()
-    online, memory = online_wind(prior=prior)
+    assert np.isnan(followed(*online_wind(), calm)).all()
+    online, memory = online_wind(prior=physical(steered(0, steering=1.0)))
     hover = followed(online, memory, calm)[-90:]
     assert online.filter.physical.reasons["effect"].startswith("It is known from an earlier flight")
     memory.end_segment()
     online.end_segment()
     doublets = followed(online, memory, steering)[BEGINS + 1 :]
     for torque, band in (hover.T, doublets.T):
-        assert np.mean(np.abs(torque) <= band) > 0.85
-        assert gusts(torque, band, record_of(len(torque))).found == ()
+        assert np.mean(np.abs(torque) <= band) > 0.85 and not gusts(torque, band, record_of(len(torque))).found
     assert np.median(doublets[:, 1]) > 3 * np.median(hover[:, 1])
     assert np.isnan(followed(online, memory, steering[:20], steering.time[-1])).all()
     assert np.isfinite(followed(online, memory, steering[20:200])[BEGINS + 1 :]).all()
@@ -353,13 +350,11 @@ def test_the_band_holds_what_a_recorded_hover_without_wind_has(tmp_path):
     """ArduCopter in its simulator: at PWM 1574 its code gives 16.0 °/s² per µs and a damping of 2.05 1/s at most."""
     with lzma.open(shared("sitl_live/a2.tlog.xz")) as file:
         (tmp_path / "a2.tlog").write_bytes(file.read(1_200_000))
-    flight = read_flight(tmp_path / "a2.tlog")
-    known = physical(flight[-1500:])
+    known = physical((flight := read_flight(tmp_path / "a2.tlog"))[-1500:])
     mean, half = known.mean_effect()
     assert abs(mean - np.radians(16.0)) < half and abs(known.damping - 2.05) < known.interval().damping
-    online, memory = online_wind(prior=known)
-    torque, band = followed(online, memory, flight[-4000:])[round(10 / DT) :].T
-    assert np.mean(np.abs(torque) <= band) > 0.85 and gusts(torque, band, record_of(len(torque))).found == ()
+    torque, band = followed(*online_wind(prior=known), flight[-4000:])[round(10 / DT) :].T
+    assert np.mean(np.abs(torque) <= band) > 0.85 and not gusts(torque, band, record_of(len(torque))).found
 
 
 def test_a_fit_that_fails_leaves_the_last_one():
