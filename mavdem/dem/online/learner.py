@@ -290,9 +290,8 @@ class OnlineLearner:
         except (ValueError, RuntimeError, CancelledError) as error:
             self._put_off(error)
             return
-        if self.learned is not None and self.learned.settings != learned.settings:
-            self._surprise = Surprise(self._dt)
         self.learned, self.obstacle = learned, ""
+        self._surprise = Surprise(self._dt, tracking.past)
         self._tracker = Tracker(learned, tracking, until)
         before, now = self._ahead.combinations, learned.joint.combinations
         if before is None or np.abs(np.sum(before * now, axis=0)).min() < ALIKE:
