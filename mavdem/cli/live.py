@@ -24,9 +24,10 @@ from mavdem.cli.options import Number, file_option, model_options, motion_option
 from mavdem.cli.output import check_file, print_json, printable, say_aside, write_text
 from mavdem.cli.recording import RawRecording
 from mavdem.cli.signals import asked_to_end, ending_at_once
-from mavdem.dem import Learned, Settings
+from mavdem.dem import Settings
 from mavdem.errors import MissingExtra, Unreadable, advice
 from mavdem.export.conversion import STREAMS
+from mavdem.fleet.rows_of_log import physical_of
 from mavdem.health.in_flight import alarm_figures
 from mavdem.live import LiveStream, SessionStatus, Setup
 from mavdem.live.history import ACCOUNT, horizons, sentence
@@ -176,10 +177,7 @@ def live_command(
     beside = beside or model
     html = html or (beside and beside.with_suffix(".html"))
     check_file(html, "--html", (".html",))
-    try:
-        earlier = None if prior is None else Learned.from_json(prior.read_text()).physical
-    except (OSError, ValueError) as error:
-        raise click.BadParameter(f"{error}.", param_hint="--prior") from None
+    earlier = None if prior is None else physical_of(prior)
     stream = LiveStream(axis, vehicle, inputs, asked=request_rate is not None)
     with ExitStack() as signals, ExitStack() as ends:
         opened = Link(link)
