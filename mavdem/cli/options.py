@@ -66,13 +66,14 @@ def _adding(*options: Callable[[Command], Command]) -> Callable[[Command], Comma
     return lambda command: reduce(lambda made, option: option(made), reversed(options), command)
 
 
+vehicle_option = click.option("--vehicle", metavar="SYSTEM[:COMPONENT]", callback=_vehicle, help="Which, of several.")
+
+
 def motion_options(axes: Sequence[str] = TILT_AXES, text: str = "Axis to model.") -> Callable[[Command], Command]:
     """Adds --axis with these choices, --vehicle, --inputs and --json to a command."""
     return _adding(
         click.option("--axis", type=click.Choice(axes), default="roll", show_default=True, help=text),
-        click.option(
-            "--vehicle", metavar="SYSTEM[:COMPONENT]", callback=_vehicle, help="Which vehicle, if there are several."
-        ),
+        vehicle_option,
         click.option(
             "--inputs",
             type=click.Choice(["motors", "demand"]),

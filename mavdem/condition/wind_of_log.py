@@ -13,14 +13,13 @@ from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals, attitude
 from mavdem.condition.wind_velocity import WindVelocity, estimate_wind
 from mavdem.dem.drag import Drag
-from mavdem.dem.drag_identification import LEAST_SECONDS
 from mavdem.errors import NotLearnable
 from mavdem.ingest import read_log
 from mavdem.ingest.telemetry import Array, Columns, rows_by
 
 VELOCITIES = {"LOCAL_POSITION_NED": 1.0, "GLOBAL_POSITION_INT": 0.01}
 """Messages with the velocity over ground, the preferred first, and the factor that makes it m/s."""
-FLAGS, HORIZONTAL_VELOCITY, CONSTANT_POSITION = ("EKF_STATUS_REPORT", "ESTIMATOR_STATUS"), 2, 128
+FLAGS, VELOCITY_FLAGS = ("EKF_STATUS_REPORT", "ESTIMATOR_STATUS"), (2, 128)
 """Messages with the estimator's flags: that it knows the horizontal velocity, and that it assumes to stand still."""
 POSITION_JUMP, AROUND = 1.0, 1.5  # m beyond what the velocity covers, of a reset; s around it that are left out
 LOWEST_FLIGHT, LONGEST_STEP = 1.5, 1.5  # m above the lowest height, without motors; s between velocities
@@ -45,7 +44,7 @@ def wind_of(signals: Signals, drag: Drag | None = None) -> WindVelocity:
     """Returns the wind of a vehicle's ``signals``, as :func:`wind` does, with the ``drag`` of before."""
     telemetry = signals.telemetry
     angles = [found for axis in AXES if (found := attitude(telemetry, axis)) is not None]
-    name = next((name for name in VELOCITIES if len(telemetry.messages.get(name, {"time": ()})["time"]) > 1), "")
+    name = next((name for name in VELOCITIES if len(telemetry.messages.get(name, {}).get("vx", ())) > 1), "")
     if len(angles) < len(AXES) or not name:
         ask = "Ask for ATTITUDE and LOCAL_POSITION_NED at 5 Hz or more; log XKF1, or vehicle_local_position in ULog."
         missing = "velocity over ground" if len(angles) == len(AXES) else "attitude"
@@ -58,7 +57,7 @@ def wind_of(signals: Signals, drag: Drag | None = None) -> WindVelocity:
         time, first = np.unique(columns["time"][rows], return_index=True)
         velocity, height = moving[rows[first]], above[rows[first]]
         at, one = np.unique(angles[0].time[angles[0].boot == boot], return_index=True)
-        if len(time) < 2 or not len(at):
+        if len(time) < 2:
             continue
         sure = _known(signals, boot, columns, rows[first], velocity)
         kept = phases.during(at, _flights(signals, boot, time, height)) & (at >= time[0]) & (at <= time[-1])
@@ -68,9 +67,8 @@ def wind_of(signals: Signals, drag: Drag | None = None) -> WindVelocity:
         moved = [np.interp(at, time, column) for column in (*velocity.T, height)]
         found = np.column_stack([at, *turned, *moved])[kept]
         best = found if len(found) > len(best) else best
-    if len(best) < 10 or np.ptp(best[:, 0]) < LEAST_SECONDS:
-        what = f"There are less than {LEAST_SECONDS:g} s of settled flight with attitude and a valid velocity"
-        raise NotLearnable(f"{what}: on the ground, in climbs and without a position there is no wind.")
+    if len(best) < 10:
+        raise NotLearnable("There is no settled flight with a valid velocity: it lies, climbs, or has no position.")
     if 0 in (still := np.ptp(best[:, 3:5], axis=0)):
         raise NotLearnable(f"The {'velocity' if still[0] else 'yaw'} never changes by a digit: it is not measured.")
     drag = Drag.of_parameters(telemetry.autopilot, telemetry.parameters) if drag is None else drag
@@ -92,12 +90,9 @@ def _known(signals: Signals, boot: int, columns: Columns, rows: NDArray[np.intp]
         steps = np.diff(np.column_stack([floats(columns, axis)[rows] for axis in "xy"]), axis=0)
         covered = (velocity[1:, :2] + velocity[:-1, :2]) / 2 * np.diff(time)[:, None]
         jumps = np.abs(steps - covered).max(axis=1) > POSITION_JUMP + 2 * np.diff(time)
-        sure &= ~phases.during(time, phases.either([(t - AROUND, t + AROUND) for t in time[1:][jumps]], []))
-    for name in FLAGS:
-        flags = signals.telemetry.messages.get(name, {})
-        if "flags" in flags and np.any(here := flags["boot"] == boot):
-            states = flags["flags"][here].astype(np.int64)
-            lost = (states & HORIZONTAL_VELOCITY == 0) | (states & CONSTANT_POSITION > 0)
-            last = np.searchsorted(flags["time"][here], time, side="right") - 1
-            sure &= ~(lost[np.maximum(last, 0)] & (last >= 0))
+        sure &= ~phases.during(time, [(t - AROUND, t + AROUND) for t in time[1:][jumps]])
+    for flags in (signals.telemetry.messages[name] for name in FLAGS if name in signals.telemetry.messages):
+        if np.any(here := flags["boot"] == boot):
+            lost = flags["flags"][here].astype(np.int64) & sum(VELOCITY_FLAGS) != VELOCITY_FLAGS[0]
+            sure &= np.interp(time, flags["time"][here], lost) == 0
     return np.asarray(sure)

@@ -17,9 +17,9 @@ from mavdem.ingest.telemetry import Array
 
 WIND_STEP, WIND_STEPS = 0.5, 1200  # s, or the samples' own step; longer flights have so many longer steps
 GUST_SECONDS, INDEPENDENT_SECONDS = 3.0, 10.0  # of a gust's mean (WMO-No. 8, vol. I, ch. 5); after which noise is new
-LAYER, LAYER_SECONDS = 10.0, 10.0  # m of height, and s in it, of which a mean is shown
+LAYER, LAYER_SECONDS, CALM = 10.0, 10.0, 0.5  # m of height, and s in it, of which a mean is shown; m/s
 SPEED_ERROR, SPEED_SHARE, SPEED_FACTOR = 0.8, 0.15, 8.0  # m/s or share of half width reported; ratio of ends biased
-DIRECTION_ERROR, DIRECTION_LIMIT = 10.0, 60.0  # degrees of half width, likewise
+DIRECTION_ERROR, DIRECTION_LIMIT, HEADING_SD = 10.0, 60.0, 2.5  # degrees of half width; of the heading, a compass's
 DRAG_ERROR, DRAG_LEFT = 0.18, 0.8  # relative sd of the drag that is reported; share of the prior's that is biased
 MANOEUVRE = "fly legs of 3 m/s and more, there and back, in several directions, with turns of yaw"
 TURN = "A slow turn of yaw in hover separates them"
@@ -37,8 +37,7 @@ class WindVelocity:
         gust: the strongest mean of 3 s, m/s.
         turbulence_intensity: standard deviation of the wind along its mean direction, over its speed.
         time: (T,) s, on the clock that was given.
-        velocity: (T, 2) north and east components of where the air moves to, m/s.
-        band: (T, 2) half widths that hold it with 90 %.
+        velocity, band: (T, 2) north and east of where the air moves to, m/s, and half widths that hold it with 90 %.
         minutes: mean of each minute: ``start`` and ``end`` (s), ``speed``, ``low``, ``high`` (m/s), ``direction``.
         profile: mean by height in layers of 10 m: ``height``, ``speed``, ``direction``; empty within one layer.
         drag: of the vehicle, as the flight leaves it.
@@ -61,14 +60,10 @@ class WindVelocity:
     status: Mapping[str, str]
     reasons: Mapping[str, str]
 
-    def __repr__(self) -> str:
-        low, high = self.speed_interval
-        return f"<WindVelocity: {self.speed:.2g} m/s ({low:.2g} to {high:.2g}) from {self.direction:.0f}°>"
-
     @property
     def calm(self) -> bool:
         """Whether still air is likely, too: the wind is then said to be below the interval's upper end."""
-        return self.speed_interval[0] < 0.25 * self.speed_interval[1]
+        return self.speed_interval[0] < min(CALM, self.speed_interval[1] / 3)
 
     def as_dict(self) -> dict[str, Any]:
         """Returns plain JSON values."""
@@ -143,14 +138,16 @@ def _mean(winds: Array, spreads: Array, step: float) -> tuple[float, float, floa
     """Speed of the mean over steps, both ends of its interval, and the direction's half width in degrees."""
     means = winds.mean(axis=0)
     # By the draws of drag and lean, which are common to all steps; what noise does averages out.
-    count = max(len(winds) * step / INDEPENDENT_SECONDS, 1.0)
-    variances = np.einsum("ai,tnij,aj->na", TOTAL, spreads, TOTAL) / len(winds) / count
-    drawn = np.random.default_rng(2).standard_normal((50, len(means), 2)) * np.sqrt(variances)
-    samples = (means + drawn).reshape(-1, 2)
+    count = max(len(winds) * step / INDEPENDENT_SECONDS, 1.0) * len(winds)
+    variances = np.einsum("ai,tnij,aj->na", TOTAL, spreads, TOTAL) / count
+    noise = np.random.default_rng(2).standard_normal((50, len(means), 2)) * np.sqrt(variances)
+    samples = (means + noise).reshape(-1, 2)
     low, high = np.quantile(np.hypot(*samples.T), [0.05, 0.95]).tolist()
-    apart = np.arctan2(samples[:, 1], samples[:, 0]) - np.arctan2(*means.mean(axis=0)[::-1])
+    centre = means.mean(axis=0) / max(float(np.hypot(*means.mean(axis=0))), 1e-9)
+    apart = np.arctan2(samples[:, 1], samples[:, 0]) - np.arctan2(*centre[::-1])
     turned = np.quantile(np.abs((apart + np.pi) % (2 * np.pi) - np.pi), 0.9)
-    return float(np.median(np.hypot(*means.T))), low, high, float(np.degrees(turned))
+    turned = float(np.hypot(np.degrees(turned), quantile() * HEADING_SD))
+    return (speed := float(np.median(means @ centre))), min(low, speed), high, turned
 
 
 def _answers(
@@ -161,8 +158,8 @@ def _answers(
     if sd > DRAG_ERROR:
         status["drag"] = "not identifiable" if known > DRAG_LEFT else "biased"
         cause = "gusts made most of the velocity" if doubt > 0.3 else "the velocity over ground hardly changed"
-        said = f"The drag is that of {source}: {cause}" if known > DRAG_LEFT else f"The drag is known to {sd:.0%} only"
-        reasons["drag"] = f"{said}. To identify it, {MANOEUVRE}."
+        said = f"is that of {source}: {cause}" if known > DRAG_LEFT else f"is known to {sd:.0%} only"
+        reasons["drag"] = f"The drag {said}. To identify it, {MANOEUVRE}."
     if (high - low) / 2 > max(SPEED_ERROR, SPEED_SHARE * speed):
         status["speed"] = "biased" if high <= SPEED_FACTOR * max(low, 0.3) else "not identifiable"
         cause = "the drag is not identifiable" if sd > DRAG_ERROR else f"a lean looks like wind. {TURN}"

@@ -4,10 +4,9 @@ On a grid of some tenths of a second, the specific force along body x and y is m
 
     f = b − (c + q |u|) u + e,   u = Rᵀ (v − m − w),
 
-with velocity v, attitude R, mean wind m, white noise e, and the unknown cause w of mean η = 0: an Ornstein-Uhlenbeck
-process along north and east. An extended Kalman filter runs for many values of c, q, lean b, and sizes of w and e side
-by side. Its likelihood weighs them; its smoother, averaged over them, is the estimate. The lean is no state: a filter
-that is linearized at each step takes it for observed where it is not.
+with velocity v, attitude R, mean wind m, white noise e, and the unknown cause w, an Ornstein-Uhlenbeck process of mean
+η = 0. An extended Kalman filter runs for many values of c, q, lean b, and sizes of w and e side by side. Its likelihood
+weighs them; its smoother, averaged over them, is the estimate.
 """
 
 from __future__ import annotations
@@ -23,8 +22,7 @@ from mavdem.dem.engine.linalg import Array
 
 GRAVITY, WIND_SD = 9.80665, 4.0  # m/s²; m/s along each axis, of the mean wind before the flight: 3 to 10 are usual
 FREEDOM = 8.0  # of Student's t that innovations have: a position reset or a touch of the ground is no wind
-MAX_FORCE = 25.0  # m/s² across the thrust axis: beyond, the velocity jumped
-BRIDGED_SECONDS = 10.0  # to the next step with data; farther ones are left out
+MAX_FORCE, BRIDGED = 25.0, 10.0  # m/s² across the thrust axis, beyond which the velocity jumped; s to the next data
 WIND, MEAN = slice(0, 2), slice(2, 4)  # of the four states
 TOTAL = np.kron([[1.0, 1.0]], np.eye(2))  # (2, 4) w + m of the states
 
@@ -66,25 +64,15 @@ def motion(time: Array, attitude: Array, velocity: Array, step: float, wind: Arr
     force = np.einsum("tij,tj->ti", axes, (means[2:, 6:9] - means[:-2, 6:9]) / (2 * step)) - GRAVITY * axes[:, :, 2]
     force[~(np.abs(force) < MAX_FORCE).all(axis=1)] = np.nan
     speed[:, :2] -= smooth[:, 9:]
-    grid = Motion(time[0] + step * (np.arange(1, count - 1) + 0.5), axes, speed, force, step)
-    reach = int(BRIDGED_SECONDS / step)
-    return grid.at(np.convolve(grid.known, np.ones(2 * reach + 1), mode="full")[reach : reach + len(force)] > 0)
+    grid, reach = Motion(time[0] + step * np.arange(1.5, count - 1), axes, speed, force, step), int(BRIDGED / step)
+    return grid.at(np.convolve(grid.known, np.ones(2 * reach + 1))[reach : reach + len(force)] > 0)
 
 
-class Filtered(NamedTuple):
-    """The filter of G parameters; all but the first only where it was kept."""
+def filtered(parameters: Array, motion: Motion, keep: bool = False) -> tuple[Array, Array, tuple[Array, ...]]:
+    """Returns the extended Kalman filter's log likelihoods (G,); where ``keep``, innovations and what is smoothed.
 
-    log_likelihood: Array  # (G,)
-    innovations: Array  # (T, 2) of the first parameters, in standard deviations; NaN where nothing was measured
-    states: Array  # (2, T, G, 4) before and after each measurement
-    spreads: Array  # (2, T, G, 4, 4)
-    decay: Array  # (G, 4)
-
-
-def filtered(parameters: Array, motion: Motion, keep: bool = False) -> Filtered:
-    """Returns the extended Kalman filter's pass over a ``motion``; ``keep`` keeps the states.
-
-    ``parameters`` (G, 9): those of ``Drag.mean``, and logarithms of the wind's sd (m/s) and time (s) and of e's sd.
+    ``parameters`` (G, 9): those of ``Drag.mean``, and logarithms of the wind's sd (m/s) and time (s) and of e's sd. The
+    innovations (T, 2) are of the first, in standard deviations, NaN where the ``motion`` is not known.
     """
     linear, quadratic = coefficients(parameters)
     lean, (wind_sd, wind_seconds, noise) = parameters[:, 4:6], np.exp(parameters[:, 6:]).T
@@ -127,7 +115,7 @@ def filtered(parameters: Array, motion: Motion, keep: bool = False) -> Filtered:
                 innovations[t] = error[0] / np.sqrt(np.diag(S[0]))
         if keep:
             states[1, t], spreads[1, t] = x, P
-    return Filtered(total, innovations, states, spreads, decay)
+    return total, innovations, (*states, *spreads, decay)
 
 
 def air_speed(linear: Array, quadratic: Array, force: float) -> Array:
@@ -135,10 +123,9 @@ def air_speed(linear: Array, quadratic: Array, force: float) -> Array:
     return np.asarray(2 * force / (linear + np.sqrt(linear**2 + 4 * quadratic * force)))
 
 
-def smoothed(run: Filtered) -> tuple[Array, Array]:
-    """Returns states (T, G, 4) and covariances given all steps of a ``run`` (Rauch, Tung and Striebel, 1965)."""
-    (x_before, states), (P_before, spreads) = run.states, run.spreads
-    gains = np.linalg.solve(P_before[1:], (spreads[:-1] * run.decay[:, None, :]).swapaxes(2, 3)).swapaxes(2, 3)
+def smoothed(x_before: Array, states: Array, P_before: Array, spreads: Array, decay: Array) -> tuple[Array, Array]:
+    """Returns states (T, G, 4) and covariances given all steps, in place (Rauch, Tung and Striebel, 1965)."""
+    gains = np.linalg.solve(P_before[1:], (spreads[:-1] * decay[:, None, :]).swapaxes(2, 3)).swapaxes(2, 3)
     for t in range(len(states) - 2, -1, -1):
         states[t] += np.einsum("gij,gj->gi", gains[t], states[t + 1] - x_before[t + 1])
         spreads[t] += gains[t] @ (spreads[t + 1] - P_before[t + 1]) @ gains[t].transpose(0, 2, 1)
@@ -156,23 +143,22 @@ def posterior(
 ) -> tuple[Array, Array]:
     """Returns moments of a Gaussian prior of ``mean`` and ``covariance`` times the ``log_likelihood`` of (N, k).
 
-    By population Monte Carlo (Cappé and others, Journal of Computational and Graphical Statistics 13, 2004): in
-    ``rounds``, the Gaussian that ``draws`` come from follows weights flattened until a quarter of the draws counts.
+    By population Monte Carlo (Cappé and others, 2004): in ``rounds``, the Gaussian that ``draws`` come from follows
+    weights flattened until a quarter of the draws counts.
     """
     centre, spread = mean, covariance
+
+    def normal(apart: Array, covariance: Array) -> Array:
+        return np.asarray(-np.einsum("gi,ij,gj->g", apart, np.linalg.inv(covariance), apart) / 2)
+
     for _ in range(rounds):
         wide = 1.44 * (spread + 1e-3 * covariance)
         places = drawn(centre, wide, draws)
-        logs = log_likelihood(places) + _normal(places - mean, covariance) - _normal(places - centre, wide)
+        logs = log_likelihood(places) + normal(places - mean, covariance) - normal(places - centre, wide)
         logs = np.where(np.isfinite(logs), logs - logs[np.isfinite(logs)].max(), -np.inf)
-        for share in 0.85 ** np.arange(40):
-            weights = np.exp(share * logs) / np.exp(share * logs).sum()
-            if 1 / (weights**2).sum() >= draws / 4:
-                break
+        flat = [np.exp(share * logs) for share in 0.85 ** np.arange(40)]
+        weights = next((one for one in flat if one.sum() ** 2 / (one**2).sum() >= draws / 4), flat[-1])
+        weights /= weights.sum()
         centre = weights @ places
         spread = (places - centre).T * weights @ (places - centre)
     return centre, spread
-
-
-def _normal(apart: Array, covariance: Array) -> Array:
-    return np.asarray(-np.einsum("gi,ij,gj->g", apart, np.linalg.inv(covariance), apart) / 2)

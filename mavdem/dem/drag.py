@@ -1,9 +1,8 @@
 """Drag of a multirotor along its two body axes: the model, what is known of it beforehand, and autopilots' parameters.
 
-The specific force across the thrust axis is that of drag: −(c + q |u|) u along body x and y, of the velocity u relative
-to the air, plus a constant lean. The linear part c is the rotors' momentum drag, the quadratic part q the body's
-(P. Martin and E. Salaün, "The true role of accelerometer feedback in quadrotor control", ICRA 2010; ``drag_fusion.cpp``
-of PX4's EKF2, ``AP_NavEKF3_AirDataFusion.cpp`` of ArduPilot).
+The specific force across the thrust axis is −(c + q |u|) u along body x and y, of the velocity u relative to the air,
+and a constant lean. The linear part c is the rotors' momentum drag, the quadratic part q the body's (Martin and Salaün,
+ICRA 2010; ``drag_fusion.cpp`` of PX4's EKF2, ``AP_NavEKF3_AirDataFusion.cpp`` of ArduPilot).
 """
 
 from __future__ import annotations
@@ -18,9 +17,8 @@ import numpy as np
 from mavdem.confidence import quantile
 from mavdem.dem.engine.linalg import Array
 
-POPULATION, POPULATION_SD = np.log([0.28, 0.014, 1.0, 1.0]), np.array([0.5, 0.9, 0.2, 0.35])
-"""Logarithms of linear drag (1/s), quadratic drag (1/m) and the ratio of body y to body x of each, and their standard
-deviations: 0.12 to 0.64 1/s, as eight real and simulated vehicles have, three of them beside an anemometer."""
+POPULATION, POPULATION_SD = np.log([0.28, 0.014, 1.0, 1.0]), np.array([0.6, 0.9, 0.2, 0.35])
+"""Logarithms of linear drag (1/s), quadratic drag (1/m) and the ratio of body y to x of each: of 8 vehicles, 3 real."""
 LEAN_SD, LEAN_CHANGE = 0.18, 0.1
 """m/s² of lean that no wind makes: 1° of misaligned attitude or shifted load, and of it what one flight only has, as a
 Solo beside an anemometer. PX4's simulator draws 0.05 to 0.4 m/s² of accelerometer bias a flight."""
@@ -44,8 +42,7 @@ class Drag:
     """Drag of one vehicle, per mass, with its uncertainty.
 
     Attributes:
-        mean: (6,) of ln c and ln q, geometric over both axes, of ln c_y/c_x and ln q_y/q_x, and of the lean: m/s² of
-            specific force along body x and y that no wind makes.
+        mean: (6,) of ln c and ln q, geometric over both axes, of ln c_y/c_x and ln q_y/q_x, and of :attr:`lean`.
         covariance: (6, 6) of these.
         source: "population", "parameters", "flight" or "calibration".
     """
@@ -59,9 +56,8 @@ class Drag:
         """Returns the population's drag, and what the ``autopilot``'s own ``parameters`` say where they were set."""
         momentum, ballistic = PARAMETERS.get(autopilot, ("", ""))
         names = momentum, f"{ballistic}X", f"{ballistic}Y"
-        m, x, y = (
-            0.0 if parameters.get(name) in DEFAULTS.get(name, ()) else parameters.get(name, 0.0) for name in names
-        )
+        changed = {name: value for name, value in parameters.items() if round(value, 6) not in DEFAULTS.get(name, ())}
+        m, x, y = (changed.get(name, 0.0) for name in names)
         logs, sd, source = POPULATION.copy(), POPULATION_SD.copy(), "population"
         if m > 0.001:  # below, EKF2 takes the part for switched off
             logs[0], sd[0], source = np.log(m), SET_SD, "parameters"
@@ -84,8 +80,7 @@ class Drag:
     def relative_sd(self, speed: float) -> float:
         """Returns the relative standard deviation of the drag at an air ``speed``, m/s."""
         parts = np.exp(self.mean[:2]) * [1.0, speed]
-        share = parts / parts.sum()
-        return float(np.sqrt(share @ self.covariance[:2, :2] @ share))
+        return float(np.sqrt(parts @ self.covariance[:2, :2] @ parts) / parts.sum())
 
     def parameters(self, autopilot: str) -> dict[str, tuple[float, float, float]]:
         """Returns the ``autopilot``'s parameters to set, with both ends of 90 % intervals; empty without any."""
@@ -112,8 +107,6 @@ class Drag:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Drag:
-        """Returns the drag whose ``values`` :meth:`as_dict` made; ``ValueError`` where one is missing or none."""
-        mean, covariance = (np.array(values.get(name, 0.0), np.float64) for name in ("mean", "covariance"))
-        if (mean.shape, covariance.shape) != ((6,), (6, 6)) or not np.isfinite(covariance.sum() + mean.sum()):
-            raise ValueError("these are not the values of a drag: 6 finite numbers, and 6 by 6")
-        return cls(mean, covariance, str(values.get("source")))
+        """Returns the drag whose ``values`` :meth:`as_dict` made; ``ValueError`` or ``KeyError`` for others."""
+        mean, covariance = (np.array(values[name], np.float64) for name in ("mean", "covariance"))
+        return cls(mean.reshape(6), covariance.reshape(6, 6), str(values["source"]))

@@ -6,6 +6,7 @@ for as much as the manoeuvres are larger. In its steps of 1 s all that is fast i
 
 from __future__ import annotations
 
+from functools import partial
 from itertools import takewhile
 
 import numpy as np
@@ -21,11 +22,9 @@ DRAG_STEP, DRAG_STEPS = 1.0, 600  # s, or the samples' own step; longer flights 
 BESIDE_SECONDS = 10.0  # of means, where the wind was measured beside the vehicle: only its slow part is the same air
 SLOW_SECONDS, MEMORY_SECONDS = 60.0, 20.0  # of the wind in the first pass, and over which its filter follows it
 ANSWER_SECONDS, GUST_CORRELATION = 1.0, 0.3
-"""A gust of f m/s² makes f m/s at most, before the position loop takes it back; and the correlation of the two: hovers
-of both simulators have errors of the drag by 0.15 to 0.35 of that."""
+"""A gust of f m/s² makes f m/s at most, before the position loop takes it back; correlation of both, in hovers."""
 FOLLOWED, FAST_SECONDS, TILTED = 0.3, 0.3, 0.2
-"""Of what the tilt says, the velocity changes by 0.7 to 1.5 in free flight, over so long; less is no free flight, where
-the tilt changes by more than 0.2 m/s² (1°): less may balance gusts."""
+"""In free flight the velocity changes by 0.7 to 1.5 of what the tilt says, over so long; m/s² that gusts balance."""
 GUSTS, GUSTS_SD = np.log([1.0, 5.0, 0.05]), np.array([1.0, 1.0, 0.7])  # of sd (m/s), time (s) and noise (m/s²)
 DRAWS, ROUNDS, COURSES, GUST_STEPS, ITERATIONS = 128, 5, 32, 600, 30
 
@@ -68,11 +67,8 @@ def gridded(time: Array, attitude: Array, velocity: Array, step: float, most: in
 
 def drag_at(logs: Array, moved: Motion, drag: Drag) -> Array:
     """Returns (N,) drag over air speed, 1/s, of ``logs`` (N, ≥ 4), where ``drag`` makes the mean force of ``moved``."""
-    known = moved.known
-    force = float(np.hypot(*np.einsum("tij,ti->tj", moved.axes[known][:, :, :2], moved.force[known]).mean(axis=0)))
-    return np.asarray(
-        np.exp(logs[:, 0]) + np.exp(logs[:, 1]) * air_speed(np.exp(drag.mean[0]), np.exp(drag.mean[1]), force)
-    )
+    (c, q), force = np.exp(drag.mean[:2]), np.nanmean(np.einsum("tij,ti->tj", moved.axes, moved.force)[:, :2], axis=0)
+    return np.asarray(np.exp(logs[:, 0]) + np.exp(logs[:, 1]) * air_speed(c, q, float(np.hypot(*force))))
 
 
 def identified(moved: Motion, drag: Drag) -> tuple[Drag, float]:
@@ -86,19 +82,21 @@ def identified(moved: Motion, drag: Drag) -> tuple[Drag, float]:
         sd = noise * np.sqrt(moved.step * SLOW_SECONDS / 2) / MEMORY_SECONDS / drag_at(logs, moved, drag)
         return np.column_stack([logs, np.log(sd), np.tile(np.log([SLOW_SECONDS, noise]), (len(logs), 1))])
 
-    noise, doubt, mean, covariance = 0.1, 1.0, drag.mean, drag.covariance
+    noise, mean = 0.1, drag.mean
     for rounds in (3, ROUNDS):
         for _ in range(4):
-            errors = filtered(whole(mean[None], noise), moved, keep=True).innovations
+            errors = filtered(whole(mean[None], noise), moved, keep=True)[1]
             noise = max(noise * float(np.sqrt(np.nanmean(errors**2))), 0.01)
         doubt, independent = min(2 * (ANSWER_SECONDS * noise) ** 2 / speed, 1.0), independent_share(errors * steered)
         share = independent / (1 + GUST_CORRELATION**2 * independent * moved.known.sum() * doubt)
 
-        def likelihood(logs: Array, share: float = share, noise: float = noise) -> Array:
-            return share * filtered(whole(logs, noise), moved).log_likelihood
-
-        mean, covariance = posterior(likelihood, drag.mean, drag.covariance, DRAWS, rounds)
-    return Drag(mean, covariance, "flight"), doubt
+        found = partial(lambda share, noise, logs: share * filtered(whole(logs, noise), moved)[0], share, noise)
+        mean, covariance = posterior(found, drag.mean, drag.covariance, DRAWS, rounds)
+    # Slow errors are as a lean, whose information is that of as many errors as are independent.
+    scale = np.append(np.ones(4), np.full(2, min(independent_share(errors) / independent, 1.0)))
+    before, after = np.linalg.inv(drag.covariance), np.linalg.inv(covariance)
+    covariance = np.linalg.inv(before + (after - before) * np.sqrt(np.outer(scale, scale)))
+    return Drag(drag.mean + covariance @ (scale * (after @ (mean - drag.mean))), covariance, "flight"), doubt
 
 
 def independent_share(errors: Array) -> float:
@@ -113,13 +111,12 @@ def courses(fine: Motion, drag: Drag) -> tuple[Array, Array]:
     part = fine.at(slice(GUST_STEPS))
 
     def likelihood(logs: Array) -> Array:
-        return filtered(np.hstack([np.tile(drag.mean, (len(logs), 1)), logs]), part).log_likelihood
+        return filtered(np.hstack([np.tile(drag.mean, (len(logs), 1)), logs]), part)[0]
 
-    gusts, _ = posterior(likelihood, GUSTS, np.diag(GUSTS_SD**2), 32, 4)
     places = drawn(drag.mean, drag.covariance, COURSES)
-    rest = np.tile(gusts, (COURSES, 1))
+    rest = np.tile(posterior(likelihood, GUSTS, np.diag(GUSTS_SD**2), 32, 4)[0], (COURSES, 1))
     rest[:, 0] -= np.log(drag_at(places, fine, drag) / drag_at(drag.mean[None], fine, drag))  # more drag, less wind
-    return smoothed(filtered(np.hstack([places, rest]), fine, keep=True))
+    return smoothed(*filtered(np.hstack([places, rest]), fine, keep=True)[2])
 
 
 def estimate_drag(time: Array, attitude: Array, velocity: Array, wind: Array) -> Drag:
@@ -128,28 +125,22 @@ def estimate_drag(time: Array, attitude: Array, velocity: Array, wind: Array) ->
     ``time``, ``attitude``, ``velocity`` and the errors are those of :func:`mavdem.estimate_wind`. A wind that varies is
     taken for measured beside the vehicle, and compared in means of 10 s.
     """
-    air: Array = np.asarray(wind, np.float64)
-    if air.shape not in ((2,), (len(time), 2)):
-        raise ValueError(f"wind must have shape (2,) or ({len(time)}, 2), not {air.shape}")
-    air = np.tile(air, (len(time), 1)) if air.ndim == 1 else air
+    if np.shape(wind) not in ((2,), (len(time), 2)):
+        raise ValueError(f"wind must have shape (2,) or ({len(time)}, 2), not {np.shape(wind)}")
+    air: Array = np.zeros((len(time), 2)) + np.asarray(wind, np.float64)
     speeds = np.where(np.isfinite(air).all(axis=1, keepdims=True), np.asarray(velocity, np.float64), np.nan)
     stamps, angles, speeds, usable = checked(time, attitude, speeds)
     step = BESIDE_SECONDS if float(np.ptp(air[usable], axis=0).max()) > 0.1 else DRAG_STEP
-    moved = gridded(stamps, angles, speeds, step, DRAG_STEPS, air[usable])
-    moved = moved.at(moved.known)
+    moved, prior = gridded(stamps, angles, speeds, step, DRAG_STEPS, air[usable]), Drag.of_parameters()
+    moved, mean, precision = moved.at(moved.known), prior.mean, np.linalg.inv(prior.covariance)
     relative = np.einsum("tij,tj->ti", moved.axes, moved.velocity)
-    size = np.hypot(*relative.T)[:, None]
-    prior = Drag.of_parameters()
-    mean, precision = prior.mean, np.linalg.inv(prior.covariance)
+    size, ones = np.hypot(*relative.T)[:, None], np.eye(2)[:, None] * -np.ones((len(relative), 1))
     for _ in range(ITERATIONS):  # Gauss-Newton
         linear, quadratic = coefficients(mean)
         errors = moved.force + (linear + quadratic * size) * relative - mean[4:]
-        noise, independent = float(errors.var()), independent_share(errors)
+        weight = independent_share(errors) / max(float(errors.var()), 1e-6)
         parts = linear * relative, quadratic * size * relative
-        slopes = np.stack(
-            [*parts, *(part * AXES for part in parts), *(np.eye(2)[:, None] * -np.ones((len(size), 1)))], 2
-        )
-        flat, weight = slopes.reshape(-1, 6), independent / max(noise, 1e-6)
+        flat = np.stack([*parts, *(part * AXES for part in parts), *ones], 2).reshape(-1, 6)
         covariance = np.linalg.inv(weight * flat.T @ flat + precision)
         pull = weight * flat.T @ errors.ravel() + precision @ (mean - prior.mean)
         mean = mean - np.clip(covariance @ pull, -0.5, 0.5)

@@ -83,21 +83,10 @@ def test_the_size_is_that_of_the_motor_s_own_command_also_where_its_neighbours_h
 
 
 LATER = {  # s, what the motors then have to give in place of 1
-    "one after the other": [
-        (20, [1.2, 1, 1, 1]),
-        (40, [1] * 4),
-        (55, [1, 1, 1.15, 1]),
-        (75, [1] * 4),
-        (90, [1, 1.3, 1, 1]),
-    ],
-    "one while another lasts": [(20, [1, 1.2, 1, 1]), (26, [1, 1.2, 1.25, 1]), (40, [1, 1, 1.25, 1]), (52, [1] * 4)],
-    "worse, and then both at once": [
-        (20, [1, 1, 1, 1.15]),
-        (30, [1, 1, 1, 1.4]),
-        (40, [1.2, 1, 1, 1.4]),
-        (50, [1] * 4),
-    ],
-    "in part": [(20, [1.5, 1, 1, 1]), (40, [1.2, 1, 1, 1]), (60, [1] * 4)],
+    "one after the other": {20: [1.2, 1, 1, 1], 40: [1] * 4, 55: [1, 1, 1.15, 1], 75: [1] * 4, 90: [1, 1.3, 1, 1]},
+    "one while another lasts": {20: [1, 1.2, 1, 1], 26: [1, 1.2, 1.25, 1], 40: [1, 1, 1.25, 1], 52: [1] * 4},
+    "worse, then both at once": {20: [1, 1, 1, 1.15], 30: [1, 1, 1, 1.4], 40: [1.2, 1, 1, 1.4], 50: [1] * 4},
+    "in part": {20: [1.5, 1, 1, 1], 40: [1.2, 1, 1, 1], 60: [1] * 4},
 }
 
 
@@ -105,13 +94,13 @@ LATER = {  # s, what the motors then have to give in place of 1
 def test_every_fault_is_found_and_its_end(faults):
     time, commands = flight(6, 110.0, 0.005)
     rises = np.ones_like(commands)
-    for begin, rise in faults:
+    for begin, rise in faults.items():
         rises[time >= 100.0 + begin] = rise
     found, before = changes(time, commands * rises), [1.0] * 4
-    for begin, rise in faults:
+    for begin, rise in faults.items():
         for motor in np.flatnonzero(np.subtract(rise, before)):
-            [one] = [one for one in found if one.motor == motor + 1 and begin < one.time - 100.0 < begin + 2.5]
-            found.remove(one)
+            one = found.pop(0)
+            assert one.motor == motor + 1 and begin < one.time - 100.0 < begin + 2.5
             assert one.weak == (rise[motor] > 1) and one.size == pytest.approx(rise[motor] - 1, abs=0.05)
             assert one.weak or "gives its thrust again since" in one.sentence
         before = rise
@@ -132,6 +121,13 @@ def test_a_shifted_load_is_called_that_once_it_has_lasted(shift):
 def test_yaw_alone_and_thrust_alone_are_no_motor(change):
     time, commands = flight(8)
     assert not changes(time, commands + after(time, 0.6 * quad(*change)))
+
+
+def test_what_no_cause_explains_and_lasts_does_not_hide_the_next_fault():
+    time, commands = flight(1, 70.0, 0.005)
+    turned = commands + 0.6 * np.outer(time >= 125.0, quad(0.0, 0.0, 0.0, 0.05))
+    [alarm] = changes(time, turned * np.where(time[:, np.newaxis] >= 160.0, [1, 1.12, 1, 1], 1))
+    assert alarm.motor == 2 and 160.0 < alarm.time < 163.0
 
 
 @pytest.mark.slow

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable
-from contextlib import suppress
 from itertools import cycle
 
 import numpy as np
@@ -47,10 +46,10 @@ class OnlineJoint:
         """
         self._dt, self._horizons, self._outputs = dt, np.array(horizons), outputs
         self.combinations: Array | None = None
-        # Of the latest samples, outputs and inputs, the latest first, and constants: (3 H m + m, …) of each form's
+        # Of the latest samples, outputs and inputs, the latest first, and constants: (3 H + 1, m, …) of each form's
         # predictions and, last, of the latest sample by the first form, with its own inputs.
         self._maps: Array | None = None
-        self._constants = np.zeros((3 * len(horizons) + 1) * outputs)
+        self._constants = np.zeros((3 * len(horizons) + 1, outputs))
         self._weights = np.full((3, len(horizons), outputs), 1 / 3)
         self._steps: deque[Array] = deque(maxlen=max(1, round(FASTEST_SECONDS / dt / block)))
         self._fastest = np.zeros(outputs)  # change in a step, of these blocks
@@ -70,10 +69,8 @@ class OnlineJoint:
         self._uncounted = 0
         self._errors.clear()
         self._sizes = np.full((len(self._horizons), len(ERROR_SECONDS), self._outputs), np.nan)
-        self._number = sum(len(block.outputs) for block in self._waiting)
-        self._mean = np.zeros(self._outputs)
-        if self._waiting:
-            self._mean = np.concatenate([block.outputs for block in self._waiting]).mean(axis=0)
+        seen = np.concatenate([np.empty((0, self._outputs)), *(block.outputs for block in self._waiting)])
+        self._number, self._mean = len(seen), seen.sum(axis=0) / max(len(seen), 1)
 
     def add(self, block: MemoryBlock) -> None:
         """Learns from the block that was just closed, whose samples were predicted from."""
@@ -102,11 +99,10 @@ class OnlineJoint:
         if self._maps is not None:
             past = initial_lags(np.hstack([outputs, inputs]), LAGS[-1] + 1)[::-1].ravel()
             with np.errstate(over="ignore", invalid="ignore"):
-                found = self._maps @ past + self._constants
-            every = found[: -self._outputs].reshape(self._weights.shape)
-            if not np.isfinite(every).all():
-                every = np.where(np.isfinite(every), every, latest)
-            expected = found[-self._outputs :] if len(outputs) > 1 else expected
+                found = self._maps.dot(past) + self._constants
+            every = found[:-1].reshape(self._weights.shape)
+            every = every if np.isfinite(every).all() else np.where(np.isfinite(every), every, latest)
+            expected = found[-1] if len(outputs) > 1 else expected
         farthest = (self._horizons[:, None] + 1) * np.maximum(self._fastest, np.abs(latest - outputs[-2:][0]))
         ahead = (self._weights * every).sum(axis=0)
         ahead = np.minimum(np.maximum(ahead, latest - farthest), latest + farthest)
@@ -154,33 +150,30 @@ class OnlineJoint:
         scaled, units = statistics.in_own_units(LAGS[-1], SMALLEST_SCALE)
         units = ChannelUnits(center + scale * units.center, scale * units.scale)
         if self._maps is None:  # a form without a fit holds the last sample
-            self._maps = np.zeros((len(self._constants), (LAGS[-1] + 1) * (m + r)))
-            self._maps[:-m, :m] = np.tile(np.eye(m), (len(self._maps) // m - 1, 1))
-            self._constants[-m:] = np.nan
-        maps, all_constants = (each[:-m].reshape(*self._weights.shape, -1) for each in (self._maps, self._constants))
+            self._maps = np.zeros((*self._constants.shape, (LAGS[-1] + 1) * (m + r)))
+            self._maps[..., :m], self._constants[-1] = np.eye(m), np.nan
         turning, motors = np.arange(m + c), np.r_[:m, m + c : m + c + r]
         forms = (0, turning, (self._choice, next(self._others))), (1, turning, (LONG,)), (2, motors, (ALL_MOTORS,))
         for place, channels, choices in (forms[0], forms[next(self._turns)]):
-            tried = []
-            for choice in choices:
-                gram = scaled.shortened(LAGS[-1], choice.lags, channels)
-                with suppress(np.linalg.LinAlgError):  # of this fit; the next has other samples
-                    tried.append((choice, regress(gram, scaled.rows, choice.prior)))
-            if not tried:
+            try:
+                grams = [scaled.shortened(LAGS[-1], choice.lags, channels) for choice in choices]
+                fits = [regress(gram, scaled.rows, one.prior) for gram, one in zip(grams, choices, strict=True)]
+            except np.linalg.LinAlgError:  # of these fits; the next have other samples
                 continue
-            choice, found = max(tried, key=lambda one: one[1].free_energy)
+            choice, found = max(zip(choices, fits, strict=True), key=lambda one: one[1].free_energy)
             process = Var.of(found, ChannelUnits(units.center[channels], units.scale[channels]))
             if process.spectral_radius > 1 + 1 / self._horizons[-1]:
                 # Of the beginning of a manoeuvre, that seems to grow for ever: the next block shows its end.
                 self._uncounted = round(REFIT_SECONDS / self._dt)
                 continue
-            weights, constants = process.ahead(tuple(self._horizons.tolist()), m)
-            maps[place], all_constants[place, ..., 0] = self._physical(process, channels, weights, constants)
+            rows = slice(place * len(self._horizons), (place + 1) * len(self._horizons))
+            ahead = process.ahead(tuple(self._horizons.tolist()), m)
+            self._maps[rows], self._constants[rows] = self._physical(process, channels, *ahead)
             if place == 0:
                 self._choice, gain, across = choice, process.output_gain(m), process.across
                 weights = np.hstack([np.zeros((m, m)), gain, across[:m] - gain @ across[m:]])
                 constants = process.offset[:m] - gain @ process.offset[m:]
-                self._maps[-m:], self._constants[-m:] = self._physical(process, channels, weights, constants)
+                self._maps[-1], self._constants[-1] = self._physical(process, channels, weights, constants)
 
     def _physical(self, process: Var, channels: Array, weights: Array, constants: Array) -> tuple[Array, Array]:
         """Weights (…, m, p k) of the latest p samples of some ``channels``, and constants (…, m)."""

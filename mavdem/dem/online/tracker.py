@@ -7,10 +7,10 @@ are where it stays above what is usual for this vehicle in this flight.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import stdtrit
 
 from mavdem.confidence import LEVEL
 from mavdem.dem.engine.ascent import CoordinateAscent
@@ -45,9 +45,9 @@ FALSE_MARK_SECONDS = 300.0
 """Mean time between marks in a flight that goes on as before, manoeuvres included."""
 EVIDENCE_SECONDS = 1.0
 PEAK_SECONDS = 5.0
-PEAKS = 24  # the latest that the limit is computed of: two minutes
+PEAKS = round(FALSE_MARK_SECONDS / PEAK_SECONDS)  # the latest that the limit is computed of
 MIN_PEAKS = 3
-MIN_SPREAD = 0.12  # standard deviation of peaks, which a few that happen to be equal do not show
+MIN_SPREAD = 0.09  # scale of Gumbel's distribution of peaks, which a few that happen to be equal do not show
 REFRACTORY_SECONDS = 20.0  # of no other mark: as long as the learner's memory holds what came before the change
 
 USEFUL_RATIO = 0.5  # of squared errors, below which a prediction is worth showing
@@ -132,13 +132,15 @@ class Tracking(NamedTuple):
     log_precisions: Array
     energy: SampleEnergy
     disturbance: Array  # (n, dim X) w from X, in the states' physical units per second
+    past: Array  # F(t) less its priors, of the latest training data
 
     @classmethod
     def of(cls, learned: Learned) -> Tracking:
         """Evaluates the model's belief on its training data again, at the same θ."""
         record, settings = learned.record, learned.settings
         model = generative_model(settings, learned.scaling, record)
-        samples = SufficientStatistics.of(*generalized(settings, learned.scaling, record))
+        segments = generalized(settings, learned.scaling, record)
+        samples = SufficientStatistics.of(*segments)
         moments = GeneralizedMoments.of(model, samples, learned.state_map)
         belief = Belief(moments, *(np.empty(0),) * 5)._replace(
             theta=learned.theta, lambda_=learned.learning.lambda_[-1]
@@ -154,7 +156,9 @@ class Tracking(NamedTuple):
         disturbance[:, : model.n] -= A
         disturbance[:, model.n * (model.p + 1) :][:, : model.r] -= B
         scale = learned.scaling.state_scale(model.n)[:, None]
-        return cls(belief.lambda_, SampleEnergy.of(model, belief), disturbance * scale)
+        energy, data = SampleEnergy.of(model, belief), np.concatenate(segments)[-round(SURPRISE_SECONDS / learned.dt) :]
+        past = energy.at(data, data @ learned.state_map.T) - energy.priors
+        return cls(belief.lambda_, energy, disturbance * scale, past)
 
 
 class Tracker:
@@ -169,7 +173,7 @@ class Tracker:
 
     def evaluate(self, memory: Memory) -> tuple[float, Array]:
         """Returns F(t) less its priors, and the disturbance, at the centre of the latest window; NaN without one."""
-        (inputs, outputs), (_, energy, disturbance) = memory.latest(self.window), self.tracking
+        (inputs, outputs), (_, energy, disturbance, _) = memory.latest(self.window), self.tracking
         if len(outputs) < self.window:
             return np.nan, np.full(len(disturbance), np.nan)
         scaling = self.learned.scaling
@@ -227,13 +231,15 @@ class ErrorBands:
 class Surprise:
     """Standardises F(t) by the median and the low quantile of its past.
 
-    Not by a standard deviation: F(t) has a long lower tail, and one gust would hide the next.
+    Not by a standard deviation: F(t) has a long lower tail, and one gust would hide the next. Each model has a level of
+    F(t) of its own, so that each new one begins with the ``past`` by itself.
     """
 
-    def __init__(self, dt: float) -> None:
-        """Begins without a past, of values every ``dt`` s."""
-        self._past: deque[float] = deque(maxlen=max(round(SURPRISE_SECONDS / dt), 2 * MIN_PAST))
+    def __init__(self, dt: float, past: Iterable[float] = ()) -> None:
+        """Begins with this ``past``, of values every ``dt`` s."""
+        self._past = deque(past, max(round(SURPRISE_SECONDS / dt), 2 * MIN_PAST))
         self._median, self._unit = np.nan, np.nan
+        self.update_quantiles()
 
     def add(self, value: float) -> float:
         """Takes the next value; returns its distance below the median, in units of the low quantile's."""
@@ -253,8 +259,8 @@ class AnomalyMarks:
 
     The evidence is log(1 + surprise), averaged over ``EVIDENCE_SECONDS``: a short manoeuvre gives less than a change
     that lasts, and a failure more than all. Its largest values in every ``PEAK_SECONDS`` are the vehicle's own. The
-    limit is what the next of them exceeds once in ``FALSE_MARK_SECONDS``: by Student's t about their median, in units
-    of their median deviation, so that few peaks give a high limit and none gives no mark.
+    limit is what the next of them exceeds once in ``FALSE_MARK_SECONDS``: by Gumbel's distribution of largest values,
+    whose tail is longer than a normal one, with their median and median deviation. A few peaks give no mark.
     """
 
     def __init__(self, dt: float) -> None:
@@ -290,7 +296,6 @@ def _limit(peaks: np.typing.NDArray[np.float64]) -> float:
     number = len(peaks)
     if number < MIN_PEAKS:
         return np.inf
-    middle = np.median(peaks)
-    spread = max(1.4826 * float(np.median(np.abs(peaks - middle))), MIN_SPREAD)
-    far = stdtrit(number - 1, 1 - PEAK_SECONDS / FALSE_MARK_SECONDS) * np.sqrt(1 + 1 / number)
-    return float(middle + far * spread)
+    middle, far = float(np.median(peaks)), np.log(np.log(2)) - np.log(-np.log(1 - PEAK_SECONDS / FALSE_MARK_SECONDS))
+    scale = max(float(np.median(np.abs(peaks - middle))) / 0.767, MIN_SPREAD)  # Gumbel's median deviation is 0.767
+    return middle + float(np.sqrt(1 + 1 / number) * far) * scale

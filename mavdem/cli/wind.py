@@ -1,0 +1,50 @@
+"""``mavdem wind``: wind speed and direction, gusts, the vehicle's drag, and the parameters to set."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import click
+
+from mavdem.alignment.read import choose_vehicle
+from mavdem.alignment.signals import Signals
+from mavdem.cli.options import file_option, vehicle_option
+from mavdem.cli.output import print_result
+from mavdem.cli.sources import read_source
+from mavdem.condition.wind_of_log import wind_of
+from mavdem.dem.drag import Drag
+from mavdem.errors import Unreadable
+from mavdem.report.blocks import Table
+from mavdem.report.condition import wind_blocks
+
+
+@click.command("wind")
+@click.argument("source", type=click.Path())
+@vehicle_option
+@file_option("--prior", "What `mavdem wind --json` printed of another flight: its drag is the prior.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON document and nothing else.")
+def wind_command(source: str, vehicle: str | None, prior: Path | None, as_json: bool) -> None:
+    """Reports the wind in m/s, where it comes from, and the vehicle's drag, with intervals of 90 %.
+
+    SOURCE is a log with attitude and velocity over ground, at 1 Hz and faster. Legs in several directions show the
+    drag; a hover needs --prior, or the autopilot's drag parameters. Exit code: 1 if the log cannot have a wind.
+    """
+    signals = Signals(choose_vehicle(read_source(source).vehicles, vehicle))
+    wind = wind_of(signals, None if prior is None else _drag_in(prior))
+    drag, blocks = wind.drag, wind_blocks((wind, signals.autopilot_wind, ""))
+    for header, name, rows in (("Time (s)", "start", wind.minutes), ("Height (m)", "height", wind.profile)):
+        cells = [[f"{one[name]:.0f}", f"{one['speed']:.1f}", f"{one['direction']:.0f}"] for one in rows]
+        blocks += [Table([header, "Wind (m/s)", "From (°)"], cells)] if len(rows) > 1 else []
+    settings = drag.parameters(signals.telemetry.autopilot)
+    numbers = settings | {"linear drag (1/s)": (drag.linear.mean(), *drag.interval("linear").mean(axis=1))}
+    table = [[name, *(f"{value:.3g}" for value in values)] for name, values in numbers.items()]
+    blocks.append(Table([f"Drag by {drag.source}", "value", "from", "to"], table))
+    print_result(wind.as_dict() | {"parameters": settings}, blocks, as_json)
+
+
+def _drag_in(path: Path) -> Drag:
+    try:
+        return Drag.from_dict(json.loads(path.read_text())["drag"]).of_next_flight()
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise Unreadable(f"{path} holds no drag ({error}): give what `mavdem wind --json` printed.") from error
