@@ -12,7 +12,7 @@ from contextlib import ExitStack, closing
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from time import monotonic, thread_time
+from time import monotonic
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -38,7 +38,6 @@ from mavdem.report.page import live_page
 
 STATUS_SECONDS = 5.0  # between two status lines on standard error
 ENDING_SECONDS = 9.0  # from a request to end until the page is given up; what follows takes less than a second
-COLLECTING_SECONDS = 0.003  # of a collection of garbage, for which a sample may wait
 SWITCH_SECONDS = 5e-4  # for which another thread may compute while a sample waits
 
 if TYPE_CHECKING:
@@ -279,23 +278,20 @@ def _written(path: Path | None, text: str, what: str) -> bool:
 
 def _run(session: LiveSession, asked: Callable[[], bool], duration: float | None) -> None:
     """Runs until the time is over or the user asks to end."""
-    # No sample waits for a collection, nor longer than that for another thread.
+    # No sample waits for a long collection, which only goes through what is new, nor for another thread.
     gc.collect()
     gc.freeze()
     gc.disable()
-    interval, began, reported = sys.getswitchinterval(), monotonic(), monotonic()
+    interval, began, reported, line = sys.getswitchinterval(), monotonic(), monotonic(), ""
     sys.setswitchinterval(SWITCH_SECONDS)
-    line = ""
     while not asked() and (duration is None or monotonic() - began < duration):
         session.step()
         if monotonic() - reported >= STATUS_SECONDS:
             reported, before, line = monotonic(), line, _status_line(session.status, session.stream.axis)
             if line not in ("", before):
                 say_aside(line)
-            used = thread_time()
             gc.collect()
-            if thread_time() - used > COLLECTING_SECONDS:
-                gc.freeze()  # what was loaded meanwhile is not gone through again
+            gc.freeze()
     gc.enable()
     sys.setswitchinterval(interval)
 

@@ -1,10 +1,9 @@
 #!/usr/bin/env python
 """The cost of `mavdem live`: latency from a datagram's arrival, as the kernel stamps it, to its estimate, and CPU time.
 
-Input is a simulated hover at 50, 100, 200 and 400 Hz, sent by another process over UDP on this machine for half a
-minute. Settings are the default ones; a dashboard and the raw stream are recorded.
+A simulated hover is sent by another process over UDP for half a minute; dashboard and raw stream are recorded.
 
-Usage: tools/bench/live_latency.py [--busy] [--rate HZ]...
+Usage: tools/bench/live_latency.py [--busy]
 """
 
 from __future__ import annotations
@@ -15,6 +14,7 @@ import os
 import socket
 import time
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -62,20 +62,14 @@ def send(rate: float) -> None:
             outlet.sendto(datagram, ("127.0.0.1", PORT))
 
 
-def spin() -> None:
-    while True:
-        pass
-
-
-def silence(_: object) -> None: ...
-
-
 def over_udp(rate: float, folder: Path) -> str:
-    link, recording = Link(f"udpin:127.0.0.1:{PORT}"), RawRecording(folder / f"{rate:.0f}.tlog")
+    link, path = Link(f"udpin:127.0.0.1:{PORT}"), folder / f"{rate:.0f}.rrd"
     vehicle = multiprocessing.get_context("spawn").Process(target=send, args=(rate,))
-    dashboard = Dashboard("a simulated hover", "roll", folder / f"{rate:.0f}.rrd", serve=False, connect=None)
-    with LearningProcess() as executor:
-        shown = dashboard.open, dashboard.report, silence
+    with closing(Dashboard("a hover", "roll", path, False, None)) as dashboard, LearningProcess() as executor:
+        shown, recording = (
+            (dashboard.open, dashboard.report, list[str]().append),
+            RawRecording(path.with_suffix(".tlog")),
+        )
         session = LiveSession(link, LiveStream(), Settings(), *shown, executor, recording)
         vehicle.start()
         while session.status.vehicle is None:
@@ -83,7 +77,6 @@ def over_udp(rate: float, folder: Path) -> str:
         used, main, began = time.process_time(), time.thread_time(), time.monotonic()
         _run(session, lambda: not vehicle.is_alive(), None)
         spent, used, main = time.monotonic() - began, time.process_time() - used, time.thread_time() - main
-    dashboard.close()
     link.close()
     status, latency = session.status, [1e3 * each for each in session.status.latency]
     row = [f"{rate:.0f}", status.learned + status.shown, status.lost, *(f"{each:.1f}" for each in latency)]
@@ -92,15 +85,13 @@ def over_udp(rate: float, folder: Path) -> str:
 
 @click.command(help=__doc__)
 @click.option("--busy", is_flag=True, help="Beside a busy loop on every core.")
-@click.option("--rate", "rates", multiple=True, type=float, default=(50.0, 100.0, 200.0, 400.0))
-def main(busy: bool, rates: tuple[float, ...]) -> None:
-    loops = [multiprocessing.Process(target=spin, daemon=True) for _ in range(busy * (os.cpu_count() or 1))]
-    for loop in loops:
-        loop.start()
+def main(busy: bool) -> None:
+    for _ in range(busy * (os.cpu_count() or 1)):
+        multiprocessing.Process(target=exec, args=("while True: pass",), daemon=True).start()
     print("| Hz | rows | lost | median, ms | 99th percentile, ms | longest, ms | main thread | process, of a core |")
     print("|---|---|---|---|---|---|---|---|")
     with TemporaryDirectory() as folder:
-        for rate in rates:
+        for rate in (50.0, 100.0, 200.0, 400.0):
             print(over_udp(rate, Path(folder)), flush=True)
 
 
