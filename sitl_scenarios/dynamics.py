@@ -3,8 +3,7 @@
 North-east-down (NED), body axes forward, right, down (FRD). On the body act its weight, the rotors' thrust along −z and
 torque about z, and air that moves past it:
 
-- the hull's drag, ½ρ C_d A |a| a, for air that moves with a relative to the body; along the body's x and y axes a
-  scenario may set others, and other rotors' drags too;
+- the hull's drag, ½ρ C_d A |a| a, for air that moves with a relative to the body; a scenario may set others;
 - each rotor's drag, k ω a along its disc: the H-force, linear in rotor speed and in the air's (Ph. Martin and
   E. Salaün, ICRA 2010; R. Mahony, V. Kumar and P. Corke, "Multirotor aerial vehicles", IEEE RAM 2012);
 - each rotor's loss of thrust to air that moves down through its disc, k_z ω a_z, with a_z at its own hub. So a body
@@ -167,7 +166,11 @@ def dynamics(vehicle: VehicleSpec, condition: Damage = UNDAMAGED) -> Dynamics:
     thrust2, thrust1 = body.thrust
     torque2, torque1 = body.torque
     half_rho_area = AIR_DENSITY * body.drag_area / 2
-    (along_x, along_y), (hull_x, hull_y) = _drag(vehicle)
+    (along_x, along_y), (hull_x, hull_y) = (body.rotor_drag * vehicle.rotor_drag,) * 2, (half_rho_area,) * 2
+    if vehicle.drag_linear is not None:
+        along_x, along_y = (one * mass / (4 * body.hover_speed) for one in vehicle.drag_linear)
+    if vehicle.drag_quadratic is not None:
+        hull_x, hull_y = (one * mass for one in vehicle.drag_quadratic)
     through = body.inflow if vehicle.rotor_drag else 0.0
 
     def change(attitude: Quaternion, velocity: Three, rates: Three, rotors: Four, air: AirState) -> Change:
@@ -236,34 +239,17 @@ def dynamics(vehicle: VehicleSpec, condition: Damage = UNDAMAGED) -> Dynamics:
     return change
 
 
-def _drag(vehicle: VehicleSpec) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Along body x and y: of a rotor, N per (rad/s · m/s), and of the hull, N per (m/s)²."""
-    body = airframe(vehicle)
-    rotor, hull = (body.rotor_drag if vehicle.rotor_drag else 0.0,) * 2, (AIR_DENSITY * body.drag_area / 2,) * 2
-    if vehicle.drag_linear is not None:
-        share = body.mass / (4 * body.hover_speed)
-        rotor = vehicle.drag_linear[0] * share, vehicle.drag_linear[1] * share
-    if vehicle.drag_quadratic is not None:
-        hull = vehicle.drag_quadratic[0] * body.mass, vehicle.drag_quadratic[1] * body.mass
-    return rotor, hull
-
-
 def drag(vehicle: VehicleSpec) -> tuple[tuple[float, float], tuple[float, float]]:
     """Returns linear (1/s, in hover) and quadratic (1/m) drag along body x and y: a = −(linear + quadratic |v|) v."""
-    body, ((rotor_x, rotor_y), (hull_x, hull_y)) = airframe(vehicle), _drag(vehicle)
-    spin = 4 * body.hover_speed / body.mass
-    return (rotor_x * spin, rotor_y * spin), (hull_x / body.mass, hull_y / body.mass)
+    body = airframe(vehicle)
+    rotor, hull = body.rotor_drag * vehicle.rotor_drag * 4 * body.hover_speed, AIR_DENSITY * body.drag_area / 2
+    return vehicle.drag_linear or (rotor / body.mass,) * 2, vehicle.drag_quadratic or (hull / body.mass,) * 2
 
 
 def turned(attitude: Quaternion, half: Three) -> Quaternion:
     """An attitude after a small rotation about the body's axes by half angles, rad; not quite of unit length."""
     (a, b, c, d), (x, y, z) = attitude, half
-    return (
-        a - b * x - c * y - d * z,
-        b + a * x + c * z - d * y,
-        c + a * y + d * x - b * z,
-        d + a * z + b * y - c * x,
-    )
+    return (a - b * x - c * y - d * z, b + a * x + c * z - d * y, c + a * y + d * x - b * z, d + a * z + b * y - c * x)
 
 
 def euler(attitude: Quaternion) -> tuple[float, float, float]:

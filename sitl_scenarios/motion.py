@@ -68,8 +68,7 @@ class Holding:
         if isinstance(scenario.excitation, Steps):
             places.append((0.0, scenario.excitation.distance, 0.0))
         elif isinstance(scenario.excitation, Course):
-            moves = [(move.north, move.east, -move.up) for move in scenario.excitation.moves]
-            places += np.cumsum(moves, axis=0).tolist()
+            places += np.cumsum([(one.north, one.east, -one.up) for one in scenario.excitation.moves], axis=0).tolist()
         self._box = np.array([np.min(places, axis=0), np.max(places, axis=0)]) - (0.0, 0.0, scenario.height)
         self._stop = pulse(scenario.vehicle.stop)
         self._since: float | None = None

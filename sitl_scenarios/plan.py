@@ -10,18 +10,7 @@ from scipy.fft import ifft
 
 from sitl_scenarios.dynamics import Three
 from sitl_scenarios.motion import Array
-from sitl_scenarios.scenario import (
-    AXES,
-    STICKS,
-    Chirp,
-    Course,
-    Doublets,
-    Move,
-    Multisine,
-    Scenario,
-    Steps,
-    Sticks,
-)
+from sitl_scenarios.scenario import AXES, STICKS, Chirp, Course, Doublets, Move, Multisine, Scenario, Steps, Sticks
 from sitl_scenarios.wind import gaussian_noise
 
 BOOT_SECONDS = 2.0  # Seconds from the autopilot's boot until it arms itself
@@ -62,12 +51,11 @@ def times(scenario: Scenario) -> Times:
     """When a scenario does what. Raises ValueError: the duration leaves no time to hover."""
     climb, descent = max(3.0, scenario.height / _FASTEST), max(4.0, scenario.height / _FASTEST)
     after = AFTER_SECONDS + scenario.idle
-    excited, course = 1.0, isinstance(scenario.excitation, Course)
-    if isinstance(scenario.excitation, Course):
-        excited = fsum(sum(move_seconds(move)[1:]) for move in scenario.excitation.moves)
+    moves = scenario.excitation.moves if isinstance(scenario.excitation, Course) else ()
+    excited = max(fsum(sum(move_seconds(move)[1:]) for move in moves), 1.0)
     shortest = SPIN_UP_SECONDS + climb + excited + 2 * SETTLE_SECONDS + descent + after
     if scenario.duration < shortest:
-        least = f"at least {shortest:g} s for a height of {scenario.height:g} m" + " and the course" * course
+        least = f"at least {shortest:g} s for a height of {scenario.height:g} m" + " and the course" * bool(moves)
         raise ValueError(f"duration must be {least}, not {scenario.duration:g}")
     return Times(climb, descent, SPIN_UP_SECONDS + climb, scenario.duration - after - descent)
 
@@ -121,8 +109,7 @@ class Plan:
         if rounds >= self._rounds:
             return Reference(2, self._height, 0.0, 0.0)
         north, east, up, ahead, aside, climb, turn = self._course[row]
-        demand = (0.0, 0.0, turn)
-        return Reference(2, self._height + up, climb, east, demand, north=north, velocity=(ahead, aside))
+        return Reference(2, self._height + up, climb, east, (0.0, 0.0, turn), False, north, (ahead, aside))
 
     def _excited(self, time: float) -> tuple[float, Three]:
         """Aside (m) and demand, ``time`` seconds after the excitation began."""
@@ -162,11 +149,12 @@ def _course(course: Course, cycle: float) -> Array:
         leg = length / fastest + ramp if length else 0.0
         # Faster, evenly, and slower again.
         first, last = np.minimum(time, ramp), np.clip(time - leg + ramp, 0.0, ramp)
-        speed = BRAKING * (first - last)
         done = BRAKING / 2 * (first**2 - last**2) + fastest * (np.clip(time - ramp, 0.0, leg - ramp))
         turning = radians(move.rate) * (time < abs(move.turn) / move.rate) * (1 if move.turn > 0 else -1)
-        along = way / length if length else way
-        rows.append(np.column_stack([begin + done[:, None] * along, speed[:, None] * along, turning]))
+        along = way / (length or 1.0)
+        rows.append(
+            np.column_stack([begin + np.outer(done, along), np.outer(BRAKING * (first - last), along), turning])
+        )
         begin = begin + way
     return np.concatenate(rows)
 

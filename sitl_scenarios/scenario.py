@@ -8,7 +8,7 @@ prints what each key means: the description of its pydantic field.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import cos, inf, radians, sin
+from math import cos, inf, log, radians, sin
 from typing import Annotated, Literal
 
 import numpy as np
@@ -191,7 +191,7 @@ class Jet(Section):
 
 
 class Profile(Section):
-    """How the sum of all winds but jets grows and turns with height, and turns in time."""
+    """How all winds but jets grow and turn with height (Kaimal and Finnigan 1994, chapter 1), and turn in time."""
 
     law: Literal["none", "power", "log"] = "none"
     """Of the speed: (z/reference)^exponent, or log(z/roughness) / log(reference/roughness), at the height z."""
@@ -200,6 +200,14 @@ class Profile(Section):
     roughness: float = Field(0.03, gt=0, lt=1, description="Length of the logarithmic law, m; 0.03 of grass")
     veer: Degrees = Field(0.0, description="Clockwise turn with height, degrees/m")
     turn: Degrees = Field(0.0, description="Clockwise turn in time, from arming, degrees/s")
+
+    def at(self, height: float, time: float) -> tuple[float, float]:
+        """Returns the share of the speed at the reference, and the clockwise turn (rad), at m and s since arming."""
+        z = max(height, 0.0)
+        share = (z / self.reference) ** (self.exponent if self.law == "power" else 0.0)
+        if self.law == "log":
+            share = log(max(z / self.roughness, 1.0)) / log(self.reference / self.roughness)
+        return share, radians(self.veer * (z - self.reference) + self.turn * time)
 
 
 Wind = Annotated[SteadyWind | GaussianWind | TurbulentWind | Gust | Jet, Field(discriminator="kind")]
@@ -407,9 +415,7 @@ class Scenario(Section):
         if isinstance(self.excitation, Course):
             at = np.cumsum([(move.north, move.east, move.up) for move in self.excitation.moves], axis=0)
             back, lowest = float(np.abs(at[-1]).max()), self.height + float(at[:, 2].min())
-            limits.append(
-                (back > 1e-6, "the way from the course's beginning to its end", back, "none at all", 0.0, "m")
-            )
+            limits.append((back > 1e-6, "the course's end, from its beginning,", back, "none at all", 0.0, "m"))
             limits.append((lowest < 0.5, "the course's lowest height", lowest, "clear of the ground", 0.5, "m"))
         for wrong, key, given, relation, limit, unit in limits:
             if wrong:

@@ -122,7 +122,6 @@ def truth(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:
     ``roll_A`` (2, 2) and ``roll_B`` (2, 4) are of angle (rad) and rate (rad/s) without lag, by µs from ``trim`` (4,);
     ``roll_lag_A``, ``roll_lag_B`` with the rotors' angular acceleration, rad/s², as third state; ``lag`` mean, rising,
     falling, s; ``roll_disturbance`` (N,), rad/s²; ``roll_effect`` (4,), rad/s² per µs; likewise ``pitch_…``, ``yaw_…``.
-    ``drag_linear`` (1/s) and ``drag_quadratic`` (1/m) are along body x and y, (2,).
     """
     body = airframe(scenario.vehicle)
     up, down = body.lag

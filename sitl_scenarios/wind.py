@@ -17,7 +17,7 @@ state: Dryden's filters are solved exactly, von Kármán's autocorrelation is em
 from __future__ import annotations
 
 from functools import lru_cache
-from math import ceil, cos, exp, fsum, log, pi, radians, sin, sqrt
+from math import ceil, cos, exp, fsum, log, pi, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -27,18 +27,7 @@ from scipy.special import gamma, gammainc, kv
 
 from sitl_scenarios.dynamics import AirState, Three, frame
 from sitl_scenarios.motion import Array
-from sitl_scenarios.scenario import (
-    MOMENT,
-    WIND,
-    GaussianWind,
-    Gust,
-    Jet,
-    Profile,
-    Scenario,
-    SteadyWind,
-    TurbulentWind,
-    towards,
-)
+from sitl_scenarios.scenario import MOMENT, WIND, GaussianWind, Gust, Jet, Scenario, SteadyWind, TurbulentWind, towards
 from sitl_scenarios.vehicles import AIRFRAMES
 
 
@@ -230,20 +219,6 @@ def gust_speed(wind: Gust, time: Array) -> Array:
     return np.array([wind.speed / 2 * (1 - cos(pi * share)) for share in risen.tolist()])
 
 
-def profile_at(profile: Profile, height: float, time: float) -> tuple[float, float]:
-    """Returns the share of the speed at the reference height, and the clockwise turn (rad), at a ``height``, m.
-
-    ``time`` is in seconds since arming. Power and logarithmic law are those of the neutral surface layer
-    (J. Kaimal and J. Finnigan, "Atmospheric Boundary Layer Flows", 1994, chapter 1).
-    """
-    height, share, z0 = max(height, 0.0), 1.0, profile.roughness
-    if profile.law == "power":
-        share = (height / profile.reference) ** profile.exponent
-    elif profile.law == "log":
-        share = log(max(height / z0, 1.0)) / log(profile.reference / z0)
-    return share, radians(profile.veer * (height - profile.reference) + profile.turn * time)
-
-
 class Weather:
     """The air of a flight, held through each cycle of ``dt`` s; ``time`` (N,): of each, seconds since arming."""
 
@@ -271,15 +246,14 @@ class Weather:
             noise = scenario.random(MOMENT, number)
             air[:, AirState._fields.index(moment.axis)] += moment.sd * gaussian_noise(moment.s, dt, samples, noise)
         self._air = air
-        self._profile = None if scenario.profile == Profile() else scenario.profile
-        self._time = time.tolist()
+        self._profile, self._time = scenario.profile, time.tolist()
 
     def at(self, cycle: int, position: Three) -> AirState:
         """The air at ``position`` (NED, m) in a cycle, counted from 0; before the first and after the last, theirs."""
         cycle = min(max(cycle, 0), len(self._air) - 1)
         air = AirState(*self._air[cycle].tolist())
-        if self._profile is not None:
-            share, angle = profile_at(self._profile, -position[2], max(self._time[cycle], 0.0))
+        if self._profile.model_fields_set:
+            share, angle = self._profile.at(-position[2], max(self._time[cycle], 0.0))
             c, s = share * cos(angle), share * sin(angle)
             air = air._replace(north=c * air.north - s * air.east, east=s * air.north + c * air.east)
         for jet, turbulence in self._jets:

@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 MAV_TYPES = {"FIXED_WING": 1, "QUADROTOR": 2, "GCS": 6, "GROUND_ROVER": 10, "SUBMARINE": 12, "HEXAROTOR": 13}
 MAV_AUTOPILOTS = {"ARDUPILOTMEGA": 3, "INVALID": 8, "PX4": 12}
 ARMED = 128
-LEVEL = ("pitch", "pitchspeed", "yawspeed")
+LEVEL = ("pitch", "pitchspeed", "yaw", "yawspeed")
 X_QUAD = np.array([-1.0, 1.0, 1.0, -1.0])
 """Sign of the roll torque of motors 1 front right, 2 rear left, 3 front left, 4 rear right."""
 

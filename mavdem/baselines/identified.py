@@ -127,10 +127,7 @@ class Fitted(NamedTuple):
 
 
 def identified(
-    method: str,
-    train: UniformRecord | Sequence[UniformRecord],
-    fit: Callable[[Segments], Fitted],
-    unfinished: str = "",
+    method: str, train: UniformRecord | Sequence[UniformRecord], fit: Callable[[Segments], Fitted], unfinished: str = ""
 ) -> Identified:
     """The result of ``fit``; ``unfinished`` says what it still did where it has not converged."""
     record = Record.of(train)

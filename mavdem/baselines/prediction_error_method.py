@@ -10,14 +10,7 @@ from scipy.linalg import null_space
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
-from mavdem.baselines.identified import (
-    CONVERGED_NATS,
-    LEAST_VARIANCE,
-    Fitted,
-    Identified,
-    Segments,
-    identified,
-)
+from mavdem.baselines.identified import CONVERGED_NATS, LEAST_VARIANCE, Fitted, Identified, Segments, identified
 from mavdem.baselines.subspace_identification import found_by_projection
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import WORST_MODES, recursion

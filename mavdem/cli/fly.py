@@ -51,9 +51,7 @@ class ScenarioName(click.Path):
 @file_option("--rrd", "Rerun recording to write: the flight in 3D.")
 @click.option("--udp", metavar="HOST:PORT", callback=no_option, help="Fly live and send MAVLink to HOST:PORT.")
 @click.option(
-    "--speed",
-    type=Number(0.01, 1000.0),
-    help="Speed of a live flight, as a multiple of real time.  [default: 1]",
+    "--speed", type=Number(0.01, 1000.0), help="Speed of a live flight, as a multiple of real time.  [default: 1]"
 )
 @click.option("--seed", type=int, help="Random seed, instead of the scenario's.")
 @click.option("--duration", type=float, help="Seconds from arming to disarming, instead of the scenario's.")

@@ -12,7 +12,7 @@ from mavdem.cli.output import complain, print_json, say
 from mavdem.cli.sources import read_source
 from mavdem.condition.inventory import inventory
 from mavdem.report.blocks import Block, Sentence
-from mavdem.report.condition import sender, stream_contents, vehicle_contents
+from mavdem.report.condition import air_of, sender, stream_contents, vehicle_contents, wind_blocks
 from mavdem.report.screen import conclusion
 
 
@@ -39,7 +39,9 @@ def info_command(
     held, blocks = inventory(log, axis, vehicle, inputs, known), list[Block]()
     for shown, one in zip(held["vehicles"], analyses.values(), strict=True):
         shown |= one.findings.as_dict() | {"model": one.model}
-        blocks += [*conclusion(one.findings), *vehicle_contents(shown), Sentence("")]
+        air = air_of(Signals(choose_vehicle(log.vehicles, sender(shown))))
+        shown["wind_velocity"] = air[0] and air[0].as_dict()
+        blocks += [*conclusion(one.findings), *vehicle_contents(shown), *wind_blocks(air), Sentence("")]
     held["learnable"] = any(one["model"] for one in held["vehicles"])
     if not held["vehicles"]:
         what = "There is no vehicle in this log: check that the autopilot's own messages are recorded."

@@ -12,6 +12,7 @@ import click
 
 from mavdem.alignment.drive import TILT_AXES
 from mavdem.alignment.read import choose_vehicle
+from mavdem.alignment.signals import Signals
 from mavdem.analysis import LogAnalysis, analyse
 from mavdem.analysis.figures import ALL
 from mavdem.cli.options import file_option, folder_named, model_options, source_options, window_options
@@ -24,6 +25,7 @@ from mavdem.errors import advice, missing
 from mavdem.evaluate.windows import Length
 from mavdem.export.conversion import write_channels
 from mavdem.report.blocks import Block, Sentence
+from mavdem.report.condition import Air, air_of, wind_blocks
 from mavdem.report.details import detail_blocks
 from mavdem.report.flights import truth_blocks
 from mavdem.report.page import log_page
@@ -120,8 +122,11 @@ def learn_command(
     learned, verdict, condition = analysis.learned, analysis.verdict, analysis.condition
     if learned is None and analysis.tier.name is None:
         raise analysis.refusal
+    telemetry = choose_vehicle(log.vehicles, vehicle)
+    air = air_of(Signals(telemetry))
     report: dict[str, Any] = {
         **analysis.as_dict(),
+        "wind_velocity": air[0] and air[0].as_dict(),
         "seconds": round(perf_counter() - began, 3),
         "files": {name: str(folder / name) for name in result_files(with_model=learned is not None)},
     }
@@ -135,11 +140,12 @@ def learn_command(
         blocks += vehicle_blocks(analysis.vehicle, bool(analysis.findings.overrides)) if axis == ALL else []
         blocks += [] if analysis.truth is None else truth_blocks(analysis.truth)
         details = detail_blocks(learned, report)
-    telemetry = choose_vehicle(log.vehicles, vehicle)
+    blocks[-1:-1] = wind_blocks(air)  # what to do next stays last
     known = {(telemetry.system, telemetry.component): (verdict, condition, analysis.identity)}
     held = inventory(log, verdict.axis, vehicle, inputs, known)
     held["vehicles"][0] |= analysis.findings.as_dict() | {"model": analysis.model}
-    write_results(folder, report, log_page(heading, blocks, {verdict.axis: analysis}, held), analysis)
+    page = log_page(heading, blocks, {verdict.axis: analysis}, held, air=air)
+    write_results(folder, report, page, analysis, air)
     for what, extra in ((f"{RECORDING} was not written, since it", "view"), ("Drawing its pictures", "plot")):
         if learned is not None and (hint := advice(what, extra)):
             say_aside(hint)
@@ -171,7 +177,7 @@ def result_files(with_model: bool = True) -> tuple[str, ...]:
     return tuple(name for name in RESULT_FILES if name != RECORDING or not missing("view"))
 
 
-def write_results(folder: Path, report: dict[str, Any], page: str, analysis: LogAnalysis) -> None:
+def write_results(folder: Path, report: dict[str, Any], page: str, analysis: LogAnalysis, air: Air) -> None:
     """Writes the :func:`result_files`, as :func:`files_in` does; ``page`` is the HTML. Those of a run before go."""
     learned, held_out, flights = analysis.learned, analysis.held_out, analysis.flights
     names = result_files(with_model=learned is not None)
@@ -188,6 +194,6 @@ def write_results(folder: Path, report: dict[str, Any], page: str, analysis: Log
 
                 changes = [alarm.since for alarm in analysis.alarms if alarm.motor is not None]
                 write_recording(place[RECORDING], flights, learned, held_out, analysis.findings, changes)
-            write_channels(place["flight.mcap"], flights, learned, held_out)
+            write_channels(place["flight.mcap"], flights, learned, held_out, air[0])
     for name in set(RESULT_FILES) - set(names):
         (folder / name).unlink(missing_ok=True)

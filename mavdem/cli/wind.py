@@ -15,7 +15,8 @@ from mavdem.cli.sources import read_source
 from mavdem.condition.wind_of_log import wind_of
 from mavdem.dem.drag import Drag
 from mavdem.errors import Unreadable
-from mavdem.report.blocks import Block, Sentence, Table
+from mavdem.report.blocks import Table
+from mavdem.report.condition import wind_blocks
 
 
 @click.command("wind")
@@ -31,10 +32,7 @@ def wind_command(source: str, vehicle: str | None, prior: Path | None, as_json: 
     """
     signals = Signals(choose_vehicle(read_source(source).vehicles, vehicle))
     wind = wind_of(signals, None if prior is None else _drag_in(prior))
-    drag, (low, high) = wind.drag, wind.speed_interval
-    speed = f"below {high:.1f} m/s" if wind.calm else f"{wind.speed:.1f} m/s ({low:.1f} to {high:.1f})"
-    speed += f" from {wind.direction:.0f}° ± {wind.direction_interval:.0f}°; gusts of {wind.gust:.1f} m/s over 3 s."
-    blocks: list[Block] = [Sentence(speed, "Wind:"), *(Sentence(why) for why in wind.reasons.values())]
+    drag, blocks = wind.drag, wind_blocks((wind, signals.autopilot_wind, ""))
     for header, name, rows in (("Time (s)", "start", wind.minutes), ("Height (m)", "height", wind.profile)):
         cells = [[f"{one[name]:.0f}", f"{one['speed']:.1f}", f"{one['direction']:.0f}"] for one in rows]
         blocks += [Table([header, "Wind (m/s)", "From (°)"], cells)] if len(rows) > 1 else []

@@ -44,7 +44,7 @@ def wind_of(signals: Signals, drag: Drag | None = None) -> WindVelocity:
     """Returns the wind of a vehicle's ``signals``, as :func:`wind` does, with the ``drag`` of before."""
     telemetry = signals.telemetry
     angles = [found for axis in AXES if (found := attitude(telemetry, axis)) is not None]
-    name = next((name for name in VELOCITIES if len(telemetry.messages.get(name, {"time": ()})["time"]) > 1), "")
+    name = next((name for name in VELOCITIES if len(telemetry.messages.get(name, {}).get("vx", ())) > 1), "")
     if len(angles) < len(AXES) or not name:
         ask = "Ask for ATTITUDE and LOCAL_POSITION_NED at 5 Hz or more; log XKF1, or vehicle_local_position in ULog."
         missing = "velocity over ground" if len(angles) == len(AXES) else "attitude"

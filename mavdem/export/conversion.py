@@ -8,6 +8,7 @@ import json
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
@@ -18,6 +19,7 @@ from mavdem.alignment.drive import Motors
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Attitude, Signals, axis_outputs
 from mavdem.alignment.verdict import verdict_of
+from mavdem.condition import WindVelocity, wind_of
 from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
 from mavdem.errors import NotLearnable, Unreadable, require
@@ -39,6 +41,7 @@ if TYPE_CHECKING:
 
 Table = Mapping[str, Array]  # columns (T,) by name, with units, such as "roll_rate_rad_s"; the first is "time_s"
 TIME = "time_s"
+WIND_COLUMNS = ("wind_north_m_s", "wind_east_m_s", "wind_north_band_m_s", "wind_east_band_m_s")  # the air moves to
 IN_TEXT = {TIME: ".6f"}  # stamps of autopilots are microseconds at best
 FLOAT32 = ".7g"  # other numbers in text: autopilots send and log them as float32
 
@@ -241,6 +244,10 @@ def _convert_to_table(
         table, provenance = columns(flight), {**flight.provenance, "cautions": cautions}
     else:
         table, provenance = own_columns(signals), {"source": str(source), "cautions": cautions}
+    with suppress(NotLearnable):
+        wind = wind_of(signals)
+        for name, values in zip(WIND_COLUMNS, np.hstack([wind.velocity, wind.band]).T, strict=True):
+            table |= {name: np.interp(table[TIME], wind.time, values, np.nan, np.nan)} if table else {}
     if not table:
         raise NotLearnable(verdict.reason, verdict.remedy)
     with atomic_write(out) as file:
@@ -262,6 +269,7 @@ def write_channels(
     flights: Sequence[Flight],
     learned: Learned | None = None,
     held_out: HeldOut | None = None,
+    wind: WindVelocity | None = None,
 ) -> None:
     """Writes flights of one boot as JSON channels of an .mcap file, on the boot clock, in the units of the flight.
 
@@ -269,7 +277,8 @@ def write_channels(
     also ``learned/one_step``, ``learned/process_noise`` (per second), ``learned/free_energy`` (F(t)),
     ``learned/command``, the motors' difference, and, if it is known, ``learned/wind_torque`` with the half width of its
     band (rad/s²); and with ``held_out`` windows ``held_out/measured``, ``held_out/forecast``, ``held_out/residual`` and
-    ``held_out/band``, the half width of the forecast's 90 % band. ``docs/layouts`` shows them in either viewer.
+    ``held_out/band``, the half width of the forecast's 90 % band. ``docs/layouts`` shows them in either viewer. The
+    ``wind`` is in ``wind/velocity``, m/s north and east that the air moves to, and its half widths ``wind/band``.
 
     ``OSError`` if ``path`` cannot be written, ``ValueError`` for a time before 0, which MCAP cannot hold, or a model of
     other flights.
@@ -289,6 +298,9 @@ def write_channels(
         windows = {"measured": measured, "forecast": forecast, "residual": measured - forecast, "band": held_out.band}
         for name, values in windows.items():
             series[f"held_out/{name}"] = _series(inside, first.output_names, values.reshape(len(inside), -1))
+    if wind is not None:
+        for name, values in (("velocity", wind.velocity), ("band", wind.band)):
+            series[f"wind/{name}"] = _series(wind.time, ("north", "east"), values)
     with atomic_write(path) as file:
         write_series(file, series)
 

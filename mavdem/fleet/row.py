@@ -17,7 +17,7 @@ from typing import Any, get_args, get_origin, get_type_hints
 
 from mavdem.alignment.drive import INPUTS
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 """Changes with the columns or with what they mean: logs whose rows have another version are read again."""
 
 UNKNOWN = "unknown"  # the vehicle of a log that does not say whose it is, and health that is not known
@@ -100,6 +100,12 @@ class FlightRow:
     wind_torque_sd: float | None = at("wind.sd")  # rad/s²; the interval is that of the mean
     wind_torque_mean: float | None = at("wind.mean")
     wind_torque_interval: float | None = at("wind.mean_band")
+    wind_speed: float | None = None  # of the mean wind, m/s
+    wind_speed_interval: Numbers | None = None  # both ends of it
+    wind_direction: float | None = None  # where it comes from, rad clockwise from north
+    wind_direction_interval: float | None = None
+    drag: Numbers | None = None  # linear along body x and y, 1/s, then quadratic, 1/m
+    drag_interval: Numbers | None = None
     mean_inputs: Numbers | None = at("condition.hover.trim")  # over the flight, of each input and output of the model
     mean_outputs: Numbers | None = None
     # the mean angular acceleration that this flight's frozen model leaves unexplained in another one, rad/s², is the

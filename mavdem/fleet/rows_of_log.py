@@ -14,9 +14,10 @@ from mavdem.alignment.drive import TILT_AXES
 from mavdem.alignment.signals import Signals, usual_rate
 from mavdem.analysis import LogAnalysis, analyse
 from mavdem.analysis.figures import physical_values, wind_values
-from mavdem.dem import Learned
-from mavdem.errors import Unreadable
-from mavdem.fleet.row import DEMAND, FlightRow
+from mavdem.condition import wind_of
+from mavdem.dem import Learned, Physical
+from mavdem.errors import NotLearnable, Unreadable
+from mavdem.fleet.row import DEMAND, NOT_IDENTIFIABLE, FlightRow
 from mavdem.fleet.workers import PAGES, LogRows
 from mavdem.health.balance import balance_of_signals
 from mavdem.ingest import Log, Telemetry, read_log
@@ -67,6 +68,7 @@ def _rows_of_vehicle(log: Log, telemetry: Telemetry, file: str) -> tuple[list[Fl
     if (balance := balance_of_signals(signals)) is not None:
         columns |= {"balance": balance.mean, "balance_error": balance.error, "balance_lean": balance.lean}
         columns |= {name: np.ravel(getattr(balance, name)) for name in ("lean_effect", "lean_effect_error")}
+    columns |= _wind(signals)
     if signals.motors is not None:
         layout = signals.motors.layout
         columns |= {"positions": layout.positions or None, "spins": layout.spins or None}
@@ -78,6 +80,21 @@ def _rows_of_vehicle(log: Log, telemetry: Telemetry, file: str) -> tuple[list[Fl
             row = replace(row, motor_rate=None if signals.motors is None else usual_rate(signals.motors) or None)
         rows.append(row)
     return rows, analyses
+
+
+def _wind(signals: Signals) -> dict[str, Any]:
+    """The columns of the wind in m/s and of the drag, as far as they are identifiable."""
+    try:
+        wind = wind_of(signals)
+    except NotLearnable:
+        return {}
+    drag, columns = wind.drag, dict[str, Any]()
+    if wind.status["speed"] != NOT_IDENTIFIABLE:
+        columns |= {"wind_speed": wind.speed, "wind_speed_interval": wind.speed_interval}
+    if wind.status["direction"] != NOT_IDENTIFIABLE and not wind.calm:
+        columns |= {f"wind_{key}": np.radians(getattr(wind, key)) for key in ("direction", "direction_interval")}
+    half = [np.ptp(drag.interval(name), axis=0) / 2 for name in ("linear", "quadratic")]
+    return columns | {"drag": (*drag.linear, *drag.quadratic), "drag_interval": np.ravel(half)}
 
 
 def _means(analysis: LogAnalysis) -> dict[str, Any]:
@@ -101,6 +118,14 @@ def _means(analysis: LogAnalysis) -> dict[str, Any]:
 def is_learned(path: Path) -> bool:
     """Returns whether it is a file of a learned flight, or the folder with them."""
     return path.suffix == ".json" or (path / REPORT).is_file()
+
+
+def physical_of(path: Path) -> Physical | None:
+    """Returns the physical parameters of a ``model.json``, or of that in a folder; raises ``Unreadable``."""
+    try:
+        return Learned.from_json((path / MODEL if path.is_dir() else path).read_text()).physical
+    except (OSError, ValueError) as error:
+        raise Unreadable(f"{path} is no learned model: {error}.") from None
 
 
 def rows_of_learned(path: Path) -> list[FlightRow]:

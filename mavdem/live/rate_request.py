@@ -182,8 +182,7 @@ class RateRequest:
     def restart(self) -> None:
         """The vehicle may have rebooted, and forgotten all rates: asks for them again at once."""
         for each in self._intervals:
-            each.settings, each.done, each.refused, each.last, each.again = 0, False, False, -np.inf, 0
-            each.reached, each.came = 0.0, False  # it may take a minute until it is sent
+            vars(each).update(settings=0, done=False, refused=False, last=-np.inf, reached=0.0, again=0, came=False)
         if any(each.unrefused for each in self._intervals):
             self.events.append("The vehicle is back: asking for its message rates again.")
 

@@ -1,7 +1,5 @@
 """The senders on a link, which of them are vehicles, and which one is followed: once chosen, it stays.
 
-Two with the same ids differ in the numbers of their messages, and in their clocks.
-
 What a sender is, most of its first HEARTBEATs decide, as in a recorded stream. All that is kept is bounded: beyond
 that, the sender with the fewest frames is dropped.
 """
@@ -58,11 +56,9 @@ class Sender:
         self.shared = False  # whether others with the same ids are left out
         self.breaks = 0  # in its sequence of numbers
         self._beats: list[tuple[int, int]] = []
-        self._sequences: list[Sequence] = []
-        self._followed = self._latest = Sequence(0)
+        self._sequences, self._followed = list[Sequence](), Sequence(0)
         self._missing = self._returns = self._last = 0
-        # Of the latest attitude, s, and whether the latest two frames were of different sequences.
-        self._stamp, self._alternating = 0.0, False
+        self._stamp = 0.0  # of the latest attitude, s
         self.missing_seconds = 0.0  # of gaps longer than sequence numbers can count
         self._came, self._interval = -inf, 1.0  # s, of the last frame, and mean between two
         self.left_out = False  # whether frames came that were not taken: those missing before the next do not count
@@ -103,25 +99,29 @@ class Sender:
             if number == one.number + step and same == frame and self.frames - then < 128:
                 return False
             moved = min(abs(stamp - one.stamp), OTHER_EPOCH) if stamp and one.stamp else 0.0
-            away = abs(step - 1) * MESSAGE_SECONDS + moved, (one is self._latest) == self._alternating
-            # No two messages of a sender have one number.
-            if number != one.number + step and abs(step) <= NEAR and away < nearest:
+            away = abs(step - 1) * MESSAGE_SECONDS + moved, one is not self._followed
+            # No two messages of a sender have one number, but for those without a stamp that are taken for another's.
+            free = number != one.number + step and abs(step) <= NEAR
+            if (free or (stamp and one.stamp and away[0] < 20 * MESSAGE_SECONDS)) and away < nearest:
                 found, nearest = one, away
+        reference = message is not None and message.name in ATTITUDE_MESSAGES
+        if found is None and self.shared and not reference:
+            return False
         if opens := found is None:
             found, self._returns = Sequence(frame.sequence), 0
-            self._sequences = sorted(self._sequences, key=lambda one: one.latest)[1 - MAX_SEQUENCES :] + [found]
+            self._sequences = sorted(
+                self._sequences, key=lambda one: (self.shared and one is self._followed, one.latest)
+            )[1 - MAX_SEQUENCES :] + [found]
         step = (frame.sequence - found.number + 128) % 256 - 128
-        self._alternating = found is not self._latest
-        reference = message is not None and message.name in ATTITUDE_MESSAGES
         self._returns += reference and 0 < found.stamp < stamp < self._stamp and step > 0
         if not self.shared and self._returns >= SHARING_RETURNS:
             self.shared, self._missing = True, 0
             self._followed = max(self._sequences, key=lambda one: len(one.recent))
         elif not self.shared or self.frames - self._followed.latest > FORGOTTEN_FRAMES:
             self._followed = found
-        self._latest, found.latest = found, self.frames
+        found.latest = self.frames
         found.recent[frame.sequence] = found.number + step, frame, self.frames
-        found.number += max(step, 0)
+        found.number += step if reference else max(step, 0)
         if reference:
             found.stamp = self._stamp = stamp
         if found is not self._followed:
@@ -210,8 +210,8 @@ class Senders:
         assert self.followed is not None
         if sender is self.followed and sender.shared and sender.name not in self._rivals:
             self._rivals.add(sender.name)
-            who = f"Two vehicles, with clocks of their own, have the ids {sender.name}"
-            self._report(f"{who}: only one of them is followed; give the other another system id.")
+            who = f"Two vehicles, by their clocks, have the ids {sender.name}: only one of them is followed"
+            self._report(f"{who}; give the other another system id.")
         if sender is self.followed or sender.name in self._rivals or not (sender.known and sender.flies):
             return
         if len(self._rivals) < MAX_SENDERS:

@@ -20,7 +20,7 @@ import numpy as np
 
 from mavdem.alignment.signals import axis_outputs
 from mavdem.analysis.findings import Findings, findings_of
-from mavdem.dem import Estimate, Learned, OnlineLearner, Settings
+from mavdem.dem import Estimate, Learned, OnlineLearner, Physical, Settings
 from mavdem.ingest.mavlink.definitions import FrameSender
 from mavdem.ingest.motors import motor_parameters
 from mavdem.live import history
@@ -70,6 +70,7 @@ class LiveSession:
     executor: Executor | None = None  # for batch learning
     recording: Any = None  # of the raw stream, by ``take`` and ``close``; ``None`` for none, and after it has failed
     rate: float | None = None  # Hz to ask the vehicle for; ``None`` to send nothing at all
+    prior: Physical | None = None  # the vehicle's physical parameters as of an earlier flight
 
     def __post_init__(self) -> None:
         """Begins now, without a model."""
@@ -84,8 +85,7 @@ class LiveSession:
         self._setup: Setup | None = None
         self._display: Any = None
         self.request: RateRequest | None = None  # for rates, once sent
-        self._arrivals, self._boot = Arrivals(), 0
-        self._greeted = -np.inf
+        self._arrivals, self._boot, self._greeted = Arrivals(), 0, -np.inf
         self._latencies, self._latest = np.full(MAX_LATENCIES, np.nan), 0.0  # of the latest rows, and the largest, s
         self._learned, self._shown = 0, 0
         self._estimate: Estimate | None = None
@@ -307,7 +307,7 @@ class LiveSession:
         self._settled = row.settled
         if row.settled:
             try:
-                estimate = learner.update(row.time, row.outputs, row.inputs)
+                estimate = learner.update(row.time, row.outputs, row.inputs, self.stream.alarms.weak_since)
             except ValueError as error:
                 self._log(f"A sample was skipped: {_reason(error)}.")
             if learner.learned is not None and learner.learned is not self._newest:
@@ -332,7 +332,7 @@ class LiveSession:
         self._setup, layout, axis = setup, setup.layout, self.stream.axis
         sizes = setup.dt, len(layout.names), len(axis_outputs(axis))
         directions = None if layout.positions_assumed else layout.effect(axis)
-        options: dict[str, Any] = {"horizons": horizons(setup.dt), "effect_directions": directions}
+        options: dict[str, Any] = {"horizons": horizons(setup.dt), "effect_directions": directions, "prior": self.prior}
         key = setup.dt, layout.names
         if key not in self._learners:
             self._learners[key] = OnlineLearner(self.settings, *sizes, executor=self.executor, **options)

@@ -5,10 +5,16 @@ from __future__ import annotations
 from math import degrees
 from typing import Any
 
-from mavdem.alignment.drive import TILT_AXES
+import numpy as np
+
+from mavdem.alignment.drive import TILT_AXES, Signal
+from mavdem.alignment.signals import Signals
+from mavdem.condition import WindVelocity, wind_of
+from mavdem.condition.wind_velocity import coming_from
+from mavdem.errors import NotLearnable
 from mavdem.ingest.vocabulary import UNNAMED
 from mavdem.report.blocks import Block, Sentence, Table
-from mavdem.report.numbers import listed, plus_minus, rounded
+from mavdem.report.numbers import from_point, listed, plus_minus, rounded
 
 TIER_WORDS = {"a": "full model", "b": "slow motion", "c": "condition only"}  # what a tier is called where it is shown
 BASES = {  # what a vehicle's name is made of, in words
@@ -155,3 +161,33 @@ def _why(speaker: dict[str, Any]) -> str:
     if speaker["missing_share"] < min(MIN_LOST_SHARE, speaker["lost_share"] / 2):
         return "but its streams have no gaps: the log keeps only some message types"
     return f"and about {100 * speaker['missing_share']:.0f} % of its streams' messages are missing: the link lost some"
+
+
+Air = tuple[WindVelocity | None, Signal | None, str]  # the wind, the autopilot's own estimate, and why there is no wind
+
+
+def air_of(signals: Signals) -> Air:
+    """Returns what a vehicle's ``signals`` say of the wind."""
+    try:
+        return wind_of(signals), signals.autopilot_wind, ""
+    except NotLearnable as error:
+        return None, None, str(error)
+
+
+def wind_blocks(air: Air) -> list[Block]:
+    """Returns speed and direction with intervals, what is not reported, and how far the autopilot's own is off."""
+    wind, own, reason = air
+    if wind is None:
+        return [Sentence(reason, "Wind:")]
+    low, high = wind.speed_interval
+    text = f"below {high:.1f} m/s" if wind.calm else f"{wind.speed:.1f} m/s ({low:.1f} to {high:.1f})"
+    if not wind.calm and wind.status["direction"] != "not identifiable":
+        text += f" from {from_point(wind.direction)}, ± {wind.direction_interval:.0f}°"
+    text += f"; gusts up to {wind.gust:.1f} m/s over 3 s. Intervals hold the mean with 90 %."
+    if own is not None and (rows := (own.time >= wind.time[0]) & (own.time <= wind.time[-1])).any():
+        mean = own.values[rows].mean(axis=0)
+        speed, angle = np.hypot(*mean), coming_from(*mean)
+        apart = f"{speed - wind.speed:+.1f} m/s, {(angle - wind.direction + 180) % 360 - 180:+.0f}°"
+        off = f" from {from_point(angle)}: {apart}" if speed > 0.05 else ""
+        text += f" The autopilot's own estimate is {speed:.1f} m/s{off}."
+    return [Sentence(text, "Wind:"), *(Sentence(why, f"Wind's {what}:") for what, why in wind.reasons.items())]

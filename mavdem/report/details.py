@@ -20,10 +20,7 @@ from mavdem.report.screen import parameter_reasons
 
 
 def detail_blocks(learned: Learned, report: dict[str, Any] | None = None) -> list[Block]:
-    """Returns cautions, errors one step ahead, the ``learned`` model, and how it was learned.
-
-    ``report`` is ``LogAnalysis.as_dict()``; without it the errors are left out.
-    """
+    """Returns cautions, errors one step ahead by ``report``, ``LogAnalysis.as_dict()``, and the ``learned`` model."""
     labels, energy = Labels.of(learned), learned.free_energy
     converged = "Converged." if learned.converged else "Not converged."
     end = "" if learned.simulation_fit is not None else f" {converged}"

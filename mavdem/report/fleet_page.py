@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from math import degrees
 from pathlib import PurePath
 from typing import Any
 from urllib.parse import quote
@@ -14,7 +15,7 @@ from mavdem.fleet.row import HEALTHS, NOT_IDENTIFIABLE, OK, UNKNOWN, FlightRow, 
 from mavdem.report import flights as words
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.flights import TROUBLE, cut, doubt, had_trouble, urgency, vehicle_health
-from mavdem.report.numbers import TORQUE, plus_minus, rounded
+from mavdem.report.numbers import TORQUE, from_point, plus_minus, rounded
 from mavdem.report.page import environment
 
 MAX_DRAWN = 20  # vehicles, those in trouble first: with more the page takes long to make, and is too large to mail
@@ -128,6 +129,8 @@ COLUMNS: dict[str, tuple[str, Callable[[FlightRow], Any]]] = {
     "mean effectiveness (°/s²)": ("number", _effectiveness),
     "rate damping (1/s)": ("number", _number("damping", estimated=True)),
     "motor time constant (ms)": ("number", _number("lag", 1e3, estimated=True)),
+    "wind (m/s)": ("number", _number("wind_speed")),
+    "from": ("text", lambda row: "" if row.wind_direction is None else from_point(degrees(row.wind_direction))),
     "wind torque (°/s²)": ("number", _number("wind_torque_sd", TORQUE.scale)),
     "residual mean (°/s²)": ("number", _residual),
     "error ratio": ("number", _number("error_ratio")),

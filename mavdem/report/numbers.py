@@ -52,6 +52,14 @@ def readable(unit: str) -> Readable:
     return Readable(unit, 1.0)
 
 
+POINTS = ("N", "NNE", "NE", "ENE", "E", "ESE", "SE", "SSE", "S", "SSW", "SW", "WSW", "W", "WNW", "NW", "NNW")
+
+
+def from_point(direction: float) -> str:
+    """Returns where wind from a ``direction``, °, comes from, and an arrow along it: "WSW (248°) ↗"."""
+    return f"{POINTS[round(direction / 22.5) % 16]} ({direction % 360:.0f}°) {'↓↙←↖↑↗→↘'[round(direction / 45) % 8]}"
+
+
 TORQUE = readable("rad/s²")  # of torques and of effects, by the axis's inertia
 
 
@@ -88,13 +96,6 @@ def listed(names: Iterable[object]) -> str:
     return f"{', '.join(before)} and {last}" if before else last
 
 
-def left_free(learned: Learned) -> dict[str, NDArray[np.bool_]]:
-    """Returns which entries of A, B and C of ``learned`` are estimated, each in the order of θ."""
-    model = learned.model
-    A, B, C = np.split(~learned.known, [model.A.size, model.A.size + model.B.size])
-    return {"A": A, "B": B, "C": C}
-
-
 THREE_STATES = (  # why the two commands differ, for the reports of both
     "`mavdem learn` has 3 states unless --order says otherwise: angle, rate, and the motors' lag, which exists, and "
     "without which the plant forecasts worse (docs/benchmarks.md). `mavdem order` counts the states that the outputs "
@@ -104,7 +105,7 @@ THREE_STATES = (  # why the two commands differ, for the reports of both
 
 def states_are_outputs(learned: Learned) -> bool:
     """Returns whether the first states of ``learned`` are the outputs: C is fixed to [I 0], not free."""
-    return not bool(left_free(learned)["C"].any())
+    return bool(learned.known[-learned.model.C.size :].all())
 
 
 def state_names(outputs: Sequence[str], learned: Learned) -> list[str]:

@@ -28,7 +28,7 @@ from mavdem.live import SessionStatus
 from mavdem.live.history import LiveHistory
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.comparison import comparison_report, order_report
-from mavdem.report.condition import log_blocks
+from mavdem.report.condition import Air, log_blocks
 from mavdem.report.details import detail_blocks
 from mavdem.report.flights import event_blocks, live_report
 from mavdem.report.numbers import Labels, listed, named, readable, rounded
@@ -128,12 +128,13 @@ def log_page(
     analyses: Mapping[str, LogAnalysis],
     inventory: dict[str, Any] | None = None,
     back: tuple[str, str] | None = None,
+    air: Air | None = None,
 ) -> str:
     """Returns the HTML of one log, with models or without.
 
     ``blocks`` are the report on the screen, of the first axis; ``analyses`` what the log says of one vehicle, by axis.
     Without the ``inventory`` (``mavdem.condition.inventory``) the page is small, with few pictures, for many flights.
-    ``back`` is name and address of the page that leads here.
+    ``back`` is name and address of the page that leads here; ``air`` is the wind in m/s.
     """
     first, *others = analyses.values()
     # Vehicle, battery and balance are the same on each axis.
@@ -141,6 +142,10 @@ def log_page(
         Chapter(axis.capitalize(), [block for block in analysis_blocks(analysis) if block not in blocks])
         for axis, analysis in zip(list(analyses)[1:], others, strict=True)
     ]
+    if air is not None and air[0] is not None:
+        said = "Its speed with a 90 % band, and where it comes from in the mean: the arrow flies with it."
+        drawn = Picture("Wind", said, lambda: downstream("report.figures.series", "wind_over_time")(*air[:2]))
+        chapters.append(Chapter("Wind in m/s", pictures=[drawn]))
     folded = []
     for axis, analysis in analyses.items():
         if (learned := analysis.learned) is not None:
@@ -185,7 +190,7 @@ PICTURES = {  # title and caption by the method of ``learned.plot`` that draws i
         "Errors one step ahead in the training data; below, what past errors and the command still predict of them. "
         "Inside the shaded bounds that may be chance.",
     ),
-    "learning": ("Learning", "The free energy action F̄, its terms and the parameters by iteration."),
+    "learning": ("Learning", "The free energy action F̄ and its terms by iteration."),
 }
 FEW_PICTURES = "forecast", "disturbance", "motors"
 SYSTEM_PICTURES = "bode", "step", "poles"  # what motors' effect, damping and lag show; nothing where these are unknown

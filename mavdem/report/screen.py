@@ -41,10 +41,7 @@ INTERVAL = f"± is the half width of the {100 * LEVEL:.0f} % interval."
 
 
 def screen(
-    learned: Learned,
-    held_out: HeldOut | None = None,
-    hover: HoverFigures | None = None,
-    found: Findings | None = None,
+    learned: Learned, held_out: HeldOut | None = None, hover: HoverFigures | None = None, found: Findings | None = None
 ) -> list[Block]:
     """Returns the headline, the findings, the vehicle, the wind torque, prediction and warnings of a ``learned`` model.
 

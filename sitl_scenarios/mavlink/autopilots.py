@@ -19,9 +19,8 @@ DISARMED, ON_GROUND, IN_AIR, TAKING_OFF, LANDING = range(5)
 ARMED = 128  # MAV_MODE_FLAG_SAFETY_ARMED
 DENIED, TEMPORARILY_REJECTED, FAILED = 2, 1, 4  # MAV_RESULT
 INFO, CRITICAL = 6, 2  # MAV_SEVERITY
-WHEN_ASKED = {"ATTITUDE_TARGET": 0.0, "RC_CHANNELS": 0.0, "BATTERY_STATUS": 0.0, "VIBRATION": 0.0} | dict.fromkeys(
-    ("GLOBAL_POSITION_INT", "VFR_HUD"), 0.0
-)
+_ASKED = ("ATTITUDE_TARGET", "RC_CHANNELS", "BATTERY_STATUS", "VIBRATION", "GLOBAL_POSITION_INT", "VFR_HUD")
+WHEN_ASKED = dict.fromkeys(_ASKED, 0.0)
 """Hz of what comes only when it is asked for; PX4's own rates depend on the link, and are too slow to learn from."""
 Mode = tuple[int, int]  # HEARTBEAT's base_mode, but for the armed flag, and its custom_mode
 
@@ -39,7 +38,6 @@ class Autopilot:
     groups: Mapping[int, tuple[str, ...]]  # messages by MAV_DATA_STREAM, where REQUEST_DATA_STREAM is obeyed
     interval_step: float  # s: intervals between messages are whole numbers of it
     apart: bool  # whether each stream begins a cycle after the one before, so that they do not all come at once
-    home: tuple[float, float, float]  # latitude and longitude, degrees, and altitude, m, of its simulator's home
     unused: float  # output of channels without a motor, PWM in µs
     modes: Mapping[int, Mode]  # by MAV_LANDED_STATE
     starting: int  # MAV_STATE while it starts
@@ -70,7 +68,6 @@ PX4 = Autopilot(
     groups={},
     interval_step=1e-6,
     apart=True,
-    home=(47.397742, 8.545594, 488.0),
     unused=DISARMED_PULSE["px4"],
     # Custom modes are the main mode << 16 | the sub-mode << 24: hold, off-board, take-off, land.
     modes={
@@ -99,13 +96,11 @@ ARDUPILOT = Autopilot(
     number=3,
     fast=("ATTITUDE", "SERVO_OUTPUT_RAW"),
     quarter=("LOCAL_POSITION_NED",),
-    slow={"HEARTBEAT": 1.0, "SYS_STATUS": 2.0, "EXTENDED_SYS_STATE": 1.0, "ATTITUDE_QUATERNION": 0.0}
-    | WHEN_ASKED
-    | {"WIND": 0.0},
+    slow={"HEARTBEAT": 1.0, "SYS_STATUS": 2.0, "EXTENDED_SYS_STATE": 1.0, "ATTITUDE_QUATERNION": 0, "WIND": 0}
+    | WHEN_ASKED,
     groups={2: ("SYS_STATUS",), 3: ("SERVO_OUTPUT_RAW",), 6: ("LOCAL_POSITION_NED",), 10: ("ATTITUDE",)},
     interval_step=1e-3,
     apart=False,
-    home=(-35.363261, 149.165230, 584.0),
     unused=0,
     # Guided, and land.
     modes={ON_GROUND: (89, 4), IN_AIR: (89, 4), TAKING_OFF: (89, 4), LANDING: (89, 9)},

@@ -32,7 +32,7 @@ SENSORS, FENCE = 0b1111, 1 << 20
 LIPO, UNKNOWN_TEMPERATURE, UNUSED_CELL = 1, 32767, 65535  # Of BATTERY_STATUS
 MIDDLE_PULSE = 1500.0  # µs of a stick in the middle
 RC_CHANNELS, UNUSED_CHANNEL, UNKNOWN_RSSI = 18, 65535, 255  # Of RC_CHANNELS: 1 roll, 2 pitch, 3 throttle, 4 yaw
-METRES_PER_DEGREE = 111_195.0  # Of latitude, on a sphere of 6371 km
+HOME, METRES_PER_DEGREE = (47.397742, 8.545594, 488.0), 111_195.0  # PX4's in its simulators; on a sphere of 6371 km
 MOTORS, CHANNELS = 4, 16  # Outputs of the vehicle; in SERVO_OUTPUT_RAW and PX4's other output messages
 
 
@@ -103,22 +103,21 @@ def written(name: str, motion: Motion, boot: NDArray[np.int64], autopilot: Autop
             fields |= dict(zip("xyz", motion.known_position.T, strict=True))
             fields |= dict(zip(("vx", "vy", "vz"), motion.known_velocity.T, strict=True))
         case "GLOBAL_POSITION_INT":
-            (north, east, down), (latitude, longitude, altitude) = motion.known_position.T, autopilot.home
+            (north, east, down), (latitude, longitude, altitude) = motion.known_position.T, HOME
             fields["lat"] = np.round(1e7 * (latitude + north / METRES_PER_DEGREE))
             fields["lon"] = np.round(1e7 * (longitude + east / METRES_PER_DEGREE / np.cos(np.radians(latitude))))
             fields |= {"alt": np.round(1000 * (altitude - down)), "relative_alt": np.round(-1000 * down)}
             fields |= dict(zip(("vx", "vy", "vz"), np.round(100 * motion.known_velocity.T), strict=True))
             fields["hdg"] = np.round(100 * _heading(motion)) % 36000
         case "VFR_HUD":
-            # Without an airspeed sensor both put the speed over ground there; whole degrees, and percent of throttle.
-            ground = np.hypot(*motion.known_velocity.T[:2])
-            fields = {"airspeed": ground, "groundspeed": ground, "climb": -motion.known_velocity[:, 2]}
-            fields |= {"alt": autopilot.home[2] - motion.known_position[:, 2], "heading": _heading(motion)}
-            fields["throttle"] = 100 * motion.demands[:, 3]
+            ground = np.hypot(*motion.known_velocity.T[:2])  # of the air too, without a sensor of it
+            fields = {"airspeed": ground, "groundspeed": ground, "throttle": 100 * motion.demands[:, 3]}
+            fields |= {"climb": -motion.known_velocity[:, 2], "heading": _heading(motion)}
+            fields["alt"] = HOME[2] - motion.known_position[:, 2]
         case "WIND":
             north, east, down = (scenario.stream.drag_calibrated * motion.wind).T
-            fields = {"direction": np.degrees(np.arctan2(-east, -north)), "speed": np.hypot(north, east)}
-            fields["speed_z"] = down
+            angle = np.degrees(np.arctan2(-east, -north))
+            fields = {"direction": angle, "speed": np.hypot(north, east), "speed_z": down}
         case "WIND_COV":
             known = zip("xyz", scenario.stream.drag_calibrated * motion.wind.T, strict=True)
             fields = {"time_usec": boot} | {f"wind_{axis}": values for axis, values in known}
@@ -207,11 +206,8 @@ def _ardupilot(scenario: Scenario, cycle: float) -> dict[int, dict[str, float]]:
         medium |= {f"SERVO{n}_MIN": MIN_PULSE, f"SERVO{n}_MAX": MAX_PULSE, f"SERVO{n}_TRIM": 1500}
         small |= {f"SERVO{n}_REVERSED": 0}
     stop = {} if scenario.vehicle.stop == 1.0 else {"MOT_SPIN_MAX": scenario.vehicle.stop}
-    return {
-        INT8: small,
-        INT16: medium,
-        REAL32: _thrust_curve("MOT_THST_EXPO", scenario) | _drag("EK3_DRAG", scenario) | stop,
-    }
+    stop |= _drag("EK3_DRAG", scenario)
+    return {INT8: small, INT16: medium, REAL32: _thrust_curve("MOT_THST_EXPO", scenario) | stop}
 
 
 def _drag(name: str, scenario: Scenario) -> dict[str, float]:

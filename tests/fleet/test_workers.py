@@ -148,7 +148,7 @@ def test_a_killed_worker_of_a_cluster_loses_nothing(tmp_path, two_workers):
 @pytest.mark.parametrize(
     ("name", "value", "sentence"),
     [
-        ("SCHEMA_VERSION", 99, r"has mavdem .* \(columns 2\) on Python .*, this machine .*install the same there"),
+        ("SCHEMA_VERSION", 99, r"has mavdem .* \(columns 3\) on Python .*, this machine .*install the same there"),
         ("machine", partial(seen_by, os.getpid()), "The worker .* cannot read .*log_0.bin: put the logs"),
     ],
 )

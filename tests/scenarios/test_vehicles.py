@@ -52,8 +52,6 @@ def test_px4_is_told_the_turning_of_each_rotor_as_it_turns(kind):
 def test_drag_is_linear_and_quadratic_along_each_axis():
     spec = VehicleSpec(drag_linear=(0.3, 0.2), drag_quadratic=(0.02, 0.04))
     assert drag(spec) == (pytest.approx((0.3, 0.2)), pytest.approx((0.02, 0.04)))
-    # The Iris's rotors: 4 x 1.75e-4 N per (rad/s · m/s) at 798.9 rad/s; its hull: 1.225 / 2 x 0.03 kg/m.
-    assert drag(VehicleSpec()) == (pytest.approx((0.3679,) * 2, rel=1e-3), pytest.approx((0.01209,) * 2, rel=1e-3))
     hover = (airframe(spec).hover_speed,) * 4
     acceleration = dynamics(spec)((1.0, 0.0, 0.0, 0.0), (0.0,) * 3, (0.0,) * 3, hover, AirState(north=4.0, east=-3.0))
     assert acceleration[:2] == pytest.approx(((0.3 + 0.02 * 5) * 4, (0.2 + 0.04 * 5) * -3))

@@ -99,10 +99,7 @@ def scenario(case: Case) -> Scenario:
         "Dryden, light": [{"kind": "dryden", "speed": 5 * k, "direction": 90.0, "wind_at_20_feet": 7.7 * k}],
         "Dryden, moderate": [{"kind": "dryden", "speed": 5 * k, "direction": 70.0, "wind_at_20_feet": 15.4 * k}],
         "jet": [{"kind": "jet", "speed": 6 * k, "distance": 3.0, "diameter": 0.5, "turbulence": 0.3, "s": 0.1}],
-        "gusts": [
-            {"kind": "steady", "speed": 5 * k, "direction": 80.0},
-            {"kind": "gaussian", "sd": 1.5 * k, "s": 0.3},
-        ],
+        "gusts": [{"kind": "steady", "speed": 5 * k, "direction": 80.0}, {"kind": "gaussian", "sd": 1.5 * k, "s": 0.3}],
         "slow": [{"kind": "von_karman", "speed": 4 * k, "direction": 120.0, "wind_at_20_feet": 10 * k}],
     }
     moments = {"gusts": [{"sd": moment, "s": 0.05}], "slow": [{"sd": moment / 2, "s": 0.3}]}

@@ -50,10 +50,7 @@ def error_ratios(comparison: Comparison, from_zero: bool = False) -> Figure:
 
 
 def error_growth(comparison: Comparison) -> Figure:
-    """Draws the median error ratio by horizon: of the first method, the best of each other family, and held samples.
-
-    Of several flights, their geometric mean is drawn.
-    """
+    """Draws the error ratio by horizon, median and geometric mean: DEM, the best of each family, held samples."""
     steps = [at["steps"] for at in comparison.summaries(comparison.flights[0])[0]["horizons"]]
     first, drawn = comparison.methods[0], set[str]()
     with picture() as figure:

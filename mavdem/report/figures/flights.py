@@ -111,10 +111,7 @@ def _panels(flights: Sequence[Flight]) -> Iterator[Panel]:
 def _line(
     flights: Sequence[Flight], name: str, axis: str = "", unit: str = "", entry: tuple[int, int] | None = None
 ) -> Array:
-    """The value and half width of each flight (flights, 2), of its row of this axis and unit, or of any.
-
-    ``entry``: which of how many entries, of a column of lists.
-    """
+    """Value and half width of each flight (flights, 2), of this axis and unit, or any; ``entry``: which of how many."""
     line = np.full((len(flights), 2), np.nan)
     for place, flight in enumerate(flights):
         for row in flight:

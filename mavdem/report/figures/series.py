@@ -11,15 +11,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FixedLocator, MaxNLocator, NullLocator
+from matplotlib.ticker import MaxNLocator
 
+from mavdem.alignment.drive import Signal
 from mavdem.analysis.findings import known_wind
 from mavdem.analysis.residuals import BOUND_LEVEL, LAG_SECONDS, residuals
+from mavdem.condition import WindVelocity
 from mavdem.condition.condition import HoverFigures
 from mavdem.confidence import LEVEL
 from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
-from mavdem.dem.engine.model import pack, unpack
 from mavdem.evaluate.held_out import CONSTANT_MEAN, FORECAST, HeldOut, held_out_test, held_out_windows
 from mavdem.flight import Flight
 from mavdem.live.history import AHEAD, LiveHistory
@@ -27,10 +28,8 @@ from mavdem.report import palette
 from mavdem.report.figures import style
 from mavdem.report.figures.style import HAIRLINE, THIN, Room, band, legend_above, not_blown_up, note, picture
 from mavdem.report.figures.systems import SystemPlots
-from mavdem.report.numbers import TORQUE, AxisCommand, Labels, left_free, per, readable
+from mavdem.report.numbers import TORQUE, AxisCommand, Labels, from_point, per, readable
 from mavdem.report.palette import HELD_OUT_OPACITY, MEASURED, TRUTH, distinct
-
-END = 1.06  # of the iterations, where the final parameters stand
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -184,16 +183,10 @@ class Plots(SystemPlots):
         return figure
 
     def learning(self) -> Figure:
-        """Draws F̄ below its maximum, the terms it is the sum of and the free entries of A, B and C, by iteration.
-
-        Iteration 0 is the prior. Each entry is in units of its largest magnitude; dots are the values after the
-        simulation-error fit, which continues from the last iteration.
-        """
-        learned = self.learned
-        energy = learned.free_energy
-        last, end = len(energy) - 1, END * (len(energy) - 1)
-        with picture(4.4, Room(left=0.75, right=1.75, rows=0.28)) as figure:
-            action, terms, parameters = figure.subplots(3, 1, sharex=True, gridspec_kw={"height_ratios": [3, 4, 4]})
+        """Draws F̄ below its maximum, and the terms it is the sum of, by iteration; iteration 0 is the prior."""
+        energy = self.learned.free_energy
+        with picture(3.4, Room(left=0.75, right=1.75, rows=0.28)) as figure:
+            action, terms = figure.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": [3, 4]})
             gap = np.maximum(energy.total.max() - energy.total, 1e-3)  # nats: less is no more learning
             action.plot(gap, color=palette.PREDICTED, marker="o", markersize=2.5)
             title = f"F̄ below its maximum of {energy.total.max():,.0f} nats".replace("-", "−")
@@ -206,31 +199,14 @@ class Plots(SystemPlots):
             for number, name in enumerate(name for name in change if name in largest):
                 terms.plot(change[name], color=distinct(number), label=name.replace("prediction error of", "error of"))
             terms.set_yscale("symlog", linthresh=10.0)
-            terms.set(ylabel="nats", title="terms of F̄, less their last value")
-            terms.yaxis.set_major_locator(FixedLocator([-1e6, -1e3, 0, 1e3, 1e6]))
-            terms.yaxis.set_minor_locator(NullLocator())
+            terms.set_yticks([-1e6, -1e3, 0, 1e3, 1e6])
+            terms.minorticks_off()
             terms.yaxis.set_major_formatter("{x:g}")
 
-            (n, r), m = learned.model.B.shape, len(learned.model.C)
-            values = np.vstack([learned.learning.theta, pack(*learned.model[:3])])
-            scale = np.abs(values).max(axis=0)
-            values /= np.where(scale > 0, scale, 1.0)
-            columns = dict(zip("ABC", unpack(np.arange(values.shape[1]), n, r, m), strict=True))
-            for number, (name, free) in enumerate(left_free(learned).items()):
-                entries, colour = values[:, columns[name].ravel()[free].astype(int)], distinct(number)
-                if free.any():
-                    parameters.plot(entries[:-1], color=colour, linewidth=1.1)
-                    parameters.plot([], [], color=colour, label=f"entries of {name}")
-                    parameters.plot([last, end], entries[-2:], color=colour, linewidth=0.7, linestyle=":")
-                    at = np.full(entries.shape[1], end)
-                    parameters.plot(at, entries[-1], "o", color=colour, markersize=4, clip_on=False)
-            parameters.plot([], [], "o", color=MEASURED, markersize=4, label="after the last fit")
-            parameters.set(ylabel="share of largest", title="parameters", ylim=(-1.08, 1.08))
-            parameters.xaxis.set_major_locator(MaxNLocator(integer=True))
-            parameters.set(xlabel="iteration", xlim=(0, end))
-            for axes in (terms, parameters):
-                axes.axhline(0, **HAIRLINE)
-                axes.legend(loc="upper left", bbox_to_anchor=(1.02, 1.0))
+            terms.xaxis.set_major_locator(MaxNLocator(integer=True))
+            terms.set(ylabel="nats", title="terms of F̄, less their last value", xlabel="iteration")
+            terms.axhline(0, **HAIRLINE)
+            terms.legend(loc="upper left", bbox_to_anchor=(1.02, 1.0))
         return figure
 
 
@@ -279,6 +255,24 @@ def forecast(held: HeldOut, labels: Labels, output: int = 0, windows: int = 8) -
             errors.set_ylim(0, 1.05 * max(np.max(constant), np.percentile(ours[np.isfinite(ours)], 95)))
             errors.set(xlabel="time since boot (s)", ylabel=f"RMSE ({unit.name})")
             legend_above(errors)
+    return figure
+
+
+def wind_over_time(wind: WindVelocity, own: Signal | None = None) -> Figure:
+    """Draws the speed with its 90 % band and the ``own`` estimate of the autopilot; the mean's direction above."""
+    speed = np.hypot(*wind.velocity.T)
+    half = np.hypot(*(wind.velocity * wind.band).T) / np.maximum(speed, 1e-9)
+    with picture() as figure:
+        axes = figure.subplots()
+        band(axes, wind.time, np.maximum(speed - half, 0), speed + half, palette.DISTURBANCE, "90 % band")
+        axes.plot(wind.time, speed, color=palette.DISTURBANCE, linewidth=THIN, label="wind")
+        if own is not None:
+            axes.plot(
+                own.time, np.hypot(*own.values.T), color=palette.BASELINE, linewidth=THIN, label="autopilot's own"
+            )
+        axes.set(xlabel="time since boot (s)", ylabel="speed (m/s)", xlim=wind.time[[0, -1]])
+        axes.set(ylim=(0, None), title="" if wind.calm else f"from {from_point(wind.direction)}")
+        legend_above(axes)
     return figure
 
 

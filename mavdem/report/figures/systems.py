@@ -88,10 +88,7 @@ def model_systems(learned: Learned, motors: Array, seed: int = 0) -> Systems:
 
 
 def physical_systems(physical: Physical, motors: Array, outputs: int, seed: int = 0) -> Systems:
-    """Returns the physical parameters and ``DRAWS`` of them, by their covariance.
-
-    ``outputs`` are 2, angle and rate, or 1, the rate alone.
-    """
+    """Returns physical parameters and ``DRAWS`` of them; ``outputs`` are 2, angle and rate, or 1, the rate alone."""
     theta = np.array([*physical.effect, physical.damping, physical.lag, physical.delay])
     drawn = theta + _normal(np.random.default_rng(seed), physical.covariance)
     drawn[:, -2:] = drawn[:, -2:].clip(0.05 * theta[-2:])  # a lag and a delay are positive

@@ -1,0 +1,37 @@
+"""The wind in m/s of a flight is the same on screen, page, row and in files, beside the autopilot's own."""
+
+import json
+import re
+from math import degrees
+
+import numpy as np
+import pytest
+
+from mavdem import wind
+from mavdem.cli.commands import main
+from mavdem.fleet.rows_of_log import rows_of_log
+from mavdem.report.fleet_page import fleet_page
+from mavdem.report.numbers import from_point
+from sitl_scenarios.files import in_toml, load
+
+
+@pytest.mark.slow
+def test_the_wind_is_shown_as_it_is_estimated(tmp_path, capsys):
+    log = tmp_path / "legs.tlog"
+    (tmp_path / "legs.toml").write_text(in_toml(load("wind_legs")).replace("\nrate = 20.0", "\nrate = 50"))
+    assert main(["fly", str(tmp_path / "legs.toml"), "--out", str(log)]) == 0
+    found = wind(log)
+    assert main(["learn", str(log), "--out", str(tmp_path / "learnt"), "--train", "5s", "--test", "25"]) == 0
+    said, (low, high) = capsys.readouterr().out, found.speed_interval
+    assert f"Wind: {found.speed:.1f} m/s ({low:.1f} to {high:.1f}) from {from_point(found.direction)}" in said
+    # The simulated autopilot says the true wind, which is within the interval.
+    assert low < float(re.search(r"own estimate is ([0-9.]+) m/s from", said)[1]) < high
+    assert json.loads((tmp_path / "learnt" / "report.json").read_text())["wind_velocity"]["speed"] == found.speed
+    assert b"wind/velocity" in (tmp_path / "learnt" / "flight.mcap").read_bytes()
+    assert main(["convert", str(log), str(tmp_path / "legs.csv")]) == 0
+    table = np.genfromtxt(tmp_path / "legs.csv", delimiter=",", names=True)
+    assert np.nanmean(table["wind_north_m_s"]) == pytest.approx(found.velocity[:, 0].mean(), abs=0.1)
+    (row, *_), _ = rows_of_log(log)
+    assert (row.wind_speed, degrees(row.wind_direction)) == pytest.approx((found.speed, found.direction))
+    assert row.drag == pytest.approx([*found.drag.linear, *found.drag.quadratic])
+    assert from_point(found.direction) in fleet_page([row])
