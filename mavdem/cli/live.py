@@ -219,9 +219,8 @@ def live_command(
         dashboard.report(status := replace(status, findings=session.findings))
         if status.findings:
             say_aside(status.findings.headline)
-        page = partial(live_page, link, axis, session.history, status, account, learned)
         if html is not None and last.done():
-            last = in_background(page)
+            last = in_background(partial(live_page, link, axis, session.history, status, account, learned))
         ends.close()
         wait([last], ends_at - monotonic())
         if html is not None and not last.done():

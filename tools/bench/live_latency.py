@@ -66,11 +66,8 @@ def over_udp(rate: float, folder: Path) -> str:
     link, path = Link(f"udpin:127.0.0.1:{PORT}"), folder / f"{rate:.0f}.rrd"
     vehicle = multiprocessing.get_context("spawn").Process(target=send, args=(rate,))
     with closing(Dashboard("a hover", "roll", path, False, None)) as dashboard, LearningProcess() as executor:
-        shown, recording = (
-            (dashboard.open, dashboard.report, list[str]().append),
-            RawRecording(path.with_suffix(".tlog")),
-        )
-        session = LiveSession(link, LiveStream(), Settings(), *shown, executor, recording)
+        shown = dashboard.open, dashboard.report, list[str]().append
+        session = LiveSession(link, LiveStream(), Settings(), *shown, executor, RawRecording(path.with_suffix(".tlog")))
         vehicle.start()
         while session.status.vehicle is None:
             session.step()
@@ -78,9 +75,9 @@ def over_udp(rate: float, folder: Path) -> str:
         _run(session, lambda: not vehicle.is_alive(), None)
         spent, used, main = time.monotonic() - began, time.process_time() - used, time.thread_time() - main
     link.close()
-    status, latency = session.status, [1e3 * each for each in session.status.latency]
-    row = [f"{rate:.0f}", status.learned + status.shown, status.lost, *(f"{each:.1f}" for each in latency)]
-    return f"| {' | '.join(map(str, [*row, f'{main / spent:.0%}', f'{used / spent:.0%}']))} |"
+    now, shares = session.status, (f"{main / spent:.0%}", f"{used / spent:.0%}")
+    row = [f"{rate:.0f}", now.learned + now.shown, now.lost, *(f"{1e3 * each:.1f}" for each in now.latency), *shares]
+    return f"| {' | '.join(map(str, row))} |"
 
 
 @click.command(help=__doc__)
