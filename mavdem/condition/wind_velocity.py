@@ -18,7 +18,7 @@ from mavdem.ingest.telemetry import Array
 WIND_STEP, WIND_STEPS = 0.5, 1200  # s, or the samples' own step; longer flights have so many longer steps
 GUST_SECONDS, INDEPENDENT_SECONDS = 3.0, 10.0  # of a gust's mean (WMO-No. 8, vol. I, ch. 5); after which noise is new
 LAYER, LAYER_SECONDS, CALM = 10.0, 10.0, 0.5  # m of height, and s in it, of which a mean is shown; m/s
-SPEED_ERROR, SPEED_SHARE, SPEED_FACTOR = 0.8, 0.15, 8.0  # m/s or share of half width reported; ratio of ends biased
+SPEED_ERROR, SPEED_SHARE, SPEED_FACTOR = 0.9, 0.17, 8.0  # m/s or share of half width reported; ratio of ends biased
 DIRECTION_ERROR, DIRECTION_LIMIT, HEADING_SD = 10.0, 60.0, 2.5  # degrees of half width; of the heading, a compass's
 DRAG_ERROR, DRAG_LEFT = 0.18, 0.8  # relative sd of the drag that is reported; share of the prior's that is biased
 MANOEUVRE = "fly legs of 3 m/s and more, there and back, in several directions, with turns of yaw"
