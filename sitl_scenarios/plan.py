@@ -104,7 +104,6 @@ class Plan:
         return Reference(4, self._height - way * done, -way * rate / descent, 0.0)
 
     def _flown(self, row: int) -> Reference:
-        """On the course, so many cycles after it began."""
         north, east, up, ahead, aside, climb, turn = self._course[min(row, len(self._course) - 1)]
         return Reference(2, self._height + up, climb, east, (0.0, 0.0, turn), False, north, (ahead, aside))
 

@@ -61,11 +61,10 @@ def wind_rose(flights: Sequence[Flight]) -> Figure:
     """Draws how many ``flights`` had wind from where, in classes of speed; ``ValueError`` if no direction is known."""
     winds = [(row.wind_direction, row.wind_speed) for row, *_ in flights if row.wind_direction and row.wind_speed]
     (angle, speed), bottom, at = np.array(winds).T, np.zeros(16), np.arange(16) * np.pi / 8
-    places = np.rint(angle * 8 / np.pi).astype(int) % 16
     with picture(2.8, width=4.4) as figure:
         axes: Any = figure.add_subplot(projection="polar", theta_offset=np.pi / 2, theta_direction=-1)
         for low, high in pairwise((0, 2, 4, 6, 8, 10, np.inf)):
-            count = np.bincount(places[(low <= speed) & (speed < high)], minlength=16)
+            count = np.bincount(np.rint(angle[(low <= speed) & (speed < high)] / at[1]).astype(int) % 16, minlength=16)
             axes.bar(at, count, 0.35, bottom, color=DISTURBANCE, alpha=(low + 2) / 12, label=f"from {low:g} m/s")
             bottom = bottom + count
         axes.set_xticks(np.radians(np.arange(0, 360, 45)), POINTS[::2])
