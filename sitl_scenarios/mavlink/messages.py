@@ -108,14 +108,15 @@ def written(name: str, motion: Motion, boot: NDArray[np.int64], autopilot: Autop
             fields["lon"] = np.round(1e7 * (longitude + east / METRES_PER_DEGREE / np.cos(np.radians(latitude))))
             fields |= {"alt": np.round(1000 * (altitude - down)), "relative_alt": np.round(-1000 * down)}
             fields |= dict(zip(("vx", "vy", "vz"), np.round(100 * motion.known_velocity.T), strict=True))
-            heading = np.degrees([euler(attitude)[2] for attitude in motion.known_attitude.tolist()])
-            fields["hdg"] = np.round(100 * heading) % 36000
+            fields["hdg"] = (
+                np.round(1e2 * np.degrees([euler(one)[2] for one in motion.known_attitude.tolist()])) % 36000
+            )
         case "VFR_HUD":
             heading = np.degrees([euler(attitude)[2] for attitude in motion.known_attitude.tolist()])
             ground = np.hypot(*motion.known_velocity.T[:2])  # of the air too, without a sensor of it
             fields = {"airspeed": ground, "groundspeed": ground, "throttle": 100 * motion.demands[:, 3]}
-            fields |= {"climb": -motion.known_velocity[:, 2], "heading": heading % 360}
-            fields["alt"] = HOME[2] - motion.known_position[:, 2]
+            up, climb = HOME[2] - motion.known_position[:, 2], -motion.known_velocity[:, 2]
+            fields |= {"climb": climb, "heading": heading % 360, "alt": up}
         case "WIND":
             north, east, down = (scenario.stream.drag_calibrated * motion.wind).T
             angle = np.degrees(np.arctan2(-east, -north))
