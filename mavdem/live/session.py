@@ -37,8 +37,7 @@ REPEAT_SECONDS = 30.0  # In which a sentence is reported once, whatever its numb
 MAX_LATENCIES = 10_000  # Of the latest rows, whose percentiles are in the status
 MAX_MODELS = 16  # Kept, so that one from before a landing is among them: several times the seconds that are taken back
 FIT_SECONDS = 3.0  # Of the last fit; where it takes longer, the model before is kept
-STEP_SECONDS = 0.02  # Of analysis, until the link is read again: its buffer may hold no more than a second
-TOGETHER_SECONDS = 0.01  # Pieces that arrived within it are searched for frames together
+STEP_SECONDS, TOGETHER_SECONDS = 0.02, 0.01  # Of analysis between two looks at the link, and of pieces searched at once
 SHED = {"physical fits": 0.5, "plots": 1.0, "refits": 2.0, "status": 3.0}  # What waits, from so many s behind on
 MAX_BEHIND_SECONDS = 5.0  # What waited longer is not analysed, up to what waits the first of SHED
 
