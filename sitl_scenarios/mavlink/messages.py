@@ -111,12 +111,6 @@ def written(name: str, motion: Motion, boot: NDArray[np.int64], autopilot: Autop
             fields["hdg"] = (
                 np.round(1e2 * np.degrees([euler(one)[2] for one in motion.known_attitude.tolist()])) % 36000
             )
-        case "VFR_HUD":
-            heading = np.degrees([euler(attitude)[2] for attitude in motion.known_attitude.tolist()])
-            ground = np.hypot(*motion.known_velocity.T[:2])  # of the air too, without a sensor of it
-            fields = {"airspeed": ground, "groundspeed": ground, "throttle": 100 * motion.demands[:, 3]}
-            up, climb = HOME[2] - motion.known_position[:, 2], -motion.known_velocity[:, 2]
-            fields |= {"climb": climb, "heading": heading % 360, "alt": up}
         case "WIND":
             north, east, down = (scenario.stream.drag_calibrated * motion.wind).T
             angle = np.degrees(np.arctan2(-east, -north))
