@@ -27,6 +27,7 @@ from mavdem.cli.signals import asked_to_end, ending_at_once
 from mavdem.dem import Settings
 from mavdem.errors import MissingExtra, Unreadable, advice
 from mavdem.export.conversion import STREAMS
+from mavdem.fleet.rows_of_log import physical_of
 from mavdem.health.in_flight import alarm_figures
 from mavdem.live import LiveStream, SessionStatus, Setup
 from mavdem.live.history import ACCOUNT, horizons, sentence
@@ -118,9 +119,7 @@ class Dashboard:
 @file_option("--record", "Raw stream to record: FILE.tlog or FILE.mcap.")
 @file_option("--model", "Where to write the model at the end. [default: beside --rrd or --record, .model.json]")
 @file_option(
-    "--html",
-    "Page to write at the end, of what happened and how well it was predicted. [default: beside --rrd, --record or "
-    "--model, .html]",
+    "--html", "Page of what happened, to write at the end. [default: beside --rrd, --record or --model, .html]"
 )
 @click.option(
     "--request-rate",
@@ -129,6 +128,7 @@ class Dashboard:
     help="Ask the vehicle for attitude and motor outputs at this rate, and at 4 Hz for what shows a landing, and "
     "for the parameters of its motors; what comes faster already stays as it is. Without it nothing is ever sent.",
 )
+@file_option("--prior", "Earlier model of the vehicle, model.json: a calm hover then has a wind torque.")
 @click.option("--duration", type=Number(0, min_open=True), help="Seconds until it ends.")
 def live_command(
     link: str,
@@ -144,6 +144,7 @@ def live_command(
     model: Path | None,
     html: Path | None,
     request_rate: float | None,
+    prior: Path | None,
     duration: float | None,
 ) -> None:
     """Attaches to a link and learns while the vehicle flies.
@@ -176,6 +177,7 @@ def live_command(
     beside = beside or model
     html = html or (beside and beside.with_suffix(".html"))
     check_file(html, "--html", (".html",))
+    earlier = None if prior is None else physical_of(prior)
     stream = LiveStream(axis, vehicle, inputs, asked=request_rate is not None)
     with ExitStack() as signals, ExitStack() as ends:
         opened = Link(link)
@@ -187,7 +189,7 @@ def live_command(
         recording = None if record is None else RawRecording(record)
         executor = ends.enter_context(LearningProcess())
         shown = dashboard.open, dashboard.report, say_aside
-        session = LiveSession(opened, stream, settings, *shown, executor, recording, request_rate)
+        session = LiveSession(opened, stream, settings, *shown, executor, recording, request_rate, earlier)
         restored = ends.enter_context(ExitStack())
         restored.callback(session.end)
         if dashboard.advice:
@@ -217,9 +219,8 @@ def live_command(
         dashboard.report(status := replace(status, findings=session.findings))
         if status.findings:
             say_aside(status.findings.headline)
-        page = partial(live_page, link, axis, session.history, status, account, learned)
         if html is not None and last.done():
-            last = in_background(page)
+            last = in_background(partial(live_page, link, axis, session.history, status, account, learned))
         ends.close()
         wait([last], ends_at - monotonic())
         if html is not None and not last.done():
@@ -276,13 +277,12 @@ def _written(path: Path | None, text: str, what: str) -> bool:
 
 def _run(session: LiveSession, asked: Callable[[], bool], duration: float | None) -> None:
     """Runs until the time is over or the user asks to end."""
-    # No sample waits for a collection, nor longer than that for another thread.
+    # No sample waits for a long collection, which only goes through what is new, nor for another thread.
     gc.collect()
     gc.freeze()
     gc.disable()
-    interval, began, reported = sys.getswitchinterval(), monotonic(), monotonic()
+    interval, began, reported, line = sys.getswitchinterval(), monotonic(), monotonic(), ""
     sys.setswitchinterval(SWITCH_SECONDS)
-    line = ""
     while not asked() and (duration is None or monotonic() - began < duration):
         session.step()
         if monotonic() - reported >= STATUS_SECONDS:
@@ -290,6 +290,7 @@ def _run(session: LiveSession, asked: Callable[[], bool], duration: float | None
             if line not in ("", before):
                 say_aside(line)
             gc.collect()
+            gc.freeze()
     gc.enable()
     sys.setswitchinterval(interval)
 

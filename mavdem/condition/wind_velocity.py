@@ -17,8 +17,8 @@ from mavdem.ingest.telemetry import Array
 
 WIND_STEP, WIND_STEPS = 0.5, 1200  # s, or the samples' own step; longer flights have so many longer steps
 GUST_SECONDS, INDEPENDENT_SECONDS = 3.0, 10.0  # of a gust's mean (WMO-No. 8, vol. I, ch. 5); after which noise is new
-LAYER, LAYER_SECONDS = 10.0, 10.0  # m of height, and s in it, of which a mean is shown
-SPEED_ERROR, SPEED_SHARE, SPEED_FACTOR = 0.8, 0.15, 8.0  # m/s or share of half width reported; ratio of ends biased
+LAYER, LAYER_SECONDS, CALM = 10.0, 10.0, 0.5  # m of height, and s in it, of which a mean is shown; m/s
+SPEED_ERROR, SPEED_SHARE, SPEED_FACTOR = 0.9, 0.17, 8.0  # m/s or share of half width reported; ratio of ends biased
 DIRECTION_ERROR, DIRECTION_LIMIT, HEADING_SD = 10.0, 60.0, 2.5  # degrees of half width; of the heading, a compass's
 DRAG_ERROR, DRAG_LEFT = 0.18, 0.8  # relative sd of the drag that is reported; share of the prior's that is biased
 MANOEUVRE = "fly legs of 3 m/s and more, there and back, in several directions, with turns of yaw"
@@ -63,7 +63,7 @@ class WindVelocity:
     @property
     def calm(self) -> bool:
         """Whether still air is likely, too: the wind is then said to be below the interval's upper end."""
-        return self.speed_interval[0] < 0.25 * self.speed_interval[1]
+        return self.speed_interval[0] < min(CALM, self.speed_interval[1] / 3)
 
     def as_dict(self) -> dict[str, Any]:
         """Returns plain JSON values."""
@@ -140,13 +140,14 @@ def _mean(winds: Array, spreads: Array, step: float) -> tuple[float, float, floa
     # By the draws of drag and lean, which are common to all steps; what noise does averages out.
     count = max(len(winds) * step / INDEPENDENT_SECONDS, 1.0) * len(winds)
     variances = np.einsum("ai,tnij,aj->na", TOTAL, spreads, TOTAL) / count
-    samples = means + np.random.default_rng(2).standard_normal((50, len(means), 2)) * np.sqrt(variances)
-    samples = samples.reshape(-1, 2)
+    noise = np.random.default_rng(2).standard_normal((50, len(means), 2)) * np.sqrt(variances)
+    samples = (means + noise).reshape(-1, 2)
     low, high = np.quantile(np.hypot(*samples.T), [0.05, 0.95]).tolist()
-    apart = np.arctan2(samples[:, 1], samples[:, 0]) - np.arctan2(*means.mean(axis=0)[::-1])
+    centre = means.mean(axis=0) / max(float(np.hypot(*means.mean(axis=0))), 1e-9)
+    apart = np.arctan2(samples[:, 1], samples[:, 0]) - np.arctan2(*centre[::-1])
     turned = np.quantile(np.abs((apart + np.pi) % (2 * np.pi) - np.pi), 0.9)
     turned = float(np.hypot(np.degrees(turned), quantile() * HEADING_SD))
-    return float(np.median(np.hypot(*means.T))), low, high, turned
+    return (speed := float(np.median(means @ centre))), min(low, speed), high, turned
 
 
 def _answers(

@@ -156,8 +156,9 @@ def posterior(
         places = drawn(centre, wide, draws)
         logs = log_likelihood(places) + normal(places - mean, covariance) - normal(places - centre, wide)
         logs = np.where(np.isfinite(logs), logs - logs[np.isfinite(logs)].max(), -np.inf)
-        flat = (np.exp(share * logs) for share in 0.85 ** np.arange(40))
-        weights = next(one / one.sum() for one in flat if one.sum() ** 2 / (one**2).sum() >= draws / 4)
+        flat = [np.exp(share * logs) for share in 0.85 ** np.arange(40)]
+        weights = next((one for one in flat if one.sum() ** 2 / (one**2).sum() >= draws / 4), flat[-1])
+        weights /= weights.sum()
         centre = weights @ places
         spread = (places - centre).T * weights @ (places - centre)
     return centre, spread

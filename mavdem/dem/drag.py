@@ -17,7 +17,7 @@ import numpy as np
 from mavdem.confidence import quantile
 from mavdem.dem.engine.linalg import Array
 
-POPULATION, POPULATION_SD = np.log([0.28, 0.014, 1.0, 1.0]), np.array([0.5, 0.9, 0.2, 0.35])
+POPULATION, POPULATION_SD = np.log([0.28, 0.014, 1.0, 1.0]), np.array([0.6, 0.9, 0.2, 0.35])
 """Logarithms of linear drag (1/s), quadratic drag (1/m) and the ratio of body y to x of each: of 8 vehicles, 3 real."""
 LEAN_SD, LEAN_CHANGE = 0.18, 0.1
 """m/s² of lean that no wind makes: 1° of misaligned attitude or shifted load, and of it what one flight only has, as a
@@ -56,7 +56,7 @@ class Drag:
         """Returns the population's drag, and what the ``autopilot``'s own ``parameters`` say where they were set."""
         momentum, ballistic = PARAMETERS.get(autopilot, ("", ""))
         names = momentum, f"{ballistic}X", f"{ballistic}Y"
-        changed = {name: value for name, value in parameters.items() if value not in DEFAULTS.get(name, ())}
+        changed = {name: value for name, value in parameters.items() if round(value, 6) not in DEFAULTS.get(name, ())}
         m, x, y = (changed.get(name, 0.0) for name in names)
         logs, sd, source = POPULATION.copy(), POPULATION_SD.copy(), "population"
         if m > 0.001:  # below, EKF2 takes the part for switched off

@@ -22,11 +22,9 @@ DRAG_STEP, DRAG_STEPS = 1.0, 600  # s, or the samples' own step; longer flights 
 BESIDE_SECONDS = 10.0  # of means, where the wind was measured beside the vehicle: only its slow part is the same air
 SLOW_SECONDS, MEMORY_SECONDS = 60.0, 20.0  # of the wind in the first pass, and over which its filter follows it
 ANSWER_SECONDS, GUST_CORRELATION = 1.0, 0.3
-"""A gust of f m/s² makes f m/s at most, before the position loop takes it back; correlation of both: 0.15 to 0.35 in
-hovers of two simulators."""
+"""A gust of f m/s² makes f m/s at most, before the position loop takes it back; correlation of both, in hovers."""
 FOLLOWED, FAST_SECONDS, TILTED = 0.3, 0.3, 0.2
-"""In free flight the velocity changes by 0.7 to 1.5 of what the tilt says, over so long; m/s² of tilt (1°): less may
-balance gusts."""
+"""In free flight the velocity changes by 0.7 to 1.5 of what the tilt says, over so long; m/s² that gusts balance."""
 GUSTS, GUSTS_SD = np.log([1.0, 5.0, 0.05]), np.array([1.0, 1.0, 0.7])  # of sd (m/s), time (s) and noise (m/s²)
 DRAWS, ROUNDS, COURSES, GUST_STEPS, ITERATIONS = 128, 5, 32, 600, 30
 

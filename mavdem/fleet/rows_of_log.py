@@ -15,7 +15,7 @@ from mavdem.alignment.signals import Signals, usual_rate
 from mavdem.analysis import LogAnalysis, analyse
 from mavdem.analysis.figures import physical_values, wind_values
 from mavdem.condition import wind_of
-from mavdem.dem import Learned
+from mavdem.dem import Learned, Physical
 from mavdem.errors import NotLearnable, Unreadable
 from mavdem.fleet.row import DEMAND, NOT_IDENTIFIABLE, FlightRow
 from mavdem.fleet.workers import PAGES, LogRows
@@ -83,7 +83,6 @@ def _rows_of_vehicle(log: Log, telemetry: Telemetry, file: str) -> tuple[list[Fl
 
 
 def _wind(signals: Signals) -> dict[str, Any]:
-    """The columns of the wind in m/s and of the drag, as far as they are identifiable."""
     try:
         wind = wind_of(signals)
     except NotLearnable:
@@ -118,6 +117,14 @@ def _means(analysis: LogAnalysis) -> dict[str, Any]:
 def is_learned(path: Path) -> bool:
     """Returns whether it is a file of a learned flight, or the folder with them."""
     return path.suffix == ".json" or (path / REPORT).is_file()
+
+
+def physical_of(path: Path) -> Physical | None:
+    """Returns the physical parameters of a ``model.json``, or of that in a folder; raises ``Unreadable``."""
+    try:
+        return Learned.from_json((path / MODEL if path.is_dir() else path).read_text()).physical
+    except (OSError, ValueError) as error:
+        raise Unreadable(f"{path} is no learned model: {error}.") from None
 
 
 def rows_of_learned(path: Path) -> list[FlightRow]:

@@ -20,7 +20,7 @@ import numpy as np
 
 from mavdem.alignment.signals import axis_outputs
 from mavdem.analysis.findings import Findings, findings_of
-from mavdem.dem import Estimate, Learned, OnlineLearner, Settings
+from mavdem.dem import Estimate, Learned, OnlineLearner, Physical, Settings
 from mavdem.ingest.mavlink.definitions import FrameSender
 from mavdem.ingest.motors import motor_parameters
 from mavdem.live import history
@@ -37,8 +37,7 @@ REPEAT_SECONDS = 30.0  # In which a sentence is reported once, whatever its numb
 MAX_LATENCIES = 10_000  # Of the latest rows, whose percentiles are in the status
 MAX_MODELS = 16  # Kept, so that one from before a landing is among them: several times the seconds that are taken back
 FIT_SECONDS = 3.0  # Of the last fit; where it takes longer, the model before is kept
-STEP_SECONDS = 0.02  # Of analysis, until the link is read again: its buffer may hold no more than a second
-TOGETHER_SECONDS = 0.01  # Pieces that arrived within it are searched for frames together
+STEP_SECONDS, TOGETHER_SECONDS = 0.02, 0.01  # Of analysis between two looks at the link, and of pieces searched at once
 SHED = {"physical fits": 0.5, "plots": 1.0, "refits": 2.0, "status": 3.0}  # What waits, from so many s behind on
 MAX_BEHIND_SECONDS = 5.0  # What waited longer is not analysed, up to what waits the first of SHED
 
@@ -70,6 +69,7 @@ class LiveSession:
     executor: Executor | None = None  # for batch learning
     recording: Any = None  # of the raw stream, by ``take`` and ``close``; ``None`` for none, and after it has failed
     rate: float | None = None  # Hz to ask the vehicle for; ``None`` to send nothing at all
+    prior: Physical | None = None  # the vehicle's physical parameters as of an earlier flight
 
     def __post_init__(self) -> None:
         """Begins now, without a model."""
@@ -84,8 +84,7 @@ class LiveSession:
         self._setup: Setup | None = None
         self._display: Any = None
         self.request: RateRequest | None = None  # for rates, once sent
-        self._arrivals, self._boot = Arrivals(), 0
-        self._greeted = -np.inf
+        self._arrivals, self._boot, self._greeted = Arrivals(), 0, -np.inf
         self._latencies, self._latest = np.full(MAX_LATENCIES, np.nan), 0.0  # of the latest rows, and the largest, s
         self._learned, self._shown = 0, 0
         self._estimate: Estimate | None = None
@@ -307,7 +306,7 @@ class LiveSession:
         self._settled = row.settled
         if row.settled:
             try:
-                estimate = learner.update(row.time, row.outputs, row.inputs)
+                estimate = learner.update(row.time, row.outputs, row.inputs, self.stream.alarms.weak_since)
             except ValueError as error:
                 self._log(f"A sample was skipped: {_reason(error)}.")
             if learner.learned is not None and learner.learned is not self._newest:
@@ -332,7 +331,7 @@ class LiveSession:
         self._setup, layout, axis = setup, setup.layout, self.stream.axis
         sizes = setup.dt, len(layout.names), len(axis_outputs(axis))
         directions = None if layout.positions_assumed else layout.effect(axis)
-        options: dict[str, Any] = {"horizons": horizons(setup.dt), "effect_directions": directions}
+        options: dict[str, Any] = {"horizons": horizons(setup.dt), "effect_directions": directions, "prior": self.prior}
         key = setup.dt, layout.names
         if key not in self._learners:
             self._learners[key] = OnlineLearner(self.settings, *sizes, executor=self.executor, **options)

@@ -205,7 +205,7 @@ def test_under_what_overrides_reasons_keep_their_figures_and_ask_for_nothing():
     known.reasons |= reasons
     free = findings_of(model(known), held_out()).purposes
     found = findings_of(model(known), held_out(), saturated(0.86))
-    assert found.purposes[0].reason.startswith("The wind has 46 % of the torque's variance, and the motors answer it")
+    assert found.purposes[0].reason.startswith("What no motor explains, wind or noise, has 46 % of the torque's")
     assert found.purposes[3].reason == f"{free[3].reason} {found.headline}" and "fly" in free[0].reason
     said = [one.reason for one in found.purposes] + parameter_reasons(known, doubted=True)
     assert not re.search(r"\b(fly|steer|record|log)\b", " ".join(said), re.IGNORECASE)

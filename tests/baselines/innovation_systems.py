@@ -34,12 +34,7 @@ def random_system(seed: int, order: int, r: int = 2, m: int = 2, noise: float = 
 
 
 def flown(
-    system: StateSpace,
-    seed: int,
-    samples: int,
-    noise: float = 0.1,
-    push: float = 1.0,
-    feedback: Array | None = None,
+    system: StateSpace, seed: int, samples: int, noise: float = 0.1, push: float = 1.0, feedback: Array | None = None
 ) -> tuple[Flight, Array]:
     """A flight of the system under white inputs of size ``push``, and its states (T + 1, n).
 

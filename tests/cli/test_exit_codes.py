@@ -28,7 +28,7 @@ BROKEN = {
 
 
 @pytest.mark.parametrize("name", BROKEN)
-@pytest.mark.parametrize("command", ["info", "learn", "compare"])
+@pytest.mark.parametrize("command", ["info", "learn", "compare", "wind"])
 def test_unreadable_input_is_one_sentence_and_nothing_written(name, command, tmp_path, capsys):
     source, out = tmp_path / name, tmp_path / "out"
     if BROKEN[name] is not None:

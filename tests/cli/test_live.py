@@ -54,6 +54,7 @@ def refused(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
     ("words", "said"),
     [
         (["nonsense:1:2:3"], "is not a link"),
+        (["udpin:127.0.0.1:0", "--prior", "/dev/null"], "not the document of a learned model"),
         (["udpin:127.0.0.1:0", "--record", "x.bin"], "--record"),
         (["udpin:127.0.0.1:0", "--rrd", "x.tlog"], "--rrd"),
         (["udpin:127.0.0.1:0", "--rrd", "none/x.rrd"], "there is no folder none"),

@@ -39,7 +39,7 @@ def flight(legs=5.0, turning=0.05, seed=0, wind=(-3.0, 4.0), gusts=0.5, lean=(0.
 
 @pytest.mark.parametrize("seed", range(3))
 def test_legs_show_wind_drag_and_lean(seed):
-    wind = mavdem.estimate_wind(*flight(seed=seed, lean=(0.2, -0.1), seconds=240)[:3])
+    wind = mavdem.estimate_wind(*flight(seed=seed, lean=(0.2, -0.1), seconds=240, gusts=0.3)[:3])
     assert set(wind.status.values()) == {"reported"} and not wind.reasons
     assert abs(wind.speed - 5) < 0.6 and abs(wind.direction - coming_from(-3, 4)) < 10
     assert np.abs(wind.drag.lean - [0.2, -0.1]).max() < 0.1

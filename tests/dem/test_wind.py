@@ -1,5 +1,6 @@
 """The wind's torque, offline and live: the smoother against a joint Gaussian, bands, gusts, simulated truth."""
 
+import lzma
 from concurrent.futures import Executor, ThreadPoolExecutor
 from functools import cache
 from itertools import product
@@ -7,13 +8,15 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from recorded_flights import shared
 from scipy.stats import binom
 from simulated import simulated
 from test_model import joint
+from test_physical import flown as steered
 from test_physical import settled
 
-from mavdem import Flight, OnlineLearner, Settings
-from mavdem.dem import physical
+from mavdem import Flight, OnlineLearner, Settings, read_flight
+from mavdem.dem import Physical, physical
 from mavdem.dem.engine.kalman import GaussianModel
 from mavdem.dem.graybox.likelihood import FIRST_ORDER, Coloured, delayed, plant, smooth
 from mavdem.dem.graybox.wind import _Spectra, gusts, shortest_gust, wind
@@ -276,17 +279,17 @@ LAG = round(DELAY_SECONDS / WINDY.dt)
 BEGINS = round((FILTER_SECONDS + DELAY_SECONDS) / WINDY.dt)
 
 
-def online_wind(executor: Executor | None = None) -> tuple[OnlineWind, Memory]:
+def online_wind(executor: Executor | None = None, prior: Physical | None = None) -> tuple[OnlineWind, Memory]:
     memory = Memory(WINDY.dt, 10, 200, 4, 2)
-    return OnlineWind(memory, executor), memory
+    return OnlineWind(memory, executor, prior), memory
 
 
-def followed(online: OnlineWind, memory: Memory, flight: Flight) -> np.ndarray:
+def followed(online: OnlineWind, memory: Memory, flight: Flight, weak_since: float = np.nan) -> np.ndarray:
     """(T, 2) what each update returns."""
     found = np.empty((len(flight), 2))
     for k, (time, inputs, outputs) in enumerate(zip(flight.time, flight.inputs, flight.outputs, strict=True)):
         closed = memory.add(inputs, outputs, time)
-        found[k] = online.update(inputs, outputs)
+        found[k] = online.update(inputs, outputs, weak_since)
         if closed:
             online.add(memory.blocks[-1])
     return found
@@ -323,6 +326,35 @@ def test_it_is_known_from_the_first_fit_on_and_anew_after_a_gap():
     after = followed(online, memory, CALM[:300])
     assert np.isnan(after[:BEGINS]).all()
     assert np.isfinite(after[BEGINS + 1 :]).all()
+
+
+def test_with_a_prior_a_calm_hover_has_a_torque_whose_band_is_as_wide_as_steering_makes_it():
+    """Without wind: what is drawn is error. Nothing is of a vehicle whose motor is weak."""
+    calm, steering = steered(1, steering=0.0, samples=900, wind=0.0), steered(2, steering=1.0, wind=0.0)
+    assert np.isnan(followed(*online_wind(), calm)).all()
+    online, memory = online_wind(prior=physical(steered(0, steering=1.0)))
+    hover = followed(online, memory, calm)[-90:]
+    assert online.filter.physical.reasons["effect"].startswith("It is known from an earlier flight")
+    memory.end_segment()
+    online.end_segment()
+    doublets = followed(online, memory, steering)[BEGINS + 1 :]
+    for torque, band in (hover.T, doublets.T):
+        assert np.mean(np.abs(torque) <= band) > 0.85 and not gusts(torque, band, record_of(len(torque))).found
+    assert np.median(doublets[:, 1]) > 3 * np.median(hover[:, 1])
+    assert np.isnan(followed(online, memory, steering[:20], steering.time[-1])).all()
+    assert np.isfinite(followed(online, memory, steering[20:200])[BEGINS + 1 :]).all()
+
+
+@pytest.mark.slow
+def test_the_band_holds_what_a_recorded_hover_without_wind_has(tmp_path):
+    """ArduCopter in its simulator: at PWM 1574 its code gives 16.0 °/s² per µs and a damping of 2.05 1/s at most."""
+    with lzma.open(shared("sitl_live/a2.tlog.xz")) as file:
+        (tmp_path / "a2.tlog").write_bytes(file.read(1_200_000))
+    known = physical((flight := read_flight(tmp_path / "a2.tlog"))[-1500:])
+    mean, half = known.mean_effect()
+    assert abs(mean - np.radians(16.0)) < half and abs(known.damping - 2.05) < known.interval().damping
+    torque, band = followed(*online_wind(prior=known), flight[-4000:])[round(10 / DT) :].T
+    assert np.mean(np.abs(torque) <= band) > 0.85 and not gusts(torque, band, record_of(len(torque))).found
 
 
 def test_a_fit_that_fails_leaves_the_last_one():

@@ -74,12 +74,7 @@ def theirs(content: bytes, folder: Path) -> list[Any]:
 
 @given(st.lists(st.tuples(GARBAGE, STAMPS, any_message()), min_size=1, max_size=6), any_message(), st.data())
 @settings(max_examples=40)
-def test_among_garbage_none_is_missed_that_was_sent_or_that_pymavlink_finds(
-    tmp_path_factory,
-    sent,
-    last,
-    data,
-):
+def test_among_garbage_none_is_missed_that_was_sent_or_that_pymavlink_finds(tmp_path_factory, sent, last, data):
     """The other way round pymavlink loses frames behind garbage that looks like the header of a long one.
 
     A header in garbage whose frame would end exactly where the next begins is taken for a damaged frame. What was sent

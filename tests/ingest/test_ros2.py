@@ -16,17 +16,7 @@ from mavlink_streams import flight, heartbeat
 from mcap.writer import CompressionType
 from mcap_files import Recorder
 from numpy.typing import NDArray
-from ros2_files import (
-    DEFINITIONS,
-    TIMES,
-    UNIX,
-    Ros2Recorder,
-    header,
-    mavros_flight,
-    px4_flight,
-    to_ros,
-    xyzw,
-)
+from ros2_files import DEFINITIONS, TIMES, UNIX, Ros2Recorder, header, mavros_flight, px4_flight, to_ros, xyzw
 from scipy.spatial.transform import Rotation
 from ulog_files import roll
 
@@ -59,8 +49,7 @@ def message(vehicle: Telemetry, name: str, *fields: str) -> NDArray[np.float64]:
 
 
 @pytest.mark.parametrize(
-    "rpy",
-    [(10, 0, 0), (-10, 0, 0), (0, 10, 0), (0, 0, 90), (10, 5, -120), (-25, 12, 200), (170, -80, 30)],
+    "rpy", [(10, 0, 0), (-10, 0, 0), (0, 10, 0), (0, 0, 90), (10, 5, -120), (-25, 12, 200), (170, -80, 30)]
 )
 def test_what_mavros_turned_is_turned_back(rpy, recorder):
     angles, rates = np.radians(rpy), (0.3, -0.2, 0.1)

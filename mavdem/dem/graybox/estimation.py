@@ -20,7 +20,7 @@ from mavdem.dem.graybox.identifiability import (
     identifiability,
 )
 from mavdem.dem.graybox.likelihood import REFINEMENTS, FlightWindows, Parameters
-from mavdem.dem.graybox.parameters import Physical, WindComponent, WindowTable, windows_of
+from mavdem.dem.graybox.parameters import Physical, WindComponent, WindowTable, updated, windows_of
 from mavdem.dem.record import Record, UniformRecord
 from mavdem.errors import unit_slip
 
@@ -30,27 +30,31 @@ RANGE = 1.69  # of three values, in their standard deviations in the mean (Tippe
 BAND_HZ, MAX_BAND_SHARE = (0.4, 6.0), 0.125  # of the roll motion; its upper end in shares of the sampling rate
 
 
-def physical(train: UniformRecord | Sequence[UniformRecord]) -> Physical | NotIdentifiable:
+def physical(
+    train: UniformRecord | Sequence[UniformRecord], prior: Physical | None = None
+) -> Physical | NotIdentifiable:
     """Estimates the motors' effect, damping and lag from all that is given.
 
     >>> mavdem.dem.physical(mavdem.read_flight("flight.tlog")[:2000]).status
     {'effect': 'biased', 'damping': 'biased', 'lag': 'biased'}
 
     The rate, rad/s, is the output of ``train``, a ``Flight`` or segments of one, that is the derivative of another, or
-    the only one. Returns the parameters, each with its status; or the reason why there are none: units, no output is
-    the rate of another, too few samples, no motor moves, or no steady filter.
+    the only one. A ``prior`` is of an earlier flight of the vehicle: what this one does not identify stays, but for
+    what changes between flights; one of other inputs, or that the flight contradicts, counts for nothing. Returns the
+    parameters, each with its status; or the reason why there are none: units, no output is the rate of another, too few
+    samples, no motor moves, or no steady filter.
     """
     record = Record.of(train)
     if slip := unit_slip(record.outputs, record.dt):
         return NotIdentifiable(slip)
     try:
         with one_thread(), np.errstate(all="ignore"):  # what overflows is not finite, and no step goes there
-            return _estimated(windows_of(record), record.effect_directions)
+            return _estimated(windows_of(record), record.effect_directions, prior)
     except ValueError as error:  # LinAlgError is one
         return NotIdentifiable(f"{str(error)[:1].upper()}{str(error)[1:]}.")
 
 
-def _estimated(windows: FlightWindows, directions: Array | None) -> Physical:
+def _estimated(windows: FlightWindows, directions: Array | None, prior: Physical | None) -> Physical:
     fits, refined = _chosen(windows, directions)
     whole = fitted(refined.parameters, windows, refined.theta) if len(windows.rate) > CHOOSING_WINDOWS else refined
     covariance, jacobian = inverse(whole.curvature), _log_jacobian(whole.parameters, whole.theta, windows.dt)
@@ -58,7 +62,8 @@ def _estimated(windows: FlightWindows, directions: Array | None) -> Physical:
     by_spectrum = [_logarithms(fit.parameters, fit.theta, windows.dt) for fit in fits]
     own = MODEL_ERRORS.own * np.sqrt(np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian))
     figures = _figures(whole, np.array([own, window_sd, np.ptp(by_spectrum, axis=0)]), windows)
-    return _physical(whole, covariance, windows, table, figures)
+    found = _physical(whole, covariance, windows, table, figures)
+    return found if prior is None else updated(found, prior)
 
 
 def _chosen(windows: FlightWindows, directions: Array | None) -> tuple[list[GrayBoxFit], GrayBoxFit]:
@@ -138,7 +143,7 @@ def _physical(
     covariance += (errors.own**2 - 1) * alike @ covariance @ alike.T
     spreads = [(figures.window_sd[name], figures.spectrum_range[name] / RANGE) for name in PARAMETERS]
     varied = np.square(spreads).sum(axis=1)
-    bias = errors.wind_bias if status["effect"] == "biased" else 0.0
+    bias = (errors.lag_bias if figures.quick else errors.wind_bias) if status["effect"] == "biased" else 0.0
     common = varied[0] + errors.effect**2 + bias**2
     if status["effect"] == "not identifiable":
         common += errors.unknown_effect**2
@@ -146,28 +151,18 @@ def _physical(
         common += errors.slow_effect**2
         varied += errors.slow**2
     covariance[:r, :r] += np.outer(effect, effect) * common + np.diag(effect**2) * errors.motor**2
-    covariance[r, r] += damping**2 * varied[1] + errors.damping**2
+    covariance[r, r] += damping**2 * varied[1] + (errors.lag_damping if figures.quick else errors.damping) ** 2
     covariance[r + 1, r + 1] += lag**2 * (varied[2] + errors.lag**2)
     covariance[-1, -1] += errors.delay**2
     scale = np.append(np.full(r, 1 / windows.unit), np.ones(3))
     level = float(np.sqrt(np.mean(whole.levels**2)))
     sizes = level * parameters.sizes(theta)
-    return Physical(
-        effect=effect / windows.unit,
-        damping=damping,
-        lag=lag,
-        delay=float(max(theta[r + 3], 0.0)),
-        covariance=covariance * np.outer(scale, scale),
-        status=status,
-        reasons=reasons,
-        bias=bias,
-        wind=float(np.sqrt(np.sum(sizes**2))),
-        wind_share=figures.wind_share,
-        components=tuple(map(WindComponent, parameters.wind, sizes.tolist(), parameters.times(theta).tolist())),
-        noise=level * float(np.hypot(np.exp(theta[parameters.noise_index]), parameters.least_noise)),
-        refinements=dict(zip(parameters.refinements, theta[parameters.noise_index + 1 :].tolist(), strict=True)),
-        windows=table,
-    )
+    delay, wind = float(max(theta[r + 3], 0.0)), float(np.sqrt(np.sum(sizes**2)))
+    components = tuple(map(WindComponent, parameters.wind, sizes.tolist(), parameters.times(theta).tolist()))
+    noise = level * float(np.hypot(np.exp(theta[parameters.noise_index]), parameters.least_noise))
+    refinements = dict(zip(parameters.refinements, theta[parameters.noise_index + 1 :].tolist(), strict=True))
+    vehicle = effect / windows.unit, damping, lag, delay, covariance * np.outer(scale, scale), status, reasons, bias
+    return Physical(*vehicle, wind, figures.wind_share, components, noise, refinements, table)
 
 
 def _over_time(whole: GrayBoxFit, jacobian: Array, windows: FlightWindows) -> tuple[WindowTable, Array]:

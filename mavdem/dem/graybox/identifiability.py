@@ -52,7 +52,10 @@ class ModelErrors(NamedTuple):
     lag: float = 0.08  # as a share of the lag
     delay: float = 0.002  # s
     unknown_effect: float = 0.4  # of an effect that is not identifiable, as a share of it
-    wind_bias: float = -0.15  # of an effect that is biased, as a share: likely, and as uncertain
+    wind_bias: float = -0.15  # of an effect that is biased by wind, as a share: likely, and as uncertain
+    lag_bias: float = 0.1  # likewise where the lag is not resolved: what delays the rate, as a filter, adds to it
+    lag_damping: float = 1.2  # 1/s, of damping there
+    between_flights: float = 0.1  # of an effect: by the battery's voltage and the load, as a share of it
     slow_effect: float = 0.05  # below ``SLOWEST_RATE``, as a share
     slow: float = 0.3  # of damping and lag there, likewise
     wind: float = 0.15  # of the wind's torque, as a share of its sd: drag and cross-coupling are not modelled
@@ -80,6 +83,11 @@ class IdentifiabilityFigures(NamedTuple):
     lag: float  # estimate beyond the shortest that a stream can hold, s
     dt: float  # step of the stream, s
 
+    @property
+    def quick(self) -> bool:
+        """Whether the motors are quicker than the stream, at ``SLOWEST_RATE`` or more."""
+        return self.lag < self.dt <= 1 / SLOWEST_RATE
+
 
 def identifiability(figures: IdentifiabilityFigures) -> tuple[dict[str, Status], dict[str, str]]:
     """Returns status and reason by name of parameter; the reason is empty where nothing is to be said."""
@@ -101,46 +109,38 @@ def _obstacles(name: str, figures: IdentifiabilityFigures) -> Iterator[tuple[Sta
     share, sd, spread = figures.wind_share, figures.sd[name], figures.spectrum_range[name]
     by_wind = WIND_SHARE.status(share)
     low = f" The effect may be off by {-200 * MODEL_ERRORS.wind_bias:.0f} %, mostly low."
-    yield (
-        by_wind,
-        f"The wind has {100 * share:.0f} % of the torque's variance, and the motors answer it (closed loop): fly quick "
-        "inputs on this axis (doublets, or a sweep of about 3°) in calm air, until it has "
-        f"{100 * WIND_SHARE.reported:.0f} %." + (low if by_wind == "biased" and name == "effect" else ""),
+    why = (
+        f"What no motor explains, wind or noise, has {100 * share:.0f} % of the torque's variance, and the motors "
+        "answer it (closed loop): fly quick inputs on this axis (doublets, or a sweep of about 3°) in calm air, until "
+        f"it has {100 * WIND_SHARE.reported:.0f} %."
     )
+    yield by_wind, why + (low if by_wind == "biased" and name == "effect" else "")
     if figures.alias_share > MAX_ALIAS_SHARE:
-        yield (
-            "not identifiable",
-            f"{100 * figures.alias_share:.0f} % of the motor commands' variance is too fast for {1 / figures.dt:.0f} "
-            "Hz: record faster, or steer more.",
-        )
+        fast = f"{100 * figures.alias_share:.0f} % of the motor commands' variance is too fast for {1 / figures.dt:.0f}"
+        yield "not identifiable", f"{fast} Hz: record faster, or steer more."
     yield RELATIVE_SD[name].status(sd), f"Its standard deviation is {100 * sd:.0f} %: fly longer, or steer more."
     if figures.window_sd[name] > RELATIVE_SD[name].reported:
         yield "biased", f"{CHANGED}: the table over time shows when."
-    yield (
-        SPECTRUM_RANGE[name].status(spread),
-        f"It changes by {_factor(spread)} with the spectrum that the wind is taken to have: steer more, or fly in "
-        "calmer air.",
-    )
+    spectrum, do = "with the spectrum that the wind is taken to have", "steer more, or fly in calmer air."
+    yield SPECTRUM_RANGE[name].status(spread), f"It changes by {_factor(spread)} {spectrum}: {do}"
     short = figures.lag < RESOLVED_LAG * figures.dt
     if name == "effect" and figures.spectrum_range["lag"] > SPECTRUM_RANGE["lag"].reported:
+        why = f"The lag changes by {_factor(figures.spectrum_range['lag'])} {spectrum}"
+        yield "biased" if short else "not identifiable", f"{why}, and the effect cannot be told from it: {do}"
+    if name == "effect" and figures.quick:
+        why = "The motors' lag is shorter than a step of the stream, and the gyro's filter counts for it"
         yield (
-            "biased" if short else "not identifiable",
-            f"The lag changes by {_factor(figures.spectrum_range['lag'])} with the spectrum that the wind is taken to "
-            "have, and the effect cannot be told from it: steer more, or fly in calmer air.",
+            "biased",
+            f"{why}: the effect may be off by {200 * MODEL_ERRORS.lag_bias:.0f} %, mostly high. Record faster.",
         )
     if name == "damping" and figures.damping > LARGEST_DAMPING:
         yield "not identifiable", f"It is at the bound of what rotors in air can do, {LARGEST_DAMPING:.0f} 1/s."
     if name == "lag" and short:
-        yield (
-            "not identifiable",
-            f"It is shorter than half a step of the stream ({1e3 * figures.dt:.0f} ms): record faster.",
-        )
+        step = f"half a step of the stream ({1e3 * figures.dt:.0f} ms)"
+        yield "not identifiable", f"It is shorter than {step}: record faster."
     if name != "effect" and 1 / figures.dt < SLOWEST_RATE:
-        yield (
-            "biased",
-            f"At {1 / figures.dt:.0f} Hz the commands between samples are not known: it may be off by "
-            f"{200 * MODEL_ERRORS.slow:.0f} %. Record at {SLOWEST_RATE:.0f} Hz or more.",
-        )
+        why = f"At {1 / figures.dt:.0f} Hz the commands between samples are not known: it may be off by"
+        yield "biased", f"{why} {200 * MODEL_ERRORS.slow:.0f} %. Record at {SLOWEST_RATE:.0f} Hz or more."
 
 
 def _factor(spread: float) -> str:

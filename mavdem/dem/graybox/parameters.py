@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from mavdem.confidence import LEVEL, half_width, require_probability
 from mavdem.dem.engine.linalg import Array
-from mavdem.dem.graybox.identifiability import PARAMETERS, Status
+from mavdem.dem.graybox.identifiability import MODEL_ERRORS, PARAMETERS, Status
 from mavdem.dem.graybox.likelihood import Coloured, FlightWindows
 from mavdem.dem.priors import derivative_pairs
 from mavdem.dem.record import Record
@@ -112,6 +112,39 @@ class Physical(NamedTuple):
         )
         delay = np.nan if self.status["lag"] == "not identifiable" else half[-1]
         return PhysicalInterval(effect, float(damping), float(lag), float(delay))
+
+
+LEAST = 0.05, 1e-3, 0.0  # damping, 1/s, lag and delay, s, of a vehicle
+CONTRADICTION = 3.0  # standard deviations between two flights, beyond which the vehicle is not as it was
+BY_PRIOR = "It is known from an earlier flight: this one alone does not identify it."
+
+
+def updated(found: Physical, prior: Physical) -> Physical:
+    """Returns what a flight and, as :func:`physical` says, the ``prior`` of an earlier one tell of the vehicle.
+
+    A flight that does not identify the effect, on which the others depend, says nothing of any of them.
+    """
+    theta, now = (np.array([*of.effect, of.damping, of.lag, of.delay]) for of in (prior, found))
+    if len(theta) != len(now):
+        return found
+    alike = np.append(theta[:-3], np.zeros(3))
+    covariance = prior.covariance + np.outer(alike, alike) * MODEL_ERRORS.between_flights**2
+    judged = prior._replace(reasons=dict.fromkeys(PARAMETERS, BY_PRIOR))
+    if found.identifiable:
+        both, share, judged = covariance + found.covariance, np.sign(alike), found
+        if abs(share @ (now - theta)) > CONTRADICTION * np.sqrt(share @ both @ share):
+            return found
+        gain = np.linalg.solve(both, covariance).T
+        theta, covariance = theta + gain @ (now - theta), covariance - gain @ covariance
+    vehicle = (
+        theta[:-3],
+        *np.maximum(theta[-3:], LEAST).tolist(),
+        covariance,
+        judged.status,
+        judged.reasons,
+        judged.bias,
+    )
+    return Physical(*vehicle, *found[len(vehicle) :])
 
 
 WINDOW_SECONDS, SHORTEST_WINDOW_SECONDS = 7.0, 2.0

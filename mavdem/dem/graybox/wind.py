@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import median_filter
 
-from mavdem.confidence import half_width
+from mavdem.confidence import half_width, quantile
 from mavdem.dem.engine.linalg import Array, one_thread
 from mavdem.dem.graybox.identifiability import MODEL_ERRORS
 from mavdem.dem.graybox.likelihood import plant
@@ -69,7 +69,7 @@ class WindSpectrum(NamedTuple):
     model: Array
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class WindTorque:
     """The wind's torque on one axis per moment of inertia, rad/s²; T samples.
 
@@ -114,13 +114,6 @@ class WindTorque:
     resolved: bool
     reason: str | None
     dt: float
-
-    def __repr__(self) -> str:
-        number = len(self.gusts)
-        return (
-            f"<WindTorque: mean {self.mean:.3g} ± {self.mean_band:.2g}, sd {self.sd:.3g} rad/s², "
-            f"{number} gust{'' if number == 1 else 's'}{'' if self.resolved else ', not resolved'}>"
-        )
 
     def in_newton_metres(self, inertia: float) -> Array:
         """Returns the torque (T,) in N m, of a vehicle with that moment of ``inertia`` about the axis, kg m²."""
@@ -176,28 +169,15 @@ def wind(physical: Physical, record: Record, changes: Sequence[float] = ()) -> W
     unlike = moving - np.outer(shares, moved)
     added = np.sum((unlike @ unlike.T) * covariance) / (2 * samples * size)
     scale_error = np.sqrt(shares @ covariance @ shares + added**2 + MODEL_ERRORS.wind_sd**2)
-    spectra = _spectra(torques, record)
-    band = half_width(variance)
+    spectra, band = _spectra(torques, record), half_width(variance)
     gusty = gusts(torques.mean, band, record, shortest_gust(physical, record.dt))
-    return WindTorque(
-        torque=torques.mean,
-        band=band,
-        mean=float(torques.mean.mean()),
-        mean_band=float(half_width(levels @ covariance @ levels + MODEL_ERRORS.wind_sd**2 * size)),
-        sd=float(np.sqrt(size + torques.variance.mean())),
-        scale_error=float(scale_error),
-        motors=torques.motors,
-        step=step,
-        gusts=gusty.found if resolved else (),
-        gust_threshold=gusty.threshold,
-        false_gusts_per_minute=gusty.false_per_minute,
-        spectrum=WindSpectrum(spectra.frequency, spectra.wind, _model_density(physical, spectra.frequency)),
-        cancelled_share=spectra.cancelled_share(np.inf),
-        cancelled_share_slow=spectra.cancelled_share(SLOW_HERTZ),
-        resolved=resolved,
-        reason=None if resolved else reason,
-        dt=record.dt,
-    )
+    mean, sd = float(torques.mean.mean()), float(np.sqrt(size + torques.variance.mean()))
+    mean_band = float(half_width(levels @ covariance @ levels + MODEL_ERRORS.wind_sd**2 * size))
+    spectrum = WindSpectrum(spectra.frequency, spectra.wind, _model_density(physical, spectra.frequency))
+    answered = spectra.cancelled_share(np.inf), spectra.cancelled_share(SLOW_HERTZ)
+    gusty = gusty if resolved else gusty._replace(found=())
+    known = *gusty, spectrum, *answered, resolved, None if resolved else reason, record.dt
+    return WindTorque(torques.mean, band, mean, mean_band, sd, float(scale_error), torques.motors, step, *known)
 
 
 def _about_means(values: Array, cuts: Sequence[int]) -> Array:
@@ -330,6 +310,7 @@ def shortest_gust(physical: Physical, dt: float) -> float:
 def gusts(torque: Array, band: Array, record: Record, shortest: float = 0.0) -> Gusts:
     """Returns the gusts of the wind's ``torque`` (T,), no less than twice the half width of its ``band`` (T,).
 
+    There are none where the errors that the band stands for are most of what the torque is.
     They last ``shortest`` s or more and return to the level they left: a step, as of a motor, is none. The rate of
     false ones is that at which a Gaussian process of the same variance and the same variance of its derivative crosses
     the threshold, on both sides (Rice, "Mathematical analysis of random noise", 1944, sec. 3.3).
@@ -337,8 +318,8 @@ def gusts(torque: Array, band: Array, record: Record, shortest: float = 0.0) -> 
     parts, bands = np.split(torque, record.starts[1:]), np.split(band, record.starts[1:])
     away = [part - _level(part, record.dt) for part in parts]
     sd = float(np.median(np.abs(np.concatenate(away)))) / NORMAL_MEDIAN
-    if sd == 0.0:
-        return Gusts((), 0.0, 0.0)
+    if sd == 0.0 or np.mean((band / quantile()) ** 2) > MAX_ERROR_SHARE * np.var(torque):
+        return Gusts((), THRESHOLD * sd, 0.0)
     slopes = np.concatenate([np.diff(part) for part in away]) / record.dt
     # Likewise by the median, so that gusts do not count.
     crossings = float(np.median(np.abs(slopes))) / NORMAL_MEDIAN / sd / (2 * np.pi)

@@ -45,6 +45,7 @@ class OnlineJoint:
         There is no model without ``combinations`` (r, c) of the inputs, which :meth:`begin_with` may bring.
         """
         self._dt, self._horizons, self._outputs = dt, np.array(horizons), outputs
+        self._rows = np.arange(len(horizons))
         self.combinations: Array | None = None
         # Of the latest samples, outputs and inputs, the latest first, and constants: (3 H + 1, m, …) of each form's
         # predictions and, last, of the latest sample by the first form, with its own inputs.
@@ -57,6 +58,7 @@ class OnlineJoint:
         self._ring = np.full((horizons[-1] + 1, len(ERROR_SECONDS), len(horizons), outputs), np.nan)
         self._place = 0
         self._errors: list[Array] = []
+        self._unknown = np.full(outputs, np.nan)
         self._choice, self._others, self._turns = Choice(LAGS[2], 1e-3, True), cycle(CHOICES), cycle((1, 2))
         self.begin_with((), combinations)
 
@@ -91,23 +93,24 @@ class OnlineJoint:
         """Returns (m,) the latest sample, from those before it and its own inputs, or NaN; and (H, m) the next ones."""
         inputs, outputs = memory.latest(LAGS[-1] + 1)
         latest = outputs[-1]
-        before = self._ring[(self._place - self._horizons) % len(self._ring), :, np.arange(len(self._horizons))]
+        before = self._ring[(self._place - self._horizons) % len(self._ring), :, self._rows]
         self._errors.append(latest - before)
         self._number += 1
         self._mean += (latest - self._mean) / self._number
-        expected, every = np.full_like(latest, np.nan), latest
+        expected, every = self._unknown, latest
         if self._maps is not None:
-            past = initial_lags(np.hstack([outputs, inputs]), LAGS[-1] + 1)[::-1].ravel()
+            past = initial_lags(np.concatenate([outputs, inputs], axis=1), LAGS[-1] + 1)[::-1].ravel()
             with np.errstate(over="ignore", invalid="ignore"):
                 found = self._maps.dot(past) + self._constants
             every = found[:-1].reshape(self._weights.shape)
             every = every if np.isfinite(every).all() else np.where(np.isfinite(every), every, latest)
             expected = found[-1] if len(outputs) > 1 else expected
         farthest = (self._horizons[:, None] + 1) * np.maximum(self._fastest, np.abs(latest - outputs[-2:][0]))
-        ahead = (self._weights * every).sum(axis=0)
+        short = self._maps is not None and len(outputs) < LAGS[-1]  # soon after a gap the fewest lags are known
+        ahead = every[-1] if short else np.add.reduce(self._weights * every)
         ahead = np.minimum(np.maximum(ahead, latest - farthest), latest + farthest)
         row = self._ring[self._place]
-        row[0], row[1], row[2], row[3:] = ahead, latest, self._mean, every
+        row[0], row[1], row[2], row[3:] = ahead, latest, self._mean, np.nan if short else every
         self._place = (self._place + 1) % len(self._ring)
         return expected, ahead
 

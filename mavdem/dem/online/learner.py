@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.forecast.joint import known_combinations
+from mavdem.dem.graybox.parameters import Physical
 from mavdem.dem.learned import Learned
 from mavdem.dem.learning import FEWEST_SAMPLES, learn
 from mavdem.dem.online.ahead import OnlineJoint
@@ -68,6 +69,7 @@ class OnlineLearner:
         horizons: tuple[int, ...] = HORIZONS,
         executor: Executor | None = None,
         effect_directions: ArrayLike | None = None,
+        prior: Physical | None = None,
     ) -> None:
         """Begins without a sample.
 
@@ -80,6 +82,7 @@ class OnlineLearner:
             executor: of processes, where ``learn`` runs; unless given, it runs inside an update, which then takes as
                 long. With one of threads an update may wait for them.
             effect_directions: (r,) relative effect of each input on the axis, where the mixer geometry is known.
+            prior: the vehicle's physical parameters as of an earlier flight, such as ``Learned.physical``.
 
         Raises:
             ValueError: names the argument that does not fit.
@@ -118,10 +121,10 @@ class OnlineLearner:
         self._bands = ErrorBands(self.horizons, n_outputs, self._dt)
         combinations = known_combinations(n_inputs, directions)
         self._ahead = OnlineJoint(self._dt, block, self.horizons, n_outputs, combinations)
-        self._wind = OnlineWind(self._memory, executor)
+        self._wind = OnlineWind(self._memory, executor, prior)
         self._surprise, self._marks = Surprise(self._dt), AnomalyMarks(self._dt)
 
-    def update(self, time: float, outputs: ArrayLike, inputs: ArrayLike) -> Estimate:
+    def update(self, time: float, outputs: ArrayLike, inputs: ArrayLike, weak_since: float = np.nan) -> Estimate:
         """Takes the next sample, ``outputs`` (m,) and ``inputs`` (r,) at a ``time`` in s.
 
         >>> online = mavdem.OnlineLearner(dt=0.01, n_inputs=4, n_outputs=2)
@@ -132,7 +135,7 @@ class OnlineLearner:
 
         A time other than one step after the last, also one that goes back, begins a new segment: the model is kept, and
         nothing is predicted or differentiated across the gap. After ``MAX_GAPS`` in a row, ``obstacle`` states that
-        samples do not come every ``dt``.
+        samples do not come every ``dt``. While a motor is weak, since ``weak_since``, s, there is no wind torque.
 
         Returns:
             the estimate as of this sample, by the model before it.
@@ -154,7 +157,7 @@ class OnlineLearner:
             self._gaps = 0
         closed = self._memory.add(u, y, time)
         self._samples += 1
-        torque = self._wind.update(u, y)
+        torque = self._wind.update(u, y, weak_since)
         estimate = self._estimate(time, y)._replace(
             wind_torque=torque[0],
             wind_torque_band=torque[1],

@@ -8,19 +8,21 @@ earlier one. Its weights are the first of those of the smoother of a whole recor
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from concurrent.futures import CancelledError, Executor, Future
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.confidence import quantile
+from mavdem.confidence import half_width
 from mavdem.dem.engine.kalman import SteadyFilter
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.graybox.estimation import physical
-from mavdem.dem.graybox.identifiability import NotIdentifiable
+from mavdem.dem.graybox.identifiability import MODEL_ERRORS, NotIdentifiable
 from mavdem.dem.graybox.likelihood import Plant, plant
 from mavdem.dem.graybox.parameters import Physical, rate_column
-from mavdem.dem.graybox.wind import balanced, steady, wind
+from mavdem.dem.graybox.wind import balanced, steady
 from mavdem.dem.online.memory import Memory, MemoryBlock, drop_since, record_of
 from mavdem.dem.record import Record
 
@@ -32,64 +34,42 @@ FILTER_SECONDS = 1.0  # of samples, over which the filter finds the state
 
 
 class WindFilter(NamedTuple):
-    """Physical parameters as filter and fixed-lag smoother.
+    """Physical parameters as filter and fixed-lag smoother."""
 
-    Attributes:
-        physical: what it is made from.
-        axis: the plant, and the wind.
-        steady: its filter.
-        weights: (lag + 1,) of the innovations of a sample and those after it, in the wind's torque there.
-        trim: (r,) of the inputs.
-        constant: torque that acts besides the commands, rad/s².
-        level: what is added to the torque that the filter finds, rad/s².
-        column: of the rate, in the outputs.
-        half_width: of the 90 % band, rad/s².
-        known: whether the effect is identifiable, which the torque follows from, and the torque is resolved.
-    """
-
-    physical: Physical
-    axis: Plant
-    steady: SteadyFilter
-    weights: Array
-    trim: Array
-    constant: float
-    level: float
-    column: int
-    half_width: float
-    known: bool
+    physical: Physical  # what it is made from
+    axis: Plant  # with the wind
+    steady: SteadyFilter  # of that
+    weights: Array  # (lag + 1,) of the innovations of a sample and those after it, in the wind's torque there
+    trim: Array  # (r,) of the inputs
+    constant: float  # torque that acts besides the commands, rad/s²
+    level: float  # what is added to the torque that the filter finds, rad/s²
+    column: int  # of the rate, in the outputs
+    variance: float  # of the torque by true parameters: of the smoother, and of what the model leaves out
+    covariance: Array  # (4, 4) of the effect, relative, damping, lag and delay
 
 
-def wind_filter(record: Record) -> WindFilter:
-    """Fitted to a record; the band is wider than that of the whole record by what later samples would add.
+def wind_filter(record: Record, prior: Physical | None = None) -> WindFilter:
+    """Fitted to a record, with the ``prior`` of :func:`physical`.
 
     Raises:
         ValueError: no physical parameters can be fitted to it.
         numpy.linalg.LinAlgError: there is no steady filter for them.
     """
-    found, column = physical(record), rate_column(record)
+    found, column, dt = physical(record, prior), rate_column(record), record.dt
     if isinstance(found, NotIdentifiable):
         raise ValueError(found.reason)
-    whole = wind(found, record)
-    axis = plant(found.damping, found.lag, found.components, record.dt, found.refinements.get("jumps", 0.0))
-    filtered = axis.filter(found.noise)
-    weights = filtered.weights(round(DELAY_SECONDS / record.dt) + 1, axis.wind)
-    inputs, outputs = record.segments[-1]
-    trim = record.inputs.mean(axis=0)
-    constant = steady(outputs[:, column], (inputs - trim) @ found.effect, found.damping, record.dt)
-    width = quantile()
-    known = float(np.sum(filtered.weights(round(FILTER_SECONDS / record.dt), axis.wind) ** 2) - np.sum(weights**2))
-    return WindFilter(
-        found,
-        axis,
-        filtered,
-        weights,
-        trim,
-        constant,
-        constant + balanced(found.effect, trim, record.effect_directions),
-        column,
-        width * float(np.sqrt(np.mean((whole.band / width) ** 2) + max(known, 0.0) * filtered.variance)),
-        found.identifiable and whole.reason is None,
-    )
+    axis = plant(found.damping, found.lag, found.components, dt, found.refinements.get("jumps", 0.0))
+    filtered, (inputs, outputs), trim = axis.filter(found.noise), record.segments[-1], record.inputs.mean(axis=0)
+    weights = filtered.weights(round(DELAY_SECONDS / dt) + 1, axis.wind)
+    constant = steady(outputs[:, column], (inputs - trim) @ found.effect, found.damping, dt)
+    level = constant + balanced(found.effect, trim, record.effect_directions)
+    variance = axis.wind @ filtered.covariance @ axis.wind - filtered.variance * weights @ weights
+    # What is faster than the samples is no wind, but what the commands do between them.
+    variance += sum(each.size**2 for each in found.components if each.time < dt) + (MODEL_ERRORS.wind * found.wind) ** 2
+    slopes = np.eye(4, len(trim) + 3, len(trim) - 1)
+    slopes[0] = np.append(np.sign(found.effect) / np.abs(found.effect).sum(), np.zeros(3))
+    known = axis, filtered, weights, trim, constant, level, column, float(variance)
+    return WindFilter(found, *known, slopes @ found.covariance @ slopes.T)
 
 
 class _Tracked:
@@ -108,6 +88,7 @@ class _Tracked:
         self._commands = deque(commanded.tolist(), maxlen=int(np.ceil(self._steps)) + 5)
         self._innovations = deque((rate - states[:, 0]).tolist(), maxlen=lag)
         self._winds = deque((states @ of.axis.wind).tolist(), maxlen=lag)
+        self._slopes = deque(self._slopes_of(commanded, states.T).T.tolist(), maxlen=lag)
 
     def add(self, inputs: Array, outputs: Array) -> None:
         """Takes the next sample, (r,) and (m,)."""
@@ -117,45 +98,51 @@ class _Tracked:
         self._state = of.steady.step(self._state, push, self._innovations[-1])
         self._innovations.append(float(outputs[of.column] - self._state[0]))
         self._winds.append(float(of.axis.wind @ self._state))
+        self._slopes.append(self._slopes_of(self._commands[-1], self._state).tolist())
         self._number += 1
+
+    def _slopes_of(self, commanded: Array | float, states: Array) -> Array:
+        """(4, …) slopes of the wind's torque by effect (relative), damping, lag and delay; of ``states`` (n, …)."""
+        change = (commanded - states[1]) / self._of.physical.lag
+        return np.array([self._of.level - states[1], states[0], change, change])
 
     @property
     def torque(self) -> tuple[float, float]:
         """The wind's torque a lag before the latest sample, and its half width, rad/s²; NaN at the beginning."""
         if self._number < self._least:
             return np.nan, np.nan
-        of = self._of
-        return self._winds[0] + float(of.weights @ np.array(self._innovations)) + of.level, of.half_width
+        of, innovations, slopes = self._of, np.array(self._innovations), np.array(self._slopes[0])
+        # Where the samples after it are worse predicted than usual, so is the torque known worse.
+        unusual = max(1.0, float(innovations @ innovations) / len(innovations) / of.steady.variance)
+        variance = unusual * of.variance + float(slopes @ of.covariance @ slopes)
+        return self._winds[0] + float(of.weights @ innovations) + of.level, float(half_width(variance))
 
 
 class OnlineWind:
-    """Fits the physical parameters to the latest blocks of samples now and then, and follows the wind's torque.
+    """Fits the physical parameters to the latest blocks of samples now and then, and follows the wind's torque."""
 
-    Attributes:
-        filter: of the last fit; ``None`` before the first.
-    """
-
-    def __init__(self, memory: Memory, executor: Executor | None) -> None:
+    def __init__(self, memory: Memory, executor: Executor | None, prior: Physical | None = None) -> None:
         """Begins without a sample.
 
         Args:
             memory: of the latest samples, each of which is in it before :meth:`update` is called.
             executor: where the fits run; unless given, inside :meth:`add`.
+            prior: the vehicle's physical parameters as of an earlier flight.
         """
-        self.filter: WindFilter | None = None
-        self._dt, self._memory, self._executor = memory.dt, memory, executor
+        self.filter: WindFilter | None = None  # of the last fit
+        self._dt, self._memory, self._executor, self._prior = memory.dt, memory, executor, prior
         self._blocks: deque[MemoryBlock] = deque(maxlen=max(1, round(MEMORY_SECONDS / memory.dt / memory.block)))
         self._tracked: _Tracked | None = None
         self._pending: Future[WindFilter] | None = None
         self._samples, self._next = 0, round(FIRST_FIT_SECONDS / self._dt)
+        self.delay = round(DELAY_SECONDS / self._dt) * self._dt  # of the torque behind the latest sample, s
 
-    @property
-    def delay(self) -> float:
-        """Of the torque behind the latest sample, s: ``DELAY_SECONDS`` in whole steps."""
-        return round(DELAY_SECONDS / self._dt) * self._dt
-
-    def update(self, inputs: Array, outputs: Array) -> tuple[float, float]:
-        """Takes the next sample, (r,) and (m,); returns the torque and its half width, rad/s², or NaN."""
+    def update(self, inputs: Array, outputs: Array, weak_since: float = np.nan) -> tuple[float, float]:
+        """Takes a sample, (r,) and (m,); returns the torque and its half width, rad/s², NaN while a motor is weak."""
+        if np.isfinite(weak_since):
+            self._tracked = None
+            self.drop_since(weak_since)
+            return np.nan, np.nan
         self._samples += 1
         if self._tracked is not None:
             self._tracked.add(inputs, outputs)
@@ -169,26 +156,22 @@ class OnlineWind:
 
     def add(self, block: MemoryBlock, fits: bool = True) -> None:
         """Keeps a block that was just closed; takes what was fitted meanwhile, and ``fits`` again when due."""
-        self._blocks.append(block)
+        gap = len(self._blocks) and block.until - self._blocks[-1].until > (len(block.outputs) + 1) * self._dt
+        self._blocks.append(block._replace(begins=block.begins or bool(gap)))
         if self._pending is not None:
             if not self._pending.done():
                 return
             pending, self._pending = self._pending, None
-            self._adopt(pending)
+            self._adopt(pending.result)
         if self._samples < self._next or not fits:
             return
         self._next = self._samples + min(self._samples, round(LONGEST_PAUSE_SECONDS / self._dt))
         record = record_of(self._blocks, self._dt, self._memory.effect_directions)
         if self._executor is None:
-            pending = Future()
-            try:
-                pending.set_result(wind_filter(record))
-            except (ValueError, np.linalg.LinAlgError) as error:
-                pending.set_exception(error)
-            self._adopt(pending)
+            self._adopt(partial(wind_filter, record, self._prior))
             return
         try:
-            self._pending = self._executor.submit(wind_filter, record)
+            self._pending = self._executor.submit(wind_filter, record, self._prior)
         except RuntimeError:
             return  # The executor is gone; the learner says so.
 
@@ -198,9 +181,9 @@ class OnlineWind:
             self._pending.cancel()
             self._pending = None
 
-    def _adopt(self, found: Future[WindFilter]) -> None:
+    def _adopt(self, found: Callable[[], WindFilter]) -> None:
         try:
-            self.filter = found.result()
+            self.filter = found()
         except (ValueError, RuntimeError, CancelledError):  # LinAlgError is a ValueError
             return
         self._follow()
@@ -209,5 +192,5 @@ class OnlineWind:
         """The filter from the latest samples on."""
         inputs, outputs = self._memory.latest(round((FILTER_SECONDS + DELAY_SECONDS) / self._dt) + 1)
         self._tracked = None
-        if self.filter is not None and self.filter.known and len(outputs):
+        if self.filter is not None and self.filter.physical.identifiable and len(outputs):
             self._tracked = _Tracked(self.filter, self._dt, inputs, outputs)
