@@ -267,7 +267,7 @@ def test_a_computer_that_is_too_slow_says_so_and_blames_no_link(now, monkeypatch
     arriving = [(stamp - FIRST + 100.0, frame) for stamp, frame in FRAMES if 0.0 <= stamp - FIRST < 30.0]
     recording, ahead, received = Mock(), np.zeros((1, 2)), len(arriving)
     one, screen, said = session_of([], recording=recording, rate=100.0)
-    made = lambda _, t, y, u: Estimate(t, y, y, np.array([t + 0.25]), ahead, ahead, ahead)  # noqa: E731
+    made = lambda _, t, y, u, *_weak: Estimate(t, y, y, np.array([t + 0.25]), ahead, ahead, ahead)  # noqa: E731
     monkeypatch.setattr(mavdem.OnlineLearner, "update", made)
     take, put_off = one._take, False
 
