@@ -80,9 +80,9 @@ class Plan:
             samples = round((self._times.landing - self._times.hover) / cycle)
             table = _sticks(scenario, scenario.excitation, cycle, samples)
         elif isinstance(scenario.excitation, Course):
-            self._course = _course(scenario.excitation, cycle).tolist()
+            once = _course(scenario.excitation, cycle)
             excited = self._times.landing - self._times.hover - 2 * SETTLE_SECONDS
-            self._rounds = int(excited / (len(self._course) * cycle) + 1e-9)
+            self._course = np.tile(once, (int(excited / (len(once) * cycle) + 1e-9), 1)).tolist()
         self._table: list[Three] = [(roll, pitch, yaw) for roll, pitch, yaw in table.tolist()]
 
     def at(self, time: float) -> Reference:
@@ -104,11 +104,7 @@ class Plan:
         return Reference(4, self._height - way * done, -way * rate / descent, 0.0)
 
     def _flown(self, row: int) -> Reference:
-        """On the course, so many cycles after it began."""
-        rounds, row = divmod(row, len(self._course))
-        if rounds >= self._rounds:
-            return Reference(2, self._height, 0.0, 0.0)
-        north, east, up, ahead, aside, climb, turn = self._course[row]
+        north, east, up, ahead, aside, climb, turn = self._course[min(row, len(self._course) - 1)]
         return Reference(2, self._height + up, climb, east, (0.0, 0.0, turn), False, north, (ahead, aside))
 
     def _excited(self, time: float) -> tuple[float, Three]:

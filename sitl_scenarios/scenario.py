@@ -202,12 +202,13 @@ class Profile(Section):
     turn: Degrees = Field(0.0, description="Clockwise turn in time, from arming, degrees/s")
 
     def at(self, height: float, time: float) -> tuple[float, float]:
-        """Returns the share of the speed at the reference, and the clockwise turn (rad), at m and s since arming."""
+        """Returns cosine and sine of the clockwise turn, times the share of the reference's speed, at m and s."""
         z = max(height, 0.0)
         share = (z / self.reference) ** (self.exponent if self.law == "power" else 0.0)
         if self.law == "log":
             share = log(max(z / self.roughness, 1.0)) / log(self.reference / self.roughness)
-        return share, radians(self.veer * (z - self.reference) + self.turn * time)
+        angle = radians(self.veer * (z - self.reference) + self.turn * time)
+        return share * cos(angle), share * sin(angle)
 
 
 Wind = Annotated[SteadyWind | GaussianWind | TurbulentWind | Gust | Jet, Field(discriminator="kind")]

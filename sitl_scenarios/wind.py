@@ -17,7 +17,7 @@ state: Dryden's filters are solved exactly, von Kármán's autocorrelation is em
 from __future__ import annotations
 
 from functools import lru_cache
-from math import ceil, cos, exp, fsum, log, pi, sin, sqrt
+from math import ceil, cos, exp, fsum, log, pi, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -253,8 +253,7 @@ class Weather:
         cycle = min(max(cycle, 0), len(self._air) - 1)
         air = AirState(*self._air[cycle].tolist())
         if self._profile.model_fields_set:
-            share, angle = self._profile.at(-position[2], max(self._time[cycle], 0.0))
-            c, s = share * cos(angle), share * sin(angle)
+            c, s = self._profile.at(-position[2], max(self._time[cycle], 0.0))
             air = air._replace(north=c * air.north - s * air.east, east=s * air.north + c * air.east)
         for jet, turbulence in self._jets:
             north, east, down = _jet_wind(jet, self._height, turbulence[cycle], position)

@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 
 from mavdem.dem.parallel import pool
 
-LOW_PRIORITY = 10  # Niceness, 0 to 19, of the process that learns
+LOW_PRIORITY = 10  # Niceness, 0 to 19, of the process that learns: samples do not wait for a core
 
 Result = TypeVar("Result")
 
@@ -44,7 +44,6 @@ class LearningProcess(Executor):
         self._pool = self._exits.enter_context(pool(1))
         self._children = [child for child in active_children() if child not in others]
         if hasattr(os, "nice"):
-            # Batch learning may take its time; samples may not wait for a core.
             self._pool.submit(os.nice, LOW_PRIORITY)
 
 

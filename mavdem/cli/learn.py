@@ -144,8 +144,7 @@ def learn_command(
     known = {(telemetry.system, telemetry.component): (verdict, condition, analysis.identity)}
     held = inventory(log, verdict.axis, vehicle, inputs, known)
     held["vehicles"][0] |= analysis.findings.as_dict() | {"model": analysis.model}
-    page = log_page(heading, blocks, {verdict.axis: analysis}, held, air=air)
-    write_results(folder, report, page, analysis, air)
+    write_results(folder, report, log_page(heading, blocks, {verdict.axis: analysis}, held, air=air), analysis, air)
     for what, extra in ((f"{RECORDING} was not written, since it", "view"), ("Drawing its pictures", "plot")):
         if learned is not None and (hint := advice(what, extra)):
             say_aside(hint)

@@ -219,9 +219,8 @@ def live_command(
         dashboard.report(status := replace(status, findings=session.findings))
         if status.findings:
             say_aside(status.findings.headline)
-        page = partial(live_page, link, axis, session.history, status, account, learned)
         if html is not None and last.done():
-            last = in_background(page)
+            last = in_background(partial(live_page, link, axis, session.history, status, account, learned))
         ends.close()
         wait([last], ends_at - monotonic())
         if html is not None and not last.done():
@@ -278,13 +277,12 @@ def _written(path: Path | None, text: str, what: str) -> bool:
 
 def _run(session: LiveSession, asked: Callable[[], bool], duration: float | None) -> None:
     """Runs until the time is over or the user asks to end."""
-    # No sample waits for a collection, nor longer than that for another thread.
+    # No sample waits for a long collection, which only goes through what is new, nor for another thread.
     gc.collect()
     gc.freeze()
     gc.disable()
-    interval, began, reported = sys.getswitchinterval(), monotonic(), monotonic()
+    interval, began, reported, line = sys.getswitchinterval(), monotonic(), monotonic(), ""
     sys.setswitchinterval(SWITCH_SECONDS)
-    line = ""
     while not asked() and (duration is None or monotonic() - began < duration):
         session.step()
         if monotonic() - reported >= STATUS_SECONDS:
@@ -292,6 +290,7 @@ def _run(session: LiveSession, asked: Callable[[], bool], duration: float | None
             if line not in ("", before):
                 say_aside(line)
             gc.collect()
+            gc.freeze()
     gc.enable()
     sys.setswitchinterval(interval)
 

@@ -8,7 +8,6 @@ import json
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
@@ -19,7 +18,7 @@ from mavdem.alignment.drive import Motors
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Attitude, Signals, axis_outputs
 from mavdem.alignment.verdict import verdict_of
-from mavdem.condition import WindVelocity, wind_of
+from mavdem.condition import WindVelocity
 from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
 from mavdem.errors import NotLearnable, Unreadable, require
@@ -41,7 +40,6 @@ if TYPE_CHECKING:
 
 Table = Mapping[str, Array]  # columns (T,) by name, with units, such as "roll_rate_rad_s"; the first is "time_s"
 TIME = "time_s"
-WIND_COLUMNS = ("wind_north_m_s", "wind_east_m_s", "wind_north_band_m_s", "wind_east_band_m_s")  # the air moves to
 IN_TEXT = {TIME: ".6f"}  # stamps of autopilots are microseconds at best
 FLOAT32 = ".7g"  # other numbers in text: autopilots send and log them as float32
 
@@ -244,10 +242,6 @@ def _convert_to_table(
         table, provenance = columns(flight), {**flight.provenance, "cautions": cautions}
     else:
         table, provenance = own_columns(signals), {"source": str(source), "cautions": cautions}
-    with suppress(NotLearnable):
-        wind = wind_of(signals)
-        for name, values in zip(WIND_COLUMNS, np.hstack([wind.velocity, wind.band]).T, strict=True):
-            table |= {name: np.interp(table[TIME], wind.time, values, np.nan, np.nan)} if table else {}
     if not table:
         raise NotLearnable(verdict.reason, verdict.remedy)
     with atomic_write(out) as file:

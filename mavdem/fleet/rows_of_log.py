@@ -83,7 +83,6 @@ def _rows_of_vehicle(log: Log, telemetry: Telemetry, file: str) -> tuple[list[Fl
 
 
 def _wind(signals: Signals) -> dict[str, Any]:
-    """The columns of the wind in m/s and of the drag, as far as they are identifiable."""
     try:
         wind = wind_of(signals)
     except NotLearnable:

@@ -36,9 +36,8 @@ STATUS_SECONDS, JUDGING_SECONDS = 1.0, 10.0  # From one status to the next, and 
 REPEAT_SECONDS = 30.0  # In which a sentence is reported once, whatever its numbers: a link may be at a limit
 MAX_LATENCIES = 10_000  # Of the latest rows, whose percentiles are in the status
 MAX_MODELS = 16  # Kept, so that one from before a landing is among them: several times the seconds that are taken back
-FIT_SECONDS = 3.0  # Of the last fit; where it takes longer, the model before is kept
-STEP_SECONDS = 0.02  # Of analysis, until the link is read again: its buffer may hold no more than a second
-TOGETHER_SECONDS = 0.01  # Pieces that arrived within it are searched for frames together
+FIT_SECONDS = 3.0  # Of the last fit; where it takes longer, the model before is kept, or twice as long without one
+STEP_SECONDS, TOGETHER_SECONDS = 0.02, 0.01  # Of analysis between two looks at the link, and of pieces searched at once
 SHED = {"physical fits": 0.5, "plots": 1.0, "refits": 2.0, "status": 3.0}  # What waits, from so many s behind on
 MAX_BEHIND_SECONDS = 5.0  # What waited longer is not analysed, up to what waits the first of SHED
 
@@ -220,9 +219,9 @@ class LiveSession:
         if not (self._landed and self._models):
             try:
                 self.history.modelled = np.inf
-                return self._named(self.learner.learn_now(FIT_SECONDS))
+                return self._named(self.learner.learn_now(seconds := FIT_SECONDS * (1 if self._models else 2)))
             except (ValueError, RuntimeError, TimeoutError) as error:
-                error = ValueError(str(error) or f"not learned within {FIT_SECONDS:.0f} s")
+                error = ValueError(str(error) or f"not learned within {seconds:.0f} s")
                 if not self._models:
                     raise error from None
                 self._log(f"The newest samples support no model ({error}): the former one is kept.")

@@ -60,6 +60,7 @@ def fleet_page(rows: Sequence[FlightRow], changes: Mapping[str, Sequence[Block]]
         .render(
             blocks=[*words.fleet_blocks(rows), *([Sentence(hint, "Not drawn:")] if hint and drawn else [])],
             vehicles=parts,
+            rose="" if hint else _svg(flights, "rose", "wind_rose"),
             not_drawn=len(flown_often) - len(drawn),
             table=Table(kept, [list(line) for line in zip(*(columns[name] for name in kept), strict=True)]),
             kinds=[COLUMNS[name][0] for name in kept],
@@ -70,9 +71,9 @@ def fleet_page(rows: Sequence[FlightRow], changes: Mapping[str, Sequence[Block]]
     )
 
 
-def _svg(flights: Sequence[Sequence[FlightRow]], name: str) -> Markup:
+def _svg(flights: Sequence[Sequence[FlightRow]], name: str, draw: str = "vehicle_figure") -> Markup:
     try:
-        figure = downstream("report.figures.flights", "vehicle_figure")(flights)
+        figure = downstream("report.figures.flights", draw)(flights)
     except ValueError:  # nothing is known
         return Markup("")
     return Markup(downstream("report.figures.style", "svg")(figure, name))

@@ -19,8 +19,9 @@ DISARMED, ON_GROUND, IN_AIR, TAKING_OFF, LANDING = range(5)
 ARMED = 128  # MAV_MODE_FLAG_SAFETY_ARMED
 DENIED, TEMPORARILY_REJECTED, FAILED = 2, 1, 4  # MAV_RESULT
 INFO, CRITICAL = 6, 2  # MAV_SEVERITY
-_ASKED = ("ATTITUDE_TARGET", "RC_CHANNELS", "BATTERY_STATUS", "VIBRATION", "GLOBAL_POSITION_INT", "VFR_HUD")
-WHEN_ASKED = dict.fromkeys(_ASKED, 0.0)
+WHEN_ASKED = dict.fromkeys(
+    ("ATTITUDE_TARGET", "RC_CHANNELS", "BATTERY_STATUS", "VIBRATION", "GLOBAL_POSITION_INT"), 0.0
+)
 """Hz of what comes only when it is asked for; PX4's own rates depend on the link, and are too slow to learn from."""
 Mode = tuple[int, int]  # HEARTBEAT's base_mode, but for the armed flag, and its custom_mode
 

@@ -108,12 +108,9 @@ def written(name: str, motion: Motion, boot: NDArray[np.int64], autopilot: Autop
             fields["lon"] = np.round(1e7 * (longitude + east / METRES_PER_DEGREE / np.cos(np.radians(latitude))))
             fields |= {"alt": np.round(1000 * (altitude - down)), "relative_alt": np.round(-1000 * down)}
             fields |= dict(zip(("vx", "vy", "vz"), np.round(100 * motion.known_velocity.T), strict=True))
-            fields["hdg"] = np.round(100 * _heading(motion)) % 36000
-        case "VFR_HUD":
-            ground = np.hypot(*motion.known_velocity.T[:2])  # of the air too, without a sensor of it
-            fields = {"airspeed": ground, "groundspeed": ground, "throttle": 100 * motion.demands[:, 3]}
-            fields |= {"climb": -motion.known_velocity[:, 2], "heading": _heading(motion)}
-            fields["alt"] = HOME[2] - motion.known_position[:, 2]
+            fields["hdg"] = (
+                np.round(1e2 * np.degrees([euler(one)[2] for one in motion.known_attitude.tolist()])) % 36000
+            )
         case "WIND":
             north, east, down = (scenario.stream.drag_calibrated * motion.wind).T
             angle = np.degrees(np.arctan2(-east, -north))
@@ -137,11 +134,6 @@ def written(name: str, motion: Motion, boot: NDArray[np.int64], autopilot: Autop
             felt = zip("xyz", vibration(scenario, motion).T, strict=True)
             fields = {"time_usec": boot} | {f"vibration_{axis}": values for axis, values in felt}
     return payload(name, len(boot), **fields)
-
-
-def _heading(motion: Motion) -> NDArray[np.float64]:
-    """(N,) degrees clockwise from north, 0 to 360."""
-    return np.degrees([euler(attitude)[2] for attitude in motion.known_attitude.tolist()]) % 360
 
 
 INT8, INT16, INT32, REAL32 = 2, 4, 6, 9  # MAV_PARAM_TYPE

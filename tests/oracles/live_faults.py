@@ -45,7 +45,7 @@ class SessionEnd(Link):
     """The end of a wire that the session listens to."""
 
     def __init__(self, wire: Wire) -> None:
-        self._wire, self.name, self.speaks_first = wire, "simulation", False
+        self._wire, self.name, self.speaks_first, self.dropped = wire, "simulation", False, 0
 
     def receive(self, timeout: float) -> list[tuple[float, bytes]]:
         self._wire.now += timeout

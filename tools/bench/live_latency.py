@@ -1,25 +1,30 @@
 #!/usr/bin/env python
-"""The cost of `mavdem live`: latency from a datagram to its estimate, and the share of a core.
+"""The cost of `mavdem live`: latency from a datagram's arrival, as the kernel stamps it, to its estimate, and CPU time.
 
-Input is a simulated hover at 100, 400 and 1000 Hz, sent by another process over UDP on this machine for half a minute.
-Settings are the default ones.
+A simulated hover is sent by another process over UDP for half a minute; dashboard and raw stream are recorded.
 
-Usage: tools/bench/live_latency.py
+Usage: tools/bench/live_latency.py [--busy]
 """
 
 from __future__ import annotations
 
 import math
 import multiprocessing
+import os
 import socket
 import time
 from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import click
 import numpy as np
 from pymavlink.dialects.v20 import all as dialect
 
 from mavdem.cli.background import LearningProcess
+from mavdem.cli.live import Dashboard, _run
+from mavdem.cli.recording import RawRecording
 from mavdem.dem import Settings
 from mavdem.live import LiveStream
 from mavdem.live.link import Link
@@ -57,33 +62,34 @@ def send(rate: float) -> None:
             outlet.sendto(datagram, ("127.0.0.1", PORT))
 
 
-def silence(_: object) -> None: ...
-
-
-def over_udp(rate: float) -> str:
-    link = Link(f"udpin:127.0.0.1:{PORT}")
+def over_udp(rate: float, folder: Path) -> str:
+    link, path = Link(f"udpin:127.0.0.1:{PORT}"), folder / f"{rate:.0f}.rrd"
     vehicle = multiprocessing.get_context("spawn").Process(target=send, args=(rate,))
-    with LearningProcess() as executor:
-        session = LiveSession(link, LiveStream(), Settings(), silence, silence, silence, executor)
+    with closing(Dashboard("a hover", "roll", path, False, None)) as dashboard, LearningProcess() as executor:
+        shown = dashboard.open, dashboard.report, list[str]().append
+        session = LiveSession(link, LiveStream(), Settings(), *shown, executor, RawRecording(path.with_suffix(".tlog")))
         vehicle.start()
         while session.status.vehicle is None:
             session.step()
-        used, began = time.process_time(), time.monotonic()
-        while vehicle.is_alive():
-            session.step()
-        share = (time.process_time() - used) / (time.monotonic() - began)
+        used, main, began = time.process_time(), time.thread_time(), time.monotonic()
+        _run(session, lambda: not vehicle.is_alive(), None)
+        spent, used, main = time.monotonic() - began, time.process_time() - used, time.thread_time() - main
     link.close()
-    status, (median, late) = session.status, (1e3 * each for each in session.status.latency)
-    rows = status.learned + status.shown
-    return f"| {rate:.0f} | {rows} | {status.lost} | {median:.2f} | {late:.2f} | {share:.0%} |"
+    now, shares = session.status, (f"{main / spent:.0%}", f"{used / spent:.0%}")
+    row = [f"{rate:.0f}", now.learned + now.shown, now.lost, *(f"{1e3 * each:.1f}" for each in now.latency), *shares]
+    return f"| {' | '.join(map(str, row))} |"
 
 
 @click.command(help=__doc__)
-def main() -> None:
-    print("| Hz | rows | lost | median, ms | 99th percentile, ms | share of a core |")
-    print("|---|---|---|---|---|---|")
-    for rate in (100.0, 400.0, 1000.0):
-        print(over_udp(rate), flush=True)
+@click.option("--busy", is_flag=True, help="Beside a busy loop on every core.")
+def main(busy: bool) -> None:
+    for _ in range(busy * (os.cpu_count() or 1)):
+        multiprocessing.Process(target=exec, args=("while True: pass",), daemon=True).start()
+    print("| Hz | rows | lost | median, ms | 99th percentile, ms | longest, ms | main thread | process, of a core |")
+    print("|---|---|---|---|---|---|---|---|")
+    with TemporaryDirectory() as folder:
+        for rate in (50.0, 100.0, 200.0, 400.0):
+            print(over_udp(rate, Path(folder)), flush=True)
 
 
 if __name__ == "__main__":

@@ -106,10 +106,11 @@ class OnlineJoint:
             every = every if np.isfinite(every).all() else np.where(np.isfinite(every), every, latest)
             expected = found[-1] if len(outputs) > 1 else expected
         farthest = (self._horizons[:, None] + 1) * np.maximum(self._fastest, np.abs(latest - outputs[-2:][0]))
-        ahead = np.add.reduce(self._weights * every)
+        short = self._maps is not None and len(outputs) < LAGS[-1]  # soon after a gap the fewest lags are known
+        ahead = every[-1] if short else np.add.reduce(self._weights * every)
         ahead = np.minimum(np.maximum(ahead, latest - farthest), latest + farthest)
         row = self._ring[self._place]
-        row[0], row[1], row[2], row[3:] = ahead, latest, self._mean, every
+        row[0], row[1], row[2], row[3:] = ahead, latest, self._mean, np.nan if short else every
         self._place = (self._place + 1) % len(self._ring)
         return expected, ahead
 

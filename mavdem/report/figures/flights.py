@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from itertools import pairwise
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,8 +13,8 @@ from matplotlib.figure import Figure
 from mavdem.dem.engine.linalg import Array
 from mavdem.fleet.row import AXIS_ORDER, NOT_IDENTIFIABLE, Flight, worst_health
 from mavdem.report.figures.style import HAIRLINE, WIDTH, Room, band, not_blown_up, picture, plain
-from mavdem.report.numbers import TORQUE, short
-from mavdem.report.palette import BAD, LIMITED, distinct
+from mavdem.report.numbers import POINTS, TORQUE, short
+from mavdem.report.palette import BAD, DISTURBANCE, LIMITED, distinct
 
 FEW = 25  # flights, up to which each has a dot and its own interval
 COLUMNS = 3
@@ -53,6 +54,21 @@ def vehicle_figure(flights: Sequence[Flight]) -> Figure:
                 axes.plot(place, 1.0, shape, color=colour, markersize=4, clip_on=False, transform=at)
         for axes in grid[len(panels) :]:
             axes.set_visible(False)
+    return figure
+
+
+def wind_rose(flights: Sequence[Flight]) -> Figure:
+    """Draws how many ``flights`` had wind from where, in classes of speed; ``ValueError`` if no direction is known."""
+    winds = [(row.wind_direction, row.wind_speed) for row, *_ in flights if row.wind_direction and row.wind_speed]
+    (angle, speed), bottom, at = np.array(winds).T, np.zeros(16), np.arange(16) * np.pi / 8
+    with picture(2.8, width=4.4) as figure:
+        axes: Any = figure.add_subplot(projection="polar", theta_offset=np.pi / 2, theta_direction=-1)
+        for low, high in pairwise((0, 2, 4, 6, 8, 10, np.inf)):
+            count = np.bincount(np.rint(angle[(low <= speed) & (speed < high)] / at[1]).astype(int) % 16, minlength=16)
+            axes.bar(at, count, 0.35, bottom, color=DISTURBANCE, alpha=(low + 2) / 12, label=f"from {low:g} m/s")
+            bottom = bottom + count
+        axes.set_xticks(np.radians(np.arange(0, 360, 45)), POINTS[::2])
+        axes.legend(loc="center left", bbox_to_anchor=(1.12, 0.5))
     return figure
 
 
