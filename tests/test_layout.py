@@ -151,9 +151,9 @@ BUDGETS = {
     "view": 1340,
     "export": 340,
     "paper": 1940,
-    "cli": 2290,
+    "cli": 2291,
     "sitl_scenarios": 3450,
-    "tools": 1460,
+    "tools": 1459,
 }
 """Lines of Python a room may have, docstrings counted: what a new capability needs, something older gives back."""
 ALL_LINES, ALL_FILES, TEST_LINES = 40_615, 226, 23_000

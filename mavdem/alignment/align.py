@@ -23,8 +23,8 @@ STEP_TOLERANCE = 1.1
 """How much longer than 1/``MINIMUM_RATE`` usual steps may be, so that jitter of the stamps does not split a stream. The
 verdict decides whether the mean rate of a segment is enough."""
 MAX_GAP_SECONDS = 0.1  # Longest silence that is bridged: half a period of 5 Hz, a frequency at which roll still moves
+# Share of steps below which they are rare, cycles of a scheduler that an interval may be, and how far the mean may be.
 USUAL_SHARE, MAX_CYCLES, CYCLES_TOLERANCE = 0.02, 3, 0.1
-"""Share of steps below which they are rare; cycles of a scheduler an interval may be, and how far the mean may be."""
 STAMP_SECONDS = 1e-3  # Resolution of ``time_boot_ms``: two stamps no further apart may belong to the same moment
 
 
@@ -133,8 +133,7 @@ def align(signals: Signals, segment: Segment, dt: float | None = None) -> Flight
     the rate only.
 
     Unless given, the step is the mean interval of the slower of attitude and motors, to 0.1 ms. The mean, because an
-    autopilot that rounds 10 ms to its 4 ms loop alternates 8 and 12 and the median is neither; but with jitter of two
-    or three cycles of the loop, these.
+    autopilot that rounds 10 ms to its 4 ms loop alternates 8 and 12 and the median is neither (but see ``_interval``).
 
     A stream with a sample within ``STAMP_SECONDS`` of every grid point keeps its samples as they are, unless it is so
     much faster that it has to be low-passed (see :func:`sample`). Otherwise it is interpolated linearly.

@@ -22,13 +22,13 @@ from mavdem.report.condition import wind_blocks
 @click.command("wind")
 @click.argument("source", type=click.Path())
 @vehicle_option
-@file_option("--prior", "What `mavdem wind --json` printed of another flight: its drag is the prior.")
+@file_option("--prior", "A report.json, or what `mavdem wind --json` printed: its drag is the prior.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document and nothing else.")
 def wind_command(source: str, vehicle: str | None, prior: Path | None, as_json: bool) -> None:
     """Reports the wind in m/s, where it comes from, and the vehicle's drag, with intervals of 90 %.
 
-    SOURCE is a log with attitude and velocity over ground, at 1 Hz and faster. Legs in several directions show the
-    drag; a hover needs --prior, or the autopilot's drag parameters. Exit code: 1 if the log cannot have a wind.
+    SOURCE is a log with attitude and velocity over ground. Legs in several directions show the drag; a hover needs
+    --prior, or the autopilot's drag parameters. Exit code: 1 if the log cannot have a wind.
     """
     signals = Signals(choose_vehicle(read_source(source).vehicles, vehicle))
     wind = wind_of(signals, None if prior is None else _drag_in(prior))
@@ -39,12 +39,13 @@ def wind_command(source: str, vehicle: str | None, prior: Path | None, as_json: 
     settings = drag.parameters(signals.telemetry.autopilot)
     numbers = settings | {"linear drag (1/s)": (drag.linear.mean(), *drag.interval("linear").mean(axis=1))}
     table = [[name, *(f"{value:.3g}" for value in values)] for name, values in numbers.items()]
-    blocks.append(Table([f"Drag by {drag.source}", "value", "from", "to"], table))
+    blocks += [Table([f"Drag by {drag.source}", "value", "from", "to"], table)]
     print_result(wind.as_dict() | {"parameters": settings}, blocks, as_json)
 
 
 def _drag_in(path: Path) -> Drag:
     try:
-        return Drag.from_dict(json.loads(path.read_text())["drag"]).of_next_flight()
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise Unreadable(f"{path} holds no drag ({error}): give what `mavdem wind --json` printed.") from error
+        read = json.loads(path.read_text())
+        return Drag.from_dict(read.get("wind_velocity", read)["drag"]).of_next_flight()
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise Unreadable(f"{path} holds no drag ({error}): give a `mavdem wind --json` or a report.json.") from error

@@ -39,8 +39,7 @@ class Sequence:
     number: int  # the highest so far, which goes on beyond 255
     stamp: float = 0.0  # of the latest attitude, s, 0 without
     latest: int = 0  # frames with its ids up to its own last
-    # By sequence number: the number as above, the frame, and how many frames had come.
-    recent: dict[int, tuple[int, Frame, int]] = field(default_factory=dict)
+    recent: dict[int, tuple[int, Frame, int]] = field(default_factory=dict)  # number, frame, frames so far
 
 
 class Sender:
