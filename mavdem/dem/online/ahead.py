@@ -10,7 +10,7 @@ the first fit the last sample is held.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from itertools import cycle
 
 import numpy as np
@@ -69,6 +69,7 @@ class OnlineJoint:
         self._before, self._waiting = np.empty((0, 0)), deque(blocks)
         self._units: tuple[Array, Array] | None = None  # of the first second, in which rows are summed
         self._uncounted = 0
+        self._fitting: Iterator[None] | None = None  # what of it is done, a piece at a time
         self._errors.clear()
         self._sizes = np.full((len(self._horizons), len(ERROR_SECONDS), self._outputs), np.nan)
         seen = np.concatenate([np.empty((0, self._outputs)), *(block.outputs for block in self._waiting)])
@@ -115,9 +116,17 @@ class OnlineJoint:
         return expected, ahead
 
     def advance(self) -> None:
-        """Counts the waiting blocks and fits when that is due, unless another thread is computing."""
-        if not self._waiting or self.combinations is None:
+        """Counts a waiting block, or goes on with a fit unless another thread is computing: a piece for each sample."""
+        if self.combinations is None:
             return
+        if self._waiting:
+            self._count()
+        elif self._fitting is not None:
+            with one_thread_if_free() as free:
+                if free and next(self._fitting, "done") == "done":
+                    self._fitting = None
+
+    def _count(self) -> None:
         if self._units is None:
             if sum(len(block.outputs) for block in self._waiting) * self._dt < FIRST_SECONDS:
                 return
@@ -125,29 +134,26 @@ class OnlineJoint:
             scale = channels.std(axis=0)
             self._units = channels.mean(axis=0), np.where(scale > 0, scale, 1.0)
         center, scale = self._units
-        while self._waiting:
-            block = self._waiting.popleft()
-            channels = (self._channels(block.inputs, block.outputs) - center) / scale
-            if not block.begins and len(self._before):
-                channels = np.vstack([self._before, channels])
-            self._before = channels[-LAGS[-1] :]
-            self._uncounted += len(block.outputs)
-            new = LagStatistics.of([channels], LAGS[-1])
-            if self._statistics is not None:
-                new += self._statistics.forgotten(float(np.exp(-new.rows * self._dt / MEMORY_SECONDS)))
-            self._statistics = new
-        if self._uncounted * self._dt < REFIT_SECONDS or self._statistics is None or self._statistics.rows < 1:
-            return
-        with one_thread_if_free() as free:
-            if free:
-                self._uncounted = 0
-                self._fit(self._statistics, center, scale)
+        block = self._waiting.popleft()
+        channels = (self._channels(block.inputs, block.outputs) - center) / scale
+        if not block.begins and len(self._before):
+            channels = np.vstack([self._before, channels])
+        self._before = channels[-LAGS[-1] :]
+        self._uncounted += len(block.outputs)
+        new = LagStatistics.of([channels], LAGS[-1])
+        if self._statistics is not None:
+            new += self._statistics.forgotten(float(np.exp(-new.rows * self._dt / MEMORY_SECONDS)))
+        self._statistics = new
+        due = self._uncounted * self._dt >= REFIT_SECONDS and new.rows >= 1
+        if due and not self._waiting and self._fitting is None:
+            self._uncounted, self._fitting = 0, self._fit(new, center, scale)
 
     def _channels(self, inputs: Array, outputs: Array) -> Array:
         assert self.combinations is not None
         return np.hstack([outputs, inputs @ self.combinations, inputs])
 
-    def _fit(self, statistics: LagStatistics, center: Array, scale: Array) -> None:
+    def _fit(self, statistics: LagStatistics, center: Array, scale: Array) -> Iterator[None]:
+        """Fits two of the forms, in pieces of some milliseconds."""
         assert self.combinations is not None
         m, (r, c) = self._outputs, self.combinations.shape
         scaled, units = statistics.in_own_units(LAGS[-1], SMALLEST_SCALE)
@@ -159,10 +165,13 @@ class OnlineJoint:
         forms = (0, turning, (self._choice, next(self._others))), (1, turning, (LONG,)), (2, motors, (ALL_MOTORS,))
         for place, channels, choices in (forms[0], forms[next(self._turns)]):
             try:
-                grams = [scaled.shortened(LAGS[-1], choice.lags, channels) for choice in choices]
-                fits = [regress(gram, scaled.rows, one.prior) for gram, one in zip(grams, choices, strict=True)]
+                fits = []
+                for one in choices:
+                    yield
+                    fits.append(regress(scaled.shortened(LAGS[-1], one.lags, channels), scaled.rows, one.prior))
             except np.linalg.LinAlgError:  # of these fits; the next have other samples
                 continue
+            yield
             choice, found = max(zip(choices, fits, strict=True), key=lambda one: one[1].free_energy)
             process = Var.of(found, ChannelUnits(units.center[channels], units.scale[channels]))
             if process.spectral_radius > 1 + 1 / self._horizons[-1]:
