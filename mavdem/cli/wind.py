@@ -13,7 +13,7 @@ from mavdem.cli.options import file_option, vehicle_option
 from mavdem.cli.output import print_result
 from mavdem.cli.sources import read_source
 from mavdem.condition.wind_of_log import wind_of
-from mavdem.dem.drag import Drag
+from mavdem.dem.drag import SOURCES, Drag
 from mavdem.errors import Unreadable
 from mavdem.report.blocks import Table
 from mavdem.report.condition import wind_blocks
@@ -39,7 +39,7 @@ def wind_command(source: str, vehicle: str | None, prior: Path | None, as_json: 
     settings = drag.parameters(signals.telemetry.autopilot)
     numbers = settings | {"linear drag (1/s)": (drag.linear.mean(), *drag.interval("linear").mean(axis=1))}
     table = [[name, *(f"{value:.3g}" for value in values)] for name, values in numbers.items()]
-    blocks += [Table([f"Drag by {drag.source}", "value", "from", "to"], table)]
+    blocks += [Table([f"Drag, from {SOURCES[drag.source]}", "value", "from", "to"], table)]
     print_result(wind.as_dict() | {"parameters": settings}, blocks, as_json)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from mavdem.confidence import quantile
 from mavdem.dem.airflow import TOTAL
-from mavdem.dem.drag import Drag
+from mavdem.dem.drag import SOURCES, Drag
 from mavdem.dem.drag_identification import DRAG_STEP, DRAG_STEPS, checked, courses, gridded, identified
 from mavdem.dem.engine.linalg import one_thread
 from mavdem.ingest.telemetry import Array
@@ -158,7 +158,7 @@ def _answers(
     if sd > DRAG_ERROR:
         status["drag"] = "not identifiable" if known > DRAG_LEFT else "biased"
         cause = "gusts made most of the velocity" if doubt > 0.3 else "the velocity over ground hardly changed"
-        said = f"is that of {source}: {cause}" if known > DRAG_LEFT else f"is known to {sd:.0%} only"
+        said = f"is known from {SOURCES[source]} only: {cause}" if known > DRAG_LEFT else f"is known to {sd:.0%} only"
         reasons["drag"] = f"The drag {said}. To identify it, {MANOEUVRE}."
     if (high - low) / 2 > max(SPEED_ERROR, SPEED_SHARE * speed):
         status["speed"] = "biased" if high <= SPEED_FACTOR * max(low, 0.3) else "not identifiable"

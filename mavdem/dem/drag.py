@@ -37,6 +37,14 @@ def coefficients(logs: Array) -> tuple[Array, Array]:
     return np.exp(c + c_ratio * AXES), np.exp(q + q_ratio * AXES)
 
 
+SOURCES = {
+    "population": "other vehicles",
+    "parameters": "the autopilot's parameters",
+    "flight": "flight",
+    "calibration": "calibration",
+}
+
+
 @dataclass(frozen=True, eq=False)
 class Drag:
     """Drag of one vehicle, per mass, with its uncertainty.
@@ -44,7 +52,7 @@ class Drag:
     Attributes:
         mean: (6,) of ln c and ln q, geometric over both axes, of ln c_y/c_x and ln q_y/q_x, and of :attr:`lean`.
         covariance: (6, 6) of these.
-        source: "population", "parameters", "flight" or "calibration".
+        source: a key of ``SOURCES``.
     """
 
     mean: Array

@@ -48,10 +48,6 @@ class Setup:
         layout, scale: of the inputs.
         rates: Hz of attitude and motors that decided the step.
         start: first point of the grid, s; the first row may be a few seconds later.
-
-    Attributes:
-
-    Attributes:
     """
 
     boot: int

@@ -59,10 +59,6 @@ class Event(NamedTuple):
         sentence: what happened.
         level: "INFO", or "ERROR" for an alarm.
         since: when what an alarm is about began, s of the vehicle's clock; else NaN.
-
-    Attributes:
-
-    Attributes:
     """
 
     seconds: float
@@ -93,10 +89,6 @@ class SessionStatus:
         alarms: the latest changes of the motors' balance; without a motor they are no alarms.
         findings: what the flight says so far; None before the first model.
         alarm: on the motors that are weak, or which recovered last, in this flight; it stays after the landing.
-
-    Attributes:
-
-    Attributes:
     """
 
     vehicle: str | None = None

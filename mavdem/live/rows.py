@@ -43,10 +43,6 @@ class AlignedRow(NamedTuple):
         segment: its number, from 0 on; rows of one segment are one step apart.
         received: UNIX s at which the bytes that completed it were received.
         settled: whether the vehicle was in settled flight, as far as is known by then.
-
-    Attributes:
-
-    Attributes:
     """
 
     time: float

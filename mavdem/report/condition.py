@@ -190,4 +190,4 @@ def wind_blocks(air: Air) -> list[Block]:
         apart = f"{speed - wind.speed:+.1f} m/s, {(angle - wind.direction + 180) % 360 - 180:+.0f}°"
         off = f" from {from_point(angle)}: {apart}" if speed > 0.05 else ""
         text += f" The autopilot's own estimate is {speed:.1f} m/s{off}."
-    return [Sentence(text, "Wind:"), *(Sentence(why, f"Wind's {what}:") for what, why in wind.reasons.items())]
+    return [Sentence(text, "Wind:"), *(Sentence(why, f"{what.capitalize()}:") for what, why in wind.reasons.items())]
