@@ -38,6 +38,7 @@ from mavdem.report.page import live_page
 
 STATUS_SECONDS = 5.0  # between two status lines on standard error
 ENDING_SECONDS = 9.0  # from a request to end until the page is given up; what follows takes less than a second
+CLEANING_SECONDS = 60.0  # on the ground, between two collections of everything
 SWITCH_SECONDS = 5e-4  # for which another thread may compute while a sample waits
 
 if TYPE_CHECKING:
@@ -214,18 +215,19 @@ def live_command(
         except ValueError as error:
             say_aside(sentence(f"There is no model: {error}"))
         executor.shutdown()
-        last: Future[Any] = in_background(partial(session.judge, learned))
-        wait([last], (ends_at - monotonic()) / 2)
+        judging, page = in_background(partial(session.judge, learned)), None
+        wait([judging], (ends_at - monotonic()) / 2)
         dashboard.report(status := replace(status, findings=session.findings))
         if status.findings:
             say_aside(status.findings.headline)
-        if html is not None and last.done():
-            last = in_background(partial(live_page, link, axis, session.history, status, account, learned))
+        if html is not None and judging.done():
+            page = in_background(partial(live_page, link, axis, session.history, status, account, learned))
         ends.close()
+        last: Future[Any] = page or judging
         wait([last], ends_at - monotonic())
-        if html is not None and not last.done():
+        if html is not None and not (page and page.done()):
             say_aside("The page is lost: this computer is too slow.")
-        has_page = html is not None and last.done() and _written(html, last.result(), "page")
+        has_page = page is not None and page.done() and _written(html, page.result(), "page")
         broken = dashboard.file is not None and dashboard.file.broken
         kept = dashboard.file is not None and dashboard.file.complete > 0
         if dashboard.file is not None and not kept and not broken:
@@ -257,7 +259,7 @@ def live_command(
     lost = session.recording is not recording or broken or (html is not None and not has_page)
     if not last.done():  # Python would end in the middle of what its thread computes
         sys.stdout.flush()
-        os._exit(UNUSABLE)
+        os._exit(UNUSABLE if lost else code)
     click.get_current_context().exit(UNUSABLE if lost else code)
 
 
@@ -281,18 +283,26 @@ def _run(session: LiveSession, asked: Callable[[], bool], duration: float | None
     gc.collect()
     gc.freeze()
     gc.disable()
-    interval, began, reported, line = sys.getswitchinterval(), monotonic(), monotonic(), ""
+    interval, line = sys.getswitchinterval(), ""
+    began = reported = cleaned = monotonic()
     sys.setswitchinterval(SWITCH_SECONDS)
-    while not asked() and (duration is None or monotonic() - began < duration):
-        session.step()
-        if monotonic() - reported >= STATUS_SECONDS:
-            reported, before, line = monotonic(), line, _status_line(session.status, session.stream.axis)
-            if line not in ("", before):
-                say_aside(line)
-            gc.collect()
-            gc.freeze()
-    gc.enable()
-    sys.setswitchinterval(interval)
+    try:
+        while not asked() and (duration is None or monotonic() - began < duration):
+            session.step()
+            if monotonic() - reported >= STATUS_SECONDS:
+                status = session.status
+                reported, before, line = monotonic(), line, _status_line(status, session.stream.axis)
+                if line not in ("", before):
+                    say_aside(line)
+                if not status.flying and reported - cleaned >= CLEANING_SECONDS:
+                    cleaned = reported
+                    gc.unfreeze()
+                gc.collect()
+                gc.freeze()
+    finally:
+        gc.unfreeze()
+        gc.enable()
+        sys.setswitchinterval(interval)
 
 
 def _status_line(status: SessionStatus, axis: str) -> str:
