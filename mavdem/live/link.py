@@ -86,8 +86,8 @@ class Link:
             replaceable = [self._server] if self._server and time.monotonic() - self._came > SILENCE_SECONDS else []
             self._arrival, readable = self._emptied, [waiting_on, *replaceable]
             ready = select.select(readable, [], [], 0.0)[0]
-            if not ready and timeout > 0:
-                ready = select.select(readable, [], [], timeout)[0]
+            if not ready:
+                ready = select.select(readable, [], [], max(timeout, 0.0))[0]
                 self._arrival = self._emptied = time.time()
             if not ready:
                 return received
@@ -175,7 +175,8 @@ class Link:
         opened = socket.socket(family, kind)
         opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4 << 20)  # half a minute of a fast link
         for option in (SO_TIMESTAMPNS, SO_RXQ_OVFL) if self.datagrams and SO_TIMESTAMPNS else ():
-            opened.setsockopt(socket.SOL_SOCKET, option, 1)
+            with contextlib.suppress(OSError):  # an old kernel: datagrams arrive when they are read
+                opened.setsockopt(socket.SOL_SOCKET, option, 1)
         if self._kind == "tcpin":
             self._server = opened
             opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

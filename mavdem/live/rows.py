@@ -106,7 +106,7 @@ class BootClock:
             self.now = max(self.now, time)
             self._accepted += 1
             self._breaks = self.breaks
-            self._held, self._run = [], []
+            self._held, self._run, self.left_out = [], [], False
             return [self._stamp(message, time)]
         if self._run and not _continues(message.stamp, self._run[-1]):
             self._run = []
@@ -127,6 +127,8 @@ class BootClock:
             )
         elif first < before:
             self.boot += 1
+            held, first = [m._replace(stamp=m.stamp - self._back) for m in held], first - self._back
+            self._back = 0.0
             self._report(f"The vehicle rebooted when its clock read {before:.1f} s.")
         elif not isnan(before) and not self.left_out:
             length = f"{first - before:.1f} s of the vehicle's clock"

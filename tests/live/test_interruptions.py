@@ -36,7 +36,8 @@ def test_a_gap_begins_a_new_segment_with_the_same_step(silence):
     frames = FLIGHT.frames(end=18.0)
     # The vehicle flew on meanwhile.
     rest = Flight(hover=Hover(hovering=30.0 + silence)).frames(start=18.0 + silence, end=22.0 + silence)
-    made = replay(frames + rest)
+    (begun := replay(frames[:50]).stream).leave_out()  # which is of the next gap only
+    made = replay(frames[50:] + rest, begun)
     assert made.segments().keys() == {0, 1}
     assert made.setups[0].dt == made.setups[1].dt == 0.01
     assert made.segments()[1][0].time == pytest.approx(18.0 + silence, abs=0.02)
@@ -106,6 +107,8 @@ def test_a_clock_that_is_set_back_in_flight_goes_on_without_a_reboot():
     times = np.array([row.time for row in made.rows])
     np.testing.assert_allclose([row.outputs[0] for row in made.rows], FLIGHT.hover.roll(times - 50.0), atol=1e-3)
     assert times[-1] == pytest.approx(72.0, abs=0.05)
+    again = replay(shifted(FLIGHT.frames(end=9.0), 30.0), made.stream)
+    assert made.stream.boot == 1 and again.rows[-1].time == pytest.approx(9.0, abs=0.05), "a reboot sets it right"
 
 
 def test_stamps_of_unix_time_are_moved_to_the_boot_clock():
