@@ -29,7 +29,7 @@ ACCOUNT = {
     "waiting": "without attitude and motor outputs that come fast enough",
     "silent": "without a message",
     "link_lost": "with the link lost",
-    "left_out": "not analysed, since this computer was too slow (what it received is recorded)",
+    "left_out": "not analysed, since this computer was too slow",
     "no_vehicle": "without a vehicle",
 }  # What the seconds of a session are accounted for as
 AHEAD = 0.25  # s; how well the model predicts so far ahead is reported
@@ -83,8 +83,8 @@ class SessionStatus:
         ahead: about ``AHEAD`` s, and half width, rad, of the angle's 90 % band there.
         useful: the longest useful horizon, s (``Estimate.useful``), and the squared error there over that of the better
             of the last sample and the mean so far.
-        lost: messages of the vehicle missing by its sequence numbers, which start again after 256.
-        missing: s of gaps in which that may have happened, which are not in ``lost``.
+        lost: messages of the vehicle that were not received, by its sequence numbers; these start again after 256.
+        missing: s of gaps in which the numbers may have started again, whose messages are not in ``lost``.
         late, unread: samples that came too late for their row, and frames of another dialect or damaged.
         alarms: the latest changes of the motors' balance; without a motor they are no alarms.
         findings: what the flight says so far; None before the first model.

@@ -77,7 +77,7 @@ class LiveSession:
         self.learner: OnlineLearner | None = None  # of the latest rows
         self.history = LiveHistory()  # what happened
         self._learners: dict[tuple[float, tuple[str, ...]], OnlineLearner] = {}
-        # With the boot clock and the history's, s, of each.
+        # With the boot clock as it came, and the history's, s, at the end of its training data.
         self._models: deque[tuple[float, Learned, float]] = deque(maxlen=MAX_MODELS)
         self._newest: Learned | None = None
         self._landed = False  # whether no model has come since the last landing
@@ -168,10 +168,10 @@ class LiveSession:
             self._leave_out(now - behind)
         if behind >= SHED["plots"]:
             if self._late is None:
-                self._log(
-                    f"This computer is {behind:.1f} s behind the link: physical fits, plots and refits wait, and what "
-                    f"is older than {MAX_BEHIND_SECONDS:.0f} s is recorded and not analysed."
-                )
+                put_off = " and ".join(what for what in SHED if what in self._shed)
+                left = f"what is older than {MAX_BEHIND_SECONDS:.0f} s is not analysed"
+                left += "." if self.recording is None else ", but recorded."
+                self._log(f"This computer is {behind:.1f} s behind the link: {put_off} wait, and {left}")
             self._late = now
         elif self._late is not None and now - self._late >= REPEAT_SECONDS:
             self._late = None
@@ -221,10 +221,11 @@ class LiveSession:
                 self.history.modelled = np.inf
                 return self._named(self.learner.learn_now(seconds := FIT_SECONDS * (1 if self._models else 2)))
             except (ValueError, RuntimeError, TimeoutError) as error:
-                error = ValueError(str(error) or f"not learned within {seconds:.0f} s")
+                late = isinstance(error, TimeoutError)
                 if not self._models:
-                    raise error from None
-                self._log(f"The newest samples support no model ({error}): the former one is kept.")
+                    raise ValueError(f"not learned within {seconds:.0f} s" if late else str(error)) from None
+                reason = f"was not finished within {seconds:.0f} s" if late else f"cannot be learned ({error})"
+                self._log(f"The newest model {reason}: the former one is kept.")
         _, model, self.history.modelled = self._models[-1]
         return self._named(model)
 
@@ -311,7 +312,8 @@ class LiveSession:
                 self._log(f"A sample was skipped: {_reason(error)}.")
             if learner.learned is not None and learner.learned is not self._newest:
                 self._newest, self._landed = learner.learned, False
-                self._models.append((row.time, learner.learned, self.history.now))
+                until = min(self.history.now, learner.until + self.history.shift)
+                self._models.append((row.time, learner.learned, until))
         latency = time.monotonic() - self._arrival
         self._latencies[(self._learned + self._shown) % MAX_LATENCIES] = latency
         self._latest = max(self._latest, latency)
@@ -437,8 +439,8 @@ class LiveSession:
         now, said = time.monotonic(), sentence(text)
         kind = _NUMBERS.sub("", said)
         self._last_said = {before: at for before, at in self._last_said.items() if now - at < REPEAT_SECONDS}
-        if kind in self._last_said:
-            return
+        if kind in self._last_said and level != "ERROR" and not np.isfinite(since):
+            return  # but each alarm and each recovery is reported
         self._last_said[kind] = now
         self.say(said)
         self.history.events.append(Event(self.history.now, said, level, since))

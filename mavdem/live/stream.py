@@ -324,7 +324,7 @@ class LiveStream:
         self._streams.clear()
         self._choice.restart()
         self._attitude, self._inputs, self._phase = None, None, Phase()
-        self.alarms.sentence = ""
+        self.alarms.sentence, self.alarms.weak_since = "", nan
         self._grid.restart()
         self._reviewed, self._connected_from = -inf, inf
 
@@ -346,7 +346,7 @@ class MotorAlarms:
         """Sentence, level and beginning of what to report of a sample in settled flight; ``commands`` as shares."""
         if self.landed:
             self.sentence, self.landed = "", False
-        obstacle, layout = ONLY_DEMAND, inputs.layout
+        obstacle, layout, self.weak_since = ONLY_DEMAND, inputs.layout, nan
         if inputs.message != DEMAND_MESSAGE:
             watched = boot, layout, inputs.scale.low, inputs.scale.high  # balances on two ranges differ
             if self._watch is None or watched != self._watched:

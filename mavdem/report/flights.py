@@ -340,7 +340,7 @@ def live_report(
     if status.vehicle is not None:
         rates = ", ".join(f"{name} {rate:.3g} Hz" for name, rate in sorted(status.rates.items()) if rate)
         text = f"vehicle {status.vehicle}; {f'at the end {rates}; ' if rates else ''}{status.lost} messages lost"
-        text += f", and all of {status.missing:.1f} s, " if status.missing else ", "
+        text += f"; gaps of {status.missing:.1f} s are not counted; " if status.missing else ", "
         text += f"{status.late} samples too late, {status.unread} frames not decoded."
         blocks.append(Sentence(text, "Link:"))
     return blocks

@@ -177,7 +177,7 @@ def test_a_landing_never_replaces_the_last_model_before_it():
     run(one)
     (key,), record = one._learners, one.learner._memory.record()
     early, late, next_flight = (mavdem.learn(record, replace(COMPLETE, seed=seed)) for seed in range(3))
-    learner = Mock(**{"update.return_value": None, "learn_now.side_effect": ValueError("too few samples")})
+    learner = Mock(until=50.0, **{"update.return_value": None, "learn_now.side_effect": ValueError("too few samples")})
     one.learner = one._learners[key] = learner
     row = AlignedRow(50.0, np.zeros(4), np.zeros(2), 0, 0.0, True)
     for at, learner.learned in ((50.0, early), (57.0, late), (57.5, late)):
@@ -190,9 +190,13 @@ def test_a_landing_never_replaces_the_last_model_before_it():
     assert one.final_model().settings.seed == 0, "what was learned of the landing does not come back"
     learner.learned = next_flight
     one._take(row._replace(time=80.0))
-    assert one.final_model().settings.seed == 2 and "The newest samples support no model" in said[-1]
+    assert one.final_model().settings.seed == 2 and "cannot be learned (too few samples)" in said[-1]
     learner.learn_now.side_effect = TimeoutError
-    assert one.final_model().settings.seed == 2 and "(not learned within 3 s)" in said[-1]
+    assert one.final_model().settings.seed == 2 and "not finished within 3 s" in said[-1]
+    for _ in range(2):  # of a fault that comes and goes
+        one._log("Alarm: motor 1 lost thrust since 118 s", "ERROR", 118.0)
+        one._log("Motor 1 gives its thrust again since 142 s", since=142.0)
+    assert len(said) == len(one.history.events) and [text[:5] for text in said[-4:]] == 2 * ["Alarm", "Motor"]
 
 
 @pytest.mark.slow

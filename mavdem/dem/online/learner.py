@@ -54,7 +54,7 @@ class OnlineLearner:
 
     Attributes:
         horizons: steps ahead of ``Estimate.ahead``.
-        learned: the last result of ``learn``, whose model is in use; ``None`` before.
+        learned, until: the last result of ``learn``, whose model is in use, and the end of its samples, s; or None, NaN.
         refits, fits_physical: whether model and physical parameters are fitted again: a caller may put that off.
         obstacle: why there is no model, or no newer one; one sentence without its full stop, empty without a reason.
     """
@@ -102,6 +102,7 @@ class OnlineLearner:
             raise ValueError(f"memory must be at least {2 * FEWEST_SAMPLES * dt:g} s at this dt, not {memory!r}")
         self.horizons = tuple(horizons)
         self.learned: Learned | None = None
+        self.until = np.nan
         self.obstacle, self.refits, self.fits_physical = TOO_FEW, True, True
         self._settings = Settings() if settings is None else settings
         self._dt, self._sizes, self._executor = float(dt), (n_inputs, n_outputs), executor
@@ -290,7 +291,7 @@ class OnlineLearner:
         except (ValueError, RuntimeError, CancelledError) as error:
             self._put_off(error)
             return
-        self.learned, self.obstacle = learned, ""
+        self.learned, self.until, self.obstacle = learned, until, ""
         self._surprise = Surprise(self._dt, tracking.past)
         self._tracker = Tracker(learned, tracking, until)
         before, now = self._ahead.combinations, learned.joint.combinations
