@@ -54,7 +54,7 @@ class OnlineLearner:
 
     Attributes:
         horizons: steps ahead of ``Estimate.ahead``.
-        learned, until: the last result of ``learn``, whose model is in use, and the end of its samples, s; or None, NaN.
+        learned, until: the last result of ``learn``, the model in use, and the end of its samples, s; None, NaN before.
         refits, fits_physical: whether model and physical parameters are fitted again: a caller may put that off.
         obstacle: why there is no model, or no newer one; one sentence without its full stop, empty without a reason.
     """
