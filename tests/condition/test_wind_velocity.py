@@ -74,13 +74,16 @@ def test_calm_air_is_below_a_speed():
 
 
 def test_what_is_no_free_flight_has_a_sentence_and_no_number():
-    time, attitude, velocity, _ = flight(seconds=60)
+    time, attitude, velocity, air = flight(seconds=60)
     with pytest.raises(NotLearnable, match="does not follow the tilt"):
         mavdem.estimate_wind(time, attitude, 0.01 * velocity)
     with pytest.raises(NotLearnable, match="The yaw is not known"):
         mavdem.estimate_wind(time, attitude * [1, 1, np.nan], velocity)
+    for rows, stamps in ((100, time), (12, time), (12, time / 5), (12, 0 * time)):
+        with pytest.raises(NotLearnable, match="less than 15 s"):
+            mavdem.estimate_wind(stamps[:rows], attitude[:rows], velocity[:rows])
     with pytest.raises(NotLearnable, match="less than 15 s"):
-        mavdem.estimate_wind(time[:100], attitude[:100], velocity[:100])
+        mavdem.estimate_drag(time[:180], attitude[:180], velocity[:180], air[:180])
     with pytest.raises(ValueError, match="degrees"):
         mavdem.estimate_wind(time, np.degrees(attitude), velocity)
 
