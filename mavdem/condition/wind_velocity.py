@@ -61,6 +61,11 @@ class WindVelocity:
     reasons: Mapping[str, str]
 
     @property
+    def directed(self) -> bool:
+        """Whether the direction means something: it is identifiable, and the air is not still."""
+        return not self.calm and self.status["direction"] != "not identifiable"
+
+    @property
     def calm(self) -> bool:
         """Whether still air is likely, too: the wind is then said to be below the interval's upper end."""
         return self.speed_interval[0] < min(CALM, self.speed_interval[1] / 3)

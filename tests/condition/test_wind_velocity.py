@@ -5,10 +5,12 @@ import pytest
 from recorded_flights import shared
 
 import mavdem
+from mavdem.alignment.drive import Signal
 from mavdem.condition.wind_velocity import coming_from
 from mavdem.dem.airflow import posterior
 from mavdem.dem.drag import Drag
 from mavdem.errors import NotLearnable
+from mavdem.report.condition import wind_blocks
 
 LINEAR, QUADRATIC = np.array([0.3, 0.24]), np.array([0.01, 0.016])
 
@@ -71,6 +73,9 @@ def test_hover_takes_the_drag_of_another_flight():
 def test_calm_air_is_below_a_speed():
     wind = mavdem.estimate_wind(*flight(wind=(0, 0), gusts=0.05)[:3])
     assert wind.calm and wind.speed < 0.7
+    own = Signal(wind.time, np.zeros(len(wind.time), np.int64), np.ones((len(wind.time), 2)), len(wind.time))
+    said = wind_blocks((wind, own, ""))[0].text
+    assert "own estimate is 1.4 m/s from SW" in said and said.endswith(" m/s.")  # no angle to a direction of none
 
 
 def test_what_is_no_free_flight_has_a_sentence_and_no_number():

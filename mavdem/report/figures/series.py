@@ -271,7 +271,7 @@ def wind_over_time(wind: WindVelocity, own: Signal | None = None) -> Figure:
                 own.time, np.hypot(*own.values.T), color=palette.BASELINE, linewidth=THIN, label="autopilot's own"
             )
         axes.set(xlabel="time since boot (s)", ylabel="speed (m/s)", xlim=wind.time[[0, -1]])
-        axes.set(ylim=(0, None), title="" if wind.calm else f"from {from_point(wind.direction)}")
+        axes.set(ylim=(0, None), title=f"from {from_point(wind.direction)}" if wind.directed else "")
         legend_above(axes)
     return figure
 
