@@ -34,7 +34,7 @@ class WindVelocity:
         speed_interval: ends of its 90 % interval.
         direction: where it comes from, degrees from the north of the yaw, 0 to 360.
         direction_interval: half width of its 90 % interval, degrees.
-        gust: the strongest mean of 3 s, m/s.
+        gust: the strongest mean of ``gust_seconds``, m/s: of 3 s, or of a step where steps are longer.
         turbulence_intensity: standard deviation of the wind along its mean direction, over its speed.
         time: (T,) s, on the clock that was given.
         velocity, band: (T, 2) north and east of where the air moves to, m/s, and half widths that hold it with 90 %.
@@ -50,6 +50,7 @@ class WindVelocity:
     direction: float
     direction_interval: float
     gust: float
+    gust_seconds: float
     turbulence_intensity: float
     time: Array
     velocity: Array
@@ -128,6 +129,7 @@ def estimate_wind(
         direction=coming_from(*mean),
         direction_interval=turned,
         gust=float(np.convolve(np.hypot(*air.T), np.ones(width) / width, mode="valid").max()),
+        gust_seconds=width * fine.step,
         turbulence_intensity=float((air @ mean).std() / max(float(mean @ mean), 1e-9)),
         time=fine.time,
         velocity=air,

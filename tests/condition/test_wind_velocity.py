@@ -1,5 +1,7 @@
 """The wind in m/s: simulated flights with known drag, recorded ones beside an anemometer, and what is no flight."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from recorded_flights import shared
@@ -63,6 +65,9 @@ def test_hover_takes_the_drag_of_another_flight():
     hover = flight(legs=0.0, turning=0.0, seed=3)[:3]
     alone, drag = mavdem.estimate_wind(*hover), mavdem.estimate_drag(*flight(seed=4))
     assert alone.status["drag"] == "not identifiable" and alone.status["speed"] != "reported"
+    unknown = dataclasses.replace(alone, status=alone.status | {"speed": "not identifiable"})
+    said = [wind_blocks((one, None, ""))[0].text for one in (alone, unknown)]
+    assert "over 3 s" in said[0] and said[1].startswith("1.7 to 8.7 m/s from") and "gusts" not in said[1]
     assert "fly legs" in alone.reasons["drag"] and alone.drag.source == "population"
     assert np.abs(drag.linear / LINEAR - 1).max() < 0.2
     known = mavdem.estimate_wind(*hover, drag=Drag.from_dict(drag.as_dict()))
