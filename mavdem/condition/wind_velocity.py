@@ -43,6 +43,7 @@ class WindVelocity:
         drag: of the vehicle, as the flight leaves it.
         status: "reported", "biased" or "not identifiable", by "speed", "direction" and "drag".
         reasons: one sentence each, of what is not reported.
+        boot: of the log, on whose clock ``time`` is; 0 where arrays were given.
     """
 
     speed: float
@@ -60,6 +61,7 @@ class WindVelocity:
     drag: Drag
     status: Mapping[str, str]
     reasons: Mapping[str, str]
+    boot: int = 0
 
     @property
     def directed(self) -> bool:
@@ -159,7 +161,7 @@ def _mean(winds: Array, spreads: Array, step: float) -> tuple[float, float, floa
 
 def _answers(
     speed: float, low: float, high: float, turned: float, sd: float, known: float, doubt: float, source: str
-) -> dict[str, dict[str, str]]:
+) -> dict[str, Any]:
     """Status and reasons of speed, direction and drag."""
     status, reasons = dict.fromkeys(("speed", "direction", "drag"), "reported"), {}
     if sd > DRAG_ERROR:

@@ -187,7 +187,8 @@ def wind_blocks(air: Air) -> list[Block]:
         text += f" from {from_point(wind.direction)}, ± {wind.direction_interval:.0f}°"
     text += f"; gusts up to {wind.gust:.1f} m/s over {wind.gust_seconds:.2g} s" if known else ""
     text += ". Intervals hold the mean with 90 %."
-    if own is not None and (rows := (own.time >= wind.time[0]) & (own.time <= wind.time[-1])).any():
+    first, last = wind.time[[0, -1]]
+    if own is not None and (rows := (own.boot == wind.boot) & (own.time >= first) & (own.time <= last)).any():
         mean = own.values[rows].mean(axis=0)
         size, angle = float(np.hypot(*mean)), coming_from(*mean)
         apart = [f"{size - wind.speed:+.1f} m/s"] if known else []

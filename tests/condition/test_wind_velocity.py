@@ -81,6 +81,7 @@ def test_calm_air_is_below_a_speed():
     own = Signal(wind.time, np.zeros(len(wind.time), np.int64), np.ones((len(wind.time), 2)), len(wind.time))
     said = wind_blocks((wind, own, ""))[0].text
     assert "own estimate is 1.4 m/s from SW" in said and said.endswith(" m/s.")  # no angle to a direction of none
+    assert "own" not in wind_blocks((wind, dataclasses.replace(own, boot=own.boot + 1), ""))[0].text
 
 
 def test_what_is_no_free_flight_has_a_sentence_and_no_number():
