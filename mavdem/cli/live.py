@@ -27,7 +27,7 @@ from mavdem.cli.signals import asked_to_end, ending_at_once
 from mavdem.dem import Settings
 from mavdem.errors import MissingExtra, Unreadable, advice
 from mavdem.export.conversion import STREAMS
-from mavdem.fleet.rows_of_log import physical_of
+from mavdem.fleet.rows_of_log import earlier_flight
 from mavdem.health.in_flight import alarm_figures
 from mavdem.live import LiveStream, SessionStatus, Setup
 from mavdem.live.history import ACCOUNT, horizons, sentence
@@ -177,7 +177,7 @@ def live_command(
     beside = beside or model
     html = html or (beside and beside.with_suffix(".html"))
     check_file(html, "--html", (".html",))
-    earlier = None if prior is None else physical_of(prior)
+    earlier = None if prior is None else earlier_flight(prior, axis)
     stream = LiveStream(axis, vehicle, inputs, asked=request_rate is not None)
     with ExitStack() as signals, ExitStack() as ends:
         opened = Link(link)

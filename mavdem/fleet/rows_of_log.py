@@ -15,7 +15,7 @@ from mavdem.alignment.signals import Signals, usual_rate
 from mavdem.analysis import LogAnalysis, analyse
 from mavdem.analysis.figures import physical_values, wind_values
 from mavdem.condition import wind_of
-from mavdem.dem import Learned, Physical
+from mavdem.dem import Learned
 from mavdem.errors import NotLearnable, Unreadable
 from mavdem.fleet.row import DEMAND, NOT_IDENTIFIABLE, FlightRow
 from mavdem.fleet.workers import PAGES, LogRows
@@ -119,12 +119,21 @@ def is_learned(path: Path) -> bool:
     return path.suffix == ".json" or (path / REPORT).is_file()
 
 
-def physical_of(path: Path) -> Physical | None:
-    """Returns the physical parameters of a ``model.json``, or of that in a folder; raises ``Unreadable``."""
+def earlier_flight(path: Path, axis: str) -> Learned:
+    """Returns a ``model.json``, or that in a folder, whose physical parameters can be a prior.
+
+    Raises:
+        Unreadable: it cannot be read, is of another axis, or its flight does not identify the motors' effect.
+    """
     try:
-        return Learned.from_json((path / MODEL if path.is_dir() else path).read_text()).physical
+        learned = Learned.from_json((path / MODEL if path.is_dir() else path).read_text())
     except (OSError, ValueError) as error:
         raise Unreadable(f"{path} is no learned model: {error}.") from None
+    if learned.record.output_names[:1] != (axis,):
+        raise Unreadable(f"{path} is not a model of {axis}: learn the earlier flight with --axis {axis}.")
+    if learned.physical is None or not learned.physical.identifiable:
+        raise Unreadable(f"{path} does not know the motors' effect: learn from a flight with steering on {axis}.")
+    return learned
 
 
 def rows_of_learned(path: Path) -> list[FlightRow]:

@@ -20,7 +20,7 @@ import numpy as np
 
 from mavdem.alignment.signals import axis_outputs
 from mavdem.analysis.findings import Findings, findings_of
-from mavdem.dem import Estimate, Learned, OnlineLearner, Physical, Settings
+from mavdem.dem import Estimate, Learned, OnlineLearner, Settings
 from mavdem.ingest.mavlink.definitions import FrameSender
 from mavdem.ingest.motors import motor_parameters
 from mavdem.live import history
@@ -69,7 +69,7 @@ class LiveSession:
     executor: Executor | None = None  # for batch learning
     recording: Any = None  # of the raw stream, by ``take`` and ``close``; ``None`` for none, and after it has failed
     rate: float | None = None  # Hz to ask the vehicle for; ``None`` to send nothing at all
-    prior: Physical | None = None  # the vehicle's physical parameters as of an earlier flight
+    prior: Learned | None = None  # of an earlier flight of the vehicle
 
     def __post_init__(self) -> None:
         """Begins now, without a model."""
@@ -331,9 +331,13 @@ class LiveSession:
         self._setup, layout, axis = setup, setup.layout, self.stream.axis
         sizes = setup.dt, len(layout.names), len(axis_outputs(axis))
         directions = None if layout.positions_assumed else layout.effect(axis)
-        options: dict[str, Any] = {"horizons": horizons(setup.dt), "effect_directions": directions, "prior": self.prior}
+        alike = self.prior is not None and self.prior.record.input_units == (setup.scale.unit,) * len(layout.names)
+        prior = self.prior.physical if self.prior is not None and alike else None
+        options: dict[str, Any] = {"horizons": horizons(setup.dt), "effect_directions": directions, "prior": prior}
         key = setup.dt, layout.names
         if key not in self._learners:
+            if self.prior is not None and not alike:
+                self._log("The earlier model has other inputs: it says nothing of this flight.")
             self._learners[key] = OnlineLearner(self.settings, *sizes, executor=self.executor, **options)
         if self.learner is not self._learners[key]:
             self.learner, self._estimate = self._learners[key], None

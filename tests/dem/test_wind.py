@@ -19,6 +19,7 @@ from mavdem import Flight, OnlineLearner, Settings, read_flight
 from mavdem.dem import Physical, physical
 from mavdem.dem.engine.kalman import GaussianModel
 from mavdem.dem.graybox.likelihood import FIRST_ORDER, Coloured, delayed, plant, smooth
+from mavdem.dem.graybox.parameters import updated
 from mavdem.dem.graybox.wind import _Spectra, gusts, shortest_gust, wind
 from mavdem.dem.online.memory import Memory
 from mavdem.dem.online.wind import DELAY_SECONDS, FILTER_SECONDS, FIRST_FIT_SECONDS, OnlineWind, _Tracked, wind_filter
@@ -332,7 +333,10 @@ def test_with_a_prior_a_calm_hover_has_a_torque_whose_band_is_as_wide_as_steerin
     """Without wind: what is drawn is error. Nothing is of a vehicle whose motor is weak."""
     calm, steering = steered(1, steering=0.0, samples=900, wind=0.0), steered(2, steering=1.0, wind=0.0)
     assert np.isnan(followed(*online_wind(), calm)).all()
-    online, memory = online_wind(prior=physical(steered(0, steering=1.0)))
+    known = physical(steered(0, steering=1.0))
+    unknown = known._replace(status=dict.fromkeys(known.status, "not identifiable"))
+    assert updated(known, unknown) is known
+    online, memory = online_wind(prior=known)
     hover = followed(online, memory, calm)[-90:]
     assert online.filter.physical.reasons["effect"].startswith("It is known from an earlier flight")
     memory.end_segment()

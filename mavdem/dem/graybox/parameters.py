@@ -125,11 +125,14 @@ def updated(found: Physical, prior: Physical) -> Physical:
     A flight that does not identify the effect, on which the others depend, says nothing of any of them.
     """
     theta, now = (np.array([*of.effect, of.damping, of.lag, of.delay]) for of in (prior, found))
-    if len(theta) != len(now):
+    if len(theta) != len(now) or not prior.identifiable:
         return found
     alike = np.append(theta[:-3], np.zeros(3))
     covariance = prior.covariance + np.outer(alike, alike) * MODEL_ERRORS.between_flights**2
-    judged = prior._replace(reasons=dict.fromkeys(PARAMETERS, BY_PRIOR))
+    reasons = {
+        name: prior.reasons[name] if prior.status[name] == "not identifiable" else BY_PRIOR for name in PARAMETERS
+    }
+    judged = prior._replace(reasons=reasons)
     if found.identifiable:
         both, share, judged = covariance + found.covariance, np.sign(alike), found
         if abs(share @ (now - theta)) > CONTRADICTION * np.sqrt(share @ both @ share):
