@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from os import PathLike
 
 import numpy as np
@@ -52,7 +53,7 @@ def wind_of(signals: Signals, drag: Drag | None = None) -> WindVelocity:
     columns, factor = telemetry.messages[name], VELOCITIES[name]
     moving = factor * np.column_stack([floats(columns, field) for field in ("vx", "vy", "vz")])
     above = -floats(columns, "z") if factor == 1 else floats(columns, "relative_alt") / 1000
-    best = np.zeros((0, 8))
+    best, best_boot = np.zeros((0, 8)), 0
     for boot, rows in rows_by(columns["boot"]).items():
         time, first = np.unique(columns["time"][rows], return_index=True)
         velocity, height = moving[rows[first]], above[rows[first]]
@@ -66,13 +67,13 @@ def wind_of(signals: Signals, drag: Drag | None = None) -> WindVelocity:
         turned = [angle.angle[angle.boot == boot][one] for angle in angles]
         moved = [np.interp(at, time, column) for column in (*velocity.T, height)]
         found = np.column_stack([at, *turned, *moved])[kept]
-        best = found if len(found) > len(best) else best
+        best, best_boot = (found, int(boot)) if len(found) > len(best) else (best, best_boot)
     if len(best) < 10:
         raise NotLearnable("There is no settled flight with a valid velocity: it lies, climbs, or has no position.")
     if 0 in (still := np.ptp(best[:, 3:5], axis=0)):
         raise NotLearnable(f"The {'velocity' if still[0] else 'yaw'} never changes by a digit: it is not measured.")
     drag = Drag.of_parameters(telemetry.autopilot, telemetry.parameters) if drag is None else drag
-    return estimate_wind(best[:, 0], best[:, 1:4], best[:, 4:7], drag, best[:, 7])
+    return replace(estimate_wind(best[:, 0], best[:, 1:4], best[:, 4:7], drag, best[:, 7]), boot=best_boot)
 
 
 def _flights(signals: Signals, boot: int, time: Array, height: Array) -> phases.Intervals:

@@ -34,7 +34,7 @@ class WindVelocity:
         speed_interval: ends of its 90 % interval.
         direction: where it comes from, degrees from the north of the yaw, 0 to 360.
         direction_interval: half width of its 90 % interval, degrees.
-        gust: the strongest mean of 3 s, m/s.
+        gust: the strongest mean of ``gust_seconds``, m/s: of 3 s, or of a step where steps are longer.
         turbulence_intensity: standard deviation of the wind along its mean direction, over its speed.
         time: (T,) s, on the clock that was given.
         velocity, band: (T, 2) north and east of where the air moves to, m/s, and half widths that hold it with 90 %.
@@ -43,6 +43,7 @@ class WindVelocity:
         drag: of the vehicle, as the flight leaves it.
         status: "reported", "biased" or "not identifiable", by "speed", "direction" and "drag".
         reasons: one sentence each, of what is not reported.
+        boot: of the log, on whose clock ``time`` is; 0 where arrays were given.
     """
 
     speed: float
@@ -50,6 +51,7 @@ class WindVelocity:
     direction: float
     direction_interval: float
     gust: float
+    gust_seconds: float
     turbulence_intensity: float
     time: Array
     velocity: Array
@@ -59,6 +61,12 @@ class WindVelocity:
     drag: Drag
     status: Mapping[str, str]
     reasons: Mapping[str, str]
+    boot: int = 0
+
+    @property
+    def directed(self) -> bool:
+        """Whether the direction means something: it is identifiable, and the air is not still."""
+        return not self.calm and self.status["direction"] != "not identifiable"
 
     @property
     def calm(self) -> bool:
@@ -123,6 +131,7 @@ def estimate_wind(
         direction=coming_from(*mean),
         direction_interval=turned,
         gust=float(np.convolve(np.hypot(*air.T), np.ones(width) / width, mode="valid").max()),
+        gust_seconds=width * fine.step,
         turbulence_intensity=float((air @ mean).std() / max(float(mean @ mean), 1e-9)),
         time=fine.time,
         velocity=air,
@@ -152,7 +161,7 @@ def _mean(winds: Array, spreads: Array, step: float) -> tuple[float, float, floa
 
 def _answers(
     speed: float, low: float, high: float, turned: float, sd: float, known: float, doubt: float, source: str
-) -> dict[str, dict[str, str]]:
+) -> dict[str, Any]:
     """Status and reasons of speed, direction and drag."""
     status, reasons = dict.fromkeys(("speed", "direction", "drag"), "reported"), {}
     if sd > DRAG_ERROR:

@@ -65,7 +65,8 @@ def motion(time: Array, attitude: Array, velocity: Array, step: float, wind: Arr
     force[~(np.abs(force) < MAX_FORCE).all(axis=1)] = np.nan
     speed[:, :2] -= smooth[:, 9:]
     grid, reach = Motion(time[0] + step * np.arange(1.5, count - 1), axes, speed, force, step), int(BRIDGED / step)
-    return grid.at(np.convolve(grid.known, np.ones(2 * reach + 1))[reach : reach + len(force)] > 0)
+    near = np.convolve([*grid.known, False], np.ones(2 * reach + 1))  # a short flight has no steps, and stays empty
+    return grid.at(near[reach : reach + len(force)] > 0)
 
 
 def filtered(parameters: Array, motion: Motion, keep: bool = False) -> tuple[Array, Array, tuple[Array, ...]]:

@@ -90,7 +90,7 @@ def _wind(signals: Signals) -> dict[str, Any]:
     drag, columns = wind.drag, dict[str, Any]()
     if wind.status["speed"] != NOT_IDENTIFIABLE:
         columns |= {"wind_speed": wind.speed, "wind_speed_interval": wind.speed_interval}
-    if wind.status["direction"] != NOT_IDENTIFIABLE and not wind.calm:
+    if wind.directed:
         columns |= {f"wind_{key}": np.radians(getattr(wind, key)) for key in ("direction", "direction_interval")}
     half = [np.ptp(drag.interval(name), axis=0) / 2 for name in ("linear", "quadratic")]
     return columns | {"drag": (*drag.linear, *drag.quadratic), "drag_interval": np.ravel(half)}

@@ -180,14 +180,19 @@ def wind_blocks(air: Air) -> list[Block]:
     if wind is None:
         return [Sentence(reason, "Wind:")]
     low, high = wind.speed_interval
-    text = f"below {high:.1f} m/s" if wind.calm else f"{wind.speed:.1f} m/s ({low:.1f} to {high:.1f})"
-    if not wind.calm and wind.status["direction"] != "not identifiable":
+    known = wind.status["speed"] != "not identifiable"
+    speed = f"{wind.speed:.1f} m/s ({low:.1f} to {high:.1f})" if known else f"{low:.1f} to {high:.1f} m/s"
+    text = f"below {high:.1f} m/s" if wind.calm else speed
+    if wind.directed:
         text += f" from {from_point(wind.direction)}, ± {wind.direction_interval:.0f}°"
-    text += f"; gusts up to {wind.gust:.1f} m/s over 3 s. Intervals hold the mean with 90 %."
-    if own is not None and (rows := (own.time >= wind.time[0]) & (own.time <= wind.time[-1])).any():
+    text += f"; gusts up to {wind.gust:.1f} m/s over {wind.gust_seconds:.2g} s" if known else ""
+    text += ". Intervals hold the mean with 90 %."
+    first, last = wind.time[[0, -1]]
+    if own is not None and (rows := (own.boot == wind.boot) & (own.time >= first) & (own.time <= last)).any():
         mean = own.values[rows].mean(axis=0)
-        speed, angle = np.hypot(*mean), coming_from(*mean)
-        apart = f"{speed - wind.speed:+.1f} m/s, {(angle - wind.direction + 180) % 360 - 180:+.0f}°"
-        off = f" from {from_point(angle)}: {apart}" if speed > 0.05 else ""
-        text += f" The autopilot's own estimate is {speed:.1f} m/s{off}."
+        size, angle = float(np.hypot(*mean)), coming_from(*mean)
+        apart = [f"{size - wind.speed:+.1f} m/s"] if known else []
+        apart += [f"{(angle - wind.direction + 180) % 360 - 180:+.0f}°"] if wind.directed else []
+        off = ": ".join([f" from {from_point(angle)}", *filter(None, [", ".join(apart)])]) if size > 0.05 else ""
+        text += f" The autopilot's own estimate is {size:.1f} m/s{off}."
     return [Sentence(text, "Wind:"), *(Sentence(why, f"{what.capitalize()}:") for what, why in wind.reasons.items())]

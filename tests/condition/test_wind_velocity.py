@@ -5,10 +5,12 @@ import pytest
 from recorded_flights import shared
 
 import mavdem
+from mavdem.alignment.drive import Signal
 from mavdem.condition.wind_velocity import coming_from
 from mavdem.dem.airflow import posterior
 from mavdem.dem.drag import Drag
 from mavdem.errors import NotLearnable
+from mavdem.report.condition import wind_blocks
 
 LINEAR, QUADRATIC = np.array([0.3, 0.24]), np.array([0.01, 0.016])
 
@@ -61,6 +63,9 @@ def test_hover_takes_the_drag_of_another_flight():
     hover = flight(legs=0.0, turning=0.0, seed=3)[:3]
     alone, drag = mavdem.estimate_wind(*hover), mavdem.estimate_drag(*flight(seed=4))
     assert alone.status["drag"] == "not identifiable" and alone.status["speed"] != "reported"
+    assert "over 3 s" in wind_blocks((alone, None, ""))[0].text
+    alone.status["speed"] = "not identifiable"
+    assert wind_blocks((alone, None, ""))[0].text.endswith(", ± 14°. Intervals hold the mean with 90 %.")
     assert "fly legs" in alone.reasons["drag"] and alone.drag.source == "population"
     assert np.abs(drag.linear / LINEAR - 1).max() < 0.2
     known = mavdem.estimate_wind(*hover, drag=Drag.from_dict(drag.as_dict()))
@@ -71,16 +76,23 @@ def test_hover_takes_the_drag_of_another_flight():
 def test_calm_air_is_below_a_speed():
     wind = mavdem.estimate_wind(*flight(wind=(0, 0), gusts=0.05)[:3])
     assert wind.calm and wind.speed < 0.7
+    own = Signal(wind.time, np.zeros(len(wind.time), np.int64), np.ones((len(wind.time), 2)), len(wind.time))
+    said = wind_blocks((wind, own, ""))[0].text
+    assert "own estimate is 1.4 m/s from SW" in said and said.endswith(" m/s.")  # no angle to a direction of none
+    assert "own" not in wind_blocks((wind, Signal(own.time, own.boot + 1, own.values), ""))[0].text
 
 
 def test_what_is_no_free_flight_has_a_sentence_and_no_number():
-    time, attitude, velocity, _ = flight(seconds=60)
+    time, attitude, velocity, air = flight(seconds=60)
     with pytest.raises(NotLearnable, match="does not follow the tilt"):
         mavdem.estimate_wind(time, attitude, 0.01 * velocity)
     with pytest.raises(NotLearnable, match="The yaw is not known"):
         mavdem.estimate_wind(time, attitude * [1, 1, np.nan], velocity)
+    for rows, stamps in ((100, time), (12, time), (12, time / 5), (12, 0 * time)):
+        with pytest.raises(NotLearnable, match="less than 15 s"):
+            mavdem.estimate_wind(stamps[:rows], attitude[:rows], velocity[:rows])
     with pytest.raises(NotLearnable, match="less than 15 s"):
-        mavdem.estimate_wind(time[:100], attitude[:100], velocity[:100])
+        mavdem.estimate_drag(time[:180], attitude[:180], velocity[:180], air[:180])
     with pytest.raises(ValueError, match="degrees"):
         mavdem.estimate_wind(time, np.degrees(attitude), velocity)
 

@@ -266,12 +266,11 @@ def wind_over_time(wind: WindVelocity, own: Signal | None = None) -> Figure:
         axes = figure.subplots()
         band(axes, wind.time, np.maximum(speed - half, 0), speed + half, palette.DISTURBANCE, "90 % band")
         axes.plot(wind.time, speed, color=palette.DISTURBANCE, linewidth=THIN, label="wind")
-        if own is not None:
-            axes.plot(
-                own.time, np.hypot(*own.values.T), color=palette.BASELINE, linewidth=THIN, label="autopilot's own"
-            )
+        if own is not None and (rows := own.boot == wind.boot).any():
+            theirs = np.hypot(*own.values[rows].T)
+            axes.plot(own.time[rows], theirs, color=palette.BASELINE, linewidth=THIN, label="autopilot's own")
         axes.set(xlabel="time since boot (s)", ylabel="speed (m/s)", xlim=wind.time[[0, -1]])
-        axes.set(ylim=(0, None), title="" if wind.calm else f"from {from_point(wind.direction)}")
+        axes.set(ylim=(0, None), title=f"from {from_point(wind.direction)}" if wind.directed else "")
         legend_above(axes)
     return figure
 
