@@ -138,8 +138,7 @@ class LiveHistory:
         self.now, self.shift, self._boot = nan, 0.0, 0
         self.events: list[Event] = []
         self._rows: list[tuple[float, ...]] = []  # of the lines, after the number of the segment
-        self._stride, self._taken = 1, 0
-        self._segment = 0
+        self._stride, self._taken, self._segment = 1, 0, 0
         self.learned: list[tuple[float, float]] = []  # the parts learned from: first and last sample, s
         self.modelled = np.inf  # end of what the model at the end was learned from, s
         # By horizon: time, prediction, band and last sample of those whose time has not come.

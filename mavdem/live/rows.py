@@ -116,23 +116,18 @@ class BootClock:
 
     def _restart(self) -> list[PlacedMessage]:
         """Starts the clock again at the first of the held stamps that continue each other."""
-        first, before, held = self._run[0], self.now, self._held
+        first, before, held, later = self._run[0], self.now, self._held, 0.0
         if 0 < before - first <= WRAP_GAP and first - self._back > JUST_BOOTED and self.breaks == self._breaks:
             self._report(f"The vehicle's clock was set back by {before - first:.1f} s when it read {before:.1f} s.")
             later = before - first + self._run[1] - first
-            held, first, self._back = (
-                [m._replace(stamp=m.stamp + later) for m in held],
-                first + later,
-                self._back + later,
-            )
         elif first < before:
-            self.boot += 1
-            held, first = [m._replace(stamp=m.stamp - self._back) for m in held], first - self._back
-            self._back = 0.0
+            self.boot, later = self.boot + 1, -self._back
             self._report(f"The vehicle rebooted when its clock read {before:.1f} s.")
         elif not isnan(before) and not self.left_out:
             length = f"{first - before:.1f} s of the vehicle's clock"
             self._report(f"Nothing was received for {length}, from {before:.1f} s on.")
+        held = [m._replace(stamp=m.stamp + later) for m in held]
+        first, self._back = first + later, self._back + later
         self._held, self._run, self.left_out = [], [], False
         self._turns, self.now = 0, first
         self._far.clear()

@@ -86,11 +86,10 @@ class LiveSession:
         self.request: RateRequest | None = None  # for rates, once sent
         self._arrivals, self._boot, self._greeted = Arrivals(), 0, -np.inf
         self._latencies, self._latest = np.full(MAX_LATENCIES, np.nan), 0.0  # of the latest rows, and the largest, s
-        self._learned, self._shown = 0, 0
+        self._learned, self._shown, self._next_judging, self._obstacle = 0, 0, 0.0, ""
         self._estimate: Estimate | None = None
         self.findings: Findings | None = None
         self._judging: Future[Findings] | None = None
-        self._next_judging = 0.0
         self._settled = self._lost = False
         self._waiting: deque[_Piece] = deque()
         self._arrival = self._heard = self._emptied = now
@@ -100,7 +99,6 @@ class LiveSession:
         self._reported, self._sampled, self._samples = 0.0, -np.inf, 0
         self._account = dict.fromkeys(history.ACCOUNT, 0.0)
         self._accounted = now, 0, 0.0  # until when, samples learned, and s of them that are still to be counted
-        self._obstacle = ""
         self._last_said: dict[str, float] = {}
 
     def step(self, timeout: float = 0.1) -> None:

@@ -62,10 +62,9 @@ class LiveStream:
         self._events: deque[Event] = deque(maxlen=MAX_EVENTS)
         self._replies: deque[Message] = deque(maxlen=MAX_REPLIES)
         self._streams: dict[tuple[str, int], Samples] = {}  # by message and port, which attitude has none of: 0
-        self._choice, self._phase, self._grid = InputChoice(), Phase(), Grid()
+        self._choice, self._phase, self._grid, self.alarms = InputChoice(), Phase(), Grid(), MotorAlarms()
         self._attitude: str | None = None
         self._inputs: Inputs | None = None
-        self.alarms = MotorAlarms()
         self._reviewed, self._left_out = -inf, False
         self._connected_from, self._received, self._said_evidence = inf, 0.0, False
         self._obstacle, self._enough = "The message rates are being measured.", True

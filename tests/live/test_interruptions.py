@@ -42,7 +42,7 @@ def test_a_gap_begins_a_new_segment_with_the_same_step(silence):
     assert made.setups[0].dt == made.setups[1].dt == 0.01
     assert made.segments()[1][0].time == pytest.approx(18.0 + silence, abs=0.02)
     assert all(row.settled for row in made.segments()[1])
-    assert any("a new segment starts" in said or "Nothing was received" in said for said in made.sentences)
+    assert any(("Nothing was received" if silence > 5 else "a new segment") in said for said in made.sentences)
     assert silence < 1.0 or made.stream.status().missing == pytest.approx(silence, abs=0.1)
     settled_uniform(made)
     same_as_offline(made, frames + rest)
@@ -53,9 +53,8 @@ def test_a_message_that_is_lost_is_bridged():
     frames = FLIGHT.frames(end=16.0)
     del frames[2 * 1200 + 7]
     made = replay(frames)
-    assert made.segments().keys() == {0}
+    assert made.segments().keys() == {0} and made.stream.status().lost == 1
     settled_uniform(made)
-    assert made.stream.status().lost == 1
     for row in range(2000, 2400, 9):
         frames[row : row + 2] = frames[row + 1], frames[row]
     assert replay(frames).stream.status().lost == 1, "one that is overtaken is not lost"
@@ -121,8 +120,7 @@ def test_stamps_of_unix_time_are_moved_to_the_boot_clock():
         frames.append((time, data))
     made = replay(frames)
     assert any("HIL_ACTUATOR_CONTROLS are of another clock, 1.6e+09 s away" in sentence for sentence in made.sentences)
-    assert made.segments().keys() == {0}
-    assert made.rows[-1].time == pytest.approx(17.99, abs=0.02)
+    assert made.segments().keys() == {0} and made.rows[-1].time == pytest.approx(17.99, abs=0.02)
 
 
 @pytest.mark.slow
@@ -144,8 +142,7 @@ def test_another_rate_in_flight_decides_the_step_anew(before, after):
     made = replay(slow + fast)
     assert [setup.dt for setup in made.setups.values()] == [pytest.approx(1 / before), pytest.approx(1 / after)]
     assert any(f"no longer comes at {before:.3g} Hz: a new segment starts." in sentence for sentence in made.sentences)
-    assert made.segments()[1][0].time < 21.0
-    assert all(row.settled for row in made.segments()[1])
+    assert made.segments()[1][0].time < 21.0 and all(row.settled for row in made.segments()[1])
     settled_uniform(made)
 
 
@@ -169,8 +166,7 @@ def test_a_stream_that_is_too_slow_is_reported_with_the_remedy_and_gives_no_rows
     assert made.stream.status().rates["SERVO_OUTPUT_RAW"] == pytest.approx(4.0, abs=0.1)
     cured = replay(FLIGHT.frames(start=18.0, end=24.0), made.stream)
     assert "Attitude and motor outputs come fast enough now." in cured.sentences
-    assert cured.rows[0].time < 20.6
-    assert all(row.settled for row in cured.rows)
+    assert cured.rows[0].time < 20.6 and all(row.settled for row in cured.rows)
     obstacle = replay(slow[: len(slow) // 2], asked=True).stream.status().obstacle
     assert obstacle.endswith("better 100."), "who asks for rates is not advised to"
     bare = [(time, data) for time, data in FLIGHT.frames(end=10.0) if data[7] != 36]
@@ -192,7 +188,6 @@ def test_messages_out_of_order_are_put_in_order_or_counted():
         swapped[row], swapped[other] = swapped[other], swapped[row]
     made, usual = replay(swapped), replay(frames)
     settled_uniform(made)
-    assert made.segments().keys() == {0}
-    assert made.stream.status().late < 100
+    assert made.segments().keys() == {0} and made.stream.status().late < 100
     count = min(len(made.rows), len(usual.rows))
     np.testing.assert_allclose(made.table()[-count:, 5], usual.table()[-count:, 5], atol=0.01)

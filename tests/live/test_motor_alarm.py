@@ -110,8 +110,7 @@ def test_an_alarm_is_of_its_flight_and_of_its_boot():
     replay(weak[:200], made.stream)
     assert made.stream.status().alarm == ""
     status = replay(weak[200:], made.stream).stream.status()
-    assert [one.boot for one in status.alarms] == [0, 1]
-    assert status.alarm != alarm and "of boot 2" in status.alarm
+    assert [one.boot for one in status.alarms] == [0, 1] and status.alarm != alarm and "of boot 2" in status.alarm
 
 
 @pytest.mark.slow
@@ -120,8 +119,7 @@ def test_recorded_live_and_offline_agree_and_a_jump_of_the_wind_is_no_motor():
     live, offline = streamed(EVENTS / "ap_motor.tlog")[0].status().alarms, of_log(EVENTS / "ap_motor.tlog")
     # SIM_ENGINE_MUL = 0.65 from 117.33 s on.
     assert [one.motor for one in live] == [1] and 117.3 < live[0].time < 122.3
-    assert [one[:4] for one in live] == [one[:4] for one in offline]
-    assert not of_log(EVENTS / "px4_windjump.tlog")
+    assert [one[:4] for one in live] == [one[:4] for one in offline] and not of_log(EVENTS / "px4_windjump.tlog")
     assert not of_log(EVENTS / "ap_quiet10.BIN")
 
 

@@ -44,8 +44,7 @@ def test_the_only_one_is_followed_beside_ground_station_gimbal_and_plane():
         others += [(second + 0.4, heartbeat(3, 1, kind=1))]
     others += [(number / 50, message("ATTITUDE", 3, 1, sequence=number % 256)) for number in range(700)]
     made = replay(sorted(Flight().frames(end=14.0) + others, key=lambda entry: entry[0]))
-    assert made.sentences[0] == "Following vehicle 1:1 (QUADROTOR, ARDUPILOTMEGA)."
-    assert made.rows
+    assert made.sentences[0] == "Following vehicle 1:1 (QUADROTOR, ARDUPILOTMEGA)." and made.rows
     flying = [(sender.system, sender.component) for sender in made.stream._senders if sender.flies]
     assert flying == [(1, 1)]
 
@@ -55,8 +54,7 @@ def test_of_several_none_is_guessed_and_all_are_listed():
     assert replay(mute).stream.status().obstacle == replay(TWO).stream.status().obstacle
     assert replay(only_heartbeats(), vehicle="7").stream.status().obstacle == "Vehicle 7 not found yet."
     made = replay(TWO)
-    assert not made.rows
-    assert made.stream.status().vehicle is None
+    assert not made.rows and made.stream.status().vehicle is None
     (said,) = made.sentences
     assert "1:1 (QUADROTOR, ARDUPILOTMEGA), 4:1 (QUADROTOR, ARDUPILOTMEGA)" in said and "`--vehicle 1:1`" in said
 
@@ -80,8 +78,7 @@ def test_one_that_sends_nothing_but_heartbeats_is_followed_so_that_it_can_be_ask
 def test_a_plane_that_is_named_is_reported_to_be_none():
     frames = [(time, heartbeat(kind=1) if data[7] == 0 else data) for time, data in Flight().frames(end=10.0)]
     made = replay(frames, vehicle="1:1")
-    assert not made.rows
-    assert "The vehicle is a FIXED_WING; the roll model is for multirotors only." in made.sentences
+    assert not made.rows and "The vehicle is a FIXED_WING; the roll model is for multirotors only." in made.sentences
 
 
 def test_motors_are_placed_by_parameters_when_these_come_in_flight():
@@ -96,8 +93,7 @@ def test_motors_are_placed_by_parameters_when_these_come_in_flight():
 def test_parameters_that_name_other_channels_begin_a_new_segment():
     values = {b"SERVO%d_FUNCTION" % n: 37 - n for n in range(1, 5)}
     made = replay(with_parameters(Flight().frames(end=16.0), values))
-    assert made.segments().keys() == {0, 1}
-    assert made.setups[1].layout.channels == (4, 3, 2, 1)
+    assert made.segments().keys() == {0, 1} and made.setups[1].layout.channels == (4, 3, 2, 1)
     before, after = made.segments()[0][-1], made.segments()[1][-1]
     assert before.inputs[0] != before.inputs[1]
     assert after.inputs[0] == after.inputs[3] != after.inputs[1]

@@ -130,8 +130,7 @@ def test_what_is_learnt_from_is_the_flight_that_offline_reads():
     live, offline = one.learner.learn_now(), mavdem.learn(flight[same], COMPLETE)
     np.testing.assert_allclose(live.model.A, offline.model.A, rtol=1e-3, atol=1e-3)
     assert one.status.learned == len([1 for *_, estimate in screen.rows if estimate is not None])
-    assert screen.setups[0].layout.names == flight.input_names
-    assert screen.rows[-1][2].model is not None
+    assert screen.setups[0].layout.names == flight.input_names and screen.rows[-1][2].model is not None
     assert one.link.sent == b"", "nothing is sent unless asked for"
 
 
@@ -153,8 +152,7 @@ def test_rates_are_asked_for_and_given_back(now):
     asked = [(each.command, int(each.param1), each.param2) for each in sent]
     assert asked[:2] == [(510, 30, 0), (510, 36, 0)] and (511, 30, 5_000) in asked
     # Nobody confirms it: it is sent again, and said.
-    assert asked[-3:] == 3 * [(511, 30, 250_000)]
-    assert one.history.events[-1].sentence == UNCONFIRMED
+    assert asked[-3:] == 3 * [(511, 30, 250_000)] and one.history.events[-1].sentence == UNCONFIRMED
     assert all((each.target_system, each.target_component) == (1, 1) for each in sent)
 
 

@@ -29,9 +29,7 @@ ERROR_SECONDS = np.array([10.0] * 3 + [3.0] * 3)
 """Time constants of the squared errors of what was shown, the last sample and the mean, which are compared; and of the
 sizes of each form's errors, since what is best changes from hover to manoeuvre."""
 FASTEST_SECONDS = 20.0  # of samples whose largest change in a step bounds predictions: a step more than to the horizon
-INDEPENDENT_ERRORS = 16
-"""Effective sample size of a form's latest errors. Its weight is their likelihood by Laplace's distribution: the mean
-absolute error to the power of minus this number."""
+INDEPENDENT_ERRORS = 16  # of a form, for its weight: their Laplace likelihood, its mean absolute error ** -16
 
 
 class OnlineJoint:

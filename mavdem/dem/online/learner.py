@@ -102,8 +102,7 @@ class OnlineLearner:
             raise ValueError(f"memory must be at least {2 * FEWEST_SAMPLES * dt:g} s at this dt, not {memory!r}")
         self.horizons = tuple(horizons)
         self.learned: Learned | None = None
-        self.until = np.nan
-        self.obstacle, self.refits, self.fits_physical = TOO_FEW, True, True
+        self.obstacle, self.refits, self.fits_physical, self.until = TOO_FEW, True, True, np.nan
         self._settings = Settings() if settings is None else settings
         self._dt, self._sizes, self._executor = float(dt), (n_inputs, n_outputs), executor
         directions = None if effect_directions is None else real_numbers(effect_directions, "effect_directions")
