@@ -49,7 +49,8 @@ class Motion(NamedTuple):
 def motion(time: Array, attitude: Array, velocity: Array, step: float, wind: Array | None = None) -> Motion:
     """Returns the motion on a grid: means over steps, the acceleration the ``velocity``'s difference over two of them.
 
-    ``attitude`` and velocity are averaged as that is; a known ``wind`` (T, 2) is taken off the velocity.
+    ``time`` (T,) s ascends. ``attitude`` (T, 3) rad, as roll, pitch and yaw, and velocity (T, 3) m/s, north, east and
+    down, are averaged in a ``step`` of s; a known ``wind`` (T, 2) m/s, north and east, is taken off the velocity.
     """
     (cr, cp, cy), (sr, sp, sy) = np.cos(attitude).T, np.sin(attitude).T
     x, y = (cp * cy, cp * sy, -sp), (sr * sp * cy - cr * sy, sr * sp * sy + cr * cy, sr * cp)
