@@ -123,15 +123,11 @@ def estimate_drag(time: Array, attitude: Array, velocity: Array, wind: Array) ->
     """Returns the vehicle's drag and lean by a known wind.
 
     Args:
-        time: (T,) s, ascending; gaps may be in it.
-        attitude: (T, 3) roll, pitch and yaw, rad, Z-Y-X; rows that are not finite are left out.
-        velocity: (T, 3) north, east and down over ground, m/s.
-        wind: (2,) or (T, 2) north and east that the air moves to, m/s. One that varies is taken for measured beside the
-            vehicle, and compared in means of 10 s.
+        time, attitude, velocity: (T,) s, (T, 3) rad and (T, 3) m/s, as :func:`mavdem.estimate_wind` takes them.
+        wind: (2,) or (T, 2) m/s, north and east that the air moves to; one that varies counts in means of 10 s.
 
     Raises:
-        ValueError: arrays of other shapes, or a time that does not ascend.
-        NotLearnable: too short, or no free flight: held, carried, or a velocity that is not the vehicle's.
+        ValueError, NotLearnable: as there.
     """
     if np.shape(wind) not in ((2,), (len(time), 2)):
         raise ValueError(f"wind must have shape (2,) or ({len(time)}, 2), not {np.shape(wind)}")
