@@ -297,14 +297,13 @@ class Signals:
     @cached_property
     def autopilot_wind(self) -> Signal | None:
         """The autopilot's own estimate of the wind, (N, 2) m/s north and east, where the air moves to."""
+        found: Signal | None = None
         if (columns := self.telemetry.messages.get("WIND_COV")) is not None:
             found = series(columns, np.column_stack([floats(columns, "wind_x"), floats(columns, "wind_y")]))
         elif (columns := self.telemetry.messages.get("WIND")) is not None:
             angle, speed = np.radians(floats(columns, "direction")), floats(columns, "speed")
             found = series(columns, np.column_stack([-speed * np.cos(angle), -speed * np.sin(angle)]))
-        else:
-            return None
-        return found if found.values.any() else None  # ArduCopter without drag fusion sends 0, which is no estimate
+        return found if found is not None and found.values.any() else None  # without drag fusion ArduCopter sends 0
 
     @cached_property
     def collective(self) -> Signal | None:

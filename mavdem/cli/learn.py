@@ -193,8 +193,7 @@ def write_results(folder: Path, report: dict[str, Any], page: str, analysis: Log
 
                 changes = [alarm.since for alarm in analysis.alarms if alarm.motor is not None]
                 write_recording(place[RECORDING], flights, learned, held_out, analysis.findings, changes)
-            boot = flights[0].provenance["segment"]["boot"]  # the wind may be of another, with another clock
-            wind = air[0] if air[0] is not None and air[0].boot == boot else None
-            write_channels(place["flight.mcap"], flights, learned, held_out, wind)
+            same = air[0] is not None and air[0].boot == flights[0].provenance["segment"]["boot"]  # and so one clock
+            write_channels(place["flight.mcap"], flights, learned, held_out, air[0] if same else None)
     for name in set(RESULT_FILES) - set(names):
         (folder / name).unlink(missing_ok=True)

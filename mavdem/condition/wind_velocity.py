@@ -102,6 +102,9 @@ def estimate_wind(
         NotLearnable: too short, or no free flight: held, carried, or a velocity that is not the vehicle's.
     """
     stamps, angles, speeds, usable = checked(time, attitude, velocity)
+    high_up = np.zeros(len(time)) if height is None else np.asarray(height, np.float64)
+    if high_up.shape != (len(time),):
+        raise ValueError(f"height must have shape ({len(time)},), not {high_up.shape}")
     prior = Drag.of_parameters() if drag is None else drag
     with one_thread():
         found, doubt = identified(gridded(stamps, angles, speeds, DRAG_STEP, DRAG_STEPS), prior)
@@ -117,7 +120,6 @@ def estimate_wind(
     for a, b in zip(edges[:-1], edges[1:], strict=True):
         one = *_mean(winds[a:b], spreads[a:b], fine.step)[:3], coming_from(*air[a:b].mean(axis=0))
         minutes.append(dict(zip(names, (*one, float(fine.time[a]), float(fine.time[b - 1])), strict=True)))
-    high_up = np.zeros(len(time)) if height is None else np.asarray(height, np.float64)
     place, layers = np.floor(np.interp(fine.time, stamps, high_up[usable]) / LAYER), []
     for n in (n for n in np.unique(place) if np.sum(place == n) * fine.step >= LAYER_SECONDS):
         one, middle = air[place == n].mean(axis=0), float(LAYER * (n + 0.5))

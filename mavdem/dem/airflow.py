@@ -49,7 +49,8 @@ class Motion(NamedTuple):
 def motion(time: Array, attitude: Array, velocity: Array, step: float, wind: Array | None = None) -> Motion:
     """Returns the motion on a grid: means over steps, the acceleration the ``velocity``'s difference over two of them.
 
-    ``attitude`` and velocity are averaged as that is; a known ``wind`` (T, 2) is taken off the velocity.
+    ``time`` (T,) and ``step`` are in s; ``attitude`` (T, 3), roll, pitch and yaw in rad, and velocity (T, 3), m/s
+    north, east and down, are averaged as that is; a known ``wind`` (T, 2), m/s, is taken off the velocity.
     """
     (cr, cp, cy), (sr, sp, sy) = np.cos(attitude).T, np.sin(attitude).T
     x, y = (cp * cy, cp * sy, -sp), (sr * sp * cy - cr * sy, sr * sp * sy + cr * cy, sr * cp)
@@ -65,8 +66,7 @@ def motion(time: Array, attitude: Array, velocity: Array, step: float, wind: Arr
     force[~(np.abs(force) < MAX_FORCE).all(axis=1)] = np.nan
     speed[:, :2] -= smooth[:, 9:]
     grid, reach = Motion(time[0] + step * np.arange(1.5, count - 1), axes, speed, force, step), int(BRIDGED / step)
-    near = np.convolve([*grid.known, False], np.ones(2 * reach + 1))  # a short flight has no steps, and stays empty
-    return grid.at(near[reach : reach + len(force)] > 0)
+    return grid.at(np.convolve([*grid.known, False], np.ones(2 * reach + 1))[reach : reach + len(force)] > 0)
 
 
 def filtered(parameters: Array, motion: Motion, keep: bool = False) -> tuple[Array, Array, tuple[Array, ...]]:

@@ -120,10 +120,14 @@ def courses(fine: Motion, drag: Drag) -> tuple[Array, Array]:
 
 
 def estimate_drag(time: Array, attitude: Array, velocity: Array, wind: Array) -> Drag:
-    """Returns the vehicle's drag and lean by a known ``wind``, (2,) or (T, 2), north and east that the air moves to.
+    """Returns the vehicle's drag and lean by a known wind.
 
-    ``time``, ``attitude``, ``velocity`` and the errors are those of :func:`mavdem.estimate_wind`. A wind that varies is
-    taken for measured beside the vehicle, and compared in means of 10 s.
+    Args:
+        time, attitude, velocity: (T,) s, (T, 3) rad and (T, 3) m/s, as :func:`mavdem.estimate_wind` takes them.
+        wind: (2,) or (T, 2) m/s, north and east that the air moves to; one that varies counts in means of 10 s.
+
+    Raises:
+        ValueError, NotLearnable: as there.
     """
     if np.shape(wind) not in ((2,), (len(time), 2)):
         raise ValueError(f"wind must have shape (2,) or ({len(time)}, 2), not {np.shape(wind)}")

@@ -101,9 +101,9 @@ class FlightRow:
     wind_torque_mean: float | None = at("wind.mean")
     wind_torque_interval: float | None = at("wind.mean_band")
     wind_speed: float | None = None  # of the mean wind, m/s
-    wind_speed_interval: Numbers | None = None  # both ends of it
+    wind_speed_interval: Numbers | None = None  # both ends of it, m/s
     wind_direction: float | None = None  # where it comes from, rad clockwise from north
-    wind_direction_interval: float | None = None
+    wind_direction_interval: float | None = None  # half width, rad
     drag: Numbers | None = None  # linear along body x and y, 1/s, then quadratic, 1/m
     drag_interval: Numbers | None = None
     mean_inputs: Numbers | None = at("condition.hover.trim")  # over the flight, of each input and output of the model
