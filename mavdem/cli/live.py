@@ -36,9 +36,8 @@ from mavdem.live.session import LiveSession
 from mavdem.report.flights import whole_seconds
 from mavdem.report.page import live_page
 
-STATUS_SECONDS = 5.0  # between two status lines on standard error
+STATUS_SECONDS, CLEANING_SECONDS = 5.0, 60.0  # between two status lines; on the ground, two collections of all garbage
 ENDING_SECONDS = 9.0  # from a request to end until the page is given up; what follows takes less than a second
-CLEANING_SECONDS = 60.0  # on the ground, between two collections of everything
 SWITCH_SECONDS = 5e-4  # for which another thread may compute while a sample waits
 
 if TYPE_CHECKING:

@@ -128,8 +128,7 @@ class BootClock:
             self._report(f"Nothing was received for {length}, from {before:.1f} s on.")
         held = [m._replace(stamp=m.stamp + later) for m in held]
         first, self._back = first + later, self._back + later
-        self._held, self._run, self.left_out = [], [], False
-        self._turns, self.now = 0, first
+        self._held, self._run, self.left_out, self._turns, self.now = [], [], False, 0, first
         self._far.clear()
         placed, started = [], False
         for message in held:

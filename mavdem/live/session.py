@@ -80,7 +80,6 @@ class LiveSession:
         # With the boot clock as it came, and the history's, s, at the end of its training data.
         self._models: deque[tuple[float, Learned, float]] = deque(maxlen=MAX_MODELS)
         self._newest: Learned | None = None
-        self._landed = False  # whether no model has come since the last landing
         self._setup: Setup | None = None
         self._display: Any = None
         self.request: RateRequest | None = None  # for rates, once sent
@@ -90,7 +89,7 @@ class LiveSession:
         self._estimate: Estimate | None = None
         self.findings: Findings | None = None
         self._judging: Future[Findings] | None = None
-        self._settled = self._lost = False
+        self._settled = self._lost = self._landed = False  # the last: whether no model has come since the last landing
         self._waiting: deque[_Piece] = deque()
         self._arrival = self._heard = self._emptied = now
         self._late: float | None = None  # when the analysis was behind last
@@ -310,8 +309,9 @@ class LiveSession:
                 self._log(f"A sample was skipped: {_reason(error)}.")
             if learner.learned is not None and learner.learned is not self._newest:
                 self._newest, self._landed = learner.learned, False
-                until = min(self.history.now, learner.until + self.history.shift)
-                self._models.append((row.time, learner.learned, until))
+                self._models.append(
+                    (row.time, learner.learned, min(self.history.now, learner.until + self.history.shift))
+                )
         latency = time.monotonic() - self._arrival
         self._latencies[(self._learned + self._shown) % MAX_LATENCIES] = latency
         self._latest = max(self._latest, latency)

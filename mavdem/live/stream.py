@@ -65,8 +65,8 @@ class LiveStream:
         self._choice, self._phase, self._grid, self.alarms = InputChoice(), Phase(), Grid(), MotorAlarms()
         self._attitude: str | None = None
         self._inputs: Inputs | None = None
-        self._reviewed, self._left_out = -inf, False
-        self._connected_from, self._received, self._said_evidence = inf, 0.0, False
+        self._reviewed, self._connected_from, self._received = -inf, inf, 0.0
+        self._left_out = self._said_evidence = False
         self._obstacle, self._enough = "The message rates are being measured.", True
 
     @property
