@@ -79,8 +79,8 @@ def model(parameters: Parameters, **wind: object) -> SimpleNamespace:
     }
     gusts = {"gusts": (DetectedGust(120, 1.2, 0.4, -9.0),), "gust_threshold": 3.28, "false_gusts_per_minute": 0.1}
     known = SimpleNamespace(**(torque | gusts | wind))
-    white = {"one_step": lambda: np.zeros((900, 2)), "dt": 0.01}
-    return SimpleNamespace(record=record, physical=parameters, physical_reason="", wind=known, stable=True, **white)
+    white = {"wind_torque": known, "one_step": lambda: np.zeros((900, 2)), "dt": 0.01}
+    return SimpleNamespace(record=record, physical=parameters, physical_reason="", stable=True, **white)
 
 
 def held_out(

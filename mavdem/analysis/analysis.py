@@ -127,12 +127,12 @@ def analyse(
     cautions = (*([SLOW_CAUTION] if slow else []), *flights[0].provenance["cautions"], *learned.cautions)
     learned = replace(learned, cautions=cautions)  # before anything is fitted that it keeps
     changes = [alarm.since for alarm in alarms if alarm.motor is not None]
-    if changes and learned.physical is not None and learned.wind is not None:
+    if changes and learned.physical is not None and learned.wind_torque is not None:
         vars(learned)["wind_torque"] = wind(learned.physical, learned.record, changes)
     disown_torque(learned, condition)
     compared = None if truth is None else compare_with_truth(learned, flights, truth_of(flights, truth))
     if axis == ALL:
-        axes = {AXES[0]: AxisFigures(flights, learned.physical, learned.wind, learned.physical_reason)}
+        axes = {AXES[0]: AxisFigures(flights, learned.physical, learned.wind_torque, learned.physical_reason)}
         with progress("Estimating the physical parameters") as done:
             for other in AXES[1:]:
                 axes[other] = axis_figures(signals.about(other, inputs), log.components, changes)

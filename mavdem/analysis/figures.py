@@ -202,7 +202,7 @@ def model_figures(flights: Sequence[Flight], learned: Learned, held_out: HeldOut
             "free_energy": joint.terms,
         },
         "physical": physical_values(learned.physical),
-        "wind": wind_values(learned.wind),
+        "wind": wind_values(learned.wind_torque),
         "closed_loop": None,
         "cautions": list(learned.cautions),
     }

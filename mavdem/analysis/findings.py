@@ -142,8 +142,8 @@ def findings_of(
 
 def disown_torque(learned: Learned, condition: Condition) -> None:
     """Gives the wind torque of a vehicle that oscillates the reason why it is not the wind's."""
-    if condition.oscillation is not None and learned.wind is not None:
-        vars(learned)["wind_torque"] = replace(learned.wind, reason="The vehicle oscillates: that torque is its own.")
+    if condition.oscillation is not None and (torque := learned.wind_torque) is not None:
+        vars(learned)["wind_torque"] = replace(torque, reason="The vehicle oscillates: that torque is its own.")
 
 
 def _doubted(finding: Finding, override: Override) -> Finding:
@@ -232,7 +232,7 @@ def _in_short(
 
 def _stepped(learned: Learned | None, flights: Sequence[Flight]) -> str:
     """That the torque changes at once and stays so, as by a load that moves; empty where it does not."""
-    wind = None if learned is None else known_wind(learned.wind, learned.physical)
+    wind = None if learned is None else known_wind(learned.wind_torque, learned.physical)
     if wind is None or wind.step is None or not flights:
         return ""
     sample, size = wind.step
@@ -246,7 +246,7 @@ def _purposes(learned: Learned, held_out: HeldOut | None) -> tuple[Finding, ...]
     physical, why_not = learned.physical, learned.physical_reason
     graded = dict.fromkeys(PURPOSES[:3], (NONE, why_not))
     if physical is not None:
-        parts = _effect(physical), _motion(physical), _wind(learned.wind, physical, why_not)
+        parts = _effect(physical), _motion(physical), _wind(learned.wind_torque, physical, why_not)
         graded = dict(zip(PURPOSES, parts, strict=False))
     if held_out is not None:
         graded["prediction"] = _prediction(held_out)

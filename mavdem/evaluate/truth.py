@@ -145,7 +145,7 @@ def compare_with_truth(learned: Learned, flights: Sequence[Flight], truth: dict[
         raise ValueError("flights must be what the model was trained on")
     time = np.concatenate([segment.time for segment in flights])
     parameters = () if learned.physical is None else _parameters(learned.physical, flights, truth, time)
-    wind = None if learned.wind is None else _wind(learned.wind, truth, time)
+    wind = None if learned.wind_torque is None else _wind(learned.wind_torque, truth, time)
     return TruthComparison(truth["source"], parameters, wind)
 
 

@@ -309,8 +309,8 @@ def _learned(flight: Flight, time: Array, learned: Learned) -> dict[str, Series]
         "learned/free_energy": (time[places], {"free_energy": learned.free_energy_of_samples}),
         "learned/command": _series(time, [command.name], command.series(learned.record.inputs)[:, None]),
     }
-    if learned.wind is not None:
-        torque = np.stack([learned.wind.torque, learned.wind.band], axis=1)
+    if learned.wind_torque is not None:
+        torque = np.stack([learned.wind_torque.torque, learned.wind_torque.band], axis=1)
         series["learned/wind_torque"] = _series(time, ("torque", "band"), torque)
     return series
 

@@ -149,7 +149,7 @@ def rows_of_learned(path: Path) -> list[FlightRow]:
         if "free_energy" in report and "physical" not in report:
             learned = Learned.from_json(text)
             record = learned.record
-            report = {"physical": physical_values(learned.physical), "wind": wind_values(learned.wind)}
+            report = {"physical": physical_values(learned.physical), "wind": wind_values(learned.wind_torque)}
             report |= {"inputs": record.input_names, "outputs": record.output_names}
             report |= {"flight": {"scale": {"unit": next(iter(record.input_units), None)}}}
         if "physical" not in report:

@@ -55,7 +55,7 @@ def screen(
         *first,
         Table(["purpose", "verdict", "because"], graded, words=True),
         *_vehicle(labels, learned.physical, hover),
-        *_wind(learned.wind, learned.physical),
+        *_wind(learned.wind_torque, learned.physical),
         *_prediction(labels, held_out),
         *(Sentence(warning, "Warning:") for warning in found.warnings),
         following,

@@ -112,7 +112,7 @@ class FlightSeries:
 
     def wind(self) -> Plot | None:
         """Returns the wind torque with its band, and gusts behind it; None where it is not known."""
-        wind, unit = known_wind(self.learned.wind, self.learned.physical), TORQUE
+        wind, unit = known_wind(self.learned.wind_torque, self.learned.physical), TORQUE
         if wind is None or len(wind.torque) != sum(map(len, self.flights)):
             return None
         torque, band = (self._with_gaps(unit.scale * values) for values in (wind.torque, wind.band))

@@ -172,7 +172,7 @@ def test_without_physical_parameters_only_what_needs_them_is_refused(learned, mo
         with pytest.raises(ValueError, match="not identifiable"):
             draw()
     monkeypatch.setattr(mavdem.Learned, "physical", None)
-    monkeypatch.setitem(learned.__dict__, "wind", None)
+    monkeypatch.setitem(learned.__dict__, "wind_torque", None)
     with pytest.raises(ValueError, match="no wind torque"):
         learned.plot.disturbance()
     with pytest.raises(ValueError, match="no motors to show"):

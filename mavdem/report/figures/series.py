@@ -106,7 +106,7 @@ class Plots(SystemPlots):
             ValueError: the wind torque is not identifiable.
         """
         learned = self.learned
-        wind, record, unit = known_wind(learned.wind, learned.physical), learned.record, TORQUE
+        wind, record, unit = known_wind(learned.wind_torque, learned.physical), learned.record, TORQUE
         if wind is None:
             raise ValueError("there is no wind torque to show: it is not identifiable in this flight")
         with picture(4.0, Room(left=0.8, rows=0.7)) as figure:
