@@ -77,8 +77,7 @@ class LiveSession:
         self.learner: OnlineLearner | None = None  # of the latest rows
         self.history = LiveHistory()  # what happened
         self._learners: dict[tuple[float, tuple[str, ...]], OnlineLearner] = {}
-        # With the boot clock as it came, and the history's, s, at the end of its training data.
-        self._models: deque[tuple[float, Learned, float]] = deque(maxlen=MAX_MODELS)
+        self._models: deque[tuple[float, Learned, float]] = deque(maxlen=MAX_MODELS)  # with s: came, trained until
         self._newest: Learned | None = None
         self._setup: Setup | None = None
         self._display: Any = None
@@ -309,9 +308,8 @@ class LiveSession:
                 self._log(f"A sample was skipped: {_reason(error)}.")
             if learner.learned is not None and learner.learned is not self._newest:
                 self._newest, self._landed = learner.learned, False
-                self._models.append(
-                    (row.time, learner.learned, min(self.history.now, learner.until + self.history.shift))
-                )
+                until = min(self.history.now, learner.until + self.history.shift)
+                self._models.append((row.time, learner.learned, until))
         latency = time.monotonic() - self._arrival
         self._latencies[(self._learned + self._shown) % MAX_LATENCIES] = latency
         self._latest = max(self._latest, latency)

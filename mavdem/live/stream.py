@@ -129,9 +129,8 @@ class LiveStream:
 
     def _rates(self, now: float) -> dict[str, float]:
         """Hz of each message of attitude, outputs and demand; of several ports the fastest."""
-        return {
-            name: rate for rate, name in sorted((each.rate(now), name) for (name, _), each in self._streams.items())
-        }
+        rates = sorted((each.rate(now), name) for (name, _), each in self._streams.items())
+        return {name: rate for rate, name in rates}
 
     def _take(self, frame: Frame) -> Iterator[AlignedRow]:
         """Takes a frame; the rows that it completes."""
