@@ -43,7 +43,7 @@ def flight(scenario, motion):
 def learned(flight):
     record = Record.of(flight)
     found = physical(record)
-    return SimpleNamespace(record=record, physical=found, wind=wind(found, record))
+    return SimpleNamespace(record=record, physical=found, wind_torque=wind(found, record))
 
 
 @pytest.fixture(scope="module")
@@ -70,8 +70,8 @@ def test_each_estimate_stands_beside_its_truth(learned, flight, scenario, motion
     assert by_name["delay"].truth == pytest.approx(0.006)
     true = np.interp(flight.time, motion.time, known["roll_disturbance"])
     assert found.wind.true_sd == true.std() and found.wind.mean.truth == true.mean()
-    assert found.wind.correlation == np.corrcoef(learned.wind.torque, true)[0, 1] > 0.5
-    assert found.wind.inside == np.mean(np.abs(true - learned.wind.torque) <= learned.wind.band)
+    assert found.wind.correlation == np.corrcoef(learned.wind_torque.torque, true)[0, 1] > 0.5
+    assert found.wind.inside == np.mean(np.abs(true - learned.wind_torque.torque) <= learned.wind_torque.band)
     document = json.loads(json.dumps(found.as_dict(), allow_nan=False))
     assert document["parameters"][0]["truth"] == known["roll_effect"][0]
 
@@ -86,7 +86,7 @@ def test_in_segments_it_is_the_same(learned, flight, path):
 def test_an_interval_that_misses_and_one_that_is_not_there_are_told_apart(learned, flight, path):
     read = learned.physical
     off = read._replace(damping=9.0, status=read.status | {"lag": "not identifiable", "damping": "biased"})
-    changed = SimpleNamespace(record=learned.record, physical=off, wind=learned.wind)
+    changed = SimpleNamespace(record=learned.record, physical=off, wind_torque=learned.wind_torque)
     found = {one.name: one for one in compared(changed, path, flight).parameters}
     assert found["damping"].inside is False and found["lag of the motors"].inside is None
     table = truth_blocks(compared(changed, path, flight))[1]
@@ -106,7 +106,7 @@ def test_while_a_motor_is_weak_its_weaker_effect_is_the_truth(learned, flight, m
     weak = dict(np.load(path)) | {"weak": motion.time > 20.0, "roll_effect_weak": np.array([1.0, 2.0, 3.0, 4.0])}
     np.savez(tmp_path / "weak.npz", **weak)
     late = flight[round((20.5 - flight.time[0]) / flight.dt) :]
-    cut = SimpleNamespace(record=Record.of(late), physical=learned.physical, wind=None)
+    cut = SimpleNamespace(record=Record.of(late), physical=learned.physical, wind_torque=None)
     effects = [one.truth for one in compared(cut, tmp_path / "weak.npz", late).parameters[:4]]
     assert effects == [1.0, 2.0, 3.0, 4.0]
     early = compared(learned, tmp_path / "weak.npz", flight).parameters[:4]
