@@ -12,19 +12,19 @@ from contextlib import ExitStack, closing
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from threading import Thread
 from time import monotonic
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from mavdem.alignment.signals import axis_outputs
-from mavdem.cli.background import LearningProcess, in_background
 from mavdem.cli.commands import DONE, UNSUPPORTED, UNUSABLE
 from mavdem.cli.options import Number, file_option, model_options, motion_options, no_option
 from mavdem.cli.output import check_file, print_json, printable, say_aside, write_text
-from mavdem.cli.recording import RawRecording
 from mavdem.cli.signals import asked_to_end, ending_at_once
 from mavdem.dem import Settings
+from mavdem.dem.parallel import LearningProcess
 from mavdem.errors import MissingExtra, Unreadable, advice
 from mavdem.export.conversion import STREAMS
 from mavdem.fleet.rows_of_log import earlier_flight
@@ -32,6 +32,7 @@ from mavdem.health.in_flight import alarm_figures
 from mavdem.live import LiveStream, SessionStatus, Setup
 from mavdem.live.history import ACCOUNT, horizons, sentence
 from mavdem.live.link import Link
+from mavdem.live.recording import RawRecording
 from mavdem.live.session import LiveSession
 from mavdem.report.flights import whole_seconds
 from mavdem.report.page import live_page
@@ -205,7 +206,7 @@ def live_command(
         say_aside(f"Of {sum(whole.values())} s: {spent or 'nothing'}.")
         say_aside("Ending takes some seconds: model, message rates and files are completed.")
         status, learned, code = session.status, None, UNSUPPORTED
-        fitting = in_background(session.final_model)
+        fitting = _in_background(session.final_model)
         restored.close()
         # The model is written first: what follows may fail or take its time.
         try:
@@ -214,13 +215,13 @@ def live_command(
         except ValueError as error:
             say_aside(sentence(f"There is no model: {error}"))
         executor.shutdown()
-        judging, page = in_background(partial(session.judge, learned)), None
+        judging, page = _in_background(partial(session.judge, learned)), None
         wait([judging], (ends_at - monotonic()) / 2)
         dashboard.report(status := replace(status, findings=session.findings))
         if status.findings:
             say_aside(status.findings.headline)
         if html is not None and judging.done():
-            page = in_background(partial(live_page, link, axis, session.history, status, account, learned))
+            page = _in_background(partial(live_page, link, axis, session.history, status, account, learned))
         ends.close()
         last: Future[Any] = page or judging
         wait([last], ends_at - monotonic())
@@ -314,3 +315,17 @@ def _status_line(status: SessionStatus, axis: str) -> str:
     ahead = f"; {axis} predicted {seconds:.2g} s ahead within ±{half:.2g}° (90 %)" if math.isfinite(half) else ""
     end = f". {sentence(status.obstacle)}" if status.obstacle else "; learning."
     return f"{status.vehicle}: {rates}; {status.learned} samples learned{late}{ahead}{end} {status.alarm}".rstrip()
+
+
+def _in_background(work: Callable[[], Any]) -> Future[Any]:
+    """Starts ``work`` in a thread; the process ends without waiting for it."""
+    future: Future[Any] = Future()
+
+    def run() -> None:
+        try:
+            future.set_result(work())
+        except BaseException as error:  # whoever waits for the result gets it
+            future.set_exception(error)
+
+    Thread(target=run, daemon=True).start()
+    return future

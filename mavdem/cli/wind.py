@@ -13,7 +13,7 @@ from mavdem.cli.options import file_option, vehicle_option
 from mavdem.cli.output import print_result
 from mavdem.cli.sources import read_source
 from mavdem.condition.wind_of_log import wind_of
-from mavdem.dem.drag import SOURCES, Drag
+from mavdem.dem.airflow.drag import SOURCES, Drag
 from mavdem.errors import Unreadable
 from mavdem.report.blocks import Table
 from mavdem.report.condition import wind_blocks

@@ -13,7 +13,7 @@ from mavdem.alignment.drive import AXES, floats
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals, attitude
 from mavdem.condition.wind_velocity import WindVelocity, estimate_wind
-from mavdem.dem.drag import Drag
+from mavdem.dem.airflow.drag import Drag
 from mavdem.errors import NotLearnable
 from mavdem.ingest import read_log
 from mavdem.ingest.telemetry import Array, Columns, rows_by

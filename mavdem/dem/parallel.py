@@ -11,13 +11,13 @@ import sys
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from itertools import chain, islice
-from multiprocessing import current_process, get_context, parent_process
+from multiprocessing import active_children, current_process, get_context, parent_process
 from multiprocessing.connection import Connection
 from threading import Thread, current_thread, main_thread
-from typing import TypeVar
+from typing import Any, TypeVar
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
@@ -26,6 +26,7 @@ FEW = 8  # up to this many jobs are sooner done in this process than by workers,
 
 AHEAD = 16  # jobs per own worker that are sent ahead of the result that is waited for
 AHEAD_ELSEWHERE = 256  # jobs for a given executor, whose number of workers cannot be asked
+LOW_PRIORITY = 10  # niceness, 0 to 19, of a process that learns beside samples: they do not wait for a core
 ENDS = signal.SIGINT, signal.SIGTERM, signal.SIGHUP  # signals that end a program from outside
 
 _alone = False  # whether this process starts no others, because others like it have the other cores
@@ -132,6 +133,36 @@ def pool(workers: int) -> Iterator[Pool]:
         with stop_pipe, _blocked(*ENDS):
             parents_end.close()
             executor.shutdown()
+
+
+class LearningProcess(Executor):
+    """An executor with one process of low priority; if that is killed, the next job runs in a new one."""
+
+    def __init__(self) -> None:
+        self._exits = ExitStack()
+        self._start()
+
+    def submit(self, job: Callable[..., Result], /, *args: Any, **kwargs: Any) -> Future[Result]:
+        """Runs a job; see ``concurrent.futures.Executor``."""
+        try:
+            return self._pool.submit(job, *args, **kwargs)
+        except BrokenExecutor:
+            self._start()
+            return self._pool.submit(job, *args, **kwargs)
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """Kills the process, whatever it computes."""
+        for child in self._children:
+            child.kill()
+        self._exits.close()
+
+    def _start(self) -> None:
+        self._exits.close()
+        others = active_children()
+        self._pool = self._exits.enter_context(pool(1))
+        self._children = [child for child in active_children() if child not in others]
+        if hasattr(os, "nice"):
+            self._pool.submit(os.nice, LOW_PRIORITY)
 
 
 @contextmanager

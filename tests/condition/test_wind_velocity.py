@@ -7,8 +7,8 @@ from recorded_flights import shared
 import mavdem
 from mavdem.alignment.drive import Signal
 from mavdem.condition.wind_velocity import coming_from
-from mavdem.dem.airflow import posterior
-from mavdem.dem.drag import Drag
+from mavdem.dem.airflow.drag import Drag
+from mavdem.dem.airflow.model import posterior
 from mavdem.errors import NotLearnable
 from mavdem.report.condition import wind_blocks
 

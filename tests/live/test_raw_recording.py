@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 from mavlink_streams import flight, frame, heartbeat
 
-from mavdem.cli.recording import RawRecording
 from mavdem.errors import Unreadable
 from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream
+from mavdem.live.recording import RawRecording
 
 FRAMES = [heartbeat(), *flight([20 + 0.01 * row for row in range(400)])]
 OTHERS = [frame(64_000, b"abc", seed=3), frame(33, bytes(range(28)), seed=1)]  # of another dialect, and damaged

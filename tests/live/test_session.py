@@ -18,13 +18,13 @@ from pymavlink.dialects.v20 import all as dialect
 from recorded_flights import shared
 
 import mavdem
-from mavdem.cli.background import LOW_PRIORITY, LearningProcess
-from mavdem.cli.recording import RawRecording
 from mavdem.dem import Estimate, Settings
+from mavdem.dem.parallel import LOW_PRIORITY, LearningProcess
 from mavdem.ingest.formats import read_stream
 from mavdem.live import AlignedRow, LiveStream, SessionStatus, Setup
 from mavdem.live.history import UNCONFIRMED
 from mavdem.live.link import LinkLost
+from mavdem.live.recording import RawRecording
 from mavdem.live.session import LiveSession
 from mavdem.report.numbers import plus_minus
 from mavdem.report.page import live_page

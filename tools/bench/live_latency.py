@@ -22,12 +22,12 @@ import click
 import numpy as np
 from pymavlink.dialects.v20 import all as dialect
 
-from mavdem.cli.background import LearningProcess
 from mavdem.cli.live import Dashboard, _run
-from mavdem.cli.recording import RawRecording
 from mavdem.dem import Settings
+from mavdem.dem.parallel import LearningProcess
 from mavdem.live import LiveStream
 from mavdem.live.link import Link
+from mavdem.live.recording import RawRecording
 from mavdem.live.session import LiveSession
 
 SECONDS = 30.0

@@ -12,8 +12,8 @@ from itertools import takewhile
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.dem.airflow import GRAVITY, Motion, air_speed, drawn, filtered, motion, posterior, smoothed
-from mavdem.dem.drag import AXES, Drag, coefficients
+from mavdem.dem.airflow.drag import AXES, Drag, coefficients
+from mavdem.dem.airflow.model import GRAVITY, Motion, air_speed, drawn, filtered, motion, posterior, smoothed
 from mavdem.dem.engine.linalg import Array
 from mavdem.errors import NotLearnable
 

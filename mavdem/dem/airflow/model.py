@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.dem.drag import coefficients
+from mavdem.dem.airflow.drag import coefficients
 from mavdem.dem.engine.linalg import Array
 
 GRAVITY, WIND_SD = 9.80665, 4.0  # m/s²; m/s along each axis, of the mean wind before the flight: 3 to 10 are usual
