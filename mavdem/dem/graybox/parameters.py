@@ -139,15 +139,17 @@ def updated(found: Physical, prior: Physical) -> Physical:
             return found
         gain = np.linalg.solve(both, covariance).T
         theta, covariance = theta + gain @ (now - theta), covariance - gain @ covariance
-    vehicle = (
-        theta[:-3],
-        *np.maximum(theta[-3:], LEAST).tolist(),
-        covariance,
-        judged.status,
-        judged.reasons,
-        judged.bias,
+    damping, lag, delay = np.maximum(theta[-3:], LEAST).tolist()
+    return found._replace(
+        effect=theta[:-3],
+        damping=damping,
+        lag=lag,
+        delay=delay,
+        covariance=covariance,
+        status=judged.status,
+        reasons=judged.reasons,
+        bias=judged.bias,
     )
-    return Physical(*vehicle, *found[len(vehicle) :])
 
 
 WINDOW_SECONDS, SHORTEST_WINDOW_SECONDS = 7.0, 2.0
