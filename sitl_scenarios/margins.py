@@ -32,7 +32,7 @@ def loops(scenario: Scenario, cycle: float, number: int, damping: float, effect:
     """
     name, controller = AXES[number], Controller(scenario.vehicle, cycle, scenario.sensors.delay)
     frequency = np.geomspace(LOWEST, 0.499 / cycle, 4000)
-    s = 2j * pi * frequency
+    s: Complex = 2j * pi * frequency
     feedback, setpoint = (_response(scenario, cycle, number, wanted, s * cycle) for wanted in (False, True))
     body = airframe(scenario.vehicle)
     column: Four = frame(scenario.vehicle.mixer or scenario.vehicle.frame, body.arm)[2 + number]
