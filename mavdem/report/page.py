@@ -180,8 +180,8 @@ def flight_page(file: str, analyses: Mapping[str, LogAnalysis]) -> str:
 PICTURES = {  # title and caption by the method of ``learned.plot`` that draws it
     "forecast": (
         "Forecast of {output}",
-        "Windows that no model saw which forecasts them, each from what came before it, with the motors as recorded. "
-        "Shown in full are neighbours with errors near the median. Below, if there are more, the error of each window.",
+        "Held-out windows, each forecast from the samples before it, with the motors as recorded, by a model that was "
+        "not trained on it. Shown are windows with errors near the median; below, the error of every window.",
     ),
     "disturbance": ("Wind torque", "Angular acceleration by neither the motors nor the damping. Below, its spectrum."),
     "motors": ("Motors", "What is known of each motor."),
@@ -193,7 +193,7 @@ PICTURES = {  # title and caption by the method of ``learned.plot`` that draws i
     "poles": ("Poles", "With the motors as inputs, without the autopilot; left of 0 is stable."),
     "residuals": (
         "Residuals",
-        "Errors one step ahead in the training data; below, what past errors and the command still predict of them. "
+        "Errors one step ahead in the training data; below, how they correlate with past errors and with the command. "
         "Inside the shaded bounds that may be chance.",
     ),
     "learning": ("Learning", "The free energy action F̄ and its terms by iteration."),
@@ -223,7 +223,7 @@ def model_pictures(
     for method in (one for one in methods if not (unknown and one in SYSTEM_PICTURES)):
         title, caption = PICTURES[method]
         for output, name in enumerate(names if method == "forecast" and methods is PICTURES else names[:1]):
-            words = f"The same of {name}." if output else caption
+            words = f"Forecast windows as above, for {name}." if output else caption
             pictures.append(Picture(title.format(output=name), words, partial(draw, method, output)))
     return pictures
 
