@@ -15,6 +15,7 @@ from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
 
+from sitl_scenarios.gains import check_parameters
 from sitl_scenarios.plan import times
 from sitl_scenarios.scenario import Excitation, Moment, Move, Scenario, Wind, place, shortened
 
@@ -156,6 +157,7 @@ def scenario_of(table: dict[str, Any]) -> Scenario:
     except RecursionError:
         raise ValueError("it is nested deeper than any scenario") from None
     times(scenario)
+    check_parameters(scenario)
     return scenario
 
 

@@ -12,14 +12,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sitl_scenarios.controller import Controller
-from sitl_scenarios.dynamics import MAX_PULSE, MIN_PULSE, Four, frame
+from sitl_scenarios.dynamics import MAX_PULSE, MIN_PULSE, Four
+from sitl_scenarios.gains import controller_for
 from sitl_scenarios.motion import Array
 from sitl_scenarios.scenario import AXES, Scenario
 from sitl_scenarios.vehicles import airframe
 
 SETTLED_CYCLES = 4096  # Cycles after which an impulse's response no longer changes
 LOWEST = 0.05  # Hz: position control is slower
+STEP = 1e-3, -1e-3  # of a demand, to linearise the mixer
 Complex = NDArray[np.complex128]
 
 
@@ -30,13 +31,15 @@ def loops(scenario: Scenario, cycle: float, number: int, damping: float, effect:
     per µs. ``roll_rate_loop`` and ``roll_attitude_loop`` (N,) are open loops at ``loop_frequency`` (N,) Hz;
     ``roll_rate_margins``, ``roll_attitude_margins`` (4,) as ``margins``; ``roll_gains`` (5,) as ``Gains``.
     """
-    name, controller = AXES[number], Controller(scenario.vehicle, cycle, scenario.sensors.delay)
+    name, controller = AXES[number], controller_for(scenario, cycle)
     frequency = np.geomspace(LOWEST, 0.499 / cycle, 4000)
-    s: Complex = 2j * pi * frequency
+    s = np.asarray(2j * pi * frequency, np.complex128)
     feedback, setpoint = (_response(scenario, cycle, number, wanted, s * cycle) for wanted in (False, True))
     body = airframe(scenario.vehicle)
-    column: Four = frame(scenario.vehicle.mixer or scenario.vehicle.frame, body.arm)[2 + number]
-    gain = float(effect @ np.array(column)) * (MAX_PULSE - MIN_PULSE)
+    more, less = (
+        controller.mixed(_demands(number, one, body.command_for(body.hover_speed) / body.full)) for one in STEP
+    )
+    gain = float(effect @ np.subtract(more, less)) * (MAX_PULSE - MIN_PULSE) / (STEP[0] - STEP[1])
     hold = (1 - np.exp(-s * cycle)) / (s * cycle)
     rate = gain * hold / ((s + damping) * (sum(body.lag) / 2 * s + 1))
     late = np.exp(-s * scenario.sensors.delay)
@@ -52,9 +55,14 @@ def loops(scenario: Scenario, cycle: float, number: int, damping: float, effect:
     }
 
 
+def _demands(number: int, demand: float, thrust: float) -> Four:
+    roll, pitch, yaw = (demand if number == axis else 0.0 for axis in range(3))
+    return roll, pitch, yaw, thrust
+
+
 def _response(scenario: Scenario, cycle: float, number: int, wanted: bool, turns: Complex) -> Complex:
     """(N,) of the rate controller at ``turns``, j times rad a cycle: from the rate that is ``wanted``, or the rate."""
-    controller = Controller(scenario.vehicle, cycle, scenario.sensors.delay)
+    controller = controller_for(scenario, cycle)
     impulse = [1.0] + [0.0] * (SETTLED_CYCLES - 1)
     demands = [controller.demand(number, one * wanted, one * (not wanted), True) for one in impulse]
     # An integrator keeps what it has: the differences end.

@@ -19,12 +19,12 @@ from scipy.spatial.transform import Rotation
 
 from mavdem.files import atomic_write
 from sitl_scenarios.dynamics import MAX_PULSE, MIN_PULSE, UNDAMAGED, AirState, Damage, damages, drag, dynamics
+from sitl_scenarios.gains import cycle_of
 from sitl_scenarios.margins import loops
 from sitl_scenarios.motion import IN_AIR, Array, Motion
 from sitl_scenarios.plan import BOOT_SECONDS
 from sitl_scenarios.scenario import AXES, Axis, Scenario, VehicleSpec
 from sitl_scenarios.sensors import vibration
-from sitl_scenarios.simulation import CYCLES
 from sitl_scenarios.vehicles import CHARGED, airframe
 
 STATES = (
@@ -130,7 +130,7 @@ def truth(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:
     arrays["scenario"] = np.array(scenario.model_dump_json())
     arrays["trim"] = np.full(4, 1000 + 1000 * body.command_for(body.hover_speed) / body.full)
     arrays |= _effects(scenario, motion) | _damage(scenario, motion) | {"vibration": vibration(scenario, motion)}
-    arrays["delay"] = np.array(scenario.sensors.delay + CYCLES[scenario.stream.autopilot] / 2)
+    arrays["delay"] = np.array(scenario.sensors.delay + cycle_of(scenario) / 2)
     arrays["drag_linear"], arrays["drag_quadratic"] = map(np.array, drag(scenario.vehicle))
     arrays["voltage"] = CHARGED * motion.battery
     arrays["lag"] = np.array([(up + down) / 2, up, down])
@@ -142,7 +142,7 @@ def truth(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:
         acting = motion.moment[:, number] / body.inertia[number] - instant.A[-1, -1] * motion.rates[:, number]
         arrays[f"{name}_disturbance"] = acting
         effect = arrays.get(f"{name}_effect", instant.B[-1])
-        arrays |= loops(scenario, CYCLES[scenario.stream.autopilot], number, -float(instant.A[-1, -1]), effect)
+        arrays |= loops(scenario, cycle_of(scenario), number, -float(instant.A[-1, -1]), effect)
     return arrays
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from math import sqrt
 
-from sitl_scenarios.scenario import VehicleSpec
+from sitl_scenarios.scenario import BodySpec, VehicleSpec
 
 GRAVITY = 9.81  # m/s², as in the paper's table of systems
 CHARGED = 12.6  # V of a charged battery of three cells
@@ -30,6 +30,7 @@ class Airframe:
     inflow: float  # N per (rad/s · m/s) of one rotor: thrust lost to air that moves down through its disc
     # f: thrust by the share s of the full command is (1 − f) s + f s² of the full thrust; None: ``speed`` as published
     quadratic: float | None = None
+    damping: tuple[float, float, float] = (0.0, 0.0, 0.0)  # of the body's rates, besides that of ``inflow``, 1/s
 
     def rotor_speed(self, command: float) -> float:
         """What a command settles at, rad/s; the command in the vehicle's own unit, 0 to ``full``."""
@@ -144,9 +145,32 @@ AIRFRAMES = {"ardrone2": ARDRONE2, "iris": IRIS, "crazyflie": CRAZYFLIE}  # By t
 
 
 def airframe(vehicle: VehicleSpec) -> Airframe:
-    """The published airframe with what a scenario changes of it."""
-    published = AIRFRAMES[vehicle.model]
+    """The published airframe, or the vehicle's own, with what a scenario changes of it."""
+    published = AIRFRAMES[vehicle.model] if vehicle.body is None else _own(vehicle.body, vehicle.quadratic_thrust)
     lags = zip(published.lag, (vehicle.lag_up, vehicle.lag_down), strict=True)
     up, down = (own if given is None else given for own, given in lags)
     ix, iy, iz = (vehicle.inertia_scale * inertia for inertia in published.inertia)
     return replace(published, inertia=(ix, iy, iz), lag=(up, down), quadratic=vehicle.quadratic_thrust)
+
+
+FULL_SPEED = 1000.0  # rad/s of a rotor at full command, where nobody knows it: thrust and torque count, not the speed
+
+
+def _own(body: BodySpec, quadratic: float | None) -> Airframe:
+    f, share = 1.0 if quadratic is None else quadratic, body.hover
+    full = body.mass * GRAVITY / 4 / ((1 - f) * share + f * share * share)
+    return Airframe(
+        mass=body.mass,
+        inertia=body.inertia,
+        arm=body.arm,
+        hub_height=0.0,
+        drag_area=0.0,
+        thrust=(full / FULL_SPEED**2, 0.0),
+        torque=(body.torque * full / FULL_SPEED**2, 0.0),
+        speed=(FULL_SPEED, 0.0),
+        full=1.0,
+        lag=(0.0, 0.0),
+        rotor_drag=0.0,
+        inflow=0.0,
+        damping=body.damping,
+    )

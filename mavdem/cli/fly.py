@@ -31,7 +31,7 @@ from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import Simulation
 from sitl_scenarios.simulation import fly as fly_through
 from sitl_scenarios.truth import write_truth
-from sitl_scenarios.vehicles import AIRFRAMES
+from sitl_scenarios.vehicles import airframe
 
 
 class ScenarioName(click.Path):
@@ -187,7 +187,7 @@ def _to_files(name: str, scenario: Scenario, out: Path | None, rrd: Path | None)
             with ending_at_once():  # Rerun takes a second to load
                 from mavdem.view import Pose, write_pose
 
-            rotors = frame(scenario.vehicle.frame, AIRFRAMES[scenario.vehicle.model].arm)
+            rotors = frame(scenario.vehicle.frame, airframe(scenario.vehicle).arm)
             shown = {field.name: getattr(motion, field.name) for field in fields(Pose) if field.name != "rotors"}
             write_pose(place[rrd], name, Pose(**shown, rotors=np.column_stack([rotors.forward, rotors.right])))
             report |= {"rrd": str(rrd)}
