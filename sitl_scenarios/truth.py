@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from mavdem.files import atomic_write
 from sitl_scenarios.dynamics import MAX_PULSE, MIN_PULSE, UNDAMAGED, AirState, Damage, damages, drag, dynamics
+from sitl_scenarios.margins import loops
 from sitl_scenarios.motion import IN_AIR, Array, Motion
 from sitl_scenarios.plan import BOOT_SECONDS
 from sitl_scenarios.scenario import AXES, Axis, Scenario, VehicleSpec
@@ -140,6 +141,8 @@ def truth(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:
         # The damping by the vehicle's own rate is in A; on the ground nothing moves and nothing acts.
         acting = motion.moment[:, number] / body.inertia[number] - instant.A[-1, -1] * motion.rates[:, number]
         arrays[f"{name}_disturbance"] = acting
+        effect = arrays.get(f"{name}_effect", instant.B[-1])
+        arrays |= loops(scenario, CYCLES[scenario.stream.autopilot], number, -float(instant.A[-1, -1]), effect)
     return arrays
 
 

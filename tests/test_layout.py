@@ -64,7 +64,8 @@ ARRAYS = sys.stdlib_module_names | {"numpy", "scipy", "threadpoolctl", "pydantic
 USED_BY = {
     "mavdem.dem": {"mavdem.dem", "mavdem.confidence", "mavdem.errors"},
     "mavdem.health": {"mavdem.health", "mavdem.confidence", "mavdem.alignment", "mavdem.dem", "mavdem.condition"},
-    "sitl_scenarios": {"sitl_scenarios", "mavdem.errors", "mavdem.files", "mavdem.ingest.mavlink"},
+    "sitl_scenarios": {"sitl_scenarios", "mavdem.errors", "mavdem.files", "mavdem.ingest.mavlink"}
+    | {"mavdem.ingest.controllers"},
 }
 """Rooms that know arrays only, and what of ours they may use: no file, link or viewer."""
 

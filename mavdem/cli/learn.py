@@ -116,14 +116,25 @@ def learn_command(
     check_folder(folder, RESULT_FILES)
     began = perf_counter()
     log = read_source(source)
+    telemetry = choose_vehicle(log.vehicles, vehicle)
+    signals = Signals(telemetry)
+    air = air_of(signals)  # first: what it reads of the signals the analysis need not read again
     analysis = analyse(
-        log, axis, vehicle, inputs, settings, start=start, train=train, test=test, truth=truth, progress=progress
+        log,
+        axis,
+        vehicle,
+        inputs,
+        settings,
+        start=start,
+        train=train,
+        test=test,
+        truth=truth,
+        progress=progress,
+        signals=signals,
     )
     learned, verdict, condition = analysis.learned, analysis.verdict, analysis.condition
     if learned is None and analysis.tier.name is None:
         raise analysis.refusal
-    telemetry = choose_vehicle(log.vehicles, vehicle)
-    air = air_of(Signals(telemetry))
     report: dict[str, Any] = {
         **analysis.as_dict(),
         "wind_velocity": air[0] and air[0].as_dict(),
@@ -191,8 +202,7 @@ def write_results(folder: Path, report: dict[str, Any], page: str, analysis: Log
                 with ending_at_once():
                     from mavdem.view import write_recording
 
-                changes = [alarm.since for alarm in analysis.alarms if alarm.motor is not None]
-                write_recording(place[RECORDING], flights, learned, held_out, analysis.findings, changes)
+                write_recording(place[RECORDING], flights, learned, held_out, analysis.findings, analysis.changes)
             same = air[0] is not None and air[0].boot == flights[0].provenance["segment"]["boot"]  # and so one clock
             write_channels(place["flight.mcap"], flights, learned, held_out, air[0] if same else None)
     for name in set(RESULT_FILES) - set(names):

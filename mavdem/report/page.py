@@ -151,8 +151,10 @@ def log_page(
         if (learned := analysis.learned) is not None:
             pictures = model_pictures(learned, analysis.findings, PICTURES if inventory else FEW_PICTURES, analysis)
             chapters.append(Chapter(f"Pictures of {axis}", pictures=pictures))
-            details = detail_blocks(learned, analysis.as_dict())
-            folded.append(Chapter(f"The model of {axis}, and how it was learned", details, folded=True))
+            details, said = detail_blocks(learned, analysis.as_dict()), "The same of DEM's A, B and C, in closed loop."
+            own = Picture("Frequency response of DEM's model", said, partial(_bode_of_dem, learned))
+            pictures = [own] if inventory and learned.physical and learned.physical.identifiable else []
+            folded.append(Chapter(f"The model of {axis}, and how it was learned", details, pictures, folded=True))
     if inventory:
         folded.append(Chapter("What was read from the log, and repaired", log_blocks(inventory), folded=True))
         if first.learned is not None:
@@ -160,6 +162,10 @@ def log_page(
             folded.append(Chapter("Settings", [Table(["setting", "value"], rows, words=True)], folded=True))
     subtitle = heading.text[:1].upper() + heading.text[1:]
     return document(heading.lead.rstrip(":"), subtitle, blocks, [*chapters, *folded], back)
+
+
+def _bode_of_dem(learned: Learned) -> Any:
+    return learned.plot.bode(model="dem")
 
 
 def flight_page(file: str, analyses: Mapping[str, LogAnalysis]) -> str:
@@ -174,20 +180,20 @@ def flight_page(file: str, analyses: Mapping[str, LogAnalysis]) -> str:
 PICTURES = {  # title and caption by the method of ``learned.plot`` that draws it
     "forecast": (
         "Forecast of {output}",
-        "Windows that no model saw which forecasts them, each from what came before it, with the motors as recorded. "
-        "Shown in full are neighbours with errors near the median. Below, if there are more, the error of each window.",
+        "Held-out windows, each forecast from the samples before it, with the motors as recorded, by a model that was "
+        "not trained on it. Shown are windows with errors near the median; below, the error of every window.",
     ),
     "disturbance": ("Wind torque", "Angular acceleration by neither the motors nor the damping. Below, its spectrum."),
     "motors": ("Motors", "What is known of each motor."),
     "bode": (
         "Frequency response",
-        "From the command of the axis to its rate (Bode plot), with a 90 % band at each frequency.",
+        "Of the physical plant, from the command of the axis to its rate (Bode plot), with a 90 % band.",
     ),
     "step": ("Step response", "After a step of the command, with a 90 % band at each time."),
     "poles": ("Poles", "With the motors as inputs, without the autopilot; left of 0 is stable."),
     "residuals": (
         "Residuals",
-        "Errors one step ahead in the training data; below, what past errors and the command still predict of them. "
+        "Errors one step ahead in the training data; below, how they correlate with past errors and with the command. "
         "Inside the shaded bounds that may be chance.",
     ),
     "learning": ("Learning", "The free energy action F̄ and its terms by iteration."),
@@ -217,7 +223,7 @@ def model_pictures(
     for method in (one for one in methods if not (unknown and one in SYSTEM_PICTURES)):
         title, caption = PICTURES[method]
         for output, name in enumerate(names if method == "forecast" and methods is PICTURES else names[:1]):
-            words = f"The same of {name}." if output else caption
+            words = f"Forecast windows as above, for {name}." if output else caption
             pictures.append(Picture(title.format(output=name), words, partial(draw, method, output)))
     return pictures
 

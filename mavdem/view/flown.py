@@ -105,7 +105,7 @@ def _plots(pose: Pose) -> list[Plot]:
         ("roll", "Roll, °", {"roll": roll}),
         ("roll_rate", "Roll rate, °/s", {"roll rate": rate}),
         ("errors", "Errors of the autopilot's estimates, ° and °/s", errors),
-        ("motors", "Motor outputs, each beyond the mean of all, µs", dict(zip(pose.motors, motors.T, strict=True))),
+        ("motors", "Motor outputs, deviation from their mean, µs", dict(zip(pose.motors, motors.T, strict=True))),
         ("wind", "Wind, m/s: where the air moves to", dict(zip(("north", "east", "down"), pose.wind.T, strict=True))),
         ("moment", "Disturbance moment, mN m", dict(zip(("roll", "pitch", "yaw"), 1e3 * pose.moment.T, strict=True))),
     )

@@ -102,11 +102,11 @@ class FlightSeries:
         return Plot.series("command", heading, self.clock, {command.name: self._with_gaps(inputs)}, palette.COMMAND)
 
     def motors(self) -> Plot:
-        """Returns what drives the vehicle: several inputs, each beyond the mean of all, by their places."""
+        """Returns what drives the vehicle: several inputs, as deviations from their mean, by their places."""
         inputs, unit = np.vstack([flight.inputs for flight in self.flights]), self.labels.input_units[0]
         several = inputs.shape[1] > 1
         values = inputs - inputs.mean(axis=1, keepdims=True) if several else inputs
-        heading = named("Inputs, each beyond the mean of all" if several else "Input", unit)
+        heading = named("Inputs, deviation from their mean" if several else "Input", unit)
         series = dict(zip(map(place, self.labels.input_names), self._with_gaps(values).T, strict=True))
         return Plot.series("inputs", heading, self.clock, series)
 

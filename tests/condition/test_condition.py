@@ -150,7 +150,6 @@ def test_figures_are_those_of_the_flight_however_slowly_the_motors_come(motor_ra
     assert found.trim == pytest.approx([mean, 1600, 1600, 1600], abs=2)
     assert found.trim_of_range == pytest.approx(of_range, abs=2e-3)
     assert found.trim_share == pytest.approx(of_range / of_range.mean(), rel=5e-3)
-    assert np.mean(found.trim_share) == pytest.approx(1) and np.sum(found.imbalance) == pytest.approx(0, abs=1e-9)
     assert found.imbalance == pytest.approx([100 * (share - 1) for share in found.trim_share])
     # Motor 1 stays at 1995 µs, so that is where all stop.
     assert found.headroom == pytest.approx([0, 0.375, 0.375, 0.375], abs=1e-3)
@@ -312,7 +311,6 @@ def tier(telemetry: Telemetry) -> Tier:
         (50.0, 10.0, "b", "a"),
         (10.0, 10.0, "b", "a"),
         (100.0, 4.0, "c", "b"),
-        (4.0, 4.0, "c", "b"),
         (1.0, 1.0, "c", "b"),
     ],
 )

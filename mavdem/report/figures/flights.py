@@ -59,7 +59,7 @@ def vehicle_figure(flights: Sequence[Flight]) -> Figure:
 
 def wind_rose(flights: Sequence[Flight]) -> Figure:
     """Draws how many ``flights`` had wind from where, in classes of speed; ``ValueError`` if no direction is known."""
-    winds = [(row.wind_direction, row.wind_speed) for row, *_ in flights if row.wind_direction and row.wind_speed]
+    winds = [known for row, *_ in flights if None not in (known := (row.wind_direction, row.wind_speed))]
     (angle, speed), bottom, at = np.array(winds).T, np.zeros(16), np.arange(16) * np.pi / 8
     with picture(2.8, width=4.4) as figure:
         axes: Any = figure.add_subplot(projection="polar", theta_offset=np.pi / 2, theta_direction=-1)
