@@ -200,7 +200,7 @@ def test_a_model_alone_says_nothing_of_motors_that_it_does_not_know():
 def test_under_what_overrides_reasons_keep_their_figures_and_ask_for_nothing():
     sds, none, ranges = (dict.fromkeys(PARAMETERS, size) for size in (0.6, 0.0, 0.3))
     statuses, reasons = identifiability(IdentifiabilityFigures(0.46, 0.5, sds, none, ranges, 1.0, 0.0, 0.02))
-    assert "until it has 25 %" in reasons["effect"] and "%" not in " ".join(reasons.values()).replace(" %", "")
+    assert "has at most 25 %" in reasons["effect"] and "%" not in " ".join(reasons.values()).replace(" %", "")
     known = physical(**{name: status for name, status in statuses.items() if status != "reported"})
     known.reasons |= reasons
     free = findings_of(model(known), held_out()).purposes

@@ -171,14 +171,14 @@ def test_a_live_flight_is_drawn_in_degrees_with_what_was_trained_on_and_has_its_
     history = LiveHistory()
     flown(history, 2.0)
     flown(history, 2.0, segment=1, start=105.0, learnt=False)
-    history.events.append(Event(12.25, "Messages come again after 3 s."))
+    history.events.append(Event(12.25, "Messages resumed after 3 s without any."))
     above, below = live_flight(history, "roll").axes
     measured = next(line for line in above.lines if line.get_label() == "measured")
     assert np.nanmax(measured.get_ydata()) == pytest.approx(np.rad2deg(np.nanmax(FlightLines.of(history).measured)))
     assert len(above.patches) == len(history.learned) == 1
     assert "°/s²" in below.get_ylabel()
     text = live_page("udpin:<b>", "roll", history, SessionStatus("1:1"), NOTHING | {"learned": 53.0}, None)
-    for told in (">0.25 s ahead</td>", ">12.2 s</td>", "come again after 3 s", "udpin:&lt;b&gt;", "<svg"):
+    for told in (">0.25 s ahead</td>", ">12.2 s</td>", "resumed after 3 s", "udpin:&lt;b&gt;", "<svg"):
         assert told in text
     # Each part has the seconds of it that are in the model, which ended before the last.
     history.learned, history.modelled = [(10.0, 50.0), (90.0, 120.0), (150.0, 151.0)], 130.0
