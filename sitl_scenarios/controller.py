@@ -41,7 +41,10 @@ class Gains(NamedTuple):
 
 
 class Controller:
-    """That of one vehicle in flight; ``cycle`` and the ``delay`` of its estimates in s."""
+    """That of one vehicle in flight; ``cycle`` and the ``delay`` of its estimates in s.
+
+    ``stiff``: rates that are asked for per error of roll, pitch and yaw, 1/s.
+    """
 
     def __init__(self, vehicle: VehicleSpec, cycle: float, delay: float) -> None:
         self._body = body = airframe(vehicle)
@@ -68,7 +71,7 @@ class Controller:
 
     def _within(self, stiff: Three) -> None:
         """Closes the loops of velocity and position about attitude loops of these gains, 1/s."""
-        self._stiff = stiff
+        self.stiff = stiff
         self._velocity = min(stiff[0], stiff[1], self._attitude) / 3.5
         self._position = self._velocity / 2.5
         self._smooths = 1.0 - exp(-self._cycle * LEAD * self._velocity)
@@ -80,7 +83,7 @@ class Controller:
         lag = self._cycle * (1.0 - self._forgets) / self._forgets
         roll, pitch, yaw = (
             Gains(p, p * self._rate / 12, p * (LEAD - 1.0) * lag, lag, angle)
-            for p, angle in zip((self._gain * self._rate * one for one in self._per_unit), self._stiff, strict=True)
+            for p, angle in zip((self._gain * self._rate * one for one in self._per_unit), self.stiff, strict=True)
         )
         return roll, pitch, yaw
 
@@ -126,7 +129,7 @@ class Controller:
 
     def steer(self, estimate: State, wanted: Three, ahead: Three, thrust: float, flying: bool) -> ControlOutput:
         """What one cycle asks for roll, pitch and yaw, rad, at a ``thrust``, N, with rates ``ahead``, rad/s."""
-        stiff_roll, stiff_pitch, stiff_yaw = self._stiff
+        stiff_roll, stiff_pitch, stiff_yaw = self.stiff
         roll, pitch, yaw = euler(estimate.attitude)
         rates = (
             _limited(stiff_roll * (wanted[0] - roll) + ahead[0], MAX_RATE),

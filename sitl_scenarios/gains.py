@@ -39,8 +39,7 @@ def check_parameters(scenario: Scenario) -> None:
         low, high = (SLOWEST, FASTEST) if name == loop else (0.0, 1.0) if "_SPIN_" in name else (0.0, 1e4)
         if not low <= value <= high and not name.startswith("CA_"):
             raise ValueError(f"vehicle.parameters.{name} must be from {low:g} to {high:g}, not {value:g}")
-    if given:
-        controller_for(scenario, cycle_of(scenario))
+    controller_for(scenario, cycle_of(scenario))
 
 
 def parameters_of(scenario: Scenario, cycle: float) -> dict[str, float]:
@@ -52,8 +51,9 @@ def parameters_of(scenario: Scenario, cycle: float) -> dict[str, float]:
 
 def controller_for(scenario: Scenario, cycle: float) -> Controller:
     """Returns the controller of a scenario: of its parameters, where it has any; raises NotLearnable: they are none."""
-    own = Controller(scenario.vehicle, cycle, scenario.sensors.delay)
-    return SetController(scenario, cycle) if scenario.vehicle.parameters else own
+    if scenario.vehicle.parameters:
+        return SetController(scenario, cycle)
+    return Controller(scenario.vehicle, cycle, scenario.sensors.delay)
 
 
 class SetController(Controller):
@@ -71,13 +71,6 @@ class SetController(Controller):
         self._expo, (self._begin, self._end) = axes[0].expo, axes[0].spin
         self._idle = self._thrust(max(self._begin, IDLE_COMMAND))
 
-    @property
-    def gains(self) -> tuple[Gains, Gains, Gains]:
-        """About roll, pitch and yaw."""
-        loops = (loop.of for loop in self._loops)
-        roll, pitch, yaw = (Gains(one.p, one.i, one.d, _time(one.derivative_filter), one.angle) for one in loops)
-        return roll, pitch, yaw
-
     def rest(self) -> None:
         """Resets the integrators and filters, as on the ground."""
         super().rest()
@@ -92,11 +85,9 @@ class SetController(Controller):
         """Normalised commands: thrusts by the mixer, and the curve and the range that the autopilot has for them."""
         roll, pitch, yaw, command = demands
         thrusts = mix(self._mixer, (roll, pitch, yaw, self._thrust(command)), self._thrust(self._stop), self._idle)
-        f, span = self._expo, self._end - self._begin
-        a, b, c, d = (
-            self._begin + span * 2 * thrust / (1 - f + sqrt((1 - f) ** 2 + 4 * f * max(thrust, 1e-9)))
-            for thrust in thrusts
-        )
+        f, span = self._expo, 2 * (self._end - self._begin)
+        roots = (1 - f + sqrt((1 - f) ** 2 + 4 * f * max(thrust, 1e-9)) for thrust in thrusts)
+        a, b, c, d = (self._begin + span * thrust / root for thrust, root in zip(thrusts, roots, strict=True))
         return a, b, c, d
 
     def _thrust(self, command: float) -> float:

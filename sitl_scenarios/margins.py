@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sitl_scenarios.dynamics import MAX_PULSE, MIN_PULSE, Four
+from sitl_scenarios.dynamics import MAX_PULSE, MIN_PULSE
 from sitl_scenarios.gains import controller_for
 from sitl_scenarios.motion import Array
 from sitl_scenarios.scenario import AXES, Scenario
@@ -29,35 +29,29 @@ def loops(scenario: Scenario, cycle: float, number: int, damping: float, effect:
 
     ``damping``, 1/s, is positive where it damps; ``effect`` (4,) is angular acceleration by each motor's output, rad/s²
     per µs. ``roll_rate_loop`` and ``roll_attitude_loop`` (N,) are open loops at ``loop_frequency`` (N,) Hz;
-    ``roll_rate_margins``, ``roll_attitude_margins`` (4,) as ``margins``; ``roll_gains`` (5,) as ``Gains``.
+    ``roll_rate_margins``, ``roll_attitude_margins`` (4,) as ``margins``.
     """
     name, controller = AXES[number], controller_for(scenario, cycle)
     frequency = np.geomspace(LOWEST, 0.499 / cycle, 4000)
     s = np.asarray(2j * pi * frequency, np.complex128)
     feedback, setpoint = (_response(scenario, cycle, number, wanted, s * cycle) for wanted in (False, True))
     body = airframe(scenario.vehicle)
-    more, less = (
-        controller.mixed(_demands(number, one, body.command_for(body.hover_speed) / body.full)) for one in STEP
-    )
+    about = np.append(np.eye(3)[number], 0.0)
+    hover = np.append(np.zeros(3), body.command_for(body.hover_speed) / body.full)
+    more, less = (controller.mixed((hover + step * about).tolist()) for step in STEP)
     gain = float(effect @ np.subtract(more, less)) * (MAX_PULSE - MIN_PULSE) / (STEP[0] - STEP[1])
     hold = (1 - np.exp(-s * cycle)) / (s * cycle)
     rate = gain * hold / ((s + damping) * (sum(body.lag) / 2 * s + 1))
     late = np.exp(-s * scenario.sensors.delay)
     rate_loop = -feedback * rate * late
-    attitude_loop = controller.gains[number].angle * setpoint * rate / (1 + rate_loop) * late / s
+    attitude_loop = controller.stiff[number] * setpoint * rate / (1 + rate_loop) * late / s
     return {
         "loop_frequency": frequency,
-        f"{name}_gains": np.array(controller.gains[number]),
         f"{name}_rate_loop": rate_loop,
         f"{name}_attitude_loop": attitude_loop,
         f"{name}_rate_margins": margins(frequency, rate_loop),
         f"{name}_attitude_margins": margins(frequency, attitude_loop),
     }
-
-
-def _demands(number: int, demand: float, thrust: float) -> Four:
-    roll, pitch, yaw = (demand if number == axis else 0.0 for axis in range(3))
-    return roll, pitch, yaw, thrust
 
 
 def _response(scenario: Scenario, cycle: float, number: int, wanted: bool, turns: Complex) -> Complex:
