@@ -117,13 +117,13 @@ class BodySpec(Section):
     """A body of one's own, such as one learned from a log, in place of a published one."""
 
     mass: float = Field(gt=0, le=1000, description="kg")
-    inertia: tuple[PositiveFloat, PositiveFloat, PositiveFloat]
+    inertia: Annotated[tuple[PositiveFloat, PositiveFloat, PositiveFloat], _OrInf]
     """About forward, right and down, kg m²"""
-    arm: tuple[PositiveFloat, PositiveFloat]
+    arm: Annotated[tuple[PositiveFloat, PositiveFloat], _OrInf]
     """How far forward and right of the centre of mass the rotors of the X frame are, m"""
     hover: float = Field(gt=0.1, lt=1, description="Share of the motors' range in hover")
     torque: float = Field(gt=0, le=1, description="Of a rotor, by its thrust, m")
-    damping: tuple[NonNegativeFloat, NonNegativeFloat, NonNegativeFloat] = (0.0, 0.0, 0.0)
+    damping: Annotated[tuple[NonNegativeFloat, NonNegativeFloat, NonNegativeFloat], _OrInf] = (0.0, 0.0, 0.0)
     """Of the rates by themselves, 1/s"""
 
 
