@@ -15,16 +15,13 @@ from sitl_scenarios.vehicles import GRAVITY, airframe
 CLIMB, HEIGHT = 1.5, 0.6  # 1/s and 1/s²: thrust by vertical speed and height, slower than what is flown
 
 
-def replayed(
-    scenario: Scenario, dt: float, angles: Array, ahead: Array, torque: Array, wind: tuple[float, float]
-) -> tuple[Array, Array]:
+def replayed(scenario: Scenario, dt: float, angles: Array, ahead: Array, torque: Array) -> tuple[Array, Array]:
     """Returns (T, 3) angles, rad, and body rates, rad/s, as the autopilot knows them, every ``dt`` s.
 
     Args:
         scenario: its vehicle, sensors, autopilot and seed count.
-        angles, ahead: (T, 3) setpoints of roll, pitch and yaw, rad, and of body rates beside their errors', rad/s.
-        torque: (T, 3) by the wind per moment of inertia, rad/s².
-        wind: north and east, where the air moves to, m/s.
+        angles, ahead: (T, 2) setpoints of roll and pitch, rad, and of body rates beside what their errors ask, rad/s.
+        torque: (T, 2) by the wind about both per moment of inertia, rad/s².
 
     Raises ValueError: the vehicle tumbles.
     """
@@ -32,17 +29,17 @@ def replayed(
     steps = int(np.ceil(cycle / MAX_STEP_SECONDS - 1e-9))
     flown, controller = Body(scenario.vehicle, cycle / steps), controller_for(scenario, cycle)
     sensing = Sensing(scenario.sensors, cycle, scenario.random(SENSORS))
-    table = np.column_stack([angles, ahead, torque * body.inertia])
+    table = np.column_stack([angles, ahead, torque * body.inertia[:2]])
     grid = np.arange(round(len(table) * dt / cycle)) * cycle / dt
     table = np.column_stack([np.interp(grid, np.arange(len(table)), column) for column in table.T])
     state, known = State(rotors=(body.hover_speed,) * 4), []
-    for r, p, y, a, b, c, mx, my, mz in table.tolist():
+    for roll, pitch, p, q, mx, my in table.tolist():
         estimate = sensing.estimate(state)
         attitude = euler(estimate.attitude)
         lift = max(GRAVITY + CLIMB * state.velocity[2] + HEIGHT * state.position[2], GRAVITY / 5)
         thrust = body.mass * lift / max(np.cos(attitude[0]) * np.cos(attitude[1]), 0.5)
-        control = controller.steer(estimate, (r, p, y), (a, b, c), thrust, True)
-        air = AirState(*wind, roll=mx, pitch=my, yaw=mz)
+        control = controller.steer(estimate, (roll, pitch, 0.0), (p, q, 0.0), thrust, True)
+        air = AirState(roll=mx, pitch=my)
         state = flown.moved(state, flown.targets(control.outputs, 1.0), air, steps)
         if not np.hypot(*state.rates[:2]) < MAX_BODY_RATE:
             raise ValueError("the vehicle is out of control: it needs other gains")

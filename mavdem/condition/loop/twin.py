@@ -1,0 +1,182 @@
+"""Twin: the vehicle that a log shows, as simulators fly it: an X of four motors, in SI units."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from mavdem.condition.loop.loop import Loop
+from mavdem.confidence import quantile
+from mavdem.dem.airflow.drag import Drag
+from mavdem.dem.engine.linalg import Array
+from mavdem.dem.graybox.wind import wind_density
+from mavdem.errors import NotLearnable
+from mavdem.flight import Flight
+from mavdem.ingest.controllers import controller_of
+
+GRAVITY = 9.81  # m/s²
+RIGHT, FRONT, SPINS = (1.0, -1.0, -1.0, 1.0), (1.0, -1.0, 1.0, -1.0), (1.0, 1.0, -1.0, -1.0)
+"""Motors of an X as ArduPilot and PX4 count them: where they are, and 1 for a propeller counterclockwise from above."""
+COLUMNS = {"roll": (-1.0, 1.0, 1.0, -1.0), "pitch": FRONT, "yaw": SPINS}  # of the torque by axis
+ARM, MASS = 0.15, 1.5  # m kg^(-1/3), of a 3DR Iris: arms grow with the cube root of the mass; kg where nobody says it
+MOMENT = 0.016  # m: torque of a common propeller by its thrust
+LOOP_RATES = {"px4": ("IMU_GYRO_RATEMAX", 250.0), "ardupilot": ("SCHED_LOOP_RATE", 400.0)}  # Hz where it is not said
+LEFT_OUT = "INS_GYRO_FILTER", "IMU_GYRO_CUTOFF"  # rates are logged behind the gyro's filter: lag and delay have it
+
+
+@dataclass(frozen=True, eq=False)
+class Twin:
+    """A vehicle for simulators.
+
+    Attributes:
+        autopilot: "px4" or "ardupilot".
+        mass: kg.
+        inertia: (3,) about forward, right and down, kg m².
+        arm: how far forward, and right, of the centre of mass its motors are, m.
+        hover: share of the motors' range in hover.
+        expo: share of a motor's thrust that is quadratic in that of the range, the rest linear.
+        moment: torque of a propeller by its thrust, m.
+        damping: (3,) of the rates, 1/s.
+        lag: time constant of the motors, s.
+        delay: from the motion to the motors' command, without the hold over a control cycle, s.
+        noise: standard deviation of a measured rate, rad/s.
+        drag: linear (1/s) and quadratic (1/m), along body x and y; None where there is no wind.
+        parameters: of the autopilot's rate and attitude control, by name.
+        notes: how sure each is, by attribute.
+    """
+
+    autopilot: str
+    mass: float
+    inertia: tuple[float, ...]
+    arm: float
+    hover: float
+    expo: float
+    moment: float
+    damping: tuple[float, ...]
+    lag: float
+    delay: float
+    noise: float
+    drag: Drag | None
+    parameters: Mapping[str, float]
+    notes: Mapping[str, str]
+
+    @property
+    def thrust(self) -> float:
+        """Of one motor at full command, N."""
+        return self.mass * GRAVITY / 4 / (self.hover * (1 - self.expo + self.expo * self.hover))
+
+    @property
+    def slope(self) -> float:
+        """Of one motor's thrust by the share of its range, in hover, N."""
+        return self.thrust * (1 - self.expo + 2 * self.expo * self.hover)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Returns plain JSON values."""
+        values = {name: getattr(self, name) for name in self.__dataclass_fields__}
+        return values | {"drag": None if self.drag is None else self.drag.as_dict()}
+
+
+def twin_of(loops: Mapping[str, Loop], px4: bool, hover: float, drag: Drag | None, mass: float | None) -> Twin:
+    """Returns the twin of a vehicle from its ``loops`` by axis.
+
+    Pitch is taken to be like roll, and yaw like that of common propellers, where they are not there. ``hover`` is the
+    share of the motors' range. The motion has the product of mass, arm and 1/inertia only: the arm follows from the
+    ``mass``, kg, which is assumed unless given. Raises ``NotLearnable``: no loop of roll, or no hover.
+    """
+    if "roll" not in loops or not 0.1 < hover < 1:
+        raise NotLearnable("A twin needs the control effectiveness of roll, and motor outputs in hover.")
+    roll, kind = loops["roll"], "px4" if px4 else "ardupilot"
+    known = {name: value for name, value in roll.controller.parameters.items() if not name.startswith("CA_")}
+    name, rate = LOOP_RATES[kind]
+    cycle = 1 / (rate := known.get(name, 0.0) or rate)
+    known = {one: value for one, value in known.items() if one not in LEFT_OUT} | {name: rate}
+    square = {f"CA_ROTOR{n}_P{axis}": one[n] for n in range(4) for axis, one in (("X", FRONT), ("Y", RIGHT))}
+    square |= {f"CA_ROTOR{n}_KM": spin for n, spin in enumerate(SPINS)} | {"CA_ROTOR_COUNT": 4.0, "FRAME_CLASS": 1.0}
+    weight, expo, arm = mass or MASS, min(max(roll.controller.expo, 0.0), 1.0), ARM * (mass or MASS) ** (1 / 3)
+    body = Twin(kind, weight, (), arm, hover, expo, MOMENT, (), 0.0, 0.0, 0.0, drag, known, {})
+    inertia, damping, sure = dict[str, float](), dict[str, float](), dict[str, str]()
+    for axis, loop in loops.items():
+        controller = controller_of(known | square, axis, COLUMNS[axis])
+        moved = float(np.abs(controller.per_demand([hover] * 4)).sum())
+        inertia[axis], damping[axis] = arm * body.slope * moved / loop.gains[0], loop.plant.damping
+        sure[axis] = (
+            f"± {100 * quantile() * np.std(loop.gains) / loop.gains[0]:.0f} %{', biased' * bool(loop.plant.bias)}"
+        )
+    across, flat = inertia.get("pitch", inertia["roll"]), inertia["roll"] + inertia.get("pitch", inertia["roll"])
+    halves, status = roll.plant.interval(), roll.plant.status
+    likely = {name: "not identifiable, the likeliest value" for name in ("damping", "lag") if status[name][0] == "n"}
+    notes = {
+        "mass": "as given" if mass else "assumed: give --mass",
+        "arm": "assumed by the mass",
+        "inertia": f"roll {sure['roll']}, pitch {sure.get('pitch', 'taken as roll')}, yaw the sum of both",
+        "moment": sure.get("yaw", "taken as of common propellers"),
+        "damping": likely.get("damping", f"roll ± {halves.damping:.2g}"),
+        "lag": likely.get("lag", f"± {halves.lag:.2g}"),
+    }
+    return replace(
+        body,
+        inertia=(inertia["roll"], across, flat),
+        moment=arm * flat / inertia["yaw"] if "yaw" in inertia else MOMENT,
+        damping=tuple(damping.get(axis, damping["roll"] * (axis == "pitch")) for axis in COLUMNS),
+        lag=roll.plant.lag,
+        delay=max(roll.plant.delay - cycle / 2, 0.0),
+        noise=roll.plant.noise,
+        notes=notes,
+    )
+
+
+BANDS = (0.3, 0.6, 1.2, 2.4, 4.8, 8.0)  # Hz: octaves, and what is left of the last
+WINDOW, SETTLES = 20.0, 3.0  # s of a spectrum's windows; of a flight's beginning, which is left out
+
+
+def alike(recorded: Array, flown: Array, dt: float) -> dict[str, list[float]]:
+    """Returns figures of a recorded flight and of the same setpoints flown by a twin.
+
+    ``recorded`` (T, 2) has angle, rad, and rate, rad/s, of one axis every ``dt`` s, and ``flown`` (S, T, 2) of S
+    flights. The figures: ``levels`` (B,) of the rate's spectrum in ``BANDS``, the twin's beside the recorded one in dB;
+    ``lean`` and ``sway``, mean and standard deviation of the angle, and ``rate``, that of the rate, recorded and of the
+    twin, in degrees and degrees/s.
+    """
+    from scipy.signal import detrend, welch  # it takes half a second to import
+
+    both = np.concatenate([recorded[np.newaxis], flown])[:, round(SETTLES / dt) :]
+    length = int(min(WINDOW / dt, both.shape[1] / 2))
+    frequency, power = welch(both[..., 1], 1 / dt, nperseg=length, detrend=detrend)
+    inside = [(frequency >= low) & (frequency < high) for low, high in zip(BANDS[:-1], BANDS[1:], strict=True)]
+    level = np.array([power[:, band].mean(axis=1) for band in inside])
+    means, sds = np.degrees(both.mean(axis=1)), np.degrees(both.std(axis=1))
+    pairs = {"lean": means[:, 0], "sway": sds[:, 0], "rate": sds[:, 1]}
+    return {"levels": (10 * np.log10(level[:, 1:].mean(axis=1) / level[:, 0])).tolist()} | {
+        name: [float(values[0]), float(values[1:].mean())] for name, values in pairs.items()
+    }
+
+
+def torque(loop: Loop, samples: int, dt: float, noise: np.random.Generator) -> Array:
+    """Returns (samples,) of the wind's torque on an axis, rad/s², Gaussian with the spectrum that was learned."""
+    frequency: Array = np.fft.rfftfreq(samples, dt).astype(np.float64)
+    size = np.sqrt(wind_density(loop.plant, frequency) * samples / (4 * dt))
+    size[0] = 0.0
+    drawn = noise.standard_normal((2, len(size)))
+    return np.fft.irfft(size * (drawn[0] + 1j * drawn[1]), samples)
+
+
+def asked(flights: Mapping[str, Flight], px4: bool) -> tuple[Array, Array] | None:
+    """Returns (T, 2) setpoints of roll and pitch, rad, and of body rates beside them, rad/s; None without them.
+
+    By the time of roll's flight, of ``flights`` by axis. PX4's setpoint of a rate is what the angle's error asks for,
+    ArduPilot's the rate of the angle's setpoint, to which its error adds.
+    """
+    columns = list[Array]()
+    for axis, name in product(("roll", "pitch"), ("setpoint", "rate setpoint")):
+        flight, named = flights[axis], f"{axis} {name}"
+        if flight.setpoints is None or named not in (known := flight.setpoint_names or ()):
+            return None
+        values = flight.setpoints[:, known.index(named)]
+        here = np.isfinite(values)
+        columns.append(np.interp(flights["roll"].time, flight.time[here], values[here]) if here.sum() > 1 else values)
+    angles, rates = np.column_stack(columns[::2]), np.column_stack(columns[1::2])
+    return (angles, rates * (not px4)) if np.isfinite(columns).all() else None
