@@ -136,6 +136,12 @@ def test_segments_of_one_boot_are_learnt_from_together(without_pictures, tmp_pat
     assert [one["samples"] for one in report["segments"]] == [200, 200]
 
 
+def test_without_files_the_screen_is_all(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["learn", str(SLOW), "--no-files"]) == 1
+    assert "headroom" in capsys.readouterr().out and not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize("start", ["59", "1e9", "1e308"])
 def test_a_start_too_late_is_refused(start, tmp_path, capsys):
     assert main(["learn", FLIGHT, "--out", str(tmp_path / "out"), "--start", start, "--json"]) == 1
