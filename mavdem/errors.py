@@ -132,9 +132,13 @@ class LearnedDownstream:
         """
         return str(downstream("report.screen", "summary")(self))
 
-    def to_control(self) -> Any:
-        """Returns the model as a ``control.StateSpace``, about its trim, with names of states, inputs and outputs."""
-        return downstream("export.conversion", "to_control", "Learned.to_control()", "control")(self)
+    def to_control(self, model: str = "physical") -> Any:
+        """Returns the physical plant with its delay, or DEM's own ``model="dem"``, as a ``control.StateSpace``.
+
+        About the trim, with names of inputs and outputs; its ``name`` says which it is. ``.delay``, s, and ``.draws``,
+        plants from the posterior, are the physical plant's. ``ValueError`` where there is none, with the reason.
+        """
+        return downstream("export.conversion", "to_control", "Learned.to_control()", "control")(self, model)
 
     def _repr_html_(self) -> str:
         return str(downstream("report.page", "learned_html")(self))

@@ -151,8 +151,10 @@ def log_page(
         if (learned := analysis.learned) is not None:
             pictures = model_pictures(learned, analysis.findings, PICTURES if inventory else FEW_PICTURES, analysis)
             chapters.append(Chapter(f"Pictures of {axis}", pictures=pictures))
-            details = detail_blocks(learned, analysis.as_dict())
-            folded.append(Chapter(f"The model of {axis}, and how it was learned", details, folded=True))
+            details, said = detail_blocks(learned, analysis.as_dict()), "The same of DEM's A, B and C, in closed loop."
+            own = Picture("Frequency response of DEM's model", said, partial(_bode_of_dem, learned))
+            pictures = [own] if inventory and learned.physical and learned.physical.identifiable else []
+            folded.append(Chapter(f"The model of {axis}, and how it was learned", details, pictures, folded=True))
     if inventory:
         folded.append(Chapter("What was read from the log, and repaired", log_blocks(inventory), folded=True))
         if first.learned is not None:
@@ -160,6 +162,10 @@ def log_page(
             folded.append(Chapter("Settings", [Table(["setting", "value"], rows, words=True)], folded=True))
     subtitle = heading.text[:1].upper() + heading.text[1:]
     return document(heading.lead.rstrip(":"), subtitle, blocks, [*chapters, *folded], back)
+
+
+def _bode_of_dem(learned: Learned) -> Any:
+    return learned.plot.bode(model="dem")
 
 
 def flight_page(file: str, analyses: Mapping[str, LogAnalysis]) -> str:
@@ -181,7 +187,7 @@ PICTURES = {  # title and caption by the method of ``learned.plot`` that draws i
     "motors": ("Motors", "What is known of each motor."),
     "bode": (
         "Frequency response",
-        "From the command of the axis to its rate (Bode plot), with a 90 % band at each frequency.",
+        "Of the physical plant, from the command of the axis to its rate (Bode plot), with a 90 % band.",
     ),
     "step": ("Step response", "After a step of the command, with a 90 % band at each time."),
     "poles": ("Poles", "With the motors as inputs, without the autopilot; left of 0 is stable."),

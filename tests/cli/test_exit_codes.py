@@ -53,10 +53,7 @@ def test_unreadable_input_is_one_sentence_and_nothing_written(name, command, tmp
         (["learn", FLIGHT, "--out", "x", "--vehicle", "--verbose"], "--verbose is an option"),
         (["learn", "/dev/ttyACM0,115200", "--out", "x"], "`mavdem live /dev/ttyACM0,115200`"),
         (["info", FLIGHT, "--axis", "heave"], "--axis"),
-        (
-            ["info", "udpin:127.0.0.1:14550"],
-            "a MAVLink link, and only logs are read here: attach to it with",
-        ),
+        (["info", "udpin:127.0.0.1:14550"], "a MAVLink link, and only logs are read here: attach to it with"),
         (["info", "-"], "A log cannot be read from standard input (-): save it as a file"),
         (["info", LOGS], f"{LOGS} is a folder, with 3 logs in it: name a file, such as {LOGS}/ardupilot_default"),
         (["info", "."], "is a folder, with no log in it: name a file that ends in .tlog, "),
@@ -104,11 +101,9 @@ def test_a_result_is_distinguished_from_a_log(tmp_path, capsys):
 
 FULL = Path("/dev/full")
 
-needs_full = pytest.mark.skipif(not FULL.exists(), reason="there is no /dev/full")
-
 
 @pytest.mark.slow
-@needs_full
+@pytest.mark.skipif(not FULL.exists(), reason="there is no /dev/full")
 @pytest.mark.parametrize("words", [["info", "none", "--json"], ["--help"]])
 def test_a_standard_output_that_fails_is_reported(words):
     with FULL.open("w") as full:
