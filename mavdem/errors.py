@@ -140,5 +140,15 @@ class LearnedDownstream:
         """
         return downstream("export.conversion", "to_control", "Learned.to_control()", "control")(self, model)
 
+    def loop(self, controller: Any = None) -> Any:
+        """Returns rate and attitude loop: the plant, and the ``controller`` of the log's parameters unless given.
+
+        >>> loop = learned.loop()
+        >>> loop.phase_margin, loop.phase_margin_interval, loop.gain_margin, loop.crossover  # degrees, dB, Hz
+
+        Raises :class:`NotLearnable`: the plant is not identifiable, or the controller is not known.
+        """
+        return downstream("condition.loop", "loop")(self, controller)
+
     def _repr_html_(self) -> str:
         return str(downstream("report.page", "learned_html")(self))

@@ -14,6 +14,7 @@ from mavdem.alignment.drive import Motors, Signal
 from mavdem.alignment.phases import Intervals, both, unbroken
 from mavdem.alignment.signals import MINIMUM_RATE, Attitude, Signals, axis_outputs, held
 from mavdem.flight import Flight
+from mavdem.ingest.controllers import USED
 from mavdem.ingest.telemetry import Array
 
 MEDIAN_STEPS = 41
@@ -185,6 +186,7 @@ def align(signals: Signals, segment: Segment, dt: float | None = None) -> Flight
             "scale": asdict(scale),
             "setpoints": {one.name: telemetry.called(one.message) for one in asked},
             "repairs": list(telemetry.repairs),
+            "parameters": {name: value for name, value in telemetry.parameters.items() if USED.match(name)},
         },
         effect_directions=None if layout.positions_assumed else layout.effect(axis),
         setpoints=np.column_stack([held(one, segment.boot, time) for one in asked]) if asked else None,

@@ -11,8 +11,9 @@ from mavdem.cli.options import source_options
 from mavdem.cli.output import complain, print_json, say
 from mavdem.cli.sources import read_source
 from mavdem.condition.inventory import inventory
+from mavdem.condition.wind_of_log import Air, air_of
 from mavdem.report.blocks import Block, Sentence
-from mavdem.report.condition import Air, air_of, sender, stream_contents, vehicle_contents, wind_blocks
+from mavdem.report.condition import sender, stream_contents, vehicle_contents, wind_blocks
 from mavdem.report.screen import conclusion
 
 

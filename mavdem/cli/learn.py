@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 import shlex
+from collections.abc import Sequence
 from pathlib import Path
 from time import perf_counter
 from typing import Any
 
 import click
 
-from mavdem.alignment.drive import TILT_AXES
+from mavdem.alignment.drive import TILT_AXES, Signal
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals
 from mavdem.analysis import LogAnalysis, analyse
@@ -29,13 +30,16 @@ from mavdem.cli.output import (
 )
 from mavdem.cli.signals import ending_at_once
 from mavdem.cli.sources import read_source
+from mavdem.condition import WindVelocity
 from mavdem.condition.inventory import inventory
+from mavdem.condition.wind_of_log import Air, air_of
 from mavdem.dem import Settings
 from mavdem.errors import advice, missing
 from mavdem.evaluate.windows import Length
 from mavdem.export.conversion import write_channels
+from mavdem.flight import Flight
 from mavdem.report.blocks import Block, Sentence
-from mavdem.report.condition import Air, air_of, wind_blocks
+from mavdem.report.condition import wind_blocks
 from mavdem.report.details import detail_blocks
 from mavdem.report.flights import truth_blocks
 from mavdem.report.page import log_page
@@ -175,7 +179,7 @@ def learn_command(
         held["vehicles"][0] |= analysis.findings.as_dict() | {"model": analysis.model}
         with progress("Drawing and writing the files", measured=False):
             page = log_page(heading, blocks, {verdict.axis: analysis}, held, air=air)
-            write_results(folder, report, page, analysis, air)
+            write_results(folder, report, page, analysis, air, signals.position)
         for what, extra in ((f"{RECORDING} was not written, since it", "view"), ("Drawing its pictures", "plot")):
             if learned is not None and (hint := advice(what, extra)):
                 say_aside(hint)
@@ -210,7 +214,9 @@ def result_files(with_model: bool = True) -> tuple[str, ...]:
     return tuple(name for name in RESULT_FILES if name != RECORDING or not missing("view"))
 
 
-def write_results(folder: Path, report: dict[str, Any], page: str, analysis: LogAnalysis, air: Air) -> None:
+def write_results(
+    folder: Path, report: dict[str, Any], page: str, analysis: LogAnalysis, air: Air, position: Signal | None
+) -> None:
     """Writes the :func:`result_files`, as :func:`files_in` does; ``page`` is the HTML. Those of a run before go."""
     learned, held_out, flights = analysis.learned, analysis.held_out, analysis.flights
     names = result_files(with_model=learned is not None)
@@ -221,12 +227,23 @@ def write_results(folder: Path, report: dict[str, Any], page: str, analysis: Log
         if learned is not None and held_out is not None:
             place["model.json"].write_text(learned.to_json() + "\n")
             if RECORDING in names:
-                # Rerun takes a second to load, and a flight that cannot be learned needs none of it.
-                with ending_at_once():
-                    from mavdem.view import write_recording
-
-                write_recording(place[RECORDING], flights, learned, held_out, analysis.findings, analysis.changes)
-            same = air[0] is not None and air[0].boot == flights[0].provenance["segment"]["boot"]  # and so one clock
-            write_channels(place["flight.mcap"], flights, learned, held_out, air[0] if same else None)
+                write_dashboard(place[RECORDING], analysis, air, position)
+            write_channels(place["flight.mcap"], flights, learned, held_out, same_clock(air, flights))
     for name in set(RESULT_FILES) - set(names):
         (folder / name).unlink(missing_ok=True)
+
+
+def write_dashboard(path: Path, analysis: LogAnalysis, air: Air, position: Signal | None) -> None:
+    """Writes an ``analysis`` with a model, and the wind, as an .rrd file."""
+    assert analysis.learned is not None and analysis.held_out is not None
+    # Rerun takes a second to load, and a flight that cannot be learned needs none of it.
+    with ending_at_once():
+        from mavdem.view import write_recording
+
+    known = analysis.findings, analysis.changes, same_clock(air, analysis.flights), position
+    write_recording(path, analysis.flights, analysis.learned, analysis.held_out, *known)
+
+
+def same_clock(air: Air, flights: Sequence[Flight]) -> WindVelocity | None:
+    """Returns the wind where it is of the boot of ``flights``, and so on one clock with them."""
+    return air[0] if air[0] is not None and air[0].boot == flights[0].provenance["segment"]["boot"] else None

@@ -10,10 +10,13 @@ from tempfile import TemporaryDirectory
 import click
 
 from mavdem.alignment.drive import TILT_AXES
+from mavdem.alignment.read import choose_vehicle
+from mavdem.alignment.signals import Signals
 from mavdem.analysis import analyse
-from mavdem.cli.learn import RECORDING, learn_command, named_after
+from mavdem.cli.learn import RECORDING, learn_command, named_after, write_dashboard
 from mavdem.cli.options import source_options
 from mavdem.cli.output import say_aside
+from mavdem.condition.wind_of_log import air_of
 from mavdem.errors import NotLearnable, Unreadable
 from mavdem.ingest import read_log
 from mavdem.ingest.formats import looks_like_log
@@ -30,9 +33,9 @@ INCOMPATIBLE = 66
 def open_command(
     context: click.Context, source: str, axis: str, vehicle: str | None, inputs: str | None, as_json: bool
 ) -> None:
-    """Learns from a log as `mavdem learn` does, and shows the dashboard at once.
+    """Learns from a log, and shows the dashboard at once.
 
-    SOURCE is a log: .tlog, .mcap (MAVLink or ROS 2), .bin, .log, .ulg or .ulg.xz. A log dropped into the Rerun Viewer,
+    The folder is that of `mavdem learn`, named after the log. A log dropped into the Rerun Viewer,
     or given to `rerun`, opens in the same way.
     """
     context.invoke(learn_command, source=source, axis=axis, vehicle=vehicle, inputs=inputs, as_json=as_json)
@@ -47,25 +50,27 @@ def load(arguments: list[str]) -> int:
 
     Returns the exit code: ``INCOMPATIBLE`` for a file that is no log of a vehicle.
     """
-    log = Path(arguments[0]) if arguments else Path()
-    if not log.is_file() or not looks_like_log(log):
+    path = Path(arguments[0]) if arguments else Path()
+    if not path.is_file() or not looks_like_log(path):
         return INCOMPATIBLE
-    from mavdem.view import write_recording, write_words
+    from mavdem.view import write_words
 
     with TemporaryDirectory() as folder:
         recording = Path(folder, RECORDING)
         try:
-            analysis = analyse(read_log(log))
+            read = read_log(path)
+            signals = Signals(choose_vehicle(read.vehicles, None))
+            air = air_of(signals)
+            analysis = analyse(read, signals=signals)
         except (NotLearnable, Unreadable) as error:
-            if isinstance(error, Unreadable) and log.suffix.lower() == ".mcap":
+            if isinstance(error, Unreadable) and path.suffix.lower() == ".mcap":
                 return INCOMPATIBLE  # of something else, which Rerun itself reads
-            write_words(recording, log.name, [Sentence(f"{error.reason} {error.remedy}")])
+            write_words(recording, path.name, [Sentence(f"{error.reason} {error.remedy}")])
         else:
             if analysis.learned is None or analysis.held_out is None:
-                write_words(recording, log.name, analysis_blocks(analysis))
+                write_words(recording, path.name, analysis_blocks(analysis))
             else:
-                known = analysis.learned, analysis.held_out, analysis.findings, analysis.changes
-                write_recording(recording, analysis.flights, *known)
+                write_dashboard(recording, analysis, air, signals.position)
         with recording.open("rb") as written:
             shutil.copyfileobj(written, sys.stdout.buffer)
     return 0

@@ -85,6 +85,19 @@ def coming_from(north: float, east: float) -> float:
     return float(np.degrees(np.arctan2(-east, -north)) % 360)
 
 
+def by_compass(velocity: Array, band: Array, near: float = 180.0) -> tuple[Array, Array, Array, Array]:
+    """Returns speed (T,), m/s, and direction it comes from, degrees, of a course (T, 2), then half widths of both.
+
+    Those are of the ``band`` (T, 2) along and across the ``velocity``; 180° where that may come from anywhere. The
+    direction is half a turn from ``near``, degrees, at most, so that a line of it does not jump at north.
+    """
+    speed = np.hypot(*velocity.T)
+    along = velocity / np.maximum(speed, 1e-9)[:, None]
+    half, across = np.hypot(*(along * band).T), np.hypot(*(along[:, ::-1] * band).T)
+    turned = np.where(across < speed, np.degrees(np.arctan2(across, speed)), 180.0)
+    return speed, near + (np.degrees(np.arctan2(*-velocity.T[::-1])) - near + 180) % 360 - 180, half, turned
+
+
 def estimate_wind(
     time: Array, attitude: Array, velocity: Array, drag: Drag | None = None, height: Array | None = None
 ) -> WindVelocity:

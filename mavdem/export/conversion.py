@@ -20,6 +20,7 @@ from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Attitude, Signals, axis_outputs
 from mavdem.alignment.verdict import verdict_of
 from mavdem.condition import WindVelocity
+from mavdem.condition.wind_of_log import air_of
 from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
 from mavdem.errors import NotLearnable, Unreadable, require
@@ -72,10 +73,23 @@ def columns(flight: Flight) -> dict[str, Array]:
     return table
 
 
-def own_columns(signals: Signals) -> dict[str, Array]:
-    """Returns time, inputs and outputs (T,), each at its own stamps and NaN at the other's, of the boot with most.
+def wind_columns(signals: Signals, boot: int, time: Array) -> dict[str, Array]:
+    """Returns the wind at ``time`` (T,), s of a ``boot``: north and east of where the air moves to, and half widths.
 
-    Empty where there are neither.
+    NaN outside the flight whose wind it is; empty where a log has no wind in this boot.
+    """
+    wind, _, _ = air_of(signals)
+    if wind is None or wind.boot != boot:
+        return {}
+    names = ("wind north", "wind east", "wind north band", "wind east band")
+    parts = zip(map(column_name, names, 4 * ["m/s"]), (*wind.velocity.T, *wind.band.T), strict=True)
+    return {name: np.interp(time, wind.time, part, np.nan, np.nan) for name, part in parts}
+
+
+def own_columns(signals: Signals) -> dict[str, Array]:
+    """Returns time, inputs, outputs and wind (T,), at the stamps of all, NaN at others' stamps, of the boot with most.
+
+    Empty where there are neither inputs nor outputs.
     """
     streams: list[tuple[Attitude | Motors, list[str], Array]] = []
     if (drive := signals.drive) is not None:
@@ -94,7 +108,7 @@ def own_columns(signals: Signals) -> dict[str, Array]:
         placed = np.full((len(time), len(names)), np.nan)
         placed[np.searchsorted(time, stream.time[here])] = values[here]
         table |= dict(zip(names, placed.T, strict=True))
-    return table
+    return table | wind_columns(signals, boot, time)
 
 
 def write_csv(file: BinaryIO, table: Table, provenance: Mapping[str, Any]) -> None:
@@ -286,6 +300,7 @@ def _convert_to_table(
     rates = [] if flight is None else flight.provenance["rates"].values()
     if flight is not None and (verdict.learnable or max(rates) < LOW_PASS_RATIO * min(rates)):
         table, provenance = columns(flight), {**flight.provenance, "cautions": cautions}
+        table |= wind_columns(signals, flight.provenance["segment"]["boot"], flight.time)
     else:
         table, provenance = own_columns(signals), {"source": str(source), "cautions": cautions}
     if not table:

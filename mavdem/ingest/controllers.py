@@ -77,8 +77,8 @@ class Controller:
 def controller_of(parameters: Mapping[str, float], axis: str = "roll", weights: Sequence[float] = ()) -> Controller:
     """Returns the controller that an autopilot's ``parameters`` describe, of which only :data:`USED` count.
 
-    ``weights`` (4,) are those of the motors in the axis's torque, of any size; PX4's parameters have them. Raises
-    ``NotLearnable``: a parameter is missing, or the firmware or the mixer is not known.
+    ``weights`` (4,) are those of the motors in the axis's torque, of any size; PX4's parameters have them. A single one
+    is of the demand itself. Raises ``NotLearnable``: a parameter is missing, or the firmware or the mixer is not known.
     """
     own = {name: float(value) for name, value in parameters.items() if USED.match(name) and isfinite(value)}
     ardupilot = any(name.startswith("ATC_RAT_") for name in own)
@@ -95,15 +95,20 @@ def controller_of(parameters: Mapping[str, float], axis: str = "roll", weights: 
         names |= {"derivative_filter": "IMU_DGYRO_CUTOFF", "expo": "THR_MDL_FAC"}
     values = {"target_filter": 0.0, "error_filter": 0.0, "derivative_filter": 0.0}
     values |= dict(zip(names, _required(own, *names.values()), strict=True))
+    begin, end = 0.0, 1.0
+    mixer: tuple[float, ...] = (1.0,)
     if ardupilot:
-        begin, end, frame = _required(own, "MOT_SPIN_MIN", "MOT_SPIN_MAX", "FRAME_CLASS")
-        if frame != 1 or len(weights) != MOTORS or not any(weights):
-            raise NotLearnable("The mixer is not known: this needs a quadrotor (FRAME_CLASS 1) of a usual FRAME_TYPE.")
-        mixer = tuple(float(one) / max(map(abs, weights)) / 2 for one in weights)
+        if len(weights) != 1:
+            begin, end, frame = _required(own, "MOT_SPIN_MIN", "MOT_SPIN_MAX", "FRAME_CLASS")
+            if frame != 1 or len(weights) != MOTORS or not any(weights):
+                raise NotLearnable(
+                    "The mixer is not known: this needs a quadrotor of a usual FRAME_CLASS and FRAME_TYPE."
+                )
+            mixer = tuple(float(one) / max(map(abs, weights)) / 2 for one in weights)
         gyro, cycle, output = own.get("INS_GYRO_FILTER", 0.0), 1 / own.get("SCHED_LOOP_RATE", 400.0), 0.0
     else:
         values |= {gain: own.get(f"{rate}K", 1.0) * values[gain] for gain in "pid"}
-        (begin, end), mixer = (0.0, 1.0), _allocation(own)[axis]
+        mixer = mixer if len(weights) == 1 else _allocation(own)[axis]
         gyro, cycle = own.get("IMU_GYRO_CUTOFF", 0.0), 1 / own.get("IMU_GYRO_RATEMAX", 400.0)
         output = own.get("MC_YAW_TQ_CUTOFF", 0.0) if axis == "yaw" else 0.0
     more = {"ff": own.get(f"{rate}FF", 0.0), "output_filter": output, "gyro_filter": gyro, "cycle": cycle}

@@ -19,6 +19,7 @@ from markupsafe import Markup, escape
 
 from mavdem.analysis import LogAnalysis
 from mavdem.analysis.findings import NONE, Findings, findings_of
+from mavdem.condition.wind_of_log import Air
 from mavdem.dem import Learned
 from mavdem.dem.order_choice import OrderChoice
 from mavdem.errors import advice, downstream
@@ -28,9 +29,9 @@ from mavdem.live import SessionStatus
 from mavdem.live.history import LiveHistory
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.comparison import comparison_report, order_report
-from mavdem.report.condition import Air, log_blocks
+from mavdem.report.condition import log_blocks, wind_blocks
 from mavdem.report.details import detail_blocks
-from mavdem.report.flights import event_blocks, live_report
+from mavdem.report.flights import MAX_PARTS, event_blocks, live_report, parts_learned
 from mavdem.report.numbers import Labels, listed, named, readable, rounded
 from mavdem.report.palette import INK_ON_LIGHT
 from mavdem.report.screen import analysis_blocks, screen, title
@@ -143,7 +144,7 @@ def log_page(
         for axis, analysis in zip(list(analyses)[1:], others, strict=True)
     ]
     if air is not None and air[0] is not None:
-        said = "Its speed with a 90 % band, and where it comes from in the mean: the arrow flies with it."
+        said = "Its speed and where it comes from, with 90 % bands. In the mean: the arrow flies with it."
         drawn = Picture("Wind", said, lambda: downstream("report.figures.series", "wind_over_time")(*air[:2]))
         chapters.append(Chapter("Wind in m/s", pictures=[drawn]))
     folded = []
@@ -168,13 +169,13 @@ def _bode_of_dem(learned: Learned) -> Any:
     return learned.plot.bode(model="dem")
 
 
-def flight_page(file: str, analyses: Mapping[str, LogAnalysis]) -> str:
-    """Returns the HTML of one flight of a fleet, the log ``file``, with a link back to the fleet's page."""
+def flight_page(file: str, analyses: Mapping[str, LogAnalysis], air: Air | None = None) -> str:
+    """Returns the HTML of one flight of a fleet, the log ``file``, in this ``air``, with a link to the fleet's page."""
     subtitle = "No model could be learned from this flight; what it holds nevertheless."
     if any(analysis.learned is not None for analysis in analyses.values()):
         subtitle = f"{listed(analyses)} of a flight."
-    blocks = analysis_blocks(next(iter(analyses.values())))
-    return log_page(Sentence(subtitle, file), blocks, analyses, back=("Fleet", "../index.html"))
+    blocks = [*analysis_blocks(next(iter(analyses.values()))), *([] if air is None else wind_blocks(air))]
+    return log_page(Sentence(subtitle, file), blocks, analyses, back=("Fleet", "../index.html"), air=air)
 
 
 PICTURES = {  # title and caption by the method of ``learned.plot`` that draws it
@@ -283,8 +284,10 @@ def live_page(
     model = [] if learned is None else model_pictures(learned, found, ("motors", *SYSTEM_PICTURES))
     chapters = [Chapter("Pictures", pictures=[flown, *model]), Chapter("What happened", event_blocks(history))]
     chapters.append(Chapter("The model at the end", [] if learned is None else screen(learned, found=found)))
+    parts = parts_learned(history, seconds := 0.0 if learned is None else len(learned.record) * learned.dt)
+    if len(parts.rows) > MAX_PARTS:
+        chapters.append(Chapter("The parts learned from", [parts], folded=True))
     what = f"What {axis} did, learned and predicted while it flew."
-    seconds = 0.0 if learned is None else len(learned.record) * learned.dt
     return document(f"Flight over {link}", what, live_report(history, status, account, axis, seconds), chapters)
 
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hover import ARMED, MAV_AUTOPILOTS, MAV_TYPES, Hover, changed, columns
+from scipy.spatial.transform import Rotation
 
 from mavdem.alignment import drive, signals
 from mavdem.alignment.phases import airborne_collective
@@ -15,25 +16,10 @@ from mavdem.ingest.telemetry import Telemetry
 HOVER = Hover()
 
 
-def quaternion(roll, pitch, yaw):
-    """(N, 4) w x y z of the Z-Y-X rotation, by composing three axis rotations."""
-
-    def about(axis, angle):
-        q = np.zeros((len(angle), 4))
-        q[:, 0], q[:, axis] = np.cos(angle / 2), np.sin(angle / 2)
-        return q
-
-    def times(a, b):
-        w = a[:, 0] * b[:, 0] - (a[:, 1:] * b[:, 1:]).sum(1)
-        return np.column_stack([w, a[:, :1] * b[:, 1:] + b[:, :1] * a[:, 1:] + np.cross(a[:, 1:], b[:, 1:])])
-
-    return times(times(about(3, yaw), about(2, pitch)), about(1, roll))
-
-
 def with_quaternion(rate: float) -> Telemetry:
     time = HOVER.stamps(rate)
     roll, pitch, yaw = HOVER.roll(time), 0.2 * np.sin(time), 0.3 * time
-    q = quaternion(roll, pitch, yaw)
+    q = Rotation.from_euler("ZYX", np.column_stack([yaw, pitch, roll])).as_quat(scalar_first=True)
     body = {name: np.full(len(time), value) for name, value in (("pitchspeed", 0.2), ("yawspeed", 0.3))}
     fields = {f"q{i + 1}": q[:, i] for i in range(4)} | body | {"rollspeed": HOVER.roll_rate(time)}
     return changed(HOVER.telemetry(10.0), "ATTITUDE_QUATERNION", **columns(time, **fields))

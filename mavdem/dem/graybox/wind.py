@@ -190,7 +190,7 @@ def wind(physical: Physical, record: Record, changes: Sequence[float] = ()) -> W
         gusts=gusty.found if resolved else (),
         gust_threshold=gusty.threshold,
         false_gusts_per_minute=gusty.false_per_minute,
-        spectrum=WindSpectrum(spectra.frequency, spectra.wind, _model_density(physical, spectra.frequency)),
+        spectrum=WindSpectrum(spectra.frequency, spectra.wind, wind_density(physical, spectra.frequency)),
         cancelled_share=spectra.cancelled_share(np.inf),
         cancelled_share_slow=spectra.cancelled_share(SLOW_HERTZ),
         resolved=resolved,
@@ -295,8 +295,8 @@ def _spectra(torques: _Torques, record: Record) -> _Spectra:
     return _Spectra(frequency, wind.real, answer.real, across, INDEPENDENT * windows)
 
 
-def _model_density(physical: Physical, frequency: Array) -> Array:
-    """(F,) of the wind's components, one-sided, per Hz."""
+def wind_density(physical: Physical, frequency: Array) -> Array:
+    """Returns (F,) the spectral density of the wind's components at Hz (F,), one-sided, (rad/s²)²/Hz."""
     density = np.zeros(len(frequency))
     for colour, size, time in physical.components:
         resolvent = 2j * np.pi * frequency[:, None, None] * np.eye(len(colour.A)) - colour.A / time
@@ -322,7 +322,7 @@ def shortest_gust(physical: Physical, dt: float) -> float:
     """
     frequency = np.linspace(0.0, 0.25 / dt, 201)[1:]
     noise = 2 * dt * physical.noise**2 * ((2 * np.pi * frequency) ** 2 + physical.damping**2)
-    resolved = frequency[_model_density(physical, frequency) > noise]
+    resolved = frequency[wind_density(physical, frequency) > noise]
     return 0.5 / float(resolved.max(initial=frequency[0])) + physical.lag + physical.delay
 
 

@@ -18,6 +18,7 @@ from mavdem.analysis.findings import known_wind
 from mavdem.analysis.residuals import BOUND_LEVEL, LAG_SECONDS, residuals
 from mavdem.condition import WindVelocity
 from mavdem.condition.condition import HoverFigures
+from mavdem.condition.wind_velocity import by_compass
 from mavdem.confidence import LEVEL
 from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
@@ -259,19 +260,27 @@ def forecast(held: HeldOut, labels: Labels, output: int = 0, windows: int = 8) -
 
 
 def wind_over_time(wind: WindVelocity, own: Signal | None = None) -> Figure:
-    """Draws the speed with its 90 % band and the ``own`` estimate of the autopilot; the mean's direction above."""
-    speed = np.hypot(*wind.velocity.T)
-    half = np.hypot(*(wind.velocity * wind.band).T) / np.maximum(speed, 1e-9)
-    with picture() as figure:
-        axes = figure.subplots()
-        band(axes, wind.time, np.maximum(speed - half, 0), speed + half, palette.DISTURBANCE, "90 % band")
-        axes.plot(wind.time, speed, color=palette.DISTURBANCE, linewidth=THIN, label="wind")
-        if own is not None and (rows := own.boot == wind.boot).any():
-            theirs = np.hypot(*own.values[rows].T)
-            axes.plot(own.time[rows], theirs, color=palette.BASELINE, linewidth=THIN, label="autopilot's own")
-        axes.set(xlabel="time since boot (s)", ylabel="speed (m/s)", xlim=wind.time[[0, -1]])
-        axes.set(ylim=(0, None), title=f"from {from_point(wind.direction)}" if wind.directed else "")
-        legend_above(axes)
+    """Draws speed and, if it is known, direction with 90 % bands, and the ``own`` estimate of the autopilot."""
+    found, theirs = by_compass(wind.velocity, wind.band, wind.direction), None
+    if own is not None and (rows := own.boot == wind.boot).any():
+        theirs = own.time[rows], *by_compass(own.values[rows], 0 * own.values[rows], wind.direction)
+    with picture(3.2 if wind.directed else 2.4) as figure:
+        panels = np.atleast_1d(figure.subplots(1 + wind.directed, 1, sharex=True))
+        for part, axes in enumerate(panels):
+            line, half = found[part], found[2 + part]
+            lowest = line - half if part else np.maximum(line - half, 0)
+            band(axes, wind.time, lowest, line + half, palette.DISTURBANCE, "90 % band")
+            axes.plot(wind.time, line, color=palette.DISTURBANCE, linewidth=THIN, label="wind")
+            if theirs is not None:
+                axes.plot(theirs[0], theirs[1 + part], color=palette.BASELINE, linewidth=THIN, label="autopilot's own")
+            if part:
+                far = np.clip(1.5 * np.abs(line - wind.direction).max(), 30, 180)
+                axes.set(ylabel="from (°)", ylim=(wind.direction - far, wind.direction + far))
+                axes.yaxis.set_major_formatter(lambda angle, _: f"{angle % 360:.0f}")
+        panels[0].set(ylabel="speed (m/s)", ylim=(0, None), xlim=wind.time[[0, -1]])
+        panels[0].set_title(f"from {from_point(wind.direction)}" if wind.directed else "")
+        panels[-1].set_xlabel("time since boot (s)")
+        legend_above(panels[0])
     return figure
 
 

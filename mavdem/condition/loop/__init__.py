@@ -1,0 +1,6 @@
+"""Loop: rate and attitude loop of one axis, from the identified plant and the autopilot's own gains."""
+
+from mavdem.condition.loop.loop import Loop, loop, loop_of
+from mavdem.condition.loop.margins import OpenLoop
+
+__all__ = ["Loop", "OpenLoop", "loop", "loop_of"]
