@@ -33,6 +33,8 @@ from sitl_scenarios.simulation import fly as fly_through
 from sitl_scenarios.truth import write_truth
 from sitl_scenarios.vehicles import airframe
 
+SET = "Set a parameter of the autopilot's rate or attitude control; may be given several times."
+
 
 class ScenarioName(click.Path):
     """The name of a scenario, or a file."""
@@ -53,17 +55,8 @@ class ScenarioName(click.Path):
 @click.option(
     "--speed", type=Number(0.01, 1000.0), help="Speed of a live flight, as a multiple of real time.  [default: 1]"
 )
-@file_option(
-    "--vehicle", "A .toml file with a vehicle of `mavdem twin`, or a scenario, whose vehicle is flown instead."
-)
-@click.option(
-    "--set",
-    "changed",
-    multiple=True,
-    metavar="NAME=VALUE",
-    callback=no_option,
-    help="Set a parameter of the autopilot: ATC_RAT_RLL_P=0.2. May be given several times.",
-)
+@file_option("--vehicle", "A .toml file of `mavdem twin`, or a scenario's: its vehicle is flown instead.")
+@click.option("--set", "changed", multiple=True, metavar="NAME=VALUE", callback=no_option, help=SET)
 @click.option("--seed", type=int, help="Random seed, instead of the scenario's.")
 @click.option("--duration", type=float, help="Seconds from arming to disarming, instead of the scenario's.")
 @click.option(

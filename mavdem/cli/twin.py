@@ -47,7 +47,7 @@ FIGURES = {"lean": "roll, mean (°)", "sway": "roll, sd (°)", "rate": "roll rat
 @vehicle_option
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document and nothing else.")
 def twin_command(source: str, out: tuple[Path, ...], mass: float | None, vehicle: str | None, as_json: bool) -> None:
-    """Makes a vehicle for simulators of a log, and flies the log's setpoints with it in wind as it was.
+    """Makes a vehicle for simulators of a log, and flies the log again with it.
 
     SOURCE is a log of a quadrotor with its autopilot's parameters, and motor outputs and attitude as `mavdem learn`
     needs them. Change a gain before it is flown: mavdem fly hover_blower --vehicle mine.toml --set ATC_RAT_RLL_P=0.2

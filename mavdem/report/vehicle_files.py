@@ -83,8 +83,8 @@ def _sih(twin: Twin, _: str) -> str:
     """PX4's simulation in hardware, whose thrust is linear: src/modules/simulation/simulator_sih."""
     full = twin.mass * GRAVITY / 4 / twin.hover
     x, y, z = _scale(twin, full)
-    values = {"SIH_MASS": twin.mass, "SIH_IXX": x, "SIH_IYY": y, "SIH_IZZ": z, "SIH_IXY": 0.0, "SIH_IXZ": 0.0}
-    values |= {"SIH_IYZ": 0.0, "SIH_T_MAX": full, "SIH_Q_MAX": twin.moment * full, "SIH_T_TAU": twin.lag}
+    values = {"SIH_MASS": twin.mass, "SIH_IXX": x, "SIH_IYY": y, "SIH_IZZ": z}
+    values |= {"SIH_T_MAX": full, "SIH_Q_MAX": twin.moment * full, "SIH_T_TAU": twin.lag}
     values |= {"SIH_L_ROLL": twin.arm, "SIH_L_PITCH": twin.arm, "SIH_KDV": _drag(twin) * twin.mass}
     values |= {"SIH_KDW": x * twin.damping[0]} | (dict(twin.parameters) if twin.autopilot == "px4" else {})
     return "".join(f"1\t1\t{name}\t{value:.7g}\t9\n" for name, value in values.items())
