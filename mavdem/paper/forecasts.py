@@ -14,7 +14,6 @@ from mavdem.evaluate import mspe, paired, relative_mspe
 from mavdem.evaluate.windows import Window
 from mavdem.paper import figures
 from mavdem.paper.claims import MSPE_WITH_COORDINATES, MSPE_WITHOUT_COORDINATES
-from mavdem.paper.flights import REAL
 from mavdem.paper.runner import (
     MEAN,
     OTHERS,
@@ -23,6 +22,7 @@ from mavdem.paper.runner import (
     PEERS,
     PLANT,
     PLANT_WITHOUT,
+    REAL,
     STARTS,
     WITH,
     WITHOUT,
