@@ -79,13 +79,10 @@ def twin_command(source: str, out: tuple[Path, ...], mass: float | None, vehicle
         if left := LEFT_OUT.get(path.suffix.lower()):
             say_aside(f"{path.name} has no place for {left}.")
     blocks: list[Sentence | Table] = [Sentence(one) for one in missing]
+    shown = {"mass": "kg", "inertia": "kg m²", "lag": "s", "damping": "1/s", "delay": "s", "hover": "share of range"}
     rows = [
-        ["mass (kg)", f"{twin.mass:.3g}", twin.notes["mass"]],
-        ["inertia (kg m²)", ", ".join(f"{one:.3g}" for one in twin.inertia), twin.notes["inertia"]],
-        ["motor time constant (s)", f"{twin.lag:.3g}", twin.notes["lag"]],
-        ["damping (1/s)", ", ".join(f"{one:.2g}" for one in twin.damping), twin.notes["damping"]],
-        ["delay (s)", f"{twin.delay:.3g}", ""],
-        ["hover (share)", f"{twin.hover:.3f}", ""],
+        [f"{name} ({unit})", ", ".join(f"{one:.3g}" for one in np.ravel(getattr(twin, name))), twin.notes.get(name, "")]
+        for name, unit in shown.items()
     ]
     blocks.append(Table(["Vehicle", "value", "how sure (90 %)"], rows, words=True))
     document: dict[str, Any] = {"vehicle": twin.as_dict(), "missing": missing, "alike": None}
@@ -109,8 +106,9 @@ def _flown(
     with progress("Flying the twin") as done:
         for seed in range(FLIGHTS):
             noise, torques = np.random.default_rng(seed), np.zeros((len(recorded), 2))
-            for axis in set(loops) & set(TILT_AXES):
-                torques[:, TILT_AXES.index(axis)] = torque(loops[axis], len(recorded), flight.dt, noise)
+            for number, axis in enumerate(TILT_AXES):
+                if axis in loops:
+                    torques[:, number] = torque(loops[axis], len(recorded), flight.dt, noise)
             again = scenario.model_copy(update={"seed": seed})
             turned, turning = replayed(again, flight.dt, angles[:samples], rates[:samples], torques)
             flown.append(np.column_stack([turned[:, 0], turning[:, 0]]))

@@ -25,43 +25,27 @@ COLUMNS = {"roll": (-1.0, 1.0, 1.0, -1.0), "pitch": FRONT, "yaw": SPINS}  # of t
 ARM, MASS = 0.15, 1.5  # m kg^(-1/3), of a 3DR Iris: arms grow with the cube root of the mass; kg where nobody says it
 MOMENT = 0.016  # m: torque of a common propeller by its thrust
 LOOP_RATES = {"px4": ("IMU_GYRO_RATEMAX", 250.0), "ardupilot": ("SCHED_LOOP_RATE", 400.0)}  # Hz where it is not said
+FASTEST = 1000.0  # Hz of a loop that the simulation flies
 LEFT_OUT = "INS_GYRO_FILTER", "IMU_GYRO_CUTOFF"  # rates are logged behind the gyro's filter: lag and delay have it
 
 
 @dataclass(frozen=True, eq=False)
 class Twin:
-    """A vehicle for simulators.
+    """A vehicle for simulators, with how sure each of its attributes is as ``notes`` by name."""
 
-    Attributes:
-        autopilot: "px4" or "ardupilot".
-        mass: kg.
-        inertia: (3,) about forward, right and down, kg m².
-        arm: how far forward, and right, of the centre of mass its motors are, m.
-        hover: share of the motors' range in hover.
-        expo: share of a motor's thrust that is quadratic in that of the range, the rest linear.
-        moment: torque of a propeller by its thrust, m.
-        damping: (3,) of the rates, 1/s.
-        lag: time constant of the motors, s.
-        delay: from the motion to the motors' command, without the hold over a control cycle, s.
-        noise: standard deviation of a measured rate, rad/s.
-        drag: linear (1/s) and quadratic (1/m), along body x and y; None where there is no wind.
-        parameters: of the autopilot's rate and attitude control, by name.
-        notes: how sure each is, by attribute.
-    """
-
-    autopilot: str
-    mass: float
-    inertia: tuple[float, ...]
-    arm: float
-    hover: float
-    expo: float
-    moment: float
-    damping: tuple[float, ...]
-    lag: float
-    delay: float
-    noise: float
-    drag: Drag | None
-    parameters: Mapping[str, float]
+    autopilot: str  # "px4" or "ardupilot"
+    mass: float  # kg
+    inertia: tuple[float, ...]  # (3,) about forward, right and down, kg m²
+    arm: float  # how far forward, and right, of the centre of mass its motors are, m
+    hover: float  # share of the motors' range in hover
+    expo: float  # share of a motor's thrust that is quadratic in that of the range, the rest linear
+    moment: float  # torque of a propeller by its thrust, m
+    damping: tuple[float, ...]  # (3,) of the rates, 1/s
+    lag: float  # time constant of the motors, s
+    delay: float  # from the motion to the motors' command, without the hold over a control cycle, s
+    noise: float  # standard deviation of a measured rate, rad/s
+    drag: Drag | None  # None where there is no wind
+    parameters: Mapping[str, float]  # of the autopilot's rate and attitude control, by name
     notes: Mapping[str, str]
 
     @property
@@ -92,7 +76,7 @@ def twin_of(loops: Mapping[str, Loop], px4: bool, hover: float, drag: Drag | Non
     roll, kind = loops["roll"], "px4" if px4 else "ardupilot"
     known = {name: value for name, value in roll.controller.parameters.items() if not name.startswith("CA_")}
     name, rate = LOOP_RATES[kind]
-    cycle = 1 / (rate := known.get(name, 0.0) or rate)
+    cycle = 1 / (rate := min(known.get(name, 0.0) or rate, FASTEST))
     known = {one: value for one, value in known.items() if one not in LEFT_OUT} | {name: rate}
     square = {f"CA_ROTOR{n}_P{axis}": one[n] for n in range(4) for axis, one in (("X", FRONT), ("Y", RIGHT))}
     square |= {f"CA_ROTOR{n}_KM": spin for n, spin in enumerate(SPINS)} | {"CA_ROTOR_COUNT": 4.0, "FRAME_CLASS": 1.0}
