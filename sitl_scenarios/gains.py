@@ -10,7 +10,7 @@ from math import fsum, pi, sqrt
 
 from mavdem.ingest.controllers import USED, controller_of
 from mavdem.ingest.controllers import Controller as AxisController
-from sitl_scenarios.controller import LEAD, Controller, Gains
+from sitl_scenarios.controller import LEAD, Controller
 from sitl_scenarios.dynamics import IDLE_COMMAND, SPINS, Four, RotorFrame, frame, mix
 from sitl_scenarios.scenario import AXES, Scenario
 from sitl_scenarios.vehicles import airframe
@@ -64,7 +64,7 @@ class SetController(Controller):
         columns = frame(vehicle.mixer or vehicle.frame, airframe(vehicle).arm)[2:]
         pairs = zip(AXES, columns, strict=True)
         axes = [controller_of(known, axis, () if scenario.stream.autopilot == "px4" else of) for axis, of in pairs]
-        self._loops = [_RateLoop(one) for one in axes]
+        self._axes = axes
         super().__init__(vehicle, cycle, scenario.sensors.delay)
         self._within((axes[0].angle, axes[1].angle, axes[2].angle))
         self._mixer = RotorFrame(*self._frame[:2], *(one.mixer for one in axes))  # type: ignore[arg-type]
@@ -74,8 +74,7 @@ class SetController(Controller):
     def rest(self) -> None:
         """Resets the integrators and filters, as on the ground."""
         super().rest()
-        for loop in self._loops:
-            loop.rest()
+        self._loops = [_RateLoop(one) for one in self._axes]
 
     def demand(self, axis: int, wanted: float, rate: float, flying: bool) -> float:
         """What the rate loop asks the mixer for about an axis, for a rate ``wanted``, rad/s; one call a cycle."""
@@ -106,10 +105,6 @@ class _RateLoop:
     def __init__(self, of: AxisController) -> None:
         self.of, filters = of, (of.target_filter, of.error_filter, of.derivative_filter, of.output_filter)
         self._shares = [of.cycle / (of.cycle + _time(cutoff)) for cutoff in filters]
-        self.rest()
-
-    def rest(self) -> None:
-        """Resets integrator and filters."""
         self._target = self._error = self._slope = self._output = self._trim = self._rate = 0.0
 
     def demand(self, wanted: float, rate: float, flying: bool) -> float:
@@ -129,10 +124,7 @@ class _RateLoop:
 
 
 def _slope_in_hover(scenario: Scenario, low: float, high: float) -> tuple[float, float]:
-    """The share of the thrust that is quadratic in the command, and pulse range per unit of thrust.
-
-    That is in hover, where an autopilot whose range is from ``low`` to ``high`` has undone the thrust curve.
-    """
+    """The thrust's quadratic share, and output per thrust where a range ``low`` to ``high`` undoes it."""
     share, body = scenario.vehicle.quadratic_thrust or 0.0, airframe(scenario.vehicle)
     hover = (body.command_for(body.hover_speed) / body.full - low) / (high - low)
     return share, (high - low) / (1.0 - share + 2 * share * hover)
@@ -145,7 +137,8 @@ def _px4(scenario: Scenario, cycle: float) -> dict[str, float]:
     ControlAllocationPseudoInverse.cpp: roll and pitch both by the larger of their norms, yaw by its largest.
     """
     vehicle = scenario.vehicle
-    gains, rotors = _own(scenario, cycle), frame(vehicle.mixer or vehicle.frame, airframe(vehicle).arm)
+    gains = Controller(vehicle, cycle, scenario.sensors.delay).gains
+    rotors = frame(vehicle.mixer or vehicle.frame, airframe(vehicle).arm)
     (share, slope), arms = _slope_in_hover(scenario, 0.0, 1.0), (rotors.right, rotors.forward)
     norms = [sqrt(fsum(one * one for one in arm)) for arm in arms]
     scale = max(sqrt(2 / sum(one != 0 for one in arm)) / norm for arm, norm in zip(arms, norms, strict=True))
@@ -170,14 +163,11 @@ def _ardupilot(scenario: Scenario, cycle: float) -> dict[str, float]:
     stop = scenario.vehicle.stop
     share, slope = _slope_in_hover(scenario, IDLE_COMMAND, stop)
     values = {"MOT_THST_EXPO": share, "MOT_SPIN_ARM": IDLE_COMMAND, "MOT_SPIN_MIN": IDLE_COMMAND, "MOT_SPIN_MAX": stop}
-    for name, one in zip(("RLL", "PIT", "YAW"), _own(scenario, cycle), strict=True):
+    gains = Controller(scenario.vehicle, cycle, scenario.sensors.delay).gains
+    for name, one in zip(("RLL", "PIT", "YAW"), gains, strict=True):
         values |= {f"ATC_RAT_{name}_{letter}": 2 * gain / slope for letter, gain in zip("PID", one, strict=False)}
         cutoff = _time(one.derivative_lag)
         filters = {"FLTT": cutoff / LEAD, "FLTE": 0.0, "FLTD": cutoff, "FF": 0.0, "IMAX": 1.0, "SMAX": 0.0}
         values |= {f"ATC_RAT_{name}_{key}": value for key, value in filters.items()}
         values[f"ATC_ANG_{name}_P"] = one.angle
     return values | {"INS_GYRO_FILTER": 0, "FRAME_CLASS": 1}
-
-
-def _own(scenario: Scenario, cycle: float) -> tuple[Gains, ...]:
-    return Controller(scenario.vehicle, cycle, scenario.sensors.delay).gains

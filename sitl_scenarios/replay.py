@@ -15,15 +15,12 @@ from sitl_scenarios.vehicles import GRAVITY, airframe
 CLIMB, HEIGHT = 1.5, 0.6  # 1/s and 1/s²: thrust by vertical speed and height, slower than what is flown
 
 
-def replayed(scenario: Scenario, dt: float, angles: Array, ahead: Array, torque: Array) -> tuple[Array, Array]:
-    """Returns (T, 3) angles, rad, and body rates, rad/s, as the autopilot knows them, every ``dt`` s.
+def replayed(scenario: Scenario, dt: float, angles: Array, ahead: Array, torque: Array) -> Array:
+    """Returns (T, 2) roll, rad, and its rate, rad/s, as the autopilot knows them, every ``dt`` s.
 
-    Args:
-        scenario: its vehicle, sensors, autopilot and seed count.
-        angles, ahead: (T, 2) setpoints of roll and pitch, rad, and of body rates beside what their errors ask, rad/s.
-        torque: (T, 2) by the wind about both per moment of inertia, rad/s².
-
-    Raises ValueError: the vehicle tumbles.
+    Of the ``scenario`` vehicle, sensors, autopilot and seed count. ``angles`` and ``ahead`` are (T, 2) setpoints of
+    roll and pitch, rad, and of body rates beside what their errors ask for, rad/s; ``torque`` (T, 2) is the wind's per
+    moment of inertia, rad/s². Raises ValueError: the vehicle tumbles.
     """
     cycle, body = cycle_of(scenario), airframe(scenario.vehicle)
     steps = int(np.ceil(cycle / MAX_STEP_SECONDS - 1e-9))
@@ -43,6 +40,6 @@ def replayed(scenario: Scenario, dt: float, angles: Array, ahead: Array, torque:
         state = flown.moved(state, flown.targets(control.outputs, 1.0), air, steps)
         if not np.hypot(*state.rates[:2]) < MAX_BODY_RATE:
             raise ValueError("the vehicle is out of control: it needs other gains")
-        known.append((*attitude, *estimate.rates))
+        known.append((attitude[0], estimate.rates[0]))
     rows = np.searchsorted(grid, np.arange(len(angles)) - 1e-6).clip(max=len(known) - 1)
-    return np.array(known)[rows, :3], np.array(known)[rows, 3:]
+    return np.array(known, np.float64)[rows]

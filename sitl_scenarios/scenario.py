@@ -114,17 +114,18 @@ SENSORS, WIND, MOMENT, STICKS = range(4)
 
 
 class BodySpec(Section):
-    """A body of one's own, such as one learned from a log, in place of a published one."""
+    """A body of one's own, such as one learned from a log, in place of a published one.
+
+    Inertia is about forward, right and down, kg m²; arm how far forward and right the rotors of the X are, m; damping
+    of the three rates by themselves, 1/s.
+    """
 
     mass: float = Field(gt=0, le=1000, description="kg")
     inertia: Annotated[tuple[PositiveFloat, PositiveFloat, PositiveFloat], _OrInf]
-    """About forward, right and down, kg m²"""
     arm: Annotated[tuple[PositiveFloat, PositiveFloat], _OrInf]
-    """How far forward and right of the centre of mass the rotors of the X frame are, m"""
     hover: float = Field(gt=0.1, lt=1, description="Share of the motors' range in hover")
     torque: float = Field(gt=0, le=1, description="Of a rotor, by its thrust, m")
     damping: Annotated[tuple[NonNegativeFloat, NonNegativeFloat, NonNegativeFloat], _OrInf] = (0.0, 0.0, 0.0)
-    """Of the rates by themselves, 1/s"""
 
 
 class VehicleSpec(Section):

@@ -155,9 +155,7 @@ def _loops(scenario: Scenario, cycle: float, number: int, damping: float, effect
     """Arrays by name of the loops that fly about the axis ``number``, as docs/scenarios.md explains them.
 
     They are the controller's own impulse response, a hold over one cycle, rotors, body and the estimates' delay.
-    ``damping``, 1/s, is positive where it damps; ``effect`` (4,) is angular acceleration by each motor's output, rad/s²
-    per µs. ``roll_rate_loop`` and ``roll_attitude_loop`` (N,) are open loops at ``loop_frequency`` (N,) Hz;
-    ``roll_rate_margins``, ``roll_attitude_margins`` (4,) as ``margins``.
+    ``damping``, 1/s, is positive where it damps; ``effect`` (4,) is of each motor's output, rad/s² per µs.
     """
     name, controller = AXES[number], controller_for(scenario, cycle)
     frequency = np.geomspace(LOWEST, 0.499 / cycle, 4000)
@@ -197,8 +195,7 @@ def _response(scenario: Scenario, cycle: float, number: int, wanted: bool, turns
 def margins(frequency: Array, loop: Complex) -> Array:
     """Gain crossover (Hz), phase margin (°), gain margin (dB) and Ms of an open ``loop`` (N,) at ``frequency`` (N,) Hz.
 
-    Of several crossovers the highest; of several margins the least, of gain those against more of it. NaN: it crosses
-    nowhere.
+    Of several crossovers the highest, of margins the least, of gain those against more of it; NaN without any.
     """
     size, real = np.log(np.abs(loop)), loop.real
     crossings = np.flatnonzero(size[:-1] * size[1:] < 0)

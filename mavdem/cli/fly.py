@@ -33,8 +33,6 @@ from sitl_scenarios.simulation import fly as fly_through
 from sitl_scenarios.truth import write_truth
 from sitl_scenarios.vehicles import airframe
 
-SET = "Set a parameter of the autopilot's rate or attitude control; may be given several times."
-
 
 class ScenarioName(click.Path):
     """The name of a scenario, or a file."""
@@ -56,7 +54,7 @@ class ScenarioName(click.Path):
     "--speed", type=Number(0.01, 1000.0), help="Speed of a live flight, as a multiple of real time.  [default: 1]"
 )
 @file_option("--vehicle", "A .toml file of `mavdem twin`, or a scenario's: its vehicle is flown instead.")
-@click.option("--set", "changed", multiple=True, metavar="NAME=VALUE", callback=no_option, help=SET)
+@click.option("--set", "changed", multiple=True, metavar="NAME=VALUE", callback=no_option, help="A parameter to set.")
 @click.option("--seed", type=int, help="Random seed, instead of the scenario's.")
 @click.option("--duration", type=float, help="Seconds from arming to disarming, instead of the scenario's.")
 @click.option(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -71,9 +72,8 @@ def twin_command(source: str, out: tuple[Path, ...], mass: float | None, vehicle
                 missing.append(f"{axis.capitalize()} is not learned: {error.reason}")
             done((number + 1) / len(AXES))
     hover = hover_of(signals.about("roll", "motors"), log.components)
-    wind = air_of(signals)[0]
-    share = float(np.mean(hover.trim_of_range))
-    twin = twin_of(loops, px4, share, None if wind is None else wind.drag, mass)
+    drag = None if (wind := air_of(signals)[0]) is None else wind.drag
+    twin = twin_of(loops, px4, float(np.mean(hover.trim_of_range)), drag, mass)
     for path in out:
         write_text(path, vehicle_text(twin, path.suffix.lower(), Path(source).name))
         if left := LEFT_OUT.get(path.suffix.lower()):
@@ -85,7 +85,7 @@ def twin_command(source: str, out: tuple[Path, ...], mass: float | None, vehicle
         for name, unit in shown.items()
     ]
     blocks.append(Table(["Vehicle", "value", "how sure (90 %)"], rows, words=True))
-    document: dict[str, Any] = {"vehicle": twin.as_dict(), "missing": missing, "alike": None}
+    document: dict[str, Any] = {"vehicle": asdict(twin), "missing": missing, "alike": None}
     setpoints = asked(flights, px4) if set(flights) >= set(TILT_AXES) else None
     if setpoints is None:
         blocks.append(Sentence("The setpoints of roll and pitch were not recorded: the twin does not fly them again."))
@@ -110,7 +110,6 @@ def _flown(
                 if axis in loops:
                     torques[:, number] = torque(loops[axis], len(recorded), flight.dt, noise)
             again = scenario.model_copy(update={"seed": seed})
-            turned, turning = replayed(again, flight.dt, angles[:samples], rates[:samples], torques)
-            flown.append(np.column_stack([turned[:, 0], turning[:, 0]]))
+            flown.append(replayed(again, flight.dt, angles[:samples], rates[:samples], torques))
             done((seed + 1) / FLIGHTS)
     return alike(recorded, np.array(flown), flight.dt)

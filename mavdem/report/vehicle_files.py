@@ -14,12 +14,11 @@ AIR, DISC = 1.225, 0.385  # kg/m³ at sea level; m², the area of all rotors in 
 REFERENCE_SPEED = 10.0  # m/s at which ArduPilot's drag is the learned one
 FULL_SPEED = 1000.0  # rad/s of a motor at full command: nothing of it shows in a log
 PLUGIN = 'filename="gz-sim-multicopter-motor-model-system" name="gz::sim::systems::MulticopterMotorModel"'
-LEFT_OUT = {
+LEFT_OUT = {  # what a format has no place for
     ".json": "motor lag, delay, damping of pitch and yaw apart from roll's, battery and controller gains",
     ".params": "delay, quadratic drag and damping of pitch and yaw apart from roll's",
     ".sdf": "delay, damping, quadratic drag and controller gains",
 }
-"""What a format has no place for, by its ending."""
 
 
 def vehicle_text(twin: Twin, ending: str, source: str) -> str:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import Any
 
 import numpy as np
 
@@ -58,11 +57,6 @@ class Twin:
         """Of one motor's thrust by the share of its range, in hover, N."""
         return self.thrust * (1 - self.expo + 2 * self.expo * self.hover)
 
-    def as_dict(self) -> dict[str, Any]:
-        """Returns plain JSON values."""
-        values = {name: getattr(self, name) for name in self.__dataclass_fields__}
-        return values | {"drag": None if self.drag is None else self.drag.as_dict()}
-
 
 def twin_of(loops: Mapping[str, Loop], px4: bool, hover: float, drag: Drag | None, mass: float | None) -> Twin:
     """Returns the twin of a vehicle from its ``loops`` by axis.
@@ -87,9 +81,8 @@ def twin_of(loops: Mapping[str, Loop], px4: bool, hover: float, drag: Drag | Non
         controller = controller_of(known | square, axis, COLUMNS[axis])
         moved = float(np.abs(controller.per_demand([hover] * 4)).sum())
         inertia[axis], damping[axis] = arm * body.slope * moved / loop.gains[0], loop.plant.damping
-        sure[axis] = (
-            f"± {100 * quantile() * np.std(loop.gains) / loop.gains[0]:.0f} %{', biased' * bool(loop.plant.bias)}"
-        )
+        half = 100 * quantile() * np.std(loop.gains) / loop.gains[0]
+        sure[axis] = f"± {half:.0f} %" + ", biased" * bool(loop.plant.bias)
     across, flat = inertia.get("pitch", inertia["roll"]), inertia["roll"] + inertia.get("pitch", inertia["roll"])
     halves, status = roll.plant.interval(), roll.plant.status
     likely = {name: "not identifiable, the likeliest value" for name in ("damping", "lag") if status[name][0] == "n"}
@@ -118,12 +111,10 @@ WINDOW, SETTLES = 20.0, 3.0  # s of a spectrum's windows; of a flight's beginnin
 
 
 def alike(recorded: Array, flown: Array, dt: float) -> dict[str, list[float]]:
-    """Returns figures of a recorded flight and of the same setpoints flown by a twin.
+    """Returns figures of angle and rate (T, 2), rad and rad/s, that were ``recorded`` and ``flown`` (S, T, 2) again.
 
-    ``recorded`` (T, 2) has angle, rad, and rate, rad/s, of one axis every ``dt`` s, and ``flown`` (S, T, 2) of S
-    flights. The figures: ``levels`` (B,) of the rate's spectrum in ``BANDS``, the twin's beside the recorded one in dB;
-    ``lean`` and ``sway``, mean and standard deviation of the angle, and ``rate``, that of the rate, recorded and of the
-    twin, in degrees and degrees/s.
+    Levels of the rate's spectrum in ``BANDS``, the twin's over the recorded in dB; mean and standard deviation of the
+    angle and that of the rate, recorded and the twin's, in degrees.
     """
     from scipy.signal import detrend, welch  # it takes half a second to import
 
