@@ -2,5 +2,6 @@
 
 from mavdem.condition.loop.loop import Loop, loop, loop_of
 from mavdem.condition.loop.margins import OpenLoop
+from mavdem.condition.loop.response import MeasuredResponse
 
-__all__ = ["Loop", "OpenLoop", "loop", "loop_of"]
+__all__ = ["Loop", "MeasuredResponse", "OpenLoop", "loop", "loop_of"]

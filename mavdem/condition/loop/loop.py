@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from mavdem.condition.loop.margins import Complex, OpenLoop
+from mavdem.condition.loop.response import LEAST_BAND, MeasuredResponse, measured_response
 from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.graybox import Physical
@@ -30,26 +31,17 @@ class Loop:
 
     >>> loop = learned.loop()
     >>> loop.phase_margin, loop.phase_margin_interval, loop.attitude.crossover
-
-    Attributes:
-        axis: "roll", "pitch" or "yaw".
-        plant: its physical parameters.
-        controller: of the autopilot.
-        gains: (N,) angular acceleration per demand, rad/s², the estimate's first and then of draws.
-        draws: (N, 3) likewise damping, 1/s, lag and delay, s.
-        rate: from the error of the rate to the rate.
-        attitude: from the error of the angle to the angle, the rate loop closed.
-        cautions: what the figures do not allow for, one sentence each.
     """
 
-    axis: str
+    axis: str  # "roll", "pitch" or "yaw"
     plant: Physical
     controller: Controller
-    gains: Array
-    draws: Array
-    rate: OpenLoop
-    attitude: OpenLoop
-    cautions: tuple[str, ...]
+    gains: Array  # (N,) angular acceleration per demand, rad/s², the estimate's first and then of draws
+    draws: Array  # (N, 3) likewise damping, 1/s, lag and delay, s, behind the gyro's filter
+    rate: OpenLoop  # from the error of the rate to the rate
+    attitude: OpenLoop  # from the error of the angle to the angle, the rate loop closed
+    cautions: tuple[str, ...]  # what the figures do not allow for, one sentence each
+    measured: MeasuredResponse | None = None  # in flight, where the log has setpoints
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_"):
@@ -64,7 +56,14 @@ class Loop:
         """Returns the loop with other values of some of the autopilot's ``parameters``, by name."""
         controller = self.controller.changed(parameters)
         rate, attitude = _loops(controller, self.gains, self.draws)
-        return replace(self, controller=controller, rate=rate, attitude=attitude)
+        return replace(self, controller=controller, rate=rate, attitude=attitude, measured=None)
+
+    @property
+    def agrees(self) -> bool | None:
+        """Whether the flight's response is the predicted one; None where too little of it was measured."""
+        if self.measured is None or self.measured.band[1] < LEAST_BAND:
+            return None
+        return not self.measured.reason
 
     @property
     def lean_in_wind(self) -> float:
@@ -76,7 +75,10 @@ class Loop:
     def as_dict(self) -> dict[str, Any]:
         """Returns the figures as plain JSON values."""
         loops = {"rate": self.rate.as_dict(), "attitude": self.attitude.as_dict()}
-        return {"axis": self.axis, **loops, "lean_in_wind": self.lean_in_wind, "cautions": list(self.cautions)}
+        found = self.measured
+        compared = {name: getattr(found, name) for name in ("band", "fit", "agreement", "reason")} if found else None
+        known = {"axis": self.axis, **loops, "lean_in_wind": self.lean_in_wind, "cautions": list(self.cautions)}
+        return known | {"measured": compared, "agrees": self.agrees}
 
 
 def loop(learned: Learned, controller: Controller | None = None) -> Loop:
@@ -107,7 +109,8 @@ def loop_of(plant: Physical, record: Record, controller: Controller | None = Non
     rate, attitude = _loops(controller, gains, dynamics)
     biased = f"The control effectiveness is biased: {plant.reasons['effect']}" if plant.bias else ""
     cautions = (*([biased] if biased else []), *controller.cautions)
-    return Loop(axis, plant, controller, gains, dynamics, rate, attitude, cautions)
+    measured = measured_response(record, controller, rate.frequency, rate.closed[0])
+    return Loop(axis, plant, controller, gains, dynamics, rate, attitude, cautions, measured)
 
 
 def _drawn(plant: Physical, filtered: float, dt: float) -> Array:
