@@ -32,10 +32,8 @@ def check_parameters(scenario: Scenario) -> None:
     """Raises ValueError: ``vehicle.parameters`` has one that is not flown, or a value that no autopilot has."""
     given, loop = scenario.vehicle.parameters, LOOP_RATES[scenario.stream.autopilot]
     for name, value in given.items():
-        if not USED.match(name):
-            raise ValueError(f"vehicle.parameters.{name} is not flown here: only rate and attitude control are")
-        if name in GYRO_FILTERS and value:
-            raise ValueError(f"vehicle.parameters.{name} must be 0: lag and sensors.delay stand for the gyro's filter")
+        if not USED.match(name) or (name in GYRO_FILTERS and value):
+            raise ValueError(f"vehicle.parameters.{name} is not flown: rate and attitude control are, unfiltered gyros")
         low, high = (SLOWEST, FASTEST) if name == loop else (0.0, 1.0) if "_SPIN_" in name else (0.0, 1e4)
         if not low <= value <= high and not name.startswith("CA_"):
             raise ValueError(f"vehicle.parameters.{name} must be from {low:g} to {high:g}, not {value:g}")

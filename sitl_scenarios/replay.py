@@ -42,4 +42,4 @@ def replayed(scenario: Scenario, dt: float, angles: Array, ahead: Array, torque:
             raise ValueError("the vehicle is out of control: it needs other gains")
         known.append((attitude[0], estimate.rates[0]))
     rows = np.searchsorted(grid, np.arange(len(angles)) - 1e-6).clip(max=len(known) - 1)
-    return np.array(known, np.float64)[rows]
+    return np.asarray(np.array(known)[rows])

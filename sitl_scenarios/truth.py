@@ -148,7 +148,6 @@ def truth(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:
 SETTLED_CYCLES = 4096  # after which the rate controller's response to an impulse no longer changes
 LOWEST = 0.05  # Hz of the loops: position control is slower
 STEP = 1e-3, -1e-3  # of a demand, to linearise the mixer
-Complex = NDArray[np.complex128]
 
 
 def _loops(scenario: Scenario, cycle: float, number: int, damping: float, effect: Array) -> dict[str, NDArray[Any]]:
@@ -180,10 +179,12 @@ def _loops(scenario: Scenario, cycle: float, number: int, damping: float, effect
     }
 
 
-def _response(scenario: Scenario, cycle: float, number: int, wanted: bool, turns: Complex) -> Complex:
+def _response(
+    scenario: Scenario, cycle: float, number: int, wanted: bool, turns: NDArray[np.complex128]
+) -> NDArray[np.complex128]:
     """(N,) of the rate controller at ``turns``, j times rad a cycle: from the rate that is ``wanted``, or the rate."""
     controller = controller_for(scenario, cycle)
-    impulse = [1.0] + [0.0] * (SETTLED_CYCLES - 1)
+    impulse = np.eye(1, SETTLED_CYCLES)[0].tolist()
     demands = [controller.demand(number, one * wanted, one * (not wanted), True) for one in impulse]
     # An integrator keeps what it has: the differences end.
     steps = np.diff(demands, prepend=0.0)
@@ -192,7 +193,7 @@ def _response(scenario: Scenario, cycle: float, number: int, wanted: bool, turns
     return np.asarray(response / (1 - np.exp(-turns)))
 
 
-def margins(frequency: Array, loop: Complex) -> Array:
+def margins(frequency: Array, loop: NDArray[np.complex128]) -> Array:
     """Gain crossover (Hz), phase margin (°), gain margin (dB) and Ms of an open ``loop`` (N,) at ``frequency`` (N,) Hz.
 
     Of several crossovers the highest, of margins the least, of gain those against more of it; NaN without any.
@@ -205,14 +206,9 @@ def margins(frequency: Array, loop: Complex) -> Array:
     turns = np.flatnonzero((loop.imag[:-1] * loop.imag[1:] < 0) & (real[:-1] < 0))
     share = loop.imag[turns] / (loop.imag[turns] - loop.imag[turns + 1])
     there = -(real[turns] + share * (real[turns + 1] - real[turns]))
-    return np.array(
-        [
-            crossover.max() if len(crossover) else np.nan,
-            np.degrees(np.angle(-at)).min() if len(at) else np.nan,
-            -20 * np.log10(there[there < 1].max()) if (there < 1).any() else np.nan,
-            (1 / np.abs(1 + loop)).max(),
-        ]
-    )
+    phase, gain = np.degrees(np.angle(-at)), -20 * np.log10(there[there < 1])
+    least = [values.min() if len(values) else np.nan for values in (-crossover, phase, gain)]
+    return np.array([-least[0], *least[1:], (1 / np.abs(1 + loop)).max()])
 
 
 def _damage(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:

@@ -169,8 +169,7 @@ def parameters(scenario: Scenario, autopilot: Autopilot, cycle: float) -> dict[s
     """An autopilot's parameters by name, in alphabetical order; ``cycle`` of its loop in s."""
     by_kind = _px4(scenario) if autopilot.bitwise else _ardupilot(scenario)
     kinds = {name: kind for kind, values in by_kind.items() for name in values}
-    values = {name: value for values in by_kind.values() for name, value in values.items()}
-    values |= parameters_of(scenario, cycle)
+    values = {name: value for own in by_kind.values() for name, value in own.items()} | parameters_of(scenario, cycle)
     return {name: Parameter(name, kinds.get(name, REAL32), float(values[name])) for name in sorted(values)}
 
 
