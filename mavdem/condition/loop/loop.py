@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.dem.graybox import Physical
 from mavdem.dem.graybox.wind import wind_density
 from mavdem.dem.record import Record
-from mavdem.errors import NotLearnable
+from mavdem.errors import NotLearnable, downstream
 from mavdem.ingest.controllers import ASK, MOTORS, Controller, controller_of
 
 DRAWS, SEED = 400, 31  # of the plant's posterior
@@ -32,6 +33,7 @@ class Loop:
     Attributes:
         axis: "roll", "pitch" or "yaw".
         plant: its physical parameters.
+        record: the flight that these are from.
         controller: of the autopilot.
         gains: (N,) angular acceleration per demand, rad/s², the estimate's first and then of draws.
         draws: (N, 3) likewise damping, 1/s, lag and delay, s.
@@ -42,6 +44,7 @@ class Loop:
 
     axis: str
     plant: Physical
+    record: Record
     controller: Controller
     gains: Array
     draws: Array
@@ -63,6 +66,11 @@ class Loop:
         controller = self.controller.changed(parameters)
         rate, attitude = _loops(controller, self.gains, self.draws)
         return replace(self, controller=controller, rate=rate, attitude=attitude)
+
+    @cached_property
+    def advice(self) -> Any:
+        """Gains to set; raises ``NotLearnable`` where none follow from the flight. See :func:`.advice.advise`."""
+        return downstream("condition.loop.advice", "advise")(self)
 
     @property
     def lean_in_wind(self) -> float:
@@ -107,7 +115,7 @@ def loop_of(plant: Physical, record: Record, controller: Controller | None = Non
     rate, attitude = _loops(controller, gains, dynamics)
     biased = f"The control effectiveness is biased: {plant.reasons['effect']}" if plant.bias else ""
     cautions = (*([biased] if biased else []), *controller.cautions)
-    return Loop(axis, plant, controller, gains, dynamics, rate, attitude, cautions)
+    return Loop(axis, plant, record, controller, gains, dynamics, rate, attitude, cautions)
 
 
 def _per_demand(controller: Controller, record: Record) -> Array:

@@ -1,0 +1,216 @@
+"""Advice: gains that reach stated margins in the worst case of the plant's posterior, one bounded step at a time.
+
+P, I and D of the rate controller change by one factor, so that they keep their proportions: those of the autopilot's
+defaults or of whoever tuned it. The gain of the attitude controller follows, with the rate loop of the new gains.
+Nothing is sent to a vehicle.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import ceil, floor, log10
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from mavdem.condition.loop.loop import Loop, transfer
+from mavdem.condition.loop.margins import OpenLoop, figures
+from mavdem.dem.engine.linalg import Array
+from mavdem.dem.record import Record
+from mavdem.errors import NotLearnable
+from mavdem.ingest.controllers import Controller
+
+
+class Target(NamedTuple):
+    """Margins that a loop is to have."""
+
+    phase_margin: float  # degrees, at least
+    gain_margin: float  # dB, at least
+    ms: float  # largest sensitivity, at most
+
+
+TARGETS = {"soft": Target(55.0, 8.0, 1.7), "default": Target(45.0, 6.0, 2.0), "sharp": Target(40.0, 5.0, 2.3)}
+"""Phase of 45°, gain of 6 dB and Ms of 2 are the usual ones (K. J. Åström and R. M. Murray, Feedback Systems, 2nd ed.,
+sec. 10.3)."""
+LARGEST_STEP, STEPS = 1.5, 8  # of a gain, at once; and in how many even ratios up to it
+SURE = 0.95  # share of the draws that must have all margins: the lower end of a 90 % interval
+SATURATED = 0.05  # share of the samples with an input at a limit, from which on no linear loop describes the vehicle
+RATE_GAINS = ("p", "i", "d")
+AT_LIMIT = 0.005  # of the range, as near as a limit counts
+DIGITS = 4  # of a gain
+NOISE_FROM = 3.0  # times the crossover: what is faster in the gyro is noise, not motion
+
+
+class Noise(NamedTuple):
+    """What noise of the gyro makes of the demand, standard deviations of the demand, 1 being all the mixer takes."""
+
+    lowest: float  # Hz, from which on
+    highest: float  # up to which the log shows the gyro
+    before: float
+    after: float
+    by_d: float  # of the term D alone, before
+
+    @property
+    def heat(self) -> float:
+        """How many times the heat that fast commands make in the motors: it grows with their square."""
+        return (self.after / self.before) ** 2 if self.before else 1.0
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Advice:
+    """Gains to set, and what to expect of them.
+
+    Attributes:
+        target: the margins asked for.
+        before, after: the loops by the gains of the log, and by the gains to set.
+        gains: (now, to set) by the autopilot's name; those that there are, changed or not.
+        sure: share of the draws in which both have them.
+        noise: of the gyro in the demand; None where the log is too slow to show it.
+    """
+
+    target: Target
+    before: Loop
+    after: Loop
+    gains: dict[str, tuple[float, float]]
+    sure: float
+    noise: Noise | None
+
+    @property
+    def reached(self) -> bool:
+        """Whether both loops have the margins in at least 95 % of the draws."""
+        return self.sure >= SURE
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """The gains to set, by the autopilot's name, where they change."""
+        return {name: new for name, (old, new) in self.gains.items() if new != old}
+
+    @property
+    def sentence(self) -> str:
+        """What to do, in a sentence or two."""
+        phase, gain, ms = self.target
+        margins = f"a phase margin of {phase:g}°, a gain margin of {gain:g} dB and Ms of at most {ms:g}"
+        share = f"in {100 * self.sure:.0f} % of the plants that fit the flight"
+        if self.reached and not self.parameters:
+            return f"Keep the gains: both loops have {margins} {share}, and would not with larger ones."
+        if self.reached:
+            return f"Set these gains: both loops then have {margins} {share}."
+        if self.parameters:
+            return f"These gains are a step towards {margins}, reached {share}: fly them with care, and tune again."
+        return f"No gains within a factor of {LARGEST_STEP:g} come closer to {margins}, reached {share}."
+
+    def as_dict(self) -> dict[str, Any]:
+        """Returns plain JSON values."""
+        return {
+            "target": self.target._asdict(),
+            "sentence": self.sentence,
+            "reached": self.reached,
+            "sure": self.sure,
+            "gains": {name: {"now": old, "set": new} for name, (old, new) in self.gains.items()},
+            "expected": self.after.as_dict(),
+            "noise": None if self.noise is None else {**self.noise._asdict(), "heat": self.noise.heat},
+            "not_checked": NOT_CHECKED,
+        }
+
+
+NOT_CHECKED = (
+    "Not checked: bending of the frame and what notch filters do against it, and another battery voltage, load or "
+    "propeller: the margins are those of this flight."
+)
+
+
+def advise(loop: Loop, tune: str = "default", doubts: Sequence[str] = ()) -> Advice:
+    """Returns gains with which the ``loop`` has the margins of ``TARGETS[tune]``.
+
+    The largest gains with which 95 % of the plant's draws have all margins, in both loops; where none within a factor
+    of 1.5 has them, those that come closest.
+
+    Raises ``NotLearnable`` where gains must not follow from this flight: for each of the ``doubts`` about it, motors at
+    their limits, a loop that the flight contradicts, or that is unstable by what was identified.
+    """
+    if refusal := _refusal(loop, doubts):
+        raise NotLearnable(f"No gains are advised. {refusal}")
+    target, names, known = TARGETS[tune], loop.controller.names, loop.controller.parameters
+    factors = [LARGEST_STEP ** (step / STEPS) for step in range(STEPS, -STEPS - 1, -1)]
+
+    def stepped(gains: Sequence[str], by: float) -> dict[str, float]:
+        return {names[gain]: _rounded(known[names[gain]], by) for gain in gains if known.get(names[gain])}
+
+    gains = _best(loop, [stepped(RATE_GAINS, factor) for factor in factors], target, "rate")
+    gains = _best(loop, [gains | stepped(["angle"], factor) for factor in factors], target, "attitude")
+    after = loop.changed(gains)
+    scores = np.minimum(_scores(after.rate, target), _scores(after.attitude, target))
+    return Advice(
+        target=target,
+        before=loop,
+        after=after,
+        gains={name: (known[name], new) for name, new in gains.items()},
+        sure=float(np.mean(scores >= 1)),
+        noise=_noise(loop, after.controller),
+    )
+
+
+def _refusal(loop: Loop, doubts: Sequence[str]) -> str:
+    if doubts:
+        return " ".join(doubts)
+    limited = _limited_share(loop.controller, loop.record)
+    if limited > SATURATED:
+        return f"A motor is at a limit {100 * limited:.0f} % of the time: no linear loop describes that."
+    if not loop.rate.stable[0] or not loop.attitude.stable[0]:
+        return "By the identified plant the loop is unstable, and yet it flew: the plant or the controller is another."
+    return ""
+
+
+def _limited_share(controller: Controller, record: Record) -> float:
+    """Of the samples with an input at a limit, where the range of the inputs is known."""
+    if len(record.input_range) != 2:
+        return 0.0
+    low, high = record.input_range
+    share = (record.inputs - low) / (high - low)
+    begin, end = (0.0, 1.0) if record.inputs.shape[1] == 1 else controller.spin
+    return float(np.mean(np.any((share <= begin + AT_LIMIT) | (share >= end - AT_LIMIT), axis=1)))
+
+
+def _rounded(value: float, factor: float) -> float:
+    """A gain to ``DIGITS``, rounded towards what it was, lest the step is too large."""
+    new = value * factor
+    unit = 10.0 ** (floor(log10(abs(new))) - DIGITS + 1)
+    return value if factor == 1 else float(f"{(floor if factor > 1 else ceil)(round(new / unit, 6)) * unit:.{DIGITS}g}")
+
+
+def _scores(loop: OpenLoop, target: Target) -> Array:
+    """(N,) the least of a loop's margins over that of the target: 1 and more has them all, unstable is below 0."""
+    found = figures(loop.frequency, loop.response, loop.closed, loop.disturbance)
+    shares = found["phase_margin"] / target.phase_margin, found["gain_margin"] / target.gain_margin
+    return np.where(loop.stable, np.minimum(np.minimum(*shares), target.ms / found["ms"]), -np.inf)
+
+
+def _best(loop: Loop, candidates: Sequence[dict[str, float]], target: Target, which: str) -> dict[str, float]:
+    """The first of the candidates that surely has the margins; else the one that comes closest."""
+    worst = []
+    for gains in candidates:
+        worst.append(np.quantile(_scores(getattr(loop.changed(gains), which), target), 1 - SURE, method="lower"))
+        if worst[-1] >= 1:
+            return gains
+    return candidates[int(np.argmax(worst))]
+
+
+def _noise(loop: Loop, after: Controller) -> Noise | None:
+    """The rate's spectrum above the motion, as logged behind the gyro's filter, through the controllers."""
+    from scipy.signal import welch  # it takes half a second to import
+
+    record = loop.record
+    lowest, highest = NOISE_FROM * loop.rate.crossover, 0.45 / record.dt
+    if not 2 * lowest < highest:
+        return None
+    frequency, density = welch(record.outputs[:, -1], 1 / record.dt, nperseg=min(256, len(record)))
+    kept = (frequency >= lowest) & (frequency <= highest)
+    frequency, density = frequency[kept], density[kept]
+    step, now = float(frequency[1] - frequency[0]), loop.controller
+
+    def size(response: Any) -> float:
+        return float(np.sqrt(step * np.sum(np.abs(response) ** 2 * density)))
+
+    before, without_d, then = (transfer(one, frequency)[1] for one in (now, replace(now, d=0.0), after))
+    return Noise(lowest, highest, size(before), size(then), size(before - without_d))
