@@ -87,10 +87,7 @@ STATION = Component(255, 190, "GCS", "INVALID", {"HEARTBEAT": 60, "REQUEST_DATA_
 def test_rates_that_drop_in_the_air_are_no_link_that_drops_out(change):
     verdict = verdict_of(Signals(slowed(change)), components=(STATION,))
     assert not verdict.learnable
-    assert re.search(
-        rf"In the air ATTITUDE comes at [34]\.\d Hz from {change:.0f}\.\d s after boot on",
-        verdict.reason,
-    )
+    assert re.search(rf"In the air ATTITUDE comes at [34]\.\d Hz from {change:.0f}\.\d s after boot on", verdict.reason)
     assert "need 40 Hz" in verdict.reason and "drop out" not in verdict.remedy
     assert verdict.remedy.startswith("A ground station (255:190) sets rates with REQUEST_DATA_STREAM: ")
     assert verdict.remedy.count("streamrate -1") == 1 and "SRn_EXTRA1" in verdict.remedy

@@ -65,8 +65,7 @@ def test_of_fast_samples_every_so_many_count():
     models = models_of(theta[None], (2, 1, 2), np.full((2, 2), 0.5), 0.0025)
     inputs, outputs = rng.standard_normal((241, 3, 1)), rng.standard_normal((121, 3, 2))
     np.testing.assert_array_equal(
-        simulate(models, inputs, outputs, every=4),
-        simulate(models, inputs, outputs)[:, :, 3::4],
+        simulate(models, inputs, outputs, every=4), simulate(models, inputs, outputs)[:, :, 3::4]
     )
 
 

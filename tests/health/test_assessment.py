@@ -8,14 +8,7 @@ import pytest
 
 from mavdem.health.assessment import DRIFT, assess
 from mavdem.health.balance import BalanceFigures, motor_signatures
-from mavdem.health.explanations import (
-    DETECTABLE_RISE,
-    FAULT_RISE,
-    MAX_MISFIT,
-    PERSISTENCE,
-    PRIORS,
-    Candidates,
-)
+from mavdem.health.explanations import DETECTABLE_RISE, FAULT_RISE, MAX_MISFIT, PERSISTENCE, PRIORS, Candidates
 from mavdem.health.reference import Deviation, HealthFigures, healthy_flights
 
 VEHICLES = 40

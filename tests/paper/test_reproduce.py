@@ -73,8 +73,7 @@ def test_the_authors_result_must_lie_among_ours():
 
 
 @pytest.mark.parametrize(
-    ("free_energy", "expected"),
-    [([-1e9, -5e8, -1e6, -2e6], 3), ([-1.0, np.nan, -2.0], 1), ([-9, -6, -3, 0], 4)],
+    ("free_energy", "expected"), [([-1e9, -5e8, -1e6, -2e6], 3), ([-1.0, np.nan, -2.0], 1), ([-9, -6, -3, 0], 4)]
 )
 def test_free_energy_saturates_where_higher_orders_gain_nothing(free_energy, expected):
     assert order.saturates_at(np.array(free_energy, float)) == expected

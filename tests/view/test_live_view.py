@@ -409,9 +409,7 @@ time.sleep(3600)
 
 
 @pytest.mark.slow
-def test_the_server_is_reached_from_this_machine_only_reports_to_nobody_and_ends_with_who_started_it(
-    tmp_path,
-):
+def test_the_server_is_reached_from_this_machine_only_reports_to_nobody_and_ends_with_who_started_it(tmp_path):
     ports = free_port(), free_port()
     unset = ("CI", "XDG_CONFIG_HOME", "XDG_DATA_HOME")
     environment = {name: value for name, value in os.environ.items() if name not in unset}
