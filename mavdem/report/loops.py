@@ -1,16 +1,10 @@
-"""Loops in words: the verdict, the margins with their intervals, the gains to set, and the page of ``mavdem tune``."""
+"""Loops in words: the verdict, the margins with their intervals, and the gains to set."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from functools import partial
-from typing import NamedTuple
-
-from mavdem.condition.loop import Advice, Loop, OpenLoop, verdict
-from mavdem.errors import downstream
+from mavdem.condition.loop import NOT_CHECKED, Advice, OpenLoop, Tuned, verdict
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.numbers import rounded
-from mavdem.report.page import Chapter, Picture, document
 
 FIGURES = {  # header, and what makes the unit shown, by name of the figure
     "crossover": ("crossover (Hz)", 1.0),
@@ -19,48 +13,46 @@ FIGURES = {  # header, and what makes the unit shown, by name of the figure
     "delay_margin": ("delay margin (ms)", 1e3),
     "ms": ("largest sensitivity Ms", 1.0),
     "bandwidth": ("bandwidth, -3 dB (Hz)", 1.0),
+    "rejection": ("°/s, or °, per 100 °/s² of torque", 100.0),
 }
-REJECTION = {"rate": ("rate by a torque (°/s per °/s²)", 1.0), "attitude": ("lean by a torque (° per °/s²)", 1.0)}
-
-
-class Tuned(NamedTuple):
-    """What a log says of the loops about one axis: the ``loop``, and the ``advice``, or why there is none."""
-
-    loop: Loop | None
-    advice: Advice | None
-    refusal: str
+LOOPS = ("rate", "attitude")
 
 
 def tuned_blocks(axis: str, tuned: Tuned) -> list[Block]:
-    """Returns the verdict, margins now and with the gains advised, these gains, and what to expect."""
+    """Returns the verdict, margins now and with the gains advised, these gains, and what to expect of them."""
     loop, advice, lead = tuned.loop, tuned.advice, f"{axis.capitalize()}:"
     if loop is None:
         return [Sentence(tuned.refusal, lead)]
-    blocks: list[Block] = [Sentence(f"{verdict(loop)} {tuned.refusal or advice and advice.sentence}", lead)]
-    loops = [loop] if advice is None or not advice.parameters else [loop, advice.after]
-    columns = [(f"{which} loop{', advised' * number}", getattr(one, which)) for which in REJECTION for number, one in enumerate(loops)]
-    rows = [[name, *(_interval(one, figure, scale) for _, one in columns)] for figure, (name, scale) in FIGURES.items()]
-    rejections = [_interval(one, "rejection", 1.0) for _, one in columns]
-    rows.append(["largest response to a torque (s, s²)", *rejections])
-    blocks.append(Table(["90 % interval in brackets", *(name for name, _ in columns)], rows))
-    blocks += [Sentence(caution, "Caution:") for caution in loop.cautions]
-    return blocks + ([] if advice is None else _advice_blocks(advice))
+    said = tuned.refusal if advice is None else advice.sentence
+    after = [] if advice is None or not advice.parameters else [("advised", advice.after)]
+    columns = [
+        (f"{which} loop {when}", getattr(one, which)) for which in LOOPS for when, one in [("now", loop), *after]
+    ]
+    rows = [[name, *(_interval(one, key, unit) for _, one in columns)] for key, (name, unit) in FIGURES.items()]
+    return [
+        Sentence(f"{verdict(loop)} {said}", lead),
+        Table(["with 90 % interval", *(name for name, _ in columns)], rows),
+        *(Sentence(caution, "Caution:") for caution in loop.cautions),
+        *([] if advice is None else _advice_blocks(advice)),
+    ]
 
 
 def _advice_blocks(advice: Advice) -> list[Block]:
     gains = [[name, f"{old:.4g}", f"{new:.4g}", f"{new / old:.2f}"] for name, (old, new) in advice.gains.items()]
     before, after = advice.before, advice.after
-    expected = f"in the wind of this flight it leans by {rounded(after.lean_in_wind)}° instead of "
+    does = "the heading moves" if before.axis == "yaw" else "it leans"
+    expected = f"in the wind of this flight {does} by {rounded(after.lean_in_wind)}° instead of "
     expected += f"{rounded(before.lean_in_wind)}° (standard deviation about the mean)."
     blocks: list[Block] = [Table(["gain", "now", "set", "times"], gains), Sentence(expected, "To expect:")]
-    if advice.noise is None:
-        noise = "The log is too slow to show the noise of the gyro, which D passes on to the motors: feel how warm they get."
-    else:
+    noise = "the log is too slow to show what the gyro's noise does to the motors: feel how warm they get."
+    if advice.noise is not None:
         lowest, highest, now, then, by_d = advice.noise
         noise = f"from {lowest:.0f} to {highest:.0f} Hz, which is all that the log shows, the gyro moves the demand by "
-        noise += f"{100 * now:.2g} % of its range, D alone by {100 * by_d:.2g} %; with these gains by {100 * then:.2g} %. "
-        noise += f"What that heats the motors by grows with the square, {advice.noise.heat:.2g} times: feel how warm they get."
-    return [*blocks, Sentence(noise, "Noise:"), Sentence(advice.not_checked, "Not checked:")]
+        noise += (
+            f"{100 * now:.2g} % of its range (D alone by {100 * by_d:.2g} %), and with these gains by {100 * then:.2g} "
+        )
+        noise += f"%. The heat of that in the motors grows with the square, {advice.noise.heat:.2g} times: feel them."
+    return [*blocks, Sentence(noise, "Noise:"), Sentence(NOT_CHECKED, "Not checked:")]
 
 
 def _interval(loop: OpenLoop, name: str, scale: float) -> str:

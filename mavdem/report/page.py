@@ -19,6 +19,7 @@ from markupsafe import Markup, escape
 
 from mavdem.analysis import LogAnalysis
 from mavdem.analysis.findings import NONE, Findings, findings_of
+from mavdem.condition.loop import Tuned
 from mavdem.condition.wind_of_log import Air
 from mavdem.dem import Learned
 from mavdem.dem.order_choice import OrderChoice
@@ -32,6 +33,7 @@ from mavdem.report.comparison import comparison_report, order_report
 from mavdem.report.condition import log_blocks, wind_blocks
 from mavdem.report.details import detail_blocks
 from mavdem.report.flights import MAX_PARTS, event_blocks, live_report, parts_learned
+from mavdem.report.loops import tuned_blocks
 from mavdem.report.numbers import Labels, listed, named, readable, rounded
 from mavdem.report.palette import INK_ON_LIGHT
 from mavdem.report.screen import analysis_blocks, screen, title
@@ -227,6 +229,30 @@ def model_pictures(
             words = f"Forecast windows as above, for {name}." if output else caption
             pictures.append(Picture(title.format(output=name), words, partial(draw, method, output)))
     return pictures
+
+
+LOOP_PICTURES = {  # title and caption by the function of ``report.figures.loops`` that draws it
+    "open_loops": ("Open loops", "Gain and phase of rate and attitude loop, by the identified plant, with 90 % bands."),
+    "nyquist": ("Nyquist plot", "The same about −1: the farther away, the more the loop bears."),
+    "sensitivity": ("Sensitivity", "What a loop leaves of a disturbance."),
+    "steps": ("Step response", "Rate and angle after a step of their setpoints."),
+}
+
+
+def loop_pictures(tuned: Tuned, which: Iterable[str] = LOOP_PICTURES) -> list[Picture]:
+    """Returns the pictures of the loops of an axis, with those by the gains advised; none where they are not known."""
+    if tuned.loop is None:
+        return []
+    loops = tuned.loop, tuned.advice.after if tuned.advice and tuned.advice.parameters else None
+    draw = partial(downstream, "report.figures.loops")
+    return [Picture(*LOOP_PICTURES[name], partial(lambda name: draw(name)(*loops), name)) for name in which]
+
+
+def tune_page(name: str, found: Mapping[str, Tuned]) -> str:
+    """Returns the HTML of ``mavdem tune`` of the log ``name``, by axis."""
+    blocks = [block for axis, one in found.items() for block in tuned_blocks(axis, one)]
+    pictures = [Chapter(f"Loops of {axis}", pictures=loop_pictures(one)) for axis, one in found.items()]
+    return document(name, "Margins of the loops, and gains to set. Nothing was sent to the vehicle.", blocks, pictures)
 
 
 def comparison_page(comparison: Comparison, from_zero: bool = False) -> str:

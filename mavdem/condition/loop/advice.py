@@ -9,14 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import ceil, floor, log10
+from math import ceil, floor, isfinite, log10
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from mavdem.condition.loop.loop import Loop, transfer
-from mavdem.condition.loop.margins import OpenLoop, figures
+from mavdem.condition.loop.loop import Loop, loop_of, transfer
+from mavdem.condition.loop.margins import OpenLoop
 from mavdem.dem.engine.linalg import Array
+from mavdem.dem.graybox import Physical
+from mavdem.dem.graybox.identifiability import NotIdentifiable
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
 from mavdem.ingest.controllers import Controller
@@ -37,9 +39,10 @@ LARGEST_STEP, STEPS = 1.5, 8  # of a gain, at once; and in how many even ratios 
 SURE = 0.95  # share of the draws that must have all margins: the lower end of a 90 % interval
 SATURATED = 0.05  # share of the samples with an input at a limit, from which on no linear loop describes the vehicle
 RATE_GAINS = ("p", "i", "d")
+LARGEST_ANGLE = {"roll": 12.0, "pitch": 12.0, "yaw": 5.0}  # 1/s, that PX4 takes; ArduPilot recommends 12 for all
 AT_LIMIT = 0.005  # of the range, as near as a limit counts
 DIGITS = 4  # of a gain
-NOISE_FROM = 3.0  # times the crossover: what is faster in the gyro is noise, not motion
+NOISE_FROM = 3.0, 10.0  # times the crossover, and Hz: what is faster in the gyro is noise, not motion
 
 
 class Noise(NamedTuple):
@@ -90,12 +93,12 @@ class Advice:
     def sentence(self) -> str:
         """What to do, in a sentence or two."""
         phase, gain, ms = self.target
-        margins = f"a phase margin of {phase:g}°, a gain margin of {gain:g} dB and Ms of at most {ms:g}"
+        margins = f"at least {phase:g}° of phase and {gain:g} dB of gain margin, and Ms of at most {ms:g}"
         share = f"in {100 * self.sure:.0f} % of the plants that fit the flight"
         if self.reached and not self.parameters:
             return f"Keep the gains: both loops have {margins} {share}, and would not with larger ones."
         if self.reached:
-            return f"Set these gains: both loops then have {margins} {share}."
+            return f"Set these gains: both loops then have {margins}, {share}."
         if self.parameters:
             return f"These gains are a step towards {margins}, reached {share}: fly them with care, and tune again."
         return f"No gains within a factor of {LARGEST_STEP:g} come closer to {margins}, reached {share}."
@@ -115,9 +118,22 @@ class Advice:
 
 
 NOT_CHECKED = (
-    "Not checked: bending of the frame and what notch filters do against it, and another battery voltage, load or "
-    "propeller: the margins are those of this flight."
+    "bending of the frame and what notch filters do against it, and another battery voltage, load or propeller: the "
+    "margins are those of this flight."
 )
+
+
+def verdict(loop: Loop, tune: str = "default") -> str:
+    """Returns a sentence: whether both loops of the flight have the margins of ``TARGETS[tune]``."""
+    target = TARGETS[tune]
+    which = min(("rate", "attitude"), key=lambda one: _worst(getattr(loop, one), target))
+    weak = getattr(loop, which)
+    sure, likely = _worst(weak, target) >= 1, _scores(weak, target)[0] >= 1
+    words = "Enough margin" if sure else "Perhaps too little margin" if likely else "Too little margin"
+    (low, high), gain = weak.phase_margin_interval, weak.gain_margin
+    bears = f"gain margin {gain:.0f} dB" if isfinite(gain) else "no limit of the gain"
+    phase = f"phase margin of {weak.phase_margin:.0f}° ({low:.0f} to {high:.0f})"
+    return f"{words}: the {which} loop has a {phase}, {bears}, Ms {weak.ms:.2g}."
 
 
 def advise(loop: Loop, tune: str = "default", doubts: Sequence[str] = ()) -> Advice:
@@ -135,9 +151,14 @@ def advise(loop: Loop, tune: str = "default", doubts: Sequence[str] = ()) -> Adv
     factors = [LARGEST_STEP ** (step / STEPS) for step in range(STEPS, -STEPS - 1, -1)]
 
     def stepped(gains: Sequence[str], by: float) -> dict[str, float]:
-        return {names[gain]: _rounded(known[names[gain]], by) for gain in gains if known.get(names[gain])}
+        found = {gain: _rounded(known[names[gain]], by) for gain in gains if known.get(names[gain])}
+        if "angle" in found and by > 1:
+            found["angle"] = max(min(found["angle"], LARGEST_ANGLE[loop.axis]), known[names["angle"]])
+        return {names[gain]: value for gain, value in found.items()}
 
     gains = _best(loop, [stepped(RATE_GAINS, factor) for factor in factors], target, "rate")
+    if _worst(loop.changed(gains).rate, target) < 1:
+        factors = [factor for factor in factors if factor <= 1]  # on a rate loop without margin nothing is to be added
     gains = _best(loop, [gains | stepped(["angle"], factor) for factor in factors], target, "attitude")
     after = loop.changed(gains)
     scores = np.minimum(_scores(after.rate, target), _scores(after.attitude, target))
@@ -181,16 +202,21 @@ def _rounded(value: float, factor: float) -> float:
 
 def _scores(loop: OpenLoop, target: Target) -> Array:
     """(N,) the least of a loop's margins over that of the target: 1 and more has them all, unstable is below 0."""
-    found = figures(loop.frequency, loop.response, loop.closed, loop.disturbance)
-    shares = found["phase_margin"] / target.phase_margin, found["gain_margin"] / target.gain_margin
-    return np.where(loop.stable, np.minimum(np.minimum(*shares), target.ms / found["ms"]), -np.inf)
+    phase, gain, ms = (loop.figures[name] for name in target._fields)
+    least = np.minimum(np.minimum(phase / target.phase_margin, gain / target.gain_margin), target.ms / ms)
+    return np.where(loop.stable, least, -np.inf)
+
+
+def _worst(loop: OpenLoop, target: Target) -> float:
+    """The score that 95 % of the draws have at least."""
+    return float(np.quantile(_scores(loop, target), 1 - SURE, method="lower"))
 
 
 def _best(loop: Loop, candidates: Sequence[dict[str, float]], target: Target, which: str) -> dict[str, float]:
     """The first of the candidates that surely has the margins; else the one that comes closest."""
     worst = []
     for gains in candidates:
-        worst.append(np.quantile(_scores(getattr(loop.changed(gains), which), target), 1 - SURE, method="lower"))
+        worst.append(_worst(getattr(loop.changed(gains), which), target))
         if worst[-1] >= 1:
             return gains
     return candidates[int(np.argmax(worst))]
@@ -201,7 +227,8 @@ def _noise(loop: Loop, after: Controller) -> Noise | None:
     from scipy.signal import welch  # it takes half a second to import
 
     record = loop.record
-    lowest, highest = NOISE_FROM * loop.rate.crossover, 0.45 / record.dt
+    (times, least), highest = NOISE_FROM, 0.45 / record.dt
+    lowest = max(times * loop.rate.crossover, least)
     if not 2 * lowest < highest:
         return None
     frequency, density = welch(record.outputs[:, -1], 1 / record.dt, nperseg=min(256, len(record)))
@@ -214,3 +241,30 @@ def _noise(loop: Loop, after: Controller) -> Noise | None:
 
     before, without_d, then = (transfer(one, frequency)[1] for one in (now, replace(now, d=0.0), after))
     return Noise(lowest, highest, size(before), size(then), size(before - without_d))
+
+
+class Tuned(NamedTuple):
+    """The ``loop`` of one axis, and the ``advice``; each None where the ``refusal`` says why."""
+
+    loop: Loop | None
+    advice: Advice | None
+    refusal: str
+
+    def as_dict(self) -> dict[str, Any]:
+        """Returns plain JSON values."""
+        found = {"loop": self.loop and self.loop.as_dict(), "verdict": self.loop and verdict(self.loop)}
+        return {**found, "advice": self.advice and self.advice.as_dict(), "refusal": self.refusal}
+
+
+def tuned(
+    plant: Physical | NotIdentifiable, record: Record, tune: str = "default", doubts: Sequence[str] = ()
+) -> Tuned:
+    """Returns the loops of a ``plant`` identified from the ``record`` with advice, as :func:`advise` gives it."""
+    loop = None
+    try:
+        if not isinstance(plant, Physical):
+            raise NotLearnable(plant.reason)
+        loop = loop_of(plant, record)
+        return Tuned(loop, advise(loop, tune, doubts), "")
+    except NotLearnable as error:
+        return Tuned(loop, None, str(error))

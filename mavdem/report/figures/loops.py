@@ -1,6 +1,6 @@
 """Loops: the open rate and attitude loop, how sensitive they are, and their steps, now and with other gains.
 
-Each figure has the rate loop on the left and the attitude loop on the right, with 90 % bands from the plant's posterior.
+The rate loop is on the left, the attitude loop on the right; bands of 90 % are from the plant's posterior.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ def nyquist(loop: Loop, after: Loop | None = None, ms: float = 2.0) -> Figure:
 
 
 def sensitivity(loop: Loop, after: Loop | None = None, ms: float = 2.0) -> Figure:
-    """Draws how much of a disturbance is left, |S|, over frequency: below 1 the loop reduces it, above it adds to it."""
+    """Draws what a loop leaves of a disturbance, |S|, over frequency: below 1 it reduces it, above it adds to it."""
     return _curves(loop, after, lambda one: (one.frequency, 1 / np.abs(1 + one.response)), "sensitivity |S|", ms)
 
 

@@ -1,0 +1,111 @@
+"""``mavdem tune``: margins of the rate and attitude loops with intervals, and gains to set; ``mavdem twin``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import click
+
+from mavdem.alignment.drive import AXES
+from mavdem.alignment.read import choose_vehicle, usable_segments
+from mavdem.alignment.signals import Signals
+from mavdem.analysis.analysis import flown_after
+from mavdem.analysis.figures import ALL
+from mavdem.analysis.findings import findings_of
+from mavdem.cli.learn import start_option
+from mavdem.cli.options import folder_named, source_options
+from mavdem.cli.output import check_folder, files_in, print_result, printable, progress, say_aside
+from mavdem.cli.sources import read_source
+from mavdem.condition import condition_of
+from mavdem.condition.loop import TARGETS, Tuned, tuned
+from mavdem.dem import physical
+from mavdem.dem.record import Record
+from mavdem.errors import NotLearnable
+from mavdem.ingest import Log
+from mavdem.ingest.telemetry import Telemetry
+from mavdem.report.loops import tuned_blocks
+from mavdem.report.page import tune_page
+
+REAL32 = 9  # MAV_PARAM_TYPE_REAL32
+OF_FLIGHT = ("oscillation", "saturation")  # what overrides all findings, and gains too
+
+
+@click.command("tune")
+@source_options((*AXES, ALL), "Axis of the loops; all: roll, pitch and yaw.")
+@click.option(
+    "--margins",
+    type=click.Choice(list(TARGETS)),
+    default="default",
+    show_default=True,
+    help="; ".join(f"{name}: phase {a:g}°, gain {b:g} dB, Ms {c:g}" for name, (a, b, c) in TARGETS.items()) + ".",
+)
+@start_option
+@click.option("--out", type=click.Path(), callback=folder_named, help="Folder for tune.html and the parameter files.")
+def tune_command(
+    source: str,
+    axis: str,
+    vehicle: str | None,
+    inputs: str | None,
+    as_json: bool,
+    margins: str,
+    start: float,
+    out: Path | None,
+) -> None:
+    """Reports the margins of the rate and attitude loops, and gains to set.
+
+    SOURCE is a log with the autopilot's parameters. The plant is identified from the flight, with its posterior, and
+    the controller is that of the gains and filters in the parameters. The gains that are advised have the --margins in
+    95 % of the plants that fit the flight, and no gain changes by more than a factor of 1.5. Nothing is ever sent to a
+    vehicle: --out writes the gains for QGroundControl (.params) and Mission Planner (.param). Exit code: 1 if no gains
+    are advised, with the reason.
+    """
+    log = read_source(source)
+    telemetry = choose_vehicle(log.vehicles, vehicle)
+    names = ["tune.html", "gains.params", *(["gains.param"] if telemetry.autopilot == "ARDUPILOTMEGA" else [])]
+    if out is not None:
+        check_folder(out, names)
+    signals = Signals(telemetry)
+    overrides = findings_of(condition=condition_of(signals)).overrides
+    doubts = [one.sentence for one in overrides if one.kind in OF_FLIGHT]
+    axes, found = AXES if axis == ALL else (axis,), dict[str, Tuned]()
+    with progress("Identifying") as done:
+        for one in axes:
+            found[one] = _tuned(signals.about(one, inputs), log, start, margins, doubts)
+            done(len(found) / len(axes))
+    gains = {name: value for one in found.values() if one.advice for name, value in one.advice.parameters.items()}
+    document = {"source": source, "margins": margins, "axes": {name: one.as_dict() for name, one in found.items()}}
+    blocks = [block for name, one in found.items() for block in tuned_blocks(name, one)]
+    print_result(document | {"parameters": gains}, blocks, as_json)
+    if out is not None:
+        texts = tune_page(Path(source).name, found), qgroundcontrol(gains, telemetry), mission_planner(gains)
+        with files_in(out, names) as paths:
+            for path, text in zip(paths, texts, strict=False):
+                path.write_text(text, "utf-8", "replace")
+        say_aside(f"Written to {printable(out)}: {', '.join(names)}. Nothing was sent to the vehicle.")
+    if not any(one.advice for one in found.values()):
+        raise click.exceptions.Exit(1)
+
+
+def _tuned(signals: Signals, log: Log, start: float, margins: str, doubts: Sequence[str]) -> Tuned:
+    segments, verdict = usable_segments(signals, log.components)
+    if not segments:
+        return Tuned(None, None, f"{verdict.reason} {verdict.remedy}".strip())
+    boot = max(segments, key=len).provenance["segment"]["boot"]
+    try:
+        flights = flown_after([one for one in segments if one.provenance["segment"]["boot"] == boot], start)
+    except NotLearnable as error:
+        return Tuned(None, None, str(error))
+    return tuned(physical(flights), Record.of(flights), margins, doubts)
+
+
+def qgroundcontrol(gains: dict[str, float], telemetry: Telemetry) -> str:
+    """Returns ``gains`` as QGroundControl loads them: vehicle id, component id, name, value and type, by tabs."""
+    who = f"{telemetry.system}\t{telemetry.component}"
+    rows = [f"{who}\t{name}\t{value:.9g}\t{REAL32}\n" for name, value in gains.items()]
+    return "".join(["# Gains by mavdem tune\n# Vehicle-Id Component-Id Name Value Type\n", *rows])
+
+
+def mission_planner(gains: dict[str, float]) -> str:
+    """Returns ``gains`` as Mission Planner loads them: a name and a value a line."""
+    return "".join(["#Gains by mavdem tune\n", *(f"{name},{value:.9g}\n" for name, value in gains.items())])
