@@ -24,7 +24,7 @@ from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
 from mavdem.ingest import Log
 from mavdem.ingest.telemetry import Telemetry
-from mavdem.report.loops import tuned_blocks
+from mavdem.report.loops import tune_blocks
 from mavdem.report.page import tune_page
 
 REAL32 = 9  # MAV_PARAM_TYPE_REAL32
@@ -75,8 +75,7 @@ def tune_command(
             done(len(found) / len(axes))
     gains = {name: value for one in found.values() if one.advice for name, value in one.advice.parameters.items()}
     document = {"source": source, "margins": margins, "axes": {name: one.as_dict() for name, one in found.items()}}
-    blocks = [block for name, one in found.items() for block in tuned_blocks(name, one)]
-    print_result(document | {"parameters": gains}, blocks, as_json)
+    print_result(document | {"parameters": gains}, tune_blocks(found), as_json)
     if out is not None:
         texts = tune_page(Path(source).name, found), qgroundcontrol(gains, telemetry), mission_planner(gains)
         with files_in(out, names) as paths:

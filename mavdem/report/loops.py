@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from mavdem.condition.loop import NOT_CHECKED, Advice, OpenLoop, Tuned, verdict
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.numbers import rounded
@@ -13,9 +15,15 @@ FIGURES = {  # header, and what makes the unit shown, by name of the figure
     "delay_margin": ("delay margin (ms)", 1e3),
     "ms": ("largest sensitivity Ms", 1.0),
     "bandwidth": ("bandwidth, -3 dB (Hz)", 1.0),
-    "rejection": ("°/s, or °, per 100 °/s² of torque", 100.0),
+    "rejection": ("moves by 100 °/s² of torque (°/s, °)", 100.0),
 }
 LOOPS = ("rate", "attitude")
+
+
+def tune_blocks(found: Mapping[str, Tuned]) -> list[Block]:
+    """Returns all that is said of the loops, by axis, and what was not checked of the gains."""
+    blocks = [block for axis, one in found.items() for block in tuned_blocks(axis, one)]
+    return [*blocks, *([Sentence(NOT_CHECKED, "Not checked:")] if any(one.advice for one in found.values()) else [])]
 
 
 def tuned_blocks(axis: str, tuned: Tuned) -> list[Block]:
@@ -24,17 +32,15 @@ def tuned_blocks(axis: str, tuned: Tuned) -> list[Block]:
     if loop is None:
         return [Sentence(tuned.refusal, lead)]
     said = tuned.refusal if advice is None else advice.sentence
-    after = [] if advice is None or not advice.parameters else [("advised", advice.after)]
-    columns = [
-        (f"{which} loop {when}", getattr(one, which)) for which in LOOPS for when, one in [("now", loop), *after]
-    ]
-    rows = [[name, *(_interval(one, key, unit) for _, one in columns)] for key, (name, unit) in FIGURES.items()]
-    return [
-        Sentence(f"{verdict(loop)} {said}", lead),
-        Table(["with 90 % interval", *(name for name, _ in columns)], rows),
-        *(Sentence(caution, "Caution:") for caution in loop.cautions),
-        *([] if advice is None else _advice_blocks(advice)),
-    ]
+    loops = [("now", loop), *([("advised", advice.after)] if advice is not None and advice.parameters else [])]
+    tables = []
+    for which in ("rate", "attitude"):
+        values = [getattr(one, which) for _, one in loops]
+        rows = [[name, *(_interval(one, key, unit) for one in values)] for key, (name, unit) in FIGURES.items()]
+        tables.append(Table([f"{which} loop (90 % interval)", *(when for when, _ in loops)], rows))
+    blocks: list[Block] = [Sentence(f"{verdict(loop)} {said}", lead), *tables]
+    blocks += [Sentence(caution, "Caution:") for caution in loop.cautions]
+    return blocks if advice is None else blocks + _advice_blocks(advice)
 
 
 def _advice_blocks(advice: Advice) -> list[Block]:
@@ -52,7 +58,7 @@ def _advice_blocks(advice: Advice) -> list[Block]:
             f"{100 * now:.2g} % of its range (D alone by {100 * by_d:.2g} %), and with these gains by {100 * then:.2g} "
         )
         noise += f"%. The heat of that in the motors grows with the square, {advice.noise.heat:.2g} times: feel them."
-    return [*blocks, Sentence(noise, "Noise:"), Sentence(NOT_CHECKED, "Not checked:")]
+    return [*blocks, Sentence(noise, "Noise:")]
 
 
 def _interval(loop: OpenLoop, name: str, scale: float) -> str:

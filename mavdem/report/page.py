@@ -33,7 +33,7 @@ from mavdem.report.comparison import comparison_report, order_report
 from mavdem.report.condition import log_blocks, wind_blocks
 from mavdem.report.details import detail_blocks
 from mavdem.report.flights import MAX_PARTS, event_blocks, live_report, parts_learned
-from mavdem.report.loops import tuned_blocks
+from mavdem.report.loops import tune_blocks
 from mavdem.report.numbers import Labels, listed, named, readable, rounded
 from mavdem.report.palette import INK_ON_LIGHT
 from mavdem.report.screen import analysis_blocks, screen, title
@@ -250,9 +250,10 @@ def loop_pictures(tuned: Tuned, which: Iterable[str] = LOOP_PICTURES) -> list[Pi
 
 def tune_page(name: str, found: Mapping[str, Tuned]) -> str:
     """Returns the HTML of ``mavdem tune`` of the log ``name``, by axis."""
-    blocks = [block for axis, one in found.items() for block in tuned_blocks(axis, one)]
     pictures = [Chapter(f"Loops of {axis}", pictures=loop_pictures(one)) for axis, one in found.items()]
-    return document(name, "Margins of the loops, and gains to set. Nothing was sent to the vehicle.", blocks, pictures)
+    return document(
+        name, "Margins of the loops, and gains to set. Nothing was sent to the vehicle.", tune_blocks(found), pictures
+    )
 
 
 def comparison_page(comparison: Comparison, from_zero: bool = False) -> str:
