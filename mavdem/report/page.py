@@ -23,7 +23,7 @@ from mavdem.condition.loop import Tuned
 from mavdem.condition.wind_of_log import Air
 from mavdem.dem import Learned
 from mavdem.dem.order_choice import OrderChoice
-from mavdem.errors import advice, downstream
+from mavdem.errors import NotLearnable, advice, downstream
 from mavdem.evaluate.comparison import Comparison
 from mavdem.flight import Flight
 from mavdem.live import SessionStatus
@@ -33,7 +33,7 @@ from mavdem.report.comparison import comparison_report, order_report
 from mavdem.report.condition import log_blocks, wind_blocks
 from mavdem.report.details import detail_blocks
 from mavdem.report.flights import MAX_PARTS, event_blocks, live_report, parts_learned
-from mavdem.report.loops import tune_blocks
+from mavdem.report.loops import tune_blocks, tuned_blocks
 from mavdem.report.numbers import Labels, listed, named, readable, rounded
 from mavdem.report.palette import INK_ON_LIGHT
 from mavdem.report.screen import analysis_blocks, screen, title
@@ -154,6 +154,7 @@ def log_page(
         if (learned := analysis.learned) is not None:
             pictures = model_pictures(learned, analysis.findings, PICTURES if inventory else FEW_PICTURES, analysis)
             chapters.append(Chapter(f"Pictures of {axis}", pictures=pictures))
+            chapters += _loops(axis, learned) if inventory else []
             details, said = detail_blocks(learned, analysis.as_dict()), "The same of DEM's A, B and C, in closed loop."
             own = Picture("Frequency response of DEM's model", said, partial(_bode_of_dem, learned))
             pictures = [own] if inventory and learned.physical and learned.physical.identifiable else []
@@ -165,6 +166,15 @@ def log_page(
             folded.append(Chapter("Settings", [Table(["setting", "value"], rows, words=True)], folded=True))
     subtitle = heading.text[:1].upper() + heading.text[1:]
     return document(heading.lead.rstrip(":"), subtitle, blocks, [*chapters, *folded], back)
+
+
+def _loops(axis: str, learned: Learned) -> list[Chapter]:
+    """The margins, where plant and controller are known."""
+    try:
+        known = Tuned(learned.loop(), None, "Gains to set: `mavdem tune` with this log.")
+    except NotLearnable:
+        return []
+    return [Chapter(f"Loops of {axis}", tuned_blocks(axis, known), loop_pictures(known, ("open_loops", "steps")))]
 
 
 def _bode_of_dem(learned: Learned) -> Any:
