@@ -33,8 +33,8 @@ from numpy.typing import NDArray
 
 from mavdem.alignment.drive import MotorGeometry
 from mavdem.dem.engine.linalg import Array
+from mavdem.health.assessment import lost_thrust
 from mavdem.health.balance import motor_signatures
-from mavdem.health.explanations import lost_thrust
 
 Places = NDArray[np.int_]
 BLOCK_SECONDS = 0.5  # Of commands that are averaged: a tenth of what a change may take to be found

@@ -8,12 +8,12 @@ import numpy as np
 
 from mavdem.dem.engine.linalg import Array
 from mavdem.paper import figures
-from mavdem.paper.flights import REAL
 from mavdem.paper.runner import (
     MEAN,
     OTHERS,
     OURS,
     PEERS,
+    REAL,
     STARTS,
     WITH,
     Check,

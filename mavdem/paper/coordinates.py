@@ -12,10 +12,10 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.evaluate import paired
 from mavdem.paper import figures
 from mavdem.paper.claims import MSPE_WITH_COORDINATES, MSPE_WITHOUT_COORDINATES
-from mavdem.paper.flights import REAL
 from mavdem.paper.runner import (
     PLANT,
     PLANT_WITHOUT,
+    REAL,
     STARTS,
     WITH,
     WITHOUT,

@@ -10,8 +10,19 @@ from mavdem import baselines
 from mavdem.dem.engine.linalg import Array
 from mavdem.evaluate.windows import Window
 from mavdem.flight import Flight
-from mavdem.paper.flights import SHARED, TRAIN
-from mavdem.paper.runner import PAPER, PAPER_WITHOUT, STARTS, Check, Learn, Result, Runner, percent, plain
+from mavdem.paper.runner import (
+    PAPER,
+    PAPER_WITHOUT,
+    SHARED,
+    STARTS,
+    TRAIN,
+    Check,
+    Learn,
+    Result,
+    Runner,
+    percent,
+    plain,
+)
 from mavdem.report.blocks import Sentence, Table
 from mavdem.report.numbers import rounded
 

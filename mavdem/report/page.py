@@ -268,7 +268,7 @@ def tune_page(name: str, found: Mapping[str, Tuned]) -> str:
 
 def comparison_page(comparison: Comparison, from_zero: bool = False) -> str:
     """Returns the HTML of a comparison; ``from_zero``: forecasts start from state 0."""
-    draw = partial(downstream, "report.figures.comparisons")
+    draw = partial(downstream, "report.figures.flights")
     windows = Picture(
         "Errors in every window",
         "Each dot is one window, each bar the median of a method. Dots at an edge are beyond it.",
@@ -292,7 +292,7 @@ def order_page(choice: OrderChoice, names: Sequence[str]) -> str:
     picture = Picture(
         "Free energy by order",
         "How far F̄ is below its highest value. In the shaded part the difference is no strong evidence.",
-        lambda: downstream("report.figures.comparisons", "free_energy_by_order")(choice, names),
+        lambda: downstream("report.figures.flights", "free_energy_by_order")(choice, names),
     )
     subtitle = f"The number of states that {listed(names)} show{'s' * (len(names) == 1)}, by the free energy."
     return document("Model order", subtitle, order_report(choice, names), [Chapter("Pictures", pictures=[picture])])

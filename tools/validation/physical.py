@@ -29,7 +29,7 @@ from mavdem.dem import NotIdentifiable, Physical, WindTorque, physical
 from mavdem.dem.graybox.wind import wind
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable, Unreadable
-from mavdem.paper.flights import SHARED, logged
+from mavdem.paper.runner import SHARED, logged
 from mavdem.report.blocks import Sentence, Table, markdown
 from sitl_scenarios.files import scenario_of
 from sitl_scenarios.motion import IN_AIR, Motion

@@ -13,6 +13,7 @@ from mavdem.condition.loop.margins import Complex, OpenLoop
 from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.graybox import Physical
+from mavdem.dem.graybox.likelihood import DELAY
 from mavdem.dem.graybox.wind import wind_density
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable, downstream
@@ -20,6 +21,7 @@ from mavdem.ingest.controllers import ASK, MOTORS, Controller, controller_of
 
 DRAWS, SEED = 400, 31  # of the plant's posterior
 LOWEST, HIGHEST, FREQUENCIES = 0.02, 100.0, 500  # Hz, and the number of frequencies between, evenly by ratio
+SPLIT = 0.25  # of a step of the stream: standard deviation of a delay by the times between its samples
 LEAST = 0.02, 1e-3, 0.0  # damping, 1/s, lag and delay, s, of a drawn plant
 
 
@@ -105,9 +107,7 @@ def loop_of(plant: Physical, record: Record, controller: Controller | None = Non
             raise NotLearnable("The autopilot's parameters are not known: there is no controller.", ASK)
         weights = [] if record.effect_directions is None else record.effect_directions.tolist()
         controller = controller_of(record.parameters, axis, weights)
-    theta = np.array([*plant.effect, plant.damping, plant.lag, plant.delay])
-    drawn = np.random.default_rng(SEED).multivariate_normal(theta, plant.covariance, DRAWS, method="svd")
-    drawn = np.vstack([theta, drawn])
+    drawn = _drawn(plant, 2**0.5 / (2 * np.pi * of) if (of := controller.gyro_filter) else 0.0, record.dt)
     gains = drawn[:, :-3] @ _per_demand(controller, record)
     if not gains[0] > 0:
         raise NotLearnable("The mixer of the parameters turns the vehicle against the motors: check FRAME_TYPE.")
@@ -116,6 +116,24 @@ def loop_of(plant: Physical, record: Record, controller: Controller | None = Non
     biased = f"The control effectiveness is biased: {plant.reasons['effect']}" if plant.bias else ""
     cautions = (*([biased] if biased else []), *controller.cautions)
     return Loop(axis, plant, record, controller, gains, dynamics, rate, attitude, cautions)
+
+
+def _drawn(plant: Physical, filtered: float, dt: float) -> Array:
+    """(N, r + 3) effect, damping, lag and delay behind ``filtered`` s of the gyro: the estimate, and draws.
+
+    The sum of lag and delay is better determined than either. So a delay is taken for that of common autopilots as far
+    as the flight leaves it open, and the lag is what is left.
+    """
+    theta, rng = np.array([*plant.effect, plant.damping, plant.lag, plant.delay]), np.random.default_rng(SEED)
+    covariance, (usual, sd) = plant.covariance.copy(), DELAY
+    variance = covariance[-1, -1] + (SPLIT * dt) ** 2
+    if covariance[-1, -1] > sd**2:
+        covariance[-1], covariance[:, -1] = 0.0, 0.0
+    drawn = np.vstack([theta, rng.multivariate_normal(theta, covariance, DRAWS, method="svd")])
+    whole, open_ = np.maximum(drawn[:, -2:].sum(axis=1) - filtered, 0.0), variance / (variance + sd**2)
+    delay = (1 - open_) * max(plant.delay - filtered, 0.0) + open_ * usual
+    delay = np.clip(delay + sd * open_**0.5 * np.append(0.0, rng.standard_normal(DRAWS)), 0.0, whole / 2)
+    return np.column_stack([drawn[:, :-2], whole - delay, delay])
 
 
 def _per_demand(controller: Controller, record: Record) -> Array:
@@ -133,12 +151,10 @@ def _loops(controller: Controller, gains: Array, dynamics: Array) -> tuple[OpenL
     frequency = np.geomspace(LOWEST, min(HIGHEST, 0.45 / controller.cycle), FREQUENCIES)
     s = 2j * np.pi * frequency
     damping, lag, delay = (column[:, None] for column in dynamics.T)
-    # Rates are logged, and controlled, behind the gyro's filter, the angle is not. The plant's delay and lag hold it.
+    # Rates are logged, and controlled, behind the gyro's filter, the angle is not.
     share = frequency / controller.gyro_filter if controller.gyro_filter else 0 * frequency
     filtered = 1 / (1 + 2**0.5 * 1j * share - share**2)
-    held = np.minimum(2**0.5 / (2 * np.pi * controller.gyro_filter) if controller.gyro_filter else 0.0, delay + lag)
-    within = np.minimum(held, delay)
-    acted = filtered * np.exp(-s * (delay - within)) / ((lag - held + within) * s + 1)
+    acted = filtered * np.exp(-s * delay) / (lag * s + 1)
     turned = 1 / (s + damping)
     to_rate = gains[:, None] * acted * turned
     forward, back = transfer(controller, frequency)
