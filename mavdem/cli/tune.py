@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -73,16 +74,24 @@ def tune_command(
         for one in axes:
             found[one] = _tuned(signals.about(one, inputs), log, start, margins, doubts)
             done(len(found) / len(axes))
+    refusal = "" if any(one.advice for one in found.values()) else found[axes[0]].refusal
+    if refusal and not any(one.loop for one in found.values()):
+        raise NotLearnable(refusal)
     gains = {name: value for one in found.values() if one.advice for name, value in one.advice.parameters.items()}
-    document = {"source": source, "margins": margins, "axes": {name: one.as_dict() for name, one in found.items()}}
-    print_result(document | {"parameters": gains}, tune_blocks(found), as_json)
+    document: dict[str, Any] = {
+        "source": source,
+        "margins": margins,
+        "axes": {name: one.as_dict() for name, one in found.items()},
+    }
+    document |= {"parameters": gains, **({"error": {"reason": refusal, "remedy": ""}} if refusal else {})}
+    print_result(document, tune_blocks(found), as_json)
     if out is not None:
         texts = tune_page(Path(source).name, found), qgroundcontrol(gains, telemetry), mission_planner(gains)
         with files_in(out, names) as paths:
             for path, text in zip(paths, texts, strict=False):
                 path.write_text(text, "utf-8", "replace")
         say_aside(f"Written to {printable(out)}: {', '.join(names)}. Nothing was sent to the vehicle.")
-    if not any(one.advice for one in found.values()):
+    if refusal:
         raise click.exceptions.Exit(1)
 
 

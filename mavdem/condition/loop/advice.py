@@ -15,7 +15,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mavdem.condition.loop.loop import Loop, loop_of, transfer
-from mavdem.condition.loop.margins import OpenLoop
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.graybox import Physical
 from mavdem.dem.graybox.identifiability import NotIdentifiable
@@ -38,6 +37,7 @@ sec. 10.3)."""
 LARGEST_STEP, STEPS = 1.5, 8  # of a gain, at once; and in how many even ratios up to it
 SURE = 0.95  # share of the draws that must have all margins: the lower end of a 90 % interval
 SATURATED = 0.05  # share of the samples with an input at a limit, from which on no linear loop describes the vehicle
+LOOPS = ("rate", "attitude")
 RATE_GAINS = ("p", "i", "d")
 LARGEST_ANGLE = {"roll": 12.0, "pitch": 12.0, "yaw": 5.0}  # 1/s, that PX4 takes; ArduPilot recommends 12 for all
 AT_LIMIT = 0.005  # of the range, as near as a limit counts
@@ -126,9 +126,8 @@ NOT_CHECKED = (
 def verdict(loop: Loop, tune: str = "default") -> str:
     """Returns a sentence: whether both loops of the flight have the margins of ``TARGETS[tune]``."""
     target = TARGETS[tune]
-    which = min(("rate", "attitude"), key=lambda one: _worst(getattr(loop, one), target))
-    weak = getattr(loop, which)
-    sure, likely = _worst(weak, target) >= 1, _scores(weak, target)[0] >= 1
+    which = min(LOOPS, key=lambda one: _worst(loop, target, [one]))
+    weak, sure, likely = getattr(loop, which), _worst(loop, target, LOOPS) >= 1, _scores(loop, target)[0] >= 1
     words = "Enough margin" if sure else "Perhaps too little margin" if likely else "Too little margin"
     (low, high), gain = weak.phase_margin_interval, weak.gain_margin
     bears = f"gain margin {gain:.0f} dB" if isfinite(gain) else "no limit of the gain"
@@ -156,18 +155,17 @@ def advise(loop: Loop, tune: str = "default", doubts: Sequence[str] = ()) -> Adv
             found["angle"] = max(min(found["angle"], LARGEST_ANGLE[loop.axis]), known[names["angle"]])
         return {names[gain]: value for gain, value in found.items()}
 
-    gains = _best(loop, [stepped(RATE_GAINS, factor) for factor in factors], target, "rate")
-    if _worst(loop.changed(gains).rate, target) < 1:
+    gains = _best(loop, [stepped(RATE_GAINS, factor) for factor in factors], target, ["rate"])
+    if _worst(loop.changed(gains), target, ["rate"]) < 1:
         factors = [factor for factor in factors if factor <= 1]  # on a rate loop without margin nothing is to be added
-    gains = _best(loop, [gains | stepped(["angle"], factor) for factor in factors], target, "attitude")
+    gains = _best(loop, [gains | stepped(["angle"], factor) for factor in factors], target, LOOPS)
     after = loop.changed(gains)
-    scores = np.minimum(_scores(after.rate, target), _scores(after.attitude, target))
     return Advice(
         target=target,
         before=loop,
         after=after,
         gains={name: (known[name], new) for name, new in gains.items()},
-        sure=float(np.mean(scores >= 1)),
+        sure=float(np.mean(_scores(after, target) >= 1)),
         noise=_noise(loop, after.controller),
     )
 
@@ -200,23 +198,26 @@ def _rounded(value: float, factor: float) -> float:
     return value if factor == 1 else float(f"{(floor if factor > 1 else ceil)(round(new / unit, 6)) * unit:.{DIGITS}g}")
 
 
-def _scores(loop: OpenLoop, target: Target) -> Array:
-    """(N,) the least of a loop's margins over that of the target: 1 and more has them all, unstable is below 0."""
-    phase, gain, ms = (loop.figures[name] for name in target._fields)
-    least = np.minimum(np.minimum(phase / target.phase_margin, gain / target.gain_margin), target.ms / ms)
-    return np.where(loop.stable, least, -np.inf)
+def _scores(loop: Loop, target: Target, loops: Sequence[str] = LOOPS) -> Array:
+    """(N,) the least of the margins over that of the target: 1 and more has them all, unstable is below 0."""
+    scores = []
+    for one in (getattr(loop, which) for which in loops):
+        phase, gain, ms = (one.figures[name] for name in target._fields)
+        least = np.minimum(np.minimum(phase / target.phase_margin, gain / target.gain_margin), target.ms / ms)
+        scores.append(np.where(one.stable, least, -np.inf))
+    return np.min(scores, axis=0)
 
 
-def _worst(loop: OpenLoop, target: Target) -> float:
+def _worst(loop: Loop, target: Target, loops: Sequence[str]) -> float:
     """The score that 95 % of the draws have at least."""
-    return float(np.quantile(_scores(loop, target), 1 - SURE, method="lower"))
+    return float(np.quantile(_scores(loop, target, loops), 1 - SURE, method="lower"))
 
 
-def _best(loop: Loop, candidates: Sequence[dict[str, float]], target: Target, which: str) -> dict[str, float]:
+def _best(loop: Loop, candidates: Sequence[dict[str, float]], target: Target, loops: Sequence[str]) -> dict[str, float]:
     """The first of the candidates that surely has the margins; else the one that comes closest."""
     worst = []
     for gains in candidates:
-        worst.append(_worst(getattr(loop.changed(gains), which), target))
+        worst.append(_worst(loop.changed(gains), target, loops))
         if worst[-1] >= 1:
             return gains
     return candidates[int(np.argmax(worst))]
