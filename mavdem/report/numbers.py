@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.analysis.residuals import directions, weights
+from mavdem.analysis.findings import directions, weights
 from mavdem.dem import Learned
 
 

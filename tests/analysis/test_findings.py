@@ -9,8 +9,17 @@ import pytest
 from made_up_analysis import HOVER, analysis, held_out, model, physical
 
 from mavdem import Flight
-from mavdem.analysis.findings import GOOD, LIMITED, NONE, PURPOSES, Finding, findings_of, next_step, warnings_of
-from mavdem.analysis.residuals import Residuals
+from mavdem.analysis.findings import (
+    GOOD,
+    LIMITED,
+    NONE,
+    PURPOSES,
+    Finding,
+    Residuals,
+    findings_of,
+    next_step,
+    warnings_of,
+)
 from mavdem.condition.oscillation import Oscillation
 from mavdem.dem.graybox.identifiability import PARAMETERS, IdentifiabilityFigures, identifiability
 from mavdem.evaluate import HeldOut

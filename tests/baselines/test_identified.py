@@ -21,10 +21,9 @@ from peculiar_flights import (
 from scipy.stats import chi2
 
 from mavdem import Flight, Forecaster, baselines, evaluate
-from mavdem.baselines import StateSpace, expectation_maximization, prediction_error_method, subspace_identification
-from mavdem.baselines.expectation_maximization import LEAST_NOISE, iterated
+from mavdem.baselines import StateSpace, maximum_likelihood, subspace_identification
 from mavdem.baselines.identified import Units
-from mavdem.baselines.prediction_error_method import FreeParameters, prediction_errors, sensitivities
+from mavdem.baselines.maximum_likelihood import LEAST_NOISE, FreeParameters, iterated, prediction_errors, sensitivities
 from mavdem.dem.engine.kalman import GaussianModel, smoothed
 from mavdem.dem.record import Record
 
@@ -130,7 +129,7 @@ def test_a_system_is_recovered_as_well_as_can_be(order, feedback):
 @pytest.mark.parametrize("order", [1, 2, 3, 4])
 @pytest.mark.parametrize("worst_modes", [0, 1e8], ids=["by sample", "by mode"])
 def test_sensitivities_are_the_slopes_of_the_errors(order, worst_modes, monkeypatch):
-    monkeypatch.setattr(prediction_error_method, "WORST_MODES", worst_modes)
+    monkeypatch.setattr(maximum_likelihood, "WORST_MODES", worst_modes)
     system = random_system(order, order)
     flight, _ = flown(system, 0, 100)
     segments = [(flight.inputs[a:b], flight.outputs[a:b]) for a, b in ((0, 50), (60, 100))]
@@ -158,8 +157,8 @@ def test_errors_are_never_above_those_of_the_subspace_model(order, train):
 
 
 def test_what_has_not_settled_is_said(monkeypatch):
-    monkeypatch.setattr(prediction_error_method, "REWEIGHTINGS", 1)
-    monkeypatch.setattr(prediction_error_method, "EVALUATIONS", 2)
+    monkeypatch.setattr(maximum_likelihood, "REWEIGHTINGS", 1)
+    monkeypatch.setattr(maximum_likelihood, "EVALUATIONS", 2)
     assert any("still falling" in caution for caution in baselines.pem(TRAIN, 4).cautions)
 
 
@@ -237,7 +236,7 @@ def test_a_breakdown_is_an_error(monkeypatch):
     def breaks_down(*arguments):
         raise np.linalg.LinAlgError
 
-    monkeypatch.setattr(expectation_maximization, "iterated", breaks_down)
+    monkeypatch.setattr(maximum_likelihood, "iterated", breaks_down)
     with pytest.raises(ValueError, match="^EM for 2 states broke down"):
         baselines.em(TRAIN[:300], 2)
 

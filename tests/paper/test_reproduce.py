@@ -9,7 +9,7 @@ import pytest
 from scipy.ndimage import gaussian_filter1d
 
 import mavdem
-from mavdem.baselines import expectation_maximization
+from mavdem.baselines import maximum_likelihood
 from mavdem.cli.commands import main
 from mavdem.cli.reproduce import write_report
 from mavdem.evaluate.windows import Window
@@ -102,7 +102,7 @@ def test_a_prediction_is_judged_by_what_it_shows():
 @pytest.mark.slow
 def test_all_items_make_one_report(tmp_path, monkeypatch):
     monkeypatch.setattr(order, "ORDERS", (1, 2, 3))
-    monkeypatch.setattr(expectation_maximization.iterated, "__defaults__", (20,))  # a report needs no more of them
+    monkeypatch.setattr(maximum_likelihood.iterated, "__defaults__", (20,))  # a report needs no more of them
     # Pictures of the demonstrations take ten seconds, and have tests of their own.
     runner, chosen = Runner(SMALL), [claim for claim in ITEMS if claim.name != "demonstrations"]
     write_report(tmp_path, [ItemReport(claim, ITEMS[claim](runner)) for claim in chosen], runner, 1.0)

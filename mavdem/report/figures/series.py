@@ -14,8 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from mavdem.alignment.drive import Signal
-from mavdem.analysis.findings import known_wind
-from mavdem.analysis.residuals import BOUND_LEVEL, LAG_SECONDS, residuals
+from mavdem.analysis.findings import BOUND_LEVEL, LAG_SECONDS, known_wind, residuals
 from mavdem.condition import WindVelocity
 from mavdem.condition.condition import HoverFigures
 from mavdem.condition.wind_velocity import by_compass
