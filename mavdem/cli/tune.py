@@ -86,7 +86,7 @@ def tune_command(
     document |= {"parameters": gains, **({"error": {"reason": refusal, "remedy": ""}} if refusal else {})}
     print_result(document, tune_blocks(found), as_json)
     if out is not None:
-        texts = tune_page(Path(source).name, found), qgroundcontrol(gains, telemetry), mission_planner(gains)
+        texts = tune_page(Path(source).name, found), *parameter_files(gains, telemetry)
         with files_in(out, names) as paths:
             for path, text in zip(paths, texts, strict=False):
                 path.write_text(text, "utf-8", "replace")
@@ -107,13 +107,11 @@ def _tuned(signals: Signals, log: Log, start: float, margins: str, doubts: Seque
     return tuned(physical(flights), Record.of(flights), margins, doubts)
 
 
-def qgroundcontrol(gains: dict[str, float], telemetry: Telemetry) -> str:
-    """Returns ``gains`` as QGroundControl loads them: vehicle id, component id, name, value and type, by tabs."""
-    who = f"{telemetry.system}\t{telemetry.component}"
-    rows = [f"{who}\t{name}\t{value:.9g}\t{REAL32}\n" for name, value in gains.items()]
-    return "".join(["# Gains by mavdem tune\n# Vehicle-Id Component-Id Name Value Type\n", *rows])
+def parameter_files(gains: dict[str, float], telemetry: Telemetry) -> tuple[str, str]:
+    """Returns ``gains`` as QGroundControl loads them, and as Mission Planner does.
 
-
-def mission_planner(gains: dict[str, float]) -> str:
-    """Returns ``gains`` as Mission Planner loads them: a name and a value a line."""
-    return "".join(["#Gains by mavdem tune\n", *(f"{name},{value:.9g}\n" for name, value in gains.items())])
+    The former has a line of vehicle id, component id, name, value and type, by tabs; the latter of name and value.
+    """
+    who, head = f"{telemetry.system}\t{telemetry.component}", "# Gains by mavdem tune\n"
+    ground = "".join(f"{who}\t{name}\t{value:.9g}\t{REAL32}\n" for name, value in gains.items())
+    return head + ground, head + "".join(f"{name},{value:.9g}\n" for name, value in gains.items())

@@ -52,12 +52,12 @@ def _advice_blocks(advice: Advice) -> list[Block]:
     blocks: list[Block] = [Table(["gain", "now", "set", "times"], gains), Sentence(expected, "To expect:")]
     noise = "the log is too slow to show what the gyro's noise does to the motors: feel how warm they get."
     if advice.noise is not None:
-        lowest, highest, now, then, by_d = advice.noise
+        lowest, highest, now, then, by_d, heat = advice.noise
         noise = f"from {lowest:.0f} to {highest:.0f} Hz, which is all that the log shows, the gyro moves the demand by "
         noise += (
             f"{100 * now:.2g} % of its range (D alone by {100 * by_d:.2g} %), and with these gains by {100 * then:.2g} "
         )
-        noise += f"%. The heat of that in the motors grows with the square, {advice.noise.heat:.2g} times: feel them."
+        noise += f"%. The heat of that in the motors grows with the square, {heat:.2g} times: feel them."
     return [*blocks, Sentence(noise, "Noise:")]
 
 

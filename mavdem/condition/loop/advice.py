@@ -53,11 +53,7 @@ class Noise(NamedTuple):
     before: float
     after: float
     by_d: float  # of the term D alone, before
-
-    @property
-    def heat(self) -> float:
-        """How many times the heat that fast commands make in the motors: it grows with their square."""
-        return (self.after / self.before) ** 2 if self.before else 1.0
+    heat: float  # how many times that of fast commands in the motors: it grows with their square
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -112,7 +108,7 @@ class Advice:
             "sure": self.sure,
             "gains": {name: {"now": old, "set": new} for name, (old, new) in self.gains.items()},
             "expected": self.after.as_dict(),
-            "noise": None if self.noise is None else {**self.noise._asdict(), "heat": self.noise.heat},
+            "noise": self.noise and self.noise._asdict(),
             "not_checked": NOT_CHECKED,
         }
 
@@ -127,7 +123,7 @@ def verdict(loop: Loop, tune: str = "default") -> str:
     """Returns a sentence: whether both loops of the flight have the margins of ``TARGETS[tune]``."""
     target = TARGETS[tune]
     which = min(LOOPS, key=lambda one: _worst(loop, target, [one]))
-    weak, sure, likely = getattr(loop, which), _worst(loop, target, LOOPS) >= 1, _scores(loop, target)[0] >= 1
+    weak, sure, likely = getattr(loop, which), _worst(loop, target) >= 1, _scores(loop, target)[0] >= 1
     words = "Enough margin" if sure else "Perhaps too little margin" if likely else "Too little margin"
     (low, high), gain = weak.phase_margin_interval, weak.gain_margin
     bears = f"gain margin {gain:.0f} dB" if isfinite(gain) else "no limit of the gain"
@@ -144,7 +140,12 @@ def advise(loop: Loop, tune: str = "default", doubts: Sequence[str] = ()) -> Adv
     Raises ``NotLearnable`` where gains must not follow from this flight: for each of the ``doubts`` about it, motors at
     their limits, a loop that the flight contradicts, or that is unstable by what was identified.
     """
-    if refusal := _refusal(loop, doubts):
+    limited, refusal = _limited_share(loop.controller, loop.record), " ".join(doubts)
+    if not refusal and limited > SATURATED:
+        refusal = f"A motor is at a limit {100 * limited:.0f} % of the time: no linear loop describes that."
+    if not refusal and not (loop.rate.stable[0] and loop.attitude.stable[0]):
+        refusal = "By the identified plant the loop is unstable, and yet it flew: plant or controller is another."
+    if refusal:
         raise NotLearnable(f"No gains are advised. {refusal}")
     target, names, known = TARGETS[tune], loop.controller.names, loop.controller.parameters
     factors = [LARGEST_STEP ** (step / STEPS) for step in range(STEPS, -STEPS - 1, -1)]
@@ -170,17 +171,6 @@ def advise(loop: Loop, tune: str = "default", doubts: Sequence[str] = ()) -> Adv
     )
 
 
-def _refusal(loop: Loop, doubts: Sequence[str]) -> str:
-    if doubts:
-        return " ".join(doubts)
-    limited = _limited_share(loop.controller, loop.record)
-    if limited > SATURATED:
-        return f"A motor is at a limit {100 * limited:.0f} % of the time: no linear loop describes that."
-    if not loop.rate.stable[0] or not loop.attitude.stable[0]:
-        return "By the identified plant the loop is unstable, and yet it flew: the plant or the controller is another."
-    return ""
-
-
 def _limited_share(controller: Controller, record: Record) -> float:
     """Of the samples with an input at a limit, where the range of the inputs is known."""
     if len(record.input_range) != 2:
@@ -203,12 +193,12 @@ def _scores(loop: Loop, target: Target, loops: Sequence[str] = LOOPS) -> Array:
     scores = []
     for one in (getattr(loop, which) for which in loops):
         phase, gain, ms = (one.figures[name] for name in target._fields)
-        least = np.minimum(np.minimum(phase / target.phase_margin, gain / target.gain_margin), target.ms / ms)
-        scores.append(np.where(one.stable, least, -np.inf))
-    return np.min(scores, axis=0)
+        shares = phase / target.phase_margin, gain / target.gain_margin, target.ms / ms
+        scores.append(np.where(one.stable, np.min(shares, axis=0), -np.inf))
+    return np.asarray(np.min(scores, axis=0))
 
 
-def _worst(loop: Loop, target: Target, loops: Sequence[str]) -> float:
+def _worst(loop: Loop, target: Target, loops: Sequence[str] = LOOPS) -> float:
     """The score that 95 % of the draws have at least."""
     return float(np.quantile(_scores(loop, target, loops), 1 - SURE, method="lower"))
 
@@ -241,7 +231,8 @@ def _noise(loop: Loop, after: Controller) -> Noise | None:
         return float(np.sqrt(step * np.sum(np.abs(response) ** 2 * density)))
 
     before, without_d, then = (transfer(one, frequency)[1] for one in (now, replace(now, d=0.0), after))
-    return Noise(lowest, highest, size(before), size(then), size(before - without_d))
+    heat = (size(then) / size(before)) ** 2
+    return Noise(lowest, highest, size(before), size(then), size(before - without_d), heat)
 
 
 class Tuned(NamedTuple):

@@ -8,14 +8,13 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
 from mavdem.condition.loop import Loop, OpenLoop
-from mavdem.confidence import LEVEL
 from mavdem.dem.engine.linalg import Array
-from mavdem.report.figures.style import HAIRLINE, Room, band, legend_above, note, picture
+from mavdem.report.figures.style import HAIRLINE, Room, legend_above, note, picture
+from mavdem.report.figures.systems import draw
 from mavdem.report.palette import BAD, HELD_OUT_OPACITY, PHYSICAL, PREDICTED
 
 LOOPS = ("rate", "attitude")
@@ -31,10 +30,10 @@ def open_loops(loop: Loop, after: Loop | None = None) -> Figure:
         above, below = figure.subplots(2, 2, sharex=True)
         for which, gain, phase in zip(LOOPS, above, below, strict=True):
             for one, name, colour in _now_and_after(loop, after, which):
-                _draw(gain, one.frequency, 20 * np.log10(np.abs(one.response)), name, colour)
+                draw(gain, one.frequency, 20 * np.log10(np.abs(one.response)), name, colour)
                 first = np.angle(one.response[:, :1])
                 turned = np.degrees(np.unwrap(np.angle(one.response), axis=1) - 2 * np.pi * (first > 0))
-                _draw(phase, one.frequency, turned, name, colour)
+                draw(phase, one.frequency, turned, name, colour)
                 margin = {"color": colour, "linewidth": 1.2, "linestyle": ":"}
                 phase.plot(2 * [one.crossover], [-180, one.phase_margin - 180], marker="_", **margin)
                 gain.plot(one.crossover, 0, marker="o", markersize=4, color=colour)
@@ -46,7 +45,7 @@ def open_loops(loop: Loop, after: Loop | None = None) -> Figure:
             phase.xaxis.set_major_formatter("{x:g}")
         above[0].set_ylabel("gain (dB)")
         below[0].set_ylabel("phase (°)")
-        _legend(above[1], after)
+        legend_above(above[1])
         note(figure, "Dotted: the phase margin, at the crossover.")
     return figure
 
@@ -66,7 +65,7 @@ def nyquist(loop: Loop, after: Loop | None = None, ms: float = 2.0) -> Figure:
             axes.set(xlim=(-2.2, 0.6), ylim=(-1.75, 0.7), xlabel="real part", aspect="equal")
             axes.set_title(which)
         row[0].set_ylabel("imaginary part")
-        _legend(row[1], after)
+        legend_above(row[1])
         note(figure, f"Shaded: nearer to −1 than Ms of {ms:g} allows. Thin lines: draws of the plant's posterior.")
     return figure
 
@@ -95,7 +94,7 @@ def _curves(
         row = figure.subplots(1, 2, sharey=True)
         for which, axes in zip(LOOPS, row, strict=True):
             for one, label, colour in _now_and_after(loop, after, which):
-                _draw(axes, *curve(one), label, colour)
+                draw(axes, *curve(one), label, colour)
             axes.axhline(1, **HAIRLINE)
             if limit:
                 axes.axhline(limit, color=BAD, linewidth=0.8)
@@ -105,7 +104,7 @@ def _curves(
             axes.set_xlabel("frequency (Hz)" if limit else "time after the step (s)")
             axes.set_title(which)
         row[0].set_ylabel(name)
-        _legend(row[1], after)
+        legend_above(row[1])
         note(figure, f"Red: Ms of {limit:g}." if limit else "With the plant's posterior as a band.")
     return figure
 
@@ -113,14 +112,3 @@ def _curves(
 def _now_and_after(loop: Loop, after: Loop | None, which: str) -> list[tuple[OpenLoop, str, str]]:
     found = [(getattr(loop, which), "now", PREDICTED)]
     return found if after is None else [*found, (getattr(after, which), "advised", PHYSICAL)]
-
-
-def _draw(axes: Axes, x: Array, values: Array, name: str, colour: str) -> None:
-    low, high = np.percentile(values[1:], (50 * (1 - LEVEL), 50 * (1 + LEVEL)), axis=0)
-    band(axes, x, low, high, colour)
-    axes.plot(x, values[0], color=colour, label=name)
-
-
-def _legend(axes: Axes, after: Loop | None) -> None:
-    if after is not None:
-        legend_above(axes)
