@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -19,8 +17,8 @@ from mavdem.cli.options import folder_named, source_options
 from mavdem.cli.output import check_folder, files_in, print_result, printable, progress, say_aside
 from mavdem.cli.sources import read_source
 from mavdem.condition import condition_of
-from mavdem.condition.loop import TARGETS, Tuned, tuned
-from mavdem.dem import physical
+from mavdem.condition.loop import TARGETS, Advice, Loop, advise, loop_of
+from mavdem.dem import Physical, physical
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
 from mavdem.ingest import Log
@@ -66,24 +64,23 @@ def tune_command(
     names = ["tune.html", "gains.params", *(["gains.param"] if telemetry.autopilot == "ARDUPILOTMEGA" else [])]
     if out is not None:
         check_folder(out, names)
-    signals = Signals(telemetry)
+    signals, found = Signals(telemetry), dict[str, Advice | str]()
     overrides = findings_of(condition=condition_of(signals)).overrides
     doubts = [one.sentence for one in overrides if one.kind in OF_FLIGHT]
-    axes, found = AXES if axis == ALL else (axis,), dict[str, Tuned]()
-    with progress("Identifying") as done:
-        for one in axes:
-            found[one] = _tuned(signals.about(one, inputs), log, start, margins, doubts)
-            done(len(found) / len(axes))
-    refusal = "" if any(one.advice for one in found.values()) else found[axes[0]].refusal
-    if refusal and not any(one.loop for one in found.values()):
-        raise NotLearnable(refusal)
-    gains = {name: value for one in found.values() if one.advice for name, value in one.advice.parameters.items()}
-    document: dict[str, Any] = {
-        "source": source,
-        "margins": margins,
-        "axes": {name: one.as_dict() for name, one in found.items()},
-    }
-    document |= {"parameters": gains, **({"error": {"reason": refusal, "remedy": ""}} if refusal else {})}
+    for one in AXES if axis == ALL else (axis,):
+        try:
+            with progress(f"Identifying {one}", measured=False):
+                found[one] = advise(_loop(signals.about(one, inputs), log, start), margins, doubts)
+        except NotLearnable as error:
+            found[one] = str(error)
+    known = [one for one in found.values() if isinstance(one, Advice)]
+    if not known:
+        raise NotLearnable(" ".join(map(str, found.values())))
+    gains = {name: value for one in known for name, value in one.parameters.items()}
+    refusal = "" if any(one.gains for one in known) else known[0].sentence
+    axes = {name: {"refusal": one} if isinstance(one, str) else one.as_dict() for name, one in found.items()}
+    document = {"source": source, "margins": margins, "axes": axes, "parameters": gains}
+    document |= {"error": {"reason": refusal, "remedy": ""}} if refusal else {}
     print_result(document, tune_blocks(found), as_json)
     if out is not None:
         texts = tune_page(Path(source).name, found), *parameter_files(gains, telemetry)
@@ -95,16 +92,16 @@ def tune_command(
         raise click.exceptions.Exit(1)
 
 
-def _tuned(signals: Signals, log: Log, start: float, margins: str, doubts: Sequence[str]) -> Tuned:
+def _loop(signals: Signals, log: Log, start: float) -> Loop:
     segments, verdict = usable_segments(signals, log.components)
     if not segments:
-        return Tuned(None, None, f"{verdict.reason} {verdict.remedy}".strip())
+        raise NotLearnable(verdict.reason, verdict.remedy)
     boot = max(segments, key=len).provenance["segment"]["boot"]
-    try:
-        flights = flown_after([one for one in segments if one.provenance["segment"]["boot"] == boot], start)
-    except NotLearnable as error:
-        return Tuned(None, None, str(error))
-    return tuned(physical(flights), Record.of(flights), margins, doubts)
+    flights = flown_after([one for one in segments if one.provenance["segment"]["boot"] == boot], start)
+    plant = physical(flights)
+    if not isinstance(plant, Physical):
+        raise NotLearnable(plant.reason)
+    return loop_of(plant, Record.of(flights))
 
 
 def parameter_files(gains: dict[str, float], telemetry: Telemetry) -> tuple[str, str]:

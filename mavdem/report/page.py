@@ -19,7 +19,7 @@ from markupsafe import Markup, escape
 
 from mavdem.analysis import LogAnalysis
 from mavdem.analysis.findings import NONE, Findings, findings_of
-from mavdem.condition.loop import Tuned
+from mavdem.condition.loop import Advice, Loop
 from mavdem.condition.wind_of_log import Air
 from mavdem.dem import Learned
 from mavdem.dem.order_choice import OrderChoice
@@ -33,7 +33,7 @@ from mavdem.report.comparison import comparison_report, order_report
 from mavdem.report.condition import log_blocks, wind_blocks
 from mavdem.report.details import detail_blocks
 from mavdem.report.flights import MAX_PARTS, event_blocks, live_report, parts_learned
-from mavdem.report.loops import tune_blocks, tuned_blocks
+from mavdem.report.loops import margin_tables, tune_blocks
 from mavdem.report.numbers import Labels, listed, named, readable, rounded
 from mavdem.report.palette import INK_ON_LIGHT
 from mavdem.report.screen import analysis_blocks, screen, title
@@ -171,10 +171,11 @@ def log_page(
 def _loops(axis: str, learned: Learned) -> list[Chapter]:
     """The margins, where plant and controller are known."""
     try:
-        known = Tuned(learned.loop(), None, "Gains to set: `mavdem tune` with this log.")
+        loop = learned.loop()
     except NotLearnable:
         return []
-    return [Chapter(f"Loops of {axis}", tuned_blocks(axis, known), loop_pictures(known, ("open_loops", "steps")))]
+    blocks = [Sentence("`mavdem tune` with this log has the verdict and gains to set."), *margin_tables({"now": loop})]
+    return [Chapter(f"Loops of {axis}", blocks, [loop_picture(loop)])]
 
 
 def _bode_of_dem(learned: Learned) -> Any:
@@ -241,29 +242,19 @@ def model_pictures(
     return pictures
 
 
-LOOP_PICTURES = {  # title and caption by the function of ``report.figures.loops`` that draws it
-    "open_loops": ("Open loops", "Gain and phase of rate and attitude loop, by the identified plant, with 90 % bands."),
-    "nyquist": ("Nyquist plot", "The same about −1: the farther away, the more the loop bears."),
-    "sensitivity": ("Sensitivity", "What a loop leaves of a disturbance."),
-    "steps": ("Step response", "Rate and angle after a step of their setpoints."),
-}
+def loop_picture(loop: Loop, after: Loop | None = None) -> Picture:
+    """Returns the picture of the loops of an axis, and of those with other gains."""
+    said = "Gain, phase and sensitivity of the open loops, how far they stay from −1, and steps, with 90 % bands."
+    return Picture("Rate and attitude loop", said, lambda: downstream("report.figures.loops", "loops")(loop, after))
 
 
-def loop_pictures(tuned: Tuned, which: Iterable[str] = LOOP_PICTURES) -> list[Picture]:
-    """Returns the pictures of the loops of an axis, with those by the gains advised; none where they are not known."""
-    if tuned.loop is None:
-        return []
-    loops = tuned.loop, tuned.advice.after if tuned.advice and tuned.advice.parameters else None
-    draw = partial(downstream, "report.figures.loops")
-    return [Picture(*LOOP_PICTURES[name], partial(lambda name: draw(name)(*loops), name)) for name in which]
-
-
-def tune_page(name: str, found: Mapping[str, Tuned]) -> str:
+def tune_page(name: str, found: Mapping[str, Advice | str]) -> str:
     """Returns the HTML of ``mavdem tune`` of the log ``name``, by axis."""
-    pictures = [Chapter(f"Loops of {axis}", pictures=loop_pictures(one)) for axis, one in found.items()]
-    return document(
-        name, "Margins of the loops, and gains to set. Nothing was sent to the vehicle.", tune_blocks(found), pictures
-    )
+    known = {axis: advice for axis, advice in found.items() if isinstance(advice, Advice)}
+    drawn = {axis: loop_picture(one.before, one.after if one.parameters else None) for axis, one in known.items()}
+    chapters = [Chapter(f"Loops of {axis}", pictures=[picture]) for axis, picture in drawn.items()]
+    said = "Margins of the loops, and gains to set. Nothing was sent to the vehicle."
+    return document(name, said, tune_blocks(found), chapters)
 
 
 def comparison_page(comparison: Comparison, from_zero: bool = False) -> str:

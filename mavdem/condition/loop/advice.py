@@ -9,40 +9,41 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import ceil, floor, isfinite, log10
+from math import isfinite
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from mavdem.condition.loop.loop import Loop, loop_of, transfer
+from mavdem.condition.loop.loop import Loop, transfer
 from mavdem.dem.engine.linalg import Array
-from mavdem.dem.graybox import Physical
-from mavdem.dem.graybox.identifiability import NotIdentifiable
 from mavdem.dem.record import Record
-from mavdem.errors import NotLearnable
 from mavdem.ingest.controllers import Controller
 
 
 class Target(NamedTuple):
-    """Margins that a loop is to have."""
+    """Margins that a loop is to have: degrees and dB at least, and the largest sensitivity at most."""
 
-    phase_margin: float  # degrees, at least
-    gain_margin: float  # dB, at least
-    ms: float  # largest sensitivity, at most
+    phase_margin: float
+    gain_margin: float
+    ms: float
 
 
 TARGETS = {"soft": Target(55.0, 8.0, 1.7), "default": Target(45.0, 6.0, 2.0), "sharp": Target(40.0, 5.0, 2.3)}
 """Phase of 45°, gain of 6 dB and Ms of 2 are the usual ones (K. J. Åström and R. M. Murray, Feedback Systems, 2nd ed.,
 sec. 10.3)."""
-LARGEST_STEP, STEPS = 1.5, 8  # of a gain, at once; and in how many even ratios up to it
+LARGEST_STEP, STEPS, DIGITS = 1.499, 8, 4
+"""Of a gain, at once: 1.5 less what rounding it to so many digits adds; and in how many even ratios up to it."""
 SURE = 0.95  # share of the draws that must have all margins: the lower end of a 90 % interval
-SATURATED = 0.05  # share of the samples with an input at a limit, from which on no linear loop describes the vehicle
-LOOPS = ("rate", "attitude")
-RATE_GAINS = ("p", "i", "d")
+SATURATED, AT_LIMIT = 0.05, 0.005
+"""Share of the samples with an input at a limit, from which on no linear loop describes the vehicle; and of the range,
+how near to its end that is."""
 LARGEST_ANGLE = {"roll": 12.0, "pitch": 12.0, "yaw": 5.0}  # 1/s, that PX4 takes; ArduPilot recommends 12 for all
-AT_LIMIT = 0.005  # of the range, as near as a limit counts
-DIGITS = 4  # of a gain
 NOISE_FROM = 3.0, 10.0  # times the crossover, and Hz: what is faster in the gyro is noise, not motion
+LOOPS = ("rate", "attitude")
+NOT_CHECKED = (
+    "bending of the frame and what notch filters do against it, and another battery voltage, load or propeller: the "
+    "margins are those of this flight."
+)
 
 
 class Noise(NamedTuple):
@@ -62,23 +63,22 @@ class Advice:
 
     Attributes:
         target: the margins asked for.
+        verdict: whether the loops of the flight have them, one sentence.
+        refusal: why there are no gains, one sentence; empty where there are.
         before, after: the loops by the gains of the log, and by the gains to set.
         gains: (now, to set) by the autopilot's name; those that there are, changed or not.
-        sure: share of the draws in which both have them.
+        sure: share of the draws in which both loops have the margins.
         noise: of the gyro in the demand; None where the log is too slow to show it.
     """
 
     target: Target
+    verdict: str
+    refusal: str
     before: Loop
     after: Loop
     gains: dict[str, tuple[float, float]]
     sure: float
     noise: Noise | None
-
-    @property
-    def reached(self) -> bool:
-        """Whether both loops have the margins in at least 95 % of the draws."""
-        return self.sure >= SURE
 
     @property
     def parameters(self) -> dict[str, float]:
@@ -87,82 +87,64 @@ class Advice:
 
     @property
     def sentence(self) -> str:
-        """What to do, in a sentence or two."""
+        """What to do, in a sentence or two, or why there is no advice."""
         phase, gain, ms = self.target
         margins = f"at least {phase:g}° of phase and {gain:g} dB of gain margin, and Ms of at most {ms:g}"
         share = f"in {100 * self.sure:.0f} % of the plants that fit the flight"
-        if self.reached and not self.parameters:
+        if self.refusal:
+            return f"No gains are advised. {self.refusal}"
+        if self.sure >= SURE and not self.parameters:
             return f"Keep the gains: both loops have {margins} {share}, and would not with larger ones."
-        if self.reached:
+        if self.sure >= SURE:
             return f"Set these gains: both loops then have {margins}, {share}."
-        if self.parameters:
-            return f"These gains are a step towards {margins}, reached {share}: fly them with care, and tune again."
-        return f"No gains within a factor of {LARGEST_STEP:g} come closer to {margins}, reached {share}."
+        return f"These gains are a step towards {margins}, reached {share}: fly them with care, and tune again."
 
     def as_dict(self) -> dict[str, Any]:
         """Returns plain JSON values."""
+        known = {"loop": self.before.as_dict(), "target": self.target._asdict(), "verdict": self.verdict}
+        gains = {name: {"now": old, "set": new} for name, (old, new) in self.gains.items()}
+        noise, expected = self.noise and self.noise._asdict(), None if self.refusal else self.after.as_dict()
         return {
-            "target": self.target._asdict(),
+            **known,
             "sentence": self.sentence,
-            "reached": self.reached,
             "sure": self.sure,
-            "gains": {name: {"now": old, "set": new} for name, (old, new) in self.gains.items()},
-            "expected": self.after.as_dict(),
-            "noise": self.noise and self.noise._asdict(),
-            "not_checked": NOT_CHECKED,
+            "gains": gains,
+            "expected": expected,
+            "noise": noise,
         }
-
-
-NOT_CHECKED = (
-    "bending of the frame and what notch filters do against it, and another battery voltage, load or propeller: the "
-    "margins are those of this flight."
-)
-
-
-def verdict(loop: Loop, tune: str = "default") -> str:
-    """Returns a sentence: whether both loops of the flight have the margins of ``TARGETS[tune]``."""
-    target = TARGETS[tune]
-    which = min(LOOPS, key=lambda one: _worst(loop, target, [one]))
-    weak, sure, likely = getattr(loop, which), _worst(loop, target) >= 1, _scores(loop, target)[0] >= 1
-    words = "Enough margin" if sure else "Perhaps too little margin" if likely else "Too little margin"
-    (low, high), gain = weak.phase_margin_interval, weak.gain_margin
-    bears = f"gain margin {gain:.0f} dB" if isfinite(gain) else "no limit of the gain"
-    phase = f"phase margin of {weak.phase_margin:.0f}° ({low:.0f} to {high:.0f})"
-    return f"{words}: the {which} loop has a {phase}, {bears}, Ms {weak.ms:.2g}."
 
 
 def advise(loop: Loop, tune: str = "default", doubts: Sequence[str] = ()) -> Advice:
     """Returns gains with which the ``loop`` has the margins of ``TARGETS[tune]``.
 
     The largest gains with which 95 % of the plant's draws have all margins, in both loops; where none within a factor
-    of 1.5 has them, those that come closest.
-
-    Raises ``NotLearnable`` where gains must not follow from this flight: for each of the ``doubts`` about it, motors at
-    their limits, a loop that the flight contradicts, or that is unstable by what was identified.
+    of 1.5 has them, those that come closest. None where gains must not follow from this flight: for each of the
+    ``doubts`` about it, motors at their limits, a loop that the flight contradicts, or that is unstable by the plant.
     """
-    limited, refusal = _limited_share(loop.controller, loop.record), " ".join(doubts)
+    target, names, known = TARGETS[tune], loop.controller.names, loop.controller.parameters
+    factors = [LARGEST_STEP ** (step / STEPS) for step in range(STEPS, -STEPS - 1, -1)]
+
+    def best(others: dict[str, float], gains: Sequence[str], loops: Sequence[str]) -> dict[str, float]:
+        present = {names[gain]: known[names[gain]] for gain in gains if known.get(names[gain])}
+        candidates = [others | {name: _stepped(loop, name, by) for name in present} for by in factors]
+        sure = (one for one in candidates if _worst(loop.changed(one), target, loops) >= 1)
+        return next(sure, None) or max(candidates, key=lambda one: _worst(loop.changed(one), target, loops))
+
+    limited, refusal, gains = _limited_share(loop.controller, loop.record), " ".join(doubts), dict[str, float]()
     if not refusal and limited > SATURATED:
         refusal = f"A motor is at a limit {100 * limited:.0f} % of the time: no linear loop describes that."
     if not refusal and not (loop.rate.stable[0] and loop.attitude.stable[0]):
         refusal = "By the identified plant the loop is unstable, and yet it flew: plant or controller is another."
-    if refusal:
-        raise NotLearnable(f"No gains are advised. {refusal}")
-    target, names, known = TARGETS[tune], loop.controller.names, loop.controller.parameters
-    factors = [LARGEST_STEP ** (step / STEPS) for step in range(STEPS, -STEPS - 1, -1)]
-
-    def stepped(gains: Sequence[str], by: float) -> dict[str, float]:
-        found = {gain: _rounded(known[names[gain]], by) for gain in gains if known.get(names[gain])}
-        if "angle" in found and by > 1:
-            found["angle"] = max(min(found["angle"], LARGEST_ANGLE[loop.axis]), known[names["angle"]])
-        return {names[gain]: value for gain, value in found.items()}
-
-    gains = _best(loop, [stepped(RATE_GAINS, factor) for factor in factors], target, ["rate"])
-    if _worst(loop.changed(gains), target, ["rate"]) < 1:
-        factors = [factor for factor in factors if factor <= 1]  # on a rate loop without margin nothing is to be added
-    gains = _best(loop, [gains | stepped(["angle"], factor) for factor in factors], target, LOOPS)
+    if not refusal:
+        gains = best({}, ("p", "i", "d"), ["rate"])
+        if _worst(loop.changed(gains), target, ["rate"]) < 1:
+            factors = [by for by in factors if by <= 1]  # on a rate loop without margin nothing is to be added
+        gains = best(gains, ["angle"], LOOPS)
     after = loop.changed(gains)
     return Advice(
         target=target,
+        verdict=_verdict(loop, target),
+        refusal=refusal,
         before=loop,
         after=after,
         gains={name: (known[name], new) for name, new in gains.items()},
@@ -171,21 +153,21 @@ def advise(loop: Loop, tune: str = "default", doubts: Sequence[str] = ()) -> Adv
     )
 
 
-def _limited_share(controller: Controller, record: Record) -> float:
-    """Of the samples with an input at a limit, where the range of the inputs is known."""
-    if len(record.input_range) != 2:
-        return 0.0
-    low, high = record.input_range
-    share = (record.inputs - low) / (high - low)
-    begin, end = (0.0, 1.0) if record.inputs.shape[1] == 1 else controller.spin
-    return float(np.mean(np.any((share <= begin + AT_LIMIT) | (share >= end - AT_LIMIT), axis=1)))
+def _stepped(loop: Loop, name: str, factor: float) -> float:
+    """A gain times a factor; that of the angle not beyond what autopilots take."""
+    now, controller = loop.controller.parameters[name], loop.controller
+    most = max(now, LARGEST_ANGLE[loop.axis]) if name == controller.names["angle"] else np.inf
+    return now if factor == 1 else min(float(f"{factor * now:.{DIGITS}g}"), most)
 
 
-def _rounded(value: float, factor: float) -> float:
-    """A gain to ``DIGITS``, rounded towards what it was, lest the step is too large."""
-    new = value * factor
-    unit = 10.0 ** (floor(log10(abs(new))) - DIGITS + 1)
-    return value if factor == 1 else float(f"{(floor if factor > 1 else ceil)(round(new / unit, 6)) * unit:.{DIGITS}g}")
+def _verdict(loop: Loop, target: Target) -> str:
+    which = min(LOOPS, key=lambda one: _worst(loop, target, [one]))
+    weak, sure, likely = getattr(loop, which), _worst(loop, target) >= 1, _scores(loop, target)[0] >= 1
+    words = "Enough margin" if sure else "Perhaps too little margin" if likely else "Too little margin"
+    (low, high), gain = weak.phase_margin_interval, weak.gain_margin
+    bears = f"gain margin {gain:.0f} dB" if isfinite(gain) else "no limit of the gain"
+    phase = f"phase margin of {weak.phase_margin:.0f}° ({low:.0f} to {high:.0f})"
+    return f"{words}: the {which} loop has a {phase}, {bears}, Ms {weak.ms:.2g}."
 
 
 def _scores(loop: Loop, target: Target, loops: Sequence[str] = LOOPS) -> Array:
@@ -203,14 +185,14 @@ def _worst(loop: Loop, target: Target, loops: Sequence[str] = LOOPS) -> float:
     return float(np.quantile(_scores(loop, target, loops), 1 - SURE, method="lower"))
 
 
-def _best(loop: Loop, candidates: Sequence[dict[str, float]], target: Target, loops: Sequence[str]) -> dict[str, float]:
-    """The first of the candidates that surely has the margins; else the one that comes closest."""
-    worst = []
-    for gains in candidates:
-        worst.append(_worst(loop.changed(gains), target, loops))
-        if worst[-1] >= 1:
-            return gains
-    return candidates[int(np.argmax(worst))]
+def _limited_share(controller: Controller, record: Record) -> float:
+    """Of the samples with an input at a limit, where the range of the inputs is known."""
+    if len(record.input_range) != 2:
+        return 0.0
+    low, high = record.input_range
+    share = (record.inputs - low) / (high - low)
+    begin, end = (0.0, 1.0) if record.inputs.shape[1] == 1 else controller.spin
+    return float(np.mean(np.any((share <= begin + AT_LIMIT) | (share >= end - AT_LIMIT), axis=1)))
 
 
 def _noise(loop: Loop, after: Controller) -> Noise | None:
@@ -233,30 +215,3 @@ def _noise(loop: Loop, after: Controller) -> Noise | None:
     before, without_d, then = (transfer(one, frequency)[1] for one in (now, replace(now, d=0.0), after))
     heat = (size(then) / size(before)) ** 2
     return Noise(lowest, highest, size(before), size(then), size(before - without_d), heat)
-
-
-class Tuned(NamedTuple):
-    """The ``loop`` of one axis, and the ``advice``; each None where the ``refusal`` says why."""
-
-    loop: Loop | None
-    advice: Advice | None
-    refusal: str
-
-    def as_dict(self) -> dict[str, Any]:
-        """Returns plain JSON values."""
-        found = {"loop": self.loop and self.loop.as_dict(), "verdict": self.loop and verdict(self.loop)}
-        return {**found, "advice": self.advice and self.advice.as_dict(), "refusal": self.refusal}
-
-
-def tuned(
-    plant: Physical | NotIdentifiable, record: Record, tune: str = "default", doubts: Sequence[str] = ()
-) -> Tuned:
-    """Returns the loops of a ``plant`` identified from the ``record`` with advice, as :func:`advise` gives it."""
-    loop = None
-    try:
-        if not isinstance(plant, Physical):
-            raise NotLearnable(plant.reason)
-        loop = loop_of(plant, record)
-        return Tuned(loop, advise(loop, tune, doubts), "")
-    except NotLearnable as error:
-        return Tuned(loop, None, str(error))
