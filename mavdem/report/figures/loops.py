@@ -18,7 +18,7 @@ from mavdem.report.palette import BAD, HELD_OUT_OPACITY, PHYSICAL, PREDICTED
 LOWEST = 0.2  # Hz shown
 SECONDS, STEP_HERTZ = 0.8, 0.05  # of a step response; and the step of the frequencies that it is summed from
 CLOUD = 60  # draws of a Nyquist plot
-ROOM = Room(left=0.66, columns=0.5, rows=0.45)
+ROOM = Room(left=0.66, bottom=0.5, columns=0.5, rows=0.45)
 LABELS = "gain (dB)", "phase (°)", "sensitivity |S|", "imaginary part", "share of the step"
 MS = 2.0  # drawn as the limit
 
