@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from mavdem.condition.loop.margins import Complex, OpenLoop
+from mavdem.condition.loop.response import LEAST_BAND, MeasuredResponse, measured_response
 from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.graybox import Physical
@@ -42,6 +43,7 @@ class Loop:
         rate: from the error of the rate to the rate.
         attitude: from the error of the angle to the angle, the rate loop closed.
         cautions: what the figures do not allow for, one sentence each.
+        measured: response of the rate in flight beside the predicted one; None without setpoints in the log.
     """
 
     axis: str
@@ -53,6 +55,7 @@ class Loop:
     rate: OpenLoop
     attitude: OpenLoop
     cautions: tuple[str, ...]
+    measured: MeasuredResponse | None = None
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_"):
@@ -67,11 +70,18 @@ class Loop:
         """Returns the loop with other values of some of the autopilot's ``parameters``, by name."""
         controller = self.controller.changed(parameters)
         rate, attitude = _loops(controller, self.gains, self.draws)
-        return replace(self, controller=controller, rate=rate, attitude=attitude)
+        return replace(self, controller=controller, rate=rate, attitude=attitude, measured=None)
+
+    @property
+    def agrees(self) -> bool | None:
+        """Whether the flight's response is the predicted one; None where too little of it was measured."""
+        if self.measured is None or self.measured.band[1] < LEAST_BAND:
+            return None
+        return not self.measured.reason
 
     @cached_property
     def advice(self) -> Any:
-        """Gains to set; raises ``NotLearnable`` where none follow from the flight. See :func:`.advice.advise`."""
+        """Gains to set, with what to expect, or why there are none; see ``mavdem.condition.loop.advise``."""
         return downstream("condition.loop.advice", "advise")(self)
 
     @property
@@ -84,7 +94,10 @@ class Loop:
     def as_dict(self) -> dict[str, Any]:
         """Returns the figures as plain JSON values."""
         loops = {"rate": self.rate.as_dict(), "attitude": self.attitude.as_dict()}
-        return {"axis": self.axis, **loops, "lean_in_wind": self.lean_in_wind, "cautions": list(self.cautions)}
+        found = self.measured
+        compared = {name: getattr(found, name) for name in ("band", "fit", "agreement", "reason")} if found else None
+        known = {"axis": self.axis, **loops, "lean_in_wind": self.lean_in_wind, "cautions": list(self.cautions)}
+        return known | {"measured": compared, "agrees": self.agrees}
 
 
 def loop(learned: Learned, controller: Controller | None = None) -> Loop:
@@ -115,7 +128,8 @@ def loop_of(plant: Physical, record: Record, controller: Controller | None = Non
     rate, attitude = _loops(controller, gains, dynamics)
     biased = f"The control effectiveness is biased: {plant.reasons['effect']}" if plant.bias else ""
     cautions = (*([biased] if biased else []), *controller.cautions)
-    return Loop(axis, plant, record, controller, gains, dynamics, rate, attitude, cautions)
+    measured = measured_response(record, controller, rate.frequency, rate.closed[0])
+    return Loop(axis, plant, record, controller, gains, dynamics, rate, attitude, cautions, measured)
 
 
 def _drawn(plant: Physical, filtered: float, dt: float) -> Array:
