@@ -30,10 +30,25 @@ def tune_blocks(found: Mapping[str, Advice | str]) -> list[Block]:
             continue
         loop, after = advice.before, {"advised": advice.after} if advice.parameters else {}
         blocks += [Sentence(f"{advice.verdict} {advice.sentence}", lead), *margin_tables({"now": loop, **after})]
-        blocks += [Sentence(caution, "Caution:") for caution in loop.cautions]
+        blocks += [_measured(loop), *(Sentence(caution, "Caution:") for caution in loop.cautions)]
         blocks += _gains(advice) if advice.gains else []
     named = any(isinstance(advice, Advice) and advice.gains for advice in found.values())
     return [*blocks, *([Sentence(NOT_CHECKED, "Not checked:")] if named else [])]
+
+
+def _measured(loop: Loop) -> Sentence:
+    """How the response of the rate in flight fits the predicted one."""
+    found, lead = loop.measured, "Measured response:"
+    if found is None:
+        ask = "record ATTITUDE_TARGET, RATE or vehicle_rates_setpoint"
+        return Sentence(
+            f"the log has no setpoints of the rate, and the margins are not checked against it: {ask}.", lead
+        )
+    if loop.agrees is None:
+        return Sentence(f"{found.reason[0].lower()}{found.reason[1:]} The margins are not checked against it.", lead)
+    low, high = found.band
+    text = f"the flight's response of the rate to its setpoint fits the predicted one by {found.agreement:.0f} % from "
+    return Sentence(f"{text}{low:g} to {high:.1f} Hz (100 % less NRMSE; {found.fit:.0f} % with the wind in it).", lead)
 
 
 def margin_tables(loops: Mapping[str, Loop]) -> list[Block]:

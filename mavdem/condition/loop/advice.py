@@ -135,6 +135,8 @@ def advise(loop: Loop, tune: str = "default", doubts: Sequence[str] = ()) -> Adv
         refusal = f"A motor is at a limit {100 * limited:.0f} % of the time: no linear loop describes that."
     if not refusal and not (loop.rate.stable[0] and loop.attitude.stable[0]):
         refusal = "By the identified plant the loop is unstable, and yet it flew: plant or controller is another."
+    if not refusal and loop.measured is not None and loop.agrees is False:
+        refusal = loop.measured.reason
     if not refusal:
         gains = best({}, ("p", "i", "d"), ["rate"])
         if _worst(loop.changed(gains), target, ["rate"]) < 1:

@@ -13,7 +13,7 @@ from mavdem.condition.loop import Loop, OpenLoop
 from mavdem.dem.engine.linalg import Array
 from mavdem.report.figures.style import HAIRLINE, Room, legend_above, note, picture
 from mavdem.report.figures.systems import draw
-from mavdem.report.palette import BAD, HELD_OUT_OPACITY, PHYSICAL, PREDICTED
+from mavdem.report.palette import BAD, HELD_OUT_OPACITY, MEASURED, PHYSICAL, PREDICTED
 
 LOWEST = 0.2  # Hz shown
 SECONDS, STEP_HERTZ = 0.8, 0.05  # of a step response; and the step of the frequencies that it is summed from
@@ -44,16 +44,18 @@ def loops(loop: Loop, after: Loop | None = None) -> Figure:
                 plane.plot(cloud.real.T, cloud.imag.T, color=colour, alpha=0.08, linewidth=0.8)
                 plane.plot(one.response[0].real, one.response[0].imag, color=colour)
                 draw(step, *step_response(one), name, colour)
+            if which == "rate" and loop.measured is not None and loop.agrees is not None:
+                step.plot(loop.measured.time, loop.measured.step, color=MEASURED)
             _limits(gain, phase, left, one.frequency[-1])
             plane.plot(-1, 0, "+", color=BAD, markersize=8)
             plane.set(xlim=(-2.2, 0.6), ylim=(-1.75, 0.7), xlabel="real part", aspect="equal")
             step.axhline(1, **HAIRLINE)
-            step.set_xlabel("time after the step (s)")
+            step.set(xlabel="time after the step (s)", xlim=(0, SECONDS))
             gain.set_title(which)
         for axes, label in zip(rows[:, 0], LABELS, strict=True):
             axes.set_ylabel(label)
         legend_above(rows[0, 1])
-        note(figure, f"Dotted: the phase margin. Red: Ms of {MS:g}; in the shaded disc it would be more.")
+        note(figure, f"Dotted: the phase margin. Red: Ms of {MS:g}, in the disc more. Grey step: as measured.")
     return figure
 
 
