@@ -46,6 +46,7 @@ class _Commands(click.Group):
     commands=[
         click.Command("info", help="Reports what a log holds and if a model can be learnt."),
         click.Command("learn", help="Learns a linear model, and reports what the vehicle does in wind."),
+        click.Command("open", help="Learns from a log, and shows the dashboard at once."),
         click.Command(
             "wind", help="Reports the wind in m/s, where it comes from, and the vehicle's drag, with intervals of 90 %."
         ),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import shlex
+from collections.abc import Sequence
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -16,15 +17,27 @@ from mavdem.alignment.signals import Signals
 from mavdem.analysis import LogAnalysis, analyse
 from mavdem.analysis.figures import ALL
 from mavdem.cli.options import file_option, folder_named, model_options, source_options, window_options
-from mavdem.cli.output import check_folder, complain, files_in, json_text, print_result, printable, progress, say_aside
+from mavdem.cli.output import (
+    check_folder,
+    complain,
+    files_in,
+    json_text,
+    print_blocks,
+    print_json,
+    printable,
+    progress,
+    say_aside,
+)
 from mavdem.cli.signals import ending_at_once
 from mavdem.cli.sources import read_source
+from mavdem.condition import WindVelocity
 from mavdem.condition.inventory import inventory
 from mavdem.condition.wind_of_log import Air, air_of
 from mavdem.dem import Settings
 from mavdem.errors import advice, missing
 from mavdem.evaluate.windows import Length
 from mavdem.export.conversion import write_channels
+from mavdem.flight import Flight
 from mavdem.report.blocks import Block, Sentence
 from mavdem.report.condition import wind_blocks
 from mavdem.report.details import detail_blocks
@@ -69,6 +82,7 @@ start_option = click.option(
 )
 @start_option
 @file_option("--truth", "Truth of a simulated flight, flight.truth.npz: it is put beside the estimates.")
+@click.option("--no-files", is_flag=True, help="Only print the screen; write no files.")
 @click.option("--verbose", is_flag=True, help="Also print cautions, the model A, B and C, and how it was learned.")
 def learn_command(
     source: str,
@@ -82,6 +96,7 @@ def learn_command(
     test: Length | None,
     start: float,
     truth: Path | None,
+    no_files: bool,
     verbose: bool,
 ) -> None:
     """Learns a linear model, and reports what the vehicle does in wind.
@@ -117,7 +132,8 @@ def learn_command(
       mavdem learn simulated.tlog --truth simulated.truth.npz
     """
     folder = out or named_after(source)
-    check_folder(folder, RESULT_FILES)
+    if not no_files:
+        check_folder(folder, RESULT_FILES)
     began = perf_counter()
     log = read_source(source)
     telemetry = choose_vehicle(log.vehicles, vehicle)
@@ -143,7 +159,9 @@ def learn_command(
         **analysis.as_dict(),
         "wind_velocity": air[0] and air[0].as_dict(),
         "seconds": round(perf_counter() - began, 3),
-        "files": {name: str(folder / name) for name in result_files(with_model=learned is not None)},
+        "files": {}
+        if no_files
+        else {name: str(folder / name) for name in result_files(with_model=learned is not None)},
     }
     blocks, details = analysis_blocks(analysis), list[Block]()
     if learned is None:
@@ -156,23 +174,30 @@ def learn_command(
         blocks += [] if analysis.truth is None else truth_blocks(analysis.truth)
         details = detail_blocks(learned, report)
     blocks[-1:-1] = wind_blocks(air)  # what to do next stays last
-    known = {(telemetry.system, telemetry.component): (verdict, condition, analysis.identity)}
-    held = inventory(log, verdict.axis, vehicle, inputs, known)
-    held["vehicles"][0] |= analysis.findings.as_dict() | {"model": analysis.model}
-    page = log_page(heading, blocks, {verdict.axis: analysis}, held, air=air)
-    write_results(folder, report, page, analysis, air, signals.position)
-    for what, extra in ((f"{RECORDING} was not written, since it", "view"), ("Drawing its pictures", "plot")):
-        if learned is not None and (hint := advice(what, extra)):
-            say_aside(hint)
-    print_result(report, [heading, *blocks, *(details if verbose else [])], as_json)
     if not as_json:
-        place = printable(folder)
-        say_aside(f"Took {report['seconds']:.1f} s. Written to {place}: {', '.join(map(printable, report['files']))}.")
-        say_aside(f"Read or mail: {place}/report.html")
-        if RECORDING in report["files"]:
+        print_blocks([heading, *blocks, *(details if verbose else [])])
+    if not no_files:
+        known = {(telemetry.system, telemetry.component): (verdict, condition, analysis.identity)}
+        held = inventory(log, verdict.axis, vehicle, inputs, known)
+        held["vehicles"][0] |= analysis.findings.as_dict() | {"model": analysis.model}
+        with progress("Drawing and writing the files", measured=False):
+            page = log_page(heading, blocks, {verdict.axis: analysis}, held, air=air)
+            write_results(folder, report, page, analysis, air, signals.position)
+        for what, extra in ((f"{RECORDING} was not written, since it", "view"), ("Drawing its pictures", "plot")):
+            if learned is not None and (hint := advice(what, extra)):
+                say_aside(hint)
+    if as_json:
+        print_json(report)
+        if learned is None:  # else the screen has said it
+            complain(analysis.refusal.reason, analysis.refusal.remedy, as_json=False)
+    else:
+        place, files = printable(folder), report["files"]
+        written = f" Written to {place}: {', '.join(map(printable, files))}." if files else ""
+        say_aside(f"Took {perf_counter() - began:.1f} s.{written}")
+        if files:
+            say_aside(f"Read or mail: {place}/report.html")
+        if RECORDING in files:
             say_aside(f"Look: {shlex.join(['rerun', f'{place}/{RECORDING}'])}")
-    elif learned is None:  # else the screen has said it
-        complain(analysis.refusal.reason, analysis.refusal.remedy, as_json=False)
     if learned is None:
         raise click.exceptions.Exit(1)  # no model
 
@@ -203,16 +228,25 @@ def write_results(
         place["report.json"].write_text(json_text(report) + "\n")
         place["report.html"].write_text(page, "utf-8", "replace")
         if learned is not None and held_out is not None:
-            same = air[0] is not None and air[0].boot == flights[0].provenance["segment"]["boot"]  # and so one clock
-            wind = air[0] if same else None
             place["model.json"].write_text(learned.to_json() + "\n")
             if RECORDING in names:
-                # Rerun takes a second to load, and a flight that cannot be learned needs none of it.
-                with ending_at_once():
-                    from mavdem.view import write_recording
-
-                known = analysis.findings, analysis.changes, wind, position
-                write_recording(place[RECORDING], flights, learned, held_out, *known)
-            write_channels(place["flight.mcap"], flights, learned, held_out, wind)
+                write_dashboard(place[RECORDING], analysis, air, position)
+            write_channels(place["flight.mcap"], flights, learned, held_out, same_clock(air, flights))
     for name in set(RESULT_FILES) - set(names):
         (folder / name).unlink(missing_ok=True)
+
+
+def write_dashboard(path: Path, analysis: LogAnalysis, air: Air, position: Signal | None) -> None:
+    """Writes an ``analysis`` with a model, and the wind, as an .rrd file."""
+    assert analysis.learned is not None and analysis.held_out is not None
+    # Rerun takes a second to load, and a flight that cannot be learned needs none of it.
+    with ending_at_once():
+        from mavdem.view import write_recording
+
+    known = analysis.findings, analysis.changes, same_clock(air, analysis.flights), position
+    write_recording(path, analysis.flights, analysis.learned, analysis.held_out, *known)
+
+
+def same_clock(air: Air, flights: Sequence[Flight]) -> WindVelocity | None:
+    """Returns the wind where it is of the boot of ``flights``, and so on one clock with them."""
+    return air[0] if air[0] is not None and air[0].boot == flights[0].provenance["segment"]["boot"] else None

@@ -392,6 +392,7 @@ class PlantForecasts:
         return Forecast(self.scaling.physical_outputs(made), self.errors[lengths])
 
     @cached_property
+    @may_overflow
     def errors(self) -> Array:
         """(L, m) mean squared errors of forecasts of the training data, by length; infinite where these overflow."""
         horizon = max(1, min(round(LONGEST_FORECAST_SECONDS / self.record.dt), 2 * self.record.longest // 3))
@@ -404,10 +405,8 @@ class PlantForecasts:
             share = max(1, round(MOST_STARTS * len(outputs) / len(self.record)))
             starts = np.unique(np.linspace(min(horizon // 4, last), last, share).astype(int))
             u, y = self.scaling.scale_inputs(inputs), self.scaling.scale_outputs(outputs)
-            with np.errstate(over="ignore", invalid="ignore"):
-                states = self.predictor.filtered(self.predictor.second(u[0], y[0]), u[1:], y[1:])[starts]
-                ahead = self.predictor.simulated_from(starts + 1, horizon, states, u)
-                squares.append((y[starts[:, None] + 1 + np.arange(horizon)] - ahead) ** 2)
-        with np.errstate(over="ignore", invalid="ignore"):
-            mean = np.concatenate(squares).mean(axis=0) * self.scaling.output_scale**2
+            states = self.predictor.filtered(self.predictor.second(u[0], y[0]), u[1:], y[1:])[starts]
+            ahead = self.predictor.simulated_from(starts + 1, horizon, states, u)
+            squares.append((y[starts[:, None] + 1 + np.arange(horizon)] - ahead) ** 2)
+        mean = np.concatenate(squares).mean(axis=0) * self.scaling.output_scale**2
         return np.where(np.isfinite(mean), mean, np.inf)

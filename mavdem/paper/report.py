@@ -11,7 +11,7 @@ from typing import Any
 
 from mavdem.dem import learn
 from mavdem.evaluate import held_out_test
-from mavdem.paper import benchmark, coordinates, landscape, noise, oracle, order, prediction
+from mavdem.paper import forecasts, landscape, noise, oracle, order
 from mavdem.paper.claims import CLAIMS, Claim
 from mavdem.paper.runner import PAPER, ClaimStatus, Result, Runner, claim_status, findings
 from mavdem.report.blocks import Block, Sentence, Table
@@ -19,8 +19,11 @@ from mavdem.report.page import Chapter
 from mavdem.report.page import document as page
 from mavdem.view import write_recording
 
-EXPERIMENTS = (noise, prediction, coordinates, benchmark, order, oracle, landscape)
-ITEMS = {claim: experiment.run for claim, experiment in zip(CLAIMS, EXPERIMENTS, strict=True)}
+EXPERIMENTS = (
+    *(noise.run, forecasts.prediction, forecasts.coordinates, forecasts.benchmark),
+    *(order.run, oracle.run, landscape.run),
+)
+ITEMS = dict(zip(CLAIMS, EXPERIMENTS, strict=True))
 
 PAGE, NUMBERS, RECORDING = "index.html", "numbers.json", "experiment.rrd"
 TITLE = "A Brain Inspired Learning Algorithm for the Perception of a Quadrotor in Wind"

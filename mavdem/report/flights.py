@@ -200,10 +200,8 @@ def difference_blocks(found: VehicleDifference) -> list[Block]:
                 "Track several flights of each to measure it."
             )
         text = f"± are 90 % intervals. {len(found.changes)} quantities are tested together (Holm): that any is called "
-        text += (
-            f"changed when none did has a chance of at most {100 * FAMILY_ERROR:.0f} %, as far as the intervals hold."
-        )
-        blocks.append(Sentence(f"{text} {basis}", "How sure:"))
+        text += f"changed when none did has a chance of at most {100 * FAMILY_ERROR:.0f} %, as far as the intervals "
+        blocks.append(Sentence(f"{text}hold. {basis}", "How sure:"))
     return blocks
 
 

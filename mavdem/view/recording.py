@@ -59,7 +59,14 @@ def write_recording(
         flight, learning = _flight(recording, series, found), _learning(recording, learned)
         air = [] if wind is None else [_air(recording, series, wind, position)]
         tabs = rrb.Tabs(flight, *air, rrb.Vertical(*details, name="Details"), learning, report, active_tab=0)
-        recording.send_blueprint(blueprint(tabs, play_state="paused"), make_active=False)
+        recording.send_blueprint(blueprint(tabs, play_state="paused"), make_active=True)
+
+
+def write_words(path: str | os.PathLike[str], name: str, blocks: Sequence[Block]) -> None:
+    """Writes ``blocks`` about the log ``name`` as an .rrd file ``path``; ``OSError`` if it cannot be written."""
+    with recorded(path, name) as recording:
+        words = rrb.Vertical(_text(recording, "report", "Report", blocks))
+        recording.send_blueprint(blueprint(words), make_active=True)
 
 
 class FlightSeries:

@@ -21,12 +21,11 @@ from distributed import LocalCluster
 from standin_logs import LIMITS, READ, make_logs, seen_by, statuses, table_of, track
 
 from mavdem.errors import Unreadable
-from mavdem.fleet import cluster
-from mavdem.fleet.cluster import Cluster
+from mavdem.fleet import workers
 from mavdem.fleet.row import FlightRow
 from mavdem.fleet.sources import fetch, find_logs
 from mavdem.fleet.store import STORE, read_rows
-from mavdem.fleet.workers import Job, LogRows, WorkerPool, outcome_of
+from mavdem.fleet.workers import Cluster, Job, LogRows, WorkerPool, outcome_of
 
 
 def test_an_outcome_has_the_log_s_name_and_key_and_why_it_has_no_rows(tmp_path):
@@ -144,7 +143,7 @@ def test_a_killed_worker_of_a_cluster_loses_nothing(tmp_path, two_workers):
     assert done.read == 12 and killed
     assert table_of(tmp_path / "there") == table_of(tmp_path / "here") and len(read_rows(tmp_path / "here")) == 24
     with two_workers.get_client() as client:
-        assert not any(client.run(lambda: len(cluster._pools)).values())
+        assert not any(client.run(lambda: len(workers._pools)).values())
 
 
 @pytest.mark.slow
@@ -157,7 +156,7 @@ def test_a_killed_worker_of_a_cluster_loses_nothing(tmp_path, two_workers):
 )
 def test_workers_that_cannot_help_are_said(tmp_path, two_workers, monkeypatch, name, value, sentence):
     make_logs(tmp_path, 1)
-    monkeypatch.setattr(cluster, name, value)
+    monkeypatch.setattr(workers, name, value)
     with pytest.raises(Unreadable, match=sentence):
         list(Cluster(two_workers.scheduler_address, LIMITS, READ).outcomes(iter([Job(str(tmp_path / "log_0.bin"))])))
 

@@ -13,7 +13,7 @@ from mavdem.baselines import maximum_likelihood
 from mavdem.cli.commands import main
 from mavdem.cli.reproduce import write_report
 from mavdem.evaluate.windows import Window
-from mavdem.paper import benchmark, coordinates, noise, oracle, order, prediction
+from mavdem.paper import forecasts, noise, oracle, order
 from mavdem.paper.claims import CLAIMS, MSPE_WITH_COORDINATES, MSPE_WITHOUT_COORDINATES
 from mavdem.paper.report import ITEMS, NUMBERS, PAGE, RECORDING, ItemReport
 from mavdem.paper.runner import PEERS, WITH, Check, ClaimStatus, Extent, Result, Runner, claim_status
@@ -50,16 +50,16 @@ def test_noise_is_judged_by_its_shape_and_its_colour():
 
 def test_generalized_coordinates_must_win_in_total_and_mostly():
     without, with_ = (np.array([own]).T for own in (MSPE_WITHOUT_COORDINATES, MSPE_WITH_COORDINATES))
-    assert coordinates.check((with_, without), "the paper's own").holds
-    assert not coordinates.check((without, with_), "swapped").holds
+    assert forecasts.coordinates_check((with_, without), "the paper's own").holds
+    assert not forecasts.coordinates_check((without, with_), "swapped").holds
     one_wins = np.array([[1.1, 1.1, 1.1, 1.1, 0.1]]).T
-    assert not coordinates.check((one_wins, np.ones((5, 1))), "one flight makes the total").holds
+    assert not forecasts.coordinates_check((one_wins, np.ones((5, 1))), "one flight makes the total").holds
 
 
 def test_a_method_must_win_on_every_flight():
     errors = {WITH: np.array([1.0, 2.0]), **{name: np.array([3.0, 3.0]) for name in PEERS}}
-    won = benchmark.least(errors, WITH, PEERS, "from the data")
-    lost = benchmark.least(errors | {PEERS[0]: np.array([3.0, 1.5])}, WITH, PEERS, "from the data")
+    won = forecasts.least(errors, WITH, PEERS, "from the data")
+    lost = forecasts.least(errors | {PEERS[0]: np.array([3.0, 1.5])}, WITH, PEERS, "from the data")
     assert (won.holds, lost.holds) == (True, False)
     assert "on 2 of 2" in won.finding and "on 1 of 2" in lost.finding
 
@@ -96,7 +96,7 @@ def test_a_prediction_is_judged_by_what_it_shows():
         learning=SimpleNamespace(theta=np.arange(20.0)[:, None]),
         free_energy=SimpleNamespace(total=np.array([0.0, -1.0])),
     )
-    assert not any(holds(prediction.checks(window, still, [1.0, 9.0])[1:]))
+    assert not any(holds(forecasts.prediction_checks(window, still, [1.0, 9.0])[1:]))
 
 
 @pytest.mark.slow

@@ -32,30 +32,18 @@ class Loop:
 
     >>> loop = learned.loop()
     >>> loop.phase_margin, loop.phase_margin_interval, loop.attitude.crossover
-
-    Attributes:
-        axis: "roll", "pitch" or "yaw".
-        plant: its physical parameters.
-        record: the flight that these are from.
-        controller: of the autopilot.
-        gains: (N,) angular acceleration per demand, rad/s², the estimate's first and then of draws.
-        draws: (N, 3) likewise damping, 1/s, lag and delay, s.
-        rate: from the error of the rate to the rate.
-        attitude: from the error of the angle to the angle, the rate loop closed.
-        cautions: what the figures do not allow for, one sentence each.
-        measured: response of the rate in flight beside the predicted one; None without setpoints in the log.
     """
 
-    axis: str
+    axis: str  # "roll", "pitch" or "yaw"
     plant: Physical
-    record: Record
+    record: Record  # the flight that they are from
     controller: Controller
-    gains: Array
-    draws: Array
-    rate: OpenLoop
-    attitude: OpenLoop
-    cautions: tuple[str, ...]
-    measured: MeasuredResponse | None = None
+    gains: Array  # (N,) angular acceleration per demand, rad/s², the estimate's first and then of draws
+    draws: Array  # (N, 3) likewise damping, 1/s, lag and delay, s, behind the gyro's filter
+    rate: OpenLoop  # from the error of the rate to the rate
+    attitude: OpenLoop  # from the error of the angle to the angle, the rate loop closed
+    cautions: tuple[str, ...]  # what the figures do not allow for, one sentence each
+    measured: MeasuredResponse | None = None  # in flight, where the log has setpoints
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_"):

@@ -28,30 +28,18 @@ FIGURES = ("crossover", "phase_margin", "gain_margin", "delay_margin", "ms", "ba
 class OpenLoop:
     """One loop, opened at its controller: N responses at F frequencies, the estimate's first and then of draws.
 
-    Attributes:
-        frequency: (F,) Hz.
-        response: (N, F) of the open loop, without its sign.
-        closed: (N, F) from the setpoint to the rate, or the angle.
-        disturbance: (N, F) from the wind's torque, rad/s², to the rate, rad/s, or the angle, rad.
-        stable: (N,) whether the closed loop is.
-        figures: (N,) of each of :data:`FIGURES`, by name.
-        crossover: highest frequency at which the gain is 1, Hz.
-        phase_margin: the smallest, degrees; negative where the loop is unstable.
-        gain_margin: the smallest, dB; infinite where no frequency has it.
-        delay_margin: further dead time that the loop bears, s.
-        ms: largest sensitivity.
-        bandwidth: frequency up to which ``closed`` is at least -3 dB, Hz.
-        rejection: largest of ``disturbance``, s or s².
-
-    Each figure has a 90 % interval: ``crossover_interval`` and so on, (low, high).
+    Figures: ``crossover``, the highest frequency at which the gain is 1, Hz; ``phase_margin``, degrees, negative where
+    the loop is unstable; ``gain_margin``, dB, infinite where no frequency has it; ``delay_margin``, s; ``ms``, the
+    largest sensitivity; ``bandwidth``, up to which ``closed`` is at least -3 dB, Hz; ``rejection``, the largest of
+    ``disturbance``, s or s². Margins are the smallest. Each has a 90 % interval, (low, high): ``ms_interval``.
     """
 
-    frequency: Array
-    response: Complex
-    closed: Complex
-    disturbance: Complex
-    stable: NDArray[np.bool_]
-    figures: Mapping[str, Array]
+    frequency: Array  # (F,) Hz
+    response: Complex  # (N, F) of the open loop, without its sign
+    closed: Complex  # (N, F) from the setpoint to the rate, or the angle
+    disturbance: Complex  # (N, F) from the wind's torque, rad/s², to the rate, rad/s, or the angle, rad
+    stable: NDArray[np.bool_]  # (N,) whether the closed loop is
+    figures: Mapping[str, Array]  # (N,) of each of ``FIGURES``, by name
 
     @classmethod
     def of(cls, frequency: Array, response: Complex, closed: Complex, disturbance: Complex) -> OpenLoop:

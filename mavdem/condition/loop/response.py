@@ -20,31 +20,19 @@ REGULARISED, STEP_SECONDS = 1e-4, 1.0  # of the setpoint's largest density, in t
 
 
 class MeasuredResponse(NamedTuple):
-    """Of the rate to its setpoint, in flight, and as the loop predicts it.
+    """Of the rate to its setpoint, in flight, and as the loop predicts it."""
 
-    Attributes:
-        frequency: (F,) Hz.
-        response, predicted: (F,) complex.
-        coherence: (F,) share of the rate's power that the setpoint explains.
-        band: Hz from and to which coherence allows a comparison.
-        fit: of the predicted rate to the measured one in the band, 100 (1 - NRMSE) %.
-        agreement: likewise of what the setpoint explains: what is missing is the loop's error.
-        time: (K,) s of the step, from it on.
-        step, predicted_step: (K,) of the rate, deconvolved, by 1 rad/s of the setpoint; and from the prediction.
-        reason: why the two do not agree, one sentence; empty where they do.
-    """
-
-    frequency: Array
-    response: Complex
+    frequency: Array  # (F,) Hz
+    response: Complex  # (F,)
     predicted: Complex
-    coherence: Array
-    band: tuple[float, float]
-    fit: float
-    agreement: float
-    time: Array
-    step: Array
-    predicted_step: Array
-    reason: str
+    coherence: Array  # (F,) share of the rate's power that the setpoint explains
+    band: tuple[float, float]  # Hz from and to which coherence allows a comparison
+    fit: float  # of the predicted rate to the measured one in the band, 100 (1 - NRMSE) %
+    agreement: float  # likewise of what the setpoint explains: what is missing is the loop's error
+    time: Array  # (K,) s of the step, from it on
+    step: Array  # (K,) of the rate by a setpoint of 1 rad/s, deconvolved
+    predicted_step: Array  # likewise from the prediction
+    reason: str  # why the two do not agree, one sentence; empty where they do
 
 
 def measured_response(record: Record, controller: Controller, at: Array, closed: Complex) -> MeasuredResponse | None:
