@@ -179,9 +179,7 @@ def _loops(scenario: Scenario, cycle: float, number: int, damping: float, effect
     }
 
 
-def _response(
-    scenario: Scenario, cycle: float, number: int, wanted: bool, turns: NDArray[np.complex128]
-) -> NDArray[np.complex128]:
+def _response(scenario: Scenario, cycle: float, number: int, wanted: bool, turns: NDArray[Any]) -> NDArray[Any]:
     """(N,) of the rate controller at ``turns``, j times rad a cycle: from the rate that is ``wanted``, or the rate."""
     controller = controller_for(scenario, cycle)
     impulse = np.eye(1, SETTLED_CYCLES)[0].tolist()

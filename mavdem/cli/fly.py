@@ -95,16 +95,12 @@ def fly_command(
     Scenarios of your own: start from one of these.
       mavdem fly hover_blower --describe > mine.toml
       mavdem fly mine.toml --seed 2 --duration 120 --out flight.mcap
+      mavdem fly hover_blower --vehicle of_mavdem_twin.toml --set ATC_RAT_RLL_P=0.2 --out flight.tlog
 
     \b
     Live, for a ground station that listens on port 14550:
       mavproxy.py --master=udpin:127.0.0.1:14550 --streamrate=-1
       mavdem fly hover_blower --udp 127.0.0.1:14550
-
-    \b
-    A vehicle learned from a log, with another gain:
-      mavdem twin flight.tlog --out mine.toml
-      mavdem fly hover_blower --vehicle mine.toml --set ATC_RAT_RLL_P=0.2 --out try.tlog
 
     Without --streamrate=-1 MAVProxy requests 4 Hz from ArduPilot, which is too slow to learn from.
     """

@@ -103,13 +103,11 @@ def _flown(
 ) -> dict[str, list[float]]:
     scenario, samples = scenario_of(tomllib.loads(vehicle_text(twin, ".toml", ""))), round(LONGEST / flight.dt)
     recorded, (angles, rates), flown = flight.outputs[:samples], setpoints, []
-    with progress("Flying the twin") as done:
+    with progress("Flying the twin", measured=False):
         for seed in range(FLIGHTS):
             noise, torques = np.random.default_rng(seed), np.zeros((len(recorded), 2))
-            for number, axis in enumerate(TILT_AXES):
-                if axis in loops:
-                    torques[:, number] = torque(loops[axis], len(recorded), flight.dt, noise)
+            for number, axis in enumerate(one for one in TILT_AXES if one in loops):
+                torques[:, number] = torque(loops[axis], len(recorded), flight.dt, noise)
             again = scenario.model_copy(update={"seed": seed})
             flown.append(replayed(again, flight.dt, angles[:samples], rates[:samples], torques))
-            done((seed + 1) / FLIGHTS)
     return alike(recorded, np.array(flown), flight.dt)
