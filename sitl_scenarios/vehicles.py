@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import tomllib
 from dataclasses import dataclass, replace
+from importlib.resources import files
 from math import sqrt
 
 from sitl_scenarios.scenario import BodySpec, VehicleSpec
@@ -83,65 +85,14 @@ class Airframe:
         return self.speed_for(self.mass * GRAVITY / 4)
 
 
-ARDRONE2 = Airframe(
-    # TU Delft's figures, from which the paper's table of systems follows: D. Benders, "AR.Drone 2.0 state estimation
-    # using Dynamic Expectation Maximization", MSc thesis, 2020. Its command is PWM of 0 to 255.
-    mass=0.481,
-    inertia=(3.4e-3, 4.0e-3, 6.9e-3),
-    arm=(0.178 / sqrt(2), 0.178 / sqrt(2)),
-    thrust=(1.021e-5, -7.037e-4),
-    torque=(2.4e-7, -9.9e-6),
-    speed=(3.7 / 2.55, 130.9),
-    full=255.0,
-    # No lag, drag or height is published with them. Assumed: the lag of rotors of this size; the drag and inflow of the
-    # AscTec Hummingbird, whose rotors are as large and as fast (J. Svacha et al., "Improving quadrotor trajectory
-    # tracking by compensating for aerodynamic effects", ICUAS 2017, as given in RotorPy); hull with indoor guards,
-    # 0.52 by 0.1 m seen from the side, C_d about 0.8 of what is solid in it.
-    lag=(0.02, 0.02),
-    rotor_drag=1.19e-4,
-    inflow=2.32e-4,
-    hub_height=0.02,
-    drag_area=0.02,
-)
+def _published() -> dict[str, Airframe]:
+    tables = tomllib.loads((files("sitl_scenarios") / "airframes.toml").read_text())
+    for table in tables.values():
+        table |= {key: tuple(one) for key, one in table.items() if isinstance(one, list)}
+    return {name: Airframe(**table) for name, table in tables.items()}
 
-IRIS = Airframe(
-    # 3DR Iris as in PX4's gazebo-classic model iris.sdf: hull of 1.5 kg and four rotors of 5 g; rotors 0.13 m forward,
-    # 0.22 m right (0.20 m behind, taken as in front) and 0.023 m up; 1100 rad/s at full command and 100 at none; rotor
-    # drag after Ph. Martin and E. Salaün, "The true role of accelerometer feedback in quadrotor control", ICRA 2010.
-    mass=1.52,
-    inertia=(0.029125, 0.029125, 0.055225),
-    arm=(0.13, 0.22),
-    hub_height=0.023,
-    thrust=(5.84e-6, 0.0),
-    torque=(0.06 * 5.84e-6, 0.0),
-    speed=(1000.0, 100.0),
-    full=1.0,
-    lag=(0.0125, 0.025),
-    rotor_drag=1.75e-4,
-    # Assumed: twice the rotor drag, as the Hummingbird's; and a hull of 0.47 by 0.11 m, C_d 0.8 of what is solid in it.
-    inflow=3.5e-4,
-    drag_area=0.03,
-)
 
-CRAZYFLIE = Airframe(
-    # Crazyflie 2.x: S. Folk, J. Paulos and V. Kumar, "RotorPy", 2023, after J. Förster, "System identification of the
-    # Crazyflie 2.0 nano quadrocopter", BSc thesis, ETH Zürich 2015, whose ratio of torque to thrust is taken.
-    mass=0.030,
-    inertia=(1.43e-5, 1.43e-5, 2.89e-5),
-    arm=(0.043 / sqrt(2), 0.043 / sqrt(2)),
-    thrust=(2.3e-8, 0.0),
-    torque=(0.005964552 * 2.3e-8, 0.0),
-    speed=(2500.0, 0.0),
-    full=1.0,
-    lag=(0.072, 0.072),
-    rotor_drag=10.2506e-7,
-    inflow=7.553e-7,
-    # Assumed: rotors 5 mm above the centre of mass; 0.09 by 0.03 m seen from the side, C_d 0.8 of what is solid in it.
-    hub_height=0.005,
-    drag_area=1e-3,
-)
-
-AIRFRAMES = {"ardrone2": ARDRONE2, "iris": IRIS, "crazyflie": CRAZYFLIE}  # By the name that a scenario gives
+AIRFRAMES = _published()  # By the name that a scenario gives; their figures and sources are in airframes.toml
 
 
 def airframe(vehicle: VehicleSpec) -> Airframe:

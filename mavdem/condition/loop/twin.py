@@ -94,6 +94,9 @@ def twin_of(loops: Mapping[str, Loop], px4: bool, hover: float, drag: Drag | Non
         "damping": likely.get("damping", f"roll ± {halves.damping:.2g}"),
         "lag": likely.get("lag", f"± {halves.lag:.2g}"),
     }
+    if drag is not None:
+        ends = {f"drag_{name}": drag.interval(name).mean(axis=1) for name in ("linear", "quadratic")}
+        notes |= {name: f"from {low:.2g} to {high:.2g}" for name, (low, high) in ends.items()}
     return replace(
         body,
         inertia=(inertia["roll"], across, flat),
