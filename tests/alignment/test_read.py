@@ -5,7 +5,7 @@ import json
 
 import numpy as np
 import pytest
-from hover import Hover, changed, columns, log_of
+from hover import Hover, changed, columns, log_of, only
 from recorded_flights import shared
 
 from mavdem import Flight
@@ -36,17 +36,13 @@ def test_a_flight_carries_the_cautions_of_its_verdict():
     assert json.loads(json.dumps(flight.provenance, allow_nan=False)) == flight.provenance
 
 
-def without_messages(telemetry: Telemetry, lost) -> Telemetry:
-    """The telemetry without the messages of attitude and motors for which ``lost(time)`` is true."""
-    for message in ("ATTITUDE", "SERVO_OUTPUT_RAW"):
-        table = telemetry.messages[message]
-        kept = ~lost(table["time"])
-        telemetry = changed(telemetry, message, **{name: column[kept] for name, column in table.items()})
-    return telemetry
+def received(wanted) -> Telemetry:
+    """A hover with the messages of attitude and motors for which ``wanted(time)`` is true."""
+    return only(HOVER.telemetry(), wanted, "ATTITUDE", "SERVO_OUTPUT_RAW")
 
 
 def test_segments_are_all_of_settled_flight_and_the_longest_is_the_flight():
-    gaps = without_messages(HOVER.telemetry(), lambda time: (abs(time - 20) < 0.5) | (abs(time - 33) < 0.5))
+    gaps = received(lambda time: (abs(time - 20) >= 0.5) & (abs(time - 33) >= 0.5))
     log = log_of(gaps)
     (first, middle, last), (flight, verdict) = segments_of(log)[0], learnable_flight(log)
     assert [round(one.time[0], 2) for one in (middle, last)] == [20.5, 33.5]
@@ -60,9 +56,7 @@ def test_segments_are_all_of_settled_flight_and_the_longest_is_the_flight():
 
 
 def test_segments_have_one_step_also_where_a_link_lost_messages():
-    lossy = without_messages(
-        HOVER.telemetry(), lambda time: (abs(time - 25) < 0.5) | ((time < 25) & (np.round(100 * time) % 9 == 0))
-    )
+    lossy = received(lambda time: (abs(time - 25) >= 0.5) & ((time >= 25) | (np.round(100 * time) % 9 != 0)))
     flights, _ = segments_of(log_of(lossy))
     assert [one.dt for one in flights] == [0.01, 0.01]
     assert flights[0].provenance["rates"]["attitude"] == pytest.approx(89, abs=1)

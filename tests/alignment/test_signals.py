@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hover import ARMED, MAV_AUTOPILOTS, MAV_TYPES, Hover, changed, columns
+from hover import ARMED, MAV_AUTOPILOTS, MAV_TYPES, Hover, changed, columns, with_demand, with_pulses
 from scipy.spatial.transform import Rotation
 
 from mavdem.alignment import drive, signals
@@ -185,8 +185,7 @@ def test_a_message_without_motors_that_move_leaves_the_next():
     actuator = np.full((len(time), 32), np.nan)
     actuator[:, :4] = HOVER.motors(time)
     telemetry = changed(HOVER.telemetry(), "ACTUATOR_OUTPUT_STATUS", **columns(time, actuator=actuator))
-    still = {f"servo{n}_raw": np.full(len(HOVER.stamps(100.0)), 1000.0) for n in range(1, 9)}
-    motors = drive.motors_or_obstacle(changed(telemetry, "SERVO_OUTPUT_RAW", **still))
+    motors = drive.motors_or_obstacle(with_pulses(telemetry, np.full((8, len(HOVER.stamps(100.0))), 1000.0)))
     assert motors is not None and motors.message == "ACTUATOR_OUTPUT_STATUS"
     np.testing.assert_array_equal(motors.outputs, HOVER.motors(time))
 
@@ -227,16 +226,6 @@ def test_armed_outvotes_strays_and_foreign_heartbeats():
     expected = (state.time >= 5) & (state.time < HOVER.landed + 1)
     np.testing.assert_array_equal(state.values > 0, expected)
     assert len(state.time) == len(table["time"]) - 3
-
-
-def with_demand(telemetry, rate=100.0, group=0.0, thrust=0.5):
-    """The telemetry with a controller's demand beside it: roll a sine, pitch nothing."""
-    time = np.arange(0.0, telemetry.messages["ATTITUDE"]["time"][-1], 1 / rate)
-    controls = np.zeros((len(time), 8))
-    controls[:, 0], controls[:, 3] = 0.1 * np.sin(time), thrust
-    return changed(
-        telemetry, "ACTUATOR_CONTROL_TARGET", **columns(time, controls=controls, group_mlx=np.full(len(time), group))
-    )
 
 
 def test_the_demand_on_an_axis_is_one_input_that_turns_it():
