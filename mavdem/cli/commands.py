@@ -50,6 +50,7 @@ class _Commands(click.Group):
         click.Command(
             "wind", help="Reports the wind in m/s, where it comes from, and the vehicle's drag, with intervals of 90 %."
         ),
+        click.Command("tune", help="Reports the margins of the rate and attitude loops, and gains to set."),
         click.Command("compare", help="Compares DEM with other methods, window by window."),
         click.Command("order", help="Finds the model order (number of states) by the free energy."),
         click.Command("diff", help="Reports what changed of a vehicle between A and B, and what stayed the same."),

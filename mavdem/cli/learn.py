@@ -59,6 +59,16 @@ def _seconds(context: click.Context, parameter: click.Parameter, value: str) -> 
     return seconds
 
 
+start_option = click.option(
+    "--start",
+    metavar="SECONDS",
+    default="0",
+    show_default=True,
+    callback=_seconds,
+    help="Nothing before it is used: seconds into the settled flight.",
+)
+
+
 @click.command("learn")
 @source_options(
     (*TILT_AXES, ALL), "Axis to model; all: a model of roll, and the physical parameters of roll, pitch and yaw."
@@ -70,14 +80,7 @@ def _seconds(context: click.Context, parameter: click.Parameter, value: str) -> 
 @window_options(
     "the whole settled flight", "A held-out window; with --train the one after it: seconds (1.5s) or samples (150)."
 )
-@click.option(
-    "--start",
-    metavar="SECONDS",
-    default="0",
-    show_default=True,
-    callback=_seconds,
-    help="Nothing before it is used: seconds into the settled flight.",
-)
+@start_option
 @file_option("--truth", "Truth of a simulated flight, flight.truth.npz: it is put beside the estimates.")
 @click.option("--no-files", is_flag=True, help="Only print the screen; write no files.")
 @click.option("--verbose", is_flag=True, help="Also print cautions, the model A, B and C, and how it was learned.")

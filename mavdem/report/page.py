@@ -19,10 +19,11 @@ from markupsafe import Markup, escape
 
 from mavdem.analysis import LogAnalysis
 from mavdem.analysis.findings import NONE, Findings, findings_of
+from mavdem.condition.loop import Advice, Loop
 from mavdem.condition.wind_of_log import Air
 from mavdem.dem import Learned
 from mavdem.dem.order_choice import OrderChoice
-from mavdem.errors import advice, downstream
+from mavdem.errors import NotLearnable, advice, downstream
 from mavdem.evaluate.comparison import Comparison
 from mavdem.flight import Flight
 from mavdem.live import SessionStatus
@@ -32,6 +33,7 @@ from mavdem.report.comparison import comparison_report, order_report
 from mavdem.report.condition import log_blocks, wind_blocks
 from mavdem.report.details import detail_blocks
 from mavdem.report.flights import MAX_PARTS, event_blocks, live_report, parts_learned
+from mavdem.report.loops import margin_tables, tune_blocks
 from mavdem.report.numbers import Labels, listed, named, readable, rounded
 from mavdem.report.palette import INK_ON_LIGHT
 from mavdem.report.screen import analysis_blocks, screen, title
@@ -152,6 +154,7 @@ def log_page(
         if (learned := analysis.learned) is not None:
             pictures = model_pictures(learned, analysis.findings, PICTURES if inventory else FEW_PICTURES, analysis)
             chapters.append(Chapter(f"Pictures of {axis}", pictures=pictures))
+            chapters += _loops(axis, learned) if inventory else []
             details, said = detail_blocks(learned, analysis.as_dict()), "The same of DEM's A, B and C, in closed loop."
             own = Picture("Frequency response of DEM's model", said, partial(_bode_of_dem, learned))
             pictures = [own] if inventory and learned.physical and learned.physical.identifiable else []
@@ -163,6 +166,16 @@ def log_page(
             folded.append(Chapter("Settings", [Table(["setting", "value"], rows, words=True)], folded=True))
     subtitle = heading.text[:1].upper() + heading.text[1:]
     return document(heading.lead.rstrip(":"), subtitle, blocks, [*chapters, *folded], back)
+
+
+def _loops(axis: str, learned: Learned) -> list[Chapter]:
+    """The margins, where plant and controller are known."""
+    try:
+        loop = learned.loop()
+    except NotLearnable:
+        return []
+    blocks = [Sentence("`mavdem tune` with this log has the verdict and gains to set."), *margin_tables({"now": loop})]
+    return [Chapter(f"Loops of {axis}", blocks, [loop_picture(loop)])]
 
 
 def _bode_of_dem(learned: Learned) -> Any:
@@ -227,6 +240,21 @@ def model_pictures(
             words = f"Forecast windows as above, for {name}." if output else caption
             pictures.append(Picture(title.format(output=name), words, partial(draw, method, output)))
     return pictures
+
+
+def loop_picture(loop: Loop, after: Loop | None = None) -> Picture:
+    """Returns the picture of the loops of an axis, and of those with other gains."""
+    said = "Gain, phase and sensitivity of the open loops, how far they stay from −1, and steps, with 90 % bands."
+    return Picture("Rate and attitude loop", said, lambda: downstream("report.figures.loops", "loops")(loop, after))
+
+
+def tune_page(name: str, found: Mapping[str, Advice | str]) -> str:
+    """Returns the HTML of ``mavdem tune`` of the log ``name``, by axis."""
+    known = {axis: advice for axis, advice in found.items() if isinstance(advice, Advice)}
+    drawn = {axis: loop_picture(one.before, one.after if one.parameters else None) for axis, one in known.items()}
+    chapters = [Chapter(f"Loops of {axis}", pictures=[picture]) for axis, picture in drawn.items()]
+    said = "Margins of the loops, and gains to set. Nothing was sent to the vehicle."
+    return document(name, said, tune_blocks(found), chapters)
 
 
 def comparison_page(comparison: Comparison, from_zero: bool = False) -> str:

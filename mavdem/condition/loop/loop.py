@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from mavdem.dem.graybox import Physical
 from mavdem.dem.graybox.likelihood import DELAY
 from mavdem.dem.graybox.wind import wind_density
 from mavdem.dem.record import Record
-from mavdem.errors import NotLearnable
+from mavdem.errors import NotLearnable, downstream
 from mavdem.ingest.controllers import ASK, MOTORS, Controller, controller_of
 
 DRAWS, SEED = 400, 31  # of the plant's posterior
@@ -35,6 +36,7 @@ class Loop:
 
     axis: str  # "roll", "pitch" or "yaw"
     plant: Physical
+    record: Record  # the flight that they are from
     controller: Controller
     gains: Array  # (N,) angular acceleration per demand, rad/s², the estimate's first and then of draws
     draws: Array  # (N, 3) likewise damping, 1/s, lag and delay, s, behind the gyro's filter
@@ -64,6 +66,11 @@ class Loop:
         if self.measured is None or self.measured.band[1] < LEAST_BAND:
             return None
         return not self.measured.reason
+
+    @cached_property
+    def advice(self) -> Any:
+        """Gains to set, with what to expect, or why there are none; see ``mavdem.condition.loop.advise``."""
+        return downstream("condition.loop.advice", "advise")(self)
 
     @property
     def lean_in_wind(self) -> float:
@@ -110,7 +117,7 @@ def loop_of(plant: Physical, record: Record, controller: Controller | None = Non
     biased = f"The control effectiveness is biased: {plant.reasons['effect']}" if plant.bias else ""
     cautions = (*([biased] if biased else []), *controller.cautions)
     measured = measured_response(record, controller, rate.frequency, rate.closed[0])
-    return Loop(axis, plant, controller, gains, dynamics, rate, attitude, cautions, measured)
+    return Loop(axis, plant, record, controller, gains, dynamics, rate, attitude, cautions, measured)
 
 
 def _drawn(plant: Physical, filtered: float, dt: float) -> Array:

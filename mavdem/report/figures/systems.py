@@ -133,7 +133,7 @@ class SystemPlots:
                     (above, unit.scale * np.abs(response), magnitudes),
                     (below, phase, phases),
                 ):
-                    _draw(axes, frequency, values, name, colour)
+                    draw(axes, frequency, values, name, colour)
                     estimates.append(values[0])
             above.set(xscale="log", yscale="log")
             above.set_ylabel(f"{labels.output_names[output]} by {command.name}\n({per(unit, command.unit)})")
@@ -166,7 +166,7 @@ class SystemPlots:
                 unit = readable(labels.output_units[output])
                 axes.axhline(0, **HAIRLINE)
                 for name, colour, values in curves:
-                    _draw(axes, time, unit.scale * values[..., output], name, colour)
+                    draw(axes, time, unit.scale * values[..., output], name, colour)
                 axes.set_ylabel(f"{labels.output_names[output]} ({unit.name})")
                 not_blown_up(axes, [unit.scale * values[0, :, output] for *_, values in curves])
             step = f"{size:g} {command.unit}".rstrip()
@@ -228,8 +228,8 @@ def _curves(
         yield "truth", TRUTH, Systems(*(one[None] for one in known))
 
 
-def _draw(axes: Axes, x: Array, values: Array, name: str, colour: str) -> None:
-    """The estimate, values (N, T)[0], and the band of the draws; dashed where there are none."""
+def draw(axes: Axes, x: Array, values: Array, name: str, colour: str) -> None:
+    """Draws the estimate, ``values`` (N, T)[0], and the band of the draws; dashed where there are none."""
     certain = len(values) == 1
     axes.plot(x, values[0], color=colour, label=name, linestyle=(0, (4, 2)) if certain else "-")
     if not certain:
