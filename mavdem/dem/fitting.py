@@ -18,6 +18,7 @@ from mavdem.dem.engine.state_space import StateSpace, filter_gain
 from mavdem.dem.forecast.simulation_error import SimulationFit
 from mavdem.dem.priors import (
     KINEMATIC,
+    Scaling,
     derivative_pairs,
     explicit_prior,
     hyperparameter_groups,
@@ -26,7 +27,6 @@ from mavdem.dem.priors import (
     uniform_prior,
 )
 from mavdem.dem.record import Record
-from mavdem.dem.scaling import Scaling
 from mavdem.dem.settings import CompleteSettings
 
 MIN_SMOOTHNESS_STEPS, MAX_SMOOTHNESS_STEPS = 1e-3, 1e5  # noise beyond these is white in the samples, or constant

@@ -23,8 +23,8 @@ from mavdem.dem.forecast.var import Forecast
 from mavdem.dem.graybox import NotIdentifiable, Physical, physical
 from mavdem.dem.graybox.simulation import simulated
 from mavdem.dem.graybox.wind import WindTorque, wind
+from mavdem.dem.priors import Scaling
 from mavdem.dem.record import Record, required_number
-from mavdem.dem.scaling import Scaling
 from mavdem.dem.settings import CompleteSettings
 from mavdem.dem.uncertainty import Direction, SandwichCovariance
 from mavdem.errors import LearnedDownstream

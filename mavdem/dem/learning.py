@@ -16,9 +16,8 @@ from mavdem.dem.fitting import Fit, Start, fit, generalized, held_by_prior, of_v
 from mavdem.dem.forecast.simulation_error import SHORTEST_HORIZON, fit_simulation, horizon_of
 from mavdem.dem.learned import Learned
 from mavdem.dem.parallel import parallel_map
-from mavdem.dem.priors import hyperparameter_groups
+from mavdem.dem.priors import hyperparameter_groups, known_inputs
 from mavdem.dem.record import Record, UniformRecord
-from mavdem.dem.scaling import known_inputs
 from mavdem.dem.settings import CompleteSettings, Settings
 from mavdem.dem.uncertainty import (
     ParameterUncertainty,

@@ -45,11 +45,6 @@ from mavdem.live.recording import RawRecording
 from mavdem.live.session import LiveSession
 
 
-@click.group(help=__doc__)
-def main() -> None:
-    pass
-
-
 def ours(path: str) -> int:
     log = read_log(path)
     for vehicle in log.vehicles:
@@ -107,8 +102,6 @@ READERS: dict[str, dict[str, Callable[[str], int]]] = {  # by format and library
 }
 
 
-@main.command()
-@click.argument("logs", nargs=-1, required=True, type=click.Path(exists=True, dir_okay=False, path_type=Path))
 def read(logs: tuple[Path, ...]) -> None:
     """How fast a log is read, beside the usual libraries of its format: the fastest of three runs.
 
@@ -153,7 +146,6 @@ def time_of(function: Callable[[], object]) -> float:
     return median(repeat(function, number=1, repeat=REPEATS))
 
 
-@main.command()
 def learn() -> None:
     """Time of a whole fit of 20 iterations on one core, and time of learning with default settings.
 
@@ -225,8 +217,6 @@ def over_udp(rate: float, folder: Path) -> str:
     return f"| {' | '.join(map(str, row))} |"
 
 
-@main.command()
-@click.option("--busy", is_flag=True, help="Beside a busy loop on every core.")
 def live(busy: bool) -> None:
     """The cost of `mavdem live`: latency from a datagram's arrival to its estimate, and CPU time.
 
@@ -240,6 +230,14 @@ def live(busy: bool) -> None:
     with TemporaryDirectory() as folder:
         for rate in (50.0, 100.0, 200.0, 400.0):
             print(over_udp(rate, Path(folder)), flush=True)
+
+
+@click.command(help=__doc__)
+@click.argument("what", type=click.Choice(["read", "learn", "live"]))
+@click.argument("logs", nargs=-1, type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.option("--busy", is_flag=True, help="Beside a busy loop on every core.")
+def main(what: str, logs: tuple[Path, ...], busy: bool) -> None:
+    {"read": partial(read, logs), "learn": learn, "live": partial(live, busy)}[what]()
 
 
 if __name__ == "__main__":

@@ -15,23 +15,13 @@ from mavdem.dem.order_choice import STRONG_EVIDENCE_NATS, OrderChoice
 from mavdem.evaluate.comparison import Comparison
 from mavdem.evaluate.scores import FROM_ZERO, KNOWN, ratio
 from mavdem.fleet.row import AXIS_ORDER, NOT_IDENTIFIABLE, Flight, worst_health
+from mavdem.report import palette
 from mavdem.report.figures.style import HAIRLINE, WIDTH, Room, band, legend_above, not_blown_up, picture, plain
 from mavdem.report.numbers import POINTS, TORQUE, short
-from mavdem.report.palette import (
-    BAD,
-    BASELINE,
-    DISTINCT,
-    DISTURBANCE,
-    HELD_OUT_OPACITY,
-    LIMITED,
-    MEASURED,
-    PREDICTED,
-    distinct,
-)
 
 FEW = 25  # flights, up to which each has a dot and its own interval
 COLUMNS = 3
-MARKS = {"fault": ("o", BAD), "drift": ("^", LIMITED)}
+MARKS = {"fault": ("o", palette.BAD), "drift": ("^", palette.LIMITED)}
 """Above the flights in which they were found; the shapes differ too, so that colour is not needed."""
 AXES = AXIS_ORDER[:2]
 
@@ -78,7 +68,9 @@ def wind_rose(flights: Sequence[Flight]) -> Figure:
         axes: Any = figure.add_subplot(projection="polar", theta_offset=np.pi / 2, theta_direction=-1)
         for low, high in pairwise((0, 2, 4, 6, 8, 10, np.inf)):
             count = np.bincount(np.rint(angle[(low <= speed) & (speed < high)] / at[1]).astype(int) % 16, minlength=16)
-            axes.bar(at, count, 0.35, bottom, color=DISTURBANCE, alpha=(low + 2) / 12, label=f"from {low:g} m/s")
+            axes.bar(
+                at, count, 0.35, bottom, color=palette.DISTURBANCE, alpha=(low + 2) / 12, label=f"from {low:g} m/s"
+            )
             bottom = bottom + count
         axes.set_xticks(np.radians(np.arange(0, 360, 45)), POINTS[::2])
         axes.legend(loc="center left", bbox_to_anchor=(1.12, 0.5))
@@ -91,7 +83,7 @@ def _draw(axes: Axes, panel: Panel) -> None:
         axes.axhline(panel.reference, **HAIRLINE)
     for number, (name, line) in enumerate(panel.lines.items()):
         values, halves = line.T
-        flights, colour = np.arange(len(values), dtype=np.float64), distinct(number)
+        flights, colour = np.arange(len(values), dtype=np.float64), palette.distinct(number)
         few = len(values) <= FEW
         axes.plot(flights, values, "o-" if few else "-", color=colour, label=plain(name), markersize=3, linewidth=1)
         if few:  # one path for all intervals
@@ -160,7 +152,7 @@ SHOWN_RATIOS = 1e-3, 1e3  # error ratios beyond these are drawn at the edge
 HELD = "hold last"
 # Of the errors by horizon: 1 by definition, without a horizon, or not comparable.
 LEFT_OUT = {"constant mean", "zero", "DEM p=1", "DEM paper", "DEM paper p=1"}
-PEERS = tuple(colour for colour in DISTINCT if colour not in (PREDICTED, BASELINE))
+PEERS = tuple(colour for colour in palette.DISTINCT if colour not in (palette.PREDICTED, palette.BASELINE))
 
 
 def error_ratios(comparison: Comparison, from_zero: bool = False) -> Figure:
@@ -174,7 +166,7 @@ def error_ratios(comparison: Comparison, from_zero: bool = False) -> Figure:
         axes = figure.subplots()
         axes.axvline(1, **HAIRLINE)
         for place, method in enumerate(ranked):
-            colour = PREDICTED if method == comparison.methods[0] else MEASURED
+            colour = palette.PREDICTED if method == comparison.methods[0] else palette.MEASURED
             values, median = np.clip(ratios[method], *SHOWN_RATIOS), np.clip(medians[method], *SHOWN_RATIOS)
             rows = np.full(len(values), place)
             axes.plot(values, rows, "o", color=colour, markersize=3.5, alpha=0.5, markeredgewidth=0)
@@ -206,9 +198,9 @@ def error_growth(comparison: Comparison) -> Figure:
             colour = PEERS[len(drawn - {first, HELD}) % len(PEERS)]
             style: dict[str, Any] = {"color": colour, "linewidth": 1.3, "linestyle": "-", "zorder": 2}
             if method == first:
-                style |= {"color": PREDICTED, "linewidth": 2.6, "zorder": 3}
+                style |= {"color": palette.PREDICTED, "linewidth": 2.6, "zorder": 3}
             elif method == HELD:
-                style |= {"color": BASELINE, "linestyle": "--"}
+                style |= {"color": palette.BASELINE, "linestyle": "--"}
             shown = steps[: len(summary["horizons"]) - 1] + steps[-1:]
             axes.plot(shown, summary["horizons"], marker="o", markersize=3, label=method, **style)
         axes.set(xscale="log", yscale="log", xlabel="steps ahead", ylabel="error ratio (1: the constant mean)")
@@ -227,14 +219,14 @@ def free_energy_by_order(choice: OrderChoice, names: Sequence[str]) -> Figure:
     mean, few = np.nanmax(choice.mean) - choice.mean, len(names) < 6  # more are not named
     with picture() as figure:
         axes = figure.subplots()
-        axes.axhspan(0, STRONG_EVIDENCE_NATS, color=MEASURED, alpha=HELD_OUT_OPACITY, linewidth=0)
+        axes.axhspan(0, STRONG_EVIDENCE_NATS, color=palette.MEASURED, alpha=palette.HELD_OUT_OPACITY, linewidth=0)
         for number, (name, values) in enumerate(zip(names, below, strict=True), 1):
-            colour, opacity = (distinct(number), 1.0) if few else (MEASURED, 0.4)
+            colour, opacity = (palette.distinct(number), 1.0) if few else (palette.MEASURED, 0.4)
             label = plain(name) if few else ""
             axes.plot(choice.orders, values, "o-", color=colour, markersize=4, alpha=opacity, label=label)
         if len(names) > 1:
-            axes.plot(choice.orders, mean, "o-", color=PREDICTED, linewidth=2.5, label="mean")
-        axes.axvline(choice.chosen, color=BASELINE, linewidth=1.4, zorder=1, label="chosen")
+            axes.plot(choice.orders, mean, "o-", color=palette.PREDICTED, linewidth=2.5, label="mean")
+        axes.axvline(choice.chosen, color=palette.BASELINE, linewidth=1.4, zorder=1, label="chosen")
         axes.set_yscale("symlog", linthresh=10, linscale=0.6)
         axes.yaxis.set_major_formatter("{x:,g}")
         axes.set_ylim(1.15 * max(float(np.nanmax(below)), 20.0), 0)
