@@ -53,7 +53,7 @@ class ScenarioName(click.Path):
 @click.option(
     "--speed", type=Number(0.01, 1000.0), help="Speed of a live flight, as a multiple of real time.  [default: 1]"
 )
-@file_option("--vehicle", "A .toml file of `mavdem twin`, or a scenario's: its vehicle is flown instead.")
+@file_option("--vehicle", "A .toml file with a vehicle, or a scenario's: it is flown instead.")
 @click.option("--set", "changed", multiple=True, metavar="NAME=VALUE", callback=no_option, help="A parameter to set.")
 @click.option("--seed", type=int, help="Random seed, instead of the scenario's.")
 @click.option("--duration", type=float, help="Seconds from arming to disarming, instead of the scenario's.")
@@ -95,7 +95,6 @@ def fly_command(
     Scenarios of your own: start from one of these.
       mavdem fly hover_blower --describe > mine.toml
       mavdem fly mine.toml --seed 2 --duration 120 --out flight.mcap
-      mavdem fly hover_blower --vehicle of_mavdem_twin.toml --set ATC_RAT_RLL_P=0.2 --out flight.tlog
 
     \b
     Live, for a ground station that listens on port 14550:
