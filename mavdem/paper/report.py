@@ -11,8 +11,7 @@ from typing import Any
 
 from mavdem.dem import learn
 from mavdem.evaluate import held_out_test
-from mavdem.paper import forecasts, landscape, noise, oracle, order
-from mavdem.paper.claims import CLAIMS, Claim
+from mavdem.paper import CLAIMS, Claim, forecasts, landscape, noise, oracle, order
 from mavdem.paper.runner import PAPER, ClaimStatus, Result, Runner, claim_status, findings
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.page import Chapter

@@ -13,8 +13,8 @@ from mavdem.baselines import maximum_likelihood
 from mavdem.cli.commands import main
 from mavdem.cli.reproduce import write_report
 from mavdem.evaluate.windows import Window
-from mavdem.paper import forecasts, noise, oracle, order
-from mavdem.paper.claims import CLAIMS, MSPE_WITH_COORDINATES, MSPE_WITHOUT_COORDINATES
+from mavdem.paper import CLAIMS, forecasts, noise, oracle, order
+from mavdem.paper.forecasts import MSPE_WITH_COORDINATES, MSPE_WITHOUT_COORDINATES
 from mavdem.paper.report import ITEMS, NUMBERS, PAGE, RECORDING, ItemReport
 from mavdem.paper.runner import PEERS, WITH, Check, ClaimStatus, Extent, Result, Runner, claim_status
 
