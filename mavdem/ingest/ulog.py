@@ -368,6 +368,7 @@ def read_ulog(path: str | os.PathLike[str], progress: Progress = no_progress) ->
         source=source,
         repairs=(*_damage(found), *notes(topics, made)),
         translated_from="ULog",
+        earlier={name: float(old) for name, old in log.initial_parameters.items() if parameters.get(name, old) != old},
         names=names,
         firmware=_firmware(log.msg_info_dict),
         dropouts=len(found.dropouts),

@@ -23,6 +23,8 @@ from mavdem.ingest.controllers import ASK, MOTORS, Controller, controller_of
 DRAWS, SEED = 400, 31  # of the plant's posterior
 LOWEST, HIGHEST, FREQUENCIES = 0.02, 100.0, 500  # Hz, and the number of frequencies between, evenly by ratio
 SPLIT = 0.25  # of a step of the stream: standard deviation of a delay by the times between its samples
+HALF_DELAY, HALF_PHASE, HALF_SIZE = 2**-0.5, 0.7560, 0.9701
+"""Of a second-order Butterworth filter at half of its cut-off, ω: its delay at low frequencies by ω, rad, and size."""
 LEAST = 0.02, 1e-3, 0.0  # damping, 1/s, lag and delay, s, of a drawn plant
 
 
@@ -108,23 +110,28 @@ def loop_of(plant: Physical, record: Record, controller: Controller | None = Non
             raise NotLearnable("The autopilot's parameters are not known: there is no controller.", ASK)
         weights = [] if record.effect_directions is None else record.effect_directions.tolist()
         controller = controller_of(record.parameters, axis, weights)
-    drawn = _drawn(plant, 2**0.5 / (2 * np.pi * of) if (of := controller.gyro_filter) else 0.0, record.dt)
+    drawn = _drawn(plant, controller.gyro_filter, record.dt)
     gains = drawn[:, :-3] @ _per_demand(controller, record)
     if not gains[0] > 0:
         raise NotLearnable("The mixer of the parameters turns the vehicle against the motors: check FRAME_TYPE.")
     dynamics = np.maximum(drawn[:, -3:], LEAST)
     rate, attitude = _loops(controller, gains, dynamics)
     biased = f"The control effectiveness is biased: {plant.reasons['effect']}" if plant.bias else ""
-    cautions = (*([biased] if biased else []), *controller.cautions)
-    measured = measured_response(record, controller, rate.frequency, rate.closed[0])
+    known, prefix = controller.names.values(), controller.names["p"][:-1]
+    changed = {name: old for name, old in record.earlier.items() if name in known or name.startswith(prefix)}
+    now = [f"{name} changed from {old:g} to {record.parameters[name]:g}" for name, old in changed.items()]
+    since = f"{', '.join(now)} in this log: the loop has the last values, and the response is not compared."
+    cautions = (*([biased] if biased else []), *([since] if now else []), *controller.cautions)
+    measured = None if now else measured_response(record, controller, rate.frequency, rate.closed[0])
     return Loop(axis, plant, record, controller, gains, dynamics, rate, attitude, cautions, measured)
 
 
-def _drawn(plant: Physical, filtered: float, dt: float) -> Array:
-    """(N, r + 3) effect, damping, lag and delay behind ``filtered`` s of the gyro: the estimate, and draws.
+def _drawn(plant: Physical, cutoff: float, dt: float) -> Array:
+    """(N, r + 3) effect, damping, lag and delay without the gyro's filter, Hz, if any: the estimate, and draws.
 
-    The sum of lag and delay is better determined than either. So a delay is taken for that of common autopilots as far
-    as the flight leaves it open, and the lag is what is left.
+    The plant's lag and delay hold the filter. Where that is most of them, both are alike in size and phase at half of
+    the cut-off, else in their delay at low frequencies. The sum of lag and delay is better determined than either: a
+    delay is taken for that of common autopilots as far as the flight leaves it open, and the lag is what is left.
     """
     theta, rng = np.array([*plant.effect, plant.damping, plant.lag, plant.delay]), np.random.default_rng(SEED)
     covariance, (usual, sd) = plant.covariance.copy(), DELAY
@@ -132,7 +139,12 @@ def _drawn(plant: Physical, filtered: float, dt: float) -> Array:
     if covariance[-1, -1] > sd**2:
         covariance[-1], covariance[:, -1] = 0.0, 0.0
     drawn = np.vstack([theta, rng.multivariate_normal(theta, covariance, DRAWS, method="svd")])
-    whole, open_ = np.maximum(drawn[:, -2:].sum(axis=1) - filtered, 0.0), variance / (variance + sd**2)
+    late, half, open_ = drawn[:, -2:].sum(axis=1), np.pi * cutoff, variance / (variance + sd**2)
+    filtered = HALF_DELAY / half if cutoff else 0.0
+    whole = np.maximum(late - filtered, 0.0)
+    if filtered > late[0] / 2:
+        whole = np.maximum((np.arctan(half * drawn[:, -2]) - HALF_PHASE) / half + drawn[:, -1], 0.0)
+        drawn[:, :-3] /= HALF_SIZE * np.hypot(1.0, half * drawn[:, -2])[:, None]
     delay = (1 - open_) * max(plant.delay - filtered, 0.0) + open_ * usual
     delay = np.clip(delay + sd * open_**0.5 * np.append(0.0, rng.standard_normal(DRAWS)), 0.0, whole / 2)
     return np.column_stack([drawn[:, :-2], whole - delay, delay])
