@@ -28,7 +28,7 @@ BROKEN = {
 
 
 @pytest.mark.parametrize("name", BROKEN)
-@pytest.mark.parametrize("command", ["info", "learn", "compare", "wind"])
+@pytest.mark.parametrize("command", ["info", "learn", "compare", "wind", "tune"])
 def test_unreadable_input_is_one_sentence_and_nothing_written(name, command, tmp_path, capsys):
     source, out = tmp_path / name, tmp_path / "out"
     if BROKEN[name] is not None:
@@ -64,7 +64,7 @@ def test_unreadable_input_is_one_sentence_and_nothing_written(name, command, tmp
         (["compare"], "SOURCE"),
         (["compare", FLIGHT, FLIGHT], "named twice"),
         (["compare", FLIGHT, "--hop", "0"], "--hop"),
-        (["order", FLIGHT, FLIGHT], "named twice"),
+        (["tune", FLIGHT, "--out", "x", "--margins", "none"], "--margins"),
         (["order", FLIGHT, "--html", "page.txt"], "page.txt"),
         (["order", FLIGHT, "--max-order", "99"], "--max-order"),
         (["fly"], "SCENARIO"),
@@ -73,7 +73,7 @@ def test_unreadable_input_is_one_sentence_and_nothing_written(name, command, tmp
         (["fly", "none.toml", "--out", "f.tlog"], "none.toml"),
         (["fly", "hover_blower", "--out", "f.csv"], ".tlog or .mcap"),
         (["fly", "hover_blower", "--rrd", "f.png"], ".rrd"),
-        (["fly", "hover_blower", "--out", "f.tlog", "--duration", "nan"], "duration"),
+        (["fly", "hover_blower", "--out", "f.tlog", "--duration", "2"], "Invalid value for --duration:"),
         (["fly", "hover_blower", "--out", "f.tlog", "--seed", "-1"], "seed must be"),
         (["fly", "hover_blower", "--udp", "127.0.0.1:" + "1" * 5000], "HOST:PORT"),
         (["fly", "hover_blower", "--udp", "a..b:12"], "Nothing can be sent to a..b:12"),
