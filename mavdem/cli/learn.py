@@ -40,10 +40,9 @@ from mavdem.export.conversion import write_channels
 from mavdem.flight import Flight
 from mavdem.report.blocks import Block, Sentence
 from mavdem.report.condition import wind_blocks
-from mavdem.report.details import detail_blocks
 from mavdem.report.flights import truth_blocks
 from mavdem.report.page import log_page
-from mavdem.report.screen import analysis_blocks, title, vehicle_blocks
+from mavdem.report.screen import analysis_blocks, detail_blocks, title, vehicle_blocks
 
 RECORDING = "flight.rrd"
 RESULT_FILES = ("model.json", "report.json", "report.html", RECORDING, "flight.mcap")

@@ -16,7 +16,7 @@ from mavdem.dem.engine.ascent import FreeEnergy, Learning
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import STABILITY_TOLERANCE, LinearModel, unpack
 from mavdem.dem.engine.state_space import StateSpace
-from mavdem.dem.fitting import generalized
+from mavdem.dem.fitting import Direction, SandwichCovariance, generalized
 from mavdem.dem.forecast.joint import JointModel
 from mavdem.dem.forecast.simulation_error import SimulationFit
 from mavdem.dem.forecast.var import Forecast
@@ -26,7 +26,6 @@ from mavdem.dem.graybox.wind import WindTorque, wind
 from mavdem.dem.priors import Scaling
 from mavdem.dem.record import Record, required_number
 from mavdem.dem.settings import CompleteSettings
-from mavdem.dem.uncertainty import Direction, SandwichCovariance
 from mavdem.errors import LearnedDownstream
 
 may_overflow = np.errstate(over="ignore", invalid="ignore")

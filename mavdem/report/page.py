@@ -31,12 +31,11 @@ from mavdem.live.history import LiveHistory
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.comparison import comparison_report, order_report
 from mavdem.report.condition import log_blocks, wind_blocks
-from mavdem.report.details import detail_blocks
 from mavdem.report.flights import MAX_PARTS, event_blocks, live_report, parts_learned
 from mavdem.report.loops import margin_tables, tune_blocks
 from mavdem.report.numbers import Labels, listed, named, readable, rounded
 from mavdem.report.palette import INK_ON_LIGHT
-from mavdem.report.screen import analysis_blocks, screen, title
+from mavdem.report.screen import analysis_blocks, detail_blocks, screen, title
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -22,9 +22,8 @@ from mavdem.fleet.row import as_text
 from mavdem.flight import Flight
 from mavdem.report import palette
 from mavdem.report.blocks import Block, Table, markdown
-from mavdem.report.details import detail_blocks
 from mavdem.report.numbers import TORQUE, AxisCommand, Labels, named, per, place, plus_minus, readable, state_names
-from mavdem.report.screen import screen, title, verdict_blocks
+from mavdem.report.screen import detail_blocks, screen, title, verdict_blocks
 from mavdem.view.flown import path_with_wind
 from mavdem.view.plots import Plot, blueprint, faint, range_of, recorded, with_gaps
 

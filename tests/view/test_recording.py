@@ -10,9 +10,8 @@ import mavdem
 from mavdem.analysis.findings import findings_of
 from mavdem.evaluate import held_out_test
 from mavdem.report.blocks import markdown
-from mavdem.report.details import detail_blocks
 from mavdem.report.numbers import AxisCommand
-from mavdem.report.screen import screen, title
+from mavdem.report.screen import detail_blocks, screen, title
 from mavdem.view import write_recording
 from mavdem.view.recording import FlightSeries
 
