@@ -28,19 +28,20 @@ BROKEN = {
 
 
 @pytest.mark.parametrize("name", BROKEN)
-@pytest.mark.parametrize("command", ["info", "learn", "compare", "wind", "tune"])
+@pytest.mark.parametrize("command", ["info", "learn", "compare", "wind", "tune", "convert"])
 def test_unreadable_input_is_one_sentence_and_nothing_written(name, command, tmp_path, capsys):
     source, out = tmp_path / name, tmp_path / "out"
     if BROKEN[name] is not None:
         source.write_bytes(BROKEN[name])
-    assert main([command, str(source), "--json", *(["--out", str(out)] if command == "learn" else [])]) == 2
+    words = {"learn": ["--out", str(out)], "convert": [f"{out}.csv"]}.get(command, [])
+    assert main([command, str(source), "--json", *words]) == 2
     said = capsys.readouterr()
     assert json.loads(said.out)["error"]["reason"]
     assert said.err.startswith("mavdem: ")
     assert said.err.count("\n") == 1
     assert str(source) in said.err
     assert "should not have happened" not in said.err
-    assert not out.exists()
+    assert not list(tmp_path.glob("out*"))
 
 
 @pytest.mark.parametrize(

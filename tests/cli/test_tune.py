@@ -1,7 +1,5 @@
 """``mavdem tune``: margins and gains of a simulated flight, its files, and refusals."""
 
-import json
-
 from command_line import FLIGHT, SLOW, refused, strict_json
 
 from mavdem.cli.commands import main
@@ -14,7 +12,7 @@ def test_margins_gains_and_files_say_the_same_and_refusals_write_nothing(tmp_pat
     assert "smaller --start" in refused(capsys, 1, "tune", log, "--start", "45", "--out", out)
     assert "Hz" in refused(capsys, 1, "tune", SLOW, "--out", out)
     assert main(["tune", str(FLIGHT), "--axis", "pitch", "--json"]) == 1
-    assert "not identifiable" in json.loads(capsys.readouterr().out)["error"]["reason"] and not out.exists()
+    assert "not identifiable" in strict_json(capsys.readouterr().out)["error"]["reason"] and not out.exists()
     words = ["tune", log, "--margins", "soft", "--start", "5", "--out", str(out)]
     assert main([*words, "--json"]) == 0
     found = strict_json(capsys.readouterr().out)
