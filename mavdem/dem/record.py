@@ -76,6 +76,7 @@ class Record:
     input_units: tuple[str, ...] = ()
     output_units: tuple[str, ...] = ()
     parameters: Mapping[str, float] = field(default_factory=dict)  # of the autopilot's controller, by name
+    earlier: Mapping[str, float] = field(default_factory=dict)  # of the parameters that changed in flight or later
     input_range: tuple[float, ...] = ()  # inputs at no and at full throttle, where they are known
     setpoints: Array | None = None  # (T, q) what was asked of the axis, NaN where there is none
     setpoint_names: tuple[str, ...] = ()
@@ -233,7 +234,8 @@ def _directions(flights: Sequence[UniformRecord], motors: int) -> Array | None:
 def _controlled(flights: Sequence[UniformRecord]) -> dict[str, Any]:
     """The controller's parameters, the range of the inputs, and the setpoints that all segments have."""
     provenance, names = getattr(flights[0], "provenance", {}), getattr(flights[0], "setpoint_names", ())
-    scale, found = provenance.get("scale", {}), dict[str, Any](parameters=dict(provenance.get("parameters", {})))
+    scale, found = provenance.get("scale", {}), dict[str, Any]()
+    found |= {name: dict(provenance.get(name, {})) for name in ("parameters", "earlier")}
     found["input_range"] = (scale["low"], scale["high"]) if scale else ()
     if names and all(getattr(flight, "setpoint_names", ()) == names for flight in flights):
         asked = [getattr(flight, "setpoints") for flight in flights]  # noqa: B009

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import struct
 from functools import cache
-from math import fsum, pi, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,24 +16,14 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from mavdem.ingest.mavlink.definitions import MessageDefinition, definitions
-from sitl_scenarios.controller import LEAD, Controller, Gains
-from sitl_scenarios.dynamics import (
-    DISARMED_PULSE,
-    IDLE_COMMAND,
-    MAX_PULSE,
-    MIN_PULSE,
-    SPINS,
-    RotorFrame,
-    drag,
-    euler,
-    frame,
-)
+from sitl_scenarios.dynamics import DISARMED_PULSE, MAX_PULSE, MIN_PULSE, drag, euler
+from sitl_scenarios.gains import parameters_of
 from sitl_scenarios.mavlink.autopilots import ARMED, IN_AIR, LANDING, ON_GROUND, Autopilot
 from sitl_scenarios.motion import Motion
 from sitl_scenarios.plan import BOOT_SECONDS, FULL_STICK, SPIN_UP_SECONDS, seconds
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.sensors import vibration
-from sitl_scenarios.vehicles import AIR_DENSITY, AIRFRAMES, CHARGED, airframe
+from sitl_scenarios.vehicles import AIR_DENSITY, CHARGED
 
 Payloads = NDArray[Any]  # (N,) of a definition's wire type
 QUADROTOR = 2  # MAV_TYPE
@@ -178,40 +167,33 @@ class Parameter(NamedTuple):
 
 def parameters(scenario: Scenario, autopilot: Autopilot, cycle: float) -> dict[str, Parameter]:
     """An autopilot's parameters by name, in alphabetical order; ``cycle`` of its loop in s."""
-    by_kind = _px4(scenario, cycle) if autopilot.bitwise else _ardupilot(scenario, cycle)
-    made = [Parameter(name, kind, value) for kind, values in by_kind.items() for name, value in values.items()]
-    return {parameter.name: parameter for parameter in sorted(made, key=lambda parameter: parameter.name)}
+    by_kind = _px4(scenario) if autopilot.bitwise else _ardupilot(scenario)
+    kinds = {name: kind for kind, values in by_kind.items() for name in values}
+    values = {name: value for own in by_kind.values() for name, value in own.items()} | parameters_of(scenario, cycle)
+    return {name: Parameter(name, kinds.get(name, REAL32), float(values[name])) for name in sorted(values)}
 
 
-def _px4(scenario: Scenario, cycle: float) -> dict[int, dict[str, float]]:
+def _px4(scenario: Scenario) -> dict[int, dict[str, float]]:
     kind = scenario.vehicle.mixer or scenario.vehicle.frame
     whole: dict[str, float] = {"CA_AIRFRAME": 0, "CA_ROTOR_COUNT": MOTORS, "MAV_SYS_ID": scenario.stream.system}
-    whole |= {"MAV_TYPE": QUADROTOR, "SYS_AUTOSTART": 4001 if kind == "x" else 5001}
+    whole |= {"MAV_TYPE": QUADROTOR, "SYS_AUTOSTART": 4001 if kind == "x" else 5001, "IMU_GYRO_RATEMAX": 0}
     whole |= {f"PWM_MAIN_FUNC{n}": 100 + n if n <= MOTORS else 0 for n in range(1, 9)}
     for bound, value in (("DIS", DISARMED_PULSE["px4"]), ("MIN", MIN_PULSE), ("MAX", MAX_PULSE)):
         whole |= {f"PWM_MAIN_{bound}{n}": value for n in range(1, MOTORS + 1)}
-    whole |= {"IMU_GYRO_RATEMAX": round(1 / cycle)}
-    real = _drag("EKF2", scenario)
     whole |= {"EKF2_DRAG_CTRL": 1} if scenario.stream.drag_calibrated else {}
-    rotors = frame(kind, AIRFRAMES[scenario.vehicle.model].arm)
-    real |= _px4_gains(scenario, cycle, rotors)
-    for n in range(MOTORS):
-        real |= {f"CA_ROTOR{n}_PX": rotors.forward[n], f"CA_ROTOR{n}_PY": rotors.right[n], f"CA_ROTOR{n}_PZ": 0.0}
-        real |= {f"CA_ROTOR{n}_CT": 6.5, f"CA_ROTOR{n}_KM": 0.05 * SPINS[n]}  # KM: positive counter-clockwise
-    return {INT32: whole, REAL32: real}
+    return {INT32: whole, REAL32: _drag("EKF2", scenario)}
 
 
-def _ardupilot(scenario: Scenario, cycle: float) -> dict[int, dict[str, float]]:
+def _ardupilot(scenario: Scenario) -> dict[int, dict[str, float]]:
     kind = scenario.vehicle.mixer or scenario.vehicle.frame
     small: dict[str, float] = {"FRAME_CLASS": 1, "FRAME_TYPE": int(kind == "x")}
-    medium: dict[str, float] = {"MAV_SYSID": scenario.stream.system, "SCHED_LOOP_RATE": round(1 / cycle)}
+    medium: dict[str, float] = {"MAV_SYSID": scenario.stream.system, "SCHED_LOOP_RATE": 0, "INS_GYRO_FILTER": 0}
     medium |= {"MOT_PWM_MAX": MAX_PULSE, "MOT_PWM_MIN": MIN_PULSE}
     for n in range(1, 9):
         medium |= {f"SERVO{n}_FUNCTION": 32 + n if n <= MOTORS else 0}
         medium |= {f"SERVO{n}_MIN": MIN_PULSE, f"SERVO{n}_MAX": MAX_PULSE, f"SERVO{n}_TRIM": 1500}
         small |= {f"SERVO{n}_REVERSED": 0}
-    medium |= {"INS_GYRO_FILTER": 0}
-    return {INT8: small, INT16: medium, REAL32: _drag("EK3_DRAG", scenario) | _ardupilot_gains(scenario, cycle)}
+    return {INT8: small, INT16: medium, REAL32: _drag("EK3_DRAG", scenario)}
 
 
 def _drag(name: str, scenario: Scenario) -> dict[str, float]:
@@ -221,51 +203,3 @@ def _drag(name: str, scenario: Scenario) -> dict[str, float]:
     linear, (x, y) = drag(scenario.vehicle)
     ballistic = {f"{name}_BCOEF_{axis}": AIR_DENSITY / 2 / k if k else 0.0 for axis, k in (("X", x), ("Y", y))}
     return {f"{name}_MCOEF": sum(linear) / 2} | ballistic
-
-
-def _gains(scenario: Scenario, cycle: float, low: float, high: float) -> tuple[tuple[Gains, ...], float, float]:
-    """The gains, the share of the thrust that is quadratic in the command, and pulse range per unit of thrust.
-
-    That is in hover, where an autopilot whose range is from ``low`` to ``high`` has undone the thrust curve.
-    """
-    share, body = scenario.vehicle.quadratic_thrust or 0.0, airframe(scenario.vehicle)
-    hover = (body.command_for(body.hover_speed) / body.full - low) / (high - low)
-    slope = (high - low) / (1.0 - share + 2 * share * hover)
-    return Controller(scenario.vehicle, cycle, scenario.sensors.delay).gains, share, slope
-
-
-def _px4_gains(scenario: Scenario, cycle: float, rotors: RotorFrame) -> dict[str, float]:
-    """The gains as PX4's, of a normalised torque.
-
-    A torque of 1 adds the column of the mixer's pseudo-inverse to the motors, normalised as in PX4's
-    ControlAllocationPseudoInverse.cpp: roll and pitch both by the larger of their norms, yaw by its largest.
-    """
-    gains, share, slope = _gains(scenario, cycle, 0.0, 1.0)
-    arms = rotors.right, rotors.forward
-    norms = [sqrt(fsum(one * one for one in arm)) for arm in arms]
-    scale = max(sqrt(2 / sum(one != 0 for one in arm)) / norm for arm, norm in zip(arms, norms, strict=True))
-    units = [slope * max(arm) / norm**2 / scale for arm, norm in zip(arms, norms, strict=True)] + [slope]
-    lag = gains[0].derivative_lag
-    values = {"THR_MDL_FAC": share, "IMU_GYRO_CUTOFF": 0.0, "IMU_DGYRO_CUTOFF": 1 / (2 * pi * lag) if lag else 0.0}
-    for name, one, unit in zip(("ROLL", "PITCH", "YAW"), gains, units, strict=True):
-        values |= {f"MC_{name}RATE_{letter}": gain / unit for letter, gain in zip("PID", one, strict=False)}
-        values |= {f"MC_{name}RATE_K": 1.0, f"MC_{name}RATE_FF": 0.0, f"MC_{name}_P": one.angle}
-    return values | {"MC_YAW_TQ_CUTOFF": 0.0}
-
-
-def _ardupilot_gains(scenario: Scenario, cycle: float) -> dict[str, float]:
-    """The gains as ArduPilot's, of shares of the motors' range, of which its mixer gives a half to each motor.
-
-    Its derivative is of the error. The filter of the target makes up for it: (1 + LEAD τs)/(1 + τs) behind
-    1/(1 + LEAD τs) leaves 1/(1 + τs) of the setpoint.
-    """
-    stop = scenario.vehicle.stop
-    gains, share, slope = _gains(scenario, cycle, IDLE_COMMAND, stop)
-    values = {"MOT_THST_EXPO": share, "MOT_SPIN_ARM": IDLE_COMMAND, "MOT_SPIN_MIN": IDLE_COMMAND, "MOT_SPIN_MAX": stop}
-    for name, one in zip(("RLL", "PIT", "YAW"), gains, strict=True):
-        values |= {f"ATC_RAT_{name}_{letter}": 2 * gain / slope for letter, gain in zip("PID", one, strict=False)}
-        cutoff = 1 / (2 * pi * one.derivative_lag) if one.derivative_lag else 0.0
-        filters = {"FLTT": cutoff / LEAD, "FLTE": 0.0, "FLTD": cutoff, "FF": 0.0, "IMAX": 1.0, "SMAX": 0.0}
-        values |= {f"ATC_RAT_{name}_{key}": value for key, value in filters.items()}
-        values[f"ATC_ANG_{name}_P"] = one.angle
-    return values

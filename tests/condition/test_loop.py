@@ -4,9 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hover import Hover, changed, columns
 from recorded_flights import shared
 
 import mavdem
+from mavdem.alignment.align import align, settled_segments
+from mavdem.alignment.signals import Signals
 from mavdem.condition.loop import TARGETS, advise, loop_of
 from mavdem.condition.loop.loop import transfer
 from mavdem.condition.loop.margins import OpenLoop
@@ -19,7 +22,7 @@ from sitl_scenarios.files import scenario_of
 from sitl_scenarios.simulation import fly
 from sitl_scenarios.truth import truth
 
-X_ROLL = (-1.0, 1.0, 1.0, -1.0)
+HOVER, X_ROLL = Hover(), (-1.0, 1.0, 1.0, -1.0)
 ARDUPILOT = {f"ATC_RAT_RLL_{name}": 0.0 for name in ("FLTT", "FLTE", "FLTD")} | {"ATC_ANG_RLL_P": 4.5}
 ARDUPILOT |= {"ATC_RAT_RLL_P": 0.14, "ATC_RAT_RLL_I": 0.3, "ATC_RAT_RLL_D": 0.004, "FRAME_CLASS": 1.0}
 ARDUPILOT |= {"MOT_THST_EXPO": 0.65, "MOT_SPIN_MIN": 0.15, "MOT_SPIN_MAX": 0.95, "INS_GYRO_FILTER": 0.0}
@@ -58,6 +61,14 @@ def test_the_mixer_and_the_slope_of_the_thrust_curve_are_the_autopilots():
 def test_a_controller_that_is_not_known_is_a_sentence(parameters, weights, sentence):
     with pytest.raises(mavdem.NotLearnable, match=sentence):
         controller_of(parameters, "roll", weights)
+
+
+def test_gains_that_change_in_flight_come_with_it():
+    telemetry = HOVER.telemetry(parameters={"ATC_RAT_RLL_P": 0.25, "ATC_RAT_RLL_D": 0.125})
+    sent = {"param_id": np.repeat([b"ATC_RAT_RLL_P", b"ATC_RAT_RLL_D"], 2)}
+    sent["param_value"] = np.array([0.5, 0.25, 0.5, 0.125], np.float32)
+    signals = Signals(changed(telemetry, "PARAM_VALUE", **columns(np.array([1.0, 40.0, 1.0, 2.0]), **sent)))
+    assert align(signals, settled_segments(signals)[0]).provenance["earlier"] == {"ATC_RAT_RLL_P": 0.5}
 
 
 def ac_pid(controller: Controller, error: np.ndarray) -> np.ndarray:
@@ -112,6 +123,8 @@ def test_a_simulated_flight_has_the_margins_of_its_linearised_loop(autopilot):
     name = loop.controller.names["p"]
     doubled = loop.changed({name: 2 * record.parameters[name]})
     assert doubled.crossover > 1.5 * loop.crossover and doubled.agrees is None
+    retuned = loop_of(plant, replace(record, earlier={name: 0.1}))
+    assert retuned.agrees is None and f"{name} changed from 0.1 to" in retuned.cautions[-1]
     # Gains that were not those in flight.
     assert loop_of(plant, record, loop.controller.changed({name: 0.4 * record.parameters[name]})).agrees is False
 

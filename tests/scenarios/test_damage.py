@@ -8,9 +8,10 @@ from sitl_scenarios.scenario import Load, Propeller, Scenario, Sensors, VehicleS
 from sitl_scenarios.sensors import vibration
 from sitl_scenarios.simulation import fly
 from sitl_scenarios.truth import truth
-from sitl_scenarios.vehicles import GRAVITY, IRIS
+from sitl_scenarios.vehicles import AIRFRAMES, GRAVITY
 
 pytestmark = pytest.mark.slow
+IRIS = AIRFRAMES["iris"]
 QUIET = Sensors(rate_sd=0.0, attitude_sd=0.0, position_sd=0.0, velocity_sd=0.0)
 BREAKS = {
     "weak": {"vehicle": VehicleSpec(weak_motor=1, weak_from=18.0, weak_thrust=0.8)},

@@ -9,8 +9,8 @@ import pytest
 from scipy.integrate import quad
 from stationary import Stationary, holds
 
+from sitl_scenarios.gains import CYCLES
 from sitl_scenarios.scenario import Scenario, StreamSpec, TurbulentWind
-from sitl_scenarios.simulation import CYCLES
 from sitl_scenarios.wind import (
     LENGTH,
     Weather,

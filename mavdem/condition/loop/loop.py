@@ -117,8 +117,12 @@ def loop_of(plant: Physical, record: Record, controller: Controller | None = Non
     dynamics = np.maximum(drawn[:, -3:], LEAST)
     rate, attitude = _loops(controller, gains, dynamics)
     biased = f"The control effectiveness is biased: {plant.reasons['effect']}" if plant.bias else ""
-    cautions = (*([biased] if biased else []), *controller.cautions)
-    measured = measured_response(record, controller, rate.frequency, rate.closed[0])
+    known, prefix = controller.names.values(), controller.names["p"][:-1]
+    changed = {name: old for name, old in record.earlier.items() if name in known or name.startswith(prefix)}
+    now = [f"{name} changed from {old:g} to {record.parameters[name]:g}" for name, old in changed.items()]
+    since = f"{', '.join(now)} in this log: the loop has the last values, and the response is not compared."
+    cautions = (*([biased] if biased else []), *([since] if now else []), *controller.cautions)
+    measured = None if now else measured_response(record, controller, rate.frequency, rate.closed[0])
     return Loop(axis, plant, record, controller, gains, dynamics, rate, attitude, cautions, measured)
 
 

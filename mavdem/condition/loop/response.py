@@ -13,7 +13,7 @@ from mavdem.dem.graybox.parameters import rate_column
 from mavdem.dem.record import Record
 from mavdem.ingest.controllers import Controller
 
-WINDOW_SECONDS, FEWEST = 5.0, 6  # of the windows, by Hann with half of each in the next, and how many it takes
+WINDOW_SECONDS, FEWEST = 5.0, 6  # of the windows of the spectra, by Welch, and how many it takes
 LOWEST, LEAST_BAND, LEAST_COHERENCE = 0.3, 1.0, 0.8  # Hz, Hz and share: of the band that is compared
 LEAST_FIT = 80.0  # %, from which the two agree
 REGULARISED, STEP_SECONDS = 1e-4, 1.0  # of the setpoint's largest density, in the deconvolution; of the step
@@ -66,29 +66,25 @@ def _parts(record: Record, axis: str, stiffness: float, size: int) -> Iterator[t
 
 
 def _compared(dt: float, size: int, parts: list[tuple[Array, Array]], at: Array, closed: Complex) -> MeasuredResponse:
-    rates, setpoints = (
-        [_spectrum(part[row : row + size]) for part in one for row in range(0, len(part) - size + 1, size // 2)]
-        for one in zip(*parts, strict=True)
-    )
-    across, of_rate, of_setpoint = (
-        np.convolve(np.mean(np.multiply(one, np.conj(other)), axis=0), np.full(3, 1 / 3), mode="same")
-        for one, other in ((rates, setpoints), (rates, rates), (setpoints, setpoints))
-    )
+    from scipy.signal import csd  # it takes half a second to import
+
+    densities = np.zeros((3, size // 2 + 1), np.complex128)
+    for rate, setpoint in parts:
+        for total, pair in zip(densities, ((setpoint, rate), (setpoint, setpoint), (rate, rate)), strict=True):
+            total += len(rate) * csd(*pair, 1 / dt, nperseg=size)[1]
+    across, of_setpoint, of_rate = (np.convolve(one, np.full(3, 1 / 3), mode="same") for one in densities)
+    of_setpoint, of_rate = of_setpoint.real, of_rate.real
     hertz, response = np.arange(len(across)) / (size * dt), np.asarray(across / of_setpoint, np.complex128)
-    of_rate = of_rate.real
-    predicted, explained = _at(hertz, at, closed), (np.abs(response) ** 2 * of_setpoint).real
-    coherence = explained / of_rate
+    predicted = np.interp(hertz, at, closed.real) + 1j * np.interp(hertz, at, closed.imag)
+    coherence = np.abs(response) ** 2 * of_setpoint / of_rate
     highest = float(min([*hertz[(hertz > LOWEST) & (coherence < LEAST_COHERENCE)], at[-1], hertz[-1]]))
     inside = (hertz >= LOWEST) & (hertz < highest)
-    unlike = (np.abs(response - predicted) ** 2 * of_setpoint).real
-    agreement = _fit(unlike[inside].sum(), of_rate[inside].sum())
-    left = whole = 0.0
-    for part in parts:
-        own = np.arange(len(part[0]) // 2 + 1) / (len(part[0]) * dt)
-        kept = (own >= LOWEST) & (own < highest)
-        rate, setpoint = (np.fft.rfft(one - one.mean())[kept] / len(one) ** 0.5 for one in part)
-        left += float((np.abs(rate - _at(own[kept], at, closed) * setpoint) ** 2).sum())
-        whole += float((np.abs(rate) ** 2).sum())
+    unlike = np.abs(response - predicted) ** 2 * of_setpoint
+    by_wind = (1 - coherence) * of_rate
+    fit, agreement = (
+        float(100 * (1 - (error[inside].sum() / of_rate[inside].sum()) ** 0.5)) if inside.any() else 0.0
+        for error in (unlike + by_wind, unlike)
+    )
     passed = (
         of_setpoint / (of_setpoint + REGULARISED * of_setpoint.max()) * np.clip(1.5 - hertz / highest / 2, 0.0, 1.0)
     )
@@ -102,32 +98,8 @@ def _compared(dt: float, size: int, parts: list[tuple[Array, Array]], at: Array,
             f"The flight's response fits the predicted one by {agreement:.0f} %, less than {LEAST_FIT:.0f} %: the "
             "plant is biased, or mixer, limits or gains in flight are not those of the parameters."
         )
-    return MeasuredResponse(
-        frequency=hertz,
-        response=response,
-        predicted=predicted,
-        coherence=coherence,
-        band=(LOWEST, highest),
-        fit=_fit(left, whole),
-        agreement=agreement,
-        time=np.array(dt * np.arange(len(steps[0])), np.float64),
-        step=steps[0],
-        predicted_step=steps[1],
-        reason=reason,
-    )
-
-
-def _spectrum(values: Array) -> Complex:
-    return np.asarray(np.fft.rfft(np.hanning(len(values)) * (values - values.mean())))
-
-
-def _at(hertz: Array, frequency: Array, response: Complex) -> Complex:
-    return np.asarray(np.interp(hertz, frequency, response.real) + 1j * np.interp(hertz, frequency, response.imag))
-
-
-def _fit(error: float, whole: float) -> float:
-    """MATLAB's measure of fit, %, 100 (1 - NRMSE), of sums of squares."""
-    return float(100 * (1 - (error / whole) ** 0.5)) if whole else 0.0
+    time, known = np.array(dt * np.arange(len(steps[0])), np.float64), ((LOWEST, highest), fit, agreement)
+    return MeasuredResponse(hertz, response, predicted, coherence, *known, time, steps[0], steps[1], reason)
 
 
 def _evenly(asked: Array) -> Array:
