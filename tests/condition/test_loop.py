@@ -144,15 +144,8 @@ def made_up(factor=1.0):
     outputs, names = np.column_stack([rate.cumsum() * 0.005, rate]), ("roll", "roll rate")
     known = PX4 | {"MC_ROLLRATE_K": factor}
     record = Record(inputs, outputs, 0.005, (2000,), output_names=names, parameters=known, input_range=(1000.0, 2000.0))
-    plant = (
-        0.18 * np.array(X_ROLL),
-        1.5,
-        0.03,
-        0.006,
-        np.diag([*4 * [9e-5], 0.09, 4e-6, 4e-6]),
-        status,
-        dict.fromkeys(status, ""),
-    )
+    covariance = np.diag([*4 * [9e-5], 0.09, 4e-6, 4e-6])
+    plant = 0.18 * np.array(X_ROLL), 1.5, 0.03, 0.006, covariance, status, dict.fromkeys(status, "")
     return loop_of(Physical(*plant, 0, 1, 0.1, (), 0.01, {}, ()), record)
 
 
@@ -181,8 +174,7 @@ def test_refusals_are_sentences():
     inputs = np.where(np.arange(2000)[:, None] % 10 == 0, 2000.0, record.inputs)
     stuck = advise(replace(sound, record=replace(record, inputs=inputs)))
     words = "Oscillates at 3 Hz", "A motor is at a limit 10 % of the time", "unstable, and yet it flew"
-    for found, said in zip(
-        (advise(sound, doubts=["Oscillates at 3 Hz."]), stuck, advise(made_up(6.0))), words, strict=True
-    ):
+    cases = advise(sound, doubts=["Oscillates at 3 Hz."]), stuck, advise(made_up(6.0))
+    for found, said in zip(cases, words, strict=True):
         assert found.sentence.startswith("No gains are advised. ") and said in found.sentence
         assert not found.gains and found.as_dict()["expected"] is None
