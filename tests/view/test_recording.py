@@ -56,12 +56,8 @@ def lines(path: Path) -> dict[str, tuple[np.ndarray, np.ndarray]]:
 
 def documents(path: Path) -> dict[str, str]:
     batches = {str(chunk.entity_path): chunk.to_record_batch() for chunk in RrdReader(path).stream()}
-    column = "TextDocument:text"
-    return {
-        name: str(batch.column(column).to_pylist()[0][0])
-        for name, batch in batches.items()
-        if column in batch.schema.names
-    }
+    texts = {name: batch for name, batch in batches.items() if "TextDocument:text" in batch.schema.names}
+    return {name: str(batch.column("TextDocument:text").to_pylist()[0][0]) for name, batch in texts.items()}
 
 
 def without_gaps(line: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
