@@ -132,9 +132,23 @@ class LearnedDownstream:
         """
         return str(downstream("report.screen", "summary")(self))
 
-    def to_control(self) -> Any:
-        """Returns the model as a ``control.StateSpace``, about its trim, with names of states, inputs and outputs."""
-        return downstream("export.conversion", "to_control", "Learned.to_control()", "control")(self)
+    def to_control(self, model: str = "physical") -> Any:
+        """Returns the physical plant with its delay, or DEM's own ``model="dem"``, as a ``control.StateSpace``.
+
+        About the trim, with names of inputs and outputs; its ``name`` says which it is. ``.delay``, s, and ``.draws``,
+        plants from the posterior, are the physical plant's. ``ValueError`` where there is none, with the reason.
+        """
+        return downstream("export.conversion", "to_control", "Learned.to_control()", "control")(self, model)
+
+    def loop(self, controller: Any = None) -> Any:
+        """Returns rate and attitude loop: the plant, and the ``controller`` of the log's parameters unless given.
+
+        >>> loop = learned.loop()
+        >>> loop.phase_margin, loop.phase_margin_interval, loop.gain_margin, loop.crossover  # degrees, dB, Hz
+
+        Raises :class:`NotLearnable`: the plant is not identifiable, or the controller is not known.
+        """
+        return downstream("condition.loop", "loop")(self, controller)
 
     def _repr_html_(self) -> str:
         return str(downstream("report.page", "learned_html")(self))

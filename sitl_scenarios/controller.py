@@ -30,8 +30,21 @@ class ControlOutput(NamedTuple):
     rates: Three = (0.0, 0.0, 0.0)  # setpoints of the body rates, rad/s
 
 
+class Gains(NamedTuple):
+    """Of the loops about one axis; the rate loop's output is the mixer's demand, −1 to 1."""
+
+    p: float  # per rad/s
+    i: float  # per rad
+    d: float  # per rad/s², of the measured rate only
+    derivative_lag: float  # of the derivative's first-order filter, s, as dt / (dt + lag) in each cycle
+    angle: float  # rad/s per rad
+
+
 class Controller:
-    """That of one vehicle in flight; ``cycle`` and the ``delay`` of its estimates in s."""
+    """That of one vehicle in flight; ``cycle`` and the ``delay`` of its estimates in s.
+
+    ``stiff``: rates that are asked for per error of roll, pitch and yaw, 1/s.
+    """
 
     def __init__(self, vehicle: VehicleSpec, cycle: float, delay: float) -> None:
         self._body = body = airframe(vehicle)
@@ -42,10 +55,7 @@ class Controller:
         # computing take about one cycle.
         self._rate = min(0.4 / (lag / LEAD + delay + cycle), FASTEST)
         self._attitude = self._rate / 3
-        self._velocity = self._attitude / 3.5
-        self._position = self._velocity / 2.5
         self._cycle = cycle
-        self._smooths = 1.0 - exp(-cycle * LEAD * self._velocity)
         self._forgets = 1.0 - exp(-cycle * LEAD / lag) if lag else 1.0
         # Moments of a demand of 1 about the three axes, N m, by the slope of the rotors' curves in hover.
         per_command = body.speed_slope(body.command_for(body.hover_speed)) * body.full
@@ -54,8 +64,28 @@ class Controller:
         of_roll = -fsum(a * b for a, b in zip(places.roll, places.right, strict=True))
         of_pitch = fsum(a * b for a, b in zip(places.pitch, places.forward, strict=True))
         ix, iy, iz = body.inertia
-        self._per_unit = ix / (thrust * of_roll), iy / (thrust * of_pitch), iz / (torque * 4)
+        # Yaw has the rotors' torque only: a quarter of the bandwidth.
+        self._per_unit = ix / (thrust * of_roll), iy / (thrust * of_pitch), iz / (torque * 4) / 4
+        self._within((self._attitude, self._attitude, self._attitude / 4))
         self.rest()
+
+    def _within(self, stiff: Three) -> None:
+        """Closes the loops of velocity and position about attitude loops of these gains, 1/s."""
+        self.stiff = stiff
+        self._velocity = min(stiff[0], stiff[1], self._attitude) / 3.5
+        self._position = self._velocity / 2.5
+        self._smooths = 1.0 - exp(-self._cycle * LEAD * self._velocity)
+
+    @property
+    def gains(self) -> tuple[Gains, Gains, Gains]:
+        """About roll, pitch and yaw."""
+        # The lead is P and D: P(1 + (LEAD − 1)τs/(1 + τs)); τ as the cycle's exp(−cycle/τ) has it.
+        lag = self._cycle * (1.0 - self._forgets) / self._forgets
+        roll, pitch, yaw = (
+            Gains(p, p * self._rate / 12, p * (LEAD - 1.0) * lag, lag, angle)
+            for p, angle in zip((self._gain * self._rate * one for one in self._per_unit), self.stiff, strict=True)
+        )
+        return roll, pitch, yaw
 
     def rest(self) -> None:
         """Resets the integrators and filters, as on the ground."""
@@ -94,35 +124,42 @@ class Controller:
             self._heading = _wrapped(self._heading + yaw_rate * self._cycle)
         thrust = self._body.mass * lift / max(cos(roll) * cos(pitch), 0.5)
 
-        # Yaw has the rotors' torque only: a quarter of the bandwidth.
-        stiff = self._attitude
+        wanted = wanted_roll, wanted_pitch, self._heading
+        return self.steer(estimate, wanted, (0.0, 0.0, yaw_rate), thrust, flying)
+
+    def steer(self, estimate: State, wanted: Three, ahead: Three, thrust: float, flying: bool) -> ControlOutput:
+        """What one cycle asks for roll, pitch and yaw, rad, at a ``thrust``, N, with rates ``ahead``, rad/s."""
+        stiff_roll, stiff_pitch, stiff_yaw = self.stiff
+        roll, pitch, yaw = euler(estimate.attitude)
         rates = (
-            _limited(stiff * (wanted_roll - roll), MAX_RATE),
-            _limited(stiff * (wanted_pitch - pitch), MAX_RATE),
-            _limited(stiff / 4 * _wrapped(self._heading - yaw) + yaw_rate, MAX_RATE),
+            _limited(stiff_roll * (wanted[0] - roll) + ahead[0], MAX_RATE),
+            _limited(stiff_pitch * (wanted[1] - pitch) + ahead[1], MAX_RATE),
+            _limited(stiff_yaw * _wrapped(wanted[2] - yaw) + ahead[2], MAX_RATE),
         )
         p, q, r = estimate.rates
-        per_roll, per_pitch, per_yaw = self._per_unit
         # The thrust curve undone, as both autopilots do.
         command = self._body.command_for(self._body.speed_for(thrust / 4)) / self._body.full
         demands = (
-            _limited(self._steered(0, rates[0], p, flying) * per_roll, 1.0),
-            _limited(self._steered(1, rates[1], q, flying) * per_pitch, 1.0),
-            _limited(self._steered(2, rates[2], r, flying) / 4 * per_yaw, 1.0),
+            _limited(self.demand(0, rates[0], p, flying), 1.0),
+            _limited(self.demand(1, rates[1], q, flying), 1.0),
+            _limited(self.demand(2, rates[2], r, flying), 1.0),
             min(max(command, 0.0), 1.0),
         )
-        a, b, c, d = mix(self._frame, demands, self._stop)
-        outputs = pulse(a), pulse(b), pulse(c), pulse(d)
-        return ControlOutput(outputs, demands, (wanted_roll, wanted_pitch, self._heading), rates)
+        a, b, c, d = self.mixed(demands)
+        return ControlOutput((pulse(a), pulse(b), pulse(c), pulse(d)), demands, wanted, rates)
 
-    def _steered(self, axis: int, wanted: float, rate: float, flying: bool) -> float:
-        """The angular acceleration to ask for about an axis, rad/s², for a rate that is ``wanted``, rad/s."""
+    def mixed(self, demands: Four) -> Four:
+        """Normalised commands of the motors."""
+        return mix(self._frame, demands, self._stop)
+
+    def demand(self, axis: int, wanted: float, rate: float, flying: bool) -> float:
+        """What the rate loop asks the mixer for about an axis, for a rate ``wanted``, rad/s; one call a cycle."""
         # The lead (1 + τs)/(1 + τs/LEAD), as LEAD times the rate less its slow part.
         self._slow[axis] += self._forgets * (rate - self._slow[axis])
         led = LEAD * rate - (LEAD - 1.0) * self._slow[axis]
         if flying:
             self._trim[axis] += self._rate / 12 * self._cycle * (wanted - rate)
-        return self._gain * self._rate * (wanted - led + self._trim[axis])
+        return self._gain * self._rate * (wanted - led + self._trim[axis]) * self._per_unit[axis]
 
 
 def _limited(value: float, limit: float) -> float:

@@ -63,8 +63,8 @@ def frame(kind: Literal["x", "plus"], arm: tuple[float, float]) -> RotorFrame:
 IDLE_COMMAND = 0.1  # Of full command: what an armed motor turns at, at least
 
 
-def mix(frame: RotorFrame, demands: Four, stop: float = 1.0) -> Four:
-    """Normalised commands of the motors, ``IDLE_COMMAND`` to ``stop``.
+def mix(frame: RotorFrame, demands: Four, stop: float = 1.0, idle: float = IDLE_COMMAND) -> Four:
+    """Normalised commands of the motors, ``idle`` to ``stop``.
 
     ``demands`` are roll, pitch, yaw (−1 to 1) and thrust (0 to 1). Where a motor would saturate, thrust gives way
     first, so that the vehicle stays upright, and then all of roll, pitch and yaw alike.
@@ -72,11 +72,11 @@ def mix(frame: RotorFrame, demands: Four, stop: float = 1.0) -> Four:
     roll, pitch, yaw, thrust = demands
     a, b, c, d = (roll * r + pitch * p + yaw * s for r, p, s in zip(frame.roll, frame.pitch, frame.yaw, strict=True))
     lowest, highest = min(a, b, c, d), max(a, b, c, d)
-    if highest - lowest > stop - IDLE_COMMAND:
-        scale = (stop - IDLE_COMMAND) / (highest - lowest)
+    if highest - lowest > stop - idle:
+        scale = (stop - idle) / (highest - lowest)
         a, b, c, d = a * scale, b * scale, c * scale, d * scale
         lowest, highest = lowest * scale, highest * scale
-    thrust = min(max(thrust, IDLE_COMMAND - lowest), stop - highest)
+    thrust = min(max(thrust, idle - lowest), stop - highest)
     return a + thrust, b + thrust, c + thrust, d + thrust
 
 
@@ -163,6 +163,7 @@ def dynamics(vehicle: VehicleSpec, condition: Damage = UNDAMAGED) -> Dynamics:
     s1, s2, s3, s4 = (spin * share for spin, share in zip(SPINS, condition.torque, strict=True))
     mass, height = body.mass, body.hub_height
     ix, iy, iz = body.inertia
+    dx, dy, dz = (one * about for one, about in zip(body.damping, body.inertia, strict=True))
     thrust2, thrust1 = body.thrust
     torque2, torque1 = body.torque
     half_rho_area = AIR_DENSITY * body.drag_area / 2
@@ -209,9 +210,9 @@ def dynamics(vehicle: VehicleSpec, condition: Damage = UNDAMAGED) -> Dynamics:
         l4 = o4 * (tz + tp * y4 - tq * x4)
         push = hull * az
         fz = push + l1 + l2 + l3 + l4
-        mx = roll + height * fy - aside * push + y1 * l1 + y2 * l2 + y3 * l3 + y4 * l4
-        my = pitch - height * fx + ahead * push - x1 * l1 - x2 * l2 - x3 * l3 - x4 * l4
-        mz = yaw + aside * fx - ahead * fy
+        mx = roll - dx * p + height * fy - aside * push + y1 * l1 + y2 * l2 + y3 * l3 + y4 * l4
+        my = pitch - dy * q - height * fx + ahead * push - x1 * l1 - x2 * l2 - x3 * l3 - x4 * l4
+        mz = yaw - dz * r + aside * fx - ahead * fy
 
         # Thrust and torque in still air.
         t1 = k1 * (thrust2 * o1 + thrust1) * o1

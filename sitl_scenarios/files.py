@@ -15,6 +15,7 @@ from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
 
+from sitl_scenarios.gains import check_parameters, cycle_of, parameters_of
 from sitl_scenarios.plan import times
 from sitl_scenarios.scenario import Excitation, Moment, Move, Scenario, Wind, place, shortened
 
@@ -156,7 +157,25 @@ def scenario_of(table: dict[str, Any]) -> Scenario:
     except RecursionError:
         raise ValueError("it is nested deeper than any scenario") from None
     times(scenario)
+    check_parameters(scenario)
     return scenario
+
+
+def with_vehicle(scenario: Scenario, other: Scenario) -> Scenario:
+    """Returns the scenario with the vehicle, its sensors and its autopilot of another."""
+    table = scenario.model_dump(mode="json") | other.model_dump(mode="json", include={"vehicle", "sensors"})
+    return scenario_of(table | {"stream": table["stream"] | {"autopilot": other.stream.autopilot}})
+
+
+def with_parameters(scenario: Scenario, changed: Iterable[str]) -> Scenario:
+    """Returns the scenario with parameters of the autopilot ``changed`` to "NAME=VALUE"; raises ValueError."""
+    known, table = parameters_of(scenario, cycle_of(scenario)), scenario.model_dump(mode="json")
+    for name, _, value in (one.partition("=") for one in changed):
+        if name not in known:
+            near = get_close_matches(name[:100].upper(), known, n=3)
+            raise ValueError(f"the autopilot has no {shortened(name)!r} here: near it are {', '.join(near) or 'none'}")
+        table["vehicle"]["parameters"][name] = float(value)  # whose error says what is no number
+    return scenario_of(table)
 
 
 BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")  # a key that TOML needs no quotes around

@@ -13,7 +13,17 @@ from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AliasChoices, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import (
+    AliasChoices,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    FiniteFloat,
+    NonNegativeFloat,
+    PositiveFloat,
+    model_validator,
+)
 
 _COUNTED = {"wind": "wind", "moments": "moment"}  # Sections that there may be several of, and what one is called
 _ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth", "ninth", "tenth")
@@ -103,6 +113,21 @@ SENSORS, WIND, MOMENT, STICKS = range(4)
 """Purposes of random numbers; winds and moments are numbered further, each in its own list."""
 
 
+class BodySpec(Section):
+    """A body of one's own, such as one learned from a log, in place of a published one.
+
+    Inertia is about forward, right and down, kg m²; arm how far forward and right the rotors of the X are, m; damping
+    of the three rates by themselves, 1/s.
+    """
+
+    mass: float = Field(gt=0, le=1000, description="kg")
+    inertia: Annotated[tuple[PositiveFloat, PositiveFloat, PositiveFloat], _OrInf]
+    arm: Annotated[tuple[PositiveFloat, PositiveFloat], _OrInf]
+    hover: float = Field(gt=0.1, lt=1, description="Share of the motors' range in hover")
+    torque: float = Field(gt=0, le=1, description="Of a rotor, by its thrust, m")
+    damping: Annotated[tuple[NonNegativeFloat, NonNegativeFloat, NonNegativeFloat], _OrInf] = (0.0, 0.0, 0.0)
+
+
 class VehicleSpec(Section):
     """The vehicle."""
 
@@ -128,6 +153,10 @@ class VehicleSpec(Section):
     stop: float = Field(1.0, gt=0.2, le=1, description="Share of the pulse range at which motors stop: MOT_SPIN_MAX")
     inertia_scale: Annotated[float, Field(ge=0.1, le=10)] = 1.0
     """Multiple of the published moments of inertia; the autopilot is tuned for it."""
+    body: Annotated[BodySpec | None, _OrInf] = None
+    """Mass, inertia, arm, hover, torque and damping of a vehicle of one's own, in place of the model's"""
+    parameters: dict[str, FiniteFloat] = {}
+    """The autopilot's parameters of rate and attitude control, in place of those that suit the vehicle"""
     weak_motor: Annotated[int, Field(ge=0, le=4)] = 0
     """Motor, counted from 1 as the autopilot does, that loses thrust; 0: none."""
     weak_from: NotNegative = Field(0.0, description="Seconds into the flight from which it is weak")

@@ -9,8 +9,9 @@ from math import ceil, fsum, hypot, sqrt
 
 import numpy as np
 
-from sitl_scenarios.controller import Controller, ControlOutput
+from sitl_scenarios.controller import ControlOutput
 from sitl_scenarios.dynamics import DISARMED_PULSE, IDLE_COMMAND, AirState, Body, Four, State, damages, pulse
+from sitl_scenarios.gains import controller_for, cycle_of
 from sitl_scenarios.motion import Array, Motion
 from sitl_scenarios.plan import AFTER_SECONDS, BOOT_SECONDS, Plan, seconds
 from sitl_scenarios.scenario import SENSORS, Scenario
@@ -18,8 +19,6 @@ from sitl_scenarios.sensors import Sensing, Unbalance
 from sitl_scenarios.vehicles import GRAVITY, airframe
 from sitl_scenarios.wind import Weather
 
-CYCLES = {"px4": 1 / 250, "ardupilot": 1 / 400}
-"""Control cycle of the autopilots, s: PX4 in its simulators, ArduCopter by SCHED_LOOP_RATE's default."""
 MAX_STEP_SECONDS = 1e-3  # s: the physics take whole steps in a cycle, and none is longer than this
 MAX_BODY_RATE = 200.0  # rad/s: no vehicle turns faster, and a simulation of one that did would mean nothing
 _COLUMNS = (
@@ -39,12 +38,12 @@ class Simulation:
 
     def __init__(self, scenario: Scenario) -> None:
         self.scenario = scenario
-        self.cycle = CYCLES[scenario.stream.autopilot]
+        self.cycle = cycle_of(scenario)
         self._steps = ceil(self.cycle / MAX_STEP_SECONDS - 1e-9)
         self._body = Body(scenario.vehicle, self.cycle / self._steps)
         self._airframe = airframe(scenario.vehicle)
         self._plan = Plan(scenario, self.cycle)
-        self._controller = Controller(scenario.vehicle, self.cycle, scenario.sensors.delay)
+        self._controller = controller_for(scenario, self.cycle)
         self._sensing = Sensing(scenario.sensors, self.cycle, scenario.random(SENSORS))
         self._boot = round(BOOT_SECONDS / self.cycle)
         self._flight = round(scenario.duration / self.cycle)

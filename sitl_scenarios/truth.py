@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from math import cos, sin, tan
+from math import cos, pi, sin, tan
 from typing import Any
 
 import numpy as np
@@ -19,11 +19,11 @@ from scipy.spatial.transform import Rotation
 
 from mavdem.files import atomic_write
 from sitl_scenarios.dynamics import MAX_PULSE, MIN_PULSE, UNDAMAGED, AirState, Damage, damages, drag, dynamics
+from sitl_scenarios.gains import controller_for, cycle_of
 from sitl_scenarios.motion import IN_AIR, Array, Motion
 from sitl_scenarios.plan import BOOT_SECONDS
 from sitl_scenarios.scenario import AXES, Axis, Scenario, VehicleSpec
 from sitl_scenarios.sensors import vibration
-from sitl_scenarios.simulation import CYCLES
 from sitl_scenarios.vehicles import CHARGED, airframe
 
 STATES = (
@@ -129,7 +129,7 @@ def truth(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:
     arrays["scenario"] = np.array(scenario.model_dump_json())
     arrays["trim"] = np.full(4, 1000 + 1000 * body.command_for(body.hover_speed) / body.full)
     arrays |= _effects(scenario, motion) | _damage(scenario, motion) | {"vibration": vibration(scenario, motion)}
-    arrays["delay"] = np.array(scenario.sensors.delay + CYCLES[scenario.stream.autopilot] / 2)
+    arrays["delay"] = np.array(scenario.sensors.delay + cycle_of(scenario) / 2)
     arrays["drag_linear"], arrays["drag_quadratic"] = map(np.array, drag(scenario.vehicle))
     arrays["voltage"] = CHARGED * motion.battery
     arrays["lag"] = np.array([(up + down) / 2, up, down])
@@ -140,7 +140,73 @@ def truth(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:
         # The damping by the vehicle's own rate is in A; on the ground nothing moves and nothing acts.
         acting = motion.moment[:, number] / body.inertia[number] - instant.A[-1, -1] * motion.rates[:, number]
         arrays[f"{name}_disturbance"] = acting
+        effect = arrays.get(f"{name}_effect", instant.B[-1])
+        arrays |= _loops(scenario, cycle_of(scenario), number, -float(instant.A[-1, -1]), effect)
     return arrays
+
+
+SETTLED_CYCLES = 4096  # after which the rate controller's response to an impulse no longer changes
+LOWEST = 0.05  # Hz of the loops: position control is slower
+STEP = 1e-3, -1e-3  # of a demand, to linearise the mixer
+
+
+def _loops(scenario: Scenario, cycle: float, number: int, damping: float, effect: Array) -> dict[str, NDArray[Any]]:
+    """Arrays by name of the loops that fly about the axis ``number``, as docs/scenarios.md explains them.
+
+    They are the controller's own impulse response, a hold over one cycle, rotors, body and the estimates' delay.
+    ``damping``, 1/s, is positive where it damps; ``effect`` (4,) is of each motor's output, rad/s² per µs.
+    """
+    name, controller = AXES[number], controller_for(scenario, cycle)
+    frequency = np.geomspace(LOWEST, 0.499 / cycle, 4000)
+    s = np.asarray(2j * pi * frequency, np.complex128)
+    feedback, setpoint = (_response(scenario, cycle, number, wanted, s * cycle) for wanted in (False, True))
+    body = airframe(scenario.vehicle)
+    about = np.append(np.eye(3)[number], 0.0)
+    hover = np.append(np.zeros(3), body.command_for(body.hover_speed) / body.full)
+    more, less = (controller.mixed((hover + step * about).tolist()) for step in STEP)
+    gain = float(effect @ np.subtract(more, less)) * (MAX_PULSE - MIN_PULSE) / (STEP[0] - STEP[1])
+    hold = (1 - np.exp(-s * cycle)) / (s * cycle)
+    rate = gain * hold / ((s + damping) * (sum(body.lag) / 2 * s + 1))
+    late = np.exp(-s * scenario.sensors.delay)
+    rate_loop = -feedback * rate * late
+    attitude_loop = controller.stiff[number] * setpoint * rate / (1 + rate_loop) * late / s
+    return {
+        "loop_frequency": frequency,
+        f"{name}_rate_loop": rate_loop,
+        f"{name}_attitude_loop": attitude_loop,
+        f"{name}_rate_margins": margins(frequency, rate_loop),
+        f"{name}_attitude_margins": margins(frequency, attitude_loop),
+    }
+
+
+def _response(scenario: Scenario, cycle: float, number: int, wanted: bool, turns: NDArray[Any]) -> NDArray[Any]:
+    """(N,) of the rate controller at ``turns``, j times rad a cycle: from the rate that is ``wanted``, or the rate."""
+    controller = controller_for(scenario, cycle)
+    impulse = np.eye(1, SETTLED_CYCLES)[0].tolist()
+    demands = [controller.demand(number, one * wanted, one * (not wanted), True) for one in impulse]
+    # An integrator keeps what it has: the differences end.
+    steps = np.diff(demands, prepend=0.0)
+    kept = np.flatnonzero(np.abs(steps) > 1e-12 * np.abs(steps).max())
+    response = np.polynomial.polynomial.polyval(np.exp(-turns), steps[: kept[-1] + 1])
+    return np.asarray(response / (1 - np.exp(-turns)))
+
+
+def margins(frequency: Array, loop: NDArray[np.complex128]) -> Array:
+    """Gain crossover (Hz), phase margin (°), gain margin (dB) and Ms of an open ``loop`` (N,) at ``frequency`` (N,) Hz.
+
+    Of several crossovers the highest, of margins the least, of gain those against more of it; NaN without any.
+    """
+    size, real = np.log(np.abs(loop)), loop.real
+    crossings = np.flatnonzero(size[:-1] * size[1:] < 0)
+    share = size[crossings] / (size[crossings] - size[crossings + 1])
+    at = loop[crossings] + share * (loop[crossings + 1] - loop[crossings])
+    crossover = frequency[crossings] * (frequency[crossings + 1] / frequency[crossings]) ** share
+    turns = np.flatnonzero((loop.imag[:-1] * loop.imag[1:] < 0) & (real[:-1] < 0))
+    share = loop.imag[turns] / (loop.imag[turns] - loop.imag[turns + 1])
+    there = -(real[turns] + share * (real[turns + 1] - real[turns]))
+    phase, gain = np.degrees(np.angle(-at)), -20 * np.log10(there[there < 1])
+    least = [values.min() if len(values) else np.nan for values in (-crossover, phase, gain)]
+    return np.array([-least[0], *least[1:], (1 / np.abs(1 + loop)).max()])
 
 
 def _damage(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import tomllib
 from dataclasses import dataclass, replace
+from importlib.resources import files
 from math import sqrt
 
-from sitl_scenarios.scenario import VehicleSpec
+from sitl_scenarios.scenario import BodySpec, VehicleSpec
 
 GRAVITY = 9.81  # m/s², as in the paper's table of systems
 CHARGED = 12.6  # V of a charged battery of three cells
@@ -30,6 +32,7 @@ class Airframe:
     inflow: float  # N per (rad/s · m/s) of one rotor: thrust lost to air that moves down through its disc
     # f: thrust by the share s of the full command is (1 − f) s + f s² of the full thrust; None: ``speed`` as published
     quadratic: float | None = None
+    damping: tuple[float, float, float] = (0.0, 0.0, 0.0)  # of the body's rates, besides that of ``inflow``, 1/s
 
     def rotor_speed(self, command: float) -> float:
         """What a command settles at, rad/s; the command in the vehicle's own unit, 0 to ``full``."""
@@ -82,71 +85,43 @@ class Airframe:
         return self.speed_for(self.mass * GRAVITY / 4)
 
 
-ARDRONE2 = Airframe(
-    # TU Delft's figures, from which the paper's table of systems follows: D. Benders, "AR.Drone 2.0 state estimation
-    # using Dynamic Expectation Maximization", MSc thesis, 2020. Its command is PWM of 0 to 255.
-    mass=0.481,
-    inertia=(3.4e-3, 4.0e-3, 6.9e-3),
-    arm=(0.178 / sqrt(2), 0.178 / sqrt(2)),
-    thrust=(1.021e-5, -7.037e-4),
-    torque=(2.4e-7, -9.9e-6),
-    speed=(3.7 / 2.55, 130.9),
-    full=255.0,
-    # No lag, drag or height is published with them. Assumed: the lag of rotors of this size; the drag and inflow of the
-    # AscTec Hummingbird, whose rotors are as large and as fast (J. Svacha et al., "Improving quadrotor trajectory
-    # tracking by compensating for aerodynamic effects", ICUAS 2017, as given in RotorPy); hull with indoor guards,
-    # 0.52 by 0.1 m seen from the side, C_d about 0.8 of what is solid in it.
-    lag=(0.02, 0.02),
-    rotor_drag=1.19e-4,
-    inflow=2.32e-4,
-    hub_height=0.02,
-    drag_area=0.02,
-)
+def _published() -> dict[str, Airframe]:
+    tables = tomllib.loads((files("sitl_scenarios") / "airframes.toml").read_text())
+    for table in tables.values():
+        table |= {key: tuple(one) for key, one in table.items() if isinstance(one, list)}
+    return {name: Airframe(**table) for name, table in tables.items()}
 
-IRIS = Airframe(
-    # 3DR Iris as in PX4's gazebo-classic model iris.sdf: hull of 1.5 kg and four rotors of 5 g; rotors 0.13 m forward,
-    # 0.22 m right (0.20 m behind, taken as in front) and 0.023 m up; 1100 rad/s at full command and 100 at none; rotor
-    # drag after Ph. Martin and E. Salaün, "The true role of accelerometer feedback in quadrotor control", ICRA 2010.
-    mass=1.52,
-    inertia=(0.029125, 0.029125, 0.055225),
-    arm=(0.13, 0.22),
-    hub_height=0.023,
-    thrust=(5.84e-6, 0.0),
-    torque=(0.06 * 5.84e-6, 0.0),
-    speed=(1000.0, 100.0),
-    full=1.0,
-    lag=(0.0125, 0.025),
-    rotor_drag=1.75e-4,
-    # Assumed: twice the rotor drag, as the Hummingbird's; and a hull of 0.47 by 0.11 m, C_d 0.8 of what is solid in it.
-    inflow=3.5e-4,
-    drag_area=0.03,
-)
 
-CRAZYFLIE = Airframe(
-    # Crazyflie 2.x: S. Folk, J. Paulos and V. Kumar, "RotorPy", 2023, after J. Förster, "System identification of the
-    # Crazyflie 2.0 nano quadrocopter", BSc thesis, ETH Zürich 2015, whose ratio of torque to thrust is taken.
-    mass=0.030,
-    inertia=(1.43e-5, 1.43e-5, 2.89e-5),
-    arm=(0.043 / sqrt(2), 0.043 / sqrt(2)),
-    thrust=(2.3e-8, 0.0),
-    torque=(0.005964552 * 2.3e-8, 0.0),
-    speed=(2500.0, 0.0),
-    full=1.0,
-    lag=(0.072, 0.072),
-    rotor_drag=10.2506e-7,
-    inflow=7.553e-7,
-    # Assumed: rotors 5 mm above the centre of mass; 0.09 by 0.03 m seen from the side, C_d 0.8 of what is solid in it.
-    hub_height=0.005,
-    drag_area=1e-3,
-)
-
-AIRFRAMES = {"ardrone2": ARDRONE2, "iris": IRIS, "crazyflie": CRAZYFLIE}  # By the name that a scenario gives
+AIRFRAMES = _published()  # By the name that a scenario gives; their figures and sources are in airframes.toml
 
 
 def airframe(vehicle: VehicleSpec) -> Airframe:
-    """The published airframe with what a scenario changes of it."""
-    published = AIRFRAMES[vehicle.model]
+    """The published airframe, or the vehicle's own, with what a scenario changes of it."""
+    published = AIRFRAMES[vehicle.model] if vehicle.body is None else _own(vehicle.body, vehicle.quadratic_thrust)
     lags = zip(published.lag, (vehicle.lag_up, vehicle.lag_down), strict=True)
     up, down = (own if given is None else given for own, given in lags)
     ix, iy, iz = (vehicle.inertia_scale * inertia for inertia in published.inertia)
     return replace(published, inertia=(ix, iy, iz), lag=(up, down), quadratic=vehicle.quadratic_thrust)
+
+
+FULL_SPEED = 1000.0  # rad/s of a rotor at full command, where nobody knows it: thrust and torque count, not the speed
+
+
+def _own(body: BodySpec, quadratic: float | None) -> Airframe:
+    f, share = 1.0 if quadratic is None else quadratic, body.hover
+    full = body.mass * GRAVITY / 4 / ((1 - f) * share + f * share * share)
+    return Airframe(
+        mass=body.mass,
+        inertia=body.inertia,
+        arm=body.arm,
+        hub_height=0.0,
+        drag_area=0.0,
+        thrust=(full / FULL_SPEED**2, 0.0),
+        torque=(body.torque * full / FULL_SPEED**2, 0.0),
+        speed=(FULL_SPEED, 0.0),
+        full=1.0,
+        lag=(0.0, 0.0),
+        rotor_drag=0.0,
+        inflow=0.0,
+        damping=body.damping,
+    )

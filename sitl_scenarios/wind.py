@@ -28,7 +28,7 @@ from scipy.special import gamma, gammainc, kv
 from sitl_scenarios.dynamics import AirState, Three, frame
 from sitl_scenarios.motion import Array
 from sitl_scenarios.scenario import MOMENT, WIND, GaussianWind, Gust, Jet, Scenario, SteadyWind, TurbulentWind, towards
-from sitl_scenarios.vehicles import AIRFRAMES
+from sitl_scenarios.vehicles import airframe
 
 
 def gaussian_noise(s: float, dt: float, samples: int, noise: np.random.Generator) -> Array:
@@ -263,7 +263,7 @@ class Weather:
 
 def _turbulent(wind: TurbulentWind, scenario: Scenario, dt: float, samples: int, noise: np.random.Generator) -> Array:
     """(N, 5) velocity NED of the mean wind and its turbulence, and the air's rotation about two horizontal axes."""
-    places = frame(scenario.vehicle.frame, AIRFRAMES[scenario.vehicle.model].arm)
+    places = frame(scenario.vehicle.frame, airframe(scenario.vehicle).arm)
     turbulent = turbulence(wind, scenario.height, max(places.right) - min(places.right))
     if wind.kind == "dryden":
         along = first_order(turbulent.along[0], dt, samples, noise)

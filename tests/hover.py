@@ -1,11 +1,12 @@
 """A made-up hover for tests: a vehicle whose every signal is a known function of time, sampled as a stream would."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from mavdem.ingest.telemetry import Log, Telemetry
+from mavdem.ingest.telemetry import Log, Telemetry, selected
 
 Array = NDArray[np.float64]
 
@@ -15,6 +16,7 @@ ARMED = 128
 LEVEL = ("pitch", "pitchspeed", "yaw", "yawspeed")
 X_QUAD = np.array([-1.0, 1.0, 1.0, -1.0])
 """Sign of the roll torque of motors 1 front right, 2 rear left, 3 front left, 4 rear right."""
+X_QUAD_PARAMETERS = {f"SERVO{n}_FUNCTION": 32.0 + n for n in range(1, 5)} | {"FRAME_CLASS": 1.0, "FRAME_TYPE": 1.0}
 
 
 @dataclass(frozen=True)
@@ -97,6 +99,33 @@ def changed(telemetry: Telemetry, message: str, **fields: NDArray) -> Telemetry:
     """The telemetry with other columns in one message, or with another message."""
     table = {**telemetry.messages.get(message, {}), **fields}
     return replace(telemetry, messages={**telemetry.messages, message: table})
+
+
+def only(telemetry: Telemetry, wanted: Callable[[Array], NDArray[np.bool_]], *messages: str) -> Telemetry:
+    """The telemetry with those messages, of the kinds that are named or of all, whose time is ``wanted``."""
+    for message in messages or telemetry.messages:
+        table = telemetry.messages[message]
+        telemetry = changed(telemetry, message, **selected(table, wanted(table["time"])))
+    return telemetry
+
+
+def pulses(telemetry: Telemetry) -> Array:
+    """(4, N) the outputs of motors 1 to 4."""
+    return np.array([telemetry.messages["SERVO_OUTPUT_RAW"][f"servo{n}_raw"] for n in range(1, 5)])
+
+
+def with_pulses(telemetry: Telemetry, outputs: ArrayLike) -> Telemetry:
+    """The telemetry with other outputs (k, N) of the motors from 1 on."""
+    return changed(telemetry, "SERVO_OUTPUT_RAW", **{f"servo{n}_raw": row for n, row in enumerate(outputs, 1)})
+
+
+def with_demand(telemetry: Telemetry, rate: float = 100.0, pace: float = 1.0, group: float = 0.0) -> Telemetry:
+    """The telemetry with a controller's demand beside it: roll a sine of ``pace`` rad/s, pitch nothing."""
+    time = np.arange(0.0, telemetry.messages["ATTITUDE"]["time"][-1], 1 / rate)
+    controls = np.zeros((len(time), 8))
+    controls[:, 0], controls[:, 3] = 0.1 * np.sin(pace * time), 0.5
+    fields = {"controls": controls, "group_mlx": np.full(len(time), group)}
+    return changed(telemetry, "ACTUATOR_CONTROL_TARGET", **columns(time, **fields))
 
 
 def log_of(telemetry: Telemetry) -> Log:

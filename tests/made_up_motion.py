@@ -3,8 +3,8 @@
 import numpy as np
 
 from sitl_scenarios.dynamics import DISARMED_PULSE
+from sitl_scenarios.gains import CYCLES
 from sitl_scenarios.motion import Motion
-from sitl_scenarios.simulation import CYCLES
 
 ARMED, UP, DOWN = 2.0, 4.0, 3.0
 """Seconds from boot to arming; from arming to the hover; from its end to the ground."""

@@ -51,8 +51,7 @@ def test_without_rerun_learning_writes_all_but_its_recording(without_rerun, tmp_
 
 
 @pytest.mark.parametrize(
-    "words",
-    [("fly", "hover_blower", "--rrd", "flight.rrd"), ("live", "udpin:127.0.0.1:0", "--serve")],
+    "words", [("fly", "hover_blower", "--rrd", "flight.rrd"), ("live", "udpin:127.0.0.1:0", "--serve")]
 )
 def test_without_rerun_a_dashboard_that_is_asked_for_is_refused(words, without_rerun, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)

@@ -14,7 +14,9 @@ from mavdem.alignment.drive import Motors, Signal
 from mavdem.alignment.phases import Intervals, both, unbroken
 from mavdem.alignment.signals import MINIMUM_RATE, Attitude, Signals, axis_outputs, held
 from mavdem.flight import Flight
-from mavdem.ingest.telemetry import Array
+from mavdem.ingest.controllers import USED
+from mavdem.ingest.mavlink.definitions import parameter_values
+from mavdem.ingest.telemetry import Array, Telemetry, selected
 
 MEDIAN_STEPS = 41
 """Steps, about 1 s at ``MINIMUM_RATE``, whose median is a stream's usual step. A median follows a change of rate to the
@@ -185,12 +187,23 @@ def align(signals: Signals, segment: Segment, dt: float | None = None) -> Flight
             "scale": asdict(scale),
             "setpoints": {one.name: telemetry.called(one.message) for one in asked},
             "repairs": list(telemetry.repairs),
+            "parameters": {name: value for name, value in telemetry.parameters.items() if USED.match(name)},
+            "earlier": _earlier(telemetry, segment),
         },
         effect_directions=None if layout.positions_assumed else layout.effect(axis),
         setpoints=np.column_stack([held(one, segment.boot, time) for one in asked]) if asked else None,
         setpoint_names=tuple(one.name for one in asked) or None,
         setpoint_units=tuple(one.unit for one in asked) or None,
     )
+
+
+def _earlier(telemetry: Telemetry, segment: Segment) -> dict[str, float]:
+    """The controller's parameters that changed after the segment began, or sometime, with their values before."""
+    before, sent = dict(telemetry.earlier), telemetry.messages.get("PARAM_VALUE")
+    if sent is not None:
+        rows = (sent["boot"] < segment.boot) | ((sent["boot"] == segment.boot) & (sent["time"] <= segment.start))
+        before = parameter_values(selected(sent, rows), telemetry.autopilot)
+    return {name: one for name, one in before.items() if USED.match(name) and telemetry.parameters[name] != one}
 
 
 def step(streams: Iterable[Array]) -> float:

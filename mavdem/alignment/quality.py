@@ -1,4 +1,4 @@
-"""Quality of a log and of one segment: rates, jitter, noise, resolution and consistency, as numbers."""
+"""Quality of a log and of one segment: rates, noise, resolution and consistency, as numbers."""
 
 from __future__ import annotations
 
@@ -44,9 +44,7 @@ class QualityFigures:
     # stamps, but not where they stand still because they are rounded
     attitude_fresh: float | None = None
     motor_fresh: float | None = None
-    attitude_jitter: float | None = None  # with motor_jitter: standard deviation of the steps between messages
-    motor_jitter: float | None = None
-    attitude_gap: float | None = None  # with motor_gap: the longest step
+    attitude_gap: float | None = None  # with motor_gap: the longest step between messages
     motor_gap: float | None = None
     angle_sd: float | None = None  # with rate_sd: standard deviations of the outputs
     rate_sd: float | None = None
@@ -62,7 +60,6 @@ class QualityFigures:
     # variance of that combination, rounding taken off, over the variance that rounding alone gives it
     input_snr: float | None = None
     saturation: float | None = None  # share of samples with a motor at its limit
-    upper_band: float | None = None  # share of the rate's variance above half the Nyquist frequency
     # share of the angle's changes over 0.2 s explained by the integrated rates, in the stream or in the flight made of
     # it, whichever is less; can be far below 0
     consistency: float | None = None
@@ -107,7 +104,6 @@ def of_segment(signals: Signals, segment: Segment, flight: Flight, log: QualityF
     flown, _ = sample(flight.time, flight.dt, time, np.column_stack([angle, slope]))
     flown_angle, flown_slope, flown_rate = *flown.T, flight.outputs[:, -1]
     consistencies = [_consistency(time, angle, slope), _consistency(flight.time, flown_angle, flown_slope)]
-    attitude_steps, motor_steps = np.diff(time), np.diff(motors.time[there])
     motion = np.column_stack([angle, attitude.rate[here]])
     steps = np.array([_step(column) for column in motion.T])
     measured = slice(-flight.outputs.shape[1], None)  # not the angle of yaw
@@ -129,10 +125,8 @@ def of_segment(signals: Signals, segment: Segment, flight: Flight, log: QualityF
         motor_rate=mean_rate(motors.time[there]),
         attitude_fresh=_fresh_rate(time, motion[:, measured], steps[measured]),
         motor_fresh=_fresh_rate(motors.time[there], motors.outputs[there], motors.scale.step),
-        attitude_jitter=float(attitude_steps.std()),
-        motor_jitter=float(motor_steps.std()),
-        attitude_gap=float(attitude_steps.max()),
-        motor_gap=float(motor_steps.max()),
+        attitude_gap=float(np.diff(time).max()),
+        motor_gap=float(np.diff(motors.time[there]).max()),
         angle_sd=float(flown_angle.std()),
         rate_sd=float(flown_rate.std()),
         angle_step=float(steps[0]),
@@ -142,7 +136,6 @@ def of_segment(signals: Signals, segment: Segment, flight: Flight, log: QualityF
         input_step=motors.scale.step,
         input_snr=float(combination.var() / rounding**2) - 1 if rounding > 0 else None,
         saturation=float(limited.any(axis=1).mean()),
-        upper_band=_upper_band(flown_rate),
         consistency=min((share for share in consistencies if share is not None), default=None),
     )
 
@@ -176,18 +169,6 @@ def _fresh_rate(time: Array, rows: Array, step: Array | float) -> float:
     steps = np.where(np.asarray(step) > 0, step, np.inf)
     held = float(np.median((after_standstill / steps).max(axis=1))) > HELD_STEPS
     return float(np.count_nonzero(changed)) / len(changed) * rate if held else rate
-
-
-def _upper_band(rate: Array) -> float | None:
-    """By Welch's method; without ``scipy.signal``, which takes half a second to import."""
-    length = min(256, len(rate))
-    pieces = np.lib.stride_tricks.sliding_window_view(rate, length)[:: length - length // 2]
-    window = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(length) / length)
-    spectra = np.fft.rfft((pieces - pieces.mean(axis=1, keepdims=True)) * window)
-    power = np.square(np.abs(spectra)).sum(axis=0)
-    power[1 : (length + 1) // 2] *= 2
-    total = float(power.sum())
-    return float(power[np.arange(len(power)) > (len(power) - 1) / 2].sum()) / total if total > 0 else None
 
 
 def _consistency(time: Array, angle: Array, slope: Array) -> float | None:

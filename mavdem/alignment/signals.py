@@ -53,6 +53,7 @@ CLIMB_FIELDS = {"LOCAL_POSITION_NED": ("vz", -1.0), "GLOBAL_POSITION_INT": ("vz"
 BATTERY_MESSAGES = ("SYS_STATUS", "BATTERY_STATUS")
 """Messages with the battery's voltage, the preferred first. They have no stamp of their own, and get the time of the
 message before them: a few ms, for a quantity that changes over seconds."""
+EARTH_RADIUS = 6_371_000.0  # m, in the mean
 NO_CELL = 65535  # mV of a cell, or battery, that is not measured
 LEAST_VOLTAGE, MOST_VOLTAGE = 1.0, 1000.0
 """V: below, there is no battery monitor, or the simulator has no battery; above, the message is damaged."""
@@ -292,6 +293,17 @@ class Signals:
             columns = self.telemetry.messages.get(message)
             if columns is not None and len(columns["time"]) > 1:
                 return series(columns, factor * floats(columns, field))
+        return None
+
+    @cached_property
+    def position(self) -> Signal | None:
+        """The position (N, 3), m north, east and down of where the log begins or the estimator's origin is."""
+        if "x" in (columns := self.telemetry.messages.get("LOCAL_POSITION_NED", {})):
+            return series(columns, np.column_stack([floats(columns, axis) for axis in "xyz"]))
+        if (columns := self.telemetry.messages.get("GLOBAL_POSITION_INT", {})) and len(columns["time"]):
+            angles = np.radians(1e-7 * np.column_stack([floats(columns, name) for name in ("lat", "lon")]))
+            plane = EARTH_RADIUS * (angles - angles[0]) * [1.0, np.cos(angles[0, 0])]
+            return series(columns, np.column_stack([plane, -floats(columns, "relative_alt") / 1000]))
         return None
 
     @cached_property

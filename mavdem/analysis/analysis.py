@@ -126,7 +126,7 @@ def analyse(
         return without_model(refusal)
     cautions = (*([SLOW_CAUTION] if slow else []), *flights[0].provenance["cautions"], *learned.cautions)
     learned = replace(learned, cautions=cautions)  # before anything is fitted that it keeps
-    changes = [alarm.since for alarm in alarms if alarm.motor is not None]
+    changes = found.changes
     if changes and learned.physical is not None and learned.wind_torque is not None:
         vars(learned)["wind_torque"] = wind(learned.physical, learned.record, changes)
     disown_torque(learned, condition)

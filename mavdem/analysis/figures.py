@@ -100,6 +100,11 @@ class LogAnalysis:
         """Which model can be learned: "full", "slow motion", or None."""
         return "full" if self.verdict.learnable else None if self.learned is None else "slow motion"
 
+    @property
+    def changes(self) -> list[float]:
+        """When a motor changed in flight and so the vehicle, s."""
+        return [alarm.since for alarm in self.alarms if alarm.motor is not None]
+
     @cached_property
     def findings(self) -> Findings:
         """What the flight says of its vehicle, and what the model is good for: made once, shown everywhere."""

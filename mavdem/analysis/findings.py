@@ -4,6 +4,7 @@ One scale of three grades says how sure something is. What is estimated is grade
 interval, as a share of the estimate (``HALF_WIDTH``), and by its status: what is biased is ``LIMITED`` however narrow
 its interval is. Forecasts are graded by windows that no model saw (``PREDICTION_LIMITS``). Whatever makes the flight
 itself doubtful overrides all grades: then nothing is GOOD, and what to do next follows from it.
+Residuals, what a model leaves of one step ahead, are tested for whiteness and for what the command still explains.
 """
 
 from __future__ import annotations
@@ -17,10 +18,10 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from mavdem.alignment.verdict import DOUBTFUL_CONSISTENCY
-from mavdem.analysis.residuals import correlation, residuals
 from mavdem.condition import Condition
 from mavdem.confidence import LEVEL, quantile
 from mavdem.dem import Learned, Physical, WindTorque
+from mavdem.dem.engine.linalg import Array
 from mavdem.evaluate.held_out import BASELINES, HOLD_LAST, HeldOut
 from mavdem.flight import Flight
 from mavdem.health.in_flight import MotorAlarm
@@ -365,3 +366,68 @@ def next_step(found: Sequence[Finding]) -> str:
     if prediction != GOOD:
         return "Keep its physical parameters as the vehicle's reference, but do not rely on its forecasts."
     return "Keep this as the vehicle's reference; `--axis all` has pitch and yaw."
+
+
+BOUND_LEVEL = 0.99  # of the bounds that chance alone keeps to
+LAG_SECONDS = 0.5
+
+
+class Residuals(NamedTuple):
+    """One-step residuals of one output with their correlations by lag, and the 99 % bounds of these."""
+
+    errors: Array  # (T,) in the output's unit; NaN where nothing was predicted
+    lag: Array  # (L + 1,) s, from 0 on
+    auto: Array  # (L + 1,) autocorrelation
+    across: Array  # (L + 1,) correlation with the command, so long after it
+    bounds: tuple[float, float]  # of both; the second allows for the autocorrelation of both (Ljung, sec. 16.6)
+
+    @property
+    def largest(self) -> tuple[float, float]:
+        """The largest correlations, but for the first of ``auto``."""
+        return float(np.abs(self.auto[1:]).max()), float(np.abs(self.across).max())
+
+    @property
+    def white(self) -> bool:
+        """Whether neither is outside its bound by three times, which is no chance."""
+        return all(size <= 3 * bound for size, bound in zip(self.largest, self.bounds, strict=True))
+
+
+def residuals(learned: Learned, output: int = -1) -> Residuals:
+    """Returns the residuals of an ``output`` of the training data, the last one unless given."""
+    record, command = learned.record, learned.record.inputs @ weights(directions(learned))
+    errors = record.outputs[:, output] - learned.one_step()[:, output]
+    errors[record.starts] = np.nan  # a segment's first is not predicted
+    known = ~np.isnan(errors)
+    centred, driven = np.where(known, errors - errors[known].mean(), 0.0), command - command.mean()
+    lags = round(LAG_SECONDS / learned.dt)
+    auto, driven_auto = correlation(centred, centred, lags), correlation(driven, driven, lags)
+    width = float(quantile(BOUND_LEVEL) / np.sqrt(known.sum()))
+    # The variance of a correlation of two independent series.
+    joint = float(np.sqrt(max(1 + 2 * float(auto[1:] @ driven_auto[1:]), 1.0)))
+    lag = np.arange(lags + 1.0) * learned.dt
+    return Residuals(errors, lag, auto, correlation(driven, centred, lags), (width, width * joint))
+
+
+def correlation(one: Array, other: Array, lags: int) -> Array:
+    """Returns (lags + 1,) of ``one`` at a time with ``other`` 0, 1, … samples later."""
+    size = 2 * len(one)
+    products = np.fft.irfft(np.conj(np.fft.rfft(one, size)) * np.fft.rfft(other, size), size)[: lags + 1]
+    scale = np.sqrt(float(one @ one) * float(other @ other))
+    return np.asarray(products / scale if scale else np.zeros(lags + 1))
+
+
+def directions(learned: Learned) -> Array:
+    """Returns (r,) how each input turns the vehicle, relative to the others: by the mixer, or else as estimated."""
+    known = learned.record.effect_directions
+    if known is not None:
+        return np.asarray(known)
+    if learned.record.inputs.shape[1] == 1:  # the controller's demand
+        return np.ones(1)
+    effect = learned.model.B[-1] if learned.physical is None else learned.physical.effect
+    return np.asarray(effect if effect.any() else np.ones(len(effect)))
+
+
+def weights(directions: Array) -> Array:
+    """Returns (r,) the share of each input in the command of the axis: those that turn up it sum to 1, others to -1."""
+    up, down = np.maximum(directions, 0.0), np.maximum(-directions, 0.0)
+    return np.asarray(sum(sign * side / side.sum() for sign, side in ((1, up), (-1, down)) if side.any()))

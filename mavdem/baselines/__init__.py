@@ -1,9 +1,7 @@
 """The methods that DEM is compared with: each takes what ``mavdem.learn`` takes and returns a ``Forecaster``."""
 
-from mavdem.baselines.autoregression import JointAutoregression, arx, var
-from mavdem.baselines.expectation_maximization import em
-from mavdem.baselines.identified import Identified, constant_mean, hold, zero
-from mavdem.baselines.prediction_error_method import pem
+from mavdem.baselines.identified import Identified, JointAutoregression, arx, constant_mean, hold, var, zero
+from mavdem.baselines.maximum_likelihood import em, pem
 from mavdem.baselines.subspace_identification import subspace
 from mavdem.dem.engine.state_space import StateSpace
 

@@ -46,9 +46,11 @@ class _Commands(click.Group):
     commands=[
         click.Command("info", help="Reports what a log holds and if a model can be learnt."),
         click.Command("learn", help="Learns a linear model, and reports what the vehicle does in wind."),
+        click.Command("open", help="Learns from a log, and shows the dashboard at once."),
         click.Command(
             "wind", help="Reports the wind in m/s, where it comes from, and the vehicle's drag, with intervals of 90 %."
         ),
+        click.Command("tune", help="Reports the margins of the rate and attitude loops, and gains to set."),
         click.Command("compare", help="Compares DEM with other methods, window by window."),
         click.Command("order", help="Finds the model order (number of states) by the free energy."),
         click.Command("diff", help="Reports what changed of a vehicle between A and B, and what stayed the same."),

@@ -21,8 +21,9 @@ def convert_command(source: str, out: str, axis: str, vehicle: str | None, input
     The ending of OUT says the format. .tlog and .mcap receive every frame of the recorded stream with its receive time.
     .csv and .parquet receive the longest settled flight of one vehicle as a table (--axis, --vehicle, --inputs); if no
     model can be learned from the log, what there is of attitude and inputs, with a caution; at rates far apart, each at
-    its own stamps and nan between. An .mcap file also holds every message as JSON, for viewers; converted back to .tlog
-    it is the original stream.
+    its own stamps and nan between. A log with a wind in m/s has columns of where the air moves to, north and east, and
+    of the half widths of its 90 % band; nan outside the flight that it is of. An .mcap file also holds every message as
+    JSON, for viewers; converted back to .tlog it is the original stream.
 
     In .csv, time is rounded to microseconds, and other numbers have as many digits as float32 needs, in which
     autopilots send and log them. .parquet keeps float64.

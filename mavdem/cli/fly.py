@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import fields
 from pathlib import Path
@@ -21,7 +21,7 @@ from mavdem.errors import Unreadable, require
 from mavdem.export.conversion import STREAMS
 from mavdem.files import atomic_writes, replaceable
 from sitl_scenarios.dynamics import frame
-from sitl_scenarios.files import in_toml, in_words, load, names, scenario_of
+from sitl_scenarios.files import in_toml, in_words, load, names, scenario_of, with_parameters, with_vehicle
 from sitl_scenarios.mavlink.autopilots import AUTOPILOTS
 from sitl_scenarios.mavlink.live import Ground, fly_live
 from sitl_scenarios.mavlink.transmitter import recorded
@@ -31,7 +31,7 @@ from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import Simulation
 from sitl_scenarios.simulation import fly as fly_through
 from sitl_scenarios.truth import write_truth
-from sitl_scenarios.vehicles import AIRFRAMES
+from sitl_scenarios.vehicles import airframe
 
 
 class ScenarioName(click.Path):
@@ -53,6 +53,8 @@ class ScenarioName(click.Path):
 @click.option(
     "--speed", type=Number(0.01, 1000.0), help="Speed of a live flight, as a multiple of real time.  [default: 1]"
 )
+@file_option("--vehicle", "A .toml file with a vehicle, or a scenario's: it is flown instead.")
+@click.option("--set", "changed", multiple=True, metavar="NAME=VALUE", callback=no_option, help="A parameter to set.")
 @click.option("--seed", type=int, help="Random seed, instead of the scenario's.")
 @click.option("--duration", type=float, help="Seconds from arming to disarming, instead of the scenario's.")
 @click.option(
@@ -68,6 +70,8 @@ def fly_command(
     rrd: Path | None,
     udp: str | None,
     speed: float | None,
+    vehicle: Path | None,
+    changed: tuple[str, ...],
     seed: int | None,
     duration: float | None,
     describe: bool,
@@ -112,7 +116,7 @@ def fly_command(
         raise click.UsageError("Missing argument 'SCENARIO': one of `mavdem fly --list`, or a .toml file.")
     if describe:
         _refuse_beside("--describe", asked)
-        described = _chosen(scenario, seed, duration)
+        described = _chosen(scenario, seed, duration, vehicle, changed)
         words = [printable(line) for line in in_words(described)]
         if as_json:
             return print_json({"scenario": scenario, "words": words, "values": described.model_dump(mode="json")})
@@ -121,7 +125,7 @@ def fly_command(
         raise click.UsageError("--udp flies live; --out and --rrd write files: choose one.")
     if udp is None and speed is not None:
         raise click.UsageError("--speed applies to a live flight only: leave it out, or fly live with --udp.")
-    chosen, name = _chosen(scenario, seed, duration), Path(scenario).stem
+    chosen, name = _chosen(scenario, seed, duration, vehicle, changed), Path(scenario).stem
     if not (udp or out or rrd):
         raise click.UsageError("No output: name a file with --out or --rrd, or a ground station with --udp.")
     report = _to_files(name, chosen, out, rrd) if udp is None else _live(name, chosen, udp, speed or 1.0)
@@ -147,7 +151,9 @@ def _refusing(hint: str = "", before: str = "") -> Iterator[None]:
         raise click.UsageError(f"{str(error)[:1].upper()}{str(error)[1:]}.") from error
 
 
-def _chosen(named: str, seed: int | None, duration: float | None) -> Scenario:
+def _chosen(
+    named: str, seed: int | None, duration: float | None, vehicle: Path | None, changed: Sequence[str]
+) -> Scenario:
     with _refusing("SCENARIO"):
         scenario = load(named)
     if scenario == Scenario():
@@ -156,6 +162,12 @@ def _chosen(named: str, seed: int | None, duration: float | None) -> Scenario:
         if value is not None:
             with _refusing(f"--{key}"):
                 scenario = scenario_of(scenario.model_dump(mode="json") | {key: value})
+    if vehicle is not None:
+        with _refusing("--vehicle"):
+            scenario = with_vehicle(scenario, load(vehicle))
+    if changed:
+        with _refusing("--set"):
+            scenario = with_parameters(scenario, changed)
     with _refusing("SCENARIO", f"{Path(named).name}: "):  # not after a long flight
         AUTOPILOTS[scenario.stream.autopilot].rates(scenario.stream.rate, scenario.stream.rates)
     return scenario
@@ -187,7 +199,7 @@ def _to_files(name: str, scenario: Scenario, out: Path | None, rrd: Path | None)
             with ending_at_once():  # Rerun takes a second to load
                 from mavdem.view import Pose, write_pose
 
-            rotors = frame(scenario.vehicle.frame, AIRFRAMES[scenario.vehicle.model].arm)
+            rotors = frame(scenario.vehicle.frame, airframe(scenario.vehicle).arm)
             shown = {field.name: getattr(motion, field.name) for field in fields(Pose) if field.name != "rotors"}
             write_pose(place[rrd], name, Pose(**shown, rotors=np.column_stack([rotors.forward, rotors.right])))
             report |= {"rrd": str(rrd)}

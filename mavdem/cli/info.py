@@ -11,8 +11,9 @@ from mavdem.cli.options import source_options
 from mavdem.cli.output import complain, print_json, say
 from mavdem.cli.sources import read_source
 from mavdem.condition.inventory import inventory
+from mavdem.condition.wind_of_log import Air, air_of
 from mavdem.report.blocks import Block, Sentence
-from mavdem.report.condition import air_of, sender, stream_contents, vehicle_contents, wind_blocks
+from mavdem.report.condition import sender, stream_contents, vehicle_contents, wind_blocks
 from mavdem.report.screen import conclusion
 
 
@@ -31,15 +32,16 @@ def info_command(
 
     Exit code: 0 if a model can be learned from at least one vehicle, otherwise 1.
     """
-    log, analyses = read_source(source), dict[tuple[int, int], LogAnalysis]()
+    log, analyses, airs = read_source(source), dict[tuple[int, int], LogAnalysis](), list[Air]()
     for telemetry in log.vehicles if vehicle is None else [choose_vehicle(log.vehicles, vehicle)]:
-        found = analyse(log, axis, inputs=inputs, signals=Signals(telemetry, axis, inputs), whole=False)
+        signals = Signals(telemetry, axis, inputs)
+        airs.append(air_of(signals))
+        found = analyse(log, axis, inputs=inputs, signals=signals, whole=False)
         analyses[telemetry.system, telemetry.component] = found
     known = {place: (one.verdict, one.condition, one.identity) for place, one in analyses.items()}
     held, blocks = inventory(log, axis, vehicle, inputs, known), list[Block]()
-    for shown, one in zip(held["vehicles"], analyses.values(), strict=True):
+    for shown, one, air in zip(held["vehicles"], analyses.values(), airs, strict=True):
         shown |= one.findings.as_dict() | {"model": one.model}
-        air = air_of(Signals(choose_vehicle(log.vehicles, sender(shown))))
         shown["wind_velocity"] = air[0] and air[0].as_dict()
         blocks += [*conclusion(one.findings), *vehicle_contents(shown), *wind_blocks(air), Sentence("")]
     held["learnable"] = any(one["model"] for one in held["vehicles"])

@@ -4,32 +4,48 @@ from __future__ import annotations
 
 import math
 import shlex
+from collections.abc import Sequence
 from pathlib import Path
 from time import perf_counter
 from typing import Any
 
 import click
+import numpy as np
 
-from mavdem.alignment.drive import TILT_AXES
+from mavdem.alignment.drive import TILT_AXES, Signal
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals
 from mavdem.analysis import LogAnalysis, analyse
 from mavdem.analysis.figures import ALL
+from mavdem.analysis.findings import known_wind
 from mavdem.cli.options import file_option, folder_named, model_options, source_options, window_options
-from mavdem.cli.output import check_folder, complain, files_in, json_text, print_result, printable, progress, say_aside
+from mavdem.cli.output import (
+    check_folder,
+    complain,
+    files_in,
+    json_text,
+    print_blocks,
+    print_json,
+    printable,
+    progress,
+    say_aside,
+)
 from mavdem.cli.signals import ending_at_once
 from mavdem.cli.sources import read_source
+from mavdem.condition import WindVelocity
 from mavdem.condition.inventory import inventory
+from mavdem.condition.wind_of_log import Air, air_of
+from mavdem.condition.wind_velocity import torque_explained
 from mavdem.dem import Settings
 from mavdem.errors import advice, missing
 from mavdem.evaluate.windows import Length
 from mavdem.export.conversion import write_channels
+from mavdem.flight import Flight
 from mavdem.report.blocks import Block, Sentence
-from mavdem.report.condition import Air, air_of, wind_blocks
-from mavdem.report.details import detail_blocks
+from mavdem.report.condition import wind_blocks
 from mavdem.report.flights import truth_blocks
 from mavdem.report.page import log_page
-from mavdem.report.screen import analysis_blocks, title, vehicle_blocks
+from mavdem.report.screen import analysis_blocks, detail_blocks, title, vehicle_blocks
 
 RECORDING = "flight.rrd"
 RESULT_FILES = ("model.json", "report.json", "report.html", RECORDING, "flight.mcap")
@@ -45,6 +61,16 @@ def _seconds(context: click.Context, parameter: click.Parameter, value: str) -> 
     return seconds
 
 
+start_option = click.option(
+    "--start",
+    metavar="SECONDS",
+    default="0",
+    show_default=True,
+    callback=_seconds,
+    help="Nothing before it is used: seconds into the settled flight.",
+)
+
+
 @click.command("learn")
 @source_options(
     (*TILT_AXES, ALL), "Axis to model; all: a model of roll, and the physical parameters of roll, pitch and yaw."
@@ -56,15 +82,9 @@ def _seconds(context: click.Context, parameter: click.Parameter, value: str) -> 
 @window_options(
     "the whole settled flight", "A held-out window; with --train the one after it: seconds (1.5s) or samples (150)."
 )
-@click.option(
-    "--start",
-    metavar="SECONDS",
-    default="0",
-    show_default=True,
-    callback=_seconds,
-    help="Nothing before it is used: seconds into the settled flight.",
-)
+@start_option
 @file_option("--truth", "Truth of a simulated flight, flight.truth.npz: it is put beside the estimates.")
+@click.option("--no-files", is_flag=True, help="Only print the screen; write no files.")
 @click.option("--verbose", is_flag=True, help="Also print cautions, the model A, B and C, and how it was learned.")
 def learn_command(
     source: str,
@@ -78,6 +98,7 @@ def learn_command(
     test: Length | None,
     start: float,
     truth: Path | None,
+    no_files: bool,
     verbose: bool,
 ) -> None:
     """Learns a linear model, and reports what the vehicle does in wind.
@@ -113,22 +134,36 @@ def learn_command(
       mavdem learn simulated.tlog --truth simulated.truth.npz
     """
     folder = out or named_after(source)
-    check_folder(folder, RESULT_FILES)
+    if not no_files:
+        check_folder(folder, RESULT_FILES)
     began = perf_counter()
     log = read_source(source)
+    telemetry = choose_vehicle(log.vehicles, vehicle)
+    signals = Signals(telemetry)
+    air = air_of(signals)  # first: what it reads of the signals the analysis need not read again
     analysis = analyse(
-        log, axis, vehicle, inputs, settings, start=start, train=train, test=test, truth=truth, progress=progress
+        log,
+        axis,
+        vehicle,
+        inputs,
+        settings,
+        start=start,
+        train=train,
+        test=test,
+        truth=truth,
+        progress=progress,
+        signals=signals,
     )
     learned, verdict, condition = analysis.learned, analysis.verdict, analysis.condition
     if learned is None and analysis.tier.name is None:
         raise analysis.refusal
-    telemetry = choose_vehicle(log.vehicles, vehicle)
-    air = air_of(Signals(telemetry))
     report: dict[str, Any] = {
         **analysis.as_dict(),
         "wind_velocity": air[0] and air[0].as_dict(),
         "seconds": round(perf_counter() - began, 3),
-        "files": {name: str(folder / name) for name in result_files(with_model=learned is not None)},
+        "files": {}
+        if no_files
+        else {name: str(folder / name) for name in result_files(with_model=learned is not None)},
     }
     blocks, details = analysis_blocks(analysis), list[Block]()
     if learned is None:
@@ -140,23 +175,31 @@ def learn_command(
         blocks += vehicle_blocks(analysis.vehicle, bool(analysis.findings.overrides)) if axis == ALL else []
         blocks += [] if analysis.truth is None else truth_blocks(analysis.truth)
         details = detail_blocks(learned, report)
-    blocks[-1:-1] = wind_blocks(air)  # what to do next stays last
-    known = {(telemetry.system, telemetry.component): (verdict, condition, analysis.identity)}
-    held = inventory(log, verdict.axis, vehicle, inputs, known)
-    held["vehicles"][0] |= analysis.findings.as_dict() | {"model": analysis.model}
-    write_results(folder, report, log_page(heading, blocks, {verdict.axis: analysis}, held, air=air), analysis, air)
-    for what, extra in ((f"{RECORDING} was not written, since it", "view"), ("Drawing its pictures", "plot")):
-        if learned is not None and (hint := advice(what, extra)):
-            say_aside(hint)
-    print_result(report, [heading, *blocks, *(details if verbose else [])], as_json)
+    blocks[-1:-1] = [*wind_blocks(air), *_torque_blocks(analysis, air, report)]  # what to do next stays last
     if not as_json:
-        place = printable(folder)
-        say_aside(f"Took {report['seconds']:.1f} s. Written to {place}: {', '.join(map(printable, report['files']))}.")
-        say_aside(f"Read or mail: {place}/report.html")
-        if RECORDING in report["files"]:
+        print_blocks([heading, *blocks, *(details if verbose else [])])
+    if not no_files:
+        known = {(telemetry.system, telemetry.component): (verdict, condition, analysis.identity)}
+        held = inventory(log, verdict.axis, vehicle, inputs, known)
+        held["vehicles"][0] |= analysis.findings.as_dict() | {"model": analysis.model}
+        with progress("Drawing and writing the files", measured=False):
+            page = log_page(heading, blocks, {verdict.axis: analysis}, held, air=air)
+            write_results(folder, report, page, analysis, air, signals.position)
+        for what, extra in ((f"{RECORDING} was not written, since it", "view"), ("Drawing its pictures", "plot")):
+            if learned is not None and (hint := advice(what, extra)):
+                say_aside(hint)
+    if as_json:
+        print_json(report)
+        if learned is None:  # else the screen has said it
+            complain(analysis.refusal.reason, analysis.refusal.remedy, as_json=False)
+    else:
+        place, files = printable(folder), report["files"]
+        written = f" Written to {place}: {', '.join(map(printable, files))}." if files else ""
+        say_aside(f"Took {perf_counter() - began:.1f} s.{written}")
+        if files:
+            say_aside(f"Read or mail: {place}/report.html")
+        if RECORDING in files:
             say_aside(f"Look: {shlex.join(['rerun', f'{place}/{RECORDING}'])}")
-    elif learned is None:  # else the screen has said it
-        complain(analysis.refusal.reason, analysis.refusal.remedy, as_json=False)
     if learned is None:
         raise click.exceptions.Exit(1)  # no model
 
@@ -176,7 +219,9 @@ def result_files(with_model: bool = True) -> tuple[str, ...]:
     return tuple(name for name in RESULT_FILES if name != RECORDING or not missing("view"))
 
 
-def write_results(folder: Path, report: dict[str, Any], page: str, analysis: LogAnalysis, air: Air) -> None:
+def write_results(
+    folder: Path, report: dict[str, Any], page: str, analysis: LogAnalysis, air: Air, position: Signal | None
+) -> None:
     """Writes the :func:`result_files`, as :func:`files_in` does; ``page`` is the HTML. Those of a run before go."""
     learned, held_out, flights = analysis.learned, analysis.held_out, analysis.flights
     names = result_files(with_model=learned is not None)
@@ -187,13 +232,34 @@ def write_results(folder: Path, report: dict[str, Any], page: str, analysis: Log
         if learned is not None and held_out is not None:
             place["model.json"].write_text(learned.to_json() + "\n")
             if RECORDING in names:
-                # Rerun takes a second to load, and a flight that cannot be learned needs none of it.
-                with ending_at_once():
-                    from mavdem.view import write_recording
-
-                changes = [alarm.since for alarm in analysis.alarms if alarm.motor is not None]
-                write_recording(place[RECORDING], flights, learned, held_out, analysis.findings, changes)
-            same = air[0] is not None and air[0].boot == flights[0].provenance["segment"]["boot"]  # and so one clock
-            write_channels(place["flight.mcap"], flights, learned, held_out, air[0] if same else None)
+                write_dashboard(place[RECORDING], analysis, air, position)
+            write_channels(place["flight.mcap"], flights, learned, held_out, same_clock(air, flights))
     for name in set(RESULT_FILES) - set(names):
         (folder / name).unlink(missing_ok=True)
+
+
+def write_dashboard(path: Path, analysis: LogAnalysis, air: Air, position: Signal | None) -> None:
+    """Writes an ``analysis`` with a model, and the wind, as an .rrd file."""
+    assert analysis.learned is not None and analysis.held_out is not None
+    # Rerun takes a second to load, and a flight that cannot be learned needs none of it.
+    with ending_at_once():
+        from mavdem.view import write_recording
+
+    known = analysis.findings, analysis.changes, same_clock(air, analysis.flights), position
+    write_recording(path, analysis.flights, analysis.learned, analysis.held_out, *known)
+
+
+def _torque_blocks(analysis: LogAnalysis, air: Air, report: dict[str, Any]) -> list[Sentence]:
+    """What share of a known wind torque the mean wind explains, which goes into the report too."""
+    learned, flights = analysis.learned, analysis.flights
+    torque = None if learned is None else known_wind(learned.wind_torque, learned.physical)
+    if torque is None or (wind := same_clock(air, flights)) is None:
+        return []
+    time = np.concatenate([flight.time for flight in flights])
+    report["wind"]["explained_by_mean_wind"], said = torque_explained(wind, time, torque.torque)
+    return [Sentence(said, "Wind torque:")]
+
+
+def same_clock(air: Air, flights: Sequence[Flight]) -> WindVelocity | None:
+    """Returns the wind where it is of the boot of ``flights``, and so on one clock with them."""
+    return air[0] if air[0] is not None and air[0].boot == flights[0].provenance["segment"]["boot"] else None

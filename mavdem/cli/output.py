@@ -103,20 +103,25 @@ def print_result(document: Any, blocks: Iterable[Sentence | Table], as_json: boo
 
 def print_blocks(blocks: Iterable[Sentence | Table]) -> None:
     """Prints sentences and tables, each with an empty line after it; names in them may hold what a terminal obeys."""
-    width = None if sys.stdout.isatty() else 120  # columns a table may take where it is no terminal
+    terminal = sys.stdout.isatty()
+    # Where it is no terminal, a sentence is one line, for programs that search it, and tables take 120 columns.
+    console = Console(width=None if terminal else 120, highlight=False, markup=False, emoji=False)
     for block in blocks:
-        if isinstance(block, Sentence):
-            say(f"{printable(f'{block.lead} {block.text}'.strip())}\n")
-        else:
-            grid = Grid(box=None, pad_edge=False)
-            for column, heading in enumerate(map(printable, block.header)):
-                grid.add_column(heading, justify="right" if column and not block.words else "left", no_wrap=not column)
-            for row in block.rows:
-                grid.add_row(*map(printable, row))
-            console = Console(width=width, highlight=False, markup=False, emoji=False)
-            with console.capture() as captured:
-                console.print(grid, "")
-            click.echo(captured.get(), file=sys.stdout, nl=False)
+        with console.capture() as captured:
+            if isinstance(block, Sentence):
+                console.print(printable(f"{block.lead} {block.text}".strip()), soft_wrap=not terminal)
+            else:
+                console.print(_grid(block))
+        say("".join(f"{line.rstrip()}\n" for line in captured.get().splitlines()))
+
+
+def _grid(table: Table) -> Grid:
+    grid = Grid(box=None, pad_edge=False)
+    for column, heading in enumerate(map(printable, table.header)):
+        grid.add_column(heading, justify="right" if column and not table.words else "left", no_wrap=not column)
+    for row in table.rows:
+        grid.add_row(*map(printable, row))
+    return grid
 
 
 def complain(reason: str, remedy: str, as_json: bool) -> None:

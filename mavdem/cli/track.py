@@ -14,13 +14,12 @@ from mavdem.cli.options import Number, folder_named, no_option
 from mavdem.cli.output import STDERR, print_blocks, print_json, printable, progress, say, say_aside, write_text
 from mavdem.cli.sources import refuse_link
 from mavdem.dem.parallel import spare_cores
-from mavdem.fleet.cluster import Cluster
 from mavdem.fleet.difference import since_baseline
 from mavdem.fleet.row import summary
 from mavdem.fleet.store import read_rows
 from mavdem.fleet.tracking import Progress as LogProgress
 from mavdem.fleet.tracking import track
-from mavdem.fleet.workers import Limits, Reader, WorkerPool
+from mavdem.fleet.workers import Cluster, Limits, Reader, WorkerPool
 from mavdem.report.blocks import Sentence
 from mavdem.report.fleet_page import fleet_page
 from mavdem.report.flights import baseline_blocks, fleet_blocks

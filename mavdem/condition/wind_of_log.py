@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.alignment import phases
-from mavdem.alignment.drive import AXES, floats
+from mavdem.alignment.drive import AXES, Signal, floats
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals, attitude
 from mavdem.condition.wind_velocity import WindVelocity, estimate_wind
@@ -24,6 +24,7 @@ FLAGS, VELOCITY_FLAGS = ("EKF_STATUS_REPORT", "ESTIMATOR_STATUS"), (2, 128)
 """Messages with the estimator's flags: that it knows the horizontal velocity, and that it assumes to stand still."""
 POSITION_JUMP, AROUND = 1.0, 1.5  # m beyond what the velocity covers, of a reset; s around it that are left out
 LOWEST_FLIGHT, LONGEST_STEP = 1.5, 1.5  # m above the lowest height, without motors; s between velocities
+Air = tuple[WindVelocity | None, Signal | None, str]  # the wind, the autopilot's own estimate, and why there is no wind
 
 
 def wind(path: str | bytes | PathLike[str], vehicle: str | None = None, drag: Drag | None = None) -> WindVelocity:
@@ -74,6 +75,14 @@ def wind_of(signals: Signals, drag: Drag | None = None) -> WindVelocity:
         raise NotLearnable(f"The {'velocity' if still[0] else 'yaw'} never changes by a digit: it is not measured.")
     drag = Drag.of_parameters(telemetry.autopilot, telemetry.parameters) if drag is None else drag
     return replace(estimate_wind(best[:, 0], best[:, 1:4], best[:, 4:7], drag, best[:, 7]), boot=best_boot)
+
+
+def air_of(signals: Signals) -> Air:
+    """Returns what a vehicle's ``signals`` say of the wind."""
+    try:
+        return wind_of(signals), signals.autopilot_wind, ""
+    except NotLearnable as error:
+        return None, None, str(error)
 
 
 def _flights(signals: Signals, boot: int, time: Array, height: Array) -> phases.Intervals:

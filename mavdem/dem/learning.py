@@ -12,21 +12,26 @@ from mavdem.dem.engine.ascent import CoordinateAscent
 from mavdem.dem.engine.free_energy import free_energy
 from mavdem.dem.engine.generative import SufficientStatistics
 from mavdem.dem.engine.linalg import Array, inverse, one_thread, raise_on_overflow
-from mavdem.dem.fitting import Fit, Start, fit, generalized, held_by_prior, of_vehicle, predictor_of
-from mavdem.dem.forecast.simulation_error import SHORTEST_HORIZON, fit_simulation, horizon_of
-from mavdem.dem.learned import Learned
-from mavdem.dem.parallel import parallel_map
-from mavdem.dem.priors import hyperparameter_groups
-from mavdem.dem.record import Record, UniformRecord
-from mavdem.dem.scaling import known_inputs
-from mavdem.dem.settings import CompleteSettings, Settings
-from mavdem.dem.uncertainty import (
+from mavdem.dem.fitting import (
+    Fit,
     ParameterUncertainty,
     SandwichCovariance,
+    Start,
+    fit,
+    generalized,
+    held_by_prior,
     marginal_information,
+    of_vehicle,
+    predictor_of,
     uncertainty_of,
     undetermined_directions,
 )
+from mavdem.dem.forecast.simulation_error import SHORTEST_HORIZON, fit_simulation, horizon_of
+from mavdem.dem.learned import Learned
+from mavdem.dem.parallel import parallel_map
+from mavdem.dem.priors import hyperparameter_groups, known_inputs
+from mavdem.dem.record import Record, UniformRecord
+from mavdem.dem.settings import CompleteSettings, Settings
 
 Job = (
     tuple[UniformRecord | Sequence[UniformRecord], Settings | None]

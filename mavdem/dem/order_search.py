@@ -33,8 +33,8 @@ from mavdem.dem.engine.free_energy import Belief
 from mavdem.dem.engine.generative import GeneralizedMoments, GenerativeModel, Prior, SufficientStatistics
 from mavdem.dem.engine.linalg import Array, raise_on_overflow
 from mavdem.dem.engine.model import pack, unpack
+from mavdem.dem.priors import Scaling
 from mavdem.dem.record import Record
-from mavdem.dem.scaling import Scaling
 from mavdem.dem.settings import Settings
 
 WIDTH = 0.6

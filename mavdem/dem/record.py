@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -75,6 +75,11 @@ class Record:
     output_names: tuple[str, ...] = ()
     input_units: tuple[str, ...] = ()
     output_units: tuple[str, ...] = ()
+    parameters: Mapping[str, float] = field(default_factory=dict)  # of the autopilot's controller, by name
+    earlier: Mapping[str, float] = field(default_factory=dict)  # of the parameters that changed in flight or later
+    input_range: tuple[float, ...] = ()  # inputs at no and at full throttle, where they are known
+    setpoints: Array | None = None  # (T, q) what was asked of the axis, NaN where there is none
+    setpoint_names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not SHORTEST_STEP <= self.dt <= 1 / SHORTEST_STEP:
@@ -103,9 +108,10 @@ class Record:
             raise ValueError(f"dt must be the same in every segment, not between {min(steps)} and {max(steps)} s")
         lengths = tuple(len(table) for table in outputs)
         directions = _directions(flights, inputs[0].shape[1])
-        labels = {name: tuple(getattr(flights[0], name, ())) for name in LABELS}
+        labels: dict[str, Any] = {name: tuple(getattr(flights[0], name, ())) for name in LABELS}
         times: list[Sequence[float]] = [getattr(flight, "time", ()) for flight in flights]
         begins = tuple(float(time[0]) for time in times) if all(map(len, times)) else ()
+        labels |= _controlled(flights)
         return cls(np.concatenate(inputs), np.concatenate(outputs), steps[0], lengths, directions, begins, **labels)
 
     def __len__(self) -> int:
@@ -223,6 +229,18 @@ def _directions(flights: Sequence[UniformRecord], motors: int) -> Array | None:
             raise ValueError(f"effect_directions must be {motors} finite numbers, not {table}")
     same = len(tables) == len(flights) and tables[0].any() and all(np.array_equal(table, tables[0]) for table in tables)
     return tables[0] if same else None
+
+
+def _controlled(flights: Sequence[UniformRecord]) -> dict[str, Any]:
+    """The controller's parameters, the range of the inputs, and the setpoints that all segments have."""
+    provenance, names = getattr(flights[0], "provenance", {}), getattr(flights[0], "setpoint_names", ())
+    scale, found = provenance.get("scale", {}), dict[str, Any]()
+    found |= {name: dict(provenance.get(name, {})) for name in ("parameters", "earlier")}
+    found["input_range"] = (scale["low"], scale["high"]) if scale else ()
+    if names and all(getattr(flight, "setpoint_names", ()) == names for flight in flights):
+        asked = [getattr(flight, "setpoints") for flight in flights]  # noqa: B009
+        found |= {"setpoints": np.concatenate(asked), "setpoint_names": names}
+    return found
 
 
 def _checked(train: UniformRecord) -> tuple[Array, Array, float]:

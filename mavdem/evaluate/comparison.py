@@ -124,7 +124,7 @@ class Outcome:
             "cautions": list(self.cautions),
             "mspe": mspe,
             "skill": [score_values(row) for row in rows],
-            "inside_90_percent_band": [_or_none(share) for share in rows["inside"]],
+            "inside_90_percent_band": [None if np.isnan(share) else float(share) for share in rows["inside"]],
             "from_zero": {"mspe": from_zero, "skill": score_values(zero[-1])},
             "seconds": round(self.seconds, 4),
         }
@@ -307,7 +307,7 @@ class Comparison:
                         for key, unit in (("relative_per_output", "baseline"), ("per_output", "variance"))
                     },
                     "reference": paired(ratio(first), ratio(rows), self.windows),
-                    "inside": _mean(map(_or_none, rows["inside"])),
+                    "inside": _mean(rows["inside"]),
                 }
                 for rows, first in zip(own, ours, strict=True)
             ],
@@ -448,13 +448,9 @@ def _plain(value: Any) -> Any:
     return [_plain(one) for one in value] if isinstance(value, list) else value
 
 
-def _or_none(share: float) -> float | None:
-    return None if np.isnan(share) else float(share)
-
-
 def _mean(shares: Iterable[float | None]) -> float | None:
     """Of those that there are."""
-    known = [share for share in shares if share is not None]
+    known = [share for share in shares if share is not None and not np.isnan(share)]
     return float(np.mean(known)) if known else None
 
 

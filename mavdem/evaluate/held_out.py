@@ -37,7 +37,7 @@ BASELINES = CONSTANT_MEAN, HOLD_LAST = "constant mean", "hold last"
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """W windows of H samples and m outputs that no model saw which forecasts them; angles in rad, rates in rad/s.
+    """W held-out windows of H samples and m outputs, none used to train its model; angles in rad, rates in rad/s.
 
     Attributes:
         time: (W, H) s on the autopilot's boot clock.

@@ -10,6 +10,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
+from warnings import warn
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Attitude, Signals, axis_outputs
 from mavdem.alignment.verdict import verdict_of
 from mavdem.condition import WindVelocity
+from mavdem.condition.wind_of_log import air_of
 from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
 from mavdem.errors import NotLearnable, Unreadable, require
@@ -71,10 +73,23 @@ def columns(flight: Flight) -> dict[str, Array]:
     return table
 
 
-def own_columns(signals: Signals) -> dict[str, Array]:
-    """Returns time, inputs and outputs (T,), each at its own stamps and NaN at the other's, of the boot with most.
+def wind_columns(signals: Signals, boot: int, time: Array) -> dict[str, Array]:
+    """Returns the wind at ``time`` (T,), s of a ``boot``: north and east of where the air moves to, and half widths.
 
-    Empty where there are neither.
+    NaN outside the flight whose wind it is; empty where a log has no wind in this boot.
+    """
+    wind, _, _ = air_of(signals)
+    if wind is None or wind.boot != boot:
+        return {}
+    names = ("wind north", "wind east", "wind north band", "wind east band")
+    parts = zip(map(column_name, names, 4 * ["m/s"]), (*wind.velocity.T, *wind.band.T), strict=True)
+    return {name: np.interp(time, wind.time, part, np.nan, np.nan) for name, part in parts}
+
+
+def own_columns(signals: Signals) -> dict[str, Array]:
+    """Returns time, inputs, outputs and wind (T,), at the stamps of all, NaN at others' stamps, of the boot with most.
+
+    Empty where there are neither inputs nor outputs.
     """
     streams: list[tuple[Attitude | Motors, list[str], Array]] = []
     if (drive := signals.drive) is not None:
@@ -93,7 +108,7 @@ def own_columns(signals: Signals) -> dict[str, Array]:
         placed = np.full((len(time), len(names)), np.nan)
         placed[np.searchsorted(time, stream.time[here])] = values[here]
         table |= dict(zip(names, placed.T, strict=True))
-    return table
+    return table | wind_columns(signals, boot, time)
 
 
 def write_csv(file: BinaryIO, table: Table, provenance: Mapping[str, Any]) -> None:
@@ -140,23 +155,68 @@ def to_xarray(flight: Flight) -> xarray.Dataset:
     return xarray.Dataset(variables, coordinates, {"dt": flight.dt, "source": str(flight.provenance.get("source", ""))})
 
 
-def to_control(learned: Learned) -> control.StateSpace:
-    """Returns the learned ẋ = A x + B u, y = C x, in continuous time and in the units of the data: radians and s.
+PADE_ORDER, PLANT_DRAWS = 2, 100  # of the delay, exact to 1° up to 0.3/delay Hz; plants from the posterior
 
-    Inputs and outputs are deviations from the trim: from ``learned.model.input_trim`` and ``output_trim``. Signals are
-    named as columns of ``flight.csv`` are: "motor_1_us", "roll_rad". The process and measurement noise and the offset
-    are not in it.
+
+def to_control(learned: Learned, model: str = "physical") -> control.StateSpace:
+    """Returns the axis in continuous time, in the units of the data, radians and s, about its trim.
+
+    The ``model`` "physical" is the plant: from the motors to angle and rate by their effect, lag and delay, which is
+    approximated to second order (Padé), and the damping. ``.delay`` is that delay, s; ``.draws`` are plants from the
+    posterior, for what is to hold under uncertainty. It needs no controller, and has no bias of the closed loop.
+
+    The ``model`` "dem" is DEM's own ẋ = A x + B u, y = C x of the flight in closed loop, without noise and offset.
+
+    The ``name`` says which it is. Signals are named as columns of ``flight.csv`` are: "motor_1_us", "roll_rad".
+
+    Raises:
+        NotLearnable: the physical parameters are not identifiable. A ``UserWarning`` says that they are biased.
+        ValueError: another ``model``.
     """
     import control
 
-    labels, model = Labels.of(learned), learned.model
+    if model not in ("physical", "dem"):
+        raise ValueError(f"model must be 'physical' or 'dem', not {model!r}")
+    labels = Labels.of(learned)
     inputs = list(map(column_name, labels.input_names, labels.input_units))
     outputs = list(map(column_name, labels.output_names, labels.output_units))
+    names: dict[str, Any] = {"inputs": inputs, "outputs": outputs, "name": f"mavdem {model} model"}
+    if model == "physical":
+        (plant, *draws), delay = _plants(learned, names)
+        vars(plant).update(delay=delay, draws=draws)
+        return plant
     states = [column_name(name, "") for name in state_names(labels.output_names, learned)]
     if states_are_outputs(learned):
         states = [*outputs, *states[len(outputs) :]][: len(states)]
-    names = {"inputs": inputs, "outputs": outputs, "states": states, "name": "mavdem"}
-    return control.StateSpace(model.A, model.B, model.C, np.zeros((len(outputs), len(inputs))), **names)
+    A, B, C = learned.model[:3]
+    return control.StateSpace(A, B, C, np.zeros((len(C), len(inputs))), states=states, **names)
+
+
+def _plants(learned: Learned, names: dict[str, Any]) -> tuple[list[control.StateSpace], float]:
+    """The physical plant and draws from its posterior; and its delay, s."""
+    import control
+
+    physical, count = learned.physical, len(names["outputs"])
+    if physical is None or physical.caution is not None:
+        reason = learned.physical_reason if physical is None else physical.caution
+        remedy = "Fly quick small movements on this axis (docs/manoeuvres.md); model='dem' is DEM's model."
+        raise NotLearnable(f"There is no physical plant. {reason}", remedy)
+    if count > 2:
+        raise NotLearnable(f"The plant has an angle and its rate, and this model {count} outputs.", "Take model='dem'.")
+    if doubtful := [f"{name} {status}" for name, status in physical.status.items() if status != "reported"]:
+        reasons = " ".join(dict.fromkeys(physical.reasons.values()))
+        warn(f"Of this plant are not well known: {', '.join(doubtful)}. {reasons}", stacklevel=4)
+    outputs = names["outputs"]
+    states = [*(f"delay_{i + 1}" for i in range(PADE_ORDER if physical.delay else 0)), *outputs, "motors_torque"]
+    plants = []
+    for *effect, damping, lag, delay in physical.draws(PLANT_DRAWS).tolist():
+        late = control.tf2ss(*control.pade(delay, PADE_ORDER if physical.delay else 0))
+        A = np.array([[0.0, 1.0, 0.0], [0.0, -damping, 1.0], [0.0, 0.0, -1 / lag]])[2 - count :, 2 - count :]
+        B = np.zeros((count + 1, 1))
+        B[-1] = 1 / lag
+        motion = control.StateSpace(A, B, np.eye(count, count + 1), np.zeros((count, 1)))
+        plants.append(control.StateSpace(motion * late * np.array([effect]), states=states, **names))
+    return plants, physical.delay
 
 
 STREAMS = {".tlog": write_tlog, ".mcap": write_mcap}
@@ -240,6 +300,7 @@ def _convert_to_table(
     rates = [] if flight is None else flight.provenance["rates"].values()
     if flight is not None and (verdict.learnable or max(rates) < LOW_PASS_RATIO * min(rates)):
         table, provenance = columns(flight), {**flight.provenance, "cautions": cautions}
+        table |= wind_columns(signals, flight.provenance["segment"]["boot"], flight.time)
     else:
         table, provenance = own_columns(signals), {"source": str(source), "cautions": cautions}
     if not table:

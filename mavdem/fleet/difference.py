@@ -24,7 +24,7 @@ from scipy.special import stdtr
 from mavdem.alignment.drive import TILT_AXES
 from mavdem.confidence import LEVEL, quantile
 from mavdem.fleet.row import AXIS_ORDER, OK, UNKNOWN, Flight, FlightRow, flights_of, is_shared, vehicles_of
-from mavdem.health.reference import SCATTER
+from mavdem.health.balance import SCATTER
 
 FAMILY_ERROR = 0.05  # probability that anything is called changed when nothing did
 SHARE, EFFECT, MEAN_EFFECT, DAMPING, LAG = "share", "effect", "mean effect", "damping", "lag"

@@ -14,29 +14,30 @@ from mavdem.alignment.drive import TILT_AXES
 from mavdem.alignment.signals import Signals, usual_rate
 from mavdem.analysis import LogAnalysis, analyse
 from mavdem.analysis.figures import physical_values, wind_values
-from mavdem.condition import wind_of
+from mavdem.condition import WindVelocity
+from mavdem.condition.wind_of_log import Air, air_of
 from mavdem.dem import Learned
-from mavdem.errors import NotLearnable, Unreadable
+from mavdem.errors import Unreadable
 from mavdem.fleet.row import DEMAND, NOT_IDENTIFIABLE, FlightRow
 from mavdem.fleet.workers import PAGES, LogRows
 from mavdem.health.balance import balance_of_signals
 from mavdem.ingest import Log, Telemetry, read_log
 
 REPORT, MODEL = "report.json", "model.json"  # of what `mavdem learn` writes, those with figures
-MakePage = Callable[[str, Mapping[str, LogAnalysis]], str]
+MakePage = Callable[[str, Mapping[str, LogAnalysis], Air], str]
 
 
 def rows_of_log(path: Path, key: str = "", page: MakePage | None = None) -> LogRows:
     """Returns a row for each vehicle and axis of a log, and pages by their names.
 
     A vehicle without settled flight has one row, whose status says why. Pages are named by the ``key`` of the log's
-    content, and made by ``page`` from the log's name and its analyses by axis; raises ``Unreadable``.
+    content, and made by ``page`` from the log's name, its analyses by axis and the wind; raises ``Unreadable``.
     """
     log, rows, pages = read_log(path), [], {}
     for telemetry in log.vehicles:
         system, component = telemetry.system, telemetry.component
         try:
-            found, analyses = _rows_of_vehicle(log, telemetry, str(path))
+            found, analyses, air = _rows_of_vehicle(log, telemetry, str(path))
         except (MemoryError, OSError, Unreadable):
             raise  # of the whole log
         except Exception as error:  # others in the log keep their rows
@@ -47,15 +48,16 @@ def rows_of_log(path: Path, key: str = "", page: MakePage | None = None) -> LogR
             continue
         if analyses and page is not None:
             name = f"{key[:16]}-{system}-{component}.html"
-            pages[name] = page(path.name, analyses)
+            pages[name] = page(path.name, analyses, air)
             found = [replace(row, page=f"{PAGES}/{name}") for row in found]
         rows += found
     return rows or [FlightRow(file=str(path), status="There is no vehicle in it.")], pages
 
 
-def _rows_of_vehicle(log: Log, telemetry: Telemetry, file: str) -> tuple[list[FlightRow], dict[str, LogAnalysis]]:
-    """The rows of a vehicle, and its analyses by axis; none without settled flight."""
+def _rows_of_vehicle(log: Log, telemetry: Telemetry, file: str) -> tuple[list[FlightRow], dict[str, LogAnalysis], Air]:
+    """The rows of a vehicle, its analyses by axis, none without settled flight, and its wind."""
     signals, first = Signals(telemetry, inputs="motors"), None
+    air = air_of(signals)
     analyses: dict[str, LogAnalysis] = {}
     for axis in TILT_AXES:
         analyses[axis] = analyse(log, axis, signals=signals, other_axis=first)
@@ -64,11 +66,11 @@ def _rows_of_vehicle(log: Log, telemetry: Telemetry, file: str) -> tuple[list[Fl
     columns: dict[str, Any] = {"file": file, "component": telemetry.component, "date": first.identity.date}
     if all(analysis.tier.name is None for analysis in analyses.values()):
         unknown = dict.fromkeys(("axis", "tier", "tier_reason", "attitude_rate", "motor_rate"))
-        return [FlightRow.of(first.as_dict(), status=first.refusal.reason, warnings=(), **unknown, **columns)], {}
+        return [FlightRow.of(first.as_dict(), status=first.refusal.reason, warnings=(), **unknown, **columns)], {}, air
     if (balance := balance_of_signals(signals)) is not None:
         columns |= {"balance": balance.mean, "balance_error": balance.error, "balance_lean": balance.lean}
         columns |= {name: np.ravel(getattr(balance, name)) for name in ("lean_effect", "lean_effect_error")}
-    columns |= _wind(signals)
+    columns |= {} if air[0] is None else _wind(air[0])
     if signals.motors is not None:
         layout = signals.motors.layout
         columns |= {"positions": layout.positions or None, "spins": layout.spins or None}
@@ -79,14 +81,10 @@ def _rows_of_vehicle(log: Log, telemetry: Telemetry, file: str) -> tuple[list[Fl
         if driven is not None and driven.scale.name == DEMAND:  # the rate of the analysis is the demand's
             row = replace(row, motor_rate=None if signals.motors is None else usual_rate(signals.motors) or None)
         rows.append(row)
-    return rows, analyses
+    return rows, analyses, air
 
 
-def _wind(signals: Signals) -> dict[str, Any]:
-    try:
-        wind = wind_of(signals)
-    except NotLearnable:
-        return {}
+def _wind(wind: WindVelocity) -> dict[str, Any]:
     drag, columns = wind.drag, dict[str, Any]()
     if wind.status["speed"] != NOT_IDENTIFIABLE:
         columns |= {"wind_speed": wind.speed, "wind_speed_interval": wind.speed_interval}

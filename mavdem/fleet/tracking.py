@@ -21,8 +21,7 @@ from mavdem.fleet.sources import Source, find_logs
 from mavdem.fleet.store import AssessRows, Store, is_fleet, opened, read_rows
 from mavdem.fleet.workers import Job, Reader
 from mavdem.health.assessment import assess
-from mavdem.health.balance import BalanceFigures, motor_signatures
-from mavdem.health.reference import HealthFigures, healthy_flights
+from mavdem.health.balance import BalanceFigures, HealthFigures, healthy_flights, motor_signatures
 
 SATURATED = 0.01  # of the time at its upper stop: with more a motor has nothing left, and the flight is not sound
 JUDGED = ("fault_probability", "change_probability", "suspect_motor")  # columns that are a verdict's

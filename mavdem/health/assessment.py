@@ -1,18 +1,35 @@
 """The assessment of a vehicle's flights: which motor works too hard, by how much and how surely, or why not.
 
-Each verdict comes with its reason in sentences, with their figures.
+Each verdict comes with its reason in sentences, with their figures. Explanations of a changed balance are weighed by
+Bayes' rule: nothing, one weak motor, a shifted load, yaw, anything. What changed stays changed for some flights: what
+is probable after one flight is so before the next. Beside the balance stands the effort: how hard all motors together
+are commanded at the battery's voltage. A rotor's speed goes with its command times the voltage, so the collective times
+the voltage stays as the battery sags. More of it is needed for a payload, in thinner air, and with propellers that give
+less thrust: which, it does not say.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
 from typing import Literal, NamedTuple
 
 import numpy as np
+from scipy import stats
 
 from mavdem.alignment.drive import AXES
-from mavdem.health.explanations import Candidates, EffortChange, Explanations, effort_change, lost_thrust
-from mavdem.health.reference import FEWEST_FLIGHTS, Deviation, HealthFigures, deviation, healthy_flights
+from mavdem.dem.engine.linalg import Array
+from mavdem.health.balance import (
+    FEWEST_FLIGHTS,
+    SCATTER_FREEDOM,
+    Deviation,
+    HealthFigures,
+    HealthFlights,
+    MotorSignatures,
+    deviation,
+    healthy_flights,
+)
 
 Health = Literal["ok", "drift", "fault", "unknown"]
 
@@ -189,3 +206,169 @@ def _conditions(flight: HealthFigures, others: Sequence[HealthFigures], effort: 
             "or propellers that give another thrust."
         )
     return sentences
+
+
+PRIORS = {"healthy": 0.76, "motor": 0.10, "load": 0.08, "yaw": 0.04, "other": 0.02}
+"""Before any flight: that nothing changed, that one of the motors or propellers is weak, that roll and pitch, yaw
+alone, or all three changed in any way."""
+PERSISTENCE = 0.5
+"""Probability that what holds in one flight holds in the next: much is seen and put right on the ground."""
+MEAN_RISE = 0.15
+"""Mean of the exponential prior by how much a weak motor must work harder: what a quarter less thrust takes."""
+SHIFT = 0.05
+"""Scale of a changed balance on an axis: a load moved by 15 mm on arms of 160 mm, an arm twisted by 1.5°. Changes
+follow Student's distribution of ``SHIFT_FREEDOM``, for none is too large to happen."""
+SHIFT_FREEDOM = 2.0
+FAULT_RISE = 0.08
+"""A motor that must work so much harder, for which one of four loses an eighth of its thrust, is a fault."""
+DETECTABLE_RISE = 0.2
+"""What must show in a flight, or it cannot be called healthy: of four motors, a third less thrust."""
+RISES = np.linspace(0.0, 1.0, 401)[1:]
+MAX_MISFIT = 4.0  # Scales on any axis from which a deviation is no motor's
+CENTRE_ERRORS, CENTRE_WEIGHTS = np.polynomial.hermite_e.hermegauss(7)  # Of the healthy flights' mean, by axis
+TAIL = 0.05  # Outside each end of an interval of 90 %
+
+
+def lost_thrust(rise: float = DETECTABLE_RISE, exponent: float = 2.0) -> float:
+    """Returns which share of its thrust a motor lost whose command rose so much, to whose ``exponent`` thrust goes."""
+    return float(1 - (1 + rise) ** -exponent)
+
+
+def shift_sizes(scale: float) -> tuple[Array, Array]:
+    """Standard deviations whose normal distributions, weighed with the second array, make Student's of this scale."""
+    sizes = scale * np.geomspace(0.4, 40.0, 24)
+    weights = sizes**-SHIFT_FREEDOM * np.exp(-SHIFT_FREEDOM / 2 * (scale / sizes) ** 2)
+    return sizes, weights / weights.sum()
+
+
+class Candidates:
+    """All changes of the balance that are considered for a vehicle, with their prior probabilities.
+
+    Attributes:
+        signatures: of the vehicle's motors.
+        change: (S, 3) of roll, pitch and yaw, in shares of the mean command.
+        spread: (S, 3) standard deviation of the change about that.
+        centre: (S, 3) error of the healthy flights' mean, in its standard errors: of the candidates without a change.
+        prior: (S,), with the sum 1.
+        groups: the candidates of each name in ``PRIORS``; those of the motors in the order of motors, then of
+            ``RISES``.
+    """
+
+    def __init__(self, signatures: MotorSignatures) -> None:
+        centres = np.array(list(product(CENTRE_ERRORS, repeat=3)))
+        motors = (signatures.weak_motor[:, None, 1:] * RISES[:, None]).reshape(-1, 3)
+        sizes, weights = shift_sizes(SHIFT)
+        likely = {
+            "healthy": np.prod(list(product(CENTRE_WEIGHTS, repeat=3)), axis=1),
+            "motor": np.tile(np.exp(-RISES / MEAN_RISE), len(signatures.weak_motor)),
+            **dict.fromkeys(("load", "yaw", "other"), weights),
+        }
+        ends = np.cumsum([len(weights) for weights in likely.values()]).tolist()
+        self.signatures = signatures
+        self.groups = dict(zip(likely, map(slice, [0, *ends], ends), strict=True))
+        self.prior = np.concatenate([PRIORS[name] * weights / weights.sum() for name, weights in likely.items()])
+        self.change, self.spread, self.centre = np.zeros((3, len(self.prior), 3))
+        self.centre[self.groups["healthy"]] = centres
+        self.change[self.groups["motor"]] = motors
+        for name, axes in (("load", (1.0, 1.0, 0.0)), ("yaw", (0.0, 0.0, 1.0)), ("other", (1.0, 1.0, 1.0))):
+            self.spread[self.groups[name]] = np.outer(sizes, axes)
+
+    def after(self, away: Deviation, before: Array | None = None) -> Explanations:
+        """What explains a flight's deviation; ``before`` (S,) are the candidates' probabilities after the last."""
+        prior = self.prior if before is None else PERSISTENCE * before + (1 - PERSISTENCE) * self.prior
+        # The candidates without a change carry the common error of the mean themselves, and so share it over flights.
+        changed = np.ones(len(prior), dtype=bool)
+        changed[self.groups["healthy"]] = False
+        spread = self.spread.copy()
+        load, motors = self.groups["load"], self.groups["motor"]
+        # Yaw by a load that shifted, as far as the flights' effects of lean leave it: wind pulls beside the load.
+        spread[load, 2] = spread[load, 0] * away.lean
+        scale = np.sqrt(away.scale**2 + changed[:, None] * away.centre_error**2 + spread**2)
+        scales = (away.change - self.change - self.centre * away.centre_error) / scale
+        likelihood = (stats.t.logpdf(scales, away.freedom) - np.log(scale)).sum(axis=1)
+        likelihood[motors][(np.abs(scales[motors]) > MAX_MISFIT).any(axis=1)] = -np.inf
+        posterior = prior * np.exp(likelihood - likelihood.max())
+        return self._summed(posterior / posterior.sum())
+
+    def shown(self, away: Deviation) -> float:
+        """Probability of a change, on average over the motors, where one had to work ``DETECTABLE_RISE`` harder.
+
+        By the scale of the flight's deviation: what can be seen in it, whatever it shows.
+        """
+        rises = DETECTABLE_RISE / np.diag(self.signatures.weak_motor_commands)
+        weak = self.signatures.weak_motor[:, 1:] * rises[:, None]
+        return float(np.mean([1 - self.after(away._replace(change=change)).healthy for change in weak]))
+
+    def _summed(self, posterior: Array) -> Explanations:
+        healthy, _, load, yaw, other = (float(posterior[rows].sum()) for rows in self.groups.values())
+        joint = posterior[self.groups["motor"]].reshape(-1, len(RISES))
+        motors = joint.sum(axis=1)
+        # Of more than four motors the weak one's neighbours help it.
+        rise_share = np.diag(self.signatures.weak_motor_commands)
+        some = np.maximum(motors, np.finfo(np.float64).tiny)
+        shares = np.cumsum(joint, axis=1) / some[:, None]
+        low, high = (RISES[(shares < end).sum(axis=1).clip(max=len(RISES) - 1)] for end in (TAIL, 1 - TAIL))
+        harder = np.array([joint @ RISES / some, low, high]) * rise_share
+        faults = np.where(np.outer(rise_share, RISES) >= FAULT_RISE, joint, 0.0).sum(axis=1)
+        return Explanations(healthy, motors, faults, load, yaw, other, harder, posterior)
+
+
+@dataclass(frozen=True, eq=False)
+class Explanations:
+    """What may explain a flight's deviation, with probabilities that sum to 1."""
+
+    healthy: float  # nothing changed but what changes from flight to flight
+    motors: Array  # (k,) that this motor, or its propeller, is weak
+    faults: Array  # (k,) the same, and so weak that the motor must work 8 % harder or more
+    load: float  # that roll and pitch changed: a load shifted
+    yaw: float  # that yaw changed alone: an arm or motor twisted, or other propellers
+    other: float  # that all three changed, not as one motor does
+    # (3, k) by how much each motor must work harder if it is the weak one, as a share of the mean command: the mean,
+    # and the ends of the interval of 90 %
+    harder: Array
+    candidates: Array  # (S,) the probabilities of all candidates
+
+    @property
+    def fault(self) -> float:
+        """That some motor must work 8 % harder or more, for it or its propeller is weak."""
+        return float(self.faults.sum())
+
+
+EFFORT_SCATTER = 0.02
+"""Standard deviation over healthy flights before any was seen, as a share: air of 3 % more or less density, 5 K of
+battery temperature, still air or 5 m/s of wind each make 1 to 2 %."""
+EFFORT_CHANGED = 0.1  # Probability before any flight that it changed
+EFFORT_SHIFT = 0.1  # Scale of a change, as a share
+
+
+class EffortChange(NamedTuple):
+    """The effort of a flight beside that of healthy ones."""
+
+    more: float  # by which share it is greater
+    usual: float  # half the width of an interval of 90 % of healthy flights
+    probability: float  # that it changed
+    candidates: Array  # (S,) the probabilities of no change, by the error of the healthy flights' mean, then of changes
+
+
+def effort_change(flight: HealthFigures, healthy: HealthFlights, before: EffortChange | None) -> EffortChange | None:
+    """By how much the effort changed, after what the flight ``before`` showed; None unless known of three flights."""
+    efforts = np.log([effort for other in healthy if (effort := other.effort) is not None])
+    if flight.effort is None or len(efforts) < FEWEST_FLIGHTS:
+        return None
+    freedom = SCATTER_FREEDOM + len(efforts) - 1
+    centre = efforts.mean()
+    spread = ((efforts - centre) ** 2).sum()
+    scatter = (SCATTER_FREEDOM * EFFORT_SCATTER**2 + spread) / freedom
+    centre_error = np.sqrt(scatter / len(efforts))
+    more = float(np.log(flight.effort) - centre)
+    sizes, weights = shift_sizes(EFFORT_SHIFT)
+    prior = np.append((1 - EFFORT_CHANGED) * CENTRE_WEIGHTS / CENTRE_WEIGHTS.sum(), EFFORT_CHANGED * weights)
+    if before is not None:
+        prior = PERSISTENCE * before.candidates + (1 - PERSISTENCE) * prior
+    # All flights share the error of the mean: without a change it is a candidate, as in the balance.
+    expected = np.append(CENTRE_ERRORS * centre_error, np.zeros_like(sizes))
+    scale = np.sqrt(scatter + np.append(np.zeros_like(CENTRE_ERRORS), centre_error**2 + sizes**2))
+    posterior = prior * stats.t.pdf((more - expected) / scale, freedom) / scale
+    posterior /= posterior.sum()
+    usual = float(stats.t.ppf(0.95, freedom) * np.hypot(np.sqrt(scatter), centre_error))
+    return EffortChange(float(np.expm1(more)), usual, float(posterior[len(CENTRE_ERRORS) :].sum()), posterior)

@@ -33,8 +33,8 @@ from numpy.typing import NDArray
 
 from mavdem.alignment.drive import MotorGeometry
 from mavdem.dem.engine.linalg import Array
+from mavdem.health.assessment import lost_thrust
 from mavdem.health.balance import motor_signatures
-from mavdem.health.explanations import lost_thrust
 
 Places = NDArray[np.int_]
 BLOCK_SECONDS = 0.5  # Of commands that are averaged: a tenth of what a change may take to be found
@@ -177,8 +177,7 @@ class MotorAlarm(NamedTuple):
         clock = f"the clock of boot {self.boot + 1}" if self.boot else "the boot clock"
         since, sure = f"since {self.since:.0f} s of {clock}", f"probability {100 * self.probability:.0f} %"
         if self.motor is None:
-            steady = f"The steady torque in roll and pitch is another {since}, and that in yaw the same"
-            return f"{steady}: no motor is named ({sure})."
+            return f"The mean torque in roll and pitch changed {since}, in yaw it did not: no motor is named ({sure})."
         known = ". Where the motors are is assumed, and so is the name" if self.assumed else ""
         if not self.weak:
             return f"{self.name.capitalize()} gives its thrust again {since} ({sure}){known}."

@@ -5,8 +5,10 @@ Channels and positions come from the autopilot's parameters, or are assumed, whi
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from importlib.resources import files
 from math import atan2, cos, degrees, radians, sin
 
 import numpy as np
@@ -155,40 +157,11 @@ def place_name(position: Position) -> str:
     return _COMPASS[round(bearing / 45) % 8]
 
 
-_Bearings = tuple[float, ...]
-
-_QUAD_PLUS: _Bearings = (90, -90, 0, 180)
-_QUAD_X: _Bearings = (45, -135, -45, 135)
-_QUAD_BETAFLIGHT: _Bearings = (135, 45, -135, -45)
-_OCTAQUAD_X: _Bearings = (45, -45, -135, 135, -45, 45, 135, -135)
-_Y6: _Bearings = (60, -60, -60, 180, 60, 180)
-
-_QUAD_X_SPINS, _ALTERNATING = "++--", "+-+-+-+-"
-_ARDUPILOT_FRAMES: dict[int, dict[int, tuple[_Bearings, str]]] = {
-    1: {0: (_QUAD_PLUS, "++--"), 6: (_QUAD_PLUS, "--++"), 16: (_QUAD_PLUS, "")}
-    | {1: (_QUAD_X, "++--"), 2: (_QUAD_X, "++--"), 3: (_QUAD_X, "--++"), 17: (_QUAD_X, "")}
-    | {12: (_QUAD_BETAFLIGHT, "-++-"), 18: (_QUAD_BETAFLIGHT, "+--+")}
-    | {13: ((45, -45, -135, 135), "+-+-"), 14: ((45, 135, -135, -45), "+-+-")},
-    2: {
-        0: ((0, 180, -120, 60, -60, 120), "-+-++-"),
-        1: ((90, -90, -30, 150, 30, -150), "-+-++-"),
-        13: ((30, -30, -90, -150, 150, 90), "+-+-+-"),
-        14: ((30, 90, 150, -150, -90, -30), "+-+-+-"),
-    },
-    3: {
-        0: ((0, 180, 45, 135, -45, -135, -90, 90), "--++++--"),
-        1: ((22.5, -157.5, 67.5, 157.5, -22.5, -112.5, -67.5, 112.5), "--++++--"),
-        13: ((22.5, -22.5, -67.5, -112.5, -157.5, 157.5, 112.5, 67.5), _ALTERNATING),
-        14: ((22.5, 67.5, 112.5, 157.5, -157.5, -112.5, -67.5, -22.5), _ALTERNATING),
-    },
-    4: {
-        0: ((0, -90, 180, 90, -90, 0, 90, 180), _ALTERNATING),
-        14: ((45, 45, 135, 135, -135, -135, -45, -45), "+--++--+"),
-    }
-    | {1: (_OCTAQUAD_X, _ALTERNATING), 2: (_OCTAQUAD_X, _ALTERNATING), 3: (_OCTAQUAD_X, "-+-+-+-+")}
-    | {12: (_QUAD_BETAFLIGHT * 2, "-++-+--+"), 18: (_QUAD_BETAFLIGHT * 2, "+--+-++-")},
-    5: {0: (_Y6, "+-+--+"), 1: (_Y6, "+-+--+")}
-    | {10: ((60, 60, 180, 180, -60, -60), "-+-+-+"), 11: ((180, 60, -60, 180, 60, -60), "+++---")},
+_QUAD_X, _QUAD_X_SPINS = (45.0, -135.0, -45.0, 135.0), "++--"
+_TABLES = json.loads((files("mavdem.ingest") / "frames.json").read_text())
+_ARDUPILOT_FRAMES: dict[int, dict[int, tuple[tuple[float, ...], str]]] = {
+    int(kind): {int(type_): (tuple(bearings), spins) for type_, (bearings, spins) in types.items()}
+    for kind, types in _TABLES.items()
 }
 """Bearing of each motor, degrees clockwise from the nose, and direction of its propeller, "+" for counterclockwise, by
 FRAME_CLASS (1 quad, 2 hexa, 3 octa, 4 octaquad, 5 Y6) and FRAME_TYPE; frames without control of yaw have no directions.
@@ -196,7 +169,7 @@ Source: ArduPilot's motor order diagrams, https://ardupilot.org/copter/docs/conn
 https://github.com/ArduPilot/ardupilot/blob/master/libraries/AP_Motors/AP_MotorsMatrix.cpp."""
 
 
-def _placed(bearings: _Bearings, directions: str) -> tuple[dict[int, Position], dict[int, int]]:
+def _placed(bearings: tuple[float, ...], directions: str) -> tuple[dict[int, Position], dict[int, int]]:
     """Place and spin of each motor."""
     places = ((round(cos(radians(at)), 6), round(sin(radians(at)), 6)) for at in bearings)
     return dict(enumerate(places, 1)), {n: 1 if spin == "+" else -1 for n, spin in enumerate(directions, 1)}

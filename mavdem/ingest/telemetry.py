@@ -34,6 +34,7 @@ class Telemetry:
         autopilot: the MAV_AUTOPILOT without its prefix ("ARDUPILOTMEGA", "PX4").
         messages: columns by message name ("ATTITUDE").
         parameters: the autopilot's parameters by name, as numbers, the last value sent.
+        earlier: the first values of those that changed, where the source does not say when.
         source: the file or link it came from.
         repairs: one sentence for each repair (a wrap, a reboot, damage).
         translated_from: the source of messages that the autopilot did not send as MAVLink: "DataFlash", "ULog", or
@@ -57,6 +58,7 @@ class Telemetry:
     dropouts: int = 0
     names: Mapping[str, str] = field(default_factory=dict)
     board: str = ""
+    earlier: Mapping[str, float] = field(default_factory=dict)
 
     def called(self, message: str) -> str:
         """The name of ``message`` in the source: DataFlash's "RCOU" for "SERVO_OUTPUT_RAW"."""

@@ -100,9 +100,8 @@ def _appended(content: bytes, source: str) -> list[int]:
     incompatible = flags[8:16]
     if incompatible[0] & ~_APPENDED or any(incompatible[1:]):
         raise Unreadable(f"{source} is a ULog of a later format or damaged at its beginning: its flags are unknown.")
-    offsets = (
-        [offset for offset in struct.unpack_from("<3Q", flags, 16) if offset] if incompatible[0] & _APPENDED else []
-    )
+    appended = struct.unpack_from("<3Q", flags, 16) if incompatible[0] & _APPENDED else ()
+    offsets = [offset for offset in appended if offset]
     sound = all(a < b for a, b in zip([FIRST_MESSAGE + 43, *offsets], [*offsets, len(content)], strict=True))
     return offsets if sound else []
 
@@ -369,6 +368,7 @@ def read_ulog(path: str | os.PathLike[str], progress: Progress = no_progress) ->
         source=source,
         repairs=(*_damage(found), *notes(topics, made)),
         translated_from="ULog",
+        earlier={name: float(old) for name, old in log.initial_parameters.items() if parameters.get(name, old) != old},
         names=names,
         firmware=_firmware(log.msg_info_dict),
         dropouts=len(found.dropouts),

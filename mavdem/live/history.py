@@ -23,7 +23,7 @@ UNCONFIRMED = (
 )
 NOT_SETTLED = "This part of the flight is not learned from: climb, landing or strong tilt."
 ACCOUNT = {
-    "learned": "learned from (what was taken back after a landing included)",
+    "learned": "used for learning, with what was discarded again after a landing",
     "unsettled": "in the air, but climbing, landing, tilted too far, or at the beginning of a segment",
     "on_ground": "on the ground",
     "waiting": "without attitude and motor outputs that come fast enough",

@@ -19,7 +19,7 @@ import time
 from typing import Any, NoReturn
 
 from mavdem.errors import Unreadable
-from mavdem.ingest.mavlink.framing import MARKER_1
+from mavdem.ingest.mavlink.framing import HEADER_1, MARKER_1, MARKER_2
 from mavdem.ingest.vocabulary import AUTOPILOT_COMPONENT
 
 LOOPBACK = "127.0.0.1"
@@ -223,7 +223,9 @@ class Link:
 
     def _admits(self, datagram: bytes) -> bool:
         """Whether the latest datagram is of the first address of its autopilot; other components may have several."""
-        ids, now = datagram[3:5] if datagram[:1] == bytes([MARKER_1]) else datagram[5:7], self._came
+        ids, now = b"", self._came
+        if len(datagram) >= HEADER_1 and datagram[0] in (MARKER_1, MARKER_2):
+            ids = datagram[3:5] if datagram[0] == MARKER_1 else datagram[5:7]
         if self._from is None or ids[1:] != bytes([AUTOPILOT_COMPONENT]):
             return True
         first, heard, rival = self._first.get(ids, (self._from, now, None))

@@ -41,6 +41,15 @@ class Sequence:
     latest: int = 0  # frames with its ids up to its own last
     recent: dict[int, tuple[int, Frame, int]] = field(default_factory=dict)  # number, frame, frames so far
 
+    def step(self, number: int) -> int:
+        """From its highest number to this one of 0 to 255, either way."""
+        return (number - self.number + 128) % 256 - 128
+
+    def has(self, frame: Frame, frames: int) -> bool:
+        """Whether ``frame`` is a copy of one of its latest, after so many ``frames`` of the sender."""
+        number, same, then = self.recent.get(frame.sequence, (None, frame, 0))
+        return number == self.number + self.step(frame.sequence) and same == frame and frames - then < 128
+
 
 class Sender:
     """One component on the link, by its MAVLink ids."""
@@ -91,57 +100,81 @@ class Sender:
     def take(self, frame: Frame, message: Message | None, now: float) -> bool:
         """Counts a frame that came ``now``, s; returns False for a copy, as some links send, and for another sender."""
         self.frames += 1
-        found, nearest, stamp = None, (inf, True), 0.0 if message is None else message.stamp
-        for one in self._sequences:
-            step = (frame.sequence - one.number + 128) % 256 - 128
-            number, same, then = one.recent.get(frame.sequence, (None, frame, 0))
-            if number == one.number + step and same == frame and self.frames - then < 128:
-                return False
-            moved = min(abs(stamp - one.stamp), OTHER_EPOCH) if stamp and one.stamp else 0.0
-            away = abs(step - 1) * MESSAGE_SECONDS + moved, one is not self._followed
-            # No two messages of a sender have one number, but for those without a stamp that are taken for another's.
-            free = number != one.number + step and abs(step) <= NEAR
-            if (free or (stamp and one.stamp and away[0] < 20 * MESSAGE_SECONDS)) and away < nearest:
-                found, nearest = one, away
+        number = frame.sequence
+        if any(one.has(frame, self.frames) for one in self._sequences):
+            return False
+        stamp = 0.0 if message is None else message.stamp
         reference = message is not None and message.name in ATTITUDE_MESSAGES
+        found = self._nearest(number, stamp)
         if found is None and self.shared and not reference:
             return False
         if opens := found is None:
-            found, self._returns = Sequence(frame.sequence), 0
-            self._sequences = sorted(
-                self._sequences, key=lambda one: (self.shared and one is self._followed, one.latest)
-            )[1 - MAX_SEQUENCES :] + [found]
-        step = (frame.sequence - found.number + 128) % 256 - 128
-        self._returns += reference and 0 < found.stamp < stamp < self._stamp and step > 0
-        if not self.shared and self._returns >= SHARING_RETURNS:
-            self.shared, self._missing = True, 0
-            self._followed = max(self._sequences, key=lambda one: len(one.recent))
-        elif not self.shared or self.frames - self._followed.latest > FORGOTTEN_FRAMES:
-            self._followed = found
+            found = self._opened(number)
+        step = found.step(number)
+        self._follow(found, reference and 0 < found.stamp < stamp < self._stamp and step > 0)
         found.latest = self.frames
-        found.recent[frame.sequence] = found.number + step, frame, self.frames
+        found.recent[number] = found.number + step, frame, self.frames
         found.number += step if reference else max(step, 0)
         if reference:
             found.stamp = self._stamp = stamp
         if found is not self._followed:
             return False
-        missing = max(step - 1, -1) if self.shared and not opens else missing_between(self._last, frame.sequence)
+        self._count_missing(
+            number, now, max(step - 1, -1) if self.shared and not opens else missing_between(self._last, number)
+        )
+        self._last = number
+        if frame.verdict == GOOD:
+            self._count_arrived(frame.message_id)
+        return True
+
+    def _nearest(self, number: int, stamp: float) -> Sequence | None:
+        """The sequence that a sequence number and ``stamp``, s or 0, go on, the followed one first; None if none."""
+        found, nearest = None, (inf, True)
+        for one in self._sequences:
+            step = one.step(number)
+            moved = min(abs(stamp - one.stamp), OTHER_EPOCH) if stamp and one.stamp else 0.0
+            away = abs(step - 1) * MESSAGE_SECONDS + moved, one is not self._followed
+            # No two messages of a sender have one number, but for those without a stamp that are taken for another's.
+            taken = number in one.recent and one.recent[number][0] == one.number + step
+            free = not taken and abs(step) <= NEAR
+            if (free or (stamp and one.stamp and away[0] < 20 * MESSAGE_SECONDS)) and away < nearest:
+                found, nearest = one, away
+        return found
+
+    def _opened(self, number: int) -> Sequence:
+        """A new sequence, kept instead of the one that ended first."""
+        self._returns = 0
+        kept = sorted(self._sequences, key=lambda one: (self.shared and one is self._followed, one.latest))
+        self._sequences = [*kept[1 - MAX_SEQUENCES :], Sequence(number)]
+        return self._sequences[-1]
+
+    def _follow(self, found: Sequence, returns: bool) -> None:
+        """Chooses the sequence to follow; where the clock ``returns`` to another too often, two vehicles share ids."""
+        self._returns += returns
+        if not self.shared and self._returns >= SHARING_RETURNS:
+            self.shared, self._missing = True, 0
+            self._followed = max(self._sequences, key=lambda one: len(one.recent))
+        elif not self.shared or self.frames - self._followed.latest > FORGOTTEN_FRAMES:
+            self._followed = found
+
+    def _count_missing(self, number: int, now: float, missing: int) -> None:
+        """Counts ``missing`` messages before one that came ``now``, s; a long gap in seconds, since numbers wrap."""
         gap, self._came = max(now - self._came, 0.0), now
-        wrapped = (frame.sequence - self._last) % 256 != 1 and 128 * self._interval < gap < inf and not self.left_out
+        wrapped = (number - self._last) % 256 != 1 and 128 * self._interval < gap < inf and not self.left_out
         if wrapped:
             self.missing_seconds += gap
         elif self.frames > 1 and not self.left_out:
             self._missing += missing
         self._interval, self.left_out = self._interval + (min(gap, 1.0) - self._interval) / 64, False
-        self.breaks += not 0 < (frame.sequence - self._last) % 256 <= NEAR
-        self._last = frame.sequence
-        if frame.verdict == GOOD:
-            self.arrived[frame.message_id] = self.arrived.get(frame.message_id, 0) + 1
-            if self.kind in (UNNAMED, RADIO) and not self._beats:
-                names = {definitions()[number].name for number in self.arrived}
-                self.kind = RADIO if RADIO_MESSAGES.issuperset(names) else UNNAMED
-            self.attitudes += definitions()[frame.message_id].name in ATTITUDE_MESSAGES
-        return True
+        self.breaks += not 0 < (number - self._last) % 256 <= NEAR
+
+    def _count_arrived(self, message_id: int) -> None:
+        """Counts an undamaged message, which may show what the sender is."""
+        self.arrived[message_id] = self.arrived.get(message_id, 0) + 1
+        if self.kind in (UNNAMED, RADIO) and not self._beats:
+            names = {definitions()[number].name for number in self.arrived}
+            self.kind = RADIO if RADIO_MESSAGES.issuperset(names) else UNNAMED
+        self.attitudes += definitions()[message_id].name in ATTITUDE_MESSAGES
 
     def take_message(self, message: Message) -> None:
         """Keeps a PARAM_VALUE; counts the type and autopilot in a HEARTBEAT."""

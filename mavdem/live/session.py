@@ -193,7 +193,7 @@ class LiveSession:
         together = []
         while self._waiting and self._waiting[0].arrival - first.arrival <= TOGETHER_SECONDS:
             together.append(self._waiting.popleft())
-        resumed = {"Messages come": first.arrival - self._heard}
+        resumed = {"Messages": first.arrival - self._heard}
         self._arrival, self._heard = first.arrival, together[-1].arrival
         for row in self.stream.feed(first.stamp, b"".join(piece.data for piece in together)):
             self._take(row)
@@ -202,11 +202,11 @@ class LiveSession:
         if landing is not None and self.learner is not None:
             self._take_back(self.learner, landing)
         if self.stream.samples != self._samples:
-            resumed["Attitude and motor outputs come"] = self._heard - self._sampled
+            resumed["Attitude and motor outputs"] = self._heard - self._sampled
             self._samples, self._sampled = self.stream.samples, self._heard
         for what, after in resumed.items():
             if SILENCE_SECONDS < after < np.inf:
-                self._log(f"{what} again after {after:.0f} s.")
+                self._log(f"{what} resumed after {after:.0f} s without any.")
 
     def final_model(self) -> Learned:
         """Returns the last model before the last landing; in flight, that of the last samples; ValueError if none."""

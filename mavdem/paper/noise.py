@@ -27,8 +27,7 @@ from mavdem.dem import learn
 from mavdem.dem.engine.linalg import Array
 from mavdem.evaluate.windows import Window
 from mavdem.paper import figures
-from mavdem.paper.flights import REAL
-from mavdem.paper.runner import PAPER, Check, Result, Runner
+from mavdem.paper.runner import PAPER, REAL, Check, Result, Runner
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.numbers import rounded
 from mavdem.report.page import Picture

@@ -13,8 +13,7 @@ from mavdem.dem import learn
 from mavdem.dem.engine.linalg import Array
 from mavdem.flight import Flight
 from mavdem.paper import figures
-from mavdem.paper.flights import TRAIN, hover, paper_scenario
-from mavdem.paper.runner import PAPER, Check, Result, Runner, percent
+from mavdem.paper.runner import PAPER, TRAIN, Check, Result, Runner, hover, paper_scenario, percent
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.numbers import listed, rounded
 from mavdem.report.page import Picture

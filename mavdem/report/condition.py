@@ -7,14 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from mavdem.alignment.drive import TILT_AXES, Signal
-from mavdem.alignment.signals import Signals
-from mavdem.condition import WindVelocity, wind_of
-from mavdem.condition.wind_velocity import coming_from
-from mavdem.errors import NotLearnable
+from mavdem.alignment.drive import TILT_AXES
+from mavdem.condition.wind_of_log import Air
+from mavdem.condition.wind_velocity import coming_from, from_point
 from mavdem.ingest.vocabulary import UNNAMED
 from mavdem.report.blocks import Block, Sentence, Table
-from mavdem.report.numbers import from_point, listed, plus_minus, rounded
+from mavdem.report.numbers import listed, plus_minus, rounded
 
 TIER_WORDS = {"a": "full model", "b": "slow motion", "c": "condition only"}  # what a tier is called where it is shown
 BASES = {  # what a vehicle's name is made of, in words
@@ -161,17 +159,6 @@ def _why(speaker: dict[str, Any]) -> str:
     if speaker["missing_share"] < min(MIN_LOST_SHARE, speaker["lost_share"] / 2):
         return "but its streams have no gaps: the log keeps only some message types"
     return f"and about {100 * speaker['missing_share']:.0f} % of its streams' messages are missing: the link lost some"
-
-
-Air = tuple[WindVelocity | None, Signal | None, str]  # the wind, the autopilot's own estimate, and why there is no wind
-
-
-def air_of(signals: Signals) -> Air:
-    """Returns what a vehicle's ``signals`` say of the wind."""
-    try:
-        return wind_of(signals), signals.autopilot_wind, ""
-    except NotLearnable as error:
-        return None, None, str(error)
 
 
 def wind_blocks(air: Air) -> list[Block]:

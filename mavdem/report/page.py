@@ -19,21 +19,23 @@ from markupsafe import Markup, escape
 
 from mavdem.analysis import LogAnalysis
 from mavdem.analysis.findings import NONE, Findings, findings_of
+from mavdem.condition.loop import Advice, Loop
+from mavdem.condition.wind_of_log import Air
 from mavdem.dem import Learned
 from mavdem.dem.order_choice import OrderChoice
-from mavdem.errors import advice, downstream
+from mavdem.errors import NotLearnable, advice, downstream
 from mavdem.evaluate.comparison import Comparison
 from mavdem.flight import Flight
 from mavdem.live import SessionStatus
 from mavdem.live.history import LiveHistory
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.comparison import comparison_report, order_report
-from mavdem.report.condition import Air, log_blocks
-from mavdem.report.details import detail_blocks
-from mavdem.report.flights import event_blocks, live_report
+from mavdem.report.condition import log_blocks, wind_blocks
+from mavdem.report.flights import MAX_PARTS, event_blocks, live_report, parts_learned
+from mavdem.report.loops import margin_tables, tune_blocks
 from mavdem.report.numbers import Labels, listed, named, readable, rounded
 from mavdem.report.palette import INK_ON_LIGHT
-from mavdem.report.screen import analysis_blocks, screen, title
+from mavdem.report.screen import analysis_blocks, detail_blocks, screen, title
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -142,17 +144,22 @@ def log_page(
         Chapter(axis.capitalize(), [block for block in analysis_blocks(analysis) if block not in blocks])
         for axis, analysis in zip(list(analyses)[1:], others, strict=True)
     ]
-    if air is not None and air[0] is not None:
-        said = "Its speed with a 90 % band, and where it comes from in the mean: the arrow flies with it."
-        drawn = Picture("Wind", said, lambda: downstream("report.figures.series", "wind_over_time")(*air[:2]))
-        chapters.append(Chapter("Wind in m/s", pictures=[drawn]))
+    wind, theirs, _ = (None, None, "") if air is None else air
+    if wind is not None:
+        rows = slice(0) if theirs is None else theirs.boot == wind.boot
+        known = None if theirs is None else (theirs.time[rows], theirs.values[rows])
+        course = wind.time, wind.velocity, wind.band, wind.direction if wind.directed else None, known
+        chapters.append(Chapter("Wind in m/s", pictures=[wind_picture(*course)]))
     folded = []
     for axis, analysis in analyses.items():
         if (learned := analysis.learned) is not None:
             pictures = model_pictures(learned, analysis.findings, PICTURES if inventory else FEW_PICTURES, analysis)
             chapters.append(Chapter(f"Pictures of {axis}", pictures=pictures))
-            details = detail_blocks(learned, analysis.as_dict())
-            folded.append(Chapter(f"The model of {axis}, and how it was learned", details, folded=True))
+            chapters += _loops(axis, learned) if inventory else []
+            details, said = detail_blocks(learned, analysis.as_dict()), "The same of DEM's A, B and C, in closed loop."
+            own = Picture("Frequency response of DEM's model", said, partial(_bode_of_dem, learned))
+            pictures = [own] if inventory and learned.physical and learned.physical.identifiable else []
+            folded.append(Chapter(f"The model of {axis}, and how it was learned", details, pictures, folded=True))
     if inventory:
         folded.append(Chapter("What was read from the log, and repaired", log_blocks(inventory), folded=True))
         if first.learned is not None:
@@ -162,32 +169,52 @@ def log_page(
     return document(heading.lead.rstrip(":"), subtitle, blocks, [*chapters, *folded], back)
 
 
-def flight_page(file: str, analyses: Mapping[str, LogAnalysis]) -> str:
-    """Returns the HTML of one flight of a fleet, the log ``file``, with a link back to the fleet's page."""
+def _loops(axis: str, learned: Learned) -> list[Chapter]:
+    """The margins, where plant and controller are known."""
+    try:
+        loop = learned.loop()
+    except NotLearnable:
+        return []
+    blocks = [Sentence("`mavdem tune` with this log has the verdict and gains to set."), *margin_tables({"now": loop})]
+    return [Chapter(f"Loops of {axis}", blocks, [loop_picture(loop)])]
+
+
+def _bode_of_dem(learned: Learned) -> Any:
+    return learned.plot.bode(model="dem")
+
+
+def wind_picture(*course: Any) -> Picture:
+    """Returns the picture of a ``course``, the arguments of ``wind_over_time``."""
+    said = "Its speed and where it comes from, with 90 % bands. In the mean: the arrow flies with it."
+    return Picture("Wind", said, lambda: downstream("report.figures.series", "wind_over_time")(*course))
+
+
+def flight_page(file: str, analyses: Mapping[str, LogAnalysis], air: Air | None = None) -> str:
+    """Returns the HTML of one flight of a fleet, the log ``file``, in this ``air``, with a link to the fleet's page."""
     subtitle = "No model could be learned from this flight; what it holds nevertheless."
     if any(analysis.learned is not None for analysis in analyses.values()):
         subtitle = f"{listed(analyses)} of a flight."
-    blocks = analysis_blocks(next(iter(analyses.values())))
-    return log_page(Sentence(subtitle, file), blocks, analyses, back=("Fleet", "../index.html"))
+    blocks = [*analysis_blocks(next(iter(analyses.values()))), *([] if air is None else wind_blocks(air))]
+    return log_page(Sentence(subtitle, file), blocks, analyses, back=("Fleet", "../index.html"), air=air)
 
 
 PICTURES = {  # title and caption by the method of ``learned.plot`` that draws it
     "forecast": (
         "Forecast of {output}",
-        "Windows that no model saw which forecasts them, each from what came before it, with the motors as recorded. "
-        "Shown in full are neighbours with errors near the median. Below, if there are more, the error of each window.",
+        "Held-out windows, each forecast from the samples before it, with the motors as recorded, by a model that was "
+        "not trained on it. Shown are windows with errors near the median; below, the error of every window.",
     ),
     "disturbance": ("Wind torque", "Angular acceleration by neither the motors nor the damping. Below, its spectrum."),
     "motors": ("Motors", "What is known of each motor."),
     "bode": (
         "Frequency response",
-        "From the command of the axis to its rate (Bode plot), with a 90 % band at each frequency.",
+        "Of the physical plant, from the command of the axis to its rate (Bode plot), with a 90 % band.",
     ),
     "step": ("Step response", "After a step of the command, with a 90 % band at each time."),
     "poles": ("Poles", "With the motors as inputs, without the autopilot; left of 0 is stable."),
     "residuals": (
         "Residuals",
-        "Errors one step ahead in the training data; below, what past errors and the command still predict of them. "
+        "Errors one step ahead in the training data; below, how they correlate with past errors and with the command. "
         "Inside the shaded bounds that may be chance.",
     ),
     "learning": ("Learning", "The free energy action F̄ and its terms by iteration."),
@@ -217,14 +244,29 @@ def model_pictures(
     for method in (one for one in methods if not (unknown and one in SYSTEM_PICTURES)):
         title, caption = PICTURES[method]
         for output, name in enumerate(names if method == "forecast" and methods is PICTURES else names[:1]):
-            words = f"The same of {name}." if output else caption
+            words = f"Forecast windows as above, for {name}." if output else caption
             pictures.append(Picture(title.format(output=name), words, partial(draw, method, output)))
     return pictures
 
 
+def loop_picture(loop: Loop, after: Loop | None = None) -> Picture:
+    """Returns the picture of the loops of an axis, and of those with other gains."""
+    said = "Gain, phase and sensitivity of the open loops, how far they stay from −1, and steps, with 90 % bands."
+    return Picture("Rate and attitude loop", said, lambda: downstream("report.figures.loops", "loops")(loop, after))
+
+
+def tune_page(name: str, found: Mapping[str, Advice | str]) -> str:
+    """Returns the HTML of ``mavdem tune`` of the log ``name``, by axis."""
+    known = {axis: advice for axis, advice in found.items() if isinstance(advice, Advice)}
+    drawn = {axis: loop_picture(one.before, one.after if one.parameters else None) for axis, one in known.items()}
+    chapters = [Chapter(f"Loops of {axis}", pictures=[picture]) for axis, picture in drawn.items()]
+    said = "Margins of the loops, and gains to set. Nothing was sent to the vehicle."
+    return document(name, said, tune_blocks(found), chapters)
+
+
 def comparison_page(comparison: Comparison, from_zero: bool = False) -> str:
     """Returns the HTML of a comparison; ``from_zero``: forecasts start from state 0."""
-    draw = partial(downstream, "report.figures.comparisons")
+    draw = partial(downstream, "report.figures.flights")
     windows = Picture(
         "Errors in every window",
         "Each dot is one window, each bar the median of a method. Dots at an edge are beyond it.",
@@ -248,7 +290,7 @@ def order_page(choice: OrderChoice, names: Sequence[str]) -> str:
     picture = Picture(
         "Free energy by order",
         "How far F̄ is below its highest value. In the shaded part the difference is no strong evidence.",
-        lambda: downstream("report.figures.comparisons", "free_energy_by_order")(choice, names),
+        lambda: downstream("report.figures.flights", "free_energy_by_order")(choice, names),
     )
     subtitle = f"The number of states that {listed(names)} show{'s' * (len(names) == 1)}, by the free energy."
     return document("Model order", subtitle, order_report(choice, names), [Chapter("Pictures", pictures=[picture])])
@@ -277,8 +319,10 @@ def live_page(
     model = [] if learned is None else model_pictures(learned, found, ("motors", *SYSTEM_PICTURES))
     chapters = [Chapter("Pictures", pictures=[flown, *model]), Chapter("What happened", event_blocks(history))]
     chapters.append(Chapter("The model at the end", [] if learned is None else screen(learned, found=found)))
+    parts = parts_learned(history, seconds := 0.0 if learned is None else len(learned.record) * learned.dt)
+    if len(parts.rows) > MAX_PARTS:
+        chapters.append(Chapter("The parts learned from", [parts], folded=True))
     what = f"What {axis} did, learned and predicted while it flew."
-    seconds = 0.0 if learned is None else len(learned.record) * learned.dt
     return document(f"Flight over {link}", what, live_report(history, status, account, axis, seconds), chapters)
 
 

@@ -1,4 +1,4 @@
-"""A simulated flight as a Rerun file: the vehicle in wind in 3D, with the autopilot's estimates and motor outputs."""
+"""Flights in 3D: a simulated one as a Rerun file, with estimates and motor outputs, and the path of a logged one."""
 
 from __future__ import annotations
 
@@ -12,13 +12,15 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
+from mavdem.alignment.drive import Signal
+from mavdem.condition import WindVelocity
 from mavdem.dem.engine.linalg import Array
 from mavdem.ingest.motors import place_name
 from mavdem.ingest.vocabulary import euler_angles
 from mavdem.report import palette
 from mavdem.view.plots import BOOT_CLOCK, Plot, blueprint, recorded
 
-MAX_ROWS = 50_000  # the viewer draws every row
+MAX_ROWS, MAX_ARROWS = 50_000, 150  # the viewer draws every row, and all arrows along a path at once
 WIND_SCALE = 0.4  # length of the wind's arrow for 1 m/s, in arms
 
 BODY, NOSE, GROUND, TRAIL = (210, 214, 220), (255, 107, 107), (70, 74, 80), (94, 214, 120)
@@ -105,7 +107,7 @@ def _plots(pose: Pose) -> list[Plot]:
         ("roll", "Roll, °", {"roll": roll}),
         ("roll_rate", "Roll rate, °/s", {"roll rate": rate}),
         ("errors", "Errors of the autopilot's estimates, ° and °/s", errors),
-        ("motors", "Motor outputs, each beyond the mean of all, µs", dict(zip(pose.motors, motors.T, strict=True))),
+        ("motors", "Motor outputs, deviation from their mean, µs", dict(zip(pose.motors, motors.T, strict=True))),
         ("wind", "Wind, m/s: where the air moves to", dict(zip(("north", "east", "down"), pose.wind.T, strict=True))),
         ("moment", "Disturbance moment, mN m", dict(zip(("roll", "pitch", "yaw"), 1e3 * pose.moment.T, strict=True))),
     )
@@ -186,3 +188,35 @@ def _surroundings(recording: rr.RecordingStream, pose: Pose, rows: NDArray[np.in
     recording.log("world/trail", rr.LineStrips3D.from_fields(radii=[0.022 * arm], colors=[TRAIL]), static=True)
     index = [rr.TimeColumn(BOOT_CLOCK, duration=pose.time[now])]
     recording.send_columns("world/trail", index, rr.LineStrips3D.columns(strips=strips))
+
+
+def path_with_wind(recording: rr.RecordingStream, position: Signal, wind: WindVelocity) -> rrb.View | None:
+    """Draws the path that was flown in the ``wind`` and arrows of it; returns their view, None without a path."""
+    rows = (position.boot == wind.boot) & (position.time >= wind.time[0]) & (position.time <= wind.time[-1])
+    time, place = position.time[rows], position.values[rows]
+    if len(time) < 2:
+        return None
+    at = np.linspace(time[0], time[-1], min(MAX_ARROWS, ceil(np.ptp(time)) + 1))
+    moved = np.column_stack([*(np.interp(at, wind.time, air) for air in wind.velocity.T), 0 * at])
+    tails, speeds = np.column_stack([np.interp(at, time, axis) for axis in place.T]), np.hypot(*moved.T[:2])
+    size, middle = float(np.ptp(place, axis=0).max()) + 5.0, (place.min(axis=0) + place.max(axis=0)) / 2
+    scale, colour = 0.2 * size / max(float(speeds.max()), 1.0), palette.channels(palette.DISTURBANCE)
+    corner = middle - size * np.array([0.5, 0.5, 0.0])
+    parts: dict[str, Any] = {
+        "": rr.ViewCoordinates.FRD,  # as north, east, down
+        "/flown": rr.LineStrips3D([place[:: ceil(len(time) / MAX_ROWS)]], radii=0.0025 * size, colors=[TRAIL]),
+        "/wind": rr.Arrows3D(origins=tails, vectors=scale * moved, radii=0.002 * size, colors=[colour]),
+        "/north": rr.Arrows3D(origins=[corner], vectors=[[size / 6, 0, 0]], radii=0.004 * size, labels=["north"]),
+        "/here": rr.Points3D.from_fields(radii=[0.01 * size], colors=[NOSE], show_labels=True),
+        "/now": rr.Arrows3D.from_fields(radii=[0.006 * size], colors=[NOSE]),
+    }
+    for name, part in parts.items():
+        recording.log(f"path{name}", part, static=True)
+    index, labels = [rr.TimeColumn(BOOT_CLOCK, duration=at)], [f"{speed:.1f} m/s" for speed in speeds]
+    recording.send_columns("path/here", index, rr.Points3D.columns(positions=tails, labels=labels))
+    recording.send_columns("path/now", index, rr.Arrows3D.columns(origins=tails, vectors=scale * moved))
+    eye: Any = {"position": middle + size * np.array([-1.2, -0.4, -0.9]), "look_target": middle, "eye_up": (0, 0, -1)}
+    controls = rrb.EyeControls3D(kind=rrb.Eye3DKind.Orbital, **eye)
+    return rrb.Spatial3DView(
+        name=f"Path: {scale:.2g} m of arrow for 1 m/s of wind", origin="path", eye_controls=controls
+    )

@@ -10,7 +10,10 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from mavdem.alignment.drive import Signal
 from mavdem.analysis.findings import Findings, findings_of, known_wind
+from mavdem.condition import WindVelocity
+from mavdem.condition.wind_velocity import by_compass
 from mavdem.confidence import LEVEL
 from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
@@ -19,11 +22,12 @@ from mavdem.fleet.row import as_text
 from mavdem.flight import Flight
 from mavdem.report import palette
 from mavdem.report.blocks import Block, Table, markdown
-from mavdem.report.details import detail_blocks
 from mavdem.report.numbers import TORQUE, AxisCommand, Labels, named, per, place, plus_minus, readable, state_names
-from mavdem.report.screen import screen, title, verdict_blocks
+from mavdem.report.screen import detail_blocks, screen, title, verdict_blocks
+from mavdem.view.flown import path_with_wind
 from mavdem.view.plots import Plot, blueprint, faint, range_of, recorded, with_gaps
 
+AIR_POINTS = 2000  # of the wind over time: strokes of its band touch each other
 BEYOND = 0.15  # how far a plot extends beyond the measured values, in spans of them, where a forecast does
 
 
@@ -34,12 +38,15 @@ def write_recording(
     held_out: HeldOut,
     found: Findings | None = None,
     changes: Sequence[float] = (),
+    wind: WindVelocity | None = None,
+    position: Signal | None = None,
 ) -> None:
     """Writes ``learned``, the model of ``flights``, and forecasts of ``held_out`` windows as an .rrd file ``path``.
 
     It appears whole or not at all, ``OSError`` if it cannot be written, and opens with its own blueprint: the flight
     over its seconds, more of it, how the model was learned, and the report by what was ``found``. Angles are in
-    degrees; every plot is marked where a motor ``changes``, s of the boot clock.
+    degrees; every plot is marked where a motor ``changes``, s of the boot clock. The ``wind`` in m/s of the same boot
+    has a tab of its own, with the path by the ``position``.
     """
     series = FlightSeries(flights, learned, held_out)
     series.changes = [at for at in changes if series.span[0] < at < series.span[1]]
@@ -49,8 +56,16 @@ def write_recording(
         others = [plot for i in range(1, len(series.labels.output_names)) for plot in series.output(i)]
         details = _drawn(recording, series, [*others, series.motors(), *series.dem()])
         flight, learning = _flight(recording, series, found), _learning(recording, learned)
-        tabs = rrb.Tabs(flight, rrb.Vertical(*details, name="Details"), learning, report, active_tab=0)
-        recording.send_blueprint(blueprint(tabs, play_state="paused"), make_active=False)
+        air = [] if wind is None else [_air(recording, series, wind, position)]
+        tabs = rrb.Tabs(flight, *air, rrb.Vertical(*details, name="Details"), learning, report, active_tab=0)
+        recording.send_blueprint(blueprint(tabs, play_state="paused"), make_active=True)
+
+
+def write_words(path: str | os.PathLike[str], name: str, blocks: Sequence[Block]) -> None:
+    """Writes ``blocks`` about the log ``name`` as an .rrd file ``path``; ``OSError`` if it cannot be written."""
+    with recorded(path, name) as recording:
+        words = rrb.Vertical(_text(recording, "report", "Report", blocks))
+        recording.send_blueprint(blueprint(words), make_active=True)
 
 
 class FlightSeries:
@@ -102,11 +117,11 @@ class FlightSeries:
         return Plot.series("command", heading, self.clock, {command.name: self._with_gaps(inputs)}, palette.COMMAND)
 
     def motors(self) -> Plot:
-        """Returns what drives the vehicle: several inputs, each beyond the mean of all, by their places."""
+        """Returns what drives the vehicle: several inputs, as deviations from their mean, by their places."""
         inputs, unit = np.vstack([flight.inputs for flight in self.flights]), self.labels.input_units[0]
         several = inputs.shape[1] > 1
         values = inputs - inputs.mean(axis=1, keepdims=True) if several else inputs
-        heading = named("Inputs, each beyond the mean of all" if several else "Input", unit)
+        heading = named("Inputs, deviation from their mean" if several else "Input", unit)
         series = dict(zip(map(place, self.labels.input_names), self._with_gaps(values).T, strict=True))
         return Plot.series("inputs", heading, self.clock, series)
 
@@ -145,6 +160,23 @@ def _drawn(recording: rr.RecordingStream, series: FlightSeries, plots: Sequence[
         plot.marks("motor changed", palette.BAD, series.changes)
         plot.draw(recording)
     return [plot.view(*series.span) for plot in plots]
+
+
+def _air(
+    recording: rr.RecordingStream, series: FlightSeries, wind: WindVelocity, position: Signal | None
+) -> rrb.Container:
+    """The path in the wind, beside its speed and where it comes from over time."""
+    time = np.linspace(wind.time[0], wind.time[-1], AIR_POINTS)
+    moved, band = (np.column_stack([np.interp(time, wind.time, a) for a in b.T]) for b in (wind.velocity, wind.band))
+    speed, origin, half, turned = by_compass(moved, band, wind.direction)
+    plots, courses = [], [("speed", "Wind, m/s", speed, half), ("from", "Wind from, °", origin, turned)]
+    for name, heading, line, width in courses[: 1 + wind.directed]:
+        usual = float(np.median(width))
+        plots.append(plot := Plot(f"air/{name}", heading, range_of(line - usual, line + usual)))
+        plot.area("90 % band", faint(palette.DISTURBANCE, palette.BAND_OPACITY), time, line - width, line + width)
+        plot.line(name, palette.DISTURBANCE, time, line)
+    path = None if position is None else path_with_wind(recording, position, wind)
+    return rrb.Horizontal(*filter(None, [path]), rrb.Vertical(*_drawn(recording, series, plots)), name="Wind")
 
 
 def _flight(recording: rr.RecordingStream, series: FlightSeries, found: Findings) -> rrb.Container:

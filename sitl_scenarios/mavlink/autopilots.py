@@ -7,11 +7,12 @@ As PX4 1.17 (SIH) and ArduCopter 4.7 (SITL) sent them. Sources: PX4's ``mavlink_
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from importlib.resources import files
+from typing import Any, Literal
 
-from sitl_scenarios.dynamics import DISARMED_PULSE
 from sitl_scenarios.scenario import shortened
 
 DISARMED, ON_GROUND, IN_AIR, TAKING_OFF, LANDING = range(5)
@@ -60,59 +61,15 @@ class Autopilot:
         return usual | dict(instead)
 
 
-PX4 = Autopilot(
-    name="px4",
-    number=12,
-    fast=("ATTITUDE", "ATTITUDE_QUATERNION", "SERVO_OUTPUT_RAW", "ACTUATOR_OUTPUT_STATUS", "HIL_ACTUATOR_CONTROLS"),
-    quarter=("LOCAL_POSITION_NED",),
-    slow={"HEARTBEAT": 1.0, "SYS_STATUS": 5.0, "EXTENDED_SYS_STATE": 5.0} | WHEN_ASKED | {"WIND_COV": 0.0},
-    groups={},
-    interval_step=1e-6,
-    apart=True,
-    unused=DISARMED_PULSE["px4"],
-    # Custom modes are the main mode << 16 | the sub-mode << 24: hold, off-board, take-off, land.
-    modes={
-        ON_GROUND: (29, 4 << 16 | 3 << 24),
-        IN_AIR: (17, 6 << 16),
-        TAKING_OFF: (29, 4 << 16 | 2 << 24),
-        LANDING: (29, 4 << 16 | 6 << 24),
-    },
-    starting=0,
-    active_when_armed=True,
-    words={
-        (DISARMED, ON_GROUND): "Armed by external command\t",
-        (ON_GROUND, TAKING_OFF): "Takeoff detected\t",
-        (LANDING, ON_GROUND): "Landing detected\t",
-        (ON_GROUND, DISARMED): "Disarmed by landing\t",
-    },
-    denied_in_air=("Disarming denied! Not landed\t", TEMPORARILY_REJECTED),
-    unknown_message=FAILED,
-    version=1 << 24 | 17 << 16 | 255,
-    capabilities=1 << 4 | 1 << 13,
-    bitwise=True,
-)
+def _known(name: Literal["px4", "ardupilot"]) -> Autopilot:
+    table = tomllib.loads((files("sitl_scenarios.mavlink") / "autopilots.toml").read_text())[name]
+    values: dict[str, Any] = {key: tuple(one) if isinstance(one, list) else one for key, one in table.items()}
+    values["modes"] = {state: tuple(mode) for state, mode in enumerate(table["modes"], ON_GROUND)}
+    values["words"] = {(before, after): text for before, after, text in table["words"]}
+    values["groups"] = {int(group): tuple(messages) for group, messages in table["groups"].items()}
+    values["slow"] = table["slow"] | WHEN_ASKED | values.pop("rare")
+    return Autopilot(name=name, **values)
 
-ARDUPILOT = Autopilot(
-    name="ardupilot",
-    number=3,
-    fast=("ATTITUDE", "SERVO_OUTPUT_RAW"),
-    quarter=("LOCAL_POSITION_NED",),
-    slow={"HEARTBEAT": 1.0, "SYS_STATUS": 2.0, "EXTENDED_SYS_STATE": 1.0, "ATTITUDE_QUATERNION": 0, "WIND": 0}
-    | WHEN_ASKED,
-    groups={2: ("SYS_STATUS",), 3: ("SERVO_OUTPUT_RAW",), 6: ("LOCAL_POSITION_NED",), 10: ("ATTITUDE",)},
-    interval_step=1e-3,
-    apart=False,
-    unused=0,
-    # Guided, and land.
-    modes={ON_GROUND: (89, 4), IN_AIR: (89, 4), TAKING_OFF: (89, 4), LANDING: (89, 9)},
-    starting=1,
-    active_when_armed=False,
-    words={(DISARMED, ON_GROUND): "Arming motors", (ON_GROUND, DISARMED): "Disarming motors"},
-    denied_in_air=("", FAILED),
-    unknown_message=DENIED,
-    version=4 << 24 | 7 << 16,
-    capabilities=1 << 1 | 1 << 13,
-    bitwise=False,
-)
 
+PX4, ARDUPILOT = _known("px4"), _known("ardupilot")
 AUTOPILOTS: Mapping[str, Autopilot] = {"px4": PX4, "ardupilot": ARDUPILOT}  # By ``scenario.stream.autopilot``

@@ -16,13 +16,14 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from mavdem.ingest.mavlink.definitions import MessageDefinition, definitions
-from sitl_scenarios.dynamics import DISARMED_PULSE, MAX_PULSE, MIN_PULSE, SPINS, drag, euler, frame
+from sitl_scenarios.dynamics import DISARMED_PULSE, MAX_PULSE, MIN_PULSE, drag, euler
+from sitl_scenarios.gains import parameters_of
 from sitl_scenarios.mavlink.autopilots import ARMED, IN_AIR, LANDING, ON_GROUND, Autopilot
 from sitl_scenarios.motion import Motion
 from sitl_scenarios.plan import BOOT_SECONDS, FULL_STICK, SPIN_UP_SECONDS, seconds
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.sensors import vibration
-from sitl_scenarios.vehicles import AIR_DENSITY, AIRFRAMES, CHARGED
+from sitl_scenarios.vehicles import AIR_DENSITY, CHARGED
 
 Payloads = NDArray[Any]  # (N,) of a definition's wire type
 QUADROTOR = 2  # MAV_TYPE
@@ -166,40 +167,33 @@ class Parameter(NamedTuple):
 
 def parameters(scenario: Scenario, autopilot: Autopilot, cycle: float) -> dict[str, Parameter]:
     """An autopilot's parameters by name, in alphabetical order; ``cycle`` of its loop in s."""
-    by_kind = _px4(scenario) if autopilot.bitwise else _ardupilot(scenario, cycle)
-    made = [Parameter(name, kind, value) for kind, values in by_kind.items() for name, value in values.items()]
-    return {parameter.name: parameter for parameter in sorted(made, key=lambda parameter: parameter.name)}
+    by_kind = _px4(scenario) if autopilot.bitwise else _ardupilot(scenario)
+    kinds = {name: kind for kind, values in by_kind.items() for name in values}
+    values = {name: value for own in by_kind.values() for name, value in own.items()} | parameters_of(scenario, cycle)
+    return {name: Parameter(name, kinds.get(name, REAL32), float(values[name])) for name in sorted(values)}
 
 
 def _px4(scenario: Scenario) -> dict[int, dict[str, float]]:
     kind = scenario.vehicle.mixer or scenario.vehicle.frame
     whole: dict[str, float] = {"CA_AIRFRAME": 0, "CA_ROTOR_COUNT": MOTORS, "MAV_SYS_ID": scenario.stream.system}
-    whole |= {"MAV_TYPE": QUADROTOR, "SYS_AUTOSTART": 4001 if kind == "x" else 5001}
+    whole |= {"MAV_TYPE": QUADROTOR, "SYS_AUTOSTART": 4001 if kind == "x" else 5001, "IMU_GYRO_RATEMAX": 0}
     whole |= {f"PWM_MAIN_FUNC{n}": 100 + n if n <= MOTORS else 0 for n in range(1, 9)}
     for bound, value in (("DIS", DISARMED_PULSE["px4"]), ("MIN", MIN_PULSE), ("MAX", MAX_PULSE)):
         whole |= {f"PWM_MAIN_{bound}{n}": value for n in range(1, MOTORS + 1)}
-    real = _thrust_curve("THR_MDL_FAC", scenario)
-    real |= _drag("EKF2", scenario)
     whole |= {"EKF2_DRAG_CTRL": 1} if scenario.stream.drag_calibrated else {}
-    rotors = frame(kind, AIRFRAMES[scenario.vehicle.model].arm)
-    for n in range(MOTORS):
-        real |= {f"CA_ROTOR{n}_PX": rotors.forward[n], f"CA_ROTOR{n}_PY": rotors.right[n], f"CA_ROTOR{n}_PZ": 0.0}
-        real |= {f"CA_ROTOR{n}_CT": 6.5, f"CA_ROTOR{n}_KM": 0.05 * SPINS[n]}  # KM: positive counter-clockwise
-    return {INT32: whole, REAL32: real}
+    return {INT32: whole, REAL32: _drag("EKF2", scenario)}
 
 
-def _ardupilot(scenario: Scenario, cycle: float) -> dict[int, dict[str, float]]:
+def _ardupilot(scenario: Scenario) -> dict[int, dict[str, float]]:
     kind = scenario.vehicle.mixer or scenario.vehicle.frame
     small: dict[str, float] = {"FRAME_CLASS": 1, "FRAME_TYPE": int(kind == "x")}
-    medium: dict[str, float] = {"MAV_SYSID": scenario.stream.system, "SCHED_LOOP_RATE": round(1 / cycle)}
+    medium: dict[str, float] = {"MAV_SYSID": scenario.stream.system, "SCHED_LOOP_RATE": 0, "INS_GYRO_FILTER": 0}
     medium |= {"MOT_PWM_MAX": MAX_PULSE, "MOT_PWM_MIN": MIN_PULSE}
     for n in range(1, 9):
         medium |= {f"SERVO{n}_FUNCTION": 32 + n if n <= MOTORS else 0}
         medium |= {f"SERVO{n}_MIN": MIN_PULSE, f"SERVO{n}_MAX": MAX_PULSE, f"SERVO{n}_TRIM": 1500}
         small |= {f"SERVO{n}_REVERSED": 0}
-    stop = {} if scenario.vehicle.stop == 1.0 else {"MOT_SPIN_MAX": scenario.vehicle.stop}
-    stop |= _drag("EK3_DRAG", scenario)
-    return {INT8: small, INT16: medium, REAL32: _thrust_curve("MOT_THST_EXPO", scenario) | stop}
+    return {INT8: small, INT16: medium, REAL32: _drag("EK3_DRAG", scenario)}
 
 
 def _drag(name: str, scenario: Scenario) -> dict[str, float]:
@@ -209,9 +203,3 @@ def _drag(name: str, scenario: Scenario) -> dict[str, float]:
     linear, (x, y) = drag(scenario.vehicle)
     ballistic = {f"{name}_BCOEF_{axis}": AIR_DENSITY / 2 / k if k else 0.0 for axis, k in (("X", x), ("Y", y))}
     return {f"{name}_MCOEF": sum(linear) / 2} | ballistic
-
-
-def _thrust_curve(name: str, scenario: Scenario) -> dict[str, float]:
-    """The parameter by which an autopilot undoes the thrust curve: its share that is quadratic in the command."""
-    share = scenario.vehicle.quadratic_thrust
-    return {} if share is None else {name: share}

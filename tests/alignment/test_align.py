@@ -5,7 +5,7 @@ from math import inf
 
 import numpy as np
 import pytest
-from hover import X_QUAD, Hover, changed, columns
+from hover import X_QUAD, X_QUAD_PARAMETERS, Hover, changed, columns, only, pulses, with_demand, with_pulses
 from recorded_flights import shared
 
 from mavdem.alignment import phases
@@ -94,11 +94,8 @@ def test_the_longest_segment_is_the_hover_and_without_climb_rate_its_ends_are_cu
     (segment,) = settled_segments(Signals(telemetry))
     assert 20 <= segment.start <= 21 + TRANSIENT_SECONDS and 39 - TRANSIENT_SECONDS <= segment.end <= 40
     # A log cut out of a hover is used whole.
-    telemetry = HOVER.telemetry()
-    for message, table in telemetry.messages.items():
-        inside = (table["time"] >= 15) & (table["time"] < 45)
-        telemetry = changed(telemetry, message, **{name: column[inside] for name, column in table.items()})
-    (segment,) = settled_segments(Signals(telemetry))
+    cut_out = only(HOVER.telemetry(), lambda time: (time >= 15) & (time < 45))
+    (segment,) = settled_segments(Signals(cut_out))
     assert (segment.start, segment.end) == pytest.approx((15, 44.99))
 
 
@@ -114,8 +111,7 @@ def landed(motors, rate=None, **changes) -> Signals:
     telemetry = hover.telemetry(time, time, without=("LOCAL_POSITION_NED",))
     outputs = np.where(ground[:, None], motors, hover.motors(time))
     outputs += 3.0 * np.random.default_rng(1).standard_normal(outputs.shape)
-    pulses = {f"servo{n + 1}_raw": outputs[:, n] for n in range(4)}
-    telemetry = changed(telemetry, "SERVO_OUTPUT_RAW", **pulses)
+    telemetry = with_pulses(telemetry, outputs.T)
     turning = np.where(ground, 1e-3 * np.sin(90 * time) if rate is None else rate(time), hover.roll_rate(time))
     beat = telemetry.messages["HEARTBEAT"]
     armed = np.where(beat["time"] >= 5.0, beat["base_mode"] | 128, beat["base_mode"])
@@ -142,8 +138,8 @@ def test_the_ground_shows_before_a_flight_too():
     signals = landed([1600.0] * 4, GROUNDED.roll_rate)
     telemetry = signals.telemetry
     time = telemetry.messages["SERVO_OUTPUT_RAW"]["time"]
-    held = {f"servo{n}_raw": np.where((time > 6) & (time < 26), 1300.0, 1600.0) for n in range(1, 5)}
-    ((start, _),) = phases.settled(Signals(changed(telemetry, "SERVO_OUTPUT_RAW", **held)), 0)
+    held = np.where((time > 6) & (time < 26), 1300.0, 1600.0)
+    ((start, _),) = phases.settled(Signals(with_pulses(telemetry, [held] * 4)), 0)
     assert start == pytest.approx(26.0 + TRANSIENT_SECONDS, abs=1.5)
 
 
@@ -162,13 +158,8 @@ def test_a_calm_hover_before_manoeuvres_and_a_moment_without_throttle_are_flight
     signals = landed([1600.0] * 4, GROUNDED.roll_rate)
     telemetry = signals.telemetry
     time = telemetry.messages["SERVO_OUTPUT_RAW"]["time"]
-    chopped = {
-        f"servo{n}_raw": np.where(
-            np.abs(time - 35) < 0.5, 1100.0, telemetry.messages["SERVO_OUTPUT_RAW"][f"servo{n}_raw"]
-        )
-        for n in range(1, 5)
-    }
-    telemetry = changed(changed(telemetry, "SERVO_OUTPUT_RAW", **chopped), "ATTITUDE", rollspeed=calm_then_wild(time))
+    chopped = with_pulses(telemetry, np.where(np.abs(time - 35) < 0.5, 1100.0, pulses(telemetry)))
+    telemetry = changed(chopped, "ATTITUDE", rollspeed=calm_then_wild(time))
     ((start, end),) = phases.settled(Signals(telemetry), 0)
     assert start == pytest.approx(LIFTED + TRANSIENT_SECONDS, abs=1.5) and end > ON_GROUND
 
@@ -176,8 +167,8 @@ def test_a_calm_hover_before_manoeuvres_and_a_moment_without_throttle_are_flight
 def test_a_hover_before_a_fast_flight_is_flight():
     telemetry = landed([1600.0] * 4, GROUNDED.roll_rate).telemetry
     time = telemetry.messages["SERVO_OUTPUT_RAW"]["time"]
-    fast = {f"servo{n}_raw": np.where(time < 6, 1000.0, np.where(time < 25, 1500.0, 1690.0)) for n in range(1, 5)}
-    ((start, end),) = phases.settled(Signals(changed(telemetry, "SERVO_OUTPUT_RAW", **fast)), 0)
+    fast = np.where(time < 6, 1000.0, np.where(time < 25, 1500.0, 1690.0))
+    ((start, end),) = phases.settled(Signals(with_pulses(telemetry, [fast] * 4)), 0)
     assert start == pytest.approx(LIFTED + TRANSIENT_SECONDS, abs=1.5) and end > ON_GROUND
 
 
@@ -218,10 +209,8 @@ def test_recorded_vehicles_that_the_ground_holds(name):
 
 
 def test_gaps_and_tumbles_end_a_segment():
-    telemetry = HOVER.telemetry()
-    table = telemetry.messages["SERVO_OUTPUT_RAW"]
-    kept = (table["time"] <= 20) | (table["time"] >= 20 + 2 * MAX_GAP_SECONDS)
-    telemetry = changed(telemetry, "SERVO_OUTPUT_RAW", **{name: column[kept] for name, column in table.items()})
+    gap = 20, 20 + 2 * MAX_GAP_SECONDS
+    telemetry = only(HOVER.telemetry(), lambda time: (time <= gap[0]) | (time >= gap[1]), "SERVO_OUTPUT_RAW")
     roll = telemetry.messages["ATTITUDE"]["roll"].copy()
     roll[np.abs(telemetry.messages["ATTITUDE"]["time"] - 40) < 0.5] = 2.5
     found = settled_segments(Signals(changed(telemetry, "ATTITUDE", roll=roll)))
@@ -324,11 +313,7 @@ def test_a_recorded_flight_gives_its_hover(name, dt, kept):
 
 
 def with_roll_demand(motor_rate, demand_rate):
-    telemetry = Hover().telemetry(motor_time=motor_rate)
-    time = np.arange(0.0, telemetry.messages["ATTITUDE"]["time"][-1], 1 / demand_rate)
-    controls = np.zeros((len(time), 8))
-    controls[:, 0], controls[:, 3] = 0.1 * np.sin(3 * time), 0.5
-    return changed(telemetry, "ACTUATOR_CONTROL_TARGET", **columns(time, controls=controls, group_mlx=0 * time))
+    return with_demand(Hover().telemetry(motor_time=motor_rate), demand_rate, pace=3.0)
 
 
 @pytest.mark.parametrize(("motor_rate", "demand_rate", "taken"), [(100.0, 100.0, "motors"), (10.0, 100.0, "demand")])
@@ -363,8 +348,7 @@ def test_the_inputs_that_are_asked_for_are_taken():
 
 
 def test_the_mixer_geometry_of_the_parameters_comes_with_the_flight():
-    parameters = {f"SERVO{n}_FUNCTION": 32.0 + n for n in range(1, 5)} | {"FRAME_CLASS": 1.0, "FRAME_TYPE": 1.0}
-    known, unknown = Signals(HOVER.telemetry(parameters=parameters)), Signals(HOVER.telemetry())
+    known, unknown = Signals(HOVER.telemetry(parameters=X_QUAD_PARAMETERS)), Signals(HOVER.telemetry())
     roll = align(known, settled_segments(known)[0]).effect_directions
     np.testing.assert_allclose(roll, np.array([-1, 1, 1, -1]) / 4)
     assert align(unknown, settled_segments(unknown)[0]).effect_directions is None
@@ -372,15 +356,13 @@ def test_the_mixer_geometry_of_the_parameters_comes_with_the_flight():
 
 def yawing(size: float = 0.3, correction: float = 0.0) -> Telemetry:
     """A hover that swings in yaw over the south, by motors that turn as on an X quad; ``correction`` of the heading."""
-    parameters = {f"SERVO{n}_FUNCTION": 32.0 + n for n in range(1, 5)} | {"FRAME_CLASS": 1.0, "FRAME_TYPE": 1.0}
-    telemetry = HOVER.telemetry(parameters=parameters)
+    telemetry = HOVER.telemetry(parameters=X_QUAD_PARAMETERS)
     time = telemetry.messages["ATTITUDE"]["time"]
     yaw = np.remainder(size * np.sin(2 * time) + correction * np.sin(9 * time), 2 * np.pi) - np.pi
     telemetry = changed(telemetry, "ATTITUDE", yaw=yaw, yawspeed=2 * size * np.cos(2 * time))
-    table = telemetry.messages["SERVO_OUTPUT_RAW"]
-    turning = 30 * np.cos(2 * table["time"]) * (table["servo1_raw"] > 1000)
-    swung = {f"servo{n}_raw": table[f"servo{n}_raw"] + sign * turning for n, sign in enumerate((1, 1, -1, -1), 1)}
-    return changed(telemetry, "SERVO_OUTPUT_RAW", **swung)
+    motors = pulses(telemetry)
+    turning = 30 * np.cos(2 * telemetry.messages["SERVO_OUTPUT_RAW"]["time"]) * (motors[0] > 1000)
+    return with_pulses(telemetry, motors + np.outer([1, 1, -1, -1], turning))
 
 
 def test_a_flight_of_yaw_has_the_rate_only():

@@ -1,22 +1,23 @@
-"""read_flight: from a log to the Flight of one vehicle, or the reason why not."""
+"""From a log to the Flight of one vehicle, with its setpoints, or the reason why not."""
 
 import dataclasses
 import json
 
 import numpy as np
 import pytest
-from hover import Hover, changed, log_of
+from hover import Hover, changed, columns, log_of, only
 from recorded_flights import shared
 
-from mavdem.alignment.align import Segment
-from mavdem.alignment.read import choose_vehicle, learnable_flight, read_flight, usable_segments
-from mavdem.alignment.signals import Signals
+from mavdem import Flight
+from mavdem.alignment.align import Segment, align, settled_segments
+from mavdem.alignment.read import choose_vehicle, learnable_flight, read_flight, read_segments, usable_segments
+from mavdem.alignment.signals import HOLD_SECONDS, Signals, setpoints
 from mavdem.alignment.verdict import Verdict
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
-from mavdem.flight import Flight
 from mavdem.ingest import Log
 from mavdem.ingest.telemetry import Telemetry
+from mavdem.ingest.vocabulary import quaternion
 
 HOVER = Hover()
 
@@ -35,17 +36,13 @@ def test_a_flight_carries_the_cautions_of_its_verdict():
     assert json.loads(json.dumps(flight.provenance, allow_nan=False)) == flight.provenance
 
 
-def without_messages(telemetry: Telemetry, lost) -> Telemetry:
-    """The telemetry without the messages of attitude and motors for which ``lost(time)`` is true."""
-    for message in ("ATTITUDE", "SERVO_OUTPUT_RAW"):
-        table = telemetry.messages[message]
-        kept = ~lost(table["time"])
-        telemetry = changed(telemetry, message, **{name: column[kept] for name, column in table.items()})
-    return telemetry
+def received(wanted) -> Telemetry:
+    """A hover with the messages of attitude and motors for which ``wanted(time)`` is true."""
+    return only(HOVER.telemetry(), wanted, "ATTITUDE", "SERVO_OUTPUT_RAW")
 
 
 def test_segments_are_all_of_settled_flight_and_the_longest_is_the_flight():
-    gaps = without_messages(HOVER.telemetry(), lambda time: (abs(time - 20) < 0.5) | (abs(time - 33) < 0.5))
+    gaps = received(lambda time: (abs(time - 20) >= 0.5) & (abs(time - 33) >= 0.5))
     log = log_of(gaps)
     (first, middle, last), (flight, verdict) = segments_of(log)[0], learnable_flight(log)
     assert [round(one.time[0], 2) for one in (middle, last)] == [20.5, 33.5]
@@ -59,9 +56,7 @@ def test_segments_are_all_of_settled_flight_and_the_longest_is_the_flight():
 
 
 def test_segments_have_one_step_also_where_a_link_lost_messages():
-    lossy = without_messages(
-        HOVER.telemetry(), lambda time: (abs(time - 25) < 0.5) | ((time < 25) & (np.round(100 * time) % 9 == 0))
-    )
+    lossy = received(lambda time: (abs(time - 25) >= 0.5) & ((time >= 25) | (np.round(100 * time) % 9 != 0)))
     flights, _ = segments_of(log_of(lossy))
     assert [one.dt for one in flights] == [0.01, 0.01]
     assert flights[0].provenance["rates"]["attitude"] == pytest.approx(89, abs=1)
@@ -112,3 +107,98 @@ def test_recorded_logs_that_must_be_refused(name, said):
     with pytest.raises(NotLearnable, match=said) as refusal:
         read_flight(shared(name))
     assert refusal.value.remedy
+
+
+def with_targets(rate: float = 10.0, type_mask: int = 0, start: float = 0.0, end: float = np.inf) -> Telemetry:
+    """A hover with ATTITUDE_TARGET whose roll rate is the time, its roll a tenth of the sine of it."""
+    time = HOVER.stamps(rate)
+    time = time[(time >= start) & (time < end)]
+    roll, pitch, yaw = 0.1 * np.sin(time), 0.05 * np.cos(time), 0.02 * time
+    fields = {
+        "type_mask": np.full(len(time), type_mask, dtype=np.uint8),
+        "q": quaternion(roll, pitch, yaw),
+        "body_roll_rate": time,
+        "body_pitch_rate": 2 * time,
+        "body_yaw_rate": 3 * time,
+    }
+    return changed(HOVER.telemetry(), "ATTITUDE_TARGET", **columns(time, **fields))
+
+
+def flight_of(telemetry: Telemetry, axis: str = "roll") -> Flight:
+    signals = Signals(telemetry, axis)
+    return align(signals, settled_segments(signals)[0])
+
+
+def test_a_flight_has_the_last_setpoint_until_its_sample_and_none_of_the_future():
+    flight = flight_of(with_targets(rate=10.0))
+    assert flight.setpoint_names == ("roll rate setpoint", "roll setpoint")
+    assert flight.setpoint_units == ("rad/s", "rad")
+    last = np.floor(10 * flight.time + 1e-6) / 10
+    np.testing.assert_allclose(flight.setpoints[:, 0], last, atol=1e-9)
+    np.testing.assert_allclose(flight.setpoints[:, 1], 0.1 * np.sin(last), atol=1e-9)
+    assert (flight.setpoints[:, 0] <= flight.time + 1e-9).all()
+    assert flight.provenance["setpoints"]["roll setpoint"] == "ATTITUDE_TARGET"
+
+
+@pytest.mark.parametrize(
+    ("mask", "units"), [(1, ["rad"]), (2, ["rad/s", "rad"]), (64, ["rad/s", "rad"]), (128, ["rad/s"]), (129, [])]
+)
+def test_masked_fields_are_no_setpoints(mask, units):
+    assert [one.unit for one in setpoints(with_targets(type_mask=mask), "roll")] == units
+
+
+def test_before_the_first_and_long_after_the_last_nothing_is_known():
+    flight = flight_of(with_targets(start=20.0, end=30.0))
+    known = np.isfinite(flight.setpoints[:, 0])
+    np.testing.assert_array_equal(known, (flight.time >= 20 - 1e-9) & (flight.time <= 29.9 + HOLD_SECONDS + 1e-9))
+
+
+def with_sticks(autopilot: str = "ARDUPILOTMEGA", parameters: dict[str, float] | None = None) -> Telemetry:
+    time = HOVER.stamps(4.0)
+    pulses = {f"chan{n}_raw": 1000.0 * n / 5 + 1000 + 10 * np.sin(time) for n in range(1, 5)}
+    pulses["chan2_raw"][::2], pulses["chan5_raw"] = 65535, np.zeros(len(time))
+    telemetry = HOVER.telemetry(autopilot=autopilot, parameters=parameters)
+    return changed(telemetry, "RC_CHANNELS", **columns(time, **pulses))
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "parameters", "axis", "channel"),
+    [
+        ("ARDUPILOTMEGA", {}, "roll", 1),
+        ("ARDUPILOTMEGA", {"RCMAP_ROLL": 3.0}, "roll", 3),
+        ("ARDUPILOTMEGA", {}, "yaw", 4),
+        ("PX4", {"RC_MAP_ROLL": 4.0}, "roll", 4),
+        ("PX4", {}, "roll", None),
+        ("PX4", {"RC_MAP_ROLL": 0.0}, "roll", None),
+        ("ARDUPILOTMEGA", {"RCMAP_ROLL": 5.0}, "roll", None),
+        ("ARDUPILOTMEGA", {"RCMAP_ROLL": 40.0}, "roll", None),
+    ],
+)
+def test_the_stick_is_on_the_channel_of_the_parameters(autopilot, parameters, axis, channel):
+    found = setpoints(with_sticks(autopilot, parameters), axis)
+    assert [one.name for one in found] == ([f"{axis} stick"] if channel else [])
+    if channel:
+        assert found[0].unit == "µs"
+        assert found[0].signal.values.mean() == pytest.approx(1000 + 200 * channel, abs=5)
+    # A channel that was not received is none.
+    (stick,) = setpoints(with_sticks(), "pitch")
+    assert len(stick.signal.time) == len(HOVER.stamps(4.0)) // 2 and stick.signal.values.max() < 1500
+
+
+def test_the_sticks_as_the_autopilot_takes_them_are_preferred():
+    time = HOVER.stamps(5.0)
+    sticks = {"x": 100 * np.sin(time), "y": -500 * np.sin(time), "r": np.full(len(time), 32767.0)}
+    telemetry = changed(with_sticks(), "MANUAL_CONTROL", **columns(time, **sticks))
+    (roll,), (pitch,) = setpoints(telemetry, "roll"), setpoints(telemetry, "pitch")
+    assert (roll.name, roll.unit, roll.message) == ("roll stick", "", "MANUAL_CONTROL")
+    np.testing.assert_allclose(roll.signal.values, -0.5 * np.sin(time))
+    np.testing.assert_allclose(pitch.signal.values, 0.1 * np.sin(time))
+    assert setpoints(telemetry, "yaw") == ()
+
+
+@pytest.mark.parametrize("name", ["sitl_ardupilot/ardupilot_wind4_doublets.tlog", "sitl_px4/px4_wind5_gust.tlog"])
+def test_a_recorded_vehicle_does_what_it_is_asked(name):
+    for flight in read_segments(shared(name)):
+        assert flight.setpoint_names[:2] == ("roll rate setpoint", "roll setpoint")
+        assert np.isfinite(flight.setpoints).all()
+        assert np.corrcoef(flight.setpoints[:, 1], flight.outputs[:, 0])[0, 1] > 0.8

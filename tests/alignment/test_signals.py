@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hover import ARMED, MAV_AUTOPILOTS, MAV_TYPES, Hover, changed, columns
+from hover import ARMED, MAV_AUTOPILOTS, MAV_TYPES, Hover, changed, columns, with_demand, with_pulses
+from scipy.spatial.transform import Rotation
 
 from mavdem.alignment import drive, signals
 from mavdem.alignment.phases import airborne_collective
@@ -15,25 +16,10 @@ from mavdem.ingest.telemetry import Telemetry
 HOVER = Hover()
 
 
-def quaternion(roll, pitch, yaw):
-    """(N, 4) w x y z of the Z-Y-X rotation, by composing three axis rotations."""
-
-    def about(axis, angle):
-        q = np.zeros((len(angle), 4))
-        q[:, 0], q[:, axis] = np.cos(angle / 2), np.sin(angle / 2)
-        return q
-
-    def times(a, b):
-        w = a[:, 0] * b[:, 0] - (a[:, 1:] * b[:, 1:]).sum(1)
-        return np.column_stack([w, a[:, :1] * b[:, 1:] + b[:, :1] * a[:, 1:] + np.cross(a[:, 1:], b[:, 1:])])
-
-    return times(times(about(3, yaw), about(2, pitch)), about(1, roll))
-
-
 def with_quaternion(rate: float) -> Telemetry:
     time = HOVER.stamps(rate)
     roll, pitch, yaw = HOVER.roll(time), 0.2 * np.sin(time), 0.3 * time
-    q = quaternion(roll, pitch, yaw)
+    q = Rotation.from_euler("ZYX", np.column_stack([yaw, pitch, roll])).as_quat(scalar_first=True)
     body = {name: np.full(len(time), value) for name, value in (("pitchspeed", 0.2), ("yawspeed", 0.3))}
     fields = {f"q{i + 1}": q[:, i] for i in range(4)} | body | {"rollspeed": HOVER.roll_rate(time)}
     return changed(HOVER.telemetry(10.0), "ATTITUDE_QUATERNION", **columns(time, **fields))
@@ -199,8 +185,7 @@ def test_a_message_without_motors_that_move_leaves_the_next():
     actuator = np.full((len(time), 32), np.nan)
     actuator[:, :4] = HOVER.motors(time)
     telemetry = changed(HOVER.telemetry(), "ACTUATOR_OUTPUT_STATUS", **columns(time, actuator=actuator))
-    still = {f"servo{n}_raw": np.full(len(HOVER.stamps(100.0)), 1000.0) for n in range(1, 9)}
-    motors = drive.motors_or_obstacle(changed(telemetry, "SERVO_OUTPUT_RAW", **still))
+    motors = drive.motors_or_obstacle(with_pulses(telemetry, np.full((8, len(HOVER.stamps(100.0))), 1000.0)))
     assert motors is not None and motors.message == "ACTUATOR_OUTPUT_STATUS"
     np.testing.assert_array_equal(motors.outputs, HOVER.motors(time))
 
@@ -241,16 +226,6 @@ def test_armed_outvotes_strays_and_foreign_heartbeats():
     expected = (state.time >= 5) & (state.time < HOVER.landed + 1)
     np.testing.assert_array_equal(state.values > 0, expected)
     assert len(state.time) == len(table["time"]) - 3
-
-
-def with_demand(telemetry, rate=100.0, group=0.0, thrust=0.5):
-    """The telemetry with a controller's demand beside it: roll a sine, pitch nothing."""
-    time = np.arange(0.0, telemetry.messages["ATTITUDE"]["time"][-1], 1 / rate)
-    controls = np.zeros((len(time), 8))
-    controls[:, 0], controls[:, 3] = 0.1 * np.sin(time), thrust
-    return changed(
-        telemetry, "ACTUATOR_CONTROL_TARGET", **columns(time, controls=controls, group_mlx=np.full(len(time), group))
-    )
 
 
 def test_the_demand_on_an_axis_is_one_input_that_turns_it():

@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 import pytest
-from hover import X_QUAD, Hover, changed, columns
+from hover import X_QUAD, Hover, changed, columns, only, pulses, with_pulses
 
 from mavdem.alignment.align import align, settled_segments
 from mavdem.alignment.drive import DEMAND_MESSAGE
@@ -87,10 +87,7 @@ STATION = Component(255, 190, "GCS", "INVALID", {"HEARTBEAT": 60, "REQUEST_DATA_
 def test_rates_that_drop_in_the_air_are_no_link_that_drops_out(change):
     verdict = verdict_of(Signals(slowed(change)), components=(STATION,))
     assert not verdict.learnable
-    assert re.search(
-        rf"In the air ATTITUDE comes at [34]\.\d Hz from {change:.0f}\.\d s after boot on",
-        verdict.reason,
-    )
+    assert re.search(rf"In the air ATTITUDE comes at [34]\.\d Hz from {change:.0f}\.\d s after boot on", verdict.reason)
     assert "need 40 Hz" in verdict.reason and "drop out" not in verdict.remedy
     assert verdict.remedy.startswith("A ground station (255:190) sets rates with REQUEST_DATA_STREAM: ")
     assert verdict.remedy.count("streamrate -1") == 1 and "SRn_EXTRA1" in verdict.remedy
@@ -107,10 +104,7 @@ def test_who_asks_for_rates_is_named_only_where_somebody_does():
 
 def with_contradiction(telemetry: Telemetry, start: float, end: float) -> Telemetry:
     """The rate has nothing to do with the angle from ``start`` to ``end``, after which 0.5 s are missing."""
-    for message in ("ATTITUDE", "SERVO_OUTPUT_RAW"):
-        table = telemetry.messages[message]
-        kept = (table["time"] <= end) | (table["time"] > end + 0.5)
-        telemetry = changed(telemetry, message, **{name: column[kept] for name, column in table.items()})
+    telemetry = only(telemetry, lambda time: (time <= end) | (time > end + 0.5), "ATTITUDE", "SERVO_OUTPUT_RAW")
     time, rate = (telemetry.messages["ATTITUDE"][name] for name in ("time", "rollspeed"))
     wrong = np.where((time >= start) & (time <= end), np.sin(2 * np.pi * 0.7 * time), rate)
     return changed(telemetry, "ATTITUDE", rollspeed=wrong)
@@ -145,9 +139,7 @@ def test_where_nothing_shows_flight_nothing_is_claimed_about_it():
 
 def test_a_hover_on_little_of_the_motors_range_is_a_flight_where_the_autopilot_idles_lower():
     telemetry = HOVER.telemetry()
-    table = telemetry.messages["SERVO_OUTPUT_RAW"]
-    low = {f"servo{n}_raw": 1000 + (table[f"servo{n}_raw"] - 1000) // 3 for n in (1, 2, 3, 4)}
-    strong = changed(telemetry, "SERVO_OUTPUT_RAW", **low)
+    strong = with_pulses(telemetry, 1000 + (pulses(telemetry) - 1000) // 3)
     assert "flight takes 20 %" in refused_for(strong)
     strong = dataclasses.replace(strong, parameters={**strong.parameters, "MOT_SPIN_MIN": 0.06})
     assert verdict_of(Signals(strong)).learnable
@@ -172,8 +164,7 @@ def test_a_figure_is_doubted_on_one_side_of_its_limit_only(figure, limit, doubte
 def with_outputs(outputs: float | None = None, **parameters: float) -> Telemetry:
     """A hover whose outputs stand still, if they are given, with these parameters."""
     telemetry = HOVER.telemetry(parameters=parameters)
-    still = {f"servo{n}_raw": np.full(len(HOVER.stamps(100.0)), outputs) for n in range(1, 9)}
-    return telemetry if outputs is None else changed(telemetry, "SERVO_OUTPUT_RAW", **still)
+    return telemetry if outputs is None else with_pulses(telemetry, np.full((8, len(HOVER.stamps(100.0))), outputs))
 
 
 def disarmed(telemetry: Telemetry) -> Telemetry:
@@ -181,9 +172,8 @@ def disarmed(telemetry: Telemetry) -> Telemetry:
 
 
 def idling() -> Telemetry:
-    table = HOVER.telemetry().messages["SERVO_OUTPUT_RAW"]
-    idle = {f"servo{n}_raw": np.where(table[f"servo{n}_raw"] > 1000, 1100 + n, 1000) for n in (1, 2, 3, 4)}
-    return changed(HOVER.telemetry(), "SERVO_OUTPUT_RAW", **idle)
+    running = pulses(HOVER.telemetry()) > 1000
+    return with_pulses(HOVER.telemetry(), np.where(running, 1100 + np.arange(1, 5)[:, None], 1000))
 
 
 def shaking(size: float = 1.0, share: float = 1.0) -> Telemetry:
@@ -234,10 +224,8 @@ def test_another_vehicle_is_named_only_where_there_is_one():
 
 def rounded(hover: Hover) -> Telemetry:
     telemetry = hover.telemetry()
-    table = telemetry.messages["SERVO_OUTPUT_RAW"]
-    noise = np.random.default_rng(2).normal(0, 3, len(table["time"]))
-    whole = {f"servo{n + 1}_raw": np.round(table[f"servo{n + 1}_raw"] + noise) for n in range(4)}
-    return changed(telemetry, "SERVO_OUTPUT_RAW", **whole)
+    motors = pulses(telemetry)
+    return with_pulses(telemetry, np.round(motors + np.random.default_rng(2).normal(0, 3, motors.shape[1])))
 
 
 def test_a_command_at_the_floor_of_the_stream_is_refused():
@@ -281,9 +269,7 @@ def test_mutilated_telemetry_is_judged_and_its_segments_align(seed):
 
 def in_whole_pulses(telemetry: Telemetry) -> Telemetry:
     """The motors in whole µs."""
-    table = telemetry.messages["SERVO_OUTPUT_RAW"]
-    fields = {f"servo{n}_raw": np.round(table[f"servo{n}_raw"]) for n in (1, 2, 3, 4)}
-    return changed(telemetry, "SERVO_OUTPUT_RAW", **fields)
+    return with_pulses(telemetry, np.round(pulses(telemetry)))
 
 
 def held(telemetry: Telemetry, message: str, rows: int, only: tuple[str, ...] = ("",)) -> Telemetry:
@@ -315,17 +301,15 @@ def test_held_values_are_seen_through_losses_and_a_rate_that_does_not_divide():
 def test_motors_that_stand_still_because_they_are_rounded_are_not_held():
     """A command that moves by less than a step from message to message repeats whole rows, and then goes on by one."""
     whole = in_whole_pulses(Hover(command=2.0).telemetry())
-    rows = np.column_stack([whole.messages["SERVO_OUTPUT_RAW"][f"servo{n}_raw"] for n in (1, 2, 3, 4)])
-    assert np.mean((np.diff(rows, axis=0) == 0).all(axis=1)) > 0.8
+    assert np.mean((np.diff(pulses(whole)) == 0).all(axis=0)) > 0.8
     verdict = verdict_of(Signals(whole))
     assert verdict.learnable and verdict.figures.motor_fresh == pytest.approx(100)
 
 
 def with_steps(step: float, telemetry: Telemetry) -> Telemetry:
     table = telemetry.messages["ATTITUDE"]
-    return changed(
-        telemetry, "ATTITUDE", **{name: np.round(table[name] / step) * step for name in ("roll", "rollspeed")}
-    )
+    rounded = {name: np.round(table[name] / step) * step for name in ("roll", "rollspeed")}
+    return changed(telemetry, "ATTITUDE", **rounded)
 
 
 def test_an_attitude_near_its_resolution_is_doubted_and_at_it_refused():

@@ -9,8 +9,17 @@ import pytest
 from made_up_analysis import HOVER, analysis, held_out, model, physical
 
 from mavdem import Flight
-from mavdem.analysis.findings import GOOD, LIMITED, NONE, PURPOSES, Finding, findings_of, next_step, warnings_of
-from mavdem.analysis.residuals import Residuals
+from mavdem.analysis.findings import (
+    GOOD,
+    LIMITED,
+    NONE,
+    PURPOSES,
+    Finding,
+    Residuals,
+    findings_of,
+    next_step,
+    warnings_of,
+)
 from mavdem.condition.oscillation import Oscillation
 from mavdem.dem.graybox.identifiability import PARAMETERS, IdentifiabilityFigures, identifiability
 from mavdem.evaluate import HeldOut
@@ -200,7 +209,7 @@ def test_a_model_alone_says_nothing_of_motors_that_it_does_not_know():
 def test_under_what_overrides_reasons_keep_their_figures_and_ask_for_nothing():
     sds, none, ranges = (dict.fromkeys(PARAMETERS, size) for size in (0.6, 0.0, 0.3))
     statuses, reasons = identifiability(IdentifiabilityFigures(0.46, 0.5, sds, none, ranges, 1.0, 0.0, 0.02))
-    assert "until it has 25 %" in reasons["effect"] and "%" not in " ".join(reasons.values()).replace(" %", "")
+    assert "has at most 25 %" in reasons["effect"] and "%" not in " ".join(reasons.values()).replace(" %", "")
     known = physical(**{name: status for name, status in statuses.items() if status != "reported"})
     known.reasons |= reasons
     free = findings_of(model(known), held_out()).purposes

@@ -1,6 +1,7 @@
-"""``mavdem compare``: its document, its tables, and what of several flights cannot be compared."""
+"""``mavdem compare`` and ``mavdem order``: documents, tables, and flights that cannot be compared or do not tell."""
 
 import csv
+import json
 import multiprocessing
 import os
 import signal
@@ -8,6 +9,7 @@ import subprocess
 import sys
 import time
 
+import numpy as np
 import psutil
 import pytest
 from command_line import FLIGHT, LOGS, SLOW, strict_json
@@ -129,3 +131,21 @@ def test_ended_early_it_leaves_no_process_and_no_file(tmp_path):
     _, said = process.communicate(timeout=300)
     assert process.returncode == 130 and b"Traceback" not in said
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.slow
+def test_the_order_and_why_are_reported(tmp_path, capsys):
+    page = tmp_path / "order.html"
+    assert main(["order", str(FLIGHT), str(SLOW), "--max-order", "3", "--html", str(page), "--json"]) == 0
+    out, err = capsys.readouterr()
+    document = json.loads(out)
+    assert document["html"] == str(page) and "ardupilot_wind5_steps" in page.read_text()
+    assert document["flights"] == ["ardupilot_wind5_steps"]
+    heights = np.array(document["free_energy"][0])
+    assert document["orders"] == [1, 2, 3] and np.isfinite(heights).all()
+    # No order above the chosen one gains three nats, and the one below it loses more.
+    assert (heights[document["chosen"] :] <= heights[document["chosen"] - 1] + 3).all()
+    assert document["chosen"] == 1 or heights[document["chosen"] - 2] < heights[document["chosen"] - 1] - 3
+    assert [one["flight"] for one in document["refused"]] == ["ardupilot_default_rates"]
+    assert "no order" in err
+    assert main(["order", str(SLOW)]) == 1 and "4" in capsys.readouterr().err

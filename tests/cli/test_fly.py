@@ -39,18 +39,6 @@ def test_a_flight_with_its_truth(kind, tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_the_same_command_writes_the_same_bytes(tmp_path, capsys):
-    mine = tmp_path / "mine.toml"
-    mine.write_text("duration = 20\n[[wind]]\nkind = 'gaussian'\nsd = 1\ns = 0.2\n[faults]\nloss = 0.1\nreboot = 10\n")
-    flights = [tmp_path / name for name in ("one.tlog", "two.tlog", "other.tlog")]
-    for out, seed in zip(flights, (5, 5, 6), strict=True):
-        fly(capsys, mine, "--out", out, "--seed", seed)
-    one, two, other = (out.read_bytes() for out in flights)
-    assert one == two != other
-    assert set(read_log(flights[0]).vehicles[0].messages["ATTITUDE"]["boot"]) == {0, 1}
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(("autopilot", "frame"), [("px4", "x"), ("ardupilot", "plus")])
 def test_it_can_be_learnt_from_and_motors_are_where_they_are(autopilot, frame, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("mavdem.report.page.model_pictures", lambda *_, **__: [])
@@ -144,12 +132,6 @@ def test_a_place_that_takes_no_file_is_refused_before_the_work(words, tmp_path, 
         monkeypatch.setattr(f"mavdem.cli.{work}", lambda *_: pytest.fail("it works"))
     assert main(words.split()) == 2
     assert "not writable" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("words", ["--duration 2", "--duration 30 --seed -1"])
-def test_the_option_that_is_wrong_is_named(words, capsys):
-    assert main(["fly", "hover_blower", "--out", "f.tlog", *words.split()]) == 2
-    assert f"Invalid value for {words.split()[-2]}:" in capsys.readouterr().err
 
 
 def test_describing_prints_every_value_with_what_it_means_and_may_be(capsys, tmp_path):

@@ -76,7 +76,7 @@ def test_people_see_one_screen_and_with_verbose_the_model(tmp_path, monkeypatch,
     assert "flight.rrd" in screen.err and "flight.rrd" not in screen.out
     assert "\nNext: " in screen.out
     page = (tmp_path / "ardupilot_wind5_steps" / "report.html").read_text()
-    assert page.count("<svg") == 9 and "<script" not in page and len(page) < 2_000_000
+    assert page.count("<svg") == 11 and "<script" not in page and len(page) < 2_000_000
     assert "src=" not in page and 'href="http' not in page
     assert "<h1>ardupilot_wind5_steps.tlog</h1>" in page and "control effectiveness" in page
     monkeypatch.setattr("mavdem.report.page.model_pictures", lambda *_, **__: [])
@@ -134,6 +134,12 @@ def test_segments_of_one_boot_are_learnt_from_together(without_pictures, tmp_pat
     assert main(["learn", FLIGHT, "--out", str(tmp_path), "--json", "--preset", "paper", "--test", "50"]) == 0
     report = json.loads(capsys.readouterr().out)
     assert [one["samples"] for one in report["segments"]] == [200, 200]
+
+
+def test_without_files_the_screen_is_all(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["learn", str(SLOW), "--no-files"]) == 1
+    assert "headroom" in capsys.readouterr().out and not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("start", ["59", "1e9", "1e308"])

@@ -4,13 +4,14 @@ import json
 import re
 from math import degrees
 
+import numpy as np
 import pytest
 
 from mavdem import wind
 from mavdem.cli.commands import main
+from mavdem.condition.wind_velocity import from_point
 from mavdem.fleet.rows_of_log import rows_of_log
 from mavdem.report.fleet_page import fleet_page
-from mavdem.report.numbers import from_point
 from sitl_scenarios.files import in_toml, load
 
 
@@ -27,6 +28,10 @@ def test_the_wind_is_shown_as_it_is_estimated(tmp_path, capsys):
     assert low < float(re.search(r"own estimate is ([0-9.]+) m/s from", said)[1]) < high
     assert json.loads((tmp_path / "learnt" / "report.json").read_text())["wind_velocity"]["speed"] == found.speed
     assert b"wind/velocity" in (tmp_path / "learnt" / "flight.mcap").read_bytes()
+    assert main(["convert", str(log), str(tmp_path / "legs.csv")]) == 0
+    table = np.genfromtxt(tmp_path / "legs.csv", delimiter=",", names=True)
+    off = np.interp(found.time, table["time_s"], table["wind_north_m_s"]) - found.velocity[:, 0]
+    assert np.nanmax(np.abs(off)) < 0.02 and np.isnan(table["wind_east_band_m_s"][0])
     (row, *_), _ = rows_of_log(log)
     assert (row.wind_speed, degrees(row.wind_direction)) == pytest.approx((found.speed, found.direction))
     assert row.drag == pytest.approx([*found.drag.linear, *found.drag.quadratic])

@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 
 import numpy as np
 import pytest
-from hover import Hover, changed, columns, log_of
+from hover import Hover, changed, columns, log_of, only, with_pulses
 from recorded_flights import shared
 from scipy.signal import lfilter
 
@@ -35,12 +35,8 @@ def uneven(rate: float, noise: float = 3.0) -> Telemetry:
     telemetry = HOVER.telemetry(attitude_time=rate, motor_time=rate)
     attitude, motors = telemetry.messages["ATTITUDE"], telemetry.messages["SERVO_OUTPUT_RAW"]
     flying = motors["servo1_raw"] != 1000
-    level = {1: 1600.0, 2: 1700.0, 3: 1600.0, 4: 1600.0}
-    pulses = {
-        f"servo{n}_raw": np.where(flying, mean + noise * rng.standard_normal(len(flying)), 1000.0)
-        for n, mean in level.items()
-    }
-    telemetry = changed(telemetry, "SERVO_OUTPUT_RAW", **pulses)
+    shaken = np.array([[1600.0], [1700.0], [1600.0], [1600.0]]) + noise * rng.standard_normal((4, len(flying)))
+    telemetry = with_pulses(telemetry, np.where(flying, shaken, 1000.0))
     telemetry = changed(telemetry, "ATTITUDE", roll=attitude["roll"] + np.radians(3))
     beat = HOVER.stamps(1.0)
     current = 15 + 3 * np.sin(1.3 * beat)
@@ -137,8 +133,7 @@ def leaning(motor_rate: float = 100.0) -> Telemetry:
     full = np.arange(len(flying)) % 4 == 0
     swing = 20 * np.sin(5 * motors["time"])
     outputs = (np.where(full, 1995.0, 1800.0), 1600 + swing, 1600 - swing, 1600 + swing)
-    pulses = {f"servo{n}_raw": np.where(flying, output, 1000.0) for n, output in enumerate(outputs, 1)}
-    return changed(telemetry, "SERVO_OUTPUT_RAW", **pulses)
+    return with_pulses(telemetry, np.where(flying, outputs, 1000.0))
 
 
 @pytest.mark.parametrize("motor_rate", [100.0, 10.0])
@@ -150,7 +145,6 @@ def test_figures_are_those_of_the_flight_however_slowly_the_motors_come(motor_ra
     assert found.trim == pytest.approx([mean, 1600, 1600, 1600], abs=2)
     assert found.trim_of_range == pytest.approx(of_range, abs=2e-3)
     assert found.trim_share == pytest.approx(of_range / of_range.mean(), rel=5e-3)
-    assert np.mean(found.trim_share) == pytest.approx(1) and np.sum(found.imbalance) == pytest.approx(0, abs=1e-9)
     assert found.imbalance == pytest.approx([100 * (share - 1) for share in found.trim_share])
     # Motor 1 stays at 1995 µs, so that is where all stop.
     assert found.headroom == pytest.approx([0, 0.375, 0.375, 0.375], abs=1e-3)
@@ -174,8 +168,7 @@ def test_motors_are_at_the_stop_that_the_autopilot_sets_or_the_outputs_show(stop
     time, rng = telemetry.messages["SERVO_OUTPUT_RAW"]["time"], np.random.default_rng(3)
     wanted = np.where((time > 6) & (time < HOVER.landed), 1650.0 + 100 * rng.standard_normal((4, len(time))), low)
     wanted[1] += np.where(np.sin(0.5 * time) > 0.6, 400.0, 0.0) * (wanted[1] > low)
-    pulses = {f"servo{n + 1}_raw": np.round(np.clip(row, low, stop)) for n, row in enumerate(wanted)}
-    found = hover_of(Signals(changed(telemetry, "SERVO_OUTPUT_RAW", **pulses), inputs="motors"))
+    found = hover_of(Signals(with_pulses(telemetry, np.round(np.clip(wanted, low, stop))), inputs="motors"))
     assert found.headroom[1] == 0 and 0 < found.headroom[0] < 0.1
     assert found.at_upper_limit[1] == pytest.approx(0.3, abs=0.05) and max(found.at_upper_limit[::2]) < 0.02
 
@@ -184,8 +177,8 @@ def test_outputs_that_hardly_move_show_no_stop():
     telemetry = HOVER.telemetry()
     time = telemetry.messages["SERVO_OUTPUT_RAW"]["time"]
     flying = (time > 6) & (time < HOVER.landed)
-    calm = {f"servo{n}_raw": np.where(flying, 1850 + (7 * time).astype(int) % 2, 1000) for n in range(1, 5)}
-    found = hover_of(Signals(changed(telemetry, "SERVO_OUTPUT_RAW", **calm), inputs="motors"))
+    calm = np.where(flying, 1850 + (7 * time).astype(int) % 2, 1000)
+    found = hover_of(Signals(with_pulses(telemetry, [calm] * 4), inputs="motors"))
     assert max(found.at_upper_limit) == 0 and found.headroom == pytest.approx([0.149] * 4)
 
 
@@ -312,7 +305,6 @@ def tier(telemetry: Telemetry) -> Tier:
         (50.0, 10.0, "b", "a"),
         (10.0, 10.0, "b", "a"),
         (100.0, 4.0, "c", "b"),
-        (4.0, 4.0, "c", "b"),
         (1.0, 1.0, "c", "b"),
     ],
 )
@@ -383,9 +375,7 @@ def stamps_of_8_and_12() -> np.ndarray:
 @pytest.mark.parametrize("stamps", [(), (stamps_of_8_and_12(), stamps_of_8_and_12())])
 def test_a_link_that_loses_messages_loses_them_of_every_kind(stamps):
     random, telemetry = np.random.default_rng(3), LONG.telemetry(*stamps)
-    for message, table in telemetry.messages.items():
-        kept = random.random(len(table["time"])) > 0.1
-        telemetry = changed(telemetry, message, **{name: column[kept] for name, column in table.items()})
+    telemetry = only(telemetry, lambda time: random.random(len(time)) > 0.1)
     assert told(telemetry)["speakers"][0]["missing_share"] == pytest.approx(0.1, abs=0.02)
 
 

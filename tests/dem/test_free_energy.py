@@ -36,8 +36,8 @@ from mavdem.dem.engine.steps import (
     with_optimal_precisions,
 )
 from mavdem.dem.fitting import fit, generalized, generative_model
+from mavdem.dem.priors import Scaling
 from mavdem.dem.record import Record
-from mavdem.dem.scaling import Scaling
 
 seeds = st.integers(0, 10**6)
 

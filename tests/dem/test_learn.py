@@ -137,10 +137,7 @@ def test_other_numbers_of_outputs(m):
         (lambda f: f[:30], "at least 50 samples"),
         (lambda f: Flight(f.time, f.inputs, f.outputs * [1, 0])[:700], "outputs column 1 must vary"),
         (lambda f: Flight(f.time, f.inputs, f.outputs * [0, 1] + 0.1)[:700], "outputs column 0 must vary"),
-        (
-            lambda f: Flight(f.time, f.inputs * 0 + 1500.1, f.outputs)[:700],
-            "inputs column 0 must vary: constant",
-        ),
+        (lambda f: Flight(f.time, f.inputs * 0 + 1500.1, f.outputs)[:700], "inputs column 0 must vary: constant"),
         (lambda f: Flight(f.time, f.inputs * [1, 1, 0, 1], f.outputs)[:700], "inputs column 2 must vary: .* Leave out"),
     ],
 )

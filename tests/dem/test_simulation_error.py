@@ -13,17 +13,7 @@ from mavdem import Flight, Learned, Settings, learn
 from mavdem.dem.engine.model import unpack
 from mavdem.dem.engine.state_space import filter_gain
 from mavdem.dem.fitting import fit
-from mavdem.dem.forecast.simulation_error import (
-    MAX_SEGMENTS,
-    SAMPLES_PER_PARAMETER,
-    WEAK_PRECISION,
-    SimulationError,
-    SimulationSegments,
-    fit_with_prior,
-    horizon_of,
-    models_of,
-    simulate,
-)
+from mavdem.dem.forecast import simulation_error
 from mavdem.dem.record import Record
 
 COMPLETE = Settings(order=3, d=2, window=9, parameter_precision=1.0)
@@ -31,16 +21,16 @@ FLIGHT = simulated(wind=1.0, lag=0.05)
 ROTORS = FLIGHT.inputs.shape[1]
 
 
-def climb_of(flight: Flight) -> tuple[SimulationError, np.ndarray]:
+def climb_of(flight: Flight) -> tuple[simulation_error.SimulationError, np.ndarray]:
     """A climb of random free parameters about those of a fit, and where it stands."""
     record = Record.of(flight)
     fitted = fit(record, COMPLETE)
     scaling, model = fitted.scaling, fitted.model
     segments = [(scaling.scale_inputs(u), scaling.scale_outputs(y)) for u, y in record.segments]
-    stretches = SimulationSegments.of(segments, 30)
+    stretches = simulation_error.SimulationSegments.of(segments, 30)
     places = np.array([3, 4, 8, 14, 15, 19])
     mean, precision = model.prior.theta_mean[places], np.diag(np.linspace(0.1, 1.0, len(places)))
-    climb = SimulationError(
+    climb = simulation_error.SimulationError(
         fitted.ascent.belief.theta, places, mean, precision, model.sizes, fitted.gain, record.dt, stretches
     )
     return climb, fitted.ascent.belief.theta[places]
@@ -62,11 +52,11 @@ def test_errors_are_those_of_forecasts_that_begin_at_every_middle():
 def test_of_fast_samples_every_so_many_count():
     rng = np.random.default_rng(0)
     theta = np.concatenate([[0.0, 1.0, -9.0, -4.0], [0.0, 3.0], np.eye(2).ravel()])
-    models = models_of(theta[None], (2, 1, 2), np.full((2, 2), 0.5), 0.0025)
+    models = simulation_error.models_of(theta[None], (2, 1, 2), np.full((2, 2), 0.5), 0.0025)
     inputs, outputs = rng.standard_normal((241, 3, 1)), rng.standard_normal((121, 3, 2))
     np.testing.assert_array_equal(
-        simulate(models, inputs, outputs, every=4),
-        simulate(models, inputs, outputs)[:, :, 3::4],
+        simulation_error.simulate(models, inputs, outputs, every=4),
+        simulation_error.simulate(models, inputs, outputs)[:, :, 3::4],
     )
 
 
@@ -105,14 +95,16 @@ def test_a_model_without_noise_is_found_as_it_is():
     gain = filter_gain(A, np.eye(m, n), dt, np.full(m, 1e-6), np.eye(n), dt)
     textbook = TextbookFilter.of(A, B, np.eye(m, n), dt, gain)
     outputs = np.vstack([np.zeros((1, m)), textbook.forecast(np.zeros(n), inputs)])
-    stretches = SimulationSegments.of([(inputs, outputs)], 30)
+    stretches = simulation_error.SimulationSegments.of([(inputs, outputs)], 30)
     truth = np.concatenate([A.ravel(), B.ravel(), np.eye(m, n).ravel()])
     precision = np.full(len(truth), 1e8)
     free = np.array([3, 4, 8, *range(13, 21)])
-    precision[free] = WEAK_PRECISION
+    precision[free] = simulation_error.WEAK_PRECISION
     start = truth.copy()
     start[free] *= 1 + 0.3 * rng.uniform(-1, 1, len(free))
-    climbed = fit_with_prior(start, (start, np.diag(precision)), (n, r, m), gain, dt, stretches, iterations=50)
+    climbed = simulation_error.fit_with_prior(
+        start, (start, np.diag(precision)), (n, r, m), gain, dt, stretches, iterations=50
+    )
     found = climbed
     np.testing.assert_array_equal(found.free, free)
     np.testing.assert_allclose(found.theta[free], truth[free], rtol=1e-3, atol=1e-3)
@@ -137,7 +129,7 @@ def test_the_posterior_holds_the_truth_as_often_as_it_says():
 def test_the_horizon_is_as_long_as_the_samples_suffice_for(samples, seconds):
     found = learn(FLIGHT[:samples], COMPLETE).simulation_fit
     assert found.horizon == round(seconds / FLIGHT.dt)
-    assert found.effective_samples >= SAMPLES_PER_PARAMETER * len(found.free)
+    assert found.effective_samples >= simulation_error.SAMPLES_PER_PARAMETER * len(found.free)
 
 
 @pytest.mark.parametrize("rate", [50, 400])
@@ -146,7 +138,7 @@ def test_the_horizon_lasts_as_long_at_every_rate(rate):
     record = Record.of(Flight(np.arange(7 * rate) / rate, *resampled))
     settings = replace(COMPLETE, window=5)
     fitted = fit(record, settings)
-    assert horizon_of(fitted.model, settings, fitted.scaling, record) == 0.3 * rate
+    assert simulation_error.horizon_of(fitted.model, settings, fitted.scaling, record) == 0.3 * rate
 
 
 @pytest.mark.slow
@@ -158,20 +150,22 @@ def test_too_little_leaves_theta_where_generalized_coordinates_led_it_and_says_s
     assert not any("simulation-error" in caution for caution in short.cautions)
     np.testing.assert_array_equal(learned.model.A, short.model.A)
     np.testing.assert_array_equal(learned.forecast(FLIGHT.inputs[200:250]), short.forecast(FLIGHT.inputs[200:250]))
-    assert SimulationSegments.of([(FLIGHT.inputs[:60], FLIGHT.outputs[:60])], 30) is None
+    assert simulation_error.SimulationSegments.of([(FLIGHT.inputs[:60], FLIGHT.outputs[:60])], 30) is None
 
 
 def test_nothing_runs_across_a_gap_and_long_flights_are_thinned():
     flight = simulated(samples=400, wind=1.0)
     parts = [(flight.inputs[:150], flight.outputs[:150]), (flight.inputs[200:], flight.outputs[200:])]
-    both = SimulationSegments.of(parts, 30)
-    alone = [SimulationSegments.of([part], 30) for part in parts]
+    both = simulation_error.SimulationSegments.of(parts, 30)
+    alone = [simulation_error.SimulationSegments.of([part], 30) for part in parts]
     assert both is not None and all(alone)
     np.testing.assert_array_equal(both.outputs, np.concatenate([each.outputs for each in alone], axis=1))
     assert both.number == pytest.approx((150 + 200) / 30)
-    many = SimulationSegments.of([(np.zeros((MAX_SEGMENTS * 20, 1)), np.zeros((MAX_SEGMENTS * 20, 1)))], 30)
-    assert many is not None and many.outputs.shape[1] == MAX_SEGMENTS
-    assert many.number == pytest.approx(MAX_SEGMENTS * 20 / 30)
+    many = simulation_error.SimulationSegments.of(
+        [(np.zeros((simulation_error.MAX_SEGMENTS * 20, 1)), np.zeros((simulation_error.MAX_SEGMENTS * 20, 1)))], 30
+    )
+    assert many is not None and many.outputs.shape[1] == simulation_error.MAX_SEGMENTS
+    assert many.number == pytest.approx(simulation_error.MAX_SEGMENTS * 20 / 30)
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ from mavdem.confidence import half_width, quantile, require_probability
 from mavdem.dem.engine.ascent import ascend
 from mavdem.dem.engine.free_energy import free_energy
 from mavdem.dem.engine.generative import SufficientStatistics
-from mavdem.dem.uncertainty import (
+from mavdem.dem.fitting import (
     long_run_covariance,
     marginal_information,
     sample_slopes,

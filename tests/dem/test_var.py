@@ -122,13 +122,12 @@ def test_intervals_of_coefficients_hold_as_often_as_they_say():
     assert 0.88 < np.mean(inside) < 0.92
 
 
-def test_statistics_add_up_over_segments_and_come_off_again():
+def test_statistics_add_up_over_segments():
     one, two = run(model(), 50, 1), run(model(), 70, 2)
     first, both = LagStatistics.of([one], LAGS), LagStatistics.of([one, two], LAGS)
     together = first + LagStatistics.of([two], LAGS)
     assert together.rows == both.rows == 50 + 70 - 2 * LAGS
     np.testing.assert_allclose(together.gram, both.gram, rtol=1e-12)
-    np.testing.assert_allclose((both - first).gram, LagStatistics.of([two], LAGS).gram, rtol=1e-9)
     assert LagStatistics.of([one, two[:LAGS]], LAGS).rows == first.rows
 
 

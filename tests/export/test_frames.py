@@ -1,15 +1,19 @@
-"""Flights as pandas and xarray objects, and models as systems of python-control."""
+"""Flights and models as pandas and xarray objects, systems of python-control, and MCAP channels for layouts."""
 
+import json
 from pathlib import Path
+from xml.etree import ElementTree
 
 import control
 import numpy as np
 import pytest
+from mcap.reader import make_reader
 from simulated import simulated
 
 import mavdem
-from mavdem.dem.engine.model import discretize, recursion
-from mavdem.export.conversion import columns
+from mavdem.evaluate import held_out_test
+from mavdem.export.conversion import columns, write_channels
+from mavdem.flight import Flight
 
 LOG = Path(__file__).parents[2] / "logs" / "ardupilot_wind5_steps.tlog"
 
@@ -45,26 +49,119 @@ def test_a_dataset_has_what_else_a_flight_has():
     assert data.attrs["dt"] == flight.dt
 
 
-def test_a_system_has_the_names_and_the_poles_of_the_model(learned):
-    system = learned.to_control()
+def test_a_system_has_the_names_and_the_matrices_of_the_model(learned):
+    system = learned.to_control(model="dem")
     assert system.input_labels[0] == "motor_1_us" and system.output_labels == ["roll_rad", "roll_rate_rad_s"]
     assert system.state_labels == system.output_labels and system.isctime(strict=True)
-    np.testing.assert_allclose(np.sort_complex(system.poles()), np.sort_complex(np.linalg.eigvals(learned.model.A)))
+    for own, expected in zip((system.A, system.B, system.C), learned.model, strict=False):
+        np.testing.assert_array_equal(own, expected)
 
 
-def test_a_system_responds_as_the_model_does(learned, flight):
-    ahead = flight[250:300]
-    inputs = ahead.inputs - learned.model.input_trim
-    system = learned.to_control()
-    response = control.forced_response(system, np.arange(50) * flight.dt, inputs.T, [0.1, 0.2])
-    step = discretize(learned.model.A, learned.model.B, flight.dt)
-    pushes = inputs[:-1] @ step.input_now.T + inputs[1:] @ step.input_next.T
-    states = recursion(step.state, pushes, np.array([0.1, 0.2]))
-    np.testing.assert_allclose(response.outputs[:, 1:].T, states @ learned.model.C.T, rtol=1e-6, atol=1e-9)
+@pytest.mark.filterwarnings("ignore:Of this plant")
+def test_the_physical_plant_responds_as_the_vehicle_is_simulated_and_is_refused_where_unknown(learned, monkeypatch):
+    plant, trim = learned.to_control(), learned.record.inputs.mean(axis=0)
+    assert plant.name == "mavdem physical model" and plant.delay == learned.physical.delay
+    time = np.arange(61) * learned.dt
+    steered = np.outer(20 * np.sin(2 * np.pi * time) ** 2, learned.record.effect_directions)
+    expected = learned.simulate(trim + steered[1:]) - learned.simulate(trim + 0 * steered[1:])
+    response = control.forced_response(plant, time, steered.T)
+    np.testing.assert_allclose(response.outputs[:, 1:].T, expected, atol=2e-3 * np.abs(expected[:, 1]).max())
+    assert len({abs(one(2j * np.pi))[1, 0] for one in plant.draws}) == len(plant.draws)
+    status = dict.fromkeys(learned.physical.status, "not identifiable")
+    monkeypatch.setattr(mavdem.Learned, "physical", learned.physical._replace(status=status))
+    with pytest.raises(ValueError, match=r"There is no physical plant. The motors' effect is not identifiable"):
+        learned.to_control()
 
 
 def test_hidden_states_and_arrays_without_names_are_numbered():
     learned = mavdem.learn(simulated(lag=0.05)[:200], mavdem.Settings(order=3, d=2, window=9, parameter_precision=1.0))
-    system = learned.to_control()
+    system = learned.to_control(model="dem")
     assert system.state_labels == ["output_1", "output_2", "hidden_1"]
     assert system.input_labels[-1] == "input_4"
+
+
+ROOT = Path(__file__).parents[2]
+LOG, LAYOUTS = ROOT / "logs" / "ardupilot_wind5_steps.tlog", ROOT / "docs" / "layouts"
+
+
+def read(path: Path) -> dict[str, tuple[np.ndarray, dict[str, np.ndarray]]]:
+    """Times, s, and columns by topic."""
+    rows: dict[str, list[tuple[int, dict]]] = {}
+    with path.open("rb") as file:
+        for schema, channel, message in make_reader(file).iter_messages():
+            body = json.loads(message.data)
+            assert schema.encoding == "jsonschema" and channel.message_encoding == "json"
+            described = json.loads(schema.data)
+            assert described["type"] == "object" and set(described["properties"]) == set(body)
+            rows.setdefault(channel.topic, []).append((message.log_time, body))
+    return {
+        topic: (
+            np.array([time for time, _ in each]) / 1e9,
+            {name: np.array([body[name] for _, body in each], dtype=np.float64) for name in each[0][1]},
+        )
+        for topic, each in rows.items()
+    }
+
+
+@pytest.fixture(scope="module")
+def result():
+    """Training data, test data, model and forecasts."""
+    flight = mavdem.read_flight(LOG)
+    train, test = flight[:300], flight[300:350]
+    learned = mavdem.learn(train, mavdem.Settings.paper())
+    return train, test, learned, held_out_test(train, test, learned)
+
+
+@pytest.fixture(scope="module")
+def fields(result, tmp_path_factory):
+    """Topics and fields of the channels of a learned flight."""
+    train, _, learned, held_out = result
+    path = tmp_path_factory.mktemp("layouts") / "flight.mcap"
+    write_channels(path, [train], learned, held_out)
+    return {(topic, field) for topic, (_, columns) in read(path).items() for field in columns}
+
+
+@pytest.mark.slow
+def test_what_was_learned_stands_beside_it(tmp_path, result):
+    train, test, learned, held_out = result
+    write_channels(tmp_path / "flight.mcap", [train], learned, held_out)
+    series = read(tmp_path / "flight.mcap")
+    assert list(series["flight/outputs"][1]) == ["roll", "roll_rate"]
+    assert list(series["flight/inputs"][1]) == ["motor_1", "motor_2", "motor_3", "motor_4"]
+    places, noise = learned.process_noise()
+    expected = {
+        "flight/outputs": (train.time, train.outputs),
+        "flight/inputs": (train.time, train.inputs),
+        "learned/one_step": (train.time, learned.one_step()),
+        "held_out/measured": (test.time, test.outputs),
+        "held_out/forecast": (test.time, held_out.forecasts["forecast"][0]),
+        "held_out/band": (test.time, held_out.band[0]),
+        "learned/process_noise": (train.time[places], noise),
+        "learned/free_energy": (train.time[places], learned.free_energy_of_samples[:, None]),
+        "learned/wind_torque": (train.time, np.stack([learned.wind.torque, learned.wind.band], axis=1)),
+    }
+    for topic, (time, values) in expected.items():
+        assert np.allclose(series[topic][0], time, atol=1e-9), topic
+        assert np.array_equal(np.column_stack(list(series[topic][1].values())), values), topic
+    with pytest.raises(ValueError, match="300 samples"):
+        write_channels(tmp_path / "other.mcap", [train[:299]], learned)
+    assert [path.name for path in tmp_path.iterdir()] == ["flight.mcap"]
+
+
+def test_names_are_kept_apart_and_no_time_is_before_0(tmp_path):
+    time = np.arange(10) * 0.1
+    values = np.arange(20.0).reshape(10, 2)
+    flight = Flight(time, values, values, input_names=("u (left)", "u (right)"))
+    write_channels(tmp_path / "named.mcap", [flight])
+    assert list(read(tmp_path / "named.mcap")["flight/inputs"][1]) == ["u_1", "u_2"]
+    with pytest.raises(ValueError, match="negative"):
+        write_channels(tmp_path / "early.mcap", [Flight(time - 1, values, values)])
+
+
+@pytest.mark.slow
+def test_the_layouts_plot_what_there_is(fields):
+    curves = {curve.attrib["name"] for curve in ElementTree.parse(LAYOUTS / "plotjuggler.xml").iter("curve")}
+    assert len(curves) >= 10 and curves <= {f"{topic}/{field}" for topic, field in fields}
+    panels = json.loads((LAYOUTS / "foxglove.json").read_text())["configById"].values()
+    paths = {path["value"].split(".@")[0] for panel in panels for path in panel["paths"]}
+    assert len(paths) >= 10 and paths <= {f"{topic}.{field}" for topic, field in fields}

@@ -34,8 +34,8 @@ def test_a_slow_log_gives_what_it_holds_and_says_why_no_more(slow_rows):
 
 
 def test_a_page_is_made_once_for_a_vehicle():
-    rows, pages = rows_of_log(SLOW, "0123456789abcdef0123", lambda name, analyses: f"{name} {[*analyses]}")
-    assert pages == {"0123456789abcdef-1-1.html": f"{SLOW.name} ['roll', 'pitch']"}
+    rows, pages = rows_of_log(SLOW, "0123456789abcdef0123", lambda name, analyses, air: f"{name} {[*analyses]}{air[0]}")
+    assert pages == {"0123456789abcdef-1-1.html": f"{SLOW.name} ['roll', 'pitch']None"}
     assert {row.page for row in rows} == {"pages/0123456789abcdef-1-1.html"}
     # The figures of report.json are the row's.
     report = analyse(mavdem.ingest.read_log(SLOW), "pitch").as_dict()

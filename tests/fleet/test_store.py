@@ -1,22 +1,27 @@
-"""The store: what goes in comes out, in the columns that DESIGN.md names, for every reader of the table."""
+"""The store and its runs: what goes in comes out, what is known is not read again, and health is judged."""
 
 import json
 import math
 import re
+import shutil
 import sqlite3
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
-from standin_logs import LIMITS, make_logs, table_of, track
+from standin_logs import LIMITS, InThisProcess, make_logs, statuses, table_of, track
 
 from mavdem.errors import Unreadable
 from mavdem.fleet import store
 from mavdem.fleet.row import FlightRow, row_schema
 from mavdem.fleet.sources import Source
 from mavdem.fleet.store import STORE, TABLE, opened, read_rows, write_rows
-from mavdem.fleet.workers import Outcome
+from mavdem.fleet.tracking import assess_rows, residual_interval, residual_mean
+from mavdem.fleet.workers import Limits, Outcome
 
 PAGE = (Path(__file__).parents[2] / "docs" / "fleet.md").read_text()
 FULL = FlightRow(
@@ -127,3 +132,188 @@ def test_a_second_run_waits_until_the_first_has_written(tmp_path, monkeypatch):
         track(tmp_path / "fleet", *make_logs(tmp_path / "more", 1, "other"))
     first.execute("rollback")
     assert track(tmp_path / "fleet", tmp_path / "more").read == 1 and len(read_rows(tmp_path / "fleet")) == 4
+
+
+@pytest.fixture
+def fleet(tmp_path: Path):
+    """A fleet, the folder of its two logs, these, and its table."""
+    logs = make_logs(tmp_path / "logs", 2)
+    assert track(tmp_path / "fleet", tmp_path / "logs").read == 2
+    return tmp_path / "fleet", tmp_path / "logs", logs, table_of(tmp_path / "fleet")
+
+
+def test_what_is_known_is_not_read_again_whatever_it_is_called(fleet):
+    out, folder, (log, other), before = fleet
+    assert track(out, log, folder / "*.bin").read == 0 and table_of(out) == before
+    shutil.copy(log, folder / "z_copy.bin")
+    assert track(out, folder).read == 1  # looked at, and known by its content
+    assert table_of(out) == before and track(out, folder).read == 0
+    other.rename(folder / "renamed.bin")
+    track(out, folder)
+    assert sorted({Path(row.file).name for row in read_rows(out)}) == ["log_0.bin", "renamed.bin"]
+
+
+def test_a_log_that_changed_is_read_anew_and_one_that_is_gone_keeps_its_flight(fleet):
+    out, folder, (log, other), before = fleet
+    log.write_bytes(b"another flight")
+    track(out, folder)
+    track(folder.parent / "new", folder)
+    changed = table_of(out)
+    assert changed == table_of(folder.parent / "new") != before
+    other.unlink()
+    track(out, folder)
+    assert table_of(out) == changed
+
+
+def test_a_table_that_was_deleted_or_could_not_be_written_is_written_by_the_next_run(fleet, monkeypatch):
+    out, folder, _, before = fleet
+    (out / TABLE).unlink()
+    assert track(out, folder).read == 0 and table_of(out) == before
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    more = make_logs(folder, 8)
+    with monkeypatch.context() as disk, pytest.raises(Unreadable, match="No space left.*the same command goes on"):
+        disk.setattr(store, "write_rows", full)
+        track(out, folder)
+    assert track(out, folder).read == 0 and len(read_rows(out)) == 2 * len(more)
+
+
+def test_a_log_that_cannot_be_reached_for_a_while_keeps_its_rows(tmp_path):
+    (log,) = make_logs(tmp_path / "disk", 1)
+    (tmp_path / "links").mkdir()
+    (tmp_path / "links" / log.name).symlink_to(log)
+    out = tmp_path / "fleet"
+    assert track(out, tmp_path / "links").problems == ()
+    before = table_of(out)
+    (tmp_path / "disk").rename(tmp_path / "off")
+    (problem,) = track(out, tmp_path / "links").problems
+    assert problem.endswith("what is known of it is kept. It cannot be read (No such file or directory).")
+    assert table_of(out) == before and statuses(out) == {}
+    (tmp_path / "off").rename(tmp_path / "disk")
+    done = track(out, tmp_path / "links")
+    assert (done.read, done.problems) == (0, ()) and table_of(out) == before
+
+
+def test_what_failed_is_tried_again_where_that_may_help(tmp_path, monkeypatch):
+    make_logs(tmp_path / "logs", 1, "bug")
+    make_logs(tmp_path / "logs", 1, "damaged")
+    out = tmp_path / "fleet"
+    assert track(out, tmp_path / "logs").read == 2 and track(out, tmp_path / "logs").read == 0
+    assert statuses(out) == {
+        "bug_0.bin": "This should not have happened (KeyError: 'a fault of mavdem').",
+        "damaged_0.bin": "It is damaged.",
+    }
+    monkeypatch.setattr(store.metadata, "version", lambda name: "99.0")
+    assert track(out, tmp_path / "logs").read == 1
+
+
+@pytest.mark.parametrize(("limits", "read"), [(Limits(2, 600), 0), (Limits(3, 600), 1), (Limits(2, 700), 1)])
+def test_more_time_or_memory_is_another_try(tmp_path, monkeypatch, limits, read):
+    class TooSlow(InThisProcess):
+        def outcomes(self, jobs: Iterator[Any]) -> Iterator[Any]:
+            return (replace(outcome, ended="time") for outcome in super().outcomes(jobs))
+
+    make_logs(tmp_path / "logs", 1)
+    track(tmp_path / "fleet", tmp_path / "logs", reader=TooSlow())
+    monkeypatch.setattr(InThisProcess, "limits", limits)
+    assert track(tmp_path / "fleet", tmp_path / "logs").read == read
+
+
+def beside(rows: Sequence[FlightRow], baseline: Sequence[FlightRow]) -> Sequence[FlightRow]:
+    return [replace(row, health_reason=" ".join(sorted({Path(one.file).name for one in baseline}))) for row in rows]
+
+
+def test_a_baseline_is_no_part_of_the_table_and_stays_until_another_is_given(tmp_path):
+    healthy, flown = make_logs(tmp_path / "healthy", 3), make_logs(tmp_path / "flown", 5, "fly")
+    out = tmp_path / "fleet"
+
+    def reasons(baseline: Sequence[object] = ()) -> set[str | None]:
+        track(out, tmp_path / "flown", baseline=baseline, assess=beside)
+        assert {Path(row.file).name for row in read_rows(out)} == {path.name for path in flown}
+        return {row.health_reason for row in read_rows(out)}
+
+    assert reasons([tmp_path / "healthy"]) == reasons() != {""}
+    # The next one judges all vehicles anew; so does one of another fleet.
+    assert reasons([healthy[0]]) == {"", healthy[0].name}
+    track(tmp_path / "other", healthy[1])
+    assert reasons([tmp_path / "other"]) == {"", healthy[1].name}
+    for nothing in (tmp_path / "nothing", *make_logs(tmp_path, 1, "damaged")):
+        with pytest.raises(Unreadable, match="--baseline"):
+            reasons([nothing])
+    # Named as a log too, a healthy flight is a row, and is not read again.
+    assert track(out, healthy[0]).read == 0 and healthy[0].name in {Path(row.file).name for row in read_rows(out)}
+
+
+def test_only_vehicles_of_which_anything_is_new_are_judged(tmp_path):
+    make_logs(tmp_path / "logs", 7)
+    seen: list[str] = []
+
+    def judge(rows: Sequence[FlightRow], baseline: Sequence[FlightRow]) -> Sequence[FlightRow]:
+        seen.append(rows[0].vehicle)
+        if len(seen) == 1:
+            raise ValueError("a fault")
+        return rows
+
+    track(tmp_path / "fleet", tmp_path / "logs", assess=judge)
+    first = {row.vehicle: row.health_reason for row in read_rows(tmp_path / "fleet")}
+    assert sorted(seen) == sorted(first) and len(seen) > 2
+    # A fault on one vehicle's figures keeps back no other's.
+    assert [name for name, reason in first.items() if reason and "ValueError" in reason] == [seen[0]]
+    (log,) = make_logs(tmp_path / "more", 1, "next")
+    seen[:] = ["not the first"]
+    track(tmp_path / "fleet", tmp_path / "logs", log, assess=judge)
+    assert seen[1:] == [f"quad {log.stat().st_size % 7}"]
+
+
+def flight(key: str, means: tuple[float, ...], **columns: object) -> FlightRow:
+    """A flight whose model says that each µs of either motor turns it by 1 or -1 rad/s², damped by 2/s."""
+    effect = np.array([1.0, -1.0])
+    values = {"motors": ("1", "2"), "axis": "roll", "mean_inputs": means, "mean_outputs": (0.1, 0.0)}
+    values |= {"residual_gain_inputs": -effect, "residual_gain_outputs": (0.0, 2.0)}
+    values["residual_offset"] = float(effect @ means) if len(means) == 2 else 0.2
+    return FlightRow(file=f"{key}.bin", key=key, **values | columns)
+
+
+def test_the_residual_mean_is_what_healthy_models_leave_of_a_flight():
+    healthy = [flight(str(number), (1500 + number, 1500 - number), inputs="motors") for number in (-1, 0, 1)]
+    new = flight("new", (1510, 1500), inputs="motors")
+    assert residual_mean(new, healthy) == pytest.approx(-10)
+    # Each of the three leaves -3, 0 and 3 by the other two: a half width of Student's t with two degrees of freedom.
+    assert residual_interval(new, healthy) == pytest.approx(2.920 * np.sqrt(6), rel=1e-3)
+    assert residual_mean(healthy[0], healthy) == pytest.approx(3)
+    # Other axes, motors and inputs are other models.
+    by_demand = flight("demand", (0.1,), inputs="demand", residual_gain_inputs=(-2.0,))
+    for other in (replace(new, axis="pitch"), replace(new, motors=("other", "names")), by_demand):
+        assert residual_mean(other, healthy) is None and residual_interval(other, healthy) is None
+    assert residual_mean(healthy[0], [*healthy, by_demand]) == pytest.approx(3)
+
+
+def test_health_comes_from_the_vehicle_s_healthy_flights():
+    known = {"balance": (0.0, 0.0, 0.0), "balance_error": (0.001,) * 3, "balance_lean": (0.05, 0.0)}
+    known |= {"lean_effect": (0.0,) * 6, "lean_effect_error": (0.1,) * 6, "duration": 60.0, "mean_inputs": None}
+    known |= {"positions": ((1, 1), (-1, -1), (1, -1), (-1, 1)), "spins": (1, 1, -1, -1), "motors": tuple("1234")}
+    rows = [
+        flight(f"{day}", (), vehicle="7", vehicle_basis="board", date=datetime(2026, 5, day, tzinfo=UTC), **known)
+        for day in range(1, 5)
+    ]
+    # Of nobody known they are not compared, and a log without a flight says nothing.
+    nobody, failed = (
+        assess_rows([row], [])[0]
+        for row in (
+            replace(rows[0], vehicle_basis="system id", fault_probability=0.9),
+            FlightRow(file="x", status="No."),
+        )
+    )
+    assert nobody.health == "unknown" and "does not say which vehicle" in nobody.health_reason
+    assert nobody.fault_probability is None and failed.health_reason is None
+    # Nor is one taken for healthy in which a motor was at its limit, or which oscillated.
+    for unsound in ({"saturated": (0.0, 0.02, 0.0, 0.0)}, {"oscillation": 12.0}):
+        first = [replace(rows[0], **unsound), *rows[1:]]
+        assert "taken for healthy" in assess_rows(first, [])[0].health_reason
+        assert "beside 3 of the vehicle's first sound flights" in assess_rows(first, [])[0].health_reason
+    rows[3] = replace(rows[3], balance=(0.08, 0.08, -0.08))
+    judged = assess_rows(rows, rows[:3])
+    assert [row.health for row in judged[:3]] == ["ok"] * 3
+    assert judged[3].health in ("fault", "drift") and judged[3].fault_probability > judged[0].fault_probability

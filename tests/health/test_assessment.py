@@ -6,17 +6,17 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 import pytest
 
-from mavdem.health.assessment import DRIFT, assess
-from mavdem.health.balance import BalanceFigures, motor_signatures
-from mavdem.health.explanations import (
+from mavdem.health.assessment import (
     DETECTABLE_RISE,
+    DRIFT,
     FAULT_RISE,
     MAX_MISFIT,
     PERSISTENCE,
     PRIORS,
     Candidates,
+    assess,
 )
-from mavdem.health.reference import Deviation, HealthFigures, healthy_flights
+from mavdem.health.balance import BalanceFigures, Deviation, HealthFigures, healthy_flights, motor_signatures
 
 VEHICLES = 40
 MOTORS = ("motor 1 (front right)", "motor 2 (rear left)", "motor 3 (front left)", "motor 4 (rear right)")

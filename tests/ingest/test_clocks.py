@@ -133,10 +133,7 @@ def test_a_jump_forward_stays_a_gap():
 def test_unix_time_is_moved_to_the_boot_clock():
     times = np.linspace(50.0, 59.9, 100)
     rows = np.arange(100)
-    stamps = [
-        Stamps("ATTITUDE", 2 * rows, times, WRAP_MS),
-        Stamps("GPS_RAW_INT", 2 * rows + 1, times + 1.6e9, np.inf),
-    ]
+    stamps = [Stamps("ATTITUDE", 2 * rows, times, WRAP_MS), Stamps("GPS_RAW_INT", 2 * rows + 1, times + 1.6e9, np.inf)]
     made = clock(stamps, np.full(200, np.nan))
     assert np.abs(made.time[1::2] - times).max() <= 0.1 + 1e-6
     assert "another clock" in made.repairs[0]

@@ -9,8 +9,6 @@ from pathlib import Path
 import dataflash_logs as made
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from pymavlink import DFReader
 from recorded_flights import shared
 
@@ -354,26 +352,6 @@ def test_the_firmware_and_what_the_logger_lost_are_known(tmp_path):
     (vehicle,) = read_dataflash(tmp_path / "a.bin").vehicles
     assert (vehicle.firmware, vehicle.dropouts) == ("ArduCopter V4.5.7 (2a3dc4b7)", 8)
     assert "The logger had no room for 8 messages (DSF): they are missing." in vehicle.repairs
-
-
-@pytest.mark.slow
-@settings(max_examples=60)
-@given(data=st.data())
-def test_any_damage_is_survived(data, tmp_path_factory):
-    content = bytearray(made.formats() + made.told() + b"".join(made.flight(TIMES[:20])))
-    for _ in range(data.draw(st.integers(1, 30))):
-        at = data.draw(st.integers(0, len(content) - 1))
-        content[at] = data.draw(
-            st.sampled_from([0x00, 0xFF, 0xA3, 0x95, 0x80, 0x81, 0x2C, data.draw(st.integers(0, 255))])
-        )
-    start = data.draw(st.integers(0, len(content)))
-    try:
-        (vehicle,) = log_of(bytes(content[start:]), tmp_path_factory.getbasetemp()).vehicles
-    except Unreadable:
-        return
-    for columns in vehicle.messages.values():
-        assert len({len(values) for values in columns.values()}) == 1
-        assert np.isfinite(columns["time"]).all()
 
 
 def defined_otherwise(name: str, characters: str, fields: str, kind: int | None = None) -> bytes:

@@ -139,13 +139,13 @@ def test_a_file_transferred_as_text_is_restored(tmp_path):
 
 
 @pytest.mark.slow
-@given(st.integers(0, 2**32), st.floats(0.0, 0.02), st.sampled_from(["tlog", "ulg"]))
-@settings(max_examples=80)
+@given(st.integers(0, 2**32), st.floats(0.0, 0.02), st.sampled_from(["tlog", "ulg", "bin"]))
+@settings(max_examples=140)
 def test_damage_never_makes_an_error_or_a_false_message(tmp_path_factory, seed, rate, kind):
-    chance = random.Random(seed)
+    chance, content = random.Random(seed), bytearray(BEGUN + b"".join(dataflash_logs.flight(TIMES[:20])))
     if kind == "tlog":
         content = bytearray(tlog([heartbeat(), *flight(TIMES[:100])] * 2))
-    else:
+    elif kind == "ulg":
         pieces = ulog_files.flight(ulog_files.TIMES[:60])
         content = bytearray(ulog_files.log(*pieces, parameters=ulog_files.parameter("MAV_SYS_ID", 3)))
     for place in range(len(content) - 1, 7, -1):

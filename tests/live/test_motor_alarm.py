@@ -19,9 +19,10 @@ from mavdem.ingest.tlog import write_tlog
 from mavdem.live import LiveStream, SessionStatus
 from mavdem.live.history import ACCOUNT, LiveHistory
 from mavdem.report.flights import live_report
+from sitl_scenarios.gains import CYCLES
 from sitl_scenarios.mavlink.transmitter import recorded
 from sitl_scenarios.scenario import Scenario, StreamSpec, TurbulentWind, VehicleSpec
-from sitl_scenarios.simulation import CYCLES, fly
+from sitl_scenarios.simulation import fly
 
 EVENTS, FAULTS = SHARED / "sitl_events", SHARED / "sitl_live" / "ap_F1.tlog.xz"
 

@@ -255,7 +255,7 @@ def test_what_came_before_a_silence_does_not_pass_for_what_comes(now):
         now[0] += 0.25
         one.step(0.0)
     assert set(one.status.rates.values()) == {0.0} and "no attitude" in one.status.obstacle
-    assert "Messages come again after 600 s." in said
+    assert "Messages resumed after 600 s without any." in said
     one.link.script = batches(2.0, start=11.0)
     run(one)
     assert one.status.rates["ATTITUDE"] > 50 and not one.status.obstacle

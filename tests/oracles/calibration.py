@@ -2,7 +2,7 @@
 
 DEM's assumptions hold where the derivatives of every sample are drawn independently from the generative model, and
 parameters from their prior. The others are sampled flights: varying motors, wind as Gaussian-kernel noise, derivatives
-estimated from samples. "Own" is DEM's posterior, "corrected" the sandwich estimate of ``mavdem.dem.uncertainty``.
+estimated from samples. "Own" is DEM's posterior, "corrected" the sandwich estimate of ``mavdem.dem.fitting``.
 """
 
 from collections.abc import Callable
@@ -23,8 +23,8 @@ from mavdem.dem.engine.coordinates import (
 )
 from mavdem.dem.engine.generative import GenerativeModel, Prior, SufficientStatistics
 from mavdem.dem.engine.model import pack, unpack
+from mavdem.dem.fitting import uncertainty_of
 from mavdem.dem.priors import KNOWN
-from mavdem.dem.uncertainty import uncertainty_of
 
 Array = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from mavdem.flight import Flight
 from mavdem.live import LiveStream
 from mavdem.live.link import Link
 from mavdem.live.session import LiveSession
-from mavdem.paper.flights import logged
+from mavdem.paper.runner import logged
 from sitl_scenarios.mavlink.live import Ground, fly_live
 from sitl_scenarios.scenario import Faults, Scenario
 from sitl_scenarios.simulation import Simulation

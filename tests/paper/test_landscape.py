@@ -5,7 +5,7 @@ import pytest
 
 from mavdem.dem.engine.ascent import plain_rounds
 from mavdem.paper import landscape
-from mavdem.paper.scalar_system import (
+from mavdem.paper.landscape import (
     PAPER,
     PAPER_WORLD,
     A,

@@ -9,14 +9,14 @@ import pytest
 from scipy.ndimage import gaussian_filter1d
 
 import mavdem
-from mavdem.baselines import expectation_maximization
+from mavdem.baselines import maximum_likelihood
 from mavdem.cli.commands import main
 from mavdem.cli.reproduce import write_report
 from mavdem.evaluate.windows import Window
-from mavdem.paper import benchmark, coordinates, noise, oracle, order, prediction
-from mavdem.paper.claims import CLAIMS, MSPE_WITH_COORDINATES, MSPE_WITHOUT_COORDINATES
+from mavdem.paper import CLAIMS, forecasts, noise, oracle, order
+from mavdem.paper.forecasts import MSPE_WITH_COORDINATES, MSPE_WITHOUT_COORDINATES
 from mavdem.paper.report import ITEMS, NUMBERS, PAGE, RECORDING, ItemReport
-from mavdem.paper.runner import PEERS, WITH, Check, ClaimStatus, Extent, Result, Runner, claim_status
+from mavdem.paper.runner import PEERS, WITH, Check, ClaimStatus, Extent, Result, Runner
 
 SMALL = Extent(experiments=(2,), duration=30, recorded=False, priors=2)
 
@@ -29,7 +29,7 @@ def test_what_fails_is_said_first_and_what_is_beyond_the_paper_decides_nothing()
     held = ItemReport(CLAIMS[0], Result(checks=(HELD,), beyond=(FAILED,)))
     assert held.status is ClaimStatus.REPRODUCED and held.sentence == "Reproduced: this is so."
     assert ItemReport(CLAIMS[0], Result(remarks=("Nothing is there.",))).sentence == "Not tried: Nothing is there."
-    assert claim_status((FAILED, FAILED)) is ClaimStatus.NOT
+    assert ItemReport(CLAIMS[0], Result(checks=(FAILED, FAILED))).status is ClaimStatus.NOT
 
 
 def holds(checks):
@@ -50,16 +50,16 @@ def test_noise_is_judged_by_its_shape_and_its_colour():
 
 def test_generalized_coordinates_must_win_in_total_and_mostly():
     without, with_ = (np.array([own]).T for own in (MSPE_WITHOUT_COORDINATES, MSPE_WITH_COORDINATES))
-    assert coordinates.check((with_, without), "the paper's own").holds
-    assert not coordinates.check((without, with_), "swapped").holds
+    assert forecasts.coordinates_check((with_, without), "the paper's own").holds
+    assert not forecasts.coordinates_check((without, with_), "swapped").holds
     one_wins = np.array([[1.1, 1.1, 1.1, 1.1, 0.1]]).T
-    assert not coordinates.check((one_wins, np.ones((5, 1))), "one flight makes the total").holds
+    assert not forecasts.coordinates_check((one_wins, np.ones((5, 1))), "one flight makes the total").holds
 
 
 def test_a_method_must_win_on_every_flight():
     errors = {WITH: np.array([1.0, 2.0]), **{name: np.array([3.0, 3.0]) for name in PEERS}}
-    won = benchmark.least(errors, WITH, PEERS, "from the data")
-    lost = benchmark.least(errors | {PEERS[0]: np.array([3.0, 1.5])}, WITH, PEERS, "from the data")
+    won = forecasts.least(errors, WITH, PEERS, "from the data")
+    lost = forecasts.least(errors | {PEERS[0]: np.array([3.0, 1.5])}, WITH, PEERS, "from the data")
     assert (won.holds, lost.holds) == (True, False)
     assert "on 2 of 2" in won.finding and "on 1 of 2" in lost.finding
 
@@ -73,8 +73,7 @@ def test_the_authors_result_must_lie_among_ours():
 
 
 @pytest.mark.parametrize(
-    ("free_energy", "expected"),
-    [([-1e9, -5e8, -1e6, -2e6], 3), ([-1.0, np.nan, -2.0], 1), ([-9, -6, -3, 0], 4)],
+    ("free_energy", "expected"), [([-1e9, -5e8, -1e6, -2e6], 3), ([-1.0, np.nan, -2.0], 1), ([-9, -6, -3, 0], 4)]
 )
 def test_free_energy_saturates_where_higher_orders_gain_nothing(free_energy, expected):
     assert order.saturates_at(np.array(free_energy, float)) == expected
@@ -97,13 +96,13 @@ def test_a_prediction_is_judged_by_what_it_shows():
         learning=SimpleNamespace(theta=np.arange(20.0)[:, None]),
         free_energy=SimpleNamespace(total=np.array([0.0, -1.0])),
     )
-    assert not any(holds(prediction.checks(window, still, [1.0, 9.0])[1:]))
+    assert not any(holds(forecasts.prediction_checks(window, still, [1.0, 9.0])[1:]))
 
 
 @pytest.mark.slow
 def test_all_items_make_one_report(tmp_path, monkeypatch):
     monkeypatch.setattr(order, "ORDERS", (1, 2, 3))
-    monkeypatch.setattr(expectation_maximization.iterated, "__defaults__", (20,))  # a report needs no more of them
+    monkeypatch.setattr(maximum_likelihood.iterated, "__defaults__", (20,))  # a report needs no more of them
     # Pictures of the demonstrations take ten seconds, and have tests of their own.
     runner, chosen = Runner(SMALL), [claim for claim in ITEMS if claim.name != "demonstrations"]
     write_report(tmp_path, [ItemReport(claim, ITEMS[claim](runner)) for claim in chosen], runner, 1.0)

@@ -11,7 +11,7 @@ import mavdem
 from mavdem.analysis.figures import model_figures
 from mavdem.evaluate import held_out_test
 from mavdem.report.blocks import Block, Sentence, Table
-from mavdem.report.details import _poles, detail_blocks
+from mavdem.report.screen import _poles, detail_blocks
 
 pytestmark = pytest.mark.slow
 DT = 0.01

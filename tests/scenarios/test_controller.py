@@ -5,10 +5,14 @@ from math import radians
 import numpy as np
 import pytest
 
+from mavdem.ingest.controllers import USED
 from sitl_scenarios.dynamics import IDLE_COMMAND, State, frame, mix
+from sitl_scenarios.files import scenario_of
+from sitl_scenarios.gains import cycle_of, parameters_of
 from sitl_scenarios.plan import FULL_STICK, Plan
 from sitl_scenarios.scenario import Chirp, Doublets, Multisine, Scenario, Sensors, Sticks
 from sitl_scenarios.sensors import Sensing
+from sitl_scenarios.simulation import fly
 
 X = frame("x", (0.1, 0.1))
 CYCLE = 0.004
@@ -98,3 +102,15 @@ def test_sticks_follow_from_the_seed_and_stop_at_their_ends():
     np.testing.assert_array_equal(first, again)
     assert not np.array_equal(first, other)
     assert np.abs(first[:, 0]).max() == FULL_STICK[0]
+
+
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+def test_the_parameters_that_are_sent_fly_as_the_own_controller_does(autopilot):
+    vehicle = {"quadratic_thrust": 0.4, "frame": "plus"}
+    table = {"duration": 16, "vehicle": vehicle, "excitation": {"kind": "doublets"}, "stream": {"autopilot": autopilot}}
+    own = scenario_of(table)
+    given = {name: value for name, value in parameters_of(own, cycle_of(own)).items() if USED.match(name)}
+    other = given | {next(name for name in given if name in ("MC_ROLLRATE_P", "ATC_RAT_RLL_P")): 0.05}
+    flown = [fly(scenario_of(table | {"vehicle": vehicle | {"parameters": one}})).rates for one in ({}, given, other)]
+    moved, differs, softer = flown[0], flown[1] - flown[0], flown[2] - flown[0]
+    assert differs.std(0).max() < 0.06 * moved[:, 0].std() < 0.1 * softer[:, 0].std()

@@ -53,6 +53,16 @@ def test_it_does_about_every_axis_while_all_are_excited(axis, inertia):
     assert known[f"{axis}_disturbance"][motion.landed_state == 2].std() == pytest.approx(1, rel=0.4)
 
 
+def test_the_rate_loop_oscillates_above_its_gain_margin_and_not_below():
+    def swing(gain):
+        scenario = Scenario(duration=16.0, vehicle=VehicleSpec(rate_gain=gain), sensors=Sensors(rate_sd=1e-4))
+        motion = fly(scenario)
+        return truth(scenario, motion)["pitch_rate_margins"][2], motion.rates[2000:2500, 1].std()
+
+    limit = 10 ** (swing(1.0)[0] / 20)
+    assert swing(0.93 * limit)[1] < 0.03 < 0.08 < swing(1.07 * limit)[1]
+
+
 @pytest.mark.slow
 def test_effects_of_motors_are_those_of_the_trim_that_is_flown():
     """In 8 m/s the rotors differ in speed and the vehicle is tilted; a regression on the rotors' speeds sees it."""

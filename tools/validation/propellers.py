@@ -22,11 +22,18 @@ from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals
 from mavdem.condition import condition_of
 from mavdem.dem.engine.linalg import Array
-from mavdem.health import reference
-from mavdem.health.assessment import assess
-from mavdem.health.balance import BalanceFigures, balance_figures, balance_of_signals, motor_signatures
-from mavdem.health.explanations import EFFORT_SCATTER
-from mavdem.health.reference import HealthFigures
+from mavdem.health.assessment import EFFORT_SCATTER, assess
+from mavdem.health.balance import (
+    LEAN_EFFECT,
+    LEAN_EFFECT_SCATTER,
+    SCATTER,
+    SCATTER_FREEDOM,
+    BalanceFigures,
+    HealthFigures,
+    balance_figures,
+    balance_of_signals,
+    motor_signatures,
+)
 from mavdem.ingest import read_log
 from sitl_scenarios.dynamics import MAX_PULSE, MIN_PULSE
 from sitl_scenarios.files import scenario_of
@@ -85,10 +92,10 @@ def by_chance(healthy: int, vehicles: int) -> None:
     rng = np.random.default_rng(healthy)
     first, later = Counter[str](), Counter[str]()
     for _ in range(vehicles):
-        freedom = reference.SCATTER_FREEDOM
-        scatter = reference.SCATTER * np.sqrt(freedom / rng.chisquare(freedom, 3))
+        freedom = SCATTER_FREEDOM
+        scatter = SCATTER * np.sqrt(freedom / rng.chisquare(freedom, 3))
         spread = EFFORT_SCATTER * np.sqrt(freedom / rng.chisquare(freedom))
-        effect = rng.normal(scale=reference.LEAN_EFFECT)
+        effect = rng.normal(scale=LEAN_EFFECT)
         baseline = [_made_up(rng, scatter, effect, spread, day) for day in range(healthy)]
         found = assess([_made_up(rng, scatter, effect, spread, 10 + day) for day in range(5)], baseline)
         first[found[0].health] += 1
@@ -100,9 +107,9 @@ def by_chance(healthy: int, vehicles: int) -> None:
 def _made_up(rng: np.random.Generator, scatter: Array, effect: Array, spread: float, day: int) -> HealthFigures:
     lean = rng.normal(scale=0.05, size=2)
     # What differs from flight to flight is half real, half by manoeuvres.
-    own = effect + rng.normal(scale=reference.LEAN_EFFECT_SCATTER / np.sqrt(2), size=(3, 2))
+    own = effect + rng.normal(scale=LEAN_EFFECT_SCATTER / np.sqrt(2), size=(3, 2))
     mean = rng.normal(scale=np.hypot(scatter, 0.003)) + own @ lean
-    seen = own + rng.normal(scale=np.hypot(reference.LEAN_EFFECT_SCATTER / np.sqrt(2), 0.15), size=(3, 2))
+    seen = own + rng.normal(scale=np.hypot(LEAN_EFFECT_SCATTER / np.sqrt(2), 0.15), size=(3, 2))
     balance = BalanceFigures(mean, np.full(3, 0.003), lean, seen, np.full((3, 2), 0.15), 60.0)
     when = datetime(2026, 1, 1, tzinfo=UTC) + timedelta(days=day)
     collective = 0.5 * np.exp(rng.normal(scale=spread))

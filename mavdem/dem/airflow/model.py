@@ -84,8 +84,63 @@ def motion(time: Array, attitude: Array, velocity: Array, step: float, wind: Arr
     return grid.at(np.convolve([*grid.known, False], np.ones(2 * reach + 1))[reach : reach + len(force)] > 0)
 
 
+class Filter:
+    """Runs an extended Kalman filter for each of G ``parameters`` side by side, step by step of a grid.
+
+    ``parameters`` (G, 10): those of ``Drag.mean``, and logarithms of the gusts' sd (m/s) and time (s), of the change of
+    the mean wind (m/s in 1 s) and of e's sd (m/s²). It is linearized first about the wind that the median force of
+    ``start`` stands for.
+
+    Attributes:
+        states, spreads: (G, 4) and (G, 4, 4) so far.
+        total: (G,) log likelihoods.
+        decay: (G, 4) of the states in a step.
+    """
+
+    def __init__(self, parameters: Array, start: Motion) -> None:
+        self._linear, self._quadratic = linear, quadratic = coefficients(parameters)
+        self._lean, (wind_sd, wind_seconds, walk, noise) = parameters[:, 4:6], np.exp(parameters[:, 6:]).T
+        G, phi, known = len(parameters), np.exp(-start.step / wind_seconds), start.known
+        self.decay, self.states, self.total = np.ones((G, 4)), np.zeros((G, 4)), np.zeros(G)
+        self.decay[:, WIND] = phi[:, None]
+        self.spreads, self._process = np.zeros((2, G, 4, 4))
+        self.spreads[:, WIND, WIND] = wind_sd[:, None, None] ** 2 * np.eye(2)
+        self.spreads[:, MEAN, MEAN] = WIND_SD**2 * np.eye(2)
+        self._process[:, WIND, WIND] = (wind_sd**2 * (1 - phi**2))[:, None, None] * np.eye(2)
+        self._process[:, MEAN, MEAN] = (walk**2 * start.step)[:, None, None] * np.eye(2)
+        self._fade = self.decay[:, :, None] * self.decay[:, None, :]
+        self._noise = (noise**2)[:, None, None] * np.eye(2)
+        force = np.median(np.einsum("tij,ti->tj", start.axes[known][:, :, :2], start.force[known]), axis=0)
+        speed = air_speed(linear.mean(axis=1), quadratic.mean(axis=1), size := float(np.hypot(*force)))
+        self.states[:, MEAN] = np.median(start.velocity[known, :2], axis=0) + force / max(size, 1e-9) * speed[:, None]
+
+    def predict(self) -> None:
+        """Goes on by a step."""
+        self.states, self.spreads = self.states * self.decay, self.spreads * self._fade + self._process
+
+    def update(self, axes: Array, velocity: Array, force: Array, doubt: float = 0.0) -> tuple[Array, Array]:
+        """Takes what a step of ``Motion`` measured; returns errors (G, 2) and covariances of the predictions."""
+        x, P = self.states, self.spreads
+        u = axes @ velocity - (x[:, WIND] + x[:, MEAN]) @ axes[:, :2].T
+        speed = np.sqrt((u * u).sum(axis=1) + 1e-4)[:, None]
+        drag = self._linear + self._quadratic * speed
+        slope = drag[:, :, None] * np.eye(2) + (self._quadratic / speed * u)[:, :, None] * u[:, None, :]
+        H = slope @ axes[:, :2] @ TOTAL
+        error = force + drag * u - self._lean
+        PH = P @ H.transpose(0, 2, 1)
+        S = H @ PH + self._noise + doubt**2 * np.eye(2)
+        det = S[:, 0, 0] * S[:, 1, 1] - S[:, 0, 1] ** 2
+        inverse = np.stack([S[:, 1, 1], -S[:, 0, 1], -S[:, 0, 1], S[:, 0, 0]], axis=1).reshape(len(S), 2, 2)
+        inverse /= det[:, None, None]
+        squares = np.einsum("gi,gij,gj->g", error, inverse, error)
+        self.total -= np.log(det) / 2 + (FREEDOM + 2) / 2 * np.log1p(squares / FREEDOM)
+        K = PH @ inverse * np.minimum((FREEDOM + 2) / (FREEDOM + squares), 1.0)[:, None, None]
+        self.states, self.spreads = x + np.einsum("gij,gj->gi", K, error), P - K @ PH.transpose(0, 2, 1)
+        return error, S
+
+
 class Filtered(NamedTuple):
-    """What the extended Kalman filter leaves for each of G parameters."""
+    """What a :class:`Filter` leaves for each of G parameters."""
 
     log_likelihood: Array  # (G,)
     errors: Array  # (T, G, 2) innovations, m/s², NaN where the motion is not known
@@ -94,54 +149,22 @@ class Filtered(NamedTuple):
 
 
 def filtered(parameters: Array, motion: Motion, keep: bool = False) -> Filtered:
-    """Returns what the extended Kalman filter leaves of the ``motion``; with states to be smoothed, where ``keep``.
-
-    ``parameters`` (G, 10): those of ``Drag.mean``, and logarithms of the gusts' sd (m/s) and time (s), of the change of
-    the mean wind (m/s in 1 s) and of e's sd (m/s²).
-    """
-    linear, quadratic = coefficients(parameters)
-    lean, (wind_sd, wind_seconds, walk, noise) = parameters[:, 4:6], np.exp(parameters[:, 6:]).T
-    G, T, known = len(parameters), len(motion.force), motion.known
-    phi = np.exp(-motion.step / wind_seconds)
-    decay, x = np.ones((G, 4)), np.zeros((G, 4))
-    decay[:, WIND] = phi[:, None]
-    P, process = np.zeros((G, 4, 4)), np.zeros((G, 4, 4))
-    P[:, WIND, WIND], P[:, MEAN, MEAN] = wind_sd[:, None, None] ** 2 * np.eye(2), WIND_SD**2 * np.eye(2)
-    process[:, WIND, WIND] = (wind_sd**2 * (1 - phi**2))[:, None, None] * np.eye(2)
-    process[:, MEAN, MEAN] = (walk**2 * motion.step)[:, None, None] * np.eye(2)
-    # The filter is linearized first about the wind that the median force stands for.
-    force = np.median(np.einsum("tij,ti->tj", motion.axes[known][:, :, :2], motion.force[known]), axis=0)
-    speed = air_speed(linear.mean(axis=1), quadratic.mean(axis=1), size := float(np.hypot(*force)))
-    x[:, MEAN] = np.median(motion.velocity[known, :2], axis=0) + force / max(size, 1e-9) * speed[:, None]
-    fade, total, kept = decay[:, :, None] * decay[:, None, :], np.zeros(G), T if keep else 0
+    """Returns what a ``Filter`` leaves of the ``motion``; with states to be smoothed, where ``keep``."""
+    run, known, T = Filter(parameters, motion), motion.known, len(motion.force)
+    kept, G = T if keep else 0, len(parameters)
     states, spreads = np.empty((2, kept, G, 4)), np.empty((2, kept, G, 4, 4))
     errors, expected = np.full((T, G, 2), np.nan), np.full((T, G, 2, 2), np.nan)
     for t in range(T):
         if t:
-            x, P = x * decay, P * fade + process
+            run.predict()
         if keep:
-            states[0, t], spreads[0, t] = x, P
+            states[0, t], spreads[0, t] = run.states, run.spreads
         if known[t]:
-            axes = motion.axes[t]
-            u = axes @ motion.velocity[t] - (x[:, WIND] + x[:, MEAN]) @ axes[:, :2].T
-            speed = np.sqrt((u * u).sum(axis=1) + 1e-4)[:, None]
-            force = linear + quadratic * speed
-            slope = force[:, :, None] * np.eye(2) + (quadratic / speed * u)[:, :, None] * u[:, None, :]
-            H = slope @ axes[:, :2] @ TOTAL
-            error = motion.force[t] + force * u - lean
-            PH = P @ H.transpose(0, 2, 1)
-            S = H @ PH + (noise**2 + motion.doubt[t] ** 2)[:, None, None] * np.eye(2)
-            det = S[:, 0, 0] * S[:, 1, 1] - S[:, 0, 1] ** 2
-            inverse = np.stack([S[:, 1, 1], -S[:, 0, 1], -S[:, 0, 1], S[:, 0, 0]], axis=1).reshape(G, 2, 2)
-            inverse /= det[:, None, None]
-            squares = np.einsum("gi,gij,gj->g", error, inverse, error)
-            total -= np.log(det) / 2 + (FREEDOM + 2) / 2 * np.log1p(squares / FREEDOM)
-            K = PH @ inverse * np.minimum((FREEDOM + 2) / (FREEDOM + squares), 1.0)[:, None, None]
-            x, P = x + np.einsum("gij,gj->gi", K, error), P - K @ PH.transpose(0, 2, 1)
-            errors[t], expected[t] = error, S
+            step = motion.axes[t], motion.velocity[t], motion.force[t], float(motion.doubt[t])
+            errors[t], expected[t] = run.update(*step)
         if keep:
-            states[1, t], spreads[1, t] = x, P
-    return Filtered(total, errors, expected, (*states, *spreads, decay) if keep else ())
+            states[1, t], spreads[1, t] = run.states, run.spreads
+    return Filtered(run.total, errors, expected, (*states, *spreads, run.decay) if keep else ())
 
 
 def air_speed(linear: Array, quadratic: Array, force: float) -> Array:

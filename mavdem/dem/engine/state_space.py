@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mavdem.dem.engine.kalman import steady_gain
 from mavdem.dem.engine.linalg import Array
-from mavdem.dem.engine.model import STABILITY_TOLERANCE, Transition, discretize, recursion
+from mavdem.dem.engine.model import Transition, discretize, recursion
 
 
 class StateSpace(NamedTuple):
@@ -61,11 +61,6 @@ class StateSpace(NamedTuple):
     def spectral_radius(self) -> float:
         """The largest magnitude among the eigenvalues of A; 0 of a model without states."""
         return float(np.abs(np.linalg.eigvals(self.A)).max(initial=0.0))
-
-    @property
-    def stable(self) -> bool:
-        """Whether no mode grows, but for rounding."""
-        return self.spectral_radius <= 1 + STABILITY_TOLERANCE
 
     def second(self, inputs: Array, outputs: Array) -> Array:
         """(n,) the state of a segment's second sample, from the inputs (r,) and outputs (m,) of its first."""

@@ -22,9 +22,8 @@ from mavdem.dem.engine.linalg import Array, inverse, logdet
 from mavdem.dem.engine.model import discretize, unpack
 from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.forecast.joint import turning_combinations
-from mavdem.dem.priors import KINEMATIC
+from mavdem.dem.priors import KINEMATIC, Scaling
 from mavdem.dem.record import Record
-from mavdem.dem.scaling import Scaling
 from mavdem.dem.settings import CompleteSettings
 
 WEAK_PRECISION = 1e-5

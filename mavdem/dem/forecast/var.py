@@ -84,7 +84,7 @@ def initial_lags(channels: Array, lags: int) -> Array:
 
 
 class LagStatistics(NamedTuple):
-    """All that the regression needs of the samples: sums over rows, which add up over segments and can be taken off.
+    """All that the regression needs of the samples: sums over rows, which add up over segments.
 
     A row is [lag 1 … lag p, 1, sample], of q = (p + 1) k + 1 numbers.
     """
@@ -105,9 +105,6 @@ class LagStatistics(NamedTuple):
 
     def __add__(self, other: LagStatistics) -> LagStatistics:  # type: ignore[override]
         return LagStatistics(self.rows + other.rows, self.gram + other.gram)
-
-    def __sub__(self, other: LagStatistics) -> LagStatistics:
-        return LagStatistics(self.rows - other.rows, self.gram - other.gram)
 
     def forgotten(self, share: float) -> LagStatistics:
         """Returns what is left of them when each sample counts only this ``share``."""
@@ -278,10 +275,6 @@ class Var(NamedTuple):
                 response = np.concatenate([across @ response, response[:-k]])
             return variance.cumsum(axis=0)
 
-    def predicted(self, past: Array, steps: int) -> Array:
-        """Returns the mean of :meth:`predict`."""
-        return self._physical(self._predicted(past, steps), np.zeros(1)).mean
-
     def _predicted(self, past: Array, steps: int) -> Array:
         k, lags, across = len(self.offset), self.lags, self.across.T.copy()
         # All samples in one array, the latest first, so that the lags of each step are a slice of it.
@@ -357,8 +350,8 @@ class Var(NamedTuple):
     def predict_every(self, past: Array, steps: int, inputs: Array, outputs: Array) -> Array:
         """Returns (H, m): the samples that follow, by a new prediction from every ``steps``-th on."""
         length, m = len(inputs), outputs.shape[1]
-        mean = self.predicted(self.pasts(past, steps, inputs, outputs), max(1, min(steps, length)))
-        return np.asarray(mean[..., :m].reshape(-1, m)[:length])
+        ahead = self._predicted(self.pasts(past, steps, inputs, outputs), max(1, min(steps, length)))
+        return np.asarray(self._physical(ahead, np.zeros(1)).mean[..., :m].reshape(-1, m)[:length])
 
     def one_step(self, record: Record) -> Array:
         """Returns (T, m): each sample of ``record`` from those before it in its segment and the inputs up to it."""

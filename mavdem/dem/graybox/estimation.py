@@ -114,9 +114,16 @@ def _log_jacobian(parameters: Parameters, theta: Array, dt: float) -> Array:
 def _figures(whole: GrayBoxFit, spreads: Array, windows: FlightWindows) -> IdentifiabilityFigures:
     parameters, theta = whole.parameters, whole.theta
     sd, window_sd, spectrum_range = (dict(zip(PARAMETERS, row, strict=True)) for row in spreads.tolist())
-    shares = _wind_share(parameters, theta, windows, whole.levels), _alias_share(parameters, theta, windows)
-    damping, lag = float(parameters.damping(theta)), float(np.exp(theta[parameters.motors + 2]))
-    return IdentifiabilityFigures(*shares, sd, window_sd, spectrum_range, damping, lag, windows.dt)
+    return IdentifiabilityFigures(
+        wind_share=_wind_share(parameters, theta, windows, whole.levels),
+        alias_share=_alias_share(parameters, theta, windows),
+        sd=sd,
+        window_sd=window_sd,
+        spectrum_range=spectrum_range,
+        damping=float(parameters.damping(theta)),
+        lag=float(np.exp(theta[parameters.motors + 2])),
+        dt=windows.dt,
+    )
 
 
 def _physical(
@@ -157,12 +164,22 @@ def _physical(
     scale = np.append(np.full(r, 1 / windows.unit), np.ones(3))
     level = float(np.sqrt(np.mean(whole.levels**2)))
     sizes = level * parameters.sizes(theta)
-    delay, wind = float(max(theta[r + 3], 0.0)), float(np.sqrt(np.sum(sizes**2)))
-    components = tuple(map(WindComponent, parameters.wind, sizes.tolist(), parameters.times(theta).tolist()))
-    noise = level * float(np.hypot(np.exp(theta[parameters.noise_index]), parameters.least_noise))
-    refinements = dict(zip(parameters.refinements, theta[parameters.noise_index + 1 :].tolist(), strict=True))
-    vehicle = effect / windows.unit, damping, lag, delay, covariance * np.outer(scale, scale), status, reasons, bias
-    return Physical(*vehicle, wind, figures.wind_share, components, noise, refinements, table)
+    return Physical(
+        effect=effect / windows.unit,
+        damping=damping,
+        lag=lag,
+        delay=float(max(theta[r + 3], 0.0)),
+        covariance=covariance * np.outer(scale, scale),
+        status=status,
+        reasons=reasons,
+        bias=bias,
+        wind=float(np.sqrt(np.sum(sizes**2))),
+        wind_share=figures.wind_share,
+        components=tuple(map(WindComponent, parameters.wind, sizes.tolist(), parameters.times(theta).tolist())),
+        noise=level * float(np.hypot(np.exp(theta[parameters.noise_index]), parameters.least_noise)),
+        refinements=dict(zip(parameters.refinements, theta[parameters.noise_index + 1 :].tolist(), strict=True)),
+        windows=table,
+    )
 
 
 def _over_time(whole: GrayBoxFit, jacobian: Array, windows: FlightWindows) -> tuple[WindowTable, Array]:

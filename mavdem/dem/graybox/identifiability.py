@@ -111,8 +111,8 @@ def _obstacles(name: str, figures: IdentifiabilityFigures) -> Iterator[tuple[Sta
     low = f" The effect may be off by {-200 * MODEL_ERRORS.wind_bias:.0f} %, mostly low."
     why = (
         f"What no motor explains, wind or noise, has {100 * share:.0f} % of the torque's variance, and the motors "
-        "answer it (closed loop): fly quick inputs on this axis (doublets, or a sweep of about 3°) in calm air, until "
-        f"it has {100 * WIND_SHARE.reported:.0f} %."
+        "answer it (closed loop): fly quick inputs on this axis (doublets, or a sweep of about 3°) in calm air, so "
+        f"that it has at most {100 * WIND_SHARE.reported:.0f} %."
     )
     yield by_wind, why + (low if by_wind == "biased" and name == "effect" else "")
     if figures.alias_share > MAX_ALIAS_SHARE:

@@ -102,6 +102,15 @@ class Physical(NamedTuple):
         """Why the effect is not identifiable; ``None`` where it is."""
         return None if self.identifiable else f"The motors' effect is not identifiable. {self.reasons['effect']}"
 
+    def draws(self, number: int, seed: int = 0) -> Array:
+        """Returns (number + 1, r + 3) effect, damping, lag and delay: the estimate, then draws by ``seed``."""
+        theta = np.array([*self.effect, self.damping, self.lag, self.delay])
+        values, vectors = np.linalg.eigh((self.covariance + self.covariance.T) / 2)  # it may be singular
+        rng, spread = np.random.default_rng(seed), vectors * np.sqrt(values.clip(0))
+        drawn = theta + rng.standard_normal((number, len(theta))) @ spread.T
+        drawn[:, -2:] = drawn[:, -2:].clip(0.05 * theta[-2:])  # a lag and a delay are positive
+        return np.vstack([theta, drawn])
+
     def interval(self, level: float = LEVEL) -> PhysicalInterval:
         """Returns half widths of intervals of probability ``level``."""
         require_probability(level)
@@ -139,15 +148,17 @@ def updated(found: Physical, prior: Physical) -> Physical:
             return found
         gain = np.linalg.solve(both, covariance).T
         theta, covariance = theta + gain @ (now - theta), covariance - gain @ covariance
-    vehicle = (
-        theta[:-3],
-        *np.maximum(theta[-3:], LEAST).tolist(),
-        covariance,
-        judged.status,
-        judged.reasons,
-        judged.bias,
+    damping, lag, delay = np.maximum(theta[-3:], LEAST).tolist()
+    return found._replace(
+        effect=theta[:-3],
+        damping=damping,
+        lag=lag,
+        delay=delay,
+        covariance=covariance,
+        status=judged.status,
+        reasons=judged.reasons,
+        bias=judged.bias,
     )
-    return Physical(*vehicle, *found[len(vehicle) :])
 
 
 WINDOW_SECONDS, SHORTEST_WINDOW_SECONDS = 7.0, 2.0

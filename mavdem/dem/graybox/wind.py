@@ -115,6 +115,13 @@ class WindTorque:
     reason: str | None
     dt: float
 
+    def __repr__(self) -> str:
+        number = len(self.gusts)
+        return (
+            f"<WindTorque: mean {self.mean:.3g} ± {self.mean_band:.2g}, sd {self.sd:.3g} rad/s², "
+            f"{number} gust{'' if number == 1 else 's'}{'' if self.resolved else ', not resolved'}>"
+        )
+
     def in_newton_metres(self, inertia: float) -> Array:
         """Returns the torque (T,) in N m, of a vehicle with that moment of ``inertia`` about the axis, kg m²."""
         if not 0 < inertia < np.inf:
@@ -171,13 +178,25 @@ def wind(physical: Physical, record: Record, changes: Sequence[float] = ()) -> W
     scale_error = np.sqrt(shares @ covariance @ shares + added**2 + MODEL_ERRORS.wind_sd**2)
     spectra, band = _spectra(torques, record), half_width(variance)
     gusty = gusts(torques.mean, band, record, shortest_gust(physical, record.dt))
-    mean, sd = float(torques.mean.mean()), float(np.sqrt(size + torques.variance.mean()))
-    mean_band = float(half_width(levels @ covariance @ levels + MODEL_ERRORS.wind_sd**2 * size))
-    spectrum = WindSpectrum(spectra.frequency, spectra.wind, _model_density(physical, spectra.frequency))
-    answered = spectra.cancelled_share(np.inf), spectra.cancelled_share(SLOW_HERTZ)
-    gusty = gusty if resolved else gusty._replace(found=())
-    known = *gusty, spectrum, *answered, resolved, None if resolved else reason, record.dt
-    return WindTorque(torques.mean, band, mean, mean_band, sd, float(scale_error), torques.motors, step, *known)
+    return WindTorque(
+        torque=torques.mean,
+        band=band,
+        mean=float(torques.mean.mean()),
+        mean_band=float(half_width(levels @ covariance @ levels + MODEL_ERRORS.wind_sd**2 * size)),
+        sd=float(np.sqrt(size + torques.variance.mean())),
+        scale_error=float(scale_error),
+        motors=torques.motors,
+        step=step,
+        gusts=gusty.found if resolved else (),
+        gust_threshold=gusty.threshold,
+        false_gusts_per_minute=gusty.false_per_minute,
+        spectrum=WindSpectrum(spectra.frequency, spectra.wind, wind_density(physical, spectra.frequency)),
+        cancelled_share=spectra.cancelled_share(np.inf),
+        cancelled_share_slow=spectra.cancelled_share(SLOW_HERTZ),
+        resolved=resolved,
+        reason=None if resolved else reason,
+        dt=record.dt,
+    )
 
 
 def _about_means(values: Array, cuts: Sequence[int]) -> Array:
@@ -276,8 +295,8 @@ def _spectra(torques: _Torques, record: Record) -> _Spectra:
     return _Spectra(frequency, wind.real, answer.real, across, INDEPENDENT * windows)
 
 
-def _model_density(physical: Physical, frequency: Array) -> Array:
-    """(F,) of the wind's components, one-sided, per Hz."""
+def wind_density(physical: Physical, frequency: Array) -> Array:
+    """Returns (F,) the spectral density of the wind's components at Hz (F,), one-sided, (rad/s²)²/Hz."""
     density = np.zeros(len(frequency))
     for colour, size, time in physical.components:
         resolvent = 2j * np.pi * frequency[:, None, None] * np.eye(len(colour.A)) - colour.A / time
@@ -303,7 +322,7 @@ def shortest_gust(physical: Physical, dt: float) -> float:
     """
     frequency = np.linspace(0.0, 0.25 / dt, 201)[1:]
     noise = 2 * dt * physical.noise**2 * ((2 * np.pi * frequency) ** 2 + physical.damping**2)
-    resolved = frequency[_model_density(physical, frequency) > noise]
+    resolved = frequency[wind_density(physical, frequency) > noise]
     return 0.5 / float(resolved.max(initial=frequency[0])) + physical.lag + physical.delay
 
 

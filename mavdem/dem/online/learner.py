@@ -303,4 +303,5 @@ class OnlineLearner:
         self.obstacle = reason if self._tracker is None else f"the model stays as it was: {reason}"
         self._next = self._next_choice = self._samples + self._first
         if isinstance(error, ValueError) and self._tracker is None:
-            self._memory.drop_half()
+            for _ in range(len(self._memory.blocks) // 2):
+                self._memory.blocks.popleft()

@@ -78,11 +78,6 @@ class Memory:
         self._begins, self._segment = True, self._end
         return closed
 
-    def drop_half(self) -> None:
-        """Drops the older half of the blocks."""
-        for _ in range(len(self.blocks) // 2):
-            self.blocks.popleft()
-
     def record(self) -> Record:
         """Returns the samples of all blocks, of which there is one at least."""
         return record_of(self.blocks, self.dt, self.effect_directions)

@@ -68,8 +68,18 @@ def wind_filter(record: Record, prior: Physical | None = None) -> WindFilter:
     variance += sum(each.size**2 for each in found.components if each.time < dt) + (MODEL_ERRORS.wind * found.wind) ** 2
     slopes = np.eye(4, len(trim) + 3, len(trim) - 1)
     slopes[0] = np.append(np.sign(found.effect) / np.abs(found.effect).sum(), np.zeros(3))
-    known = axis, filtered, weights, trim, constant, level, column, float(variance)
-    return WindFilter(found, *known, slopes @ found.covariance @ slopes.T)
+    return WindFilter(
+        physical=found,
+        axis=axis,
+        steady=filtered,
+        weights=weights,
+        trim=trim,
+        constant=constant,
+        level=level,
+        column=column,
+        variance=float(variance),
+        covariance=slopes @ found.covariance @ slopes.T,
+    )
 
 
 class _Tracked:

@@ -22,7 +22,7 @@ from mavdem.errors import Unreadable
 from mavdem.ingest.contents import file_bytes, is_dataflash_text
 from mavdem.ingest.dataflash import binary
 from mavdem.ingest.dataflash.binary import DataflashRecording, FormatDefinition, MessageTable, numbers, read_binary
-from mavdem.ingest.dataflash.translation import GYROS, NEEDED, OF_FLIGHT, on_boot_clock, translated
+from mavdem.ingest.dataflash.translation import GYROS, NEEDED, OF_FLIGHT, translated, under_later_names
 from mavdem.ingest.mavlink.clocks import Sent, boot_clock
 from mavdem.ingest.mavlink.definitions import enum_name
 from mavdem.ingest.mavlink.framing import Progress, no_progress
@@ -152,14 +152,13 @@ def _by_board(recording: DataflashRecording) -> list[DataflashRecording]:
 
 
 def _vehicle(recording: DataflashRecording, source: str) -> Telemetry:
-    logged = {message: numbers(recording.table(message)) for message in NEEDED}
+    logged = {message: under_later_names(message, numbers(recording.table(message))) for message in NEEDED}
     imu = logged["IMU"]  # by far the most messages: only what is used of each is kept
     gyros = {name: column for name, column in imu.columns.items() if name in (*CLOCKS, "I", *GYROS)}
-    timed = {"IMU": MessageTable(imu.place, gyros), "GPS": on_boot_clock(logged["GPS"])}
-    tables, repairs = _on_boot_clock(logged | timed)
+    tables, repairs = _on_boot_clock(logged | {"IMU": MessageTable(imu.place, gyros)})
     if not any(len(tables[name]["time"]) for name in OF_FLIGHT if name in tables):
         raise Unreadable(_no_flight(source, recording))
-    parameters = _parameters(recording.table("PARM"))
+    parameters, first = (_parameters(recording.table("PARM"), way) for way in (1, -1))
     texts = _texts(recording.table("MSG"), "Message")
     kind = _mav_type(texts, parameters)
     # DSF counts the messages that the logger had no room for, anew with each boot.
@@ -185,6 +184,7 @@ def _vehicle(recording: DataflashRecording, source: str) -> Telemetry:
         dropouts=dropouts,
         names=names,
         board=board_number_in_texts(texts),
+        earlier={name: value for name, value in first.items() if value != parameters[name]},
     )
 
 
@@ -221,11 +221,12 @@ def _on_boot_clock(tables: Mapping[str, MessageTable]) -> tuple[dict[str, Column
     return placed, repair_sentences(sentence) + repairs
 
 
-def _parameters(logged: MessageTable) -> dict[str, float]:
+def _parameters(logged: MessageTable, way: int) -> dict[str, float]:
+    """The last values, or the first, ``way`` -1."""
     values, names = numbers(logged).columns.get("Value"), _texts(logged, "Name")
     if values is None or len(names) != len(values):
         return {}
-    pairs = zip(names, values.astype(float).tolist(), strict=True)
+    pairs = zip(names[::way], values.astype(float)[::way].tolist(), strict=True)
     return {name: value for name, value in pairs if isfinite(value)}
 
 

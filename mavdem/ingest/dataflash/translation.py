@@ -115,12 +115,20 @@ def vibration(tables: Mapping[str, Columns]) -> Columns | None:
     return stamped(logged, {**dict(levels), "clipping_0": clips, "clipping_1": none, "clipping_2": none})
 
 
-def on_boot_clock(gps: MessageTable) -> MessageTable:
-    """Returns GPS before ArduPilot 3.3 under its later names: there TimeMS is of the week, and T of the boot."""
-    old = {"TimeMS": "GMS", "Week": "GWk", "T": "TimeMS"}
-    if not old.keys() <= gps.columns.keys():
-        return gps
-    return MessageTable(gps.place, {old.get(name, name): column for name, column in gps.columns.items()})
+OLD_AXES = {"Rll": "R", "Pit": "P", "Yaw": "Y"}
+OLD_NAMES = {
+    "GPS": {"TimeMS": "GMS", "Week": "GWk", "T": "TimeMS"},
+    "RATE": {f"{old}{end}": f"{axis}{end}" for old, axis in OLD_AXES.items() for end in ("", "Des", "Out")},
+}
+"""GPS before ArduPilot 3.3, where TimeMS is of the week and T of the boot; RATE before ArduCopter 3.3 was released."""
+
+
+def under_later_names(name: str, logged: MessageTable) -> MessageTable:
+    """Returns messages of that name with the columns that later versions call otherwise under their later names."""
+    old = OLD_NAMES.get(name, {})
+    if not old.keys() <= logged.columns.keys():
+        return logged
+    return MessageTable(logged.place, {old.get(field, field): column for field, column in logged.columns.items()})
 
 
 def calendar_time(tables: Mapping[str, Columns]) -> Columns | None:
@@ -138,10 +146,7 @@ def calendar_time(tables: Mapping[str, Columns]) -> Columns | None:
 
 
 ANGLES, GYROS = ("Roll", "Pitch", "Yaw"), ("GyrX", "GyrY", "GyrZ")
-RATES = (("R", "P", "Y"), ("Rll", "Pit", "Yaw"))
-DEMANDS = (("ROut", "POut", "YOut"), ("RllOut", "PitOut", "YawOut"))
-DESIRED_RATES = (("RDes", "PDes", "YDes"), ("RllDes", "PitDes", "YawDes"))
-"""RATE's columns by their names, and by those of ArduCopter 3.3 before its release."""
+RATES, DEMANDS, DESIRED_RATES = ("R", "P", "Y"), ("ROut", "POut", "YOut"), ("RDes", "PDes", "YDes")
 DESIRED_ANGLES = ("DesRoll", "DesPitch", "DesYaw")
 OF_FLIGHT = ("ATT", "ANG", "RATE", "IMU", "RCOU", "CTUN", "XKF1", "XKF4", "NKF1", "EV", "ARM")
 """DataFlash's messages of the vehicle's motion, motors and state: a log without them is none of a flight."""
@@ -203,8 +208,7 @@ def _attitude(
     """At the stamps of the slower of angles and rates; with the name of that message, and what is odd about RATE."""
     named = _faster_angles(tables, ANGLES)
     angles, gyros = having(tables, named, ANGLES), instance(having(tables, "IMU", GYROS), "I", 0)
-    columns = next((names for names in RATES if having(tables, "RATE", names) is not None), RATES[0])
-    rates = having(tables, "RATE", columns)
+    rates = having(tables, "RATE", RATES)
     if angles is None or (rates is None and gyros is None):
         return None, named, ()
     angles_rad = np.radians(values(angles, ANGLES))
@@ -213,7 +217,7 @@ def _attitude(
         assert gyros is not None
         rates, speeds, source = gyros, values(gyros, GYROS), "IMU"
     else:
-        speeds, source = np.radians(values(rates, columns)), "RATE"
+        speeds, source = np.radians(values(rates, RATES)), "RATE"
         if because := _in_centidegrees(rates, speeds, gyros, version):
             speeds = speeds / 100
             notes = (f"RATE is in centidegrees/s, {because}: its rates were divided by 100.",)
@@ -268,13 +272,10 @@ def _targets(tables: Mapping[str, Columns], version: tuple[int, int] | None) -> 
     """With the names of its messages; RATE is in the unit of the rates beside what was asked for."""
     parts, names = [], []
     named = _faster_angles(tables, DESIRED_ANGLES)
-    for desired, measured in zip(DESIRED_RATES, RATES, strict=True):
-        rates = having(tables, "RATE", (*desired, *measured))
-        if rates is None:
-            continue
+    if (rates := having(tables, "RATE", (*DESIRED_RATES, *RATES))) is not None:
         gyros = instance(having(tables, "IMU", GYROS), "I", 0)
-        centidegrees = _in_centidegrees(rates, np.radians(values(rates, measured)), gyros, version)
-        asked = np.radians(values(rates, desired)) / (100 if centidegrees else 1)
+        centidegrees = _in_centidegrees(rates, np.radians(values(rates, RATES)), gyros, version)
+        asked = np.radians(values(rates, DESIRED_RATES)) / (100 if centidegrees else 1)
         parts.append(stamped(rates, attitude_target(rates=asked)))
         names.append("RATE")
     angles = having(tables, named, DESIRED_ANGLES)
@@ -290,10 +291,9 @@ def _targets(tables: Mapping[str, Columns], version: tuple[int, int] | None) -> 
 
 def _demands(tables: Mapping[str, Columns]) -> tuple[Columns | None, tuple[str, ...]]:
     """The demands, −1 to 1, and thrust, 0 to 1 (NaN where RATE has none); and a note where they were scaled."""
-    fields = next((names for names in DEMANDS if having(tables, "RATE", names) is not None), DEMANDS[0])
-    if (logged := having(tables, "RATE", fields)) is None:
+    if (logged := having(tables, "RATE", DEMANDS)) is None:
         return None, ()
-    controls = np.pad(values(logged, fields), ((0, 0), (0, 8 - len(fields))))
+    controls = np.pad(values(logged, DEMANDS), ((0, 0), (0, 8 - len(DEMANDS))))
     thrust = having(tables, "RATE", ("AOut",))
     controls[:, 3] = np.nan if thrust is None else thrust["AOut"]
     notes: tuple[str, ...] = ()

@@ -204,7 +204,8 @@ class JsonTopic(NamedTuple):
 
 @dataclass
 class _JsonMessages:
-    kind: JsonTopic
+    sender: FrameSender
+    definition: MessageDefinition
     waiting: list[bytes] = field(default_factory=list)
     places: array[int] = field(default_factory=partial(array, "q"))
     log_times: array[int] = field(default_factory=partial(array, "Q"))
@@ -223,28 +224,22 @@ class _JsonMessages:
         written = [parse(body) for body in self.waiting]
         self.waiting.clear()
         self.sequence.extend(sequence for _, sequence, _ in written)
-        definition = definition_named(self.kind.name)
-        if definition is None:
-            return
-        fields = [message if name in (None, self.kind.name) else {} for message, _, name in written]
-        made, good = payloads(fields, definition)
+        fields = [message if name in (None, self.definition.name) else {} for message, _, name in written]
+        made, good = payloads(fields, self.definition)
         self.payloads.append(made)
         self.good.append(good)
 
-    def part(self, sequence: Bytes) -> RecordingPart | None:
-        """The messages as frames with these sequence numbers; None where the message is not known."""
-        definition = definition_named(self.kind.name)
-        if definition is None:
-            return None
-        sender, good = self.kind.sender, np.concatenate(self.good)
-        data, frames = composed_frames(np.concatenate(self.payloads), definition, sender, sequence, good)
+    def part(self, sequence: Bytes) -> RecordingPart:
+        """The messages as frames with these sequence numbers."""
+        made, good = np.concatenate(self.payloads), np.concatenate(self.good)
+        data, frames = composed_frames(made, self.definition, self.sender, sequence, good)
         return RecordingPart(data, frames, np.array(self.places), np.array(self.log_times))
 
 
 class JsonTopics:
     """The JSON messages of a recording, each once; none of a damaged chunk: no checksum shows a wrong digit there.
 
-    ``unknown`` counts those of no known dialect by name, once ``parts`` were made.
+    ``unknown`` counts those of no known dialect by name.
     """
 
     def __init__(self) -> None:
@@ -257,8 +252,11 @@ class JsonTopics:
         if not message.sound:
             self._damaged += 1
             return
+        if (definition := definition_named(kind.name)) is None:
+            self.unknown[kind.name] += 1
+            return
         if kind not in self._topics:
-            self._topics[kind] = _JsonMessages(kind)
+            self._topics[kind] = _JsonMessages(kind.sender, definition)
         self._topics[kind].add(place, message.log_time, message.data)
 
     def parts(self) -> Iterator[RecordingPart]:
@@ -266,7 +264,7 @@ class JsonTopics:
         by_sender: dict[FrameSender, list[_JsonMessages]] = {}
         for topic in self._topics.values():
             topic.parse()
-            by_sender.setdefault(topic.kind.sender, []).append(topic)
+            by_sender.setdefault(topic.sender, []).append(topic)
         for topics in by_sender.values():
             lengths = [len(topic.places) for topic in topics]
             sequence = _numbered(
@@ -274,11 +272,7 @@ class JsonTopics:
                 np.concatenate([topic.places for topic in topics]),
             )
             for topic, numbers in zip(topics, np.split(sequence, np.cumsum(lengths)[:-1]), strict=True):
-                part = topic.part(numbers)
-                if part is None:
-                    self.unknown[topic.kind.name] += len(topic.places)
-                else:
-                    yield part
+                yield topic.part(numbers)
 
     def sentences(self) -> tuple[str, ...]:
         """A sentence for each reason for which messages were left out."""

@@ -10,6 +10,7 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from io import BytesIO, StringIO
+from pathlib import Path
 from textwrap import fill
 from typing import Any, NamedTuple
 
@@ -29,45 +30,19 @@ from mavdem.report.palette import BAND_OPACITY, DISTINCT, INK_ON_LIGHT, MEASURED
 WIDTH = 5.2  # inches: letters are read at 500 pixels, and two figures stand side by side at 1600
 MAX_POINTS = 1200  # of a line or a band, beyond which the extremes of half as many parts are drawn
 PIXELS_PER_INCH = 200  # of figures that a notebook shows: twice what a page shows
+INKED = (
+    "text.color",
+    "axes.labelcolor",
+    "axes.titlecolor",
+    "axes.edgecolor",
+    "xtick.color",
+    "ytick.color",
+    "grid.color",
+)
 STYLE: Any = {
-    "font.family": "sans-serif",
-    "font.sans-serif": ["DejaVu Sans", "Verdana", "Arial"],
-    "font.size": 8.5,
-    "axes.facecolor": "none",
+    **matplotlib.rc_params_from_file(Path(__file__).with_name("figures.mplstyle"), use_default_template=False),
+    **dict.fromkeys(INKED, INK_ON_LIGHT),
     "axes.prop_cycle": cycler(color=DISTINCT),
-    "axes.titlesize": 8.5,
-    "axes.titleweight": "bold",
-    "axes.titlelocation": "left",
-    "axes.titlepad": 5.0,
-    "axes.labelsize": 8.5,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.linewidth": 0.7,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "axes.xmargin": 0.0,
-    "axes.formatter.useoffset": False,
-    "axes.formatter.limits": (-4, 5),
-    "grid.alpha": 0.18,
-    "grid.linewidth": 0.6,
-    **dict.fromkeys(("xtick.labelsize", "ytick.labelsize", "legend.fontsize"), 8.0),
-    **dict.fromkeys(("xtick.major.width", "ytick.major.width"), 0.7),
-    **dict.fromkeys(("xtick.minor.width", "ytick.minor.width"), 0.5),
-    "lines.linewidth": 1.5,
-    "lines.solid_capstyle": "round",
-    "legend.frameon": False,
-    "legend.handlelength": 1.5,
-    "legend.columnspacing": 1.2,
-    "legend.borderaxespad": 0.0,
-    "legend.borderpad": 0.2,
-    "path.simplify_threshold": 0.25,  # points
-    "savefig.facecolor": "none",
-    "savefig.edgecolor": "none",
-    "text.usetex": False,
-    "svg.fonttype": "none",  # text that can be searched and read aloud
-    "svg.hashsalt": "mavdem",  # the same figure is the same file
-    **dict.fromkeys(("text.color", "axes.labelcolor", "axes.titlecolor", "axes.edgecolor"), INK_ON_LIGHT),
-    **dict.fromkeys(("xtick.color", "ytick.color", "grid.color"), INK_ON_LIGHT),
 }
 
 THIN = 0.9  # points: measured lines, of many samples

@@ -89,10 +89,7 @@ def model_systems(learned: Learned, motors: Array, seed: int = 0) -> Systems:
 
 def physical_systems(physical: Physical, motors: Array, outputs: int, seed: int = 0) -> Systems:
     """Returns physical parameters and ``DRAWS`` of them; ``outputs`` are 2, angle and rate, or 1, the rate alone."""
-    theta = np.array([*physical.effect, physical.damping, physical.lag, physical.delay])
-    drawn = theta + _normal(np.random.default_rng(seed), physical.covariance)
-    drawn[:, -2:] = drawn[:, -2:].clip(0.05 * theta[-2:])  # a lag and a delay are positive
-    theta = np.vstack([theta, drawn])
+    theta = physical.draws(DRAWS, seed)
     effect, (damping, lag, delay) = theta[:, :-3] @ motors, theta[:, -3:].T
     A, b = np.zeros((len(theta), 3, 3)), np.zeros((len(theta), 3))
     A[:, 0, 1] = A[:, 1, 2] = 1.0
@@ -113,12 +110,12 @@ class SystemPlots:
 
     learned: Learned
 
-    def bode(self, output: int = -1, truth: Truth | None = None) -> Figure:
+    def bode(self, output: int = -1, truth: Truth | None = None, model: str = "physical") -> Figure:
         """Draws magnitude and phase of an ``output`` over frequency, from the axis's command, with 90 % bands.
 
-        Of the model and, where all of them are reported, of the physical parameters. The output is the last one, a
-        rate, unless given; ``truth`` is A (n, n) and B (n, r) of a simulated vehicle, whose first states are the
-        outputs, and its delay, s.
+        Of the physical plant; where it is not identifiable, or as ``model="dem"``, of DEM's model. The
+        output is the last one, a rate, unless given; ``truth`` is A (n, n) and B (n, r) of a simulated vehicle, whose
+        first states are the outputs, and its delay, s.
         """
         learned = self.learned
         command, labels = AxisCommand.of(learned), Labels.of(learned)
@@ -129,14 +126,14 @@ class SystemPlots:
         with picture(3.7, Room(left=0.75)) as figure:
             above, below = figure.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": [3, 2]})
             magnitudes, phases = list[Array](), list[Array]()
-            for name, colour, systems in _curves(learned, command.motors, truth):
+            for name, colour, systems in _curves(learned, command.motors, truth, model):
                 response = systems.over_frequency(frequency, output)
                 phase = np.degrees(np.unwrap(np.angle(response[0])) + np.angle(response / response[0]))
                 for axes, values, estimates in (
                     (above, unit.scale * np.abs(response), magnitudes),
                     (below, phase, phases),
                 ):
-                    _draw(axes, frequency, values, name, colour)
+                    draw(axes, frequency, values, name, colour)
                     estimates.append(values[0])
             above.set(xscale="log", yscale="log")
             above.set_ylabel(f"{labels.output_names[output]} by {command.name}\n({per(unit, command.unit)})")
@@ -148,7 +145,7 @@ class SystemPlots:
             for axis in (below.xaxis, above.yaxis):
                 axis.set_major_formatter("{x:g}")
             legend_above(above)
-            note(figure, _remark(learned))
+            note(figure, _remark(learned, model))
         return figure
 
     def step(self, truth: Truth | None = None) -> Figure:
@@ -169,7 +166,7 @@ class SystemPlots:
                 unit = readable(labels.output_units[output])
                 axes.axhline(0, **HAIRLINE)
                 for name, colour, values in curves:
-                    _draw(axes, time, unit.scale * values[..., output], name, colour)
+                    draw(axes, time, unit.scale * values[..., output], name, colour)
                 axes.set_ylabel(f"{labels.output_names[output]} ({unit.name})")
                 not_blown_up(axes, [unit.scale * values[0, :, output] for *_, values in curves])
             step = f"{size:g} {command.unit}".rstrip()
@@ -184,7 +181,7 @@ class SystemPlots:
         ``truth`` is A (n, n) of a simulated vehicle.
         """
         learned = self.learned
-        systems, physical = model_systems(learned, np.ones(learned.model.B.shape[1])), _reported(learned)
+        systems, physical = model_systems(learned, np.ones(learned.model.B.shape[1])), _plant(learned)
         values: Complex = np.linalg.eigvals(systems.A[0]).astype(complex)
         drawn: Complex = np.linalg.eigvals(systems.A[1:151]).astype(complex).ravel()
         true: Complex = np.empty(0, complex) if truth is None else np.linalg.eigvals(truth).astype(complex)
@@ -199,7 +196,7 @@ class SystemPlots:
             cloud: dict[str, Any] = {"color": PREDICTED, "alpha": 0.45, "markersize": 3, "markeredgewidth": 0}
             axes.plot(drawn[inside].real, drawn[inside].imag, ".", **cloud)
             if physical is not None:
-                half = physical.interval(LEVEL).damping
+                half = np.nan_to_num(physical.interval(LEVEL).damping)
                 band(axes, np.array([-half, half]) - physical.damping, -BAR * top, BAR * top, PHYSICAL)
             remark = "Dots: draws from the uncertainty of A, without closed-loop bias. Rays: ζ = 0.2 to 0.8."
             drawings = ("s", 5, PHYSICAL, "physical parameters", fitted), ("x", 7, PREDICTED, "DEM's model", values)
@@ -216,20 +213,23 @@ class SystemPlots:
         return figure
 
 
-def _curves(learned: Learned, motors: Array, truth: Truth | None) -> Iterator[tuple[str, str, Systems]]:
-    """Name, colour and systems of each curve."""
-    outputs, physical = learned.record.outputs.shape[1], _reported(learned)
-    if physical is not None:
+def _curves(
+    learned: Learned, motors: Array, truth: Truth | None, model: str = "both"
+) -> Iterator[tuple[str, str, Systems]]:
+    """Name, colour and systems of each curve; DEM's model where there is no plant, whatever the ``model``."""
+    outputs, physical = learned.record.outputs.shape[1], _plant(learned)
+    if physical is not None and model != "dem":
         yield "physical parameters", PHYSICAL, physical_systems(physical, motors, outputs)
-    yield "DEM's model", PREDICTED, model_systems(learned, motors)
+    if physical is None or model != "physical":
+        yield "DEM's model", PREDICTED, model_systems(learned, motors)
     if truth is not None:
         A, B, delay = truth
         known = A, B @ motors, np.eye(outputs, len(A)), np.array(delay)
         yield "truth", TRUTH, Systems(*(one[None] for one in known))
 
 
-def _draw(axes: Axes, x: Array, values: Array, name: str, colour: str) -> None:
-    """The estimate, values (N, T)[0], and the band of the draws; dashed where there are none."""
+def draw(axes: Axes, x: Array, values: Array, name: str, colour: str) -> None:
+    """Draws the estimate, ``values`` (N, T)[0], and the band of the draws; dashed where there are none."""
     certain = len(values) == 1
     axes.plot(x, values[0], color=colour, label=name, linestyle=(0, (4, 2)) if certain else "-")
     if not certain:
@@ -237,19 +237,23 @@ def _draw(axes: Axes, x: Array, values: Array, name: str, colour: str) -> None:
         band(axes, x, low, high, colour)
 
 
-def _remark(learned: Learned) -> str:
+def _remark(learned: Learned, model: str = "both") -> str:
     if learned.physical is not None and not learned.physical.identifiable:
         return "Control effectiveness is not identifiable in this flight: its response may be far off."
-    remark = "Bands: 90 %. That of DEM's model leaves out the bias of the closed loop."
-    both = " Where the two differ, the physical parameters are what the vehicle does."
-    return remark if _reported(learned) is None else remark + both
+    remark, plant = "Bands: 90 %. That of DEM's model leaves out the bias of the closed loop.", _plant(learned)
+    if plant is None:
+        return remark
+    doubts = ", ".join(f"{name} {status}" for name, status in plant.status.items() if status != "reported")
+    doubts = f" Of the plant: {doubts}." if doubts else ""
+    if model == "physical":
+        return f"Band: 90 %, of the posterior; the delay of the commands is in the phase.{doubts}"
+    return f"{remark} Where the two differ, the physical parameters are what the vehicle does.{doubts}"
 
 
-def _reported(learned: Learned) -> Physical | None:
-    """The physical parameters, where all of them are reported, and their outputs are those of the model."""
+def _plant(learned: Learned) -> Physical | None:
+    """The physical parameters, where they are identifiable, and their outputs are those of the model."""
     physical, outputs = learned.physical, learned.record.outputs.shape[1]
-    known = physical is not None and outputs <= 2 and set(physical.status.values()) == {"reported"}
-    return physical if known else None
+    return physical if physical is not None and outputs <= 2 and physical.identifiable else None
 
 
 def _plane(axes: Axes, values: Complex) -> None:

@@ -1,0 +1,8 @@
+"""Loop: rate and attitude loop of one axis, from the identified plant and the autopilot's own gains."""
+
+from mavdem.condition.loop.advice import TARGETS, Advice, advise
+from mavdem.condition.loop.loop import Loop, loop, loop_of
+from mavdem.condition.loop.margins import OpenLoop
+from mavdem.condition.loop.response import MeasuredResponse
+
+__all__ = ["TARGETS", "Advice", "Loop", "MeasuredResponse", "OpenLoop", "advise", "loop", "loop_of"]

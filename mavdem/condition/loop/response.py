@@ -1,0 +1,110 @@
+"""The measured response of the rate to its setpoint, beside the predicted one: spectra, coherence, step and fit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from mavdem.condition.loop.margins import Complex
+from mavdem.dem.engine.linalg import Array
+from mavdem.dem.graybox.parameters import rate_column
+from mavdem.dem.record import Record
+from mavdem.ingest.controllers import Controller
+
+WINDOW_SECONDS, FEWEST = 5.0, 6  # of the windows of the spectra, by Welch, and how many it takes
+LOWEST, LEAST_BAND, LEAST_COHERENCE = 0.3, 1.0, 0.8  # Hz, Hz and share: of the band that is compared
+LEAST_FIT = 80.0  # %, from which the two agree
+REGULARISED, STEP_SECONDS = 1e-4, 1.0  # of the setpoint's largest density, in the deconvolution; of the step
+
+
+class MeasuredResponse(NamedTuple):
+    """Of the rate to its setpoint, in flight, and as the loop predicts it."""
+
+    frequency: Array  # (F,) Hz
+    response: Complex  # (F,)
+    predicted: Complex
+    coherence: Array  # (F,) share of the rate's power that the setpoint explains
+    band: tuple[float, float]  # Hz from and to which coherence allows a comparison
+    fit: float  # of the predicted rate to the measured one in the band, 100 (1 - NRMSE) %
+    agreement: float  # likewise of what the setpoint explains: what is missing is the loop's error
+    time: Array  # (K,) s of the step, from it on
+    step: Array  # (K,) of the rate by a setpoint of 1 rad/s, deconvolved
+    predicted_step: Array  # likewise from the prediction
+    reason: str  # why the two do not agree, one sentence; empty where they do
+
+
+def measured_response(record: Record, controller: Controller, at: Array, closed: Complex) -> MeasuredResponse | None:
+    """Returns the response that a ``record`` measures, beside ``closed`` (F′,) ``at`` Hz (F′,); None without setpoints.
+
+    ArduPilot's ATTITUDE_TARGET lacks the attitude controller's correction of the rate, its RATE has it: of both that
+    setpoint counts which predicts the rate better.
+    """
+    size, found = round(WINDOW_SECONDS / record.dt), list[MeasuredResponse]()
+    for stiffness in (0.0, controller.angle) if controller.derivative_of_error else (0.0,):
+        parts = list(_parts(record, controller.axis, stiffness, size))
+        if sum(2 * len(rate) // size - 1 for rate, _ in parts) >= FEWEST:
+            found.append(_compared(record.dt, size, parts, at, closed))
+    return max(found, key=lambda one: one.fit, default=None)
+
+
+def _parts(record: Record, axis: str, stiffness: float, size: int) -> Iterator[tuple[Array, Array]]:
+    """Rate and setpoint (N,) of each part with setpoints, corrected by the angle's error times ``stiffness``, 1/s."""
+    names = [f"{axis} rate setpoint", *([f"{axis} setpoint"] if stiffness else [])]
+    if record.setpoints is None or not set(names) <= set(record.setpoint_names):
+        return
+    asked, column = record.setpoints[:, [record.setpoint_names.index(name) for name in names]], rate_column(record)
+    cuts = zip(np.split(asked, record.starts[1:]), np.split(record.outputs, record.starts[1:]), strict=True)
+    for setpoints, outputs in cuts:
+        edges = np.flatnonzero(np.diff(np.isfinite(setpoints).all(axis=1), prepend=False, append=False))
+        for first, last in edges.reshape(-1, 2):
+            if last - first >= size:
+                rate, *angle = (_evenly(one) for one in setpoints[first:last].T)
+                correction = stiffness * (angle[0] - outputs[first:last, 0]) if angle else 0.0
+                yield outputs[first:last, column], rate + correction
+
+
+def _compared(dt: float, size: int, parts: list[tuple[Array, Array]], at: Array, closed: Complex) -> MeasuredResponse:
+    from scipy.signal import csd  # it takes half a second to import
+
+    densities = np.zeros((3, size // 2 + 1), np.complex128)
+    for rate, setpoint in parts:
+        for total, pair in zip(densities, ((setpoint, rate), (setpoint, setpoint), (rate, rate)), strict=True):
+            total += len(rate) * csd(*pair, 1 / dt, nperseg=size)[1]
+    across, of_setpoint, of_rate = (np.convolve(one, np.full(3, 1 / 3), mode="same") for one in densities)
+    of_setpoint, of_rate = of_setpoint.real, of_rate.real
+    hertz, response = np.arange(len(across)) / (size * dt), np.asarray(across / of_setpoint, np.complex128)
+    predicted = np.interp(hertz, at, closed.real) + 1j * np.interp(hertz, at, closed.imag)
+    coherence = np.abs(response) ** 2 * of_setpoint / of_rate
+    highest = float(min([*hertz[(hertz > LOWEST) & (coherence < LEAST_COHERENCE)], at[-1], hertz[-1]]))
+    inside = (hertz >= LOWEST) & (hertz < highest)
+    unlike = np.abs(response - predicted) ** 2 * of_setpoint
+    by_wind = (1 - coherence) * of_rate
+    fit, agreement = (
+        float(100 * (1 - (error[inside].sum() / of_rate[inside].sum()) ** 0.5)) if inside.any() else 0.0
+        for error in (unlike + by_wind, unlike)
+    )
+    passed = (
+        of_setpoint / (of_setpoint + REGULARISED * of_setpoint.max()) * np.clip(1.5 - hertz / highest / 2, 0.0, 1.0)
+    )
+    pulses = (np.append(abs(one[1]), (passed * one)[1:]) for one in (response, predicted))
+    steps = [np.cumsum(np.fft.irfft(pulse, size))[: round(STEP_SECONDS / dt)] for pulse in pulses]
+    reason = ""
+    if highest < LEAST_BAND:
+        reason = f"The setpoint explains too little of the rate from {highest:.1f} Hz on: steer more, in calmer air."
+    elif agreement < LEAST_FIT:
+        reason = (
+            f"The flight's response fits the predicted one by {agreement:.0f} %, less than {LEAST_FIT:.0f} %: the "
+            "plant is biased, or mixer, limits or gains in flight are not those of the parameters."
+        )
+    time, known = np.array(dt * np.arange(len(steps[0])), np.float64), ((LOWEST, highest), fit, agreement)
+    return MeasuredResponse(hertz, response, predicted, coherence, *known, time, steps[0], steps[1], reason)
+
+
+def _evenly(asked: Array) -> Array:
+    """(T,) a setpoint that holds until the next, linear between the times at which it was given."""
+    new = np.flatnonzero(np.diff(asked, prepend=np.nan))
+    usual = int(np.median(np.diff(new))) if len(new) > 1 else 1
+    kept = np.union1d(new, np.maximum(new[1:] - usual, 0))  # a plateau ends one step before the next
+    return np.asarray(np.interp(np.arange(len(asked)), kept, asked[kept]))

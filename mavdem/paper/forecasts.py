@@ -1,0 +1,428 @@
+"""Sections V.E, V.G and V.H: what DEM predicts, what generalized coordinates do for it, and other methods beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from mavdem.dem import Learned, Settings, learn
+from mavdem.dem.engine.linalg import Array
+from mavdem.evaluate import mspe, paired, relative_mspe
+from mavdem.evaluate.windows import Window
+from mavdem.paper import figures
+from mavdem.paper.runner import (
+    MEAN,
+    OTHERS,
+    OURS,
+    PAPER,
+    PEERS,
+    PLANT,
+    PLANT_WITHOUT,
+    REAL,
+    STARTS,
+    WITH,
+    WITHOUT,
+    Check,
+    Result,
+    Runner,
+    Trial,
+    median_draw,
+    percent,
+    plain,
+)
+from mavdem.report.blocks import Block, Sentence, Table
+from mavdem.report.numbers import listed, rounded
+from mavdem.report.page import Picture
+
+MIN_EXPLAINED = 0.99  # least share of each output's variance that one-step predictions must explain
+MAX_ITERATIONS = 10  # iterations within which the parameters must converge
+CONVERGED_SHARE = 0.05  # distance from its end, of the largest of any, within which a parameter has converged
+MAX_PRIOR_RATIO = 2.0  # allowed ratio of the 90 % to the 10 % quantile of the forecasts' errors over priors
+
+
+def prediction(runner: Runner) -> Result:
+    """Learns from the sample experiment and forecasts its test data."""
+    window = runner.sample
+    learned = learn(window.train, PAPER)
+    papers, defaults = _numbers(window, learned), _numbers(window, learn(window.train, Settings()))
+    draws = runner.draws[WITH][runner.extent.sample]
+    ahead = {f"from {start}": learned.forecast(window.test.inputs, from_zero=start == STARTS[1]) for start in STARTS}
+    scaled = learned.learning.theta / np.abs(learned.learning.theta).max(axis=0)
+    theta = {f"θ{number}": column for number, column in enumerate(scaled.T, 1)}
+    gained = learned.free_energy.total - learned.free_energy.total[0]
+    return Result(
+        checks=prediction_checks(window, learned, [draw.errors[STARTS[0]] for draw in draws]),
+        numbers={WITH: papers, OURS: defaults},
+        tables=_prediction_table(window.flight, {"the paper’s settings": papers, "default settings": defaults}),
+        pictures=(
+            Picture(
+                "Outputs, measured and predicted",
+                "By DEM with the paper’s settings: one step ahead on training data, and 150 steps ahead on test data "
+                "(grey background), from the data and from state 0, as in the authors’ code.",
+                partial(figures.forecasts, window, {"": ahead}, learned.one_step()),
+                large=True,
+            ),
+            Picture(
+                "Learning",
+                "All parameters, A, B and C, over their largest values, and the free energy action gained, "
+                "F̄(i) − F̄(0), by iteration.",
+                partial(figures.lines, {"parameters": theta, "F̄(i) − F̄(0), nats": {"": gained}}, "iteration"),
+            ),
+        ),
+        remarks=(
+            "Priors on C are random too, so a state has no unit: different parameters give the same forecasts. "
+            "Therefore forecasts are compared and not parameters.",
+        ),
+    )
+
+
+def prediction_checks(window: Window, learned: Learned, errors: list[float]) -> tuple[Check, ...]:
+    """Returns the claims of the figure; ``errors`` are the MSPE of the forecasts from several random priors."""
+    train, test = window.train, window.test
+    one_step = mspe(train.outputs[1:], learned.one_step()[1:]).per_output
+    explained = 1 - one_step / train.outputs.var(axis=0)
+    better = one_step / mspe(train.outputs[1:], train.outputs[:-1]).per_output
+    ahead = relative_mspe(train, test, learned.forecast(test.inputs))
+    iteration = converged_at(learned.learning.theta)
+    gains = np.diff(learned.free_energy.total)
+    least, most = np.percentile(errors, [10, 90])
+    return (
+        Check(
+            f"one-step predictions explain over {percent(MIN_EXPLAINED)} of each output’s training variance",
+            bool((explained > MIN_EXPLAINED).all()),
+            f"one-step predictions explain {listed(map(percent, explained))} of the variance of "
+            f"{listed(train.output_names)}",
+        ),
+        Check(
+            "one-step predictions of each output have a lower MSPE than holding its last sample",
+            bool((better < 1).all()),
+            f"the one-step MSPE is {listed(rounded(ratio, 3) for ratio in better)} times that of holding the last "
+            "sample",
+        ),
+        Check(
+            "150 steps ahead, from the data, the error is less than that of the constant mean",
+            ahead < 1,
+            f"150 steps ahead the error is {rounded(ahead, 3)} times that of the constant mean",
+        ),
+        Check(
+            f"after {MAX_ITERATIONS} iterations every parameter is within {percent(CONVERGED_SHARE)} of the largest "
+            "distance from its end",
+            iteration <= MAX_ITERATIONS,
+            f"the parameters have converged at iteration {iteration}",
+        ),
+        Check(
+            "F̄ decreases in no iteration",
+            bool((gains >= 0).all()),
+            f"F̄ {'increases' if (gains >= 0).all() else 'does not always increase'} over {len(gains)} iterations",
+        ),
+        Check(
+            f"over random priors, the 10 % and 90 % quantiles of the forecasts’ errors differ by less than a factor of "
+            f"{MAX_PRIOR_RATIO:g}",
+            bool(most < MAX_PRIOR_RATIO * least),
+            f"forecasts from {len(errors)} random priors have an MSPE from {rounded(least, 3)} to {rounded(most, 3)} "
+            "(10 % and 90 % quantiles)",
+        ),
+    )
+
+
+def converged_at(theta: Array) -> int:
+    """Returns the first iteration from which no parameter (columns) is far from where it ends, by iteration (rows)."""
+    away = np.abs(theta - theta[-1]).max(axis=1)
+    far = np.flatnonzero(away > CONVERGED_SHARE * away.max())
+    return int(far[-1]) + 1 if len(far) else 0
+
+
+def _numbers(window: Window, learned: Learned) -> dict[str, Any]:
+    train, test = window.train, window.test
+    ahead, from_zero = (learned.forecast(test.inputs, from_zero=start) for start in (False, True))
+    return {
+        "one_step_mspe": mspe(train.outputs[1:], learned.one_step()[1:]).per_output.tolist(),
+        "hold_last_one_step_mspe": mspe(train.outputs[1:], train.outputs[:-1]).per_output.tolist(),
+        "training_variance": train.outputs.var(axis=0).tolist(),
+        "mspe": mspe(test.outputs, ahead).total,
+        "mspe_from_zero": mspe(test.outputs, from_zero).total,
+        "over_constant_mean": float(relative_mspe(train, test, ahead)),
+        "over_constant_mean_from_zero": float(relative_mspe(train, test, from_zero)),
+        "free_energy": learned.free_energy.total.tolist(),
+        "theta": learned.learning.theta.tolist(),
+        "model": {name: value.tolist() for name, value in learned.model._asdict().items()},
+        "settled": learned.converged,
+        "rests_at": converged_at(learned.learning.theta),
+    }
+
+
+def _prediction_table(flight: str, models: dict[str, dict[str, Any]]) -> tuple[Block, ...]:
+    shown = ("mspe", "mspe_from_zero", "over_constant_mean", "over_constant_mean_from_zero", "rests_at")
+    rows = [[name, *(rounded(numbers[error], 3) for error in shown)] for name, numbers in models.items()]
+    header = ["DEM", "MSPE", "MSPE from 0", "over constant mean", "over it, from 0", "converged at iteration"]
+    return Sentence(f"on {flight}, from the data and from state 0.", "150 steps ahead"), Table(header, rows)
+
+
+MSPE_WITH_COORDINATES = (0.0521, 0.0133, 0.0583, 0.0458, 0.1172)
+MSPE_WITHOUT_COORDINATES = (0.1197, 0.0640, 0.1647, 0.0518, 0.0951)
+"""Table II (SSE_GC), p = 2 and p = 1: MSPE of experiments 1 to 5, summed over outputs; 0.2867 and 0.4953 in total."""
+SETTINGS = {"paper’s": (WITH, WITHOUT), "default": (PLANT, PLANT_WITHOUT)}  # with generalized coordinates, and without
+MIN_SHARE = 0.8  # share of the experiments on which p = 2 must have the lower error, as on four of the paper's five
+
+Pair = tuple[Array, Array]
+"""MSPE with and without generalized coordinates, summed over outputs, (experiments, priors) each."""
+
+
+def coordinates(runner: Runner) -> Result:
+    """Tries DEM with p = 2 and p = 1 on the five experiments, from many random priors, and on recorded flights."""
+    drawn = [runner.draws[name].values() for name in (WITH, WITHOUT)]
+    default = [[[runner.trial(name, number)] for number in runner.experiments] for name in (PLANT, PLANT_WITHOUT)]
+    errors = {f"paper’s settings, from {start}": _pair(drawn, start) for start in STARTS}
+    ours = {f"default settings, from {start}": _pair(default, start) for start in STARTS}
+    middle = {
+        f"p = {p}": median_draw(runner.draws[name][runner.extent.sample], STARTS[0])
+        for p, name in ((2, WITH), (1, WITHOUT))
+    }
+    ahead = {
+        f"from {start}": {p: trial.forecasts[start] for p, trial in middle.items() if trial.forecasts}
+        for start in STARTS
+    }
+    recorded = _recorded(runner)
+    return Result(
+        checks=(*(coordinates_check(pair, what) for what, pair in errors.items()), *_real_flight(recorded, "paper’s")),
+        beyond=(*(coordinates_check(pair, what) for what, pair in ours.items()), *_real_flight(recorded, "default")),
+        numbers={
+            "paper": {"with": MSPE_WITH_COORDINATES, "without": MSPE_WITHOUT_COORDINATES},
+            **{
+                name: {"with": with_.tolist(), "without": without.tolist()}
+                for name, (with_, without) in (errors | ours).items()
+            },
+            "recorded_flights": recorded,
+        },
+        tables=_coordinates_table(runner, errors | ours),
+        pictures=(
+            Picture(
+                "Forecasts of the test data",
+                "With generalized coordinates (p = 2) and without, each from the random prior with the median error.",
+                partial(figures.forecasts, runner.sample, ahead),
+                large=True,
+            ),
+        ),
+        remarks=(
+            "The flights are simulated ones of the same vehicle in the wind of a blower, so the paper’s numbers are of "
+            "comparable size only. The claim is which of the two has the lower error.",
+            "p = 1 estimates its derivative from two samples and p = 2 from three: part of the difference is a delay "
+            "of half a sample and not an effect of generalized coordinates (docs/engine.md).",
+        ),
+    )
+
+
+def _pair(by_method: Iterable[Iterable[list[Trial]]], start: str) -> Pair:
+    """The errors of trials by method, experiment and prior."""
+    with_, without = (np.array([[trial.errors[start] for trial in priors] for priors in rows]) for rows in by_method)
+    return with_, without
+
+
+def coordinates_check(errors: Pair, what: str) -> Check:
+    """Returns whether p = 2 has the lower error in total, and on most experiments; ``what`` names the settings."""
+    with_, without = (np.median(priors, axis=1) for priors in errors)
+    less = int((with_ < without).sum())
+    return Check(
+        f"{what}: the total MSPE over experiments is lower with p = 2 than with p = 1, and also on at least "
+        f"{percent(MIN_SHARE)} of them (median over random priors)",
+        bool(with_.sum() < without.sum() and less >= MIN_SHARE * len(with_)),
+        f"{what}: the total MSPE is {rounded(with_.sum(), 3)} with p = 2 and {rounded(without.sum(), 3)} with p = 1, "
+        f"lower with p = 2 on {less} of {len(with_)}",
+    )
+
+
+def _real_flight(rows: list[dict[str, Any]], settings: str) -> list[Check]:
+    """Whether p = 2 has the lower error on the real flight, where it is available."""
+    return [
+        Check(
+            f"the real AR.Drone, {settings} settings, from the data: the median over windows of the error with p = 2 "
+            f"over that with p = 1 is less than 1",
+            row["ratio"] < 1,
+            f"on the real AR.Drone, {settings} settings, the error ratio of p = 2 to p = 1 is "
+            f"{rounded(row['ratio'], 3)}",
+        )
+        for row in rows
+        if row["flight"] == REAL and row["settings"] == settings
+    ]
+
+
+def _recorded(runner: Runner) -> list[dict[str, Any]]:
+    """By recorded flight: the error with generalized coordinates over that without, and on how many windows less."""
+    rows: list[dict[str, Any]] = []
+    for flight in runner.recorded:
+        for settings, pair in SETTINGS.items():
+            ours, theirs = ([trial.errors[STARTS[0]] for trial in runner.trials[flight][name]] for name in pair)
+            rows.append({"flight": flight, "settings": settings, **paired(ours, theirs)._asdict()})
+    return rows
+
+
+def _coordinates_table(runner: Runner, errors: dict[str, Pair]) -> tuple[Block, ...]:
+    numbers = list(runner.experiments)
+    theirs = np.array([MSPE_WITH_COORDINATES, MSPE_WITHOUT_COORDINATES])[:, [number - 1 for number in numbers], None]
+    pairs = {"the paper, its flights": (theirs[0], theirs[1]), **errors}
+    rows = {f"{name}, p = {p}": pair[2 - p] for name, pair in pairs.items() for p in (1, 2)}
+    title = Sentence(
+        "over random priors the median and, in brackets, the 10 % and 90 % quantiles.",
+        "Influence of generalized coordinates on MSPE:",
+    )
+    return title, _by_experiment("DEM", rows, numbers)
+
+
+def _by_experiment(what: str, errors: Mapping[str, Array], numbers: list[int]) -> Table:
+    """A row of each (experiments, priors): medians with, of several priors, their range; and the sum of the medians."""
+    rows = []
+    for name, by_prior in errors.items():
+        medians = np.median(by_prior, axis=1)
+        cells = [f"{rounded(middle, 3)}{_range(row)}" for middle, row in zip(medians, by_prior, strict=True)]
+        rows.append([name, *cells, rounded(medians.sum(), 3)])
+    return Table([what, *(f"expt {number}" for number in numbers), "total"], rows)
+
+
+def _range(priors: Array) -> str:
+    return f" ({'–'.join(rounded(end, 3) for end in np.percentile(priors, [10, 90]))})" if len(priors) > 1 else ""
+
+
+SHOWN = (WITH, *PEERS, OURS, *OTHERS, MEAN)  # Methods in the order of tables and legends: the paper's four, then others
+
+NAMES = {WITH: "DEM with the paper’s settings", OURS: "the joint model"}
+
+Errors = dict[str, Array]  # The error (flights,) of each method
+
+
+def benchmark(runner: Runner) -> Result:
+    """Tries each method on the five experiments, and on all windows of all flights."""
+    numbers = list(runner.experiments)
+    experiments = {
+        start: {name: np.array([_trial(runner, name, i, start).errors[start] for i in numbers]) for name in SHOWN}
+        for start in STARTS
+    }
+    sample = {name: _trial(runner, name, runner.extent.sample, STARTS[0]).forecasts for name in SHOWN}
+    ahead = {name: forecasts[STARTS[0]] for name, forecasts in sample.items() if forecasts}
+    outputs = runner.sample.test.outputs
+    squares = {name: np.asarray(((forecast - outputs) ** 2).sum(axis=1)) for name, forecast in ahead.items()}
+    relative = {
+        flight: {name: float(np.median([trial.relative for trial in by_method[name]])) for name in SHOWN}
+        for flight, by_method in runner.trials.items()
+    }
+    parts = {
+        "real AR.Drone": [name for name in runner.recorded if name == REAL],
+        "autopilots’ flights": [name for name in runner.recorded if name != REAL],
+    }
+    recorded = {
+        where: {name: np.array([relative[flight][name] for flight in flights]) for name in SHOWN}
+        for where, flights in parts.items()
+        if flights
+    }
+    return Result(
+        checks=(
+            *(least(experiments[start], WITH, PEERS, f"from {start}") for start in STARTS),
+            _most_steps(squares, runner.sample.flight),
+            *(least(recorded[name], WITH, PEERS, f"on the {name}") for name in recorded if name == "real AR.Drone"),
+        ),
+        beyond=(
+            *(least(experiments[start], OURS, PEERS, f"from {start}") for start in STARTS),
+            least(experiments[STARTS[0]], OURS, (*PEERS, *OTHERS), f"from {STARTS[0]}"),
+            *(least(errors, OURS, (*PEERS, *OTHERS), f"on the {where}") for where, errors in recorded.items()),
+        ),
+        numbers={
+            **{f"mspe, from {start}": plain(errors) for start, errors in experiments.items()},
+            "squared_errors_by_step": plain(squares),
+            "all_windows": {
+                "flights": list(relative),
+                "median_error_over_constant_mean": {name: [row[name] for row in relative.values()] for name in SHOWN},
+            },
+            "unstable_models": {
+                flight: {name: sum(trial.stable is False for trial in tried) for name, tried in trials.items()}
+                | {"windows": len(trials[MEAN])}
+                for flight, trials in runner.trials.items()
+            },
+        },
+        tables=(
+            *_losses({f"experiments, from {start}": errors for start, errors in experiments.items()} | recorded),
+            *(block for start, errors in experiments.items() for block in _benchmark_table(start, errors, numbers)),
+            Sentence("the median over a flight’s windows of the error over the constant mean’s.", "All windows:"),
+            Table(
+                ["flight", *(NAMES.get(name, name) for name in SHOWN)],
+                [[flight, *(rounded(ratios[name], 3) for name in SHOWN)] for flight, ratios in relative.items()],
+            ),
+        ),
+        pictures=(
+            Picture(
+                "Forecasts of the test data",
+                f"Of {runner.sample.flight}, from the data.",
+                partial(figures.forecasts, runner.sample, {"": ahead}),
+                large=True,
+            ),
+            Picture(
+                "Squared error by step",
+                f"n steps ahead on {runner.sample.flight}, summed over outputs.",
+                partial(figures.lines, {"": squares}, "steps ahead, n", first=1, scale="log"),
+            ),
+        ),
+        remarks=(
+            "MATLAB’s n4sid and pem are not public; tests compare ours with other libraries. Number in brackets: "
+            "states. DEM with the paper’s settings is the median over random priors on the experiments, and one prior "
+            "on all windows.",
+            *(() if runner.recorded else ("The recorded flights are not on this machine and are left out.",)),
+        ),
+    )
+
+
+def _trial(runner: Runner, name: str, number: int, start: str) -> Trial:
+    return median_draw(runner.draws[WITH][number], start) if name == WITH else runner.trial(name, number)
+
+
+def least(errors: Errors, ours: str, peers: tuple[str, ...], where: str) -> Check:
+    """Returns whether a method has a lower error than each of its peers on all flights, ``where`` for the sentences."""
+    best = np.min([errors[name] for name in peers], axis=0)
+    less, count = int((errors[ours] < best).sum()), len(best)
+    against = "the paper’s peers" if peers == PEERS else f"all of {listed(peers)}"
+    return Check(
+        f"{NAMES[ours]}, {where}: its error is lower than that of {listed(peers)} on every flight",
+        less == count,
+        f"{NAMES[ours]}, {where}, has a lower error than {against} on {less} of {count}; its error is "
+        f"{_ratio(errors[ours], best)} times that of the best of them",
+    )
+
+
+def _ratio(ours: Array, theirs: Array) -> str:
+    return rounded(float(np.exp(np.mean(np.log(ours / theirs)))), 3)
+
+
+def _most_steps(squares: dict[str, Array], flight: str) -> Check:
+    errors = np.array([squares.get(name, np.full_like(squares[MEAN], np.inf)) for name in (WITH, *PEERS)])
+    share = float((errors.argmin(axis=0) == 0).mean())
+    return Check(
+        f"{NAMES[WITH]}, {flight}: of the paper’s four methods it has the least squared error at over half of "
+        f"the steps",
+        share > 0.5,
+        f"{NAMES[WITH]} has the least squared error of the four at {percent(share)} of the steps of {flight}",
+    )
+
+
+def _losses(parts: dict[str, Errors]) -> tuple[Block, ...]:
+    """On how many flights each other method has a lower error than DEM."""
+    others = [name for name in SHOWN if name not in (WITH, OURS)]
+    rows = []
+    for ours in (WITH, OURS):
+        for where, errors in parts.items():
+            cells = [
+                f"{(errors[name] < errors[ours]).sum()} of {len(errors[name])} ({_ratio(errors[ours], errors[name])})"
+                for name in others
+            ]
+            rows.append([f"{NAMES[ours]}, {where}", *cells])
+    title = Sentence(
+        "the number of flights on which another method has a lower error; in brackets, the ratio of DEM’s error to its "
+        "error (geometric mean over flights).",
+        "Where DEM loses:",
+    )
+    return title, Table(["", *others], rows)
+
+
+def _benchmark_table(start: str, errors: Errors, numbers: list[int]) -> tuple[Block, ...]:
+    by_name = {NAMES.get(name, name): values[:, None] for name, values in errors.items()}
+    title = Sentence("", f"MSPE of the five experiments, from {start}.")
+    return title, _by_experiment("method", by_name, numbers)

@@ -1,0 +1,86 @@
+"""Loops in words: the verdict, the margins with their intervals, and the gains to set."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from mavdem.condition.loop import Advice, Loop, OpenLoop
+from mavdem.condition.loop.advice import NOT_CHECKED
+from mavdem.report.blocks import Block, Sentence, Table
+from mavdem.report.numbers import rounded
+
+FIGURES = {  # header, and what makes the unit shown, by name of the figure
+    "crossover": ("crossover (Hz)", 1.0),
+    "phase_margin": ("phase margin (°)", 1.0),
+    "gain_margin": ("gain margin (dB)", 1.0),
+    "delay_margin": ("delay margin (ms)", 1e3),
+    "ms": ("largest sensitivity Ms", 1.0),
+    "bandwidth": ("bandwidth, -3 dB (Hz)", 1.0),
+    "rejection": ("moves by 100 °/s² of torque (°/s, °)", 100.0),
+}
+FASTEST = 0.15  # of the log's rate: the crossover up to which delay and time constant are known well enough
+
+
+def tune_blocks(found: Mapping[str, Advice | str]) -> list[Block]:
+    """Returns what is said of the loops by axis; a text is why nothing is known of them."""
+    blocks = list[Block]()
+    for axis, advice in found.items():
+        lead = f"{axis.capitalize()}:"
+        if isinstance(advice, str):
+            blocks.append(Sentence(advice, lead))
+            continue
+        loop, after = advice.before, {"advised": advice.after} if advice.parameters else {}
+        blocks += [Sentence(f"{advice.verdict} {advice.sentence}", lead), *margin_tables({"now": loop, **after})]
+        if loop.crossover * loop.record.dt > FASTEST:
+            slow = f"{loop.crossover:.0f} Hz of crossover are fast for a log at {1 / loop.record.dt:.0f} Hz"
+            blocks.append(Sentence(f"{slow}, and delay and time constant decide there: record faster.", "Caution:"))
+        blocks += [_measured(loop), *(Sentence(caution, "Caution:") for caution in loop.cautions)]
+        blocks += _gains(advice) if advice.gains else []
+    named = any(isinstance(advice, Advice) and advice.gains for advice in found.values())
+    return [*blocks, *([Sentence(NOT_CHECKED, "Not checked:")] if named else [])]
+
+
+def _measured(loop: Loop) -> Sentence:
+    """How the response of the rate in flight fits the predicted one."""
+    found, lead = loop.measured, "Measured response:"
+    if found is None:
+        ask = "record ATTITUDE_TARGET, RATE or vehicle_rates_setpoint for 20 s of settled flight"
+        return Sentence(f"too few setpoints of the rate to check the margins against: {ask}.", lead)
+    if loop.agrees is None:
+        return Sentence(f"{found.reason[0].lower()}{found.reason[1:]} The margins are not checked against it.", lead)
+    low, high = found.band
+    text = f"the flight's response of the rate to its setpoint fits the predicted one by {found.agreement:.0f} % from "
+    return Sentence(f"{text}{low:g} to {high:.1f} Hz (100 % less NRMSE; {found.fit:.0f} % with the wind in it).", lead)
+
+
+def margin_tables(loops: Mapping[str, Loop]) -> list[Block]:
+    """Returns a table of the rate loop and one of the attitude loop, a column for each of ``loops``."""
+    tables = list[Block]()
+    for which in ("rate", "attitude"):
+        values = [getattr(one, which) for one in loops.values()]
+        rows = [[name, *(_interval(one, key, unit) for one in values)] for key, (name, unit) in FIGURES.items()]
+        tables.append(Table([f"{which} loop (90 % interval)", *loops], rows))
+    return tables
+
+
+def _interval(loop: OpenLoop, name: str, scale: float) -> str:
+    value, (low, high) = getattr(loop, name), getattr(loop, f"{name}_interval")
+    return f"{rounded(scale * value)} ({rounded(scale * low)} to {rounded(scale * high)})"
+
+
+def _gains(advice: Advice) -> list[Block]:
+    rows = [[name, f"{old:.4g}", f"{new:.4g}", f"{new / old:.2f}"] for name, (old, new) in advice.gains.items()]
+    before, after = (rounded(loop.lean_in_wind) for loop in (advice.before, advice.after))
+    does = "the heading moves" if advice.before.axis == "yaw" else "it leans"
+    expected = (
+        f"in the wind of this flight {does} by {after}° instead of {before}° (standard deviation about the mean)."
+    )
+    noise = "the log is too slow to show what the gyro's noise does to the motors: feel how warm they get."
+    if advice.noise is not None:
+        lowest, highest, now, then, by_d, heat = advice.noise
+        noise = f"from {lowest:.0f} to {highest:.0f} Hz, which is all that the log shows, the gyro moves the demand by "
+        noise += (
+            f"{100 * now:.2g} % of its range (D alone by {100 * by_d:.2g} %), with these gains by {100 * then:.2g} %. "
+        )
+        noise += f"The heat of that in the motors grows with the square, {heat:.2g} times: feel them."
+    return [Table(["gain", "now", "set", "times"], rows), Sentence(expected, "To expect:"), Sentence(noise, "Noise:")]

@@ -1,0 +1,171 @@
+"""Gains as the autopilots' parameters: those of the simulation's own controller, and a controller that flies any.
+
+Parameters act as ``mavdem.ingest.controllers`` has them: filters once a cycle of its loop, and between the rate
+loop's demand and the motors the autopilot's mixer, thrust curve and range.
+"""
+
+from __future__ import annotations
+
+from math import fsum, pi, sqrt
+
+from mavdem.ingest.controllers import USED, controller_of
+from mavdem.ingest.controllers import Controller as AxisController
+from sitl_scenarios.controller import LEAD, Controller
+from sitl_scenarios.dynamics import IDLE_COMMAND, SPINS, Four, RotorFrame, frame, mix
+from sitl_scenarios.scenario import AXES, Scenario
+from sitl_scenarios.vehicles import airframe
+
+CYCLES = {"px4": 1 / 250, "ardupilot": 1 / 400}
+"""Control cycle of the autopilots, s: PX4 in its simulators, ArduCopter by SCHED_LOOP_RATE's default."""
+LOOP_RATES = {"px4": "IMU_GYRO_RATEMAX", "ardupilot": "SCHED_LOOP_RATE"}  # Hz: the parameters of the cycle
+GYRO_FILTERS = "INS_GYRO_FILTER", "IMU_GYRO_CUTOFF"
+SLOWEST, FASTEST = 50.0, 1000.0  # Hz of a loop, of which the physics take at least one step
+
+
+def cycle_of(scenario: Scenario) -> float:
+    """Returns the control cycle of a scenario's autopilot, s."""
+    kind, given = scenario.stream.autopilot, scenario.vehicle.parameters
+    return 1 / given[LOOP_RATES[kind]] if LOOP_RATES[kind] in given else CYCLES[kind]
+
+
+def check_parameters(scenario: Scenario) -> None:
+    """Raises ValueError: ``vehicle.parameters`` has one that is not flown, or a value that no autopilot has."""
+    given, loop = scenario.vehicle.parameters, LOOP_RATES[scenario.stream.autopilot]
+    for name, value in given.items():
+        if not USED.match(name) or (name in GYRO_FILTERS and value):
+            raise ValueError(f"vehicle.parameters.{name} is not flown: rate and attitude control are, unfiltered gyros")
+        low, high = (SLOWEST, FASTEST) if name == loop else (0.0, 1.0) if "_SPIN_" in name else (0.0, 1e4)
+        if not low <= value <= high and not name.startswith("CA_"):
+            raise ValueError(f"vehicle.parameters.{name} must be from {low:g} to {high:g}, not {value:g}")
+    controller_for(scenario, cycle_of(scenario))
+
+
+def parameters_of(scenario: Scenario, cycle: float) -> dict[str, float]:
+    """Returns the parameters of control: those that suit the vehicle, and what ``vehicle.parameters`` says instead."""
+    kind, rate = scenario.stream.autopilot, round(1 / cycle)
+    own = _px4(scenario, cycle) if kind == "px4" else _ardupilot(scenario, cycle)
+    return own | {LOOP_RATES[kind]: rate} | scenario.vehicle.parameters
+
+
+def controller_for(scenario: Scenario, cycle: float) -> Controller:
+    """Returns the controller of a scenario: of its parameters, where it has any; raises NotLearnable: they are none."""
+    if scenario.vehicle.parameters:
+        return SetController(scenario, cycle)
+    return Controller(scenario.vehicle, cycle, scenario.sensors.delay)
+
+
+class SetController(Controller):
+    """Flies an autopilot's parameters; position and velocity control are the simulation's own."""
+
+    def __init__(self, scenario: Scenario, cycle: float) -> None:
+        known, vehicle = parameters_of(scenario, cycle), scenario.vehicle
+        columns = frame(vehicle.mixer or vehicle.frame, airframe(vehicle).arm)[2:]
+        pairs = zip(AXES, columns, strict=True)
+        axes = [controller_of(known, axis, () if scenario.stream.autopilot == "px4" else of) for axis, of in pairs]
+        self._axes = axes
+        super().__init__(vehicle, cycle, scenario.sensors.delay)
+        self._within((axes[0].angle, axes[1].angle, axes[2].angle))
+        self._mixer = RotorFrame(*self._frame[:2], *(one.mixer for one in axes))  # type: ignore[arg-type]
+        self._expo, (self._begin, self._end) = axes[0].expo, axes[0].spin
+        self._idle = self._thrust(max(self._begin, IDLE_COMMAND))
+
+    def rest(self) -> None:
+        """Resets the integrators and filters, as on the ground."""
+        super().rest()
+        self._loops = [_RateLoop(one) for one in self._axes]
+
+    def demand(self, axis: int, wanted: float, rate: float, flying: bool) -> float:
+        """What the rate loop asks the mixer for about an axis, for a rate ``wanted``, rad/s; one call a cycle."""
+        return self._loops[axis].demand(wanted, rate, flying)
+
+    def mixed(self, demands: Four) -> Four:
+        """Normalised commands: thrusts by the mixer, and the curve and the range that the autopilot has for them."""
+        roll, pitch, yaw, command = demands
+        thrusts = mix(self._mixer, (roll, pitch, yaw, self._thrust(command)), self._thrust(self._stop), self._idle)
+        f, span = self._expo, 2 * (self._end - self._begin)
+        roots = (1 - f + sqrt((1 - f) ** 2 + 4 * f * max(thrust, 1e-9)) for thrust in thrusts)
+        a, b, c, d = (self._begin + span * thrust / root for thrust, root in zip(thrusts, roots, strict=True))
+        return a, b, c, d
+
+    def _thrust(self, command: float) -> float:
+        share = min(max((command - self._begin) / (self._end - self._begin), 0.0), 1.0)
+        return (1 - self._expo) * share + self._expo * share * share
+
+
+def _time(cutoff: float) -> float:
+    """Of a first-order filter, s, by its cut-off, Hz, and likewise back; 0 where there is none."""
+    return 1 / (2 * pi * cutoff) if cutoff else 0.0
+
+
+class _RateLoop:
+    """One axis's rate controller as ``AC_PID`` of ArduPilot and ``RateControl`` of PX4 have it, without limits."""
+
+    def __init__(self, of: AxisController) -> None:
+        self.of, filters = of, (of.target_filter, of.error_filter, of.derivative_filter, of.output_filter)
+        self._shares = [of.cycle / (of.cycle + _time(cutoff)) for cutoff in filters]
+        self._target = self._error = self._slope = self._output = self._trim = self._rate = 0.0
+
+    def demand(self, wanted: float, rate: float, flying: bool) -> float:
+        """The demand of one cycle for a rate ``wanted``, rad/s; nothing is integrated unless ``flying``."""
+        of, (target, error, slope, output), before, late = self.of, self._shares, self._error, self._trim
+        self._target += target * (wanted - self._target)
+        self._error += error * (self._target - rate - self._error)
+        step = self._error - before if of.derivative_of_error else self._rate - rate
+        self._slope, self._rate = self._slope + slope * (step / of.cycle - self._slope), rate
+        if flying:
+            self._trim += of.cycle * self._error
+        # PX4 integrates the error after it has been used.
+        trim = self._trim if of.derivative_of_error else late
+        asked = of.p * self._error + of.i * trim + of.d * self._slope + of.ff * self._target
+        self._output += output * (asked - self._output)
+        return self._output
+
+
+def _slope_in_hover(scenario: Scenario, low: float, high: float) -> tuple[float, float]:
+    """The thrust's quadratic share, and output per thrust where a range ``low`` to ``high`` undoes it."""
+    share, body = scenario.vehicle.quadratic_thrust or 0.0, airframe(scenario.vehicle)
+    hover = (body.command_for(body.hover_speed) / body.full - low) / (high - low)
+    return share, (high - low) / (1.0 - share + 2 * share * hover)
+
+
+def _px4(scenario: Scenario, cycle: float) -> dict[str, float]:
+    """Gains of a normalised torque.
+
+    A torque of 1 adds the column of the mixer's pseudo-inverse to the motors, normalised as in PX4's
+    ControlAllocationPseudoInverse.cpp: roll and pitch both by the larger of their norms, yaw by its largest.
+    """
+    vehicle = scenario.vehicle
+    gains = Controller(vehicle, cycle, scenario.sensors.delay).gains
+    rotors = frame(vehicle.mixer or vehicle.frame, airframe(vehicle).arm)
+    (share, slope), arms = _slope_in_hover(scenario, 0.0, 1.0), (rotors.right, rotors.forward)
+    norms = [sqrt(fsum(one * one for one in arm)) for arm in arms]
+    scale = max(sqrt(2 / sum(one != 0 for one in arm)) / norm for arm, norm in zip(arms, norms, strict=True))
+    units = [slope * max(arm) / norm**2 / scale for arm, norm in zip(arms, norms, strict=True)] + [slope]
+    lag = gains[0].derivative_lag
+    values = {"THR_MDL_FAC": share, "IMU_GYRO_CUTOFF": 0.0, "IMU_DGYRO_CUTOFF": _time(lag)}
+    for name, one, unit in zip(("ROLL", "PITCH", "YAW"), gains, units, strict=True):
+        values |= {f"MC_{name}RATE_{letter}": gain / unit for letter, gain in zip("PID", one, strict=False)}
+        values |= {f"MC_{name}RATE_K": 1.0, f"MC_{name}RATE_FF": 0.0, f"MC_{name}_P": one.angle}
+    for n, spin in enumerate(SPINS):
+        values |= {f"CA_ROTOR{n}_PX": rotors.forward[n], f"CA_ROTOR{n}_PY": rotors.right[n], f"CA_ROTOR{n}_PZ": 0.0}
+        values |= {f"CA_ROTOR{n}_CT": 6.5, f"CA_ROTOR{n}_KM": 0.05 * spin}  # KM: positive counter-clockwise
+    return values | {"MC_YAW_TQ_CUTOFF": 0.0, "CA_AIRFRAME": 0, "CA_ROTOR_COUNT": len(SPINS)}
+
+
+def _ardupilot(scenario: Scenario, cycle: float) -> dict[str, float]:
+    """Gains of shares of the motors' range, of which the mixer gives a half to each motor.
+
+    ArduPilot's derivative is of the error. The filter of the target makes up for it: (1 + LEAD τs)/(1 + τs) behind
+    1/(1 + LEAD τs) leaves 1/(1 + τs) of the setpoint.
+    """
+    stop = scenario.vehicle.stop
+    share, slope = _slope_in_hover(scenario, IDLE_COMMAND, stop)
+    values = {"MOT_THST_EXPO": share, "MOT_SPIN_ARM": IDLE_COMMAND, "MOT_SPIN_MIN": IDLE_COMMAND, "MOT_SPIN_MAX": stop}
+    gains = Controller(scenario.vehicle, cycle, scenario.sensors.delay).gains
+    for name, one in zip(("RLL", "PIT", "YAW"), gains, strict=True):
+        values |= {f"ATC_RAT_{name}_{letter}": 2 * gain / slope for letter, gain in zip("PID", one, strict=False)}
+        cutoff = _time(one.derivative_lag)
+        filters = {"FLTT": cutoff / LEAD, "FLTE": 0.0, "FLTD": cutoff, "FF": 0.0, "IMAX": 1.0, "SMAX": 0.0}
+        values |= {f"ATC_RAT_{name}_{key}": value for key, value in filters.items()}
+        values[f"ATC_ANG_{name}_P"] = one.angle
+    return values | {"INS_GYRO_FILTER": 0, "FRAME_CLASS": 1}

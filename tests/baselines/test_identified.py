@@ -1,0 +1,349 @@
+"""Identified models: what each recovers, beside bounds and other libraries, and what holds of every one of them."""
+
+from functools import partial
+
+import numpy as np
+import pytest
+from innovation_systems import flown, random_system
+from numpy.typing import NDArray
+from oracle import load, needs_oracle
+from peculiar_flights import (
+    FLIGHT,
+    NOTHING_NEW,
+    TEST,
+    TRAIN,
+    back_from_other_units,
+    errors_of,
+    growing,
+    in_other_units,
+    with_inputs,
+)
+from scipy.stats import chi2
+
+from mavdem import Flight, Forecaster, baselines, evaluate
+from mavdem.baselines import StateSpace, maximum_likelihood, subspace_identification
+from mavdem.baselines.identified import Units
+from mavdem.baselines.maximum_likelihood import LEAST_NOISE, FreeParameters, iterated, prediction_errors, sensitivities
+from mavdem.dem.engine.kalman import GaussianModel, smoothed
+from mavdem.dem.record import Record
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("order", [1, 2, 3, 4])
+def test_subspace_identification_recovers_a_system_to_within_three_times_what_an_efficient_estimate_errs(order):
+    """At 16 times the samples no less, which a biased one would miss by four times more."""
+    system = random_system(order, order)
+    for samples in (1000, 16_000):
+        flight, _ = flown(system, 1, samples)
+        bound = Bound(system, flight, 0.1)
+        assert bound.distance(baselines.subspace(flight, order).model) < 3**2
+
+
+def test_state_is_carried_over_from_the_end_of_training_and_begins_at_zero_when_asked():
+    system = random_system(1, 2)
+    flight, _ = flown(system, 1, 450, noise=0.0)
+    subspace = baselines.subspace(flight[:300], 2)
+    (A, B, C, _, _, offset, input_trim, output_trim, *_), ahead = subspace.model, flight.inputs[300:]
+    state, forecast = np.zeros(2), []
+    for inputs in ahead:
+        forecast.append(C @ state + output_trim)
+        state = A @ state + B @ (inputs - input_trim) + offset
+    np.testing.assert_allclose(subspace.forecast(ahead, from_zero=True), forecast, atol=1e-9)
+    # Row 0 is the sample after training: the last training input acts on it, its own input does not.
+    changed = ahead.copy()
+    changed[0] += 1
+    np.testing.assert_allclose(subspace.forecast(changed)[0], subspace.forecast(ahead)[0])
+    assert np.abs(subspace.forecast(changed)[1] - subspace.forecast(ahead)[1]).max() > 0.01
+
+
+def test_segments_are_learnt_from_together_and_nothing_across_gaps():
+    system = random_system(1, 2)
+    flight, _ = flown(system, 1, 900, noise=0.0)
+    segments = [flight[:200], flight[300:303], flight[420:600], flight[610:800]]
+    subspace = baselines.subspace(segments, 2)
+    together = np.vstack([segment.outputs for segment in segments])
+    assert subspace.one_step().shape == together.shape
+    # A segment too short for a window is predicted like the others.
+    assert np.abs(subspace.one_step() - together).max() < 1e-5 * together.std()
+    assert errors_of(subspace.forecast(flight.inputs[800:]), flight[800:]) < 1e-5
+
+
+HORIZON = 6
+
+
+def of_nfoursid(flight: Flight, system: StateSpace) -> StateSpace:
+    """N4SID, which weights nothing; told the trims, of which it knows nothing."""
+    nfoursid = pytest.importorskip("nfoursid.nfoursid")
+    import pandas
+
+    r, m = flight.inputs.shape[1], flight.outputs.shape[1]
+    columns = [f"u{i}" for i in range(r)], [f"y{i}" for i in range(m)]
+    order, trims = len(system.A), (system.input_trim, system.output_trim)
+    table = np.hstack([flight.inputs - trims[0], flight.outputs - trims[1]])
+    frame = pandas.DataFrame(table, columns=[*columns[0], *columns[1]])
+    identification = nfoursid.NFourSID(frame, columns[1], columns[0], num_block_rows=HORIZON)
+    identification.subspace_identification()
+    found, _ = identification.system_identification(rank=order)
+    K, offset = np.zeros((order, m)), np.zeros(order)
+    return StateSpace(found.a, found.b, found.c, found.d, K, offset, *trims)
+
+
+def of_mavdem(flight: Flight, order: int, monkeypatch: pytest.MonkeyPatch) -> StateSpace:
+    """With the same horizon as theirs."""
+    monkeypatch.setattr(subspace_identification, "_horizon", lambda segments, order: HORIZON)
+    return baselines.subspace(flight, order).model
+
+
+def input_answers(model: StateSpace) -> np.ndarray:
+    return np.array([model.C @ np.linalg.matrix_power(model.A, k) @ model.B for k in range(2 * HORIZON)])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("order", [1, 2, 3, 4])
+def test_without_noise_nfoursid_finds_the_same_system(order, monkeypatch):
+    system = random_system(order, order)
+    flight, _ = flown(system, 1, 600, noise=0.0)
+    theirs = input_answers(of_nfoursid(flight, system))
+    ours = input_answers(of_mavdem(flight, order, monkeypatch))
+    np.testing.assert_allclose(ours, theirs, atol=1e-6 * np.abs(theirs).max())
+
+
+def determinant(identified):
+    """Of the covariance of the one-step errors, as a logarithm; outputs in units of their own deviation."""
+    errors = (identified.record.outputs - identified.one_step()) / identified.record.outputs.std(axis=0)
+    return np.linalg.slogdet(errors.T @ errors / len(errors))[1]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("order", [1, 2, 3, 4])
+@pytest.mark.parametrize("feedback", [None, -0.3 * np.eye(2)], ids=["open", "closed"])
+def test_a_system_is_recovered_as_well_as_can_be(order, feedback):
+    """Errors in units of the Cramér-Rao bound are χ², in open and in closed loop."""
+    system = random_system(order, order)
+    flight, _ = flown(system, 1, 4000, push=1.0 if feedback is None else 0.1, feedback=feedback)
+    bound = Bound(system, flight, 0.1)
+    distance = bound.distance(baselines.pem(flight, order).model) * bound.freedom
+    assert chi2.ppf(1e-5, bound.freedom) < distance < chi2.ppf(1 - 1e-5, bound.freedom)
+
+
+@pytest.mark.parametrize("order", [1, 2, 3, 4])
+@pytest.mark.parametrize("worst_modes", [0, 1e8], ids=["by sample", "by mode"])
+def test_sensitivities_are_the_slopes_of_the_errors(order, worst_modes, monkeypatch):
+    monkeypatch.setattr(maximum_likelihood, "WORST_MODES", worst_modes)
+    system = random_system(order, order)
+    flight, _ = flown(system, 0, 100)
+    segments = [(flight.inputs[a:b], flight.outputs[a:b]) for a, b in ((0, 50), (60, 100))]
+    rng = np.random.default_rng(0)
+    starts = rng.standard_normal((2, order))
+    parameters = FreeParameters(system.A, system.B, system.C, system.K, system.offset, starts)
+    vector = parameters.vector()
+
+    def errors(change):
+        return prediction_errors(parameters.of(vector + change), system, segments)
+
+    slopes = sensitivities(parameters, system, segments)
+    for i, step in enumerate(1e-6 * np.eye(len(vector))):
+        numerical = (errors(step) - errors(-step)) / 2e-6
+        np.testing.assert_allclose(slopes[:, :, i], numerical, atol=1e-6 * np.abs(slopes).max())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("order", [2, 4])
+@pytest.mark.parametrize("train", [TRAIN, growing(), [TRAIN[:300], TRAIN[310:]]], ids=["windy", "growing", "cut"])
+def test_errors_are_never_above_those_of_the_subspace_model(order, train):
+    pem = baselines.pem(train, order)
+    assert determinant(pem) < determinant(baselines.subspace(train, order)) + 1e-9
+    assert np.abs(np.linalg.eigvals(pem.model.A - pem.model.K @ pem.model.C)).max() < 1
+
+
+def test_what_has_not_settled_is_said(monkeypatch):
+    monkeypatch.setattr(maximum_likelihood, "REWEIGHTINGS", 1)
+    monkeypatch.setattr(maximum_likelihood, "EVALUATIONS", 2)
+    assert any("still falling" in caution for caution in baselines.pem(TRAIN, 4).cautions)
+
+
+def noisy_system(order):
+    """With noises of states and outputs that do not know of each other."""
+    system = random_system(order, order, noise=1.0)
+    return GaussianModel(
+        system.A,
+        0.5 * system.B,
+        system.offset,
+        system.C,
+        np.array([0.3, -0.2]),
+        Q=0.05 * np.eye(order),
+        R=0.1 * np.eye(2),
+    )
+
+
+def flown_with_noise(model, seed, samples, feedback=None):
+    """Inputs and outputs of a Gaussian model under white inputs, which with ``feedback`` answer the outputs too."""
+    rng = np.random.default_rng(seed)
+    inputs, state = rng.standard_normal((samples, model.B.shape[1])), rng.standard_normal(len(model.A))
+    outputs = np.empty((samples, len(model.C)))
+    Q, R = np.linalg.cholesky(model.Q), np.linalg.cholesky(model.R)
+    for t, u in enumerate(inputs):
+        outputs[t] = model.C @ state + model.trim + R @ rng.standard_normal(len(R))
+        if feedback is not None:
+            u += feedback @ outputs[t]
+        state = model.A @ state + model.B @ u + model.offset + Q @ rng.standard_normal(len(Q))
+    return inputs, outputs
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("order", [1, 4])
+@pytest.mark.parametrize("feedback", [None, 0.5 * np.eye(2)], ids=["open", "closed"])
+def test_em_recovers_a_system_as_well_as_can_be(order, feedback):
+    """Twice what the likelihood gains over the truth is χ² in as many parameters as data can tell (Wilks)."""
+    truth = noisy_system(order)
+    segments = [flown_with_noise(truth, order, 800, feedback), flown_with_noise(truth, order + 10, 400, feedback)]
+    found = iterated(segments, order).log_likelihoods[-1]
+    of_truth = sum(smoothed(truth, np.zeros(order), *segment).log_likelihood for segment in segments)
+    # Input and noise answers, the noises' size, what is constant, and where two segments begin.
+    freedom = order * (2 + 2 * 2) + 3 + 2 + 2 * order
+    assert 0 < 2 * (found - of_truth) < chi2.ppf(1 - 1e-5, freedom)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("order", [3])
+@pytest.mark.parametrize("train", [TRAIN, [TRAIN[:300], TRAIN[310:]], growing()], ids=["windy", "cut", "growing"])
+def test_the_likelihood_rises_and_covariances_stay_positive(order, train):
+    record = Record.of(train)
+    segments = Units.of(record).segments(record)
+    fitted = iterated(segments, order, 40)
+    likelihoods = np.array(fitted.log_likelihoods)
+    assert np.diff(likelihoods).min() > -1e-8 * np.abs(likelihoods).max()
+    for covariance in (fitted.model.Q, fitted.model.R):
+        assert np.linalg.eigvalsh(covariance).min() > 0.99 * LEAST_NOISE
+
+
+@needs_oracle
+def test_the_authors_em_is_matched_within_its_spread_over_starts():
+    """Simulated System 2 of the paper: errors of the 150 samples after training, from the last estimate and from 0."""
+    data, theirs = load("case_c2_data_p2"), load("case_c2_em")
+    step = data["dt"].item()
+    flight = Flight(step * np.arange(850), data["u_full"].T, data["y_full"])
+    train, test = flight[:700], flight[700:]
+    em = baselines.em(train, 2)
+    for from_zero, name in ((False, "mspe_x0last_aligned"), (True, "mspe_x0zero")):
+        ours = evaluate.mspe(test.outputs, em.forecast(test.inputs, from_zero)).total
+        assert theirs[name].min() < ours < theirs[name].max()
+    # From the estimate at the end of training it is better than most of theirs.
+    assert evaluate.mspe(test.outputs, em.forecast(test.inputs)).total < np.median(theirs["mspe_x0last_aligned"])
+
+
+def test_a_breakdown_is_an_error(monkeypatch):
+    def breaks_down(*arguments):
+        raise np.linalg.LinAlgError
+
+    monkeypatch.setattr(maximum_likelihood, "iterated", breaks_down)
+    with pytest.raises(ValueError, match="^EM for 2 states broke down"):
+        baselines.em(TRAIN[:300], 2)
+
+
+Array = NDArray[np.float64]
+
+
+def pulse_answers(model: StateSpace) -> Array:
+    """C Aᵏ B and C Aᵏ K of as many lags as determine a system of its order."""
+    powers = [np.linalg.matrix_power(model.A, k) for k in range(2 * len(model.A))]
+    return np.concatenate([(model.C @ power @ np.hstack([model.B, model.K])).ravel() for power in powers])
+
+
+class Bound:
+    """Of estimates of ``system`` from ``flight``, whose innovations have the standard deviation ``noise``."""
+
+    def __init__(self, system: StateSpace, flight: Flight, noise: float) -> None:
+        n, m = len(system.A), len(system.C)
+        parameters = FreeParameters(system.A, system.B, system.C, system.K, system.offset, np.zeros((1, n)))
+        slopes = sensitivities(parameters, system, [(flight.inputs, flight.outputs)])
+        slopes = slopes.reshape(-1, slopes.shape[2]) / noise
+        vector = parameters.vector()
+
+        def answers(vector: Array) -> Array:
+            A, B, C, K, *_ = parameters.of(vector)
+            return pulse_answers(system._replace(A=A, B=B, C=C, K=K))
+
+        steps = 1e-6 * np.eye(len(vector))
+        of_answers = np.stack([(answers(vector + step) - answers(vector - step)) / 2e-6 for step in steps], axis=1)
+        # The choice of states tells nothing, nor does where those that C does not see are zero.
+        told = len(vector) - n * n - max(n - m, 0)
+        basis, sizes, _ = np.linalg.svd(slopes.T, full_matrices=False)
+        half = of_answers @ (basis[:, :told] / sizes[:told])
+        self.truth = answers(vector)
+        self.freedom = n * (system.B.shape[1] + 2 * m)
+        axes, deviations, _ = np.linalg.svd(half, full_matrices=False)
+        self.axes, self.deviations = axes[:, : self.freedom], deviations[: self.freedom]
+
+    def distance(self, model: StateSpace) -> float:
+        """Mean square of the errors along the bound's axes, in its units: of an efficient estimate χ² / freedom."""
+        errors = self.axes.T @ (pulse_answers(model) - self.truth) / self.deviations
+        return float(np.mean(errors**2))
+
+
+METHODS = {"arx": baselines.arx, "subspace": baselines.subspace, "pem": partial(baselines.pem, order=2)}
+SLOW = [pytest.param(partial(baselines.em, order=2), id="em", marks=pytest.mark.slow)]
+ALL = [*(pytest.param(method, id=name) for name, method in METHODS.items()), *SLOW]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("order", [1, 2, 3, 4])
+@pytest.mark.parametrize("method", [baselines.subspace, baselines.pem])
+def test_without_noise_the_forecast_is_exact(method, order):
+    system = random_system(order, order)
+    flight, _ = flown(system, 1, 450, noise=0.0)
+    model = method(flight[:300], order=order)
+    assert errors_of(model.forecast(flight.inputs[300:]), flight[300:]) < 1e-6
+    assert errors_of(model.one_step(), flight[:300]) < 1e-6
+
+
+@pytest.mark.parametrize("method", ALL)
+def test_units_do_not_matter(method):
+    model, other = method(TRAIN), method(in_other_units(TRAIN))
+    assert isinstance(model, Forecaster) and repr(model).startswith(f"<Identified: {model.method}, ")
+    forecast = back_from_other_units(other.forecast(in_other_units(TEST).inputs))
+    np.testing.assert_allclose(forecast, model.forecast(TEST.inputs), rtol=1e-4, atol=1e-6)
+
+
+@pytest.mark.parametrize("method", [baselines.arx, baselines.subspace])
+@pytest.mark.parametrize("more", NOTHING_NEW)
+def test_inputs_that_tell_nothing_new_change_nothing(method, more):
+    wider = with_inputs(FLIGHT, NOTHING_NEW[more](FLIGHT.inputs))
+    plain, found = (method(flight[:700]).forecast(flight.inputs[700:]) for flight in (FLIGHT, wider))
+    np.testing.assert_allclose(found, plain, rtol=1e-4, atol=1e-6)
+
+
+@pytest.mark.parametrize("method", ALL)
+def test_inputs_that_stand_still_leave_what_the_outputs_do_by_themselves(method):
+    still = with_inputs(FLIGHT, np.full_like(FLIGHT.inputs, 1500.0))
+    model = method(still[:700])
+    assert not model.model.B.any() and np.isfinite(model.forecast(still.inputs[700:])).all()
+
+
+@pytest.mark.parametrize("method", ALL)
+def test_an_unstable_model_is_said_to_be(method):
+    as_found = method(growing(), order=1)
+    assert not as_found.stable and "unstable" in as_found.cautions[0]
+
+
+STILL = Flight(TRAIN.time, TRAIN.inputs, np.zeros((700, 2)))
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: baselines.arx(TRAIN[:9], 2), "^train has 7 samples with 2 before them"),
+        (lambda: baselines.arx(None), "^train must be a Flight"),
+        (lambda: baselines.arx(TRAIN, 2.5), "^order must be a whole number of at least 1, not 2.5"),
+        (lambda: baselines.subspace([TRAIN[i : i + 5] for i in range(0, 600, 5)], 4), "^train has too few samples"),
+        (lambda: baselines.em(TRAIN, 10**9), "^train has too few samples for 1000000000 states"),
+        *((partial(method, STILL), "^outputs column 0 must vary") for method in METHODS.values()),
+        *(
+            (partial(method, TRAIN[:30], 2), "^train has too few samples for 2 states: 30 in segments of 30")
+            for method in (baselines.subspace, baselines.pem, baselines.em)
+        ),
+    ],
+)
+def test_what_cannot_be_learned_from_is_named(make, said):
+    with pytest.raises(ValueError, match=said):
+        make()

@@ -1,0 +1,181 @@
+"""Loops: the controller of the parameters, margins of known loops and of flights, and gains that have margins."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hover import Hover, changed, columns
+from recorded_flights import shared
+
+import mavdem
+from mavdem.alignment.align import align, settled_segments
+from mavdem.alignment.signals import Signals
+from mavdem.condition.loop import TARGETS, advise, loop_of
+from mavdem.condition.loop.loop import transfer
+from mavdem.condition.loop.margins import OpenLoop
+from mavdem.dem import physical
+from mavdem.dem.graybox import Physical
+from mavdem.dem.record import Record
+from mavdem.ingest.controllers import Controller, controller_of
+from mavdem.paper.runner import logged
+from sitl_scenarios.files import scenario_of
+from sitl_scenarios.simulation import fly
+from sitl_scenarios.truth import truth
+
+HOVER, X_ROLL = Hover(), (-1.0, 1.0, 1.0, -1.0)
+ARDUPILOT = {f"ATC_RAT_RLL_{name}": 0.0 for name in ("FLTT", "FLTE", "FLTD")} | {"ATC_ANG_RLL_P": 4.5}
+ARDUPILOT |= {"ATC_RAT_RLL_P": 0.14, "ATC_RAT_RLL_I": 0.3, "ATC_RAT_RLL_D": 0.004, "FRAME_CLASS": 1.0}
+ARDUPILOT |= {"MOT_THST_EXPO": 0.65, "MOT_SPIN_MIN": 0.15, "MOT_SPIN_MAX": 0.95, "INS_GYRO_FILTER": 0.0}
+PX4 = {"MC_ROLLRATE_P": 0.15, "MC_ROLLRATE_I": 0.2, "MC_ROLLRATE_D": 0.003, "MC_ROLLRATE_K": 2.0, "MC_ROLL_P": 6.5}
+PX4 |= {"CA_ROTOR_COUNT": 4.0, "CA_AIRFRAME": 0.0, "IMU_DGYRO_CUTOFF": 30.0, "THR_MDL_FAC": 0.3}
+for rotor, (x, y, turn) in enumerate([(0.1, 0.2, 1), (-0.1, -0.2, 1), (0.1, -0.2, -1), (-0.1, 0.2, -1)]):
+    PX4 |= {f"CA_ROTOR{rotor}_PX": x, f"CA_ROTOR{rotor}_PY": y, f"CA_ROTOR{rotor}_KM": 0.05 * turn}
+
+
+def test_the_mixer_and_the_slope_of_the_thrust_curve_are_the_autopilots():
+    ours = controller_of(ARDUPILOT, "roll", X_ROLL)
+    assert ours.mixer == (-0.5, 0.5, 0.5, -0.5)
+
+    def output(thrust: float) -> float:
+        expo = ARDUPILOT["MOT_THST_EXPO"]
+        return 0.15 + 0.8 * (expo - 1 + np.sqrt((1 - expo) ** 2 + 4 * expo * thrust)) / (2 * expo)
+
+    slope = (output(0.3005) - output(0.2995)) / 0.001
+    assert ours.per_demand([output(0.3)] * 4) == pytest.approx(np.multiply(ours.mixer, slope), rel=1e-5)
+    theirs = controller_of(PX4)
+    assert (theirs.p, theirs.d) == (0.3, 0.006) and theirs.changed({"MC_ROLLRATE_D": 0.0}).d == 0
+    # Roll and pitch are scaled alike, so that the shorter arm has the larger factor.
+    assert theirs.mixer == pytest.approx(np.multiply(X_ROLL, 0.5**1.5)) and theirs.expo == 0.3
+
+
+@pytest.mark.parametrize(
+    ("parameters", "weights", "sentence"),
+    [
+        ({}, X_ROLL, "no gains of ArduPilot's or PX4's"),
+        ({name: value for name, value in ARDUPILOT.items() if name != "ATC_RAT_RLL_D"}, X_ROLL, "no ATC_RAT_RLL_D"),
+        (ARDUPILOT | {"FRAME_CLASS": 2.0}, (1.0,) * 6, "mixer is not known"),
+        (ARDUPILOT, (), "mixer is not known"),
+        (PX4 | {"CA_ROTOR_COUNT": 8.0}, (), "mixer is not known"),
+    ],
+)
+def test_a_controller_that_is_not_known_is_a_sentence(parameters, weights, sentence):
+    with pytest.raises(mavdem.NotLearnable, match=sentence):
+        controller_of(parameters, "roll", weights)
+
+
+def test_gains_that_change_in_flight_come_with_it():
+    telemetry = HOVER.telemetry(parameters={"ATC_RAT_RLL_P": 0.25, "ATC_RAT_RLL_D": 0.125})
+    sent = {"param_id": np.repeat([b"ATC_RAT_RLL_P", b"ATC_RAT_RLL_D"], 2)}
+    sent["param_value"] = np.array([0.5, 0.25, 0.5, 0.125], np.float32)
+    signals = Signals(changed(telemetry, "PARAM_VALUE", **columns(np.array([1.0, 40.0, 1.0, 2.0]), **sent)))
+    assert align(signals, settled_segments(signals)[0]).provenance["earlier"] == {"ATC_RAT_RLL_P": 0.5}
+
+
+def ac_pid(controller: Controller, error: np.ndarray) -> np.ndarray:
+    """ArduPilot's AC_PID, cycle by cycle, without its setpoint's filter."""
+    dt, filtered, slope, integral, out = controller.cycle, 0.0, 0.0, 0.0, []
+    shares = [dt / (dt + 1 / (2 * np.pi * cut)) for cut in (controller.error_filter, controller.derivative_filter)]
+    for one in error:
+        before, filtered = filtered, filtered + shares[0] * (one - filtered)
+        slope += shares[1] * ((filtered - before) / dt - slope)
+        integral += controller.i * filtered * dt
+        out.append(controller.p * filtered + integral + controller.d * slope)
+    return np.array(out)
+
+
+def test_the_controllers_response_is_that_of_its_program():
+    controller = replace(controller_of(ARDUPILOT, "roll", X_ROLL), error_filter=40.0, derivative_filter=20.0)
+    pulse = np.diff(ac_pid(controller, np.eye(1, 8000)[0]), prepend=0.0)  # which ends, as the integral does not
+    frequency = np.array([0.5, 4.0, 30.0, 150.0])
+    turned = np.exp(-2j * np.pi * frequency[:, None] * controller.cycle * np.arange(8000))
+    run = turned @ pulse / (1 - turned[:, 1])
+    np.testing.assert_allclose(transfer(controller, frequency)[1], run, rtol=1e-6)
+
+
+@pytest.mark.parametrize(("gain", "delay"), [(12.0, 0.03), (40.0, 0.03), (60.0, 0.03)])
+def test_an_integrator_with_dead_time_has_its_margins(gain, delay):
+    frequency = np.geomspace(0.02, 100.0, 500)
+    s = 2j * np.pi * frequency
+    loop = (gain * np.exp(-s * delay) / s)[None]
+    found = OpenLoop.of(frequency, loop, loop / (1 + loop), 1 / s / (1 + loop))
+    assert found.crossover == pytest.approx(gain / (2 * np.pi), rel=1e-3)
+    assert found.phase_margin == pytest.approx(90 - np.degrees(gain * delay), abs=0.1)
+    assert found.gain_margin == pytest.approx(20 * np.log10(np.pi / (2 * gain * delay)), abs=0.05)
+    assert found.delay_margin == pytest.approx(np.pi / 2 / gain - delay, abs=1e-4)
+    assert bool(found.stable[0]) == (gain * delay < np.pi / 2)
+
+
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+def test_a_simulated_flight_has_the_margins_of_its_linearised_loop(autopilot):
+    steered = {"kind": "multisine", "sd": 3.0, "lowest": 0.2, "highest": 4.0, "period": 10.0}
+    vehicle, stream = {"model": "iris", "rate_gain": 1.4}, {"autopilot": autopilot, "rates": {"ATTITUDE_TARGET": 100}}
+    scenario = scenario_of({"seed": 5, "vehicle": vehicle, "excitation": steered, "stream": stream})
+    record, known = Record.of(logged(scenario)), truth(scenario, fly(scenario))
+    plant = physical(record)
+    loop = loop_of(plant, record)
+    crossover, phase, gain, ms = known["roll_rate_margins"]
+    assert loop.crossover == pytest.approx(crossover, rel=0.1) and loop.phase_margin == pytest.approx(phase, abs=6)
+    for name, true in (("crossover", crossover), ("phase_margin", phase), ("gain_margin", gain), ("ms", ms)):
+        low, high = getattr(loop, f"{name}_interval")
+        assert low <= true <= high
+    assert loop.attitude.crossover == pytest.approx(known["roll_attitude_margins"][0], rel=0.1)
+    assert loop.agrees and loop.measured.fit > 80 and loop.rate.stable.all()
+    name = loop.controller.names["p"]
+    doubled = loop.changed({name: 2 * record.parameters[name]})
+    assert doubled.crossover > 1.5 * loop.crossover and doubled.agrees is None
+    retuned = loop_of(plant, replace(record, earlier={name: 0.1}))
+    assert retuned.agrees is None and f"{name} changed from 0.1 to" in retuned.cautions[-1]
+    # Gains that were not those in flight.
+    assert loop_of(plant, record, loop.controller.changed({name: 0.4 * record.parameters[name]})).agrees is False
+
+
+def test_recorded_flights_agree_or_have_no_margins():
+    learned = mavdem.learn(mavdem.read_flight(shared("sitl_ardupilot/ardupilot_wind6_gusts.tlog"))[:4000])
+    loop = mavdem.Learned.from_json(learned.to_json()).loop()
+    assert loop.agrees and loop.measured.fit > 80 and loop.as_dict() == learned.loop().as_dict()
+    with pytest.raises(mavdem.NotLearnable, match="There are no margins: .* fly quick inputs"):
+        mavdem.learn(mavdem.read_flight(shared("sitl_px4/px4_wind5_gust.tlog"))[:3000]).loop()
+
+
+def made_up(factor=1.0):
+    """Of made-up flight and plant, with a rate controller of ``factor`` times the usual gains."""
+    rng, status = np.random.default_rng(3), dict.fromkeys(("effect", "damping", "lag"), "reported")
+    rate, inputs = rng.normal(0, 0.01, 2000), 1500 + rng.normal(0, 5, (2000, 1)) * X_ROLL
+    outputs, names = np.column_stack([rate.cumsum() * 0.005, rate]), ("roll", "roll rate")
+    known = PX4 | {"MC_ROLLRATE_K": factor}
+    record = Record(inputs, outputs, 0.005, (2000,), output_names=names, parameters=known, input_range=(1000.0, 2000.0))
+    covariance = np.diag([*4 * [9e-5], 0.09, 4e-6, 4e-6])
+    plant = 0.18 * np.array(X_ROLL), 1.5, 0.03, 0.006, covariance, status, dict.fromkeys(status, "")
+    return loop_of(Physical(*plant, 0, 1, 0.1, (), 0.01, {}, ()), record)
+
+
+@pytest.mark.parametrize(("factor", "tune"), [(0.5, "soft"), (1.0, "sharp"), (1.4, "default"), (2.5, "default")])
+def test_the_gains_have_the_margins_in_95_of_100_plants_that_fit_and_keep_their_proportions(factor, tune):
+    found, (least_phase, least_gain, most) = advise(before := made_up(factor), tune), TARGETS[tune]
+    frequency, have = np.geomspace(0.05, 90, 2000), []
+    s, (_, back) = 2j * np.pi * frequency, transfer(found.after.controller, frequency)
+    for gain, (damping, lag, delay) in zip(before.gains[1:], before.draws[1:], strict=True):
+        open_loop = back * gain * np.exp(-s * delay) / (s + damping) / (lag * s + 1)
+        phase = np.degrees(np.unwrap(np.angle(open_loop))) + 180
+        crossing, turning = (np.flatnonzero(np.diff(np.sign(one))) for one in (np.abs(open_loop) - 1, phase))
+        bears = -20 * np.log10(np.abs(open_loop[turning]).max(initial=1e-3)) + 0.02
+        have.append(phase[crossing].min() + 0.1 >= least_phase and bears >= least_gain)
+        have[-1] &= np.abs(1 / (1 + open_loop)).max() * 0.999 <= most
+    assert (found.sure >= 0.95) == (np.mean(have) >= 0.95) == (factor < 2)
+    ratios = [new / old for name, (old, new) in found.gains.items() if "RATE_" in name]
+    assert len(ratios) == 3 and np.ptp(ratios) < 2e-3
+    assert all(1 / 1.5 <= new / old <= 1.5 for old, new in found.gains.values())
+    assert factor < 2 or (max(ratios) < 0.67 and found.gains["MC_ROLL_P"][1] <= 6.5 and "step" in found.sentence)
+    assert factor > 2 or found.noise.heat == pytest.approx(ratios[0] ** 2, rel=2e-3)
+
+
+def test_refusals_are_sentences():
+    record = (sound := made_up()).record
+    inputs = np.where(np.arange(2000)[:, None] % 10 == 0, 2000.0, record.inputs)
+    stuck = advise(replace(sound, record=replace(record, inputs=inputs)))
+    retuned = advise(replace(sound, record=replace(record, earlier={"MC_ROLL_P": 5.0})))
+    words = "Oscillates at 3 Hz", "at a limit 10 % of the time", "unstable, and yet it flew", "MC_ROLL_P changed in"
+    cases = advise(sound, doubts=["Oscillates at 3 Hz."]), stuck, advise(made_up(6.0)), retuned
+    for found, said in zip(cases, words, strict=True):
+        assert found.sentence.startswith("No gains are advised. ") and said in found.sentence
+        assert not found.gains and found.as_dict()["expected"] is None
