@@ -1,0 +1,146 @@
+"""Twin: the vehicle that a log shows, as simulators fly it: an X of four motors, in SI units."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mavdem.condition.loop.loop import Loop
+from mavdem.confidence import quantile
+from mavdem.dem.airflow.drag import Drag
+from mavdem.dem.engine.linalg import Array
+from mavdem.dem.graybox.wind import wind_density
+from mavdem.dem.record import Record
+from mavdem.errors import NotLearnable
+from mavdem.ingest.controllers import controller_of
+
+GRAVITY = 9.81  # m/s²
+RIGHT, FRONT, SPINS = (1.0, -1.0, -1.0, 1.0), (1.0, -1.0, 1.0, -1.0), (1.0, 1.0, -1.0, -1.0)
+"""Motors of an X as ArduPilot and PX4 count them: where they are, and 1 for a propeller counterclockwise from above."""
+COLUMNS = {"roll": (-1.0, 1.0, 1.0, -1.0), "pitch": FRONT, "yaw": SPINS}  # of the torque by axis
+ARM, MASS = 0.15, 1.5  # m kg^(-1/3), of a 3DR Iris: arms grow with the cube root of the mass; kg where nobody says it
+MOMENT = 0.016  # m: torque of a common propeller by its thrust
+LOOP_RATES, FASTEST = {"px4": ("IMU_GYRO_RATEMAX", 250.0), "ardupilot": ("SCHED_LOOP_RATE", 400.0)}, 1000.0
+"""Hz where it is not said, and the most that the simulation flies."""
+LEFT_OUT = "INS_GYRO_FILTER", "IMU_GYRO_CUTOFF"  # rates are logged behind the gyro's filter: lag and delay have it
+
+
+@dataclass(frozen=True, eq=False)
+class Twin:
+    """A vehicle for simulators, with how sure each of its attributes is as ``notes`` by name."""
+
+    autopilot: str  # "px4" or "ardupilot"
+    mass: float  # kg
+    inertia: tuple[float, ...]  # (3,) about forward, right and down, kg m²
+    arm: float  # how far forward, and right, of the centre of mass its motors are, m
+    hover: float  # share of the motors' range in hover
+    expo: float  # share of a motor's thrust that is quadratic in that of the range, the rest linear
+    moment: float  # torque of a propeller by its thrust, m
+    damping: tuple[float, ...]  # (3,) of the rates, 1/s
+    lag: float  # time constant of the motors, s
+    delay: float  # from the motion to the motors' command, without the hold over a control cycle, s
+    noise: float  # standard deviation of a measured rate, rad/s
+    drag: Drag | None  # None where there is no wind
+    parameters: Mapping[str, float]  # of the autopilot's rate and attitude control, by name
+    notes: Mapping[str, str]
+
+    @property
+    def slope(self) -> float:
+        """Of one motor's thrust by the share of its range, in hover, N."""
+        thrust = self.hover * (1 - self.expo + self.expo * self.hover)
+        return self.mass * GRAVITY / 4 / thrust * (1 - self.expo + 2 * self.expo * self.hover)
+
+
+def twin_of(loops: Mapping[str, Loop], px4: bool, hover: float, drag: Drag | None, mass: float | None) -> Twin:
+    """Returns the twin of a vehicle from its ``loops`` by axis.
+
+    Pitch is taken to be like roll, and yaw like that of common propellers, where they are not there. ``hover`` is the
+    share of the motors' range. The motion has the product of mass, arm and 1/inertia only: the arm follows from the
+    ``mass``, kg, which is assumed unless given. Raises ``NotLearnable``: no hover.
+    """
+    if not 0.1 < hover < 1:
+        raise NotLearnable(f"The motors hover at {hover:.0%} of their range, which is no hover.")
+    roll, kind = loops["roll"], "px4" if px4 else "ardupilot"
+    known = {name: value for name, value in roll.controller.parameters.items() if not name.startswith("CA_")}
+    name, rate = LOOP_RATES[kind]
+    cycle = 1 / (rate := min(known.get(name, 0.0) or rate, FASTEST))
+    known = {one: value for one, value in known.items() if one not in LEFT_OUT} | {name: rate}
+    square = {f"CA_ROTOR{n}_P{axis}": one[n] for n in range(4) for axis, one in (("X", FRONT), ("Y", RIGHT))}
+    square |= {f"CA_ROTOR{n}_KM": spin for n, spin in enumerate(SPINS)} | {"CA_ROTOR_COUNT": 4.0, "FRAME_CLASS": 1.0}
+    weight, expo, arm = mass or MASS, min(max(roll.controller.expo, 0.0), 1.0), ARM * (mass or MASS) ** (1 / 3)
+    noise, lag, delay = roll.plant.noise, roll.plant.lag, max(roll.plant.delay - cycle / 2, 0.0)
+    body = Twin(kind, weight, (), arm, hover, expo, MOMENT, (), lag, delay, noise, drag, known, {})
+    inertia, sure = dict[str, float](), dict[str, str]()
+    for axis, loop in loops.items():
+        moved = np.abs(controller_of(known | square, axis, COLUMNS[axis]).per_demand([hover] * 4)).sum()
+        inertia[axis] = float(arm * body.slope * moved / loop.gains[0])
+        half = 100 * quantile() * np.std(loop.gains) / loop.gains[0]
+        sure[axis] = f"± {half:.0f} %" + ", biased" * bool(loop.plant.bias)
+    sizes = inertia["roll"], inertia.get("pitch", inertia["roll"])
+    halves, status = roll.plant.interval(), roll.plant.status
+    likely = {name: "not identifiable, the likeliest value" for name in ("damping", "lag") if status[name][0] == "n"}
+    notes = {
+        "mass": "as given" if mass else "assumed: give --mass",
+        "arm": "assumed by the mass",
+        "inertia": f"roll {sure['roll']}, pitch {sure.get('pitch', 'taken as roll')}, yaw the sum of both",
+        "moment": sure.get("yaw", "taken as of common propellers"),
+        "damping": likely.get("damping", f"roll ± {halves.damping:.2g}"),
+        "lag": likely.get("lag", f"± {halves.lag:.2g}"),
+    }
+    if drag is not None:
+        ends = {f"drag_{name}": drag.interval(name).mean(axis=1) for name in ("linear", "quadratic")}
+        notes |= {name: f"from {low:.2g} to {high:.2g}" for name, (low, high) in ends.items()}
+    damping = tuple(loops[axis].plant.damping if axis in loops else 0.0 for axis in COLUMNS)
+    moment = arm * sum(sizes) / inertia["yaw"] if "yaw" in inertia else MOMENT
+    return replace(body, inertia=(*sizes, sum(sizes)), moment=moment, damping=damping, notes=notes)
+
+
+BANDS = (0.3, 0.6, 1.2, 2.4, 4.8, 8.0)  # Hz: octaves, and what is left of the last
+WINDOW, SETTLES = 20.0, 3.0  # s of a spectrum's windows; of a flight's beginning, which is left out
+
+
+def alike(recorded: Array, flown: Array, dt: float) -> dict[str, list[float]]:
+    """Returns figures of angle and rate (T, 2), rad and rad/s, that were ``recorded`` and ``flown`` (S, T, 2) again.
+
+    Levels of the rate's spectrum in ``BANDS``, the twin's over the recorded in dB; mean and standard deviation of the
+    angle and that of the rate, recorded and the twin's, in degrees.
+    """
+    from scipy.signal import detrend, welch  # it takes half a second to import
+
+    both = np.concatenate([recorded[np.newaxis], flown])[:, round(SETTLES / dt) :]
+    length = int(min(WINDOW / dt, both.shape[1] / 2))
+    frequency, power = welch(both[..., 1], 1 / dt, nperseg=length, detrend=detrend)
+    inside = [(frequency >= low) & (frequency < high) for low, high in zip(BANDS[:-1], BANDS[1:], strict=True)]
+    level = np.array([power[:, band].mean(axis=1) for band in inside])
+    means, sds = np.degrees(both.mean(axis=1)), np.degrees(both.std(axis=1))
+    pairs = {"lean": means[:, 0], "sway": sds[:, 0], "rate": sds[:, 1]}
+    found = {name: [float(values[0]), float(values[1:].mean())] for name, values in pairs.items()}
+    return {"levels": (10 * np.log10(level[:, 1:].mean(axis=1) / level[:, 0])).tolist()} | found
+
+
+def torque(loop: Loop, samples: int, dt: float, noise: np.random.Generator) -> Array:
+    """Returns (samples,) of the wind's torque on an axis, rad/s², Gaussian with the spectrum that was learned."""
+    frequency: Array = np.fft.rfftfreq(samples, dt).astype(np.float64)
+    size = np.sqrt(wind_density(loop.plant, frequency) * samples / (4 * dt))
+    size[0] = 0.0
+    drawn = noise.standard_normal((2, len(size)))
+    return np.fft.irfft(size * (drawn[0] + 1j * drawn[1]), samples)
+
+
+def asked(record: Record, axis: str, px4: bool) -> tuple[Array, Array] | None:
+    """Returns angle and rate (T, 2), rad and rad/s, of the longest segment, and their setpoints (T, 2), or None.
+
+    Of the rate that beside what the angle's error asks for: PX4's setpoint is that, ArduPilot's the angle's rate.
+    """
+    names, longest = [f"{axis} setpoint", f"{axis} rate setpoint"], int(np.argmax(record.lengths))
+    rows = slice(begin := int(record.starts[longest]), begin + record.lengths[longest])
+    if record.setpoints is None or not set(names) <= set(record.setpoint_names):
+        return None
+    table = record.setpoints[rows, [record.setpoint_names.index(name) for name in names]]
+    known, at = np.isfinite(table).all(axis=1), np.arange(len(table))
+    if known.mean() < 0.5:
+        return None
+    filled = np.column_stack([np.interp(at, at[known], column[known]) for column in table.T])
+    return record.outputs[rows], filled * [1.0, not px4]
