@@ -10,12 +10,14 @@ from time import perf_counter
 from typing import Any
 
 import click
+import numpy as np
 
 from mavdem.alignment.drive import TILT_AXES, Signal
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals
 from mavdem.analysis import LogAnalysis, analyse
 from mavdem.analysis.figures import ALL
+from mavdem.analysis.findings import known_wind
 from mavdem.cli.options import file_option, folder_named, model_options, source_options, window_options
 from mavdem.cli.output import (
     check_folder,
@@ -33,6 +35,7 @@ from mavdem.cli.sources import read_source
 from mavdem.condition import WindVelocity
 from mavdem.condition.inventory import inventory
 from mavdem.condition.wind_of_log import Air, air_of
+from mavdem.condition.wind_velocity import torque_explained
 from mavdem.dem import Settings
 from mavdem.errors import advice, missing
 from mavdem.evaluate.windows import Length
@@ -172,7 +175,7 @@ def learn_command(
         blocks += vehicle_blocks(analysis.vehicle, bool(analysis.findings.overrides)) if axis == ALL else []
         blocks += [] if analysis.truth is None else truth_blocks(analysis.truth)
         details = detail_blocks(learned, report)
-    blocks[-1:-1] = wind_blocks(air)  # what to do next stays last
+    blocks[-1:-1] = [*wind_blocks(air), *_torque_blocks(analysis, air, report)]  # what to do next stays last
     if not as_json:
         print_blocks([heading, *blocks, *(details if verbose else [])])
     if not no_files:
@@ -244,6 +247,17 @@ def write_dashboard(path: Path, analysis: LogAnalysis, air: Air, position: Signa
 
     known = analysis.findings, analysis.changes, same_clock(air, analysis.flights), position
     write_recording(path, analysis.flights, analysis.learned, analysis.held_out, *known)
+
+
+def _torque_blocks(analysis: LogAnalysis, air: Air, report: dict[str, Any]) -> list[Sentence]:
+    """What share of a known wind torque the mean wind explains, which goes into the report too."""
+    learned, flights = analysis.learned, analysis.flights
+    torque = None if learned is None else known_wind(learned.wind_torque, learned.physical)
+    if torque is None or (wind := same_clock(air, flights)) is None:
+        return []
+    time = np.concatenate([flight.time for flight in flights])
+    report["wind"]["explained_by_mean_wind"], said = torque_explained(wind, time, torque.torque)
+    return [Sentence(said, "Wind torque:")]
 
 
 def same_clock(air: Air, flights: Sequence[Flight]) -> WindVelocity | None:

@@ -13,7 +13,7 @@ from mavdem.cli.output import check_folder, json_text, print_result, progress, s
 from mavdem.cli.signals import ending_at_once
 from mavdem.dem.parallel import pool, spare_cores
 from mavdem.errors import require
-from mavdem.paper.claims import CLAIMS
+from mavdem.paper import CLAIMS
 from mavdem.report.blocks import Table
 
 if TYPE_CHECKING:

@@ -20,9 +20,11 @@ GUST_SECONDS, INDEPENDENT_SECONDS = 3.0, 10.0  # of a gust's mean (WMO-No. 8, vo
 LAYER, LAYER_SECONDS, CALM = 10.0, 10.0, 0.5  # m of height, and s in it, of which a mean is shown; m/s
 SPEED_ERROR, SPEED_SHARE, SPEED_FACTOR = 0.9, 0.17, 8.0  # m/s or share of half width reported; ratio of ends biased
 DIRECTION_ERROR, DIRECTION_LIMIT, HEADING_SD = 10.0, 60.0, 2.5  # degrees of half width; of the heading, a compass's
+LEAST_MEANS, CHANGED = 20, 1.0  # of 3 s, and m/s of their sd through the air, to tell the mean wind's torque apart
 DRAG_ERROR, DRAG_LEFT = 0.18, 0.8  # relative sd of the drag that is reported; share of the prior's that is biased
 MANOEUVRE = "fly legs of 3 m/s and more, there and back, in several directions, with turns of yaw"
 TURN = "A slow turn of yaw in hover separates them"
+POINTS = ("N", "NNE", "NE", "ENE", "E", "ESE", "SE", "SSE", "S", "SSW", "SW", "WSW", "W", "WNW", "NW", "NNW")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -40,6 +42,7 @@ class WindVelocity:
         velocity, band: (T, 2) north and east of where the air moves to, m/s, and half widths that hold it with 90 %.
         minutes: mean of each minute: ``start`` and ``end`` (s), ``speed``, ``low``, ``high`` (m/s), ``direction``.
         profile: mean by height in layers of 10 m: ``height``, ``speed``, ``direction``; empty within one layer.
+        along: (T, 2) velocity through air that moves as the mean wind does, along body x and y, m/s.
         drag: of the vehicle, as the flight leaves it.
         status: "reported", "biased" or "not identifiable", by "speed", "direction" and "drag".
         reasons: one sentence each, of what is not reported.
@@ -56,6 +59,7 @@ class WindVelocity:
     time: Array
     velocity: Array
     band: Array
+    along: Array
     minutes: tuple[dict[str, float], ...]
     profile: tuple[dict[str, float], ...]
     drag: Drag
@@ -75,7 +79,8 @@ class WindVelocity:
 
     def as_dict(self) -> dict[str, Any]:
         """Returns plain JSON values."""
-        values = {name: getattr(self, name) for name in self.__dataclass_fields__} | {"calm": self.calm}
+        names = [name for name in self.__dataclass_fields__ if name != "along"]
+        values = {name: getattr(self, name) for name in names} | {"calm": self.calm}
         values |= {name: values[name].round(4).tolist() for name in ("time", "velocity", "band")}
         return values | {"drag": self.drag.as_dict()}
 
@@ -83,6 +88,11 @@ class WindVelocity:
 def coming_from(north: float, east: float) -> float:
     """Returns the direction that air moving ``north`` and ``east`` comes from, degrees, 0 to 360."""
     return float(np.degrees(np.arctan2(-east, -north)) % 360)
+
+
+def from_point(direction: float) -> str:
+    """Returns where wind from a ``direction``, °, comes from, and an arrow along it: "WSW (248°) ↗"."""
+    return f"{POINTS[round(direction / 22.5) % 16]} ({direction % 360:.0f}°) {'↓↙←↖↑↗→↘'[round(direction / 45) % 8]}"
 
 
 def by_compass(velocity: Array, band: Array, near: float = 180.0) -> tuple[Array, Array, Array, Array]:
@@ -151,11 +161,34 @@ def estimate_wind(
         time=fine.time,
         velocity=air,
         band=quantile() * np.sqrt(variances.mean(axis=1) + winds.var(axis=1)),
+        along=np.einsum("tij,tj->ti", fine.axes, fine.velocity - [*mean, 0.0]),
         minutes=tuple(minutes),
         profile=tuple(layers if len(layers) > 1 else ()),
         drag=found,
         **_answers(speed, low, high, turned, sd, known, doubt, prior.source),
     )
+
+
+def torque_explained(wind: WindVelocity, time: Array, torque: Array) -> tuple[float | None, str]:
+    """Returns the share of a ``torque`` (N,) at ``time`` (N,), s, that the mean ``wind`` explains, and a sentence.
+
+    It is the share of the variance of means over 3 s, by what is linear in the velocity through that air along body x
+    and y, fitted to every second quarter of a minute and tried on the others. None where that hardly changes.
+    """
+    place = np.floor(time / GUST_SECONDS).astype(int)
+    number, place = np.unique(place, return_inverse=True)
+    known = np.isfinite(wind.along).all(axis=1)
+    air = (np.interp(time, wind.time[known], part, np.nan, np.nan) for part in wind.along[known].T)
+    slow = np.column_stack([np.bincount(place, part) / np.bincount(place) for part in (torque, *air)])
+    number, slow = number[kept := np.isfinite(slow).all(axis=1)], slow[kept]
+    if len(slow) < LEAST_MEANS or slow[:, 1:].std(axis=0).max() < CHANGED:
+        why = "the velocity through the air hardly changed along the body, as unequal motors and a shifted load do not"
+        return None, f"What the mean wind makes of it is not told apart: {why}. {TURN}."
+    left, flat = slow[:, 0].copy(), np.column_stack([np.ones(len(slow)), slow[:, 1:]])
+    for tried in (number // 5 % 2 == 0, number // 5 % 2 == 1):
+        left[tried] -= flat[tried] @ np.linalg.lstsq(flat[~tried], slow[~tried, 0])[0]
+    share = max(1 - float(left.var() / slow[:, 0].var()), 0.0)
+    return share, f"The mean wind explains {100 * share:.0f} % of its variance over {GUST_SECONDS:g} s and more."
 
 
 def _mean(winds: Array, spreads: Array, step: float) -> tuple[float, float, float, float]:

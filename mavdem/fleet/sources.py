@@ -60,7 +60,7 @@ def find_logs(names: Sequence[str], apart_from: Path | None = None) -> tuple[lis
 
 def _local(name: str, left_out: str) -> Iterator[Source]:
     if os.path.isdir(name):
-        yield from _inside(os.path.abspath(name), left_out, set())
+        yield from _inside(os.path.abspath(name), left_out)
     elif os.path.lexists(name):
         yield _file(name)
     elif not glob.has_magic(name):
@@ -73,23 +73,21 @@ def _local(name: str, left_out: str) -> Iterator[Source]:
                 yield _file(path)
 
 
-def _inside(folder: str, left_out: str, seen: set[str]) -> Iterator[Source]:
+def _inside(folder: str, left_out: str) -> Iterator[Source]:
     """Logs in a folder and those below it, each folder once: links may lead in a circle."""
-    try:
-        place = os.path.realpath(folder)
-        if place in seen or place == left_out:
-            return
-        seen.add(place)
-        paths = sorted(os.path.join(folder, name) for name in os.listdir(folder))
-    except OSError as error:
-        if len(seen) == 1:  # the folder that was named
-            raise Unreadable(f"{folder} cannot be read ({error.strerror}): check its permissions.") from None
-        return
-    for path in paths:
-        if os.path.isdir(path):
-            yield from _inside(path, left_out, seen)
-        elif looks_like_log(path):
-            yield _file(path)
+
+    def refuse(error: OSError) -> None:
+        if error.filename == folder:
+            raise Unreadable(f"{folder} cannot be read ({error.strerror}): check its permissions.")
+
+    seen = {left_out}
+    for place, below, names in os.walk(folder, onerror=refuse, followlinks=True):
+        if (real := os.path.realpath(place)) in seen:
+            below.clear()
+            continue
+        seen.add(real)
+        below.sort()
+        yield from (_file(path) for name in names if looks_like_log(path := os.path.join(place, name)))
 
 
 def _file(path: str) -> Source:

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import os
-from importlib import import_module
 from pathlib import Path
+from pkgutil import resolve_name
 
 from mavdem.errors import Unreadable
 from mavdem.ingest.contents import READABLE_FORMATS, file_beginning, is_dataflash_text
 from mavdem.ingest.mavlink.framing import MARKER_1, MARKER_2, Progress, no_progress
 from mavdem.ingest.mavlink.vehicles import FrameStream
 from mavdem.ingest.telemetry import Log
-from mavdem.ingest.tlog import STAMP_BYTES, read_tlog, tlog_stream
+from mavdem.ingest.tlog import STAMP_BYTES, tlog_stream
 
 ULOG, DATAFLASH, MCAP, TLOG = "PX4 ULog", "DataFlash", "MCAP recording", "telemetry log"
 BEGINNINGS = {b"ULog\x01\x12\x35": ULOG, b"\xa3\x95": DATAFLASH, b"\x89MCAP0\r\n": MCAP}
 """First bytes of each format that has fixed ones."""
-READERS = {ULOG: ("ulog", "read_ulog"), DATAFLASH: ("dataflash.log", "read_dataflash"), MCAP: ("mcap.log", "read_mcap")}
+READERS = {ULOG: "ulog:read_ulog", DATAFLASH: "dataflash.log:read_dataflash", MCAP: "mcap.log:read_mcap"}
+READERS[TLOG] = "tlog:read_tlog"
 EXTENSIONS = {".ulg": ULOG, ".bin": DATAFLASH, ".mcap": MCAP}
 """Format by file name, for a file whose beginning is damaged."""
 ARCHIVES = {b"\x1f\x8b": "a gzip archive", b"PK\x03\x04": "a zip archive"}
@@ -47,11 +48,8 @@ def read_log(path: str | bytes | os.PathLike[str], progress: Progress = no_progr
         :func:`mavdem.read_flight`: what a model is learnt from; :class:`mavdem.Telemetry`.
     """
     name, kind = _name_and_format(path)
-    if kind == TLOG:
-        return read_tlog(name, progress)
     # A library that only one format needs is imported when a file of that format is read.
-    module, reader = READERS[kind]
-    log: Log = getattr(import_module(f"mavdem.ingest.{module}"), reader)(name, progress)
+    log: Log = resolve_name(f"mavdem.ingest.{READERS[kind]}")(name, progress)
     return log
 
 

@@ -100,9 +100,8 @@ def _appended(content: bytes, source: str) -> list[int]:
     incompatible = flags[8:16]
     if incompatible[0] & ~_APPENDED or any(incompatible[1:]):
         raise Unreadable(f"{source} is a ULog of a later format or damaged at its beginning: its flags are unknown.")
-    offsets = (
-        [offset for offset in struct.unpack_from("<3Q", flags, 16) if offset] if incompatible[0] & _APPENDED else []
-    )
+    appended = struct.unpack_from("<3Q", flags, 16) if incompatible[0] & _APPENDED else ()
+    offsets = [offset for offset in appended if offset]
     sound = all(a < b for a, b in zip([FIRST_MESSAGE + 43, *offsets], [*offsets, len(content)], strict=True))
     return offsets if sound else []
 

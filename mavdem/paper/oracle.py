@@ -10,19 +10,7 @@ from mavdem import baselines
 from mavdem.dem.engine.linalg import Array
 from mavdem.evaluate.windows import Window
 from mavdem.flight import Flight
-from mavdem.paper.runner import (
-    PAPER,
-    PAPER_WITHOUT,
-    SHARED,
-    STARTS,
-    TRAIN,
-    Check,
-    Learn,
-    Result,
-    Runner,
-    percent,
-    plain,
-)
+from mavdem.paper.runner import PAPER, PAPER_WITHOUT, SHARED, STARTS, TRAIN, Check, Result, Runner, percent, plain
 from mavdem.report.blocks import Sentence, Table
 from mavdem.report.numbers import rounded
 
@@ -37,10 +25,9 @@ def run(runner: Runner) -> Result:
     if not runner.extent.recorded or not FOLDER.is_dir():
         return Result(remarks=(f"The authors’ results are not in {FOLDER}, so there is nothing to compare with.",))
     window, theirs = authors_window(), authors_errors()
-    fits: dict[str, list[Learn]] = {"EM": [partial(baselines.em, order=2)]}
-    for name, settings in (("DEM p=2", PAPER), ("DEM p=1", PAPER_WITHOUT)):
-        fits[name] = runner.priors(settings)
-    trials = runner.try_all({name: [(fit, window) for fit in fits[name]] for name in METHODS})
+    fits = {"DEM p=2": runner.priors(PAPER), "DEM p=1": runner.priors(PAPER_WITHOUT)}
+    fits["EM"] = [partial(baselines.em, order=2)]
+    trials = runner.try_all({name: [(fit, window) for fit in own] for name, own in fits.items()})
     ours = {
         start: {name: np.array([trial.errors[start] for trial in trials[name]]) for name in METHODS} for start in STARTS
     }

@@ -11,9 +11,8 @@ from typing import Any
 
 from mavdem.dem import learn
 from mavdem.evaluate import held_out_test
-from mavdem.paper import forecasts, landscape, noise, oracle, order
-from mavdem.paper.claims import CLAIMS, Claim
-from mavdem.paper.runner import PAPER, ClaimStatus, Result, Runner, claim_status, findings
+from mavdem.paper import CLAIMS, Claim, forecasts, landscape, noise, oracle, order
+from mavdem.paper.runner import PAPER, ClaimStatus, Result, Runner, findings
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.page import Chapter
 from mavdem.report.page import document as page
@@ -38,8 +37,11 @@ class ItemReport:
 
     @property
     def status(self) -> ClaimStatus:
-        """Whether the claim is reproduced, from the checks."""
-        return claim_status(self.result.checks)
+        """Whether the claim is reproduced, from the checks; without any, it is not tried."""
+        held = [check.holds for check in self.result.checks]
+        if not held:
+            return ClaimStatus.UNTRIED
+        return ClaimStatus.REPRODUCED if all(held) else ClaimStatus.PARTLY if any(held) else ClaimStatus.NOT
 
     @property
     def sentence(self) -> str:

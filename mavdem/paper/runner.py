@@ -142,14 +142,6 @@ class Check(NamedTuple):
     finding: str
 
 
-def claim_status(checks: Sequence[Check]) -> ClaimStatus:
-    """Returns the status that follows from the checks; without checks, not tried."""
-    if not checks:
-        return ClaimStatus.UNTRIED
-    held = [check.holds for check in checks]
-    return ClaimStatus.REPRODUCED if all(held) else ClaimStatus.PARTLY if any(held) else ClaimStatus.NOT
-
-
 def findings(checks: Sequence[Check]) -> str:
     """Returns the findings of the checks that fail, then of those that hold."""
     parts = [check.finding for check in checks if not check.holds], [check.finding for check in checks if check.holds]

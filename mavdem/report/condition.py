@@ -9,10 +9,10 @@ import numpy as np
 
 from mavdem.alignment.drive import TILT_AXES
 from mavdem.condition.wind_of_log import Air
-from mavdem.condition.wind_velocity import coming_from
+from mavdem.condition.wind_velocity import coming_from, from_point
 from mavdem.ingest.vocabulary import UNNAMED
 from mavdem.report.blocks import Block, Sentence, Table
-from mavdem.report.numbers import from_point, listed, plus_minus, rounded
+from mavdem.report.numbers import listed, plus_minus, rounded
 
 TIER_WORDS = {"a": "full model", "b": "slow motion", "c": "condition only"}  # what a tier is called where it is shown
 BASES = {  # what a vehicle's name is made of, in words

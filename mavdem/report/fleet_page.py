@@ -10,12 +10,13 @@ from urllib.parse import quote
 
 from markupsafe import Markup
 
+from mavdem.condition.wind_velocity import from_point
 from mavdem.errors import advice, downstream
 from mavdem.fleet.row import HEALTHS, NOT_IDENTIFIABLE, OK, UNKNOWN, FlightRow, flights_of, vehicles_of
 from mavdem.report import flights as words
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.flights import TROUBLE, cut, doubt, had_trouble, urgency, vehicle_health
-from mavdem.report.numbers import TORQUE, from_point, plus_minus, rounded
+from mavdem.report.numbers import TORQUE, plus_minus, rounded
 from mavdem.report.page import environment
 
 MAX_DRAWN = 20  # vehicles, those in trouble first: with more the page takes long to make, and is too large to mail

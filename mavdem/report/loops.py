@@ -40,10 +40,8 @@ def _measured(loop: Loop) -> Sentence:
     """How the response of the rate in flight fits the predicted one."""
     found, lead = loop.measured, "Measured response:"
     if found is None:
-        ask = "record ATTITUDE_TARGET, RATE or vehicle_rates_setpoint"
-        return Sentence(
-            f"the log has no setpoints of the rate, and the margins are not checked against it: {ask}.", lead
-        )
+        ask = "record ATTITUDE_TARGET, RATE or vehicle_rates_setpoint for 20 s of settled flight"
+        return Sentence(f"too few setpoints of the rate to check the margins against: {ask}.", lead)
     if loop.agrees is None:
         return Sentence(f"{found.reason[0].lower()}{found.reason[1:]} The margins are not checked against it.", lead)
     low, high = found.band

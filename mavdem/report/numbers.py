@@ -52,14 +52,6 @@ def readable(unit: str) -> Readable:
     return Readable(unit, 1.0)
 
 
-POINTS = ("N", "NNE", "NE", "ENE", "E", "ESE", "SE", "SSE", "S", "SSW", "SW", "WSW", "W", "WNW", "NW", "NNW")
-
-
-def from_point(direction: float) -> str:
-    """Returns where wind from a ``direction``, °, comes from, and an arrow along it: "WSW (248°) ↗"."""
-    return f"{POINTS[round(direction / 22.5) % 16]} ({direction % 360:.0f}°) {'↓↙←↖↑↗→↘'[round(direction / 45) % 8]}"
-
-
 TORQUE = readable("rad/s²")  # of torques and of effects, by the axis's inertia
 
 

@@ -144,10 +144,12 @@ def log_page(
         Chapter(axis.capitalize(), [block for block in analysis_blocks(analysis) if block not in blocks])
         for axis, analysis in zip(list(analyses)[1:], others, strict=True)
     ]
-    if air is not None and air[0] is not None:
-        said = "Its speed and where it comes from, with 90 % bands. In the mean: the arrow flies with it."
-        drawn = Picture("Wind", said, lambda: downstream("report.figures.series", "wind_over_time")(*air[:2]))
-        chapters.append(Chapter("Wind in m/s", pictures=[drawn]))
+    wind, theirs, _ = (None, None, "") if air is None else air
+    if wind is not None:
+        rows = slice(0) if theirs is None else theirs.boot == wind.boot
+        known = None if theirs is None else (theirs.time[rows], theirs.values[rows])
+        course = wind.time, wind.velocity, wind.band, wind.direction if wind.directed else None, known
+        chapters.append(Chapter("Wind in m/s", pictures=[wind_picture(*course)]))
     folded = []
     for axis, analysis in analyses.items():
         if (learned := analysis.learned) is not None:
@@ -179,6 +181,12 @@ def _loops(axis: str, learned: Learned) -> list[Chapter]:
 
 def _bode_of_dem(learned: Learned) -> Any:
     return learned.plot.bode(model="dem")
+
+
+def wind_picture(*course: Any) -> Picture:
+    """Returns the picture of a ``course``, the arguments of ``wind_over_time``."""
+    said = "Its speed and where it comes from, with 90 % bands. In the mean: the arrow flies with it."
+    return Picture("Wind", said, lambda: downstream("report.figures.series", "wind_over_time")(*course))
 
 
 def flight_page(file: str, analyses: Mapping[str, LogAnalysis], air: Air | None = None) -> str:

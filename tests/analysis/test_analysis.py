@@ -1,5 +1,6 @@
 """The analysis of a log at each tier: what is learnt, what is withheld, and why."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -7,15 +8,21 @@ import numpy as np
 import pytest
 from made_up_analysis import held_out
 from recorded_flights import shared
+from simulated import simulated
 
+import mavdem
+from mavdem import evaluate
 from mavdem.analysis import analyse
 from mavdem.analysis.analysis import MAX_SLOW_RATIO, slow_motion_refusal
+from mavdem.analysis.figures import model_figures
+from mavdem.dem import physical
+from mavdem.evaluate.comparison import JOINT
 from mavdem.health.in_flight import MotorAlarm
 from mavdem.ingest import read_log
 from mavdem.ingest.telemetry import selected
-from mavdem.report.blocks import Sentence, text_of
+from mavdem.report.blocks import Sentence, Table, text_of
 from mavdem.report.page import model_pictures
-from mavdem.report.screen import analysis_blocks
+from mavdem.report.screen import analysis_blocks, vehicle_blocks
 
 SAMPLE = Path(__file__).parents[2] / "logs" / "ardupilot_wind5_steps.tlog"
 
@@ -98,3 +105,60 @@ def test_every_log_says_something_or_why_not(name, tier):
         assert found.findings.headline == "Oscillates: do not fly." and "frame type" in found.findings.next_step
     assert found.condition.duration > 0 and found.identity.name
     assert (found.condition.hover is not None) == (tier is not None)
+
+
+LOGS = Path(__file__).parents[2] / "logs"
+FLIGHT, SLOW = LOGS / "px4_wind5_steps.tlog", LOGS / "ardupilot_default_rates.tlog"
+
+
+@pytest.mark.slow
+def test_the_figures_of_a_model_are_plain_json_and_put_the_best_first():
+    flight = simulated(samples=600, wind=1.0)
+    train, test = flight[:500], flight[500:]
+    learned = mavdem.learn(train, mavdem.Settings(window=9, parameter_precision=1.0))
+    report = model_figures([train], learned, evaluate.held_out_test(train, test, learned))
+    assert json.loads(json.dumps(report)) == report
+    for errors in (report["one_step_mspe"], report["forecast_mspe"]):
+        ratios = [error["relative"] for error in errors.values()]
+        assert ratios == sorted(ratios) and errors["constant mean"]["relative"] == 1
+    forecast, one_step = learned.forecast(test.inputs), learned.one_step()
+    assert report["forecast_mspe"][JOINT]["total"] == pytest.approx(evaluate.mspe(test.outputs, forecast).total)
+    one_step_error = evaluate.mspe(train.outputs[1:], one_step[1:]).total
+    assert report["one_step_mspe"][JOINT]["total"] == pytest.approx(one_step_error)
+    assert report["held_out"]["error_ratio"]["forecast"] == report["forecast_over_constant_mean"]
+    variance = learned.forecast_variance(test.inputs).mean(axis=0) / train.outputs.var(axis=0)
+    assert report["expected_error"] == pytest.approx(variance.mean())
+    parameters, wind = report["physical"], report["wind"]
+    assert parameters["effect"] == learned.physical.effect.tolist()
+    for name, status in parameters["status"].items():
+        assert (parameters["interval_90_percent"][name] is None) == (status == "not identifiable")
+    assert (wind["mean"], wind["sd"], wind["resolved"]) == (learned.wind.mean, learned.wind.sd, learned.wind.resolved)
+    ahead = evaluate.relative_mspe(train, test, learned.predict(len(test)))
+    assert report["prediction"]["error_ratio"] == pytest.approx(ahead)
+    assert report["free_energy"]["end"] == pytest.approx(sum(report["free_energy"]["terms"].values()))
+    assert sum(report["joint"]["free_energy"].values()) == pytest.approx(learned.joint.free_energy)
+    np.testing.assert_array_equal(np.transpose(report["joint"]["combinations"]), learned.joint.combinations)
+
+
+@pytest.mark.slow
+def test_each_axis_is_as_by_itself_and_the_motors_are_those_of_hover():
+    found = mavdem.vehicle(FLIGHT)
+    assert list(found.axes) == ["roll", "pitch", "yaw"]
+    alone = physical(mavdem.read_segments(FLIGHT, axis="yaw"))
+    np.testing.assert_allclose(found.axes["yaw"].physical.effect, alone.effect)
+    assert found.axes["yaw"].physical.status == alone.status
+    assert found.hover == mavdem.hover(FLIGHT)
+    axes, motors = (block for block in vehicle_blocks(found) if isinstance(block, Table))
+    assert [row[0] for row in axes.rows] == ["roll", "pitch", "yaw"]
+    assert len(motors.rows) == len(found.hover.motors)
+
+
+def test_a_log_too_slow_for_parameters_has_hover_figures_and_the_reason():
+    slow = mavdem.vehicle(SLOW, axis="pitch")
+    assert list(slow.axes) == ["pitch"] and slow.axes["pitch"].physical is None
+    assert "4.0 Hz" in slow.axes["pitch"].reason and slow.hover is not None
+    assert slow.as_dict()["axes"]["pitch"]["physical"] is None
+    (motors,) = (block for block in vehicle_blocks(slow._replace(axes={})) if isinstance(block, Table))
+    assert len(motors.rows) == len(slow.hover.motors)
+    with pytest.raises(ValueError, match="axis must be one of roll, pitch, yaw, all, not 'heave'"):
+        mavdem.vehicle(FLIGHT, axis="heave")

@@ -80,15 +80,6 @@ def test_the_input_is_never_overwritten(how, tmp_path, capsys):
     assert source.read_bytes() == FLIGHT.read_bytes()
 
 
-@pytest.mark.parametrize("kind", [".mcap", ".csv"])
-def test_unreadable_input_writes_nothing_and_replaces_nothing(kind, tmp_path, capsys):
-    source, out = tmp_path / "text.tlog", tmp_path / f"out{kind}"
-    source.write_bytes(b"a letter\n" * 50)
-    out.write_text("kept")
-    assert str(source) in refused(capsys, 2, "convert", source, out)
-    assert out.read_text() == "kept"
-
-
 def table_of(path: Path) -> tuple[list[str], np.ndarray]:
     with path.open(newline="", encoding="utf-8") as file:
         head, *rows = csv.reader(file)

@@ -134,12 +134,6 @@ def test_a_place_that_takes_no_file_is_refused_before_the_work(words, tmp_path, 
     assert "not writable" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("words", ["--duration 2", "--duration 30 --seed -1"])
-def test_the_option_that_is_wrong_is_named(words, capsys):
-    assert main(["fly", "hover_blower", "--out", "f.tlog", *words.split()]) == 2
-    assert f"Invalid value for {words.split()[-2]}:" in capsys.readouterr().err
-
-
 def test_describing_prints_every_value_with_what_it_means_and_may_be(capsys, tmp_path):
     assert main(["fly", "lossy_link", "--describe", "--seed", "9"]) == 0
     said = capsys.readouterr().out

@@ -9,9 +9,9 @@ import pytest
 
 from mavdem import wind
 from mavdem.cli.commands import main
+from mavdem.condition.wind_velocity import from_point
 from mavdem.fleet.rows_of_log import rows_of_log
 from mavdem.report.fleet_page import fleet_page
-from mavdem.report.numbers import from_point
 from sitl_scenarios.files import in_toml, load
 
 

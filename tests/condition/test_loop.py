@@ -1,4 +1,4 @@
-"""Loops: the controller of the parameters, margins of known loops, and both against simulated and recorded flights."""
+"""Loops: the controller of the parameters, margins of known loops and of flights, and gains that have margins."""
 
 from dataclasses import replace
 
@@ -10,10 +10,11 @@ from recorded_flights import shared
 import mavdem
 from mavdem.alignment.align import align, settled_segments
 from mavdem.alignment.signals import Signals
-from mavdem.condition.loop import loop_of
+from mavdem.condition.loop import TARGETS, advise, loop_of
 from mavdem.condition.loop.loop import transfer
 from mavdem.condition.loop.margins import OpenLoop
 from mavdem.dem import physical
+from mavdem.dem.graybox import Physical
 from mavdem.dem.record import Record
 from mavdem.ingest.controllers import Controller, controller_of
 from mavdem.paper.runner import logged
@@ -134,3 +135,46 @@ def test_recorded_flights_agree_or_have_no_margins():
     assert loop.agrees and loop.measured.fit > 80 and loop.as_dict() == learned.loop().as_dict()
     with pytest.raises(mavdem.NotLearnable, match="There are no margins: .* fly quick inputs"):
         mavdem.learn(mavdem.read_flight(shared("sitl_px4/px4_wind5_gust.tlog"))[:3000]).loop()
+
+
+def made_up(factor=1.0):
+    """Of made-up flight and plant, with a rate controller of ``factor`` times the usual gains."""
+    rng, status = np.random.default_rng(3), dict.fromkeys(("effect", "damping", "lag"), "reported")
+    rate, inputs = rng.normal(0, 0.01, 2000), 1500 + rng.normal(0, 5, (2000, 1)) * X_ROLL
+    outputs, names = np.column_stack([rate.cumsum() * 0.005, rate]), ("roll", "roll rate")
+    known = PX4 | {"MC_ROLLRATE_K": factor}
+    record = Record(inputs, outputs, 0.005, (2000,), output_names=names, parameters=known, input_range=(1000.0, 2000.0))
+    covariance = np.diag([*4 * [9e-5], 0.09, 4e-6, 4e-6])
+    plant = 0.18 * np.array(X_ROLL), 1.5, 0.03, 0.006, covariance, status, dict.fromkeys(status, "")
+    return loop_of(Physical(*plant, 0, 1, 0.1, (), 0.01, {}, ()), record)
+
+
+@pytest.mark.parametrize(("factor", "tune"), [(0.5, "soft"), (1.0, "sharp"), (1.4, "default"), (2.5, "default")])
+def test_the_gains_have_the_margins_in_95_of_100_plants_that_fit_and_keep_their_proportions(factor, tune):
+    found, (least_phase, least_gain, most) = advise(before := made_up(factor), tune), TARGETS[tune]
+    frequency, have = np.geomspace(0.05, 90, 2000), []
+    s, (_, back) = 2j * np.pi * frequency, transfer(found.after.controller, frequency)
+    for gain, (damping, lag, delay) in zip(before.gains[1:], before.draws[1:], strict=True):
+        open_loop = back * gain * np.exp(-s * delay) / (s + damping) / (lag * s + 1)
+        phase = np.degrees(np.unwrap(np.angle(open_loop))) + 180
+        crossing, turning = (np.flatnonzero(np.diff(np.sign(one))) for one in (np.abs(open_loop) - 1, phase))
+        bears = -20 * np.log10(np.abs(open_loop[turning]).max(initial=1e-3)) + 0.02
+        have.append(phase[crossing].min() + 0.1 >= least_phase and bears >= least_gain)
+        have[-1] &= np.abs(1 / (1 + open_loop)).max() * 0.999 <= most
+    assert (found.sure >= 0.95) == (np.mean(have) >= 0.95) == (factor < 2)
+    ratios = [new / old for name, (old, new) in found.gains.items() if "RATE_" in name]
+    assert len(ratios) == 3 and np.ptp(ratios) < 2e-3
+    assert all(1 / 1.5 <= new / old <= 1.5 for old, new in found.gains.values())
+    assert factor < 2 or (max(ratios) < 0.67 and found.gains["MC_ROLL_P"][1] <= 6.5 and "step" in found.sentence)
+    assert factor > 2 or found.noise.heat == pytest.approx(ratios[0] ** 2, rel=2e-3)
+
+
+def test_refusals_are_sentences():
+    record = (sound := made_up()).record
+    inputs = np.where(np.arange(2000)[:, None] % 10 == 0, 2000.0, record.inputs)
+    stuck = advise(replace(sound, record=replace(record, inputs=inputs)))
+    words = "Oscillates at 3 Hz", "A motor is at a limit 10 % of the time", "unstable, and yet it flew"
+    cases = advise(sound, doubts=["Oscillates at 3 Hz."]), stuck, advise(made_up(6.0))
+    for found, said in zip(cases, words, strict=True):
+        assert found.sentence.startswith("No gains are advised. ") and said in found.sentence
+        assert not found.gains and found.as_dict()["expected"] is None

@@ -98,11 +98,6 @@ def test_what_moves_only_the_rate_is_an_alias_or_a_vibration():
     assert found(swinging(7.0, 85.0), gusts(300.0)) is None
 
 
-def test_it_is_in_json():
-    telemetry = HOVER.telemetry()
-    assert condition_of(Signals(telemetry)).as_dict()["oscillation"] is None
-
-
 @pytest.mark.parametrize(
     ("name", "hertz"), [("oscillating_frame", 6.6), ("oscillating_gains", 17.1), ("motor_at_its_stop", None)]
 )

@@ -6,7 +6,7 @@ from recorded_flights import shared
 
 import mavdem
 from mavdem.alignment.drive import Signal
-from mavdem.condition.wind_velocity import coming_from
+from mavdem.condition.wind_velocity import coming_from, torque_explained
 from mavdem.dem.airflow.drag import Drag
 from mavdem.dem.airflow.model import posterior
 from mavdem.errors import NotLearnable
@@ -57,6 +57,16 @@ def test_band_holds_and_a_jump_is_followed():
     speeds = np.hypot(*wind.velocity.T)
     assert speeds[wind.time < 55].mean() < 6.5 and speeds[wind.time > 65].mean() > 8.5
     assert wind.gust > 9 and [round(one["speed"] / 5) for one in wind.minutes] == [1, 2]
+
+
+@pytest.mark.parametrize("legs", [5.0, 0.0])
+def test_the_share_of_the_torque_is_known_where_the_air_s_velocity_along_the_body_changes(legs):
+    time, attitude, velocity, _ = flight(legs=legs, turning=0.0, seed=5)
+    wind = mavdem.estimate_wind(time, attitude, velocity)
+    torque = np.interp(time, wind.time, wind.along[:, 1]) * (legs > 0) + np.random.default_rng(0).normal(size=len(time))
+    share, said = torque_explained(wind, time, torque)
+    assert share == pytest.approx(0.98, abs=0.02) if legs else share is None and "turn of yaw" in said
+    assert torque_explained(wind, time, np.random.default_rng(1).normal(size=len(time)))[0] in (None, 0.0)
 
 
 def test_hover_takes_the_drag_of_another_flight():

@@ -37,23 +37,15 @@ def by_the_file_reader(content: bytes) -> list[Frame]:
 def mixed(seed: int, count: int = 300) -> list[bytes]:
     """MAVLink 1, 2, signed, of another dialect, and long ones."""
     chance = random.Random(seed)
-    frames = []
-    for number in range(count):
-        kind = chance.randrange(6)
-        sequence = number % 256
-        if kind == 0:
-            frames.append(message("ATTITUDE", sequence=sequence, version=1, roll=chance.random()))
-        elif kind == 1:
-            frames.append(frame(30, chance.randbytes(28), sequence=sequence, signed=True))
-        elif kind == 2:
-            frames.append(frame(70000, chance.randbytes(chance.randrange(1, 255)), sequence=sequence, seed=7))
-        elif kind == 3:
-            frames.append(frame(30, chance.randbytes(28), sequence=sequence, seed=1))  # another definition
-        elif kind == 4:
-            frames.append(message("SERVO_OUTPUT_RAW", sequence=sequence, servo1_raw=chance.randrange(2000)))
-        else:
-            frames.append(frame(110, bytes(chance.choice(b"\xfe\xfd\x01") for _ in range(254)), sequence=sequence))
-    return frames + [heartbeat()]
+    kinds = (
+        lambda number: message("ATTITUDE", sequence=number, version=1, roll=chance.random()),
+        lambda number: frame(30, chance.randbytes(28), sequence=number, signed=True),
+        lambda number: frame(70000, chance.randbytes(chance.randrange(1, 255)), sequence=number, seed=7),
+        lambda number: frame(30, chance.randbytes(28), sequence=number, seed=1),  # another definition
+        lambda number: message("SERVO_OUTPUT_RAW", sequence=number, servo1_raw=chance.randrange(2000)),
+        lambda number: frame(110, bytes(chance.choices(b"\xfe\xfd\x01", k=254)), sequence=number),
+    )
+    return [chance.choice(kinds)(number % 256) for number in range(count)] + [heartbeat()]
 
 
 @pytest.mark.parametrize("seed", range(2))

@@ -40,8 +40,7 @@ def test_bytes_in_any_pieces_among_garbage_are_kept(tmp_path, seed):
     content = b""
     for each in FRAMES:
         if chance.random() < 0.05:
-            noise = bytes(chance.randrange(0xFC) for _ in range(chance.randrange(1, 400)))
-            content += noise
+            content += bytes(chance.randrange(0xFC) for _ in range(chance.randrange(1, 400)))
         content += each
     recording = RawRecording(tmp_path / "flight.tlog")
     place, now = 0, NOW
@@ -50,9 +49,8 @@ def test_bytes_in_any_pieces_among_garbage_are_kept(tmp_path, seed):
         recording.take(now, content[place : place + step])
         place, now = place + step, now + 0.004
     recording.close()
-    assert [each for _, each in recorded(tmp_path / "flight.tlog")] == FRAMES
-    stamps = [stamp for stamp, _ in recorded(tmp_path / "flight.tlog")]
-    assert stamps == sorted(stamps)
+    stamps, frames = zip(*recorded(tmp_path / "flight.tlog"), strict=True)
+    assert list(frames) == FRAMES and list(stamps) == sorted(stamps)
 
 
 @pytest.mark.parametrize("form", [".tlog", ".mcap"])

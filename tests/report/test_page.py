@@ -39,7 +39,6 @@ KNOWN = (
     VehicleFigures({}, None),
 )
 VERDICT = SimpleNamespace(as_dict=dict, figures=SimpleNamespace(consistency=None), learnable=True)
-SLOW = Tier("c", "Motors come at 4 Hz.", "b", "Log them <faster>.")
 
 
 class Balanced(HTMLParser):
@@ -160,11 +159,6 @@ def test_two_axes_of_a_flight_of_a_fleet_fit_into_a_small_page_that_leads_back()
     assert '<a href="../index.html">' in text and "Pictures of pitch" in text
     ids = Balanced(text).ids
     assert len(ids) == len(set(ids))
-
-
-def test_a_flight_without_a_model_says_why_and_what_to_do():
-    text = flight_page("<b>.tlog", {"roll": LogAnalysis(VERDICT, SLOW, *KNOWN, SLOW.reason, SLOW.remedy)})
-    assert "Motors come at 4 Hz." in text and "Log them &lt;faster&gt;." in text and "<b>" not in text
 
 
 def test_a_live_flight_is_drawn_in_degrees_with_what_was_trained_on_and_has_its_events():

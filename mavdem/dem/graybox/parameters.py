@@ -103,7 +103,7 @@ class Physical(NamedTuple):
         return None if self.identifiable else f"The motors' effect is not identifiable. {self.reasons['effect']}"
 
     def draws(self, number: int, seed: int = 0) -> Array:
-        """Returns (number + 1, r + 3) effect, damping, lag and delay: the estimate, then draws from its uncertainty."""
+        """Returns (number + 1, r + 3) effect, damping, lag and delay: the estimate, then draws by ``seed``."""
         theta = np.array([*self.effect, self.damping, self.lag, self.delay])
         values, vectors = np.linalg.eigh((self.covariance + self.covariance.T) / 2)  # it may be singular
         rng, spread = np.random.default_rng(seed), vectors * np.sqrt(values.clip(0))

@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from mavdem.condition.wind_velocity import POINTS
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.order_choice import STRONG_EVIDENCE_NATS, OrderChoice
 from mavdem.evaluate.comparison import Comparison
@@ -17,7 +18,7 @@ from mavdem.evaluate.scores import FROM_ZERO, KNOWN, ratio
 from mavdem.fleet.row import AXIS_ORDER, NOT_IDENTIFIABLE, Flight, worst_health
 from mavdem.report import palette
 from mavdem.report.figures.style import HAIRLINE, WIDTH, Room, band, legend_above, not_blown_up, picture, plain
-from mavdem.report.numbers import POINTS, TORQUE, short
+from mavdem.report.numbers import TORQUE, short
 
 FEW = 25  # flights, up to which each has a dot and its own interval
 COLUMNS = 3

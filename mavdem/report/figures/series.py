@@ -13,11 +13,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from mavdem.alignment.drive import Signal
 from mavdem.analysis.findings import BOUND_LEVEL, LAG_SECONDS, known_wind, residuals
-from mavdem.condition import WindVelocity
 from mavdem.condition.condition import HoverFigures
-from mavdem.condition.wind_velocity import by_compass
+from mavdem.condition.wind_velocity import by_compass, from_point
 from mavdem.confidence import LEVEL
 from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
@@ -28,7 +26,7 @@ from mavdem.report import palette
 from mavdem.report.figures import style
 from mavdem.report.figures.style import HAIRLINE, THIN, Room, band, legend_above, not_blown_up, note, picture
 from mavdem.report.figures.systems import SystemPlots
-from mavdem.report.numbers import TORQUE, AxisCommand, Labels, from_point, per, readable
+from mavdem.report.numbers import TORQUE, AxisCommand, Labels, per, readable
 from mavdem.report.palette import HELD_OUT_OPACITY, MEASURED, TRUTH, distinct
 
 
@@ -258,26 +256,32 @@ def forecast(held: HeldOut, labels: Labels, output: int = 0, windows: int = 8) -
     return figure
 
 
-def wind_over_time(wind: WindVelocity, own: Signal | None = None) -> Figure:
-    """Draws speed and, if it is known, direction with 90 % bands, and the ``own`` estimate of the autopilot."""
-    found, theirs = by_compass(wind.velocity, wind.band, wind.direction), None
-    if own is not None and (rows := own.boot == wind.boot).any():
-        theirs = own.time[rows], *by_compass(own.values[rows], 0 * own.values[rows], wind.direction)
-    with picture(3.2 if wind.directed else 2.4) as figure:
-        panels = np.atleast_1d(figure.subplots(1 + wind.directed, 1, sharex=True))
+def wind_over_time(
+    time: Array, velocity: Array, half_widths: Array, origin: float | None, own: tuple[Array, Array] | None = None
+) -> Figure:
+    """Draws speed and direction with 90 % bands over ``time`` (T,), s, and the autopilot's ``own`` times and values.
+
+    ``velocity`` and half widths (T, 2), m/s, are of where the air moves to, north and east; ``origin``, degrees, is the
+    mean direction that it comes from: None, and so no direction, where that is not known.
+    """
+    mean = origin or 0.0
+    found, directed = by_compass(velocity, half_widths, mean), origin is not None
+    theirs = None if own is None else (own[0], *by_compass(own[1], 0 * own[1], mean))
+    with picture(3.2 if directed else 2.4) as figure:
+        panels = np.atleast_1d(figure.subplots(1 + directed, 1, sharex=True))
         for part, axes in enumerate(panels):
             line, half = found[part], found[2 + part]
             lowest = line - half if part else np.maximum(line - half, 0)
-            band(axes, wind.time, lowest, line + half, palette.DISTURBANCE, "90 % band")
-            axes.plot(wind.time, line, color=palette.DISTURBANCE, linewidth=THIN, label="wind")
+            band(axes, time, lowest, line + half, palette.DISTURBANCE, "90 % band")
+            axes.plot(time, line, color=palette.DISTURBANCE, linewidth=THIN, label="wind")
             if theirs is not None:
                 axes.plot(theirs[0], theirs[1 + part], color=palette.BASELINE, linewidth=THIN, label="autopilot's own")
             if part:
-                far = np.clip(1.5 * np.abs(line - wind.direction).max(), 30, 180)
-                axes.set(ylabel="from (°)", ylim=(wind.direction - far, wind.direction + far))
+                far = np.clip(1.5 * np.nanmax(np.abs(line - mean)), 30, 180)
+                axes.set(ylabel="from (°)", ylim=(mean - far, mean + far))
                 axes.yaxis.set_major_formatter(lambda angle, _: f"{angle % 360:.0f}")
-        panels[0].set(ylabel="speed (m/s)", ylim=(0, None), xlim=wind.time[[0, -1]])
-        panels[0].set_title(f"from {from_point(wind.direction)}" if wind.directed else "")
+        panels[0].set(ylabel="speed (m/s)", ylim=(0, None), xlim=time[[0, -1]])
+        panels[0].set_title(f"from {from_point(mean)}" if directed else "")
         panels[-1].set_xlabel("time since boot (s)")
         legend_above(panels[0])
     return figure
