@@ -144,13 +144,9 @@ class Store:
     @contextmanager
     def _transaction(self) -> Iterator[None]:
         """All or nothing, while other runs wait."""
-        self._db.execute("begin immediate")
-        try:
+        with self._db:
+            self._db.execute("begin immediate")
             yield
-        except BaseException:
-            self._db.execute("rollback")
-            raise
-        self._db.execute("commit")
 
     def knows(self, source: Source, limits: Limits) -> bool:
         """Returns whether a log is as it was, and another reading would end as the last one did."""

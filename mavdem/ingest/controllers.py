@@ -21,7 +21,7 @@ USED = re.compile(
     r"IMU_GYRO_(CUTOFF|RATEMAX)$|IMU_DGYRO_CUTOFF$|CA_(AIRFRAME|ROTOR_COUNT)$|CA_ROTOR[0-3]_"
 )
 """Names of the parameters that a controller depends on."""
-MOTORS = 4  # of the frames whose mixer is known
+MOTORS, SLOWEST, FLATTEST = 4, 50.0, 0.1  # of the frames that are known; Hz of a rate loop; slope of a thrust curve
 ASK = "Record all parameters: log from the first connection, or ask for the parameter list once while recording."
 DOUBTS = {
     "SMAX": "limits the slew of P and D, and so the gains while the motors are busy",
@@ -66,7 +66,7 @@ class Controller:
         """Returns (4,) how far a demand of 1 moves outputs that are at ``shares`` of their range, as such shares."""
         begin, end = self.spin
         thrust = [min(max((share - begin) / (end - begin), 0.0), 1.0) for share in shares]
-        slopes = [(end - begin) / (1 - self.expo + 2 * self.expo * one) for one in thrust]
+        slopes = [(end - begin) / max(1 - self.expo + 2 * self.expo * one, FLATTEST) for one in thrust]
         return tuple(factor * slope for factor, slope in zip(self.mixer, slopes, strict=True))
 
     def changed(self, parameters: Mapping[str, float]) -> Controller:
@@ -100,16 +100,16 @@ def controller_of(parameters: Mapping[str, float], axis: str = "roll", weights: 
     if ardupilot:
         if len(weights) != 1:
             begin, end, frame = _required(own, "MOT_SPIN_MIN", "MOT_SPIN_MAX", "FRAME_CLASS")
-            if frame != 1 or len(weights) != MOTORS or not any(weights):
+            if frame != 1 or len(weights) != MOTORS or not any(weights) or not begin < end:
                 raise NotLearnable(
                     "The mixer is not known: this needs a quadrotor of a usual FRAME_CLASS and FRAME_TYPE."
                 )
             mixer = tuple(float(one) / max(map(abs, weights)) / 2 for one in weights)
-        gyro, cycle, output = own.get("INS_GYRO_FILTER", 0.0), 1 / own.get("SCHED_LOOP_RATE", 400.0), 0.0
+        gyro, cycle, output = own.get("INS_GYRO_FILTER", 0.0), 1 / max(own.get("SCHED_LOOP_RATE", 400.0), SLOWEST), 0.0
     else:
         values |= {gain: own.get(f"{rate}K", 1.0) * values[gain] for gain in "pid"}
         mixer = mixer if len(weights) == 1 else _allocation(own)[axis]
-        gyro, cycle = own.get("IMU_GYRO_CUTOFF", 0.0), 1 / own.get("IMU_GYRO_RATEMAX", 400.0)
+        gyro, cycle = own.get("IMU_GYRO_CUTOFF", 0.0), 1 / max(own.get("IMU_GYRO_RATEMAX", 400.0), SLOWEST)
         output = own.get("MC_YAW_TQ_CUTOFF", 0.0) if axis == "yaw" else 0.0
     more = {"ff": own.get(f"{rate}FF", 0.0), "output_filter": output, "gyro_filter": gyro, "cycle": cycle}
     known = {"names": names, "parameters": own, "weights": tuple(map(float, weights)), "mixer": mixer}
@@ -130,7 +130,7 @@ def _allocation(parameters: Mapping[str, float]) -> dict[str, tuple[float, ...]]
     sizes = {parameters.get(f"CA_ROTOR{n}_CT", 0.0) for n in four}
     effects = np.array([np.negative(y), x, moment, np.ones(MOTORS)])
     other = parameters.get("CA_ROTOR_COUNT") != MOTORS or parameters.get("CA_AIRFRAME", 0.0) or any(tilts)
-    if other or len(sizes) > 1 or np.linalg.matrix_rank(effects) < MOTORS:
+    if other or len(sizes) > 1 or np.linalg.cond(effects) > 1e6:
         raise NotLearnable("The mixer is not known: this needs four upright motors alike (CA_AIRFRAME 0, CA_ROTORn_*).")
     inverse = np.linalg.inv(effects)[:, :3]
     tilting = np.abs(inverse[:, :2]) > 1e-3 * np.abs(inverse).max()

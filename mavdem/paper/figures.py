@@ -16,14 +16,12 @@ from mavdem.report.palette import BOUND, HELD_OUT_OPACITY, MEASURED, PREDICTED, 
 SHOWN_BEFORE = 100  # samples of training that are shown before a forecast
 ROW_HEIGHT = 1.7  # inches
 
+Panels = Mapping[str, Mapping[str, Array]]
+"""Series by the title of their panel and by name."""
+
 
 def lines(
-    panels: Mapping[str, Mapping[str, Array]],
-    x_label: str,
-    *,
-    first: int = 0,
-    scale: str = "linear",
-    bounds: Sequence[float] = (),
+    panels: Panels, x_label: str, *, first: int = 0, scale: str = "linear", bounds: Sequence[float] = ()
 ) -> Figure:
     """Draws panels, by title, of lines, by name; values (N,) are at whole numbers from ``first`` on."""
     with picture() as figure:
@@ -40,7 +38,7 @@ def lines(
         return figure
 
 
-def forecasts(window: Window, panels: Mapping[str, Mapping[str, Array]], one_step: Array | None = None) -> Figure:
+def forecasts(window: Window, panels: Panels, one_step: Array | None = None) -> Figure:
     """Draws forecasts (H, m) of the test data, by the title of their column and by name, with what was measured.
 
     ``one_step``: (T, m) predictions of the training data, all of which is then shown.

@@ -1,6 +1,7 @@
 """MCAP files to read, written with the mcap library."""
 
 import json
+import random
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Self
@@ -78,6 +79,15 @@ HEARTBEAT = (
     '"custom_mode":5,"mavtype":{"type":"MAV_TYPE_QUADROTOR"},"autopilot":{"type":"MAV_AUTOPILOT_ARDUPILOTMEGA"},'
     '"base_mode":{"bits":209},"system_status":{"type":"MAV_STATE_ACTIVE"},"mavlink_version":3'
 )
+
+
+def spoil(path: Path, chance: random.Random) -> None:
+    """In one place or many of a file, bytes are lost, changed or added."""
+    content = bytearray(path.read_bytes())
+    for _ in range(chance.choice([1, 1, 3, 30])):
+        place = chance.randrange(len(content))
+        content[place : place + chance.randrange(3)] = chance.randbytes(chance.randrange(4))
+    path.write_bytes(content)
 
 
 def converted(log: Path, folder: Path) -> Path:

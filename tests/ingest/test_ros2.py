@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mavlink_streams import flight, heartbeat
 from mcap.writer import CompressionType
-from mcap_files import Recorder
+from mcap_files import Recorder, spoil
 from numpy.typing import NDArray
 from ros2_files import DEFINITIONS, TIMES, UNIX, Ros2Recorder, header, mavros_flight, px4_flight, to_ros, xyzw
 from scipy.spatial.transform import Rotation
@@ -200,21 +200,14 @@ WHOLE = np.rint(TIMES[:60] * 1e3).astype(int).tolist()
 @given(st.integers(0, 2**32), st.sampled_from(COMPRESSIONS), st.booleans())
 @settings(max_examples=40)
 def test_damage_never_makes_an_error_or_a_false_message(tmp_path_factory, seed, compression, mavros):
-    chance = random.Random(seed)
-    folder = tmp_path_factory.mktemp("damaged")
-
     def write(recorder: Ros2Recorder) -> None:
         if mavros:
             mavros_flight(recorder, UNIX + TIMES[:60])
         else:
             px4_flight(recorder, TIMES[:60])
 
-    path = written(folder, write, compression=compression, chunk_size=2500)
-    content = bytearray(path.read_bytes())
-    for _ in range(chance.choice([1, 1, 3, 30])):
-        place = chance.randrange(len(content))
-        content[place : place + chance.randrange(3)] = chance.randbytes(chance.randrange(4))
-    path.write_bytes(content)
+    path = written(tmp_path_factory.mktemp("damaged"), write, compression=compression, chunk_size=2500)
+    spoil(path, random.Random(seed))
     read = attitudes(path)
     if mavros:
         # Seconds count from another first message where the first are lost.

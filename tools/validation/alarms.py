@@ -22,9 +22,10 @@ from mavdem.health.in_flight import MotorAlarm, MotorWatch
 from mavdem.ingest.motors import motor_geometry
 from sitl_scenarios.dynamics import MAX_PULSE, MIN_PULSE
 from sitl_scenarios.files import scenario_of
+from sitl_scenarios.gains import cycle_of
 from sitl_scenarios.motion import IN_AIR
 from sitl_scenarios.scenario import Scenario
-from sitl_scenarios.simulation import CYCLES, fly
+from sitl_scenarios.simulation import fly
 
 SOUND, HOVER, WIND, CHIPPED, SHIFTED = "sound", "weak in hover", "weak in wind", "chipped", "shifted load"
 SECOND = "chipped while another is weak"
@@ -96,7 +97,7 @@ def watched(kind: str, number: int, rate: float) -> Watched:
     """What a watch says in one flight, its motors at ``rate``, Hz."""
     flight = scenario(kind, number)
     motion = fly(flight)
-    every = round(1 / rate / CYCLES[flight.stream.autopilot])
+    every = round(1 / rate / cycle_of(flight))
     time, air = motion.time[::every], motion.landed_state[::every] == IN_AIR
     since = np.where(air & ~np.concatenate([[False], air[:-1]]), time, -np.inf)
     settled = air & (time >= np.maximum.accumulate(since) + 5.0)  # as ``alignment.phases`` has it

@@ -8,7 +8,7 @@ flights in ten have another thrust curve, lag, inertia and battery.
 
 Gains and the delay of the sensors vary from flight to flight where loops are compared.
 
-Usage: tools/validation/physical.py simulated|loops|crazyflie [--seed N] [--every K]
+Usage: tools/validation/physical.py simulated|loops|advice|crazyflie [--seed N] [--every K]
 """
 
 from __future__ import annotations
@@ -26,7 +26,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem import Flight
-from mavdem.condition.loop import loop_of
+from mavdem.condition.loop import Loop, advise, loop_of
+from mavdem.condition.loop.advice import SURE
 from mavdem.confidence import LEVEL, quantile
 from mavdem.dem import NotIdentifiable, Physical, WindTorque, physical
 from mavdem.dem.graybox.wind import wind
@@ -247,9 +248,9 @@ LIMITS = {"crossover": 0.1, "phase_margin": 6.0, "gain_margin": 1.5, "ms": 0.1}
 """Of the error of margins, in the order of the truth's: degrees and dB as they are, others as a share of the truth."""
 
 
-def loops(seed: int, every: int) -> None:
-    """How far margins are from the linearised loop's, and how often intervals hold them, by the effect's status."""
-    rng, found = np.random.default_rng(seed), list[tuple[str, NDArray[Any]]]()
+def loop_flights(seed: int, every: int) -> Iterator[tuple[Scenario, Loop, dict[str, Any]]]:
+    """Flights with other gains and delays, their loops, and their truth."""
+    rng = np.random.default_rng(seed)
     for number, case in enumerate(cases(seed, every), start=1):
         of = scenario(case._replace(varied=case.varied | {"rate_gain": float(np.exp(rng.uniform(-0.5, 0.8)))}))
         of = of.model_copy(update={"sensors": of.sensors.model_copy(update={"delay": rng.uniform(0.002, 0.012)})})
@@ -257,17 +258,45 @@ def loops(seed: int, every: int) -> None:
             record, known = Record.of(logged(of)), truth(of, fly(of))
             if isinstance(plant := physical(record), NotIdentifiable):
                 raise NotLearnable(plant.reason)
-            loop = loop_of(plant, record)
+            yield of, loop_of(plant, record), known
         except (NotLearnable, ValueError) as reason:
             log(f"{number}: {case}: refused: {reason}")
+
+
+def advice(seed: int, every: int) -> None:
+    """Of the flights whose gains were set as advised, how many have the margins that were promised."""
+    rows = list[tuple[str, bool]]()
+    for of, loop, _ in loop_flights(seed, every):
+        found = advise(loop)
+        if not found.gains:
+            log(f"refused: {found.refusal}")
             continue
+        vehicle = of.vehicle.model_copy(update={"parameters": {name: new for name, (_, new) in found.gains.items()}})
+        again = of.model_copy(update={"vehicle": vehicle})
+        known, wanted = truth(again, fly(again)), found.target
+        margins = [known[f"roll_{name}_margins"][1:] for name in ("rate", "attitude")]
+        met = all(phase >= wanted[0] and not gain < wanted[1] and ms <= wanted[2] for phase, gain, ms in margins)
+        log(f"{of.vehicle.model}: {found.sentence} {np.round(margins, 1).tolist()} {met}")
+        rows.append(("promised" if found.sure >= SURE else "a step towards them", met))
+    counts = {label: [met for which, met in rows if which == label] for label, _ in sorted(rows)}
+    heads = ["margins are", "flights", "have them when the advice is flown"]
+    table("**Advice**, both loops", heads, [[label, str(len(met)), str(sum(met))] for label, met in counts.items()])
+
+
+def loops(seed: int, every: int) -> None:
+    """How far margins are from the linearised loop's, and how often intervals hold them, by the effect's status."""
+    found = list[tuple[str, NDArray[Any]]]()
+    for _, loop, known in loop_flights(seed, every):
         for name in ("rate", "attitude"):
             true, one = known[f"roll_{name}_margins"], getattr(loop, name)
             estimates, ends = ([getattr(one, figure + end) for figure in LIMITS] for end in ("", "_interval"))
             low, high = np.transpose(ends)
             errors = (np.array(estimates) - true) / np.where(np.isin(list(LIMITS), ("crossover", "ms")), true, 1.0)
             found.append(
-                (f"{name} loop, effect {plant.status['effect']}", np.array([errors, (low <= true) & (true <= high)]))
+                (
+                    f"{name} loop, effect {loop.plant.status['effect']}",
+                    np.array([errors, (low <= true) & (true <= high)]),
+                )
             )
     for label in sorted({label for label, _ in found}):
         errors, inside = np.transpose([one for which, one in found if which == label], (1, 2, 0))
@@ -319,29 +348,21 @@ def crazyflie() -> None:
                 row_of([axis, "whole"] if window is None else ["", f"7 s, no. {window + 1}"], part)
                 for window, part in parts_of(flight).items()
             ]
-    heads = [
-        "axis",
-        "of",
-        "s",
-        "Hz",
-        "effect",
-        "damping, 1/s",
-        "lag, ms",
-        "wind's share",
-        "wind, rad/s²",
-        "refinements",
-    ]
+    heads = ["axis", "of", "s", "Hz", "effect", "damping, 1/s", "lag, ms", "wind's share", "wind, rad/s²"]
     # By published thrust curves and inertia.
     title = "**Crazyflie** (effect in rad/s² per unit of one motor's command; published: 318–403 for roll)"
-    table(title, heads, table_rows)
+    table(title, [*heads, "refinements"], table_rows)
 
 
 @click.command(help=__doc__)
-@click.argument("which", type=click.Choice(["simulated", "loops", "crazyflie"]))
+@click.argument("which", type=click.Choice(["simulated", "loops", "advice", "crazyflie"]))
 @click.option("--seed", default=0, show_default=True, help="Of the simulated flights.")
 @click.option("--every", default=1, show_default=True, help="One of so many of these, drawn by seed.")
 def main(which: str, seed: int, every: int) -> None:
-    {"simulated": lambda: simulated(seed, every), "loops": lambda: loops(seed, every), "crazyflie": crazyflie}[which]()
+    if which == "crazyflie":
+        crazyflie()
+    else:
+        {"simulated": simulated, "loops": loops, "advice": advice}[which](seed, every)
 
 
 if __name__ == "__main__":

@@ -110,6 +110,8 @@ def loop_of(plant: Physical, record: Record, controller: Controller | None = Non
             raise NotLearnable("The autopilot's parameters are not known: there is no controller.", ASK)
         weights = [] if record.effect_directions is None else record.effect_directions.tolist()
         controller = controller_of(record.parameters, axis, weights)
+    if not controller.p > 0:
+        raise NotLearnable(f"{controller.names['p']} is {controller.p:g}: there is no loop to judge. Check the gains.")
     drawn = _drawn(plant, controller.gyro_filter, record.dt)
     gains = drawn[:, :-3] @ _per_demand(controller, record)
     if not gains[0] > 0:
