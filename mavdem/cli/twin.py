@@ -13,24 +13,24 @@ import numpy as np
 from mavdem.alignment.drive import AXES
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals
-from mavdem.analysis.figures import axis_figures
 from mavdem.cli.options import Number, no_option, vehicle_option
 from mavdem.cli.output import check_file, print_result, progress, say_aside, write_text
 from mavdem.cli.sources import read_source
+from mavdem.cli.tune import axis_loop
 from mavdem.condition.condition import hover_of
-from mavdem.condition.loop.loop import Loop, loop_of
-from mavdem.condition.loop.twin import BANDS, alike, asked, torque, twin_of
+from mavdem.condition.loop import Loop
+from mavdem.condition.loop.twin import BANDS, alike, setpoints_of, torque, twin_of
 from mavdem.condition.wind_of_log import air_of
-from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
 from mavdem.report.blocks import Sentence, Table
 from mavdem.report.vehicle_files import LEFT_OUT, vehicle_text
 from sitl_scenarios.files import scenario_of
 from sitl_scenarios.replay import replayed
 
-FLIGHTS, LONGEST = 3, 120.0  # of the twin, each in other wind of the same spectrum; s of the recorded flight
+FLIGHTS = 3  # of the twin, each in other wind of the same spectrum
 SHOWN = {"mass": "kg", "inertia": "kg m²", "lag": "s", "damping": "1/s", "delay": "s", "hover": "share of range"}
 FIGURES = {"lean": "roll, mean (°)", "sway": "roll, sd (°)", "rate": "roll rate, sd (°/s)"}
+FIGURES |= {"peak": "step of the roll rate, largest", "rise": "and time to half of that (s)"}
 
 
 @click.command("twin")
@@ -56,19 +56,15 @@ def twin_command(source: str, out: tuple[Path, ...], mass: float | None, vehicle
         check_file(path, "--out", (".toml", *LEFT_OUT))
     log = read_source(source)
     signals = Signals(choose_vehicle(log.vehicles, vehicle))
-    loops, missing, records = dict[str, Loop](), [], dict[str, Record]()
+    loops, missing = dict[str, Loop](), list[str]()
     with progress("Learning the vehicle") as done:
         for number, axis in enumerate(AXES):
-            figures = axis_figures(signals.about(axis), log.components)
             try:
-                if figures.physical is None:
-                    raise NotLearnable(figures.reason)
-                records[axis] = Record.of(figures.flights)
-                loops[axis] = loop_of(figures.physical, records[axis])
+                loops[axis] = axis_loop(signals.about(axis), log)
             except NotLearnable as error:
                 if axis == "roll":
                     raise
-                missing.append(f"{axis.capitalize()} is not learned: {error.reason}")
+                missing.append(f"{axis.capitalize()} is not learned: {error}")
             done((number + 1) / len(AXES))
     hover = hover_of(signals.about("roll", "motors"), log.components)
     drag, px4 = None if (wind := air_of(signals)[0]) is None else wind.drag, signals.telemetry.autopilot == "PX4"
@@ -79,26 +75,22 @@ def twin_command(source: str, out: tuple[Path, ...], mass: float | None, vehicle
             say_aside(f"{path.name} has no place for {left}.")
     known = {name: ", ".join(f"{one:.3g}" for one in np.ravel(getattr(twin, name))) for name in SHOWN}
     rows = [[f"{name} ({unit})", known[name], twin.notes.get(name, "")] for name, unit in SHOWN.items()]
-    blocks = [*map(Sentence, missing), Table(["Vehicle", "value", "how sure (90 %)"], rows, words=True)]
+    blocks: list[Sentence | Table] = [Sentence(one) for one in missing]
+    blocks.append(Table(["Vehicle", "value", "how sure (90 %)"], rows, words=True))
     document: dict[str, Any] = {"vehicle": asdict(twin), "missing": missing, "alike": None}
-    if (flight := asked(records["roll"], "roll", px4)) is None:
+    if (again := setpoints_of(loops["roll"])) is None:
         blocks.append(Sentence("The setpoints of roll were not recorded: the twin does not fly them again."))
     else:
-        dt, scenario = records["roll"].dt, scenario_of(tomllib.loads(vehicle_text(twin, ".toml", "")))
-        recorded, setpoints = (table[: round(LONGEST / dt)] for table in flight)
+        record, setpoints = again
+        scenario, flown = scenario_of(tomllib.loads(vehicle_text(twin, ".toml", ""))), []
         with progress("Flying the twin", measured=False):
-            flown = [
-                replayed(
-                    scenario.model_copy(update={"seed": seed}),
-                    dt,
-                    setpoints,
-                    torque(loops["roll"], len(recorded), dt, np.random.default_rng(seed)),
-                )
-                for seed in range(FLIGHTS)
-            ]
-        document["alike"] = compared = alike(recorded, np.array(flown), dt)
+            for seed in range(FLIGHTS):
+                blown = torque(loops["roll"], len(record), np.random.default_rng(seed))
+                flown.append(replayed(scenario.model_copy(update={"seed": seed}), record.dt, setpoints, blown))
+        document["alike"] = compared = alike(loops["roll"], record, flown)
         bands = zip(BANDS[:-1], BANDS[1:], compared["levels"], strict=True)
         cells = [[f"roll rate, {low:g} to {high:g} Hz (dB)", "0", f"{level:+.1f}"] for low, high, level in bands]
-        cells += [[name, *(f"{one:.2f}" for one in compared[key])] for key, name in FIGURES.items()]
+        shown = {key: name for key, name in FIGURES.items() if key in compared}
+        cells += [[name, *(f"{one:.2f}" for one in compared[key])] for key, name in shown.items()]
         blocks.append(Table(["In wind of the same spectrum", "recorded", "twin"], cells))
     print_result(document, blocks, as_json)
