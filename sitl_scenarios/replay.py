@@ -38,4 +38,5 @@ def replayed(scenario: Scenario, dt: float, setpoints: Array, torque: Array) -> 
         state = flown.moved(state, flown.targets(control.outputs, 1.0), AirState(roll=moment), steps)
         if not abs(state.rates[0]) < MAX_BODY_RATE:
             raise ValueError("the vehicle is out of control: it needs other gains")
-    return np.array(known)[np.searchsorted(grid, np.arange(len(torque)) - 1e-6).clip(max=len(known) - 1)]
+    rows = np.searchsorted(grid, np.arange(len(torque)) - 1e-6).clip(max=len(known) - 1)
+    return np.asarray(np.array(known)[rows])
