@@ -94,10 +94,9 @@ def twin_of(loops: Mapping[str, Loop], px4: bool, hover: float, drag: Drag | Non
         ends = {f"drag_{name}": drag.interval(name).mean(axis=1) for name in ("linear", "quadratic")}
         notes |= {name: f"from {low:.2g} to {high:.2g}" for name, (low, high) in ends.items()}
     about = {"pitch": roll.plant.damping, "yaw": 0.0} | {axis: loop.plant.damping for axis, loop in loops.items()}
+    damping = tuple(about[axis] for axis in COLUMNS)
     moment = arm * sum(sizes) / inertia["yaw"] if "yaw" in inertia else MOMENT
-    return replace(
-        body, inertia=(*sizes, sum(sizes)), moment=moment, damping=tuple(about[axis] for axis in COLUMNS), notes=notes
-    )
+    return replace(body, inertia=(*sizes, sum(sizes)), moment=moment, damping=damping, notes=notes)
 
 
 BANDS = (0.3, 0.6, 1.2, 2.4, 4.8, 8.0)  # Hz: octaves, and what is left of the last
