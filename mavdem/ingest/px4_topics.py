@@ -26,10 +26,7 @@ Parameters = Mapping[str, float]
 
 _TABLE = json.loads((files("mavdem.ingest") / "px4_topics.json").read_text())
 NEEDED: Mapping[str, tuple[str, ...]] = {topic: tuple(fields) for topic, fields in _TABLE.items()}
-"""The topics that are read, and the fields of each beside ``timestamp``, arrays with their length.
-
-``wind`` was ``wind_estimate`` before PX4 1.12.
-"""
+"""Topics that are read and fields of each, arrays with their length; before 1.12 ``wind`` was ``wind_estimate``."""
 SETPOINTS = frozenset({"vehicle_attitude_setpoint", "vehicle_rates_setpoint", "manual_control_setpoint"})
 """Those that a companion may send as well."""
 STICK_RANGE, NO_STICK = 1000.0, 32767.0  # Full deflection in MANUAL_CONTROL, and what stands for none

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mavdem.condition.loop.loop import Loop
-from mavdem.condition.loop.response import evenly, measured_response
 from mavdem.confidence import quantile
 from mavdem.dem.airflow.drag import Drag
-from mavdem.dem.engine.linalg import Array
-from mavdem.dem.graybox.wind import wind_density
-from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
 from mavdem.ingest.controllers import controller_of
 
@@ -97,68 +93,3 @@ def twin_of(loops: Mapping[str, Loop], px4: bool, hover: float, drag: Drag | Non
     damping = tuple(about[axis] for axis in COLUMNS)
     moment = arm * sum(sizes) / inertia["yaw"] if "yaw" in inertia else MOMENT
     return replace(body, inertia=(*sizes, sum(sizes)), moment=moment, damping=damping, notes=notes)
-
-
-BANDS = (0.3, 0.6, 1.2, 2.4, 4.8, 8.0)  # Hz: octaves, and what is left of the last
-WINDOW, SETTLES, LONGEST = 20.0, 3.0, 120.0  # s of a spectrum's windows, left out at the beginning, and flown
-
-
-def setpoints_of(loop: Loop) -> tuple[Record, Array] | None:
-    """Returns the longest segment of the loop's flight and its setpoints (T, 2) of angle and rate; None without them.
-
-    Rad, and rad/s beside what the angle's error asks for: PX4's setpoint of the rate is that, in ArduPilot's RATE it is
-    added, in its ATTITUDE_TARGET not.
-    """
-    record, names = loop.record, [f"{loop.axis} setpoint", f"{loop.axis} rate setpoint"]
-    longest = int(np.argmax(record.lengths))
-    length = min(record.lengths[longest], round(LONGEST / record.dt))
-    rows = slice(begin := int(record.starts[longest]), begin + length)
-    if record.setpoints is None or not set(names) <= set(record.setpoint_names):
-        return None
-    table, outputs = record.setpoints[rows], record.outputs[rows]
-    asked = table[:, [record.setpoint_names.index(name) for name in names]]
-    known = np.isfinite(asked).all(axis=1)
-    if known.mean() < 0.5:
-        return None
-    at = np.arange(length)
-    angle, rate = (evenly(np.interp(at, at[known], column[known])) for column in asked.T)
-    corrected = loop.controller.angle * (angle - outputs[:, 0])
-    rest = rate - np.gradient(angle, record.dt)
-    inside = not loop.controller.derivative_of_error or 2 * rest @ corrected > corrected @ corrected
-    flown = replace(record, inputs=record.inputs[rows], outputs=outputs, lengths=(length,), setpoints=table, begins=())
-    return flown, np.column_stack([angle, rate - inside * corrected])
-
-
-def alike(loop: Loop, record: Record, flown: Sequence[Array]) -> dict[str, list[float]]:
-    """Returns figures of a ``record`` and of angles and rates (T, 2), rad and rad/s, that were ``flown`` again.
-
-    Levels of the rate's spectrum in ``BANDS``, the twin's over the recorded in dB; recorded and the twin's mean and
-    standard deviation of the angle and that of the rate, in degrees, and the step of the rate: its largest part, and
-    time to half of it, s, where setpoints and wind allow it.
-    """
-    from scipy.signal import detrend, welch  # it takes half a second to import
-
-    both = np.array([record.outputs, *flown])[:, round(SETTLES / record.dt) :]
-    length = int(min(WINDOW / record.dt, both.shape[1] / 2))
-    frequency, power = welch(both[..., 1], 1 / record.dt, nperseg=length, detrend=detrend)
-    inside = [(frequency >= low) & (frequency < high) for low, high in zip(BANDS[:-1], BANDS[1:], strict=True)]
-    level = np.array([power[:, band].mean(axis=1) for band in inside])
-    means, sds = np.degrees(both.mean(axis=1)), np.degrees(both.std(axis=1))
-    values = {"lean": means[:, 0], "sway": sds[:, 0], "rate": sds[:, 1]}
-    responses = (replace(record, outputs=outputs) for outputs in (record.outputs, *flown))
-    steps = [measured_response(one, loop.controller, loop.rate.frequency, loop.rate.closed[0]) for one in responses]
-    if all(one is not None and not one.reason for one in steps[:1]):
-        known = [(one.step, one.time) for one in steps if one is not None]
-        values |= {"peak": np.array([step.max() for step, _ in known])}
-        values |= {"rise": np.array([time[np.argmax(step > step.max() / 2)] for step, time in known])}
-    found = {name: [float(one[0]), float(one[1:].mean())] for name, one in values.items()}
-    return {"levels": (10 * np.log10(level[:, 1:].mean(axis=1) / level[:, 0])).tolist()} | found
-
-
-def torque(loop: Loop, samples: int, noise: np.random.Generator) -> Array:
-    """Returns (samples,) of the wind's torque on an axis, rad/s², Gaussian with the spectrum that was learned."""
-    frequency: Array = np.fft.rfftfreq(samples, loop.record.dt).astype(np.float64)
-    size = np.sqrt(wind_density(loop.plant, frequency) * samples / (4 * loop.record.dt))
-    size[0] = 0.0
-    drawn = noise.standard_normal((2, len(size)))
-    return np.fft.irfft(size * (drawn[0] + 1j * drawn[1]), samples)
