@@ -7,9 +7,9 @@ https://github.com/PX4/PX4-Autopilot/tree/main/msg. Fields that no topic has are
 
 from __future__ import annotations
 
-import json
+import tomllib
 from collections.abc import Callable, Mapping
-from importlib.resources import files
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,9 +24,9 @@ Px4Topic = Mapping[str, NDArray[Any]]
 Topics = Mapping[str, Mapping[int, Px4Topic]]  # Topics by name, and of each the instances by their number
 Parameters = Mapping[str, float]
 
-_TABLE = json.loads((files("mavdem.ingest") / "px4_topics.json").read_text())
-NEEDED: Mapping[str, tuple[str, ...]] = {topic: tuple(fields) for topic, fields in _TABLE.items()}
-"""Topics that are read and fields of each, arrays with their length; before 1.12 ``wind`` was ``wind_estimate``."""
+_TOPICS = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
+NEEDED: Mapping[str, tuple[str, ...]] = {topic: tuple(fields) for topic, fields in _TOPICS.items()}
+"""The topics that are read, and the fields of each beside ``timestamp``, arrays with their length."""
 SETPOINTS = frozenset({"vehicle_attitude_setpoint", "vehicle_rates_setpoint", "manual_control_setpoint"})
 """Those that a companion may send as well."""
 STICK_RANGE, NO_STICK = 1000.0, 32767.0  # Full deflection in MANUAL_CONTROL, and what stands for none

@@ -173,8 +173,9 @@ def test_refusals_are_sentences():
     record = (sound := made_up()).record
     inputs = np.where(np.arange(2000)[:, None] % 10 == 0, 2000.0, record.inputs)
     stuck = advise(replace(sound, record=replace(record, inputs=inputs)))
-    words = "Oscillates at 3 Hz", "A motor is at a limit 10 % of the time", "unstable, and yet it flew"
-    cases = advise(sound, doubts=["Oscillates at 3 Hz."]), stuck, advise(made_up(6.0))
+    retuned = advise(replace(sound, record=replace(record, earlier={"MC_ROLL_P": 5.0})))
+    words = "Oscillates at 3 Hz", "at a limit 10 % of the time", "unstable, and yet it flew", "MC_ROLL_P changed in"
+    cases = advise(sound, doubts=["Oscillates at 3 Hz."]), stuck, advise(made_up(6.0)), retuned
     for found, said in zip(cases, words, strict=True):
         assert found.sentence.startswith("No gains are advised. ") and said in found.sentence
         assert not found.gains and found.as_dict()["expected"] is None

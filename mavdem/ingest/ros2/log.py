@@ -13,12 +13,12 @@ were never compared.
 
 from __future__ import annotations
 
-import json
 import re
+import tomllib
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from importlib.resources import files
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -92,17 +92,14 @@ class MavrosTopic(NamedTuple):
 
     message: str
     schema: str
-    numbers: tuple[str, ...]
-    texts: tuple[str, ...] = ()
+    numbers: list[str]
+    texts: Sequence[str] = ()
 
 
 MAVROS_STAMP = ("header.stamp.sec", "header.stamp.nanosec")  # Fields of every message
 _QUATERNION, _RATES = ("w", "x", "y", "z"), ("x", "y", "z")
-_TABLES = json.loads((files("mavdem.ingest.ros2") / "mavros_topics.json").read_text())
-MAVROS_TOPICS = {
-    name: MavrosTopic(message, schema, tuple(numbers), tuple(texts))
-    for name, (message, schema, numbers, texts) in _TABLES.items()
-}
+_TOPICS = tomllib.loads(Path(__file__).with_name("mavros_topics.toml").read_text(encoding="utf-8"))
+MAVROS_TOPICS = {name: MavrosTopic(**topic) for name, topic in _TOPICS.items()}
 """By the name after the node's, which is ``mavros`` unless it was started with another."""
 MAVROS_PERIODS = {"SERVO_OUTPUT_RAW": 2**32 / 1e6}
 """Seconds after which stamps wrap: MAVROS moves the 32 bits of SERVO_OUTPUT_RAW's as they are (plugins/rc_io.cpp)."""
