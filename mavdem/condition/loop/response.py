@@ -91,7 +91,7 @@ def _parts(
         edges = np.flatnonzero(np.diff(np.isfinite(setpoints).all(axis=1), prepend=False, append=False))
         for first, last in edges.reshape(-1, 2):
             if last - first >= size:
-                rate, *angle = (_evenly(one) for one in setpoints[first:last].T)
+                rate, *angle = (evenly(one) for one in setpoints[first:last].T)
                 correction = stiffness * (angle[0] - outputs[first:last, 0]) if angle else 0.0
                 yield rate + correction, outputs[first:last, column], moved[first:last]
 
@@ -149,8 +149,8 @@ def _compared(
     return MeasuredResponse(hertz, response, predicted, coherence, *known, time, steps[0], steps[1], gain, reason)
 
 
-def _evenly(asked: Array) -> Array:
-    """(T,) a setpoint that holds until the next, linear between the times at which it was given."""
+def evenly(asked: Array) -> Array:
+    """Returns a setpoint (T,) that holds until the next, linear between the times at which it was given."""
     new = np.flatnonzero(np.diff(asked, prepend=np.nan))
     usual = int(np.median(np.diff(new))) if len(new) > 1 else 1
     kept = np.union1d(new, np.maximum(new[1:] - usual, 0))  # a plateau ends one step before the next
