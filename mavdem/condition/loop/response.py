@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 from itertools import combinations_with_replacement
 from typing import Any, NamedTuple
 
@@ -65,39 +65,31 @@ def measured_response(
     A demand of 1 moves the inputs by ``per_demand`` (r,). ArduPilot's ATTITUDE_TARGET lacks the attitude controller's
     correction of the rate, its RATE has it: of both that setpoint counts which predicts the rate better.
     """
-    size, found = round(WINDOW_SECONDS / record.dt), list[MeasuredResponse]()
-    for stiffness in (0.0, controller.angle) if controller.derivative_of_error else (0.0,):
-        parts = list(_parts(record, controller.axis, stiffness, per_demand, size))
-        if sum(2 * len(part[0]) // size - 1 for part in parts) >= FEWEST:
-            found.append(_compared(record.dt, size, parts, controller, at, closed))
-    return max(found, key=lambda one: one.fit, default=None)
-
-
-def _parts(
-    record: Record, axis: str, stiffness: float, per_demand: Array, size: int
-) -> Iterator[tuple[Array, Array, Array]]:
-    """Setpoint, rate and demand (N,) of each part with setpoints.
-
-    These are corrected by the angle's error times ``stiffness``, 1/s.
-    """
-    names = [f"{axis} rate setpoint", *([f"{axis} setpoint"] if stiffness else [])]
-    if record.setpoints is None or not set(names) <= set(record.setpoint_names):
-        return
-    asked, column = record.setpoints[:, [record.setpoint_names.index(name) for name in names]], rate_column(record)
-    demand = record.inputs @ per_demand / (per_demand @ per_demand)
-    for setpoints, outputs, moved in zip(
-        *(np.split(each, record.starts[1:]) for each in (asked, record.outputs, demand)), strict=True
-    ):
-        edges = np.flatnonzero(np.diff(np.isfinite(setpoints).all(axis=1), prepend=False, append=False))
-        for first, last in edges.reshape(-1, 2):
-            if last - first >= size:
-                rate, *angle = (evenly(one) for one in setpoints[first:last].T)
-                correction = stiffness * (angle[0] - outputs[first:last, 0]) if angle else 0.0
-                yield rate + correction, outputs[first:last, column], moved[first:last]
+    usual = f"{controller.axis} rate setpoint", f"{controller.axis} setpoint"
+    names = [name for name in usual if name in record.setpoint_names]
+    if record.setpoints is None or not names or "rate" not in names[0]:
+        return None
+    size, parts = round(WINDOW_SECONDS / record.dt), list[list[tuple[Array, ...]]]()
+    asked = record.setpoints[:, [record.setpoint_names.index(name) for name in names]]
+    seen = record.outputs[:, [rate_column(record), 0]]
+    table = np.column_stack([seen, record.inputs @ per_demand / (per_demand @ per_demand), asked])
+    for rows in np.split(table, record.starts[1:]):
+        edges = np.flatnonzero(np.diff(np.isfinite(rows).all(axis=1), prepend=False, append=False)).reshape(-1, 2)
+        for first, last in edges[np.ptp(edges, axis=1) >= size]:
+            rate, angle, demand, *given = rows[first:last].T
+            setpoint, *wanted = map(evenly, given)
+            corrected = [
+                setpoint + controller.angle * (one - angle) for one in wanted if controller.derivative_of_error
+            ]
+            parts.append([(one, rate, demand) for one in (setpoint, *corrected)])
+    if sum(2 * len(part[0][0]) // size - 1 for part in parts) < FEWEST:
+        return None
+    ways = (_compared(record.dt, size, way, controller, at, closed) for way in zip(*parts, strict=True))
+    return max(ways, key=lambda one: one.fit)
 
 
 def _compared(
-    dt: float, size: int, parts: list[tuple[Array, Array, Array]], controller: Controller, at: Array, closed: Complex
+    dt: float, size: int, parts: Sequence[tuple[Array, ...]], controller: Controller, at: Array, closed: Complex
 ) -> MeasuredResponse:
     from scipy.signal import csd  # it takes half a second to import
 
@@ -106,24 +98,19 @@ def _compared(
         for total, pair in zip(densities, combinations_with_replacement(part, 2), strict=True):
             total += len(part[0]) * csd(*pair, 1 / dt, nperseg=size)[1]
     smoothed = [np.convolve(one, np.full(3, 1 / 3), mode="same") for one in densities]
-    (of_setpoint, of_rate, of_demand), (across, *moved) = (
-        [smoothed[row].real for row in (0, 3, 5)],
-        [smoothed[row] for row in (1, 2, 4)],
-    )
+    of_setpoint, of_rate, of_demand = (smoothed[row].real for row in (0, 3, 5))
+    across, *moved = (smoothed[row] for row in (1, 2, 4))
     hertz, response = np.arange(len(across)) / (size * dt), np.asarray(across / of_setpoint, np.complex128)
     predicted = np.interp(hertz, at, closed.real) + 1j * np.interp(hertz, at, closed.imag)
     coherence = np.abs(response) ** 2 * of_setpoint / of_rate
     highest = float(min([*hertz[(hertz > LOWEST) & (coherence < LEAST_COHERENCE)], at[-1], hertz[-1]]))
     inside = (hertz >= LOWEST) & (hertz < highest)
-    unlike = np.abs(response - predicted) ** 2 * of_setpoint
-    by_wind = (1 - coherence) * of_rate
+    unlike, by_wind = np.abs(response - predicted) ** 2 * of_setpoint, (1 - coherence) * of_rate
     fit, agreement = (
         float(100 * (1 - (error[inside].sum() / of_rate[inside].sum()) ** 0.5)) if inside.any() else 0.0
         for error in (unlike + by_wind, unlike)
     )
-    passed = (
-        of_setpoint / (of_setpoint + REGULARISED * of_setpoint.max()) * np.clip(1.5 - hertz / highest / 2, 0.0, 1.0)
-    )
+    passed = np.clip(1.5 - hertz / highest / 2, 0.0, 1.0) / (1 + REGULARISED * of_setpoint.max() / of_setpoint)
     pulses = (np.append(abs(one[1]), (passed * one)[1:]) for one in (response, predicted))
     steps = [np.cumsum(np.fft.irfft(pulse, size))[: round(STEP_SECONDS / dt)] for pulse in pulses]
     reason = ""
@@ -137,8 +124,8 @@ def _compared(
     # What the controller should have asked for, by its parameters, and what it did.
     forward, back = transfer(controller, np.maximum(hertz, hertz[1]))
     likewise = forward.conj() * moved[0] - back.conj() * moved[1]
-    asked = np.abs(forward) ** 2 * of_setpoint + np.abs(back) ** 2 * of_rate
-    asked = asked - 2 * (forward.conj() * back * across).real
+    one, other = np.abs(forward) ** 2 * of_setpoint, np.abs(back) ** 2 * of_rate
+    asked = one + other - 2 * (forward.conj() * back * across).real
     sure = (hertz > LOWEST) & (hertz < 0.25 / dt) & (np.abs(likewise) ** 2 > SURE_COHERENCE * asked * of_demand)
     gain = float(np.median(np.abs(likewise / asked)[sure])) if dt < 1 / SLOWEST_RATE and sure.sum() > 5 else np.nan
     if abs(np.log(gain)) > GAIN_ERROR:
