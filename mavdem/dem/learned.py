@@ -261,7 +261,7 @@ class Learned(LearnedDownstream):
     def forecast_every_with_band(
         self, steps: int, inputs: ArrayLike, outputs: ArrayLike, level: float = LEVEL
     ) -> tuple[Array, Array, Array]:
-        """Returns :meth:`forecast_every` of ``steps``, ``inputs`` and ``outputs``, its expected squared error and a band.
+        """Returns :meth:`forecast_every` of ``steps``, ``inputs`` and ``outputs``, its expected squared error and band.
 
         All are (H, m); the last is the half width of the band of probability ``level`` about the first.
         """
