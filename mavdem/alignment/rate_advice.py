@@ -9,7 +9,9 @@ https://docs.px4.io/main/en/middleware/uxrce_dds and MAVROS's ``plugins/sys_stat
 from __future__ import annotations
 
 import re
+import tomllib
 from collections.abc import Sequence
+from importlib.resources import files
 
 import numpy as np
 
@@ -18,18 +20,7 @@ from mavdem.alignment.signals import MINIMUM_RATE
 from mavdem.ingest import Component
 from mavdem.ingest.telemetry import Telemetry
 
-ADVICE = {
-    "uXRCE-DDS": "In PX4's src/modules/uxrce_dds_client/dds_topics.yaml add vehicle_attitude, vehicle_angular_velocity "
-    "and actuator_motors to the publications, no rate_limit below {rate}; build and flash PX4, and record anew.",
-    "MAVROS": "Call `ros2 service call /mavros/set_message_interval mavros_msgs/srv/MessageInterval "
-    '"{{message_id: 31, message_rate: {rate}}}"` (attitude), then with 36 (motors), and record anew.',
-    "PX4": "In PX4's shell run `mavlink stream -d DEVICE -s ATTITUDE -r {rate}` and `mavlink stream -d DEVICE -s "
-    "SERVO_OUTPUT_RAW_0 -r {rate}`, where DEVICE is the telemetry port (`-u PORT` for UDP), and record anew.",
-    "ARDUPILOTMEGA": "{stream_rates} and reboot, or in MAVProxy enter {streams_off}`long SET_MESSAGE_INTERVAL 30 "
-    "{interval}` and `long SET_MESSAGE_INTERVAL 36 {interval}`; then record anew.",
-    "": "Ask the autopilot for messages 30 (ATTITUDE) and 36 (SERVO_OUTPUT_RAW) every {interval} µs with "
-    "MAV_CMD_SET_MESSAGE_INTERVAL, and record anew.",
-}
+ADVICE: dict[str, str] = tomllib.loads((files("mavdem.alignment") / "rate_advice.toml").read_text())
 """Sentences by ``Telemetry.translated_from`` or else by autopilot."""
 STREAMS_OFF = "`set streamrate -1`"  # of MAVProxy
 REQUEST, SET_MESSAGE_INTERVAL = "REQUEST_DATA_STREAM", 511

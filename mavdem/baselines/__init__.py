@@ -5,16 +5,5 @@ from mavdem.baselines.maximum_likelihood import em, pem
 from mavdem.baselines.subspace_identification import subspace
 from mavdem.dem.engine.state_space import StateSpace
 
-__all__ = [
-    "Identified",
-    "JointAutoregression",
-    "StateSpace",
-    "arx",
-    "constant_mean",
-    "em",
-    "hold",
-    "pem",
-    "subspace",
-    "var",
-    "zero",
-]
+__all__ = ["Identified", "JointAutoregression", "StateSpace", "arx", "constant_mean", "em", "hold", "pem", "subspace"]
+__all__ += ["var", "zero"]

@@ -53,7 +53,7 @@ class ScenarioName(click.Path):
 @click.option(
     "--speed", type=Number(0.01, 1000.0), help="Speed of a live flight, as a multiple of real time.  [default: 1]"
 )
-@file_option("--vehicle", "A .toml file with a vehicle, or a scenario's: it is flown instead.")
+@file_option("--vehicle", "A .toml file of `mavdem twin`, or a scenario's: its vehicle is flown instead.")
 @click.option("--set", "changed", multiple=True, metavar="NAME=VALUE", callback=no_option, help="A parameter to set.")
 @click.option("--seed", type=int, help="Random seed, instead of the scenario's.")
 @click.option("--duration", type=float, help="Seconds from arming to disarming, instead of the scenario's.")

@@ -70,9 +70,11 @@ def tune_command(
     for one in AXES if axis == ALL else (axis,):
         try:
             with progress(f"Identifying {one}", measured=False):
-                found[one] = advise(_loop(signals.about(one, inputs), log, start), margins, doubts)
+                found[one] = advise(axis_loop(signals.about(one, inputs), log, start), margins, doubts)
         except NotLearnable as error:
-            found[one] = str(error)
+            if axis != ALL and not doubts:
+                raise
+            found[one] = " ".join([*doubts, str(error)])
     known = [one for one in found.values() if isinstance(one, Advice)]
     if not known:
         raise NotLearnable(" ".join(map(str, found.values())))
@@ -92,7 +94,8 @@ def tune_command(
         raise click.exceptions.Exit(1)
 
 
-def _loop(signals: Signals, log: Log, start: float) -> Loop:
+def axis_loop(signals: Signals, log: Log, start: float = 0.0) -> Loop:
+    """Returns the loops of the axis of ``signals``; raises ``NotLearnable``: why there are none."""
     segments, verdict = usable_segments(signals, log.components)
     if not segments:
         raise NotLearnable(verdict.reason, verdict.remedy)

@@ -10,15 +10,14 @@ import numpy as np
 
 from mavdem.confidence import quantile
 from mavdem.dem.airflow.drag import SOURCES, Drag
-from mavdem.dem.airflow.identification import DRAG_STEP, DRAG_STEPS, checked, courses, gridded, identified
+from mavdem.dem.airflow.identification import IDENTIFYING_STEPS, STEPS, checked, courses, gridded, identified
 from mavdem.dem.airflow.model import TOTAL
 from mavdem.dem.engine.linalg import one_thread
 from mavdem.ingest.telemetry import Array
 
-WIND_STEP, WIND_STEPS = 0.5, 1200  # s, or the samples' own step; longer flights have so many longer steps
 GUST_SECONDS, INDEPENDENT_SECONDS = 3.0, 10.0  # of a gust's mean (WMO-No. 8, vol. I, ch. 5); after which noise is new
 LAYER, LAYER_SECONDS, CALM = 10.0, 10.0, 0.5  # m of height, and s in it, of which a mean is shown; m/s
-SPEED_ERROR, SPEED_SHARE, SPEED_FACTOR = 0.9, 0.17, 8.0  # m/s or share of half width reported; ratio of ends biased
+SPEED_ERROR, SPEED_SHARE, SPEED_FACTOR = 0.7, 0.12, 8.0  # m/s or share of half width reported; ratio of ends biased
 DIRECTION_ERROR, DIRECTION_LIMIT, HEADING_SD = 10.0, 60.0, 2.5  # degrees of half width; of the heading, a compass's
 LEAST_MEANS, CHANGED = 20, 1.0  # of 3 s, and m/s of their sd through the air, to tell the mean wind's torque apart
 DRAG_ERROR, DRAG_LEFT = 0.18, 0.8  # relative sd of the drag that is reported; share of the prior's that is biased
@@ -130,9 +129,10 @@ def estimate_wind(
         raise ValueError(f"height must have shape ({len(time)},), not {high_up.shape}")
     prior = Drag.of_parameters() if drag is None else drag
     with one_thread():
-        found, doubt = identified(gridded(stamps, angles, speeds, DRAG_STEP, DRAG_STEPS), prior)
-        fine = gridded(stamps, angles, speeds, WIND_STEP, WIND_STEPS)
-        states, spreads = courses(fine, found)
+        coarse, fine = (gridded(stamps, angles, speeds, most=most) for most in (IDENTIFYING_STEPS, STEPS))
+        mean, covariance, steered = identified(coarse, prior)
+        states, spreads = courses(fine, mean, covariance)
+    found = Drag(mean[:6], covariance[:6, :6])
     winds, variances = states @ TOTAL.T, np.einsum("ai,tnij,aj->tna", TOTAL, spreads, TOTAL)
     speed, low, high, turned = _mean(winds, spreads, fine.step)
     air, width = winds.mean(axis=1), max(round(GUST_SECONDS / fine.step), 1)
@@ -165,7 +165,7 @@ def estimate_wind(
         minutes=tuple(minutes),
         profile=tuple(layers if len(layers) > 1 else ()),
         drag=found,
-        **_answers(speed, low, high, turned, sd, known, doubt, prior.source),
+        **_answers(speed, low, high, turned, sd, known, steered, prior.source),
     )
 
 
@@ -208,13 +208,13 @@ def _mean(winds: Array, spreads: Array, step: float) -> tuple[float, float, floa
 
 
 def _answers(
-    speed: float, low: float, high: float, turned: float, sd: float, known: float, doubt: float, source: str
+    speed: float, low: float, high: float, turned: float, sd: float, known: float, steered: float, source: str
 ) -> dict[str, Any]:
     """Status and reasons of speed, direction and drag."""
     status, reasons = dict.fromkeys(("speed", "direction", "drag"), "reported"), {}
     if sd > DRAG_ERROR:
         status["drag"] = "not identifiable" if known > DRAG_LEFT else "biased"
-        cause = "gusts made most of the velocity" if doubt > 0.3 else "the velocity over ground hardly changed"
+        cause = "gusts made most of the velocity" if steered < 0.3 else "the velocity over ground hardly changed"
         said = f"is known from {SOURCES[source]} only: {cause}" if known > DRAG_LEFT else f"is known to {sd:.0%} only"
         reasons["drag"] = f"The drag {said}. To identify it, {MANOEUVRE}."
     if (high - low) / 2 > max(SPEED_ERROR, SPEED_SHARE * speed):

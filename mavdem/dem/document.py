@@ -9,6 +9,7 @@ import json
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from functools import cache, reduce
+from importlib.resources import files
 from operator import or_
 from types import UnionType
 from typing import Annotated, Any, TypeVar, cast, get_args, get_origin, get_type_hints
@@ -21,35 +22,7 @@ from mavdem.dem.record import LABELS
 from mavdem.dem.settings import Settings
 from mavdem.dem.validation import STRICT, first_problem
 
-_PATHS = {
-    "T r": "record.inputs",
-    "T m": "record.outputs",
-    "T q": "record.setpoints",
-    "n n": "model.A",
-    "n r": "model.B",
-    "m n": "model.C",
-    "n": "model.offset",
-    "r": "model.input_trim scaling.input_trim scaling.input_scale scaling.known record.effect_directions",
-    "m": "model.output_trim scaling.output_trim scaling.output_scale predictor.output_trim",
-    "k": "prior_sd known undetermined.weights",
-    "k k": "theta_covariance scatter.covariance",
-    "iterations": "free_energy.terms",
-    "iterations k": "learning.theta learning.theta_sd",
-    "iterations g": "learning.lambda_ learning.lambda_sd",
-    "windows": "free_energy_of_samples",
-    "carried carried": "predictor.A",
-    "carried driven": "predictor.B predictor.second_of_inputs",
-    "carried m": "predictor.K predictor.second_of_outputs",
-    "m carried": "predictor.C",
-    "m driven": "predictor.D",
-    "carried": "predictor.offset",
-    "driven": "predictor.input_trim",
-    "X data": "state_map",
-    "K": "theta simulation_fit.theta",
-    "free": "simulation_fit.free",
-    "free free": "simulation_fit.covariance",
-    "rounds": "simulation_fit.terms",
-}
+_PATHS: dict[str, str] = json.loads((files("mavdem.dem") / "shapes.json").read_text())
 SHAPES = {path: shape.split() for shape, paths in _PATHS.items() for path in paths.split()}
 """Shapes of all arrays; equal names are equal numbers: T samples, r inputs, m outputs, n states, k parameters of the
 vehicle, K of the engine, which may have a constant input more."""

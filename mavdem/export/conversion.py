@@ -30,7 +30,7 @@ from mavdem.flight import Flight
 from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream
 from mavdem.ingest.mavlink.framing import GOOD, Progress, no_progress
-from mavdem.ingest.mcap.writer import MAX_STAMP, Series, write_mcap, write_series
+from mavdem.ingest.mcap.records import MAX_STAMP, Series, write_mcap, write_series
 from mavdem.ingest.telemetry import rows_by
 from mavdem.ingest.tlog import write_tlog
 from mavdem.report.numbers import AxisCommand, Labels, short, state_names, states_are_outputs

@@ -32,22 +32,7 @@ BUSY_SECONDS = 600.0  # while another run may write, as the table of a large fle
 NETWORK_DISKS = {"nfs", "nfs4", "cifs", "smb3", "smbfs", "afs", "ceph", "lustre", "beegfs", "gpfs", "fuse.sshfs"}
 """Kinds of disks, as Linux names them, on which SQLite's write-ahead log does not keep other machines out."""
 
-TABLES = """
-create table if not exists logs (
-    path text primary key, version text, size integer, key text, log text, ended text, seconds real, megabytes real,
-    time_limit real, memory_limit integer, mavdem_version text, tracked integer
-);
-create table if not exists flights (log text, vehicle text, file text, judged text, row text);
-create table if not exists healthy (row text);
-create index if not exists logs_by_log on logs (log);
-create index if not exists logs_by_size on logs (size);
-create index if not exists flights_by_log on flights (log);
-create index if not exists flights_by_vehicle on flights (vehicle, judged);
-"""
-"""``logs``: one log by one name; ``log`` is its content's key, or its path where that was not reached; ``version`` as
-of ``Source``, ``ended`` as of ``Outcome``; ``tracked``: whether its flights are in the table. ``flights``: its rows;
-``file``, the name that they have in the table; ``judged``, beside which baseline. ``healthy``: rows of the baseline."""
-
+TABLES = Path(__file__).with_suffix(".sql").read_text(encoding="utf-8")
 ENDED_FOR_GOOD = """
 not (ended = 'source' or ended = 'error' and mavdem_version <> :mavdem or
      ended in ('time', 'memory', 'died') and (time_limit < :seconds or memory_limit < :megabytes))

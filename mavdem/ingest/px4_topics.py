@@ -7,7 +7,9 @@ https://github.com/PX4/PX4-Autopilot/tree/main/msg. Fields that no topic has are
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,28 +24,8 @@ Px4Topic = Mapping[str, NDArray[Any]]
 Topics = Mapping[str, Mapping[int, Px4Topic]]  # Topics by name, and of each the instances by their number
 Parameters = Mapping[str, float]
 
-NEEDED: Mapping[str, tuple[str, ...]] = {
-    "vehicle_attitude": ("timestamp_sample", "q[4]", "rollspeed", "pitchspeed", "yawspeed"),
-    "vehicle_angular_velocity": ("timestamp_sample", "xyz[3]"),
-    "vehicle_local_position": ("x", "y", "z", "vx", "vy", "vz", "v_z_valid"),
-    "wind": ("windspeed_north", "windspeed_east"),
-    "wind_estimate": ("windspeed_north", "windspeed_east"),  # its name before PX4 1.12
-    "vehicle_status": ("arming_state", "system_type", "vehicle_type", "is_rotary_wing", "system_id", "component_id"),
-    "vehicle_land_detected": ("landed",),
-    "vehicle_control_mode": ("flag_control_auto_enabled",),
-    "position_setpoint_triplet": ("current.valid", "current.type"),
-    "actuator_outputs": ("noutputs", "output[16]"),
-    "actuator_motors": ("control[12]",),
-    "actuator_controls_0": ("control[8]",),
-    "vehicle_torque_setpoint": ("xyz[3]",),
-    "vehicle_thrust_setpoint": ("xyz[3]",),
-    "vehicle_attitude_setpoint": ("q_d[4]", "q_d_valid"),
-    "vehicle_rates_setpoint": ("roll", "pitch", "yaw"),
-    "battery_status": ("voltage_v", "voltage_filtered_v", "current_a"),
-    "vehicle_imu_status": ("accel_vibration_metric", "accel_clipping[3]", "gyro_clipping[3]"),
-    "vehicle_gps_position": ("time_utc_usec",),
-    "manual_control_setpoint": ("roll", "pitch", "yaw", "x", "y", "r", "valid"),
-}
+_TOPICS = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
+NEEDED: Mapping[str, tuple[str, ...]] = {topic: tuple(fields) for topic, fields in _TOPICS.items()}
 """The topics that are read, and the fields of each beside ``timestamp``, arrays with their length."""
 SETPOINTS = frozenset({"vehicle_attitude_setpoint", "vehicle_rates_setpoint", "manual_control_setpoint"})
 """Those that a companion may send as well."""

@@ -10,7 +10,7 @@ import numpy as np
 from mavdem.errors import Unreadable
 from mavdem.ingest.mavlink.definitions import seeds
 from mavdem.ingest.mavlink.framing import LONGEST_FRAME, find_in_pieces
-from mavdem.ingest.mcap.writer import raw_channel, started, write_message
+from mavdem.ingest.mcap.records import raw_channel, started, write_message
 from mavdem.ingest.tlog import write_stamped
 
 BATCH_SECONDS = 0.5  # Of received bytes written together: each search for frames costs time

@@ -72,10 +72,6 @@ def prediction(runner: Runner) -> Result:
                 partial(figures.lines, {"parameters": theta, "F̄(i) − F̄(0), nats": {"": gained}}, "iteration"),
             ),
         ),
-        remarks=(
-            "Priors on C are random too, so a state has no unit: different parameters give the same forecasts. "
-            "Therefore forecasts are compared and not parameters.",
-        ),
     )
 
 
@@ -205,12 +201,6 @@ def coordinates(runner: Runner) -> Result:
                 partial(figures.forecasts, runner.sample, ahead),
                 large=True,
             ),
-        ),
-        remarks=(
-            "The flights are simulated ones of the same vehicle in the wind of a blower, so the paper’s numbers are of "
-            "comparable size only. The claim is which of the two has the lower error.",
-            "p = 1 estimates its derivative from two samples and p = 2 from three: part of the difference is a delay "
-            "of half a sample and not an effect of generalized coordinates (docs/engine.md).",
         ),
     )
 
@@ -362,12 +352,7 @@ def benchmark(runner: Runner) -> Result:
                 partial(figures.lines, {"": squares}, "steps ahead, n", first=1, scale="log"),
             ),
         ),
-        remarks=(
-            "MATLAB’s n4sid and pem are not public; tests compare ours with other libraries. Number in brackets: "
-            "states. DEM with the paper’s settings is the median over random priors on the experiments, and one prior "
-            "on all windows.",
-            *(() if runner.recorded else ("The recorded flights are not on this machine and are left out.",)),
-        ),
+        remarks=() if runner.recorded else ("The recorded flights are not on this machine and are left out.",),
     )
 
 

@@ -228,10 +228,6 @@ def run(runner: Runner) -> Result:
                 large=True,
             ),
         ),
-        remarks=(
-            "Our settings here differ from the paper’s in the precision of the prior and in the use of the highest "
-            "derivative; docs/tried.md has which of them are needed.",
-        ),
     )
 
 

@@ -82,14 +82,6 @@ def run(runner: Runner) -> Result:
                 ),
             ),
         ),
-        remarks=(
-            "The test for Gaussian noise is that of Lobato and Velasco, which is valid for coloured noise; the plain "
-            "Jarque–Bera test rejects coloured noise for its colour. The test for colour is that of Ljung and Box on "
-            "every third value, since neighbouring derivatives share samples.",
-            "The simulated turbulence is Gaussian and coloured by construction. The test is whether it still is after "
-            "rotors, body, autopilot, sensors and estimation. The real flight’s roll rate comes from an inertial "
-            "sensor, so w contains its noise and vibration too.",
-        ),
     )
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 from mavdem.dem import learn
 from mavdem.evaluate import held_out_test
-from mavdem.paper import CLAIMS, Claim, forecasts, landscape, noise, oracle, order
+from mavdem.paper import CLAIMS, INTRODUCTION, Claim, forecasts, landscape, noise, oracle, order
 from mavdem.paper.runner import PAPER, ClaimStatus, Result, Runner, findings
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.page import Chapter
@@ -67,7 +67,7 @@ class ItemReport:
             "checks": [check._asdict() for check in self.result.checks],
             "beyond": {"sentence": self.beyond, "checks": [check._asdict() for check in self.result.beyond]},
             "numbers": self.result.numbers,
-            "remarks": list(self.result.remarks),
+            "remarks": [*claim.remarks, *self.result.remarks],
         }
 
     def chapter(self) -> Chapter:
@@ -83,7 +83,7 @@ class ItemReport:
                 for check in (*sorted(result.checks, key=lambda check: check.holds), *result.beyond)
             ]
             blocks += [Table(["check", "finding", "holds if"], checks, words=True), *result.tables]
-            blocks += map(Sentence, result.remarks)
+            blocks += map(Sentence, (*claim.remarks, *result.remarks))
         return Chapter(claim.title, blocks, result.pictures)
 
 
@@ -106,13 +106,7 @@ def write(folder: Path, reports: Sequence[ItemReport], runner: Runner, seconds: 
     write_recording(folder / RECORDING, (window.train,), learned, held_out_test(window.train, window.test, learned))
     verdicts = [[report.claim.title, report.status.value, report.sentence, report.beyond] for report in reports]
     blocks: list[Block] = [
-        Sentence(
-            "Each claim is tested by checks with fixed rules. If all hold, it is reproduced; if none holds, it is not; "
-            "otherwise it is partly. Checks of mavdem’s default settings, which are not the paper’s, are beyond the "
-            "paper and do not count. The paper’s five flights are not public. Five simulated flights of an AR.Drone "
-            "2.0 in the wind of a blower, 850 samples at 120 Hz each, replace them. TU Delft’s real AR.Drone in wind, "
-            "and flights of two autopilots in their simulators, are added where their recordings are on this machine."
-        ),
+        Sentence(INTRODUCTION),
         Table(["item", "verdict", "findings", "beyond the paper"], verdicts, words=True),
         Sentence(
             f"All numbers are in `{NUMBERS}`; `{RECORDING}` has {window.flight}, with the model that DEM learns with "

@@ -18,6 +18,7 @@ FIGURES = {  # header, and what makes the unit shown, by name of the figure
     "bandwidth": ("bandwidth, -3 dB (Hz)", 1.0),
     "rejection": ("moves by 100 °/s² of torque (°/s, °)", 100.0),
 }
+FASTEST = 0.15  # of the log's rate: the crossover up to which delay and time constant are known well enough
 
 
 def tune_blocks(found: Mapping[str, Advice | str]) -> list[Block]:
@@ -30,6 +31,9 @@ def tune_blocks(found: Mapping[str, Advice | str]) -> list[Block]:
             continue
         loop, after = advice.before, {"advised": advice.after} if advice.parameters else {}
         blocks += [Sentence(f"{advice.verdict} {advice.sentence}", lead), *margin_tables({"now": loop, **after})]
+        if loop.crossover * loop.record.dt > FASTEST:
+            slow = f"{loop.crossover:.0f} Hz of crossover are fast for a log at {1 / loop.record.dt:.0f} Hz"
+            blocks.append(Sentence(f"{slow}, and delay and time constant decide there: record faster.", "Caution:"))
         blocks += [_measured(loop), *(Sentence(caution, "Caution:") for caution in loop.cautions)]
         blocks += _gains(advice) if advice.gains else []
     named = any(isinstance(advice, Advice) and advice.gains for advice in found.values())

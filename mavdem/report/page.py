@@ -7,10 +7,12 @@ from __future__ import annotations
 
 import platform
 import re
+import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
 from importlib.metadata import version
+from importlib.resources import files
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -198,27 +200,9 @@ def flight_page(file: str, analyses: Mapping[str, LogAnalysis], air: Air | None 
     return log_page(Sentence(subtitle, file), blocks, analyses, back=("Fleet", "../index.html"), air=air)
 
 
-PICTURES = {  # title and caption by the method of ``learned.plot`` that draws it
-    "forecast": (
-        "Forecast of {output}",
-        "Held-out windows, each forecast from the samples before it, with the motors as recorded, by a model that was "
-        "not trained on it. Shown are windows with errors near the median; below, the error of every window.",
-    ),
-    "disturbance": ("Wind torque", "Angular acceleration by neither the motors nor the damping. Below, its spectrum."),
-    "motors": ("Motors", "What is known of each motor."),
-    "bode": (
-        "Frequency response",
-        "Of the physical plant, from the command of the axis to its rate (Bode plot), with a 90 % band.",
-    ),
-    "step": ("Step response", "After a step of the command, with a 90 % band at each time."),
-    "poles": ("Poles", "With the motors as inputs, without the autopilot; left of 0 is stable."),
-    "residuals": (
-        "Residuals",
-        "Errors one step ahead in the training data; below, how they correlate with past errors and with the command. "
-        "Inside the shaded bounds that may be chance.",
-    ),
-    "learning": ("Learning", "The free energy action F̄ and its terms by iteration."),
-}
+_TEXTS = tomllib.loads((files("mavdem.report") / "pictures.toml").read_text())
+PICTURES = {method: (table["title"], table["caption"]) for method, table in _TEXTS.items()}
+"""Title and caption by the method of ``learned.plot`` that draws it."""
 FEW_PICTURES = "forecast", "disturbance", "motors"
 SYSTEM_PICTURES = "bode", "step", "poles"  # what motors' effect, damping and lag show; nothing where these are unknown
 

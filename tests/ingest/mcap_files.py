@@ -11,7 +11,7 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
 from mavdem.ingest import Log, read_log
-from mavdem.ingest.mcap.writer import write_mcap
+from mavdem.ingest.mcap.records import write_mcap
 from mavdem.ingest.tlog import tlog_stream
 
 

@@ -26,7 +26,7 @@ from mavdem.ingest import Log, read_log
 from mavdem.ingest import contents as files
 from mavdem.ingest.formats import read_stream
 from mavdem.ingest.mavlink.definitions import enum_name
-from mavdem.ingest.mcap.writer import write_mcap
+from mavdem.ingest.mcap.records import write_mcap
 from mavdem.ingest.tlog import tlog_stream
 
 TIMES = [20 + 0.01 * row for row in range(300)]

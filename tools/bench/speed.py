@@ -237,7 +237,8 @@ def live(busy: bool) -> None:
 @click.argument("logs", nargs=-1, type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @click.option("--busy", is_flag=True, help="Beside a busy loop on every core.")
 def main(what: str, logs: tuple[Path, ...], busy: bool) -> None:
-    {"read": partial(read, logs), "learn": learn, "live": partial(live, busy)}[what]()
+    timed: dict[str, Callable[[], None]] = {"read": partial(read, logs), "learn": learn, "live": partial(live, busy)}
+    timed[what]()
 
 
 if __name__ == "__main__":

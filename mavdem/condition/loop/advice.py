@@ -118,8 +118,8 @@ def advise(loop: Loop, tune: str = "default", doubts: Sequence[str] = ()) -> Adv
     """Returns gains with which the ``loop`` has the margins of ``TARGETS[tune]``.
 
     The largest gains with which 95 % of the plant's draws have all margins, in both loops; where none within a factor
-    of 1.5 has them, those that come closest. None where gains must not follow from this flight: for each of the
-    ``doubts`` about it, motors at their limits, a loop that the flight contradicts, or that is unstable by the plant.
+    of 1.5 has them, those that come closest. None where gains must not follow from this flight: for the ``doubts``
+    about it, gains that change, motors at their limits, a loop that the flight contradicts, or that is unstable.
     """
     target, names, known = TARGETS[tune], loop.controller.names, loop.controller.parameters
     factors = [LARGEST_STEP ** (step / STEPS) for step in range(STEPS, -STEPS - 1, -1)]
@@ -131,6 +131,8 @@ def advise(loop: Loop, tune: str = "default", doubts: Sequence[str] = ()) -> Adv
         return next(sure, None) or max(candidates, key=lambda one: _worst(loop.changed(one), target, loops))
 
     limited, refusal, gains = _limited_share(loop.controller, loop.record), " ".join(doubts), dict[str, float]()
+    if not refusal and (changed := sorted(set(names.values()) & set(loop.record.earlier))):
+        refusal = f"{', '.join(changed)} changed in this log: fly with one set of gains, and tune again."
     if not refusal and limited > SATURATED:
         refusal = f"A motor is at a limit {100 * limited:.0f} % of the time: no linear loop describes that."
     if not refusal and not (loop.rate.stable[0] and loop.attitude.stable[0]):

@@ -1,32 +1,39 @@
-"""Two passes over the airflow's model: the drag by the vehicle's own manoeuvres, then the wind for each drag it may be.
+"""The drag by the vehicle's own manoeuvres, and the wind for each drag it may be.
 
-The velocity that gusts cause is correlated with the wind, and says next to nothing of the drag: the first pass counts
-for as much as the manoeuvres are larger. In its steps of 1 s all that is fast is noise.
+The velocity that gusts cause is correlated with the wind, and says next to nothing of the drag: what the flight says of
+it counts for as much as the manoeuvres are larger.
 """
 
 from __future__ import annotations
 
-from functools import partial
 from itertools import takewhile
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.dem.airflow.drag import AXES, Drag, coefficients
-from mavdem.dem.airflow.model import GRAVITY, Motion, air_speed, drawn, filtered, motion, posterior, smoothed
+from mavdem.dem.airflow.model import FREEDOM, GRAVITY, WIND_SD, Motion, air_speed, drawn, filtered, motion, smoothed
 from mavdem.dem.engine.linalg import Array
 from mavdem.errors import NotLearnable
 
 LEAST_SECONDS = 15.0  # of motion with attitude and velocity
-DRAG_STEP, DRAG_STEPS = 1.0, 600  # s, or the samples' own step; longer flights have so many longer steps
-BESIDE_SECONDS = 10.0  # of means, where the wind was measured beside the vehicle: only its slow part is the same air
-SLOW_SECONDS, MEMORY_SECONDS = 60.0, 20.0  # of the wind in the first pass, and over which its filter follows it
-ANSWER_SECONDS, GUST_CORRELATION = 1.0, 0.3
-"""A gust of f m/s² makes f m/s at most, before the position loop takes it back; correlation of both, in hovers."""
+STEP, STEPS = 0.5, 1200  # s, or the samples' own step; longer flights have so many longer steps
+IDENTIFYING_STEPS = 600  # of the drag: enough for a quarter of the time
+BESIDE_SECONDS = 3.0  # of means, where the wind was measured beside the vehicle: only its slow part is the same air
+STEERED_SECONDS, VELOCITY_SD = 2.0, 0.2
+"""Steered flight changes its velocity in so long, against the drag; m/s, along each axis, of the velocity's error."""
 FOLLOWED, FAST_SECONDS, TILTED = 0.3, 0.3, 0.2
 """In free flight the velocity changes by 0.7 to 1.5 of what the tilt says, over so long; m/s² that gusts balance."""
-GUSTS, GUSTS_SD = np.log([1.0, 5.0, 0.05]), np.array([1.0, 1.0, 0.7])  # of sd (m/s), time (s) and noise (m/s²)
-DRAWS, ROUNDS, COURSES, GUST_STEPS, ITERATIONS = 128, 5, 32, 600, 30
+GUSTS, GUSTS_SD = np.log([0.3, 5.0, 0.03, 0.05]), np.array([1.0, 1.0, 1.0, 0.7])
+"""Logarithms of gusts' sd (m/s²) and time (s), of the mean wind's change (m/s² in 1 s) and of noise (m/s²)."""
+MODEL_SD, SPLIT_SD = 0.09, 0.2
+"""Of the drag's logarithm, over all of a flight, as thrust, air and load change it; and of its quadratic part's."""
+UNSAID = np.vstack([[[MODEL_SD, -0.3 * SPLIT_SD], [MODEL_SD, SPLIT_SD]], np.zeros((8, 2))])
+FORM_ERROR, FORM_SECONDS = 0.03, 5.0
+"""Share of the force to which its form is right, for so long: rotors turn faster where there is more thrust."""
+DIFFERENCE, LARGEST, CONVERGED = 0.05, 0.5, 0.1  # of parameters; their steps; and sd at which these end
+BEYOND = 3.0  # prior sd of the drag, from where the flight is not of this model
+COURSES, ITERATIONS = 64, 12
 
 
 def checked(time: Array, attitude: Array, velocity: Array) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
@@ -56,7 +63,9 @@ def checked(time: Array, attitude: Array, velocity: Array) -> tuple[Array, Array
     return stamps, angles, speeds, usable
 
 
-def gridded(time: Array, attitude: Array, velocity: Array, step: float, most: int, wind: Array | None = None) -> Motion:
+def gridded(
+    time: Array, attitude: Array, velocity: Array, step: float = STEP, most: int = STEPS, wind: Array | None = None
+) -> Motion:
     """Returns ``airflow.motion`` in steps of ``step`` s, longer ones where samples are or where there were ``most``."""
     widest = max(step, float(np.median(np.diff(time))), float(time[-1] - time[0]) / most)
     found = motion(time, attitude, velocity, widest, wind)
@@ -65,38 +74,79 @@ def gridded(time: Array, attitude: Array, velocity: Array, step: float, most: in
     return found
 
 
-def drag_at(logs: Array, moved: Motion, drag: Drag) -> Array:
-    """Returns (N,) drag over air speed, 1/s, of ``logs`` (N, ≥ 4), where ``drag`` makes the mean force of ``moved``."""
-    (c, q), force = np.exp(drag.mean[:2]), np.nanmean(np.einsum("tij,ti->tj", moved.axes, moved.force)[:, :2], axis=0)
-    return np.asarray(np.exp(logs[:, 0]) + np.exp(logs[:, 1]) * air_speed(c, q, float(np.hypot(*force))))
+def identified(moved: Motion, drag: Drag, steered: float | None = None) -> tuple[Array, Array, float]:
+    """Returns mean (10,) and covariance of what ``filtered`` takes, and how much of the flight :func:`opposing` is.
+
+    Sizes of the wind are times the drag, m/s². By a prior ``drag``, and Fisher scoring of the filter's likelihood. What
+    it says of the drag counts for as much as is steered, and what it says of the lean for as much as the yaw turns: the
+    rest would be of the model's form.
+    """
+    prior, precision = np.append(drag.mean, GUSTS), np.zeros((10, 10))
+    precision[:6, :6], precision[6:, 6:] = np.linalg.inv(drag.covariance), np.diag(GUSTS_SD**-2)
+    steered = opposing(moved) if steered is None else steered
+    ahead = moved.axes[moved.known, 0, :2]
+    turned = max(1 - float(np.hypot(*(ahead / np.hypot(*ahead.T)[:, None]).mean(axis=0))) ** 2, 0.0)
+    counted = np.array([*[steered**2] * 4, *[turned] * 2, *[1.0] * 4])
+    mean, scale = prior, counted
+    apart = DIFFERENCE * np.vstack([np.zeros(10), np.eye(10), -np.eye(10)])
+    for _ in range(ITERATIONS):
+        found = filtered(in_air(mean + apart, moved), moved)
+        errors, spread = found.errors[moved.known], found.spread[moved.known]
+        inverse = np.linalg.inv(spread[:, 0])
+        slope = (found.log_likelihood[1:11] - found.log_likelihood[11:]) / (2 * DIFFERENCE)
+        slopes = (errors[:, 1:11] - errors[:, 11:]) / (2 * DIFFERENCE)
+        pulled = np.einsum("tij,tj->ti", inverse, errors[:, 0])
+        pulled *= ((FREEDOM + 2) / (FREEDOM + (pulled * errors[:, 0]).sum(axis=1)))[:, None]
+        slope[:6] = -np.einsum("tki,ti->k", slopes[:, :6], pulled)
+        changes = np.einsum("tij,tkjl->tkil", inverse, (spread[:, 1:11] - spread[:, 11:]) / (2 * DIFFERENCE))
+        information = np.einsum("tki,tij,tlj->kl", slopes, inverse, slopes)
+        information[6:, 6:] += np.einsum("tkij,tlji->kl", changes[:, 6:], changes[:, 6:]) / 2
+        white = np.einsum("tji,tj->ti", np.linalg.cholesky(inverse), errors[:, 0])
+        scale = (scale + independent_share(white) * counted) / 2
+        information *= np.sqrt(np.outer(scale, scale))
+        # What the model's own error changes, no flight says.
+        kept = np.eye(10) - information @ UNSAID @ np.linalg.solve(
+            np.eye(2) + UNSAID.T @ information @ UNSAID, UNSAID.T
+        )
+        # The drag that makes a strong wind of the mean force is less likely, however little is steered.
+        speed = mean_speed(mean + apart, moved) / WIND_SD
+        faster = (speed[1:11] - speed[11:]) / (2 * DIFFERENCE) * (1 - steered)
+        expected = -speed[0] * faster
+        covariance = np.linalg.inv(precision + kept @ information + np.outer(faster, faster))
+        step = covariance @ (kept @ (scale * slope) + expected - precision @ (mean - prior))
+        mean = mean + np.clip(step, -LARGEST, LARGEST)
+        if np.all(np.abs(step) < CONVERGED * np.sqrt(np.diag(covariance))):
+            break
+    if steered and np.any(np.abs(mean - prior)[:6] > BEYOND * np.sqrt(np.diag(drag.covariance))):
+        return identified(moved, drag, steered=0.0)
+    return mean, (covariance + covariance.T) / 2, steered
 
 
-def identified(moved: Motion, drag: Drag) -> tuple[Drag, float]:
-    """Returns the posterior of a prior ``drag``, and the share of the velocity's variance that gusts may make."""
-    along = np.einsum("tij,tj->ti", moved.axes, moved.velocity)
-    steered = along - np.nanmean(along, axis=0)  # by which an error is the slope of the likelihood by the drag
-    speed = max(float(moved.velocity[moved.known, :2].var(axis=0).sum()), 1e-9)
+def opposing(moved: Motion) -> float:
+    """Returns which share of the force's variance opposes the velocity, as drag does; of gusts, both go one way."""
+    steps = max(round(STEERED_SECONDS / moved.step), 1)
+    force = np.einsum("tij,ti->tj", moved.axes, moved.force)[:, :2]
+    both = moved.known[steps:] & moved.known[:-steps]
+    pushed, moving = ((part[steps:] - part[:-steps])[both].ravel() for part in (force, moved.velocity[:, :2]))
+    noise = 2 * VELOCITY_SD**2 * len(moving)
+    against = -(pushed @ moving) / np.sqrt(max((pushed @ pushed) * (moving @ moving + noise), 1e-12))
+    return max(float(against), 0.0) ** 2
 
-    def whole(logs: Array, noise: float) -> Array:
-        """With the wind's sd by which the steady filter follows it over its memory."""
-        sd = noise * np.sqrt(moved.step * SLOW_SECONDS / 2) / MEMORY_SECONDS / drag_at(logs, moved, drag)
-        return np.column_stack([logs, np.log(sd), np.tile(np.log([SLOW_SECONDS, noise]), (len(logs), 1))])
 
-    noise, mean = 0.1, drag.mean
-    for rounds in (3, ROUNDS):
-        for _ in range(4):
-            errors = filtered(whole(mean[None], noise), moved, keep=True)[1]
-            noise = max(noise * float(np.sqrt(np.nanmean(errors**2))), 0.01)
-        doubt, independent = min(2 * (ANSWER_SECONDS * noise) ** 2 / speed, 1.0), independent_share(errors * steered)
-        share = independent / (1 + GUST_CORRELATION**2 * independent * moved.known.sum() * doubt)
+def in_air(places: Array, moved: Motion) -> Array:
+    """Returns what ``filtered`` takes, of ``places`` (N, 10) with sizes of the wind times the drag."""
+    (c, q), found = np.exp(places[:, :2]).T, places.copy()
+    coherent = FORM_ERROR**2 * float((moved.force[moved.known] ** 2).sum(axis=1).mean()) * 2 / FORM_SECONDS
+    found[:, 8] = np.log(np.exp(2 * found[:, 8]) + coherent) / 2
+    found[:, [6, 8]] -= np.log(c + q * mean_speed(places, moved))[:, None]
+    return found
 
-        found = partial(lambda share, noise, logs: share * filtered(whole(logs, noise), moved)[0], share, noise)
-        mean, covariance = posterior(found, drag.mean, drag.covariance, DRAWS, rounds)
-    # Slow errors are as a lean, whose information is that of as many errors as are independent.
-    scale = np.append(np.ones(4), np.full(2, min(independent_share(errors) / independent, 1.0)))
-    before, after = np.linalg.inv(drag.covariance), np.linalg.inv(covariance)
-    covariance = np.linalg.inv(before + (after - before) * np.sqrt(np.outer(scale, scale)))
-    return Drag(drag.mean + covariance @ (scale * (after @ (mean - drag.mean))), covariance, "flight"), doubt
+
+def mean_speed(places: Array, moved: Motion) -> Array:
+    """Returns (N,) air speed, m/s, at which the drag of ``places`` (N, 10) makes the mean force."""
+    force = np.einsum("tij,ti->tj", moved.axes, moved.force)[moved.known, :2].mean(axis=0)
+    c, q = np.exp(places[:, :2]).T
+    return air_speed(c, q, float(np.hypot(*force)))
 
 
 def independent_share(errors: Array) -> float:
@@ -106,17 +156,10 @@ def independent_share(errors: Array) -> float:
     return 1 / (1 + 2 * sum(takewhile(lambda one: one > 0, found)) / max(float((centred**2).sum()), 1e-12))
 
 
-def courses(fine: Motion, drag: Drag) -> tuple[Array, Array]:
-    """Returns states (T, N, 4) of the airflow and their covariances, by draws of the ``drag``."""
-    part = fine.at(slice(GUST_STEPS))
-
-    def likelihood(logs: Array) -> Array:
-        return filtered(np.hstack([np.tile(drag.mean, (len(logs), 1)), logs]), part)[0]
-
-    places = drawn(drag.mean, drag.covariance, COURSES)
-    rest = np.tile(posterior(likelihood, GUSTS, np.diag(GUSTS_SD**2), 32, 4)[0], (COURSES, 1))
-    rest[:, 0] -= np.log(drag_at(places, fine, drag) / drag_at(drag.mean[None], fine, drag))  # more drag, less wind
-    return smoothed(*filtered(np.hstack([places, rest]), fine, keep=True)[2])
+def courses(moved: Motion, mean: Array, covariance: Array) -> tuple[Array, Array]:
+    """Returns states (T, N, 4) of the airflow and their covariances, by draws of what is :func:`identified`."""
+    places = in_air(drawn(mean, covariance, COURSES), moved)
+    return smoothed(*filtered(places, moved, keep=True).states)
 
 
 def estimate_drag(time: Array, attitude: Array, velocity: Array, wind: Array) -> Drag:
@@ -124,7 +167,7 @@ def estimate_drag(time: Array, attitude: Array, velocity: Array, wind: Array) ->
 
     Args:
         time, attitude, velocity: (T,) s, (T, 3) rad and (T, 3) m/s, as :func:`mavdem.estimate_wind` takes them.
-        wind: (2,) or (T, 2) m/s, north and east that the air moves to; one that varies counts in means of 10 s.
+        wind: (2,) or (T, 2) m/s, north and east that the air moves to; one that varies counts in means of 3 s.
 
     Raises:
         ValueError, NotLearnable: as there.
@@ -134,12 +177,12 @@ def estimate_drag(time: Array, attitude: Array, velocity: Array, wind: Array) ->
     air: Array = np.zeros((len(time), 2)) + np.asarray(wind, np.float64)
     speeds = np.where(np.isfinite(air).all(axis=1, keepdims=True), np.asarray(velocity, np.float64), np.nan)
     stamps, angles, speeds, usable = checked(time, attitude, speeds)
-    step = BESIDE_SECONDS if float(np.ptp(air[usable], axis=0).max()) > 0.1 else DRAG_STEP
-    moved, prior = gridded(stamps, angles, speeds, step, DRAG_STEPS, air[usable]), Drag.of_parameters()
+    step = BESIDE_SECONDS if float(np.ptp(air[usable], axis=0).max()) > 0.1 else STEP
+    moved, prior = gridded(stamps, angles, speeds, step, wind=air[usable]), Drag.of_parameters()
     moved, mean, precision = moved.at(moved.known), prior.mean, np.linalg.inv(prior.covariance)
     relative = np.einsum("tij,tj->ti", moved.axes, moved.velocity)
     size, ones = np.hypot(*relative.T)[:, None], np.eye(2)[:, None] * -np.ones((len(relative), 1))
-    for _ in range(ITERATIONS):  # Gauss-Newton
+    for _ in range(30):  # Gauss-Newton
         linear, quadratic = coefficients(mean)
         errors = moved.force + (linear + quadratic * size) * relative - mean[4:]
         weight = independent_share(errors) / max(float(errors.var()), 1e-6)

@@ -1,24 +1,7 @@
 """DataFlash's messages in MAVLink's vocabulary.
 
 Fields and units: https://ardupilot.org/copter/docs/logmessages.html, from ArduPilot's ``LogStructure.h`` files.
-
-| MAVLink | DataFlash |
-|---|---|
-| ATTITUDE roll, pitch, yaw (rad) | ATT or, where faster (ArduPilot 4.7), ANG: Roll, Pitch, Yaw (°, yaw 0 to 360) |
-| ATTITUDE rollspeed, pitchspeed, yawspeed (rad/s) | RATE R, P, Y (°/s), or IMU GyrX, GyrY, GyrZ of instance 0 (rad/s) |
-| SERVO_OUTPUT_RAW servo1_raw to servo16_raw (µs) | RCOU C1 to C14 (Ch1 or Chan1 in old logs) |
-| ATTITUDE_TARGET body_roll_rate and so on (rad/s) | RATE RDes, PDes, YDes (°/s) |
-| ATTITUDE_TARGET q | ATT or, where faster, ANG: DesRoll, DesPitch, DesYaw (°) |
-| SYS_STATUS voltage_battery (mV) | BAT or, in old logs, CURR: Volt (V, in the oldest cV) |
-| SYS_STATUS current_battery (cA) | of the same message Curr (A, in the oldest cA) |
-| VIBRATION | VIBE VibeX, VibeY, VibeZ (m/s²), Clip of the first IMU |
-| SYSTEM_TIME time_unix_usec | GPS GWk and GMS, in old logs Week and TimeMS |
-| RC_CHANNELS chan1_raw to chan14_raw (µs) | RCIN C1 to C14 |
-| ACTUATOR_CONTROL_TARGET controls of group 0 | RATE ROut, POut, YOut (-1 to 1), AOut (0 to 1): what goes to the mixer |
-| LOCAL_POSITION_NED | XKF1 or NKF1 PN, PE, PD (m), VN, VE, VD (m/s) of the core that is primary (XKF4 PI) |
-| WIND_COV wind_x, wind_y (m/s) | XKF2 or NKF2 VWN, VWE of the same core |
-| VFR_HUD climb (m/s) | CTUN CRt (cm/s) |
-| HEARTBEAT base_mode, EXTENDED_SYS_STATE landed_state | EV, ARM, at each change and once a second |
+docs/first_log.md#what-is-read-of-dataflash has the table of both vocabularies.
 
 RATE has the rates that MAVLink's ATTITUDE sends, filtered and without the gyro bias that the estimator finds. IMU has
 the bias still, and is used only where RATE was logged slower than both it and the angles, or not at all.

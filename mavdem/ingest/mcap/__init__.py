@@ -1,1 +1,1 @@
-"""MCAP recordings of MAVLink: records, logs and writing."""
+"""MCAP recordings of MAVLink: records, and logs."""

@@ -14,9 +14,11 @@ were never compared.
 from __future__ import annotations
 
 import re
+import tomllib
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -90,35 +92,14 @@ class MavrosTopic(NamedTuple):
 
     message: str
     schema: str
-    numbers: tuple[str, ...]
-    texts: tuple[str, ...] = ()
+    numbers: list[str]
+    texts: Sequence[str] = ()
 
 
 MAVROS_STAMP = ("header.stamp.sec", "header.stamp.nanosec")  # Fields of every message
 _QUATERNION, _RATES = ("w", "x", "y", "z"), ("x", "y", "z")
-MAVROS_TOPICS = {
-    "imu/data": MavrosTopic(
-        "ATTITUDE_QUATERNION",
-        "sensor_msgs/msg/Imu",
-        (*(f"orientation.{n}" for n in _QUATERNION), *(f"angular_velocity.{n}" for n in _RATES)),
-    ),
-    "rc/out": MavrosTopic("SERVO_OUTPUT_RAW", "mavros_msgs/msg/RCOut", ("channels[16]",)),
-    "target_actuator_control": MavrosTopic(
-        "ACTUATOR_CONTROL_TARGET", "mavros_msgs/msg/ActuatorControl", ("group_mix", "controls[8]")
-    ),
-    "rc/in": MavrosTopic("RC_CHANNELS", "mavros_msgs/msg/RCIn", ("channels[18]",)),
-    "battery": MavrosTopic("SYS_STATUS", "sensor_msgs/msg/BatteryState", ("voltage",)),
-    "setpoint_raw/target_attitude": MavrosTopic(
-        "ATTITUDE_TARGET",
-        "mavros_msgs/msg/AttitudeTarget",
-        ("type_mask", *(f"orientation.{n}" for n in _QUATERNION), *(f"body_rate.{n}" for n in _RATES)),
-    ),
-    "state": MavrosTopic("HEARTBEAT", "mavros_msgs/msg/State", ("armed",), ("mode",)),
-    "extended_state": MavrosTopic("EXTENDED_SYS_STATE", "mavros_msgs/msg/ExtendedState", ("landed_state",)),
-    "local_position/velocity_local": MavrosTopic(
-        "LOCAL_POSITION_NED", "geometry_msgs/msg/TwistStamped", tuple(f"twist.linear.{n}" for n in _RATES)
-    ),
-}
+_TOPICS = tomllib.loads(Path(__file__).with_name("mavros_topics.toml").read_text(encoding="utf-8"))
+MAVROS_TOPICS = {name: MavrosTopic(**topic) for name, topic in _TOPICS.items()}
 """By the name after the node's, which is ``mavros`` unless it was started with another."""
 MAVROS_PERIODS = {"SERVO_OUTPUT_RAW": 2**32 / 1e6}
 """Seconds after which stamps wrap: MAVROS moves the 32 bits of SERVO_OUTPUT_RAW's as they are (plugins/rc_io.cpp)."""

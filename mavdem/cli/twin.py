@@ -1,0 +1,74 @@
+"""``mavdem twin``: the vehicle that a log shows, for simulators."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from mavdem.alignment.drive import AXES
+from mavdem.alignment.read import choose_vehicle
+from mavdem.alignment.signals import Signals
+from mavdem.cli.options import Number, no_option, vehicle_option
+from mavdem.cli.output import check_file, print_result, progress, say_aside, write_text
+from mavdem.cli.sources import read_source
+from mavdem.cli.tune import axis_loop
+from mavdem.condition.condition import hover_of
+from mavdem.condition.loop import Loop
+from mavdem.condition.loop.twin import twin_of
+from mavdem.condition.wind_of_log import air_of
+from mavdem.errors import NotLearnable
+from mavdem.report.blocks import Sentence, Table
+from mavdem.report.vehicle_files import LEFT_OUT, vehicle_text
+
+SHOWN = {"mass": "kg", "inertia": "kg m²", "lag": "s", "damping": "1/s", "delay": "s", "hover": "share of range"}
+
+
+@click.command("twin")
+@click.argument("source", type=click.Path())
+@click.option(
+    "--out",
+    multiple=True,
+    type=click.Path(path_type=Path),
+    callback=no_option,
+    help="File to write, one or more, by its ending: .toml for `mavdem fly --vehicle`, .json a frame of ArduPilot's "
+    "SITL, .params of PX4's SIH, .sdf motors of Gazebo.",
+)
+@click.option("--mass", type=Number(0.005, 1000.0), help="Mass of the vehicle, kg.  [default: 1.5, which is said]")
+@vehicle_option
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON document and nothing else.")
+def twin_command(source: str, out: tuple[Path, ...], mass: float | None, vehicle: str | None, as_json: bool) -> None:
+    """Makes a vehicle for simulators of a log.
+
+    SOURCE is a log of a quadrotor with its autopilot's parameters, and motor outputs and attitude as `mavdem learn`
+    needs them. Change a gain before it is flown: mavdem fly hover_blower --vehicle mine.toml --set ATC_RAT_RLL_P=0.2
+    """
+    for path in out:
+        check_file(path, "--out", (".toml", *LEFT_OUT))
+    log = read_source(source)
+    signals = Signals(choose_vehicle(log.vehicles, vehicle))
+    loops, missing = dict[str, Loop](), list[str]()
+    with progress("Learning the vehicle", measured=False):
+        for axis in AXES:
+            try:
+                loops[axis] = axis_loop(signals.about(axis), log)
+            except NotLearnable as error:
+                if axis == "roll":
+                    raise
+                missing.append(f"{axis.capitalize()} is not learned: {error}")
+    hover = hover_of(signals.about("roll", "motors"), log.components)
+    drag, px4 = None if (wind := air_of(signals)[0]) is None else wind.drag, signals.telemetry.autopilot == "PX4"
+    twin = twin_of(loops, px4, float(np.mean(hover.trim_of_range)), drag, mass)
+    for path in out:
+        write_text(path, vehicle_text(twin, path.suffix.lower(), Path(source).name))
+        if left := LEFT_OUT.get(path.suffix.lower()):
+            say_aside(f"{path.name} has no place for {left}.")
+    known = {name: ", ".join(f"{one:.3g}" for one in np.ravel(getattr(twin, name))) for name in SHOWN}
+    rows = [[f"{name} ({unit})", known[name], twin.notes.get(name, "")] for name, unit in SHOWN.items()]
+    blocks: list[Sentence | Table] = [Sentence(one) for one in missing]
+    blocks.append(Table(["Vehicle", "value", "how sure (90 %)"], rows, words=True))
+    document: dict[str, Any] = {"vehicle": asdict(twin), "missing": missing}
+    print_result(document, blocks, as_json)

@@ -1,0 +1,100 @@
+"""Twin: the vehicle that a log shows, as simulators fly it: an X of four motors, in SI units."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mavdem.condition.loop.loop import Loop
+from mavdem.confidence import quantile
+from mavdem.dem.airflow.drag import Drag
+from mavdem.errors import NotLearnable
+from mavdem.ingest.controllers import controller_of
+
+GRAVITY = 9.81  # m/s²
+RIGHT, FRONT, SPINS = (1.0, -1.0, -1.0, 1.0), (1.0, -1.0, 1.0, -1.0), (1.0, 1.0, -1.0, -1.0)
+"""Motors of an X as ArduPilot and PX4 count them: where they are, and 1 for a propeller counterclockwise from above."""
+COLUMNS = {"roll": (-1.0, 1.0, 1.0, -1.0), "pitch": FRONT, "yaw": SPINS}  # of the torque by axis
+ARM, MASS = 0.15, 1.5  # m kg^(-1/3), of a 3DR Iris: arms grow with the cube root of the mass; kg where nobody says it
+MOMENT = 0.016  # m: torque of a common propeller by its thrust
+LOOP_RATES, FASTEST = {"px4": ("IMU_GYRO_RATEMAX", 250.0), "ardupilot": ("SCHED_LOOP_RATE", 400.0)}, 1000.0
+"""Hz where it is not said, and the most that the simulation flies."""
+LEFT_OUT = "INS_GYRO_FILTER", "IMU_GYRO_CUTOFF"  # rates are logged behind the gyro's filter: lag and delay have it
+
+
+@dataclass(frozen=True, eq=False)
+class Twin:
+    """A vehicle for simulators, with how sure each of its attributes is as ``notes`` by name."""
+
+    autopilot: str  # "px4" or "ardupilot"
+    mass: float  # kg
+    inertia: tuple[float, ...]  # (3,) about forward, right and down, kg m²
+    arm: tuple[float, float]  # how far forward, and right, of the centre of mass its motors are, m
+    hover: float  # share of the motors' range in hover
+    expo: float  # share of a motor's thrust that is quadratic in that of the range, the rest linear
+    moment: float  # torque of a propeller by its thrust, m
+    damping: tuple[float, ...]  # (3,) of the rates, 1/s
+    lag: float  # time constant of the motors, s
+    delay: float  # from the motion to the motors' command, without the hold over a control cycle, s
+    noise: float  # standard deviation of a measured rate, rad/s
+    drag: Drag | None  # None where there is no wind
+    parameters: Mapping[str, float]  # of the autopilot's rate and attitude control, by name
+    notes: Mapping[str, str]
+
+    @property
+    def slope(self) -> float:
+        """Of one motor's thrust by the share of its range, in hover, N."""
+        thrust = self.hover * (1 - self.expo + self.expo * self.hover)
+        return self.mass * GRAVITY / 4 / thrust * (1 - self.expo + 2 * self.expo * self.hover)
+
+
+def twin_of(loops: Mapping[str, Loop], px4: bool, hover: float, drag: Drag | None, mass: float | None) -> Twin:
+    """Returns the twin of a vehicle from its ``loops`` by axis.
+
+    Pitch is taken to be like roll, and yaw like that of common propellers, where they are not there. ``hover`` is the
+    share of the motors' range. The motion has the product of mass, arm and 1/inertia only: the ``mass``, kg, is assumed
+    unless given, and the arm by it, unless PX4's parameters have it. Raises ``NotLearnable``: no hover.
+    """
+    if not 0.1 < hover < 1:
+        raise NotLearnable(f"The motors hover at {hover:.0%} of their range, which is no hover.")
+    roll, kind = loops["roll"], "px4" if px4 else "ardupilot"
+    known = {name: value for name, value in roll.controller.parameters.items() if not name.startswith("CA_")}
+    name, rate = LOOP_RATES[kind]
+    cycle = 1 / (rate := min(known.get(name, 0.0) or rate, FASTEST))
+    known = {one: value for one, value in known.items() if one not in LEFT_OUT} | {name: rate}
+    places = np.array([[roll.controller.parameters.get(f"CA_ROTOR{n}_P{one}", 0.0) for n in range(4)] for one in "XY"])
+    assumed = ARM * (mass or MASS) ** (1 / 3)
+    ahead, aside = np.abs(places).mean(axis=1).tolist() if places.all() else (assumed, assumed)
+    square = {f"CA_ROTOR{n}_PX": ahead * FRONT[n] for n in range(4)}
+    square |= {f"CA_ROTOR{n}_PY": aside * RIGHT[n] for n in range(4)}
+    square |= {f"CA_ROTOR{n}_KM": spin for n, spin in enumerate(SPINS)} | {"CA_ROTOR_COUNT": 4.0, "FRAME_CLASS": 1.0}
+    weight, expo = mass or MASS, min(max(roll.controller.expo, 0.0), 1.0)
+    lever = dict(zip(COLUMNS, (aside, ahead, 1.0), strict=True))
+    noise, lag, delay = roll.plant.noise, roll.plant.lag, max(roll.plant.delay - cycle / 2, 0.0)
+    body = Twin(kind, weight, (), (ahead, aside), hover, expo, MOMENT, (), lag, delay, noise, drag, known, {})
+    inertia, sure = dict[str, float](), dict[str, str]()
+    for axis, loop in loops.items():
+        moved = np.abs(controller_of(known | square, axis, COLUMNS[axis]).per_demand([hover] * 4)).sum()
+        inertia[axis] = float(lever[axis] * body.slope * moved / loop.gains[0])
+        half = 100 * quantile() * np.std(loop.gains) / loop.gains[0]
+        sure[axis] = f"± {half:.0f} %" + ", biased" * bool(loop.plant.bias)
+    sizes = inertia["roll"], inertia.get("pitch", inertia["roll"])
+    halves, status = roll.plant.interval(), roll.plant.status
+    likely = {name: "not identifiable, the likeliest value" for name in ("damping", "lag") if status[name][0] == "n"}
+    notes = {
+        "mass": "as given" if mass else "assumed: give --mass",
+        "arm": "as the parameters have it" if places.all() else "assumed by the mass",
+        "inertia": f"roll {sure['roll']}, pitch {sure.get('pitch', 'taken as roll')}, yaw the sum of both",
+        "moment": sure.get("yaw", "taken as of common propellers"),
+        "damping": likely.get("damping", f"roll ± {halves.damping:.2g}"),
+        "lag": likely.get("lag", f"± {halves.lag:.2g}"),
+    }
+    if drag is not None:
+        ends = {f"drag_{name}": drag.interval(name).mean(axis=1) for name in ("linear", "quadratic")}
+        notes |= {name: f"from {low:.2g} to {high:.2g}" for name, (low, high) in ends.items()}
+    about = {"pitch": roll.plant.damping, "yaw": 0.0} | {axis: loop.plant.damping for axis, loop in loops.items()}
+    damping = tuple(about[axis] for axis in COLUMNS)
+    moment = sum(sizes) / inertia["yaw"] if "yaw" in inertia else MOMENT
+    return replace(body, inertia=(*sizes, sum(sizes)), moment=moment, damping=damping, notes=notes)
