@@ -36,6 +36,9 @@ class Loop:
 
     >>> loop = learned.loop()
     >>> loop.phase_margin, loop.phase_margin_interval, loop.attitude.crossover
+
+    The ``plant`` is identified from the ``record``, ``gains`` and ``draws`` are of its posterior; ``cautions`` are of
+    it and the ``controller``, and ``measured`` is the response in flight.
     """
 
     axis: str  # "roll", "pitch" or "yaw"
@@ -105,7 +108,7 @@ def loop(learned: Learned, controller: Controller | None = None) -> Loop:
 
 
 def loop_of(plant: Physical, record: Record, controller: Controller | None = None) -> Loop:
-    """Returns the loops of a ``plant`` that was identified from the ``record``, as :func:`loop` does."""
+    """Returns the loops of a ``plant`` identified from a ``record``, with a ``controller``, as :func:`loop` does."""
     if plant.caution is not None:
         raise NotLearnable(f"There are no margins: {plant.caution[0].lower()}{plant.caution[1:]}")
     axis = record.output_names[-1].removesuffix(" rate") if record.output_names else "roll"

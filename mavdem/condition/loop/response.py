@@ -23,7 +23,12 @@ REGULARISED, STEP_SECONDS = 1e-4, 1.0  # of the setpoint's largest density, in t
 
 
 class MeasuredResponse(NamedTuple):
-    """Of the rate to its setpoint, in flight, and as the loop predicts it."""
+    """Of the rate to its setpoint, in flight, and as the loop predicts it.
+
+    By ``frequency`` the ``response``, the ``predicted`` one and the ``coherence``; how far they agree in the ``band`` is
+    the ``fit`` and the ``agreement``, with the ``reason`` why they do not; over ``time`` the ``step`` and the
+    ``predicted_step``; and the ``controller_gain``.
+    """
 
     frequency: Array  # (F,) Hz
     response: Complex  # (F,)
