@@ -28,8 +28,6 @@ FIGURES = ("crossover", "phase_margin", "gain_margin", "delay_margin", "ms", "ba
 class OpenLoop:
     """One loop, opened at its controller: N responses at F frequencies, the estimate's first and then of draws.
 
-    The ``response`` is open, ``stable`` says if the loop is so when closed, and of its ``figures`` each is an attribute.
-
     Figures: ``crossover``, the highest frequency at which the gain is 1, Hz; ``phase_margin``, degrees, negative where
     the loop is unstable; ``gain_margin``, dB, infinite where no frequency has it; ``delay_margin``, s; ``ms``, the
     largest sensitivity; ``bandwidth``, up to which ``closed`` is at least -3 dB, Hz; ``rejection``, the largest of
@@ -45,7 +43,7 @@ class OpenLoop:
 
     @classmethod
     def of(cls, frequency: Array, response: Complex, closed: Complex, disturbance: Complex) -> OpenLoop:
-        """Returns the loop of an open ``response`` by ``frequency``, ``closed`` and to a ``disturbance``."""
+        """Returns the loop with its figures."""
         found = figures(frequency, response, closed, disturbance)
         return cls(frequency, response, closed, disturbance, _stable(response), found)
 
