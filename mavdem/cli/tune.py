@@ -72,7 +72,9 @@ def tune_command(
             with progress(f"Identifying {one}", measured=False):
                 found[one] = advise(axis_loop(signals.about(one, inputs), log, start), margins, doubts)
         except NotLearnable as error:
-            found[one] = str(error)
+            if axis != ALL and not doubts:
+                raise
+            found[one] = " ".join([*doubts, str(error)])
     known = [one for one in found.values() if isinstance(one, Advice)]
     if not known:
         raise NotLearnable(" ".join(map(str, found.values())))

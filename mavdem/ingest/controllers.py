@@ -17,7 +17,7 @@ from mavdem.errors import NotLearnable
 
 USED = re.compile(
     r"ATC_RAT_|ATC_ANG_(RLL|PIT|YAW)_P$|INS_GYRO_FILTER$|SCHED_LOOP_RATE$|FSTRATE_ENABLE$|FRAME_CLASS$|"
-    r"MOT_(THST_EXPO|SPIN_MIN|SPIN_MAX)$|MC_(ROLL|PITCH|YAW)|MC_BAT_SCALE_EN$|THR_MDL_FAC$|"
+    r"MOT_(THST_EXPO|SPIN_MIN|SPIN_MAX|BAT_VOLT_MAX)$|MC_(ROLL|PITCH|YAW)|MC_BAT_SCALE_EN$|THR_MDL_FAC$|"
     r"IMU_GYRO_(CUTOFF|RATEMAX)$|IMU_DGYRO_CUTOFF$|CA_(AIRFRAME|ROTOR_COUNT)$|CA_ROTOR[0-3]_"
 )
 """Names of the parameters that a controller depends on."""
@@ -28,6 +28,7 @@ DOUBTS = {
     "PDMX": "limits the sum of P and D",
     "NEF": "puts a notch filter on the error, which is not modelled",
     "FSTRATE_ENABLE": "runs the rate loop faster than SCHED_LOOP_RATE",
+    "MOT_BAT_VOLT_MAX": "scales the mixer with the battery's voltage, by up to a fifth, which is not modelled",
     "MC_BAT_SCALE_EN": "scales the demand with the battery's voltage, which is not modelled",
 }
 

@@ -120,13 +120,15 @@ def test_a_simulated_flight_has_the_margins_of_its_linearised_loop(autopilot):
         assert low <= true <= high
     assert loop.attitude.crossover == pytest.approx(known["roll_attitude_margins"][0], rel=0.1)
     assert loop.agrees and loop.measured.fit > 80 and loop.rate.stable.all()
+    assert loop.measured.controller_gain == pytest.approx(1, abs=0.2)
     name = loop.controller.names["p"]
     doubled = loop.changed({name: 2 * record.parameters[name]})
     assert doubled.crossover > 1.5 * loop.crossover and doubled.agrees is None
     retuned = loop_of(plant, replace(record, earlier={name: 0.1}))
     assert retuned.agrees is None and f"{name} changed from 0.1 to" in retuned.cautions[-1]
     # Gains that were not those in flight.
-    assert loop_of(plant, record, loop.controller.changed({name: 0.4 * record.parameters[name]})).agrees is False
+    other = loop_of(plant, record, loop.controller.changed({name: 0.7 * record.parameters[name]}))
+    assert other.agrees is False and "times as far as its parameters say" in other.measured.reason
 
 
 def test_recorded_flights_agree_or_have_no_margins():

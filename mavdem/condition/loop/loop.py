@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from mavdem.condition.loop.margins import Complex, OpenLoop
+from mavdem.condition.loop.margins import OpenLoop
 from mavdem.condition.loop.response import LEAST_BAND, MeasuredResponse, measured_response
+from mavdem.condition.loop.response import transfer as transfer
 from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.graybox import Physical
@@ -87,6 +88,8 @@ class Loop:
         loops = {"rate": self.rate.as_dict(), "attitude": self.attitude.as_dict()}
         found = self.measured
         compared = {name: getattr(found, name) for name in ("band", "fit", "agreement", "reason")} if found else None
+        if found and compared and np.isfinite(found.controller_gain):
+            compared |= {"controller_gain": found.controller_gain}
         known = {"axis": self.axis, **loops, "lean_in_wind": self.lean_in_wind, "cautions": list(self.cautions)}
         return known | {"measured": compared, "agrees": self.agrees}
 
@@ -114,7 +117,7 @@ def loop_of(plant: Physical, record: Record, controller: Controller | None = Non
     if not controller.p > 0:
         raise NotLearnable(f"{controller.names['p']} is {controller.p:g}: there is no loop to judge. Check the gains.")
     drawn = _drawn(plant, controller.gyro_filter, record.dt)
-    gains = drawn[:, :-3] @ _per_demand(controller, record)
+    gains = drawn[:, :-3] @ (per_demand := _per_demand(controller, record))
     if not gains[0] > 0:
         raise NotLearnable("The mixer of the parameters turns the vehicle against the motors: check FRAME_TYPE.")
     dynamics = np.maximum(drawn[:, -3:], LEAST)
@@ -125,7 +128,7 @@ def loop_of(plant: Physical, record: Record, controller: Controller | None = Non
     now = [f"{name} changed from {old:g} to {record.parameters[name]:g}" for name, old in changed.items()]
     since = f"{', '.join(now)} in this log: the loop has the last values, and the response is not compared."
     cautions = (*([biased] if biased else []), *([since] if now else []), *controller.cautions)
-    measured = None if now else measured_response(record, controller, rate.frequency, rate.closed[0])
+    measured = None if now else measured_response(record, controller, per_demand, rate.frequency, rate.closed[0])
     return Loop(axis, plant, record, controller, gains, dynamics, rate, attitude, cautions, measured)
 
 
@@ -181,21 +184,3 @@ def _loops(controller: Controller, gains: Array, dynamics: Array) -> tuple[OpenL
     outer = controller.angle / s * closed / filtered
     attitude = OpenLoop.of(frequency, outer, outer / (1 + outer), rejected / s / (1 + outer))
     return OpenLoop.of(frequency, response, closed, rejected), attitude
-
-
-def transfer(controller: Controller, frequency: Array) -> tuple[Complex, Complex]:
-    """Returns (F,) from the rate's setpoint to the demand, and, without its sign, from the rate, at Hz (F,)."""
-    cycle, late = controller.cycle, np.exp(-2j * np.pi * frequency * controller.cycle)
-
-    def filtered(cutoff: float) -> Any:
-        share = cycle / (cycle + 1 / (2 * np.pi * cutoff)) if cutoff else 1.0
-        return share / (1 - (1 - share) * late)
-
-    differentiated = controller.d * filtered(controller.derivative_filter) * (1 - late) / cycle
-    integrated = controller.i * cycle / (1 - late)
-    if controller.derivative_of_error:
-        back = filtered(controller.error_filter) * (controller.p + integrated + differentiated)
-        return filtered(controller.target_filter) * (back + controller.ff), back
-    # PX4 integrates the error after it has been used.
-    error, output = controller.p + late * integrated, filtered(controller.output_filter)
-    return output * (error + controller.ff), output * (error + differentiated)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import NamedTuple
+from collections.abc import Sequence
+from itertools import combinations_with_replacement
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from mavdem.condition.loop.margins import Complex
 from mavdem.dem.engine.linalg import Array
+from mavdem.dem.graybox.identifiability import SLOWEST_RATE
 from mavdem.dem.graybox.parameters import rate_column
 from mavdem.dem.record import Record
 from mavdem.ingest.controllers import Controller
@@ -16,6 +18,7 @@ from mavdem.ingest.controllers import Controller
 WINDOW_SECONDS, FEWEST = 5.0, 6  # of the windows of the spectra, by Welch, and how many it takes
 LOWEST, LEAST_BAND, LEAST_COHERENCE = 0.3, 1.0, 0.8  # Hz, Hz and share: of the band that is compared
 LEAST_FIT = 80.0  # %, from which the two agree
+SURE_COHERENCE, GAIN_ERROR = 0.9, 0.3  # of the demand and the parameters', where compared; of their ratio's logarithm
 REGULARISED, STEP_SECONDS = 1e-4, 1.0  # of the setpoint's largest density, in the deconvolution; of the step
 
 
@@ -32,62 +35,82 @@ class MeasuredResponse(NamedTuple):
     time: Array  # (K,) s of the step, from it on
     step: Array  # (K,) of the rate by a setpoint of 1 rad/s, deconvolved
     predicted_step: Array  # likewise from the prediction
+    controller_gain: float  # of the motors' demand in flight, over that of the parameters; NaN where it is not known
     reason: str  # why the two do not agree, one sentence; empty where they do
 
 
-def measured_response(record: Record, controller: Controller, at: Array, closed: Complex) -> MeasuredResponse | None:
+def transfer(controller: Controller, frequency: Array) -> tuple[Complex, Complex]:
+    """Returns (F,) from the rate's setpoint to the demand, and, without its sign, from the rate, at Hz (F,)."""
+    cycle, late = controller.cycle, np.exp(-2j * np.pi * frequency * controller.cycle)
+
+    def filtered(cutoff: float) -> Any:
+        share = cycle / (cycle + 1 / (2 * np.pi * cutoff)) if cutoff else 1.0
+        return share / (1 - (1 - share) * late)
+
+    differentiated = controller.d * filtered(controller.derivative_filter) * (1 - late) / cycle
+    integrated = controller.i * cycle / (1 - late)
+    if controller.derivative_of_error:
+        back = filtered(controller.error_filter) * (controller.p + integrated + differentiated)
+        return filtered(controller.target_filter) * (back + controller.ff), back
+    # PX4 integrates the error after it has been used.
+    error, output = controller.p + late * integrated, filtered(controller.output_filter)
+    return output * (error + controller.ff), output * (error + differentiated)
+
+
+def measured_response(
+    record: Record, controller: Controller, per_demand: Array, at: Array, closed: Complex
+) -> MeasuredResponse | None:
     """Returns the response that a ``record`` measures, beside ``closed`` (F′,) ``at`` Hz (F′,); None without setpoints.
 
-    ArduPilot's ATTITUDE_TARGET lacks the attitude controller's correction of the rate, its RATE has it: of both that
-    setpoint counts which predicts the rate better.
+    A demand of 1 moves the inputs by ``per_demand`` (r,). ArduPilot's ATTITUDE_TARGET lacks the attitude controller's
+    correction of the rate, its RATE has it: of both that setpoint counts which predicts the rate better.
     """
-    size, found = round(WINDOW_SECONDS / record.dt), list[MeasuredResponse]()
-    for stiffness in (0.0, controller.angle) if controller.derivative_of_error else (0.0,):
-        parts = list(_parts(record, controller.axis, stiffness, size))
-        if sum(2 * len(rate) // size - 1 for rate, _ in parts) >= FEWEST:
-            found.append(_compared(record.dt, size, parts, at, closed))
-    return max(found, key=lambda one: one.fit, default=None)
+    usual = f"{controller.axis} rate setpoint", f"{controller.axis} setpoint"
+    names = [name for name in usual if name in record.setpoint_names]
+    if record.setpoints is None or not names or "rate" not in names[0]:
+        return None
+    size, parts = round(WINDOW_SECONDS / record.dt), list[list[tuple[Array, ...]]]()
+    asked = record.setpoints[:, [record.setpoint_names.index(name) for name in names]]
+    seen = record.outputs[:, [rate_column(record), 0]]
+    table = np.column_stack([seen, record.inputs @ per_demand / (per_demand @ per_demand), asked])
+    for rows in np.split(table, record.starts[1:]):
+        edges = np.flatnonzero(np.diff(np.isfinite(rows).all(axis=1), prepend=False, append=False)).reshape(-1, 2)
+        for first, last in edges[np.ptp(edges, axis=1) >= size]:
+            rate, angle, demand, *given = rows[first:last].T
+            setpoint, *wanted = map(evenly, given)
+            corrected = [
+                setpoint + controller.angle * (one - angle) for one in wanted if controller.derivative_of_error
+            ]
+            parts.append([(one, rate, demand) for one in (setpoint, *corrected)])
+    if sum(2 * len(part[0][0]) // size - 1 for part in parts) < FEWEST:
+        return None
+    ways = (_compared(record.dt, size, way, controller, at, closed) for way in zip(*parts, strict=True))
+    return max(ways, key=lambda one: one.fit)
 
 
-def _parts(record: Record, axis: str, stiffness: float, size: int) -> Iterator[tuple[Array, Array]]:
-    """Rate and setpoint (N,) of each part with setpoints, corrected by the angle's error times ``stiffness``, 1/s."""
-    names = [f"{axis} rate setpoint", *([f"{axis} setpoint"] if stiffness else [])]
-    if record.setpoints is None or not set(names) <= set(record.setpoint_names):
-        return
-    asked, column = record.setpoints[:, [record.setpoint_names.index(name) for name in names]], rate_column(record)
-    cuts = zip(np.split(asked, record.starts[1:]), np.split(record.outputs, record.starts[1:]), strict=True)
-    for setpoints, outputs in cuts:
-        edges = np.flatnonzero(np.diff(np.isfinite(setpoints).all(axis=1), prepend=False, append=False))
-        for first, last in edges.reshape(-1, 2):
-            if last - first >= size:
-                rate, *angle = (evenly(one) for one in setpoints[first:last].T)
-                correction = stiffness * (angle[0] - outputs[first:last, 0]) if angle else 0.0
-                yield outputs[first:last, column], rate + correction
-
-
-def _compared(dt: float, size: int, parts: list[tuple[Array, Array]], at: Array, closed: Complex) -> MeasuredResponse:
+def _compared(
+    dt: float, size: int, parts: Sequence[tuple[Array, ...]], controller: Controller, at: Array, closed: Complex
+) -> MeasuredResponse:
     from scipy.signal import csd  # it takes half a second to import
 
-    densities = np.zeros((3, size // 2 + 1), np.complex128)
-    for rate, setpoint in parts:
-        for total, pair in zip(densities, ((setpoint, rate), (setpoint, setpoint), (rate, rate)), strict=True):
-            total += len(rate) * csd(*pair, 1 / dt, nperseg=size)[1]
-    across, of_setpoint, of_rate = (np.convolve(one, np.full(3, 1 / 3), mode="same") for one in densities)
-    of_setpoint, of_rate = of_setpoint.real, of_rate.real
+    densities = np.zeros((6, size // 2 + 1), np.complex128)
+    for part in parts:  # setpoint, rate and demand
+        for total, pair in zip(densities, combinations_with_replacement(part, 2), strict=True):
+            total += len(part[0]) * csd(*pair, 1 / dt, nperseg=size)[1]
+    smoothed = [np.convolve(one, np.full(3, 1 / 3), mode="same") for one in densities]
+    of_setpoint, of_rate, of_demand = (smoothed[row].real for row in (0, 3, 5))
+    across, *moved = (smoothed[row] for row in (1, 2, 4))
     hertz, response = np.arange(len(across)) / (size * dt), np.asarray(across / of_setpoint, np.complex128)
     predicted = np.interp(hertz, at, closed.real) + 1j * np.interp(hertz, at, closed.imag)
     coherence = np.abs(response) ** 2 * of_setpoint / of_rate
     highest = float(min([*hertz[(hertz > LOWEST) & (coherence < LEAST_COHERENCE)], at[-1], hertz[-1]]))
     inside = (hertz >= LOWEST) & (hertz < highest)
-    unlike = np.abs(response - predicted) ** 2 * of_setpoint
-    by_wind = (1 - coherence) * of_rate
+    unlike, by_wind = np.abs(response - predicted) ** 2 * of_setpoint, (1 - coherence) * of_rate
     fit, agreement = (
         float(100 * (1 - (error[inside].sum() / of_rate[inside].sum()) ** 0.5)) if inside.any() else 0.0
         for error in (unlike + by_wind, unlike)
     )
-    passed = (
-        of_setpoint / (of_setpoint + REGULARISED * of_setpoint.max()) * np.clip(1.5 - hertz / highest / 2, 0.0, 1.0)
-    )
+    passed = np.clip(1.5 - hertz / highest / 2, 0.0, 1.0) / (1 + REGULARISED * of_setpoint.max() / of_setpoint)
     pulses = (np.append(abs(one[1]), (passed * one)[1:]) for one in (response, predicted))
     steps = [np.cumsum(np.fft.irfft(pulse, size))[: round(STEP_SECONDS / dt)] for pulse in pulses]
     reason = ""
@@ -98,8 +121,19 @@ def _compared(dt: float, size: int, parts: list[tuple[Array, Array]], at: Array,
             f"The flight's response fits the predicted one by {agreement:.0f} %, less than {LEAST_FIT:.0f} %: the "
             "plant is biased, or mixer, limits or gains in flight are not those of the parameters."
         )
+    # What the controller should have asked for, by its parameters, and what it did.
+    forward, back = transfer(controller, np.maximum(hertz, hertz[1]))
+    likewise = forward.conj() * moved[0] - back.conj() * moved[1]
+    one, other = np.abs(forward) ** 2 * of_setpoint, np.abs(back) ** 2 * of_rate
+    asked = one + other - 2 * (forward.conj() * back * across).real
+    sure = (hertz > LOWEST) & (hertz < 0.25 / dt) & (np.abs(likewise) ** 2 > SURE_COHERENCE * asked * of_demand)
+    gain = float(np.median(np.abs(likewise / asked)[sure])) if dt < 1 / SLOWEST_RATE and sure.sum() > 5 else np.nan
+    if abs(np.log(gain)) > GAIN_ERROR:
+        reason = (
+            f"The controller moved the motors {gain:.2f} times as far as its parameters say: check that they are its."
+        )
     time, known = np.array(dt * np.arange(len(steps[0])), np.float64), ((LOWEST, highest), fit, agreement)
-    return MeasuredResponse(hertz, response, predicted, coherence, *known, time, steps[0], steps[1], reason)
+    return MeasuredResponse(hertz, response, predicted, coherence, *known, time, steps[0], steps[1], gain, reason)
 
 
 def evenly(asked: Array) -> Array:
