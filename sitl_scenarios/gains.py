@@ -18,7 +18,6 @@ from sitl_scenarios.vehicles import airframe
 CYCLES = {"px4": 1 / 250, "ardupilot": 1 / 400}
 """Control cycle of the autopilots, s: PX4 in its simulators, ArduCopter by SCHED_LOOP_RATE's default."""
 LOOP_RATES = {"px4": "IMU_GYRO_RATEMAX", "ardupilot": "SCHED_LOOP_RATE"}  # Hz: the parameters of the cycle
-GYRO_FILTERS = "INS_GYRO_FILTER", "IMU_GYRO_CUTOFF"
 SLOWEST, FASTEST = 50.0, 1000.0  # Hz of a loop, of which the physics take at least one step
 
 
@@ -32,7 +31,7 @@ def check_parameters(scenario: Scenario) -> None:
     """Raises ValueError: ``vehicle.parameters`` has one that is not flown, or a value that no autopilot has."""
     given, loop = scenario.vehicle.parameters, LOOP_RATES[scenario.stream.autopilot]
     for name, value in given.items():
-        if not USED.match(name) or (name in GYRO_FILTERS and value):
+        if not USED.match(name) or (value and name in ("INS_GYRO_FILTER", "IMU_GYRO_CUTOFF")):
             raise ValueError(f"vehicle.parameters.{name} is not flown: rate and attitude control are, unfiltered gyros")
         low, high = (SLOWEST, FASTEST) if name == loop else (0.0, 1.0) if "_SPIN_" in name else (0.0, 1e4)
         if not low <= value <= high and not name.startswith("CA_"):

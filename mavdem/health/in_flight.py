@@ -37,6 +37,7 @@ from mavdem.health.assessment import lost_thrust
 from mavdem.health.balance import motor_signatures
 
 Places = NDArray[np.int_]
+_log_sum = np.logaddexp.reduce  # logarithm of the sum along the first axis, of logarithms
 BLOCK_SECONDS = 0.5  # Of commands that are averaged: a tenth of what a change may take to be found
 MIN_SAMPLES = 3  # In a block
 MIN_RATE = MIN_SAMPLES / BLOCK_SECONDS  # Hz of the samples
@@ -117,11 +118,6 @@ def _long_run(sums: Array, begin: Places, end: Places, mean: Array, prior: Array
         seen = several * batch * squares / np.maximum(count, 1)
         variance = np.maximum(variance, (held * prior + seen) / (held + several))
     return variance
-
-
-def _log_sum(logs: Any) -> Any:
-    """Logarithm of the sum along the first axis of what has these ``logs``."""
-    return np.logaddexp.reduce(logs, axis=0)
 
 
 def _log_t(changes: _Changes, shift: Array | float, more: Array | float = 0.0) -> Array:

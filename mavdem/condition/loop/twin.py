@@ -31,7 +31,7 @@ class Twin:
     autopilot: str  # "px4" or "ardupilot"
     mass: float  # kg
     inertia: tuple[float, ...]  # (3,) about forward, right and down, kg m²
-    arm: float  # how far forward, and right, of the centre of mass its motors are, m
+    arm: tuple[float, float]  # how far forward, and right, of the centre of mass its motors are, m
     hover: float  # share of the motors' range in hover
     expo: float  # share of a motor's thrust that is quadratic in that of the range, the rest linear
     moment: float  # torque of a propeller by its thrust, m
@@ -54,8 +54,8 @@ def twin_of(loops: Mapping[str, Loop], px4: bool, hover: float, drag: Drag | Non
     """Returns the twin of a vehicle from its ``loops`` by axis.
 
     Pitch is taken to be like roll, and yaw like that of common propellers, where they are not there. ``hover`` is the
-    share of the motors' range. The motion has the product of mass, arm and 1/inertia only: the arm follows from the
-    ``mass``, kg, which is assumed unless given. Raises ``NotLearnable``: no hover.
+    share of the motors' range. The motion has the product of mass, arm and 1/inertia only: the ``mass``, kg, is assumed
+    unless given, and the arm by it, unless PX4's parameters have it. Raises ``NotLearnable``: no hover.
     """
     if not 0.1 < hover < 1:
         raise NotLearnable(f"The motors hover at {hover:.0%} of their range, which is no hover.")
@@ -64,15 +64,20 @@ def twin_of(loops: Mapping[str, Loop], px4: bool, hover: float, drag: Drag | Non
     name, rate = LOOP_RATES[kind]
     cycle = 1 / (rate := min(known.get(name, 0.0) or rate, FASTEST))
     known = {one: value for one, value in known.items() if one not in LEFT_OUT} | {name: rate}
-    square = {f"CA_ROTOR{n}_P{axis}": one[n] for n in range(4) for axis, one in (("X", FRONT), ("Y", RIGHT))}
+    places = np.array([[roll.controller.parameters.get(f"CA_ROTOR{n}_P{one}", 0.0) for n in range(4)] for one in "XY"])
+    assumed = ARM * (mass or MASS) ** (1 / 3)
+    ahead, aside = np.abs(places).mean(axis=1).tolist() if places.all() else (assumed, assumed)
+    square = {f"CA_ROTOR{n}_PX": ahead * FRONT[n] for n in range(4)}
+    square |= {f"CA_ROTOR{n}_PY": aside * RIGHT[n] for n in range(4)}
     square |= {f"CA_ROTOR{n}_KM": spin for n, spin in enumerate(SPINS)} | {"CA_ROTOR_COUNT": 4.0, "FRAME_CLASS": 1.0}
-    weight, expo, arm = mass or MASS, min(max(roll.controller.expo, 0.0), 1.0), ARM * (mass or MASS) ** (1 / 3)
+    weight, expo = mass or MASS, min(max(roll.controller.expo, 0.0), 1.0)
+    lever = dict(zip(COLUMNS, (aside, ahead, 1.0), strict=True))
     noise, lag, delay = roll.plant.noise, roll.plant.lag, max(roll.plant.delay - cycle / 2, 0.0)
-    body = Twin(kind, weight, (), arm, hover, expo, MOMENT, (), lag, delay, noise, drag, known, {})
+    body = Twin(kind, weight, (), (ahead, aside), hover, expo, MOMENT, (), lag, delay, noise, drag, known, {})
     inertia, sure = dict[str, float](), dict[str, str]()
     for axis, loop in loops.items():
         moved = np.abs(controller_of(known | square, axis, COLUMNS[axis]).per_demand([hover] * 4)).sum()
-        inertia[axis] = float(arm * body.slope * moved / loop.gains[0])
+        inertia[axis] = float(lever[axis] * body.slope * moved / loop.gains[0])
         half = 100 * quantile() * np.std(loop.gains) / loop.gains[0]
         sure[axis] = f"± {half:.0f} %" + ", biased" * bool(loop.plant.bias)
     sizes = inertia["roll"], inertia.get("pitch", inertia["roll"])
@@ -80,7 +85,7 @@ def twin_of(loops: Mapping[str, Loop], px4: bool, hover: float, drag: Drag | Non
     likely = {name: "not identifiable, the likeliest value" for name in ("damping", "lag") if status[name][0] == "n"}
     notes = {
         "mass": "as given" if mass else "assumed: give --mass",
-        "arm": "assumed by the mass",
+        "arm": "as the parameters have it" if places.all() else "assumed by the mass",
         "inertia": f"roll {sure['roll']}, pitch {sure.get('pitch', 'taken as roll')}, yaw the sum of both",
         "moment": sure.get("yaw", "taken as of common propellers"),
         "damping": likely.get("damping", f"roll ± {halves.damping:.2g}"),
@@ -91,5 +96,5 @@ def twin_of(loops: Mapping[str, Loop], px4: bool, hover: float, drag: Drag | Non
         notes |= {name: f"from {low:.2g} to {high:.2g}" for name, (low, high) in ends.items()}
     about = {"pitch": roll.plant.damping, "yaw": 0.0} | {axis: loop.plant.damping for axis, loop in loops.items()}
     damping = tuple(about[axis] for axis in COLUMNS)
-    moment = arm * sum(sizes) / inertia["yaw"] if "yaw" in inertia else MOMENT
+    moment = sum(sizes) / inertia["yaw"] if "yaw" in inertia else MOMENT
     return replace(body, inertia=(*sizes, sum(sizes)), moment=moment, damping=damping, notes=notes)

@@ -5,12 +5,9 @@ of one generative model of vehicle, wind and autopilot, z = [outputs, turning co
 
     z_t = Σᵢ Wᵢ z_{t−i} + c + e_t,    i = 1 … L.
 
-Its hidden states — lagging torque, wind, what the controller remembers — are what the past of z shows of them. That
-past is described by its generalized coordinates, value, slope, curvature and so on over the L samples; the prior of W
-is smooth where later orders are less likely, and plain where all are alike. The model is linear in W and Gaussian, so
-that DEM's steps have closed forms: the states by a Kalman filter (D), the posterior of W (E), the noise's covariance
-(M). F̄ is the logarithm of the evidence; it chooses L, the prior's precision and form, and, where the mixer is not
-known, the combination of the motors. docs/method.md says more.
+Its hidden states — lagging torque, wind, what the controller remembers — are what the past of z shows of them. The
+model is linear in W and Gaussian, so that DEM's steps have closed forms. F̄ is the logarithm of the evidence; it chooses
+L, the prior's precision and form, and, where the mixer is not known, the combination of the motors: docs/method.md.
 """
 
 from __future__ import annotations

@@ -1,0 +1,59 @@
+"""A twin does in every simulator what the vehicle did, and flies other parameters, or says why not."""
+
+import json
+import re
+import tomllib
+
+import numpy as np
+import pytest
+
+from mavdem.cli.commands import main
+
+WEIGHT = 1.52 * 9.81 / 4
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    made = tmp_path_factory.mktemp("twin")
+    log, files = made / "flight.tlog", [made / f"mine.{ending}" for ending in ("toml", "json", "params", "sdf")]
+    assert main(["fly", "iris_identification", "--duration", "45", "--out", str(log)]) == 0
+    assert main(["twin", str(log), "--mass", "1.52", *(word for file in files for word in ("--out", str(file)))]) == 0
+    return made
+
+
+@pytest.mark.slow
+def test_every_file_hovers_and_rolls_as_the_vehicle(folder):
+    body = tomllib.loads((folder / "mine.toml").read_text())["vehicle"]["body"]
+    hover, arm, inertia = body["hover"], body["arm"][1], body["inertia"][0]
+    frame = json.loads((folder / "mine.json").read_text())
+    rows = re.findall(r"(\w+)\t([-\d.e]+)\t9", (folder / "mine.params").read_text())
+    rows += re.findall(r"<(\w+)>([-\d.e]+)</", (folder / "mine.sdf").read_text())
+    sih = {name: float(value) for name, value in rows}
+    lift = sih["motorConstant"] * sih["maxRotVelocity"] ** 2  # Gazebo's, N at full command
+    # Thrust in hover by formula, and what a share of the command adds to it; PX4's curve is linear here.
+    assert [sih["SIH_T_MAX"] * hover, lift * hover**2] == pytest.approx([WEIGHT, WEIGHT], rel=1e-3)
+    assert frame["hoverThrOut"] == pytest.approx(hover, rel=1e-3)
+    effects = [arm * WEIGHT / hover / inertia, sih["SIH_L_ROLL"] * sih["SIH_T_MAX"] / sih["SIH_IXX"]]
+    effects += [frame["diagonal_size"] / 8**0.5 * WEIGHT / hover / frame["moment_inertia"][0]]
+    effects += [arm * 2 * lift * hover / sih["ixx"]]
+    with np.load(folder / "flight.truth.npz") as truth:
+        true = 1000 * np.abs(truth["roll_effect"]).mean()
+        assert body["hover"] == pytest.approx((truth["trim"][0] - 1000) / 1000, abs=0.01)
+    assert effects == pytest.approx([true] * 4, rel=0.1)
+    assert effects == pytest.approx([effects[0]] * 4, rel=1e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ("MC_ROLLRATE_P=0.1", ""),
+        ("MC_ROLRATE_P=0.1", "the autopilot has no 'MC_ROLRATE_P' here: near it are MC_ROLLRATE_P"),
+        ("MC_ROLLRATE_P=-1", "vehicle.parameters.MC_ROLLRATE_P must be from 0 to 10000, not -1"),
+        ("IMU_GYRO_CUTOFF=30", "vehicle.parameters.IMU_GYRO_CUTOFF is not flown"),
+    ],
+)
+def test_it_flies_other_gains_or_says_why_not(folder, change, sentence, tmp_path, capsys):
+    words = ["calm", "--duration", "16", "--vehicle", str(folder / "mine.toml"), "--out", str(tmp_path / "a.tlog")]
+    assert main(["fly", *words, "--set", change]) == (2 if sentence else 0)
+    assert sentence in capsys.readouterr().err
