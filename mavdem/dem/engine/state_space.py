@@ -83,22 +83,14 @@ class StateSpace(NamedTuple):
         """(n,) the state of the sample after a segment of ``inputs`` (T, r) and ``outputs`` (T, m)."""
         return np.asarray(self.filtered(self.second(inputs[0], outputs[0]), inputs[1:], outputs[1:])[-1])
 
-    def following(self, state: Array, inputs: Array, outputs: Array) -> Array:
-        """(n,) the next sample's state, from that of a sample and its inputs (r,) and outputs (m,)."""
-        error = outputs - self.outputs(state, inputs)
-        return np.asarray(self.A @ state + self._pushes(inputs) + self.K @ error)
-
-    def driven(self, start: Array, inputs: Array) -> Array:
-        """States (T + 1, n) without noise, the first of which is ``start`` (n,), of inputs (T, r)."""
-        return np.vstack([start, recursion(self.A, self._pushes(inputs), start)])
-
     def simulated(self, start: Array, inputs: Array) -> Array:
         """(H, m): outputs without noise, the first of state ``start`` (n,), of inputs (H, r).
 
         Outputs of an unstable model may overflow to infinity or NaN.
         """
         with np.errstate(over="ignore", invalid="ignore"):
-            return self.outputs(self.driven(start, inputs[:-1])[: len(inputs)], inputs)
+            states = np.vstack([start, recursion(self.A, self._pushes(inputs[:-1]), start)])
+            return self.outputs(states[: len(inputs)], inputs)
 
     def simulated_from(self, begins: NDArray[np.intp], horizon: int, states: Array, inputs: Array) -> Array:
         """(S, H, m): outputs without noise, from each of the samples ``begins`` (S,), of ``states`` (S, n), on.
