@@ -65,7 +65,7 @@ def measured_response(
     A demand of 1 moves the inputs by ``per_demand`` (r,). ArduPilot's ATTITUDE_TARGET lacks the attitude controller's
     correction of the rate, its RATE has it: of both that setpoint counts which predicts the rate better.
     """
-    usual = f"{controller.axis} rate setpoint", f"{controller.axis} setpoint"
+    usual = [f"{controller.axis} rate setpoint", *[f"{controller.axis} setpoint"] * controller.derivative_of_error]
     names = [name for name in usual if name in record.setpoint_names]
     if record.setpoints is None or not names or "rate" not in names[0]:
         return None
@@ -78,9 +78,7 @@ def measured_response(
         for first, last in edges[np.ptp(edges, axis=1) >= size]:
             rate, angle, demand, *given = rows[first:last].T
             setpoint, *wanted = map(evenly, given)
-            corrected = [
-                setpoint + controller.angle * (one - angle) for one in wanted if controller.derivative_of_error
-            ]
+            corrected = (setpoint + controller.angle * (one - angle) for one in wanted)
             parts.append([(one, rate, demand) for one in (setpoint, *corrected)])
     if sum(2 * len(part[0][0]) // size - 1 for part in parts) < FEWEST:
         return None
