@@ -121,8 +121,7 @@ def is_learned(path: Path) -> bool:
 def earlier_flight(path: Path, axis: str) -> Learned:
     """Returns a ``model.json``, or that in a folder, whose physical parameters can be a prior.
 
-    Raises:
-        Unreadable: it cannot be read, is of another axis, or its flight does not identify the motors' effect.
+    Raises Unreadable: it cannot be read, is of another axis, or its flight does not identify the motors' effect.
     """
     try:
         learned = Learned.from_json((path / MODEL if path.is_dir() else path).read_text())
@@ -160,8 +159,7 @@ def earlier_drag(path: Path, vehicle: str) -> Drag:
 def rows_of_learned(path: Path) -> list[FlightRow]:
     """Returns a row an axis of what ``mavdem learn`` wrote: its folder, its report, or a model alone.
 
-    Raises:
-        Unreadable: it cannot be read, or ``mavdem learn`` did not write it.
+    Raises Unreadable: it cannot be read, or ``mavdem learn`` did not write it.
     """
     file = path / REPORT if path.is_dir() else path
     try:
