@@ -257,62 +257,34 @@ def _maximized(model: GaussianModel, expected: list[Smoothed], segments: Segment
     n, k = model.B.shape
     dynamics, observation = [], []
     for (inputs, outputs), states in zip(segments, expected, strict=True):
-        ones = np.ones((len(outputs), 1))
-        means, covariances = states.means, states.covariances
-        regressors = np.hstack([means, inputs, ones])[:-1]
-        dynamics.append(
-            _ExpectedSums.of(
-                regressors, means[1:], covariances[:-1].sum(0), states.lagged.sum(0), covariances[1:].sum(0)
-            )
-        )
-        regressors = np.hstack([means, ones])
-        observation.append(_ExpectedSums.of(regressors, outputs, covariances.sum(0)))
-    of_states, of_outputs = _ExpectedSums.sum(dynamics), _ExpectedSums.sum(observation)
-    best, seen = of_states.solution(), of_outputs.solution()
-    return GaussianModel(
-        A=best[:, :n],
-        B=best[:, n : n + k],
-        offset=best[:, -1],
-        C=seen[:, :n],
-        trim=seen[:, n],
-        Q=of_states.covariance(best),
-        R=of_outputs.covariance(seen),
-    )
+        means, covariances, ones = states.means, states.covariances, np.ones((len(outputs), 1))
+        moved = np.hstack([means[:-1], inputs[:-1], ones[:-1], means[1:]])
+        dynamics.append(moved.T @ moved)
+        dynamics[-1][:n, :n] += covariances[:-1].sum(0)
+        dynamics[-1][-n:, :n] += states.lagged.sum(0)
+        dynamics[-1][-n:, -n:] += covariances[1:].sum(0)
+        seen = np.hstack([means, ones, outputs])
+        observation.append(seen.T @ seen)
+        observation[-1][:n, :n] += covariances.sum(0)
+    samples = sum(len(outputs) for _, outputs in segments)
+    best, Q = _regressed(dynamics, n, samples - len(segments))
+    trims, R = _regressed(observation, len(model.C), samples)
+    return GaussianModel(best[:, :n], best[:, n : n + k], best[:, -1], trims[:, :n], trims[:, n], Q, R)
 
 
-class _ExpectedSums(NamedTuple):
-    """Expected sums of squares and products of targets y and regressors z."""
+def _regressed(products: list[Array], targets: int, number: int) -> tuple[Array, Array]:
+    """Coefficients of so many ``targets``, the last columns, on those before; and the covariance of what they leave.
 
-    zz: Array
-    yz: Array
-    yy: Array
-    number: int
-
-    @classmethod
-    def of(
-        cls, regressors: Array, targets: Array, states: Array, lagged: Array | float = 0.0, own: Array | float = 0.0
-    ) -> _ExpectedSums:
-        """From means, and the summed covariances of the states (the first regressors), with targets, and of those."""
-        zz, yz, n = regressors.T @ regressors, targets.T @ regressors, len(states)
-        zz[:n, :n] += states
-        yz[:, :n] += lagged
-        return cls(zz, yz, targets.T @ targets + own, len(targets))
-
-    @classmethod
-    def sum(cls, parts: list[_ExpectedSums]) -> _ExpectedSums:
-        """That of several segments."""
-        return cls(*(sum(values) for values in zip(*parts, strict=True)))
-
-    def solution(self) -> Array:
-        """The coefficients of the regression of y on z."""
-        return np.asarray(self.yz @ np.linalg.pinv(self.zz, rcond=RANK_TOLERANCE, hermitian=True))
-
-    def covariance(self, coefficients: Array) -> Array:
-        """That of what they leave over, no smaller in any direction than the least noise: the likeliest such."""
-        explained = coefficients @ self.yz.T
-        left = (self.yy - explained - explained.T + coefficients @ self.zz @ coefficients.T) / self.number
-        variances, axes = np.linalg.eigh((left + left.T) / 2)
-        return np.asarray(axes * np.maximum(variances, LEAST_NOISE) @ axes.T)
+    ``products`` are the segments' expected sums over a ``number`` of rows, of which the upper right is not used. The
+    covariance is no smaller in any direction than the least noise: the likeliest such.
+    """
+    total = np.sum(products, axis=0)
+    zz, yz, yy = total[:-targets, :-targets], total[-targets:, :-targets], total[-targets:, -targets:]
+    coefficients = np.asarray(yz @ np.linalg.pinv(zz, rcond=RANK_TOLERANCE, hermitian=True))
+    explained = coefficients @ yz.T
+    left = (yy - explained - explained.T + coefficients @ zz @ coefficients.T) / number
+    variances, axes = np.linalg.eigh((left + left.T) / 2)
+    return coefficients, np.asarray(axes * np.maximum(variances, LEAST_NOISE) @ axes.T)
 
 
 def _fitted(segments: Segments, order: int) -> Fitted:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import click
@@ -12,9 +11,10 @@ from mavdem.alignment.signals import Signals
 from mavdem.cli.options import file_option, vehicle_option
 from mavdem.cli.output import print_result
 from mavdem.cli.sources import read_source
+from mavdem.condition.inventory import identity_of
 from mavdem.condition.wind_of_log import wind_of
-from mavdem.dem.airflow.drag import SOURCES, Drag
-from mavdem.errors import Unreadable
+from mavdem.dem.airflow.drag import SOURCES
+from mavdem.fleet.rows_of_log import earlier_drag
 from mavdem.report.blocks import Table
 from mavdem.report.condition import wind_blocks
 
@@ -22,7 +22,7 @@ from mavdem.report.condition import wind_blocks
 @click.command("wind")
 @click.argument("source", type=click.Path())
 @vehicle_option
-@file_option("--prior", "A report.json, or what `mavdem wind --json` printed: its drag is the prior.")
+@file_option("--prior", "The drag of before: learn's folder or files, a fleet's folder, or wind's own JSON.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document and nothing else.")
 def wind_command(source: str, vehicle: str | None, prior: Path | None, as_json: bool) -> None:
     """Reports the wind in m/s, where it comes from, and the vehicle's drag, with intervals of 90 %.
@@ -31,7 +31,7 @@ def wind_command(source: str, vehicle: str | None, prior: Path | None, as_json: 
     --prior, or the autopilot's drag parameters. Exit code: 1 if the log cannot have a wind.
     """
     signals = Signals(choose_vehicle(read_source(source).vehicles, vehicle))
-    wind = wind_of(signals, None if prior is None else _drag_in(prior))
+    wind = wind_of(signals, None if prior is None else earlier_drag(prior, identity_of(signals).name))
     drag, blocks = wind.drag, wind_blocks((wind, signals.autopilot_wind, ""))
     for header, name, rows in (("Time (s)", "start", wind.minutes), ("Height (m)", "height", wind.profile)):
         cells = [[f"{one[name]:.0f}", f"{one['speed']:.1f}", f"{one['direction']:.0f}"] for one in rows]
@@ -41,11 +41,3 @@ def wind_command(source: str, vehicle: str | None, prior: Path | None, as_json: 
     table = [[name, *(f"{value:.3g}" for value in values)] for name, values in numbers.items()]
     blocks += [Table([f"Drag, from {SOURCES[drag.source]}", "value", "from", "to"], table)]
     print_result(wind.as_dict() | {"parameters": settings}, blocks, as_json)
-
-
-def _drag_in(path: Path) -> Drag:
-    try:
-        read = json.loads(path.read_text())
-        return Drag.from_dict(read.get("wind_velocity", read)["drag"]).of_next_flight()
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise Unreadable(f"{path} holds no drag ({error}): give a `mavdem wind --json` or a report.json.") from error

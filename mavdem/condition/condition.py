@@ -20,6 +20,7 @@ from os import PathLike
 from typing import Any
 
 import numpy as np
+from scipy.fft import dct
 
 from mavdem.alignment import phases
 from mavdem.alignment.align import Segment, recorded_parts, settled_segments, within
@@ -308,10 +309,8 @@ def mean_interval(values: Array, seconds: float) -> Array:
     cosines = int(np.clip(round(2 * FASTEST * seconds), FEWEST, MOST))
     if length <= 2 * cosines:
         return np.full(values.shape[1], np.inf)
-    phase = np.pi * (np.arange(length) + 0.5) / length
-    basis = np.sqrt(2.0) * np.cos(np.arange(1, cosines + 1)[:, None] * phase) / length
-    variance = np.square(basis @ (values - values.mean(axis=0))).mean(axis=0)
-    return half_width(variance, LEVEL, cosines)
+    projections = dct(values - values.mean(axis=0), axis=0)[1 : cosines + 1] / (np.sqrt(2.0) * length)
+    return half_width(np.square(projections).mean(axis=0), LEVEL, cosines)
 
 
 def _seconds(parts: tuple[Segment, ...]) -> float:

@@ -183,7 +183,7 @@ def torque_explained(wind: WindVelocity, time: Array, torque: Array) -> tuple[fl
     number, slow = number[kept := np.isfinite(slow).all(axis=1)], slow[kept]
     if len(slow) < LEAST_MEANS or slow[:, 1:].std(axis=0).max() < CHANGED:
         why = "the velocity through the air hardly changed along the body, as unequal motors and a shifted load do not"
-        return None, f"What the mean wind makes of it is not told apart: {why}. {TURN}."
+        return None, f"What the mean wind makes of it cannot be told apart: {why}. {TURN}."
     left, flat = slow[:, 0].copy(), np.column_stack([np.ones(len(slow)), slow[:, 1:]])
     for tried in (number // 5 % 2 == 0, number // 5 % 2 == 1):
         left[tried] -= flat[tried] @ np.linalg.lstsq(flat[~tried], slow[~tried, 0])[0]
@@ -204,7 +204,7 @@ def _mean(winds: Array, spreads: Array, step: float) -> tuple[float, float, floa
     apart = np.arctan2(samples[:, 1], samples[:, 0]) - np.arctan2(*centre[::-1])
     turned = np.quantile(np.abs((apart + np.pi) % (2 * np.pi) - np.pi), 0.9)
     turned = float(np.hypot(np.degrees(turned), quantile() * HEADING_SD))
-    return (speed := float(np.median(means @ centre))), min(low, speed), high, turned
+    return (speed := max(float(np.median(means @ centre)), 0.0)), min(low, speed), high, turned
 
 
 def _answers(

@@ -14,7 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import next_fast_len
+from scipy.linalg import matmul_toeplitz
+from scipy.special import spherical_jn
 
 from mavdem.confidence import half_width
 from mavdem.dem.engine.ascent import Ascent, Rates, ascend, theta_curvature_of_profile
@@ -200,6 +201,7 @@ def predictor_of(theta: Array, sizes: tuple[int, int, int], gain: Array, dt: flo
 
 MAX_CORRELATION = 0.999  # of neighbouring slopes, in the kernel's width
 MIN_DEGREES_OF_FREEDOM = 8.0  # that a covariance is estimated with: the limit of the kernel's width
+MIN_WIDTH = 1e-6  # samples: keeps that of rows without correlation from being divided by
 SHOWN_ENTRIES = 4  # of a direction, the heaviest, in its ``repr``
 
 
@@ -285,31 +287,12 @@ def long_run_covariance(segments: Sequence[Array]) -> tuple[Array, float]:
         innovation / (1 - correlation) ** 4
     )
     width = min(1.3221 * (alpha * number) ** 0.2, number / MIN_DEGREES_OF_FREEDOM)
-    longest = max(map(len, segments))
-    lags = np.arange(1, longest)
-    kernel = _quadratic_spectral(lags / width) if width > 0 else np.zeros(len(lags))
-    total = np.zeros((len(mean), len(mean)))
-    for rows in centred:
-        total += rows.T @ rows + _lagged(rows, kernel)
+    # The kernel of that name, 25/(12π²x²) (sin z/z − cos z) at x of the width, z = 6πx/5: 3 j₁(z)/z.
+    z = 6 * np.pi / 5 * np.arange(1, max(map(len, segments))) / max(width, MIN_WIDTH)
+    kernel = np.append(0.0, 3 * spherical_jn(1, z) / z)
+    total = sum(rows.T @ (rows + matmul_toeplitz(kernel[: len(rows)], rows)) for rows in centred)
     # As many rows as the kernel's width count as one; its square's integral is 1 (Priestley 1981, sec. 6.2.4).
-    return total, max(number / max(width, 1.0), 1.0)
-
-
-def _lagged(rows: Array, kernel: Array) -> Array:
-    """Σ_l kernel(l) (Γ_l + Γ_lᵀ) with Γ_l = Σ_t rows(t) rows(t + l)ᵀ, by one convolution with the kernel."""
-    lags = len(rows) - 1
-    if lags < 1:
-        return np.zeros((rows.shape[1], rows.shape[1]))
-    both_sides = np.concatenate([kernel[:lags][::-1], [0.0], kernel[:lags]])
-    size = next_fast_len(2 * len(rows) + lags, real=True)
-    smoothed = np.fft.irfft(np.fft.rfft(rows, size, axis=0) * np.fft.rfft(both_sides, size)[:, None], size, axis=0)
-    return np.asarray(rows.T @ smoothed[lags : lags + len(rows)])
-
-
-def _quadratic_spectral(x: Array) -> Array:
-    """The kernel of that name, at x ≠ 0."""
-    z = 6 * np.pi * x / 5
-    return np.asarray(25 / (12 * np.pi**2 * x**2) * (np.sin(z) / z - np.cos(z)))
+    return np.asarray(total), max(number / max(width, 1.0), 1.0)
 
 
 class Direction(NamedTuple):

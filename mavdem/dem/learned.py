@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 from warnings import warn
 
 import numpy as np
@@ -30,14 +29,6 @@ from mavdem.errors import LearnedDownstream
 
 may_overflow = np.errstate(over="ignore", invalid="ignore")
 """Forecasts of an unstable model, or with huge inputs, overflow to infinity or NaN without a warning."""
-
-
-class BandedForecast(NamedTuple):
-    """A forecast (H, m) with the squared error to expect, and the half width of a band about it, (H, m); physical."""
-
-    mean: Array
-    variance: Array
-    half_width: Array
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -269,11 +260,14 @@ class Learned(LearnedDownstream):
     @may_overflow
     def forecast_every_with_band(
         self, steps: int, inputs: ArrayLike, outputs: ArrayLike, level: float = LEVEL
-    ) -> BandedForecast:
-        """Returns :meth:`forecast_every` of ``steps``, ``inputs`` and ``outputs``, its error and band of ``level``."""
+    ) -> tuple[Array, Array, Array]:
+        """Returns :meth:`forecast_every` of ``steps``, ``inputs`` and ``outputs``, its expected squared error and band.
+
+        All are (H, m); the last is the half width of the band of probability ``level`` about the first.
+        """
         require_probability(level)
         mean, variance = self._known_every(steps, *self.record.following(steps, inputs, outputs))
-        return BandedForecast(mean, variance, self._half_widths(variance, level, steps))
+        return mean, variance, self._half_widths(variance, level, steps)
 
     def _known(self, inputs: Array, smooth: bool = False) -> Forecast:
         return self._known_every(len(inputs), inputs, np.zeros((len(inputs), len(self.model.C))), smooth)

@@ -108,13 +108,8 @@ class OrderChoice:
     def to_dict(self) -> dict[str, Any]:
         """As plain JSON values by name."""
         return {
-            "orders": self.orders.tolist(),
-            "free_energy": self.free_energy.tolist(),
-            "mean": self.mean.tolist(),
-            "spread": self.spread.tolist(),
-            "chosen": self.chosen,
-            "saturated": self.saturated,
-            "reason": self.reason,
+            **{name: getattr(self, name).tolist() for name in ("orders", "free_energy", "mean", "spread")},
+            **{name: getattr(self, name) for name in ("chosen", "saturated", "reason")},
             "remarks": list(self.remarks),
             "width": [flight.width for flight in self.flights],
             "smoothness": [flight.smoothness.tolist() for flight in self.flights],

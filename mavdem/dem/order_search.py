@@ -1,12 +1,8 @@
 """F̄ by model order: one flight fitted as a black box with one state, two, and so on, each from several starts.
 
-F̄ of different orders is comparable because:
-
-- Every order has the same data, generalized vectors filtered by one Gaussian kernel.
-- x has a prior of variance 1 at every sample; without it each further state could change F̄ by any number of nats.
-- The effective sample size is counted: noise of width s is correlated over √(2π) s/dt samples (Σₖ ρ(k dt)²).
-- A prior of variance 1 means the same for any flight, by the units: outputs of variance 1, inputs of variance 1
-  together, and a unit of time in which outputs change by as much as they vary.
+docs/order.md says why F̄ of different orders is comparable. The effective sample size is counted: noise of width s is
+correlated over √(2π) s/dt samples (Σₖ ρ(k dt)²). A prior of variance 1 means the same for any flight, by the units:
+outputs and all inputs together of variance 1, and a unit of time in which outputs change by as much as they vary.
 
 F̄ of a model with hidden states has many maxima, most of them far below the highest. A start is a linear map from the
 data to the states and their rates; θ follows by regression, in the coordinates of the priors: states of variance 1,

@@ -214,7 +214,7 @@ def _forecast(
     forecast = prediction = expected = band = np.full_like(measured, np.nan)
     if learned is not None:
         made = learned.forecast_every_with_band(steps, inputs, outputs, LEVEL)
-        forecast, expected, band = windows(made.mean), windows(made.variance), windows(made.half_width)
+        forecast, expected, band = map(windows, made)
         with np.errstate(over="ignore", invalid="ignore"):
             prediction = windows(learned.predict_every(steps, inputs, outputs))
     trained = np.concatenate([flight.outputs for flight in training])

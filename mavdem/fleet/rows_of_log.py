@@ -16,9 +16,10 @@ from mavdem.analysis import LogAnalysis, analyse
 from mavdem.analysis.figures import physical_values, wind_values
 from mavdem.condition import WindVelocity
 from mavdem.condition.wind_of_log import Air, air_of
-from mavdem.dem import Learned
+from mavdem.dem import Drag, Learned
 from mavdem.errors import Unreadable
 from mavdem.fleet.row import DEMAND, NOT_IDENTIFIABLE, FlightRow
+from mavdem.fleet.store import is_fleet, read_rows
 from mavdem.fleet.workers import PAGES, LogRows
 from mavdem.health.balance import balance_of_signals
 from mavdem.ingest import Log, Telemetry, read_log
@@ -120,8 +121,7 @@ def is_learned(path: Path) -> bool:
 def earlier_flight(path: Path, axis: str) -> Learned:
     """Returns a ``model.json``, or that in a folder, whose physical parameters can be a prior.
 
-    Raises:
-        Unreadable: it cannot be read, is of another axis, or its flight does not identify the motors' effect.
+    Raises Unreadable: it cannot be read, is of another axis, or its flight does not identify the motors' effect.
     """
     try:
         learned = Learned.from_json((path / MODEL if path.is_dir() else path).read_text())
@@ -134,11 +134,32 @@ def earlier_flight(path: Path, axis: str) -> Learned:
     return learned
 
 
+def earlier_drag(path: Path, vehicle: str) -> Drag:
+    """Returns the drag of earlier flights: of what ``mavdem learn`` or ``mavdem wind --json`` wrote, or of a fleet.
+
+    Of the folder or a ``model.json`` the report beside it counts; of a fleet, the ``vehicle``'s best known drag.
+
+    Raises:
+        Unreadable: it cannot be read, or holds no drag of that vehicle.
+    """
+    if is_fleet(path):
+        rows = [row for row in read_rows(path) if row.vehicle == vehicle and row.drag and row.drag_interval]
+        if not rows:
+            raise Unreadable(f"{path} holds no drag of {vehicle}: run `mavdem track` on its flights with legs.")
+        axes = [(row.drag or (), row.drag_interval or ()) for row in rows]
+        return Drag.of_axes(*min(axes, key=lambda both: sum(np.divide(both[1], both[0])))).of_next_flight()
+    file = path / REPORT if path.is_dir() else path.with_name(REPORT) if path.name == MODEL else path
+    try:
+        read = json.loads(file.read_text())
+        return Drag.from_dict(read.get("wind_velocity", read)["drag"]).of_next_flight()
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise Unreadable(f"{file} holds no drag ({error}): give a {REPORT} or a `mavdem wind --json`.") from error
+
+
 def rows_of_learned(path: Path) -> list[FlightRow]:
     """Returns a row an axis of what ``mavdem learn`` wrote: its folder, its report, or a model alone.
 
-    Raises:
-        Unreadable: it cannot be read, or ``mavdem learn`` did not write it.
+    Raises Unreadable: it cannot be read, or ``mavdem learn`` did not write it.
     """
     file = path / REPORT if path.is_dir() else path
     try:

@@ -130,17 +130,10 @@ def track(
 ) -> TrackedLogs:
     """Brings the table of a fleet up to date with the logs that ``names`` stand for.
 
-    Args:
-        folder: of the fleet; made if it is not there.
-        names: files, folders, patterns and URLs.
-        reader: what reads the logs.
-        baseline: names of healthy flights, or one fleet; as in the last run unless given.
-        page: the function that makes a flight's page, as of ``Job``.
-        assess: what judges all flights of a vehicle.
-        progress: is called as logs are read.
-
-    Raises:
-        Unreadable: there is no log, or the folder cannot be written to, or is damaged.
+    The ``folder`` of the fleet is made if it is not there. ``names`` are files, folders, patterns and URLs, ``reader``
+    reads them. ``baseline`` names healthy flights, or one fleet; it is as in the last run unless given. ``page`` is the
+    function that makes a flight's page, as of ``Job``, ``assess`` judges all flights of a vehicle, and ``progress`` is
+    called as logs are read. Raises Unreadable: there is no log, or the folder cannot be written to, or is damaged.
     """
     logs, problems = find_logs(names, folder)
     if not logs and not is_fleet(folder):

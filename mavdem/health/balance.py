@@ -1,21 +1,10 @@
 """Balance: what a settled flight asks of its motors in roll, pitch and yaw, and how that follows the vehicle's lean.
 
-Wind from one side makes a vehicle lean against it and, by the flapping of its rotors, by drag above or below its centre
-of mass and by a load beside it, asks for a steady torque too. Both change together within a flight, gust by gust, so
-each flight shows its own slopes of the balance over the lean, whatever is damaged. With them, flights in other winds
-are compared level.
-
-A weak motor and a shifted load each make a pattern in thrust, roll, pitch and yaw, the motors' signatures.
-In trim the motors' thrusts balance the weight and the moments, so what the motors are commanded is fixed. Where motor
-i gives less thrust for the same command, the controller raises its command and, where the vehicle has four motors,
-that of no other: on an X quad the rise shows as much in roll as in pitch and in yaw, with signs by its place and its
-spin. A shifted load or wind from one side shows in roll and pitch, and hardly in yaw.
+docs/health.md says how it is judged. Wind that a vehicle leans against asks for a steady torque too: by the flapping of
+its rotors, by drag above or below its centre of mass, by a load beside it.
 
 With six or eight motors the mixer commands thrust, roll, pitch and yaw only, so a weak motor raises its neighbours
 too: commands change by the motor's projection on what the mixer can command.
-
-A flight is compared with the balance of the vehicle's healthy flights. Few vehicles have more than a handful of these,
-so their scatter is estimated with a prior, and verdicts are as cautious as few flights make them.
 """
 
 from __future__ import annotations

@@ -11,9 +11,12 @@ import numpy as np
 from mavdem.dem import Learned, Settings, learn
 from mavdem.dem.engine.linalg import Array
 from mavdem.evaluate import mspe, paired, relative_mspe
+from mavdem.evaluate.comparison import Outcome
+from mavdem.evaluate.scores import KNOWN, ratio
 from mavdem.evaluate.windows import Window
 from mavdem.paper import figures
 from mavdem.paper.runner import (
+    DATA,
     MEAN,
     OTHERS,
     OURS,
@@ -25,10 +28,11 @@ from mavdem.paper.runner import (
     STARTS,
     WITH,
     WITHOUT,
+    ZERO,
     Check,
     Result,
     Runner,
-    Trial,
+    errors_of,
     median_draw,
     percent,
     plain,
@@ -49,12 +53,12 @@ def prediction(runner: Runner) -> Result:
     learned = learn(window.train, PAPER)
     papers, defaults = _numbers(window, learned), _numbers(window, learn(window.train, Settings()))
     draws = runner.draws[WITH][runner.extent.sample]
-    ahead = {f"from {start}": learned.forecast(window.test.inputs, from_zero=start == STARTS[1]) for start in STARTS}
+    ahead = {f"from {start}": learned.forecast(window.test.inputs, from_zero=start == ZERO) for start in STARTS}
     scaled = learned.learning.theta / np.abs(learned.learning.theta).max(axis=0)
     theta = {f"θ{number}": column for number, column in enumerate(scaled.T, 1)}
     gained = learned.free_energy.total - learned.free_energy.total[0]
     return Result(
-        checks=prediction_checks(window, learned, [draw.errors[STARTS[0]] for draw in draws]),
+        checks=prediction_checks(window, learned, errors_of(draws, DATA)),
         numbers={WITH: papers, OURS: defaults},
         tables=_prediction_table(window.flight, {"the paper’s settings": papers, "default settings": defaults}),
         pictures=(
@@ -75,7 +79,7 @@ def prediction(runner: Runner) -> Result:
     )
 
 
-def prediction_checks(window: Window, learned: Learned, errors: list[float]) -> tuple[Check, ...]:
+def prediction_checks(window: Window, learned: Learned, errors: list[float] | Array) -> tuple[Check, ...]:
     """Returns the claims of the figure; ``errors`` are the MSPE of the forecasts from several random priors."""
     train, test = window.train, window.test
     one_step = mspe(train.outputs[1:], learned.one_step()[1:]).per_output
@@ -174,11 +178,10 @@ def coordinates(runner: Runner) -> Result:
     errors = {f"paper’s settings, from {start}": _pair(drawn, start) for start in STARTS}
     ours = {f"default settings, from {start}": _pair(default, start) for start in STARTS}
     middle = {
-        f"p = {p}": median_draw(runner.draws[name][runner.extent.sample], STARTS[0])
-        for p, name in ((2, WITH), (1, WITHOUT))
+        f"p = {p}": median_draw(runner.draws[name][runner.extent.sample], DATA) for p, name in ((2, WITH), (1, WITHOUT))
     }
     ahead = {
-        f"from {start}": {p: trial.forecasts[start] for p, trial in middle.items() if trial.forecasts}
+        f"from {start}": {p: trial.forecasts[STARTS[start]] for p, trial in middle.items() if trial.forecasts}
         for start in STARTS
     }
     recorded = _recorded(runner)
@@ -205,9 +208,9 @@ def coordinates(runner: Runner) -> Result:
     )
 
 
-def _pair(by_method: Iterable[Iterable[list[Trial]]], start: str) -> Pair:
+def _pair(by_method: Iterable[Iterable[list[Outcome]]], start: str) -> Pair:
     """The errors of trials by method, experiment and prior."""
-    with_, without = (np.array([[trial.errors[start] for trial in priors] for priors in rows]) for rows in by_method)
+    with_, without = (np.array([errors_of(priors, start) for priors in rows]) for rows in by_method)
     return with_, without
 
 
@@ -244,7 +247,7 @@ def _recorded(runner: Runner) -> list[dict[str, Any]]:
     rows: list[dict[str, Any]] = []
     for flight in runner.recorded:
         for settings, pair in SETTINGS.items():
-            ours, theirs = ([trial.errors[STARTS[0]] for trial in runner.trials[flight][name]] for name in pair)
+            ours, theirs = (errors_of(runner.trials[flight][name], DATA) for name in pair)
             rows.append({"flight": flight, "settings": settings, **paired(ours, theirs)._asdict()})
     return rows
 
@@ -286,15 +289,15 @@ def benchmark(runner: Runner) -> Result:
     """Tries each method on the five experiments, and on all windows of all flights."""
     numbers = list(runner.experiments)
     experiments = {
-        start: {name: np.array([_trial(runner, name, i, start).errors[start] for i in numbers]) for name in SHOWN}
+        start: {name: errors_of((_trial(runner, name, i, start) for i in numbers), start) for name in SHOWN}
         for start in STARTS
     }
-    sample = {name: _trial(runner, name, runner.extent.sample, STARTS[0]).forecasts for name in SHOWN}
-    ahead = {name: forecasts[STARTS[0]] for name, forecasts in sample.items() if forecasts}
+    sample = {name: _trial(runner, name, runner.extent.sample, DATA).forecasts for name in SHOWN}
+    ahead = {name: forecasts[KNOWN] for name, forecasts in sample.items() if forecasts}
     outputs = runner.sample.test.outputs
     squares = {name: np.asarray(((forecast - outputs) ** 2).sum(axis=1)) for name, forecast in ahead.items()}
     relative = {
-        flight: {name: float(np.median([trial.relative for trial in by_method[name]])) for name in SHOWN}
+        flight: {name: float(np.median([ratio(trial.of(KNOWN))[-1] for trial in by_method[name]])) for name in SHOWN}
         for flight, by_method in runner.trials.items()
     }
     parts = {
@@ -314,7 +317,7 @@ def benchmark(runner: Runner) -> Result:
         ),
         beyond=(
             *(least(experiments[start], OURS, PEERS, f"from {start}") for start in STARTS),
-            least(experiments[STARTS[0]], OURS, (*PEERS, *OTHERS), f"from {STARTS[0]}"),
+            least(experiments[DATA], OURS, (*PEERS, *OTHERS), f"from {DATA}"),
             *(least(errors, OURS, (*PEERS, *OTHERS), f"on the {where}") for where, errors in recorded.items()),
         ),
         numbers={
@@ -356,7 +359,7 @@ def benchmark(runner: Runner) -> Result:
     )
 
 
-def _trial(runner: Runner, name: str, number: int, start: str) -> Trial:
+def _trial(runner: Runner, name: str, number: int, start: str) -> Outcome:
     return median_draw(runner.draws[WITH][number], start) if name == WITH else runner.trial(name, number)
 
 

@@ -8,9 +8,10 @@ import numpy as np
 
 from mavdem import baselines
 from mavdem.dem.engine.linalg import Array
+from mavdem.evaluate.comparison import Method
 from mavdem.evaluate.windows import Window
 from mavdem.flight import Flight
-from mavdem.paper.runner import PAPER, PAPER_WITHOUT, SHARED, STARTS, TRAIN, Check, Result, Runner, percent, plain
+from mavdem.paper.runner import PAPER, PAPER_P1, SHARED, STARTS, TRAIN, Check, Result, Runner, errors_of, percent, plain
 from mavdem.report.blocks import Sentence, Table
 from mavdem.report.numbers import rounded
 
@@ -25,12 +26,10 @@ def run(runner: Runner) -> Result:
     if not runner.extent.recorded or not FOLDER.is_dir():
         return Result(remarks=(f"The authors’ results are not in {FOLDER}, so there is nothing to compare with.",))
     window, theirs = authors_window(), authors_errors()
-    fits = {"DEM p=2": runner.priors(PAPER), "DEM p=1": runner.priors(PAPER_WITHOUT)}
-    fits["EM"] = [partial(baselines.em, order=2)]
+    fits = {"DEM p=2": runner.priors(PAPER), "DEM p=1": runner.priors(PAPER_P1)}
+    fits["EM"] = [Method("EM", partial(baselines.em, order=2))]
     trials = runner.try_all({name: [(fit, window) for fit in own] for name, own in fits.items()})
-    ours = {
-        start: {name: np.array([trial.errors[start] for trial in trials[name]]) for name in METHODS} for start in STARTS
-    }
+    ours = {start: {name: errors_of(trials[name], start) for name in METHODS} for start in STARTS}
     cases = [(name, start) for name in METHODS for start in STARTS]
     rows = [[f"{name}, from {start}", *(_range(each[start][name]) for each in (theirs, ours))] for name, start in cases]
     return Result(

@@ -7,7 +7,6 @@ place of the paper's, and of recorded ones, in worker processes; what several ex
 from __future__ import annotations
 
 import os
-import warnings
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
@@ -27,12 +26,11 @@ from mavdem.dem import Settings, learn
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.parallel import parallel_map
 from mavdem.errors import NotLearnable
-from mavdem.evaluate import mspe, relative_mspe
-from mavdem.evaluate.comparison import JOINT
+from mavdem.evaluate.comparison import JOINT, Method, Outcome, evaluate_window
+from mavdem.evaluate.scores import FROM_ZERO, KNOWN
 from mavdem.evaluate.windows import Window, windows
 from mavdem.export.conversion import STREAMS
 from mavdem.flight import Flight
-from mavdem.forecaster import Forecaster
 from mavdem.ingest import read_log
 from mavdem.ingest.vocabulary import IN_AIR
 from mavdem.report.blocks import Block
@@ -171,7 +169,7 @@ class Result:
 
 
 PAPER = Settings.paper()
-PAPER_WITHOUT = replace(PAPER, p=1, d=1, window=2)
+PAPER_P1 = replace(PAPER, p=1, d=1, window=2)
 """The paper's settings without generalized coordinates: the first derivative, which the model needs, and no more."""
 
 WITH, WITHOUT, PLANT, PLANT_WITHOUT = "DEM paper", "DEM paper p=1", "DEM plant", "DEM plant p=1"
@@ -180,43 +178,30 @@ PEERS = ("subspace(2)", "PEM(2)", "EM(2)")  # the paper's, with as many states a
 OTHERS = ("subspace(4)", "ARX(2)")  # textbook methods that the paper does not compare
 MEAN = "constant mean"
 
-Learn = Callable[[Flight], Forecaster]
-METHODS: dict[str, Learn] = {
-    method.name: method.learn
+METHODS = [
+    method
     for method in evaluate.METHODS
     if method.name in (OURS, PLANT, PLANT_WITHOUT, WITH, WITHOUT, *PEERS, *OTHERS, MEAN)
-}
+]
 
-STARTS = ("the data", "state 0")  # of a forecast: the end of training, or 0 as in the authors' code
-
-
-class Trial(NamedTuple):
-    """A method on a window."""
-
-    forecasts: dict[str, Array]  # (H, m) of the test part by start, one of ``STARTS``; empty where there is none
-    errors: dict[str, float]  # MSPE of each, summed over outputs; infinite without a forecast
-    relative: float  # the error ratio to the constant mean, of the forecast from the data
-    stable: bool | None  # whether the model has no growing mode; ``None`` without a model
+DATA, ZERO = "the data", "state 0"
+STARTS = {DATA: KNOWN, ZERO: FROM_ZERO}
+"""The question of a forecast from the end of training, and from state 0 as in the authors' code."""
 
 
-def run_trial(job: tuple[Learn, Window]) -> Trial:
+def run_trial(job: tuple[Method, Window]) -> Outcome:
     """Trains a method on a window and forecasts its test part; a method that fails has infinite errors."""
-    method, window = job
-    train, test = window.train, window.test
-    with np.errstate(all="ignore"), warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        try:
-            model = method(train)
-        except (ValueError, ArithmeticError, RuntimeError):
-            return Trial({}, dict.fromkeys(STARTS, np.inf), np.inf, None)
-        made = {start: model.forecast(test.inputs, from_zero=start == STARTS[1]) for start in STARTS}
-        errors = {start: mspe(test.outputs, forecast).total for start, forecast in made.items()}
-        return Trial(made, errors, float(relative_mspe(train, test, made[STARTS[0]])), model.stable)
+    return evaluate_window(*job)
 
 
-def median_draw(trials: list[Trial], start: str) -> Trial:
+def errors_of(trials: Iterable[Outcome], start: str) -> Array:
+    """Returns (trials,) the MSPE of forecasts from ``start``, summed over outputs; infinite without a forecast."""
+    return np.array([trial.mspe(STARTS[start]).sum() for trial in trials])
+
+
+def median_draw(trials: list[Outcome], start: str) -> Outcome:
     """Returns that of the trials from random priors whose error is the median."""
-    return sorted(trials, key=lambda trial: trial.errors[start])[len(trials) // 2]
+    return trials[int(np.argsort(errors_of(trials, start), kind="stable")[len(trials) // 2])]
 
 
 @dataclass(frozen=True)
@@ -256,7 +241,7 @@ class Runner:
             self.progress(self._done / self._begun)
         return results
 
-    def try_all(self, jobs: Mapping[Key, Iterable[tuple[Learn, Window]]]) -> dict[Key, list[Trial]]:
+    def try_all(self, jobs: Mapping[Key, Iterable[tuple[Method, Window]]]) -> dict[Key, list[Outcome]]:
         """Returns the trials of the jobs of each key."""
         todo = {key: list(own) for key, own in jobs.items()}
         done = iter(self.each(run_trial, chain.from_iterable(todo.values())))
@@ -295,25 +280,26 @@ class Runner:
         return found
 
     @cached_property
-    def trials(self) -> dict[str, dict[str, list[Trial]]]:
+    def trials(self) -> dict[str, dict[str, list[Outcome]]]:
         """All methods on windows of all flights: by flight and method, a trial a window."""
         flights = {cut[0].flight: cut for cut in (*self.windows.values(), *self.recorded.values())}
-        pairs = product(flights, METHODS)
-        tried = self.try_all({pair: [(METHODS[pair[1]], window) for window in flights[pair[0]]] for pair in pairs})
-        return {flight: {name: tried[flight, name] for name in METHODS} for flight in flights}
+        jobs = {(name, one.name): [(one, window) for window in cut] for name, cut in flights.items() for one in METHODS}
+        tried = self.try_all(jobs)
+        return {flight: {one.name: tried[flight, one.name] for one in METHODS} for flight in flights}
 
     @cached_property
-    def draws(self) -> dict[str, dict[int, list[Trial]]]:
+    def draws(self) -> dict[str, dict[int, list[Outcome]]]:
         """DEM with the paper's settings: by method and experiment, a trial a random prior."""
-        methods = {WITH: self.priors(PAPER), WITHOUT: self.priors(PAPER_WITHOUT)}
+        methods = {WITH: self.priors(PAPER), WITHOUT: self.priors(PAPER_P1)}
         pairs = product(methods, self.experiments)
         tried = self.try_all({pair: [(fit, self.experiments[pair[1]]) for fit in methods[pair[0]]] for pair in pairs})
         return {name: {number: tried[name, number] for number in self.experiments} for name in methods}
 
-    def priors(self, settings: Settings) -> list[Learn]:
+    def priors(self, settings: Settings) -> list[Method]:
         """Returns DEM with these settings from each random prior."""
-        return [partial(learn, settings=replace(settings, seed=seed)) for seed in range(self.extent.priors)]
+        seeds = range(self.extent.priors)
+        return [Method(f"prior {seed}", partial(learn, settings=replace(settings, seed=seed))) for seed in seeds]
 
-    def trial(self, method: str, number: int) -> Trial:
+    def trial(self, method: str, number: int) -> Outcome:
         """Returns a method's trial on an experiment."""
         return self.trials[self.experiments[number].flight][method][0]

@@ -7,10 +7,10 @@ from math import degrees
 import numpy as np
 import pytest
 
-from mavdem import wind
+from mavdem import Drag, wind
 from mavdem.cli.commands import main
 from mavdem.condition.wind_velocity import from_point
-from mavdem.fleet.rows_of_log import rows_of_log
+from mavdem.fleet.rows_of_log import earlier_drag, rows_of_log
 from mavdem.report.fleet_page import fleet_page
 from sitl_scenarios.files import in_toml, load
 
@@ -33,6 +33,9 @@ def test_the_wind_is_shown_as_it_is_estimated(tmp_path, capsys):
     off = np.interp(found.time, table["time_s"], table["wind_north_m_s"]) - found.velocity[:, 0]
     assert np.nanmax(np.abs(off)) < 0.02 and np.isnan(table["wind_east_band_m_s"][0])
     (row, *_), _ = rows_of_log(log)
+    earlier = earlier_drag(tmp_path / "learnt" / "model.json", "")
+    of_row = Drag.of_axes(row.drag, row.drag_interval)
+    assert earlier.linear == pytest.approx(of_row.linear) and earlier.relative_sd(5) < 0.2 > of_row.relative_sd(5) / 2
     assert (row.wind_speed, degrees(row.wind_direction)) == pytest.approx((found.speed, found.direction))
     assert row.drag == pytest.approx([*found.drag.linear, *found.drag.quadratic])
     assert from_point(found.direction) in (page := fleet_page([row])) and "Wind rose" in page

@@ -42,6 +42,15 @@ from mavdem.dem.record import Record
 seeds = st.integers(0, 10**6)
 
 
+def of_any_model(test):
+    return settings(max_examples=20)(given(model=models, seed=seeds)(test))
+
+
+def random_posterior(seed, model):
+    samples = random_samples(seed, model)
+    return samples, random_belief(seed, model, samples)[1]
+
+
 def gradient(function, at, scale=1e-4):
     """Central differences."""
     slope = np.empty(at.size)
@@ -57,8 +66,7 @@ def close(actual, expected, relative=1e-6):
     np.testing.assert_allclose(actual, expected, atol=relative * (np.abs(expected).max() + 1))
 
 
-@given(model=models, seed=seeds)
-@settings(max_examples=15)
+@of_any_model
 def test_the_samples_free_energies_sum_to_the_action(model, seed):
     rng = np.random.default_rng(seed)
     data = rng.standard_normal((6, model.hidden.start))
@@ -73,8 +81,7 @@ def test_the_samples_free_energies_sum_to_the_action(model, seed):
     assert by_sample.sum() - (len(data) - 1) * invariant == pytest.approx(action, rel=1e-9, abs=1e-6)
 
 
-@given(model=models, seed=seeds)
-@settings(max_examples=15)
+@of_any_model
 def test_gradients_are_those_of_the_free_energy(model, seed):
     """Of F in X, and of the action in θ and λ, at any belief, mean-field terms included."""
     rng = np.random.default_rng(seed)
@@ -106,12 +113,10 @@ def test_gradients_are_those_of_the_free_energy(model, seed):
     close(-precision, np.array(columns))
 
 
-@given(model=models, seed=seeds)
-@settings(max_examples=15)
+@of_any_model
 def test_curvatures_of_the_internal_energy_are_those_of_the_free_energy_at_a_certain_belief(model, seed):
     """Without mean-field terms; those of the free energy are compared with differences above."""
-    samples = random_samples(seed, model)
-    _, belief = random_belief(seed, model, samples)
+    samples, belief = random_posterior(seed, model)
     sure = belief._replace(
         **{name: 0 * getattr(belief, name) for name in ("state_covariance", "theta_covariance", "lambda_covariance")}
     )
@@ -123,12 +128,10 @@ def test_curvatures_of_the_internal_energy_are_those_of_the_free_energy_at_a_cer
     close(-curvature, lambda_slope(model, samples, sure)[1])
 
 
-@given(model=models, seed=seeds)
-@settings(max_examples=15)
+@of_any_model
 def test_each_step_ends_where_the_gradient_of_the_free_energy_is_zero(model, seed):
     """By the gradients that the test above compares with differences."""
-    samples = random_samples(seed, model)
-    _, belief = random_belief(seed, model, samples)
+    samples, belief = random_posterior(seed, model)
     beliefs = belief.theta, belief.theta_covariance, belief.lambda_, belief.lambda_covariance
     of_data, precision = state_slope(model, *beliefs)
     close(precision @ d_step(model, *beliefs), of_data)
@@ -139,11 +142,9 @@ def test_each_step_ends_where_the_gradient_of_the_free_energy_is_zero(model, see
     assert np.abs(slope).max() < 1e-5 * samples.number
 
 
-@given(model=models, seed=seeds)
-@settings(max_examples=15)
+@of_any_model
 def test_named_terms_sum_to_the_free_energy_at_optimal_precisions(model, seed):
-    samples = random_samples(seed, model)
-    _, belief = random_belief(seed, model, samples)
+    samples, belief = random_posterior(seed, model)
     belief = with_optimal_precisions(model, belief)
     terms = optimal_terms(model, samples, belief)
     estimated = samples.number * len(belief.state_covariance) + len(belief.theta) + len(belief.lambda_)
@@ -151,11 +152,9 @@ def test_named_terms_sum_to_the_free_energy_at_optimal_precisions(model, seed):
     assert sum(terms.values()) == pytest.approx(total, rel=1e-9, abs=1e-6)
 
 
-@given(model=models, seed=seeds)
-@settings(max_examples=10)
+@of_any_model
 def test_optimal_precisions_cannot_be_improved(model, seed):
-    samples = random_samples(seed, model)
-    _, belief = random_belief(seed, model, samples)
+    samples, belief = random_posterior(seed, model)
     best = with_optimal_precisions(model, belief)
     height = free_energy_action(model, samples, best)
     rng = np.random.default_rng(seed)
@@ -205,8 +204,7 @@ def test_with_all_parameters_known_the_free_energy_is_the_evidence_whatever_the_
     assert climb.free_energy[-1] - constant == pytest.approx(evidence, rel=1e-6)
 
 
-@given(model=models, seed=seeds)
-@settings(max_examples=20)
+@of_any_model
 def test_the_energy_is_that_of_the_generative_model_written_out(model, seed):
     """Sample by sample, with Ã, B̃, C̃, D and Π̃ as Eqs. ``generative_process`` and ``free_E`` write them."""
     rng = np.random.default_rng(seed)
@@ -269,8 +267,7 @@ def test_the_flow_runs_the_equation_it_stands_for():
         np.testing.assert_allclose(states[k + 1], end, rtol=1e-6, atol=1e-6)
 
 
-@given(model=models, seed=seeds)
-@settings(max_examples=15)
+@of_any_model
 def test_a_fast_flow_is_the_exact_limit(model, seed):
     of_data, precision = slope_of(model)
     data = np.random.default_rng(seed).standard_normal((10, model.hidden.start))
@@ -317,8 +314,7 @@ def test_flows_run_and_lead_to_the_same_place():
     np.testing.assert_allclose(flowing.ascent.learning.theta[-1], exact.ascent.learning.theta[-1], rtol=1e-3, atol=1e-3)
 
 
-@given(model=models, seed=seeds)
-@settings(max_examples=15)
+@of_any_model
 def test_steps_at_a_finite_rate_follow_the_gradient_and_end_at_the_maximum(model, seed):
     samples = random_samples(seed, model)
     climb = ascend(model, samples, 2)

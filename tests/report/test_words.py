@@ -2,13 +2,13 @@
 
 import itertools
 import re
+from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from golden import is_golden
 from made_up_analysis import analysis, physical
 
 import mavdem
@@ -19,7 +19,7 @@ from mavdem.evaluate.comparison import Method
 from mavdem.evaluate.truth import ComparedParameter, ComparedWind, TruthComparison
 from mavdem.ingest import read_log
 from mavdem.report import palette
-from mavdem.report.blocks import Sentence, Table, markdown
+from mavdem.report.blocks import Block, Sentence, Table, markdown, text_of
 from mavdem.report.comparison import comparison_report
 from mavdem.report.condition import log_blocks
 from mavdem.report.flights import truth_blocks
@@ -29,6 +29,17 @@ from mavdem.report.screen import analysis_blocks
 
 LOGS = Path(__file__).parents[2] / "logs"
 NAN = float("nan")
+
+
+def is_golden(request: pytest.FixtureRequest, name: str, blocks: Iterable[Block]) -> None:
+    """Asserts that blocks read as the golden file of this name, which ``--write-golden`` writes."""
+    path, text = Path(__file__).parent / "golden" / f"{name}.txt", text_of(blocks) + "\n"
+    if request.config.getoption("--write-golden"):
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(text)
+    assert text.splitlines() == path.read_text().splitlines()
+
+
 SCREENS = {
     "model": lambda: analysis_blocks(analysis(physical())),
     "doubtful": lambda: analysis_blocks(analysis(physical(0.2, lag="not identifiable", damping="biased"))),

@@ -2,7 +2,6 @@
 
 from mavdem.condition.loop.advice import TARGETS, Advice, advise
 from mavdem.condition.loop.loop import Loop, loop, loop_of
-from mavdem.condition.loop.margins import OpenLoop
-from mavdem.condition.loop.response import MeasuredResponse
+from mavdem.condition.loop.margins import OpenLoop as OpenLoop
 
-__all__ = ["TARGETS", "Advice", "Loop", "MeasuredResponse", "OpenLoop", "advise", "loop", "loop_of"]
+__all__ = ["TARGETS", "Advice", "Loop", "advise", "loop", "loop_of"]

@@ -32,22 +32,24 @@ LEAST = 0.02, 1e-3, 0.0  # damping, 1/s, lag and delay, s, of a drawn plant
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Loop:
-    """Rate and attitude loop of one axis; figures are asked of either, or of the loop for those of ``rate``.
+    """The loops of one ``axis``: ``rate`` and, with that closed, ``attitude``; it has the figures of ``rate`` itself.
 
-    >>> loop = learned.loop()
-    >>> loop.phase_margin, loop.phase_margin_interval, loop.attitude.crossover
+    They are of a ``plant`` that was identified from a ``record``, and its ``controller``. ``gains`` (N,) are angular
+    acceleration per demand, rad/s², ``draws`` (N, 3) damping, 1/s, lag and delay, s, without the gyro's filter: of the
+    estimate, and then drawn. ``cautions`` say what the figures do not allow for, one sentence each. ``measured`` is the
+    response of the rate in flight, where the log has setpoints.
     """
 
-    axis: str  # "roll", "pitch" or "yaw"
+    axis: str
     plant: Physical
-    record: Record  # the flight that they are from
+    record: Record
     controller: Controller
-    gains: Array  # (N,) angular acceleration per demand, rad/s², the estimate's first and then of draws
-    draws: Array  # (N, 3) likewise damping, 1/s, lag and delay, s, behind the gyro's filter
-    rate: OpenLoop  # from the error of the rate to the rate
-    attitude: OpenLoop  # from the error of the angle to the angle, the rate loop closed
-    cautions: tuple[str, ...]  # what the figures do not allow for, one sentence each
-    measured: MeasuredResponse | None = None  # in flight, where the log has setpoints
+    gains: Array
+    draws: Array
+    rate: OpenLoop
+    attitude: OpenLoop
+    cautions: tuple[str, ...]
+    measured: MeasuredResponse | None = None
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_"):
@@ -95,7 +97,7 @@ class Loop:
 
 
 def loop(learned: Learned, controller: Controller | None = None) -> Loop:
-    """Returns the loops of what was learned; the ``controller`` is that of the log's parameters unless given.
+    """Returns the loops of what was ``learned``; the ``controller`` is that of the log's parameters unless given.
 
     Raises ``NotLearnable``: the plant is not identifiable, or the controller is not known.
     """
@@ -105,7 +107,7 @@ def loop(learned: Learned, controller: Controller | None = None) -> Loop:
 
 
 def loop_of(plant: Physical, record: Record, controller: Controller | None = None) -> Loop:
-    """Returns the loops of a ``plant`` that was identified from the ``record``, as :func:`loop` does."""
+    """Returns the loops of a ``plant`` identified from the ``record``, with a ``controller``, as :func:`loop` does."""
     if plant.caution is not None:
         raise NotLearnable(f"There are no margins: {plant.caution[0].lower()}{plant.caution[1:]}")
     axis = record.output_names[-1].removesuffix(" rate") if record.output_names else "roll"

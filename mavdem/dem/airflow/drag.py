@@ -7,7 +7,7 @@ ICRA 2010; ``drag_fusion.cpp`` of PX4's EKF2, ``AP_NavEKF3_AirDataFusion.cpp`` o
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
@@ -118,4 +118,13 @@ class Drag:
     def from_dict(cls, values: Mapping[str, Any]) -> Drag:
         """Returns the drag whose ``values`` :meth:`as_dict` made; ``ValueError`` or ``KeyError`` for others."""
         mean, covariance = (np.array(values[name], np.float64) for name in ("mean", "covariance"))
+        if not np.linalg.eigvalsh(covariance.reshape(6, 6))[0] > 0:  # nor where it is not finite
+            raise ValueError("its covariance is none")
         return cls(mean.reshape(6), covariance.reshape(6, 6), str(values["source"]))
+
+    @classmethod
+    def of_axes(cls, values: Sequence[float], halves: Sequence[float]) -> Drag:
+        """Returns the drag of a row: linear, then quadratic, along x and y, and half widths of their intervals."""
+        logs, sd = np.log(values).reshape(2, 2), (np.arcsinh(np.divide(halves, values)) / quantile()).reshape(2, 2)
+        mean = [*logs.mean(axis=1), *np.diff(logs).ravel(), 0.0, 0.0]
+        return cls(np.array(mean), np.diag([*sd.mean(axis=1), *POPULATION_SD[2:], LEAN_SD, LEAN_SD]) ** 2, "flight")

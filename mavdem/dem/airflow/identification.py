@@ -87,7 +87,7 @@ def identified(moved: Motion, drag: Drag, steered: float | None = None) -> tuple
     ahead = moved.axes[moved.known, 0, :2]
     turned = max(1 - float(np.hypot(*(ahead / np.hypot(*ahead.T)[:, None]).mean(axis=0))) ** 2, 0.0)
     counted = np.array([*[steered**2] * 4, *[turned] * 2, *[1.0] * 4])
-    mean, scale = prior, counted
+    mean, scale, farthest = prior, counted, 4 / np.sqrt(np.diag(precision))
     apart = DIFFERENCE * np.vstack([np.zeros(10), np.eye(10), -np.eye(10)])
     for _ in range(ITERATIONS):
         found = filtered(in_air(mean + apart, moved), moved)
@@ -114,10 +114,10 @@ def identified(moved: Motion, drag: Drag, steered: float | None = None) -> tuple
         expected = -speed[0] * faster
         covariance = np.linalg.inv(precision + kept @ information + np.outer(faster, faster))
         step = covariance @ (kept @ (scale * slope) + expected - precision @ (mean - prior))
-        mean = mean + np.clip(step, -LARGEST, LARGEST)
+        mean = np.clip(mean + np.clip(step, -LARGEST, LARGEST), prior - farthest, prior + farthest)
         if np.all(np.abs(step) < CONVERGED * np.sqrt(np.diag(covariance))):
             break
-    if steered and np.any(np.abs(mean - prior)[:6] > BEYOND * np.sqrt(np.diag(drag.covariance))):
+    if steered and not np.all(np.abs(mean - prior)[:6] < BEYOND * np.sqrt(np.diag(drag.covariance))):
         return identified(moved, drag, steered=0.0)
     return mean, (covariance + covariance.T) / 2, steered
 

@@ -24,7 +24,7 @@ LAG, SCALE_ERROR = 0.03, 0.05  # s between attitude and velocity; share of an ac
 FREEDOM = 8.0  # of Student's t that innovations have: a position reset or a touch of the ground is no wind
 MAX_FORCE, BRIDGED = 25.0, 10.0  # m/s² across the thrust axis, beyond which the velocity jumped; s to the next data
 WIND, MEAN = slice(0, 2), slice(2, 4)  # of the four states
-TOTAL = np.kron([[1.0, 1.0]], np.eye(2))  # (2, 4) w + m of the states
+PLANE, TOTAL = np.eye(2), np.kron([[1.0, 1.0]], np.eye(2))  # TOTAL (2, 4): w + m of the states
 
 
 class Motion(NamedTuple):
@@ -124,18 +124,18 @@ class Filter:
         u = axes @ velocity - (x[:, WIND] + x[:, MEAN]) @ axes[:, :2].T
         speed = np.sqrt((u * u).sum(axis=1) + 1e-4)[:, None]
         drag = self._linear + self._quadratic * speed
-        slope = drag[:, :, None] * np.eye(2) + (self._quadratic / speed * u)[:, :, None] * u[:, None, :]
-        H = slope @ axes[:, :2] @ TOTAL
+        slope = drag[:, :, None] * PLANE + (self._quadratic / speed * u)[:, :, None] * u[:, None, :]
+        A = slope @ axes[:, :2]  # the errors' slope by the wind, gusts and mean alike
         error = force + drag * u - self._lean
-        PH = P @ H.transpose(0, 2, 1)
-        S = H @ PH + self._noise + doubt**2 * np.eye(2)
+        PH = (P[:, :, WIND] + P[:, :, MEAN]) @ A.transpose(0, 2, 1)
+        S = A @ (PH[:, WIND] + PH[:, MEAN]) + self._noise + doubt**2 * PLANE
+        S = (S + S.transpose(0, 2, 1)) / 2  # else rounding grows
         det = S[:, 0, 0] * S[:, 1, 1] - S[:, 0, 1] ** 2
-        inverse = np.stack([S[:, 1, 1], -S[:, 0, 1], -S[:, 0, 1], S[:, 0, 0]], axis=1).reshape(len(S), 2, 2)
-        inverse /= det[:, None, None]
-        squares = np.einsum("gi,gij,gj->g", error, inverse, error)
+        inverse = (np.trace(S, axis1=1, axis2=2)[:, None, None] * PLANE - S) / det[:, None, None]
+        squares = (error[:, None] @ inverse @ error[:, :, None])[:, 0, 0]
         self.total -= np.log(det) / 2 + (FREEDOM + 2) / 2 * np.log1p(squares / FREEDOM)
         K = PH @ inverse * np.minimum((FREEDOM + 2) / (FREEDOM + squares), 1.0)[:, None, None]
-        self.states, self.spreads = x + np.einsum("gij,gj->gi", K, error), P - K @ PH.transpose(0, 2, 1)
+        self.states, self.spreads = x + (K @ error[:, :, None])[:, :, 0], P - K @ PH.transpose(0, 2, 1)
         return error, S
 
 

@@ -222,11 +222,9 @@ def ascend(
     )
 
 
-def plain_rounds(
-    model: GenerativeModel, samples: SufficientStatistics, number: int, rates: Rates = EXACT_RATES
-) -> list[Belief]:
+def plain_rounds(model: GenerativeModel, samples: SufficientStatistics, number: int) -> list[Belief]:
     """The belief at the start and after each of so many rounds, without extrapolation or a test of convergence."""
-    ascent = CoordinateAscent(model, samples, rates)
+    ascent = CoordinateAscent(model, samples)
     iterates = [ascent.start()]
     for _ in range(number):
         iterates.append(ascent.round(iterates[-1], iterates[-1].belief))

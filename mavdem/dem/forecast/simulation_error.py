@@ -1,9 +1,8 @@
 """The simulation-error (output-error) fit: θ continues from the ascent, by simulations over a short horizon.
 
-Over segments of the record the state starts where the filter has it and then follows ẋ = A x + B v, the limit of a high
-precision of w. The residual is z, wind included. Within a horizon neighbouring residuals repeat each other, so that the
-effective sample size is the number of horizons that follow each other. F̄ has its named terms, with a weak prior of the
-parameters and λ at its maximum, which is known. It has many maxima; the ascent leads to the right one (docs/method.md).
+Over segments of the record the state starts where the filter has it and then follows ẋ = A x + B v, and the residual is
+z, wind included. F̄ has λ at its maximum, which is known. It has many maxima; the ascent leads to the right one
+(docs/method.md).
 """
 
 from __future__ import annotations
@@ -158,11 +157,6 @@ class SimulationFit:
     converged: bool  # whether it has converged, by the gain of the last step or the gain that the curvature predicts
 
     @property
-    def rounds(self) -> int:
-        """Gauss-Newton steps."""
-        return len(self.terms["noise entropy"]) - 1
-
-    @property
     def freedom(self) -> float:
         """Degrees of freedom that the noise's variance is estimated with."""
         return self.effective_samples - len(self.free)
@@ -255,13 +249,11 @@ def fit_with_prior(
     """The fit from θ (k,) by damped Gauss-Newton steps, each of which increases F̄.
 
     The ``prior`` has mean (k,) and precision (k, k); parameters of A and B with a precision below ``KINEMATIC`` are
-    free. ``None`` where there are none, or errors overflow.
+    free. ``None`` where errors overflow.
     """
     (n, r, _), (mean, precision) = sizes, prior
     free = np.flatnonzero(np.diag(precision)[: n * n + n * r] < KINEMATIC)
     objective = SimulationError(theta, free, mean[free], precision[np.ix_(free, free)], sizes, gain, dt, segments)
-    if not len(free):
-        return None
     _, errors = objective.value(theta[free])
     if not np.isfinite(_mean_square(errors)):
         return None
@@ -283,13 +275,7 @@ def fit_with_prior(
 
 
 def fit_simulation(
-    model: GenerativeModel,
-    settings: CompleteSettings,
-    scaling: Scaling,
-    theta: Array,
-    gain: Array,
-    record: Record,
-    iterations: int = MAX_ITERATIONS,
+    model: GenerativeModel, settings: CompleteSettings, scaling: Scaling, theta: Array, gain: Array, record: Record
 ) -> SimulationFit | None:
     """The simulation-error fit to a record from θ (k,), with a filter of that gain (n, m).
 
@@ -310,4 +296,4 @@ def fit_simulation(
         for row in np.flatnonzero(free[n * n : n * n + n * r : r]):
             places = n * n + row * r + np.arange(len(quiet))
             precision[np.ix_(places, places)] += QUIET_PRECISION * quiet @ quiet.T
-    return fit_with_prior(theta, (mean, precision), model.sizes, gain, record.dt, segments, iterations)
+    return fit_with_prior(theta, (mean, precision), model.sizes, gain, record.dt, segments, MAX_ITERATIONS)
