@@ -25,7 +25,7 @@ from mavdem.errors import NotLearnable
 from mavdem.report.blocks import Sentence, Table
 from mavdem.report.vehicle_files import LEFT_OUT, vehicle_text
 from sitl_scenarios.files import scenario_of
-from sitl_scenarios.replay import replayed
+from sitl_scenarios.simulation import replayed
 
 FLIGHTS = 3  # of the twin, each in other wind of the same spectrum
 SHOWN = {"mass": "kg", "inertia": "kg m²", "lag": "s", "damping": "1/s", "delay": "s", "hover": "share of range"}

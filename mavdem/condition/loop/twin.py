@@ -112,8 +112,7 @@ WINDOW, SETTLES, LONGEST = 20.0, 3.0, 120.0  # s of a spectrum's windows, left o
 def setpoints_of(loop: Loop) -> tuple[Record, Array] | None:
     """Returns the longest segment of the loop's flight and its setpoints (T, 2) of angle and rate; None without them.
 
-    Rad, and rad/s beside what the angle's error asks for: PX4's setpoint of the rate is that, in ArduPilot's RATE it is
-    added, in its ATTITUDE_TARGET not.
+    The rate, rad/s, is beside what the angle's error asks for, which ArduPilot's ATTITUDE_TARGET alone leaves out.
     """
     record, names = loop.record, [f"{loop.axis} setpoint", f"{loop.axis} rate setpoint"]
     if record.setpoints is None or not set(names) <= set(record.setpoint_names):
@@ -143,9 +142,8 @@ def torque(loop: Loop, samples: int, noise: np.random.Generator) -> Array:
 def alike(loop: Loop, record: Record, flown: Sequence[Array]) -> dict[str, list[float]]:
     """Returns figures of a ``record`` and of angles and rates (T, 2), rad and rad/s, that were ``flown`` again.
 
-    Levels of the rate's spectrum in ``BANDS``, the twin's over the recorded in dB; recorded and the twin's mean and
-    standard deviation of the angle and that of the rate, in degrees; and where the setpoint explains enough, the
-    largest part of the rate's step, and the time to half of it, s.
+    Levels of the rate's spectrum in ``BANDS``, the twin's over the recorded in dB; both mean and sd of the angle, sd of
+    the rate, in degrees, and where it is measured the peak of the rate's step, and the time to half of it, s.
     """
     from scipy.signal import detrend, welch  # it takes half a second to import
 
