@@ -22,6 +22,8 @@ VELOCITIES = {"LOCAL_POSITION_NED": 1.0, "GLOBAL_POSITION_INT": 0.01}
 """Messages with the velocity over ground, the preferred first, and the factor that makes it m/s."""
 FLAGS, VELOCITY_FLAGS = ("EKF_STATUS_REPORT", "ESTIMATOR_STATUS"), (2, 128)
 """Messages with the estimator's flags: that it knows the horizontal velocity, and that it assumes to stand still."""
+VELOCITY_JUMP, YAW_JUMP = (1.0, 15.0), (0.35, 6.0)
+"""m/s, rad, and m/s², rad/s: a change beyond both is a reset. Before one of the yaw it was not known."""
 POSITION_JUMP, AROUND = 1.0, 1.5  # m beyond what the velocity covers, of a reset; s around it that are left out
 LOWEST_FLIGHT, LONGEST_STEP = 1.5, 1.5  # m above the lowest height, without motors; s between velocities
 Air = tuple[WindVelocity | None, Signal | None, str]  # the wind, the autopilot's own estimate, and why there is no wind
@@ -66,6 +68,7 @@ def wind_of(signals: Signals, drag: Drag | None = None) -> WindVelocity:
         after = np.clip(np.searchsorted(time, at), 1, len(time) - 1)
         kept &= sure[after] & sure[after - 1] & (time[after] - time[after - 1] <= LONGEST_STEP)
         turned = [angle.angle[angle.boot == boot][one] for angle in angles]
+        kept &= at > np.max(at[1:][_jumps(at, turned[2] % (2 * np.pi), YAW_JUMP, 2 * np.pi)], initial=-np.inf) + AROUND
         moved = [np.interp(at, time, column) for column in (*velocity.T, height)]
         found = np.column_stack([at, *turned, *moved])[kept]
         best, best_boot = (found, int(boot)) if len(found) > len(best) else (best, best_boot)
@@ -96,13 +99,23 @@ def _flights(signals: Signals, boot: int, time: Array, height: Array) -> phases.
 def _known(signals: Signals, boot: int, columns: Columns, rows: NDArray[np.intp], velocity: Array) -> NDArray[np.bool_]:
     """(N,) where the estimator knows the velocity, without what surrounds a reset of the position."""
     time, sure = columns["time"][rows], np.isfinite(velocity).all(axis=1)
+    sure &= columns["valid"][rows] if "valid" in columns else True
     if "x" in columns:
         steps = np.diff(np.column_stack([floats(columns, axis)[rows] for axis in "xy"]), axis=0)
         covered = (velocity[1:, :2] + velocity[:-1, :2]) / 2 * np.diff(time)[:, None]
         jumps = np.abs(steps - covered).max(axis=1) > POSITION_JUMP + 2 * np.diff(time)
         sure &= ~phases.during(time, [(t - AROUND, t + AROUND) for t in time[1:][jumps]])
+    for speed in velocity[:, :2].T:
+        reset = time[1:][_jumps(time, speed, VELOCITY_JUMP)]
+        sure &= ~phases.during(time, [(t - AROUND, t + AROUND) for t in reset])
     for flags in (signals.telemetry.messages[name] for name in FLAGS if name in signals.telemetry.messages):
         if np.any(here := flags["boot"] == boot):
             lost = flags["flags"][here].astype(np.int64) & sum(VELOCITY_FLAGS) != VELOCITY_FLAGS[0]
             sure &= np.interp(time, flags["time"][here], lost) == 0
     return np.asarray(sure)
+
+
+def _jumps(time: Array, values: Array, limits: tuple[float, float], turn: float = np.inf) -> NDArray[np.bool_]:
+    """(N - 1,) where ``values`` change by more than the first of ``limits`` and the second a second."""
+    steps = np.abs(np.diff(values))
+    return np.asarray(np.minimum(steps, turn - steps) > limits[0] + limits[1] * np.diff(time))

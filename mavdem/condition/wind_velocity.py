@@ -204,7 +204,7 @@ def _mean(winds: Array, spreads: Array, step: float) -> tuple[float, float, floa
     apart = np.arctan2(samples[:, 1], samples[:, 0]) - np.arctan2(*centre[::-1])
     turned = np.quantile(np.abs((apart + np.pi) % (2 * np.pi) - np.pi), 0.9)
     turned = float(np.hypot(np.degrees(turned), quantile() * HEADING_SD))
-    return (speed := float(np.median(means @ centre))), min(low, speed), high, turned
+    return (speed := max(float(np.median(means @ centre)), 0.0)), min(low, speed), high, turned
 
 
 def _answers(

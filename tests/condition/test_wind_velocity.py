@@ -6,6 +6,7 @@ from recorded_flights import shared
 
 import mavdem
 from mavdem.alignment.drive import Signal
+from mavdem.condition.wind_of_log import YAW_JUMP, _jumps
 from mavdem.condition.wind_velocity import coming_from, torque_explained
 from mavdem.dem.airflow.drag import Drag
 from mavdem.dem.airflow.model import motion
@@ -105,6 +106,13 @@ def test_what_is_no_free_flight_has_a_sentence_and_no_number():
         mavdem.estimate_drag(time[:140], attitude[:140], velocity[:140], air[:140])
     with pytest.raises(ValueError, match="degrees"):
         mavdem.estimate_wind(time, np.degrees(attitude), velocity)
+
+
+def test_resets_are_no_motion():
+    yaw = np.array([6.2, 0.1, 0.2, 1.4, 1.5])  # past north, then a reset
+    assert _jumps(0.1 * np.arange(5.0), yaw, YAW_JUMP, 2 * np.pi).tolist() == [False, False, True, False]
+    with pytest.raises(NotLearnable, match="no settled flight with a valid velocity"):
+        mavdem.wind(shared("real/logs/px4_two_armed_times.ulg"))  # indoors: its v_xy_valid is 0
 
 
 def test_parameters_are_read_and_written_in_the_autopilots_units():
