@@ -14,8 +14,7 @@ from mavdem.cli.output import check_folder, files_in, json_text, print_result, p
 from mavdem.cli.sources import end_report, names_of, nothing_left, of_each
 from mavdem.dem.learning import FEWEST_SAMPLES
 from mavdem.evaluate.comparison import METHODS, Comparison, Outcome, outcomes
-from mavdem.evaluate.scores import FROM_ZERO, KNOWN
-from mavdem.evaluate.windows import TRAIN_SECONDS, Length, TooFewSamples, Window, part_samples, windows
+from mavdem.evaluate.scores import FROM_ZERO, KNOWN, TRAIN_SECONDS, Length, TooFewSamples, Window, part_samples, windows
 from mavdem.flight import Flight
 from mavdem.report.comparison import comparison_report
 from mavdem.report.page import comparison_page

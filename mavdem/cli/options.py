@@ -14,7 +14,7 @@ import click
 from mavdem.alignment.drive import AXES, TILT_AXES
 from mavdem.dem import Settings
 from mavdem.dem.learning import FEWEST_SAMPLES
-from mavdem.evaluate.windows import TEST_SECONDS, Length
+from mavdem.evaluate.scores import TEST_SECONDS, Length
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 Value = TypeVar("Value")

@@ -23,8 +23,7 @@ from mavdem.confidence import LEVEL
 from mavdem.dem import Learned, Settings, learn
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.record import folds
-from mavdem.evaluate.scores import error_over
-from mavdem.evaluate.windows import part_samples
+from mavdem.evaluate.scores import error_over, part_samples
 from mavdem.flight import Flight
 
 FOLDS = 5

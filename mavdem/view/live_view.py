@@ -19,6 +19,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import ArrayLike
 
+from mavdem.condition.wind_of_log import WindRow
 from mavdem.dem import Estimate, Learned
 from mavdem.fleet.row import as_text
 from mavdem.live import Event, SessionStatus
@@ -160,18 +161,19 @@ class LiveView:
         inputs: ArrayLike,
         estimate: Estimate | None = None,
         learned: Learned | None = None,
+        wind: WindRow | None = None,
     ) -> None:
         """Shows a row of ``outputs`` (m,) and ``inputs`` (r,) at ``time``, s of the boot clock; takes microseconds.
 
         The timeline is ``shift`` s after that clock, so that flights of two boots do not overlap. The number of the
         ``segment`` changes where samples are missing or the vehicle rebooted. ``estimate`` is of this sample;
-        ``learned`` is the learner's last batch result, which contains the prior.
+        ``learned`` is the learner's last batch result, which contains the prior; ``wind`` is the latest row in m/s.
         """
         if self._closed or self._channels is None:
             return
         # Copies, since callers may reuse their arrays.
         y, u = np.array(outputs, np.float64), np.array(inputs, np.float64)
-        row = ViewRow(time + shift, shift, segment, y, u, estimate, learned, self._channels)
+        row = ViewRow(time + shift, shift, segment, y, u, estimate, learned, self._channels, wind)
         for thread in self._threads:
             thread.put(row)
 

@@ -21,8 +21,8 @@ from numpy.polynomial.legendre import legvander
 
 from mavdem.confidence import half_width
 from mavdem.dem.engine.linalg import Array, one_thread
-from mavdem.dem.forecast.mixer import FEWEST_ROTORS, turning_patterns
 from mavdem.dem.forecast.var import (
+    FEWEST_ROTORS,
     LEAST_FREEDOM,
     ChannelUnits,
     Forecast,
@@ -34,6 +34,7 @@ from mavdem.dem.forecast.var import (
     latest_first,
     pieces,
     regress,
+    turning_patterns,
 )
 from mavdem.dem.record import Record
 
