@@ -48,8 +48,7 @@ VELOCITY_JUMP, YAW_JUMP = (1.0, 15.0), (0.35, 6.0)
 POSITION_JUMP, AROUND = 1.0, 1.5  # m beyond what the velocity covers, of a reset; s around it that are left out
 LOWEST_FLIGHT, LONGEST_STEP = 1.5, 1.5  # m above the lowest height, without motors; s between velocities
 ROW, SAMPLE = 0.1, 0.05  # s from row to row, and between samples that are kept, at least
-START, LOST, REPEAT = 8.0, 3.0, 30.0  # s of free flight before the first row, until a row is old, between two sentences
-MEMORY = 300.0  # s, over which sizes of gusts and noise are weighed
+START, LOST, MEMORY = 8.0, 3.0, 300.0  # s: of free flight before a row, without velocity, of weighing sizes of gusts
 DRAWS, FASTEST = 16, 100.0  # of drag and lean; m/s: what is faster is damaged
 SIZES = np.log([*product([0.15, 0.6], [5.0], [0.02, 0.06], [0.02, 0.06, 0.2])])  # as GUSTS
 Air = tuple[WindVelocity | None, Signal | None, str]  # the wind, the autopilot's own estimate, and why there is no wind
@@ -189,8 +188,7 @@ class LiveWind:
     def restart(self) -> None:
         """Forgets the flight, whose clock is over."""
         self.row: WindRow | None = None
-        self._said: WindRow | None = None
-        self.reason, self.flags = "", VELOCITY_FLAGS[0]
+        self.reason, self.flags, self._said = "", VELOCITY_FLAGS[0], False
         self._last: tuple[float, Sequence[float], Sequence[float]] = -inf, (), ()
         self._attitudes, self._velocities = (deque[Sequence[float]](maxlen=round(2 * START / SAMPLE)) for _ in "av")
         self._filters: list[Filter] = []
@@ -202,7 +200,7 @@ class LiveWind:
             self._attitudes.append((time, *angles))
 
     def velocity(self, name: str, time: float, values: Sequence[float]) -> str:
-        """Takes down, north and east of a message, and where that is; returns a sentence where there is news."""
+        """Takes down, north and east of a message, and where that is; returns a sentence on the first row."""
         (last, moved, place), self._local = self._last, time if name == "LOCAL_POSITION_NED" else self._local
         dt = time - last
         if dt < SAMPLE - 1e-3 or (name != "LOCAL_POSITION_NED" and time - self._local < LOST):
@@ -225,11 +223,8 @@ class LiveWind:
         while self._filters and (end := self._tick * ROW) <= min(time, self._attitudes[-1][0]):
             self._take(self._filters[self._tick % len(self._filters)], end)
             self._tick += 1
-        row, (_, low, high, *_) = self.row, self._said.by_compass if self._said else (0.0, inf, inf)
-        if row is None or low <= row.by_compass[0] <= high or (self._said and row.time - self._said.time < REPEAT):
-            return ""
-        self._said = row
-        return f"The wind is {''.join(row.words())}."
+        news, self._said = self.row is not None and not self._said, self._said or self.row is not None
+        return f"The wind is {''.join(self.row.words())}." if news and self.row else ""
 
     def _table(self, since: float, until: float) -> tuple[Array, Array, Array]:
         """Times (T,), attitudes (T, 3) and velocities (T, 3) between two times, as offline."""
