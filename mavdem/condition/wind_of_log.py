@@ -124,6 +124,7 @@ def _flights(signals: Signals, boot: int, time: Array, height: Array) -> phases.
 def _known(signals: Signals, boot: int, columns: Columns, rows: NDArray[np.intp], velocity: Array) -> NDArray[np.bool_]:
     """(N,) where the estimator knows the velocity, without what surrounds a reset of the position."""
     time, sure = columns["time"][rows], np.isfinite(velocity).all(axis=1)
+    sure &= columns["valid"][rows] if "valid" in columns else True
     if "x" in columns:
         steps = np.diff(np.column_stack([floats(columns, axis)[rows] for axis in "xy"]), axis=0)
         covered = (velocity[1:, :2] + velocity[:-1, :2]) / 2 * np.diff(time)[:, None]

@@ -1,11 +1,8 @@
 """The assessment of a vehicle's flights: which motor works too hard, by how much and how surely, or why not.
 
-Each verdict comes with its reason in sentences, with their figures. Explanations of a changed balance are weighed by
-Bayes' rule: nothing, one weak motor, a shifted load, yaw, anything. What changed stays changed for some flights: what
-is probable after one flight is so before the next. Beside the balance stands the effort: how hard all motors together
-are commanded at the battery's voltage. A rotor's speed goes with its command times the voltage, so the collective times
-the voltage stays as the battery sags. More of it is needed for a payload, in thinner air, and with propellers that give
-less thrust: which, it does not say.
+docs/health.md says how it is judged. Beside the balance stands the effort: a rotor's speed goes with its command times
+the voltage, so the collective times the voltage stays as the battery sags. More of it is needed for a payload, in
+thinner air, and with propellers that give less thrust: which, it does not say.
 """
 
 from __future__ import annotations
@@ -280,26 +277,16 @@ class Candidates:
         changed = np.ones(len(prior), dtype=bool)
         changed[self.groups["healthy"]] = False
         spread = self.spread.copy()
-        load, motors = self.groups["load"], self.groups["motor"]
+        shifted, weak = self.groups["load"], self.groups["motor"]
         # Yaw by a load that shifted, as far as the flights' effects of lean leave it: wind pulls beside the load.
-        spread[load, 2] = spread[load, 0] * away.lean
+        spread[shifted, 2] = spread[shifted, 0] * away.lean
         scale = np.sqrt(away.scale**2 + changed[:, None] * away.centre_error**2 + spread**2)
         scales = (away.change - self.change - self.centre * away.centre_error) / scale
         likelihood = (stats.t.logpdf(scales, away.freedom) - np.log(scale)).sum(axis=1)
-        likelihood[motors][(np.abs(scales[motors]) > MAX_MISFIT).any(axis=1)] = -np.inf
+        likelihood[weak][(np.abs(scales[weak]) > MAX_MISFIT).any(axis=1)] = -np.inf
         posterior = prior * np.exp(likelihood - likelihood.max())
-        return self._summed(posterior / posterior.sum())
+        posterior /= posterior.sum()
 
-    def shown(self, away: Deviation) -> float:
-        """Probability of a change, on average over the motors, where one had to work ``DETECTABLE_RISE`` harder.
-
-        By the scale of the flight's deviation: what can be seen in it, whatever it shows.
-        """
-        rises = DETECTABLE_RISE / np.diag(self.signatures.weak_motor_commands)
-        weak = self.signatures.weak_motor[:, 1:] * rises[:, None]
-        return float(np.mean([1 - self.after(away._replace(change=change)).healthy for change in weak]))
-
-    def _summed(self, posterior: Array) -> Explanations:
         healthy, _, load, yaw, other = (float(posterior[rows].sum()) for rows in self.groups.values())
         joint = posterior[self.groups["motor"]].reshape(-1, len(RISES))
         motors = joint.sum(axis=1)
@@ -311,6 +298,15 @@ class Candidates:
         harder = np.array([joint @ RISES / some, low, high]) * rise_share
         faults = np.where(np.outer(rise_share, RISES) >= FAULT_RISE, joint, 0.0).sum(axis=1)
         return Explanations(healthy, motors, faults, load, yaw, other, harder, posterior)
+
+    def shown(self, away: Deviation) -> float:
+        """Probability of a change, on average over the motors, where one had to work ``DETECTABLE_RISE`` harder.
+
+        By the scale of the flight's deviation: what can be seen in it, whatever it shows.
+        """
+        rises = DETECTABLE_RISE / np.diag(self.signatures.weak_motor_commands)
+        weak = self.signatures.weak_motor[:, 1:] * rises[:, None]
+        return float(np.mean([1 - self.after(away._replace(change=change)).healthy for change in weak]))
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,25 +1,20 @@
 """Motors in flight: a sequential test of their balance finds which works harder than before, lastingly.
 
-Every half second the mean commands of the motors, as shares of their own mean, give the balance in roll, pitch and yaw.
-It is compared with that of the flight before, for changes that began one to twenty seconds ago, under hypotheses that
-exclude each other: nothing changed; motor i works harder, by 5 to 80 %, which shows as its signature; the steady torque
-in roll and pitch changed, as by a load that shifts or by wind; that in yaw alone did; all three did, of any cause. Once
-motors are weak, so is that one of them gives more thrust again, and that all of them do.
+docs/live.md says what is compared with what. Hypotheses exclude each other: nothing changed; motor i works harder, by 5
+to 80 %, which shows as its signature; the steady torque in roll and pitch changed; that in yaw alone did; all three
+did, of any cause; and once motors are weak, one of them gives more thrust again, or all of them do. Each hypothesis has
+a Bayes factor against "nothing changed", a mixture over the size of the change. Summed over the times at which the
+change may have begun they are a Shiryaev–Roberts statistic. Were the noise known, the mean time to a false alarm would
+be A steps at least where it must reach A (M. Pollak, "Optimal detection of a change in distribution", Annals of
+Statistics 1985; with mixtures: J. Shin, A. Ramdas and A. Rinaldo, "E-detectors", New England Journal of Statistics in
+Data Science 2024). Its variance is estimated here, and the larger of several is taken, so that the ten hours that A is
+set for are a design value and no bound. What was measured, ``FALSE_ALARMS_PER_HOUR`` says. Which change it is, is
+decided by the Bayes factors against each other, as in S. Dayanik, C. Goulding and H. V. Poor, "Bayesian sequential
+change diagnosis", Mathematics of Operations Research 2008.
 
-Each hypothesis has a Bayes factor against "nothing changed", a mixture over the size of the change. Summed over the
-times at which the change may have begun they are a Shiryaev–Roberts statistic. Were the noise known, the mean time to a
-false alarm would be A steps at least where it must reach A (M. Pollak, "Optimal detection of a change in distribution",
-Annals of Statistics 1985; with mixtures: J. Shin, A. Ramdas and A. Rinaldo, "E-detectors", New England Journal of
-Statistics in Data Science 2024). Its variance is estimated here, and the larger of several is taken, so that the ten
-hours that A is set for are a design value and no bound. What was measured, ``FALSE_ALARMS_PER_HOUR`` says. Which change
-it is, is decided by the Bayes factors against each other, as in S. Dayanik, C. Goulding and H. V. Poor, "Bayesian
-sequential change diagnosis", Mathematics of Operations Research 2008.
-
-Noise is coloured by the wind and by manoeuvres. Its long-run variance is taken from means over half a second to four
-seconds, before the change and, where that is more, after it: a manoeuvre that begins makes the test wait. The factors
-are those of a t distribution, for the variance is estimated. After a change the balance that it left is the reference,
-and the noise before it the prior of what follows: so the next may come two seconds later, as may the fault's end.
-``MotorWatch`` applies the test over a vehicle's settled flight, and says in a sentence what changed for good.
+The noise's long-run variance is estimated, and the factors are those of a t distribution. After a change the balance
+that it left is the reference, and the noise before it the prior of what follows. ``MotorWatch`` applies the test over a
+vehicle's settled flight, and says in a sentence what changed for good.
 """
 
 from __future__ import annotations

@@ -321,12 +321,11 @@ def _held(topic: Px4Topic, field: str, time: Array) -> Array:
 def _local_position_ned(topics: Topics) -> dict[str, NDArray[Any]]:
     """LOCAL_POSITION_NED.hpp: vehicle_local_position where its vertical speed is valid; m and m/s.
 
-    Its horizontal velocity is NaN where it, or the heading, is not valid.
+    Beside the message's fields, ``valid``: whether its horizontal velocity and the heading are.
     """
     topic, fields = _first(topics, "vehicle_local_position"), ("time", "x", "y", "z", "vx", "vy", "vz")
-    sure = _valid(topic, "v_xy_valid") & _valid(topic, "heading_good_for_control")
-    known = {field: np.where(sure, topic[field], np.nan) for field in ("vx", "vy")}
-    return selected({field: topic[field] for field in fields} | known, _valid(topic, "v_z_valid"))
+    valid = _valid(topic, "v_xy_valid") & _valid(topic, "heading_good_for_control")
+    return selected({field: topic[field] for field in fields} | {"valid": valid}, _valid(topic, "v_z_valid"))
 
 
 def _wind_cov(topics: Topics) -> dict[str, NDArray[Any]]:

@@ -81,14 +81,6 @@ class UlogFormat(NamedTuple):
     stamp: int = -1
 
 
-class _UlogField(NamedTuple):
-    """A value of ``kind``, which may be another format, or an array of ``length`` values unless that is 0."""
-
-    kind: bytes
-    length: int
-    name: bytes
-
-
 _BASIC = {kind.encode(): UlogFormat(size, size, 1) for kind, size in SIZES.items()}
 
 
@@ -297,13 +289,14 @@ class Formats:
     """
 
     def __init__(self) -> None:
-        self._fields: dict[bytes, list[_UlogField]] = {}
+        # Kind, which may be another format, length of an array, empty of one value, and name.
+        self._fields: dict[bytes, list[tuple[bytes, bytes, bytes]]] = {}
         self._layouts: dict[bytes, UlogFormat | None] = dict(_BASIC)
 
     def add(self, name: bytes, fields: bytes) -> bool:
         """Adds what ``FORMAT`` found, if it is the first of its name and consistent; returns whether."""
-        found = [_UlogField(kind, int(length or 0), field) for kind, length, field in _FIELD.findall(fields)]
-        if name in self._fields or len({field.name for field in found}) != len(found):
+        found = _FIELD.findall(fields)
+        if name in self._fields or len({field for *_, field in found}) != len(found):
             return False
         self._fields[name] = found
         return True
@@ -315,17 +308,18 @@ class Formats:
             self._layouts[name] = self._laid_out(self._fields[name], inside)
         return self._layouts.get(name)
 
-    def _laid_out(self, fields: list[_UlogField], inside: int) -> UlogFormat | None:
+    def _laid_out(self, fields: list[tuple[bytes, bytes, bytes]], inside: int) -> UlogFormat | None:
         size = values = unpadded = 0
         stamp = -1
-        for field in fields:
-            if (part := self.layout(field.kind, inside + 1)) is None:
+        for kind, length, name in fields:
+            if (part := self.layout(kind, inside + 1)) is None:
                 return None
-            if (field.kind, field.length, field.name) == (b"uint64_t", 0, b"timestamp"):
+            if (kind, length, name) == (b"uint64_t", b"", b"timestamp"):
                 stamp = size
-            size += part.size * max(field.length, 1)
-            values += part.values * max(field.length, 1)
-            if not field.name.startswith(b"_padding"):
+            number = max(int(length or 0), 1)
+            size += part.size * number
+            values += part.values * number
+            if not name.startswith(b"_padding"):
                 unpadded = size
         return UlogFormat(size, unpadded, values, stamp) if size <= _LARGEST else None
 

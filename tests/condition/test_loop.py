@@ -124,6 +124,8 @@ def test_a_simulated_flight_has_the_margins_of_its_linearised_loop(autopilot):
     name = loop.controller.names["p"]
     doubled = loop.changed({name: 2 * record.parameters[name]})
     assert doubled.crossover > 1.5 * loop.crossover and doubled.agrees is None
+    still = replace(record, setpoints=np.zeros_like(record.setpoints))
+    assert loop_of(plant, still).agrees is None
     retuned = loop_of(plant, replace(record, earlier={name: 0.1}))
     assert retuned.agrees is None and f"{name} changed from 0.1 to" in retuned.cautions[-1]
     # Gains that were not those in flight.

@@ -107,7 +107,6 @@ def test_the_innovation_form_is_the_filter_of_textbooks(seed):
     states = predictor.filtered(start, u[1:], y[1:])
     np.testing.assert_allclose(states, predicted, atol=1e-8 * scale)
     np.testing.assert_allclose(predictor.at_end(u, y), states[-1], atol=0)
-    np.testing.assert_allclose(predictor.following(states[5], u[6], y[6]), states[6], atol=1e-8 * scale)
 
     forecast = textbook.forecast(corrected[9], u[9:])
     scale = np.abs(forecast).max()

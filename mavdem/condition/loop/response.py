@@ -79,7 +79,8 @@ def measured_response(
             rate, angle, demand, *given = rows[first:last].T
             setpoint, *wanted = map(evenly, given)
             corrected = (setpoint + controller.angle * (one - angle) for one in wanted)
-            parts.append([(one, rate, demand) for one in (setpoint, *corrected)])
+            if np.ptp(setpoint):  # as of a heading that is held
+                parts.append([(one, rate, demand) for one in (setpoint, *corrected)])
     if sum(2 * len(part[0][0]) // size - 1 for part in parts) < FEWEST:
         return None
     ways = (_compared(record.dt, size, way, controller, at, closed) for way in zip(*parts, strict=True))
@@ -96,12 +97,12 @@ def _compared(
         for total, pair in zip(densities, combinations_with_replacement(part, 2), strict=True):
             total += len(part[0]) * csd(*pair, 1 / dt, nperseg=size)[1]
     smoothed = [np.convolve(one, np.full(3, 1 / 3), mode="same") for one in densities]
-    of_setpoint, of_rate, of_demand = (smoothed[row].real for row in (0, 3, 5))
+    of_setpoint, of_rate, of_demand = (np.maximum(smoothed[row].real, np.finfo(float).tiny) for row in (0, 3, 5))
     across, *moved = (smoothed[row] for row in (1, 2, 4))
     hertz, response = np.arange(len(across)) / (size * dt), np.asarray(across / of_setpoint, np.complex128)
     predicted = np.interp(hertz, at, closed.real) + 1j * np.interp(hertz, at, closed.imag)
     coherence = np.abs(response) ** 2 * of_setpoint / of_rate
-    highest = float(min([*hertz[(hertz > LOWEST) & (coherence < LEAST_COHERENCE)], at[-1], hertz[-1]]))
+    highest = float(min([*hertz[(hertz > LOWEST) & ~(coherence >= LEAST_COHERENCE)], at[-1], hertz[-1]]))
     inside = (hertz >= LOWEST) & (hertz < highest)
     unlike, by_wind = np.abs(response - predicted) ** 2 * of_setpoint, (1 - coherence) * of_rate
     fit, agreement = (

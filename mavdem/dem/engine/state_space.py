@@ -38,22 +38,18 @@ class StateSpace(NamedTuple):
     second_of_inputs: Array | None = None  # (n, r) likewise from the inputs of its first
 
     @staticmethod
-    def of_transition(
-        transition: Transition, C: Array, gain: Array, first: tuple[Array, Array] | None = None
-    ) -> StateSpace:
+    def of_transition(transition: Transition, C: Array, gain: Array) -> StateSpace:
         """The same model as one whose state is corrected by gain · e at each sample: A = Φ, K = Φ gain.
 
         Inputs run linearly between samples, so that B = Φ Γ₁ + Γ₀ and D = C Γ₁ (Franklin, Powell and Workman, sec.
         4.3.2). The ``transition`` is over one sampling step, C is (m, n), and ``gain`` (n, m) is of the filter.
-        ``first``, (n, m) and (n, r), give the corrected state at a first sample from its outputs and its inputs; unless
-        given, that is the least state that gives these outputs.
+        The corrected state at a first sample is the least that gives its outputs.
         """
         state, now, later = transition
-        of_outputs, of_inputs = first or (np.linalg.pinv(C), np.zeros(now.shape))
         n, r = now.shape[-2:]
         matrices = state, state @ later + now, C, C @ later, state @ gain
         constants = np.zeros(n), np.zeros(r), np.zeros(len(C))
-        second = state @ of_outputs, state @ of_inputs + now
+        second = state @ np.linalg.pinv(C), now
         # In C order, as those of a loaded document: in another order a product rounds differently.
         return StateSpace(*(np.ascontiguousarray(array) for array in (*matrices, *constants, *second)))
 
@@ -87,22 +83,14 @@ class StateSpace(NamedTuple):
         """(n,) the state of the sample after a segment of ``inputs`` (T, r) and ``outputs`` (T, m)."""
         return np.asarray(self.filtered(self.second(inputs[0], outputs[0]), inputs[1:], outputs[1:])[-1])
 
-    def following(self, state: Array, inputs: Array, outputs: Array) -> Array:
-        """(n,) the next sample's state, from that of a sample and its inputs (r,) and outputs (m,)."""
-        error = outputs - self.outputs(state, inputs)
-        return np.asarray(self.A @ state + self._pushes(inputs) + self.K @ error)
-
-    def driven(self, start: Array, inputs: Array) -> Array:
-        """States (T + 1, n) without noise, the first of which is ``start`` (n,), of inputs (T, r)."""
-        return np.vstack([start, recursion(self.A, self._pushes(inputs), start)])
-
     def simulated(self, start: Array, inputs: Array) -> Array:
         """(H, m): outputs without noise, the first of state ``start`` (n,), of inputs (H, r).
 
         Outputs of an unstable model may overflow to infinity or NaN.
         """
         with np.errstate(over="ignore", invalid="ignore"):
-            return self.outputs(self.driven(start, inputs[:-1])[: len(inputs)], inputs)
+            states = np.vstack([start, recursion(self.A, self._pushes(inputs[:-1]), start)])
+            return self.outputs(states[: len(inputs)], inputs)
 
     def simulated_from(self, begins: NDArray[np.intp], horizon: int, states: Array, inputs: Array) -> Array:
         """(S, H, m): outputs without noise, from each of the samples ``begins`` (S,), of ``states`` (S, n), on.

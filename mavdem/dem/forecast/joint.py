@@ -21,21 +21,8 @@ from numpy.polynomial.legendre import legvander
 
 from mavdem.confidence import half_width
 from mavdem.dem.engine.linalg import Array, one_thread
-from mavdem.dem.forecast.var import (
-    FEWEST_ROTORS,
-    LEAST_FREEDOM,
-    ChannelUnits,
-    Forecast,
-    LagStatistics,
-    Regression,
-    Var,
-    lag_prior,
-    lagged,
-    latest_first,
-    pieces,
-    regress,
-    turning_patterns,
-)
+from mavdem.dem.forecast import var
+from mavdem.dem.forecast.var import FEWEST_ROTORS, turning_patterns
 from mavdem.dem.record import Record
 
 LAGS = (6, 8, 10, 14, 20)  # that F̄ chooses from, samples
@@ -57,7 +44,7 @@ class Choice(NamedTuple):
     @property
     def prior(self) -> Array:
         """(lags, lags) precision of a channel's coefficients by lag."""
-        decay = np.sqrt(lag_prior(self.lags, self.ridge).diagonal())
+        decay = np.sqrt(var.lag_prior(self.lags, self.ridge).diagonal())
         orders = np.arange(1.0, self.lags + 1) ** (2.0 if self.smooth else 0.0)
         basis = _generalized(self.lags)
         return np.asarray(decay[:, None] * ((basis * orders) @ basis.T) * decay)
@@ -92,11 +79,11 @@ def turning_combinations(record: Record) -> Array:
     if known is not None:
         return known
     lags = min(MIXER_LAGS, max(1, record.longest // 4))
-    prior = lag_prior(lags, MIXER_RIDGE)
+    prior = var.lag_prior(lags, MIXER_RIDGE)
 
-    def of_outputs(combinations: Array) -> tuple[Regression, ChannelUnits, float]:
+    def of_outputs(combinations: Array) -> tuple[var.Regression, var.ChannelUnits, float]:
         units, statistics = _statistics(record, combinations, lags)
-        return regress(statistics.gram, statistics.rows, prior, m, MIXER_NOISE), units, statistics.rows
+        return var.regress(statistics.gram, statistics.rows, prior, m, MIXER_NOISE), units, statistics.rows
 
     found = turning_patterns(r)
     every, units, rows = of_outputs(np.eye(r))
@@ -116,20 +103,20 @@ def _combined(record: Record, combinations: Array) -> Record:
     return replace(record, inputs=record.inputs @ combinations, effect_directions=None)
 
 
-def _statistics(record: Record, combinations: Array, lags: int) -> tuple[ChannelUnits, LagStatistics]:
+def _statistics(record: Record, combinations: Array, lags: int) -> tuple[var.ChannelUnits, var.LagStatistics]:
     combined = _combined(record, combinations)
-    units = ChannelUnits.of(combined)
-    statistics = LagStatistics.of(units.segments(combined), lags)
+    units = var.ChannelUnits.of(combined)
+    statistics = var.LagStatistics.of(units.segments(combined), lags)
     if statistics.rows <= 0:
         raise ValueError(f"train must have a segment of more than {lags} samples, not {record.longest}")
     return units, statistics
 
 
-def choose(statistics: LagStatistics, lags: int) -> tuple[Choice, Regression]:
+def choose(statistics: var.LagStatistics, lags: int) -> tuple[Choice, var.Regression]:
     """Returns the choice of the highest F̄, and its posterior, for ``statistics`` of so many ``lags`` or fewer."""
     choices = [one for one in CHOICES if one.lags <= lags] or [Choice(lags, ridge, False) for ridge in RIDGES]
     grams = {fewer: statistics.shortened(lags, fewer) for fewer in {choice.lags for choice in choices}}
-    tried = [(choice, regress(grams[choice.lags], statistics.rows, choice.prior)) for choice in choices]
+    tried = [(choice, var.regress(grams[choice.lags], statistics.rows, choice.prior)) for choice in choices]
     return max(tried, key=lambda one: one[1].free_energy)
 
 
@@ -149,7 +136,7 @@ class JointModel:
 
     combinations: Array
     choice: Choice
-    process: Var
+    process: var.Var
     terms: dict[str, float]
     draws: Array
     past: Array
@@ -173,7 +160,7 @@ class JointModel:
             spread = (directions * np.sqrt(np.maximum(sizes, 0.0))) @ directions.T
             half = np.random.default_rng(seed).standard_normal((DRAWS // 2, *found.mean.shape))
             away = found.root.T @ np.concatenate([half, -half]) @ spread
-            process = Var.of(found, units)
+            process = var.Var.of(found, units)
             past = process.past(_combined(record, combinations))
             return cls(combinations, choice, process, found.terms, found.mean + away, past, len(record))
 
@@ -182,7 +169,7 @@ class JointModel:
         """F̄, nats."""
         return sum(self.terms.values())
 
-    def known_every(self, steps: int, inputs: Array, outputs: Array, smooth: bool = False) -> Forecast:
+    def known_every(self, steps: int, inputs: Array, outputs: Array, smooth: bool = False) -> var.Forecast:
         """Returns (H, m) forecasts begun at every ``steps``-th of ``inputs`` (H, r) and ``outputs`` (H, m).
 
         Inputs are measured up to each sample; or, to ``smooth``, all of a forecast's.
@@ -190,15 +177,15 @@ class JointModel:
         length, m = outputs.shape
         steps, combined = max(1, min(steps, length)), inputs @ self.combinations
         pasts = self.process.pasts(self.past, steps, combined, outputs)
-        rows = pieces(len(pasts), steps, length)
+        rows = var.pieces(len(pasts), steps, length)
         filtered, lags = self.process.filter(m, steps), self.choice.lags
         before, now = self.process.units.scaled(pasts), self.process.units.scaled_inputs(combined[rows])
         weights, offsets = self._weights
         parts = weights[:, :, :m], weights[:, :, m:]
         of_outputs, of_inputs = (part.reshape(len(weights), -1, weights.shape[-1]) for part in parts)
-        earlier = lagged(np.concatenate([before[..., m:], now], axis=-2), lags)
+        earlier = var.lagged(np.concatenate([before[..., m:], now], axis=-2), lags)
         drives = earlier @ of_inputs[:, None] + offsets[:, None, None]
-        state = np.repeat(latest_first(before[..., :m])[None], len(weights), axis=0)
+        state = np.repeat(var.latest_first(before[..., :m])[None], len(weights), axis=0)
         made = np.empty((*drives.shape[:-1], m))
         with np.errstate(over="ignore", invalid="ignore"):
             for t in range(steps):
@@ -215,14 +202,14 @@ class JointModel:
             mean = self.process.units.scaled(self.process.infer(pasts, combined[rows], smooth=True).mean)
         return self._answer(mean, spread, variance, np.maximum(moved, 1.0)[..., None], length)
 
-    def unknown_every(self, steps: int, inputs: Array, outputs: Array) -> Forecast:
+    def unknown_every(self, steps: int, inputs: Array, outputs: Array) -> var.Forecast:
         """Returns (H, m) forecasts likewise, each without the inputs after its beginning."""
         length, m = outputs.shape
         steps = max(1, min(steps, length))
         pasts = self.process.pasts(self.past, steps, inputs @ self.combinations, outputs)
         weights, offsets = self._weights
         weights = weights.reshape(len(weights), -1, weights.shape[-1])
-        state = np.repeat(latest_first(self.process.units.scaled(pasts))[None], len(weights), axis=0)
+        state = np.repeat(var.latest_first(self.process.units.scaled(pasts))[None], len(weights), axis=0)
         made = np.empty((*state.shape[:2], steps, m))
         with np.errstate(over="ignore", invalid="ignore"):
             for t in range(steps):
@@ -244,7 +231,7 @@ class JointModel:
         so that their errors are hardly correlated: Student's t.
         """
         lengths = np.arange(len(variance)) % max(1, steps) + 1
-        return half_width(variance, level, np.maximum(self.samples / (2 * lengths), 4 * LEAST_FREEDOM)[:, None])
+        return half_width(variance, level, np.maximum(self.samples / (2 * lengths), 4 * var.LEAST_FREEDOM)[:, None])
 
     @property
     def _weights(self) -> tuple[Array, Array]:
@@ -254,7 +241,7 @@ class JointModel:
         every = np.concatenate([np.vstack([across, offset])[None], self.draws])
         return every[:, :-1].reshape(len(every), -1, k, k), every[:, -1]
 
-    def _answer(self, deviation: Array, spread: Array, variance: Array, prior: Array, length: int) -> Forecast:
+    def _answer(self, deviation: Array, spread: Array, variance: Array, prior: Array, length: int) -> var.Forecast:
         """The forecast of a ``deviation`` d (S, H, m) from the training mean with a ``spread`` V of draws; scaled.
 
         It was expected with variance S, the ``prior``; as far as the posterior leaves it open it becomes d / (1 + V/S).
@@ -263,4 +250,4 @@ class JointModel:
         center, scale = (values[: deviation.shape[-1]] for values in self.process.units)
         answers = deviation * kept, variance + spread * kept
         mean, squared = (table.reshape(-1, table.shape[-1])[:length] for table in answers)
-        return Forecast(center + scale * mean, scale**2 * squared)
+        return var.Forecast(center + scale * mean, scale**2 * squared)

@@ -1,9 +1,8 @@
 """The simulation-error (output-error) fit: θ continues from the ascent, by simulations over a short horizon.
 
-Over segments of the record the state starts where the filter has it and then follows ẋ = A x + B v, the limit of a high
-precision of w. The residual is z, wind included. Within a horizon neighbouring residuals repeat each other, so that the
-effective sample size is the number of horizons that follow each other. F̄ has its named terms, with a weak prior of the
-parameters and λ at its maximum, which is known. It has many maxima; the ascent leads to the right one (docs/method.md).
+Over segments of the record the state starts where the filter has it and then follows ẋ = A x + B v, and the residual is
+z, wind included. F̄ has λ at its maximum, which is known. It has many maxima; the ascent leads to the right one
+(docs/method.md).
 """
 
 from __future__ import annotations
