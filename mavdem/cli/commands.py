@@ -57,7 +57,7 @@ class _Commands(click.Group):
         click.Command("track", help="Keeps a table of many flights: tiers, figures and health of each vehicle."),
         click.Command("live", help="Attaches to a link and learns while the vehicle flies."),
         click.Command("convert", help="Converts a log to another file format."),
-        click.Command("twin", help="Makes a vehicle for simulators of a log."),
+        click.Command("twin", help="Makes a vehicle for simulators of a log, and flies the log again with it."),
         click.Command("fly", help="Simulates the flight of a quadrotor in wind."),
         click.Command("reproduce", help="Runs the paper's experiments again and checks its claims."),
     ],

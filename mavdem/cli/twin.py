@@ -1,7 +1,8 @@
-"""``mavdem twin``: the vehicle that a log shows, for simulators."""
+"""``mavdem twin``: the vehicle that a log shows, for simulators, and how much alike the two fly."""
 
 from __future__ import annotations
 
+import tomllib
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -18,13 +19,19 @@ from mavdem.cli.sources import read_source
 from mavdem.cli.tune import axis_loop
 from mavdem.condition.condition import hover_of
 from mavdem.condition.loop import Loop
-from mavdem.condition.loop.twin import twin_of
+from mavdem.condition.loop.twin import BANDS, alike, setpoints_of, torque, twin_of
 from mavdem.condition.wind_of_log import air_of
 from mavdem.errors import NotLearnable
 from mavdem.report.blocks import Sentence, Table
 from mavdem.report.vehicle_files import LEFT_OUT, vehicle_text
+from sitl_scenarios.files import scenario_of
+from sitl_scenarios.simulation import replayed
 
+FLIGHTS = 3  # of the twin, each in other wind of the same spectrum
 SHOWN = {"mass": "kg", "inertia": "kg m²", "lag": "s", "damping": "1/s", "delay": "s", "hover": "share of range"}
+
+FIGURES = {"lean": "roll, mean (°)", "sway": "roll, sd (°)", "rate": "roll rate, sd (°/s)"}
+FIGURES |= {"peak": "step of the roll rate, largest", "rise": "and time to half of that (s)"}
 
 
 @click.command("twin")
@@ -41,7 +48,7 @@ SHOWN = {"mass": "kg", "inertia": "kg m²", "lag": "s", "damping": "1/s", "delay
 @vehicle_option
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document and nothing else.")
 def twin_command(source: str, out: tuple[Path, ...], mass: float | None, vehicle: str | None, as_json: bool) -> None:
-    """Makes a vehicle for simulators of a log.
+    """Makes a vehicle for simulators of a log, and flies the log again with it.
 
     SOURCE is a log of a quadrotor with its autopilot's parameters, and motor outputs and attitude as `mavdem learn`
     needs them. Change a gain before it is flown: mavdem fly hover_blower --vehicle mine.toml --set ATC_RAT_RLL_P=0.2
@@ -70,5 +77,20 @@ def twin_command(source: str, out: tuple[Path, ...], mass: float | None, vehicle
     rows = [[f"{name} ({unit})", known[name], twin.notes.get(name, "")] for name, unit in SHOWN.items()]
     blocks: list[Sentence | Table] = [Sentence(one) for one in missing]
     blocks.append(Table(["Vehicle", "value", "how sure (90 %)"], rows, words=True))
-    document: dict[str, Any] = {"vehicle": asdict(twin), "missing": missing}
+    document: dict[str, Any] = {"vehicle": asdict(twin), "missing": missing, "alike": None}
+    if (again := setpoints_of(loops["roll"])) is None:
+        blocks.append(Sentence("The setpoints of roll were not recorded: the twin does not fly them again."))
+    else:
+        record, setpoints = again
+        scenario, flown = scenario_of(tomllib.loads(vehicle_text(twin, ".toml", ""))), []
+        with progress("Flying the twin", measured=False):
+            for seed in range(FLIGHTS):
+                blown = torque(loops["roll"], len(record), np.random.default_rng(seed))
+                flown.append(replayed(scenario.model_copy(update={"seed": seed}), record.dt, setpoints, blown))
+        document["alike"] = compared = alike(loops["roll"], record, flown)
+        bands = zip(BANDS[:-1], BANDS[1:], compared["levels"], strict=True)
+        cells = [[f"roll rate, {low:g} to {high:g} Hz (dB)", "0", f"{level:+.1f}"] for low, high, level in bands]
+        shown = {key: name for key, name in FIGURES.items() if key in compared}
+        cells += [[name, *(f"{one:.2f}" for one in compared[key])] for key, name in shown.items()]
+        blocks.append(Table(["In wind of the same spectrum", "recorded", "twin"], cells))
     print_result(document, blocks, as_json)

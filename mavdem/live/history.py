@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from math import nan
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -23,16 +25,9 @@ UNCONFIRMED = (
     "again."
 )
 NOT_SETTLED = "This part of the flight is not learned from: climb, landing or strong tilt."
-ACCOUNT = {
-    "learned": "used for learning, with what was discarded again after a landing",
-    "unsettled": "in the air, but climbing, landing, tilted too far, or at the beginning of a segment",
-    "on_ground": "on the ground",
-    "waiting": "without attitude and motor outputs that come fast enough",
-    "silent": "without a message",
-    "link_lost": "with the link lost",
-    "left_out": "not analysed, since this computer was too slow",
-    "no_vehicle": "without a vehicle",
-}  # What the seconds of a session are accounted for as
+ACCOUNT: dict[str, str] = tomllib.loads(
+    Path(__file__).with_name("account.toml").read_text()
+)  # What the seconds of a session are accounted for as
 AHEAD = 0.25  # s; how well the model predicts so far ahead is reported
 HORIZONS = 0.05, 0.1, AHEAD, 0.5  # s; of a live session's predictions, besides one step
 MAX_ROWS = 20_000  # Of the lines; when there are more, every second one is dropped, and from then on not kept

@@ -18,9 +18,6 @@ from mavdem.confidence import LEVEL
 from mavdem.dem.engine.linalg import Array
 
 Complex = NDArray[np.complex128]
-HALF_POWER = 2**-0.5
-
-
 FIGURES = ("crossover", "phase_margin", "gain_margin", "delay_margin", "ms", "bandwidth", "rejection")
 
 
@@ -72,14 +69,10 @@ def figures(frequency: Array, response: Complex, closed: Complex, disturbance: C
     turned, turning = _crossings(at, response.imag)
     turned &= response.real[:, :-1] < 0
     left = np.where(turned, -_between(gain, turned, turning), np.inf)
-    narrow = np.abs(closed) - HALF_POWER
-    falls, falling = _crossings(at, narrow)
-    first = np.argmax(falls, axis=1)
-    rows = np.arange(len(response))
-    none = ~where.any(axis=1)
-    smallest = np.where(where, margin, np.inf)
+    falls, falling = _crossings(at, np.abs(closed) - 2**-0.5)  # half of the power
+    first, rows, smallest = np.argmax(falls, axis=1), np.arange(len(response)), np.where(where, margin, np.inf)
     return {
-        "crossover": np.where(none, np.nan, np.where(where, hertz, 0.0).max(axis=1)),
+        "crossover": np.where(where.any(axis=1), np.where(where, hertz, 0.0).max(axis=1), np.nan),
         "phase_margin": np.degrees(smallest.min(axis=1)),
         "gain_margin": 20 / np.log(10) * left[rows, np.argmin(np.abs(left), axis=1)],
         "delay_margin": (smallest / (2 * np.pi * hertz)).min(axis=1),

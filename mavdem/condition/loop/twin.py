@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mavdem.condition.loop.loop import Loop
+from mavdem.condition.loop.response import evenly, measured_response
 from mavdem.confidence import quantile
 from mavdem.dem.airflow.drag import Drag
+from mavdem.dem.engine.linalg import Array
+from mavdem.dem.graybox.wind import wind_density
+from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
 from mavdem.ingest.controllers import controller_of
 
@@ -18,7 +22,7 @@ RIGHT, FRONT, SPINS = (1.0, -1.0, -1.0, 1.0), (1.0, -1.0, 1.0, -1.0), (1.0, 1.0,
 """Motors of an X as ArduPilot and PX4 count them: where they are, and 1 for a propeller counterclockwise from above."""
 COLUMNS = {"roll": (-1.0, 1.0, 1.0, -1.0), "pitch": FRONT, "yaw": SPINS}  # of the torque by axis
 ARM, MASS = 0.15, 1.5  # m kg^(-1/3), of a 3DR Iris: arms grow with the cube root of the mass; kg where nobody says it
-MOMENT = 0.016  # m: torque of a common propeller by its thrust
+MOMENT = 0.1  # torque of a common propeller by its thrust, over the arm
 LOOP_RATES, FASTEST = {"px4": ("IMU_GYRO_RATEMAX", 250.0), "ardupilot": ("SCHED_LOOP_RATE", 400.0)}, 1000.0
 """Hz where it is not said, and the most that the simulation flies."""
 LEFT_OUT = "INS_GYRO_FILTER", "IMU_GYRO_CUTOFF"  # rates are logged behind the gyro's filter: lag and delay have it
@@ -66,14 +70,15 @@ def twin_of(loops: Mapping[str, Loop], px4: bool, hover: float, drag: Drag | Non
     known = {one: value for one, value in known.items() if one not in LEFT_OUT} | {name: rate}
     places = np.array([[roll.controller.parameters.get(f"CA_ROTOR{n}_P{one}", 0.0) for n in range(4)] for one in "XY"])
     assumed = ARM * (mass or MASS) ** (1 / 3)
-    ahead, aside = np.abs(places).mean(axis=1).tolist() if places.all() else (assumed, assumed)
+    told = bool(places.all() and np.abs(places).max() != 1.0)  # of 1 m they are no metres
+    ahead, aside = np.abs(places).mean(axis=1).tolist() if told else (assumed, assumed)
     square = {f"CA_ROTOR{n}_PX": ahead * FRONT[n] for n in range(4)}
     square |= {f"CA_ROTOR{n}_PY": aside * RIGHT[n] for n in range(4)}
     square |= {f"CA_ROTOR{n}_KM": spin for n, spin in enumerate(SPINS)} | {"CA_ROTOR_COUNT": 4.0, "FRAME_CLASS": 1.0}
     weight, expo = mass or MASS, min(max(roll.controller.expo, 0.0), 1.0)
     lever = dict(zip(COLUMNS, (aside, ahead, 1.0), strict=True))
     noise, lag, delay = roll.plant.noise, roll.plant.lag, max(roll.plant.delay - cycle / 2, 0.0)
-    body = Twin(kind, weight, (), (ahead, aside), hover, expo, MOMENT, (), lag, delay, noise, drag, known, {})
+    body = Twin(kind, weight, (), (ahead, aside), hover, expo, MOMENT * aside, (), lag, delay, noise, drag, known, {})
     inertia, sure = dict[str, float](), dict[str, str]()
     for axis, loop in loops.items():
         moved = np.abs(controller_of(known | square, axis, COLUMNS[axis]).per_demand([hover] * 4)).sum()
@@ -85,7 +90,7 @@ def twin_of(loops: Mapping[str, Loop], px4: bool, hover: float, drag: Drag | Non
     likely = {name: "not identifiable, the likeliest value" for name in ("damping", "lag") if status[name][0] == "n"}
     notes = {
         "mass": "as given" if mass else "assumed: give --mass",
-        "arm": "as the parameters have it" if places.all() else "assumed by the mass",
+        "arm": "as the parameters have it" if told else "assumed by the mass",
         "inertia": f"roll {sure['roll']}, pitch {sure.get('pitch', 'taken as roll')}, yaw the sum of both",
         "moment": sure.get("yaw", "taken as of common propellers"),
         "damping": likely.get("damping", f"roll ± {halves.damping:.2g}"),
@@ -96,5 +101,64 @@ def twin_of(loops: Mapping[str, Loop], px4: bool, hover: float, drag: Drag | Non
         notes |= {name: f"from {low:.2g} to {high:.2g}" for name, (low, high) in ends.items()}
     about = {"pitch": roll.plant.damping, "yaw": 0.0} | {axis: loop.plant.damping for axis, loop in loops.items()}
     damping = tuple(about[axis] for axis in COLUMNS)
-    moment = sum(sizes) / inertia["yaw"] if "yaw" in inertia else MOMENT
+    moment = sum(sizes) / inertia["yaw"] if "yaw" in inertia else body.moment
     return replace(body, inertia=(*sizes, sum(sizes)), moment=moment, damping=damping, notes=notes)
+
+
+BANDS = (0.3, 0.6, 1.2, 2.4, 4.8, 8.0)  # Hz: octaves, and what is left of the last
+WINDOW, SETTLES, LONGEST = 20.0, 3.0, 120.0  # s of a spectrum's windows, left out at the beginning, and flown
+
+
+def setpoints_of(loop: Loop) -> tuple[Record, Array] | None:
+    """Returns the longest segment of the loop's flight and its setpoints (T, 2) of angle and rate; None without them.
+
+    The rate, rad/s, is beside what the angle's error asks for, which ArduPilot's ATTITUDE_TARGET alone leaves out.
+    """
+    record, names = loop.record, [f"{loop.axis} setpoint", f"{loop.axis} rate setpoint"]
+    if record.setpoints is None or not set(names) <= set(record.setpoint_names):
+        return None
+    longest = int(np.argmax(record.lengths))
+    length, begin = min(record.lengths[longest], round(LONGEST / record.dt)), int(record.starts[longest])
+    inputs, outputs, table = (one[begin : begin + length] for one in (record.inputs, record.outputs, record.setpoints))
+    asked, at = table[:, [record.setpoint_names.index(name) for name in names]], np.arange(length)
+    known = np.isfinite(asked).all(axis=1)
+    if known.mean() < 0.5:
+        return None
+    angle, rate = (evenly(np.interp(at, at[known], column[known])) for column in asked.T)
+    corrected = loop.controller.angle * (angle - outputs[:, 0])
+    twice = 2 * corrected @ (rate - np.gradient(angle, record.dt))
+    inside = not loop.controller.derivative_of_error or twice > corrected @ corrected
+    flown = replace(record, inputs=inputs, outputs=outputs, lengths=(length,), begins=(), setpoints=table)
+    return flown, np.column_stack([angle, rate - inside * corrected])
+
+
+def torque(loop: Loop, samples: int, noise: np.random.Generator) -> Array:
+    """Returns (samples,) of the wind's torque on an axis, rad/s², Gaussian with the spectrum that was learned."""
+    frequency: Array = np.fft.rfftfreq(samples, loop.record.dt).astype(np.float64)
+    size = np.sqrt(wind_density(loop.plant, frequency) * samples / (4 * loop.record.dt)) * (frequency > 0)
+    return np.fft.irfft(size * (noise.standard_normal((2, len(size))).T @ np.array([1, 1j])), samples)
+
+
+def alike(loop: Loop, record: Record, flown: Sequence[Array]) -> dict[str, list[float]]:
+    """Returns figures of a ``record`` and of angles and rates (T, 2), rad and rad/s, that were ``flown`` again.
+
+    Levels of the rate's spectrum in ``BANDS``, the twin's over the recorded in dB; both mean and sd of the angle, sd of
+    the rate, in degrees, and where it is measured the peak of the rate's step, and the time to half of it, s.
+    """
+    from scipy.signal import detrend, welch  # it takes half a second to import
+
+    both = np.array([record.outputs, *flown])[:, round(SETTLES / record.dt) :]
+    length = int(min(WINDOW / record.dt, both.shape[1] / 2))
+    frequency, power = welch(both[..., 1], 1 / record.dt, nperseg=length, detrend=detrend)
+    bands = [(low <= frequency) & (frequency < high) for low, high in zip(BANDS[:-1], BANDS[1:], strict=True)]
+    level = np.array([power[:, band].mean(axis=1) for band in bands])
+    values = {"lean": both[..., 0].mean(axis=1), "sway": both[..., 0].std(axis=1), "rate": both[..., 1].std(axis=1)}
+    values = {name: np.degrees(one) for name, one in values.items()}
+    if loop.measured is not None and not loop.measured.reason:
+        flights = [replace(record, outputs=outputs) for outputs in (record.outputs, *flown)]
+        known = loop.controller, np.ones(record.inputs.shape[1]), loop.rate.frequency, loop.rate.closed[0]
+        steps = [one.step for one in (measured_response(flight, *known) for flight in flights) if one is not None]
+        values["peak"] = np.array([step.max() for step in steps])
+        values["rise"] = np.array([record.dt * np.argmax(step > step.max() / 2) for step in steps])
+    found = {name: [float(one[0]), float(one[1:].mean())] for name, one in values.items()}
+    return {"levels": (10 * np.log10(level[:, 1:].mean(axis=1) / level[:, 0])).tolist()} | found
