@@ -22,6 +22,7 @@ from mavdem.cli.options import file_option, folder_named, model_options, source_
 from mavdem.cli.output import (
     check_folder,
     complain,
+    ending_at_once,
     files_in,
     json_text,
     print_blocks,
@@ -30,7 +31,6 @@ from mavdem.cli.output import (
     progress,
     say_aside,
 )
-from mavdem.cli.signals import ending_at_once
 from mavdem.cli.sources import read_source
 from mavdem.condition import WindVelocity
 from mavdem.condition.inventory import inventory

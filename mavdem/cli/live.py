@@ -21,8 +21,7 @@ import click
 from mavdem.alignment.signals import axis_outputs
 from mavdem.cli.commands import DONE, UNSUPPORTED, UNUSABLE
 from mavdem.cli.options import Number, file_option, model_options, motion_options, no_option
-from mavdem.cli.output import check_file, print_json, printable, say_aside, write_text
-from mavdem.cli.signals import asked_to_end, ending_at_once
+from mavdem.cli.output import asked_to_end, check_file, ending_at_once, print_json, printable, say_aside, write_text
 from mavdem.dem import Settings
 from mavdem.dem.parallel import LearningProcess
 from mavdem.errors import MissingExtra, Unreadable, advice

@@ -32,9 +32,8 @@ from mavdem.condition.wind_velocity import (
     from_point,
 )
 from mavdem.confidence import quantile
-from mavdem.dem.airflow.drag import Drag
 from mavdem.dem.airflow.identification import GUSTS, GUSTS_SD, STEP, checked, in_air
-from mavdem.dem.airflow.model import TOTAL, Filter, drawn, motion
+from mavdem.dem.airflow.model import TOTAL, Drag, Filter, drawn, motion
 from mavdem.errors import NotLearnable
 from mavdem.ingest import read_log
 from mavdem.ingest.telemetry import Array, Columns, rows_by

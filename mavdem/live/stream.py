@@ -15,7 +15,7 @@ from mavdem.alignment.phases import AVERAGING_SECONDS, MAX_TILT
 from mavdem.alignment.signals import ATTITUDE_MESSAGES, CLIMB_FIELDS, MINIMUM_RATE
 from mavdem.alignment.verdict import NO_ATTITUDE, too_slow
 from mavdem.condition.wind_of_log import FLAGS, VELOCITIES, LiveWind
-from mavdem.dem.airflow.drag import Drag
+from mavdem.dem.airflow.model import Drag
 from mavdem.health.in_flight import MotorAlarm, MotorWatch
 from mavdem.ingest.mavlink.definitions import enum_name
 from mavdem.ingest.mavlink.framing import GOOD

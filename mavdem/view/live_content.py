@@ -27,7 +27,7 @@ from mavdem.report.blocks import markdown
 from mavdem.report.numbers import TORQUE, named, per, place, plus_minus, readable, state_names, with_unit
 from mavdem.report.palette import BAD, BAND_OPACITY, BOUND, COMMAND, DISTURBANCE, MEASURED, PREDICTED, distinct
 from mavdem.report.screen import verdict_blocks
-from mavdem.view.plots import BOOT_CLOCK, Lines, blueprint, faint
+from mavdem.view.flown import BOOT_CLOCK, Lines, blueprint, faint
 
 FLIGHT_SECONDS, LEARNING_SECONDS = 20.0, 120.0  # in view
 LEGEND = (

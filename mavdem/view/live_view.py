@@ -23,8 +23,8 @@ from mavdem.condition.wind_of_log import WindRow
 from mavdem.dem import Estimate, Learned
 from mavdem.fleet.row import as_text
 from mavdem.live import Event, SessionStatus
+from mavdem.view.flown import BOOT_CLOCK
 from mavdem.view.live_content import Channels, LiveWriter, ViewRow, figures, log, status_document
-from mavdem.view.plots import BOOT_CLOCK
 from mavdem.view.viewer import Sink
 
 CLOSE_SECONDS = 3.0  # how long ``close`` waits for slow sinks

@@ -9,8 +9,7 @@ from mavdem.alignment.drive import Signal
 from mavdem.condition.wind_of_log import YAW_JUMP, LiveWind, WindRow, _jumps
 from mavdem.condition.wind_velocity import coming_from, torque_explained
 from mavdem.dem.airflow import identification
-from mavdem.dem.airflow.drag import Drag
-from mavdem.dem.airflow.model import motion
+from mavdem.dem.airflow.model import Drag, motion
 from mavdem.errors import NotLearnable
 from mavdem.live.stream import LiveStream
 from mavdem.report.condition import wind_blocks

@@ -14,9 +14,8 @@ import numpy as np
 
 from mavdem.confidence import LEVEL
 from mavdem.dem.engine.ascent import CoordinateAscent
-from mavdem.dem.engine.coordinates import taylor_weights
 from mavdem.dem.engine.free_energy import Belief, SampleEnergy
-from mavdem.dem.engine.generative import GeneralizedMoments, SufficientStatistics
+from mavdem.dem.engine.generative import GeneralizedMoments, SufficientStatistics, taylor_weights
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import LinearModel, unpack
 from mavdem.dem.engine.steps import with_optimal_precisions
