@@ -29,9 +29,8 @@ from mavdem.dem.graybox.wind import wind
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
 from mavdem.evaluate.comparison import JOINT
-from mavdem.evaluate.held_out import BASELINES, CONSTANT_MEAN, FORECAST, HOLD_LAST, PREDICTION, HeldOut
+from mavdem.evaluate.held_out import BASELINES, CONSTANT_MEAN, FORECAST, HOLD_LAST, PREDICTION, HeldOut, TruthComparison
 from mavdem.evaluate.scores import error_over, mspe
-from mavdem.evaluate.truth import TruthComparison
 from mavdem.flight import Flight
 from mavdem.health.in_flight import MotorAlarm, alarm_figures
 from mavdem.ingest import Component, read_log

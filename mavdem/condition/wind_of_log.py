@@ -169,14 +169,9 @@ class WindRow(NamedTuple):
 
 
 class LiveWind:
-    """Makes rows of attitude and velocity in settled flight.
+    """Makes rows of attitude and velocity in settled flight: the latest ``row``, or the ``reason`` why there is none.
 
-    Attributes:
-        drag: of the vehicle, from another flight; None where that is not known.
-        set_drag: by the autopilot's parameters, which counts then.
-        flags: of the estimator, whether it knows the velocity.
-        row: the latest; None without one.
-        reason: why there is none although the vehicle flies; one sentence.
+    The ``drag`` is from another flight, else ``set_drag`` by the parameters; ``flags`` are the estimator's.
     """
 
     drag: Drag | None = None

@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 
 from mavdem.alignment import align
 from mavdem.alignment.signals import ATTITUDE_MESSAGES, MINIMUM_RATE
-from mavdem.condition.wind_of_log import WindRow
 from mavdem.ingest.mavlink.clocks import MAX_OFFSET, MIN_RESET_STAMPS, OTHER_EPOCH, STEP_BACK, WRAP_GAP
 from mavdem.live.messages import Message, Values
 
@@ -44,7 +43,6 @@ class AlignedRow(NamedTuple):
         segment: its number, from 0 on; rows of one segment are one step apart.
         received: UNIX s at which the bytes that completed it were received.
         settled: whether the vehicle was in settled flight, as far as is known by then.
-        wind: the latest row of the wind in m/s, about a second old; None without one.
     """
 
     time: float
@@ -53,7 +51,6 @@ class AlignedRow(NamedTuple):
     segment: int
     received: float
     settled: bool
-    wind: WindRow | None = None
 
 
 class PlacedMessage(NamedTuple):

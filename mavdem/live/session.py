@@ -319,7 +319,8 @@ class LiveSession:
         self.history.take(row.segment, row.time, row.outputs, estimate)
         if self._display is not None and "plots" not in self._shed:
             shift, segment = self.history.shift, row.segment + self._hidden
-            self._display.put(row.time, shift, segment, row.outputs, row.inputs, estimate, learner.learned, row.wind)
+            known = estimate, learner.learned, self.stream.air.row
+            self._display.put(row.time, shift, segment, row.outputs, row.inputs, *known)
 
     def _begin(self, setup: Setup) -> None:
         """Takes the learner of a setup's rows, and shows them; a display that fails is not used again."""

@@ -231,7 +231,7 @@ class LiveStream:
         row = np.array([ports[port][channel] for port, channel in inputs.picks])
         moved = np.array([motion[axis], motion[2 + axis]])
         settled = upright and self._phase.settled(time)
-        return AlignedRow(time, row, moved, self._grid.segment, self._received, settled, self.air.row)
+        return AlignedRow(time, row, moved, self._grid.segment, self._received, settled)
 
     def _begin(self, inputs: Inputs) -> None:
         """Reports the segment that begins, if its rows are others than before."""

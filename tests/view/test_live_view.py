@@ -30,8 +30,7 @@ from mavdem.dem import Estimate, LinearModel
 from mavdem.live import Event as Occurrence
 from mavdem.live import SessionStatus
 from mavdem.view.live_content import Channels, ViewRow, figures, status_document
-from mavdem.view.live_view import MAX_ROWS, LiveView
-from mavdem.view.viewer import RecordingFile, Sink, Viewer, WebServer, sinks_for
+from mavdem.view.live_view import MAX_ROWS, LiveView, RecordingFile, Sink, Viewer, WebServer, sinks_for
 
 PATIENCE = 20.0  # Seconds that a slow, busy machine may take for anything; on others nothing waits for them
 DT, HORIZONS = 0.01, (1, 25, 50)
@@ -381,7 +380,7 @@ def test_a_killed_process_or_a_full_disk_leaves_a_file_that_opens(tmp_path, monk
 
 
 def test_what_was_asked_for_is_shown_or_refused(monkeypatch, tmp_path):
-    monkeypatch.setattr("mavdem.view.viewer.has_screen", lambda: False)
+    monkeypatch.setattr("mavdem.view.live_view.has_screen", lambda: False)
     assert sinks_for() == []
     assert [type(sink) for sink in sinks_for(rrd=tmp_path / "flight.rrd")] == [RecordingFile]
     assert [type(sink) for sink in sinks_for(connect="rerun+http://127.0.0.1:1/proxy")] == [Viewer]
@@ -406,7 +405,7 @@ def test_a_viewer_that_is_not_there_is_not_connected_to(monkeypatch):
 
 SERVING = """
 import sys, time
-from mavdem.view.viewer import WebServer
+from mavdem.view.live_view import WebServer
 server = WebServer(*map(int, sys.argv[1:]))
 print(server.page, flush=True)
 time.sleep(3600)
