@@ -18,7 +18,7 @@ from mavdem.alignment.signals import Signals
 from mavdem.analysis import LogAnalysis, analyse
 from mavdem.analysis.figures import ALL
 from mavdem.analysis.findings import known_wind
-from mavdem.cli.options import file_option, folder_named, model_options, source_options, window_options
+from mavdem.cli.options import file_option, folder_named, model_options, read_source, source_options, window_options
 from mavdem.cli.output import (
     check_folder,
     complain,
@@ -31,7 +31,6 @@ from mavdem.cli.output import (
     progress,
     say_aside,
 )
-from mavdem.cli.sources import read_source
 from mavdem.condition import WindVelocity
 from mavdem.condition.inventory import inventory
 from mavdem.condition.wind_of_log import Air, air_of
