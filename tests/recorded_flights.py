@@ -1,10 +1,11 @@
-"""Recorded flights that are not in the repository: a test that needs one is skipped where they are not."""
+"""Recorded flights; a test that needs one that is not in the repository is skipped where it is not."""
 
 import os
 from pathlib import Path
 
 import pytest
 
+LOGS = Path(__file__).parents[1] / "logs"
 SHARED = Path(os.environ.get("MAVDEM_SHARED_DATA", Path(__file__).parents[2] / "shared/data"))
 
 

@@ -77,6 +77,7 @@ def twin_command(source: str, out: tuple[Path, ...], mass: float | None, vehicle
     blocks: list[Sentence | Table] = [Sentence(one) for one in missing]
     blocks.append(Table(["Vehicle", "value", "how sure (90 %)"], rows, words=True))
     document: dict[str, Any] = {"vehicle": asdict(twin), "missing": missing, "alike": None}
+    document["vehicle"]["drag"] = None if drag is None else drag.as_dict()
     if (again := setpoints_of(loops["roll"])) is None:
         blocks.append(Sentence("The setpoints of roll were not recorded: the twin does not fly them again."))
     else:

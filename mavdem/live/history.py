@@ -25,9 +25,8 @@ UNCONFIRMED = (
     "again."
 )
 NOT_SETTLED = "This part of the flight is not learned from: climb, landing or strong tilt."
-ACCOUNT: dict[str, str] = tomllib.loads(
-    Path(__file__).with_name("account.toml").read_text()
-)  # What the seconds of a session are accounted for as
+ACCOUNT: dict[str, str] = tomllib.loads(Path(__file__).with_name("account.toml").read_text())
+"""What the seconds of a session are accounted for as."""
 AHEAD = 0.25  # s; how well the model predicts so far ahead is reported
 HORIZONS = 0.05, 0.1, AHEAD, 0.5  # s; of a live session's predictions, besides one step
 MAX_ROWS = 20_000  # Of the lines; when there are more, every second one is dropped, and from then on not kept

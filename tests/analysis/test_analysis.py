@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from made_up_analysis import held_out
-from recorded_flights import shared
+from recorded_flights import LOGS, shared
 from simulated import simulated
 
 import mavdem
@@ -107,7 +107,6 @@ def test_every_log_says_something_or_why_not(name, tier):
     assert (found.condition.hover is not None) == (tier is not None)
 
 
-LOGS = Path(__file__).parents[2] / "logs"
 FLIGHT, SLOW = LOGS / "px4_wind5_steps.tlog", LOGS / "ardupilot_default_rates.tlog"
 
 

@@ -1,13 +1,10 @@
 """A log dropped into the Rerun Viewer, whose loaders write a recording to standard output."""
 
-from pathlib import Path
-
 import pytest
+from command_line import LOGS
 from rerun.chunk import RrdReader
 
 from mavdem.cli.open import INCOMPATIBLE, load
-
-LOGS = Path(__file__).parents[2] / "logs"
 
 
 @pytest.mark.parametrize(

@@ -6,10 +6,9 @@ from pathlib import Path
 
 import polars
 import pytest
+from recorded_flights import LOGS
 
 from mavdem.cli.commands import main
-
-LOGS = Path(__file__).parents[2] / "logs"
 
 
 @pytest.mark.slow

@@ -44,6 +44,15 @@ def test_every_file_hovers_and_rolls_as_the_vehicle(folder):
 
 
 @pytest.mark.slow
+def test_it_flies_the_setpoints_again_much_as_the_vehicle_did(folder, capsys):
+    assert main(["twin", str(folder / "flight.tlog"), "--json"]) == 0
+    compared = json.loads(capsys.readouterr().out)["alike"]
+    assert np.abs(compared["levels"]).max() < 1.5  # dB
+    for name in ("sway", "rate", "peak"):
+        assert compared[name][1] == pytest.approx(compared[name][0], rel=0.1), name
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [

@@ -1,10 +1,10 @@
 """Flights of a log: what a row says is what the log says, at each tier, and health comes from the vehicle's others."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from recorded_flights import LOGS
 
 import mavdem
 from mavdem.analysis import analyse
@@ -13,7 +13,6 @@ from mavdem.fleet.row import FlightRow
 from mavdem.fleet.rows_of_log import rows_of_log
 from mavdem.health.in_flight import MotorAlarm
 
-LOGS = Path(__file__).parents[2] / "logs"
 SLOW = LOGS / "ardupilot_default_rates.tlog"
 
 

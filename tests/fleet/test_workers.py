@@ -18,6 +18,7 @@ from typing import Any
 
 import pytest
 from distributed import LocalCluster
+from recorded_flights import LOGS
 from standin_logs import LIMITS, READ, make_logs, seen_by, statuses, table_of, track
 
 from mavdem.errors import Unreadable
@@ -164,9 +165,6 @@ def test_workers_that_cannot_help_are_said(tmp_path, two_workers, monkeypatch, n
 def test_a_cluster_that_is_not_there_is_said():
     with pytest.raises(Unreadable, match="There is no Dask scheduler at tcp://127.0.0.1:9"):
         list(Cluster("tcp://127.0.0.1:9", LIMITS, READ).outcomes(iter([Job("x.bin")])))
-
-
-LOGS = Path(__file__).parents[2] / "logs"
 
 
 def names(*given: object, apart_from: Path | None = None) -> list[str]:

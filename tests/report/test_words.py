@@ -10,6 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from made_up_analysis import analysis, physical
+from recorded_flights import LOGS
 
 import mavdem
 from mavdem import baselines
@@ -27,7 +28,6 @@ from mavdem.report.numbers import plus_minus, rounded
 from mavdem.report.page import notebook_html
 from mavdem.report.screen import analysis_blocks
 
-LOGS = Path(__file__).parents[2] / "logs"
 NAN = float("nan")
 
 

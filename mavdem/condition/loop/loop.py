@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from mavdem.condition.loop.margins import OpenLoop
-from mavdem.condition.loop.response import LEAST_BAND, MeasuredResponse, measured_response
+from mavdem.condition.loop.response import GAIN_ERROR, LEAST_BAND, MeasuredResponse, measured_response
 from mavdem.condition.loop.response import transfer as transfer
 from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
@@ -69,9 +69,10 @@ class Loop:
     @property
     def agrees(self) -> bool | None:
         """Whether the flight's response is the predicted one; None where too little of it was measured."""
-        if self.measured is None or self.measured.band[1] < LEAST_BAND:
+        found = self.measured
+        if found is None or (found.band[1] < LEAST_BAND and not abs(np.log(found.controller_gain)) > GAIN_ERROR):
             return None
-        return not self.measured.reason
+        return not found.reason
 
     @cached_property
     def advice(self) -> Any:
