@@ -151,9 +151,8 @@ def test_solo_beside_an_anemometer():
 
 def test_live_rows_are_the_filter_of_the_same_bytes(monkeypatch):
     log, prior = shared("sitl_events/ap_short_with_climb.tlog"), Drag.of_parameters()
-    drag = Drag(prior.mean, 1e-4 * prior.covariance, "calibration")
     stream, rows = LiveStream(), dict[float, WindRow]()
-    stream.air.drag = drag
+    stream.air.drag = drag = Drag(prior.mean, 1e-4 * prior.covariance, "calibration")
     for at in range(0, len(data := log.read_bytes()), 256):
         stream.feed(0.0, data[at : at + 256])
         if (row := stream.status().wind) is not None and row.time not in rows:
