@@ -1,10 +1,8 @@
 """Findings: what a flight says of its vehicle and what its model is good for, made once and shown everywhere.
 
-One scale of three grades says how sure something is. What is estimated is graded by the half width of its 90 %
-interval, as a share of the estimate (``HALF_WIDTH``), and by its status: what is biased is ``LIMITED`` however narrow
-its interval is. Forecasts are graded by windows that no model saw (``PREDICTION_LIMITS``). Whatever makes the flight
-itself doubtful overrides all grades: then nothing is GOOD, and what to do next follows from it.
-Residuals, what a model leaves of one step ahead, are tested for whiteness and for what the command still explains.
+docs/report.md has the scale. What is estimated is graded by the half width of its 90 % interval (``HALF_WIDTH``) and by
+its status, forecasts by windows that no model saw (``PREDICTION_LIMITS``). What makes the flight itself doubtful
+overrides all grades.
 """
 
 from __future__ import annotations

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import hashlib
+import tomllib
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
+from importlib.resources import files
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -123,18 +125,7 @@ def _utc(seconds: float) -> datetime | None:
 
 
 SLOWEST_RATE = 1.0  # Hz, of attitude and motor outputs, down to which their means, spreads and limits are known
-ALLOWS = {  # by tier
-    "a": "everything: the model, the vehicle's physical parameters, the wind, and the vehicle's condition",
-    "b": "the slow motion, if a model predicts it better than none does, and the vehicle's condition: balance, limits, "
-    "lean and steady disturbance; not motors' effect, damping, lag, the wind's torque and poles, which show at several "
-    "Hz",
-    "c": "the vehicle's condition: balance, headroom, saturation, lean, vibration and battery; no model",
-}
-NEEDS = {  # by tier
-    "a": f"{MINIMUM_RATE:.0f} Hz of attitude and of motor outputs or demand, better 100",
-    "b": f"{SLOW_MOTION_RATE:.0f} Hz of attitude and of motor outputs or demand",
-    "c": "settled flight of a multirotor, with attitude",
-}
+TIERS = tomllib.loads((files("mavdem.condition") / "tiers.toml").read_text())
 
 
 class Tier(NamedTuple):
@@ -148,9 +139,10 @@ class Tier(NamedTuple):
 
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON values: ``tier``, ``tier_reason`` and ``next_tier``."""
-        needs = NEEDS[self.next_tier or "a"] if self.is_slow or not self.remedy else self.remedy.rstrip(".")
+        needs = TIERS[self.next_tier or "a"]["needs"].format(fast=MINIMUM_RATE, slow=SLOW_MOTION_RATE)
+        needs = needs if self.is_slow or not self.remedy else self.remedy.rstrip(".")
         better = self.next_tier and {"tier": self.next_tier, "needs": needs, "remedy": self.remedy}
-        allows = ALLOWS.get(self.name or "", "")
+        allows = TIERS[self.name]["allows"] if self.name else ""
         return {"tier": self.name, "tier_reason": self.reason, "allows": allows, "next_tier": better}
 
 

@@ -25,8 +25,7 @@ from scipy.optimize import minimize_scalar
 
 from mavdem.dem.engine.ascent import CONVERGED_NATS, CoordinateAscent, Iterate
 from mavdem.dem.engine.coordinates import temporal_precision
-from mavdem.dem.engine.free_energy import Belief
-from mavdem.dem.engine.generative import GeneralizedMoments, GenerativeModel, Prior, SufficientStatistics
+from mavdem.dem.engine.generative import GenerativeModel, Prior, SufficientStatistics
 from mavdem.dem.engine.linalg import Array, raise_on_overflow
 from mavdem.dem.engine.model import pack, unpack
 from mavdem.dem.priors import Scaling
@@ -290,10 +289,8 @@ def _or_none(work: Callable[[], Result]) -> Result | None:
 def _from(ascent: CoordinateAscent, theta: Array) -> Iterate:
     """A few rounds from θ, with the noise at its prior."""
     prior = ascent.model.prior
-    moments = GeneralizedMoments(ascent.model, ascent.samples.gram, np.empty((0, 0)))
-    certain, known = np.zeros_like(prior.theta_precision), np.zeros_like(prior.lambda_precision)
-    start = Belief(moments, np.empty(0), theta, certain, prior.lambda_mean, known)
-    return _on(ascent, ascent.at_belief(start), FIRST_ROUNDS)
+    start = ascent.start((theta, prior.lambda_mean), np.zeros_like(prior.lambda_precision))
+    return _on(ascent, start, FIRST_ROUNDS)
 
 
 def _on(ascent: CoordinateAscent, iterate: Iterate, rounds: int) -> Iterate:

@@ -14,7 +14,7 @@ from simulated import simulated
 
 import mavdem
 from mavdem import Flight, OnlineLearner, Settings
-from mavdem.dem.engine.linalg import one_thread, one_thread_if_free
+from mavdem.dem.engine.linalg import one_thread
 from mavdem.dem.forecast.simulation_error import CONVERGED_NATS
 from mavdem.dem.learning import FEWEST_SAMPLES
 from mavdem.dem.online.learner import HORIZONS, LEARNING_SECONDS, TOO_FEW
@@ -197,7 +197,7 @@ def test_a_process_forked_while_another_thread_learns_can_learn():
     with one_thread():
         child = os.fork()
         if child == 0:
-            with one_thread_if_free() as free:
+            with one_thread(wait=False) as free:
                 os._exit(0 if free else 1)
         assert os.waitpid(child, 0)[1] == 0
 

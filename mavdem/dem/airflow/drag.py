@@ -124,7 +124,7 @@ class Drag:
 
     @classmethod
     def of_axes(cls, values: Sequence[float], halves: Sequence[float]) -> Drag:
-        """Returns the drag of a row: linear, then quadratic, along x and y, and half widths of their intervals."""
+        """Returns the drag of ``values``, linear (1/s) then quadratic (1/m) along x and y, ± their ``halves``."""
         logs, sd = np.log(values).reshape(2, 2), (np.arcsinh(np.divide(halves, values)) / quantile()).reshape(2, 2)
         mean = [*logs.mean(axis=1), *np.diff(logs).ravel(), 0.0, 0.0]
         return cls(np.array(mean), np.diag([*sd.mean(axis=1), *POPULATION_SD[2:], LEAN_SD, LEAN_SD]) ** 2, "flight")

@@ -15,19 +15,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mavdem.dem.engine import steps
 from mavdem.dem.engine.free_energy import Belief, optimal_terms, state_curvature
 from mavdem.dem.engine.generative import GeneralizedMoments, GenerativeModel, SufficientStatistics
 from mavdem.dem.engine.linalg import Array, inverse, solve
-from mavdem.dem.engine.steps import (
-    StateFlow,
-    d_step,
-    e_step,
-    lambda_slope,
-    m_step,
-    state_slope,
-    theta_slope,
-    with_optimal_precisions,
-)
 
 DIFFERENCE_SD = 1.0
 """Step of differences of the slope, in posterior standard deviations: F̄ is nearly quadratic over it, and rounding is
@@ -49,8 +40,8 @@ def newton_step(model: GenerativeModel, samples: SufficientStatistics, belief: B
     """Returns the step from a belief; it increases F̄ also where that is not concave."""
     unit = np.sqrt(np.concatenate([belief.theta_covariance.diagonal(), belief.lambda_covariance.diagonal()]))
     here = _slope(model, samples, belief, np.zeros(len(unit)))
-    steps = DIFFERENCE_SD * np.diag(unit)
-    columns = [(here - _slope(model, samples, belief, step)) * unit / DIFFERENCE_SD for step in steps]
+    beside = DIFFERENCE_SD * np.diag(unit)
+    columns = [(here - _slope(model, samples, belief, step)) * unit / DIFFERENCE_SD for step in beside]
     curvature = np.array(columns)
     values, modes = np.linalg.eigh((curvature + curvature.T) / 2)
     along = modes.T @ (unit * here)
@@ -63,24 +54,24 @@ def newton_step(model: GenerativeModel, samples: SufficientStatistics, belief: B
 def theta_curvature_of_profile(model: GenerativeModel, samples: SufficientStatistics, belief: Belief) -> Array:
     """−∂²F̄/∂θ² (k, k), with X following θ and λ held."""
     k = len(belief.theta)
-    steps = np.zeros((k, k + len(belief.lambda_)))
-    steps[:, :k] = DIFFERENCE_SD * np.diag(np.sqrt(belief.theta_covariance.diagonal()))
-    slopes = [_slope(model, samples, belief, -step) - _slope(model, samples, belief, step) for step in steps]
-    curvature = np.array([slope[:k] / (2 * step.max()) for slope, step in zip(slopes, steps, strict=True)])
+    beside = np.zeros((k, k + len(belief.lambda_)))
+    beside[:, :k] = DIFFERENCE_SD * np.diag(np.sqrt(belief.theta_covariance.diagonal()))
+    slopes = [_slope(model, samples, belief, -step) - _slope(model, samples, belief, step) for step in beside]
+    curvature = np.array([slope[:k] / (2 * step.max()) for slope, step in zip(slopes, beside, strict=True)])
     return np.asarray((curvature + curvature.T) / 2)
 
 
 def _slope(model: GenerativeModel, samples: SufficientStatistics, belief: Belief, step: Array) -> Array:
     """∂F̄/∂(θ, λ), (k + g,), a step from the belief, X and its covariance at their maximum there, the others held."""
     theta, lambda_ = belief.theta + step[: len(belief.theta)], belief.lambda_ + step[len(belief.theta) :]
-    state_map = d_step(model, theta, belief.theta_covariance, lambda_, belief.lambda_covariance)
+    state_map = steps.d_step(model, theta, belief.theta_covariance, lambda_, belief.lambda_covariance)
     there = belief._replace(
         moments=GeneralizedMoments.of(model, samples, state_map),
         state_covariance=inverse(-state_curvature(model, theta, np.exp(lambda_))),
         theta=theta,
         lambda_=lambda_,
     )
-    return np.concatenate([theta_slope(model, samples, there)[0], lambda_slope(model, samples, there)[0]])
+    return np.concatenate([steps.theta_slope(model, samples, there)[0], steps.lambda_slope(model, samples, there)[0]])
 
 
 CONVERGED_NATS = 0.1  # F̄ has converged when less than this is left to gain: so little does not separate two models
@@ -254,13 +245,14 @@ class CoordinateAscent:
     samples: SufficientStatistics
     rates: Rates = EXACT_RATES
 
-    def start(self, given: tuple[Array, Array] | None = None) -> Iterate:
-        """At ``given`` θ (k,) and λ (g,), or the priors' means."""
+    def start(self, given: tuple[Array, Array] | None = None, lambda_covariance: Array | None = None) -> Iterate:
+        """At ``given`` θ (k,) and λ (g,), or the priors' means, with the prior's covariance of λ or another (g, g)."""
         prior = self.model.prior
         theta, lambda_ = given or (prior.theta_mean, prior.lambda_mean)
         certain = np.zeros_like(prior.theta_precision)
         # The first D step takes the parameters for certain: a weak prior's mean-field term would erase the states.
-        state_map = d_step(self.model, theta, certain, lambda_, inverse(prior.lambda_precision))
+        uncertain = inverse(prior.lambda_precision) if lambda_covariance is None else lambda_covariance
+        state_map = steps.d_step(self.model, theta, certain, lambda_, uncertain)
         moments = GeneralizedMoments.of(self.model, self.samples, state_map)
         return self._iterate(
             Belief(moments, np.empty(0), theta, certain, lambda_, np.empty(0)), state_map, flowed=False
@@ -268,7 +260,9 @@ class CoordinateAscent:
 
     def at_belief(self, belief: Belief) -> Iterate:
         """The iterate of a belief, with X at its maximum."""
-        state_map = d_step(self.model, belief.theta, belief.theta_covariance, belief.lambda_, belief.lambda_covariance)
+        state_map = steps.d_step(
+            self.model, belief.theta, belief.theta_covariance, belief.lambda_, belief.lambda_covariance
+        )
         moments = GeneralizedMoments.of(self.model, self.samples, state_map)
         return self._iterate(belief._replace(moments=moments), state_map, flowed=False)
 
@@ -276,7 +270,7 @@ class CoordinateAscent:
         """D and M steps in turn with θ fixed at ``theta``, from a belief: the λ and X that belong to that θ."""
         iterate = self.at_belief(belief._replace(theta=theta))
         for _ in range(ROUNDS_AT_FIXED_THETA):
-            lambda_ = m_step(self.model, self.samples, iterate.belief)
+            lambda_ = steps.m_step(self.model, self.samples, iterate.belief)
             iterate = self.at_belief(iterate.belief._replace(lambda_=lambda_))
             _require_sane(iterate.belief.lambda_)
         return iterate
@@ -332,23 +326,23 @@ class CoordinateAscent:
         """
         model, samples, rates = self.model, self.samples, self.rates
         _require_sane(start.lambda_)
-        slope = state_slope(model, start.theta, start.theta_covariance, start.lambda_, start.lambda_covariance)
+        slope = steps.state_slope(model, start.theta, start.theta_covariance, start.lambda_, start.lambda_covariance)
         state_map = solve(slope[1], slope[0])
         if flowed:
             assert rates.state is not None
-            moments = StateFlow.of(model, *slope, rates.state).moments(model, rates.segments, rates.dt)
+            moments = steps.StateFlow.of(model, *slope, rates.state).moments(model, rates.segments, rates.dt)
         else:
             moments = GeneralizedMoments.of(model, samples, state_map)
         belief = start._replace(moments=moments)
         if not known:
-            belief = with_optimal_precisions(model, belief)
-        belief = belief._replace(theta=e_step(model, samples, belief, rates.theta))
-        belief = belief._replace(lambda_=m_step(model, samples, belief, rates.lambda_))
+            belief = steps.with_optimal_precisions(model, belief)
+        belief = belief._replace(theta=steps.e_step(model, samples, belief, rates.theta))
+        belief = belief._replace(lambda_=steps.m_step(model, samples, belief, rates.lambda_))
         _require_sane(belief.lambda_)
         return self._iterate(belief, state_map, flowed)
 
     def _iterate(self, belief: Belief, state_map: Array, flowed: bool) -> Iterate:
-        belief = with_optimal_precisions(self.model, belief)
+        belief = steps.with_optimal_precisions(self.model, belief)
         return Iterate(belief, state_map, optimal_terms(self.model, self.samples, belief), flowed)
 
 

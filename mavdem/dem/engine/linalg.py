@@ -90,23 +90,17 @@ _lock = Lock()
 
 
 @contextmanager
-def one_thread() -> Iterator[None]:
-    """Limits linear algebra to one thread; other threads that call this wait."""
-    with _lock, _linear_algebra().limit(limits=1, user_api="blas"):
-        yield
-
-
-@contextmanager
-def one_thread_if_free() -> Iterator[bool]:
-    """The same without waiting: yields ``False`` where another thread has the lock."""
-    if not _lock.acquire(blocking=False):
+def one_thread(wait: bool = True) -> Iterator[bool]:
+    """Limits linear algebra to one thread; other threads that call this ``wait``, or are yielded ``False`` at once."""
+    lock = _lock
+    if not lock.acquire(blocking=wait):
         yield False
         return
     try:
         with _linear_algebra().limit(limits=1, user_api="blas"):
             yield True
     finally:
-        _lock.release()
+        lock.release()
 
 
 def _new_lock() -> None:

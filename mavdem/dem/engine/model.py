@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import isqrt
+from itertools import accumulate
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -70,7 +70,7 @@ def discretize(A: Array, B: Array, dt: float) -> Transition:
     return Transition(flow[..., :n, :n], flow[..., :n, n : n + r] - ramp, ramp)
 
 
-WORST_MODES = 1e8  # condition of the eigenvectors beyond which it runs block by block instead of mode by mode
+WORST_MODES = 1e8  # condition of the eigenvectors beyond which it runs sample by sample instead of mode by mode
 
 
 def recursion(F: Array, pushes: Array, first: Array) -> Array:
@@ -81,7 +81,7 @@ def recursion(F: Array, pushes: Array, first: Array) -> Array:
         return np.empty_like(pushes)
     eigenvalues, modes = np.linalg.eig(F)
     if np.linalg.cond(modes) > WORST_MODES:
-        return _recursion_by_block(F, pushes, first)
+        return np.array([*accumulate(pushes, lambda state, push: F @ state + push, initial=first)][1:])
     inward = np.linalg.inv(modes)
     start, driven = inward @ first, pushes @ inward.T
     states = [
@@ -89,21 +89,3 @@ def recursion(F: Array, pushes: Array, first: Array) -> Array:
         for i, value in enumerate(eigenvalues)
     ]
     return np.asarray((np.stack(states, axis=1) @ modes.T).real)
-
-
-def _recursion_by_block(F: Array, pushes: Array, first: Array) -> Array:
-    """Blocks side by side from 0, then what each begins with: 3 √T steps in place of T."""
-    samples, n = pushes.shape
-    length = isqrt(samples - 1) + 1
-    blocks = np.zeros((-(-samples // length), length, n))
-    blocks.reshape(-1, n)[:samples] = pushes
-    powers = np.empty((length, n, n))
-    powers[0] = F
-    for step in range(1, length):
-        blocks[:, step] += blocks[:, step - 1] @ F.T
-        powers[step] = F @ powers[step - 1]
-    state = first
-    for block in blocks:
-        block += powers @ state
-        state = block[-1]
-    return blocks.reshape(-1, n)[:samples]

@@ -16,7 +16,7 @@ from itertools import cycle
 import numpy as np
 from scipy.linalg import block_diag
 
-from mavdem.dem.engine.linalg import Array, one_thread_if_free
+from mavdem.dem.engine.linalg import Array, one_thread
 from mavdem.dem.forecast.joint import CHOICES, LAGS, Choice
 from mavdem.dem.forecast.var import RIDGE, ChannelUnits, LagStatistics, Var, initial_lags, regress
 from mavdem.dem.online.memory import Memory, MemoryBlock
@@ -120,7 +120,7 @@ class OnlineJoint:
         if self._waiting:
             self._count()
         elif self._fitting is not None:
-            with one_thread_if_free() as free:
+            with one_thread(wait=False) as free:
                 if free and next(self._fitting, "done") == "done":
                     self._fitting = None
 
