@@ -20,7 +20,7 @@ from mavdem.alignment.signals import MINIMUM_RATE
 from mavdem.ingest import Component
 from mavdem.ingest.telemetry import Telemetry
 
-ADVICE: dict[str, str] = tomllib.loads((files("mavdem.alignment") / "rate_advice.toml").read_text())
+ADVICE: dict[str, str] = tomllib.loads((files("mavdem.alignment") / "rate_advice.toml").read_text("utf-8"))
 """Sentences by ``Telemetry.translated_from`` or else by autopilot."""
 STREAMS_OFF = "`set streamrate -1`"  # of MAVProxy
 REQUEST, SET_MESSAGE_INTERVAL = "REQUEST_DATA_STREAM", 511

@@ -24,7 +24,7 @@ UNCONFIRMED = (
     "again."
 )
 NOT_SETTLED = "This part of the flight is not learned from: climb, landing or strong tilt."
-ACCOUNT: dict[str, str] = tomllib.loads(Path(__file__).with_name("account.toml").read_text())
+ACCOUNT: dict[str, str] = tomllib.loads(Path(__file__).with_name("account.toml").read_text("utf-8"))
 """What the seconds of a session are accounted for as."""
 AHEAD = 0.25  # s; how well the model predicts so far ahead is reported
 HORIZONS = 0.05, 0.1, AHEAD, 0.5  # s; of a live session's predictions, besides one step
