@@ -215,7 +215,7 @@ class LiveWind:
         if time >= self._next_check:
             self._next_check = time + START
             self._check(time)
-        while self._filters and (end := self._tick * ROW) <= min(time, self._attitudes[-1][0]):
+        while self._filters and (end := self._tick * ROW) <= min(time, self._attitudes[-1][0] + SAMPLE):
             self._take(self._filters[self._tick % len(self._filters)], end)
             self._tick += 1
         news, self._said = self.row is not None and not self._said, self._said or self.row is not None
