@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import fields, is_dataclass
+from dataclasses import MISSING, fields, is_dataclass
 from functools import cache, reduce
 from importlib.resources import files
 from operator import or_
@@ -16,13 +16,12 @@ from typing import Annotated, Any, TypeVar, cast, get_args, get_origin, get_type
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, PlainValidator, TypeAdapter, ValidationError, create_model
+from pydantic import AfterValidator, Field, PlainValidator, TypeAdapter, ValidationError, create_model
 
-from mavdem.dem.record import LABELS
+from mavdem.dem.record import LABELS, STRICT, first_problem
 from mavdem.dem.settings import Settings
-from mavdem.dem.validation import STRICT, first_problem
 
-_PATHS: dict[str, str] = json.loads((files("mavdem.dem") / "shapes.json").read_text())
+_PATHS: dict[str, str] = json.loads((files("mavdem.dem") / "shapes.json").read_text("utf-8"))
 SHAPES = {path: shape.split() for shape, paths in _PATHS.items() for path in paths.split()}
 """Shapes of all arrays; equal names are equal numbers: T samples, r inputs, m outputs, n states, k parameters of the
 vehicle, K of the engine, which may have a constant input more."""
@@ -88,8 +87,13 @@ def _type(hint: Any) -> Any:
         return Annotated[Any, PlainValidator(hint.from_dict)]
     if isinstance(hint, type) and (is_dataclass(hint) or hasattr(hint, "_fields")):
         names = [field.name for field in fields(hint)] if is_dataclass(hint) else hint._fields
-        hints = get_type_hints(hint)
-        model = create_model(hint.__name__, __config__=STRICT, **{name: (_type(hints[name]), ...) for name in names})  # type: ignore[call-overload]
+        hints, defaults = get_type_hints(hint), getattr(hint, "_field_defaults", {})
+        if is_dataclass(hint):  # what has a default, documents of former versions may lack
+            defaults = {each.name: each.default for each in fields(hint) if each.default is not MISSING}
+            made = {each.name: each.default_factory for each in fields(hint) if each.default_factory is not MISSING}
+            defaults |= {name: Field(default_factory=make) for name, make in made.items()}
+        parts = {name: (_type(hints[name]), defaults.get(name, ...)) for name in names}
+        model = create_model(hint.__name__, __config__=STRICT, **parts)  # type: ignore[call-overload]
         return Annotated[model, AfterValidator(lambda part: hint(**dict(part)))]
     return hint
 

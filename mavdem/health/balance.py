@@ -144,8 +144,7 @@ def _blocks(time: Array, commands: Array, lean: Array, signatures: MotorSignatur
         return []
     balance = np.full((len(time), 3), np.nan)
     asked = commands @ signatures.weights.T
-    for axis, column in zip(signatures.axes[1:], asked.T[1:], strict=True):
-        balance[:, AXES.index(axis)] = column
+    balance[:, [AXES.index(axis) for axis in signatures.axes[1:]]] = asked[:, 1:]
     thrust = asked[:, 0]
     seconds = time[-1] - time[0]
     count = int(seconds / BLOCK_SECONDS)

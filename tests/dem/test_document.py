@@ -51,6 +51,8 @@ def test_every_field_of_a_document_is_needed_and_checked(document):
         missing = {key: value for key, value in values.items() if key != name}
         with pytest.raises(ValueError, match=f"^not the document of a learned model: {name} is missing"):
             Learned.from_json(json.dumps(missing))
+    former = {key: value for key, value in values["record"].items() if key not in ("parameters", "setpoints")}
+    assert len(Learned.from_json(json.dumps({**values, "record": former})).record) == len(values["record"]["inputs"])
     for name in ("theta_covariance", "prior_sd", "known", "state_map", "theta", "free_energy_of_samples"):
         for junk in (None, [], values[name][:-1] + [[1.0]], values[name][:1]):
             with pytest.raises(ValueError, match="must"):

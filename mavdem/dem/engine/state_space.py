@@ -122,15 +122,10 @@ class StateSpace(NamedTuple):
 
     def direct(self, inputs: Array) -> Array:
         """(T, m): the part of the outputs that ``inputs`` (T, r) and the trim make, not the state."""
-        return _plus(_plus(inputs, -self.input_trim) @ self.D.T, self.output_trim)
+        return np.asarray((inputs - self.input_trim) @ self.D.T + self.output_trim)
 
     def _pushes(self, inputs: Array) -> Array:
-        return _plus(_plus(inputs, -self.input_trim) @ self.B.T, self.offset)
-
-
-def _plus(values: Array, constant: Array) -> Array:
-    """Values plus a constant for each of the few columns; most are 0, and to add it takes longer than the products."""
-    return values + constant if constant.any() else np.asarray(values)
+        return np.asarray((inputs - self.input_trim) @ self.B.T + self.offset)
 
 
 def filter_gain(

@@ -1,34 +1,45 @@
 """MCAP recordings (.mcap): MAVLink as JSON, in the layouts of BlueOS and of another bridge, or as frames; else ROS 2.
 
 MCAP's registry has no MAVLink. In use are the topics ``mavlink/{system}/{component}/{MESSAGE}`` (BlueOS) and the same
-after a slash, both with a JSON body (``mcap.json_topics``), and ``mavlink/out``, which repeats everything. Frames are
+after a slash, both with a JSON body, and ``mavlink/out``, which repeats everything. Frames are
 recorded with the message encoding ``mavlink``, or as bytes without a schema. A sender with frames is read from them
 alone: its JSON messages are the same again. Topics of ROS 2 (``ros2.log``) are read where there is no MAVLink. Source
 of BlueOS's layout: its recorder, https://github.com/bluerobotics/BlueOS.
+
+JSON has two layouts: the fields at top level, or BlueOS's ``{"header": {"system_id", "component_id", "sequence",
+"message_id"}, "message": {"type": "ATTITUDE", ...fields}}``, where a field called ``type`` is ``mavtype``, an enum's
+value is ``{"type": "MAV_TYPE_QUADROTOR"}``, a bitmask ``{"bits": 81}`` or ``"A | B"``, and a text an array of its
+characters. Numbers are those of JSON5; plain JSON has null for NaN. Source: the JSON of rust-mavlink
+(https://github.com/mavlink/rust-mavlink, ``serde`` feature), which BlueOS records.
 """
 
 from __future__ import annotations
 
+import inspect
+import json
 import os
 import re
 from array import array
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cache, lru_cache, partial
+from math import nan
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from pymavlink.dialects.v20 import all as dialect
 
 from mavdem.errors import Unreadable, require
 from mavdem.ingest.contents import file_bytes
 from mavdem.ingest.mavlink.clocks import Places, Times, far_off
-from mavdem.ingest.mavlink.definitions import FrameSender, seeds
-from mavdem.ingest.mavlink.framing import GOOD, MARKER_1, MARKER_2, Progress, find_in_pieces, no_progress
+from mavdem.ingest.mavlink.definitions import FrameSender, MessageDefinition, composed_frames, definition_named, seeds
+from mavdem.ingest.mavlink.framing import GOOD, MARKER_1, MARKER_2, Bytes, Progress, find_in_pieces, no_progress
 from mavdem.ingest.mavlink.vehicles import FrameIndex, FrameStream, RecordingPart, assemble, joined
-from mavdem.ingest.mcap.json_topics import JsonTopic, JsonTopics, json_kind
 from mavdem.ingest.mcap.records import Channel, McapMessage, McapRecording
 from mavdem.ingest.ros2.log import flight_topics, read_ros2
-from mavdem.ingest.telemetry import Log, listed
+from mavdem.ingest.telemetry import Log, listed, repair_sentences
 from mavdem.ingest.tlog import MAX_STAMP_JUMP, STAMP_WINDOW
 
 JSON = frozenset({"json", "json5"})
@@ -87,8 +98,8 @@ def _stream(source: str, recording: McapRecording, progress: Progress) -> tuple[
     channels = list(recording.channels.values())
     if not heard and not any(channel.encoding in JSON for channel in channels):
         return None, sum(len(part.frames) for part, _ in found)
-    json, unknown, left_out = _json_parts(recording.content, channels, heard, _within(progress, 0.5, 1.0))
-    parts = [*(part for part, _ in found), *json]
+    written, unknown, left_out = _json_parts(recording.content, channels, heard, _within(progress, 0.5, 1.0))
+    parts = [*(part for part, _ in found), *written]
     if not any((part.frames.verdict == GOOD).any() for part in parts):
         return None, unknown + sum(len(part.frames) for part in parts)
     part = joined(parts)
@@ -187,3 +198,274 @@ def _nothing_in(path: str | os.PathLike[str], recording: McapRecording, messages
     contents = f"its topics are {listed(names)}" if names else "nothing in it can be read"
     what = f"is an MCAP recording without MAVLink and without topics of PX4 or MAVROS ({contents}): record mavlink/…,"
     return f"{os.fspath(path)} {what} or in ROS 2 /fmu/out/… or /mavros/…."
+
+
+NOT_SENT = object()  # Value of a field that the JSON lacks
+NO_SEQUENCE = -1
+_PARSER = json.JSONDecoder(strict=False)  # texts may contain control characters
+
+
+def parse(body: bytes) -> tuple[dict[str, Any], int, str | None]:
+    """Returns the fields of the message in one body, of either layout; its sequence number and name, if it has them."""
+    document = _document(body)
+    if not isinstance(document, dict):
+        return {}, NO_SEQUENCE, None
+    message, header = document.get("message"), document.get("header")
+    if not isinstance(message, dict):
+        return document, NO_SEQUENCE, None
+    number = header.get("sequence") if isinstance(header, dict) else None
+    sequence = number if type(number) is int and 0 <= number <= 255 else NO_SEQUENCE
+    called = message.pop("type", None)
+    if "mavtype" in message:
+        message["type"] = message["mavtype"]
+    return message, sequence, called if isinstance(called, str) else None
+
+
+def payloads(
+    messages: Sequence[Mapping[str, Any]], definition: MessageDefinition
+) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+    """Payloads (N,) of ``definition.wire``, and (N,) whether each message is valid: all values have the right type.
+
+    A missing field is zero where it is an extension or an integer, as on the wire, and else NaN. A parameter of
+    value NaN becomes a float.
+    """
+    made = np.zeros(len(messages), dtype=definition.wire)
+    good = np.array([not message.keys().isdisjoint(definition.fields) for message in messages], dtype=np.bool_)
+    for name in definition.fields:
+        kind = definition.wire[name]
+        absent = nan if kind.base.kind == "f" and name not in _extensions(definition.message_id) else 0
+        values = [message.get(name, NOT_SENT) for message in messages]
+        if kind.kind == "S":
+            made[name], fits = _texts(values, kind.itemsize)
+        elif kind.subdtype is None:
+            made[name], fits = _numbers(values, kind, absent)
+        else:
+            made[name], fits = _arrays(values, kind, absent)
+        good &= fits
+    if definition.name == "PARAM_VALUE":
+        # PX4 sends an integer as the bits of a float. JSON has one NaN only, so the bits are lost.
+        made["param_type"][np.isnan(made["param_value"])] = dialect.MAV_PARAM_TYPE_REAL32
+    return made, good
+
+
+def _document(body: bytes) -> Any:
+    try:
+        return _PARSER.decode(body.decode("utf-8", errors="replace"))
+    except (ValueError, RecursionError):
+        # Rust prints an infinity so, instead of JSON5's Infinity.
+        repaired = re.sub(rb"(?<=[:,\[])\s*(-?)inf(?=\s*[,\]}])", rb"\1Infinity", body)
+        return None if repaired == body else _document(repaired)
+
+
+@cache
+def _extensions(message_id: int) -> frozenset[str]:
+    """The extension fields: those pymavlink lets a caller leave out."""
+    taken = inspect.signature(dialect.mavlink_map[message_id].__init__).parameters.values()
+    return frozenset(argument.name for argument in taken if argument.default is not inspect.Parameter.empty)
+
+
+@cache
+def _enum_values() -> Mapping[str, int]:
+    return {entry.name: value for enum in dialect.enums.values() for value, entry in enum.items()}
+
+
+def _numbers(values: list[Any], kind: np.dtype[Any], absent: float) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+    types = set(map(type, values))
+    if kind.kind == "f" and types <= {float, int}:
+        try:
+            return _as_floats(np.array(values, dtype=np.float64), kind)
+        except OverflowError:
+            pass
+    limits = np.iinfo(kind) if kind.kind in "iu" else None
+    if limits is not None and types == {int} and limits.min <= min(values) and max(values) <= limits.max:
+        return np.array(values, dtype=kind), np.ones(len(values), dtype=np.bool_)
+    numbers = [absent if value is NOT_SENT else _number(value) for value in values]
+    if limits is None:
+        fits = np.array([number is not None for number in numbers], dtype=np.bool_)
+        floats, finite = _as_floats(np.array([number or 0.0 for number in numbers], dtype=np.float64), kind)
+        return floats, fits & finite
+    whole = [number is not None and number == number // 1 and limits.min <= number <= limits.max for number in numbers]
+    kept = [int(number) if fit and number is not None else 0 for number, fit in zip(numbers, whole, strict=True)]
+    return np.array(kept, dtype=kind), np.array(whole, dtype=np.bool_)
+
+
+def _as_floats(values: NDArray[np.float64], kind: np.dtype[Any]) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+    """The values in the width of the wire, and whether they fit."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        narrow = values.astype(kind)
+    return narrow, np.isfinite(values) <= np.isfinite(narrow)
+
+
+def _number(value: Any) -> float | None:
+    """A value as a number: itself, an entry of an enum, or a bitmask; None for anything else."""
+    if isinstance(value, dict):
+        value = value.get("type", value.get("bits"))
+        if isinstance(value, dict):
+            return None
+    if value is None:
+        return nan
+    if isinstance(value, str):
+        bits = _flags(value)
+        try:  # in quotes, as NaN is in JSON without JSON5
+            return float(value) if bits is None else bits
+        except ValueError:
+            return None
+    if isinstance(value, int):
+        # A 64-bit field holds more digits than a float; no field holds more than 64 bits.
+        return value if value.bit_length() <= 64 else None
+    return value if isinstance(value, float) else None
+
+
+@lru_cache(maxsize=1 << 12)
+def _flags(text: str) -> int | None:
+    """The bits of names joined with |, or the value of a single name; names may also be numbers."""
+    bits = 0
+    for name in filter(None, map(str.strip, text.split("|"))):
+        try:
+            bits |= _enum_values()[name] if name in _enum_values() else int(name, 0)
+        except ValueError:
+            return None
+    return bits if bits.bit_length() <= 64 else None
+
+
+def _arrays(values: list[Any], kind: np.dtype[Any], absent: float) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+    (size,) = kind.shape
+    fits = np.array([value is NOT_SENT or (isinstance(value, list) and len(value) <= size) for value in values])
+    flat: list[Any] = []
+    for value, fit in zip(values, fits.tolist(), strict=True):
+        items = value if fit and value is not NOT_SENT else []
+        flat += items
+        flat += [NOT_SENT] * (size - len(items))
+    numbers, each = _numbers(flat, kind.base, absent)
+    return numbers.reshape(-1, size), fits & each.reshape(-1, size).all(axis=1)
+
+
+def _texts(values: list[Any], size: int) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+    texts = [_text(value) for value in values]
+    fits = np.array([text is not None and len(text.rstrip(b"\0")) <= size for text in texts])
+    return np.array([text[:size] if text is not None else b"" for text in texts], dtype=f"S{size}"), fits
+
+
+def _text(value: Any) -> bytes | None:
+    """A text's bytes; in JSON it is a string, or an array of its characters or of their codes, a byte each."""
+    if value is NOT_SENT or value is None:
+        return b""
+    if isinstance(value, str):
+        return value.encode("utf-8", errors="replace")
+    codes = value if isinstance(value, list) else [value]
+    try:
+        # A character of an array is one byte.
+        return bytes(ord(code) if isinstance(code, str) else code for code in codes)
+    except (TypeError, ValueError, OverflowError):
+        return None
+
+
+BATCH = 4096  # Messages of one topic that are parsed together: parsed, they take ten times the memory of their payloads
+KIND_PATTERNS = [re.compile(rb'"%s"\s*:\s*(\d{1,3})\b' % name) for name in (b"system_id", b"component_id")]
+KIND_PATTERNS.append(re.compile(rb'"type"\s*:\s*"(\w+)"'))
+
+
+class JsonTopic(NamedTuple):
+    """A message's ``name`` and its sender."""
+
+    sender: FrameSender
+    name: str
+
+
+@dataclass
+class _JsonMessages:
+    sender: FrameSender
+    definition: MessageDefinition
+    waiting: list[bytes] = field(default_factory=list)
+    places: array[int] = field(default_factory=partial(array, "q"))
+    log_times: array[int] = field(default_factory=partial(array, "Q"))
+    sequence: array[int] = field(default_factory=partial(array, "q"))
+    payloads: list[NDArray[np.void]] = field(default_factory=list)
+    good: list[NDArray[np.bool_]] = field(default_factory=list)
+
+    def add(self, place: int, log_time: int, body: bytes) -> None:
+        self.places.append(place)
+        self.log_times.append(log_time)
+        self.waiting.append(body)
+        if len(self.waiting) >= BATCH:
+            self.parse()
+
+    def parse(self) -> None:
+        written = [parse(body) for body in self.waiting]
+        self.waiting.clear()
+        self.sequence.extend(sequence for _, sequence, _ in written)
+        fields = [message if name in (None, self.definition.name) else {} for message, _, name in written]
+        made, good = payloads(fields, self.definition)
+        self.payloads.append(made)
+        self.good.append(good)
+
+    def part(self, sequence: Bytes) -> RecordingPart:
+        """The messages as frames with these sequence numbers."""
+        made, good = np.concatenate(self.payloads), np.concatenate(self.good)
+        data, frames = composed_frames(made, self.definition, self.sender, sequence, good)
+        return RecordingPart(data, frames, np.array(self.places), np.array(self.log_times))
+
+
+class JsonTopics:
+    """The JSON messages of a recording, each once; none of a damaged chunk: no checksum shows a wrong digit there.
+
+    ``unknown`` counts those of no known dialect by name.
+    """
+
+    def __init__(self) -> None:
+        self._topics: dict[JsonTopic, _JsonMessages] = {}
+        self._damaged = 0
+        self.unknown: Counter[str] = Counter()
+
+    def add(self, kind: JsonTopic, place: int, message: McapMessage) -> None:
+        """Adds a message; ``place`` is its number in the recording."""
+        if not message.sound:
+            self._damaged += 1
+            return
+        if (definition := definition_named(kind.name)) is None:
+            self.unknown[kind.name] += 1
+            return
+        if kind not in self._topics:
+            self._topics[kind] = _JsonMessages(kind.sender, definition)
+        self._topics[kind].add(place, message.log_time, message.data)
+
+    def parts(self) -> Iterator[RecordingPart]:
+        """The added messages as frames."""
+        by_sender: dict[FrameSender, list[_JsonMessages]] = {}
+        for topic in self._topics.values():
+            topic.parse()
+            by_sender.setdefault(topic.sender, []).append(topic)
+        for topics in by_sender.values():
+            lengths = [len(topic.places) for topic in topics]
+            sequence = _numbered(
+                np.concatenate([topic.sequence for topic in topics]).astype(np.int64),
+                np.concatenate([topic.places for topic in topics]),
+            )
+            for topic, numbers in zip(topics, np.split(sequence, np.cumsum(lengths)[:-1]), strict=True):
+                yield topic.part(numbers)
+
+    def sentences(self) -> tuple[str, ...]:
+        """A sentence for each reason for which messages were left out."""
+        names, unknown = [name for name, _ in self.unknown.most_common(5)], self.unknown.total()
+        more = f" and {len(self.unknown) - len(names)} more" if len(self.unknown) > len(names) else ""
+        return repair_sentences(
+            (self._damaged, f"{self._damaged} JSON messages in damaged chunks were left out."),
+            (unknown, f"{unknown} JSON messages of no known dialect ({', '.join(names)}{more}) were left out."),
+        )
+
+
+def json_kind(body: bytes) -> JsonTopic | None:
+    """Returns the topic of a body by the first names and numbers in it; None without them."""
+    found = [match[1].decode() for pattern in KIND_PATTERNS if (match := pattern.search(body))]
+    return JsonTopic(FrameSender(int(found[0]) & 0xFF, int(found[1]) & 0xFF), found[2]) if len(found) == 3 else None
+
+
+def _numbered(sequence: NDArray[np.int64], places: Places) -> Bytes:
+    """One sender's sequence numbers; missing ones continue from the one before, so that they show no loss."""
+    order = np.argsort(places, kind="stable")
+    known, row = sequence[order], np.arange(len(order))
+    last = np.maximum.accumulate(np.where(known != NO_SEQUENCE, row, -1))
+    before = np.where(last >= 0, known[last], -1)
+    numbers = np.empty(len(order), dtype=np.uint8)
+    numbers[order] = (before + row - last) % 256
+    return numbers
