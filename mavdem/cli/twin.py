@@ -13,9 +13,8 @@ import numpy as np
 from mavdem.alignment.drive import AXES
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals
-from mavdem.cli.options import Number, no_option, vehicle_option
+from mavdem.cli.options import Number, no_option, read_source, vehicle_option
 from mavdem.cli.output import check_file, print_result, progress, say_aside, write_text
-from mavdem.cli.sources import read_source
 from mavdem.cli.tune import axis_loop
 from mavdem.condition.condition import hover_of
 from mavdem.condition.loop import Loop

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from pydantic import AfterValidator, Field
 
 from mavdem.dem.engine.linalg import Array, require_positive_definite
-from mavdem.dem.validation import checked_values, real_numbers
+from mavdem.dem.record import checked_values, real_numbers
 
 LARGEST_LOG = 100.0  # of a log precision: e^±100 is beyond anything measured, and far from overflow
 SMALLEST = 1e-50  # of a positive setting; the largest is its inverse
