@@ -6,7 +6,7 @@ import gc
 import os
 import sys
 
-from mavdem.cli.signals import ending_at_once, unwind_when_terminated
+from mavdem.cli.output import ending_at_once, unwind_when_terminated
 
 
 def run() -> int:

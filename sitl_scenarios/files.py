@@ -17,7 +17,7 @@ from pydantic import BaseModel, ValidationError
 
 from sitl_scenarios.gains import check_parameters, cycle_of, parameters_of
 from sitl_scenarios.plan import times
-from sitl_scenarios.scenario import Excitation, Moment, Move, Scenario, Wind, place, shortened
+from sitl_scenarios.scenario import BodySpec, Excitation, Moment, Move, Scenario, Wind, place, shortened
 
 MAX_LISTED = 5  # Problems that are listed one by one: the others often follow from them
 KINDS: Mapping[str, Mapping[str, type[BaseModel]]] = {
@@ -81,6 +81,8 @@ def _section(where: Sequence[int | str]) -> tuple[str, list[str]]:
         kind = next(str(word) for word in where[1:] if word in KINDS[section])
         name = f"a {kind} wind" if section == "wind" else f"{section} of the kind {kind}"
         return name, [key for key in KINDS[section][kind].model_fields if key != "kind"]
+    if where[:2] == ("vehicle", "body"):
+        return "[vehicle.body]", list(BodySpec.model_fields)
     if section == "moments":
         return "a moment", list(Moment.model_fields)
     model = Scenario.model_fields[section].annotation

@@ -31,9 +31,11 @@ def cycle_of(scenario: Scenario) -> float:
 def check_parameters(scenario: Scenario) -> None:
     """Raises ValueError: ``vehicle.parameters`` has one that is not flown, or a value that no autopilot has."""
     given, loop = scenario.vehicle.parameters, LOOP_RATES[scenario.stream.autopilot]
+    foreign = ("ATC_", "MOT_", "SCHED_") if scenario.stream.autopilot == "px4" else ("MC_", "THR_", "IMU_", "CA_")
     for name, value in given.items():
-        if not USED.match(name) or (value and name in ("INS_GYRO_FILTER", "IMU_GYRO_CUTOFF")):
-            raise ValueError(f"vehicle.parameters.{name} is not flown: rate and attitude control are, unfiltered gyros")
+        filtered = value and name in ("INS_GYRO_FILTER", "IMU_GYRO_CUTOFF")
+        if filtered or name.startswith(foreign) or not USED.match(name):
+            raise ValueError(f"vehicle.parameters.{name} is not flown by {scenario.stream.autopilot} here")
         low, high = (SLOWEST, FASTEST) if name == loop else (0.0, 1.0) if "_SPIN_" in name else (0.0, 1e4)
         if not low <= value <= high and not name.startswith("CA_"):
             raise ValueError(f"vehicle.parameters.{name} must be from {low:g} to {high:g}, not {value:g}")

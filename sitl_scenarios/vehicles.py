@@ -86,7 +86,7 @@ class Airframe:
 
 
 def _published() -> dict[str, Airframe]:
-    tables = tomllib.loads((files("sitl_scenarios") / "airframes.toml").read_text())
+    tables = tomllib.loads((files("sitl_scenarios") / "airframes.toml").read_text("utf-8"))
     for table in tables.values():
         table |= {key: tuple(one) for key, one in table.items() if isinstance(one, list)}
     return {name: Airframe(**table) for name, table in tables.items()}

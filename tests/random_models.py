@@ -4,9 +4,14 @@ import numpy as np
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from mavdem.dem.engine.coordinates import temporal_precision
 from mavdem.dem.engine.free_energy import Belief
-from mavdem.dem.engine.generative import GeneralizedMoments, GenerativeModel, Prior, SufficientStatistics
+from mavdem.dem.engine.generative import (
+    GeneralizedMoments,
+    GenerativeModel,
+    Prior,
+    SufficientStatistics,
+    temporal_precision,
+)
 
 Array = NDArray[np.float64]
 

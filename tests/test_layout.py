@@ -157,7 +157,7 @@ BUDGETS = {
     "tools": 1650,
 }
 """Lines of Python a room may have, docstrings counted: what a new capability needs, something older gives back."""
-ALL_LINES, ALL_FILES, TEST_LINES = 42_300, 240, 23_000
+ALL_LINES, ALL_FILES, TEST_LINES = 42_450, 240, 23_000
 
 
 def lines_of(path: Path) -> int:

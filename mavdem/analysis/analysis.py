@@ -25,10 +25,17 @@ from mavdem.dem import Learned, Settings, learn
 from mavdem.dem.graybox.wind import wind
 from mavdem.dem.learning import FEWEST_SAMPLES
 from mavdem.errors import NotLearnable
-from mavdem.evaluate.held_out import BASELINES, FOLDS, HeldOut, held_out_test, held_out_windows
-from mavdem.evaluate.scores import SIGNIFICANCE, paired
-from mavdem.evaluate.truth import compare_with_truth, read_truth, truth_of
-from mavdem.evaluate.windows import Length, TooFewSamples, part_samples
+from mavdem.evaluate.held_out import (
+    BASELINES,
+    FOLDS,
+    HeldOut,
+    compare_with_truth,
+    held_out_test,
+    held_out_windows,
+    read_truth,
+    truth_of,
+)
+from mavdem.evaluate.scores import SIGNIFICANCE, Length, TooFewSamples, paired, part_samples
 from mavdem.flight import Flight
 from mavdem.health.in_flight import MIN_RATE, MotorAlarm, MotorWatch
 from mavdem.ingest import Log

@@ -20,7 +20,7 @@ from mavdem.alignment.signals import Signals
 from mavdem.alignment.verdict import Verdict
 from mavdem.analysis.findings import Findings, findings_of
 from mavdem.condition import Condition, Identity
-from mavdem.condition.condition import HoverFigures, hover_of
+from mavdem.condition.condition import HoverFigures, hover_of, or_none
 from mavdem.condition.inventory import Tier
 from mavdem.confidence import LEVEL
 from mavdem.dem import Learned, NotIdentifiable, Physical, WindTorque, physical
@@ -29,9 +29,8 @@ from mavdem.dem.graybox.wind import wind
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
 from mavdem.evaluate.comparison import JOINT
-from mavdem.evaluate.held_out import BASELINES, CONSTANT_MEAN, FORECAST, HOLD_LAST, PREDICTION, HeldOut
+from mavdem.evaluate.held_out import BASELINES, CONSTANT_MEAN, FORECAST, HOLD_LAST, PREDICTION, HeldOut, TruthComparison
 from mavdem.evaluate.scores import error_over, mspe
-from mavdem.evaluate.truth import TruthComparison
 from mavdem.flight import Flight
 from mavdem.health.in_flight import MotorAlarm, alarm_figures
 from mavdem.ingest import Component, read_log
@@ -232,7 +231,7 @@ def physical_values(physical: Physical | None) -> dict[str, Any] | None:
     if physical is None:
         return None
     effect, *halves = physical.interval(LEVEL)
-    interval = {name: _or_none(half) for name, half in zip(("damping", "lag", "delay"), halves, strict=True)}
+    interval = {name: or_none(half) for name, half in zip(("damping", "lag", "delay"), halves, strict=True)}
     kept = ("damping", "lag", "delay", "status", "reasons", "bias", "wind", "wind_share", "refinements")
     return {
         "effect": physical.effect.tolist(),
@@ -249,15 +248,11 @@ def wind_values(wind: WindTorque | None) -> dict[str, Any] | None:
     kept = ("mean", "mean_band", "sd", "scale_error", "resolved", "reason", "gust_threshold", "false_gusts_per_minute")
     return {
         **{name: getattr(wind, name) for name in kept},
-        "answered": _or_none(wind.cancelled_share),
-        "answered_below_1_hz": _or_none(wind.cancelled_share_slow),
+        "answered": or_none(wind.cancelled_share),
+        "answered_below_1_hz": or_none(wind.cancelled_share_slow),
         "gusts": [gust._asdict() for gust in wind.gusts],
         "spectrum": {name: values.tolist() for name, values in wind.spectrum._asdict().items()},
     }
-
-
-def _or_none(value: float) -> float | None:
-    return value if np.isfinite(value) else None
 
 
 def vehicle(path: str | bytes | PathLike[str], axis: str = ALL, vehicle: str | None = None) -> VehicleFigures:

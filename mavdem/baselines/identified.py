@@ -16,8 +16,7 @@ from mavdem.dem.engine.linalg import Array, one_thread
 from mavdem.dem.engine.model import STABILITY_TOLERANCE
 from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.forecast.var import RIDGE, Forecast, Var, lagged
-from mavdem.dem.record import Record, UniformRecord, required_number
-from mavdem.dem.validation import is_number
+from mavdem.dem.record import Record, UniformRecord, is_number, required_number
 
 Segments = list[tuple[Array, Array]]  # inputs (T, k) and outputs (T, m) of each segment, in a method's units
 

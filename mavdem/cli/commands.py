@@ -12,8 +12,7 @@ from importlib import import_module
 import click
 from click.shell_completion import shell_complete
 
-from mavdem.cli.output import complain, prepare_streams, say_aside
-from mavdem.cli.signals import INTERRUPTED, ending_at_once
+from mavdem.cli.output import INTERRUPTED, complain, ending_at_once, prepare_streams, say_aside
 from mavdem.errors import MissingExtra, NotLearnable, Unreadable
 
 DONE, UNSUPPORTED, UNUSABLE, PIPE_CLOSED = 0, 1, 2, 141

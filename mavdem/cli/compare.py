@@ -9,13 +9,11 @@ from time import perf_counter
 
 import click
 
-from mavdem.cli.options import folder_named, motion_options, window_options
+from mavdem.cli.options import end_report, folder_named, motion_options, names_of, nothing_left, of_each, window_options
 from mavdem.cli.output import check_folder, files_in, json_text, print_result, printable, progress
-from mavdem.cli.sources import end_report, names_of, nothing_left, of_each
 from mavdem.dem.learning import FEWEST_SAMPLES
 from mavdem.evaluate.comparison import METHODS, Comparison, Outcome, outcomes
-from mavdem.evaluate.scores import FROM_ZERO, KNOWN
-from mavdem.evaluate.windows import TRAIN_SECONDS, Length, TooFewSamples, Window, part_samples, windows
+from mavdem.evaluate.scores import FROM_ZERO, KNOWN, TRAIN_SECONDS, Length, TooFewSamples, Window, part_samples, windows
 from mavdem.flight import Flight
 from mavdem.report.comparison import comparison_report
 from mavdem.report.page import comparison_page

@@ -6,9 +6,8 @@ import os
 
 import click
 
-from mavdem.cli.options import no_option, source_options
+from mavdem.cli.options import no_option, refuse_link, source_options
 from mavdem.cli.output import print_json, printable, progress, say
-from mavdem.cli.sources import refuse_link
 from mavdem.export.conversion import convert as convert_file
 
 

@@ -7,9 +7,8 @@ from pathlib import Path
 import click
 
 from mavdem.cli.commands import UNSUPPORTED
-from mavdem.cli.options import no_option
+from mavdem.cli.options import no_option, refuse_link
 from mavdem.cli.output import print_result, progress
-from mavdem.cli.sources import refuse_link
 from mavdem.errors import NotLearnable
 from mavdem.fleet.difference import vehicle_difference
 from mavdem.fleet.row import OK, UNKNOWN, FlightRow

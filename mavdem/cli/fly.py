@@ -15,8 +15,7 @@ import numpy as np
 from click.shell_completion import CompletionItem
 
 from mavdem.cli.options import Number, file_option, no_option
-from mavdem.cli.output import check_file, print_json, printable, progress, say, say_aside, writing
-from mavdem.cli.signals import ending_at_once
+from mavdem.cli.output import check_file, ending_at_once, print_json, printable, progress, say, say_aside, writing
 from mavdem.errors import Unreadable, require
 from mavdem.export.conversion import STREAMS
 from mavdem.files import atomic_writes, replaceable

@@ -7,9 +7,8 @@ import click
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals
 from mavdem.analysis import LogAnalysis, analyse
-from mavdem.cli.options import source_options
+from mavdem.cli.options import read_source, source_options
 from mavdem.cli.output import complain, print_json, say
-from mavdem.cli.sources import read_source
 from mavdem.condition.inventory import inventory
 from mavdem.condition.wind_of_log import Air, air_of
 from mavdem.report.blocks import Block, Sentence

@@ -18,10 +18,11 @@ from mavdem.alignment.signals import Signals
 from mavdem.analysis import LogAnalysis, analyse
 from mavdem.analysis.figures import ALL
 from mavdem.analysis.findings import known_wind
-from mavdem.cli.options import file_option, folder_named, model_options, source_options, window_options
+from mavdem.cli.options import file_option, folder_named, model_options, read_source, source_options, window_options
 from mavdem.cli.output import (
     check_folder,
     complain,
+    ending_at_once,
     files_in,
     json_text,
     print_blocks,
@@ -30,15 +31,13 @@ from mavdem.cli.output import (
     progress,
     say_aside,
 )
-from mavdem.cli.signals import ending_at_once
-from mavdem.cli.sources import read_source
 from mavdem.condition import WindVelocity
 from mavdem.condition.inventory import inventory
 from mavdem.condition.wind_of_log import Air, air_of
 from mavdem.condition.wind_velocity import torque_explained
 from mavdem.dem import Settings
 from mavdem.errors import advice, missing
-from mavdem.evaluate.windows import Length
+from mavdem.evaluate.scores import Length
 from mavdem.export.conversion import write_channels
 from mavdem.flight import Flight
 from mavdem.report.blocks import Block, Sentence

@@ -8,7 +8,7 @@ import os
 import sys
 from collections.abc import Callable
 from concurrent.futures import Future, wait
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -21,29 +21,27 @@ import click
 from mavdem.alignment.signals import axis_outputs
 from mavdem.cli.commands import DONE, UNSUPPORTED, UNUSABLE
 from mavdem.cli.options import Number, file_option, model_options, motion_options, no_option
-from mavdem.cli.output import check_file, print_json, printable, say_aside, write_text
-from mavdem.cli.signals import asked_to_end, ending_at_once
+from mavdem.cli.output import asked_to_end, check_file, ending_at_once, print_json, printable, say_aside, write_text
 from mavdem.dem import Settings
 from mavdem.dem.parallel import LearningProcess
 from mavdem.errors import MissingExtra, Unreadable, advice
 from mavdem.export.conversion import STREAMS
-from mavdem.fleet.rows_of_log import earlier_flight
+from mavdem.fleet.rows_of_log import earlier_drag, earlier_flight
 from mavdem.health.in_flight import alarm_figures
 from mavdem.live import LiveStream, SessionStatus, Setup
 from mavdem.live.history import ACCOUNT, horizons, sentence
-from mavdem.live.link import Link
-from mavdem.live.recording import RawRecording
+from mavdem.live.link import Link, RawRecording
 from mavdem.live.session import LiveSession
 from mavdem.report.flights import whole_seconds
 from mavdem.report.page import live_page
 
 STATUS_SECONDS, CLEANING_SECONDS = 5.0, 60.0  # between two status lines; on the ground, two collections of all garbage
 ENDING_SECONDS = 9.0  # from a request to end until the page is given up; what follows takes less than a second
+WIND_FIGURES = "speed", "speed_from", "speed_to", "direction", "direction_interval"  # m/s and degrees, of 90 %
 SWITCH_SECONDS = 5e-4  # for which another thread may compute while a sample waits
 
 if TYPE_CHECKING:
-    from mavdem.view.live_view import LiveView
-    from mavdem.view.viewer import RecordingFile
+    from mavdem.view.live_view import LiveView, RecordingFile
 
 
 class Dashboard:
@@ -65,8 +63,7 @@ class Dashboard:
             return
         # Rerun takes a second to load.
         with ending_at_once():
-            from mavdem.view.live_view import LiveView
-            from mavdem.view.viewer import RecordingFile, WebServer, sinks_for
+            from mavdem.view.live_view import LiveView, RecordingFile, WebServer, sinks_for
         try:
             sinks = sinks_for(rrd, serve, connect)
         except ValueError as error:
@@ -180,6 +177,8 @@ def live_command(
     check_file(html, "--html", (".html",))
     earlier = None if prior is None else earlier_flight(prior, axis)
     stream = LiveStream(axis, vehicle, inputs, asked=request_rate is not None)
+    with suppress(Unreadable):  # a model without its report knows no drag
+        stream.air.drag = None if prior is None else earlier_drag(prior, vehicle or "")
     with ExitStack() as signals, ExitStack() as ends:
         opened = Link(link)
         ends.callback(opened.close)
@@ -247,6 +246,7 @@ def live_command(
                 "ahead": dict(zip(("seconds", "half_width_rad"), status.ahead, strict=True)),
                 "useful": dict(zip(("seconds", "error_ratio"), status.useful, strict=True)),
                 "obstacle": status.obstacle,
+                "wind": status.wind and dict(zip(WIND_FIGURES, status.wind.by_compass, strict=True)),
                 **(status.findings.as_dict() if status.findings else {}),
                 **alarm_figures(status.alarms),
                 "events": [event.sentence for event in session.history.events],
@@ -313,6 +313,7 @@ def _status_line(status: SessionStatus, axis: str) -> str:
     late = f", latency {1e3 * status.latency[1]:.1f} ms (99 %)" if status.learned + status.shown else ""
     seconds, half = status.ahead[0], math.degrees(status.ahead[1])
     ahead = f"; {axis} predicted {seconds:.2g} s ahead within ±{half:.2g}° (90 %)" if math.isfinite(half) else ""
+    ahead += f"; wind {''.join(status.wind.words())}" if status.wind is not None and status.flying else ""
     end = f". {sentence(status.obstacle)}" if status.obstacle else "; learning."
     return f"{status.vehicle}: {rates}; {status.learned} samples learned{late}{ahead}{end} {status.alarm}".rstrip()
 

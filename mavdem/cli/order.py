@@ -9,9 +9,8 @@ from time import perf_counter
 
 import click
 
-from mavdem.cli.options import file_option, motion_options
+from mavdem.cli.options import Refused, end_report, file_option, motion_options, names_of, nothing_left, of_each
 from mavdem.cli.output import check_file, print_result, printable, progress, write_text
-from mavdem.cli.sources import Refused, end_report, names_of, nothing_left, of_each
 from mavdem.dem.order_choice import DEFAULT_MAX_ORDER, LARGEST_ORDER, FlightOrders, OrderChoice, orders_of
 from mavdem.dem.parallel import parallel_map
 from mavdem.errors import NotLearnable

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mavdem.cli.output import check_folder, json_text, print_result, progress, say, writing
-from mavdem.cli.signals import ending_at_once
+from mavdem.cli.output import check_folder, ending_at_once, json_text, print_result, progress, say, writing
 from mavdem.dem.parallel import pool, spare_cores
 from mavdem.errors import require
 from mavdem.paper import CLAIMS

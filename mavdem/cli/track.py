@@ -10,9 +10,8 @@ from time import monotonic
 import click
 
 from mavdem.cli.commands import UNSUPPORTED, UNUSABLE
-from mavdem.cli.options import Number, folder_named, no_option
+from mavdem.cli.options import Number, folder_named, no_option, refuse_link
 from mavdem.cli.output import STDERR, print_blocks, print_json, printable, progress, say, say_aside, write_text
-from mavdem.cli.sources import refuse_link
 from mavdem.dem.parallel import spare_cores
 from mavdem.fleet.difference import since_baseline
 from mavdem.fleet.row import summary

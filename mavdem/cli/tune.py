@@ -13,9 +13,8 @@ from mavdem.analysis.analysis import flown_after
 from mavdem.analysis.figures import ALL
 from mavdem.analysis.findings import findings_of
 from mavdem.cli.learn import start_option
-from mavdem.cli.options import folder_named, source_options
+from mavdem.cli.options import folder_named, read_source, source_options
 from mavdem.cli.output import check_folder, files_in, print_result, printable, progress, say_aside
-from mavdem.cli.sources import read_source
 from mavdem.condition import condition_of
 from mavdem.condition.loop import TARGETS, Advice, Loop, advise, loop_of
 from mavdem.dem import Physical, physical

@@ -13,9 +13,8 @@ import numpy as np
 from mavdem.alignment.drive import AXES
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals
-from mavdem.cli.options import Number, no_option, vehicle_option
+from mavdem.cli.options import Number, no_option, read_source, vehicle_option
 from mavdem.cli.output import check_file, print_result, progress, say_aside, write_text
-from mavdem.cli.sources import read_source
 from mavdem.cli.tune import axis_loop
 from mavdem.condition.condition import hover_of
 from mavdem.condition.loop import Loop
@@ -83,11 +82,14 @@ def twin_command(source: str, out: tuple[Path, ...], mass: float | None, vehicle
         blocks.append(Sentence("The setpoints of roll were not recorded: the twin does not fly them again."))
     else:
         record, setpoints = again
-        scenario, flown = scenario_of(tomllib.loads(vehicle_text(twin, ".toml", ""))), []
-        with progress("Flying the twin", measured=False):
+        flown = []
+        try:
+            scenario = scenario_of(tomllib.loads(vehicle_text(twin, ".toml", "")))
             for seed in range(FLIGHTS):
                 blown = torque(loops["roll"], len(record), np.random.default_rng(seed))
                 flown.append(replayed(scenario.model_copy(update={"seed": seed}), record.dt, setpoints, blown))
+        except ValueError as error:
+            raise NotLearnable(f"The twin cannot fly: {error}.") from None
         document["alike"] = compared = alike(loops["roll"], record, flown)
         bands = zip(BANDS[:-1], BANDS[1:], compared["levels"], strict=True)
         cells = [[f"roll rate, {low:g} to {high:g} Hz (dB)", "0", f"{level:+.1f}"] for low, high, level in bands]

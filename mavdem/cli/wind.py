@@ -8,12 +8,11 @@ import click
 
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals
-from mavdem.cli.options import file_option, vehicle_option
+from mavdem.cli.options import file_option, read_source, vehicle_option
 from mavdem.cli.output import print_result
-from mavdem.cli.sources import read_source
 from mavdem.condition.inventory import identity_of
 from mavdem.condition.wind_of_log import wind_of
-from mavdem.dem.airflow.drag import SOURCES
+from mavdem.dem.airflow.model import SOURCES
 from mavdem.fleet.rows_of_log import earlier_drag
 from mavdem.report.blocks import Table
 from mavdem.report.condition import wind_blocks

@@ -327,7 +327,7 @@ def _balance(signals: Signals, settled: tuple[Segment, ...]) -> tuple[tuple[floa
     balance = (shares - level * (shares.mean(axis=0) / level.mean())) / level.mean()
     weights = {axis: effect for axis in AXES if (effect := motors.layout.effect(axis)) is not None}
     return (
-        tuple(_known(half) for half in mean_interval(balance, seconds)),
+        tuple(or_none(half) for half in mean_interval(balance, seconds)),
         {axis: _steady(shares @ effect, seconds) for axis, effect in weights.items()},
     )
 
@@ -344,10 +344,11 @@ def _leaning(signals: Signals, settled: tuple[Segment, ...]) -> tuple[dict[str, 
 
 
 def _steady(values: Array, seconds: float) -> Steady:
-    return Steady(float(values.mean()), _known(mean_interval(values[:, None], seconds)[0]), float(values.std()))
+    return Steady(float(values.mean()), or_none(mean_interval(values[:, None], seconds)[0]), float(values.std()))
 
 
-def _known(half_width: float) -> float | None:
+def or_none(half_width: float) -> float | None:
+    """Returns a half width, or a share; ``None`` where it is not finite."""
     return float(half_width) if np.isfinite(half_width) else None
 
 

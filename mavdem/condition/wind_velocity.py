@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 
 from mavdem.confidence import quantile
-from mavdem.dem.airflow.drag import SOURCES, Drag
 from mavdem.dem.airflow.identification import IDENTIFYING_STEPS, STEPS, checked, courses, gridded, identified
-from mavdem.dem.airflow.model import TOTAL
+from mavdem.dem.airflow.model import SOURCES, TOTAL, Drag
 from mavdem.dem.engine.linalg import one_thread
 from mavdem.ingest.telemetry import Array
 

@@ -1,7 +1,7 @@
 """Dynamic Expectation Maximization of linear models: arrays in, a learned model out."""
 
-from mavdem.dem.airflow.drag import Drag
 from mavdem.dem.airflow.identification import estimate_drag
+from mavdem.dem.airflow.model import Drag
 from mavdem.dem.engine.ascent import FreeEnergy, Learning
 from mavdem.dem.engine.model import LinearModel
 from mavdem.dem.graybox import NotIdentifiable, Physical, WindTorque, physical

@@ -18,11 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, Field, PlainValidator, TypeAdapter, ValidationError, create_model
 
-from mavdem.dem.record import LABELS
+from mavdem.dem.record import LABELS, STRICT, first_problem
 from mavdem.dem.settings import Settings
-from mavdem.dem.validation import STRICT, first_problem
 
-_PATHS: dict[str, str] = json.loads((files("mavdem.dem") / "shapes.json").read_text())
+_PATHS: dict[str, str] = json.loads((files("mavdem.dem") / "shapes.json").read_text("utf-8"))
 SHAPES = {path: shape.split() for shape, paths in _PATHS.items() for path in paths.split()}
 """Shapes of all arrays; equal names are equal numbers: T samples, r inputs, m outputs, n states, k parameters of the
 vehicle, K of the engine, which may have a constant input more."""

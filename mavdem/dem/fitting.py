@@ -19,9 +19,16 @@ from scipy.special import spherical_jn
 
 from mavdem.confidence import half_width
 from mavdem.dem.engine.ascent import Ascent, Rates, ascend, theta_curvature_of_profile
-from mavdem.dem.engine.coordinates import embed, sampled_output_precision, sampled_state_precision, temporal_precision
 from mavdem.dem.engine.free_energy import Belief, expected_weights
-from mavdem.dem.engine.generative import GenerativeModel, Prior, SufficientStatistics
+from mavdem.dem.engine.generative import (
+    GenerativeModel,
+    Prior,
+    SufficientStatistics,
+    embed,
+    sampled_output_precision,
+    sampled_state_precision,
+    temporal_precision,
+)
 from mavdem.dem.engine.linalg import Array, inverse, raise_on_overflow
 from mavdem.dem.engine.model import discretize, pack, unpack
 from mavdem.dem.engine.state_space import StateSpace, filter_gain

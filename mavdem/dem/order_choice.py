@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from mavdem.dem.engine.linalg import Array, one_thread
 from mavdem.dem.order_search import BlackBox, fits_by_order
 from mavdem.dem.parallel import parallel_map
-from mavdem.dem.record import Record, UniformRecord
-from mavdem.dem.validation import is_whole
+from mavdem.dem.record import Record, UniformRecord, is_whole
 
 STRONG_EVIDENCE_NATS = 3.0  # odds of 20 to 1: strong evidence by Kass and Raftery (1995)
 STANDARD_ERRORS = 2.0  # that a mean gain over several flights must exceed as well, so that no single flight decides

@@ -24,8 +24,7 @@ from scipy.ndimage import correlate1d
 from scipy.optimize import minimize_scalar
 
 from mavdem.dem.engine.ascent import CONVERGED_NATS, CoordinateAscent, Iterate
-from mavdem.dem.engine.coordinates import temporal_precision
-from mavdem.dem.engine.generative import GenerativeModel, Prior, SufficientStatistics
+from mavdem.dem.engine.generative import GenerativeModel, Prior, SufficientStatistics, temporal_precision
 from mavdem.dem.engine.linalg import Array, raise_on_overflow
 from mavdem.dem.engine.model import pack, unpack
 from mavdem.dem.priors import Scaling

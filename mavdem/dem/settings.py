@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
+from importlib.resources import files
 from math import e
 from typing import Annotated, Any, Literal, Self
 
@@ -13,7 +15,7 @@ from numpy.typing import ArrayLike
 from pydantic import AfterValidator, Field
 
 from mavdem.dem.engine.linalg import Array, require_positive_definite
-from mavdem.dem.validation import checked_values, real_numbers
+from mavdem.dem.record import checked_values, real_numbers
 
 LARGEST_LOG = 100.0  # of a log precision: e^±100 is beyond anything measured, and far from overflow
 SMALLEST = 1e-50  # of a positive setting; the largest is its inverse
@@ -79,13 +81,7 @@ Groups = Annotated[tuple[int, ...], Field(min_length=1), AfterValidator(_numbere
 Precisions = Positive | Annotated[tuple[Positive, ...], Field(min_length=1)] | Matrix
 Flags = bool | Annotated[tuple[bool, ...], Field(min_length=1)]
 
-FORMER = {
-    **dict.fromkeys(("lambda_prior", "lambda_z_precision", "lambda_w_precision"), "lambda_log_precision, their logs"),
-    **dict.fromkeys(("state_rate", "parameter_rate", "hyperparameter_rate"), "one of the three learning_rates"),
-    **dict.fromkeys(("output_groups", "state_groups"), "one of the two noise_groups"),
-    **dict.fromkeys(("closed_loop", "shrink_forecasts"), 'forecasts: "joint" or "plant"'),
-    "last_derivative_zero": 'correlation: "continuous" or "sampled"',
-}
+FORMER = tomllib.loads((files("mavdem.dem") / "former_settings.toml").read_text())
 """What to use for settings of former versions."""
 
 

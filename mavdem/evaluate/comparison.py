@@ -29,6 +29,7 @@ from mavdem.evaluate.scores import (
     UNKNOWN,
     Paired,
     ScoreTable,
+    Window,
     by_horizon,
     error_over,
     horizons,
@@ -38,7 +39,6 @@ from mavdem.evaluate.scores import (
     score_values,
     table_type,
 )
-from mavdem.evaluate.windows import Window
 from mavdem.flight import Flight
 from mavdem.forecaster import Forecaster, ProbabilisticForecaster
 

@@ -158,7 +158,7 @@ def place_name(position: Position) -> str:
 
 
 _QUAD_X, _QUAD_X_SPINS = (45.0, -135.0, -45.0, 135.0), "++--"
-_TABLES = json.loads((files("mavdem.ingest") / "frames.json").read_text())
+_TABLES = json.loads((files("mavdem.ingest") / "frames.json").read_text("utf-8"))
 _ARDUPILOT_FRAMES: dict[int, dict[int, tuple[tuple[float, ...], str]]] = {
     int(kind): {int(type_): (tuple(bearings), spins) for type_, (bearings, spins) in types.items()}
     for kind, types in _TABLES.items()

@@ -12,8 +12,8 @@ when its motors fall far below their level in flight.
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from math import inf, isfinite
 from typing import Any
@@ -22,9 +22,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.alignment import drive, phases
-from mavdem.alignment.drive import DEMAND_MESSAGE, MOTOR_MESSAGES, Signal
+from mavdem.alignment.align import Segment
+from mavdem.alignment.drive import DEMAND_MESSAGE, MOTOR_MESSAGES, Motors, Signal
 from mavdem.alignment.phases import AVERAGING_SECONDS, CLIMB_OUT_SPEED, REPORT_SECONDS, TRANSIENT_SECONDS, both
-from mavdem.alignment.signals import CLIMB_FIELDS, Signals, motors_or_demand
+from mavdem.alignment.signals import CLIMB_FIELDS, Attitude, Signals, motors_or_demand
+from mavdem.analysis.findings import Findings, disown_torque, findings_of
+from mavdem.condition import Condition
+from mavdem.condition.condition import hover_figures
+from mavdem.condition.oscillation import oscillation_of
+from mavdem.dem import Learned, Physical
+from mavdem.flight import Flight
+from mavdem.health.in_flight import MotorAlarm
 from mavdem.ingest.motors import MotorGeometry, OutputScale
 from mavdem.ingest.telemetry import Columns, Telemetry, joined
 from mavdem.ingest.vocabulary import ACTIVE, ARMED, CUSTOM_MODE, IN_AIR, LANDING_MODES, STANDBY
@@ -310,3 +318,30 @@ class Phase:
         """It landed at ``time``; the earlier of two landings counts where neither was fetched."""
         since = time - TRANSIENT_SECONDS
         self._landing = since if self._landing is None else min(since, self._landing)
+
+
+def judged(learned: Learned, physical: Physical | None, setup: Setup, alarms: Sequence[MotorAlarm]) -> Findings:
+    """Returns the findings on a model whose inputs are those of ``setup``.
+
+    Its ``physical`` parameters are from now on those of the whole flight, where these are known already.
+    """
+    if physical is not None:
+        vars(learned)["_gray_box"] = physical
+    inputs, outputs = max(learned.record.segments, key=lambda part: len(part[1]))
+    time: Any = learned.dt * np.arange(len(inputs))
+    scale, names = {"scale": asdict(setup.scale)}, (setup.layout.names, learned.record.output_names)
+    flight = Flight(time, inputs, outputs, input_names=names[0], output_names=names[1], provenance=scale)
+    condition = Condition(duration=flight.duration, settled=flight.duration)
+    if setup.motors != DEMAND_MESSAGE:
+        signals, boot = Signals(Telemetry(0, 0, "UNKNOWN", "", {})), np.zeros(len(time), dtype=np.int64)
+        angle, rate = flight.outputs.T
+        tilt = Attitude(setup.attitude, time, boot, angle, rate, rate, len(time), 0, 0)
+        motors = Motors(setup.motors, time, boot, flight.inputs, setup.layout, setup.scale, len(time), 0)
+        # They take the place of the cached properties: nothing is from messages here.
+        vars(signals).update(motors=motors, tilts=(tilt,))
+        swing = oscillation_of(signals, [Segment(0, 0.0, flight.duration)])
+        swing = swing and swing._replace(axis=names[1][0])
+        condition = replace(condition, hover=hover_figures([flight]), oscillation=swing)
+    disown_torque(learned, condition)
+    watched = condition.hover is not None and not setup.layout.positions_assumed
+    return findings_of(learned, None, condition, alarms, flights=[flight], watched=watched)

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.analysis.findings import Findings
+from mavdem.condition.wind_of_log import WindRow
 from mavdem.dem import Estimate
 from mavdem.dem.engine.linalg import Array
 from mavdem.health.in_flight import MotorAlarm
@@ -24,7 +25,7 @@ UNCONFIRMED = (
     "again."
 )
 NOT_SETTLED = "This part of the flight is not learned from: climb, landing or strong tilt."
-ACCOUNT: dict[str, str] = tomllib.loads(Path(__file__).with_name("account.toml").read_text())
+ACCOUNT: dict[str, str] = tomllib.loads(Path(__file__).with_name("account.toml").read_text("utf-8"))
 """What the seconds of a session are accounted for as."""
 AHEAD = 0.25  # s; how well the model predicts so far ahead is reported
 HORIZONS = 0.05, 0.1, AHEAD, 0.5  # s; of a live session's predictions, besides one step
@@ -82,6 +83,7 @@ class SessionStatus:
         late, unread: samples that came too late for their row, and frames of another dialect or damaged.
         alarms: the latest changes of the motors' balance; without a motor they are no alarms.
         findings: what the flight says so far; None before the first model.
+        wind, no_wind: the latest row in m/s, None before one; why there is none although the vehicle flies.
         alarm: on the motors that are weak, or which recovered last, in this flight; it stays after the landing.
     """
 
@@ -101,6 +103,8 @@ class SessionStatus:
     alarms: tuple[MotorAlarm, ...] = ()
     findings: Findings | None = None
     alarm: str = ""
+    wind: WindRow | None = None
+    no_wind: str = ""
 
     def predicting(self, estimate: Estimate) -> SessionStatus:
         """Returns the same with ``ahead`` and ``useful`` of an estimate."""

@@ -6,15 +6,16 @@ decides what came before the next good one. Nothing is lost by waiting for that.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable
 from functools import cache
+from importlib.resources import files
 from math import inf, isfinite
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from mavdem.alignment.drive import DEMAND_MESSAGE, MAX_ANGLE, MAX_BODY_RATE, UNUSED_CHANNEL
-from mavdem.alignment.signals import CLIMB_FIELDS
+from mavdem.alignment.drive import MAX_ANGLE, MAX_BODY_RATE, UNUSED_CHANNEL
 from mavdem.ingest.mavlink import framing
 from mavdem.ingest.mavlink.definitions import definitions, parameter_values, seeds
 from mavdem.ingest.mavlink.vehicles import CLOCK_UNITS
@@ -25,18 +26,9 @@ Values = tuple[float, ...]
 MAX_UNDECIDED = 32 * framing.LONGEST_FRAME  # Bytes without a good frame that wait for one
 
 FIELDS: dict[str, tuple[str, ...]] = {
-    "HEARTBEAT": ("type", "autopilot", "base_mode", "custom_mode", "system_status"),
-    "PARAM_VALUE": ("param_id", "param_type", "param_value"),
-    "EXTENDED_SYS_STATE": ("landed_state",),
-    "MESSAGE_INTERVAL": ("message_id", "interval_us"),
-    "COMMAND_ACK": ("command", "result", "target_system", "target_component"),
-    "ATTITUDE": ("roll", "pitch", "rollspeed", "pitchspeed", "yawspeed"),
-    "ATTITUDE_QUATERNION": ("q1", "q2", "q3", "q4", "rollspeed", "pitchspeed", "yawspeed"),
-    "SERVO_OUTPUT_RAW": ("port", *(f"servo{n}_raw" for n in range(1, 17))),
-    "ACTUATOR_OUTPUT_STATUS": ("actuator",),
-    "HIL_ACTUATOR_CONTROLS": ("controls",),
-    DEMAND_MESSAGE: ("group_mlx", "controls"),
-} | {message: (field,) for message, (field, _) in CLIMB_FIELDS.items()}  # of the messages that a model needs
+    name: tuple(fields) for name, fields in json.loads((files("mavdem.live") / "fields.json").read_text()).items()
+}
+"""Of the messages that a model or the wind needs; of those in ``CLIMB_FIELDS`` the vertical speed first."""
 
 
 class Frame(NamedTuple):
@@ -153,18 +145,18 @@ def message_of(frame: Frame) -> Message | None:
 
 
 def attitude(message: Message) -> Values | None:
-    """Roll, pitch, rad, and body rates p and q, rad/s; None if not finite or impossible."""
+    """Roll, pitch, rad, body rates p and q, rad/s, and yaw, rad; None if not finite or impossible."""
     if message.name == "ATTITUDE":
-        roll, pitch, p, q, r = message.values
+        roll, pitch, yaw, p, q, r = message.values
     else:
         *attitude, p, q, r = message.values
         if not all(map(isfinite, attitude)):
             return None
-        roll, pitch, _ = map(float, euler_angles(np.array(attitude)))
+        roll, pitch, yaw = map(float, euler_angles(np.array(attitude)))
     # NaN fails every comparison.
     possible = all(abs(angle) <= MAX_ANGLE for angle in (roll, pitch))
     possible = possible and all(abs(rate) <= MAX_BODY_RATE for rate in (p, q, r))
-    return (roll, pitch, p, q) if possible else None
+    return (roll, pitch, p, q, yaw) if possible else None
 
 
 def outputs(message: Message) -> tuple[int, Values]:

@@ -24,9 +24,8 @@ from mavdem.dem import Estimate, Learned, OnlineLearner, Settings
 from mavdem.ingest.mavlink.definitions import FrameSender
 from mavdem.ingest.motors import motor_parameters
 from mavdem.live import history
-from mavdem.live.decisions import Setup
+from mavdem.live.decisions import Setup, judged
 from mavdem.live.history import Event, LiveHistory, SessionStatus, horizons, sentence
-from mavdem.live.judgement import judged
 from mavdem.live.link import MAX_PIECES, Link, LinkLost
 from mavdem.live.rate_request import MAX_TRIES, REPLY_SECONDS, SILENCE_SECONDS, Arrivals, RateRequest, greeting
 from mavdem.live.rows import AlignedRow
@@ -61,7 +60,7 @@ class LiveSession:
     stream: LiveStream  # of one vehicle
     settings: Settings  # of the learner
     # Called with the first setup and each new one; returns the display of its rows, or None. Its ``put`` takes a row's
-    # time, the shift of a ``LiveHistory``, segment, outputs, inputs, estimate and model, its ``log`` an event, and
+    # time, the shift of a ``LiveHistory``, segment, outputs, inputs, estimate, model and wind; its ``log`` an event;
     # both return at once.
     show: Callable[[Setup], Any]
     report: Callable[[SessionStatus], None]  # called once a second with the status
@@ -320,7 +319,8 @@ class LiveSession:
         self.history.take(row.segment, row.time, row.outputs, estimate)
         if self._display is not None and "plots" not in self._shed:
             shift, segment = self.history.shift, row.segment + self._hidden
-            self._display.put(row.time, shift, segment, row.outputs, row.inputs, estimate, learner.learned)
+            known = estimate, learner.learned, self.stream.air.row
+            self._display.put(row.time, shift, segment, row.outputs, row.inputs, *known)
 
     def _begin(self, setup: Setup) -> None:
         """Takes the learner of a setup's rows, and shows them; a display that fails is not used again."""

@@ -14,6 +14,8 @@ from mavdem.alignment.drive import DEMAND_MESSAGE, INPUTS, MOTOR_MESSAGES, THRUS
 from mavdem.alignment.phases import AVERAGING_SECONDS, MAX_TILT
 from mavdem.alignment.signals import ATTITUDE_MESSAGES, CLIMB_FIELDS, MINIMUM_RATE
 from mavdem.alignment.verdict import NO_ATTITUDE, too_slow
+from mavdem.condition.wind_of_log import FLAGS, VELOCITIES, LiveWind
+from mavdem.dem.airflow.model import Drag
 from mavdem.health.in_flight import MotorAlarm, MotorWatch
 from mavdem.ingest.mavlink.definitions import enum_name
 from mavdem.ingest.mavlink.framing import GOOD
@@ -63,6 +65,7 @@ class LiveStream:
         self._replies: deque[Message] = deque(maxlen=MAX_REPLIES)
         self._streams: dict[tuple[str, int], Samples] = {}  # by message and port, which attitude has none of: 0
         self._choice, self._phase, self._grid, self.alarms = InputChoice(), Phase(), Grid(), MotorAlarms()
+        self.air = LiveWind()
         self._attitude: str | None = None
         self._inputs: Inputs | None = None
         self._reviewed, self._connected_from, self._received = -inf, inf, 0.0
@@ -125,6 +128,8 @@ class LiveStream:
             unread=self._frames.unread,
             alarms=tuple(self.alarms.latest),
             alarm=self.alarms.sentence,
+            wind=self.air.row,
+            no_wind=self.air.reason,
         )
 
     def _rates(self, now: float) -> dict[str, float]:
@@ -155,7 +160,10 @@ class LiveStream:
     def _process(self, sender: Sender, placed: PlacedMessage) -> Iterator[AlignedRow]:
         message, time, name = placed.message, placed.time, placed.message.name
         if name in ATTITUDE_MESSAGES and placed.stamped:
-            yield from self._add(name, 0, time, attitude(message))
+            motion = attitude(message)
+            if motion is not None and name == self._attitude and self._phase.settled(time):
+                self.air.attitude(time, (*motion[:2], motion[-1]))
+            yield from self._add(name, 0, time, motion and motion[:4])
         elif (name in MOTOR_MESSAGES or name == DEMAND_MESSAGE) and placed.stamped:
             port, values = outputs(message)
             if not (name == DEMAND_MESSAGE and port):  # group 0 of the demand is flight control
@@ -166,7 +174,11 @@ class LiveStream:
             # Not of another vehicle with the same ids.
             if identity == (sender.kind, sender.autopilot):
                 self._phase.take_heartbeat(time, autopilot, *state)
+        elif name in FLAGS:
+            self.air.flags = message.values[0]
         elif name == "EXTENDED_SYS_STATE" or name in CLIMB_FIELDS:
+            if name in VELOCITIES and (said := self.air.velocity(name, time, message.values)):
+                self._report(said)
             self._phase.take("landed_state" if name == "EXTENDED_SYS_STATE" else name, time, message.values[0])
         now = self._clock.now
         if now // REVIEW_SECONDS != self._reviewed // REVIEW_SECONDS:
@@ -265,6 +277,7 @@ class LiveStream:
             return
         before, running = self._inputs, self._grid.running
         self._phase.parameters = parameters = self.parameters
+        self.air.set_drag = Drag.of_parameters(sender.autopilot, parameters)
         ids = sender.system, sender.component, sender.kind, sender.autopilot
         staying = before.message if running and before else None
         vehicle, rates = Telemetry(*ids, {}, parameters), self._rates(self._clock.now)
@@ -321,6 +334,7 @@ class LiveStream:
         self.boot = boot
         self._streams.clear()
         self._choice.restart()
+        self.air.restart()
         self._attitude, self._inputs, self._phase = None, None, Phase()
         self.alarms.sentence, self.alarms.weak_since = "", nan
         self._grid.restart()

@@ -18,9 +18,8 @@ from matplotlib.patches import Ellipse
 from numpy.typing import NDArray
 
 from mavdem.dem.engine.ascent import plain_rounds
-from mavdem.dem.engine.coordinates import embed, temporal_precision
 from mavdem.dem.engine.free_energy import Belief, optimal_terms
-from mavdem.dem.engine.generative import GenerativeModel, Prior, SufficientStatistics
+from mavdem.dem.engine.generative import GenerativeModel, Prior, SufficientStatistics, embed, temporal_precision
 from mavdem.dem.engine.linalg import Array, inverse
 from mavdem.dem.engine.steps import with_optimal_precisions
 from mavdem.paper.runner import Check, Result, Runner

@@ -27,8 +27,7 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.dem.parallel import parallel_map
 from mavdem.errors import NotLearnable
 from mavdem.evaluate.comparison import JOINT, Method, Outcome, evaluate_window
-from mavdem.evaluate.scores import FROM_ZERO, KNOWN
-from mavdem.evaluate.windows import Window, windows
+from mavdem.evaluate.scores import FROM_ZERO, KNOWN, Window, windows
 from mavdem.export.conversion import STREAMS
 from mavdem.flight import Flight
 from mavdem.ingest import read_log

@@ -14,7 +14,7 @@ from pathlib import PurePath
 
 import numpy as np
 
-from mavdem.evaluate.truth import ComparedParameter, TruthComparison
+from mavdem.evaluate.held_out import ComparedParameter, TruthComparison
 from mavdem.fleet import difference
 from mavdem.fleet import row as fleet_row
 from mavdem.fleet.difference import BETWEEN, FAMILY_ERROR, Conditions, Flights, QuantityChange, VehicleDifference
@@ -321,6 +321,9 @@ def live_report(
     blocks += [Sentence(alarm.sentence.removeprefix("Alarm: "), "Motors:") for alarm in status.alarms]
     if any(alarm.weak for alarm in status.alarms):
         blocks.append(Sentence(FALSE_ALARMS_BASIS, "False alarms:"))
+    if status.wind is not None or status.no_wind:
+        said = f"{''.join(status.wind.words())}, at {status.wind.time:.0f} s." if status.wind else status.no_wind
+        blocks.append(Sentence(said, "Wind:"))
     if status.obstacle:
         blocks.append(Sentence(status.obstacle, "At the end:"))
     if errors:

@@ -200,7 +200,7 @@ def flight_page(file: str, analyses: Mapping[str, LogAnalysis], air: Air | None 
     return log_page(Sentence(subtitle, file), blocks, analyses, back=("Fleet", "../index.html"), air=air)
 
 
-_TEXTS = tomllib.loads((files("mavdem.report") / "pictures.toml").read_text())
+_TEXTS = tomllib.loads((files("mavdem.report") / "pictures.toml").read_text("utf-8"))
 PICTURES = {method: (table["title"], table["caption"]) for method, table in _TEXTS.items()}
 """Title and caption by the method of ``learned.plot`` that draws it."""
 FEW_PICTURES = "forecast", "disturbance", "motors"

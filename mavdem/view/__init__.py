@@ -9,7 +9,7 @@ os.environ.setdefault(
 )
 
 from mavdem.view.flown import Pose, write_pose  # noqa: E402
+from mavdem.view.live_view import show  # noqa: E402
 from mavdem.view.recording import write_recording, write_words  # noqa: E402
-from mavdem.view.viewer import show  # noqa: E402
 
 __all__ = ["Pose", "show", "write_pose", "write_recording", "write_words"]

@@ -11,6 +11,8 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from mavdem.condition.wind_of_log import WindRow
+from mavdem.condition.wind_velocity import from_point
 from mavdem.confidence import LEVEL
 from mavdem.dem import Estimate, Learned, LinearModel, Physical
 from mavdem.dem.engine.linalg import Array
@@ -25,7 +27,7 @@ from mavdem.report.blocks import markdown
 from mavdem.report.numbers import TORQUE, named, per, place, plus_minus, readable, state_names, with_unit
 from mavdem.report.palette import BAD, BAND_OPACITY, BOUND, COMMAND, DISTURBANCE, MEASURED, PREDICTED, distinct
 from mavdem.report.screen import verdict_blocks
-from mavdem.view.plots import BOOT_CLOCK, Lines, blueprint, faint
+from mavdem.view.flown import BOOT_CLOCK, Lines, blueprint, faint
 
 FLIGHT_SECONDS, LEARNING_SECONDS = 20.0, 120.0  # in view
 LEGEND = (
@@ -61,6 +63,7 @@ class ViewRow(NamedTuple):
     estimate: Estimate | None  # of this sample; ``None`` without a learner
     learned: Learned | None  # the learner's last batch result
     channels: Channels  # of outputs and inputs
+    wind: WindRow | None = None  # the latest, in m/s
 
 
 def log(recording: rr.RecordingStream, time: float, sentence: str, level: str = "INFO") -> None:
@@ -83,7 +86,7 @@ class LiveWriter:
         self._segment: int | None = None
         self._seen: dict[str, tuple[float, float]] = {}  # by plot, the least and most that were measured
         self._changes: list[float] = []  # times at which a motor changed, s
-        self._unusual = False
+        self._unusual, self._aired = False, -np.inf
         self._model: LinearModel | None = None
         self._styled: set[Lines] = set()
 
@@ -104,6 +107,7 @@ class LiveWriter:
         estimates = [(row.estimate, row.shift) for row in rows if row.estimate is not None]
         self._judgement([pair for pair in estimates if np.isfinite(pair[0].seen)])
         self._wind(estimates)
+        self._air(rows)
         self._models(rows)
 
     def mark(self, since: float) -> None:
@@ -171,6 +175,15 @@ class LiveWriter:
             band = Lines("wind/0_band", ("90 % band",), (faint(DISTURBANCE, BAND_OPACITY),), filled=True)
             self._draw(band, time, self._in_sight("wind", scale * torque, scale * edges))
             self._draw(Lines("wind/1_torque", ("torque",), (DISTURBANCE,)), time, scale * torque[:, None])
+
+    def _air(self, rows: Sequence[ViewRow]) -> None:
+        """Draws the speed of the wind in m/s with its interval, each row once."""
+        new = {row.wind.time + row.shift: row.wind.by_compass[:3] for row in rows if row.wind is not None}
+        new = {time: speeds for time, speeds in new.items() if time > self._aired}
+        if new:
+            self._aired, speeds = max(new), np.array([*new.values()])
+            lines = Lines("air/speed", ("wind", "90 % from", "to"), (DISTURBANCE, *2 * (faint(DISTURBANCE, 0.5),)))
+            self._draw(lines, np.array([*new]), self._in_sight("air", speeds[:, 0], speeds))
 
     def _log_gusts(self) -> None:
         """Logs the gusts of the latest torque that have ended since the last time, about once a second."""
@@ -252,12 +265,12 @@ def live_blueprint(channels: Channels) -> rrb.Blueprint:
         outputs.append(plot(heading, rr.new_entity_path(["outputs", name])))
     command = f"{channels.output_names[0].capitalize()} command" if channels.command else "Motors"
     inputs = plot(named(command, next(iter(channels.input_units), "")), "command")
-    wind = plot(f"Wind torque, {TORQUE.name}", "wind")
-    pictures = rrb.Vertical(outputs[0], wind, inputs, row_shares=[42, 32, 26])
+    wind, air = plot(f"Wind torque, {TORQUE.name}", "wind"), plot("Wind, m/s", "air")
+    pictures = rrb.Vertical(outputs[0], wind, air, inputs, row_shares=[34, 25, 20, 21])
     log_columns = rrb.archetypes.TextLogColumns(timeline_columns=[BOOT_CLOCK], text_log_columns=["LogLevel", "Body"])
     events = rrb.TextLogView(origin="log", name="Events", columns=log_columns)
     beside = rrb.Horizontal(pictures, events, column_shares=[70, 30])
-    cards = (rrb.TextDocumentView(origin=f"figures/{i}", name=f"Figure {i}", titlebar=False) for i in range(4))
+    cards = (rrb.TextDocumentView(origin=f"figures/{i}", name=f"Figure {i}", titlebar=False) for i in range(5))
     flight = rrb.Vertical(rrb.Horizontal(*cards), beside, row_shares=[13, 87], name="Flight")
     precisions = plot("λ: log precisions of the noise", "noise_precisions", LEARNING_SECONDS)
     energy = plot("F̄ of the learner's memory, nats", "free_energy_action", LEARNING_SECONDS)
@@ -270,7 +283,7 @@ def live_blueprint(channels: Channels) -> rrb.Blueprint:
 
 
 def figures(status: SessionStatus, row: ViewRow, until: float | None) -> tuple[str, ...]:
-    """Returns four Markdown documents: the state, the prediction, the wind torque, and the physical parameters.
+    """Returns five Markdown documents: the state, the prediction, the wind and its torque, and physical parameters.
 
     ``row`` is the latest; the model was learned ``until`` s of the boot clock.
     """
@@ -297,7 +310,13 @@ def figures(status: SessionStatus, row: ViewRow, until: float | None) -> tuple[s
         pairs = zip((mean, (physical.damping, physical.interval(LEVEL).damping)), names, strict=True)
         words = [f"{plus_minus(*pair)} {name}" if isfinite(pair[1]) else "not identifiable" for pair, name in pairs]
         effect = words[0], f"rate damping {words[1]}"
-    shown |= {f"Error of the predicted {output}": error, "Wind torque": torque, "Control effectiveness": effect}
+    wind = "–", status.no_wind or "needs attitude and velocity over ground"
+    if (latest := status.wind) is not None:
+        speed, origin = latest.words()
+        arrow = f" {from_point(latest.by_compass[3])[-1]}" if origin else ""
+        wind = speed + arrow, f"{origin} (90 %), {row.time - row.shift - latest.time:.1f} s ago".strip()
+    shown |= {f"Error of the predicted {output}": error, "Wind": wind}
+    shown |= {"Wind torque": torque, "Control effectiveness": effect}
     return tuple(f"{name}\n### {value}\n{remark}" for name, (value, remark) in shown.items())
 
 

@@ -24,8 +24,7 @@ from mavdem.report import palette
 from mavdem.report.blocks import Block, Table, markdown
 from mavdem.report.numbers import TORQUE, AxisCommand, Labels, named, per, place, plus_minus, readable, state_names
 from mavdem.report.screen import detail_blocks, screen, title, verdict_blocks
-from mavdem.view.flown import path_with_wind
-from mavdem.view.plots import Plot, blueprint, faint, range_of, recorded, with_gaps
+from mavdem.view.flown import Plot, blueprint, faint, path_with_wind, range_of, recorded, with_gaps
 
 AIR_POINTS = 2000  # of the wind over time: strokes of its band touch each other
 BEYOND = 0.15  # how far a plot extends beyond the measured values, in spans of them, where a forecast does

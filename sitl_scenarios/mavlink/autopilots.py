@@ -64,7 +64,7 @@ class Autopilot:
 
 
 def _known(name: Literal["px4", "ardupilot"]) -> Autopilot:
-    table = tomllib.loads((files("sitl_scenarios.mavlink") / "autopilots.toml").read_text())[name]
+    table = tomllib.loads((files("sitl_scenarios.mavlink") / "autopilots.toml").read_text("utf-8"))[name]
     values: dict[str, Any] = {key: tuple(one) if isinstance(one, list) else one for key, one in table.items()}
     values["modes"] = {state: tuple(mode) for state, mode in enumerate(table["modes"], ON_GROUND)}
     values["words"] = {(before, after): text for before, after, text in table["words"]}

@@ -6,11 +6,12 @@ from recorded_flights import shared
 
 import mavdem
 from mavdem.alignment.drive import Signal
-from mavdem.condition.wind_of_log import YAW_JUMP, _jumps
+from mavdem.condition.wind_of_log import YAW_JUMP, LiveWind, WindRow, _jumps
 from mavdem.condition.wind_velocity import coming_from, torque_explained
-from mavdem.dem.airflow.drag import Drag
-from mavdem.dem.airflow.model import motion
+from mavdem.dem.airflow import identification
+from mavdem.dem.airflow.model import Drag, motion
 from mavdem.errors import NotLearnable
+from mavdem.live.stream import LiveStream
 from mavdem.report.condition import wind_blocks
 
 LINEAR, QUADRATIC = np.array([0.3, 0.24]), np.array([0.01, 0.016])
@@ -146,6 +147,36 @@ def test_solo_beside_an_anemometer():
         found, true = (one[:whole].reshape(-1, seconds, 2).mean(axis=1) @ [1, 1j] for one in (course, air[second]))
         assert np.sqrt(np.mean((np.abs(found) - np.abs(true)) ** 2)) < most
     assert np.degrees(np.sqrt(np.mean(np.angle(found / true) ** 2))) < 10
+
+
+def test_live_rows_are_the_filter_of_the_same_bytes(monkeypatch):
+    log, prior = shared("sitl_events/ap_short_with_climb.tlog"), Drag.of_parameters()
+    stream, rows = LiveStream(), dict[float, WindRow]()
+    stream.air.drag = drag = Drag(prior.mean, 1e-4 * prior.covariance, "calibration")
+    for at in range(0, len(data := log.read_bytes()), 256):
+        stream.feed(0.0, data[at : at + 256])
+        if (row := stream.status().wind) is not None and row.time not in rows:
+            rows[row.time] = row
+            assert stream.now - row.time < 1.0
+    # What is not smoothed is the filter's.
+    monkeypatch.setattr(identification, "smoothed", lambda before, states, spread, spreads, decay: (states, spreads))
+    wind, times = mavdem.wind(log, drag=drag), np.array([*rows])
+    assert np.median(np.diff(times)) == pytest.approx(0.1, abs=1e-6)
+    filtered = np.column_stack([np.interp(times, wind.time, part) for part in wind.velocity.T])
+    assert np.sqrt(np.mean((filtered - [row.velocity for row in rows.values()]) ** 2)) < 0.15
+
+
+@pytest.mark.parametrize(("scale", "why"), [(1.0, ""), (0.01, "does not follow the tilt"), (0.0, "never changes")])
+def test_live_rows_are_of_free_flight_only(scale, why):
+    time, attitude, velocity, air = flight(seed=7, jump=1.0)
+    live = LiveWind()
+    live.drag = mavdem.estimate_drag(time, attitude, velocity, air)
+    place = np.cumsum(scale * velocity[:, :2], axis=0) / 10 + 30.0 * (time > 60)[:, None]  # it is reset once
+    for at, angles, (north, east, down), xy in zip(time, attitude, scale * velocity, place, strict=True):
+        live.attitude(at, angles)
+        live.velocity("LOCAL_POSITION_NED", at, (down, north, east, *xy))
+    assert why in live.reason and (live.row is None) == bool(why)
+    assert why or np.all(np.abs(live.row.velocity - air[time > live.row.time][0]) < 2 * live.row.band)
 
 
 # Of the last, 5 m/s are those at 60 m: SIM_WIND_T is its default.

@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag, expm
 
-from mavdem.dem.engine.coordinates import derivative_operator
 from mavdem.dem.engine.free_energy import add_blocks, state_curvature, theta_curvature
-from mavdem.dem.engine.generative import GeneralizedMoments, GenerativeModel
+from mavdem.dem.engine.generative import GeneralizedMoments, GenerativeModel, derivative_operator
 from mavdem.dem.engine.linalg import solve
 
 Array = NDArray[np.float64]

@@ -5,8 +5,7 @@ import pytest
 from numpy.typing import NDArray
 from recorded_flights import SHARED
 
-from mavdem.dem.engine.coordinates import embed, temporal_precision
-from mavdem.dem.engine.generative import GenerativeModel, Prior
+from mavdem.dem.engine.generative import GenerativeModel, Prior, embed, temporal_precision
 from mavdem.dem.engine.model import pack
 
 Array = NDArray[np.float64]

@@ -11,9 +11,8 @@ import mavdem
 from mavdem import Flight
 from mavdem.dem.forecast.joint import known_combinations
 from mavdem.dem.forecast.var import Var
-from mavdem.dem.online.ahead import OnlineJoint
+from mavdem.dem.online.ahead import Memory, OnlineJoint
 from mavdem.dem.online.learner import BLOCK_SECONDS, HORIZONS
-from mavdem.dem.online.memory import Memory
 from mavdem.dem.online.tracker import ErrorBands
 from mavdem.dem.record import Record
 

@@ -12,7 +12,7 @@ from dem_posterior import DT, Embedding, decay, parameters_of, roll, states_of, 
 from joint_gaussian import parameters_given
 from scipy.special import erfc
 
-from mavdem.dem.engine.coordinates import temporal_precision
+from mavdem.dem.engine.generative import temporal_precision
 
 SERIES = 40
 

@@ -14,7 +14,7 @@ from scipy.stats import multivariate_normal
 from textbook_filter import TextbookFilter
 
 from mavdem.dem.engine import kalman
-from mavdem.dem.engine.coordinates import embed, taylor_weights, temporal_covariance, temporal_precision
+from mavdem.dem.engine.generative import embed, taylor_weights, temporal_covariance, temporal_precision
 from mavdem.dem.engine.kalman import GaussianModel, smoothed, steady_covariance, steady_gain
 from mavdem.dem.engine.linalg import inverse, logdet, solve
 from mavdem.dem.engine.model import WORST_MODES, discretize, pack, recursion, unpack

@@ -11,9 +11,8 @@ from oracle import case_a_generalized, case_a_model, case_a_truth, load, needs_o
 
 import mavdem
 from mavdem.dem.engine.ascent import plain_rounds
-from mavdem.dem.engine.coordinates import taylor_weights
 from mavdem.dem.engine.free_energy import Belief, free_energy_action, optimal_terms, state_curvature, theta_curvature
-from mavdem.dem.engine.generative import GeneralizedMoments, GenerativeModel, SufficientStatistics
+from mavdem.dem.engine.generative import GeneralizedMoments, GenerativeModel, SufficientStatistics, taylor_weights
 from mavdem.dem.engine.linalg import inverse, solve
 
 pytestmark = needs_oracle

@@ -24,7 +24,7 @@ from mavdem.dem.graybox.likelihood import (
     smooth,
 )
 from mavdem.dem.graybox.parameters import Physical, WindComponent, WindowTable, answers
-from mavdem.dem.graybox.simulation import simulated
+from mavdem.dem.graybox.wind import simulated
 from mavdem.dem.record import Record
 from sitl_scenarios.dynamics import euler
 from sitl_scenarios.files import load

@@ -10,7 +10,7 @@ from simulated import DT, GAIN, RATE, simulated
 
 from mavdem import Flight, Settings, learn
 from mavdem.dem import Gaussian
-from mavdem.dem.engine.coordinates import temporal_precision
+from mavdem.dem.engine.generative import temporal_precision
 from mavdem.dem.engine.model import pack, unpack
 from mavdem.dem.engine.state_space import filter_gain
 from mavdem.dem.priors import hyperparameter_groups, hyperparameter_prior

@@ -10,8 +10,7 @@ from simulated import simulated
 from mavdem import Flight, baselines
 from mavdem.evaluate import HORIZONS, Paired, mspe, relative_mspe
 from mavdem.evaluate.comparison import METHODS, Comparison, Method, Outcome, compare, evaluate_window, outcomes
-from mavdem.evaluate.scores import FROM_ZERO, KNOWN, UNKNOWN, ratio
-from mavdem.evaluate.windows import windows
+from mavdem.evaluate.scores import FROM_ZERO, KNOWN, UNKNOWN, ratio, windows
 from mavdem.report.comparison import comparison_report
 
 FLIGHTS = {name: simulated(seed, samples=1700, wind=2.0) for seed, name in enumerate("ab")}

@@ -9,8 +9,18 @@ from scipy.stats import binom, wilcoxon
 from mavdem import Flight, baselines, evaluate
 from mavdem.evaluate import HORIZONS, horizons
 from mavdem.evaluate.comparison import Method, evaluate_window
-from mavdem.evaluate.scores import KNOWN, Paired, by_horizon, disjoint, paired, ratio, score, score_values
-from mavdem.evaluate.windows import Window, windows
+from mavdem.evaluate.scores import (
+    KNOWN,
+    Paired,
+    Window,
+    by_horizon,
+    disjoint,
+    paired,
+    ratio,
+    score,
+    score_values,
+    windows,
+)
 
 RNG = np.random.default_rng(0)
 WALK = RNG.standard_normal((850, 2)).cumsum(axis=0) * [1, 10]

@@ -11,7 +11,7 @@ from mavdem.dem import physical
 from mavdem.dem.graybox.wind import wind
 from mavdem.dem.record import Record
 from mavdem.errors import Unreadable
-from mavdem.evaluate.truth import TruthComparison, compare_with_truth, read_truth, truth_of
+from mavdem.evaluate.held_out import TruthComparison, compare_with_truth, read_truth, truth_of
 from mavdem.paper.runner import hover
 from mavdem.report.flights import truth_blocks
 from sitl_scenarios.files import load

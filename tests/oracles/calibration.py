@@ -14,14 +14,16 @@ from order_systems import motion
 
 from mavdem.confidence import LEVEL, half_width
 from mavdem.dem.engine.ascent import ascend
-from mavdem.dem.engine.coordinates import (
+from mavdem.dem.engine.generative import (
+    GenerativeModel,
+    Prior,
+    SufficientStatistics,
     embed,
     sampled_output_precision,
     sampled_state_precision,
     temporal_covariance,
     temporal_precision,
 )
-from mavdem.dem.engine.generative import GenerativeModel, Prior, SufficientStatistics
 from mavdem.dem.engine.model import pack, unpack
 from mavdem.dem.fitting import uncertainty_of
 from mavdem.dem.priors import KNOWN

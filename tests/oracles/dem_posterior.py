@@ -7,9 +7,16 @@ from joint_gaussian import ParameterPrior, System
 from numpy.typing import NDArray
 
 from mavdem.dem.engine.ascent import ascend
-from mavdem.dem.engine.coordinates import embed, sampled_output_precision, sampled_state_precision, temporal_precision
 from mavdem.dem.engine.free_energy import state_curvature
-from mavdem.dem.engine.generative import GenerativeModel, Prior, SufficientStatistics
+from mavdem.dem.engine.generative import (
+    GenerativeModel,
+    Prior,
+    SufficientStatistics,
+    embed,
+    sampled_output_precision,
+    sampled_state_precision,
+    temporal_precision,
+)
 from mavdem.dem.engine.linalg import inverse
 from mavdem.dem.engine.steps import d_step
 from mavdem.dem.priors import KNOWN

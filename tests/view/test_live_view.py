@@ -25,12 +25,12 @@ from numpy.typing import NDArray
 from rerun_file import chunks, views
 
 import mavdem
+from mavdem.condition.wind_of_log import WindRow
 from mavdem.dem import Estimate, LinearModel
 from mavdem.live import Event as Occurrence
 from mavdem.live import SessionStatus
 from mavdem.view.live_content import Channels, ViewRow, figures, status_document
-from mavdem.view.live_view import MAX_ROWS, LiveView
-from mavdem.view.viewer import RecordingFile, Sink, Viewer, WebServer, sinks_for
+from mavdem.view.live_view import MAX_ROWS, LiveView, RecordingFile, Sink, Viewer, WebServer, sinks_for
 
 PATIENCE = 20.0  # Seconds that a slow, busy machine may take for anything; on others nothing waits for them
 DT, HORIZONS = 0.01, (1, 25, 50)
@@ -65,6 +65,7 @@ OUTPUTS = np.random.default_rng(1).normal(size=(300, 2))
 INPUTS = np.random.default_rng(2).uniform(1000, 2000, size=(300, 4))
 ESTIMATES = [None if i < 20 else estimate(i, t) for i, t in enumerate(TIME)]
 TOLD = ESTIMATES[20:]
+WIND = WindRow(59.25, np.array([3.0, -4.0]), np.array([0.5, 0.5]))
 ROW = (50.0, 0.0, 0, OUTPUTS[0], INPUTS[0])
 
 
@@ -122,7 +123,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory):
         view.log(Occurrence(50.0, "attached"))
         view.status(SessionStatus(rates=rates, lost=7, latency=(0.012, 0.02), learned=300, obstacle="no motion"))
         for t, y, u, known in zip(TIME, OUTPUTS, INPUTS, ESTIMATES, strict=True):
-            view.put(t, 0.0, 0, y, u, known)
+            view.put(t, 0.0, 0, y, u, known, None, WIND._replace(time=round(t, 1)))
         view.log(Occurrence(TIME[-1], "link lost"))
     assert view.troubles == []
     return path
@@ -157,6 +158,7 @@ def test_what_is_estimated_is_drawn_at_the_times_it_is_about(recording):
         "wind/1_torque": (TIME[20:] - 0.25, torques[:, None]),
         "free_energy_action": (TIME[20::10], -1000.0 - np.arange(2.0, 30)[:, None]),  # once a model
         "command": (TIME, INPUTS),
+        "air/speed": (np.unique(TIME.round(1)), np.tile([5.0, 4.5, 5.5], (31, 1))),  # each row of the wind once
     }
     lines = drawn(recording)
     for path, (times, values) in expected.items():
@@ -174,7 +176,7 @@ def test_log_status_and_blueprint_show_what_is_there_in_batches_that_are_not_tin
         assert fact in document
     entities = {name: batch.num_rows for name, _, batch in chunks(recording)}
     assert min(rows for name, rows in entities.items() if name.startswith(("outputs", "command"))) >= 100
-    assert len(views(recording)) == 14
+    assert len(views(recording)) == 16
     for origin in set(views(recording)) - {"noise_precisions"}:  # drawn from the first batch of learning on
         assert any(f"{entity}/".startswith(f"{origin}/") for entity in entities), f"the view of {origin} is empty"
 
@@ -325,12 +327,13 @@ def test_figures_and_status_show_what_is_known_and_a_model_outlives_the_flight()
     physical = SimpleNamespace(
         mean_effect=lambda level: (0.1, 0.01), damping=3.0, interval=lambda level: SimpleNamespace(damping=np.nan)
     )
-    status = SessionStatus(learned=4200, ahead=(0.25, np.radians(2.0)), useful=(0.5, 0.41))
+    status = SessionStatus(wind=WIND, learned=4200, ahead=(0.25, np.radians(2.0)), useful=(0.5, 0.41))
     now = estimate(60, 60.0)._replace(physical=physical)
     shown = "\n".join(figures(status, row._replace(estimate=now), 59.0))
     for words in ("learning, 42 s learned", "± 2.0°\n0.25 s ahead (90 %); error ratio 0.41 at 0.5 s", "340 ± 30 °/s²"):
         assert words in shown
     assert "5.7 ± 0.6 °/s² per µs\nrate damping not identifiable" in shown
+    assert "Wind\n### 5.0 m/s (4.5 to 5.5) ↖\nfrom SE (127°) ↖, ± 7° (90 %), 0.8 s ago" in shown
 
 
 def test_a_row_that_cannot_be_drawn_and_a_file_that_cannot_be_written_end_nothing(tmp_path):
@@ -376,7 +379,7 @@ def test_a_killed_process_or_a_full_disk_leaves_a_file_that_opens(tmp_path, monk
 
 
 def test_what_was_asked_for_is_shown_or_refused(monkeypatch, tmp_path):
-    monkeypatch.setattr("mavdem.view.viewer.has_screen", lambda: False)
+    monkeypatch.setattr("mavdem.view.live_view.has_screen", lambda: False)
     assert sinks_for() == []
     assert [type(sink) for sink in sinks_for(rrd=tmp_path / "flight.rrd")] == [RecordingFile]
     assert [type(sink) for sink in sinks_for(connect="rerun+http://127.0.0.1:1/proxy")] == [Viewer]
@@ -401,7 +404,7 @@ def test_a_viewer_that_is_not_there_is_not_connected_to(monkeypatch):
 
 SERVING = """
 import sys, time
-from mavdem.view.viewer import WebServer
+from mavdem.view.live_view import WebServer
 server = WebServer(*map(int, sys.argv[1:]))
 print(server.page, flush=True)
 time.sleep(3600)

@@ -26,7 +26,7 @@ import numpy as np
 
 import mavdem
 from mavdem import baselines, evaluate
-from mavdem.evaluate.windows import Window, windows
+from mavdem.evaluate.scores import Window, windows
 from mavdem.paper.runner import SHARED, logged, recorded_flights
 from sitl_scenarios.files import load, scenario_of
 

@@ -40,8 +40,7 @@ from mavdem.dem.record import Record
 from mavdem.dem.settings import CompleteSettings
 from mavdem.ingest import read_log
 from mavdem.live import LiveStream
-from mavdem.live.link import Link
-from mavdem.live.recording import RawRecording
+from mavdem.live.link import Link, RawRecording
 from mavdem.live.session import LiveSession
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from mavdem.condition.loop.loop import Loop
 from mavdem.condition.loop.response import evenly, measured_response
 from mavdem.confidence import quantile
-from mavdem.dem.airflow.drag import Drag
+from mavdem.dem.airflow.model import Drag
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.graybox.wind import wind_density
 from mavdem.dem.record import Record

@@ -11,8 +11,20 @@ from itertools import takewhile
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.dem.airflow.drag import AXES, Drag, coefficients
-from mavdem.dem.airflow.model import FREEDOM, GRAVITY, WIND_SD, Motion, air_speed, drawn, filtered, motion, smoothed
+from mavdem.dem.airflow.model import (
+    AXES,
+    FREEDOM,
+    GRAVITY,
+    WIND_SD,
+    Drag,
+    Motion,
+    air_speed,
+    coefficients,
+    drawn,
+    filtered,
+    motion,
+    smoothed,
+)
 from mavdem.dem.engine.linalg import Array
 from mavdem.errors import NotLearnable
 

@@ -13,7 +13,6 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import block_diag
 
-from mavdem.dem.engine.coordinates import derivative_operator
 from mavdem.dem.engine.free_energy import (
     Belief,
     add_blocks,
@@ -24,7 +23,7 @@ from mavdem.dem.engine.free_energy import (
     state_curvature,
     theta_curvature,
 )
-from mavdem.dem.engine.generative import GeneralizedMoments, GenerativeModel, SufficientStatistics
+from mavdem.dem.engine.generative import GeneralizedMoments, GenerativeModel, SufficientStatistics, derivative_operator
 from mavdem.dem.engine.linalg import Array, inverse, solve
 from mavdem.dem.engine.model import discretize, recursion
 

@@ -22,7 +22,7 @@ from numpy.polynomial.legendre import legvander
 from mavdem.confidence import half_width
 from mavdem.dem.engine.linalg import Array, one_thread
 from mavdem.dem.forecast import var
-from mavdem.dem.forecast.mixer import FEWEST_ROTORS, turning_patterns
+from mavdem.dem.forecast.var import FEWEST_ROTORS, turning_patterns
 from mavdem.dem.record import Record
 
 LAGS = (6, 8, 10, 14, 20)  # that F̄ chooses from, samples

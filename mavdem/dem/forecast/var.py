@@ -12,6 +12,7 @@ outputs since the past ended: the state of a Kalman filter whose noises of measu
 from __future__ import annotations
 
 from collections.abc import Iterable
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +22,7 @@ from mavdem.dem.engine.kalman import KalmanFilter
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.record import Record, Spread
 
+FEWEST_ROTORS = 3  # with fewer inputs they are not a multirotor's motors, but demands about an axis
 RIDGE = 0.01
 """Precision of the prior of the first lag's coefficients, of channels of deviation 1 and innovations of covariance Σ.
 As a precision it does not grow with the number of samples."""
@@ -380,3 +382,12 @@ def pieces(number: int, steps: int, length: int) -> np.typing.NDArray[np.intp]:
 def latest_first(past: Array) -> Array:
     """Returns (…, lags · k) of a ``past`` (…, lags, k)."""
     return past[..., ::-1, :].reshape(*past.shape[:-2], past.shape[-2] * past.shape[-1])
+
+
+def turning_patterns(rotors: int) -> list[Array]:
+    """Returns (rotors,) combinations of unit length: of four rotors those of an X, then of a plus; else none."""
+    if rotors != 4:
+        return []
+    x = np.array([[1, 1, -1, -1], [1, -1, 1, -1], [1, -1, -1, 1]]) / 2
+    plus = [(np.eye(4)[one] - np.eye(4)[other]) / np.sqrt(2) for one, other in combinations(range(4), 2)]
+    return [*x, *plus]

@@ -18,13 +18,11 @@ from mavdem.dem.forecast.joint import known_combinations
 from mavdem.dem.graybox.parameters import Physical
 from mavdem.dem.learned import Learned
 from mavdem.dem.learning import FEWEST_SAMPLES, learn
-from mavdem.dem.online.ahead import OnlineJoint
-from mavdem.dem.online.memory import Memory, drop_since
+from mavdem.dem.online.ahead import Memory, OnlineJoint, drop_since
 from mavdem.dem.online.tracker import AnomalyMarks, ErrorBands, Estimate, Surprise, Tracker, Tracking
 from mavdem.dem.online.wind import OnlineWind
-from mavdem.dem.record import LARGEST, SHORTEST_STEP, Record, required_number
+from mavdem.dem.record import LARGEST, SHORTEST_STEP, Record, is_number, is_whole, real_numbers, required_number
 from mavdem.dem.settings import Settings
-from mavdem.dem.validation import is_number, is_whole, real_numbers
 
 BLOCK_SECONDS = 0.1  # of samples, which are remembered and forgotten together
 LEARNING_SECONDS = 2.0  # of samples, before the first call of ``learn``, and between two

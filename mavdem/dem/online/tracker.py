@@ -14,16 +14,15 @@ import numpy as np
 
 from mavdem.confidence import LEVEL
 from mavdem.dem.engine.ascent import CoordinateAscent
-from mavdem.dem.engine.coordinates import taylor_weights
 from mavdem.dem.engine.free_energy import Belief, SampleEnergy
-from mavdem.dem.engine.generative import GeneralizedMoments, SufficientStatistics
+from mavdem.dem.engine.generative import GeneralizedMoments, SufficientStatistics, taylor_weights
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import LinearModel, unpack
 from mavdem.dem.engine.steps import with_optimal_precisions
 from mavdem.dem.fitting import generalized, generative_model
 from mavdem.dem.graybox.parameters import Physical
 from mavdem.dem.learned import Learned
-from mavdem.dem.online.memory import Memory
+from mavdem.dem.online.ahead import Memory
 
 BAND_SECONDS = 6.0
 """Of errors: fewer give no steady quantile, and a change of the vehicle widens bands for this long."""
