@@ -298,19 +298,13 @@ class Body:
         a, b, c, d = (speed * left for speed, left in zip(speeds, self.condition.speed, strict=True))
         return a, b, c, d
 
-    def spun(self, rotors: Four, targets: Four, steps: int) -> Four:
-        """Rotor speeds after some steps towards what their commands settle at, the body standing still."""
-        for _ in range(steps):
-            _, rotors = self._lagged(rotors, targets)
-        return rotors
-
     def moved(self, state: State, targets: Four, air: AirState, steps: int) -> State:
         """The state after some steps in the air; ``targets``: what the rotors' commands settle at, rad/s."""
         change, h, half = self.dynamics, self._step, self._step / 2
         (x, y, z), (u, v, w), attitude, (p, q, r), rotors, last = state
         an, ae, ad, ap, aq, ar = last[:6]
         for _ in range(steps):
-            middle_rotors, rotors = self._lagged(rotors, targets)
+            middle_rotors, rotors = self.lagged(rotors, targets)
             # Half a step of rotation by the rates; their own change would be of higher order.
             last = change(
                 turned(attitude, (p * half / 2, q * half / 2, r * half / 2)),
@@ -335,8 +329,8 @@ class Body:
             r += h * ar
         return State((x, y, z), (u, v, w), attitude, (p, q, r), rotors, last)
 
-    def _lagged(self, rotors: Four, targets: Four) -> tuple[Four, Four]:
-        """Speeds half a step and a step later."""
+    def lagged(self, rotors: Four, targets: Four) -> tuple[Four, Four]:
+        """Rotor speeds half a step and a step later, on their way to what their commands settle at, rad/s."""
         o1, o2, o3, o4 = rotors
         t1, t2, t3, t4 = targets
         half_up, up, half_down, down = self._keeps

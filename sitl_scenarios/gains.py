@@ -6,13 +6,14 @@ loop's demand and the motors the autopilot's mixer, thrust curve and range.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import fsum, pi, sqrt
 
 from mavdem.ingest.controllers import USED, controller_of
 from mavdem.ingest.controllers import Controller as AxisController
-from sitl_scenarios.controller import LEAD, Controller
+from sitl_scenarios.controller import LEAD, Controller, Gains
 from sitl_scenarios.dynamics import IDLE_COMMAND, SPINS, Four, RotorFrame, frame, mix
-from sitl_scenarios.scenario import AXES, Scenario
+from sitl_scenarios.scenario import AXES, Scenario, VehicleSpec
 from sitl_scenarios.vehicles import airframe
 
 CYCLES = {"px4": 1 / 250, "ardupilot": 1 / 400}
@@ -44,7 +45,8 @@ def check_parameters(scenario: Scenario) -> None:
 def parameters_of(scenario: Scenario, cycle: float) -> dict[str, float]:
     """Returns the parameters of control: those that suit the vehicle, and what ``vehicle.parameters`` says instead."""
     kind, rate = scenario.stream.autopilot, round(1 / cycle)
-    own = _px4(scenario, cycle) if kind == "px4" else _ardupilot(scenario, cycle)
+    gains = Controller(scenario.vehicle, cycle, scenario.sensors.delay).gains
+    own = (_px4 if kind == "px4" else _ardupilot)(scenario.vehicle, gains)
     return own | {LOOP_RATES[kind]: rate} | scenario.vehicle.parameters
 
 
@@ -122,23 +124,21 @@ class _RateLoop:
         return self._output
 
 
-def _slope_in_hover(scenario: Scenario, low: float, high: float) -> tuple[float, float]:
+def _slope_in_hover(vehicle: VehicleSpec, low: float, high: float) -> tuple[float, float]:
     """The thrust's quadratic share, and output per thrust where a range ``low`` to ``high`` undoes it."""
-    share, body = scenario.vehicle.quadratic_thrust or 0.0, airframe(scenario.vehicle)
+    share, body = vehicle.quadratic_thrust or 0.0, airframe(vehicle)
     hover = (body.command_for(body.hover_speed) / body.full - low) / (high - low)
     return share, (high - low) / (1.0 - share + 2 * share * hover)
 
 
-def _px4(scenario: Scenario, cycle: float) -> dict[str, float]:
+def _px4(vehicle: VehicleSpec, gains: Sequence[Gains]) -> dict[str, float]:
     """Gains of a normalised torque.
 
     A torque of 1 adds the column of the mixer's pseudo-inverse to the motors, normalised as in PX4's
     ControlAllocationPseudoInverse.cpp: roll and pitch both by the larger of their norms, yaw by its largest.
     """
-    vehicle = scenario.vehicle
-    gains = Controller(vehicle, cycle, scenario.sensors.delay).gains
     rotors = frame(vehicle.mixer or vehicle.frame, airframe(vehicle).arm)
-    (share, slope), arms = _slope_in_hover(scenario, 0.0, 1.0), (rotors.right, rotors.forward)
+    (share, slope), arms = _slope_in_hover(vehicle, 0.0, 1.0), (rotors.right, rotors.forward)
     norms = [sqrt(fsum(one * one for one in arm)) for arm in arms]
     scale = max(sqrt(2 / sum(one != 0 for one in arm)) / norm for arm, norm in zip(arms, norms, strict=True))
     units = [slope * max(arm) / norm**2 / scale for arm, norm in zip(arms, norms, strict=True)] + [slope]
@@ -153,16 +153,14 @@ def _px4(scenario: Scenario, cycle: float) -> dict[str, float]:
     return values | {"MC_YAW_TQ_CUTOFF": 0.0, "CA_AIRFRAME": 0, "CA_ROTOR_COUNT": len(SPINS)}
 
 
-def _ardupilot(scenario: Scenario, cycle: float) -> dict[str, float]:
+def _ardupilot(vehicle: VehicleSpec, gains: Sequence[Gains]) -> dict[str, float]:
     """Gains of shares of the motors' range, of which the mixer gives a half to each motor.
 
     ArduPilot's derivative is of the error. The filter of the target makes up for it: (1 + LEAD τs)/(1 + τs) behind
     1/(1 + LEAD τs) leaves 1/(1 + τs) of the setpoint.
     """
-    stop = scenario.vehicle.stop
-    share, slope = _slope_in_hover(scenario, IDLE_COMMAND, stop)
+    share, slope = _slope_in_hover(vehicle, IDLE_COMMAND, stop := vehicle.stop)
     values = {"MOT_THST_EXPO": share, "MOT_SPIN_ARM": IDLE_COMMAND, "MOT_SPIN_MIN": IDLE_COMMAND, "MOT_SPIN_MAX": stop}
-    gains = Controller(scenario.vehicle, cycle, scenario.sensors.delay).gains
     for name, one in zip(("RLL", "PIT", "YAW"), gains, strict=True):
         values |= {f"ATC_RAT_{name}_{letter}": 2 * gain / slope for letter, gain in zip("PID", one, strict=False)}
         cutoff = _time(one.derivative_lag)

@@ -139,7 +139,9 @@ class Simulation:
         """Through a cycle, off the ground and onto it."""
         state, targets = self._state, self._body.targets(outputs, battery) if self.armed else (0.0, 0.0, 0.0, 0.0)
         if self._grounded:
-            rotors = self._body.spun(state.rotors, targets, self._steps)
+            rotors = state.rotors
+            for _ in range(self._steps):
+                _, rotors = self._body.lagged(rotors, targets)
             self._state = state._replace(rotors=rotors)
             shares = zip(rotors, self._body.condition.thrust, strict=True)
             lift = fsum(left * self._airframe.thrust_at(speed) for speed, left in shares)

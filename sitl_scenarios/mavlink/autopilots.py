@@ -49,6 +49,8 @@ class Autopilot:
     unknown_message: int  # MAV_RESULT when it is asked for a message that it does not have
     version: int  # AUTOPILOT_VERSION.flight_sw_version
     capabilities: int  # MAV_PROTOCOL_CAPABILITY: the encoding of its parameters and MAVLink 2
+    drag: str  # the beginning of its parameters of drag
+    parameters: Mapping[str, tuple[int, float]]  # MAV_PARAM_TYPE and value of others, which a scenario may change
     bitwise: bool  # whether integer parameters are copied bit by bit into PARAM_VALUE's float, rather than cast
 
     def rates(self, rate: float, instead: Mapping[str, float]) -> dict[str, float]:
@@ -68,6 +70,8 @@ def _known(name: Literal["px4", "ardupilot"]) -> Autopilot:
     values["words"] = {(before, after): text for before, after, text in table["words"]}
     values["groups"] = {int(group): tuple(messages) for group, messages in table["groups"].items()}
     values["slow"] = table["slow"] | WHEN_ASKED | values.pop("rare")
+    by_kind = table["parameters"].items()
+    values["parameters"] = {name: (int(kind), value) for kind, own in by_kind for name, value in own.items()}
     return Autopilot(name=name, **values)
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from mavdem.ingest.mavlink.definitions import MessageDefinition, definitions
-from sitl_scenarios.dynamics import DISARMED_PULSE, MAX_PULSE, MIN_PULSE, drag, euler
+from sitl_scenarios.dynamics import MAX_PULSE, MIN_PULSE, drag, euler
 from sitl_scenarios.gains import parameters_of
 from sitl_scenarios.mavlink.autopilots import ARMED, IN_AIR, LANDING, ON_GROUND, Autopilot
 from sitl_scenarios.motion import Motion
@@ -167,33 +167,16 @@ class Parameter(NamedTuple):
 
 def parameters(scenario: Scenario, autopilot: Autopilot, cycle: float) -> dict[str, Parameter]:
     """An autopilot's parameters by name, in alphabetical order; ``cycle`` of its loop in s."""
-    by_kind = _px4(scenario) if autopilot.bitwise else _ardupilot(scenario)
-    kinds = {name: kind for kind, values in by_kind.items() for name in values}
-    values = {name: value for own in by_kind.values() for name, value in own.items()} | parameters_of(scenario, cycle)
+    stream, as_x = scenario.stream, (scenario.vehicle.mixer or scenario.vehicle.frame) == "x"
+    own: dict[str, float] = {"MAV_SYSID": stream.system, "FRAME_TYPE": int(as_x)}
+    if autopilot.name == "px4":
+        own = {"MAV_SYS_ID": stream.system, "SYS_AUTOSTART": 4001 if as_x else 5001}
+    values = {name: value for name, (_, value) in autopilot.parameters.items()} | own
+    values |= _drag(autopilot.drag, scenario) | parameters_of(scenario, cycle)
+    if not stream.drag_calibrated:
+        values.pop("EKF2_DRAG_CTRL", None)
+    kinds = {name: kind for name, (kind, _) in autopilot.parameters.items()}
     return {name: Parameter(name, kinds.get(name, REAL32), float(values[name])) for name in sorted(values)}
-
-
-def _px4(scenario: Scenario) -> dict[int, dict[str, float]]:
-    kind = scenario.vehicle.mixer or scenario.vehicle.frame
-    whole: dict[str, float] = {"CA_AIRFRAME": 0, "CA_ROTOR_COUNT": MOTORS, "MAV_SYS_ID": scenario.stream.system}
-    whole |= {"MAV_TYPE": QUADROTOR, "SYS_AUTOSTART": 4001 if kind == "x" else 5001, "IMU_GYRO_RATEMAX": 0}
-    whole |= {f"PWM_MAIN_FUNC{n}": 100 + n if n <= MOTORS else 0 for n in range(1, 9)}
-    for bound, value in (("DIS", DISARMED_PULSE["px4"]), ("MIN", MIN_PULSE), ("MAX", MAX_PULSE)):
-        whole |= {f"PWM_MAIN_{bound}{n}": value for n in range(1, MOTORS + 1)}
-    whole |= {"EKF2_DRAG_CTRL": 1} if scenario.stream.drag_calibrated else {}
-    return {INT32: whole, REAL32: _drag("EKF2", scenario)}
-
-
-def _ardupilot(scenario: Scenario) -> dict[int, dict[str, float]]:
-    kind = scenario.vehicle.mixer or scenario.vehicle.frame
-    small: dict[str, float] = {"FRAME_CLASS": 1, "FRAME_TYPE": int(kind == "x")}
-    medium: dict[str, float] = {"MAV_SYSID": scenario.stream.system, "SCHED_LOOP_RATE": 0, "INS_GYRO_FILTER": 0}
-    medium |= {"MOT_PWM_MAX": MAX_PULSE, "MOT_PWM_MIN": MIN_PULSE}
-    for n in range(1, 9):
-        medium |= {f"SERVO{n}_FUNCTION": 32 + n if n <= MOTORS else 0}
-        medium |= {f"SERVO{n}_MIN": MIN_PULSE, f"SERVO{n}_MAX": MAX_PULSE, f"SERVO{n}_TRIM": 1500}
-        small |= {f"SERVO{n}_REVERSED": 0}
-    return {INT8: small, INT16: medium, REAL32: _drag("EK3_DRAG", scenario)}
 
 
 def _drag(name: str, scenario: Scenario) -> dict[str, float]:
