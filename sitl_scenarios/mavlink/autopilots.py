@@ -18,12 +18,8 @@ from sitl_scenarios.scenario import shortened
 DISARMED, ON_GROUND, IN_AIR, TAKING_OFF, LANDING = range(5)
 """States of the flight: disarmed, and when armed the MAV_LANDED_STATE."""
 ARMED = 128  # MAV_MODE_FLAG_SAFETY_ARMED
-DENIED, TEMPORARILY_REJECTED, FAILED = 2, 1, 4  # MAV_RESULT
+DENIED, FAILED = 2, 4  # MAV_RESULT
 INFO, CRITICAL = 6, 2  # MAV_SEVERITY
-WHEN_ASKED = dict.fromkeys(
-    ("ATTITUDE_TARGET", "RC_CHANNELS", "BATTERY_STATUS", "VIBRATION", "GLOBAL_POSITION_INT"), 0.0
-)
-"""Hz of what comes only when it is asked for; PX4's own rates depend on the link, and are too slow to learn from."""
 Mode = tuple[int, int]  # HEARTBEAT's base_mode, but for the armed flag, and its custom_mode
 
 
@@ -69,7 +65,6 @@ def _known(name: Literal["px4", "ardupilot"]) -> Autopilot:
     values["modes"] = {state: tuple(mode) for state, mode in enumerate(table["modes"], ON_GROUND)}
     values["words"] = {(before, after): text for before, after, text in table["words"]}
     values["groups"] = {int(group): tuple(messages) for group, messages in table["groups"].items()}
-    values["slow"] = table["slow"] | WHEN_ASKED | values.pop("rare")
     by_kind = table["parameters"].items()
     values["parameters"] = {name: (int(kind), value) for kind, own in by_kind for name, value in own.items()}
     return Autopilot(name=name, **values)
