@@ -12,7 +12,7 @@ from mavdem.ingest.motors import motor_geometry, motor_parameters
 from mavdem.live.messages import FrameReader, Message, message_of, parameters_of
 from mavdem.live.rate_request import GET_INTERVAL, PAUSE_SECONDS, SET_INTERVAL, STOPPED, Arrivals, RateRequest
 from mavdem.live.senders import Sender
-from sitl_scenarios.mavlink.commands import CommandHandler, addressed_messages
+from sitl_scenarios.mavlink.live import CommandHandler, addressed_messages
 from sitl_scenarios.mavlink.transmitter import Transmitter, rows_of_motion
 from sitl_scenarios.scenario import Scenario, StreamSpec
 
