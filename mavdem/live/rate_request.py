@@ -31,7 +31,7 @@ ATTITUDE, SERVO_OUTPUT_RAW = 30, 36
 EVIDENCE = (245, 32, 74)  # EXTENDED_SYS_STATE, LOCAL_POSITION_NED, VFR_HUD: what distinguishes flight from landing
 EVIDENCE_RATE = 4.0  # Hz; those that come faster already stay as they are
 REPLY_SECONDS = 1.0  # Until a request without a reply is sent again
-MAX_TRIES, PARAMETER_TRIES = 3, 4  # the latter of a parameter, of which nobody asks again later
+MAX_TRIES = 3
 PARAMETER_SECONDS = 0.2  # Between two requests for parameters: a slow radio has other things to send
 SILENCE_SECONDS = 3.0  # Without a byte, or without attitude and motors, until that is reported
 WINDOW_SECONDS, MIN_WINDOW_SECONDS = 5.0, 2.0  # Of arrival time, over which rates are measured
@@ -94,7 +94,7 @@ class RateRequest:
     ``evidence``, messages that distinguish flight from landing, are asked for at ``EVIDENCE_RATE``. Each interval is
     queried, then set, one at a time since a confirmation does not name the message. What comes much slower later, after
     a reboot or by a ground station, is set again, at most every ``PAUSE_SECONDS``. Where the vehicle never reports the
-    interval, the one measured before is restored. ``parameters`` are asked for by name, ``PARAMETER_TRIES`` at most,
+    interval, the one measured before is restored. ``parameters`` are asked for by name, ``MAX_TRIES`` times at most,
     until they come. ``events``: sentences to report; the caller removes them.
     """
 
@@ -108,7 +108,7 @@ class RateRequest:
     ) -> None:
         self.events: list[str] = []
         self._target = {"target_system": vehicle.system, "target_component": vehicle.component}
-        self._parameters, self._next = deque(PARAMETER_TRIES * [name.encode() for name in parameters]), -np.inf
+        self._parameters, self._next = deque(MAX_TRIES * [name.encode() for name in parameters]), -np.inf
         self._intervals = [_Interval(number, definitions()[number].name, rate) for number in messages]
         self._intervals += [_Interval(number, definitions()[number].name, EVIDENCE_RATE, True) for number in evidence]
         self._contested = self._restoring = False
