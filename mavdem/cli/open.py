@@ -38,7 +38,10 @@ def open_command(
     The folder is that of `mavdem learn`, named after the log. A log dropped into the Rerun Viewer,
     or given to `rerun`, opens in the same way.
     """
-    context.invoke(learn_command, source=source, axis=axis, vehicle=vehicle, inputs=inputs, as_json=as_json)
+    chosen = {"--axis": axis, "--vehicle": vehicle, "--inputs": inputs}
+    words = [word for pair in chosen.items() if pair[1] is not None for word in pair]
+    with learn_command.make_context("learn", [*words, *["--json"] * as_json, "--", source], context) as learning:
+        learn_command.invoke(learning)
     from mavdem.view import show
 
     if why := show(named_after(source) / RECORDING):

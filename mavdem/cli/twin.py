@@ -14,7 +14,7 @@ from mavdem.alignment.drive import AXES
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals
 from mavdem.cli.options import Number, no_option, read_source, vehicle_option
-from mavdem.cli.output import check_file, print_result, progress, say_aside, write_text
+from mavdem.cli.output import check_file, print_result, printable, progress, say_aside, write_text
 from mavdem.cli.tune import axis_loop
 from mavdem.condition.condition import hover_of
 from mavdem.condition.loop import Loop
@@ -50,7 +50,7 @@ def twin_command(source: str, out: tuple[Path, ...], mass: float | None, vehicle
     """Makes a vehicle for simulators of a log, and flies the log again with it.
 
     SOURCE is a log of a quadrotor with its autopilot's parameters, and motor outputs and attitude as `mavdem learn`
-    needs them. Change a gain before it is flown: mavdem fly hover_blower --vehicle mine.toml --set ATC_RAT_RLL_P=0.2
+    needs them. Change a gain before it is flown: mavdem fly hover_blower --vehicle mine.toml --set MC_ROLLRATE_P=0.25
     """
     for path in out:
         check_file(path, "--out", (".toml", *LEFT_OUT))
@@ -97,3 +97,5 @@ def twin_command(source: str, out: tuple[Path, ...], mass: float | None, vehicle
         cells += [[name, *(f"{one:.2f}" for one in compared[key])] for key, name in shown.items()]
         blocks.append(Table(["In wind of the same spectrum", "recorded", "twin"], cells))
     print_result(document, blocks, as_json)
+    if out:
+        say_aside(f"Written: {', '.join(printable(path) for path in out)}. Nothing was sent to a vehicle.")

@@ -172,7 +172,7 @@ def wind_blocks(air: Air) -> list[Block]:
     text = f"below {high:.1f} m/s" if wind.calm else speed
     if wind.directed:
         text += f" from {from_point(wind.direction)}, ± {wind.direction_interval:.0f}°"
-    gusts = f"; gusts up to {wind.gust:.1f} m/s over {wind.gust_seconds:.2g} s" if known else ""
+    gusts = f"; gusts up to {wind.gust:.1f} m/s over {wind.gust_seconds:.2g} s" if known and not wind.calm else ""
     text += f"{gusts}. Intervals hold the mean with 90 %."
     first, last = wind.time[[0, -1]]
     if own is not None and (rows := (own.boot == wind.boot) & (own.time >= first) & (own.time <= last)).any():

@@ -50,7 +50,9 @@ def _measured(loop: Loop) -> Sentence:
         return Sentence(f"{found.reason[0].lower()}{found.reason[1:]} The margins are not checked against it.", lead)
     low, high = found.band
     text = f"the flight's response of the rate to its setpoint fits the predicted one by {found.agreement:.0f} % from "
-    return Sentence(f"{text}{low:g} to {high:.1f} Hz (100 % less NRMSE; {found.fit:.0f} % with the wind in it).", lead)
+    return Sentence(
+        f"{text}{low:g} to {high:.1f} Hz (100 % − NRMSE; {found.fit:.0f} % with the wind's part in it).", lead
+    )
 
 
 def margin_tables(loops: Mapping[str, Loop]) -> list[Block]:
@@ -82,5 +84,8 @@ def _gains(advice: Advice) -> list[Block]:
         noise += (
             f"{100 * now:.2g} % of its range (D alone by {100 * by_d:.2g} %), with these gains by {100 * then:.2g} %. "
         )
-        noise += f"The heat of that in the motors grows with the square, {heat:.2g} times: feel them."
+        noise += (
+            f"The heat of that in the motors grows with the square, {heat:.2g} times: feel after a minute how warm "
+        )
+        noise += "they are."
     return [Table(["gain", "now", "set", "times"], rows), Sentence(expected, "To expect:"), Sentence(noise, "Noise:")]

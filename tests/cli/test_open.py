@@ -4,6 +4,7 @@ import pytest
 from command_line import LOGS
 from rerun.chunk import RrdReader
 
+from mavdem.cli.commands import main
 from mavdem.cli.open import INCOMPATIBLE, load
 
 
@@ -21,3 +22,9 @@ def test_a_log_is_written_as_a_dashboard_or_as_the_reason_why_there_is_no_model(
 def test_a_file_of_others_is_left_to_them(name, content, tmp_path, capfdbinary):
     (tmp_path / name).write_bytes(content)
     assert load([str(tmp_path / name)]) == INCOMPATIBLE and not capfdbinary.readouterr().out
+
+
+def test_a_log_is_learned_from_and_shown(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("mavdem.view.show", lambda path: path.unlink())
+    assert main(["open", str(LOGS / "ardupilot_wind5_steps.tlog"), "--axis", "pitch"]) == 0
