@@ -39,7 +39,7 @@ def open_command(
     or given to `rerun`, opens in the same way.
     """
     chosen = {"--axis": axis, "--vehicle": vehicle, "--inputs": inputs}
-    words = [word for pair in chosen.items() if pair[1] is not None for word in pair]
+    words = [word for name, value in chosen.items() if value is not None for word in (name, value)]
     with learn_command.make_context("learn", [*words, *["--json"] * as_json, "--", source], context) as learning:
         learn_command.invoke(learning)
     from mavdem.view import show

@@ -23,6 +23,15 @@ USED = re.compile(
 """Names of the parameters that a controller depends on."""
 MOTORS, SLOWEST, FLATTEST = 4, 50.0, 0.1  # of the frames that are known; Hz of a rate loop; slope of a thrust curve
 ASK = "Record all parameters: log from the first connection, or ask for the parameter list once while recording."
+LOWEST_CUTOFF = 0.1  # Hz, of a filter that is on
+RANGES = {
+    **dict.fromkeys(("p", "i", "d", "ff"), (0.0, 1e3)),
+    "angle": (1e-3, 1e3),
+    **dict.fromkeys(("target_filter", "error_filter", "derivative_filter", "output_filter", "gyro_filter"), (0.0, 1e4)),
+    "cycle": (1e-5, 1 / SLOWEST),
+    "expo": (-1.0, 1.0),
+}
+"""From the least to the most that each figure of a controller can be."""
 DOUBTS = {
     "SMAX": "limits the slew of P and D, and so the gains while the motors are busy",
     "PDMX": "limits the sum of P and D",
@@ -56,6 +65,13 @@ class Controller:
     names: Mapping[str, str]  # the parameter behind "p", "i", "d" and so on
     parameters: Mapping[str, float]  # all that it was made of
     weights: tuple[float, ...] = ()  # (4,) likewise, of the motors in the axis's torque, with ArduPilot
+
+    def __post_init__(self) -> None:
+        for name, (low, high) in RANGES.items():
+            value = getattr(self, name)
+            if not low <= value <= high or (name.endswith("filter") and 0 < value < LOWEST_CUTOFF):
+                what = f"{self.names.get(name, name.replace('_', ' '))} is {value:g}"
+                raise NotLearnable(f"{what}, which no autopilot flies with.", "Check the parameters of the log.")
 
     @property
     def cautions(self) -> tuple[str, ...]:

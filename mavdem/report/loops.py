@@ -84,8 +84,5 @@ def _gains(advice: Advice) -> list[Block]:
         noise += (
             f"{100 * now:.2g} % of its range (D alone by {100 * by_d:.2g} %), with these gains by {100 * then:.2g} %. "
         )
-        noise += (
-            f"The heat of that in the motors grows with the square, {heat:.2g} times: feel after a minute how warm "
-        )
-        noise += "they are."
+        noise += f"The heat of that in the motors grows {heat:.2g} times, with the square: feel how warm they become."
     return [Table(["gain", "now", "set", "times"], rows), Sentence(expected, "To expect:"), Sentence(noise, "Noise:")]

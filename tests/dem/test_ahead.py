@@ -126,7 +126,7 @@ def test_recorded_flights_are_predicted_as_well_as_by_an_autoregression_of_all_m
     for row in range(500, len(flight) - 50, 50):
         model = Var.learn(Record.of(flight[:row]), 4)
         pasts = np.hstack([flight.outputs, flight.inputs])[np.arange(row, row + 50)[:, None] + np.arange(-3, 1)]
-        beside[row : row + 50] = model.predicted(pasts, 50)[:, np.array(HORIZONS) - 1, :2]
+        beside[row : row + 50] = model.predict(pasts, 50).mean[:, np.array(HORIZONS) - 1, :2]
     for place, horizon in enumerate(HORIZONS):
         ours, theirs = (flight.outputs[horizon:] - each[:-horizon, place] for each in (found, beside))
         known = np.isfinite(theirs).all(axis=1)

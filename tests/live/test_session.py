@@ -288,7 +288,7 @@ def test_a_computer_that_is_too_slow_says_so_and_blames_no_link(now, monkeypatch
         now[0] += 0.01
     begin, end = (text for text in said if "This computer" in text)
     assert begin.startswith("This computer is 1.0 s behind") and "again; it was up to 5.0 s behind" in end
-    assert not [text for text in said if "again after" in text or "Nothing was" in text or "a new segment" in text]
+    assert not [text for text in said if "resumed after" in text or "Nothing was" in text or "a new segment" in text]
     assert put_off and len(screen.rows) < one.status.learned + one.status.shown and not one.status.missing
     assert recording.take.call_count == received and 5.0 < one.status.latency[2] < 5.2
     one.link.script, one.link.reopened = [LinkLost("The link x was lost.")], -100
@@ -353,7 +353,7 @@ def test_a_session_with_all_faults_ends_with_a_good_model_and_every_second_is_ac
     scenario = scenario_of({**long, **SHORT, "faults": FAULTS, "vehicle": weak})
     session, account = run_session(scenario)
     said = " ".join(event.sentence for event in session.history.events)
-    for each in ("rebooted", "again after", "is on the ground", "of the vehicle's clock", "set back again and again"):
+    for each in ("rebooted", "resumed after", "is on the ground", "of the vehicle's clock", "set back again and again"):
         assert each in said
     assert "assumed" not in said, "parameters say where the motors are, and come when they are asked for"
     assert sum(account.values()) == pytest.approx(86.0, abs=0.5)

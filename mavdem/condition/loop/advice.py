@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mavdem.condition.loop.loop import Loop, transfer
+from mavdem.condition.loop.loop import Loop, changed_in, transfer
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.record import Record
 from mavdem.ingest.controllers import Controller
@@ -131,7 +131,7 @@ def advise(loop: Loop, tune: str = "default", doubts: Sequence[str] = ()) -> Adv
         return next(sure, None) or max(candidates, key=lambda one: _worst(loop.changed(one), target, loops))
 
     limited, refusal, gains = _limited_share(loop.controller, loop.record), " ".join(doubts), dict[str, float]()
-    if not refusal and (changed := sorted(set(names.values()) & set(loop.record.earlier))):
+    if not refusal and (changed := sorted(changed_in(loop.record, loop.controller))):
         refusal = f"{', '.join(changed)} changed in this log: fly with one set of gains, and tune again."
     if not refusal and limited > SATURATED:
         refusal = f"A motor is at a limit {100 * limited:.0f} % of the time: no linear loop describes that."

@@ -21,6 +21,7 @@ from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable, downstream
 from mavdem.ingest.controllers import ASK, MOTORS, Controller, controller_of
 
+OF_AXES = ("ATC_RAT_", "ATC_ANG_", "MC_ROLL", "MC_PITCH", "MC_YAW")  # parameters of one axis begin so
 DRAWS, SEED = 400, 31  # of the plant's posterior
 LOWEST, HIGHEST, FREQUENCIES = 0.02, 100.0, 500  # Hz, and the number of frequencies between, evenly by ratio
 SPREAD = 0.8  # of the posterior that is drawn: with all of it 98 % of 90 % intervals held simulated margins
@@ -126,13 +127,22 @@ def loop_of(plant: Physical, record: Record, controller: Controller | None = Non
     dynamics = np.maximum(drawn[:, -3:], LEAST)
     rate, attitude = _loops(controller, gains, dynamics)
     biased = f"The control effectiveness is biased: {plant.reasons['effect']}" if plant.bias else ""
-    known, prefix = controller.names.values(), controller.names["p"][:-1]
-    changed = {name: old for name, old in record.earlier.items() if name in known or name.startswith(prefix)}
+    changed = changed_in(record, controller)
     now = [f"{name} changed from {old:g} to {record.parameters[name]:g}" for name, old in changed.items()]
     since = f"{', '.join(now)} in this log: the loop has the last values, and the response is not compared."
     cautions = (*([biased] if biased else []), *([since] if now else []), *controller.cautions)
     measured = None if now else measured_response(record, controller, per_demand, rate.frequency, rate.closed[0])
     return Loop(axis, plant, record, controller, gains, dynamics, rate, attitude, cautions, measured)
+
+
+def changed_in(record: Record, controller: Controller) -> dict[str, float]:
+    """Returns the parameters of a ``controller`` that changed in the ``record``, with their values before."""
+    known, prefix = controller.names.values(), controller.names["p"][:-1]
+    return {
+        name: old
+        for name, old in record.earlier.items()
+        if name in known or name.startswith(prefix) or not name.startswith(OF_AXES)
+    }
 
 
 def _drawn(plant: Physical, cutoff: float, dt: float) -> Array:
