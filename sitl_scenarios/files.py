@@ -176,7 +176,10 @@ def with_parameters(scenario: Scenario, changed: Iterable[str]) -> Scenario:
         if name not in known:
             near = get_close_matches(name[:100].upper(), known, n=3)
             raise ValueError(f"the autopilot has no {shortened(name)!r} here: near it are {', '.join(near) or 'none'}")
-        table["vehicle"]["parameters"][name] = float(value)  # whose error says what is no number
+        try:
+            table["vehicle"]["parameters"][name] = float(value)
+        except ValueError:
+            raise ValueError(f"{name} needs a number: write {name}=VALUE") from None
     return scenario_of(table)
 
 

@@ -137,27 +137,27 @@ def test_a_file_is_not_long():
 
 
 BUDGETS = {
-    "mavdem": 710,
-    "ingest": 5700,
-    "alignment": 2070,
-    "condition": 2300,
-    "dem": 9150,
-    "health": 1060,
-    "baselines": 990,
-    "evaluate": 1260,
-    "live": 3050,
-    "analysis": 1010,
-    "fleet": 1900,
-    "report": 3450,
-    "view": 1500,
-    "export": 480,
-    "paper": 1940,
-    "cli": 2650,
-    "sitl_scenarios": 3900,
-    "tools": 1650,
+    "mavdem": 700,
+    "ingest": 5500,
+    "alignment": 2010,
+    "condition": 2100,
+    "dem": 8865,
+    "health": 1010,
+    "baselines": 905,
+    "evaluate": 1205,
+    "live": 2810,
+    "analysis": 980,
+    "fleet": 1835,
+    "report": 3230,
+    "view": 1350,
+    "export": 385,
+    "paper": 1755,
+    "cli": 2525,
+    "sitl_scenarios": 3600,
+    "tools": 1585,
 }
 """Lines of Python a room may have, docstrings counted: what a new capability needs, something older gives back."""
-ALL_LINES, ALL_FILES, TEST_LINES = 42_450, 240, 23_000
+ALL_LINES, ALL_FILES, TEST_LINES = 42_329, 204, 23_000
 
 
 def lines_of(path: Path) -> int:

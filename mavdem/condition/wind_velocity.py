@@ -126,7 +126,7 @@ def estimate_wind(
     high_up = np.zeros(len(time)) if height is None else np.asarray(height, np.float64)
     if high_up.shape != (len(time),):
         raise ValueError(f"height must have shape ({len(time)},), not {high_up.shape}")
-    prior = Drag.of_parameters() if drag is None else drag
+    prior = Drag.of_parameters() if drag is None else drag.required()
     with one_thread():
         coarse, fine = (gridded(stamps, angles, speeds, most=most) for most in (IDENTIFYING_STEPS, STEPS))
         mean, covariance, steered = identified(coarse, prior)

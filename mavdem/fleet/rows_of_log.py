@@ -152,7 +152,7 @@ def earlier_drag(path: Path, vehicle: str) -> Drag:
     try:
         read = json.loads(file.read_text())
         return Drag.from_dict(read.get("wind_velocity", read)["drag"]).of_next_flight()
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise Unreadable(f"{file} holds no drag ({error}): give a {REPORT} or a `mavdem wind --json`.") from error
 
 

@@ -28,6 +28,7 @@ from mavdem.dem.airflow.model import (
 from mavdem.dem.engine.linalg import Array
 from mavdem.errors import NotLearnable
 
+SLOWEST_SECONDS, LONGEST_SECONDS = 10.0, 1e5  # between samples, and of a flight: a day
 LEAST_SECONDS = 15.0  # of motion with attitude and velocity
 STEP, STEPS = 0.5, 1200  # s, or the samples' own step; longer flights have so many longer steps
 IDENTIFYING_STEPS = 600  # of the drag: enough for a quarter of the time
@@ -55,6 +56,8 @@ def checked(time: Array, attitude: Array, velocity: Array) -> tuple[Array, Array
         raise ValueError("time, attitude and velocity must have shapes (T,), (T, 3) and (T, 3)")
     if not np.isfinite(stamps).all() or (np.diff(stamps) < 0).any():
         raise ValueError("time must be finite and ascend")
+    if len(stamps) > 1 and (np.median(np.diff(stamps)) > SLOWEST_SECONDS or np.ptp(stamps) > LONGEST_SECONDS):
+        raise ValueError("time must be in s, of one flight")
     usable = np.asarray(np.isfinite(np.hstack([angles, speeds])).all(axis=1))
     if usable.sum() < 10:
         what = "yaw" if np.isfinite(angles[:, 2]).sum() < 10 <= np.isfinite(angles[:, 0]).sum() else "velocity"

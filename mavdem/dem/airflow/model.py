@@ -43,6 +43,7 @@ def coefficients(logs: Array) -> tuple[Array, Array]:
     return np.exp(c + c_ratio * AXES), np.exp(q + q_ratio * AXES)
 
 
+FARTHEST = np.array([4.0, 6.0, 3.0, 3.0, 5.0, 5.0])  # from the population's means: factors of 50 to 400, and m/s²
 SOURCES = {
     "population": "other vehicles",
     "parameters": "the autopilot's parameters",
@@ -123,9 +124,18 @@ class Drag:
     def from_dict(cls, values: Mapping[str, Any]) -> Drag:
         """Returns the drag whose ``values`` :meth:`as_dict` made; ``ValueError`` or ``KeyError`` for others."""
         mean, covariance = (np.array(values[name], np.float64) for name in ("mean", "covariance"))
-        if not np.linalg.eigvalsh(covariance.reshape(6, 6))[0] > 0:  # nor where it is not finite
-            raise ValueError("its covariance is none")
-        return cls(mean.reshape(6), covariance.reshape(6, 6), str(values["source"]))
+        return cls(mean.reshape(6), covariance.reshape(6, 6), str(values["source"])).required()
+
+    def required(self) -> Drag:
+        """Returns it; ``ValueError`` where no vehicle can have it."""
+        if np.shape(self.mean) != (6,) or np.shape(self.covariance) != (6, 6) or self.source not in SOURCES:
+            raise ValueError(f"a drag has a mean of 6, its covariance, and a source of {', '.join(SOURCES)}")
+        finite = bool(np.isfinite(self.mean).all() and np.isfinite(self.covariance).all())
+        if not finite or (np.abs(self.mean - np.append(POPULATION, np.zeros(2))) > FARTHEST).any():
+            raise ValueError("no vehicle has such a drag")
+        if not np.allclose(self.covariance, self.covariance.T) or not np.linalg.eigvalsh(self.covariance)[0] > 0:
+            raise ValueError("the covariance of the drag is none")
+        return self
 
     @classmethod
     def of_axes(cls, values: Sequence[float], halves: Sequence[float]) -> Drag:
