@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import fsum, pi, sqrt
 
-from mavdem.ingest.controllers import USED, controller_of
+from mavdem.ingest.controllers import LOOP_RATES, SLOWEST, USED, controller_of
 from mavdem.ingest.controllers import Controller as AxisController
 from sitl_scenarios.controller import LEAD, Controller, Gains
 from sitl_scenarios.dynamics import IDLE_COMMAND, SPINS, Four, RotorFrame, frame, mix
@@ -18,8 +18,7 @@ from sitl_scenarios.vehicles import airframe
 
 CYCLES = {"px4": 1 / 250, "ardupilot": 1 / 400}
 """Control cycle of the autopilots, s: PX4 in its simulators, ArduCopter by SCHED_LOOP_RATE's default."""
-LOOP_RATES = {"px4": "IMU_GYRO_RATEMAX", "ardupilot": "SCHED_LOOP_RATE"}  # Hz: the parameters of the cycle
-SLOWEST, FASTEST = 50.0, 1000.0  # Hz of a loop, of which the physics take at least one step
+FASTEST = 1000.0  # Hz of a loop, of which the physics take at least one step
 
 
 def cycle_of(scenario: Scenario) -> float:

@@ -28,7 +28,6 @@ from sitl_scenarios.simulation import replayed
 
 FLIGHTS = 3  # of the twin, each in other wind of the same spectrum
 SHOWN = {"mass": "kg", "inertia": "kg m²", "lag": "s", "damping": "1/s", "delay": "s", "hover": "share of range"}
-
 FIGURES = {"lean": "roll, mean (°)", "sway": "roll, sd (°)", "rate": "roll rate, sd (°/s)"}
 FIGURES |= {"peak": "step of the roll rate, largest", "rise": "and time to half of that (s)"}
 

@@ -22,6 +22,7 @@ USED = re.compile(
 )
 """Names of the parameters that a controller depends on."""
 MOTORS, SLOWEST, FLATTEST = 4, 50.0, 0.1  # of the frames that are known; Hz of a rate loop; slope of a thrust curve
+LOOP_RATES = {"px4": "IMU_GYRO_RATEMAX", "ardupilot": "SCHED_LOOP_RATE"}  # the parameters of it
 ASK = "Record all parameters: log from the first connection, or ask for the parameter list once while recording."
 LOWEST_CUTOFF = 0.1  # Hz, of a filter that is on
 RANGES = {

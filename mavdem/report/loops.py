@@ -50,9 +50,8 @@ def _measured(loop: Loop) -> Sentence:
         return Sentence(f"{found.reason[0].lower()}{found.reason[1:]} The margins are not checked against it.", lead)
     low, high = found.band
     text = f"the flight's response of the rate to its setpoint fits the predicted one by {found.agreement:.0f} % from "
-    return Sentence(
-        f"{text}{low:g} to {high:.1f} Hz (100 % − NRMSE; {found.fit:.0f} % with the wind's part in it).", lead
-    )
+    text += f"{low:g} to {high:.1f} Hz (100 % − NRMSE; {found.fit:.0f} % with the wind's part in it)."
+    return Sentence(text, lead)
 
 
 def margin_tables(loops: Mapping[str, Loop]) -> list[Block]:
@@ -74,15 +73,13 @@ def _gains(advice: Advice) -> list[Block]:
     rows = [[name, f"{old:.4g}", f"{new:.4g}", f"{new / old:.2f}"] for name, (old, new) in advice.gains.items()]
     before, after = (rounded(loop.lean_in_wind) for loop in (advice.before, advice.after))
     does = "the heading moves" if advice.before.axis == "yaw" else "it leans"
-    expected = (
-        f"in the wind of this flight {does} by {after}° instead of {before}° (standard deviation about the mean)."
-    )
+    expected = f"in the wind of this flight {does} by {after}° instead of {before}° "
+    expected += "(standard deviation about the mean)."
     noise = "the log is too slow to show what the gyro's noise does to the motors: feel how warm they get."
     if advice.noise is not None:
         lowest, highest, now, then, by_d, heat = advice.noise
         noise = f"from {lowest:.0f} to {highest:.0f} Hz, which is all that the log shows, the gyro moves the demand by "
-        noise += (
-            f"{100 * now:.2g} % of its range (D alone by {100 * by_d:.2g} %), with these gains by {100 * then:.2g} %. "
-        )
+        noise += f"{100 * now:.2g} % of its range (D alone by {100 * by_d:.2g} %), "
+        noise += f"with these gains by {100 * then:.2g} %. "
         noise += f"The heat of that in the motors grows {heat:.2g} times, with the square: feel how warm they become."
     return [Table(["gain", "now", "set", "times"], rows), Sentence(expected, "To expect:"), Sentence(noise, "Noise:")]

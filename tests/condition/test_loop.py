@@ -11,8 +11,8 @@ import mavdem
 from mavdem.alignment.align import align, settled_segments
 from mavdem.alignment.signals import Signals
 from mavdem.condition.loop import TARGETS, advise, loop_of
-from mavdem.condition.loop.loop import transfer
 from mavdem.condition.loop.margins import OpenLoop
+from mavdem.condition.loop.response import transfer
 from mavdem.dem import physical
 from mavdem.dem.graybox import Physical
 from mavdem.dem.record import Record

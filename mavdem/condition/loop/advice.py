@@ -14,7 +14,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mavdem.condition.loop.loop import Loop, changed_in, transfer
+from mavdem.condition.loop.loop import Loop, changed_in
+from mavdem.condition.loop.response import transfer
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.record import Record
 from mavdem.ingest.controllers import Controller
@@ -127,8 +128,12 @@ def advise(loop: Loop, tune: str = "default", doubts: Sequence[str] = ()) -> Adv
     def best(others: dict[str, float], gains: Sequence[str], loops: Sequence[str]) -> dict[str, float]:
         present = {names[gain]: known[names[gain]] for gain in gains if known.get(names[gain])}
         candidates = [others | {name: _stepped(loop, name, by) for name in present} for by in factors]
-        sure = (one for one in candidates if _worst(loop.changed(one), target, loops) >= 1)
-        return next(sure, None) or max(candidates, key=lambda one: _worst(loop.changed(one), target, loops))
+        scored = list[tuple[float, dict[str, float]]]()
+        for one in candidates:
+            scored.append((_worst(loop.changed(one), target, loops), one))
+            if scored[-1][0] >= 1:
+                return one
+        return max(scored, key=lambda pair: pair[0])[1]
 
     limited, refusal, gains = _limited_share(loop.controller, loop.record), " ".join(doubts), dict[str, float]()
     if not refusal and (changed := sorted(changed_in(loop.record, loop.controller))):

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from mavdem.condition.loop.margins import OpenLoop
-from mavdem.condition.loop.response import GAIN_ERROR, LEAST_BAND, MeasuredResponse, measured_response
-from mavdem.condition.loop.response import transfer as transfer
+from mavdem.condition.loop.response import GAIN_ERROR, LEAST_BAND, MeasuredResponse, measured_response, transfer
 from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.graybox import Physical

@@ -15,7 +15,7 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.dem.graybox.wind import wind_density
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
-from mavdem.ingest.controllers import controller_of
+from mavdem.ingest.controllers import LOOP_RATES, controller_of
 
 GRAVITY = 9.81  # m/s²
 RIGHT, FRONT, SPINS = (1.0, -1.0, -1.0, 1.0), (1.0, -1.0, 1.0, -1.0), (1.0, 1.0, -1.0, -1.0)
@@ -23,8 +23,8 @@ RIGHT, FRONT, SPINS = (1.0, -1.0, -1.0, 1.0), (1.0, -1.0, 1.0, -1.0), (1.0, 1.0,
 COLUMNS = {"roll": (-1.0, 1.0, 1.0, -1.0), "pitch": FRONT, "yaw": SPINS}  # of the torque by axis
 ARM, MASS = 0.15, 1.5  # m kg^(-1/3), of a 3DR Iris: arms grow with the cube root of the mass; kg where nobody says it
 MOMENT = 0.1  # torque of a common propeller by its thrust, over the arm
-LOOP_RATES, FASTEST = {"px4": ("IMU_GYRO_RATEMAX", 250.0), "ardupilot": ("SCHED_LOOP_RATE", 400.0)}, 1000.0
-"""Hz where it is not said, and the most that the simulation flies."""
+USUAL_RATES = {"px4": 250.0, "ardupilot": 400.0}  # Hz of a loop where it is not said
+FASTEST = 1000.0  # Hz of a loop that the simulation flies
 LEFT_OUT = "INS_GYRO_FILTER", "IMU_GYRO_CUTOFF"  # rates are logged behind the gyro's filter: lag and delay have it
 
 
@@ -65,8 +65,8 @@ def twin_of(loops: Mapping[str, Loop], px4: bool, hover: float, drag: Drag | Non
         raise NotLearnable(f"The motors hover at {hover:.0%} of their range, which is no hover.")
     roll, kind = loops["roll"], "px4" if px4 else "ardupilot"
     known = {name: value for name, value in roll.controller.parameters.items() if not name.startswith("CA_")}
-    name, rate = LOOP_RATES[kind]
-    cycle = 1 / (rate := min(known.get(name, 0.0) or rate, FASTEST))
+    name = LOOP_RATES[kind]
+    cycle = 1 / (rate := min(known.get(name, 0.0) or USUAL_RATES[kind], FASTEST))
     known = {one: value for one, value in known.items() if one not in LEFT_OUT} | {name: rate}
     places = np.array([[roll.controller.parameters.get(f"CA_ROTOR{n}_P{one}", 0.0) for n in range(4)] for one in "XY"])
     assumed = ARM * (mass or MASS) ** (1 / 3)
