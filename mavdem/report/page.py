@@ -25,7 +25,7 @@ from mavdem.condition.loop import Advice, Loop
 from mavdem.condition.wind_of_log import Air
 from mavdem.dem import Learned
 from mavdem.dem.order_choice import OrderChoice
-from mavdem.errors import NotLearnable, advice, downstream
+from mavdem.errors import NotLearnable, downstream
 from mavdem.evaluate.comparison import Comparison
 from mavdem.flight import Flight
 from mavdem.live import SessionStatus
@@ -94,10 +94,7 @@ def environment() -> Environment:
 def _drawn(chapter: Chapter, number: int) -> dict[str, Any]:
     """The chapter with its pictures as SVG; where one cannot be drawn, a sentence with the reason."""
     blocks, drawings = list(chapter.blocks), []
-    hint = advice("Drawing the pictures of this page", "plot")
-    if chapter.pictures and hint:
-        blocks.append(Sentence(f"{hint} Then run the same command again."))
-    for place, picture in enumerate(() if hint else chapter.pictures):
+    for place, picture in enumerate(chapter.pictures):
         try:
             svg = downstream("report.figures.style", "svg")(picture.draw(), f"figure-{number}-{place}")
             drawings.append((picture, Markup(svg)))
@@ -215,7 +212,7 @@ def model_pictures(
     Responses and poles are left out where control effectiveness is not identifiable by what was ``found``.
     """
 
-    # ``learned.plot`` loads matplotlib, which not everyone has.
+    # ``learned.plot`` loads matplotlib, which takes its time.
     def draw(method: str, output: int) -> Any:
         options: dict[str, dict[str, Any]] = {}
         if analysis is not None:
