@@ -266,15 +266,16 @@ def comparison_page(comparison: Comparison, from_zero: bool = False) -> str:
     return document("DEM and other methods", subtitle, blocks[:first], [pictures, Chapter("All errors", rest)])
 
 
-def order_page(choice: OrderChoice, names: Sequence[str]) -> str:
-    """Returns the HTML of a ``choice`` of the model order of flights of these ``names``."""
+def order_page(choice: OrderChoice, names: Sequence[str], known_inputs: bool = True) -> str:
+    """Returns the HTML of a ``choice`` of the model order of flights of these ``names``; as :func:`order_report`."""
     picture = Picture(
         "Free energy by order",
         "How far F̄ is below its highest value. In the shaded part the difference is no strong evidence.",
         lambda: downstream("report.figures.flights", "free_energy_by_order")(choice, names),
     )
     subtitle = f"The number of states that {listed(names)} show{'s' * (len(names) == 1)}, by the free energy."
-    return document("Model order", subtitle, order_report(choice, names), [Chapter("Pictures", pictures=[picture])])
+    blocks = order_report(choice, names, known_inputs)
+    return document("Model order", subtitle, blocks, [Chapter("Pictures", pictures=[picture])])
 
 
 def live_page(
