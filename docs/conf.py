@@ -18,6 +18,7 @@ html_theme = "furo"
 html_title = f"mavdem {version}"
 html_show_sourcelink = html_copy_source = False
 html_math_renderer = "mathml"
+html_extra_path = ["../build/wheel"]  # which `tools/site` makes, for the tutorial
 myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 3
 highlight_language = "none"  # of blocks that name none: commands and diagrams
@@ -55,7 +56,8 @@ class Notebook(MystParser):
             for output in cell.get("outputs", []):
                 data = output.get("data", {"text/plain": output.get("text", "")})
                 if "image/png" in data:
-                    yield f'~~~~{{raw}} html\n<img alt="" src="data:image/png;base64,{data["image/png"].strip()}">\n~~~~'
+                    picture = f'<img alt="" src="data:image/png;base64,{data["image/png"].strip()}">'
+                    yield f"~~~~{{raw}} html\n{picture}\n~~~~"
                 elif "text/html" in data:
                     yield f"~~~~{{raw}} html\n{''.join(data['text/html'])}\n~~~~"
                 else:
@@ -63,7 +65,7 @@ class Notebook(MystParser):
 
 
 def setup(app: Any) -> None:
-    """Called by Sphinx: adds notebooks and formulas; leaves out fields of named tuples, which the class has described."""
+    """Called by Sphinx: adds notebooks and formulas, without the fields of named tuples, which their class has."""
     field = "Alias for field number"
     app.connect("autodoc-skip-member", lambda *of: str(getattr(of[3], "__doc__", "")).startswith(field) or None)
     app.add_source_suffix(".ipynb", "ipynb")
