@@ -30,7 +30,7 @@ from mavdem.dem.forecast.joint import JointModel
 from mavdem.dem.forecast.simulation_error import SHORTEST_HORIZON, fit_simulation, horizon_of
 from mavdem.dem.learned import Learned
 from mavdem.dem.parallel import parallel_map
-from mavdem.dem.priors import hyperparameter_groups, known_inputs
+from mavdem.dem.priors import known_inputs
 from mavdem.dem.record import Record, UniformRecord
 from mavdem.dem.settings import CompleteSettings, Settings
 
@@ -66,7 +66,7 @@ def learn(
 
     Raises:
         ValueError: too few samples, values that are not finite, or channels that do not vary, with their names; a
-            ``start`` of other numbers of states, inputs, outputs or noises; or data that no model can forecast.
+            ``start`` of other numbers of states, inputs or outputs; or data that no model can forecast.
     """
     with one_thread():
         record, settings = checked(train, settings)
@@ -149,18 +149,16 @@ def _odd(samples: float, fewest: int) -> int:
 def _start(record: Record, settings: CompleteSettings, before: Learned) -> Start:
     """The estimates of an earlier result; ``ValueError`` where these settings and this record have others."""
     n, r, m = settings.order, record.inputs.shape[1], record.outputs.shape[1]
-    lambda_, (_, state_groups) = before.learning.lambda_[-1], hyperparameter_groups(settings, n, m)
-    sizes = n, r, m, int(state_groups.max()) + 1, settings.scaling == "channel"
-    given = *before.model.B.shape, len(before.model.C), len(lambda_), before.scaling.constant
+    sizes = n, r, m, settings.scaling == "channel"
+    given = *before.model.B.shape, len(before.model.C), before.scaling.constant
     if given != sizes:
         raise ValueError(
-            "start must have the states, inputs, outputs, noise precisions and constant input of this fit, "
-            f"{sizes}, not {given}"
+            f"start must have the states, inputs, outputs and constant input of this fit, {sizes}, not {given}"
         )
     last = before.theta * before.scaling.parameter_scale(n)
     theta = last.copy()
     theta[of_vehicle(n, r, m, before.scaling.constant)] = before.learning.theta[-1]
-    return Start(theta, lambda_, None if before.simulation_fit is None else last)
+    return Start(theta, before.learning.lambda_[-1], None if before.simulation_fit is None else last)
 
 
 def _with_simulation_fit(fitted: Fit, record: Record, samples: SufficientStatistics, start: Start | None) -> Fit:
