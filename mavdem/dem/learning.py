@@ -26,6 +26,7 @@ from mavdem.dem.fitting import (
     uncertainty_of,
     undetermined_directions,
 )
+from mavdem.dem.forecast.joint import JointModel
 from mavdem.dem.forecast.simulation_error import SHORTEST_HORIZON, fit_simulation, horizon_of
 from mavdem.dem.learned import Learned
 from mavdem.dem.parallel import parallel_map
@@ -67,18 +68,8 @@ def learn(
         ValueError: too few samples, values that are not finite, or channels that do not vary, with their names; a
             ``start`` of other numbers of states, inputs or outputs; or data that no model can forecast.
     """
-    if not (settings is None or isinstance(settings, Settings)):
-        raise ValueError(f"settings must be a Settings, or None for the default ones, not {settings!r}")
-    settings = Settings() if settings is None else settings
-    record = Record.of(train)
-    if len(record) < FEWEST_SAMPLES:
-        raise ValueError(f"train must have at least {FEWEST_SAMPLES} samples, not {len(record)}")
     with one_thread():
-        # In one half, a vehicle may have stood on the ground.
-        known = known_inputs(settings, record.inputs.shape[1])
-        for part, where in ((record, ""), *((half, " in both halves") for half in record.halves())):
-            part.require_moving(known, where)
-        settings = complete(settings, record)
+        record, settings = checked(train, settings)
         begin = None if start is None else _start(record, settings, start)
         try:
             fitted = fit(record, settings, begin)
@@ -90,6 +81,43 @@ def learn(
                 "observable through its C"
             ) from None
         return _learned(fitted, record, begin)
+
+
+def learn_forecasts(
+    train: UniformRecord | Sequence[UniformRecord], settings: Settings | None = None
+) -> JointModel | Learned:
+    """Learns what forecasts a flight: the joint model alone, unless the ``settings`` ask for another.
+
+    DEM's A, B and C, which take most of the time of :func:`learn`, play no part in the joint model's forecasts.
+
+    Args:
+        train, settings: as for :func:`learn`.
+
+    Raises:
+        ValueError: as :func:`learn`, but not where DEM breaks down.
+    """
+    with one_thread():
+        record, completed = checked(train, settings)
+        if completed.forecasts == "joint" and known_inputs(completed, record.inputs.shape[1]).all():
+            return JointModel.learn(record, completed.seed)
+        return learn(record, settings)
+
+
+def checked(
+    train: UniformRecord | Sequence[UniformRecord], settings: Settings | None = None
+) -> tuple[Record, CompleteSettings]:
+    """Returns the training data as one record, and the settings with nothing left open; raises as :func:`learn`."""
+    if not (settings is None or isinstance(settings, Settings)):
+        raise ValueError(f"settings must be a Settings, or None for the default ones, not {settings!r}")
+    settings = Settings() if settings is None else settings
+    record = Record.of(train)
+    if len(record) < FEWEST_SAMPLES:
+        raise ValueError(f"train must have at least {FEWEST_SAMPLES} samples, not {len(record)}")
+    # In one half, a vehicle may have stood on the ground.
+    known = known_inputs(settings, record.inputs.shape[1])
+    for part, where in ((record, ""), *((half, " in both halves") for half in record.halves())):
+        part.require_moving(known, where)
+    return record, complete(settings, record)
 
 
 def complete(settings: Settings, record: Record) -> CompleteSettings:
