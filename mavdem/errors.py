@@ -62,11 +62,8 @@ def unit_slip(outputs: Any, dt: float) -> str:
 EXTRAS = {  # modules by the name of the extra in pyproject.toml
     "control": ("control",),
     "dask": ("distributed",),
-    "fleet": ("pebble", "pyarrow"),
     "pandas": ("pandas",),
-    "paper": ("matplotlib", "rerun"),
     "parquet": ("pyarrow",),
-    "plot": ("matplotlib",),
     "ros2": ("mcap_ros2",),
     "urls": ("aiohttp", "fsspec"),
     "view": ("rerun",),
@@ -123,7 +120,7 @@ class LearnedDownstream:
     @property
     def plot(self) -> Any:
         """Its pictures: ``plot.bode()`` and others return a ``matplotlib`` figure; see ``report.figures.Plots``."""
-        return downstream("report.figures", "Plots", "Learned.plot", "plot")(self)
+        return downstream("report.figures", "Plots")(self)
 
     def summary(self) -> str:
         """Returns what the vehicle does in wind, on one screen; without windows that the model has not seen.
@@ -131,6 +128,14 @@ class LearnedDownstream:
         ``mavdem.evaluate.held_out_windows`` forecasts such windows.
         """
         return str(downstream("report.screen", "summary")(self))
+
+    def score(self, flight: Any) -> float:
+        """Returns 1 − error ratio (NMSE) of its forecasts of a ``flight`` that it has not seen, as scikit-learn's R².
+
+        1 is perfect; 0 is no better than the flight's own mean, and below is worse. :func:`mavdem.evaluate.score_of`
+        has the windows, and what is raised. MATLAB's fit is 1 − √(1 − score).
+        """
+        return float(downstream("evaluate", "score_of")(self, flight))
 
     def to_control(self, model: str = "physical") -> Any:
         """Returns the physical plant with its delay, or DEM's own ``model="dem"``, as a ``control.StateSpace``.

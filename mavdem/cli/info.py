@@ -11,6 +11,7 @@ from mavdem.cli.options import read_source, source_options
 from mavdem.cli.output import complain, print_json, say
 from mavdem.condition.inventory import inventory
 from mavdem.condition.wind_of_log import Air, air_of
+from mavdem.health.in_flight import alarm_figures
 from mavdem.report.blocks import Block, Sentence
 from mavdem.report.condition import sender, stream_contents, vehicle_contents, wind_blocks
 from mavdem.report.screen import conclusion
@@ -26,7 +27,7 @@ def info_command(
 
     SOURCE is a log: .tlog, .mcap (MAVLink or ROS 2), .bin, .log, .ulg or .ulg.xz. For each vehicle it prints what the
     flight says of it, if a model can be learned (a model of the slow motion too; if not, why and what to change), the
-    settled flight, and the messages with their rates.
+    health of its motors in flight, what the autopilot warned of, the settled flight, and the messages with their rates.
     --json has all details, for example message counts; the reason is then also printed on standard error.
 
     Exit code: 0 if a model can be learned from at least one vehicle, otherwise 1.
@@ -40,7 +41,7 @@ def info_command(
     known = {place: (one.verdict, one.condition, one.identity) for place, one in analyses.items()}
     held, blocks = inventory(log, axis, vehicle, inputs, known), list[Block]()
     for shown, one, air in zip(held["vehicles"], analyses.values(), airs, strict=True):
-        shown |= one.findings.as_dict() | {"model": one.model}
+        shown |= one.findings.as_dict() | alarm_figures(one.alarms) | {"model": one.model, "watched": one.watched}
         shown["wind_velocity"] = air[0] and air[0].as_dict()
         blocks += [*conclusion(one.findings), *vehicle_contents(shown), *wind_blocks(air), Sentence("")]
     held["learnable"] = any(one["model"] for one in held["vehicles"])

@@ -184,9 +184,8 @@ def learn_command(
         with progress("Drawing and writing the files", measured=False):
             page = log_page(heading, blocks, {verdict.axis: analysis}, held, air=air)
             write_results(folder, report, page, analysis, air, signals.position)
-        for what, extra in ((f"{RECORDING} was not written, since it", "view"), ("Drawing its pictures", "plot")):
-            if learned is not None and (hint := advice(what, extra)):
-                say_aside(hint)
+        if learned is not None and (hint := advice(f"{RECORDING} was not written, since it", "view")):
+            say_aside(hint)
     if as_json:
         print_json(report)
         if learned is None:  # else the screen has said it

@@ -15,7 +15,7 @@ from mavdem.dem.order_choice import DEFAULT_MAX_ORDER, LARGEST_ORDER, FlightOrde
 from mavdem.dem.parallel import parallel_map
 from mavdem.errors import NotLearnable
 from mavdem.flight import Flight
-from mavdem.report.comparison import order_report
+from mavdem.report.comparison import order_advice, order_report
 from mavdem.report.page import order_page
 
 
@@ -91,10 +91,11 @@ def order_command(
     choice = OrderChoice(tuple(found.values()))
     seconds, written = round(perf_counter() - began, 3), "" if html is None else f" Written: {printable(html)}"
     if html is not None:
-        write_text(html, order_page(choice, list(found)))
+        write_text(html, order_page(choice, list(found), not unknown_inputs))
     report = {"flights": list(found), "axis": axis, "known_inputs": not unknown_inputs, "seconds": seconds}
     report |= {"refused": [one.values for one in refused], "html": None if html is None else str(html)}
-    print_result(choice.to_dict() | report, order_report(choice, list(found)), as_json)
+    report["advice"] = order_advice(choice, not unknown_inputs)
+    print_result(choice.to_dict() | report, order_report(choice, list(found), not unknown_inputs), as_json)
     end_report(context, refused, "no order", f"Took {seconds:.1f} s.{written}", as_json)
 
 

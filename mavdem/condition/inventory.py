@@ -97,6 +97,28 @@ def _texts(telemetry: Telemetry) -> list[str]:
     return [text.decode(errors="replace") if isinstance(text, bytes) else str(text) for text in texts]
 
 
+SEVERITIES = ("emergency", "alert", "critical", "error", "warning")  # of MAV_SEVERITY, the worst first
+OLD_SCALE = {"GROUND START", "Initialising APM..."}  # of ArduPilot before 3.4, which had severities of its own
+
+
+def autopilot_alarms(telemetry: Telemetry) -> list[dict[str, Any]]:
+    """Returns what the autopilot itself warned of, each text once: the worst first, then by ``time``, s since boot.
+
+    With how often it came (``count``). Of MAVLink's STATUSTEXT, which other logs do not have.
+    """
+    texts, found = [text.strip() for text in _texts(telemetry)], dict[tuple[int, str], dict[str, Any]]()
+    columns = telemetry.messages.get("STATUSTEXT")
+    if columns is None or "severity" not in columns or not OLD_SCALE.isdisjoint(texts):
+        return []
+    for text, severity, time, boot in zip(
+        texts, *(columns[name].tolist() for name in ("severity", "time", "boot")), strict=True
+    ):
+        if severity < len(SEVERITIES):
+            new = {"severity": SEVERITIES[severity], "text": text, "time": time, "boot": boot, "count": 0}
+            found.setdefault((severity, text), new)["count"] += 1
+    return [found[key] for key in sorted(found, key=lambda key: key[0])]
+
+
 def _firmware(telemetry: Telemetry) -> str:
     said = next((text.strip() for text in _texts(telemetry) if text.startswith(("ArduCopter V", "APM:Copter V"))), "")
     columns = telemetry.messages.get("AUTOPILOT_VERSION")
@@ -236,6 +258,7 @@ def _vehicle(
         **tier_of(verdict, condition).as_dict(),
         "identity": identity.as_dict(),
         "condition": condition.as_dict(),
+        "autopilot_alarms": autopilot_alarms(telemetry),
     }
 
 

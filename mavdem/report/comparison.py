@@ -10,11 +10,11 @@ from math import isfinite, sqrt
 from typing import Any
 
 from mavdem.analysis.findings import PREDICTION_LIMITS
-from mavdem.dem.order_choice import OrderChoice
+from mavdem.dem.order_choice import LARGEST_ORDER, OrderChoice
 from mavdem.evaluate.comparison import Comparison
 from mavdem.evaluate.scores import FEWEST_PAIRS, FROM_ZERO, HORIZONS, KNOWN, SIGNIFICANCE, UNKNOWN, Paired
 from mavdem.report.blocks import Block, Sentence, Table
-from mavdem.report.numbers import THREE_STATES, listed, named, readable
+from mavdem.report.numbers import listed, named, readable
 
 WORDS = {KNOWN: "What happened, given the inputs:", UNKNOWN: "What comes next, inputs unknown:"}
 Summary = dict[str, Any]
@@ -192,10 +192,28 @@ def _legend(reference: str, from_zero: bool, several: bool, predicted: bool) -> 
     )
 
 
-def order_report(choice: OrderChoice, names: Sequence[str]) -> list[Block]:
-    """Returns F̄ by order and flight, and the chosen order with its reason.
+STANDARD_ORDER = 3  # of `mavdem learn`: angle, rate, and the motors' lag
 
-    ``names`` are those of the flights of ``choice``.
+
+def order_advice(choice: OrderChoice, known_inputs: bool = True) -> str:
+    """Returns what to do with the order of a ``choice``, one sentence; ``known_inputs`` as for ``choose_order``."""
+    order, same = choice.chosen, "forecasts, physical parameters and wind torque do not depend on it."
+    if not choice.saturated and order < LARGEST_ORDER:
+        more = "Fly longer, with more motion" if choice.remarks else f"Try more states with --max-order {LARGEST_ORDER}"
+        return f"{more}: F̄ still increases at the highest order."
+    if not known_inputs:
+        return (
+            "Keep the standard order of `mavdem learn`: it knows the motors, and this order is of a model without them."
+        )
+    if order > STANDARD_ORDER:
+        return f"Use `mavdem learn --order {order}` where A, B and C must have these states; {same}"
+    return f"Keep the standard order of `mavdem learn`, {STANDARD_ORDER} (angle, rate, and the motors' lag); {same}"
+
+
+def order_report(choice: OrderChoice, names: Sequence[str], known_inputs: bool = True) -> list[Block]:
+    """Returns F̄ by order and flight, and the chosen order with its reason, and last what to do with it.
+
+    ``names`` are those of the flights of ``choice``; ``known_inputs`` is as for ``choose_order``.
     """
     rows, several, chosen = [], len(names) > 1, choice.chosen - 1
     for column, order in enumerate(choice.orders):
@@ -210,5 +228,5 @@ def order_report(choice: OrderChoice, names: Sequence[str]) -> list[Block]:
         Table(["states", *names, *(["mean", "spread"] if several else [])], rows),
         Sentence(f"F̄ in nats, minus that of the chosen order.{spread}"),
         *(Sentence(remark, "Caution:") for remark in choice.remarks),
-        Sentence(THREE_STATES),
+        Sentence(order_advice(choice, known_inputs), "Next:"),
     ]

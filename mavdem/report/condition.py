@@ -22,6 +22,8 @@ BASES = {  # what a vehicle's name is made of, in words
     "system id": "its system id only, which other vehicles have too",
 }
 SLOW_HZ = 0.95  # messages below this rate are listed together: they are too slow to describe the motion
+MOST_ALARMS = 5  # of the autopilot that are shown
+UNWATCHED = "a motor that weakens would not be seen: the motor outputs come too seldom, or whose they are is not known."
 MIN_LOST_SHARE = 0.01  # share of missing sequence numbers from which it is reported; less is a radio link in good order
 
 
@@ -79,6 +81,26 @@ def condition_sentences(condition: dict[str, Any]) -> list[Sentence]:
     return sentences
 
 
+def health_sentences(vehicle: dict[str, Any]) -> list[Sentence]:
+    """Returns what became of the motors in flight, where that was looked for, and what the autopilot warned of."""
+    sentences, told = list[Sentence](), vehicle["autopilot_alarms"]
+    if "watched" in vehicle:
+        said = {one["sentence"] for one in vehicle["overrides"]}  # is above all else already
+        changes = [one["sentence"] for kind in ("alarms", "recoveries", "torque_changes") for one in vehicle[kind]]
+        none = f"no motor was found to lose thrust in {vehicle['condition']['settled']:.0f} s of settled flight."
+        text = " ".join(changes) or (none if vehicle["watched"] else UNWATCHED)
+        sentences = [] if {one.removeprefix("Alarm: ") for one in changes} & said else [Sentence(text, "Health:")]
+    if told:
+        times = (f", {one['count']} times" if one["count"] > 1 else "" for one in told)
+        shown = [
+            f"“{one['text']}” ({one['severity']}, {one['time']:.0f} s{often})"
+            for one, often in zip(told, times, strict=True)
+        ]
+        more = [f"{len(told) - MOST_ALARMS} others (--json has them)"] if len(told) > MOST_ALARMS else []
+        sentences.append(Sentence(f"{listed([*shown[:MOST_ALARMS], *more])}.", "The autopilot warned:"))
+    return sentences
+
+
 def _interval(value: float, half: float | None, scale: float = 100.0, unit: str = " %") -> str:
     shown = rounded(scale * value) if half is None else plus_minus(scale * value, scale * half)
     return f"{shown}{unit}"
@@ -106,7 +128,7 @@ def vehicle_contents(vehicle: dict[str, Any]) -> list[Block]:
     if verdict["remedy"] and "next_step" not in vehicle:
         blocks.append(Sentence(verdict["remedy"], "What to do:"))
     blocks += [*tier_sentences(vehicle), identity_sentence(vehicle["identity"])]
-    blocks += condition_sentences(vehicle["condition"])
+    blocks += [*condition_sentences(vehicle["condition"]), *health_sentences(vehicle)]
     blocks += [Sentence(caution, "Caution:") for caution in verdict["cautions"]]
     blocks += [Sentence(repair, "Noted:") for repair in vehicle["repairs"]]
     if vehicle["segments"]:

@@ -25,7 +25,7 @@ from mavdem.condition.loop import Advice, Loop
 from mavdem.condition.wind_of_log import Air
 from mavdem.dem import Learned
 from mavdem.dem.order_choice import OrderChoice
-from mavdem.errors import NotLearnable, advice, downstream
+from mavdem.errors import NotLearnable, downstream
 from mavdem.evaluate.comparison import Comparison
 from mavdem.flight import Flight
 from mavdem.live import SessionStatus
@@ -94,10 +94,7 @@ def environment() -> Environment:
 def _drawn(chapter: Chapter, number: int) -> dict[str, Any]:
     """The chapter with its pictures as SVG; where one cannot be drawn, a sentence with the reason."""
     blocks, drawings = list(chapter.blocks), []
-    hint = advice("Drawing the pictures of this page", "plot")
-    if chapter.pictures and hint:
-        blocks.append(Sentence(f"{hint} Then run the same command again."))
-    for place, picture in enumerate(() if hint else chapter.pictures):
+    for place, picture in enumerate(chapter.pictures):
         try:
             svg = downstream("report.figures.style", "svg")(picture.draw(), f"figure-{number}-{place}")
             drawings.append((picture, Markup(svg)))
@@ -215,7 +212,7 @@ def model_pictures(
     Responses and poles are left out where control effectiveness is not identifiable by what was ``found``.
     """
 
-    # ``learned.plot`` loads matplotlib, which not everyone has.
+    # ``learned.plot`` loads matplotlib, which takes its time.
     def draw(method: str, output: int) -> Any:
         options: dict[str, dict[str, Any]] = {}
         if analysis is not None:
@@ -269,15 +266,16 @@ def comparison_page(comparison: Comparison, from_zero: bool = False) -> str:
     return document("DEM and other methods", subtitle, blocks[:first], [pictures, Chapter("All errors", rest)])
 
 
-def order_page(choice: OrderChoice, names: Sequence[str]) -> str:
-    """Returns the HTML of a ``choice`` of the model order of flights of these ``names``."""
+def order_page(choice: OrderChoice, names: Sequence[str], known_inputs: bool = True) -> str:
+    """Returns the HTML of a ``choice`` of the model order of flights of these ``names``; as :func:`order_report`."""
     picture = Picture(
         "Free energy by order",
         "How far F̄ is below its highest value. In the shaded part the difference is no strong evidence.",
         lambda: downstream("report.figures.flights", "free_energy_by_order")(choice, names),
     )
     subtitle = f"The number of states that {listed(names)} show{'s' * (len(names) == 1)}, by the free energy."
-    return document("Model order", subtitle, order_report(choice, names), [Chapter("Pictures", pictures=[picture])])
+    blocks = order_report(choice, names, known_inputs)
+    return document("Model order", subtitle, blocks, [Chapter("Pictures", pictures=[picture])])
 
 
 def live_page(

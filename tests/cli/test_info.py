@@ -29,6 +29,7 @@ def test_a_sample_flight_can_be_learnt_from(name, system, autopilot, capsys):
     for name in ("ATTITUDE", "SERVO_OUTPUT_RAW"):
         assert vehicle["messages"][name]["rate"] == pytest.approx(100, rel=0.01)
     assert vehicle["segments"][0]["duration"] == pytest.approx(60, abs=1)
+    assert vehicle["watched"] and vehicle["alarms"] == vehicle["autopilot_alarms"] == []
 
 
 def test_the_rates_a_ground_station_asks_for_are_too_slow(capsys):
@@ -50,6 +51,7 @@ def test_the_text_reports_the_same(capsys):
     assert main(["info", path, "--axis", "pitch"]) == 0
     said = capsys.readouterr().out
     assert said.startswith("Healthy.\nNext: Learn a model: `mavdem learn`.\nA pitch model can be learned from 5:1 (")
+    assert "Health: no motor was found to lose thrust in 60 s of settled flight." in said
     # Logs that were cut by message type lack most sequence numbers; that is no loss, and is not called one.
     vehicle, station = said.splitlines()[-2:]
     assert "keeps only some message types" in vehicle and station == "From 255:190 (GCS): 60 messages."

@@ -18,7 +18,7 @@ from mavdem.alignment.signals import Signals
 from mavdem.alignment.verdict import verdict_of
 from mavdem.condition import condition_of, identity_of
 from mavdem.condition.condition import LEVEL, hover_of, mean_interval
-from mavdem.condition.inventory import Tier, inventory, tier_of
+from mavdem.condition.inventory import Tier, autopilot_alarms, inventory, tier_of
 from mavdem.errors import NotLearnable
 from mavdem.ingest import Log, read_log
 from mavdem.ingest.motors import OutputScale
@@ -279,6 +279,16 @@ def test_firmware_is_what_the_autopilot_says_or_sends():
     sent = changed(flown(autopilot="PX4"), "AUTOPILOT_VERSION", **version)
     assert identity_of(Signals(sent)).firmware == "PX4 v1.16.0"
     assert identity_of(Signals(replace(sent, firmware="PX4 v1.2.3 (abc)"))).firmware == "PX4 v1.2.3 (abc)"
+
+
+def test_what_the_autopilot_warned_of_comes_once_and_the_worst_first():
+    sent = [(4, b"Battery 1 is low"), (6, b"Takeoff"), (2, b"EKF variance"), (4, b"Battery 1 is low")]
+    severity, text = map(np.array, zip(*sent, strict=True))
+    telemetry = changed(flown(), "STATUSTEXT", **columns(np.arange(4.0), severity=severity, text=text))
+    found = [tuple(one.values()) for one in autopilot_alarms(telemetry)]
+    assert found == [("critical", "EKF variance", 2.0, 0, 1), ("warning", "Battery 1 is low", 0.0, 0, 2)]
+    old = columns(np.arange(2.0), severity=np.array([1, 3]), text=np.array([b"GROUND START", b"ARMING MOTORS"]))
+    assert autopilot_alarms(changed(flown(), "STATUSTEXT", **old)) == autopilot_alarms(flown()) == []
 
 
 @pytest.mark.slow

@@ -1,7 +1,6 @@
 """The page: one file that fetches nothing, runs nothing, escapes everything, and fits a narrow and a wide window."""
 
 import re
-import sys
 from html.parser import HTMLParser
 from types import SimpleNamespace
 
@@ -123,12 +122,6 @@ def test_what_cannot_be_drawn_says_why_and_letters_follow_the_theme(pages):
     assert pages[0].count("<svg") == 2 and "<strong>Wind:</strong> there is no wind." in pages[0]
     assert 'figure [style*="fill: #24292f"] { fill: var(--ink) !important; }' in pages[0]
     assert re.search(r'<text style="[^"]*fill: #24292f', pages[0])
-
-
-def test_without_matplotlib_one_sentence_has_the_command_that_adds_pictures(monkeypatch):
-    monkeypatch.setitem(sys.modules, "matplotlib", None)
-    text = page()
-    assert "<svg" not in text and "pip install &#39;mavdem[plot]&#39;" in text
 
 
 @pytest.mark.slow
