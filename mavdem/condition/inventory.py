@@ -63,8 +63,9 @@ def identity_of(signals: Signals, received: float = float("nan")) -> Identity:
     vehicle = signals.telemetry
     firmware, date = vehicle.firmware or _firmware(vehicle), _date(signals, received)
     hardware = vehicle.hardware or board_name_in_texts(_texts(vehicle))
-    kind = vehicle.system, vehicle.autopilot, vehicle.vehicle, firmware
-    return Identity(*_name(vehicle), *kind, date, hardware, _place(vehicle))
+    name, basis = _name(vehicle)
+    kind = vehicle.autopilot, vehicle.vehicle, firmware
+    return Identity(name, basis, vehicle.system, *kind, date, hardware, _place(vehicle))
 
 
 def _name(telemetry: Telemetry) -> tuple[str, str]:

@@ -25,4 +25,4 @@ def mode_name(autopilot: str, number: int) -> str:
     if autopilot == "PX4":
         return _NAMES.get(number, _NAMES.get(number & 0xFFFFFF, f"mode {number}"))
     name = enum_name("COPTER_MODE", number) if autopilot == "ARDUPILOTMEGA" else str(number)
-    return f"mode {name}" if name.isdigit() else name.replace("_", " ").capitalize()
+    return f"mode {name}" if name.isdigit() else name.replace("_", " ").capitalize().replace("Rtl", "RTL")

@@ -149,7 +149,16 @@ RATES, DEMANDS, DESIRED_RATES = ("R", "P", "Y"), ("ROut", "POut", "YOut"), ("RDe
 DESIRED_ANGLES = ("DesRoll", "DesPitch", "DesYaw")
 OF_FLIGHT = ("ATT", "ANG", "RATE", "IMU", "RCOU", "CTUN", "XKF1", "XKF4", "NKF1", "EV", "ARM")
 """DataFlash's messages of the vehicle's motion, motors and state: a log without them is none of a flight."""
-NEEDED = (*OF_FLIGHT, "RCIN", *BATTERIES, "VIBE", "GPS", "XKF2", "NKF2", "MODE")  # DataFlash's messages that are translated
+NEEDED = (
+    *OF_FLIGHT,
+    "RCIN",
+    *BATTERIES,
+    "VIBE",
+    "GPS",
+    "XKF2",
+    "NKF2",
+    "MODE",
+)  # DataFlash's messages that are translated
 SLOWER_SHARE = 0.9  # A message is slower than another when it has fewer than this share of the other's number
 CENTIDEGREES = (15.0, 400.0)
 """RATE, taken for degrees/s, over the gyro: the range in which it is in centidegrees/s. RATE may be filtered where the
