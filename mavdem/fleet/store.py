@@ -53,7 +53,7 @@ def read_rows(folder: Path) -> list[FlightRow]:
     path = folder / STORE
     if not is_fleet(folder):
         raise Unreadable(f"{folder} holds no fleet: make one with `mavdem track LOGS --out {folder}`.")
-    access = "mode=ro" if os.access(folder, os.W_OK) else "immutable=1"  # SQLite's lock is a file beside it
+    access = "mode=rw" if os.access(folder, os.W_OK) else "immutable=1"  # SQLite's lock is a file beside it
     try:
         with closing(sqlite3.connect(f"{path.absolute().as_uri()}?{access}", BUSY_SECONDS, uri=True)) as db:
             _check_version(db, folder)

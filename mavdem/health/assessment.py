@@ -1,6 +1,6 @@
 """The assessment of a vehicle's flights: which motor works too hard, by how much and how surely, or why not.
 
-docs/health.md says how it is judged. Beside the balance stands the effort: a rotor's speed goes with its command times
+docs/motors.md says how it is judged. Beside the balance stands the effort: a rotor's speed goes with its command times
 the voltage, so the collective times the voltage stays as the battery sags. More of it is needed for a payload, in
 thinner air, and with propellers that give less thrust: which, it does not say.
 """

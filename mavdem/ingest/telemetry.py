@@ -69,7 +69,8 @@ class Telemetry:
 
 def rate_without_gaps(steps: Array) -> float:
     """Returns messages a second by the ``steps`` (N,), s, between them, without gaps of over three usual ones."""
-    return 1 / float(steps[steps <= 3 * np.median(steps)].mean()) if len(steps) else 0.0
+    usual = steps[steps <= 3 * np.median(steps)] if len(steps) else steps
+    return 1 / float(usual.mean()) if usual.any() else 0.0
 
 
 def rows_by(values: NDArray[np.integer[Any]]) -> dict[int, NDArray[np.intp]]:

@@ -19,12 +19,11 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.dem.graybox.wind import CHANGE_SECONDS, LEVEL_SECONDS, gusts, shortest_gust
 from mavdem.dem.online.learner import TOO_FEW
 from mavdem.dem.online.tracker import FALSE_MARK_SECONDS
-from mavdem.dem.priors import hyperparameter_groups
 from mavdem.dem.record import Record
 from mavdem.live import SessionStatus
 from mavdem.live.history import AHEAD, sentence
 from mavdem.report.blocks import markdown
-from mavdem.report.numbers import TORQUE, named, per, place, plus_minus, readable, state_names, with_unit
+from mavdem.report.numbers import TORQUE, named, per, place, plus_minus, readable, with_unit
 from mavdem.report.palette import BAD, BAND_OPACITY, BOUND, COMMAND, DISTURBANCE, MEASURED, PREDICTED, distinct
 from mavdem.report.screen import verdict_blocks
 from mavdem.view.flown import BOOT_CLOCK, Lines, blueprint, faint
@@ -229,22 +228,8 @@ class LiveWriter:
             self._model = now.model
             time, action = np.array([row.time]), np.array([now.free_energy_action])
             self._draw(Lines("free_energy_action", ("F̄",), (MEASURED,), 2.0), time, action)
-            if row.learned is not None:
-                names = precision_names(self.channels.output_names, row.learned)
-                lines = Lines("noise_precisions", names, tuple(map(distinct, range(len(names)))), 2.0)
-                self._draw(lines, time, now.log_precisions)
-
-
-def precision_names(outputs: Sequence[str], learned: Learned) -> tuple[str, ...]:
-    """Returns what each λ is of: the measurement noise z, then the process noise w."""
-    states, names = state_names(outputs, learned), []
-    groups = hyperparameter_groups(learned.settings, len(states), len(outputs))
-    for noise, whole, channels, group in zip("zw", ("measurement", "process"), (outputs, states), groups, strict=True):
-        numbers = np.unique(group)
-        for number in numbers:
-            shared = " and ".join(name for name, member in zip(channels, group, strict=True) if member == number)
-            names.append(f"{noise} of {shared}" if len(numbers) > 1 else f"{noise}, {whole}")
-    return tuple(names)
+            lines = Lines("noise_precisions", ("z, measurement", "w, process"), (distinct(0), distinct(1)), 2.0)
+            self._draw(lines, time, now.log_precisions)
 
 
 def live_blueprint(channels: Channels) -> rrb.Blueprint:

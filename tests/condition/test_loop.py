@@ -109,7 +109,7 @@ def test_an_integrator_with_dead_time_has_its_margins(gain, delay):
 def test_a_simulated_flight_has_the_margins_of_its_linearised_loop(autopilot):
     steered = {"kind": "multisine", "sd": 3.0, "lowest": 0.2, "highest": 4.0, "period": 10.0}
     vehicle, stream = {"model": "iris", "rate_gain": 1.4}, {"autopilot": autopilot, "rates": {"ATTITUDE_TARGET": 100}}
-    scenario = scenario_of({"seed": 5, "vehicle": vehicle, "excitation": steered, "stream": stream})
+    scenario = scenario_of({"seed": 5, "duration": 45, "vehicle": vehicle, "excitation": steered, "stream": stream})
     record, known = Record.of(logged(scenario)), truth(scenario, fly(scenario))
     plant = physical(record)
     loop = loop_of(plant, record)

@@ -32,7 +32,7 @@ from mavdem.alignment.signals import Signals, setpoints
 from mavdem.errors import Unreadable
 from mavdem.ingest import contents as files
 from mavdem.ingest import read_log
-from mavdem.ingest.telemetry import Telemetry
+from mavdem.ingest.telemetry import Telemetry, rate_without_gaps
 
 
 def same(ours: NDArray[np.generic], theirs: NDArray[np.generic]) -> bool:
@@ -95,6 +95,10 @@ def test_attitude_is_moved_to_the_stamps_of_the_rates(tmp_path):
     messages = vehicle_of(log(*pieces), tmp_path).messages["ATTITUDE_QUATERNION"]
     assert np.allclose(messages["time"], 20 + 0.5 * np.arange(20))
     assert np.allclose(messages["rollspeed"], 0.5 * np.arange(20), atol=1e-6)
+
+
+def test_stamps_that_repeat_have_no_rate():
+    assert rate_without_gaps(np.array([0.0, 0.0, 5.0])) == rate_without_gaps(np.zeros(0)) == 0.0
 
 
 def test_motors_are_put_on_their_channels(tmp_path):

@@ -1,7 +1,7 @@
 """DataFlash's messages in MAVLink's vocabulary.
 
 Fields and units: https://ardupilot.org/copter/docs/logmessages.html, from ArduPilot's ``LogStructure.h`` files.
-docs/first_log.md#what-is-read-of-dataflash has the table of both vocabularies.
+docs/formats.md#dataflash has the table of both vocabularies.
 
 RATE has the rates that MAVLink's ATTITUDE sends, filtered and without the gyro bias that the estimator finds. IMU has
 the bias still, and is used only where RATE was logged slower than both it and the angles, or not at all.
