@@ -57,7 +57,9 @@ def key_figures(analysis: LogAnalysis, air: Air | None, loop: Loop | None = None
     physical = None if learned is None else learned.physical
     if learned is not None and (torque := known_wind(learned.wind_torque, physical)) is not None:
         sd = f"{rounded(TORQUE.scale * torque.sd)} {TORQUE.name}"
-        yield KeyFigure("Wind torque", sd, f"on {analysis.verdict.axis}, standard deviation", grades.get("wind", ""))
+        yield KeyFigure(
+            "Wind torque", sd, f"on {Labels.of(learned).output_names[0]}, standard deviation", grades.get("wind", "")
+        )
     if physical is not None and physical.identifiable:
         mean, half = physical.mean_effect(LEVEL)
         remark = f"90 % interval of the motors' mean; {physical.status['effect']}"
