@@ -28,9 +28,8 @@ Parameters = Mapping[str, float]
 _TOPICS = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
 NEEDED: Mapping[str, tuple[str, ...]] = {topic: tuple(fields) for topic, fields in _TOPICS.items()}
 """The topics that are read, and the fields of each beside ``timestamp``, arrays with their length."""
-SETPOINTS = frozenset({"vehicle_attitude_setpoint", "vehicle_rates_setpoint", "manual_control_setpoint"})
+SETPOINTS = frozenset({"vehicle_attitude_setpoint", "vehicle_rates_setpoint"})
 """Those that a companion may send as well."""
-STICK_RANGE, NO_STICK = 1000.0, 32767.0  # Full deflection in MANUAL_CONTROL, and what stands for none
 MAX_ATTITUDE_STEP = 0.1
 """Longest step, s, of the attitude that is interpolated: half a period at 5 Hz, the band of the roll dynamics."""
 
@@ -76,7 +75,6 @@ def messages(
         targets = _made(_attitude_target, topics)
         named |= {
             "ATTITUDE_TARGET": ("vehicle_rates_setpoint and vehicle_attitude_setpoint", targets),
-            "MANUAL_CONTROL": ("manual_control_setpoint", _made(_manual_control, topics)),
             "SYS_STATUS": ("battery_status", _made(_sys_status, topics)),
             "VIBRATION": ("vehicle_imu_status", _made(_vibration, topics)),
             "SYSTEM_TIME": ("vehicle_gps_position", _made(_system_time, topics)),
@@ -246,15 +244,6 @@ def _attitude_target(topics: Topics) -> dict[str, NDArray[Any]]:
         parts.append({"time": rates["time"], **attitude_target(rates=asked)})
     together = joined(parts or [{"time": np.zeros(0)}])
     return selected(together, np.argsort(together["time"], kind="stable"))
-
-
-def _manual_control(topics: Topics) -> dict[str, NDArray[Any]]:
-    """MANUAL_CONTROL.hpp: manual_control_setpoint, called x, y and r until PX4 1.13, with the decimals it cuts off."""
-    sticks = _first(topics, "manual_control_setpoint")
-    names = {"x": "pitch", "y": "roll", "r": "yaw"}
-    fields = {ours: theirs if theirs in sticks else ours for ours, theirs in names.items()}
-    shares, valid = {ours: sticks[field].astype(np.float64) for ours, field in fields.items()}, _valid(sticks, "valid")
-    return {"time": sticks["time"]} | {n: np.where(valid, STICK_RANGE * share, NO_STICK) for n, share in shares.items()}
 
 
 def _sys_status(topics: Topics) -> dict[str, NDArray[Any]]:

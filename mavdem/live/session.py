@@ -335,7 +335,7 @@ class LiveSession:
         key = setup.dt, layout.names
         if key not in self._learners:
             if self.prior is not None and not alike:
-                self._log("The earlier model has other inputs: it says nothing of this flight.")
+                self._log("The earlier model has other inputs: it is not used.")
             self._learners[key] = OnlineLearner(self.settings, *sizes, executor=self.executor, **options)
         if self.learner is not self._learners[key]:
             self.learner, self._estimate = self._learners[key], None

@@ -30,7 +30,7 @@ from mavdem.view.flown import BOOT_CLOCK, Lines, blueprint, faint
 
 FLIGHT_SECONDS, LEARNING_SECONDS = 20.0, 120.0  # in view
 LEGEND = (
-    "An error ratio is beside the better of the last sample and the mean. Surprise is how far F(t) is below its recent "
+    "Error ratios: beside the better of the last sample and the mean. Surprise is how far F(t) is below its recent "
     "median: 1 is the worst of twenty samples. A mark is where it stays above what is usual in this flight; one in "
     f"{FALSE_MARK_SECONDS / 60:.0f} minutes is expected without a change."
 )

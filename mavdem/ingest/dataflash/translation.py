@@ -149,16 +149,7 @@ RATES, DEMANDS, DESIRED_RATES = ("R", "P", "Y"), ("ROut", "POut", "YOut"), ("RDe
 DESIRED_ANGLES = ("DesRoll", "DesPitch", "DesYaw")
 OF_FLIGHT = ("ATT", "ANG", "RATE", "IMU", "RCOU", "CTUN", "XKF1", "XKF4", "NKF1", "EV", "ARM")
 """DataFlash's messages of the vehicle's motion, motors and state: a log without them is none of a flight."""
-NEEDED = (
-    *OF_FLIGHT,
-    "RCIN",
-    *BATTERIES,
-    "VIBE",
-    "GPS",
-    "XKF2",
-    "NKF2",
-    "MODE",
-)  # DataFlash's messages that are translated
+NEEDED = (*OF_FLIGHT, *BATTERIES, "VIBE", "GPS", "XKF2", "NKF2", "MODE")  # DataFlash's messages that are translated
 SLOWER_SHARE = 0.9  # A message is slower than another when it has fewer than this share of the other's number
 CENTIDEGREES = (15.0, 400.0)
 """RATE, taken for degrees/s, over the gyro: the range in which it is in centidegrees/s. RATE may be filtered where the
@@ -196,7 +187,6 @@ def translated(
         "SERVO_OUTPUT_RAW": ("RCOU", _servos(tables)),
         "ACTUATOR_CONTROL_TARGET": ("RATE", demands),
         "ATTITUDE_TARGET": (asked, targets),
-        "RC_CHANNELS": ("RCIN", _sticks(tables)),
         "SYS_STATUS": (measured, volts),
         "VIBRATION": ("VIBE", vibration(tables)),
         "SYSTEM_TIME": ("GPS", calendar_time(tables)),
@@ -259,23 +249,14 @@ def _in_centidegrees(rates: Columns, speeds: Array, gyros: Columns | None, versi
 
 
 def _servos(tables: Mapping[str, Columns]) -> Columns | None:
-    if not (pulses := _channels(tables, "RCOU")):
-        return None
-    none = np.zeros(len(tables["RCOU"]["time"]), dtype=np.uint16)
-    outputs = {f"servo{n}_raw": pulses.get(n, none) for n in range(1, 17)}
-    return stamped(tables["RCOU"], {"port": none.astype(np.uint8), **outputs})
-
-
-def _sticks(tables: Mapping[str, Columns]) -> Columns | None:
-    pulses = {f"chan{n}_raw": column for n, column in _channels(tables, "RCIN").items()}
-    return stamped(tables["RCIN"], pulses) if pulses else None
-
-
-def _channels(tables: Mapping[str, Columns], name: str) -> dict[int, NDArray[np.uint16]]:
-    logged, most = tables.get(name, {}), np.iinfo(np.uint16).max
+    logged, most = tables.get("RCOU", {}), np.iinfo(np.uint16).max
     fields = {n: field for n in range(1, 17) for field in (f"C{n}", f"Ch{n}", f"Chan{n}") if field in logged}
+    if not fields:
+        return None
+    none = np.zeros(len(logged["time"]), dtype=np.uint16)
     pulses = {n: np.nan_to_num(np.asarray(logged[field], dtype=np.float64)) for n, field in fields.items()}
-    return {n: np.clip(column, 0, most).astype(np.uint16) for n, column in pulses.items()}
+    outputs = {f"servo{n}_raw": np.clip(pulses.get(n, none), 0, most).astype(np.uint16) for n in range(1, 17)}
+    return stamped(logged, {"port": none.astype(np.uint8), **outputs})
 
 
 def _targets(tables: Mapping[str, Columns], version: tuple[int, int] | None) -> tuple[Columns | None, str]:
