@@ -252,7 +252,9 @@ class LiveSession:
         known = self._latencies[: self._learned + self._shown]
         latency = (*np.percentile(known, [50, 99]).tolist(), self._latest) if len(known) else status.latency
         rows = replace(status, findings=self.findings, learned=self._learned, shown=self._shown, latency=latency)
+        behind = time.monotonic() - self.now
         rows = replace(rows, obstacle=silence or status.obstacle or learning, rates=rates)
+        rows = replace(rows, behind=behind if behind >= SHED["plots"] else 0.0)
         return rows if self._estimate is None else rows.predicting(self._estimate)
 
     def _silence(self) -> str:

@@ -322,6 +322,7 @@ def status_document(status: SessionStatus, row: ViewRow, until: float | None) ->
         model, reason = f"The model was learned up to {ago:.1f} s ago.", status.obstacle
     learning = f"{model} {sentence(reason)}"
     cautions = [f"**Cautions:** {' '.join(row.learned.cautions)}"] if row.learned and row.learned.cautions else []
+    cautions += [f"**{status.slow}**"] if status.slow else []
     table = "\n".join(f"- {name}: {fact}" for name, fact in facts.items())
     found = [] if status.findings is None else [markdown(verdict_blocks(status.findings))]
     return "\n\n".join([f"**{channels.title}**", *found, learning.strip(), table, *cautions, LEGEND])
