@@ -130,7 +130,7 @@ def test_a_simulated_flight_has_the_margins_of_its_linearised_loop(autopilot):
     assert retuned.agrees is None and f"{name} changed from 0.1 to" in retuned.cautions[-1]
     # Gains that were not those in flight.
     other = loop_of(plant, record, loop.controller.changed({name: 0.7 * record.parameters[name]}))
-    assert other.agrees is False and "times as far as its parameters say" in other.measured.reason
+    assert other.agrees is False and "times as far as its gains say" in other.measured.reason
 
 
 def test_recorded_flights_agree_or_have_no_margins():

@@ -114,7 +114,7 @@ def test_versions_and_directions_of_topics(recorder):
         recorder.write("/fmu/out/vehicle_attitude_groundtruth", "px4_msgs/msg/VehicleAttitude", {"q": [1.0] * 4})
     vehicle = recorder.vehicle()
     assert vehicle.vehicle == "HEXAROTOR"
-    assert set(vehicle.messages) == {"HEARTBEAT", "ACTUATOR_CONTROL_TARGET"}
+    assert set(vehicle.messages) == {"HEARTBEAT", "CURRENT_MODE", "ACTUATOR_CONTROL_TARGET"}
     controls = vehicle.messages["ACTUATOR_CONTROL_TARGET"]["controls"]
     assert np.allclose(controls[:, 0], TIMES % 1, atol=1e-6) and (controls[:, 3] == 0.25).all()
 
