@@ -357,12 +357,6 @@ def parts_learned(history: LiveHistory, seconds: float) -> Table:
     return Table(["learned from", "until", "length", "of it in the model at the end"], rows)
 
 
-def event_blocks(history: LiveHistory) -> list[Block]:
-    """Returns what happened when, by the ``history`` of a live flight."""
-    rows = [[f"{event.seconds:.1f} s" if isfinite(event.seconds) else "–", event.sentence] for event in history.events]
-    return [Table(["boot clock", "what happened"], rows, words=True)] if rows else [Sentence("Nothing happened.")]
-
-
 def _errors(errors: Sequence[HorizonErrors], axis: str) -> Table:
     header, rows = ["RMSE of predictions"], [[f"{one.seconds:.2g} s ahead"] for one in errors]
     for i, (name, unit) in enumerate([(axis, readable("rad")), (f"{axis} rate", readable("rad/s"))]):
