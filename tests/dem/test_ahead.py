@@ -80,14 +80,16 @@ def aimless(walking: bool) -> Flight:
     return Flight(0.01 * np.arange(5000), values[:, 2:], values[:, :2], dt=0.01, effect_directions=[1, 1, -1, -1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("make", "horizons"),
     [
-        pytest.param(lambda: controlled(1, wind=0.2), HORIZONS, id="calm", marks=pytest.mark.slow),
-        pytest.param(lambda: aimless(walking=False), HORIZONS, id="noise"),
+        (lambda: controlled(1, wind=0.2), HORIZONS),
+        (lambda: aimless(walking=False), HORIZONS),
         # A walk's 30 s seem to return to their mean: a tenth of a second ahead it errs 1.07 times as much.
-        pytest.param(lambda: aimless(walking=True), (1, 5), id="walk", marks=pytest.mark.slow),
+        (lambda: aimless(walking=True), (1, 5)),
     ],
+    ids=["calm", "noise", "walk"],
 )
 def test_no_horizon_is_worse_than_the_last_sample_and_the_mean(make, horizons):
     flight = make()
