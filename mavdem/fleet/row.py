@@ -16,8 +16,9 @@ from types import UnionType
 from typing import Any, get_args, get_origin, get_type_hints
 
 from mavdem.alignment.drive import INPUTS
+from mavdem.documents import header
 
-SCHEMA_VERSION = 3
+SCHEMA_VERSION: int = header("flights")["schema_version"]
 """Changes with the columns or with what they mean: logs whose rows have another version are read again."""
 
 UNKNOWN = "unknown"  # the vehicle of a log that does not say whose it is, and health that is not known
@@ -186,7 +187,7 @@ def as_text(name: str) -> str:
 
 
 def row_schema() -> Any:
-    """Returns the columns as a ``pyarrow.Schema``, with the version in its metadata."""
+    """Returns the columns as a ``pyarrow.Schema``; versions are in its metadata, and each unit in that of a column."""
     import pyarrow
 
     plain = {
@@ -199,8 +200,11 @@ def row_schema() -> Any:
     def arrow(kind: Any) -> Any:
         return pyarrow.list_(arrow(get_args(kind)[0])) if get_origin(kind) is tuple else plain[kind]
 
-    columns = [pyarrow.field(name, arrow(kind)) for name, kind in _kinds().items()]
-    return pyarrow.schema(columns, metadata={"mavdem_schema": str(SCHEMA_VERSION)})
+    head = header("flights")
+    units = {name: {"unit": unit} for name, unit in head["units"].items()}
+    columns = [pyarrow.field(name, arrow(kind), metadata=units.get(name)) for name, kind in _kinds().items()]
+    versions = {"mavdem_schema": str(SCHEMA_VERSION), "mavdem_version": head["mavdem_version"]}
+    return pyarrow.schema(columns, metadata=versions)
 
 
 def _of_report(report: Mapping[str, Any]) -> dict[str, Any]:

@@ -1,0 +1,65 @@
+"""Documents: the JSON that mavdem writes, each with its version, mavdem's, and the unit of every key that has one.
+
+``documents.toml`` has every document with its keys, types, units and meanings; docs/reference is made of it.
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Iterator
+from functools import cache
+from importlib import metadata
+from importlib.resources import files
+from typing import Any, NamedTuple
+
+
+@cache
+def tables() -> dict[str, dict[str, dict[str, Any]]]:
+    """Returns the ``documents``, by name, and the ``records`` that they are made of."""
+    return tomllib.loads((files("mavdem") / "documents.toml").read_text("utf-8"))
+
+
+class Key(NamedTuple):
+    """A key of a record: its ``type`` as Python has it, ``unit``, ``meaning``, and whether it may be missing."""
+
+    type: str
+    unit: str
+    meaning: str
+    optional: bool
+
+
+def keys_of(record: str) -> dict[str, Key]:
+    """Returns the keys of a ``record`` by name, those of other records that it includes last."""
+    listed = dict(tables()["records"][record])
+    included = listed.pop("*", "")
+    keys = {name.rstrip("?"): Key(*text.split("; ", 2), name.endswith("?")) for name, text in listed.items()}
+    for other in filter(None, included.split(", ")):
+        keys |= keys_of(other)
+    return keys
+
+
+def units_of(record: str, path: str = "", above: tuple[str, ...] = ()) -> Iterator[tuple[str, str]]:
+    """Yields the place, below a ``path``, of every key of a ``record`` that has a unit, and the unit; * is any key.
+
+    Records that are ``above`` it are left out: one may hold another of its kind.
+    """
+    for name, key in keys_of(record).items():
+        if key.unit:
+            yield f"{path}{name}", key.unit
+        inner = next((word for word in re.findall(r"\w+", key.type) if word in tables()["records"]), record)
+        if inner not in (*above, record):
+            yield from units_of(inner, f"{path}{name}{'.*' * key.type.count('[')}.", (*above, record))
+
+
+def document_of(command: str) -> str:
+    """Returns the name of the document that a ``command`` makes; "error" for none."""
+    return next((name for name, known in tables()["documents"].items() if known.get("command") == command), "error")
+
+
+@cache
+def header(name: str) -> dict[str, Any]:
+    """Returns what the document of this ``name`` begins with: its name, the versions, and units by key."""
+    known = tables()["documents"][name]
+    versions = {"document": name, "schema_version": known["version"], "mavdem_version": metadata.version("mavdem")}
+    return versions | {"units": known.get("units") or dict(units_of(known["record"]))}
