@@ -62,11 +62,8 @@ def unit_slip(outputs: Any, dt: float) -> str:
 EXTRAS = {  # modules by the name of the extra in pyproject.toml
     "control": ("control",),
     "dask": ("distributed",),
-    "fleet": ("pebble", "pyarrow"),
     "pandas": ("pandas",),
-    "paper": ("matplotlib", "rerun"),
     "parquet": ("pyarrow",),
-    "plot": ("matplotlib",),
     "ros2": ("mcap_ros2",),
     "urls": ("aiohttp", "fsspec"),
     "view": ("rerun",),
@@ -123,7 +120,7 @@ class LearnedDownstream:
     @property
     def plot(self) -> Any:
         """Its pictures: ``plot.bode()`` and others return a ``matplotlib`` figure; see ``report.figures.Plots``."""
-        return downstream("report.figures", "Plots", "Learned.plot", "plot")(self)
+        return downstream("report.figures", "Plots")(self)
 
     def summary(self) -> str:
         """Returns what the vehicle does in wind, on one screen; without windows that the model has not seen.

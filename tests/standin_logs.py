@@ -91,6 +91,19 @@ def table_of(out: Path) -> bytes:
     return (out / TABLE).read_bytes()
 
 
+def fleet_of(out: Path, rows: Sequence[FlightRow]) -> None:
+    """Makes a fleet of these rows, none of them judged."""
+    from mavdem.fleet.sources import Source
+    from mavdem.fleet.store import opened
+
+    with opened(out) as fleet:
+        for file in dict.fromkeys(row.file for row in rows):
+            of_log = tuple(row for row in rows if row.file == file)
+            fleet.add(Source(file, 1, "now"), Outcome(file, "read", of_log, of_log[0].key), LIMITS)
+        fleet.track([Source(row.file, 1, "now") for row in rows])
+        fleet.publish(lambda rows, _: rows)
+
+
 def statuses(out: Path) -> dict[str, str]:
     from mavdem.fleet.store import read_rows
 

@@ -31,7 +31,7 @@ from sitl_scenarios.files import names as scenarios
 
 ROOT = Path(__file__).parents[1]
 PAGES = {name: (ROOT / name).read_text() for name in ("README.md", "CONTRIBUTING.md")}
-PAGES |= {f"docs/{path.name}": path.read_text() for path in sorted((ROOT / "docs").glob("*.md"))}
+PAGES |= {str(path.relative_to(ROOT)): path.read_text() for path in sorted((ROOT / "docs").rglob("*.md"))}
 
 
 @pytest.mark.slow
@@ -76,8 +76,9 @@ def test_the_reference_has_every_public_name():
     shown = set(re.findall(r"^\.\. auto\w+:: mavdem\.(\w+)$", PAGES["docs/api.md"], re.MULTILINE))
     assert shown == {*mavdem.__all__, "dem"}
     # And the site every page.
-    listed = set(re.findall(r"^(?:.*<)?(\w+)>?$", PAGES["docs/index.md"], re.MULTILINE))
-    assert {Path(page).stem for page in PAGES if page.startswith("docs/")} - {"index"} <= listed
+    listed = set(re.findall(r"<(.*)>$", PAGES["docs/index.md"], re.MULTILINE))
+    pages = {page.removeprefix("docs/").removesuffix(".md") for page in PAGES if re.match("docs/(?!reference)", page)}
+    assert pages | {f"notebooks/{path.stem}" for path in NOTEBOOKS} == listed - {"reference/index"} | {"index"}
 
 
 def test_every_file_that_is_named_is_there():
@@ -86,7 +87,7 @@ def test_every_file_that_is_named_is_there():
         named = [
             ROOT / name for name in re.findall(r"`((?:tools|tests|logs|docs|mavdem|sitl_scenarios)/[\w./]+)`", text)
         ]
-        named += [(ROOT / page).parent / link for link in re.findall(r"\]\(([\w./]+)\)", text)]
+        named += [(ROOT / page).parent / link for link in re.findall(r"\]\(([\w./]+)(?:#[\w-]*)?\)", text)]
         missing += [f"{page}: {path.relative_to(ROOT)}" for path in named if not path.exists()]
     assert not missing
 
@@ -102,10 +103,11 @@ def test_the_package_says_who_made_it_and_what_it_is():
     assert project["readme"] == "README.md"
     assert all(f"name: {author['name']}\n" in citation for author in project["authors"])
     assert project["urls"] and all(f"url: {url}\n" in citation for url in project["urls"].values())
+    assert f"mavdem-{project['version']}-py3-none-any.whl" in PAGES["docs/tutorial.md"]
     assert f"version: {project['version']}\n" in citation and f"license: {project['license']}\n" in citation
 
 
-TEXTS = ("mavdem/**/*.py", "sitl_scenarios/**/*.py", "tools/**/*.py", "README.md", "CONTRIBUTING.md", "docs/*.md")
+TEXTS = ("mavdem/**/*.py", "sitl_scenarios/**/*.py", "tools/**/*.py", "README.md", "CONTRIBUTING.md", "docs/**/*.md")
 REPLACED = re.compile(
     r"are news to|leant on|rotors stand|beyond all numbers|without measure|believed"
     r"|\b(?:is|are|was|were) (?:not )?told\b|of them their past|is another since|what is wrong with it"

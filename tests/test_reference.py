@@ -5,6 +5,7 @@ import json
 from pathlib import Path
 
 import pytest
+from click import ClickException
 from pydantic import TypeAdapter, ValidationError
 from simulated import simulated
 
@@ -24,13 +25,13 @@ def test_pages_and_schemas_are_of_this_version():
 
 def test_a_schema_that_changes_needs_a_new_version(tmp_path, monkeypatch):
     monkeypatch.setattr(reference, "FOLDER", tmp_path)
-    reference.main()
+    reference.main.callback()
     path = tmp_path / "schemas" / "order-1.json"
     path.write_text(path.read_text().replace("F̄ by flight and order", "in other words"))
-    reference.main()
+    reference.main.callback()
     path.write_text(path.read_text().replace('"unit": "nats"', '"unit": "bits"'))
-    with pytest.raises(SystemExit, match="order-1.json changed: raise its version"):
-        reference.main()
+    with pytest.raises(ClickException, match="order-1.json changed: raise its version"):
+        reference.main.callback()
 
 
 def test_a_key_that_is_not_published_is_refused():

@@ -8,7 +8,6 @@ from __future__ import annotations
 import inspect
 import json
 import re
-import sys
 from dataclasses import fields
 from datetime import datetime
 from functools import cache
@@ -138,12 +137,15 @@ def contents() -> dict[Path, str]:
     return {FOLDER / "commands.md": command_page(), FOLDER / "files.md": file_page(), **schemas}
 
 
+@click.command(help=__doc__)
 def main() -> None:
     """Writes them all; ends with a sentence where a schema changed and its version did not."""
     for path, text in contents().items():
         before = json.loads(path.read_text()) if path.suffix == ".json" and path.exists() else None
         if before is not None and structure(before) != structure(json.loads(text)):
-            sys.exit(f"The document of {path.name} changed: raise its version in mavdem/documents.toml.")
+            raise click.ClickException(
+                f"The document of {path.name} changed: raise its version in mavdem/documents.toml."
+            )
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text)
 

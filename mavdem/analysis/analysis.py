@@ -9,7 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
+from functools import partial
 from os import PathLike
+from typing import TypeVar
 
 import numpy as np
 
@@ -23,7 +25,7 @@ from mavdem.condition import condition_of, identity_of
 from mavdem.condition.inventory import tier_of
 from mavdem.dem import Learned, Settings, learn
 from mavdem.dem.graybox.wind import wind
-from mavdem.dem.learning import FEWEST_SAMPLES
+from mavdem.dem.learning import FEWEST_SAMPLES, checked
 from mavdem.errors import NotLearnable
 from mavdem.evaluate.held_out import (
     BASELINES,
@@ -45,6 +47,7 @@ SLOW_CAUTION = (
     "The model is of the slow motion only: what shows at several Hz, such as the control effectiveness, is not in it."
 )
 
+T = TypeVar("T")
 StepProgress = Callable[..., AbstractContextManager[Callable[[float], None]]]
 """Shows a step of the work by its ``title``; what it yields is called with the share done, if it is ``measured``."""
 
@@ -103,7 +106,9 @@ def analyse(
         alarms = motor_alarms(signals)
     motor_rate = usual_rate(signals.motors) if signals.motors is not None and signals.motors.layout.positions else 0.0
     tier, motors = tier_of(verdict, condition), VehicleFigures({}, condition.hover)
-    found = LogAnalysis(verdict, tier, condition, identity, motors, alarms=alarms, watched=motor_rate >= MIN_RATE)
+    is_watched = motor_rate >= MIN_RATE
+    known = verdict, tier, condition, identity, motors
+    found = LogAnalysis(*known, alarms=alarms, watched=is_watched, signals=signals)
     measured = verdict.figures
     if tier.name is None and measured.airborne and not measured.segments:
         reason = f"It holds no settled flight, between climb and landing, in {measured.airborne:.0f} s in the air."
@@ -124,13 +129,11 @@ def analyse(
     if not segments or not (whole or slow):
         return found
     try:
-        flights, learned, held_out = _model(segments, settings or Settings(), start, train, test, progress)
+        flights, learned, held_out = _model(segments, settings or Settings(), start, train, test, progress, slow)
     except NotLearnable as error:
         if isinstance(error, TooFewSamples) and (start or train or test):
             raise
         return without_model(error.reason) if slow else replace(found, reason=error.reason, remedy=error.remedy)
-    if slow and (refusal := slow_motion_refusal(held_out)):
-        return without_model(refusal)
     cautions = (*([SLOW_CAUTION] if slow else []), *flights[0].provenance["cautions"], *learned.cautions)
     learned = replace(learned, cautions=cautions)  # before anything is fitted that it keeps
     changes = found.changes
@@ -175,8 +178,12 @@ def _model(
     train: Length | None,
     test: Length | None,
     progress: StepProgress,
+    slow: bool,
 ) -> tuple[tuple[Flight, ...], Learned, HeldOut]:
-    """What was trained on, the model, and forecasts of windows that no model saw."""
+    """What was trained on, the model, and forecasts of windows that no model saw.
+
+    A model of ``slow`` motion is refused by these before it is learned.
+    """
     if train is not None:
         training, following = cut(max(segments, key=len), start, train, test)
         flights: tuple[Flight, ...] = (training,)
@@ -184,20 +191,29 @@ def _model(
         # Times of another boot than the longest segment's cannot be compared.
         boot = max(segments, key=len).provenance["segment"]["boot"]
         flights = flown_after([one for one in segments if one.provenance["segment"]["boot"] == boot], start)
-    try:
-        with progress("Learning", measured=False):
-            learned = learn(flights, settings)
-    except ValueError as error:
-        remedy = "Choose another part of the flight with --start, or a longer --train."
-        raise NotLearnable(f"No model could be learned: {error}.", remedy) from error
+    trained = partial(_trained, flights, settings, progress)
     if train is not None:
-        return flights, learned, held_out_test(training, following, learned)
+        return flights, (learned := trained(learn)), held_out_test(training, following, learned)
+    first = trained(checked if slow else learn)
     _, steps = part_samples(flights[0].dt, None, test)
     try:
         with progress("Judging by held-out windows") as done:
-            return flights, learned, held_out_windows(flights, settings, steps, done, learned)
+            held_out = held_out_windows(flights, settings, steps, done)
     except ValueError as error:
         raise _too_few(flights, steps) from error
+    if slow and (refusal := slow_motion_refusal(held_out)):
+        raise NotLearnable(refusal, "")
+    return flights, first if isinstance(first, Learned) else trained(learn), held_out
+
+
+def _trained(flights: tuple[Flight, ...], settings: Settings, progress: StepProgress, how: Callable[..., T]) -> T:
+    """What comes of flights and settings by ``learn``, or by what it checks first; raises ``NotLearnable``."""
+    try:
+        with progress("Learning", measured=False):
+            return how(flights, settings)
+    except ValueError as error:
+        remedy = "Choose another part of the flight with --start, or a longer --train."
+        raise NotLearnable(f"No model could be learned: {error}.", remedy) from error
 
 
 def slow_motion_refusal(held_out: HeldOut) -> str:

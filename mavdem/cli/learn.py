@@ -7,7 +7,7 @@ import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
@@ -45,6 +45,9 @@ from mavdem.report.condition import wind_blocks
 from mavdem.report.flights import truth_blocks
 from mavdem.report.page import log_page
 from mavdem.report.screen import analysis_blocks, detail_blocks, title, vehicle_blocks
+
+if TYPE_CHECKING:
+    from mavdem.view import Target
 
 RECORDING = "flight.rrd"
 RESULT_FILES = ("model.json", "report.json", "report.html", RECORDING, "flight.mcap")
@@ -174,7 +177,8 @@ def learn_command(
         blocks += vehicle_blocks(analysis.vehicle, bool(analysis.findings.overrides)) if axis == ALL else []
         blocks += [] if analysis.truth is None else truth_blocks(analysis.truth)
         details = detail_blocks(learned, report)
-    blocks[-1:-1] = [*wind_blocks(air), *_torque_blocks(analysis, air, report)]  # what to do next stays last
+    explained = _torque_blocks(analysis, air, report)
+    blocks[-1:-1] = [*wind_blocks(air), *explained]  # what to do next stays last
     if not as_json:
         print_blocks([heading, *blocks, *(details if verbose else [])])
     if not no_files:
@@ -182,11 +186,10 @@ def learn_command(
         held = inventory(log, verdict.axis, vehicle, inputs, known)
         held["vehicles"][0] |= analysis.findings.as_dict() | {"model": analysis.model}
         with progress("Drawing and writing the files", measured=False):
-            page = log_page(heading, blocks, {verdict.axis: analysis}, held, air=air)
+            page = log_page(heading, {verdict.axis: analysis}, air, held, said=explained)
             write_results(folder, report, page, analysis, air, signals.position)
-        for what, extra in ((f"{RECORDING} was not written, since it", "view"), ("Drawing its pictures", "plot")):
-            if learned is not None and (hint := advice(what, extra)):
-                say_aside(hint)
+        if learned is not None and (hint := advice(f"{RECORDING} was not written, since it", "view")):
+            say_aside(hint)
     if as_json:
         print_json(report)
         if learned is None:  # else the screen has said it
@@ -237,15 +240,15 @@ def write_results(
         (folder / name).unlink(missing_ok=True)
 
 
-def write_dashboard(path: Path, analysis: LogAnalysis, air: Air, position: Signal | None) -> None:
-    """Writes an ``analysis`` with a model, and the wind, as an .rrd file."""
+def write_dashboard(target: Target, analysis: LogAnalysis, air: Air, position: Signal | None) -> None:
+    """Writes an ``analysis`` with a model, and the wind, as an .rrd file, or to a stream."""
     assert analysis.learned is not None and analysis.held_out is not None
     # Rerun takes a second to load, and a flight that cannot be learned needs none of it.
     with ending_at_once():
         from mavdem.view import write_recording
 
     known = analysis.findings, analysis.changes, same_clock(air, analysis.flights), position
-    write_recording(path, analysis.flights, analysis.learned, analysis.held_out, *known)
+    write_recording(target, analysis.flights, analysis.learned, analysis.held_out, *known)
 
 
 def _torque_blocks(analysis: LogAnalysis, air: Air, report: dict[str, Any]) -> list[Sentence]:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import shutil
-import sys
+from argparse import ArgumentParser
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import click
 
@@ -13,12 +13,13 @@ from mavdem.alignment.drive import TILT_AXES
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals
 from mavdem.analysis import analyse
+from mavdem.cli.commands import UNUSABLE
 from mavdem.cli.learn import RECORDING, learn_command, named_after, write_dashboard
 from mavdem.cli.options import source_options
 from mavdem.cli.output import say_aside
 from mavdem.condition.wind_of_log import air_of
-from mavdem.errors import NotLearnable, Unreadable
-from mavdem.ingest import read_log
+from mavdem.errors import NotLearnable, Unreadable, advice, require
+from mavdem.ingest import Log, read_log
 from mavdem.ingest.formats import looks_like_log
 from mavdem.report.blocks import Sentence
 from mavdem.report.screen import analysis_blocks
@@ -38,6 +39,7 @@ def open_command(
     The folder is that of `mavdem learn`, named after the log. A log dropped into the Rerun Viewer,
     or given to `rerun`, opens in the same way.
     """
+    require("`mavdem open`", "view")
     chosen = {"--axis": axis, "--vehicle": vehicle, "--inputs": inputs}
     words = [word for name, value in chosen.items() if value is not None for word in (name, value)]
     with learn_command.make_context("learn", [*words, *["--json"] * as_json, "--", source], context) as learning:
@@ -51,29 +53,47 @@ def open_command(
 def load(arguments: list[str]) -> int:
     """Writes the dashboard of the log that is named first to standard output, as the Rerun Viewer asks its loaders to.
 
-    Returns the exit code: ``INCOMPATIBLE`` for a file that is no log of a vehicle.
+    Until it is there, the viewer shows in its place what is being done. Returns the exit code: ``INCOMPATIBLE`` for a
+    file that is no log of a vehicle.
     """
     path = Path(arguments[0]) if arguments else Path()
     if not path.is_file() or not looks_like_log(path):
         return INCOMPATIBLE
-    from mavdem.view import write_words
+    if hint := advice("The dashboard", "view"):
+        say_aside(hint)
+        return UNUSABLE
+    read: Log | Unreadable
+    try:
+        read = read_log(path)
+    except Unreadable as error:
+        if path.suffix.lower() == ".mcap":
+            return INCOMPATIBLE  # of something else, which Rerun itself reads
+        read = error
+    from mavdem.view import streamed, write_words
 
-    with TemporaryDirectory() as folder:
-        recording = Path(folder, RECORDING)
+    parser = ArgumentParser(add_help=False)
+    parser.add_argument("--application-id")
+    application = parser.parse_known_args(arguments)[0].application_id
+    with streamed(path.name, application or "mavdem") as recording:
+
+        @contextmanager
+        def step(title: str, measured: bool = True) -> Iterator[Callable[[float], None]]:
+            if application:  # the viewer waits
+                write_words(recording, path.name, [Sentence(f"{title} …")])
+            yield lambda _: None
+
         try:
-            read = read_log(path)
+            if isinstance(read, Unreadable):
+                raise read
             signals = Signals(choose_vehicle(read.vehicles, None))
-            air = air_of(signals)
-            analysis = analyse(read, signals=signals)
+            with step("Estimating the wind"):
+                air = air_of(signals)
+            analysis = analyse(read, signals=signals, progress=step)
         except (NotLearnable, Unreadable) as error:
-            if isinstance(error, Unreadable) and path.suffix.lower() == ".mcap":
-                return INCOMPATIBLE  # of something else, which Rerun itself reads
             write_words(recording, path.name, [Sentence(f"{error.reason} {error.remedy}")])
         else:
             if analysis.learned is None or analysis.held_out is None:
                 write_words(recording, path.name, analysis_blocks(analysis))
             else:
                 write_dashboard(recording, analysis, air, signals.position)
-        with recording.open("rb") as written:
-            shutil.copyfileobj(written, sys.stdout.buffer)
     return 0

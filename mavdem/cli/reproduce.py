@@ -36,7 +36,7 @@ def reproduce_command(names: tuple[str, ...], out: Path, as_json: bool, as_list:
 
     ITEM is a name from --list; all items run unless some are named, which takes some minutes on two cores. The report
     is a folder with the page index.html and its figures, numbers.json, and experiment.rrd for Rerun. It needs the extra
-    `paper`: pip install "mavdem[paper]".
+    `view`: pip install "mavdem[view]".
 
     \b
     Examples:
@@ -48,7 +48,7 @@ def reproduce_command(names: tuple[str, ...], out: Path, as_json: bool, as_list:
             say(f"{claim.name:14}  {claim.title} ({claim.section})")
         return
     with ending_at_once():
-        require("`mavdem reproduce`", "paper")
+        require("`mavdem reproduce`", "view")
         from mavdem.paper.report import ITEMS, NUMBERS, PAGE, RECORDING, ItemReport, document
         from mavdem.paper.runner import Extent, Runner
 

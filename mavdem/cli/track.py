@@ -13,6 +13,7 @@ from mavdem.cli.commands import UNSUPPORTED, UNUSABLE
 from mavdem.cli.options import Number, folder_named, no_option, refuse_link
 from mavdem.cli.output import STDERR, print_blocks, print_json, printable, progress, say, say_aside, write_text
 from mavdem.dem.parallel import spare_cores
+from mavdem.errors import advice
 from mavdem.fleet.difference import since_baseline
 from mavdem.fleet.row import summary
 from mavdem.fleet.store import read_rows
@@ -36,7 +37,7 @@ PAGE = "mavdem.report.page:flight_page"  # the function that makes a flight's pa
     metavar="FLEET",
     type=click.Path(file_okay=False),
     callback=folder_named,
-    help="Folder of the fleet; it grows.",
+    help="Folder of the fleet; further logs are added to it.",
 )
 @click.option(
     "--baseline",
@@ -93,7 +94,7 @@ def track_command(
 
     \b
     FLEET has:
-      flights/      the table, as Parquet, for DuckDB, Polars and pandas
+      flights/      the table, as Parquet, for DuckDB, Polars and pandas, where pyarrow is installed
       fleet.sqlite  which logs are known, and what each says and cost to read
       index.html    what was found, each vehicle's figures over its flights, and all flights; open it in a browser
       pages/        a page a flight
@@ -141,7 +142,8 @@ def track_command(
             print_blocks([Sentence("", f"{name}:"), *blocks])
         say_aside(printable(f"Look: {index}"))
         table = f"{out}/flights/**/*.parquet".replace("'", "''")  # as SQL quotes it
-        say_aside(printable(f"Query, for example in DuckDB: from '{table}'"))
+        hint = advice(f"{out}/flights/, the table for DuckDB, Polars and pandas,", "parquet")
+        say_aside(printable(hint or f"Query, for example in DuckDB: from '{table}'"))
     if tracked.problems:
         context.exit(UNUSABLE)
     if not counts["flights"]:

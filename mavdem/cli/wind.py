@@ -21,7 +21,7 @@ from mavdem.report.condition import wind_blocks
 @click.command("wind")
 @click.argument("source", type=click.Path())
 @vehicle_option
-@file_option("--prior", "The drag of before: learn's folder or files, a fleet's folder, or wind's own JSON.")
+@file_option("--prior", "Drag from earlier flights: learn's folder or files, a fleet's folder, or wind's own JSON.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document and nothing else.")
 def wind_command(source: str, vehicle: str | None, prior: Path | None, as_json: bool) -> None:
     """Reports the wind in m/s, where it comes from, and the vehicle's drag, with intervals of 90 %.

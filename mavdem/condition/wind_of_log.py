@@ -97,7 +97,7 @@ def wind_of(signals: Signals, drag: Drag | None = None) -> WindVelocity:
         found = np.column_stack([at, *turned, *moved])[kept]
         best, best_boot = (found, int(boot)) if len(found) > len(best) else (best, best_boot)
     if len(best) < 10:
-        raise NotLearnable("There is no settled flight with a valid velocity: it lies, climbs, or has no position.")
+        raise NotLearnable("There is no settled flight with a velocity: on the ground, in climbs, or without position.")
     if 0 in (still := np.ptp(best[:, 3:5], axis=0)):
         raise NotLearnable(f"The {'velocity' if still[0] else 'yaw'} never changes by a digit: it is not measured.")
     drag = Drag.of_parameters(telemetry.autopilot, telemetry.parameters) if drag is None else drag

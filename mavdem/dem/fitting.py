@@ -38,8 +38,6 @@ from mavdem.dem.priors import (
     Scaling,
     derivative_pairs,
     explicit_prior,
-    hyperparameter_groups,
-    hyperparameter_prior,
     regulated_prior,
     uniform_prior,
 )
@@ -122,8 +120,10 @@ def generative_model(settings: CompleteSettings, scaling: Scaling, record: Recor
         reading = s, record.dt, settings.window
         correlations = sampled_output_precision(p, *reading), sampled_state_precision(q, *reading)
     input_precision = _input_precision(settings, motors, scaling.constant)
-    prior = Prior(*_parameter_prior(settings, scaling, record, r), *hyperparameter_prior(settings, n, m))
-    groups = hyperparameter_groups(settings, n, m)
+    # Of λ the first is of the measurement noise, the second of the process noise.
+    of_lambda = np.array([settings.lambda_z, settings.lambda_w]), np.diag(np.exp(settings.lambda_log_precision))
+    prior = Prior(*_parameter_prior(settings, scaling, record, r), *of_lambda)
+    groups = np.zeros(m, np.intp), np.ones(n, np.intp)
     return GenerativeModel(n, r, m, p, settings.d, q, *correlations, *groups, input_precision, prior)
 
 

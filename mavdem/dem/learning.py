@@ -26,10 +26,11 @@ from mavdem.dem.fitting import (
     uncertainty_of,
     undetermined_directions,
 )
+from mavdem.dem.forecast.joint import JointModel
 from mavdem.dem.forecast.simulation_error import SHORTEST_HORIZON, fit_simulation, horizon_of
 from mavdem.dem.learned import Learned
 from mavdem.dem.parallel import parallel_map
-from mavdem.dem.priors import hyperparameter_groups, known_inputs
+from mavdem.dem.priors import known_inputs
 from mavdem.dem.record import Record, UniformRecord
 from mavdem.dem.settings import CompleteSettings, Settings
 
@@ -65,20 +66,10 @@ def learn(
 
     Raises:
         ValueError: too few samples, values that are not finite, or channels that do not vary, with their names; a
-            ``start`` of other numbers of states, inputs, outputs or noises; or data that no model can forecast.
+            ``start`` of other numbers of states, inputs or outputs; or data that no model can forecast.
     """
-    if not (settings is None or isinstance(settings, Settings)):
-        raise ValueError(f"settings must be a Settings, or None for the default ones, not {settings!r}")
-    settings = Settings() if settings is None else settings
-    record = Record.of(train)
-    if len(record) < FEWEST_SAMPLES:
-        raise ValueError(f"train must have at least {FEWEST_SAMPLES} samples, not {len(record)}")
     with one_thread():
-        # In one half, a vehicle may have stood on the ground.
-        known = known_inputs(settings, record.inputs.shape[1])
-        for part, where in ((record, ""), *((half, " in both halves") for half in record.halves())):
-            part.require_moving(known, where)
-        settings = complete(settings, record)
+        record, settings = checked(train, settings)
         begin = None if start is None else _start(record, settings, start)
         try:
             fitted = fit(record, settings, begin)
@@ -90,6 +81,43 @@ def learn(
                 "observable through its C"
             ) from None
         return _learned(fitted, record, begin)
+
+
+def learn_forecasts(
+    train: UniformRecord | Sequence[UniformRecord], settings: Settings | None = None
+) -> JointModel | Learned:
+    """Learns what forecasts a flight: the joint model alone, unless the ``settings`` ask for another.
+
+    DEM's A, B and C, which take most of the time of :func:`learn`, play no part in the joint model's forecasts.
+
+    Args:
+        train, settings: as for :func:`learn`.
+
+    Raises:
+        ValueError: as :func:`learn`, but not where DEM breaks down.
+    """
+    with one_thread():
+        record, completed = checked(train, settings)
+        if completed.forecasts == "joint" and known_inputs(completed, record.inputs.shape[1]).all():
+            return JointModel.learn(record, completed.seed)
+        return learn(record, settings)
+
+
+def checked(
+    train: UniformRecord | Sequence[UniformRecord], settings: Settings | None = None
+) -> tuple[Record, CompleteSettings]:
+    """Returns the training data as one record, and the settings with nothing left open; raises as :func:`learn`."""
+    if not (settings is None or isinstance(settings, Settings)):
+        raise ValueError(f"settings must be a Settings, or None for the default ones, not {settings!r}")
+    settings = Settings() if settings is None else settings
+    record = Record.of(train)
+    if len(record) < FEWEST_SAMPLES:
+        raise ValueError(f"train must have at least {FEWEST_SAMPLES} samples, not {len(record)}")
+    # In one half, a vehicle may have stood on the ground.
+    known = known_inputs(settings, record.inputs.shape[1])
+    for part, where in ((record, ""), *((half, " in both halves") for half in record.halves())):
+        part.require_moving(known, where)
+    return record, complete(settings, record)
 
 
 def complete(settings: Settings, record: Record) -> CompleteSettings:
@@ -121,18 +149,16 @@ def _odd(samples: float, fewest: int) -> int:
 def _start(record: Record, settings: CompleteSettings, before: Learned) -> Start:
     """The estimates of an earlier result; ``ValueError`` where these settings and this record have others."""
     n, r, m = settings.order, record.inputs.shape[1], record.outputs.shape[1]
-    lambda_, (_, state_groups) = before.learning.lambda_[-1], hyperparameter_groups(settings, n, m)
-    sizes = n, r, m, int(state_groups.max()) + 1, settings.scaling == "channel"
-    given = *before.model.B.shape, len(before.model.C), len(lambda_), before.scaling.constant
+    sizes = n, r, m, settings.scaling == "channel"
+    given = *before.model.B.shape, len(before.model.C), before.scaling.constant
     if given != sizes:
         raise ValueError(
-            "start must have the states, inputs, outputs, noise precisions and constant input of this fit, "
-            f"{sizes}, not {given}"
+            f"start must have the states, inputs, outputs and constant input of this fit, {sizes}, not {given}"
         )
     last = before.theta * before.scaling.parameter_scale(n)
     theta = last.copy()
     theta[of_vehicle(n, r, m, before.scaling.constant)] = before.learning.theta[-1]
-    return Start(theta, lambda_, None if before.simulation_fit is None else last)
+    return Start(theta, before.learning.lambda_[-1], None if before.simulation_fit is None else last)
 
 
 def _with_simulation_fit(fitted: Fit, record: Record, samples: SufficientStatistics, start: Start | None) -> Fit:

@@ -124,25 +124,6 @@ def derivative_pairs(record: Record) -> tuple[tuple[int, int], ...]:
     return tuple(pairs)
 
 
-def hyperparameter_prior(settings: CompleteSettings, n: int, m: int) -> tuple[Array, Array]:
-    """Mean (g,) and precision (g, g) of λ: those of measurement noise first, then those of process noise."""
-    of_outputs, of_states = hyperparameter_groups(settings, n, m)
-    sizes = int(of_outputs.max()) + 1, int(of_states.max() - of_outputs.max())
-    means, logs = (
-        np.concatenate([np.broadcast_to(np.array(of_z, np.float64), sizes[0]), np.broadcast_to(of_w, sizes[1])])
-        for of_z, of_w in ((settings.lambda_z, settings.lambda_w), settings.lambda_log_precision)
-    )
-    return means, np.diag(np.exp(logs))
-
-
-def hyperparameter_groups(settings: CompleteSettings, n: int, m: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Which entry of λ each of the m outputs and each of the n states has."""
-    outputs, states = settings.noise_groups or ((0,) * m, (0,) * n)
-    if (len(outputs), len(states)) != (m, n):
-        raise ValueError(f"noise_groups must be {m} group numbers of outputs and {n} of states, not {outputs, states}")
-    return np.array(outputs), max(outputs) + 1 + np.array(states)
-
-
 def explicit_prior(prior: Gaussian, weak: float, indices: NDArray[np.intp], scale: Array) -> tuple[Array, Array]:
     """Returns the engine's prior of the vehicle's θ, at these ``indices`` (k,), from a ``prior`` in physical units.
 

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import json
-import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
-from importlib.resources import files
 from math import e
 from typing import Annotated, Any, Literal, Self
 
@@ -56,12 +54,6 @@ class Gaussian:
         return cls(values["mean"], values["precision"])
 
 
-def _numbered_from_zero(groups: tuple[int, ...]) -> tuple[int, ...]:
-    if sorted(set(groups)) != list(range(len(set(groups)))):
-        raise ValueError("must be group numbers that start at 0 and leave none out")
-    return groups
-
-
 def _positive_definite(rows: tuple[tuple[float, ...], ...]) -> tuple[tuple[float, ...], ...]:
     try:
         require_positive_definite(np.array(rows), "it", len(rows))
@@ -75,14 +67,9 @@ Natural = Annotated[int, Field(ge=1, le=2**63 - 1)]
 LARGEST_ORDER = 12  # of a model: its fit takes memory of order n⁴, and no flight shows as many states
 Positive = Annotated[float, Field(ge=SMALLEST, le=1 / SMALLEST)]
 Log = Annotated[float, Field(ge=-LARGEST_LOG, le=LARGEST_LOG)]
-Logs = Log | Annotated[tuple[Log, ...], Field(min_length=1)]
 Matrix = Annotated[tuple[tuple[float, ...], ...], Field(min_length=1), AfterValidator(_positive_definite)]
-Groups = Annotated[tuple[int, ...], Field(min_length=1), AfterValidator(_numbered_from_zero)]
 Precisions = Positive | Annotated[tuple[Positive, ...], Field(min_length=1)] | Matrix
 Flags = bool | Annotated[tuple[bool, ...], Field(min_length=1)]
-
-FORMER = tomllib.loads((files("mavdem.dem") / "former_settings.toml").read_text())
-"""What to use for settings of former versions."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,8 +103,6 @@ class Settings:
         correlation: S, of the noise and its derivatives. "sampled": of derivatives computed from the window's samples,
             the highest left out; "continuous": of the true derivatives, Eq. ``Smatrix``, the highest taken to be zero
             and counted as evidence, as the paper's D does.
-        noise_groups: for each output, and for each state, the number of its group, from 0: a group shares one λ.
-            ``None``: all outputs share one and all states another, as in the paper.
 
     **Priors**, in the units of ``scaling``
 
@@ -127,8 +112,8 @@ class Settings:
             θ = [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)] in physical units, in which a known parameter is one of high precision.
         parameter_precision: prior precision P of each free parameter; under a ``Gaussian`` prior, only of the trim;
             ``None``: 10 under the "regulated" prior, 1 under others.
-        lambda_z, lambda_w: prior means of the log precisions of measurement and process noise; one number, or one for
-            each group.
+        lambda_z, lambda_w: prior means of the log precisions of measurement and process noise, each one for all
+            outputs or states, as in the paper.
         lambda_log_precision: the log precisions of these two priors: e²⁵ fixes λᶻ, e^−4.6 leaves λʷ to the data.
         input_precision: P̃ᵛ, of inputs about η̃ᵛ and of each of their derivatives; one number, one for each input, or a
             matrix ((d + 1)r, (d + 1)r), order-major. 1.6e5: known to 0.25 % of a unit.
@@ -160,13 +145,12 @@ class Settings:
 
     smoothness: Positive | None = None
     correlation: Literal["sampled", "continuous"] = "sampled"
-    noise_groups: tuple[Groups, Groups] | None = None
 
     prior: Literal["regulated", "uniform"] | Gaussian = "regulated"
     parameter_precision: Positive | None = None
-    lambda_z: Logs = 20.0
-    lambda_w: Logs = 3.0
-    lambda_log_precision: tuple[Logs, Logs] = (25.0, -4.6)
+    lambda_z: Log = 20.0
+    lambda_w: Log = 3.0
+    lambda_log_precision: tuple[Log, Log] = (25.0, -4.6)
     input_precision: Precisions = 1.6e5
 
     learning_rates: tuple[Positive | None, Positive | None, Positive | None] | None = None
@@ -186,12 +170,6 @@ class Settings:
         """Raises ``ValueError`` for what no field can satisfy by itself."""
         fewest = max(self.p, self.d or 0) + 1
         _require(self.window is None or self.window >= fewest, "window", f"at least {fewest} for p and d", self.window)
-        for kind, name in enumerate(("lambda_z", "lambda_w")):
-            number = 1 if self.noise_groups is None else max(self.noise_groups[kind]) + 1
-            log_precision = self.lambda_log_precision[kind]
-            for setting, value in ((name, getattr(self, name)), ("lambda_log_precision", log_precision)):
-                fits = not isinstance(value, tuple) or len(value) == number
-                _require(fits, setting, f"a number for each of {number} groups", value)
         # With C free, nothing fixes the scale of x, and F̄ is largest at C = 0.
         free = self.prior == "uniform" and not self.last_derivative_zero
         _require(not free, "correlation", '"continuous" with the uniform prior, which leaves C free', self.correlation)
@@ -266,8 +244,7 @@ class Settings:
             raise ValueError(f"settings must be an object of settings by name, not {values!r}")
         unknown = set(values) - {f.name for f in fields(cls)}
         if unknown:
-            now = "; ".join(f"{name} is now {FORMER[name]}" for name in sorted(unknown & FORMER.keys()))
-            raise ValueError(f"not a setting: {', '.join(sorted(unknown))}{now and f'. {now}'}")
+            raise ValueError(f"not a setting: {', '.join(sorted(unknown))}")
         if isinstance(values.get("prior"), dict):
             values = values | {"prior": Gaussian.from_dict(values["prior"])}
         return cls(**values)

@@ -25,9 +25,11 @@ import numpy as np
 
 from mavdem.alignment.drive import AXES
 from mavdem.confidence import LEVEL
-from mavdem.dem import Learned, Physical, Settings, WindTorque, learn
+from mavdem.dem import Learned, Physical, Settings, WindTorque
 from mavdem.dem.engine.linalg import Array
+from mavdem.dem.forecast.joint import JointModel
 from mavdem.dem.graybox.identifiability import Status
+from mavdem.dem.learning import learn_forecasts
 from mavdem.dem.record import folds
 from mavdem.errors import Unreadable
 from mavdem.evaluate.scores import error_over, part_samples
@@ -138,7 +140,6 @@ def held_out_windows(
     settings: Settings | None = None,
     steps: int | None = None,
     progress: Callable[[float], None] = lambda _: None,
-    start: Learned | None = None,
 ) -> HeldOut:
     """Returns forecasts of all of some flights, by five models that are each trained on four fifths of the samples.
 
@@ -150,7 +151,6 @@ def held_out_windows(
         settings: of the fits; ``Settings()`` unless given.
         steps: samples of a window; those of 1.5 s unless given.
         progress: called with the share done.
-        start: a model of all the flights, at whose estimates the fits begin.
 
     Raises:
         ValueError: too little flight for a window in any part.
@@ -161,7 +161,7 @@ def held_out_windows(
     for number, fold in enumerate(folds([len(flight) for flight in flights], FOLDS), start=1):
         training, model, failures = _others(flights, fold), None, tuple[str, ...]()
         try:
-            model = learn(training, settings, start)
+            model = learn_forecasts(training, settings)
         except ValueError as error:
             failures = (str(error),)
         for i, first, stop in fold:
@@ -219,7 +219,7 @@ def _others(flights: Sequence[Flight], fold: Sequence[tuple[int, int, int]]) -> 
 
 
 def _forecast(
-    learned: Learned | None,
+    model: JointModel | Learned | None,
     training: Sequence[Flight],
     part: Flight,
     steps: int,
@@ -238,11 +238,11 @@ def _forecast(
 
     measured = windows(outputs)
     forecast = prediction = expected = band = np.full_like(measured, np.nan)
-    if learned is not None:
-        made = learned.forecast_every_with_band(steps, inputs, outputs, LEVEL)
-        forecast, expected, band = map(windows, made)
+    if model is not None:
         with np.errstate(over="ignore", invalid="ignore"):
-            prediction = windows(learned.predict_every(steps, inputs, outputs))
+            made = model.forecast_every_with_band(steps, inputs, outputs, LEVEL)
+            forecast, expected, band = map(windows, made)
+            prediction = windows(model.predict_every(steps, inputs, outputs))
     trained = np.concatenate([flight.outputs for flight in training])
     last = np.concatenate([before, outputs])[lead : len(outputs) : steps]
     forecasts = {

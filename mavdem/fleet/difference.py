@@ -30,7 +30,7 @@ FAMILY_ERROR = 0.05  # probability that anything is called changed when nothing 
 SHARE, EFFECT, MEAN_EFFECT, DAMPING, LAG = "share", "effect", "mean effect", "damping", "lag"
 BETWEEN = {SHARE: float(np.linalg.norm(SCATTER)), EFFECT: 0.02, MEAN_EFFECT: 0.1, DAMPING: 0.2, LAG: 0.004}
 """Assumed standard deviation of a quantity from flight to flight of the same vehicle; of shares and effects relative.
-Of shares it is what health assumes of the three axes; of the others docs/diff.md shows what they give."""
+Of shares it is what health assumes of the three axes; docs/evidence/motors.md shows what the others give."""
 PRIOR_FLIGHTS = 8  # flights that the assumption weighs as many as
 WITHIN_FREEDOM = 20  # degrees of freedom of the intervals of flights
 TYPICAL_LEAN = 0.07  # rad, standard deviation of the difference of roll or pitch where a lean is not known: 4°

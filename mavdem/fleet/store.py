@@ -1,8 +1,8 @@
-"""The store of a fleet: which logs are known and what each says, in one SQLite file, and the table made from it.
+"""The store of a fleet: which logs are known and what each says, in one SQLite file, and the table made of it.
 
 ``FLEET/fleet.sqlite`` is written a log at a time, each in a transaction of its own: a run may be killed at any moment,
 and two may write side by side. From it ``FLEET/flights/flights.parquet`` is written whole at the end of a run, for
-DuckDB, Polars and pandas.
+DuckDB, Polars and pandas, where pyarrow is installed.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from mavdem.errors import Unreadable, require
+from mavdem.errors import Unreadable, missing
 from mavdem.files import atomic_write
 from mavdem.fleet.row import SCHEMA_VERSION, FlightRow, as_text, row_schema
 from mavdem.fleet.sources import Source, is_url
@@ -44,30 +44,34 @@ AssessRows = Callable[[Sequence[FlightRow], Sequence[FlightRow]], Sequence[Fligh
 
 
 def is_fleet(folder: Path) -> bool:
-    """Returns whether ``mavdem track`` has written its table there."""
-    return (folder / TABLE).is_file()
+    """Returns whether ``mavdem track`` has written there."""
+    return (folder / STORE).is_file()
 
 
 def read_rows(folder: Path) -> list[FlightRow]:
-    """Returns a fleet's rows by vehicle, file and axis; raises ``Unreadable``, or ``MissingExtra`` without pyarrow."""
-    require("Reading the table of a fleet", "fleet")
-    import pyarrow
-    from pyarrow import parquet
-
-    path = folder / TABLE
+    """Returns a fleet's rows by vehicle, file and axis; raises ``Unreadable``."""
+    path = folder / STORE
     if not is_fleet(folder):
         raise Unreadable(f"{folder} holds no fleet: make one with `mavdem track LOGS --out {folder}`.")
+    access = "mode=rw" if os.access(folder, os.W_OK) else "immutable=1"  # SQLite's lock is a file beside it
     try:
-        # Not as a data set: its folders would become columns.
-        table = parquet.ParquetFile(path).read()
-        return sorted((FlightRow(**values) for values in table.to_pylist()), key=lambda row: row.order)
-    except (pyarrow.ArrowException, OSError, TypeError, ValueError) as error:
-        reason = str(error).splitlines()[0]
-        raise Unreadable(f"{path} is damaged ({reason}): delete it, and run `mavdem track` again.") from None
+        with closing(sqlite3.connect(f"{path.absolute().as_uri()}?{access}", BUSY_SECONDS, uri=True)) as db:
+            _check_version(db, folder)
+            rows = [_row(*values) for values in db.execute("select row, file from flights where file is not null")]
+    except Unreadable:
+        raise
+    except (sqlite3.Error, TypeError, ValueError) as error:
+        raise Unreadable(f"{path} is damaged ({error}): delete it, and run `mavdem track` again.") from None
+    return sorted(rows, key=lambda row: row.order)
 
 
 def write_rows(folder: Path, rows: Iterable[FlightRow]) -> None:
-    """Makes these rows, in their order, the fleet's table, which is replaced whole; raises ``OSError``."""
+    """Makes these rows, in their order, the fleet's table, which is replaced whole; raises ``OSError``.
+
+    Without pyarrow there is none, and one of an earlier run, which is no longer true, goes.
+    """
+    if missing("parquet"):
+        return (folder / TABLE).unlink(missing_ok=True)
     import pyarrow
     from pyarrow import parquet
 
@@ -119,11 +123,7 @@ class Store:
         if self._db.execute("pragma journal_mode = wal").fetchone()[0] != "wal":
             raise sqlite3.OperationalError("SQLite's write-ahead log does not work on this disk")
         self._db.execute("pragma synchronous = normal")
-        (version,) = self._db.execute("pragma user_version").fetchone()
-        if version not in (0, SCHEMA_VERSION):
-            self._db.close()
-            raise Unreadable(f"{folder} has the columns of another version of mavdem: name another folder.")
-        if not version:
+        if not _check_version(self._db, folder):
             self._db.executescript(f"begin immediate; {TABLES} pragma user_version = {SCHEMA_VERSION}; commit;")
 
     @contextmanager
@@ -216,7 +216,7 @@ class Store:
                 judged = _assessed([*rows], assess, [row for row in healthy if row.vehicle == vehicle])
                 updates = [(json.dumps(new.as_dict()), baseline, at) for new, at in zip(judged, numbers, strict=True)]
                 self._db.executemany("update flights set row = ?, judged = ? where rowid = ?", updates)
-            if self._db.total_changes > before or not is_fleet(self.folder):
+            if self._db.total_changes > before or not (self.folder / TABLE).is_file():
                 # In the transaction: of two runs that end together the later one has all rows.
                 query = "select row, file from flights where file is not null order by vehicle, file, log, rowid"
                 write_rows(self.folder, (_row(*values) for values in self._db.execute(query)))
@@ -264,6 +264,15 @@ def _values(source: Source, limits: Limits) -> dict[str, Any]:
 def _row(text: str, file: str | None = None) -> FlightRow:
     values = json.loads(text)
     return FlightRow(**(values if file is None else values | {"file": file}))
+
+
+def _check_version(db: sqlite3.Connection, folder: Path) -> bool:
+    """Returns whether there are columns already; raises ``Unreadable`` and closes it if they are another version's."""
+    (version,) = db.execute("pragma user_version").fetchone()
+    if version not in (0, SCHEMA_VERSION):
+        db.close()
+        raise Unreadable(f"{folder} has the columns of another version of mavdem: name another folder.")
+    return bool(version)
 
 
 def _disk(folder: Path) -> str:

@@ -101,7 +101,6 @@ class WorkerPool:
     """Reads logs with so many ``processes`` at a time, each log within ``limits``, by the function ``read``."""
 
     def __init__(self, processes: int, limits: Limits, read: str = READ_LOG) -> None:
-        require("Reading the logs of a fleet", "fleet")
         self.limits = limits
         self._processes, self._read = processes, read
 
@@ -356,7 +355,7 @@ def _threads(client: Any, address: str, path: str) -> int:
         workers = client.run(machine, path)
     except Exception as error:  # raised there: where there is no mavdem, the function cannot be found
         lacking = f"have no mavdem that reads logs of a fleet ({type(error).__name__}: {error})"
-        install = f"install 'mavdem[dask,fleet]' {metadata.version('mavdem')} there."
+        install = f"install 'mavdem[dask]' {metadata.version('mavdem')} there."
         raise Unreadable(f"The workers of {address} {lacking}: {install}") from None
     for worker, (there, readable) in sorted(workers.items()):
         if there != here:

@@ -1,6 +1,6 @@
 """Balance: what a settled flight asks of its motors in roll, pitch and yaw, and how that follows the vehicle's lean.
 
-docs/health.md says how it is judged. Wind that a vehicle leans against asks for a steady torque too: by the flapping of
+docs/motors.md says how it is judged. Wind that a vehicle leans against asks for a steady torque too: by the flapping of
 its rotors, by drag above or below its centre of mass, by a load beside it.
 
 With six or eight motors the mixer commands thrust, roll, pitch and yaw only, so a weak motor raises its neighbours

@@ -1,7 +1,7 @@
 """Motors in flight: a sequential test of their balance finds which works harder than before, lastingly.
 
-docs/live.md says what is compared with what. Hypotheses exclude each other: nothing changed; motor i works harder, by 5
-to 80 %, which shows as its signature; the steady torque in roll and pitch changed; that in yaw alone did; all three
+docs/motors.md says what is compared with what. Hypotheses exclude each other: nothing changed; motor i works harder, by
+5 to 80 %, which shows as its signature; the steady torque in roll and pitch changed; that in yaw alone did; all three
 did, of any cause; and once motors are weak, one of them gives more thrust again, or all of them do. Each hypothesis has
 a Bayes factor against "nothing changed", a mixture over the size of the change. Summed over the times at which the
 change may have begun they are a Shiryaev–Roberts statistic. Were the noise known, the mean time to a false alarm would
@@ -128,8 +128,9 @@ def _log_t(changes: _Changes, shift: Array | float, more: Array | float = 0.0) -
 
 FALSE_ALARMS_PER_HOUR = 0.54  # At most, with 95 % confidence (``tools/validation/alarms.py``)
 FALSE_ALARMS_BASIS = (
-    f"none in 5.55 h of simulated sound flight that no parameter was chosen on, so at most {FALSE_ALARMS_PER_HOUR} an "
-    "hour with 95 % confidence; real vehicles may differ."
+    "none in 5.55 h of simulated flights without a fault, none of which was used to choose a parameter: at most "
+    f"{FALSE_ALARMS_PER_HOUR} an hour with 95 % confidence. That was an earlier version of the test; real vehicles may "
+    "differ."
 )
 UNKNOWN_PLACES = "The motors' places and spins are not known, so that a weak motor would not be seen."
 TOO_SLOW = f"Motor outputs come less than {MIN_RATE:.0f} times a second, so that a weak motor would not be seen."
@@ -169,7 +170,7 @@ class MotorAlarm(NamedTuple):
         since, sure = f"since {self.since:.0f} s of {clock}", f"probability {100 * self.probability:.0f} %"
         if self.motor is None:
             return f"The mean torque in roll and pitch changed {since}, in yaw it did not: no motor is named ({sure})."
-        known = ". Where the motors are is assumed, and so is the name" if self.assumed else ""
+        known = ". The motors' places are assumed, and so is the name" if self.assumed else ""
         if not self.weak:
             return f"{self.name.capitalize()} gives its thrust again {since} ({sure}){known}."
         lost = f"{self.name} lost {self.lost} of its thrust (motor or propeller) {since}"

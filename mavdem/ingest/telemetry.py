@@ -43,6 +43,7 @@ class Telemetry:
         dropouts: how often the autopilot's own logger reports to have lost messages.
         names: what the source calls messages that were translated ("RCOU"), by their name here.
         board: the number of the autopilot's board, which no other has, in hexadecimal; empty where the log has none.
+        hardware: the kind of board, as its firmware calls it ("PX4_FMU_V5"); empty where the log has none.
     """
 
     system: int
@@ -58,6 +59,7 @@ class Telemetry:
     dropouts: int = 0
     names: Mapping[str, str] = field(default_factory=dict)
     board: str = ""
+    hardware: str = ""
     earlier: Mapping[str, float] = field(default_factory=dict)
 
     def called(self, message: str) -> str:
@@ -67,7 +69,8 @@ class Telemetry:
 
 def rate_without_gaps(steps: Array) -> float:
     """Returns messages a second by the ``steps`` (N,), s, between them, without gaps of over three usual ones."""
-    return 1 / float(steps[steps <= 3 * np.median(steps)].mean()) if len(steps) else 0.0
+    usual = steps[steps <= 3 * np.median(steps)] if len(steps) else steps
+    return 1 / float(usual.mean()) if usual.any() else 0.0
 
 
 def rows_by(values: NDArray[np.integer[Any]]) -> dict[int, NDArray[np.intp]]:

@@ -1,6 +1,6 @@
 """The experiments of the paper, run again: ``mavdem reproduce``, and the claims that they test, in ``claims.toml``.
 
-Needs the extra ``paper``: ``pip install 'mavdem[paper]'``.
+Needs the extra ``view``: ``pip install 'mavdem[view]'``.
 """
 
 from __future__ import annotations

@@ -11,10 +11,10 @@ from urllib.parse import quote
 from markupsafe import Markup
 
 from mavdem.condition.wind_velocity import from_point
-from mavdem.errors import advice, downstream
+from mavdem.errors import downstream
 from mavdem.fleet.row import HEALTHS, NOT_IDENTIFIABLE, OK, UNKNOWN, FlightRow, flights_of, vehicles_of
 from mavdem.report import flights as words
-from mavdem.report.blocks import Block, Sentence, Table
+from mavdem.report.blocks import Block, Table
 from mavdem.report.flights import TROUBLE, cut, doubt, had_trouble, urgency, vehicle_health
 from mavdem.report.numbers import TORQUE, plus_minus, rounded
 from mavdem.report.page import environment
@@ -34,7 +34,6 @@ def fleet_page(rows: Sequence[FlightRow], changes: Mapping[str, Sequence[Block]]
     ranked = sorted(vehicles, key=lambda name: (urgency(vehicles[name]), name))
     flown_often = [name for name in ranked if len(vehicles[name]) > 1]
     drawn = flown_often[:MAX_DRAWN]
-    hint = advice("Drawing the figures of this page", "plot")
     parts = [
         {
             "name": words.vehicle_name(name, vehicles[name]),
@@ -42,7 +41,7 @@ def fleet_page(rows: Sequence[FlightRow], changes: Mapping[str, Sequence[Block]]
             "health": healths[name],
             "words": f"{doubt(vehicles[name])} {words.vehicle_words(vehicles[name])}".strip(),
             "changes": since.get(name, ()),
-            "figure": _svg(vehicles[name], name) if name in drawn and not hint else "",
+            "figure": _svg(vehicles[name], name) if name in drawn else "",
             "is_open": healths[name] in TROUBLE or bool(doubt(vehicles[name])) or len(drawn) <= MAX_OPEN,
         }
         for name in ranked
@@ -59,9 +58,9 @@ def fleet_page(rows: Sequence[FlightRow], changes: Mapping[str, Sequence[Block]]
         environment()
         .get_template("fleet.html")
         .render(
-            blocks=[*words.fleet_blocks(rows), *([Sentence(hint, "Not drawn:")] if hint and drawn else [])],
+            blocks=words.fleet_blocks(rows),
             vehicles=parts,
-            rose="" if hint else _svg(flights, "rose", "wind_rose"),
+            rose=_svg(flights, "rose", "wind_rose"),
             not_drawn=len(flown_often) - len(drawn),
             table=Table(kept, [list(line) for line in zip(*(columns[name] for name in kept), strict=True)]),
             kinds=[COLUMNS[name][0] for name in kept],

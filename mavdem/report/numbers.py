@@ -89,9 +89,9 @@ def listed(names: Iterable[object]) -> str:
 
 
 THREE_STATES = (  # why the two commands differ, for the reports of both
-    "`mavdem learn` has 3 states unless --order says otherwise: angle, rate, and the motors' lag, which exists, and "
-    "without which the plant forecasts worse (docs/benchmarks.md). `mavdem order` counts the states that the outputs "
-    "show; 2 means that no lag can be seen in them."
+    "`mavdem learn` has 3 states unless --order says otherwise: angle, rate, and the motors' lag. The lag exists, and "
+    "without it the plant forecasts worse (docs/evidence/forecasts.md). `mavdem order` counts the states that the "
+    "outputs show; 2 means that the outputs show no lag."
 )
 
 

@@ -8,8 +8,8 @@ os.environ.setdefault(
     "RUST_LOG", "warn,re_log_encoding::rrd::file_sink=off,re_grpc_client=off,re_sdk::recording_stream=off"
 )
 
-from mavdem.view.flown import Pose, write_pose  # noqa: E402
+from mavdem.view.flown import Pose, Target, streamed, write_pose  # noqa: E402
 from mavdem.view.live_view import show  # noqa: E402
 from mavdem.view.recording import write_recording, write_words  # noqa: E402
 
-__all__ = ["Pose", "show", "write_pose", "write_recording", "write_words"]
+__all__ = ["Pose", "Target", "show", "streamed", "write_pose", "write_recording", "write_words"]

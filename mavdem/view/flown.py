@@ -149,16 +149,36 @@ def blueprint(view: rrb.Container, **options: Any) -> rrb.Blueprint:
     return rrb.Blueprint(view, time, *beside, auto_views=False, auto_layout=False)
 
 
+Target = str | os.PathLike[str] | rr.RecordingStream
+"""Where a recording goes: a file, or one that is :func:`streamed`."""
+
+
 @contextmanager
-def recorded(path: str | os.PathLike[str], name: str) -> Iterator[rr.RecordingStream]:
-    """Yields a recording called ``name`` that is then written to ``path``, whole or not at all; ``OSError`` if not."""
+def streamed(name: str, application: str) -> Iterator[rr.RecordingStream]:
+    """Yields a recording called ``name`` that goes to standard output as it is made.
+
+    The viewer has one blueprint for each ``application``.
+    """
+    with rr.RecordingStream(application) as recording:
+        recording.stdout()
+        recording.send_recording_name(as_text(name))
+        yield recording
+
+
+@contextmanager
+def recorded(target: Target, name: str) -> Iterator[rr.RecordingStream]:
+    """Yields a recording called ``name`` that is then written to a file, whole or not at all; ``OSError`` if not."""
+    if isinstance(target, rr.RecordingStream):
+        yield target
+        target.flush()
+        return
     recording = rr.RecordingStream("mavdem")
     memory = recording.memory_recording()
     recording.send_recording_name(as_text(name))
     yield recording
     # Rerun does not report when a file it writes fails, as on a full disk; Python does.
     contents = memory.drain_as_bytes()
-    with atomic_write(path) as file:
+    with atomic_write(target) as file:
         file.write(contents)
 
 

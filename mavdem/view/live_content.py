@@ -19,19 +19,18 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.dem.graybox.wind import CHANGE_SECONDS, LEVEL_SECONDS, gusts, shortest_gust
 from mavdem.dem.online.learner import TOO_FEW
 from mavdem.dem.online.tracker import FALSE_MARK_SECONDS
-from mavdem.dem.priors import hyperparameter_groups
 from mavdem.dem.record import Record
 from mavdem.live import SessionStatus
 from mavdem.live.history import AHEAD, sentence
 from mavdem.report.blocks import markdown
-from mavdem.report.numbers import TORQUE, named, per, place, plus_minus, readable, state_names, with_unit
+from mavdem.report.numbers import TORQUE, named, per, place, plus_minus, readable, with_unit
 from mavdem.report.palette import BAD, BAND_OPACITY, BOUND, COMMAND, DISTURBANCE, MEASURED, PREDICTED, distinct
 from mavdem.report.screen import verdict_blocks
 from mavdem.view.flown import BOOT_CLOCK, Lines, blueprint, faint
 
 FLIGHT_SECONDS, LEARNING_SECONDS = 20.0, 120.0  # in view
 LEGEND = (
-    "An error ratio is beside the better of the last sample and the mean. Surprise is how far F(t) is below its recent "
+    "Error ratios: beside the better of the last sample and the mean. Surprise is how far F(t) is below its recent "
     "median: 1 is the worst of twenty samples. A mark is where it stays above what is usual in this flight; one in "
     f"{FALSE_MARK_SECONDS / 60:.0f} minutes is expected without a change."
 )
@@ -229,22 +228,8 @@ class LiveWriter:
             self._model = now.model
             time, action = np.array([row.time]), np.array([now.free_energy_action])
             self._draw(Lines("free_energy_action", ("F̄",), (MEASURED,), 2.0), time, action)
-            if row.learned is not None:
-                names = precision_names(self.channels.output_names, row.learned)
-                lines = Lines("noise_precisions", names, tuple(map(distinct, range(len(names)))), 2.0)
-                self._draw(lines, time, now.log_precisions)
-
-
-def precision_names(outputs: Sequence[str], learned: Learned) -> tuple[str, ...]:
-    """Returns what each λ is of: the measurement noise z, then the process noise w."""
-    states, names = state_names(outputs, learned), []
-    groups = hyperparameter_groups(learned.settings, len(states), len(outputs))
-    for noise, whole, channels, group in zip("zw", ("measurement", "process"), (outputs, states), groups, strict=True):
-        numbers = np.unique(group)
-        for number in numbers:
-            shared = " and ".join(name for name, member in zip(channels, group, strict=True) if member == number)
-            names.append(f"{noise} of {shared}" if len(numbers) > 1 else f"{noise}, {whole}")
-    return tuple(names)
+            lines = Lines("noise_precisions", ("z, measurement", "w, process"), (distinct(0), distinct(1)), 2.0)
+            self._draw(lines, time, now.log_precisions)
 
 
 def live_blueprint(channels: Channels) -> rrb.Blueprint:
@@ -337,6 +322,7 @@ def status_document(status: SessionStatus, row: ViewRow, until: float | None) ->
         model, reason = f"The model was learned up to {ago:.1f} s ago.", status.obstacle
     learning = f"{model} {sentence(reason)}"
     cautions = [f"**Cautions:** {' '.join(row.learned.cautions)}"] if row.learned and row.learned.cautions else []
+    cautions += [f"**{status.slow}**"] if status.slow else []
     table = "\n".join(f"- {name}: {fact}" for name, fact in facts.items())
     found = [] if status.findings is None else [markdown(verdict_blocks(status.findings))]
     return "\n\n".join([f"**{channels.title}**", *found, learning.strip(), table, *cautions, LEGEND])

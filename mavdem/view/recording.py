@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -24,14 +23,14 @@ from mavdem.report import palette
 from mavdem.report.blocks import Block, Table, markdown
 from mavdem.report.numbers import TORQUE, AxisCommand, Labels, named, per, place, plus_minus, readable, state_names
 from mavdem.report.screen import detail_blocks, screen, title, verdict_blocks
-from mavdem.view.flown import Plot, blueprint, faint, path_with_wind, range_of, recorded, with_gaps
+from mavdem.view.flown import Plot, Target, blueprint, faint, path_with_wind, range_of, recorded, with_gaps
 
 AIR_POINTS = 2000  # of the wind over time: strokes of its band touch each other
 BEYOND = 0.15  # how far a plot extends beyond the measured values, in spans of them, where a forecast does
 
 
 def write_recording(
-    path: str | os.PathLike[str],
+    target: Target,
     flights: Sequence[Flight],
     learned: Learned,
     held_out: HeldOut,
@@ -40,17 +39,17 @@ def write_recording(
     wind: WindVelocity | None = None,
     position: Signal | None = None,
 ) -> None:
-    """Writes ``learned``, the model of ``flights``, and forecasts of ``held_out`` windows as an .rrd file ``path``.
+    """Writes ``learned``, the model of ``flights``, and forecasts of ``held_out`` windows to a ``target``.
 
-    It appears whole or not at all, ``OSError`` if it cannot be written, and opens with its own blueprint: the flight
-    over its seconds, more of it, how the model was learned, and the report by what was ``found``. Angles are in
+    A file appears whole or not at all, ``OSError`` if it cannot be written. It opens with its own blueprint: the
+    flight over its seconds, more of it, how the model was learned, and the report by what was ``found``. Angles are in
     degrees; every plot is marked where a motor ``changes``, s of the boot clock. The ``wind`` in m/s of the same boot
     has a tab of its own, with the path by the ``position``.
     """
     series = FlightSeries(flights, learned, held_out)
     series.changes = [at for at in changes if series.span[0] < at < series.span[1]]
     found = findings_of(learned, held_out) if found is None else found
-    with recorded(path, Path(str(flights[0].provenance.get("source", path))).name) as recording:
+    with recorded(target, Path(str(flights[0].provenance.get("source", ""))).name) as recording:
         report = _text(recording, "report", "Report", [title(flights), *screen(learned, held_out, found=found)])
         others = [plot for i in range(1, len(series.labels.output_names)) for plot in series.output(i)]
         details = _drawn(recording, series, [*others, series.motors(), *series.dem()])
@@ -60,9 +59,9 @@ def write_recording(
         recording.send_blueprint(blueprint(tabs, play_state="paused"), make_active=True)
 
 
-def write_words(path: str | os.PathLike[str], name: str, blocks: Sequence[Block]) -> None:
-    """Writes ``blocks`` about the log ``name`` as an .rrd file ``path``; ``OSError`` if it cannot be written."""
-    with recorded(path, name) as recording:
+def write_words(target: Target, name: str, blocks: Sequence[Block]) -> None:
+    """Writes ``blocks`` about the log ``name``, in place of those before; ``OSError`` if they cannot be written."""
+    with recorded(target, name) as recording:
         words = rrb.Vertical(_text(recording, "report", "Report", blocks))
         recording.send_blueprint(blueprint(words), make_active=True)
 

@@ -5,12 +5,10 @@ from pathlib import Path
 
 import pytest
 from fleet_rows import flight_row
+from standin_logs import fleet_of
 
 from mavdem.cli.commands import main
 from mavdem.fleet.row import FlightRow
-from mavdem.fleet.store import write_rows
-
-pytest.importorskip("pyarrow")
 
 
 def flown(vehicle, numbers, **changed):
@@ -22,8 +20,8 @@ WEAK = {"effect": (-40.0, 40.0, 0.7 * 41.0, -39.0), "trim_share": (0.97, 0.95, 1
 
 @pytest.fixture
 def fleets(tmp_path):
-    write_rows(tmp_path / "old", [*flown("alpha", range(4)), *flown("beta", range(2))])
-    write_rows(tmp_path / "new", [*flown("alpha", range(4, 8), **WEAK), *flown("gamma", range(2))])
+    fleet_of(tmp_path / "old", [*flown("alpha", range(4)), *flown("beta", range(2))])
+    fleet_of(tmp_path / "new", [*flown("alpha", range(4, 8), **WEAK), *flown("gamma", range(2))])
     return str(tmp_path / "old"), str(tmp_path / "new")
 
 
@@ -48,7 +46,7 @@ def test_the_vehicle_that_both_fleets_have_is_compared(fleets, capsys):
 )
 def test_a_vehicle_that_cannot_be_chosen_is_refused_with_those_that_can(words, reason, fleets, monkeypatch, capsys):
     monkeypatch.chdir(Path(fleets[0]).parent)
-    write_rows(Path("nobody"), flown("unknown", range(3)))
+    fleet_of(Path("nobody"), flown("unknown", range(3)))
     assert main(["diff", *words]) == 1
     assert reason in capsys.readouterr().err
 

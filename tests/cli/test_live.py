@@ -17,6 +17,7 @@ from rerun.chunk import RrdReader
 import mavdem
 from mavdem.cli import live
 from mavdem.cli.commands import main
+from mavdem.dem.learning import FEWEST_SAMPLES
 from mavdem.ingest import read_log
 
 MAVDEM = [sys.executable, "-c", "import sys; from mavdem.__main__ import run; sys.exit(run())"]
@@ -167,6 +168,7 @@ def test_a_simulated_vehicle_is_learnt_from_and_everything_is_kept(tmp_path):
     assert told["rates"]["ATTITUDE"] == pytest.approx(100, rel=0.1), "what comes faster already is not lowered"
     learned = mavdem.Learned.from_json((tmp_path / told["model"]).read_text())
     assert (learned.settings.prior, learned.settings.order) == ("uniform", 4)
-    assert len(learned.model.B.T) == 4 and len(learned.record) > 200
+    # The newest model, or the first where a busy machine has not finished that.
+    assert len(learned.model.B.T) == 4 and len(learned.record) >= 2 * FEWEST_SAMPLES
     assert RrdReader(tmp_path / "f.rrd").store() is not None
     assert read_log(tmp_path / "f.tlog").vehicles[0].messages["ATTITUDE"]["time"].size > 300

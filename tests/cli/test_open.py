@@ -1,5 +1,7 @@
 """A log dropped into the Rerun Viewer, whose loaders write a recording to standard output."""
 
+import sys
+
 import pytest
 from command_line import LOGS
 from rerun.chunk import RrdReader
@@ -18,10 +20,27 @@ def test_a_log_is_written_as_a_dashboard_or_as_the_reason_why_there_is_no_model(
     assert len(read.blueprints()) == 1 and any(str(chunk.entity_path).startswith(shown) for chunk in read.stream())
 
 
+def test_the_viewer_shows_under_its_own_name_what_is_being_done_until_the_dashboard_is_there(tmp_path, capfdbinary):
+    assert load([str(LOGS / "ardupilot_wind5_steps.tlog"), "--application-id", "dropped"]) == 0
+    (tmp_path / "shown.rrd").write_bytes(capfdbinary.readouterr().out)
+    read = RrdReader(tmp_path / "shown.rrd")
+    assert len(read.blueprints()) > 2 and [entry.application_id for entry in read.recordings()] == ["dropped"]
+
+
 @pytest.mark.parametrize(("name", "content"), [("a.png", b"\x89PNG\r\n"), ("a.mcap", b"\x89MCAP0\r\n")])
 def test_a_file_of_others_is_left_to_them(name, content, tmp_path, capfdbinary):
     (tmp_path / name).write_bytes(content)
     assert load([str(tmp_path / name)]) == INCOMPATIBLE and not capfdbinary.readouterr().out
+
+
+def test_without_rerun_one_sentence_says_so_before_the_work(monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    log = str(LOGS / "ardupilot_wind5_steps.tlog")
+    assert (load([log]), main(["open", log])) == (2, 2)
+    out, said = capsys.readouterr()
+    assert (
+        not out and [line[-35:] for line in said.splitlines()] == ["needs rerun: pip install 'mavdem[view]'."[-35:]] * 2
+    )
 
 
 def test_a_log_is_learned_from_and_shown(tmp_path, monkeypatch):

@@ -9,11 +9,7 @@ from scipy.signal import lfilter
 from mavdem.alignment.signals import Signals
 from mavdem.condition import condition_of
 from mavdem.condition.oscillation import Oscillation
-from mavdem.export.conversion import STREAMS
 from mavdem.ingest import read_log
-from sitl_scenarios.files import load
-from sitl_scenarios.mavlink.transmitter import recorded
-from sitl_scenarios.simulation import Simulation, fly
 
 HOVER = Hover(hovering=40.0)
 
@@ -96,17 +92,6 @@ def test_steps_to_the_side_are_none():
 
 def test_what_moves_only_the_rate_is_an_alias_or_a_vibration():
     assert found(swinging(7.0, 85.0), gusts(300.0)) is None
-
-
-@pytest.mark.parametrize(
-    ("name", "hertz"), [("oscillating_frame", 6.6), ("oscillating_gains", 17.1), ("motor_at_its_stop", None)]
-)
-def test_simulated_vehicles_that_oscillate_by_their_own_controller(name, hertz, tmp_path):
-    scenario = load(name)
-    with (tmp_path / "flight.tlog").open("wb") as file:
-        STREAMS[".tlog"](file, recorded(scenario, fly(scenario), Simulation(scenario).cycle, lambda _: None))
-    one = condition_of(Signals(read_log(tmp_path / "flight.tlog").vehicles[0])).oscillation
-    assert one is None if hertz is None else one.frequency == pytest.approx(hertz, rel=0.05) and one.at_limit > 0.3
 
 
 @pytest.mark.parametrize("name", ["wlichon_baseline.BIN", "wlichon_baseline.tlog"])

@@ -98,7 +98,7 @@ def test_what_a_flight_says_of_its_vehicle_is_kept():
         Settings(),
         Settings.paper(),
         Settings(order=3, smoothness=0.02, window=9),
-        Settings(prior=Gaussian([1, 2], [[2, 1], [1, 2]]), lambda_z=[1, 2], noise_groups=([0, 1], [0])),
+        Settings(prior=Gaussian([1, 2], [[2, 1], [1, 2]]), lambda_z=1),
         Settings(prior=Gaussian([1], 1), known_inputs=[True, False], learning_rates=(None, 0.5, None)),
         Settings(order=np.int64(2), smoothness=np.float32(0.5), input_precision=np.array([1.0, 2.0])),
     ],
@@ -118,7 +118,6 @@ def test_paper_settings_are_those_of_section_v_d():
     ("name", "value"),
     [
         ("order", True),
-        ("noise_groups", ((0, 2), (0,))),
         ("known_inputs", ("yes",)),
         ("learning_rates", (0.0, None, None)),
         ("window", 2),

@@ -1,7 +1,7 @@
 """DEM against the exact posterior of short series, drawn from the covariance that the posterior is taken with.
 
 Where DEM is exact in some limit, it must get there at the rate its derivation gives; where it is not, its departure
-must be the one its equations imply. docs/tried.md has how far it departs.
+must be the one its equations imply. docs/evidence/tried.md has how far it departs.
 """
 
 from dataclasses import replace

@@ -13,7 +13,6 @@ from mavdem.dem import Gaussian
 from mavdem.dem.engine.generative import temporal_precision
 from mavdem.dem.engine.model import pack, unpack
 from mavdem.dem.engine.state_space import filter_gain
-from mavdem.dem.priors import hyperparameter_groups, hyperparameter_prior
 
 KNOWN = 1e8
 
@@ -143,22 +142,6 @@ def test_the_wind_may_be_an_unknown_input_beside_motors_that_are_known():
     assert np.std(estimated[:, 4]) == pytest.approx(np.std(moment[places]), rel=0.3)
 
 
-def test_noise_precisions_may_be_shared_by_groups():
-    groups = Settings(noise_groups=((0, 1), (0, 0, 1)), lambda_z=(1, 2), lambda_log_precision=(25.0, (3.0, 4.0)))
-    of_outputs, of_states = hyperparameter_groups(groups, 3, 2)
-    assert (of_outputs.tolist(), of_states.tolist()) == ([0, 1], [2, 2, 3])
-    mean, precision = hyperparameter_prior(groups, 3, 2)
-    assert mean.tolist() == [1, 2, 3, 3]
-    np.testing.assert_allclose(np.log(np.diag(precision)), [25, 25, 3, 4])
-    learned = learn(
-        simulated(wind=0.5)[:400],
-        Settings(order=2, window=3, parameter_precision=1.0, noise_groups=((0, 0), (0, 1)), lambda_w=(10.0, 0.0)),
-    )
-    assert learned.learning.lambda_.shape[1] == 3
-    # The kinematic relation has far less noise than the rate, which the wind drives.
-    assert learned.learning.lambda_[-1, 1] > learned.learning.lambda_[-1, 2] + 2
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(("p", "d"), [(0, 0), (0, 6), (6, 0), (6, 6)])
 def test_every_order_from_zero_to_six_can_be_learnt(p, d):
@@ -192,7 +175,6 @@ def test_what_is_no_gaussian_is_named(mean, precision, named):
     [
         ({"prior": Gaussian([0.0] * 3, 1.0)}, "^prior must be of the 16 parameters"),
         ({"prior": Gaussian([0.0] * 16, 1.0)}, '^correlation must be "continuous" with a prior that leaves C free'),
-        ({"noise_groups": ((0, 0, 0), (0, 0))}, "^noise_groups must be 2 group numbers"),
         ({"known_inputs": (True, False), "prior": roll_prior()}, "^known_inputs must say it of 4 inputs"),
         ({"input_precision": ((1.0,),)}, "^input_precision must be of 4 inputs, or of their 3 orders"),
     ],

@@ -245,7 +245,7 @@ def test_a_motors_step_is_no_wind():
 
 @cache
 def hover_of(name: str, seed: int) -> tuple[Flight, dict[str, np.ndarray]]:
-    return settled(load(name).model_copy(update={"duration": 45.0, "seed": seed}), 3200)
+    return settled(load(name).model_copy(update={"duration": 35.0, "seed": seed}), 2200)
 
 
 @pytest.mark.slow

@@ -35,17 +35,17 @@ def test_every_sample_after_the_first_windows_is_held_out_once(held_out):
 def test_no_window_is_in_the_training_data_of_its_model(monkeypatch):
     trained: list[set[float]] = []
     forecasts: list[set[float]] = []
-    learn, forecast = module.learn, module._forecast
+    learn, forecast = module.learn_forecasts, module._forecast
 
-    def watched(segments, settings, begin):
+    def watched(segments, settings):
         trained.append({float(time) for segment in segments for time in segment.time})
-        return learn(segments, settings, begin)
+        return learn(segments, settings)
 
     def seen(learned, training, part, steps, lead, *others):
         forecasts.append({float(time) for time in part.time[lead:]})
         return forecast(learned, training, part, steps, lead, *others)
 
-    monkeypatch.setattr(module, "learn", watched)
+    monkeypatch.setattr(module, "learn_forecasts", watched)
     monkeypatch.setattr(module, "_forecast", seen)
     held_out_windows([FLIGHT], QUICK, STEPS)
     assert len(trained) == len(forecasts) == FOLDS
@@ -104,23 +104,23 @@ def test_segments_are_held_out_together_and_filters_begin_anew_in_each():
 
 
 def test_a_model_that_cannot_be_learnt_errs_infinitely_and_says_why(held_out, monkeypatch):
-    def refused(segments, settings, begin):
+    def refused(segments, settings):
         raise ValueError("the outputs must vary")
 
-    learn, calls = module.learn, []
+    learn, calls = module.learn_forecasts, []
 
-    def refused_once(segments, settings, begin):
+    def refused_once(segments, settings):
         calls.append(segments)
-        return refused(segments, settings, begin) if len(calls) == 1 else learn(segments, settings, begin)
+        return refused(segments, settings) if len(calls) == 1 else learn(segments, settings)
 
-    monkeypatch.setattr(module, "learn", refused)
+    monkeypatch.setattr(module, "learn_forecasts", refused)
     none = held_out_windows([FLIGHT], QUICK, STEPS)
     assert none.failures == ("the outputs must vary",)
     assert none.error_ratio() == np.inf and none.coverage == 0.0
     # The baselines need no model, and the band is judged by what was forecast.
     for name in (CONSTANT_MEAN, HOLD_LAST):
         np.testing.assert_allclose(none.forecasts[name], held_out.forecasts[name])
-    monkeypatch.setattr(module, "learn", refused_once)
+    monkeypatch.setattr(module, "learn_forecasts", refused_once)
     some = held_out_windows([FLIGHT], QUICK, STEPS)
     lost = int(np.isnan(some.band[:, 0, 0]).sum())
     inside = np.abs(held_out.measured - held_out.forecasts["forecast"]) <= held_out.band

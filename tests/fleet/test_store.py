@@ -5,6 +5,7 @@ import math
 import re
 import shutil
 import sqlite3
+import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -13,15 +14,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from standin_logs import LIMITS, InThisProcess, make_logs, statuses, table_of, track
+from standin_logs import InThisProcess, fleet_of, make_logs, statuses, table_of, track
 
 from mavdem.errors import Unreadable
 from mavdem.fleet import store
 from mavdem.fleet.row import FlightRow, row_schema
-from mavdem.fleet.sources import Source
 from mavdem.fleet.store import STORE, TABLE, opened, read_rows, write_rows
 from mavdem.fleet.tracking import assess_rows, residual_interval, residual_mean
-from mavdem.fleet.workers import Limits, Outcome
+from mavdem.fleet.workers import Limits
 
 PAGE = (Path(__file__).parents[2] / "docs" / "fleet.md").read_text()
 FULL = FlightRow(
@@ -42,8 +42,8 @@ FAILED = FlightRow(file="b.bin", status="It is a zip archive.")
 
 def test_rows_come_back_as_they_were(tmp_path):
     rows = [FULL, FAILED, FlightRow(file="odd\udcff\n.bin")]
-    write_rows(tmp_path, rows)
-    assert read_rows(tmp_path) == rows
+    fleet_of(tmp_path, rows)
+    assert read_rows(tmp_path) == sorted(rows, key=lambda row: row.order)
     assert [FlightRow(**json.loads(json.dumps(row.as_dict()))) for row in rows] == rows
     assert FULL.effect_interval == (0.02, None) and rows[2].file == "odd\\udcff\n.bin"
 
@@ -51,11 +51,7 @@ def test_rows_come_back_as_they_were(tmp_path):
 def test_logs_in_another_order_give_the_same_bytes(tmp_path):
     rows = [FlightRow(file=f"{n}.bin", key=f"{n}-1", vehicle=f"quad {n % 5}", axis="roll") for n in range(20)]
     for name, order in (("one", rows), ("other", rows[::-1])):
-        with opened(tmp_path / name) as fleet:
-            for row in order:
-                fleet.add(Source(row.file, 1, "now"), Outcome(row.file, "read", (row,), row.key), LIMITS)
-            fleet.track([Source(row.file, 1, "now") for row in order])
-            fleet.publish(lambda rows, _: rows)
+        fleet_of(tmp_path / name, order)
     assert table_of(tmp_path / "one") == table_of(tmp_path / "other")
     assert read_rows(tmp_path / "one") == sorted(rows, key=lambda row: row.order)
 
@@ -103,11 +99,9 @@ def test_a_folder_of_somebody_else_and_a_disk_of_another_machine_are_refused(tmp
 def test_what_is_no_fleet_and_what_is_damaged_is_said_in_one_sentence(tmp_path):
     with pytest.raises(Unreadable, match="holds no fleet"):
         read_rows(tmp_path / "none")
-    write_rows(tmp_path, [FULL])
-    (tmp_path / TABLE).write_bytes(b"PAR1 and nothing")
+    (tmp_path / STORE).write_bytes(b"SQLite format 3\0 and nothing" * 99)
     with pytest.raises(Unreadable, match="is damaged .*delete it, and run `mavdem track` again"):
         read_rows(tmp_path)
-    (tmp_path / STORE).write_bytes(b"SQLite format 3\0 and nothing" * 99)
     with pytest.raises(Unreadable, match="fleet.sqlite is damaged .*delete it, and all logs"), opened(tmp_path):
         pass
 
@@ -119,7 +113,20 @@ def test_the_columns_of_another_version_are_refused_and_stay(tmp_path, monkeypat
     monkeypatch.setattr(store, "SCHEMA_VERSION", 99)
     with pytest.raises(Unreadable, match="columns of another version of mavdem: name another folder"):
         track(tmp_path / "fleet", tmp_path / "logs")
+    with pytest.raises(Unreadable, match="columns of another version of mavdem"):
+        read_rows(tmp_path / "fleet")
     assert table_of(tmp_path / "fleet") == before
+
+
+def test_without_pyarrow_a_fleet_has_its_rows_but_no_table_that_is_older_than_they(tmp_path, monkeypatch):
+    make_logs(tmp_path / "logs", 1)
+    track(tmp_path / "fleet", tmp_path / "logs")
+    make_logs(tmp_path / "logs", 2)
+    with monkeypatch.context() as core:
+        core.setitem(sys.modules, "pyarrow", None)
+        track(tmp_path / "fleet", tmp_path / "logs")
+        assert len(read_rows(tmp_path / "fleet")) == 4 and not (tmp_path / "fleet" / TABLE).exists()
+    assert track(tmp_path / "fleet", tmp_path / "logs").read == 0 and table_of(tmp_path / "fleet")
 
 
 def test_a_second_run_waits_until_the_first_has_written(tmp_path, monkeypatch):

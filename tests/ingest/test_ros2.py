@@ -1,6 +1,5 @@
 """ROS 2 recordings: the flight that PX4's topics or MAVROS's tell is the one of the log they were made from; damage."""
 
-import dataclasses
 import random
 import sys
 import time
@@ -121,7 +120,7 @@ def test_versions_and_directions_of_topics(recorder):
         recorder.write("/fmu/out/vehicle_attitude_groundtruth", "px4_msgs/msg/VehicleAttitude", {"q": [1.0] * 4})
     vehicle = recorder.vehicle()
     assert vehicle.vehicle == "HEXAROTOR"
-    assert set(vehicle.messages) == {"HEARTBEAT", "ACTUATOR_CONTROL_TARGET"}
+    assert set(vehicle.messages) == {"HEARTBEAT", "CURRENT_MODE", "ACTUATOR_CONTROL_TARGET"}
     controls = vehicle.messages["ACTUATOR_CONTROL_TARGET"]["controls"]
     assert np.allclose(controls[:, 0], TIMES % 1, atol=1e-6) and (controls[:, 3] == 0.25).all()
 
@@ -331,15 +330,13 @@ def test_setpoints_of_px4_are_those_that_it_reports(recorder):
         at, q = 20 + 0.1 * row, [float(np.cos(0.1 * row)), float(np.sin(0.1 * row)), 0.0, 0.0]
         recorder.px4("vehicle_attitude_setpoint", at, q_d=q)
         recorder.px4("vehicle_rates_setpoint", at, roll=float(row), pitch=10.0 + row, yaw=20.0 + row)
-        recorder.px4("manual_control_setpoint", at, valid=row < 4, roll=0.1 * row, pitch=-0.1 * row)
         recorder.px4("vehicle_rates_setpoint", UNIX + at, "/companion/fmu/in/", roll=99.0)
     vehicle = recorder.vehicle()
-    rate, angle, stick = setpoints(vehicle, "roll")
+    rate, angle = setpoints(vehicle, "roll")
     np.testing.assert_allclose(rate.signal.values, np.arange(5))
     np.testing.assert_allclose(angle.signal.values, 0.2 * np.arange(5), atol=1e-7)
-    np.testing.assert_allclose(stick.signal.values, 0.1 * np.arange(4), atol=1e-7)
     np.testing.assert_allclose(rate.signal.time, 20 + 0.1 * np.arange(5), atol=1e-9)
-    assert [one.signal.values[1] for one in setpoints(vehicle, "pitch")] == pytest.approx([11, 0, -0.1])
+    assert [one.signal.values[1] for one in setpoints(vehicle, "pitch")] == pytest.approx([11, 0])
 
 
 def test_the_battery_of_either_bridge(tmp_path):
@@ -363,7 +360,6 @@ def test_setpoints_of_mavros_are_turned_back(recorder):
     at, turned = float(UNIX + TIMES[50]), {"x": pqr[0], "y": -pqr[1], "z": -pqr[2]}
     fields = {"orientation": xyzw(to_ros(rpy)), "body_rate": turned, "type_mask": 1}
     recorder.mavros("setpoint_raw/target_attitude", "mavros_msgs/msg/AttitudeTarget", at, **fields)
-    recorder.mavros("rc/in", "mavros_msgs/msg/RCIn", at, channels=[1600, 1400, 1000, 1500])
     vehicle = recorder.vehicle()
     assert [(one.name, one.signal.values.tolist()) for one in setpoints(vehicle, "roll")] == [
         ("roll setpoint", [pytest.approx(rpy[0])])
@@ -372,8 +368,6 @@ def test_setpoints_of_mavros_are_turned_back(recorder):
         "pitch rate setpoint": pytest.approx(pqr[1]),
         "pitch setpoint": pytest.approx(rpy[1]),
     }
-    ardupilots = dataclasses.replace(vehicle, autopilot="ARDUPILOTMEGA")
-    assert [one.signal.values[0] for one in setpoints(ardupilots, "roll")][-1] == 1600
 
 
 def test_what_holds_no_flight_of_a_vehicle_is_refused(tmp_path):

@@ -96,7 +96,7 @@ def undisturbed(scenario: Scenario, seed: int, weak: bool) -> Flight:
     """Another flight of the same vehicle in such wind, sent at 100 Hz without faults; its weak motor weak or not."""
     stream = scenario.stream.model_copy(update={"only_when_asked": False, "rates": {}, "rate": RATE})
     vehicle = scenario.vehicle.model_copy(update={"weak_from": 0.0} if weak else {"weak_motor": 0})
-    changes = {"duration": 90.0, "flights": 1, "seed": seed, "faults": Faults(), "stream": stream, "vehicle": vehicle}
+    changes = {"duration": 60.0, "flights": 1, "seed": seed, "faults": Faults(), "stream": stream, "vehicle": vehicle}
     return logged(scenario.model_copy(update=changes))
 
 

@@ -1,11 +1,8 @@
-"""Flights of systems of known order: the paper's four, held at hover, and random ones with smooth inputs."""
-
-from typing import Literal
+"""Flights of random systems of known order, with smooth inputs."""
 
 import numpy as np
 from numpy.typing import NDArray
-from paper_systems import paper_system
-from scipy.linalg import block_diag, solve_continuous_are, solve_continuous_lyapunov
+from scipy.linalg import block_diag, solve_continuous_lyapunov
 
 from mavdem import Flight
 from mavdem.dem.engine.model import discretize, recursion
@@ -14,51 +11,12 @@ Array = NDArray[np.float64]
 
 WARM_UP_SAMPLES = 300  # simulated before the first sample, so that the initial state does not matter
 SUBSTEPS = 5  # simulation steps between samples; inputs are linear within a step
-ROLL = np.array([1.0, -1.0, -1.0, 1.0]) / 4  # the four motors' share of a roll command
-CONTROLLER = 0.02  # time constant of the motors, seconds; the motors are recorded and not the command
-
-COMMAND, EACH_MOTOR, TURN = 6.0, 1.0, 0.1
-"""PWM, standard deviations of the roll that is commanded beside the controller and of each motor by itself; and the
-width of their kernel, s."""
-
-MOMENT, FORCE = 3.0, 0.5  # rad/s² on the roll rate and m/s² on the speed, standard deviations of the process noise
 SLOWEST, FASTEST = 0.7, 3.0  # rad/s, of the modes of random systems
 MIN_HANKEL_RATIO = 0.1  # least Hankel singular value over the largest; a random system below it is drawn again
 WORST_CONDITION = 10.0  # of a random system's coordinates
 DISTURBANCE = 0.02  # standard deviation that process noise gives a random system's outputs, over that of its inputs
 SENSORS = 1e-3  # that of the sensors' noise, over that of each output
 INPUT_KERNEL, NOISE_KERNEL = 0.25, 0.2  # seconds, of random systems
-
-
-def paper_flight(order: Literal[1, 2, 3, 4], seed: int, samples: int = 700) -> Flight:
-    """A flight of System 1 to 4, all of whose states are measured: the order is the number of outputs.
-
-    Held at hover by a linear-quadratic regulator, in Gaussian-kernel noise of two steps.
-    """
-    dt, smoothness = 1 / 120, 2.0
-    rng = np.random.default_rng([order, seed])
-    system = paper_system(order)
-    A, B = system.A, system.B
-    of_roll = B @ ROLL
-    weights = np.diag([4.0, 1.0, 30.0, 1.0][4 - order :])
-    hold = of_roll @ solve_continuous_are(A, of_roll[:, None], weights, [[0.02]]) / 0.02
-    # The command is a state that follows the regulator.
-    closed = np.block([[A, of_roll[:, None]], [-hold[None] / CONTROLLER, -np.ones((1, 1)) / CONTROLLER]])
-    commanded = np.append(np.zeros(order), 1 / CONTROLLER)[:, None]
-    disturbed = np.eye(order + 1, order)[:, [order - 3, order - 1] if order >= 3 else [order - 1]]
-    push = np.hstack([commanded, np.vstack([B, np.zeros(4)]), disturbed])
-    step, number = dt / SUBSTEPS, (samples + WARM_UP_SAMPLES) * SUBSTEPS
-    sizes = np.array([FORCE, MOMENT][-disturbed.shape[1] :])
-    driven = np.hstack(
-        [
-            COMMAND * smooth_noise(TURN, step, number, 1, rng),
-            EACH_MOTOR * smooth_noise(TURN, step, number, 4, rng),
-            sizes * smooth_noise(smoothness * dt, step, number, len(sizes), rng),
-        ]
-    )
-    moved = motion(closed, push, driven, step)
-    motors = moved[:, order:] * ROLL + driven[:, 1:5]
-    return _recorded(moved[:, :order], motors, samples, dt, smoothness * dt, rng)
 
 
 def random_flight(order: int, channels: int, seed: int) -> Flight:

@@ -1,7 +1,6 @@
 """Figures: drawn in the palette's colours, in degrees, with legends beside the data; and the numbers behind them."""
 
 import re
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -83,6 +82,7 @@ def test_a_figure_has_the_palette_s_colours_named_axes_and_no_legend_or_title_ov
 
 
 def test_residuals_are_in_degrees_and_the_first_of_a_segment_is_a_gap(learned):
+    assert isinstance(learned.plot, Plots) and "bode()" in repr(learned.plot)
     (line,) = learned.plot.residuals().axes[0].lines
     errors = np.degrees(learned.record.outputs[1:, 1] - learned.one_step()[1:, 1])
     np.testing.assert_allclose(line.get_ydata()[1:], errors)
@@ -186,10 +186,3 @@ def test_the_effect_of_a_demand_is_not_put_beside_a_motor(learned, flight):
     fewer = replace(hover, **{name: getattr(hover, name)[:2] for name in columns})
     assert [axes.get_title("left") for axes in learned.plot.motors(hover).axes] == ["effectiveness", "trim", "headroom"]
     assert [axes.get_title("left") for axes in learned.plot.motors(fewer).axes] == ["trim", "headroom"]
-
-
-def test_without_matplotlib_the_command_that_installs_it_is_named(learned, monkeypatch):
-    assert isinstance(learned.plot, Plots) and "bode()" in repr(learned.plot)
-    monkeypatch.setitem(sys.modules, "matplotlib", None)
-    with pytest.raises(ImportError, match=r"Learned.plot needs matplotlib: pip install 'mavdem\[plot\]'\."):
-        learned.plot  # noqa: B018

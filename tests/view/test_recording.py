@@ -23,7 +23,7 @@ FLIGHT = mavdem.read_flight(Path(__file__).parents[2] / "logs" / "ardupilot_wind
 PARTS, TEST = (FLIGHT[:380], FLIGHT[400:800]), FLIGHT[800:900]
 TIME = np.concatenate([part.time for part in PARTS])
 CHANGED = float(TIME[100])
-SETTINGS = mavdem.Settings(order=2, window=9, parameter_precision=0.1, noise_groups=((0, 1), (0, 1)), iterations=5)
+SETTINGS = mavdem.Settings(order=2, window=9, parameter_precision=0.1, iterations=5)
 
 
 @pytest.fixture(scope="module")

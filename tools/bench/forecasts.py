@@ -1,23 +1,22 @@
 #!/usr/bin/env python
-"""Forecasts of windows of recorded flights against the constant mean; prints a table by flight and one by rate.
+"""Forecasts of windows of recorded flights against the constant mean; prints a table by flight and one by half.
 
 A window is 7 s to learn from and 1.5 s to forecast at every rate. The error ratio is the squared forecast error over
 that of the constant mean; the tables have the median over windows. A window from which nothing can be learnt counts as
-1. Every flight belongs to half A or half B, with all its rates: what is chosen on one half is judged on the other. With
---rates also autopilots' own logs, and scenarios flown at each rate. Below, errors are beside those of joint
-autoregressions: of forecasts over VAR(10)'s, of predictions without the motors over VAR(4)'s, geometric means over
-flights of the medians over windows.
+1. Every flight belongs to half A or half B: what is chosen on one half is judged on the other. Below, errors are beside
+those of joint autoregressions: of forecasts over VAR(10)'s, of predictions without the motors over VAR(4)'s, geometric
+means over flights of the medians over windows.
 
-Usage: tools/bench/forecasts.py [--rates] [--windows N] [--preset paper] [--settings JSON] [--json FILE]
+Usage: tools/bench/forecasts.py [--windows N] [--preset paper] [--settings JSON]
 """
 
 from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
+from itertools import cycle
 from time import perf_counter
 from typing import Any
 
@@ -27,53 +26,7 @@ import numpy as np
 import mavdem
 from mavdem import baselines, evaluate
 from mavdem.evaluate.scores import Window, windows
-from mavdem.paper.runner import SHARED, logged, recorded_flights
-from sitl_scenarios.files import load, scenario_of
-
-DEMAND_LOGS = (
-    "sitl_ardupilot/ardupilot_inertia_wind5_steps.BIN",
-    "sitl_events/ap_quiet10.BIN",
-    "sitl_events/px4_windjump.ulg.xz",
-    "sitl_px4/px4_wind5_gust.ulg.xz",
-    "real/logs/px4_default_rates_learnable.ulg",
-    "real/logs/px4_default_rates_gps_interference.ulg",
-)
-"""Logs of the autopilots' own; most have one input, the demand. Both axes are learnt."""
-
-SCENARIOS = (
-    *("ardupilot_steps", "calm", "crazyflie_gusts", "hover_blower", "iris_doublets", "iris_dryden", "iris_gusts"),
-    *("iris_multisine", "iris_von_karman", "paper_2", "paper_5", "system_3"),
-)
-RATES = (50, 100, 120, 200, 250, 400)
-PX4_LOOP = 250  # Hz: what is faster is flown with ArduPilot's loop of 400 Hz
-
-
-Halved = tuple[str, int, mavdem.Flight]
-"""A flight, its name before it, and a number that is even in half A and odd in half B."""
-
-
-def flights(rates: bool) -> Iterator[Halved]:
-    """Every flight at every rate; neighbours in each list belong to different halves."""
-    for number, (name, flight) in enumerate(recorded_flights()):
-        yield name, number, flight
-    if not rates:
-        return
-    for number, name in enumerate(DEMAND_LOGS):
-        for shift, axis in enumerate(("roll", "pitch")):
-            if (SHARED / name).exists():
-                flight = mavdem.read_flight(SHARED / name, axis=axis)
-                label = f"{Path(name).name} {axis}"
-                yield label, number + shift, flight
-                if flight.dt < 1 / 300:
-                    time, inputs, outputs = (one[::2] for one in (flight.time, flight.inputs, flight.outputs))
-                    flight = mavdem.Flight(time, inputs, outputs, dt=2 * flight.dt)
-                    yield f"{label}, every 2nd sample", number + shift, flight
-    for number, name in enumerate(SCENARIOS):
-        for rate in RATES:
-            values = load(name).model_dump(mode="json")
-            values["stream"] |= {"rate": float(rate)} | ({"autopilot": "ardupilot"} if rate > PX4_LOOP else {})
-            yield name, number, logged(scenario_of(values))
-
+from mavdem.paper.runner import SHARED, recorded_flights
 
 KNOWN, UNKNOWN = (10, 25, 50, 150), (1, 5, 10, 25, 50)
 """Steps of forecasts, and of predictions without the motors, whose errors are shown beside an autoregression's."""
@@ -100,22 +53,23 @@ def figures(window: Window, learned: mavdem.Learned | ValueError) -> dict[str, A
     }
 
 
-def of_flight(halved: Halved, most: int | None, settings: mavdem.Settings) -> list[dict[str, Any]]:
+def of_flight(
+    name: str, flight: mavdem.Flight, half: str, most: int | None, settings: mavdem.Settings
+) -> list[dict[str, Any]]:
     """The figures of each window; prints their row."""
-    name, number, flight = halved
-    every, half, rate = windows(name, flight), "AB"[number % 2], round(1 / flight.dt)
+    every = windows(name, flight)
     # Up to ``most`` windows, evenly over the flight.
     cut = [every[i] for i in np.unique(np.linspace(0, len(every) - 1, min(most or len(every), len(every))).astype(int))]
     began = perf_counter()
     found = list(mavdem.learn_many((window.train, settings) for window in cut))
     seconds = (perf_counter() - began) / max(1, len(cut))
-    who = {"flight": name, "half": half, "rate": rate}
-    rows = [who | figures(*pair) for pair in zip(cut, found, strict=True)]
+    rows = [{"half": half} | figures(*pair) for pair in zip(cut, found, strict=True)]
     if rows:
         ratios, inside = column(rows, "ratio"), column(rows, "inside")
         print(
-            f"| {name} | {half} | {flight.inputs.shape[1]} | {rate} | {len(rows)} | {np.median(ratios):.3g} "
-            f"| {ratios.max():.3g} | {np.mean(ratios < 1):.2f} | {np.nanmean(inside):.2f} | {seconds:.2f} |",
+            f"| {name} | {half} | {flight.inputs.shape[1]} | {1 / flight.dt:.0f} | {len(rows)} "
+            f"| {np.median(ratios):.3g} | {ratios.max():.3g} | {np.mean(ratios < 1):.2f} | {np.nanmean(inside):.2f} "
+            f"| {seconds:.2f} |",
             flush=True,
         )
     return rows
@@ -126,17 +80,15 @@ def column(rows: Sequence[dict[str, Any]], name: str) -> Any:
 
 
 def print_summaries(by_flight: Sequence[list[dict[str, Any]]]) -> None:
-    print("\n| Hz | half | flights | windows | geometric mean of medians | worse than the constant mean | worst |")
-    print("|---|---|---|---|---|---|---|")
-    rates = sorted({rows[0]["rate"] for rows in by_flight})
-    for name, of in [*((str(rate), (rate,)) for rate in rates), ("all", tuple(rates))]:
-        for half in ("A", "B", "AB"):
-            those = [rows for rows in by_flight if rows[0]["rate"] in of and rows[0]["half"] in half]
-            if those:
-                ratios = column([row for rows in those for row in rows], "ratio")
-                mean = np.exp(np.mean([np.log(np.median(column(rows, "ratio"))) for rows in those]))
-                worse = np.sum(ratios >= 1)
-                print(f"| {name} | {half} | {len(those)} | {len(ratios)} | {mean:.3g} | {worse} | {ratios.max():.3g} |")
+    print("\n| half | flights | windows | geometric mean of medians | worse than the constant mean | worst |")
+    print("|---|---|---|---|---|---|")
+    for half in ("A", "B", "AB"):
+        if those := [rows for rows in by_flight if rows[0]["half"] in half]:
+            ratios = column([row for rows in those for row in rows], "ratio")
+            mean = np.exp(np.mean([np.log(np.median(column(rows, "ratio"))) for rows in those]))
+            print(
+                f"| {half} | {len(those)} | {len(ratios)} | {mean:.3g} | {np.sum(ratios >= 1)} | {ratios.max():.3g} |"
+            )
     for question, steps in (("known", KNOWN), ("unknown", UNKNOWN)):
         for half in ("A", "B", "AB"):
             tables = [np.median(column(rows, question), axis=0) for rows in by_flight if rows[0]["half"] in half]
@@ -151,22 +103,19 @@ def print_summaries(by_flight: Sequence[list[dict[str, Any]]]) -> None:
 
 
 @click.command(help=__doc__)
-@click.option("--rates", is_flag=True, help="Also autopilots' logs, and scenarios at every rate.")
 @click.option("--windows", "most", type=click.IntRange(min=1), help="Of each flight, evenly over it.  [default: all]")
 @click.option("--preset", type=click.Choice(["real", "paper"]), default="real", show_default=True)
 @click.option("--settings", default="{}", help='Changes to the preset, such as {"order": 2}.')
-@click.option("--json", "to", type=click.Path(path_type=Path), help="Also write each window's figures there.")
-def main(rates: bool, most: int | None, preset: str, settings: str, to: Path | None) -> None:
+def main(most: int | None, preset: str, settings: str) -> None:
     base = mavdem.Settings.paper() if preset == "paper" else mavdem.Settings()
     chosen = replace(base, **json.loads(settings))
     print("| flight | half | inputs | Hz | windows | median ratio | worst | below 1 | in the 90 % band | s a window |")
     print("|---|---|---|---|---|---|---|---|---|---|")
-    by_flight = [rows for one in flights(rates) if (rows := of_flight(one, most, chosen))]
+    halved = zip(recorded_flights(), cycle("AB"), strict=False)
+    by_flight = [rows for (name, flight), half in halved if (rows := of_flight(name, flight, half, most, chosen))]
     if not by_flight:
         sys.exit(f"There are no recorded flights in {SHARED}; name their folder in MAVDEM_SHARED_DATA.")
     print_summaries(by_flight)
-    if to:
-        to.write_text(json.dumps([row for rows in by_flight for row in rows], indent=1, default=np.ndarray.tolist))
 
 
 if __name__ == "__main__":

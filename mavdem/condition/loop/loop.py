@@ -122,7 +122,7 @@ def loop_of(plant: Physical, record: Record, controller: Controller | None = Non
     drawn = _drawn(plant, controller.gyro_filter, record.dt)
     gains = drawn[:, :-3] @ (per_demand := _per_demand(controller, record))
     if not gains[0] > 0:
-        raise NotLearnable("The mixer of the parameters turns the vehicle against the motors: check FRAME_TYPE.")
+        raise NotLearnable("By the parameters the mixer turns the vehicle the wrong way: check FRAME_TYPE.")
     dynamics = np.maximum(drawn[:, -3:], LEAST)
     rate, attitude = _loops(controller, gains, dynamics)
     biased = f"The control effectiveness is biased: {plant.reasons['effect']}" if plant.bias else ""

@@ -10,7 +10,7 @@ import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
-from threading import Lock
+from threading import RLock
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -87,7 +87,7 @@ def raise_on_overflow() -> Iterator[None]:
         raise np.linalg.LinAlgError(f"overflow: {error}") from None
 
 
-_lock = Lock()
+_lock = RLock()
 
 
 @contextmanager
@@ -107,7 +107,7 @@ def one_thread(wait: bool = True) -> Iterator[bool]:
 def _new_lock() -> None:
     """In a forked process: a thread of the parent that has the lock is not there to release it."""
     global _lock
-    _lock = Lock()
+    _lock = RLock()
 
 
 if hasattr(os, "register_at_fork"):

@@ -220,6 +220,17 @@ class JointModel:
         variance = np.where(variance < LARGEST, variance, LARGEST)
         return self._answer(made[0], np.mean((made[1:] - made[0]) ** 2, axis=0), variance, np.ones(1), length)
 
+    def predict_every(self, steps: int, inputs: Array, outputs: Array) -> Array:
+        """Returns (H, m) the mean of :meth:`unknown_every`."""
+        return self.unknown_every(steps, inputs, outputs).mean
+
+    def forecast_every_with_band(
+        self, steps: int, inputs: Array, outputs: Array, level: float
+    ) -> tuple[Array, Array, Array]:
+        """Returns :meth:`known_every`, mean and variance, and the half width of its band of probability ``level``."""
+        mean, variance = self.known_every(steps, inputs, outputs)
+        return mean, variance, self.half_widths(variance, level, steps)
+
     def one_step(self, record: Record) -> Array:
         """Returns (T, m): each sample of ``record`` from those before it in its segment and the inputs up to it."""
         return self.process.one_step(_combined(record, self.combinations))
