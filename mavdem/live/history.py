@@ -13,10 +13,10 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.analysis.findings import Findings
-from mavdem.condition.wind_of_log import WindRow
 from mavdem.dem import Estimate
 from mavdem.dem.engine.linalg import Array
 from mavdem.health.in_flight import MotorAlarm
+from mavdem.live.wind import WindRow
 
 NOT_FLYING = "The vehicle is on the ground: learning begins after take-off."
 FLIGHT_UNKNOWN = "Nothing shows yet whether the vehicle flies."

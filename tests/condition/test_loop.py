@@ -134,11 +134,11 @@ def test_a_simulated_flight_has_the_margins_of_its_linearised_loop(autopilot):
 
 
 def test_recorded_flights_agree_or_have_no_margins():
-    learned = mavdem.learn(mavdem.read_flight(shared("sitl_ardupilot/ardupilot_wind6_gusts.tlog"))[:4000])
+    learned = mavdem.learn(mavdem.read_flight(shared("sitl_ardupilot/ardupilot_wind6_gusts.tlog"))[:2500])
     loop = mavdem.Learned.from_json(learned.to_json()).loop()
     assert loop.agrees and loop.measured.fit > 80 and loop.as_dict() == learned.loop().as_dict()
     with pytest.raises(mavdem.NotLearnable, match="There are no margins: .* fly quick inputs"):
-        mavdem.learn(mavdem.read_flight(shared("sitl_px4/px4_wind5_gust.tlog"))[:3000]).loop()
+        mavdem.learn(mavdem.read_flight(shared("sitl_px4/px4_wind5_gust.tlog"))[:2000]).loop()
 
 
 def made_up(factor=1.0):

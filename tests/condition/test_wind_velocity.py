@@ -6,12 +6,13 @@ from recorded_flights import shared
 
 import mavdem
 from mavdem.alignment.drive import Signal
-from mavdem.condition.wind_of_log import YAW_JUMP, LiveWind, WindRow, _jumps
+from mavdem.condition.wind_of_log import YAW_JUMP, _jumps
 from mavdem.condition.wind_velocity import coming_from, torque_explained
 from mavdem.dem.airflow import identification
 from mavdem.dem.airflow.model import Drag, motion
 from mavdem.errors import NotLearnable
 from mavdem.live.stream import LiveStream
+from mavdem.live.wind import LiveWind, WindRow
 from mavdem.report.condition import wind_blocks
 
 LINEAR, QUADRATIC = np.array([0.3, 0.24]), np.array([0.01, 0.016])
