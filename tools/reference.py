@@ -5,7 +5,6 @@ A document that changes needs a new version in mavdem/documents.toml: the schema
 
 from __future__ import annotations
 
-import inspect
 import json
 import re
 from dataclasses import fields
@@ -70,22 +69,13 @@ def schema_text(name: str) -> str:
 
 
 def command_page() -> str:
-    """Returns the page of all commands and their options."""
-    parts = ["# Commands", *_paragraphs(mavdem)]
-    for name in mavdem.commands:
-        command = imported_command(name)
-        with click.Context(command, info_name=f"mavdem {name}") as context:
-            known = [one.get_help_record(context) for one in command.get_params(context)]
-            usage = " ".join([f"mavdem {name}", *command.collect_usage_pieces(context)])
-        rows = [[f"`{names}`", " ".join(said.split())] for names, said in filter(None, known) if names[0] == "-"]
-        parts += [f"## mavdem {name}", f"```\n{usage}\n```", *_paragraphs(command), _table(["option", "meaning"], rows)]
+    """Returns the page of all commands, each as its --help is."""
+    parts = ["# Commands"]
+    for name in ["", *mavdem.commands]:
+        command = imported_command(name) if name else mavdem
+        with click.Context(command, info_name=f"mavdem {name}".strip(), terminal_width=100) as context:
+            parts += [f"## mavdem {name}".strip(), f"```\n{command.get_help(context)}\n```"]
     return "\n\n".join(parts) + "\n"
-
-
-def _paragraphs(command: click.Command) -> list[str]:
-    """Of its help; those that click does not fill are preformatted."""
-    parts = inspect.cleandoc(command.help or "").split("\n\n")
-    return [f"```\n{part[2:]}\n```" if part.startswith("\b\n") else part.replace("*", "\\*") for part in parts]
 
 
 def file_page() -> str:

@@ -82,17 +82,12 @@ class Physical(NamedTuple):
     windows: WindowTable
 
     def __repr__(self) -> str:
-        _, *halves = self.interval()
-        shown = ("damping", 1, "1/s"), ("lag", 1e3, "ms"), ("delay", 1e3, "ms")
+        units = {"damping": (1, "1/s"), "lag": (1e3, "ms"), "delay": (1e3, "ms")}
         known = [("mean effect", *self.mean_effect(), "rad/s² per unit of input")]
-        known += [
-            (name, to * getattr(self, name), to * half, u) for (name, to, u), half in zip(shown, halves, strict=True)
-        ]
-        parts = [
-            f"{name} {value:.3g}" + (f" ± {half:.2g}" * (half == half)) + f" {u}" for name, value, half, u in known
-        ]
-        doubts = [f"{name} {status}" for name, status in self.status.items() if status != "reported"]
-        return f"<Physical: {', '.join(parts)}{'; ' * bool(doubts)}{', '.join(doubts)}>"
+        for (name, (scale, unit)), half in zip(units.items(), self.interval()[1:], strict=True):
+            known.append((name, scale * getattr(self, name), scale * half, unit))
+        doubts = "".join(f"; {name} {status}" for name, status in self.status.items() if status != "reported")
+        return f"<Physical: {', '.join(f'{name} {value:.3g} ± {half:.2g} {unit}' for name, value, half, unit in known)}{doubts}>"
 
     def mean_effect(self, level: float = LEVEL) -> tuple[float, float]:
         """Returns the mean magnitude of the motors' effect, and its half width, NaN where it is not identifiable.
