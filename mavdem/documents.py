@@ -30,12 +30,11 @@ class Key(NamedTuple):
 
 
 def keys_of(record: str) -> dict[str, Key]:
-    """Returns the keys of a ``record`` by name, those of other records that it includes last."""
-    listed = dict(tables()["records"][record])
-    included = listed.pop("*", "")
-    keys = {name.rstrip("?"): Key(*text.split("; ", 2), name.endswith("?")) for name, text in listed.items()}
-    for other in filter(None, included.split(", ")):
-        keys |= keys_of(other)
+    """Returns the keys of a ``record`` by name, with those of other records that it includes."""
+    keys = dict[str, Key]()
+    for name, text in tables()["records"][record].items():
+        known = {name.rstrip("?"): Key(*text.split("; ", 2), name.endswith("?"))} if name != "*" else {}
+        keys |= known or {key: one for other in text.split(", ") for key, one in keys_of(other).items()}
     return keys
 
 

@@ -203,8 +203,7 @@ def row_schema() -> Any:
     head = header("flights")
     units = {name: {"unit": unit} for name, unit in head["units"].items()}
     columns = [pyarrow.field(name, arrow(kind), metadata=units.get(name)) for name, kind in _kinds().items()]
-    versions = {"mavdem_schema": str(SCHEMA_VERSION), "mavdem_version": head["mavdem_version"]}
-    return pyarrow.schema(columns, metadata=versions)
+    return pyarrow.schema(columns, {"mavdem_schema": str(SCHEMA_VERSION), "mavdem_version": head["mavdem_version"]})
 
 
 def _of_report(report: Mapping[str, Any]) -> dict[str, Any]:

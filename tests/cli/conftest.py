@@ -3,7 +3,7 @@
 import json
 
 import pytest
-from test_reference import reference
+import reference
 
 from mavdem.cli import compare, learn, output, reproduce
 

@@ -87,7 +87,8 @@ class Physical(NamedTuple):
         for (name, (scale, unit)), half in zip(units.items(), self.interval()[1:], strict=True):
             known.append((name, scale * getattr(self, name), scale * half, unit))
         doubts = "".join(f"; {name} {status}" for name, status in self.status.items() if status != "reported")
-        return f"<Physical: {', '.join(f'{name} {value:.3g} ± {half:.2g} {unit}' for name, value, half, unit in known)}{doubts}>"
+        shown = ", ".join(f"{name} {value:.3g} ± {half:.2g} {unit}" for name, value, half, unit in known)
+        return f"<Physical: {shown}{doubts}>"
 
     def mean_effect(self, level: float = LEVEL) -> tuple[float, float]:
         """Returns the mean magnitude of the motors' effect, and its half width, NaN where it is not identifiable.

@@ -1,6 +1,6 @@
-"""Writes docs/reference: the schema of every document, and pages of all commands, options, keys and columns.
+"""What docs/reference must hold: the schema of every document, and pages of all commands, options, keys and columns.
 
-A document that changes needs a new version in mavdem/documents.toml: the schema of a version is never replaced.
+``test_reference.py --write-golden`` writes it.
 """
 
 from __future__ import annotations
@@ -127,18 +127,11 @@ def contents() -> dict[Path, str]:
     return {FOLDER / "commands.md": command_page(), FOLDER / "files.md": file_page(), **schemas}
 
 
-@click.command(help=__doc__)
-def main() -> None:
-    """Writes them all; ends with a sentence where a schema changed and its version did not."""
+def write() -> None:
+    """Writes them all; raises ``ValueError`` where a schema changed and its version did not."""
     for path, text in contents().items():
         before = json.loads(path.read_text()) if path.suffix == ".json" and path.exists() else None
         if before is not None and structure(before) != structure(json.loads(text)):
-            raise click.ClickException(
-                f"The document of {path.name} changed: raise its version in mavdem/documents.toml."
-            )
+            raise ValueError(f"the document of {path.name} changed: raise its version in mavdem/documents.toml")
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text)
-
-
-if __name__ == "__main__":
-    main()
