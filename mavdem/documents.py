@@ -1,7 +1,4 @@
-"""Documents: the JSON that mavdem writes, each with its version, mavdem's, and the unit of every key that has one.
-
-``documents.toml`` has every document with its keys, types, units and meanings; docs/reference is made of it.
-"""
+"""Documents: the JSON that mavdem writes; ``documents.toml`` has their versions, keys, types, units and meanings."""
 
 from __future__ import annotations
 
@@ -39,10 +36,7 @@ def keys_of(record: str) -> dict[str, Key]:
 
 
 def units_of(record: str, path: str = "", above: tuple[str, ...] = ()) -> Iterator[tuple[str, str]]:
-    """Yields the place, below a ``path``, of every key of a ``record`` that has a unit, and the unit; * is any key.
-
-    Records that are ``above`` it are left out: one may hold another of its kind.
-    """
+    """Yields the place, below a ``path``, of each key of a ``record`` with a unit, and that; none of those ``above``."""
     for name, key in keys_of(record).items():
         if key.unit:
             yield f"{path}{name}", key.unit
