@@ -178,6 +178,8 @@ def test_refusals_are_sentences():
     inputs = np.where(np.arange(2000)[:, None] % 10 == 0, 2000.0, record.inputs)
     stuck = advise(replace(sound, record=replace(record, inputs=inputs)))
     retuned = advise(replace(sound, record=replace(record, earlier={"MC_ROLL_P": 5.0})))
+    with pytest.raises(ValueError, match="takes a Controller, such as the one of another loop, and not 'pitch'"):
+        loop_of(sound.plant, record, "pitch")
     words = "Oscillates at 3 Hz", "at a limit 10 % of the time", "unstable, and yet it flew", "MC_ROLL_P changed in"
     cases = advise(sound, doubts=["Oscillates at 3 Hz."]), stuck, advise(made_up(6.0)), retuned
     for found, said in zip(cases, words, strict=True):

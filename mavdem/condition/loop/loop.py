@@ -109,6 +109,8 @@ def loop(learned: Learned, controller: Controller | None = None) -> Loop:
 
 def loop_of(plant: Physical, record: Record, controller: Controller | None = None) -> Loop:
     """Returns the loops of a ``plant`` identified from the ``record``, with a ``controller``, as :func:`loop` does."""
+    if not isinstance(controller, Controller | None):
+        raise ValueError(f"The loop takes a Controller, such as the one of another loop, and not {controller!r}.")
     if plant.caution is not None:
         raise NotLearnable(f"There are no margins: {plant.caution[0].lower()}{plant.caution[1:]}")
     axis = record.output_names[-1].removesuffix(" rate") if record.output_names else "roll"
