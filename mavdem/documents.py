@@ -36,7 +36,7 @@ def keys_of(record: str) -> dict[str, Key]:
 
 
 def units_of(record: str, path: str = "", above: tuple[str, ...] = ()) -> Iterator[tuple[str, str]]:
-    """Yields the place, below a ``path``, of each key of a ``record`` with a unit, and that; none of those ``above``."""
+    """Yields the place below a ``path`` of each key of a ``record`` with a unit, and it; none of those ``above``."""
     for name, key in keys_of(record).items():
         if key.unit:
             yield f"{path}{name}", key.unit

@@ -130,7 +130,7 @@ class LearnedDownstream:
         return str(downstream("report.screen", "summary")(self))
 
     def score(self, flight: Any) -> float:
-        """Returns 1 − error ratio (NMSE) of a ``flight`` it has not seen, 1 at best; :func:`mavdem.evaluate.score_of`."""
+        """Returns 1 − error ratio (NMSE) of a ``flight`` that it has not seen; :func:`mavdem.evaluate.score_of`."""
         return float(downstream("evaluate", "score_of")(self, flight))
 
     def to_control(self, model: str = "physical") -> Any:
