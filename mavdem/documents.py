@@ -30,8 +30,11 @@ def keys_of(record: str) -> dict[str, Key]:
     """Returns the keys of a ``record`` by name, with those of other records that it includes."""
     keys = dict[str, Key]()
     for name, text in tables()["records"][record].items():
-        known = {name.rstrip("?"): Key(*text.split("; ", 2), name.endswith("?"))} if name != "*" else {}
-        keys |= known or {key: one for other in text.split(", ") for key, one in keys_of(other).items()}
+        if name == "*":
+            keys |= {key: one for other in text.split(", ") for key, one in keys_of(other).items()}
+        else:
+            kind, unit, meaning = text.split("; ", 2)
+            keys[name.rstrip("?")] = Key(kind, unit, meaning, name.endswith("?"))
     return keys
 
 
@@ -43,11 +46,6 @@ def units_of(record: str, path: str = "", above: tuple[str, ...] = ()) -> Iterat
         inner = next((word for word in re.findall(r"\w+", key.type) if word in tables()["records"]), record)
         if inner not in (*above, record):
             yield from units_of(inner, f"{path}{name}{'.*' * key.type.count('[')}.", (*above, record))
-
-
-def document_of(command: str) -> str:
-    """Returns the name of the document that a ``command`` makes; "error" for none."""
-    return next((name for name, known in tables()["documents"].items() if known.get("command") == command), "error")
 
 
 @cache

@@ -22,7 +22,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table as Grid
 
-from mavdem.documents import document_of, header
+from mavdem.documents import header
 from mavdem.errors import Unreadable
 from mavdem.files import atomic_write, atomic_writes, is_writable, replaceable
 from mavdem.report.blocks import Sentence, Table
@@ -55,7 +55,7 @@ def _plain(error: UnicodeError) -> tuple[str, int]:
 def json_text(document: dict[str, Any]) -> str:
     """Returns a JSON ``document`` of the command that runs, after its header; NaN and infinity become null."""
     context = click.get_current_context(silent=True)
-    name = "error" if context is None or document.keys() == {"error"} else document_of(str(context.command.name))
+    name = "error" if context is None or document.keys() == {"error"} else str(context.command.name)
     return json.dumps(_finite(header(name) | document), indent=1, allow_nan=False)
 
 
