@@ -42,7 +42,7 @@ class FlightRow:
     """One settled flight of a log: one vehicle, one axis. SI units, angles rad; None where a value is not known.
 
     A log that holds no such flight, or cannot be read, has one row whose ``status`` says why. Tuples have an entry for
-    each motor, in the order of ``motors``, unless their own line says otherwise. Intervals are half widths, 90 %.
+    each motor, in the order of ``motors``, unless documents.toml says otherwise. Intervals are half widths, 90 %.
     """
 
     file: str  # path or URL of the log
@@ -81,7 +81,6 @@ class FlightRow:
     headroom: Numbers | None = at("condition.hover.headroom")  # left at the 99th percentile, as a share of the range
     saturated: Numbers | None = at("condition.hover.at_upper_limit")  # share of the time at the upper stop
     oscillation: float | None = at("condition.oscillation.seconds")  # how long it oscillated by its own controller, s
-    # what is asked of the motors in roll, pitch and yaw, in shares of their mean command, and its standard error
     balance: Numbers | None = None
     balance_error: Numbers | None = None
     balance_lean: Numbers | None = None  # mean roll and pitch meanwhile, rad
@@ -109,8 +108,6 @@ class FlightRow:
     drag_interval: Numbers | None = None
     mean_inputs: Numbers | None = at("condition.hover.trim")  # over the flight, of each input and output of the model
     mean_outputs: Numbers | None = None
-    # the mean angular acceleration that this flight's frozen model leaves unexplained in another one, rad/s², is the
-    # sum of gains times that flight's means and the offset
     residual_gain_inputs: Numbers | None = None
     residual_gain_outputs: Numbers | None = None
     residual_offset: float | None = None
