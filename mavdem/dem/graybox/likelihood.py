@@ -13,6 +13,7 @@ known.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache, partial
 from math import factorial
 from typing import NamedTuple
 
@@ -171,6 +172,9 @@ class Parameters(NamedTuple):
 
         The transition has two inputs: the torque that the motors settle at, and a constant acceleration.
         """
+        r = self.motors
+        # Most of the parameters that differ do so in the motors' effects alone.
+        thetas, which = _distinct(thetas, [r + 1, r + 2, *range(r + 4, self.noise_index + 1)])
         vehicle, rate = np.zeros((len(thetas), 2, 2)), 1 / self.lag(thetas, dt)
         vehicle[:, 0, 0], vehicle[:, 0, 1], vehicle[:, 1, 1] = -self.damping(thetas), 1.0, -rate
         components = zip(self.wind, self.sizes(thetas).T, self.times(thetas).T, strict=True)
@@ -185,14 +189,19 @@ class Parameters(NamedTuple):
         rate = np.eye(1, n)[None]
         P = steady_covariance(transition.state, rate, process, noise[:, None, None])
         variance = P[:, 0, 0] + noise
-        return transition, (transition.state @ P[:, :, :1])[:, :, 0] / variance[:, None], variance
+        gain = (transition.state @ P[:, :, :1])[:, :, 0] / variance[:, None]
+        return Transition(*(part[which] for part in transition)), gain[which], variance[which]
 
     def commanded(self, theta: Array, windows: FlightWindows) -> Array:
         """(W, N) the torque that the motors would settle at, rad/s², refinements included."""
+        return np.asarray(self._refined(tuple(theta[self.noise_index + 1 :]), windows) @ self.effect(theta))
+
+    def _refined(self, values: tuple[float, ...], windows: FlightWindows) -> Array:
+        """(W, N, r) the inputs with refinements of these ``values``."""
         inputs = windows.inputs
-        for name, value in zip(self.refinements, theta[self.noise_index + 1 :], strict=True):
+        for name, value in zip(self.refinements, values, strict=True):
             inputs = jumping(inputs, value) if name == "jumps" else inputs + value * inputs**2 / 2
-        return np.asarray(inputs @ self.effect(theta))
+        return inputs
 
     def innovations(self, thetas: Array, windows: FlightWindows) -> tuple[Array, Array]:
         """(b, W, N′) of all windows but for their beginnings, for parameters (b, k); and their variance (b,).
@@ -202,15 +211,18 @@ class Parameters(NamedTuple):
         transition, gain, variance = self.filters(thetas, windows.dt)
         now, later = transition.input_now, transition.input_next
         number, (W, N) = len(thetas), windows.rate.shape
-        driven = np.empty((number, W, N - 1, 3))
-        driven[..., 2] = windows.rate[:, :-1]
-        for k, theta in enumerate(thetas):
-            steps = float(theta[self.motors + 3]) / windows.dt
+        of_commands = [*range(self.motors + 1), self.motors + 3, *range(self.noise_index + 1, thetas.shape[1])]
+        some, which = _distinct(thetas, of_commands)
+        pushed, refined = np.empty((len(some), W, N - 1, 2)), cache(partial(self._refined, windows=windows))
+        for k, theta in enumerate(some):
+            steps, effect = float(theta[self.motors + 3]) / windows.dt, self.effect(theta)
             # A command that reacts to a sample must not help to predict it: what answers a sample is held from then on.
-            answer = windows.answers @ self.effect(theta)
+            answer = windows.answers @ effect
             held, _ = delayed(min(1.0, ANSWERED_SECONDS / windows.dt) * answer.T, steps)
-            ends = delayed((self.commanded(theta, windows) - answer).T, steps)
-            driven[k, :, :, 0], driven[k, :, :, 1] = ((end + held).T for end in ends)
+            ends = delayed((refined(tuple(theta[self.noise_index + 1 :])) @ effect - answer).T, steps)
+            pushed[k, :, :, 0], pushed[k, :, :, 1] = ((end + held).T for end in ends)
+        driven = np.empty((number, W, N - 1, 3))
+        driven[..., :2], driven[..., 2] = pushed[which], windows.rate[:, :-1]
         step = transition.state.copy()
         step[:, :, 0] -= gain
         predicted = followed(step, np.stack([now[..., 0], later[..., 0], gain], axis=2), driven, windows.rate[:, 0])
@@ -220,6 +232,14 @@ class Parameters(NamedTuple):
         errors, response = (windows.rate[:, 1:] - predicted)[:, :, settled:], response[:, settled:]
         share = np.einsum("kwn,kn->kw", errors, response) / np.einsum("kn,kn->k", response, response)[:, None]
         return errors - share[:, :, None] * response[:, None], variance
+
+
+def _distinct(thetas: Array, columns: list[int]) -> tuple[Array, NDArray[np.intp]]:
+    """The ``thetas`` (b, k) that differ in these ``columns``, and for each (b,) which of them is like it there."""
+    if len(thetas) == 1:
+        return thetas, np.zeros(1, np.intp)
+    _, first, which = np.unique(thetas[:, columns], axis=0, return_index=True, return_inverse=True)
+    return thetas[first], which.ravel()
 
 
 def followed(step: Array, gains: Array, inputs: Array, first: Array) -> Array:
