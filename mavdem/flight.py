@@ -38,7 +38,7 @@ class Flight(FlightDownstream):
         input_names, output_names, input_units, output_units: one string a column.
         provenance: where it came from and how it was made, as plain JSON values.
         effect_directions: (r,) relative effect of each input on the axis, where the mixer geometry is known; else None.
-        setpoints: (T, q) what was asked of the axis, by the controllers' outer loops or the pilot: at each sample the
+        setpoints: (T, q) what the controllers' outer loops asked of the axis: at each sample the
             last value until then, NaN where there is none. None where the source has no setpoints.
         setpoint_names, setpoint_units: one string a column of ``setpoints``.
 

@@ -6,10 +6,9 @@ in time order, each stamp once, per boot; a signal that was not recorded is None
 A setpoint is a command: it holds until the next one, for ``HOLD_SECONDS`` at most, so a sample has the last one at or
 before its own stamp, on average half an interval late.
 
-Stamps have the resolution of their messages (1 ms in MAVLink, 1 µs in most logs). ArduPilot stamps ATTITUDE_TARGET and
-RC_CHANNELS when it sends them; PX4 stamps ATTITUDE_TARGET with the time of its attitude setpoint, and the body rates in
-it were 0 to 8 ms newer on a flight recorded both ways, 4 ms at the 95th percentile, as those in its ATTITUDE are.
-MANUAL_CONTROL has no stamp in MAVLink, and gets the time of the message before it.
+Stamps have the resolution of their messages (1 ms in MAVLink, 1 µs in most logs). ArduPilot stamps ATTITUDE_TARGET when
+it sends it; PX4 with the time of its attitude setpoint, and the body rates in it were 0 to 8 ms newer on a flight
+recorded both ways, 4 ms at the 95th percentile, as those in its ATTITUDE are.
 
 A rate setpoint is not the same everywhere: in ArduPilot's ATTITUDE_TARGET it is the rate of the attitude setpoint; in
 DataFlash's RATE and from PX4 it corrects the error of the attitude as well.
@@ -42,9 +41,10 @@ from mavdem.alignment.drive import (
     preferred_message,
     series,
 )
+from mavdem.ingest.flight_modes import mode_name
 from mavdem.ingest.mavlink.clocks import far_off
 from mavdem.ingest.mavlink.definitions import enum_name
-from mavdem.ingest.telemetry import Array, Columns, Telemetry, rate_without_gaps
+from mavdem.ingest.telemetry import Array, Columns, Telemetry, rate_without_gaps, selected
 from mavdem.ingest.vocabulary import ARMED, CUSTOM_MODE, LANDING_MODES, euler_angles
 
 ATTITUDE_MESSAGES = ("ATTITUDE", "ATTITUDE_QUATERNION")  # Messages with the attitude, the preferred first
@@ -68,16 +68,9 @@ TARGET_MESSAGE = "ATTITUDE_TARGET"
 IGNORED_RATES = {"roll": 1, "pitch": 2, "yaw": 4}
 IGNORED_ATTITUDE = 128
 """Bits of ATTITUDE_TARGET.type_mask (ATTITUDE_TARGET_TYPEMASK): a field with its bit set is no setpoint."""
-MANUAL_MESSAGE = "MANUAL_CONTROL"
-MANUAL_FIELDS, MANUAL_RANGE = {"roll": "y", "pitch": "x", "yaw": "r"}, 1000.0
-"""Fields of MANUAL_CONTROL, and full deflection; 32767 stands for none."""
-RADIO_MESSAGES = ("RC_CHANNELS", "RC_CHANNELS_RAW")  # With the receiver's channels, the preferred first
-RADIO_CHANNELS = {"roll": 1, "pitch": 2, "yaw": 4}  # ArduPilot's default; PX4 has none
-MIN_PULSE, MAX_PULSE = 500.0, 2500.0  # µs; 0 and 65535 stand for no channel
 ROUNDING = 1e-6  # s: stamps have no more digits, and the sum of steps that a grid point is may fall just before one
 HOLD_SECONDS = 2.0
-"""Age beyond which a setpoint is unknown: ground stations ask for the sticks at 1 Hz and more, and in flight modes that
-have no such setpoint its messages end."""
+"""Age beyond which a setpoint is unknown: in flight modes that have no such setpoint its messages end."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,14 +84,11 @@ class Setpoint:
 
 
 def setpoints(telemetry: Telemetry, axis: str) -> tuple[Setpoint, ...]:
-    """Returns the setpoints of ``axis`` that were recorded, of at most three.
+    """Returns the setpoints of ``axis`` that were recorded in ATTITUDE_TARGET.
 
-    "roll rate setpoint" (rad/s) and, not of yaw, "roll setpoint" (rad), from ATTITUDE_TARGET; "roll stick" from
-    MANUAL_CONTROL (-1 to 1) or else the receiver's channel (µs).
+    "roll rate setpoint" (rad/s) and, not of yaw, "roll setpoint" (rad).
     """
     targets = telemetry.messages.get(TARGET_MESSAGE)
-    manual = telemetry.messages.get(MANUAL_MESSAGE)
-    radio = preferred_message(message_counts(telemetry, RADIO_MESSAGES))
     found: list[Setpoint] = []
     if targets is not None:
         ignored = np.asarray(targets.get("type_mask", np.zeros(len(targets["time"])))).astype(np.int64)
@@ -111,12 +101,6 @@ def setpoints(telemetry: Telemetry, axis: str) -> tuple[Setpoint, ...]:
                 angles = euler_angles(asked / np.linalg.norm(asked, axis=1, keepdims=True))[TILT_AXES.index(axis)]
             angles = np.where(ignored & IGNORED_ATTITUDE, np.nan, angles)
             found.append(Setpoint(f"{axis} setpoint", "rad", TARGET_MESSAGE, series(targets, angles)))
-    if manual is not None:
-        deflection = floats(manual, MANUAL_FIELDS[axis]) / MANUAL_RANGE
-        deflection[np.abs(deflection) > 1] = np.nan
-        found.append(Setpoint(f"{axis} stick", "", MANUAL_MESSAGE, series(manual, deflection)))
-    elif radio is not None and (pulses := _pulses(telemetry, radio, axis)) is not None:
-        found.append(Setpoint(f"{axis} stick", "µs", radio, series(telemetry.messages[radio], pulses)))
     return tuple(setpoint for setpoint in found if len(setpoint.signal.time))
 
 
@@ -126,23 +110,6 @@ def held(setpoint: Setpoint, boot: int, time: Array) -> Array:
     stamps, values = np.append(-np.inf, setpoint.signal.time[here]), np.append(np.nan, setpoint.signal.values[here])
     last = np.searchsorted(stamps, time + ROUNDING, side="right") - 1
     return np.where(time - stamps[last] <= HOLD_SECONDS + ROUNDING, values[last], np.nan)
-
-
-def _pulses(telemetry: Telemetry, message: str, axis: str) -> Array | None:
-    """(N,) µs of the receiver's channel for ``axis``; None where no channel is known for it."""
-    columns, parameters = telemetry.messages[message], telemetry.parameters
-    if telemetry.autopilot == "PX4":
-        channel = int(parameters.get(f"RC_MAP_{axis.upper()}", 0))
-    else:
-        channel = int(parameters.get(f"RCMAP_{axis.upper()}", RADIO_CHANNELS[axis]))
-    field = f"chan{channel}_raw"
-    if field not in columns:
-        return None
-    pulses = floats(columns, field)
-    unusable = ~((pulses >= MIN_PULSE) & (pulses <= MAX_PULSE))
-    if message == "RC_CHANNELS_RAW" and "port" in columns:
-        unusable |= np.asarray(columns["port"]) != 0
-    return np.where(unusable, np.nan, pulses)
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,10 +222,20 @@ class Signals:
 
     @cached_property
     def _beats(self) -> Signal | None:
-        """Both (N, 2) of them; a single stray heartbeat is outvoted by its neighbours.
+        """Both (N, 2) of them; a single stray heartbeat is outvoted by its neighbours."""
+        if (columns := self._heartbeats) is None:
+            return None
+        flags, modes = columns["base_mode"].astype(np.int64), columns.get("custom_mode", np.zeros(len(columns["time"])))
+        number = int(columns["autopilot"][0])
+        lands = np.isin(modes, list(LANDING_MODES.get(number, ()))) & (flags & CUSTOM_MODE > 0)
+        state = np.column_stack([flags & ARMED > 0, lands])
+        before, after = np.concatenate([state[:1], state[:-1]]), np.concatenate([state[1:], state[-1:]])
+        settled = ((state & before) | (state & after) | (before & after)).astype(np.float64)
+        return Signal(columns["time"], columns["boot"], settled)
 
-        Heartbeats that name another type or autopilot than the vehicle's are not its own.
-        """
+    @cached_property
+    def _heartbeats(self) -> Columns | None:
+        """The vehicle's own, in order of time: those that name another type or autopilot are not."""
         telemetry = self.telemetry
         columns = telemetry.messages.get("HEARTBEAT")
         if columns is None or not len(columns["time"]):
@@ -271,14 +248,19 @@ class Signals:
             own &= np.isin(columns[field], [number for number in numbers if enum_name(enum, int(number)) == name])
         if not own.any():
             return None
-        flags, modes = columns["base_mode"].astype(np.int64), columns.get("custom_mode", np.zeros(len(own)))
-        number = int(columns["autopilot"][own][0])
-        lands = np.isin(modes, list(LANDING_MODES.get(number, ()))) & (flags & CUSTOM_MODE > 0)
-        state = np.column_stack([flags & ARMED > 0, lands])
         order = np.lexsort((columns["time"][own], columns["boot"][own]))
-        time, boot, state = columns["time"][own][order], columns["boot"][own][order], state[own][order]
-        before, after = np.concatenate([state[:1], state[:-1]]), np.concatenate([state[1:], state[-1:]])
-        return Signal(time, boot, ((state & before) | (state & after) | (before & after)).astype(np.float64))
+        return selected(columns, np.flatnonzero(own)[order])
+
+    def modes(self, boot: int) -> list[tuple[float, str]]:
+        """Returns when each flight mode of a ``boot`` began, s, and its name, from CURRENT_MODE or else HEARTBEAT."""
+        columns = self.telemetry.messages.get("CURRENT_MODE") or self._heartbeats
+        if columns is None or "custom_mode" not in columns:
+            return []
+        rows = np.flatnonzero((columns["boot"] == boot) & np.isfinite(columns["custom_mode"]))
+        numbers = columns["custom_mode"][rows].astype(np.int64)
+        changed = np.flatnonzero(np.diff(numbers, prepend=-1))
+        named = [mode_name(self.telemetry.autopilot, int(number)) for number in numbers[changed]]
+        return list(zip(columns["time"][rows[changed]].tolist(), named, strict=True))
 
     @cached_property
     def landed_state(self) -> Signal | None:

@@ -182,7 +182,7 @@ class MotorAlarm(NamedTuple):
         since, sure = f"since {self.since:.0f} s of {clock}", f"probability {100 * self.probability:.0f} %"
         if self.motor is None:
             return f"The mean torque in roll and pitch changed {since}, in yaw it did not: no motor is named ({sure})."
-        known = ". Where the motors are is assumed, and so is the name" if self.assumed else ""
+        known = ". The motors' places are assumed, and so is the name" if self.assumed else ""
         if not self.weak:
             return f"{self.name.capitalize()} gives its thrust again {since} ({sure}){known}."
         lost = f"{self.name} lost {self.lost} of its thrust (motor or propeller) {since}"

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mavdem.ingest.flight_modes import px4_custom_mode
 from mavdem.ingest.motors import motor_geometry
 from mavdem.ingest.telemetry import Array, Columns, joined, rate_without_gaps, selected
 from mavdem.ingest.vocabulary import IN_AIR, LANDING, ON_GROUND, PX4, TAKING_OFF, attitude_target, heartbeat_fields
@@ -27,9 +28,8 @@ Parameters = Mapping[str, float]
 _TOPICS = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
 NEEDED: Mapping[str, tuple[str, ...]] = {topic: tuple(fields) for topic, fields in _TOPICS.items()}
 """The topics that are read, and the fields of each beside ``timestamp``, arrays with their length."""
-SETPOINTS = frozenset({"vehicle_attitude_setpoint", "vehicle_rates_setpoint", "manual_control_setpoint"})
+SETPOINTS = frozenset({"vehicle_attitude_setpoint", "vehicle_rates_setpoint"})
 """Those that a companion may send as well."""
-STICK_RANGE, NO_STICK = 1000.0, 32767.0  # Full deflection in MANUAL_CONTROL, and what stands for none
 MAX_ATTITUDE_STEP = 0.1
 """Longest step, s, of the attitude that is interpolated: half a period at 5 Hz, the band of the roll dynamics."""
 
@@ -75,10 +75,11 @@ def messages(
         targets = _made(_attitude_target, topics)
         named |= {
             "ATTITUDE_TARGET": ("vehicle_rates_setpoint and vehicle_attitude_setpoint", targets),
-            "MANUAL_CONTROL": ("manual_control_setpoint", _made(_manual_control, topics)),
             "SYS_STATUS": ("battery_status", _made(_sys_status, topics)),
             "VIBRATION": ("vehicle_imu_status", _made(_vibration, topics)),
             "SYSTEM_TIME": ("vehicle_gps_position", _made(_system_time, topics)),
+            "GPS_RAW_INT": ("vehicle_gps_position", _made(_gps_raw_int, topics)),
+            "CURRENT_MODE": ("vehicle_status", _made(_current_mode, topics)),
             "WIND_COV": ("wind", _made(_wind_cov, topics)),
         }
     made: dict[str, Columns] = {name: columns for name, (_, columns) in named.items() if columns}
@@ -245,15 +246,6 @@ def _attitude_target(topics: Topics) -> dict[str, NDArray[Any]]:
     return selected(together, np.argsort(together["time"], kind="stable"))
 
 
-def _manual_control(topics: Topics) -> dict[str, NDArray[Any]]:
-    """MANUAL_CONTROL.hpp: manual_control_setpoint, called x, y and r until PX4 1.13, with the decimals it cuts off."""
-    sticks = _first(topics, "manual_control_setpoint")
-    names = {"x": "pitch", "y": "roll", "r": "yaw"}
-    fields = {ours: theirs if theirs in sticks else ours for ours, theirs in names.items()}
-    shares, valid = {ours: sticks[field].astype(np.float64) for ours, field in fields.items()}, _valid(sticks, "valid")
-    return {"time": sticks["time"]} | {n: np.where(valid, STICK_RANGE * share, NO_STICK) for n, share in shares.items()}
-
-
 def _sys_status(topics: Topics) -> dict[str, NDArray[Any]]:
     """SYS_STATUS.hpp: battery_status, mV and cA, with the decimals the message cuts off."""
     battery = _first(topics, "battery_status")
@@ -279,6 +271,19 @@ def _system_time(topics: Topics) -> dict[str, NDArray[Any]]:
     gps = _first(topics, "vehicle_gps_position")
     known = selected(gps, gps["time_utc_usec"] > 0)
     return {"time": known["time"], "time_unix_usec": known["time_utc_usec"]}
+
+
+def _gps_raw_int(topics: Topics) -> dict[str, NDArray[Any]]:
+    """GPS_RAW_INT.hpp: vehicle_gps_position, 1e-7 degrees; from PX4 1.15 on the topic has degrees."""
+    gps, fields = _first(topics, "vehicle_gps_position"), {"lat": "latitude_deg", "lon": "longitude_deg"}
+    new = "latitude_deg" in gps
+    return {"time": gps["time"]} | {name: 1e7 * gps[deg] if new else gps[name] for name, deg in fields.items()}
+
+
+def _current_mode(topics: Topics) -> dict[str, NDArray[Any]]:
+    """CURRENT_MODE.hpp: the custom mode of vehicle_status.nav_state."""
+    status = _first(topics, "vehicle_status")
+    return {"time": status["time"], "custom_mode": px4_custom_mode(status["nav_state"])}
 
 
 def _heartbeat(topics: Topics, kind: int) -> dict[str, NDArray[Any]]:

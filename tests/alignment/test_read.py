@@ -153,49 +153,6 @@ def test_before_the_first_and_long_after_the_last_nothing_is_known():
     np.testing.assert_array_equal(known, (flight.time >= 20 - 1e-9) & (flight.time <= 29.9 + HOLD_SECONDS + 1e-9))
 
 
-def with_sticks(autopilot: str = "ARDUPILOTMEGA", parameters: dict[str, float] | None = None) -> Telemetry:
-    time = HOVER.stamps(4.0)
-    pulses = {f"chan{n}_raw": 1000.0 * n / 5 + 1000 + 10 * np.sin(time) for n in range(1, 5)}
-    pulses["chan2_raw"][::2], pulses["chan5_raw"] = 65535, np.zeros(len(time))
-    telemetry = HOVER.telemetry(autopilot=autopilot, parameters=parameters)
-    return changed(telemetry, "RC_CHANNELS", **columns(time, **pulses))
-
-
-@pytest.mark.parametrize(
-    ("autopilot", "parameters", "axis", "channel"),
-    [
-        ("ARDUPILOTMEGA", {}, "roll", 1),
-        ("ARDUPILOTMEGA", {"RCMAP_ROLL": 3.0}, "roll", 3),
-        ("ARDUPILOTMEGA", {}, "yaw", 4),
-        ("PX4", {"RC_MAP_ROLL": 4.0}, "roll", 4),
-        ("PX4", {}, "roll", None),
-        ("PX4", {"RC_MAP_ROLL": 0.0}, "roll", None),
-        ("ARDUPILOTMEGA", {"RCMAP_ROLL": 5.0}, "roll", None),
-        ("ARDUPILOTMEGA", {"RCMAP_ROLL": 40.0}, "roll", None),
-    ],
-)
-def test_the_stick_is_on_the_channel_of_the_parameters(autopilot, parameters, axis, channel):
-    found = setpoints(with_sticks(autopilot, parameters), axis)
-    assert [one.name for one in found] == ([f"{axis} stick"] if channel else [])
-    if channel:
-        assert found[0].unit == "µs"
-        assert found[0].signal.values.mean() == pytest.approx(1000 + 200 * channel, abs=5)
-    # A channel that was not received is none.
-    (stick,) = setpoints(with_sticks(), "pitch")
-    assert len(stick.signal.time) == len(HOVER.stamps(4.0)) // 2 and stick.signal.values.max() < 1500
-
-
-def test_the_sticks_as_the_autopilot_takes_them_are_preferred():
-    time = HOVER.stamps(5.0)
-    sticks = {"x": 100 * np.sin(time), "y": -500 * np.sin(time), "r": np.full(len(time), 32767.0)}
-    telemetry = changed(with_sticks(), "MANUAL_CONTROL", **columns(time, **sticks))
-    (roll,), (pitch,) = setpoints(telemetry, "roll"), setpoints(telemetry, "pitch")
-    assert (roll.name, roll.unit, roll.message) == ("roll stick", "", "MANUAL_CONTROL")
-    np.testing.assert_allclose(roll.signal.values, -0.5 * np.sin(time))
-    np.testing.assert_allclose(pitch.signal.values, 0.1 * np.sin(time))
-    assert setpoints(telemetry, "yaw") == ()
-
-
 @pytest.mark.parametrize("name", ["sitl_ardupilot/ardupilot_wind4_doublets.tlog", "sitl_px4/px4_wind5_gust.tlog"])
 def test_a_recorded_vehicle_does_what_it_is_asked(name):
     for flight in read_segments(shared(name)):

@@ -307,19 +307,16 @@ def test_setpoints_of_rate_and_att_keep_their_own_stamps(tmp_path):
         stamp, at = 20_503_000 + 100_000 * row, 50 + 10 * row
         pieces[at] += made.message("RATE", stamp, 10.0 * row, 1.0, 0, -20.0 * row, 0, 0, 30.0 * row)
         pieces[at] += made.message("ATT", stamp + 5000, 100 * row, 0, -200 * row, 0, 9000, 0)
-        pieces[at] += made.message("RCIN", stamp + 6000, 1500 + row, 1400, 1000, 1300)
     vehicle = vehicle_of(made.formats() + made.told() + b"".join(pieces), tmp_path)
     for axis, degrees in (("roll", (10, 1)), ("pitch", (-20, -2))):
-        rate, angle, stick = setpoints(vehicle, axis)
+        rate, angle = setpoints(vehicle, axis)
         for one, each, late in ((rate, degrees[0], 0.003), (angle, degrees[1], 0.008)):
             at = 20.5 + 0.1 * np.arange(4) + late
             rows = np.searchsorted(one.signal.time, at - 1e-4)
             np.testing.assert_allclose(one.signal.time[rows], at, atol=1e-9)
             np.testing.assert_allclose(one.signal.values[rows], np.radians(each) * np.arange(4), atol=1e-9)
-        expected = [1500, 1501, 1502, 1503] if axis == "roll" else [1400] * 4
-        assert stick.unit == "µs" and stick.signal.values.tolist() == expected
-    assert [one.name for one in setpoints(vehicle, "yaw")] == ["yaw rate setpoint", "yaw stick"]
-    assert vehicle.called("ATTITUDE_TARGET") == "RATE and ATT" and vehicle.called("RC_CHANNELS") == "RCIN"
+    assert [one.name for one in setpoints(vehicle, "yaw")] == ["yaw rate setpoint"]
+    assert vehicle.called("ATTITUDE_TARGET") == "RATE and ATT"
 
 
 def test_a_text_log_reads_as_the_binary_one(tmp_path):

@@ -135,19 +135,15 @@ def test_setpoints_keep_their_own_stamps(tmp_path):
         half = 0.05 * row
         pieces.append(data("vehicle_attitude_setpoint", 20 + row / 2, 0, np.cos(half), np.sin(half), 0, 0, row != 2))
         pieces.append(data("vehicle_rates_setpoint", 20.1 + row / 2, row, 10 + row, 20 + row))
-        pieces.append(data("manual_control_setpoint", 20.2 + row / 2, -0.1 * row, 0.1 * row, 0.5, 0.2 * row))
     vehicle = vehicle_of(log(*pieces), tmp_path)
     assert (np.diff(vehicle.messages["ATTITUDE_TARGET"]["time"]) > 0).all()
-    rate, angle, stick = setpoints(vehicle, "roll")
+    rate, angle = setpoints(vehicle, "roll")
     np.testing.assert_allclose(rate.signal.time, 20.1 + np.arange(4) / 2)
     np.testing.assert_allclose(rate.signal.values, np.arange(4))
     np.testing.assert_allclose(angle.signal.values, [0, 0.1, 0.3], atol=1e-7)
     np.testing.assert_allclose(angle.signal.time, [20, 20.5, 21.5])
-    np.testing.assert_allclose(stick.signal.values, 0.1 * np.arange(4), atol=1e-7)
-    yaw, stick = setpoints(vehicle, "yaw")
+    (yaw,) = setpoints(vehicle, "yaw")
     np.testing.assert_allclose(yaw.signal.values, 20 + np.arange(4))
-    np.testing.assert_allclose(stick.signal.values, 0.2 * np.arange(4), atol=1e-7)
-    assert vehicle.called("MANUAL_CONTROL") == "manual_control_setpoint"
 
 
 def test_drivers_that_publish_outputs_in_turn_are_told_apart_by_their_number_of_outputs(tmp_path):

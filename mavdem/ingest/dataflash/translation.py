@@ -128,12 +128,28 @@ def calendar_time(tables: Mapping[str, Columns]) -> Columns | None:
     return stamped(logged, {"time_unix_usec": unix})
 
 
+def _fixes(tables: Mapping[str, Columns]) -> Columns | None:
+    """GPS_RAW_INT, where the receiver has a fix; in 1e-7 degrees, as of the message."""
+    logged = having(tables, "GPS", ("Status", "Lat", "Lng"))
+    if logged is None:
+        return None
+    logged = selected(logged, logged["Status"] >= 3)
+    return stamped(logged, {name: 1e7 * values(logged, (own,))[:, 0] for name, own in (("lat", "Lat"), ("lon", "Lng"))})
+
+
+def _modes(tables: Mapping[str, Columns]) -> Columns | None:
+    """CURRENT_MODE; in text logs of old versions the mode is a name, and is left out."""
+    field = "ModeNum" if "ModeNum" in tables.get("MODE", {}) else "Mode"
+    logged = having(tables, "MODE", (field,))
+    return None if logged is None else stamped(logged, {"custom_mode": values(logged, (field,))[:, 0]})
+
+
 ANGLES, GYROS = ("Roll", "Pitch", "Yaw"), ("GyrX", "GyrY", "GyrZ")
 RATES, DEMANDS, DESIRED_RATES = ("R", "P", "Y"), ("ROut", "POut", "YOut"), ("RDes", "PDes", "YDes")
 DESIRED_ANGLES = ("DesRoll", "DesPitch", "DesYaw")
 OF_FLIGHT = ("ATT", "ANG", "RATE", "IMU", "RCOU", "CTUN", "XKF1", "XKF4", "NKF1", "EV", "ARM")
 """DataFlash's messages of the vehicle's motion, motors and state: a log without them is none of a flight."""
-NEEDED = (*OF_FLIGHT, "RCIN", *BATTERIES, "VIBE", "GPS", "XKF2", "NKF2")  # DataFlash's messages that are translated
+NEEDED = (*OF_FLIGHT, *BATTERIES, "VIBE", "GPS", "XKF2", "NKF2", "MODE")  # DataFlash's messages that are translated
 SLOWER_SHARE = 0.9  # A message is slower than another when it has fewer than this share of the other's number
 CENTIDEGREES = (15.0, 400.0)
 """RATE, taken for degrees/s, over the gyro: the range in which it is in centidegrees/s. RATE may be filtered where the
@@ -171,10 +187,11 @@ def translated(
         "SERVO_OUTPUT_RAW": ("RCOU", _servos(tables)),
         "ACTUATOR_CONTROL_TARGET": ("RATE", demands),
         "ATTITUDE_TARGET": (asked, targets),
-        "RC_CHANNELS": ("RCIN", _sticks(tables)),
         "SYS_STATUS": (measured, volts),
         "VIBRATION": ("VIBE", vibration(tables)),
         "SYSTEM_TIME": ("GPS", calendar_time(tables)),
+        "GPS_RAW_INT": ("GPS", _fixes(tables)),
+        "CURRENT_MODE": ("MODE", _modes(tables)),
         "LOCAL_POSITION_NED": (positioned, position),
         "WIND_COV": (estimated, wind),
         "VFR_HUD": ("CTUN", rising),
@@ -232,23 +249,14 @@ def _in_centidegrees(rates: Columns, speeds: Array, gyros: Columns | None, versi
 
 
 def _servos(tables: Mapping[str, Columns]) -> Columns | None:
-    if not (pulses := _channels(tables, "RCOU")):
-        return None
-    none = np.zeros(len(tables["RCOU"]["time"]), dtype=np.uint16)
-    outputs = {f"servo{n}_raw": pulses.get(n, none) for n in range(1, 17)}
-    return stamped(tables["RCOU"], {"port": none.astype(np.uint8), **outputs})
-
-
-def _sticks(tables: Mapping[str, Columns]) -> Columns | None:
-    pulses = {f"chan{n}_raw": column for n, column in _channels(tables, "RCIN").items()}
-    return stamped(tables["RCIN"], pulses) if pulses else None
-
-
-def _channels(tables: Mapping[str, Columns], name: str) -> dict[int, NDArray[np.uint16]]:
-    logged, most = tables.get(name, {}), np.iinfo(np.uint16).max
+    logged, most = tables.get("RCOU", {}), np.iinfo(np.uint16).max
     fields = {n: field for n in range(1, 17) for field in (f"C{n}", f"Ch{n}", f"Chan{n}") if field in logged}
+    if not fields:
+        return None
+    none = np.zeros(len(logged["time"]), dtype=np.uint16)
     pulses = {n: np.nan_to_num(np.asarray(logged[field], dtype=np.float64)) for n, field in fields.items()}
-    return {n: np.clip(column, 0, most).astype(np.uint16) for n, column in pulses.items()}
+    outputs = {f"servo{n}_raw": np.clip(pulses.get(n, none), 0, most).astype(np.uint16) for n in range(1, 17)}
+    return stamped(logged, {"port": none.astype(np.uint8), **outputs})
 
 
 def _targets(tables: Mapping[str, Columns], version: tuple[int, int] | None) -> tuple[Columns | None, str]:

@@ -131,9 +131,8 @@ def mavros_message(message: str, fields: Fields, vehicle_autopilot: int) -> dict
         asked = ("body_roll_rate", "body_pitch_rate", "body_yaw_rate")
         rates = dict(zip(asked, _body_rates(fields, "body_rate"), strict=True))
         return {"type_mask": fields["type_mask"], "q": _quaternion(fields).T, **rates}
-    if message in ("SERVO_OUTPUT_RAW", "RC_CHANNELS"):
-        first, count = ("servo", 16) if message == "SERVO_OUTPUT_RAW" else ("chan", 18)
-        return {f"{first}{n + 1}_raw": fields[f"channels[{n}]"] for n in range(count)}
+    if message == "SERVO_OUTPUT_RAW":
+        return {f"servo{n + 1}_raw": fields[f"channels[{n}]"] for n in range(16)}
     if message == "ACTUATOR_CONTROL_TARGET":
         # plugins/actuator_control.cpp passes it on unchanged.
         controls = np.column_stack([fields[f"controls[{n}]"] for n in range(8)])
