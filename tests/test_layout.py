@@ -157,7 +157,7 @@ BUDGETS = {
     "tools": 1985,
 }
 """Lines of Python a room may have, docstrings counted: what a new capability needs, something older gives back."""
-ALL_LINES, ALL_FILES, TEST_LINES = 42_900, 210, 23_400
+ALL_LINES, ALL_FILES, TEST_LINES = 43_300, 210, 23_400
 
 
 def lines_of(path: Path) -> int:
