@@ -1,12 +1,15 @@
 """How Sphinx makes the documentation site of this folder; `tools/site` runs it."""
 
+import io
 import json
 from collections.abc import Iterator
 from importlib.metadata import version as version_of
 from typing import Any
 
+import matplotlib
 from docutils.nodes import SkipNode
-from docutils.utils.math.latex2mathml import tex2mathml
+from matplotlib.font_manager import FontProperties
+from matplotlib.mathtext import math_to_image
 from myst_parser.parsers.sphinx_ import MystParser
 
 project = "mavdem"
@@ -17,7 +20,7 @@ extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 html_theme = "furo"
 html_title = f"mavdem {version}"
 html_show_sourcelink = html_copy_source = False
-html_math_renderer = "mathml"
+html_math_renderer = "drawn"
 html_extra_path = ["../build/wheel"]  # which `tools/site` makes, for the tutorial
 myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 3
@@ -33,9 +36,16 @@ autodoc_type_aliases = {"ArrayLike": "ArrayLike", "Array": "Array"}
 napoleon_use_ivar = True
 
 
-def mathml(translator: Any, node: Any) -> None:
-    """Writes a formula as MathML, which browsers set themselves: the site fetches nothing."""
-    translator.body.append(tex2mathml(node.astext(), as_block=node.tagname == "math_block"))
+def formula(translator: Any, node: Any) -> None:
+    """Draws a formula into the page, in the colour of its text: nothing is fetched, and every browser shows it."""
+    drawn, block = io.StringIO(), node.tagname == "math_block"
+    text = f"${' '.join(node.astext().split())}$"
+    with matplotlib.rc_context({"svg.hashsalt": "mavdem", "mathtext.fontset": "stix"}):
+        depth = math_to_image(text, drawn, dpi=72, format="svg", prop=FontProperties(size=15 if block else 13))
+    style = "margin: 0.6em 0; text-align: center" if block else f"vertical-align: {-depth:.2f}pt"
+    start = f'<{"div" if block else "span"} style="{style}" role="img" aria-label="{translator.attval(text)}">'
+    translator.body.append(f'{start}<svg fill="currentColor" {drawn.getvalue().partition("<svg ")[2].strip()}')
+    translator.body.append("</div>" if block else "</span>")
     raise SkipNode
 
 
@@ -70,4 +80,4 @@ def setup(app: Any) -> None:
     app.connect("autodoc-skip-member", lambda *of: str(getattr(of[3], "__doc__", "")).startswith(field) or None)
     app.add_source_suffix(".ipynb", "ipynb")
     app.add_source_parser(Notebook)
-    app.add_html_math_renderer("mathml", (mathml, None), (mathml, None))
+    app.add_html_math_renderer("drawn", (formula, None), (formula, None))

@@ -41,9 +41,10 @@ from mavdem.alignment.drive import (
     preferred_message,
     series,
 )
+from mavdem.ingest.flight_modes import mode_name
 from mavdem.ingest.mavlink.clocks import far_off
 from mavdem.ingest.mavlink.definitions import enum_name
-from mavdem.ingest.telemetry import Array, Columns, Telemetry, rate_without_gaps
+from mavdem.ingest.telemetry import Array, Columns, Telemetry, rate_without_gaps, selected
 from mavdem.ingest.vocabulary import ARMED, CUSTOM_MODE, LANDING_MODES, euler_angles
 
 ATTITUDE_MESSAGES = ("ATTITUDE", "ATTITUDE_QUATERNION")  # Messages with the attitude, the preferred first
@@ -221,10 +222,20 @@ class Signals:
 
     @cached_property
     def _beats(self) -> Signal | None:
-        """Both (N, 2) of them; a single stray heartbeat is outvoted by its neighbours.
+        """Both (N, 2) of them; a single stray heartbeat is outvoted by its neighbours."""
+        if (columns := self._heartbeats) is None:
+            return None
+        flags, modes = columns["base_mode"].astype(np.int64), columns.get("custom_mode", np.zeros(len(columns["time"])))
+        number = int(columns["autopilot"][0])
+        lands = np.isin(modes, list(LANDING_MODES.get(number, ()))) & (flags & CUSTOM_MODE > 0)
+        state = np.column_stack([flags & ARMED > 0, lands])
+        before, after = np.concatenate([state[:1], state[:-1]]), np.concatenate([state[1:], state[-1:]])
+        settled = ((state & before) | (state & after) | (before & after)).astype(np.float64)
+        return Signal(columns["time"], columns["boot"], settled)
 
-        Heartbeats that name another type or autopilot than the vehicle's are not its own.
-        """
+    @cached_property
+    def _heartbeats(self) -> Columns | None:
+        """The vehicle's own, in order of time: those that name another type or autopilot are not."""
         telemetry = self.telemetry
         columns = telemetry.messages.get("HEARTBEAT")
         if columns is None or not len(columns["time"]):
@@ -237,14 +248,19 @@ class Signals:
             own &= np.isin(columns[field], [number for number in numbers if enum_name(enum, int(number)) == name])
         if not own.any():
             return None
-        flags, modes = columns["base_mode"].astype(np.int64), columns.get("custom_mode", np.zeros(len(own)))
-        number = int(columns["autopilot"][own][0])
-        lands = np.isin(modes, list(LANDING_MODES.get(number, ()))) & (flags & CUSTOM_MODE > 0)
-        state = np.column_stack([flags & ARMED > 0, lands])
         order = np.lexsort((columns["time"][own], columns["boot"][own]))
-        time, boot, state = columns["time"][own][order], columns["boot"][own][order], state[own][order]
-        before, after = np.concatenate([state[:1], state[:-1]]), np.concatenate([state[1:], state[-1:]])
-        return Signal(time, boot, ((state & before) | (state & after) | (before & after)).astype(np.float64))
+        return selected(columns, np.flatnonzero(own)[order])
+
+    def modes(self, boot: int) -> list[tuple[float, str]]:
+        """Returns when each flight mode of a ``boot`` began, s, and its name, from CURRENT_MODE or else HEARTBEAT."""
+        columns = self.telemetry.messages.get("CURRENT_MODE") or self._heartbeats
+        if columns is None or "custom_mode" not in columns:
+            return []
+        rows = np.flatnonzero((columns["boot"] == boot) & np.isfinite(columns["custom_mode"]))
+        numbers = columns["custom_mode"][rows].astype(np.int64)
+        changed = np.flatnonzero(np.diff(numbers, prepend=-1))
+        named = [mode_name(self.telemetry.autopilot, int(number)) for number in numbers[changed]]
+        return list(zip(columns["time"][rows[changed]].tolist(), named, strict=True))
 
     @cached_property
     def landed_state(self) -> Signal | None:

@@ -106,7 +106,9 @@ def analyse(
         alarms = motor_alarms(signals)
     motor_rate = usual_rate(signals.motors) if signals.motors is not None and signals.motors.layout.positions else 0.0
     tier, motors = tier_of(verdict, condition), VehicleFigures({}, condition.hover)
-    found = LogAnalysis(verdict, tier, condition, identity, motors, alarms=alarms, watched=motor_rate >= MIN_RATE)
+    is_watched = motor_rate >= MIN_RATE
+    known = verdict, tier, condition, identity, motors
+    found = LogAnalysis(*known, alarms=alarms, watched=is_watched, signals=signals)
     measured = verdict.figures
     if tier.name is None and measured.airborne and not measured.segments:
         reason = f"It holds no settled flight, between climb and landing, in {measured.airborne:.0f} s in the air."

@@ -78,6 +78,7 @@ class LogAnalysis:
         truth: the estimates beside the truth of a simulated flight, where its file was given.
         alarms: lasting changes of the motors' balance in flight, as a live session would have found them.
         watched: whether a motor that weakens would have been seen.
+        signals: what was recorded.
     """
 
     verdict: Verdict
@@ -93,6 +94,7 @@ class LogAnalysis:
     truth: TruthComparison | None = None
     alarms: tuple[MotorAlarm, ...] = ()
     watched: bool = False
+    signals: Signals | None = None
 
     @property
     def model(self) -> str | None:

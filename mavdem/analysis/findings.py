@@ -122,7 +122,7 @@ def findings_of(
         overrides += (Override("data", "Angle and rate contradict each other.", sentence, remedy),)
     purposes = () if learned is None else _purposes(learned, held_out)
     if other := _stepped(learned, flights):
-        meant = {PURPOSES[0]: "that of a motor may be another", PURPOSES[2]: "not all of it is wind"}
+        meant = {PURPOSES[0]: "that of a motor may have changed", PURPOSES[2]: "not all of it is wind"}
         clear = [one for one in purposes if one.grade == GOOD and one.purpose in meant]
         doubts = {one: f"{other}: {meant[one.purpose]}." for one in clear}
         purposes = tuple(one._replace(grade=LIMITED, reason=doubts[one]) if one in doubts else one for one in purposes)
@@ -134,7 +134,7 @@ def findings_of(
     else:
         is_windy = any(one.purpose == "wind" and one.grade == GOOD for one in purposes)
         headline = _in_short(learned if is_windy else None, condition, flights, watched, other)
-        check = "Check motors, propellers and where the load is, and fly again before this is the vehicle's reference."
+        check = "Check motors, propellers and the load, and fly again before you keep this as the vehicle's reference."
         following = "Learn a model: `mavdem learn`." if learned is None else check if other else next_step(purposes)
     return Findings(headline, overrides, purposes, () if learned is None else warnings_of(learned, held_out), following)
 
@@ -189,13 +189,13 @@ def _unbalanced(condition: Condition | None) -> list[Override]:
     name = hover.motors[number].split(" (")[0]
     if share > SATURATED:
         kind, fact = "saturation", f"is at its upper limit {100 * share:.0f} % of the time"
-        meaning = "there it answers no command, and no linear model holds"
+        meaning = "there it cannot follow the controller, and no linear model holds"
         remedy = f"Do not fly in wind before {name} and its propeller are checked,"
-        remedy += " and the load is less or better centred."
+        remedy += " and the load is reduced or centred."
     elif abs(most) > UNEVEN:
         kind, fact = "trim", f"works {abs(most):.0f} % {'harder' if most > 0 else 'less'} than the mean of all"
-        meaning = "it or another motor or propeller is weak, or the load is off centre"
-        remedy = f"Inspect {name}, the propellers and where the load is before the next flight."
+        meaning = "a motor or propeller is weak, or the load is off centre"
+        remedy = f"Inspect {name}, the propellers and the place of the load before the next flight."
     else:
         return []
     headline = f"{name.capitalize()} {fact}"
@@ -221,7 +221,7 @@ def _in_short(
     if swings < RINGING:
         words.append("well damped")
     elif swings > SWINGING:
-        words.append("hardly damped unless it was steered so")
+        words.append("hardly damped, or steered to and fro")
     scale = flights[0].provenance.get("scale") if flights else None
     if scale and windy is not None and windy.physical and windy.wind:
         full = abs(windy.physical.effect).sum() * (scale["high"] - scale["low"])
@@ -237,7 +237,7 @@ def _stepped(learned: Learned | None, flights: Sequence[Flight]) -> str:
     sample, size = wind.step
     time = np.concatenate([flight.time for flight in flights])[sample]
     change = f"{np.degrees(size):.0f} °/s² at {time:.0f} s"
-    return f"The torque on this axis changes by {change} and stays so (load or motor)"
+    return f"The torque on this axis changes for good by {change} (load or motor)"
 
 
 def _purposes(learned: Learned, held_out: HeldOut | None) -> tuple[Finding, ...]:
@@ -283,13 +283,15 @@ def _motion(physical: Physical) -> tuple[Grade, str]:
         if isfinite(share):
             known.append(f"{name} to ±{100 * share:.0f} %")
         if status != "reported":
-            doubts.setdefault(_first_sentence(physical.reasons[key]), []).append(f"{name} {status}")
+            because = _first_sentence(physical.reasons[key])
+            doubts.setdefault(f"{status}: {because[:1].lower()}{because[1:]}", []).append(name)
     if set(grades) == {NONE}:
         reason = physical.reasons["damping"] or physical.reasons["lag"]
         same = _first_sentence(reason) == _first_sentence(physical.reasons["effect"])
         return NONE, "For the same reason as control effectiveness." if same else reason
     reason = f"Known: {', '.join(known) or 'nothing'}"
-    reason += "".join(f"; {' and '.join(names)}: {sentence}" for sentence, names in doubts.items())
+    for text, names in doubts.items():
+        reason += f"; {' and '.join(names)} {'is' if len(names) == 1 else 'are'} {text}"
     return (GOOD if set(grades) == {GOOD} else LIMITED), reason
 
 
@@ -310,8 +312,7 @@ def _wind(wind: WindTorque | None, physical: Physical, why_not: str) -> tuple[Gr
         return NONE, wind.reason
     words = {"effect": "control effectiveness", "damping": "rate damping", "lag": "motor time constant"}
     if doubtful := [words[name] for name, status in physical.status.items() if status != "reported"]:
-        followed = f"{words['effect']}, {words['damping']} and {words['lag']}"
-        return LIMITED, f"It follows from {followed}: {' and '.join(doubtful)} not well known."
+        return LIMITED, f"It follows from figures that are not well known: {', '.join(doubtful)}."
     half = quantile() * wind.scale_error
     return _grade("wind", half), f"Its standard deviation is known to ±{100 * half:.0f} %."
 
@@ -338,10 +339,10 @@ def warnings_of(learned: Learned, held_out: HeldOut | None) -> tuple[str, ...]:
         warnings += [f"No model of a part of the flight could be learned: {failure}." for failure in held_out.failures]
         if held_out.coverage < limits.coverage:
             few = len(held_out) < limits.windows
-            advice = "of so few windows it may be chance" if few else "do not rely on it"
+            advice = "with so few windows that may be chance" if few else "do not rely on it"
             warnings.append(f"The 90 % band held {100 * held_out.coverage:.0f} % of the held-out samples: {advice}.")
         if held_out.over_expected > limits.over_expected:
-            larger = f"{held_out.over_expected:.1f} times the squared error that was to be expected"
+            larger = f"{held_out.over_expected:.1f} times the expected squared error"
             warnings.append(f"Forecasts had {larger}: the flight changed, or the model is wrong.")
     if not learned.stable:
         warnings.append("The model is unstable: long forecasts grow without bound.")
@@ -354,16 +355,16 @@ def next_step(found: Sequence[Finding]) -> str:
     effect, motion, _, prediction = (grades.get(purpose, GOOD) for purpose in PURPOSES[:4])
     if effect != GOOD or motion == NONE:
         movements = "quick small movements on this axis in calm air (docs/manoeuvres.md)"
-        needed = "the motors must move more than the wind makes them."
+        needed = "the steering must move the motors more than the wind does."
         return f"Fly half a minute of {movements}, and learn from that: {needed}"
     if motion != GOOD:
-        needed = "rate damping and motor time constant need both."
-        return f"Fly such movements for longer, at a higher rate if the log allows it: {needed}"
+        needed = "rate damping and motor time constant need a longer flight and faster samples."
+        return f"Fly such movements for longer, and log faster if you can: {needed}"
     if prediction == NONE:
         return "`mavdem compare` with this log shows whether another method predicts it better."
     if prediction != GOOD:
         return "Keep its physical parameters as the vehicle's reference, but do not rely on its forecasts."
-    return "Keep this as the vehicle's reference; `--axis all` has pitch and yaw."
+    return "Keep this as the vehicle's reference; `--axis all` adds pitch and yaw."
 
 
 BOUND_LEVEL = 0.99  # of the bounds that chance alone keeps to

@@ -177,7 +177,8 @@ def learn_command(
         blocks += vehicle_blocks(analysis.vehicle, bool(analysis.findings.overrides)) if axis == ALL else []
         blocks += [] if analysis.truth is None else truth_blocks(analysis.truth)
         details = detail_blocks(learned, report)
-    blocks[-1:-1] = [*wind_blocks(air), *_torque_blocks(analysis, air, report)]  # what to do next stays last
+    explained = _torque_blocks(analysis, air, report)
+    blocks[-1:-1] = [*wind_blocks(air), *explained]  # what to do next stays last
     if not as_json:
         print_blocks([heading, *blocks, *(details if verbose else [])])
     if not no_files:
@@ -185,7 +186,7 @@ def learn_command(
         held = inventory(log, verdict.axis, vehicle, inputs, known)
         held["vehicles"][0] |= analysis.findings.as_dict() | {"model": analysis.model}
         with progress("Drawing and writing the files", measured=False):
-            page = log_page(heading, blocks, {verdict.axis: analysis}, held, air=air)
+            page = log_page(heading, {verdict.axis: analysis}, air, held, said=explained)
             write_results(folder, report, page, analysis, air, signals.position)
         if learned is not None and (hint := advice(f"{RECORDING} was not written, since it", "view")):
             say_aside(hint)

@@ -315,7 +315,8 @@ def _status_line(status: SessionStatus, axis: str) -> str:
     ahead = f"; {axis} predicted {seconds:.2g} s ahead within ±{half:.2g}° (90 %)" if math.isfinite(half) else ""
     ahead += f"; wind {''.join(status.wind.words())}" if status.wind is not None and status.flying else ""
     end = f". {sentence(status.obstacle)}" if status.obstacle else "; learning."
-    return f"{status.vehicle}: {rates}; {status.learned} samples learned{late}{ahead}{end} {status.alarm}".rstrip()
+    told = f"{status.vehicle}: {rates}; {status.learned} samples learned{late}{ahead}{end}"
+    return " ".join(filter(None, [told, status.slow, status.alarm]))
 
 
 def _in_background(work: Callable[[], Any]) -> Future[Any]:

@@ -22,6 +22,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table as Grid
 
+from mavdem.documents import header
 from mavdem.errors import Unreadable
 from mavdem.files import atomic_write, atomic_writes, is_writable, replaceable
 from mavdem.report.blocks import Sentence, Table
@@ -51,9 +52,11 @@ def _plain(error: UnicodeError) -> tuple[str, int]:
     return "".join(PLAIN_CHARACTERS.get(one, "?") for one in error.object[error.start : error.end]), error.end
 
 
-def json_text(document: Any) -> str:
-    """Returns a JSON document; NaN and infinity become null."""
-    return json.dumps(_finite(document), indent=1, allow_nan=False)
+def json_text(document: dict[str, Any]) -> str:
+    """Returns a JSON ``document`` of the command that runs, after its header; NaN and infinity become null."""
+    context = click.get_current_context(silent=True)
+    name = "error" if context is None or document.keys() == {"error"} else str(context.command.name)
+    return json.dumps(_finite(header(name) | document), indent=1, allow_nan=False)
 
 
 def _finite(value: Any) -> Any:
@@ -103,8 +106,8 @@ def print_result(document: Any, blocks: Iterable[Sentence | Table], as_json: boo
         print_blocks(blocks)
 
 
-def print_blocks(blocks: Iterable[Sentence | Table]) -> None:
-    """Prints sentences and tables, each with an empty line after it; names in them may hold what a terminal obeys."""
+def print_blocks(blocks: Iterable[Sentence | Table], gap: str = "\n") -> None:
+    """Prints sentences and tables, each with a ``gap`` after it; names in them may hold what a terminal obeys."""
     terminal = sys.stdout.isatty()
     # Where it is no terminal, a sentence is one line, for programs that search it, and tables take 120 columns.
     console = Console(width=None if terminal else 120, highlight=False, markup=False, emoji=False)
@@ -114,13 +117,15 @@ def print_blocks(blocks: Iterable[Sentence | Table]) -> None:
                 console.print(printable(f"{block.lead} {block.text}".strip()), soft_wrap=not terminal)
             else:
                 console.print(_grid(block))
-        say("".join(f"{line.rstrip()}\n" for line in captured.get().splitlines()))
+        say("\n".join(line.rstrip() for line in captured.get().splitlines()) + gap)
 
 
 def _grid(table: Table) -> Grid:
     grid = Grid(box=None, pad_edge=False)
     for column, heading in enumerate(map(printable, table.header)):
-        grid.add_column(heading, justify="right" if column and not table.words else "left", no_wrap=not column)
+        widest = max(map(len, heading.split()), default=0)
+        justify = "right" if column and not table.words else "left"
+        grid.add_column(heading, justify=justify, no_wrap=not column, min_width=widest)
     for row in table.rows:
         grid.add_row(*map(printable, row))
     return grid

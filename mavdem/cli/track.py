@@ -37,7 +37,7 @@ PAGE = "mavdem.report.page:flight_page"  # the function that makes a flight's pa
     metavar="FLEET",
     type=click.Path(file_okay=False),
     callback=folder_named,
-    help="Folder of the fleet; it grows.",
+    help="Folder of the fleet; further logs are added to it.",
 )
 @click.option(
     "--baseline",

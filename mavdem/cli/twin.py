@@ -29,7 +29,7 @@ from sitl_scenarios.simulation import replayed
 FLIGHTS = 3  # of the twin, each in other wind of the same spectrum
 SHOWN = {"mass": "kg", "inertia": "kg m²", "lag": "s", "damping": "1/s", "delay": "s", "hover": "share of range"}
 FIGURES = {"lean": "roll, mean (°)", "sway": "roll, sd (°)", "rate": "roll rate, sd (°/s)"}
-FIGURES |= {"peak": "step of the roll rate, largest", "rise": "and time to half of that (s)"}
+FIGURES |= {"peak": "step of the roll rate, largest", "rise": "and time to half of it (s)"}
 
 
 @click.command("twin")
@@ -42,7 +42,7 @@ FIGURES |= {"peak": "step of the roll rate, largest", "rise": "and time to half 
     help="File to write, one or more, by its ending: .toml for `mavdem fly --vehicle`, .json a frame of ArduPilot's "
     "SITL, .params of PX4's SIH, .sdf motors of Gazebo.",
 )
-@click.option("--mass", type=Number(0.005, 1000.0), help="Mass of the vehicle, kg.  [default: 1.5, which is said]")
+@click.option("--mass", type=Number(0.005, 1000.0), help="Mass of the vehicle, kg.  [default: 1.5, with a remark]")
 @vehicle_option
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document and nothing else.")
 def twin_command(source: str, out: tuple[Path, ...], mass: float | None, vehicle: str | None, as_json: bool) -> None:

@@ -21,7 +21,7 @@ from mavdem.report.condition import wind_blocks
 @click.command("wind")
 @click.argument("source", type=click.Path())
 @vehicle_option
-@file_option("--prior", "The drag of before: learn's folder or files, a fleet's folder, or wind's own JSON.")
+@file_option("--prior", "Drag from earlier flights: learn's folder or files, a fleet's folder, or wind's own JSON.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document and nothing else.")
 def wind_command(source: str, vehicle: str | None, prior: Path | None, as_json: bool) -> None:
     """Reports the wind in m/s, where it comes from, and the vehicle's drag, with intervals of 90 %.
@@ -30,7 +30,9 @@ def wind_command(source: str, vehicle: str | None, prior: Path | None, as_json: 
     --prior, or the autopilot's drag parameters. Exit code: 1 if the log cannot have a wind.
     """
     signals = Signals(choose_vehicle(read_source(source).vehicles, vehicle))
-    wind = wind_of(signals, None if prior is None else earlier_drag(prior, identity_of(signals).name))
+    wind = wind_of(signals)
+    if prior is not None:
+        wind = wind_of(signals, earlier_drag(prior, identity_of(signals).name, wind.speed))
     drag, blocks = wind.drag, wind_blocks((wind, signals.autopilot_wind, ""))
     for header, name, rows in (("Time (s)", "start", wind.minutes), ("Height (m)", "height", wind.profile)):
         cells = [[f"{one[name]:.0f}", f"{one['speed']:.1f}", f"{one['direction']:.0f}"] for one in rows]

@@ -21,7 +21,7 @@ from mavdem.alignment.verdict import Verdict, verdict_of
 from mavdem.condition.condition import Condition, condition_of
 from mavdem.ingest import Log
 from mavdem.ingest.telemetry import Columns, Telemetry, selected
-from mavdem.ingest.vocabulary import board_number_in_bytes, board_number_in_texts, version_text
+from mavdem.ingest.vocabulary import board_name_in_texts, board_number_in_bytes, board_number_in_texts, version_text
 
 CALIBRATIONS = {
     "accelerometer": ("INS_ACCOFFS_{} INS_ACCSCAL_{}", "CAL_ACC0_{}OFF CAL_ACC0_{}SCALE"),
@@ -39,7 +39,8 @@ class Identity:
 
     That is "board", "accelerometer", "compass" or "system id", the last shared by many; of another kind, or another
     autopilot, the name differs. ``system`` is the MAVLink id; ``autopilot``, ``frame`` and ``firmware`` are as the log
-    has them, empty where it does not; ``date`` is when its settled flight began, or the log, UTC, or None.
+    has them, empty where it does not; ``date`` is when its settled flight began, or the log, UTC, or None. ``hardware``
+    is the kind of board, as its firmware calls it; ``place`` the first fix, degrees north and east.
     """
 
     name: str
@@ -49,6 +50,8 @@ class Identity:
     frame: str
     firmware: str
     date: datetime | None
+    hardware: str = ""
+    place: tuple[float, float] | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON values; the date in ISO 8601."""
@@ -59,7 +62,10 @@ def identity_of(signals: Signals, received: float = float("nan")) -> Identity:
     """Returns the identity of the vehicle of ``signals``; ``received`` is when the log's first message was, UNIX s."""
     vehicle = signals.telemetry
     firmware, date = vehicle.firmware or _firmware(vehicle), _date(signals, received)
-    return Identity(*_name(vehicle), vehicle.system, vehicle.autopilot, vehicle.vehicle, firmware, date)
+    hardware = vehicle.hardware or board_name_in_texts(_texts(vehicle))
+    name, basis = _name(vehicle)
+    kind = vehicle.autopilot, vehicle.vehicle, firmware
+    return Identity(name, basis, vehicle.system, *kind, date, hardware, _place(vehicle))
 
 
 def _name(telemetry: Telemetry) -> tuple[str, str]:
@@ -105,9 +111,8 @@ def autopilot_alarms(telemetry: Telemetry) -> list[dict[str, Any]]:
     columns = telemetry.messages.get("STATUSTEXT")
     if columns is None or "severity" not in columns or not OLD_SCALE.isdisjoint(texts):
         return []
-    for text, severity, time, boot in zip(
-        texts, *(columns[name].tolist() for name in ("severity", "time", "boot")), strict=True
-    ):
+    sent = zip(texts, *(columns[name].tolist() for name in ("severity", "time", "boot")), strict=True)
+    for text, severity, time, boot in sent:
         if severity < len(SEVERITIES):
             new = {"severity": SEVERITIES[severity], "text": text, "time": time, "boot": boot, "count": 0}
             found.setdefault((severity, text), new)["count"] += 1
@@ -122,6 +127,17 @@ def _firmware(telemetry: Telemetry) -> str:
     version = int(columns["flight_sw_version"][-1])
     name = {"ARDUPILOTMEGA": "ArduPilot V", "PX4": "PX4 v"}.get(telemetry.autopilot, "")
     return f"{name}{version_text(version)}" if version else ""
+
+
+def _place(telemetry: Telemetry) -> tuple[float, float] | None:
+    """Latitude and longitude of the first fix, degrees, to a metre; None without one."""
+    for name in ("GPS_RAW_INT", "GLOBAL_POSITION_INT"):
+        if "lat" in (columns := telemetry.messages.get(name, {})):
+            fixes = np.column_stack([1e-7 * np.asarray(columns[field], dtype=np.float64) for field in ("lat", "lon")])
+            fixes = fixes[np.isfinite(fixes).all(axis=1) & fixes.any(axis=1)]
+            if len(fixes):
+                return round(float(fixes[0, 0]), 5), round(float(fixes[0, 1]), 5)
+    return None
 
 
 def _date(signals: Signals, received: float) -> datetime | None:

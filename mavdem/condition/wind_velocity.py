@@ -181,8 +181,8 @@ def torque_explained(wind: WindVelocity, time: Array, torque: Array) -> tuple[fl
     slow = np.column_stack([np.bincount(place, part) / np.bincount(place) for part in (torque, *air)])
     number, slow = number[kept := np.isfinite(slow).all(axis=1)], slow[kept]
     if len(slow) < LEAST_MEANS or slow[:, 1:].std(axis=0).max() < CHANGED:
-        why = "the velocity through the air hardly changed along the body, as unequal motors and a shifted load do not"
-        return None, f"What the mean wind makes of it cannot be told apart: {why}. {TURN}."
+        why = "the velocity through the air hardly changed along the body, so that a shifted load looks like wind"
+        return None, f"The mean wind's share of it is not identifiable: {why}. {TURN}."
     left, flat = slow[:, 0].copy(), np.column_stack([np.ones(len(slow)), slow[:, 1:]])
     for tried in (number // 5 % 2 == 0, number // 5 % 2 == 1):
         left[tried] -= flat[tried] @ np.linalg.lstsq(flat[~tried], slow[~tried, 0])[0]

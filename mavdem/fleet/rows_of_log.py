@@ -124,7 +124,7 @@ def earlier_flight(path: Path, axis: str) -> Learned:
     Raises Unreadable: it cannot be read, is of another axis, or its flight does not identify the motors' effect.
     """
     try:
-        learned = Learned.from_json((path / MODEL if path.is_dir() else path).read_text())
+        learned = Learned.from_json(_text(path / MODEL if path.is_dir() else path))
     except (OSError, ValueError) as error:
         raise Unreadable(f"{path} is no learned model: {error}.") from None
     if learned.record.output_names[:1] != (axis,):
@@ -134,26 +134,38 @@ def earlier_flight(path: Path, axis: str) -> Learned:
     return learned
 
 
-def earlier_drag(path: Path, vehicle: str) -> Drag:
+def _text(path: Path) -> str:
+    if path.is_fifo():
+        raise ValueError("it is a pipe, whose writer may never come")
+    return path.read_text()
+
+
+def earlier_drag(path: Path, vehicle: str, speed: float | None = None) -> Drag:
     """Returns the drag of earlier flights: of what ``mavdem learn`` or ``mavdem wind --json`` wrote, or of a fleet.
 
-    Of the folder or a ``model.json`` the report beside it counts; of a fleet, the ``vehicle``'s best known drag.
+    Of the folder or a ``model.json`` the report beside it counts; of a fleet, the ``vehicle``'s best known drag. The
+    flight with this very wind ``speed``, m/s, is the one in question, and none before it.
 
     Raises:
-        Unreadable: it cannot be read, or holds no drag of that vehicle.
+        Unreadable: it cannot be read, is of the flight in question, or holds no drag of that vehicle.
     """
     if is_fleet(path):
         rows = [row for row in read_rows(path) if row.vehicle == vehicle and row.drag and row.drag_interval]
+        rows = [row for row in rows if row.wind_speed != speed]
         if not rows:
             raise Unreadable(f"{path} holds no drag of {vehicle}: run `mavdem track` on its flights with legs.")
         axes = [(row.drag or (), row.drag_interval or ()) for row in rows]
         return Drag.of_axes(*min(axes, key=lambda both: sum(np.divide(both[1], both[0])))).of_next_flight()
     file = path / REPORT if path.is_dir() else path.with_name(REPORT) if path.name == MODEL else path
     try:
-        read = json.loads(file.read_text())
-        return Drag.from_dict(read.get("wind_velocity", read)["drag"]).of_next_flight()
+        read = json.loads(_text(file))
+        told = read.get("wind_velocity", read)
+        drag = Drag.from_dict(told["drag"]).of_next_flight()
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise Unreadable(f"{file} holds no drag ({error}): give a {REPORT} or a `mavdem wind --json`.") from error
+    if told.get("speed") == speed is not None:
+        raise Unreadable(f"{file} is of this very flight, whose drag would count twice: give that of another flight.")
+    return drag
 
 
 def rows_of_learned(path: Path) -> list[FlightRow]:
@@ -163,7 +175,7 @@ def rows_of_learned(path: Path) -> list[FlightRow]:
     """
     file = path / REPORT if path.is_dir() else path
     try:
-        text = file.read_text()
+        text = _text(file)
         report = json.loads(text)
         if "free_energy" in report and "physical" not in report:
             learned = Learned.from_json(text)

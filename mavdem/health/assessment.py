@@ -111,8 +111,8 @@ def _verdict(
     if weighed.fault >= FAULT:
         likely = float(weighed.faults.max())
         if likely < NAMED * weighed.fault:
-            reason = f"A motor or propeller lost thrust (probability {weighed.fault:.2f}), beside {reference}; which"
-            return Assessment("fault", f"{reason} one is not sure.", weighed.fault, change)
+            reason = f"A motor or propeller lost thrust (probability {weighed.fault:.2f}), against {reference}. Which"
+            return Assessment("fault", f"{reason} one is not known.", weighed.fault, change)
         suspect = int(weighed.faults.argmax())
         name, lost, harder = _motor(flight, weighed, suspect)
         reason = (
@@ -124,7 +124,7 @@ def _verdict(
     # Whatever the weights of the explanations are, what healthy flights do not show is a change.
     if change >= DRIFT or away.beyond:
         return Assessment("drift", _drift(flight, weighed, away, effort, change, reference), weighed.fault, change)
-    reason = f"No change is seen beside {reference}; probability that something changed {change:.2f}."
+    reason = f"No change against {reference}; probability that something changed {change:.2f}."
     return Assessment("ok", reason, weighed.fault, change)
 
 
@@ -180,8 +180,8 @@ def _too_few(usable: int, others: int, chosen: bool) -> str:
 def _too_unsure(away: Deviation, reference: str) -> str:
     """Why a flight that looks healthy is not called so."""
     unsure = ", ".join(f"{axis} ±{100 * usual:.1f} %" for axis, usual in zip(AXES, away.usual, strict=True))
-    lost = f"a motor that lost {100 * lost_thrust():.0f} % of its thrust would not show beside {reference} ({unsure})"
-    return f"Health is unknown: {lost}, for the flight leans too much or is too short, or they differ too much."
+    lost = f"a motor that lost {100 * lost_thrust():.0f} % of its thrust would not show against {reference} ({unsure})"
+    return f"Health is unknown: {lost}: the flight leans too much or is too short, or they differ too much."
 
 
 def _conditions(flight: HealthFigures, others: Sequence[HealthFigures], effort: EffortChange | None) -> list[str]:
@@ -199,8 +199,8 @@ def _conditions(flight: HealthFigures, others: Sequence[HealthFigures], effort: 
     if effort is not None and abs(effort.more) >= effort.usual:
         sentences.append(
             f"At the same voltage all motors together are commanded {100 * abs(effort.more):.0f} % "
-            f"{'more' if effort.more > 0 else 'less'} (usual ±{100 * effort.usual:.0f} %): another payload, other air, "
-            "or propellers that give another thrust."
+            f"{'more' if effort.more > 0 else 'less'} (usual ±{100 * effort.usual:.0f} %): the payload, the air or "
+            "the propellers differ."
         )
     return sentences
 

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mavdem.ingest.flight_modes import px4_custom_mode
 from mavdem.ingest.motors import motor_geometry
 from mavdem.ingest.telemetry import Array, Columns, joined, rate_without_gaps, selected
 from mavdem.ingest.vocabulary import IN_AIR, LANDING, ON_GROUND, PX4, TAKING_OFF, attitude_target, heartbeat_fields
@@ -77,6 +78,8 @@ def messages(
             "SYS_STATUS": ("battery_status", _made(_sys_status, topics)),
             "VIBRATION": ("vehicle_imu_status", _made(_vibration, topics)),
             "SYSTEM_TIME": ("vehicle_gps_position", _made(_system_time, topics)),
+            "GPS_RAW_INT": ("vehicle_gps_position", _made(_gps_raw_int, topics)),
+            "CURRENT_MODE": ("vehicle_status", _made(_current_mode, topics)),
             "WIND_COV": ("wind", _made(_wind_cov, topics)),
         }
     made: dict[str, Columns] = {name: columns for name, (_, columns) in named.items() if columns}
@@ -268,6 +271,19 @@ def _system_time(topics: Topics) -> dict[str, NDArray[Any]]:
     gps = _first(topics, "vehicle_gps_position")
     known = selected(gps, gps["time_utc_usec"] > 0)
     return {"time": known["time"], "time_unix_usec": known["time_utc_usec"]}
+
+
+def _gps_raw_int(topics: Topics) -> dict[str, NDArray[Any]]:
+    """GPS_RAW_INT.hpp: vehicle_gps_position, 1e-7 degrees; from PX4 1.15 on the topic has degrees."""
+    gps, fields = _first(topics, "vehicle_gps_position"), {"lat": "latitude_deg", "lon": "longitude_deg"}
+    new = "latitude_deg" in gps
+    return {"time": gps["time"]} | {name: 1e7 * gps[deg] if new else gps[name] for name, deg in fields.items()}
+
+
+def _current_mode(topics: Topics) -> dict[str, NDArray[Any]]:
+    """CURRENT_MODE.hpp: the custom mode of vehicle_status.nav_state."""
+    status = _first(topics, "vehicle_status")
+    return {"time": status["time"], "custom_mode": px4_custom_mode(status["nav_state"])}
 
 
 def _heartbeat(topics: Topics, kind: int) -> dict[str, NDArray[Any]]:

@@ -43,6 +43,7 @@ class Telemetry:
         dropouts: how often the autopilot's own logger reports to have lost messages.
         names: what the source calls messages that were translated ("RCOU"), by their name here.
         board: the number of the autopilot's board, which no other has, in hexadecimal; empty where the log has none.
+        hardware: the kind of board, as its firmware calls it ("PX4_FMU_V5"); empty where the log has none.
     """
 
     system: int
@@ -58,6 +59,7 @@ class Telemetry:
     dropouts: int = 0
     names: Mapping[str, str] = field(default_factory=dict)
     board: str = ""
+    hardware: str = ""
     earlier: Mapping[str, float] = field(default_factory=dict)
 
     def called(self, message: str) -> str:

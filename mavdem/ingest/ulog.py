@@ -49,8 +49,8 @@ SIZES = {"int8_t": 1, "uint8_t": 1, "bool": 1, "char": 1, "int16_t": 2, "uint16_
 SIZES |= {"float": 4, "int64_t": 8, "uint64_t": 8, "double": 8}
 """Bytes of the basic types."""
 
-INFORMATION = re.compile(rb"char\[\d+\] (?:ver_sw|sys_uuid)|uint32_t ver_sw_release")
-"""Keys of information messages (I) that are kept: PX4's version, and the number of the board."""
+INFORMATION = re.compile(rb"char\[\d+\] (?:ver_sw|ver_hw|sys_uuid)|uint32_t ver_sw_release")
+"""Keys of information messages (I) that are kept: PX4's version, the kind of board, and its number."""
 
 _FIELD = re.compile(rb"(\w+)(?:\[(\d+)\])? (\w+);")
 _LARGEST, _NESTED = 0xFFFF, 16
@@ -367,6 +367,7 @@ def read_ulog(path: str | os.PathLike[str], progress: Progress = no_progress) ->
         firmware=_firmware(log.msg_info_dict),
         dropouts=len(found.dropouts),
         board=str(log.msg_info_dict.get("sys_uuid", "")).lower(),
+        hardware=str(log.msg_info_dict.get("ver_hw", "")),
     )
     progress(1.0)
     return log_of_vehicles((telemetry,), found.messages, found.bytes_skipped)

@@ -66,6 +66,11 @@ def board_number_in_texts(texts: Iterable[str]) -> str:
     return ""
 
 
+def board_name_in_texts(texts: Iterable[str]) -> str:
+    """The kind of board in what ArduPilot says at boot ("CUAVv5Nano"); empty where it does not."""
+    return next((text.split()[0] for text in texts if ARDUPILOT_TEXT.match(text.strip())), "")
+
+
 def board_number_in_bytes(uid2: bytes, words: bool) -> str:
     """The number in AUTOPILOT_VERSION.uid2; with ``words``, as ArduPilot's text has it. Empty where there is none."""
     if sum(byte > 0 for byte in uid2) < 6:  # simulators number their vehicles in one byte or two

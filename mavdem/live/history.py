@@ -13,10 +13,10 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.analysis.findings import Findings
-from mavdem.condition.wind_of_log import WindRow
 from mavdem.dem import Estimate
 from mavdem.dem.engine.linalg import Array
 from mavdem.health.in_flight import MotorAlarm
+from mavdem.live.wind import WindRow
 
 NOT_FLYING = "The vehicle is on the ground: learning begins after take-off."
 FLIGHT_UNKNOWN = "Nothing shows yet whether the vehicle flies."
@@ -75,6 +75,7 @@ class SessionStatus:
         flying: whether the vehicle is armed and airborne.
         learned, shown: rows that the learner used, and that were only shown.
         latency: s from a packet's arrival here to its estimate: median and 99th percentile of late, and the longest.
+        behind: s that what waits for its analysis has waited; 0 while this computer keeps up.
         ahead: about ``AHEAD`` s, and half width, rad, of the angle's 90 % band there.
         useful: the longest useful horizon, s (``Estimate.useful``), and the squared error there over that of the better
             of the last sample and the mean so far.
@@ -94,6 +95,7 @@ class SessionStatus:
     learned: int = 0
     shown: int = 0
     latency: tuple[float, ...] = (nan, nan, nan)
+    behind: float = 0.0
     ahead: tuple[float, float] = (nan, nan)
     useful: tuple[float, float] = (nan, nan)
     lost: int = 0
@@ -105,6 +107,11 @@ class SessionStatus:
     alarm: str = ""
     wind: WindRow | None = None
     no_wind: str = ""
+
+    @property
+    def slow(self) -> str:
+        """A sentence where estimates come late; empty while this computer keeps up."""
+        return f"This computer is too slow: estimates come {self.behind:.1f} s late." if self.behind else ""
 
     def predicting(self, estimate: Estimate) -> SessionStatus:
         """Returns the same with ``ahead`` and ``useful`` of an estimate."""

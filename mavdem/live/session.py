@@ -252,7 +252,9 @@ class LiveSession:
         known = self._latencies[: self._learned + self._shown]
         latency = (*np.percentile(known, [50, 99]).tolist(), self._latest) if len(known) else status.latency
         rows = replace(status, findings=self.findings, learned=self._learned, shown=self._shown, latency=latency)
+        behind = time.monotonic() - self.now
         rows = replace(rows, obstacle=silence or status.obstacle or learning, rates=rates)
+        rows = replace(rows, behind=behind if behind >= SHED["plots"] else 0.0)
         return rows if self._estimate is None else rows.predicting(self._estimate)
 
     def _silence(self) -> str:
@@ -335,7 +337,7 @@ class LiveSession:
         key = setup.dt, layout.names
         if key not in self._learners:
             if self.prior is not None and not alike:
-                self._log("The earlier model has other inputs: it says nothing of this flight.")
+                self._log("The earlier model has other inputs: it is not used.")
             self._learners[key] = OnlineLearner(self.settings, *sizes, executor=self.executor, **options)
         if self.learner is not self._learners[key]:
             self.learner, self._estimate = self._learners[key], None

@@ -14,7 +14,7 @@ from mavdem.alignment.drive import DEMAND_MESSAGE, INPUTS, MOTOR_MESSAGES, THRUS
 from mavdem.alignment.phases import AVERAGING_SECONDS, MAX_TILT
 from mavdem.alignment.signals import ATTITUDE_MESSAGES, CLIMB_FIELDS, MINIMUM_RATE
 from mavdem.alignment.verdict import NO_ATTITUDE, too_slow
-from mavdem.condition.wind_of_log import FLAGS, VELOCITIES, LiveWind
+from mavdem.condition.wind_of_log import FLAGS, VELOCITIES
 from mavdem.dem.airflow.model import Drag
 from mavdem.health.in_flight import MotorAlarm, MotorWatch
 from mavdem.ingest.mavlink.definitions import enum_name
@@ -28,6 +28,7 @@ from mavdem.live.history import Event, SessionStatus
 from mavdem.live.messages import Frame, FrameReader, Message, Values, attitude, message_of, outputs, parameters_of
 from mavdem.live.rows import DECISION_SECONDS, AlignedRow, BootClock, Grid, PlacedMessage, Samples
 from mavdem.live.senders import Sender, Senders
+from mavdem.live.wind import LiveWind
 
 MAX_EVENTS, MAX_REPLIES = 256, 64  # Events, and replies, kept until they are fetched
 REVIEW_SECONDS, CHOICE_SECONDS = 0.1, 0.5  # Of the boot clock, between two reviews of the phase, and two of the inputs

@@ -51,7 +51,7 @@ def fleet_blocks(rows: Sequence[FlightRow]) -> list[Block]:
     if waiting and len(waiting) < len(named):
         blocks.append(Sentence(f"{_counted(len(waiting), 'vehicle')}, for the reason that each gives.", "Not judged:"))
     if nameless := sum(len(flights) for name, flights in vehicles.items() if name not in named):
-        text = "whose logs do not say of which vehicle, or by a system id only; compared with no other."
+        text = "whose logs do not name a vehicle, or only by a system id; they are not compared."
         blocks.append(Sentence(f"{_counted(nameless, 'flight')} {text}", "Without a name:"))
     return blocks + _unused([flight[0] for flight in fleet_row.flights_of(row for row in rows if row.status != OK)])
 
@@ -187,7 +187,7 @@ def difference_blocks(found: VehicleDifference) -> list[Block]:
     words = "; ".join(_condition_words(*found.conditions)).replace("-", "−")
     covered = "shares for the lean and mean control effectiveness for battery and mean output"
     allowed = f" Intervals that allow for conditions: {covered}." * any(change.allowance for change in found.changes)
-    conditions = Sentence(f"{words}.{allowed}", "Conditions, no change of the vehicle:")
+    conditions = Sentence(f"{words}.{allowed}", "Conditions, not changes of the vehicle:")
     blocks = [*_changes(found), *missing, conditions, *_vehicles(found)]
     if found.changes:
         before, after = (_counted(count, "flight") for count in found.flights)
@@ -195,13 +195,12 @@ def difference_blocks(found: VehicleDifference) -> list[Block]:
         if max(found.flights) == 1:
             share, effect = (f"{100 * BETWEEN[kind]:.0f} %" for kind in (difference.SHARE, difference.EFFECT))
             basis = (
-                "A and B are one flight each, and their intervals those of one flight each: how much a flight differs "
-                f"from the next is assumed (a share by {share}, a control effectiveness by {effect}), not measured. "
-                "Track several flights of each to measure it."
+                "A and B are single flights: how much one flight differs from the next is assumed (a share by "
+                f"{share}, a control effectiveness by {effect}). Track several flights of each to measure it."
             )
-        text = f"± are 90 % intervals. {len(found.changes)} quantities are tested together (Holm): that any is called "
-        text += f"changed when none did has a chance of at most {100 * FAMILY_ERROR:.0f} %, as far as the intervals "
-        blocks.append(Sentence(f"{text}hold. {basis}", "How sure:"))
+        text = f"± are 90 % intervals. {len(found.changes)} quantities are tested together (Holm): if none changed, "
+        text += f"the chance that any is called changed is at most {100 * FAMILY_ERROR:.0f} %."
+        blocks.append(Sentence(f"{text} {basis}", "How sure:"))
     return blocks
 
 
@@ -286,11 +285,11 @@ def _condition_words(before: Conditions, after: Conditions) -> list[str]:
 
 def _vehicles(found: VehicleDifference) -> list[Block]:
     before, after = found.vehicles
-    trust = "that A and B are of one vehicle is taken on trust."
+    trust = "A and B are assumed to be of one vehicle."
     if UNKNOWN in (*before, *after):
         return [Sentence(f"a log does not say of which vehicle it is; {trust}", "Vehicle:")]
     if before and after and set(before) != set(after):
-        text = f"A is {listed(before)} and B is {listed(after)}: what differs may be that between two vehicles."
+        text = f"A is {listed(before)} and B is {listed(after)}: the difference may be between two vehicles."
         return [Sentence(text, "Caution:")]
     named = f"{listed(found.shared)} is a name by the MAVLink system id, which many vehicles share; {trust}"
     return [Sentence(named, "Caution:")] if found.shared else []
@@ -311,7 +310,7 @@ def live_report(
     ``ACCOUNT``; ``seconds`` of the last ones are in the model.
     """
     errors, angle = history.errors(), readable("rad")
-    headline = f"Nothing of {axis} was predicted: there was no settled flight to learn from."
+    headline = f"No {axis} was predicted: there was no settled flight to learn from."
     if errors:
         best = min(errors, key=lambda one: abs(one.seconds - AHEAD))
         ours, held = (with_unit(sqrt(square[0]), angle) for square in (best.mse, best.held))
@@ -356,12 +355,6 @@ def parts_learned(history: LiveHistory, seconds: float) -> Table:
         seconds -= (used := min(seconds, max(min(last, history.modelled) - first, 0.0)))
         rows.insert(0, [f"{time:.0f} s" for time in (first, last, last - first, used)])
     return Table(["learned from", "until", "length", "of it in the model at the end"], rows)
-
-
-def event_blocks(history: LiveHistory) -> list[Block]:
-    """Returns what happened when, by the ``history`` of a live flight."""
-    rows = [[f"{event.seconds:.1f} s" if isfinite(event.seconds) else "–", event.sentence] for event in history.events]
-    return [Table(["boot clock", "what happened"], rows, words=True)] if rows else [Sentence("Nothing happened.")]
 
 
 def _errors(errors: Sequence[HorizonErrors], axis: str) -> Table:

@@ -16,7 +16,7 @@ FIGURES = {  # header, and what makes the unit shown, by name of the figure
     "delay_margin": ("delay margin (ms)", 1e3),
     "ms": ("largest sensitivity Ms", 1.0),
     "bandwidth": ("bandwidth, -3 dB (Hz)", 1.0),
-    "rejection": ("moves by 100 °/s² of torque (°/s, °)", 100.0),
+    "rejection": ("response to 100 °/s² of torque (°/s, °)", 100.0),
 }
 FASTEST = 0.15  # of the log's rate: the crossover up to which delay and time constant are known well enough
 
@@ -32,8 +32,8 @@ def tune_blocks(found: Mapping[str, Advice | str]) -> list[Block]:
         loop, after = advice.before, {"advised": advice.after} if advice.parameters else {}
         blocks += [Sentence(f"{advice.verdict} {advice.sentence}", lead), *margin_tables({"now": loop, **after})]
         if loop.crossover * loop.record.dt > FASTEST:
-            slow = f"{loop.crossover:.0f} Hz of crossover are fast for a log at {1 / loop.record.dt:.0f} Hz"
-            blocks.append(Sentence(f"{slow}, and delay and time constant decide there: record faster.", "Caution:"))
+            slow = f"A crossover at {loop.crossover:.0f} Hz is fast for a log at {1 / loop.record.dt:.0f} Hz"
+            blocks.append(Sentence(f"{slow}: record faster, for delay and time constant.", "Caution:"))
         blocks += [_measured(loop), *(Sentence(caution, "Caution:") for caution in loop.cautions)]
         blocks += _gains(advice) if advice.gains else []
     named = any(isinstance(advice, Advice) and advice.gains for advice in found.values())
@@ -75,11 +75,11 @@ def _gains(advice: Advice) -> list[Block]:
     does = "the heading moves" if advice.before.axis == "yaw" else "it leans"
     expected = f"in the wind of this flight {does} by {after}° instead of {before}° "
     expected += "(standard deviation about the mean)."
-    noise = "the log is too slow to show what the gyro's noise does to the motors: feel how warm they get."
+    noise = "the log is too slow to show what the gyro's noise does to the motors: feel how warm they become."
     if advice.noise is not None:
         lowest, highest, now, then, by_d, heat = advice.noise
-        noise = f"from {lowest:.0f} to {highest:.0f} Hz, which is all that the log shows, the gyro moves the demand by "
+        noise = f"from {lowest:.0f} to {highest:.0f} Hz, the highest that the log shows, the gyro moves the demand by "
         noise += f"{100 * now:.2g} % of its range (D alone by {100 * by_d:.2g} %), "
         noise += f"with these gains by {100 * then:.2g} %. "
-        noise += f"The heat of that in the motors grows {heat:.2g} times, with the square: feel how warm they become."
+        noise += f"That heats the motors {heat:.2g} times as much: feel how warm they become."
     return [Table(["gain", "now", "set", "times"], rows), Sentence(expected, "To expect:"), Sentence(noise, "Noise:")]

@@ -1,4 +1,4 @@
-"""Page: a result as one HTML file that can be mailed, printed and read without a network; it runs no script.
+"""Page: a result as one HTML file that can be mailed, printed and read without a network or a script.
 
 Each page is the blocks that the screen shows too, figures, and folded chapters, which :func:`document` lays out.
 """
@@ -8,9 +8,9 @@ from __future__ import annotations
 import platform
 import re
 import tomllib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
-from functools import partial
+from functools import cache, partial
 from importlib.metadata import version
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -32,12 +32,25 @@ from mavdem.live import SessionStatus
 from mavdem.live.history import LiveHistory
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.comparison import comparison_report, order_report
-from mavdem.report.condition import log_blocks, wind_blocks
-from mavdem.report.flights import MAX_PARTS, event_blocks, live_report, parts_learned
+from mavdem.report.condition import condition_sentences, log_blocks, tier_sentences, wind_blocks
+from mavdem.report.flights import MAX_PARTS, live_report, parts_learned, truth_blocks
+from mavdem.report.header import FEW_POINTS, POINTS, Head, key_figures
 from mavdem.report.loops import margin_tables, tune_blocks
 from mavdem.report.numbers import Labels, listed, named, readable, rounded
 from mavdem.report.palette import INK_ON_LIGHT
-from mavdem.report.screen import analysis_blocks, detail_blocks, screen, title
+from mavdem.report.screen import (
+    conclusion,
+    detail_blocks,
+    graded,
+    motor_blocks,
+    prediction_blocks,
+    residual_blocks,
+    screen,
+    title,
+    torque_blocks,
+    vehicle_blocks,
+)
+from mavdem.report.timeline import Timeline, live_timeline, timeline_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -67,16 +80,32 @@ def document(
     blocks: Sequence[Block],
     chapters: Sequence[Chapter] = (),
     back: tuple[str, str] | None = None,
+    head: Head | None = None,
 ) -> str:
     """Returns the HTML of a page: its title and subtitle, the result in ``blocks``, then chapters.
 
-    ``back`` is the name and the relative address of the page that leads here. All text is escaped. What cannot be drawn
-    says why in its place. The same arguments give the same bytes with the same versions of mavdem, matplotlib and
-    Python.
+    ``head`` has facts, key figures and the timeline of a flight, drawn by a script within the page: without one its
+    still picture is there instead, and in print. ``back`` is the name and the relative address of the page that leads
+    here. All text is escaped. What cannot be drawn says why in its place. The same arguments give the same bytes with
+    the same versions of mavdem, matplotlib and Python.
     """
     drawn = [_drawn(chapter, number) for number, chapter in enumerate(chapters) if any(chapter[1:3])]
-    parts = {"title": title, "subtitle": subtitle, "blocks": blocks, "chapters": drawn, "back": back}
+    parts: dict[str, Any] = {"title": title, "subtitle": subtitle, "blocks": blocks, "chapters": drawn}
+    parts |= {"back": back, "head": head}
+    if head is not None and (timeline := head.timeline) is not None:
+        still = downstream("report.figures.series", "still")(timeline)
+        parts |= {"still": Markup(downstream("report.figures.style", "svg")(still, "timeline"))}
+        parts |= {"timeline": timeline.as_json(head.points)} | {
+            name: Markup(text) for name, text in _plotting().items()
+        }
     return environment().get_template("document.html").render(parts)
+
+
+@cache
+def _plotting() -> dict[str, str]:
+    """The library that draws the timeline (uPlot, MIT), its style, and the script that uses it."""
+    names = {"uplot": "uplot/uPlot.iife.min.js", "uplot_style": "uplot/uPlot.min.css", "script": "timeline.js"}
+    return {name: (files("mavdem.report") / path).read_text("utf-8") for name, path in names.items()}
 
 
 def environment() -> Environment:
@@ -117,75 +146,118 @@ def _headline(text: str) -> tuple[str, str]:
 
 def _rating(cell: str) -> str:
     """The class, of a colour, of a cell that rates something; empty for others."""
-    good, fair = ("GOOD", "ok", "reported", "reproduced"), ("LIMITED", "biased", "drift")
-    bad = "NOT IDENTIFIABLE", "not identifiable", "fault", "unstable"
+    good, fair = ("GOOD", "ok", "reported", "reproduced", "passed"), ("LIMITED", "biased", "drift", "nearly")
+    bad = "NOT IDENTIFIABLE", "not identifiable", "fault", "unstable", "failed"
     ratings = {"good": good, "fair": fair, "bad": bad}
     return next((name for name, words in ratings.items() if cell.startswith(words)), "")
 
 
 def log_page(
     heading: Sentence,
-    blocks: Sequence[Block],
     analyses: Mapping[str, LogAnalysis],
+    air: Air | None = None,
     inventory: dict[str, Any] | None = None,
     back: tuple[str, str] | None = None,
-    air: Air | None = None,
+    said: Sequence[Block] = (),
 ) -> str:
     """Returns the HTML of one log, with models or without.
 
-    ``blocks`` are the report on the screen, of the first axis; ``analyses`` what the log says of one vehicle, by axis.
-    Without the ``inventory`` (``mavdem.condition.inventory``) the page is small, with few pictures, for many flights.
-    ``back`` is name and address of the page that leads here; ``air`` is the wind in m/s.
+    ``analyses`` are what the log says of one vehicle, by axis; ``air`` is the wind in m/s, and what is ``said`` of it
+    beside. Without the ``inventory`` (``mavdem.condition.inventory``) the page is small, with few pictures, for many
+    flights. ``back`` is name and address of the page that leads here.
     """
-    first, *others = analyses.values()
-    # Vehicle, battery and balance are the same on each axis.
-    chapters = [
-        Chapter(axis.capitalize(), [block for block in analysis_blocks(analysis) if block not in blocks])
-        for axis, analysis in zip(list(analyses)[1:], others, strict=True)
-    ]
-    wind, theirs, _ = (None, None, "") if air is None else air
-    if wind is not None:
-        rows = slice(0) if theirs is None else theirs.boot == wind.boot
-        known = None if theirs is None else (theirs.time[rows], theirs.values[rows])
-        course = wind.time, wind.velocity, wind.band, wind.direction if wind.directed else None, known
-        chapters.append(Chapter("Wind in m/s", pictures=[wind_picture(*course)]))
-    folded = []
+    first, whole = next(iter(analyses.values())), inventory is not None
+    timeline = timeline_of(analyses, air)
+    loops = {axis: _loop(analysis.learned) if whole else None for axis, analysis in analyses.items()}
+    figures = [*key_figures(first, air, next(iter(loops.values())))]
+    head = Head(first, figures, timeline, POINTS if whole else FEW_POINTS)
+    chapters = [_motors(first), _wind(first, air, said, timeline)]
     for axis, analysis in analyses.items():
-        if (learned := analysis.learned) is not None:
-            pictures = model_pictures(learned, analysis.findings, PICTURES if inventory else FEW_PICTURES, analysis)
-            chapters.append(Chapter(f"Pictures of {axis}", pictures=pictures))
-            chapters += _loops(axis, learned) if inventory else []
-            details, said = detail_blocks(learned, analysis.as_dict()), "The same of DEM's A, B and C, in closed loop."
-            own = Picture("Frequency response of DEM's model", said, partial(_bode_of_dem, learned))
-            pictures = [own] if inventory and learned.physical and learned.physical.identifiable else []
-            folded.append(Chapter(f"The model of {axis}, and how it was learned", details, pictures, folded=True))
-    if inventory:
-        folded.append(Chapter("What was read from the log, and repaired", log_blocks(inventory), folded=True))
-        if first.learned is not None:
-            rows = [[name, str(value)] for name, value in asdict(first.learned.settings).items()]
-            folded.append(Chapter("Settings", [Table(["setting", "value"], rows, words=True)], folded=True))
+        if analysis is not first:
+            chapters.append(Chapter(axis.capitalize(), verdict_of(analysis)))
+        chapters += [] if analysis.learned is None else _model(axis, analysis, analysis.learned, loops[axis], whole)
+    for axis, analysis in analyses.items():
+        chapters += [] if analysis.learned is None else [_inside(axis, analysis, analysis.learned, whole)]
+    if inventory is not None:
+        chapters.append(Chapter("What was read from the log, and repaired", log_blocks(inventory), folded=True))
     subtitle = heading.text[:1].upper() + heading.text[1:]
-    return document(heading.lead.rstrip(":"), subtitle, blocks, [*chapters, *folded], back)
+    return document(heading.lead.rstrip(":"), subtitle, verdict_of(first), chapters, back, head)
 
 
-def _loops(axis: str, learned: Learned) -> list[Chapter]:
-    """The margins, where plant and controller are known."""
+def verdict_of(analysis: LogAnalysis) -> list[Block]:
+    """Returns the headline, what overrides it, why there is no model, what to do next, and how sure the model is."""
+    found, lacking = analysis.findings, analysis.learned is None and analysis.findings.overrides
+    *blocks, following = conclusion(found)
+    return [
+        *blocks,
+        *([Sentence(analysis.reason, "No model:")] if lacking else []),
+        following,
+        *graded(found),
+        *(Sentence(warning, "Warning:") for warning in found.warnings),
+    ]
+
+
+def _motors(analysis: LogAnalysis) -> Chapter:
+    """What is known of each motor and, without a full model, of the vehicle's condition."""
+    learned, vehicle, blocks, pictures = analysis.learned, analysis.vehicle, list[Block](), list[Picture]()
+    if learned is not None:
+        blocks += motor_blocks(Labels.of(learned), learned.physical, vehicle.hover)
+        pictures += model_pictures(learned, analysis.findings, ["motors"], analysis)
+    if learned is None or vehicle.axes:
+        blocks += vehicle_blocks(vehicle, bool(analysis.findings.overrides))
+    if learned is None or analysis.tier.name != "a":
+        blocks += [*tier_sentences(analysis.tier.as_dict()), *condition_sentences(analysis.condition.as_dict())]
+    blocks += [Sentence(alarm.sentence, "Motors:") for alarm in analysis.alarms if not alarm.weak]
+    return Chapter("Motors", blocks, pictures)
+
+
+def _wind(analysis: LogAnalysis, air: Air | None, said: Sequence[Block], timeline: Timeline | None) -> Chapter:
+    """The wind in m/s and as a torque, its rose, and the path that was flown."""
+    learned, pictures, draw = analysis.learned, list[Picture](), partial(downstream, "report.figures.flights")
+    wind, blocks = (air or (None,))[0], [*([] if air is None else wind_blocks(air)), *said]
+    if wind is not None and wind.directed:
+        told = "How often the wind came from where, by its estimated speed."
+        pictures.append(Picture("Wind rose", told, lambda: draw("rose_of_wind")(wind)))
+    if timeline is not None and timeline.position is not None:
+        told = "Over ground, north up, from ● to ■; the purple arrow flies with the wind."
+        pictures.append(Picture("Flown path", told, lambda: draw("flown_path")(timeline, wind)))
+    if learned is not None:
+        blocks += torque_blocks(learned.wind_torque, learned.physical)
+        pictures += model_pictures(learned, analysis.findings, ["disturbance"], analysis)
+    return Chapter(
+        "Wind and path", [*blocks, *([] if analysis.truth is None else truth_blocks(analysis.truth))], pictures
+    )
+
+
+def _model(axis: str, analysis: LogAnalysis, learned: Learned, loop: Loop | None, whole: bool) -> Iterator[Chapter]:
+    """The loop and its margins, response, prediction and residual tests of an axis."""
+    labels, draw = Labels.of(learned), partial(model_pictures, learned, analysis.findings, analysis=analysis)
+    if loop is not None:
+        advised = Sentence("`mavdem tune` with this log has the verdict and gains to set.")
+        yield Chapter(f"Loop of {axis}", [*margin_tables({"now": loop}), advised], [loop_picture(loop)])
+    if whole:
+        yield Chapter(f"Response of {axis}", pictures=draw(["bode", "step"]))
+    forecasts = draw(["forecast"], outputs=len(labels.output_names) if whole else 1)
+    yield Chapter(f"Prediction of {axis}", prediction_blocks(labels, analysis.held_out), forecasts)
+    if whole:
+        yield Chapter(f"Residual tests of {axis}", residual_blocks(learned), draw(["residuals"]))
+
+
+def _inside(axis: str, analysis: LogAnalysis, learned: Learned, whole: bool) -> Chapter:
+    """How a model was learned, folded."""
+    blocks, methods = detail_blocks(learned, analysis.as_dict()), ["learning", "poles"] if whole else []
+    settings = [[name, str(value)] for name, value in asdict(learned.settings).items()] if whole else []
+    blocks += [Table(["setting", "value"], settings, words=True)] if whole else []
+    pictures = model_pictures(learned, analysis.findings, methods, analysis)
+    return Chapter(f"The model of {axis}, and how it was learned", blocks, pictures, folded=True)
+
+
+def _loop(learned: Learned | None) -> Loop | None:
+    """The loop with its margins, where plant and controller are known."""
     try:
-        loop = learned.loop()
+        return None if learned is None else learned.loop()
     except NotLearnable:
-        return []
-    blocks = [Sentence("`mavdem tune` with this log has the verdict and gains to set."), *margin_tables({"now": loop})]
-    return [Chapter(f"Loops of {axis}", blocks, [loop_picture(loop)])]
-
-
-def _bode_of_dem(learned: Learned) -> Any:
-    return learned.plot.bode(model="dem")
-
-
-def wind_picture(*course: Any) -> Picture:
-    """Returns the picture of a ``course``, the arguments of ``wind_over_time``."""
-    said = "Its speed and where it comes from, with 90 % bands. In the mean: the arrow flies with it."
-    return Picture("Wind", said, lambda: downstream("report.figures.series", "wind_over_time")(*course))
+        return None
 
 
 def flight_page(file: str, analyses: Mapping[str, LogAnalysis], air: Air | None = None) -> str:
@@ -193,28 +265,31 @@ def flight_page(file: str, analyses: Mapping[str, LogAnalysis], air: Air | None 
     subtitle = "No model could be learned from this flight; what it holds nevertheless."
     if any(analysis.learned is not None for analysis in analyses.values()):
         subtitle = f"{listed(analyses)} of a flight."
-    blocks = [*analysis_blocks(next(iter(analyses.values()))), *([] if air is None else wind_blocks(air))]
-    return log_page(Sentence(subtitle, file), blocks, analyses, back=("Fleet", "../index.html"), air=air)
+    return log_page(Sentence(subtitle, file), analyses, air, back=("Fleet", "../index.html"))
 
 
 _TEXTS = tomllib.loads((files("mavdem.report") / "pictures.toml").read_text("utf-8"))
 PICTURES = {method: (table["title"], table["caption"]) for method, table in _TEXTS.items()}
 """Title and caption by the method of ``learned.plot`` that draws it."""
-FEW_PICTURES = "forecast", "disturbance", "motors"
 SYSTEM_PICTURES = "bode", "step", "poles"  # what motors' effect, damping and lag show; nothing where these are unknown
 
 
 def model_pictures(
-    learned: Learned, found: Findings, methods: Iterable[str] = PICTURES, analysis: LogAnalysis | None = None
+    learned: Learned,
+    found: Findings,
+    methods: Iterable[str] = PICTURES,
+    analysis: LogAnalysis | None = None,
+    outputs: int = 1,
 ) -> list[Picture]:
     """Returns the pictures of a model; those of forecasts and of hovering motors need the ``analysis`` it is from.
 
-    Responses and poles are left out where control effectiveness is not identifiable by what was ``found``.
+    Forecasts are of so many ``outputs``. Responses and poles are left out where control effectiveness is not
+    identifiable by what was ``found``.
     """
 
     # ``learned.plot`` loads matplotlib, which takes its time.
     def draw(method: str, output: int) -> Any:
-        options: dict[str, dict[str, Any]] = {}
+        options: dict[str, dict[str, Any]] = {"bode": {"model": "physical"}}
         if analysis is not None:
             options["forecast"] = {"held_out": analysis.held_out, "output": output}
             options["motors"] = {"hover": analysis.vehicle.hover}
@@ -224,7 +299,7 @@ def model_pictures(
     unknown = any(one.purpose == "motor effectiveness" and one.grade == NONE for one in found.purposes)
     for method in (one for one in methods if not (unknown and one in SYSTEM_PICTURES)):
         title, caption = PICTURES[method]
-        for output, name in enumerate(names if method == "forecast" and methods is PICTURES else names[:1]):
+        for output, name in enumerate(names[:outputs] if method == "forecast" else names[:1]):
             words = f"Forecast windows as above, for {name}." if output else caption
             pictures.append(Picture(title.format(output=name), words, partial(draw, method, output)))
     return pictures
@@ -290,22 +365,20 @@ def live_page(
 
     ``account`` has seconds by the keys of ``ACCOUNT``.
     """
-    flown = Picture(
-        "The flight",
-        "The predictions were made in flight, without the motors of the time ahead; band: 90 %. Below, the wind torque "
-        "as estimated in flight. What is shaded was trained on.",
-        lambda: downstream("report.figures.series", "live_flight")(history, axis),
-        large=True,
-    )
     found = status.findings or findings_of(learned, alarms=status.alarms)
-    model = [] if learned is None else model_pictures(learned, found, ("motors", *SYSTEM_PICTURES))
-    chapters = [Chapter("Pictures", pictures=[flown, *model]), Chapter("What happened", event_blocks(history))]
-    chapters.append(Chapter("The model at the end", [] if learned is None else screen(learned, found=found)))
-    parts = parts_learned(history, seconds := 0.0 if learned is None else len(learned.record) * learned.dt)
+    seconds = 0.0 if learned is None else len(learned.record) * learned.dt
+    head = Head(timeline=live_timeline(history, axis), vehicle=status.vehicle or "", events=history.events)
+    blocks = [] if learned is None else screen(learned, found=found)
+    pictures = [] if learned is None else model_pictures(learned, found, ("motors", *SYSTEM_PICTURES))
+    chapters = [Chapter("The model at the end", blocks, pictures)]
+    parts = parts_learned(history, seconds)
     if len(parts.rows) > MAX_PARTS:
         chapters.append(Chapter("The parts learned from", [parts], folded=True))
-    what = f"What {axis} did, learned and predicted while it flew."
-    return document(f"Flight over {link}", what, live_report(history, status, account, axis, seconds), chapters)
+    what, said = (
+        f"What {axis} did, learned and predicted while it flew.",
+        live_report(history, status, account, axis, seconds),
+    )
+    return document(f"Flight over {link}", what, said, chapters, head=head)
 
 
 def notebook_html(blocks: Sequence[Block]) -> str:

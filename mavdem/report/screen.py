@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from mavdem.analysis import AxisFigures, LogAnalysis, VehicleFigures
-from mavdem.analysis.findings import ADVICE, HALF_WIDTH, Findings, findings_of, known_wind
+from mavdem.analysis.findings import ADVICE, BOUND_LEVEL, HALF_WIDTH, Findings, findings_of, known_wind, residuals
 from mavdem.condition.condition import HoverFigures
 from mavdem.confidence import LEVEL
 from mavdem.dem import Learned, Physical, WindTorque
@@ -55,17 +55,22 @@ def screen(
     the model unless ``found`` otherwise.
     """
     labels, found = Labels.of(learned), findings_of(learned, held_out) if found is None else found
-    graded = [[PURPOSE_WORDS[purpose], grade, reason] for purpose, grade, reason in found.purposes]
     *first, following = conclusion(found)
     return [
         *first,
-        Table(["purpose", "verdict", "because"], graded, words=True),
-        *_vehicle(labels, learned.physical, hover),
-        *_wind(learned.wind_torque, learned.physical),
-        *_prediction(labels, held_out),
+        *graded(found),
+        *motor_blocks(labels, learned.physical, hover),
+        *torque_blocks(learned.wind_torque, learned.physical),
+        *prediction_blocks(labels, held_out),
         *(Sentence(warning, "Warning:") for warning in found.warnings),
         following,
     ]
+
+
+def graded(found: Findings) -> list[Block]:
+    """Returns a row a purpose of the model, with its verdict; nothing without a model."""
+    rows = [[PURPOSE_WORDS[purpose], grade, reason] for purpose, grade, reason in found.purposes]
+    return [Table(["purpose", "verdict", "because"], rows, words=True)] if rows else []
 
 
 def conclusion(found: Findings) -> list[Block]:
@@ -110,8 +115,8 @@ def summary(learned: Learned) -> str:
     return text_of([*screen(learned), *(Sentence(caution, "Caution:") for caution in learned.cautions)])
 
 
-def _vehicle(labels: Labels, physical: Physical | None, hover: HoverFigures | None) -> list[Block]:
-    """A row a motor: effectiveness, trim deviation, trim, headroom and saturation; and what is of all motors."""
+def motor_blocks(labels: Labels, physical: Physical | None, hover: HoverFigures | None) -> list[Block]:
+    """Returns a row a motor, with its effectiveness, trim, headroom and saturation; and what is of all motors."""
     columns, blocks, rest = dict[str, list[str]](), list[Block](), list[str]()
     if physical is not None:
         half = physical.interval(LEVEL)
@@ -148,8 +153,8 @@ def _lean(hover: HoverFigures) -> str:
     return listed(f"{name} {angle:.1f}°" for name, angle in angles if angle is not None)
 
 
-def _wind(wind: WindTorque | None, physical: Physical | None) -> list[Block]:
-    """The wind torque: its level, share and gusts; nothing where it is not known."""
+def torque_blocks(wind: WindTorque | None, physical: Physical | None) -> list[Block]:
+    """Returns the wind torque: its level, share and gusts; nothing where it is not known."""
     if physical is None or (wind := known_wind(wind, physical)) is None:
         return []
     unit, scale, count = TORQUE.name, TORQUE.scale, len(wind.gusts)
@@ -168,8 +173,8 @@ def _wind(wind: WindTorque | None, physical: Physical | None) -> list[Block]:
     return [Sentence(f"{text} (by chance {wind.false_gusts_per_minute:.1g} a minute).", "Wind torque on this axis:")]
 
 
-def _prediction(labels: Labels, held_out: HeldOut | None) -> list[Block]:
-    """RMSE beside the baselines over all held-out windows, and how windows differ."""
+def prediction_blocks(labels: Labels, held_out: HeldOut | None) -> list[Block]:
+    """Returns the RMSE beside the baselines over all held-out windows, and how windows differ."""
     if held_out is None:
         return []
     (names, units), rows = outputs_of(labels), list[list[str]]()
@@ -184,6 +189,18 @@ def _prediction(labels: Labels, held_out: HeldOut | None) -> list[Block]:
         worse = ", ".join(f"{100 * share:.0f} % worse than “{name}”" for name, share in shares)
         text = f"Error ratio by window: median {median}, interquartile range {low} to {high}; {worse}. {text}"
     return [Table([f"RMSE, {held_out.seconds:.2g} s ahead, {count}", *names, "error ratio"], rows), Sentence(text)]
+
+
+def residual_blocks(learned: Learned) -> list[Block]:
+    """Returns the tests of the one-step residuals of each output, with their verdicts."""
+    rows = []
+    for output, name in enumerate(Labels.of(learned).output_names):
+        found = residuals(learned, output)
+        for test, size, bound in zip(("white", "independent of the command"), found.largest, found.bounds, strict=True):
+            verdict = "passed" if size <= bound else "nearly" if size <= 3 * bound else "failed"
+            figures = f"largest correlation {size:.2f}, {100 * BOUND_LEVEL:.0f} % bound {bound:.2f}"
+            rows.append([f"{name}: {test}", verdict, figures])
+    return [Table(["residuals", "verdict", "because"], rows, words=True)]
 
 
 def vehicle_blocks(vehicle: VehicleFigures, doubted: bool = False) -> list[Block]:
@@ -301,7 +318,10 @@ def _model(labels: Labels, learned: Learned) -> list[Block]:
         B,
     ]
     if outputs and len(states) == len(labels.output_names) + 1:
-        blocks.append(Sentence(f"hidden 1 is the motors' lag. {numbers.THREE_STATES}", "States:"))
+        lag = (
+            "hidden 1 is the motors' lag, without which the plant forecasts worse, also where `mavdem order` counts 2."
+        )
+        blocks.append(Sentence(lag, "States:"))
     if not outputs:
         blocks.append(C)
     if count := len(learned.undetermined):

@@ -10,7 +10,8 @@ import math
 import numpy as np
 from jinja2 import Environment, PackageLoader
 
-from mavdem.condition.loop.twin import GRAVITY, Twin
+from mavdem.condition.loop.twin import Twin
+from mavdem.dem.airflow.model import GRAVITY
 
 LEFT_OUT = {  # what a format has no place for
     ".json": "motor lag, delay, damping of pitch and yaw apart from roll's, battery and controller gains",

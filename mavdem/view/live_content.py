@@ -11,7 +11,6 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from mavdem.condition.wind_of_log import WindRow
 from mavdem.condition.wind_velocity import from_point
 from mavdem.confidence import LEVEL
 from mavdem.dem import Estimate, Learned, LinearModel, Physical
@@ -22,6 +21,7 @@ from mavdem.dem.online.tracker import FALSE_MARK_SECONDS
 from mavdem.dem.record import Record
 from mavdem.live import SessionStatus
 from mavdem.live.history import AHEAD, sentence
+from mavdem.live.wind import WindRow
 from mavdem.report.blocks import markdown
 from mavdem.report.numbers import TORQUE, named, per, place, plus_minus, readable, with_unit
 from mavdem.report.palette import BAD, BAND_OPACITY, BOUND, COMMAND, DISTURBANCE, MEASURED, PREDICTED, distinct
@@ -30,7 +30,7 @@ from mavdem.view.flown import BOOT_CLOCK, Lines, blueprint, faint
 
 FLIGHT_SECONDS, LEARNING_SECONDS = 20.0, 120.0  # in view
 LEGEND = (
-    "An error ratio is beside the better of the last sample and the mean. Surprise is how far F(t) is below its recent "
+    "Error ratios: beside the better of the last sample and the mean. Surprise is how far F(t) is below its recent "
     "median: 1 is the worst of twenty samples. A mark is where it stays above what is usual in this flight; one in "
     f"{FALSE_MARK_SECONDS / 60:.0f} minutes is expected without a change."
 )
@@ -322,6 +322,7 @@ def status_document(status: SessionStatus, row: ViewRow, until: float | None) ->
         model, reason = f"The model was learned up to {ago:.1f} s ago.", status.obstacle
     learning = f"{model} {sentence(reason)}"
     cautions = [f"**Cautions:** {' '.join(row.learned.cautions)}"] if row.learned and row.learned.cautions else []
+    cautions += [f"**{status.slow}**"] if status.slow else []
     table = "\n".join(f"- {name}: {fact}" for name, fact in facts.items())
     found = [] if status.findings is None else [markdown(verdict_blocks(status.findings))]
     return "\n\n".join([f"**{channels.title}**", *found, learning.strip(), table, *cautions, LEGEND])

@@ -29,10 +29,10 @@ import numpy as np
 import rerun as rr
 from numpy.typing import ArrayLike
 
-from mavdem.condition.wind_of_log import WindRow
 from mavdem.dem import Estimate, Learned
 from mavdem.fleet.row import as_text
 from mavdem.live import Event, SessionStatus
+from mavdem.live.wind import WindRow
 from mavdem.view.flown import BOOT_CLOCK
 from mavdem.view.live_content import Channels, LiveWriter, ViewRow, figures, log, status_document
 

@@ -82,7 +82,7 @@ def test_parameters_are_good_as_far_as_their_intervals_and_status_say(share, sta
     found = findings_of(model(physical(share, **status)), None).purposes
     assert tuple(one.grade for one in found[:2]) == expected
     for one, names in zip(found, ({"effect"}, {"damping", "lag"}), strict=False):
-        assert ("Why" in one.reason) == bool(names & set(status)) and "And more" not in one.reason
+        assert ("why" in one.reason.lower()) == bool(names & set(status)) and "And more" not in one.reason
 
 
 def test_a_reason_is_given_once():
@@ -177,7 +177,7 @@ def test_a_step_of_the_torque_leaves_neither_effectiveness_nor_wind_good():
     found = findings_of(model(physical(), step=(2, -5.7)), held_out(), known, flights=flights, watched=True)
     assert [one.grade for one in found.purposes[:4]] == [LIMITED, GOOD, LIMITED, GOOD]
     assert "by -327 °/s² at 28 s" in found.headline
-    assert "where the load is" in found.next_step and "ealthy" not in found.headline
+    assert "propellers and the load" in found.next_step and "ealthy" not in found.headline
 
 
 def test_the_limit_of_saturation_is_a_twentieth_of_the_time():
@@ -209,12 +209,12 @@ def test_a_model_alone_says_nothing_of_motors_that_it_does_not_know():
 def test_under_what_overrides_reasons_keep_their_figures_and_ask_for_nothing():
     sds, none, ranges = (dict.fromkeys(PARAMETERS, size) for size in (0.6, 0.0, 0.3))
     statuses, reasons = identifiability(IdentifiabilityFigures(0.46, 0.5, sds, none, ranges, 1.0, 0.0, 0.02))
-    assert "has at most 25 %" in reasons["effect"] and "%" not in " ".join(reasons.values()).replace(" %", "")
+    assert "have at most 25 %" in reasons["effect"] and "%" not in " ".join(reasons.values()).replace(" %", "")
     known = physical(**{name: status for name, status in statuses.items() if status != "reported"})
     known.reasons |= reasons
     free = findings_of(model(known), held_out()).purposes
     found = findings_of(model(known), held_out(), saturated(0.86))
-    assert found.purposes[0].reason.startswith("What no motor explains, wind or noise, has 46 % of the torque's")
+    assert found.purposes[0].reason.startswith("Wind and noise have 46 % of the torque's")
     assert found.purposes[3].reason == f"{free[3].reason} {found.headline}" and "fly" in free[0].reason
     said = [one.reason for one in found.purposes] + parameter_reasons(known, doubted=True)
     assert not re.search(r"\b(fly|steer|record|log)\b", " ".join(said), re.IGNORECASE)
@@ -226,7 +226,7 @@ def test_warnings_are_only_where_they_mean_something():
     (band,) = warnings_of(learned, held_out(band=0.05))
     assert "held 0 % of the held-out samples" in band
     (surprise,) = warnings_of(learned, held_out(expected=0.00333))
-    assert "3.0 times the squared error that was to be expected" in surprise
+    assert "3.0 times the expected squared error" in surprise
     unstable = SimpleNamespace(stable=False, physical=None)
     assert warnings_of(unstable, None) == ("The model is unstable: long forecasts grow without bound.",)
 

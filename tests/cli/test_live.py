@@ -8,6 +8,7 @@ import socket
 import subprocess
 import sys
 import time
+from threading import Event
 from unittest.mock import Mock
 
 import psutil
@@ -17,6 +18,7 @@ from rerun.chunk import RrdReader
 import mavdem
 from mavdem.cli import live
 from mavdem.cli.commands import main
+from mavdem.dem.learning import FEWEST_SAMPLES
 from mavdem.ingest import read_log
 
 MAVDEM = [sys.executable, "-c", "import sys; from mavdem.__main__ import run; sys.exit(run())"]
@@ -132,9 +134,11 @@ def test_without_a_vehicle_it_ends_with_nothing_kept(tmp_path, capsys, monkeypat
     assert "No vehicle" in said.err and told["vehicle"] is None and told["model"] is None and told["rrd"] is None
     assert told["samples"] == {"learnt": 0, "shown": 0} and told["headline"] == "No model: No vehicle found yet."
     monkeypatch.setattr(live, "_run", listen)
-    monkeypatch.setattr(live, "wait", lambda *_: None)  # a slow computer: judging ends too late for a page
-    monkeypatch.setattr(live.LiveSession, "judge", lambda *_: time.sleep(0.5))
-    monkeypatch.setattr(live.Dashboard, "close", lambda _: time.sleep(3.0))
+    closed, wait = Event(), live.wait
+    # A slow computer: judging ends too late for a page, once the dashboard is closed.
+    monkeypatch.setattr(live, "wait", lambda *of: closed.is_set() and wait(*of))
+    monkeypatch.setattr(live.LiveSession, "judge", lambda *_: closed.wait(PATIENCE))
+    monkeypatch.setattr(live.Dashboard, "close", lambda _: closed.set())
     assert main(f"live udpin:127.0.0.1:{port} --model g.model.json --duration 0.1 --json".split()) == 2
     assert json.loads(capsys.readouterr().out)["html"] is None
 
@@ -167,6 +171,7 @@ def test_a_simulated_vehicle_is_learnt_from_and_everything_is_kept(tmp_path):
     assert told["rates"]["ATTITUDE"] == pytest.approx(100, rel=0.1), "what comes faster already is not lowered"
     learned = mavdem.Learned.from_json((tmp_path / told["model"]).read_text())
     assert (learned.settings.prior, learned.settings.order) == ("uniform", 4)
-    assert len(learned.model.B.T) == 4 and len(learned.record) > 200
+    # The newest model, or the first where a busy machine has not finished that.
+    assert len(learned.model.B.T) == 4 and len(learned.record) >= 2 * FEWEST_SAMPLES
     assert RrdReader(tmp_path / "f.rrd").store() is not None
     assert read_log(tmp_path / "f.tlog").vehicles[0].messages["ATTITUDE"]["time"].size > 300

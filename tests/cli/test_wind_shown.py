@@ -1,6 +1,7 @@
 """The wind in m/s of a flight is the same on screen, page, row and in files, beside the autopilot's own."""
 
 import json
+import os
 import re
 from math import degrees
 
@@ -39,3 +40,9 @@ def test_the_wind_is_shown_as_it_is_estimated(tmp_path, capsys):
     assert (row.wind_speed, degrees(row.wind_direction)) == pytest.approx((found.speed, found.direction))
     assert row.drag == pytest.approx([*found.drag.linear, *found.drag.quadratic])
     assert from_point(found.direction) in (page := fleet_page([row])) and "Wind rose" in page
+    capsys.readouterr()
+    os.mkfifo(pipe := tmp_path / "pipe.json")
+    for prior, why in {"learnt": "of this very flight", "pipe.json": "a pipe, whose writer may never come"}.items():
+        assert main(["wind", str(log), "--prior", str(tmp_path / prior)]) == 2
+        assert why in capsys.readouterr().err
+    assert main(["diff", str(pipe), str(pipe)]) == 2

@@ -84,7 +84,7 @@ def test_independent_samples_scatter_as_the_posterior_says():
 
 @pytest.mark.slow
 def test_intervals_hold_parameters_where_the_assumptions_hold(monkeypatch):
-    monkeypatch.setattr(calibration, "SYSTEMS", 100)
+    monkeypatch.setattr(calibration, "SYSTEMS", 60)
     coverage = calibration.as_assumed(18.0, 2.0, 150, 0.1)
     assert 0.85 <= coverage.own <= 0.95
     assert 0.85 <= coverage.corrected <= 0.95
@@ -93,7 +93,7 @@ def test_intervals_hold_parameters_where_the_assumptions_hold(monkeypatch):
 @pytest.mark.slow
 def test_the_corrected_interval_holds_them_where_dem_is_overconfident(monkeypatch):
     """Samples of a flight are not independent, and DEM says it knows two to four times as much as it does."""
-    monkeypatch.setattr(calibration, "SYSTEMS", 100)
+    monkeypatch.setattr(calibration, "SYSTEMS", 60)
     coverage = calibration.sampled(3, 0.3)
     assert coverage.own < 0.6
     assert 0.8 <= coverage.corrected <= 0.95

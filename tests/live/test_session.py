@@ -171,6 +171,7 @@ def test_after_a_landing_without_vertical_speed_the_model_is_one_of_the_flight()
     assert not any(estimate for at, _, estimate in screen.rows if at > 169.0)
 
 
+@pytest.mark.slow
 def test_a_landing_never_replaces_the_last_model_before_it():
     one, _, said = session_of(batches(9.0))
     run(one)
@@ -271,7 +272,7 @@ def test_a_computer_that_is_too_slow_says_so_and_blames_no_link(now, monkeypatch
     one, screen, said = session_of([], recording=recording, rate=100.0)
     made = lambda _, t, y, u, *_weak: Estimate(t, y, y, np.array([t + 0.25]), ahead, ahead, ahead)  # noqa: E731
     monkeypatch.setattr(mavdem.OnlineLearner, "update", made)
-    take, put_off = one._take, False
+    take, put_off, late = one._take, False, ""
 
     def slow(row: AlignedRow) -> None:
         now[0] += 0.03 * (107.0 < now[0] < 122.0)  # three times what it spans
@@ -285,8 +286,10 @@ def test_a_computer_that_is_too_slow_says_so_and_blames_no_link(now, monkeypatch
         one.step(0.0)
         assert not behind or len(one.link.sent) == sent, "no rates are asked for meanwhile"
         put_off |= one.learner is not None and not one.learner.fits_physical
+        late = max(late, one.status.slow)
         now[0] += 0.01
     begin, end = (text for text in said if "This computer" in text)
+    assert late == "This computer is too slow: estimates come 5.0 s late." and not one.status.slow
     assert begin.startswith("This computer is 1.0 s behind") and "again; it was up to 5.0 s behind" in end
     assert not [text for text in said if "resumed after" in text or "Nothing was" in text or "a new segment" in text]
     assert put_off and len(screen.rows) < one.status.learned + one.status.shown and not one.status.missing

@@ -54,7 +54,7 @@ def test_a_fleet_without_a_flight_and_one_with_a_single_flight_have_a_page():
     assert "<svg" not in alone and parts(alone) == {}
     # Flights that do not say whose they are are drawn as nobody's.
     text = fleet_page([flight_row("unknown", number) for number in range(4)])
-    assert parts(text) == {} and "compared with no other" in text
+    assert parts(text) == {} and "they are not compared" in text
 
 
 def test_what_changed_since_the_baseline_stands_with_its_vehicle():

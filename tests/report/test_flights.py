@@ -66,7 +66,7 @@ def test_a_flight_that_two_logs_have_counts_once_and_by_the_better():
 def test_flights_by_a_system_id_are_no_vehicle_until_they_are_judged_as_one():
     rows = [flight_row("px4-1", number, vehicle_basis="system id", health="unknown") for number in range(2)]
     text = text_of(fleet_blocks(rows))
-    assert "2 flights whose logs do not say of which vehicle" in text and "of 1 vehicle" not in text
+    assert "2 flights whose logs do not name a vehicle" in text and "of 1 vehicle" not in text
     assert summary(rows)["vehicles"] == 0
     judged = [replace(row, health="fault") for row in rows]
     assert "px4-1 (fault)" in text_of(fleet_blocks(judged))
@@ -113,10 +113,10 @@ def test_wind_battery_and_lean_are_conditions():
 @pytest.mark.parametrize(
     ("vehicle", "changed", "said"),
     [
-        ("quad", {}, "one flight each: how much a flight differs from the next is assumed"),
+        ("quad", {}, "single flights: how much one flight differs from the next is assumed"),
         ("quad", {"vehicle_basis": "system id"}, "quad is a name by the MAVLink system id, which many vehicles share"),
         ("other", {}, "A is quad and B is other"),
-        ("unknown", {}, "taken on trust"),
+        ("unknown", {}, "assumed to be of one vehicle"),
         ("quad", {"status": "It is empty."}, "Nothing can be compared.\n\nNot compared: everything: B has no flight"),
     ],
 )

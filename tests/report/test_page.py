@@ -1,7 +1,8 @@
-"""The page: one file that fetches nothing, runs nothing, escapes everything, and fits a narrow and a wide window."""
+"""The page: one file that fetches nothing, escapes everything, zooms, prints, and fits a narrow and a wide window."""
 
 import re
 from html.parser import HTMLParser
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,21 +14,24 @@ from matplotlib.figure import Figure
 from simulated import simulated
 
 import mavdem
-from mavdem.analysis import LogAnalysis
+from mavdem.analysis import LogAnalysis, analyse
 from mavdem.analysis.figures import VehicleFigures
 from mavdem.condition import Condition, Identity
-from mavdem.condition.inventory import Tier
+from mavdem.condition.inventory import Tier, inventory
 from mavdem.evaluate import held_out_test
+from mavdem.ingest import read_log
 from mavdem.live import SessionStatus
 from mavdem.live.history import ACCOUNT, Event, LiveHistory
 from mavdem.report.blocks import Sentence, Table
-from mavdem.report.figures.series import FlightLines, live_flight
+from mavdem.report.figures.series import still
 from mavdem.report.figures.style import band, picture
 from mavdem.report.flights import live_report
-from mavdem.report.page import Chapter, Picture, document, flight_page, live_page
+from mavdem.report.page import Chapter, Picture, document, flight_page, live_page, log_page
 from mavdem.report.palette import PREDICTED
 from mavdem.report.screen import analysis_blocks
+from mavdem.report.timeline import Line, live_timeline
 
+LOG = Path(__file__).parents[2] / "logs" / "ardupilot_wind5_steps.tlog"
 NAME = f"{HOSTILE}.tlog"
 VOID = {"meta", "path", "use", "rect", "br", "image"}
 NOTHING = dict.fromkeys(ACCOUNT, 0.0)
@@ -148,10 +152,65 @@ def test_two_axes_of_a_flight_of_a_fleet_fit_into_a_small_page_that_leads_back()
     fast = Tier("a", "All at 100 Hz.", None, "")
     analysis = LogAnalysis(VERDICT, fast, *KNOWN, **model)
     text = flight_page("flight.tlog", {"roll": analysis, "pitch": analysis})
-    assert len(text.encode()) < 300_000 and text.count("<svg") == 2 * 3
-    assert '<a href="../index.html">' in text and "Pictures of pitch" in text
+    assert len(text.encode()) < 300_000 and text.count("<svg") == 2 + 2
+    assert '<a href="../index.html">' in text and "Prediction of pitch" in text
     ids = Balanced(text).ids
     assert len(ids) == len(set(ids))
+
+
+@pytest.fixture(scope="module")
+def flight():
+    """The page of a log with all chapters."""
+    log = read_log(LOG)
+    analysis = analyse(log)
+    return log_page(Sentence("A flight.", f"{HOSTILE}:"), {"roll": analysis}, None, inventory(log))
+
+
+ZOOM = """
+const root = document.getElementById("timeline"), charts = root.charts, over = charts[2].over;
+const box = over.getBoundingClientRect(), said = [charts.length];
+const spans = async () => {
+  await new Promise(done => setTimeout(done, 50));
+  return charts.map(chart => chart.scales.x.max - chart.scales.x.min);
+};
+for (const [kind, x, on] of [["move", 1, over], ["down", 1, over], ["move", 2, over], ["up", 2, document]]) {
+  const at = {clientX: box.left + x * box.width / 4, clientY: box.top + 20, movementX: 9, bubbles: true};
+  on.dispatchEvent(new MouseEvent(`mouse${kind}`, at));
+}
+const zoomed = await spans();
+document.getElementById("whole").click();
+const fits = document.documentElement.scrollWidth <= innerWidth;
+return [zoomed, await spans(), getComputedStyle(document.querySelector(".still")).display, fits];
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("width", "scheme"), [(500, "1"), (1600, "0")])
+def test_dragging_over_one_plot_zooms_all_and_a_button_shows_the_whole_flight(width, scheme, flight, tmp_path):
+    options = "--virtual-time-budget=1000", f"--blink-settings=preferredColorScheme={scheme}"  # dark and light
+    title, (zoomed, whole, picture, fits) = shown(flight, ZOOM, tmp_path, width, *options)
+    assert (
+        fits and len(whole) == 6 and picture == "none" and title == HOSTILE
+    )  # modes, three angles, motors and wind torque
+    np.testing.assert_allclose(zoomed, 15.0, atol=0.5)
+    np.testing.assert_allclose(whole, 60.0, atol=0.5)
+
+
+@pytest.mark.slow
+def test_a_page_has_one_script_s_library_is_small_and_prints_on_few_pages(flight, tmp_path):
+    seen = Balanced(flight)
+    assert seen.seen.count("script") == 3 and len(seen.ids) == len(set(seen.ids)) and "default-src 'none'" in flight
+    assert len(flight.encode()) < 1_200_000
+
+
+def test_a_line_that_is_thinned_keeps_its_peaks_and_its_gaps():
+    time = np.arange(0, 100, 0.01)
+    time = time[(time < 40) | (time > 60)]
+    values = np.sin(time)
+    values[1234], values[4321] = 9.0, -9.0
+    found, _ = Line("x", "", time, values).at(np.linspace(0, 100, 501))
+    assert np.nanmax(found) == 9.0 and np.nanmin(found) == -9.0 and np.isnan(found[205:295]).all()
+    np.testing.assert_allclose(found[:50], np.sin(np.linspace(0, 100, 501)[:50]), atol=0.2)
 
 
 def test_a_live_flight_is_drawn_in_degrees_with_what_was_trained_on_and_has_its_events():
@@ -159,10 +218,10 @@ def test_a_live_flight_is_drawn_in_degrees_with_what_was_trained_on_and_has_its_
     flown(history, 2.0)
     flown(history, 2.0, segment=1, start=105.0, learnt=False)
     history.events.append(Event(12.25, "Messages resumed after 3 s without any."))
-    above, below = live_flight(history, "roll").axes
-    measured = next(line for line in above.lines if line.get_label() == "measured")
-    assert np.nanmax(measured.get_ydata()) == pytest.approx(np.rad2deg(np.nanmax(FlightLines.of(history).measured)))
-    assert len(above.patches) == len(history.learned) == 1
+    timeline = live_timeline(history, "roll")
+    above, below = still(timeline).axes
+    assert np.nanmax(timeline.rows[0].lines[0].values) == pytest.approx(np.rad2deg(history.rows[:, 2].max()))
+    assert len(above.patches) == len(timeline.trained) == 1
     assert "°/s²" in below.get_ylabel()
     text = live_page("udpin:<b>", "roll", history, SessionStatus("1:1"), NOTHING | {"learned": 53.0}, None)
     for told in (">0.25 s ahead</td>", ">12.2 s</td>", "resumed after 3 s", "udpin:&lt;b&gt;", "<svg"):
@@ -173,4 +232,4 @@ def test_a_live_flight_is_drawn_in_degrees_with_what_was_trained_on_and_has_its_
     assert [row[2:] for row in table.rows] == [["40 s", "25 s"], ["30 s", "30 s"], ["1 s", "0 s"]]
     # A link without a vehicle has a page too.
     text = live_page("udpin:0", "roll", LiveHistory(), SessionStatus(obstacle="No vehicle found yet."), NOTHING, None)
-    assert "No vehicle found yet." in text and "no attitude came" in text
+    assert "No vehicle found yet." in text

@@ -25,10 +25,10 @@ from numpy.typing import NDArray
 from rerun_file import chunks, views
 
 import mavdem
-from mavdem.condition.wind_of_log import WindRow
 from mavdem.dem import Estimate, LinearModel
 from mavdem.live import Event as Occurrence
 from mavdem.live import SessionStatus
+from mavdem.live.wind import WindRow
 from mavdem.view.live_content import Channels, ViewRow, figures, status_document
 from mavdem.view.live_view import MAX_ROWS, LiveView, RecordingFile, Sink, Viewer, WebServer, sinks_for
 

@@ -42,8 +42,8 @@ LARGEST_ANGLE = {"roll": 12.0, "pitch": 12.0, "yaw": 5.0}  # 1/s, that PX4 takes
 NOISE_FROM = 3.0, 10.0  # times the crossover, and Hz: what is faster in the gyro is noise, not motion
 LOOPS = ("rate", "attitude")
 NOT_CHECKED = (
-    "bending of the frame and what notch filters do against it, and another battery voltage, load or propeller: the "
-    "margins are those of this flight."
+    "bending of the frame, notch filters against it, and another battery voltage, load or propeller: the margins are "
+    "those of this flight."
 )
 
 
@@ -141,7 +141,7 @@ def advise(loop: Loop, tune: str = "default", doubts: Sequence[str] = ()) -> Adv
     if not refusal and limited > SATURATED:
         refusal = f"A motor is at a limit {100 * limited:.0f} % of the time: no linear loop describes that."
     if not refusal and not (loop.rate.stable[0] and loop.attitude.stable[0]):
-        refusal = "By the identified plant the loop is unstable, and yet it flew: plant or controller is another."
+        refusal = "The identified loop is unstable, and yet it flew: the plant or the controller is wrong."
     if not refusal and loop.measured is not None and loop.agrees is False:
         refusal = loop.measured.reason
     if not refusal:

@@ -109,6 +109,8 @@ def loop(learned: Learned, controller: Controller | None = None) -> Loop:
 
 def loop_of(plant: Physical, record: Record, controller: Controller | None = None) -> Loop:
     """Returns the loops of a ``plant`` identified from the ``record``, with a ``controller``, as :func:`loop` does."""
+    if not isinstance(controller, Controller | None):
+        raise ValueError(f"The loop takes a Controller, such as the one of another loop, and not {controller!r}.")
     if plant.caution is not None:
         raise NotLearnable(f"There are no margins: {plant.caution[0].lower()}{plant.caution[1:]}")
     axis = record.output_names[-1].removesuffix(" rate") if record.output_names else "roll"
@@ -122,7 +124,7 @@ def loop_of(plant: Physical, record: Record, controller: Controller | None = Non
     drawn = _drawn(plant, controller.gyro_filter, record.dt)
     gains = drawn[:, :-3] @ (per_demand := _per_demand(controller, record))
     if not gains[0] > 0:
-        raise NotLearnable("The mixer of the parameters turns the vehicle against the motors: check FRAME_TYPE.")
+        raise NotLearnable("By the parameters the mixer turns the vehicle the wrong way: check FRAME_TYPE.")
     dynamics = np.maximum(drawn[:, -3:], LEAST)
     rate, attitude = _loops(controller, gains, dynamics)
     biased = f"The control effectiveness is biased: {plant.reasons['effect']}" if plant.bias else ""

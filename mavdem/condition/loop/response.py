@@ -127,7 +127,7 @@ def _compared(
     gain = float(np.median(np.abs(likewise / asked)[sure])) if dt < 1 / SLOWEST_RATE and sure.sum() > 5 else np.nan
     if abs(np.log(gain)) > GAIN_ERROR:
         reason = (
-            f"The controller moved the motors {gain:.2f} times as far as its parameters say: check that they are its."
+            f"The controller moved the motors {gain:.2f} times as far as its gains say: check that these are its own."
         )
     time, known = np.array(dt * np.arange(len(step)), np.float64), ((LOWEST, highest), fit, agreement)
     return MeasuredResponse(hertz, response, predicted, *known, time, step, gain, reason)

@@ -10,14 +10,13 @@ import numpy as np
 from mavdem.condition.loop.loop import Loop
 from mavdem.condition.loop.response import evenly, measured_response
 from mavdem.confidence import quantile
-from mavdem.dem.airflow.model import Drag
+from mavdem.dem.airflow.model import GRAVITY, Drag
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.graybox.wind import wind_density
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
 from mavdem.ingest.controllers import LOOP_RATES, controller_of
 
-GRAVITY = 9.81  # m/s²
 RIGHT, FRONT, SPINS = (1.0, -1.0, -1.0, 1.0), (1.0, -1.0, 1.0, -1.0), (1.0, 1.0, -1.0, -1.0)
 """Motors of an X as ArduPilot and PX4 count them: where they are, and 1 for a propeller counterclockwise from above."""
 COLUMNS = {"roll": (-1.0, 1.0, 1.0, -1.0), "pitch": FRONT, "yaw": SPINS}  # of the torque by axis

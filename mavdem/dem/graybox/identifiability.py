@@ -98,7 +98,7 @@ def identifiability(figures: IdentifiabilityFigures) -> tuple[dict[str, Status],
         effect = statuses.get("effect", "reported")
         if effect != "reported" and not any(status == effect for status, _ in obstacles):
             # A wrong effect is made up for by a wrong lag.
-            obstacles.append((effect, f"It depends on the control effectiveness, which is {effect}."))
+            obstacles.append((effect, f"This follows from the control effectiveness, which is {effect}."))
         order: tuple[Status, ...] = ("not identifiable", "biased")
         statuses[name] = next((status for status in order if status in dict(obstacles)), "reported")
         reasons[name] = " ".join(reason for status, reason in obstacles if status == statuses[name])
@@ -108,11 +108,11 @@ def identifiability(figures: IdentifiabilityFigures) -> tuple[dict[str, Status],
 def _obstacles(name: str, figures: IdentifiabilityFigures) -> Iterator[tuple[Status, str]]:
     share, sd, spread = figures.wind_share, figures.sd[name], figures.spectrum_range[name]
     by_wind = WIND_SHARE.status(share)
-    low = f" The effect may be off by {-200 * MODEL_ERRORS.wind_bias:.0f} %, mostly low."
+    low = f" The effectiveness may be off by {-200 * MODEL_ERRORS.wind_bias:.0f} %, mostly low."
     why = (
-        f"What no motor explains, wind or noise, has {100 * share:.0f} % of the torque's variance, and the motors "
-        "answer it (closed loop): fly quick inputs on this axis (doublets, or a sweep of about 3°) in calm air, so "
-        f"that it has at most {100 * WIND_SHARE.reported:.0f} %."
+        f"Wind and noise have {100 * share:.0f} % of the torque's variance, and the autopilot answers them with the "
+        "motors (closed loop): fly quick inputs on this axis (doublets, or a sweep of about 3°) in calm air, until "
+        f"they have at most {100 * WIND_SHARE.reported:.0f} %."
     )
     yield by_wind, why + (low if by_wind == "biased" and name == "effect" else "")
     if figures.alias_share > MAX_ALIAS_SHARE:
@@ -121,22 +121,22 @@ def _obstacles(name: str, figures: IdentifiabilityFigures) -> Iterator[tuple[Sta
     yield RELATIVE_SD[name].status(sd), f"Its standard deviation is {100 * sd:.0f} %: fly longer, or steer more."
     if figures.window_sd[name] > RELATIVE_SD[name].reported:
         yield "biased", f"{CHANGED}: the table over time shows when."
-    spectrum, do = "with the spectrum that the wind is taken to have", "steer more, or fly in calmer air."
+    spectrum, do = "with the assumed spectrum of the wind", "steer more, or fly in calmer air."
     yield SPECTRUM_RANGE[name].status(spread), f"It changes by {_factor(spread)} {spectrum}: {do}"
     short = figures.lag < RESOLVED_LAG * figures.dt
     if name == "effect" and figures.spectrum_range["lag"] > SPECTRUM_RANGE["lag"].reported:
-        why = f"The lag changes by {_factor(figures.spectrum_range['lag'])} {spectrum}"
-        yield "biased" if short else "not identifiable", f"{why}, and the effect cannot be told from it: {do}"
+        why = f"The motor time constant changes by {_factor(figures.spectrum_range['lag'])} {spectrum}"
+        yield "biased" if short else "not identifiable", f"{why}, and the effectiveness with it: {do}"
     if name == "effect" and figures.quick:
-        why = "The motors' lag is shorter than a step of the stream, and the gyro's filter counts for it"
+        why = "The motor time constant is shorter than a sample, so that the gyro's filter is taken for it"
         yield (
             "biased",
-            f"{why}: the effect may be off by {200 * MODEL_ERRORS.lag_bias:.0f} %, mostly high. Record faster.",
+            f"{why}: the effectiveness may be off by {200 * MODEL_ERRORS.lag_bias:.0f} %, mostly high. Record faster.",
         )
     if name == "damping" and figures.damping > LARGEST_DAMPING:
-        yield "not identifiable", f"It is at the bound of what rotors in air can do, {LARGEST_DAMPING:.0f} 1/s."
+        yield "not identifiable", f"It is more than rotors in air can have, {LARGEST_DAMPING:.0f} 1/s."
     if name == "lag" and short:
-        step = f"half a step of the stream ({1e3 * figures.dt:.0f} ms)"
+        step = f"half a sample ({1e3 * figures.dt:.0f} ms)"
         yield "not identifiable", f"It is shorter than {step}: record faster."
     if name != "effect" and 1 / figures.dt < SLOWEST_RATE:
         why = f"At {1 / figures.dt:.0f} Hz the commands between samples are not known: it may be off by"

@@ -27,7 +27,7 @@ from mavdem.ingest.mavlink.clocks import Sent, boot_clock
 from mavdem.ingest.mavlink.definitions import enum_name
 from mavdem.ingest.mavlink.framing import Progress, no_progress
 from mavdem.ingest.telemetry import Columns, Log, Telemetry, listed, log_of_vehicles, repair_sentences, selected
-from mavdem.ingest.vocabulary import ARDUPILOT, AUTOPILOT_COMPONENT, UNNAMED, board_number_in_texts
+from mavdem.ingest.vocabulary import ARDUPILOT, AUTOPILOT_COMPONENT, UNNAMED, board_name_in_texts, board_number_in_texts
 
 _BYTE = re.compile(rb"\s*\d{1,3}\s*")  # A number of one byte as text
 _Lines = list[tuple[int, bytes]]  # The lines of one definition: their numbers, and their values
@@ -184,6 +184,7 @@ def _vehicle(recording: DataflashRecording, source: str) -> Telemetry:
         dropouts=dropouts,
         names=names,
         board=board_number_in_texts(texts),
+        hardware=board_name_in_texts(texts),
         earlier={name: value for name, value in first.items() if value != parameters[name]},
     )
 

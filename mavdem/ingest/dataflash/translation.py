@@ -128,12 +128,28 @@ def calendar_time(tables: Mapping[str, Columns]) -> Columns | None:
     return stamped(logged, {"time_unix_usec": unix})
 
 
+def _fixes(tables: Mapping[str, Columns]) -> Columns | None:
+    """GPS_RAW_INT, where the receiver has a fix; in 1e-7 degrees, as of the message."""
+    logged = having(tables, "GPS", ("Status", "Lat", "Lng"))
+    if logged is None:
+        return None
+    logged = selected(logged, logged["Status"] >= 3)
+    return stamped(logged, {name: 1e7 * values(logged, (own,))[:, 0] for name, own in (("lat", "Lat"), ("lon", "Lng"))})
+
+
+def _modes(tables: Mapping[str, Columns]) -> Columns | None:
+    """CURRENT_MODE; in text logs of old versions the mode is a name, and is left out."""
+    field = "ModeNum" if "ModeNum" in tables.get("MODE", {}) else "Mode"
+    logged = having(tables, "MODE", (field,))
+    return None if logged is None else stamped(logged, {"custom_mode": values(logged, (field,))[:, 0]})
+
+
 ANGLES, GYROS = ("Roll", "Pitch", "Yaw"), ("GyrX", "GyrY", "GyrZ")
 RATES, DEMANDS, DESIRED_RATES = ("R", "P", "Y"), ("ROut", "POut", "YOut"), ("RDes", "PDes", "YDes")
 DESIRED_ANGLES = ("DesRoll", "DesPitch", "DesYaw")
 OF_FLIGHT = ("ATT", "ANG", "RATE", "IMU", "RCOU", "CTUN", "XKF1", "XKF4", "NKF1", "EV", "ARM")
 """DataFlash's messages of the vehicle's motion, motors and state: a log without them is none of a flight."""
-NEEDED = (*OF_FLIGHT, *BATTERIES, "VIBE", "GPS", "XKF2", "NKF2")  # DataFlash's messages that are translated
+NEEDED = (*OF_FLIGHT, *BATTERIES, "VIBE", "GPS", "XKF2", "NKF2", "MODE")  # DataFlash's messages that are translated
 SLOWER_SHARE = 0.9  # A message is slower than another when it has fewer than this share of the other's number
 CENTIDEGREES = (15.0, 400.0)
 """RATE, taken for degrees/s, over the gyro: the range in which it is in centidegrees/s. RATE may be filtered where the
@@ -174,6 +190,8 @@ def translated(
         "SYS_STATUS": (measured, volts),
         "VIBRATION": ("VIBE", vibration(tables)),
         "SYSTEM_TIME": ("GPS", calendar_time(tables)),
+        "GPS_RAW_INT": ("GPS", _fixes(tables)),
+        "CURRENT_MODE": ("MODE", _modes(tables)),
         "LOCAL_POSITION_NED": (positioned, position),
         "WIND_COV": (estimated, wind),
         "VFR_HUD": ("CTUN", rising),

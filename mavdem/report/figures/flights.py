@@ -9,8 +9,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
-from mavdem.condition.wind_velocity import POINTS
+from mavdem.condition import WindVelocity
+from mavdem.condition.wind_velocity import POINTS, by_compass
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.order_choice import STRONG_EVIDENCE_NATS, OrderChoice
 from mavdem.evaluate.comparison import Comparison
@@ -19,6 +21,7 @@ from mavdem.fleet.row import AXIS_ORDER, NOT_IDENTIFIABLE, Flight, worst_health
 from mavdem.report import palette
 from mavdem.report.figures.style import HAIRLINE, WIDTH, Room, band, legend_above, not_blown_up, picture, plain
 from mavdem.report.numbers import TORQUE, short
+from mavdem.report.timeline import Timeline
 
 FEW = 25  # flights, up to which each has a dot and its own interval
 COLUMNS = 3
@@ -64,18 +67,75 @@ def vehicle_figure(flights: Sequence[Flight]) -> Figure:
 def wind_rose(flights: Sequence[Flight]) -> Figure:
     """Draws how many ``flights`` had wind from where, in classes of speed; ``ValueError`` if no direction is known."""
     winds = [known for row, *_ in flights if None not in (known := (row.wind_direction, row.wind_speed))]
-    (angle, speed), bottom, at = np.array(winds).T, np.zeros(16), np.arange(16) * np.pi / 8
+    angle, speed = np.array(winds).T
+    return _rose(angle, speed, 1.0)
+
+
+def rose_of_wind(wind: WindVelocity) -> Figure:
+    """Draws what share of a flight the ``wind`` came from where, in classes of speed, %."""
+    speed, origin, *_ = by_compass(wind.velocity, wind.band, wind.direction)
+    return _rose(np.radians(origin), speed, 100 / len(speed))
+
+
+def _rose(angle: Array, speed: Array, each: float) -> Figure:
+    bottom, at = np.zeros(16), np.arange(16) * np.pi / 8
     with picture(2.8, width=4.4) as figure:
         axes: Any = figure.add_subplot(projection="polar", theta_offset=np.pi / 2, theta_direction=-1)
         for low, high in pairwise((0, 2, 4, 6, 8, 10, np.inf)):
-            count = np.bincount(np.rint(angle[(low <= speed) & (speed < high)] / at[1]).astype(int) % 16, minlength=16)
-            axes.bar(
-                at, count, 0.35, bottom, color=palette.DISTURBANCE, alpha=(low + 2) / 12, label=f"from {low:g} m/s"
-            )
-            bottom = bottom + count
+            if (inside := (low <= speed) & (speed < high)).any():
+                count = each * np.bincount(np.rint(angle[inside] / at[1]).astype(int) % 16, minlength=16)
+                label = f"{low:g} to {high:g} m/s" if high < np.inf else f"from {low:g} m/s"
+                axes.bar(at, count, 0.35, bottom, color=palette.DISTURBANCE, alpha=(low + 2) / 12, label=label)
+                bottom = bottom + count
         axes.set_xticks(np.radians(np.arange(0, 360, 45)), POINTS[::2])
+        axes.yaxis.set_major_locator(MaxNLocator(3, integer=True))
+        axes.set_rlabel_position(22.5)
+        axes.yaxis.set_major_formatter("{x:g}" if each == 1.0 else "{x:g} %")
         axes.legend(loc="center left", bbox_to_anchor=(1.12, 0.5))
     return figure
+
+
+def flown_path(timeline: Timeline, wind: WindVelocity | None = None) -> Figure:
+    """Draws the path over ground in a ``timeline`` with a position, north up, with a scale, and the mean ``wind``.
+
+    Raises:
+        ValueError: nothing was flown in that time.
+    """
+    place, (first, last) = timeline.position, timeline.span
+    if place is None or np.count_nonzero(rows := (place.time >= first) & (place.time <= last)) < 2:
+        raise ValueError("there is no position in this flight")
+    north, east = place.values[rows, :2].T
+    size = max(float(np.ptp(north)), float(np.ptp(east)), 2.0)
+    length = max(
+        one for power in range(6) for one in (10**power, 2 * 10**power, 5 * 10**power) if one <= max(size / 2, 1)
+    )
+    with picture(3.4) as figure:
+        axes = figure.subplots()
+        axes.plot(east, north, color=palette.PREDICTED, linewidth=1.1)
+        for end, mark, colour in ((0, "o", palette.GOOD), (-1, "s", palette.BAD)):
+            axes.plot(east[end], north[end], mark, color=colour, markersize=5)
+        middle = (east.min() + east.max()) / 2, (north.min() + north.max()) / 2
+        left, bottom = middle[0] - 0.62 * size, middle[1] - 0.62 * size
+        axes.set(xlim=(left, left + 1.24 * size), ylim=(bottom, bottom + 1.24 * size), aspect="equal")
+        axes.set_axis_off()
+        axes.plot(
+            [left, left + length], [bottom, bottom], color=palette.INK_ON_LIGHT, linewidth=2, solid_capstyle="butt"
+        )
+        axes.annotate(f"{length} m", (left + length / 2, bottom), (0, 4), textcoords="offset points", ha="center")
+        _arrow(axes, (0.95, 0.98), (0.0, 1.0), "N", palette.INK_ON_LIGHT)
+        if wind is not None and wind.directed and wind.boot == place.boot[0]:
+            way = np.radians(wind.direction + 180)
+            said = f"{wind.speed:.1f} m/s" if wind.status["speed"] != NOT_IDENTIFIABLE else "wind"
+            _arrow(axes, (0.15, 0.85), (np.sin(way), np.cos(way)), said, palette.DISTURBANCE)
+    return figure
+
+
+def _arrow(axes: Axes, tip: tuple[float, float], way: tuple[float, float], name: str, colour: str) -> None:
+    """An arrow of 30 points to a place of the axes, 0 to 1, with its name below."""
+    place: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points", "color": colour}
+    style = {"arrowstyle": "-|>", "color": colour, "linewidth": 1.4, "shrinkA": 0, "shrinkB": 0}
+    axes.annotate("", tip, (-30 * way[0], -30 * way[1]), arrowprops=style, **place)
+    axes.annotate(name, tip, (-15 * way[0], min(0, -30 * way[1]) - 11), ha="center", fontsize=7.5, **place)
 
 
 def _draw(axes: Axes, panel: Panel) -> None:

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -15,19 +15,20 @@ from matplotlib.ticker import MaxNLocator
 
 from mavdem.analysis.findings import BOUND_LEVEL, LAG_SECONDS, known_wind, residuals
 from mavdem.condition.condition import HoverFigures
-from mavdem.condition.wind_velocity import by_compass, from_point
 from mavdem.confidence import LEVEL
 from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
 from mavdem.evaluate.held_out import CONSTANT_MEAN, FORECAST, HeldOut, held_out_test, held_out_windows
 from mavdem.flight import Flight
-from mavdem.live.history import AHEAD, LiveHistory
 from mavdem.report import palette
 from mavdem.report.figures import style
-from mavdem.report.figures.style import HAIRLINE, THIN, Room, band, legend_above, not_blown_up, note, picture
+from mavdem.report.figures.style import HAIRLINE, THIN, Room, band, legend_above, not_blown_up, note, picture, plain
 from mavdem.report.figures.systems import SystemPlots
 from mavdem.report.numbers import TORQUE, AxisCommand, Labels, per, readable
 from mavdem.report.palette import HELD_OUT_OPACITY, MEASURED, TRUTH, distinct
+from mavdem.report.timeline import Timeline
+
+STILL_POINTS = 500  # of a line in the still picture of the timeline
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -256,34 +257,30 @@ def forecast(held: HeldOut, labels: Labels, output: int = 0, windows: int = 8) -
     return figure
 
 
-def wind_over_time(
-    time: Array, velocity: Array, half_widths: Array, origin: float | None, own: tuple[Array, Array] | None = None
-) -> Figure:
-    """Draws speed and direction with 90 % bands over ``time`` (T,), s, and the autopilot's ``own`` times and values.
-
-    ``velocity`` and half widths (T, 2), m/s, are of where the air moves to, north and east; ``origin``, degrees, is the
-    mean direction that it comes from: None, and so no direction, where that is not known.
-    """
-    mean = origin or 0.0
-    found, directed = by_compass(velocity, half_widths, mean), origin is not None
-    theirs = None if own is None else (own[0], *by_compass(own[1], 0 * own[1], mean))
-    with picture(3.2 if directed else 2.4) as figure:
-        panels = np.atleast_1d(figure.subplots(1 + directed, 1, sharex=True))
-        for part, axes in enumerate(panels):
-            line, half = found[part], found[2 + part]
-            lowest = line - half if part else np.maximum(line - half, 0)
-            band(axes, time, lowest, line + half, palette.DISTURBANCE, "90 % band")
-            axes.plot(time, line, color=palette.DISTURBANCE, linewidth=THIN, label="wind")
-            if theirs is not None:
-                axes.plot(theirs[0], theirs[1 + part], color=palette.BASELINE, linewidth=THIN, label="autopilot's own")
-            if part:
-                far = np.clip(1.5 * np.nanmax(np.abs(line - mean)), 30, 180)
-                axes.set(ylabel="from (°)", ylim=(mean - far, mean + far))
-                axes.yaxis.set_major_formatter(lambda angle, _: f"{angle % 360:.0f}")
-        panels[0].set(ylabel="speed (m/s)", ylim=(0, None), xlim=time[[0, -1]])
-        panels[0].set_title(f"from {from_point(mean)}" if directed else "")
-        panels[-1].set_xlabel("time since boot (s)")
-        legend_above(panels[0])
+def still(timeline: Timeline) -> Figure:
+    """Draws the rows of a ``timeline`` below each other, as the page's script does without zooming."""
+    rows, ink = list(timeline.thinned(STILL_POINTS)), {"fontsize": 6.5, "va": "bottom"}
+    with picture(0.5 + 0.85 * len(rows), Room(left=0.5, right=0.85, rows=0.1), 1.8 * style.WIDTH) as figure:
+        panels = np.atleast_1d(figure.subplots(len(rows), 1, sharex=True))
+        for axes, (row, grid, found) in zip(panels, rows, strict=True):
+            for start, end in timeline.trained:
+                axes.axvspan(start, end, color=MEASURED, alpha=HELD_OUT_OPACITY, linewidth=0)
+            for event in timeline.events:
+                colour = palette.BAD if event.level == "ERROR" else MEASURED
+                axes.axvline(event.seconds, color=colour, linewidth=0.7, linestyle=(0, (3, 2)))
+            for line, (mean, half) in zip(row.lines, found, strict=True):
+                if line.half is not None:
+                    band(axes, grid, mean - half, mean + half, line.colour)
+                axes.plot(grid, mean, color=line.colour, linewidth=THIN, label=plain(line.name))
+            values = np.concatenate([mean for mean, _ in found])
+            if np.isfinite(values).any():
+                not_blown_up(axes, values, 0.3)
+            axes.legend(loc="center left", bbox_to_anchor=(1.005, 0.5), fontsize=6.5, handlelength=1)
+            axes.set_ylabel(f"{row.title}\n({row.unit})", fontsize=7.5)
+            axes.yaxis.set_major_locator(MaxNLocator(3))
+        for start, _, name in timeline.flown:
+            panels[0].annotate(plain(name), (start, 1.02), xycoords=("data", "axes fraction"), **ink)
+        panels[-1].set(xlabel="time since boot (s)", xlim=timeline.span)
     return figure
 
 
@@ -307,54 +304,3 @@ def _bars(axes: Axes, values: Array, half: Array, least: float, colour: str) -> 
     axes.axvline(0, **HAIRLINE)
     largest = 1.15 * max(least, float((np.abs(values) + half).max()))
     axes.set_xlim(-largest, largest)
-
-
-class FlightLines(NamedTuple):
-    """Lines over time, (N,) each, s as of ``LiveHistory``; NaN where there is nothing and across gaps."""
-
-    time: Array
-    measured: Array  # first output
-    predicted: Array  # the same, about ``AHEAD`` s earlier
-    predicted_band: Array  # half width
-    torque: Array  # of the wind, rad/s²
-    torque_band: Array  # half width
-
-    @classmethod
-    def of(cls, history: LiveHistory) -> FlightLines:
-        """Returns the lines of a live flight so far."""
-        segments, time, *others = history.rows.T
-        gaps = np.flatnonzero(np.diff(segments)) + 1
-        return cls(np.insert(time, gaps, time[gaps]), *(np.insert(other, gaps, np.nan) for other in others))
-
-
-def live_flight(history: LiveHistory, name: str) -> Figure:
-    """Draws the first output, an angle of this ``name``, with its predictions; below, the wind torque.
-
-    Raises:
-        ValueError: there was no row.
-    """
-    lines = FlightLines.of(history)
-    if not np.isfinite(lines.measured).any():
-        raise ValueError("no attitude came")
-    angle, torque = readable("rad"), TORQUE
-    with picture(3.4, Room()) as figure:
-        above, below = figure.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": [3, 2]})
-        for axes, mean, half, unit, colour, label in (
-            (above, lines.predicted, lines.predicted_band, angle, palette.PREDICTED, f"{AHEAD:g} s ahead"),
-            (below, lines.torque, lines.torque_band, torque, palette.DISTURBANCE, ""),
-        ):
-            for number, ends in enumerate(history.learned):
-                trained = "" if number or axes is below else "trained on"
-                axes.axvspan(*ends, color=MEASURED, alpha=HELD_OUT_OPACITY, linewidth=0, label=trained)
-            mean, half = unit.scale * mean, unit.scale * half
-            band(axes, lines.time, mean - half, mean + half, colour)
-            axes.plot(lines.time, mean, color=colour, linewidth=THIN, label=label)
-        above.plot(lines.time, angle.scale * lines.measured, color=MEASURED, linewidth=THIN, label="measured")
-        not_blown_up(above, angle.scale * lines.measured)
-        below.axhline(0, **HAIRLINE)
-        if np.isfinite(lines.torque).any():
-            not_blown_up(below, torque.scale * lines.torque)
-        above.set(ylabel=f"{name} ({angle.name})")
-        below.set(xlabel="boot clock (s)", ylabel=f"wind torque ({torque.name})")
-        legend_above(above)
-    return figure

@@ -123,7 +123,8 @@ def svg(figure: Figure, name: str) -> str:
         figure.dpi = PIXELS_PER_INCH
         canvas: Any = FigureCanvasSVG(figure)
         canvas.print_svg(drawn, metadata=dict.fromkeys(("Creator", "Date", "Format", "Type")))
-    text = drawn.getvalue()[drawn.getvalue().index("<svg") :]
+    # Hundredths of a point are enough.
+    text = re.sub(r"(\.\d\d)\d+", r"\1", drawn.getvalue()[drawn.getvalue().index("<svg") :])
     # Groups of all figures have the same ids, to which nothing refers.
     used = set(re.findall(r"#(\w+)", text))
     return re.sub(r' id="([^"]*)"', lambda match: match[0] if match[1] in used else "", text)

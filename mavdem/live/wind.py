@@ -1,0 +1,153 @@
+"""The wind in metres a second over a link.
+
+The filter that is smoothed offline runs on grids of the same step, 0.5 s, that begin a tenth of a second apart: a row
+is a step of one of them. It is of the middle of two steps, 0.5 s before the velocity that completes it. Drag and lean
+are those known beforehand; sizes of gusts and noise are weighed by how well they predicted so far.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from itertools import product
+from math import ceil, inf
+from typing import NamedTuple
+
+import numpy as np
+
+from mavdem.condition.wind_of_log import AROUND, LONGEST_STEP, POSITION_JUMP, VELOCITIES, VELOCITY_FLAGS
+from mavdem.condition.wind_velocity import CALM, DIRECTION_LIMIT, HEADING_SD, by_compass, from_point
+from mavdem.confidence import quantile
+from mavdem.dem.airflow.identification import GUSTS, GUSTS_SD, STEP, checked, in_air
+from mavdem.dem.airflow.model import TOTAL, Drag, Filter, drawn, motion
+from mavdem.dem.engine.linalg import Array
+from mavdem.errors import NotLearnable
+
+ROW, SAMPLE = 0.1, 0.05  # s from row to row, and between samples that are kept, at least
+START, LOST, MEMORY = 8.0, 3.0, 300.0  # s: of free flight before a row, without velocity, of weighing sizes of gusts
+DRAWS, FASTEST = 16, 100.0  # of drag and lean; m/s: what is faster is damaged
+SIZES = np.log([*product([0.15, 0.6], [5.0], [0.02, 0.06], [0.02, 0.06, 0.2])])  # as GUSTS
+
+
+class WindRow(NamedTuple):
+    """The wind at ``time``, s of the boot clock: north and east of where the air moves to, m/s, with half widths."""
+
+    time: float
+    velocity: Array  # (2,)
+    band: Array  # (2,), which holds it with 90 %
+
+    @property
+    def by_compass(self) -> tuple[float, float, float, float, float]:
+        """Speed and the ends of its interval, m/s; the direction it comes from and its half width, degrees."""
+        speed, origin, half, turned = (float(one[0]) for one in by_compass(self.velocity[None], self.band[None]))
+        turned = min(float(np.hypot(turned, quantile() * HEADING_SD)), 180.0)
+        return speed, max(speed - half, 0.0), speed + half, origin, turned
+
+    def words(self) -> tuple[str, str]:
+        """Returns the speed with its interval, and where it comes from as far as that is known."""
+        speed, low, high, origin, turned = self.by_compass
+        if low < min(CALM, high / 3):
+            return f"below {high:.1f} m/s", ""
+        said = f" from {from_point(origin)}, ± {turned:.0f}°" if turned <= DIRECTION_LIMIT else ""
+        return f"{speed:.1f} m/s ({low:.1f} to {high:.1f})", said
+
+
+class LiveWind:
+    """Makes rows of attitude and velocity in settled flight: the latest ``row``, or the ``reason`` why there is none.
+
+    The ``drag`` is from another flight, else ``set_drag`` by the parameters; ``flags`` are the estimator's.
+    """
+
+    drag: Drag | None = None
+
+    def __init__(self) -> None:
+        self.set_drag = Drag.of_parameters()
+        self.restart()
+
+    def restart(self) -> None:
+        """Forgets the flight, whose clock is over."""
+        self.row: WindRow | None = None
+        self.reason, self.flags, self._said = "", VELOCITY_FLAGS[0], False
+        self._last: tuple[float, Sequence[float], Sequence[float]] = -inf, (), ()
+        self._attitudes, self._velocities = (deque[Sequence[float]](maxlen=round(2 * START / SAMPLE)) for _ in "av")
+        self._filters: list[Filter] = []
+        self._tick, self._step, self._next_check, self._local, self._ignored = 0, STEP, -inf, -inf, -inf
+
+    def attitude(self, time: float, angles: Sequence[float]) -> None:
+        """Takes roll, pitch and yaw, rad."""
+        if not self._attitudes or time - self._attitudes[-1][0] >= SAMPLE - 1e-3:
+            self._attitudes.append((time, *angles))
+
+    def velocity(self, name: str, time: float, values: Sequence[float]) -> str:
+        """Takes down, north and east of a message, and where that is; returns a sentence on the first row."""
+        (last, moved, place), self._local = self._last, time if name == "LOCAL_POSITION_NED" else self._local
+        dt = time - last
+        if dt < SAMPLE - 1e-3 or (name != "LOCAL_POSITION_NED" and time - self._local < LOST):
+            return ""
+        down, *level = (VELOCITIES[name] * value for value in values[:3])
+        self._last = time, level, values[3:]
+        # A reset of the position is no motion.
+        both = zip(values[3:], place, level, moved, strict=False)
+        if any(abs(now - then - (a + b) * dt / 2) > POSITION_JUMP + 2 * dt for now, then, a, b in both):
+            self._ignored = time + AROUND
+        sure = self.flags & sum(VELOCITY_FLAGS) == VELOCITY_FLAGS[0] and time >= self._ignored
+        if not (sure and self._attitudes and all(abs(part) < FASTEST for part in (down, *level))):
+            return ""
+        if self._velocities and time - self._velocities[-1][0] > LOST:
+            self._filters, self.row, self._next_check = [], None, time + START
+        self._velocities.append((time, *level, down))
+        if time >= self._next_check:
+            self._next_check = time + START
+            self._check(time)
+        while self._filters and (end := self._tick * ROW) <= min(time, self._attitudes[-1][0] + SAMPLE):
+            self._take(self._filters[self._tick % len(self._filters)], end)
+            self._tick += 1
+        news, self._said = self.row is not None and not self._said, self._said or self.row is not None
+        return f"The wind is {''.join(self.row.words())}." if news and self.row else ""
+
+    def _table(self, since: float, until: float) -> tuple[Array, Array, Array]:
+        """Times (T,), attitudes (T, 3) and velocities (T, 3) between two times, as offline."""
+        rows = np.array([one for one in self._attitudes if since <= one[0] < until]).reshape(-1, 4)
+        known = np.array([one for one in self._velocities if since - LONGEST_STEP <= one[0]]).reshape(-1, 4)
+        after = np.searchsorted(known[:, 0], rows[:, 0])
+        rows, after = rows[inside := (after > 0) & (after < len(known))], after[inside]
+        rows = rows[known[after, 0] - known[after - 1, 0] <= LONGEST_STEP]
+        moved = [np.interp(rows[:, 0], known[:, 0], part) for part in known.T[1:]]
+        return rows[:, 0], rows[:, 1:], np.column_stack(moved)
+
+    def _check(self, time: float) -> None:
+        """Ends where the vehicle does not fly freely, and begins where it does."""
+        stamps, angles, speeds = self._table(time - START, time)
+        if len(stamps) < 10 or stamps[-1] - stamps[0] < START / 2:
+            return
+        try:
+            if 0 in np.ptp(np.column_stack([angles[:, 2], speeds[:, :2]]), axis=0):
+                raise NotLearnable("Yaw or velocity never changes by a digit: it is not measured.")
+            checked(stamps, angles, speeds)
+        except NotLearnable as error:
+            self.reason, self.row, self._filters = str(error), None, []
+            return
+        self.reason = ""
+        start = motion(stamps, angles, speeds, max(STEP, float(np.median(np.diff(stamps)))))
+        if not self._filters and start.known.any():
+            self._step, drag = start.step, self.drag or self.set_drag
+            places = drawn(drag.mean, drag.covariance, DRAWS)
+            places = np.hstack([np.tile(places, (len(SIZES), 1)), np.repeat(SIZES, DRAWS, axis=0)])
+            self._filters = [Filter(in_air(places, start), start) for _ in range(round(self._step / ROW))]
+            self._tick = ceil(time / ROW)
+
+    def _take(self, run: Filter, end: float) -> None:
+        """Goes on by a step of one grid, whose latest ends at ``end``."""
+        run.predict()
+        stamps, angles, speeds = self._table(end - 2 * self._step, end)
+        moved = motion(stamps, angles, speeds, self._step) if len(stamps) > 2 else None
+        if moved is not None and moved.known[:1].any():
+            run.update(moved.axes[0], moved.velocity[0], moved.force[0], float(moved.doubt[0]))
+            run.total *= 1 - self._step / MEMORY
+        logs = run.total.reshape(len(SIZES), -1).mean(axis=1) - (((SIZES - GUSTS) / GUSTS_SD) ** 2).sum(axis=1) / 2
+        weights = np.repeat(np.exp(logs - logs.max()), DRAWS)
+        weights /= weights.sum()
+        winds, variances = run.states @ TOTAL.T, np.einsum("ai,gij,aj->ga", TOTAL, run.spreads, TOTAL)
+        mean = weights @ winds
+        band = quantile() * np.sqrt(weights @ (variances + (winds - mean) ** 2))
+        self.row = WindRow(end - self._step, mean, band)

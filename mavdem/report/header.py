@@ -1,0 +1,91 @@
+"""Header of a flight's page: facts on vehicle and flight, and figures on motors, wind, certainty and margins."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+from mavdem.analysis import LogAnalysis
+from mavdem.analysis.findings import GOOD, LIMITED, NONE, UNEVEN, known_wind
+from mavdem.condition.loop import Loop
+from mavdem.condition.wind_of_log import Air
+from mavdem.condition.wind_velocity import from_point
+from mavdem.confidence import LEVEL
+from mavdem.evaluate.held_out import FORECAST
+from mavdem.live.history import Event
+from mavdem.report.numbers import TORQUE, Labels, readable, rounded, short, with_unit
+from mavdem.report.timeline import Timeline
+
+POINTS, FEW_POINTS = 20_000, 2_000
+"""Of a line of the timeline: ten minutes with all that autopilots log stay within a megabyte; and for many flights."""
+RATINGS = {GOOD: "good", LIMITED: "fair", NONE: "bad", "": ""}
+
+
+class KeyFigure(NamedTuple):
+    """A figure with its ``label``, a ``remark`` below it, and a ``rating``: "good", "fair", "bad" or none."""
+
+    label: str
+    value: str
+    remark: str = ""
+    rating: str = ""
+
+
+class Head(NamedTuple):
+    """The top of a flight's page: what it is of, key figures, and the timeline with so many ``points`` a line."""
+
+    analysis: LogAnalysis | None = None
+    figures: Sequence[KeyFigure] = ()
+    timeline: Timeline | None = None
+    points: int = POINTS
+    vehicle: str = ""
+    events: Sequence[Event] = ()
+
+
+def key_figures(analysis: LogAnalysis, air: Air | None, loop: Loop | None = None) -> Iterator[KeyFigure]:
+    """Yields the figures that answer which motor, how strong the wind was, and how sure all that is."""
+    learned, held_out, hover = analysis.learned, analysis.held_out, analysis.condition.hover
+    grades = {one.purpose: RATINGS[one.grade] for one in analysis.findings.purposes}
+    if weak := max((alarm for alarm in analysis.alarms if alarm.weak), key=lambda alarm: alarm.size, default=None):
+        yield KeyFigure(f"{weak.name.capitalize()} lost", weak.lost, f"of its thrust at {weak.since:.0f} s", "bad")
+    if hover is not None:
+        most, motor = max(zip(hover.imbalance, hover.motors, strict=True), key=lambda one: abs(one[0]))
+        yield KeyFigure("Trim deviation", f"{most:+.1f} %", motor, "bad" if abs(most) > UNEVEN else "good")
+        left, motor = min(zip(hover.headroom, hover.motors, strict=True))
+        remark = f"{short(motor)}; at its upper limit {100 * max(hover.at_upper_limit):.1f} % of the time"
+        yield KeyFigure("Least headroom", f"{100 * left:.0f} %", remark, "good" if left >= 0.1 else "bad")
+    yield from _wind(air)
+    physical = None if learned is None else learned.physical
+    if learned is not None and (torque := known_wind(learned.wind_torque, physical)) is not None:
+        sd = f"{rounded(TORQUE.scale * torque.sd)} {TORQUE.name}"
+        yield KeyFigure(
+            "Wind torque", sd, f"on {Labels.of(learned).output_names[0]}, standard deviation", grades.get("wind", "")
+        )
+    if physical is not None and physical.identifiable:
+        mean, half = physical.mean_effect(LEVEL)
+        remark = f"90 % interval of the motors' mean; {physical.status['effect']}"
+        rating = grades.get("motor effectiveness", "")
+        yield KeyFigure("Control effectiveness", f"± {100 * half / mean:.0f} %", remark, rating)
+    if learned is not None and held_out is not None:
+        unit, baseline = readable(Labels.of(learned).output_units[0]), held_out.best_baseline
+        ours, theirs = (with_unit(held_out.rmse(name)[0], unit) for name in (FORECAST, baseline))
+        remark = f"{held_out.seconds:.2g} s ahead, RMSE {ours} (“{baseline}” {theirs})"
+        yield KeyFigure("Error ratio", rounded(held_out.error_ratio()), remark, grades.get("prediction", ""))
+    if loop is not None:
+        low, high = loop.rate.phase_margin_interval
+        remark = f"{low:.0f} to {high:.0f}°, rate loop, crossover {loop.rate.crossover:.1f} Hz"
+        yield KeyFigure("Phase margin", f"{loop.rate.phase_margin:.0f}°", remark)
+
+
+def _wind(air: Air | None) -> Iterator[KeyFigure]:
+    wind, _, reason = air or (None, None, "not asked for")
+    if wind is None:
+        yield KeyFigure("Wind", "not known", reason.split(". ")[0].rstrip("."))
+        return
+    low, high = wind.speed_interval
+    known = wind.status["speed"] != "not identifiable"
+    origin = f"from {from_point(wind.direction)} ± {wind.direction_interval:.0f}°" if wind.directed else ""
+    said = (f"{low:.1f} to {high:.1f} m/s", origin, f"gusts up to {wind.gust:.1f} m/s") if known else (origin,)
+    speed = f"{wind.speed:.1f} m/s" if known else f"{low:.1f} to {high:.1f} m/s"
+    yield KeyFigure(
+        "Wind", f"below {high:.1f} m/s" if wind.calm else speed, "" if wind.calm else ", ".join(filter(None, said))
+    )

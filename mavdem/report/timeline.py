@@ -1,0 +1,249 @@
+"""Timeline: what a flight did, in rows on one axis of time, for the page's zoomable plots and for its still picture."""
+
+from __future__ import annotations
+
+from base64 import b64encode
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import cycle, pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from mavdem.alignment import phases
+from mavdem.alignment.drive import AXES, Signal
+from mavdem.alignment.signals import Signals, attitude, held, setpoints
+from mavdem.analysis import LogAnalysis
+from mavdem.analysis.findings import known_wind
+from mavdem.condition.wind_of_log import Air
+from mavdem.condition.wind_velocity import by_compass, from_point
+from mavdem.dem.engine.linalg import Array
+from mavdem.live.history import AHEAD, Event, LiveHistory
+from mavdem.report import palette
+from mavdem.report.numbers import TORQUE, named, readable
+
+GAP_STEPS = 3.0  # usual steps of a line without a sample, beyond which it breaks
+AROUND = 5.0  # s shown before arming and after disarming
+NO_VALUE = -(2**15)
+ANGLE = readable("rad")
+
+
+class Line(NamedTuple):
+    """``values`` (N,) over ``time`` (N,), s, NaN where it breaks, and the half width of their 90 % band, if any."""
+
+    name: str
+    colour: str
+    time: Array
+    values: Array
+    half: Array | None = None
+
+    @property
+    def step(self) -> float:
+        """The usual time between two samples, s."""
+        return float(np.median(np.diff(self.time))) if len(self.time) > 1 else np.inf
+
+    def at(self, grid: Array) -> Array:
+        """Returns (2, M): values and half widths at times of an even ``grid`` (M,).
+
+        Where several samples fall into two steps of it, these have the least and the largest: no peak is lost.
+        """
+        after = np.clip(np.searchsorted(self.time, grid), 1, len(self.time) - 1)
+        apart = self.time[after] - self.time[after - 1] > GAP_STEPS * self.step
+        bands = 0 * self.time if self.half is None else self.half
+        found, half = (np.interp(grid, self.time, one) for one in (self.values, bands))
+        found[apart | (grid < self.time[0]) | (grid > self.time[-1])] = np.nan
+        pairs = np.searchsorted(self.time, np.append(grid[::2], 2 * grid[-1] - grid[-2]))
+        several = np.flatnonzero(np.diff(pairs)[: len(grid) // 2] > 2)
+        if len(several):
+            starts = np.minimum(pairs[:-1], len(self.time) - 1)
+            low, high = (one.reduceat(self.values, starts)[several] for one in (np.fmin, np.fmax))
+            falls = self.values[starts[several]] > self.values[pairs[several + 1] - 1]
+            found[2 * several], found[2 * several + 1] = np.where(falls, (high, low), (low, high))
+        return np.array([found, half])
+
+
+class Row(NamedTuple):
+    """Lines of one unit."""
+
+    title: str
+    unit: str
+    lines: tuple[Line, ...]
+
+
+class Timeline(NamedTuple):
+    """The ``rows`` of a flight in its ``span``, and what goes through all of them, in s of one clock.
+
+    ``trained`` are the parts that the model was trained on, ``modes`` the flight modes with their beginnings,
+    ``events`` what happened; ``position`` is the path (N, 3), m north, east and down.
+    """
+
+    rows: tuple[Row, ...]
+    span: tuple[float, float]
+    trained: tuple[tuple[float, float], ...] = ()
+    modes: tuple[tuple[float, str], ...] = ()
+    events: tuple[Event, ...] = ()
+    position: Signal | None = None
+
+    @property
+    def flown(self) -> list[tuple[float, float, str]]:
+        """Beginning, end and name of each flight mode."""
+        first, last = self.span
+        ends = [*self.modes, (last, "")]
+        parts = ((max(one[0], first), min(other[0], last), one[1]) for one, other in pairwise(ends))
+        return [part for part in parts if part[0] < part[1]]
+
+    def thinned(self, points: int) -> Iterator[tuple[Row, Array, list[Array]]]:
+        """Yields each row with its times (M,), at most about so many ``points``, and of each line (2, M) as of it."""
+        first, last = self.span
+        for row in self.rows:
+            step = max(min(line.step for line in row.lines), (last - first) / points)
+            grid = np.asarray(first + step * np.arange(int((last - first) / step) + 1), np.float64)
+            yield row, grid, [line.at(grid) for line in row.lines]
+
+    def as_json(self, points: int) -> dict[str, Any]:
+        """Returns what the page's script draws, with values as 16-bit integers, base64."""
+        rows = [
+            {
+                "title": named(row.title, row.unit),
+                "times": (float(grid[0]), float(np.ptp(grid[:2]))),
+                "lines": [
+                    (line.name, line.colour, _packed(mean), None if line.half is None else _packed(half))
+                    for line, (mean, half) in zip(row.lines, found, strict=True)
+                ],
+            }
+            for row, grid, found in self.thinned(points)
+        ]
+        events = [(event.seconds, event.level == "ERROR") for event in self.events]
+        return {"span": self.span, "modes": self.flown, "events": events, "trained": self.trained, "rows": rows}
+
+
+def _packed(values: Array) -> tuple[float, float, str]:
+    """The least value, the step of what is counted in it, and the counts as 16-bit integers in base64."""
+    finite = values[np.isfinite(values)]
+    low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 0.0)
+    step = (high - low) / (2**16 - 2) or 1.0
+    counts = np.nan_to_num(np.rint((values - low) / step) + NO_VALUE + 1, nan=NO_VALUE)
+    return low, step, b64encode(counts.astype("<i2").tobytes()).decode()
+
+
+def timeline_of(analyses: Mapping[str, LogAnalysis], air: Air | None = None) -> Timeline | None:
+    """Returns the timeline of the boot that was analysed, with a wind torque for each axis; None of what has no rows.
+
+    The wind of ``air`` is shown where it is of the same boot.
+    """
+    analysis = next(iter(analyses.values()))
+    signals = analysis.signals
+    if signals is None or (tilt := attitude(signals.telemetry, AXES[0])) is None or not len(tilt.time):
+        return None
+    segments = analysis.verdict.segments
+    boot = int(segments[0].boot if segments else np.bincount(tilt.boot).argmax())
+    torques = tuple(line for name, one in analyses.items() for line in _torque(name, one))
+    known = *_driven(signals, boot), Row("Wind torque", TORQUE.name, torques), *_wind(air, boot), *_rest(signals, boot)
+    rows = tuple(row for row in known if row.lines)
+    armed = [edge for part in phases.armed(signals, boot) for edge in part if np.isfinite(edge)]
+    ends = min(row.lines[0].time[0] for row in rows), max(row.lines[0].time[-1] for row in rows)
+    span = (max(ends[0], min(armed) - AROUND), min(ends[1], max(armed) + AROUND)) if armed else ends
+    modes, alarms = signals.modes(boot), [alarm for alarm in analysis.alarms if alarm.boot == boot]
+    said = [Event(at, f"{name} mode.") for at, name in modes]
+    said += [Event(edge, "Disarmed." if place % 2 else "Armed.") for place, edge in enumerate(armed)]
+    said += [Event(alarm.since, alarm.sentence, "ERROR" if alarm.weak else "INFO") for alarm in alarms]
+    events = sorted(event for event in said if span[0] <= event.seconds <= span[1])
+    trained = tuple((float(flight.time[0]), float(flight.time[-1])) for flight in analysis.flights)
+    place = signals.position
+    return Timeline(
+        rows, (float(span[0]), float(span[1])), trained, tuple(modes), tuple(events), place and _of(place, boot)
+    )
+
+
+def _of(signal: Signal, boot: int) -> Signal | None:
+    """The part of a ``boot``; None of one without."""
+    rows = signal.boot == boot
+    return Signal(signal.time[rows], signal.boot[rows], signal.values[rows]) if np.count_nonzero(rows) > 1 else None
+
+
+def _driven(signals: Signals, boot: int) -> Iterator[Row]:
+    """Attitude with setpoint by axis, and motors; without lines where they were not recorded."""
+    for axis in AXES:
+        lines = list[Line]()
+        if (found := attitude(signals.telemetry, axis)) is not None and (rows := found.boot == boot).any():
+            time, angle = found.time[rows], ANGLE.scale * found.angle[rows]
+            if axis == "yaw":
+                turned = np.exp(1j * found.angle[rows])
+                mean = np.angle(turned.mean())  # the cut is opposite of it
+                angle = ANGLE.scale * (np.angle(turned * np.exp(-1j * mean)) + mean % (2 * np.pi))
+                angle[np.flatnonzero(np.abs(np.diff(angle)) > 180)] = np.nan
+            asked = (one for one in setpoints(signals.telemetry, axis) if one.name == f"{axis} setpoint")
+            wanted = [ANGLE.scale * held(one, boot, time) for one in asked]
+            lines = [Line(axis, palette.PREDICTED, time, angle)]
+            lines += [Line("setpoint", palette.TRUTH, time, one) for one in wanted if np.isfinite(one).any()]
+        yield Row(axis.capitalize(), ANGLE.name, tuple(lines))
+    if (motors := signals.motors) is not None:
+        shares = Signal(motors.time, motors.boot, 100 * motors.scale.fraction(motors.outputs))
+        yield Row("Motors", "%", _lines(shares, boot, motors.layout.names))
+
+
+def _rest(signals: Signals, boot: int) -> Iterator[Row]:
+    """Height and battery."""
+    if (place := signals.position) is not None:
+        yield Row("Height", "m", _lines(Signal(place.time, place.boot, -place.values[:, 2]), boot, ("height",)))
+    if signals.voltage is not None:
+        yield Row("Battery", "V", _lines(signals.voltage, boot, ("battery",)))
+
+
+def _lines(
+    signal: Signal, boot: int, names: Sequence[str], colours: Sequence[str] = palette.DISTINCT
+) -> tuple[Line, ...]:
+    if (own := _of(signal, boot)) is None:
+        return ()
+    columns = zip(names, cycle(colours), own.values.reshape(len(own.time), -1).T, strict=False)
+    return tuple(Line(name, colour, own.time, values) for name, colour, values in columns)
+
+
+def _torque(axis: str, analysis: LogAnalysis) -> Iterator[Line]:
+    learned = analysis.learned
+    wind = None if learned is None else known_wind(learned.wind_torque, learned.physical)
+    if wind is not None and learned is not None and len(wind.torque) == sum(map(len, analysis.flights)):
+        colour = palette.DISTURBANCE if axis == AXES[0] else palette.COMMAND
+        starts = np.cumsum([len(flight) for flight in analysis.flights])[:-1]
+        time, *both = np.concatenate([flight.time for flight in analysis.flights]), wind.torque, wind.band
+        yield _broken(f"on {axis}", colour, starts, time, *(TORQUE.scale * one for one in both))
+
+
+def _broken(name: str, colour: str, starts: Any, time: Array, values: Array, half: Array | None = None) -> Line:
+    """A line that breaks before each of the samples ``starts``."""
+    around = None if half is None else np.insert(half, starts, np.nan)
+    return Line(name, colour, np.insert(time, starts, time[starts]), np.insert(values, starts, np.nan), around)
+
+
+def _wind(air: Air | None, boot: int) -> Iterator[Row]:
+    """Speed and, where it is known, direction, with the autopilot's own estimates."""
+    wind, own, _ = air or (None, None, "")
+    if wind is None or wind.boot != boot:
+        return
+    mean = wind.direction if wind.directed else 0.0
+    speed, origin, half, turned = by_compass(wind.velocity, wind.band, mean)
+    courses = [("Wind", "m/s", speed, half), (f"Wind from {from_point(mean)}", "°", origin, turned)]
+    for part, (title, unit, line, width) in enumerate(courses[: 1 + wind.directed]):
+        lines: tuple[Line, ...] = (Line("wind", palette.DISTURBANCE, wind.time, line, width),)
+        if own is not None:
+            theirs = Signal(own.time, own.boot, by_compass(own.values, 0 * own.values, mean)[part])
+            lines += _lines(theirs, boot, ["autopilot's own"], [palette.BASELINE])
+        yield Row(title, unit, lines)
+
+
+def live_timeline(history: LiveHistory, axis: str) -> Timeline | None:
+    """Returns the timeline of a live flight: what was measured, predicted and estimated as it flew."""
+    segments, time, measured, predicted, band, torque, torque_band = history.rows.T
+    if not np.isfinite(measured).any():
+        return None
+    gaps = np.flatnonzero(np.diff(segments)) + 1
+    angles, torques = (
+        np.array(one) * unit.scale
+        for one, unit in (((measured, predicted, band), ANGLE), ((torque, torque_band), TORQUE))
+    )
+    lines = (
+        _broken("measured", palette.MEASURED, gaps, time, angles[0]),
+        _broken(f"{AHEAD:g} s ahead", palette.PREDICTED, gaps, time, *angles[1:]),
+        _broken(f"on {axis}", palette.DISTURBANCE, gaps, time, *torques),
+    )
+    rows = Row(axis.capitalize(), ANGLE.name, lines[:2]), Row("Wind torque", TORQUE.name, lines[2:])
+    return Timeline(rows, (float(time[0]), float(time[-1])), tuple(history.learned), (), tuple(history.events))
