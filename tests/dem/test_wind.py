@@ -162,11 +162,8 @@ def test_wind_weaker_than_the_errors_is_not_resolved():
     assert found.gusts == ()
 
 
-def test_newton_metres_are_by_the_moment_of_inertia_and_outputs_need_a_rate():
-    known = Parameters()
-    flight, _ = flown(8, 800, known)
-    found = wind(known, Record.of(flight))
-    np.testing.assert_allclose(found.in_newton_metres(0.029), 0.029 * found.torque)
+def test_outputs_need_a_rate():
+    flight, _ = flown(8, 800, Parameters())
     with pytest.raises(ValueError, match="rate"):
         wind(Parameters(), Record.of(Flight(flight.time, flight.inputs, flight.outputs[:, [0, 0]])))
 
