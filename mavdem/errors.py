@@ -130,11 +130,7 @@ class LearnedDownstream:
         return str(downstream("report.screen", "summary")(self))
 
     def score(self, flight: Any) -> float:
-        """Returns 1 − error ratio (NMSE) of its forecasts of a ``flight`` that it has not seen, as scikit-learn's R².
-
-        1 is perfect; 0 is no better than the flight's own mean, and below is worse. :func:`mavdem.evaluate.score_of`
-        has the windows, and what is raised. MATLAB's fit is 1 − √(1 − score).
-        """
+        """Returns 1 − error ratio (NMSE) of a ``flight`` that it has not seen; :func:`mavdem.evaluate.score_of`."""
         return float(downstream("evaluate", "score_of")(self, flight))
 
     def to_control(self, model: str = "physical") -> Any:

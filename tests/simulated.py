@@ -10,17 +10,11 @@ SIGNS = np.array([1.0, -1.0, -1.0, 1.0])
 RATE, GAIN = 4.0, np.array([0.08, -0.08, -0.08, 0.08])
 
 
-def simulated(
-    seed: int = 0, samples: int = 850, wind: float = 0.0, lag: float = 0.0, liveliness: float = 1.0
-) -> Flight:
-    """A roll axis with damping, driven by four motors and, with ``wind``, by coloured moments (rad/s²).
-
-    From sample 700 on the motors work ``liveliness`` times as hard.
-    """
+def simulated(seed: int = 0, samples: int = 850, wind: float = 0.0, lag: float = 0.0) -> Flight:
+    """A roll axis with damping, driven by four motors and, with ``wind``, by coloured moments (rad/s²)."""
     rng = np.random.default_rng(seed)
     fine = 10
     motors = gaussian_filter1d(rng.standard_normal((samples, 4)), 8, axis=0) * 40
-    motors[700:] *= liveliness
     commands = [float(GAIN @ motor) for motor in motors]
     moment = (
         wind * gaussian_filter1d(rng.standard_normal(samples * fine), 5 * fine) * np.sqrt(10 * fine * np.sqrt(np.pi))
@@ -37,12 +31,12 @@ def simulated(
     return Flight(DT * np.arange(samples), 1500 + motors, outputs + [0.2, 0.0])
 
 
-def in_closed_loop(samples: int = 1000, seed: int = 0, dt: float = 0.01) -> Flight:
+def in_closed_loop(samples: int = 1000, seed: int = 0) -> Flight:
     """Roll and rate answered 0.03 s late through four motors; the wind decays over 0.5 s."""
     rng, fine = np.random.default_rng(seed), 5
     roll = rate = torque = wind = command = 0.0
     motors, outputs = np.empty((samples, 4)), np.empty((samples, 2))
-    step = dt / fine
+    step = DT / fine
     for t in range(samples):
         outputs[t] = roll, rate
         command = -(60 * roll + 12 * rate)
@@ -53,4 +47,4 @@ def in_closed_loop(samples: int = 1000, seed: int = 0, dt: float = 0.01) -> Flig
             torque += step / 0.03 * (command - torque)
             rate += step * (torque - rate + 10 * wind)
             roll += step * rate
-    return Flight(dt * np.arange(samples), motors, outputs)
+    return Flight(DT * np.arange(samples), motors, outputs)

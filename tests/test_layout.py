@@ -17,7 +17,7 @@ MAX_LINES = 500
 """Of one file: a chapter, not a book."""
 
 FLOORS = (
-    {"confidence", "errors", "files", "forecaster"},
+    {"confidence", "documents", "errors", "files", "forecaster"},
     {"flight"},
     {"ingest"},
     {"alignment"},
@@ -62,7 +62,7 @@ ROOMS_OF_LIBRARIES = {
 
 ARRAYS = sys.stdlib_module_names | {"numpy", "scipy", "threadpoolctl", "pydantic"}
 USED_BY = {
-    "mavdem.dem": {"mavdem.dem", "mavdem.confidence", "mavdem.errors"},
+    "mavdem.dem": {"mavdem.dem", "mavdem.confidence", "mavdem.documents", "mavdem.errors"},
     "mavdem.health": {"mavdem.health", "mavdem.confidence", "mavdem.alignment", "mavdem.dem", "mavdem.condition"},
     "sitl_scenarios": {"sitl_scenarios", "mavdem.errors", "mavdem.files", "mavdem.ingest.mavlink"}
     | {"mavdem.ingest.controllers"},
@@ -157,7 +157,7 @@ BUDGETS = {
     "tools": 1985,
 }
 """Lines of Python a room may have, docstrings counted: what a new capability needs, something older gives back."""
-ALL_LINES, ALL_FILES, TEST_LINES = 42_900, 210, 23_400
+ALL_LINES, ALL_FILES, TEST_LINES = 43_300, 210, 23_400
 
 
 def lines_of(path: Path) -> int:

@@ -8,7 +8,7 @@ from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals
 from mavdem.analysis import LogAnalysis, analyse
 from mavdem.cli.options import read_source, source_options
-from mavdem.cli.output import complain, print_blocks, print_json, say
+from mavdem.cli.output import complain, print_blocks, print_json
 from mavdem.condition.inventory import inventory
 from mavdem.condition.wind_of_log import Air, air_of
 from mavdem.health.in_flight import alarm_figures
@@ -50,12 +50,8 @@ def info_command(
         blocks += [Sentence(what), Sentence("")]
     if as_json:
         print_json(held)
-    for block in [] if as_json else [*blocks, *stream_contents(held)]:
-        if isinstance(block, Sentence):
-            print_blocks([block], gap="")
-        else:
-            for rate, names in block.rows:
-                say(click.wrap_text(f"{rate}: {names}", 80, "  ", "    "))
+    else:
+        print_blocks([*blocks, *stream_contents(held)], gap="")
     if not held["learnable"]:
         if as_json:
             # The document is printed already, with all the reasons.

@@ -22,6 +22,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table as Grid
 
+from mavdem.documents import header
 from mavdem.errors import Unreadable
 from mavdem.files import atomic_write, atomic_writes, is_writable, replaceable
 from mavdem.report.blocks import Sentence, Table
@@ -51,9 +52,11 @@ def _plain(error: UnicodeError) -> tuple[str, int]:
     return "".join(PLAIN_CHARACTERS.get(one, "?") for one in error.object[error.start : error.end]), error.end
 
 
-def json_text(document: Any) -> str:
-    """Returns a JSON document; NaN and infinity become null."""
-    return json.dumps(_finite(document), indent=1, allow_nan=False)
+def json_text(document: dict[str, Any]) -> str:
+    """Returns a JSON ``document`` of the command that runs, after its header; NaN and infinity become null."""
+    context = click.get_current_context(silent=True)
+    name = "error" if context is None or document.keys() == {"error"} else str(context.command.name)
+    return json.dumps(_finite(header(name) | document), indent=1, allow_nan=False)
 
 
 def _finite(value: Any) -> Any:

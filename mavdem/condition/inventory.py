@@ -111,9 +111,8 @@ def autopilot_alarms(telemetry: Telemetry) -> list[dict[str, Any]]:
     columns = telemetry.messages.get("STATUSTEXT")
     if columns is None or "severity" not in columns or not OLD_SCALE.isdisjoint(texts):
         return []
-    for text, severity, time, boot in zip(
-        texts, *(columns[name].tolist() for name in ("severity", "time", "boot")), strict=True
-    ):
+    sent = zip(texts, *(columns[name].tolist() for name in ("severity", "time", "boot")), strict=True)
+    for text, severity, time, boot in sent:
         if severity < len(SEVERITIES):
             new = {"severity": SEVERITIES[severity], "text": text, "time": time, "boot": boot, "count": 0}
             found.setdefault((severity, text), new)["count"] += 1

@@ -16,10 +16,11 @@ from typing import Annotated, Any, TypeVar, cast, get_args, get_origin, get_type
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, Field, PlainValidator, TypeAdapter, ValidationError, create_model
+from pydantic import AfterValidator, Field, PlainValidator, TypeAdapter, ValidationError, WithJsonSchema, create_model
 
 from mavdem.dem.record import LABELS, STRICT, first_problem
 from mavdem.dem.settings import Settings
+from mavdem.documents import header
 
 _PATHS: dict[str, str] = json.loads((files("mavdem.dem") / "shapes.json").read_text("utf-8"))
 SHAPES = {path: shape.split() for shape, paths in _PATHS.items() for path in paths.split()}
@@ -34,7 +35,7 @@ Kind = TypeVar("Kind")
 
 def to_text(result: Any) -> str:
     """Returns the document of a result, a dataclass."""
-    return json.dumps(_plain(result))
+    return json.dumps(header("model") | _plain(result))
 
 
 def from_text(kind: type[Kind], text: str) -> Kind:
@@ -77,7 +78,7 @@ def _type(hint: Any) -> Any:
     """The type by which pydantic reads what is of the type ``hint``."""
     origin, inner = get_origin(hint), get_args(hint)
     if origin is np.ndarray:
-        return Annotated[Any, PlainValidator(_array_reader(get_args(inner[1])[0]))]
+        return Annotated[Any, PlainValidator(_array_reader(get_args(inner[1])[0])), WithJsonSchema({"type": "array"})]
     if origin is UnionType:
         return reduce(or_, map(_type, inner))
     if inner and origin is not None:

@@ -157,6 +157,10 @@ class Learned(LearnedDownstream):
     @may_overflow
     def one_step(self) -> Array:
         """Returns each training sample (T, m) predicted from those before it; the joint model knows its inputs too."""
+        return self._one_step.copy()
+
+    @cached_property
+    def _one_step(self) -> Array:
         if self._jointly:
             return self.joint.one_step(self.record)
         predictions = []

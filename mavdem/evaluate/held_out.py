@@ -193,7 +193,8 @@ def score_of(learned: Learned, flight: Flight) -> float:
 
     They are of windows of 1.5 s, with the recorded motors; in the first 1.5 s, which are in none, the filter finds its
     state. The baseline is the mean of these windows, which no forecast knows, and the unit of each output's error is
-    their variance: the score is scikit-learn's R², averaged over the outputs.
+    their variance: the score is scikit-learn's R², averaged over the outputs. Below 0 it is worse than that mean.
+    MATLAB's fit is 1 − √(1 − score).
 
     Raises:
         ValueError: another sampling step than the model's, other numbers of inputs or outputs, an output that is

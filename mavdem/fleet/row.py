@@ -16,8 +16,9 @@ from types import UnionType
 from typing import Any, get_args, get_origin, get_type_hints
 
 from mavdem.alignment.drive import INPUTS
+from mavdem.documents import header
 
-SCHEMA_VERSION = 3
+SCHEMA_VERSION: int = header("flights")["schema_version"]
 """Changes with the columns or with what they mean: logs whose rows have another version are read again."""
 
 UNKNOWN = "unknown"  # the vehicle of a log that does not say whose it is, and health that is not known
@@ -41,7 +42,7 @@ class FlightRow:
     """One settled flight of a log: one vehicle, one axis. SI units, angles rad; None where a value is not known.
 
     A log that holds no such flight, or cannot be read, has one row whose ``status`` says why. Tuples have an entry for
-    each motor, in the order of ``motors``, unless their own line says otherwise. Intervals are half widths, 90 %.
+    each motor, in the order of ``motors``, unless documents.toml says otherwise. Intervals are half widths, 90 %.
     """
 
     file: str  # path or URL of the log
@@ -80,7 +81,6 @@ class FlightRow:
     headroom: Numbers | None = at("condition.hover.headroom")  # left at the 99th percentile, as a share of the range
     saturated: Numbers | None = at("condition.hover.at_upper_limit")  # share of the time at the upper stop
     oscillation: float | None = at("condition.oscillation.seconds")  # how long it oscillated by its own controller, s
-    # what is asked of the motors in roll, pitch and yaw, in shares of their mean command, and its standard error
     balance: Numbers | None = None
     balance_error: Numbers | None = None
     balance_lean: Numbers | None = None  # mean roll and pitch meanwhile, rad
@@ -108,8 +108,6 @@ class FlightRow:
     drag_interval: Numbers | None = None
     mean_inputs: Numbers | None = at("condition.hover.trim")  # over the flight, of each input and output of the model
     mean_outputs: Numbers | None = None
-    # the mean angular acceleration that this flight's frozen model leaves unexplained in another one, rad/s², is the
-    # sum of gains times that flight's means and the offset
     residual_gain_inputs: Numbers | None = None
     residual_gain_outputs: Numbers | None = None
     residual_offset: float | None = None
@@ -186,7 +184,7 @@ def as_text(name: str) -> str:
 
 
 def row_schema() -> Any:
-    """Returns the columns as a ``pyarrow.Schema``, with the version in its metadata."""
+    """Returns the columns as a ``pyarrow.Schema``; versions are in its metadata, and each unit in that of a column."""
     import pyarrow
 
     plain = {
@@ -199,8 +197,10 @@ def row_schema() -> Any:
     def arrow(kind: Any) -> Any:
         return pyarrow.list_(arrow(get_args(kind)[0])) if get_origin(kind) is tuple else plain[kind]
 
-    columns = [pyarrow.field(name, arrow(kind)) for name, kind in _kinds().items()]
-    return pyarrow.schema(columns, metadata={"mavdem_schema": str(SCHEMA_VERSION)})
+    head = header("flights")
+    units = {name: {"unit": unit} for name, unit in head["units"].items()}
+    columns = [pyarrow.field(name, arrow(kind), metadata=units.get(name)) for name, kind in _kinds().items()]
+    return pyarrow.schema(columns, {"mavdem_schema": str(SCHEMA_VERSION), "mavdem_version": head["mavdem_version"]})
 
 
 def _of_report(report: Mapping[str, Any]) -> dict[str, Any]:

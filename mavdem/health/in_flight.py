@@ -83,28 +83,40 @@ def _changes(blocks: Array, windows: Places, prior: Array, freedom: float) -> _C
     weight, square = np.cumsum(weights)[cut - 1], np.cumsum(weights**2)[cut - 1]
     before = np.cumsum(weights[:, np.newaxis] * blocks, axis=0)[cut - 1] / weight[:, np.newaxis]
     weighed = weight**2 / square
-    sums = np.vstack([np.zeros(blocks.shape[1]), np.cumsum(blocks, axis=0)])
+    sums = _sums(blocks)
+    means = [(batch, (sums[batch:] - sums[:-batch]) / batch) for batch in BATCHES if len(sums) > batch]
+    batches = [(batch, _sums(mean), _sums(mean**2)) for batch, mean in means]
     after = (sums[whole] - sums[cut]) / windows[:, np.newaxis]
-    noise = _long_run(sums, np.zeros_like(cut), cut, before, np.broadcast_to(prior, before.shape), freedom)
-    here = np.maximum(noise, _long_run(sums, cut, np.full_like(cut, whole), after, noise, PRIOR_FREEDOM))
+    noise = _long_run(batches, np.zeros_like(cut), cut, before, np.broadcast_to(prior, before.shape), freedom)
+    here = np.maximum(noise, _long_run(batches, cut, np.full_like(cut, whole), after, noise, PRIOR_FREEDOM))
     variance = noise / weighed[:, np.newaxis] + here / windows[:, np.newaxis] + WANDER_SD**2
     return _Changes(after - before, variance, freedom + weighed / 4, noise)
 
 
-def _long_run(sums: Array, begin: Places, end: Places, mean: Array, prior: Array, freedom: float) -> Array:
+def _sums(values: Array) -> Array:
+    """(N + 1, a) sums of the rows of ``values`` (N, a) before each."""
+    sums = np.zeros((len(values) + 1, values.shape[1]))
+    np.cumsum(values, axis=0, out=sums[1:])
+    return sums
+
+
+def _long_run(
+    batches: Sequence[tuple[int, Array, Array]],
+    begin: Places,
+    end: Places,
+    mean: Array,
+    prior: Array,
+    freedom: float,
+) -> Array:
     """(w, a) n times the variance of a mean over n blocks, of those from ``begin`` to ``end`` (w,) about ``mean``.
 
-    ``sums`` (N + 1, a) are those of the blocks before each; the ``prior`` (w, a) has so many degrees of ``freedom``.
+    ``batches`` are numbers of blocks, with the :func:`_sums` of their means and of the squares of these; the ``prior``
+    (w, a) has so many degrees of ``freedom``.
     """
     variance = prior
-    for batch in BATCHES:
-        if len(sums) <= batch:
-            break
-        means = (sums[batch:] - sums[:-batch]) / batch
-        none = np.zeros(means.shape[1])
-        first, second = (np.vstack([none, np.cumsum(values, axis=0)]) for values in (means, means**2))
-        start = np.minimum(begin, len(means))
-        last = np.clip(end - batch + 1, start, len(means))
+    for batch, first, second in batches:
+        start = np.minimum(begin, len(first) - 1)
+        last = np.minimum(np.maximum(end - batch + 1, start), len(first) - 1)
         count = (last - start)[:, np.newaxis]
         squares = second[last] - second[start] - 2 * mean * (first[last] - first[start]) + count * mean**2
         # Batches overlap: as many count as follow each other.
@@ -261,6 +273,11 @@ class MotorWatch:
     def _weigh(self, windows: Places) -> None:
         changes = _changes(np.array(self._blocks), windows, self._noise, self._freedom)
         null = _log_t(changes, 0.0)
+        # No cause explains a change better than one of just this size: most are too small for any of them.
+        best = -np.log(changes.variance).sum(axis=-1) / 2 - null
+        causes = len(self._signatures) + len(self.weak) + 4  # with all that recover, and three that are no motor's
+        if best.max() + log(ENDS_BESIDE_FAULTS * len(windows) + causes) < self._enough:
+            return
         sound = np.eye(len(self._signatures))
         weak = [one.size * sound[place] for place, one in self.weak.items()]
         ends = [*weak, sum(weak)] if len(weak) > 1 else weak

@@ -91,13 +91,9 @@ def health_sentences(vehicle: dict[str, Any]) -> list[Sentence]:
         text = " ".join(changes) or (none if vehicle["watched"] else UNWATCHED)
         sentences = [] if {one.removeprefix("Alarm: ") for one in changes} & said else [Sentence(text, "Health:")]
     if told:
-        times = (f", {one['count']} times" if one["count"] > 1 else "" for one in told)
-        shown = [
-            f"“{one['text']}” ({one['severity']}, {one['time']:.0f} s{often})"
-            for one, often in zip(told, times, strict=True)
-        ]
+        shown = [f"“{one['text']}” ({one['severity']}, {one['time']:.0f} s)" for one in told[:MOST_ALARMS]]
         more = [f"{len(told) - MOST_ALARMS} others (--json has them)"] if len(told) > MOST_ALARMS else []
-        sentences.append(Sentence(f"{listed([*shown[:MOST_ALARMS], *more])}.", "The autopilot warned:"))
+        sentences.append(Sentence(f"{listed([*shown, *more])}.", "The autopilot warned:"))
     return sentences
 
 

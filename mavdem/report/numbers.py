@@ -88,13 +88,6 @@ def listed(names: Iterable[object]) -> str:
     return f"{', '.join(before)} and {last}" if before else last
 
 
-THREE_STATES = (  # why the two commands differ, for the reports of both
-    "`mavdem learn` has 3 states unless --order says otherwise: angle, rate, and the motors' lag. The lag exists, and "
-    "without it the plant forecasts worse (docs/evidence/forecasts.md). `mavdem order` counts the states that the "
-    "outputs show; 2 means that the outputs show no lag."
-)
-
-
 def states_are_outputs(learned: Learned) -> bool:
     """Returns whether the first states of ``learned`` are the outputs: C is fixed to [I 0], not free."""
     return bool(learned.known[-learned.model.C.size :].all())

@@ -318,7 +318,10 @@ def _model(labels: Labels, learned: Learned) -> list[Block]:
         B,
     ]
     if outputs and len(states) == len(labels.output_names) + 1:
-        blocks.append(Sentence(f"hidden 1 is the motors' lag. {numbers.THREE_STATES}", "States:"))
+        lag = (
+            "hidden 1 is the motors' lag, without which the plant forecasts worse, also where `mavdem order` counts 2."
+        )
+        blocks.append(Sentence(lag, "States:"))
     if not outputs:
         blocks.append(C)
     if count := len(learned.undetermined):

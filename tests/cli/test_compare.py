@@ -33,35 +33,10 @@ def quick(monkeypatch):
     monkeypatch.setattr("mavdem.dem.parallel.spare_cores", lambda: 1)
 
 
-SCHEMA = {
-    "": "axis files flights losses methods over_flights predictions reference refused seconds sources start verdicts",
-    "losses.0": "flight method paired ratio steps",
-    "over_flights.0": "diverged failed flights horizons inside method mspe_total reference relative unstable windows "
-    "worse_than_constant",
-    "flights.0": "dt flight forecast_samples output_units outputs standings training_samples windows",
-    "flights.0.standings.0": "diverged failed failure horizons method mspe mspe_total relative seconds unstable "
-    "windows worse_than_constant worst",
-    "flights.0.standings.0.horizons.0": "inside per_output reference relative relative_per_output steps",
-    "flights.0.standings.0.horizons.0.reference": "less p_value ratio tested verdict windows",
-    "flights.0.windows.0": "methods start time",
-    "flights.0.windows.0.methods.ARX(2)": "cautions failure from_zero inside_90_percent_band mspe seconds skill stable",
-    "flights.0.windows.0.methods.ARX(2).mspe": "per_output total",
-    "flights.0.windows.0.methods.ARX(2).skill.0": "per_output relative relative_per_output steps total",
-    "flights.0.windows.0.methods.ARX(2).from_zero": "mspe skill",
-    "refused.0": "error flight source",
-    "refused.0.error": "reason remedy",
-}
-
-
 @pytest.mark.slow
-def test_the_document_has_these_keys(quick, capsys):
+def test_the_document_has_every_flight(quick, capsys):
     assert main(["compare", FLIGHT, OTHER, SLOW, "--json"]) == 0
     told = strict_json(capsys.readouterr().out)
-    for path, keys in SCHEMA.items():
-        value = told
-        for step in path.split(".") if path else ():
-            value = value[int(step)] if step.isdigit() else value[step]
-        assert sorted(value) == keys.split(), path
     flight = told["flights"][0]
     assert (flight["flight"], flight["dt"], flight["training_samples"]) == ("ardupilot_wind5_steps", 0.01, 700)
     assert told["methods"] == [method.name for method in FEW]

@@ -10,6 +10,7 @@ from mavdem.cli.commands import main
 from mavdem.cli.open import INCOMPATIBLE, load
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("log", "shown"), [("ardupilot_wind5_steps", "/outputs/roll/"), ("ardupilot_default_rates", "/report")]
 )
@@ -43,6 +44,7 @@ def test_without_rerun_one_sentence_says_so_before_the_work(monkeypatch, capsys)
     )
 
 
+@pytest.mark.slow
 def test_a_log_is_learned_from_and_shown(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("mavdem.view.show", lambda path: path.unlink())

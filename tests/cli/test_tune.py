@@ -1,10 +1,12 @@
 """``mavdem tune``: margins and gains of a simulated flight, its files, and refusals."""
 
+import pytest
 from command_line import FLIGHT, SLOW, refused, strict_json
 
 from mavdem.cli.commands import main
 
 
+@pytest.mark.slow
 def test_margins_gains_and_files_say_the_same_and_refusals_write_nothing(tmp_path, capsys):
     log, out = str(tmp_path / "flight.tlog"), tmp_path / "out"
     assert main(["fly", "iris_identification", "--duration", "50", "--out", log]) == 0

@@ -105,6 +105,7 @@ def test_an_integrator_with_dead_time_has_its_margins(gain, delay):
     assert bool(found.stable[0]) == (gain * delay < np.pi / 2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 def test_a_simulated_flight_has_the_margins_of_its_linearised_loop(autopilot):
     steered = {"kind": "multisine", "sd": 3.0, "lowest": 0.2, "highest": 4.0, "period": 10.0}
@@ -133,6 +134,7 @@ def test_a_simulated_flight_has_the_margins_of_its_linearised_loop(autopilot):
     assert other.agrees is False and "times as far as its gains say" in other.measured.reason
 
 
+@pytest.mark.slow
 def test_recorded_flights_agree_or_have_no_margins():
     learned = mavdem.learn(mavdem.read_flight(shared("sitl_ardupilot/ardupilot_wind6_gusts.tlog"))[:2500])
     loop = mavdem.Learned.from_json(learned.to_json()).loop()
@@ -153,6 +155,7 @@ def made_up(factor=1.0):
     return loop_of(Physical(*plant, 0, 1, 0.1, (), 0.01, {}, ()), record)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("factor", "tune"), [(0.5, "soft"), (1.0, "sharp"), (1.4, "default"), (2.5, "default")])
 def test_the_gains_have_the_margins_in_95_of_100_plants_that_fit_and_keep_their_proportions(factor, tune):
     found, (least_phase, least_gain, most) = advise(before := made_up(factor), tune), TARGETS[tune]

@@ -150,6 +150,7 @@ def test_solo_beside_an_anemometer():
     assert np.degrees(np.sqrt(np.mean(np.angle(found / true) ** 2))) < 10
 
 
+@pytest.mark.slow
 def test_live_rows_are_the_filter_of_the_same_bytes(monkeypatch, tmp_path):
     log, prior = tmp_path / "climb_and_hover.tlog", Drag.of_parameters()
     log.write_bytes(shared("sitl_events/ap_short_with_climb.tlog").read_bytes()[:450_000])
@@ -168,6 +169,7 @@ def test_live_rows_are_the_filter_of_the_same_bytes(monkeypatch, tmp_path):
     assert np.sqrt(np.mean((filtered - [row.velocity for row in rows.values()]) ** 2)) < 0.15
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("scale", "why"), [(1.0, ""), (0.01, "does not follow the tilt"), (0.0, "never changes")])
 def test_live_rows_are_of_free_flight_only(scale, why):
     time, attitude, velocity, air = flight(seed=7, jump=1.0)

@@ -142,7 +142,9 @@ def test_blocks_side_by_side_are_the_recursion_step_by_step(samples):
     for k in range(samples):
         x = x @ np.swapaxes(step, 1, 2) + inputs[:, :, k] @ np.swapaxes(gains, 1, 2)
         expected.append(x[:, :, 0])
-    np.testing.assert_allclose(followed(step, gains, inputs, first), np.stack(expected, axis=2), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(
+        followed(step, gains, inputs, first, np.arange(2)), np.stack(expected, axis=2), rtol=1e-9, atol=1e-12
+    )
 
 
 @pytest.mark.parametrize("steps", [-0.4, 0.0, 0.3, 1.0, 1.7, 3.2])

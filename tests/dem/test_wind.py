@@ -161,11 +161,8 @@ def test_wind_weaker_than_the_errors_is_not_resolved():
     assert found.gusts == ()
 
 
-def test_newton_metres_are_by_the_moment_of_inertia_and_outputs_need_a_rate():
-    known = Parameters()
-    flight, _ = flown(8, 800, known)
-    found = wind(known, Record.of(flight))
-    np.testing.assert_allclose(found.in_newton_metres(0.029), 0.029 * found.torque)
+def test_outputs_need_a_rate():
+    flight, _ = flown(8, 800, Parameters())
     with pytest.raises(ValueError, match="rate"):
         wind(Parameters(), Record.of(Flight(flight.time, flight.inputs, flight.outputs[:, [0, 0]])))
 
@@ -329,6 +326,7 @@ def test_it_is_known_from_the_first_fit_on_and_anew_after_a_gap():
     assert np.isfinite(after[BEGINS + 1 :]).all()
 
 
+@pytest.mark.slow
 def test_with_a_prior_a_calm_hover_has_a_torque_whose_band_is_as_wide_as_steering_makes_it():
     """Without wind: what is drawn is error. Nothing is of a vehicle whose motor is weak."""
     calm, steering = steered(1, steering=0.0, samples=900, wind=0.0), steered(2, steering=1.0, wind=0.0)

@@ -40,15 +40,6 @@ class TextbookFilter(NamedTuple):
             ahead.append(self.C @ state)
         return np.array(ahead)
 
-    def outputs(self, inputs, errors):
-        """(T, m): outputs whose one-step errors are these, from state 0."""
-        state, outputs = np.zeros(len(self.gain)), np.zeros((len(inputs), len(self.C)))
-        for t in range(1, len(inputs)):
-            state = self._moved(state, inputs[t - 1], inputs[t])
-            outputs[t] = self.C @ state + errors[t]
-            state = state + self.gain @ errors[t]
-        return outputs
-
     def _moved(self, state, now, later):
         phi, gamma0, gamma1 = self.transition
         return phi @ state + gamma0 @ now + gamma1 @ later

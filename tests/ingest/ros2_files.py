@@ -44,11 +44,9 @@ class Ros2Recorder:
         path: Path,
         compression: CompressionType = CompressionType.ZSTD,
         chunk_size: int = 1 << 20,
-        definitions: Mapping[str, str] | None = None,
     ) -> None:
         self.path, self._file = path, path.open("wb")
         self._writer = Writer(self._file, chunk_size=chunk_size, compression=compression)
-        self._definitions = {**DEFINITIONS, **(definitions or {})}
         self._schemas: dict[str, Any] = {}
         self._time = NOW * 1000
 
@@ -65,11 +63,11 @@ class Ros2Recorder:
         (vehicle,) = read_log(self.path).vehicles
         return vehicle
 
-    def write(self, topic: str, kind: str, fields: Mapping[str, Any], log_time: int | None = None) -> None:
+    def write(self, topic: str, kind: str, fields: Mapping[str, Any]) -> None:
         """A message of type ``kind``; fields that are not given are 0."""
         if kind not in self._schemas:
-            self._schemas[kind] = self._writer.register_msgdef(kind, self._definitions[kind])
-        self._time = self._time + 10_000_000 if log_time is None else log_time
+            self._schemas[kind] = self._writer.register_msgdef(kind, DEFINITIONS[kind])
+        self._time += 10_000_000
         self._writer.write_message(topic, self._schemas[kind], fields, self._time)
 
     def px4(self, name: str, seconds: float, prefix: str = "/fmu/out/", **fields: Any) -> None:

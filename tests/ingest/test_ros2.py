@@ -219,10 +219,10 @@ def within(levels: int, names: list[int]) -> str:
 )
 def test_definitions_are_bounded(just, beyond):
     """8 messages within one another, 1000 values, 65536 characters."""
-    begun = time.perf_counter()
+    begun = time.thread_time()
     assert rewritten("p/msg/M", just) is not None
     assert rewritten("p/msg/M", beyond) is None
-    assert time.perf_counter() - begun < 0.5
+    assert time.thread_time() - begun < 0.5
 
 
 @pytest.mark.slow
@@ -232,9 +232,9 @@ def test_hostile_definitions_are_harmless(name, tmp_path, capfd, monkeypatch):
     kind = "px4_msgs/msg/VehicleAttitude"
     path = tmp_path / "hostile.mcap"
     write_raw(path, kind, {**HOSTILE, **ODD}[name], [bytes(range(200))] * 100 + [b"\xff" * 200] * 100)
-    begun = time.perf_counter()
+    begun = time.thread_time()
     log = read_log(path)
-    assert time.perf_counter() - begun < 2.0
+    assert time.thread_time() - begun < 2.0
     (vehicle,) = log.vehicles
     assert len(vehicle.messages["HIL_ACTUATOR_CONTROLS"]["time"]) == 300
     if name in HOSTILE:

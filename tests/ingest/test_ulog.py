@@ -3,7 +3,7 @@
 import lzma
 import random
 import struct
-from time import perf_counter
+from time import thread_time
 
 import numpy as np
 import pytest
@@ -335,10 +335,10 @@ def nested(deep: int, wide: int) -> bytes:
 )
 def test_a_format_is_laid_out_once_however_often_it_is_subscribed_to(tmp_path, formats, topic):
     content = HEADER + formats + subscription(topic, number=5000) * 20_000
-    began = perf_counter()
+    began = thread_time()
     vehicle = vehicle_of(content + definitions() + subscriptions() + b"".join(flight(TIMES)), tmp_path)
     assert "ATTITUDE_QUATERNION" in vehicle.messages
-    assert perf_counter() - began < 10
+    assert thread_time() - began < 10
 
 
 @pytest.mark.slow
@@ -348,12 +348,12 @@ def test_topics_of_more_values_than_there_can_be_are_left_out(tmp_path, fields):
     formats = message("F", f"actuator_outputs:{FORMATS['cpuload']}{fields}".encode())
     many = b"".join(subscription("actuator_outputs", number=1000 + n) for n in range(9000))
     content = HEADER + formats + definitions() + subscriptions() + many + b"".join(flight(TIMES))
-    began = perf_counter()
+    began = thread_time()
     vehicle = vehicle_of(content, tmp_path)
     assert "ATTITUDE_QUATERNION" in vehicle.messages
     (said,) = vehicle.repairs
     assert said.startswith("Left out:") and said.endswith("to more topics, or larger ones, than PX4 has.")
-    assert perf_counter() - began < 10
+    assert thread_time() - began < 10
 
 
 def test_a_dropout_before_the_first_topic_is_reported(tmp_path):

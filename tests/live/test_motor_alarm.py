@@ -41,7 +41,7 @@ def of_log(path):
     return motor_alarms(Signals(read_log(path).vehicles[0], "roll"))
 
 
-@pytest.fixture(scope="module", params=[pytest.param("px4", marks=pytest.mark.slow), "ardupilot"])
+@pytest.fixture(scope="module", params=["px4", "ardupilot"])
 def flown(request, tmp_path_factory):
     """At 12 Hz: enough for the motors, and too slow for a model."""
     wind = (TurbulentWind(kind="dryden", speed=4.0, direction=60.0),)
@@ -54,6 +54,7 @@ def flown(request, tmp_path_factory):
     return path
 
 
+@pytest.mark.slow
 def test_a_motor_that_weakens_is_named_in_flight_and_by_its_log(flown):
     stream, said = streamed(flown)
     [alarm], offline = stream.status().alarms, of_log(flown)

@@ -87,6 +87,7 @@ def test_what_comes_of_it_does_not_depend_on_how_the_bytes_are_cut():
     np.testing.assert_array_equal(at_once.table(), whole.table())
 
 
+@pytest.mark.slow
 def test_a_row_is_reported_with_the_message_that_completes_it():
     """Latency on the boot clock: none where samples are kept, a step where they are read off the line."""
     kept = replay(Flight().frames(end=14.0))

@@ -171,6 +171,7 @@ def test_after_a_landing_without_vertical_speed_the_model_is_one_of_the_flight()
     assert not any(estimate for at, _, estimate in screen.rows if at > 169.0)
 
 
+@pytest.mark.slow
 def test_a_landing_never_replaces_the_last_model_before_it():
     one, _, said = session_of(batches(9.0))
     run(one)

@@ -21,7 +21,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve, expm, toeplitz
+from scipy.linalg import block_diag, cho_factor, cho_solve, expm, toeplitz
 
 from mavdem.dem.engine.model import pack, unpack
 
@@ -78,35 +78,22 @@ class System:
     def state_moments(self) -> tuple[Array, Array]:
         """Mean (T·n,) and covariance (T·n, T·n) of the sampled states, sample-major."""
         n, steps = len(self.A), self.lead + self.samples
-        places, weights = np.polynomial.legendre.leggauss(self.nodes)
-        places, weights = self.dt * (places + 1) / 2, self.dt * weights / 2
-        step = expm(self.A * self.dt)
+        nodes, weights = np.polynomial.legendre.leggauss(self.nodes)
+        within, weights = self.dt * (nodes + 1) / 2, self.dt * weights / 2
         # x⁺ = Φ x + ξ with ξ = ∫ exp(A(dt − τ)) (B u + w) dτ, a weighted sum over the nodes.
-        reach = np.array([weight * expm(self.A * (self.dt - at)) for at, weight in zip(places, weights, strict=True)])
-
-        starts = self.dt * (np.arange(steps) - self.lead)
-        driven = self.inputs((starts[:, None] + places).ravel()).reshape(steps, self.nodes, -1) @ self.B.T
-        push = np.einsum("gab,tgb->ta", reach, driven)
-        mean = np.zeros((steps, n))
-
-        lags = self.dt * np.arange(steps - 1, -steps, -1)[:, None, None] + places[:, None] - places
+        reach = np.array([weight * expm(self.A * (self.dt - at)) for at, weight in zip(within, weights, strict=True)])
+        apart = np.arange(steps)[:, None] - np.arange(steps)
+        lags = self.dt * np.arange(1 - steps, steps)[:, None, None] + within[:, None] - within
         correlation = autocorrelation(lags, self.smoothness)
-        of_push = np.einsum("gab,b,hcb,lgh->alc", reach, self.state_noise**2, reach, correlation)
-        # The covariances of ξ_i with every ξ_j lie side by side, a window that slides as i grows.
-        strip = of_push.reshape(n, -1)
-        with_push = np.zeros((steps, n, steps * n))
-        covariance = np.zeros((steps, n, steps * n))
-        covariance[0, :, :n] = np.diag(self.start_sd**2)
-        for i in range(1, steps):
-            mean[i] = step @ mean[i - 1] + push[i - 1]
-            window = strip[:, n * (steps - i) : n * (2 * steps - i)]
-            with_push[i] = step @ with_push[i - 1] + window
-            covariance[0, :, i * n : (i + 1) * n] = covariance[0, :, (i - 1) * n : i * n] @ step.T
-        with_push = with_push.reshape(steps * n, steps * n).T.reshape(steps, n, steps * n)
-        for i in range(1, steps):
-            covariance[i] = step @ covariance[i - 1] + with_push[i - 1]
-        kept = slice(self.lead * n, None)
-        return mean.ravel()[kept], covariance.reshape(steps * n, steps * n)[kept, kept]
+        of_push = np.einsum("gab,b,hcb,lgh->lac", reach, self.state_noise**2, reach, correlation)[apart + steps - 1]
+        # Every state is a linear map of the first one and of every ξ before it.
+        powers = np.array([np.linalg.matrix_power(expm(self.A * self.dt), k) for k in range(steps)])
+        carried = np.where((apart >= 0)[:, :, None, None], powers[np.maximum(apart, 0)], 0.0)[self.lead :]
+        carried, of_push = (each.swapaxes(1, 2).reshape(len(each) * n, -1) for each in (carried, of_push[1:, 1:]))
+        times = self.dt * (np.arange(steps - 1)[:, None] - self.lead) + within
+        driven = self.inputs(times.ravel()).reshape(*times.shape, -1) @ self.B.T
+        mean = carried[:, n:] @ np.einsum("gab,tgb->ta", reach, driven).ravel()
+        return mean, carried @ block_diag(np.diag(self.start_sd**2), of_push) @ carried.T
 
     @cached_property
     def output_moments(self) -> tuple[Array, Array]:

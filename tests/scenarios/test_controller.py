@@ -104,6 +104,7 @@ def test_sticks_follow_from_the_seed_and_stop_at_their_ends():
     assert np.abs(first[:, 0]).max() == FULL_STICK[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 def test_the_parameters_that_are_sent_fly_as_the_own_controller_does(autopilot):
     vehicle = {"quadratic_thrust": 0.4, "frame": "plus"}

@@ -88,6 +88,7 @@ def test_every_scenario_is_flown_to_its_end(name):
         assert 2.5 < np.degrees(motion.rates[hovering, 0].std()) < 30
 
 
+@pytest.mark.slow
 def test_legs_climbs_and_turns_are_flown_and_end_where_they_began():
     out = sections.Move(north=24.0, east=-18.0, up=6.0, speed=6.0, turn=270.0, rate=60.0)
     moves = (out, sections.Move(north=-24.0, east=18.0, up=-6.0, speed=6.0), sections.Move(hover=2.0))

@@ -53,6 +53,7 @@ def test_it_does_about_every_axis_while_all_are_excited(axis, inertia):
     assert known[f"{axis}_disturbance"][motion.landed_state == 2].std() == pytest.approx(1, rel=0.4)
 
 
+@pytest.mark.slow
 def test_the_rate_loop_oscillates_above_its_gain_margin_and_not_below():
     def swing(gain):
         scenario = Scenario(duration=16.0, vehicle=VehicleSpec(rate_gain=gain), sensors=Sensors(rate_sd=1e-4))

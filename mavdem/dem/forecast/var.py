@@ -360,8 +360,9 @@ class Var(NamedTuple):
         answers = []
         for inputs, outputs in record.segments:
             channels = np.hstack([outputs, inputs])
-            begins = (channels[max(0, t - self.lags) : t] for t in range(len(outputs)))
-            pasts = np.array([initial_lags(past, self.lags) for past in begins])
+            # Of the first sample's past nothing is known; it counts for what would be before the others'.
+            before = np.concatenate([np.repeat(channels[:1], self.lags, axis=0), channels])
+            pasts = before[np.arange(len(outputs))[:, None] + np.arange(self.lags)]
             pasts[0] = self.units.center
             answers.append(self.infer(pasts, inputs[:, None]).mean[:, 0])
         return np.concatenate(answers)

@@ -13,6 +13,7 @@ known.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache, partial
 from math import factorial
 from typing import NamedTuple
 
@@ -171,6 +172,9 @@ class Parameters(NamedTuple):
 
         The transition has two inputs: the torque that the motors settle at, and a constant acceleration.
         """
+        r = self.motors
+        # Most of the parameters that differ do so in the motors' effects alone.
+        thetas, which = _distinct(thetas, [r + 1, r + 2, *range(r + 4, self.noise_index + 1)])
         vehicle, rate = np.zeros((len(thetas), 2, 2)), 1 / self.lag(thetas, dt)
         vehicle[:, 0, 0], vehicle[:, 0, 1], vehicle[:, 1, 1] = -self.damping(thetas), 1.0, -rate
         components = zip(self.wind, self.sizes(thetas).T, self.times(thetas).T, strict=True)
@@ -185,14 +189,19 @@ class Parameters(NamedTuple):
         rate = np.eye(1, n)[None]
         P = steady_covariance(transition.state, rate, process, noise[:, None, None])
         variance = P[:, 0, 0] + noise
-        return transition, (transition.state @ P[:, :, :1])[:, :, 0] / variance[:, None], variance
+        gain = (transition.state @ P[:, :, :1])[:, :, 0] / variance[:, None]
+        return Transition(*(part[which] for part in transition)), gain[which], variance[which]
 
     def commanded(self, theta: Array, windows: FlightWindows) -> Array:
         """(W, N) the torque that the motors would settle at, rad/s², refinements included."""
+        return np.asarray(self._refined(tuple(theta[self.noise_index + 1 :]), windows) @ self.effect(theta))
+
+    def _refined(self, values: tuple[float, ...], windows: FlightWindows) -> Array:
+        """(W, N, r) the inputs with refinements of these ``values``."""
         inputs = windows.inputs
-        for name, value in zip(self.refinements, theta[self.noise_index + 1 :], strict=True):
+        for name, value in zip(self.refinements, values, strict=True):
             inputs = jumping(inputs, value) if name == "jumps" else inputs + value * inputs**2 / 2
-        return np.asarray(inputs @ self.effect(theta))
+        return inputs
 
     def innovations(self, thetas: Array, windows: FlightWindows) -> tuple[Array, Array]:
         """(b, W, N′) of all windows but for their beginnings, for parameters (b, k); and their variance (b,).
@@ -201,37 +210,52 @@ class Parameters(NamedTuple):
         """
         transition, gain, variance = self.filters(thetas, windows.dt)
         now, later = transition.input_now, transition.input_next
-        number, (W, N) = len(thetas), windows.rate.shape
-        driven = np.empty((number, W, N - 1, 3))
-        driven[..., 2] = windows.rate[:, :-1]
-        for k, theta in enumerate(thetas):
-            steps = float(theta[self.motors + 3]) / windows.dt
+        W, N = windows.rate.shape
+        of_commands = [*range(self.motors + 1), self.motors + 3, *range(self.noise_index + 1, thetas.shape[1])]
+        some, which = _distinct(thetas, of_commands)
+        driven, refined = np.empty((len(some), W, N - 1, 3)), cache(partial(self._refined, windows=windows))
+        for k, theta in enumerate(some):
+            steps, effect = float(theta[self.motors + 3]) / windows.dt, self.effect(theta)
             # A command that reacts to a sample must not help to predict it: what answers a sample is held from then on.
-            answer = windows.answers @ self.effect(theta)
+            answer = windows.answers @ effect
             held, _ = delayed(min(1.0, ANSWERED_SECONDS / windows.dt) * answer.T, steps)
-            ends = delayed((self.commanded(theta, windows) - answer).T, steps)
+            ends = delayed((refined(tuple(theta[self.noise_index + 1 :])) @ effect - answer).T, steps)
             driven[k, :, :, 0], driven[k, :, :, 1] = ((end + held).T for end in ends)
+        driven[..., 2] = windows.rate[:, :-1]
         step = transition.state.copy()
         step[:, :, 0] -= gain
-        predicted = followed(step, np.stack([now[..., 0], later[..., 0], gain], axis=2), driven, windows.rate[:, 0])
+        gains = np.stack([now[..., 0], later[..., 0], gain], axis=2)
+        predicted = followed(step, gains, driven, windows.rate[:, 0], which)
         # The response to a constant acceleration of 1 rad/s².
-        response = followed(step, (now + later)[..., 1:], np.ones((number, 1, N - 1, 1)), np.zeros(1))[:, 0]
+        alike = np.zeros(len(thetas), np.intp)
+        response = followed(step, (now + later)[..., 1:], np.ones((1, 1, N - 1, 1)), np.zeros(1), alike)[:, 0]
         settled = round(SETTLING_SECONDS / windows.dt)
-        errors, response = (windows.rate[:, 1:] - predicted)[:, :, settled:], response[:, settled:]
+        errors, response = windows.rate[:, settled + 1 :] - predicted[:, :, settled:], response[:, settled:]
         share = np.einsum("kwn,kn->kw", errors, response) / np.einsum("kn,kn->k", response, response)[:, None]
-        return errors - share[:, :, None] * response[:, None], variance
+        errors -= share[:, :, None] * response[:, None]
+        return errors, variance
 
 
-def followed(step: Array, gains: Array, inputs: Array, first: Array) -> Array:
+def _distinct(thetas: Array, columns: list[int]) -> tuple[Array, NDArray[np.intp]]:
+    """The ``thetas`` (b, k) that differ in these ``columns``, and for each (b,) which of them is like it there."""
+    if len(thetas) == 1:
+        return thetas, np.zeros(1, np.intp)
+    _, first, which = np.unique(thetas[:, columns], axis=0, return_index=True, return_inverse=True)
+    return thetas[first], which.ravel()
+
+
+def followed(step: Array, gains: Array, inputs: Array, first: Array, which: NDArray[np.intp]) -> Array:
     """(b, W, N) x₁[0] … x_N[0] of x_{k+1} = step x_k + gains · input_k, of b models and W windows.
 
-    ``step`` is (b, n, n), ``gains`` (b, n, c), ``inputs`` (b, W, N, c). The first state of a window is 0 but for its
-    first entry, ``first`` (W,). Blocks run side by side from 0, each by one product; what each begins with is added.
+    ``step`` is (b, n, n), ``gains`` (b, n, c), ``inputs`` (a, W, N, c), of which each model has that of ``which`` (b,).
+    The first state of a window is 0 but for its first entry, ``first`` (W,). Blocks run side by side from 0, each by
+    one product; what each begins with is added.
     """
     (number, n, c), (W, N) = gains.shape, inputs.shape[1:3]
     blocks = -(-N // BLOCK)
-    padded = np.zeros((number, W, blocks * BLOCK, c))
+    padded = np.zeros((len(inputs), W, blocks * BLOCK, c))
     padded[:, :, :N] = inputs
+    padded = padded.reshape(len(inputs), W * blocks, BLOCK * c)
     responses, shown = np.empty((number, BLOCK, n, c)), np.empty((number, n, BLOCK))
     power, responses[:, 0] = step, gains
     for later in range(1, BLOCK):
@@ -244,13 +268,16 @@ def followed(step: Array, gains: Array, inputs: Array, first: Array) -> Array:
     for early in range(BLOCK):
         within[:, early, :, early:BLOCK] = np.swapaxes(responses[:, : BLOCK - early, 0], 1, 2)
     within[..., BLOCK:] = np.swapaxes(responses[:, ::-1], 2, 3)
-    moved = padded.reshape(number, W * blocks, BLOCK * c) @ within.reshape(number, BLOCK * c, BLOCK + n)
-    moved = moved.reshape(number, W, blocks, BLOCK + n)
+    moved = np.empty((number, W, blocks, BLOCK + n))
+    for model, its in enumerate(which):
+        products = moved[model].reshape(W * blocks, BLOCK + n)
+        np.matmul(padded[its], within[model].reshape(BLOCK * c, BLOCK + n), out=products)
     begins, across = np.zeros((number, W, blocks, n)), np.swapaxes(power, 1, 2)
     begins[:, :, 0, 0] = first
     for block in range(1, blocks):
         begins[:, :, block] = begins[:, :, block - 1] @ across + moved[:, :, block - 1, BLOCK:]
-    followed = moved[..., :BLOCK] + begins @ shown[:, None]
+    followed = begins @ shown[:, None]
+    followed += moved[..., :BLOCK]
     return followed.reshape(number, W, blocks * BLOCK)[:, :, :N]
 
 

@@ -82,17 +82,10 @@ class Physical(NamedTuple):
     windows: WindowTable
 
     def __repr__(self) -> str:
-        _, *halves = self.interval()
-        shown = ("damping", 1, "1/s"), ("lag", 1e3, "ms"), ("delay", 1e3, "ms")
-        known = [("mean effect", *self.mean_effect(), "rad/s² per unit of input")]
-        known += [
-            (name, to * getattr(self, name), to * half, u) for (name, to, u), half in zip(shown, halves, strict=True)
-        ]
-        parts = [
-            f"{name} {value:.3g}" + (f" ± {half:.2g}" * (half == half)) + f" {u}" for name, value, half, u in known
-        ]
-        doubts = [f"{name} {status}" for name, status in self.status.items() if status != "reported"]
-        return f"<Physical: {', '.join(parts)}{'; ' * bool(doubts)}{', '.join(doubts)}>"
+        (mean, sure), half = self.mean_effect(), self.interval()
+        shown = f"mean effect {mean:.3g} ± {sure:.2g} rad/s² per unit of input, damping {self.damping:.3g} ± "
+        shown += f"{half.damping:.2g} 1/s, lag {1e3 * self.lag:.3g} ± {1e3 * half.lag:.2g} ms"
+        return f"<Physical: {shown}{''.join(f'; {name} {status}' for name, status in self.status.items())}>"
 
     def mean_effect(self, level: float = LEVEL) -> tuple[float, float]:
         """Returns the mean magnitude of the motors' effect, and its half width, NaN where it is not identifiable.
