@@ -245,7 +245,7 @@ def _model(axis: str, analysis: LogAnalysis, learned: Learned, loop: Loop | None
 
 def _inside(axis: str, analysis: LogAnalysis, learned: Learned, whole: bool) -> Chapter:
     """How a model was learned, folded."""
-    blocks, methods = detail_blocks(learned, analysis.as_dict()), ["learning", "poles"] if whole else []
+    blocks, methods = detail_blocks(learned, analysis.as_dict()), ["learning"] if whole else []
     settings = [[name, str(value)] for name, value in asdict(learned.settings).items()] if whole else []
     blocks += [Table(["setting", "value"], settings, words=True)] if whole else []
     pictures = model_pictures(learned, analysis.findings, methods, analysis)
@@ -272,7 +272,7 @@ _TEXTS = tomllib.loads((files("mavdem.report") / "pictures.toml").read_text("utf
 PICTURES = {method: (table["title"], table["caption"]) for method, table in _TEXTS.items()}
 """Title and caption by the method of ``learned.plot`` that draws it."""
 PRINTED = "motors", "bode", "forecast"  # of these, so that a page prints on few sheets
-SYSTEM_PICTURES = "bode", "step", "poles"  # what motors' effect, damping and lag show; nothing where these are unknown
+SYSTEM_PICTURES = "bode", "step"  # what motors' effect, damping and lag show; nothing where these are unknown
 
 
 def model_pictures(
@@ -284,8 +284,8 @@ def model_pictures(
 ) -> list[Picture]:
     """Returns the pictures of a model; those of forecasts and of hovering motors need the ``analysis`` it is from.
 
-    Forecasts are of so many ``outputs``. Responses and poles are left out where control effectiveness is not
-    identifiable by what was ``found``.
+    Forecasts are of so many ``outputs``. Responses are left out where control effectiveness is not identifiable by what
+    was ``found``.
     """
 
     # ``learned.plot`` loads matplotlib, which takes its time.
