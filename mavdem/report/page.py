@@ -284,8 +284,8 @@ def model_pictures(
 ) -> list[Picture]:
     """Returns the pictures of a model; those of forecasts and of hovering motors need the ``analysis`` it is from.
 
-    Forecasts are of so many ``outputs``. Responses are left out where control effectiveness is not
-    identifiable by what was ``found``.
+    Forecasts are of so many ``outputs``. Responses are left out where control effectiveness is not identifiable by what
+    was ``found``.
     """
 
     # ``learned.plot`` loads matplotlib, which takes its time.
