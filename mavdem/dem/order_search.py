@@ -18,9 +18,8 @@ from math import ceil, e, pi, sqrt
 from typing import NamedTuple, TypeVar
 
 import numpy as np
-from numpy.polynomial.hermite_e import hermeval
 from scipy.linalg import solve_continuous_lyapunov
-from scipy.ndimage import correlate1d
+from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import minimize_scalar
 
 from mavdem.dem.engine.ascent import CONVERGED_NATS, CoordinateAscent, Iterate
@@ -129,11 +128,8 @@ def embed_through_kernel(samples: Array, order: int, width: float, dt: float) ->
     reach = ceil(REACH_WIDTHS * width / dt * (1 - ROUNDING))
     if len(samples) <= 2 * reach:
         return np.empty((0, (order + 1) * samples.shape[1]))
-    times = np.arange(-reach, reach + 1) * dt / width
-    kernel = np.exp(-(times**2) / 2) * dt / (np.sqrt(2 * np.pi) * width)
-    # The k-th derivative of the kernel is (−1/σ)ᵏ Heₖ(t/σ) times it; a convolution reverses it, t → −t.
-    weights = [hermeval(times, row) * kernel / width**k for k, row in enumerate(np.eye(order + 1))]
-    return np.hstack([correlate1d(samples, row, axis=0)[reach:-reach] for row in weights])
+    orders = [gaussian_filter1d(samples, width / dt, 0, k, radius=reach) / dt**k for k in range(order + 1)]
+    return np.hstack(orders)[reach:-reach]
 
 
 def _repeated(width: float, dt: float) -> float:

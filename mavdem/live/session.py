@@ -318,7 +318,8 @@ class LiveSession:
         self._estimate = self._estimate if estimate is None else estimate
         self._shown += estimate is None
         self.history.advance(row.time, setup.boot)
-        self.history.take(row.segment, row.time, row.outputs, estimate)
+        shares = setup.scale.fraction(row.inputs).tolist()
+        self.history.take(row.segment, row.time, row.outputs, estimate, shares, self.stream.air.row)
         if self._display is not None and "plots" not in self._shed:
             shift, segment = self.history.shift, row.segment + self._hidden
             known = estimate, learner.learned, self.stream.air.row
@@ -329,6 +330,7 @@ class LiveSession:
         if self._setup is not None and setup.boot != self._setup.boot:
             self._models = deque(((-np.inf, learned, end) for _, learned, end in self._models), MAX_MODELS)
         self._setup, layout, axis = setup, setup.layout, self.stream.axis
+        self.history.motors = layout.names
         sizes = setup.dt, len(layout.names), len(axis_outputs(axis))
         directions = None if layout.positions_assumed else layout.effect(axis)
         alike = self.prior is not None and self.prior.record.input_units == (setup.scale.unit,) * len(layout.names)

@@ -27,6 +27,7 @@ from mavdem.dem.engine.generative import (
 from mavdem.dem.engine.model import pack, unpack
 from mavdem.dem.fitting import uncertainty_of
 from mavdem.dem.priors import KNOWN
+from sitl_scenarios.wind import gaussian_noise
 
 Array = NDArray[np.float64]
 
@@ -139,18 +140,8 @@ def flight(
     A, B, _ = unpack(truth, 2, 1, 2)
     fine, before = 10, 300
     step, number = dt / 10, (samples + before) * 10
-    motors = coloured(0.15, step, number, rng)
-    moment = wind * coloured(smoothness, step, number, rng)
+    motors = gaussian_noise(0.15, step, number, rng)
+    moment = wind * gaussian_noise(smoothness, step, number, rng)
     states = motion(A, np.hstack([B, [[0.0], [1.0]]]), np.stack([motors, moment], axis=1), step)
     kept = slice(before * fine, None, fine)
     return states[kept], motors[kept, None]
-
-
-def coloured(smoothness: float, step: float, number: int, rng: np.random.Generator) -> Array:
-    """Unit-variance Gaussian-kernel noise (number,), made in the frequency domain; it is periodic, over twice that."""
-    total = 2 * number
-    omega = 2 * np.pi * np.fft.rfftfreq(total, step)
-    power = np.exp(-((omega * smoothness) ** 2))
-    phases = rng.standard_normal((2, len(omega)))
-    harmonics = np.sqrt(power / power.sum()) * (phases[0] + 1j * phases[1]) / 2
-    return np.asarray(np.fft.irfft(harmonics, total, norm="forward")[:number])

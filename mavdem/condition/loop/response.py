@@ -1,4 +1,4 @@
-"""The measured response of the rate to its setpoint, beside the predicted one: spectra, coherence, step and fit."""
+"""The measured response of the rate to its setpoint, beside the predicted one: spectra, step and fit."""
 
 from __future__ import annotations
 
@@ -28,13 +28,11 @@ class MeasuredResponse(NamedTuple):
     frequency: Array  # (F,) Hz
     response: Complex  # (F,)
     predicted: Complex
-    coherence: Array  # (F,) share of the rate's power that the setpoint explains
-    band: tuple[float, float]  # Hz from and to which coherence allows a comparison
+    band: tuple[float, float]  # Hz from and to which the setpoint explains enough of the rate's power to compare
     fit: float  # of the predicted rate to the measured one in the band, 100 (1 - NRMSE) %
     agreement: float  # likewise of what the setpoint explains: what is missing is the loop's error
     time: Array  # (K,) s of the step, from it on
     step: Array  # (K,) of the rate by a setpoint of 1 rad/s, deconvolved
-    predicted_step: Array  # likewise from the prediction
     controller_gain: float  # of the motors' demand in flight, over that of the parameters; NaN where it is not known
     reason: str  # why the two do not agree, one sentence; empty where they do
 
@@ -110,8 +108,8 @@ def _compared(
         for error in (unlike + by_wind, unlike)
     )
     passed = np.clip(1.5 - hertz / highest / 2, 0.0, 1.0) / (1 + REGULARISED * of_setpoint.max() / of_setpoint)
-    pulses = (np.append(abs(one[1]), (passed * one)[1:]) for one in (response, predicted))
-    steps = [np.cumsum(np.fft.irfft(pulse, size))[: round(STEP_SECONDS / dt)] for pulse in pulses]
+    pulse = np.append(abs(response[1]), (passed * response)[1:])
+    step = np.cumsum(np.fft.irfft(pulse, size))[: round(STEP_SECONDS / dt)]
     reason = ""
     if highest < LEAST_BAND:
         reason = f"The setpoint explains too little of the rate from {highest:.1f} Hz on: steer more, in calmer air."
@@ -131,8 +129,8 @@ def _compared(
         reason = (
             f"The controller moved the motors {gain:.2f} times as far as its gains say: check that these are its own."
         )
-    time, known = np.array(dt * np.arange(len(steps[0])), np.float64), ((LOWEST, highest), fit, agreement)
-    return MeasuredResponse(hertz, response, predicted, coherence, *known, time, steps[0], steps[1], gain, reason)
+    time, known = np.array(dt * np.arange(len(step)), np.float64), ((LOWEST, highest), fit, agreement)
+    return MeasuredResponse(hertz, response, predicted, *known, time, step, gain, reason)
 
 
 def evenly(asked: Array) -> Array:

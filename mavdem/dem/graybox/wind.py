@@ -126,12 +126,6 @@ class WindTorque:
             f"{number} gust{'' if number == 1 else 's'}{'' if self.resolved else ', not resolved'}>"
         )
 
-    def in_newton_metres(self, inertia: float) -> Array:
-        """Returns the torque (T,) in N m, of a vehicle with that moment of ``inertia`` about the axis, kg m²."""
-        if not 0 < inertia < np.inf:
-            raise ValueError(f"inertia must be a positive number of kg m², not {inertia!r}")
-        return self.torque * inertia
-
 
 class _Torques(NamedTuple):
     """Of all segments: the wind's torque (T,), its smoother's variance, and the motors' torque about its mean."""
