@@ -26,7 +26,7 @@ from mavdem.report.condition import TIER_WORDS
 from mavdem.report.numbers import TORQUE, listed, named, plus_minus, readable, rounded, short, with_unit
 
 TROUBLE = HEALTHS[:2]
-MAX_NAMED = 12  # vehicles in a sentence
+MAX_NAMED = 4  # vehicles in a sentence
 MAX_REASONS = 8  # rows of logs that could not be used
 QUANTITIES = {  # what a kind of quantity is called, and the scale and unit that it is shown in
     difference.SHARE: ("share", 100.0, "%"),
@@ -86,6 +86,20 @@ def vehicle_name(name: str, flights: Flights) -> str:
     """Returns a name to read: beside the number of a board what vehicle it is, and its firmware."""
     known = listed(filter(None, (flights[-1][0].frame, flights[-1][0].firmware)))
     return f"{name} [{known}]" if known and flights[-1][0].vehicle_basis == "board" else name
+
+
+def conclusion(flights: Flights) -> str:
+    """Returns what one vehicle's latest flight that was judged shows, in a sentence."""
+    if (health := vehicle_health(flights)) not in TROUBLE:
+        seen = next((row.headline for row in flights[-1] if row.headline), "Not judged yet.")
+        if health == OK:
+            seen = f"No drift and no fault{' in its latest flight' if had_trouble(flights) else ''}."
+        return doubt(flights) or seen
+    rows = next(flight for flight in reversed(flights) if worst_health(flight) == health)
+    motor = next((row.suspect_motor for row in rows if row.suspect_motor is not None), None)
+    what = f"Motor {motor}: {health}" if motor else health.capitalize()
+    sure = next((row.fault_probability for row in rows if row.fault_probability is not None), None)
+    return f"{what}{'' if sure is None else f', probability of a fault {sure:.2f}'}. {doubt(flights)}".strip()
 
 
 def vehicle_words(flights: Flights) -> str:
