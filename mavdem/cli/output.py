@@ -123,9 +123,12 @@ def print_blocks(blocks: Iterable[Sentence | Table], gap: str = "\n") -> None:
 def _grid(table: Table) -> Grid:
     grid = Grid(box=None, pad_edge=False)
     for column, heading in enumerate(map(printable, table.header)):
-        widest = max(map(len, heading.split()), default=0)
-        justify = "right" if column and not table.words else "left"
-        grid.add_column(heading, justify=justify, no_wrap=not column, min_width=widest)
+        grid.add_column(
+            heading,
+            justify="right" if column and not table.words else "left",
+            no_wrap=not column,
+            min_width=max(map(len, heading.split()), default=0),
+        )
     for row in table.rows:
         grid.add_row(*map(printable, row))
     return grid
