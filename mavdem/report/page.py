@@ -33,7 +33,7 @@ from mavdem.live.history import LiveHistory
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.comparison import comparison_report, order_report
 from mavdem.report.condition import condition_sentences, log_blocks, tier_sentences, wind_blocks
-from mavdem.report.flights import MAX_PARTS, live_report, parts_learned, truth_blocks
+from mavdem.report.flights import live_report, truth_blocks
 from mavdem.report.header import FEW_POINTS, POINTS, Head, key_figures
 from mavdem.report.loops import margin_tables, tune_blocks
 from mavdem.report.numbers import Labels, listed, named, readable, rounded
@@ -245,7 +245,7 @@ def _model(axis: str, analysis: LogAnalysis, learned: Learned, loop: Loop | None
 
 def _inside(axis: str, analysis: LogAnalysis, learned: Learned, whole: bool) -> Chapter:
     """How a model was learned, folded."""
-    blocks, methods = detail_blocks(learned, analysis.as_dict()), ["learning", "poles"] if whole else []
+    blocks, methods = detail_blocks(learned, analysis.as_dict()), ["learning"] if whole else []
     settings = [[name, str(value)] for name, value in asdict(learned.settings).items()] if whole else []
     blocks += [Table(["setting", "value"], settings, words=True)] if whole else []
     pictures = model_pictures(learned, analysis.findings, methods, analysis)
@@ -272,7 +272,7 @@ _TEXTS = tomllib.loads((files("mavdem.report") / "pictures.toml").read_text("utf
 PICTURES = {method: (table["title"], table["caption"]) for method, table in _TEXTS.items()}
 """Title and caption by the method of ``learned.plot`` that draws it."""
 PRINTED = "motors", "bode", "forecast"  # of these, so that a page prints on few sheets
-SYSTEM_PICTURES = "bode", "step", "poles"  # what motors' effect, damping and lag show; nothing where these are unknown
+SYSTEM_PICTURES = "bode", "step"  # what motors' effect, damping and lag show; nothing where these are unknown
 
 
 def model_pictures(
@@ -284,8 +284,8 @@ def model_pictures(
 ) -> list[Picture]:
     """Returns the pictures of a model; those of forecasts and of hovering motors need the ``analysis`` it is from.
 
-    Forecasts are of so many ``outputs``. Responses and poles are left out where control effectiveness is not
-    identifiable by what was ``found``.
+    Forecasts are of so many ``outputs``. Responses are left out where control effectiveness is not identifiable by what
+    was ``found``.
     """
 
     # ``learned.plot`` loads matplotlib, which takes its time.
@@ -374,9 +374,6 @@ def live_page(
     blocks = [] if learned is None else screen(learned, found=found)
     pictures = [] if learned is None else model_pictures(learned, found, ("motors", *SYSTEM_PICTURES))
     chapters = [Chapter("The model at the end", blocks, pictures)]
-    parts = parts_learned(history, seconds)
-    if len(parts.rows) > MAX_PARTS:
-        chapters.append(Chapter("The parts learned from", [parts], folded=True))
     what, said = (
         f"What {axis} did, learned and predicted while it flew.",
         live_report(history, status, account, axis, seconds),
