@@ -146,7 +146,6 @@ class LiveHistory:
         self._rows: list[tuple[float, ...]] = []  # of the lines, after the number of the segment
         self._stride, self._taken, self._segment = 1, 0, 0
         self.learned: list[tuple[float, float]] = []  # the parts learned from: first and last sample, s
-        self.modelled = np.inf  # end of what the model at the end was learned from, s
         # By horizon: time, prediction, band and last sample of those whose time has not come.
         self._pending: dict[float, deque[tuple[float, Array, Array, Array]]] = {}
         self._sums: dict[float, tuple[int, Array]] = {}

@@ -33,7 +33,7 @@ from mavdem.live.history import LiveHistory
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.comparison import comparison_report, order_report
 from mavdem.report.condition import condition_sentences, log_blocks, tier_sentences, wind_blocks
-from mavdem.report.flights import MAX_PARTS, live_report, parts_learned, truth_blocks
+from mavdem.report.flights import live_report, truth_blocks
 from mavdem.report.header import FEW_POINTS, POINTS, Head, key_figures
 from mavdem.report.loops import margin_tables, tune_blocks
 from mavdem.report.numbers import Labels, listed, named, readable, rounded
@@ -374,9 +374,6 @@ def live_page(
     blocks = [] if learned is None else screen(learned, found=found)
     pictures = [] if learned is None else model_pictures(learned, found, ("motors", *SYSTEM_PICTURES))
     chapters = [Chapter("The model at the end", blocks, pictures)]
-    parts = parts_learned(history, seconds)
-    if len(parts.rows) > MAX_PARTS:
-        chapters.append(Chapter("The parts learned from", [parts], folded=True))
     what, said = (
         f"What {axis} did, learned and predicted while it flew.",
         live_report(history, status, account, axis, seconds),
