@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from mavdem.ingest.vocabulary import quaternion
 from sitl_scenarios.dynamics import DISARMED_PULSE
 from sitl_scenarios.gains import CYCLES
 from sitl_scenarios.motion import Motion
@@ -29,7 +30,7 @@ def made_up_motion(seconds: float = 20.0, begin: float = 0.0, autopilot: str = "
     rates = np.column_stack(
         [flying * ROLL * 2 * np.pi * 0.7 * np.cos(angle), 0.01 * np.sin(3 * angle), 0.02 * np.cos(2 * angle)]
     )
-    attitude = _quaternion(roll, pitch, yaw)
+    attitude = quaternion(roll, pitch, yaw)
     position = np.column_stack([np.sin(angle), np.cos(angle), -5 * flying])
     velocity = np.column_stack([np.cos(angle), -np.sin(angle), 0 * angle])
     swing = 60 * flying * np.sin(angle + 1.0)
@@ -59,16 +60,4 @@ def made_up_motion(seconds: float = 20.0, begin: float = 0.0, autopilot: str = "
         moment=np.zeros((count, 3)),
         armed=armed,
         landed_state=state,
-    )
-
-
-def _quaternion(roll: np.ndarray, pitch: np.ndarray, yaw: np.ndarray) -> np.ndarray:
-    cr, sr, cp, sp, cy, sy = (f(a / 2) for a in (roll, pitch, yaw) for f in (np.cos, np.sin))
-    return np.column_stack(
-        [
-            cr * cp * cy + sr * sp * sy,
-            sr * cp * cy - cr * sp * sy,
-            cr * sp * cy + sr * cp * sy,
-            cr * cp * sy - sr * sp * cy,
-        ]
     )

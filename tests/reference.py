@@ -70,12 +70,10 @@ def schema_text(name: str) -> str:
 
 def command_page() -> str:
     """Returns the page of all commands, each as its --help is."""
-    parts = ["# Commands"]
-    for name in ["", *mavdem.commands]:
-        command = imported_command(name) if name else mavdem
-        with click.Context(command, info_name=f"mavdem {name}".strip(), terminal_width=100) as context:
-            parts += [f"## mavdem {name}".strip(), f"```\n{command.get_help(context)}\n```"]
-    return "\n\n".join(parts) + "\n"
+    whole = click.Context(mavdem, info_name="mavdem", terminal_width=86, **mavdem.context_settings)
+    contexts = [click.Context(imported_command(name), whole, name) for name in mavdem.commands]
+    parts = [f"## {one.command_path}\n\n```\n{one.command.get_help(one)}\n```" for one in (whole, *contexts)]
+    return "\n\n".join(["# Commands", *parts]) + "\n"
 
 
 def file_page() -> str:

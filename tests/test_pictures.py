@@ -24,7 +24,8 @@ CHANNELS = Channels("live", 0.01, (25,), ("motor 1",), ("roll", "roll rate"), ("
 
 def page_words(path: Path) -> str:
     """What a page says, without its pictures and what is folded."""
-    return re.sub(r"<(script|style|svg|noscript|details|footer)\b.*?</\1>|<[^>]*>", " ", path.read_text(), flags=re.DOTALL)
+    unseen = r"<(script|style|svg|noscript|details|footer)\b.*?</\1>|<[^>]*>"
+    return re.sub(unseen, " ", path.read_text(), flags=re.DOTALL)
 
 
 def recording_words(path: Path) -> str:

@@ -259,7 +259,9 @@ class Signals:
         rows = np.flatnonzero((columns["boot"] == boot) & np.isfinite(columns["custom_mode"]))
         numbers = columns["custom_mode"][rows].astype(np.int64)
         changed = np.flatnonzero(np.diff(numbers, prepend=-1))
-        named = [mode_name(self.telemetry.autopilot, int(number)) for number in numbers[changed]]
+        named = [
+            mode_name(self.telemetry.autopilot, self.telemetry.vehicle, int(number)) for number in numbers[changed]
+        ]
         return list(zip(columns["time"][rows[changed]].tolist(), named, strict=True))
 
     @cached_property

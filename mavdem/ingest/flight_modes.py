@@ -12,6 +12,7 @@ from mavdem.ingest.mavlink.definitions import enum_name
 
 _PX4 = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))["px4"]
 _CUSTOM = {state: main << 16 | sub << 24 for main, sub, state, _ in _PX4}
+_ENUMS = {"SUBMARINE": "SUB_MODE", "GROUND_ROVER": "ROVER_MODE", "FIXED_WING": "PLANE_MODE"}
 _NAMES = {_CUSTOM[state]: name for *_, state, name in _PX4}
 
 
@@ -20,9 +21,9 @@ def px4_custom_mode(states: NDArray[np.integer]) -> NDArray[np.int64]:
     return np.array([_CUSTOM.get(int(state), 0) for state in states], dtype=np.int64)
 
 
-def mode_name(autopilot: str, number: int) -> str:
-    """Returns the name of a custom mode of a MAV_AUTOPILOT without its prefix: "Loiter"; "mode 33" if it has none."""
+def mode_name(autopilot: str, vehicle: str, number: int) -> str:
+    """Returns the name of a custom mode of a MAV_AUTOPILOT and a MAV_TYPE: "Loiter"; "mode 33" where it has none."""
     if autopilot == "PX4":
         return _NAMES.get(number, _NAMES.get(number & 0xFFFFFF, f"mode {number}"))
-    name = enum_name("COPTER_MODE", number) if autopilot == "ARDUPILOTMEGA" else str(number)
+    name = enum_name(_ENUMS.get(vehicle, "COPTER_MODE"), number) if autopilot == "ARDUPILOTMEGA" else str(number)
     return f"mode {name}" if name.isdigit() else name.replace("_", " ").capitalize().replace("Rtl", "RTL")

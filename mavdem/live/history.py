@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import nan
 from pathlib import Path
@@ -141,11 +141,11 @@ class LiveHistory:
 
     def __init__(self) -> None:
         self.now, self.shift, self._boot = nan, 0.0, 0
+        self.motors: tuple[str, ...] = ()
         self.events: list[Event] = []
         self._rows: list[tuple[float, ...]] = []  # of the lines, after the number of the segment
         self._stride, self._taken, self._segment = 1, 0, 0
         self.learned: list[tuple[float, float]] = []  # the parts learned from: first and last sample, s
-        self.modelled = np.inf  # end of what the model at the end was learned from, s
         # By horizon: time, prediction, band and last sample of those whose time has not come.
         self._pending: dict[float, deque[tuple[float, Array, Array, Array]]] = {}
         self._sums: dict[float, tuple[int, Array]] = {}
@@ -157,10 +157,19 @@ class LiveHistory:
         if not time + self.shift <= self.now:
             self.now = time + self.shift
 
-    def take(self, segment: int, time: float, outputs: Array, estimate: Estimate | None) -> None:
+    def take(
+        self,
+        segment: int,
+        time: float,
+        outputs: Array,
+        estimate: Estimate | None,
+        motors: Sequence[float] = (),
+        wind: WindRow | None = None,
+    ) -> None:
         """Takes a row at a ``time`` of the vehicle's clock; without an estimate it was not learned from.
 
-        ``segment`` counts the gaps before it; ``outputs`` (m,) are the measured ones.
+        ``segment`` counts the gaps before it; ``outputs`` (m,) are the measured ones; ``motors`` are
+        shares of their range.
         """
         time += self.shift
         if new := segment != self._segment:
@@ -170,7 +179,8 @@ class LiveHistory:
         torque = (np.nan, np.nan) if estimate is None else (estimate.wind_torque, estimate.wind_torque_band)
         self._taken += 1
         if self._taken % self._stride == 0:
-            self._rows.append((segment, time, float(outputs[0]), *predicted, *torque))
+            speed, low, high, *_ = (nan, nan, nan) if wind is None else wind.by_compass
+            self._rows.append((segment, time, float(outputs[0]), *predicted, *torque, speed, (high - low) / 2, *motors))
             if len(self._rows) > MAX_ROWS:
                 self._rows, self._stride = self._rows[::2], 2 * self._stride
         if estimate is None:
@@ -188,8 +198,12 @@ class LiveHistory:
 
     @property
     def rows(self) -> Array:
-        """(N, 7): segment, time, first output, its prediction ``AHEAD`` s before, its band, wind torque, its band."""
-        return np.array(self._rows).reshape(-1, 7)
+        """(N, 9 + k): segment, time, first output, its prediction ``AHEAD`` s before, its band, then others.
+
+        These are wind torque and its band, rad/s², wind and its band, m/s, and ``motors``, shares of their range.
+        """
+        width = 9 + len(self.motors)
+        return np.array([(*row, *[nan] * width)[:width] for row in self._rows]).reshape(-1, width)
 
     def _compare(self, time: float, outputs: Array) -> tuple[float, float]:
         """Compares predictions of ``time`` with what was measured; returns that of the lines and its band, or NaN."""

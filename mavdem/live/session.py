@@ -76,7 +76,7 @@ class LiveSession:
         self.learner: OnlineLearner | None = None  # of the latest rows
         self.history = LiveHistory()  # what happened
         self._learners: dict[tuple[float, tuple[str, ...]], OnlineLearner] = {}
-        self._models: deque[tuple[float, Learned, float]] = deque(maxlen=MAX_MODELS)  # with s: came, trained until
+        self._models: deque[tuple[float, Learned]] = deque(maxlen=MAX_MODELS)  # with s: when it came
         self._newest: Learned | None = None
         self._setup: Setup | None = None
         self._display: Any = None
@@ -213,7 +213,6 @@ class LiveSession:
             raise ValueError("there was no settled flight")
         if not (self._landed and self._models):
             try:
-                self.history.modelled = np.inf
                 return self._named(self.learner.learn_now(seconds := FIT_SECONDS * (1 if self._models else 2)))
             except (ValueError, RuntimeError, TimeoutError) as error:
                 late = isinstance(error, TimeoutError)
@@ -221,7 +220,7 @@ class LiveSession:
                     raise ValueError(f"not learned within {seconds:.0f} s" if late else str(error)) from None
                 reason = f"was not finished within {seconds:.0f} s" if late else f"cannot be learned ({error})"
                 self._log(f"The newest model {reason}: the former one is kept.")
-        _, model, self.history.modelled = self._models[-1]
+        _, model = self._models[-1]
         return self._named(model)
 
     def judge(self, learned: Learned | None) -> None:
@@ -309,8 +308,7 @@ class LiveSession:
                 self._log(f"A sample was skipped: {_reason(error)}.")
             if learner.learned is not None and learner.learned is not self._newest:
                 self._newest, self._landed = learner.learned, False
-                until = min(self.history.now, learner.until + self.history.shift)
-                self._models.append((row.time, learner.learned, until))
+                self._models.append((row.time, learner.learned))
         latency = time.monotonic() - self._arrival
         self._latencies[(self._learned + self._shown) % MAX_LATENCIES] = latency
         self._latest = max(self._latest, latency)
@@ -318,7 +316,8 @@ class LiveSession:
         self._estimate = self._estimate if estimate is None else estimate
         self._shown += estimate is None
         self.history.advance(row.time, setup.boot)
-        self.history.take(row.segment, row.time, row.outputs, estimate)
+        shares = setup.scale.fraction(row.inputs).tolist()
+        self.history.take(row.segment, row.time, row.outputs, estimate, shares, self.stream.air.row)
         if self._display is not None and "plots" not in self._shed:
             shift, segment = self.history.shift, row.segment + self._hidden
             known = estimate, learner.learned, self.stream.air.row
@@ -327,8 +326,9 @@ class LiveSession:
     def _begin(self, setup: Setup) -> None:
         """Takes the learner of a setup's rows, and shows them; a display that fails is not used again."""
         if self._setup is not None and setup.boot != self._setup.boot:
-            self._models = deque(((-np.inf, learned, end) for _, learned, end in self._models), MAX_MODELS)
+            self._models = deque(((-np.inf, learned) for _, learned in self._models), MAX_MODELS)
         self._setup, layout, axis = setup, setup.layout, self.stream.axis
+        self.history.motors = layout.names
         sizes = setup.dt, len(layout.names), len(axis_outputs(axis))
         directions = None if layout.positions_assumed else layout.effect(axis)
         alike = self.prior is not None and self.prior.record.input_units == (setup.scale.unit,) * len(layout.names)

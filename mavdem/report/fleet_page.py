@@ -12,16 +12,27 @@ from markupsafe import Markup
 
 from mavdem.condition.wind_velocity import from_point
 from mavdem.errors import downstream
-from mavdem.fleet.row import HEALTHS, NOT_IDENTIFIABLE, OK, UNKNOWN, FlightRow, flights_of, vehicles_of
+from mavdem.fleet.row import (
+    HEALTHS,
+    NOT_IDENTIFIABLE,
+    OK,
+    UNKNOWN,
+    Flight,
+    FlightRow,
+    flights_of,
+    vehicles_of,
+    worst_health,
+)
 from mavdem.report import flights as words
 from mavdem.report.blocks import Block, Table
-from mavdem.report.flights import TROUBLE, cut, doubt, had_trouble, urgency, vehicle_health
+from mavdem.report.flights import TROUBLE, cut, doubt, urgency, vehicle_health
 from mavdem.report.numbers import TORQUE, plus_minus, rounded
 from mavdem.report.page import environment
 
 MAX_DRAWN = 20  # vehicles, those in trouble first: with more the page takes long to make, and is too large to mail
-FIRST_SHOWN = 200  # lines of the table until all are asked for: a browser lays out so many at once
-MAX_OPEN = 4  # vehicles whose figures are open when nothing is wrong with them
+MAX_OPEN = 4  # vehicles in trouble whose figures are open
+FIRST_SHOWN = 50  # lines of the table until more are asked for: a browser lays out so many while one types
+MAX_NOTE = 320  # letters of what is said of a flight: its page has all
 NOT_USED = "not used"  # in the place of the health of a log without a flight
 
 
@@ -30,30 +41,31 @@ def fleet_page(rows: Sequence[FlightRow], changes: Mapping[str, Sequence[Block]]
     since = dict(changes or {})
     # Flights that do not say whose they are may be those of several vehicles.
     vehicles = {name: flights for name, flights in vehicles_of(rows).items() if words.is_one_vehicle(name, flights)}
-    healths = {name: vehicle_health(flights) for name, flights in vehicles.items()}
     ranked = sorted(vehicles, key=lambda name: (urgency(vehicles[name]), name))
     flown_often = [name for name in ranked if len(vehicles[name]) > 1]
     drawn = flown_often[:MAX_DRAWN]
     parts = [
         {
-            "name": words.vehicle_name(name, vehicles[name]),
-            "flights": len(vehicles[name]),
-            "health": healths[name],
-            "words": f"{doubt(vehicles[name])} {words.vehicle_words(vehicles[name])}".strip(),
+            "name": name,
+            "last": flights[-1][0],
+            "flights": len(flights),
+            "health": (health := vehicle_health(flights)),
+            "conclusion": words.conclusion(flights),
+            "words": words.vehicle_words(flights),
             "changes": since.get(name, ()),
-            "figure": _svg(vehicles[name], name) if name in drawn else "",
-            "is_open": healths[name] in TROUBLE or bool(doubt(vehicles[name])) or len(drawn) <= MAX_OPEN,
+            "figure": _svg(flights, name) if name in drawn else "",
+            "is_open": place < MAX_OPEN and (health in TROUBLE or bool(doubt(flights))),
         }
-        for name in ranked
-        if name in drawn or name in since or had_trouble(vehicles[name]) or doubt(vehicles[name])
+        for place, (name, flights) in enumerate((name, vehicles[name]) for name in ranked)
     ]
     flights = flights_of(rows)
     dated = [flight for flight in flights if flight[0].date is not None]
-    newest = [row for flight in (*reversed(dated), *flights[len(dated) :]) for row in flight]
-    columns = {name: [read(row) for row in newest] for name, (_, read) in COLUMNS.items()}
+    newest = [*reversed(dated), *flights[len(dated) :]]
+    columns = {name: _cells(name, newest) for name in COLUMNS}
     kept = [name for name, cells in columns.items() if name in ALWAYS or any(cells)]
+    lines = [list(line) for line in zip(*(columns[name] for name in kept), strict=True)]
     # A colon in a link would make what comes before it a scheme.
-    links = [("" if row.page is None else quote(row.page, safe="/"), row.file) for row in newest]
+    links = [("" if row.page is None else quote(row.page, safe="/"), row.file) for row, *_ in newest]
     return (
         environment()
         .get_template("fleet.html")
@@ -62,11 +74,13 @@ def fleet_page(rows: Sequence[FlightRow], changes: Mapping[str, Sequence[Block]]
             vehicles=parts,
             rose=_svg(flights, "rose", "wind_rose"),
             not_drawn=len(flown_often) - len(drawn),
-            table=Table(kept, [list(line) for line in zip(*(columns[name] for name in kept), strict=True)]),
-            kinds=[COLUMNS[name][0] for name in kept],
-            links=links,
-            first_shown=FIRST_SHOWN,
-            severity=(*TROUBLE, NOT_USED, *HEALTHS[len(TROUBLE) :]),
+            first=Table(kept, lines[:FIRST_SHOWN], words=True),
+            table={
+                "kinds": [COLUMNS[name][0] for name in kept],
+                "rows": [[*link, *line] for link, line in zip(links, lines, strict=True)],
+                "first": FIRST_SHOWN,
+                "healths": (*TROUBLE, NOT_USED, *HEALTHS[len(TROUBLE) :]),
+            },
         )
     )
 
@@ -111,20 +125,32 @@ def _residual(row: FlightRow) -> str:
     return "" if row.residual_mean is None else f"{rounded(TORQUE.scale * row.residual_mean)}{usual}"
 
 
-def _notes(row: FlightRow) -> str:
-    said = [row.headline, row.health_reason if row.health != OK else "", *row.warnings]
-    # The page of the flight has all.
-    return cut(row.status if row.status != OK else " ".join(filter(None, said)), 160)
+def _notes(flight: Flight) -> str:
+    """What is said of the flight, the most important first, a line each."""
+    if flight[0].status != OK:
+        return cut(flight[0].status, MAX_NOTE)
+    reasons = (row.health_reason for row in flight if row.health != OK)
+    said = (*(row.headline for row in flight), *reasons, *(one for row in flight for one in row.warnings))
+    return cut("\n".join(dict.fromkeys(filter(None, said))), MAX_NOTE)
 
 
-COLUMNS: dict[str, tuple[str, Callable[[FlightRow], Any]]] = {
+def _cells(name: str, flights: Sequence[Flight]) -> list[str]:
+    """A column of the flights: what their axes have in common once, else roll / pitch."""
+    kind, read = COLUMNS[name]
+    if kind in ("health", "notes"):
+        return [read(flight) for flight in flights]
+    by_axis = ([read(row) for row in flight] for flight in flights)
+    return [one[0] if len(set(one)) == 1 else " / ".join(cell or "–" for cell in one) for one in by_axis]
+
+
+COLUMNS: dict[str, tuple[str, Callable[[Any], str]]] = {
     "flight": ("text", lambda row: PurePath(row.file).name or row.file),
     "vehicle": ("text", lambda row: "" if row.vehicle == UNKNOWN and row.status != OK else row.vehicle),
     "date": ("text", lambda row: "" if row.date is None else f"{row.date:%Y-%m-%d %H:%M}"),
-    "axis": ("text", lambda row: row.axis or ""),
     "tier": ("text", lambda row: row.tier or ""),
-    "health": ("health", lambda row: row.health if row.status == OK else NOT_USED),
+    "health": ("health", lambda flight: worst_health(flight) if flight[0].status == OK else NOT_USED),
     "motor": ("text", lambda row: "" if row.suspect_motor is None else str(row.suspect_motor)),
+    "notes": ("notes", _notes),
     "settled (s)": ("number", lambda row: _number("duration", digits=3)(row) if row.status == OK else ""),
     "largest share": ("number", _largest_share),
     "mean effectiveness (°/s²)": ("number", _effectiveness),
@@ -135,7 +161,6 @@ COLUMNS: dict[str, tuple[str, Callable[[FlightRow], Any]]] = {
     "wind torque (°/s²)": ("number", _number("wind_torque_sd", TORQUE.scale)),
     "residual mean (°/s²)": ("number", _residual),
     "error ratio": ("number", _number("error_ratio")),
-    "notes": ("text", _notes),
 }
-"""What each column is sorted as, and its cell of a row: empty where the value is not known."""
-ALWAYS = ("flight", "vehicle", "date", "axis", "tier", "health", "notes")  # columns that are there even if empty
+"""What each column is sorted as, and its cell of a row (of a flight: health and notes); empty where it is not known."""
+ALWAYS = ("flight", "vehicle", "date", "tier", "health", "notes")  # columns that are there even if empty

@@ -26,8 +26,8 @@ from mavdem.report.condition import TIER_WORDS
 from mavdem.report.numbers import TORQUE, listed, named, plus_minus, readable, rounded, short, with_unit
 
 TROUBLE = HEALTHS[:2]
-MAX_NAMED = 12  # vehicles in a sentence
-MAX_REASONS, MAX_PARTS = 8, 12  # rows: of logs that could not be used; of parts learned from, beyond which one says it
+MAX_NAMED = 4  # vehicles in a sentence
+MAX_REASONS = 8  # rows of logs that could not be used
 QUANTITIES = {  # what a kind of quantity is called, and the scale and unit that it is shown in
     difference.SHARE: ("share", 100.0, "%"),
     difference.EFFECT: ("control effectiveness", 100.0, "%"),
@@ -86,6 +86,20 @@ def vehicle_name(name: str, flights: Flights) -> str:
     """Returns a name to read: beside the number of a board what vehicle it is, and its firmware."""
     known = listed(filter(None, (flights[-1][0].frame, flights[-1][0].firmware)))
     return f"{name} [{known}]" if known and flights[-1][0].vehicle_basis == "board" else name
+
+
+def conclusion(flights: Flights) -> str:
+    """Returns what one vehicle's latest flight that was judged shows, in a sentence."""
+    if (health := vehicle_health(flights)) not in TROUBLE:
+        seen = next((row.headline for row in flights[-1] if row.headline), "Not judged yet.")
+        if health == OK:
+            seen = f"No drift and no fault{' in its latest flight' if had_trouble(flights) else ''}."
+        return doubt(flights) or seen
+    rows = next(flight for flight in reversed(flights) if worst_health(flight) == health)
+    motor = next((row.suspect_motor for row in rows if row.suspect_motor is not None), None)
+    what = f"Motor {motor}: {health}" if motor else health.capitalize()
+    sure = next((row.fault_probability for row in rows if row.fault_probability is not None), None)
+    return f"{what}{'' if sure is None else f', probability of a fault {sure:.2f}'}. {doubt(flights)}".strip()
 
 
 def vehicle_words(flights: Flights) -> str:
@@ -329,13 +343,10 @@ def live_report(
         made = "in flight, without the motors of the time ahead. Baseline: the last sample held."
         blocks += [_errors(errors, axis), Sentence(made, "How they were made:")]
     if history.learned:
-        parts = parts_learned(history, seconds)
-        if len(parts.rows) > MAX_PARTS:
-            (first, *_), (*_, last), total = history.learned[0], history.learned[-1], np.diff(history.learned).sum()
-            text = f"{len(parts.rows)} parts of the flight from {first:.0f} to {last:.0f} s, {total:.0f} s together; "
-            blocks.append(Sentence(f"{text}the last {seconds:.0f} s are in the model at the end.", "Learned from:"))
-        else:
-            blocks.append(parts)
+        (first, *_), (*_, last), total = history.learned[0], history.learned[-1], np.diff(history.learned).sum()
+        parts = f"{_counted(len(history.learned), 'part')} of the flight from {first:.0f} to {last:.0f} s"
+        text = f"{parts}, {total:.0f} s together; the last {seconds:.0f} s are in the model at the end."
+        blocks.append(Sentence(text, "Learned from:"))
     whole = whole_seconds(account)
     spent = [[what[0].upper() + what[1:], f"{whole[kind]} s"] for kind, what in ACCOUNT.items() if whole[kind]]
     blocks.append(Table([f"of {sum(whole.values())} s", "time"], spent))
@@ -346,15 +357,6 @@ def live_report(
         text += f"{status.late} samples too late, {status.unread} frames not decoded."
         blocks.append(Sentence(text, "Link:"))
     return blocks
-
-
-def parts_learned(history: LiveHistory, seconds: float) -> Table:
-    """Returns the parts that a live flight was learned from; the last ``seconds`` are in the model at the end."""
-    rows: list[list[str]] = []
-    for first, last in reversed(history.learned):
-        seconds -= (used := min(seconds, max(min(last, history.modelled) - first, 0.0)))
-        rows.insert(0, [f"{time:.0f} s" for time in (first, last, last - first, used)])
-    return Table(["learned from", "until", "length", "of it in the model at the end"], rows)
 
 
 def _errors(errors: Sequence[HorizonErrors], axis: str) -> Table:

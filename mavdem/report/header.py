@@ -16,8 +16,8 @@ from mavdem.live.history import Event
 from mavdem.report.numbers import TORQUE, Labels, readable, rounded, short, with_unit
 from mavdem.report.timeline import Timeline
 
-POINTS, FEW_POINTS = 20_000, 2_000
-"""Of a line of the timeline: ten minutes with all that autopilots log stay within a megabyte; and for many flights."""
+POINTS, FEW_POINTS = 16_000, 2_000
+"""Of a line of the timeline: ten minutes with all that autopilots log stay within a megabyte; of a small page."""
 RATINGS = {GOOD: "good", LIMITED: "fair", NONE: "bad", "": ""}
 
 
@@ -31,12 +31,12 @@ class KeyFigure(NamedTuple):
 
 
 class Head(NamedTuple):
-    """The top of a flight's page: what it is of, key figures, and the timeline with so many ``points`` a line."""
+    """The top of a flight's page: what it is of, key figures, and the timeline; a small one has no still picture."""
 
     analysis: LogAnalysis | None = None
     figures: Sequence[KeyFigure] = ()
     timeline: Timeline | None = None
-    points: int = POINTS
+    is_small: bool = False
     vehicle: str = ""
     events: Sequence[Event] = ()
 
@@ -51,7 +51,8 @@ def key_figures(analysis: LogAnalysis, air: Air | None, loop: Loop | None = None
         most, motor = max(zip(hover.imbalance, hover.motors, strict=True), key=lambda one: abs(one[0]))
         yield KeyFigure("Trim deviation", f"{most:+.1f} %", motor, "bad" if abs(most) > UNEVEN else "good")
         left, motor = min(zip(hover.headroom, hover.motors, strict=True))
-        remark = f"{short(motor)}; at its upper limit {100 * max(hover.at_upper_limit):.1f} % of the time"
+        limit = max(map(sum, zip(hover.at_upper_limit, hover.at_lower_limit, strict=True)))
+        remark = f"{short(motor)}; motors at a limit {100 * limit:.1f} % of the time"
         yield KeyFigure("Least headroom", f"{100 * left:.0f} %", remark, "good" if left >= 0.1 else "bad")
     yield from _wind(air)
     physical = None if learned is None else learned.physical

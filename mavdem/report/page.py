@@ -33,7 +33,7 @@ from mavdem.live.history import LiveHistory
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.comparison import comparison_report, order_report
 from mavdem.report.condition import condition_sentences, log_blocks, tier_sentences, wind_blocks
-from mavdem.report.flights import MAX_PARTS, live_report, parts_learned, truth_blocks
+from mavdem.report.flights import live_report, truth_blocks
 from mavdem.report.header import FEW_POINTS, POINTS, Head, key_figures
 from mavdem.report.loops import margin_tables, tune_blocks
 from mavdem.report.numbers import Labels, listed, named, readable, rounded
@@ -57,12 +57,16 @@ if TYPE_CHECKING:
 
 
 class Picture(NamedTuple):
-    """A figure, which ``draw`` makes, or raises ``ValueError`` with a reason; a ``large`` one takes two columns."""
+    """A figure, which ``draw`` makes, or raises ``ValueError`` with a reason.
+
+    A ``large`` one takes two columns; one that is not ``printed`` is on the screen only.
+    """
 
     title: str
     caption: str
     draw: Callable[[], Figure]
     large: bool = False
+    printed: bool = True
 
 
 class Chapter(NamedTuple):
@@ -93,11 +97,11 @@ def document(
     parts: dict[str, Any] = {"title": title, "subtitle": subtitle, "blocks": blocks, "chapters": drawn}
     parts |= {"back": back, "head": head}
     if head is not None and (timeline := head.timeline) is not None:
-        still = downstream("report.figures.series", "still")(timeline)
-        parts |= {"still": Markup(downstream("report.figures.style", "svg")(still, "timeline"))}
-        parts |= {"timeline": timeline.as_json(head.points)} | {
-            name: Markup(text) for name, text in _plotting().items()
-        }
+        if not head.is_small:
+            still = downstream("report.figures.series", "still")(timeline)
+            parts["still"] = Markup(downstream("report.figures.style", "svg")(still, "timeline"))
+        parts["timeline"] = timeline.as_json(FEW_POINTS if head.is_small else POINTS)
+        parts |= {name: Markup(text) for name, text in _plotting().items()}
     return environment().get_template("document.html").render(parts)
 
 
@@ -170,8 +174,8 @@ def log_page(
     timeline = timeline_of(analyses, air)
     loops = {axis: _loop(analysis.learned) if whole else None for axis, analysis in analyses.items()}
     figures = [*key_figures(first, air, next(iter(loops.values())))]
-    head = Head(first, figures, timeline, POINTS if whole else FEW_POINTS)
-    chapters = [_motors(first), _wind(first, air, said, timeline)]
+    head = Head(first, figures, timeline, is_small=not whole)
+    chapters = [_motors(first, whole), _wind(first, air, said, timeline, whole)]
     for axis, analysis in analyses.items():
         if analysis is not first:
             chapters.append(Chapter(axis.capitalize(), verdict_of(analysis)))
@@ -186,23 +190,18 @@ def log_page(
 
 def verdict_of(analysis: LogAnalysis) -> list[Block]:
     """Returns the headline, what overrides it, why there is no model, what to do next, and how sure the model is."""
-    found, lacking = analysis.findings, analysis.learned is None and analysis.findings.overrides
-    *blocks, following = conclusion(found)
-    return [
-        *blocks,
-        *([Sentence(analysis.reason, "No model:")] if lacking else []),
-        following,
-        *graded(found),
-        *(Sentence(warning, "Warning:") for warning in found.warnings),
-    ]
+    found, (*blocks, following) = analysis.findings, conclusion(analysis.findings)
+    if analysis.learned is None and found.overrides:
+        blocks.append(Sentence(analysis.reason, "No model:"))
+    return [*blocks, following, *graded(found), *(Sentence(warning, "Warning:") for warning in found.warnings)]
 
 
-def _motors(analysis: LogAnalysis) -> Chapter:
+def _motors(analysis: LogAnalysis, whole: bool) -> Chapter:
     """What is known of each motor and, without a full model, of the vehicle's condition."""
     learned, vehicle, blocks, pictures = analysis.learned, analysis.vehicle, list[Block](), list[Picture]()
     if learned is not None:
         blocks += motor_blocks(Labels.of(learned), learned.physical, vehicle.hover)
-        pictures += model_pictures(learned, analysis.findings, ["motors"], analysis)
+        pictures = model_pictures(learned, analysis.findings, ["motors"] if whole else [], analysis)
     if learned is None or vehicle.axes:
         blocks += vehicle_blocks(vehicle, bool(analysis.findings.overrides))
     if learned is None or analysis.tier.name != "a":
@@ -211,11 +210,13 @@ def _motors(analysis: LogAnalysis) -> Chapter:
     return Chapter("Motors", blocks, pictures)
 
 
-def _wind(analysis: LogAnalysis, air: Air | None, said: Sequence[Block], timeline: Timeline | None) -> Chapter:
+def _wind(
+    analysis: LogAnalysis, air: Air | None, said: Sequence[Block], timeline: Timeline | None, whole: bool
+) -> Chapter:
     """The wind in m/s and as a torque, its rose, and the path that was flown."""
     learned, pictures, draw = analysis.learned, list[Picture](), partial(downstream, "report.figures.flights")
     wind, blocks = (air or (None,))[0], [*([] if air is None else wind_blocks(air)), *said]
-    if wind is not None and wind.directed:
+    if wind is not None and wind.directed and whole:
         told = "How often the wind came from where, by its estimated speed."
         pictures.append(Picture("Wind rose", told, lambda: draw("rose_of_wind")(wind)))
     if timeline is not None and timeline.position is not None:
@@ -223,20 +224,19 @@ def _wind(analysis: LogAnalysis, air: Air | None, said: Sequence[Block], timelin
         pictures.append(Picture("Flown path", told, lambda: draw("flown_path")(timeline, wind)))
     if learned is not None:
         blocks += torque_blocks(learned.wind_torque, learned.physical)
-        pictures += model_pictures(learned, analysis.findings, ["disturbance"], analysis)
-    return Chapter(
-        "Wind and path", [*blocks, *([] if analysis.truth is None else truth_blocks(analysis.truth))], pictures
-    )
+        pictures += model_pictures(learned, analysis.findings, ["disturbance"] if whole else [], analysis)
+    blocks += [] if analysis.truth is None else truth_blocks(analysis.truth)
+    return Chapter("Wind and path", blocks, pictures)
 
 
 def _model(axis: str, analysis: LogAnalysis, learned: Learned, loop: Loop | None, whole: bool) -> Iterator[Chapter]:
     """The loop and its margins, response, prediction and residual tests of an axis."""
     labels, draw = Labels.of(learned), partial(model_pictures, learned, analysis.findings, analysis=analysis)
-    if loop is not None:
-        advised = Sentence("`mavdem tune` with this log has the verdict and gains to set.")
-        yield Chapter(f"Loop of {axis}", [*margin_tables({"now": loop}), advised], [loop_picture(loop)])
     if whole:
-        yield Chapter(f"Response of {axis}", pictures=draw(["bode", "step"]))
+        pictures = draw(["bode", "step"]) + ([] if loop is None else [loop_picture(loop)._replace(printed=False)])
+        advised = Sentence("`mavdem tune` with this log has the verdict and gains to set.")
+        margins = [] if loop is None else [*margin_tables({"now": loop}), advised]
+        yield Chapter(f"Loop and response of {axis}", margins, pictures)
     forecasts = draw(["forecast"], outputs=len(labels.output_names) if whole else 1)
     yield Chapter(f"Prediction of {axis}", prediction_blocks(labels, analysis.held_out), forecasts)
     if whole:
@@ -245,7 +245,7 @@ def _model(axis: str, analysis: LogAnalysis, learned: Learned, loop: Loop | None
 
 def _inside(axis: str, analysis: LogAnalysis, learned: Learned, whole: bool) -> Chapter:
     """How a model was learned, folded."""
-    blocks, methods = detail_blocks(learned, analysis.as_dict()), ["learning", "poles"] if whole else []
+    blocks, methods = detail_blocks(learned, analysis.as_dict()), ["learning"] if whole else []
     settings = [[name, str(value)] for name, value in asdict(learned.settings).items()] if whole else []
     blocks += [Table(["setting", "value"], settings, words=True)] if whole else []
     pictures = model_pictures(learned, analysis.findings, methods, analysis)
@@ -271,7 +271,8 @@ def flight_page(file: str, analyses: Mapping[str, LogAnalysis], air: Air | None 
 _TEXTS = tomllib.loads((files("mavdem.report") / "pictures.toml").read_text("utf-8"))
 PICTURES = {method: (table["title"], table["caption"]) for method, table in _TEXTS.items()}
 """Title and caption by the method of ``learned.plot`` that draws it."""
-SYSTEM_PICTURES = "bode", "step", "poles"  # what motors' effect, damping and lag show; nothing where these are unknown
+PRINTED = "motors", "bode", "forecast"  # of these, so that a page prints on few sheets
+SYSTEM_PICTURES = "bode", "step"  # what motors' effect, damping and lag show; nothing where these are unknown
 
 
 def model_pictures(
@@ -283,8 +284,8 @@ def model_pictures(
 ) -> list[Picture]:
     """Returns the pictures of a model; those of forecasts and of hovering motors need the ``analysis`` it is from.
 
-    Forecasts are of so many ``outputs``. Responses and poles are left out where control effectiveness is not
-    identifiable by what was ``found``.
+    Forecasts are of so many ``outputs``. Responses are left out where control effectiveness is not identifiable by what
+    was ``found``.
     """
 
     # ``learned.plot`` loads matplotlib, which takes its time.
@@ -301,7 +302,9 @@ def model_pictures(
         title, caption = PICTURES[method]
         for output, name in enumerate(names[:outputs] if method == "forecast" else names[:1]):
             words = f"Forecast windows as above, for {name}." if output else caption
-            pictures.append(Picture(title.format(output=name), words, partial(draw, method, output)))
+            printed = method in PRINTED and not output
+            picture = partial(draw, method, output)
+            pictures.append(Picture(title.format(output=name), words, picture, printed=printed))
     return pictures
 
 
@@ -371,9 +374,6 @@ def live_page(
     blocks = [] if learned is None else screen(learned, found=found)
     pictures = [] if learned is None else model_pictures(learned, found, ("motors", *SYSTEM_PICTURES))
     chapters = [Chapter("The model at the end", blocks, pictures)]
-    parts = parts_learned(history, seconds)
-    if len(parts.rows) > MAX_PARTS:
-        chapters.append(Chapter("The parts learned from", [parts], folded=True))
     what, said = (
         f"What {axis} did, learned and predicted while it flew.",
         live_report(history, status, account, axis, seconds),

@@ -71,7 +71,8 @@
       scales: { x: { time: false, range: (_, min, max) => [Math.max(min, first), Math.min(max, last)] }, y: { range: (_, min, max) => {
         if (min == null) return [0, 1];
         const room = Math.min(wide, 0.6 * (max - min));
-        return uPlot.rangeNum(min - room, max + room, 0.05, false);
+        const [low, high] = uPlot.rangeNum(min - room, max + room, 0.05, false);
+        return [min < 0 ? low : Math.max(low, 0), high];
       } } },
       axes: [
         { ...axis, size: end ? 42 : 0, show: !strip, label: end ? "time since boot (s)" : undefined, labelSize: 16, labelFont: font, labelGap: 0,

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from base64 import b64encode
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import cycle, pairwise
+from functools import partial
+from itertools import cycle
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -72,24 +73,16 @@ class Row(NamedTuple):
 class Timeline(NamedTuple):
     """The ``rows`` of a flight in its ``span``, and what goes through all of them, in s of one clock.
 
-    ``trained`` are the parts that the model was trained on, ``modes`` the flight modes with their beginnings,
+    ``trained`` are the parts that the model was trained on, ``modes`` beginning, end and name of each flight mode,
     ``events`` what happened; ``position`` is the path (N, 3), m north, east and down.
     """
 
     rows: tuple[Row, ...]
     span: tuple[float, float]
     trained: tuple[tuple[float, float], ...] = ()
-    modes: tuple[tuple[float, str], ...] = ()
+    modes: tuple[tuple[float, float, str], ...] = ()
     events: tuple[Event, ...] = ()
     position: Signal | None = None
-
-    @property
-    def flown(self) -> list[tuple[float, float, str]]:
-        """Beginning, end and name of each flight mode."""
-        first, last = self.span
-        ends = [*self.modes, (last, "")]
-        parts = ((max(one[0], first), min(other[0], last), one[1]) for one, other in pairwise(ends))
-        return [part for part in parts if part[0] < part[1]]
 
     def thinned(self, points: int) -> Iterator[tuple[Row, Array, list[Array]]]:
         """Yields each row with its times (M,), at most about so many ``points``, and of each line (2, M) as of it."""
@@ -113,7 +106,7 @@ class Timeline(NamedTuple):
             for row, grid, found in self.thinned(points)
         ]
         events = [(event.seconds, event.level == "ERROR") for event in self.events]
-        return {"span": self.span, "modes": self.flown, "events": events, "trained": self.trained, "rows": rows}
+        return {"span": self.span, "modes": self.modes, "events": events, "trained": self.trained, "rows": rows}
 
 
 def _packed(values: Array) -> tuple[float, float, str]:
@@ -132,26 +125,27 @@ def timeline_of(analyses: Mapping[str, LogAnalysis], air: Air | None = None) -> 
     """
     analysis = next(iter(analyses.values()))
     signals = analysis.signals
-    if signals is None or (tilt := attitude(signals.telemetry, AXES[0])) is None or not len(tilt.time):
+    if signals is None or (tilt := attitude(signals.telemetry, AXES[0])) is None:
         return None
     segments = analysis.verdict.segments
-    boot = int(segments[0].boot if segments else np.bincount(tilt.boot).argmax())
+    boot = int(segments[0].boot if segments else np.bincount(tilt.boot, minlength=1).argmax())
     torques = tuple(line for name, one in analyses.items() for line in _torque(name, one))
     known = *_driven(signals, boot), Row("Wind torque", TORQUE.name, torques), *_wind(air, boot), *_rest(signals, boot)
-    rows = tuple(row for row in known if row.lines)
-    armed = [edge for part in phases.armed(signals, boot) for edge in part if np.isfinite(edge)]
+    if not (rows := tuple(row for row in known if row.lines)):
+        return None
+    armed = phases.armed(signals, boot) or [(-np.inf, np.inf)]
     ends = min(row.lines[0].time[0] for row in rows), max(row.lines[0].time[-1] for row in rows)
-    span = (max(ends[0], min(armed) - AROUND), min(ends[1], max(armed) + AROUND)) if armed else ends
-    modes, alarms = signals.modes(boot), [alarm for alarm in analysis.alarms if alarm.boot == boot]
-    said = [Event(at, f"{name} mode.") for at, name in modes]
-    said += [Event(edge, "Disarmed." if place % 2 else "Armed.") for place, edge in enumerate(armed)]
+    span = float(max(ends[0], armed[0][0] - AROUND)), float(min(ends[1], armed[-1][1] + AROUND))
+    changes, alarms = signals.modes(boot), [alarm for alarm in analysis.alarms if alarm.boot == boot]
+    ends_of_modes = zip(changes, [*changes[1:], (span[1], "")], strict=False)
+    modes = [(max(at, span[0]), min(end, span[1]), name) for (at, name), (end, _) in ends_of_modes]
+    said = [Event(at, f"{name} mode.") for at, name in changes]
+    said += [Event(edge, word) for part in armed for edge, word in zip(part, ("Armed.", "Disarmed."), strict=True)]
     said += [Event(alarm.since, alarm.sentence, "ERROR" if alarm.weak else "INFO") for alarm in alarms]
     events = sorted(event for event in said if span[0] <= event.seconds <= span[1])
     trained = tuple((float(flight.time[0]), float(flight.time[-1])) for flight in analysis.flights)
-    place = signals.position
-    return Timeline(
-        rows, (float(span[0]), float(span[1])), trained, tuple(modes), tuple(events), place and _of(place, boot)
-    )
+    place, flown = signals.position, tuple(mode for mode in modes if mode[0] < mode[1])
+    return Timeline(rows, span, trained, flown, tuple(events), place and _of(place, boot))
 
 
 def _of(signal: Signal, boot: int) -> Signal | None:
@@ -164,7 +158,9 @@ def _driven(signals: Signals, boot: int) -> Iterator[Row]:
     """Attitude with setpoint by axis, and motors; without lines where they were not recorded."""
     for axis in AXES:
         lines = list[Line]()
-        if (found := attitude(signals.telemetry, axis)) is not None and (rows := found.boot == boot).any():
+        if (found := attitude(signals.telemetry, axis)) is not None and np.count_nonzero(
+            rows := found.boot == boot
+        ) > 1:
             time, angle = found.time[rows], ANGLE.scale * found.angle[rows]
             if axis == "yaw":
                 turned = np.exp(1j * found.angle[rows])
@@ -205,10 +201,10 @@ def _torque(axis: str, analysis: LogAnalysis) -> Iterator[Line]:
         colour = palette.DISTURBANCE if axis == AXES[0] else palette.COMMAND
         starts = np.cumsum([len(flight) for flight in analysis.flights])[:-1]
         time, *both = np.concatenate([flight.time for flight in analysis.flights]), wind.torque, wind.band
-        yield _broken(f"on {axis}", colour, starts, time, *(TORQUE.scale * one for one in both))
+        yield _broken(starts, time, f"on {axis}", colour, *(TORQUE.scale * one for one in both))
 
 
-def _broken(name: str, colour: str, starts: Any, time: Array, values: Array, half: Array | None = None) -> Line:
+def _broken(starts: Any, time: Array, name: str, colour: str, values: Array, half: Array | None = None) -> Line:
     """A line that breaks before each of the samples ``starts``."""
     around = None if half is None else np.insert(half, starts, np.nan)
     return Line(name, colour, np.insert(time, starts, time[starts]), np.insert(values, starts, np.nan), around)
@@ -232,18 +228,26 @@ def _wind(air: Air | None, boot: int) -> Iterator[Row]:
 
 def live_timeline(history: LiveHistory, axis: str) -> Timeline | None:
     """Returns the timeline of a live flight: what was measured, predicted and estimated as it flew."""
-    segments, time, measured, predicted, band, torque, torque_band = history.rows.T
-    if not np.isfinite(measured).any():
+    segments, time, measured, *others = history.rows.T
+    if np.count_nonzero(np.isfinite(measured)) < 2:
         return None
     gaps = np.flatnonzero(np.diff(segments)) + 1
-    angles, torques = (
-        np.array(one) * unit.scale
-        for one, unit in (((measured, predicted, band), ANGLE), ((torque, torque_band), TORQUE))
+    line, (predicted, band, torque, torque_band, *air) = partial(_broken, gaps, time), others[:6]
+    ahead = ANGLE.scale * predicted, ANGLE.scale * band
+    angles = (
+        line("measured", palette.MEASURED, ANGLE.scale * measured),
+        line(f"{AHEAD:g} s ahead", palette.PREDICTED, *ahead),
     )
-    lines = (
-        _broken("measured", palette.MEASURED, gaps, time, angles[0]),
-        _broken(f"{AHEAD:g} s ahead", palette.PREDICTED, gaps, time, *angles[1:]),
-        _broken(f"on {axis}", palette.DISTURBANCE, gaps, time, *torques),
+    motors = zip(history.motors, cycle(palette.DISTINCT), others[6:], strict=False)
+    rows = (
+        Row(axis.capitalize(), ANGLE.name, angles),
+        Row("Motors", "%", tuple(line(name, colour, 100 * values) for name, colour, values in motors)),
+        Row(
+            "Wind torque",
+            TORQUE.name,
+            (line(f"on {axis}", palette.DISTURBANCE, TORQUE.scale * torque, TORQUE.scale * torque_band),),
+        ),
+        Row("Wind", "m/s", (line("wind", palette.DISTURBANCE, *air),)),
     )
-    rows = Row(axis.capitalize(), ANGLE.name, lines[:2]), Row("Wind torque", TORQUE.name, lines[2:])
-    return Timeline(rows, (float(time[0]), float(time[-1])), tuple(history.learned), (), tuple(history.events))
+    known = tuple(row for row in rows if any(np.isfinite(one.values).any() for one in row.lines))
+    return Timeline(known, (float(time[0]), float(time[-1])), tuple(history.learned), (), tuple(history.events))

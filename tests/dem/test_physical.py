@@ -26,7 +26,7 @@ from mavdem.dem.graybox.likelihood import (
 from mavdem.dem.graybox.parameters import Physical, WindComponent, WindowTable, answers
 from mavdem.dem.graybox.wind import simulated
 from mavdem.dem.record import Record
-from sitl_scenarios.dynamics import euler
+from mavdem.paper.runner import hover
 from sitl_scenarios.files import load
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import fly
@@ -67,15 +67,11 @@ def flown(
 
 
 def settled(plan: Scenario, samples: int) -> tuple[Flight, dict[str, np.ndarray]]:
-    """Samples of a flight of ``sitl_scenarios`` from 10 s on, and what is true of it; the torque on their grid."""
+    """Samples of the hover of ``sitl_scenarios``, and what is true of it; the torque on their grid."""
     motion = fly(plan)
-    known = truth(plan, motion)
-    time = np.arange(1000, 1000 + samples) * DT
-    roll = np.array([euler(attitude)[0] for attitude in motion.known_attitude.tolist()])
-    outputs = [np.interp(time, motion.time, column) for column in (roll, motion.known_rates[:, 0])]
-    inputs = [np.interp(time, motion.time, column) for column in motion.outputs.T]
-    known["roll_disturbance"] = np.interp(time, motion.time, known["roll_disturbance"])
-    return Flight(time, np.column_stack(inputs), np.column_stack(outputs)), known
+    known, flight = truth(plan, motion), hover(plan, motion)[:samples]
+    known["roll_disturbance"] = np.interp(flight.time, motion.time, known["roll_disturbance"])
+    return Flight(flight.time, flight.inputs, flight.outputs[:, 2:]), known
 
 
 @pytest.mark.parametrize(

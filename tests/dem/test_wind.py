@@ -25,6 +25,7 @@ from mavdem.dem.online.ahead import Memory
 from mavdem.dem.online.wind import DELAY_SECONDS, FILTER_SECONDS, FIRST_FIT_SECONDS, OnlineWind, _Tracked, wind_filter
 from mavdem.dem.record import Record
 from sitl_scenarios.files import load
+from sitl_scenarios.wind import gaussian_noise
 
 DT = 0.01
 EFFECT = np.array([-0.06, 0.06, 0.06, -0.06])
@@ -179,11 +180,8 @@ def test_the_cancelled_share_is_that_of_the_motors_that_follow_the_wind():
         assert np.isfinite(scattered.cancelled_share(np.inf)) == known
 
 
-def gaussian(seed: int, samples: int) -> np.ndarray:
-    """Smooth Gaussian turbulence of unit variance."""
-    kernel = np.exp(-0.5 * (np.arange(-30, 31) * DT / 0.05) ** 2)
-    noise = np.convolve(np.random.default_rng(seed).standard_normal(samples + 60), kernel, "valid")
-    return noise / np.sqrt(kernel @ kernel)
+def turbulent(seed: int, samples: int) -> np.ndarray:
+    return gaussian_noise(0.05, DT, samples, np.random.default_rng(seed))
 
 
 def record_of(samples: int) -> Record:
@@ -192,7 +190,7 @@ def record_of(samples: int) -> Record:
 
 def test_turbulence_alone_has_as_many_gusts_as_it_says():
     samples, band = 600_000, np.zeros(600_000)
-    found = gusts(gaussian(0, samples), band, record_of(samples))
+    found = gusts(turbulent(0, samples), band, record_of(samples))
     expected = found.false_per_minute * samples * DT / 60
     assert 5 < expected < 100
     # A count with that mean is within these bounds in more than 99.9 % of cases.
@@ -200,7 +198,7 @@ def test_turbulence_alone_has_as_many_gusts_as_it_says():
 
 
 def test_a_gust_is_found_where_it_is_with_its_length_and_size():
-    torque = gaussian(1, 6000)
+    torque = turbulent(1, 6000)
     torque[3000:3080] += 8.0 * np.sin(np.pi * np.arange(80) / 80)
     found = gusts(torque, np.zeros(6000), record_of(6000)).found
     (gust,) = [each for each in found if 29.0 < each.start < 32.0]
@@ -212,7 +210,7 @@ def test_a_gust_is_found_where_it_is_with_its_length_and_size():
 
 
 def test_a_gust_lasts_as_long_as_the_estimate_resolves_and_returns_to_the_level_it_left():
-    torque = gaussian(3, 6000)
+    torque = turbulent(3, 6000)
     torque[3000:3003] += 12.0  # 30 ms
     torque[4000:] += 20.0  # a step stays
     (short,) = gusts(torque, np.zeros(6000), record_of(6000)).found

@@ -86,16 +86,6 @@ def test_each_sample_counts_once_and_the_last_horizon_is_the_mspe():
     np.testing.assert_allclose(scores[-1]["squared_error"], evaluate.mspe(TEST.outputs, whole).per_output)
 
 
-def test_a_random_walk_held_errs_more_the_longer():
-    """Of a walk of unit steps the error k steps on is k, so their mean up to it (k + 1) / 2."""
-    walks = np.random.default_rng(1).standard_normal((850, 40)).cumsum(axis=0)
-    scores = scores_of(baselines.hold, Flight(0.01 * np.arange(850), FLIGHT.inputs, walks))
-    # Of 40 walks of 150/k pieces: errors within a piece are one, so five deviations of a χ² of so many, at most.
-    for steps, row in zip((1, 5, 10, 25), scores, strict=False):
-        expected = pytest.approx((steps + 1) / 2, rel=5 * np.sqrt(2 / (40 * 150 / steps)))
-        assert row["squared_error"].mean() == expected
-
-
 def test_horizons_are_those_of_the_test_part():
     assert horizons(150, 0.01) == HORIZONS
     assert horizons(100, 1 / 120) == (1, 5, 10, 25, 50, 100)

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from mavdem.health.balance import motor_signatures
 from mavdem.health.in_flight import HOURS_TO_FALSE_ALARM, MotorAlarm, MotorWatch, alarm_figures
@@ -28,22 +29,13 @@ def quad(*balance):
     return MIXERS[4] @ balance
 
 
-def coloured(seed, samples, sd, seconds):
-    """(N, 4) noise of an exponential autocorrelation, of thrust, roll, pitch and yaw."""
-    keeps = np.exp(-1 / (RATE * seconds))
-    draws = np.random.default_rng(seed).standard_normal((samples, 4)) * np.sqrt(1 - keeps**2)
-    noise = np.empty_like(draws)
-    latest = np.zeros(4)
-    for row, draw in enumerate(draws):
-        noise[row] = latest = keeps * latest + draw
-    return sd * noise
-
-
 def flight(seed, seconds=45.0, sd=0.01, coloured_by=0.5, motors=4):
     """Times (N,) and commands (N, k) of a sound vehicle in wind, about 0.6 of the range."""
     time = np.arange(round(seconds * RATE)) / RATE + 100.0
-    noise = coloured(seed, len(time), sd, coloured_by)
-    return time, 0.6 * (1 + noise @ MIXERS[motors].T)
+    keeps = np.exp(-1 / (RATE * coloured_by))
+    draws = np.random.default_rng(seed).standard_normal((len(time), 4))
+    noise = lfilter([np.sqrt(1 - keeps**2)], [1.0, -keeps], draws, axis=0)
+    return time, 0.6 * (1 + sd * noise @ MIXERS[motors].T)
 
 
 def changes(time, commands):

@@ -292,13 +292,3 @@ def test_a_cut_tail_costs_no_whole_message(left):
     log = read(content + tlog([heartbeat()])[:left])
     assert sum(log.components[0].messages.values()) == log.frames == 1 + 2 * len(TIMES)
     assert (log.unread, log.bytes_skipped) == ((), left)
-
-
-def test_a_burst_of_late_and_repeated_messages_costs_none(tmp_path):
-    """As links that retry and loggers that hear two radios have them."""
-    frames = flight(TIMES)
-    jumbled = [heartbeat(), *frames[:40], *frames[30:70], *reversed(frames[70:90]), *frames[90:]]
-    log = read(tlog(jumbled))
-    attitude = log.vehicles[0].messages["ATTITUDE"]
-    assert len(attitude["time"]) == sum(each in frames[::2] for each in jumbled)
-    assert np.array_equal(attitude["time"], attitude["time_boot_ms"] / 1e3) and not attitude["boot"].any()

@@ -281,21 +281,6 @@ def test_other_encapsulations_and_languages_of_definition_are_not_read(beginning
         read_log(path)
 
 
-def test_setpoints_of_px4_are_those_that_it_reports(recorder):
-    px4_flight(recorder)
-    for row in range(5):
-        at, q = 20 + 0.1 * row, [float(np.cos(0.1 * row)), float(np.sin(0.1 * row)), 0.0, 0.0]
-        recorder.px4("vehicle_attitude_setpoint", at, q_d=q)
-        recorder.px4("vehicle_rates_setpoint", at, roll=float(row), pitch=10.0 + row, yaw=20.0 + row)
-        recorder.px4("vehicle_rates_setpoint", UNIX + at, "/companion/fmu/in/", roll=99.0)
-    vehicle = recorder.vehicle()
-    rate, angle = setpoints(vehicle, "roll")
-    np.testing.assert_allclose(rate.signal.values, np.arange(5))
-    np.testing.assert_allclose(angle.signal.values, 0.2 * np.arange(5), atol=1e-7)
-    np.testing.assert_allclose(rate.signal.time, 20 + 0.1 * np.arange(5), atol=1e-9)
-    assert [one.signal.values[1] for one in setpoints(vehicle, "pitch")] == pytest.approx([11, 0])
-
-
 def test_the_battery_of_either_bridge(tmp_path):
     def write(recorder: Ros2Recorder) -> None:
         px4_flight(recorder)

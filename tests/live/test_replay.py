@@ -56,7 +56,7 @@ LOW_PASSED = 0.01 * 0.5, 0.01 * 600
     ],
 )
 def test_rows_are_those_of_align(flight, far):
-    frames = flight.frames(end=18.0)
+    frames = flight.frames(end=16.0)
     made = replay(frames)
     assert made.segments().keys() == {0}
     times, outputs, inputs = differences(made, 0, offline([data for _, data in frames], flight.system))
@@ -170,6 +170,3 @@ def test_a_recorded_flight_gives_what_it_gives_offline(path, tmp_path):
 def test_of_two_vehicles_each_gives_what_it_gives_offline(vehicle, tmp_path):
     path = beginning(shared(f"sitl_px4/{TWO_VEHICLES}.tlog"), tmp_path, 70.0)
     hold_against_offline(path, vehicle)
-    undecided = replay(recorded(path)[:8_000])
-    assert not undecided.rows and undecided.stream.status().vehicle is None, "none is guessed"
-    assert any("2:1 (QUADROTOR, PX4), 3:1 (QUADROTOR, PX4). Choose one" in said for said in undecided.sentences)

@@ -6,6 +6,7 @@ from scipy.linalg import block_diag, solve_continuous_lyapunov
 
 from mavdem import Flight
 from mavdem.dem.engine.model import discretize, recursion
+from sitl_scenarios.wind import gaussian_noise
 
 Array = NDArray[np.float64]
 
@@ -21,7 +22,7 @@ INPUT_KERNEL, NOISE_KERNEL = 0.25, 0.2  # seconds, of random systems
 
 def random_flight(order: int, channels: int, seed: int) -> Flight:
     """A flight of a random stable system with as many inputs as outputs, moved by smooth inputs and by noise."""
-    samples, dt = 2000, 0.05
+    samples, dt = 1000, 0.05
     rng = np.random.default_rng([order, channels, seed])
     A, B, C = random_system(order, channels, rng)
     step, number = dt / SUBSTEPS, (samples + WARM_UP_SAMPLES) * SUBSTEPS
@@ -71,12 +72,7 @@ def motion(A: Array, B: Array, driven: Array, step: float) -> Array:
 
 def smooth_noise(width: float, step: float, number: int, channels: int, rng: np.random.Generator) -> Array:
     """Gaussian-kernel noise of unit variance, (number, channels)."""
-    # The transform is periodic; the extra samples keep its ends apart.
-    total = number + round(20 * width / step) + 1
-    gain = np.exp(-((2 * np.pi * np.fft.rfftfreq(total, step) * width) ** 2) / 2)
-    noise = np.fft.irfft(np.fft.rfft(rng.standard_normal((total, channels)), axis=0) * gain[:, None], total, axis=0)
-    power = np.sum(np.fft.irfft(gain, total) ** 2)
-    return np.asarray(noise[:number] / np.sqrt(power))
+    return np.column_stack([gaussian_noise(width, step, number, rng) for _ in range(channels)])
 
 
 def _recorded(

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from scipy.ndimage import gaussian_filter1d
 from scipy.stats import binom
 
 from mavdem.paper import noise
+from sitl_scenarios.wind import gaussian_noise
 
 SERIES, VALUES = 400, 700
 FEWEST, MOST = binom.ppf([0.001, 0.999], SERIES, 0.05)
@@ -14,9 +14,7 @@ FEWEST, MOST = binom.ppf([0.001, 0.999], SERIES, 0.05)
 
 def gaussian(rng: np.random.Generator, steps: float, values: int = VALUES) -> np.ndarray:
     """White noise through a Gaussian kernel of so many steps; white for 0."""
-    margin = int(4 * steps) + 1
-    white = rng.standard_normal(values + 2 * margin)
-    return gaussian_filter1d(white, steps, mode="constant")[margin:-margin] if steps else white[margin:-margin]
+    return gaussian_noise(steps, 1.0, values, rng) if steps else rng.standard_normal(values)
 
 
 def rejections(test, make, series: int = SERIES) -> int:

@@ -17,6 +17,8 @@ def flight_row(vehicle: str, number: int, axis: str = "roll", **changed: object)
         "key": f"{vehicle}-{number}",
         "vehicle": vehicle,
         "date": START + timedelta(days=number),
+        "frame": "QUADROTOR",
+        "firmware": "ArduCopter V4.5",
         "axis": axis,
         "tier": "a",
         "duration": 60.0 + number,

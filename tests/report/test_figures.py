@@ -21,7 +21,7 @@ from mavdem.report.numbers import AxisCommand, Labels
 pytestmark = pytest.mark.slow
 LOG = Path(__file__).parents[2] / "logs" / "ardupilot_wind5_steps.tlog"
 SETTINGS = mavdem.Settings(order=3, d=2, window=9, parameter_precision=1.0, horizon=None)
-METHODS = ("residuals", "bode", "step", "poles", "disturbance", "motors", "learning")
+METHODS = ("residuals", "bode", "step", "disturbance", "motors", "learning")
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +45,6 @@ def figures(learned, flight, held):
     given = {
         "bode": {"truth": truth},
         "step": {"truth": truth},
-        "poles": {"truth": truth[0]},
         "disturbance": {"truth": np.sin(flight.time)},
         "motors": {"hover": mavdem.hover_figures([flight])},
     }
@@ -75,8 +74,7 @@ def test_a_figure_has_the_palette_s_colours_named_axes_and_no_legend_or_title_ov
             assert not box.overlaps(axes._left_title.get_window_extent())
             assert box.x0 >= 0 and box.x1 <= figure.bbox.x1
     assert figure.axes[-1].get_xlabel()
-    assert name == "poles" or "rad" not in text, "angles are in degrees"
-    assert name != "poles" or "Beyond the edge, of DEM's model:" in figure.get_supxlabel().replace("\n", " ")
+    assert "rad" not in text, "angles are in degrees"
     units = {"bode": "°/s per µs", "step": "roll (°)", "disturbance": "°/s²", "forecast": "roll (°)"}
     assert units.get(name, "") in text
 
@@ -138,10 +136,10 @@ def test_the_physical_response_is_late_by_its_delay_and_ends_at_effect_over_damp
 
 
 def test_draws_are_as_far_apart_as_the_parameters_are_uncertain(learned):
-    systems, (covariance, freedom) = model_systems(learned, np.ones(4)), learned.scatter
+    systems, covariance = model_systems(learned, np.ones(4)), learned.theta_covariance
     np.testing.assert_array_equal(systems.A[0], learned.model.A)
     n = learned.model.A.size
-    spread = np.cov(systems.A[1:].reshape(-1, n).T) * (freedom - 2) / freedom  # Student's
+    spread = np.cov(systems.A[1:].reshape(-1, n).T)
     np.testing.assert_allclose(spread, covariance[:n, :n], atol=0.25 * covariance[:n, :n].max())
 
 

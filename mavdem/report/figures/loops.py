@@ -17,7 +17,7 @@ from mavdem.report.palette import BAD, HELD_OUT_OPACITY, MEASURED, PHYSICAL, PRE
 
 LOWEST = 0.2  # Hz shown
 SECONDS, STEP_HERTZ = 0.8, 0.05  # of a step response; and the step of the frequencies that it is summed from
-CLOUD = 60  # draws of a Nyquist plot
+CLOUD, SPARSE = 40, 4  # draws of a Nyquist plot, and every how many points of each
 ROOM = Room(left=0.66, bottom=0.5, columns=0.5, rows=0.45)
 LABELS = "gain (dB)", "phase (°)", "sensitivity |S|", "imaginary part", "share of the step"
 MS = 2.0  # drawn as the limit
@@ -40,7 +40,7 @@ def loops(loop: Loop, after: Loop | None = None) -> Figure:
                 draw(phase, one.frequency, turned, name, colour)
                 phase.plot(2 * [one.crossover], [-180, one.phase_margin - 180], "_:", color=colour, linewidth=1.2)
                 draw(left, one.frequency, 1 / np.abs(1 + one.response), name, colour)
-                cloud = one.response[1 : CLOUD + 1]
+                cloud = one.response[1 : CLOUD + 1, ::SPARSE]
                 plane.plot(cloud.real.T, cloud.imag.T, color=colour, alpha=0.08, linewidth=0.8)
                 plane.plot(one.response[0].real, one.response[0].imag, color=colour)
                 draw(step, *step_response(one), name, colour)

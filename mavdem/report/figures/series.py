@@ -260,7 +260,7 @@ def forecast(held: HeldOut, labels: Labels, output: int = 0, windows: int = 8) -
 def still(timeline: Timeline) -> Figure:
     """Draws the rows of a ``timeline`` below each other, as the page's script does without zooming."""
     rows, ink = list(timeline.thinned(STILL_POINTS)), {"fontsize": 6.5, "va": "bottom"}
-    with picture(0.5 + 0.85 * len(rows), Room(left=0.5, right=0.85, rows=0.1), 1.8 * style.WIDTH) as figure:
+    with picture(0.5 + 0.62 * len(rows), Room(left=0.5, right=1.3, rows=0.1), 1.8 * style.WIDTH) as figure:
         panels = np.atleast_1d(figure.subplots(len(rows), 1, sharex=True))
         for axes, (row, grid, found) in zip(panels, rows, strict=True):
             for start, end in timeline.trained:
@@ -275,10 +275,11 @@ def still(timeline: Timeline) -> Figure:
             values = np.concatenate([mean for mean, _ in found])
             if np.isfinite(values).any():
                 not_blown_up(axes, values, 0.3)
-            axes.legend(loc="center left", bbox_to_anchor=(1.005, 0.5), fontsize=6.5, handlelength=1)
-            axes.set_ylabel(f"{row.title}\n({row.unit})", fontsize=7.5)
+            beside = {"loc": "center left", "bbox_to_anchor": (1.005, 0.5), "handlelength": 1, "alignment": "left"}
+            axes.legend(**beside, fontsize=6.5, title=row.title, title_fontproperties={"weight": "bold", "size": 7})
+            axes.set_ylabel(row.unit)
             axes.yaxis.set_major_locator(MaxNLocator(3))
-        for start, _, name in timeline.flown:
+        for start, _, name in timeline.modes:
             panels[0].annotate(plain(name), (start, 1.02), xycoords=("data", "axes fraction"), **ink)
         panels[-1].set(xlabel="time since boot (s)", xlim=timeline.span)
     return figure

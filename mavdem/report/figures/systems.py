@@ -1,4 +1,4 @@
-"""Systems: what the axis's command does to a vehicle, over frequency (Bode), over time (step), and as poles.
+"""Systems: what the axis's command does to a vehicle, over frequency (Bode) and over time (step).
 
 Each curve is of linear systems: the model or the physical parameters, and draws from their uncertainty, of which the
 bands are percentiles.
@@ -7,7 +7,7 @@ bands are percentiles.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -22,17 +22,13 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import pack, unpack
 from mavdem.report.figures.style import HAIRLINE, Room, band, legend_above, not_blown_up, note, picture
 from mavdem.report.numbers import AxisCommand, Labels, per, readable
-from mavdem.report.palette import BAD, HELD_OUT_OPACITY, PHYSICAL, PREDICTED, TRUTH
+from mavdem.report.palette import PHYSICAL, PREDICTED, TRUTH
 
 Complex = NDArray[np.complex128]
 Truth = tuple[Array, Array, float]
 
 DRAWS = 400
 MAX_WIDER = 4.0  # by which factor a band may widen the range of magnitudes
-SLOW = 10.0  # times the slowest pole, or 1/s, up to which poles are shown
-BAR = 0.04  # of the height, to each side: the interval of a real pole
-MARGIN = 0.3  # beyond the outermost poles, in spans
-REMARK: dict[str, Any] = {"textcoords": "offset points", "fontsize": 7.5}
 
 
 class Systems(NamedTuple):
@@ -74,13 +70,13 @@ class Systems(NamedTuple):
 def model_systems(learned: Learned, motors: Array, seed: int = 0) -> Systems:
     """Returns DEM's model and ``DRAWS`` of it, driven by a command that moves the ``motors`` (r,).
 
-    By the sandwich covariance with Student's distribution or, where that is not known, by the posterior.
+    By the posterior, with Student's distribution where it is that of a simulation-error fit.
     """
     A, B, C = learned.model[:3]
-    theta, scatter, rng = pack(A, B, C), learned.scatter, np.random.default_rng(seed)
-    away = _normal(rng, learned.theta_covariance if scatter is None else scatter.covariance)
-    if scatter is not None:
-        away /= np.sqrt(rng.chisquare(scatter.freedom, (DRAWS, 1)) / scatter.freedom)
+    theta, found, rng = pack(A, B, C), learned.simulation_fit, np.random.default_rng(seed)
+    away = _normal(rng, learned.theta_covariance)
+    if found is not None:
+        away /= np.sqrt(rng.chisquare(found.freedom, (DRAWS, 1)) / found.freedom)
     (n, r), m = B.shape, len(C)
     drawn = (unpack(row, n, r, m) for row in theta + np.vstack([0 * theta, away]))
     As, Bs, Cs = map(np.array, zip(*drawn, strict=True))
@@ -175,43 +171,6 @@ class SystemPlots:
             note(figure, _remark(learned))
         return figure
 
-    def poles(self, truth: Array | None = None) -> Figure:
-        """Draws the slow poles of the model, with draws from their uncertainty; fast ones are named below.
-
-        ``truth`` is A (n, n) of a simulated vehicle.
-        """
-        learned = self.learned
-        systems, physical = model_systems(learned, np.ones(learned.model.B.shape[1])), _plant(learned)
-        values: Complex = np.linalg.eigvals(systems.A[0]).astype(complex)
-        drawn: Complex = np.linalg.eigvals(systems.A[1:151]).astype(complex).ravel()
-        true: Complex = np.empty(0, complex) if truth is None else np.linalg.eigvals(truth).astype(complex)
-        fitted = np.array([] if physical is None else [-physical.damping, -1 / physical.lag], complex)
-        limit = SLOW * max(float(np.abs(values).min()), 1.0)
-        slow, *others = (poles[np.abs(poles) <= limit] for poles in (values, fitted, true))
-        with picture(room=Room()) as figure:
-            axes = figure.subplots()
-            _plane(axes, np.concatenate([slow, *others]))
-            (left, right), top = axes.get_xlim(), axes.get_ylim()[1]
-            inside = (drawn.real > left) & (drawn.real < right) & (np.abs(drawn.imag) < top)
-            cloud: dict[str, Any] = {"color": PREDICTED, "alpha": 0.45, "markersize": 3, "markeredgewidth": 0}
-            axes.plot(drawn[inside].real, drawn[inside].imag, ".", **cloud)
-            if physical is not None:
-                half = np.nan_to_num(physical.interval(LEVEL).damping)
-                band(axes, np.array([-half, half]) - physical.damping, -BAR * top, BAR * top, PHYSICAL)
-            remark = "Dots: draws from the uncertainty of A, without closed-loop bias. Rays: ζ = 0.2 to 0.8."
-            drawings = ("s", 5, PHYSICAL, "physical parameters", fitted), ("x", 7, PREDICTED, "DEM's model", values)
-            for marker, size, colour, label, at in (*drawings, ("+", 9, TRUTH, "truth", true)):
-                shown = (at.real > left) & (at.real < right) & (np.abs(at.imag) < top)
-                style: dict[str, Any] = {"color": colour, "markersize": size, "markeredgewidth": 2}
-                axes.plot(at[shown].real, at[shown].imag, marker, label=label if shown.any() else "", **style)
-                if fast := ", ".join(_words(value) for value in at[~shown] if value.imag >= 0):
-                    remark += f" Beyond the edge, of {label}: {fast}."
-            axes.set(xlabel="real part (1/s)", ylabel="imaginary part (rad/s)")
-            _label(axes, slow)
-            legend_above(axes)
-            note(figure, remark)
-        return figure
-
 
 def _curves(
     learned: Learned, motors: Array, truth: Truth | None, model: str = "both"
@@ -254,39 +213,3 @@ def _plant(learned: Learned) -> Physical | None:
     """The physical parameters, where they are identifiable, and their outputs are those of the model."""
     physical, outputs = learned.physical, learned.record.outputs.shape[1]
     return physical if physical is not None and outputs <= 2 and physical.identifiable else None
-
-
-def _plane(axes: Axes, values: Complex) -> None:
-    """Ranges of the axes, the unstable half, and lines of equal damping ratio."""
-    left, right = min(float(values.real.min()), 0.0), max(float(values.real.max()), 0.0)
-    top = max(float(np.abs(values.imag).max()), 0.25 * (right - left), 1e-3)
-    span = right - left or 1.0
-    left, right, top = left - MARGIN * span, right + MARGIN * span / 2, (1 + MARGIN) * top
-    axes.set(xlim=(left, right), ylim=(-top, top))
-    axes.axvspan(0, right, color=BAD, alpha=HELD_OUT_OPACITY, linewidth=0)
-    axes.annotate("unstable", (1, 0), (-3, 4), xycoords="axes fraction", ha="right", color=BAD, **REMARK)
-    axes.axhline(0, **HAIRLINE)
-    for ratio in (0.2, 0.4, 0.6, 0.8):
-        slope = np.sqrt(1 - ratio**2) / ratio
-        end = max(left, -top / slope)
-        for sign in (1, -1):
-            axes.plot([0, end], [0, -sign * slope * end], **HAIRLINE | {"alpha": 0.35})
-
-
-def _label(axes: Axes, values: Complex) -> None:
-    """Frequency and damping ratio, or the time constant, beside each pole above or on the real axis."""
-    middle, above = sum(axes.get_xlim()) / 2, True
-    for value in sorted(values[values.imag >= 0], key=lambda pole: pole.real):
-        if value.imag:
-            side = -1 if value.real > middle else 1
-            offset, align = (8 * side, 6), "left" if side > 0 else "right"
-        else:
-            offset, align, above = (0, 9 if above else -15), "center", not above
-        axes.annotate(_words(value), (value.real, value.imag), offset, ha=align, **REMARK)
-
-
-def _words(pole: complex) -> str:
-    size = abs(pole)
-    if pole.imag:
-        return f"{size / (2 * np.pi):.2g} Hz, ζ = {-pole.real / size:.2g}"
-    return f"{1 / size:.2g} s" if size else "integrator"
