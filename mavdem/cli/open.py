@@ -78,15 +78,19 @@ def load(arguments: list[str]) -> int:
 
         @contextmanager
         def step(title: str, measured: bool = True) -> Iterator[Callable[[float], None]]:
-            if application:  # the viewer waits
-                write_words(recording, path.name, [Sentence(f"{title} …")])
-            yield lambda _: None
+            def show(done: float) -> None:
+                if application:  # the viewer waits
+                    share = f": {done:.0%}" if measured else ""
+                    write_words(recording, path.name, [Sentence(f"{title}{share} …")])
+
+            show(0.0)
+            yield show
 
         try:
             if isinstance(read, Unreadable):
                 raise read
             signals = Signals(choose_vehicle(read.vehicles, None))
-            with step("Estimating the wind"):
+            with step("Estimating the wind", measured=False):
                 air = air_of(signals)
             analysis = analyse(read, signals=signals, progress=step)
         except (NotLearnable, Unreadable) as error:

@@ -1,25 +1,15 @@
-"""One fit, from a record and complete settings to an ascent and its predictor, and the uncertainty of its θ.
-
-DEM's posterior counts every sample as independent of its neighbours and keeps X fixed for θ; both make it too small.
-The estimate maximizes a sum over samples. With H the sum's curvature and J the covariance of its slope, its covariance
-is H⁻¹ J H⁻¹, also for correlated samples (Huber 1967, White 1982). J is estimated from the slopes of single samples,
-with a kernel as wide as their own correlation (Andrews 1991). What the data do not determine is named.
-"""
+"""One fit, from a record and complete settings to an ascent and its predictor, and what the data say of its θ."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import matmul_toeplitz
-from scipy.special import spherical_jn
 
-from mavdem.confidence import half_width
 from mavdem.dem.engine.ascent import Ascent, Rates, ascend, theta_curvature_of_profile
-from mavdem.dem.engine.free_energy import Belief, expected_weights
+from mavdem.dem.engine.free_energy import Belief
 from mavdem.dem.engine.generative import (
     GenerativeModel,
     Prior,
@@ -29,7 +19,7 @@ from mavdem.dem.engine.generative import (
     sampled_state_precision,
     temporal_precision,
 )
-from mavdem.dem.engine.linalg import Array, inverse, raise_on_overflow
+from mavdem.dem.engine.linalg import Array, raise_on_overflow
 from mavdem.dem.engine.model import discretize, pack, unpack
 from mavdem.dem.engine.state_space import StateSpace, filter_gain
 from mavdem.dem.forecast.simulation_error import SimulationFit
@@ -206,100 +196,21 @@ def predictor_of(theta: Array, sizes: tuple[int, int, int], gain: Array, dt: flo
     return StateSpace.of_transition(discretize(A, B, dt), C, gain)
 
 
-MAX_CORRELATION = 0.999  # of neighbouring slopes, in the kernel's width
-MIN_DEGREES_OF_FREEDOM = 8.0  # that a covariance is estimated with: the limit of the kernel's width
-MIN_WIDTH = 1e-6  # samples: keeps that of rows without correlation from being divided by
 SHOWN_ENTRIES = 4  # of a direction, the heaviest, in its ``repr``
 
 
-class SandwichCovariance(NamedTuple):
-    """The covariance of the estimate of θ over data of this kind."""
+def information_of(model: GenerativeModel, samples: SufficientStatistics, belief: Belief) -> tuple[Array, bool]:
+    """Information (k, k) of the data on θ at the end of a fit, and whether F̄ has a maximum there.
 
-    covariance: Array  # (k, k)
-    freedom: float  # degrees of freedom it is estimated with: deviations have Student's distribution
-
-    def half_width(self, level: float) -> Array:
-        """(k,) of the interval about the estimate that holds the parameter with probability ``level``."""
-        return half_width(self.covariance.diagonal(), level, self.freedom)
-
-
-class ParameterUncertainty(NamedTuple):
-    """The uncertainty of θ at the end of a fit, in its units."""
-
-    information: Array  # (k, k) of the data: the curvature of F̄ without its prior, samples counted as independent
-    scatter: SandwichCovariance | None  # ``None`` where F̄ has no maximum
-
-
-def uncertainty_of(
-    model: GenerativeModel, segments: Sequence[Array], ascent: Ascent, scattered: bool = True
-) -> ParameterUncertainty:
-    """The uncertainty of the parameters at the end of a fit to generalized data [ỹ; η̃], (T, ·) for each segment.
-
-    Unless ``scattered``, what the data determine is known and the sandwich covariance is not.
+    The curvature of F̄ without its prior, samples counted as independent; 0 where it cannot be computed.
     """
-    samples, belief, prior = SufficientStatistics.of(*segments), ascent.belief, model.prior.theta_precision
-    information = np.zeros_like(prior)
+    prior = model.prior.theta_precision
     try:
         with raise_on_overflow():
             curvature = theta_curvature_of_profile(model, samples, belief)
-            information = curvature - prior
-            if not scattered:
-                return ParameterUncertainty(information, None)
-            bread = inverse(curvature)
-            spread, freedom = long_run_covariance(
-                [sample_slopes(model, data, data @ ascent.state_map.T, belief) for data in segments]
-            )
-            return ParameterUncertainty(information, SandwichCovariance(bread @ (spread + prior) @ bread, freedom))
+            return curvature - prior, bool(np.linalg.eigvalsh(curvature)[0] > 0)
     except np.linalg.LinAlgError:
-        return ParameterUncertainty(information, None)
-
-
-def sample_slopes(model: GenerativeModel, data: Array, states: Array, belief: Belief) -> Array:
-    """(T, k) ∂F(t)/∂θ of samples [ỹ; η̃] (T, ·) with means of X (T, ·), but for what is the same in all of them."""
-    both, _, x, _ = model.orders
-    joint = np.hstack([data, states, np.zeros((len(data), 1))])
-    errors = joint[:, :-1] @ model.error_operator(belief.theta).T
-    of_y, _, of_x = model.errors
-    weights = expected_weights(belief.lambda_, belief.lambda_covariance)
-    slopes = np.zeros((len(data), len(belief.theta)))
-    for rows, regressors, S, noise, part in (
-        (model.parameter_rows.dynamics, both, model.state_correlation, weights[model.state_groups], of_x),
-        (model.parameter_rows.observation, x, model.output_correlation, weights[model.output_groups], of_y),
-    ):
-        weighted = np.einsum("ik,tij->tkj", S, errors[:, part].reshape(len(data), len(S), -1)) * noise
-        slopes[:, rows] = np.einsum("tkj,tka->tja", weighted, joint[:, regressors])
-    return slopes
-
-
-def long_run_covariance(segments: Sequence[Array]) -> tuple[Array, float]:
-    """Covariance (k, k) of the sum of correlated rows (T, k) of segments, and the degrees of freedom it has.
-
-    The quadratic spectral kernel, with its width by the plug-in of first-order autoregressions: Andrews (1991),
-    Eqs. 2.7, 6.2 and 6.4.
-    """
-    number = sum(map(len, segments))
-    mean = sum(rows.sum(axis=0) for rows in segments) / number
-    centred = [rows - mean for rows in segments]
-    now = np.concatenate([rows[:-1] for rows in centred])
-    later = np.concatenate([rows[1:] for rows in centred])
-    variance = np.sum(now**2, axis=0)
-    moving = variance > 0
-    if not moving.any():
-        return np.zeros((len(mean), len(mean))), float(number)
-    correlation = np.sum(now * later, axis=0)[moving] / variance[moving]
-    correlation = np.clip(correlation, -MAX_CORRELATION, MAX_CORRELATION)
-    # Each row counts alike: scaled by its variance, the innovations' is 1 − ρ².
-    innovation = (1 - correlation**2) ** 2
-    alpha = np.sum(4 * correlation**2 * innovation / (1 - correlation) ** 8) / np.sum(
-        innovation / (1 - correlation) ** 4
-    )
-    width = min(1.3221 * (alpha * number) ** 0.2, number / MIN_DEGREES_OF_FREEDOM)
-    # The kernel of that name, 25/(12π²x²) (sin z/z − cos z) at x of the width, z = 6πx/5: 3 j₁(z)/z.
-    z = 6 * np.pi / 5 * np.arange(1, max(map(len, segments))) / max(width, MIN_WIDTH)
-    kernel = np.append(0.0, 3 * spherical_jn(1, z) / z)
-    total = sum(rows.T @ (rows + matmul_toeplitz(kernel[: len(rows)], rows)) for rows in centred)
-    # As many rows as the kernel's width count as one; its square's integral is 1 (Priestley 1981, sec. 6.2.4).
-    return np.asarray(total), max(number / max(width, 1.0), 1.0)
+        return np.zeros_like(prior), False
 
 
 class Direction(NamedTuple):

@@ -15,7 +15,7 @@ from mavdem.dem.engine.ascent import FreeEnergy, Learning
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import STABILITY_TOLERANCE, LinearModel, unpack
 from mavdem.dem.engine.state_space import StateSpace
-from mavdem.dem.fitting import Direction, SandwichCovariance, generalized
+from mavdem.dem.fitting import Direction, generalized
 from mavdem.dem.forecast.joint import JointModel
 from mavdem.dem.forecast.simulation_error import SimulationFit
 from mavdem.dem.forecast.var import Forecast
@@ -39,8 +39,6 @@ class Learned(LearnedDownstream):
         model: posterior means.
         theta_covariance: (k, k) posterior covariance of θ = [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)], physical units: of the
             simulation-error fit, or of DEM where there was none.
-        scatter: sandwich covariance of the estimate of θ, physical units, over data of this kind. Unlike the posterior
-            it allows for correlated samples; see ``model_interval``. ``None`` where F̄ has no maximum.
         undetermined: combinations of parameters that the data determine less than the prior.
         prior_sd: (k,) prior standard deviations of θ in DEM; those of the simulation-error fit are wider.
         known: (k,) which parameters the prior fixes: that a rate is the derivative of its angle, that C = [I 0].
@@ -62,7 +60,6 @@ class Learned(LearnedDownstream):
     settings: CompleteSettings
     model: LinearModel
     theta_covariance: Array
-    scatter: SandwichCovariance | None
     undetermined: tuple[Direction, ...]
     prior_sd: Array
     known: NDArray[np.bool_]
@@ -93,9 +90,9 @@ class Learned(LearnedDownstream):
 
     @property
     def model_sd(self) -> LinearModel:
-        """DEM's posterior standard deviations, arranged like A, B and C; the offset's and trims' are NaN.
+        """Posterior standard deviations, arranged like A, B and C; the offset's and trims' are NaN.
 
-        They count neighbouring samples as independent and are too small; see :meth:`model_interval`.
+        Those of DEM, without a simulation-error fit, count neighbouring samples as independent and are too small.
         """
         return self._arranged(np.sqrt(np.diag(self.theta_covariance)))
 
@@ -104,14 +101,14 @@ class Learned(LearnedDownstream):
         return LinearModel(*unpack(values, n, r, m), np.full(n, np.nan), np.full(r, np.nan), np.full(m, np.nan))
 
     def model_interval(self, level: float = LEVEL) -> LinearModel:
-        """Returns half widths of intervals, arranged like A, B and C; NaN for offset and trims, or without ``scatter``.
+        """Returns half widths of intervals of probability ``level``, arranged like A, B and C.
 
-        An interval contains its parameter with probability ``level`` as far as :attr:`scatter` goes. The bias of closed
-        loop, where inputs are correlated with the disturbance, is not included.
+        NaN for offset and trims, and without a simulation-error fit. The bias of closed loop, where inputs are
+        correlated with the disturbance, is not included.
         """
         require_probability(level)
-        unknown = np.full(len(self.theta_covariance), np.nan)
-        return self._arranged(unknown if self.scatter is None else self.scatter.half_width(level))
+        freedom = np.nan if self.simulation_fit is None else self.simulation_fit.freedom
+        return self._arranged(half_width(self.theta_covariance.diagonal(), level, freedom))
 
     @property
     def physical(self) -> Physical | None:

@@ -14,16 +14,14 @@ from mavdem.dem.engine.generative import SufficientStatistics
 from mavdem.dem.engine.linalg import Array, inverse, one_thread, raise_on_overflow
 from mavdem.dem.fitting import (
     Fit,
-    ParameterUncertainty,
-    SandwichCovariance,
     Start,
     fit,
     generalized,
     held_by_prior,
+    information_of,
     marginal_information,
     of_vehicle,
     predictor_of,
-    uncertainty_of,
     undetermined_directions,
 )
 from mavdem.dem.forecast.joint import JointModel
@@ -183,30 +181,28 @@ def _with_simulation_fit(fitted: Fit, record: Record, samples: SufficientStatist
 def _learned(fitted: Fit, record: Record, start: Start | None) -> Learned:
     """The result, in physical units, of a fit in the engine's, with the simulation-error fit where there can be one."""
     segments = generalized(fitted.settings, fitted.scaling, record)
-    fit = _with_simulation_fit(fitted, record, SufficientStatistics.of(*segments), start)
-    # Of a simulation-error fit the covariance is its own.
-    uncertainty = uncertainty_of(fitted.model, segments, fitted.ascent, fit.simulation_fit is None)
+    samples = SufficientStatistics.of(*segments)
+    fit = _with_simulation_fit(fitted, record, samples, start)
+    information, is_maximum = information_of(fitted.model, samples, fitted.ascent.belief)
     order, ascent, scaling = fit.model.n, fit.ascent, fit.scaling
     sizes = order, record.inputs.shape[1], fit.model.m
     vehicle = of_vehicle(*sizes, scaling.constant)
     scale = scaling.parameter_scale(order)
     data, precision = np.concatenate(segments), fit.model.prior.theta_precision
     prior_covariance = inverse(precision)
-    covariance, scatter = ascent.belief.theta_covariance, uncertainty.scatter
+    covariance = ascent.belief.theta_covariance
     if fit.simulation_fit is not None:
         covariance = fit.simulation_fit.theta_covariance(prior_covariance)
-        scatter = SandwichCovariance(covariance, fit.simulation_fit.freedom)
 
     def physical(covariance: Array) -> Array:
         return np.asarray((covariance * np.outer(scale, scale))[np.ix_(vehicle, vehicle)])
 
     held = held_by_prior(np.diag(precision)[vehicle], scale[vehicle], fit.settings, record)
-    information = marginal_information(uncertainty.information, precision, vehicle)
+    information = marginal_information(information, precision, vehicle)
     return Learned(
         settings=fit.settings,
         model=scaling.physical_model(ascent.belief.theta, order),
         theta_covariance=physical(covariance),
-        scatter=scatter and scatter._replace(covariance=physical(scatter.covariance)),
         undetermined=undetermined_directions(information, precision[np.ix_(vehicle, vehicle)], ~held, sizes),
         prior_sd=np.sqrt(np.diag(physical(prior_covariance))),
         known=held,
@@ -219,7 +215,7 @@ def _learned(fitted: Fit, record: Record, start: Start | None) -> Learned:
         ),
         converged=fit.converged,
         record=record,
-        cautions=tuple(_cautions(fit, record, uncertainty)),
+        cautions=tuple(_cautions(fit, record, is_maximum)),
         scaling=scaling,
         predictor=fit.predictor,
         state_map=np.ascontiguousarray(ascent.state_map),
@@ -228,7 +224,7 @@ def _learned(fitted: Fit, record: Record, start: Start | None) -> Learned:
     )
 
 
-def _cautions(fit: Fit, record: Record, uncertainty: ParameterUncertainty) -> Iterator[str]:
+def _cautions(fit: Fit, record: Record, is_maximum: bool) -> Iterator[str]:
     """Limits of a model, one sentence each."""
     if fit.settings.prior == "regulated":
         yield from record.input_cautions
@@ -236,7 +232,7 @@ def _cautions(fit: Fit, record: Record, uncertainty: ParameterUncertainty) -> It
     if abscissa > 0:
         yield f"The model is unstable: it grows e-fold in {1 / abscissa:.3g} s."
     if fit.simulation_fit is None:
-        if uncertainty.scatter is None:
+        if not is_maximum:
             yield (
                 "F̄ has no maximum at these parameters: their uncertainty is not known. More iterations, or a larger "
                 "prior precision, may find one."

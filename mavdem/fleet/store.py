@@ -55,7 +55,7 @@ def read_rows(folder: Path) -> list[FlightRow]:
         raise Unreadable(f"{folder} holds no fleet: make one with `mavdem track LOGS --out {folder}`.")
     access = "mode=rw" if os.access(folder, os.W_OK) else "immutable=1"  # SQLite's lock is a file beside it
     try:
-        with closing(sqlite3.connect(f"{path.absolute().as_uri()}?{access}", BUSY_SECONDS, uri=True)) as db:
+        with closing(sqlite3.connect(f"{path.absolute().as_uri()}?{access}", timeout=BUSY_SECONDS, uri=True)) as db:
             _check_version(db, folder)
             rows = [_row(*values) for values in db.execute("select row, file from flights where file is not null")]
     except Unreadable:

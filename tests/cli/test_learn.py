@@ -67,7 +67,7 @@ def test_the_document_is_the_report_of_the_library(without_pictures, tmp_path, c
 @pytest.mark.slow
 def test_people_see_one_screen_and_with_verbose_the_model(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    words = ["learn", FLIGHT, "--axis", "roll", "--order", "2", "--train", "2500", "--test", "100"]
+    words = ["learn", FLIGHT, "--axis", "roll", "--order", "2", "--train", "1500", "--test", "100"]
     assert main(words) == 0
     screen = capsys.readouterr()
     for fact in ("control effectiveness", "because", "constant mean", "roll rate", "per µs", "±", "headroom"):

@@ -20,7 +20,7 @@ pytestmark = pytest.mark.usefixtures("without_wind_fits")
 SETTLED = 1200  # samples, from which predictions are judged
 
 
-def controlled(seed: int, samples: int = 6000, wind: float = 2.0) -> Flight:
+def controlled(seed: int, samples: int = 4000, wind: float = 2.0) -> Flight:
     """A roll axis in wind, held by a proportional and derivative controller: each motor has its share of the demand."""
     rng = np.random.default_rng(seed)
     share = rng.choice([-1.0, 1.0], 4)
@@ -72,9 +72,9 @@ def ratios(flight: Flight, found: np.ndarray, horizons: tuple[int, ...] = HORIZO
 
 def aimless(walking: bool) -> Flight:
     """White, of which only the mean can be predicted; or a walk, of which only the last sample can."""
-    values = np.random.default_rng(0).standard_normal((5000, 6))
+    values = np.random.default_rng(0).standard_normal((3500, 6))
     values = values.cumsum(axis=0) if walking else values
-    return Flight(0.01 * np.arange(5000), values[:, 2:], values[:, :2], dt=0.01, effect_directions=[1, 1, -1, -1])
+    return Flight(0.01 * np.arange(3500), values[:, 2:], values[:, :2], dt=0.01, effect_directions=[1, 1, -1, -1])
 
 
 @pytest.mark.slow

@@ -39,9 +39,9 @@ def vehicle_of(content: bytes, folder: Path, name: str = "flight.bin") -> Teleme
 
 @pytest.fixture
 def steps(tmp_path: Path):
-    """The first minute or so of a flight, which DFReader reads for long."""
+    """The beginning of a flight, which DFReader reads for long."""
     path = tmp_path / "steps.BIN"
-    path.write_bytes(shared(STEPS).read_bytes()[:5_000_000])
+    path.write_bytes(shared(STEPS).read_bytes()[:3_200_000])
     return path
 
 

@@ -56,7 +56,7 @@ LOW_PASSED = 0.01 * 0.5, 0.01 * 600
     ],
 )
 def test_rows_are_those_of_align(flight, far):
-    frames = flight.frames(end=18.0)
+    frames = flight.frames(end=16.0)
     made = replay(frames)
     assert made.segments().keys() == {0}
     times, outputs, inputs = differences(made, 0, offline([data for _, data in frames], flight.system))

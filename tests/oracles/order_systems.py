@@ -22,7 +22,7 @@ INPUT_KERNEL, NOISE_KERNEL = 0.25, 0.2  # seconds, of random systems
 
 def random_flight(order: int, channels: int, seed: int) -> Flight:
     """A flight of a random stable system with as many inputs as outputs, moved by smooth inputs and by noise."""
-    samples, dt = 2000, 0.05
+    samples, dt = 1000, 0.05
     rng = np.random.default_rng([order, channels, seed])
     A, B, C = random_system(order, channels, rng)
     step, number = dt / SUBSTEPS, (samples + WARM_UP_SAMPLES) * SUBSTEPS

@@ -102,6 +102,7 @@ def test_a_prediction_is_judged_by_what_it_shows():
 @pytest.mark.slow
 def test_all_items_make_one_report(tmp_path, monkeypatch):
     monkeypatch.setattr(order, "ORDERS", (1, 2, 3))
+    monkeypatch.setattr(order, "SYSTEMS", {1: ("φ̇",), 2: ("φ", "φ̇")})
     monkeypatch.setattr(maximum_likelihood.iterated, "__defaults__", (20,))  # a report needs no more of them
     # Pictures of the demonstrations take ten seconds, and have tests of their own.
     runner, chosen = Runner(SMALL), [claim for claim in ITEMS if claim.name != "demonstrations"]

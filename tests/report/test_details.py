@@ -68,7 +68,7 @@ def test_what_is_not_known_of_the_parameters_is_not_reported(learned):
         return " ".join(cell for block in told(one) if isinstance(block, Table) for row in block.rows for cell in row)
 
     assert "±" in cells(learned)
-    unknown = cells(altered(learned, scatter=None))
+    unknown = cells(altered(learned, simulation_fit=None))
     assert "±" not in unknown and "nan" not in unknown
     notebook = "".join(ElementTree.fromstring(learned._repr_html_()).itertext())
     assert "control effectiveness" in notebook and "3 states, from 4 s at 100 Hz" in notebook

@@ -136,10 +136,10 @@ def test_the_physical_response_is_late_by_its_delay_and_ends_at_effect_over_damp
 
 
 def test_draws_are_as_far_apart_as_the_parameters_are_uncertain(learned):
-    systems, (covariance, freedom) = model_systems(learned, np.ones(4)), learned.scatter
+    systems, covariance = model_systems(learned, np.ones(4)), learned.theta_covariance
     np.testing.assert_array_equal(systems.A[0], learned.model.A)
     n = learned.model.A.size
-    spread = np.cov(systems.A[1:].reshape(-1, n).T) * (freedom - 2) / freedom  # Student's
+    spread = np.cov(systems.A[1:].reshape(-1, n).T)
     np.testing.assert_allclose(spread, covariance[:n, :n], atol=0.25 * covariance[:n, :n].max())
 
 

@@ -70,13 +70,13 @@ class Systems(NamedTuple):
 def model_systems(learned: Learned, motors: Array, seed: int = 0) -> Systems:
     """Returns DEM's model and ``DRAWS`` of it, driven by a command that moves the ``motors`` (r,).
 
-    By the sandwich covariance with Student's distribution or, where that is not known, by the posterior.
+    By the posterior, with Student's distribution where it is that of a simulation-error fit.
     """
     A, B, C = learned.model[:3]
-    theta, scatter, rng = pack(A, B, C), learned.scatter, np.random.default_rng(seed)
-    away = _normal(rng, learned.theta_covariance if scatter is None else scatter.covariance)
-    if scatter is not None:
-        away /= np.sqrt(rng.chisquare(scatter.freedom, (DRAWS, 1)) / scatter.freedom)
+    theta, found, rng = pack(A, B, C), learned.simulation_fit, np.random.default_rng(seed)
+    away = _normal(rng, learned.theta_covariance)
+    if found is not None:
+        away /= np.sqrt(rng.chisquare(found.freedom, (DRAWS, 1)) / found.freedom)
     (n, r), m = B.shape, len(C)
     drawn = (unpack(row, n, r, m) for row in theta + np.vstack([0 * theta, away]))
     As, Bs, Cs = map(np.array, zip(*drawn, strict=True))
