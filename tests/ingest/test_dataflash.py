@@ -39,7 +39,7 @@ def vehicle_of(content: bytes, folder: Path, name: str = "flight.bin") -> Teleme
 
 @pytest.fixture
 def steps(tmp_path: Path):
-    """The first minute or so of a flight, which DFReader reads for long."""
+    """The beginning of a flight, which DFReader reads for long."""
     path = tmp_path / "steps.BIN"
     path.write_bytes(shared(STEPS).read_bytes()[:3_200_000])
     return path
@@ -329,7 +329,7 @@ def test_a_text_log_reads_as_the_binary_one(tmp_path):
     text = text_of(read_binary(content), ["MSG", "PARM", "ATT", "RATE", "RCOU", "EV"])
     broken = text.replace("\r\nRATE", "\r\nRATE, 5\r\nnonsense\r\nRATE", 1) + "ATT, 1, 2"
     for number, written in enumerate((text, "ArduCopter V4\r\n\r\n" + text, broken)):
-        (vehicle,) = read_log(write(tmp_path / f"{number}.log", written)).vehicles
+        vehicle = vehicle_of(written.encode(), tmp_path, f"{number}.log")
         assert (vehicle.system, vehicle.vehicle, vehicle.parameters) == (7, "QUADROTOR", binary.parameters)
         assert set(vehicle.messages) == set(binary.messages)
         for name, columns in binary.messages.items():
@@ -337,11 +337,6 @@ def test_a_text_log_reads_as_the_binary_one(tmp_path):
                 theirs = vehicle.messages[name][field]
                 assert np.allclose(theirs, values, atol=1e-12, equal_nan=True), (name, field)
     assert vehicle.repairs[0] == "3 lines that match no definition were left out."
-
-
-def write(path: Path, text: str) -> Path:
-    path.write_bytes(text.encode())
-    return path
 
 
 def test_the_firmware_and_what_the_logger_lost_are_known(tmp_path):
