@@ -1,8 +1,7 @@
 #!/usr/bin/env python
-"""How fast logs are read, models learnt and live estimates made; prints Markdown tables.
+"""How fast logs are read and live estimates made; prints Markdown tables.
 
 Usage: tools/bench/speed.py read FILE.tlog|FILE.bin|FILE.ulg|FILE.mcap ...
-       tools/bench/speed.py learn
        tools/bench/speed.py live [--busy]
 """
 
@@ -19,25 +18,17 @@ from collections.abc import Callable, Iterator
 from contextlib import closing
 from functools import partial
 from pathlib import Path
-from statistics import median
 from tempfile import TemporaryDirectory
 from timeit import repeat
 
 import click
 import numpy as np
 from pymavlink.dialects.v20 import all as dialect
-from scipy.signal import lfilter
-from threadpoolctl import threadpool_limits
 
-import mavdem
 from mavdem.alignment import drive, signals
 from mavdem.cli.live import Dashboard, _run
 from mavdem.dem import Settings
-from mavdem.dem.engine import ascent
-from mavdem.dem.fitting import fit
 from mavdem.dem.parallel import LearningProcess
-from mavdem.dem.record import Record
-from mavdem.dem.settings import CompleteSettings
 from mavdem.ingest import read_log
 from mavdem.live import LiveStream
 from mavdem.live.link import Link, RawRecording
@@ -126,46 +117,6 @@ def read(logs: tuple[Path, ...]) -> None:
             )
 
 
-REPEATS, ITERATIONS, DT = 20, 20, 0.01
-CASES = [(700, 2, 4, 2, 1), (700, 3, 4, 2, 2), (700, 6, 4, 4, 2), (36_000, 2, 4, 2, 1), (360_000, 2, 4, 2, 1)]
-"""Samples, states, inputs, p and d; two outputs."""
-
-
-def flight(samples: int, inputs: int = 4) -> mavdem.Flight:
-    """A damped axis driven by motors and by noise; its content hardly matters to the time."""
-    rng = np.random.default_rng(0)
-    motors = rng.standard_normal((samples, inputs)).cumsum(axis=0)
-    motors -= np.linspace(0, 1, samples)[:, None] * motors[-1]
-    push = motors @ np.resize([1.0, -1.0, -1.0, 1.0], inputs) * 0.01 + rng.standard_normal(samples)
-    roll = lfilter([DT**2], [1, 5 * DT - 2, 1 - 5 * DT + 9 * DT**2], push)
-    return mavdem.Flight(DT * np.arange(samples), motors, np.column_stack([roll, np.gradient(roll, DT)]))
-
-
-def time_of(function: Callable[[], object]) -> float:
-    return median(repeat(function, number=1, repeat=REPEATS))
-
-
-def learn() -> None:
-    """Time of a whole fit of 20 iterations on one core, and time of learning with default settings.
-
-    A whole fit: embedding, sufficient statistics, the ascent and the predictor.
-    """
-    threadpool_limits(limits=1, user_api="blas")
-    # Nothing converges, so that all iterations are taken.
-    ascent.CONVERGED_NATS = -np.inf
-    print("| T | n | r | p, d | fit of 20 iterations, ms |\n|---|---|---|---|---|")
-    for samples, order, inputs, p, d in CASES:
-        settings = CompleteSettings(
-            order=order, p=p, d=d, window=p + 1 + p % 2, parameter_precision=1.0, iterations=ITERATIONS
-        )
-        whole = partial(fit, Record.of(flight(samples, inputs)), settings)
-        assert len(whole().ascent.learning.theta) == ITERATIONS + 1
-        print(f"| {samples} | {order} | {inputs} | {p}, {d} | {1e3 * time_of(whole):.1f} |", flush=True)
-    ascent.CONVERGED_NATS = 0.1
-    default = partial(mavdem.learn, flight(700))
-    print(f"\nLearning 700 samples with default settings: {time_of(default):.2f} s.")
-
-
 SECONDS = 30.0
 PORT = 14598
 
@@ -232,12 +183,14 @@ def live(busy: bool) -> None:
 
 
 @click.command(help=__doc__)
-@click.argument("what", type=click.Choice(["read", "learn", "live"]))
+@click.argument("what", type=click.Choice(["read", "live"]))
 @click.argument("logs", nargs=-1, type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @click.option("--busy", is_flag=True, help="Beside a busy loop on every core.")
 def main(what: str, logs: tuple[Path, ...], busy: bool) -> None:
-    timed: dict[str, Callable[[], None]] = {"read": partial(read, logs), "learn": learn, "live": partial(live, busy)}
-    timed[what]()
+    if what == "read":
+        read(logs)
+    else:
+        live(busy)
 
 
 if __name__ == "__main__":
