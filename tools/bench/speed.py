@@ -2,6 +2,7 @@
 """How fast logs are read, models learnt and live estimates made; prints Markdown tables.
 
 Usage: tools/bench/speed.py read FILE.tlog|FILE.bin|FILE.ulg|FILE.mcap ...
+       tools/bench/speed.py fleet LOG ...
        tools/bench/speed.py learn
        tools/bench/speed.py live [--busy]
 """
@@ -13,13 +14,14 @@ import json
 import math
 import multiprocessing
 import os
+import resource
 import socket
 import time
 from collections.abc import Callable, Iterator
-from contextlib import closing
+from contextlib import closing, suppress
 from functools import partial
 from pathlib import Path
-from statistics import median
+from statistics import mean, median
 from tempfile import TemporaryDirectory
 from timeit import repeat
 
@@ -35,13 +37,16 @@ from mavdem.cli.live import Dashboard, _run
 from mavdem.dem import Settings
 from mavdem.dem.engine import ascent
 from mavdem.dem.fitting import fit
-from mavdem.dem.parallel import LearningProcess
+from mavdem.dem.parallel import LearningProcess, stay_in_this_process
 from mavdem.dem.record import Record
 from mavdem.dem.settings import CompleteSettings
+from mavdem.fleet.row import best_tier
+from mavdem.fleet.rows_of_log import rows_of_log
 from mavdem.ingest import read_log
 from mavdem.live import LiveStream
 from mavdem.live.link import Link, RawRecording
 from mavdem.live.session import LiveSession
+from mavdem.report.page import flight_page
 
 
 def ours(path: str) -> int:
@@ -124,6 +129,24 @@ def read(logs: tuple[Path, ...]) -> None:
                 f"| {count / seconds:,.0f} | {seconds / fastest:.1f} |",
                 flush=True,
             )
+
+
+def fleet(logs: tuple[Path, ...]) -> None:
+    """What logs cost a fleet: CPU seconds for the rows and the page of each, by format and tier, on one core."""
+    stay_in_this_process()
+    threadpool_limits(limits=1, user_api="blas")
+    kinds, every = dict[str, list[float]](), list[float]()
+    rows_of_log(logs[0], "", flight_page)  # which loads the libraries
+    for path in logs:
+        began, tier = time.process_time(), ""
+        with suppress(mavdem.Unreadable):
+            tier = best_tier(rows_of_log(path, path.name, flight_page)[0])
+        every.append(time.process_time() - began)
+        kinds.setdefault(f"{path.suffix.lower()}, {f'tier {tier}' if tier else 'no flight'}", []).append(every[-1])
+    print("| logs | number | CPU s each: mean | median | longest |\n|---|---|---|---|---|")
+    for kind, spent in [*sorted(kinds.items()), ("all", every)]:
+        print(f"| {kind} | {len(spent)} | {mean(spent):.2f} | {median(spent):.2f} | {max(spent):.2f} |")
+    print(f"\nAt most {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MB.")
 
 
 REPEATS, ITERATIONS, DT = 20, 20, 0.01
@@ -232,11 +255,12 @@ def live(busy: bool) -> None:
 
 
 @click.command(help=__doc__)
-@click.argument("what", type=click.Choice(["read", "learn", "live"]))
+@click.argument("what", type=click.Choice(["read", "fleet", "learn", "live"]))
 @click.argument("logs", nargs=-1, type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @click.option("--busy", is_flag=True, help="Beside a busy loop on every core.")
 def main(what: str, logs: tuple[Path, ...], busy: bool) -> None:
     timed: dict[str, Callable[[], None]] = {"read": partial(read, logs), "learn": learn, "live": partial(live, busy)}
+    timed["fleet"] = partial(fleet, logs)
     timed[what]()
 
 
