@@ -281,13 +281,25 @@ class Signals:
 
     @cached_property
     def position(self) -> Signal | None:
-        """The position (N, 3), m north, east and down of where the log begins or the estimator's origin is."""
+        """The position (N, 3) where it is known, m north, east and down of where the log or the estimator began."""
         if "x" in (columns := self.telemetry.messages.get("LOCAL_POSITION_NED", {})):
-            return series(columns, np.column_stack([floats(columns, axis) for axis in "xyz"]))
+            known = columns["valid"].astype(np.bool_) if "valid" in columns else None
+            return series(columns, np.column_stack([floats(columns, axis) for axis in "xyz"]), known)
         if (columns := self.telemetry.messages.get("GLOBAL_POSITION_INT", {})) and len(columns["time"]):
             angles = np.radians(1e-7 * np.column_stack([floats(columns, name) for name in ("lat", "lon")]))
             plane = EARTH_RADIUS * (angles - angles[0]) * [1.0, np.cos(angles[0, 0])]
             return series(columns, np.column_stack([plane, -floats(columns, "relative_alt") / 1000]))
+        return None
+
+    @cached_property
+    def height(self) -> Signal | None:
+        """The height, m, above where the estimator or the flight began."""
+        for name, (field, factor) in {
+            "LOCAL_POSITION_NED": ("z", -1.0),
+            "GLOBAL_POSITION_INT": ("relative_alt", 1e-3),
+        }.items():
+            if field in (columns := self.telemetry.messages.get(name, {})):
+                return series(columns, factor * floats(columns, field))
         return None
 
     @cached_property

@@ -171,7 +171,6 @@ def model_figures(flights: Sequence[Flight], learned: Learned, held_out: HeldOut
         "model": {name: value.tolist() for name, value in model._asdict().items()},
         "model_sd": {name: getattr(sd, name).tolist() for name in ("A", "B", "C")},
         "model_interval_90_percent": {name: getattr(half_width, name).tolist() for name in ("A", "B", "C")},
-        "undetermined": len(learned.undetermined),
         "spectral_abscissa": model.spectral_abscissa,
         "free_energy": {
             "start": float(energy[0]),

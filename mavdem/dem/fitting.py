@@ -1,4 +1,4 @@
-"""One fit, from a record and complete settings to an ascent and its predictor, and what the data say of its θ."""
+"""One fit, from a record and complete settings to an ascent and its predictor."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.dem.engine.ascent import Ascent, Rates, ascend, theta_curvature_of_profile
+from mavdem.dem.engine.ascent import Ascent, Rates, ascend
 from mavdem.dem.engine.free_energy import Belief
 from mavdem.dem.engine.generative import (
     GenerativeModel,
@@ -194,69 +194,3 @@ def predictor_of(theta: Array, sizes: tuple[int, int, int], gain: Array, dt: flo
     """The predictor of θ (k,), of n states, r inputs and m outputs, with a filter of that gain (n, m)."""
     A, B, C = unpack(theta, *sizes)
     return StateSpace.of_transition(discretize(A, B, dt), C, gain)
-
-
-SHOWN_ENTRIES = 4  # of a direction, the heaviest, in its ``repr``
-
-
-def information_of(model: GenerativeModel, samples: SufficientStatistics, belief: Belief) -> tuple[Array, bool]:
-    """Information (k, k) of the data on θ at the end of a fit, and whether F̄ has a maximum there.
-
-    The curvature of F̄ without its prior, samples counted as independent; 0 where it cannot be computed.
-    """
-    prior = model.prior.theta_precision
-    try:
-        with raise_on_overflow():
-            curvature = theta_curvature_of_profile(model, samples, belief)
-            return curvature - prior, bool(np.linalg.eigvalsh(curvature)[0] > 0)
-    except np.linalg.LinAlgError:
-        return np.zeros_like(prior), False
-
-
-class Direction(NamedTuple):
-    """A combination of parameters that the data determine less than the prior does."""
-
-    weights: Array  # (k,) of θ = [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)], of unit length in prior standard deviations
-    share: float  # the information of the data over that of the prior, 0 to 1
-    sizes: tuple[int, int, int]  # n, r and m
-
-    def __repr__(self) -> str:
-        """The heaviest entries, as ``learned.model`` is indexed."""
-        indices = unpack(np.arange(len(self.weights)), *self.sizes)
-        heaviest = [i for i in np.argsort(-np.abs(self.weights), kind="stable")[:SHOWN_ENTRIES] if self.weights[i]]
-        entries = (
-            f"{self.weights[i]:+.2g} {name}[{row},{column}]"
-            for i in heaviest
-            for name, matrix in zip("ABC", indices, strict=True)
-            for row, column in np.argwhere(matrix == i)
-        )
-        rest = " …" if np.count_nonzero(self.weights) > len(heaviest) else ""
-        return f"<Direction: {' '.join(entries)}{rest}, {self.share:.2g} of the prior's information from data>"
-
-
-def undetermined_directions(
-    information: Array, precision: Array, free: NDArray[np.bool_], sizes: tuple[int, int, int]
-) -> tuple[Direction, ...]:
-    """The directions among ``free`` parameters that the data determine less than the prior, the least determined first.
-
-    ``information`` of the data and ``precision`` of the prior are (k, k).
-    """
-    kept = np.flatnonzero(free)
-    block = np.ix_(kept, kept)
-    values, vectors = np.linalg.eigh(precision[block])
-    to_units = (vectors / np.sqrt(values)) @ vectors.T
-    shares, modes = np.linalg.eigh(to_units @ information[block] @ to_units)
-    weights = np.zeros((len(kept), len(free)))
-    weights[:, kept] = modes.T
-    return tuple(
-        Direction(mode, max(float(share), 0.0), sizes) for share, mode in zip(shares, weights, strict=True) if share < 1
-    )
-
-
-def marginal_information(information: Array, precision: Array, kept: NDArray[np.intp]) -> Array:
-    """Information on the parameters at indices ``kept``, with the others, under their prior, marginalised."""
-    others = np.setdiff1d(np.arange(len(information)), kept)
-    of_kept = information[np.ix_(kept, kept)]
-    cross = information[np.ix_(kept, others)]
-    of_others = information[np.ix_(others, others)] + precision[np.ix_(others, others)]
-    return np.asarray(of_kept - cross @ np.linalg.pinv(of_others, hermitian=True) @ cross.T)

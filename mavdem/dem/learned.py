@@ -15,7 +15,7 @@ from mavdem.dem.engine.ascent import FreeEnergy, Learning
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import STABILITY_TOLERANCE, LinearModel, unpack
 from mavdem.dem.engine.state_space import StateSpace
-from mavdem.dem.fitting import Direction, generalized
+from mavdem.dem.fitting import generalized
 from mavdem.dem.forecast.joint import JointModel
 from mavdem.dem.forecast.simulation_error import SimulationFit
 from mavdem.dem.forecast.var import Forecast
@@ -39,7 +39,6 @@ class Learned(LearnedDownstream):
         model: posterior means.
         theta_covariance: (k, k) posterior covariance of θ = [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)], physical units: of the
             simulation-error fit, or of DEM where there was none.
-        undetermined: combinations of parameters that the data determine less than the prior.
         prior_sd: (k,) prior standard deviations of θ in DEM; those of the simulation-error fit are wider.
         known: (k,) which parameters the prior fixes: that a rate is the derivative of its angle, that C = [I 0].
         free_energy: by iteration, with its named terms.
@@ -60,7 +59,6 @@ class Learned(LearnedDownstream):
     settings: CompleteSettings
     model: LinearModel
     theta_covariance: Array
-    undetermined: tuple[Direction, ...]
     prior_sd: Array
     known: NDArray[np.bool_]
     free_energy: FreeEnergy

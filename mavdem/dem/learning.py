@@ -18,11 +18,8 @@ from mavdem.dem.fitting import (
     fit,
     generalized,
     held_by_prior,
-    information_of,
-    marginal_information,
     of_vehicle,
     predictor_of,
-    undetermined_directions,
 )
 from mavdem.dem.forecast.joint import JointModel
 from mavdem.dem.forecast.simulation_error import SHORTEST_HORIZON, fit_simulation, horizon_of
@@ -181,9 +178,7 @@ def _with_simulation_fit(fitted: Fit, record: Record, samples: SufficientStatist
 def _learned(fitted: Fit, record: Record, start: Start | None) -> Learned:
     """The result, in physical units, of a fit in the engine's, with the simulation-error fit where there can be one."""
     segments = generalized(fitted.settings, fitted.scaling, record)
-    samples = SufficientStatistics.of(*segments)
-    fit = _with_simulation_fit(fitted, record, samples, start)
-    information, is_maximum = information_of(fitted.model, samples, fitted.ascent.belief)
+    fit = _with_simulation_fit(fitted, record, SufficientStatistics.of(*segments), start)
     order, ascent, scaling = fit.model.n, fit.ascent, fit.scaling
     sizes = order, record.inputs.shape[1], fit.model.m
     vehicle = of_vehicle(*sizes, scaling.constant)
@@ -198,12 +193,10 @@ def _learned(fitted: Fit, record: Record, start: Start | None) -> Learned:
         return np.asarray((covariance * np.outer(scale, scale))[np.ix_(vehicle, vehicle)])
 
     held = held_by_prior(np.diag(precision)[vehicle], scale[vehicle], fit.settings, record)
-    information = marginal_information(information, precision, vehicle)
     return Learned(
         settings=fit.settings,
         model=scaling.physical_model(ascent.belief.theta, order),
         theta_covariance=physical(covariance),
-        undetermined=undetermined_directions(information, precision[np.ix_(vehicle, vehicle)], ~held, sizes),
         prior_sd=np.sqrt(np.diag(physical(prior_covariance))),
         known=held,
         free_energy=ascent.free_energy,
@@ -215,7 +208,7 @@ def _learned(fitted: Fit, record: Record, start: Start | None) -> Learned:
         ),
         converged=fit.converged,
         record=record,
-        cautions=tuple(_cautions(fit, record, is_maximum)),
+        cautions=tuple(_cautions(fit, record)),
         scaling=scaling,
         predictor=fit.predictor,
         state_map=np.ascontiguousarray(ascent.state_map),
@@ -224,7 +217,7 @@ def _learned(fitted: Fit, record: Record, start: Start | None) -> Learned:
     )
 
 
-def _cautions(fit: Fit, record: Record, is_maximum: bool) -> Iterator[str]:
+def _cautions(fit: Fit, record: Record) -> Iterator[str]:
     """Limits of a model, one sentence each."""
     if fit.settings.prior == "regulated":
         yield from record.input_cautions
@@ -232,11 +225,6 @@ def _cautions(fit: Fit, record: Record, is_maximum: bool) -> Iterator[str]:
     if abscissa > 0:
         yield f"The model is unstable: it grows e-fold in {1 / abscissa:.3g} s."
     if fit.simulation_fit is None:
-        if not is_maximum:
-            yield (
-                "F̄ has no maximum at these parameters: their uncertainty is not known. More iterations, or a larger "
-                "prior precision, may find one."
-            )
         horizon = horizon_of(fit.model, fit.settings, fit.scaling, record)
         if horizon is not None:
             reason = (

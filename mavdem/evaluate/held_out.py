@@ -265,9 +265,9 @@ def _together(parts: Sequence[HeldOut]) -> HeldOut:
     return HeldOut(time, measured, named, band, expected, np.mean([part.variance for part in parts], axis=0), failures)
 
 
-MAX_DIFFERENCE, MAX_COMMAND_DIFFERENCE = 0.3, 0.5
-"""Root mean square over standard deviation: of the rate from that of the truth file, 0.01 in simulated flights of
-100 Hz, and 1.4 for another flight's; of each motor's output, which steps between two samples, 0.02 to 0.05."""
+MAX_DIFFERENCE = 0.3
+"""Root mean square over standard deviation, of the rate from that of the truth file: 0.01 in simulated flights of
+100 Hz, and 1.4 for another flight's."""
 
 
 class ComparedParameter(NamedTuple):
@@ -321,9 +321,9 @@ class TruthComparison(NamedTuple):
 def read_truth(path: str | PathLike[str], axis: str) -> dict[str, Any]:
     """Returns one ``axis`` of a truth file of ``mavdem fly``, and its name as ``source``; N rows, r motors.
 
-    ``time`` (N,) on the boot clock; ``rate`` (N,) as the autopilot knew it; ``outputs`` (N, r), µs; ``disturbance``
-    (N,), rad/s²; ``effect`` (r,), rad/s² per µs, and once something broke, ``weak`` (N,), ``weak_effect``; ``damping``,
-    ``lag`` and ``delay``, 1/s, s, s.
+    ``time`` (N,) on the boot clock; ``rate`` (N,) as the autopilot knew it; ``disturbance`` (N,), rad/s²;
+    ``effect`` (r,), rad/s² per µs, and once something broke, ``weak`` (N,), ``weak_effect``; ``damping``, ``lag`` and
+    ``delay``, 1/s, s, s.
 
     Raises:
         Unreadable: ``path`` is not one, or cannot be read.
@@ -332,7 +332,7 @@ def read_truth(path: str | PathLike[str], axis: str) -> dict[str, Any]:
     try:
         with np.load(path, allow_pickle=False) as file:
             parts = {
-                **{name: file[name] for name in ("time", "outputs", "weak", "delay")},
+                **{name: file[name] for name in ("time", "weak", "delay")},
                 **{name: file[f"{axis}_{name}"] for name in ("disturbance", "effect")},
                 "rate": file["known_rates"][:, AXES.index(axis)],
                 "weak_effect": file[f"{axis}_effect{'_weak' if f'{axis}_effect_weak' in file else ''}"],
@@ -346,8 +346,7 @@ def read_truth(path: str | PathLike[str], axis: str) -> dict[str, Any]:
         raise Unreadable(f"{name} is no truth file that this version of `mavdem fly` writes beside a log.") from None
     rows, motors = len(np.atleast_1d(columns["time"])), columns["effect"].size
     shapes: dict[str, tuple[int, ...]] = dict.fromkeys(("time", "rate", "disturbance", "weak"), (rows,))
-    shapes |= {"outputs": (rows, motors), "effect": (motors,), "weak_effect": (motors,)}
-    shapes |= dict.fromkeys(("damping", "lag", "delay"), ())
+    shapes |= dict.fromkeys(("effect", "weak_effect"), (motors,)) | dict.fromkeys(("damping", "lag", "delay"), ())
     sound = all(columns[key].shape == shape and np.isfinite(columns[key]).all() for key, shape in shapes.items())
     if not (sound and rows > 1 and (np.diff(columns["time"]) > 0).all()):
         raise Unreadable(f"{name} is damaged: its arrays do not fit each other.")
@@ -404,7 +403,7 @@ def _parameters(
 ) -> tuple[ComparedParameter, ...]:
     effect, *halves = physical.interval(LEVEL)
     status, parameters = physical.status, list[ComparedParameter]()
-    if _are_the_motors(segments, truth):
+    if segments[0].input_units == ("µs",) * truth["effect"].size:
         weak = np.interp(time, truth["time"], truth["weak"]) >= 0.5
         true = truth["weak_effect" if weak.mean() >= 0.5 else "effect"]
         unit, state = "rad/s² per µs", status["effect"]
@@ -420,18 +419,6 @@ def _parameters(
         state = status.get(key, status["lag"])
         parameters.append(ComparedParameter(name, unit, getattr(physical, key), half, float(truth[key]), state))
     return tuple(parameters)
-
-
-def _are_the_motors(segments: Sequence[Flight], truth: dict[str, Any]) -> bool:
-    """Whether the inputs are the motors' outputs, in their order and in µs."""
-    outputs = truth["outputs"]
-    if segments[0].inputs.shape[1] != outputs.shape[1]:
-        return False
-    return all(
-        _difference(measured, truth, known, segment.time) < MAX_COMMAND_DIFFERENCE
-        for segment in segments
-        for measured, known in zip(segment.inputs.T, outputs.T, strict=True)
-    )
 
 
 def _wind(wind: WindTorque, truth: dict[str, Any], time: Array) -> ComparedWind:

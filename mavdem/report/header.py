@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from math import degrees, isfinite
 from typing import NamedTuple
 
 from mavdem.analysis import LogAnalysis
-from mavdem.analysis.findings import GOOD, LIMITED, NONE, UNEVEN, known_wind
+from mavdem.analysis.findings import GOOD, LIMITED, NONE, UNEVEN, Findings, known_wind
 from mavdem.condition.loop import Loop
 from mavdem.condition.wind_of_log import Air
 from mavdem.condition.wind_velocity import from_point
 from mavdem.confidence import LEVEL
 from mavdem.evaluate.held_out import FORECAST
-from mavdem.live.history import Event
+from mavdem.health.in_flight import MotorAlarm
+from mavdem.live.history import Event, SessionStatus
 from mavdem.report.numbers import TORQUE, Labels, readable, rounded, short, with_unit
 from mavdem.report.timeline import Timeline
 
@@ -33,6 +35,7 @@ class KeyFigure(NamedTuple):
 class Head(NamedTuple):
     """The top of a flight's page: what it is of, key figures, and the timeline; a small one has no still picture."""
 
+    findings: Findings
     analysis: LogAnalysis | None = None
     figures: Sequence[KeyFigure] = ()
     timeline: Timeline | None = None
@@ -45,8 +48,7 @@ def key_figures(analysis: LogAnalysis, air: Air | None, loop: Loop | None = None
     """Yields the figures that answer which motor, how strong the wind was, and how sure all that is."""
     learned, held_out, hover = analysis.learned, analysis.held_out, analysis.condition.hover
     grades = {one.purpose: RATINGS[one.grade] for one in analysis.findings.purposes}
-    if weak := max((alarm for alarm in analysis.alarms if alarm.weak), key=lambda alarm: alarm.size, default=None):
-        yield KeyFigure(f"{weak.name.capitalize()} lost", weak.lost, f"of its thrust at {weak.since:.0f} s", "bad")
+    yield from _lost(analysis.alarms)
     if hover is not None:
         most, motor = max(zip(hover.imbalance, hover.motors, strict=True), key=lambda one: abs(one[0]))
         yield KeyFigure("Trim deviation", f"{most:+.1f} %", motor, "bad" if abs(most) > UNEVEN else "good")
@@ -75,6 +77,22 @@ def key_figures(analysis: LogAnalysis, air: Air | None, loop: Loop | None = None
         low, high = loop.rate.phase_margin_interval
         remark = f"{low:.0f} to {high:.0f}°, rate loop, crossover {loop.rate.crossover:.1f} Hz"
         yield KeyFigure("Phase margin", f"{loop.rate.phase_margin:.0f}°", remark)
+
+
+def live_figures(status: SessionStatus) -> Iterator[KeyFigure]:
+    """Yields those of a live flight."""
+    yield from _lost(status.alarms)
+    if status.wind is not None:
+        speed, origin = status.wind.words()
+        yield KeyFigure("Wind", speed, f"{origin.strip()} at {status.wind.time:.0f} s")
+    seconds, half = status.ahead
+    if isfinite(half):
+        yield KeyFigure("Prediction", f"± {degrees(half):.1f}°", f"{seconds:.2g} s ahead, 90 % band at the end")
+
+
+def _lost(alarms: Sequence[MotorAlarm]) -> Iterator[KeyFigure]:
+    if weak := max((alarm for alarm in alarms if alarm.weak), key=lambda alarm: alarm.size, default=None):
+        yield KeyFigure(f"{weak.name.capitalize()} lost", weak.lost, f"of its thrust at {weak.since:.0f} s", "bad")
 
 
 def _wind(air: Air | None) -> Iterator[KeyFigure]:

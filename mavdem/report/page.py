@@ -34,7 +34,7 @@ from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.comparison import comparison_report, order_report
 from mavdem.report.condition import condition_sentences, log_blocks, tier_sentences, wind_blocks
 from mavdem.report.flights import live_report, truth_blocks
-from mavdem.report.header import FEW_POINTS, POINTS, Head, key_figures
+from mavdem.report.header import FEW_POINTS, POINTS, Head, key_figures, live_figures
 from mavdem.report.loops import margin_tables, tune_blocks
 from mavdem.report.numbers import Labels, listed, named, readable, rounded
 from mavdem.report.palette import INK_ON_LIGHT
@@ -174,7 +174,7 @@ def log_page(
     timeline = timeline_of(analyses, air)
     loops = {axis: _loop(analysis.learned) if whole else None for axis, analysis in analyses.items()}
     figures = [*key_figures(first, air, next(iter(loops.values())))]
-    head = Head(first, figures, timeline, is_small=not whole)
+    head = Head(first.findings, first, figures, timeline, is_small=not whole)
     chapters = [_motors(first, whole), _wind(first, air, said, timeline, whole)]
     for axis, analysis in analyses.items():
         if analysis is not first:
@@ -325,35 +325,22 @@ def tune_page(name: str, found: Mapping[str, Advice | str]) -> str:
 
 def comparison_page(comparison: Comparison, from_zero: bool = False) -> str:
     """Returns the HTML of a comparison; ``from_zero``: forecasts start from state 0."""
-    draw = partial(downstream, "report.figures.flights")
     windows = Picture(
         "Errors in every window",
         "Each dot is one window, each bar the median of a method. Dots at an edge are beyond it.",
-        lambda: draw("error_ratios")(comparison, from_zero),
-    )
-    growth = Picture(
-        "Errors by horizon",
-        "The median error ratio by the number of steps that are forecast from one state, of each kind of method the "
-        "best. Below 1 a forecast is better than the constant mean.",
-        lambda: draw("error_growth")(comparison),
+        lambda: downstream("report.figures.flights", "error_ratios")(comparison, from_zero),
     )
     blocks = comparison_report(comparison, from_zero)
     first = next(number for number, block in enumerate(blocks) if isinstance(block, Table))
-    pictures = Chapter("Pictures", pictures=[windows] if from_zero else [windows, growth])
+    pictures = Chapter("Pictures", pictures=[windows])
     subtitle, rest = f"Forecasts of the same windows of {listed(comparison.flights)}.", blocks[first:]
     return document("DEM and other methods", subtitle, blocks[:first], [pictures, Chapter("All errors", rest)])
 
 
 def order_page(choice: OrderChoice, names: Sequence[str], known_inputs: bool = True) -> str:
     """Returns the HTML of a ``choice`` of the model order of flights of these ``names``; as :func:`order_report`."""
-    picture = Picture(
-        "Free energy by order",
-        "How far F̄ is below its highest value. In the shaded part the difference is no strong evidence.",
-        lambda: downstream("report.figures.flights", "free_energy_by_order")(choice, names),
-    )
     subtitle = f"The number of states that {listed(names)} show{'s' * (len(names) == 1)}, by the free energy."
-    blocks = order_report(choice, names, known_inputs)
-    return document("Model order", subtitle, blocks, [Chapter("Pictures", pictures=[picture])])
+    return document("Model order", subtitle, order_report(choice, names, known_inputs))
 
 
 def live_page(
@@ -370,15 +357,19 @@ def live_page(
     """
     found = status.findings or findings_of(learned, alarms=status.alarms)
     seconds = 0.0 if learned is None else len(learned.record) * learned.dt
-    head = Head(timeline=live_timeline(history, axis), vehicle=status.vehicle or "", events=history.events)
-    blocks = [] if learned is None else screen(learned, found=found)
-    pictures = [] if learned is None else model_pictures(learned, found, ("motors", *SYSTEM_PICTURES))
-    chapters = [Chapter("The model at the end", blocks, pictures)]
-    what, said = (
-        f"What {axis} did, learned and predicted while it flew.",
-        live_report(history, status, account, axis, seconds),
-    )
-    return document(f"Flight over {link}", what, said, chapters, head=head)
+    report, timeline = live_report(history, status, account, axis, seconds), live_timeline(history, axis)
+    figures = [*live_figures(status)]
+    head = Head(found, None, figures, timeline, vehicle=status.vehicle or "", events=history.events)
+    *blocks, following = conclusion(found) if found.headline else [report[0], Sentence(status.obstacle, "At the end:")]
+    chapters = [Chapter(f"Prediction of {axis} in flight, and the link", report)]
+    if learned is not None:
+        labels, draw = Labels.of(learned), partial(model_pictures, learned, found)
+        blocks += graded(found)
+        chapters.insert(0, Chapter("Motors", motor_blocks(labels, learned.physical, None)))
+        torque = torque_blocks(learned.wind_torque, learned.physical)
+        chapters.append(Chapter(f"Response of {axis}", torque, draw(SYSTEM_PICTURES)))
+    what = f"What {axis} did, learned and predicted while it flew."
+    return document(f"Flight over {link}", what, [*blocks[:1], following, *blocks[1:]], chapters, head=head)
 
 
 def notebook_html(blocks: Sequence[Block]) -> str:

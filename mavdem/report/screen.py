@@ -324,11 +324,6 @@ def _model(labels: Labels, learned: Learned) -> list[Block]:
         blocks.append(Sentence(lag, "States:"))
     if not outputs:
         blocks.append(C)
-    if count := len(learned.undetermined):
-        text = (
-            f"{count} combination{'s' * (count > 1)} of parameters: the data contain less information than the prior."
-        )
-        blocks.append(Sentence(text, "Not identifiable:"))
     return [
         *blocks,
         Sentence(f"{_trim(labels.output_names, model.output_trim, labels.output_units)}.", "y₀:"),

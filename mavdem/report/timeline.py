@@ -105,7 +105,7 @@ class Timeline(NamedTuple):
             }
             for row, grid, found in self.thinned(points)
         ]
-        events = [(event.seconds, event.level == "ERROR") for event in self.events]
+        events = [(event.seconds, event.level == "ERROR") for event in self.events if np.isfinite(event.seconds)]
         return {"span": self.span, "modes": self.modes, "events": events, "trained": self.trained, "rows": rows}
 
 
@@ -179,10 +179,9 @@ def _driven(signals: Signals, boot: int) -> Iterator[Row]:
 
 def _rest(signals: Signals, boot: int) -> Iterator[Row]:
     """Height and battery."""
-    if (place := signals.position) is not None:
-        yield Row("Height", "m", _lines(Signal(place.time, place.boot, -place.values[:, 2]), boot, ("height",)))
-    if signals.voltage is not None:
-        yield Row("Battery", "V", _lines(signals.voltage, boot, ("battery",)))
+    for title, unit, signal in (("Height", "m", signals.height), ("Battery", "V", signals.voltage)):
+        if signal is not None:
+            yield Row(title, unit, _lines(signal, boot, [title.lower()]))
 
 
 def _lines(

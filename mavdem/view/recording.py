@@ -60,7 +60,7 @@ def write_recording(
 
 
 def write_words(target: Target, name: str, blocks: Sequence[Block]) -> None:
-    """Writes ``blocks`` about the log ``name``, in place of those before; ``OSError`` if they cannot be written."""
+    """Writes ``blocks`` about the log ``name`` to a ``target``, in place of those before; ``OSError`` if it cannot."""
     with recorded(target, name) as recording:
         words = rrb.Vertical(_text(recording, "report", "Report", blocks))
         recording.send_blueprint(blueprint(words), make_active=True)

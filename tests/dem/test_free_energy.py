@@ -13,7 +13,7 @@ from scipy.stats import multivariate_normal
 from simulated import simulated
 
 from mavdem import Settings
-from mavdem.dem.engine.ascent import Rates, ascend, newton_step, theta_curvature_of_profile
+from mavdem.dem.engine.ascent import Rates, ascend, newton_step
 from mavdem.dem.engine.free_energy import (
     free_energy,
     free_energy_action,
@@ -339,21 +339,6 @@ def following(model, samples, belief, theta):
     """The belief with θ elsewhere and X at its maximum there."""
     state_map = d_step(model, theta, belief.theta_covariance, belief.lambda_, belief.lambda_covariance)
     return belief._replace(theta=theta, moments=GeneralizedMoments.of(model, samples, state_map))
-
-
-def test_the_curvature_is_that_of_the_profile():
-    model, samples = problem(order=2, window=3)
-    belief = ascend(model, samples, 200).belief
-    curvature = theta_curvature_of_profile(model, samples, belief)
-    rng = np.random.default_rng(0)
-    for _ in range(3):
-        direction = np.sqrt(belief.theta_covariance.diagonal()) * rng.standard_normal(len(belief.theta))
-        ahead, here, behind = (
-            height(model, samples, following(model, samples, belief, belief.theta + step * direction))
-            for step in (1.0, 0.0, -1.0)
-        )
-        # The entropies of what is held fixed there change little over a standard deviation.
-        assert direction @ curvature @ direction == pytest.approx(2 * here - ahead - behind, rel=0.02)
 
 
 def test_the_step_leads_back_and_promises_what_it_brings():

@@ -35,7 +35,7 @@ def motion(scenario):
 @pytest.fixture(scope="module")
 def flight(scenario, motion):
     flown = hover(scenario, motion)
-    names = {"input_names": MOTORS, "output_names": ("roll", "roll rate")}
+    names = {"input_names": MOTORS, "input_units": ("µs",) * 4, "output_names": ("roll", "roll rate")}
     return Flight(flown.time, flown.inputs, flown.outputs[:, 2:], dt=flown.dt, **names)
 
 
@@ -132,7 +132,7 @@ def test_what_is_no_truth_file_is_refused_in_a_sentence(change, path, tmp_path):
     if change == "missing":
         del parts["pitch_effect"]
     parts |= {
-        "shape": {"outputs": parts["outputs"][:-1]},
+        "shape": {"weak": parts["weak"][:-1]},
         "nan": {"pitch_disturbance": np.full(len(parts["time"]), np.nan)},
         "pickle": {"time": np.array([{}], object)},
     }.get(change, {})

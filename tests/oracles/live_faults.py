@@ -19,7 +19,7 @@ from sitl_scenarios.scenario import Faults, Scenario
 from sitl_scenarios.simulation import Simulation
 
 RATE = 100.0  # Hz that are asked for
-TICK = 0.02  # s from one look at the link to the next
+TICK = 0.06  # s from one look at the link to the next
 AHEAD_SECONDS = 0.25  # From the last known sample to the one that is forecast
 SETTLING_SECONDS = 2.0  # For which the filter of a forecast has run before errors count
 

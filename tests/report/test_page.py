@@ -197,10 +197,12 @@ def test_dragging_over_one_plot_zooms_all_and_a_button_shows_the_whole_flight(wi
 
 
 @pytest.mark.slow
-def test_a_page_has_one_script_s_library_is_small_and_prints_on_few_pages(flight, tmp_path):
+def test_a_page_with_all_chapters_is_small_fetches_nothing_and_prints_on_three_sheets(flight, tmp_path):
     seen = Balanced(flight)
     assert seen.seen.count("script") == 3 and len(seen.ids) == len(set(seen.ids)) and "default-src 'none'" in flight
     assert len(flight.encode()) < 1_200_000
+    shown(flight, "return 0", tmp_path, 1600, f"--print-to-pdf={tmp_path / 'page.pdf'}", "--no-pdf-header-footer")
+    assert len(re.findall(rb"/Type\s*/Page\b", (tmp_path / "page.pdf").read_bytes())) == 3
 
 
 def test_a_line_that_is_thinned_keeps_its_peaks_and_its_gaps():
@@ -217,7 +219,7 @@ def test_a_live_flight_is_drawn_in_degrees_with_what_was_trained_on_and_has_its_
     history = LiveHistory()
     flown(history, 2.0)
     flown(history, 2.0, segment=1, start=105.0, learnt=False)
-    history.events.append(Event(12.25, "Messages resumed after 3 s without any."))
+    history.events += [Event(np.nan, "Listening."), Event(12.25, "Messages resumed after 3 s without any.")]
     timeline = live_timeline(history, "roll")
     above, below = still(timeline).axes
     assert np.nanmax(timeline.rows[0].lines[0].values) == pytest.approx(np.rad2deg(history.rows[:, 2].max()))
@@ -226,6 +228,7 @@ def test_a_live_flight_is_drawn_in_degrees_with_what_was_trained_on_and_has_its_
     text = live_page("udpin:<b>", "roll", history, SessionStatus("1:1"), NOTHING | {"learned": 53.0}, None)
     for told in (">0.25 s ahead</td>", ">12.2 s</td>", "resumed after 3 s", "udpin:&lt;b&gt;", "<svg"):
         assert told in text
+    assert "NaN" not in text.split('id="timeline-data"')[1].split("</script>")[0]
     history.learned = [(10.0, 50.0), (90.0, 120.0), (150.0, 151.0)]
     said = live_report(history, SessionStatus("1:1"), NOTHING | {"learned": 71.0}, "roll", 55.0)[-3].text
     assert said.startswith("3 parts of the flight from 10 to 151 s, 71 s together; the last 55 s")

@@ -1,9 +1,8 @@
 #!/usr/bin/env python
-"""How fast logs are read, models learnt and live estimates made; prints Markdown tables.
+"""How fast logs are read, a fleet's rows and live estimates made; prints Markdown tables.
 
 Usage: tools/bench/speed.py read FILE.tlog|FILE.bin|FILE.ulg|FILE.mcap ...
        tools/bench/speed.py fleet LOG ...
-       tools/bench/speed.py learn
        tools/bench/speed.py live [--busy]
 """
 
@@ -28,18 +27,13 @@ from timeit import repeat
 import click
 import numpy as np
 from pymavlink.dialects.v20 import all as dialect
-from scipy.signal import lfilter
 from threadpoolctl import threadpool_limits
 
-import mavdem
 from mavdem.alignment import drive, signals
 from mavdem.cli.live import Dashboard, _run
 from mavdem.dem import Settings
-from mavdem.dem.engine import ascent
-from mavdem.dem.fitting import fit
 from mavdem.dem.parallel import LearningProcess, stay_in_this_process
-from mavdem.dem.record import Record
-from mavdem.dem.settings import CompleteSettings
+from mavdem.errors import Unreadable
 from mavdem.fleet.row import best_tier
 from mavdem.fleet.rows_of_log import rows_of_log
 from mavdem.ingest import read_log
@@ -139,7 +133,7 @@ def fleet(logs: tuple[Path, ...]) -> None:
     rows_of_log(logs[0], "", flight_page)  # which loads the libraries
     for path in logs:
         began, tier = time.process_time(), ""
-        with suppress(mavdem.Unreadable):
+        with suppress(Unreadable):
             tier = best_tier(rows_of_log(path, path.name, flight_page)[0])
         every.append(time.process_time() - began)
         kinds.setdefault(f"{path.suffix.lower()}, {f'tier {tier}' if tier else 'no flight'}", []).append(every[-1])
@@ -147,46 +141,6 @@ def fleet(logs: tuple[Path, ...]) -> None:
     for kind, spent in [*sorted(kinds.items()), ("all", every)]:
         print(f"| {kind} | {len(spent)} | {mean(spent):.2f} | {median(spent):.2f} | {max(spent):.2f} |")
     print(f"\nAt most {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MB.")
-
-
-REPEATS, ITERATIONS, DT = 20, 20, 0.01
-CASES = [(700, 2, 4, 2, 1), (700, 3, 4, 2, 2), (700, 6, 4, 4, 2), (36_000, 2, 4, 2, 1), (360_000, 2, 4, 2, 1)]
-"""Samples, states, inputs, p and d; two outputs."""
-
-
-def flight(samples: int, inputs: int = 4) -> mavdem.Flight:
-    """A damped axis driven by motors and by noise; its content hardly matters to the time."""
-    rng = np.random.default_rng(0)
-    motors = rng.standard_normal((samples, inputs)).cumsum(axis=0)
-    motors -= np.linspace(0, 1, samples)[:, None] * motors[-1]
-    push = motors @ np.resize([1.0, -1.0, -1.0, 1.0], inputs) * 0.01 + rng.standard_normal(samples)
-    roll = lfilter([DT**2], [1, 5 * DT - 2, 1 - 5 * DT + 9 * DT**2], push)
-    return mavdem.Flight(DT * np.arange(samples), motors, np.column_stack([roll, np.gradient(roll, DT)]))
-
-
-def time_of(function: Callable[[], object]) -> float:
-    return median(repeat(function, number=1, repeat=REPEATS))
-
-
-def learn() -> None:
-    """Time of a whole fit of 20 iterations on one core, and time of learning with default settings.
-
-    A whole fit: embedding, sufficient statistics, the ascent and the predictor.
-    """
-    threadpool_limits(limits=1, user_api="blas")
-    # Nothing converges, so that all iterations are taken.
-    ascent.CONVERGED_NATS = -np.inf
-    print("| T | n | r | p, d | fit of 20 iterations, ms |\n|---|---|---|---|---|")
-    for samples, order, inputs, p, d in CASES:
-        settings = CompleteSettings(
-            order=order, p=p, d=d, window=p + 1 + p % 2, parameter_precision=1.0, iterations=ITERATIONS
-        )
-        whole = partial(fit, Record.of(flight(samples, inputs)), settings)
-        assert len(whole().ascent.learning.theta) == ITERATIONS + 1
-        print(f"| {samples} | {order} | {inputs} | {p}, {d} | {1e3 * time_of(whole):.1f} |", flush=True)
-    ascent.CONVERGED_NATS = 0.1
-    default = partial(mavdem.learn, flight(700))
-    print(f"\nLearning 700 samples with default settings: {time_of(default):.2f} s.")
 
 
 SECONDS = 30.0
@@ -255,13 +209,11 @@ def live(busy: bool) -> None:
 
 
 @click.command(help=__doc__)
-@click.argument("what", type=click.Choice(["read", "fleet", "learn", "live"]))
+@click.argument("what", type=click.Choice(["read", "fleet", "live"]))
 @click.argument("logs", nargs=-1, type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @click.option("--busy", is_flag=True, help="Beside a busy loop on every core.")
 def main(what: str, logs: tuple[Path, ...], busy: bool) -> None:
-    timed: dict[str, Callable[[], None]] = {"read": partial(read, logs), "learn": learn, "live": partial(live, busy)}
-    timed["fleet"] = partial(fleet, logs)
-    timed[what]()
+    {"read": partial(read, logs), "fleet": partial(fleet, logs), "live": partial(live, busy)}[what]()
 
 
 if __name__ == "__main__":

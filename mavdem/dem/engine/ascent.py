@@ -51,16 +51,6 @@ def newton_step(model: GenerativeModel, samples: SufficientStatistics, belief: B
     return Newton(theta, lambda_, 0.5 * float(along @ length))
 
 
-def theta_curvature_of_profile(model: GenerativeModel, samples: SufficientStatistics, belief: Belief) -> Array:
-    """−∂²F̄/∂θ² (k, k), with X following θ and λ held."""
-    k = len(belief.theta)
-    beside = np.zeros((k, k + len(belief.lambda_)))
-    beside[:, :k] = DIFFERENCE_SD * np.diag(np.sqrt(belief.theta_covariance.diagonal()))
-    slopes = [_slope(model, samples, belief, -step) - _slope(model, samples, belief, step) for step in beside]
-    curvature = np.array([slope[:k] / (2 * step.max()) for slope, step in zip(slopes, beside, strict=True)])
-    return np.asarray((curvature + curvature.T) / 2)
-
-
 def _slope(model: GenerativeModel, samples: SufficientStatistics, belief: Belief, step: Array) -> Array:
     """∂F̄/∂(θ, λ), (k + g,), a step from the belief, X and its covariance at their maximum there, the others held."""
     theta, lambda_ = belief.theta + step[: len(belief.theta)], belief.lambda_ + step[len(belief.theta) :]

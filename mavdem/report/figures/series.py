@@ -260,12 +260,12 @@ def forecast(held: HeldOut, labels: Labels, output: int = 0, windows: int = 8) -
 def still(timeline: Timeline) -> Figure:
     """Draws the rows of a ``timeline`` below each other, as the page's script does without zooming."""
     rows, ink = list(timeline.thinned(STILL_POINTS)), {"fontsize": 6.5, "va": "bottom"}
-    with picture(0.5 + 0.62 * len(rows), Room(left=0.5, right=1.3, rows=0.1), 1.8 * style.WIDTH) as figure:
+    with picture(0.5 + 0.62 * len(rows), Room(left=0.65, right=1.3, rows=0.1), 1.8 * style.WIDTH) as figure:
         panels = np.atleast_1d(figure.subplots(len(rows), 1, sharex=True))
         for axes, (row, grid, found) in zip(panels, rows, strict=True):
             for start, end in timeline.trained:
                 axes.axvspan(start, end, color=MEASURED, alpha=HELD_OUT_OPACITY, linewidth=0)
-            for event in timeline.events:
+            for event in (one for one in timeline.events if np.isfinite(one.seconds)):
                 colour = palette.BAD if event.level == "ERROR" else MEASURED
                 axes.axvline(event.seconds, color=colour, linewidth=0.7, linestyle=(0, (3, 2)))
             for line, (mean, half) in zip(row.lines, found, strict=True):

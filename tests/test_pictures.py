@@ -1,0 +1,114 @@
+"""The pictures of README and docs, which tools/pictures makes, are as new as what they show; and so are the screens."""
+
+import ast
+import hashlib
+import json
+import os
+import re
+from collections.abc import Iterable
+from math import isclose
+from pathlib import Path
+
+import pytest
+import rerun as rr
+from rerun.chunk import Chunk, RrdReader
+
+from mavdem.cli.commands import main
+from mavdem.view.live_content import Channels, live_blueprint
+
+ROOT = Path(__file__).parents[1]
+PICTURES = ROOT / "docs" / "pictures.json"
+NUMBER = re.compile(r"(?:\d+,)*\d+(?:\.\d+)?")
+CHANNELS = Channels("live", 0.01, (25,), ("motor 1",), ("roll", "roll rate"), ("µs",), ("rad", "rad/s"), (1.0,))
+
+
+def page_words(path: Path) -> str:
+    """What a page says, without its pictures and what is folded."""
+    unseen = r"<(script|style|svg|noscript|details|footer)\b.*?</\1>|<[^>]*>"
+    return re.sub(unseen, " ", path.read_text(), flags=re.DOTALL)
+
+
+def recording_words(path: Path) -> str:
+    """The names of a recording's views, and the documents in them."""
+    reader = RrdReader(path)
+    names = [name for one in reader.blueprints() for name in texts(reader.stream(store=one), "View", "display_name")]
+    return " · ".join([*sorted(names), *sorted(texts(reader.stream(), "TextDocument", "text"))])
+
+
+def texts(chunks: Iterable[Chunk], archetype: str, field: str) -> list[str]:
+    batches = [chunk.to_record_batch() for chunk in chunks]
+    columns = {"View": "ViewBlueprint"}.get(archetype, archetype) + f":{field}"
+    return [str(batch.column(columns).to_pylist()[0][0]) for batch in batches if columns in batch.schema.names]
+
+
+def code(*names: str) -> str:
+    """A digest of what files do: of Python without comments, docstrings and layout."""
+    digest = hashlib.sha256()
+    for name in names:
+        text = (ROOT / "mavdem" / name).read_text()
+        if name.endswith(".py"):
+            tree = ast.parse(text)
+            for node in ast.walk(tree):
+                if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
+                    node.value = ast.Constant("")
+            text = ast.dump(tree)
+        digest.update(text.encode())
+    return digest.hexdigest()[:16]
+
+
+def alike(now: str, before: str) -> bool:
+    """Whether two texts have the same words, and numbers that differ by rounding, or by another processor's sums."""
+    pairs = zip(NUMBER.findall(now), NUMBER.findall(before), strict=False)
+    near = (isclose(*(float(one.replace(",", "")) for one in pair), rel_tol=0.1, abs_tol=0.5) for pair in pairs)
+    return NUMBER.sub("#", " ".join(now.split())) == NUMBER.sub("#", " ".join(before.split())) and all(near)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The flight of README's five lines, and what was learned from it."""
+    path = tmp_path_factory.mktemp("pictures")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(path)
+        assert main(["fly", "iris_identification_wind", "--out", "flight.tlog"]) == 0
+        with (path / "screen.txt").open("w") as screen:
+            patch.setattr("sys.stdout", screen)
+            assert main(["learn", "flight.tlog"]) == 0
+    return path
+
+
+@pytest.mark.slow
+def test_a_picture_is_as_new_as_what_it_shows(folder, request):
+    """Words with their figures; of pictures that take minutes or need a screen, the code that draws them."""
+    assert main(["fly", "hover_blower", "--duration", "30", "--rrd", str(folder / "blown.rrd")]) == 0
+    with rr.RecordingStream("live") as recording:
+        recording.save(folder / "live.rrd")
+        recording.send_blueprint(live_blueprint(CHANNELS))
+    shown = {
+        "dashboard": recording_words(folder / "flight" / "flight.rrd"),
+        "report_page": page_words(folder / "flight" / "report.html"),
+        "live_dashboard": recording_words(folder / "live.rrd"),
+        "simulated_flight": NUMBER.sub("", recording_words(folder / "blown.rrd")),
+        "loops": code("report/figures/loops.py"),
+        **dict.fromkeys(("manifold", "circle", "cross_sections"), code("paper/figures.py", "paper/landscape.py")),
+    }
+    kept = json.loads(PICTURES.read_text()) if PICTURES.exists() else {}
+    if request.config.getoption("--write-golden"):
+        made = os.environ["PICTURES"].split()
+        kept = {name: " ".join(words.split()) if name in made else kept.get(name, "") for name, words in shown.items()}
+        PICTURES.write_text(json.dumps(kept, indent=1, ensure_ascii=False) + "\n")
+    assert {path.stem for path in (ROOT / "docs").glob("*.png")} == set(shown) == set(kept)
+    old = [name for name, words in shown.items() if not alike(words, kept[name])]
+    assert not old, f"they show what an earlier version did: run tools/pictures {' '.join(old)}"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", ["README.md", "docs/report.md"])
+def test_a_page_shows_what_learn_prints(folder, page, request):
+    """Its block has the first lines of the screen, or all."""
+    text = (ROOT / page).read_text()
+    (block,) = re.findall(r"^```\n(flight\.tlog: .*?)^```", text, re.DOTALL | re.MULTILINE)
+    printed = "\n".join((folder / "screen.txt").read_text().splitlines()[: len(block.splitlines())]) + "\n"
+    if request.config.getoption("--write-golden"):
+        (ROOT / page).write_text(text.replace(block, printed))
+        block = printed
+    assert alike(printed, block)
