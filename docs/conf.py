@@ -76,8 +76,7 @@ class Notebook(MystParser):
 
 def setup(app: Any) -> None:
     """Called by Sphinx: adds notebooks and formulas, without the fields of named tuples, which their class has."""
-    field = "Alias for field number"
-    app.connect("autodoc-skip-member", lambda *of: str(getattr(of[3], "__doc__", "")).startswith(field) or None)
+    app.connect("autodoc-skip-member", lambda *of: "Alias for field" in str(getattr(of[3], "__doc__", "")) or None)
     app.add_source_suffix(".ipynb", "ipynb")
     app.add_source_parser(Notebook)
     app.add_html_math_renderer("drawn", (formula, None), (formula, None))

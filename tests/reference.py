@@ -10,6 +10,7 @@ import re
 from dataclasses import fields
 from datetime import datetime
 from functools import cache
+from inspect import getdoc
 from pathlib import Path
 from typing import Any, Literal
 
@@ -84,7 +85,14 @@ def file_page() -> str:
         parts += [f"## {known['title']}", f"`{name}`, version {version}: [schema](schemas/{name}-{version}.json)."]
         if name == "model":
             parts += ["The attributes of [Learned](../api.md#learning), with those of each; arrays are nested lists."]
-            parts += [_table(["key", "type"], [[f"`{one.name}`", f"`{one.type}`"] for one in fields(Learned)])]
+            listed = re.findall(r"^    (\w+(?:, \w+)*): (.*(?:\n {8}.*)*)", getdoc(Learned) or "", re.MULTILINE)
+            said = {
+                key: re.sub(r"\n +|:\w+:(?=`)", lambda one: " " * (one[0][0] == "\n"), text)
+                for keys, text in listed
+                for key in keys.split(", ")
+            }
+            rows = [[f"`{one.name}`", f"`{one.type}`", said[one.name]] for one in fields(Learned)]
+            parts += [_table(["key", "type", "meaning"], rows)]
         else:
             parts += [_keys(keys_of(known["record"]))]
     parts += ["## Records", "What the documents are made of."]

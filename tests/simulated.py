@@ -31,7 +31,7 @@ def simulated(seed: int = 0, samples: int = 850, wind: float = 0.0, lag: float =
     return Flight(DT * np.arange(samples), 1500 + motors, outputs + [0.2, 0.0])
 
 
-def in_closed_loop(samples: int = 1000, seed: int = 0) -> Flight:
+def in_closed_loop(samples: int = 1000, seed: int = 0, windy: float = 10.0) -> Flight:
     """Roll and rate answered 0.03 s late through four motors; the wind decays over 0.5 s."""
     rng, fine = np.random.default_rng(seed), 5
     roll = rate = torque = wind = command = 0.0
@@ -45,6 +45,6 @@ def in_closed_loop(samples: int = 1000, seed: int = 0) -> Flight:
         for push in drawn[4:].tolist():
             wind += -step * 2.0 * wind + 6.0 * step**0.5 * push
             torque += step / 0.03 * (command - torque)
-            rate += step * (torque - rate + 10 * wind)
+            rate += step * (torque - rate + windy * wind)
             roll += step * rate
     return Flight(DT * np.arange(samples), motors, outputs)

@@ -11,6 +11,7 @@ import pytest
 
 from mavdem.cli.commands import main
 from mavdem.cli.live import Dashboard
+from mavdem.cli.open import load
 from mavdem.errors import EXTRAS
 
 ROOT = Path(__file__).parents[1]
@@ -51,7 +52,8 @@ def test_without_rerun_learning_writes_all_but_its_recording(without_rerun, tmp_
 
 
 @pytest.mark.parametrize(
-    "words", [("fly", "hover_blower", "--rrd", "flight.rrd"), ("live", "udpin:127.0.0.1:0", "--serve")]
+    "words",
+    [("fly", "hover_blower", "--rrd", "flight.rrd"), ("live", "udpin:127.0.0.1:0", "--serve"), ("open", str(LOG))],
 )
 def test_without_rerun_a_dashboard_that_is_asked_for_is_refused(words, without_rerun, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
@@ -59,6 +61,7 @@ def test_without_rerun_a_dashboard_that_is_asked_for_is_refused(words, without_r
     out, said = capsys.readouterr()
     assert not out and said.count("\n") == 1 and said.endswith(f" needs rerun: {INSTALL}\n")
     assert list(tmp_path.iterdir()) == []
+    assert load([str(LOG)]) == 2 and capsys.readouterr().err == f"The dashboard needs rerun: {INSTALL}\n"
     # One that nobody asked for is left out.
     dashboard = Dashboard("udpin:127.0.0.1:0", "roll", None, False, None)
     assert dashboard.advice.endswith(INSTALL)

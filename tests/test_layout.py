@@ -148,7 +148,7 @@ BUDGETS = {
     "live": 3210,
     "analysis": 1380,
     "fleet": 2235,
-    "report": 3695,
+    "report": 3620,
     "view": 1750,
     "export": 785,
     "paper": 2155,

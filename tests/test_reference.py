@@ -53,3 +53,5 @@ def test_a_model_begins_with_its_versions_and_is_read_without_them():
     document = json.loads(text)
     assert {name: document.pop(name) for name in header("model")} == header("model")
     assert mavdem.Learned.from_json(json.dumps(document)).to_json() == text
+    with pytest.raises(ValueError, match="of a later version of mavdem"):
+        mavdem.Learned.from_json(text.replace('"schema_version": 1', '"schema_version": 2'))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mavdem.cli.output import check_folder, ending_at_once, json_text, print_result, progress, say, writing
+from mavdem.cli.output import check_folder, ending_at_once, json_text, print_json, print_result, progress, say, writing
 from mavdem.dem.parallel import pool, spare_cores
 from mavdem.errors import require
 from mavdem.paper import CLAIMS
@@ -44,9 +44,10 @@ def reproduce_command(names: tuple[str, ...], out: Path, as_json: bool, as_list:
       mavdem reproduce noise prediction --out build/paper
     """
     if as_list:
-        for claim in CLAIMS:
-            say(f"{claim.name:14}  {claim.title} ({claim.section})")
-        return
+        listed = [{"name": claim.name, "title": claim.title, "section": claim.section} for claim in CLAIMS]
+        if as_json:
+            return print_json({"claims": listed})
+        return say("\n".join(f"{one['name']:14}  {one['title']} ({one['section']})" for one in listed))
     with ending_at_once():
         require("`mavdem reproduce`", "view")
         from mavdem.paper.report import ITEMS, NUMBERS, PAGE, RECORDING, ItemReport, document

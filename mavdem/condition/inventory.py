@@ -105,7 +105,7 @@ OLD_SCALE = {"GROUND START", "Initialising APM..."}  # of ArduPilot before 3.4, 
 def autopilot_alarms(telemetry: Telemetry) -> list[dict[str, Any]]:
     """Returns what the autopilot itself warned of, each text once: the worst first, then by ``time``, s since boot.
 
-    With how often it came (``count``). Of MAVLink's STATUSTEXT, which other logs do not have.
+    With how often it came (``count``). Of STATUSTEXT, ERR in DataFlash and the logged messages of ULog.
     """
     texts, found = [text.strip() for text in _texts(telemetry)], dict[tuple[int, str], dict[str, Any]]()
     columns = telemetry.messages.get("STATUSTEXT")

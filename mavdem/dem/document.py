@@ -6,6 +6,7 @@ pydantic checks it by the types of the records' fields; shapes stand in the tabl
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import MISSING, fields, is_dataclass
 from functools import cache, reduce
@@ -40,6 +41,9 @@ def to_text(result: Any) -> str:
 
 def from_text(kind: type[Kind], text: str) -> Kind:
     """Returns the result of this ``kind`` whose document is ``text``; ``ValueError`` names what is wrong in it."""
+    later = re.match(r'\{"document": "model", "schema_version": (\d{1,9})\b', text) if isinstance(text, str) else None
+    if later and int(later[1]) > header("model")["schema_version"]:
+        raise ValueError("it is of a later version of mavdem: update this one")
     try:
         result: Kind = _adapter(cast(Any, kind)).validate_json(text)
     except (ValidationError, TypeError) as error:

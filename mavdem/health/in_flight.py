@@ -141,8 +141,7 @@ def _log_t(changes: _Changes, shift: Array | float, more: Array | float = 0.0) -
 FALSE_ALARMS_PER_HOUR = 0.54  # At most, with 95 % confidence (``tools/validation/alarms.py``)
 FALSE_ALARMS_BASIS = (
     "none in 5.55 h of simulated flights without a fault, none of which was used to choose a parameter: at most "
-    f"{FALSE_ALARMS_PER_HOUR} an hour with 95 % confidence. That was an earlier version of the test; real vehicles may "
-    "differ."
+    f"{FALSE_ALARMS_PER_HOUR} an hour with 95 % confidence. Real vehicles may differ."
 )
 UNKNOWN_PLACES = "The motors' places and spins are not known, so that a weak motor would not be seen."
 TOO_SLOW = f"Motor outputs come less than {MIN_RATE:.0f} times a second, so that a weak motor would not be seen."

@@ -257,7 +257,7 @@ class WholeMessages:
             self._subscribe(message)
         elif (kind == "P" and not self._topics) or (kind == "I" and INFORMATION.fullmatch(message, 4, 4 + message[3])):
             self._definitions += message
-        elif kind == "P":
+        elif kind in ("P", "L"):
             self._data += message
         elif kind == "O":
             self._dropouts.append(_DROPOUT.unpack_from(message, 3)[0])
@@ -350,6 +350,10 @@ def read_ulog(path: str | os.PathLike[str], progress: Progress = no_progress) ->
     made, names = messages(topics, parameters, vehicle, kind)
     if not made:
         raise Unreadable(f"{source} is a ULog without the topics of a flight: {_instead(content, source, found)}")
+    if texts := log.logged_messages:
+        severity, stamps = (np.array([getattr(one, name) for one in texts]) for name in ("log_level", "timestamp"))
+        columns = {"severity": severity - ord("0"), "text": np.array([one.message for one in texts], dtype=object)}
+        made["STATUSTEXT"] = columns | {"time": stamps / 1e6, "boot": np.zeros(len(texts), dtype=np.int64)}
     ids = (parameters.get(name, 1.0) for name in ("MAV_SYS_ID", "MAV_COMP_ID"))
     system, component = (int(number) if 1 <= number <= 255 else 1 for number in ids)  # 1 is PX4's default
     telemetry = Telemetry(

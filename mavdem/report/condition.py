@@ -23,7 +23,9 @@ BASES = {  # what a vehicle's name is made of, in words
 }
 SLOW_HZ = 0.95  # messages below this rate are listed together: they are too slow to describe the motion
 MOST_ALARMS = 5  # of the autopilot that are shown
-UNWATCHED = "a motor that weakens would not be seen: the motor outputs come too seldom, or whose they are is not known."
+UNWATCHED = (
+    "a motor that weakens would not be seen: the motor outputs come too seldom, or the motors' places are not known."
+)
 MIN_LOST_SHARE = 0.01  # share of missing sequence numbers from which it is reported; less is a radio link in good order
 
 

@@ -16,7 +16,7 @@ FIGURES = {  # header, and what makes the unit shown, by name of the figure
     "delay_margin": ("delay margin (ms)", 1e3),
     "ms": ("largest sensitivity Ms", 1.0),
     "bandwidth": ("bandwidth, -3 dB (Hz)", 1.0),
-    "rejection": ("response to 100 °/s² of torque (°/s, °)", 100.0),
+    "rejection": ("motion per 100 °/s² torque (°/s, °)", 100.0),
 }
 FASTEST = 0.15  # of the log's rate: the crossover up to which delay and time constant are known well enough
 

@@ -202,7 +202,7 @@ def _motors(analysis: LogAnalysis, whole: bool) -> Chapter:
     if learned is not None:
         blocks += motor_blocks(Labels.of(learned), learned.physical, vehicle.hover)
         pictures = model_pictures(learned, analysis.findings, ["motors"] if whole else [], analysis)
-    if learned is None or vehicle.axes:
+    if vehicle.axes or not any(isinstance(one, Table) and "headroom (%)" in one.header for one in blocks):
         blocks += vehicle_blocks(vehicle, bool(analysis.findings.overrides))
     if learned is None or analysis.tier.name != "a":
         blocks += [*tier_sentences(analysis.tier.as_dict()), *condition_sentences(analysis.condition.as_dict())]
@@ -325,35 +325,22 @@ def tune_page(name: str, found: Mapping[str, Advice | str]) -> str:
 
 def comparison_page(comparison: Comparison, from_zero: bool = False) -> str:
     """Returns the HTML of a comparison; ``from_zero``: forecasts start from state 0."""
-    draw = partial(downstream, "report.figures.flights")
     windows = Picture(
         "Errors in every window",
         "Each dot is one window, each bar the median of a method. Dots at an edge are beyond it.",
-        lambda: draw("error_ratios")(comparison, from_zero),
-    )
-    growth = Picture(
-        "Errors by horizon",
-        "The median error ratio by the number of steps that are forecast from one state, of each kind of method the "
-        "best. Below 1 a forecast is better than the constant mean.",
-        lambda: draw("error_growth")(comparison),
+        lambda: downstream("report.figures.flights", "error_ratios")(comparison, from_zero),
     )
     blocks = comparison_report(comparison, from_zero)
     first = next(number for number, block in enumerate(blocks) if isinstance(block, Table))
-    pictures = Chapter("Pictures", pictures=[windows] if from_zero else [windows, growth])
+    pictures = Chapter("Pictures", pictures=[windows])
     subtitle, rest = f"Forecasts of the same windows of {listed(comparison.flights)}.", blocks[first:]
     return document("DEM and other methods", subtitle, blocks[:first], [pictures, Chapter("All errors", rest)])
 
 
 def order_page(choice: OrderChoice, names: Sequence[str], known_inputs: bool = True) -> str:
     """Returns the HTML of a ``choice`` of the model order of flights of these ``names``; as :func:`order_report`."""
-    picture = Picture(
-        "Free energy by order",
-        "How far F̄ is below its highest value. In the shaded part the difference is no strong evidence.",
-        lambda: downstream("report.figures.flights", "free_energy_by_order")(choice, names),
-    )
     subtitle = f"The number of states that {listed(names)} show{'s' * (len(names) == 1)}, by the free energy."
-    blocks = order_report(choice, names, known_inputs)
-    return document("Model order", subtitle, blocks, [Chapter("Pictures", pictures=[picture])])
+    return document("Model order", subtitle, order_report(choice, names, known_inputs))
 
 
 def live_page(

@@ -77,7 +77,7 @@ def test_people_see_one_screen_and_with_verbose_the_model(tmp_path, monkeypatch,
     assert names(tmp_path / "ardupilot_wind5_steps") == FILES
     assert "flight.rrd" in screen.err and "flight.rrd" not in screen.out and "\nNext: " in screen.out
     page = (tmp_path / "ardupilot_wind5_steps" / "report.html").read_text()
-    assert page.count("<svg") == 11 and page.count("<script") == 3 and len(page) < 2_000_000
+    assert page.count("<svg") == 10 and page.count("<script") == 3 and len(page) < 2_000_000
     assert "src=" not in page and 'href="http' not in page
     assert "<h1>ardupilot_wind5_steps.tlog</h1>" in page and "control effectiveness" in page
     (tmp_path / "ardupilot_wind5_steps" / "report.html").unlink()

@@ -26,6 +26,7 @@ PATIENCE = 100.0  # Seconds that a slow, busy machine may take for anything; on 
 PATIENTLY = (
     f"import mavdem.view.live_view; mavdem.view.live_view.CLOSE_SECONDS = {PATIENCE}; "
     "import mavdem.cli.live; mavdem.cli.live.STATUS_SECONDS = 0.2; "
+    f"mavdem.cli.live.ENDING_SECONDS = {PATIENCE}; "
 )
 
 
@@ -146,7 +147,7 @@ def test_without_a_vehicle_it_ends_with_nothing_kept(tmp_path, capsys, monkeypat
 @pytest.mark.slow
 def test_a_simulated_vehicle_is_learnt_from_and_everything_is_kept(tmp_path):
     port, error = free_port(), tmp_path / "error"
-    words = f"live udpin:127.0.0.1:{port} --rrd f.rrd --record f.tlog --request-rate 50 --preset paper --order 4 --json"
+    words = f"live udpin:127.0.0.1:{port} --rrd f.rrd --record f.tlog --request-rate 10 --preset paper --order 4 --json"
     command = [*MAVDEM[:2], PATIENTLY + MAVDEM[2], *words.split()]
     live = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=error.open("w"), text=True)
     fly = f"fly ardupilot_steps --udp 127.0.0.1:{port} --speed 3 --duration 900 --json".split()

@@ -1,7 +1,5 @@
 """A log dropped into the Rerun Viewer, whose loaders write a recording to standard output."""
 
-import sys
-
 import pytest
 from command_line import LOGS
 from rerun.chunk import RrdReader
@@ -32,16 +30,6 @@ def test_the_viewer_shows_under_its_own_name_what_is_being_done_until_the_dashbo
 def test_a_file_of_others_is_left_to_them(name, content, tmp_path, capfdbinary):
     (tmp_path / name).write_bytes(content)
     assert load([str(tmp_path / name)]) == INCOMPATIBLE and not capfdbinary.readouterr().out
-
-
-def test_without_rerun_one_sentence_says_so_before_the_work(monkeypatch, capsys):
-    monkeypatch.setitem(sys.modules, "rerun", None)
-    log = str(LOGS / "ardupilot_wind5_steps.tlog")
-    assert (load([log]), main(["open", log])) == (2, 2)
-    out, said = capsys.readouterr()
-    assert (
-        not out and [line[-35:] for line in said.splitlines()] == ["needs rerun: pip install 'mavdem[view]'."[-35:]] * 2
-    )
 
 
 @pytest.mark.slow

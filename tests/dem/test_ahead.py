@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from recorded_flights import shared
-from simulated import simulated
+from simulated import SIGNS, in_closed_loop, simulated
 
 import mavdem
 from mavdem import Flight
@@ -20,20 +20,8 @@ pytestmark = pytest.mark.usefixtures("without_wind_fits")
 SETTLED = 1200  # samples, from which predictions are judged
 
 
-def controlled(seed: int, samples: int = 4000, wind: float = 2.0) -> Flight:
-    """A roll axis in wind, held by a proportional and derivative controller: each motor has its share of the demand."""
-    rng = np.random.default_rng(seed)
-    share = rng.choice([-1.0, 1.0], 4)
-    roll = rate = gust = demand = 0.0
-    rows, dt = np.empty((samples, 6)), 0.01
-    for row in range(samples):
-        gust += dt * (-gust / 0.5) + wind * np.sqrt(2 * dt / 0.5) * rng.standard_normal()
-        demand += dt / 0.05 * (-30.0 * roll - 6.0 * rate - demand)
-        rate += dt * (demand + gust - 2.0 * rate)
-        roll += dt * rate
-        rows[row] = np.concatenate([[roll, rate], 1500 + 20 * share * demand])
-        rows[row] += np.array([1e-4, 1e-3, 0.3, 0.3, 0.3, 0.3]) * rng.standard_normal(6)
-    return Flight(dt * np.arange(samples), rows[:, 2:], rows[:, :2], dt=dt, effect_directions=share)
+def controlled(seed: int, samples: int = 4000, windy: float = 10.0) -> Flight:
+    return replace(in_closed_loop(samples, seed, windy), effect_directions=SIGNS)
 
 
 def predicted(flight: Flight, horizons: tuple[int, ...] = HORIZONS) -> tuple[np.ndarray, np.ndarray]:
@@ -81,7 +69,7 @@ def aimless(walking: bool) -> Flight:
 @pytest.mark.parametrize(
     ("make", "horizons"),
     [
-        (lambda: controlled(1, wind=0.2), HORIZONS),
+        (lambda: controlled(1, windy=1.0), HORIZONS),
         (lambda: aimless(walking=False), HORIZONS),
         # A walk's 30 s seem to return to their mean: a tenth of a second ahead it errs 1.07 times as much.
         (lambda: aimless(walking=True), (1, 5)),

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from order_systems import motion
 from scipy.linalg import expm
 from scipy.ndimage import gaussian_filter1d
 from simulated import DT, GAIN, RATE, simulated
@@ -73,18 +74,13 @@ def test_unknown_inputs_are_estimated():
     fine, samples = 20, 1200
     push = gaussian_filter1d(rng.standard_normal(samples * fine), 30 * fine)
     push *= 3 / push.std()
-    outputs, roll, rate = np.empty((samples, 2)), 0.0, 0.0
-    for i in range(samples * fine):
-        if i % fine == 0:
-            outputs[i // fine] = roll, rate
-        rate += DT / fine * (push[i] - RATE * rate - 9.0 * roll)
-        roll += DT / fine * rate
-    mean = pack(np.array([[0.0, 1.0], [-9.0, -RATE]]), np.array([[0.0], [1.0]]), np.eye(2))
+    A, B = np.array([[0.0, 1.0], [-9.0, -RATE]]), np.array([[0.0], [1.0]])
+    outputs = motion(A, B, push[:, None], DT / fine)[::fine]
     settings = Settings(
         order=2,
         window=3,
         smoothness=0.3,
-        prior=Gaussian(mean, KNOWN),
+        prior=Gaussian(pack(A, B, np.eye(2)), KNOWN),
         scaling="none",
         known_inputs=False,
         input_precision=0.1,

@@ -112,15 +112,6 @@ def result():
     return train, test, learned, held_out_test(train, test, learned)
 
 
-@pytest.fixture(scope="module")
-def fields(result, tmp_path_factory):
-    """Topics and fields of the channels of a learned flight."""
-    train, _, learned, held_out = result
-    path = tmp_path_factory.mktemp("layouts") / "flight.mcap"
-    write_channels(path, [train], learned, held_out)
-    return {(topic, field) for topic, (_, columns) in read(path).items() for field in columns}
-
-
 @pytest.mark.slow
 def test_what_was_learned_stands_beside_it(tmp_path, result):
     train, test, learned, held_out = result
@@ -159,7 +150,10 @@ def test_names_are_kept_apart_and_no_time_is_before_0(tmp_path):
 
 
 @pytest.mark.slow
-def test_the_layouts_plot_what_there_is(fields):
+def test_the_layouts_plot_what_there_is(result, tmp_path):
+    train, _, learned, held_out = result
+    write_channels(tmp_path / "flight.mcap", [train], learned, held_out)
+    fields = {(topic, field) for topic, (_, columns) in read(tmp_path / "flight.mcap").items() for field in columns}
     curves = {curve.attrib["name"] for curve in ElementTree.parse(LAYOUTS / "plotjuggler.xml").iter("curve")}
     assert len(curves) >= 10 and curves <= {f"{topic}/{field}" for topic, field in fields}
     panels = json.loads((LAYOUTS / "foxglove.json").read_text())["configById"].values()

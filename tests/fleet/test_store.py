@@ -319,7 +319,7 @@ def test_health_comes_from_the_vehicle_s_healthy_flights():
     for unsound in ({"saturated": (0.0, 0.02, 0.0, 0.0)}, {"oscillation": 12.0}):
         first = [replace(rows[0], **unsound), *rows[1:]]
         assert "taken for healthy" in assess_rows(first, [])[0].health_reason
-        assert "beside 3 of the vehicle's first sound flights" in assess_rows(first, [])[0].health_reason
+        assert "against 3 of the vehicle's first sound flights" in assess_rows(first, [])[0].health_reason
     rows[3] = replace(rows[3], balance=(0.08, 0.08, -0.08))
     judged = assess_rows(rows, rows[:3])
     assert [row.health for row in judged[:3]] == ["ok"] * 3

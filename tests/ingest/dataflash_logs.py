@@ -21,6 +21,7 @@ MESSAGES = {
     "BAT": (138, "QBfff", "TimeUS,Inst,Volt,VoltR,Curr"),
     "VIBE": (139, "QBfffI", "TimeUS,IMU,VibeX,VibeY,VibeZ,Clip"),
     "GPS": (140, "QBBIH", "TimeUS,I,Status,GMS,GWk"),
+    "ERR": (141, "QBB", "TimeUS,Subsys,ECode"),
 }
 
 

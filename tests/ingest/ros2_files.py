@@ -2,17 +2,17 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from mavlink_streams import NOW
 from mcap.writer import CompressionType
+from mcap_files import Recorder
 from mcap_ros2.writer import Writer
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from ulog_files import roll
 
-from mavdem.ingest import read_log
 from mavdem.ingest.telemetry import Telemetry
 
 TIMES = 20 + 0.01 * np.arange(300)
@@ -36,8 +36,8 @@ def definitions() -> dict[str, str]:
 DEFINITIONS = definitions()
 
 
-class Ros2Recorder:
-    """Writes messages by topic, each with its type's definition, 10 ms after the other unless told."""
+class Ros2Recorder(Recorder):
+    """Writes messages by topic, each with its type's definition, 10 ms after the other."""
 
     def __init__(
         self,
@@ -50,17 +50,9 @@ class Ros2Recorder:
         self._schemas: dict[str, Any] = {}
         self._time = NOW * 1000
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._writer.finish()
-        self._file.close()
-
     def vehicle(self) -> Telemetry:
         """The only one of the file, which is finished by that."""
-        self.__exit__()
-        (vehicle,) = read_log(self.path).vehicles
+        (vehicle,) = self.log().vehicles
         return vehicle
 
     def write(self, topic: str, kind: str, fields: Mapping[str, Any]) -> None:

@@ -13,7 +13,7 @@ from pymavlink import DFReader
 from recorded_flights import shared
 
 from mavdem.alignment.signals import Signals, setpoints
-from mavdem.condition.inventory import inventory
+from mavdem.condition.inventory import autopilot_alarms, inventory
 from mavdem.errors import Unreadable
 from mavdem.ingest import Log, read_log
 from mavdem.ingest.dataflash.binary import FIELD_TYPES, MAX_DEFINITIONS, DataflashRecording, read_binary
@@ -111,12 +111,15 @@ def test_the_translation_holds_dfreaders_values_in_mavlinks_units(steps):
 def test_a_made_up_log(tmp_path):
     events = made.message("EV", 20_500_000, 10) + made.message("EV", 20_900_000, 28)
     landed = made.message("EV", 21_700_000, 18) + made.message("ARM", 21_800_000, 0, 0, 0, 1)
+    landed += made.message("ERR", 21_900_000, 16, 2) + made.message("ERR", 21_950_000, 16, 0)
     content = made.formats() + made.told() + b"".join(made.flight(TIMES[:50])) + events
     content += b"".join(made.flight(TIMES[50:])) + landed
     log = log_of(content, tmp_path)
     (vehicle,) = log.vehicles
     assert (vehicle.system, vehicle.component, vehicle.vehicle, vehicle.repairs) == (7, 1, "QUADROTOR", ())
-    assert (log.bytes_skipped, log.frames) == (0, 15 + 4 + 600 + 4)
+    assert (log.bytes_skipped, log.frames) == (0, 16 + 4 + 600 + 6)
+    alarm = {"severity": "error", "text": "EKF check: code 2", "time": 21.9, "boot": 0, "count": 1}
+    assert autopilot_alarms(vehicle) == [alarm]
     attitude = vehicle.messages["ATTITUDE"]
     assert np.allclose(attitude["time"], TIMES, atol=1e-9)
     assert np.allclose(attitude["roll"][:5], np.radians([2, 4, 6, 8, 10]))
@@ -326,7 +329,7 @@ def test_a_text_log_reads_as_the_binary_one(tmp_path):
     text = text_of(read_binary(content), ["MSG", "PARM", "ATT", "RATE", "RCOU", "EV"])
     broken = text.replace("\r\nRATE", "\r\nRATE, 5\r\nnonsense\r\nRATE", 1) + "ATT, 1, 2"
     for number, written in enumerate((text, "ArduCopter V4\r\n\r\n" + text, broken)):
-        (vehicle,) = read_log(write(tmp_path / f"{number}.log", written)).vehicles
+        vehicle = vehicle_of(written.encode(), tmp_path, f"{number}.log")
         assert (vehicle.system, vehicle.vehicle, vehicle.parameters) == (7, "QUADROTOR", binary.parameters)
         assert set(vehicle.messages) == set(binary.messages)
         for name, columns in binary.messages.items():
@@ -334,11 +337,6 @@ def test_a_text_log_reads_as_the_binary_one(tmp_path):
                 theirs = vehicle.messages[name][field]
                 assert np.allclose(theirs, values, atol=1e-12, equal_nan=True), (name, field)
     assert vehicle.repairs[0] == "3 lines that match no definition were left out."
-
-
-def write(path: Path, text: str) -> Path:
-    path.write_bytes(text.encode())
-    return path
 
 
 def test_the_firmware_and_what_the_logger_lost_are_known(tmp_path):

@@ -154,12 +154,6 @@ def test_the_battery_in_volts_and_in_the_hundredths_of_old_logs(tmp_path, batter
 SECONDS = [20 + 0.1 * n for n in range(50)]
 
 
-def dataflash_vehicle(path: Path, *messages: bytes) -> Telemetry:
-    log = [dataflash.formats(), dataflash.told(), *dataflash.flight(SECONDS), *messages]
-    path.write_bytes(b"".join(log))
-    return read_log(path).vehicles[0]
-
-
 def test_a_dataflash_log_has_the_first_battery_imu_and_receiver(tmp_path):
     moment = datetime(2026, 5, 4, 12, tzinfo=UTC)
     week, seconds = divmod(moment.timestamp() - 315964800 + 18, 604800)
@@ -171,7 +165,9 @@ def test_a_dataflash_log_has_the_first_battery_imu_and_receiver(tmp_path):
             messages.append(dataflash.message("VIBE", time, instance, 1.5, 2.5, 3.5 + instance, n + 7 * instance))
         fix = 3 if n else 1
         messages.append(dataflash.message("GPS", time, 0, fix, round(1e3 * (seconds + n)), int(week)))
-    found = dataflash_vehicle(tmp_path / "a.bin", *messages)
+    log = [dataflash.formats(), dataflash.told(), *dataflash.flight(SECONDS), *messages]
+    (tmp_path / "a.bin").write_bytes(b"".join(log))
+    (found,) = read_log(tmp_path / "a.bin").vehicles
     assert found.board == "001a002f3039511333333539" and found.called("VIBRATION") == "VIBE"
     power, shaking, clock = (found.messages[name] for name in ("SYS_STATUS", "VIBRATION", "SYSTEM_TIME"))
     np.testing.assert_allclose(power["voltage_battery"], 12500)

@@ -44,6 +44,8 @@ def test_values_are_those_pyulog_reads(name):
     path = shared(name)
     (vehicle,) = read_log(path).vehicles
     plain = ULog(str(path))
+    texts = [one.message for one in plain.logged_messages]
+    assert list(vehicle.messages.get("STATUSTEXT", {"text": []})["text"]) == texts
     attitude, local = (plain.get_dataset(topic).data for topic in ("vehicle_attitude", "vehicle_local_position"))
     ours = vehicle.messages["ATTITUDE_QUATERNION"]
     for field, theirs in zip(("q1", "q2", "q3", "q4"), (f"q[{n}]" for n in range(4)), strict=True):

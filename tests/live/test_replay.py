@@ -110,7 +110,7 @@ def vehicles_of(path) -> tuple[Telemetry, ...]:
     return read_log(path).vehicles
 
 
-def beginning(path: Path, folder: Path, seconds: float) -> Path:
+def first_seconds(path: Path, folder: Path, seconds: float) -> Path:
     """The frames that were received in the first seconds."""
     frames = read_stream(path).stamped_frames()
     (begun, first), kept = next(frames), folder / path.name
@@ -158,7 +158,7 @@ def hold_against_offline(path, vehicle: str | None = None) -> None:
 )
 def test_a_recorded_flight_gives_what_it_gives_offline(path, tmp_path):
     if path.stem not in TO_THE_GROUND:
-        path = beginning(path, tmp_path, 80.0 if path.parent.name.startswith("sitl_") else 500.0)
+        path = first_seconds(path, tmp_path, 80.0 if path.parent.name.startswith("sitl_") else 500.0)
     if "SUBMARINE" in {vehicle.vehicle for vehicle in vehicles_of(path)}:
         assert not replay(recorded(path)).rows
     else:
@@ -168,5 +168,5 @@ def test_a_recorded_flight_gives_what_it_gives_offline(path, tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("vehicle", ["2:1", "3:1"])
 def test_of_two_vehicles_each_gives_what_it_gives_offline(vehicle, tmp_path):
-    path = beginning(shared(f"sitl_px4/{TWO_VEHICLES}.tlog"), tmp_path, 70.0)
+    path = first_seconds(shared(f"sitl_px4/{TWO_VEHICLES}.tlog"), tmp_path, 70.0)
     hold_against_offline(path, vehicle)

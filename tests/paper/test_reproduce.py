@@ -133,3 +133,5 @@ def test_what_cannot_be_done_is_one_document_and_no_work(tmp_path, capsys):
     # All claims are listed.
     assert main(["reproduce", "--list"]) == 0
     assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == [claim.name for claim in CLAIMS]
+    assert main(["reproduce", "--list", "--json"]) == 0
+    assert [one["name"] for one in json.loads(capsys.readouterr().out)["claims"]] == [claim.name for claim in CLAIMS]

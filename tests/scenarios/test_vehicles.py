@@ -4,7 +4,6 @@ from math import hypot
 
 import numpy as np
 import pytest
-from paper_systems import paper_system
 
 from sitl_scenarios.dynamics import AirState, drag, dynamics
 from sitl_scenarios.mavlink.autopilots import PX4
@@ -75,6 +74,9 @@ def test_a_thrust_curve_is_as_quadratic_as_asked_and_undone_exactly(name, share)
         assert body.speed_slope(command * body.full) == pytest.approx(rise / (2 * step), rel=1e-6)
 
 
+PAPER_ORDER = (2, 0, 3, 1)
+"""Which motor of an X frame, from 0 in our order, is the paper's first, second, third and fourth. The AR.Drone counts
+clockwise from the front left, hence [1 −1 −1 1] in roll: front left, front right, rear right, rear left."""
 K = 0.3748
 ROW = [K, -K, -K, K]
 TABLE = {
@@ -87,11 +89,13 @@ TABLE = {
 
 @pytest.mark.parametrize("order", TABLE)
 def test_the_papers_table_of_systems(order):
-    found, (A, B) = paper_system(order), TABLE[order]
-    assert found.states == (("y", "ẏ", "φ", "φ̇"))[4 - order :]
-    assert np.allclose(found.A, A, atol=2e-6)
+    """AR.Drone 2.0, without rotor drag and lag, PWM of 0 to 255; its y points to the left."""
+    east = ("east", "east speed", "roll", "roll rate")[4 - order :]
+    found = linearised(VehicleSpec(model="ardrone2", rotor_drag=False)).without_lag().of(east)
+    mirror, (A, B) = np.diag([-1.0 if state.startswith("east") else 1.0 for state in east]), TABLE[order]
+    assert np.allclose(mirror @ found.A @ mirror, A, atol=2e-6)
     # At 169.06, the published pwm of hover, it is 0.3748 to four digits; that of the weight is 169.00.
-    assert np.allclose(found.B, B, atol=1e-4)
+    assert np.allclose(mirror @ found.B[:, PAPER_ORDER], B, atol=1e-4)
 
 
 @pytest.mark.parametrize("model", AIRFRAMES)

@@ -31,15 +31,11 @@ def learned():
     return mavdem.learn(PARTS, SETTINGS)
 
 
-def write(path: Path, learned: mavdem.Learned) -> None:
-    changes = [TIME[0] - 5.0, CHANGED]  # the first is of before the flight
-    write_recording(path, PARTS, learned, held_out_test(PARTS[-1], TEST, learned), changes=changes)
-
-
 @pytest.fixture(scope="module")
 def recording(learned: mavdem.Learned, tmp_path_factory: pytest.TempPathFactory):
     path = tmp_path_factory.mktemp("view") / "flight.rrd"
-    write(path, learned)
+    changes = [TIME[0] - 5.0, CHANGED]  # the first is of before the flight
+    write_recording(path, PARTS, learned, held_out_test(PARTS[-1], TEST, learned), changes=changes)
     return path
 
 

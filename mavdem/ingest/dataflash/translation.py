@@ -17,7 +17,9 @@ logged, and the landed state is undefined, as it is after the last. A boot witho
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -144,12 +146,35 @@ def _modes(tables: Mapping[str, Columns]) -> Columns | None:
     return None if logged is None else stamped(logged, {"custom_mode": values(logged, (field,))[:, 0]})
 
 
+def _errors(tables: Mapping[str, Columns]) -> Columns | None:
+    """STATUSTEXT of what went wrong; ECode 0 says that it is over."""
+    logged = having(tables, "ERR", ("Subsys", "ECode"))
+    if logged is None:
+        return None
+    logged = selected(logged, logged["ECode"] > 0)
+    pairs = values(logged, ("Subsys", "ECode")).astype(int).tolist()
+    texts = [f"{SUBSYSTEMS.get(one, f'subsystem {one}')}: code {code}" for one, code in pairs]
+    return stamped(logged, {"severity": np.full(len(texts), ERROR), "text": np.array(texts, dtype=object)})
+
+
+ERROR = 3  # of MAV_SEVERITY
+_ERRORS = tomllib.loads(Path(__file__).with_name("errors.toml").read_text("utf-8"))
+SUBSYSTEMS: dict[int, str] = dict(enumerate(_ERRORS["subsystems"], 1))
 ANGLES, GYROS = ("Roll", "Pitch", "Yaw"), ("GyrX", "GyrY", "GyrZ")
 RATES, DEMANDS, DESIRED_RATES = ("R", "P", "Y"), ("ROut", "POut", "YOut"), ("RDes", "PDes", "YDes")
 DESIRED_ANGLES = ("DesRoll", "DesPitch", "DesYaw")
 OF_FLIGHT = ("ATT", "ANG", "RATE", "IMU", "RCOU", "CTUN", "XKF1", "XKF4", "NKF1", "EV", "ARM")
 """DataFlash's messages of the vehicle's motion, motors and state: a log without them is none of a flight."""
-NEEDED = (*OF_FLIGHT, *BATTERIES, "VIBE", "GPS", "XKF2", "NKF2", "MODE")  # DataFlash's messages that are translated
+NEEDED = (
+    *OF_FLIGHT,
+    *BATTERIES,
+    "VIBE",
+    "GPS",
+    "XKF2",
+    "NKF2",
+    "MODE",
+    "ERR",
+)  # DataFlash's messages that are translated
 SLOWER_SHARE = 0.9  # A message is slower than another when it has fewer than this share of the other's number
 CENTIDEGREES = (15.0, 400.0)
 """RATE, taken for degrees/s, over the gyro: the range in which it is in centidegrees/s. RATE may be filtered where the
@@ -192,6 +217,7 @@ def translated(
         "SYSTEM_TIME": ("GPS", calendar_time(tables)),
         "GPS_RAW_INT": ("GPS", _fixes(tables)),
         "CURRENT_MODE": ("MODE", _modes(tables)),
+        "STATUSTEXT": ("ERR", _errors(tables)),
         "LOCAL_POSITION_NED": (positioned, position),
         "WIND_COV": (estimated, wind),
         "VFR_HUD": ("CTUN", rising),
