@@ -51,7 +51,9 @@ def key_figures(analysis: LogAnalysis, air: Air | None, loop: Loop | None = None
     yield from _lost(analysis.alarms)
     if hover is not None:
         most, motor = max(zip(hover.imbalance, hover.motors, strict=True), key=lambda one: abs(one[0]))
-        yield KeyFigure("Trim deviation", f"{most:+.1f} %", motor, "bad" if abs(most) > UNEVEN else "good")
+        yield KeyFigure(
+            "Trim deviation", f"{round(most, 1) + 0.0:+.1f} %", motor, "bad" if abs(most) > UNEVEN else "good"
+        )
         left, motor = min(zip(hover.headroom, hover.motors, strict=True))
         limit = max(map(sum, zip(hover.at_upper_limit, hover.at_lower_limit, strict=True)))
         remark = f"{short(motor)}; motors at a limit {100 * limit:.1f} % of the time"
