@@ -156,7 +156,7 @@ def model_figures(flights: Sequence[Flight], learned: Learned, held_out: HeldOut
     forecast_errors = {shown: held_out.squared_errors(name).mean(axis=0) for shown, name in names.items()}
     ranked = _ranked(forecast_errors, held_out.variance)
     model, energy = learned.model, learned.free_energy
-    sd, half_width = learned.model_sd, learned.model_interval(LEVEL)
+    half_width = learned.model_interval(LEVEL)
     joint = learned.joint
     return {
         "flight": dict(first.provenance),
@@ -169,7 +169,6 @@ def model_figures(flights: Sequence[Flight], learned: Learned, held_out: HeldOut
         "order": learned.settings.order,
         "converged": learned.converged,
         "model": {name: value.tolist() for name, value in model._asdict().items()},
-        "model_sd": {name: getattr(sd, name).tolist() for name in ("A", "B", "C")},
         "model_interval_90_percent": {name: getattr(half_width, name).tolist() for name in ("A", "B", "C")},
         "spectral_abscissa": model.spectral_abscissa,
         "free_energy": {

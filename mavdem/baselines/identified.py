@@ -179,7 +179,7 @@ class Units(NamedTuple):
     def of(cls, record: Record) -> Units:
         """The units in which the training data have mean 0 and variance 1; ``ValueError`` for a constant output."""
         inputs, outputs = record.spread
-        record.require_moving(np.zeros_like(inputs.moving))
+        record.require_moving(False)
         scale = np.where(inputs.moving, np.sqrt(inputs.variance), np.inf)
         _, sizes, directions = np.linalg.svd((record.inputs - inputs.mean) / scale, full_matrices=False)
         kept = sizes > DEPENDENCE_TOLERANCE * sizes[0]

@@ -28,7 +28,7 @@ SHAPES = {path: shape.split() for shape, paths in _PATHS.items() for path in pat
 """Shapes of all arrays; equal names are equal numbers: T samples, r inputs, m outputs, n states, k parameters of the
 vehicle, K of the engine, which may have a constant input more."""
 
-POSITIVE = {"prior_sd", "scaling.input_scale", "scaling.output_scale"}
+POSITIVE = {"scaling.input_scale", "scaling.output_scale"}
 ROUNDING = 1e-9  # of a covariance: how far below zero its least variance may be, relative to the largest
 
 Kind = TypeVar("Kind")

@@ -109,12 +109,13 @@ def generative_model(settings: CompleteSettings, scaling: Scaling, record: Recor
     else:
         reading = s, record.dt, settings.window
         correlations = sampled_output_precision(p, *reading), sampled_state_precision(q, *reading)
-    input_precision = _input_precision(settings, motors, scaling.constant)
+    each = np.full((settings.d + 1, r), settings.input_precision)
+    each[:, motors:] = KNOWN_INPUT
     # Of λ the first is of the measurement noise, the second of the process noise.
     of_lambda = np.array([settings.lambda_z, settings.lambda_w]), np.diag(np.exp(settings.lambda_log_precision))
     prior = Prior(*_parameter_prior(settings, scaling, record, r), *of_lambda)
     groups = np.zeros(m, np.intp), np.ones(n, np.intp)
-    return GenerativeModel(n, r, m, p, settings.d, q, *correlations, *groups, input_precision, prior)
+    return GenerativeModel(n, r, m, p, settings.d, q, *correlations, *groups, np.diag(each.ravel()), prior)
 
 
 def _parameter_prior(settings: CompleteSettings, scaling: Scaling, record: Record, r: int) -> tuple[Array, Array]:
@@ -152,19 +153,6 @@ def held_by_prior(precision: Array, scale: Array, settings: CompleteSettings, re
     motors = of_vehicle(settings.order, record.inputs.shape[1], record.outputs.shape[1], natural.constant)
     units = natural.parameter_scale(settings.order)[motors] / scale
     return np.asarray(precision * units**2 >= KINEMATIC)
-
-
-def _input_precision(settings: CompleteSettings, motors: int, constant: bool) -> Array:
-    """P̃ᵛ of the engine's inputs, the constant's precision being ``KNOWN_INPUT``."""
-    orders, given = settings.d + 1, np.array(settings.input_precision, np.float64)
-    if given.shape == (motors,):
-        given = np.diag(np.tile(given, orders))
-    if given.ndim and len(given) != motors * orders:
-        raise ValueError(f"input_precision must be of {motors} inputs, or of their {orders} orders, not {given.shape}")
-    precision = np.diag(np.full((motors + constant) * orders, KNOWN_INPUT))
-    indices = np.arange(len(precision)).reshape(orders, motors + constant)[:, :motors].ravel()
-    precision[np.ix_(indices, indices)] = given if given.ndim else given * np.eye(len(indices))
-    return precision
 
 
 def generalized(settings: CompleteSettings, scaling: Scaling, record: Record) -> tuple[Array, ...]:

@@ -38,8 +38,7 @@ class Learned(LearnedDownstream):
         settings: as used, with nothing left open.
         model: posterior means.
         theta_covariance: (k, k) posterior covariance of θ = [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)], physical units: of the
-            simulation-error fit, or of DEM where there was none.
-        prior_sd: (k,) prior standard deviations of θ in DEM; those of the simulation-error fit are wider.
+            simulation-error fit, or of DEM, which counts neighbouring samples as independent, where there was none.
         known: (k,) which parameters the prior fixes: that a rate is the derivative of its angle, that C = [I 0].
         free_energy: by iteration, with its named terms.
         free_energy_of_samples: (T′,) F(t) of the samples at ``places``: how well each sample agrees with the model.
@@ -59,7 +58,6 @@ class Learned(LearnedDownstream):
     settings: CompleteSettings
     model: LinearModel
     theta_covariance: Array
-    prior_sd: Array
     known: NDArray[np.bool_]
     free_energy: FreeEnergy
     free_energy_of_samples: Array
@@ -86,18 +84,6 @@ class Learned(LearnedDownstream):
         """Sampling step, s."""
         return self.record.dt
 
-    @property
-    def model_sd(self) -> LinearModel:
-        """Posterior standard deviations, arranged like A, B and C; the offset's and trims' are NaN.
-
-        Those of DEM, without a simulation-error fit, count neighbouring samples as independent and are too small.
-        """
-        return self._arranged(np.sqrt(np.diag(self.theta_covariance)))
-
-    def _arranged(self, values: Array) -> LinearModel:
-        (n, r), m = self.model.B.shape, len(self.model.C)
-        return LinearModel(*unpack(values, n, r, m), np.full(n, np.nan), np.full(r, np.nan), np.full(m, np.nan))
-
     def model_interval(self, level: float = LEVEL) -> LinearModel:
         """Returns half widths of intervals of probability ``level``, arranged like A, B and C.
 
@@ -105,8 +91,10 @@ class Learned(LearnedDownstream):
         correlated with the disturbance, is not included.
         """
         require_probability(level)
+        (n, r), m = self.model.B.shape, len(self.model.C)
         freedom = np.nan if self.simulation_fit is None else self.simulation_fit.freedom
-        return self._arranged(half_width(self.theta_covariance.diagonal(), level, freedom))
+        parts = unpack(half_width(self.theta_covariance.diagonal(), level, freedom), n, r, m)
+        return LinearModel(*parts, np.full(n, np.nan), np.full(r, np.nan), np.full(m, np.nan))
 
     @property
     def physical(self) -> Physical | None:
@@ -147,7 +135,7 @@ class Learned(LearnedDownstream):
 
     @property
     def _jointly(self) -> bool:
-        return self.settings.forecasts == "joint" and bool(self.scaling.known.all())
+        return self.settings.forecasts == "joint" and self.scaling.known
 
     @may_overflow
     def one_step(self) -> Array:

@@ -25,7 +25,6 @@ from mavdem.dem.forecast.joint import JointModel
 from mavdem.dem.forecast.simulation_error import SHORTEST_HORIZON, fit_simulation, horizon_of
 from mavdem.dem.learned import Learned
 from mavdem.dem.parallel import parallel_map
-from mavdem.dem.priors import known_inputs
 from mavdem.dem.record import Record, UniformRecord
 from mavdem.dem.settings import CompleteSettings, Settings
 
@@ -93,7 +92,7 @@ def learn_forecasts(
     """
     with one_thread():
         record, completed = checked(train, settings)
-        if completed.forecasts == "joint" and known_inputs(completed, record.inputs.shape[1]).all():
+        if completed.forecasts == "joint" and completed.known_inputs:
             return JointModel.learn(record, completed.seed)
         return learn(record, settings)
 
@@ -109,9 +108,8 @@ def checked(
     if len(record) < FEWEST_SAMPLES:
         raise ValueError(f"train must have at least {FEWEST_SAMPLES} samples, not {len(record)}")
     # In one half, a vehicle may have stood on the ground.
-    known = known_inputs(settings, record.inputs.shape[1])
     for part, where in ((record, ""), *((half, " in both halves") for half in record.halves())):
-        part.require_moving(known, where)
+        part.require_moving(settings.known_inputs, where)
     return record, complete(settings, record)
 
 
@@ -197,7 +195,6 @@ def _learned(fitted: Fit, record: Record, start: Start | None) -> Learned:
         settings=fit.settings,
         model=scaling.physical_model(ascent.belief.theta, order),
         theta_covariance=physical(covariance),
-        prior_sd=np.sqrt(np.diag(physical(prior_covariance))),
         known=held,
         free_energy=ascent.free_energy,
         free_energy_of_samples=free_energy(fit.model, data, data @ ascent.state_map.T, ascent.belief),

@@ -22,31 +22,31 @@ class Scaling(NamedTuple):
     output_trim: Array  # (m,)
     output_scale: Array  # (m,)
     constant: bool  # whether one more input, after the motors, is 1
-    known: NDArray[np.bool_]  # (r,) which of the inputs count; of the others the engine has 0, in a unit of its own
+    known: bool  # whether the inputs count; if not, the engine has 0, in a unit of its own
 
     @classmethod
     def of(cls, record: Record, settings: Settings) -> Scaling:
         """The scaling that ``settings.scaling`` asks for; ``ValueError`` where an output or all inputs are constant."""
         inputs, outputs = record.spread
-        known = known_inputs(settings, len(inputs.mean))
-        record.require_moving(known & ~inputs.moving[known].any())
+        known = settings.known_inputs
+        record.require_moving(known and not inputs.moving.any())
         m, constant = len(outputs.mean), settings.scaling == "channel"
         output_trim, output_scale = np.zeros(m), np.ones(m)
-        trim, scale = np.zeros(len(known)), np.ones(len(known))
+        trim, scale = np.zeros(len(inputs.mean)), np.ones(len(inputs.mean))
         if settings.scaling == "channel":
             output_trim, output_scale = outputs.mean, np.sqrt(outputs.variance)
-        if known.any() and settings.scaling == "channel":
-            trim[known] = inputs.mean[known]
+        if known and settings.scaling == "channel":
+            trim[:] = inputs.mean
             # One scale for all inputs: the noise of a motor that hardly moves must not be amplified.
-            scale[known] = np.sqrt(inputs.variance[known].mean())
-        if known.any() and settings.scaling == "paper":
-            trim[known] = inputs.mean[known].mean()
-            scale[known] = inputs.highest[known].max() - inputs.lowest[known].min()
+            scale[:] = np.sqrt(inputs.variance.mean())
+        if known and settings.scaling == "paper":
+            trim[:] = inputs.mean.mean()
+            scale[:] = inputs.highest.max() - inputs.lowest.min()
         return cls(trim, scale, output_trim, output_scale, constant, known)
 
     def scale_inputs(self, inputs: Array) -> Array:
         """(T, r) in the unit of the stream to (T, r or r + 1) in the engine's."""
-        scaled = np.where(self.known, (inputs - self.input_trim) / self.input_scale, 0.0)
+        scaled = (inputs - self.input_trim) / self.input_scale if self.known else np.zeros_like(inputs)
         return np.hstack([scaled, np.ones((len(scaled), 1))]) if self.constant else scaled
 
     def scale_segments(self, record: Record) -> list[tuple[Array, Array]]:
@@ -79,13 +79,6 @@ class Scaling(NamedTuple):
         A, B, C = unpack(theta * self.parameter_scale(order), order, r + self.constant, m)
         offset = B[:, r].copy() if self.constant else np.zeros(order)
         return LinearModel(A, B[:, :r].copy(), C, offset, self.input_trim, self.output_trim)
-
-
-def known_inputs(settings: Settings, inputs: int) -> NDArray[np.bool_]:
-    """(r,) which of so many recorded inputs are known; ``ValueError`` where settings are of another number."""
-    if isinstance(settings.known_inputs, tuple) and len(settings.known_inputs) != inputs:
-        raise ValueError(f"known_inputs must say it of {inputs} inputs, not of {len(settings.known_inputs)}")
-    return np.broadcast_to(np.array(settings.known_inputs), inputs).copy()
 
 
 KNOWN = float(np.exp(20.0))  # precision of a known parameter: its prior standard deviation is 5e-5

@@ -189,13 +189,13 @@ class Record:
         """That of the inputs and of the outputs."""
         return Spread.of(self.inputs), Spread.of(self.outputs)
 
-    def require_moving(self, known: NDArray[np.bool_], where: str = "") -> None:
-        """Raises ``ValueError`` for a constant output, or one of ``known`` (r,) inputs; ``where`` ends the clause."""
+    def require_moving(self, known: bool, where: str = "") -> None:
+        """Raises ``ValueError`` for a constant output, or input if they are ``known``; ``where`` ends the clause."""
         inputs, outputs = self.spread
         for name, constant in (("inputs", ~inputs.moving & known), ("outputs", ~outputs.moving)):
             still = np.flatnonzero(constant)
             if len(still):
-                single = name == "inputs" and len(still) < np.count_nonzero(known)
+                single = name == "inputs" and len(still) < len(constant)
                 missing = ". Leave out a motor that is missing or not recorded" if single else ""
                 raise ValueError(
                     f"{name} column {still[0]} must vary{where}: constant samples determine no model{missing}"

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import AfterValidator, Field
+from pydantic import Field
 
 from mavdem.dem.engine.linalg import Array, require_positive_definite
 from mavdem.dem.record import checked_values, real_numbers
@@ -54,22 +54,11 @@ class Gaussian:
         return cls(values["mean"], values["precision"])
 
 
-def _positive_definite(rows: tuple[tuple[float, ...], ...]) -> tuple[tuple[float, ...], ...]:
-    try:
-        require_positive_definite(np.array(rows), "it", len(rows))
-    except ValueError:
-        raise ValueError("must be positive, or a positive definite matrix") from None
-    return rows
-
-
 Whole = Annotated[int, Field(ge=0, le=2**63 - 1)]
 Natural = Annotated[int, Field(ge=1, le=2**63 - 1)]
 LARGEST_ORDER = 12  # of a model: its fit takes memory of order n⁴, and no flight shows as many states
 Positive = Annotated[float, Field(ge=SMALLEST, le=1 / SMALLEST)]
 Log = Annotated[float, Field(ge=-LARGEST_LOG, le=LARGEST_LOG)]
-Matrix = Annotated[tuple[tuple[float, ...], ...], Field(min_length=1), AfterValidator(_positive_definite)]
-Precisions = Positive | Annotated[tuple[Positive, ...], Field(min_length=1)] | Matrix
-Flags = bool | Annotated[tuple[bool, ...], Field(min_length=1)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,8 +82,7 @@ class Settings:
         scaling: "channel": every output and the inputs are centred and brought to unit variance, and a constant input
             learns the trim; "paper": outputs as they are, one mean and one range for all inputs; "none": both as they
             are.
-        known_inputs: whether the recorded inputs are η̃ᵛ; if not, it is 0, and B belongs to unrecorded inputs. Or a
-            flag for each column: a column of zeros then represents one unknown input.
+        known_inputs: whether the recorded inputs are η̃ᵛ; if not, it is 0, and B belongs to unrecorded inputs.
 
     **The noise**
 
@@ -115,8 +103,8 @@ class Settings:
         lambda_z, lambda_w: prior means of the log precisions of measurement and process noise, each one for all
             outputs or states, as in the paper.
         lambda_log_precision: the log precisions of these two priors: e²⁵ fixes λᶻ, e^−4.6 leaves λʷ to the data.
-        input_precision: P̃ᵛ, of inputs about η̃ᵛ and of each of their derivatives; one number, one for each input, or a
-            matrix ((d + 1)r, (d + 1)r), order-major. 1.6e5: known to 0.25 % of a unit.
+        input_precision: of every input about η̃ᵛ, and of each of its derivatives: P̃ᵛ is diagonal. 1.6e5: known to
+            0.25 % of a unit.
 
     **Inference**
 
@@ -141,7 +129,7 @@ class Settings:
     d: Whole | None = None
     window: Natural | None = None
     scaling: Literal["channel", "paper", "none"] = "channel"
-    known_inputs: Flags = True
+    known_inputs: bool = True
 
     smoothness: Positive | None = None
     correlation: Literal["sampled", "continuous"] = "sampled"
@@ -151,7 +139,7 @@ class Settings:
     lambda_z: Log = 20.0
     lambda_w: Log = 3.0
     lambda_log_precision: tuple[Log, Log] = (25.0, -4.6)
-    input_precision: Precisions = 1.6e5
+    input_precision: Positive = 1.6e5
 
     learning_rates: tuple[Positive | None, Positive | None, Positive | None] | None = None
     iterations: Natural = 200
@@ -175,7 +163,7 @@ class Settings:
         _require(not free, "correlation", '"continuous" with the uniform prior, which leaves C free', self.correlation)
         needed = self.last_derivative_zero or self.p > 0
         _require(needed, "correlation", '"continuous" with p = 0', self.correlation)
-        needed = all(np.atleast_1d(self.known_inputs)) or self.prior != "regulated"
+        needed = self.known_inputs or self.prior != "regulated"
         _require(needed, "known_inputs", "True with the regulated prior, under which B would stay 0", False)
 
     @property

@@ -28,6 +28,7 @@ from mavdem.fleet.workers import PAGES, Limits, Outcome
 
 STORE, TABLE, UNFINISHED = "fleet.sqlite", Path("flights", "flights.parquet"), ".unfinished"
 ROW_GROUP = 10_000  # rows that a reader skips at once, by the least and the greatest vehicle's name among them
+OTHER_VERSION = "has the columns of another version of mavdem: name another folder."
 BUSY_SECONDS = 600.0  # while another run may write, as the table of a large fleet
 NETWORK_DISKS = {"nfs", "nfs4", "cifs", "smb3", "smbfs", "afs", "ceph", "lustre", "beegfs", "gpfs", "fuse.sshfs"}
 """Kinds of disks, as Linux names them, on which SQLite's write-ahead log does not keep other machines out."""
@@ -56,12 +57,13 @@ def read_rows(folder: Path) -> list[FlightRow]:
     access = "mode=rw" if os.access(folder, os.W_OK) else "immutable=1"  # SQLite's lock is a file beside it
     try:
         with closing(sqlite3.connect(f"{path.absolute().as_uri()}?{access}", timeout=BUSY_SECONDS, uri=True)) as db:
-            _check_version(db, folder)
-            rows = [_row(*values) for values in db.execute("select row, file from flights where file is not null")]
-    except Unreadable:
-        raise
+            (version,) = db.execute("pragma user_version").fetchone()
+            known = db.execute("select row, file from flights where file is not null")
+            rows = [_row(*values) for values in known] if version == SCHEMA_VERSION else []
     except (sqlite3.Error, TypeError, ValueError) as error:
         raise Unreadable(f"{path} is damaged ({error}): delete it, and run `mavdem track` again.") from None
+    if version != SCHEMA_VERSION:
+        raise Unreadable(f"{folder} {OTHER_VERSION}")
     return sorted(rows, key=lambda row: row.order)
 
 
@@ -123,7 +125,11 @@ class Store:
         if self._db.execute("pragma journal_mode = wal").fetchone()[0] != "wal":
             raise sqlite3.OperationalError("SQLite's write-ahead log does not work on this disk")
         self._db.execute("pragma synchronous = normal")
-        if not _check_version(self._db, folder):
+        (version,) = self._db.execute("pragma user_version").fetchone()
+        if version not in (0, SCHEMA_VERSION):
+            self._db.close()
+            raise Unreadable(f"{folder} {OTHER_VERSION}")
+        if not version:
             self._db.executescript(f"begin immediate; {TABLES} pragma user_version = {SCHEMA_VERSION}; commit;")
 
     @contextmanager
@@ -264,15 +270,6 @@ def _values(source: Source, limits: Limits) -> dict[str, Any]:
 def _row(text: str, file: str | None = None) -> FlightRow:
     values = json.loads(text)
     return FlightRow(**(values if file is None else values | {"file": file}))
-
-
-def _check_version(db: sqlite3.Connection, folder: Path) -> bool:
-    """Returns whether there are columns already; raises ``Unreadable`` and closes it if they are another version's."""
-    (version,) = db.execute("pragma user_version").fetchone()
-    if version not in (0, SCHEMA_VERSION):
-        db.close()
-        raise Unreadable(f"{folder} has the columns of another version of mavdem: name another folder.")
-    return bool(version)
 
 
 def _disk(folder: Path) -> str:

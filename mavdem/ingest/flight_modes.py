@@ -13,7 +13,7 @@ from mavdem.ingest.mavlink.definitions import enum_name
 _PX4 = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))["px4"]
 _CUSTOM = {state: main << 16 | sub << 24 for main, sub, state, _ in _PX4}
 _ENUMS = {"SUBMARINE": "SUB_MODE", "GROUND_ROVER": "ROVER_MODE", "FIXED_WING": "PLANE_MODE"}
-_NAMES = {_CUSTOM[state]: name for *_, state, name in _PX4}
+_NAMES: dict[int, str] = {_CUSTOM[state]: name for *_, state, name in _PX4}
 
 
 def px4_custom_mode(states: NDArray[np.integer]) -> NDArray[np.int64]:

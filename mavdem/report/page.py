@@ -202,7 +202,7 @@ def _motors(analysis: LogAnalysis, whole: bool) -> Chapter:
     if learned is not None:
         blocks += motor_blocks(Labels.of(learned), learned.physical, vehicle.hover)
         pictures = model_pictures(learned, analysis.findings, ["motors"] if whole else [], analysis)
-    if learned is None or vehicle.axes:
+    if vehicle.axes or not any(isinstance(one, Table) and "headroom (%)" in one.header for one in blocks):
         blocks += vehicle_blocks(vehicle, bool(analysis.findings.overrides))
     if learned is None or analysis.tier.name != "a":
         blocks += [*tier_sentences(analysis.tier.as_dict()), *condition_sentences(analysis.condition.as_dict())]

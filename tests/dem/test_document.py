@@ -54,7 +54,7 @@ def test_every_field_of_a_document_is_needed_and_checked(document):
             Learned.from_json(json.dumps(missing))
     former = {key: value for key, value in values["record"].items() if key not in ("parameters", "setpoints")}
     assert len(Learned.from_json(json.dumps({**values, "record": former})).record) == len(values["record"]["inputs"])
-    for name in ("theta_covariance", "prior_sd", "known", "state_map", "theta", "free_energy_of_samples"):
+    for name in ("theta_covariance", "known", "state_map", "theta", "free_energy_of_samples"):
         for junk in (None, [], values[name][:-1] + [[1.0]], values[name][:1]):
             with pytest.raises(ValueError, match="must"):
                 Learned.from_json(json.dumps({**values, name: junk}))
@@ -99,8 +99,8 @@ def test_what_a_flight_says_of_its_vehicle_is_kept():
         Settings.paper(),
         Settings(order=3, smoothness=0.02, window=9),
         Settings(prior=Gaussian([1, 2], [[2, 1], [1, 2]]), lambda_z=1),
-        Settings(prior=Gaussian([1], 1), known_inputs=[True, False], learning_rates=(None, 0.5, None)),
-        Settings(order=np.int64(2), smoothness=np.float32(0.5), input_precision=np.array([1.0, 2.0])),
+        Settings(prior=Gaussian([1], 1), known_inputs=False, learning_rates=(None, 0.5, None)),
+        Settings(order=np.int64(2), smoothness=np.float32(0.5), input_precision=np.float32(2.0)),
     ],
 )
 def test_json_both_ways(settings):

@@ -85,7 +85,7 @@ def test_it_arrives_where_learning_at_once_does(horizon):
     off = {name: np.abs(getattr(estimate.model, name) - getattr(whole.model, name)).ravel() for name in "AB"}
     for name, part in (("A", slice(0, 9)), ("B", slice(9, 21))):
         allowed = np.where(whole.known[part], 0.5, np.sqrt(2 * (CONVERGED_NATS + 0.1)))
-        assert (off[name] <= allowed * getattr(whole.model_sd, name).ravel()).all()
+        assert (off[name] <= allowed * np.sqrt(whole.theta_covariance.diagonal()[part])).all()
     # F(t) and the disturbance of the last window, as the result itself has them.
     learner = OnlineLearner(settings, dt=flight.dt, memory=30.0)
     flown(learner, flight[:800])

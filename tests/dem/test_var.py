@@ -100,15 +100,6 @@ def test_coefficients_and_covariance_are_those_of_least_squares_without_a_prior(
     np.testing.assert_allclose(precision, regressors.T @ regressors, rtol=1e-6, atol=1e-6)
 
 
-def test_intervals_of_coefficients_hold_as_often_as_they_say():
-    true, inside = model(), []
-    for seed in range(200):
-        found, regression = fitted([run(true, 150, seed)], 1e-6)
-        sd = np.sqrt(np.outer(found.covariance.diagonal(), (regression.root**2).sum(axis=0)))
-        inside.append(np.abs(found.across - true.across) < 1.645 * sd[:, :-1])
-    assert 0.88 < np.mean(inside) < 0.92
-
-
 def test_statistics_add_up_over_segments():
     one, two = run(model(), 50, 1), run(model(), 70, 2)
     first, both = LagStatistics.of([one], LAGS), LagStatistics.of([one, two], LAGS)

@@ -292,16 +292,20 @@ def test_a_kind_of_vehicle_is_named_as_mavlink_names_it_today():
     assert [enum_name("MAV_TYPE", kind) for kind in (2, 22, 24)] == ["QUADROTOR", "VTOL_FIXEDROTOR", "VTOL_TILTWING"]
 
 
-@pytest.mark.parametrize("by", ["STATUSTEXT", "AUTOPILOT_VERSION", "PARAM_VALUE"])
-def test_joined_logs_of_two_vehicles_with_one_system_id_are_two_vehicles(by, tmp_path):
+@pytest.mark.parametrize(
+    ("by", "told"),
+    [
+        ("STATUSTEXT", lambda number: {"text": b"fmuv3 00%dA002F 30395113 33333539" % number}),
+        ("AUTOPILOT_VERSION", lambda number: {"uid2": [number, *[3] * 11, *[0] * 6]}),
+        ("PARAM_VALUE", lambda number: {"param_id": b"INS_ACCOFFS_X", "param_value": 0.25 * number}),
+    ],
+)
+def test_joined_logs_of_two_vehicles_with_one_system_id_are_two_vehicles(by, told, tmp_path):
     """The second clock goes on from the first's, as far as anybody can see."""
 
     def of(number, times):
-        uid = [number, 3, 3, 3, 3, 3, 3, 3, 3, 3, 3, 3, 0, 0, 0, 0, 0, 0]
-        texts = {"text": b"fmuv3 00%dA002F 30395113 33333539" % number, "param_id": b"INS_ACCOFFS_X", "uid2": uid}
         frames = flight(times)
-        values = {"STATUSTEXT": ["text"], "AUTOPILOT_VERSION": ["uid2"], "PARAM_VALUE": ["param_id"]}[by]
-        frames.insert(100, message(by, **{name: texts[name] for name in values}, **PARAMETER[by](number)))
+        frames.insert(100, message(by, **told(number)))
         return [heartbeat(), *frames]
 
     later = [time + 100 for time in TIMES]
@@ -310,10 +314,6 @@ def test_joined_logs_of_two_vehicles_with_one_system_id_are_two_vehicles(by, tmp
     assert all("logs of 2 vehicles" in vehicle.repairs[0] for vehicle in log.vehicles)
     assert [vehicle.messages["ATTITUDE"]["time"][0] for vehicle in log.vehicles] == [TIMES[0], later[0]]
     assert len(log_of(tlog([*of(1, TIMES), *of(1, later)]), tmp_path).vehicles) == 1
-
-
-PARAMETER = {"PARAM_VALUE": lambda number: {"param_value": 0.25 * number}}
-PARAMETER |= dict.fromkeys(("STATUSTEXT", "AUTOPILOT_VERSION"), lambda number: {})
 
 
 OTHERS = [

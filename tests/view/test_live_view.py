@@ -51,7 +51,7 @@ def estimate(i: int, time: float) -> Estimate:
     sizes = {"expected": 2, "expected_band": 2, "ahead": (3, 2), "ahead_band": (3, 2), "disturbance": 3}
     times = {"time": time, "seen": time - LATE, "until": time - 0.1, "wind_time": time - 0.25}
     energies = {"free_energy": -100.0 - i, "free_energy_action": -1000.0 - i // 10, "surprise": i % 50 / 10}
-    models = {"model": MODELS[i // 10], "model_sd": MODELS[i // 10 + 1], "log_precisions": np.array([20.0, i // 10])}
+    models = {"model": MODELS[i // 10], "log_precisions": np.array([20.0, i // 10])}
     torque = {"wind_torque": np.nan if i < 40 else 0.1 * i, "wind_torque_band": 0.01 * i, "unusual": i % 50 == 40}
     ratios = np.array([[0.1, 0.2], [0.3, 0.4], [0.7, 0.8]])
     known = {name: rng.normal(size=size) for name, size in sizes.items()}

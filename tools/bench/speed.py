@@ -1,7 +1,8 @@
 #!/usr/bin/env python
-"""How fast logs are read and live estimates made; prints Markdown tables.
+"""How fast logs are read, a fleet's rows and live estimates made; prints Markdown tables.
 
 Usage: tools/bench/speed.py read FILE.tlog|FILE.bin|FILE.ulg|FILE.mcap ...
+       tools/bench/speed.py fleet LOG ...
        tools/bench/speed.py live [--busy]
 """
 
@@ -12,27 +13,34 @@ import json
 import math
 import multiprocessing
 import os
+import resource
 import socket
 import time
 from collections.abc import Callable, Iterator
-from contextlib import closing
+from contextlib import closing, suppress
 from functools import partial
 from pathlib import Path
+from statistics import mean, median
 from tempfile import TemporaryDirectory
 from timeit import repeat
 
 import click
 import numpy as np
 from pymavlink.dialects.v20 import all as dialect
+from threadpoolctl import threadpool_limits
 
 from mavdem.alignment import drive, signals
 from mavdem.cli.live import Dashboard, _run
 from mavdem.dem import Settings
-from mavdem.dem.parallel import LearningProcess
+from mavdem.dem.parallel import LearningProcess, stay_in_this_process
+from mavdem.errors import Unreadable
+from mavdem.fleet.row import best_tier
+from mavdem.fleet.rows_of_log import rows_of_log
 from mavdem.ingest import read_log
 from mavdem.live import LiveStream
 from mavdem.live.link import Link, RawRecording
 from mavdem.live.session import LiveSession
+from mavdem.report.page import flight_page
 
 
 def ours(path: str) -> int:
@@ -117,6 +125,24 @@ def read(logs: tuple[Path, ...]) -> None:
             )
 
 
+def fleet(logs: tuple[Path, ...]) -> None:
+    """What logs cost a fleet: CPU seconds for the rows and the page of each, by format and tier, on one core."""
+    stay_in_this_process()
+    threadpool_limits(limits=1, user_api="blas")
+    kinds, every = dict[str, list[float]](), list[float]()
+    rows_of_log(logs[0], "", flight_page)  # which loads the libraries
+    for path in logs:
+        began, tier = time.process_time(), ""
+        with suppress(Unreadable):
+            tier = best_tier(rows_of_log(path, path.name, flight_page)[0])
+        every.append(time.process_time() - began)
+        kinds.setdefault(f"{path.suffix.lower()}, {f'tier {tier}' if tier else 'no flight'}", []).append(every[-1])
+    print("| logs | number | CPU s each: mean | median | longest |\n|---|---|---|---|---|")
+    for kind, spent in [*sorted(kinds.items()), ("all", every)]:
+        print(f"| {kind} | {len(spent)} | {mean(spent):.2f} | {median(spent):.2f} | {max(spent):.2f} |")
+    print(f"\nAt most {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MB.")
+
+
 SECONDS = 30.0
 PORT = 14598
 
@@ -183,14 +209,11 @@ def live(busy: bool) -> None:
 
 
 @click.command(help=__doc__)
-@click.argument("what", type=click.Choice(["read", "live"]))
+@click.argument("what", type=click.Choice(["read", "fleet", "live"]))
 @click.argument("logs", nargs=-1, type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @click.option("--busy", is_flag=True, help="Beside a busy loop on every core.")
 def main(what: str, logs: tuple[Path, ...], busy: bool) -> None:
-    if what == "read":
-        read(logs)
-    else:
-        live(busy)
+    {"read": partial(read, logs), "fleet": partial(fleet, logs), "live": partial(live, busy)}[what]()
 
 
 if __name__ == "__main__":

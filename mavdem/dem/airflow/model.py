@@ -257,7 +257,7 @@ class Filter:
         S = A @ (PH[:, WIND] + PH[:, MEAN]) + self._noise + doubt**2 * PLANE
         S = (S + S.transpose(0, 2, 1)) / 2  # else rounding grows
         det = S[:, 0, 0] * S[:, 1, 1] - S[:, 0, 1] ** 2
-        inverse = (np.trace(S, axis1=1, axis2=2)[:, None, None] * PLANE - S) / det[:, None, None]
+        inverse = ((S[:, 0, 0] + S[:, 1, 1])[:, None, None] * PLANE - S) / det[:, None, None]
         squares = (error[:, None] @ inverse @ error[:, :, None])[:, 0, 0]
         self.total -= np.log(det) / 2 + (FREEDOM + 2) / 2 * np.log1p(squares / FREEDOM)
         K = PH @ inverse * np.minimum((FREEDOM + 2) / (FREEDOM + squares), 1.0)[:, None, None]

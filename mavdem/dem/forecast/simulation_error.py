@@ -135,7 +135,7 @@ def horizon_of(model: GenerativeModel, settings: CompleteSettings, scaling: Scal
     """
     n, r, m = model.sizes
     free = np.count_nonzero(np.diag(model.prior.theta_precision)[: n * n + n * r] < KINEMATIC)
-    if settings.horizon is None or settings.prior == "uniform" or not scaling.known.all() or not free:
+    if settings.horizon is None or settings.prior == "uniform" or not scaling.known or not free:
         return None
     longest = max(1, round(settings.horizon / record.dt))
     shortest = min(longest, max(1, round(SHORTEST_HORIZON / record.dt)))

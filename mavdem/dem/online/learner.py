@@ -241,7 +241,6 @@ class OnlineLearner:
             disturbance=disturbance,
             free_energy_action=float(learned.free_energy[-1]),
             model=learned.model,
-            model_sd=tracker.model_sd,
             log_precisions=tracker.tracking.log_precisions,
             until=tracker.until,
             unusual=self._marks.add(surprise),

@@ -75,7 +75,6 @@ class Estimate(NamedTuple):
         disturbance: (n,) w of each state, in its unit per second; of a rate, rad/s².
         free_energy_action: F̄ᵒ of the memory.
         model: the current one.
-        model_sd: DEM's own posterior standard deviations of A, B and C; too small, see ``Learned.model_sd``.
         log_precisions: (g,) λ of the noises.
         until: time of the last sample the model was learnt from, s.
         unusual: whether this sample is marked: surprise stays above what is usual in this flight. Without a change, one
@@ -100,7 +99,6 @@ class Estimate(NamedTuple):
     disturbance: Array = np.empty(0)
     free_energy_action: float = np.nan
     model: LinearModel | None = None
-    model_sd: LinearModel | None = None
     log_precisions: Array = np.empty(0)
     until: float = np.nan
     unusual: bool = False
@@ -166,7 +164,7 @@ class Tracker:
     def __init__(self, learned: Learned, tracking: Tracking, until: float) -> None:
         """Takes the model and the time of the last sample it was learned from, s."""
         self.learned, self.tracking, self.until = learned, tracking, until
-        self.window, self.model_sd = learned.settings.window, learned.model_sd
+        self.window = learned.settings.window
         orders = learned.settings.p, learned.settings.d
         self._weights = [taylor_weights(order, learned.dt, self.window, self.window // 2) for order in orders]
 
