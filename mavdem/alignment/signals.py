@@ -16,6 +16,7 @@ DataFlash's RATE and from PX4 it corrects the error of the attitude as well.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -49,7 +50,8 @@ from mavdem.ingest.vocabulary import ARMED, CUSTOM_MODE, LANDING_MODES, euler_an
 
 ATTITUDE_MESSAGES = ("ATTITUDE", "ATTITUDE_QUATERNION")  # Messages with the attitude, the preferred first
 CLIMB_FIELDS = {"LOCAL_POSITION_NED": ("vz", -1.0), "GLOBAL_POSITION_INT": ("vz", -0.01), "VFR_HUD": ("climb", 1.0)}
-"""Messages with the vertical speed, the preferred first: the field, and the factor that makes it m/s upwards."""
+HEIGHT_FIELDS = {"LOCAL_POSITION_NED": ("z", -1.0), "GLOBAL_POSITION_INT": ("relative_alt", 0.001)}
+"""Messages with vertical speed, and height, the preferred first: the field, and the factor that makes it m/s, m, up."""
 BATTERY_MESSAGES = ("SYS_STATUS", "BATTERY_STATUS")
 """Messages with the battery's voltage, the preferred first. They have no stamp of their own, and get the time of the
 message before them: a few ms, for a quantity that changes over seconds."""
@@ -273,11 +275,7 @@ class Signals:
     @cached_property
     def climb_rate(self) -> Signal | None:
         """Vertical speed, m/s, upwards, from LOCAL_POSITION_NED, GLOBAL_POSITION_INT or VFR_HUD."""
-        for message, (field, factor) in CLIMB_FIELDS.items():
-            columns = self.telemetry.messages.get(message)
-            if columns is not None and len(columns["time"]) > 1:
-                return series(columns, factor * floats(columns, field))
-        return None
+        return self._first_of(CLIMB_FIELDS)
 
     @cached_property
     def position(self) -> Signal | None:
@@ -294,11 +292,13 @@ class Signals:
     @cached_property
     def height(self) -> Signal | None:
         """The height, m, above where the estimator or the flight began."""
-        for name, (field, factor) in {
-            "LOCAL_POSITION_NED": ("z", -1.0),
-            "GLOBAL_POSITION_INT": ("relative_alt", 1e-3),
-        }.items():
-            if field in (columns := self.telemetry.messages.get(name, {})):
+        return self._first_of(HEIGHT_FIELDS)
+
+    def _first_of(self, fields: Mapping[str, tuple[str, float]]) -> Signal | None:
+        """The first message there is of those with these fields, times its factor."""
+        for message, (field, factor) in fields.items():
+            columns = self.telemetry.messages.get(message)
+            if columns is not None and len(columns["time"]) > 1:
                 return series(columns, factor * floats(columns, field))
         return None
 

@@ -158,18 +158,12 @@ class LiveHistory:
             self.now = time + self.shift
 
     def take(
-        self,
-        segment: int,
-        time: float,
-        outputs: Array,
-        estimate: Estimate | None,
-        motors: Sequence[float] = (),
-        wind: WindRow | None = None,
+        self, segment: int, time: float, outputs: Array, estimate: Estimate | None, beside: Sequence[float] = ()
     ) -> None:
         """Takes a row at a ``time`` of the vehicle's clock; without an estimate it was not learned from.
 
-        ``segment`` counts the gaps before it; ``outputs`` (m,) are the measured ones; ``motors`` are
-        shares of their range.
+        ``segment`` counts the gaps before it; ``outputs`` (m,) are the measured ones; ``beside`` are
+        wind, m/s, its band, and the motors, shares of their range.
         """
         time += self.shift
         if new := segment != self._segment:
@@ -179,8 +173,7 @@ class LiveHistory:
         torque = (np.nan, np.nan) if estimate is None else (estimate.wind_torque, estimate.wind_torque_band)
         self._taken += 1
         if self._taken % self._stride == 0:
-            speed, low, high, *_ = (nan, nan, nan) if wind is None else wind.by_compass
-            self._rows.append((segment, time, float(outputs[0]), *predicted, *torque, speed, (high - low) / 2, *motors))
+            self._rows.append((segment, time, float(outputs[0]), *predicted, *torque, *beside))
             if len(self._rows) > MAX_ROWS:
                 self._rows, self._stride = self._rows[::2], 2 * self._stride
         if estimate is None:

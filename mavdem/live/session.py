@@ -316,8 +316,10 @@ class LiveSession:
         self._estimate = self._estimate if estimate is None else estimate
         self._shown += estimate is None
         self.history.advance(row.time, setup.boot)
-        shares = setup.scale.fraction(row.inputs).tolist()
-        self.history.take(row.segment, row.time, row.outputs, estimate, shares, self.stream.air.row)
+        wind = self.stream.air.row
+        speed, low, high = (np.nan,) * 3 if wind is None else wind.by_compass[:3]
+        beside = speed, (high - low) / 2, *setup.scale.fraction(row.inputs)
+        self.history.take(row.segment, row.time, row.outputs, estimate, beside)
         if self._display is not None and "plots" not in self._shed:
             shift, segment = self.history.shift, row.segment + self._hidden
             known = estimate, learner.learned, self.stream.air.row

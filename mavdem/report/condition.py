@@ -9,7 +9,7 @@ import numpy as np
 
 from mavdem.alignment.drive import TILT_AXES
 from mavdem.condition.wind_of_log import Air
-from mavdem.condition.wind_velocity import coming_from, from_point
+from mavdem.condition.wind_velocity import WindVelocity, coming_from, from_point
 from mavdem.ingest.vocabulary import UNNAMED
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.numbers import listed, plus_minus, rounded
@@ -21,6 +21,7 @@ BASES = {  # what a vehicle's name is made of, in words
     "compass": "its compass's calibration",
     "system id": "its system id only, which other vehicles have too",
 }
+NOT_KNOWN = "not identifiable"
 SLOW_HZ = 0.95  # messages below this rate are listed together: they are too slow to describe the motion
 MOST_ALARMS = 5  # of the autopilot that are shown
 UNWATCHED = (
@@ -181,19 +182,21 @@ def _why(speaker: dict[str, Any]) -> str:
     return f"and about {100 * speaker['missing_share']:.0f} % of its streams' messages are missing: the link lost some"
 
 
+def wind_words(wind: WindVelocity) -> tuple[str, str, str]:
+    """Returns the speed with its interval, where it comes from, and its gusts; empty where that is not known."""
+    (low, high), known = wind.speed_interval, wind.status["speed"] != NOT_KNOWN
+    speed = f"{wind.speed:.1f} m/s ({low:.1f} to {high:.1f})" if known else f"{low:.1f} to {high:.1f} m/s"
+    origin = f" from {from_point(wind.direction)}, ± {wind.direction_interval:.0f}°" if wind.directed else ""
+    gusts = f"; gusts up to {wind.gust:.1f} m/s over {wind.gust_seconds:.2g} s" if known and not wind.calm else ""
+    return f"below {high:.1f} m/s" if wind.calm else speed, origin, gusts
+
+
 def wind_blocks(air: Air) -> list[Block]:
     """Returns speed and direction with intervals, what is not reported, and how far the autopilot's own is off."""
     wind, own, reason = air
     if wind is None:
         return [Sentence(reason, "Wind:")]
-    low, high = wind.speed_interval
-    known = wind.status["speed"] != "not identifiable"
-    speed = f"{wind.speed:.1f} m/s ({low:.1f} to {high:.1f})" if known else f"{low:.1f} to {high:.1f} m/s"
-    text = f"below {high:.1f} m/s" if wind.calm else speed
-    if wind.directed:
-        text += f" from {from_point(wind.direction)}, ± {wind.direction_interval:.0f}°"
-    gusts = f"; gusts up to {wind.gust:.1f} m/s over {wind.gust_seconds:.2g} s" if known and not wind.calm else ""
-    text += f"{gusts}. Intervals hold the mean with 90 %."
+    text, known = f"{''.join(wind_words(wind))}. Intervals hold the mean with 90 %.", wind.status["speed"] != NOT_KNOWN
     first, last = wind.time[[0, -1]]
     if own is not None and (rows := (own.boot == wind.boot) & (own.time >= first) & (own.time <= last)).any():
         mean = own.values[rows].mean(axis=0)

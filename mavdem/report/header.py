@@ -10,11 +10,11 @@ from mavdem.analysis import LogAnalysis
 from mavdem.analysis.findings import GOOD, LIMITED, NONE, UNEVEN, Findings, known_wind
 from mavdem.condition.loop import Loop
 from mavdem.condition.wind_of_log import Air
-from mavdem.condition.wind_velocity import from_point
 from mavdem.confidence import LEVEL
 from mavdem.evaluate.held_out import FORECAST
 from mavdem.health.in_flight import MotorAlarm
 from mavdem.live.history import Event, SessionStatus
+from mavdem.report.condition import wind_words
 from mavdem.report.numbers import TORQUE, Labels, readable, rounded, short, with_unit
 from mavdem.report.timeline import Timeline
 
@@ -51,18 +51,19 @@ def key_figures(analysis: LogAnalysis, air: Air | None, loop: Loop | None = None
     yield from _lost(analysis.alarms)
     if hover is not None:
         most, motor = max(zip(hover.imbalance, hover.motors, strict=True), key=lambda one: abs(one[0]))
-        yield KeyFigure("Trim deviation", f"{most:+.1f} %", motor, "bad" if abs(most) > UNEVEN else "good")
+        rating = "bad" if abs(most) > UNEVEN else "good"
+        yield KeyFigure("Trim deviation", f"{round(most, 1) + 0.0:+.1f} %", motor, rating)
         left, motor = min(zip(hover.headroom, hover.motors, strict=True))
         limit = max(map(sum, zip(hover.at_upper_limit, hover.at_lower_limit, strict=True)))
         remark = f"{short(motor)}; motors at a limit {100 * limit:.1f} % of the time"
         yield KeyFigure("Least headroom", f"{100 * left:.0f} %", remark, "good" if left >= 0.1 else "bad")
-    yield from _wind(air)
+    wind, _, reason = air or (None, None, "")
+    speed, origin, gusts = ("not known", reason.split(". ")[0].rstrip("."), "") if wind is None else wind_words(wind)
+    yield KeyFigure("Wind", speed, f"{origin}{gusts}".strip("; "))
     physical = None if learned is None else learned.physical
     if learned is not None and (torque := known_wind(learned.wind_torque, physical)) is not None:
-        sd = f"{rounded(TORQUE.scale * torque.sd)} {TORQUE.name}"
-        yield KeyFigure(
-            "Wind torque", sd, f"on {Labels.of(learned).output_names[0]}, standard deviation", grades.get("wind", "")
-        )
+        remark = f"on {Labels.of(learned).output_names[0]}, standard deviation"
+        yield KeyFigure("Wind torque", with_unit(torque.sd, TORQUE), remark, grades.get("wind", ""))
     if physical is not None and physical.identifiable:
         mean, half = physical.mean_effect(LEVEL)
         remark = f"90 % interval of the motors' mean; {physical.status['effect']}"
@@ -93,18 +94,3 @@ def live_figures(status: SessionStatus) -> Iterator[KeyFigure]:
 def _lost(alarms: Sequence[MotorAlarm]) -> Iterator[KeyFigure]:
     if weak := max((alarm for alarm in alarms if alarm.weak), key=lambda alarm: alarm.size, default=None):
         yield KeyFigure(f"{weak.name.capitalize()} lost", weak.lost, f"of its thrust at {weak.since:.0f} s", "bad")
-
-
-def _wind(air: Air | None) -> Iterator[KeyFigure]:
-    wind, _, reason = air or (None, None, "not asked for")
-    if wind is None:
-        yield KeyFigure("Wind", "not known", reason.split(". ")[0].rstrip("."))
-        return
-    low, high = wind.speed_interval
-    known = wind.status["speed"] != "not identifiable"
-    origin = f"from {from_point(wind.direction)} ± {wind.direction_interval:.0f}°" if wind.directed else ""
-    said = (f"{low:.1f} to {high:.1f} m/s", origin, f"gusts up to {wind.gust:.1f} m/s") if known else (origin,)
-    speed = f"{wind.speed:.1f} m/s" if known else f"{low:.1f} to {high:.1f} m/s"
-    yield KeyFigure(
-        "Wind", f"below {high:.1f} m/s" if wind.calm else speed, "" if wind.calm else ", ".join(filter(None, said))
-    )

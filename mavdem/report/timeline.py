@@ -142,7 +142,7 @@ def timeline_of(analyses: Mapping[str, LogAnalysis], air: Air | None = None) -> 
     said = [Event(at, f"{name} mode.") for at, name in changes]
     said += [Event(edge, word) for part in armed for edge, word in zip(part, ("Armed.", "Disarmed."), strict=True)]
     said += [Event(alarm.since, alarm.sentence, "ERROR" if alarm.weak else "INFO") for alarm in alarms]
-    events = sorted(event for event in said if span[0] <= event.seconds <= span[1])
+    events = sorted((one for one in said if span[0] <= one.seconds <= span[1]), key=lambda one: one.seconds)
     trained = tuple((float(flight.time[0]), float(flight.time[-1])) for flight in analysis.flights)
     place, flown = signals.position, tuple(mode for mode in modes if mode[0] < mode[1])
     return Timeline(rows, span, trained, flown, tuple(events), place and _of(place, boot))

@@ -31,6 +31,7 @@ CONSTANT_RIDGE = 1e-8  # likewise of the offset, which the prior leaves open
 LAG_POWER = 2  # the precision of lag i is the ridge · i to this power
 LEAST_FREEDOM = 1.0  # rows that are left for the innovations, where there are hardly more than coefficients
 
+TOGETHER = 8192  # samples whose pasts are in memory at once
 INPUT_NOISE = 1e-9
 """Variance added to the innovations of inputs: one that is constant, or depends on others, has none of its own."""
 
@@ -362,9 +363,12 @@ class Var(NamedTuple):
             channels = np.hstack([outputs, inputs])
             # Of the first sample's past nothing is known; it counts for what would be before the others'.
             before = np.concatenate([np.repeat(channels[:1], self.lags, axis=0), channels])
-            pasts = before[np.arange(len(outputs))[:, None] + np.arange(self.lags)]
-            pasts[0] = self.units.center
-            answers.append(self.infer(pasts, inputs[:, None]).mean[:, 0])
+            for start in range(0, len(outputs), TOGETHER):
+                now = inputs[start : start + TOGETHER]
+                pasts = before[np.arange(start, start + len(now))[:, None] + np.arange(self.lags)]
+                if not start:
+                    pasts[0] = self.units.center
+                answers.append(self.infer(pasts, now[:, None]).mean[:, 0])
         return np.concatenate(answers)
 
     def _physical(self, mean: Array, variance: Array) -> Forecast:
