@@ -10,7 +10,7 @@ import re
 import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
-from functools import cache, partial
+from functools import partial
 from importlib.metadata import version
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -101,19 +101,14 @@ def document(
             still = downstream("report.figures.series", "still")(timeline)
             parts["still"] = Markup(downstream("report.figures.style", "svg")(still, "timeline"))
         parts["timeline"] = timeline.as_json(FEW_POINTS if head.is_small else POINTS)
-        parts |= {name: Markup(text) for name, text in _plotting().items()}
     return environment().get_template("document.html").render(parts)
 
 
-@cache
-def _plotting() -> dict[str, str]:
-    """The library that draws the timeline (uPlot, MIT), its style, and the script that uses it."""
-    names = {"uplot": "uplot/uPlot.iife.min.js", "uplot_style": "uplot/uPlot.min.css", "script": "timeline.js"}
-    return {name: (files("mavdem.report") / path).read_text("utf-8") for name, path in names.items()}
-
-
 def environment() -> Environment:
-    """Returns Jinja's environment for the templates beside this file; it escapes all text."""
+    """Returns Jinja's environment for the templates beside this file; it escapes all text.
+
+    The timeline is drawn by uPlot (MIT), whose script and style are in ``uplot``, and ``timeline.js``.
+    """
     made = Environment(loader=PackageLoader("mavdem.report", ""), autoescape=True, trim_blocks=True, lstrip_blocks=True)
     made.globals |= {"made_by": f"mavdem {version('mavdem')}, Python {platform.python_version()}", "ink": INK_ON_LIGHT}
     made.tests |= {
