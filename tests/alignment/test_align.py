@@ -186,26 +186,21 @@ def test_what_never_rose_was_never_in_the_air_whatever_is_reported():
     assert phases.settled(Signals(changed(telemetry, "LOCAL_POSITION_NED", vz=still)), 0) == []
 
 
-LOGS = {
-    "ardupilot_motor3_at_its_limit.BIN": (),  # tipped over at take-off, and then lies at 56° with its motors on
-    "px4_pwm_1200_1950.ulg": (),  # its motors ran on the ground
-    "px4_default_rates_learnable.ulg": (121.6, 190.6),  # on the ground for 6 s after the report of take-off
-    "ardupilot33_rate_in_centidegrees.bin": (96.0, 231.7),  # crashes at 237 s
-}
-
-
-AIRBORNE = dict(zip(LOGS, (8.9, 0.0, 78.3, 159.1), strict=True))
-
-
-@pytest.mark.parametrize("name", LOGS)
-def test_recorded_vehicles_that_the_ground_holds(name):
+@pytest.mark.parametrize(
+    ("name", "settled", "airborne"),
+    [
+        ("ardupilot_motor3_at_its_limit.BIN", (), 8.9),  # tipped over at take-off, and lies at 56° with its motors on
+        ("px4_pwm_1200_1950.ulg", (), 0.0),  # its motors ran on the ground
+        ("px4_default_rates_learnable.ulg", (121.6, 190.6), 78.3),  # on the ground for 6 s after the reported take-off
+        ("ardupilot33_rate_in_centidegrees.bin", (96.0, 231.7), 159.1),  # crashes at 237 s
+    ],
+)
+def test_recorded_vehicles_that_the_ground_holds(name, settled, airborne):
     signals = Signals(read_log(shared(f"real/logs/{name}")).vehicles[0], inputs="motors")
-    edges = [edge for span in phases.settled(signals, 0) for edge in span]
-    assert edges == pytest.approx(LOGS[name], abs=0.5)
-    airborne = verdict_of(Signals(signals.telemetry)).figures.airborne
-    assert airborne == pytest.approx(AIRBORNE[name], abs=1.0)
-    said = verdict_of(Signals(signals.telemetry)).reason
-    assert ("never left the ground" in said) == (airborne == 0)
+    assert [edge for span in phases.settled(signals, 0) for edge in span] == pytest.approx(settled, abs=0.5)
+    verdict = verdict_of(Signals(signals.telemetry))
+    assert verdict.figures.airborne == pytest.approx(airborne, abs=1.0)
+    assert ("never left the ground" in verdict.reason) == (verdict.figures.airborne == 0)
 
 
 def test_gaps_and_tumbles_end_a_segment():
