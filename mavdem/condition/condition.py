@@ -204,7 +204,7 @@ class VibrationFigures:
 
 @dataclass(frozen=True)
 class BatteryFigures:
-    """The first battery over some time; V, A and Ω. None where it was not measured."""
+    """The first battery over some time, V and A. None where it was not measured."""
 
     voltage_start: float  # with voltage_end: medians of the first and the last 2 s; the others are of all samples
     voltage_end: float
@@ -212,10 +212,6 @@ class BatteryFigures:
     voltage_min: float
     current_mean: float | None = None
     current_max: float | None = None
-    # how far the voltage falls with each ampere, apart from the steady discharge; None where the current hardly
-    # changed, so that the interval contains 0
-    resistance: float | None = None
-    resistance_interval: float | None = None  # half width of its 90 % interval
 
 
 @dataclass(frozen=True)
@@ -382,24 +378,9 @@ def _battery(signals: Signals, parts: tuple[Segment, ...]) -> BatteryFigures | N
     first = volts[(boot == boot[0]) & (time <= time[0] + END_SECONDS)]
     last = volts[(boot == boot[-1]) & (time >= time[-1] - END_SECONDS)]
     figures = float(np.median(first)), float(np.median(last)), float(volts.mean()), float(volts.min())
-    load = _measured(signals, "SYS_STATUS", ("voltage_battery", "current_battery"))
-    here = within(load, *parts, slack=0) if load is not None else np.zeros(0, dtype=np.bool_)
+    load = _measured(signals, "SYS_STATUS", ("current_battery",))
+    amperes = np.zeros(0) if load is None else load.values[within(load, *parts, slack=0), 0] / 1e2
     # A negative current stands for none, and a sensor that is not there, or not calibrated, reads 0 at times.
-    if load is None or not here.any() or load.values[here, 1].min() <= 0:
+    if not len(amperes) or amperes.min() <= 0:
         return BatteryFigures(*figures)
-    volts, amperes = load.values[here, 0] / 1e3, load.values[here, 1] / 1e2
-    resistance = _resistance(load.time[here], volts, amperes)
-    return BatteryFigures(*figures, float(amperes.mean()), float(amperes.max()), *resistance)
-
-
-def _resistance(time: Array, volts: Array, amperes: Array) -> tuple[float | None, float | None]:
-    """Resistance and half width: regression on the current, both without their straight line over time."""
-    line = np.column_stack([np.ones_like(time), time - time.mean()])
-    fallen, load = (column - line @ np.linalg.lstsq(line, column, rcond=None)[0] for column in (-volts, amperes))
-    power = float(load @ load)
-    if len(time) < 10 or power <= 0:
-        return None, None
-    resistance = float(load @ fallen) / power
-    scores = load * (fallen - resistance * load) * len(load) / power
-    half = float(mean_interval(scores[:, None], float(np.ptp(time)))[0])
-    return (resistance, half) if 0 < half < resistance else (None, None)
+    return BatteryFigures(*figures, float(amperes.mean()), float(amperes.max()))

@@ -75,9 +75,6 @@ def condition_sentences(condition: dict[str, Any]) -> list[Sentence]:
         text += f"{'settled flight' if condition['settled'] else 'the log'}, {battery['voltage_min']:.2f} V at least"
         if battery["current_mean"] is not None:
             text += f"; {battery['current_mean']:.1f} A in the mean, {battery['current_max']:.1f} A at most"
-        if battery["resistance"] is not None:
-            sag = plus_minus(1e3 * battery["resistance"], 1e3 * battery["resistance_interval"])
-            text += f"; it sags {sag} mV for each ampere more"
         sentences.append(Sentence(f"{text}.", "Battery:"))
     if any("±" in sentence.text for sentence in sentences):
         sentences.append(Sentence("± is the half width of the 90 % interval of a mean of this flight."))

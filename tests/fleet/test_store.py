@@ -106,39 +106,35 @@ def test_what_is_no_fleet_and_what_is_damaged_is_said_in_one_sentence(tmp_path):
         pass
 
 
-def test_the_columns_of_another_version_are_refused_and_stay(tmp_path, monkeypatch):
-    make_logs(tmp_path / "logs", 1)
-    track(tmp_path / "fleet", tmp_path / "logs")
-    before = table_of(tmp_path / "fleet")
+def test_the_columns_of_another_version_are_refused_and_stay(fleet, monkeypatch):
+    out, folder, _, before = fleet
     monkeypatch.setattr(store, "SCHEMA_VERSION", 99)
     with pytest.raises(Unreadable, match="columns of another version of mavdem: name another folder"):
-        track(tmp_path / "fleet", tmp_path / "logs")
+        track(out, folder)
     with pytest.raises(Unreadable, match="columns of another version of mavdem"):
-        read_rows(tmp_path / "fleet")
-    assert table_of(tmp_path / "fleet") == before
+        read_rows(out)
+    assert table_of(out) == before
 
 
-def test_without_pyarrow_a_fleet_has_its_rows_but_no_table_that_is_older_than_they(tmp_path, monkeypatch):
-    make_logs(tmp_path / "logs", 1)
-    track(tmp_path / "fleet", tmp_path / "logs")
-    make_logs(tmp_path / "logs", 2)
+def test_without_pyarrow_a_fleet_has_its_rows_but_no_table_that_is_older_than_they(fleet, monkeypatch):
+    out, folder, *_ = fleet
+    make_logs(folder, 3)
     with monkeypatch.context() as core:
         core.setitem(sys.modules, "pyarrow", None)
-        track(tmp_path / "fleet", tmp_path / "logs")
-        assert len(read_rows(tmp_path / "fleet")) == 4 and not (tmp_path / "fleet" / TABLE).exists()
-    assert track(tmp_path / "fleet", tmp_path / "logs").read == 0 and table_of(tmp_path / "fleet")
+        track(out, folder)
+        assert len(read_rows(out)) == 6 and not (out / TABLE).exists()
+    assert track(out, folder).read == 0 and table_of(out)
 
 
-def test_a_second_run_waits_until_the_first_has_written(tmp_path, monkeypatch):
-    make_logs(tmp_path / "logs", 1)
-    track(tmp_path / "fleet", tmp_path / "logs")
-    first = sqlite3.connect(tmp_path / "fleet" / STORE, isolation_level=None)
+def test_a_second_run_waits_until_the_first_has_written(fleet, tmp_path, monkeypatch):
+    out, *_ = fleet
+    first = sqlite3.connect(out / STORE, isolation_level=None)
     first.execute("begin immediate")
     monkeypatch.setattr(store, "BUSY_SECONDS", 0.1)
     with pytest.raises(Unreadable, match="cannot be written to .database is locked.: once that is put right"):
-        track(tmp_path / "fleet", *make_logs(tmp_path / "more", 1, "other"))
+        track(out, *make_logs(tmp_path / "more", 1, "other"))
     first.execute("rollback")
-    assert track(tmp_path / "fleet", tmp_path / "more").read == 1 and len(read_rows(tmp_path / "fleet")) == 4
+    assert track(out, tmp_path / "more").read == 1 and len(read_rows(out)) == 6
 
 
 @pytest.fixture

@@ -78,6 +78,7 @@ def wave(label: str = "measured", samples: int = 20_000) -> Figure:
         axes.plot(time, values, label=label[:60])
         band(axes, time, values - 0.3, values + 0.3, PREDICTED)
         axes.plot(time[:100], values[:100], marker="o")
+        axes.set_xlabel("0.00125 s")
         axes.legend()
     return figure
 
@@ -125,7 +126,7 @@ def test_tags_close_in_order_ids_are_unique_and_nothing_is_fetched_or_run(pages)
 def test_what_cannot_be_drawn_says_why_and_letters_follow_the_theme(pages):
     assert pages[0].count("<svg") == 2 and "<strong>Wind:</strong> there is no wind." in pages[0]
     assert 'figure [style*="fill: #24292f"] { fill: var(--ink) !important; }' in pages[0]
-    assert re.search(r'<text style="[^"]*fill: #24292f', pages[0])
+    assert re.search(r'<text style="[^"]*fill: #24292f', pages[0]) and ">0.00125 s<" in pages[0]
 
 
 @pytest.mark.slow

@@ -123,8 +123,9 @@ def svg(figure: Figure, name: str) -> str:
         figure.dpi = PIXELS_PER_INCH
         canvas: Any = FigureCanvasSVG(figure)
         canvas.print_svg(drawn, metadata=dict.fromkeys(("Creator", "Date", "Format", "Type")))
-    # Hundredths of a point are enough.
-    text = re.sub(r"(\.\d\d)\d+", r"\1", drawn.getvalue()[drawn.getvalue().index("<svg") :])
+    text = drawn.getvalue()[drawn.getvalue().index("<svg") :]
+    # Hundredths of a point are enough of what is drawn; what is written keeps its digits.
+    text = re.sub("<[^>]+>", lambda tag: re.sub(r"(\.\d\d)\d+", r"\1", tag[0]), text)
     # Groups of all figures have the same ids, to which nothing refers.
     used = set(re.findall(r"#(\w+)", text))
     return re.sub(r' id="([^"]*)"', lambda match: match[0] if match[1] in used else "", text)
