@@ -20,7 +20,7 @@ from peculiar_flights import (
 from scipy.stats import chi2
 
 from mavdem import Flight, Forecaster, baselines, evaluate
-from mavdem.baselines import StateSpace, maximum_likelihood
+from mavdem.baselines import StateSpace, maximum_likelihood, subspace_identification
 from mavdem.baselines.identified import Units
 from mavdem.baselines.maximum_likelihood import LEAST_NOISE, FreeParameters, iterated, prediction_errors, sensitivities
 from mavdem.dem.engine.kalman import GaussianModel, smoothed
@@ -65,6 +65,46 @@ def test_segments_are_learnt_from_together_and_nothing_across_gaps():
     # A segment too short for a window is predicted like the others.
     assert np.abs(subspace.one_step() - together).max() < 1e-5 * together.std()
     assert errors_of(subspace.forecast(flight.inputs[800:]), flight[800:]) < 1e-5
+
+
+HORIZON = 6
+
+
+def of_nfoursid(flight: Flight, system: StateSpace) -> StateSpace:
+    """N4SID, which weights nothing; told the trims, of which it knows nothing."""
+    nfoursid = pytest.importorskip("nfoursid.nfoursid")
+    import pandas
+
+    r, m = flight.inputs.shape[1], flight.outputs.shape[1]
+    columns = [f"u{i}" for i in range(r)], [f"y{i}" for i in range(m)]
+    order, trims = len(system.A), (system.input_trim, system.output_trim)
+    table = np.hstack([flight.inputs - trims[0], flight.outputs - trims[1]])
+    frame = pandas.DataFrame(table, columns=[*columns[0], *columns[1]])
+    identification = nfoursid.NFourSID(frame, columns[1], columns[0], num_block_rows=HORIZON)
+    identification.subspace_identification()
+    found, _ = identification.system_identification(rank=order)
+    K, offset = np.zeros((order, m)), np.zeros(order)
+    return StateSpace(found.a, found.b, found.c, found.d, K, offset, *trims)
+
+
+def of_mavdem(flight: Flight, order: int, monkeypatch: pytest.MonkeyPatch) -> StateSpace:
+    """With the same horizon as theirs."""
+    monkeypatch.setattr(subspace_identification, "_horizon", lambda segments, order: HORIZON)
+    return baselines.subspace(flight, order).model
+
+
+def input_answers(model: StateSpace) -> np.ndarray:
+    return np.array([model.C @ np.linalg.matrix_power(model.A, k) @ model.B for k in range(2 * HORIZON)])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("order", [1, 2, 3, 4])
+def test_without_noise_nfoursid_finds_the_same_system(order, monkeypatch):
+    system = random_system(order, order)
+    flight, _ = flown(system, 1, 600, noise=0.0)
+    theirs = input_answers(of_nfoursid(flight, system))
+    ours = input_answers(of_mavdem(flight, order, monkeypatch))
+    np.testing.assert_allclose(ours, theirs, atol=1e-6 * np.abs(theirs).max())
 
 
 def determinant(identified):
