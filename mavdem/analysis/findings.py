@@ -179,13 +179,19 @@ def _lost_thrust(alarms: Sequence[MotorAlarm]) -> list[Override]:
     return overrides
 
 
+def most_uneven(imbalance: Sequence[float]) -> int:
+    """Returns which motor, from 0, is farthest from the mean, in percent; one that works harder goes before others."""
+    hardest = max(imbalance)
+    return list(imbalance).index(hardest if hardest > UNEVEN else max(imbalance, key=abs))
+
+
 def _unbalanced(condition: Condition | None) -> list[Override]:
     """The motor most at its upper limit, if over ``SATURATED``; else the most uneven one, if over ``UNEVEN``."""
     hover = None if condition is None else condition.hover
     if hover is None:
         return []
-    share, most = max(hover.at_upper_limit), max(hover.imbalance, key=abs)
-    number = hover.at_upper_limit.index(share) if share > SATURATED else hover.imbalance.index(most)
+    share, uneven = max(hover.at_upper_limit), most_uneven(hover.imbalance)
+    most, number = hover.imbalance[uneven], hover.at_upper_limit.index(share) if share > SATURATED else uneven
     name = hover.motors[number].split(" (")[0]
     if share > SATURATED:
         kind, fact = "saturation", f"is at its upper limit {100 * share:.0f} % of the time"
@@ -194,8 +200,10 @@ def _unbalanced(condition: Condition | None) -> list[Override]:
         remedy += " and the load is reduced or centred."
     elif abs(most) > UNEVEN:
         kind, fact = "trim", f"works {abs(most):.0f} % {'harder' if most > 0 else 'less'} than the mean of all"
-        meaning = "a motor or propeller is weak, or the load is off centre"
-        remedy = f"Inspect {name}, the propellers and the place of the load before the next flight."
+        weak = "a motor or propeller is weak" if most > 0 else "another motor or propeller is weak"
+        meaning = f"{weak}, or the load is off centre"
+        first = f"{name}, " if most > 0 else ""
+        remedy = f"Inspect {first}the propellers and the place of the load before the next flight."
     else:
         return []
     headline = f"{name.capitalize()} {fact}"

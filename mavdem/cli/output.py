@@ -14,6 +14,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from textwrap import wrap
 from types import FrameType
 from typing import Any
 
@@ -116,17 +117,21 @@ def print_blocks(blocks: Iterable[Sentence | Table], gap: str = "\n") -> None:
             if isinstance(block, Sentence):
                 console.print(printable(f"{block.lead} {block.text}".strip()), soft_wrap=not terminal)
             else:
-                console.print(_grid(block))
+                console.print(_grid(block, console.width))
         say("\n".join(line.rstrip() for line in captured.get().splitlines()) + gap)
 
 
-def _grid(table: Table) -> Grid:
+def _grid(table: Table, width: int) -> Grid:
     grid = Grid(box=None, pad_edge=False)
-    for column, heading in enumerate(map(printable, table.header)):
+    columns = [list(map(printable, column)) for column in zip(table.header, *table.rows, strict=True)]
+    fits = sum(max(map(len, column)) + 2 for column in columns) - 2 <= width
+    for heading, *cells in columns:
+        widest = max(map(len, [*heading.split(), *cells]), default=0)
         grid.add_column(
-            heading,
-            justify="right" if column and not table.words else "left",
-            no_wrap=not column,
+            # Rich would take the room that headings lack from other columns, down to their values.
+            heading if fits or table.words else "\n".join(wrap(heading, widest)),
+            justify="right" if grid.columns and not table.words else "left",
+            no_wrap=not grid.columns,
             min_width=max(map(len, heading.split()), default=0),
         )
     for row in table.rows:

@@ -7,8 +7,8 @@ from math import degrees, isfinite
 from typing import NamedTuple
 
 from mavdem.analysis import LogAnalysis
-from mavdem.analysis.findings import GOOD, LIMITED, NONE, UNEVEN, Findings, known_wind
-from mavdem.condition.loop import Loop
+from mavdem.analysis.findings import GOOD, LIMITED, NONE, UNEVEN, Findings, known_wind, most_uneven
+from mavdem.condition.loop import Loop, margin_verdict
 from mavdem.condition.wind_of_log import Air
 from mavdem.confidence import LEVEL
 from mavdem.evaluate.held_out import FORECAST
@@ -21,6 +21,8 @@ from mavdem.report.timeline import Timeline
 POINTS, FEW_POINTS = 16_000, 2_000
 """Of a line of the timeline: ten minutes with all that autopilots log stay within a megabyte; of a small page."""
 RATINGS = {GOOD: "good", LIMITED: "fair", NONE: "bad", "": ""}
+MARGINS = {"Enough": "good", "Perhaps": "fair", "Too": "bad"}
+"""The rating of a loop by the first word of its verdict."""
 
 
 class KeyFigure(NamedTuple):
@@ -50,7 +52,8 @@ def key_figures(analysis: LogAnalysis, air: Air | None, loop: Loop | None = None
     grades = {one.purpose: RATINGS[one.grade] for one in analysis.findings.purposes}
     yield from _lost(analysis.alarms)
     if hover is not None:
-        most, motor = max(zip(hover.imbalance, hover.motors, strict=True), key=lambda one: abs(one[0]))
+        number = most_uneven(hover.imbalance)
+        most, motor = hover.imbalance[number], hover.motors[number]
         rating = "bad" if abs(most) > UNEVEN else "good"
         yield KeyFigure("Trim deviation", f"{round(most, 1) + 0.0:+.1f} %", motor, rating)
         left, motor = min(zip(hover.headroom, hover.motors, strict=True))
@@ -76,8 +79,9 @@ def key_figures(analysis: LogAnalysis, air: Air | None, loop: Loop | None = None
         yield KeyFigure("Error ratio", rounded(held_out.error_ratio()), remark, grades.get("prediction", ""))
     if loop is not None:
         low, high = loop.rate.phase_margin_interval
-        remark = f"{low:.0f} to {high:.0f}°, rate loop, crossover {loop.rate.crossover:.1f} Hz"
-        yield KeyFigure("Phase margin", f"{loop.rate.phase_margin:.0f}°", remark)
+        said = margin_verdict(loop).partition(":")[0]
+        remark = f"{low:.0f} to {high:.0f}° of the rate loop; {said.lower()} in all: `mavdem tune` has gains"
+        yield KeyFigure("Phase margin", f"{loop.rate.phase_margin:.0f}°", remark, MARGINS[said.split()[0]])
 
 
 def live_figures(status: SessionStatus) -> Iterator[KeyFigure]:

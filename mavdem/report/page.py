@@ -21,7 +21,7 @@ from markupsafe import Markup, escape
 
 from mavdem.analysis import LogAnalysis
 from mavdem.analysis.findings import NONE, Findings, findings_of
-from mavdem.condition.loop import Advice, Loop
+from mavdem.condition.loop import Advice, Loop, margin_verdict
 from mavdem.condition.wind_of_log import Air
 from mavdem.dem import Learned
 from mavdem.dem.order_choice import OrderChoice
@@ -230,8 +230,10 @@ def _model(axis: str, analysis: LogAnalysis, learned: Learned, loop: Loop | None
     labels, draw = Labels.of(learned), partial(model_pictures, learned, analysis.findings, analysis=analysis)
     if whole:
         pictures = draw(["bode", "step"]) + ([] if loop is None else [loop_picture(loop)._replace(printed=False)])
-        advised = Sentence("`mavdem tune` with this log has the verdict and gains to set.")
-        margins = [] if loop is None else [*margin_tables({"now": loop}), advised]
+        margins = list[Block]()
+        if loop is not None:
+            said = f"{margin_verdict(loop)} `mavdem tune` with this log has gains to set."
+            margins = [Sentence(said, "Margins:"), *margin_tables({"now": loop})]
         yield Chapter(f"Loop and response of {axis}", margins, pictures)
     forecasts = draw(["forecast"], outputs=len(labels.output_names) if whole else 1)
     yield Chapter(f"Prediction of {axis}", prediction_blocks(labels, analysis.held_out), forecasts)

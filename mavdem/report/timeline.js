@@ -66,8 +66,8 @@
     const end = row && place === data.rows.length - 1, ink = () => colour("--ink"), grid = { stroke: () => colour("--line"), width: 1 };
     const axis = { stroke: ink, font, grid, ticks: grid };
     const chart = new uPlot({
-      width: root.clientWidth, height: strip ? 26 : end ? 150 : 116, series, bands,
-      padding: [strip ? 2 : 18, edge, 0, 0],
+      width: root.clientWidth, height: strip ? 26 : end ? 150 : 123, series, bands,
+      padding: [strip ? 2 : 18, edge, strip || end ? 0 : 7, 0],
       scales: { x: { time: false, range: (_, min, max) => [Math.max(min, first), Math.min(max, last)] }, y: { range: (_, min, max) => {
         if (min == null) return [0, 1];
         const room = Math.min(wide, 0.6 * (max - min));

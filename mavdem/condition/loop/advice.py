@@ -152,7 +152,7 @@ def advise(loop: Loop, tune: str = "default", doubts: Sequence[str] = ()) -> Adv
     after = loop.changed(gains)
     return Advice(
         target=target,
-        verdict=_verdict(loop, target),
+        verdict=margin_verdict(loop, target),
         refusal=refusal,
         before=loop,
         after=after,
@@ -169,7 +169,8 @@ def _stepped(loop: Loop, name: str, factor: float) -> float:
     return now if factor == 1 else min(float(f"{factor * now:.{DIGITS}g}"), most)
 
 
-def _verdict(loop: Loop, target: Target) -> str:
+def margin_verdict(loop: Loop, target: Target = TARGETS["default"]) -> str:
+    """Returns a sentence: whether rate and attitude ``loop`` have the margins of ``target``, with the weaker's."""
     which = min(LOOPS, key=lambda one: _worst(loop, target, [one]))
     weak, sure, likely = getattr(loop, which), _worst(loop, target) >= 1, _scores(loop, target)[0] >= 1
     words = "Enough margin" if sure else "Perhaps too little margin" if likely else "Too little margin"
