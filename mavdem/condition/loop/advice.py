@@ -97,7 +97,11 @@ class Advice:
         if self.sure >= SURE and not self.parameters:
             return f"Keep the gains: both loops have {margins} {share}, and would not with larger ones."
         if self.sure >= SURE:
-            return f"Set these gains: both loops then have {margins}, {share}."
+            enough = self.verdict.startswith("Enough")
+            set_them = (
+                "There is room for these gains: both loops then still" if enough else "Set these gains: both loops then"
+            )
+            return f"{set_them} have {margins}, {share}."
         return f"These gains are a step towards {margins}, reached {share}: fly them with care, and tune again."
 
     def as_dict(self) -> dict[str, Any]:
