@@ -285,8 +285,12 @@ class Signals:
             return series(columns, np.column_stack([floats(columns, axis) for axis in "xyz"]), known)
         if (columns := self.telemetry.messages.get("GLOBAL_POSITION_INT", {})) and len(columns["time"]):
             angles = np.radians(1e-7 * np.column_stack([floats(columns, name) for name in ("lat", "lon")]))
-            plane = EARTH_RADIUS * (angles - angles[0]) * [1.0, np.cos(angles[0, 0])]
-            return series(columns, np.column_stack([plane, -floats(columns, "relative_alt") / 1000]))
+            fixed = np.asarray(angles.any(axis=1) & (np.abs(angles) <= [np.pi / 2, np.pi]).all(axis=1))
+            if fixed.any():
+                first = angles[np.argmax(fixed)]
+                moved = (angles - first + np.pi) % (2 * np.pi) - np.pi  # across the date line too
+                plane = EARTH_RADIUS * moved * [1.0, np.cos(first[0])]
+                return series(columns, np.column_stack([plane, -floats(columns, "relative_alt") / 1000]), fixed)
         return None
 
     @cached_property

@@ -134,7 +134,7 @@ def _place(telemetry: Telemetry) -> tuple[float, float] | None:
     for name in ("GPS_RAW_INT", "GLOBAL_POSITION_INT"):
         if "lat" in (columns := telemetry.messages.get(name, {})):
             fixes = np.column_stack([1e-7 * np.asarray(columns[field], dtype=np.float64) for field in ("lat", "lon")])
-            fixes = fixes[np.isfinite(fixes).all(axis=1) & fixes.any(axis=1)]
+            fixes = fixes[(np.abs(fixes) <= [90.0, 180.0]).all(axis=1) & fixes.any(axis=1)]
             if len(fixes):
                 return round(float(fixes[0, 0]), 5), round(float(fixes[0, 1]), 5)
     return None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import reduce
 from os import PathLike
 
 import numpy as np
@@ -13,6 +14,7 @@ from mavdem.alignment.drive import AXES, Signal, floats
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals, attitude
 from mavdem.condition.wind_velocity import WindVelocity, estimate_wind
+from mavdem.dem.airflow.identification import LONGEST_SECONDS
 from mavdem.dem.airflow.model import Drag
 from mavdem.errors import NotLearnable
 from mavdem.ingest import read_log
@@ -60,20 +62,25 @@ def wind_of(signals: Signals, drag: Drag | None = None) -> WindVelocity:
     for boot, rows in rows_by(columns["boot"]).items():
         time, first = np.unique(columns["time"][rows], return_index=True)
         velocity, height = moving[rows[first]], above[rows[first]]
-        at, one = np.unique(angles[0].time[angles[0].boot == boot], return_index=True)
+        stamps = [np.unique(angle.time[angle.boot == boot], return_index=True) for angle in angles]
+        # A message may have one angle that is none: only those with all three count.
+        at: Array = reduce(np.intersect1d, [stamp for stamp, _ in stamps])
         if len(time) < 2:
             continue
         sure = _known(signals, boot, columns, rows[first], velocity)
         kept = phases.during(at, _flights(signals, boot, time, height)) & (at >= time[0]) & (at <= time[-1])
         after = np.clip(np.searchsorted(time, at), 1, len(time) - 1)
         kept &= sure[after] & sure[after - 1] & (time[after] - time[after - 1] <= LONGEST_STEP)
-        turned = [angle.angle[angle.boot == boot][one] for angle in angles]
+        pairs = zip(angles, stamps, strict=True)
+        turned = [angle.angle[angle.boot == boot][one[np.searchsorted(own, at)]] for angle, (own, one) in pairs]
         kept &= at > np.max(at[1:][_jumps(at, turned[2] % (2 * np.pi), YAW_JUMP, 2 * np.pi)], initial=-np.inf) + AROUND
         moved = [np.interp(at, time, column) for column in (*velocity.T, height)]
         found = np.column_stack([at, *turned, *moved])[kept]
         best, best_boot = (found, int(boot)) if len(found) > len(best) else (best, best_boot)
     if len(best) < 10:
         raise NotLearnable("There is no settled flight with a velocity: on the ground, in climbs, or without position.")
+    if np.ptp(best[:, 0]) > LONGEST_SECONDS:
+        raise NotLearnable("The boot clock jumps by more than a day in flight, and without time there is no wind.")
     if 0 in (still := np.ptp(best[:, 3:5], axis=0)):
         raise NotLearnable(f"The {'velocity' if still[0] else 'yaw'} never changes by a digit: it is not measured.")
     drag = Drag.of_parameters(telemetry.autopilot, telemetry.parameters) if drag is None else drag

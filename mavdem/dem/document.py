@@ -47,9 +47,9 @@ def from_text(kind: type[Kind], text: str) -> Kind:
     try:
         result: Kind = _adapter(cast(Any, kind)).validate_json(text)
     except (ValidationError, TypeError) as error:
-        if isinstance(text, str) and text.startswith('{"settings"'):  # before documents said what they are
-            raise ValueError("it is of an earlier version of mavdem: learn anew from the log") from None
         problem = first_problem(error) if isinstance(error, ValidationError) else str(error)
+        if isinstance(text, str) and text.startswith('{"settings"'):  # before documents said what they are
+            problem += "; where it is of an earlier version of mavdem, learn anew from the log"
         raise ValueError(f"not the document of a learned model: {problem}") from None
     _require_shapes(result)
     return result

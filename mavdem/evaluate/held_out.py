@@ -30,7 +30,7 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.dem.forecast.joint import JointModel
 from mavdem.dem.graybox.identifiability import Status
 from mavdem.dem.learning import learn_forecasts
-from mavdem.dem.record import folds
+from mavdem.dem.record import LABELS, folds
 from mavdem.errors import Unreadable
 from mavdem.evaluate.scores import error_over, part_samples
 from mavdem.flight import Flight
@@ -197,10 +197,14 @@ def score_of(learned: Learned, flight: Flight) -> float:
     MATLAB's fit is 1 − √(1 − score).
 
     Raises:
-        ValueError: another sampling step than the model's, other numbers of inputs or outputs, an output that is
-            constant, or less than 3 s.
+        ValueError: another sampling step than the model's, other inputs or outputs by number, name or unit, an output
+            that is constant, or less than 3 s.
     """
     _, steps = part_samples(learned.dt)
+    for label in LABELS:
+        own, theirs = getattr(learned.record, label), getattr(flight, label)
+        if own and theirs and tuple(own) != tuple(theirs):
+            raise ValueError(f"flight must have the model's {label.replace('_', ' ')}, {own}, not {theirs}")
     if not np.isclose(flight.dt, learned.dt, rtol=0.01):
         raise ValueError(f"flight must have the model's sampling step of {learned.dt:.6g} s, not {flight.dt:.6g} s")
     part = flight[: len(flight) // steps * steps]

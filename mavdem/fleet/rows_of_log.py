@@ -162,7 +162,8 @@ def earlier_drag(path: Path, vehicle: str, speed: float | None = None) -> Drag:
         told = read.get("wind_velocity", read)
         drag = Drag.from_dict(told["drag"]).of_next_flight()
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise Unreadable(f"{file} holds no drag ({error}): give a {REPORT} or a `mavdem wind --json`.") from error
+        what = f"{file} holds no drag: give a {REPORT} of a flight with wind, or a `mavdem wind --json`."
+        raise Unreadable(what) from error
     if told.get("speed") == speed is not None:
         raise Unreadable(f"{file} is of this very flight, whose drag would count twice: give that of another flight.")
     return drag
