@@ -1,19 +1,27 @@
 """The wind in m/s: simulated flights with known drag, recorded ones beside an anemometer, and what is no flight."""
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 from recorded_flights import shared
 
 import mavdem
 from mavdem.alignment.drive import Signal
-from mavdem.condition.wind_of_log import YAW_JUMP, _jumps
+from mavdem.alignment.read import choose_vehicle
+from mavdem.alignment.signals import Signals
+from mavdem.condition.wind_of_log import YAW_JUMP, _jumps, wind_of
 from mavdem.condition.wind_velocity import coming_from, torque_explained
 from mavdem.dem.airflow import identification
 from mavdem.dem.airflow.model import Drag, motion
 from mavdem.errors import NotLearnable
+from mavdem.ingest import read_log
 from mavdem.live.stream import LiveStream
 from mavdem.live.wind import LiveWind, WindRow
 from mavdem.report.condition import wind_blocks
+
+LOGS = Path(__file__).parents[2] / "logs"
 
 LINEAR, QUADRATIC = np.array([0.3, 0.24]), np.array([0.01, 0.016])
 
@@ -197,3 +205,27 @@ def test_recorded_simulators(log, speed):
     assert wind.speed_interval[0] < speed < wind.speed_interval[1]
     assert wind.status["speed"] != "reported" or abs(wind.speed - speed) < 0.7
     assert abs(wind.direction - 87) < max(10, 1.3 * wind.direction_interval)
+
+
+def test_a_message_without_a_yaw_is_left_out_and_a_clock_that_jumps_by_days_refused():
+    telemetry = choose_vehicle(read_log(shared("sitl_events/ap_short_with_climb.tlog")).vehicles, None)
+    columns = telemetry.messages["ATTITUDE"]
+
+    def found(**changed):
+        return wind_of(Signals(replace(telemetry, messages={**telemetry.messages, "ATTITUDE": {**columns, **changed}})))
+
+    yaw = np.where(np.arange(len(columns["yaw"])) % 50, columns["yaw"], 1e30)
+    assert found(yaw=yaw).speed == pytest.approx(found().speed, abs=0.1)
+    late = {name: {**telemetry.messages[name]} for name in telemetry.messages}
+    for message in late.values():
+        message["time"] = np.where(message["time"] > np.median(columns["time"]), message["time"] + 2e6, message["time"])
+    with pytest.raises(NotLearnable, match="jumps by more than a day"):
+        wind_of(Signals(replace(telemetry, messages=late)))
+
+
+def test_a_path_begins_at_the_first_fix_and_crosses_the_date_line():
+    telemetry = choose_vehicle(read_log(LOGS / "px4_wind5_steps.tlog").vehicles, None)
+    columns = {"time": np.arange(4.0), "boot": np.zeros(4, dtype=np.int64), "relative_alt": np.zeros(4)}
+    columns |= {"lat": np.array([0, 10, 10, 950_000_000]), "lon": np.array([0, 1_799_999_990, -1_799_999_990, 10])}
+    position = Signals(replace(telemetry, messages={"GLOBAL_POSITION_INT": columns})).position
+    assert position.values[:, 1] == pytest.approx([0.0, 20e-7 * 111_195], abs=0.01)

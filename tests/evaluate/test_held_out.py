@@ -135,7 +135,9 @@ def test_a_score_is_r2_of_the_windows_of_another_flight():
     errors = ((windows - measured) ** 2).mean(axis=0) / measured.var(axis=0)
     assert learned.score(other) == pytest.approx(1 - errors.mean()) and learned.score(other) < 1
     slower = mavdem.Flight(2 * other.time, other.inputs, other.outputs)
-    for flight, message in ((other[:290], "300 samples or more"), (slower, "sampling step of 0.01 s, not 0.02 s")):
+    named = mavdem.Flight(other.time, other.inputs, other.outputs, output_names=("pitch", "pitch rate"))
+    refused = (other[:290], "300 samples or more"), (slower, "sampling step of 0.01 s, not 0.02 s")
+    for flight, message in (*refused, (named, "model's output names")):
         with pytest.raises(ValueError, match=message):
             learned.score(flight)
 
