@@ -137,27 +137,27 @@ def test_a_file_is_not_long():
 
 
 BUDGETS = {
-    "mavdem": 1100,
-    "ingest": 5900,
-    "alignment": 2410,
-    "condition": 2505,
-    "dem": 9265,
-    "health": 1410,
-    "baselines": 1305,
-    "evaluate": 1605,
-    "live": 3210,
-    "analysis": 1380,
-    "fleet": 2235,
-    "report": 3620,
-    "view": 1750,
-    "export": 785,
-    "paper": 2155,
-    "cli": 2925,
-    "sitl_scenarios": 4000,
-    "tools": 1985,
+    "mavdem": 755,
+    "ingest": 5585,
+    "alignment": 2010,
+    "condition": 1985,
+    "dem": 8665,
+    "health": 1030,
+    "baselines": 905,
+    "evaluate": 1220,
+    "live": 2980,
+    "analysis": 1005,
+    "fleet": 1850,
+    "report": 3575,
+    "view": 1355,
+    "export": 385,
+    "paper": 1755,
+    "cli": 2570,
+    "sitl_scenarios": 3600,
+    "tools": 1270,
 }
 """Lines of Python a room may have, docstrings counted: what a new capability needs, something older gives back."""
-ALL_LINES, ALL_FILES, TEST_LINES = 43_300, 210, 23_400
+ALL_LINES, ALL_FILES, TEST_LINES = 42_478, 208, 22_885
 
 
 def lines_of(path: Path) -> int:
