@@ -147,7 +147,7 @@ BUDGETS = {
     "evaluate": 1220,
     "live": 2980,
     "analysis": 1005,
-    "fleet": 1850,
+    "fleet": 1855,
     "report": 3575,
     "view": 1355,
     "export": 385,
@@ -157,7 +157,7 @@ BUDGETS = {
     "tools": 1270,
 }
 """Lines of Python a room may have, docstrings counted: what a new capability needs, something older gives back."""
-ALL_LINES, ALL_FILES, TEST_LINES = 42_478, 208, 22_885
+ALL_LINES, ALL_FILES, TEST_LINES = 42_480, 208, 22_885
 
 
 def lines_of(path: Path) -> int:

@@ -136,7 +136,7 @@ def earlier_flight(path: Path, axis: str) -> Learned:
 
 def _text(path: Path) -> str:
     if path.is_fifo():
-        raise ValueError("it is a pipe, whose writer may never come")
+        raise OSError("it is a pipe, whose writer may never come")
     return path.read_text()
 
 
@@ -162,7 +162,8 @@ def earlier_drag(path: Path, vehicle: str, speed: float | None = None) -> Drag:
         told = read.get("wind_velocity", read)
         drag = Drag.from_dict(told["drag"]).of_next_flight()
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        what = f"{file} holds no drag: give a {REPORT} of a flight with wind, or a `mavdem wind --json`."
+        why = f" ({error.strerror or error})" if isinstance(error, OSError) else ""
+        what = f"{file} holds no drag{why}: give a {REPORT} of a flight with wind, or a `mavdem wind --json`."
         raise Unreadable(what) from error
     if told.get("speed") == speed is not None:
         raise Unreadable(f"{file} is of this very flight, whose drag would count twice: give that of another flight.")

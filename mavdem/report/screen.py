@@ -193,14 +193,15 @@ def prediction_blocks(labels: Labels, held_out: HeldOut | None) -> list[Block]:
 
 def residual_blocks(learned: Learned) -> list[Block]:
     """Returns the tests of the one-step residuals of each output, with their verdicts."""
-    rows = []
-    for output, name in enumerate(Labels.of(learned).output_names):
+    rows, names = [], Labels.of(learned).output_names
+    for output, name in enumerate(names):
         found = residuals(learned, output)
         for test, size, bound in zip(("white", "independent of the command"), found.largest, found.bounds, strict=True):
             verdict = "passed" if size <= bound else "nearly" if size <= 3 * bound else "failed"
             figures = f"largest correlation {size:.2f}, {100 * BOUND_LEVEL:.0f} % bound {bound:.2f}"
             rows.append([f"{name}: {test}", verdict, figures])
-    return [Table(["residuals", "verdict", "because"], rows, words=True)]
+    table = Table(["residuals", "verdict", "because"], rows, words=True)
+    return [table, Sentence(f"The verdict above all tables is that of {names[-1]}.")][: len(names)]
 
 
 def vehicle_blocks(vehicle: VehicleFigures, doubted: bool = False) -> list[Block]:
