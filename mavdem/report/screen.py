@@ -200,8 +200,8 @@ def residual_blocks(learned: Learned) -> list[Block]:
             verdict = "passed" if size <= bound else "nearly" if size <= 3 * bound else "failed"
             figures = f"largest correlation {size:.2f}, {100 * BOUND_LEVEL:.0f} % bound {bound:.2f}"
             rows.append([f"{name}: {test}", verdict, figures])
-    table = Table(["residuals", "verdict", "because"], rows, words=True)
-    return [table, Sentence(f"The verdict above all tables is that of {names[-1]}.")][: len(names)]
+    blocks: list[Block] = [Table(["residuals", "verdict", "because"], rows, words=True)]
+    return blocks + [Sentence(f"The verdict of the flight is that of {names[-1]}.")] * (len(names) > 1)
 
 
 def vehicle_blocks(vehicle: VehicleFigures, doubted: bool = False) -> list[Block]:
