@@ -38,13 +38,18 @@ napoleon_use_ivar = True
 
 def formula(translator: Any, node: Any) -> None:
     """Draws a formula into the page, in the colour of its text: nothing is fetched, and every browser shows it."""
-    drawn, block = io.StringIO(), node.tagname == "math_block"
+    drawn = io.StringIO()
+    block = node.tagname == "math_block"
     text = f"${' '.join(node.astext().split())}$"
     with matplotlib.rc_context({"svg.hashsalt": "mavdem", "mathtext.fontset": "stix"}):
-        depth = math_to_image(text, drawn, dpi=72, format="svg", prop=FontProperties(size=15 if block else 13))
+        depth = math_to_image(
+            text, drawn, dpi=72, format="svg", prop=FontProperties(size=15 if block else 13)
+        )
     style = "margin: 0.6em 0; text-align: center" if block else f"vertical-align: {-depth:.2f}pt"
     start = f'<{"div" if block else "span"} style="{style}" role="img" aria-label="{translator.attval(text)}">'
-    translator.body.append(f'{start}<svg fill="currentColor" {drawn.getvalue().partition("<svg ")[2].strip()}')
+    translator.body.append(
+        f'{start}<svg fill="currentColor" {drawn.getvalue().partition("<svg ")[2].strip()}'
+    )
     translator.body.append("</div>" if block else "</span>")
     raise SkipNode
 
@@ -66,7 +71,9 @@ class Notebook(MystParser):
             for output in cell.get("outputs", []):
                 data = output.get("data", {"text/plain": output.get("text", "")})
                 if "image/png" in data:
-                    picture = f'<img alt="" src="data:image/png;base64,{data["image/png"].strip()}">'
+                    picture = (
+                        f'<img alt="" src="data:image/png;base64,{data["image/png"].strip()}">'
+                    )
                     yield f"~~~~{{raw}} html\n{picture}\n~~~~"
                 elif "text/html" in data:
                     yield f"~~~~{{raw}} html\n{''.join(data['text/html'])}\n~~~~"
@@ -76,7 +83,10 @@ class Notebook(MystParser):
 
 def setup(app: Any) -> None:
     """Called by Sphinx: adds notebooks and formulas, without the fields of named tuples, which their class has."""
-    app.connect("autodoc-skip-member", lambda *of: "Alias for field" in str(getattr(of[3], "__doc__", "")) or None)
+    app.connect(
+        "autodoc-skip-member",
+        lambda *of: "Alias for field" in str(getattr(of[3], "__doc__", "")) or None,
+    )
     app.add_source_suffix(".ipynb", "ipynb")
     app.add_source_parser(Notebook)
     app.add_html_math_renderer("drawn", (formula, None), (formula, None))

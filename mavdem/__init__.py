@@ -7,21 +7,53 @@ if TYPE_CHECKING:
     from mavdem import baselines, evaluate
     from mavdem.alignment import read_flight, read_segments
     from mavdem.analysis import VehicleFigures, vehicle
-    from mavdem.condition import HoverFigures, WindVelocity, estimate_wind, hover, hover_figures, wind
+    from mavdem.condition import (
+        HoverFigures,
+        WindVelocity,
+        estimate_wind,
+        hover,
+        hover_figures,
+        wind,
+    )
     from mavdem.dem import Drag, Learned, OnlineLearner, Settings, estimate_drag, learn, learn_many
     from mavdem.errors import NotLearnable, Unreadable
     from mavdem.flight import Flight
     from mavdem.forecaster import Forecaster
     from mavdem.ingest import Telemetry
 
-__all__ = ["Flight", "Forecaster", "HoverFigures", "Learned", "NotLearnable", "OnlineLearner", "Settings", "Telemetry"]
-__all__ += ["Unreadable", "VehicleFigures", "baselines", "evaluate", "hover", "hover_figures", "learn", "learn_many"]
+__all__ = [
+    "Flight",
+    "Forecaster",
+    "HoverFigures",
+    "Learned",
+    "NotLearnable",
+    "OnlineLearner",
+    "Settings",
+    "Telemetry",
+]
+__all__ += [
+    "Unreadable",
+    "VehicleFigures",
+    "baselines",
+    "evaluate",
+    "hover",
+    "hover_figures",
+    "learn",
+    "learn_many",
+]
 __all__ += ["read_flight", "read_segments", "vehicle"]
 __all__ += ["Drag", "WindVelocity", "estimate_drag", "estimate_wind", "wind"]
 _ROOMS = {
     "alignment": ("read_flight", "read_segments"),
     "analysis": ("VehicleFigures", "vehicle"),
-    "condition": ("HoverFigures", "WindVelocity", "estimate_wind", "hover", "hover_figures", "wind"),
+    "condition": (
+        "HoverFigures",
+        "WindVelocity",
+        "estimate_wind",
+        "hover",
+        "hover_figures",
+        "wind",
+    ),
     "dem": ("Drag", "Learned", "OnlineLearner", "Settings", "estimate_drag", "learn", "learn_many"),
     "errors": ("NotLearnable", "Unreadable"),
     "flight": ("Flight",),

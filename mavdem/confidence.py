@@ -6,14 +6,19 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import ndtri, stdtrit  # as scipy.stats has them, which takes half a second to import
 
-LEVEL = 0.9  # probability of the intervals and bands that are shown, unless another level is asked for
+# as scipy.stats has them, which takes half a second to import
+from scipy.special import ndtri, stdtrit
+
+# probability of the intervals and bands that are shown, unless another level is asked for
+LEVEL = 0.9
 
 
 def require_probability(level: float) -> None:
     """Raises ``ValueError`` unless ``level``, the probability of an interval, lies between 0 and 1."""
-    number = isinstance(level, int | float | np.integer | np.floating) and not isinstance(level, bool)
+    number = isinstance(level, int | float | np.integer | np.floating) and not isinstance(
+        level, bool
+    )
     if not (number and 0 < level < 1):
         raise ValueError(f"level must be a probability between 0 and 1, not {level!r}")
 
@@ -27,11 +32,15 @@ def quantile(level: float = LEVEL, freedom: ArrayLike = np.inf) -> Any:
             distribution, where it is known.
     """
     freedoms = np.asarray(freedom, np.float64)
-    quantiles = np.where(np.isinf(freedoms), ndtri(0.5 + level / 2), stdtrit(freedoms, 0.5 + level / 2))
+    quantiles = np.where(
+        np.isinf(freedoms), ndtri(0.5 + level / 2), stdtrit(freedoms, 0.5 + level / 2)
+    )
     return quantiles if freedoms.ndim else float(quantiles)
 
 
-def half_width(variance: ArrayLike, level: float = LEVEL, freedom: ArrayLike = np.inf) -> NDArray[np.float64]:
+def half_width(
+    variance: ArrayLike, level: float = LEVEL, freedom: ArrayLike = np.inf
+) -> NDArray[np.float64]:
     """Returns half widths of intervals of probability ``level``.
 
     Args:

@@ -43,14 +43,22 @@ def units_of(record: str, path: str = "", above: tuple[str, ...] = ()) -> Iterat
     for name, key in keys_of(record).items():
         if key.unit:
             yield f"{path}{name}", key.unit
-        inner = next((word for word in re.findall(r"\w+", key.type) if word in tables()["records"]), record)
+        inner = next(
+            (word for word in re.findall(r"\w+", key.type) if word in tables()["records"]), record
+        )
         if inner not in (*above, record):
-            yield from units_of(inner, f"{path}{name}{'.*' * key.type.count('[')}.", (*above, record))
+            yield from units_of(
+                inner, f"{path}{name}{'.*' * key.type.count('[')}.", (*above, record)
+            )
 
 
 @cache
 def header(name: str) -> dict[str, Any]:
     """Returns what the document of this ``name`` begins with: its name, the versions, and units by key."""
     known = tables()["documents"][name]
-    versions = {"document": name, "schema_version": known["version"], "mavdem_version": metadata.version("mavdem")}
+    versions = {
+        "document": name,
+        "schema_version": known["version"],
+        "mavdem_version": metadata.version("mavdem"),
+    }
     return versions | {"units": known.get("units") or dict(units_of(known["record"]))}

@@ -7,7 +7,20 @@ from importlib.util import find_spec
 from math import pi
 from typing import Any
 
-REMEDIES = {"attach", "check", "convert", "cut", "delete", "fetch", "give", "install", "make", "move", "name", "save"}
+REMEDIES = {
+    "attach",
+    "check",
+    "convert",
+    "cut",
+    "delete",
+    "fetch",
+    "give",
+    "install",
+    "make",
+    "move",
+    "name",
+    "save",
+}
 """Words that begin what to do."""
 
 
@@ -47,11 +60,17 @@ SLIPS |= {1e-3: "Time seems to be in milliseconds", 1e-6: "Time seems to be in m
 
 def unit_slip(outputs: Any, dt: float) -> str:
     """Returns a sentence where an angle and its rate, ``outputs`` (T, 2), or time ``dt`` seem to have another unit."""
-    angle, turned = outputs[:, 0], outputs[:, -1].cumsum() * dt
-    changed, expected = (values[8:] - values[:-8] for values in (angle, turned))  # so that noise counts little
-    if outputs.shape[1] != 2 or not changed @ expected > 0.9 * (changed @ changed * (expected @ expected)) ** 0.5:
+    angle = outputs[:, 0]
+    turned = outputs[:, -1].cumsum() * dt
+    # so that noise counts little
+    changed, expected = (values[8:] - values[:-8] for values in (angle, turned))
+    if (
+        outputs.shape[1] != 2
+        or not changed @ expected > 0.9 * (changed @ changed * (expected @ expected)) ** 0.5
+    ):
         return ""  # no angle and its rate
-    ratio, most = changed @ expected / (expected @ expected), abs(angle).max()
+    ratio = changed @ expected / (expected @ expected)
+    most = abs(angle).max()
     cause = next((cause for slip, cause in SLIPS.items() if 0.8 < ratio / slip < 1.25), "")
     if 0.8 < ratio < 1.25 and most > pi:
         cause = "Angle and rate seem to be in degrees"
@@ -139,7 +158,9 @@ class LearnedDownstream:
         About the trim, with names of inputs and outputs; its ``name`` says which it is. ``.delay``, s, and ``.draws``,
         plants from the posterior, are the physical plant's. ``ValueError`` where there is none, with the reason.
         """
-        return downstream("export.conversion", "to_control", "Learned.to_control()", "control")(self, model)
+        return downstream("export.conversion", "to_control", "Learned.to_control()", "control")(
+            self, model
+        )
 
     def loop(self, controller: Any = None) -> Any:
         """Returns rate and attitude loop: the plant, and the ``controller`` of the log's parameters unless given.

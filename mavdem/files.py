@@ -30,7 +30,9 @@ def atomic_write(path: str | os.PathLike[str], scratch: Path | None = None) -> I
 
 
 @contextmanager
-def atomic_writes(*paths: str | os.PathLike[str], scratch: Path | None = None) -> Iterator[tuple[Path, ...]]:
+def atomic_writes(
+    *paths: str | os.PathLike[str], scratch: Path | None = None
+) -> Iterator[tuple[Path, ...]]:
     """Gives for each file the path of one to write instead; when all are written they take their places together.
 
     Raises:
@@ -39,11 +41,15 @@ def atomic_writes(*paths: str | os.PathLike[str], scratch: Path | None = None) -
     places = [replaceable(path) for path in paths]
     for number, place in enumerate(places):
         if place in places[:number]:
-            raise FileExistsError(None, "it is the same file as another that is to be written", str(paths[number]))
+            raise FileExistsError(
+                None, "it is the same file as another that is to be written", str(paths[number])
+            )
     with ExitStack() as stack:
         unfinished = []
         for place in places:
-            folder = stack.enter_context(TemporaryDirectory(dir=scratch or place.parent, prefix=".unfinished."))
+            folder = stack.enter_context(
+                TemporaryDirectory(dir=scratch or place.parent, prefix=".unfinished.")
+            )
             unfinished.append(Path(folder) / place.name)
         yield tuple(unfinished)
         for new, place in zip(unfinished, places, strict=True):

@@ -86,11 +86,17 @@ class Flight(FlightDownstream):
         time = _column(time, "time")
         inputs = _table(inputs, "inputs", len(time))
         outputs = _table(outputs, "outputs", len(time))
-        directions = None if effect_directions is None else _frozen(effect_directions, "effect_directions")
+        directions = (
+            None if effect_directions is None else _frozen(effect_directions, "effect_directions")
+        )
         if directions is not None and directions.shape != inputs.shape[1:]:
             expected = f"{inputs.shape[1:]}, one for each input"
-            raise ValueError(f"effect_directions must have shape {expected}, not {directions.shape}")
-        asked = None if setpoints is None else _table(setpoints, "setpoints", len(time), missing=True)
+            raise ValueError(
+                f"effect_directions must have shape {expected}, not {directions.shape}"
+            )
+        asked = (
+            None if setpoints is None else _table(setpoints, "setpoints", len(time), missing=True)
+        )
         none = np.empty((len(time), 0)) if asked is None else asked
         fields = {
             "time": time,
@@ -109,7 +115,8 @@ class Flight(FlightDownstream):
         }
         for name, value in fields.items():
             object.__setattr__(self, name, value)
-        if not self.provenance and (slip := unit_slip(outputs, self.dt)):  # of a log, units are known
+        # of a log, units are known
+        if not self.provenance and (slip := unit_slip(outputs, self.dt)):
             warn(slip, stacklevel=2)
 
     @classmethod
@@ -145,28 +152,43 @@ class Flight(FlightDownstream):
             :func:`mavdem.read_segments`: the segments of a log.
         """
         stamps = _column(time, "time")
-        tables = [_table(values, name, len(stamps)) for values, name in ((inputs, "inputs"), (outputs, "outputs"))]
+        tables = [
+            _table(values, name, len(stamps))
+            for values, name in ((inputs, "inputs"), (outputs, "outputs"))
+        ]
         steps = np.diff(stamps)
         if not (len(steps) and (steps > 0).all()):
-            raise ValueError("time must increase from sample to sample, and there must be two at least")
+            raise ValueError(
+                "time must increase from sample to sample, and there must be two at least"
+            )
         gaps = steps > 1.5 * np.median(steps)
         dt = float(steps[~gaps].mean()) if dt is None else dt
         cuts = np.flatnonzero(gaps) + 1
         parts: list[Any] = [np.split(values, cuts) for values in (stamps, *tables)]
-        given = None if setpoints is None else _table(setpoints, "setpoints", len(stamps), missing=True)
+        given = (
+            None if setpoints is None else _table(setpoints, "setpoints", len(stamps), missing=True)
+        )
         parts.append([None] * (len(cuts) + 1) if given is None else np.split(given, cuts))
-        return tuple(cls(t, u, y, dt, setpoints=q, **labels) for t, u, y, q in zip(*parts, strict=True) if len(t) > 1)
+        return tuple(
+            cls(t, u, y, dt, setpoints=q, **labels)
+            for t, u, y, q in zip(*parts, strict=True)
+            if len(t) > 1
+        )
 
     def __len__(self) -> int:
         return len(self.time)
 
     def __getitem__(self, part: slice) -> Flight:
         if not isinstance(part, slice):
-            raise TypeError("a Flight is cut with a slice, flight[a:b]; its samples are in time, inputs and outputs")
+            raise TypeError(
+                "a Flight is cut with a slice, flight[a:b]; its samples are in time, inputs and outputs"
+            )
         if part.step not in (None, 1):
             raise ValueError("a Flight is uniformly sampled: slice it with a step of 1")
         if not len(self.time[part]):
-            raise ValueError(f"the slice {part.start}:{part.stop} of a flight of {len(self)} samples is empty")
+            raise ValueError(
+                f"the slice {part.start}:{part.stop} of a flight of {len(self)} samples is empty"
+            )
         # Not validated anew: a part of what is uniform is uniform, and keeps the step of the whole.
         cut = copy(self)
         for name in ("time", "inputs", "outputs", "setpoints"):
@@ -205,18 +227,23 @@ def _table(values: ArrayLike, name: str, length: int, missing: bool = False) -> 
     if array.ndim == 1:
         array = array[:, None]
     if array.ndim != 2 or len(array) != length:
-        raise ValueError(f"{name} must have shape ({length}, columns) to match time, not {array.shape}")
+        raise ValueError(
+            f"{name} must have shape ({length}, columns) to match time, not {array.shape}"
+        )
     return array
 
 
 def _frozen(values: ArrayLike, name: str, missing: bool = False) -> NDArray[np.float64]:
     """A copy that cannot be written; NaN stands for what is ``missing`` where that may be."""
     if np.ma.isMaskedArray(values) and np.ma.is_masked(values):
-        raise ValueError(f"{name} must not be masked: leave out what is missing, or cut there with Flight.segments")
+        raise ValueError(
+            f"{name} must not be masked: leave out what is missing, or cut there with Flight.segments"
+        )
     try:
         if np.asarray(values).dtype.kind not in "biufO":
             raise TypeError(f"{np.asarray(values).dtype} are none")
-        array = np.array(values, dtype=np.float64, order="C")  # products round otherwise in another order
+        # products round otherwise in another order
+        array = np.array(values, dtype=np.float64, order="C")
     except (TypeError, ValueError, OverflowError) as error:
         raise ValueError(f"{name} must be real numbers: {error}") from None
     wrong = np.isinf(array) if missing else ~np.isfinite(array)
@@ -237,12 +264,16 @@ def _uniform_step(time: NDArray[np.float64], dt: float | None) -> float:
         dt = float(time[-1] / (len(time) - 1) - time[0] / (len(time) - 1))
         if not dt > 0:
             raise ValueError(f"time must increase: its mean step is {dt} s")
-    elif not (isinstance(dt, int | float | np.integer | np.floating) and np.isfinite(dt) and dt > 0):
+    elif not (
+        isinstance(dt, int | float | np.integer | np.floating) and np.isfinite(dt) and dt > 0
+    ):
         raise ValueError(f"dt must be positive seconds, not {dt!r}")
     # From the place on the uniform grid that suits all stamps best.
     off_grid = np.ptp(time - dt * np.arange(len(time))) / 2 / dt
     if off_grid > 1e-3:
-        raise ValueError(f"time must be uniform: a stamp lies {off_grid:.3g} steps off a grid of {dt:.6g} s")
+        raise ValueError(
+            f"time must be uniform: a stamp lies {off_grid:.3g} steps off a grid of {dt:.6g} s"
+        )
     return float(dt)
 
 
@@ -255,5 +286,7 @@ def _labels(
     if not (isinstance(labels, list | tuple) and all(isinstance(label, str) for label in labels)):
         raise ValueError(f"{name} must be strings in a tuple, not {labels!r}")
     if len(labels) != columns:
-        raise ValueError(f"{name} must have one string for each of the {columns} columns, not {len(labels)}")
+        raise ValueError(
+            f"{name} must have one string for each of the {columns} columns, not {len(labels)}"
+        )
     return tuple(labels)

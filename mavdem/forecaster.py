@@ -39,10 +39,14 @@ class Forecaster(Protocol):
     def predict(self, steps: int) -> NDArray[np.float64]:
         """(steps, m): outputs after the training data, inputs unknown; row 0 is the first sample after it."""
 
-    def predict_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> NDArray[np.float64]:
+    def predict_every(
+        self, steps: int, inputs: ArrayLike, outputs: ArrayLike
+    ) -> NDArray[np.float64]:
         """(H, m): new predictions from every ``steps``-th sample on, of ``inputs`` (H, r) and ``outputs`` (H, m)."""
 
-    def forecast(self, inputs: ArrayLike, from_zero: bool = False, smooth: bool = False) -> NDArray[np.float64]:
+    def forecast(
+        self, inputs: ArrayLike, from_zero: bool = False, smooth: bool = False
+    ) -> NDArray[np.float64]:
         """(H, m): outputs after the training data, given the inputs; row 0 is the first sample after it.
 
         ``inputs`` (H, r) are of the same instants, in the unit of the training inputs. ``from_zero`` begins with
@@ -50,7 +54,9 @@ class Forecaster(Protocol):
         all of them, which matters where inputs are measurements.
         """
 
-    def forecast_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> NDArray[np.float64]:
+    def forecast_every(
+        self, steps: int, inputs: ArrayLike, outputs: ArrayLike
+    ) -> NDArray[np.float64]:
         """(H, m): the samples after the training data, by a new forecast from every ``steps``-th of them on.
 
         Each begins with the state that the model's filter has of all samples before: with H ``steps`` or more it

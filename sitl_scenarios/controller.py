@@ -15,10 +15,14 @@ from sitl_scenarios.plan import Reference
 from sitl_scenarios.scenario import VehicleSpec
 from sitl_scenarios.vehicles import GRAVITY, airframe
 
-FASTEST = 25.0  # rad/s: bandwidth of the rate loop that is not exceeded, for the noise that it would put on the motors
+# rad/s: bandwidth of the rate loop that is not exceeded, for the noise that it would put on the motors
+FASTEST = 25.0
 LEAD = 4.0
 """The rotors' lag is made so many times shorter by a lead in the rate loop, and the noise above it as much larger."""
-MAX_TILT, MAX_RATE, MAX_SPEED = radians(35), radians(220), 4.0  # Most that is asked for: rad, rad/s and m/s
+# Most that is asked for: rad, rad/s and m/s
+MAX_TILT = radians(35)
+MAX_RATE = radians(220)
+MAX_SPEED = 4.0
 
 
 class ControlOutput(NamedTuple):
@@ -36,7 +40,8 @@ class Gains(NamedTuple):
     p: float  # per rad/s
     i: float  # per rad
     d: float  # per rad/s², of the measured rate only
-    derivative_lag: float  # of the derivative's first-order filter, s, as dt / (dt + lag) in each cycle
+    # of the derivative's first-order filter, s, as dt / (dt + lag) in each cycle
+    derivative_lag: float
     angle: float  # rad/s per rad
 
 
@@ -49,7 +54,8 @@ class Controller:
     def __init__(self, vehicle: VehicleSpec, cycle: float, delay: float) -> None:
         self._body = body = airframe(vehicle)
         self._frame = places = frame(vehicle.mixer or vehicle.frame, body.arm)
-        self._stop, self._gain = vehicle.stop, vehicle.rate_gain
+        self._stop = vehicle.stop
+        self._gain = vehicle.rate_gain
         lag = sum(body.lag) / 2
         # A loop with an integrator and a dead time T in all is well damped up to about 0.4/T; a cycle's hold and its
         # computing take about one cycle.
@@ -83,7 +89,9 @@ class Controller:
         lag = self._cycle * (1.0 - self._forgets) / self._forgets
         roll, pitch, yaw = (
             Gains(p, p * self._rate / 12, p * (LEAD - 1.0) * lag, lag, angle)
-            for p, angle in zip((self._gain * self._rate * one for one in self._per_unit), self.stiff, strict=True)
+            for p, angle in zip(
+                (self._gain * self._rate * one for one in self._per_unit), self.stiff, strict=True
+            )
         )
         return roll, pitch, yaw
 
@@ -94,15 +102,19 @@ class Controller:
 
     def control(self, estimate: State, reference: Reference, flying: bool) -> ControlOutput:
         """What one cycle asks for; nothing is learned unless ``flying``."""
-        (vn, ve, vd), (pn, pe, pd) = estimate.velocity, estimate.position
-        along, fast = self._position, self._velocity
+        (vn, ve, vd) = estimate.velocity
+        (pn, pe, pd) = estimate.position
+        along = self._position
+        fast = self._velocity
         ahead, aside = reference.velocity
-        wn, we = along * (reference.north - pn) + ahead, along * (reference.aside - pe) + aside
+        wn = along * (reference.north - pn) + ahead
+        we = along * (reference.aside - pe) + aside
         fastest = MAX_SPEED + hypot(ahead, aside)
         limit = fastest / max(fastest, hypot(wn, we))
         wd = -reference.climb + _limited(along * (-reference.height - pd), MAX_SPEED)
         error = (wn * limit - vn, we * limit - ve, wd - vd)
-        push, smooth = self._push, self._smooth
+        push = self._push
+        smooth = self._smooth
         # A fifth of the loop's bandwidth for the integral: wind is found in about two seconds.
         gain = fast * fast / 5 * self._cycle
         for i in range(3):
@@ -110,10 +122,13 @@ class Controller:
                 push[i] = _limited(push[i] + gain * error[i], 7.0)
             # Noise of position and velocity would reach the motors multiplied by every bandwidth within.
             smooth[i] += self._smooths * (fast * error[i] - smooth[i])
-        an, ae, ad = smooth[0] + push[0], smooth[1] + push[1], smooth[2] + push[2]
+        an = smooth[0] + push[0]
+        ae = smooth[1] + push[1]
+        ad = smooth[2] + push[2]
 
         roll, pitch, yaw = euler(estimate.attitude)
-        forward, right = an * cos(yaw) + ae * sin(yaw), ae * cos(yaw) - an * sin(yaw)
+        forward = an * cos(yaw) + ae * sin(yaw)
+        right = ae * cos(yaw) - an * sin(yaw)
         lift = max(GRAVITY - ad, 0.2 * GRAVITY)
         more_roll, more_pitch, yaw_rate = reference.demand
         wanted_pitch = _limited(atan(-forward / lift), MAX_TILT)
@@ -127,7 +142,9 @@ class Controller:
         wanted = wanted_roll, wanted_pitch, self._heading
         return self.steer(estimate, wanted, (0.0, 0.0, yaw_rate), thrust, flying)
 
-    def steer(self, estimate: State, wanted: Three, ahead: Three, thrust: float, flying: bool) -> ControlOutput:
+    def steer(
+        self, estimate: State, wanted: Three, ahead: Three, thrust: float, flying: bool
+    ) -> ControlOutput:
         """What one cycle asks for roll, pitch and yaw, rad, at a ``thrust``, N, with rates ``ahead``, rad/s."""
         stiff_roll, stiff_pitch, stiff_yaw = self.stiff
         roll, pitch, yaw = euler(estimate.attitude)

@@ -50,9 +50,13 @@ def frame(kind: Literal["x", "plus"], arm: tuple[float, float]) -> RotorFrame:
     forward: Four = (1.0, -1.0, 1.0, -1.0)
     right: Four = (1.0, -1.0, -1.0, 1.0)
     if kind == "plus":
-        forward, right, arm = (0.0, 0.0, 1.0, -1.0), (1.0, -1.0, 0.0, 0.0), (hypot(*arm),) * 2
+        forward = (0.0, 0.0, 1.0, -1.0)
+        right = (1.0, -1.0, 0.0, 0.0)
+        arm = (hypot(*arm),) * 2
     # Thrust acts upwards: a rotor on the left rolls to the right, one in front raises the nose.
-    (f1, f2, f3, f4), (r1, r2, r3, r4), (ahead, aside) = forward, right, arm
+    (f1, f2, f3, f4) = forward
+    (r1, r2, r3, r4) = right
+    (ahead, aside) = arm
     places: tuple[Four, Four] = (
         (f1 * ahead, f2 * ahead, f3 * ahead, f4 * ahead),
         (r1 * aside, r2 * aside, r3 * aside, r4 * aside),
@@ -70,17 +74,27 @@ def mix(frame: RotorFrame, demands: Four, stop: float = 1.0, idle: float = IDLE_
     first, so that the vehicle stays upright, and then all of roll, pitch and yaw alike.
     """
     roll, pitch, yaw, thrust = demands
-    a, b, c, d = (roll * r + pitch * p + yaw * s for r, p, s in zip(frame.roll, frame.pitch, frame.yaw, strict=True))
-    lowest, highest = min(a, b, c, d), max(a, b, c, d)
+    a, b, c, d = (
+        roll * r + pitch * p + yaw * s
+        for r, p, s in zip(frame.roll, frame.pitch, frame.yaw, strict=True)
+    )
+    lowest = min(a, b, c, d)
+    highest = max(a, b, c, d)
     if highest - lowest > stop - idle:
         scale = (stop - idle) / (highest - lowest)
-        a, b, c, d = a * scale, b * scale, c * scale, d * scale
-        lowest, highest = lowest * scale, highest * scale
+        a = a * scale
+        b = b * scale
+        c = c * scale
+        d = d * scale
+        lowest = lowest * scale
+        highest = highest * scale
     thrust = min(max(thrust, idle - lowest), stop - highest)
     return a + thrust, b + thrust, c + thrust, d + thrust
 
 
-MIN_PULSE, MAX_PULSE = 1000.0, 2000.0  # Of no command and of a full one
+# Of no command and of a full one
+MIN_PULSE = 1000.0
+MAX_PULSE = 2000.0
 DISARMED_PULSE = {"px4": 900.0, "ardupilot": 1000.0}  # µs of a disarmed motor, by autopilot
 
 
@@ -112,7 +126,8 @@ class Damage(NamedTuple):
     speed: Four = (1.0,) * 4  # of each rotor, at the same command
     thrust: Four = (1.0,) * 4  # with torque: of each rotor, at the same speed
     torque: Four = (1.0,) * 4
-    centre: tuple[float, float] = (0.0, 0.0)  # of mass: how far forward and right of the published one, m
+    # of mass: how far forward and right of the published one, m
+    centre: tuple[float, float] = (0.0, 0.0)
 
 
 UNDAMAGED = Damage()
@@ -120,8 +135,12 @@ UNDAMAGED = Damage()
 
 def damages(scenario: Scenario) -> list[tuple[float, Damage]]:
     """Seconds after the first arming, and the condition from then on, of all damage in order; none of a sound one."""
-    vehicle, propeller, load = scenario.vehicle, scenario.propeller, scenario.load
-    begins = [vehicle.weak_from] * bool(vehicle.weak_motor) + [propeller.start] * bool(propeller.motor)
+    vehicle = scenario.vehicle
+    propeller = scenario.propeller
+    load = scenario.load
+    begins = [vehicle.weak_from] * bool(vehicle.weak_motor) + [propeller.start] * bool(
+        propeller.motor
+    )
     begins += [load.start] * bool(load.forward or load.right)
 
     def at(time: float) -> Damage:
@@ -161,20 +180,24 @@ def dynamics(vehicle: VehicleSpec, condition: Damage = UNDAMAGED) -> Dynamics:
     y1, y2, y3, y4 = (right - aside for right in places.right)
     k1, k2, k3, k4 = condition.thrust
     s1, s2, s3, s4 = (spin * share for spin, share in zip(SPINS, condition.torque, strict=True))
-    mass, height = body.mass, body.hub_height
+    mass = body.mass
+    height = body.hub_height
     ix, iy, iz = body.inertia
     dx, dy, dz = (one * about for one, about in zip(body.damping, body.inertia, strict=True))
     thrust2, thrust1 = body.thrust
     torque2, torque1 = body.torque
     half_rho_area = AIR_DENSITY * body.drag_area / 2
-    (along_x, along_y), (hull_x, hull_y) = (body.rotor_drag * vehicle.rotor_drag,) * 2, (half_rho_area,) * 2
+    (along_x, along_y) = (body.rotor_drag * vehicle.rotor_drag,) * 2
+    (hull_x, hull_y) = (half_rho_area,) * 2
     if vehicle.drag_linear is not None:
         along_x, along_y = (one * mass / (4 * body.hover_speed) for one in vehicle.drag_linear)
     if vehicle.drag_quadratic is not None:
         hull_x, hull_y = (one * mass for one in vehicle.drag_quadratic)
     through = body.inflow if vehicle.rotor_drag else 0.0
 
-    def change(attitude: Quaternion, velocity: Three, rates: Three, rotors: Four, air: AirState) -> Change:
+    def change(
+        attitude: Quaternion, velocity: Three, rates: Three, rotors: Four, air: AirState
+    ) -> Change:
         # Unrolled into floats: numpy's calls on arrays of three would take ten times as long.
         w, x, y, z = attitude
         vn, ve, vd = velocity
@@ -183,26 +206,44 @@ def dynamics(vehicle: VehicleSpec, condition: Damage = UNDAMAGED) -> Dynamics:
         north, east, down, air_p, air_q, roll, pitch, yaw = air
 
         # Rotation from body to NED.
-        xx, yy, zz = x + x, y + y, z + z
-        wx, wy, wz = w * xx, w * yy, w * zz
-        xy, xz, yz = x * yy, x * zz, y * zz
-        xx, yy, zz = x * xx, y * yy, z * zz
-        r11, r12, r13 = 1.0 - yy - zz, xy - wz, xz + wy
-        r21, r22, r23 = xy + wz, 1.0 - xx - zz, yz - wx
-        r31, r32, r33 = xz - wy, yz + wx, 1.0 - xx - yy
+        xx = x + x
+        yy = y + y
+        zz = z + z
+        wx = w * xx
+        wy = w * yy
+        wz = w * zz
+        xy = x * yy
+        xz = x * zz
+        yz = y * zz
+        xx = x * xx
+        yy = y * yy
+        zz = z * zz
+        r11 = 1.0 - yy - zz
+        r12 = xy - wz
+        r13 = xz + wy
+        r21 = xy + wz
+        r22 = 1.0 - xx - zz
+        r23 = yz - wx
+        r31 = xz - wy
+        r32 = yz + wx
+        r33 = 1.0 - xx - yy
 
         # The air relative to the body, in its axes.
-        an, ae, ad = north - vn, east - ve, down - vd
+        an = north - vn
+        ae = east - ve
+        ad = down - vd
         ax = r11 * an + r21 * ae + r31 * ad
         ay = r12 * an + r22 * ae + r32 * ad
         az = r13 * an + r23 * ae + r33 * ad
         past = sqrt(an * an + ae * ae + ad * ad)
         hull = half_rho_area * past
         spin = o1 + o2 + o3 + o4
-        fx, fy = (hull_x * past + along_x * spin) * ax, (hull_y * past + along_y * spin) * ay
+        fx = (hull_x * past + along_x * spin) * ax
+        fy = (hull_y * past + along_y * spin) * ay
 
         # Air through each disc; a hub at (x, y) moves down with the body's p y − q x.
-        tp, tq = through * (air_p - p), through * (air_q - q)
+        tp = through * (air_p - p)
+        tq = through * (air_q - q)
         tz = through * az
         l1 = o1 * (tz + tp * y1 - tq * x1)
         l2 = o2 * (tz + tp * y2 - tq * x2)
@@ -243,14 +284,23 @@ def dynamics(vehicle: VehicleSpec, condition: Damage = UNDAMAGED) -> Dynamics:
 def drag(vehicle: VehicleSpec) -> tuple[tuple[float, float], tuple[float, float]]:
     """Returns linear (1/s, in hover) and quadratic (1/m) drag along body x and y: a = −(linear + quadratic |v|) v."""
     body = airframe(vehicle)
-    rotor, hull = body.rotor_drag * vehicle.rotor_drag * 4 * body.hover_speed, AIR_DENSITY * body.drag_area / 2
-    return vehicle.drag_linear or (rotor / body.mass,) * 2, vehicle.drag_quadratic or (hull / body.mass,) * 2
+    rotor = body.rotor_drag * vehicle.rotor_drag * 4 * body.hover_speed
+    hull = AIR_DENSITY * body.drag_area / 2
+    return vehicle.drag_linear or (rotor / body.mass,) * 2, vehicle.drag_quadratic or (
+        hull / body.mass,
+    ) * 2
 
 
 def turned(attitude: Quaternion, half: Three) -> Quaternion:
     """An attitude after a small rotation about the body's axes by half angles, rad; not quite of unit length."""
-    (a, b, c, d), (x, y, z) = attitude, half
-    return (a - b * x - c * y - d * z, b + a * x + c * z - d * y, c + a * y + d * x - b * z, d + a * z + b * y - c * x)
+    (a, b, c, d) = attitude
+    (x, y, z) = half
+    return (
+        a - b * x - c * y - d * z,
+        b + a * x + c * z - d * y,
+        c + a * y + d * x - b * z,
+        d + a * z + b * y - c * x,
+    )
 
 
 def euler(attitude: Quaternion) -> tuple[float, float, float]:
@@ -281,7 +331,9 @@ class Body:
         self._vehicle, self._airframe, self._step = vehicle, airframe(vehicle), step
         self.damage(UNDAMAGED)
         up, down = self._airframe.lag
-        self._keeps = tuple(exp(-step / tau) if tau else 0.0 for tau in (up / 0.5, up, down / 0.5, down))
+        self._keeps = tuple(
+            exp(-step / tau) if tau else 0.0 for tau in (up / 0.5, up, down / 0.5, down)
+        )
 
     def damage(self, condition: Damage) -> None:
         """The vehicle from now on is in this ``condition``."""
@@ -289,18 +341,26 @@ class Body:
 
     def targets(self, outputs: Four, battery: float) -> Four:
         """Rotor speeds that the outputs settle at, rad/s, with what is left of the battery."""
-        body, span = self._airframe, MAX_PULSE - MIN_PULSE
+        body = self._airframe
+        span = MAX_PULSE - MIN_PULSE
         if body.quadratic is not None:
-            speeds = [battery * body.rotor_speed(body.full / span * (us - MIN_PULSE)) for us in outputs]
+            speeds = [
+                battery * body.rotor_speed(body.full / span * (us - MIN_PULSE)) for us in outputs
+            ]
         else:
-            slope, offset = battery * body.speed[0] * body.full / span, battery * body.speed[1]
+            slope = battery * body.speed[0] * body.full / span
+            offset = battery * body.speed[1]
             speeds = [slope * (us - MIN_PULSE) + offset for us in outputs]
-        a, b, c, d = (speed * left for speed, left in zip(speeds, self.condition.speed, strict=True))
+        a, b, c, d = (
+            speed * left for speed, left in zip(speeds, self.condition.speed, strict=True)
+        )
         return a, b, c, d
 
     def moved(self, state: State, targets: Four, air: AirState, steps: int) -> State:
         """The state after some steps in the air; ``targets``: what the rotors' commands settle at, rad/s."""
-        change, h, half = self.dynamics, self._step, self._step / 2
+        change = self.dynamics
+        h = self._step
+        half = self._step / 2
         (x, y, z), (u, v, w), attitude, (p, q, r), rotors, last = state
         an, ae, ad, ap, aq, ar = last[:6]
         for _ in range(steps):
@@ -334,7 +394,10 @@ class Body:
         o1, o2, o3, o4 = rotors
         t1, t2, t3, t4 = targets
         half_up, up, half_down, down = self._keeps
-        d1, d2, d3, d4 = o1 - t1, o2 - t2, o3 - t3, o4 - t4
+        d1 = o1 - t1
+        d2 = o2 - t2
+        d3 = o3 - t3
+        d4 = o4 - t4
         m1, e1 = (half_up, up) if d1 < 0.0 else (half_down, down)
         m2, e2 = (half_up, up) if d2 < 0.0 else (half_down, down)
         m3, e3 = (half_up, up) if d3 < 0.0 else (half_down, down)

@@ -17,12 +17,23 @@ from pydantic import BaseModel, ValidationError
 
 from sitl_scenarios.gains import check_parameters, cycle_of, parameters_of
 from sitl_scenarios.plan import times
-from sitl_scenarios.scenario import BodySpec, Excitation, Moment, Move, Scenario, Wind, place, shortened
+from sitl_scenarios.scenario import (
+    BodySpec,
+    Excitation,
+    Moment,
+    Move,
+    Scenario,
+    Wind,
+    place,
+    shortened,
+)
 
 MAX_LISTED = 5  # Problems that are listed one by one: the others often follow from them
 KINDS: Mapping[str, Mapping[str, type[BaseModel]]] = {
     section: {
-        kind: one for one in get_args(get_args(union)[0]) for kind in get_args(one.model_fields["kind"].annotation)
+        kind: one
+        for one in get_args(get_args(union)[0])
+        for kind in get_args(one.model_fields["kind"].annotation)
     }
     for section, union in (("wind", Wind), ("excitation", Excitation))
 }
@@ -36,28 +47,40 @@ def _did_you_mean(given: str, known: Iterable[str]) -> str:
 
 def _sentence(detail: Any) -> str:
     """What pydantic found in one place."""
-    where, given, kind = detail["loc"], detail.get("input"), detail["type"]
+    where = detail["loc"]
+    given = detail.get("input")
+    kind = detail["type"]
     # The keys in the file: pydantic's place without the name of the kind that it went through.
     at = 2 if where[:1] == ("wind",) else 1
     words = [word for i, word in enumerate(where) if i != at or word not in KINDS.get(where[0], ())]
-    key, context = place(words) if words else "it", detail.get("ctx", {})
+    key = place(words) if words else "it"
+    context = detail.get("ctx", {})
     if kind == "value_error":
         return str(context["error"])
     if kind in ("extra_forbidden", "missing"):
         name, keys = _section(where)
-        wrong = "missing" if kind == "missing" else f"no key of a scenario{_did_you_mean(str(where[-1]), keys)}"
+        wrong = (
+            "missing"
+            if kind == "missing"
+            else f"no key of a scenario{_did_you_mean(str(where[-1]), keys)}"
+        )
         return f"{key} is {wrong}: {name} has {', '.join(keys)}"
     if kind == "union_tag_not_found":
-        return f"{place([*words, 'kind'])} is missing: it is one of {', '.join(KINDS[str(where[0])])}"
+        return (
+            f"{place([*words, 'kind'])} is missing: it is one of {', '.join(KINDS[str(where[0])])}"
+        )
     if kind == "union_tag_invalid":
-        tag, kinds = str(context["tag"]), KINDS[str(where[0])]
+        tag = str(context["tag"])
+        kinds = KINDS[str(where[0])]
         one_of = f"must be one of {context['expected_tags']}, not {_shown(tag)}{_did_you_mean(tag, kinds)}"
         return f"{place([*words, 'kind'])} {one_of}"
     several = words and words[0] in ("wind", "moments")
     if len(words) == 1 and isinstance(given, dict) and several:
         return f"[{words[0]}] must be [[{words[0]}]], in double brackets: there may be several"
     if len(words) == 1 and isinstance(given, list) and not several:
-        return f"{key} must be a single table or value, [{key}] and not [[{key}]]: there is only one"
+        return (
+            f"{key} must be a single table or value, [{key}] and not [[{key}]]: there is only one"
+        )
     if kind == "too_long":
         return f"{key} must be at most {context['max_length']}, not {context['actual_length']}"
     if isinstance(given, float) and not isfinite(given):
@@ -86,17 +109,26 @@ def _section(where: Sequence[int | str]) -> tuple[str, list[str]]:
     if section == "moments":
         return "a moment", list(Moment.model_fields)
     model = Scenario.model_fields[section].annotation
-    return f"[{section}]", list(model.model_fields) if isinstance(model, type) and issubclass(model, BaseModel) else []
+    return f"[{section}]", list(model.model_fields) if isinstance(model, type) and issubclass(
+        model, BaseModel
+    ) else []
 
 
-MAX_FILE_BYTES = 100_000  # Bytes of a scenario file: fifty times the longest that comes with the package
+# Bytes of a scenario file: fifty times the longest that comes with the package
+MAX_FILE_BYTES = 100_000
 
 _FOLDER = files("sitl_scenarios") / "scenarios"
 
 
 def names() -> tuple[str, ...]:
     """Of the scenarios that come with the package, in alphabetical order."""
-    return tuple(sorted(file.name.removesuffix(".toml") for file in _FOLDER.iterdir() if file.name.endswith(".toml")))
+    return tuple(
+        sorted(
+            file.name.removesuffix(".toml")
+            for file in _FOLDER.iterdir()
+            if file.name.endswith(".toml")
+        )
+    )
 
 
 def load(name_or_path: str | Path) -> Scenario:
@@ -107,12 +139,17 @@ def load(name_or_path: str | Path) -> Scenario:
     """
     given = str(name_or_path)
     if given in names():
-        label, source = f"{given}.toml", (_FOLDER / f"{given}.toml").read_bytes()
+        label = f"{given}.toml"
+        source = (_FOLDER / f"{given}.toml").read_bytes()
     elif isinstance(name_or_path, Path) or given.endswith(".toml") or "/" in given:
-        label, source = Path(name_or_path).name, _content(Path(name_or_path))
+        label = Path(name_or_path).name
+        source = _content(Path(name_or_path))
     else:
-        guess, known = _did_you_mean(given, names()), ", ".join(names())
-        raise ValueError(f"there is no scenario {shortened(given)!r}{guess}; there are {known}, and .toml files")
+        guess = _did_you_mean(given, names())
+        known = ", ".join(names())
+        raise ValueError(
+            f"there is no scenario {shortened(given)!r}{guess}; there are {known}, and .toml files"
+        )
     try:
         return scenario_of(_table(source))
     except ValueError as error:
@@ -130,7 +167,9 @@ def _content(path: Path) -> bytes:
     except OSError as error:
         raise ValueError(f"{path} cannot be read: {error.strerror or error}") from None
     if len(source) > MAX_FILE_BYTES:
-        raise ValueError(f"{path} cannot be read: it has more than {MAX_FILE_BYTES} bytes, and no scenario is as long")
+        raise ValueError(
+            f"{path} cannot be read: it has more than {MAX_FILE_BYTES} bytes, and no scenario is as long"
+        )
     return source
 
 
@@ -165,17 +204,22 @@ def scenario_of(table: dict[str, Any]) -> Scenario:
 
 def with_vehicle(scenario: Scenario, other: Scenario) -> Scenario:
     """Returns the scenario with the vehicle, its sensors and its autopilot of another."""
-    table = scenario.model_dump(mode="json") | other.model_dump(mode="json", include={"vehicle", "sensors"})
+    table = scenario.model_dump(mode="json") | other.model_dump(
+        mode="json", include={"vehicle", "sensors"}
+    )
     return scenario_of(table | {"stream": table["stream"] | {"autopilot": other.stream.autopilot}})
 
 
 def with_parameters(scenario: Scenario, changed: Iterable[str]) -> Scenario:
     """Returns the scenario with parameters of the autopilot ``changed`` to "NAME=VALUE"; raises ValueError."""
-    known, table = parameters_of(scenario, cycle_of(scenario)), scenario.model_dump(mode="json")
+    known = parameters_of(scenario, cycle_of(scenario))
+    table = scenario.model_dump(mode="json")
     for name, _, value in (one.partition("=") for one in changed):
         if name not in known:
             near = get_close_matches(name[:100].upper(), known, n=3)
-            raise ValueError(f"the autopilot has no {shortened(name)!r} here: near it are {', '.join(near) or 'none'}")
+            raise ValueError(
+                f"the autopilot has no {shortened(name)!r} here: near it are {', '.join(near) or 'none'}"
+            )
         try:
             table["vehicle"]["parameters"][name] = float(value)
         except ValueError:
@@ -184,7 +228,12 @@ def with_parameters(scenario: Scenario, changed: Iterable[str]) -> Scenario:
 
 
 BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")  # a key that TOML needs no quotes around
-LIMITS = {"minimum": "from", "exclusiveMinimum": "more than", "maximum": "to", "exclusiveMaximum": "to less than"}
+LIMITS = {
+    "minimum": "from",
+    "exclusiveMinimum": "more than",
+    "maximum": "to",
+    "exclusiveMaximum": "to less than",
+}
 """The JSON schema's limits, in words."""
 
 
@@ -196,24 +245,36 @@ def in_words(scenario: Scenario) -> list[str]:
         for section in value if isinstance(value, tuple) else [value]:
             if isinstance(section, BaseModel):
                 # A section of a kind is there or not, so all its values count; of others those that are no defaults.
-                changed = section.model_dump(mode="json", exclude_defaults=key not in (*KINDS, "moments"))
+                changed = section.model_dump(
+                    mode="json", exclude_defaults=key not in (*KINDS, "moments")
+                )
                 lines += [_pairs_in_words(key.capitalize(), changed)] if changed else []
     return lines
 
 
 def _pairs_in_words(name: str, values: Mapping[str, Any]) -> str:
-    return f"{name}: " + ", ".join(f"{key} {_toml(value).strip(chr(34))}" for key, value in values.items()) + "."
+    return (
+        f"{name}: "
+        + ", ".join(f"{key} {_toml(value).strip(chr(34))}" for key, value in values.items())
+        + "."
+    )
 
 
 def in_toml(scenario: Scenario) -> str:
     """Returns a scenario file with every value, its meaning and its range; read again it is the same scenario."""
-    sections = {key: value for key, value in scenario if isinstance(value, tuple | BaseModel) or key in KINDS}
+    sections = {
+        key: value
+        for key, value in scenario
+        if isinstance(value, tuple | BaseModel) or key in KINDS
+    }
     lines = [*_pairs(scenario, sections)]
     for key, value in sections.items():
         if key in KINDS:
             lines += ["", f"# {'[[wind]]' if key == 'wind' else f'[{key}]'}: its kind is one of"]
             for kind, model in KINDS[key].items():
-                lines.append(f"#   {kind}: {', '.join(name for name in model.model_fields if name != 'kind')}")
+                lines.append(
+                    f"#   {kind}: {', '.join(name for name in model.model_fields if name != 'kind')}"
+                )
         elif not value:
             lines += ["", f"# [[{key}]]: {', '.join(Moment.model_fields)}"]
         header = f"[[{key}]]" if isinstance(value, tuple) else f"[{key}]"
@@ -240,7 +301,9 @@ def _allowed(schema: Mapping[str, Any]) -> str:
         return " or ".join(map(str, schema["enum"]))
     if schema.get("type") == "boolean":
         return "true or false"
-    return " ".join(f"{words} {schema[name]:.10g}" for name, words in LIMITS.items() if name in schema)
+    return " ".join(
+        f"{words} {schema[name]:.10g}" for name, words in LIMITS.items() if name in schema
+    )
 
 
 def _key(key: str) -> str:
@@ -249,7 +312,9 @@ def _key(key: str) -> str:
 
 def _toml(value: Any) -> str:
     if isinstance(value, dict):
-        return "{" + ", ".join(f"{_key(key)} = {_toml(inside)}" for key, inside in value.items()) + "}"
+        return (
+            "{" + ", ".join(f"{_key(key)} = {_toml(inside)}" for key, inside in value.items()) + "}"
+        )
     if isinstance(value, list):
         return "[" + ", ".join(map(_toml, value)) + "]"
     if value is None:

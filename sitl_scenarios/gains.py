@@ -23,27 +23,40 @@ FASTEST = 1000.0  # Hz of a loop, of which the physics take at least one step
 
 def cycle_of(scenario: Scenario) -> float:
     """Returns the control cycle of a scenario's autopilot, s."""
-    kind, given = scenario.stream.autopilot, scenario.vehicle.parameters
+    kind = scenario.stream.autopilot
+    given = scenario.vehicle.parameters
     return 1 / given[LOOP_RATES[kind]] if LOOP_RATES[kind] in given else CYCLES[kind]
 
 
 def check_parameters(scenario: Scenario) -> None:
     """Raises ValueError: ``vehicle.parameters`` has one that is not flown, or a value that no autopilot has."""
-    given, loop = scenario.vehicle.parameters, LOOP_RATES[scenario.stream.autopilot]
-    foreign = ("ATC_", "MOT_", "SCHED_") if scenario.stream.autopilot == "px4" else ("MC_", "THR_", "IMU_", "CA_")
+    given = scenario.vehicle.parameters
+    loop = LOOP_RATES[scenario.stream.autopilot]
+    foreign = (
+        ("ATC_", "MOT_", "SCHED_")
+        if scenario.stream.autopilot == "px4"
+        else ("MC_", "THR_", "IMU_", "CA_")
+    )
     for name, value in given.items():
         filtered = value and name in ("INS_GYRO_FILTER", "IMU_GYRO_CUTOFF")
         if filtered or name.startswith(foreign) or not USED.match(name):
-            raise ValueError(f"vehicle.parameters.{name} is not flown by {scenario.stream.autopilot} here")
-        low, high = (SLOWEST, FASTEST) if name == loop else (0.0, 1.0) if "_SPIN_" in name else (0.0, 1e4)
+            raise ValueError(
+                f"vehicle.parameters.{name} is not flown by {scenario.stream.autopilot} here"
+            )
+        low, high = (
+            (SLOWEST, FASTEST) if name == loop else (0.0, 1.0) if "_SPIN_" in name else (0.0, 1e4)
+        )
         if not low <= value <= high and not name.startswith("CA_"):
-            raise ValueError(f"vehicle.parameters.{name} must be from {low:g} to {high:g}, not {value:g}")
+            raise ValueError(
+                f"vehicle.parameters.{name} must be from {low:g} to {high:g}, not {value:g}"
+            )
     controller_for(scenario, cycle_of(scenario))
 
 
 def parameters_of(scenario: Scenario, cycle: float) -> dict[str, float]:
     """Returns the parameters of control: those that suit the vehicle, and what ``vehicle.parameters`` says instead."""
-    kind, rate = scenario.stream.autopilot, round(1 / cycle)
+    kind = scenario.stream.autopilot
+    rate = round(1 / cycle)
     gains = Controller(scenario.vehicle, cycle, scenario.sensors.delay).gains
     own = (_px4 if kind == "px4" else _ardupilot)(scenario.vehicle, gains)
     return own | {LOOP_RATES[kind]: rate} | scenario.vehicle.parameters
@@ -60,15 +73,20 @@ class SetController(Controller):
     """Flies an autopilot's parameters; position and velocity control are the simulation's own."""
 
     def __init__(self, scenario: Scenario, cycle: float) -> None:
-        known, vehicle = parameters_of(scenario, cycle), scenario.vehicle
+        known = parameters_of(scenario, cycle)
+        vehicle = scenario.vehicle
         columns = frame(vehicle.mixer or vehicle.frame, airframe(vehicle).arm)[2:]
         pairs = zip(AXES, columns, strict=True)
-        axes = [controller_of(known, axis, () if scenario.stream.autopilot == "px4" else of) for axis, of in pairs]
+        axes = [
+            controller_of(known, axis, () if scenario.stream.autopilot == "px4" else of)
+            for axis, of in pairs
+        ]
         self._axes = axes
         super().__init__(vehicle, cycle, scenario.sensors.delay)
         self._within((axes[0].angle, axes[1].angle, axes[2].angle))
         self._mixer = RotorFrame(*self._frame[:2], *(one.mixer for one in axes))  # type: ignore[arg-type]
-        self._expo, (self._begin, self._end) = axes[0].expo, axes[0].spin
+        self._expo = axes[0].expo
+        (self._begin, self._end) = axes[0].spin
         self._idle = self._thrust(max(self._begin, IDLE_COMMAND))
 
     def rest(self) -> None:
@@ -83,10 +101,18 @@ class SetController(Controller):
     def mixed(self, demands: Four) -> Four:
         """Normalised commands: thrusts by the mixer, and the curve and the range that the autopilot has for them."""
         roll, pitch, yaw, command = demands
-        thrusts = mix(self._mixer, (roll, pitch, yaw, self._thrust(command)), self._thrust(self._stop), self._idle)
-        f, span = self._expo, 2 * (self._end - self._begin)
+        thrusts = mix(
+            self._mixer,
+            (roll, pitch, yaw, self._thrust(command)),
+            self._thrust(self._stop),
+            self._idle,
+        )
+        f = self._expo
+        span = 2 * (self._end - self._begin)
         roots = (1 - f + sqrt((1 - f) ** 2 + 4 * f * max(thrust, 1e-9)) for thrust in thrusts)
-        a, b, c, d = (self._begin + span * thrust / root for thrust, root in zip(thrusts, roots, strict=True))
+        a, b, c, d = (
+            self._begin + span * thrust / root for thrust, root in zip(thrusts, roots, strict=True)
+        )
         return a, b, c, d
 
     def _thrust(self, command: float) -> float:
@@ -103,17 +129,22 @@ class _RateLoop:
     """One axis's rate controller as ``AC_PID`` of ArduPilot and ``RateControl`` of PX4 have it, without limits."""
 
     def __init__(self, of: AxisController) -> None:
-        self.of, filters = of, (of.target_filter, of.error_filter, of.derivative_filter, of.output_filter)
+        self.of = of
+        filters = (of.target_filter, of.error_filter, of.derivative_filter, of.output_filter)
         self._shares = [of.cycle / (of.cycle + _time(cutoff)) for cutoff in filters]
         self._target = self._error = self._slope = self._output = self._trim = self._rate = 0.0
 
     def demand(self, wanted: float, rate: float, flying: bool) -> float:
         """The demand of one cycle for a rate ``wanted``, rad/s; nothing is integrated unless ``flying``."""
-        of, (target, error, slope, output), before, late = self.of, self._shares, self._error, self._trim
+        of = self.of
+        (target, error, slope, output) = self._shares
+        before = self._error
+        late = self._trim
         self._target += target * (wanted - self._target)
         self._error += error * (self._target - rate - self._error)
         step = self._error - before if of.derivative_of_error else self._rate - rate
-        self._slope, self._rate = self._slope + slope * (step / of.cycle - self._slope), rate
+        self._slope = self._slope + slope * (step / of.cycle - self._slope)
+        self._rate = rate
         if flying:
             self._trim += of.cycle * self._error
         # PX4 integrates the error after it has been used.
@@ -125,7 +156,8 @@ class _RateLoop:
 
 def _slope_in_hover(vehicle: VehicleSpec, low: float, high: float) -> tuple[float, float]:
     """The thrust's quadratic share, and output per thrust where a range ``low`` to ``high`` undoes it."""
-    share, body = vehicle.quadratic_thrust or 0.0, airframe(vehicle)
+    share = vehicle.quadratic_thrust or 0.0
+    body = airframe(vehicle)
     hover = (body.command_for(body.hover_speed) / body.full - low) / (high - low)
     return share, (high - low) / (1.0 - share + 2 * share * hover)
 
@@ -137,18 +169,30 @@ def _px4(vehicle: VehicleSpec, gains: Sequence[Gains]) -> dict[str, float]:
     ControlAllocationPseudoInverse.cpp: roll and pitch both by the larger of their norms, yaw by its largest.
     """
     rotors = frame(vehicle.mixer or vehicle.frame, airframe(vehicle).arm)
-    (share, slope), arms = _slope_in_hover(vehicle, 0.0, 1.0), (rotors.right, rotors.forward)
+    (share, slope) = _slope_in_hover(vehicle, 0.0, 1.0)
+    arms = (rotors.right, rotors.forward)
     norms = [sqrt(fsum(one * one for one in arm)) for arm in arms]
-    scale = max(sqrt(2 / sum(one != 0 for one in arm)) / norm for arm, norm in zip(arms, norms, strict=True))
-    units = [slope * max(arm) / norm**2 / scale for arm, norm in zip(arms, norms, strict=True)] + [slope]
+    scale = max(
+        sqrt(2 / sum(one != 0 for one in arm)) / norm for arm, norm in zip(arms, norms, strict=True)
+    )
+    units = [slope * max(arm) / norm**2 / scale for arm, norm in zip(arms, norms, strict=True)] + [
+        slope
+    ]
     lag = gains[0].derivative_lag
     values = {"THR_MDL_FAC": share, "IMU_GYRO_CUTOFF": 0.0, "IMU_DGYRO_CUTOFF": _time(lag)}
     for name, one, unit in zip(("ROLL", "PITCH", "YAW"), gains, units, strict=True):
-        values |= {f"MC_{name}RATE_{letter}": gain / unit for letter, gain in zip("PID", one, strict=False)}
+        values |= {
+            f"MC_{name}RATE_{letter}": gain / unit for letter, gain in zip("PID", one, strict=False)
+        }
         values |= {f"MC_{name}RATE_K": 1.0, f"MC_{name}RATE_FF": 0.0, f"MC_{name}_P": one.angle}
     for n, spin in enumerate(SPINS):
-        values |= {f"CA_ROTOR{n}_PX": rotors.forward[n], f"CA_ROTOR{n}_PY": rotors.right[n], f"CA_ROTOR{n}_PZ": 0.0}
-        values |= {f"CA_ROTOR{n}_CT": 6.5, f"CA_ROTOR{n}_KM": 0.05 * spin}  # KM: positive counter-clockwise
+        values |= {
+            f"CA_ROTOR{n}_PX": rotors.forward[n],
+            f"CA_ROTOR{n}_PY": rotors.right[n],
+            f"CA_ROTOR{n}_PZ": 0.0,
+        }
+        # KM: positive counter-clockwise
+        values |= {f"CA_ROTOR{n}_CT": 6.5, f"CA_ROTOR{n}_KM": 0.05 * spin}
     return values | {"MC_YAW_TQ_CUTOFF": 0.0, "CA_AIRFRAME": 0, "CA_ROTOR_COUNT": len(SPINS)}
 
 
@@ -159,11 +203,26 @@ def _ardupilot(vehicle: VehicleSpec, gains: Sequence[Gains]) -> dict[str, float]
     1/(1 + LEAD τs) leaves 1/(1 + τs) of the setpoint.
     """
     share, slope = _slope_in_hover(vehicle, IDLE_COMMAND, stop := vehicle.stop)
-    values = {"MOT_THST_EXPO": share, "MOT_SPIN_ARM": IDLE_COMMAND, "MOT_SPIN_MIN": IDLE_COMMAND, "MOT_SPIN_MAX": stop}
+    values = {
+        "MOT_THST_EXPO": share,
+        "MOT_SPIN_ARM": IDLE_COMMAND,
+        "MOT_SPIN_MIN": IDLE_COMMAND,
+        "MOT_SPIN_MAX": stop,
+    }
     for name, one in zip(("RLL", "PIT", "YAW"), gains, strict=True):
-        values |= {f"ATC_RAT_{name}_{letter}": 2 * gain / slope for letter, gain in zip("PID", one, strict=False)}
+        values |= {
+            f"ATC_RAT_{name}_{letter}": 2 * gain / slope
+            for letter, gain in zip("PID", one, strict=False)
+        }
         cutoff = _time(one.derivative_lag)
-        filters = {"FLTT": cutoff / LEAD, "FLTE": 0.0, "FLTD": cutoff, "FF": 0.0, "IMAX": 1.0, "SMAX": 0.0}
+        filters = {
+            "FLTT": cutoff / LEAD,
+            "FLTE": 0.0,
+            "FLTD": cutoff,
+            "FF": 0.0,
+            "IMAX": 1.0,
+            "SMAX": 0.0,
+        }
         values |= {f"ATC_RAT_{name}_{key}": value for key, value in filters.items()}
         values[f"ATC_ANG_{name}_P"] = one.angle
     return values | {"INS_GYRO_FILTER": 0, "FRAME_CLASS": 1}

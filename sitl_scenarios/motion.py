@@ -30,14 +30,18 @@ class Motion:
     known_rates: Array
     known_position: Array
     known_velocity: Array
-    outputs: Array  # (N, 4) motor commands as the autopilot puts them out, PWM in µs, quantised as it does
-    demands: Array  # (N, 4) what it asked the mixer for: roll, pitch, yaw (−1 to 1) and thrust (0 to 1)
+    # (N, 4) motor commands as the autopilot puts them out, PWM in µs, quantised as it does
+    outputs: Array
+    # (N, 4) what it asked the mixer for: roll, pitch, yaw (−1 to 1) and thrust (0 to 1)
+    demands: Array
     # Setpoints of the autopilot's loops, zero on the ground: (N, 3) roll, pitch and yaw, rad; body rates, rad/s.
     attitude_setpoint: Array
     rates_setpoint: Array
-    sticks: Array  # (N, 3) what a pilot's sticks ask for: roll, pitch (rad) and yaw rate (rad/s); zero without a pilot
+    # (N, 3) what a pilot's sticks ask for: roll, pitch (rad) and yaw rate (rad/s); zero without a pilot
+    sticks: Array
     rotor_speeds: Array  # (N, 4) rad/s
-    battery: Array  # (N,) share of the voltage of a charged battery, and of the rotors' speed with it, that is left
+    # (N,) share of the voltage of a charged battery, and of the rotors' speed with it, that is left
+    battery: Array
     wind: Array  # (N, 3) NED, m/s, at the vehicle, where the air moves *to*
     # force (N, 3) NED, N, and moment (N, 3) body, N m, of the wind and whatever else disturbs; without rotors'
     # thrust and torque in still air, and without gravity. The air's drag and damping of roll and pitch are in them.
@@ -45,14 +49,18 @@ class Motion:
     force: Array
     moment: Array
     armed: NDArray[np.bool_]  # (N,) bool
-    landed_state: NDArray[np.uint8]  # (N,) MAV_LANDED_STATE: 1 on the ground, 2 in the air, 3 taking off, 4 landing
+    # (N,) MAV_LANDED_STATE: 1 on the ground, 2 in the air, 3 taking off, 4 landing
+    landed_state: NDArray[np.uint8]
 
     def __len__(self) -> int:
         return len(self.time)
 
 
-MAX_OFFSET_METRES = 5.0  # m from where it is asked to be: more than any gust of the scenarios here pushes a vehicle
-ON_GROUND, IN_AIR = 1, 2  # MAV_LANDED_STATE; of those above it takes off or lands
+# m from where it is asked to be: more than any gust of the scenarios here pushes a vehicle
+MAX_OFFSET_METRES = 5.0
+# MAV_LANDED_STATE; of those above it takes off or lands
+ON_GROUND = 1
+IN_AIR = 2
 
 
 class Holding:
@@ -68,8 +76,14 @@ class Holding:
         if isinstance(scenario.excitation, Steps):
             places.append((0.0, scenario.excitation.distance, 0.0))
         elif isinstance(scenario.excitation, Course):
-            places += np.cumsum([(one.north, one.east, -one.up) for one in scenario.excitation.moves], axis=0).tolist()
-        self._box = np.array([np.min(places, axis=0), np.max(places, axis=0)]) - (0.0, 0.0, scenario.height)
+            places += np.cumsum(
+                [(one.north, one.east, -one.up) for one in scenario.excitation.moves], axis=0
+            ).tolist()
+        self._box = np.array([np.min(places, axis=0), np.max(places, axis=0)]) - (
+            0.0,
+            0.0,
+            scenario.height,
+        )
         self._stop = pulse(scenario.vehicle.stop)
         self._since: float | None = None
         self._phase = ON_GROUND
@@ -79,12 +93,20 @@ class Holding:
     def add(self, motion: Motion) -> None:
         """The next rows."""
         flying = motion.armed & (motion.landed_state >= IN_AIR)
-        limited = (motion.outputs >= self._stop) | (motion.outputs <= 1000.0 + 1000.0 * IDLE_COMMAND)
+        limited = (motion.outputs >= self._stop) | (
+            motion.outputs <= 1000.0 + 1000.0 * IDLE_COMMAND
+        )
         self._rows += int(np.count_nonzero(flying))
         self._limited += int(np.count_nonzero(limited[flying].any(axis=1)))
         self.at_limit = self._limited / max(self._rows, 1)
         off = np.linalg.norm(motion.position - np.clip(motion.position, *self._box), axis=1)
-        rows = zip(motion.time.tolist(), motion.landed_state.tolist(), motion.armed.tolist(), off.tolist(), strict=True)
+        rows = zip(
+            motion.time.tolist(),
+            motion.landed_state.tolist(),
+            motion.armed.tolist(),
+            off.tolist(),
+            strict=True,
+        )
         for time, state, armed, distance in rows:
             # Blown down to the ground it is still asked to hover.
             self._phase = state if state != ON_GROUND else self._phase
@@ -95,7 +117,9 @@ class Holding:
 
     def cautions(self) -> list[str]:
         """One sentence for each problem, without a full stop."""
-        away = f"the vehicle could not hold its place and was {self.farthest:.3g} m off: use less wind"
+        away = (
+            f"the vehicle could not hold its place and was {self.farthest:.3g} m off: use less wind"
+        )
         limited = f"motors were at their limits in {self.at_limit:.0%} of the time in the air, where nothing linear "
         limited += "is to be learned: use less wind, or smaller moments"
         return [away] * bool(self.farthest) + [limited] * (self.at_limit > 0.1)

@@ -10,13 +10,25 @@ from scipy.fft import ifft
 
 from sitl_scenarios.dynamics import Three
 from sitl_scenarios.motion import Array
-from sitl_scenarios.scenario import AXES, STICKS, Chirp, Course, Doublets, Move, Multisine, Scenario, Steps, Sticks
+from sitl_scenarios.scenario import (
+    AXES,
+    STICKS,
+    Chirp,
+    Course,
+    Doublets,
+    Move,
+    Multisine,
+    Scenario,
+    Steps,
+    Sticks,
+)
 from sitl_scenarios.wind import gaussian_noise
 
 BOOT_SECONDS = 2.0  # Seconds from the autopilot's boot until it arms itself
 SPIN_UP_SECONDS = 1.0  # Seconds from arming to take-off
 SETTLE_SECONDS = 2.0  # Seconds of hover before the excitation begins, and after it ends
-AFTER_SECONDS = 1.0  # Seconds simulated after disarming; and from touch-down, as it is planned, to disarming
+# Seconds simulated after disarming; and from touch-down, as it is planned, to disarming
+AFTER_SECONDS = 1.0
 FULL_STICK: Three = (radians(35), radians(35), radians(150))
 """Roll and pitch, rad, and yaw rate, rad/s, that a stick asks for at its end: PX4's defaults of MPC_MAN_TILT_MAX and
 MPC_MAN_Y_MAX."""
@@ -32,7 +44,8 @@ class Reference(NamedTuple):
     height: float  # m; climb: its rate, m/s
     climb: float
     aside: float  # of the place to hover at, east of the first, m
-    demand: Three = _NO_DEMAND  # to add to the roll and pitch that the position asks for, rad; yaw rate, rad/s
+    # to add to the roll and pitch that the position asks for, rad; yaw rate, rad/s
+    demand: Three = _NO_DEMAND
     by_stick: bool = False  # whether a pilot's sticks ask for it
     north: float = 0.0  # of the place to hover at, m
     velocity: tuple[float, float] = (0.0, 0.0)  # of that place, north and east, m/s
@@ -49,13 +62,17 @@ class Times(NamedTuple):
 
 def times(scenario: Scenario) -> Times:
     """When a scenario does what. Raises ValueError: the duration leaves no time to hover."""
-    climb, descent = max(3.0, scenario.height / _FASTEST), max(4.0, scenario.height / _FASTEST)
+    climb = max(3.0, scenario.height / _FASTEST)
+    descent = max(4.0, scenario.height / _FASTEST)
     after = AFTER_SECONDS + scenario.idle
     moves = scenario.excitation.moves if isinstance(scenario.excitation, Course) else ()
     excited = max(fsum(sum(move_seconds(move)[1:]) for move in moves), 1.0)
     shortest = SPIN_UP_SECONDS + climb + excited + 2 * SETTLE_SECONDS + descent + after
     if scenario.duration < shortest:
-        least = f"at least {shortest:g} s for a height of {scenario.height:g} m" + " and the course" * bool(moves)
+        least = (
+            f"at least {shortest:g} s for a height of {scenario.height:g} m"
+            + " and the course" * bool(moves)
+        )
         raise ValueError(f"duration must be {least}, not {scenario.duration:g}")
     return Times(climb, descent, SPIN_UP_SECONDS + climb, scenario.duration - after - descent)
 
@@ -97,15 +114,26 @@ class Plan:
             excited = hover + SETTLE_SECONDS <= time < landing - SETTLE_SECONDS
             if excited and isinstance(self._excitation, Course):
                 return self._flown(round((time - hover - SETTLE_SECONDS) / self._cycle))
-            aside, demand = self._excited(time - hover - SETTLE_SECONDS) if excited else (0.0, _NO_DEMAND)
-            return Reference(2, self._height, 0.0, aside, demand, excited and isinstance(self._excitation, Sticks))
+            aside, demand = (
+                self._excited(time - hover - SETTLE_SECONDS) if excited else (0.0, _NO_DEMAND)
+            )
+            return Reference(
+                2,
+                self._height,
+                0.0,
+                aside,
+                demand,
+                excited and isinstance(self._excitation, Sticks),
+            )
         done, rate = _smooth(min((time - landing) / descent, 1.0))
         way = self._height + 0.2  # aims below the ground, so as to touch it
         return Reference(4, self._height - way * done, -way * rate / descent, 0.0)
 
     def _flown(self, row: int) -> Reference:
         north, east, up, ahead, aside, climb, turn = self._course[min(row, len(self._course) - 1)]
-        return Reference(2, self._height + up, climb, east, (0.0, 0.0, turn), False, north, (ahead, aside))
+        return Reference(
+            2, self._height + up, climb, east, (0.0, 0.0, turn), False, north, (ahead, aside)
+        )
 
     def _excited(self, time: float) -> tuple[float, Three]:
         """Aside (m) and demand, ``time`` seconds after the excitation began."""
@@ -114,7 +142,9 @@ class Plan:
                 phase = time % period
                 sign = 1.0 if phase < width else -1.0 if phase < 2 * width else 0.0
                 return 0.0, _about(axis, radians(amplitude) * sign)
-            case Chirp(axis=axis, amplitude=amplitude, lowest=lowest, highest=highest, period=period):
+            case Chirp(
+                axis=axis, amplitude=amplitude, lowest=lowest, highest=highest, period=period
+            ):
                 since = time % period
                 turns = (lowest + (highest - lowest) * since / period / 2) * since
                 return 0.0, _about(axis, radians(amplitude) * sin(2 * pi * turns))
@@ -136,20 +166,29 @@ def move_seconds(move: Move) -> tuple[float, float, float]:
 
 def _course(course: Course, cycle: float) -> Array:
     """(N, 7) of each cycle: place north, east and up, m, its velocity likewise, m/s, and yaw rate, rad/s."""
-    begin, rows = np.zeros(3), []
+    begin = np.zeros(3)
+    rows = []
     for move in course.moves:
         way = np.array([move.north, move.east, move.up])
         fastest, lasts, hover = move_seconds(move)
         time = cycle * np.arange(round((lasts + hover) / cycle))
-        length, ramp = hypot(*way), fastest / BRAKING
+        length = hypot(*way)
+        ramp = fastest / BRAKING
         leg = length / fastest + ramp if length else 0.0
         # Faster, evenly, and slower again.
-        first, last = np.minimum(time, ramp), np.clip(time - leg + ramp, 0.0, ramp)
-        done = BRAKING / 2 * (first**2 - last**2) + fastest * (np.clip(time - ramp, 0.0, leg - ramp))
-        turning = radians(move.rate) * (time < abs(move.turn) / move.rate) * (1 if move.turn > 0 else -1)
+        first = np.minimum(time, ramp)
+        last = np.clip(time - leg + ramp, 0.0, ramp)
+        done = BRAKING / 2 * (first**2 - last**2) + fastest * (
+            np.clip(time - ramp, 0.0, leg - ramp)
+        )
+        turning = (
+            radians(move.rate) * (time < abs(move.turn) / move.rate) * (1 if move.turn > 0 else -1)
+        )
         along = way / (length or 1.0)
         rows.append(
-            np.column_stack([begin + np.outer(done, along), np.outer(BRAKING * (first - last), along), turning])
+            np.column_stack(
+                [begin + np.outer(done, along), np.outer(BRAKING * (first - last), along), turning]
+            )
         )
         begin = begin + way
     return np.concatenate(rows)
@@ -178,19 +217,27 @@ def _multisine(multisine: Multisine, cycle: float) -> Array:
     each has every third of them, so that the demands are orthogonal (E. Morelli, "Multiple input design for real-time
     parameter estimation in the frequency domain", IFAC Symposium on System Identification, 2003).
     """
-    first, last = max(1, round(multisine.lowest * multisine.period)), round(multisine.highest * multisine.period)
+    first = max(1, round(multisine.lowest * multisine.period))
+    last = round(multisine.highest * multisine.period)
     lines = range(first, max(last, first) + 1)
     samples = round(multisine.period / cycle)
     demands = np.zeros((samples, 3))
     for number, name in enumerate(AXES):
         if multisine.axis in (name, "all"):
             harmonics = lines[number::3] if multisine.axis == "all" else lines
-            count, spectrum = len(harmonics), np.zeros(samples, dtype=np.complex128)
+            count = len(harmonics)
+            spectrum = np.zeros(samples, dtype=np.complex128)
             # −πk(k + 1)/N in whole numbers until the last: whole turns more would cost digits.
             phases = [-pi * (k * (k + 1) % (2 * count)) / count for k in range(count)]
             # Lines above half the sampling rate are folded, as samples of their sines would be.
-            np.add.at(spectrum, np.array(harmonics) % samples, [complex(cos(phase), sin(phase)) for phase in phases])
-            demands[:, number] = radians(multisine.sd) * sqrt(2 / count) * samples * ifft(spectrum).real
+            np.add.at(
+                spectrum,
+                np.array(harmonics) % samples,
+                [complex(cos(phase), sin(phase)) for phase in phases],
+            )
+            demands[:, number] = (
+                radians(multisine.sd) * sqrt(2 / count) * samples * ifft(spectrum).real
+            )
     return demands
 
 

@@ -25,8 +25,20 @@ from pydantic import (
     model_validator,
 )
 
-_COUNTED = {"wind": "wind", "moments": "moment"}  # Sections that there may be several of, and what one is called
-_ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth", "ninth", "tenth")
+# Sections that there may be several of, and what one is called
+_COUNTED = {"wind": "wind", "moments": "moment"}
+_ORDINALS = (
+    "first",
+    "second",
+    "third",
+    "fourth",
+    "fifth",
+    "sixth",
+    "seventh",
+    "eighth",
+    "ninth",
+    "tenth",
+)
 
 
 def place(words: Sequence[int | str]) -> str:
@@ -34,7 +46,11 @@ def place(words: Sequence[int | str]) -> str:
     section, *rest = words
     if section in _COUNTED and rest and isinstance(rest[0], int):
         number = rest[0]
-        nth = f"{_ORDINALS[number]} {_COUNTED[section]}" if number < len(_ORDINALS) else f"{section} no. {number + 1}"
+        nth = (
+            f"{_ORDINALS[number]} {_COUNTED[section]}"
+            if number < len(_ORDINALS)
+            else f"{section} no. {number + 1}"
+        )
         return f"the {nth}" + (f"'s {_dotted(rest[1:])}" if rest[1:] else "")
     return _dotted(words)
 
@@ -58,7 +74,9 @@ Share = Annotated[float, Field(ge=0, le=1)]
 class Section(BaseModel):
     """A part of a scenario: immutable, without keys it does not know, and without text for numbers."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, use_attribute_docstrings=True)
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", strict=True, use_attribute_docstrings=True
+    )
 
 
 Left = Annotated[float, Field(gt=0, le=1)]
@@ -68,7 +86,12 @@ Millimetres = Annotated[float, Field(ge=-100, le=100)]
 class Propeller(Section):
     """A propeller that chips in flight: it gives less thrust, takes less torque, and shakes the vehicle."""
 
-    motor: int = Field(0, ge=0, le=4, description="Motor that turns it, counted from 1 as the autopilot does; 0: none")
+    motor: int = Field(
+        0,
+        ge=0,
+        le=4,
+        description="Motor that turns it, counted from 1 as the autopilot does; 0: none",
+    )
     start: NotNegative = Field(0.0, description="Seconds into the flight at which it chips")
     thrust: Left = Field(0.85, description="Share of its thrust that is left, at the same speed")
     torque: Left = 0.82
@@ -81,20 +104,27 @@ class Load(Section):
     """A load that shifts in flight, and the vehicle's centre of mass with it."""
 
     start: NotNegative = Field(0.0, description="Seconds into the flight at which it shifts")
-    forward: Millimetres = Field(0.0, description="How far the centre of mass moves forward, mm; back where negative")
-    right: Millimetres = Field(0.0, description="How far it moves to the right, mm; to the left where negative")
+    forward: Millimetres = Field(
+        0.0, description="How far the centre of mass moves forward, mm; back where negative"
+    )
+    right: Millimetres = Field(
+        0.0, description="How far it moves to the right, mm; to the left where negative"
+    )
 
 
 MAX_WINDS = 16  # Winds, and moments, that are summed
 
 Kernel = Annotated[float, Field(ge=1e-3, le=60)]
 """Seconds. What is shorter than the steps of the physics is white to them; what is longer changes in no flight."""
-Angle = Annotated[float, Field(gt=0, le=30)]  # Degrees of roll or pitch, degrees/s of yaw rate, that are asked for
+# Degrees of roll or pitch, degrees/s of yaw rate, that are asked for
+Angle = Annotated[float, Field(gt=0, le=30)]
 Metres = Annotated[float, Field(ge=-500, le=500)]  # Of a move
 Frequency = Annotated[float, Field(gt=0, le=200)]  # Hz: half of the greatest rate of a stream
 Speed = Annotated[float, Field(ge=0, le=60)]  # Of wind, m/s: no hurricane's mean is greater
 
-Direction = Annotated[float, Field(ge=-360, le=360, description="It comes from, degrees clockwise from north")]
+Direction = Annotated[
+    float, Field(ge=-360, le=360, description="It comes from, degrees clockwise from north")
+]
 
 
 def towards(direction: float) -> NDArray[np.float64]:
@@ -102,7 +132,9 @@ def towards(direction: float) -> NDArray[np.float64]:
     return np.array([-cos(radians(direction)), -sin(radians(direction)), 0.0])
 
 
-_OrInf = BeforeValidator(lambda given: None if given == inf else tuple(given) if isinstance(given, list) else given)
+_OrInf = BeforeValidator(
+    lambda given: None if given == inf else tuple(given) if isinstance(given, list) else given
+)
 """Beside None, the time that never comes: TOML has no word for None, JSON none for infinity nor for tuples."""
 Lag = Annotated[Annotated[float, Field(ge=0, le=1)] | None, _OrInf]  # Of a rotor's speed, s
 Degrees = Annotated[float, Field(ge=-10, le=10)]
@@ -125,13 +157,19 @@ class BodySpec(Section):
     arm: Annotated[tuple[PositiveFloat, PositiveFloat], _OrInf]
     hover: float = Field(gt=0.1, lt=1, description="Share of the motors' range in hover")
     torque: float = Field(gt=0, le=1, description="Of a rotor, by its thrust, m")
-    damping: Annotated[tuple[NonNegativeFloat, NonNegativeFloat, NonNegativeFloat], _OrInf] = (0.0, 0.0, 0.0)
+    damping: Annotated[tuple[NonNegativeFloat, NonNegativeFloat, NonNegativeFloat], _OrInf] = (
+        0.0,
+        0.0,
+        0.0,
+    )
 
 
 class VehicleSpec(Section):
     """The vehicle."""
 
-    model: Literal["ardrone2", "iris", "crazyflie"] = Field("iris", description="AR.Drone 2.0, 3DR Iris or Crazyflie 2")
+    model: Literal["ardrone2", "iris", "crazyflie"] = Field(
+        "iris", description="AR.Drone 2.0, 3DR Iris or Crazyflie 2"
+    )
     frame: Literal["x", "plus"] = Field("x", description="Where the rotors are")
     battery_sag: Annotated[float, Field(ge=0, lt=0.5)] = 0.0
     """Share of the voltage, and of the rotors' speed, that the battery loses from the flight's beginning to its end."""
@@ -145,12 +183,20 @@ class VehicleSpec(Section):
     """Quadratic drag along body x and y, 1/m, in place of the hull's published one; inf: as published."""
     quadratic_thrust: Annotated[Share | None, _OrInf] = None
     """Share of the thrust that is quadratic in the command, the rest linear; inf: rotor speed linear in it."""
-    lag_up: Lag = Field(None, description="Time constant of a rotor that speeds up, s; inf: as published")
-    lag_down: Lag = Field(None, description="Time constant of a rotor that slows down, s; inf: as published")
+    lag_up: Lag = Field(
+        None, description="Time constant of a rotor that speeds up, s; inf: as published"
+    )
+    lag_down: Lag = Field(
+        None, description="Time constant of a rotor that slows down, s; inf: as published"
+    )
     mixer: Literal["", "x", "plus"] = ""
     """Frame that the autopilot is set to, where it is another: it turns roll into pitch, and may oscillate."""
-    rate_gain: float = Field(1.0, gt=0, le=50, description="Multiple of the rate loop's gain that suits the vehicle")
-    stop: float = Field(1.0, gt=0.2, le=1, description="Share of the pulse range at which motors stop: MOT_SPIN_MAX")
+    rate_gain: float = Field(
+        1.0, gt=0, le=50, description="Multiple of the rate loop's gain that suits the vehicle"
+    )
+    stop: float = Field(
+        1.0, gt=0.2, le=1, description="Share of the pulse range at which motors stop: MOT_SPIN_MAX"
+    )
     inertia_scale: Annotated[float, Field(ge=0.1, le=10)] = 1.0
     """Multiple of the published moments of inertia; the autopilot is tuned for it."""
     body: Annotated[BodySpec | None, _OrInf] = None
@@ -211,10 +257,16 @@ class Jet(Section):
     kind: Literal["jet"]
     speed: Speed = Field(description="On the axis where it leaves the blower, m/s")
     direction: Direction = 90.0
-    distance: float = Field(2.0, ge=0.01, le=100, description="From the blower to where the vehicle hovers, m")
+    distance: float = Field(
+        2.0, ge=0.01, le=100, description="From the blower to where the vehicle hovers, m"
+    )
     diameter: float = Field(0.5, ge=0.01, le=10, description="Of the blower's mouth, m")
-    turbulence: Share = Field(0.2, description="Standard deviation of the speed, as a share of the local mean")
-    s: Kernel = Field(0.05, description="Of the kernel of that turbulence, s, as of a gaussian wind")
+    turbulence: Share = Field(
+        0.2, description="Standard deviation of the speed, as a share of the local mean"
+    )
+    s: Kernel = Field(
+        0.05, description="Of the kernel of that turbulence, s, as of a gaussian wind"
+    )
     offset: Annotated[float, Field(ge=-100, le=100)] = 0.0
     """Of the jet's axis to the right of where the vehicle hovers, seen along the jet, m."""
 
@@ -224,9 +276,13 @@ class Profile(Section):
 
     law: Literal["none", "power", "log"] = "none"
     """Of the speed: (z/reference)^exponent, or log(z/roughness) / log(reference/roughness), at the height z."""
-    reference: float = Field(10.0, ge=1, le=100, description="Height at which the winds are as given, m")
+    reference: float = Field(
+        10.0, ge=1, le=100, description="Height at which the winds are as given, m"
+    )
     exponent: Share = Field(1 / 7, description="Of the power law; 1/7 over open land")
-    roughness: float = Field(0.03, gt=0, lt=1, description="Length of the logarithmic law, m; 0.03 of grass")
+    roughness: float = Field(
+        0.03, gt=0, lt=1, description="Length of the logarithmic law, m; 0.03 of grass"
+    )
     veer: Degrees = Field(0.0, description="Clockwise turn with height, degrees/m")
     turn: Degrees = Field(0.0, description="Clockwise turn in time, from arming, degrees/s")
 
@@ -240,7 +296,9 @@ class Profile(Section):
         return share * cos(angle), share * sin(angle)
 
 
-Wind = Annotated[SteadyWind | GaussianWind | TurbulentWind | Gust | Jet, Field(discriminator="kind")]
+Wind = Annotated[
+    SteadyWind | GaussianWind | TurbulentWind | Gust | Jet, Field(discriminator="kind")
+]
 
 
 Axis = Literal["roll", "pitch", "yaw"]
@@ -259,8 +317,12 @@ class Doublets(Section):
     """A demand to one side, then to the other, again and again."""
 
     kind: Literal["doublets"]
-    axis: Axis = Field("roll", description="What is asked for: an angle of roll or pitch, or a rate of yaw")
-    amplitude: Angle = Field(8.0, description="Of roll or pitch, degrees; of the yaw rate, degrees/s")
+    axis: Axis = Field(
+        "roll", description="What is asked for: an angle of roll or pitch, or a rate of yaw"
+    )
+    amplitude: Angle = Field(
+        8.0, description="Of roll or pitch, degrees; of the yaw rate, degrees/s"
+    )
     width: Positive = Field(0.4, description="Seconds to each side; at most half of the period")
     period: Positive = Field(5.0, description="Seconds from one to the next")
 
@@ -269,8 +331,12 @@ class Chirp(Section):
     """A sine whose frequency rises, again and again."""
 
     kind: Literal["chirp"]
-    axis: Axis = Field("roll", description="What is asked for: an angle of roll or pitch, or a rate of yaw")
-    amplitude: Angle = Field(3.0, description="Of roll or pitch, degrees; of the yaw rate, degrees/s")
+    axis: Axis = Field(
+        "roll", description="What is asked for: an angle of roll or pitch, or a rate of yaw"
+    )
+    amplitude: Angle = Field(
+        3.0, description="Of roll or pitch, degrees; of the yaw rate, degrees/s"
+    )
     lowest: Frequency = Field(0.2, description="Hz, at the beginning")
     highest: Frequency = Field(5.0, description="Hz, at the end; below half of the stream's rate")
     period: Positive = Field(20.0, description="Seconds from one to the next")
@@ -315,7 +381,9 @@ class Move(Section):
     north: Metres = Field(0.0, description="Of the leg, m")
     east: Metres = Field(0.0, description="Of the leg, m")
     up: Metres = Field(0.0, description="Of the climb, m")
-    speed: float = Field(4.0, gt=0, le=15, description="Along the leg, m/s; it begins and brakes with 2.5 m/s²")
+    speed: float = Field(
+        4.0, gt=0, le=15, description="Along the leg, m/s; it begins and brakes with 2.5 m/s²"
+    )
     turn: float = Field(0.0, ge=-3600, le=3600, description="Of the heading, degrees clockwise")
     rate: float = Field(30.0, gt=0, le=180, description="Of the turn, degrees/s")
     hover: NotNegative = Field(3.0, description="Seconds of hover after it")
@@ -328,17 +396,27 @@ class Course(Section):
     moves: tuple[Move, ...] = Field(min_length=1, max_length=100, description="Flown in this order")
 
 
-Excitation = Annotated[Doublets | Chirp | Multisine | Steps | Sticks | Course, Field(discriminator="kind")]
+Excitation = Annotated[
+    Doublets | Chirp | Multisine | Steps | Sticks | Course, Field(discriminator="kind")
+]
 
 
 class Sensors(Section):
     """White noise and delay of the autopilot's estimates."""
 
-    rate_sd: float = Field(0.005, ge=0, le=10, description="Standard deviation of each body rate, rad/s")
+    rate_sd: float = Field(
+        0.005, ge=0, le=10, description="Standard deviation of each body rate, rad/s"
+    )
     attitude_sd: Share = Field(0.001, description="Standard deviation of roll, pitch and yaw, rad")
-    position_sd: float = Field(0.02, ge=0, le=100, description="Standard deviation of each coordinate, m")
-    velocity_sd: float = Field(0.02, ge=0, le=100, description="Standard deviation of each velocity, m/s")
-    delay: float = Field(0.004, ge=0, le=0.05, description="Seconds from the motion to the motors' command")
+    position_sd: float = Field(
+        0.02, ge=0, le=100, description="Standard deviation of each coordinate, m"
+    )
+    velocity_sd: float = Field(
+        0.02, ge=0, le=100, description="Standard deviation of each velocity, m/s"
+    )
+    delay: float = Field(
+        0.004, ge=0, le=0.05, description="Seconds from the motion to the motors' command"
+    )
     misalignment: tuple[Degrees, Degrees] = (0.0, 0.0)
     """Degrees of roll and pitch that the autopilot reads on a level vehicle."""
 
@@ -346,7 +424,9 @@ class Sensors(Section):
 class StreamSpec(Section):
     """What the autopilot sends."""
 
-    autopilot: Literal["px4", "ardupilot"] = Field(default="px4", validation_alias=AliasChoices("autopilot", "speaks"))
+    autopilot: Literal["px4", "ardupilot"] = Field(
+        default="px4", validation_alias=AliasChoices("autopilot", "speaks")
+    )
     """Whose messages, units and parameters."""
     rate: Annotated[float, Field(ge=0.1, le=400)] = 100.0
     """Hz of attitude and of motor outputs; other messages that come often come at a quarter of it."""
@@ -366,7 +446,9 @@ class Faults(Section):
     loss: Share = Field(0.0, description="Share of the messages that are lost")
     delay: float = Field(0.0, ge=0, le=60, description="Seconds that each is late")
     jitter: float = Field(0.0, ge=0, le=60, description="Up to so many seconds more")
-    reordered: Share = Field(0.0, description="Share of the messages that are overtaken by the one after")
+    reordered: Share = Field(
+        0.0, description="Share of the messages that are overtaken by the one after"
+    )
     reboot: Annotated[Positive | None, _OrInf] = None
     """Seconds into the flight at which the autopilot reboots in flight, clock and rates too; inf: never."""
     outage: Annotated[Positive | None, _OrInf] = None
@@ -383,19 +465,25 @@ class Scenario(Section):
     """A flight from arming to disarming: climb, hover with the excitation and in the wind given, land."""
 
     description: str = Field("", description="One sentence about it")
-    duration: float = Field(60.0, ge=15, le=MAX_SECONDS, description="Seconds from arming to disarming")
+    duration: float = Field(
+        60.0, ge=15, le=MAX_SECONDS, description="Seconds from arming to disarming"
+    )
     flights: Annotated[int, Field(ge=1, le=100)] = 1
     """How often it takes off, each time for the duration; faults count from the first."""
     idle: NotNegative = 0.0
     """Seconds of the duration that it stands on the ground after landing, in the mode that landed, motors idling."""
     idle_share: Share = Field(0.1, description="Of the pulse range: what the motors idle at then")
-    landing_mode: bool = Field(True, description="Whether it lands in the mode for it; if not, in that of the hover")
+    landing_mode: bool = Field(
+        True, description="Whether it lands in the mode for it; if not, in that of the hover"
+    )
     height: float = Field(5.0, gt=0.5, le=100, description="Of the hover, m")
     seed: int = Field(0, ge=0, lt=2**32, description="Random seed")
     vehicle: VehicleSpec = VehicleSpec()
     wind: Annotated[tuple[Wind, ...], Field(max_length=MAX_WINDS)] = Field((), description="Summed")
     profile: Profile = Profile()
-    moments: Annotated[tuple[Moment, ...], Field(max_length=MAX_WINDS)] = Field((), description="Summed")
+    moments: Annotated[tuple[Moment, ...], Field(max_length=MAX_WINDS)] = Field(
+        (), description="Summed"
+    )
     excitation: Excitation | None = None
     sensors: Sensors = Sensors()
     stream: StreamSpec = StreamSpec()
@@ -412,41 +500,90 @@ class Scenario(Section):
         """What no key can be wrong in by itself."""
         lasting: list[tuple[str, float | None]] = []
         for number, wind in enumerate(self.wind):
-            lasting += [(place(["wind", number, key]), getattr(wind, key, None)) for key in ("s", "start")]
-        lasting += [(place(["moments", number, "s"]), moment.s) for number, moment in enumerate(self.moments)]
+            lasting += [
+                (place(["wind", number, key]), getattr(wind, key, None)) for key in ("s", "start")
+            ]
+        lasting += [
+            (place(["moments", number, "s"]), moment.s)
+            for number, moment in enumerate(self.moments)
+        ]
         if self.excitation is not None:
             key = "s" if isinstance(self.excitation, Sticks) else "period"
             lasting.append((f"excitation.{key}", getattr(self.excitation, key, None)))
         flight = "less than the duration of the flight", self.duration, "s"
-        limits = [(given >= self.duration, key, given, *flight) for key, given in lasting if given is not None]
-        once = [(f"faults.{key}", getattr(self.faults, key)) for key in ("reboot", "outage", "clock_jump")]
+        limits = [
+            (given >= self.duration, key, given, *flight)
+            for key, given in lasting
+            if given is not None
+        ]
+        once = [
+            (f"faults.{key}", getattr(self.faults, key))
+            for key in ("reboot", "outage", "clock_jump")
+        ]
         once += [("vehicle.weak_from", self.vehicle.weak_from if self.vehicle.weak_motor else None)]
         once += [("propeller.start", self.propeller.start), ("load.start", self.load.start)]
         which = "the flight" if self.flights == 1 else "all flights"
         flights = f"less than the duration of {which}", self.flights * self.duration, "s"
-        limits += [(given >= flights[1], key, given, *flights) for key, given in once if given is not None]
+        limits += [
+            (given >= flights[1], key, given, *flights) for key, given in once if given is not None
+        ]
         match self.excitation:
             case Doublets(width=width, period=period):
                 half = "at most half of excitation.period", period / 2, "s"
                 limits.append((2 * width > period, "excitation.width", width, *half))
             case Chirp(lowest=lowest, highest=highest) | Multisine(lowest=lowest, highest=highest):
-                order, nyquist = "at most excitation.highest", "below half of stream.rate"
+                order = "at most excitation.highest"
+                nyquist = "below half of stream.rate"
                 limits.append((lowest > highest, "excitation.lowest", lowest, order, highest, "Hz"))
                 fastest = self.stream.rate / 2
-                limits.append((highest >= fastest, "excitation.highest", highest, nyquist, fastest, "Hz"))
+                limits.append(
+                    (highest >= fastest, "excitation.highest", highest, nyquist, fastest, "Hz")
+                )
         if isinstance(self.excitation, Multisine):
             least = 1 / self.excitation.period
-            lowest, turn = self.excitation.lowest, "at least one turn in excitation.period"
-            limits.append((lowest * self.excitation.period < 1, "excitation.lowest", lowest, turn, least, "Hz"))
+            lowest = self.excitation.lowest
+            turn = "at least one turn in excitation.period"
+            limits.append(
+                (
+                    lowest * self.excitation.period < 1,
+                    "excitation.lowest",
+                    lowest,
+                    turn,
+                    least,
+                    "Hz",
+                )
+            )
             # A sine for each axis, at least, after what lies between the harmonics is rounded to the nearest.
-            enough, apart = "three turns in excitation.period above excitation.lowest", lowest + 3 * least
+            enough = "three turns in excitation.period above excitation.lowest"
+            apart = lowest + 3 * least
             few = self.excitation.axis == "all" and self.excitation.highest < apart
             limits.append((few, "excitation.highest", self.excitation.highest, enough, apart, "Hz"))
         if isinstance(self.excitation, Course):
-            at = np.cumsum([(move.north, move.east, move.up) for move in self.excitation.moves], axis=0)
-            back, lowest = float(np.abs(at[-1]).max()), self.height + float(at[:, 2].min())
-            limits.append((back > 1e-6, "the course's end, from its beginning,", back, "none at all", 0.0, "m"))
-            limits.append((lowest < 0.5, "the course's lowest height", lowest, "clear of the ground", 0.5, "m"))
+            at = np.cumsum(
+                [(move.north, move.east, move.up) for move in self.excitation.moves], axis=0
+            )
+            back = float(np.abs(at[-1]).max())
+            lowest = self.height + float(at[:, 2].min())
+            limits.append(
+                (
+                    back > 1e-6,
+                    "the course's end, from its beginning,",
+                    back,
+                    "none at all",
+                    0.0,
+                    "m",
+                )
+            )
+            limits.append(
+                (
+                    lowest < 0.5,
+                    "the course's lowest height",
+                    lowest,
+                    "clear of the ground",
+                    0.5,
+                    "m",
+                )
+            )
         for wrong, key, given, relation, limit, unit in limits:
             if wrong:
                 raise ValueError(f"{key} must be {relation}, {limit:g} {unit}, not {given:g}")

@@ -31,7 +31,8 @@ class Unbalance:
         self._arm = places.forward[self._motor], places.right[self._motor], -body.hub_height
         # A rotor that turns counter-clockwise seen from above turns negatively about the axis that points down.
         self._turns = -SPINS[self._motor]
-        self._inertia, self._cycle = body.inertia, cycle
+        self._inertia = body.inertia
+        self._cycle = cycle
         self._phase = 0.0
 
     def at(self, rotors: Four, thrust: Four) -> Three:
@@ -45,17 +46,22 @@ class Unbalance:
         self._phase = (self._phase + self._turns * speed * self._cycle) % (2 * pi)
         force = self._product * speed * speed
         # The rate is a quarter of a turn behind the moment; the low-pass takes amplitude, and its phase is no matter.
-        fx, fy = force * sin(self._phase), -force * cos(self._phase)
+        fx = force * sin(self._phase)
+        fy = -force * cos(self._phase)
         x, y, z = self._arm
         moment = -z * fy, z * fx, x * fy - y * fx
         passes = 1 / hypot(1.0, speed / (2 * pi * 20.0))  # Hz of ArduPilot's INS_GYRO_FILTER
-        p, q, r = (passes * one / (inertia * speed) for one, inertia in zip(moment, self._inertia, strict=True))
+        p, q, r = (
+            passes * one / (inertia * speed)
+            for one, inertia in zip(moment, self._inertia, strict=True)
+        )
         return p, q, r
 
 
 def vibration(scenario: Scenario, motion: Motion) -> NDArray[np.float64]:
     """(N, 3) what the accelerometer feels of an unbalanced propeller: forward, right and down, RMS, m/s²."""
-    propeller, felt = scenario.propeller, np.zeros((len(motion), 3))
+    propeller = scenario.propeller
+    felt = np.zeros((len(motion), 3))
     if propeller.motor:
         force = 1e-6 * propeller.unbalance * motion.rotor_speeds[:, propeller.motor - 1] ** 2
         chipped = motion.time >= BOOT_SECONDS + propeller.start
@@ -74,18 +80,27 @@ class Sensing:
         sds = (sensors.position_sd, sensors.velocity_sd, sensors.attitude_sd / 2, sensors.rate_sd)
         blocks = (noise.standard_normal((1000, 12)) * np.repeat(sds, 3) for _ in count())
         self._noise = chain.from_iterable(block.tolist() for block in blocks)
-        self._mounted = (radians(sensors.misalignment[0]) / 2, radians(sensors.misalignment[1]) / 2, 0.0)
+        self._mounted = (
+            radians(sensors.misalignment[0]) / 2,
+            radians(sensors.misalignment[1]) / 2,
+            0.0,
+        )
 
     def estimate(self, state: State, shaken: Three = (0.0, 0.0, 0.0)) -> State:
         """What is known, not of the rotors, in ``state``, the gyro ``shaken``, rad/s; one call each cycle."""
         self._seen.append(state)
         last = len(self._seen) - 1
-        new, old = self._seen[max(last - self._whole, 0)], self._seen[max(last - self._whole - 1, 0)]
-        k, m = 1.0 - self._share, self._share
+        new = self._seen[max(last - self._whole, 0)]
+        old = self._seen[max(last - self._whole - 1, 0)]
+        k = 1.0 - self._share
+        m = self._share
         (x, y, z), (u, v, w), (a, b, c, d), (p, q, r) = new[:4]
         (x0, y0, z0), (u0, v0, w0), (a0, b0, c0, d0), (p0, q0, r0) = old[:4]
         nx, ny, nz, nu, nv, nw, ea, eb, ec, np_, nq, nr = next(self._noise)
-        a, b, c, d = k * a + m * a0, k * b + m * b0, k * c + m * c0, k * d + m * d0
+        a = k * a + m * a0
+        b = k * b + m * b0
+        c = k * c + m * c0
+        d = k * d + m * d0
         mx, my, _ = self._mounted
         a, b, c, d = turned((a, b, c, d), (mx + ea, my + eb, ec))
         size = 1.0 / sqrt(a * a + b * b + c * c + d * d)
@@ -93,5 +108,9 @@ class Sensing:
             (k * x + m * x0 + nx, k * y + m * y0 + ny, k * z + m * z0 + nz),
             (k * u + m * u0 + nu, k * v + m * v0 + nv, k * w + m * w0 + nw),
             (a * size, b * size, c * size, d * size),
-            (k * p + m * p0 + np_ + shaken[0], k * q + m * q0 + nq + shaken[1], k * r + m * r0 + nr + shaken[2]),
+            (
+                k * p + m * p0 + np_ + shaken[0],
+                k * q + m * q0 + nq + shaken[1],
+                k * r + m * r0 + nr + shaken[2],
+            ),
         )

@@ -10,7 +10,17 @@ from math import ceil, fsum, hypot, sqrt
 import numpy as np
 
 from sitl_scenarios.controller import ControlOutput
-from sitl_scenarios.dynamics import DISARMED_PULSE, IDLE_COMMAND, AirState, Body, Four, State, damages, euler, pulse
+from sitl_scenarios.dynamics import (
+    DISARMED_PULSE,
+    IDLE_COMMAND,
+    AirState,
+    Body,
+    Four,
+    State,
+    damages,
+    euler,
+    pulse,
+)
 from sitl_scenarios.gains import controller_for, cycle_of
 from sitl_scenarios.motion import Array, Motion
 from sitl_scenarios.plan import AFTER_SECONDS, BOOT_SECONDS, Plan, seconds
@@ -20,7 +30,8 @@ from sitl_scenarios.vehicles import GRAVITY, airframe
 from sitl_scenarios.wind import Weather
 
 MAX_STEP_SECONDS = 1e-3  # s: the physics take whole steps in a cycle, and none is longer than this
-MAX_BODY_RATE = 200.0  # rad/s: no vehicle turns faster, and a simulation of one that did would mean nothing
+# rad/s: no vehicle turns faster, and a simulation of one that did would mean nothing
+MAX_BODY_RATE = 200.0
 _COLUMNS = (
     {field.name: 3 for field in fields(Motion)}
     | dict.fromkeys(("attitude", "known_attitude", "outputs", "demands", "rotor_speeds"), 4)
@@ -55,9 +66,13 @@ class Simulation:
         self._arming: int = self._boot
         self._more = scenario.flights - 1
         spec = scenario.vehicle
-        self._per_watt = spec.battery_load / (4 * self._airframe.power_at(self._airframe.hover_speed))
+        self._per_watt = spec.battery_load / (
+            4 * self._airframe.power_at(self._airframe.hover_speed)
+        )
         # Of the first arming, whatever the number of flights.
-        self._damage = [(self._boot + round(begin / self.cycle), left) for begin, left in damages(scenario)]
+        self._damage = [
+            (self._boot + round(begin / self.cycle), left) for begin, left in damages(scenario)
+        ]
         self._unbalance = Unbalance(spec, scenario.propeller, self.cycle)
         self.armed = False
         self._commanded = False
@@ -79,7 +94,8 @@ class Simulation:
             return True
         if not self._grounded and (armed or not force):
             return False
-        self._commanded, self._more = True, 0
+        self._commanded = True
+        self._more = 0
         self.armed = armed
         if armed:
             self._arming = self._now
@@ -101,7 +117,9 @@ class Simulation:
         while self._damage and self._now >= self._damage[0][0]:
             self._body.damage(self._damage.pop(0)[1])
         if self._more and not self.armed and self._now >= self._arming + self._end:
-            self._arming, self._more, self._down = self._now + self._boot, self._more - 1, False
+            self._arming = self._now + self._boot
+            self._more = self._more - 1
+            self._down = False
             self._controller.rest()
         flown = self._now - self._arming
         if not self.armed and not self._commanded and flown == 0:
@@ -109,16 +127,25 @@ class Simulation:
         if self.armed and flown >= self._flight and self._grounded:
             self.armed = False
         # Every flight begins with all of the battery.
-        state, air = self._state, self._weather.at(flown + self._boot, self._state.position)
+        state = self._state
+        air = self._weather.at(flown + self._boot, self._state.position)
         battery = 1.0 - self.scenario.vehicle.battery_sag * min(max(flown / self._flight, 0.0), 1.0)
         if self._per_watt:
-            battery -= self._per_watt * fsum(self._airframe.power_at(speed) for speed in state.rotors)
+            battery -= self._per_watt * fsum(
+                self._airframe.power_at(speed) for speed in state.rotors
+            )
         shaken = self._unbalance.at(state.rotors, self._body.condition.thrust)
         estimate = self._sensing.estimate(state, shaken)
         reference = self._plan.at(flown * self.cycle)
-        landed = 1 if self._grounded and not (self.armed and reference.landed_state == 3) else reference.landed_state
+        landed = (
+            1
+            if self._grounded and not (self.armed and reference.landed_state == 3)
+            else reference.landed_state
+        )
         if not self.armed:
-            control = ControlOutput((DISARMED_PULSE[self.scenario.stream.autopilot],) * 4, (0.0,) * 4)
+            control = ControlOutput(
+                (DISARMED_PULSE[self.scenario.stream.autopilot],) * 4, (0.0,) * 4
+            )
         elif reference.landed_state == 1 or self._down:
             idle = self.scenario.idle_share if self._down else IDLE_COMMAND
             control = ControlOutput((pulse(idle),) * 4, (0.0, 0.0, 0.0, idle))
@@ -126,18 +153,35 @@ class Simulation:
             control = self._controller.control(estimate, reference, not self._grounded)
         acting = (0.0,) * 12
         if not self._grounded:
-            acting = self._body.dynamics(state.attitude, state.velocity, state.rates, state.rotors, air)
+            acting = self._body.dynamics(
+                state.attitude, state.velocity, state.rates, state.rotors, air
+            )
         sticks = reference.demand if reference.by_stick and self.armed else (0.0,) * 3
         known = estimate.attitude, estimate.rates, estimate.position, estimate.velocity
-        columns = (*state[:4], *known, *control, sticks, state.rotors, (battery,), air[:3], acting[6:])
-        row = (self._now * self.cycle, *chain.from_iterable(columns), float(self.armed), float(landed))
+        columns = (
+            *state[:4],
+            *known,
+            *control,
+            sticks,
+            state.rotors,
+            (battery,),
+            air[:3],
+            acting[6:],
+        )
+        row = (
+            self._now * self.cycle,
+            *chain.from_iterable(columns),
+            float(self.armed),
+            float(landed),
+        )
         self._move(control.outputs, battery, air, reference.landed_state)
         self._now += 1
         return row
 
     def _move(self, outputs: Four, battery: float, air: AirState, phase: int) -> None:
         """Through a cycle, off the ground and onto it."""
-        state, targets = self._state, self._body.targets(outputs, battery) if self.armed else (0.0, 0.0, 0.0, 0.0)
+        state = self._state
+        targets = self._body.targets(outputs, battery) if self.armed else (0.0, 0.0, 0.0, 0.0)
         if self._grounded:
             rotors = state.rotors
             for _ in range(self._steps):
@@ -151,13 +195,17 @@ class Simulation:
         # Not a number is not less either.
         if not hypot(*state.rates) < MAX_BODY_RATE:
             fast = f"{self._now * self.cycle:.1f} s after boot, turning at more than {MAX_BODY_RATE:g} rad/s"
-            raise ValueError(f"the vehicle is out of control {fast}: it needs less wind, or smaller moments")
+            raise ValueError(
+                f"the vehicle is out of control {fast}: it needs less wind, or smaller moments"
+            )
         north, east, down = state.position
         if down >= 0.0 and state.velocity[2] > 0.0:
             # It stands where it came down, level, with the heading it had.
             w, _, _, z = state.attitude
             size = sqrt(w * w + z * z) or 1.0
-            state = State((north, east, 0.0), attitude=(w / size, 0.0, 0.0, z / size), rotors=state.rotors)
+            state = State(
+                (north, east, 0.0), attitude=(w / size, 0.0, 0.0, z / size), rotors=state.rotors
+            )
             self._grounded = True
             self._down = phase == 4 or not self.armed
             self._controller.rest()
@@ -166,18 +214,23 @@ class Simulation:
 
 def fly(scenario: Scenario, progress: Callable[[float], None] | None = None) -> Motion:
     """A whole flight; ``progress`` gets the share flown, once a second of it. Raises ValueError: it tumbles."""
-    simulation, whole, pieces = Simulation(scenario), seconds(scenario), list[Motion]()
+    simulation = Simulation(scenario)
+    whole = seconds(scenario)
+    pieces = list[Motion]()
     while not simulation.finished:
         pieces.append(simulation.advance(round(1 / simulation.cycle)))
         if progress:
             progress(1.0 if simulation.finished else min(pieces[-1].time[-1] / whole, 1.0))
-    return Motion(**{name: np.concatenate([getattr(piece, name) for piece in pieces]) for name in _COLUMNS})
+    return Motion(
+        **{name: np.concatenate([getattr(piece, name) for piece in pieces]) for name in _COLUMNS}
+    )
 
 
 def _motion(rows: Array) -> Motion:
     ends = np.cumsum(list(_COLUMNS.values()))
     parts = dict(zip(_COLUMNS, np.split(rows, ends[:-1], axis=1), strict=True))
-    armed, landed_state = parts.pop("armed"), parts.pop("landed_state")
+    armed = parts.pop("armed")
+    landed_state = parts.pop("landed_state")
     return Motion(
         **{name: part[:, 0] if _COLUMNS[name] == 1 else part for name, part in parts.items()},
         armed=armed[:, 0] > 0.5,
@@ -185,7 +238,9 @@ def _motion(rows: Array) -> Motion:
     )
 
 
-CLIMB, HEIGHT = 1.5, 0.6  # 1/s and 1/s²: thrust by vertical speed and height, slower than what is flown
+# 1/s and 1/s²: thrust by vertical speed and height, slower than what is flown
+CLIMB = 1.5
+HEIGHT = 0.6
 
 
 def replayed(scenario: Scenario, dt: float, setpoints: Array, torque: Array) -> Array:
@@ -195,20 +250,28 @@ def replayed(scenario: Scenario, dt: float, setpoints: Array, torque: Array) -> 
     rate beside what the error of roll asks for, rad/s; ``torque`` (T,) is the wind's per moment of inertia, rad/s².
     Raises ValueError: the vehicle tumbles.
     """
-    cycle, body = cycle_of(scenario), airframe(scenario.vehicle)
+    cycle = cycle_of(scenario)
+    body = airframe(scenario.vehicle)
     steps = int(np.ceil(cycle / MAX_STEP_SECONDS - 1e-9))
-    flown, controller = Body(scenario.vehicle, cycle / steps), controller_for(scenario, cycle)
+    flown = Body(scenario.vehicle, cycle / steps)
+    controller = controller_for(scenario, cycle)
     sensing = Sensing(scenario.sensors, cycle, scenario.random(SENSORS))
     grid = np.arange(round(len(torque) * dt / cycle)) * cycle / dt
-    columns = [np.interp(grid, np.arange(len(torque)), one) for one in (*setpoints.T, torque * body.inertia[0])]
-    state, known = State(rotors=(body.hover_speed,) * 4), []
+    columns = [
+        np.interp(grid, np.arange(len(torque)), one)
+        for one in (*setpoints.T, torque * body.inertia[0])
+    ]
+    state = State(rotors=(body.hover_speed,) * 4)
+    known = []
     for roll, ahead, moment in zip(*(column.tolist() for column in columns), strict=True):
         estimate = sensing.estimate(state)
         known.append((angle := euler(estimate.attitude)[0], estimate.rates[0]))
         lift = max(GRAVITY + CLIMB * state.velocity[2] + HEIGHT * state.position[2], GRAVITY / 5)
         thrust = body.mass * lift / max(np.cos(angle), 0.5)
         control = controller.steer(estimate, (roll, 0.0, 0.0), (ahead, 0.0, 0.0), thrust, True)
-        state = flown.moved(state, flown.targets(control.outputs, 1.0), AirState(roll=moment), steps)
+        state = flown.moved(
+            state, flown.targets(control.outputs, 1.0), AirState(roll=moment), steps
+        )
         if not abs(state.rates[0]) < MAX_BODY_RATE:
             raise ValueError("the vehicle is out of control: it needs other gains")
     rows = np.searchsorted(grid, np.arange(len(torque)) - 1e-6).clip(max=len(known) - 1)

@@ -18,7 +18,16 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from mavdem.files import atomic_write
-from sitl_scenarios.dynamics import MAX_PULSE, MIN_PULSE, UNDAMAGED, AirState, Damage, damages, drag, dynamics
+from sitl_scenarios.dynamics import (
+    MAX_PULSE,
+    MIN_PULSE,
+    UNDAMAGED,
+    AirState,
+    Damage,
+    damages,
+    drag,
+    dynamics,
+)
 from sitl_scenarios.gains import controller_for, cycle_of
 from sitl_scenarios.motion import IN_AIR, Array, Motion
 from sitl_scenarios.plan import BOOT_SECONDS
@@ -49,35 +58,58 @@ class Linear:
 
     def without_lag(self) -> Linear:
         """With rotors that are at once where they settle."""
-        body, rotors = slice(0, 12), slice(12, 16)
+        body = slice(0, 12)
+        rotors = slice(12, 16)
         settled = -np.linalg.solve(self.A[rotors, rotors], self.B[rotors])
-        return Linear(self.states[:12], self.A[body, body], self.B[body] + self.A[body, rotors] @ settled)
+        return Linear(
+            self.states[:12], self.A[body, body], self.B[body] + self.A[body, rotors] @ settled
+        )
 
 
 def linearised(vehicle: VehicleSpec) -> Linear:
     """All ``STATES`` about hover, by motor commands in the vehicle's own unit; a rotor's lag is the mean of its two."""
-    body, change = airframe(vehicle), dynamics(vehicle)
+    body = airframe(vehicle)
+    change = dynamics(vehicle)
     # A vehicle whose rotors do not lag has no such states; any small lag leaves the same without it.
     tau = sum(body.lag) / 2 or 1e-3
 
     def derivative(at: Array) -> Array:
-        state, commands = at[:16], at[16:]
+        state = at[:16]
+        commands = at[16:]
         roll, pitch, yaw = state[6:9]
         p, q, r = state[9:12]
-        w, x, y, z = Rotation.from_euler("ZYX", [yaw, pitch, roll]).as_quat(scalar_first=True).tolist()
+        w, x, y, z = (
+            Rotation.from_euler("ZYX", [yaw, pitch, roll]).as_quat(scalar_first=True).tolist()
+        )
         vn, ve, vd = state[3:6].tolist()
         o1, o2, o3, o4 = state[12:].tolist()
-        acting = change((w, x, y, z), (vn, ve, vd), (float(p), float(q), float(r)), (o1, o2, o3, o4), AirState())
+        acting = change(
+            (w, x, y, z), (vn, ve, vd), (float(p), float(q), float(r)), (o1, o2, o3, o4), AirState()
+        )
         turning = q * sin(roll) + r * cos(roll)
         angles = (p + turning * tan(pitch), q * cos(roll) - r * sin(roll), turning / cos(pitch))
         targets = [body.rotor_speed(command) for command in commands.tolist()]
-        return np.array([vn, ve, vd, *acting[:3], *angles, *acting[3:6], *(np.array(targets) - state[12:]) / tau])
+        return np.array(
+            [
+                vn,
+                ve,
+                vd,
+                *acting[:3],
+                *angles,
+                *acting[3:6],
+                *(np.array(targets) - state[12:]) / tau,
+            ]
+        )
 
     # States and commands.
     hover = np.repeat([0.0, body.hover_speed, body.command_for(body.hover_speed)], [12, 4, 4])
-    steps = np.repeat([1e-3, 1e-5, 1e-5, 1e-4, 1e-5 * body.hover_speed, 1e-5 * body.full], [3, 3, 3, 3, 4, 4])
+    steps = np.repeat(
+        [1e-3, 1e-5, 1e-5, 1e-4, 1e-5 * body.hover_speed, 1e-5 * body.full], [3, 3, 3, 3, 4, 4]
+    )
     pairs = zip(np.diag(steps), steps, strict=True)
-    columns = [(derivative(hover + step) - derivative(hover - step)) / (2 * size) for step, size in pairs]
+    columns = [
+        (derivative(hover + step) - derivative(hover - step)) / (2 * size) for step, size in pairs
+    ]
     return Linear(STATES, np.column_stack(columns[:16]), np.column_stack(columns[16:]))
 
 
@@ -96,9 +128,11 @@ def axis(vehicle: VehicleSpec, axis: Axis = "roll", lag: bool = True) -> Linear:
     if not lag or tau == 0:
         return instant
     n = len(names)
-    A, B = np.zeros((n + 1, n + 1)), np.zeros((n + 1, 4))
+    A = np.zeros((n + 1, n + 1))
+    B = np.zeros((n + 1, 4))
     A[:n, :n] = instant.A
-    A[n - 1, n], A[n, n] = 1.0, -1 / tau
+    A[n - 1, n] = 1.0
+    A[n, n] = -1 / tau
     B[n] = instant.B[-1] / tau
     return Linear((*names, f"{axis} drive"), A, B)
 
@@ -106,14 +140,18 @@ def axis(vehicle: VehicleSpec, axis: Axis = "roll", lag: bool = True) -> Linear:
 def _rotor_effects(vehicle: VehicleSpec, rotors: Array, air: Array, condition: Damage) -> Array:
     """(3, 4) angular acceleration, rad/s², by each rotor's speed, rad/s, flying steadily in ``air``, body axes."""
     change = dynamics(vehicle, condition)
-    level, still, about = (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), AirState(*air.tolist())
+    level = (1.0, 0.0, 0.0, 0.0)
+    still = (0.0, 0.0, 0.0)
+    about = AirState(*air.tolist())
 
     def acceleration(speeds: Array) -> Array:
         o1, o2, o3, o4 = speeds.tolist()
         return np.array(change(level, still, still, (o1, o2, o3, o4), about)[3:6])
 
     steps = np.diag(1e-5 * rotors)
-    return np.column_stack([(acceleration(rotors + h) - acceleration(rotors - h)) / (2 * h.sum()) for h in steps])
+    return np.column_stack(
+        [(acceleration(rotors + h) - acceleration(rotors - h)) / (2 * h.sum()) for h in steps]
+    )
 
 
 def truth(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:
@@ -125,20 +163,30 @@ def truth(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:
     """
     body = airframe(scenario.vehicle)
     up, down = body.lag
-    arrays: dict[str, NDArray[Any]] = {field.name: getattr(motion, field.name) for field in fields(motion)}
+    arrays: dict[str, NDArray[Any]] = {
+        field.name: getattr(motion, field.name) for field in fields(motion)
+    }
     arrays["scenario"] = np.array(scenario.model_dump_json())
     arrays["trim"] = np.full(4, 1000 + 1000 * body.command_for(body.hover_speed) / body.full)
-    arrays |= _effects(scenario, motion) | _damage(scenario, motion) | {"vibration": vibration(scenario, motion)}
+    arrays |= (
+        _effects(scenario, motion)
+        | _damage(scenario, motion)
+        | {"vibration": vibration(scenario, motion)}
+    )
     arrays["delay"] = np.array(scenario.sensors.delay + cycle_of(scenario) / 2)
     arrays["drag_linear"], arrays["drag_quadratic"] = map(np.array, drag(scenario.vehicle))
     arrays["voltage"] = CHARGED * motion.battery
     arrays["lag"] = np.array([(up + down) / 2, up, down])
     for number, name in enumerate(AXES):
-        instant, lagging = axis(scenario.vehicle, name, lag=False), axis(scenario.vehicle, name)
+        instant = axis(scenario.vehicle, name, lag=False)
+        lagging = axis(scenario.vehicle, name)
         arrays |= {f"{name}_A": instant.A, f"{name}_B": instant.B}
         arrays |= {f"{name}_lag_A": lagging.A, f"{name}_lag_B": lagging.B}
         # The damping by the vehicle's own rate is in A; on the ground nothing moves and nothing acts.
-        acting = motion.moment[:, number] / body.inertia[number] - instant.A[-1, -1] * motion.rates[:, number]
+        acting = (
+            motion.moment[:, number] / body.inertia[number]
+            - instant.A[-1, -1] * motion.rates[:, number]
+        )
         arrays[f"{name}_disturbance"] = acting
         effect = arrays.get(f"{name}_effect", instant.B[-1])
         arrays |= _loops(scenario, cycle_of(scenario), number, -float(instant.A[-1, -1]), effect)
@@ -150,16 +198,21 @@ LOWEST = 0.05  # Hz of the loops: position control is slower
 STEP = 1e-3, -1e-3  # of a demand, to linearise the mixer
 
 
-def _loops(scenario: Scenario, cycle: float, number: int, damping: float, effect: Array) -> dict[str, NDArray[Any]]:
+def _loops(
+    scenario: Scenario, cycle: float, number: int, damping: float, effect: Array
+) -> dict[str, NDArray[Any]]:
     """Arrays by name of the loops that fly about the axis ``number``, as docs/scenarios.md explains them.
 
     They are the controller's own impulse response, a hold over one cycle, rotors, body and the estimates' delay.
     ``damping``, 1/s, is positive where it damps; ``effect`` (4,) is of each motor's output, rad/s² per µs.
     """
-    name, controller = AXES[number], controller_for(scenario, cycle)
+    name = AXES[number]
+    controller = controller_for(scenario, cycle)
     frequency = np.geomspace(LOWEST, 0.499 / cycle, 4000)
     s = np.asarray(2j * pi * frequency, np.complex128)
-    feedback, setpoint = (_response(scenario, cycle, number, wanted, s * cycle) for wanted in (False, True))
+    feedback, setpoint = (
+        _response(scenario, cycle, number, wanted, s * cycle) for wanted in (False, True)
+    )
     body = airframe(scenario.vehicle)
     about = np.append(np.eye(3)[number], 0.0)
     hover = np.append(np.zeros(3), body.command_for(body.hover_speed) / body.full)
@@ -179,7 +232,9 @@ def _loops(scenario: Scenario, cycle: float, number: int, damping: float, effect
     }
 
 
-def _response(scenario: Scenario, cycle: float, number: int, wanted: bool, turns: NDArray[Any]) -> NDArray[Any]:
+def _response(
+    scenario: Scenario, cycle: float, number: int, wanted: bool, turns: NDArray[Any]
+) -> NDArray[Any]:
     """(N,) of the rate controller at ``turns``, j times rad a cycle: from the rate that is ``wanted``, or the rate."""
     controller = controller_for(scenario, cycle)
     impulse = np.eye(1, SETTLED_CYCLES)[0].tolist()
@@ -196,7 +251,8 @@ def margins(frequency: Array, loop: NDArray[np.complex128]) -> Array:
 
     Of several crossovers the highest, of margins the least, of gain those against more of it; NaN without any.
     """
-    size, real = np.log(np.abs(loop)), loop.real
+    size = np.log(np.abs(loop))
+    real = loop.real
     crossings = np.flatnonzero(size[:-1] * size[1:] < 0)
     share = size[crossings] / (size[crossings] - size[crossings + 1])
     at = loop[crossings] + share * (loop[crossings + 1] - loop[crossings])
@@ -204,7 +260,8 @@ def margins(frequency: Array, loop: NDArray[np.complex128]) -> Array:
     turns = np.flatnonzero((loop.imag[:-1] * loop.imag[1:] < 0) & (real[:-1] < 0))
     share = loop.imag[turns] / (loop.imag[turns] - loop.imag[turns + 1])
     there = -(real[turns] + share * (real[turns + 1] - real[turns]))
-    phase, gain = np.degrees(np.angle(-at)), -20 * np.log10(there[there < 1])
+    phase = np.degrees(np.angle(-at))
+    gain = -20 * np.log10(there[there < 1])
     least = [values.min() if len(values) else np.nan for values in (-crossover, phase, gain)]
     return np.array([-least[0], *least[1:], (1 / np.abs(1 + loop)).max()])
 
@@ -214,21 +271,35 @@ def _damage(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:
     begins = [(BOOT_SECONDS + begin, condition) for begin, condition in damages(scenario)]
     left = [UNDAMAGED, *(condition for _, condition in begins)]
     number = np.searchsorted([begin for begin, _ in begins], motion.time, side="right")
-    names = dict(zip(("speed_left", "thrust_left", "torque_left", "centre"), Damage._fields, strict=True))
-    parts = {name: np.array([getattr(condition, field) for condition in left])[number] for name, field in names.items()}
+    names = dict(
+        zip(("speed_left", "thrust_left", "torque_left", "centre"), Damage._fields, strict=True)
+    )
+    parts = {
+        name: np.array([getattr(condition, field) for condition in left])[number]
+        for name, field in names.items()
+    }
     return parts | {"weak": number >= max(len(begins), 1)}
 
 
 def _effects(scenario: Scenario, motion: Motion) -> dict[str, Array]:
     """``roll_effect`` and its likes."""
-    spec, body, effects = scenario.vehicle, airframe(scenario.vehicle), dict[str, Array]()
-    hover, begins = motion.landed_state == IN_AIR, damages(scenario)
+    spec = scenario.vehicle
+    body = airframe(scenario.vehicle)
+    effects = dict[str, Array]()
+    hover = motion.landed_state == IN_AIR
+    begins = damages(scenario)
     parts = {"": (hover, UNDAMAGED)}
     if begins:
-        (first, _), (last, condition) = begins[0], begins[-1]
-        before, after = hover & (motion.time < BOOT_SECONDS + first), hover & (motion.time >= BOOT_SECONDS + last)
+        (first, _) = begins[0]
+        (last, condition) = begins[-1]
+        before = hover & (motion.time < BOOT_SECONDS + first)
+        after = hover & (motion.time >= BOOT_SECONDS + last)
         # Where it is broken in all of the hover, there is one part of it.
-        parts = {"": (before, UNDAMAGED), "_weak": (after, condition)} if before.any() else {"": (after, condition)}
+        parts = (
+            {"": (before, UNDAMAGED), "_weak": (after, condition)}
+            if before.any()
+            else {"": (after, condition)}
+        )
     for suffix, (rows, condition) in parts.items():
         if not rows.any():
             continue
@@ -236,7 +307,9 @@ def _effects(scenario: Scenario, motion: Motion) -> dict[str, Array]:
         air = turned.inv().apply(motion.wind[rows] - motion.velocity[rows]).mean(0)
         per_speed = _rotor_effects(spec, motion.rotor_speeds[rows].mean(0), air, condition)
         commands = body.full * (motion.outputs[rows].mean(0) - MIN_PULSE) / (MAX_PULSE - MIN_PULSE)
-        slopes = np.array([body.speed_slope(command) for command in commands.tolist()]) * condition.speed
+        slopes = (
+            np.array([body.speed_slope(command) for command in commands.tolist()]) * condition.speed
+        )
         slopes *= motion.battery[rows].mean() * body.full / (MAX_PULSE - MIN_PULSE)
         for name, row in zip(AXES, per_speed * slopes, strict=True):
             effects[f"{name}_effect{suffix}"] = row

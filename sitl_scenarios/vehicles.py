@@ -19,9 +19,12 @@ class Airframe:
     """A quadrotor, SI units."""
 
     mass: float  # kg
-    inertia: tuple[float, float, float]  # about forward, right and down, kg m²; the products are taken to be zero
-    arm: tuple[float, float]  # how far forward and right of the centre of mass the rotors of the X frame are, m
-    hub_height: float  # of the rotors above the centre of mass, m; the drag of the hull acts there too
+    # about forward, right and down, kg m²; the products are taken to be zero
+    inertia: tuple[float, float, float]
+    # how far forward and right of the centre of mass the rotors of the X frame are, m
+    arm: tuple[float, float]
+    # of the rotors above the centre of mass, m; the drag of the hull acts there too
+    hub_height: float
     drag_area: float  # of the hull, C_d A, m²
     thrust: tuple[float, float]  # (a, b) of a rotor, N: aω² + bω at ω rad/s
     torque: tuple[float, float]  # (a, b) of a rotor, N m, likewise
@@ -29,10 +32,12 @@ class Airframe:
     full: float  # the command that is 2000 µs; 0 is 1000 µs
     lag: tuple[float, float]  # time constants of the rotor speed when it rises and when it falls, s
     rotor_drag: float  # N per (rad/s · m/s) of one rotor, against the air that moves along its disc
-    inflow: float  # N per (rad/s · m/s) of one rotor: thrust lost to air that moves down through its disc
+    # N per (rad/s · m/s) of one rotor: thrust lost to air that moves down through its disc
+    inflow: float
     # f: thrust by the share s of the full command is (1 − f) s + f s² of the full thrust; None: ``speed`` as published
     quadratic: float | None = None
-    damping: tuple[float, float, float] = (0.0, 0.0, 0.0)  # of the body's rates, besides that of ``inflow``, 1/s
+    # of the body's rates, besides that of ``inflow``, 1/s
+    damping: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def rotor_speed(self, command: float) -> float:
         """What a command settles at, rad/s; the command in the vehicle's own unit, 0 to ``full``."""
@@ -40,14 +45,17 @@ class Airframe:
         if self.quadratic is None:
             return slope * command + offset
         share = command / self.full
-        return self.speed_for(self._full_thrust * ((1 - self.quadratic) * share + self.quadratic * share * share))
+        return self.speed_for(
+            self._full_thrust * ((1 - self.quadratic) * share + self.quadratic * share * share)
+        )
 
     def command_for(self, speed: float) -> float:
         """That settles at ``speed``, rad/s, in the vehicle's own unit."""
         slope, offset = self.speed
         if self.quadratic is None:
             return (speed - offset) / slope
-        f, thrust = self.quadratic, self.thrust_at(speed) / self._full_thrust
+        f = self.quadratic
+        thrust = self.thrust_at(speed) / self._full_thrust
         # The root that stays where f is 0.
         return self.full * 2 * thrust / (1 - f + sqrt((1 - f) ** 2 + 4 * f * thrust))
 
@@ -55,7 +63,11 @@ class Airframe:
         """Of ``rotor_speed`` in the command, rad/s per unit."""
         if self.quadratic is None:
             return self.speed[0]
-        rise = (1 - self.quadratic + 2 * self.quadratic * command / self.full) * self._full_thrust / self.full
+        rise = (
+            (1 - self.quadratic + 2 * self.quadratic * command / self.full)
+            * self._full_thrust
+            / self.full
+        )
         return rise / (2 * self.thrust[0] * self.rotor_speed(command) + self.thrust[1])
 
     @property
@@ -92,23 +104,32 @@ def _published() -> dict[str, Airframe]:
     return {name: Airframe(**table) for name, table in tables.items()}
 
 
-AIRFRAMES = _published()  # By the name that a scenario gives; their figures and sources are in airframes.toml
+# By the name that a scenario gives; their figures and sources are in airframes.toml
+AIRFRAMES = _published()
 
 
 def airframe(vehicle: VehicleSpec) -> Airframe:
     """The published airframe, or the vehicle's own, with what a scenario changes of it."""
-    published = AIRFRAMES[vehicle.model] if vehicle.body is None else _own(vehicle.body, vehicle.quadratic_thrust)
+    published = (
+        AIRFRAMES[vehicle.model]
+        if vehicle.body is None
+        else _own(vehicle.body, vehicle.quadratic_thrust)
+    )
     lags = zip(published.lag, (vehicle.lag_up, vehicle.lag_down), strict=True)
     up, down = (own if given is None else given for own, given in lags)
     ix, iy, iz = (vehicle.inertia_scale * inertia for inertia in published.inertia)
-    return replace(published, inertia=(ix, iy, iz), lag=(up, down), quadratic=vehicle.quadratic_thrust)
+    return replace(
+        published, inertia=(ix, iy, iz), lag=(up, down), quadratic=vehicle.quadratic_thrust
+    )
 
 
-FULL_SPEED = 1000.0  # rad/s of a rotor at full command, where nobody knows it: thrust and torque count, not the speed
+# rad/s of a rotor at full command, where nobody knows it: thrust and torque count, not the speed
+FULL_SPEED = 1000.0
 
 
 def _own(body: BodySpec, quadratic: float | None) -> Airframe:
-    f, share = 1.0 if quadratic is None else quadratic, body.hover
+    f = 1.0 if quadratic is None else quadratic
+    share = body.hover
     full = body.mass * GRAVITY / 4 / ((1 - f) * share + f * share * share)
     return Airframe(
         mass=body.mass,

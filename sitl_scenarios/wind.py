@@ -27,7 +27,17 @@ from scipy.special import gamma, gammainc, kv
 
 from sitl_scenarios.dynamics import AirState, Three, frame
 from sitl_scenarios.motion import Array
-from sitl_scenarios.scenario import MOMENT, WIND, GaussianWind, Gust, Jet, Scenario, SteadyWind, TurbulentWind, towards
+from sitl_scenarios.scenario import (
+    MOMENT,
+    WIND,
+    GaussianWind,
+    Gust,
+    Jet,
+    Scenario,
+    SteadyWind,
+    TurbulentWind,
+    towards,
+)
 from sitl_scenarios.vehicles import airframe
 
 
@@ -78,11 +88,13 @@ def turbulence(wind: TurbulentWind, height: float, span: float) -> Turbulence:
     feet = max(height / FOOT, 10.0)
     slope = 0.177 + 0.000823 * feet
     airspeed = max(wind.speed, SLOWEST)
-    low, wide = feet * FOOT, feet / slope**1.2 * FOOT
+    low = feet * FOOT
+    wide = feet / slope**1.2 * FOOT
     vertical = 0.1 * wind.wind_at_20_feet
     horizontal = vertical / slope**0.4
     variance = vertical**2 / low * 0.8 * (pi * low / (4 * span)) ** (1 / 3) * pi**2 / (8 * span)
-    level, rotation = (wide / airspeed, horizontal), (4 * span / (pi * airspeed), variance**0.5)
+    level = (wide / airspeed, horizontal)
+    rotation = (4 * span / (pi * airspeed), variance**0.5)
     return Turbulence(along=level, across=level, down=(low / airspeed, vertical), rotation=rotation)
 
 
@@ -109,9 +121,12 @@ def second_order(constant: float, dt: float, samples: int, noise: np.random.Gene
     """
     a = dt / constant
     keeps = exp(-a)
-    q11, q12, q22 = gammainc(1, 2 * a) / 2, gammainc(2, 2 * a) / 4, gammainc(3, 2 * a) / 4
+    q11 = gammainc(1, 2 * a) / 2
+    q12 = gammainc(2, 2 * a) / 4
+    q22 = gammainc(3, 2 * a) / 4
     white = noise.standard_normal((2, samples))
-    first, second = sqrt(q11) * white[0], q12 / sqrt(q11) * white[0] + sqrt(q22 - q12**2 / q11) * white[1]
+    first = sqrt(q11) * white[0]
+    second = q12 / sqrt(q11) * white[0] + sqrt(q22 - q12**2 / q11) * white[1]
     first[0] = sqrt(1 / 2) * white[0, 0]
     second[0] = sqrt(1 / 8) * (white[0, 0] + white[1, 0])
     x1 = _lag(keeps, first)
@@ -139,10 +154,14 @@ def along(time: Array) -> Array:
 def across(time: Array) -> Array:
     """Returns that across it, g = f − 2^(2/3)/Γ(1/3) ζ^(4/3) K_{2/3}(ζ)/2."""
     zeta = np.maximum(time / LENGTH, 1e-12)
-    return np.asarray(along(time) - 2 ** (2 / 3) / gamma(1 / 3) * zeta ** (4 / 3) * kv(2 / 3, zeta) / 2)
+    return np.asarray(
+        along(time) - 2 ** (2 / 3) / gamma(1 / 3) * zeta ** (4 / 3) * kv(2 / 3, zeta) / 2
+    )
 
 
-def von_karman_noise(transverse: bool, constant: float, dt: float, samples: int, noise: np.random.Generator) -> Array:
+def von_karman_noise(
+    transverse: bool, constant: float, dt: float, samples: int, noise: np.random.Generator
+) -> Array:
     """Returns (samples,) of von Kármán's turbulence along the wind, or ``transverse``, variance 1; L/V ``constant``, s.
 
     MIL-F-8785C, 3.7.1.1, gives spectra that no rational filter has:
@@ -163,7 +182,9 @@ def von_karman_noise(transverse: bool, constant: float, dt: float, samples: int,
 
 
 @lru_cache(4)
-def _von_karman_power(transverse: bool, constant: float, dt: float, samples: int) -> tuple[Array, int]:
+def _von_karman_power(
+    transverse: bool, constant: float, dt: float, samples: int
+) -> tuple[Array, int]:
     """The power of each frequency on a circle of so many samples, and their number."""
     # At ζ = 40 nothing is left of either autocorrelation: e^(−40).
     memory = int(40.0 * LENGTH * constant / dt) + 1
@@ -192,7 +213,9 @@ def jet_speed(jet: Jet, along: float, aside: float) -> float:
     if along <= 0.0:
         return 0.0
     end = 6.0 * jet.diameter  # where the speed on the axis begins to fall
-    return jet.speed * min(1.0, end / along) * exp(-log(2) * (aside / (SPREAD * max(along, end))) ** 2)
+    return (
+        jet.speed * min(1.0, end / along) * exp(-log(2) * (aside / (SPREAD * max(along, end))) ** 2)
+    )
 
 
 def _jet_wind(jet: Jet, height: float, turbulence: Array, position: Three) -> Three:
@@ -244,7 +267,9 @@ class Weather:
                     air[:, :5] += _turbulent(wind, scenario, dt, samples, noise)
         for number, moment in enumerate(scenario.moments):
             noise = scenario.random(MOMENT, number)
-            air[:, AirState._fields.index(moment.axis)] += moment.sd * gaussian_noise(moment.s, dt, samples, noise)
+            air[:, AirState._fields.index(moment.axis)] += moment.sd * gaussian_noise(
+                moment.s, dt, samples, noise
+            )
         self._air = air
         self._profile, self._time = scenario.profile, time.tolist()
 
@@ -254,14 +279,18 @@ class Weather:
         air = AirState(*self._air[cycle].tolist())
         if self._profile.model_fields_set:
             c, s = self._profile.at(-position[2], max(self._time[cycle], 0.0))
-            air = air._replace(north=c * air.north - s * air.east, east=s * air.north + c * air.east)
+            air = air._replace(
+                north=c * air.north - s * air.east, east=s * air.north + c * air.east
+            )
         for jet, turbulence in self._jets:
             north, east, down = _jet_wind(jet, self._height, turbulence[cycle], position)
             air = air._replace(north=air.north + north, east=air.east + east, down=air.down + down)
         return air
 
 
-def _turbulent(wind: TurbulentWind, scenario: Scenario, dt: float, samples: int, noise: np.random.Generator) -> Array:
+def _turbulent(
+    wind: TurbulentWind, scenario: Scenario, dt: float, samples: int, noise: np.random.Generator
+) -> Array:
     """(N, 5) velocity NED of the mean wind and its turbulence, and the air's rotation about two horizontal axes."""
     places = frame(scenario.vehicle.frame, airframe(scenario.vehicle).arm)
     turbulent = turbulence(wind, scenario.height, max(places.right) - min(places.right))
@@ -269,8 +298,16 @@ def _turbulent(wind: TurbulentWind, scenario: Scenario, dt: float, samples: int,
         along = first_order(turbulent.along[0], dt, samples, noise)
         across, down = (second_order(turbulent[i][0], dt, samples, noise) for i in (1, 2))
     else:
-        along, across, down = (von_karman_noise(i > 0, turbulent[i][0], dt, samples, noise) for i in range(3))
+        along, across, down = (
+            von_karman_noise(i > 0, turbulent[i][0], dt, samples, noise) for i in range(3)
+        )
     north, east, _ = towards(wind.direction)
-    ahead, aside = wind.speed + turbulent.along[1] * along, turbulent.across[1] * across
-    p, q = (turbulent.rotation[1] * first_order(turbulent.rotation[0], dt, samples, noise) for _ in range(2))
-    return np.column_stack([ahead * north - aside * east, ahead * east + aside * north, turbulent.down[1] * down, p, q])
+    ahead = wind.speed + turbulent.along[1] * along
+    aside = turbulent.across[1] * across
+    p, q = (
+        turbulent.rotation[1] * first_order(turbulent.rotation[0], dt, samples, noise)
+        for _ in range(2)
+    )
+    return np.column_stack(
+        [ahead * north - aside * east, ahead * east + aside * north, turbulent.down[1] * down, p, q]
+    )

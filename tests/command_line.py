@@ -9,9 +9,11 @@ import pytest
 from mavdem.cli.commands import main
 
 MAVDEM = [sys.executable, "-c", "import sys; from mavdem.__main__ import run; sys.exit(run())"]
-PATIENCE = 300.0  # Seconds that a slow, busy machine may take for anything; on others nothing waits for them
+# Seconds that a slow, busy machine may take for anything; on others nothing waits for them
+PATIENCE = 300.0
 LOGS = Path(__file__).parents[1] / "logs"
-FLIGHT, SLOW = LOGS / "ardupilot_wind5_steps.tlog", LOGS / "ardupilot_default_rates.tlog"
+FLIGHT = LOGS / "ardupilot_wind5_steps.tlog"
+SLOW = LOGS / "ardupilot_default_rates.tlog"
 
 
 def strict_json(text: str) -> dict:

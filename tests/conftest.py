@@ -12,7 +12,9 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Golden files hold a whole screen each: ``--write-golden`` writes them anew, to be read before they are kept."""
-    parser.addoption("--write-golden", action="store_true", help="write the golden files of tests/report anew")
+    parser.addoption(
+        "--write-golden", action="store_true", help="write the golden files of tests/report anew"
+    )
 
 
 # A busy machine may take long over an example, and every run tries the same ones; the rest is as hypothesis has it.

@@ -10,13 +10,23 @@ from mavdem.ingest.telemetry import Log, Telemetry, selected
 
 Array = NDArray[np.float64]
 
-MAV_TYPES = {"FIXED_WING": 1, "QUADROTOR": 2, "GCS": 6, "GROUND_ROVER": 10, "SUBMARINE": 12, "HEXAROTOR": 13}
+MAV_TYPES = {
+    "FIXED_WING": 1,
+    "QUADROTOR": 2,
+    "GCS": 6,
+    "GROUND_ROVER": 10,
+    "SUBMARINE": 12,
+    "HEXAROTOR": 13,
+}
 MAV_AUTOPILOTS = {"ARDUPILOTMEGA": 3, "INVALID": 8, "PX4": 12}
 ARMED = 128
 LEVEL = ("pitch", "pitchspeed", "yaw", "yawspeed")
 X_QUAD = np.array([-1.0, 1.0, 1.0, -1.0])
 """Sign of the roll torque of motors 1 front right, 2 rear left, 3 front left, 4 rear right."""
-X_QUAD_PARAMETERS = {f"SERVO{n}_FUNCTION": 32.0 + n for n in range(1, 5)} | {"FRAME_CLASS": 1.0, "FRAME_TYPE": 1.0}
+X_QUAD_PARAMETERS = {f"SERVO{n}_FUNCTION": 32.0 + n for n in range(1, 5)} | {
+    "FRAME_CLASS": 1.0,
+    "FRAME_TYPE": 1.0,
+}
 
 
 @dataclass(frozen=True)
@@ -56,7 +66,11 @@ class Hover:
         return np.where(flying[:, None], 1600.0 + X_QUAD * self.roll_command(t)[:, None], 1000.0)
 
     def climb(self, t: Array) -> Array:
-        return np.where((t > 6.0) & (t < self.level), 2.0, np.where((t > self.sinking) & (t < self.landed), -0.5, 0.0))
+        return np.where(
+            (t > 6.0) & (t < self.level),
+            2.0,
+            np.where((t > self.sinking) & (t < self.landed), -0.5, 0.0),
+        )
 
     def telemetry(
         self,
@@ -68,12 +82,17 @@ class Hover:
         without: tuple[str, ...] = (),
     ) -> Telemetry:
         """The stream: stamps of attitude and motors are given, or a rate in Hz."""
-        at, mt = self.stamps(attitude_time), self.stamps(motor_time)
+        at = self.stamps(attitude_time)
+        mt = self.stamps(motor_time)
         beat = self.stamps(1.0)
         motors = np.pad(self.motors(mt), ((0, 0), (0, 4)))
         messages = {
-            "ATTITUDE": columns(at, roll=self.roll(at), rollspeed=self.roll_rate(at), **dict.fromkeys(LEVEL, 0 * at)),
-            "SERVO_OUTPUT_RAW": columns(mt, port=0 * mt, **{f"servo{n + 1}_raw": motors[:, n] for n in range(8)}),
+            "ATTITUDE": columns(
+                at, roll=self.roll(at), rollspeed=self.roll_rate(at), **dict.fromkeys(LEVEL, 0 * at)
+            ),
+            "SERVO_OUTPUT_RAW": columns(
+                mt, port=0 * mt, **{f"servo{n + 1}_raw": motors[:, n] for n in range(8)}
+            ),
             "HEARTBEAT": columns(
                 beat,
                 type=np.full(len(beat), MAV_TYPES[vehicle]),
@@ -101,7 +120,9 @@ def changed(telemetry: Telemetry, message: str, **fields: NDArray) -> Telemetry:
     return replace(telemetry, messages={**telemetry.messages, message: table})
 
 
-def only(telemetry: Telemetry, wanted: Callable[[Array], NDArray[np.bool_]], *messages: str) -> Telemetry:
+def only(
+    telemetry: Telemetry, wanted: Callable[[Array], NDArray[np.bool_]], *messages: str
+) -> Telemetry:
     """The telemetry with those messages, of the kinds that are named or of all, whose time is ``wanted``."""
     for message in messages or telemetry.messages:
         table = telemetry.messages[message]
@@ -116,14 +137,19 @@ def pulses(telemetry: Telemetry) -> Array:
 
 def with_pulses(telemetry: Telemetry, outputs: ArrayLike) -> Telemetry:
     """The telemetry with other outputs (k, N) of the motors from 1 on."""
-    return changed(telemetry, "SERVO_OUTPUT_RAW", **{f"servo{n}_raw": row for n, row in enumerate(outputs, 1)})
+    return changed(
+        telemetry, "SERVO_OUTPUT_RAW", **{f"servo{n}_raw": row for n, row in enumerate(outputs, 1)}
+    )
 
 
-def with_demand(telemetry: Telemetry, rate: float = 100.0, pace: float = 1.0, group: float = 0.0) -> Telemetry:
+def with_demand(
+    telemetry: Telemetry, rate: float = 100.0, pace: float = 1.0, group: float = 0.0
+) -> Telemetry:
     """The telemetry with a controller's demand beside it: roll a sine of ``pace`` rad/s, pitch nothing."""
     time = np.arange(0.0, telemetry.messages["ATTITUDE"]["time"][-1], 1 / rate)
     controls = np.zeros((len(time), 8))
-    controls[:, 0], controls[:, 3] = 0.1 * np.sin(pace * time), 0.5
+    controls[:, 0] = 0.1 * np.sin(pace * time)
+    controls[:, 3] = 0.5
     fields = {"controls": controls, "group_mlx": np.full(len(time), group)}
     return changed(telemetry, "ACTUATOR_CONTROL_TARGET", **columns(time, **fields))
 

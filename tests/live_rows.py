@@ -4,7 +4,8 @@ from types import SimpleNamespace
 
 import numpy as np
 
-DT, AHEAD = 0.01, (0.01, 0.25)
+DT = 0.01
+AHEAD = (0.01, 0.25)
 
 
 def flown(history, seconds, segment=0, start=100.0, learnt=True, boot=0):

@@ -9,7 +9,12 @@ from mavdem.condition.condition import HoverFigures
 from mavdem.dem.graybox import DetectedGust
 from mavdem.evaluate import HeldOut
 
-MOTORS = ("motor 1 (front right)", "motor 2 (rear left)", "motor 3 (front left)", "motor 4 (rear right)")
+MOTORS = (
+    "motor 1 (front right)",
+    "motor 2 (rear left)",
+    "motor 3 (front left)",
+    "motor 4 (rear right)",
+)
 NAN = float("nan")
 
 
@@ -34,10 +39,14 @@ class Halves(SimpleNamespace):
 
 def physical(share: float | None = None, **status: str) -> Parameters:
     """Physical parameters of which these are not reported; half widths of intervals are a ``share``, if given."""
-    effect, damping, lag = np.array([-0.0684, 0.0698, 0.0686, -0.0693]), 1.9, 0.0177
+    effect = np.array([-0.0684, 0.0698, 0.0686, -0.0693])
+    damping = 1.9
+    lag = 0.0177
     half = Halves(effect=np.full(4, 0.0037), damping=0.54, lag=0.0018, delay=0.004)
     if share is not None:
-        half = Halves(effect=share * np.abs(effect), damping=share * damping, lag=share * lag, delay=0.004)
+        half = Halves(
+            effect=share * np.abs(effect), damping=share * damping, lag=share * lag, delay=0.004
+        )
     for name, value in status.items():
         if value == "not identifiable":
             setattr(half, name, NAN * getattr(half, name))
@@ -77,14 +86,24 @@ def model(parameters: Parameters, **wind: object) -> SimpleNamespace:
         "resolved": True,
         "step": None,
     }
-    gusts = {"gusts": (DetectedGust(120, 1.2, 0.4, -9.0),), "gust_threshold": 3.28, "false_gusts_per_minute": 0.1}
+    gusts = {
+        "gusts": (DetectedGust(120, 1.2, 0.4, -9.0),),
+        "gust_threshold": 3.28,
+        "false_gusts_per_minute": 0.1,
+    }
     known = SimpleNamespace(**(torque | gusts | wind))
     white = {"wind_torque": known, "one_step": lambda: np.zeros((900, 2)), "dt": 0.01}
-    return SimpleNamespace(record=record, physical=parameters, physical_reason="", stable=True, **white)
+    return SimpleNamespace(
+        record=record, physical=parameters, physical_reason="", stable=True, **white
+    )
 
 
 def held_out(
-    forecast: float = 0.1, last: float = 0.5, band: float = 1.0, expected: float = 0.01, count: int = 40
+    forecast: float = 0.1,
+    last: float = 0.5,
+    band: float = 1.0,
+    expected: float = 0.01,
+    count: int = 40,
 ) -> HeldOut:
     """Windows in which the forecast and the last sample err by so much, and the mean by 1."""
     measured = np.zeros((count, 10, 2))
@@ -110,7 +129,8 @@ HOVER = HoverFigures(
 
 
 def analysis(parameters: Parameters) -> LogAnalysis:
-    learned, windows = model(parameters), held_out()
+    learned = model(parameters)
+    windows = held_out()
     verdict = SimpleNamespace(figures=SimpleNamespace(consistency=0.99), learnable=True)
     condition = SimpleNamespace(hover=HOVER, oscillation=None)
     known = verdict, SimpleNamespace(name="a"), condition, None, SimpleNamespace(hover=HOVER)

@@ -7,7 +7,9 @@ from sitl_scenarios.dynamics import DISARMED_PULSE
 from sitl_scenarios.gains import CYCLES
 from sitl_scenarios.motion import Motion
 
-ARMED, UP, DOWN = 2.0, 4.0, 3.0
+ARMED = 2.0
+UP = 4.0
+DOWN = 3.0
 """Seconds from boot to arming; from arming to the hover; from its end to the ground."""
 ROLL = 0.2
 """rad, how far the roll swings, at 0.7 Hz."""
@@ -22,13 +24,21 @@ def made_up_motion(seconds: float = 20.0, begin: float = 0.0, autopilot: str = "
     end = seconds - 1.0
     armed = (since >= ARMED) & (since < end)
     state = np.select(
-        [since < ARMED + 0.5, since < ARMED + UP, since < end - DOWN, since < end - 0.5], [1, 3, 2, 4], 1
+        [since < ARMED + 0.5, since < ARMED + UP, since < end - DOWN, since < end - 0.5],
+        [1, 3, 2, 4],
+        1,
     ).astype(np.uint8)
     angle = 2 * np.pi * 0.7 * since
     flying = (state != 1).astype(float)
-    roll, pitch, yaw = flying * ROLL * np.sin(angle), 0.05 + 0 * angle, 0.3 + 0 * angle
+    roll = flying * ROLL * np.sin(angle)
+    pitch = 0.05 + 0 * angle
+    yaw = 0.3 + 0 * angle
     rates = np.column_stack(
-        [flying * ROLL * 2 * np.pi * 0.7 * np.cos(angle), 0.01 * np.sin(3 * angle), 0.02 * np.cos(2 * angle)]
+        [
+            flying * ROLL * 2 * np.pi * 0.7 * np.cos(angle),
+            0.01 * np.sin(3 * angle),
+            0.02 * np.cos(2 * angle),
+        ]
     )
     attitude = quaternion(roll, pitch, yaw)
     position = np.column_stack([np.sin(angle), np.cos(angle), -5 * flying])
@@ -36,7 +46,8 @@ def made_up_motion(seconds: float = 20.0, begin: float = 0.0, autopilot: str = "
     swing = 60 * flying * np.sin(angle + 1.0)
     signs = np.array([-1, 1, 1, -1])
     outputs = np.round(
-        np.where(armed, 1100 + 400 * flying, DISARMED_PULSE[autopilot])[:, None] + swing[:, None] * signs
+        np.where(armed, 1100 + 400 * flying, DISARMED_PULSE[autopilot])[:, None]
+        + swing[:, None] * signs
     )
     return Motion(
         time=time,

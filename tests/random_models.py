@@ -22,7 +22,15 @@ def positive_definite(rng: np.random.Generator, size: int) -> Array:
 
 
 def random_model(
-    seed: int, n: int, r: int, m: int, p: int, d: int, drop: bool, groups: bool, bounded: bool = False
+    seed: int,
+    n: int,
+    r: int,
+    m: int,
+    p: int,
+    d: int,
+    drop: bool,
+    groups: bool,
+    bounded: bool = False,
 ) -> GenerativeModel:
     """A model with random priors: coupled parameters, coupled hyperparameters, one λ each or one for each channel.
 
@@ -31,7 +39,8 @@ def random_model(
     rng = np.random.default_rng(seed)
     # Without the highest order's dynamics there must be another's, and outputs must reach every state.
     drop = drop and p > 0 and n <= m * (p + 1)
-    k, g = n * n + n * r + m * n, m + n if groups else 2
+    k = n * n + n * r + m * n
+    g = m + n if groups else 2
     return GenerativeModel(
         n,
         r,
@@ -60,10 +69,13 @@ def random_samples(seed: int, model: GenerativeModel, number: int = 40) -> Suffi
     return SufficientStatistics.of(rng.standard_normal((number, model.hidden.start)))
 
 
-def random_belief(seed: int, model: GenerativeModel, samples: SufficientStatistics) -> tuple[Array, Belief]:
+def random_belief(
+    seed: int, model: GenerativeModel, samples: SufficientStatistics
+) -> tuple[Array, Belief]:
     """Anything a belief may be, not only what the steps arrive at; and the linear map its X comes of."""
     rng = np.random.default_rng(seed + 2)
-    k, g = len(model.prior.theta_mean), len(model.prior.lambda_mean)
+    k = len(model.prior.theta_mean)
+    g = len(model.prior.lambda_mean)
     size = model.error_operator(model.prior.theta_mean).shape[1] - model.hidden.start
     state_map = rng.standard_normal((size, model.hidden.start))
     return state_map, Belief(

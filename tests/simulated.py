@@ -7,7 +7,8 @@ from mavdem import Flight
 
 DT = 0.01
 SIGNS = np.array([1.0, -1.0, -1.0, 1.0])
-RATE, GAIN = 4.0, np.array([0.08, -0.08, -0.08, 0.08])
+RATE = 4.0
+GAIN = np.array([0.08, -0.08, -0.08, 0.08])
 
 
 def simulated(seed: int = 0, samples: int = 850, wind: float = 0.0, lag: float = 0.0) -> Flight:
@@ -17,7 +18,9 @@ def simulated(seed: int = 0, samples: int = 850, wind: float = 0.0, lag: float =
     motors = gaussian_filter1d(rng.standard_normal((samples, 4)), 8, axis=0) * 40
     commands = [float(GAIN @ motor) for motor in motors]
     moment = (
-        wind * gaussian_filter1d(rng.standard_normal(samples * fine), 5 * fine) * np.sqrt(10 * fine * np.sqrt(np.pi))
+        wind
+        * gaussian_filter1d(rng.standard_normal(samples * fine), 5 * fine)
+        * np.sqrt(10 * fine * np.sqrt(np.pi))
     )
     roll = rate = torque = 0.0
     outputs = np.empty((samples, 2))
@@ -33,9 +36,11 @@ def simulated(seed: int = 0, samples: int = 850, wind: float = 0.0, lag: float =
 
 def in_closed_loop(samples: int = 1000, seed: int = 0, windy: float = 10.0) -> Flight:
     """Roll and rate answered 0.03 s late through four motors; the wind decays over 0.5 s."""
-    rng, fine = np.random.default_rng(seed), 5
+    rng = np.random.default_rng(seed)
+    fine = 5
     roll = rate = torque = wind = command = 0.0
-    motors, outputs = np.empty((samples, 4)), np.empty((samples, 2))
+    motors = np.empty((samples, 4))
+    outputs = np.empty((samples, 2))
     step = DT / fine
     for t in range(samples):
         outputs[t] = roll, rate

@@ -25,7 +25,8 @@ LIMITS = Limits(seconds=2, megabytes=600)
 
 def rows_of_log(path: Path, key: str, page: Any) -> LogRows:
     """Two rows of one of seven vehicles, by the log's size."""
-    name, size = path.name, path.stat().st_size
+    name = path.name
+    size = path.stat().st_size
     if "slow" in name:
         time.sleep(60)
     if "waits" in name:  # for a disk, or for other processes
@@ -44,7 +45,9 @@ def rows_of_log(path: Path, key: str, page: Any) -> LogRows:
     if "damaged" in name:
         raise Unreadable(f"{path} is damaged.")
     axes = ("roll", "pitch")
-    return [FlightRow(file=str(path), vehicle=f"quad {size % 7}", axis=axis, tier="a") for axis in axes], {}
+    return [
+        FlightRow(file=str(path), vehicle=f"quad {size % 7}", axis=axis, tier="a") for axis in axes
+    ], {}
 
 
 class InThisProcess:
@@ -67,7 +70,11 @@ class InThisProcess:
 
 
 def track(
-    out: Path, *names: object, baseline: Sequence[object] = (), reader: Reader | None = None, **options: Any
+    out: Path,
+    *names: object,
+    baseline: Sequence[object] = (),
+    reader: Reader | None = None,
+    **options: Any,
 ) -> "TrackedLogs":
     from mavdem.fleet import tracking
 

@@ -31,7 +31,9 @@ from sitl_scenarios.files import names as scenarios
 
 ROOT = Path(__file__).parents[1]
 PAGES = {name: (ROOT / name).read_text() for name in ("README.md", "CONTRIBUTING.md")}
-PAGES |= {str(path.relative_to(ROOT)): path.read_text() for path in sorted((ROOT / "docs").rglob("*.md"))}
+PAGES |= {
+    str(path.relative_to(ROOT)): path.read_text() for path in sorted((ROOT / "docs").rglob("*.md"))
+}
 
 
 @pytest.mark.slow
@@ -61,7 +63,9 @@ def test_examples_run(page, printed, tmp_path, monkeypatch, capsys):
 
 
 def test_every_command_that_is_shown_exists_with_its_options():
-    blocks = [re.findall(r"^```\n(.*?)^```", text, re.DOTALL | re.MULTILINE) for text in PAGES.values()]
+    blocks = [
+        re.findall(r"^```\n(.*?)^```", text, re.DOTALL | re.MULTILINE) for text in PAGES.values()
+    ]
     lines = re.findall(r"^mavdem .*?(?=   #|$)", "\n".join(sum(blocks, [])), re.MULTILINE)
     assert len(lines) > 20
     for line in lines:
@@ -77,24 +81,39 @@ def test_the_reference_has_every_public_name():
     assert shown == {*mavdem.__all__, "dem"}
     # And the site every page.
     listed = set(re.findall(r"<(.*)>$", PAGES["docs/index.md"], re.MULTILINE))
-    pages = {page.removeprefix("docs/").removesuffix(".md") for page in PAGES if re.match("docs/(?!reference)", page)}
-    assert pages | {f"notebooks/{path.stem}" for path in NOTEBOOKS} == listed - {"reference/index"} | {"index"}
+    pages = {
+        page.removeprefix("docs/").removesuffix(".md")
+        for page in PAGES
+        if re.match("docs/(?!reference)", page)
+    }
+    assert pages | {f"notebooks/{path.stem}" for path in NOTEBOOKS} == listed - {
+        "reference/index"
+    } | {"index"}
 
 
 def test_every_file_that_is_named_is_there():
     missing = []
     for page, text in PAGES.items():
         named = [
-            ROOT / name for name in re.findall(r"`((?:tools|tests|logs|docs|mavdem|sitl_scenarios)/[\w./]+)`", text)
+            ROOT / name
+            for name in re.findall(
+                r"`((?:tools|tests|logs|docs|mavdem|sitl_scenarios)/[\w./]+)`", text
+            )
         ]
-        named += [(ROOT / page).parent / link for link in re.findall(r"\]\(([\w./]+)(?:#[\w-]*)?\)", text)]
+        named += [
+            (ROOT / page).parent / link for link in re.findall(r"\]\(([\w./]+)(?:#[\w-]*)?\)", text)
+        ]
         missing += [f"{page}: {path.relative_to(ROOT)}" for path in named if not path.exists()]
     assert not missing
 
 
 def test_every_script_says_by_help_what_its_docstring_says():
     scripts = [path.read_text() for path in sorted((ROOT / "tools").rglob("*.py"))]
-    assert all("@click.command(help=__doc__" in text for text in scripts if '__name__ == "__main__"' in text)
+    assert all(
+        "@click.command(help=__doc__" in text
+        for text in scripts
+        if '__name__ == "__main__"' in text
+    )
 
 
 def test_the_package_says_who_made_it_and_what_it_is():
@@ -104,10 +123,20 @@ def test_the_package_says_who_made_it_and_what_it_is():
     assert all(f"name: {author['name']}\n" in citation for author in project["authors"])
     assert project["urls"] and all(f"url: {url}\n" in citation for url in project["urls"].values())
     assert f"mavdem-{project['version']}-py3-none-any.whl" in PAGES["docs/tutorial.md"]
-    assert f"version: {project['version']}\n" in citation and f"license: {project['license']}\n" in citation
+    assert (
+        f"version: {project['version']}\n" in citation
+        and f"license: {project['license']}\n" in citation
+    )
 
 
-TEXTS = ("mavdem/**/*.py", "sitl_scenarios/**/*.py", "tools/**/*.py", "README.md", "CONTRIBUTING.md", "docs/**/*.md")
+TEXTS = (
+    "mavdem/**/*.py",
+    "sitl_scenarios/**/*.py",
+    "tools/**/*.py",
+    "README.md",
+    "CONTRIBUTING.md",
+    "docs/**/*.md",
+)
 REPLACED = re.compile(
     r"are news to|leant on|rotors stand|beyond all numbers|without measure|believed"
     r"|\b(?:is|are|was|were) (?:not )?told\b|of them their past|is another since|what is wrong with it"
@@ -139,7 +168,11 @@ def public(owner: Any) -> Iterator[tuple[str, Any]]:
         value = getattr(value, "__func__", value)
         if isinstance(value, click.Command):
             value = value.callback
-        kind = inspect.isfunction(value) or inspect.isclass(value) or isinstance(value, property | cached_property)
+        kind = (
+            inspect.isfunction(value)
+            or inspect.isclass(value)
+            or isinstance(value, property | cached_property)
+        )
         if name.startswith("_") or not kind:
             continue
         if inspect.ismodule(owner) and value.__module__ != owner.__name__:
@@ -170,7 +203,9 @@ def arguments(value: Any) -> list[str]:
     elif hasattr(value, "_fields"):
         names = list(value._fields)
     elif inspect.isfunction(value):
-        names = [name for name in inspect.signature(value).parameters if name not in ("self", "cls")]
+        names = [
+            name for name in inspect.signature(value).parameters if name not in ("self", "cls")
+        ]
     else:
         names = []
     return [name for name in names if not name.startswith("_")]
@@ -182,14 +217,20 @@ def test_every_module_and_every_public_name_has_a_docstring_of_its_own():
 
     assert len(EVERYTHING) > 500
     assert [module.__name__ for module in MODULES if not module.__doc__] == []
-    assert [name for name, value in EVERYTHING.items() if not value.__doc__ or generated(value)] == []
+    assert [
+        name for name, value in EVERYTHING.items() if not value.__doc__ or generated(value)
+    ] == []
 
 
 def test_arguments_and_attributes_are_mentioned():
     assert {
         name: missing
         for name, value in EXPORTED.items()
-        if (missing := [one for one in arguments(value) if not re.search(rf"\b{one}\b", value.__doc__ or "")])
+        if (
+            missing := [
+                one for one in arguments(value) if not re.search(rf"\b{one}\b", value.__doc__ or "")
+            ]
+        )
     } == {}
 
 
@@ -228,8 +269,14 @@ def test_an_example_does_what_it_says(name, tmp_path, monkeypatch, request):
     test = EXAMPLES[name]
     if any("train" in example.source for example in test.examples):
         test.globs |= {"train": simulated(wind=1.0)[:300], "test": simulated(wind=1.0)[300:400]}
-    if any("learned" in example.source for example in test.examples) and "learned =" not in test.docstring:
-        test.globs |= {"learned": request.getfixturevalue("learned"), "test": simulated(wind=1.0)[700:]}
+    if (
+        any("learned" in example.source for example in test.examples)
+        and "learned =" not in test.docstring
+    ):
+        test.globs |= {
+            "learned": request.getfixturevalue("learned"),
+            "test": simulated(wind=1.0)[700:],
+        }
     said: list[str] = []
     runner = doctest.DocTestRunner(optionflags=doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS)
     assert runner.run(test, out=said.append).failed == 0, "".join(said)
@@ -240,7 +287,9 @@ NOTEBOOKS = sorted((Path(__file__).parents[1] / "docs" / "notebooks").glob("*.ip
 
 def outputs(source: str, names: dict[str, Any]) -> set[str]:
     """What a cell shows: "stream" of what it prints, "image/png" or "text/plain" of its last expression."""
-    tree, printed, shown = ast.parse(source), io.StringIO(), None
+    tree = ast.parse(source)
+    printed = io.StringIO()
+    shown = None
     last = tree.body.pop() if tree.body and isinstance(tree.body[-1], ast.Expr) else None
     with contextlib.redirect_stdout(printed):
         exec(compile(tree, "cell", "exec"), names)
@@ -260,6 +309,8 @@ def test_a_notebook_runs_and_shows_what_is_stored_in_it(path, monkeypatch):
         if cell["cell_type"] == "code":
             shown = outputs("".join(cell["source"]), names)
             kinds = {kind for one in cell["outputs"] for kind in one.get("data", {"stream": ""})}
-            assert ("image/png" in shown, bool(shown)) == ("image/png" in kinds, bool(kinds)), cell["source"]
+            assert ("image/png" in shown, bool(shown)) == ("image/png" in kinds, bool(kinds)), cell[
+                "source"
+            ]
             pictures += "image/png" in shown
     assert pictures >= 5

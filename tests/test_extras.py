@@ -25,7 +25,9 @@ def without_rerun(monkeypatch):
 
 
 def test_every_extra_of_the_package_is_named_and_all_has_them_all():
-    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"][
+        "optional-dependencies"
+    ]
     everything = extras.pop("all")
     assert set(extras) == set(EXTRAS)
     assert set(re.findall(r"\w+", everything[0])) == {"mavdem", *EXTRAS}
@@ -34,15 +36,33 @@ def test_every_extra_of_the_package_is_named_and_all_has_them_all():
 def test_every_file_that_is_no_python_is_installed():
     tool = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
     for package, patterns in tool["package-data"].items():
-        there = {path for path in (ROOT / package).rglob("*") if path.is_file() and path.suffix not in (".py", ".pyc")}
+        there = {
+            path
+            for path in (ROOT / package).rglob("*")
+            if path.is_file() and path.suffix not in (".py", ".pyc")
+        }
         assert there == {path for pattern in patterns for path in (ROOT / package).glob(pattern)}
 
 
 @pytest.mark.slow
-def test_without_rerun_learning_writes_all_but_its_recording(without_rerun, tmp_path, monkeypatch, capsys):
+def test_without_rerun_learning_writes_all_but_its_recording(
+    without_rerun, tmp_path, monkeypatch, capsys
+):
     monkeypatch.setattr("mavdem.report.page.model_pictures", lambda *_, **__: [])
     (tmp_path / "flight.rrd").write_text("of a run before")
-    words = ["learn", str(LOG), "--out", str(tmp_path), "--preset", "paper", "--train", "200", "--test", "20", "--json"]
+    words = [
+        "learn",
+        str(LOG),
+        "--out",
+        str(tmp_path),
+        "--preset",
+        "paper",
+        "--train",
+        "200",
+        "--test",
+        "20",
+        "--json",
+    ]
     assert main(words) == 0
     out, said = capsys.readouterr()
     assert INSTALL in said and "flight.rrd" in said
@@ -53,15 +73,24 @@ def test_without_rerun_learning_writes_all_but_its_recording(without_rerun, tmp_
 
 @pytest.mark.parametrize(
     "words",
-    [("fly", "hover_blower", "--rrd", "flight.rrd"), ("live", "udpin:127.0.0.1:0", "--serve"), ("open", str(LOG))],
+    [
+        ("fly", "hover_blower", "--rrd", "flight.rrd"),
+        ("live", "udpin:127.0.0.1:0", "--serve"),
+        ("open", str(LOG)),
+    ],
 )
-def test_without_rerun_a_dashboard_that_is_asked_for_is_refused(words, without_rerun, tmp_path, monkeypatch, capsys):
+def test_without_rerun_a_dashboard_that_is_asked_for_is_refused(
+    words, without_rerun, tmp_path, monkeypatch, capsys
+):
     monkeypatch.chdir(tmp_path)
     assert main(list(words)) == 2
     out, said = capsys.readouterr()
     assert not out and said.count("\n") == 1 and said.endswith(f" needs rerun: {INSTALL}\n")
     assert list(tmp_path.iterdir()) == []
-    assert load([str(LOG)]) == 2 and capsys.readouterr().err == f"The dashboard needs rerun: {INSTALL}\n"
+    assert (
+        load([str(LOG)]) == 2
+        and capsys.readouterr().err == f"The dashboard needs rerun: {INSTALL}\n"
+    )
     # One that nobody asked for is left out.
     dashboard = Dashboard("udpin:127.0.0.1:0", "roll", None, False, None)
     assert dashboard.advice.endswith(INSTALL)
@@ -81,5 +110,7 @@ def test_no_module_but_its_own_needs_an_extra():
         "from mavdem.cli import compare, convert, fly, info, learn, live, order, reproduce\n"
         "sys.argv[1:] = ['--version']; runpy.run_module('mavdem', run_name='__main__')\n"
     )
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=60
+    )
     assert done.returncode == 0 and "version" in done.stdout, done.stderr

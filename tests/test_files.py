@@ -20,7 +20,8 @@ def test_a_file_keeps_its_mode(tmp_path):
 
 def test_a_link_is_followed(tmp_path):
     (tmp_path / "elsewhere").mkdir()
-    target, link = tmp_path / "elsewhere" / "f", tmp_path / "link"
+    target = tmp_path / "elsewhere" / "f"
+    link = tmp_path / "link"
     link.symlink_to("elsewhere/f")
     for content in (b"made", b"replaced"):
         with atomic_write(link) as file:
@@ -30,7 +31,8 @@ def test_a_link_is_followed(tmp_path):
 
 
 def test_several_files_change_together_or_not_at_all(tmp_path):
-    one, two = tmp_path / "one", tmp_path / "two"
+    one = tmp_path / "one"
+    two = tmp_path / "two"
     one.write_bytes(b"old")
     with pytest.raises(RuntimeError), atomic_writes(one, two) as (first, second):
         first.write_bytes(b"new")

@@ -8,18 +8,31 @@ from mavdem.dem import physical
 from mavdem.dem.record import Record
 
 TIME = 10 + 0.01 * np.arange(6)
-INPUTS, OUTPUTS = np.arange(12.0).reshape(6, 2), np.arange(6.0)
+INPUTS = np.arange(12.0).reshape(6, 2)
+OUTPUTS = np.arange(6.0)
 
 
 def test_arrays_make_a_flight_and_slicing_gives_one():
-    flight = Flight(TIME, INPUTS, OUTPUTS, output_names=("roll",), output_units=("rad",), provenance={"source": "here"})
+    flight = Flight(
+        TIME,
+        INPUTS,
+        OUTPUTS,
+        output_names=("roll",),
+        output_units=("rad",),
+        provenance={"source": "here"},
+    )
     assert flight.dt == pytest.approx(0.01)
     assert flight.outputs.shape == (6, 1)
     assert (flight.input_names, flight.input_units) == (("input 1", "input 2"), ("", ""))
     part = flight[2:4]
     assert isinstance(part, Flight)
     np.testing.assert_array_equal(part.inputs, INPUTS[2:4])
-    assert (len(part), part.dt, part.output_names, part.provenance) == (2, flight.dt, ("roll",), {"source": "here"})
+    assert (len(part), part.dt, part.output_names, part.provenance) == (
+        2,
+        flight.dt,
+        ("roll",),
+        {"source": "here"},
+    )
     assert part.duration == pytest.approx(0.02)
     assert len(flight[:1]) == 1
     assert repr(flight) == "<Flight: 6 samples at 100 Hz, input 1, input 2 -> roll from here>"
@@ -67,7 +80,9 @@ def test_what_is_wrong_is_named(arguments, message):
         Flight(**{"time": TIME, "inputs": INPUTS, "outputs": OUTPUTS, **arguments})
 
 
-@pytest.mark.parametrize(("part", "error"), [(slice(0, 6, 2), ValueError), (slice(4, 2), ValueError), (3, TypeError)])
+@pytest.mark.parametrize(
+    ("part", "error"), [(slice(0, 6, 2), ValueError), (slice(4, 2), ValueError), (3, TypeError)]
+)
 def test_only_stretches_can_be_cut_out(part, error):
     with pytest.raises(error):
         Flight(TIME, INPUTS, OUTPUTS)[part]
@@ -75,10 +90,14 @@ def test_only_stretches_can_be_cut_out(part, error):
 
 def test_setpoints_may_be_missing_at_some_samples_and_are_cut_with_the_flight():
     asked = np.column_stack([np.full(6, np.nan), np.arange(6.0)])
-    flight = Flight(TIME, INPUTS, OUTPUTS, setpoints=asked, setpoint_names=("roll stick", "roll setpoint"))
+    flight = Flight(
+        TIME, INPUTS, OUTPUTS, setpoints=asked, setpoint_names=("roll stick", "roll setpoint")
+    )
     assert flight.setpoint_units == ("", "") and Flight(TIME, INPUTS, OUTPUTS).setpoint_names == ()
     np.testing.assert_array_equal(flight[2:4].setpoints, asked[2:4])
-    first, second = Flight.segments(np.append(TIME[:3], TIME[3:] + 1), INPUTS, OUTPUTS, setpoints=asked)
+    first, second = Flight.segments(
+        np.append(TIME[:3], TIME[3:] + 1), INPUTS, OUTPUTS, setpoints=asked
+    )
     np.testing.assert_array_equal(second.setpoints, asked[3:])
     assert first[:2].setpoints.shape == (2, 2)
 
@@ -86,7 +105,9 @@ def test_setpoints_may_be_missing_at_some_samples_and_are_cut_with_the_flight():
 def test_a_flight_its_slices_and_its_copies_cannot_be_changed():
     flight = Flight(TIME, INPUTS, OUTPUTS, provenance={"source": "here"})
     part = flight[1:3]
-    again = [pickle.loads(pickle.dumps(flight, protocol)) for protocol in (2, pickle.HIGHEST_PROTOCOL)]
+    again = [
+        pickle.loads(pickle.dumps(flight, protocol)) for protocol in (2, pickle.HIGHEST_PROTOCOL)
+    ]
     for one in (flight, part, *again):
         with pytest.raises(ValueError, match="read-only"):
             one.inputs[0, 0] = 1
@@ -113,7 +134,9 @@ def test_a_slip_of_units_is_said_with_its_likely_cause(time, outputs, said, recw
     """Effects would be 57 times too large, without a word. The flight is one of 6°, with noise on both outputs."""
     noise = np.random.default_rng(3)
     t = np.arange(800) / 100
-    turning = np.column_stack([0.1 * np.sin(6 * t), 0.6 * np.cos(6 * t)]) + noise.normal(0, (0.001, 0.02), (800, 2))
+    turning = np.column_stack([0.1 * np.sin(6 * t), 0.6 * np.cos(6 * t)]) + noise.normal(
+        0, (0.001, 0.02), (800, 2)
+    )
     Flight(t, np.zeros((800, 4)), turning)
     assert not recwarn.list
     with pytest.warns(UserWarning, match=said):

@@ -10,7 +10,8 @@ from mavdem import Settings, baselines, learn
 from mavdem.dem.record import Record
 
 FLIGHT = simulated(wind=2.0)
-TRAIN, TEST = FLIGHT[:700], FLIGHT[700:820]
+TRAIN = FLIGHT[:700]
+TEST = FLIGHT[700:820]
 METHODS = {
     "DEM joint": lambda: learn(TRAIN, Settings(window=9)),
     "DEM plant": lambda: learn(TRAIN, Settings(window=9, forecasts="plant")),

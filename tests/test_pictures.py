@@ -19,7 +19,9 @@ from mavdem.view.live_content import Channels, live_blueprint
 ROOT = Path(__file__).parents[1]
 PICTURES = ROOT / "docs" / "pictures.json"
 NUMBER = re.compile(r"-?(?:\d+,)*\d+(?:\.\d+)?")
-CHANNELS = Channels("live", 0.01, (25,), ("motor 1",), ("roll", "roll rate"), ("µs",), ("rad", "rad/s"), (1.0,))
+CHANNELS = Channels(
+    "live", 0.01, (25,), ("motor 1",), ("roll", "roll rate"), ("µs",), ("rad", "rad/s"), (1.0,)
+)
 
 
 def page_words(path: Path) -> str:
@@ -31,14 +33,22 @@ def page_words(path: Path) -> str:
 def recording_words(path: Path) -> str:
     """The names of a recording's views, and the documents in them."""
     reader = RrdReader(path)
-    names = [name for one in reader.blueprints() for name in texts(reader.stream(store=one), "View", "display_name")]
+    names = [
+        name
+        for one in reader.blueprints()
+        for name in texts(reader.stream(store=one), "View", "display_name")
+    ]
     return " · ".join([*sorted(names), *sorted(texts(reader.stream(), "TextDocument", "text"))])
 
 
 def texts(chunks: Iterable[Chunk], archetype: str, field: str) -> list[str]:
     batches = [chunk.to_record_batch() for chunk in chunks]
     columns = {"View": "ViewBlueprint"}.get(archetype, archetype) + f":{field}"
-    return [str(batch.column(columns).to_pylist()[0][0]) for batch in batches if columns in batch.schema.names]
+    return [
+        str(batch.column(columns).to_pylist()[0][0])
+        for batch in batches
+        if columns in batch.schema.names
+    ]
 
 
 def code(*names: str) -> str:
@@ -59,8 +69,13 @@ def code(*names: str) -> str:
 def alike(now: str, before: str) -> bool:
     """Whether two texts have the same words, and numbers that differ by rounding, or by another processor's sums."""
     pairs = zip(NUMBER.findall(now), NUMBER.findall(before), strict=False)
-    near = (isclose(*(float(one.replace(",", "")) for one in pair), rel_tol=0.1, abs_tol=0.5) for pair in pairs)
-    return NUMBER.sub("#", " ".join(now.split())) == NUMBER.sub("#", " ".join(before.split())) and all(near)
+    near = (
+        isclose(*(float(one.replace(",", "")) for one in pair), rel_tol=0.1, abs_tol=0.5)
+        for pair in pairs
+    )
+    return NUMBER.sub("#", " ".join(now.split())) == NUMBER.sub(
+        "#", " ".join(before.split())
+    ) and all(near)
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +94,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.slow
 def test_a_picture_is_as_new_as_what_it_shows(folder, request):
     """Words with their figures; of pictures that take minutes or need a screen, the code that draws them."""
-    assert main(["fly", "hover_blower", "--duration", "30", "--rrd", str(folder / "blown.rrd")]) == 0
+    assert (
+        main(["fly", "hover_blower", "--duration", "30", "--rrd", str(folder / "blown.rrd")]) == 0
+    )
     with rr.RecordingStream("live") as recording:
         recording.save(folder / "live.rrd")
         recording.send_blueprint(live_blueprint(CHANNELS))
@@ -89,12 +106,17 @@ def test_a_picture_is_as_new_as_what_it_shows(folder, request):
         "live_dashboard": recording_words(folder / "live.rrd"),
         "simulated_flight": NUMBER.sub("", recording_words(folder / "blown.rrd")),
         "loops": code("report/figures/loops.py"),
-        **dict.fromkeys(("manifold", "circle", "cross_sections"), code("paper/figures.py", "paper/landscape.py")),
+        **dict.fromkeys(
+            ("manifold", "circle", "cross_sections"), code("paper/figures.py", "paper/landscape.py")
+        ),
     }
     kept = json.loads(PICTURES.read_text()) if PICTURES.exists() else {}
     if request.config.getoption("--write-golden"):
         made = os.environ["PICTURES"].split()
-        kept = {name: " ".join(words.split()) if name in made else kept.get(name, "") for name, words in shown.items()}
+        kept = {
+            name: " ".join(words.split()) if name in made else kept.get(name, "")
+            for name, words in shown.items()
+        }
         PICTURES.write_text(json.dumps(kept, indent=1, ensure_ascii=False) + "\n")
     assert {path.stem for path in (ROOT / "docs").glob("*.png")} == set(shown) == set(kept)
     old = [name for name, words in shown.items() if not alike(words, kept[name])]
@@ -107,7 +129,10 @@ def test_a_page_shows_what_learn_prints(folder, page, request):
     """Its block has the first lines of the screen, or all."""
     text = (ROOT / page).read_text()
     (block,) = re.findall(r"^```\n(flight\.tlog: .*?)^```", text, re.DOTALL | re.MULTILINE)
-    printed = "\n".join((folder / "screen.txt").read_text().splitlines()[: len(block.splitlines())]) + "\n"
+    printed = (
+        "\n".join((folder / "screen.txt").read_text().splitlines()[: len(block.splitlines())])
+        + "\n"
+    )
     if request.config.getoption("--write-golden"):
         (ROOT / page).write_text(text.replace(block, printed))
         block = printed

@@ -16,7 +16,9 @@ def test_pages_and_schemas_are_of_this_version(request):
     """With ``--write-golden`` they are written, unless a schema changed and its version did not."""
     if request.config.getoption("--write-golden"):
         reference.write()
-    assert [path.name for path, text in reference.contents().items() if path.read_text() != text] == []
+    assert [
+        path.name for path, text in reference.contents().items() if path.read_text() != text
+    ] == []
 
 
 def test_a_schema_that_changes_needs_a_new_version(tmp_path, monkeypatch):
@@ -39,12 +41,17 @@ def test_a_key_that_is_not_published_is_refused():
 
 
 def test_the_columns_of_a_fleet_are_as_published():
-    published, schema = reference.adapters()["flights"].json_schema()["properties"], row_schema()
+    published = reference.adapters()["flights"].json_schema()["properties"]
+    schema = row_schema()
     kinds = reference.structure(TypeAdapter(FlightRow).json_schema()["properties"])
     units = {name: one.pop("unit") for name, one in published.items() if "unit" in one}
     assert reference.structure(published) == kinds
-    assert {field.name: field.metadata[b"unit"].decode() for field in schema if field.metadata} == units
-    assert schema.metadata[b"mavdem_schema"].decode() == str(tables()["documents"]["flights"]["version"])
+    assert {
+        field.name: field.metadata[b"unit"].decode() for field in schema if field.metadata
+    } == units
+    assert schema.metadata[b"mavdem_schema"].decode() == str(
+        tables()["documents"]["flights"]["version"]
+    )
 
 
 @pytest.mark.slow

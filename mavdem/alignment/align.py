@@ -24,10 +24,14 @@ very step, and is not moved by the loss of a fifth of the messages."""
 STEP_TOLERANCE = 1.1
 """How much longer than 1/``MINIMUM_RATE`` usual steps may be, so that jitter of the stamps does not split a stream. The
 verdict decides whether the mean rate of a segment is enough."""
-MAX_GAP_SECONDS = 0.1  # Longest silence that is bridged: half a period of 5 Hz, a frequency at which roll still moves
+# Longest silence that is bridged: half a period of 5 Hz, a frequency at which roll still moves
+MAX_GAP_SECONDS = 0.1
 # Share of steps below which they are rare, cycles of a scheduler that an interval may be, and how far the mean may be.
-USUAL_SHARE, MAX_CYCLES, CYCLES_TOLERANCE = 0.02, 3, 0.1
-STAMP_SECONDS = 1e-3  # Resolution of ``time_boot_ms``: two stamps no further apart may belong to the same moment
+USUAL_SHARE = 0.02
+MAX_CYCLES = 3
+CYCLES_TOLERANCE = 0.1
+# Resolution of ``time_boot_ms``: two stamps no further apart may belong to the same moment
+STAMP_SECONDS = 1e-3
 
 
 @dataclass(frozen=True)
@@ -47,10 +51,15 @@ class Segment:
 def recorded_parts(signals: Signals) -> tuple[Segment, ...]:
     """Returns each boot from its first message to its last."""
     messages = signals.telemetry.messages.values()
-    time, boot = (np.concatenate([np.zeros(0), *(columns[name] for columns in messages)]) for name in ("time", "boot"))
+    time, boot = (
+        np.concatenate([np.zeros(0), *(columns[name] for columns in messages)])
+        for name in ("time", "boot")
+    )
     known = np.isfinite(time)
     boots = ((int(number), time[known & (boot == number)]) for number in np.unique(boot[known]))
-    return tuple(Segment(number, float(stamps.min()), float(stamps.max())) for number, stamps in boots)
+    return tuple(
+        Segment(number, float(stamps.min()), float(stamps.max())) for number, stamps in boots
+    )
 
 
 def settled_segments(signals: Signals) -> tuple[Segment, ...]:
@@ -74,10 +83,13 @@ def longest_recorded(signals: Signals) -> Segment | None:
 
 
 def _sampled(
-    signals: Signals, unbroken_runs: Callable[[Array], Intervals], wanted: Callable[[int], Intervals]
+    signals: Signals,
+    unbroken_runs: Callable[[Array], Intervals],
+    wanted: Callable[[int], Intervals],
 ) -> Iterator[Segment]:
     """Where both streams are unbroken, in the ``wanted`` intervals of each boot."""
-    attitude, drive = signals.attitude, signals.drive
+    attitude = signals.attitude
+    drive = signals.drive
     if attitude is not None and drive is not None:
         for boot in np.intersect1d(attitude.boot, drive.boot):
             runs = (unbroken_runs(stream.time[stream.boot == boot]) for stream in (attitude, drive))
@@ -86,7 +98,9 @@ def _sampled(
                     yield segment
 
 
-def within(stream: Attitude | Motors | Signal, *segments: Segment, slack: float = STAMP_SECONDS) -> NDArray[np.bool_]:
+def within(
+    stream: Attitude | Motors | Signal, *segments: Segment, slack: float = STAMP_SECONDS
+) -> NDArray[np.bool_]:
     """Returns which samples (N,) belong to the segments, those up to ``slack``, s, beyond an end included."""
     inside = np.zeros(len(stream.time), dtype=np.bool_)
     for part in segments:
@@ -97,8 +111,11 @@ def within(stream: Attitude | Motors | Signal, *segments: Segment, slack: float 
 
 def is_sampled(attitude: Attitude, motors: Motors, segment: Segment) -> bool:
     """Returns whether both streams have the two samples in the segment that a rate takes, and a time in common."""
-    near, driven = attitude.time[within(attitude, segment)], motors.time[within(motors, segment)]
-    return len(near) > 1 < len(driven) and bool(max(near[0], driven[0]) <= min(near[-1], driven[-1]))
+    near = attitude.time[within(attitude, segment)]
+    driven = motors.time[within(motors, segment)]
+    return len(near) > 1 < len(driven) and bool(
+        max(near[0], driven[0]) <= min(near[-1], driven[-1])
+    )
 
 
 def _fast(time: Array) -> Intervals:
@@ -109,13 +126,19 @@ def _fast(time: Array) -> Intervals:
 
 def usually_slow(steps: Array) -> NDArray[np.bool_]:
     """Returns which steps (N,) between the stamps of one boot are usually too long for ``MINIMUM_RATE``."""
-    return np.asarray(median_filter(steps, size=MEDIAN_STEPS, mode="mirror") > STEP_TOLERANCE / MINIMUM_RATE)
+    return np.asarray(
+        median_filter(steps, size=MEDIAN_STEPS, mode="mirror") > STEP_TOLERANCE / MINIMUM_RATE
+    )
 
 
 def _at_any_rate(time: Array) -> Intervals:
     """Where the stamps (N,) of one boot come without gaps, by the measure of their own usual step."""
     steps = np.diff(time)
-    return unbroken(time, steps > max(MAX_GAP_SECONDS, 3 * float(np.median(steps)))) if len(time) > 1 else []
+    return (
+        unbroken(time, steps > max(MAX_GAP_SECONDS, 3 * float(np.median(steps))))
+        if len(time) > 1
+        else []
+    )
 
 
 LOW_PASS_RATIO = 1.5
@@ -147,12 +170,18 @@ def align(signals: Signals, segment: Segment, dt: float | None = None) -> Flight
 
     Raises ValueError: no attitude or inputs, or a segment without samples of them.
     """
-    attitude, motors, telemetry, axis = signals.attitude, signals.drive, signals.telemetry, signals.axis
+    attitude = signals.attitude
+    motors = signals.drive
+    telemetry = signals.telemetry
+    axis = signals.axis
     if attitude is None or motors is None:
         raise ValueError("the telemetry holds no attitude or no motor outputs to align")
     if not is_sampled(attitude, motors, segment):
-        raise ValueError(f"the segment from {segment.start:.3f} s holds no attitude or no motor outputs")
-    near, measured = within(attitude, segment), axis_outputs(axis)
+        raise ValueError(
+            f"the segment from {segment.start:.3f} s holds no attitude or no motor outputs"
+        )
+    near = within(attitude, segment)
+    measured = axis_outputs(axis)
     motion = np.column_stack([attitude.angle, attitude.rate])[:, -len(measured) :]
     drive = within(motors, segment)
     rates = {"attitude": mean_rate(attitude.time[near]), "motors": mean_rate(motors.time[drive])}
@@ -160,7 +189,9 @@ def align(signals: Signals, segment: Segment, dt: float | None = None) -> Flight
     time = grid_of(attitude.time[near], motors.time[drive], dt)
     outputs, attitude_way = sample(time, dt, attitude.time[near], motion[near])
     inputs, motors_way = sample(time, dt, motors.time[drive], motors.outputs[drive])
-    layout, scale, asked = motors.layout, motors.scale, signals.setpoints
+    layout = motors.layout
+    scale = motors.scale
+    asked = signals.setpoints
     return Flight(
         time=time,
         inputs=inputs,
@@ -171,7 +202,10 @@ def align(signals: Signals, segment: Segment, dt: float | None = None) -> Flight
         input_units=(scale.unit,) * len(layout.names),
         output_units=tuple(unit for _, unit in measured),
         provenance={
-            **{name: getattr(telemetry, name) for name in ("source", "system", "component", "vehicle", "autopilot")},
+            **{
+                name: getattr(telemetry, name)
+                for name in ("source", "system", "component", "vehicle", "autopilot")
+            },
             "axis": axis,
             "segment": asdict(segment),
             "messages": {"attitude": attitude.message, "motors": motors.message},
@@ -181,17 +215,24 @@ def align(signals: Signals, segment: Segment, dt: float | None = None) -> Flight
             "motors": {
                 "channels": list(layout.channels),
                 "positions": [list(position) for position in layout.positions],
-                **{name: getattr(layout, name) for name in ("basis", "channels_assumed", "positions_assumed")},
+                **{
+                    name: getattr(layout, name)
+                    for name in ("basis", "channels_assumed", "positions_assumed")
+                },
                 "spins": list(layout.spins),
             },
             "scale": asdict(scale),
             "setpoints": {one.name: telemetry.called(one.message) for one in asked},
             "repairs": list(telemetry.repairs),
-            "parameters": {name: value for name, value in telemetry.parameters.items() if USED.match(name)},
+            "parameters": {
+                name: value for name, value in telemetry.parameters.items() if USED.match(name)
+            },
             "earlier": _earlier(telemetry, segment),
         },
         effect_directions=None if layout.positions_assumed else layout.effect(axis),
-        setpoints=np.column_stack([held(one, segment.boot, time) for one in asked]) if asked else None,
+        setpoints=np.column_stack([held(one, segment.boot, time) for one in asked])
+        if asked
+        else None,
         setpoint_names=tuple(one.name for one in asked) or None,
         setpoint_units=tuple(one.unit for one in asked) or None,
     )
@@ -199,11 +240,18 @@ def align(signals: Signals, segment: Segment, dt: float | None = None) -> Flight
 
 def _earlier(telemetry: Telemetry, segment: Segment) -> dict[str, float]:
     """The controller's parameters that changed after the segment began, or sometime, with their values before."""
-    before, sent = dict(telemetry.earlier), telemetry.messages.get("PARAM_VALUE")
+    before = dict(telemetry.earlier)
+    sent = telemetry.messages.get("PARAM_VALUE")
     if sent is not None:
-        rows = (sent["boot"] < segment.boot) | ((sent["boot"] == segment.boot) & (sent["time"] <= segment.start))
+        rows = (sent["boot"] < segment.boot) | (
+            (sent["boot"] == segment.boot) & (sent["time"] <= segment.start)
+        )
         before = parameter_values(selected(sent, rows), telemetry.autopilot)
-    return {name: one for name, one in before.items() if USED.match(name) and telemetry.parameters[name] != one}
+    return {
+        name: one
+        for name, one in before.items()
+        if USED.match(name) and telemetry.parameters[name] != one
+    }
 
 
 def step(streams: Iterable[Array]) -> float:
@@ -216,12 +264,18 @@ def _interval(time: Array) -> float:
 
     Steps of 4, 8 and 12 ms are 8 ms with jitter, whatever the mean of some seconds. 8 and 12 alone are their mean.
     """
-    mean, since = 1 / mean_rate(time), time - time[0]
-    steps, counts = np.unique(np.rint(np.diff(time) / STAMP_SECONDS).astype(np.int64), return_counts=True)
+    mean = 1 / mean_rate(time)
+    since = time - time[0]
+    steps, counts = np.unique(
+        np.rint(np.diff(time) / STAMP_SECONDS).astype(np.int64), return_counts=True
+    )
     steps = steps[counts >= USUAL_SHARE * len(time)]
     cycle = STAMP_SECONDS * float(np.gcd.reduce(steps))
     usual = cycle * min(round(mean / cycle), MAX_CYCLES) if cycle else mean
-    even = np.mean(np.abs(since - cycle * np.rint(since / (cycle or 1.0))) > STAMP_SECONDS) < USUAL_SHARE
+    even = (
+        np.mean(np.abs(since - cycle * np.rint(since / (cycle or 1.0))) > STAMP_SECONDS)
+        < USUAL_SHARE
+    )
     jitter = even and steps[0] * STAMP_SECONDS < usual - STAMP_SECONDS
     return usual if jitter and abs(usual - mean) <= CYCLES_TOLERANCE * mean else mean
 
@@ -252,7 +306,8 @@ def grid_of(attitude: Array, motors: Array, dt: float) -> Array:
     From an attitude sample when both streams then keep theirs; otherwise from a motor sample: motor outputs change more
     from one message to the next, so it is attitude that should be moved.
     """
-    first, last = max(attitude[0], motors[0]), min(attitude[-1], motors[-1])
+    first = max(attitude[0], motors[0])
+    last = min(attitude[-1], motors[-1])
     for stamps in (attitude, motors):
         start = min(stamps[stamps >= first - STAMP_SECONDS][0], last)
         grid = np.asarray(start + dt * np.arange(int((last - start) / dt + STAMP_SECONDS) + 1))
@@ -278,7 +333,9 @@ def is_low_passed(time: Array, dt: float) -> bool:
 def _sure(grid: Array, dt: float, time: Array) -> NDArray[np.bool_]:
     """Which grid points (T,) are free of edge effects of the stream's low-pass filter, if there is one."""
     margin = FILTER_EDGE_STEPS * dt if is_low_passed(time, dt) else 0.0
-    return np.asarray((grid >= time[0] + margin - STAMP_SECONDS) & (grid <= time[-1] - margin + STAMP_SECONDS))
+    return np.asarray(
+        (grid >= time[0] + margin - STAMP_SECONDS) & (grid <= time[-1] - margin + STAMP_SECONDS)
+    )
 
 
 def _low_passed(time: Array, values: Array, cutoff: float) -> tuple[Array, Array]:
@@ -291,7 +348,8 @@ def _low_passed(time: Array, values: Array, cutoff: float) -> tuple[Array, Array
     rate = mean_rate(time)
     # A slower filter's numbers are lost in rounding; whatever is sampled on so coarse a grid is refused for its rate.
     cutoff = max(cutoff, 1e-4 * rate)
-    return even, _filtered(table, rate, cutoff, min(round(3 * rate / cutoff), len(table) - 1))  # until it settles
+    # until it settles
+    return even, _filtered(table, rate, cutoff, min(round(3 * rate / cutoff), len(table) - 1))
 
 
 def impulse_response(rate: float, dt: float) -> Array:
@@ -307,6 +365,9 @@ def impulse_response(rate: float, dt: float) -> Array:
 
 
 def _filtered(values: Array, rate: float, cutoff: float, padding: int) -> Array:
-    from scipy.signal import butter, sosfiltfilt  # it takes half a second to import, and few flights need it
+    # it takes half a second to import, and few flights need it
+    from scipy.signal import butter, sosfiltfilt
 
-    return np.asarray(sosfiltfilt(butter(4, cutoff, fs=rate, output="sos"), values, axis=0, padlen=padding))
+    return np.asarray(
+        sosfiltfilt(butter(4, cutoff, fs=rate, output="sos"), values, axis=0, padlen=padding)
+    )

@@ -43,14 +43,21 @@ def floats(columns: Columns, field: str) -> Array:
 
 def series(columns: Columns, values: Array, rows: NDArray[np.bool_] | None = None) -> Signal:
     """Returns ``values`` (N,) or (N, k) of all messages, or ``rows`` (N,), in time order, each stamp once, finite."""
-    time, boot = columns["time"], columns["boot"]
+    time = columns["time"]
+    boot = columns["boot"]
     if rows is not None:
-        time, boot, values = time[rows], boot[rows], values[rows]
-    sent, table = len(time), values if values.ndim == 2 else values[:, None]
+        time = time[rows]
+        boot = boot[rows]
+        values = values[rows]
+    sent = len(time)
+    table = values if values.ndim == 2 else values[:, None]
     finite = np.isfinite(table).all(axis=1) & np.isfinite(time)
     order = np.flatnonzero(finite)[np.lexsort((time[finite], boot[finite]))]
-    time, boot, table = time[order], boot[order], table[order]
-    new, other = np.ones(len(time), dtype=bool), np.zeros(len(time), dtype=bool)
+    time = time[order]
+    boot = boot[order]
+    table = table[order]
+    new = np.ones(len(time), dtype=bool)
+    other = np.zeros(len(time), dtype=bool)
     new[1:] = (np.diff(time) > 0) | (np.diff(boot) > 0)
     other[1:] = (np.diff(table, axis=0) != 0).any(axis=1)
     left_out = int(np.count_nonzero(~finite)) + int(np.count_nonzero(other & ~new))
@@ -59,7 +66,9 @@ def series(columns: Columns, values: Array, rows: NDArray[np.bool_] | None = Non
 
 def message_counts(telemetry: Telemetry, names: tuple[str, ...]) -> dict[str, int]:
     """Returns how many of each message there are, of those that there are."""
-    return {name: len(telemetry.messages[name]["time"]) for name in names if name in telemetry.messages}
+    return {
+        name: len(telemetry.messages[name]["time"]) for name in names if name in telemetry.messages
+    }
 
 
 def preferred_message(counts: Mapping[str, int]) -> str | None:
@@ -71,24 +80,35 @@ def by_preference(counts: Mapping[str, int]) -> Iterator[str]:
     """Yields the :func:`preferred_message` of ``counts``, then that of the others, and so on."""
     left = {name: count for name, count in counts.items() if count}
     while left:
-        yield (name := next(name for name in left if left[name] >= FREQUENT_ENOUGH * max(left.values())))
+        yield (
+            name := next(
+                name for name in left if left[name] >= FREQUENT_ENOUGH * max(left.values())
+            )
+        )
         del left[name]
 
 
 TILT_AXES = ("roll", "pitch")  # The axes of a model with angle and rate; yaw has its rate only
 AXES = (*TILT_AXES, "yaw")
 
-INPUTS = ("motors", "demand")  # The possible inputs of a model: motor outputs, or the controller's command for the axis
+# The possible inputs of a model: motor outputs, or the controller's command for the axis
+INPUTS = ("motors", "demand")
 MOTOR_MESSAGES = ("SERVO_OUTPUT_RAW", "ACTUATOR_OUTPUT_STATUS", "HIL_ACTUATOR_CONTROLS")
 """Messages with motor outputs, the preferred first."""
 
-Obstacle = tuple[str, str]  # A sentence on what is wrong, and one on what to do; "" to ask for faster messages
+# A sentence on what is wrong, and one on what to do; "" to ask for faster messages
+Obstacle = tuple[str, str]
 FLY = "Record a flight: half a minute in the air between take-off and landing is enough."
 DEMAND_MESSAGE = "ACTUATOR_CONTROL_TARGET"
 THRUST_COLUMN = 3  # Place of thrust in ACTUATOR_CONTROL_TARGET.controls of group 0
-PORT_CHANNELS, WIDE_PORT_CHANNELS = 8, 16
+PORT_CHANNELS = 8
+WIDE_PORT_CHANNELS = 16
 """Channels a port of SERVO_OUTPUT_RAW; firmware that fills the message's extension counts ports by 16."""
-LEAST_STOP, STOP_SHARE, STOP_WIDTH, STOP_BINS, STOP_EXCESS = 0.5, 0.01, 0.003, 5, 8
+LEAST_STOP = 0.5
+STOP_SHARE = 0.01
+STOP_WIDTH = 0.003
+STOP_BINS = 5
+STOP_EXCESS = 8
 """An upper stop that the outputs show: at least so much of the range, so often reached, this wide, how many bins of
 that width below it show what is usual, and how many times as often it is reached: the crest of a sine 3 to 5 times."""
 UNUSED_CHANNEL = 65535  # SERVO_OUTPUT_RAW's value for a channel without an output
@@ -105,7 +125,8 @@ class Motors:
     layout: MotorGeometry  # which channels and where their motors are
     scale: OutputScale  # unit, range and resolution
     sent: int  # messages in the stream
-    left_out: int  # those not used: not finite, or with the stamp of another. Exact copies do not count.
+    # those not used: not finite, or with the stamp of another. Exact copies do not count.
+    left_out: int
 
 
 def motors_or_obstacle(telemetry: Telemetry) -> Motors | Obstacle:
@@ -124,12 +145,18 @@ def _motors_in(telemetry: Telemetry, message: str) -> Motors | Obstacle:
     name = telemetry.called(message)
     banks = _banks(message, telemetry.messages[message])
     width = banks[0].signal.values.shape[1]
-    moving = [bank.first + i for bank in banks for i in range(width) if _moves(bank.signal.values[:, i])]
-    plan = motor_geometry(telemetry.vehicle, telemetry.autopilot, telemetry.parameters, moving, width)
+    moving = [
+        bank.first + i for bank in banks for i in range(width) if _moves(bank.signal.values[:, i])
+    ]
+    plan = motor_geometry(
+        telemetry.vehicle, telemetry.autopilot, telemetry.parameters, moving, width
+    )
     if plan is None or not moving:
         return f"The motors did not run: no output in {name} ever changes.", FLY
     there = {channel for bank in banks for channel in bank.among(plan.channels)}
-    of_motors = f"By {plan.basis.partition(';')[0]} the motors are on channels {_numbers(plan.channels)}"
+    of_motors = (
+        f"By {plan.basis.partition(';')[0]} the motors are on channels {_numbers(plan.channels)}"
+    )
     if there != set(plan.channels):
         reason = f"{of_motors}, but {name} has no channel {_numbers(set(plan.channels) - there)}."
         return reason, "Record all outputs: MAVLink 1 has 8 channels, MAVLink 2 has 16."
@@ -148,7 +175,10 @@ def _motors_in(telemetry: Telemetry, message: str) -> Motors | Obstacle:
             outputs[:, at] = values if bank is main else _interpolated(signal, bank.signal, values)
     whole = series({"time": signal.time, "boot": signal.boot}, outputs)
     if not len(whole.time):
-        return f"{name} has no message with finite outputs of all motors.", "Check what wrote the log."
+        return (
+            f"{name} has no message with finite outputs of all motors.",
+            "Check what wrote the log.",
+        )
     # Of the values as sent: interpolated ones fall between the steps of the stream.
     scale = output_scale(np.concatenate(sent), telemetry.parameters, plan.drivers)
     left_out = signal.left_out + whole.left_out
@@ -164,7 +194,8 @@ def _seen_stop(shares: Array) -> float:
     highest = float(shares.max())
     for column in shares.T if highest >= LEAST_STOP else ():
         bins = np.floor((highest - column[column > 0]) / STOP_WIDTH)
-        at_stop, near = np.count_nonzero(bins == 0), np.count_nonzero((bins > 0) & (bins <= STOP_BINS)) / STOP_BINS
+        at_stop = np.count_nonzero(bins == 0)
+        near = np.count_nonzero((bins > 0) & (bins <= STOP_BINS)) / STOP_BINS
         reached = at_stop >= max(STOP_SHARE * len(column), STOP_EXCESS * near, 3)
         if reached and np.count_nonzero(bins > STOP_BINS) > np.count_nonzero(bins > 0) / 2:
             return highest
@@ -177,8 +208,11 @@ def demand(telemetry: Telemetry, axis: str) -> Motors | None:
     if signal is None or not _moves(signal.values):
         return None
     scale = OutputScale("demand", "", -1.0, 1.0, float(np.diff(np.unique(signal.values)).min()))
-    outputs, counts = signal.values[:, None], (signal.sent, signal.left_out)
-    return Motors(DEMAND_MESSAGE, signal.time, signal.boot, outputs, demand_geometry(axis), scale, *counts)
+    outputs = signal.values[:, None]
+    counts = (signal.sent, signal.left_out)
+    return Motors(
+        DEMAND_MESSAGE, signal.time, signal.boot, outputs, demand_geometry(axis), scale, *counts
+    )
 
 
 def control(telemetry: Telemetry, column: int) -> Signal | None:
@@ -198,25 +232,40 @@ class _Bank(NamedTuple):
     signal: Signal
 
     def among(self, channels: tuple[int, ...]) -> list[int]:
-        return [channel for channel in channels if 0 <= channel - self.first < self.signal.values.shape[1]]
+        return [
+            channel
+            for channel in channels
+            if 0 <= channel - self.first < self.signal.values.shape[1]
+        ]
 
 
 def _banks(message: str, columns: Columns) -> list[_Bank]:
     if message != "SERVO_OUTPUT_RAW":
         field = "actuator" if message == "ACTUATOR_OUTPUT_STATUS" else "controls"
-        return [_bank(columns, np.atleast_2d(floats(columns, field)), 1, np.ones(len(columns["time"]), dtype=bool))]
+        return [
+            _bank(
+                columns,
+                np.atleast_2d(floats(columns, field)),
+                1,
+                np.ones(len(columns["time"]), dtype=bool),
+            )
+        ]
     fields = [f"servo{n}_raw" for n in range(1, 17) if f"servo{n}_raw" in columns]
     values = np.column_stack([floats(columns, field) for field in fields])
     values[values == UNUSED_CHANNEL] = 0.0
     port = floats(columns, "port") if "port" in columns else np.zeros(len(values))
     wide = values.shape[1] == WIDE_PORT_CHANNELS and np.any(values[:, PORT_CHANNELS:])
     width = WIDE_PORT_CHANNELS if wide else PORT_CHANNELS
-    return [_bank(columns, values[:, :width], 1 + width * int(p), port == p) for p in np.unique(port)]
+    return [
+        _bank(columns, values[:, :width], 1 + width * int(p), port == p) for p in np.unique(port)
+    ]
 
 
 def _bank(columns: Columns, values: Array, first: int, rows: NDArray[np.bool_]) -> _Bank:
     """A bank of outputs; a channel that never has a number has none."""
-    return _Bank(first, series(columns, np.where(np.isfinite(values[rows]).any(axis=0), values, 0.0), rows))
+    return _Bank(
+        first, series(columns, np.where(np.isfinite(values[rows]).any(axis=0), values, 0.0), rows)
+    )
 
 
 def _numbers(channels: Iterable[int]) -> str:
@@ -232,7 +281,8 @@ def _moves(values: Array) -> bool:
 def _interpolated(main: Signal, bank: Signal, values: Array) -> Array:
     moved = np.full(len(main.time), np.nan)
     for boot in np.unique(main.boot):
-        there, here = bank.boot == boot, main.boot == boot
+        there = bank.boot == boot
+        here = main.boot == boot
         if there.any():
             moved[here] = np.interp(main.time[here], bank.time[there], values[there])
     return moved

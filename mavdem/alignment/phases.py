@@ -19,7 +19,8 @@ from mavdem.ingest.vocabulary import IN_AIR, OFF_GROUND
 Interval = tuple[float, float]
 Intervals = list[Interval]
 
-IDLE_COLLECTIVE, ABOVE_IDLE = 0.15, 0.05
+IDLE_COLLECTIVE = 0.15
+ABOVE_IDLE = 0.05
 """Highest share of the motors' range at which autopilots idle on the ground, ArduPilot's default for MOT_SPIN_MIN, and
 how much more a multirotor needs at least to stay up."""
 TRANSIENT_SECONDS = 5.0
@@ -27,13 +28,15 @@ TRANSIENT_SECONDS = 5.0
 first metres."""
 CLIMB_OUT_SPEED = 0.25
 """m/s: climb-out and landing last while the vehicle rises or sinks faster. Autopilots land at 0.3 m/s and more."""
-CLIMB_SPEED = 1.0  # m/s, for ``TRANSIENT_SECONDS`` or longer: a climb or a descent in the midst of a flight
+# m/s, for ``TRANSIENT_SECONDS`` or longer: a climb or a descent in the midst of a flight
+CLIMB_SPEED = 1.0
 MAX_TILT = np.radians(60.0)
 """Tilt beyond which no hover model holds: half the thrust no longer carries, and Euler angles leave the body rates."""
 CARRYING_SHARE = 0.7
 """Of the motors' mean in hover: with less, in the mean of 2 s, no multirotor stays up, be its thrust as the square of
 its command or as the command."""
-STILL_SHARE, FIGHTING_SHARE = 0.1, 0.5
+STILL_SHARE = 0.1
+FIGHTING_SHARE = 0.5
 """What the ground holds turns so little beside the flight, while some motor does so much more or less than in flight,
 as a share of the hover's mean, that it would turn what nothing holds: of four, one that lost half its thrust does 0.3
 more."""
@@ -54,7 +57,10 @@ def where(time: Array, true: NDArray[np.bool_]) -> Intervals:
     """
     edges = np.flatnonzero(np.diff(np.concatenate([[False], true, [False]]).astype(np.int8)))
     runs = zip(edges[::2], edges[1::2], strict=True)
-    return [(-inf if a == 0 else float(time[a]), inf if b == len(time) else float(time[b - 1])) for a, b in runs]
+    return [
+        (-inf if a == 0 else float(time[a]), inf if b == len(time) else float(time[b - 1]))
+        for a, b in runs
+    ]
 
 
 def unbroken(time: Array, broken: NDArray[np.bool_]) -> Intervals:
@@ -62,15 +68,19 @@ def unbroken(time: Array, broken: NDArray[np.bool_]) -> Intervals:
     if not len(time):
         return []
     breaks = np.flatnonzero(broken)
-    starts, ends = np.concatenate([[0], breaks + 1]), np.concatenate([breaks, [len(time) - 1]])
+    starts = np.concatenate([[0], breaks + 1])
+    ends = np.concatenate([breaks, [len(time) - 1]])
     return [(float(time[a]), float(time[b])) for a, b in zip(starts, ends, strict=True)]
 
 
 def both(a: Intervals, b: Intervals) -> Intervals:
     """Returns where ``a`` and ``b`` overlap."""
-    overlaps, i, j = [], 0, 0
+    overlaps = []
+    i = 0
+    j = 0
     while i < len(a) and j < len(b):
-        start, end = max(a[i][0], b[j][0]), min(a[i][1], b[j][1])
+        start = max(a[i][0], b[j][0])
+        end = min(a[i][1], b[j][1])
         if start < end:
             overlaps.append((start, end))
         if a[i][1] < b[j][1]:
@@ -98,7 +108,9 @@ def total(intervals: Intervals) -> float:
 
 def during(time: Array, intervals: Intervals) -> NDArray[np.bool_]:
     """Returns which stamps (N,) are in the intervals."""
-    return np.asarray(np.any([(time >= start) & (time <= end) for start, end in [(inf, inf), *intervals]], axis=0))
+    return np.asarray(
+        np.any([(time >= start) & (time <= end) for start, end in [(inf, inf), *intervals]], axis=0)
+    )
 
 
 def airborne_collective(parameters: Mapping[str, float]) -> float:
@@ -117,18 +129,28 @@ def settled(signals: Signals, boot: int) -> Intervals:
 
 
 def _settled(signals: Signals, boot: int) -> Intervals:
-    climb, landing = _of_boot(signals.climb_rate, boot), _of_boot(signals.landing, boot)
+    climb = _of_boot(signals.climb_rate, boot)
+    landing = _of_boot(signals.landing, boot)
     flights = both(armed(signals, boot), in_states(signals, boot, (IN_AIR,)))
     if landing is not None and climb is None and _of_boot(signals.landed_state, boot) is None:
         flights = both(flights, where(landing.time, landing.values == 0))
     flights = off_ground(flights, signals, boot)
-    tilts = [(tilt.time[tilt.boot == boot], np.abs(tilt.angle[tilt.boot == boot])) for tilt in signals.tilts]
+    tilts = [
+        (tilt.time[tilt.boot == boot], np.abs(tilt.angle[tilt.boot == boot]))
+        for tilt in signals.tilts
+    ]
     for time, tilt in tilts[:1]:  # what lies on its back has crashed
         flights = both(flights, where(time, tilt < np.pi / 2))
-    level = [between for flight in flights if (between := between_transients(flight, climb)) is not None]
-    if climb is not None and np.any((speed := average(climb))[during(climb.time, level)] > -CLIMB_OUT_SPEED):
+    level = [
+        between for flight in flights if (between := between_transients(flight, climb)) is not None
+    ]
+    if climb is not None and np.any(
+        (speed := average(climb))[during(climb.time, level)] > -CLIMB_OUT_SPEED
+    ):
         climbs = both(level, where(climb.time, np.abs(speed) > CLIMB_SPEED))
-        level = both(level, outside([part for part in climbs if part[1] - part[0] >= TRANSIENT_SECONDS]))
+        level = both(
+            level, outside([part for part in climbs if part[1] - part[0] >= TRANSIENT_SECONDS])
+        )
     for time, tilt in tilts:
         level = both(level, where(time, tilt < MAX_TILT))
     return level if tilts else []
@@ -138,9 +160,16 @@ def off_ground(flights: Intervals, signals: Signals, boot: int) -> Intervals:
     """Returns the ``flights`` of ``boot`` that rose, without what the ground held for ``GROUND_SECONDS`` or longer."""
     if (climb := _of_boot(signals.climb_rate, boot)) is not None:
         speed = np.abs(average(climb))
-        rose = (climb.time[0] > start or speed[climb.time <= end].max() >= LEAST_CLIMB for start, end in flights)
+        rose = (
+            climb.time[0] > start or speed[climb.time <= end].max() >= LEAST_CLIMB
+            for start, end in flights
+        )
         flights = [flight for flight, up in zip(flights, rose, strict=True) if up]
-    held = [part for part in both(flights, grounded(signals, boot)) if part[1] - part[0] >= GROUND_SECONDS]
+    held = [
+        part
+        for part in both(flights, grounded(signals, boot))
+        if part[1] - part[0] >= GROUND_SECONDS
+    ]
     return both(flights, outside(held))
 
 
@@ -149,7 +178,8 @@ def grounded(signals: Signals, boot: int) -> Intervals:
 
     Or its attitude stands still while its motors fight what holds it.
     """
-    collective, motors = _of_boot(signals.collective, boot), signals.motors
+    collective = _of_boot(signals.collective, boot)
+    motors = signals.motors
     if collective is None:
         return []
     mean = average(collective)
@@ -186,10 +216,14 @@ def armed(signals: Signals, boot: int) -> Intervals:
 
 def highest_collective(signals: Signals) -> float:
     """Returns the highest share of their range at which the motors worked together while armed, averaged."""
-    highest, collective = 0.0, signals.collective
+    highest = 0.0
+    collective = signals.collective
     for boot in np.unique(collective.boot) if collective is not None else ():
         if (here := _of_boot(collective, boot)) is not None:
-            highest = max(highest, float(average(here)[during(here.time, armed(signals, boot))].max(initial=0.0)))
+            highest = max(
+                highest,
+                float(average(here)[during(here.time, armed(signals, boot))].max(initial=0.0)),
+            )
     return highest
 
 
@@ -199,22 +233,32 @@ def in_states(signals: Signals, boot: int, states: tuple[int, ...]) -> Intervals
     The states are those of EXTENDED_SYS_STATE while it comes. A report counts for the time up to the next, not for what
     came before all reports, nor across a long gap.
     """
-    reported, collective = _of_boot(signals.landed_state, boot), _of_boot(signals.collective, boot)
+    reported = _of_boot(signals.landed_state, boot)
+    collective = _of_boot(signals.collective, boot)
     carried: Intervals = []
     if collective is not None:
-        carried = where(collective.time, average(collective) > airborne_collective(signals.telemetry.parameters))
+        carried = where(
+            collective.time, average(collective) > airborne_collective(signals.telemetry.parameters)
+        )
     if reported is None:
         return carried
     undefined = reported.values == 0
-    covered = unbroken(reported.time, (np.diff(reported.time) > REPORT_SECONDS) | undefined[1:] | undefined[:-1])
+    covered = unbroken(
+        reported.time, (np.diff(reported.time) > REPORT_SECONDS) | undefined[1:] | undefined[:-1]
+    )
     inside = where(reported.time, np.isin(reported.values, states))
-    return inside if collective is None else either(both(inside, covered), both(carried, outside(covered)))
+    return (
+        inside
+        if collective is None
+        else either(both(inside, covered), both(carried, outside(covered)))
+    )
 
 
 def between_transients(flight: Interval, climb: Signal | None) -> Interval | None:
     """Returns the settled part of one flight; an end of the flight that was not seen has no transient to cut."""
     start, end = flight
-    after, before = start + TRANSIENT_SECONDS, end - TRANSIENT_SECONDS
+    after = start + TRANSIENT_SECONDS
+    before = end - TRANSIENT_SECONDS
     if climb is not None:
         speed = average(climb)
         inside = (climb.time >= after) & (climb.time <= before)

@@ -16,14 +16,16 @@ from mavdem.flight import Flight
 from mavdem.ingest.motors import OutputScale
 from mavdem.ingest.telemetry import Array
 
-CONSISTENCY_SPAN = 0.2  # Seconds: one period of 5 Hz, so that sensor noise averages out and roll dynamics do not
+# Seconds: one period of 5 Hz, so that sensor noise averages out and roll dynamics do not
+CONSISTENCY_SPAN = 0.2
 OUTLIER_SHARE = 0.01
 """Share of those spans, the worst explained, that the consistency leaves out, and at least as many as one sample is in:
 it is of the whole segment, and a single outlier must not decide it."""
 HELD_STEPS = 1.5
 """Quantisation steps by which a value that had been constant for a message or more usually changes when it does, if it
 was held. One that only moves less than a step goes on by one step."""
-STOP_MARGIN, IDLE_THROTTLE = 0.01, 0.15
+STOP_MARGIN = 0.01
+IDLE_THROTTLE = 0.15
 """Shares of the range: how near to its upper stop (``OutputScale.stop``) a motor is at it, and the idle below which
 autopilots let none fall in flight (ArduPilot's default for MOT_SPIN_MIN)."""
 
@@ -67,16 +69,23 @@ class QualityFigures:
 
 def of_log(signals: Signals, segments: int) -> QualityFigures:
     """Returns the figures of a whole log with so many ``segments``; its rates are those between outages."""
-    attitude, drive = signals.attitude, signals.drive
+    attitude = signals.attitude
+    drive = signals.drive
     assert attitude is not None and drive is not None
     parts = recorded_parts(signals)
-    armed = sum(total(both([(part.start, part.end)], phases.armed(signals, part.boot))) for part in parts)
+    armed = sum(
+        total(both([(part.start, part.end)], phases.armed(signals, part.boot))) for part in parts
+    )
     airborne = 0.0
     for boot in np.intersect1d(attitude.boot, drive.boot):
         flown = phases.off_ground(phases.flying(signals, boot), signals, boot)
-        airborne += total(both(unbroken(drive.time[drive.boot == boot], np.zeros(0, dtype=np.bool_)), flown))
+        airborne += total(
+            both(unbroken(drive.time[drive.boot == boot], np.zeros(0, dtype=np.bool_)), flown)
+        )
     figures = QualityFigures(armed, airborne, segments)
-    return replace(figures, attitude_rate=usual_rate(attitude) or None, motor_rate=usual_rate(drive) or None)
+    return replace(
+        figures, attitude_rate=usual_rate(attitude) or None, motor_rate=usual_rate(drive) or None
+    )
 
 
 def slow_in_air(signals: Signals, stream: Attitude | Motors) -> tuple[tuple[Segment, ...], float]:
@@ -95,15 +104,24 @@ def slow_in_air(signals: Signals, stream: Attitude | Motors) -> tuple[tuple[Segm
     return tuple(slow), messages / max(sum(part.duration for part in slow), 1e-9)
 
 
-def of_segment(signals: Signals, segment: Segment, flight: Flight, log: QualityFigures) -> QualityFigures:
+def of_segment(
+    signals: Signals, segment: Segment, flight: Flight, log: QualityFigures
+) -> QualityFigures:
     """Returns the figures of one segment and the flight made of it, with those of the ``log`` that hold for all."""
-    attitude, motors = signals.attitude, signals.drive
+    attitude = signals.attitude
+    motors = signals.drive
     assert attitude is not None and motors is not None
-    here, there = within(attitude, segment), within(motors, segment)
-    time, angle, slope = attitude.time[here], attitude.angle[here], attitude.slope[here]
+    here = within(attitude, segment)
+    there = within(motors, segment)
+    time = attitude.time[here]
+    angle = attitude.angle[here]
+    slope = attitude.slope[here]
     flown, _ = sample(flight.time, flight.dt, time, np.column_stack([angle, slope]))
     flown_angle, flown_slope, flown_rate = *flown.T, flight.outputs[:, -1]
-    consistencies = [_consistency(time, angle, slope), _consistency(flight.time, flown_angle, flown_slope)]
+    consistencies = [
+        _consistency(time, angle, slope),
+        _consistency(flight.time, flown_angle, flown_slope),
+    ]
     motion = np.column_stack([angle, attitude.rate[here]])
     steps = np.array([_step(column) for column in motion.T])
     measured = slice(-flight.outputs.shape[1], None)  # not the angle of yaw
@@ -111,10 +129,12 @@ def of_segment(signals: Signals, segment: Segment, flight: Flight, log: QualityF
     output_snrs = [_snr_of_changes(time, column, step) for column, step in stepped]
     # The motors' combination (T,) that turns the axis, and the standard deviation that rounding alone gives it.
     if (weights := motors.layout.effect(signals.axis)) is not None:
-        combination, rounding = flight.inputs @ weights, motors.scale.step * float(np.sqrt((weights**2).sum() / 12))
+        combination = flight.inputs @ weights
+        rounding = motors.scale.step * float(np.sqrt((weights**2).sum() / 12))
     else:
         differences = flight.inputs - flight.inputs.mean(axis=1, keepdims=True)
-        combination, rounding = differences[:, np.argmax(differences.std(axis=0))], motors.scale.step / 12**0.5
+        combination = differences[:, np.argmax(differences.std(axis=0))]
+        rounding = motors.scale.step / 12**0.5
     limited = np.logical_or(*at_limits(motors.scale.fraction(flight.inputs), motors.scale))
     return replace(
         log,
@@ -161,7 +181,8 @@ def _snr_of_changes(time: Array, values: Array, step: float) -> float | None:
 
 def _fresh_rate(time: Array, rows: Array, step: Array | float) -> float:
     """Rows (N, k) a second that are not the one before them sent again; ``step`` (k,): of which they are multiples."""
-    rate, changes = mean_rate(time), np.abs(np.diff(rows, axis=0))
+    rate = mean_rate(time)
+    changes = np.abs(np.diff(rows, axis=0))
     changed = np.asarray((changes > 0).any(axis=1))
     after_standstill = changes[1:][changed[1:] & ~changed[:-1]]
     if not len(after_standstill):
@@ -179,8 +200,11 @@ def _consistency(time: Array, angle: Array, slope: Array) -> float | None:
     change = np.interp(later, time, angle) - angle[starts]
     unexplained = change - (np.interp(later, time, turned) - turned[starts])
     off = np.abs(unexplained - np.median(unexplained)) if len(unexplained) else unexplained
-    wild = max(round(OUTLIER_SHARE * len(off)), int(np.count_nonzero(time <= time[0] + CONSISTENCY_SPAN)))
+    wild = max(
+        round(OUTLIER_SHARE * len(off)), int(np.count_nonzero(time <= time[0] + CONSISTENCY_SPAN))
+    )
     usual = np.argsort(off)[: max(len(off) - wild, 0)]
-    change, unexplained = change[usual], unexplained[usual]
+    change = change[usual]
+    unexplained = unexplained[usual]
     variance = float(change.var()) if len(change) else 0.0
     return 1 - float(unexplained.var()) / variance if variance > 0 else None

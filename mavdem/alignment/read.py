@@ -14,7 +14,8 @@ from mavdem.flight import Flight
 from mavdem.ingest import Component, Log, read_log
 from mavdem.ingest.telemetry import Telemetry
 
-TIERS = ("a", "b", "c")  # What the rates of a log allow: everything; its slow motion; figures of its condition
+# What the rates of a log allow: everything; its slow motion; figures of its condition
+TIERS = ("a", "b", "c")
 
 
 def read_flight(
@@ -55,7 +56,10 @@ def read_flight(
 
 
 def read_segments(
-    path: str | bytes | PathLike[str], axis: str = "roll", vehicle: str | None = None, inputs: str | None = None
+    path: str | bytes | PathLike[str],
+    axis: str = "roll",
+    vehicle: str | None = None,
+    inputs: str | None = None,
 ) -> tuple[Flight, ...]:
     """Returns all usable segments of settled flight in a log, in the order of time.
 
@@ -76,14 +80,20 @@ def read_segments(
         :func:`mavdem.read_flight`: the longest segment; :func:`mavdem.learn`, which takes them together.
     """
     log = read_log(path)
-    flights, verdict = usable_segments(Signals(choose_vehicle(log.vehicles, vehicle), axis, inputs), log.components)
+    flights, verdict = usable_segments(
+        Signals(choose_vehicle(log.vehicles, vehicle), axis, inputs), log.components
+    )
     if not flights:
         raise NotLearnable(verdict.reason, verdict.remedy)
     return flights
 
 
 def learnable_flight(
-    log: Log, axis: str = "roll", vehicle: str | None = None, inputs: str | None = None, tier: str = "a"
+    log: Log,
+    axis: str = "roll",
+    vehicle: str | None = None,
+    inputs: str | None = None,
+    tier: str = "a",
 ) -> tuple[Flight, Verdict]:
     """Returns the longest usable segment of a log, as :func:`read_flight` gives it, and the verdict on it."""
     signals = Signals(choose_vehicle(log.vehicles, vehicle), axis, inputs)
@@ -103,8 +113,13 @@ def usable_segments(
 ) -> tuple[tuple[Flight, ...], Verdict]:
     """Returns all usable segments, none if the verdict, on the longest, is no; both need ``least_rate``, Hz."""
     verdicts = list(segment_verdicts(signals, components, least_rate))
-    found, usable = verdicts[0].segments, [verdict for verdict in verdicts if verdict.learnable]
-    lost = [segment.duration for segment in found if segment not in [verdict.segment for verdict in usable]]
+    found = verdicts[0].segments
+    usable = [verdict for verdict in verdicts if verdict.learnable]
+    lost = [
+        segment.duration
+        for segment in found
+        if segment not in [verdict.segment for verdict in usable]
+    ]
     left_out: tuple[str, ...] = ()
     if 0 < len(lost) < len(found):
         seconds = sum(segment.duration for segment in found)
@@ -114,7 +129,9 @@ def usable_segments(
             "from.",
         )
     flights = [_with_cautions(verdict, left_out) for verdict in usable]
-    in_time = sorted(flights, key=lambda flight: (flight.provenance["segment"]["boot"], float(flight.time[0])))
+    in_time = sorted(
+        flights, key=lambda flight: (flight.provenance["segment"]["boot"], float(flight.time[0]))
+    )
     return tuple(in_time), verdicts[0]
 
 
@@ -133,18 +150,31 @@ def choose_vehicle(vehicles: Sequence[Telemetry], wanted: str | None = None) -> 
     Raises NotLearnable: none or several match; the message lists them.
     """
     if wanted is not None:
-        matching = [vehicle for vehicle in vehicles if wanted in (str(vehicle.system), _ids(vehicle), vehicle.board)]
+        matching = [
+            vehicle
+            for vehicle in vehicles
+            if wanted in (str(vehicle.system), _ids(vehicle), vehicle.board)
+        ]
     else:
-        moving = [vehicle for vehicle in vehicles if any(message_counts(vehicle, ATTITUDE_MESSAGES).values())]
+        moving = [
+            vehicle
+            for vehicle in vehicles
+            if any(message_counts(vehicle, ATTITUDE_MESSAGES).values())
+        ]
         matching = moving or list(vehicles)
     if len(matching) == 1:
         return matching[0]
     if not vehicles:
-        raise NotLearnable("There is no vehicle in it.", "Check that the autopilot's own messages are recorded.")
+        raise NotLearnable(
+            "There is no vehicle in it.", "Check that the autopilot's own messages are recorded."
+        )
     rivals = matching or vehicles
-    alike = len({_ids(vehicle) for vehicle in rivals}) < len(rivals)  # two logs in one, of vehicles with the same ids
+    # two logs in one, of vehicles with the same ids
+    alike = len({_ids(vehicle) for vehicle in rivals}) < len(rivals)
     names = [vehicle.board if alike and vehicle.board else _ids(vehicle) for vehicle in rivals]
-    listed = ", ".join(f"{name} ({one.vehicle}, {one.autopilot})" for name, one in zip(names, rivals, strict=True))
+    listed = ", ".join(
+        f"{name} ({one.vehicle}, {one.autopilot})" for name, one in zip(names, rivals, strict=True)
+    )
     example = f"Choose one, for example with `--vehicle {names[0]}`."
     if not matching:
         there = "is" if len(vehicles) == 1 else "are"

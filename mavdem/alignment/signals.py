@@ -48,8 +48,13 @@ from mavdem.ingest.mavlink.definitions import enum_name
 from mavdem.ingest.telemetry import Array, Columns, Telemetry, rate_without_gaps, selected
 from mavdem.ingest.vocabulary import ARMED, CUSTOM_MODE, LANDING_MODES, euler_angles
 
-ATTITUDE_MESSAGES = ("ATTITUDE", "ATTITUDE_QUATERNION")  # Messages with the attitude, the preferred first
-CLIMB_FIELDS = {"LOCAL_POSITION_NED": ("vz", -1.0), "GLOBAL_POSITION_INT": ("vz", -0.01), "VFR_HUD": ("climb", 1.0)}
+# Messages with the attitude, the preferred first
+ATTITUDE_MESSAGES = ("ATTITUDE", "ATTITUDE_QUATERNION")
+CLIMB_FIELDS = {
+    "LOCAL_POSITION_NED": ("vz", -1.0),
+    "GLOBAL_POSITION_INT": ("vz", -0.01),
+    "VFR_HUD": ("climb", 1.0),
+}
 HEIGHT_FIELDS = {"LOCAL_POSITION_NED": ("z", -1.0), "GLOBAL_POSITION_INT": ("relative_alt", 0.001)}
 """Messages with vertical speed, and height, the preferred first: the field, and the factor that makes it m/s, m, up."""
 BATTERY_MESSAGES = ("SYS_STATUS", "BATTERY_STATUS")
@@ -57,7 +62,8 @@ BATTERY_MESSAGES = ("SYS_STATUS", "BATTERY_STATUS")
 message before them: a few ms, for a quantity that changes over seconds."""
 EARTH_RADIUS = 6_371_000.0  # m, in the mean
 NO_CELL = 65535  # mV of a cell, or battery, that is not measured
-LEAST_VOLTAGE, MOST_VOLTAGE = 1.0, 1000.0
+LEAST_VOLTAGE = 1.0
+MOST_VOLTAGE = 1000.0
 """V: below, there is no battery monitor, or the simulator has no battery; above, the message is damaged."""
 MINIMUM_RATE = 40.0
 """Hz, of attitude and of motors. Ten times the roughly 4 Hz at which a multirotor's roll loop crosses over, and what is
@@ -70,7 +76,8 @@ TARGET_MESSAGE = "ATTITUDE_TARGET"
 IGNORED_RATES = {"roll": 1, "pitch": 2, "yaw": 4}
 IGNORED_ATTITUDE = 128
 """Bits of ATTITUDE_TARGET.type_mask (ATTITUDE_TARGET_TYPEMASK): a field with its bit set is no setpoint."""
-ROUNDING = 1e-6  # s: stamps have no more digits, and the sum of steps that a grid point is may fall just before one
+# s: stamps have no more digits, and the sum of steps that a grid point is may fall just before one
+ROUNDING = 1e-6
 HOLD_SECONDS = 2.0
 """Age beyond which a setpoint is unknown: in flight modes that have no such setpoint its messages end."""
 
@@ -93,23 +100,34 @@ def setpoints(telemetry: Telemetry, axis: str) -> tuple[Setpoint, ...]:
     targets = telemetry.messages.get(TARGET_MESSAGE)
     found: list[Setpoint] = []
     if targets is not None:
-        ignored = np.asarray(targets.get("type_mask", np.zeros(len(targets["time"])))).astype(np.int64)
-        rates = np.where(ignored & IGNORED_RATES[axis], np.nan, floats(targets, f"body_{axis}_rate"))
+        ignored = np.asarray(targets.get("type_mask", np.zeros(len(targets["time"])))).astype(
+            np.int64
+        )
+        rates = np.where(
+            ignored & IGNORED_RATES[axis], np.nan, floats(targets, f"body_{axis}_rate")
+        )
         rates[np.abs(rates) > MAX_BODY_RATE] = np.nan
-        found.append(Setpoint(f"{axis} rate setpoint", "rad/s", TARGET_MESSAGE, series(targets, rates)))
+        found.append(
+            Setpoint(f"{axis} rate setpoint", "rad/s", TARGET_MESSAGE, series(targets, rates))
+        )
         if axis != "yaw":
             asked = np.atleast_2d(floats(targets, "q"))
             with np.errstate(invalid="ignore", divide="ignore"):  # NaN where the quaternion is none
-                angles = euler_angles(asked / np.linalg.norm(asked, axis=1, keepdims=True))[TILT_AXES.index(axis)]
+                angles = euler_angles(asked / np.linalg.norm(asked, axis=1, keepdims=True))[
+                    TILT_AXES.index(axis)
+                ]
             angles = np.where(ignored & IGNORED_ATTITUDE, np.nan, angles)
-            found.append(Setpoint(f"{axis} setpoint", "rad", TARGET_MESSAGE, series(targets, angles)))
+            found.append(
+                Setpoint(f"{axis} setpoint", "rad", TARGET_MESSAGE, series(targets, angles))
+            )
     return tuple(setpoint for setpoint in found if len(setpoint.signal.time))
 
 
 def held(setpoint: Setpoint, boot: int, time: Array) -> Array:
     """Returns the last setpoint until ``time`` (T,) s of ``boot``; NaN where none came in ``HOLD_SECONDS``."""
     here = setpoint.signal.boot == boot
-    stamps, values = np.append(-np.inf, setpoint.signal.time[here]), np.append(np.nan, setpoint.signal.values[here])
+    stamps = np.append(-np.inf, setpoint.signal.time[here])
+    values = np.append(np.nan, setpoint.signal.values[here])
     last = np.searchsorted(stamps, time + ROUNDING, side="right") - 1
     return np.where(time - stamps[last] <= HOLD_SECONDS + ROUNDING, values[last], np.nan)
 
@@ -126,8 +144,10 @@ class Attitude:
     # (N,) the derivative of ``angle`` that the three body rates and the attitude imply, rad/s
     slope: Array
     sent: int  # messages in the stream
-    left_out: int  # those not used: not finite, impossible, or with the stamp of another. Exact copies do not count.
-    impossible: int  # those with an angle beyond ``MAX_ANGLE`` or a body rate beyond ``MAX_BODY_RATE``
+    # those not used: not finite, impossible, or with the stamp of another. Exact copies do not count.
+    left_out: int
+    # those with an angle beyond ``MAX_ANGLE`` or a body rate beyond ``MAX_BODY_RATE``
+    impossible: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,8 +170,14 @@ class Signals:
 
     def about(self, axis: str, inputs: str | None = None) -> Signals:
         """Returns the signals for another ``axis`` or other ``inputs``; what depends on neither is not read again."""
-        other, known = replace(self, axis=axis, inputs=inputs), vars(self) | {"settled": self.settled}
-        own = {"axis", "inputs", "drive", *(("attitude", "demand", "setpoints") if axis != self.axis else ())}
+        other = replace(self, axis=axis, inputs=inputs)
+        known = vars(self) | {"settled": self.settled}
+        own = {
+            "axis",
+            "inputs",
+            "drive",
+            *(("attitude", "demand", "setpoints") if axis != self.axis else ()),
+        }
         vars(other).update({name: value for name, value in known.items() if name not in own})
         return other
 
@@ -168,7 +194,10 @@ class Signals:
     @cached_property
     def tilts(self) -> tuple[Attitude, ...]:
         """Roll and pitch, by which a vehicle is upright or not; empty where they were not recorded."""
-        found = [self.attitude if axis == self.axis else attitude(self.telemetry, axis) for axis in TILT_AXES]
+        found = [
+            self.attitude if axis == self.axis else attitude(self.telemetry, axis)
+            for axis in TILT_AXES
+        ]
         return tuple(tilt for tilt in found if tilt is not None)
 
     @cached_property
@@ -187,7 +216,9 @@ class Signals:
         """The model's inputs: the motors, or the demand where that was chosen or only it comes fast enough."""
         if self.inputs is not None:
             return self.demand if self.inputs == "demand" else self.motors
-        rates = (0.0 if stream is None else usual_rate(stream) for stream in (self.motors, self.demand))
+        rates = (
+            0.0 if stream is None else usual_rate(stream) for stream in (self.motors, self.demand)
+        )
         driven: Motors | None = motors_or_demand(self.motors, self.demand, *rates)
         return driven
 
@@ -201,10 +232,15 @@ class Signals:
         """Voltage of the first battery, V; None where it was not measured."""
         for message in by_preference(message_counts(self.telemetry, BATTERY_MESSAGES)):
             columns = self.telemetry.messages[message]
-            volts = _of_cells(columns) if message == "BATTERY_STATUS" else floats(columns, "voltage_battery")
+            volts = (
+                _of_cells(columns)
+                if message == "BATTERY_STATUS"
+                else floats(columns, "voltage_battery")
+            )
             volts = np.where(volts == NO_CELL, np.nan, volts) / 1000
             possible = (volts >= LEAST_VOLTAGE) & (volts <= MOST_VOLTAGE)
-            possible[possible] = ~far_off(volts[possible], 9, volts[possible] / 2)  # damage doubles single ones
+            # damage doubles single ones
+            possible[possible] = ~far_off(volts[possible], 9, volts[possible] / 2)
             measured = series(columns, volts, possible)
             # Of a battery that is not measured, single messages have a voltage by damage.
             usual = np.count_nonzero(possible) >= max(5, np.count_nonzero(~np.isnan(volts)) / 2)
@@ -227,11 +263,13 @@ class Signals:
         """Both (N, 2) of them; a single stray heartbeat is outvoted by its neighbours."""
         if (columns := self._heartbeats) is None:
             return None
-        flags, modes = columns["base_mode"].astype(np.int64), columns.get("custom_mode", np.zeros(len(columns["time"])))
+        flags = columns["base_mode"].astype(np.int64)
+        modes = columns.get("custom_mode", np.zeros(len(columns["time"])))
         number = int(columns["autopilot"][0])
         lands = np.isin(modes, list(LANDING_MODES.get(number, ()))) & (flags & CUSTOM_MODE > 0)
         state = np.column_stack([flags & ARMED > 0, lands])
-        before, after = np.concatenate([state[:1], state[:-1]]), np.concatenate([state[1:], state[-1:]])
+        before = np.concatenate([state[:1], state[:-1]])
+        after = np.concatenate([state[1:], state[-1:]])
         settled = ((state & before) | (state & after) | (before & after)).astype(np.float64)
         return Signal(columns["time"], columns["boot"], settled)
 
@@ -245,9 +283,15 @@ class Signals:
         # An unknown vehicle sends heartbeats of type GENERIC.
         kind = "GENERIC" if telemetry.vehicle == "UNKNOWN" else telemetry.vehicle
         own = np.ones(len(columns["time"]), dtype=np.bool_)
-        for field, enum, name in (("type", "MAV_TYPE", kind), ("autopilot", "MAV_AUTOPILOT", telemetry.autopilot)):
+        for field, enum, name in (
+            ("type", "MAV_TYPE", kind),
+            ("autopilot", "MAV_AUTOPILOT", telemetry.autopilot),
+        ):
             numbers = np.unique(columns[field])
-            own &= np.isin(columns[field], [number for number in numbers if enum_name(enum, int(number)) == name])
+            own &= np.isin(
+                columns[field],
+                [number for number in numbers if enum_name(enum, int(number)) == name],
+            )
         if not own.any():
             return None
         order = np.lexsort((columns["time"][own], columns["boot"][own]))
@@ -262,7 +306,8 @@ class Signals:
         numbers = columns["custom_mode"][rows].astype(np.int64)
         changed = np.flatnonzero(np.diff(numbers, prepend=-1))
         named = [
-            mode_name(self.telemetry.autopilot, self.telemetry.vehicle, int(number)) for number in numbers[changed]
+            mode_name(self.telemetry.autopilot, self.telemetry.vehicle, int(number))
+            for number in numbers[changed]
         ]
         return list(zip(columns["time"][rows[changed]].tolist(), named, strict=True))
 
@@ -282,15 +327,27 @@ class Signals:
         """The position (N, 3) where it is known, m north, east and down of where the log or the estimator began."""
         if "x" in (columns := self.telemetry.messages.get("LOCAL_POSITION_NED", {})):
             known = columns["valid"].astype(np.bool_) if "valid" in columns else None
-            return series(columns, np.column_stack([floats(columns, axis) for axis in "xyz"]), known)
-        if (columns := self.telemetry.messages.get("GLOBAL_POSITION_INT", {})) and len(columns["time"]):
-            angles = np.radians(1e-7 * np.column_stack([floats(columns, name) for name in ("lat", "lon")]))
-            fixed = np.asarray(angles.any(axis=1) & (np.abs(angles) <= [np.pi / 2, np.pi]).all(axis=1))
+            return series(
+                columns, np.column_stack([floats(columns, axis) for axis in "xyz"]), known
+            )
+        if (columns := self.telemetry.messages.get("GLOBAL_POSITION_INT", {})) and len(
+            columns["time"]
+        ):
+            angles = np.radians(
+                1e-7 * np.column_stack([floats(columns, name) for name in ("lat", "lon")])
+            )
+            fixed = np.asarray(
+                angles.any(axis=1) & (np.abs(angles) <= [np.pi / 2, np.pi]).all(axis=1)
+            )
             if fixed.any():
                 first = angles[np.argmax(fixed)]
                 moved = (angles - first + np.pi) % (2 * np.pi) - np.pi  # across the date line too
                 plane = EARTH_RADIUS * moved * [1.0, np.cos(first[0])]
-                return series(columns, np.column_stack([plane, -floats(columns, "relative_alt") / 1000]), fixed)
+                return series(
+                    columns,
+                    np.column_stack([plane, -floats(columns, "relative_alt") / 1000]),
+                    fixed,
+                )
         return None
 
     @cached_property
@@ -311,18 +368,26 @@ class Signals:
         """The autopilot's own estimate of the wind, (N, 2) m/s north and east, where the air moves to."""
         found: Signal | None = None
         if (columns := self.telemetry.messages.get("WIND_COV")) is not None:
-            found = series(columns, np.column_stack([floats(columns, "wind_x"), floats(columns, "wind_y")]))
+            found = series(
+                columns, np.column_stack([floats(columns, "wind_x"), floats(columns, "wind_y")])
+            )
         elif (columns := self.telemetry.messages.get("WIND")) is not None:
-            angle, speed = np.radians(floats(columns, "direction")), floats(columns, "speed")
-            found = series(columns, np.column_stack([-speed * np.cos(angle), -speed * np.sin(angle)]))
-        return found if found is not None and found.values.any() else None  # without drag fusion ArduCopter sends 0
+            angle = np.radians(floats(columns, "direction"))
+            speed = floats(columns, "speed")
+            found = series(
+                columns, np.column_stack([-speed * np.cos(angle), -speed * np.sin(angle)])
+            )
+        # without drag fusion ArduCopter sends 0
+        return found if found is not None and found.values.any() else None
 
     @cached_property
     def collective(self) -> Signal | None:
         """How hard the motors work together, 0 to 1: their mean, or the controller's thrust command."""
         working = self.motors
         if working is not None:
-            return Signal(working.time, working.boot, working.scale.fraction(working.outputs).mean(axis=1))
+            return Signal(
+                working.time, working.boot, working.scale.fraction(working.outputs).mean(axis=1)
+            )
         thrust = control(self.telemetry, THRUST_COLUMN)
         return thrust if thrust is not None and len(thrust.time) else None
 
@@ -346,14 +411,19 @@ def attitude(telemetry: Telemetry, axis: str) -> Attitude | None:
         return None
     columns = telemetry.messages[message]
     if message == "ATTITUDE_QUATERNION":
-        roll, pitch, yaw = euler_angles(np.column_stack([floats(columns, field) for field in ("q1", "q2", "q3", "q4")]))
+        roll, pitch, yaw = euler_angles(
+            np.column_stack([floats(columns, field) for field in ("q1", "q2", "q3", "q4")])
+        )
     else:
-        roll, pitch = floats(columns, "roll"), floats(columns, "pitch")
+        roll = floats(columns, "roll")
+        pitch = floats(columns, "pitch")
         yaw = floats(columns, "yaw") if axis == "yaw" else np.zeros_like(roll)
     p, q, r = (floats(columns, field) for field in ("rollspeed", "pitchspeed", "yawspeed"))
-    sizes, limits = np.abs([roll, pitch, yaw, p, q, r]), np.repeat([MAX_ANGLE, MAX_BODY_RATE], 3)
+    sizes = np.abs([roll, pitch, yaw, p, q, r])
+    limits = np.repeat([MAX_ANGLE, MAX_BODY_RATE], 3)
     impossible = (np.isfinite(sizes) & (sizes > limits[:, None])).any(axis=0)
-    with np.errstate(invalid="ignore", over="ignore", divide="ignore"):  # rows that are not finite are left out below
+    # rows that are not finite are left out below
+    with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
         # Z-Y-X Euler kinematics (any flight dynamics text, e.g. Stevens and Lewis, chapter 1).
         turning = q * np.sin(roll) + r * np.cos(roll)
         if axis == "roll":
@@ -385,5 +455,6 @@ def _of_cells(columns: Columns) -> Array:
     cells = np.atleast_2d(floats(columns, "voltages"))
     total = np.where(cells == NO_CELL, 0.0, cells).sum(axis=1)
     if "voltages_ext" in columns:
-        total += np.atleast_2d(floats(columns, "voltages_ext")).sum(axis=1)  # 0 where there is no cell
+        # 0 where there is no cell
+        total += np.atleast_2d(floats(columns, "voltages_ext")).sum(axis=1)
     return np.where(floats(columns, "id") == 0, total, np.nan) if "id" in columns else total

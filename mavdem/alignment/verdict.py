@@ -13,7 +13,15 @@ import numpy as np
 
 from mavdem.alignment import phases, quality
 from mavdem.alignment.align import Segment, align, settled_segments
-from mavdem.alignment.drive import DEMAND_MESSAGE, FLY, MAX_BODY_RATE, TILT_AXES, Motors, Obstacle, motors_or_obstacle
+from mavdem.alignment.drive import (
+    DEMAND_MESSAGE,
+    FLY,
+    MAX_BODY_RATE,
+    TILT_AXES,
+    Motors,
+    Obstacle,
+    motors_or_obstacle,
+)
 from mavdem.alignment.quality import CONSISTENCY_SPAN, QualityFigures
 from mavdem.alignment.signals import MINIMUM_RATE, Attitude, Signals, usual_rate
 from mavdem.flight import Flight
@@ -21,21 +29,27 @@ from mavdem.ingest import Component
 from mavdem.ingest.motors import MULTIROTORS
 from mavdem.ingest.telemetry import Telemetry
 
-ADVICE: dict[str, str] = tomllib.loads((files("mavdem.alignment") / "rate_advice.toml").read_text("utf-8"))
+ADVICE: dict[str, str] = tomllib.loads(
+    (files("mavdem.alignment") / "rate_advice.toml").read_text("utf-8")
+)
 """Sentences by ``Telemetry.translated_from`` or else by autopilot."""
 STREAMS_OFF = "`set streamrate -1`"  # of MAVProxy
-REQUEST, SET_MESSAGE_INTERVAL = "REQUEST_DATA_STREAM", 511
+REQUEST = "REQUEST_DATA_STREAM"
+SET_MESSAGE_INTERVAL = 511
 """How ground stations ask a vehicle for rates: a message, and a command of MAV_CMD."""
 STREAM_RATE = re.compile(r"(SR|MAV)\d+_(EXTRA1|RC_CHAN)$")
 """ArduPilot's parameters for the rates of attitude and motor outputs on each port; MAV from 4.7 on."""
 RATE_LIMITS = {"LOG_FILE_RATEMAX": 1, "LOG_MAV_RATEMAX": 2, "LOG_BLK_RATEMAX": 4}
 """ArduPilot's limits of the rate of each message, Hz, 0 for none, and the bits of LOG_BACKEND_TYPE that use them."""
-FIRMWARE_VERSION, DEMAND_SINCE = re.compile(r"V(\d+)\.(\d+)"), (3, 3)
+FIRMWARE_VERSION = re.compile(r"V(\d+)\.(\d+)")
+DEMAND_SINCE = (3, 3)
 """Where ArduCopter's version is in what it calls itself, and the first that logs RATE; some builds of its development
 did not."""
 
 
-def ask_for_rate(telemetry: Telemetry, rate: int = 100, components: Sequence[Component] = ()) -> str:
+def ask_for_rate(
+    telemetry: Telemetry, rate: int = 100, components: Sequence[Component] = ()
+) -> str:
     """Returns how to get attitude and motors at ``rate`` Hz out of this autopilot, by the settings that its log shows.
 
     How to stop one of the ``components`` from asking for rates comes first: those hold whatever the settings.
@@ -44,32 +58,50 @@ def ask_for_rate(telemetry: Telemetry, rate: int = 100, components: Sequence[Com
     recorder = telemetry.translated_from
     if recorder in ("DataFlash", "ULog"):
         return kept + (_dataflash(telemetry) if recorder == "DataFlash" else _ulog(telemetry))
-    advice = ADVICE.get(recorder or telemetry.autopilot) or ADVICE.get(telemetry.autopilot, ADVICE[""])
+    advice = ADVICE.get(recorder or telemetry.autopilot) or ADVICE.get(
+        telemetry.autopilot, ADVICE[""]
+    )
     streams_off = "" if STREAMS_OFF in kept else f"{STREAMS_OFF}, "
-    values = {"interval": round(1e6 / rate), "stream_rates": _stream_rates(telemetry, rate), "streams_off": streams_off}
+    values = {
+        "interval": round(1e6 / rate),
+        "stream_rates": _stream_rates(telemetry, rate),
+        "streams_off": streams_off,
+    }
     return kept + advice.format(rate=rate, **values)
 
 
 def _kept_from_asking(telemetry: Telemetry, components: Sequence[Component]) -> str:
     own = (telemetry.system, telemetry.component)
-    others = (one for one in components if REQUEST in one.messages and (one.system, one.component) != own)
+    others = (
+        one for one in components if REQUEST in one.messages and (one.system, one.component) != own
+    )
     if asking := ", ".join(f"{one.system}:{one.component}" for one in others):
         off = f"switch that off (in MAVProxy with {STREAMS_OFF})"
         return f"A ground station ({asking}) sets rates with {REQUEST}: {off}. "
     replies = telemetry.messages.get("COMMAND_ACK")
     if replies is None or not (np.asarray(replies["command"]) == SET_MESSAGE_INTERVAL).any():
         return ""
-    acknowledged = "Somebody asks for rates with SET_MESSAGE_INTERVAL, which the vehicle acknowledged"
+    acknowledged = (
+        "Somebody asks for rates with SET_MESSAGE_INTERVAL, which the vehicle acknowledged"
+    )
     return f"{acknowledged}: let them ask for more, or for none. "
 
 
 def _stream_rates(telemetry: Telemetry, rate: int) -> str:
     asked = {name: value for name, value in telemetry.parameters.items() if STREAM_RATE.match(name)}
-    old, new = "SRn_EXTRA1 and SRn_RC_CHAN", "MAVn_EXTRA1 and MAVn_RC_CHAN"
+    old = "SRn_EXTRA1 and SRn_RC_CHAN"
+    new = "MAVn_EXTRA1 and MAVn_RC_CHAN"
     named = new if all(name.startswith("MAV") for name in asked) else old
     named = named if asked else f"{old} ({new} from ArduPilot 4.7)"
-    ports = {port: (f"{port}_EXTRA1", f"{port}_RC_CHAN") for port in sorted({name.partition("_")[0] for name in asked})}
-    fast = [" and ".join(both) for both in ports.values() if min(asked.get(one, 0) for one in both) >= MINIMUM_RATE]
+    ports = {
+        port: (f"{port}_EXTRA1", f"{port}_RC_CHAN")
+        for port in sorted({name.partition("_")[0] for name in asked})
+    }
+    fast = [
+        " and ".join(both)
+        for both in ports.values()
+        if min(asked.get(one, 0) for one in both) >= MINIMUM_RATE
+    ]
     if not fast:
         return f"Set the telemetry port's {named} to {rate}"
     known = f"{', '.join(fast)} are {MINIMUM_RATE:.0f} or more already: if that is the port of this link, reboot, and "
@@ -79,25 +111,37 @@ def _stream_rates(telemetry: Telemetry, rate: int) -> str:
 
 def _dataflash(telemetry: Telemetry) -> str:
     """How to log attitude and the demand fast with ArduPilot; ArduCopter logs motor outputs (RCOU) at 10 Hz."""
-    bitmask, firmware = telemetry.parameters.get("LOG_BITMASK"), telemetry.firmware
+    bitmask = telemetry.parameters.get("LOG_BITMASK")
+    firmware = telemetry.firmware
     is_set = bitmask is not None and bool(int(bitmask) & 1)
     already = "Bit 0 of LOG_BITMASK (fast attitude) is set already"
     found = FIRMWARE_VERSION.search(firmware)
     version = (int(found[1]), int(found[2])) if found else (0, 0)
     logs_demand = version > DEMAND_SINCE or (version == DEMAND_SINCE and "-dev" not in firmware)
     if DEMAND_MESSAGE not in telemetry.messages and (is_set or (found and not logs_demand)):
-        missing, give = f"{already}, but there is no demand (RATE with ROut)", "give the log as the autopilot wrote it"
+        missing = f"{already}, but there is no demand (RATE with ROut)"
+        give = "give the log as the autopilot wrote it"
         if logs_demand:
             return f"{missing}, which {firmware} logs then: {give}, or fly anew."
         if not found:
             return f"{missing}: {give}, or fly anew with a firmware that logs it, such as ArduCopter from 3.3 on."
         bit = "; LOG_BITMASK has bit 0 (fast attitude) set already"
-        anew = f"and fly again{bit if is_set else ' with bit 0 of LOG_BITMASK (fast attitude) set'}."
+        anew = (
+            f"and fly again{bit if is_set else ' with bit 0 of LOG_BITMASK (fast attitude) set'}."
+        )
         since = f"install ArduCopter {'.'.join(map(str, DEMAND_SINCE))} or later, which APM 2 boards cannot run"
         return f"{firmware} did not log the controller's demand (RATE with ROut): {since}, {anew}"
     backends = int(telemetry.parameters.get("LOG_BACKEND_TYPE", 7))
-    limits = {name: telemetry.parameters.get(name, 0.0) for name, backend in RATE_LIMITS.items() if backend & backends}
-    low = [f"{name}, {limit:g} Hz in this log, to 0" for name, limit in limits.items() if 0 < limit < MINIMUM_RATE]
+    limits = {
+        name: telemetry.parameters.get(name, 0.0)
+        for name, backend in RATE_LIMITS.items()
+        if backend & backends
+    }
+    low = [
+        f"{name}, {limit:g} Hz in this log, to 0"
+        for name, limit in limits.items()
+        if 0 < limit < MINIMUM_RATE
+    ]
     effect = f"{''.join(f', and {one}' for one in low)}, which logs attitude and the demand at 50 Hz or more; fly anew."
     if bitmask is None:
         return f"If it is not set (the log does not show it), set bit 0 of LOG_BITMASK (fast attitude){effect}"
@@ -105,7 +149,9 @@ def _dataflash(telemetry: Telemetry) -> str:
         changed = f"set it to {int(bitmask) | 1}, with bit 0 (fast attitude)"
         return f"LOG_BITMASK is {int(bitmask)} in this log: {changed}{effect}"
     if low:
-        return f"{already}, but the rate of messages is limited: set {', and '.join(low)}; fly anew."
+        return (
+            f"{already}, but the rate of messages is limited: set {', and '.join(low)}; fly anew."
+        )
     if telemetry.dropouts:
         card = "use a faster card, raise LOG_FILE_BUFSIZE or clear other bits of LOG_BITMASK; fly anew."
         return f"{already}, but the logger had no room for {telemetry.dropouts} messages: {card}"
@@ -118,7 +164,11 @@ def _ulog(telemetry: Telemetry) -> str:
     profile = telemetry.parameters.get("SDLOG_PROFILE")
     effect = "which logs attitude and the demand fast; reboot and fly anew."
     if profile is None:
-        lacking = "this PX4 has no such parameter: update it" if telemetry.parameters else "the log does not show it"
+        lacking = (
+            "this PX4 has no such parameter: update it"
+            if telemetry.parameters
+            else "the log does not show it"
+        )
         return f"Set SDLOG_PROFILE to 17 (default and high rate; {lacking}), {effect}"
     fast = int(profile) | 1 << 4  # the high rate
     if fast != int(profile):
@@ -130,10 +180,12 @@ def _ulog(telemetry: Telemetry) -> str:
     return f"{already}: reboot if it was set after this boot, and {topics}; fly anew."
 
 
-REFUSED_SNR, DOUBTFUL_SNR = 1.0, 20.0
+REFUSED_SNR = 1.0
+DOUBTFUL_SNR = 20.0
 """Variance over that of its rounding, of the motors' command and of the outputs' changes. Rounding what something is
 learnt from can shrink what is learnt to SNR/(1 + SNR) of the truth: to half at 1, by 5 % at 20."""
-REFUSED_CONSISTENCY, DOUBTFUL_CONSISTENCY = 0.5, 0.8
+REFUSED_CONSISTENCY = 0.5
+DOUBTFUL_CONSISTENCY = 0.8
 """Share of the angle's changes over ``CONSISTENCY_SPAN`` that the integrated rates explain. Both measure one motion;
 where they disagree, the rate is an alias, noise, or in another unit: some of it, or most."""
 STILL_RATE = np.radians(1.0)  # rad/s, standard deviation: twice the noise of a gyroscope in flight
@@ -155,7 +207,10 @@ def _steps(axis: str, figures: QualityFigures) -> str:
 
 def cautions_of(signals: Signals, figures: QualityFigures) -> tuple[str, ...]:
     """Returns sentences on messages of attitude and inputs that were left out, and on a segment of ``figures``."""
-    axis, attitude, drive, called = signals.axis, signals.attitude, signals.drive, signals.telemetry.called
+    axis = signals.axis
+    attitude = signals.attitude
+    drive = signals.drive
+    called = signals.telemetry.called
     assert attitude is not None and drive is not None
     cautions = []
     if attitude.impossible:
@@ -163,7 +218,9 @@ def cautions_of(signals: Signals, figures: QualityFigures) -> tuple[str, ...]:
         cautions.append(f"{what} were left out, for {IMPOSSIBLE}.")
     for stream in (attitude, drive):
         if stream.left_out > DOUBTFUL_LOSS * stream.sent:
-            wrong = "their time stamps are far off or those of others, or their numbers make no sense."
+            wrong = (
+                "their time stamps are far off or those of others, or their numbers make no sense."
+            )
             what = f"{stream.left_out} of {stream.sent} {called(stream.message)} messages"
             cautions.append(f"{what} were left out: {wrong}")
     layout = drive.layout
@@ -182,13 +239,18 @@ def cautions_of(signals: Signals, figures: QualityFigures) -> tuple[str, ...]:
         shrunk = f"what is learnt of the dynamics by {100 * min(1.0, 1 / (1 + figures.output_snr)):.0f} %."
         cautions.append(f"The {_measured(axis, 'or')} is {near}: rounding can shrink {shrunk}")
     if figures.consistency is not None and figures.consistency < DOUBTFUL_CONSISTENCY:
-        cautions.append(f"The rate explains only {figures.consistency:.2f} of the angle's changes: noise, or an alias.")
+        cautions.append(
+            f"The rate explains only {figures.consistency:.2f} of the angle's changes: noise, or an alias."
+        )
     return tuple(cautions)
 
 
 def below(value: float, limit: float) -> str:
     """Returns the value with as many decimals, at least one, as show that it is below the limit."""
-    return next((text for digits in range(1, 6) if float(text := f"{value:.{digits}f}") < limit), f"{value:.6g}")
+    return next(
+        (text for digits in range(1, 6) if float(text := f"{value:.{digits}f}") < limit),
+        f"{value:.6g}",
+    )
 
 
 MINIMUM_DURATION = 5.0
@@ -217,10 +279,13 @@ class Verdict:
     reason: str  # one sentence with the figures that decided
     remedy: str  # what to change, with the command where there is one; empty when learnable
     cautions: tuple[str, ...]  # one sentence for each thing that makes a model less reliable
-    segment: Segment | None  # the one to learn from or, when refused, the longest; None when there is none
+    # the one to learn from or, when refused, the longest; None when there is none
+    segment: Segment | None
     figures: QualityFigures  # measured on it
-    flight: Flight | None = field(default=None, repr=False, compare=False)  # the aligned segment, if there is one
-    segments: tuple[Segment, ...] = field(default=(), repr=False)  # all of settled flight, the longest first
+    # the aligned segment, if there is one
+    flight: Flight | None = field(default=None, repr=False, compare=False)
+    # all of settled flight, the longest first
+    segments: tuple[Segment, ...] = field(default=(), repr=False)
 
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON values, without the flight and the other segments."""
@@ -228,7 +293,9 @@ class Verdict:
         return {name: value for name, value in values.items() if name not in ("flight", "segments")}
 
 
-def verdict_of(signals: Signals, components: Sequence[Component] = (), least_rate: float = MINIMUM_RATE) -> Verdict:
+def verdict_of(
+    signals: Signals, components: Sequence[Component] = (), least_rate: float = MINIMUM_RATE
+) -> Verdict:
     """Returns the verdict: yes on the longest settled segment that can be learnt from, or no on the longest.
 
     The ``components`` of the log may ask for other rates; ``least_rate``, Hz, is what both streams need.
@@ -243,7 +310,9 @@ def segment_verdicts(
 
     All flights have the sampling step of the first; a segment too slow for that (``MAX_STEP_RATIO``) is refused.
     """
-    attitude, drive, figures = signals.attitude, signals.drive, QualityFigures()
+    attitude = signals.attitude
+    drive = signals.drive
+    figures = QualityFigures()
     found: tuple[Segment, ...] = ()
     objection = _unusable(signals, components)
     if objection is None:
@@ -270,17 +339,27 @@ def segment_verdicts(
     first = judged[-1] if judged[-1].learnable else judged[0]
     yield first
     if first.learnable and first.flight is not None:
-        yield from (_of_segment(log, other, found, first.flight.dt) for other in long if other != first.segment)
+        yield from (
+            _of_segment(log, other, found, first.flight.dt)
+            for other in long
+            if other != first.segment
+        )
 
 
 def _unusable(signals: Signals, components: Sequence[Component]) -> Obstacle | None:
     """Why no flight need be looked for in a log, if that is so."""
-    telemetry, attitude, drive = signals.telemetry, signals.attitude, signals.drive
+    telemetry = signals.telemetry
+    attitude = signals.attitude
+    drive = signals.drive
     if telemetry.vehicle not in (*MULTIROTORS, "UNKNOWN"):
         source = "The log" if telemetry.translated_from else "HEARTBEAT"
         reason = f"{source} reports the type {telemetry.vehicle}; mavdem learns multirotors only."
         other = next((each for each in components if each.kind in MULTIROTORS), None)
-        named = f", or name the {other.kind} of this log: `--vehicle {other.system}:{other.component}`" if other else ""
+        named = (
+            f", or name the {other.kind} of this log: `--vehicle {other.system}:{other.component}`"
+            if other
+            else ""
+        )
         return reason, f"Give a multirotor's log{named}."
     if attitude is None:
         return NO_ATTITUDE.get(telemetry.translated_from, NO_ATTITUDE[""]), ask_for_rate(telemetry)
@@ -298,7 +377,9 @@ def _unusable(signals: Signals, components: Sequence[Component]) -> Obstacle | N
     return None
 
 
-def _of_segment(log: _Evidence, segment: Segment, found: tuple[Segment, ...], dt: float | None = None) -> Verdict:
+def _of_segment(
+    log: _Evidence, segment: Segment, found: tuple[Segment, ...], dt: float | None = None
+) -> Verdict:
     signals = log.signals
     flight = align(signals, segment, dt)
     figures = quality.of_segment(signals, segment, flight, log.figures)
@@ -316,7 +397,17 @@ def _of_segment(log: _Evidence, segment: Segment, found: tuple[Segment, ...], dt
     driven = "motor outputs" if log.drive.message != DEMAND_MESSAGE else log.drive.layout.names[0]
     rates = f"{what} at {figures.attitude_rate:.1f} Hz and {driven} at {figures.motor_rate:.1f} Hz."
     reason = f"{segment.duration:.1f} s of settled flight with {rates}"
-    return Verdict(signals.axis, True, reason, "", cautions_of(signals, figures), segment, figures, flight, found)
+    return Verdict(
+        signals.axis,
+        True,
+        reason,
+        "",
+        cautions_of(signals, figures),
+        segment,
+        figures,
+        flight,
+        found,
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -344,7 +435,10 @@ def _objection(log: _Evidence, figures: QualityFigures) -> Obstacle | None:
     if held := _held(log, figures):
         return held
     if not figures.rate_sd or not (figures.angle_sd or axis not in TILT_AXES):
-        return f"The {_measured(axis, 'or')} never changes.", "Check that the stream is not a replay of one message."
+        return (
+            f"The {_measured(axis, 'or')} never changes.",
+            "Check that the stream is not a replay of one message.",
+        )
     if figures.output_snr is not None and figures.output_snr < REFUSED_SNR:
         rounding = f"changes by no more than rounding to steps of {_steps(axis, figures)} makes."
         remedy = f"Record the attitude as the autopilot sends it, or excite {axis} with the stick."
@@ -376,12 +470,16 @@ def _objection(log: _Evidence, figures: QualityFigures) -> Obstacle | None:
 
 
 def _without_drive(signals: Signals) -> Obstacle:
-    telemetry, axis = signals.telemetry, signals.axis
+    telemetry = signals.telemetry
+    axis = signals.axis
     if signals.inputs == "demand":
-        name, remedy = telemetry.called(DEMAND_MESSAGE), "Take the motors: `--inputs motors`."
+        name = telemetry.called(DEMAND_MESSAGE)
+        remedy = "Take the motors: `--inputs motors`."
         if DEMAND_MESSAGE in telemetry.messages:
             return f"The controller's {axis} demand in {name} never moves.", remedy
-        other = " (ATTITUDE_TARGET is the attitude that is wanted, not what turns the vehicle there)"
+        other = (
+            " (ATTITUDE_TARGET is the attitude that is wanted, not what turns the vehicle there)"
+        )
         none = f"that is in {name}, of which there is none{'' if telemetry.translated_from else other}."
         return f"The controller's {axis} demand is not in it: {none}", remedy
     found = motors_or_obstacle(telemetry)
@@ -390,9 +488,16 @@ def _without_drive(signals: Signals) -> Obstacle:
 
 
 def _too_slow(log: _Evidence, figures: QualityFigures) -> Obstacle | None:
-    rates = {log.name(log.attitude): figures.attitude_rate or 0.0, log.name(log.drive): figures.motor_rate or 0.0}
+    rates = {
+        log.name(log.attitude): figures.attitude_rate or 0.0,
+        log.name(log.drive): figures.motor_rate or 0.0,
+    }
     reason = too_slow(rates, log.signals.axis, log.least_rate)
-    return None if reason is None else (reason, _for_faster(log, rates[log.name(log.attitude)] >= MINIMUM_RATE))
+    return (
+        None
+        if reason is None
+        else (reason, _for_faster(log, rates[log.name(log.attitude)] >= MINIMUM_RATE))
+    )
 
 
 def _slowed_down(log: _Evidence) -> Obstacle | None:
@@ -430,7 +535,10 @@ def too_slow(rates: Mapping[str, float], axis: str, least: float = MINIMUM_RATE)
     slow = [(name, below(rate, least)) for name, rate in rates.items() if rate < least]
     if not slow:
         return None
-    named = (f"{name} {'at' if place else 'comes at'} {rate} Hz" for place, (name, rate) in enumerate(slow))
+    named = (
+        f"{name} {'at' if place else 'comes at'} {rate} Hz"
+        for place, (name, rate) in enumerate(slow)
+    )
     return f"{' and '.join(named)}; {axis} {NEEDED}."
 
 
@@ -450,8 +558,12 @@ def _held(log: _Evidence, figures: QualityFigures) -> Obstacle | None:
 
 
 def _too_short(log: _Evidence, figures: QualityFigures) -> Obstacle:
-    duration = "less than 1" if figures.duration is None else below(figures.duration, MINIMUM_DURATION)
-    recorder = "logger" if log.signals.telemetry.translated_from in ("DataFlash", "ULog") else "link"
+    duration = (
+        "less than 1" if figures.duration is None else below(figures.duration, MINIMUM_DURATION)
+    )
+    recorder = (
+        "logger" if log.signals.telemetry.translated_from in ("DataFlash", "ULog") else "link"
+    )
     return (
         f"The longest settled flight without gaps lasts {duration} s of the {MINIMUM_DURATION:.0f} s needed, out of "
         f"{figures.airborne:.0f} s in the air; settled is upright, after the climb and before the landing.",
@@ -473,7 +585,10 @@ def _grounded(signals: Signals, figures: QualityFigures) -> Obstacle:
         most = int(100 * phases.highest_collective(signals))
         least = phases.airborne_collective(signals.telemetry.parameters)
         shown = f"its motors ran at {most} % of their range at most, and flight takes {100 * least:.0f} %"
-    return f"The vehicle was armed for {figures.armed:.0f} s and never left the ground: {shown}.", FLY
+    return (
+        f"The vehicle was armed for {figures.armed:.0f} s and never left the ground: {shown}.",
+        FLY,
+    )
 
 
 _NEVER_ARMED = "The vehicle was never armed."

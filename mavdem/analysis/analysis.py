@@ -42,9 +42,11 @@ from mavdem.flight import Flight
 from mavdem.health.in_flight import MIN_RATE, MotorAlarm, MotorWatch
 from mavdem.ingest import Log
 
-MAX_SLOW_RATIO = 0.9  # of squared errors, to a forecast's without a model, up to which one of slow motion is worth it
+# of squared errors, to a forecast's without a model, up to which one of slow motion is worth it
+MAX_SLOW_RATIO = 0.9
 SLOW_CAUTION = (
-    "The model is of the slow motion only: what shows at several Hz, such as the control effectiveness, is not in it."
+    "The model is of the slow motion only: what shows at several Hz, such as the "
+    "control effectiveness, is not in it."
 )
 
 T = TypeVar("T")
@@ -100,12 +102,20 @@ def analyse(
     signals = signals.about(AXES[0] if axis == ALL else axis, inputs)
     segments, verdict = usable_segments(signals, log.components)
     if other_axis is not None:
-        condition, identity, alarms = other_axis.condition, other_axis.identity, other_axis.alarms
+        condition = other_axis.condition
+        identity = other_axis.identity
+        alarms = other_axis.alarms
     else:
-        condition, identity = condition_of(signals), identity_of(signals, log.receive_time[0])
+        condition = condition_of(signals)
+        identity = identity_of(signals, log.receive_time[0])
         alarms = motor_alarms(signals)
-    motor_rate = usual_rate(signals.motors) if signals.motors is not None and signals.motors.layout.positions else 0.0
-    tier, motors = tier_of(verdict, condition), VehicleFigures({}, condition.hover)
+    motor_rate = (
+        usual_rate(signals.motors)
+        if signals.motors is not None and signals.motors.layout.positions
+        else 0.0
+    )
+    tier = tier_of(verdict, condition)
+    motors = VehicleFigures({}, condition.hover)
     is_watched = motor_rate >= MIN_RATE
     known = verdict, tier, condition, identity, motors
     found = LogAnalysis(*known, alarms=alarms, watched=is_watched, signals=signals)
@@ -117,7 +127,9 @@ def analyse(
         found = replace(found, reason=tier.reason, remedy=tier.remedy)
 
     def without_model(reason: str) -> LogAnalysis:
-        return replace(found, reason=tier.reason if reason == tier.reason else f"{tier.reason} {reason}")
+        return replace(
+            found, reason=tier.reason if reason == tier.reason else f"{tier.reason} {reason}"
+        )
 
     if truth is not None:  # what is no truth file is refused before the work
         read_truth(truth, signals.axis)
@@ -129,20 +141,36 @@ def analyse(
     if not segments or not (whole or slow):
         return found
     try:
-        flights, learned, held_out = _model(segments, settings or Settings(), start, train, test, progress, slow)
+        flights, learned, held_out = _model(
+            segments, settings or Settings(), start, train, test, progress, slow
+        )
     except NotLearnable as error:
         if isinstance(error, TooFewSamples) and (start or train or test):
             raise
-        return without_model(error.reason) if slow else replace(found, reason=error.reason, remedy=error.remedy)
-    cautions = (*([SLOW_CAUTION] if slow else []), *flights[0].provenance["cautions"], *learned.cautions)
+        return (
+            without_model(error.reason)
+            if slow
+            else replace(found, reason=error.reason, remedy=error.remedy)
+        )
+    cautions = (
+        *([SLOW_CAUTION] if slow else []),
+        *flights[0].provenance["cautions"],
+        *learned.cautions,
+    )
     learned = replace(learned, cautions=cautions)  # before anything is fitted that it keeps
     changes = found.changes
     if changes and learned.physical is not None and learned.wind_torque is not None:
         vars(learned)["wind_torque"] = wind(learned.physical, learned.record, changes)
     disown_torque(learned, condition)
-    compared = None if truth is None else compare_with_truth(learned, flights, truth_of(flights, truth))
+    compared = (
+        None if truth is None else compare_with_truth(learned, flights, truth_of(flights, truth))
+    )
     if axis == ALL:
-        axes = {AXES[0]: AxisFigures(flights, learned.physical, learned.wind_torque, learned.physical_reason)}
+        axes = {
+            AXES[0]: AxisFigures(
+                flights, learned.physical, learned.wind_torque, learned.physical_reason
+            )
+        }
         with progress("Estimating the physical parameters") as done:
             for other in AXES[1:]:
                 axes[other] = axis_figures(signals.about(other, inputs), log.components, changes)
@@ -160,11 +188,13 @@ def motor_alarms(signals: Signals) -> tuple[MotorAlarm, ...]:
     motors = signals.motors
     if motors is None:
         return ()
-    layout, alarms = motors.layout, list[MotorAlarm]()
+    layout = motors.layout
+    alarms = list[MotorAlarm]()
     for boot in np.unique(motors.boot):
         watch = MotorWatch(layout, int(boot))
         rows = motors.boot == boot
-        time, commands = motors.time[rows], motors.scale.fraction(motors.outputs[rows])
+        time = motors.time[rows]
+        commands = motors.scale.fraction(motors.outputs[rows])
         for row in np.flatnonzero(during(time, settled(signals, int(boot)))):
             watch.take(float(time[row]), commands[row])
         alarms += watch.alarms
@@ -190,7 +220,9 @@ def _model(
     else:
         # Times of another boot than the longest segment's cannot be compared.
         boot = max(segments, key=len).provenance["segment"]["boot"]
-        flights = flown_after([one for one in segments if one.provenance["segment"]["boot"] == boot], start)
+        flights = flown_after(
+            [one for one in segments if one.provenance["segment"]["boot"] == boot], start
+        )
     trained = partial(_trained, flights, settings, progress)
     if train is not None:
         return flights, (learned := trained(learn)), held_out_test(training, following, learned)
@@ -206,7 +238,9 @@ def _model(
     return flights, first if isinstance(first, Learned) else trained(learn), held_out
 
 
-def _trained(flights: tuple[Flight, ...], settings: Settings, progress: StepProgress, how: Callable[..., T]) -> T:
+def _trained(
+    flights: tuple[Flight, ...], settings: Settings, progress: StepProgress, how: Callable[..., T]
+) -> T:
     """What comes of flights and settings by ``learn``, or by what it checks first; raises ``NotLearnable``."""
     try:
         with progress("Learning", measured=False):
@@ -233,8 +267,14 @@ def slow_motion_refusal(held_out: HeldOut) -> str:
 def flown_after(flights: Sequence[Flight], start: float) -> tuple[Flight, ...]:
     """Returns what is flown ``start`` s after the first sample and later; raises ``TooFewSamples`` of too little."""
     begin = flights[0].time[0] + start
-    skips = (round(float(np.clip(begin - one.time[0], 0, one.duration)) / one.dt) for one in flights)
-    left = tuple(one[skip:] for one, skip in zip(flights, skips, strict=True) if len(one) - skip >= FEWEST_SAMPLES)
+    skips = (
+        round(float(np.clip(begin - one.time[0], 0, one.duration)) / one.dt) for one in flights
+    )
+    left = tuple(
+        one[skip:]
+        for one, skip in zip(flights, skips, strict=True)
+        if len(one) - skip >= FEWEST_SAMPLES
+    )
     if not left:
         few = f"Less than {FEWEST_SAMPLES} samples of settled flight are left after {start:g} s."
         raise TooFewSamples(few, "Start earlier, with a smaller --start.")
@@ -243,7 +283,8 @@ def flown_after(flights: Sequence[Flight], start: float) -> tuple[Flight, ...]:
 
 def _too_few(flights: Sequence[Flight], steps: int) -> TooFewSamples:
     """Why no held-out window of ``steps`` fits into a part of the flights, and which would."""
-    dt, samples = flights[0].dt, sum(map(len, flights))
+    dt = flights[0].dt
+    samples = sum(map(len, flights))
     fewer = max(1, samples // (FOLDS + 1))
     shorter = fewer < steps and samples >= 2 * part_samples(dt)[1]
     return TooFewSamples(

@@ -29,7 +29,15 @@ from mavdem.dem.graybox.wind import wind
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
 from mavdem.evaluate.comparison import JOINT
-from mavdem.evaluate.held_out import BASELINES, CONSTANT_MEAN, FORECAST, HOLD_LAST, PREDICTION, HeldOut, TruthComparison
+from mavdem.evaluate.held_out import (
+    BASELINES,
+    CONSTANT_MEAN,
+    FORECAST,
+    HOLD_LAST,
+    PREDICTION,
+    HeldOut,
+    TruthComparison,
+)
 from mavdem.evaluate.scores import error_over, mspe
 from mavdem.flight import Flight
 from mavdem.health.in_flight import MotorAlarm, alarm_figures
@@ -56,7 +64,11 @@ class VehicleFigures(NamedTuple):
     def as_dict(self) -> dict[str, Any]:
         """Returns plain JSON values."""
         axes = {
-            name: {"physical": physical_values(one.physical), "wind": wind_values(one.wind), "reason": one.reason}
+            name: {
+                "physical": physical_values(one.physical),
+                "wind": wind_values(one.wind),
+                "reason": one.reason,
+            }
             for name, one in self.axes.items()
         }
         return {"axes": axes, "hover": None if self.hover is None else self.hover.as_dict()}
@@ -125,9 +137,14 @@ class LogAnalysis:
 
         Angles in rad, rates in rad/s, time in s. Without a model its figures are missing.
         """
-        learned, held_out = self.learned, self.held_out
+        learned = self.learned
+        held_out = self.held_out
         return {
-            **({} if learned is None or held_out is None else model_figures(self.flights, learned, held_out)),
+            **(
+                {}
+                if learned is None or held_out is None
+                else model_figures(self.flights, learned, held_out)
+            ),
             **self.vehicle.as_dict(),
             **self.tier.as_dict(),
             "reason": self.reason,
@@ -144,23 +161,32 @@ class LogAnalysis:
 
 def model_figures(flights: Sequence[Flight], learned: Learned, held_out: HeldOut) -> dict[str, Any]:
     """Returns the figures of a model of ``flights``, judged by ``held_out`` windows, as JSON values: rad, rad/s, s."""
-    first, measured, fit = flights[0], learned.record.outputs, learned.simulation_fit
+    first = flights[0]
+    measured = learned.record.outputs
+    fit = learned.simulation_fit
     after_first = np.setdiff1d(np.arange(len(measured)), learned.record.starts)
     one_step = {
         JOINT: learned.one_step()[after_first],
         HOLD_LAST: measured[after_first - 1],
         CONSTANT_MEAN: np.broadcast_to(measured.mean(axis=0), measured[after_first].shape),
     }
-    one_step_errors = {name: mspe(measured[after_first], values).per_output for name, values in one_step.items()}
+    one_step_errors = {
+        name: mspe(measured[after_first], values).per_output for name, values in one_step.items()
+    }
     names = {JOINT: FORECAST, **dict(zip(BASELINES, BASELINES, strict=True))}
-    forecast_errors = {shown: held_out.squared_errors(name).mean(axis=0) for shown, name in names.items()}
+    forecast_errors = {
+        shown: held_out.squared_errors(name).mean(axis=0) for shown, name in names.items()
+    }
     ranked = _ranked(forecast_errors, held_out.variance)
-    model, energy = learned.model, learned.free_energy
+    model = learned.model
+    energy = learned.free_energy
     half_width = learned.model_interval(LEVEL)
     joint = learned.joint
     return {
         "flight": dict(first.provenance),
-        "segments": [{"start": float(flight.time[0]), "samples": len(flight)} for flight in flights],
+        "segments": [
+            {"start": float(flight.time[0]), "samples": len(flight)} for flight in flights
+        ],
         "inputs": list(first.input_names),
         "outputs": list(first.output_names),
         "dt": first.dt,
@@ -169,7 +195,9 @@ def model_figures(flights: Sequence[Flight], learned: Learned, held_out: HeldOut
         "order": learned.settings.order,
         "converged": learned.converged,
         "model": {name: value.tolist() for name, value in model._asdict().items()},
-        "model_interval_90_percent": {name: getattr(half_width, name).tolist() for name in ("A", "B", "C")},
+        "model_interval_90_percent": {
+            name: getattr(half_width, name).tolist() for name in ("A", "B", "C")
+        },
         "spectral_abscissa": model.spectral_abscissa,
         "free_energy": {
             "start": float(energy[0]),
@@ -231,12 +259,27 @@ def physical_values(physical: Physical | None) -> dict[str, Any] | None:
     if physical is None:
         return None
     effect, *halves = physical.interval(LEVEL)
-    interval = {name: or_none(half) for name, half in zip(("damping", "lag", "delay"), halves, strict=True)}
-    kept = ("damping", "lag", "delay", "status", "reasons", "bias", "wind", "wind_share", "refinements")
+    interval = {
+        name: or_none(half) for name, half in zip(("damping", "lag", "delay"), halves, strict=True)
+    }
+    kept = (
+        "damping",
+        "lag",
+        "delay",
+        "status",
+        "reasons",
+        "bias",
+        "wind",
+        "wind_share",
+        "refinements",
+    )
     return {
         "effect": physical.effect.tolist(),
         **{name: getattr(physical, name) for name in kept},
-        "interval_90_percent": {"effect": None if np.isnan(effect).any() else effect.tolist(), **interval},
+        "interval_90_percent": {
+            "effect": None if np.isnan(effect).any() else effect.tolist(),
+            **interval,
+        },
         "windows": {name: column.tolist() for name, column in physical.windows._asdict().items()},
     }
 
@@ -245,7 +288,16 @@ def wind_values(wind: WindTorque | None) -> dict[str, Any] | None:
     """Returns the ``wind`` torque as numbers, rad/s²; ``None`` for shares that are not known."""
     if wind is None:
         return None
-    kept = ("mean", "mean_band", "sd", "scale_error", "resolved", "reason", "gust_threshold", "false_gusts_per_minute")
+    kept = (
+        "mean",
+        "mean_band",
+        "sd",
+        "scale_error",
+        "resolved",
+        "reason",
+        "gust_threshold",
+        "false_gusts_per_minute",
+    )
     return {
         **{name: getattr(wind, name) for name in kept},
         "answered": or_none(wind.cancelled_share),
@@ -255,7 +307,9 @@ def wind_values(wind: WindTorque | None) -> dict[str, Any] | None:
     }
 
 
-def vehicle(path: str | bytes | PathLike[str], axis: str = ALL, vehicle: str | None = None) -> VehicleFigures:
+def vehicle(
+    path: str | bytes | PathLike[str], axis: str = ALL, vehicle: str | None = None
+) -> VehicleFigures:
     """Returns the physical parameters of roll, pitch and yaw of a log, or of one of them; yaw by its rate only.
 
     Args:
@@ -280,7 +334,9 @@ def vehicle(path: str | bytes | PathLike[str], axis: str = ALL, vehicle: str | N
     return VehicleFigures(axes, hover)
 
 
-def axis_figures(signals: Signals, components: Sequence[Component] = (), changes: Sequence[float] = ()) -> AxisFigures:
+def axis_figures(
+    signals: Signals, components: Sequence[Component] = (), changes: Sequence[float] = ()
+) -> AxisFigures:
     """Returns the physical parameters of the axis of ``signals``; the torque is cut at ``changes``, s, of a motor."""
     flights, verdict = usable_segments(signals, components)
     if not flights:

@@ -39,18 +39,25 @@ class PredictionLimits(NamedTuple):
 
     ratio: float = 0.5  # of the squared error of the better baseline, at most
     worse: float = 0.1  # share of the windows that may be worse than the constant mean
-    worse_than_last: float = 0.25  # and than the last sample held, which near the trim is hard to beat
+    # and than the last sample held, which near the trim is hard to beat
+    worse_than_last: float = 0.25
     coverage: float = 0.75  # of a 90 % band, at least; below, a warning says so
-    over_expected: float = 3.0  # squared error over the one to expect, above which a warning says so
+    # squared error over the one to expect, above which a warning says so
+    over_expected: float = 3.0
     windows: int = 5  # fewest; where in a flight a single one is decides its error
 
 
 PREDICTION_LIMITS = PredictionLimits()
-SATURATED = 0.05  # share of the time at full throttle, from which on no linear model describes the vehicle
+# share of the time at full throttle, from which on no linear model describes the vehicle
+SATURATED = 0.05
 UNEVEN = 8.0  # percent of a motor beyond the mean of all: what health calls a fault's size
-RINGING, SWINGING = 0.15, 0.4  # autocorrelation of the rate after a swing: below, as of a damping ratio of 0.3; above
-WIND_WORDS = {"light": 0.005, "moderate": 0.02, "strong": float("inf")}  # below, as a share of the motors' full torque
-ADVICE = re.compile(r"[:.] (?:fly|steer|record|log)\b[^;.]*", re.IGNORECASE)  # in a reason; left out under overrides
+# autocorrelation of the rate after a swing: below, as of a damping ratio of 0.3; above
+RINGING = 0.15
+SWINGING = 0.4
+# below, as a share of the motors' full torque
+WIND_WORDS = {"light": 0.005, "moderate": 0.02, "strong": float("inf")}
+# in a reason; left out under overrides
+ADVICE = re.compile(r"[:.] (?:fly|steer|record|log)\b[^;.]*", re.IGNORECASE)
 PURPOSES = ("motor effectiveness", "damping and lag", "wind", "prediction", "residuals")
 
 
@@ -117,37 +124,64 @@ def findings_of(
     # What comes first explains the others: motors at their limits, where the vehicle oscillates or one is weak.
     overrides = tuple(next(filter(None, known), []))
     if learned is not None and consistency is not None and consistency < DOUBTFUL_CONSISTENCY:
-        sentence = f"The rate explains {consistency:.2f} of the angle's changes: noise, or an alias."
-        remedy = "Log attitude and rates faster, and check the mounting of the autopilot for vibration."
+        sentence = (
+            f"The rate explains {consistency:.2f} of the angle's changes: noise, or an alias."
+        )
+        remedy = (
+            "Log attitude and rates faster, and check the mounting of the autopilot for vibration."
+        )
         overrides += (Override("data", "Angle and rate contradict each other.", sentence, remedy),)
     purposes = () if learned is None else _purposes(learned, held_out)
     if other := _stepped(learned, flights):
-        meant = {PURPOSES[0]: "that of a motor may have changed", PURPOSES[2]: "not all of it is wind"}
+        meant = {
+            PURPOSES[0]: "that of a motor may have changed",
+            PURPOSES[2]: "not all of it is wind",
+        }
         clear = [one for one in purposes if one.grade == GOOD and one.purpose in meant]
         doubts = {one: f"{other}: {meant[one.purpose]}." for one in clear}
-        purposes = tuple(one._replace(grade=LIMITED, reason=doubts[one]) if one in doubts else one for one in purposes)
+        purposes = tuple(
+            one._replace(grade=LIMITED, reason=doubts[one]) if one in doubts else one
+            for one in purposes
+        )
     if overrides:
-        headline, following = overrides[0].headline, overrides[0].remedy
+        headline = overrides[0].headline
+        following = overrides[0].remedy
         purposes = tuple(_doubted(one, overrides[0]) for one in purposes)
     elif reason:
-        headline, following = f"{'No model' if learned is None else 'Slow motion only'}: {reason}", remedy
+        headline = f"{'No model' if learned is None else 'Slow motion only'}: {reason}"
+        following = remedy
     else:
         is_windy = any(one.purpose == "wind" and one.grade == GOOD for one in purposes)
         headline = _in_short(learned if is_windy else None, condition, flights, watched, other)
         check = "Check motors, propellers and the load, and fly again before you keep this as the vehicle's reference."
-        following = "Learn a model: `mavdem learn`." if learned is None else check if other else next_step(purposes)
-    return Findings(headline, overrides, purposes, () if learned is None else warnings_of(learned, held_out), following)
+        following = (
+            "Learn a model: `mavdem learn`."
+            if learned is None
+            else check
+            if other
+            else next_step(purposes)
+        )
+    return Findings(
+        headline,
+        overrides,
+        purposes,
+        () if learned is None else warnings_of(learned, held_out),
+        following,
+    )
 
 
 def disown_torque(learned: Learned, condition: Condition) -> None:
     """Gives the wind torque of a vehicle that oscillates the reason why it is not the wind's."""
     if condition.oscillation is not None and (torque := learned.wind_torque) is not None:
-        vars(learned)["wind_torque"] = replace(torque, reason="The vehicle oscillates: that torque is its own.")
+        vars(learned)["wind_torque"] = replace(
+            torque, reason="The vehicle oscillates: that torque is its own."
+        )
 
 
 def _doubted(finding: Finding, override: Override) -> Finding:
     """Not GOOD, and what the override is where it was; of a flight that oscillates without figures of its own."""
-    is_good, reason = finding.grade == GOOD, ADVICE.sub("", finding.reason)
+    is_good = finding.grade == GOOD
+    reason = ADVICE.sub("", finding.reason)
     if override.kind == "oscillation":
         reason = override.headline
     elif is_good:
@@ -163,7 +197,14 @@ def _oscillation(condition: Condition | None) -> list[Override]:
     size = f"{found.axis} rate {found.rate:.0f} °/s (standard deviation) for {found.seconds:.0f} s"
     limit = f"{', growing' if found.growing else ''}; a motor at a limit {100 * found.at_limit:.0f} % of that time"
     remedy = "Do not fly: check frame type, gains and motor order."
-    return [Override("oscillation", f"Oscillates{at}: do not fly.", f"It oscillates{at}, {size}{limit}.", remedy)]
+    return [
+        Override(
+            "oscillation",
+            f"Oscillates{at}: do not fly.",
+            f"It oscillates{at}, {size}{limit}.",
+            remedy,
+        )
+    ]
 
 
 def _lost_thrust(alarms: Sequence[MotorAlarm]) -> list[Override]:
@@ -190,16 +231,20 @@ def _unbalanced(condition: Condition | None) -> list[Override]:
     hover = None if condition is None else condition.hover
     if hover is None:
         return []
-    share, uneven = max(hover.at_upper_limit), most_uneven(hover.imbalance)
-    most, number = hover.imbalance[uneven], hover.at_upper_limit.index(share) if share > SATURATED else uneven
+    share = max(hover.at_upper_limit)
+    uneven = most_uneven(hover.imbalance)
+    most = hover.imbalance[uneven]
+    number = hover.at_upper_limit.index(share) if share > SATURATED else uneven
     name = hover.motors[number].split(" (")[0]
     if share > SATURATED:
-        kind, fact = "saturation", f"is at its upper limit {100 * share:.0f} % of the time"
+        kind = "saturation"
+        fact = f"is at its upper limit {100 * share:.0f} % of the time"
         meaning = "there it cannot follow the controller, and no linear model holds"
         remedy = f"Do not fly in wind before {name} and its propeller are checked,"
         remedy += " and the load is reduced or centred."
     elif abs(most) > UNEVEN:
-        kind, fact = "trim", f"works {abs(most):.0f} % {'harder' if most > 0 else 'less'} than the mean of all"
+        kind = "trim"
+        fact = f"works {abs(most):.0f} % {'harder' if most > 0 else 'less'} than the mean of all"
         weak = "a motor or propeller is weak" if most > 0 else "another motor or propeller is weak"
         meaning = f"{weak}, or the load is off centre"
         first = f"{name}, " if most > 0 else ""
@@ -211,11 +256,17 @@ def _unbalanced(condition: Condition | None) -> list[Override]:
 
 
 def _in_short(
-    windy: Learned | None, condition: Condition | None, flights: Sequence[Flight], watched: bool, other: str
+    windy: Learned | None,
+    condition: Condition | None,
+    flights: Sequence[Flight],
+    watched: bool,
+    other: str,
 ) -> str:
     """What is clearly so of a flight that nothing overrides; ``windy`` where the wind is GOOD, empty if all is open."""
-    swings, hover = nan, None if condition is None else condition.hover
-    for flight in flights:  # the highest autocorrelation of the rate after it has been negative: of what rings on
+    swings = nan
+    hover = None if condition is None else condition.hover
+    # the highest autocorrelation of the rate after it has been negative: of what rings on
+    for flight in flights:
         rate = flight.outputs[:, -1] - flight.outputs[:, -1].mean()
         auto = correlation(rate, rate, min(round(3.0 / flight.dt), len(rate) - 1))
         swings = np.fmax(swings, auto[int(np.argmax(auto < 0)) :].max())
@@ -233,7 +284,13 @@ def _in_short(
     scale = flights[0].provenance.get("scale") if flights else None
     if scale and windy is not None and windy.physical and windy.wind:
         full = abs(windy.physical.effect).sum() * (scale["high"] - scale["low"])
-        words.append(next(f"{word} wind torque" for word, most in WIND_WORDS.items() if windy.wind.sd < most * full))
+        words.append(
+            next(
+                f"{word} wind torque"
+                for word, most in WIND_WORDS.items()
+                if windy.wind.sd < most * full
+            )
+        )
     return f"{words[0][0].upper()}{', '.join(words)[1:]}." if words else ""
 
 
@@ -250,7 +307,8 @@ def _stepped(learned: Learned | None, flights: Sequence[Flight]) -> str:
 
 def _purposes(learned: Learned, held_out: HeldOut | None) -> tuple[Finding, ...]:
     """The findings on each of the ``PURPOSES``; on prediction only with ``held_out`` windows."""
-    physical, why_not = learned.physical, learned.physical_reason
+    physical = learned.physical
+    why_not = learned.physical_reason
     graded = dict.fromkeys(PURPOSES[:3], (NONE, why_not))
     if physical is not None:
         parts = _effect(physical), _motion(physical), _wind(learned.wind_torque, physical, why_not)
@@ -258,11 +316,21 @@ def _purposes(learned: Learned, held_out: HeldOut | None) -> tuple[Finding, ...]
     if held_out is not None:
         graded["prediction"] = _prediction(held_out)
     found = residuals(learned)
-    (auto, across), (bound, joint) = found.largest, found.bounds
+    (auto, across) = found.largest
+    (bound, joint) = found.bounds
     figures = f"autocorrelation up to {auto:.2f} (99 % bound {bound:.2f}), with the command {across:.2f} ({joint:.2f})"
-    word = "Not white" if not found.white else "White" if auto <= bound and across <= joint else "Nearly white"
+    word = (
+        "Not white"
+        if not found.white
+        else "White"
+        if auto <= bound and across <= joint
+        else "Nearly white"
+    )
     graded["residuals"] = GOOD if found.white else LIMITED, f"{word}: {figures}"
-    return tuple(Finding(name, grade, _first_sentence(reason) + ".") for name, (grade, reason) in graded.items())
+    return tuple(
+        Finding(name, grade, _first_sentence(reason) + ".")
+        for name, (grade, reason) in graded.items()
+    )
 
 
 def _first_sentence(text: str) -> str:
@@ -277,15 +345,24 @@ def _grade(name: str, share: float, status: str = "reported") -> Grade:
 
 
 def _effect(physical: Physical) -> tuple[Grade, str]:
-    (mean, half), status = physical.mean_effect(LEVEL), physical.status["effect"]
-    reason = f"Known to ±{100 * half / mean:.0f} %." if status == "reported" else physical.reasons["effect"]
+    (mean, half) = physical.mean_effect(LEVEL)
+    status = physical.status["effect"]
+    reason = (
+        f"Known to ±{100 * half / mean:.0f} %."
+        if status == "reported"
+        else physical.reasons["effect"]
+    )
     return _grade("effect", half / mean, status), reason
 
 
 def _motion(physical: Physical) -> tuple[Grade, str]:
-    half, grades, known, doubts = physical.interval(LEVEL), [], [], dict[str, list[str]]()
+    half = physical.interval(LEVEL)
+    grades = []
+    known = []
+    doubts = dict[str, list[str]]()
     for key, name in (("damping", "rate damping"), ("lag", "motor time constant")):
-        value, status = getattr(physical, key), physical.status[key]
+        value = getattr(physical, key)
+        status = physical.status[key]
         share = getattr(half, key) / value if value else nan
         grades.append(_grade(key, share, status))
         if isfinite(share):
@@ -318,20 +395,33 @@ def _wind(wind: WindTorque | None, physical: Physical, why_not: str) -> tuple[Gr
         return NONE, "It follows from the control effectiveness, which is not identifiable."
     if wind.reason is not None:
         return NONE, wind.reason
-    words = {"effect": "control effectiveness", "damping": "rate damping", "lag": "motor time constant"}
-    if doubtful := [words[name] for name, status in physical.status.items() if status != "reported"]:
+    words = {
+        "effect": "control effectiveness",
+        "damping": "rate damping",
+        "lag": "motor time constant",
+    }
+    if doubtful := [
+        words[name] for name, status in physical.status.items() if status != "reported"
+    ]:
         return LIMITED, f"It follows from figures that are not well known: {', '.join(doubtful)}."
     half = quantile() * wind.scale_error
     return _grade("wind", half), f"Its standard deviation is known to ±{100 * half:.0f} %."
 
 
 def _prediction(held_out: HeldOut) -> tuple[Grade, str]:
-    limits, best = PREDICTION_LIMITS, held_out.best_baseline
+    limits = PREDICTION_LIMITS
+    best = held_out.best_baseline
     ratio = held_out.error_ratio() / held_out.error_ratio(best)
-    worse, than_last = (float((held_out.error_ratios(baseline=name) > 1).mean()) for name in BASELINES)
+    worse, than_last = (
+        float((held_out.error_ratios(baseline=name) > 1).mean()) for name in BASELINES
+    )
     shown = f"{ratio:.2g} times the squared error of “{best}”"
     shown = shown if isfinite(ratio) else "No model of a part could be learned"
-    among = f"in {100 * worse:.0f} % of {len(held_out)} windows" if len(held_out) > 1 else f"in {worse:.0f} of 1 window"
+    among = (
+        f"in {100 * worse:.0f} % of {len(held_out)} windows"
+        if len(held_out) > 1
+        else f"in {worse:.0f} of 1 window"
+    )
     reason = f"{shown}; worse than the mean {among}, than “{HOLD_LAST}” in {100 * than_last:.0f} %."
     if not ratio < 1:
         return NONE, reason
@@ -342,13 +432,19 @@ def _prediction(held_out: HeldOut) -> tuple[Grade, str]:
 
 def warnings_of(learned: Learned, held_out: HeldOut | None) -> tuple[str, ...]:
     """Returns what must be known before the model is used, one sentence each; mostly none."""
-    warnings, limits = [], PREDICTION_LIMITS
+    warnings = []
+    limits = PREDICTION_LIMITS
     if held_out is not None:
-        warnings += [f"No model of a part of the flight could be learned: {failure}." for failure in held_out.failures]
+        warnings += [
+            f"No model of a part of the flight could be learned: {failure}."
+            for failure in held_out.failures
+        ]
         if held_out.coverage < limits.coverage:
             few = len(held_out) < limits.windows
             advice = "with so few windows that may be chance" if few else "do not rely on it"
-            warnings.append(f"The 90 % band held {100 * held_out.coverage:.0f} % of the held-out samples: {advice}.")
+            warnings.append(
+                f"The 90 % band held {100 * held_out.coverage:.0f} % of the held-out samples: {advice}."
+            )
         if held_out.over_expected > limits.over_expected:
             larger = f"{held_out.over_expected:.1f} times the expected squared error"
             warnings.append(f"Forecasts had {larger}: the flight changed, or the model is wrong.")
@@ -386,7 +482,8 @@ class Residuals(NamedTuple):
     lag: Array  # (L + 1,) s, from 0 on
     auto: Array  # (L + 1,) autocorrelation
     across: Array  # (L + 1,) correlation with the command, so long after it
-    bounds: tuple[float, float]  # of both; the second allows for the autocorrelation of both (Ljung, sec. 16.6)
+    # of both; the second allows for the autocorrelation of both (Ljung, sec. 16.6)
+    bounds: tuple[float, float]
 
     @property
     def largest(self) -> tuple[float, float]:
@@ -401,13 +498,16 @@ class Residuals(NamedTuple):
 
 def residuals(learned: Learned, output: int = -1) -> Residuals:
     """Returns the residuals of an ``output`` of the training data, the last one unless given."""
-    record, command = learned.record, learned.record.inputs @ weights(directions(learned))
+    record = learned.record
+    command = learned.record.inputs @ weights(directions(learned))
     errors = record.outputs[:, output] - learned.one_step()[:, output]
     errors[record.starts] = np.nan  # a segment's first is not predicted
     known = ~np.isnan(errors)
-    centred, driven = np.where(known, errors - errors[known].mean(), 0.0), command - command.mean()
+    centred = np.where(known, errors - errors[known].mean(), 0.0)
+    driven = command - command.mean()
     lags = round(LAG_SECONDS / learned.dt)
-    auto, driven_auto = correlation(centred, centred, lags), correlation(driven, driven, lags)
+    auto = correlation(centred, centred, lags)
+    driven_auto = correlation(driven, driven, lags)
     width = float(quantile(BOUND_LEVEL) / np.sqrt(known.sum()))
     # The variance of a correlation of two independent series.
     joint = float(np.sqrt(max(1 + 2 * float(auto[1:] @ driven_auto[1:]), 1.0)))
@@ -418,7 +518,9 @@ def residuals(learned: Learned, output: int = -1) -> Residuals:
 def correlation(one: Array, other: Array, lags: int) -> Array:
     """Returns (lags + 1,) of ``one`` at a time with ``other`` 0, 1, … samples later."""
     size = 2 * len(one)
-    products = np.fft.irfft(np.conj(np.fft.rfft(one, size)) * np.fft.rfft(other, size), size)[: lags + 1]
+    products = np.fft.irfft(np.conj(np.fft.rfft(one, size)) * np.fft.rfft(other, size), size)[
+        : lags + 1
+    ]
     scale = np.sqrt(float(one @ one) * float(other @ other))
     return np.asarray(products / scale if scale else np.zeros(lags + 1))
 
@@ -436,5 +538,8 @@ def directions(learned: Learned) -> Array:
 
 def weights(directions: Array) -> Array:
     """Returns (r,) the share of each input in the command of the axis: those that turn up it sum to 1, others to -1."""
-    up, down = np.maximum(directions, 0.0), np.maximum(-directions, 0.0)
-    return np.asarray(sum(sign * side / side.sum() for sign, side in ((1, up), (-1, down)) if side.any()))
+    up = np.maximum(directions, 0.0)
+    down = np.maximum(-directions, 0.0)
+    return np.asarray(
+        sum(sign * side / side.sum() for sign, side in ((1, up), (-1, down)) if side.any())
+    )

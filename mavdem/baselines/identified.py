@@ -18,7 +18,8 @@ from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.forecast.var import RIDGE, Forecast, Var, lagged
 from mavdem.dem.record import Record, UniformRecord, is_number, required_number
 
-Segments = list[tuple[Array, Array]]  # inputs (T, k) and outputs (T, m) of each segment, in a method's units
+# inputs (T, k) and outputs (T, m) of each segment, in a method's units
+Segments = list[tuple[Array, Array]]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -30,7 +31,8 @@ class Baseline:
     record: Record
 
     def __repr__(self) -> str:
-        (r, m), length = (table.shape[1] for table in (self.record.inputs, self.record.outputs)), len(self.record)
+        (r, m) = (table.shape[1] for table in (self.record.inputs, self.record.outputs))
+        length = len(self.record)
         return (
             f"<{type(self).__name__}: {self.method}, {r} inputs, {m} outputs from {length} samples at "
             f"{1 / self.record.dt:.6g} Hz, spectral radius {self.spectral_radius:.4g}>"
@@ -76,12 +78,16 @@ class Identified(Baseline):
     def one_step(self) -> Array:
         """Returns (T, m): each training sample predicted from those before it in its segment, and the inputs."""
         segments = zip(self.starts, self.record.segments, strict=True)
-        return np.concatenate([self.model.predicted(start, *segment) for start, segment in segments])
+        return np.concatenate(
+            [self.model.predicted(start, *segment) for start, segment in segments]
+        )
 
     def predict(self, steps: int) -> Array:
         """Returns (steps, m): the outputs after the training data, of a model on which inputs have no effect."""
         self._require_no_effect()
-        return self.forecast(np.broadcast_to(self.model.input_trim, (required_number(steps), self.model.B.shape[1])))
+        return self.forecast(
+            np.broadcast_to(self.model.input_trim, (required_number(steps), self.model.B.shape[1]))
+        )
 
     def predict_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
         """Returns :meth:`forecast_every` of these ``steps, inputs, outputs``, where inputs have no effect."""
@@ -107,7 +113,9 @@ class Identified(Baseline):
 
     def forecast_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
         """Returns (H, m): a new forecast at every ``steps``-th of ``inputs`` (H, r), ``outputs`` (H, m)."""
-        return self.model.simulated_every(steps, self._last_state, *self.record.following(steps, inputs, outputs))
+        return self.model.simulated_every(
+            steps, self._last_state, *self.record.following(steps, inputs, outputs)
+        )
 
     def simulate(self, inputs: ArrayLike) -> Array:
         """Returns :meth:`forecast` of these ``inputs`` (H, r): the answer of the plant that is modelled."""
@@ -128,7 +136,10 @@ class Fitted(NamedTuple):
 
 
 def identified(
-    method: str, train: UniformRecord | Sequence[UniformRecord], fit: Callable[[Segments], Fitted], unfinished: str = ""
+    method: str,
+    train: UniformRecord | Sequence[UniformRecord],
+    fit: Callable[[Segments], Fitted],
+    unfinished: str = "",
 ) -> Identified:
     """The result of ``fit``; ``unfinished`` says what it still did where it has not converged."""
     record = Record.of(train)
@@ -155,7 +166,8 @@ def triangle(table: Array) -> Array:
     return np.asarray(R[: table.shape[1]], np.float64)
 
 
-CONVERGED_NATS = 0.1  # left to gain of the likelihood at the end of iterations; a parameter more gains 0.5 by chance
+# left to gain of the likelihood at the end of iterations; a parameter more gains 0.5 by chance
+CONVERGED_NATS = 0.1
 LEAST_VARIANCE = 1e-16  # of a prediction error, in a method's units: smaller errors are zero
 
 DEPENDENCE_TOLERANCE = 1e-6
@@ -181,15 +193,22 @@ class Units(NamedTuple):
         inputs, outputs = record.spread
         record.require_moving(False)
         scale = np.where(inputs.moving, np.sqrt(inputs.variance), np.inf)
-        _, sizes, directions = np.linalg.svd((record.inputs - inputs.mean) / scale, full_matrices=False)
+        _, sizes, directions = np.linalg.svd(
+            (record.inputs - inputs.mean) / scale, full_matrices=False
+        )
         kept = sizes > DEPENDENCE_TOLERANCE * sizes[0]
         components = directions[kept].T / sizes[kept] * np.sqrt(len(record))
-        return cls(inputs.mean, components / scale[:, None], outputs.mean, np.sqrt(outputs.variance))
+        return cls(
+            inputs.mean, components / scale[:, None], outputs.mean, np.sqrt(outputs.variance)
+        )
 
     def segments(self, record: Record) -> Segments:
         """The record's, in the method's units."""
         return [
-            ((inputs - self.input_trim) @ self.input_map, (outputs - self.output_trim) / self.output_scale)
+            (
+                (inputs - self.input_trim) @ self.input_map,
+                (outputs - self.output_trim) / self.output_scale,
+            )
             for inputs, outputs in record.segments
         ]
 
@@ -223,11 +242,16 @@ def zero(train: UniformRecord | Sequence[UniformRecord]) -> Identified:
     return _without_dynamics("zero", Record.of(train), about=0.0)
 
 
-def _without_dynamics(method: str, record: Record, held: bool = False, about: float = 1.0) -> Identified:
+def _without_dynamics(
+    method: str, record: Record, held: bool = False, about: float = 1.0
+) -> Identified:
     """The training mean times ``about``; where ``held``, each output has a state, its last deviation from that."""
-    r, m = record.inputs.shape[1], record.outputs.shape[1]
-    n, trim = m * held, about * record.outputs.mean(axis=0)
-    B, D = np.zeros((n, r)), np.zeros((m, r))
+    r = record.inputs.shape[1]
+    m = record.outputs.shape[1]
+    n = m * held
+    trim = about * record.outputs.mean(axis=0)
+    B = np.zeros((n, r))
+    D = np.zeros((m, r))
     model = StateSpace(np.eye(n), B, np.eye(m, n), D, np.eye(n, m), np.zeros(n), np.zeros(r), trim)
     return Identified(method, model, record, starts=np.zeros((len(record.lengths), n)))
 
@@ -251,30 +275,43 @@ def arx(train: UniformRecord | Sequence[UniformRecord], order: int = 2) -> Ident
 
     def fit(segments: Segments) -> Fitted:
         regressors, targets = _lagged(segments, order)
-        (rows, columns), m = regressors.shape, targets.shape[1]
+        (rows, columns) = regressors.shape
+        m = targets.shape[1]
         if rows <= columns:
             raise ValueError(
                 f"train has {rows} samples with {order} before them, and ARX({order}) of it has {columns} parameters "
                 f"for each output: lower the order, or train on more samples"
             )
-        return Fitted(_realised(regression(regressors, targets), order, m), np.zeros((len(segments), m * order)))
+        return Fitted(
+            _realised(regression(regressors, targets), order, m),
+            np.zeros((len(segments), m * order)),
+        )
 
     found = identified(f"ARX({order})", train, fit)
     # The states in physical units, in which C = [I 0].
-    model, scale = found.model, np.tile(found.model.C.diagonal(), order)[:, None]
-    A, B, C, K, offset = scale * model.A / scale.T, scale * model.B, model.C / scale.T, scale * model.K, model.offset
+    model = found.model
+    scale = np.tile(found.model.C.diagonal(), order)[:, None]
+    A = scale * model.A / scale.T
+    B = scale * model.B
+    C = model.C / scale.T
+    K = scale * model.K
+    offset = model.offset
     return replace(found, model=model._replace(A=A, B=B, C=C, K=K, offset=scale[:, 0] * offset))
 
 
 def _lagged(segments: Segments, order: int) -> tuple[Array, Array]:
     """Regressors [outputs of each lag, inputs of each lag, 1] and targets, of all samples with as many before them."""
-    rows = [np.hstack([lagged(y, order), lagged(u, order), np.ones((max(0, len(y) - order), 1))]) for u, y in segments]
+    rows = [
+        np.hstack([lagged(y, order), lagged(u, order), np.ones((max(0, len(y) - order), 1))])
+        for u, y in segments
+    ]
     return np.vstack(rows), np.vstack([y[order:] for _, y in segments])
 
 
 def _realised(coefficients: Array, order: int, m: int) -> StateSpace:
     """In observer form: state block i is what the samples so far contribute i − 1 samples later."""
-    lags, n = coefficients.T, m * order
+    lags = coefficients.T
+    n = m * order
     k = (lags.shape[1] - 1) // order - m
     of_outputs = lags[:, :n].reshape(m, order, m).swapaxes(0, 1).reshape(n, m)
     of_inputs = lags[:, n:-1].reshape(m, order, k).swapaxes(0, 1).reshape(n, k)
@@ -292,7 +329,9 @@ def _realised(coefficients: Array, order: int, m: int) -> StateSpace:
     )
 
 
-def var(train: UniformRecord | Sequence[UniformRecord], order: int = 10, ridge: float = RIDGE) -> JointAutoregression:
+def var(
+    train: UniformRecord | Sequence[UniformRecord], order: int = 10, ridge: float = RIDGE
+) -> JointAutoregression:
     """Outputs and inputs as one autoregression of ``order`` lags, with a prior towards a random walk.
 
     Least squares with a ridge, the "Minnesota prior" (Litterman, 1986; see :mod:`mavdem.dem.forecast.var`). Unlike the
@@ -339,7 +378,9 @@ class JointAutoregression(Baseline):
 
     def predict_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
         """Returns (H, m): a new prediction at every ``steps``-th of ``inputs`` (H, r), ``outputs`` (H, m)."""
-        return self.model.predict_every(self._past, steps, *self.record.following(steps, inputs, outputs))
+        return self.model.predict_every(
+            self._past, steps, *self.record.following(steps, inputs, outputs)
+        )
 
     def predict_band(self, steps: int, level: float = LEVEL) -> Array:
         """Returns (steps, m) half widths of bands of probability ``level``, as if the parameters were exact."""
@@ -364,7 +405,9 @@ class JointAutoregression(Baseline):
 
     def forecast_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
         """Returns (H, m): a new forecast at every ``steps``-th of ``inputs`` (H, r), ``outputs`` (H, m)."""
-        return self.model.infer_every(self._past, steps, *self.record.following(steps, inputs, outputs)).mean
+        return self.model.infer_every(
+            self._past, steps, *self.record.following(steps, inputs, outputs)
+        ).mean
 
     def simulate(self, inputs: ArrayLike) -> Array:
         """Refuses, with a ``ValueError``: this model has no plant whose ``inputs`` could be commanded."""
@@ -379,8 +422,12 @@ class JointAutoregression(Baseline):
 
     def _predicted(self, steps: int) -> Forecast:
         m = self.record.outputs.shape[1]
-        return Forecast(*(table[:, :m] for table in self.model.predict(self._past, required_number(steps))))
+        return Forecast(
+            *(table[:, :m] for table in self.model.predict(self._past, required_number(steps)))
+        )
 
-    def _inferred(self, inputs: ArrayLike, from_zero: bool = False, smooth: bool = False) -> Forecast:
+    def _inferred(
+        self, inputs: ArrayLike, from_zero: bool = False, smooth: bool = False
+    ) -> Forecast:
         past = np.tile(self.model.units.center, (self.model.lags, 1)) if from_zero else self._past
         return self.model.infer(past, self.record.following_inputs(inputs), smooth)

@@ -10,7 +10,14 @@ from scipy.linalg import null_space
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
-from mavdem.baselines.identified import CONVERGED_NATS, LEAST_VARIANCE, Fitted, Identified, Segments, identified
+from mavdem.baselines.identified import (
+    CONVERGED_NATS,
+    LEAST_VARIANCE,
+    Fitted,
+    Identified,
+    Segments,
+    identified,
+)
 from mavdem.baselines.subspace_identification import found_by_projection, innovation_gain
 from mavdem.dem.engine.kalman import GaussianModel, Smoothed, smoothed
 from mavdem.dem.engine.linalg import Array
@@ -35,7 +42,9 @@ def pem(train: UniformRecord | Sequence[UniformRecord], order: int = 2) -> Ident
     """
     order = required_number(order, "order")
     unfinished = f"The prediction errors were still falling after {REWEIGHTINGS} rounds"
-    return identified(f"PEM({order})", train, lambda segments: _minimised(segments, order), unfinished)
+    return identified(
+        f"PEM({order})", train, lambda segments: _minimised(segments, order), unfinished
+    )
 
 
 class FreeParameters(NamedTuple):
@@ -59,7 +68,10 @@ class FreeParameters(NamedTuple):
         """FreeParameters of the same shapes out of a vector."""
         cuts = np.cumsum([part.size for part in self])[:-1]
         return FreeParameters(
-            *(values.reshape(part.shape) for values, part in zip(np.split(vector, cuts), self, strict=True))
+            *(
+                values.reshape(part.shape)
+                for values, part in zip(np.split(vector, cuts), self, strict=True)
+            )
         )
 
     def identifiable(self) -> Array:
@@ -69,11 +81,18 @@ class FreeParameters(NamedTuple):
         (McKelvey, Helmersson and Ribarits, Data driven local coordinates, Automatica 40(9), 2004).
         """
         A, B, C, K, offset, starts = self
-        n, unseen = len(A), null_space(C)
+        n = len(A)
+        unseen = null_space(C)
         units = np.eye(n * n).reshape(-1, n, n)
-        turned = [FreeParameters(T @ A - A @ T, T @ B, -C @ T, T @ K, T @ offset, starts @ T.T) for T in units]
+        turned = [
+            FreeParameters(T @ A - A @ T, T @ B, -C @ T, T @ K, T @ offset, starts @ T.T)
+            for T in units
+        ]
         nothing = FreeParameters(*(np.zeros_like(part) for part in self))
-        moved = [nothing._replace(offset=c - A @ c, starts=np.tile(c, (len(starts), 1))) for c in unseen.T]
+        moved = [
+            nothing._replace(offset=c - A @ c, starts=np.tile(c, (len(starts), 1)))
+            for c in unseen.T
+        ]
         complement = np.stack([change.vector() for change in turned + moved], axis=1)
         return np.asarray(np.linalg.qr(complement, mode="complete").Q[:, complement.shape[1] :])
 
@@ -81,7 +100,10 @@ class FreeParameters(NamedTuple):
 def prediction_errors(parameters: FreeParameters, model: StateSpace, segments: Segments) -> Array:
     """(T, m): of each sample of all segments."""
     model = with_parameters(model, parameters)
-    ahead = [model.predicted(start, *segment) for start, segment in zip(parameters.starts, segments, strict=True)]
+    ahead = [
+        model.predicted(start, *segment)
+        for start, segment in zip(parameters.starts, segments, strict=True)
+    ]
     return np.concatenate([outputs for _, outputs in segments]) - np.concatenate(ahead)
 
 
@@ -99,12 +121,21 @@ def sensitivities(parameters: FreeParameters, model: StateSpace, segments: Segme
     constant and errors.
     """
     model = with_parameters(model, parameters)
-    return np.concatenate([_of_segment(model, parameters, number, *segment) for number, segment in enumerate(segments)])
+    return np.concatenate(
+        [
+            _of_segment(model, parameters, number, *segment)
+            for number, segment in enumerate(segments)
+        ]
+    )
 
 
-def _of_segment(model: StateSpace, parameters: FreeParameters, number: int, inputs: Array, outputs: Array) -> Array:
+def _of_segment(
+    model: StateSpace, parameters: FreeParameters, number: int, inputs: Array, outputs: Array
+) -> Array:
     A, B, C, K, *_ = parameters
-    (n, k), m, samples = B.shape, len(C), len(outputs)
+    (n, k) = B.shape
+    m = len(C)
+    samples = len(outputs)
     states = model.filtered(parameters.starts[number], inputs, outputs)[:-1]
     errors = outputs - states @ C.T - model.direct(inputs)
     inputs = inputs - model.input_trim
@@ -121,15 +152,25 @@ def _of_segment(model: StateSpace, parameters: FreeParameters, number: int, inpu
 
 def _responses(F: Array, C: Array, signals: Array) -> tuple[Array, Array]:
     """What C x does when one signal (T, s) pushes one state of x⁺ = F x: (T, m, n, s); and of x₀ alone: (T, m, n)."""
-    samples, n = len(signals), len(F)
+    samples = len(signals)
+    n = len(F)
     eigenvalues, modes = np.linalg.eig(F)
     if np.linalg.cond(modes) > WORST_MODES:
-        still, units = np.zeros((samples, n)), np.eye(n)
-        pushed = [[recursion(F, np.outer(signal, unit), still[0]) for signal in signals.T] for unit in units]
+        still = np.zeros((samples, n))
+        units = np.eye(n)
+        pushed = [
+            [recursion(F, np.outer(signal, unit), still[0]) for signal in signals.T]
+            for unit in units
+        ]
         shown = np.pad(pushed, ((0, 0), (0, 0), (1, 0), (0, 0)))[:, :, :-1] @ C.T
         decays = [np.vstack([unit, recursion(F, still[1:], unit)]) @ C.T for unit in units]
         return shown.transpose(2, 3, 0, 1), np.stack(decays, axis=2)
-    driven = np.stack([lfilter([0.0, 1.0], [1.0, -value], signals.astype(complex), axis=0) for value in eigenvalues])
+    driven = np.stack(
+        [
+            lfilter([0.0, 1.0], [1.0, -value], signals.astype(complex), axis=0)
+            for value in eigenvalues
+        ]
+    )
     through = (C @ modes)[:, None, :] * np.linalg.inv(modes).T[None]
     m = len(C)
     responses = (through.reshape(m * n, n) @ driven.reshape(n, -1)).real.reshape(m, n, samples, -1)
@@ -150,25 +191,31 @@ def _covariance(errors: Array) -> Array:
 def _minimised(segments: Segments, order: int) -> Fitted:
     found = found_by_projection(segments, order)
     A, B, C, _, K, offset, *_ = found.model
-    best, converged = FreeParameters(A, B, C, K, offset, found.starts), False
+    best = FreeParameters(A, B, C, K, offset, found.starts)
+    converged = False
     errors = prediction_errors(best, found.model, segments)
     for _ in range(REWEIGHTINGS):
         weight = np.linalg.cholesky(np.linalg.inv(_covariance(errors)))
         tried = _downhill(best, found.model, segments, weight)
-        before, errors_there = _determinant(errors), prediction_errors(tried, found.model, segments)
+        before = _determinant(errors)
+        errors_there = prediction_errors(tried, found.model, segments)
         gained = before - _determinant(errors_there)
         if gained > 0:
-            best, errors = tried, errors_there
+            best = tried
+            errors = errors_there
         if gained * len(errors) / 2 < CONVERGED_NATS:
             converged = True
             break
     return Fitted(with_parameters(found.model, best), best.starts, converged)
 
 
-def _downhill(start: FreeParameters, model: StateSpace, segments: Segments, weight: Array) -> FreeParameters:
+def _downhill(
+    start: FreeParameters, model: StateSpace, segments: Segments, weight: Array
+) -> FreeParameters:
     """The parameters that minimise the weighted sum of squared errors."""
     nowhere = 1e3 * (prediction_errors(start, model, segments) @ weight).ravel()
-    origin, directions = start.vector(), start.identifiable()
+    origin = start.vector()
+    directions = start.identifiable()
 
     def there(steps: Array) -> FreeParameters:
         return start.of(origin + directions @ steps)
@@ -182,21 +229,27 @@ def _downhill(start: FreeParameters, model: StateSpace, segments: Segments, weig
         return (prediction_errors(parameters, model, segments) @ weight).ravel()
 
     def slopes(steps: Array) -> Array:
-        return (weight.T @ sensitivities(there(steps), model, segments) @ directions).reshape(-1, len(steps))
+        return (weight.T @ sensitivities(there(steps), model, segments) @ directions).reshape(
+            -1, len(steps)
+        )
 
     # With this weight half the sum of squares, about half their number, is in nats.
     converged = 2 * CONVERGED_NATS / len(nowhere)
     still = np.zeros(directions.shape[1])
-    return there(least_squares(weighted, still, slopes, method="lm", ftol=converged, max_nfev=EVALUATIONS).x)
+    return there(
+        least_squares(weighted, still, slopes, method="lm", ftol=converged, max_nfev=EVALUATIONS).x
+    )
 
 
 MAX_ITERATIONS = 300
-START_NOISE = 0.1  # least variance of w at the start: EM converges slowly from a motion that is taken to be exact
+# least variance of w at the start: EM converges slowly from a motion that is taken to be exact
+START_NOISE = 0.1
 
 RANK_TOLERANCE = 1e-12
 """Sums of squares of regressors below this of the largest count as zero, in whatever combination they are so small."""
 
-LEAST_NOISE = 1e-8  # smallest variance of w and v in any direction, states and outputs being of size 1
+# smallest variance of w and v in any direction, states and outputs being of size 1
+LEAST_NOISE = 1e-8
 
 
 def em(train: UniformRecord | Sequence[UniformRecord], order: int = 2) -> Identified:
@@ -228,12 +281,18 @@ def iterated(segments: Segments, order: int, iterations: int = MAX_ITERATIONS) -
     found, starts, _ = found_by_projection(segments, order)
     A, B, C, _, K, offset, _, trim, *_ = found
     pairs = zip(starts, segments, strict=True)
-    errors = np.concatenate([segment[1] - found.predicted(start, *segment) for start, segment in pairs])
+    errors = np.concatenate(
+        [segment[1] - found.predicted(start, *segment) for start, segment in pairs]
+    )
     R = errors.T @ errors / len(errors)
     noise = K @ R @ K.T + START_NOISE * np.eye(order)
-    model, likelihoods = GaussianModel(A, B, offset, C, trim, noise, R + LEAST_NOISE * np.eye(len(C))), list[float]()
+    model = GaussianModel(A, B, offset, C, trim, noise, R + LEAST_NOISE * np.eye(len(C)))
+    likelihoods = list[float]()
     for _ in range(iterations):
-        expected = [smoothed(model, start, *segment) for start, segment in zip(starts, segments, strict=True)]
+        expected = [
+            smoothed(model, start, *segment)
+            for start, segment in zip(starts, segments, strict=True)
+        ]
         likelihoods.append(sum(states.log_likelihood for states in expected))
         if not np.isfinite(likelihoods[-1]):
             raise np.linalg.LinAlgError("the likelihood is not finite")
@@ -249,15 +308,22 @@ def _left_to_gain(likelihoods: list[float]) -> float:
     if len(likelihoods) < 3:
         return np.inf
     before, last = np.diff(likelihoods[-3:])
-    return float(last * last / (before - last)) if 0 <= last < before else float(np.inf if last > 0 else 0.0)
+    return (
+        float(last * last / (before - last))
+        if 0 <= last < before
+        else float(np.inf if last > 0 else 0.0)
+    )
 
 
 def _maximized(model: GaussianModel, expected: list[Smoothed], segments: Segments) -> GaussianModel:
     """The model under which the expected likelihood of outputs and states together is highest."""
     n, k = model.B.shape
-    dynamics, observation = [], []
+    dynamics = []
+    observation = []
     for (inputs, outputs), states in zip(segments, expected, strict=True):
-        means, covariances, ones = states.means, states.covariances, np.ones((len(outputs), 1))
+        means = states.means
+        covariances = states.covariances
+        ones = np.ones((len(outputs), 1))
         moved = np.hstack([means[:-1], inputs[:-1], ones[:-1], means[1:]])
         dynamics.append(moved.T @ moved)
         dynamics[-1][:n, :n] += covariances[:-1].sum(0)
@@ -269,7 +335,9 @@ def _maximized(model: GaussianModel, expected: list[Smoothed], segments: Segment
     samples = sum(len(outputs) for _, outputs in segments)
     best, Q = _regressed(dynamics, n, samples - len(segments))
     trims, R = _regressed(observation, len(model.C), samples)
-    return GaussianModel(best[:, :n], best[:, n : n + k], best[:, -1], trims[:, :n], trims[:, n], Q, R)
+    return GaussianModel(
+        best[:, :n], best[:, n : n + k], best[:, -1], trims[:, :n], trims[:, n], Q, R
+    )
 
 
 def _regressed(products: list[Array], targets: int, number: int) -> tuple[Array, Array]:
@@ -279,7 +347,9 @@ def _regressed(products: list[Array], targets: int, number: int) -> tuple[Array,
     covariance is no smaller in any direction than the least noise: the likeliest such.
     """
     total = np.sum(products, axis=0)
-    zz, yz, yy = total[:-targets, :-targets], total[-targets:, :-targets], total[-targets:, -targets:]
+    zz = total[:-targets, :-targets]
+    yz = total[-targets:, :-targets]
+    yy = total[-targets:, -targets:]
     coefficients = np.asarray(yz @ np.linalg.pinv(zz, rcond=RANK_TOLERANCE, hermitian=True))
     explained = coefficients @ yz.T
     left = (yy - explained - explained.T + coefficients @ zz @ coefficients.T) / number
@@ -291,11 +361,16 @@ def _fitted(segments: Segments, order: int) -> Fitted:
     try:
         fit = iterated(segments, order)
         A, B, offset, C, trim, Q, R = fit.model
-        (n, k), m = B.shape, len(C)
+        (n, k) = B.shape
+        m = len(C)
         gain = innovation_gain(A, C, Q, R, np.zeros((n, m)))
     except np.linalg.LinAlgError:
         raise ValueError(
             f"EM for {order} states broke down, since covariances lost their rank or left the range of numbers: lower "
             "the order, or train on other samples"
         ) from None
-    return Fitted(StateSpace(A, B, C, np.zeros((m, k)), gain, offset, np.zeros(k), trim), fit.starts, fit.converged)
+    return Fitted(
+        StateSpace(A, B, C, np.zeros((m, k)), gain, offset, np.zeros(k), trim),
+        fit.starts,
+        fit.converged,
+    )

@@ -50,15 +50,19 @@ def subspace(train: UniformRecord | Sequence[UniformRecord], order: int = 2) -> 
             that is none.
     """
     order = required_number(order, "order")
-    return identified(f"subspace({order})", train, lambda segments: found_by_projection(segments, order))
+    return identified(
+        f"subspace({order})", train, lambda segments: found_by_projection(segments, order)
+    )
 
 
 def found_by_projection(segments: Segments, order: int) -> Fitted:
     """The model of inputs and outputs of each segment."""
-    horizon, (k, m) = _horizon(segments, order), (table.shape[1] for table in segments[0])
+    horizon = _horizon(segments, order)
+    (k, m) = (table.shape[1] for table in segments[0])
     windows = Windows.of(segments, 2 * horizon)
     state_map = _state_map(windows, order, horizon, k)
-    states, successors = windows.part(0, horizon) @ state_map, windows.part(1, horizon + 1) @ state_map
+    states = windows.part(0, horizon) @ state_map
+    successors = windows.part(1, horizon + 1) @ state_map
     inputs, outputs = np.split(windows.part(horizon, horizon + 1), [k], axis=1)
 
     regressors = np.hstack([windows.constant, states])
@@ -71,7 +75,9 @@ def found_by_projection(segments: Segments, order: int) -> Fitted:
     offset, A, B = np.split(of_successors, [1, 1 + order], axis=1)
     errors = np.hstack([successors - regressors @ of_successors.T, innovations])
     covariance = errors.T @ errors / windows.number
-    Q, S, R = covariance[:order, :order], covariance[:order, order:], covariance[order:, order:]
+    Q = covariance[:order, :order]
+    S = covariance[:order, order:]
+    R = covariance[order:, order:]
     try:
         K = innovation_gain(A, C, Q, R, S)
     except np.linalg.LinAlgError:
@@ -101,7 +107,9 @@ def _horizon(segments: Segments, order: int) -> int:
             f"train has too few samples for {order} states: {sum(lengths)} in segments of {max(lengths)} at most; "
             f"lower the order, or train on more samples without gaps"
         )
-    longest = max(horizon for horizon in range(fewest, max(fewest, LONGEST_HORIZON) + 1) if enough(horizon))
+    longest = max(
+        horizon for horizon in range(fewest, max(fewest, LONGEST_HORIZON) + 1) if enough(horizon)
+    )
     windows = Windows.of(segments, longest + 1)
     lags = [windows.part(longest - lag, longest - lag + 1) for lag in range(1, longest + 1)]
     nested = triangle(np.hstack([windows.constant, *lags, windows.samples[:, longest, k:]]))
@@ -117,12 +125,18 @@ def _horizon(segments: Segments, order: int) -> int:
 
 def _state_map(windows: Windows, order: int, past: int, k: int) -> Array:
     """(past · (k + m), n): from the past, oldest sample first, to states of variance 1; ``k`` are the inputs."""
-    before, after = windows.part(0, past), windows.samples[:, past:, k:].reshape(len(windows.samples), -1)
-    given = np.hstack([windows.constant, windows.samples[:, past:, :k].reshape(len(windows.samples), -1)])
+    before = windows.part(0, past)
+    after = windows.samples[:, past:, k:].reshape(len(windows.samples), -1)
+    given = np.hstack(
+        [windows.constant, windows.samples[:, past:, :k].reshape(len(windows.samples), -1)]
+    )
     projected = triangle(np.hstack([given, before, after]))[given.shape[1] :, given.shape[1] :]
-    of_past, of_future = projected[:, : before.shape[1]], projected[:, before.shape[1] :]
+    of_past = projected[:, : before.shape[1]]
+    of_future = projected[:, before.shape[1] :]
     basis, to_basis = _orthonormal(of_past)
-    directions = np.linalg.svd(basis.T @ of_future @ _orthonormal(of_future)[1], full_matrices=False)[0]
+    directions = np.linalg.svd(
+        basis.T @ of_future @ _orthonormal(of_future)[1], full_matrices=False
+    )[0]
     if directions.shape[1] < order:
         raise ValueError(
             f"the training data have no {order} states: their past and future share only {directions.shape[1]}; lower "
@@ -182,7 +196,9 @@ def innovation_gain(A: Array, C: Array, Q: Array, R: Array, S: Array) -> Array:
     for least in LEAST_NOISES:
         with suppress(np.linalg.LinAlgError):
             return steady_gain(A, C, Q + least * np.eye(len(A)), R + least * np.eye(len(C)), S)[0]
-    raise np.linalg.LinAlgError("there is no steady filter: an unstable state may not be seen in the outputs")
+    raise np.linalg.LinAlgError(
+        "there is no steady filter: an unstable state may not be seen in the outputs"
+    )
 
 
 def estimated_starts(model: StateSpace, segments: Segments, innovation: Array) -> Array:
@@ -197,11 +213,15 @@ def estimated_starts(model: StateSpace, segments: Segments, innovation: Array) -
     longest = max(len(outputs) for _, outputs in segments)
     predictor = model.A - model.K @ model.C
     still = np.zeros((longest - 1, n))
-    decays = np.stack([np.vstack([unit, recursion(predictor, still, unit)]) for unit in np.eye(n)], axis=2)
+    decays = np.stack(
+        [np.vstack([unit, recursion(predictor, still, unit)]) for unit in np.eye(n)], axis=2
+    )
     responses = whiten.T @ model.C @ decays
     starts = []
     for inputs, outputs in segments:
         errors = (outputs - model.predicted(np.zeros(n), inputs, outputs)) @ whiten
         effects = np.vstack([responses[: len(errors)].reshape(-1, n), np.eye(n)])
-        starts.append(np.linalg.lstsq(effects, np.append(errors.ravel(), np.zeros(n)), rcond=None)[0])
+        starts.append(
+            np.linalg.lstsq(effects, np.append(errors.ravel(), np.zeros(n)), rcond=None)[0]
+        )
     return np.array(starts)

@@ -15,10 +15,14 @@ from click.shell_completion import shell_complete
 from mavdem.cli.output import INTERRUPTED, complain, ending_at_once, prepare_streams, say_aside
 from mavdem.errors import MissingExtra, NotLearnable, Unreadable
 
-DONE, UNSUPPORTED, UNUSABLE, PIPE_CLOSED = 0, 1, 2, 141
+DONE = 0
+UNSUPPORTED = 1
+UNUSABLE = 2
+PIPE_CLOSED = 141
 """Exit codes: done; the data cannot support the request; bad usage, unreadable input or output that fails; and as a
 shell reports SIGPIPE."""
-COMPLETION = "_MAVDEM_COMPLETE"  # Environment variable by which click's shell scripts ask for completions
+# Environment variable by which click's shell scripts ask for completions
+COMPLETION = "_MAVDEM_COMPLETE"
 
 
 def imported_command(name: str) -> click.Command:
@@ -44,21 +48,36 @@ class _Commands(click.Group):
     cls=_Commands,
     commands=[
         click.Command("info", help="Reports what a log holds and if a model can be learnt."),
-        click.Command("learn", help="Learns a linear model, and reports what the vehicle does in wind."),
+        click.Command(
+            "learn", help="Learns a linear model, and reports what the vehicle does in wind."
+        ),
         click.Command("open", help="Learns from a log, and shows the dashboard at once."),
         click.Command(
-            "wind", help="Reports the wind in m/s, where it comes from, and the vehicle's drag, with intervals of 90 %."
+            "wind",
+            help="Reports the wind in m/s, where it comes from, and the vehicle's drag, with intervals of 90 %.",
         ),
-        click.Command("tune", help="Reports the margins of the rate and attitude loops, and gains to set."),
+        click.Command(
+            "tune", help="Reports the margins of the rate and attitude loops, and gains to set."
+        ),
         click.Command("compare", help="Compares DEM with other methods, window by window."),
         click.Command("order", help="Finds the model order (number of states) by the free energy."),
-        click.Command("diff", help="Reports what changed of a vehicle between A and B, and what stayed the same."),
-        click.Command("track", help="Keeps a table of many flights: tiers, figures and health of each vehicle."),
+        click.Command(
+            "diff",
+            help="Reports what changed of a vehicle between A and B, and what stayed the same.",
+        ),
+        click.Command(
+            "track",
+            help="Keeps a table of many flights: tiers, figures and health of each vehicle.",
+        ),
         click.Command("live", help="Attaches to a link and learns while the vehicle flies."),
         click.Command("convert", help="Converts a log to another file format."),
-        click.Command("twin", help="Makes a vehicle for simulators of a log, and flies the log again with it."),
+        click.Command(
+            "twin", help="Makes a vehicle for simulators of a log, and flies the log again with it."
+        ),
         click.Command("fly", help="Simulates the flight of a quadrotor in wind."),
-        click.Command("reproduce", help="Runs the paper's experiments again and checks its claims."),
+        click.Command(
+            "reproduce", help="Runs the paper's experiments again and checks its claims."
+        ),
     ],
     context_settings={"help_option_names": ["-h", "--help"]},
 )
@@ -104,7 +123,9 @@ def main(arguments: Sequence[str] | None = None, command: click.Command = mavdem
     except BrokenPipeError:
         code = PIPE_CLOSED  # the reader has had enough
     except OSError as error:
-        complain(f"Standard output cannot be written to ({error.strerror or error}).", "", as_json=False)
+        complain(
+            f"Standard output cannot be written to ({error.strerror or error}).", "", as_json=False
+        )
         code = UNUSABLE
     # Python flushes once more at exit, and that must go somewhere.
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -120,7 +141,11 @@ def _run(command: click.Command, words: list[str], as_json: bool) -> int:
     except click.exceptions.NoArgsIsHelpError as error:
         say_aside(error.format_message())
     except click.ClickException as error:
-        where = error.ctx.command_path if isinstance(error, click.UsageError) and error.ctx else "mavdem"
+        where = (
+            error.ctx.command_path
+            if isinstance(error, click.UsageError) and error.ctx
+            else "mavdem"
+        )
         complain(_usage(error), f"Try `{where} --help`.", as_json)
     except (NotLearnable, Unreadable) as error:
         complain(error.reason, error.remedy, as_json)
@@ -131,7 +156,11 @@ def _run(command: click.Command, words: list[str], as_json: bool) -> int:
         complain("Interrupted; nothing is left half written.", "", as_json)
         return INTERRUPTED
     except MemoryError:
-        complain("There is not enough memory.", "Close other programs, or give it a shorter log.", as_json)
+        complain(
+            "There is not enough memory.",
+            "Close other programs, or give it a shorter log.",
+            as_json,
+        )
     except Exception as error:
         if isinstance(error, OSError) and error.filename is None:
             raise  # standard output: the only thing written to here that has no name

@@ -9,11 +9,28 @@ from time import perf_counter
 
 import click
 
-from mavdem.cli.options import end_report, folder_named, motion_options, names_of, nothing_left, of_each, window_options
+from mavdem.cli.options import (
+    end_report,
+    folder_named,
+    motion_options,
+    names_of,
+    nothing_left,
+    of_each,
+    window_options,
+)
 from mavdem.cli.output import check_folder, files_in, json_text, print_result, printable, progress
 from mavdem.dem.learning import FEWEST_SAMPLES
 from mavdem.evaluate.comparison import METHODS, Comparison, Outcome, outcomes
-from mavdem.evaluate.scores import FROM_ZERO, KNOWN, TRAIN_SECONDS, Length, TooFewSamples, Window, part_samples, windows
+from mavdem.evaluate.scores import (
+    FROM_ZERO,
+    KNOWN,
+    TRAIN_SECONDS,
+    Length,
+    TooFewSamples,
+    Window,
+    part_samples,
+    windows,
+)
 from mavdem.flight import Flight
 from mavdem.report.comparison import comparison_report
 from mavdem.report.page import comparison_page
@@ -26,14 +43,21 @@ COMPARISON_FILES = ("comparison.json", "comparison.html", "windows.csv")
 @click.argument("sources", metavar="SOURCE...", type=click.Path(), nargs=-1, required=True)
 @window_options(f"{TRAIN_SECONDS:g}s", "Held-out test data after them: seconds or samples.")
 @click.option(
-    "--hop", type=click.IntRange(1), help="Samples from one window to the next. [default: half of --train and --test]"
+    "--hop",
+    type=click.IntRange(1),
+    help="Samples from one window to the next. [default: half of --train and --test]",
 )
 @click.option(
     "--from-zero",
     is_flag=True,
     help="Start forecasts from state 0, as the paper's figures do, not from the state at the end of training.",
 )
-@click.option("--out", type=click.Path(), callback=folder_named, help="Folder for the files of the comparison.")
+@click.option(
+    "--out",
+    type=click.Path(),
+    callback=folder_named,
+    help="Folder for the files of the comparison.",
+)
 @click.pass_context
 def compare_command(
     context: click.Context,
@@ -88,8 +112,10 @@ def compare_command(
     cut, refused = of_each(sources, axis, vehicle, inputs, windows_of)
     if not cut:
         raise nothing_left(refused, "compared")
-    windowed, made = [window for one in cut.values() for window in one], list[Outcome]()
-    title, total = f"Comparing {len(METHODS)} methods on {len(windowed)} windows", len(windowed) * len(METHODS)
+    windowed = [window for one in cut.values() for window in one]
+    made = list[Outcome]()
+    title = f"Comparing {len(METHODS)} methods on {len(windowed)} windows"
+    total = len(windowed) * len(METHODS)
     with progress(title) as done, closing(outcomes(windowed, METHODS)) as coming:
         for outcome in coming:
             made.append(outcome)
@@ -98,7 +124,11 @@ def compare_command(
     report = {
         **compared.to_dict(FROM_ZERO if from_zero else KNOWN),
         "axis": axis,
-        "sources": {name: source for name, source in zip(names_of(sources), sources, strict=True) if name in cut},
+        "sources": {
+            name: source
+            for name, source in zip(names_of(sources), sources, strict=True)
+            if name in cut
+        },
         "refused": [one.values for one in refused],
         "files": {} if out is None else {name: str(out / name) for name in COMPARISON_FILES},
         "seconds": round(perf_counter() - began, 3),
@@ -113,5 +143,11 @@ def compare_command(
                 writer.writeheader()
                 writer.writerows(rows)
     print_result(report, comparison_report(compared, from_zero), as_json)
-    written = f" Written: {', '.join(map(printable, report['files'].values()))}" if report["files"] else ""
-    end_report(context, refused, "not compared", f"Took {report['seconds']:.1f} s.{written}", as_json)
+    written = (
+        f" Written: {', '.join(map(printable, report['files'].values()))}"
+        if report["files"]
+        else ""
+    )
+    end_report(
+        context, refused, "not compared", f"Took {report['seconds']:.1f} s.{written}", as_json
+    )

@@ -14,7 +14,9 @@ from mavdem.export.conversion import convert as convert_file
 @click.command("convert")
 @source_options()
 @click.argument("out", type=click.Path(), callback=no_option)
-def convert_command(source: str, out: str, axis: str, vehicle: str | None, inputs: str | None, as_json: bool) -> None:
+def convert_command(
+    source: str, out: str, axis: str, vehicle: str | None, inputs: str | None, as_json: bool
+) -> None:
     """Converts a log to another file format.
 
     The ending of OUT says the format. .tlog and .mcap receive every frame of the recorded stream with its receive time.
@@ -46,7 +48,9 @@ def convert_command(source: str, out: str, axis: str, vehicle: str | None, input
     if as_json:
         print_json(written)
         return
-    what = f"{written['samples']} samples" if "samples" in written else f"{written['frames']} frames"
+    what = (
+        f"{written['samples']} samples" if "samples" in written else f"{written['frames']} frames"
+    )
     say(f"Wrote {what} to {printable(out)}.")
     if written.get("left_out"):
         say(f"Left out: {written['left_out']} messages that cannot be encoded as frames.")

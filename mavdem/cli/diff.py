@@ -28,7 +28,9 @@ from mavdem.report.flights import difference_blocks, few
 )
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document and nothing else.")
 @click.pass_context
-def diff_command(context: click.Context, before: str, after: str, vehicle: str | None, as_json: bool) -> None:
+def diff_command(
+    context: click.Context, before: str, after: str, vehicle: str | None, as_json: bool
+) -> None:
     """Reports what changed of a vehicle between A and B, and what stayed the same.
 
     A and B are each a log, a FLEET of `mavdem track`, or what `mavdem learn` wrote (its folder, report.json or
@@ -57,7 +59,9 @@ def diff_command(context: click.Context, before: str, after: str, vehicle: str |
     if vehicle is None and max(len(names), len(others)) > 1:
         both = (names & others) - {UNKNOWN}
         if len(both) != 1:
-            reason = f"One has several vehicles, of which {'several' if both else 'none'} are in both."
+            reason = (
+                f"One has several vehicles, of which {'several' if both else 'none'} are in both."
+            )
             raise NotLearnable(reason, f"Choose with --vehicle: {few(sorted(names | others))}.")
         first, second = ([row for row in rows if row.vehicle in both] for rows in (first, second))
     found = vehicle_difference(first, second)
@@ -76,16 +80,25 @@ def _rows(name: str, source: str, vehicle: str | None) -> list[FlightRow]:
         rows = read_rows(path)
         chosen = [row for row in rows if vehicle in (None, row.vehicle)]
         if {row.vehicle for row in chosen if row.status == OK} == {UNKNOWN}:
-            raise NotLearnable(f"The logs of {name} do not say of which vehicle they are.", "Compare two logs by name.")
+            raise NotLearnable(
+                f"The logs of {name} do not say of which vehicle they are.",
+                "Compare two logs by name.",
+            )
     else:
         with progress(f"Reading {source}", measured=False):
             rows, _ = rows_of_log(path, source)
         # In a log it may be named by system and component, of which a row has the first.
         system = "" if vehicle is None else vehicle.partition(":")[0]
-        chosen = [row for row in rows if vehicle in (None, row.vehicle) or system == str(row.system)]
+        chosen = [
+            row for row in rows if vehicle in (None, row.vehicle) or system == str(row.system)
+        ]
     if not any(row.status == OK for row in chosen):
         names = {row.vehicle for row in rows if row.status == OK}
         if vehicle is not None and names and not chosen:
-            raise NotLearnable(f"{name} has no vehicle {vehicle}.", f"Choose one of: {few(sorted(names))}.")
-        raise NotLearnable(f"{name} has no flight with figures.", min((row.status for row in chosen), default=""))
+            raise NotLearnable(
+                f"{name} has no vehicle {vehicle}.", f"Choose one of: {few(sorted(names))}."
+            )
+        raise NotLearnable(
+            f"{name} has no flight with figures.", min((row.status for row in chosen), default="")
+        )
     return chosen

@@ -15,12 +15,29 @@ import numpy as np
 from click.shell_completion import CompletionItem
 
 from mavdem.cli.options import Number, file_option, no_option
-from mavdem.cli.output import check_file, ending_at_once, print_json, printable, progress, say, say_aside, writing
+from mavdem.cli.output import (
+    check_file,
+    ending_at_once,
+    print_json,
+    printable,
+    progress,
+    say,
+    say_aside,
+    writing,
+)
 from mavdem.errors import Unreadable, require
 from mavdem.export.conversion import STREAMS
 from mavdem.files import atomic_writes, replaceable
 from sitl_scenarios.dynamics import frame
-from sitl_scenarios.files import in_toml, in_words, load, names, scenario_of, with_parameters, with_vehicle
+from sitl_scenarios.files import (
+    in_toml,
+    in_words,
+    load,
+    names,
+    scenario_of,
+    with_parameters,
+    with_vehicle,
+)
 from sitl_scenarios.mavlink.autopilots import AUTOPILOTS
 from sitl_scenarios.mavlink.live import Ground, fly_live
 from sitl_scenarios.mavlink.transmitter import recorded
@@ -36,26 +53,45 @@ from sitl_scenarios.vehicles import airframe
 class ScenarioName(click.Path):
     """The name of a scenario, or a file."""
 
-    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    def shell_complete(
+        self, ctx: click.Context, param: click.Parameter, incomplete: str
+    ) -> list[CompletionItem]:
         """Returns the scenarios that begin with what was typed, or files where none does."""
         fitting = [CompletionItem(name) for name in names() if name.startswith(incomplete)]
-        return fitting or super().shell_complete(ctx, param, incomplete)  # bash offers names or files, not both
+        # bash offers names or files, not both
+        return fitting or super().shell_complete(ctx, param, incomplete)
 
 
 @click.command("fly")
 @click.argument("scenario", type=ScenarioName(), required=False)
 @file_option(
-    "--out", "Telemetry log (.tlog) or MCAP recording (.mcap) to write; the true states go beside it, .truth.npz."
+    "--out",
+    "Telemetry log (.tlog) or MCAP recording (.mcap) to write; the true states go beside it, .truth.npz.",
 )
 @file_option("--rrd", "Rerun recording to write: the flight in 3D.")
-@click.option("--udp", metavar="HOST:PORT", callback=no_option, help="Fly live and send MAVLink to HOST:PORT.")
 @click.option(
-    "--speed", type=Number(0.01, 1000.0), help="Speed of a live flight, as a multiple of real time.  [default: 1]"
+    "--udp", metavar="HOST:PORT", callback=no_option, help="Fly live and send MAVLink to HOST:PORT."
 )
-@file_option("--vehicle", "A .toml file of `mavdem twin`, or a scenario's: its vehicle is flown instead.")
-@click.option("--set", "changed", multiple=True, metavar="NAME=VALUE", callback=no_option, help="A parameter to set.")
+@click.option(
+    "--speed",
+    type=Number(0.01, 1000.0),
+    help="Speed of a live flight, as a multiple of real time.  [default: 1]",
+)
+@file_option(
+    "--vehicle", "A .toml file of `mavdem twin`, or a scenario's: its vehicle is flown instead."
+)
+@click.option(
+    "--set",
+    "changed",
+    multiple=True,
+    metavar="NAME=VALUE",
+    callback=no_option,
+    help="A parameter to set.",
+)
 @click.option("--seed", type=int, help="Random seed, instead of the scenario's.")
-@click.option("--duration", type=float, help="Seconds from arming to disarming, instead of the scenario's.")
+@click.option(
+    "--duration", type=float, help="Seconds from arming to disarming, instead of the scenario's."
+)
 @click.option(
     "--describe",
     is_flag=True,
@@ -104,7 +140,12 @@ def fly_command(
     """
     asked = {"--out": out, "--rrd": rrd, "--udp": udp, "--speed": speed}
     if as_list:
-        others = {"SCENARIO": scenario, "--seed": seed, "--duration": duration, "--describe": describe or None}
+        others = {
+            "SCENARIO": scenario,
+            "--seed": seed,
+            "--duration": duration,
+            "--describe": describe or None,
+        }
         _refuse_beside("--list", asked | others)
         scenarios = [{"name": name, "description": load(name).description} for name in names()]
         if as_json:
@@ -112,24 +153,37 @@ def fly_command(
         width = max(map(len, names()))
         return say("\n".join(f"{one['name']:{width}}  {one['description']}" for one in scenarios))
     if scenario is None:
-        raise click.UsageError("Missing argument 'SCENARIO': one of `mavdem fly --list`, or a .toml file.")
+        raise click.UsageError(
+            "Missing argument 'SCENARIO': one of `mavdem fly --list`, or a .toml file."
+        )
     if describe:
         _refuse_beside("--describe", asked)
         described = _chosen(scenario, seed, duration, vehicle, changed)
         words = [printable(line) for line in in_words(described)]
         if as_json:
-            return print_json({"scenario": scenario, "words": words, "values": described.model_dump(mode="json")})
+            return print_json(
+                {"scenario": scenario, "words": words, "values": described.model_dump(mode="json")}
+            )
         return say("\n".join([*(f"# {line}" for line in words), "", in_toml(described)]))
     if udp is not None and (out or rrd):
         raise click.UsageError("--udp flies live; --out and --rrd write files: choose one.")
     if udp is None and speed is not None:
-        raise click.UsageError("--speed applies to a live flight only: leave it out, or fly live with --udp.")
-    chosen, name = _chosen(scenario, seed, duration, vehicle, changed), Path(scenario).stem
+        raise click.UsageError(
+            "--speed applies to a live flight only: leave it out, or fly live with --udp."
+        )
+    chosen = _chosen(scenario, seed, duration, vehicle, changed)
+    name = Path(scenario).stem
     if not (udp or out or rrd):
-        raise click.UsageError("No output: name a file with --out or --rrd, or a ground station with --udp.")
-    report = _to_files(name, chosen, out, rrd) if udp is None else _live(name, chosen, udp, speed or 1.0)
+        raise click.UsageError(
+            "No output: name a file with --out or --rrd, or a ground station with --udp."
+        )
+    report = (
+        _to_files(name, chosen, out, rrd) if udp is None else _live(name, chosen, udp, speed or 1.0)
+    )
     if as_json:
-        print_json({"scenario": scenario, "seed": chosen.seed, "duration": chosen.duration, **report})
+        print_json(
+            {"scenario": scenario, "seed": chosen.seed, "duration": chosen.duration, **report}
+        )
 
 
 def _refuse_beside(option: str, asked: dict[str, Any]) -> None:
@@ -151,7 +205,11 @@ def _refusing(hint: str = "", before: str = "") -> Iterator[None]:
 
 
 def _chosen(
-    named: str, seed: int | None, duration: float | None, vehicle: Path | None, changed: Sequence[str]
+    named: str,
+    seed: int | None,
+    duration: float | None,
+    vehicle: Path | None,
+    changed: Sequence[str],
 ) -> Scenario:
     with _refusing("SCENARIO"):
         scenario = load(named)
@@ -192,15 +250,27 @@ def _to_files(name: str, scenario: Scenario, out: Path | None, rrd: Path | None)
         if out is not None and truth is not None:
             stream = recorded(scenario, motion, Simulation(scenario).cycle, lambda _: None)
             with place[out].open("wb") as file:
-                report |= {"out": str(out), "frames": STREAMS[out.suffix.lower()](file, stream), "truth": str(truth)}
+                report |= {
+                    "out": str(out),
+                    "frames": STREAMS[out.suffix.lower()](file, stream),
+                    "truth": str(truth),
+                }
             write_truth(place[truth], scenario, motion)
         if rrd is not None:
             with ending_at_once():  # Rerun takes a second to load
                 from mavdem.view import Pose, write_pose
 
             rotors = frame(scenario.vehicle.frame, airframe(scenario.vehicle).arm)
-            shown = {field.name: getattr(motion, field.name) for field in fields(Pose) if field.name != "rotors"}
-            write_pose(place[rrd], name, Pose(**shown, rotors=np.column_stack([rotors.forward, rotors.right])))
+            shown = {
+                field.name: getattr(motion, field.name)
+                for field in fields(Pose)
+                if field.name != "rotors"
+            }
+            write_pose(
+                place[rrd],
+                name,
+                Pose(**shown, rotors=np.column_stack([rotors.forward, rotors.right])),
+            )
             report |= {"rrd": str(rrd)}
     report["took"] = round(perf_counter() - began, 3)
     say_aside(f"Flew {motion.time[-1]:.1f} s in {report['took']:.1f} s.")
@@ -208,8 +278,12 @@ def _to_files(name: str, scenario: Scenario, out: Path | None, rrd: Path | None)
     holding.add(motion)
     report |= _say_cautions(holding)
     if out is not None:
-        say_aside(f"Wrote {report['frames']} frames to {printable(out)}, and the true states to {printable(truth)}.")
-        say_aside(f"Learn: {printable(shlex.join(['mavdem', 'learn', str(out), '--truth', str(truth)]))}")
+        say_aside(
+            f"Wrote {report['frames']} frames to {printable(out)}, and the true states to {printable(truth)}."
+        )
+        say_aside(
+            f"Learn: {printable(shlex.join(['mavdem', 'learn', str(out), '--truth', str(truth)]))}"
+        )
     if rrd is not None:
         say_aside(f"Wrote {printable(rrd)}; open it with `rerun {printable(rrd)}`.")
     return report
@@ -224,20 +298,43 @@ def _say_cautions(holding: Holding) -> dict[str, Any]:
 def _live(name: str, scenario: Scenario, udp: str, speed: float) -> dict[str, Any]:
     host, _, port = udp.rpartition(":")
     host = host.removeprefix("[").removesuffix("]")
-    if not host or not port.isascii() or not port.isdigit() or len(port) > 5 or not 0 < int(port) < 1 << 16:
-        raise click.BadParameter(f"{udp} must be HOST:PORT, such as 127.0.0.1:14550.", param_hint="--udp")
+    if (
+        not host
+        or not port.isascii()
+        or not port.isdigit()
+        or len(port) > 5
+        or not 0 < int(port) < 1 << 16
+    ):
+        raise click.BadParameter(
+            f"{udp} must be HOST:PORT, such as 127.0.0.1:14550.", param_hint="--udp"
+        )
     whole = seconds(scenario)
     with _refusing(), closing(Ground(host, int(port))) as ground:
-        say_aside(f"Flying {printable(name)} for {whole:g} s, sending to {printable(udp)}; Ctrl-C ends it.")
+        say_aside(
+            f"Flying {printable(name)} for {whole:g} s, sending to {printable(udp)}; Ctrl-C ends it."
+        )
         with progress(f"Flying {name}") as done:
             simulation = Simulation(scenario)
-            outcome = fly_live(scenario, simulation, ground, speed, lambda now: done(min(now / whole, 1.0)), say_aside)
+            outcome = fly_live(
+                scenario,
+                simulation,
+                ground,
+                speed,
+                lambda now: done(min(now / whole, 1.0)),
+                say_aside,
+            )
     ended = "Stopped after" if outcome.stopped else "Flew"
     say_aside(f"{ended} {outcome.flown:.1f} s in {outcome.took:.1f} s: sent {outcome.sent} frames.")
     if (ran := outcome.flown / outcome.took if outcome.took else speed) < 0.95 * speed:
         say_aside(f"This machine is too slow: it ran at {ran:.2g} times real time, not {speed:g}.")
     if outcome.unheard:
-        say_aside(f"Received more than it can process: {outcome.unheard} datagrams were dropped, at least in part.")
+        say_aside(
+            f"Received more than it can process: {outcome.unheard} datagrams were dropped, at least in part."
+        )
     counted = {"frames": outcome.sent, "commands": outcome.commands, "unheard": outcome.unheard}
-    times = {"flown": round(outcome.flown, 3), "took": round(outcome.took, 3), "stopped": outcome.stopped}
+    times = {
+        "flown": round(outcome.flown, 3),
+        "took": round(outcome.took, 3),
+        "stopped": outcome.stopped,
+    }
     return {"udp": udp, **counted, **times, **_say_cautions(outcome.holding)}

@@ -21,7 +21,12 @@ from mavdem.report.screen import conclusion
 @source_options()
 @click.pass_context
 def info_command(
-    context: click.Context, source: str, axis: str, vehicle: str | None, inputs: str | None, as_json: bool
+    context: click.Context,
+    source: str,
+    axis: str,
+    vehicle: str | None,
+    inputs: str | None,
+    as_json: bool,
 ) -> None:
     """Reports what a log holds and if a model can be learnt.
 
@@ -32,21 +37,35 @@ def info_command(
 
     Exit code: 0 if a model can be learned from at least one vehicle, otherwise 1.
     """
-    log, analyses, airs = read_source(source), dict[tuple[int, int], LogAnalysis](), list[Air]()
+    log = read_source(source)
+    analyses = dict[tuple[int, int], LogAnalysis]()
+    airs = list[Air]()
     for telemetry in log.vehicles if vehicle is None else [choose_vehicle(log.vehicles, vehicle)]:
         signals = Signals(telemetry, axis, inputs)
         airs.append(air_of(signals))
         found = analyse(log, axis, inputs=inputs, signals=signals, whole=False)
         analyses[telemetry.system, telemetry.component] = found
     known = {place: (one.verdict, one.condition, one.identity) for place, one in analyses.items()}
-    held, blocks = inventory(log, axis, vehicle, inputs, known), list[Block]()
+    held = inventory(log, axis, vehicle, inputs, known)
+    blocks = list[Block]()
     for shown, one, air in zip(held["vehicles"], analyses.values(), airs, strict=True):
-        shown |= one.findings.as_dict() | alarm_figures(one.alarms) | {"model": one.model, "watched": one.watched}
+        shown |= (
+            one.findings.as_dict()
+            | alarm_figures(one.alarms)
+            | {"model": one.model, "watched": one.watched}
+        )
         shown["wind_velocity"] = air[0] and air[0].as_dict()
-        blocks += [*conclusion(one.findings), *vehicle_contents(shown), *wind_blocks(air), Sentence("")]
+        blocks += [
+            *conclusion(one.findings),
+            *vehicle_contents(shown),
+            *wind_blocks(air),
+            Sentence(""),
+        ]
     held["learnable"] = any(one["model"] for one in held["vehicles"])
     if not held["vehicles"]:
-        what = "There is no vehicle in this log: check that the autopilot's own messages are recorded."
+        what = (
+            "There is no vehicle in this log: check that the autopilot's own messages are recorded."
+        )
         blocks += [Sentence(what), Sentence("")]
     if as_json:
         print_json(held)
@@ -55,7 +74,9 @@ def info_command(
     if not held["learnable"]:
         if as_json:
             # The document is printed already, with all the reasons.
-            because = [f"; {sender(shown)}: {shown['verdict']['reason']}" for shown in held["vehicles"]]
+            because = [
+                f"; {sender(shown)}: {shown['verdict']['reason']}" for shown in held["vehicles"]
+            ]
             because.append(": there is no vehicle in this log.")
             complain(f"No {axis} model can be learned from {source}{because[0]}", "", as_json=False)
         context.exit(1)

@@ -18,7 +18,14 @@ from mavdem.alignment.signals import Signals
 from mavdem.analysis import LogAnalysis, analyse
 from mavdem.analysis.figures import ALL
 from mavdem.analysis.findings import known_wind
-from mavdem.cli.options import file_option, folder_named, model_options, read_source, source_options, window_options
+from mavdem.cli.options import (
+    file_option,
+    folder_named,
+    model_options,
+    read_source,
+    source_options,
+    window_options,
+)
 from mavdem.cli.output import (
     check_folder,
     complain,
@@ -75,19 +82,30 @@ start_option = click.option(
 
 @click.command("learn")
 @source_options(
-    (*TILT_AXES, ALL), "Axis to model; all: a model of roll, and the physical parameters of roll, pitch and yaw."
+    (*TILT_AXES, ALL),
+    "Axis to model; all: a model of roll, and the physical parameters of roll, pitch and yaw.",
 )
 @click.option(
-    "--out", type=click.Path(), callback=folder_named, help="Folder for the results. [default: named after the log]"
+    "--out",
+    type=click.Path(),
+    callback=folder_named,
+    help="Folder for the results. [default: named after the log]",
 )
 @model_options
 @window_options(
-    "the whole settled flight", "A held-out window; with --train the one after it: seconds (1.5s) or samples (150)."
+    "the whole settled flight",
+    "A held-out window; with --train the one after it: seconds (1.5s) or samples (150).",
 )
 @start_option
-@file_option("--truth", "Truth of a simulated flight, flight.truth.npz: it is put beside the estimates.")
+@file_option(
+    "--truth", "Truth of a simulated flight, flight.truth.npz: it is put beside the estimates."
+)
 @click.option("--no-files", is_flag=True, help="Only print the screen; write no files.")
-@click.option("--verbose", is_flag=True, help="Also print cautions, the model A, B and C, and how it was learned.")
+@click.option(
+    "--verbose",
+    is_flag=True,
+    help="Also print cautions, the model A, B and C, and how it was learned.",
+)
 def learn_command(
     source: str,
     axis: str,
@@ -156,7 +174,9 @@ def learn_command(
         progress=progress,
         signals=signals,
     )
-    learned, verdict, condition = analysis.learned, analysis.verdict, analysis.condition
+    learned = analysis.learned
+    verdict = analysis.verdict
+    condition = analysis.condition
     if learned is None and analysis.tier.name is None:
         raise analysis.refusal
     report: dict[str, Any] = {
@@ -167,14 +187,19 @@ def learn_command(
         if no_files
         else {name: str(folder / name) for name in result_files(with_model=learned is not None)},
     }
-    blocks, details = analysis_blocks(analysis), list[Block]()
+    blocks = analysis_blocks(analysis)
+    details = list[Block]()
     if learned is None:
         text = f"{verdict.axis}, {condition.settled:.0f} s of settled flight, no model."
         heading = Sentence(text, f"{printable(Path(source).name)}:")
         report["error"] = {"reason": analysis.refusal.reason, "remedy": analysis.refusal.remedy}
     else:
         heading = Sentence(*map(printable, title(analysis.flights)))
-        blocks += vehicle_blocks(analysis.vehicle, bool(analysis.findings.overrides)) if axis == ALL else []
+        blocks += (
+            vehicle_blocks(analysis.vehicle, bool(analysis.findings.overrides))
+            if axis == ALL
+            else []
+        )
         blocks += [] if analysis.truth is None else truth_blocks(analysis.truth)
         details = detail_blocks(learned, report)
     explained = _torque_blocks(analysis, air, report)
@@ -188,14 +213,17 @@ def learn_command(
         with progress("Drawing and writing the files", measured=False):
             page = log_page(heading, {verdict.axis: analysis}, air, held, said=explained)
             write_results(folder, report, page, analysis, air, signals.position)
-        if learned is not None and (hint := advice(f"{RECORDING} was not written, since it", "view")):
+        if learned is not None and (
+            hint := advice(f"{RECORDING} was not written, since it", "view")
+        ):
             say_aside(hint)
     if as_json:
         print_json(report)
         if learned is None:  # else the screen has said it
             complain(analysis.refusal.reason, analysis.refusal.remedy, as_json=False)
     else:
-        place, files = printable(folder), report["files"]
+        place = printable(folder)
+        files = report["files"]
         written = f" Written to {place}: {', '.join(map(printable, files))}." if files else ""
         say_aside(f"Took {perf_counter() - began:.1f} s.{written}")
         if files:
@@ -222,10 +250,17 @@ def result_files(with_model: bool = True) -> tuple[str, ...]:
 
 
 def write_results(
-    folder: Path, report: dict[str, Any], page: str, analysis: LogAnalysis, air: Air, position: Signal | None
+    folder: Path,
+    report: dict[str, Any],
+    page: str,
+    analysis: LogAnalysis,
+    air: Air,
+    position: Signal | None,
 ) -> None:
     """Writes the :func:`result_files`, as :func:`files_in` does; ``page`` is the HTML. Those of a run before go."""
-    learned, held_out, flights = analysis.learned, analysis.held_out, analysis.flights
+    learned = analysis.learned
+    held_out = analysis.held_out
+    flights = analysis.flights
     names = result_files(with_model=learned is not None)
     with files_in(folder, names) as paths:
         place = dict(zip(names, paths, strict=True))
@@ -235,12 +270,16 @@ def write_results(
             place["model.json"].write_text(learned.to_json() + "\n")
             if RECORDING in names:
                 write_dashboard(place[RECORDING], analysis, air, position)
-            write_channels(place["flight.mcap"], flights, learned, held_out, same_clock(air, flights))
+            write_channels(
+                place["flight.mcap"], flights, learned, held_out, same_clock(air, flights)
+            )
     for name in set(RESULT_FILES) - set(names):
         (folder / name).unlink(missing_ok=True)
 
 
-def write_dashboard(target: Target, analysis: LogAnalysis, air: Air, position: Signal | None) -> None:
+def write_dashboard(
+    target: Target, analysis: LogAnalysis, air: Air, position: Signal | None
+) -> None:
     """Writes an ``analysis`` with a model, and the wind, as an .rrd file, or to a stream."""
     assert analysis.learned is not None and analysis.held_out is not None
     # Rerun takes a second to load, and a flight that cannot be learned needs none of it.
@@ -253,7 +292,8 @@ def write_dashboard(target: Target, analysis: LogAnalysis, air: Air, position: S
 
 def _torque_blocks(analysis: LogAnalysis, air: Air, report: dict[str, Any]) -> list[Sentence]:
     """What share of a known wind torque the mean wind explains, which goes into the report too."""
-    learned, flights = analysis.learned, analysis.flights
+    learned = analysis.learned
+    flights = analysis.flights
     torque = None if learned is None else known_wind(learned.wind_torque, learned.physical)
     if torque is None or (wind := same_clock(air, flights)) is None:
         return []
@@ -264,4 +304,8 @@ def _torque_blocks(analysis: LogAnalysis, air: Air, report: dict[str, Any]) -> l
 
 def same_clock(air: Air, flights: Sequence[Flight]) -> WindVelocity | None:
     """Returns the wind where it is of the boot of ``flights``, and so on one clock with them."""
-    return air[0] if air[0] is not None and air[0].boot == flights[0].provenance["segment"]["boot"] else None
+    return (
+        air[0]
+        if air[0] is not None and air[0].boot == flights[0].provenance["segment"]["boot"]
+        else None
+    )

@@ -21,7 +21,15 @@ import click
 from mavdem.alignment.signals import axis_outputs
 from mavdem.cli.commands import DONE, UNSUPPORTED, UNUSABLE
 from mavdem.cli.options import Number, file_option, model_options, motion_options, no_option
-from mavdem.cli.output import asked_to_end, check_file, ending_at_once, print_json, printable, say_aside, write_text
+from mavdem.cli.output import (
+    asked_to_end,
+    check_file,
+    ending_at_once,
+    print_json,
+    printable,
+    say_aside,
+    write_text,
+)
 from mavdem.dem import Settings
 from mavdem.dem.parallel import LearningProcess
 from mavdem.errors import MissingExtra, Unreadable, advice
@@ -35,9 +43,13 @@ from mavdem.live.session import LiveSession
 from mavdem.report.flights import whole_seconds
 from mavdem.report.page import live_page
 
-STATUS_SECONDS, CLEANING_SECONDS = 5.0, 60.0  # between two status lines; on the ground, two collections of all garbage
-ENDING_SECONDS = 9.0  # from a request to end until the page is given up; what follows takes less than a second
-WIND_FIGURES = "speed", "speed_from", "speed_to", "direction", "direction_interval"  # m/s and degrees, of 90 %
+# between two status lines; on the ground, two collections of all garbage
+STATUS_SECONDS = 5.0
+CLEANING_SECONDS = 60.0
+# from a request to end until the page is given up; what follows takes less than a second
+ENDING_SECONDS = 9.0
+# m/s and degrees, of 90 %
+WIND_FIGURES = "speed", "speed_from", "speed_to", "direction", "direction_interval"
 SWITCH_SECONDS = 5e-4  # for which another thread may compute while a sample waits
 
 if TYPE_CHECKING:
@@ -51,8 +63,11 @@ class Dashboard:
     a port is taken; BadParameter: an invalid URL; MissingExtra: Rerun is asked for and not installed.
     """
 
-    def __init__(self, link: str, axis: str, rrd: Path | None, serve: bool, connect: str | None) -> None:
-        self._link, self._axis = link, axis
+    def __init__(
+        self, link: str, axis: str, rrd: Path | None, serve: bool, connect: str | None
+    ) -> None:
+        self._link = link
+        self._axis = axis
         self.view: LiveView | None = None
         self._said: set[str] = set()
         self.file: RecordingFile | None = None
@@ -86,7 +101,8 @@ class Dashboard:
             return None
         from mavdem.view.live_content import Channels
 
-        layout, (outputs, units) = setup.layout, zip(*axis_outputs(self._axis), strict=True)
+        layout = setup.layout
+        (outputs, units) = zip(*axis_outputs(self._axis), strict=True)
         weights = None if layout.positions_assumed else layout.effect(self._axis)
         command = () if weights is None else tuple((2 * weights).tolist())
         motors = layout.names, outputs, (setup.scale.unit,) * len(layout.names), units
@@ -112,12 +128,25 @@ class Dashboard:
 @motion_options()
 @model_options
 @file_option("--rrd", "Rerun recording to write.")
-@click.option("--serve", is_flag=True, help="Show it in a browser on this machine; Rerun's usage statistics are off.")
-@click.option("--connect", metavar="URL", callback=no_option, help="Show it in the Rerun viewer at this address.")
+@click.option(
+    "--serve",
+    is_flag=True,
+    help="Show it in a browser on this machine; Rerun's usage statistics are off.",
+)
+@click.option(
+    "--connect",
+    metavar="URL",
+    callback=no_option,
+    help="Show it in the Rerun viewer at this address.",
+)
 @file_option("--record", "Raw stream to record: FILE.tlog or FILE.mcap.")
-@file_option("--model", "Where to write the model at the end. [default: beside --rrd or --record, .model.json]")
 @file_option(
-    "--html", "Page of what happened, to write at the end. [default: beside --rrd, --record or --model, .html]"
+    "--model",
+    "Where to write the model at the end. [default: beside --rrd or --record, .model.json]",
+)
+@file_option(
+    "--html",
+    "Page of what happened, to write at the end. [default: beside --rrd, --record or --model, .html]",
 )
 @click.option(
     "--request-rate",
@@ -126,7 +155,9 @@ class Dashboard:
     help="Ask the vehicle for attitude and motor outputs at this rate, and at 4 Hz for what shows a landing, and "
     "for the parameters of its motors; what comes faster already stays as it is. Without it nothing is ever sent.",
 )
-@file_option("--prior", "Earlier model of the vehicle, model.json: a calm hover then has a wind torque.")
+@file_option(
+    "--prior", "Earlier model of the vehicle, model.json: a calm hover then has a wind torque."
+)
 @click.option("--duration", type=Number(0, min_open=True), help="Seconds until it ends.")
 def live_command(
     link: str,
@@ -184,12 +215,16 @@ def live_command(
         ends.callback(opened.close)
         if opened.speaks_first and request_rate is None:
             silent = f"{link} sends only after it has received something, and nothing is sent without --request-rate"
-            raise click.BadParameter(f"{silent}: add that, or listen with udpin:HOST:PORT.", param_hint="LINK")
+            raise click.BadParameter(
+                f"{silent}: add that, or listen with udpin:HOST:PORT.", param_hint="LINK"
+            )
         dashboard = ends.enter_context(closing(Dashboard(link, axis, rrd, serve, connect)))
         recording = None if record is None else RawRecording(record)
         executor = ends.enter_context(LearningProcess())
         shown = dashboard.open, dashboard.report, say_aside
-        session = LiveSession(opened, stream, settings, *shown, executor, recording, request_rate, earlier)
+        session = LiveSession(
+            opened, stream, settings, *shown, executor, recording, request_rate, earlier
+        )
         restored = ends.enter_context(ExitStack())
         restored.callback(session.end)
         if dashboard.advice:
@@ -200,11 +235,16 @@ def live_command(
         asked = signals.enter_context(asked_to_end())
         _run(session, asked, duration)
         account = session.account()
-        ends_at, whole = monotonic() + ENDING_SECONDS, whole_seconds(account)
-        spent = ", ".join(f"{seconds} s {ACCOUNT[kind]}" for kind, seconds in whole.items() if seconds)
+        ends_at = monotonic() + ENDING_SECONDS
+        whole = whole_seconds(account)
+        spent = ", ".join(
+            f"{seconds} s {ACCOUNT[kind]}" for kind, seconds in whole.items() if seconds
+        )
         say_aside(f"Of {sum(whole.values())} s: {spent or 'nothing'}.")
         say_aside("Ending takes some seconds: model, message rates and files are completed.")
-        status, learned, code = session.status, None, UNSUPPORTED
+        status = session.status
+        learned = None
+        code = UNSUPPORTED
         fitting = _in_background(session.final_model)
         restored.close()
         # The model is written first: what follows may fail or take its time.
@@ -214,13 +254,16 @@ def live_command(
         except ValueError as error:
             say_aside(sentence(f"There is no model: {error}"))
         executor.shutdown()
-        judging, page = _in_background(partial(session.judge, learned)), None
+        judging = _in_background(partial(session.judge, learned))
+        page = None
         wait([judging], (ends_at - monotonic()) / 2)
         dashboard.report(status := replace(status, findings=session.findings))
         if status.findings:
             say_aside(status.findings.headline)
         if html is not None and judging.done():
-            page = _in_background(partial(live_page, link, axis, session.history, status, account, learned))
+            page = _in_background(
+                partial(live_page, link, axis, session.history, status, account, learned)
+            )
         ends.close()
         last: Future[Any] = page or judging
         wait([last], ends_at - monotonic())
@@ -241,17 +284,23 @@ def live_command(
                 "rates": status.rates,
                 "lost": status.lost,
                 "missing": round(status.missing, 3),
-                "behind": {"most": round(session.most_behind, 3), "datagrams_dropped": opened.dropped},
+                "behind": {
+                    "most": round(session.most_behind, 3),
+                    "datagrams_dropped": opened.dropped,
+                },
                 "latency": dict(zip(("median", "p99", "max"), status.latency, strict=True)),
                 "ahead": dict(zip(("seconds", "half_width_rad"), status.ahead, strict=True)),
                 "useful": dict(zip(("seconds", "error_ratio"), status.useful, strict=True)),
                 "obstacle": status.obstacle,
-                "wind": status.wind and dict(zip(WIND_FIGURES, status.wind.by_compass, strict=True)),
+                "wind": status.wind
+                and dict(zip(WIND_FIGURES, status.wind.by_compass, strict=True)),
                 **(status.findings.as_dict() if status.findings else {}),
                 **alarm_figures(status.alarms),
                 "events": [event.sentence for event in session.history.events],
                 "rrd": str(rrd) if kept else None,
-                "record": None if recording is None else {"file": str(record), "frames": recording.frames},
+                "record": None
+                if recording is None
+                else {"file": str(record), "frames": recording.frames},
                 "model": str(model) if code == DONE and model is not None else None,
                 "html": str(html) if has_page else None,
             }
@@ -283,7 +332,8 @@ def _run(session: LiveSession, asked: Callable[[], bool], duration: float | None
     gc.collect()
     gc.freeze()
     gc.disable()
-    interval, line = sys.getswitchinterval(), ""
+    interval = sys.getswitchinterval()
+    line = ""
     began = reported = cleaned = monotonic()
     sys.setswitchinterval(SWITCH_SECONDS)
     try:
@@ -291,7 +341,9 @@ def _run(session: LiveSession, asked: Callable[[], bool], duration: float | None
             session.step()
             if monotonic() - reported >= STATUS_SECONDS:
                 status = session.status
-                reported, before, line = monotonic(), line, _status_line(status, session.stream.axis)
+                reported = monotonic()
+                before = line
+                line = _status_line(status, session.stream.axis)
                 if line not in ("", before):
                     say_aside(line)
                 if not status.flying and reported - cleaned >= CLEANING_SECONDS:
@@ -309,11 +361,27 @@ def _status_line(status: SessionStatus, axis: str) -> str:
     """Empty before there is a vehicle: the session has reported that."""
     if status.vehicle is None:
         return ""
-    rates = ", ".join(f"{name} {rate:.3g} Hz" for name, rate in sorted(status.rates.items()) if rate) or "no attitude"
-    late = f", latency {1e3 * status.latency[1]:.1f} ms (99 %)" if status.learned + status.shown else ""
-    seconds, half = status.ahead[0], math.degrees(status.ahead[1])
-    ahead = f"; {axis} predicted {seconds:.2g} s ahead within ±{half:.2g}° (90 %)" if math.isfinite(half) else ""
-    ahead += f"; wind {''.join(status.wind.words())}" if status.wind is not None and status.flying else ""
+    rates = (
+        ", ".join(f"{name} {rate:.3g} Hz" for name, rate in sorted(status.rates.items()) if rate)
+        or "no attitude"
+    )
+    late = (
+        f", latency {1e3 * status.latency[1]:.1f} ms (99 %)"
+        if status.learned + status.shown
+        else ""
+    )
+    seconds = status.ahead[0]
+    half = math.degrees(status.ahead[1])
+    ahead = (
+        f"; {axis} predicted {seconds:.2g} s ahead within ±{half:.2g}° (90 %)"
+        if math.isfinite(half)
+        else ""
+    )
+    ahead += (
+        f"; wind {''.join(status.wind.words())}"
+        if status.wind is not None and status.flying
+        else ""
+    )
     end = f". {sentence(status.obstacle)}" if status.obstacle else "; learning."
     told = f"{status.vehicle}: {rates}; {status.learned} samples learned{late}{ahead}{end}"
     return " ".join(filter(None, [told, status.slow, status.alarm]))

@@ -32,7 +32,12 @@ INCOMPATIBLE = 66
 @source_options(TILT_AXES)
 @click.pass_context
 def open_command(
-    context: click.Context, source: str, axis: str, vehicle: str | None, inputs: str | None, as_json: bool
+    context: click.Context,
+    source: str,
+    axis: str,
+    vehicle: str | None,
+    inputs: str | None,
+    as_json: bool,
 ) -> None:
     """Learns from a log, and shows the dashboard at once.
 
@@ -42,7 +47,9 @@ def open_command(
     require("`mavdem open`", "view")
     chosen = {"--axis": axis, "--vehicle": vehicle, "--inputs": inputs}
     words = [word for name, value in chosen.items() if value is not None for word in (name, value)]
-    with learn_command.make_context("learn", [*words, *["--json"] * as_json, "--", source], context) as learning:
+    with learn_command.make_context(
+        "learn", [*words, *["--json"] * as_json, "--", source], context
+    ) as learning:
         learn_command.invoke(learning)
     from mavdem.view import show
 

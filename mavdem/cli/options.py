@@ -39,16 +39,22 @@ def file_option(name: str, text: str) -> Callable[[Command], Command]:
 def no_option(context: click.Context, parameter: click.Parameter, value: Value) -> Value:
     """Refuses an option as the value of another, which was then forgotten: ``--out --json``."""
     if str(value).startswith("--"):
-        raise click.BadParameter(f"{value} is an option, and no value was given.", context, parameter)
+        raise click.BadParameter(
+            f"{value} is an option, and no value was given.", context, parameter
+        )
     return value
 
 
-def folder_named(context: click.Context, parameter: click.Parameter, value: str | None) -> Path | None:
+def folder_named(
+    context: click.Context, parameter: click.Parameter, value: str | None
+) -> Path | None:
     """Returns the folder of an option; refuses no name, which a path would take for the current folder."""
     if value is None:
         return None
     if not no_option(context, parameter, value):
-        raise click.BadParameter("it names no folder; use `.` for the current one.", context, parameter)
+        raise click.BadParameter(
+            "it names no folder; use `.` for the current one.", context, parameter
+        )
     return Path(value)
 
 
@@ -74,13 +80,19 @@ def _adding(*options: Callable[[Command], Command]) -> Callable[[Command], Comma
     return lambda command: reduce(lambda made, option: option(made), reversed(options), command)
 
 
-vehicle_option = click.option("--vehicle", metavar="SYSTEM[:COMPONENT]", callback=_vehicle, help="Which, of several.")
+vehicle_option = click.option(
+    "--vehicle", metavar="SYSTEM[:COMPONENT]", callback=_vehicle, help="Which, of several."
+)
 
 
-def motion_options(axes: Sequence[str] = TILT_AXES, text: str = "Axis to model.") -> Callable[[Command], Command]:
+def motion_options(
+    axes: Sequence[str] = TILT_AXES, text: str = "Axis to model."
+) -> Callable[[Command], Command]:
     """Adds --axis with these choices, --vehicle, --inputs and --json to a command."""
     return _adding(
-        click.option("--axis", type=click.Choice(axes), default="roll", show_default=True, help=text),
+        click.option(
+            "--axis", type=click.Choice(axes), default="roll", show_default=True, help=text
+        ),
         vehicle_option,
         click.option(
             "--inputs",
@@ -88,13 +100,19 @@ def motion_options(axes: Sequence[str] = TILT_AXES, text: str = "Axis to model."
             help="The inputs of the model: the motor outputs, or the controller's demand before the mixer. "
             "[default: motors; demand if only that is logged fast enough]",
         ),
-        click.option("--json", "as_json", is_flag=True, help="Print one JSON document and nothing else."),
+        click.option(
+            "--json", "as_json", is_flag=True, help="Print one JSON document and nothing else."
+        ),
     )
 
 
-def source_options(axes: Sequence[str] = AXES, text: str = "Axis of the vehicle.") -> Callable[[Command], Command]:
+def source_options(
+    axes: Sequence[str] = AXES, text: str = "Axis of the vehicle."
+) -> Callable[[Command], Command]:
     """Adds SOURCE and the same options to a command."""
-    return lambda command: click.argument("source", type=click.Path())(motion_options(axes, text)(command))
+    return lambda command: click.argument("source", type=click.Path())(
+        motion_options(axes, text)(command)
+    )
 
 
 def model_options(command: Command) -> Command:
@@ -128,7 +146,9 @@ def _settings(context: click.Context, parameter: click.Parameter, order: int | N
     return settings if order is None else replace(settings, order=order)
 
 
-def _length(fewest: int, context: click.Context, parameter: click.Parameter, value: str | None) -> Length | None:
+def _length(
+    fewest: int, context: click.Context, parameter: click.Parameter, value: str | None
+) -> Length | None:
     """Seconds, as in ``7s``, or samples, as in ``700``; the latter at least ``fewest``."""
     if value is None:
         return None
@@ -137,7 +157,9 @@ def _length(fewest: int, context: click.Context, parameter: click.Parameter, val
     if found is None:
         wrong = f"{value!r} is no length: give seconds, as in 7s, or samples, as in 700."
     elif not in_seconds and (number != round(number) or number < fewest):
-        wrong = f"{value} is not a whole number of at least {fewest} samples: did you mean {value}s?"
+        wrong = (
+            f"{value} is not a whole number of at least {fewest} samples: did you mean {value}s?"
+        )
     elif in_seconds and not 0 < number < 1e6:
         wrong = f"{value} is not a length of flight."
     else:
@@ -150,7 +172,9 @@ def window_options(train_default: str, test_help: str) -> Callable[[Command], Co
     train_help = f"Training data: seconds (7s) or samples (700). [default: {train_default}]"
     test_help = f"{test_help} [default: {TEST_SECONDS:g}s]"
     return _adding(
-        click.option("--train", callback=partial(_length, FEWEST_SAMPLES), metavar="LENGTH", help=train_help),
+        click.option(
+            "--train", callback=partial(_length, FEWEST_SAMPLES), metavar="LENGTH", help=train_help
+        ),
         click.option("--test", callback=partial(_length, 1), metavar="LENGTH", help=test_help),
     )
 
@@ -164,10 +188,14 @@ LINK_PATTERN = re.compile(r"(udp|tcp|mcast|ws)\w*:|/dev/(tty|cu|serial)|COM\d", 
 def refuse_link(source: str) -> None:
     """Raises ``Unreadable`` for a link and for standard input, where a log is needed."""
     if source == "-":
-        raise Unreadable("A log cannot be read from standard input (-): save it as a file and name that.")
+        raise Unreadable(
+            "A log cannot be read from standard input (-): save it as a file and name that."
+        )
     if LINK_PATTERN.match(source) and not os.path.isfile(source):
         attach = shlex.join(["mavdem", "live", source])
-        raise Unreadable(f"{source} is a MAVLink link, and only logs are read here: attach to it with `{attach}`.")
+        raise Unreadable(
+            f"{source} is a MAVLink link, and only logs are read here: attach to it with `{attach}`."
+        )
 
 
 def read_source(source: str) -> Log:
@@ -194,16 +222,25 @@ class Refused(NamedTuple):
 def names_of(sources: Sequence[str]) -> list[str]:
     """Names of flights: the file's name without its ending, or the whole SOURCE if others have the same name."""
     stems = [printable(Path(source).stem) for source in sources]
-    return [stem if stems.count(stem) == 1 else printable(source) for stem, source in zip(stems, sources, strict=True)]
+    return [
+        stem if stems.count(stem) == 1 else printable(source)
+        for stem, source in zip(stems, sources, strict=True)
+    ]
 
 
 def of_each(
-    sources: Sequence[str], axis: str, vehicle: str | None, inputs: str | None, use: Callable[[str, Flight], Result]
+    sources: Sequence[str],
+    axis: str,
+    vehicle: str | None,
+    inputs: str | None,
+    use: Callable[[str, Flight], Result],
 ) -> tuple[dict[str, Result], list[Refused]]:
     """Returns what ``use`` makes of each settled flight, by the flight's name, and the refused SOURCEs."""
     for place, source in enumerate(sources):
         if source in sources[:place]:
-            raise click.BadParameter(f"{source} is named twice: each flight counts once.", param_hint="SOURCE")
+            raise click.BadParameter(
+                f"{source} is named twice: each flight counts once.", param_hint="SOURCE"
+            )
     found: dict[str, Result] = {}
     refused = []
     for name, source in zip(names_of(sources), sources, strict=True):
@@ -215,7 +252,9 @@ def of_each(
     return found, refused
 
 
-def end_report(context: click.Context, refused: Sequence[Refused], outcome: str, last: str, as_json: bool) -> None:
+def end_report(
+    context: click.Context, refused: Sequence[Refused], outcome: str, last: str, as_json: bool
+) -> None:
     """Prints why SOURCEs are refused and a last sentence, with JSON the former, aside; exits with 2 if unreadable."""
     for one in refused:
         if as_json:
@@ -233,5 +272,11 @@ def nothing_left(refused: Sequence[Refused], done: str) -> NotLearnable | Unread
     first = min(refused, key=lambda one: isinstance(one.error, NotLearnable))
     if len(refused) == 1:
         return first.error
-    reason = f"None of the {len(refused)} flights can be {done}; {first.source}: {first.error.reason}"
-    return Unreadable(reason) if isinstance(first.error, Unreadable) else NotLearnable(reason, first.error.remedy)
+    reason = (
+        f"None of the {len(refused)} flights can be {done}; {first.source}: {first.error.reason}"
+    )
+    return (
+        Unreadable(reason)
+        if isinstance(first.error, Unreadable)
+        else NotLearnable(reason, first.error.remedy)
+    )

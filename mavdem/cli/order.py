@@ -9,9 +9,23 @@ from time import perf_counter
 
 import click
 
-from mavdem.cli.options import Refused, end_report, file_option, motion_options, names_of, nothing_left, of_each
+from mavdem.cli.options import (
+    Refused,
+    end_report,
+    file_option,
+    motion_options,
+    names_of,
+    nothing_left,
+    of_each,
+)
 from mavdem.cli.output import check_file, print_result, printable, progress, write_text
-from mavdem.dem.order_choice import DEFAULT_MAX_ORDER, LARGEST_ORDER, FlightOrders, OrderChoice, orders_of
+from mavdem.dem.order_choice import (
+    DEFAULT_MAX_ORDER,
+    LARGEST_ORDER,
+    FlightOrders,
+    OrderChoice,
+    orders_of,
+)
 from mavdem.dem.parallel import parallel_map
 from mavdem.errors import NotLearnable
 from mavdem.flight import Flight
@@ -75,13 +89,19 @@ def order_command(
         return flight
 
     flights, refused = of_each(sources, axis, vehicle, inputs, with_as_many_inputs)
-    named, found = dict(zip(names_of(sources), sources, strict=True)), dict[str, FlightOrders]()
+    named = dict(zip(names_of(sources), sources, strict=True))
+    found = dict[str, FlightOrders]()
     work = partial(_orders, most=max_order, known=not unknown_inputs)
-    title = f"Learning {len(flights)} flight{'s' * (len(flights) != 1)} with 1 to {max_order} states"
+    title = (
+        f"Learning {len(flights)} flight{'s' * (len(flights) != 1)} with 1 to {max_order} states"
+    )
     with progress(title) as done, closing(parallel_map(work, flights.values())) as coming:
         for number, (name, result) in enumerate(zip(flights, coming, strict=True), 1):
             if isinstance(result, ValueError):
-                why = NotLearnable(f"{str(result).capitalize()}.", "Record a longer flight, or one with more motion.")
+                why = NotLearnable(
+                    f"{str(result).capitalize()}.",
+                    "Record a longer flight, or one with more motion.",
+                )
                 refused.append(Refused(name, named[name], why))
             else:
                 found[name] = result
@@ -89,13 +109,24 @@ def order_command(
     if not found:
         raise nothing_left(refused, "given an order")
     choice = OrderChoice(tuple(found.values()))
-    seconds, written = round(perf_counter() - began, 3), "" if html is None else f" Written: {printable(html)}"
+    seconds = round(perf_counter() - began, 3)
+    written = "" if html is None else f" Written: {printable(html)}"
     if html is not None:
         write_text(html, order_page(choice, list(found), not unknown_inputs))
-    report = {"flights": list(found), "axis": axis, "known_inputs": not unknown_inputs, "seconds": seconds}
-    report |= {"refused": [one.values for one in refused], "html": None if html is None else str(html)}
+    report = {
+        "flights": list(found),
+        "axis": axis,
+        "known_inputs": not unknown_inputs,
+        "seconds": seconds,
+    }
+    report |= {
+        "refused": [one.values for one in refused],
+        "html": None if html is None else str(html),
+    }
     report["advice"] = order_advice(choice, not unknown_inputs)
-    print_result(choice.to_dict() | report, order_report(choice, list(found), not unknown_inputs), as_json)
+    print_result(
+        choice.to_dict() | report, order_report(choice, list(found), not unknown_inputs), as_json
+    )
     end_report(context, refused, "no order", f"Took {seconds:.1f} s.{written}", as_json)
 
 

@@ -30,7 +30,15 @@ from mavdem.report.blocks import Sentence, Table
 
 STDERR = Console(stderr=True, highlight=False, markup=False, emoji=False)  # standard error
 # Of what the terminal cannot show; other such characters become a question mark.
-PLAIN_CHARACTERS = {"±": "+-", "°": "deg", "µ": "u", "“": '"', "”": '"', "\N{COMBINING MACRON}": "", "²": "^2"}
+PLAIN_CHARACTERS = {
+    "±": "+-",
+    "°": "deg",
+    "µ": "u",
+    "“": '"',
+    "”": '"',
+    "\N{COMBINING MACRON}": "",
+    "²": "^2",
+}
 PLAIN_CHARACTERS |= {"−": "-", "₀": "0", "ẋ": "x'"}
 
 
@@ -44,13 +52,17 @@ def prepare_streams() -> None:
             stream.reconfigure(errors="plain")
     # A cache that it cannot write, and faults of a matplotlibrc, matter to nothing that is written here.
     logging.getLogger("matplotlib").setLevel(logging.ERROR)
-    warnings.showwarning = lambda message, *_, **__: say_aside(_one_line(f"mavdem: warning: {message}"))
+    warnings.showwarning = lambda message, *_, **__: say_aside(
+        _one_line(f"mavdem: warning: {message}")
+    )
 
 
 def _plain(error: UnicodeError) -> tuple[str, int]:
     if not isinstance(error, UnicodeEncodeError):
         raise error
-    return "".join(PLAIN_CHARACTERS.get(one, "?") for one in error.object[error.start : error.end]), error.end
+    return "".join(
+        PLAIN_CHARACTERS.get(one, "?") for one in error.object[error.start : error.end]
+    ), error.end
 
 
 def json_text(document: dict[str, Any]) -> str:
@@ -86,7 +98,9 @@ def printable(text: object) -> str:
     """
     short: dict[str, str | int | None] = {"\n": "\\n", "\t": "\\t", "\r": "\\r"}
     hidden = {one for one in str(text) if not one.isprintable()}
-    codes = {one: f"\\u{ord(one):04x}" if ord(one) < 1 << 16 else f"\\U{ord(one):08x}" for one in hidden}
+    codes = {
+        one: f"\\u{ord(one):04x}" if ord(one) < 1 << 16 else f"\\U{ord(one):08x}" for one in hidden
+    }
     return str(text).translate(str.maketrans({**codes, **short}))
 
 
@@ -115,7 +129,9 @@ def print_blocks(blocks: Iterable[Sentence | Table], gap: str = "\n") -> None:
     for block in blocks:
         with console.capture() as captured:
             if isinstance(block, Sentence):
-                console.print(printable(f"{block.lead} {block.text}".strip()), soft_wrap=not terminal)
+                console.print(
+                    printable(f"{block.lead} {block.text}".strip()), soft_wrap=not terminal
+                )
             else:
                 console.print(_grid(block, console.width))
         say("\n".join(line.rstrip() for line in captured.get().splitlines()) + gap)
@@ -123,7 +139,9 @@ def print_blocks(blocks: Iterable[Sentence | Table], gap: str = "\n") -> None:
 
 def _grid(table: Table, width: int) -> Grid:
     grid = Grid(box=None, pad_edge=False)
-    columns = [list(map(printable, column)) for column in zip(table.header, *table.rows, strict=True)]
+    columns = [
+        list(map(printable, column)) for column in zip(table.header, *table.rows, strict=True)
+    ]
     fits = sum(max(map(len, column)) + 2 for column in columns) - 2 <= width
     for heading, *cells in columns:
         widest = max(map(len, [*heading.split(), *cells]), default=0)
@@ -161,9 +179,13 @@ def progress(title: str, measured: bool = True) -> Iterator[Callable[[float], No
 
 def check_folder(folder: Path, names: Sequence[str]) -> None:
     """Raises ``Unreadable``, before the work, for a folder that cannot be written to; it makes nothing."""
-    existing = next(place for place in (folder, *folder.absolute().parents) if os.path.lexists(place))
+    existing = next(
+        place for place in (folder, *folder.absolute().parents) if os.path.lexists(place)
+    )
     if not existing.is_dir():
-        raise Unreadable(f"--out {folder} is not a folder, because {existing} is a file: name another.")
+        raise Unreadable(
+            f"--out {folder} is not a folder, because {existing} is a file: name another."
+        )
     if not is_writable(existing):
         raise Unreadable(f"--out {folder} cannot be made: {existing} is not writable.")
     for path in (folder / name for name in names):
@@ -171,9 +193,13 @@ def check_folder(folder: Path, names: Sequence[str]) -> None:
         try:
             occupied = path.is_dir() and not path.is_symlink()
         except OSError as error:  # its name is too long
-            raise Unreadable(f"--out {folder} cannot be made ({error.strerror}): name another.") from None
+            raise Unreadable(
+                f"--out {folder} cannot be made ({error.strerror}): name another."
+            ) from None
         if occupied:
-            raise Unreadable(f"{path} is a folder, where a file is to be written: move it, or name another --out.")
+            raise Unreadable(
+                f"{path} is a folder, where a file is to be written: move it, or name another --out."
+            )
 
 
 def write_text(path: Path, text: str) -> None:
@@ -189,7 +215,9 @@ def files_in(folder: Path, names: Sequence[str]) -> Iterator[tuple[Path, ...]]:
         with _made(folder), atomic_writes(*(folder / name for name in names)) as files:
             yield files
     except OSError as error:
-        raise Unreadable(f"--out {folder} cannot be written ({error.strerror or error}): name another.") from None
+        raise Unreadable(
+            f"--out {folder} cannot be written ({error.strerror or error}): name another."
+        ) from None
 
 
 @contextmanager
@@ -210,7 +238,9 @@ def check_file(path: Path | None, option: str, endings: tuple[str, ...]) -> None
     """Raises ``Unreadable``, before the work, for a file that cannot be written, ``BadParameter`` for other endings."""
     if path is not None:
         if path.suffix.lower() not in endings:
-            raise click.BadParameter(f"{path} must end in {' or '.join(endings)}.", param_hint=option)
+            raise click.BadParameter(
+                f"{path} must end in {' or '.join(endings)}.", param_hint=option
+            )
         with writing(path):
             replaceable(path)
 
@@ -222,10 +252,14 @@ def writing(*files: Path) -> Iterator[None]:
         yield
     except OSError as error:
         names = " or ".join(str(path) for path in files)
-        raise Unreadable(f"{names} cannot be written ({error.strerror or error}): name another file.") from None
+        raise Unreadable(
+            f"{names} cannot be written ({error.strerror or error}): name another file."
+        ) from None
 
 
-INTERRUPTED, OF_SIGNAL = 130, 128  # exit codes as a shell reports them: of SIGINT; of any signal, less its number
+# exit codes as a shell reports them: of SIGINT; of any signal, less its number
+INTERRUPTED = 130
+OF_SIGNAL = 128
 
 
 @contextmanager

@@ -9,7 +9,16 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mavdem.cli.output import check_folder, ending_at_once, json_text, print_json, print_result, progress, say, writing
+from mavdem.cli.output import (
+    check_folder,
+    ending_at_once,
+    json_text,
+    print_json,
+    print_result,
+    progress,
+    say,
+    writing,
+)
 from mavdem.dem.parallel import pool, spare_cores
 from mavdem.errors import require
 from mavdem.paper import CLAIMS
@@ -21,7 +30,9 @@ if TYPE_CHECKING:
 
 
 @click.command("reproduce")
-@click.argument("names", metavar="[ITEM]...", nargs=-1, type=click.Choice([claim.name for claim in CLAIMS]))
+@click.argument(
+    "names", metavar="[ITEM]...", nargs=-1, type=click.Choice([claim.name for claim in CLAIMS])
+)
 @click.option(
     "--out",
     type=click.Path(file_okay=False, path_type=Path),
@@ -29,7 +40,12 @@ if TYPE_CHECKING:
     show_default=True,
     help="Folder for the report.",
 )
-@click.option("--json", "as_json", is_flag=True, help="Print the numbers as one JSON document and nothing else.")
+@click.option(
+    "--json",
+    "as_json",
+    is_flag=True,
+    help="Print the numbers as one JSON document and nothing else.",
+)
 @click.option("--list", "as_list", is_flag=True, help="List the items, one a line, the name first.")
 def reproduce_command(names: tuple[str, ...], out: Path, as_json: bool, as_list: bool) -> None:
     """Runs the paper's experiments again and checks its claims.
@@ -44,17 +60,22 @@ def reproduce_command(names: tuple[str, ...], out: Path, as_json: bool, as_list:
       mavdem reproduce noise prediction --out build/paper
     """
     if as_list:
-        listed = [{"name": claim.name, "title": claim.title, "section": claim.section} for claim in CLAIMS]
+        listed = [
+            {"name": claim.name, "title": claim.title, "section": claim.section} for claim in CLAIMS
+        ]
         if as_json:
             return print_json({"claims": listed})
-        return say("\n".join(f"{one['name']:14}  {one['title']} ({one['section']})" for one in listed))
+        return say(
+            "\n".join(f"{one['name']:14}  {one['title']} ({one['section']})" for one in listed)
+        )
     with ending_at_once():
         require("`mavdem reproduce`", "view")
         from mavdem.paper.report import ITEMS, NUMBERS, PAGE, RECORDING, ItemReport, document
         from mavdem.paper.runner import Extent, Runner
 
     check_folder(out, (PAGE, NUMBERS, RECORDING))
-    began, reports = perf_counter(), []
+    began = perf_counter()
+    reports = []
     with pool(spare_cores()) as executor:
         runner = Runner(Extent(), executor)
         for claim, run in ITEMS.items():
@@ -64,8 +85,15 @@ def reproduce_command(names: tuple[str, ...], out: Path, as_json: bool, as_list:
         with progress("Writing the report", measured=False):
             write_report(out, reports, runner, perf_counter() - began)
     seconds = perf_counter() - began
-    found = [[one.claim.name, one.status.value, f"{one.sentence} {one.beyond}".rstrip()] for one in reports]
-    print_result(document(reports, seconds), [Table(["item", "verdict", "findings"], found, words=True)], as_json)
+    found = [
+        [one.claim.name, one.status.value, f"{one.sentence} {one.beyond}".rstrip()]
+        for one in reports
+    ]
+    print_result(
+        document(reports, seconds),
+        [Table(["item", "verdict", "findings"], found, words=True)],
+        as_json,
+    )
     if not as_json:
         say(f"Took {seconds:.0f} s. Written: {out / PAGE}")
 

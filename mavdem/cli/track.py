@@ -11,7 +11,16 @@ import click
 
 from mavdem.cli.commands import UNSUPPORTED, UNUSABLE
 from mavdem.cli.options import Number, folder_named, no_option, refuse_link
-from mavdem.cli.output import STDERR, print_blocks, print_json, printable, progress, say, say_aside, write_text
+from mavdem.cli.output import (
+    STDERR,
+    print_blocks,
+    print_json,
+    printable,
+    progress,
+    say,
+    say_aside,
+    write_text,
+)
 from mavdem.dem.parallel import spare_cores
 from mavdem.errors import advice
 from mavdem.fleet.difference import since_baseline
@@ -25,7 +34,8 @@ from mavdem.report.fleet_page import fleet_page
 from mavdem.report.flights import baseline_blocks, fleet_blocks
 
 MOST = 1_000_000  # seconds and megabytes that may be asked for: days, and a terabyte
-PAGE = "mavdem.report.page:flight_page"  # the function that makes a flight's page, as workers call it
+# the function that makes a flight's page, as workers call it
+PAGE = "mavdem.report.page:flight_page"
 
 
 @click.command("track")
@@ -46,9 +56,14 @@ PAGE = "mavdem.report.page:flight_page"  # the function that makes a flight's pa
     help="Healthy flights that the others are compared with: logs, as above, or another FLEET; may be repeated. "
     "[default: those of the last run; at first the vehicle's own flights]",
 )
-@click.option("--jobs", type=click.IntRange(1, 1024), help="Logs read at a time. [default: one for each core]")
 @click.option(
-    "--scheduler", metavar="tcp://HOST:PORT", callback=no_option, help="Read them on this Dask cluster instead."
+    "--jobs", type=click.IntRange(1, 1024), help="Logs read at a time. [default: one for each core]"
+)
+@click.option(
+    "--scheduler",
+    metavar="tcp://HOST:PORT",
+    callback=no_option,
+    help="Read them on this Dask cluster instead.",
 )
 @click.option(
     "--time-limit",
@@ -115,14 +130,19 @@ def track_command(
     if scheduler is not None and jobs:
         what = "it is of this machine; with --scheduler the cluster has its own."
         raise click.BadParameter(what, param_hint="--jobs")
-    reader: Reader = Cluster(scheduler, limits) if scheduler is not None else WorkerPool(jobs or spare_cores(), limits)
+    reader: Reader = (
+        Cluster(scheduler, limits)
+        if scheduler is not None
+        else WorkerPool(jobs or spare_cores(), limits)
+    )
     try:
         with _progress() as show:
             tracked = track(out, logs, reader, baseline, PAGE, progress=show)
     except KeyboardInterrupt:
         say_aside("What was read is kept: the same command goes on.")
         raise
-    rows, index = read_rows(out), out / "index.html"
+    rows = read_rows(out)
+    index = out / "index.html"
     counts = {"logs": tracked.logs, "read": tracked.read, **summary(rows)}
     changes = since_baseline(rows, tracked.healthy) if tracked.healthy else {}
     since = {name: baseline_blocks(*change) for name, change in changes.items()}
@@ -131,7 +151,11 @@ def track_command(
         say_aside(printable(f"mavdem: {problem}"))
     if as_json:
         found = {
-            name: {"file": latest.file, "date": latest.as_dict()["date"], "found": change and change.as_dict()}
+            name: {
+                "file": latest.file,
+                "date": latest.as_dict()["date"],
+                "found": change and change.as_dict(),
+            }
             for name, (latest, change) in changes.items()
         }
         print_json({"fleet": str(out), "index": str(index), **counts, "since_baseline": found})

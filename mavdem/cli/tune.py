@@ -36,10 +36,18 @@ OF_FLIGHT = ("oscillation", "saturation")  # what overrides all findings, and ga
     type=click.Choice(list(TARGETS)),
     default="default",
     show_default=True,
-    help="; ".join(f"{name}: phase {a:g}°, gain {b:g} dB, Ms {c:g}" for name, (a, b, c) in TARGETS.items()) + ".",
+    help="; ".join(
+        f"{name}: phase {a:g}°, gain {b:g} dB, Ms {c:g}" for name, (a, b, c) in TARGETS.items()
+    )
+    + ".",
 )
 @start_option
-@click.option("--out", type=click.Path(), callback=folder_named, help="Folder for tune.html and the parameter files.")
+@click.option(
+    "--out",
+    type=click.Path(),
+    callback=folder_named,
+    help="Folder for tune.html and the parameter files.",
+)
 def tune_command(
     source: str,
     axis: str,
@@ -60,16 +68,23 @@ def tune_command(
     """
     log = read_source(source)
     telemetry = choose_vehicle(log.vehicles, vehicle)
-    names = ["tune.html", "gains.params", *(["gains.param"] if telemetry.autopilot == "ARDUPILOTMEGA" else [])]
+    names = [
+        "tune.html",
+        "gains.params",
+        *(["gains.param"] if telemetry.autopilot == "ARDUPILOTMEGA" else []),
+    ]
     if out is not None:
         check_folder(out, names)
-    signals, found = Signals(telemetry), dict[str, Advice | str]()
+    signals = Signals(telemetry)
+    found = dict[str, Advice | str]()
     overrides = findings_of(condition=condition_of(signals)).overrides
     doubts = [one.sentence for one in overrides if one.kind in OF_FLIGHT]
     for one in AXES if axis == ALL else (axis,):
         try:
             with progress(f"Identifying {one}", measured=False):
-                found[one] = advise(axis_loop(signals.about(one, inputs), log, start), margins, doubts)
+                found[one] = advise(
+                    axis_loop(signals.about(one, inputs), log, start), margins, doubts
+                )
         except NotLearnable as error:
             if axis != ALL and not doubts:
                 raise
@@ -79,7 +94,10 @@ def tune_command(
         raise NotLearnable(" ".join(map(str, found.values())))
     gains = {name: value for one in known for name, value in one.parameters.items()}
     refusal = "" if any(one.gains for one in known) else known[0].sentence
-    axes = {name: {"refusal": one} if isinstance(one, str) else one.as_dict() for name, one in found.items()}
+    axes = {
+        name: {"refusal": one} if isinstance(one, str) else one.as_dict()
+        for name, one in found.items()
+    }
     document = {"source": source, "margins": margins, "axes": axes, "parameters": gains}
     document |= {"error": {"reason": refusal, "remedy": ""}} if refusal else {}
     print_result(document, tune_blocks(found), as_json)
@@ -88,7 +106,9 @@ def tune_command(
         with files_in(out, names) as paths:
             for path, text in zip(paths, texts, strict=False):
                 path.write_text(text, "utf-8", "replace")
-        say_aside(f"Written to {printable(out)}: {', '.join(names)}. Nothing was sent to the vehicle.")
+        say_aside(
+            f"Written to {printable(out)}: {', '.join(names)}. Nothing was sent to the vehicle."
+        )
     if refusal:
         raise click.exceptions.Exit(1)
 
@@ -99,7 +119,9 @@ def axis_loop(signals: Signals, log: Log, start: float = 0.0) -> Loop:
     if not segments:
         raise NotLearnable(verdict.reason, verdict.remedy)
     boot = max(segments, key=len).provenance["segment"]["boot"]
-    flights = flown_after([one for one in segments if one.provenance["segment"]["boot"] == boot], start)
+    flights = flown_after(
+        [one for one in segments if one.provenance["segment"]["boot"] == boot], start
+    )
     plant = physical(flights)
     if not isinstance(plant, Physical):
         raise NotLearnable(plant.reason)
@@ -111,6 +133,7 @@ def parameter_files(gains: dict[str, float], telemetry: Telemetry) -> tuple[str,
 
     The former has a line of vehicle id, component id, name, value and type, by tabs; the latter of name and value.
     """
-    who, head = f"{telemetry.system}\t{telemetry.component}", "# Gains by mavdem tune\n"
+    who = f"{telemetry.system}\t{telemetry.component}"
+    head = "# Gains by mavdem tune\n"
     ground = "".join(f"{who}\t{name}\t{value:.9g}\t{REAL32}\n" for name, value in gains.items())
     return head + ground, head + "".join(f"{name},{value:.9g}\n" for name, value in gains.items())

@@ -27,7 +27,14 @@ from sitl_scenarios.files import scenario_of
 from sitl_scenarios.simulation import replayed
 
 FLIGHTS = 3  # of the twin, each in other wind of the same spectrum
-SHOWN = {"mass": "kg", "inertia": "kg m²", "lag": "s", "damping": "1/s", "delay": "s", "hover": "share of range"}
+SHOWN = {
+    "mass": "kg",
+    "inertia": "kg m²",
+    "lag": "s",
+    "damping": "1/s",
+    "delay": "s",
+    "hover": "share of range",
+}
 FIGURES = {"lean": "roll, mean (°)", "sway": "roll, sd (°)", "rate": "roll rate, sd (°/s)"}
 FIGURES |= {"peak": "step of the roll rate, largest", "rise": "and time to half of it (s)"}
 
@@ -42,10 +49,16 @@ FIGURES |= {"peak": "step of the roll rate, largest", "rise": "and time to half 
     help="File to write, one or more, by its ending: .toml for `mavdem fly --vehicle`, .json a frame of ArduPilot's "
     "SITL, .params of PX4's SIH, .sdf motors of Gazebo.",
 )
-@click.option("--mass", type=Number(0.005, 1000.0), help="Mass of the vehicle, kg.  [default: 1.5, with a remark]")
+@click.option(
+    "--mass",
+    type=Number(0.005, 1000.0),
+    help="Mass of the vehicle, kg.  [default: 1.5, with a remark]",
+)
 @vehicle_option
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document and nothing else.")
-def twin_command(source: str, out: tuple[Path, ...], mass: float | None, vehicle: str | None, as_json: bool) -> None:
+def twin_command(
+    source: str, out: tuple[Path, ...], mass: float | None, vehicle: str | None, as_json: bool
+) -> None:
     """Makes a vehicle for simulators of a log, and flies the log again with it.
 
     SOURCE is a log of a quadrotor with its autopilot's parameters, and motor outputs and attitude as `mavdem learn`
@@ -55,7 +68,8 @@ def twin_command(source: str, out: tuple[Path, ...], mass: float | None, vehicle
         check_file(path, "--out", (".toml", *LEFT_OUT))
     log = read_source(source)
     signals = Signals(choose_vehicle(log.vehicles, vehicle))
-    loops, missing = dict[str, Loop](), list[str]()
+    loops = dict[str, Loop]()
+    missing = list[str]()
     with progress("Learning the vehicle", measured=False):
         for axis in AXES:
             try:
@@ -65,20 +79,29 @@ def twin_command(source: str, out: tuple[Path, ...], mass: float | None, vehicle
                     raise
                 missing.append(f"{axis.capitalize()} is not learned: {error}")
     hover = hover_of(signals.about("roll", "motors"), log.components)
-    drag, px4 = None if (wind := air_of(signals)[0]) is None else wind.drag, signals.telemetry.autopilot == "PX4"
+    drag, px4 = (
+        None if (wind := air_of(signals)[0]) is None else wind.drag,
+        signals.telemetry.autopilot == "PX4",
+    )
     twin = twin_of(loops, px4, float(np.mean(hover.trim_of_range)), drag, mass)
     for path in out:
         write_text(path, vehicle_text(twin, path.suffix.lower(), Path(source).name))
         if left := LEFT_OUT.get(path.suffix.lower()):
             say_aside(f"{path.name} has no place for {left}.")
-    known = {name: ", ".join(f"{one:.3g}" for one in np.ravel(getattr(twin, name))) for name in SHOWN}
-    rows = [[f"{name} ({unit})", known[name], twin.notes.get(name, "")] for name, unit in SHOWN.items()]
+    known = {
+        name: ", ".join(f"{one:.3g}" for one in np.ravel(getattr(twin, name))) for name in SHOWN
+    }
+    rows = [
+        [f"{name} ({unit})", known[name], twin.notes.get(name, "")] for name, unit in SHOWN.items()
+    ]
     blocks: list[Sentence | Table] = [Sentence(one) for one in missing]
     blocks.append(Table(["Vehicle", "value", "how sure (90 %)"], rows, words=True))
     document: dict[str, Any] = {"vehicle": asdict(twin), "missing": missing, "alike": None}
     document["vehicle"]["drag"] = None if drag is None else drag.as_dict()
     if (again := setpoints_of(loops["roll"])) is None:
-        blocks.append(Sentence("The setpoints of roll were not recorded: the twin does not fly them again."))
+        blocks.append(
+            Sentence("The setpoints of roll were not recorded: the twin does not fly them again.")
+        )
     else:
         record, setpoints = again
         flown = []
@@ -86,15 +109,24 @@ def twin_command(source: str, out: tuple[Path, ...], mass: float | None, vehicle
             scenario = scenario_of(tomllib.loads(vehicle_text(twin, ".toml", "")))
             for seed in range(FLIGHTS):
                 blown = torque(loops["roll"], len(record), np.random.default_rng(seed))
-                flown.append(replayed(scenario.model_copy(update={"seed": seed}), record.dt, setpoints, blown))
+                flown.append(
+                    replayed(
+                        scenario.model_copy(update={"seed": seed}), record.dt, setpoints, blown
+                    )
+                )
         except ValueError as error:
             raise NotLearnable(f"The twin cannot fly: {error}.") from None
         document["alike"] = compared = alike(loops["roll"], record, flown)
         bands = zip(BANDS[:-1], BANDS[1:], compared["levels"], strict=True)
-        cells = [[f"roll rate, {low:g} to {high:g} Hz (dB)", "0", f"{level:+.1f}"] for low, high, level in bands]
+        cells = [
+            [f"roll rate, {low:g} to {high:g} Hz (dB)", "0", f"{level:+.1f}"]
+            for low, high, level in bands
+        ]
         shown = {key: name for key, name in FIGURES.items() if key in compared}
         cells += [[name, *(f"{one:.2f}" for one in compared[key])] for key, name in shown.items()]
         blocks.append(Table(["In wind of the same spectrum", "recorded", "twin"], cells))
     print_result(document, blocks, as_json)
     if out:
-        say_aside(f"Written: {', '.join(printable(path) for path in out)}. Nothing was sent to a vehicle.")
+        say_aside(
+            f"Written: {', '.join(printable(path) for path in out)}. Nothing was sent to a vehicle."
+        )

@@ -21,7 +21,10 @@ from mavdem.report.condition import wind_blocks
 @click.command("wind")
 @click.argument("source", type=click.Path())
 @vehicle_option
-@file_option("--prior", "Drag from earlier flights: learn's folder or files, a fleet's folder, or wind's own JSON.")
+@file_option(
+    "--prior",
+    "Drag from earlier flights: learn's folder or files, a fleet's folder, or wind's own JSON.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document and nothing else.")
 def wind_command(source: str, vehicle: str | None, prior: Path | None, as_json: bool) -> None:
     """Reports the wind in m/s, where it comes from, and the vehicle's drag, with intervals of 90 %.
@@ -33,12 +36,20 @@ def wind_command(source: str, vehicle: str | None, prior: Path | None, as_json: 
     wind = wind_of(signals)
     if prior is not None:
         wind = wind_of(signals, earlier_drag(prior, identity_of(signals).name, wind.speed))
-    drag, blocks = wind.drag, wind_blocks((wind, signals.autopilot_wind, ""))
-    for header, name, rows in (("Time (s)", "start", wind.minutes), ("Height (m)", "height", wind.profile)):
-        cells = [[f"{one[name]:.0f}", f"{one['speed']:.1f}", f"{one['direction']:.0f}"] for one in rows]
+    drag = wind.drag
+    blocks = wind_blocks((wind, signals.autopilot_wind, ""))
+    for header, name, rows in (
+        ("Time (s)", "start", wind.minutes),
+        ("Height (m)", "height", wind.profile),
+    ):
+        cells = [
+            [f"{one[name]:.0f}", f"{one['speed']:.1f}", f"{one['direction']:.0f}"] for one in rows
+        ]
         blocks += [Table([header, "Wind (m/s)", "From (°)"], cells)] if len(rows) > 1 else []
     settings = drag.parameters(signals.telemetry.autopilot)
-    numbers = settings | {"linear drag (1/s)": (drag.linear.mean(), *drag.interval("linear").mean(axis=1))}
+    numbers = settings | {
+        "linear drag (1/s)": (drag.linear.mean(), *drag.interval("linear").mean(axis=1))
+    }
     table = [[name, *(f"{value:.3g}" for value in values)] for name, values in numbers.items()]
     blocks += [Table([f"Drag, from {SOURCES[drag.source]}", "value", "from", "to"], table)]
     print_result(wind.as_dict() | {"parameters": settings}, blocks, as_json)

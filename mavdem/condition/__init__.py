@@ -5,5 +5,13 @@ from mavdem.condition.inventory import Identity, identity_of
 from mavdem.condition.wind_of_log import wind, wind_of
 from mavdem.condition.wind_velocity import WindVelocity, estimate_wind
 
-__all__ = ["Condition", "HoverFigures", "Identity", "condition_of", "hover", "hover_figures", "identity_of"]
+__all__ = [
+    "Condition",
+    "HoverFigures",
+    "Identity",
+    "condition_of",
+    "hover",
+    "hover_figures",
+    "identity_of",
+]
 __all__ += ["WindVelocity", "estimate_wind", "wind", "wind_of"]

@@ -77,7 +77,10 @@ class HoverFigures:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON values, ``imbalance`` too."""
-        values = {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self).items()}
+        values = {
+            name: list(value) if isinstance(value, tuple) else value
+            for name, value in asdict(self).items()
+        }
         return values | {"imbalance": list(self.imbalance)}
 
 
@@ -105,13 +108,16 @@ def hover(path: str | bytes | PathLike[str], vehicle: str | None = None) -> Hove
 
 def hover_of(signals: Signals, components: Sequence[Component] = ()) -> HoverFigures:
     """Returns the figures of ``signals`` with the motors as inputs, as :func:`hover` gives them."""
-    segments, motors = settled_segments(signals), signals.motors
+    segments = settled_segments(signals)
+    motors = signals.motors
     if not segments or motors is None or signals.telemetry.vehicle not in (*MULTIROTORS, "UNKNOWN"):
         verdict = verdict_of(signals, components)
         raise NotLearnable(verdict.reason, verdict.remedy)
     rows = within(motors, *segments)
     tilts = zip(TILT_AXES, signals.tilts, strict=True)
-    lean = {axis: float(np.degrees(tilt.angle[within(tilt, *segments)].mean())) for axis, tilt in tilts}
+    lean = {
+        axis: float(np.degrees(tilt.angle[within(tilt, *segments)].mean())) for axis, tilt in tilts
+    }
     seconds = sum(segment.duration for segment in segments)
     return _figures(motors.layout.names, motors.scale, seconds, motors.outputs[rows], lean)
 
@@ -140,43 +146,63 @@ def hover_figures(flights: Sequence[Flight], scale: OutputScale | None = None) -
             raise ValueError("the range of the inputs is not known: give the scale")
         scale = OutputScale(**known)
     if scale.name == "demand":
-        raise ValueError("the inputs are the controller's demand: read the flights with inputs='motors'")
+        raise ValueError(
+            "the inputs are the controller's demand: read the flights with inputs='motors'"
+        )
     # The motors of another axis are the same.
     counted = [flight for flight in flights if flight.output_names == flights[0].output_names]
     lean: dict[str, float] = {}
     for axis in TILT_AXES:
-        found = [one.outputs[:, one.output_names.index(axis)] for one in flights if axis in one.output_names]
+        found = [
+            one.outputs[:, one.output_names.index(axis)]
+            for one in flights
+            if axis in one.output_names
+        ]
         lean |= {axis: float(np.degrees(np.concatenate(found).mean()))} if found else {}
     seconds = sum(flight.duration for flight in counted)
-    return _figures(names, scale, seconds, np.concatenate([flight.inputs for flight in counted]), lean)
+    return _figures(
+        names, scale, seconds, np.concatenate([flight.inputs for flight in counted]), lean
+    )
 
 
 def _figures(
-    names: tuple[str, ...], scale: OutputScale, seconds: float, outputs: Array, lean: Mapping[str, float]
+    names: tuple[str, ...],
+    scale: OutputScale,
+    seconds: float,
+    outputs: Array,
+    lean: Mapping[str, float],
 ) -> HoverFigures:
     shares = scale.fraction(outputs)
     trims = shares.mean(axis=0)
     if not trims.mean() > 0:
-        raise NotLearnable("The motors are off in all of the settled flight.", "Check what wrote the log.")
+        raise NotLearnable(
+            "The motors are off in all of the settled flight.", "Check what wrote the log."
+        )
 
     upper, lower = at_limits(shares, scale)
     each = {
         "trim": outputs.mean(axis=0),
         "trim_of_range": trims,
         "trim_share": trims / trims.mean(),
-        "headroom": np.maximum(scale.stop - np.percentile(shares, 99.0, axis=0), 0.0),  # the very highest is a spike
+        # the very highest is a spike
+        "headroom": np.maximum(scale.stop - np.percentile(shares, 99.0, axis=0), 0.0),
         "at_upper_limit": upper.mean(axis=0),
         "at_lower_limit": lower.mean(axis=0),
     }
     figures: dict[str, Any] = {name: tuple(values.tolist()) for name, values in each.items()}
-    return HoverFigures(names, scale.unit, float(seconds), **figures, roll=lean.get("roll"), pitch=lean.get("pitch"))
+    return HoverFigures(
+        names, scale.unit, float(seconds), **figures, roll=lean.get("roll"), pitch=lean.get("pitch")
+    )
 
 
 FASTEST = 0.05
 """Hz, of the fastest cosine: slower than gusts and the position loop, whose seconds are no mean of a flight."""
-FEWEST, MOST = 4, 32  # Cosines; fewer than 4 make intervals that are mostly chance, more than 32 hardly change them
+# Cosines; fewer than 4 make intervals that are mostly chance, more than 32 hardly change them
+FEWEST = 4
+MOST = 32
 END_SECONDS = 2.0  # The battery's voltage at either end is the median over so long
-LEVELS, CLIPS = ("vibration_x", "vibration_y", "vibration_z"), ("clipping_0", "clipping_1", "clipping_2")
+LEVELS = ("vibration_x", "vibration_y", "vibration_z")
+CLIPS = ("clipping_0", "clipping_1", "clipping_2")
 
 
 @dataclass(frozen=True)
@@ -206,7 +232,8 @@ class VibrationFigures:
 class BatteryFigures:
     """The first battery over some time, V and A. None where it was not measured."""
 
-    voltage_start: float  # with voltage_end: medians of the first and the last 2 s; the others are of all samples
+    # with voltage_end: medians of the first and the last 2 s; the others are of all samples
+    voltage_start: float
     voltage_end: float
     voltage_mean: float
     voltage_min: float
@@ -259,14 +286,17 @@ class Condition:
 def condition_of(signals: Signals) -> Condition:
     """Returns the condition of the vehicle of ``signals``, whatever they are for: it takes the motors' own messages."""
     signals = signals.about("roll", "motors") if signals.inputs != "motors" else signals
-    span, settled = recorded_parts(signals), settled_parts(signals)
+    span = recorded_parts(signals)
+    settled = settled_parts(signals)
     try:
         hover = hover_of(signals)
     except NotLearnable:
         hover = None
     intervals, command = ((), {}) if hover is None else _balance(signals, settled)
     lean, tilt = _leaning(signals, settled)
-    oscillation = oscillation_of(signals, settled) or oscillation_of(signals, _parts(signals, phases.flying))
+    oscillation = oscillation_of(signals, settled) or oscillation_of(
+        signals, _parts(signals, phases.flying)
+    )
     return Condition(
         duration=_seconds(span),
         armed=None if signals.armed is None else _seconds(_parts(signals, phases.armed)),
@@ -289,13 +319,18 @@ def settled_parts(signals: Signals) -> tuple[Segment, ...]:
     if signals.telemetry.vehicle not in (*MULTIROTORS, "UNKNOWN"):
         return ()
     if signals.motors is not None:
-        return tuple(sorted(settled_segments(signals), key=lambda segment: (segment.boot, segment.start)))
+        return tuple(
+            sorted(settled_segments(signals), key=lambda segment: (segment.boot, segment.start))
+        )
     return _parts(signals, phases.settled)
 
 
 def _parts(signals: Signals, wanted: Callable[[Signals, int], Intervals]) -> tuple[Segment, ...]:
     """The ``wanted`` intervals of each boot, as far as anything was recorded."""
-    recorded = ((one.boot, both([(one.start, one.end)], wanted(signals, one.boot))) for one in recorded_parts(signals))
+    recorded = (
+        (one.boot, both([(one.start, one.end)], wanted(signals, one.boot)))
+        for one in recorded_parts(signals)
+    )
     return tuple(Segment(boot, *interval) for boot, intervals in recorded for interval in intervals)
 
 
@@ -305,7 +340,9 @@ def mean_interval(values: Array, seconds: float) -> Array:
     cosines = int(np.clip(round(2 * FASTEST * seconds), FEWEST, MOST))
     if length <= 2 * cosines:
         return np.full(values.shape[1], np.inf)
-    projections = dct(values - values.mean(axis=0), axis=0)[1 : cosines + 1] / (np.sqrt(2.0) * length)
+    projections = dct(values - values.mean(axis=0), axis=0)[1 : cosines + 1] / (
+        np.sqrt(2.0) * length
+    )
     return half_width(np.square(projections).mean(axis=0), LEVEL, cosines)
 
 
@@ -313,9 +350,12 @@ def _seconds(parts: tuple[Segment, ...]) -> float:
     return float(sum(part.duration for part in parts))
 
 
-def _balance(signals: Signals, settled: tuple[Segment, ...]) -> tuple[tuple[float | None, ...], dict[str, Steady]]:
+def _balance(
+    signals: Signals, settled: tuple[Segment, ...]
+) -> tuple[tuple[float | None, ...], dict[str, Steady]]:
     """Half widths of the motors' shares, and the steady command of each axis."""
-    motors, seconds = signals.motors, _seconds(settled)
+    motors = signals.motors
+    seconds = _seconds(settled)
     assert motors is not None
     shares = motors.scale.fraction(motors.outputs[within(motors, *settled, slack=0)])
     level = shares.mean(axis=1, keepdims=True)
@@ -333,14 +373,21 @@ def _leaning(signals: Signals, settled: tuple[Segment, ...]) -> tuple[dict[str, 
     angles = [tilt.angle[within(tilt, *settled, slack=0)] for tilt in signals.tilts]
     if len(angles) < len(TILT_AXES) or not all(map(len, angles)):
         return {}, np.zeros(0)
-    lean = {axis: _steady(angle, _seconds(settled)) for axis, angle in zip(TILT_AXES, angles, strict=True)}
+    lean = {
+        axis: _steady(angle, _seconds(settled))
+        for axis, angle in zip(TILT_AXES, angles, strict=True)
+    }
     # Both come with the same messages, so they differ in length only where a row of one was left out.
     roll, pitch = (angle[: min(map(len, angles))] for angle in angles)
     return lean, np.arccos(np.clip(np.cos(roll) * np.cos(pitch), -1, 1))
 
 
 def _steady(values: Array, seconds: float) -> Steady:
-    return Steady(float(values.mean()), or_none(mean_interval(values[:, None], seconds)[0]), float(values.std()))
+    return Steady(
+        float(values.mean()),
+        or_none(mean_interval(values[:, None], seconds)[0]),
+        float(values.std()),
+    )
 
 
 def or_none(half_width: float) -> float | None:
@@ -362,7 +409,8 @@ def _vibration(signals: Signals, settled: tuple[Segment, ...]) -> VibrationFigur
     if measured is None:
         return None
     here = within(measured, *settled, slack=0)
-    levels, clips = measured.values[here, : len(names)], measured.values[:, len(names) :]
+    levels = measured.values[here, : len(names)]
+    clips = measured.values[:, len(names) :]
     if not levels.any():  # also where a firmware sends zeros
         return None
     # The counts are of the boot so far.
@@ -374,10 +422,17 @@ def _battery(signals: Signals, parts: tuple[Segment, ...]) -> BatteryFigures | N
     voltage = signals.voltage
     if voltage is None or not (here := within(voltage, *parts, slack=0)).any():
         return None
-    time, boot, volts = voltage.time[here], voltage.boot[here], voltage.values[here]
+    time = voltage.time[here]
+    boot = voltage.boot[here]
+    volts = voltage.values[here]
     first = volts[(boot == boot[0]) & (time <= time[0] + END_SECONDS)]
     last = volts[(boot == boot[-1]) & (time >= time[-1] - END_SECONDS)]
-    figures = float(np.median(first)), float(np.median(last)), float(volts.mean()), float(volts.min())
+    figures = (
+        float(np.median(first)),
+        float(np.median(last)),
+        float(volts.mean()),
+        float(volts.min()),
+    )
     load = _measured(signals, "SYS_STATUS", ("current_battery",))
     amperes = np.zeros(0) if load is None else load.values[within(load, *parts, slack=0), 0] / 1e2
     # A negative current stands for none, and a sensor that is not there, or not calibrated, reads 0 at times.

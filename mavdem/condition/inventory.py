@@ -21,7 +21,12 @@ from mavdem.alignment.verdict import Verdict, verdict_of
 from mavdem.condition.condition import Condition, condition_of
 from mavdem.ingest import Log
 from mavdem.ingest.telemetry import Columns, Telemetry, selected
-from mavdem.ingest.vocabulary import board_name_in_texts, board_number_in_bytes, board_number_in_texts, version_text
+from mavdem.ingest.vocabulary import (
+    board_name_in_texts,
+    board_number_in_bytes,
+    board_number_in_texts,
+    version_text,
+)
 
 CALIBRATIONS = {
     "accelerometer": ("INS_ACCOFFS_{} INS_ACCSCAL_{}", "CAL_ACC0_{}OFF CAL_ACC0_{}SCALE"),
@@ -29,8 +34,10 @@ CALIBRATIONS = {
 }
 """Parameters, X, Y and Z of each, that a vehicle's own sensors have, ArduPilot's and PX4's, the more lasting first: a
 compass is calibrated anew in the field, the gyroscopes at each start."""
-SIMULATED = ((0.001, 0.001, 0.001), (5.0, 13.0, -18.0))  # Offsets that every vehicle of ArduPilot's simulator has
-FIRST_SECOND = datetime(2001, 1, 1, tzinfo=UTC).timestamp()  # A clock that was never set shows an earlier time
+# Offsets that every vehicle of ArduPilot's simulator has
+SIMULATED = ((0.001, 0.001, 0.001), (5.0, 13.0, -18.0))
+# A clock that was never set shows an earlier time
+FIRST_SECOND = datetime(2001, 1, 1, tzinfo=UTC).timestamp()
 
 
 @dataclass(frozen=True)
@@ -55,13 +62,16 @@ class Identity:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON values; the date in ISO 8601."""
-        return asdict(self) | {"date": None if self.date is None else self.date.isoformat(timespec="seconds")}
+        return asdict(self) | {
+            "date": None if self.date is None else self.date.isoformat(timespec="seconds")
+        }
 
 
 def identity_of(signals: Signals, received: float = float("nan")) -> Identity:
     """Returns the identity of the vehicle of ``signals``; ``received`` is when the log's first message was, UNIX s."""
     vehicle = signals.telemetry
-    firmware, date = vehicle.firmware or _firmware(vehicle), _date(signals, received)
+    firmware = vehicle.firmware or _firmware(vehicle)
+    date = _date(signals, received)
     hardware = vehicle.hardware or board_name_in_texts(_texts(vehicle))
     name, basis = _name(vehicle)
     kind = vehicle.autopilot, vehicle.vehicle, firmware
@@ -69,7 +79,11 @@ def identity_of(signals: Signals, received: float = float("nan")) -> Identity:
 
 
 def _name(telemetry: Telemetry) -> tuple[str, str]:
-    if number := telemetry.board or board_number_in_texts(_texts(telemetry)) or _sent_number(telemetry):
+    if (
+        number := telemetry.board
+        or board_number_in_texts(_texts(telemetry))
+        or _sent_number(telemetry)
+    ):
         return number, "board"
     for sensor, families in CALIBRATIONS.items():
         for family in families:
@@ -77,7 +91,8 @@ def _name(telemetry: Telemetry) -> tuple[str, str]:
             values = [telemetry.parameters[name] for name in names if name in telemetry.parameters]
             offsets = tuple(round(offset, 6) for offset in values[:3])
             if len(values) == len(names) and any(offsets) and offsets not in SIMULATED:
-                text = " ".join(f"{value:.4g}" for value in values)  # the digits that text and float32 keep
+                # the digits that text and float32 keep
+                text = " ".join(f"{value:.4g}" for value in values)
                 return f"{sensor}-{hashlib.sha256(text.encode()).hexdigest()[:12]}", sensor
     return f"{telemetry.autopilot}-{telemetry.system}".lower(), "system id"
 
@@ -89,17 +104,24 @@ def _sent_number(telemetry: Telemetry) -> str:
         return ""
     rows = np.atleast_2d(np.asarray(columns["uid2"], dtype=np.uint8))
     words = telemetry.autopilot == "ARDUPILOTMEGA"
-    return next((number for row in rows[::-1] if (number := board_number_in_bytes(row.tobytes(), words))), "")
+    return next(
+        (number for row in rows[::-1] if (number := board_number_in_bytes(row.tobytes(), words))),
+        "",
+    )
 
 
 def _texts(telemetry: Telemetry) -> list[str]:
     columns = telemetry.messages.get("STATUSTEXT")
     texts = columns["text"].tolist() if columns is not None and "text" in columns else []
-    return [text.decode(errors="replace") if isinstance(text, bytes) else str(text) for text in texts]
+    return [
+        text.decode(errors="replace") if isinstance(text, bytes) else str(text) for text in texts
+    ]
 
 
-SEVERITIES = ("emergency", "alert", "critical", "error", "warning")  # of MAV_SEVERITY, the worst first
-OLD_SCALE = {"GROUND START", "Initialising APM..."}  # of ArduPilot before 3.4, which had severities of its own
+# of MAV_SEVERITY, the worst first
+SEVERITIES = ("emergency", "alert", "critical", "error", "warning")
+# of ArduPilot before 3.4, which had severities of its own
+OLD_SCALE = {"GROUND START", "Initialising APM..."}
 
 
 def autopilot_alarms(telemetry: Telemetry) -> list[dict[str, Any]]:
@@ -107,20 +129,36 @@ def autopilot_alarms(telemetry: Telemetry) -> list[dict[str, Any]]:
 
     With how often it came (``count``). Of STATUSTEXT, ERR in DataFlash and the logged messages of ULog.
     """
-    texts, found = [text.strip() for text in _texts(telemetry)], dict[tuple[int, str], dict[str, Any]]()
+    texts = [text.strip() for text in _texts(telemetry)]
+    found = dict[tuple[int, str], dict[str, Any]]()
     columns = telemetry.messages.get("STATUSTEXT")
     if columns is None or "severity" not in columns or not OLD_SCALE.isdisjoint(texts):
         return []
-    sent = zip(texts, *(columns[name].tolist() for name in ("severity", "time", "boot")), strict=True)
+    sent = zip(
+        texts, *(columns[name].tolist() for name in ("severity", "time", "boot")), strict=True
+    )
     for text, severity, time, boot in sent:
         if severity < len(SEVERITIES):
-            new = {"severity": SEVERITIES[severity], "text": text, "time": time, "boot": boot, "count": 0}
+            new = {
+                "severity": SEVERITIES[severity],
+                "text": text,
+                "time": time,
+                "boot": boot,
+                "count": 0,
+            }
             found.setdefault((severity, text), new)["count"] += 1
     return [found[key] for key in sorted(found, key=lambda key: key[0])]
 
 
 def _firmware(telemetry: Telemetry) -> str:
-    said = next((text.strip() for text in _texts(telemetry) if text.startswith(("ArduCopter V", "APM:Copter V"))), "")
+    said = next(
+        (
+            text.strip()
+            for text in _texts(telemetry)
+            if text.startswith(("ArduCopter V", "APM:Copter V"))
+        ),
+        "",
+    )
     columns = telemetry.messages.get("AUTOPILOT_VERSION")
     if said or columns is None or "flight_sw_version" not in columns:
         return said
@@ -133,7 +171,9 @@ def _place(telemetry: Telemetry) -> tuple[float, float] | None:
     """Latitude and longitude of the first fix, degrees, to a metre; None without one."""
     for name in ("GPS_RAW_INT", "GLOBAL_POSITION_INT"):
         if "lat" in (columns := telemetry.messages.get(name, {})):
-            fixes = np.column_stack([1e-7 * np.asarray(columns[field], dtype=np.float64) for field in ("lat", "lon")])
+            fixes = np.column_stack(
+                [1e-7 * np.asarray(columns[field], dtype=np.float64) for field in ("lat", "lon")]
+            )
             fixes = fixes[(np.abs(fixes) <= [90.0, 180.0]).all(axis=1) & fixes.any(axis=1)]
             if len(fixes):
                 return round(float(fixes[0, 0]), 5), round(float(fixes[0, 1]), 5)
@@ -150,7 +190,8 @@ def _date(signals: Signals, received: float) -> datetime | None:
         if flight is not None and (known & (columns["boot"] == flight.boot)).any():
             known &= columns["boot"] == flight.boot
         if known.any():
-            at, time = float(unix[known][0]), float(columns["time"][known][0])
+            at = float(unix[known][0])
+            time = float(columns["time"][known][0])
             same = flight is not None and flight.boot == columns["boot"][known][0]
             return _utc(at + (flight.start - time) if flight is not None and same else at)
     return _utc(received) if received > FIRST_SECOND else None
@@ -162,7 +203,8 @@ def _utc(seconds: float) -> datetime | None:
     return None
 
 
-SLOWEST_RATE = 1.0  # Hz, of attitude and motor outputs, down to which their means, spreads and limits are known
+# Hz, of attitude and motor outputs, down to which their means, spreads and limits are known
+SLOWEST_RATE = 1.0
 TIERS = tomllib.loads((files("mavdem.condition") / "tiers.toml").read_text())
 
 
@@ -177,11 +219,18 @@ class Tier(NamedTuple):
 
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON values: ``tier``, ``tier_reason`` and ``next_tier``."""
-        needs = TIERS[self.next_tier or "a"]["needs"].format(fast=MINIMUM_RATE, slow=SLOW_MOTION_RATE)
+        needs = TIERS[self.next_tier or "a"]["needs"].format(
+            fast=MINIMUM_RATE, slow=SLOW_MOTION_RATE
+        )
         needs = needs if self.is_slow or not self.remedy else self.remedy.rstrip(".")
         better = self.next_tier and {"tier": self.next_tier, "needs": needs, "remedy": self.remedy}
         allows = TIERS[self.name]["allows"] if self.name else ""
-        return {"tier": self.name, "tier_reason": self.reason, "allows": allows, "next_tier": better}
+        return {
+            "tier": self.name,
+            "tier_reason": self.reason,
+            "allows": allows,
+            "next_tier": better,
+        }
 
 
 def tier_of(verdict: Verdict, condition: Condition) -> Tier:
@@ -193,7 +242,8 @@ def tier_of(verdict: Verdict, condition: Condition) -> Tier:
     name: str | None
     name, following = ("b", "a") if slower >= SLOW_MOTION_RATE else ("c", "b")
     if not condition.settled or not condition.lean or 0 < slower < SLOWEST_RATE:
-        name, following = None, "c"
+        name = None
+        following = "c"
     return Tier(name, verdict.reason, following, verdict.remedy, slower < MINIMUM_RATE)
 
 
@@ -216,7 +266,9 @@ def inventory(
     """
     vehicles = log.vehicles if vehicle is None else (choose_vehicle(log.vehicles, vehicle),)
     missing = {(one.system, one.component): _missing_share(one) for one in log.vehicles}
-    described = [_vehicle(one, axis, inputs, log, known.get((one.system, one.component))) for one in vehicles]
+    described = [
+        _vehicle(one, axis, inputs, log, known.get((one.system, one.component))) for one in vehicles
+    ]
     return {
         "source": log.source,
         "frames": log.frames,
@@ -238,21 +290,44 @@ def inventory(
 
 
 def _vehicle(
-    telemetry: Telemetry, axis: str, inputs: str | None, log: Log, known: tuple[Verdict, Condition, Identity] | None
+    telemetry: Telemetry,
+    axis: str,
+    inputs: str | None,
+    log: Log,
+    known: tuple[Verdict, Condition, Identity] | None,
 ) -> dict[str, Any]:
     if known is None:
         signals = Signals(telemetry, axis, inputs)
-        known = verdict_of(signals, log.components), condition_of(signals), identity_of(signals, log.receive_time[0])
+        known = (
+            verdict_of(signals, log.components),
+            condition_of(signals),
+            identity_of(signals, log.receive_time[0]),
+        )
     verdict, condition, identity = known
     messages = sorted(telemetry.messages.items())
     return {
-        **{name: getattr(telemetry, name) for name in ("system", "component", "vehicle", "autopilot")},
+        **{
+            name: getattr(telemetry, name)
+            for name in ("system", "component", "vehicle", "autopilot")
+        },
         "translated_from": telemetry.translated_from,
-        "names": {name: telemetry.names[name] for name in sorted(telemetry.messages) if name in telemetry.names},
+        "names": {
+            name: telemetry.names[name]
+            for name in sorted(telemetry.messages)
+            if name in telemetry.names
+        },
         "parameters": len(telemetry.parameters),
-        "messages": {name: {"count": len(sent["time"]), "rate": _rate(sent)} for name, sent in messages},
-        "boots": len(set().union(*(np.unique(columns["boot"]).tolist() for columns in telemetry.messages.values()))),
-        "segments": [{**asdict(segment), "duration": segment.duration} for segment in verdict.segments],
+        "messages": {
+            name: {"count": len(sent["time"]), "rate": _rate(sent)} for name, sent in messages
+        },
+        "boots": len(
+            set().union(
+                *(np.unique(columns["boot"]).tolist() for columns in telemetry.messages.values())
+            )
+        ),
+        "segments": [
+            {**asdict(segment), "duration": segment.duration} for segment in verdict.segments
+        ],
         "repairs": list(telemetry.repairs),
         "verdict": verdict.as_dict(),
         **tier_of(verdict, condition).as_dict(),
@@ -267,7 +342,9 @@ def _rate(columns: Columns) -> float | None:
     for field in ("port", "group_mlx"):
         if field in columns:
             instances, of = np.unique(columns[field], return_inverse=True)
-            columns = selected(columns, of == np.bincount(of).argmax()) if len(instances) > 1 else columns
+            columns = (
+                selected(columns, of == np.bincount(of).argmax()) if len(instances) > 1 else columns
+            )
     boots = [columns["time"][columns["boot"] == boot] for boot in np.unique(columns["boot"])]
     seconds = sum(float(time[-1] - time[0]) for time in boots)
     return sum(len(time) - 1 for time in boots) / seconds if seconds > 0 else None
@@ -276,7 +353,8 @@ def _rate(columns: Columns) -> float | None:
 def _missing_share(telemetry: Telemetry) -> float | None:
     shares = []
     for columns in telemetry.messages.values():
-        time, boot = columns["time"], columns["boot"]
+        time = columns["time"]
+        boot = columns["boot"]
         steps = np.diff(time)[np.diff(boot) == 0]
         # The mean of the middle half: a loop of 4 ms makes steps of 8 and 12 ms of 10.
         middle = np.sort(steps)[len(steps) // 4 : len(steps) - len(steps) // 4]

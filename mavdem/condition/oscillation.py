@@ -17,18 +17,26 @@ from mavdem.alignment.drive import TILT_AXES, Motors
 from mavdem.alignment.quality import at_limits
 from mavdem.alignment.signals import MINIMUM_RATE, Attitude, Signals
 
-WINDOWS, FEWEST_SAMPLES, PERIODS = (4.0, 8.0), 32, 8
+WINDOWS = (4.0, 8.0)
+FEWEST_SAMPLES = 32
+PERIODS = 8
 """Of one spectrum: seconds, samples, and periods of the slowest line that can be told from what is merely slow."""
-LINE_WIDTH = 0.1  # Half width of a line, as a share of its frequency, and two bins at least, as Hann's window blurs
-LINE_SHARE, SURE_SHARE = 0.6, 0.8
+# Half width of a line, as a share of its frequency, and two bins at least, as Hann's window blurs
+LINE_WIDTH = 0.1
+LINE_SHARE = 0.6
+SURE_SHARE = 0.8
 """Of the variance of the rate, and of the motors', that is in the line: in two successive windows of sound flights at
 most 0.55. Fewer than three windows must show it surely, and so must those with fewer than 2 ``PERIODS`` of it."""
-SLIGHT_RATE, LEAST_RATE = 2.0, 10.0
+SLIGHT_RATE = 2.0
+LEAST_RATE = 10.0
 """deg/s, standard deviations: less may be rounding; and less is no danger where motors do not reach their limits."""
-LIMITED_SHARE, GROWTH, LASTING_SHARE = 0.05, 2.0, 0.5
+LIMITED_SHARE = 0.05
+GROWTH = 2.0
+LASTING_SHARE = 0.5
 """What tells a limit cycle from a gust that rings: motors at a limit so much of the time, an amplitude that grows so
 many times, or that it lasts so much of the flight."""
-MAX_DRIFT = 0.3  # From its frequency, as a share of the median: what wanders more is a sweep, flown to identify
+# From its frequency, as a share of the median: what wanders more is a sweep, flown to identify
+MAX_DRIFT = 0.3
 STEERED = 3.5  # Hz, below which a lasting line that reaches no limit may be steered
 
 
@@ -36,7 +44,8 @@ class Oscillation(NamedTuple):
     """A limit cycle."""
 
     axis: str  # "roll" or "pitch": the one that turns faster
-    frequency: float | None  # Hz; None where messages come so slowly that what they show may be an alias
+    # Hz; None where messages come so slowly that what they show may be an alias
+    frequency: float | None
     rate: float  # standard deviation of the body rate while it oscillates, deg/s
     at_limit: float  # share of that time with a motor at a limit
     growing: bool  # whether the amplitude grew
@@ -46,7 +55,8 @@ class Oscillation(NamedTuple):
 def oscillation_of(signals: Signals, parts: Sequence[Segment]) -> Oscillation | None:
     """Returns the limit cycle in these ``parts`` of a flight; None where there is none, or no motor outputs."""
     found: list[Oscillation] = []
-    motors, whole = signals.motors, sum(part.duration for part in parts)
+    motors = signals.motors
+    whole = sum(part.duration for part in parts)
     if motors is not None:
         for axis, tilt in zip(TILT_AXES, signals.tilts, strict=False):
             for part, seconds in product(parts, WINDOWS):
@@ -58,7 +68,8 @@ def _limit_cycles(
     axis: str, tilt: Attitude, motors: Motors, part: Segment, seconds: float, whole: float
 ) -> Iterator[Oscillation]:
     """Those of 6 s or more in a ``part`` of ``whole`` s, by successive windows with one line, half over each other."""
-    turning, driven = within(tilt, part), within(motors, part)
+    turning = within(tilt, part)
+    driven = within(motors, part)
     streams = tilt.time[turning], motors.time[driven]
     if min(map(len, streams)) < FEWEST_SAMPLES:
         return
@@ -70,7 +81,8 @@ def _limit_cycles(
     moved = np.column_stack([np.interp(time, streams[1], column) for column in series.T])
     table = np.column_stack([np.degrees(np.interp(time, streams[0], tilt.rate[turning])), moved])
     size = max(round(seconds * sampled), FEWEST_SAMPLES)
-    hann, bins = np.hanning(size)[:, None], np.fft.rfftfreq(size, 1 / sampled)
+    hann = np.hanning(size)[:, None]
+    bins = np.fft.rfftfreq(size, 1 / sampled)
     windows = []
     for first in range(0, len(time) - size + 1, size // 2):
         window = table[first : first + size]
@@ -78,7 +90,9 @@ def _limit_cycles(
         power = np.column_stack([power[:, 0], power[:, 1:-1].sum(axis=1)])
         peak = bins[np.argmax(np.where(bins >= PERIODS * bins[1], power[:, 0], 0.0))]
         line = np.abs(bins - peak) <= max(2.01 * bins[1], LINE_WIDTH * peak)
-        share = np.min(power[line].sum(axis=0) / np.maximum(power.sum(axis=0), np.finfo(np.float64).tiny))
+        share = np.min(
+            power[line].sum(axis=0) / np.maximum(power.sum(axis=0), np.finfo(np.float64).tiny)
+        )
         windows.append((time[first], share, peak, window[:, 0].std(), window[:, -1].mean()))
     start, share, peak, rate, at_limit = np.array(windows).reshape(-1, 5).T
     sure = np.where(peak < 2 * PERIODS * bins[1], SURE_SHARE, LINE_SHARE)
@@ -88,11 +102,14 @@ def _limit_cycles(
         lasted = float(np.ptp(start[run])) + size / sampled if len(run) and lines[run[0]] else 0.0
         if lasted < 6 or (len(run) < 3 and share[run].min() < SURE_SHARE):
             continue
-        line, third = np.median(peak[run]), -(-len(run) // 3)
+        line = np.median(peak[run])
+        third = -(-len(run) // 3)
         if np.abs(peak[run] - line).max() > MAX_DRIFT * line:
             continue
-        early, late = rate[run[:third]].mean(), rate[run[-third:]].mean()
-        growing, turned = len(run) > 2 and bool(late >= GROWTH * early), float(np.sqrt(np.mean(rate[run] ** 2)))
+        early = rate[run[:third]].mean()
+        late = rate[run[-third:]].mean()
+        growing = len(run) > 2 and bool(late >= GROWTH * early)
+        turned = float(np.sqrt(np.mean(rate[run] ** 2)))
         limit = float(at_limit[run].mean())
         # Lines of an alias may be of any frequency.
         lasting = lasted >= LASTING_SHARE * whole and (line >= STEERED or sampled < MINIMUM_RATE)

@@ -22,16 +22,25 @@ from mavdem.ingest.telemetry import Array, Columns, rows_by
 
 VELOCITIES = {"LOCAL_POSITION_NED": 1.0, "GLOBAL_POSITION_INT": 0.01}
 """Messages with the velocity over ground, the preferred first, and the factor that makes it m/s."""
-FLAGS, VELOCITY_FLAGS = ("EKF_STATUS_REPORT", "ESTIMATOR_STATUS"), (2, 128)
+FLAGS = ("EKF_STATUS_REPORT", "ESTIMATOR_STATUS")
+VELOCITY_FLAGS = (2, 128)
 """Messages with the estimator's flags: that it knows the horizontal velocity, and that it assumes to stand still."""
-VELOCITY_JUMP, YAW_JUMP = (1.0, 15.0), (0.35, 6.0)
+VELOCITY_JUMP = (1.0, 15.0)
+YAW_JUMP = (0.35, 6.0)
 """m/s, rad, and m/s², rad/s: a change beyond both is a reset. Before one of the yaw it was not known."""
-POSITION_JUMP, AROUND = 1.0, 1.5  # m beyond what the velocity covers, of a reset; s around it that are left out
-LOWEST_FLIGHT, LONGEST_STEP = 1.5, 1.5  # m above the lowest height, without motors; s between velocities
-Air = tuple[WindVelocity | None, Signal | None, str]  # the wind, the autopilot's own estimate, and why there is no wind
+# m beyond what the velocity covers, of a reset; s around it that are left out
+POSITION_JUMP = 1.0
+AROUND = 1.5
+# m above the lowest height, without motors; s between velocities
+LOWEST_FLIGHT = 1.5
+LONGEST_STEP = 1.5
+# the wind, the autopilot's own estimate, and why there is no wind
+Air = tuple[WindVelocity | None, Signal | None, str]
 
 
-def wind(path: str | bytes | PathLike[str], vehicle: str | None = None, drag: Drag | None = None) -> WindVelocity:
+def wind(
+    path: str | bytes | PathLike[str], vehicle: str | None = None, drag: Drag | None = None
+) -> WindVelocity:
     """Returns the wind of a log's longest flight, from attitude and velocity over ground at 1 Hz and faster.
 
     Args:
@@ -50,41 +59,67 @@ def wind_of(signals: Signals, drag: Drag | None = None) -> WindVelocity:
     """Returns the wind of a vehicle's ``signals``, as :func:`wind` does, with the ``drag`` of before."""
     telemetry = signals.telemetry
     angles = [found for axis in AXES if (found := attitude(telemetry, axis)) is not None]
-    name = next((name for name in VELOCITIES if len(telemetry.messages.get(name, {}).get("vx", ())) > 1), "")
+    name = next(
+        (name for name in VELOCITIES if len(telemetry.messages.get(name, {}).get("vx", ())) > 1), ""
+    )
     if len(angles) < len(AXES) or not name:
         ask = "Ask for ATTITUDE and LOCAL_POSITION_NED at 5 Hz or more; log XKF1, or vehicle_local_position in ULog."
         missing = "velocity over ground" if len(angles) == len(AXES) else "attitude"
         raise NotLearnable(f"The {missing} was not recorded, and without it there is no wind.", ask)
-    columns, factor = telemetry.messages[name], VELOCITIES[name]
+    columns = telemetry.messages[name]
+    factor = VELOCITIES[name]
     moving = factor * np.column_stack([floats(columns, field) for field in ("vx", "vy", "vz")])
     above = -floats(columns, "z") if factor == 1 else floats(columns, "relative_alt") / 1000
-    best, best_boot = np.zeros((0, 8)), 0
+    best = np.zeros((0, 8))
+    best_boot = 0
     for boot, rows in rows_by(columns["boot"]).items():
         time, first = np.unique(columns["time"][rows], return_index=True)
-        velocity, height = moving[rows[first]], above[rows[first]]
+        velocity = moving[rows[first]]
+        height = above[rows[first]]
         stamps = [np.unique(angle.time[angle.boot == boot], return_index=True) for angle in angles]
         # A message may have one angle that is none: only those with all three count.
         at: Array = reduce(np.intersect1d, [stamp for stamp, _ in stamps])
         if len(time) < 2:
             continue
         sure = _known(signals, boot, columns, rows[first], velocity)
-        kept = phases.during(at, _flights(signals, boot, time, height)) & (at >= time[0]) & (at <= time[-1])
+        kept = (
+            phases.during(at, _flights(signals, boot, time, height))
+            & (at >= time[0])
+            & (at <= time[-1])
+        )
         after = np.clip(np.searchsorted(time, at), 1, len(time) - 1)
         kept &= sure[after] & sure[after - 1] & (time[after] - time[after - 1] <= LONGEST_STEP)
         pairs = zip(angles, stamps, strict=True)
-        turned = [angle.angle[angle.boot == boot][one[np.searchsorted(own, at)]] for angle, (own, one) in pairs]
-        kept &= at > np.max(at[1:][_jumps(at, turned[2] % (2 * np.pi), YAW_JUMP, 2 * np.pi)], initial=-np.inf) + AROUND
+        turned = [
+            angle.angle[angle.boot == boot][one[np.searchsorted(own, at)]]
+            for angle, (own, one) in pairs
+        ]
+        kept &= (
+            at
+            > np.max(
+                at[1:][_jumps(at, turned[2] % (2 * np.pi), YAW_JUMP, 2 * np.pi)], initial=-np.inf
+            )
+            + AROUND
+        )
         moved = [np.interp(at, time, column) for column in (*velocity.T, height)]
         found = np.column_stack([at, *turned, *moved])[kept]
         best, best_boot = (found, int(boot)) if len(found) > len(best) else (best, best_boot)
     if len(best) < 10:
-        raise NotLearnable("There is no settled flight with a velocity: on the ground, in climbs, or without position.")
+        raise NotLearnable(
+            "There is no settled flight with a velocity: on the ground, in climbs, or without position."
+        )
     if np.ptp(best[:, 0]) > LONGEST_SECONDS:
-        raise NotLearnable("The boot clock jumps by more than a day in flight, and without time there is no wind.")
+        raise NotLearnable(
+            "The boot clock jumps by more than a day in flight, and without time there is no wind."
+        )
     if 0 in (still := np.ptp(best[:, 3:5], axis=0)):
-        raise NotLearnable(f"The {'velocity' if still[0] else 'yaw'} never changes by a digit: it is not measured.")
+        raise NotLearnable(
+            f"The {'velocity' if still[0] else 'yaw'} never changes by a digit: it is not measured."
+        )
     drag = Drag.of_parameters(telemetry.autopilot, telemetry.parameters) if drag is None else drag
-    return replace(estimate_wind(best[:, 0], best[:, 1:4], best[:, 4:7], drag, best[:, 7]), boot=best_boot)
+    return replace(
+        estimate_wind(best[:, 0], best[:, 1:4], best[:, 4:7], drag, best[:, 7]), boot=best_boot
+    )
 
 
 def air_of(signals: Signals) -> Air:
@@ -99,13 +134,18 @@ def _flights(signals: Signals, boot: int, time: Array, height: Array) -> phases.
     """Settled flight; where neither motors nor landed state were recorded, armed flight above the ground."""
     if signals.collective is not None or signals.landed_state is not None:
         return phases.settled(signals, boot)
-    up = phases.both(phases.armed(signals, boot), phases.where(time, height > np.nanmin(height) + LOWEST_FLIGHT))
+    up = phases.both(
+        phases.armed(signals, boot), phases.where(time, height > np.nanmin(height) + LOWEST_FLIGHT)
+    )
     return [flight for one in up if (flight := phases.between_transients(one, None)) is not None]
 
 
-def _known(signals: Signals, boot: int, columns: Columns, rows: NDArray[np.intp], velocity: Array) -> NDArray[np.bool_]:
+def _known(
+    signals: Signals, boot: int, columns: Columns, rows: NDArray[np.intp], velocity: Array
+) -> NDArray[np.bool_]:
     """(N,) where the estimator knows the velocity, without what surrounds a reset of the position."""
-    time, sure = columns["time"][rows], np.isfinite(velocity).all(axis=1)
+    time = columns["time"][rows]
+    sure = np.isfinite(velocity).all(axis=1)
     sure &= columns["valid"][rows] if "valid" in columns else True
     if "x" in columns:
         steps = np.diff(np.column_stack([floats(columns, axis)[rows] for axis in "xy"]), axis=0)
@@ -115,14 +155,18 @@ def _known(signals: Signals, boot: int, columns: Columns, rows: NDArray[np.intp]
     for speed in velocity[:, :2].T:
         reset = time[1:][_jumps(time, speed, VELOCITY_JUMP)]
         sure &= ~phases.during(time, [(t - AROUND, t + AROUND) for t in reset])
-    for flags in (signals.telemetry.messages[name] for name in FLAGS if name in signals.telemetry.messages):
+    for flags in (
+        signals.telemetry.messages[name] for name in FLAGS if name in signals.telemetry.messages
+    ):
         if np.any(here := flags["boot"] == boot):
             lost = flags["flags"][here].astype(np.int64) & sum(VELOCITY_FLAGS) != VELOCITY_FLAGS[0]
             sure &= np.interp(time, flags["time"][here], lost) == 0
     return np.asarray(sure)
 
 
-def _jumps(time: Array, values: Array, limits: tuple[float, float], turn: float = np.inf) -> NDArray[np.bool_]:
+def _jumps(
+    time: Array, values: Array, limits: tuple[float, float], turn: float = np.inf
+) -> NDArray[np.bool_]:
     """(N - 1,) where ``values`` change by more than the first of ``limits`` and the second a second."""
     steps = np.abs(np.diff(values))
     return np.asarray(np.minimum(steps, turn - steps) > limits[0] + limits[1] * np.diff(time))

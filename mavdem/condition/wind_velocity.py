@@ -9,20 +9,59 @@ from typing import Any
 import numpy as np
 
 from mavdem.confidence import quantile
-from mavdem.dem.airflow.identification import IDENTIFYING_STEPS, STEPS, checked, courses, gridded, identified
+from mavdem.dem.airflow.identification import (
+    IDENTIFYING_STEPS,
+    STEPS,
+    checked,
+    courses,
+    gridded,
+    identified,
+)
 from mavdem.dem.airflow.model import SOURCES, TOTAL, Drag
 from mavdem.dem.engine.linalg import one_thread
 from mavdem.ingest.telemetry import Array
 
-GUST_SECONDS, INDEPENDENT_SECONDS = 3.0, 10.0  # of a gust's mean (WMO-No. 8, vol. I, ch. 5); after which noise is new
-LAYER, LAYER_SECONDS, CALM = 10.0, 10.0, 0.5  # m of height, and s in it, of which a mean is shown; m/s
-SPEED_ERROR, SPEED_SHARE, SPEED_FACTOR = 0.7, 0.12, 8.0  # m/s or share of half width reported; ratio of ends biased
-DIRECTION_ERROR, DIRECTION_LIMIT, HEADING_SD = 10.0, 60.0, 2.5  # degrees of half width; of the heading, a compass's
-LEAST_MEANS, CHANGED = 20, 1.0  # of 3 s, and m/s of their sd through the air, to tell the mean wind's torque apart
-DRAG_ERROR, DRAG_LEFT = 0.18, 0.8  # relative sd of the drag that is reported; share of the prior's that is biased
+# of a gust's mean (WMO-No. 8, vol. I, ch. 5); after which noise is new
+GUST_SECONDS = 3.0
+INDEPENDENT_SECONDS = 10.0
+# m of height, and s in it, of which a mean is shown; m/s
+LAYER = 10.0
+LAYER_SECONDS = 10.0
+CALM = 0.5
+# m/s or share of half width reported; ratio of ends biased
+SPEED_ERROR = 0.7
+SPEED_SHARE = 0.12
+SPEED_FACTOR = 8.0
+# degrees of half width; of the heading, a compass's
+DIRECTION_ERROR = 10.0
+DIRECTION_LIMIT = 60.0
+HEADING_SD = 2.5
+# of 3 s, and m/s of their sd through the air, to tell the mean wind's torque apart
+LEAST_MEANS = 20
+CHANGED = 1.0
+# relative sd of the drag that is reported; share of the prior's that is biased
+DRAG_ERROR = 0.18
+DRAG_LEFT = 0.8
 MANOEUVRE = "fly legs of 3 m/s and more, there and back, in several directions, with turns of yaw"
 TURN = "A slow turn of yaw in hover separates them"
-POINTS = ("N", "NNE", "NE", "ENE", "E", "ESE", "SE", "SSE", "S", "SSW", "SW", "WSW", "W", "WNW", "NW", "NNW")
+POINTS = (
+    "N",
+    "NNE",
+    "NE",
+    "ENE",
+    "E",
+    "ESE",
+    "SE",
+    "SSE",
+    "S",
+    "SSW",
+    "SW",
+    "WSW",
+    "W",
+    "WNW",
+    "NW",
+    "NNW",
+)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -93,7 +132,9 @@ def from_point(direction: float) -> str:
     return f"{POINTS[round(direction / 22.5) % 16]} ({direction % 360:.0f}°) {'↓↙←↖↑↗→↘'[round(direction / 45) % 8]}"
 
 
-def by_compass(velocity: Array, band: Array, near: float = 180.0) -> tuple[Array, Array, Array, Array]:
+def by_compass(
+    velocity: Array, band: Array, near: float = 180.0
+) -> tuple[Array, Array, Array, Array]:
     """Returns speed (T,), m/s, and direction it comes from, degrees, of a course (T, 2), then half widths of both.
 
     Those are of the ``band`` (T, 2) along and across the ``velocity``; 180° where that may come from anywhere. The
@@ -101,13 +142,23 @@ def by_compass(velocity: Array, band: Array, near: float = 180.0) -> tuple[Array
     """
     speed = np.hypot(*velocity.T)
     along = velocity / np.maximum(speed, 1e-9)[:, None]
-    half, across = np.hypot(*(along * band).T), np.hypot(*(along[:, ::-1] * band).T)
+    half = np.hypot(*(along * band).T)
+    across = np.hypot(*(along[:, ::-1] * band).T)
     turned = np.where(across < speed, np.degrees(np.arctan2(across, speed)), 180.0)
-    return speed, near + (np.degrees(np.arctan2(*-velocity.T[::-1])) - near + 180) % 360 - 180, half, turned
+    return (
+        speed,
+        near + (np.degrees(np.arctan2(*-velocity.T[::-1])) - near + 180) % 360 - 180,
+        half,
+        turned,
+    )
 
 
 def estimate_wind(
-    time: Array, attitude: Array, velocity: Array, drag: Drag | None = None, height: Array | None = None
+    time: Array,
+    attitude: Array,
+    velocity: Array,
+    drag: Drag | None = None,
+    height: Array | None = None,
 ) -> WindVelocity:
     """Returns the wind of one flight from attitude and velocity, at 1 Hz and faster.
 
@@ -128,26 +179,38 @@ def estimate_wind(
         raise ValueError(f"height must have shape ({len(time)},), not {high_up.shape}")
     prior = Drag.of_parameters() if drag is None else drag.required()
     with one_thread():
-        coarse, fine = (gridded(stamps, angles, speeds, most=most) for most in (IDENTIFYING_STEPS, STEPS))
+        coarse, fine = (
+            gridded(stamps, angles, speeds, most=most) for most in (IDENTIFYING_STEPS, STEPS)
+        )
         mean, covariance, steered = identified(coarse, prior)
         states, spreads = courses(fine, mean, covariance)
     found = Drag(mean[:6], covariance[:6, :6])
-    winds, variances = states @ TOTAL.T, np.einsum("ai,tnij,aj->tna", TOTAL, spreads, TOTAL)
+    winds = states @ TOTAL.T
+    variances = np.einsum("ai,tnij,aj->tna", TOTAL, spreads, TOTAL)
     speed, low, high, turned = _mean(winds, spreads, fine.step)
-    air, width = winds.mean(axis=1), max(round(GUST_SECONDS / fine.step), 1)
+    air = winds.mean(axis=1)
+    width = max(round(GUST_SECONDS / fine.step), 1)
     mean = air.mean(axis=0)
 
     edges = np.linspace(0, len(air), max(round(len(air) * fine.step / 60), 1) + 1).astype(int)
-    minutes, names = [], ("speed", "low", "high", "direction", "start", "end")
+    minutes = []
+    names = ("speed", "low", "high", "direction", "start", "end")
     for a, b in zip(edges[:-1], edges[1:], strict=True):
         one = *_mean(winds[a:b], spreads[a:b], fine.step)[:3], coming_from(*air[a:b].mean(axis=0))
-        minutes.append(dict(zip(names, (*one, float(fine.time[a]), float(fine.time[b - 1])), strict=True)))
-    place, layers = np.floor(np.interp(fine.time, stamps, high_up[usable]) / LAYER), []
+        minutes.append(
+            dict(zip(names, (*one, float(fine.time[a]), float(fine.time[b - 1])), strict=True))
+        )
+    place = np.floor(np.interp(fine.time, stamps, high_up[usable]) / LAYER)
+    layers = []
     for n in (n for n in np.unique(place) if np.sum(place == n) * fine.step >= LAYER_SECONDS):
-        one, middle = air[place == n].mean(axis=0), float(LAYER * (n + 0.5))
-        layers.append({"height": middle, "speed": float(np.hypot(*one)), "direction": coming_from(*one)})
+        one = air[place == n].mean(axis=0)
+        middle = float(LAYER * (n + 0.5))
+        layers.append(
+            {"height": middle, "speed": float(np.hypot(*one)), "direction": coming_from(*one)}
+        )
     moved = float(np.nanmean(np.hypot(*(fine.velocity[:, :2] - air).T)))
-    sd, known = found.relative_sd(moved), found.relative_sd(moved) / prior.relative_sd(moved)
+    sd = found.relative_sd(moved)
+    known = found.relative_sd(moved) / prior.relative_sd(moved)
     found = replace(found, source=prior.source if known > DRAG_LEFT else "flight")
     return WindVelocity(
         speed=speed,
@@ -178,16 +241,22 @@ def torque_explained(wind: WindVelocity, time: Array, torque: Array) -> tuple[fl
     number, place = np.unique(place, return_inverse=True)
     known = np.isfinite(wind.along).all(axis=1)
     air = (np.interp(time, wind.time[known], part, np.nan, np.nan) for part in wind.along[known].T)
-    slow = np.column_stack([np.bincount(place, part) / np.bincount(place) for part in (torque, *air)])
+    slow = np.column_stack(
+        [np.bincount(place, part) / np.bincount(place) for part in (torque, *air)]
+    )
     number, slow = number[kept := np.isfinite(slow).all(axis=1)], slow[kept]
     if len(slow) < LEAST_MEANS or slow[:, 1:].std(axis=0).max() < CHANGED:
         why = "the velocity through the air hardly changed along the body, so that a shifted load looks like wind"
         return None, f"The mean wind's share of it is not identifiable: {why}. {TURN}."
-    left, flat = slow[:, 0].copy(), np.column_stack([np.ones(len(slow)), slow[:, 1:]])
+    left = slow[:, 0].copy()
+    flat = np.column_stack([np.ones(len(slow)), slow[:, 1:]])
     for tried in (number // 5 % 2 == 0, number // 5 % 2 == 1):
         left[tried] -= flat[tried] @ np.linalg.lstsq(flat[~tried], slow[~tried, 0])[0]
     share = max(1 - float(left.var() / slow[:, 0].var()), 0.0)
-    return share, f"The mean wind explains {100 * share:.0f} % of its variance over {GUST_SECONDS:g} s and more."
+    return (
+        share,
+        f"The mean wind explains {100 * share:.0f} % of its variance over {GUST_SECONDS:g} s and more.",
+    )
 
 
 def _mean(winds: Array, spreads: Array, step: float) -> tuple[float, float, float, float]:
@@ -207,18 +276,36 @@ def _mean(winds: Array, spreads: Array, step: float) -> tuple[float, float, floa
 
 
 def _answers(
-    speed: float, low: float, high: float, turned: float, sd: float, known: float, steered: float, source: str
+    speed: float,
+    low: float,
+    high: float,
+    turned: float,
+    sd: float,
+    known: float,
+    steered: float,
+    source: str,
 ) -> dict[str, Any]:
     """Status and reasons of speed, direction and drag."""
-    status, reasons = dict.fromkeys(("speed", "direction", "drag"), "reported"), {}
+    status = dict.fromkeys(("speed", "direction", "drag"), "reported")
+    reasons = {}
     if sd > DRAG_ERROR:
         status["drag"] = "not identifiable" if known > DRAG_LEFT else "biased"
-        cause = "gusts made most of the velocity" if steered < 0.3 else "the velocity over ground hardly changed"
-        said = f"is known from {SOURCES[source]} only: {cause}" if known > DRAG_LEFT else f"is known to {sd:.0%} only"
+        cause = (
+            "gusts made most of the velocity"
+            if steered < 0.3
+            else "the velocity over ground hardly changed"
+        )
+        said = (
+            f"is known from {SOURCES[source]} only: {cause}"
+            if known > DRAG_LEFT
+            else f"is known to {sd:.0%} only"
+        )
         reasons["drag"] = f"The drag {said}. To identify it, {MANOEUVRE}."
     if (high - low) / 2 > max(SPEED_ERROR, SPEED_SHARE * speed):
         status["speed"] = "biased" if high <= SPEED_FACTOR * max(low, 0.3) else "not identifiable"
-        cause = "the drag is not identifiable" if sd > DRAG_ERROR else f"a lean looks like wind. {TURN}"
+        cause = (
+            "the drag is not identifiable" if sd > DRAG_ERROR else f"a lean looks like wind. {TURN}"
+        )
         reasons["speed"] = f"The speed is known from {low:.1f} to {high:.1f} m/s only: {cause}."
     if turned > DIRECTION_ERROR:
         status["direction"] = "biased" if turned <= DIRECTION_LIMIT else "not identifiable"

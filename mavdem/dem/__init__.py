@@ -11,6 +11,23 @@ from mavdem.dem.online.learner import OnlineLearner
 from mavdem.dem.online.tracker import Estimate
 from mavdem.dem.settings import Gaussian, Settings
 
-__all__ = ["Drag", "Estimate", "FreeEnergy", "Gaussian", "Learned", "Learning", "LinearModel", "OnlineLearner"]
-__all__ += ["NotIdentifiable", "Physical", "Settings", "WindTorque", "estimate_drag", "learn", "learn_many"]
+__all__ = [
+    "Drag",
+    "Estimate",
+    "FreeEnergy",
+    "Gaussian",
+    "Learned",
+    "Learning",
+    "LinearModel",
+    "OnlineLearner",
+]
+__all__ += [
+    "NotIdentifiable",
+    "Physical",
+    "Settings",
+    "WindTorque",
+    "estimate_drag",
+    "learn",
+    "learn_many",
+]
 __all__ += ["physical"]

@@ -17,7 +17,15 @@ from typing import Annotated, Any, TypeVar, cast, get_args, get_origin, get_type
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, Field, PlainValidator, TypeAdapter, ValidationError, WithJsonSchema, create_model
+from pydantic import (
+    AfterValidator,
+    Field,
+    PlainValidator,
+    TypeAdapter,
+    ValidationError,
+    WithJsonSchema,
+    create_model,
+)
 
 from mavdem.dem.record import LABELS, STRICT, first_problem
 from mavdem.dem.settings import Settings
@@ -29,7 +37,8 @@ SHAPES = {path: shape.split() for shape, paths in _PATHS.items() for path in pat
 vehicle, K of the engine, which may have a constant input more."""
 
 POSITIVE = {"scaling.input_scale", "scaling.output_scale"}
-ROUNDING = 1e-9  # of a covariance: how far below zero its least variance may be, relative to the largest
+# of a covariance: how far below zero its least variance may be, relative to the largest
+ROUNDING = 1e-9
 
 Kind = TypeVar("Kind")
 
@@ -41,14 +50,19 @@ def to_text(result: Any) -> str:
 
 def from_text(kind: type[Kind], text: str) -> Kind:
     """Returns the result of this ``kind`` whose document is ``text``; ``ValueError`` names what is wrong in it."""
-    later = re.match(r'\{"document": "model", "schema_version": (\d{1,9})\b', text) if isinstance(text, str) else None
+    later = (
+        re.match(r'\{"document": "model", "schema_version": (\d{1,9})\b', text)
+        if isinstance(text, str)
+        else None
+    )
     if later and int(later[1]) > header("model")["schema_version"]:
         raise ValueError("it is of a later version of mavdem: update this one")
     try:
         result: Kind = _adapter(cast(Any, kind)).validate_json(text)
     except (ValidationError, TypeError) as error:
         problem = first_problem(error) if isinstance(error, ValidationError) else str(error)
-        if isinstance(text, str) and text.startswith('{"settings"'):  # before documents said what they are
+        # before documents said what they are
+        if isinstance(text, str) and text.startswith('{"settings"'):
             problem += "; where it is of an earlier version of mavdem, learn anew from the log"
         raise ValueError(f"not the document of a learned model: {problem}") from None
     _require_shapes(result)
@@ -63,7 +77,9 @@ def _adapter(kind: type) -> TypeAdapter[Any]:
 def _plain(value: Any) -> Any:
     """Arrays, tuples and dataclasses as lists and dictionaries."""
     if isinstance(value, np.ndarray):
-        return (np.where(np.isnan(value), np.array(None), value) if value.dtype.kind == "f" else value).tolist()
+        return (
+            np.where(np.isnan(value), np.array(None), value) if value.dtype.kind == "f" else value
+        ).tolist()
     if named := _fields(value):
         return {name: _plain(inner) for name, inner in named.items()}
     if isinstance(value, tuple | list):
@@ -77,14 +93,23 @@ def _fields(value: Any) -> dict[str, Any]:
         return dict(value)
     if hasattr(value, "_asdict"):
         return dict(value._asdict())
-    return {field.name: getattr(value, field.name) for field in fields(value)} if is_dataclass(value) else {}
+    return (
+        {field.name: getattr(value, field.name) for field in fields(value)}
+        if is_dataclass(value)
+        else {}
+    )
 
 
 def _type(hint: Any) -> Any:
     """The type by which pydantic reads what is of the type ``hint``."""
-    origin, inner = get_origin(hint), get_args(hint)
+    origin = get_origin(hint)
+    inner = get_args(hint)
     if origin is np.ndarray:
-        return Annotated[Any, PlainValidator(_array_reader(get_args(inner[1])[0])), WithJsonSchema({"type": "array"})]
+        return Annotated[
+            Any,
+            PlainValidator(_array_reader(get_args(inner[1])[0])),
+            WithJsonSchema({"type": "array"}),
+        ]
     if origin is UnionType:
         return reduce(or_, map(_type, inner))
     if inner and origin is not None:
@@ -94,10 +119,17 @@ def _type(hint: Any) -> Any:
         return Annotated[Any, PlainValidator(hint.from_dict)]
     if isinstance(hint, type) and (is_dataclass(hint) or hasattr(hint, "_fields")):
         names = [field.name for field in fields(hint)] if is_dataclass(hint) else hint._fields
-        hints, defaults = get_type_hints(hint), getattr(hint, "_field_defaults", {})
+        hints = get_type_hints(hint)
+        defaults = getattr(hint, "_field_defaults", {})
         if is_dataclass(hint):  # what has a default, documents of former versions may lack
-            defaults = {each.name: each.default for each in fields(hint) if each.default is not MISSING}
-            made = {each.name: each.default_factory for each in fields(hint) if each.default_factory is not MISSING}
+            defaults = {
+                each.name: each.default for each in fields(hint) if each.default is not MISSING
+            }
+            made = {
+                each.name: each.default_factory
+                for each in fields(hint)
+                if each.default_factory is not MISSING
+            }
             defaults |= {name: Field(default_factory=make) for name, make in made.items()}
         parts = {name: (_type(hints[name]), defaults.get(name, ...)) for name in names}
         model = create_model(hint.__name__, __config__=STRICT, **parts)  # type: ignore[call-overload]
@@ -137,8 +169,12 @@ def _require_shapes(result: Any) -> None:
     for path, array in _arrays(result, ""):
         names = SHAPES[path]
         if array.ndim != len(names) or not (np.isfinite(array) | (names[-1] == "q")).all():
-            raise ValueError(f"{path} must be finite and of shape ({', '.join(names)}), not {array.shape}")
-        expected = tuple(sizes.setdefault(name, size) for name, size in zip(names, array.shape, strict=True))
+            raise ValueError(
+                f"{path} must be finite and of shape ({', '.join(names)}), not {array.shape}"
+            )
+        expected = tuple(
+            sizes.setdefault(name, size) for name, size in zip(names, array.shape, strict=True)
+        )
         if array.shape != expected:
             raise ValueError(f"{path} must be of shape {expected}, not {array.shape}")
         if path in POSITIVE and not (array > 0).all():
@@ -148,7 +184,8 @@ def _require_shapes(result: Any) -> None:
             if not (variances[0] >= -ROUNDING * variances[-1] and (array.diagonal() > 0).all()):
                 raise ValueError(f"{path} must be positive definite")
     n, r, m = (sizes[name] for name in "nrm")
-    settings, record = result.settings, result.record
+    settings = result.settings
+    record = result.record
     driven = r + result.scaling.constant
     expected_sizes = {
         "k": n * n + n * r + m * n,
@@ -161,7 +198,9 @@ def _require_shapes(result: Any) -> None:
     }
     for label in LABELS:
         if len(getattr(record, label)) not in (0, sizes["r" if label.startswith("input") else "m"]):
-            raise ValueError(f"record.{label} must be one for each column, or none, not {getattr(record, label)}")
+            raise ValueError(
+                f"record.{label} must be one for each column, or none, not {getattr(record, label)}"
+            )
     for name, size in expected_sizes.items():
         if sizes[name] != size or not size:
             raise ValueError(f"the document's arrays must have {name} = {size}, not {sizes[name]}")

@@ -34,7 +34,9 @@ from mavdem.dem.priors import (
 from mavdem.dem.record import Record
 from mavdem.dem.settings import CompleteSettings
 
-MIN_SMOOTHNESS_STEPS, MAX_SMOOTHNESS_STEPS = 1e-3, 1e5  # noise beyond these is white in the samples, or constant
+# noise beyond these is white in the samples, or constant
+MIN_SMOOTHNESS_STEPS = 1e-3
+MAX_SMOOTHNESS_STEPS = 1e5
 KNOWN_INPUT = float(np.exp(12.0))  # precision of the constant input
 
 
@@ -57,7 +59,9 @@ class Fit:
     @property
     def converged(self) -> bool:
         """Whether the last fit has converged: the simulation-error fit, where there was one."""
-        return self.ascent.converged if self.simulation_fit is None else self.simulation_fit.converged
+        return (
+            self.ascent.converged if self.simulation_fit is None else self.simulation_fit.converged
+        )
 
 
 class Start(NamedTuple):
@@ -76,7 +80,9 @@ def fit(record: Record, settings: CompleteSettings, start: Start | None = None) 
     segments = generalized(settings, scaling, record)
     samples = SufficientStatistics.of(*segments)
     rates = Rates(*(settings.learning_rates or (None, None, None)), segments, record.dt)
-    begin = None if start is None else (start.theta / scaling.parameter_scale(model.n), start.lambda_)
+    begin = (
+        None if start is None else (start.theta / scaling.parameter_scale(model.n), start.lambda_)
+    )
     ascent = ascend(model, samples, settings.iterations, rates, begin)
     gain = gain_of(model, ascent.belief, smoothness_of(settings, record.dt), record.dt)
     predictor = predictor_of(ascent.belief.theta, model.sizes, gain, record.dt)
@@ -94,15 +100,24 @@ def smoothness_of(settings: CompleteSettings, dt: float) -> float:
     return smoothness
 
 
-def generative_model(settings: CompleteSettings, scaling: Scaling, record: Record) -> GenerativeModel:
+def generative_model(
+    settings: CompleteSettings, scaling: Scaling, record: Record
+) -> GenerativeModel:
     """The generative model that complete settings describe for a record."""
-    n, m, motors = settings.order, record.outputs.shape[1], record.inputs.shape[1]
+    n = settings.order
+    m = record.outputs.shape[1]
+    motors = record.inputs.shape[1]
     # Hidden states form a chain, of which each derivative of the last output depends on one more.
     most = m + settings.p
-    if settings.prior == "regulated" and (n < m or (n > most and not settings.last_derivative_zero)):
-        raise ValueError(f"order must be between {m} and {most} with {m} outputs and p = {settings.p}, not {n}")
+    if settings.prior == "regulated" and (
+        n < m or (n > most and not settings.last_derivative_zero)
+    ):
+        raise ValueError(
+            f"order must be between {m} and {most} with {m} outputs and p = {settings.p}, not {n}"
+        )
     r = motors + scaling.constant
-    p, s = settings.p, smoothness_of(settings, record.dt)
+    p = settings.p
+    s = smoothness_of(settings, record.dt)
     q = p if settings.last_derivative_zero else p - 1
     if settings.correlation == "continuous":
         correlations = temporal_precision(p, s), temporal_precision(q, s)
@@ -112,21 +127,34 @@ def generative_model(settings: CompleteSettings, scaling: Scaling, record: Recor
     each = np.full((settings.d + 1, r), settings.input_precision)
     each[:, motors:] = KNOWN_INPUT
     # Of λ the first is of the measurement noise, the second of the process noise.
-    of_lambda = np.array([settings.lambda_z, settings.lambda_w]), np.diag(np.exp(settings.lambda_log_precision))
+    of_lambda = (
+        np.array([settings.lambda_z, settings.lambda_w]),
+        np.diag(np.exp(settings.lambda_log_precision)),
+    )
     prior = Prior(*_parameter_prior(settings, scaling, record, r), *of_lambda)
     groups = np.zeros(m, np.intp), np.ones(n, np.intp)
-    return GenerativeModel(n, r, m, p, settings.d, q, *correlations, *groups, np.diag(each.ravel()), prior)
+    return GenerativeModel(
+        n, r, m, p, settings.d, q, *correlations, *groups, np.diag(each.ravel()), prior
+    )
 
 
-def _parameter_prior(settings: CompleteSettings, scaling: Scaling, record: Record, r: int) -> tuple[Array, Array]:
+def _parameter_prior(
+    settings: CompleteSettings, scaling: Scaling, record: Record, r: int
+) -> tuple[Array, Array]:
     """Mean and precision of the engine's θ, for r inputs with the constant."""
-    n, m, motors = settings.order, record.outputs.shape[1], r - scaling.constant
+    n = settings.order
+    m = record.outputs.shape[1]
+    motors = r - scaling.constant
     if settings.prior == "uniform":
         return uniform_prior(settings, n, r, m)
     if settings.prior == "regulated":
-        return regulated_prior(settings, n, motors, scaling.constant, scaling.output_scale, derivative_pairs(record))
+        return regulated_prior(
+            settings, n, motors, scaling.constant, scaling.output_scale, derivative_pairs(record)
+        )
     indices = of_vehicle(n, motors, m, scaling.constant)
-    mean, precision = explicit_prior(settings.prior, settings.parameter_precision, indices, scaling.parameter_scale(n))
+    mean, precision = explicit_prior(
+        settings.prior, settings.parameter_precision, indices, scaling.parameter_scale(n)
+    )
     # Where C is free as well, nothing fixes the scale of x, and F̄ is largest at C = 0.
     _, _, of_C = unpack(np.diag(precision), n, r, m)
     if not settings.last_derivative_zero and not (of_C >= KINEMATIC).all():
@@ -144,13 +172,17 @@ def of_vehicle(n: int, motors: int, m: int, constant: bool) -> NDArray[np.intp]:
     return np.flatnonzero(pack(A, B, C))
 
 
-def held_by_prior(precision: Array, scale: Array, settings: CompleteSettings, record: Record) -> NDArray[np.bool_]:
+def held_by_prior(
+    precision: Array, scale: Array, settings: CompleteSettings, record: Record
+) -> NDArray[np.bool_]:
     """(k,) which of the vehicle's parameters the prior of ``precision`` (k,) holds, in units of ``scale`` (k,).
 
     Those with a prior standard deviation below a hundredth of their natural unit, made of the channels' deviations.
     """
     natural = Scaling.of(record, replace(settings, scaling="channel"))
-    motors = of_vehicle(settings.order, record.inputs.shape[1], record.outputs.shape[1], natural.constant)
+    motors = of_vehicle(
+        settings.order, record.inputs.shape[1], record.outputs.shape[1], natural.constant
+    )
     units = natural.parameter_scale(settings.order)[motors] / scale
     return np.asarray(precision * units**2 >= KINEMATIC)
 
@@ -160,9 +192,15 @@ def generalized(settings: CompleteSettings, scaling: Scaling, record: Record) ->
 
     Outputs and inputs have one window about one instant, so that no derivative lags another.
     """
-    window, centre = settings.window, settings.window // 2
+    window = settings.window
+    centre = settings.window // 2
     return tuple(
-        np.hstack([embed(y, settings.p, record.dt, window, centre), embed(u, settings.d, record.dt, window, centre)])
+        np.hstack(
+            [
+                embed(y, settings.p, record.dt, window, centre),
+                embed(u, settings.d, record.dt, window, centre),
+            ]
+        )
         for u, y in scaling.scale_segments(record)
         if len(y) >= window
     )

@@ -72,7 +72,9 @@ class Learned(LearnedDownstream):
     simulation_fit: SimulationFit | None
 
     def __repr__(self) -> str:
-        (n, r), m, number = self.model.B.shape, len(self.model.C), len(self.cautions)
+        (n, r) = self.model.B.shape
+        m = len(self.model.C)
+        number = len(self.cautions)
         return (
             f"<Learned: {n} states, {r} inputs, {m} outputs from {len(self.record)} samples at {1 / self.dt:.6g} Hz, "
             f"F̄ {self.free_energy[-1]:,.0f}{'' if self.converged else ' (not converged)'}, "
@@ -91,7 +93,8 @@ class Learned(LearnedDownstream):
         correlated with the disturbance, is not included.
         """
         require_probability(level)
-        (n, r), m = self.model.B.shape, len(self.model.C)
+        (n, r) = self.model.B.shape
+        m = len(self.model.C)
         freedom = np.nan if self.simulation_fit is None else self.simulation_fit.freedom
         parts = unpack(half_width(self.theta_covariance.diagonal(), level, freedom), n, r, m)
         return LinearModel(*parts, np.full(n, np.nan), np.full(r, np.nan), np.full(m, np.nan))
@@ -190,7 +193,9 @@ class Learned(LearnedDownstream):
         return self.joint.half_widths(self._predicted(steps).variance, level, steps)
 
     def _predicted(self, steps: int) -> Forecast:
-        number, (r, m) = required_number(steps), (self.model.B.shape[1], len(self.model.C))
+        number = required_number(steps)
+        r = self.model.B.shape[1]
+        m = len(self.model.C)
         return self.joint.unknown_every(number, np.zeros((number, r)), np.zeros((number, m)))
 
     @property
@@ -256,15 +261,23 @@ class Learned(LearnedDownstream):
         return mean, variance, self._half_widths(variance, level, steps)
 
     def _known(self, inputs: Array, smooth: bool = False) -> Forecast:
-        return self._known_every(len(inputs), inputs, np.zeros((len(inputs), len(self.model.C))), smooth)
+        return self._known_every(
+            len(inputs), inputs, np.zeros((len(inputs), len(self.model.C))), smooth
+        )
 
-    def _known_every(self, steps: int, inputs: Array, outputs: Array, smooth: bool = False) -> Forecast:
+    def _known_every(
+        self, steps: int, inputs: Array, outputs: Array, smooth: bool = False
+    ) -> Forecast:
         if self._jointly:
             return self.joint.known_every(steps, inputs, outputs, smooth)
         return self.plant.every(steps, inputs, outputs)
 
     def _half_widths(self, variance: Array, level: float, steps: int) -> Array:
-        return self.joint.half_widths(variance, level, steps) if self._jointly else half_width(variance, level)
+        return (
+            self.joint.half_widths(variance, level, steps)
+            if self._jointly
+            else half_width(variance, level)
+        )
 
     def simulate(self, inputs: ArrayLike) -> Array:
         """Returns the outputs (H, m) if these ``inputs`` (H, r) were commanded: the plant alone, by :attr:`physical`.
@@ -293,7 +306,9 @@ class Learned(LearnedDownstream):
         physical = self._physical_or_error()
         if physical.caution is not None:
             raise ValueError(f"there is no band of this simulation: {physical.caution}")
-        return half_width(simulated(physical, self.record, self.record.following_inputs(inputs)).variance, level)
+        return half_width(
+            simulated(physical, self.record, self.record.following_inputs(inputs)).variance, level
+        )
 
     def _physical_or_error(self) -> Physical:
         if isinstance(self._gray_box, NotIdentifiable):
@@ -303,16 +318,22 @@ class Learned(LearnedDownstream):
     @property
     def places(self) -> NDArray[np.intp]:
         """(T′,) the training samples that have a whole window in their segment."""
-        window, segments = self.settings.window, zip(self.record.starts, self.record.lengths, strict=True)
-        return np.concatenate([start + window // 2 + np.arange(max(0, N - window + 1)) for start, N in segments])
+        window = self.settings.window
+        segments = zip(self.record.starts, self.record.lengths, strict=True)
+        return np.concatenate(
+            [start + window // 2 + np.arange(max(0, N - window + 1)) for start, N in segments]
+        )
 
     def process_noise(self) -> tuple[NDArray[np.intp], Array]:
         """Returns :attr:`places` (T′,) and the process noise w = x′ − A x − B v (T′, n) there, in units per second.
 
         It is the wind and everything else outside the model.
         """
-        n, m, r = self.model.A.shape[0], self.model.C.shape[0], self.model.B.shape[1] + self.scaling.constant
-        X, p = self._generalized_states, self.settings.p
+        n = self.model.A.shape[0]
+        m = self.model.C.shape[0]
+        r = self.model.B.shape[1] + self.scaling.constant
+        X = self._generalized_states
+        p = self.settings.p
         A, B, _ = unpack(self.theta, n, r, m)
         slope = X[:, n : 2 * n] if p else np.zeros((len(X), n))
         noise = slope - X[:, :n] @ A.T - X[:, n * (p + 1) :][:, :r] @ B.T
@@ -323,14 +344,17 @@ class Learned(LearnedDownstream):
 
         Unknown inputs are what explains the motion, in the engine's units.
         """
-        r, order = self.model.B.shape[1], self.settings.p + 1
+        r = self.model.B.shape[1]
+        order = self.settings.p + 1
         v = self._generalized_states[:, self.model.A.shape[0] * order :][:, :r]
         return self.places, self.scaling.input_trim + self.scaling.input_scale * v
 
     @cached_property
     def _generalized_states(self) -> Array:
         """X of every sample with a whole window, (T′, dim X), in the engine's units."""
-        return np.concatenate(generalized(self.settings, self.scaling, self.record)) @ self.state_map.T
+        return (
+            np.concatenate(generalized(self.settings, self.scaling, self.record)) @ self.state_map.T
+        )
 
     def to_json(self) -> str:
         """Returns everything as a JSON object, the training data included; :meth:`from_json` is its inverse."""
@@ -356,16 +380,22 @@ class PlantForecasts:
 
     def from_zero(self, inputs: Array) -> Array:
         """Returns the outputs (H, m) with ``inputs`` (H, r) from state 0, the outputs at their trim."""
-        u, trim = self.scaling.scale_inputs(inputs), np.zeros((min(1, len(inputs)), len(self.scaling.output_trim)))
+        u = self.scaling.scale_inputs(inputs)
+        trim = np.zeros((min(1, len(inputs)), len(self.scaling.output_trim)))
         if len(u) > 1:
-            trim = np.vstack([trim, self.predictor.simulated(self.predictor.second(u[0], trim[0]), u[1:])])
+            trim = np.vstack(
+                [trim, self.predictor.simulated(self.predictor.second(u[0], trim[0]), u[1:])]
+            )
         return self.scaling.physical_outputs(trim)
 
     def every(self, steps: int, inputs: Array, outputs: Array) -> Forecast:
         """Returns (H, m): forecasts begun at every ``steps``-th of ``inputs`` (H, r) and ``outputs`` (H, m)."""
         last = self.record.segments[-1]
-        state = self.predictor.at_end(self.scaling.scale_inputs(last[0]), self.scaling.scale_outputs(last[1]))
-        u, y = self.scaling.scale_inputs(inputs), self.scaling.scale_outputs(outputs)
+        state = self.predictor.at_end(
+            self.scaling.scale_inputs(last[0]), self.scaling.scale_outputs(last[1])
+        )
+        u = self.scaling.scale_inputs(inputs)
+        y = self.scaling.scale_outputs(outputs)
         made = self.predictor.simulated_every(max(1, steps), state, u, y)
         lengths = np.minimum(np.arange(len(u)) % max(1, steps), len(self.errors) - 1)
         return Forecast(self.scaling.physical_outputs(made), self.errors[lengths])
@@ -374,7 +404,9 @@ class PlantForecasts:
     @may_overflow
     def errors(self) -> Array:
         """(L, m) mean squared errors of forecasts of the training data, by length; infinite where these overflow."""
-        horizon = max(1, min(round(LONGEST_FORECAST_SECONDS / self.record.dt), 2 * self.record.longest // 3))
+        horizon = max(
+            1, min(round(LONGEST_FORECAST_SECONDS / self.record.dt), 2 * self.record.longest // 3)
+        )
         squares = []
         for inputs, outputs in self.record.segments:
             last = len(outputs) - horizon - 1
@@ -383,8 +415,11 @@ class PlantForecasts:
             # The filter needs a few samples to find hidden states.
             share = max(1, round(MOST_STARTS * len(outputs) / len(self.record)))
             starts = np.unique(np.linspace(min(horizon // 4, last), last, share).astype(int))
-            u, y = self.scaling.scale_inputs(inputs), self.scaling.scale_outputs(outputs)
-            states = self.predictor.filtered(self.predictor.second(u[0], y[0]), u[1:], y[1:])[starts]
+            u = self.scaling.scale_inputs(inputs)
+            y = self.scaling.scale_outputs(outputs)
+            states = self.predictor.filtered(self.predictor.second(u[0], y[0]), u[1:], y[1:])[
+                starts
+            ]
             ahead = self.predictor.simulated_from(starts + 1, horizon, states, u)
             squares.append((y[starts[:, None] + 1 + np.arange(horizon)] - ahead) ** 2)
         mean = np.concatenate(squares).mean(axis=0) * self.scaling.output_scale**2

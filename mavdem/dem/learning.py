@@ -35,7 +35,8 @@ Job = (
 """What ``learn`` takes: a flight, settings or ``None`` for the default ones, perhaps an earlier result to start at."""
 
 FEWEST_SAMPLES = 50  # that a model is fitted to
-HIDDEN_STATES = 1  # beside the outputs, unless the order is given: the lag between motor output and torque
+# beside the outputs, unless the order is given: the lag between motor output and torque
+HIDDEN_STATES = 1
 
 WINDOW_SECONDS = 0.09
 """Embedding window: wide enough to average measurement noise, short beside the motion of a vehicle."""
@@ -44,7 +45,9 @@ PARAMETER_PRECISION = 10.0  # prior precision of each free parameter, in the uni
 
 
 def learn(
-    train: UniformRecord | Sequence[UniformRecord], settings: Settings | None = None, start: Learned | None = None
+    train: UniformRecord | Sequence[UniformRecord],
+    settings: Settings | None = None,
+    start: Learned | None = None,
 ) -> Learned:
     """Learns a linear model of a flight by Dynamic Expectation Maximization.
 
@@ -102,7 +105,9 @@ def checked(
 ) -> tuple[Record, CompleteSettings]:
     """Returns the training data as one record, and the settings with nothing left open; raises as :func:`learn`."""
     if not (settings is None or isinstance(settings, Settings)):
-        raise ValueError(f"settings must be a Settings, or None for the default ones, not {settings!r}")
+        raise ValueError(
+            f"settings must be a Settings, or None for the default ones, not {settings!r}"
+        )
     settings = Settings() if settings is None else settings
     record = Record.of(train)
     if len(record) < FEWEST_SAMPLES:
@@ -122,7 +127,11 @@ def complete(settings: Settings, record: Record) -> CompleteSettings:
     d = min(2, settings.p) if settings.d is None else settings.d
     usual = PARAMETER_PRECISION if settings.prior == "regulated" else 1.0
     fewest = max(settings.p, d) + 1
-    windows = [settings.window] if settings.window else [_odd(WINDOW_SECONDS / record.dt, fewest), _odd(0, fewest)]
+    windows = (
+        [settings.window]
+        if settings.window
+        else [_odd(WINDOW_SECONDS / record.dt, fewest), _odd(0, fewest)]
+    )
     for window in windows:
         # Half of the samples must have a whole window, or the derivatives come from too few of them.
         if record.windows(window) >= len(record) // 2:
@@ -141,7 +150,9 @@ def _odd(samples: float, fewest: int) -> int:
 
 def _start(record: Record, settings: CompleteSettings, before: Learned) -> Start:
     """The estimates of an earlier result; ``ValueError`` where these settings and this record have others."""
-    n, r, m = settings.order, record.inputs.shape[1], record.outputs.shape[1]
+    n = settings.order
+    r = record.inputs.shape[1]
+    m = record.outputs.shape[1]
     sizes = n, r, m, settings.scaling == "channel"
     given = *before.model.B.shape, len(before.model.C), before.scaling.constant
     if given != sizes:
@@ -151,12 +162,19 @@ def _start(record: Record, settings: CompleteSettings, before: Learned) -> Start
     last = before.theta * before.scaling.parameter_scale(n)
     theta = last.copy()
     theta[of_vehicle(n, r, m, before.scaling.constant)] = before.learning.theta[-1]
-    return Start(theta, before.learning.lambda_[-1], None if before.simulation_fit is None else last)
+    return Start(
+        theta, before.learning.lambda_[-1], None if before.simulation_fit is None else last
+    )
 
 
-def _with_simulation_fit(fitted: Fit, record: Record, samples: SufficientStatistics, start: Start | None) -> Fit:
+def _with_simulation_fit(
+    fitted: Fit, record: Record, samples: SufficientStatistics, start: Start | None
+) -> Fit:
     """The fit with θ of a simulation-error fit, where the settings ask for one and it succeeds; else as it was."""
-    model, ascent, settings, scaling = fitted.model, fitted.ascent, fitted.settings, fitted.scaling
+    model = fitted.model
+    ascent = fitted.ascent
+    settings = fitted.settings
+    scaling = fitted.scaling
     theta = ascent.belief.theta
     if start is not None and start.simulated_theta is not None:
         theta = start.simulated_theta / scaling.parameter_scale(model.n)
@@ -177,11 +195,14 @@ def _learned(fitted: Fit, record: Record, start: Start | None) -> Learned:
     """The result, in physical units, of a fit in the engine's, with the simulation-error fit where there can be one."""
     segments = generalized(fitted.settings, fitted.scaling, record)
     fit = _with_simulation_fit(fitted, record, SufficientStatistics.of(*segments), start)
-    order, ascent, scaling = fit.model.n, fit.ascent, fit.scaling
+    order = fit.model.n
+    ascent = fit.ascent
+    scaling = fit.scaling
     sizes = order, record.inputs.shape[1], fit.model.m
     vehicle = of_vehicle(*sizes, scaling.constant)
     scale = scaling.parameter_scale(order)
-    data, precision = np.concatenate(segments), fit.model.prior.theta_precision
+    data = np.concatenate(segments)
+    precision = fit.model.prior.theta_precision
     prior_covariance = inverse(precision)
     covariance = ascent.belief.theta_covariance
     if fit.simulation_fit is not None:
@@ -197,7 +218,9 @@ def _learned(fitted: Fit, record: Record, start: Start | None) -> Learned:
         theta_covariance=physical(covariance),
         known=held,
         free_energy=ascent.free_energy,
-        free_energy_of_samples=free_energy(fit.model, data, data @ ascent.state_map.T, ascent.belief),
+        free_energy_of_samples=free_energy(
+            fit.model, data, data @ ascent.state_map.T, ascent.belief
+        ),
         learning=replace(
             ascent.learning,
             theta=(ascent.learning.theta * scale)[:, vehicle].copy(),
@@ -232,14 +255,20 @@ def _cautions(fit: Fit, record: Record) -> Iterator[str]:
             )
             yield f"There is no simulation-error fit: {reason}. A, B and C are biased by closed loop without it."
     flowed = fit.ascent.flowed[1:]
-    if fit.settings.learning_rates is not None and fit.settings.learning_rates[0] is not None and not flowed.all():
+    if (
+        fit.settings.learning_rates is not None
+        and fit.settings.learning_rates[0] is not None
+        and not flowed.all()
+    ):
         yield (
             f"In {np.count_nonzero(~flowed)} of {len(flowed)} rounds the states' flow at their learning rate was "
             "unstable or decreased F̄, and its exact limit was used instead."
         )
 
 
-def learn_many(jobs: Iterable[Job], executor: Executor | None = None) -> Generator[Learned | ValueError, None, None]:
+def learn_many(
+    jobs: Iterable[Job], executor: Executor | None = None
+) -> Generator[Learned | ValueError, None, None]:
     """Learns a model for each of many jobs; yields results in the order of the jobs, as soon as they are there.
 
     Results are those of ``learn``, bit by bit where the workers' processors and libraries are this machine's, or the
@@ -265,7 +294,9 @@ def learn_many(jobs: Iterable[Job], executor: Executor | None = None) -> Generat
 def _checked(jobs: Iterable[Job]) -> Iterator[Job]:
     for job in jobs:
         if not (isinstance(job, tuple | list) and len(job) in (2, 3)):
-            raise ValueError(f"jobs must be pairs of a flight and its settings, and maybe a start, not {job!r}")
+            raise ValueError(
+                f"jobs must be pairs of a flight and its settings, and maybe a start, not {job!r}"
+            )
         yield job
 
 

@@ -16,7 +16,8 @@ from mavdem.dem.parallel import parallel_map
 from mavdem.dem.record import Record, UniformRecord, is_whole
 
 STRONG_EVIDENCE_NATS = 3.0  # odds of 20 to 1: strong evidence by Kass and Raftery (1995)
-STANDARD_ERRORS = 2.0  # that a mean gain over several flights must exceed as well, so that no single flight decides
+# that a mean gain over several flights must exceed as well, so that no single flight decides
+STANDARD_ERRORS = 2.0
 DEFAULT_MAX_ORDER = 6  # two states more than the paper's largest system
 LARGEST_ORDER = 8  # more states need higher derivatives of an output, which would be rounding
 
@@ -56,7 +57,11 @@ class OrderChoice:
     def spread(self) -> Array:
         """(N,) standard deviation over the flights of F̄ᵒ; NaN for a single one."""
         several = len(self.flights) > 1
-        return np.asarray(self.free_energy.std(axis=0, ddof=1)) if several else np.full(len(self.orders), np.nan)
+        return (
+            np.asarray(self.free_energy.std(axis=0, ddof=1))
+            if several
+            else np.full(len(self.orders), np.nan)
+        )
 
     def gain(self, order: int, over: int) -> tuple[float, float]:
         """The increase of F̄ᵒ at ``order`` ``over`` another one, averaged over the flights that have both, nats.
@@ -68,7 +73,9 @@ class OrderChoice:
         gains = gains[np.isfinite(gains)]
         if not len(gains):
             return np.nan, 0.0
-        return float(gains.mean()), float(gains.std(ddof=1) / np.sqrt(len(gains))) if len(gains) > 1 else 0.0
+        return float(gains.mean()), float(gains.std(ddof=1) / np.sqrt(len(gains))) if len(
+            gains
+        ) > 1 else 0.0
 
     @property
     def chosen(self) -> int:
@@ -78,8 +85,14 @@ class OrderChoice:
             gain, error = self.gain(order, over)
             return gain > max(STRONG_EVIDENCE_NATS, STANDARD_ERRORS * error)
 
-        fitted = [int(order) for order in self.orders if np.isfinite(self.free_energy[:, order - 1]).any()]
-        return next(order for order in fitted if not any(gains(higher, order) for higher in fitted if higher > order))
+        fitted = [
+            int(order) for order in self.orders if np.isfinite(self.free_energy[:, order - 1]).any()
+        ]
+        return next(
+            order
+            for order in fitted
+            if not any(gains(higher, order) for higher in fitted if higher > order)
+        )
 
     @property
     def saturated(self) -> bool:
@@ -107,7 +120,10 @@ class OrderChoice:
     def to_dict(self) -> dict[str, Any]:
         """As plain JSON values by name."""
         return {
-            **{name: getattr(self, name).tolist() for name in ("orders", "free_energy", "mean", "spread")},
+            **{
+                name: getattr(self, name).tolist()
+                for name in ("orders", "free_energy", "mean", "spread")
+            },
             **{name: getattr(self, name) for name in ("chosen", "saturated", "reason")},
             "remarks": list(self.remarks),
             "width": [flight.width for flight in self.flights],
@@ -136,21 +152,35 @@ def choose_order(
         ValueError: an argument of the wrong kind; flights of other channels; or one that is too short, or for which no
             order can be fitted.
     """
-    records = [Record.of(flight) for flight in (flights if isinstance(flights, Iterable) else [flights])]
+    records = [
+        Record.of(flight) for flight in (flights if isinstance(flights, Iterable) else [flights])
+    ]
     if not records:
         raise ValueError("flights must be at least one")
     channels = {(record.inputs.shape[1], record.outputs.shape[1]) for record in records}
     if len(channels) > 1:
-        raise ValueError(f"flights must have the same numbers of inputs and outputs, not {sorted(channels)}")
-    return OrderChoice(tuple(parallel_map(partial(orders_of, max_order=max_order, known_inputs=known_inputs), records)))
+        raise ValueError(
+            f"flights must have the same numbers of inputs and outputs, not {sorted(channels)}"
+        )
+    return OrderChoice(
+        tuple(
+            parallel_map(
+                partial(orders_of, max_order=max_order, known_inputs=known_inputs), records
+            )
+        )
+    )
 
 
 def orders_of(
-    flight: UniformRecord | Sequence[UniformRecord], max_order: int = DEFAULT_MAX_ORDER, known_inputs: bool = True
+    flight: UniformRecord | Sequence[UniformRecord],
+    max_order: int = DEFAULT_MAX_ORDER,
+    known_inputs: bool = True,
 ) -> FlightOrders:
     """F̄ᵒ of one ``flight``, or of its segments, by order; arguments and errors are as for :func:`choose_order`."""
     if not (is_whole(max_order) and 1 <= max_order <= LARGEST_ORDER):
-        raise ValueError(f"max_order must be a whole number from 1 to {LARGEST_ORDER}, not {max_order!r}")
+        raise ValueError(
+            f"max_order must be a whole number from 1 to {LARGEST_ORDER}, not {max_order!r}"
+        )
     record = Record.of(flight)
     with one_thread():
         box = BlackBox.of(record, max_order, known_inputs)
@@ -162,7 +192,11 @@ def orders_of(
     widths[:allowed] = [np.nan if fit is None else fit.smoothness for fit in fits]
     if not np.isfinite(values).any():
         raise ValueError("no order can be fitted: every fit broke down")
-    remarks = [f"With {_states(order)} every fit broke down." for order, fit in enumerate(fits, 1) if fit is None]
+    remarks = [
+        f"With {_states(order)} every fit broke down."
+        for order, fit in enumerate(fits, 1)
+        if fit is None
+    ]
     if allowed < max_order:
         remarks.append(
             f"{_states(allowed + 1).capitalize()} and more are not fitted: they have more parameters than the "

@@ -23,7 +23,12 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import minimize_scalar
 
 from mavdem.dem.engine.ascent import CONVERGED_NATS, CoordinateAscent, Iterate
-from mavdem.dem.engine.generative import GenerativeModel, Prior, SufficientStatistics, temporal_precision
+from mavdem.dem.engine.generative import (
+    GenerativeModel,
+    Prior,
+    SufficientStatistics,
+    temporal_precision,
+)
 from mavdem.dem.engine.linalg import Array, raise_on_overflow
 from mavdem.dem.engine.model import pack, unpack
 from mavdem.dem.priors import Scaling
@@ -36,15 +41,20 @@ narrow enough to keep fast states visible."""
 
 KERNEL_SAMPLES = 100.0  # effective samples that the widest kernel leaves
 MIN_EFFECTIVE_SAMPLES = 20.0  # of a flight, to choose an order
-SPARE_VALUES = 3  # that a generalized output has more than the largest model has states: they distinguish the orders
+# that a generalized output has more than the largest model has states: they distinguish the orders
+SPARE_VALUES = 3
 LEAST_EMBEDDING = 2  # p: of noise the second derivative is needed
 
-LAMBDA_Z, LAMBDA_W, LAMBDA_PRECISION = 8.0, 2.0, 0.1
+LAMBDA_Z = 8.0
+LAMBDA_W = 2.0
+LAMBDA_PRECISION = 0.1
 """Prior means of λ and their precision, in units of the data: sensor noise of a hundredth, disturbances of a third of
 the states' rates, within a factor of five."""
 
 UNIT = 1.0  # prior precision of every parameter about 0, and of every state
-KNOWN_INPUT, UNKNOWN_INPUT = e**12, e**2  # P̃ᵛ of recorded inputs, as in ``Settings``, and of others, as in the paper
+# P̃ᵛ of recorded inputs, as in ``Settings``, and of others, as in the paper
+KNOWN_INPUT = e**12
+UNKNOWN_INPUT = e**2
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,11 +76,15 @@ class BlackBox:
         settings = replace(Settings.paper(), scaling="channel", known_inputs=known_inputs)
         scaling = Scaling.of(record, settings)
         width = kernel_width(record)
-        m, r = record.outputs.shape[1], record.inputs.shape[1] + scaling.constant
+        m = record.outputs.shape[1]
+        r = record.inputs.shape[1] + scaling.constant
         p = max(LEAST_EMBEDDING, ceil((most + SPARE_VALUES) / m) - 1)
         # [ỹ; η̃] of the samples whose whole kernel lies inside their segment.
         pairs = [
-            (embed_through_kernel(y, p, width, record.dt), embed_through_kernel(u, p - 1, width, record.dt))
+            (
+                embed_through_kernel(y, p, width, record.dt),
+                embed_through_kernel(u, p - 1, width, record.dt),
+            )
             for u, y in scaling.scale_segments(record)
         ]
         read = np.concatenate([np.hstack(pair) for pair in pairs])
@@ -81,11 +95,15 @@ class BlackBox:
                 f"{MIN_EFFECTIVE_SAMPLES:.0f} are the fewest to choose an order by"
             )
         unit = _time_of_change(read[:, :m], read[:, m : 2 * m])
-        in_units = unit ** np.repeat(np.concatenate([np.arange(p + 1), np.arange(p)]), [m] * (p + 1) + [r] * p)
+        in_units = unit ** np.repeat(
+            np.concatenate([np.arange(p + 1), np.arange(p)]), [m] * (p + 1) + [r] * p
+        )
         each = np.full(r, KNOWN_INPUT if known_inputs else UNKNOWN_INPUT)
         each[r - scaling.constant :] = KNOWN_INPUT
         precision = np.diag(np.tile(each, p))
-        return cls(SufficientStatistics.of(read * in_units), r, m, p, record.dt, width, unit, precision)
+        return cls(
+            SufficientStatistics.of(read * in_units), r, m, p, record.dt, width, unit, precision
+        )
 
     def counted(self, smoothness: float) -> SufficientStatistics:
         """The data with the effective sample size of noise of that smoothness, s, before filtering."""
@@ -94,10 +112,13 @@ class BlackBox:
 
     def model(self, order: int, smoothness: float) -> GenerativeModel:
         """The generative model of so many states, with noise of that smoothness, s, before filtering."""
-        n, r, m = order, self.r, self.m
+        n = order
+        r = self.r
+        m = self.m
         mean = pack(np.zeros((n, n)), np.zeros((n, r)), np.zeros((m, n)))
         read = float(np.hypot(smoothness, self.width)) / self.unit_of_time
-        lambda_mean, lambda_precision = np.array([LAMBDA_Z] + [LAMBDA_W] * n), LAMBDA_PRECISION * np.eye(1 + n)
+        lambda_mean = np.array([LAMBDA_Z] + [LAMBDA_W] * n)
+        lambda_precision = LAMBDA_PRECISION * np.eye(1 + n)
         return GenerativeModel(
             *(n, r, m, self.p, self.p - 1, self.p - 1),
             output_correlation=temporal_precision(self.p, read),
@@ -110,7 +131,8 @@ class BlackBox:
         )
 
 
-REACH_WIDTHS = 6.0  # of the kernel to either side, beyond which even its eighth derivative is below 5e-5
+# of the kernel to either side, beyond which even its eighth derivative is below 5e-5
+REACH_WIDTHS = 6.0
 NARROWEST_STEPS = 1.5  # the derivatives of a narrower kernel are undersampled
 ROUNDING = 1e-9  # of a width that is meant to be a number of steps
 
@@ -128,7 +150,9 @@ def embed_through_kernel(samples: Array, order: int, width: float, dt: float) ->
     reach = ceil(REACH_WIDTHS * width / dt * (1 - ROUNDING))
     if len(samples) <= 2 * reach:
         return np.empty((0, (order + 1) * samples.shape[1]))
-    orders = [gaussian_filter1d(samples, width / dt, 0, k, radius=reach) / dt**k for k in range(order + 1)]
+    orders = [
+        gaussian_filter1d(samples, width / dt, 0, k, radius=reach) / dt**k for k in range(order + 1)
+    ]
     return np.hstack(orders)[reach:-reach]
 
 
@@ -139,9 +163,12 @@ def _repeated(width: float, dt: float) -> float:
 
 def kernel_width(record: Record) -> float:
     """σ of the kernel that filters a record, s."""
-    spread, m = record.spread[1], record.outputs.shape[1]
+    spread = record.spread[1]
+    m = record.outputs.shape[1]
     units = ((outputs - spread.mean) / np.sqrt(spread.variance) for _, outputs in record.segments)
-    read = np.concatenate([embed_through_kernel(outputs, 1, 2 * record.dt, record.dt) for outputs in units])
+    read = np.concatenate(
+        [embed_through_kernel(outputs, 1, 2 * record.dt, record.dt) for outputs in units]
+    )
     widest = len(record) * record.dt / (_repeated(1.0, 1.0) * KERNEL_SAMPLES)
     if len(read):
         widest = min(widest, WIDTH * _time_of_change(read[:, :m], read[:, m:]))
@@ -156,12 +183,15 @@ def _time_of_change(values: Array, rates: Array) -> float:
 Result = TypeVar("Result")
 
 FIRST_ROUNDS = 12  # from every start; the best ones continue
-ROUNDS, STARTS = (36, 200), (3, 1)  # the most further rounds, and from how many starts
+# the most further rounds, and from how many starts
+ROUNDS = (36, 200)
+STARTS = (3, 1)
 SWEEPS = 2  # down from the largest order, and up again where that increased F̄
 INCREASE_NATS = 1.0  # an increase of F̄ after which the neighbouring orders are fitted again
 MAX_WIDTHS = 4.0  # of the kernel: a smoother disturbance counts as motion
 
-SMOOTHNESS_ROUNDS, SMOOTHNESS_TOLERANCE = 12, 0.03
+SMOOTHNESS_ROUNDS = 12
+SMOOTHNESS_TOLERANCE = 0.03
 """Rounds after a change of the noise's smoothness, and the relative tolerance of its search."""
 
 SMOOTHNESS_GAIN_NATS = 10.0
@@ -182,7 +212,9 @@ def fits_by_order(box: BlackBox, most: int) -> tuple[OrderFit | None, ...]:
     None where every fit broke down.
     """
     fits = _swept(_Fits(box, box.counted(box.dt)), most)
-    highest = max((fit for fit in fits if fit), key=lambda fit: fit.iterate.free_energy, default=None)
+    highest = max(
+        (fit for fit in fits if fit), key=lambda fit: fit.iterate.free_energy, default=None
+    )
     if highest is None:
         return fits
     # The effective sample size follows from the smoothness, which is known only now.
@@ -197,16 +229,22 @@ class _Fits:
     box: BlackBox
     samples: SufficientStatistics
 
-    def best_of(self, order: int, smoothness: float, starts: Iterable[Array], best: float) -> OrderFit | None:
+    def best_of(
+        self, order: int, smoothness: float, starts: Iterable[Array], best: float
+    ) -> OrderFit | None:
         """The best fit from the starts: a few rounds from each, more from the best, and last its smoothness.
 
         None where F̄ is no more than the ``best`` of that order so far.
         """
         ascent = CoordinateAscent(self.box.model(order, smoothness), self.samples)
-        iterates = [iterate for theta in starts if (iterate := _or_none(partial(_from, ascent, theta)))]
+        iterates = [
+            iterate for theta in starts if (iterate := _or_none(partial(_from, ascent, theta)))
+        ]
         for rounds, kept in zip(ROUNDS, STARTS, strict=True):
             iterates = sorted(iterates, key=lambda iterate: -iterate.free_energy)[:kept]
-            iterates = [_or_none(partial(_on, ascent, iterate, rounds)) or iterate for iterate in iterates]
+            iterates = [
+                _or_none(partial(_on, ascent, iterate, rounds)) or iterate for iterate in iterates
+            ]
         if not iterates or iterates[0].free_energy < best - SMOOTHNESS_GAIN_NATS:
             return None
         fit = self._with_best_smoothness(OrderFit(ascent.model, smoothness, iterates[0]))
@@ -216,7 +254,9 @@ class _Fits:
         """A fit continued with another effective sample size."""
         ascent = CoordinateAscent(fit.model, self.samples)
         iterate = _or_none(lambda: _on(ascent, ascent.at_belief(fit.iterate.belief), ROUNDS[-1]))
-        return None if iterate is None else self._with_best_smoothness(fit._replace(iterate=iterate))
+        return (
+            None if iterate is None else self._with_best_smoothness(fit._replace(iterate=iterate))
+        )
 
     def _with_best_smoothness(self, fit: OrderFit) -> OrderFit:
         """With the smoothness that maximises F̄."""
@@ -226,14 +266,21 @@ class _Fits:
             # F̄ depends on the width of the noise after the kernel.
             smoothness = self.box.width * float(np.sqrt(np.expm1(2 * log_width)))
             ascent = CoordinateAscent(self.box.model(fit.model.n, smoothness), self.samples)
-            iterate = _or_none(lambda: _on(ascent, ascent.at_belief(fit.iterate.belief), SMOOTHNESS_ROUNDS))
+            iterate = _or_none(
+                lambda: _on(ascent, ascent.at_belief(fit.iterate.belief), SMOOTHNESS_ROUNDS)
+            )
             if iterate is None:
                 return -min(tried.iterate.free_energy for tried in fits.values())
             fits[smoothness] = OrderFit(ascent.model, smoothness, iterate)
             return -iterate.free_energy
 
         bounds = (0.0, float(np.log(MAX_WIDTHS)))
-        minimize_scalar(negative_free_energy, bounds=bounds, method="bounded", options={"xatol": SMOOTHNESS_TOLERANCE})
+        minimize_scalar(
+            negative_free_energy,
+            bounds=bounds,
+            method="bounded",
+            options={"xatol": SMOOTHNESS_TOLERANCE},
+        )
         return max(fits.values(), key=lambda fit: fit.iterate.free_energy)
 
 
@@ -248,9 +295,12 @@ def _swept(fits: _Fits, most: int) -> tuple[OrderFit | None, ...]:
 
     def improves(order: int, beside: int, starts: Sequence[Array] = ()) -> bool:
         """Whether a fit from the starts, or from one of the order ``beside``, increases F̄ of that order."""
-        smoothness, before, near = box.dt, -np.inf, best.get(beside)
+        smoothness = box.dt
+        before = -np.inf
+        near = best.get(beside)
         if near is not None:
-            smoothness, changed = near.smoothness, grown if beside < order else reduced
+            smoothness = near.smoothness
+            changed = grown if beside < order else reduced
             starts = [*starts, *(_or_none(lambda: changed(box, near.model, near.iterate)) or ())]
         if order in best:
             before = best[order].iterate.free_energy
@@ -294,13 +344,15 @@ def _on(ascent: CoordinateAscent, iterate: Iterate, rounds: int) -> Iterate:
     while done < rounds:
         before = iterate.free_energy
         for following in ascent.rounds(iterate):
-            iterate, done = following, done + 1
+            iterate = following
+            done = done + 1
         if iterate.free_energy - before < CONVERGED_NATS:
             break
     return iterate
 
 
-NEGLIGIBLE = 1e-9  # of a variance: keeps a combination of channels without variance from being divided by
+# of a variance: keeps a combination of channels without variance from being divided by
+NEGLIGIBLE = 1e-9
 NOISE_DIRECTIONS = 2  # the largest of the noise, each a start of a new state
 
 FORGETTING_RATES = (0.3, 3.0)
@@ -315,15 +367,23 @@ def chain(box: BlackBox, order: int) -> list[Array]:
     y, v = _channels(box)
     states = rates = np.zeros((0, len(box.data.gram)))
     for k in range(box.p):
-        left, rate = y[k], y[k + 1]
+        left = y[k]
+        rate = y[k + 1]
         if k:
             regressors = np.vstack([states, *v[:k]])
             coefficients = _regression(box, y[k], regressors, NEGLIGIBLE)
-            left, rate = left - coefficients @ regressors, rate - coefficients @ np.vstack([rates, *v[1 : k + 1]])
+            left = left - coefficients @ regressors
+            rate = rate - coefficients @ np.vstack([rates, *v[1 : k + 1]])
         unit = np.sqrt(np.diag(_moments(box, y[k], y[k])))
         # Its largest directions, in units of the derivative itself.
-        most = _directions(_moments(box, left / unit[:, None], left / unit[:, None]))[: order - len(states)] / unit
-        states, rates = np.vstack([states, most @ left]), np.vstack([rates, most @ rate])
+        most = (
+            _directions(_moments(box, left / unit[:, None], left / unit[:, None]))[
+                : order - len(states)
+            ]
+            / unit
+        )
+        states = np.vstack([states, most @ left])
+        rates = np.vstack([rates, most @ rate])
         if len(states) == order:
             return [_theta(box, states, rates)]
     return []
@@ -331,15 +391,21 @@ def chain(box: BlackBox, order: int) -> list[Array]:
 
 def grown(box: BlackBox, model: GenerativeModel, iterate: Iterate) -> list[Array]:
     """θ with one state more than a fitted model has: a direction of the noise of its outputs or of its states."""
-    n, m = model.n, model.m
-    errors = model.error_operator(iterate.belief.theta) @ np.vstack([np.eye(len(box.data.gram)), iterate.state_map])
+    n = model.n
+    m = model.m
+    errors = model.error_operator(iterate.belief.theta) @ np.vstack(
+        [np.eye(len(box.data.gram)), iterate.state_map]
+    )
     of_y, _, of_x = model.errors
     starts = []
     for noise, size in ((errors[of_y], m), (errors[of_x], n)):
-        now, rate = noise[:size], noise[size : 2 * size]
+        now = noise[:size]
+        rate = noise[size : 2 * size]
         for direction in _directions(_moments(box, now, now))[:NOISE_DIRECTIONS]:
             states = np.vstack([iterate.state_map[:n], direction @ now])
-            starts.append(_theta(box, states, np.vstack([iterate.state_map[n : 2 * n], direction @ rate])))
+            starts.append(
+                _theta(box, states, np.vstack([iterate.state_map[n : 2 * n], direction @ rate]))
+            )
     return starts
 
 
@@ -351,12 +417,15 @@ def reduced(box: BlackBox, model: GenerativeModel, iterate: Iterate) -> list[Arr
     """
     n = model.n
     A, _, C = unpack(iterate.belief.theta, *model.sizes)
-    states, rates = iterate.state_map[:n], iterate.state_map[n : 2 * n]
+    states = iterate.state_map[:n]
+    rates = iterate.state_map[n : 2 * n]
     whitening = _whitening(_moments(box, states, states))
     growth = max(0.0, float(np.linalg.eigvals(A).real.max()))
     starts = []
     for forgetting in FORGETTING_RATES:
-        observability = solve_continuous_lyapunov((A - (growth + forgetting) * np.eye(n)).T, -C.T @ C)
+        observability = solve_continuous_lyapunov(
+            (A - (growth + forgetting) * np.eye(n)).T, -C.T @ C
+        )
         back = np.linalg.inv(whitening)
         kept = _directions(back.T @ observability @ back)[:-1] @ whitening
         starts.append(_theta(box, kept @ states, kept @ rates))
@@ -403,7 +472,8 @@ def _theta(box: BlackBox, states: Array, rates: Array) -> Array:
     n = len(states)
     y, v = _channels(box)
     whitening = _whitening(_moments(box, states, states))
-    states, rates = whitening @ states, whitening @ rates
+    states = whitening @ states
+    rates = whitening @ rates
     regressors = np.vstack([states, v[0]])
     # Like the priors, it has the weight of one sample.
     ridge = 1 / box.data.number
@@ -413,5 +483,7 @@ def _theta(box: BlackBox, states: Array, rates: Array) -> Array:
     A, B = np.split(turn @ dynamics, [n], axis=1)
     # Unrecorded inputs appear as noise only: a fit from B = 0 would never attribute it to them.
     unknown = np.flatnonzero(np.diag(_moments(box, v[0], v[0])) == 0)
-    B[unknown % n, unknown] = np.sqrt(np.diag(turn @ _moments(box, noise, noise) @ turn.T)[unknown % n])
+    B[unknown % n, unknown] = np.sqrt(
+        np.diag(turn @ _moments(box, noise, noise) @ turn.T)[unknown % n]
+    )
     return pack(A @ turn.T, B, _regression(box, y[0], turn @ states, ridge))

@@ -22,11 +22,13 @@ from typing import Any, TypeVar
 Job = TypeVar("Job")
 Result = TypeVar("Result")
 
-FEW = 8  # up to this many jobs are sooner done in this process than by workers, which take about a second to start
+# up to this many jobs are sooner done in this process than by workers, which take about a second to start
+FEW = 8
 
 AHEAD = 16  # jobs per own worker that are sent ahead of the result that is waited for
 AHEAD_ELSEWHERE = 256  # jobs for a given executor, whose number of workers cannot be asked
-LOW_PRIORITY = 10  # niceness, 0 to 19, of a process that learns beside samples: they do not wait for a core
+# niceness, 0 to 19, of a process that learns beside samples: they do not wait for a core
+LOW_PRIORITY = 10
 ENDS = signal.SIGINT, signal.SIGTERM, signal.SIGHUP  # signals that end a program from outside
 
 _alone = False  # whether this process starts no others, because others like it have the other cores
@@ -85,7 +87,8 @@ def _map_on(
 
 def _unless_stopped(work: Callable[[Job], Result], job: Job) -> Result:
     """``work`` of a job; nothing in a worker whose results nobody waits for, so that it ends soon."""
-    if _stop_pipe is not None and _stop_pipe.poll():  # true once the other end is closed: nothing is ever sent
+    # true once the other end is closed: nothing is ever sent
+    if _stop_pipe is not None and _stop_pipe.poll():
         raise CancelledError
     return work(job)
 
@@ -114,7 +117,9 @@ def pool(workers: int) -> Iterator[Pool]:
     Processes are started afresh ("spawn"): a fork of a process with threads may wait for one of their locks for ever.
     """
     if _importing_main():
-        sys.exit("mavdem starts processes, which import this script: make that call below `if __name__ == '__main__':`")
+        sys.exit(
+            "mavdem starts processes, which import this script: make that call below `if __name__ == '__main__':`"
+        )
     context = get_context("spawn")
     stop_pipe, parents_end = context.Pipe(duplex=False)
     # Ctrl-C, and a terminal that closes, reach every process of it, but not those begun in here, Python's own for

@@ -30,11 +30,15 @@ class Scaling(NamedTuple):
         inputs, outputs = record.spread
         known = settings.known_inputs
         record.require_moving(known and not inputs.moving.any())
-        m, constant = len(outputs.mean), settings.scaling == "channel"
-        output_trim, output_scale = np.zeros(m), np.ones(m)
-        trim, scale = np.zeros(len(inputs.mean)), np.ones(len(inputs.mean))
+        m = len(outputs.mean)
+        constant = settings.scaling == "channel"
+        output_trim = np.zeros(m)
+        output_scale = np.ones(m)
+        trim = np.zeros(len(inputs.mean))
+        scale = np.ones(len(inputs.mean))
         if settings.scaling == "channel":
-            output_trim, output_scale = outputs.mean, np.sqrt(outputs.variance)
+            output_trim = outputs.mean
+            output_scale = np.sqrt(outputs.variance)
         if known and settings.scaling == "channel":
             trim[:] = inputs.mean
             # One scale for all inputs: the noise of a motor that hardly moves must not be amplified.
@@ -46,12 +50,17 @@ class Scaling(NamedTuple):
 
     def scale_inputs(self, inputs: Array) -> Array:
         """(T, r) in the unit of the stream to (T, r or r + 1) in the engine's."""
-        scaled = (inputs - self.input_trim) / self.input_scale if self.known else np.zeros_like(inputs)
+        scaled = (
+            (inputs - self.input_trim) / self.input_scale if self.known else np.zeros_like(inputs)
+        )
         return np.hstack([scaled, np.ones((len(scaled), 1))]) if self.constant else scaled
 
     def scale_segments(self, record: Record) -> list[tuple[Array, Array]]:
         """Inputs and outputs of each segment of a record, in the engine's units."""
-        return [(self.scale_inputs(inputs), self.scale_outputs(outputs)) for inputs, outputs in record.segments]
+        return [
+            (self.scale_inputs(inputs), self.scale_outputs(outputs))
+            for inputs, outputs in record.segments
+        ]
 
     def scale_outputs(self, outputs: Array) -> Array:
         """(T, m) in rad and rad/s to the engine's units."""
@@ -68,23 +77,31 @@ class Scaling(NamedTuple):
 
     def parameter_scale(self, order: int) -> Array:
         """(k,) physical size of a unit of each parameter, for the engine's θ."""
-        state, inputs = self.state_scale(order), 1 / self.input_scale
+        state = self.state_scale(order)
+        inputs = 1 / self.input_scale
         if self.constant:
             inputs = np.append(inputs, 1.0)
-        return pack(np.outer(state, 1 / state), np.outer(state, inputs), np.outer(self.output_scale, 1 / state))
+        return pack(
+            np.outer(state, 1 / state),
+            np.outer(state, inputs),
+            np.outer(self.output_scale, 1 / state),
+        )
 
     def physical_model(self, theta: Array, order: int) -> LinearModel:
         """The model of the engine's θ (k,) in physical units."""
-        r, m = len(self.input_trim), len(self.output_trim)
+        r = len(self.input_trim)
+        m = len(self.output_trim)
         A, B, C = unpack(theta * self.parameter_scale(order), order, r + self.constant, m)
         offset = B[:, r].copy() if self.constant else np.zeros(order)
         return LinearModel(A, B[:, :r].copy(), C, offset, self.input_trim, self.output_trim)
 
 
 KNOWN = float(np.exp(20.0))  # precision of a known parameter: its prior standard deviation is 5e-5
-KINEMATIC = 1e4  # precision of a kinematic relation: exact on paper, but the two outputs come from different sensors
+# precision of a kinematic relation: exact on paper, but the two outputs come from different sensors
+KINEMATIC = 1e4
 
-NATURAL_FREQUENCY, DAMPING_RATE = 3.0, 5.0
+NATURAL_FREQUENCY = 3.0
+DAMPING_RATE = 5.0
 """A controlled attitude returns to trim: ω₀ (rad/s) and 2ζω₀ (1/s) of the "regulated" prior; ζ is about 0.8."""
 
 ACTUATOR_RATE = 20.0
@@ -93,20 +110,23 @@ ACTUATOR_RATE = 20.0
 KINEMATIC_SHARE = 0.5
 """An output counts as the derivative of another when it explains more than this share of its changes."""
 
-KINEMATIC_SECONDS = 0.2  # over which the changes are compared: long enough to average noise, short against the motion
+# over which the changes are compared: long enough to average noise, short against the motion
+KINEMATIC_SECONDS = 0.2
 
 
 def derivative_pairs(record: Record) -> tuple[tuple[int, int], ...]:
     """Pairs (i, j) of output columns where j is the time derivative of i, computed from the samples."""
     span = max(1, round(KINEMATIC_SECONDS / record.dt))
-    changes, integrals = [np.empty((0, record.outputs.shape[1]))], [np.empty((0, record.outputs.shape[1]))]
+    changes = [np.empty((0, record.outputs.shape[1]))]
+    integrals = [np.empty((0, record.outputs.shape[1]))]
     for _, outputs in record.segments:
         integrated = cumulative_trapezoid(outputs, dx=record.dt, axis=0, initial=0)
         changes.append(outputs[span:] - outputs[:-span])
         integrals.append(integrated[span:] - integrated[:-span])
     if sum(map(len, changes)) == 0:
         return ()
-    change, integral = np.concatenate(changes), np.concatenate(integrals)
+    change = np.concatenate(changes)
+    integral = np.concatenate(integrals)
     pairs = []
     for i, moved in enumerate(change.T):
         left = (moved[:, None] - integral).var(axis=0)
@@ -117,7 +137,9 @@ def derivative_pairs(record: Record) -> tuple[tuple[int, int], ...]:
     return tuple(pairs)
 
 
-def explicit_prior(prior: Gaussian, weak: float, indices: NDArray[np.intp], scale: Array) -> tuple[Array, Array]:
+def explicit_prior(
+    prior: Gaussian, weak: float, indices: NDArray[np.intp], scale: Array
+) -> tuple[Array, Array]:
     """Returns the engine's prior of the vehicle's θ, at these ``indices`` (k,), from a ``prior`` in physical units.
 
     Others have η = 0 and the prior precision ``weak``. ``scale`` is the physical size of a unit of each of the
@@ -125,8 +147,11 @@ def explicit_prior(prior: Gaussian, weak: float, indices: NDArray[np.intp], scal
     """
     theta, theta_precision = prior.arrays
     if len(theta) != len(indices):
-        raise ValueError(f"prior must be of the {len(indices)} parameters of A, B and C, not of {len(theta)}")
-    mean, precision = np.zeros(len(scale)), weak * np.eye(len(scale))
+        raise ValueError(
+            f"prior must be of the {len(indices)} parameters of A, B and C, not of {len(theta)}"
+        )
+    mean = np.zeros(len(scale))
+    precision = weak * np.eye(len(scale))
     mean[indices] = theta / scale[indices]
     precision[np.ix_(indices, indices)] = theta_precision * np.outer(scale[indices], scale[indices])
     return mean, precision
@@ -140,7 +165,12 @@ def uniform_prior(settings: CompleteSettings, n: int, r: int, m: int) -> tuple[A
 
 
 def regulated_prior(
-    settings: CompleteSettings, n: int, motors: int, constant: bool, scale: Array, pairs: tuple[tuple[int, int], ...]
+    settings: CompleteSettings,
+    n: int,
+    motors: int,
+    constant: bool,
+    scale: Array,
+    pairs: tuple[tuple[int, int], ...],
 ) -> tuple[Array, Array]:
     """Mean (k,) and precision (k, k) of θ: what is known of any attitude loop a priori.
 
@@ -151,18 +181,23 @@ def regulated_prior(
     m = len(scale)
     weak = settings.parameter_precision
     r = motors + constant
-    A, A_precision = np.zeros((n, n)), np.full((n, n), weak)
-    B, B_precision = np.zeros((n, r)), np.full((n, r), weak)
-    C, C_precision = np.eye(m, n), np.full((m, n), KNOWN)
+    A = np.zeros((n, n))
+    A_precision = np.full((n, n), weak)
+    B = np.zeros((n, r))
+    B_precision = np.full((n, r), weak)
+    C = np.eye(m, n)
+    C_precision = np.full((m, n), KNOWN)
     np.fill_diagonal(A[:m, :m], -DAMPING_RATE)
     for angle, rate in pairs:
         A[angle, angle] = 0.0
         A[angle, rate] = scale[rate] / scale[angle]
         A[rate, angle] = -(NATURAL_FREQUENCY**2) * scale[angle] / scale[rate]
-        A_precision[angle], B_precision[angle, :motors] = KINEMATIC, KINEMATIC
+        A_precision[angle] = KINEMATIC
+        B_precision[angle, :motors] = KINEMATIC
     for hidden in range(m, n):
         A[hidden, hidden] = -ACTUATOR_RATE
         # The unit of a hidden state is free; this fixes it, so that the posterior is about the vehicle.
         A[hidden - 1, hidden] = ACTUATOR_RATE
-        A_precision[hidden, :m], A_precision[hidden - 1, hidden] = KINEMATIC, KINEMATIC
+        A_precision[hidden, :m] = KINEMATIC
+        A_precision[hidden - 1, hidden] = KINEMATIC
     return pack(A, B, C), np.diag(pack(A_precision, B_precision, C_precision))

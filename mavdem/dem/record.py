@@ -15,7 +15,8 @@ from pydantic import BaseModel, ConfigDict, ValidationError, create_model
 from mavdem.dem.engine.linalg import Array
 from mavdem.errors import unit_slip
 
-STRICT = ConfigDict(strict=True, allow_inf_nan=False)  # no text for a number, no ``True`` for 1, no infinity and no NaN
+# no text for a number, no ``True`` for 1, no infinity and no NaN
+STRICT = ConfigDict(strict=True, allow_inf_nan=False)
 
 SHORT = Repr()
 SHORT.maxother = SHORT.maxstring = 80
@@ -27,14 +28,17 @@ def checked_values(kind: type, values: Mapping[str, Any]) -> dict[str, Any]:
         return dict(_model(kind).model_validate(values))
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
-        name, said = str(first["loc"][0]), first["msg"].removeprefix("Value error, ")
+        name = str(first["loc"][0])
+        said = first["msg"].removeprefix("Value error, ")
         said = said.replace("Input should", "must", 1).replace("Tuple should", "must", 1)
         raise ValueError(f"{name} {said}, not {values[name]!r}") from None
 
 
 @cache
 def _model(kind: type) -> type[BaseModel]:
-    fields: Any = {name: (hint, ...) for name, hint in get_type_hints(kind, include_extras=True).items()}
+    fields: Any = {
+        name: (hint, ...) for name, hint in get_type_hints(kind, include_extras=True).items()
+    }
     model: type[BaseModel] = create_model("Values", __config__=STRICT, **fields)
     return model
 
@@ -42,7 +46,8 @@ def _model(kind: type) -> type[BaseModel]:
 def first_problem(error: ValidationError) -> str:
     """The first thing that pydantic found, as ``<field> must be …, not <value>``, or ``<field> is missing``."""
     first = error.errors(include_url=False)[0]
-    name, said = ".".join(map(str, first["loc"])), first["msg"].removeprefix("Value error, ")
+    name = ".".join(map(str, first["loc"]))
+    said = first["msg"].removeprefix("Value error, ")
     if first["type"] == "missing":
         return f"{name} is missing"
     if first["type"] == "value_error":
@@ -73,17 +78,24 @@ def is_number(value: object) -> TypeGuard[float]:
 
 def is_whole(value: object) -> TypeGuard[int]:
     """Whether it is one whole number of 64 bits, of Python's or numpy's; ``True`` is not."""
-    return isinstance(value, int | np.integer) and not isinstance(value, bool) and abs(int(value)) < 2**63
+    return (
+        isinstance(value, int | np.integer)
+        and not isinstance(value, bool)
+        and abs(int(value)) < 2**63
+    )
 
 
-SHORTEST_STEP, LARGEST = 1e-9, 1e50
+SHORTEST_STEP = 1e-9
+LARGEST = 1e50
 """Seconds between samples, and size of one: beyond, squares and derivatives overflow."""
 
-SAME_STEP = 1e-6  # how far the sampling steps of segments may differ, relative to the first: by rounding only
+# how far the sampling steps of segments may differ, relative to the first: by rounding only
+SAME_STEP = 1e-6
 ROUNDING = 1e-9  # relative to its size: a channel that varies by less is constant
 SMALLEST_RANGE = 1e-50  # likewise in any unit: squares and derivatives would underflow
 
-HARDLY_MOVES = 0.03  # of the median deviation of all inputs. The quietest motor of any recorded flight had 0.13
+# of the median deviation of all inputs. The quietest motor of any recorded flight had 0.13
+HARDLY_MOVES = 0.03
 FEWEST_MOTORS = 3  # inputs, from which on they are taken for a multirotor's motors
 
 LABELS = ("input_names", "output_names", "input_units", "output_units")
@@ -101,7 +113,9 @@ class Spread(NamedTuple):
     @classmethod
     def of(cls, samples: Array) -> Spread:
         """That of samples (T, k)."""
-        return cls(samples.mean(axis=0), samples.var(axis=0), samples.min(axis=0), samples.max(axis=0))
+        return cls(
+            samples.mean(axis=0), samples.var(axis=0), samples.min(axis=0), samples.max(axis=0)
+        )
 
     @property
     def moving(self) -> NDArray[np.bool_]:
@@ -131,21 +145,27 @@ class Record:
     outputs: Array  # (T, m)
     dt: float
     lengths: tuple[int, ...]
-    effect_directions: Array | None = None  # (r,) relative effect of each motor on the axis, where it is known
-    begins: tuple[float, ...] = ()  # (segments,) times of the first samples on the flight's clock, s, if it has one
+    # (r,) relative effect of each motor on the axis, where it is known
+    effect_directions: Array | None = None
+    # (segments,) times of the first samples on the flight's clock, s, if it has one
+    begins: tuple[float, ...] = ()
     input_names: tuple[str, ...] = ()
     output_names: tuple[str, ...] = ()
     input_units: tuple[str, ...] = ()
     output_units: tuple[str, ...] = ()
-    parameters: Mapping[str, float] = field(default_factory=dict)  # of the autopilot's controller, by name
-    earlier: Mapping[str, float] = field(default_factory=dict)  # of the parameters that changed in flight or later
+    # of the autopilot's controller, by name
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    # of the parameters that changed in flight or later
+    earlier: Mapping[str, float] = field(default_factory=dict)
     input_range: tuple[float, ...] = ()  # inputs at no and at full throttle, where they are known
     setpoints: Array | None = None  # (T, q) what was asked of the axis, NaN where there is none
     setpoint_names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not SHORTEST_STEP <= self.dt <= 1 / SHORTEST_STEP:
-            raise ValueError(f"dt must be positive seconds, at least {SHORTEST_STEP:g}, not {self.dt}")
+            raise ValueError(
+                f"dt must be positive seconds, at least {SHORTEST_STEP:g}, not {self.dt}"
+            )
         for name, values in (("inputs", self.inputs), ("outputs", self.outputs)):
             if not np.isfinite(values).all():
                 raise ValueError(f"{name} must be finite")
@@ -167,14 +187,24 @@ class Record:
             if len(set(widths)) > 1:
                 raise ValueError(f"{name} must have as many columns in every segment, not {widths}")
         if np.ptp(steps) > SAME_STEP * steps[0]:
-            raise ValueError(f"dt must be the same in every segment, not between {min(steps)} and {max(steps)} s")
+            raise ValueError(
+                f"dt must be the same in every segment, not between {min(steps)} and {max(steps)} s"
+            )
         lengths = tuple(len(table) for table in outputs)
         directions = _directions(flights, inputs[0].shape[1])
         labels: dict[str, Any] = {name: tuple(getattr(flights[0], name, ())) for name in LABELS}
         times: list[Sequence[float]] = [getattr(flight, "time", ()) for flight in flights]
         begins = tuple(float(time[0]) for time in times) if all(map(len, times)) else ()
         labels |= _controlled(flights)
-        return cls(np.concatenate(inputs), np.concatenate(outputs), steps[0], lengths, directions, begins, **labels)
+        return cls(
+            np.concatenate(inputs),
+            np.concatenate(outputs),
+            steps[0],
+            lengths,
+            directions,
+            begins,
+            **labels,
+        )
 
     def __len__(self) -> int:
         return len(self.outputs)
@@ -210,7 +240,9 @@ class Record:
     def samples_at(self, times: Sequence[float]) -> list[int]:
         """The samples at ``times`` on the flight's clock, s, as far as they are inside segments; sorted, each once."""
         segments = list(zip(self.begins, self.starts.tolist(), self.lengths, strict=False))
-        steps = [(round((time - begin) / self.dt), *rest) for time in times for begin, *rest in segments]
+        steps = [
+            (round((time - begin) / self.dt), *rest) for time in times for begin, *rest in segments
+        ]
         return sorted({start + step for step, start, length in steps if 0 < step < length})
 
     @property
@@ -225,9 +257,12 @@ class Record:
     def following(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> tuple[Array, Array]:
         """The inputs (H, r) and outputs (H, m) that follow the record, checked, as is the number of ``steps``."""
         required_number(steps)
-        ahead, measured = self.following_inputs(inputs), _table(outputs, "outputs", self.outputs.shape[1])
+        ahead = self.following_inputs(inputs)
+        measured = _table(outputs, "outputs", self.outputs.shape[1])
         if len(ahead) != len(measured):
-            raise ValueError(f"inputs and outputs must be of the same samples, not {len(ahead)} and {len(measured)}")
+            raise ValueError(
+                f"inputs and outputs must be of the same samples, not {len(ahead)} and {len(measured)}"
+            )
         return ahead, measured
 
     def windows(self, window: int) -> int:
@@ -242,12 +277,21 @@ class Record:
     def _part(self, start: int, stop: int) -> Record:
         inside = np.diff(np.clip(np.append(self.starts, len(self)), start, stop))
         lengths = tuple(int(length) for length in inside if length)
-        return Record(self.inputs[start:stop], self.outputs[start:stop], self.dt, lengths, self.effect_directions)
+        return Record(
+            self.inputs[start:stop],
+            self.outputs[start:stop],
+            self.dt,
+            lengths,
+            self.effect_directions,
+        )
 
     @property
     def input_cautions(self) -> tuple[str, ...]:
         """One sentence for each thing that is wrong with the inputs, or with units; none for most flights."""
-        cautions, sizes = [slip] if (slip := unit_slip(self.outputs, self.dt)) else [], self.inputs.std(axis=0)
+        cautions, sizes = (
+            [slip] if (slip := unit_slip(self.outputs, self.dt)) else [],
+            self.inputs.std(axis=0),
+        )
         names = self.input_names or tuple(f"input {column + 1}" for column in range(len(sizes)))
         still = np.flatnonzero(sizes < HARDLY_MOVES * np.median(sizes))
         if len(still):
@@ -289,14 +333,20 @@ def _directions(flights: Sequence[UniformRecord], motors: int) -> Array | None:
     for table in tables:
         if table.shape != (motors,) or not np.isfinite(table).all():
             raise ValueError(f"effect_directions must be {motors} finite numbers, not {table}")
-    same = len(tables) == len(flights) and tables[0].any() and all(np.array_equal(table, tables[0]) for table in tables)
+    same = (
+        len(tables) == len(flights)
+        and tables[0].any()
+        and all(np.array_equal(table, tables[0]) for table in tables)
+    )
     return tables[0] if same else None
 
 
 def _controlled(flights: Sequence[UniformRecord]) -> dict[str, Any]:
     """The controller's parameters, the range of the inputs, and the setpoints that all segments have."""
-    provenance, names = getattr(flights[0], "provenance", {}), getattr(flights[0], "setpoint_names", ())
-    scale, found = provenance.get("scale", {}), dict[str, Any]()
+    provenance = getattr(flights[0], "provenance", {})
+    names = getattr(flights[0], "setpoint_names", ())
+    scale = provenance.get("scale", {})
+    found = dict[str, Any]()
     found |= {name: dict(provenance.get(name, {})) for name in ("parameters", "earlier")}
     found["input_range"] = (scale["low"], scale["high"]) if scale else ()
     if names and all(getattr(flight, "setpoint_names", ()) == names for flight in flights):
@@ -307,14 +357,21 @@ def _controlled(flights: Sequence[UniformRecord]) -> dict[str, Any]:
 
 def _checked(train: UniformRecord) -> tuple[Array, Array, float]:
     try:
-        inputs, outputs = real_numbers(train.inputs, "inputs"), real_numbers(train.outputs, "outputs")
+        inputs = real_numbers(train.inputs, "inputs")
+        outputs = real_numbers(train.outputs, "outputs")
         dt = float(real_numbers(train.dt, "dt"))
     except (AttributeError, TypeError) as error:
-        raise ValueError(f"train must be a Flight, or have inputs, outputs and dt like one: {error}") from None
+        raise ValueError(
+            f"train must be a Flight, or have inputs, outputs and dt like one: {error}"
+        ) from None
     if inputs.ndim != 2 or outputs.ndim != 2 or len(inputs) != len(outputs):
-        raise ValueError(f"inputs and outputs must be (T, r) and (T, m), not {inputs.shape} and {outputs.shape}")
+        raise ValueError(
+            f"inputs and outputs must be (T, r) and (T, m), not {inputs.shape} and {outputs.shape}"
+        )
     if not (inputs.shape[1] and outputs.shape[1]):
-        raise ValueError(f"inputs and outputs must have at least one column, not {inputs.shape} and {outputs.shape}")
+        raise ValueError(
+            f"inputs and outputs must have at least one column, not {inputs.shape} and {outputs.shape}"
+        )
     return inputs, outputs, dt
 
 
@@ -323,11 +380,16 @@ def folds(lengths: Sequence[int], count: int) -> list[list[tuple[int, int, int]]
 
     A part has pieces of one segment each: its number, and the first sample and the one after the last.
     """
-    total, parts = sum(lengths), []
+    total = sum(lengths)
+    parts = []
     for fold in range(count):
-        begin, end, before, pieces = total * fold // count, total * (fold + 1) // count, 0, []
+        begin = total * fold // count
+        end = total * (fold + 1) // count
+        before = 0
+        pieces = []
         for number, length in enumerate(lengths):
-            first, stop = max(begin - before, 0), min(end - before, length)
+            first = max(begin - before, 0)
+            stop = min(end - before, length)
             if first < stop:
                 pieces.append((number, first, stop))
             before += length

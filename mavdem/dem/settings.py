@@ -30,9 +30,12 @@ class Gaussian:
     precision: tuple[tuple[float, ...], ...]
 
     def __init__(self, mean: ArrayLike, precision: ArrayLike) -> None:
-        means, precisions = real_numbers(mean, "mean"), real_numbers(precision, "precision")
+        means = real_numbers(mean, "mean")
+        precisions = real_numbers(precision, "precision")
         if means.ndim != 1 or not len(means) or not np.isfinite(means).all():
-            raise ValueError(f"mean must be finite numbers of shape (k,), not of shape {means.shape}")
+            raise ValueError(
+                f"mean must be finite numbers of shape (k,), not of shape {means.shape}"
+            )
         if precisions.ndim == 0:
             precisions = np.full(len(means), precisions)
         if precisions.ndim == 1 and len(precisions) == len(means):
@@ -50,13 +53,16 @@ class Gaussian:
     def from_dict(cls, values: Mapping[str, Any]) -> Gaussian:
         """Returns the one of ``values`` = {"mean": …, "precision": …}; ``ValueError`` for anything else."""
         if not isinstance(values, Mapping) or set(values) != {"mean", "precision"}:
-            raise ValueError(f'a Gaussian must be {{"mean": [...], "precision": ...}}, not {values!r}')
+            raise ValueError(
+                f'a Gaussian must be {{"mean": [...], "precision": ...}}, not {values!r}'
+            )
         return cls(values["mean"], values["precision"])
 
 
 Whole = Annotated[int, Field(ge=0, le=2**63 - 1)]
 Natural = Annotated[int, Field(ge=1, le=2**63 - 1)]
-LARGEST_ORDER = 12  # of a model: its fit takes memory of order n⁴, and no flight shows as many states
+# of a model: its fit takes memory of order n⁴, and no flight shows as many states
+LARGEST_ORDER = 12
 Positive = Annotated[float, Field(ge=SMALLEST, le=1 / SMALLEST)]
 Log = Annotated[float, Field(ge=-LARGEST_LOG, le=LARGEST_LOG)]
 
@@ -157,14 +163,29 @@ class Settings:
     def _require_consistent(self) -> None:
         """Raises ``ValueError`` for what no field can satisfy by itself."""
         fewest = max(self.p, self.d or 0) + 1
-        _require(self.window is None or self.window >= fewest, "window", f"at least {fewest} for p and d", self.window)
+        _require(
+            self.window is None or self.window >= fewest,
+            "window",
+            f"at least {fewest} for p and d",
+            self.window,
+        )
         # With C free, nothing fixes the scale of x, and F̄ is largest at C = 0.
         free = self.prior == "uniform" and not self.last_derivative_zero
-        _require(not free, "correlation", '"continuous" with the uniform prior, which leaves C free', self.correlation)
+        _require(
+            not free,
+            "correlation",
+            '"continuous" with the uniform prior, which leaves C free',
+            self.correlation,
+        )
         needed = self.last_derivative_zero or self.p > 0
         _require(needed, "correlation", '"continuous" with p = 0', self.correlation)
         needed = self.known_inputs or self.prior != "regulated"
-        _require(needed, "known_inputs", "True with the regulated prior, under which B would stay 0", False)
+        _require(
+            needed,
+            "known_inputs",
+            "True with the regulated prior, under which B would stay 0",
+            False,
+        )
 
     @property
     def last_derivative_zero(self) -> bool:
@@ -202,9 +223,16 @@ class Settings:
             forecasts="plant",
         )
 
-    def completed(self, order: int, d: int, window: int, parameter_precision: float) -> CompleteSettings:
+    def completed(
+        self, order: int, d: int, window: int, parameter_precision: float
+    ) -> CompleteSettings:
         """Returns these settings, with ``order``, ``d``, ``window`` and ``parameter_precision`` where they are open."""
-        chosen = {"order": order, "d": d, "window": window, "parameter_precision": parameter_precision}
+        chosen = {
+            "order": order,
+            "d": d,
+            "window": window,
+            "parameter_precision": parameter_precision,
+        }
         fixed = {name: value for name, value in vars(self).items() if value is not None}
         return CompleteSettings(**{**vars(self), **chosen, **fixed})
 

@@ -2,7 +2,36 @@
 
 from mavdem.evaluate.comparison import METHODS, Comparison, Method, compare
 from mavdem.evaluate.held_out import HeldOut, held_out_test, held_out_windows, score_of
-from mavdem.evaluate.scores import HORIZONS, Mspe, Paired, Window, horizons, mspe, paired, relative_mspe, windows
+from mavdem.evaluate.scores import (
+    HORIZONS,
+    Mspe,
+    Paired,
+    Window,
+    horizons,
+    mspe,
+    paired,
+    relative_mspe,
+    windows,
+)
 
-__all__ = ["HORIZONS", "METHODS", "Comparison", "HeldOut", "Method", "Mspe", "Paired", "Window", "compare"]
-__all__ += ["held_out_test", "held_out_windows", "horizons", "mspe", "paired", "relative_mspe", "score_of", "windows"]
+__all__ = [
+    "HORIZONS",
+    "METHODS",
+    "Comparison",
+    "HeldOut",
+    "Method",
+    "Mspe",
+    "Paired",
+    "Window",
+    "compare",
+]
+__all__ += [
+    "held_out_test",
+    "held_out_windows",
+    "horizons",
+    "mspe",
+    "paired",
+    "relative_mspe",
+    "score_of",
+    "windows",
+]

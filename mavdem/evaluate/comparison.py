@@ -42,7 +42,8 @@ from mavdem.evaluate.scores import (
 from mavdem.flight import Flight
 from mavdem.forecaster import Forecaster, ProbabilisticForecaster
 
-COUNTS = ("windows", "failed", "diverged", "unstable", "worse_than_constant")  # numbers of windows, summed over flights
+# numbers of windows, summed over flights
+COUNTS = ("windows", "failed", "diverged", "unstable", "worse_than_constant")
 
 
 class Method(NamedTuple):
@@ -70,10 +71,16 @@ PEERS = (
     *(Method(f"PEM({order})", partial(baselines.pem, order=order)) for order in (2, 4)),
     Method("EM(2)", partial(baselines.em, order=2)),
     *(Method(f"ARX({order})", partial(baselines.arx, order=order)) for order in (1, 2, 4)),
-    *(Method(f"joint VAR({order})", partial(baselines.var, order=order), predicts=True) for order in (4, 10)),
+    *(
+        Method(f"joint VAR({order})", partial(baselines.var, order=order), predicts=True)
+        for order in (4, 10)
+    ),
 )
 METHODS = (
-    *(Method(name, partial(learn, settings=settings), predicts=name == JOINT) for name, settings in DEM.items()),
+    *(
+        Method(name, partial(learn, settings=settings), predicts=name == JOINT)
+        for name, settings in DEM.items()
+    ),
     *PEERS,
     Method("constant mean", baselines.constant_mean, predicts=True),
     Method("hold last", baselines.hold, predicts=True),
@@ -113,7 +120,8 @@ class Outcome:
 
     def to_dict(self, question: str = KNOWN) -> dict[str, Any]:
         """Returns plain JSON values by name, without the forecasts themselves; of a ``question``, and from zero."""
-        rows, zero = self.of(question), self.of(FROM_ZERO)
+        rows = self.of(question)
+        zero = self.of(FROM_ZERO)
         mspe, from_zero = (
             {"per_output": values.tolist(), "total": float(values.sum())}
             for values in (self.mspe(question), self.mspe(FROM_ZERO))
@@ -124,7 +132,9 @@ class Outcome:
             "cautions": list(self.cautions),
             "mspe": mspe,
             "skill": [score_values(row) for row in rows],
-            "inside_90_percent_band": [None if np.isnan(share) else float(share) for share in rows["inside"]],
+            "inside_90_percent_band": [
+                None if np.isnan(share) else float(share) for share in rows["inside"]
+            ],
             "from_zero": {"mspe": from_zero, "skill": score_values(zero[-1])},
             "seconds": round(self.seconds, 4),
         }
@@ -140,19 +150,44 @@ def evaluate_window(method: Method, window: Window) -> Outcome:
             model = method.learn(window.train)
             return _outcome(method, window, model, thread_time() - began)
         except (ValueError, ArithmeticError, RuntimeError) as error:
-            failure = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
-    steps, m = horizons(len(window.test), window.test.dt), window.test.outputs.shape[1]
-    asked = [(KNOWN, k) for k in steps] + [(FROM_ZERO, steps[-1])] + [(UNKNOWN, k) for k in steps] * method.predicts
+            failure = (
+                str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
+            )
+    steps = horizons(len(window.test), window.test.dt)
+    m = window.test.outputs.shape[1]
+    asked = (
+        [(KNOWN, k) for k in steps]
+        + [(FROM_ZERO, steps[-1])]
+        + [(UNKNOWN, k) for k in steps] * method.predicts
+    )
     scores = np.array(
-        [(window.flight, window.start, method.name, *row, [np.inf] * m, [1] * m, [1] * m, np.nan) for row in asked],
+        [
+            (window.flight, window.start, method.name, *row, [np.inf] * m, [1] * m, [1] * m, np.nan)
+            for row in asked
+        ],
         table_type(m),
     )
-    return Outcome(method.name, window.flight, window.start, failure, None, (), thread_time() - began, scores, {})
+    return Outcome(
+        method.name,
+        window.flight,
+        window.start,
+        failure,
+        None,
+        (),
+        thread_time() - began,
+        scores,
+        {},
+    )
 
 
 def _outcome(method: Method, window: Window, model: Forecaster, seconds: float) -> Outcome:
-    train, test, cautions = window.train, window.test, tuple(model.cautions)
-    forecasts = {KNOWN: model.forecast(test.inputs), FROM_ZERO: model.forecast(test.inputs, from_zero=True)}
+    train = window.train
+    test = window.test
+    cautions = tuple(model.cautions)
+    forecasts = {
+        KNOWN: model.forecast(test.inputs),
+        FROM_ZERO: model.forecast(test.inputs, from_zero=True),
+    }
     bands = {}
     if method.predicts:
         forecasts[UNKNOWN] = model.predict(len(test))
@@ -174,7 +209,11 @@ def _outcome(method: Method, window: Window, model: Forecaster, seconds: float) 
                 row["inside"] = (np.abs(test.outputs - whole) <= bands[question])[:steps].mean()
             rows.append(row)
     scores = np.concatenate(rows)
-    scores["method"], scores["flight"], scores["start"] = who = method.name, window.flight, window.start
+    scores["method"], scores["flight"], scores["start"] = who = (
+        method.name,
+        window.flight,
+        window.start,
+    )
     return Outcome(*who, "", model.stable, cautions, seconds, scores, forecasts)
 
 
@@ -231,9 +270,14 @@ class Comparison:
         left = {(one.flight, one.start, one.method): one for one in outcomes}
         methods = tuple(dict.fromkeys(method for _, _, method in left))
         try:
-            rows = tuple(tuple(left.pop((one.flight, one.start, name)) for name in methods) for one in windows)
+            rows = tuple(
+                tuple(left.pop((one.flight, one.start, name)) for name in methods)
+                for one in windows
+            )
         except KeyError as missing:
-            raise ValueError(f"outcomes must hold every method on every window; {missing} is missing") from None
+            raise ValueError(
+                f"outcomes must hold every method on every window; {missing} is missing"
+            ) from None
         if left or not (windows and methods):
             raise ValueError("outcomes must be of the windows, of which there must be one at least")
         return cls(tuple(windows), methods, rows)
@@ -254,7 +298,11 @@ class Comparison:
 
     def of_flight(self, flight: str) -> Comparison:
         """Returns the part of one ``flight``, by its name."""
-        own = [pair for pair in zip(self.windows, self.outcomes, strict=True) if pair[0].flight == flight]
+        own = [
+            pair
+            for pair in zip(self.windows, self.outcomes, strict=True)
+            if pair[0].flight == flight
+        ]
         windows, outcomes = zip(*own, strict=True)
         return Comparison(windows, self.methods, outcomes)
 
@@ -276,7 +324,9 @@ class Comparison:
             part = self.of_flight(flight)
             methods = part.methods_of(question)
             rows = [part._summary(method, question, methods[0]) for method in methods]
-            found.setdefault(question, {})[flight] = tuple(sorted(rows, key=lambda row: row["relative"]))
+            found.setdefault(question, {})[flight] = tuple(
+                sorted(rows, key=lambda row: row["relative"])
+            )
         return found
 
     def _summary(self, method: str, question: str, reference: str) -> dict[str, Any]:
@@ -285,13 +335,16 @@ class Comparison:
         own, ours = (by_horizon(asked[asked["method"] == name]) for name in (method, reference))
         mine = [one for row in self.outcomes for one in row if one.method == method]
         from_data = UNKNOWN if question == UNKNOWN else KNOWN
-        relative, errors = ratio(own[-1]), own[-1]["squared_error"].mean(axis=0)
+        relative = ratio(own[-1])
+        errors = own[-1]["squared_error"].mean(axis=0)
         return {
             "method": method,
             "windows": len(mine),
             "failed": sum(bool(one.failure) for one in mine),
             "failure": next((one.failure for one in mine if one.failure), ""),
-            "diverged": sum(not one.failure and not np.isfinite(one.mspe(from_data)).all() for one in mine),
+            "diverged": sum(
+                not one.failure and not np.isfinite(one.mspe(from_data)).all() for one in mine
+            ),
             "unstable": sum(one.stable is False for one in mine),
             "mspe": errors.tolist(),
             "mspe_total": float(errors.sum()),
@@ -303,8 +356,13 @@ class Comparison:
                     "steps": int(rows["steps"][0]),
                     "relative": float(np.median(ratio(rows))),
                     **{
-                        key: np.median(error_over(rows["squared_error"], rows[unit]), axis=0).tolist()
-                        for key, unit in (("relative_per_output", "baseline"), ("per_output", "variance"))
+                        key: np.median(
+                            error_over(rows["squared_error"], rows[unit]), axis=0
+                        ).tolist()
+                        for key, unit in (
+                            ("relative_per_output", "baseline"),
+                            ("per_output", "variance"),
+                        )
                     },
                     "reference": paired(ratio(first), ratio(rows), self.windows),
                     "inside": _mean(rows["inside"]),
@@ -324,7 +382,9 @@ class Comparison:
             ours = next(row for row in rows if row["method"] == self.methods_of(question)[0])
             for row, place in product(rows, range(len(ours["horizons"]))):
                 at = row["horizons"][place]
-                if (over := float(error_over(ours["horizons"][place]["relative"], at["relative"]))) > 1:
+                if (
+                    over := float(error_over(ours["horizons"][place]["relative"], at["relative"]))
+                ) > 1:
                     names = {"flight": flight, "method": row["method"], "steps": at["steps"]}
                     lost.append({**names, "ratio": over, "paired": at["reference"]})
         return sorted(lost, key=lambda loss: -loss["ratio"])
@@ -336,7 +396,11 @@ class Comparison:
         """
         first, *others = self.methods_of(question)
         if len(self.flights) >= FEWEST_PAIRS:
-            return {row["method"]: row["reference"] for row in self.over_flights(question) if row["method"] != first}
+            return {
+                row["method"]: row["reference"]
+                for row in self.over_flights(question)
+                if row["method"] != first
+            }
         columns = zip(self.methods, zip(*self.outcomes, strict=True), strict=True)
         whole = {
             name: [float(ratio(one.of(question))[-1]) for one in column]
@@ -351,7 +415,8 @@ class Comparison:
         ``relative`` and ``horizons``, those that all have, are geometric means of the flights' medians, ``inside`` is a
         mean, ``COUNTS`` and ``mspe_total`` are sums; of ``reference`` each flight is one pair.
         """
-        summaries, overall = [row for rows in self._summaries[question].values() for row in rows], []
+        summaries = [row for rows in self._summaries[question].values() for row in rows]
+        overall = []
         for method in self.methods_of(question):
             rows = [row for row in summaries if row["method"] == method]
             shared = min(len(row["horizons"]) for row in rows)
@@ -363,7 +428,9 @@ class Comparison:
                     "method": method,
                     "flights": len(rows),
                     "relative": _geometric([row["relative"] for row in rows]),
-                    "horizons": [_geometric([at["relative"] for at in column]) for column in columns],
+                    "horizons": [
+                        _geometric([at["relative"] for at in column]) for column in columns
+                    ],
                     "inside": [_mean(at["inside"] for at in column) for column in columns],
                     **{name: sum(row[name] for row in rows) for name in COUNTS},
                     "mspe_total": float(np.sum([row["mspe_total"] for row in rows])),
@@ -394,7 +461,8 @@ class Comparison:
 
     def _flight(self, flight: str, question: str) -> dict[str, Any]:
         part = self.of_flight(flight)
-        train, test = part.windows[0].train, part.windows[0].test
+        train = part.windows[0].train
+        test = part.windows[0].test
         kept = set(self.methods_of(question))
         shown = UNKNOWN if question == UNKNOWN else KNOWN
         return {
@@ -409,7 +477,9 @@ class Comparison:
                 {
                     "start": window.start,
                     "time": float(window.train.time[0]),
-                    "methods": {one.method: one.to_dict(shown) for one in row if one.method in kept},
+                    "methods": {
+                        one.method: one.to_dict(shown) for one in row if one.method in kept
+                    },
                 }
                 for window, row in zip(part.windows, part.outcomes, strict=True)
             ],
@@ -428,7 +498,10 @@ class Comparison:
                 "steps": values["steps"],
                 "relative": values["relative"],
                 "total": values["total"],
-                **{f"output {i + 1} over variance": value for i, value in enumerate(values["per_output"])},
+                **{
+                    f"output {i + 1} over variance": value
+                    for i, value in enumerate(values["per_output"])
+                },
                 "stable": one.stable,
                 "failure": one.failure,
             }

@@ -39,7 +39,8 @@ FOLDS = 5
 MIN_PIECE_SECONDS = 1.0
 """A piece of training data between two cuts that is shorter is left out: it is mostly the edge of its embedding."""
 
-FORECAST, PREDICTION = "forecast", "prediction"
+FORECAST = "forecast"
+PREDICTION = "prediction"
 BASELINES = CONSTANT_MEAN, HOLD_LAST = "constant mean", "hold last"
 
 
@@ -107,7 +108,11 @@ class HeldOut:
         forecast = self.forecasts[FORECAST]
         made = ~(np.isnan(forecast) & np.isnan(self.band))
         with np.errstate(invalid="ignore"):
-            return float((np.abs(self.measured - forecast) <= self.band)[made].mean()) if made.any() else 0.0
+            return (
+                float((np.abs(self.measured - forecast) <= self.band)[made].mean())
+                if made.any()
+                else 0.0
+            )
 
     @property
     def over_expected(self) -> float:
@@ -159,7 +164,9 @@ def held_out_windows(
     steps = usual if steps is None else steps
     parts = []
     for number, fold in enumerate(folds([len(flight) for flight in flights], FOLDS), start=1):
-        training, model, failures = _others(flights, fold), None, tuple[str, ...]()
+        training = _others(flights, fold)
+        model = None
+        failures = tuple[str, ...]()
         try:
             model = learn_forecasts(training, settings)
         except ValueError as error:
@@ -172,7 +179,11 @@ def held_out_windows(
             count = (stop - first) // steps
             if count > 0:
                 part = flight[first - lead : first + count * steps]
-                parts.append(_forecast(model, training or [part], part, steps, lead, flight.outputs[:1], failures))
+                parts.append(
+                    _forecast(
+                        model, training or [part], part, steps, lead, flight.outputs[:1], failures
+                    )
+                )
         progress(number / FOLDS)
     if not parts:
         raise ValueError(f"no held-out window of {steps} samples fits into a part of these flights")
@@ -202,21 +213,29 @@ def score_of(learned: Learned, flight: Flight) -> float:
     """
     _, steps = part_samples(learned.dt)
     for label in LABELS:
-        own, theirs = getattr(learned.record, label), getattr(flight, label)
+        own = getattr(learned.record, label)
+        theirs = getattr(flight, label)
         if own and theirs and tuple(own) != tuple(theirs):
-            raise ValueError(f"flight must have the model's {label.replace('_', ' ')}, {own}, not {theirs}")
+            raise ValueError(
+                f"flight must have the model's {label.replace('_', ' ')}, {own}, not {theirs}"
+            )
     if not np.isclose(flight.dt, learned.dt, rtol=0.01):
-        raise ValueError(f"flight must have the model's sampling step of {learned.dt:.6g} s, not {flight.dt:.6g} s")
+        raise ValueError(
+            f"flight must have the model's sampling step of {learned.dt:.6g} s, not {flight.dt:.6g} s"
+        )
     part = flight[: len(flight) // steps * steps]
     if len(part) < 2 * steps or not np.ptp(part.outputs[steps:], axis=0).all():
         raise ValueError(f"flight must have {2 * steps} samples or more, and vary in every output")
-    return 1 - _forecast(learned, [part[steps:]], part, steps, steps, part.outputs[:1]).error_ratio()
+    return (
+        1 - _forecast(learned, [part[steps:]], part, steps, steps, part.outputs[:1]).error_ratio()
+    )
 
 
 def _others(flights: Sequence[Flight], fold: Sequence[tuple[int, int, int]]) -> list[Flight]:
     """The pieces of the flights outside a fold that are long enough to learn from."""
     inside = {i: (first, stop) for i, first, stop in fold}
-    least, pieces = max(MIN_PIECE_SECONDS / flights[0].dt, 1), []
+    least = max(MIN_PIECE_SECONDS / flights[0].dt, 1)
+    pieces = []
     for i, flight in enumerate(flights):
         first, stop = inside.get(i, (len(flight), len(flight)))
         pieces += [flight[a:b] for a, b in ((0, first), (stop, len(flight))) if b - a >= least]
@@ -236,7 +255,8 @@ def _forecast(
 
     Without a model there are the baselines only.
     """
-    inputs, outputs = part.inputs, part.outputs
+    inputs = part.inputs
+    outputs = part.outputs
 
     def windows(values: Array) -> Array:
         return values[lead:].reshape(-1, steps, *values.shape[1:])
@@ -256,17 +276,32 @@ def _forecast(
         CONSTANT_MEAN: np.broadcast_to(trained.mean(axis=0), measured.shape),
         HOLD_LAST: np.broadcast_to(last[:, None], measured.shape),
     }
-    return HeldOut(windows(part.time), measured, forecasts, band, expected, trained.var(axis=0), failures)
+    return HeldOut(
+        windows(part.time), measured, forecasts, band, expected, trained.var(axis=0), failures
+    )
 
 
 def _together(parts: Sequence[HeldOut]) -> HeldOut:
     """All windows of several parts in the order of time; the variance is the mean of the parts'."""
     order = np.argsort(np.concatenate([part.time[:, 0] for part in parts]), kind="stable")
-    columns = [(part.time, part.measured, part.band, part.expected, *part.forecasts.values()) for part in parts]
-    time, measured, band, expected, *forecasts = (np.concatenate(one)[order] for one in zip(*columns, strict=True))
+    columns = [
+        (part.time, part.measured, part.band, part.expected, *part.forecasts.values())
+        for part in parts
+    ]
+    time, measured, band, expected, *forecasts = (
+        np.concatenate(one)[order] for one in zip(*columns, strict=True)
+    )
     named = dict(zip(parts[0].forecasts, forecasts, strict=True))
     failures = tuple(dict.fromkeys(failure for part in parts for failure in part.failures))
-    return HeldOut(time, measured, named, band, expected, np.mean([part.variance for part in parts], axis=0), failures)
+    return HeldOut(
+        time,
+        measured,
+        named,
+        band,
+        expected,
+        np.mean([part.variance for part in parts], axis=0),
+        failures,
+    )
 
 
 MAX_DIFFERENCE = 0.3
@@ -287,7 +322,11 @@ class ComparedParameter(NamedTuple):
     @property
     def inside(self) -> bool | None:
         """Whether the interval holds the truth; ``None`` where there is none."""
-        return None if isnan(self.half_width) else bool(abs(self.estimate - self.truth) <= self.half_width)
+        return (
+            None
+            if isnan(self.half_width)
+            else bool(abs(self.estimate - self.truth) <= self.half_width)
+        )
 
     def as_dict(self) -> dict[str, Any]:
         """Returns plain JSON values."""
@@ -318,8 +357,14 @@ class TruthComparison(NamedTuple):
 
     def as_dict(self) -> dict[str, Any]:
         """Returns plain JSON values."""
-        wind = None if self.wind is None else self.wind._asdict() | {"mean": self.wind.mean.as_dict()}
-        return {"source": self.source, "parameters": [one.as_dict() for one in self.parameters], "wind": wind}
+        wind = (
+            None if self.wind is None else self.wind._asdict() | {"mean": self.wind.mean.as_dict()}
+        )
+        return {
+            "source": self.source,
+            "parameters": [one.as_dict() for one in self.parameters],
+            "wind": wind,
+        }
 
 
 def read_truth(path: str | PathLike[str], axis: str) -> dict[str, Any]:
@@ -339,19 +384,40 @@ def read_truth(path: str | PathLike[str], axis: str) -> dict[str, Any]:
                 **{name: file[name] for name in ("time", "weak", "delay")},
                 **{name: file[f"{axis}_{name}"] for name in ("disturbance", "effect")},
                 "rate": file["known_rates"][:, AXES.index(axis)],
-                "weak_effect": file[f"{axis}_effect{'_weak' if f'{axis}_effect_weak' in file else ''}"],
+                "weak_effect": file[
+                    f"{axis}_effect{'_weak' if f'{axis}_effect_weak' in file else ''}"
+                ],
                 "damping": -file[f"{axis}_A"][-1, -1],
                 "lag": file["lag"][0],
             }
             columns = {key: np.asarray(value, np.float64) for key, value in parts.items()}
     except OSError as error:
         raise Unreadable(f"{name} cannot be read ({error.strerror or error}).") from None
-    except (KeyError, IndexError, TypeError, ValueError, EOFError, MemoryError, zipfile.BadZipFile, zlib.error):
-        raise Unreadable(f"{name} is no truth file that this version of `mavdem fly` writes beside a log.") from None
-    rows, motors = len(np.atleast_1d(columns["time"])), columns["effect"].size
-    shapes: dict[str, tuple[int, ...]] = dict.fromkeys(("time", "rate", "disturbance", "weak"), (rows,))
-    shapes |= dict.fromkeys(("effect", "weak_effect"), (motors,)) | dict.fromkeys(("damping", "lag", "delay"), ())
-    sound = all(columns[key].shape == shape and np.isfinite(columns[key]).all() for key, shape in shapes.items())
+    except (
+        KeyError,
+        IndexError,
+        TypeError,
+        ValueError,
+        EOFError,
+        MemoryError,
+        zipfile.BadZipFile,
+        zlib.error,
+    ):
+        raise Unreadable(
+            f"{name} is no truth file that this version of `mavdem fly` writes beside a log."
+        ) from None
+    rows = len(np.atleast_1d(columns["time"]))
+    motors = columns["effect"].size
+    shapes: dict[str, tuple[int, ...]] = dict.fromkeys(
+        ("time", "rate", "disturbance", "weak"), (rows,)
+    )
+    shapes |= dict.fromkeys(("effect", "weak_effect"), (motors,)) | dict.fromkeys(
+        ("damping", "lag", "delay"), ()
+    )
+    sound = all(
+        columns[key].shape == shape and np.isfinite(columns[key]).all()
+        for key, shape in shapes.items()
+    )
     if not (sound and rows > 1 and (np.diff(columns["time"]) > 0).all()):
         raise Unreadable(f"{name} is damaged: its arrays do not fit each other.")
     return {"source": name, **columns}
@@ -370,7 +436,10 @@ def truth_of(flights: Sequence[Flight], path: str | PathLike[str]) -> dict[str, 
         raise ValueError(f"the last output must be the rate of roll, pitch or yaw, not {name}")
     truth = read_truth(path, axis)
     for segment in flights:
-        if not _difference(segment.outputs[:, -1], truth, truth["rate"], segment.time) < MAX_DIFFERENCE:
+        if (
+            not _difference(segment.outputs[:, -1], truth, truth["rate"], segment.time)
+            < MAX_DIFFERENCE
+        ):
             raise Unreadable(
                 f"{truth['source']} is the truth of another flight: from {segment.time[0]:.1f} s to "
                 f"{segment.time[-1]:.1f} s its {name} is not the log's. Name the .truth.npz that `mavdem fly` wrote "
@@ -379,7 +448,9 @@ def truth_of(flights: Sequence[Flight], path: str | PathLike[str]) -> dict[str, 
     return truth
 
 
-def compare_with_truth(learned: Learned, flights: Sequence[Flight], truth: dict[str, Any]) -> TruthComparison:
+def compare_with_truth(
+    learned: Learned, flights: Sequence[Flight], truth: dict[str, Any]
+) -> TruthComparison:
     """Returns the physical parameters and the wind torque of ``learned`` beside the ``truth`` of its ``flights``.
 
     Raises:
@@ -388,7 +459,9 @@ def compare_with_truth(learned: Learned, flights: Sequence[Flight], truth: dict[
     if sum(map(len, flights)) != len(learned.record):
         raise ValueError("flights must be what the model was trained on")
     time = np.concatenate([segment.time for segment in flights])
-    parameters = () if learned.physical is None else _parameters(learned.physical, flights, truth, time)
+    parameters = (
+        () if learned.physical is None else _parameters(learned.physical, flights, truth, time)
+    )
     wind = None if learned.wind_torque is None else _wind(learned.wind_torque, truth, time)
     return TruthComparison(truth["source"], parameters, wind)
 
@@ -406,22 +479,38 @@ def _parameters(
     physical: Physical, segments: Sequence[Flight], truth: dict[str, Any], time: Array
 ) -> tuple[ComparedParameter, ...]:
     effect, *halves = physical.interval(LEVEL)
-    status, parameters = physical.status, list[ComparedParameter]()
+    status = physical.status
+    parameters = list[ComparedParameter]()
     if segments[0].input_units == ("µs",) * truth["effect"].size:
         weak = np.interp(time, truth["time"], truth["weak"]) >= 0.5
         true = truth["weak_effect" if weak.mean() >= 0.5 else "effect"]
-        unit, state = "rad/s² per µs", status["effect"]
-        motors = zip(segments[0].input_names, physical.effect.tolist(), effect.tolist(), true.tolist(), strict=True)
+        unit = "rad/s² per µs"
+        state = status["effect"]
+        motors = zip(
+            segments[0].input_names,
+            physical.effect.tolist(),
+            effect.tolist(),
+            true.tolist(),
+            strict=True,
+        )
         parameters = [
             ComparedParameter(f"effect of {name.split(' (')[0]}", unit, value, half, known, state)
             for name, value, half, known in motors
         ]
         mean = float(np.abs(true).mean())
-        parameters.append(ComparedParameter("mean effect", unit, *physical.mean_effect(LEVEL), mean, state))
-    others = (("damping", "1/s", "damping"), ("lag of the motors", "s", "lag"), ("delay", "s", "delay"))
+        parameters.append(
+            ComparedParameter("mean effect", unit, *physical.mean_effect(LEVEL), mean, state)
+        )
+    others = (
+        ("damping", "1/s", "damping"),
+        ("lag of the motors", "s", "lag"),
+        ("delay", "s", "delay"),
+    )
     for (name, unit, key), half in zip(others, halves, strict=True):
         state = status.get(key, status["lag"])
-        parameters.append(ComparedParameter(name, unit, getattr(physical, key), half, float(truth[key]), state))
+        parameters.append(
+            ComparedParameter(name, unit, getattr(physical, key), half, float(truth[key]), state)
+        )
     return tuple(parameters)
 
 
@@ -434,5 +523,7 @@ def _wind(wind: WindTorque, truth: dict[str, Any], time: Array) -> ComparedWind:
         true_sd=float(true.std()),
         inside=float(np.mean(np.abs(wind.torque - true) <= wind.band)),
         resolved=wind.resolved,
-        mean=ComparedParameter("steady part", "rad/s²", wind.mean, wind.mean_band, float(true.mean())),
+        mean=ComparedParameter(
+            "steady part", "rad/s²", wind.mean, wind.mean_band, float(true.mean())
+        ),
     )

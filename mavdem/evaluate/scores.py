@@ -30,7 +30,8 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.errors import NotLearnable
 from mavdem.flight import Flight
 
-TRAIN_SECONDS, TEST_SECONDS = 7.0, 1.5
+TRAIN_SECONDS = 7.0
+TEST_SECONDS = 1.5
 """Default lengths of a training and a test part: a few periods of a vehicle's motion, as in the paper at 100 Hz."""
 
 
@@ -45,7 +46,9 @@ class Length(NamedTuple):
         return max(1, round(self.number / dt)) if self.in_seconds else int(self.number)
 
 
-def part_samples(dt: float, train: Length | None = None, test: Length | None = None) -> tuple[int, int]:
+def part_samples(
+    dt: float, train: Length | None = None, test: Length | None = None
+) -> tuple[int, int]:
     """Returns the samples of a training and a test part ``dt`` s apart: as asked for, else 7 s and 1.5 s."""
     return (train or Length(TRAIN_SECONDS)).samples(dt), (test or Length(TEST_SECONDS)).samples(dt)
 
@@ -58,7 +61,9 @@ class TooFewSamples(NotLearnable):
         self.lengths = lengths
 
     @classmethod
-    def of(cls, flight: Flight, start: float, train: int, test: int, least: int, remedy: str) -> TooFewSamples:
+    def of(
+        cls, flight: Flight, start: float, train: int, test: int, least: int, remedy: str
+    ) -> TooFewSamples:
         """Returns why ``train`` and ``test`` samples do not fit after ``start`` s of a ``flight``, and how many would.
 
         With fewer than ``least`` training samples none do, and the ``remedy`` is another.
@@ -92,7 +97,11 @@ class Window:
 
 
 def windows(
-    name: str, flight: Flight, train: int | None = None, test: int | None = None, hop: int | None = None
+    name: str,
+    flight: Flight,
+    train: int | None = None,
+    test: int | None = None,
+    hop: int | None = None,
 ) -> tuple[Window, ...]:
     """Returns every window that fits into the ``flight`` of this ``name``; none if it is too short.
 
@@ -103,21 +112,27 @@ def windows(
         ValueError: a number of samples that is not positive.
     """
     usual = part_samples(flight.dt)
-    train, test = usual[0] if train is None else train, usual[1] if test is None else test
+    train = usual[0] if train is None else train
+    test = usual[1] if test is None else test
     hop = max(1, (train + test) // 2) if hop is None else hop
     if min(train, test, hop) < 1:
         raise ValueError(f"train, test and hop must be at least 1, not {train}, {test} and {hop}")
     return tuple(
-        Window(name, start, flight[start : start + train], flight[start + train : start + train + test])
+        Window(
+            name, start, flight[start : start + train], flight[start + train : start + train + test]
+        )
         for start in range(0, len(flight) - train - test + 1, hop)
     )
 
 
 HORIZONS = (1, 5, 10, 25, 50, 150)
 """Steps; the last is the paper's."""
-USUAL_RATE, FAST_RATE = 100.0, 125.0
+USUAL_RATE = 100.0
+FAST_RATE = 125.0
 """Hz: the rate of these steps, and the rate above which they last as long as at ``USUAL_RATE``."""
-KNOWN, FROM_ZERO, UNKNOWN = "known", "zero", "unknown"
+KNOWN = "known"
+FROM_ZERO = "zero"
+UNKNOWN = "unknown"
 """Questions: the outputs, given the inputs; the same from state 0, as the paper's figures; what comes next, without the
 inputs."""
 
@@ -131,7 +146,13 @@ def table_type(outputs: int) -> np.dtype[np.void]:
     output there are the mean ``squared_error``, the training ``variance``, which is its unit, and the squared error of
     the constant mean, ``baseline``. ``inside`` is the share of the samples in the 90 % band, NaN without one.
     """
-    names = [("flight", object), ("start", int), ("method", object), ("question", object), ("steps", int)]
+    names = [
+        ("flight", object),
+        ("start", int),
+        ("method", object),
+        ("question", object),
+        ("steps", int),
+    ]
     errors = [(name, float, (outputs,)) for name in ("squared_error", "variance", "baseline")]
     return np.dtype([*names, *errors, ("inside", float)])
 
@@ -158,9 +179,12 @@ def mspe(measured: ArrayLike, predicted: ArrayLike) -> Mspe:
     See Also:
         :func:`mavdem.evaluate.held_out_windows`: errors on windows that no model has seen.
     """
-    y, yhat = np.asarray(measured, np.float64), np.asarray(predicted, np.float64)
+    y = np.asarray(measured, np.float64)
+    yhat = np.asarray(predicted, np.float64)
     if y.shape != yhat.shape or y.ndim != 2 or not len(y):
-        raise ValueError(f"measured and predicted must be (H, m) alike, not {y.shape} and {yhat.shape}")
+        raise ValueError(
+            f"measured and predicted must be (H, m) alike, not {y.shape} and {yhat.shape}"
+        )
     # The forecast of an unstable model may overflow.
     with np.errstate(over="ignore", invalid="ignore"):
         squares = (y - yhat) ** 2
@@ -179,12 +203,20 @@ def horizons(samples: int, dt: float) -> tuple[int, ...]:
 
     Above 125 Hz, by the sampling step ``dt`` in s, they last as long as at 100 Hz.
     """
-    steps = HORIZONS if dt >= 1 / FAST_RATE else tuple(round(usual / USUAL_RATE / dt) for usual in HORIZONS)
+    steps = (
+        HORIZONS
+        if dt >= 1 / FAST_RATE
+        else tuple(round(usual / USUAL_RATE / dt) for usual in HORIZONS)
+    )
     return (*(one for one in steps if one < samples), samples)
 
 
 def score(
-    train: Flight, test: Flight, predicted: ArrayLike, steps: int | None = None, question: str = KNOWN
+    train: Flight,
+    test: Flight,
+    predicted: ArrayLike,
+    steps: int | None = None,
+    question: str = KNOWN,
 ) -> ScoreTable:
     """Returns one row: the error of ``predicted`` (H, m), forecasts of ``test`` in pieces of ``steps``, all at once.
 
@@ -195,7 +227,17 @@ def score(
         raise ValueError("train must vary in every output: errors are in units of its variance")
     mean = np.broadcast_to(train.outputs.mean(axis=0), test.outputs.shape)
     ours, baseline = (mspe(test.outputs, values).per_output for values in (predicted, mean))
-    row = ("", 0, "", question, steps or len(test), ours, train.outputs.var(axis=0), baseline, np.nan)
+    row = (
+        "",
+        0,
+        "",
+        question,
+        steps or len(test),
+        ours,
+        train.outputs.var(axis=0),
+        baseline,
+        np.nan,
+    )
     return np.array([row], table_type(len(ours)))
 
 
@@ -217,7 +259,10 @@ def ratio(scores: ScoreTable) -> Array:
 
     The skill score is one minus this, and it is the NMSE of system identification.
     """
-    ours, baseline = ((scores[column] / scores["variance"]).sum(axis=1) for column in ("squared_error", "baseline"))
+    ours, baseline = (
+        (scores[column] / scores["variance"]).sum(axis=1)
+        for column in ("squared_error", "baseline")
+    )
     return error_over(ours, baseline)
 
 
@@ -238,7 +283,8 @@ def score_values(row: Any) -> dict[str, Any]:
     }
 
 
-SIGNIFICANCE, FEWEST_PAIRS = 0.05, 6
+SIGNIFICANCE = 0.05
+FEWEST_PAIRS = 6
 """The level of the test, and the pairs that it takes: of k the p-value is 2¹⁻ᵏ at least."""
 Verdict = Literal["lower", "higher", "not distinguishable"]
 
@@ -280,9 +326,12 @@ def paired(ours: ArrayLike, theirs: ArrayLike, windows: Sequence[Window] | None 
     Raises:
         ValueError: arrays of different lengths, or errors that are negative or NaN.
     """
-    a, b = np.asarray(ours, np.float64), np.asarray(theirs, np.float64)
+    a = np.asarray(ours, np.float64)
+    b = np.asarray(theirs, np.float64)
     if a.shape != b.shape or a.ndim != 1 or (windows is not None and len(windows) != len(a)):
-        raise ValueError(f"ours, theirs and windows must be of the same windows, not {a.shape} and {b.shape}")
+        raise ValueError(
+            f"ours, theirs and windows must be of the same windows, not {a.shape} and {b.shape}"
+        )
     if not ((a >= 0).all() and (b >= 0).all()):
         raise ValueError("ours and theirs must be errors: at least 0, and no NaN")
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -291,7 +340,11 @@ def paired(ours: ArrayLike, theirs: ArrayLike, windows: Sequence[Window] | None 
     apart = np.arange(len(a)) if windows is None else disjoint(windows)
     with np.errstate(invalid="ignore", over="ignore"):
         # Two middle ones of opposite infinity have no mean: each method diverged as often as the other.
-        middle = float(np.exp(np.nan_to_num(np.median(differences), posinf=np.inf, neginf=-np.inf))) if len(a) else nan
+        middle = (
+            float(np.exp(np.nan_to_num(np.median(differences), posinf=np.inf, neginf=-np.inf)))
+            if len(a)
+            else nan
+        )
     from scipy.stats import rankdata, wilcoxon  # it takes half a second to import
 
     # Only signs and ranks count, and ranks are finite if a method diverged.

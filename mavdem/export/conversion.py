@@ -40,7 +40,8 @@ if TYPE_CHECKING:
     import pandas
     import xarray
 
-Table = Mapping[str, Array]  # columns (T,) by name, with units, such as "roll_rate_rad_s"; the first is "time_s"
+# columns (T,) by name, with units, such as "roll_rate_rad_s"; the first is "time_s"
+Table = Mapping[str, Array]
 TIME = "time_s"
 IN_TEXT = {TIME: ".6f"}  # stamps of autopilots are microseconds at best
 FLOAT32 = ".7g"  # other numbers in text: autopilots send and log them as float32
@@ -54,7 +55,11 @@ def column_name(name: str, unit: str) -> str:
 
 def _channels(flight: Flight) -> Iterator[tuple[str, tuple[str, ...], tuple[str, ...], Array]]:
     """Kind, names, units and values (T, k) of what a flight has."""
-    for kind, values in (("input", flight.inputs), ("output", flight.outputs), ("setpoint", flight.setpoints)):
+    for kind, values in (
+        ("input", flight.inputs),
+        ("output", flight.outputs),
+        ("setpoint", flight.setpoints),
+    ):
         if values is not None:
             yield kind, getattr(flight, f"{kind}_names"), getattr(flight, f"{kind}_units"), values
 
@@ -93,11 +98,19 @@ def own_columns(signals: Signals) -> dict[str, Array]:
     """
     streams: list[tuple[Attitude | Motors, list[str], Array]] = []
     if (drive := signals.drive) is not None:
-        streams.append((drive, [column_name(name, drive.scale.unit) for name in drive.layout.names], drive.outputs))
+        streams.append(
+            (
+                drive,
+                [column_name(name, drive.scale.unit) for name in drive.layout.names],
+                drive.outputs,
+            )
+        )
     if (seen := signals.attitude) is not None:
         names = [column_name(*output) for output in axis_outputs(signals.axis)]
         streams.append((seen, names, np.column_stack([seen.angle, seen.rate])[:, -len(names) :]))
-    boots = rows_by(np.concatenate([np.zeros(0, dtype=np.int64), *(stream.boot for stream, _, _ in streams)]))
+    boots = rows_by(
+        np.concatenate([np.zeros(0, dtype=np.int64), *(stream.boot for stream, _, _ in streams)])
+    )
     if not boots:
         return {}
     boot = max(boots, key=lambda number: len(boots[number]))
@@ -113,7 +126,10 @@ def own_columns(signals: Signals) -> dict[str, Array]:
 
 def write_csv(file: BinaryIO, table: Table, provenance: Mapping[str, Any]) -> None:
     """Writes a head and one line a sample, as ``IN_TEXT`` and ``FLOAT32`` say, without the provenance."""
-    texts = [[format(value, IN_TEXT.get(name, FLOAT32)) for value in column.tolist()] for name, column in table.items()]
+    texts = [
+        [format(value, IN_TEXT.get(name, FLOAT32)) for value in column.tolist()]
+        for name, column in table.items()
+    ]
     text = io.TextIOWrapper(file, encoding="utf-8", newline="")
     csv.writer(text, lineterminator="\n").writerows([list(table), *zip(*texts, strict=True)])
     text.detach()
@@ -146,16 +162,24 @@ def to_xarray(flight: Flight) -> xarray.Dataset:
     import xarray
 
     variables: dict[str, Any] = {}
-    coordinates: dict[str, Any] = {"time": ("time", flight.time, {"units": "s", "long_name": "time since boot"})}
+    coordinates: dict[str, Any] = {
+        "time": ("time", flight.time, {"units": "s", "long_name": "time since boot"})
+    }
     for kind, names, units, values in _channels(flight):
         variables[f"{kind}s"] = (("time", kind), values)
         coordinates |= {kind: (kind, list(names)), f"{kind}_unit": (kind, list(units))}
     if flight.effect_directions is not None:
         variables["effect_directions"] = ("input", flight.effect_directions)
-    return xarray.Dataset(variables, coordinates, {"dt": flight.dt, "source": str(flight.provenance.get("source", ""))})
+    return xarray.Dataset(
+        variables,
+        coordinates,
+        {"dt": flight.dt, "source": str(flight.provenance.get("source", ""))},
+    )
 
 
-PADE_ORDER, PLANT_DRAWS = 2, 100  # of the delay, exact to 1° up to 0.3/delay Hz; plants from the posterior
+# of the delay, exact to 1° up to 0.3/delay Hz; plants from the posterior
+PADE_ORDER = 2
+PLANT_DRAWS = 100
 
 
 def to_control(learned: Learned, model: str = "physical") -> control.StateSpace:
@@ -196,31 +220,46 @@ def _plants(learned: Learned, names: dict[str, Any]) -> tuple[list[control.State
     """The physical plant and draws from its posterior; and its delay, s."""
     import control
 
-    physical, count = learned.physical, len(names["outputs"])
+    physical = learned.physical
+    count = len(names["outputs"])
     if physical is None or physical.caution is not None:
         reason = learned.physical_reason if physical is None else physical.caution
         remedy = "Fly quick small movements on this axis (docs/manoeuvres.md); model='dem' is DEM's model."
         raise NotLearnable(f"There is no physical plant. {reason}", remedy)
     if count > 2:
-        raise NotLearnable(f"The plant has an angle and its rate, and this model {count} outputs.", "Take model='dem'.")
-    if doubtful := [f"{name} {status}" for name, status in physical.status.items() if status != "reported"]:
+        raise NotLearnable(
+            f"The plant has an angle and its rate, and this model {count} outputs.",
+            "Take model='dem'.",
+        )
+    if doubtful := [
+        f"{name} {status}" for name, status in physical.status.items() if status != "reported"
+    ]:
         reasons = " ".join(dict.fromkeys(physical.reasons.values()))
         warn(f"Of this plant are not well known: {', '.join(doubtful)}. {reasons}", stacklevel=4)
     outputs = names["outputs"]
-    states = [*(f"delay_{i + 1}" for i in range(PADE_ORDER if physical.delay else 0)), *outputs, "motors_torque"]
+    states = [
+        *(f"delay_{i + 1}" for i in range(PADE_ORDER if physical.delay else 0)),
+        *outputs,
+        "motors_torque",
+    ]
     plants = []
     for *effect, damping, lag, delay in physical.draws(PLANT_DRAWS).tolist():
         late = control.tf2ss(*control.pade(delay, PADE_ORDER if physical.delay else 0))
-        A = np.array([[0.0, 1.0, 0.0], [0.0, -damping, 1.0], [0.0, 0.0, -1 / lag]])[2 - count :, 2 - count :]
+        A = np.array([[0.0, 1.0, 0.0], [0.0, -damping, 1.0], [0.0, 0.0, -1 / lag]])[
+            2 - count :, 2 - count :
+        ]
         B = np.zeros((count + 1, 1))
         B[-1] = 1 / lag
         motion = control.StateSpace(A, B, np.eye(count, count + 1), np.zeros((count, 1)))
-        plants.append(control.StateSpace(motion * late * np.array([effect]), states=states, **names))
+        plants.append(
+            control.StateSpace(motion * late * np.array([effect]), states=states, **names)
+        )
     return plants, physical.delay
 
 
 STREAMS = {".tlog": write_tlog, ".mcap": write_mcap}
-TABLES = {".csv": write_csv, ".parquet": write_parquet}  # what writes a file, by the end of its name
+# what writes a file, by the end of its name
+TABLES = {".csv": write_csv, ".parquet": write_parquet}
 
 
 def convert(
@@ -250,9 +289,12 @@ def convert(
         NotLearnable: there is no vehicle, or several and none was chosen, or neither attitude nor inputs.
         ValueError: ``out`` is the source, or has no known ending or that of the source.
     """
-    source, out = Path(source), Path(out)
+    source = Path(source)
+    out = Path(out)
     if out.suffix.lower() not in {*STREAMS, *TABLES}:
-        raise ValueError(f"{out} must end in {', '.join([*STREAMS, *TABLES])}: the ending chooses the format")
+        raise ValueError(
+            f"{out} must end in {', '.join([*STREAMS, *TABLES])}: the ending chooses the format"
+        )
     if out.exists() and source.exists() and out.samefile(source):
         raise ValueError(f"{out} is the input: name another file")
     if out.suffix.lower() == ".parquet":
@@ -263,12 +305,15 @@ def convert(
         else:
             written = _convert_stream(source, out, progress)
     except OSError as error:
-        raise Unreadable(f"{out} cannot be written ({error.strerror or error}): name another file.") from None
+        raise Unreadable(
+            f"{out} cannot be written ({error.strerror or error}): name another file."
+        ) from None
     return {"source": str(source), "out": str(out), **written}
 
 
 def _convert_stream(source: Path, out: Path, progress: Progress) -> dict[str, Any]:
-    kind, stream = out.suffix.lower(), read_stream(source, progress)
+    kind = out.suffix.lower()
+    stream = read_stream(source, progress)
     if stream.form == kind:
         raise ValueError(f"{source} is a {kind} already: choose another format")
     with atomic_write(out) as file:
@@ -299,10 +344,12 @@ def _convert_to_table(
     # A common step would cost most of the faster stream, which a model needs but a table does not.
     rates = [] if flight is None else flight.provenance["rates"].values()
     if flight is not None and (verdict.learnable or max(rates) < LOW_PASS_RATIO * min(rates)):
-        table, provenance = columns(flight), {**flight.provenance, "cautions": cautions}
+        table = columns(flight)
+        provenance = {**flight.provenance, "cautions": cautions}
         table |= wind_columns(signals, flight.provenance["segment"]["boot"], flight.time)
     else:
-        table, provenance = own_columns(signals), {"source": str(source), "cautions": cautions}
+        table = own_columns(signals)
+        provenance = {"source": str(source), "cautions": cautions}
     if not table:
         raise NotLearnable(verdict.reason, verdict.remedy)
     with atomic_write(out) as file:
@@ -338,21 +385,34 @@ def write_channels(
     ``OSError`` if ``path`` cannot be written, ``ValueError`` for a time before 0, which MCAP cannot hold, or a model of
     other flights.
     """
-    first, time = flights[0], np.concatenate([flight.time for flight in flights])
+    first = flights[0]
+    time = np.concatenate([flight.time for flight in flights])
     if time[0] < 0:
         raise ValueError("time must not be negative: MCAP counts from 0")
     series = {
-        "flight/outputs": _series(time, first.output_names, np.vstack([flight.outputs for flight in flights])),
-        "flight/inputs": _series(time, first.input_names, np.vstack([flight.inputs for flight in flights])),
+        "flight/outputs": _series(
+            time, first.output_names, np.vstack([flight.outputs for flight in flights])
+        ),
+        "flight/inputs": _series(
+            time, first.input_names, np.vstack([flight.inputs for flight in flights])
+        ),
     }
     if learned is not None:
         series |= _learned(first, time, learned)
     if held_out is not None:
         inside = held_out.time.ravel()
-        measured, forecast = held_out.measured, held_out.forecasts[FORECAST]
-        windows = {"measured": measured, "forecast": forecast, "residual": measured - forecast, "band": held_out.band}
+        measured = held_out.measured
+        forecast = held_out.forecasts[FORECAST]
+        windows = {
+            "measured": measured,
+            "forecast": forecast,
+            "residual": measured - forecast,
+            "band": held_out.band,
+        }
         for name, values in windows.items():
-            series[f"held_out/{name}"] = _series(inside, first.output_names, values.reshape(len(inside), -1))
+            series[f"held_out/{name}"] = _series(
+                inside, first.output_names, values.reshape(len(inside), -1)
+            )
     if wind is not None:
         for name, values in (("velocity", wind.velocity), ("band", wind.band)):
             series[f"wind/{name}"] = _series(wind.time, ("north", "east"), values)
@@ -362,13 +422,20 @@ def write_channels(
 
 def _learned(flight: Flight, time: Array, learned: Learned) -> dict[str, Series]:
     if len(learned.record) != len(time):
-        raise ValueError(f"the model was learned from {len(learned.record)} samples, not these {len(time)}")
-    (places, noise), command = learned.process_noise(), AxisCommand.of(learned)
+        raise ValueError(
+            f"the model was learned from {len(learned.record)} samples, not these {len(time)}"
+        )
+    (places, noise) = learned.process_noise()
+    command = AxisCommand.of(learned)
     series = {
         "learned/one_step": _series(time, flight.output_names, learned.one_step()),
-        "learned/process_noise": _series(time[places], state_names(flight.output_names, learned), noise),
+        "learned/process_noise": _series(
+            time[places], state_names(flight.output_names, learned), noise
+        ),
         "learned/free_energy": (time[places], {"free_energy": learned.free_energy_of_samples}),
-        "learned/command": _series(time, [command.name], command.series(learned.record.inputs)[:, None]),
+        "learned/command": _series(
+            time, [command.name], command.series(learned.record.inputs)[:, None]
+        ),
     }
     if learned.wind_torque is not None:
         torque = np.stack([learned.wind_torque.torque, learned.wind_torque.band], axis=1)

@@ -23,21 +23,43 @@ from scipy.special import stdtr
 
 from mavdem.alignment.drive import TILT_AXES
 from mavdem.confidence import LEVEL, quantile
-from mavdem.fleet.row import AXIS_ORDER, OK, UNKNOWN, Flight, FlightRow, flights_of, is_shared, vehicles_of
+from mavdem.fleet.row import (
+    AXIS_ORDER,
+    OK,
+    UNKNOWN,
+    Flight,
+    FlightRow,
+    flights_of,
+    is_shared,
+    vehicles_of,
+)
 from mavdem.health.balance import SCATTER
 
 FAMILY_ERROR = 0.05  # probability that anything is called changed when nothing did
-SHARE, EFFECT, MEAN_EFFECT, DAMPING, LAG = "share", "effect", "mean effect", "damping", "lag"
-BETWEEN = {SHARE: float(np.linalg.norm(SCATTER)), EFFECT: 0.02, MEAN_EFFECT: 0.1, DAMPING: 0.2, LAG: 0.004}
+SHARE = "share"
+EFFECT = "effect"
+MEAN_EFFECT = "mean effect"
+DAMPING = "damping"
+LAG = "lag"
+BETWEEN = {
+    SHARE: float(np.linalg.norm(SCATTER)),
+    EFFECT: 0.02,
+    MEAN_EFFECT: 0.1,
+    DAMPING: 0.2,
+    LAG: 0.004,
+}
 """Assumed standard deviation of a quantity from flight to flight of the same vehicle; of shares and effects relative.
 Of shares it is what health assumes of the three axes; docs/evidence/motors.md shows what the others give."""
 PRIOR_FLIGHTS = 8  # flights that the assumption weighs as many as
 WITHIN_FREEDOM = 20  # degrees of freedom of the intervals of flights
-TYPICAL_LEAN = 0.07  # rad, standard deviation of the difference of roll or pitch where a lean is not known: 4°
-SHARE_PER_LEAN = 0.5  # 1/rad, standard deviation: drag half an arm's length above or below the centre of mass
+# rad, standard deviation of the difference of roll or pitch where a lean is not known: 4°
+TYPICAL_LEAN = 0.07
+# 1/rad, standard deviation: drag half an arm's length above or below the centre of mass
+SHARE_PER_LEAN = 0.5
 RESOLUTION = {SHARE: 0.06, EFFECT: 0.2, MEAN_EFFECT: 0.3, DAMPING: 0.8, LAG: 0.02}
 """Differences up to which a quantity is called the same, if its whole interval lies within (an equivalence test)."""
-MAX_UNCERTAINTY = 0.5  # of an effect, as a share of it: with a wider interval its logarithm is not nearly normal
+# of an effect, as a share of it: with a wider interval its logarithm is not nearly normal
+MAX_UNCERTAINTY = 0.5
 FEWEST_MOTORS = 3  # of which one is compared with the others
 SIDES = ("A", "B")
 _Z = quantile()  # of the intervals of flights, in standard deviations
@@ -71,7 +93,8 @@ class QuantityChange(NamedTuple):
     difference: float
     half_width: float
     p: float  # probability of a difference as large if nothing changed
-    allowance: float  # standard deviation of what other conditions may do to it, which is in the half width
+    # standard deviation of what other conditions may do to it, which is in the half width
+    allowance: float
     # uncertain where the interval has both what is called the same and what is not
     outcome: Literal["changed", "same", "uncertain"]
 
@@ -98,7 +121,8 @@ class VehicleDifference(NamedTuple):
     shared: tuple[str, ...]  # of these, the names that several vehicles may have
     motors: tuple[str, ...]  # their names; empty where not known
     flights: tuple[int, int]  # how many each has
-    changes: tuple[QuantityChange, ...]  # quantities known in both, in the order of kinds, motors and axes
+    # quantities known in both, in the order of kinds, motors and axes
+    changes: tuple[QuantityChange, ...]
     incomparable: tuple[tuple[str, str], ...]  # what is not known in both: its name and the reason
     conditions: tuple[Conditions, Conditions]  # of each state
 
@@ -115,8 +139,13 @@ class VehicleDifference(NamedTuple):
             "flights": list(self.flights),
             "family_error": FAMILY_ERROR,
             "level": LEVEL,
-            "changes": [{**change._asdict(), "quantity": change.quantity._asdict()} for change in self.changes],
-            "incomparable": [{"quantity": name, "reason": reason} for name, reason in self.incomparable],
+            "changes": [
+                {**change._asdict(), "quantity": change.quantity._asdict()}
+                for change in self.changes
+            ],
+            "incomparable": [
+                {"quantity": name, "reason": reason} for name, reason in self.incomparable
+            ],
             "conditions": [state._asdict() for state in self.conditions],
         }
 
@@ -131,13 +160,18 @@ class _Raw(NamedTuple):
     freedom: float
 
 
-def vehicle_difference(before: Sequence[FlightRow], after: Sequence[FlightRow]) -> VehicleDifference:
+def vehicle_difference(
+    before: Sequence[FlightRow], after: Sequence[FlightRow]
+) -> VehicleDifference:
     """Returns what differs between flights ``before`` and ``after``, of one vehicle or of two; of rows with figures."""
     sides = [flights_of(row for row in rows if row.status == OK) for rows in (before, after)]
     conditions = (conditions_of(sides[0]), conditions_of(sides[1]))
     estimates = [[estimates_of(flight) for flight in flights] for flights in sides]
-    other_kinds, other_inputs = _other_kinds(sides), _other_inputs(sides)
-    alike = [] if other_kinds else sorted({quantity for flight in estimates[0] for quantity in flight})
+    other_kinds = _other_kinds(sides)
+    other_inputs = _other_inputs(sides)
+    alike = (
+        [] if other_kinds else sorted({quantity for flight in estimates[0] for quantity in flight})
+    )
     if other_inputs:  # what belongs to a model belongs to its inputs
         alike = [quantity for quantity in alike if quantity.kind == SHARE]
     raws: dict[Quantity, list[_Raw]] = {}
@@ -145,11 +179,20 @@ def vehicle_difference(before: Sequence[FlightRow], after: Sequence[FlightRow]) 
         pair = [[flight[quantity] for flight in side if quantity in flight] for side in estimates]
         if all(pair):
             # A motor's effect on roll and on pitch changes alike.
-            merged = quantity._replace(axis="") if quantity.kind == EFFECT and quantity.motor else quantity
+            merged = (
+                quantity._replace(axis="")
+                if quantity.kind == EFFECT and quantity.motor
+                else quantity
+            )
             raws.setdefault(merged, []).append(_compared(quantity.kind, pair))
-    judged = [_judged(one, _merged(parts), _allowance(one.kind, conditions)) for one, parts in raws.items()]
+    judged = [
+        _judged(one, _merged(parts), _allowance(one.kind, conditions))
+        for one, parts in raws.items()
+    ]
     kinds = list(BETWEEN)
-    changes = sorted(_tested(judged), key=lambda change: (kinds.index(change.quantity.kind), change.quantity))
+    changes = sorted(
+        _tested(judged), key=lambda change: (kinds.index(change.quantity.kind), change.quantity)
+    )
     flights = [flight for side in sides for flight in side]
     first, second = (tuple(sorted({flight[0].vehicle for flight in side})) for side in sides)
     return VehicleDifference(
@@ -172,10 +215,17 @@ def since_baseline(
     no later ones, and those that do not say whose they are are left out.
     """
     keys = {row.key for row in baseline if row.key}
-    before, after = vehicles_of(baseline), vehicles_of(row for row in rows if row.key not in keys)
+    before = vehicles_of(baseline)
+    after = vehicles_of(row for row in rows if row.key not in keys)
     latest = {name: flights[-1] for name, flights in after.items() if name != UNKNOWN}
-    healthy = {name: [row for flight in flights for row in flight] for name, flights in before.items()}
-    found = {name: vehicle_difference(healthy[name], flight) for name, flight in latest.items() if name in healthy}
+    healthy = {
+        name: [row for flight in flights for row in flight] for name, flights in before.items()
+    }
+    found = {
+        name: vehicle_difference(healthy[name], flight)
+        for name, flight in latest.items()
+        if name in healthy
+    }
     return {name: (flight[0], found.get(name)) for name, flight in latest.items()}
 
 
@@ -190,18 +240,24 @@ def estimates_of(flight: Flight) -> dict[Quantity, Estimate]:
         if row.trim_share and row.trim_share_interval and Quantity(SHARE, 1) not in estimates:
             shares = {
                 motor: (log(value), half / value / _Z)
-                for motor, (value, half) in enumerate(zip(row.trim_share, row.trim_share_interval, strict=True), 1)
+                for motor, (value, half) in enumerate(
+                    zip(row.trim_share, row.trim_share_interval, strict=True), 1
+                )
                 if value > 0 and half is not None
             }
             estimates |= _beside_median(SHARE, "", shares)
         for kind in (DAMPING, LAG):
-            value, half, status = (getattr(row, f"{kind}{ending}") for ending in ("", "_interval", "_status"))
+            value, half, status = (
+                getattr(row, f"{kind}{ending}") for ending in ("", "_interval", "_status")
+            )
             if value is not None and half is not None and status == "reported":
                 estimates[Quantity(kind, axis=row.axis or "")] = value, half / _Z
         if row.effect and row.effect_interval and row.effect_status == "reported":
             effects = {
                 motor: (log(abs(value)), half / abs(value) / _Z)
-                for motor, (value, half) in enumerate(zip(row.effect, row.effect_interval, strict=True), start=1)
+                for motor, (value, half) in enumerate(
+                    zip(row.effect, row.effect_interval, strict=True), start=1
+                )
                 if half is not None and isfinite(half) and half < MAX_UNCERTAINTY * abs(value)
             }
             if effects:
@@ -218,7 +274,9 @@ def _beside_median(kind: str, axis: str, known: Mapping[int, Estimate]) -> dict[
     if len(known) < FEWEST_MOTORS:
         return {}
     middle = median(value for value, _ in known.values())
-    return {Quantity(kind, motor, axis): (value - middle, sd) for motor, (value, sd) in known.items()}
+    return {
+        Quantity(kind, motor, axis): (value - middle, sd) for motor, (value, sd) in known.items()
+    }
 
 
 def _compared(kind: str, sides: Sequence[Sequence[Estimate]]) -> _Raw:
@@ -227,15 +285,21 @@ def _compared(kind: str, sides: Sequence[Sequence[Estimate]]) -> _Raw:
     observed = sum(values.size - 1 for values, _ in groups)
     # The spread within each group less what the flights' own errors make of it.
     excess = sum(
-        ((values - values.mean()) ** 2).sum() - errors.sum() * (1 - 1 / values.size) for values, errors in groups
+        ((values - values.mean()) ** 2).sum() - errors.sum() * (1 - 1 / values.size)
+        for values, errors in groups
     )
     between = (PRIOR_FLIGHTS * BETWEEN[kind] ** 2 + max(excess, 0.0)) / (PRIOR_FLIGHTS + observed)
     weights = [1 / (errors + between) for _, errors in groups]
-    before, after = (float(weight @ values / weight.sum()) for weight, (values, _) in zip(weights, groups, strict=True))
+    before, after = (
+        float(weight @ values / weight.sum())
+        for weight, (values, _) in zip(weights, groups, strict=True)
+    )
     variance = float(sum(1 / weight.sum() for weight in weights))
     of_flights = float(sum(((weight / weight.sum()) ** 2).sum() * between for weight in weights))
     # Welch and Satterthwaite: the part between flights is known from fewer numbers than the flights' own.
-    freedom = variance**2 / (of_flights**2 / (PRIOR_FLIGHTS + observed) + (variance - of_flights) ** 2 / WITHIN_FREEDOM)
+    freedom = variance**2 / (
+        of_flights**2 / (PRIOR_FLIGHTS + observed) + (variance - of_flights) ** 2 / WITHIN_FREEDOM
+    )
     return _Raw(before, after, after - before, variance, freedom)
 
 
@@ -256,11 +320,15 @@ def _judged(quantity: Quantity, raw: _Raw, allowance: float) -> QuantityChange:
     sd = hypot(sqrt(raw.variance), allowance)
     half = quantile(LEVEL, raw.freedom) * sd
     p = float(2 * stdtr(raw.freedom, -abs(raw.difference) / sd))
-    found = QuantityChange(quantity, raw.before, raw.after, raw.difference, half, p, allowance, "same")
+    found = QuantityChange(
+        quantity, raw.before, raw.after, raw.difference, half, p, allowance, "same"
+    )
     if quantity.kind in (SHARE, EFFECT, MEAN_EFFECT):
         # The interval of a ratio, at its difference.
         ratio = exp(raw.difference)
-        return found._replace(before=None, after=None, difference=ratio - 1, half_width=ratio * half)
+        return found._replace(
+            before=None, after=None, difference=ratio - 1, half_width=ratio * half
+        )
     return found
 
 
@@ -281,7 +349,9 @@ def _allowance(kind: str, conditions: tuple[Conditions, Conditions]) -> float:
     before, after = conditions
     if kind == SHARE:
         leans = (before.lean_roll, after.lean_roll), (before.lean_pitch, after.lean_pitch)
-        return SHARE_PER_LEAN * hypot(*(TYPICAL_LEAN if a is None or b is None else a - b for a, b in leans))
+        return SHARE_PER_LEAN * hypot(
+            *(TYPICAL_LEAN if a is None or b is None else a - b for a, b in leans)
+        )
     if kind == MEAN_EFFECT:
         # At the same thrust the effect is proportional to the voltage, with more thrust to the output.
         pairs = (before.voltage, after.voltage), (before.collective, after.collective)
@@ -299,7 +369,9 @@ def conditions_of(flights: Flights) -> Conditions:
     columns = ("voltage_mean", "collective", "lean_roll", "lean_pitch", "tilt_sd")
     means = [mean(getattr(flight[0], column) for flight in flights) for column in columns]
     rows = [row for flight in flights for row in flight]
-    torques = {axis: mean(row.wind_torque_sd for row in rows if row.axis == axis) for axis in AXIS_ORDER}
+    torques = {
+        axis: mean(row.wind_torque_sd for row in rows if row.axis == axis) for axis in AXIS_ORDER
+    }
     known = {axis: torque for axis, torque in torques.items() if torque is not None}
     return Conditions(*means, known)  # type: ignore[call-arg, arg-type]
 
@@ -312,7 +384,9 @@ def _other_kinds(sides: Sequence[Flights]) -> str:
 
     def apart(column: Callable[[FlightRow], object]) -> list[str]:
         """What each side has in words, if each has any and they have none in common."""
-        known = [{column(row) for flight in flights for row in flight} - {None} for flights in sides]
+        known = [
+            {column(row) for flight in flights for row in flight} - {None} for flights in sides
+        ]
         return [_spoken(side) for side in known] if all(known) and not known[0] & known[1] else []
 
     if motors := apart(lambda row: len(row.motors) if row.motors else None):
@@ -320,7 +394,9 @@ def _other_kinds(sides: Sequence[Flights]) -> str:
     if frames := apart(lambda row: row.frame or None):
         return f"A is a {frames[0]} and B a {frames[1]}: these are other vehicles."
     if apart(lambda row: row.trim_unit):
-        return "The motors' outputs are logged in other units: learn both from the same kind of log."
+        return (
+            "The motors' outputs are logged in other units: learn both from the same kind of log."
+        )
     return ""
 
 
@@ -329,11 +405,18 @@ def _other_inputs(sides: Sequence[Flights]) -> str:
     with_model = [row for flights in sides for flight in flights for row in flight if row.effect]
     if len({row.inputs for row in with_model} - {None}) > 1:
         return "some models have the motors as inputs and others the controller's demand."
-    return "the models' inputs have other units." if len({row.input_unit for row in with_model} - {None}) > 1 else ""
+    return (
+        "the models' inputs have other units."
+        if len({row.input_unit for row in with_model} - {None}) > 1
+        else ""
+    )
 
 
 def _incomparable(
-    sides: Sequence[Flights], estimates: Sequence[Sequence[Iterable[Quantity]]], other_kinds: str, other_inputs: str
+    sides: Sequence[Flights],
+    estimates: Sequence[Sequence[Iterable[Quantity]]],
+    other_kinds: str,
+    other_inputs: str,
 ) -> list[tuple[str, str]]:
     """What is missing on either side, by name, each with its reason."""
     if other_kinds:
@@ -345,7 +428,9 @@ def _incomparable(
         reasons = [
             _reason(kind, side, flights, axis)
             for side, flights, known in zip(SIDES, sides, estimates, strict=True)
-            if not any(one.kind == kind and axis in ("", one.axis) for flight in known for one in flight)
+            if not any(
+                one.kind == kind and axis in ("", one.axis) for flight in known for one in flight
+            )
         ]
         if reasons:
             missing.append((name, f"{'; '.join(reasons)}."))
@@ -356,7 +441,10 @@ def _reason(kind: str, side: str, flights: Flights, axis: str) -> str:
     """Why a side lacks a quantity."""
     rows = [row for flight in flights for row in flight if axis in ("", row.axis)]
     tiers = {row.tier for row in rows if row.tier}
-    statuses = {getattr(row, f"{kind}_status", None) for row in rows} & {"biased", "not identifiable"}
+    statuses = {getattr(row, f"{kind}_status", None) for row in rows} & {
+        "biased",
+        "not identifiable",
+    }
     if not rows:
         return f"{side} has no figures of {axis}"
     if kind == SHARE and any(row.trim_share for row in rows):

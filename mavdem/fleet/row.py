@@ -21,7 +21,8 @@ from mavdem.documents import header
 SCHEMA_VERSION: int = header("flights")["schema_version"]
 """Changes with the columns or with what they mean: logs whose rows have another version are read again."""
 
-UNKNOWN = "unknown"  # the vehicle of a log that does not say whose it is, and health that is not known
+# the vehicle of a log that does not say whose it is, and health that is not known
+UNKNOWN = "unknown"
 OK = "ok"  # the status of a flight that was read, and the health of one as healthy ones
 SHARED = "system id"  # the basis of a name that several vehicles may have
 HEALTHS = ("fault", "drift", OK, UNKNOWN)  # the worst first
@@ -46,17 +47,22 @@ class FlightRow:
     """
 
     file: str  # path or URL of the log
-    key: str = ""  # hash of its content and its size, by which it is known again; empty if it could not be read at all
-    vehicle: str = at("identity.name", UNKNOWN)  # by what the log says of its identity; "unknown" where it says nothing
-    vehicle_basis: str | None = at("identity.basis")  # of the name: "board", "accelerometer", "compass", or ``SHARED``
+    # hash of its content and its size, by which it is known again; empty if it could not be read at all
+    key: str = ""
+    # by what the log says of its identity; "unknown" where it says nothing
+    vehicle: str = at("identity.name", UNKNOWN)
+    # of the name: "board", "accelerometer", "compass", or ``SHARED``
+    vehicle_basis: str | None = at("identity.basis")
     autopilot: str | None = at("identity.autopilot")  # as the log has them
     frame: str | None = at("identity.frame")
     firmware: str | None = at("identity.firmware")
     system: int | None = at("identity.system")  # MAVLink ids
     component: int | None = None
-    date: datetime | None = at("identity.date")  # when the flight began, UTC; in the table without a zone
+    # when the flight began, UTC; in the table without a zone
+    date: datetime | None = at("identity.date")
     axis: str | None = None  # "roll" or "pitch"
-    tier: str | None = at("tier")  # "a" everything, "b" the slow motion and conditions, "c" conditions only
+    # "a" everything, "b" the slow motion and conditions, "c" conditions only
+    tier: str | None = at("tier")
     tier_reason: str | None = at("reason")  # why no better one
     duration: float | None = at("condition.settled")  # of the settled flight, s
     attitude_rate: float | None = at("verdict.figures.attitude_rate")  # Hz
@@ -64,31 +70,41 @@ class FlightRow:
     voltage_start: float | None = at("condition.battery.voltage_start")  # V
     voltage_end: float | None = at("condition.battery.voltage_end")
     voltage_mean: float | None = at("condition.battery.voltage_mean")
-    collective: float | None = at("condition.collective")  # mean of all motors, of their range: payload and thrust
+    # mean of all motors, of their range: payload and thrust
+    collective: float | None = at("condition.collective")
     lean_roll: float | None = at("condition.lean.roll.mean")  # mean angles, rad
     lean_pitch: float | None = at("condition.lean.pitch.mean")
     tilt_sd: float | None = at("condition.tilt_sd")  # of the angle from level, rad
     tilt_max: float | None = at("condition.tilt_max")
     vibration: Numbers | None = at("condition.vibration.level")  # x, y, z, m/s²
-    clips: int | None = at("condition.vibration.clips")  # how often an accelerometer was at its limit
+    # how often an accelerometer was at its limit
+    clips: int | None = at("condition.vibration.clips")
     motors: tuple[str, ...] | None = at("condition.hover.motors")  # their names
-    spins: tuple[int, ...] | None = None  # +1 counter-clockwise seen from above, -1 clockwise, 0 not known
+    # +1 counter-clockwise seen from above, -1 clockwise, 0 not known
+    spins: tuple[int, ...] | None = None
     positions: tuple[tuple[float, float], ...] | None = None  # forward and right, in arm lengths
     trim_unit: str | None = at("condition.hover.unit")
     trim: Numbers | None = at("condition.hover.trim")  # mean output, in ``trim_unit``
-    trim_share: Numbers | None = at("condition.hover.trim_share")  # as a share of the range, over the mean of all
+    # as a share of the range, over the mean of all
+    trim_share: Numbers | None = at("condition.hover.trim_share")
     trim_share_interval: Numbers | None = at("condition.share_interval")
-    headroom: Numbers | None = at("condition.hover.headroom")  # left at the 99th percentile, as a share of the range
-    saturated: Numbers | None = at("condition.hover.at_upper_limit")  # share of the time at the upper stop
-    oscillation: float | None = at("condition.oscillation.seconds")  # how long it oscillated by its own controller, s
+    # left at the 99th percentile, as a share of the range
+    headroom: Numbers | None = at("condition.hover.headroom")
+    # share of the time at the upper stop
+    saturated: Numbers | None = at("condition.hover.at_upper_limit")
+    # how long it oscillated by its own controller, s
+    oscillation: float | None = at("condition.oscillation.seconds")
     balance: Numbers | None = None
     balance_error: Numbers | None = None
     balance_lean: Numbers | None = None  # mean roll and pitch meanwhile, rad
-    lean_effect: Numbers | None = None  # change of each by roll and by pitch, 1/rad, row after row, and standard error
+    # change of each by roll and by pitch, 1/rad, row after row, and standard error
+    lean_effect: Numbers | None = None
     lean_effect_error: Numbers | None = None
-    inputs: str | None = None  # of the model, "motors" or one "demand" for the axis; without one, of ``mean_inputs``
+    # of the model, "motors" or one "demand" for the axis; without one, of ``mean_inputs``
+    inputs: str | None = None
     input_unit: str | None = None
-    effect: Numbers | None = at("physical.effect")  # angular acceleration for one unit of each input, rad/s²
+    # angular acceleration for one unit of each input, rad/s²
+    effect: Numbers | None = at("physical.effect")
     effect_interval: Numbers | None = at("physical.interval_90_percent.effect")
     effect_status: str | None = at("physical.status.effect")
     damping: float | None = at("physical.damping")  # 1/s
@@ -106,19 +122,25 @@ class FlightRow:
     wind_direction_interval: float | None = None  # half width, rad
     drag: Numbers | None = None  # linear along body x and y, 1/s, then quadratic, 1/m
     drag_interval: Numbers | None = None
-    mean_inputs: Numbers | None = at("condition.hover.trim")  # over the flight, of each input and output of the model
+    # over the flight, of each input and output of the model
+    mean_inputs: Numbers | None = at("condition.hover.trim")
     mean_outputs: Numbers | None = None
     residual_gain_inputs: Numbers | None = None
     residual_gain_outputs: Numbers | None = None
     residual_offset: float | None = None
-    headline: str | None = at("headline")  # what the flight says of its vehicle, in one plain sentence
-    overrides: tuple[str, ...] = ()  # what overrides that: "oscillation", "motors", "saturation", "trim" or "data"
-    error_ratio: float | None = at("forecast_over_constant_mean")  # of squared errors, on parts held out
+    # what the flight says of its vehicle, in one plain sentence
+    headline: str | None = at("headline")
+    # what overrides that: "oscillation", "motors", "saturation", "trim" or "data"
+    overrides: tuple[str, ...] = ()
+    # of squared errors, on parts held out
+    error_ratio: float | None = at("forecast_over_constant_mean")
     coverage: float | None = at("inside_90_percent_band")  # share of held-out samples
-    residual_mean: float | None = None  # what models of its healthy flights leave unexplained in this one, rad/s²
+    # what models of its healthy flights leave unexplained in this one, rad/s²
+    residual_mean: float | None = None
     residual_mean_interval: float | None = None  # how far from 0 that is in 90 % of healthy flights
     health: str = UNKNOWN  # "ok", "drift", "fault" or "unknown"
-    fault_probability: float | None = None  # that a motor works 8 % harder or more, whichever it is, from 0 to 1
+    # that a motor works 8 % harder or more, whichever it is, from 0 to 1
+    fault_probability: float | None = None
     change_probability: float | None = None  # that anything changed, from 0 to 1
     suspect_motor: int | None = None  # from 1; the number in the order of ``motors``
     health_reason: str | None = None  # what speaks for it, or what is missing
@@ -135,7 +157,14 @@ class FlightRow:
     @property
     def order(self) -> tuple[str, str, str, int, int, str]:
         """By which rows are sorted: nothing that depends on when they were made."""
-        return self.vehicle, self.file, self.key, self.system or 0, self.component or 0, self.axis or ""
+        return (
+            self.vehicle,
+            self.file,
+            self.key,
+            self.system or 0,
+            self.component or 0,
+            self.axis or "",
+        )
 
     @property
     def per_input(self) -> str:
@@ -159,7 +188,10 @@ class FlightRow:
 def _kinds() -> dict[str, Any]:
     """The type of each column, without None."""
     hints = get_type_hints(FlightRow)
-    return {name: get_args(hint)[0] if isinstance(hint, UnionType) else hint for name, hint in hints.items()}
+    return {
+        name: get_args(hint)[0] if isinstance(hint, UnionType) else hint
+        for name, hint in hints.items()
+    }
 
 
 def _value(value: Any, kind: Any) -> Any:
@@ -191,7 +223,8 @@ def row_schema() -> Any:
         str: pyarrow.string(),
         float: pyarrow.float64(),
         int: pyarrow.int64(),
-        datetime: pyarrow.timestamp("us"),  # UTC without saying so: DuckDB would show it in local time
+        # UTC without saying so: DuckDB would show it in local time
+        datetime: pyarrow.timestamp("us"),
     }
 
     def arrow(kind: Any) -> Any:
@@ -199,8 +232,13 @@ def row_schema() -> Any:
 
     head = header("flights")
     units = {name: {"unit": unit} for name, unit in head["units"].items()}
-    columns = [pyarrow.field(name, arrow(kind), metadata=units.get(name)) for name, kind in _kinds().items()]
-    return pyarrow.schema(columns, {"mavdem_schema": str(SCHEMA_VERSION), "mavdem_version": head["mavdem_version"]})
+    columns = [
+        pyarrow.field(name, arrow(kind), metadata=units.get(name))
+        for name, kind in _kinds().items()
+    ]
+    return pyarrow.schema(
+        columns, {"mavdem_schema": str(SCHEMA_VERSION), "mavdem_version": head["mavdem_version"]}
+    )
 
 
 def _of_report(report: Mapping[str, Any]) -> dict[str, Any]:
@@ -212,22 +250,40 @@ def _of_report(report: Mapping[str, Any]) -> dict[str, Any]:
             value = None if value is None else value.get(key)
         return value
 
-    places = {column.name: column.metadata["place"] for column in fields(FlightRow) if column.metadata}
-    columns = {name: value for name, place in places.items() if (value := value_at(place)) not in (None, "", [], ())}
+    places = {
+        column.name: column.metadata["place"] for column in fields(FlightRow) if column.metadata
+    }
+    columns = {
+        name: value
+        for name, place in places.items()
+        if (value := value_at(place)) not in (None, "", [], ())
+    }
     axis = value_at("verdict.axis") if not report.get("outputs") else report["outputs"][0]
     unit = value_at("condition.hover.unit")
     inputs = None if unit is None else MOTORS
-    names, cautions = list(report.get("inputs") or ()), value_at("verdict.cautions")
+    names = list(report.get("inputs") or ())
+    cautions = value_at("verdict.cautions")
     if names or report.get("physical") is not None:  # a model
-        by_demand = value_at("flight.scale.name") == DEMAND or (len(names) == 1 and names[0].endswith(f" {DEMAND}"))
-        unit, inputs, cautions = value_at("flight.scale.unit"), DEMAND if by_demand else MOTORS, report.get("cautions")
+        by_demand = value_at("flight.scale.name") == DEMAND or (
+            len(names) == 1 and names[0].endswith(f" {DEMAND}")
+        )
+        unit = value_at("flight.scale.unit")
+        inputs = DEMAND if by_demand else MOTORS
+        cautions = report.get("cautions")
         if not by_demand:
             columns = {"motors": names or None} | columns
     overrides = report.get("overrides") or ()
-    known = {"axis": axis, "inputs": inputs, "input_unit": unit, "overrides": [one["kind"] for one in overrides]}
+    known = {
+        "axis": axis,
+        "inputs": inputs,
+        "input_unit": unit,
+        "overrides": [one["kind"] for one in overrides],
+    }
     if value_at("wind.reason") or value_at("physical.status.effect") in (None, "not identifiable"):
         # It is not resolved, or what it is computed with is not identifiable.
-        columns = {name: value for name, value in columns.items() if not name.startswith("wind_torque")}
+        columns = {
+            name: value for name, value in columns.items() if not name.startswith("wind_torque")
+        }
     known["warnings"] = (*(override["sentence"] for override in overrides), *(cautions or ()))
     return ({} if "tier" in report else {"tier": "a"}) | columns | known
 
@@ -240,7 +296,9 @@ def flights_of(rows: Iterable[FlightRow]) -> list[list[FlightRow]]:
     """Returns the rows of each flight, its axes in order; flights by date, those without one last, then by file."""
     together: dict[tuple[object, ...], list[FlightRow]] = {}
     for row in rows:
-        together.setdefault((row.key, row.file, row.vehicle, row.system, row.component), []).append(row)
+        together.setdefault((row.key, row.file, row.vehicle, row.system, row.component), []).append(
+            row
+        )
 
     def when(flight: Flight) -> tuple[object, ...]:
         row = flight[0]
@@ -248,7 +306,11 @@ def flights_of(rows: Iterable[FlightRow]) -> list[list[FlightRow]]:
         return stamp, row.file, row.key, row.vehicle, row.system or 0, row.component or 0
 
     for flight in together.values():
-        flight.sort(key=lambda row: AXIS_ORDER.index(row.axis) if row.axis in AXIS_ORDER else len(AXIS_ORDER))
+        flight.sort(
+            key=lambda row: (
+                AXIS_ORDER.index(row.axis) if row.axis in AXIS_ORDER else len(AXIS_ORDER)
+            )
+        )
     return sorted(together.values(), key=when)
 
 
@@ -279,8 +341,14 @@ def flown_once(flights: Sequence[list[FlightRow]]) -> list[list[FlightRow]]:
     """Returns flights of one vehicle, in order of date, each once by its best tier: those at the same time are one."""
     once: list[list[FlightRow]] = []
     for flight in flights:
-        last, date = once[-1][0] if once else None, flight[0].date
-        if not last or not last.date or not date or (date - last.date).total_seconds() >= (last.duration or 0.0):
+        last = once[-1][0] if once else None
+        date = flight[0].date
+        if (
+            not last
+            or not last.date
+            or not date
+            or (date - last.date).total_seconds() >= (last.duration or 0.0)
+        ):
             once.append(flight)
         else:
             once[-1] = min(once[-1], flight, key=lambda flight: best_tier(flight) or "z")
@@ -296,14 +364,22 @@ def summary(rows: Iterable[FlightRow]) -> dict[str, Any]:
     """
     rows = list(rows)
     vehicles = vehicles_of(rows)
-    named = {name for name, flights in vehicles.items() if name != UNKNOWN and not is_shared(flights)}
-    flown = [flight for name in vehicles for flight in (flown_once if name in named else list)(vehicles[name])]
+    named = {
+        name for name, flights in vehicles.items() if name != UNKNOWN and not is_shared(flights)
+    }
+    flown = [
+        flight
+        for name in vehicles
+        for flight in (flown_once if name in named else list)(vehicles[name])
+    ]
     healths = Counter(map(worst_health, flown))
     failed = dict.fromkeys((row.file, row.status) for row in rows if row.status != OK)
     return {
         "flights": len(flown),
         "vehicles": len(named),
-        "tiers": dict(sorted(Counter(tier for flight in flown if (tier := best_tier(flight))).items())),
+        "tiers": dict(
+            sorted(Counter(tier for flight in flown if (tier := best_tier(flight))).items())
+        ),
         "health": {health: healths[health] for health in HEALTHS if healths[health]},
         "failed": [{"file": file, "status": status} for file, status in failed],
     }

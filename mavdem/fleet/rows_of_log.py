@@ -24,7 +24,9 @@ from mavdem.fleet.workers import PAGES, LogRows
 from mavdem.health.balance import balance_of_signals
 from mavdem.ingest import Log, Telemetry, read_log
 
-REPORT, MODEL = "report.json", "model.json"  # of what `mavdem learn` writes, those with figures
+# of what `mavdem learn` writes, those with figures
+REPORT = "report.json"
+MODEL = "model.json"
 MakePage = Callable[[str, Mapping[str, LogAnalysis], Air], str]
 
 
@@ -34,9 +36,12 @@ def rows_of_log(path: Path, key: str = "", page: MakePage | None = None) -> LogR
     A vehicle without settled flight has one row, whose status says why. Pages are named by the ``key`` of the log's
     content, and made by ``page`` from the log's name, its analyses by axis and the wind; raises ``Unreadable``.
     """
-    log, rows, pages = read_log(path), [], {}
+    log = read_log(path)
+    rows = []
+    pages = {}
     for telemetry in log.vehicles:
-        system, component = telemetry.system, telemetry.component
+        system = telemetry.system
+        component = telemetry.component
         try:
             found, analyses, air = _rows_of_vehicle(log, telemetry, str(path))
         except (MemoryError, OSError, Unreadable):
@@ -45,7 +50,9 @@ def rows_of_log(path: Path, key: str = "", page: MakePage | None = None) -> LogR
             if len(log.vehicles) == 1:
                 raise
             status = f"This should not have happened ({type(error).__name__}: {error})."
-            rows.append(FlightRow(file=str(path), status=status, system=system, component=component))
+            rows.append(
+                FlightRow(file=str(path), status=status, system=system, component=component)
+            )
             continue
         if analyses and page is not None:
             name = f"{key[:16]}-{system}-{component}.html"
@@ -55,22 +62,43 @@ def rows_of_log(path: Path, key: str = "", page: MakePage | None = None) -> LogR
     return rows or [FlightRow(file=str(path), status="There is no vehicle in it.")], pages
 
 
-def _rows_of_vehicle(log: Log, telemetry: Telemetry, file: str) -> tuple[list[FlightRow], dict[str, LogAnalysis], Air]:
+def _rows_of_vehicle(
+    log: Log, telemetry: Telemetry, file: str
+) -> tuple[list[FlightRow], dict[str, LogAnalysis], Air]:
     """The rows of a vehicle, its analyses by axis, none without settled flight, and its wind."""
-    signals, first = Signals(telemetry, inputs="motors"), None
+    signals = Signals(telemetry, inputs="motors")
+    first = None
     air = air_of(signals)
     analyses: dict[str, LogAnalysis] = {}
     for axis in TILT_AXES:
         analyses[axis] = analyse(log, axis, signals=signals, other_axis=first)
         first = first or analyses[axis]
     assert first is not None
-    columns: dict[str, Any] = {"file": file, "component": telemetry.component, "date": first.identity.date}
+    columns: dict[str, Any] = {
+        "file": file,
+        "component": telemetry.component,
+        "date": first.identity.date,
+    }
     if all(analysis.tier.name is None for analysis in analyses.values()):
         unknown = dict.fromkeys(("axis", "tier", "tier_reason", "attitude_rate", "motor_rate"))
-        return [FlightRow.of(first.as_dict(), status=first.refusal.reason, warnings=(), **unknown, **columns)], {}, air
+        return (
+            [
+                FlightRow.of(
+                    first.as_dict(), status=first.refusal.reason, warnings=(), **unknown, **columns
+                )
+            ],
+            {},
+            air,
+        )
     if (balance := balance_of_signals(signals)) is not None:
-        columns |= {"balance": balance.mean, "balance_error": balance.error, "balance_lean": balance.lean}
-        columns |= {name: np.ravel(getattr(balance, name)) for name in ("lean_effect", "lean_effect_error")}
+        columns |= {
+            "balance": balance.mean,
+            "balance_error": balance.error,
+            "balance_lean": balance.lean,
+        }
+        columns |= {
+            name: np.ravel(getattr(balance, name)) for name in ("lean_effect", "lean_effect_error")
+        }
     columns |= {} if air[0] is None else _wind(air[0])
     if signals.motors is not None:
         layout = signals.motors.layout
@@ -79,18 +107,26 @@ def _rows_of_vehicle(log: Log, telemetry: Telemetry, file: str) -> tuple[list[Fl
     for axis, analysis in analyses.items():
         row = FlightRow.of(analysis.as_dict(), axis=axis, **columns, **_means(analysis))
         driven = signals.about(axis).drive
-        if driven is not None and driven.scale.name == DEMAND:  # the rate of the analysis is the demand's
-            row = replace(row, motor_rate=None if signals.motors is None else usual_rate(signals.motors) or None)
+        # the rate of the analysis is the demand's
+        if driven is not None and driven.scale.name == DEMAND:
+            row = replace(
+                row,
+                motor_rate=None if signals.motors is None else usual_rate(signals.motors) or None,
+            )
         rows.append(row)
     return rows, analyses, air
 
 
 def _wind(wind: WindVelocity) -> dict[str, Any]:
-    drag, columns = wind.drag, dict[str, Any]()
+    drag = wind.drag
+    columns = dict[str, Any]()
     if wind.status["speed"] != NOT_IDENTIFIABLE:
         columns |= {"wind_speed": wind.speed, "wind_speed_interval": wind.speed_interval}
     if wind.directed:
-        columns |= {f"wind_{key}": np.radians(getattr(wind, key)) for key in ("direction", "direction_interval")}
+        columns |= {
+            f"wind_{key}": np.radians(getattr(wind, key))
+            for key in ("direction", "direction_interval")
+        }
     half = [np.ptp(drag.interval(name), axis=0) / 2 for name in ("linear", "quadratic")]
     return columns | {"drag": (*drag.linear, *drag.quadratic), "drag_interval": np.ravel(half)}
 
@@ -128,9 +164,13 @@ def earlier_flight(path: Path, axis: str) -> Learned:
     except (OSError, ValueError) as error:
         raise Unreadable(f"{path} is no learned model: {error}.") from None
     if learned.record.output_names[:1] != (axis,):
-        raise Unreadable(f"{path} is not a model of {axis}: learn the earlier flight with --axis {axis}.")
+        raise Unreadable(
+            f"{path} is not a model of {axis}: learn the earlier flight with --axis {axis}."
+        )
     if learned.physical is None or not learned.physical.identifiable:
-        raise Unreadable(f"{path} does not know the motors' effect: learn from a flight with steering on {axis}.")
+        raise Unreadable(
+            f"{path} does not know the motors' effect: learn from a flight with steering on {axis}."
+        )
     return learned
 
 
@@ -150,13 +190,23 @@ def earlier_drag(path: Path, vehicle: str, speed: float | None = None) -> Drag:
         Unreadable: it cannot be read, is of the flight in question, or holds no drag of that vehicle.
     """
     if is_fleet(path):
-        rows = [row for row in read_rows(path) if row.vehicle == vehicle and row.drag and row.drag_interval]
+        rows = [
+            row
+            for row in read_rows(path)
+            if row.vehicle == vehicle and row.drag and row.drag_interval
+        ]
         rows = [row for row in rows if row.wind_speed != speed]
         if not rows:
-            raise Unreadable(f"{path} holds no drag of {vehicle}: run `mavdem track` on its flights with legs.")
+            raise Unreadable(
+                f"{path} holds no drag of {vehicle}: run `mavdem track` on its flights with legs."
+            )
         axes = [(row.drag or (), row.drag_interval or ()) for row in rows]
-        return Drag.of_axes(*min(axes, key=lambda both: sum(np.divide(both[1], both[0])))).of_next_flight()
-    file = path / REPORT if path.is_dir() else path.with_name(REPORT) if path.name == MODEL else path
+        return Drag.of_axes(
+            *min(axes, key=lambda both: sum(np.divide(both[1], both[0])))
+        ).of_next_flight()
+    file = (
+        path / REPORT if path.is_dir() else path.with_name(REPORT) if path.name == MODEL else path
+    )
     try:
         read = json.loads(_text(file))
         told = read.get("wind_velocity", read)
@@ -166,7 +216,9 @@ def earlier_drag(path: Path, vehicle: str, speed: float | None = None) -> Drag:
         what = f"{file} holds no drag{why}: give a {REPORT} of a flight with wind, or a `mavdem wind --json`."
         raise Unreadable(what) from error
     if told.get("speed") == speed is not None:
-        raise Unreadable(f"{file} is of this very flight, whose drag would count twice: give that of another flight.")
+        raise Unreadable(
+            f"{file} is of this very flight, whose drag would count twice: give that of another flight."
+        )
     return drag
 
 
@@ -182,16 +234,23 @@ def rows_of_learned(path: Path) -> list[FlightRow]:
         if "free_energy" in report and "physical" not in report:
             learned = Learned.from_json(text)
             record = learned.record
-            report = {"physical": physical_values(learned.physical), "wind": wind_values(learned.wind_torque)}
+            report = {
+                "physical": physical_values(learned.physical),
+                "wind": wind_values(learned.wind_torque),
+            }
             report |= {"inputs": record.input_names, "outputs": record.output_names}
             report |= {"flight": {"scale": {"unit": next(iter(record.input_units), None)}}}
         if "physical" not in report:
             raise ValueError("no figures of a vehicle")
         source = {"file": str((report.get("flight") or {}).get("source") or path), "key": str(path)}
         # With --axis all there are figures of each axis; those of the model are one of them.
-        axes = {axis: values for axis in TILT_AXES if (values := (report.get("axes") or {}).get(axis))}
+        axes = {
+            axis: values for axis in TILT_AXES if (values := (report.get("axes") or {}).get(axis))
+        }
         rows = [FlightRow.of(report | values, axis=axis, **source) for axis, values in axes.items()]
         return rows or [FlightRow.of(report, **source)]
     except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not of `mavdem learn`"
-        raise Unreadable(f"{file} cannot be read ({reason}): name a {REPORT} or a {MODEL}.") from None
+        raise Unreadable(
+            f"{file} cannot be read ({reason}): name a {REPORT} or a {MODEL}."
+        ) from None

@@ -17,7 +17,17 @@ from mavdem.ingest.contents import LOG_ENDINGS
 from mavdem.ingest.formats import looks_like_log
 
 URL = re.compile(r"[a-z][a-z0-9+.-]*://", re.IGNORECASE)
-VERSIONS = ("ETag", "etag", "generation", "LastModified", "last_modified", "mtime", "updated", "modified", "created")
+VERSIONS = (
+    "ETag",
+    "etag",
+    "generation",
+    "LastModified",
+    "last_modified",
+    "mtime",
+    "updated",
+    "modified",
+    "created",
+)
 """What file systems call that which changes with a file's content, the surest first."""
 
 
@@ -26,7 +36,8 @@ class Source(NamedTuple):
 
     path: str  # absolute path, or URL
     size: int  # bytes; -1 where it is not known
-    version: str  # changes with the content, as the time of the last change does; empty where nothing does
+    # changes with the content, as the time of the last change does; empty where nothing does
+    version: str
 
 
 def is_url(name: str) -> bool:
@@ -34,7 +45,9 @@ def is_url(name: str) -> bool:
     return URL.match(name) is not None
 
 
-def find_logs(names: Sequence[str], apart_from: Path | None = None) -> tuple[list[Source], list[str]]:
+def find_logs(
+    names: Sequence[str], apart_from: Path | None = None
+) -> tuple[list[Source], list[str]]:
     """Finds the logs that names stand for: a file is one, whatever it holds; of a folder, those that look like logs.
 
     ``names``: files, folders with all folders in them, patterns such as ``logs/**/*.bin``, URLs of all these. The
@@ -87,7 +100,9 @@ def _inside(folder: str, left_out: str) -> Iterator[Source]:
             continue
         seen.add(real)
         below.sort()
-        yield from (_file(path) for name in names if looks_like_log(path := os.path.join(place, name)))
+        yield from (
+            _file(path) for name in names if looks_like_log(path := os.path.join(place, name))
+        )
 
 
 def _file(path: str) -> Source:
@@ -110,9 +125,15 @@ def _remote(url: str) -> Iterator[Source]:
         if glob.has_magic(path) and not is_http:
             files = system.glob(path, detail=True)
         # Over HTTP, to ask whether it is a folder would load the file to look for links in it.
-        elif url.endswith("/") or not (url.lower().endswith(LOG_ENDINGS) or is_http or not system.isdir(path)):
+        elif url.endswith("/") or not (
+            url.lower().endswith(LOG_ENDINGS) or is_http or not system.isdir(path)
+        ):
             files = system.find(path, detail=True)
-            files = {name: details for name, details in files.items() if name.lower().endswith(LOG_ENDINGS)}
+            files = {
+                name: details
+                for name, details in files.items()
+                if name.lower().endswith(LOG_ENDINGS)
+            }
         else:
             files = {path: system.info(path)}
     except Exception as error:  # of whatever library the file system takes

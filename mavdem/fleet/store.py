@@ -26,11 +26,26 @@ from mavdem.fleet.row import SCHEMA_VERSION, FlightRow, as_text, row_schema
 from mavdem.fleet.sources import Source, is_url
 from mavdem.fleet.workers import PAGES, Limits, Outcome
 
-STORE, TABLE, UNFINISHED = "fleet.sqlite", Path("flights", "flights.parquet"), ".unfinished"
-ROW_GROUP = 10_000  # rows that a reader skips at once, by the least and the greatest vehicle's name among them
+STORE = "fleet.sqlite"
+TABLE = Path("flights", "flights.parquet")
+UNFINISHED = ".unfinished"
+# rows that a reader skips at once, by the least and the greatest vehicle's name among them
+ROW_GROUP = 10_000
 OTHER_VERSION = "has the columns of another version of mavdem: name another folder."
 BUSY_SECONDS = 600.0  # while another run may write, as the table of a large fleet
-NETWORK_DISKS = {"nfs", "nfs4", "cifs", "smb3", "smbfs", "afs", "ceph", "lustre", "beegfs", "gpfs", "fuse.sshfs"}
+NETWORK_DISKS = {
+    "nfs",
+    "nfs4",
+    "cifs",
+    "smb3",
+    "smbfs",
+    "afs",
+    "ceph",
+    "lustre",
+    "beegfs",
+    "gpfs",
+    "fuse.sshfs",
+}
 """Kinds of disks, as Linux names them, on which SQLite's write-ahead log does not keep other machines out."""
 
 TABLES = Path(__file__).with_suffix(".sql").read_text(encoding="utf-8")
@@ -53,15 +68,22 @@ def read_rows(folder: Path) -> list[FlightRow]:
     """Returns a fleet's rows by vehicle, file and axis; raises ``Unreadable``."""
     path = folder / STORE
     if not is_fleet(folder):
-        raise Unreadable(f"{folder} holds no fleet: make one with `mavdem track LOGS --out {folder}`.")
-    access = "mode=rw" if os.access(folder, os.W_OK) else "immutable=1"  # SQLite's lock is a file beside it
+        raise Unreadable(
+            f"{folder} holds no fleet: make one with `mavdem track LOGS --out {folder}`."
+        )
+    # SQLite's lock is a file beside it
+    access = "mode=rw" if os.access(folder, os.W_OK) else "immutable=1"
     try:
-        with closing(sqlite3.connect(f"{path.absolute().as_uri()}?{access}", timeout=BUSY_SECONDS, uri=True)) as db:
+        with closing(
+            sqlite3.connect(f"{path.absolute().as_uri()}?{access}", timeout=BUSY_SECONDS, uri=True)
+        ) as db:
             (version,) = db.execute("pragma user_version").fetchone()
             known = db.execute("select row, file from flights where file is not null")
             rows = [_row(*values) for values in known] if version == SCHEMA_VERSION else []
     except (sqlite3.Error, TypeError, ValueError) as error:
-        raise Unreadable(f"{path} is damaged ({error}): delete it, and run `mavdem track` again.") from None
+        raise Unreadable(
+            f"{path} is damaged ({error}): delete it, and run `mavdem track` again."
+        ) from None
     if version != SCHEMA_VERSION:
         raise Unreadable(f"{folder} {OTHER_VERSION}")
     return sorted(rows, key=lambda row: row.order)
@@ -77,7 +99,8 @@ def write_rows(folder: Path, rows: Iterable[FlightRow]) -> None:
     import pyarrow
     from pyarrow import parquet
 
-    schema, rows = row_schema(), iter(rows)
+    schema = row_schema()
+    rows = iter(rows)
     # Not beside the table: readers of all files in its folder would count what is unfinished.
     scratch = folder / UNFINISHED
     shutil.rmtree(scratch, ignore_errors=True)
@@ -87,7 +110,9 @@ def write_rows(folder: Path, rows: Iterable[FlightRow]) -> None:
         with parquet.ParquetWriter(file, schema, compression="zstd") as writer:
             while group := list(islice(rows, ROW_GROUP)):
                 columns = {name: [getattr(row, name) for row in group] for name in schema.names}
-                columns["date"] = [None if date is None else date.replace(tzinfo=None) for date in columns["date"]]
+                columns["date"] = [
+                    None if date is None else date.replace(tzinfo=None) for date in columns["date"]
+                ]
                 writer.write_table(pyarrow.Table.from_pydict(columns, schema))
         file.flush()
         os.fsync(file.fileno())
@@ -97,8 +122,14 @@ def write_rows(folder: Path, rows: Iterable[FlightRow]) -> None:
 @contextmanager
 def opened(folder: Path) -> Iterator[Store]:
     """Gives the store of a fleet's folder, which is made if it is not there; raises ``Unreadable``."""
-    if not (folder / STORE).exists() and (folder / "flights").is_dir() and os.listdir(folder / "flights"):
-        raise Unreadable(f"{folder / 'flights'} holds files that are not of this fleet: name another folder.")
+    if (
+        not (folder / STORE).exists()
+        and (folder / "flights").is_dir()
+        and os.listdir(folder / "flights")
+    ):
+        raise Unreadable(
+            f"{folder / 'flights'} holds files that are not of this fleet: name another folder."
+        )
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if (disk := _disk(folder)) in NETWORK_DISKS:
@@ -113,7 +144,9 @@ def opened(folder: Path) -> Iterator[Store]:
         goes_on = "once that is put right, the same command goes on where it was."
         raise Unreadable(f"{folder} cannot be written to ({reason}): {goes_on}") from None
     except sqlite3.DatabaseError as error:
-        raise Unreadable(f"{folder / STORE} is damaged ({error}): delete it, and all logs are read again.") from None
+        raise Unreadable(
+            f"{folder / STORE} is damaged ({error}): delete it, and all logs are read again."
+        ) from None
 
 
 class Store:
@@ -130,7 +163,9 @@ class Store:
             self._db.close()
             raise Unreadable(f"{folder} {OTHER_VERSION}")
         if not version:
-            self._db.executescript(f"begin immediate; {TABLES} pragma user_version = {SCHEMA_VERSION}; commit;")
+            self._db.executescript(
+                f"begin immediate; {TABLES} pragma user_version = {SCHEMA_VERSION}; commit;"
+            )
 
     @contextmanager
     def _transaction(self) -> Iterator[None]:
@@ -165,10 +200,13 @@ class Store:
             (self.folder / PAGES).mkdir(exist_ok=True)
             with atomic_write(self.folder / PAGES / name) as file:
                 file.write(html.encode(errors="replace"))  # the name of a file need not be Unicode
-        path, log = as_text(source.path), outcome.key or f"path:{as_text(source.path)}"
+        path = as_text(source.path)
+        log = outcome.key or f"path:{as_text(source.path)}"
         size = int(outcome.key.rpartition("-")[2]) if outcome.key else source.size
         with self._transaction():
-            (tracked,) = self._db.execute("select max(tracked) from logs where path = ?", [path]).fetchone()
+            (tracked,) = self._db.execute(
+                "select max(tracked) from logs where path = ?", [path]
+            ).fetchone()
             if outcome.ended == "known":
                 self._db.execute(
                     """insert or replace into logs select ?, ?, size, key, log, ended, seconds, megabytes, time_limit,
@@ -176,12 +214,21 @@ class Store:
                     [path, source.version, tracked, log],
                 )
             else:
-                spent = round(outcome.seconds, 3), round(outcome.megabytes, 1), *limits, metadata.version("mavdem")
+                spent = (
+                    round(outcome.seconds, 3),
+                    round(outcome.megabytes, 1),
+                    *limits,
+                    metadata.version("mavdem"),
+                )
                 entry = path, source.version, size, outcome.key, log, outcome.ended, *spent, tracked
-                self._db.execute(f"insert or replace into logs values ({', '.join('?' * len(entry))})", entry)
+                self._db.execute(
+                    f"insert or replace into logs values ({', '.join('?' * len(entry))})", entry
+                )
                 self._delete_rows("log = ?", [log])
                 rows = [(log, row.vehicle, json.dumps(row.as_dict())) for row in outcome.rows]
-                self._db.executemany("insert into flights (log, vehicle, row) values (?, ?, ?)", rows)
+                self._db.executemany(
+                    "insert into flights (log, vehicle, row) values (?, ?, ?)", rows
+                )
                 self._judge_anew(vehicle for _, vehicle, _ in rows)
 
     def track(self, sources: Iterable[Source]) -> None:
@@ -205,7 +252,9 @@ class Store:
     def healthy(self, rows: Iterable[FlightRow]) -> None:
         with self._transaction():
             self._db.execute("delete from healthy")
-            self._db.executemany("insert into healthy values (?)", [(json.dumps(row.as_dict()),) for row in rows])
+            self._db.executemany(
+                "insert into healthy values (?)", [(json.dumps(row.as_dict()),) for row in rows]
+            )
 
     def publish(self, assess: AssessRows) -> None:
         """Judges vehicles of which anything is new, or whose baseline is, and writes the table if it changes."""
@@ -216,12 +265,26 @@ class Store:
             self._name_rows()
             query = "select distinct vehicle from flights where file is not null and judged is not ? order by vehicle"
             for (vehicle,) in self._db.execute(query, [baseline]).fetchall():
-                query = "select rowid, row, file from flights where vehicle = ? and file is not null"
-                known = [(number, _row(text, file)) for number, text, file in self._db.execute(query, [vehicle])]
-                numbers, rows = zip(*sorted(known, key=lambda numbered: numbered[1].order), strict=True)
-                judged = _assessed([*rows], assess, [row for row in healthy if row.vehicle == vehicle])
-                updates = [(json.dumps(new.as_dict()), baseline, at) for new, at in zip(judged, numbers, strict=True)]
-                self._db.executemany("update flights set row = ?, judged = ? where rowid = ?", updates)
+                query = (
+                    "select rowid, row, file from flights where vehicle = ? and file is not null"
+                )
+                known = [
+                    (number, _row(text, file))
+                    for number, text, file in self._db.execute(query, [vehicle])
+                ]
+                numbers, rows = zip(
+                    *sorted(known, key=lambda numbered: numbered[1].order), strict=True
+                )
+                judged = _assessed(
+                    [*rows], assess, [row for row in healthy if row.vehicle == vehicle]
+                )
+                updates = [
+                    (json.dumps(new.as_dict()), baseline, at)
+                    for new, at in zip(judged, numbers, strict=True)
+                ]
+                self._db.executemany(
+                    "update flights set row = ?, judged = ? where rowid = ?", updates
+                )
             if self._db.total_changes > before or not (self.folder / TABLE).is_file():
                 # In the transaction: of two runs that end together the later one has all rows.
                 query = "select row, file from flights where file is not null order by vehicle, file, log, rowid"
@@ -231,7 +294,9 @@ class Store:
         """Names rows by their log's first name, drops those of logs that are there no more under any name."""
         several = "select log from logs where tracked group by log having count(*) > 1"
         names: dict[str, list[str]] = {}
-        for log, path in self._db.execute(f"select log, path from logs where log in ({several})").fetchall():
+        for log, path in self._db.execute(
+            f"select log, path from logs where log in ({several})"
+        ).fetchall():
             names.setdefault(log, []).append(path)
         for paths in names.values():
             gone = [(path,) for path in paths if not (is_url(path) or os.path.lexists(path))]
@@ -242,11 +307,16 @@ class Store:
             """select name, flights.rowid, vehicle from flights join
             (select log, min(path) as name from logs where tracked group by log) using (log) where file is not name"""
         ).fetchall()
-        self._db.executemany("update flights set file = ? where rowid = ?", [values[:2] for values in renamed])
+        self._db.executemany(
+            "update flights set file = ? where rowid = ?", [values[:2] for values in renamed]
+        )
         self._judge_anew(vehicle for _, _, vehicle in renamed)
 
     def _delete_rows(self, where: str, values: Sequence[Any] = ()) -> None:
-        self._judge_anew(name for (name,) in self._db.execute(f"select vehicle from flights where {where}", values))
+        self._judge_anew(
+            name
+            for (name,) in self._db.execute(f"select vehicle from flights where {where}", values)
+        )
         self._db.execute(f"delete from flights where {where}", values)
 
     def _judge_anew(self, vehicles: Iterable[str]) -> None:
@@ -254,11 +324,17 @@ class Store:
         self._db.executemany(query, [(vehicle,) for vehicle in sorted(set(vehicles))])
 
 
-def _assessed(rows: list[FlightRow], assess: AssessRows, healthy: Sequence[FlightRow]) -> Sequence[FlightRow]:
+def _assessed(
+    rows: list[FlightRow], assess: AssessRows, healthy: Sequence[FlightRow]
+) -> Sequence[FlightRow]:
     try:
         return assess(rows, healthy)
-    except Exception as error:  # a fault of mavdem on one vehicle's figures must not keep back the others'
-        reason = f"Health is unknown: this should not have happened ({type(error).__name__}: {error})."
+    except (
+        Exception
+    ) as error:  # a fault of mavdem on one vehicle's figures must not keep back the others'
+        reason = (
+            f"Health is unknown: this should not have happened ({type(error).__name__}: {error})."
+        )
         return [replace(row, health_reason=reason) for row in rows]
 
 
@@ -279,4 +355,7 @@ def _disk(folder: Path) -> str:
     except OSError:
         return ""
     path = f"{os.path.realpath(folder)}/"
-    return max(((len(at), kind) for at, kind in mounts if path.startswith(f"{at.rstrip('/')}/")), default=(0, ""))[1]
+    return max(
+        ((len(at), kind) for at, kind in mounts if path.startswith(f"{at.rstrip('/')}/")),
+        default=(0, ""),
+    )[1]

@@ -23,8 +23,10 @@ from mavdem.fleet.workers import Job, Reader
 from mavdem.health.assessment import assess
 from mavdem.health.balance import BalanceFigures, HealthFigures, healthy_flights, motor_signatures
 
-SATURATED = 0.01  # of the time at its upper stop: with more a motor has nothing left, and the flight is not sound
-JUDGED = ("fault_probability", "change_probability", "suspect_motor")  # columns that are a verdict's
+# of the time at its upper stop: with more a motor has nothing left, and the flight is not sound
+SATURATED = 0.01
+# columns that are a verdict's
+JUDGED = ("fault_probability", "change_probability", "suspect_motor")
 
 Progress = Callable[[int, int], None]
 """Called with how many logs are done, and how many there are to read."""
@@ -35,13 +37,16 @@ class TrackedLogs(NamedTuple):
 
     logs: int  # how many were named
     read: int  # how many of them were read; the others were known
-    problems: tuple[str, ...]  # names that name no log, and known logs that could not be read now, a sentence each
+    # names that name no log, and known logs that could not be read now, a sentence each
+    problems: tuple[str, ...]
     healthy: list[FlightRow]  # rows of the baseline
 
 
 def assess_rows(rows: Sequence[FlightRow], baseline: Sequence[FlightRow]) -> Sequence[FlightRow]:
     """Returns all rows of a vehicle, each judged beside its ``baseline`` or, without any, its first sound flights."""
-    unknown: dict[str, Any] = dict.fromkeys((*JUDGED, "health_reason", "residual_mean", "residual_mean_interval"))
+    unknown: dict[str, Any] = dict.fromkeys(
+        (*JUDGED, "health_reason", "residual_mean", "residual_mean_interval")
+    )
     rows = [replace(row, health=UNKNOWN, **unknown) for row in rows]
     flown = [row for row in rows if row.status == OK]
     if not flown:
@@ -52,17 +57,26 @@ def assess_rows(rows: Sequence[FlightRow], baseline: Sequence[FlightRow]) -> Seq
     healthy_rows = [row for row in baseline if row.status == OK]
     # A flight that is among both is one flight.
     figures = {_key(row): health_figures(row) for row in (*healthy_rows, *flown)}
-    judged, given = ({_key(row): figures[_key(row)] for row in some} for some in (flown, healthy_rows))
+    judged, given = (
+        {_key(row): figures[_key(row)] for row in some} for some in (flown, healthy_rows)
+    )
     verdicts = dict(zip(judged, assess([*judged.values()], [*given.values()] or None), strict=True))
     names = {flight.name for flight in given.values() or healthy_flights([*judged.values()])}
-    healthy = {(*_key(row), row.axis): row for row in (*healthy_rows, *flown) if figures[_key(row)].name in names}
+    healthy = {
+        (*_key(row), row.axis): row
+        for row in (*healthy_rows, *flown)
+        if figures[_key(row)].name in names
+    }
     intervals = {_kind(row): residual_interval(row, healthy.values()) for row in flown}
 
     def with_health(row: FlightRow) -> FlightRow:
         verdict = verdicts[_key(row)]
         columns = {name: getattr(verdict, name) for name in ("health", *JUDGED)}
         columns |= {"residual_mean": residual_mean(row, healthy.values())}
-        columns |= {"residual_mean_interval": intervals[_kind(row)], "health_reason": verdict.reason}
+        columns |= {
+            "residual_mean_interval": intervals[_kind(row)],
+            "health_reason": verdict.reason,
+        }
         return replace(row, **columns)
 
     return [with_health(row) if row.status == OK else row for row in rows]
@@ -70,16 +84,30 @@ def assess_rows(rows: Sequence[FlightRow], baseline: Sequence[FlightRow]) -> Seq
 
 def health_figures(row: FlightRow) -> HealthFigures:
     """Returns what a vehicle's health is judged by, of one flight's row."""
-    motors, balance, signatures = row.motors or (), None, None
+    motors = row.motors or ()
+    balance = None
+    signatures = None
     if row.balance is not None:
-        columns = {"balance": 3, "balance_error": 3, "balance_lean": 2, "lean_effect": 6, "lean_effect_error": 6}
-        mean, spread, lean, effect, error = (_array(getattr(row, name), count) for name, count in columns.items())
-        balance = BalanceFigures(mean, spread, lean, effect.reshape(3, 2), error.reshape(3, 2), row.duration or 0.0)
+        columns = {
+            "balance": 3,
+            "balance_error": 3,
+            "balance_lean": 2,
+            "lean_effect": 6,
+            "lean_effect_error": 6,
+        }
+        mean, spread, lean, effect, error = (
+            _array(getattr(row, name), count) for name, count in columns.items()
+        )
+        balance = BalanceFigures(
+            mean, spread, lean, effect.reshape(3, 2), error.reshape(3, 2), row.duration or 0.0
+        )
     if motors:
         signatures = motor_signatures(len(motors), row.positions or (), row.spins or ())
     name = f"{row.file} {row.system} {row.component}"
     sound = row.oscillation is None and max(row.saturated or (0.0,)) < SATURATED
-    return HealthFigures(name, motors, signatures, balance, row.date, row.collective, row.voltage_mean, sound)
+    return HealthFigures(
+        name, motors, signatures, balance, row.date, row.collective, row.voltage_mean, sound
+    )
 
 
 def _key(row: FlightRow) -> tuple[object, ...]:
@@ -101,7 +129,8 @@ def residual_mean(row: FlightRow, healthy: Iterable[FlightRow]) -> float | None:
     """The mean acceleration, rad/s², that frozen models of other ``healthy`` flights leave in this; None if unknown."""
     if row.mean_inputs is None:
         return None
-    inputs, outputs = _array(row.mean_inputs, 0), _array(row.mean_outputs or (0.0, 0.0), 2)
+    inputs = _array(row.mean_inputs, 0)
+    outputs = _array(row.mean_outputs or (0.0, 0.0), 2)
     residuals = [
         float(_array(model.residual_gain_inputs, len(inputs)) @ inputs)
         + float(_array(model.residual_gain_outputs, 2) @ outputs)
@@ -114,9 +143,15 @@ def residual_mean(row: FlightRow, healthy: Iterable[FlightRow]) -> float | None:
 
 def residual_interval(like: FlightRow, healthy: Collection[FlightRow]) -> float | None:
     """Half width of the 90 % interval of that in a healthy flight with axis and inputs ``like`` a row; None of few."""
-    models = [row for row in healthy if row.residual_offset is not None and _kind(row) == _kind(like)]
+    models = [
+        row for row in healthy if row.residual_offset is not None and _kind(row) == _kind(like)
+    ]
     left = [residual for row in models if (residual := residual_mean(row, models)) is not None]
-    return quantile(LEVEL, len(left) - 1) * float(np.sqrt(np.mean(np.square(left)))) if len(left) >= 3 else None
+    return (
+        quantile(LEVEL, len(left) - 1) * float(np.sqrt(np.mean(np.square(left))))
+        if len(left) >= 3
+        else None
+    )
 
 
 def track(
@@ -161,10 +196,14 @@ def _with_flight(rows: list[FlightRow]) -> list[FlightRow]:
     return rows
 
 
-def _read(store: Store, logs: Sequence[Source], reader: Reader, page: str, progress: Progress) -> tuple[int, list[str]]:
+def _read(
+    store: Store, logs: Sequence[Source], reader: Reader, page: str, progress: Progress
+) -> tuple[int, list[str]]:
     """Reads what is new; returns how many logs that were, and a sentence for each known one that cannot be read."""
     # The largest first: were one the last, the other processes would wait for it.
-    new = sorted((log for log in logs if not store.knows(log, reader.limits)), key=lambda log: -log.size)
+    new = sorted(
+        (log for log in logs if not store.knows(log, reader.limits)), key=lambda log: -log.size
+    )
     sources = {log.path: log for log in new}
     unread = []
     jobs = (Job(log.path, store.keys_to_try(log, reader.limits), page) for log in new)
@@ -173,7 +212,9 @@ def _read(store: Store, logs: Sequence[Source], reader: Reader, page: str, progr
         source = sources[outcome.path]
         if store.keeps(source, outcome):
             reason = outcome.rows[0].status
-            unread.append(f"{source.path} cannot be read now: what is known of it is kept. {reason}")
+            unread.append(
+                f"{source.path} cannot be read now: what is known of it is kept. {reason}"
+            )
         else:
             store.add(source, outcome, reader.limits)
         progress(number, len(new))

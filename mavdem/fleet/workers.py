@@ -44,8 +44,10 @@ MEGABYTE = 1 << 20
 PAGES = "pages"  # the folder of pages of flights, in the fleet's
 READ_LOG = "mavdem.fleet.rows_of_log:rows_of_log"  # the function that makes rows of a log
 ATTEMPTS = 2  # at a log whose reading killed the process: something else may have killed it once
-WAITING = 10  # Times the limit of processor time that a log may take by the clock: on a busy machine it waits
-WANT_OF_MEMORY = 77  # exit code of a process that reached its limit: what is left of its memory is in pieces
+# Times the limit of processor time that a log may take by the clock: on a busy machine it waits
+WAITING = 10
+# exit code of a process that reached its limit: what is left of its memory is in pieces
+WANT_OF_MEMORY = 77
 
 Ended = Literal["read", "known", "source", "error", "time", "memory", "died"]
 """How the reading of a log ended: it was read, or had been before; it could not be reached; mavdem failed; it took too
@@ -67,7 +69,8 @@ class Job(NamedTuple):
     path: str  # absolute path, or URL
     # keys of logs of the same size that were read before: if it has one of them it is not read again
     known: tuple[str, ...] = ()
-    page: str = ""  # the function that makes a flight's page, as ``package.module:function``; empty for none
+    # the function that makes a flight's page, as ``package.module:function``; empty for none
+    page: str = ""
 
 
 @dataclass(frozen=True)
@@ -80,7 +83,8 @@ class Outcome:
     key: str = ""  # hash and size of the log's content; empty if it was not reached
     pages: dict[str, str] = field(default_factory=dict)  # HTML by the name of the file
     seconds: float = 0.0  # it took
-    megabytes: float = 0.0  # the most memory that the process has had, with this log and those before
+    # the most memory that the process has had, with this log and those before
+    megabytes: float = 0.0
 
 
 def failed(job: Job, ended: Ended, status: str, key: str = "") -> Outcome:
@@ -102,7 +106,8 @@ class WorkerPool:
 
     def __init__(self, processes: int, limits: Limits, read: str = READ_LOG) -> None:
         self.limits = limits
-        self._processes, self._read = processes, read
+        self._processes = processes
+        self._read = read
 
     def start(self) -> None:
         """Makes ready; the processes are started when the first log is read, and :meth:`stop` ends them."""
@@ -115,7 +120,9 @@ class WorkerPool:
         # What a process fetches goes also where it was killed.
         self._scratch = tempfile.TemporaryDirectory(prefix="mavdem-", ignore_cleanup_errors=True)
         given = self.limits.megabytes, self._scratch.name
-        self._pool = ProcessPool(self._processes, initializer=_begin, initargs=given, context=get_context("spawn"))
+        self._pool = ProcessPool(
+            self._processes, initializer=_begin, initargs=given, context=get_context("spawn")
+        )
 
     def outcomes(self, jobs: Iterator[Job]) -> Iterator[Outcome]:
         """As :class:`Reader` has it; raises ``Unreadable`` if no process can be started."""
@@ -125,7 +132,9 @@ class WorkerPool:
         self.start()
         with ThreadPoolExecutor(self._processes + 1, initializer=block) as threads:
             try:
-                running = {threads.submit(self.run, job) for job in islice(jobs, self._processes + 1)}
+                running = {
+                    threads.submit(self.run, job) for job in islice(jobs, self._processes + 1)
+                }
                 while running:
                     done, running = wait(running, return_when=FIRST_COMPLETED)
                     for future in done:
@@ -138,11 +147,17 @@ class WorkerPool:
         """Reads one log, and returns when that is done; raises ``Unreadable`` if no process can be started."""
         from pebble import ProcessExpired
 
-        seconds, code = self.limits.seconds, 0
-        late = replace(failed(job, "time", f"It takes longer than its time limit of {seconds:g} s."), seconds=seconds)
+        seconds = self.limits.seconds
+        code = 0
+        late = replace(
+            failed(job, "time", f"It takes longer than its time limit of {seconds:g} s."),
+            seconds=seconds,
+        )
         for _ in range(ATTEMPTS):
             try:
-                task = self._pool.schedule(perform, (job, self._read, seconds), timeout=WAITING * seconds)
+                task = self._pool.schedule(
+                    perform, (job, self._read, seconds), timeout=WAITING * seconds
+                )
                 outcome: Outcome = task.result()
                 return outcome
             except OutOfTime:
@@ -155,9 +170,13 @@ class WorkerPool:
                     return replace(failed(job, "memory", status), megabytes=self.limits.megabytes)
             except (BrokenProcessPool, CancelledError, OSError, RuntimeError) as error:
                 kept = "what was read is kept. See why with MAVDEM_TRACEBACK=1."
-                raise Unreadable(f"No process that reads logs can be started ({error}): {kept}") from None
+                raise Unreadable(
+                    f"No process that reads logs can be started ({error}): {kept}"
+                ) from None
         cause = signal.Signals(-code).name if code < 0 else f"exit code {code}"
-        return failed(job, "died", f"The process that read it died ({cause}), each of {ATTEMPTS} times.")
+        return failed(
+            job, "died", f"The process that read it died ({cause}), each of {ATTEMPTS} times."
+        )
 
     def stop(self) -> None:
         """Ends the processes, also while another thread waits for an outcome, and removes what they leave."""
@@ -168,7 +187,8 @@ class WorkerPool:
 
 def _begin(megabytes: int, scratch: str) -> None:
     """In a process: sets its limits, and what it leaves to whom."""
-    os.setsid()  # what a terminal sends to its programs is not for it, and the system shares its time out by session
+    # what a terminal sends to its programs is not for it, and the system shares its time out by session
+    os.setsid()
     if not os.environ.get("MAVDEM_TRACEBACK"):
         nothing = os.open(os.devnull, os.O_WRONLY)
         for output in (1, 2):
@@ -193,18 +213,25 @@ def _end_with_parent(scratch: str) -> None:
 
 def perform(job: Job, read: str, seconds: float) -> Outcome:
     """Reads one log in ``seconds`` of the processor; ends the process where memory is wanting, which is in pieces."""
-    began, hard = time.perf_counter(), resource.getrlimit(resource.RLIMIT_CPU)[1]
+    began = time.perf_counter()
+    hard = resource.getrlimit(resource.RLIMIT_CPU)[1]
     soft = ceil(time.process_time() + seconds)
-    resource.setrlimit(resource.RLIMIT_CPU, (soft if hard == resource.RLIM_INFINITY else min(soft, hard), hard))
+    resource.setrlimit(
+        resource.RLIMIT_CPU, (soft if hard == resource.RLIM_INFINITY else min(soft, hard), hard)
+    )
     try:
         outcome = outcome_of(job, resolve_name(read))
     except MemoryError:
         os._exit(WANT_OF_MEMORY)
-    kilobytes = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1024 if sys.platform == "darwin" else 1)
+    kilobytes = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (
+        1024 if sys.platform == "darwin" else 1
+    )
     return replace(outcome, seconds=time.perf_counter() - began, megabytes=kilobytes / 1024)
 
 
-def outcome_of(job: Job, read: Callable[[Path, str, Callable[..., str] | None], LogRows]) -> Outcome:
+def outcome_of(
+    job: Job, read: Callable[[Path, str, Callable[..., str] | None], LogRows]
+) -> Outcome:
     """Returns what becomes of a job here, by ``read`` of path, key and page maker or None; raises ``MemoryError``."""
     key = ""
     try:
@@ -214,7 +241,9 @@ def outcome_of(job: Job, read: Callable[[Path, str, Callable[..., str] | None], 
             if key in job.known:
                 return Outcome(job.path, "known", key=key)
             rows, pages = read(path, key, resolve_name(job.page) if job.page else None)
-            return Outcome(job.path, "read", tuple(_named(row, job, path, key) for row in rows), key, pages)
+            return Outcome(
+                job.path, "read", tuple(_named(row, job, path, key) for row in rows), key, pages
+            )
     except Unreadable as error:
         if isinstance(error.__context__, MemoryError):
             raise MemoryError from None  # with a higher limit it may be read
@@ -224,7 +253,9 @@ def outcome_of(job: Job, read: Callable[[Path, str, Callable[..., str] | None], 
     except MemoryError:
         raise
     except Exception as error:
-        return failed(job, "error", f"This should not have happened ({type(error).__name__}: {error}).", key)
+        return failed(
+            job, "error", f"This should not have happened ({type(error).__name__}: {error}).", key
+        )
 
 
 @contextmanager
@@ -245,7 +276,9 @@ def _named(row: FlightRow, job: Job, path: Path, key: str) -> FlightRow:
     """The row with the name of the log, which is only there: copies of a log have equal rows."""
     status, *warnings = (_nameless(sentence, str(path)) for sentence in (row.status, *row.warnings))
     version = metadata.version("mavdem")
-    return replace(row, file=job.path, key=key, status=status, warnings=tuple(warnings), mavdem_version=version)
+    return replace(
+        row, file=job.path, key=key, status=status, warnings=tuple(warnings), mavdem_version=version
+    )
 
 
 def _nameless(sentence: str, path: str) -> str:
@@ -256,7 +289,8 @@ def _nameless(sentence: str, path: str) -> str:
 RETRIES = 2  # of a log whose reading fails on a worker, as where a machine has no process to spare
 SECONDS_TO_CONNECT = 10.0
 
-_pools: dict[tuple[Limits, str], WorkerPool] = {}  # in a worker of the cluster: the processes of the last run
+# in a worker of the cluster: the processes of the last run
+_pools: dict[tuple[Limits, str], WorkerPool] = {}
 _lock = Lock()
 
 
@@ -267,7 +301,9 @@ class Cluster:
         require("Reading logs on a cluster", "dask")
         if not re.fullmatch(r"\w+://\S+:\d{1,5}", address):
             raise Unreadable(f"{address!r} is no address like tcp://10.0.0.1:8786.")
-        self.address, self.limits, self.read = address, limits, read
+        self.address = address
+        self.limits = limits
+        self.read = read
 
     def outcomes(self, jobs: Iterator[Job]) -> Iterator[Outcome]:
         """As ``Reader`` has it.
@@ -287,7 +323,9 @@ class Cluster:
             client = Client(self.address, timeout=SECONDS_TO_CONNECT, set_as_default=False)  # type: ignore[no-untyped-call]
         except (OSError, ValueError) as error:
             reason = getattr(error, "strerror", None) or str(error).splitlines()[0]
-            raise Unreadable(f"There is no Dask scheduler at {self.address} ({reason}): check the address.") from None
+            raise Unreadable(
+                f"There is no Dask scheduler at {self.address} ({reason}): check the address."
+            ) from None
         with client:
             threads = _threads(client, self.address, first.path)
             sent: dict[Any, Job] = {}
@@ -295,7 +333,9 @@ class Cluster:
 
             def send(count: int) -> None:
                 for job in islice(jobs, count):
-                    future = client.submit(read_on_worker, job, self.limits, self.read, pure=False, retries=RETRIES)
+                    future = client.submit(
+                        read_on_worker, job, self.limits, self.read, pure=False, retries=RETRIES
+                    )
                     sent[future] = job
                     done.add(future)
 
@@ -343,23 +383,32 @@ def machine(path: str) -> tuple[str, bool]:
     """Returns the versions here of mavdem, of the columns and of Python, and whether the log at ``path`` is here."""
     python = ".".join(platform.python_version_tuple()[:2])
     has_log = is_url(path) or os.path.lexists(path)
-    return f"mavdem {metadata.version('mavdem')} (columns {SCHEMA_VERSION}) on Python {python}", has_log
+    return (
+        f"mavdem {metadata.version('mavdem')} (columns {SCHEMA_VERSION}) on Python {python}",
+        has_log,
+    )
 
 
 def _threads(client: Any, address: str, path: str) -> int:
     """How many threads the workers have; raises ``Unreadable`` where there are none, or one cannot read the log."""
     if not (threads := dict(client.nthreads())):
-        raise Unreadable(f"The cluster at {address} has no workers: start some with `dask worker {address}`.")
+        raise Unreadable(
+            f"The cluster at {address} has no workers: start some with `dask worker {address}`."
+        )
     here, readable_here = machine(path)
     try:
         workers = client.run(machine, path)
-    except Exception as error:  # raised there: where there is no mavdem, the function cannot be found
+    except (
+        Exception
+    ) as error:  # raised there: where there is no mavdem, the function cannot be found
         lacking = f"have no mavdem that reads logs of a fleet ({type(error).__name__}: {error})"
         install = f"install 'mavdem[dask]' {metadata.version('mavdem')} there."
         raise Unreadable(f"The workers of {address} {lacking}: {install}") from None
     for worker, (there, readable) in sorted(workers.items()):
         if there != here:
-            raise Unreadable(f"The worker {worker} has {there}, this machine {here}: install the same there.")
+            raise Unreadable(
+                f"The worker {worker} has {there}, this machine {here}: install the same there."
+            )
         if readable_here and not readable:
             shared = "put the logs into a folder that all machines share, or name them by URLs"
             raise Unreadable(f"The worker {worker} cannot read {path}: {shared}.")

@@ -47,7 +47,8 @@ class Assessment(NamedTuple):
     reason: str  # sentences with figures
     # that some motor works 8 % harder or more, for it or its propeller is weak; None where unknown
     fault_probability: float | None = None
-    change_probability: float | None = None  # that anything changed, faults included; None where unknown
+    # that anything changed, faults included; None where unknown
+    change_probability: float | None = None
     suspect_motor: int | None = None  # from 1, of a fault where one is named
     # that the suspect motor is the one, and works 8 % harder or more; at most ``fault_probability``
     suspect_probability: float | None = None
@@ -55,7 +56,9 @@ class Assessment(NamedTuple):
     harder: tuple[float, float, float] | None = None
 
 
-def assess(flights: Sequence[HealthFigures], baseline: Sequence[HealthFigures] | None = None) -> tuple[Assessment, ...]:
+def assess(
+    flights: Sequence[HealthFigures], baseline: Sequence[HealthFigures] | None = None
+) -> tuple[Assessment, ...]:
     """Judges each flight of one vehicle against its healthy ones; a healthy one against the other healthy ones.
 
     Flights with a date are judged in its order, from what is known after those before.
@@ -93,7 +96,11 @@ def assess(flights: Sequence[HealthFigures], baseline: Sequence[HealthFigures] |
         effort = effort_change(flight, others, last_effort)
         if not alone:
             before[flight.layout] = weighed, effort
-        reference = "healthy flights" if chosen else "of the vehicle's first sound flights, taken for healthy"
+        reference = (
+            "healthy flights"
+            if chosen
+            else "of the vehicle's first sound flights, taken for healthy"
+        )
         verdict = _verdict(flight, weighed, away, effort, f"{len(others)} {reference}")
         if verdict.health == "ok" and considered.shown(away) < DRIFT:
             verdict = Assessment("unknown", _too_unsure(away, f"{len(others)} {reference}"))
@@ -103,7 +110,11 @@ def assess(flights: Sequence[HealthFigures], baseline: Sequence[HealthFigures] |
 
 
 def _verdict(
-    flight: HealthFigures, weighed: Explanations, away: Deviation, effort: EffortChange | None, reference: str
+    flight: HealthFigures,
+    weighed: Explanations,
+    away: Deviation,
+    effort: EffortChange | None,
+    reference: str,
 ) -> Assessment:
     """The verdict beside the flights of the ``reference``, with what speaks for it."""
     # The effort says nothing of a single motor, and a weak one takes little of it.
@@ -116,14 +127,19 @@ def _verdict(
         suspect = int(weighed.faults.argmax())
         name, lost, harder = _motor(flight, weighed, suspect)
         reason = (
-            f"{name[0].upper()}{name[1:]} {lost} with probability {likely:.2f}: it then works {harder} harder than "
+            f"{name[0].upper()}{name[1:]} {lost} with probability {likely:.2f}: it then works "
+            f"{harder} harder than "
         )
         reason += f"in {reference}. That any motor lost thrust has probability {weighed.fault:.2f}."
         mean, low, high = (100 * float(value) for value in weighed.harder[:, suspect])
-        return Assessment("fault", reason, weighed.fault, change, suspect + 1, likely, (mean, low, high))
+        return Assessment(
+            "fault", reason, weighed.fault, change, suspect + 1, likely, (mean, low, high)
+        )
     # Whatever the weights of the explanations are, what healthy flights do not show is a change.
     if change >= DRIFT or away.beyond:
-        return Assessment("drift", _drift(flight, weighed, away, effort, change, reference), weighed.fault, change)
+        return Assessment(
+            "drift", _drift(flight, weighed, away, effort, change, reference), weighed.fault, change
+        )
     reason = f"No change against {reference}; probability that something changed {change:.2f}."
     return Assessment("ok", reason, weighed.fault, change)
 
@@ -138,7 +154,9 @@ def _drift(
 ) -> str:
     """What changed, with its ``probability``, and what may explain it."""
     each = zip(AXES, away.change, away.usual, strict=True)
-    changed = ", ".join(f"{axis} {100 * by:+.1f} % (usual ±{100 * usual:.1f} %)" for axis, by, usual in each)
+    changed = ", ".join(
+        f"{axis} {100 * by:+.1f} % (usual ±{100 * usual:.1f} %)" for axis, by, usual in each
+    )
     if away.beyond and probability < DRIFT:
         return f"Outside the 99.9 % range of {reference}: {changed}."
     differs = f"Differs from {reference} (probability {probability:.2f})"
@@ -179,12 +197,16 @@ def _too_few(usable: int, others: int, chosen: bool) -> str:
 
 def _too_unsure(away: Deviation, reference: str) -> str:
     """Why a flight that looks healthy is not called so."""
-    unsure = ", ".join(f"{axis} ±{100 * usual:.1f} %" for axis, usual in zip(AXES, away.usual, strict=True))
+    unsure = ", ".join(
+        f"{axis} ±{100 * usual:.1f} %" for axis, usual in zip(AXES, away.usual, strict=True)
+    )
     lost = f"a motor that lost {100 * lost_thrust():.0f} % of its thrust would not show against {reference} ({unsure})"
     return f"Health is unknown: {lost}: the flight leans too much or is too short, or they differ too much."
 
 
-def _conditions(flight: HealthFigures, others: Sequence[HealthFigures], effort: EffortChange | None) -> list[str]:
+def _conditions(
+    flight: HealthFigures, others: Sequence[HealthFigures], effort: EffortChange | None
+) -> list[str]:
     """Conditions that differ from those of the healthy flights, a sentence each."""
     sentences = []
     leans = [other.balance.lean for other in others if other.balance is not None]
@@ -192,10 +214,15 @@ def _conditions(flight: HealthFigures, others: Sequence[HealthFigures], effort: 
         leaned = flight.balance.lean - np.mean(leans, axis=0)
         if np.abs(leaned).max() >= MIN_LEAN:
             here, there = (
-                ", ".join(f"{axis} {np.degrees(angle):+.1f}°" for axis, angle in zip(AXES, lean, strict=False))
+                ", ".join(
+                    f"{axis} {np.degrees(angle):+.1f}°"
+                    for axis, angle in zip(AXES, lean, strict=False)
+                )
                 for lean in (flight.balance.lean, np.mean(leans, axis=0))
             )
-            sentences.append(f"Its mean lean is {here}, that of the healthy flights {there}; both are compared level.")
+            sentences.append(
+                f"Its mean lean is {here}, that of the healthy flights {there}; both are compared level."
+            )
     if effort is not None and abs(effort.more) >= effort.usual:
         sentences.append(
             f"At the same voltage all motors together are commanded {100 * abs(effort.more):.0f} % "
@@ -222,7 +249,8 @@ DETECTABLE_RISE = 0.2
 """What must show in a flight, or it cannot be called healthy: of four motors, a third less thrust."""
 RISES = np.linspace(0.0, 1.0, 401)[1:]
 MAX_MISFIT = 4.0  # Scales on any axis from which a deviation is no motor's
-CENTRE_ERRORS, CENTRE_WEIGHTS = np.polynomial.hermite_e.hermegauss(7)  # Of the healthy flights' mean, by axis
+# Of the healthy flights' mean, by axis
+CENTRE_ERRORS, CENTRE_WEIGHTS = np.polynomial.hermite_e.hermegauss(7)
 TAIL = 0.05  # Outside each end of an interval of 90 %
 
 
@@ -263,21 +291,30 @@ class Candidates:
         ends = np.cumsum([len(weights) for weights in likely.values()]).tolist()
         self.signatures = signatures
         self.groups = dict(zip(likely, map(slice, [0, *ends], ends), strict=True))
-        self.prior = np.concatenate([PRIORS[name] * weights / weights.sum() for name, weights in likely.items()])
+        self.prior = np.concatenate(
+            [PRIORS[name] * weights / weights.sum() for name, weights in likely.items()]
+        )
         self.change, self.spread, self.centre = np.zeros((3, len(self.prior), 3))
         self.centre[self.groups["healthy"]] = centres
         self.change[self.groups["motor"]] = motors
-        for name, axes in (("load", (1.0, 1.0, 0.0)), ("yaw", (0.0, 0.0, 1.0)), ("other", (1.0, 1.0, 1.0))):
+        for name, axes in (
+            ("load", (1.0, 1.0, 0.0)),
+            ("yaw", (0.0, 0.0, 1.0)),
+            ("other", (1.0, 1.0, 1.0)),
+        ):
             self.spread[self.groups[name]] = np.outer(sizes, axes)
 
     def after(self, away: Deviation, before: Array | None = None) -> Explanations:
         """What explains a flight's deviation; ``before`` (S,) are the candidates' probabilities after the last."""
-        prior = self.prior if before is None else PERSISTENCE * before + (1 - PERSISTENCE) * self.prior
+        prior = (
+            self.prior if before is None else PERSISTENCE * before + (1 - PERSISTENCE) * self.prior
+        )
         # The candidates without a change carry the common error of the mean themselves, and so share it over flights.
         changed = np.ones(len(prior), dtype=bool)
         changed[self.groups["healthy"]] = False
         spread = self.spread.copy()
-        shifted, weak = self.groups["load"], self.groups["motor"]
+        shifted = self.groups["load"]
+        weak = self.groups["motor"]
         # Yaw by a load that shifted, as far as the flights' effects of lean leave it: wind pulls beside the load.
         spread[shifted, 2] = spread[shifted, 0] * away.lean
         scale = np.sqrt(away.scale**2 + changed[:, None] * away.centre_error**2 + spread**2)
@@ -287,14 +324,18 @@ class Candidates:
         posterior = prior * np.exp(likelihood - likelihood.max())
         posterior /= posterior.sum()
 
-        healthy, _, load, yaw, other = (float(posterior[rows].sum()) for rows in self.groups.values())
+        healthy, _, load, yaw, other = (
+            float(posterior[rows].sum()) for rows in self.groups.values()
+        )
         joint = posterior[self.groups["motor"]].reshape(-1, len(RISES))
         motors = joint.sum(axis=1)
         # Of more than four motors the weak one's neighbours help it.
         rise_share = np.diag(self.signatures.weak_motor_commands)
         some = np.maximum(motors, np.finfo(np.float64).tiny)
         shares = np.cumsum(joint, axis=1) / some[:, None]
-        low, high = (RISES[(shares < end).sum(axis=1).clip(max=len(RISES) - 1)] for end in (TAIL, 1 - TAIL))
+        low, high = (
+            RISES[(shares < end).sum(axis=1).clip(max=len(RISES) - 1)] for end in (TAIL, 1 - TAIL)
+        )
         harder = np.array([joint @ RISES / some, low, high]) * rise_share
         faults = np.where(np.outer(rise_share, RISES) >= FAULT_RISE, joint, 0.0).sum(axis=1)
         return Explanations(healthy, motors, faults, load, yaw, other, harder, posterior)
@@ -306,7 +347,9 @@ class Candidates:
         """
         rises = DETECTABLE_RISE / np.diag(self.signatures.weak_motor_commands)
         weak = self.signatures.weak_motor[:, 1:] * rises[:, None]
-        return float(np.mean([1 - self.after(away._replace(change=change)).healthy for change in weak]))
+        return float(
+            np.mean([1 - self.after(away._replace(change=change)).healthy for change in weak])
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -343,10 +386,13 @@ class EffortChange(NamedTuple):
     more: float  # by which share it is greater
     usual: float  # half the width of an interval of 90 % of healthy flights
     probability: float  # that it changed
-    candidates: Array  # (S,) the probabilities of no change, by the error of the healthy flights' mean, then of changes
+    # (S,) the probabilities of no change, by the error of the healthy flights' mean, then of changes
+    candidates: Array
 
 
-def effort_change(flight: HealthFigures, healthy: HealthFlights, before: EffortChange | None) -> EffortChange | None:
+def effort_change(
+    flight: HealthFigures, healthy: HealthFlights, before: EffortChange | None
+) -> EffortChange | None:
     """By how much the effort changed, after what the flight ``before`` showed; None unless known of three flights."""
     efforts = np.log([effort for other in healthy if (effort := other.effort) is not None])
     if flight.effort is None or len(efforts) < FEWEST_FLIGHTS:
@@ -358,7 +404,9 @@ def effort_change(flight: HealthFigures, healthy: HealthFlights, before: EffortC
     centre_error = np.sqrt(scatter / len(efforts))
     more = float(np.log(flight.effort) - centre)
     sizes, weights = shift_sizes(EFFORT_SHIFT)
-    prior = np.append((1 - EFFORT_CHANGED) * CENTRE_WEIGHTS / CENTRE_WEIGHTS.sum(), EFFORT_CHANGED * weights)
+    prior = np.append(
+        (1 - EFFORT_CHANGED) * CENTRE_WEIGHTS / CENTRE_WEIGHTS.sum(), EFFORT_CHANGED * weights
+    )
     if before is not None:
         prior = PERSISTENCE * before.candidates + (1 - PERSISTENCE) * prior
     # All flights share the error of the mean: without a change it is a candidate, as in the balance.
@@ -367,4 +415,6 @@ def effort_change(flight: HealthFigures, healthy: HealthFlights, before: EffortC
     posterior = prior * stats.t.pdf((more - expected) / scale, freedom) / scale
     posterior /= posterior.sum()
     usual = float(stats.t.ppf(0.95, freedom) * np.hypot(np.sqrt(scatter), centre_error))
-    return EffortChange(float(np.expm1(more)), usual, float(posterior[len(CENTRE_ERRORS) :].sum()), posterior)
+    return EffortChange(
+        float(np.expm1(more)), usual, float(posterior[len(CENTRE_ERRORS) :].sum()), posterior
+    )

@@ -74,10 +74,16 @@ def motor_signatures(
     Both are empty where not known, and spins may be zeros then. Raises ValueError: they are of other motors.
     """
     if motors < 1 or {len(positions), len(spins)} - {0, motors}:
-        raise ValueError(f"positions and spins must be of the {motors} motors, of which there is one at least")
-    layout = MotorGeometry((), (), tuple(positions), "", False, False, spins=tuple(spins) if all(spins) else ())
+        raise ValueError(
+            f"positions and spins must be of the {motors} motors, of which there is one at least"
+        )
+    layout = MotorGeometry(
+        (), (), tuple(positions), "", False, False, spins=tuple(spins) if all(spins) else ()
+    )
     effects = {axis: effect for axis in AXES if (effect := layout.effect(axis)) is not None}
-    return MotorSignatures(("thrust", *effects), np.array([np.full(motors, 1.0 / motors), *effects.values()]))
+    return MotorSignatures(
+        ("thrust", *effects), np.array([np.full(motors, 1.0 / motors), *effects.values()])
+    )
 
 
 class BalanceFigures(NamedTuple):
@@ -99,8 +105,11 @@ def balance_of_signals(signals: Signals) -> BalanceFigures | None:
     motors = signals.motors
     if motors is None:
         return None
-    signatures = motor_signatures(len(motors.layout.motors), motors.layout.positions, motors.layout.spins)
-    runs, segments = [], sorted(settled_segments(signals), key=lambda found: (found.boot, found.start))
+    signatures = motor_signatures(
+        len(motors.layout.motors), motors.layout.positions, motors.layout.spins
+    )
+    runs = []
+    segments = sorted(settled_segments(signals), key=lambda found: (found.boot, found.start))
     for segment in segments:
         time = motors.time[within(motors, segment)]
         lean = np.full((len(time), 2), np.nan)
@@ -124,8 +133,10 @@ def balance_figures(
     if len(blocks) < FEWEST_BLOCKS or len(signatures.axes) == 1:
         return None
     balance, lean = (np.array(means) for means in zip(*blocks, strict=True))
-    rest, leaned = balance - balance.mean(axis=0), lean - lean.mean(axis=0)
-    effect, effect_variance = np.full((3, 2), np.nan), np.full((3, 2), np.nan)
+    rest = balance - balance.mean(axis=0)
+    leaned = lean - lean.mean(axis=0)
+    effect = np.full((3, 2), np.nan)
+    effect_variance = np.full((3, 2), np.nan)
     freedom = len(blocks) - 1
     if np.isfinite(leaned).all() and np.linalg.matrix_rank(leaned) == 2:
         inverse = np.linalg.inv(leaned.T @ leaned)
@@ -134,11 +145,16 @@ def balance_figures(
         freedom -= 2
         effect_variance = np.broadcast_to(np.diag(inverse), (3, 2))
     variance = (rest**2).sum(axis=0) / freedom * [_inflation(column) for column in rest.T]
-    error, effect_error = np.sqrt(variance / len(blocks)), np.sqrt(variance[:, None] * effect_variance)
-    return BalanceFigures(balance.mean(axis=0), error, lean.mean(axis=0), effect, effect_error, seconds)
+    error = np.sqrt(variance / len(blocks))
+    effect_error = np.sqrt(variance[:, None] * effect_variance)
+    return BalanceFigures(
+        balance.mean(axis=0), error, lean.mean(axis=0), effect, effect_error, seconds
+    )
 
 
-def _blocks(time: Array, commands: Array, lean: Array, signatures: MotorSignatures) -> list[tuple[Array, Array]]:
+def _blocks(
+    time: Array, commands: Array, lean: Array, signatures: MotorSignatures
+) -> list[tuple[Array, Array]]:
     """Means of the balance (3,), over that of all motors, and of the lean (2,), of blocks of equal length."""
     if len(time) < 2:
         return []
@@ -151,7 +167,10 @@ def _blocks(time: Array, commands: Array, lean: Array, signatures: MotorSignatur
     number = np.minimum((time - time[0]) / seconds * count, count - 1).astype(int)
     rows = [number == block for block in range(count)]
     flown = [mine for mine in rows if mine.any() and thrust[mine].mean() > 0]
-    return [(balance[mine].mean(axis=0) / thrust[mine].mean(), lean[mine].mean(axis=0)) for mine in flown]
+    return [
+        (balance[mine].mean(axis=0) / thrust[mine].mean(), lean[mine].mean(axis=0))
+        for mine in flown
+    ]
 
 
 def _inflation(rest: Array) -> float:
@@ -173,7 +192,8 @@ SCATTER_FREEDOM = 6.0  # So many healthy flights that knowledge is worth
 LEAN_EFFECT = np.array([[1.0, 0.3], [0.3, 1.0], [0.3, 0.3]])
 """Standard deviation of the effects of lean, 1/rad, before any flight: drag an arm's length above or below the centre
 of mass in roll and pitch; in yaw, and across, a load 5 mm beside it."""
-LEAN_EFFECT_SCATTER, LEAN_EFFECT_FREEDOM = 0.2, 1.0
+LEAN_EFFECT_SCATTER = 0.2
+LEAN_EFFECT_FREEDOM = 1.0
 """Standard deviation of the same over flights of one vehicle, 1/rad, before any flight, and how many flights that is
 worth: loads differ, and where a vehicle manoeuvres it also leans without wind."""
 
@@ -189,7 +209,8 @@ class HealthFigures:
     date: datetime | None = None  # when it began
     collective: float | None = None  # mean command of all motors, as a share of the range
     voltage: float | None = None  # mean of the battery, V
-    sound: bool = True  # no motor was at its limit, and it did not oscillate: it may be taken for healthy
+    # no motor was at its limit, and it did not oscillate: it may be taken for healthy
+    sound: bool = True
 
     @property
     def missing(self) -> str:
@@ -205,7 +226,9 @@ class HealthFigures:
     @property
     def layout(self) -> tuple[tuple[str, ...], bytes]:
         """The motors' names, places and spins: only flights that agree in them have comparable balances."""
-        return self.motors, b"" if self.signatures is None else self.signatures.weights.round(6).tobytes()
+        return self.motors, b"" if self.signatures is None else self.signatures.weights.round(
+            6
+        ).tobytes()
 
     def overlaps(self, other: HealthFigures) -> bool:
         """Whether both are one flight, logged twice: a vehicle that began to fly has not landed as the other begins."""
@@ -232,9 +255,11 @@ class Deviation(NamedTuple):
     """How far a flight's level balance is from that of healthy flights."""
 
     change: Array  # (3,) in roll, pitch and yaw, in shares of the mean command
-    scale: Array  # (3,) by which that of a healthy flight is Student-distributed about the healthy flights' true mean
+    # (3,) by which that of a healthy flight is Student-distributed about the healthy flights' true mean
+    scale: Array
     freedom: float  # degrees of freedom of that
-    centre_error: Array  # (3,) standard error of the mean of the healthy flights; all flights share it
+    # (3,) standard error of the mean of the healthy flights; all flights share it
+    centre_error: Array
     lean: float = 0.0  # of the flight, from level, rad
 
     @property
@@ -253,7 +278,11 @@ def healthy_flights(flights: HealthFlights, baseline: HealthFlights | None = Non
     """Those to compare with: of the ``baseline``, or else the first three sound dated ones of each layout."""
     if baseline is not None:
         return distinct_flights([flight for flight in baseline if not flight.missing])
-    usable = [flight for flight in flights if flight.sound and flight.date is not None and not flight.missing]
+    usable = [
+        flight
+        for flight in flights
+        if flight.sound and flight.date is not None and not flight.missing
+    ]
     dated = distinct_flights(usable)
     first: dict[object, list[HealthFigures]] = {}
     for flight in sorted(dated, key=lambda flight: flight.when):
@@ -281,8 +310,12 @@ def deviation(flight: HealthFigures, healthy: HealthFlights) -> Deviation:
     effect, variance = _lean_effects(balances)
     lean = np.array([balance.lean for balance in balances])
     level = np.array([balance.mean for balance in balances]) - np.einsum("fal,fl->fa", effect, lean)
-    error = np.einsum("fal,fl->fa", variance, lean**2) + np.array([balance.error for balance in balances]) ** 2
-    centre, count = level[1:].mean(axis=0), len(healthy)
+    error = (
+        np.einsum("fal,fl->fa", variance, lean**2)
+        + np.array([balance.error for balance in balances]) ** 2
+    )
+    centre = level[1:].mean(axis=0)
+    count = len(healthy)
     freedom = SCATTER_FREEDOM + count - 1
     scatter = (SCATTER_FREEDOM * SCATTER**2 + ((level[1:] - centre) ** 2).sum(axis=0)) / freedom
     centre_error = np.sqrt((scatter + error[1:].mean(axis=0)) / count)
@@ -303,7 +336,8 @@ def _lean_effects(flights: Sequence[BalanceFigures]) -> tuple[Array, Array]:
     seen = np.array([flight.lean_effect for flight in flights])
     variance = np.array([flight.lean_effect_error for flight in flights]) ** 2
     known = np.isfinite(seen) & np.isfinite(variance)
-    seen, variance = np.where(known, seen, 0.0), np.where(known, variance, np.inf)
+    seen = np.where(known, seen, 0.0)
+    variance = np.where(known, variance, np.inf)
     plain = seen.sum(axis=0) / np.maximum(known.sum(axis=0), 1)
     spread = np.where(known, (seen - plain) ** 2, 0.0).sum(axis=0)
     freedom = LEAN_EFFECT_FREEDOM + np.maximum(known.sum(axis=0) - 1, 0)
@@ -311,5 +345,6 @@ def _lean_effects(flights: Sequence[BalanceFigures]) -> tuple[Array, Array]:
     weights = 1 / (variance + scatter)
     total = weights.sum(axis=0) + LEAN_EFFECT**-2
     mean = (weights * seen).sum(axis=0) / total
-    own, common = 1 / (variance + scatter / 2), 1 / (scatter / 2 + 1 / total)
+    own = 1 / (variance + scatter / 2)
+    common = 1 / (scatter / 2 + 1 / total)
     return (own * seen + common * mean) / (own + common), 1 / (own + common)

@@ -40,28 +40,37 @@ PRESENT_SHARE = 0.8  # Of the blocks, at least: where more are missing, changes 
 REFERENCE_SECONDS = 8.0  # Before the first change, at least
 NEXT_REFERENCE_SECONDS = 2.0  # Before another: the noise is known then
 SETTLING_BLOCKS = 2  # Since a change of a motor, in which the vehicle settles: no reference
-MEMORY_SECONDS = 60.0  # Over which the reference forgets: wind and battery change, and damage comes at once
+# Over which the reference forgets: wind and battery change, and damage comes at once
+MEMORY_SECONDS = 60.0
 KEPT_SECONDS = 150.0
 WINDOWS = (2, 3, 4, 6, 8, 10, 14, 20, 30, 40)  # Blocks since the change began
 BATCHES = (1, 2, 4, 8)  # Blocks whose mean shows the long-run variance
 HOURS_TO_FALSE_ALARM = 10.0  # By design
-SIZES = np.geomspace(0.05, 0.8, 13)  # Of the rise of a motor's own command, as a share of the mean command
-OTHER_SD = 0.06  # Of a change in roll, pitch or yaw that is no motor's, as a share of the mean command
+# Of the rise of a motor's own command, as a share of the mean command
+SIZES = np.geomspace(0.05, 0.8, 13)
+# Of a change in roll, pitch or yaw that is no motor's, as a share of the mean command
+OTHER_SD = 0.06
 PRIOR_SD = 0.006  # Of half a second's balance, before the flight has shown its own
 PRIOR_FREEDOM = 5.0  # Degrees of freedom of that; two blocks each
-MOST_FREEDOM = 60.0  # Of the noise before a change, as the prior of that after it: as of a whole reference
+# Of the noise before a change, as the prior of that after it: as of a whole reference
+MOST_FREEDOM = 60.0
 WANDER_SD = 0.003  # Of a balance that nothing changed: no mean is known better
-OTHERS_BESIDE_LOADS, OTHERS_BESIDE_MOTORS = 0.05, 0.1
+OTHERS_BESIDE_LOADS = 0.05
+OTHERS_BESIDE_MOTORS = 0.1
 """How often a change that is neither a motor's nor in roll and pitch alone comes, beside those in roll and pitch, and
 beside motors: a load that shifts in wind changes yaw too, and to name a sound motor is the worst that can be said."""
 LASTING_SECONDS = 8.0  # Of a change in roll and pitch alone: a gust is over by then
 STALE_SECONDS = 15.0  # Of any change: then what was before is no reference, whatever the cause
 NAMING_ODDS = 20.0  # Times as likely as all other causes together: from there on a cause is named
-ENDS_BESIDE_FAULTS = 5.0  # How often one weak motor recovers, or all do, beside that one more weakens
-RETURNS = np.linspace(0.2, 1.3, len(SIZES))  # Shares of the rise that end with a fault; a quarter may be an error
-THRUST_EXPONENTS = 1.0, 2.0  # Thrust goes with the command (PX4's SIH) up to its square (ArduPilot's SITL at hover)
+# How often one weak motor recovers, or all do, beside that one more weakens
+ENDS_BESIDE_FAULTS = 5.0
+# Shares of the rise that end with a fault; a quarter may be an error
+RETURNS = np.linspace(0.2, 1.3, len(SIZES))
+# Thrust goes with the command (PX4's SIH) up to its square (ArduPilot's SITL at hover)
+THRUST_EXPONENTS = 1.0, 2.0
 QUANTILE = 1.64  # Standard errors to either end of an interval of 90 %
-SETTLING_ERROR = 0.04  # Standard error of a motor's rise a second after it began, as a share: yaw settles last
+# Standard error of a motor's rise a second after it began, as a share: yaw settles last
+SETTLING_ERROR = 0.04
 
 
 class _Changes(NamedTuple):
@@ -78,17 +87,25 @@ def _changes(blocks: Array, windows: Places, prior: Array, freedom: float) -> _C
 
     ``prior``: long-run variance (a,) of a block, with so many degrees of ``freedom``.
     """
-    whole, cut = len(blocks), len(blocks) - windows
+    whole = len(blocks)
+    cut = len(blocks) - windows
     weights = np.exp(np.arange(whole) * (BLOCK_SECONDS / MEMORY_SECONDS))
-    weight, square = np.cumsum(weights)[cut - 1], np.cumsum(weights**2)[cut - 1]
+    weight = np.cumsum(weights)[cut - 1]
+    square = np.cumsum(weights**2)[cut - 1]
     before = np.cumsum(weights[:, np.newaxis] * blocks, axis=0)[cut - 1] / weight[:, np.newaxis]
     weighed = weight**2 / square
     sums = _sums(blocks)
-    means = [(batch, (sums[batch:] - sums[:-batch]) / batch) for batch in BATCHES if len(sums) > batch]
+    means = [
+        (batch, (sums[batch:] - sums[:-batch]) / batch) for batch in BATCHES if len(sums) > batch
+    ]
     batches = [(batch, _sums(mean), _sums(mean**2)) for batch, mean in means]
     after = (sums[whole] - sums[cut]) / windows[:, np.newaxis]
-    noise = _long_run(batches, np.zeros_like(cut), cut, before, np.broadcast_to(prior, before.shape), freedom)
-    here = np.maximum(noise, _long_run(batches, cut, np.full_like(cut, whole), after, noise, PRIOR_FREEDOM))
+    noise = _long_run(
+        batches, np.zeros_like(cut), cut, before, np.broadcast_to(prior, before.shape), freedom
+    )
+    here = np.maximum(
+        noise, _long_run(batches, cut, np.full_like(cut, whole), after, noise, PRIOR_FREEDOM)
+    )
     variance = noise / weighed[:, np.newaxis] + here / windows[:, np.newaxis] + WANDER_SD**2
     return _Changes(after - before, variance, freedom + weighed / 4, noise)
 
@@ -118,7 +135,9 @@ def _long_run(
         start = np.minimum(begin, len(first) - 1)
         last = np.minimum(np.maximum(end - batch + 1, start), len(first) - 1)
         count = (last - start)[:, np.newaxis]
-        squares = second[last] - second[start] - 2 * mean * (first[last] - first[start]) + count * mean**2
+        squares = (
+            second[last] - second[start] - 2 * mean * (first[last] - first[start]) + count * mean**2
+        )
         # Batches overlap: as many count as follow each other.
         several = np.where(count > batch, (end - begin)[:, np.newaxis] / batch, 0.0)
         held = 2 * freedom / batch
@@ -135,7 +154,9 @@ def _log_t(changes: _Changes, shift: Array | float, more: Array | float = 0.0) -
     variance = changes.variance + more
     squares = ((changes.moved - shift) ** 2 / variance).sum(axis=-1)
     power = (changes.freedom + variance.shape[-1]) / 2
-    return np.asarray(-np.log(variance).sum(axis=-1) / 2 - power * np.log1p(squares / changes.freedom))
+    return np.asarray(
+        -np.log(variance).sum(axis=-1) / 2 - power * np.log1p(squares / changes.freedom)
+    )
 
 
 FALSE_ALARMS_PER_HOUR = 0.54  # At most, with 95 % confidence (``tools/validation/alarms.py``)
@@ -143,7 +164,9 @@ FALSE_ALARMS_BASIS = (
     "none in 5.55 h of simulated flights without a fault, none of which was used to choose a parameter: at most "
     f"{FALSE_ALARMS_PER_HOUR} an hour with 95 % confidence. Real vehicles may differ."
 )
-UNKNOWN_PLACES = "The motors' places and spins are not known, so that a weak motor would not be seen."
+UNKNOWN_PLACES = (
+    "The motors' places and spins are not known, so that a weak motor would not be seen."
+)
 TOO_SLOW = f"Motor outputs come less than {MIN_RATE:.0f} times a second, so that a weak motor would not be seen."
 
 
@@ -178,7 +201,8 @@ class MotorAlarm(NamedTuple):
     def sentence(self) -> str:
         """What changed since when, and what that means."""
         clock = f"the clock of boot {self.boot + 1}" if self.boot else "the boot clock"
-        since, sure = f"since {self.since:.0f} s of {clock}", f"probability {100 * self.probability:.0f} %"
+        since = f"since {self.since:.0f} s of {clock}"
+        sure = f"probability {100 * self.probability:.0f} %"
         if self.motor is None:
             return f"The mean torque in roll and pitch changed {since}, in yaw it did not: no motor is named ({sure})."
         known = ". The motors' places are assumed, and so is the name" if self.assumed else ""
@@ -196,7 +220,9 @@ def alarm_figures(changes: Sequence[MotorAlarm]) -> dict[str, Any]:
     """Plain JSON values: alarms on motors, motors that are sound again, changes of the steady torque, false alarms."""
     return {
         "alarms": [change.as_dict() for change in changes if change.weak],
-        "recoveries": [change.as_dict() for change in changes if change.motor is not None and not change.weak],
+        "recoveries": [
+            change.as_dict() for change in changes if change.motor is not None and not change.weak
+        ],
         "torque_changes": [change.as_dict() for change in changes if change.motor is None],
         "false_alarms_per_hour": {"at_most": FALSE_ALARMS_PER_HOUR, "basis": FALSE_ALARMS_BASIS},
     }
@@ -217,7 +243,8 @@ class MotorWatch:
         """Begins, with the motors' ``layout``, in the vehicle's ``boot``, from 0 on."""
         self.alarms: list[MotorAlarm] = []
         self.weak: dict[int, MotorAlarm] = {}
-        self._layout, self._boot = layout, boot
+        self._layout = layout
+        self._boot = boot
         signatures = motor_signatures(len(layout.motors), layout.positions, layout.spins)
         self.obstacle = "" if signatures.names_a_motor else UNKNOWN_PLACES
         self._weights = signatures.weights[1:]
@@ -225,7 +252,8 @@ class MotorWatch:
         self._own = np.diag(signatures.weak_motor_commands)
         self._signatures = self._weights.T / self._own[:, np.newaxis]
         self._mixer = np.linalg.pinv(signatures.weights)
-        self._flat = np.array([axis != "yaw" for axis in signatures.axes[1:]], dtype=np.float64)  # What loads change
+        # What loads change
+        self._flat = np.array([axis != "yaw" for axis in signatures.axes[1:]], dtype=np.float64)
         self._enough = log(HOURS_TO_FALSE_ALARM * 3600 / BLOCK_SECONDS)
         self._latest = -inf
 
@@ -237,20 +265,25 @@ class MotorWatch:
         if not 0 <= time - self._latest < 2:  # s, after which what was before is no reference
             self._times: list[float] = []
             self._blocks: list[Array] = []
-            self._noise, self._freedom = np.full(len(self._weights), PRIOR_SD**2), PRIOR_FREEDOM
+            self._noise = np.full(len(self._weights), PRIOR_SD**2)
+            self._freedom = PRIOR_FREEDOM
             self.weak.clear()
             self._number, self._open = number, list[Any]()  # The block that is not whole yet
-            self._rate_from, self._samples = time, 0
+            self._rate_from = time
+            self._samples = 0
         self._latest = time
         if (passed := time - self._rate_from) >= REFERENCE_SECONDS:
-            self.obstacle = "" if self._samples > 0.9 * MIN_RATE * passed else TOO_SLOW  # A tenth less, for jitter
-            self._rate_from, self._samples = time, 0
+            # A tenth less, for jitter
+            self.obstacle = "" if self._samples > 0.9 * MIN_RATE * passed else TOO_SLOW
+            self._rate_from = time
+            self._samples = 0
         self._samples += 1
         known = len(self.alarms)
         if number != self._number:
             if len(self._open) >= MIN_SAMPLES:
                 self._block((self._number + 1) * BLOCK_SECONDS, np.mean(self._open, axis=0))
-            self._number, self._open = number, []
+            self._number = number
+            self._open = []
         self._open.append(commands)
         return self.alarms[known:]
 
@@ -262,10 +295,14 @@ class MotorWatch:
         self._blocks.append(self._weights @ (commands / mean))
         keep = round(KEPT_SECONDS / BLOCK_SECONDS)
         del self._times[:-keep], self._blocks[:-keep]
-        if len(self._blocks) < PRESENT_SHARE * ((self._times[-1] - self._times[0]) / BLOCK_SECONDS + 1):
+        if len(self._blocks) < PRESENT_SHARE * (
+            (self._times[-1] - self._times[0]) / BLOCK_SECONDS + 1
+        ):
             return
         reference = NEXT_REFERENCE_SECONDS if self._freedom > PRIOR_FREEDOM else REFERENCE_SECONDS
-        windows = np.array([n for n in WINDOWS if len(self._blocks) >= n + reference / BLOCK_SECONDS], int)
+        windows = np.array(
+            [n for n in WINDOWS if len(self._blocks) >= n + reference / BLOCK_SECONDS], int
+        )
         if len(windows):
             self._weigh(windows)
 
@@ -274,14 +311,17 @@ class MotorWatch:
         null = _log_t(changes, 0.0)
         # No cause explains a change better than one of just this size: most are too small for any of them.
         best = -np.log(changes.variance).sum(axis=-1) / 2 - null
-        causes = len(self._signatures) + len(self.weak) + 4  # with all that recover, and three that are no motor's
+        # with all that recover, and three that are no motor's
+        causes = len(self._signatures) + len(self.weak) + 4
         if best.max() + log(ENDS_BESIDE_FAULTS * len(windows) + causes) < self._enough:
             return
         sound = np.eye(len(self._signatures))
         weak = [one.size * sound[place] for place, one in self.weak.items()]
         ends = [*weak, sum(weak)] if len(weak) > 1 else weak
         # (h, s, k) of the motors' commands, by cause and size: one motor weakens; a weak one recovers, and all do.
-        rises = np.array([np.outer(SIZES, one) for one in sound] + [np.outer(-RETURNS, one) for one in ends])
+        rises = np.array(
+            [np.outer(SIZES, one) for one in sound] + [np.outer(-RETURNS, one) for one in ends]
+        )
         sized = (rises @ self._signatures).swapaxes(0, 1)[:, :, np.newaxis]
         by_window = _log_sum(_log_t(changes, sized)) - log(len(SIZES)) - null  # (h, w)
         kinds = self._flat, 1 - self._flat, np.ones_like(self._flat)
@@ -295,20 +335,32 @@ class MotorWatch:
         if motors[best] >= self._enough and odds >= log(NAMING_ODDS):
             place = int(np.argmax(by_window[best]))
             return self._motors_changed(rises[best, -1], int(windows[place]), changes, place, odds)
-        lasting, long = (np.where(windows * BLOCK_SECONDS >= s, 0.0, -inf) for s in (LASTING_SECONDS, STALE_SECONDS))
-        loaded, strange = _log_sum(load + lasting), long + _log_sum([*rest, load, *by_window])
+        lasting, long = (
+            np.where(windows * BLOCK_SECONDS >= s, 0.0, -inf)
+            for s in (LASTING_SECONDS, STALE_SECONDS)
+        )
+        loaded = _log_sum(load + lasting)
+        strange = long + _log_sum([*rest, load, *by_window])
         odds = float(loaded - _log_sum([*motors, others + log(OTHERS_BESIDE_LOADS), 0.0]))
         if loaded >= self._enough and odds >= log(NAMING_ODDS):
             place = int(np.argmax(load + lasting))
-            self._found(None, int(windows[place]), odds, float(np.linalg.norm(changes.moved[place] * self._flat)))
+            self._found(
+                None,
+                int(windows[place]),
+                odds,
+                float(np.linalg.norm(changes.moved[place] * self._flat)),
+            )
         elif strange.max() >= self._enough:
             place = int(np.argmax(strange))
         else:
             return
         # What comes is compared with what is now.
-        self._times, self._blocks = self._times[-windows[place] :], self._blocks[-windows[place] :]
+        self._times = self._times[-windows[place] :]
+        self._blocks = self._blocks[-windows[place] :]
 
-    def _motors_changed(self, rises: Array, n: int, changes: _Changes, place: int, odds: float) -> None:
+    def _motors_changed(
+        self, rises: Array, n: int, changes: _Changes, place: int, odds: float
+    ) -> None:
         """What a change in proportion to ``rises`` (k,) says, which began ``n`` blocks ago."""
         before = np.mean(self._blocks[-n:], axis=0) - changes.moved[place]
         after = np.mean(self._blocks[1 - n :], axis=0)  # Without the block that it began in
@@ -322,20 +374,32 @@ class MotorWatch:
         moved = np.flatnonzero(rises).tolist()
         for motor in moved:
             was = self.weak.pop(motor).size if motor in self.weak else 0.0
-            low, size, high = ((1 + was) * (1 + rose[motor] + end * error[motor]) - 1 for end in (-1, 0, 1))
+            low, size, high = (
+                (1 + was) * (1 + rose[motor] + end * error[motor]) - 1 for end in (-1, 0, 1)
+            )
             if rises[motor] < 0 and (len(moved) > 1 or size < max(SIZES[0], was / 4)):
                 self._found(motor, n, odds, 0.0)
                 continue
             ends = zip((max(low, 0.0), high), THRUST_EXPONENTS, strict=True)
-            loss = (min(float(lost_thrust(rise, power) / self._own[motor]), 1.0) for rise, power in ends)
+            loss = (
+                min(float(lost_thrust(rise, power) / self._own[motor]), 1.0) for rise, power in ends
+            )
             self.weak[motor] = self._found(motor, n, odds, max(size, SIZES[0]), *loss)
         # What comes is compared with what is now, once the vehicle has settled.
-        self._times, self._blocks = self._times[-n:][SETTLING_BLOCKS:], self._blocks[-n:][SETTLING_BLOCKS:]
+        self._times = self._times[-n:][SETTLING_BLOCKS:]
+        self._blocks = self._blocks[-n:][SETTLING_BLOCKS:]
         self._noise, self._freedom = changes.noise[place], min(changes.freedom[place], MOST_FREEDOM)
 
-    def _found(self, motor: int | None, n: int, odds: float, size: float, *loss: float) -> MotorAlarm:
-        name, number = ("", None) if motor is None else (self._layout.names[motor], self._layout.motors[motor])
-        since, probability = self._times[-n] - BLOCK_SECONDS, float(1 / (1 + np.exp(-odds)))
+    def _found(
+        self, motor: int | None, n: int, odds: float, size: float, *loss: float
+    ) -> MotorAlarm:
+        name, number = (
+            ("", None) if motor is None else (self._layout.names[motor], self._layout.motors[motor])
+        )
+        since = self._times[-n] - BLOCK_SECONDS
+        probability = float(1 / (1 + np.exp(-odds)))
         known = self._layout.positions_assumed, self._boot
-        self.alarms.append(MotorAlarm(self._times[-1], since, number, name, float(size), probability, *known, loss))
+        self.alarms.append(
+            MotorAlarm(self._times[-1], since, number, name, float(size), probability, *known, loss)
+        )
         return self.alarms[-1]

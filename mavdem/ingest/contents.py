@@ -22,11 +22,15 @@ READABLE_FORMATS = (
 LOG_ENDINGS = (".tlog", ".mcap", ".bin", ".log", ".ulg", ".ulg.xz")
 MIN_MAPPED_BYTES = 64 << 20
 """A file of this size or larger is mapped, not read: it takes no memory of its own, but must not change."""
-BEGINNING_BYTES = 1 << 16  # Bytes that are read of a file for its beginning; unpacked they are hardly ever fewer
-MAX_BYTES = 1 << 30  # Of a file that is read into memory, and of an archive's content: hours of the densest logs
-FREE_BYTES, MAX_RATIO = 1 << 26, 100
+# Bytes that are read of a file for its beginning; unpacked they are hardly ever fewer
+BEGINNING_BYTES = 1 << 16
+# Of a file that is read into memory, and of an archive's content: hours of the densest logs
+MAX_BYTES = 1 << 30
+FREE_BYTES = 1 << 26
+MAX_RATIO = 100
 """Bytes that any archive may unpack to, and more for each of its own: a small one can be made to hold any number."""
-TAIL = 1 << 20  # Bytes of the blocks of one byte that are cut off the end of a file, and of one that has such
+# Bytes of the blocks of one byte that are cut off the end of a file, and of one that has such
+TAIL = 1 << 20
 
 
 def file_bytes(path: str | os.PathLike[str]) -> bytes:
@@ -60,7 +64,9 @@ def require_whole(data: NDArray[np.uint8], source: str) -> None:
         raise Unreadable(f"{source} was cut short while it was in use: read it again.")
 
 
-def _content(path: str | os.PathLike[str], limit: int | None = None, mapped: bool = False) -> bytes | mmap.mmap:
+def _content(
+    path: str | os.PathLike[str], limit: int | None = None, mapped: bool = False
+) -> bytes | mmap.mmap:
     """The contents of a file or an archive; the first ``limit`` bytes of either, if given."""
     path = Path(path)
     try:
@@ -71,12 +77,16 @@ def _content(path: str | os.PathLike[str], limit: int | None = None, mapped: boo
             raise Unreadable(f"{path} is not a plain file: name a log file.")
         with path.open("rb") as file:
             # Not to the end: a file of size 0 may never end (/proc), and one that is being recorded grows.
-            size = _end_of_data(file, status.st_size) if limit is None else min(status.st_size, limit)
+            size = (
+                _end_of_data(file, status.st_size) if limit is None else min(status.st_size, limit)
+            )
             content: bytes | mmap.mmap
             if mapped and size >= MIN_MAPPED_BYTES:
                 content = mmap.mmap(file.fileno(), size, access=mmap.ACCESS_READ)
             elif size > MAX_BYTES:
-                raise Unreadable(f"{path} is larger than {MAX_BYTES >> 20} MiB: cut it into shorter logs.")
+                raise Unreadable(
+                    f"{path} is larger than {MAX_BYTES >> 20} MiB: cut it into shorter logs."
+                )
             else:
                 content = file.read(size)
         if content[:6] == b"\xfd7zXZ\x00":
@@ -89,7 +99,9 @@ def _content(path: str | os.PathLike[str], limit: int | None = None, mapped: boo
         raise
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
-        raise Unreadable(f"{path} cannot be read ({reason}): check the name and its permissions.") from None
+        raise Unreadable(
+            f"{path} cannot be read ({reason}): check the name and its permissions."
+        ) from None
     if not len(content):
         what = "holds nothing but zeros" if status.st_size else "is empty"
         raise Unreadable(f"{path} {what}: nothing was recorded.")
@@ -112,7 +124,11 @@ def _end_of_data(file: BinaryIO, size: int) -> int:
 
 def _logs_in(folder: Path) -> str:
     """The end of the sentence about a folder where a log is needed."""
-    logs = sorted(path for path in folder.iterdir() if path.name.lower().endswith(LOG_ENDINGS) and path.is_file())
+    logs = sorted(
+        path
+        for path in folder.iterdir()
+        if path.name.lower().endswith(LOG_ENDINGS) and path.is_file()
+    )
     if not logs:
         return f"with no log in it: name a file that ends in {', '.join(LOG_ENDINGS[:-1])} or {LOG_ENDINGS[-1]}."
     return f"with {len(logs)} log{'s' * (len(logs) > 1)} in it: name a file, such as {logs[0]}."
@@ -126,9 +142,15 @@ def _unpacked(content: bytes | mmap.mmap, path: Path, limit: int | None) -> byte
     try:
         unpacked = decompressor.decompress(content, most)
     except lzma.LZMAError as error:
-        raise Unreadable(f"{path} is a damaged xz archive ({error}): save what can be with `xz -dc`.") from None
+        raise Unreadable(
+            f"{path} is a damaged xz archive ({error}): save what can be with `xz -dc`."
+        ) from None
     if limit is None and not decompressor.eof:
         cut = len(unpacked) < most
-        why = "is cut off: save what can be" if cut else f"holds more than {most >> 20} MiB: unpack it"
+        why = (
+            "is cut off: save what can be"
+            if cut
+            else f"holds more than {most >> 20} MiB: unpack it"
+        )
         raise Unreadable(f"{path} is an xz archive that {why} with `xz -dc`.")
     return unpacked

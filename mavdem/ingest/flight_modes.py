@@ -25,5 +25,13 @@ def mode_name(autopilot: str, vehicle: str, number: int) -> str:
     """Returns the name of a custom mode of a MAV_AUTOPILOT and a MAV_TYPE: "Loiter"; "mode 33" where it has none."""
     if autopilot == "PX4":
         return _NAMES.get(number, _NAMES.get(number & 0xFFFFFF, f"mode {number}"))
-    name = enum_name(_ENUMS.get(vehicle, "COPTER_MODE"), number) if autopilot == "ARDUPILOTMEGA" else str(number)
-    return f"mode {name}" if name.isdigit() else name.replace("_", " ").capitalize().replace("Rtl", "RTL")
+    name = (
+        enum_name(_ENUMS.get(vehicle, "COPTER_MODE"), number)
+        if autopilot == "ARDUPILOTMEGA"
+        else str(number)
+    )
+    return (
+        f"mode {name}"
+        if name.isdigit()
+        else name.replace("_", " ").capitalize().replace("Rtl", "RTL")
+    )

@@ -13,17 +13,25 @@ from mavdem.ingest.mavlink.vehicles import FrameStream
 from mavdem.ingest.telemetry import Log
 from mavdem.ingest.tlog import STAMP_BYTES, tlog_stream
 
-ULOG, DATAFLASH, MCAP, TLOG = "PX4 ULog", "DataFlash", "MCAP recording", "telemetry log"
+ULOG = "PX4 ULog"
+DATAFLASH = "DataFlash"
+MCAP = "MCAP recording"
+TLOG = "telemetry log"
 BEGINNINGS = {b"ULog\x01\x12\x35": ULOG, b"\xa3\x95": DATAFLASH, b"\x89MCAP0\r\n": MCAP}
 """First bytes of each format that has fixed ones."""
-READERS = {ULOG: "ulog:read_ulog", DATAFLASH: "dataflash.log:read_dataflash", MCAP: "mcap.log:read_mcap"}
+READERS = {
+    ULOG: "ulog:read_ulog",
+    DATAFLASH: "dataflash.log:read_dataflash",
+    MCAP: "mcap.log:read_mcap",
+}
 READERS[TLOG] = "tlog:read_tlog"
 EXTENSIONS = {".ulg": ULOG, ".bin": DATAFLASH, ".mcap": MCAP}
 """Format by file name, for a file whose beginning is damaged."""
 ARCHIVES = {b"\x1f\x8b": "a gzip archive", b"PK\x03\x04": "a zip archive"}
 """First bytes of files that often contain a log but are not read."""
 
-STAMPS = range(946_684_800_000_000, 4_102_444_800_000_000)  # µs since 1970, of the years 2000 to 2099
+# µs since 1970, of the years 2000 to 2099
+STAMPS = range(946_684_800_000_000, 4_102_444_800_000_000)
 
 
 def read_log(path: str | bytes | os.PathLike[str], progress: Progress = no_progress) -> Log:
@@ -70,7 +78,9 @@ def _has_marker(beginning: bytes) -> bool:
     return beginning[STAMP_BYTES : STAMP_BYTES + 1] in (bytes([MARKER_1]), bytes([MARKER_2]))
 
 
-def read_stream(path: str | bytes | os.PathLike[str], progress: Progress = no_progress) -> FrameStream:
+def read_stream(
+    path: str | bytes | os.PathLike[str], progress: Progress = no_progress
+) -> FrameStream:
     """Reads the MAVLink frames of a telemetry log (.tlog) or of an MCAP recording (.mcap), whatever the file's name.
 
     Raises Unreadable: it cannot be opened, has another format, or no MAVLink; ValueError: ``path`` is not a path.
@@ -81,7 +91,9 @@ def read_stream(path: str | bytes | os.PathLike[str], progress: Progress = no_pr
 
         return mcap_stream(name, progress)
     if kind != TLOG:
-        raise Unreadable(f"{name} is {kind}, which holds no MAVLink frames: convert it to a table (.csv).")
+        raise Unreadable(
+            f"{name} is {kind}, which holds no MAVLink frames: convert it to a table (.csv)."
+        )
     return tlog_stream(name, progress)
 
 
@@ -94,13 +106,17 @@ def _name_and_format(path: str | bytes | os.PathLike[str]) -> tuple[str, str]:
     if kind or is_dataflash_text(beginning):
         return name, kind or DATAFLASH
     if beginning.startswith(b"version https://git-lfs.github.com/spec/"):
-        raise Unreadable(f"{name} is a pointer of Git LFS, not the log itself: fetch that with `git lfs pull`.")
+        raise Unreadable(
+            f"{name} is a pointer of Git LFS, not the log itself: fetch that with `git lfs pull`."
+        )
     other = next((other for first, other in ARCHIVES.items() if beginning.startswith(first)), None)
     if other is None:
         if _has_marker(beginning):
             return name, TLOG
         kind_by_name = EXTENSIONS.get(Path(name.removesuffix(".xz")).suffix.lower())
-        binary = any(byte < 9 or (13 < byte < 32 and byte != 27) or byte > 126 for byte in beginning)
+        binary = any(
+            byte < 9 or (13 < byte < 32 and byte != 27) or byte > 126 for byte in beginning
+        )
         if kind_by_name is not None or binary:
             return name, kind_by_name or TLOG
     raise Unreadable(f"{name} is {other or 'text'}: {READABLE_FORMATS}.")

@@ -16,7 +16,14 @@ from numpy.typing import NDArray
 
 Position = tuple[float, float]
 """(forward, right) of the centre of mass: metres from the autopilot's parameters, else on a unit circle."""
-MOTOR_COUNTS = {"TRICOPTER": 3, "QUADROTOR": 4, "HEXAROTOR": 6, "OCTOROTOR": 8, "DECAROTOR": 10, "DODECAROTOR": 12}
+MOTOR_COUNTS = {
+    "TRICOPTER": 3,
+    "QUADROTOR": 4,
+    "HEXAROTOR": 6,
+    "OCTOROTOR": 8,
+    "DECAROTOR": 10,
+    "DODECAROTOR": 12,
+}
 """Number of motors of each MAV_TYPE that has one."""
 MULTIROTORS = (*MOTOR_COUNTS, "GENERIC_MULTIROTOR")  # The MAV_TYPEs of vehicles with fixed rotors
 
@@ -29,10 +36,21 @@ def motor_parameters(autopilot: str) -> tuple[str, ...]:
         "ARDUPILOTMEGA": "FRAME_CLASS FRAME_TYPE SERVO{0}_FUNCTION MOT_PWM_MIN MOT_PWM_MAX MOT_SPIN_ARM MOT_SPIN_MIN "
         "MOT_SPIN_MAX MOT_THST_EXPO",
     }.get(autopilot, "")
-    return tuple(dict.fromkeys(name.format(n, n - 1) for name in names.split() for n in range(1, 9)))
+    return tuple(
+        dict.fromkeys(name.format(n, n - 1) for name in names.split() for n in range(1, 9))
+    )
 
 
-_COMPASS = ("front", "front right", "right", "rear right", "rear", "rear left", "left", "front left")
+_COMPASS = (
+    "front",
+    "front right",
+    "right",
+    "rear right",
+    "rear",
+    "rear left",
+    "left",
+    "front left",
+)
 
 
 @dataclass(frozen=True)
@@ -62,7 +80,10 @@ class MotorGeometry:
             return self.labels
         if not self.positions:
             return tuple(f"motor {motor}" for motor in self.motors)
-        return tuple(f"motor {motor} ({place_name(at)})" for motor, at in zip(self.motors, self.positions, strict=True))
+        return tuple(
+            f"motor {motor} ({place_name(at)})"
+            for motor, at in zip(self.motors, self.positions, strict=True)
+        )
 
     def effect(self, axis: str) -> NDArray[np.float64] | None:
         """(k,) weights of the motors in the torque about ``axis``, magnitudes summing to 1; None when unknown.
@@ -101,9 +122,14 @@ def motor_geometry(
     others: set[int] = set()
     if autopilot == "PX4":
         known, drivers = _px4_channels(parameters, moving, bank)
-        rotors = range(min(int(parameters.get("CA_ROTOR_COUNT", 0)), 12))  # n of the control allocation is motor n + 1
+        # n of the control allocation is motor n + 1
+        rotors = range(min(int(parameters.get("CA_ROTOR_COUNT", 0)), 12))
         at = {n + 1: tuple(parameters.get(f"CA_ROTOR{n}_P{axis}") for axis in "XY") for n in rotors}
-        places = {motor: (float(x), float(y)) for motor, (x, y) in at.items() if x is not None and y is not None}
+        places = {
+            motor: (float(x), float(y))
+            for motor, (x, y) in at.items()
+            if x is not None and y is not None
+        }
         # Torque over thrust is positive for a rotor that turns counterclockwise.
         moments = {n + 1: parameters.get(f"CA_ROTOR{n}_KM", 0.0) for n in rotors}
         turns = {motor: 1 if moment > 0 else -1 for motor, moment in moments.items() if moment}
@@ -111,14 +137,26 @@ def motor_geometry(
     else:
         # SERVOn_FUNCTION 33 to 40 are motors 1 to 8, 82 to 85 motors 9 to 12; of several channels the first.
         motor_of = {33 + i: 1 + i for i in range(8)} | {82 + i: 9 + i for i in range(4)}
-        functions = {channel: int(parameters.get(f"SERVO{channel}_FUNCTION", 0)) for channel in range(32, 0, -1)}
-        known = {motor_of[function]: channel for channel, function in functions.items() if function in motor_of}
+        functions = {
+            channel: int(parameters.get(f"SERVO{channel}_FUNCTION", 0))
+            for channel in range(32, 0, -1)
+        }
+        known = {
+            motor_of[function]: channel
+            for channel, function in functions.items()
+            if function in motor_of
+        }
         # Before ArduCopter 3.5 motors have no function, and gimbals have RCn_FUNCTION.
-        others = {n for n in functions if parameters.get(f"RC{n}_FUNCTION", functions[n]) not in (0, *motor_of)}
+        others = {
+            n
+            for n in functions
+            if parameters.get(f"RC{n}_FUNCTION", functions[n]) not in (0, *motor_of)
+        }
         moving = [channel for channel in moving if channel not in others]
         if vehicle == "TRICOPTER":
             known.pop(7, None)  # the servo that tilts the rear motor
-        frame_class, frame_type = int(parameters.get("FRAME_CLASS", 0)), int(parameters.get("FRAME_TYPE", -1))
+        frame_class = int(parameters.get("FRAME_CLASS", 0))
+        frame_type = int(parameters.get("FRAME_TYPE", -1))
         if "FRAME_CLASS" not in parameters and "FRAME" in parameters:
             # Before ArduCopter 3.5 the class was compiled in and FRAME was the type.
             frame_class = {"QUADROTOR": 1, "HEXAROTOR": 2, "OCTOROTOR": 3}.get(vehicle, 0)
@@ -127,17 +165,27 @@ def motor_geometry(
         if frame_class == 7:  # a tricopter
             places, turns = _placed((60, -60, 0, 180), "")
             del places[3]  # its servo has another number, and it has no motor of this one
-        basis = "the SERVOn_FUNCTION and FRAME parameters" if places else "the SERVOn_FUNCTION parameters"
-    channels_assumed = len(known) < MOTOR_COUNTS.get(vehicle, 1)  # some of the parameters did not come
+        basis = (
+            "the SERVOn_FUNCTION and FRAME parameters"
+            if places
+            else "the SERVOn_FUNCTION parameters"
+        )
+    # some of the parameters did not come
+    channels_assumed = len(known) < MOTOR_COUNTS.get(vehicle, 1)
     if channels_assumed:
         count = MOTOR_COUNTS.get(vehicle, len(moving))
-        moved, basis = sorted(moving)[:count], "the channels that move"
-        usual = [n for n in range((min(moving, default=1) - 1) // bank * bank + 1, 33) if n not in others][:count]
+        moved = sorted(moving)[:count]
+        basis = "the channels that move"
+        usual = [
+            n for n in range((min(moving, default=1) - 1) // bank * bank + 1, 33) if n not in others
+        ][:count]
         # A motor whose output never changes is one all the same. A tricopter's are on no row of channels.
         if count / 2 <= len(moved) < count and set(moved) <= set(usual) and vehicle != "TRICOPTER":
-            moved, basis = usual, f"the first {count} channels"
+            moved = usual
+            basis = f"the first {count} channels"
         known = dict(enumerate(moved, 1))
-    motors, channels = tuple(sorted(known)), tuple(known[motor] for motor in sorted(known))
+    motors = tuple(sorted(known))
+    channels = tuple(known[motor] for motor in sorted(known))
     if not channels:
         return None
     assumed = not all(motor in places for motor in motors)
@@ -146,9 +194,13 @@ def motor_geometry(
         places, turns = _placed(_QUAD_X, _QUAD_X_SPINS) if motors == (1, 2, 3, 4) else ({}, {})
         basis += "; motor positions of an X quad" if places else "; motor positions unknown"
     positions = tuple(places[motor] for motor in motors) if places else ()
-    spins = tuple(turns[motor] for motor in motors) if all(motor in turns for motor in motors) else ()
+    spins = (
+        tuple(turns[motor] for motor in motors) if all(motor in turns for motor in motors) else ()
+    )
     places_of = tuple(drivers[channel] for channel in channels if channel in drivers)
-    return MotorGeometry(motors, channels, positions, basis, channels_assumed, assumed, (), spins, places_of)
+    return MotorGeometry(
+        motors, channels, positions, basis, channels_assumed, assumed, (), spins, places_of
+    )
 
 
 def place_name(position: Position) -> str:
@@ -157,7 +209,8 @@ def place_name(position: Position) -> str:
     return _COMPASS[round(bearing / 45) % 8]
 
 
-_QUAD_X, _QUAD_X_SPINS = (45.0, -135.0, -45.0, 135.0), "++--"
+_QUAD_X = (45.0, -135.0, -45.0, 135.0)
+_QUAD_X_SPINS = "++--"
 _TABLES = json.loads((files("mavdem.ingest") / "frames.json").read_text("utf-8"))
 _ARDUPILOT_FRAMES: dict[int, dict[int, tuple[tuple[float, ...], str]]] = {
     int(kind): {int(type_): (tuple(bearings), spins) for type_, (bearings, spins) in types.items()}
@@ -169,13 +222,27 @@ Source: ArduPilot's motor order diagrams, https://ardupilot.org/copter/docs/conn
 https://github.com/ArduPilot/ardupilot/blob/master/libraries/AP_Motors/AP_MotorsMatrix.cpp."""
 
 
-def _placed(bearings: tuple[float, ...], directions: str) -> tuple[dict[int, Position], dict[int, int]]:
+def _placed(
+    bearings: tuple[float, ...], directions: str
+) -> tuple[dict[int, Position], dict[int, int]]:
     """Place and spin of each motor."""
     places = ((round(cos(radians(at)), 6), round(sin(radians(at)), 6)) for at in bearings)
-    return dict(enumerate(places, 1)), {n: 1 if spin == "+" else -1 for n, spin in enumerate(directions, 1)}
+    return dict(enumerate(places, 1)), {
+        n: 1 if spin == "+" else -1 for n, spin in enumerate(directions, 1)
+    }
 
 
-_PX4_DRIVERS = ("PWM_MAIN", "PWM_AUX", "UAVCAN_EC", "DSHOT", "SIM_GZ_EC", "HIL_ACT", "TAP_ESC", "VOXL_ESC", "PCA9685")
+_PX4_DRIVERS = (
+    "PWM_MAIN",
+    "PWM_AUX",
+    "UAVCAN_EC",
+    "DSHOT",
+    "SIM_GZ_EC",
+    "HIL_ACT",
+    "TAP_ESC",
+    "VOXL_ESC",
+    "PCA9685",
+)
 
 
 def _px4_channels(
@@ -187,12 +254,16 @@ def _px4_channels(
     """
     channels: dict[int, int] = {}
     # Before PX4 1.13, which has no *_FUNCn, the first bank is that of the main outputs.
-    drivers = {n: ("PWM_MAIN", n) if n <= bank else ("PWM_AUX", n - bank) for n in range(1, 2 * bank + 1)}
+    drivers = {
+        n: ("PWM_MAIN", n) if n <= bank else ("PWM_AUX", n - bank) for n in range(1, 2 * bank + 1)
+    }
     banks = [0, bank]
     for most, driver in [(share, driver) for share in (0.0, 0.5) for driver in _PX4_DRIVERS]:
         motor_of = {n: int(parameters.get(f"{driver}_FUNC{n}", 0)) - 100 for n in range(1, 17)}
         # A motor on two drivers is on a spare one.
-        further = {motor: n for n, motor in motor_of.items() if 1 <= motor <= 12 and motor not in channels}
+        further = {
+            motor: n for n, motor in motor_of.items() if 1 <= motor <= 12 and motor not in channels
+        }
         still = {first: len({first + n for n in further.values()} - set(moving)) for first in banks}
         first = next((first for first in banks if still[first] <= most * len(further)), None)
         if further and first is not None:
@@ -219,14 +290,20 @@ class OutputScale:
 
     def fraction(self, outputs: NDArray[np.float64]) -> NDArray[np.float64]:
         """Outputs as a share of the range, 0 at ``low`` or off, 1 at ``high``; below 0 disarmed on some autopilots."""
-        return np.where((outputs == 0) & (self.low > 0), 0.0, (outputs - self.low) / (self.high - self.low))
+        return np.where(
+            (outputs == 0) & (self.low > 0), 0.0, (outputs - self.low) / (self.high - self.low)
+        )
 
 
-MAX_DSHOT, MAX_UAVCAN = 1999.0, 8191.0  # PX4's outputs at full throttle
+# PX4's outputs at full throttle
+MAX_DSHOT = 1999.0
+MAX_UAVCAN = 8191.0
 
 
 def output_scale(
-    outputs: NDArray[np.float64], parameters: Mapping[str, float], drivers: Sequence[tuple[str, int]] = ()
+    outputs: NDArray[np.float64],
+    parameters: Mapping[str, float],
+    drivers: Sequence[tuple[str, int]] = (),
 ) -> OutputScale:
     """Returns the scale of motor outputs of any shape, as sent, also while disarmed; non-finite values are ignored.
 
@@ -240,28 +317,54 @@ def output_scale(
     if not len(running):
         return OutputScale("unknown", "", 0.0, 1.0, 0.0)
     step = float(np.diff(values).min()) if len(values) > 1 else 0.0
-    least, most = float(running[0]), float(running[-1])
-    driver, own = drivers[0][0] if drivers else "", _px4_range(drivers, parameters)
+    least = float(running[0])
+    most = float(running[-1])
+    driver = drivers[0][0] if drivers else ""
+    own = _px4_range(drivers, parameters)
     if not driver.startswith("PWM") and 1.05 < most <= own[1]:
         return OutputScale("UAVCAN" if driver.startswith("UAVCAN") else "0-1000", "", *own, step)
     if least >= 750 and 1000 < most <= 2300:
         throttle = f"RC{parameters['RCMAP_THROTTLE']:.0f}" if "RCMAP_THROTTLE" in parameters else ""
-        named = () if drivers else (("MOT_PWM_MIN", "MOT_PWM_MAX"), (f"{throttle}_MIN", f"{throttle}_MAX"))
-        for low, high in (own, *((parameters.get(one, 0.0), parameters.get(other, 0.0)) for one, other in named)):
+        named = (
+            ()
+            if drivers
+            else (("MOT_PWM_MIN", "MOT_PWM_MAX"), (f"{throttle}_MIN", f"{throttle}_MAX"))
+        )
+        for low, high in (
+            own,
+            *((parameters.get(one, 0.0), parameters.get(other, 0.0)) for one, other in named),
+        ):
             # Pulse widths outside are of disarmed and arming motors, or damaged; 300 µs is a speed controller's range.
-            if low > 0 and high - low >= 300 and np.mean((running < low) | (running > high + 1)) <= 0.5:
-                return OutputScale("PWM", "µs", float(low), float(high), step, _ardupilot_stop(parameters))
+            if (
+                low > 0
+                and high - low >= 300
+                and np.mean((running < low) | (running > high + 1)) <= 0.5
+            ):
+                return OutputScale(
+                    "PWM", "µs", float(low), float(high), step, _ardupilot_stop(parameters)
+                )
         return OutputScale("PWM", "µs", 1000.0, 2000.0, step, _ardupilot_stop(parameters))
     if drivers and 10 < most <= 2047 and "DSHOT_MIN" in parameters:
-        return OutputScale("DShot", "", float(round(parameters["DSHOT_MIN"] * MAX_DSHOT)), MAX_DSHOT, step)
+        return OutputScale(
+            "DShot", "", float(round(parameters["DSHOT_MIN"] * MAX_DSHOT)), MAX_DSHOT, step
+        )
     # By the largest value; from 1.05 to 10 it is DShot too, hardly above idle.
-    scales = [(1.05, "normalised", 1.0), (10.0, "DShot", 2000.0), (1000.0, "0-1000", 1000.0), (2047.0, "DShot", 2000.0)]
+    scales = [
+        (1.05, "normalised", 1.0),
+        (10.0, "DShot", 2000.0),
+        (1000.0, "0-1000", 1000.0),
+        (2047.0, "DShot", 2000.0),
+    ]
     scales += [(MAX_UAVCAN, "UAVCAN", MAX_UAVCAN)] if drivers else []
-    name, high = next(((name, high) for bound, name, high in scales if most <= bound), ("unknown", most))
+    name, high = next(
+        ((name, high) for bound, name, high in scales if most <= bound), ("unknown", most)
+    )
     return OutputScale(name, "", 0.0, high, step)
 
 
-def _px4_range(drivers: Sequence[tuple[str, int]], parameters: Mapping[str, float]) -> tuple[float, float]:
+def _px4_range(
+    drivers: Sequence[tuple[str, int]], parameters: Mapping[str, float]
+) -> tuple[float, float]:
     """Outputs at no and at full throttle, the mean over the motors; 0 and 0 where one has none.
 
     A channel has a range of its own or, where that is -1 and before PX4 1.12, that of its driver.
@@ -269,7 +372,11 @@ def _px4_range(drivers: Sequence[tuple[str, int]], parameters: Mapping[str, floa
     found: tuple[list[float], list[float]] = [], []
     for driver, n in drivers:
         for values, end in zip(found, ("MIN", "MAX"), strict=True):
-            names = (f"{driver}_{end}{n}", f"{driver}_{end}", f"PWM_{end}" if driver == "PWM_MAIN" else "")
+            names = (
+                f"{driver}_{end}{n}",
+                f"{driver}_{end}",
+                f"PWM_{end}" if driver == "PWM_MAIN" else "",
+            )
             values += [parameters[name] for name in names if parameters.get(name, 0.0) > 0][:1]
     whole = min(map(len, found)) == len(drivers) > 0
     return (float(np.mean(found[0])), float(np.mean(found[1]))) if whole else (0.0, 0.0)
@@ -281,7 +388,8 @@ def _ardupilot_stop(parameters: Mapping[str, float]) -> float:
     MOT_SPIN_MAX from ArduCopter 3.4 on; MOT_THST_MAX in 3.3, of what is above THR_MIN; MOT_TCRV_MAXPCT before. Source:
     ``AP_MotorsMulticopter`` and, before, ``AP_Motors`` of https://github.com/ArduPilot/ardupilot.
     """
-    stop, idle = 1.0, parameters.get("THR_MIN", 0.0) / 1000
+    stop = 1.0
+    idle = parameters.get("THR_MIN", 0.0) / 1000
     if "MOT_SPIN_MAX" in parameters:
         stop = parameters["MOT_SPIN_MAX"]
     elif "MOT_THST_MAX" in parameters:

@@ -18,11 +18,20 @@ from numpy.typing import NDArray
 from mavdem.ingest.flight_modes import px4_custom_mode
 from mavdem.ingest.motors import motor_geometry
 from mavdem.ingest.telemetry import Array, Columns, joined, rate_without_gaps, selected
-from mavdem.ingest.vocabulary import IN_AIR, LANDING, ON_GROUND, PX4, TAKING_OFF, attitude_target, heartbeat_fields
+from mavdem.ingest.vocabulary import (
+    IN_AIR,
+    LANDING,
+    ON_GROUND,
+    PX4,
+    TAKING_OFF,
+    attitude_target,
+    heartbeat_fields,
+)
 
 Px4Topic = Mapping[str, NDArray[Any]]
 """The fields of one topic by pyulog's names ("q[0]"), (N,) each, and beside them ``time`` (N,) s since boot."""
-Topics = Mapping[str, Mapping[int, Px4Topic]]  # Topics by name, and of each the instances by their number
+# Topics by name, and of each the instances by their number
+Topics = Mapping[str, Mapping[int, Px4Topic]]
 Parameters = Mapping[str, float]
 
 _TOPICS = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
@@ -36,7 +45,9 @@ MAX_ATTITUDE_STEP = 0.1
 _GENERIC_MULTIROTOR = 43
 _OF_WINGS = {1: _GENERIC_MULTIROTOR, 2: 1, 3: 10}
 """MAV_TYPE by vehicle_status.vehicle_type, which has no number of rotors: a multirotor, a fixed wing, a rover."""
-_OUTPUTS, _MOTORS, _CONTROLS = 16, 12, 8
+_OUTPUTS = 16
+_MOTORS = 12
+_CONTROLS = 8
 
 
 def mav_type(topics: Topics, parameters: Parameters) -> int | None:
@@ -60,12 +71,19 @@ def messages(
     """
     old = "actuator_controls_0" in topics and "vehicle_torque_setpoint" not in topics
     demand = "actuator_controls_0" if old else "vehicle_torque_setpoint"
-    attitude, rates = _made(_attitude_quaternion, topics), _first(topics, "vehicle_angular_velocity")
+    attitude = _made(_attitude_quaternion, topics)
+    rates = _first(topics, "vehicle_angular_velocity")
     by_rates = bool(attitude and rates) and np.isin(attitude["time"], rates["time"]).all()
     named = {
-        "ATTITUDE_QUATERNION": ("vehicle_angular_velocity" if by_rates else "vehicle_attitude", attitude),
+        "ATTITUDE_QUATERNION": (
+            "vehicle_angular_velocity" if by_rates else "vehicle_attitude",
+            attitude,
+        ),
         "SERVO_OUTPUT_RAW": ("actuator_outputs", _made(_servo_output_raw, topics)),
-        "HIL_ACTUATOR_CONTROLS": ("actuator_motors", _made(_hil_actuator_controls, topics, vehicle, parameters)),
+        "HIL_ACTUATOR_CONTROLS": (
+            "actuator_motors",
+            _made(_hil_actuator_controls, topics, vehicle, parameters),
+        ),
         "ACTUATOR_CONTROL_TARGET": (demand, _made(_actuator_control_target, topics)),
         "HEARTBEAT": ("vehicle_status", _made(_heartbeat, topics, kind or 0)),
         "EXTENDED_SYS_STATE": ("vehicle_land_detected", _made(_extended_sys_state, topics)),
@@ -89,7 +107,8 @@ def messages(
 def _made(make: Callable[..., dict[str, NDArray[Any]]], *given: Any) -> dict[str, NDArray[Any]]:
     """A message by one of the functions below; nothing where a topic, or a field of it, was not logged."""
     try:
-        with np.errstate(all="ignore"):  # damage makes values that are not finite; their readers leave them out
+        # damage makes values that are not finite; their readers leave them out
+        with np.errstate(all="ignore"):
             columns = make(*given)
     except KeyError:
         return {}
@@ -119,12 +138,19 @@ def _attitude_quaternion(topics: Topics) -> dict[str, NDArray[Any]]:
     rates = ("rollspeed", "pitchspeed", "yawspeed")
     names = ("q1", "q2", "q3", "q4", *rates)
     if all(name in attitude for name in rates):
-        return {"time": attitude["time"], **dict(zip(names, q.T, strict=False)), **{n: attitude[n] for n in rates}}
+        return {
+            "time": attitude["time"],
+            **dict(zip(names, q.T, strict=False)),
+            **{n: attitude[n] for n in rates},
+        }
     angular = _first(topics, "vehicle_angular_velocity")
-    xyz, time = _array(angular, "xyz", 3), angular["time"]
+    xyz = _array(angular, "xyz", 3)
+    time = angular["time"]
     measured, moments = _moments(attitude, angular)
     finite = np.isfinite(q).all(axis=1) & q.any(axis=1)
-    measured, q, stamps = measured[finite], q[finite], attitude["time"][finite]
+    measured = measured[finite]
+    q = q[finite]
+    stamps = attitude["time"][finite]
     if len(q) < 2:
         return {}
     steps = np.diff(measured)
@@ -133,8 +159,14 @@ def _attitude_quaternion(topics: Topics) -> dict[str, NDArray[Any]]:
         time = stamps
     else:
         after = np.clip(np.searchsorted(measured, moments), 1, len(measured) - 1)
-        inside = (moments >= measured[0]) & (moments <= measured[-1]) & (steps[after - 1] <= MAX_ATTITUDE_STEP)
-        q, xyz, time = _between(measured, q, after[inside], moments[inside]), xyz[inside], time[inside]
+        inside = (
+            (moments >= measured[0])
+            & (moments <= measured[-1])
+            & (steps[after - 1] <= MAX_ATTITUDE_STEP)
+        )
+        q = _between(measured, q, after[inside], moments[inside])
+        xyz = xyz[inside]
+        time = time[inside]
     return {"time": time, **dict(zip(names, [*q.T, *xyz.T], strict=True))}
 
 
@@ -149,11 +181,14 @@ def _moments(*topics: Px4Topic) -> list[Array]:
 
 def _between(time: Array, q: Array, after: NDArray[np.intp], moments: Array) -> Array:
     """Unit quaternions (M, 4) on the chord between those of ``q`` (N, 4) before and ``after`` (M,) the moments (M,)."""
-    before, following = q[after - 1], q[after]
+    before = q[after - 1]
+    following = q[after]
     # q and −q are the same attitude: the chord must not lead from one to the other.
     following = np.where((before * following).sum(axis=1, keepdims=True) < 0, -following, following)
     step = time[after] - time[after - 1]
-    share = np.divide(moments - time[after - 1], step, out=np.ones_like(step), where=step > 0)[:, None]
+    share = np.divide(moments - time[after - 1], step, out=np.ones_like(step), where=step > 0)[
+        :, None
+    ]
     chord = before + share * (following - before)
     # At a sample the sample itself, not its rounding.
     unit = chord / np.linalg.norm(chord, axis=1, keepdims=True)
@@ -170,13 +205,17 @@ def _servo_output_raw(topics: Topics) -> dict[str, NDArray[Any]]:
         if "output[0]" in topic:
             used = topic.get("noutputs", np.zeros(len(topic["time"])))
             in_turn = np.count_nonzero(np.diff(used)) >= 2 * len(np.unique(used))
-            parts = [selected(topic, used == kind) for kind in np.unique(used)] if in_turn else [topic]
+            parts = (
+                [selected(topic, used == kind) for kind in np.unique(used)] if in_turn else [topic]
+            )
             parts.sort(key=lambda part: -float(np.ptp(part["output[0]"])))
             ports |= {instance + _OUTPUTS * n: part for n, part in enumerate(parts)}
     if not ports:
         return {}
     outputs = np.concatenate([_outputs(topic) for topic in ports.values()])
-    port = np.concatenate([np.full(len(topic["time"]), port, dtype=np.uint8) for port, topic in ports.items()])
+    port = np.concatenate(
+        [np.full(len(topic["time"]), port, dtype=np.uint8) for port, topic in ports.items()]
+    )
     time = np.concatenate([topic["time"] for topic in ports.values()])
     order = np.argsort(time, kind="stable")
     fields = {f"servo{n + 1}_raw": outputs[order, n] for n in range(_OUTPUTS)}
@@ -194,7 +233,9 @@ def _outputs(topic: Px4Topic) -> Array:
     return outputs
 
 
-def _hil_actuator_controls(topics: Topics, vehicle: str, parameters: Parameters) -> dict[str, NDArray[Any]]:
+def _hil_actuator_controls(
+    topics: Topics, vehicle: str, parameters: Parameters
+) -> dict[str, NDArray[Any]]:
     """HIL_ACTUATOR_CONTROLS, which has outputs as shares of the range: actuator_motors, from PX4 1.13 on.
 
     The topic counts motors, the message channels: each motor is put on the channel that the parameters give it. NaN,
@@ -228,19 +269,23 @@ def _actuator_control_target(topics: Topics) -> dict[str, NDArray[Any]]:
         time = torque["time"]
     else:
         old = _first(topics, "actuator_controls_0")
-        controls, time = _array(old, "control", _CONTROLS), old["time"]
+        controls = _array(old, "control", _CONTROLS)
+        time = old["time"]
     return {"time": time, "group_mlx": np.zeros(len(time), dtype=np.uint8), "controls": controls}
 
 
 def _attitude_target(topics: Topics) -> dict[str, NDArray[Any]]:
     """ATTITUDE_TARGET.hpp: vehicle_attitude_setpoint and vehicle_rates_setpoint, rad/s; each masks the other."""
     parts: list[Columns] = []
-    attitude, rates = _first(topics, "vehicle_attitude_setpoint"), _first(topics, "vehicle_rates_setpoint")
+    attitude = _first(topics, "vehicle_attitude_setpoint")
+    rates = _first(topics, "vehicle_rates_setpoint")
     if "q_d[3]" in attitude:
         attitude = selected(attitude, _valid(attitude, "q_d_valid"))
         parts.append({"time": attitude["time"], **attitude_target(q=_array(attitude, "q_d", 4))})
     if all(axis in rates for axis in ("roll", "pitch", "yaw")):
-        asked = np.column_stack([rates[axis] for axis in ("roll", "pitch", "yaw")]).astype(np.float64)
+        asked = np.column_stack([rates[axis] for axis in ("roll", "pitch", "yaw")]).astype(
+            np.float64
+        )
         parts.append({"time": rates["time"], **attitude_target(rates=asked)})
     together = joined(parts or [{"time": np.zeros(0)}])
     return selected(together, np.argsort(together["time"], kind="stable"))
@@ -275,9 +320,12 @@ def _system_time(topics: Topics) -> dict[str, NDArray[Any]]:
 
 def _gps_raw_int(topics: Topics) -> dict[str, NDArray[Any]]:
     """GPS_RAW_INT.hpp: vehicle_gps_position, 1e-7 degrees; from PX4 1.15 on the topic has degrees."""
-    gps, fields = _first(topics, "vehicle_gps_position"), {"lat": "latitude_deg", "lon": "longitude_deg"}
+    gps = _first(topics, "vehicle_gps_position")
+    fields = {"lat": "latitude_deg", "lon": "longitude_deg"}
     new = "latitude_deg" in gps
-    return {"time": gps["time"]} | {name: 1e7 * gps[deg] if new else gps[name] for name, deg in fields.items()}
+    return {"time": gps["time"]} | {
+        name: 1e7 * gps[deg] if new else gps[name] for name, deg in fields.items()
+    }
 
 
 def _current_mode(topics: Topics) -> dict[str, NDArray[Any]]:
@@ -297,17 +345,22 @@ def _extended_sys_state(topics: Topics) -> dict[str, NDArray[Any]]:
 
     Also one at the first message of each second: old PX4 logged the state at its changes only.
     """
-    land, mode = _first(topics, "vehicle_land_detected"), _first(topics, "vehicle_control_mode")
+    land = _first(topics, "vehicle_land_detected")
+    mode = _first(topics, "vehicle_control_mode")
     target = _first(topics, "position_setpoint_triplet")
     if "landed" not in land:
         return {}
-    logged = np.unique(np.concatenate([topic["time"] for group in topics.values() for topic in group.values()]))
+    logged = np.unique(
+        np.concatenate([topic["time"] for group in topics.values() for topic in group.values()])
+    )
     _, first = np.unique(np.floor(logged), return_index=True)
     came = [topic["time"] for topic in (land, mode, target) if topic]
     time = np.unique(np.concatenate([*came, logged[first]]))
     time = time[time >= land["time"].min()]
     state = np.where(_held(land, "landed", time), ON_GROUND, IN_AIR)
-    automatic = (_held(mode, "flag_control_auto_enabled", time) > 0) & (_held(target, "current.valid", time) > 0)
+    automatic = (_held(mode, "flag_control_auto_enabled", time) > 0) & (
+        _held(target, "current.valid", time) > 0
+    )
     heading_for = _held(target, "current.type", time)
     # SETPOINT_TYPE_TAKEOFF and SETPOINT_TYPE_LAND
     state[(state == IN_AIR) & automatic & (heading_for == 3)] = TAKING_OFF
@@ -328,15 +381,22 @@ def _local_position_ned(topics: Topics) -> dict[str, NDArray[Any]]:
 
     Beside the message's fields, ``valid``: whether its horizontal velocity and the heading are.
     """
-    topic, fields = _first(topics, "vehicle_local_position"), ("time", "x", "y", "z", "vx", "vy", "vz")
+    topic = _first(topics, "vehicle_local_position")
+    fields = ("time", "x", "y", "z", "vx", "vy", "vz")
     valid = _valid(topic, "v_xy_valid") & _valid(topic, "heading_good_for_control")
-    return selected({field: topic[field] for field in fields} | {"valid": valid}, _valid(topic, "v_z_valid"))
+    return selected(
+        {field: topic[field] for field in fields} | {"valid": valid}, _valid(topic, "v_z_valid")
+    )
 
 
 def _wind_cov(topics: Topics) -> dict[str, NDArray[Any]]:
     """WIND_COV.hpp: wind, the filter's own estimate; m/s."""
     topic = _first(topics, "wind") or _first(topics, "wind_estimate")
-    return {"time": topic["time"], "wind_x": topic["windspeed_north"], "wind_y": topic["windspeed_east"]}
+    return {
+        "time": topic["time"],
+        "wind_x": topic["windspeed_north"],
+        "wind_y": topic["windspeed_east"],
+    }
 
 
 def _valid(topic: Px4Topic, field: str) -> NDArray[np.bool_]:

@@ -93,7 +93,9 @@ def joined(parts: Sequence[Columns]) -> dict[str, NDArray[Any]]:
     return {name: np.concatenate([part[name] for part in parts]) for name in names}
 
 
-MAX_LISTED, MAX_CHARACTERS = 5, 80  # Names in a sentence, and characters of each
+# Names in a sentence, and characters of each
+MAX_LISTED = 5
+MAX_CHARACTERS = 80
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,8 +159,14 @@ class Log:
 def listed(names: Iterable[str]) -> str:
     """Returns names for a sentence: a few, in one line, whatever the file contains."""
     ordered = sorted(names)
-    shown = [name if len(name) <= MAX_CHARACTERS else f"{name[:MAX_CHARACTERS]}…" for name in ordered[:MAX_LISTED]]
-    shown = ["".join(one if one.isprintable() else "\N{REPLACEMENT CHARACTER}" for one in name) for name in shown]
+    shown = [
+        name if len(name) <= MAX_CHARACTERS else f"{name[:MAX_CHARACTERS]}…"
+        for name in ordered[:MAX_LISTED]
+    ]
+    shown = [
+        "".join(one if one.isprintable() else "\N{REPLACEMENT CHARACTER}" for one in name)
+        for name in shown
+    ]
     return ", ".join(shown) + (", …" if len(ordered) > MAX_LISTED else "")
 
 
@@ -178,5 +186,9 @@ def log_of_vehicles(
     components = []
     for one in vehicles:
         sent = counts or {name: len(columns["time"]) for name, columns in one.messages.items()}
-        components.append(Component(one.system, one.component, one.vehicle, one.autopilot, sent, lost=0))
-    return Log(vehicles[0].source, vehicles, tuple(components), (), frames, bytes_skipped, receive_time)
+        components.append(
+            Component(one.system, one.component, one.vehicle, one.autopilot, sent, lost=0)
+        )
+    return Log(
+        vehicles[0].source, vehicles, tuple(components), (), frames, bytes_skipped, receive_time
+    )

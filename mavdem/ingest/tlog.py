@@ -21,7 +21,16 @@ from mavdem.errors import Unreadable
 from mavdem.ingest.contents import READABLE_FORMATS, mapped_bytes, require_whole
 from mavdem.ingest.mavlink.clocks import Places, Times, far_off, without
 from mavdem.ingest.mavlink.definitions import seeds
-from mavdem.ingest.mavlink.framing import GOOD, Bytes, Frames, Progress, concatenated, find_frames, no_progress, rows_of
+from mavdem.ingest.mavlink.framing import (
+    GOOD,
+    Bytes,
+    Frames,
+    Progress,
+    concatenated,
+    find_frames,
+    no_progress,
+    rows_of,
+)
 from mavdem.ingest.mavlink.vehicles import FrameIndex, FrameStream, assemble
 from mavdem.ingest.telemetry import Log
 
@@ -39,7 +48,8 @@ def read_tlog(path: str | os.PathLike[str], progress: Progress = no_progress) ->
     """
     source = os.fspath(path)
     data, repairs = _without_carriage_returns(mapped_bytes(path))
-    index, stamps = FrameIndex(len(data)), ReceiveStamps(data)
+    index = FrameIndex(len(data))
+    stamps = ReceiveStamps(data)
     for frames in _tables(data, source, progress):
         index.add(frames)
         stamps.add(frames)
@@ -52,14 +62,17 @@ def tlog_stream(path: str | os.PathLike[str], progress: Progress = no_progress) 
     """Returns the frames of a telemetry log with their stamps, in the order received; raises as ``read_tlog``."""
     source = os.fspath(path)
     data, repairs = _without_carriage_returns(mapped_bytes(path))
-    stamps, tables = ReceiveStamps(data), []
+    stamps = ReceiveStamps(data)
+    tables = []
     for table in _tables(data, source, progress):
         stamps.add(table)
         tables.append(table)
     frames = concatenated(tables)
     good = int(np.count_nonzero(frames.verdict == GOOD))
     _require_mavlink(source, good, len(frames), stamps.bytes_skipped)
-    return FrameStream(source, ".tlog", data, frames, stamps.recorded(frames.start), stamps.bytes_skipped, repairs)
+    return FrameStream(
+        source, ".tlog", data, frames, stamps.recorded(frames.start), stamps.bytes_skipped, repairs
+    )
 
 
 def write_tlog(file: BinaryIO, stream: FrameStream) -> int:
@@ -98,17 +111,21 @@ class ReceiveStamps:
         if len(frames):
             space = frames.start - np.concatenate([[self._end], frames.end[:-1]])
             self._end = int(frames.end[-1])
-            self.bytes_skipped -= int(np.minimum(space, STAMP_BYTES).sum() + (frames.end - frames.start).sum())
+            self.bytes_skipped -= int(
+                np.minimum(space, STAMP_BYTES).sum() + (frames.end - frames.start).sum()
+            )
             self._starts.frombytes(frames.start.astype(self._starts.typecode).tobytes())
             self._spaces.frombytes(np.minimum(space, STAMP_BYTES + 1).astype(np.uint8).tobytes())
 
     def close(self) -> None:
         """Ends the stream."""
-        starts, spaces = np.frombuffer(self._starts, self._starts.typecode), np.frombuffer(self._spaces, np.uint8)
+        starts = np.frombuffer(self._starts, self._starts.typecode)
+        spaces = np.frombuffer(self._spaces, np.uint8)
         del self._starts, self._spaces
         self._without = starts[spaces < STAMP_BYTES]
         starts, spaces = without(spaces < STAMP_BYTES, starts, spaces)
-        untrusted, beyond = [self._without, np.array([len(self._data)])], STAMP_WINDOW // 2
+        untrusted = [self._without, np.array([len(self._data)])]
+        beyond = STAMP_WINDOW // 2
         for begin in range(0, len(starts), BATCH):
             around = slice(max(begin - beyond, 0), begin + BATCH + beyond)
             inside = slice(begin - around.start, begin - around.start + BATCH)
@@ -137,7 +154,11 @@ def _stamps(data: Bytes, start: NDArray[np.int64]) -> NDArray[np.uint64]:
     """Big-endian µs before each frame; undefined for a frame that begins before a stamp fits."""
     if len(data) < STAMP_BYTES:
         return np.zeros(len(start), dtype=np.uint64)
-    return rows_of(data, np.maximum(start - STAMP_BYTES, 0), STAMP_BYTES).view(">u8")[:, 0].astype(np.uint64)
+    return (
+        rows_of(data, np.maximum(start - STAMP_BYTES, 0), STAMP_BYTES)
+        .view(">u8")[:, 0]
+        .astype(np.uint64)
+    )
 
 
 def _tables(data: Bytes, source: str, progress: Progress) -> Iterator[Frames]:
@@ -161,7 +182,11 @@ def _without_carriage_returns(content: bytes | mmap.mmap) -> tuple[Bytes, tuple[
 
 def _require_mavlink(source: str, good: int, frames: int, skipped: int) -> None:
     if frames and not good:
-        what = f"{frames} frames that look like MAVLink, but none matches a dialect that pymavlink has"
-        raise Unreadable(f"{source} contains {what}: it is of another dialect or damaged throughout.")
+        what = (
+            f"{frames} frames that look like MAVLink, but none matches a dialect that pymavlink has"
+        )
+        raise Unreadable(
+            f"{source} contains {what}: it is of another dialect or damaged throughout."
+        )
     if good <= 1e-6 * skipped:  # random bytes have some 1.5e-7 good frames each
         raise Unreadable(f"{source} contains no MAVLink: {READABLE_FORMATS}.")

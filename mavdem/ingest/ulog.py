@@ -29,7 +29,16 @@ from mavdem.ingest.contents import file_bytes
 from mavdem.ingest.mavlink.definitions import enum_name
 from mavdem.ingest.mavlink.framing import Progress, no_progress
 from mavdem.ingest.px4_topics import NEEDED, Px4Topic, mav_type, messages, notes
-from mavdem.ingest.telemetry import Log, Telemetry, joined, listed, log_of_vehicles, repair_sentences, rows_by, selected
+from mavdem.ingest.telemetry import (
+    Log,
+    Telemetry,
+    joined,
+    listed,
+    log_of_vehicles,
+    repair_sentences,
+    rows_by,
+    selected,
+)
 from mavdem.ingest.vocabulary import PX4, UNNAMED, version_text
 
 MAGIC = b"ULog\x01\x12\x35"
@@ -44,8 +53,18 @@ MAX_VALUES = 1 << 14
 """Values in one message of each subscription to a wanted topic together; PX4's logs have a few hundred."""
 
 # Bounded, so that a long stretch of letters is not read again from each of them.
-FORMAT = re.compile(rb"([\w/-]{1,255}):((?:\w{1,255}(?:\[\d{1,4}\])? \w{1,255};)+)")  # Name and fields of a format
-SIZES = {"int8_t": 1, "uint8_t": 1, "bool": 1, "char": 1, "int16_t": 2, "uint16_t": 2, "int32_t": 4, "uint32_t": 4}
+# Name and fields of a format
+FORMAT = re.compile(rb"([\w/-]{1,255}):((?:\w{1,255}(?:\[\d{1,4}\])? \w{1,255};)+)")
+SIZES = {
+    "int8_t": 1,
+    "uint8_t": 1,
+    "bool": 1,
+    "char": 1,
+    "int16_t": 2,
+    "uint16_t": 2,
+    "int32_t": 4,
+    "uint32_t": 4,
+}
 SIZES |= {"float": 4, "int64_t": 8, "uint64_t": 8, "double": 8}
 """Bytes of the basic types."""
 
@@ -53,7 +72,8 @@ INFORMATION = re.compile(rb"char\[\d+\] (?:ver_sw|ver_hw|sys_uuid)|uint32_t ver_
 """Keys of information messages (I) that are kept: PX4's version, the kind of board, and its number."""
 
 _FIELD = re.compile(rb"(\w+)(?:\[(\d+)\])? (\w+);")
-_LARGEST, _NESTED = 0xFFFF, 16
+_LARGEST = 0xFFFF
+_NESTED = 16
 _HEADER = struct.Struct("<HB")
 _STAMP = struct.Struct("<Q")
 _ID = _DROPOUT = struct.Struct("<H")
@@ -87,14 +107,22 @@ _BASIC = {kind.encode(): UlogFormat(size, size, 1) for kind, size in SIZES.items
 def _appended(content: bytes, source: str) -> list[int]:
     """Where data begin that were appended after a crash; the message before each is cut off there."""
     flags = content[FIRST_MESSAGE + 3 : FIRST_MESSAGE + 3 + 40]
-    if len(flags) < 40 or content[FIRST_MESSAGE + 2] != ord("B") or _ID.unpack_from(content, FIRST_MESSAGE)[0] < 40:
+    if (
+        len(flags) < 40
+        or content[FIRST_MESSAGE + 2] != ord("B")
+        or _ID.unpack_from(content, FIRST_MESSAGE)[0] < 40
+    ):
         return []
     incompatible = flags[8:16]
     if incompatible[0] & ~_APPENDED or any(incompatible[1:]):
-        raise Unreadable(f"{source} is a ULog of a later format or damaged at its beginning: its flags are unknown.")
+        raise Unreadable(
+            f"{source} is a ULog of a later format or damaged at its beginning: its flags are unknown."
+        )
     appended = struct.unpack_from("<3Q", flags, 16) if incompatible[0] & _APPENDED else ()
     offsets = [offset for offset in appended if offset]
-    sound = all(a < b for a, b in zip([FIRST_MESSAGE + 43, *offsets], [*offsets, len(content)], strict=True))
+    sound = all(
+        a < b for a, b in zip([FIRST_MESSAGE + 43, *offsets], [*offsets, len(content)], strict=True)
+    )
     return offsets if sound else []
 
 
@@ -125,12 +153,18 @@ class WholeMessages:
     """
 
     def __init__(
-        self, content: bytes, wanted: Container[bytes] | None, source: str, progress: Progress = no_progress
+        self,
+        content: bytes,
+        wanted: Container[bytes] | None,
+        source: str,
+        progress: Progress = no_progress,
     ) -> None:
         self.messages = self.bytes_skipped = self.damaged = self.cut = self.crowded = 0
         self._definitions, self._data = bytearray(), bytearray()
         self._stamps, self._numbers, self._dropouts = array("Q"), array("H"), array("H")
-        self._content, self._wanted, self._progress = content, wanted, progress
+        self._content = content
+        self._wanted = wanted
+        self._progress = progress
         self._formats = Formats()
         self._values = 0
         # By number: the least and the greatest size of a message, and the place of its stamp; -1 where not wanted.
@@ -149,7 +183,9 @@ class WholeMessages:
 
     def _walk(self, at: int, end: int) -> None:
         """Walks the messages of ``content[at:end]``; a message that ``end`` cuts off is left out."""
-        content, topics, reported = self._content, self._topics, at
+        content = self._content
+        topics = self._topics
+        reported = at
         while at < end:
             if at - reported > 1 << 20:
                 self._progress(at / len(content))
@@ -193,7 +229,8 @@ class WholeMessages:
                 return sound
             if after == end:
                 return True
-            at, after = after, self._after(after, end)
+            at = after
+            after = self._after(after, end)
             sound = self._sound(at, after) if after else False
         return bool(sound)
 
@@ -210,7 +247,8 @@ class WholeMessages:
 
     def _sound(self, at: int, after: int) -> bool | None:
         """Whether the bytes can be a message of its kind; None when that is not known."""
-        content, size = self._content, after - at - 3
+        content = self._content
+        size = after - at - 3
         kind = content[at + 2]
         if kind == 0x44:  # D, nearly all of them
             if size <= 2:
@@ -229,7 +267,11 @@ class WholeMessages:
             case "L" | "C" as kind_of_text:
                 first = at + (12 if kind_of_text == "L" else 14)
                 head = min(after, first + 128)
-                return first <= after and content[at + 3] in b"01234567" and bool(_TEXT.fullmatch(content, first, head))
+                return (
+                    first <= after
+                    and content[at + 3] in b"01234567"
+                    and bool(_TEXT.fullmatch(content, first, head))
+                )
             case "S":
                 return content[at + 3 : after] == bytes.fromhex("2F731320250CBB12")
             case "O" | "R":
@@ -255,7 +297,9 @@ class WholeMessages:
             self._definitions += message if self._formats.add(found[1], found[2]) else b""
         elif kind == "A":
             self._subscribe(message)
-        elif (kind == "P" and not self._topics) or (kind == "I" and INFORMATION.fullmatch(message, 4, 4 + message[3])):
+        elif (kind == "P" and not self._topics) or (
+            kind == "I" and INFORMATION.fullmatch(message, 4, 4 + message[3])
+        ):
             self._definitions += message
         elif kind in ("P", "L"):
             self._data += message
@@ -263,7 +307,8 @@ class WholeMessages:
             self._dropouts.append(_DROPOUT.unpack_from(message, 3)[0])
 
     def _subscribe(self, message: bytes) -> None:
-        number, name = _ID.unpack_from(message, 4)[0], message[6:]
+        number = _ID.unpack_from(message, 4)[0]
+        name = message[6:]
         found = self._formats.layout(name)
         if number in self._topics or found is None:
             return
@@ -336,26 +381,45 @@ def read_ulog(path: str | os.PathLike[str], progress: Progress = no_progress) ->
     In the ``Log``, ``frames`` counts the whole messages of the file. There are no receive times. Raises Unreadable: the
     file cannot be opened, is no ULog, or contains none of the flight's topics.
     """
-    source, content = os.fspath(path), file_bytes(path)
+    source = os.fspath(path)
+    content = file_bytes(path)
     if not content.startswith(MAGIC):
         raise Unreadable(f"{source} is no PX4 ULog: name a file that PX4's logger wrote (.ulg).")
     found = WholeMessages(content, {name.encode() for name in NEEDED}, source, progress)
     log = ULog(io.BytesIO(found.content))
-    values = [*log.initial_parameters.items(), *((name, value) for _, name, value in log.changed_parameters)]
+    values = [
+        *log.initial_parameters.items(),
+        *((name, value) for _, name, value in log.changed_parameters),
+    ]
     # The last finite value of each.
-    parameters = {name: float(value) for name, value in values if isinstance(value, int | float) and isfinite(value)}
+    parameters = {
+        name: float(value)
+        for name, value in values
+        if isinstance(value, int | float) and isfinite(value)
+    }
     topics = _topics(log, found)
     kind = mav_type(topics, parameters)
     vehicle = enum_name("MAV_TYPE", kind) if kind is not None else UNNAMED
     made, names = messages(topics, parameters, vehicle, kind)
     if not made:
-        raise Unreadable(f"{source} is a ULog without the topics of a flight: {_instead(content, source, found)}")
+        raise Unreadable(
+            f"{source} is a ULog without the topics of a flight: {_instead(content, source, found)}"
+        )
     if texts := log.logged_messages:
-        severity, stamps = (np.array([getattr(one, name) for one in texts]) for name in ("log_level", "timestamp"))
-        columns = {"severity": severity - ord("0"), "text": np.array([one.message for one in texts], dtype=object)}
-        made["STATUSTEXT"] = columns | {"time": stamps / 1e6, "boot": np.zeros(len(texts), dtype=np.int64)}
+        severity, stamps = (
+            np.array([getattr(one, name) for one in texts]) for name in ("log_level", "timestamp")
+        )
+        columns = {
+            "severity": severity - ord("0"),
+            "text": np.array([one.message for one in texts], dtype=object),
+        }
+        made["STATUSTEXT"] = columns | {
+            "time": stamps / 1e6,
+            "boot": np.zeros(len(texts), dtype=np.int64),
+        }
     ids = (parameters.get(name, 1.0) for name in ("MAV_SYS_ID", "MAV_COMP_ID"))
-    system, component = (int(number) if 1 <= number <= 255 else 1 for number in ids)  # 1 is PX4's default
+    # 1 is PX4's default
+    system, component = (int(number) if 1 <= number <= 255 else 1 for number in ids)
     telemetry = Telemetry(
         system=system,
         component=component,
@@ -366,7 +430,11 @@ def read_ulog(path: str | os.PathLike[str], progress: Progress = no_progress) ->
         source=source,
         repairs=(*_damage(found), *notes(topics, made)),
         translated_from="ULog",
-        earlier={name: float(old) for name, old in log.initial_parameters.items() if parameters.get(name, old) != old},
+        earlier={
+            name: float(old)
+            for name, old in log.initial_parameters.items()
+            if parameters.get(name, old) != old
+        },
         names=names,
         firmware=_firmware(log.msg_info_dict),
         dropouts=len(found.dropouts),
@@ -382,8 +450,14 @@ def _instead(content: bytes, source: str, found: WholeMessages) -> str:
     held = {topic.name for topic in log.data_list if len(topic.data["timestamp"])}
     damaged = found.damaged or found.crowded
     if not held:
-        return "it is damaged or cut off at its beginning." if damaged or found.cut else "nothing was logged in it."
-    state = "is damaged," if damaged else "is cut off at its end," if found.cut else "is intact, but"
+        return (
+            "it is damaged or cut off at its beginning."
+            if damaged or found.cut
+            else "nothing was logged in it."
+        )
+    state = (
+        "is damaged," if damaged else "is cut off at its end," if found.cut else "is intact, but"
+    )
     topics = "vehicle_attitude, vehicle_angular_velocity and actuator_motors (the parameter SDLOG_PROFILE)"
     missing = f"holds neither attitude nor motor outputs (its topics: {listed(held)})"
     return f"the file {state} {missing}; in PX4 log {topics}."
@@ -401,13 +475,18 @@ def _topics(log: ULog, found: WholeMessages) -> dict[str, dict[int, Px4Topic]]:
         fields = joined(pieces)
         fields = selected(fields, np.argsort(fields["timestamp"], kind="stable"))
         if len(fields["timestamp"]):
-            topics.setdefault(name, {})[instance] = fields | {"time": fields["timestamp"].astype(np.float64) / 1e6}
+            topics.setdefault(name, {})[instance] = fields | {
+                "time": fields["timestamp"].astype(np.float64) / 1e6
+            }
     return topics
 
 
 def _firmware(information: Mapping[str, object]) -> str:
-    version, commit = information.get("ver_sw_release"), information.get("ver_sw")
-    number = f" v{version_text(version)}" if isinstance(version, int) and 0 <= version < 1 << 32 else ""
+    version = information.get("ver_sw_release")
+    commit = information.get("ver_sw")
+    number = (
+        f" v{version_text(version)}" if isinstance(version, int) and 0 <= version < 1 << 32 else ""
+    )
     return f"PX4{number} ({commit[:8]})" if isinstance(commit, str) else f"PX4{number}"
 
 
@@ -416,13 +495,17 @@ def _damage(found: WholeMessages) -> tuple[str, ...]:
         return f"{count} {noun}{'s' * (count != 1)}"
 
     wrong = int(np.count_nonzero(found.wrong_stamp))
-    places, subscriptions = times(found.damaged, "place"), times(found.crowded, "subscription")
+    places = times(found.damaged, "place")
+    subscriptions = times(found.crowded, "subscription")
     lasted = found.dropouts / 1e3  # PX4's logger records the duration, not what is missing
     missing = f"for {lasted.sum():.3g} s in all and {lasted.max(initial=0):.3g} s at most: messages of these times are"
     skipped = f"{found.bytes_skipped} bytes that belong to no message were skipped."
     return repair_sentences(
         (found.damaged, f"The file is damaged in {places}: {skipped}"),
-        (found.cut, f"Left out: {times(found.cut, 'message')} cut off by the end of the file or of a part of it."),
+        (
+            found.cut,
+            f"Left out: {times(found.cut, 'message')} cut off by the end of the file or of a part of it.",
+        ),
         (wrong, f"Left out: {times(wrong, 'message')} with a time stamp far from those around it."),
         (found.crowded, f"Left out: {subscriptions} to more topics, or larger ones, than PX4 has."),
         (len(lasted), f"The logger dropped out {times(len(lasted), 'time')}, {missing} missing."),

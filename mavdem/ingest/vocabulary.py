@@ -17,17 +17,28 @@ from mavdem.ingest.telemetry import Array
 
 ARMED = 128  # MAV_MODE_FLAG_SAFETY_ARMED in HEARTBEAT.base_mode
 CUSTOM_MODE = 1  # MAV_MODE_FLAG_CUSTOM_MODE_ENABLED in HEARTBEAT.base_mode
-ON_GROUND, IN_AIR, TAKING_OFF, LANDING = 1, 2, 3, 4  # MAV_LANDED_STATE in EXTENDED_SYS_STATE.landed_state
-OFF_GROUND = (IN_AIR, TAKING_OFF, LANDING)  # ArduPilot and PX4 report the last two only once they have left the ground
-STANDBY, ACTIVE = 3, 4  # MAV_STATE in HEARTBEAT.system_status: on the ground, and in flight
-GENERIC, ARDUPILOT, PX4 = 0, 3, 12  # MAV_AUTOPILOT; GENERIC where the autopilot is not known
+# MAV_LANDED_STATE in EXTENDED_SYS_STATE.landed_state
+ON_GROUND = 1
+IN_AIR = 2
+TAKING_OFF = 3
+LANDING = 4
+# ArduPilot and PX4 report the last two only once they have left the ground
+OFF_GROUND = (IN_AIR, TAKING_OFF, LANDING)
+# MAV_STATE in HEARTBEAT.system_status: on the ground, and in flight
+STANDBY = 3
+ACTIVE = 4
+# MAV_AUTOPILOT; GENERIC where the autopilot is not known
+GENERIC = 0
+ARDUPILOT = 3
+PX4 = 12
 AUTOPILOT_COMPONENT = 1  # MAV_COMP_ID_AUTOPILOT1
 LANDING_MODES = {
     ARDUPILOT: {6, 9, 21, 27},  # RTL, LAND, SMART_RTL, AUTO_RTL
     PX4: {sub << 24 | 4 << 16 for sub in (5, 6, 9)},  # of AUTO: RTL, LAND, PRECLAND
 }
 """HEARTBEAT.custom_mode of multirotors that land by themselves, sooner or later, by MAV_AUTOPILOT."""
-RADIO = "TELEMETRY_RADIO"  # What sends ``RADIO_MESSAGES`` only, and no HEARTBEAT: a SiK radio, usually as 51:68
+# What sends ``RADIO_MESSAGES`` only, and no HEARTBEAT: a SiK radio, usually as 51:68
+RADIO = "TELEMETRY_RADIO"
 RADIO_MESSAGES = frozenset({"RADIO_STATUS", "RADIO"})
 UNNAMED = "UNKNOWN"  # Name of a vehicle or an autopilot that no HEARTBEAT gives
 
@@ -42,10 +53,16 @@ def version_text(number: int) -> str:
     return f"{major}.{minor}.{patch}-{kind}".rstrip("-")
 
 
-def heartbeat_fields(vehicle_type: int, autopilot: int, armed: NDArray[Any]) -> dict[str, NDArray[Any]]:
+def heartbeat_fields(
+    vehicle_type: int, autopilot: int, armed: NDArray[Any]
+) -> dict[str, NDArray[Any]]:
     """Fields of HEARTBEAT (N,) for one vehicle, from its MAV_TYPE, its MAV_AUTOPILOT and where it is ``armed`` (N,)."""
     base = np.where(armed > 0, ARMED, 0).astype(np.uint8)
-    return {"type": np.full_like(base, vehicle_type), "autopilot": np.full_like(base, autopilot), "base_mode": base}
+    return {
+        "type": np.full_like(base, vehicle_type),
+        "autopilot": np.full_like(base, autopilot),
+        "base_mode": base,
+    }
 
 
 ARDUPILOT_TEXT = re.compile(r"^\S+ ([0-9A-F]{8}) ([0-9A-F]{8}) ([0-9A-F]{8})$")
@@ -92,13 +109,23 @@ def euler_angles(attitude: Array) -> tuple[Array, Array, Array]:
 
 def quaternion(roll: Array, pitch: Array, yaw: Array) -> Array:
     """Returns unit quaternions (N, 4), w, x, y, z, of Euler angles (N,), rad: the inverse of :func:`euler_angles`."""
-    (a, b), (c, d), (e, f) = ((np.cos(angle / 2), np.sin(angle / 2)) for angle in (roll, pitch, yaw))
-    return np.column_stack([a * c * e + b * d * f, b * c * e - a * d * f, a * d * e + b * c * f, a * c * f - b * d * e])
+    (a, b), (c, d), (e, f) = (
+        (np.cos(angle / 2), np.sin(angle / 2)) for angle in (roll, pitch, yaw)
+    )
+    return np.column_stack(
+        [a * c * e + b * d * f, b * c * e - a * d * f, a * d * e + b * c * f, a * c * f - b * d * e]
+    )
 
 
 def attitude_target(q: Array | None = None, rates: Array | None = None) -> dict[str, NDArray[Any]]:
     """Returns the fields of ATTITUDE_TARGET of attitudes (N, 4) or body rates (N, 3), rad/s, the other masked."""
-    count, mask = (len(q), 1 | 2 | 4) if q is not None else (0 if rates is None else len(rates), 128)
+    count, mask = (
+        (len(q), 1 | 2 | 4) if q is not None else (0 if rates is None else len(rates), 128)
+    )
     rates = np.full((count, 3), np.nan) if rates is None else rates
     named = dict(zip(("body_roll_rate", "body_pitch_rate", "body_yaw_rate"), rates.T, strict=True))
-    return {"type_mask": np.full(count, mask, np.uint8), "q": np.full((count, 4), np.nan) if q is None else q, **named}
+    return {
+        "type_mask": np.full(count, mask, np.uint8),
+        "q": np.full((count, 4), np.nan) if q is None else q,
+        **named,
+    }

@@ -24,7 +24,13 @@ from numpy.typing import NDArray
 from mavdem.alignment import drive, phases
 from mavdem.alignment.align import Segment
 from mavdem.alignment.drive import DEMAND_MESSAGE, MOTOR_MESSAGES, Motors, Signal
-from mavdem.alignment.phases import AVERAGING_SECONDS, CLIMB_OUT_SPEED, REPORT_SECONDS, TRANSIENT_SECONDS, both
+from mavdem.alignment.phases import (
+    AVERAGING_SECONDS,
+    CLIMB_OUT_SPEED,
+    REPORT_SECONDS,
+    TRANSIENT_SECONDS,
+    both,
+)
 from mavdem.alignment.signals import CLIMB_FIELDS, Attitude, Signals, motors_or_demand
 from mavdem.analysis.findings import Findings, disown_torque, findings_of
 from mavdem.condition import Condition
@@ -41,8 +47,12 @@ from mavdem.live.messages import Values
 from mavdem.live.rows import Samples
 
 REPORTED = ("armed", "landed_state")
-TOUCHDOWN_SHARE, TOUCHDOWN_SECONDS = 0.5, 0.2  # Of the collective in flight: on the ground it idles at a third
-MAX_ROWS, MAX_REPORTS = 512, 4096  # Of each stream of outputs, and of each kind of what shows the phase
+# Of the collective in flight: on the ground it idles at a third
+TOUCHDOWN_SHARE = 0.5
+TOUCHDOWN_SECONDS = 0.2
+# Of each stream of outputs, and of each kind of what shows the phase
+MAX_ROWS = 512
+MAX_REPORTS = 4096
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +111,9 @@ class InputChoice:
 
     def restart(self) -> None:
         """Begins another clock after a reboot; which channels move stays."""
-        self._extremes = {key: [(-1.0, values) for _, values in kept] for key, kept in self._extremes.items()}
+        self._extremes = {
+            key: [(-1.0, values) for _, values in kept] for key, kept in self._extremes.items()
+        }
 
     def choose(
         self,
@@ -119,20 +131,30 @@ class InputChoice:
         messages: dict[str, dict[str, NDArray[Any]]] = {}
         oldest = min((stream.time[0] for stream in streams.values() if stream.time), default=inf)
         for (name, port), stream in sorted(streams.items()):
-            if name in (*MOTOR_MESSAGES, DEMAND_MESSAGE) and staying in (None, name) and stream.time:
+            if (
+                name in (*MOTOR_MESSAGES, DEMAND_MESSAGE)
+                and staying in (None, name)
+                and stream.time
+            ):
                 columns = self._columns(name, port, stream)
                 messages[name] = joined([messages[name], columns]) if name in messages else columns
         inputs = "demand" if staying == DEMAND_MESSAGE else inputs
         signals = Signals(replace(vehicle, messages=messages), axis, inputs)
-        chosen, collective = signals.drive, signals.collective
+        chosen = signals.drive
+        collective = signals.collective
         if inputs is None:
             # Motors that do not move count too: before take-off they have not moved yet.
             motor_rate = max(rates.get(name, 0.0) for name in MOTOR_MESSAGES)
-            chosen = motors_or_demand(signals.motors, signals.demand, motor_rate, rates.get(DEMAND_MESSAGE, 0.0))
+            chosen = motors_or_demand(
+                signals.motors, signals.demand, motor_rate, rates.get(DEMAND_MESSAGE, 0.0)
+            )
         if chosen is None:
             return None
-        width, columns = drive.PORT_CHANNELS, messages[chosen.message]
-        if any(np.any(columns[f"servo{n}_raw"]) for n in range(9, 17) if f"servo{n}_raw" in columns):
+        width = drive.PORT_CHANNELS
+        columns = messages[chosen.message]
+        if any(
+            np.any(columns[f"servo{n}_raw"]) for n in range(9, 17) if f"servo{n}_raw" in columns
+        ):
             width = drive.WIDE_PORT_CHANNELS
         picks = [(0, drive.AXES.index(axis))]
         if chosen.message != DEMAND_MESSAGE:
@@ -150,11 +172,21 @@ class InputChoice:
         rows = [*self._extremes.get((name, port), ()), *recent]
         table = np.array([values for _, values in rows])
         sent = (table != 0) & np.isfinite(table)  # 0 is "no output yet"
-        extremes = np.where(sent, table, inf).argmin(axis=0), np.where(sent, table, -inf).argmax(axis=0)
+        extremes = (
+            np.where(sent, table, inf).argmin(axis=0),
+            np.where(sent, table, -inf).argmax(axis=0),
+        )
         self._extremes[name, port] = [rows[row] for row in np.unique(extremes)]
-        columns = {"time": np.array([time for time, _ in rows]), "boot": np.zeros(len(rows), dtype=np.int64)}
+        columns = {
+            "time": np.array([time for time, _ in rows]),
+            "boot": np.zeros(len(rows), dtype=np.int64),
+        }
         if name == "SERVO_OUTPUT_RAW":
-            return columns | {"port": np.full(len(rows), port)} | {f"servo{n + 1}_raw": table[:, n] for n in range(16)}
+            return (
+                columns
+                | {"port": np.full(len(rows), port)}
+                | {f"servo{n + 1}_raw": table[:, n] for n in range(16)}
+            )
         return columns | {"actuator" if name == "ACTUATOR_OUTPUT_STATUS" else "controls": table}
 
 
@@ -167,18 +199,24 @@ class Phase:
         self.idle = False  # whether outputs come and none has moved so far
         self.parameters: Mapping[str, float] = {}  # of the autopilot
         kinds = ("collective", *REPORTED, *CLIMB_FIELDS)
-        self._rows: dict[str, deque[tuple[float, float]]] = {kind: deque(maxlen=MAX_REPORTS) for kind in kinds}
+        self._rows: dict[str, deque[tuple[float, float]]] = {
+            kind: deque(maxlen=MAX_REPORTS) for kind in kinds
+        }
         self._start = self._reviewed = -inf
         self._settled_from: float | None = None
         self._beat: tuple[float, bool] | None = None
         self._was_active = self._may_land = False
-        self._level, self._levels = 0.0, 0  # Mean collective in settled flight, and of how many values
+        # Mean collective in settled flight, and of how many values
+        self._level = 0.0
+        self._levels = 0
         self._landing: float | None = None
 
     @property
     def obstacle(self) -> str:
         """Why it is not flying, one sentence; empty if it is."""
-        evidence = self.idle or self._rows["collective"] or self._rows["landed_state"] or not self._armed
+        evidence = (
+            self.idle or self._rows["collective"] or self._rows["landed_state"] or not self._armed
+        )
         return "" if self.flying else NOT_FLYING if evidence else FLIGHT_UNKNOWN
 
     def settled(self, time: float) -> bool:
@@ -202,10 +240,13 @@ class Phase:
 
     def landing(self) -> float | None:
         """The time, s, since which samples that counted as settled were of a landing; None if there is no new one."""
-        since, self._landing = self._landing, None
+        since = self._landing
+        self._landing = None
         return since
 
-    def take_heartbeat(self, time: float, autopilot: int, base_mode: int, mode: int = 0, state: int = 0) -> None:
+    def take_heartbeat(
+        self, time: float, autopilot: int, base_mode: int, mode: int = 0, state: int = 0
+    ) -> None:
         """A HEARTBEAT of the vehicle's own type and autopilot: only two equal ones in a row change the state."""
         self._was_active |= state == ACTIVE  # some vehicles are on standby always
         lands = bool(base_mode & CUSTOM_MODE) and mode in LANDING_MODES.get(autopilot, ())
@@ -237,20 +278,27 @@ class Phase:
 
     def restart_collective(self, collective: Signal | None) -> None:
         """Starts again with the collective of the last seconds: which motors there are or their scale has changed."""
-        rows = () if collective is None else zip(collective.time.tolist(), collective.values.tolist(), strict=True)
+        rows = (
+            ()
+            if collective is None
+            else zip(collective.time.tolist(), collective.values.tolist(), strict=True)
+        )
         self._rows["collective"] = deque(rows, MAX_REPORTS)
 
     def review(self, now: float) -> None:
         """Decides the phase at ``now``, s."""
         signals = self._signals(now)
-        armed, climb = phases.armed(signals, 0), signals.climb_rate
+        armed = phases.armed(signals, 0)
+        climb = signals.climb_rate
         self.flying = any(start < now <= end for start, end in phases.flying(signals, 0))
         flights = both(armed, phases.in_states(signals, 0, (IN_AIR,)))
         flight = next((flight for flight in flights if flight[0] < now <= flight[1]), None)
         if self.steady and (flight is None or flight[0] > self._reviewed):
             self._take_back(max((end for _, end in flights if end < now), default=now))
-            self.steady, self._settled_from = False, None
-            self._level, self._levels = 0.0, 0
+            self.steady = False
+            self._settled_from = None
+            self._level = 0.0
+            self._levels = 0
         if flight is not None:
             # The take-off is carried on once the mean collective around it is known; later it is no longer in sight.
             if not self.steady or (isfinite(flight[0]) and now < self._start + AVERAGING_SECONDS):
@@ -299,8 +347,11 @@ class Phase:
 
     def _check_touchdown(self, now: float) -> None:
         """Without better evidence, motors far below their level in flight show that the vehicle stands."""
-        shares = [share for time, share in self._rows["collective"] if time > now - TOUCHDOWN_SECONDS]
-        share, settled = sum(shares) / max(len(shares), 1), self.settled(now)
+        shares = [
+            share for time, share in self._rows["collective"] if time > now - TOUCHDOWN_SECONDS
+        ]
+        share = sum(shares) / max(len(shares), 1)
+        settled = self.settled(now)
         if shares and share < TOUCHDOWN_SHARE * self._level and not self.evident(now):
             if settled:
                 self._take_back(now)
@@ -320,7 +371,9 @@ class Phase:
         self._landing = since if self._landing is None else min(since, self._landing)
 
 
-def judged(learned: Learned, physical: Physical | None, setup: Setup, alarms: Sequence[MotorAlarm]) -> Findings:
+def judged(
+    learned: Learned, physical: Physical | None, setup: Setup, alarms: Sequence[MotorAlarm]
+) -> Findings:
     """Returns the findings on a model whose inputs are those of ``setup``.
 
     Its ``physical`` parameters are from now on those of the whole flight, where these are known already.
@@ -329,14 +382,20 @@ def judged(learned: Learned, physical: Physical | None, setup: Setup, alarms: Se
         vars(learned)["_gray_box"] = physical
     inputs, outputs = max(learned.record.segments, key=lambda part: len(part[1]))
     time: Any = learned.dt * np.arange(len(inputs))
-    scale, names = {"scale": asdict(setup.scale)}, (setup.layout.names, learned.record.output_names)
-    flight = Flight(time, inputs, outputs, input_names=names[0], output_names=names[1], provenance=scale)
+    scale = {"scale": asdict(setup.scale)}
+    names = (setup.layout.names, learned.record.output_names)
+    flight = Flight(
+        time, inputs, outputs, input_names=names[0], output_names=names[1], provenance=scale
+    )
     condition = Condition(duration=flight.duration, settled=flight.duration)
     if setup.motors != DEMAND_MESSAGE:
-        signals, boot = Signals(Telemetry(0, 0, "UNKNOWN", "", {})), np.zeros(len(time), dtype=np.int64)
+        signals = Signals(Telemetry(0, 0, "UNKNOWN", "", {}))
+        boot = np.zeros(len(time), dtype=np.int64)
         angle, rate = flight.outputs.T
         tilt = Attitude(setup.attitude, time, boot, angle, rate, rate, len(time), 0, 0)
-        motors = Motors(setup.motors, time, boot, flight.inputs, setup.layout, setup.scale, len(time), 0)
+        motors = Motors(
+            setup.motors, time, boot, flight.inputs, setup.layout, setup.scale, len(time), 0
+        )
         # They take the place of the cached properties: nothing is from messages here.
         vars(signals).update(motors=motors, tilts=(tilt,))
         swing = oscillation_of(signals, [Segment(0, 0.0, flight.duration)])

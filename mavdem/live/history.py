@@ -29,9 +29,11 @@ ACCOUNT: dict[str, str] = tomllib.loads(Path(__file__).with_name("account.toml")
 """What the seconds of a session are accounted for as."""
 AHEAD = 0.25  # s; how well the model predicts so far ahead is reported
 HORIZONS = 0.05, 0.1, AHEAD, 0.5  # s; of a live session's predictions, besides one step
-MAX_ROWS = 20_000  # Of the lines; when there are more, every second one is dropped, and from then on not kept
+# Of the lines; when there are more, every second one is dropped, and from then on not kept
+MAX_ROWS = 20_000
 REBOOT_GAP_SECONDS = 1.0  # Shown between the last time before a reboot and the first after it
-SETTLED_GAP = 1.0  # s between two learned samples from which on they belong to different parts of the flight
+# s between two learned samples from which on they belong to different parts of the flight
+SETTLED_GAP = 1.0
 SAME_TIME = 1e-6  # s between a prediction and the row it is of, at most
 
 
@@ -111,15 +113,25 @@ class SessionStatus:
     @property
     def slow(self) -> str:
         """A sentence where estimates come late; empty while this computer keeps up."""
-        return f"This computer is too slow: estimates come {self.behind:.1f} s late." if self.behind else ""
+        return (
+            f"This computer is too slow: estimates come {self.behind:.1f} s late."
+            if self.behind
+            else ""
+        )
 
     def predicting(self, estimate: Estimate) -> SessionStatus:
         """Returns the same with ``ahead`` and ``useful`` of an estimate."""
-        seconds, longest, useful = estimate.ahead_times - estimate.time, estimate.useful, self.useful
+        seconds = estimate.ahead_times - estimate.time
+        longest = estimate.useful
+        useful = self.useful
         nearest = int(abs(seconds - AHEAD).argmin())
         if longest is not None:
             useful = float(seconds[longest]), float(estimate.ahead_ratio[longest].mean())
-        return replace(self, ahead=(float(seconds[nearest]), float(estimate.ahead_band[nearest, 0])), useful=useful)
+        return replace(
+            self,
+            ahead=(float(seconds[nearest]), float(estimate.ahead_band[nearest, 0])),
+            useful=useful,
+        )
 
 
 class HorizonErrors(NamedTuple):
@@ -140,12 +152,17 @@ class LiveHistory:
     """
 
     def __init__(self) -> None:
-        self.now, self.shift, self._boot = nan, 0.0, 0
+        self.now = nan
+        self.shift = 0.0
+        self._boot = 0
         self.motors: tuple[str, ...] = ()
         self.events: list[Event] = []
         self._rows: list[tuple[float, ...]] = []  # of the lines, after the number of the segment
-        self._stride, self._taken, self._segment = 1, 0, 0
-        self.learned: list[tuple[float, float]] = []  # the parts learned from: first and last sample, s
+        self._stride = 1
+        self._taken = 0
+        self._segment = 0
+        # the parts learned from: first and last sample, s
+        self.learned: list[tuple[float, float]] = []
         # By horizon: time, prediction, band and last sample of those whose time has not come.
         self._pending: dict[float, deque[tuple[float, Array, Array, Array]]] = {}
         self._sums: dict[float, tuple[int, Array]] = {}
@@ -153,12 +170,18 @@ class LiveHistory:
     def advance(self, time: float, boot: int) -> None:
         """Advances to a ``time`` of the vehicle's clock, s, in its boot of this number; to none if it is NaN."""
         if boot != self._boot:
-            self._boot, self.shift = boot, self.now + REBOOT_GAP_SECONDS - time
+            self._boot = boot
+            self.shift = self.now + REBOOT_GAP_SECONDS - time
         if not time + self.shift <= self.now:
             self.now = time + self.shift
 
     def take(
-        self, segment: int, time: float, outputs: Array, estimate: Estimate | None, beside: Sequence[float] = ()
+        self,
+        segment: int,
+        time: float,
+        outputs: Array,
+        estimate: Estimate | None,
+        beside: Sequence[float] = (),
     ) -> None:
         """Takes a row at a ``time`` of the vehicle's clock; without an estimate it was not learned from.
 
@@ -170,24 +193,36 @@ class LiveHistory:
             self._segment = segment
             self._pending.clear()
         predicted = self._compare(time, outputs)
-        torque = (np.nan, np.nan) if estimate is None else (estimate.wind_torque, estimate.wind_torque_band)
+        torque = (
+            (np.nan, np.nan)
+            if estimate is None
+            else (estimate.wind_torque, estimate.wind_torque_band)
+        )
         self._taken += 1
         if self._taken % self._stride == 0:
             self._rows.append((segment, time, float(outputs[0]), *predicted, *torque, *beside))
             if len(self._rows) > MAX_ROWS:
-                self._rows, self._stride = self._rows[::2], 2 * self._stride
+                self._rows = self._rows[::2]
+                self._stride = 2 * self._stride
         if estimate is None:
             return
         joins = self.learned and not new and time - self.learned[-1][1] < SETTLED_GAP
         self.learned.append((self.learned.pop()[0] if joins else time, time))
-        for ahead, values, width in zip(estimate.ahead_times, estimate.ahead, estimate.ahead_band, strict=True):
+        for ahead, values, width in zip(
+            estimate.ahead_times, estimate.ahead, estimate.ahead_band, strict=True
+        ):
             if np.isfinite(values).all() and np.isfinite(width).all():
                 ahead = float(ahead) + self.shift
-                self._pending.setdefault(round(ahead - time, 6), deque()).append((ahead, values, width, outputs))
+                self._pending.setdefault(round(ahead - time, 6), deque()).append(
+                    (ahead, values, width, outputs)
+                )
 
     def errors(self) -> list[HorizonErrors]:
         """Returns those of each horizon, the shortest first."""
-        return [HorizonErrors(seconds, count, *(sums / count)) for seconds, (count, sums) in sorted(self._sums.items())]
+        return [
+            HorizonErrors(seconds, count, *(sums / count))
+            for seconds, (count, sums) in sorted(self._sums.items())
+        ]
 
     @property
     def rows(self) -> Array:
@@ -200,7 +235,8 @@ class LiveHistory:
 
     def _compare(self, time: float, outputs: Array) -> tuple[float, float]:
         """Compares predictions of ``time`` with what was measured; returns that of the lines and its band, or NaN."""
-        shown, nearest = (nan, nan), min(self._pending, key=lambda seconds: abs(seconds - AHEAD), default=nan)
+        shown = (nan, nan)
+        nearest = min(self._pending, key=lambda seconds: abs(seconds - AHEAD), default=nan)
         for seconds, waiting in self._pending.items():
             while waiting and waiting[0][0] < time + SAME_TIME:
                 ahead, predicted, band, last = waiting.popleft()

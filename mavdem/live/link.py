@@ -23,7 +23,13 @@ import numpy as np
 
 from mavdem.errors import Unreadable
 from mavdem.ingest.mavlink.definitions import seeds
-from mavdem.ingest.mavlink.framing import HEADER_1, LONGEST_FRAME, MARKER_1, MARKER_2, find_in_pieces
+from mavdem.ingest.mavlink.framing import (
+    HEADER_1,
+    LONGEST_FRAME,
+    MARKER_1,
+    MARKER_2,
+    find_in_pieces,
+)
 from mavdem.ingest.mcap.records import raw_channel, started, write_message
 from mavdem.ingest.tlog import write_stamped
 from mavdem.ingest.vocabulary import AUTOPILOT_COMPONENT
@@ -33,13 +39,21 @@ SO_TIMESTAMPNS, SO_RXQ_OVFL = (35, 40) if sys.platform == "linux" else (0, 0)
 """When each datagram came, and how many found no room. Source: Linux, include/uapi/asm-generic/socket.h."""
 MAX_PIECE_BYTES = 1 << 16  # Of a datagram, and of a piece of a byte stream
 MAX_PIECES = 512  # Datagrams or pieces taken in one call: a fast sender must not hold up the caller
-SENDER_SECONDS, MAX_PEERS = 10.0, 16  # How long an address that sent something is sent to, and how many are kept
+# How long an address that sent something is sent to, and how many are kept
+SENDER_SECONDS = 10.0
+MAX_PEERS = 16
 CONNECT_SECONDS = 5.0  # Time limit of a connection attempt
-SILENCE_SECONDS = 5  # After which a silent client gives way to another, and a silent connection is probed
-PROBE_SECONDS, MAX_PROBES = 2, 3  # Between two probes, and probes without a reply until the connection is lost
+# After which a silent client gives way to another, and a silent connection is probed
+SILENCE_SECONDS = 5
+# Between two probes, and probes without a reply until the connection is lost
+PROBE_SECONDS = 2
+MAX_PROBES = 3
 STABLE_SECONDS = 10.0  # A connection that lasted this long is opened again at once when it is lost
-HEARD_SECONDS = 3.0  # Since an autopilot's first address was heard last, until another may take its place
-FIRST_PAUSE_SECONDS, MAX_PAUSE_SECONDS = 0.25, 8.0  # Before a lost link is opened again; doubled each time
+# Since an autopilot's first address was heard last, until another may take its place
+HEARD_SECONDS = 3.0
+# Before a lost link is opened again; doubled each time
+FIRST_PAUSE_SECONDS = 0.25
+MAX_PAUSE_SECONDS = 8.0
 
 _NETWORK = re.compile(r"(?:(udpin|udp|udpout|tcp|tcpin):(?!/))?(?:(\[[^\]]*\]|[^:/]*):)?(\d+)")
 
@@ -56,10 +70,13 @@ class Link:
         self._events: list[str] = []
         # By MAVLink ids: address, when it was heard, and one that was refused, or the first again once that is said.
         self._first: dict[bytes, tuple[Any, float, Any]] = {}
-        self._pause, self._not_before = FIRST_PAUSE_SECONDS, 0.0
+        self._pause = FIRST_PAUSE_SECONDS
+        self._not_before = 0.0
         self._opened = self._came = 0.0
-        self.dropped = 0  # datagrams that this machine's buffer had no room for: nobody read them in time
-        self._arrival, self._emptied = 0.0, time.time()  # UNIX s of the latest piece; until then everything was read
+        # datagrams that this machine's buffer had no room for: nobody read them in time
+        self.dropped = 0
+        # UNIX s of the latest piece; until then everything was read
+        self._arrival, self._emptied = 0.0, time.time()
         self._server: socket.socket | None = None
         self._socket: socket.socket | None = None
         self._serial: int | None = None
@@ -68,7 +85,8 @@ class Link:
         self._kind, host, port = _parsed(name)
         self._address = (host, port)
         self.datagrams = self._kind in ("udpin", "udpout")  # each contains whole frames
-        self.speaks_first = self._kind == "udpout"  # the other side sends only after it has received something
+        # the other side sends only after it has received something
+        self.speaks_first = self._kind == "udpout"
         try:
             self._open()
         except OSError as error:
@@ -89,8 +107,13 @@ class Link:
         received: list[tuple[float, bytes]] = []
         try:
             # A silent client may be gone; while it sends, others wait.
-            replaceable = [self._server] if self._server and time.monotonic() - self._came > SILENCE_SECONDS else []
-            self._arrival, readable = self._emptied, [waiting_on, *replaceable]
+            replaceable = (
+                [self._server]
+                if self._server and time.monotonic() - self._came > SILENCE_SECONDS
+                else []
+            )
+            self._arrival = self._emptied
+            readable = [waiting_on, *replaceable]
             ready = select.select(readable, [], [], 0.0)[0]
             if not ready:
                 ready = select.select(readable, [], [], max(timeout, 0.0))[0]
@@ -114,7 +137,8 @@ class Link:
                     if self._admits(piece):
                         received.append((self._arrival, piece))
                     else:
-                        self._peers.pop(self._from, None)  # nor is anything sent to a vehicle that only shares the ids
+                        # nor is anything sent to a vehicle that only shares the ids
+                        self._peers.pop(self._from, None)
             if len(received) < MAX_PIECES:
                 self._emptied = time.time()
         except OSError as error:
@@ -179,7 +203,8 @@ class Link:
         except UnicodeError as error:  # no valid host name
             raise socket.gaierror(str(error)) from error
         opened = socket.socket(family, kind)
-        opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4 << 20)  # half a minute of a fast link
+        # half a minute of a fast link
+        opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4 << 20)
         for option in (SO_TIMESTAMPNS, SO_RXQ_OVFL) if self.datagrams and SO_TIMESTAMPNS else ():
             with contextlib.suppress(OSError):  # an old kernel: datagrams arrive when they are read
                 opened.setsockopt(socket.SOL_SOCKET, option, 1)
@@ -229,7 +254,8 @@ class Link:
 
     def _admits(self, datagram: bytes) -> bool:
         """Whether the latest datagram is of the first address of its autopilot; other components may have several."""
-        ids, now = b"", self._came
+        ids = b""
+        now = self._came
         if len(datagram) >= HEADER_1 and datagram[0] in (MARKER_1, MARKER_2):
             ids = datagram[3:5] if datagram[0] == MARKER_1 else datagram[5:7]
         if self._from is None or ids[1:] != bytes([AUTOPILOT_COMPONENT]):
@@ -264,8 +290,11 @@ class Link:
         self._pause = min(2 * self._pause, MAX_PAUSE_SECONDS)
 
     def _refuse(self, error: OSError) -> NoReturn:
-        (host, port), bound = self._address, self._kind in ("udpin", "tcpin")
-        group = ": join the group that owns the port (often dialout)" if self._kind == "serial" else ""
+        (host, port) = self._address
+        bound = self._kind in ("udpin", "tcpin")
+        group = (
+            ": join the group that owns the port (often dialout)" if self._kind == "serial" else ""
+        )
         remedy = "; ports below 1024 need privileges" if 0 < port < 1024 else group
         used = "the port is in use by another program: close it, or let it forward to another port"
         reasons = (
@@ -290,7 +319,11 @@ def _parsed(name: str) -> tuple[str, str, int]:
         if int(port) > 65535:
             raise Unreadable(f"{name} is not a link: ports go up to 65535.")
         # Without a direction as in pymavlink.
-        return ("udpin" if kind in (None, "udp") else kind), (host or "").strip("[]") or LOOPBACK, int(port)
+        return (
+            ("udpin" if kind in (None, "udp") else kind),
+            (host or "").strip("[]") or LOOPBACK,
+            int(port),
+        )
     if os.path.isfile(name):
         raise Unreadable(f"{name} is a file, not a link: use `mavdem learn {name}`.")
     if not os.path.isabs(name):
@@ -304,7 +337,11 @@ def _parsed(name: str) -> tuple[str, str, int]:
 def _probe(connection: socket.socket) -> None:
     """Makes the kernel probe a silent connection: a peer that lost power does not close it."""
     connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-    for option, value in {"IDLE": SILENCE_SECONDS, "INTVL": PROBE_SECONDS, "CNT": MAX_PROBES}.items():
+    for option, value in {
+        "IDLE": SILENCE_SECONDS,
+        "INTVL": PROBE_SECONDS,
+        "CNT": MAX_PROBES,
+    }.items():
         if hasattr(socket, f"TCP_KEEP{option}"):
             connection.setsockopt(socket.IPPROTO_TCP, getattr(socket, f"TCP_KEEP{option}"), value)
 
@@ -312,7 +349,9 @@ def _probe(connection: socket.socket) -> None:
 def _serial(name: str) -> int:
     """Opens a serial port: raw, at its speed, without waiting for a carrier or hanging up at the end."""
     if sys.platform == "win32":
-        raise Unreadable(f"Cannot open {name}: serial ports need a POSIX system; forward it to UDP.")
+        raise Unreadable(
+            f"Cannot open {name}: serial ports need a POSIX system; forward it to UDP."
+        )
     import termios
     import tty
 
@@ -324,7 +363,9 @@ def _serial(name: str) -> int:
     try:
         tty.setraw(port, termios.TCSANOW)
         settings = termios.tcgetattr(port)
-        settings[2] = (settings[2] | termios.CLOCAL | termios.CREAD) & ~(termios.HUPCL | termios.CRTSCTS)
+        settings[2] = (settings[2] | termios.CLOCAL | termios.CREAD) & ~(
+            termios.HUPCL | termios.CRTSCTS
+        )
         settings[4] = settings[5] = baud
         termios.tcsetattr(port, termios.TCSANOW, settings)
     except termios.error as error:
@@ -346,9 +387,13 @@ class RawRecording:
         try:
             self._file = open(path, "xb")  # noqa: SIM115 - open until close()
         except FileExistsError:
-            raise Unreadable(f"{path} is there already and is not overwritten: name another file.") from None
+            raise Unreadable(
+                f"{path} is there already and is not overwritten: name another file."
+            ) from None
         except OSError as error:
-            raise Unreadable(f"{path} cannot be written ({error.strerror or error}): name another file.") from None
+            raise Unreadable(
+                f"{path} cannot be written ({error.strerror or error}): name another file."
+            ) from None
         self.frames = 0  # in it; bytes that belong to no frame are not
         self._mcap = started(self._file, 1 << 15) if Path(path).suffix.lower() == ".mcap" else None
         self._channel = 0 if self._mcap is None else raw_channel(self._mcap)
@@ -384,7 +429,9 @@ class RawRecording:
             # The last frame may not be complete.
             searched = max(int(frames.end.max(initial=0)), len(content) - LONGEST_FRAME)
         stamps = (round(self._pieces[piece][0] * 1e6) for piece in pieces.tolist())
-        contents = [content[a:b] for a, b in zip(frames.start.tolist(), frames.end.tolist(), strict=True)]
+        contents = [
+            content[a:b] for a, b in zip(frames.start.tolist(), frames.end.tolist(), strict=True)
+        ]
         stamped = zip(stamps, contents, strict=True)
         if self._mcap is None:
             write_stamped(self._file, stamped)
@@ -393,5 +440,7 @@ class RawRecording:
                 write_message(self._mcap, self._channel, stamp * 1000, frame)
         self._file.flush()
         self.frames += len(contents)
-        self._pieces = [(self._pieces[-1][0], content[searched:])] if searched < len(content) else []
+        self._pieces = (
+            [(self._pieces[-1][0], content[searched:])] if searched < len(content) else []
+        )
         self._first = self._pieces[0][0] if self._pieces else 0.0

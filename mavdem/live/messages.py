@@ -26,7 +26,8 @@ Values = tuple[float, ...]
 MAX_UNDECIDED = 32 * framing.LONGEST_FRAME  # Bytes without a good frame that wait for one
 
 FIELDS: dict[str, tuple[str, ...]] = {
-    name: tuple(fields) for name, fields in json.loads((files("mavdem.live") / "fields.json").read_text()).items()
+    name: tuple(fields)
+    for name, fields in json.loads((files("mavdem.live") / "fields.json").read_text()).items()
 }
 """Of the messages that a model or the wind needs; of those in ``CLIMB_FIELDS`` the vertical speed first."""
 
@@ -52,7 +53,8 @@ class FrameReader:
 
     def feed(self, piece: bytes) -> list[Frame]:
         """Returns the frames that the next bytes complete, in order; good ones do not depend on how bytes are cut."""
-        data, start = self._rest + piece, 0
+        data = self._rest + piece
+        start = 0
         read: list[Frame] = []
         while start < len(data):
             frame, end = _frame_at(data, start)
@@ -69,7 +71,9 @@ class FrameReader:
 
     def _search(self, data: bytes, start: int, read: list[Frame]) -> int | None:
         """Adds the frames up to the last good one, as a file's are found; returns where they end, None if unknown."""
-        table = framing.concatenated(list(framing.find_frames(np.frombuffer(data, np.uint8)[start:], seeds())))
+        table = framing.concatenated(
+            list(framing.find_frames(np.frombuffer(data, np.uint8)[start:], seeds()))
+        )
         good = np.flatnonzero(table.verdict == framing.GOOD)
         if len(good):
             table = table[: int(good[-1]) + 1]
@@ -80,7 +84,9 @@ class FrameReader:
             table = table[table.end <= len(data) - start - framing.LONGEST_FRAME]
             until = len(data) - start - framing.LONGEST_FRAME
         columns = (table.message_id, table.system, table.component, table.sequence, table.verdict)
-        for begin, length, *header in zip(start + table.payload, table.length, *columns, strict=True):
+        for begin, length, *header in zip(
+            start + table.payload, table.length, *columns, strict=True
+        ):
             read.append(Frame._make([*map(int, header), data[begin : begin + length]]))
         return start + until
 
@@ -100,11 +106,15 @@ def _frame_at(data: bytes, start: int) -> tuple[Frame | None, int]:
     first, size = (4, framing.HEADER) if header[0] == framing.MARKER_2 else (2, framing.HEADER_1)
     sequence, system, component = header[first : first + 3]
     message_id = int.from_bytes(header[first + 3 : size], "little")
-    payload, behind = start + size, start + size + header[1]
-    definition, verdict = definitions().get(message_id), framing.UNKNOWN
+    payload = start + size
+    behind = start + size + header[1]
+    definition = definitions().get(message_id)
+    verdict = framing.UNKNOWN
     if definition is not None:
         expected = framing.frame_checksum(data[start + 1 : behind], definition.seed)
-        verdict = framing.GOOD if data[behind] | data[behind + 1] << 8 == expected else framing.FAILED
+        verdict = (
+            framing.GOOD if data[behind] | data[behind + 1] << 8 == expected else framing.FAILED
+        )
     return Frame(message_id, system, component, sequence, verdict, data[payload:behind]), end
 
 
@@ -127,8 +137,13 @@ def message_readers() -> dict[int, tuple[str, np.dtype[Any], float, float]]:
             assert wire.fields is not None
             clock = next((field for field in CLOCK_UNITS if field in wire.fields), None)
             units = 0.0 if clock is None else CLOCK_UNITS[clock]
-            period = inf if clock is None or wire[clock].itemsize == 8 else 2.0 ** (8 * wire[clock].itemsize) / units
-            needed = wire[[*FIELDS[definition.name], *filter(None, [clock])]]  # a view: offsets and size of all
+            period = (
+                inf
+                if clock is None or wire[clock].itemsize == 8
+                else 2.0 ** (8 * wire[clock].itemsize) / units
+            )
+            # a view: offsets and size of all
+            needed = wire[[*FIELDS[definition.name], *filter(None, [clock])]]
             readers[definition.message_id] = definition.name, needed, units, period
     return readers
 
@@ -140,8 +155,14 @@ def message_of(frame: Frame) -> Message | None:
         return None
     name, kind, units, period = reader
     # Truncated bytes are zero; bytes beyond the definition are newer than the dialect.
-    values = np.frombuffer(frame.payload[: kind.itemsize].ljust(kind.itemsize, b"\0"), kind)[0].item()
-    return Message(name, values[-1] / units, period, values[:-1]) if units else Message(name, 0.0, inf, values)
+    values = np.frombuffer(frame.payload[: kind.itemsize].ljust(kind.itemsize, b"\0"), kind)[
+        0
+    ].item()
+    return (
+        Message(name, values[-1] / units, period, values[:-1])
+        if units
+        else Message(name, 0.0, inf, values)
+    )
 
 
 def attitude(message: Message) -> Values | None:
@@ -162,7 +183,9 @@ def attitude(message: Message) -> Values | None:
 def outputs(message: Message) -> tuple[int, Values]:
     """The port of a message of motor outputs, or the group of a demand, and its channels, unused ones as 0."""
     if message.name != "SERVO_OUTPUT_RAW":
-        return int(message.values[0]) if len(message.values) > 1 else 0, tuple(message.values[-1].tolist())
+        return int(message.values[0]) if len(message.values) > 1 else 0, tuple(
+            message.values[-1].tolist()
+        )
     port, *sent = message.values
     return port, tuple(0.0 if value == UNUSED_CHANNEL else float(value) for value in sent)
 
@@ -171,5 +194,8 @@ def parameters_of(messages: Iterable[Message], autopilot: str) -> dict[str, floa
     """The finite parameters by name, from the PARAM_VALUEs of the named MAV_AUTOPILOT."""
     columns = zip(*(message.values for message in messages), strict=True)
     types = {"param_id": "S16", "param_type": "u1", "param_value": "<f4"}
-    parts = {name: np.array(column, kind) for (name, kind), column in zip(types.items(), columns, strict=True)}
+    parts = {
+        name: np.array(column, kind)
+        for (name, kind), column in zip(types.items(), columns, strict=True)
+    }
     return parameter_values(parts, autopilot)

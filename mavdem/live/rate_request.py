@@ -15,28 +15,49 @@ from typing import Any
 
 import numpy as np
 
-from mavdem.ingest.mavlink.definitions import FrameSender, composed_frames, definition_named, definitions
+from mavdem.ingest.mavlink.definitions import (
+    FrameSender,
+    composed_frames,
+    definition_named,
+    definitions,
+)
 from mavdem.ingest.vocabulary import ACTIVE
 from mavdem.live.messages import Message
 
-GROUND_STATION = FrameSender(255, 190)  # The usual ids of ground stations; 190 is MAV_COMP_ID_MISSIONPLANNER
-GREETER = FrameSender(254, 190)  # Of HEARTBEATs: when those of 255 end, autopilots may fly home for a lost link
-GCS, NO_AUTOPILOT, VERSION = 6, 8, 3  # MAV_TYPE_GCS, MAV_AUTOPILOT_INVALID, and the version in every HEARTBEAT
-GET_INTERVAL, SET_INTERVAL = 510, 511  # MAV_CMD_GET_MESSAGE_INTERVAL and _SET_MESSAGE_INTERVAL
+# The usual ids of ground stations; 190 is MAV_COMP_ID_MISSIONPLANNER
+GROUND_STATION = FrameSender(255, 190)
+# Of HEARTBEATs: when those of 255 end, autopilots may fly home for a lost link
+GREETER = FrameSender(254, 190)
+# MAV_TYPE_GCS, MAV_AUTOPILOT_INVALID, and the version in every HEARTBEAT
+GCS = 6
+NO_AUTOPILOT = 8
+VERSION = 3
+# MAV_CMD_GET_MESSAGE_INTERVAL and _SET_MESSAGE_INTERVAL
+GET_INTERVAL = 510
+SET_INTERVAL = 511
 EVERYONE = 0  # Target id of messages to all, and of those without a target
-STOPPED = -1  # The interval, µs, of a message that is not sent. 0, the default, is never sent: autopilots differ in it
+# The interval, µs, of a message that is not sent. 0, the default, is never sent: autopilots differ in it
+STOPPED = -1
 SHORTEST_INTERVAL = 1000  # µs: shorter ones, also 0, which means an unknown message, are ignored
-ACCEPTED, IN_PROGRESS = 0, 5  # MAV_RESULT: done, and a reply that the result follows
-ATTITUDE, SERVO_OUTPUT_RAW = 30, 36
-EVIDENCE = (245, 32, 74)  # EXTENDED_SYS_STATE, LOCAL_POSITION_NED, VFR_HUD: what distinguishes flight from landing
+# MAV_RESULT: done, and a reply that the result follows
+ACCEPTED = 0
+IN_PROGRESS = 5
+ATTITUDE = 30
+SERVO_OUTPUT_RAW = 36
+# EXTENDED_SYS_STATE, LOCAL_POSITION_NED, VFR_HUD: what distinguishes flight from landing
+EVIDENCE = (245, 32, 74)
 EVIDENCE_RATE = 4.0  # Hz; those that come faster already stay as they are
 REPLY_SECONDS = 1.0  # Until a request without a reply is sent again
 MAX_TRIES = 3
-PARAMETER_SECONDS = 0.2  # Between two requests for parameters: a slow radio has other things to send
+# Between two requests for parameters: a slow radio has other things to send
+PARAMETER_SECONDS = 0.2
 SILENCE_SECONDS = 3.0  # Without a byte, or without attitude and motors, until that is reported
-WINDOW_SECONDS, MIN_WINDOW_SECONDS = 5.0, 2.0  # Of arrival time, over which rates are measured
+# Of arrival time, over which rates are measured
+WINDOW_SECONDS = 5.0
+MIN_WINDOW_SECONDS = 2.0
 SLOW = 0.7  # Share of the rate reached before, below which a message is asked for again
-PAUSE_SECONDS, MAX_PAUSE_SECONDS = 10.0, 60.0
+PAUSE_SECONDS = 10.0
+MAX_PAUSE_SECONDS = 60.0
 """Between two requests of one message, at least; doubled each time while nobody confirms. Another ground station that
 sets rates back, MAVProxy every 15 s, costs as long each time as it takes to ask again."""
 
@@ -45,16 +66,19 @@ class Arrivals:
     """Rates over the last ``WINDOW_SECONDS`` of the caller's clock: the vehicle's stops when nothing comes."""
 
     def __init__(self) -> None:
-        self.resumed = False  # whether the vehicle was silent before the latest call, and is no longer
+        # whether the vehicle was silent before the latest call, and is no longer
+        self.resumed = False
         self._window: deque[tuple[float, dict[int, int]]] = deque()
-        self._heard, self._total = -np.inf, 0
+        self._heard = -np.inf
+        self._total = 0
 
     def rates(self, now: float, arrived: Mapping[int, int]) -> dict[int, float] | None:
         """Returns Hz by message id from the number of messages so far by id; None while the window is too short."""
         total = sum(arrived.values())
         self.resumed = total != self._total > 0 and now - self._heard > SILENCE_SECONDS
         if total != self._total:
-            self._heard, self._total = now, total
+            self._heard = now
+            self._total = total
         if self.resumed:
             self._window.clear()
         if not self._window or now - self._window[-1][0] >= MIN_WINDOW_SECONDS / 4:
@@ -64,7 +88,9 @@ class Arrivals:
         start, before = self._window[0]
         if now - start < MIN_WINDOW_SECONDS:
             return None
-        return {kind: (count - before.get(kind, 0)) / (now - start) for kind, count in arrived.items()}
+        return {
+            kind: (count - before.get(kind, 0)) / (now - start) for kind, count in arrived.items()
+        }
 
 
 @dataclass
@@ -108,13 +134,21 @@ class RateRequest:
     ) -> None:
         self.events: list[str] = []
         self._target = {"target_system": vehicle.system, "target_component": vehicle.component}
-        self._parameters, self._next = deque(MAX_TRIES * [name.encode() for name in parameters]), -np.inf
-        self._intervals = [_Interval(number, definitions()[number].name, rate) for number in messages]
-        self._intervals += [_Interval(number, definitions()[number].name, EVIDENCE_RATE, True) for number in evidence]
+        self._parameters = deque(MAX_TRIES * [name.encode() for name in parameters])
+        self._next = -np.inf
+        self._intervals = [
+            _Interval(number, definitions()[number].name, rate) for number in messages
+        ]
+        self._intervals += [
+            _Interval(number, definitions()[number].name, EVIDENCE_RATE, True)
+            for number in evidence
+        ]
         self._contested = self._restoring = False
         self.unconfirmed: deque[_Interval] = deque()  # whose restoring awaits a reply
 
-    def due(self, now: float, measured: Mapping[int, float] | None, known: Container[bytes] = ()) -> list[bytes]:
+    def due(
+        self, now: float, measured: Mapping[int, float] | None, known: Container[bytes] = ()
+    ) -> list[bytes]:
         """Returns frames to send at ``now``, s of a monotonic clock.
 
         ``measured``: Hz by message id, once known; ``known``: names of the parameters that came.
@@ -134,12 +168,17 @@ class RateRequest:
             if interval.before is None and interval.queries < MAX_TRIES:
                 interval.queries += 1
                 frames.append(self._command(GET_INTERVAL, interval.message_id))
-            elif any(each.settings and not each.done and now - each.last < REPLY_SECONDS for each in self._intervals):
+            elif any(
+                each.settings and not each.done and now - each.last < REPLY_SECONDS
+                for each in self._intervals
+            ):
                 continue  # a setting may still be confirmed
             elif rate is None and (interval.least or not interval.unrefused):
                 continue
             elif rate is not None and (
-                rate >= SLOW * interval.rate if interval.least else not interval.unrefused and rate >= interval.rate
+                rate >= SLOW * interval.rate
+                if interval.least
+                else not interval.unrefused and rate >= interval.rate
             ):
                 interval.done = True  # what comes faster already stays as it is
             elif interval.settings < MAX_TRIES:
@@ -147,11 +186,15 @@ class RateRequest:
                     interval.before = round(1e6 / rate) if rate else STOPPED
                 interval.settings += 1
                 interval.unrefused += 1
-                frames.append(self._command(SET_INTERVAL, interval.message_id, round(1e6 / interval.rate)))
+                frames.append(
+                    self._command(SET_INTERVAL, interval.message_id, round(1e6 / interval.rate))
+                )
             else:
                 interval.done = True
                 if not interval.least:
-                    self.events.append(f"The vehicle has not confirmed a faster rate of {interval.name}.")
+                    self.events.append(
+                        f"The vehicle has not confirmed a faster rate of {interval.name}."
+                    )
             interval.last = now
         return frames
 
@@ -164,33 +207,57 @@ class RateRequest:
             possible = second == STOPPED or second >= SHORTEST_INTERVAL
             for interval in self._intervals:
                 # After a setting it is not the former interval.
-                if interval.message_id == first and interval.before is None and not interval.settings and possible:
-                    interval.before, interval.last = second, -np.inf
+                if (
+                    interval.message_id == first
+                    and interval.before is None
+                    and not interval.settings
+                    and possible
+                ):
+                    interval.before = second
+                    interval.last = -np.inf
         elif first != SET_INTERVAL or second == IN_PROGRESS or not ours:
             return
         elif self._restoring:
             if self.unconfirmed:  # in the order of the requests
                 self.unconfirmed.popleft().restored = second == ACCEPTED
-        elif waiting := [interval for interval in self._intervals if interval.settings and not interval.done]:
+        elif waiting := [
+            interval for interval in self._intervals if interval.settings and not interval.done
+        ]:
             # It does not contain the message: take the one that was set last.
             latest = max(waiting, key=lambda interval: interval.last)
-            latest.done, latest.refused = True, second != ACCEPTED
+            latest.done = True
+            latest.refused = second != ACCEPTED
             latest.unrefused -= latest.refused
             if latest.refused and not latest.least:
-                self.events.append(f"The vehicle refuses a faster rate of {latest.name} (MAV_RESULT {second}).")
+                self.events.append(
+                    f"The vehicle refuses a faster rate of {latest.name} (MAV_RESULT {second})."
+                )
 
     def restart(self) -> None:
         """The vehicle may have rebooted, and forgotten all rates: asks for them again at once."""
         for each in self._intervals:
-            vars(each).update(settings=0, done=False, refused=False, last=-np.inf, reached=0.0, again=0, came=False)
+            vars(each).update(
+                settings=0,
+                done=False,
+                refused=False,
+                last=-np.inf,
+                reached=0.0,
+                again=0,
+                came=False,
+            )
         if any(each.unrefused for each in self._intervals):
             self.events.append("The vehicle is back: asking for its message rates again.")
 
     def restore(self) -> list[bytes]:
         """Returns frames that restore each former interval that may have changed and is not confirmed as before yet."""
         self._restoring = True
-        self.unconfirmed = deque(each for each in self._intervals if each.unrefused and not each.restored)
-        return [self._command(SET_INTERVAL, each.message_id, each.before or STOPPED) for each in self.unconfirmed]
+        self.unconfirmed = deque(
+            each for each in self._intervals if each.unrefused and not each.restored
+        )
+        return [
+            self._command(SET_INTERVAL, each.message_id, each.before or STOPPED)
+            for each in self.unconfirmed
+        ]
 
     def _watch(self, interval: _Interval, now: float, rate: float | None) -> None:
         """Sets the interval of a message again that comes much slower than before, or that was never confirmed."""
@@ -202,14 +269,20 @@ class RateRequest:
             if rate and not interval.came and now - interval.last >= WINDOW_SECONDS:
                 interval.came = True
                 if rate < 0.9 * interval.rate and not (interval.least or interval.again):
-                    self.events.append(f"{interval.name} comes at {rate:.3g} of {interval.rate:.3g} Hz asked for.")
+                    self.events.append(
+                        f"{interval.name} comes at {rate:.3g} of {interval.rate:.3g} Hz asked for."
+                    )
             if now - interval.last >= MAX_PAUSE_SECONDS:
                 interval.again = 0
             return
-        if now - interval.last < min(PAUSE_SECONDS * 2 ** (interval.again * unconfirmed), MAX_PAUSE_SECONDS):
+        if now - interval.last < min(
+            PAUSE_SECONDS * 2 ** (interval.again * unconfirmed), MAX_PAUSE_SECONDS
+        ):
             return
         if not interval.least and not unconfirmed and not self._contested:
-            self.events.append(f"{interval.name} no longer comes at {interval.reached:.3g} Hz; asking for it again.")
+            self.events.append(
+                f"{interval.name} no longer comes at {interval.reached:.3g} Hz; asking for it again."
+            )
         # A request is withdrawn by another program, not by a reboot, if it is obeyed first, every time.
         if rate and interval.came and interval.again >= 2 and not self._contested:
             self._contested = True
@@ -217,7 +290,10 @@ class RateRequest:
                 "Message rates are set back again and again, perhaps by another ground station (in MAVProxy, "
                 "`set streamrate -1` ends that): each time they are asked for again."
             )
-        interval.settings, interval.done, interval.again, interval.came = 0, False, interval.again + 1, False
+        interval.settings = 0
+        interval.done = False
+        interval.again = interval.again + 1
+        interval.came = False
 
     def _command(self, command: int, first: float, second: float = 0.0) -> bytes:
         fields = self._target | {"command": command, "param1": first, "param2": second}
@@ -226,7 +302,12 @@ class RateRequest:
 
 def greeting() -> bytes:
     """Returns a HEARTBEAT, for vehicles that send only after they have received one."""
-    fields = {"type": GCS, "autopilot": NO_AUTOPILOT, "system_status": ACTIVE, "mavlink_version": VERSION}
+    fields = {
+        "type": GCS,
+        "autopilot": NO_AUTOPILOT,
+        "system_status": ACTIVE,
+        "mavlink_version": VERSION,
+    }
     return _frame("HEARTBEAT", GREETER, fields)
 
 

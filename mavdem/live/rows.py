@@ -22,15 +22,26 @@ from numpy.typing import NDArray
 
 from mavdem.alignment import align
 from mavdem.alignment.signals import ATTITUDE_MESSAGES, MINIMUM_RATE
-from mavdem.ingest.mavlink.clocks import MAX_OFFSET, MIN_RESET_STAMPS, OTHER_EPOCH, STEP_BACK, WRAP_GAP
+from mavdem.ingest.mavlink.clocks import (
+    MAX_OFFSET,
+    MIN_RESET_STAMPS,
+    OTHER_EPOCH,
+    STEP_BACK,
+    WRAP_GAP,
+)
 from mavdem.live.messages import Message, Values
 
-KEPT_SECONDS, MAX_SAMPLES = 2.5, 8192  # Of each stream: enough to decide rates and steps, also of hostile stamps
+# Of each stream: enough to decide rates and steps, also of hostile stamps
+KEPT_SECONDS = 2.5
+MAX_SAMPLES = 8192
 DECISION_SECONDS = 2.0  # Duration of both streams from which the step and the sampling are decided
-RESUME_SECONDS = 0.25  # Duration of both streams after a gap, after which the grid starts again with the previous step
-STAMP_RESOLUTION_SECONDS = 1e-6  # The finest stamps: a point no further behind the latest sample coincides with it
+# Duration of both streams after a gap, after which the grid starts again with the previous step
+RESUME_SECONDS = 0.25
+# The finest stamps: a point no further behind the latest sample coincides with it
+STAMP_RESOLUTION_SECONDS = 1e-6
 JUST_BOOTED = 10.0  # s; what a clock shows after a reboot at most, where no message was lost
-OTHER_RATE_RATIO = 1.3  # A rate that differs by this factor from the one that decided the step is another rate
+# A rate that differs by this factor from the one that decided the step is another rate
+OTHER_RATE_RATIO = 1.3
 
 
 class AlignedRow(NamedTuple):
@@ -71,12 +82,17 @@ class BootClock:
     """
 
     def __init__(self, report: Callable[[str], None]) -> None:
-        self.now, self.boot = nan, 0  # the latest reference stamp, s, and the number of the boot
-        self._latest, self._turns, self._accepted = nan, 0, 0
+        # the latest reference stamp, s, and the number of the boot
+        self.now = nan
+        self.boot = 0
+        self._latest = nan
+        self._turns = 0
+        self._accepted = 0
         self._held: list[Message] = []
         self._run: list[float] = []
         self._shifts: dict[str, float] = {}
-        self.breaks = self._breaks = 0  # in the numbers of the vehicle's messages, so far and at ``now``
+        # in the numbers of the vehicle's messages, so far and at ``now``
+        self.breaks = self._breaks = 0
         self._back = 0.0  # s by which its clock was set back without a reboot
         self._far: dict[str, list[tuple[int, float]]] = {}
         self._report = report
@@ -87,7 +103,11 @@ class BootClock:
         if message.stamp > 0:
             message = message._replace(stamp=message.stamp + self._back)
         else:
-            return [] if isnan(self._latest) else [PlacedMessage(message, self._latest, self.boot, False)]
+            return (
+                []
+                if isnan(self._latest)
+                else [PlacedMessage(message, self._latest, self.boot, False)]
+            )
         if message.name in ATTITUDE_MESSAGES:
             return self._place_reference(message)
         time = self._time_of(message)
@@ -102,11 +122,15 @@ class BootClock:
         if time < self.now - STEP_BACK and time + message.period - self.now <= WRAP_GAP:
             time += message.period
         if _continues(time, self.now):
-            self._turns = round((time - message.stamp) / message.period) if isfinite(message.period) else 0
+            self._turns = (
+                round((time - message.stamp) / message.period) if isfinite(message.period) else 0
+            )
             self.now = max(self.now, time)
             self._accepted += 1
             self._breaks = self.breaks
-            self._held, self._run, self.left_out = [], [], False
+            self._held = []
+            self._run = []
+            self.left_out = False
             return [self._stamp(message, time)]
         if self._run and not _continues(message.stamp, self._run[-1]):
             self._run = []
@@ -116,27 +140,44 @@ class BootClock:
 
     def _restart(self) -> list[PlacedMessage]:
         """Starts the clock again at the first of the held stamps that continue each other."""
-        first, before, held, later = self._run[0], self.now, self._held, 0.0
-        if 0 < before - first <= WRAP_GAP and first - self._back > JUST_BOOTED and self.breaks == self._breaks:
-            self._report(f"The vehicle's clock was set back by {before - first:.1f} s when it read {before:.1f} s.")
+        first = self._run[0]
+        before = self.now
+        held = self._held
+        later = 0.0
+        if (
+            0 < before - first <= WRAP_GAP
+            and first - self._back > JUST_BOOTED
+            and self.breaks == self._breaks
+        ):
+            self._report(
+                f"The vehicle's clock was set back by {before - first:.1f} s when it read {before:.1f} s."
+            )
             later = before - first + self._run[1] - first
         elif first < before:
-            self.boot, later = self.boot + 1, -self._back
+            self.boot = self.boot + 1
+            later = -self._back
             self._report(f"The vehicle rebooted when its clock read {before:.1f} s.")
         elif not isnan(before) and not self.left_out:
             length = f"{first - before:.1f} s of the vehicle's clock"
             self._report(f"Nothing was received for {length}, from {before:.1f} s on.")
         held = [m._replace(stamp=m.stamp + later) for m in held]
-        first, self._back = first + later, self._back + later
-        self._held, self._run, self.left_out, self._turns, self.now = [], [], False, 0, first
+        first = first + later
+        self._back = self._back + later
+        self._held = []
+        self._run = []
+        self.left_out = False
+        self._turns = 0
+        self.now = first
         self._far.clear()
-        placed, started = [], False
+        placed = []
+        started = False
         for message in held:
             if message.name in ATTITUDE_MESSAGES:
                 # Held stamps that do not continue the run belong to no clock.
                 time = message.stamp if _continues(message.stamp, self.now) else None
                 if time is not None:
-                    started, self.now = True, max(self.now, time)
+                    started = True
+                    self.now = max(self.now, time)
             else:
                 time = self._time_of(message)
             if time is not None and (started or time >= first - STEP_BACK):
@@ -181,9 +222,12 @@ class Samples:
     def __init__(self) -> None:
         self.time: list[float] = []  # s, ascending
         self.values: list[Values] = []
-        self.gap = 0.0  # the step, s, before the latest sample, if longer than MAX_GAP_SECONDS; else 0
-        self.added = self.late = 0  # number of samples so far, and of those that came after the row they belong to
-        self.used_until = self._start = -inf  # s; rows up to it are complete, and samples before it are late
+        # the step, s, before the latest sample, if longer than MAX_GAP_SECONDS; else 0
+        self.gap = 0.0
+        # number of samples so far, and of those that came after the row they belong to
+        self.added = self.late = 0
+        # s; rows up to it are complete, and samples before it are late
+        self.used_until = self._start = -inf
 
     @property
     def since(self) -> float:
@@ -200,13 +244,16 @@ class Samples:
             return False
         self.gap = 0.0
         if 0 < row == len(self.time) and time - self.time[-1] > align.MAX_GAP_SECONDS:
-            self.gap, self._start = time - self.time[-1], time
+            self.gap = time - self.time[-1]
+            self._start = time
         self.time.insert(row, time)
         self.values.insert(row, values)
         self.added += 1
         # Only now and then: deleting from the front of a list moves all of it.
         if self.added % 64 == 0:
-            drop = max(bisect_left(self.time, self.time[-1] - KEPT_SECONDS), len(self.time) - MAX_SAMPLES)
+            drop = max(
+                bisect_left(self.time, self.time[-1] - KEPT_SECONDS), len(self.time) - MAX_SAMPLES
+            )
             del self.time[:drop], self.values[:drop]
         return True
 
@@ -220,11 +267,15 @@ class Samples:
 
     def rate(self, now: float) -> float:
         """Hz over the ``DECISION_SECONDS`` before ``now``, gaps included; 0 with fewer than two samples."""
-        return align.mean_rate(np.array(self.time[-count:])) if (count := self.count(now)) > 1 else 0.0
+        return (
+            align.mean_rate(np.array(self.time[-count:])) if (count := self.count(now)) > 1 else 0.0
+        )
 
     def steady_rate(self) -> float | None:
         """Hz over the last ``DECISION_SECONDS`` without those before a gap; None with few samples."""
-        last = self.time[bisect_left(self.time, max(self.since, self.time[-1] - DECISION_SECONDS)) :]
+        last = self.time[
+            bisect_left(self.time, max(self.since, self.time[-1] - DECISION_SECONDS)) :
+        ]
         return align.mean_rate(np.array(last)) if len(last) > align.MEDIAN_STEPS else None
 
     def nearest(self, time: float) -> Values | None:
@@ -232,13 +283,24 @@ class Samples:
         after = bisect_left(self.time, time)
         rows = [row for row in (after - 1, after) if 0 <= row < len(self.time)]
         row = min(rows, key=lambda row: abs(self.time[row] - time), default=None)
-        return None if row is None or abs(self.time[row] - time) > align.STAMP_SECONDS else self.values[row]
+        return (
+            None
+            if row is None or abs(self.time[row] - time) > align.STAMP_SECONDS
+            else self.values[row]
+        )
 
-    def weighted(self, time: float, weights: NDArray[np.float64], offsets: NDArray[np.float64]) -> Values:
+    def weighted(
+        self, time: float, weights: NDArray[np.float64], offsets: NDArray[np.float64]
+    ) -> Values:
         """The values interpolated at ``offsets`` (L,) s from ``time``, summed by ``weights`` (L,)."""
-        first = max(bisect_left(self.time, time + offsets[0]) - 1, bisect_left(self.time, self.since))
+        first = max(
+            bisect_left(self.time, time + offsets[0]) - 1, bisect_left(self.time, self.since)
+        )
         rows = slice(first, bisect_left(self.time, time + offsets[-1]) + 1)
-        even = [np.interp(time + offsets, self.time[rows], column) for column in np.array(self.values[rows]).T]
+        even = [
+            np.interp(time + offsets, self.time[rows], column)
+            for column in np.array(self.values[rows]).T
+        ]
         return tuple((np.array(even) @ weights).tolist())
 
 
@@ -250,7 +312,9 @@ class Grid:
     """The grid of one boot, segment by segment."""
 
     def __init__(self) -> None:
-        self.segment, self.running = -1, False  # number of the latest segment, from 0 on, and whether it continues
+        # number of the latest segment, from 0 on, and whether it continues
+        self.segment = -1
+        self.running = False
         self.start = 0.0  # first point of the segment's grid, s
         self.dt: float | None = None  # step, s, once it is decided
         self.rates: tuple[float, ...] = ()  # Hz of the streams that decided it
@@ -276,10 +340,15 @@ class Grid:
         first = max(stream.since for stream in streams)
         last = min((stream.time[-1] if stream.time else -inf) for stream in streams)
         first = max(first, self._latest + STAMP_RESOLUTION_SECONDS, self._steady_from)
-        if last < self._try_from or last - first < (DECISION_SECONDS if self.dt is None else RESUME_SECONDS):
+        if last < self._try_from or last - first < (
+            DECISION_SECONDS if self.dt is None else RESUME_SECONDS
+        ):
             return False
         times = [np.array(stream.time) for stream in streams]
-        times = [time[(time >= first - align.STAMP_SECONDS) & (time <= last + align.STAMP_SECONDS)] for time in times]
+        times = [
+            time[(time >= first - align.STAMP_SECONDS) & (time <= last + align.STAMP_SECONDS)]
+            for time in times
+        ]
         if min(map(len, times)) < 3:
             return False
         if self.dt is None:
@@ -287,12 +356,15 @@ class Grid:
             if min(rates) < MINIMUM_RATE:
                 self._try_from = last + DECISION_SECONDS / 4
                 return False
-            quarters = np.array([np.histogram(time, bins=4, range=(first, last))[0] for time in times])
+            quarters = np.array(
+                [np.histogram(time, bins=4, range=(first, last))[0] for time in times]
+            )
             if np.any(quarters.max(axis=1) >= OTHER_RATE_RATIO * quarters.min(axis=1)):
                 # A rate changes: decided from stamps of both, the step would be neither's, and stay.
                 self._steady_from = last
                 return False
-            self.dt, self.rates = self._step(align.step(times)), rates
+            self.dt = self._step(align.step(times))
+            self.rates = rates
         grid = align.grid_of(times[0], times[1], self.dt)
         self._samplings = tuple(_sampling(time, grid, self.dt) for time in times)
         self._streams = tuple(streams)
@@ -327,15 +399,22 @@ class Grid:
         """The rate, Hz, of a stream when the step was decided, if it has changed since; else None."""
         if not self.running or stream not in self._streams:
             return None
-        before, now = self.rates[self._streams.index(stream)], stream.steady_rate()
-        return before if now is not None and not 1 / OTHER_RATE_RATIO < now / before < OTHER_RATE_RATIO else None
+        before = self.rates[self._streams.index(stream)]
+        now = stream.steady_rate()
+        return (
+            before
+            if now is not None and not 1 / OTHER_RATE_RATIO < now / before < OTHER_RATE_RATIO
+            else None
+        )
 
     def _step(self, new: float) -> float:
         """The step: one used before if it is about the same.
 
         Lost samples make the measured step a little longer, and the model learned so far has the earlier one.
         """
-        former = [step for step in self._steps if 1 / OTHER_RATE_RATIO < new / step < OTHER_RATE_RATIO]
+        former = [
+            step for step in self._steps if 1 / OTHER_RATE_RATIO < new / step < OTHER_RATE_RATIO
+        ]
         self._steps += [new] * (not former)
         return [*former, new][0]
 
@@ -349,10 +428,15 @@ def _sampling(time: NDArray[np.float64], grid: NDArray[np.float64], dt: float) -
 
 def _value_at(stream: Samples, sampling: _Sampling, time: float, dt: float) -> Values | None:
     """The stream's values at ``time``; None if they are not known yet."""
-    (weights, offsets, kept), last = sampling, stream.time[-1]
+    (weights, offsets, kept) = sampling
+    last = stream.time[-1]
     # Where two samples may lie within STAMP_SECONDS of one point, wait for the later one too.
     until = time - align.STAMP_SECONDS if dt >= 3 * align.STAMP_SECONDS else time
     if kept and last >= until and (near := stream.nearest(time)) is not None:
         return near
-    ahead = align.FILTER_EDGE_STEPS * dt - align.STAMP_SECONDS if len(weights) > 1 else -STAMP_RESOLUTION_SECONDS
+    ahead = (
+        align.FILTER_EDGE_STEPS * dt - align.STAMP_SECONDS
+        if len(weights) > 1
+        else -STAMP_RESOLUTION_SECONDS
+    )
     return stream.weighted(time, weights, offsets) if last >= time + ahead else None

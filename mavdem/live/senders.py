@@ -24,12 +24,17 @@ from mavdem.live.messages import Frame, Message
 MAX_SENDERS = 64
 MAX_PARAMETERS = 2048  # Parameters kept of each; autopilots have up to 1500
 VOTING_HEARTBEATS = 31  # HEARTBEATs that decide what a sender is; later ones change nothing
-ENOUGH_MESSAGES = 3  # HEARTBEATs, and of attitude, before a vehicle is followed: seconds in which another may show
+# HEARTBEATs, and of attitude, before a vehicle is followed: seconds in which another may show
+ENOUGH_MESSAGES = 3
 MAX_LISTED = 8  # Vehicles named in one sentence
-MAX_SEQUENCES, NEAR = 3, 32  # Kept of one pair of ids, and the step, either way, up to which a number belongs to one
-SHARING_RETURNS = 8  # Of the clock to an earlier one, with another sequence that goes on, which show two vehicles
+# Kept of one pair of ids, and the step, either way, up to which a number belongs to one
+MAX_SEQUENCES = 3
+NEAR = 32
+# Of the clock to an earlier one, with another sequence that goes on, which show two vehicles
+SHARING_RETURNS = 8
 FORGOTTEN_FRAMES = 1024  # Frames without one of a sequence after which it has ended: some seconds
-MESSAGE_SECONDS = 0.005  # Between two messages, about: a number that is missing counts like so much of the clock
+# Between two messages, about: a number that is missing counts like so much of the clock
+MESSAGE_SECONDS = 0.005
 
 
 @dataclass
@@ -39,7 +44,8 @@ class Sequence:
     number: int  # the highest so far, which goes on beyond 255
     stamp: float = 0.0  # of the latest attitude, s, 0 without
     latest: int = 0  # frames with its ids up to its own last
-    recent: dict[int, tuple[int, Frame, int]] = field(default_factory=dict)  # number, frame, frames so far
+    # number, frame, frames so far
+    recent: dict[int, tuple[int, Frame, int]] = field(default_factory=dict)
 
     def step(self, number: int) -> int:
         """From its highest number to this one of 0 to 255, either way."""
@@ -48,19 +54,28 @@ class Sequence:
     def has(self, frame: Frame, frames: int) -> bool:
         """Whether ``frame`` is a copy of one of its latest, after so many ``frames`` of the sender."""
         number, same, then = self.recent.get(frame.sequence, (None, frame, 0))
-        return number == self.number + self.step(frame.sequence) and same == frame and frames - then < 128
+        return (
+            number == self.number + self.step(frame.sequence)
+            and same == frame
+            and frames - then < 128
+        )
 
 
 class Sender:
     """One component on the link, by its MAVLink ids."""
 
     def __init__(self, system: int, component: int) -> None:
-        self.system, self.component, self.name = system, component, f"{system}:{component}"
-        self.kind = self.autopilot = UNNAMED  # MAV_TYPE and MAV_AUTOPILOT that most of its HEARTBEATs have
+        self.system = system
+        self.component = component
+        self.name = f"{system}:{component}"
+        # MAV_TYPE and MAV_AUTOPILOT that most of its HEARTBEATs have
+        self.kind = self.autopilot = UNNAMED
         self.attitudes = self.frames = 0  # messages of attitude, and frames, unread ones included
-        self.arrived: dict[int, int] = {}  # number of messages by id, damaged and unknown ones excluded
+        # number of messages by id, damaged and unknown ones excluded
+        self.arrived: dict[int, int] = {}
         self.parameters: dict[bytes, Message] = {}  # the last PARAM_VALUEs
-        self.held = False  # Followed: ENOUGH_MESSAGES decide what it is, no flood of forged ones changes it
+        # Followed: ENOUGH_MESSAGES decide what it is, no flood of forged ones changes it
+        self.held = False
         self.shared = False  # whether others with the same ids are left out
         self.breaks = 0  # in its sequence of numbers
         self._beats: list[tuple[int, int]] = []
@@ -68,8 +83,11 @@ class Sender:
         self._missing = self._returns = self._last = 0
         self._stamp = 0.0  # of the latest attitude, s
         self.missing_seconds = 0.0  # of gaps longer than sequence numbers can count
-        self._came, self._interval = -inf, 1.0  # s, of the last frame, and mean between two
-        self.left_out = False  # whether frames came that were not taken: those missing before the next do not count
+        # s, of the last frame, and mean between two
+        self._came = -inf
+        self._interval = 1.0
+        # whether frames came that were not taken: those missing before the next do not count
+        self.left_out = False
 
     @property
     def lost(self) -> int:
@@ -120,7 +138,9 @@ class Sender:
         if found is not self._followed:
             return False
         self._count_missing(
-            number, now, max(step - 1, -1) if self.shared and not opens else missing_between(self._last, number)
+            number,
+            now,
+            max(step - 1, -1) if self.shared and not opens else missing_between(self._last, number),
         )
         self._last = number
         if frame.verdict == GOOD:
@@ -129,7 +149,8 @@ class Sender:
 
     def _nearest(self, number: int, stamp: float) -> Sequence | None:
         """The sequence that a sequence number and ``stamp``, s or 0, go on, the followed one first; None if none."""
-        found, nearest = None, (inf, True)
+        found = None
+        nearest = (inf, True)
         for one in self._sequences:
             step = one.step(number)
             moved = min(abs(stamp - one.stamp), OTHER_EPOCH) if stamp and one.stamp else 0.0
@@ -137,14 +158,19 @@ class Sender:
             # No two messages of a sender have one number, but for those without a stamp that are taken for another's.
             taken = number in one.recent and one.recent[number][0] == one.number + step
             free = not taken and abs(step) <= NEAR
-            if (free or (stamp and one.stamp and away[0] < 20 * MESSAGE_SECONDS)) and away < nearest:
-                found, nearest = one, away
+            if (
+                free or (stamp and one.stamp and away[0] < 20 * MESSAGE_SECONDS)
+            ) and away < nearest:
+                found = one
+                nearest = away
         return found
 
     def _opened(self, number: int) -> Sequence:
         """A new sequence, kept instead of the one that ended first."""
         self._returns = 0
-        kept = sorted(self._sequences, key=lambda one: (self.shared and one is self._followed, one.latest))
+        kept = sorted(
+            self._sequences, key=lambda one: (self.shared and one is self._followed, one.latest)
+        )
         self._sequences = [*kept[1 - MAX_SEQUENCES :], Sequence(number)]
         return self._sequences[-1]
 
@@ -152,20 +178,27 @@ class Sender:
         """Chooses the sequence to follow; where the clock ``returns`` to another too often, two vehicles share ids."""
         self._returns += returns
         if not self.shared and self._returns >= SHARING_RETURNS:
-            self.shared, self._missing = True, 0
+            self.shared = True
+            self._missing = 0
             self._followed = max(self._sequences, key=lambda one: len(one.recent))
         elif not self.shared or self.frames - self._followed.latest > FORGOTTEN_FRAMES:
             self._followed = found
 
     def _count_missing(self, number: int, now: float, missing: int) -> None:
         """Counts ``missing`` messages before one that came ``now``, s; a long gap in seconds, since numbers wrap."""
-        gap, self._came = max(now - self._came, 0.0), now
-        wrapped = (number - self._last) % 256 != 1 and 128 * self._interval < gap < inf and not self.left_out
+        gap = max(now - self._came, 0.0)
+        self._came = now
+        wrapped = (
+            (number - self._last) % 256 != 1
+            and 128 * self._interval < gap < inf
+            and not self.left_out
+        )
         if wrapped:
             self.missing_seconds += gap
         elif self.frames > 1 and not self.left_out:
             self._missing += missing
-        self._interval, self.left_out = self._interval + (min(gap, 1.0) - self._interval) / 64, False
+        self._interval = self._interval + (min(gap, 1.0) - self._interval) / 64
+        self.left_out = False
         self.breaks += not 0 < (number - self._last) % 256 <= NEAR
 
     def _count_arrived(self, message_id: int) -> None:
@@ -179,7 +212,9 @@ class Sender:
     def take_message(self, message: Message) -> None:
         """Keeps a PARAM_VALUE; counts the type and autopilot in a HEARTBEAT."""
         first = message.values[0]
-        if message.name == "PARAM_VALUE" and (first in self.parameters or len(self.parameters) < MAX_PARAMETERS):
+        if message.name == "PARAM_VALUE" and (
+            first in self.parameters or len(self.parameters) < MAX_PARAMETERS
+        ):
             self.parameters[first] = message
         votes = ENOUGH_MESSAGES if self.held else VOTING_HEARTBEATS
         if message.name == "HEARTBEAT" and len(self._beats) < votes:
@@ -194,7 +229,9 @@ class Senders:
     def __init__(self, wanted: str | None, report: Callable[[str], None]) -> None:
         self.followed: Sender | None = None
         # why none is followed, one sentence; empty when one is
-        self.obstacle = "No vehicle found yet." if wanted is None else f"Vehicle {wanted} not found yet."
+        self.obstacle = (
+            "No vehicle found yet." if wanted is None else f"Vehicle {wanted} not found yet."
+        )
         self._wanted = wanted
         self.by_ids: dict[tuple[int, int], Sender] = {}  # those that are kept
         self._rivals: set[str] = set()
@@ -219,10 +256,14 @@ class Senders:
         if self.followed is not None:
             self._notice(sender)
         elif self._wanted is not None:
-            if self._wanted == sender.name or (self._wanted == str(sender.system) and sender.can_be_followed):
+            if self._wanted == sender.name or (
+                self._wanted == str(sender.system) and sender.can_be_followed
+            ):
                 self._follow(sender)
         elif sender.can_be_followed:
-            flying = [other for other in self if other.flies] or [other for other in self if other.kind in MULTIROTORS]
+            flying = [other for other in self if other.flies] or [
+                other for other in self if other.kind in MULTIROTORS
+            ]
             if flying == [sender]:
                 self._follow(sender)
             elif len(flying) > 1 and self._rivals != (rivals := {other.name for other in flying}):
@@ -234,7 +275,9 @@ class Senders:
                 self._report(f"Several vehicles found: {listed}. {choose.capitalize()}")
 
     def _follow(self, sender: Sender) -> None:
-        self.followed, sender.held, self.obstacle = sender, True, ""
+        self.followed = sender
+        sender.held = True
+        self.obstacle = ""
         self._report(f"Following vehicle {sender.identity}.")
 
     def _notice(self, sender: Sender) -> None:
@@ -244,8 +287,14 @@ class Senders:
             self._rivals.add(sender.name)
             who = f"Two vehicles, by their clocks, have the ids {sender.name}: only one of them is followed"
             self._report(f"{who}; give the other another system id.")
-        if sender is self.followed or sender.name in self._rivals or not (sender.known and sender.flies):
+        if (
+            sender is self.followed
+            or sender.name in self._rivals
+            or not (sender.known and sender.flies)
+        ):
             return
         if len(self._rivals) < MAX_SENDERS:
             self._rivals.add(sender.name)
-            self._report(f"Vehicle {sender.identity} found too; still following {self.followed.name}.")
+            self._report(
+                f"Vehicle {sender.identity} found too; still following {self.followed.name}."
+            )

@@ -27,17 +27,32 @@ from mavdem.live import history
 from mavdem.live.decisions import Setup, judged
 from mavdem.live.history import Event, LiveHistory, SessionStatus, horizons, sentence
 from mavdem.live.link import MAX_PIECES, Link, LinkLost
-from mavdem.live.rate_request import MAX_TRIES, REPLY_SECONDS, SILENCE_SECONDS, Arrivals, RateRequest, greeting
+from mavdem.live.rate_request import (
+    MAX_TRIES,
+    REPLY_SECONDS,
+    SILENCE_SECONDS,
+    Arrivals,
+    RateRequest,
+    greeting,
+)
 from mavdem.live.rows import AlignedRow
 from mavdem.live.stream import LiveStream
 
-STATUS_SECONDS, JUDGING_SECONDS = 1.0, 10.0  # From one status to the next, and from one judgement to the next
-REPEAT_SECONDS = 30.0  # In which a sentence is reported once, whatever its numbers: a link may be at a limit
+# From one status to the next, and from one judgement to the next
+STATUS_SECONDS = 1.0
+JUDGING_SECONDS = 10.0
+# In which a sentence is reported once, whatever its numbers: a link may be at a limit
+REPEAT_SECONDS = 30.0
 MAX_LATENCIES = 10_000  # Of the latest rows, whose percentiles are in the status
-MAX_MODELS = 16  # Kept, so that one from before a landing is among them: several times the seconds that are taken back
-FIT_SECONDS = 3.0  # Of the last fit; where it takes longer, the model before is kept, or twice as long without one
-STEP_SECONDS, TOGETHER_SECONDS = 0.02, 0.01  # Of analysis between two looks at the link, and of pieces searched at once
-SHED = {"physical fits": 0.5, "plots": 1.0, "refits": 2.0, "status": 3.0}  # What waits, from so many s behind on
+# Kept, so that one from before a landing is among them: several times the seconds that are taken back
+MAX_MODELS = 16
+# Of the last fit; where it takes longer, the model before is kept, or twice as long without one
+FIT_SECONDS = 3.0
+# Of analysis between two looks at the link, and of pieces searched at once
+STEP_SECONDS = 0.02
+TOGETHER_SECONDS = 0.01
+# What waits, from so many s behind on
+SHED = {"physical fits": 0.5, "plots": 1.0, "refits": 2.0, "status": 3.0}
 MAX_BEHIND_SECONDS = 5.0  # What waited longer is not analysed, up to what waits the first of SHED
 
 _NUMBERS = re.compile(r"\d+(\.\d+)?(?= (Hz|s|ms)\b)")
@@ -66,7 +81,8 @@ class LiveSession:
     report: Callable[[SessionStatus], None]  # called once a second with the status
     say: Callable[[str], None]  # called with each sentence
     executor: Executor | None = None  # for batch learning
-    recording: Any = None  # of the raw stream, by ``take`` and ``close``; ``None`` for none, and after it has failed
+    # of the raw stream, by ``take`` and ``close``; ``None`` for none, and after it has failed
+    recording: Any = None
     rate: float | None = None  # Hz to ask the vehicle for; ``None`` to send nothing at all
     prior: Learned | None = None  # of an earlier flight of the vehicle
 
@@ -76,26 +92,41 @@ class LiveSession:
         self.learner: OnlineLearner | None = None  # of the latest rows
         self.history = LiveHistory()  # what happened
         self._learners: dict[tuple[float, tuple[str, ...]], OnlineLearner] = {}
-        self._models: deque[tuple[float, Learned]] = deque(maxlen=MAX_MODELS)  # with s: when it came
+        # with s: when it came
+        self._models: deque[tuple[float, Learned]] = deque(maxlen=MAX_MODELS)
         self._newest: Learned | None = None
         self._setup: Setup | None = None
         self._display: Any = None
         self.request: RateRequest | None = None  # for rates, once sent
-        self._arrivals, self._boot, self._greeted = Arrivals(), 0, -np.inf
-        self._latencies, self._latest = np.full(MAX_LATENCIES, np.nan), 0.0  # of the latest rows, and the largest, s
-        self._learned, self._shown, self._next_judging, self._obstacle = 0, 0, 0.0, ""
+        self._arrivals = Arrivals()
+        self._boot = 0
+        self._greeted = -np.inf
+        # of the latest rows, and the largest, s
+        self._latencies = np.full(MAX_LATENCIES, np.nan)
+        self._latest = 0.0
+        self._learned = 0
+        self._shown = 0
+        self._next_judging = 0.0
+        self._obstacle = ""
         self._estimate: Estimate | None = None
         self.findings: Findings | None = None
         self._judging: Future[Findings] | None = None
-        self._settled = self._lost = self._landed = False  # the last: whether no model has come since the last landing
+        # the last: whether no model has come since the last landing
+        self._settled = self._lost = self._landed = False
         self._waiting: deque[_Piece] = deque()
         self._arrival = self._heard = self._emptied = now
         self._late: float | None = None  # when the analysis was behind last
         self._shed: set[str] = set()
-        self._hidden, self.most_behind, self._dropped = 0, 0.0, 0  # of plots, s, datagrams
-        self._reported, self._sampled, self._samples = 0.0, -np.inf, 0
+        # of plots, s, datagrams
+        self._hidden = 0
+        self.most_behind = 0.0
+        self._dropped = 0
+        self._reported = 0.0
+        self._sampled = -np.inf
+        self._samples = 0
         self._account = dict.fromkeys(history.ACCOUNT, 0.0)
-        self._accounted = now, 0, 0.0  # until when, samples learned, and s of them that are still to be counted
+        # until when, samples learned, and s of them that are still to be counted
+        self._accounted = now, 0, 0.0
         self._last_said: dict[str, float] = {}
 
     def step(self, timeout: float = 0.1) -> None:
@@ -113,7 +144,8 @@ class LiveSession:
         self._request_rates()
         if now - self._reported >= STATUS_SECONDS:
             self._judge(now)
-            self._reported, status = now, self.status
+            self._reported = now
+            status = self.status
             if "status" not in self._shed:
                 self.report(status)
             self._settled &= status.flying
@@ -130,7 +162,9 @@ class LiveSession:
 
     def account(self, now: float | None = None) -> dict[str, float]:
         """Seconds by the keys of ``ACCOUNT``, second by second of arrival; their sum is the age of the session."""
-        now, stream, (before, learned, owed) = now or self.now, self.stream.status(), self._accounted
+        now = now or self.now
+        stream = self.stream.status()
+        (before, learned, owed) = self._accounted
         kinds = {
             "link_lost": self._lost,
             "silent": now - self._heard >= STATUS_SECONDS,
@@ -166,12 +200,16 @@ class LiveSession:
                 put_off = " and ".join(what for what in SHED if what in self._shed)
                 left = f"what is older than {MAX_BEHIND_SECONDS:.0f} s is not analysed"
                 left += "." if self.recording is None else ", but recorded."
-                self._log(f"This computer is {behind:.1f} s behind the link: {put_off} wait, and {left}")
+                self._log(
+                    f"This computer is {behind:.1f} s behind the link: {put_off} wait, and {left}"
+                )
             self._late = now
         elif self._late is not None and now - self._late >= REPEAT_SECONDS:
             self._late = None
             left = f"{self._account['left_out']:.1f} s were not analysed, {self._dropped} datagrams not received"
-            self._log(f"This computer keeps up again; it was up to {self.most_behind:.1f} s behind the link: {left}.")
+            self._log(
+                f"This computer keeps up again; it was up to {self.most_behind:.1f} s behind the link: {left}."
+            )
 
     def _leave_out(self, since: float) -> None:
         """Nothing of the time from ``since`` until now is analysed: no silence, and no message that the link lost."""
@@ -179,7 +217,8 @@ class LiveSession:
         self.account(min(max(since, self._accounted[0]), now))
         self._account["left_out"] += now - self._accounted[0]
         self._accounted = now, *self._accounted[1:]
-        self._heard, self._sampled = self._heard + now - since, self._sampled + now - since
+        self._heard = self._heard + now - since
+        self._sampled = self._sampled + now - since
         self.stream.leave_out()
 
     def _analyse(self) -> None:
@@ -193,7 +232,8 @@ class LiveSession:
         while self._waiting and self._waiting[0].arrival - first.arrival <= TOGETHER_SECONDS:
             together.append(self._waiting.popleft())
         resumed = {"Messages": first.arrival - self._heard}
-        self._arrival, self._heard = first.arrival, together[-1].arrival
+        self._arrival = first.arrival
+        self._heard = together[-1].arrival
         for row in self.stream.feed(first.stamp, b"".join(piece.data for piece in together)):
             self._take(row)
         self.history.advance(self.stream.now, self.stream.boot)
@@ -202,7 +242,8 @@ class LiveSession:
             self._take_back(self.learner, landing)
         if self.stream.samples != self._samples:
             resumed["Attitude and motor outputs"] = self._heard - self._sampled
-            self._samples, self._sampled = self.stream.samples, self._heard
+            self._samples = self.stream.samples
+            self._sampled = self._heard
         for what, after in resumed.items():
             if SILENCE_SECONDS < after < np.inf:
                 self._log(f"{what} resumed after {after:.0f} s without any.")
@@ -213,19 +254,29 @@ class LiveSession:
             raise ValueError("there was no settled flight")
         if not (self._landed and self._models):
             try:
-                return self._named(self.learner.learn_now(seconds := FIT_SECONDS * (1 if self._models else 2)))
+                return self._named(
+                    self.learner.learn_now(seconds := FIT_SECONDS * (1 if self._models else 2))
+                )
             except (ValueError, RuntimeError, TimeoutError) as error:
                 late = isinstance(error, TimeoutError)
                 if not self._models:
-                    raise ValueError(f"not learned within {seconds:.0f} s" if late else str(error)) from None
-                reason = f"was not finished within {seconds:.0f} s" if late else f"cannot be learned ({error})"
+                    raise ValueError(
+                        f"not learned within {seconds:.0f} s" if late else str(error)
+                    ) from None
+                reason = (
+                    f"was not finished within {seconds:.0f} s"
+                    if late
+                    else f"cannot be learned ({error})"
+                )
                 self._log(f"The newest model {reason}: the former one is kept.")
         _, model = self._models[-1]
         return self._named(model)
 
     def judge(self, learned: Learned | None) -> None:
         """Judges the model at the end, if there is one: from then on it has the physical parameters shown last."""
-        none = partial(findings_of, alarms=self.stream.status().alarms, reason=sentence(self.status.obstacle))
+        none = partial(
+            findings_of, alarms=self.stream.status().alarms, reason=sentence(self.status.obstacle)
+        )
         with suppress(ValueError):
             self.findings = (none if learned is None else self._judgement(learned))()
 
@@ -243,14 +294,25 @@ class LiveSession:
     @property
     def status(self) -> SessionStatus:
         """The status as of now."""
-        status, silence = self.stream.status(), self._silence()
+        status = self.stream.status()
+        silence = self._silence()
         learning = self.learner.obstacle if self.learner is not None else ""
         if not (self._settled and status.flying):
             learning = history.NOT_SETTLED if status.flying else history.NOT_FLYING
         rates = dict.fromkeys(status.rates, 0.0) if silence else status.rates
         known = self._latencies[: self._learned + self._shown]
-        latency = (*np.percentile(known, [50, 99]).tolist(), self._latest) if len(known) else status.latency
-        rows = replace(status, findings=self.findings, learned=self._learned, shown=self._shown, latency=latency)
+        latency = (
+            (*np.percentile(known, [50, 99]).tolist(), self._latest)
+            if len(known)
+            else status.latency
+        )
+        rows = replace(
+            status,
+            findings=self.findings,
+            learned=self._learned,
+            shown=self._shown,
+            latency=latency,
+        )
         behind = time.monotonic() - self.now
         rows = replace(rows, obstacle=silence or status.obstacle or learning, rates=rates)
         rows = replace(rows, behind=behind if behind >= SHED["plots"] else 0.0)
@@ -261,7 +323,11 @@ class LiveSession:
         since = self.now - SILENCE_SECONDS
         if self._lost:
             return "the link is lost"
-        missing = "no attitude and no motor outputs were" if self._samples and self._sampled < since else ""
+        missing = (
+            "no attitude and no motor outputs were"
+            if self._samples and self._sampled < since
+            else ""
+        )
         missing = "nothing was" if self._heard < since else missing
         return missing and f"{missing} received for {SILENCE_SECONDS:.0f} s and more"
 
@@ -287,27 +353,37 @@ class LiveSession:
         except OSError as error:
             self.recording = None
             self._log(f"The recording ends here ({_reason(error)}); everything else continues.")
-        now, wall, first = time.monotonic(), time.time(), self._emptied
-        unread, self._dropped = self.link.dropped != self._dropped, self.link.dropped
+        now = time.monotonic()
+        wall = time.time()
+        first = self._emptied
+        unread = self.link.dropped != self._dropped
+        self._dropped = self.link.dropped
         self._emptied = began if len(received) < MAX_PIECES else first
         # The wall clock may be set meanwhile: nothing arrived before everything had been read.
-        return [_Piece(min(max(now - wall + stamp, first), now), stamp, data, unread) for stamp, data in received]
+        return [
+            _Piece(min(max(now - wall + stamp, first), now), stamp, data, unread)
+            for stamp, data in received
+        ]
 
     def _take(self, row: AlignedRow) -> None:
         setup = self.stream.setup
         assert setup is not None
         if setup is not self._setup:
             self._begin(setup)
-        learner, estimate = self.learner, None
+        learner = self.learner
+        estimate = None
         assert learner is not None
         self._settled = row.settled
         if row.settled:
             try:
-                estimate = learner.update(row.time, row.outputs, row.inputs, self.stream.alarms.weak_since)
+                estimate = learner.update(
+                    row.time, row.outputs, row.inputs, self.stream.alarms.weak_since
+                )
             except ValueError as error:
                 self._log(f"A sample was skipped: {_reason(error)}.")
             if learner.learned is not None and learner.learned is not self._newest:
-                self._newest, self._landed = learner.learned, False
+                self._newest = learner.learned
+                self._landed = False
                 self._models.append((row.time, learner.learned))
         latency = time.monotonic() - self._arrival
         self._latencies[(self._learned + self._shown) % MAX_LATENCIES] = latency
@@ -321,7 +397,8 @@ class LiveSession:
         beside = speed, (high - low) / 2, *setup.scale.fraction(row.inputs)
         self.history.take(row.segment, row.time, row.outputs, estimate, beside)
         if self._display is not None and "plots" not in self._shed:
-            shift, segment = self.history.shift, row.segment + self._hidden
+            shift = self.history.shift
+            segment = row.segment + self._hidden
             known = estimate, learner.learned, self.stream.air.row
             self._display.put(row.time, shift, segment, row.outputs, row.inputs, *known)
 
@@ -329,25 +406,37 @@ class LiveSession:
         """Takes the learner of a setup's rows, and shows them; a display that fails is not used again."""
         if self._setup is not None and setup.boot != self._setup.boot:
             self._models = deque(((-np.inf, learned) for _, learned in self._models), MAX_MODELS)
-        self._setup, layout, axis = setup, setup.layout, self.stream.axis
+        self._setup = setup
+        layout = setup.layout
+        axis = self.stream.axis
         self.history.motors = layout.names
         sizes = setup.dt, len(layout.names), len(axis_outputs(axis))
         directions = None if layout.positions_assumed else layout.effect(axis)
-        alike = self.prior is not None and self.prior.record.input_units == (setup.scale.unit,) * len(layout.names)
+        alike = self.prior is not None and self.prior.record.input_units == (
+            setup.scale.unit,
+        ) * len(layout.names)
         prior = self.prior.physical if self.prior is not None and alike else None
-        options: dict[str, Any] = {"horizons": horizons(setup.dt), "effect_directions": directions, "prior": prior}
+        options: dict[str, Any] = {
+            "horizons": horizons(setup.dt),
+            "effect_directions": directions,
+            "prior": prior,
+        }
         key = setup.dt, layout.names
         if key not in self._learners:
             if self.prior is not None and not alike:
                 self._log("The earlier model has other inputs: it is not used.")
-            self._learners[key] = OnlineLearner(self.settings, *sizes, executor=self.executor, **options)
+            self._learners[key] = OnlineLearner(
+                self.settings, *sizes, executor=self.executor, **options
+            )
         if self.learner is not self._learners[key]:
-            self.learner, self._estimate = self._learners[key], None
+            self.learner = self._learners[key]
+            self._estimate = None
         before = self._display
         try:
             self._display = self.show(setup)
         except Exception as error:
-            self._display, self.show = None, lambda setup: None
+            self._display = None
+            self.show = lambda setup: None
             self._log(f"The display failed ({_reason(error)}); everything else continues.")
         if before is None and self._display is not None:
             for event in self.history.events:
@@ -362,16 +451,21 @@ class LiveSession:
 
     def _named(self, learned: Learned) -> Learned:
         """The model with the names and units of the latest rows, where it has their inputs."""
-        setup, record = self._setup, learned.record
+        setup = self._setup
+        record = learned.record
         if setup is None or record.inputs.shape[1] != len(inputs := setup.layout.names):
             return learned
         names, units = zip(*axis_outputs(self.stream.axis), strict=True)
         named = replace(record, input_names=inputs, output_names=names, output_units=units)
-        return replace(learned, record=replace(named, input_units=(setup.scale.unit,) * len(inputs)))
+        return replace(
+            learned, record=replace(named, input_units=(setup.scale.unit,) * len(inputs))
+        )
 
     def _judgement(self, learned: Learned) -> Callable[[], Findings]:
         """What judges a model with names, on its own."""
-        setup, alarms, latest = self._setup, self.stream.status().alarms, self._estimate
+        setup = self._setup
+        alarms = self.stream.status().alarms
+        latest = self._estimate
         if setup is None or setup.layout.names != learned.record.input_names:
             return partial(findings_of, learned, alarms=alarms)
         return partial(judged, learned, None if latest is None else latest.physical, setup, alarms)
@@ -383,7 +477,11 @@ class LiveSession:
                 with suppress(ValueError, RuntimeError, CancelledError):
                     self.findings = self._judging.result()
                 self._judging = None
-        elif getattr(self._estimate, "physical", None) is None or self._newest is None or self.executor is None:
+        elif (
+            getattr(self._estimate, "physical", None) is None
+            or self._newest is None
+            or self.executor is None
+        ):
             return
         elif now >= self._next_judging and "physical fits" not in self._shed:
             self._next_judging = now + JUDGING_SECONDS
@@ -403,7 +501,8 @@ class LiveSession:
         if vehicle is None or now - self._heard > SILENCE_SECONDS:
             return
         if self.request is None:
-            ids, named = FrameSender(vehicle.system, vehicle.component), motor_parameters(vehicle.autopilot)
+            ids = FrameSender(vehicle.system, vehicle.component)
+            named = motor_parameters(vehicle.autopilot)
             self.request = RateRequest(ids, self.rate, parameters=named)
         for message in self.stream.replies():
             self.request.take(message)
@@ -440,9 +539,12 @@ class LiveSession:
             self._log(str(error))
 
     def _log(self, text: str, level: str = "INFO", since: float = np.nan) -> None:
-        now, said = time.monotonic(), sentence(text)
+        now = time.monotonic()
+        said = sentence(text)
         kind = _NUMBERS.sub("", said)
-        self._last_said = {before: at for before, at in self._last_said.items() if now - at < REPEAT_SECONDS}
+        self._last_said = {
+            before: at for before, at in self._last_said.items() if now - at < REPEAT_SECONDS
+        }
         if kind in self._last_said and level != "ERROR" and not np.isfinite(since):
             return  # but each alarm and each recovery is reported
         self._last_said[kind] = now

@@ -10,7 +10,14 @@ from math import inf, isnan, nan
 import numpy as np
 
 from mavdem.alignment.align import STEP_TOLERANCE
-from mavdem.alignment.drive import DEMAND_MESSAGE, INPUTS, MOTOR_MESSAGES, THRUST_COLUMN, TILT_AXES, preferred_message
+from mavdem.alignment.drive import (
+    DEMAND_MESSAGE,
+    INPUTS,
+    MOTOR_MESSAGES,
+    THRUST_COLUMN,
+    TILT_AXES,
+    preferred_message,
+)
 from mavdem.alignment.phases import AVERAGING_SECONDS, MAX_TILT
 from mavdem.alignment.signals import ATTITUDE_MESSAGES, CLIMB_FIELDS, MINIMUM_RATE
 from mavdem.alignment.verdict import NO_ATTITUDE, too_slow
@@ -25,17 +32,32 @@ from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import UNNAMED
 from mavdem.live.decisions import InputChoice, Inputs, Phase, Setup
 from mavdem.live.history import Event, SessionStatus
-from mavdem.live.messages import Frame, FrameReader, Message, Values, attitude, message_of, outputs, parameters_of
+from mavdem.live.messages import (
+    Frame,
+    FrameReader,
+    Message,
+    Values,
+    attitude,
+    message_of,
+    outputs,
+    parameters_of,
+)
 from mavdem.live.rows import DECISION_SECONDS, AlignedRow, BootClock, Grid, PlacedMessage, Samples
 from mavdem.live.senders import Sender, Senders
 from mavdem.live.wind import LiveWind
 
-MAX_EVENTS, MAX_REPLIES = 256, 64  # Events, and replies, kept until they are fetched
-REVIEW_SECONDS, CHOICE_SECONDS = 0.1, 0.5  # Of the boot clock, between two reviews of the phase, and two of the inputs
+# Events, and replies, kept until they are fetched
+MAX_EVENTS = 256
+MAX_REPLIES = 64
+# Of the boot clock, between two reviews of the phase, and two of the inputs
+REVIEW_SECONDS = 0.1
+CHOICE_SECONDS = 0.5
 REPLIES = ("MESSAGE_INTERVAL", "COMMAND_ACK")  # What a vehicle sends when it is asked for rates
 MAX_PORTS = 4  # Of a message of outputs that are read; PX4 has two
 RATE_CHECK_SAMPLES = 8  # Samples of a stream between two checks of its rate
-ONLY_DEMAND = "The inputs are the demand and not the motors, so that a weak motor would not be seen."
+ONLY_DEMAND = (
+    "The inputs are the demand and not the motors, so that a weak motor would not be seen."
+)
 NO_EVIDENCE = "There is no EXTENDED_SYS_STATE and no vertical speed: motors and flight mode alone show a landing."
 ADVICE = " Ask for more with `--request-rate 100`."
 
@@ -51,27 +73,43 @@ class LiveStream:
     """
 
     def __init__(
-        self, axis: str = "roll", vehicle: str | None = None, inputs: str | None = None, asked: bool = False
+        self,
+        axis: str = "roll",
+        vehicle: str | None = None,
+        inputs: str | None = None,
+        asked: bool = False,
     ) -> None:
         if axis not in TILT_AXES:
             raise ValueError(f"axis must be one of {', '.join(TILT_AXES)}, not {axis!r}")
         if inputs not in (None, *INPUTS):
             raise ValueError(f"inputs must be one of {', '.join(INPUTS)}, not {inputs!r}")
         self.setup: Setup | None = None  # what the rows of the latest segment are
-        self.samples = self.boot = 0  # of the vehicle: samples of attitude and motor outputs, and its boot's number
-        self.axis, self._wanted, self._advice = axis, inputs, "" if asked else ADVICE
+        # of the vehicle: samples of attitude and motor outputs, and its boot's number
+        self.samples = self.boot = 0
+        self.axis = axis
+        self._wanted = inputs
+        self._advice = "" if asked else ADVICE
         self._frames, self._senders = FrameReader(), Senders(vehicle, self._report)
         self._clock = BootClock(self._report)
         self._events: deque[Event] = deque(maxlen=MAX_EVENTS)
         self._replies: deque[Message] = deque(maxlen=MAX_REPLIES)
-        self._streams: dict[tuple[str, int], Samples] = {}  # by message and port, which attitude has none of: 0
-        self._choice, self._phase, self._grid, self.alarms = InputChoice(), Phase(), Grid(), MotorAlarms()
+        # by message and port, which attitude has none of: 0
+        self._streams: dict[tuple[str, int], Samples] = {}
+        self._choice, self._phase, self._grid, self.alarms = (
+            InputChoice(),
+            Phase(),
+            Grid(),
+            MotorAlarms(),
+        )
         self.air = LiveWind()
         self._attitude: str | None = None
         self._inputs: Inputs | None = None
-        self._reviewed, self._connected_from, self._received = -inf, inf, 0.0
+        self._reviewed = -inf
+        self._connected_from = inf
+        self._received = 0.0
         self._left_out = self._said_evidence = False
-        self._obstacle, self._enough = "The message rates are being measured.", True
+        self._obstacle = "The message rates are being measured."
+        self._enough = True
 
     @property
     def followed(self) -> Sender | None:
@@ -117,10 +155,12 @@ class LiveStream:
 
     def status(self) -> SessionStatus:
         """The status of the link and the vehicle."""
-        followed, now = self.followed, self._clock.now
+        followed = self.followed
+        now = self._clock.now
         return SessionStatus(
             vehicle=followed.name if followed else None,
-            obstacle=self._senders.obstacle or (NO_ATTITUDE[""] + self._advice if isnan(now) else self._obstacle),
+            obstacle=self._senders.obstacle
+            or (NO_ATTITUDE[""] + self._advice if isnan(now) else self._obstacle),
             rates=self._rates(now),
             flying=self._phase.flying,
             lost=followed.lost if followed else 0,
@@ -159,7 +199,9 @@ class LiveStream:
             yield from self._process(sender, placed)
 
     def _process(self, sender: Sender, placed: PlacedMessage) -> Iterator[AlignedRow]:
-        message, time, name = placed.message, placed.time, placed.message.name
+        message = placed.message
+        time = placed.time
+        name = placed.message.name
         if name in ATTITUDE_MESSAGES and placed.stamped:
             motion = attitude(message)
             if motion is not None and name == self._attitude and self._phase.settled(time):
@@ -180,14 +222,18 @@ class LiveStream:
         elif name == "EXTENDED_SYS_STATE" or name in CLIMB_FIELDS:
             if name in VELOCITIES and (said := self.air.velocity(name, time, message.values)):
                 self._report(said)
-            self._phase.take("landed_state" if name == "EXTENDED_SYS_STATE" else name, time, message.values[0])
+            self._phase.take(
+                "landed_state" if name == "EXTENDED_SYS_STATE" else name, time, message.values[0]
+            )
         now = self._clock.now
         if now // REVIEW_SECONDS != self._reviewed // REVIEW_SECONDS:
             self._review(sender, now)
         if self._grid.running and not self._phase.steady:
             self._grid.end()
 
-    def _add(self, name: str, port: int, time: float, values: Values | None) -> Iterator[AlignedRow]:
+    def _add(
+        self, name: str, port: int, time: float, values: Values | None
+    ) -> Iterator[AlignedRow]:
         """Adds a sample to its stream; the rows that it completes."""
         stream = self._streams.get((name, port))
         if stream is None and sum(name == other for other, _ in self._streams) < MAX_PORTS:
@@ -195,20 +241,28 @@ class LiveStream:
         if stream is None or values is None or not stream.add(time, values):
             return
         self.samples += 1
-        inputs, streams = self._inputs, self._row_streams()
+        inputs = self._inputs
+        streams = self._row_streams()
         if inputs is None or stream not in streams:
             return
         if stream is streams[1]:
             used = [values[channel] for number, channel in inputs.picks if number == port]
             share = inputs.scale.fraction(np.array(used)).mean()
-            self._phase.take("collective", time, values[THRUST_COLUMN] if name == DEMAND_MESSAGE else float(share))
+            self._phase.take(
+                "collective",
+                time,
+                values[THRUST_COLUMN] if name == DEMAND_MESSAGE else float(share),
+            )
             self._watch_motors(time, inputs)
         if self._grid.running:
             if stream.gap:
                 if not self._left_out:
                     self._report(f"No {name} for {stream.gap:.2f} s: a new segment starts.")
                 self._grid.end()
-            elif stream.added % RATE_CHECK_SAMPLES == 0 and (before := self._grid.former_rate(stream)) is not None:
+            elif (
+                stream.added % RATE_CHECK_SAMPLES == 0
+                and (before := self._grid.former_rate(stream)) is not None
+            ):
                 self._report(f"{name} no longer comes at {before:.3g} Hz: a new segment starts.")
                 self._grid.end(forget_step=True)
                 for changed in streams:
@@ -226,7 +280,8 @@ class LiveStream:
         return tuple(self._streams.setdefault(key, Samples()) for key in keys)
 
     def _row(self, time: float, point: list[Values], inputs: Inputs) -> AlignedRow:
-        motion, axis = point[0], TILT_AXES.index(self.axis)
+        motion = point[0]
+        axis = TILT_AXES.index(self.axis)
         ports = dict(zip(inputs.ports, point[1:], strict=True))
         upright = max(abs(motion[0]), abs(motion[1])) < MAX_TILT
         row = np.array([ports[port][channel] for port, channel in inputs.picks])
@@ -236,11 +291,20 @@ class LiveStream:
 
     def _begin(self, inputs: Inputs) -> None:
         """Reports the segment that begins, if its rows are others than before."""
-        grid, before, plan, self._left_out = self._grid, self.setup, inputs.layout, False
+        grid = self._grid
+        before = self.setup
+        plan = inputs.layout
+        self._left_out = False
         assert grid.dt is not None and self._attitude is not None
         names = self._attitude, inputs.message
-        self.setup = now = Setup(self.boot, grid.dt, *names, plan, inputs.scale, grid.rates, grid.start)
-        if before is not None and (before.dt, before.motors, before.layout) == (now.dt, now.motors, plan):
+        self.setup = now = Setup(
+            self.boot, grid.dt, *names, plan, inputs.scale, grid.rates, grid.start
+        )
+        if before is not None and (before.dt, before.motors, before.layout) == (
+            now.dt,
+            now.motors,
+            plan,
+        ):
             return
         self._report(
             f"Using {now.attitude} and {now.motors}: one row every {1e3 * now.dt:.4g} ms, {len(plan.names)} inputs."
@@ -252,7 +316,8 @@ class LiveStream:
         """Decides again whether the vehicle flies and, less often, what its rows are made of."""
         if isnan(now):
             return
-        before, self._reviewed = self._reviewed, now
+        before = self._reviewed
+        self._reviewed = now
         if not abs(now - before) < DECISION_SECONDS:
             self._connected_from = now
         if now // CHOICE_SECONDS != before // CHOICE_SECONDS:
@@ -276,20 +341,26 @@ class LiveStream:
         if sender.kind not in (*MULTIROTORS, UNNAMED):
             self._inputs = None
             return
-        before, running = self._inputs, self._grid.running
+        before = self._inputs
+        running = self._grid.running
         self._phase.parameters = parameters = self.parameters
         self.air.set_drag = Drag.of_parameters(sender.autopilot, parameters)
         ids = sender.system, sender.component, sender.kind, sender.autopilot
         staying = before.message if running and before else None
-        vehicle, rates = Telemetry(*ids, {}, parameters), self._rates(self._clock.now)
-        inputs = self._choice.choose(self._streams, vehicle, self.axis, self._wanted, staying, rates)
+        vehicle = Telemetry(*ids, {}, parameters)
+        rates = self._rates(self._clock.now)
+        inputs = self._choice.choose(
+            self._streams, vehicle, self.axis, self._wanted, staying, rates
+        )
         if inputs is None:
             return  # after a silence there is no evidence of a change
         if before is None or (before.key, before.scale.name) != (inputs.key, inputs.scale.name):
             self._phase.restart_collective(inputs.collective)
         self._inputs = inputs
         if before is not None and running and inputs.key != before.key:
-            self._report(f"The inputs change to {', '.join(inputs.layout.names)}: a new segment starts.")
+            self._report(
+                f"The inputs change to {', '.join(inputs.layout.names)}: a new segment starts."
+            )
             self._grid.end(forget_step=True)
         elif running and self.setup is not None and inputs.layout != self.setup.layout:
             self.setup = replace(self.setup, layout=inputs.layout)
@@ -299,10 +370,16 @@ class LiveStream:
         """Reports when messages are missing or too slow, and when they no longer are."""
         heard = self._rates(now)
         outputs = {name: rate for name, rate in heard.items() if name not in ATTITUDE_MESSAGES}
-        drives = self._inputs.message if self._inputs else max(outputs, key=outputs.__getitem__, default=None)
+        drives = (
+            self._inputs.message
+            if self._inputs
+            else max(outputs, key=outputs.__getitem__, default=None)
+        )
         obstacle: str | None
         if sender.kind not in (*MULTIROTORS, UNNAMED):
-            obstacle = f"The vehicle is a {sender.kind}; the {self.axis} model is for multirotors only."
+            obstacle = (
+                f"The vehicle is a {sender.kind}; the {self.axis} model is for multirotors only."
+            )
         elif self._attitude is None:
             obstacle = NO_ATTITUDE[""]
         elif drives is None:
@@ -327,7 +404,9 @@ class LiveStream:
             self.alarms.landed |= not self._phase.flying
         elif all(ports.values()):
             sent = np.array([ports[port][0][channel] for port, channel in inputs.picks])
-            for event in self.alarms.take(time, self.boot, inputs, inputs.scale.fraction(sent).tolist()):
+            for event in self.alarms.take(
+                time, self.boot, inputs, inputs.scale.fraction(sent).tolist()
+            ):
                 self._report(*event)
 
     def _reboot(self, boot: int) -> None:
@@ -337,9 +416,11 @@ class LiveStream:
         self._choice.restart()
         self.air.restart()
         self._attitude, self._inputs, self._phase = None, None, Phase()
-        self.alarms.sentence, self.alarms.weak_since = "", nan
+        self.alarms.sentence = ""
+        self.alarms.weak_since = nan
         self._grid.restart()
-        self._reviewed, self._connected_from = -inf, inf
+        self._reviewed = -inf
+        self._connected_from = inf
 
     def _report(self, sentence: str, level: str = "INFO", since: float = nan) -> None:
         self._events.append(Event(self._received, sentence, level, since))
@@ -350,26 +431,39 @@ class MotorAlarms:
 
     def __init__(self) -> None:
         self.latest: deque[MotorAlarm] = deque(maxlen=MAX_EVENTS)
-        self.sentence, self.landed, self.weak_since = "", False, nan
+        self.sentence = ""
+        self.landed = False
+        self.weak_since = nan
         self._watch: MotorWatch | None = None
         self._watched: object = None
         self._reported = {""}  # Reasons why none would be seen
 
-    def take(self, time: float, boot: int, inputs: Inputs, commands: list[float]) -> Iterator[tuple[str, str, float]]:
+    def take(
+        self, time: float, boot: int, inputs: Inputs, commands: list[float]
+    ) -> Iterator[tuple[str, str, float]]:
         """Sentence, level and beginning of what to report of a sample in settled flight; ``commands`` as shares."""
         if self.landed:
-            self.sentence, self.landed = "", False
-        obstacle, layout, self.weak_since = ONLY_DEMAND, inputs.layout, nan
+            self.sentence = ""
+            self.landed = False
+        obstacle = ONLY_DEMAND
+        layout = inputs.layout
+        self.weak_since = nan
         if inputs.message != DEMAND_MESSAGE:
-            watched = boot, layout, inputs.scale.low, inputs.scale.high  # balances on two ranges differ
+            # balances on two ranges differ
+            watched = boot, layout, inputs.scale.low, inputs.scale.high
             if self._watch is None or watched != self._watched:
-                self._watch, self._watched = MotorWatch(layout, boot), watched
-            changes, obstacle = self._watch.take(time, commands), self._watch.obstacle
+                self._watch = MotorWatch(layout, boot)
+                self._watched = watched
+            changes = self._watch.take(time, commands)
+            obstacle = self._watch.obstacle
             self.weak_since = min((weak.since for weak in self._watch.weak.values()), default=nan)
             for change in changes:
                 self.latest.append(change)
                 if change.motor is not None:
-                    self.sentence = " ".join(alarm.sentence for alarm in self._watch.weak.values()) or change.sentence
+                    self.sentence = (
+                        " ".join(alarm.sentence for alarm in self._watch.weak.values())
+                        or change.sentence
+                    )
                 yield change.sentence, "ERROR" if change.weak else "INFO", change.since
         if obstacle not in self._reported:
             self._reported.add(obstacle)

@@ -15,7 +15,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.condition.wind_of_log import AROUND, LONGEST_STEP, POSITION_JUMP, VELOCITIES, VELOCITY_FLAGS
+from mavdem.condition.wind_of_log import (
+    AROUND,
+    LONGEST_STEP,
+    POSITION_JUMP,
+    VELOCITIES,
+    VELOCITY_FLAGS,
+)
 from mavdem.condition.wind_velocity import CALM, DIRECTION_LIMIT, HEADING_SD, by_compass, from_point
 from mavdem.confidence import quantile
 from mavdem.dem.airflow.identification import GUSTS, GUSTS_SD, STEP, checked, in_air
@@ -23,9 +29,16 @@ from mavdem.dem.airflow.model import TOTAL, Drag, Filter, drawn, motion
 from mavdem.dem.engine.linalg import Array
 from mavdem.errors import NotLearnable
 
-ROW, SAMPLE = 0.1, 0.05  # s from row to row, and between samples that are kept, at least
-START, LOST, MEMORY = 8.0, 3.0, 300.0  # s: of free flight before a row, without velocity, of weighing sizes of gusts
-DRAWS, FASTEST = 16, 100.0  # of drag and lean; m/s: what is faster is damaged
+# s from row to row, and between samples that are kept, at least
+ROW = 0.1
+SAMPLE = 0.05
+# s: of free flight before a row, without velocity, of weighing sizes of gusts
+START = 8.0
+LOST = 3.0
+MEMORY = 300.0
+# of drag and lean; m/s: what is faster is damaged
+DRAWS = 16
+FASTEST = 100.0
 SIZES = np.log([*product([0.15, 0.6], [5.0], [0.02, 0.06], [0.02, 0.06, 0.2])])  # as GUSTS
 
 
@@ -39,7 +52,9 @@ class WindRow(NamedTuple):
     @property
     def by_compass(self) -> tuple[float, float, float, float, float]:
         """Speed and the ends of its interval, m/s; the direction it comes from and its half width, degrees."""
-        speed, origin, half, turned = (float(one[0]) for one in by_compass(self.velocity[None], self.band[None]))
+        speed, origin, half, turned = (
+            float(one[0]) for one in by_compass(self.velocity[None], self.band[None])
+        )
         turned = min(float(np.hypot(turned, quantile() * HEADING_SD)), 180.0)
         return speed, max(speed - half, 0.0), speed + half, origin, turned
 
@@ -67,11 +82,19 @@ class LiveWind:
     def restart(self) -> None:
         """Forgets the flight, whose clock is over."""
         self.row: WindRow | None = None
-        self.reason, self.flags, self._said = "", VELOCITY_FLAGS[0], False
+        self.reason = ""
+        self.flags = VELOCITY_FLAGS[0]
+        self._said = False
         self._last: tuple[float, Sequence[float], Sequence[float]] = -inf, (), ()
-        self._attitudes, self._velocities = (deque[Sequence[float]](maxlen=round(2 * START / SAMPLE)) for _ in "av")
+        self._attitudes, self._velocities = (
+            deque[Sequence[float]](maxlen=round(2 * START / SAMPLE)) for _ in "av"
+        )
         self._filters: list[Filter] = []
-        self._tick, self._step, self._next_check, self._local, self._ignored = 0, STEP, -inf, -inf, -inf
+        self._tick = 0
+        self._step = STEP
+        self._next_check = -inf
+        self._local = -inf
+        self._ignored = -inf
 
     def attitude(self, time: float, angles: Sequence[float]) -> None:
         """Takes roll, pitch and yaw, rad."""
@@ -80,7 +103,8 @@ class LiveWind:
 
     def velocity(self, name: str, time: float, values: Sequence[float]) -> str:
         """Takes down, north and east of a message, and where that is; returns a sentence on the first row."""
-        (last, moved, place), self._local = self._last, time if name == "LOCAL_POSITION_NED" else self._local
+        (last, moved, place) = self._last
+        self._local = time if name == "LOCAL_POSITION_NED" else self._local
         dt = time - last
         if dt < SAMPLE - 1e-3 or (name != "LOCAL_POSITION_NED" and time - self._local < LOST):
             return ""
@@ -88,27 +112,36 @@ class LiveWind:
         self._last = time, level, values[3:]
         # A reset of the position is no motion.
         both = zip(values[3:], place, level, moved, strict=False)
-        if any(abs(now - then - (a + b) * dt / 2) > POSITION_JUMP + 2 * dt for now, then, a, b in both):
+        if any(
+            abs(now - then - (a + b) * dt / 2) > POSITION_JUMP + 2 * dt for now, then, a, b in both
+        ):
             self._ignored = time + AROUND
         sure = self.flags & sum(VELOCITY_FLAGS) == VELOCITY_FLAGS[0] and time >= self._ignored
         if not (sure and self._attitudes and all(abs(part) < FASTEST for part in (down, *level))):
             return ""
         if self._velocities and time - self._velocities[-1][0] > LOST:
-            self._filters, self.row, self._next_check = [], None, time + START
+            self._filters = []
+            self.row = None
+            self._next_check = time + START
         self._velocities.append((time, *level, down))
         if time >= self._next_check:
             self._next_check = time + START
             self._check(time)
-        while self._filters and (end := self._tick * ROW) <= min(time, self._attitudes[-1][0] + SAMPLE):
+        while self._filters and (end := self._tick * ROW) <= min(
+            time, self._attitudes[-1][0] + SAMPLE
+        ):
             self._take(self._filters[self._tick % len(self._filters)], end)
             self._tick += 1
-        news, self._said = self.row is not None and not self._said, self._said or self.row is not None
+        news = self.row is not None and not self._said
+        self._said = self._said or self.row is not None
         return f"The wind is {''.join(self.row.words())}." if news and self.row else ""
 
     def _table(self, since: float, until: float) -> tuple[Array, Array, Array]:
         """Times (T,), attitudes (T, 3) and velocities (T, 3) between two times, as offline."""
         rows = np.array([one for one in self._attitudes if since <= one[0] < until]).reshape(-1, 4)
-        known = np.array([one for one in self._velocities if since - LONGEST_STEP <= one[0]]).reshape(-1, 4)
+        known = np.array(
+            [one for one in self._velocities if since - LONGEST_STEP <= one[0]]
+        ).reshape(-1, 4)
         after = np.searchsorted(known[:, 0], rows[:, 0])
         rows, after = rows[inside := (after > 0) & (after < len(known))], after[inside]
         rows = rows[known[after, 0] - known[after - 1, 0] <= LONGEST_STEP]
@@ -125,15 +158,20 @@ class LiveWind:
                 raise NotLearnable("Yaw or velocity never changes by a digit: it is not measured.")
             checked(stamps, angles, speeds)
         except NotLearnable as error:
-            self.reason, self.row, self._filters = str(error), None, []
+            self.reason = str(error)
+            self.row = None
+            self._filters = []
             return
         self.reason = ""
         start = motion(stamps, angles, speeds, max(STEP, float(np.median(np.diff(stamps)))))
         if not self._filters and start.known.any():
-            self._step, drag = start.step, self.drag or self.set_drag
+            self._step = start.step
+            drag = self.drag or self.set_drag
             places = drawn(drag.mean, drag.covariance, DRAWS)
             places = np.hstack([np.tile(places, (len(SIZES), 1)), np.repeat(SIZES, DRAWS, axis=0)])
-            self._filters = [Filter(in_air(places, start), start) for _ in range(round(self._step / ROW))]
+            self._filters = [
+                Filter(in_air(places, start), start) for _ in range(round(self._step / ROW))
+            ]
             self._tick = ceil(time / ROW)
 
     def _take(self, run: Filter, end: float) -> None:
@@ -144,10 +182,14 @@ class LiveWind:
         if moved is not None and moved.known[:1].any():
             run.update(moved.axes[0], moved.velocity[0], moved.force[0], float(moved.doubt[0]))
             run.total *= 1 - self._step / MEMORY
-        logs = run.total.reshape(len(SIZES), -1).mean(axis=1) - (((SIZES - GUSTS) / GUSTS_SD) ** 2).sum(axis=1) / 2
+        logs = (
+            run.total.reshape(len(SIZES), -1).mean(axis=1)
+            - (((SIZES - GUSTS) / GUSTS_SD) ** 2).sum(axis=1) / 2
+        )
         weights = np.repeat(np.exp(logs - logs.max()), DRAWS)
         weights /= weights.sum()
-        winds, variances = run.states @ TOTAL.T, np.einsum("ai,gij,aj->ga", TOTAL, run.spreads, TOTAL)
+        winds = run.states @ TOTAL.T
+        variances = np.einsum("ai,gij,aj->ga", TOTAL, run.spreads, TOTAL)
         mean = weights @ winds
         band = quantile() * np.sqrt(weights @ (variances + (winds - mean) ** 2))
         self.row = WindRow(end - self._step, mean, band)

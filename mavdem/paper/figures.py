@@ -21,7 +21,12 @@ Panels = Mapping[str, Mapping[str, Array]]
 
 
 def lines(
-    panels: Panels, x_label: str, *, first: int = 0, scale: str = "linear", bounds: Sequence[float] = ()
+    panels: Panels,
+    x_label: str,
+    *,
+    first: int = 0,
+    scale: str = "linear",
+    bounds: Sequence[float] = (),
 ) -> Figure:
     """Draws panels, by title, of lines, by name; values (N,) are at whole numbers from ``first`` on."""
     with picture() as figure:
@@ -43,21 +48,33 @@ def forecasts(window: Window, panels: Panels, one_step: Array | None = None) -> 
 
     ``one_step``: (T, m) predictions of the training data, all of which is then shown.
     """
-    train, test = window.train, window.test
-    count, before = train.outputs.shape[1], slice(None) if one_step is not None else slice(-SHOWN_BEFORE, None)
+    train = window.train
+    test = window.test
+    count = train.outputs.shape[1]
+    before = slice(None) if one_step is not None else slice(-SHOWN_BEFORE, None)
     time = np.concatenate([train.time[before], test.time]) - train.time[0]
     with picture(ROW_HEIGHT * count) as figure:
         rows = figure.subplots(count, len(panels), sharex=True, sharey="row", squeeze=False)
         for output, row in enumerate(rows):
             measured = np.concatenate([train.outputs[before, output], test.outputs[:, output]])
             for axes, (title, by_name) in zip(row, panels.items(), strict=True):
-                axes.axvspan(*(test.time[[0, -1]] - train.time[0]), color=MEASURED, alpha=HELD_OUT_OPACITY, linewidth=0)
+                axes.axvspan(
+                    *(test.time[[0, -1]] - train.time[0]),
+                    color=MEASURED,
+                    alpha=HELD_OUT_OPACITY,
+                    linewidth=0,
+                )
                 axes.plot(time, measured, color=MEASURED, label="measured")
                 if one_step is not None:
                     ahead = time[1 : len(train)], one_step[1:, output]
                     axes.plot(*ahead, color=PREDICTED, label="one step", linewidth=0.7)
                 for number, (name, forecast) in enumerate(by_name.items(), 1):
-                    axes.plot(test.time - train.time[0], forecast[:, output], color=distinct(number), label=name)
+                    axes.plot(
+                        test.time - train.time[0],
+                        forecast[:, output],
+                        color=distinct(number),
+                        label=name,
+                    )
                 # A forecast that diverges would flatten all others.
                 not_blown_up(axes, measured)
                 axes.set_title(title if output == 0 else "")

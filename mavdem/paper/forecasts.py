@@ -42,24 +42,32 @@ from mavdem.report.page import Picture
 
 MIN_EXPLAINED = 0.99  # least share of each output's variance that one-step predictions must explain
 MAX_ITERATIONS = 10  # iterations within which the parameters must converge
-CONVERGED_SHARE = 0.05  # distance from its end, of the largest of any, within which a parameter has converged
-MAX_PRIOR_RATIO = 2.0  # allowed ratio of the 90 % to the 10 % quantile of the forecasts' errors over priors
+# distance from its end, of the largest of any, within which a parameter has converged
+CONVERGED_SHARE = 0.05
+# allowed ratio of the 90 % to the 10 % quantile of the forecasts' errors over priors
+MAX_PRIOR_RATIO = 2.0
 
 
 def prediction(runner: Runner) -> Result:
     """Learns from the sample experiment and forecasts its test data."""
     window = runner.sample
     learned = learn(window.train, PAPER)
-    papers, defaults = _numbers(window, learned), _numbers(window, learn(window.train, Settings()))
+    papers = _numbers(window, learned)
+    defaults = _numbers(window, learn(window.train, Settings()))
     draws = runner.draws[WITH][runner.extent.sample]
-    ahead = {f"from {start}": learned.forecast(window.test.inputs, from_zero=start == ZERO) for start in STARTS}
+    ahead = {
+        f"from {start}": learned.forecast(window.test.inputs, from_zero=start == ZERO)
+        for start in STARTS
+    }
     scaled = learned.learning.theta / np.abs(learned.learning.theta).max(axis=0)
     theta = {f"θ{number}": column for number, column in enumerate(scaled.T, 1)}
     gained = learned.free_energy.total - learned.free_energy.total[0]
     return Result(
         checks=prediction_checks(window, learned, errors_of(draws, DATA)),
         numbers={WITH: papers, OURS: defaults},
-        tables=_prediction_table(window.flight, {"the paper’s settings": papers, "default settings": defaults}),
+        tables=_prediction_table(
+            window.flight, {"the paper’s settings": papers, "default settings": defaults}
+        ),
         pictures=(
             Picture(
                 "Outputs, measured and predicted",
@@ -72,15 +80,22 @@ def prediction(runner: Runner) -> Result:
                 "Learning",
                 "All parameters, A, B and C, over their largest values, and the free energy action gained, "
                 "F̄(i) − F̄(0), by iteration.",
-                partial(figures.lines, {"parameters": theta, "F̄(i) − F̄(0), nats": {"": gained}}, "iteration"),
+                partial(
+                    figures.lines,
+                    {"parameters": theta, "F̄(i) − F̄(0), nats": {"": gained}},
+                    "iteration",
+                ),
             ),
         ),
     )
 
 
-def prediction_checks(window: Window, learned: Learned, errors: list[float] | Array) -> tuple[Check, ...]:
+def prediction_checks(
+    window: Window, learned: Learned, errors: list[float] | Array
+) -> tuple[Check, ...]:
     """Returns the claims of the figure; ``errors`` are the MSPE of the forecasts from several random priors."""
-    train, test = window.train, window.test
+    train = window.train
+    test = window.test
     one_step = mspe(train.outputs[1:], learned.one_step()[1:]).per_output
     explained = 1 - one_step / train.outputs.var(axis=0)
     better = one_step / mspe(train.outputs[1:], train.outputs[:-1]).per_output
@@ -135,7 +150,8 @@ def converged_at(theta: Array) -> int:
 
 
 def _numbers(window: Window, learned: Learned) -> dict[str, Any]:
-    train, test = window.train, window.test
+    train = window.train
+    test = window.test
     ahead, from_zero = (learned.forecast(test.inputs, from_zero=start) for start in (False, True))
     return {
         "one_step_mspe": mspe(train.outputs[1:], learned.one_step()[1:]).per_output.tolist(),
@@ -154,17 +170,36 @@ def _numbers(window: Window, learned: Learned) -> dict[str, Any]:
 
 
 def _prediction_table(flight: str, models: dict[str, dict[str, Any]]) -> tuple[Block, ...]:
-    shown = ("mspe", "mspe_from_zero", "over_constant_mean", "over_constant_mean_from_zero", "rests_at")
-    rows = [[name, *(rounded(numbers[error], 3) for error in shown)] for name, numbers in models.items()]
-    header = ["DEM", "MSPE", "MSPE from 0", "over constant mean", "over it, from 0", "converged at iteration"]
-    return Sentence(f"on {flight}, from the data and from state 0.", "150 steps ahead"), Table(header, rows)
+    shown = (
+        "mspe",
+        "mspe_from_zero",
+        "over_constant_mean",
+        "over_constant_mean_from_zero",
+        "rests_at",
+    )
+    rows = [
+        [name, *(rounded(numbers[error], 3) for error in shown)] for name, numbers in models.items()
+    ]
+    header = [
+        "DEM",
+        "MSPE",
+        "MSPE from 0",
+        "over constant mean",
+        "over it, from 0",
+        "converged at iteration",
+    ]
+    return Sentence(f"on {flight}, from the data and from state 0.", "150 steps ahead"), Table(
+        header, rows
+    )
 
 
 MSPE_WITH_COORDINATES = (0.0521, 0.0133, 0.0583, 0.0458, 0.1172)
 MSPE_WITHOUT_COORDINATES = (0.1197, 0.0640, 0.1647, 0.0518, 0.0951)
 """Table II (SSE_GC), p = 2 and p = 1: MSPE of experiments 1 to 5, summed over outputs; 0.2867 and 0.4953 in total."""
-SETTINGS = {"paper’s": (WITH, WITHOUT), "default": (PLANT, PLANT_WITHOUT)}  # with generalized coordinates, and without
-MIN_SHARE = 0.8  # share of the experiments on which p = 2 must have the lower error, as on four of the paper's five
+# with generalized coordinates, and without
+SETTINGS = {"paper’s": (WITH, WITHOUT), "default": (PLANT, PLANT_WITHOUT)}
+# share of the experiments on which p = 2 must have the lower error, as on four of the paper's five
+MIN_SHARE = 0.8
 
 Pair = tuple[Array, Array]
 """MSPE with and without generalized coordinates, summed over outputs, (experiments, priors) each."""
@@ -173,20 +208,32 @@ Pair = tuple[Array, Array]
 def coordinates(runner: Runner) -> Result:
     """Tries DEM with p = 2 and p = 1 on the five experiments, from many random priors, and on recorded flights."""
     drawn = [runner.draws[name].values() for name in (WITH, WITHOUT)]
-    default = [[[runner.trial(name, number)] for number in runner.experiments] for name in (PLANT, PLANT_WITHOUT)]
+    default = [
+        [[runner.trial(name, number)] for number in runner.experiments]
+        for name in (PLANT, PLANT_WITHOUT)
+    ]
     errors = {f"paper’s settings, from {start}": _pair(drawn, start) for start in STARTS}
     ours = {f"default settings, from {start}": _pair(default, start) for start in STARTS}
     middle = {
-        f"p = {p}": median_draw(runner.draws[name][runner.extent.sample], DATA) for p, name in ((2, WITH), (1, WITHOUT))
+        f"p = {p}": median_draw(runner.draws[name][runner.extent.sample], DATA)
+        for p, name in ((2, WITH), (1, WITHOUT))
     }
     ahead = {
-        f"from {start}": {p: trial.forecasts[STARTS[start]] for p, trial in middle.items() if trial.forecasts}
+        f"from {start}": {
+            p: trial.forecasts[STARTS[start]] for p, trial in middle.items() if trial.forecasts
+        }
         for start in STARTS
     }
     recorded = _recorded(runner)
     return Result(
-        checks=(*(coordinates_check(pair, what) for what, pair in errors.items()), *_real_flight(recorded, "paper’s")),
-        beyond=(*(coordinates_check(pair, what) for what, pair in ours.items()), *_real_flight(recorded, "default")),
+        checks=(
+            *(coordinates_check(pair, what) for what, pair in errors.items()),
+            *_real_flight(recorded, "paper’s"),
+        ),
+        beyond=(
+            *(coordinates_check(pair, what) for what, pair in ours.items()),
+            *_real_flight(recorded, "default"),
+        ),
         numbers={
             "paper": {"with": MSPE_WITH_COORDINATES, "without": MSPE_WITHOUT_COORDINATES},
             **{
@@ -253,7 +300,9 @@ def _recorded(runner: Runner) -> list[dict[str, Any]]:
 
 def _coordinates_table(runner: Runner, errors: dict[str, Pair]) -> tuple[Block, ...]:
     numbers = list(runner.experiments)
-    theirs = np.array([MSPE_WITH_COORDINATES, MSPE_WITHOUT_COORDINATES])[:, [number - 1 for number in numbers], None]
+    theirs = np.array([MSPE_WITH_COORDINATES, MSPE_WITHOUT_COORDINATES])[
+        :, [number - 1 for number in numbers], None
+    ]
     pairs = {"the paper, its flights": (theirs[0], theirs[1]), **errors}
     rows = {f"{name}, p = {p}": pair[2 - p] for name, pair in pairs.items() for p in (1, 2)}
     title = Sentence(
@@ -268,16 +317,24 @@ def _by_experiment(what: str, errors: Mapping[str, Array], numbers: list[int]) -
     rows = []
     for name, by_prior in errors.items():
         medians = np.median(by_prior, axis=1)
-        cells = [f"{rounded(middle, 3)}{_range(row)}" for middle, row in zip(medians, by_prior, strict=True)]
+        cells = [
+            f"{rounded(middle, 3)}{_range(row)}"
+            for middle, row in zip(medians, by_prior, strict=True)
+        ]
         rows.append([name, *cells, rounded(medians.sum(), 3)])
     return Table([what, *(f"expt {number}" for number in numbers), "total"], rows)
 
 
 def _range(priors: Array) -> str:
-    return f" ({'–'.join(rounded(end, 3) for end in np.percentile(priors, [10, 90]))})" if len(priors) > 1 else ""
+    return (
+        f" ({'–'.join(rounded(end, 3) for end in np.percentile(priors, [10, 90]))})"
+        if len(priors) > 1
+        else ""
+    )
 
 
-SHOWN = (WITH, *PEERS, OURS, *OTHERS, MEAN)  # Methods in the order of tables and legends: the paper's four, then others
+# Methods in the order of tables and legends: the paper's four, then others
+SHOWN = (WITH, *PEERS, OURS, *OTHERS, MEAN)
 
 NAMES = {WITH: "DEM with the paper’s settings", OURS: "the joint model"}
 
@@ -288,15 +345,24 @@ def benchmark(runner: Runner) -> Result:
     """Tries each method on the five experiments, and on all windows of all flights."""
     numbers = list(runner.experiments)
     experiments = {
-        start: {name: errors_of((_trial(runner, name, i, start) for i in numbers), start) for name in SHOWN}
+        start: {
+            name: errors_of((_trial(runner, name, i, start) for i in numbers), start)
+            for name in SHOWN
+        }
         for start in STARTS
     }
     sample = {name: _trial(runner, name, runner.extent.sample, DATA).forecasts for name in SHOWN}
     ahead = {name: forecasts[KNOWN] for name, forecasts in sample.items() if forecasts}
     outputs = runner.sample.test.outputs
-    squares = {name: np.asarray(((forecast - outputs) ** 2).sum(axis=1)) for name, forecast in ahead.items()}
+    squares = {
+        name: np.asarray(((forecast - outputs) ** 2).sum(axis=1))
+        for name, forecast in ahead.items()
+    }
     relative = {
-        flight: {name: float(np.median([ratio(trial.of(KNOWN))[-1] for trial in by_method[name]])) for name in SHOWN}
+        flight: {
+            name: float(np.median([ratio(trial.of(KNOWN))[-1] for trial in by_method[name]]))
+            for name in SHOWN
+        }
         for flight, by_method in runner.trials.items()
     }
     parts = {
@@ -312,33 +378,58 @@ def benchmark(runner: Runner) -> Result:
         checks=(
             *(least(experiments[start], WITH, PEERS, f"from {start}") for start in STARTS),
             _most_steps(squares, runner.sample.flight),
-            *(least(recorded[name], WITH, PEERS, f"on the {name}") for name in recorded if name == "real AR.Drone"),
+            *(
+                least(recorded[name], WITH, PEERS, f"on the {name}")
+                for name in recorded
+                if name == "real AR.Drone"
+            ),
         ),
         beyond=(
             *(least(experiments[start], OURS, PEERS, f"from {start}") for start in STARTS),
             least(experiments[DATA], OURS, (*PEERS, *OTHERS), f"from {DATA}"),
-            *(least(errors, OURS, (*PEERS, *OTHERS), f"on the {where}") for where, errors in recorded.items()),
+            *(
+                least(errors, OURS, (*PEERS, *OTHERS), f"on the {where}")
+                for where, errors in recorded.items()
+            ),
         ),
         numbers={
             **{f"mspe, from {start}": plain(errors) for start, errors in experiments.items()},
             "squared_errors_by_step": plain(squares),
             "all_windows": {
                 "flights": list(relative),
-                "median_error_over_constant_mean": {name: [row[name] for row in relative.values()] for name in SHOWN},
+                "median_error_over_constant_mean": {
+                    name: [row[name] for row in relative.values()] for name in SHOWN
+                },
             },
             "unstable_models": {
-                flight: {name: sum(trial.stable is False for trial in tried) for name, tried in trials.items()}
+                flight: {
+                    name: sum(trial.stable is False for trial in tried)
+                    for name, tried in trials.items()
+                }
                 | {"windows": len(trials[MEAN])}
                 for flight, trials in runner.trials.items()
             },
         },
         tables=(
-            *_losses({f"experiments, from {start}": errors for start, errors in experiments.items()} | recorded),
-            *(block for start, errors in experiments.items() for block in _benchmark_table(start, errors, numbers)),
-            Sentence("the median over a flight’s windows of the error over the constant mean’s.", "All windows:"),
+            *_losses(
+                {f"experiments, from {start}": errors for start, errors in experiments.items()}
+                | recorded
+            ),
+            *(
+                block
+                for start, errors in experiments.items()
+                for block in _benchmark_table(start, errors, numbers)
+            ),
+            Sentence(
+                "the median over a flight’s windows of the error over the constant mean’s.",
+                "All windows:",
+            ),
             Table(
                 ["flight", *(NAMES.get(name, name) for name in SHOWN)],
-                [[flight, *(rounded(ratios[name], 3) for name in SHOWN)] for flight, ratios in relative.items()],
+                [
+                    [flight, *(rounded(ratios[name], 3) for name in SHOWN)]
+                    for flight, ratios in relative.items()
+                ],
             ),
         ),
         pictures=(
@@ -354,18 +445,25 @@ def benchmark(runner: Runner) -> Result:
                 partial(figures.lines, {"": squares}, "steps ahead, n", first=1, scale="log"),
             ),
         ),
-        remarks=() if runner.recorded else ("The recorded flights are not on this machine and are left out.",),
+        remarks=()
+        if runner.recorded
+        else ("The recorded flights are not on this machine and are left out.",),
     )
 
 
 def _trial(runner: Runner, name: str, number: int, start: str) -> Outcome:
-    return median_draw(runner.draws[WITH][number], start) if name == WITH else runner.trial(name, number)
+    return (
+        median_draw(runner.draws[WITH][number], start)
+        if name == WITH
+        else runner.trial(name, number)
+    )
 
 
 def least(errors: Errors, ours: str, peers: tuple[str, ...], where: str) -> Check:
     """Returns whether a method has a lower error than each of its peers on all flights, ``where`` for the sentences."""
     best = np.min([errors[name] for name in peers], axis=0)
-    less, count = int((errors[ours] < best).sum()), len(best)
+    less = int((errors[ours] < best).sum())
+    count = len(best)
     against = "the paper’s peers" if peers == PEERS else f"all of {listed(peers)}"
     return Check(
         f"{NAMES[ours]}, {where}: its error is lower than that of {listed(peers)} on every flight",
@@ -380,7 +478,9 @@ def _ratio(ours: Array, theirs: Array) -> str:
 
 
 def _most_steps(squares: dict[str, Array], flight: str) -> Check:
-    errors = np.array([squares.get(name, np.full_like(squares[MEAN], np.inf)) for name in (WITH, *PEERS)])
+    errors = np.array(
+        [squares.get(name, np.full_like(squares[MEAN], np.inf)) for name in (WITH, *PEERS)]
+    )
     share = float((errors.argmin(axis=0) == 0).mean())
     return Check(
         f"{NAMES[WITH]}, {flight}: of the paper’s four methods it has the least squared error at over half of "

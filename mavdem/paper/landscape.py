@@ -19,7 +19,13 @@ from numpy.typing import NDArray
 
 from mavdem.dem.engine.ascent import plain_rounds
 from mavdem.dem.engine.free_energy import Belief, optimal_terms
-from mavdem.dem.engine.generative import GenerativeModel, Prior, SufficientStatistics, embed, temporal_precision
+from mavdem.dem.engine.generative import (
+    GenerativeModel,
+    Prior,
+    SufficientStatistics,
+    embed,
+    temporal_precision,
+)
 from mavdem.dem.engine.linalg import Array, inverse
 from mavdem.dem.engine.steps import with_optimal_precisions
 from mavdem.paper.runner import Check, Result, Runner
@@ -29,8 +35,11 @@ from mavdem.report.numbers import rounded
 from mavdem.report.page import Picture
 from mavdem.report.palette import INK_ON_LIGHT, TRUTH, distinct
 
-A, B = -2.0, 2.0  # the true ones, 1/s
-INPUT_FREQUENCIES = np.array([0.7, 1.9, 3.1])  # rad/s; about the corner at 2 rad/s, to distinguish A and B
+# the true ones, 1/s
+A = -2.0
+B = 2.0
+# rad/s; about the corner at 2 rad/s, to distinguish A and B
+INPUT_FREQUENCIES = np.array([0.7, 1.9, 3.1])
 INPUT_HARMONICS = np.array([1.0, -1.0j, 0.6])
 
 CERTAIN = e**32  # precision of a parameter that is known: C, in the authors' own examples too
@@ -60,12 +69,15 @@ class ScalarWorld:
         z = _harmonics(rng, omega, self.smoothness, np.exp(-self.lambda_z / 2))
         tones = np.exp(1j * np.outer(self.step * np.arange(number), INPUT_FREQUENCIES))
         v = self.amplitude * INPUT_HARMONICS
-        forced, disturbed = B * v / (1j * INPUT_FREQUENCIES - A), w / (1j * omega - A)
+        forced = B * v / (1j * INPUT_FREQUENCIES - A)
+        disturbed = w / (1j * omega - A)
         noise = np.fft.irfft(disturbed + z, total, norm="forward")[: number * finer : finer]
         return ((tones @ forced).real + noise)[:, None], (tones @ v).real[:, None]
 
 
-def _harmonics(rng: np.random.Generator, omega: Array, smoothness: float, deviation: float) -> NDArray[np.complex128]:
+def _harmonics(
+    rng: np.random.Generator, omega: Array, smoothness: float, deviation: float
+) -> NDArray[np.complex128]:
     """Random harmonics, up to the Nyquist frequency, of a noise whose power is that of a Gaussian kernel."""
     power = np.exp(-((omega * smoothness) ** 2))
     power[0] = 0.0
@@ -82,19 +94,23 @@ class ScalarSettings:
 
     p: int = 2  # embedding order of outputs and states
     d: int = 1  # of the input
-    q: int = 1  # of the process noise; q = p counts D's last row, which is zero, as evidence, q = p − 1 leaves it out
+    # of the process noise; q = p counts D's last row, which is zero, as evidence, q = p − 1 leaves it out
+    q: int = 1
     smoothness: float = 0.5  # kernel width, s
     lambda_mean: tuple[float, float] = (6.0, 1.0)  # prior of [λᶻ, λʷ]
     lambda_precision: tuple[float, float] = (e**25, 1.0)
     theta_mean: tuple[float, float, float] = (-8.0, 8.0, 1.0)  # prior of A, B and C
     theta_precision: tuple[float, float, float] = (e**-4, e**-4, CERTAIN)  # for each
     input_precision: float = e**16  # of the input and of its derivatives
-    spacing: float = 1.8  # s between the samples that are used; noise is uncorrelated after 3.5 kernel widths
+    # s between the samples that are used; noise is uncorrelated after 3.5 kernel widths
+    spacing: float = 1.8
 
     def samples(self, world: ScalarWorld, seed: int) -> SufficientStatistics:
         """The data that the engine gets."""
         # Inputs are embedded in the order of the outputs, so that the errors of both are of one filter and cancel.
-        outputs, inputs = (embed(each, self.p, world.step, self.p + 1, self.p // 2) for each in world.signals(seed))
+        outputs, inputs = (
+            embed(each, self.p, world.step, self.p + 1, self.p // 2) for each in world.signals(seed)
+        )
         every = round(self.spacing / world.step)
         return SufficientStatistics.of(np.hstack([outputs[::every], inputs[::every, : self.d + 1]]))
 
@@ -142,7 +158,9 @@ def truth_within(theta: Array, covariance: Array) -> bool:
     return bool(error @ inverse(covariance[:2, :2]) @ error < -2 * np.log(0.05))
 
 
-def value_at(model: GenerativeModel, samples: SufficientStatistics, belief: Belief, a: float, b: float) -> float:
+def value_at(
+    model: GenerativeModel, samples: SufficientStatistics, belief: Belief, a: float, b: float
+) -> float:
     """Returns F̄ᵒ (nats) at A = a, B = b, with the belief's states, λ and C held, and every covariance optimal there."""
     there = belief._replace(theta=np.array([a, b, belief.theta[2]]))
     return sum(optimal_terms(model, samples, with_optimal_precisions(model, there)).values())
@@ -160,14 +178,20 @@ def curvature(belief: Belief) -> float:
 
 SAME_POINT = 0.1  # posterior standard deviations: ascents whose ends scatter less end at one point
 DRAWN = (0, 1, 2, 3, 10)  # iterations
-AXIS_A, AXIS_B = np.linspace(-10, 4, 71), np.linspace(-4, 10, 71)
+AXIS_A = np.linspace(-10, 4, 71)
+AXIS_B = np.linspace(-4, 10, 71)
 LEVELS = [1e3, 1e4, 1e5, 1e6]  # contours, nats below the peak
 
-PRIORS, RADIUS, ROUNDS = 50, 5.0, 40  # of the circle; iterations from each
+# of the circle; iterations from each
+PRIORS = 50
+RADIUS = 5.0
+ROUNDS = 40
 CENTRE = np.array([-3.0, 3.0])  # not the truth, or the mean of the priors would be the solution
 
 SECTION_ITERATIONS = 12
-LAMBDA_KNOWN = replace(ScalarSettings(), lambda_mean=(6.0, 3.0), lambda_precision=PAPER.lambda_precision)
+LAMBDA_KNOWN = replace(
+    ScalarSettings(), lambda_mean=(6.0, 3.0), lambda_precision=PAPER.lambda_precision
+)
 SECTIONS = {
     "λʷ learned": (ScalarSettings(), ScalarWorld()),
     "λ known": (LAMBDA_KNOWN, ScalarWorld()),
@@ -179,13 +203,19 @@ SECTIONS = {
 def run(runner: Runner) -> Result:
     """Maximises F̄ᵒ of the scalar system and draws it; the runner is not needed."""
     settings = ScalarSettings()
-    samples, model = settings.samples(ScalarWorld(), seed=0), settings.model()
+    samples = settings.samples(ScalarWorld(), seed=0)
+    model = settings.model()
     beliefs = [plain_rounds(model, samples, max(DRAWN))[iteration] for iteration in DRAWN]
     peaks = [peak(model, samples, belief) for belief in beliefs]
     sharpness = [curvature(belief) for belief in beliefs]
-    paths = {"our": ascents(settings, samples), "the paper’s": ascents(PAPER, PAPER.samples(PAPER_WORLD, seed=0))}
+    paths = {
+        "our": ascents(settings, samples),
+        "the paper’s": ascents(PAPER, PAPER.samples(PAPER_WORLD, seed=0)),
+    }
     reached = {name: ends(path) for name, path in paths.items()}
-    scatter = {name: float((points.std(axis=0) / sd).max()) for name, (points, sd) in reached.items()}
+    scatter = {
+        name: float((points.std(axis=0) / sd).max()) for name, (points, sd) in reached.items()
+    }
     return Result(
         checks=(
             Check(
@@ -240,21 +270,35 @@ def ascents(settings: ScalarSettings, samples: SufficientStatistics) -> list[lis
 
 def ends(paths: list[list[Belief]]) -> tuple[Array, Array]:
     """Returns (priors, 2) the A and B at which ascents end, and (2,) the posterior standard deviation of one."""
-    return np.array([beliefs[-1].theta[:2] for beliefs in paths]), np.sqrt(np.diag(paths[0][-1].theta_covariance)[:2])
+    return np.array([beliefs[-1].theta[:2] for beliefs in paths]), np.sqrt(
+        np.diag(paths[0][-1].theta_covariance)[:2]
+    )
 
 
 def tables(beliefs: list[Belief], peaks: list[float]) -> tuple[Block, ...]:
     """Returns estimates by iteration, and where the ascents of the cross-sections end."""
     by_iteration = [
-        [str(number), *(f"{value:.2f}" for value in belief.theta[:2]), f"{height:,.0f}", f"{curvature(belief):,.0f}"]
+        [
+            str(number),
+            *(f"{value:.2f}" for value in belief.theta[:2]),
+            f"{height:,.0f}",
+            f"{curvature(belief):,.0f}",
+        ]
         for number, belief, height in zip(DRAWN, beliefs, peaks, strict=True)
     ]
     sections = []
     for name, (settings, world) in SECTIONS.items():
-        end = plain_rounds(settings.model(), settings.samples(world, seed=0), SECTION_ITERATIONS)[-1]
+        end = plain_rounds(settings.model(), settings.samples(world, seed=0), SECTION_ITERATIONS)[
+            -1
+        ]
         sd = np.sqrt(np.diag(end.theta_covariance))
-        cells = [f"{value:.3f} ± {deviation:.3f}" for value, deviation in zip(end.theta[:2], sd[:2], strict=True)]
-        sections.append([name, *cells, "yes" if truth_within(end.theta, end.theta_covariance) else "no"])
+        cells = [
+            f"{value:.3f} ± {deviation:.3f}"
+            for value, deviation in zip(end.theta[:2], sd[:2], strict=True)
+        ]
+        sections.append(
+            [name, *cells, "yes" if truth_within(end.theta, end.theta_covariance) else "no"]
+        )
     return (
         Sentence("", "The estimate and F̄ᵒ there, by iteration."),
         Table(["iteration", "A", "B", "F̄ᵒ, nats", "curvature along A"], by_iteration),
@@ -263,19 +307,25 @@ def tables(beliefs: list[Belief], peaks: list[float]) -> tuple[Block, ...]:
     )
 
 
-def _from_above(axes: Axes, model: GenerativeModel, samples: SufficientStatistics, belief: Belief) -> None:
+def _from_above(
+    axes: Axes, model: GenerativeModel, samples: SufficientStatistics, belief: Belief
+) -> None:
     """Shades F̄ᵒ by its distance from the peak, with contours at ``LEVELS``, the truth and the estimate."""
     values = np.array([[value_at(model, samples, belief, a, b) for a in AXIS_A] for b in AXIS_B])
     # Half a nat keeps the peak's own grid point on the logarithmic scale.
     depth = np.maximum(values.max() - values, 0.5)
-    filled = axes.contourf(AXIS_A, AXIS_B, depth, [0.4, *LEVELS, 1e8], cmap="viridis_r", norm=LogNorm(1e2, 1e7))
+    filled = axes.contourf(
+        AXIS_A, AXIS_B, depth, [0.4, *LEVELS, 1e8], cmap="viridis_r", norm=LogNorm(1e2, 1e7)
+    )
     filled.set_rasterized(True)
     axes.plot(A, B, "+", color=TRUTH, markersize=9)
     axes.plot(*belief.theta[:2], "o", color="white", markeredgecolor=INK_ON_LIGHT, markersize=4)
     axes.set(xlabel="A", aspect="equal")
 
 
-def manifold(model: GenerativeModel, samples: SufficientStatistics, beliefs: list[Belief]) -> Figure:
+def manifold(
+    model: GenerativeModel, samples: SufficientStatistics, beliefs: list[Belief]
+) -> Figure:
     """Draws the manifold at each of the ``DRAWN`` iterations."""
     with picture(1.8) as figure:
         panels = figure.subplots(1, len(beliefs), sharey=True)
@@ -286,7 +336,9 @@ def manifold(model: GenerativeModel, samples: SufficientStatistics, beliefs: lis
         return figure
 
 
-def circle(model: GenerativeModel, samples: SufficientStatistics, paths: dict[str, list[list[Belief]]]) -> Figure:
+def circle(
+    model: GenerativeModel, samples: SufficientStatistics, paths: dict[str, list[list[Belief]]]
+) -> Figure:
     """Draws our ascents on the last manifold of one, and the ends of all."""
     ours = paths["our"]
     with picture(2.8) as figure:
@@ -303,7 +355,9 @@ def circle(model: GenerativeModel, samples: SufficientStatistics, paths: dict[st
             width, height = 2 * np.sqrt(-2 * np.log(0.05) * values)
             angle = float(np.degrees(np.arctan2(vectors[1, 0], vectors[0, 0])))
             centre = (float(reached[:, 0].mean()), float(reached[:, 1].mean()))
-            near.add_patch(Ellipse(centre, width, height, angle=angle, fill=False, edgecolor=distinct(number)))
+            near.add_patch(
+                Ellipse(centre, width, height, angle=angle, fill=False, edgecolor=distinct(number))
+            )
             near.plot(*reached.T, ".", color=distinct(number), label=f"{name} settings")
         near.plot(A, B, "+", color=TRUTH, markersize=9, label="truth")
         near.set(xlabel="A")
@@ -317,18 +371,28 @@ def cross_sections() -> Figure:
     with picture(1.8 * len(SECTIONS)) as figure:
         rows = figure.subplots(len(SECTIONS), 2)
         for (name, (settings, world)), row in zip(SECTIONS.items(), rows, strict=True):
-            model, samples = settings.model(), settings.samples(world, seed=0)
+            model = settings.model()
+            samples = settings.samples(world, seed=0)
             rounds = plain_rounds(model, samples, SECTION_ITERATIONS)
-            beliefs = {iteration: rounds[iteration] for iteration in (0, 1, 2, 3, 5, SECTION_ITERATIONS)}
+            beliefs = {
+                iteration: rounds[iteration] for iteration in (0, 1, 2, 3, 5, SECTION_ITERATIONS)
+            }
             heights = [peak(model, samples, belief) / 1e3 for belief in beliefs.values()]
-            low, high = min(heights), max(heights)
+            low = min(heights)
+            high = max(heights)
             for parameter, (axes, grid) in enumerate(zip(row, grids, strict=True)):
                 for number, (iteration, belief) in enumerate(beliefs.items()):
                     a, b = belief.theta[:2]
                     along = [(value, b) if parameter == 0 else (a, value) for value in grid]
                     curve = [value_at(model, samples, belief, *at) / 1e3 for at in along]
                     axes.plot(grid, curve, color=distinct(number), label=f"{iteration}")
-                    axes.plot(belief.theta[parameter], heights[number], "o", markersize=3, color=distinct(number))
+                    axes.plot(
+                        belief.theta[parameter],
+                        heights[number],
+                        "o",
+                        markersize=3,
+                        color=distinct(number),
+                    )
                 axes.axvline((A, B)[parameter], color=TRUTH, linestyle="--", linewidth=1)
                 axes.set_ylim(2 * low - high, high + 0.15 * (high - low))
                 axes.set_title(f"{name}, along {'AB'[parameter]}")

@@ -36,8 +36,11 @@ from sitl_scenarios.truth import axis
 
 LEVEL = 0.01  # of each test; with five tests, one report in twenty rejects a true hypothesis
 ROLL_RATE = 1  # the output's number
-SHARED = 3  # samples that a second-order derivative is estimated from; values farther apart share none
-LEARNED, KNOWN = "learnt", "System 2"  # keys of ``numbers.json``
+# samples that a second-order derivative is estimated from; values farther apart share none
+SHARED = 3
+# keys of ``numbers.json``
+LEARNED = "learnt"
+KNOWN = "System 2"
 
 
 def run(runner: Runner) -> Result:
@@ -46,7 +49,8 @@ def run(runner: Runner) -> Result:
     # Every other window: those next to each other share a half.
     apart = runner.recorded.get(REAL, ())[::2]
     noises = runner.each(noise_of_model, (*named.values(), *apart))
-    learned, real = dict(zip(named, noises, strict=False)), noises[len(named) :]
+    learned = dict(zip(named, noises, strict=False))
+    real = noises[len(named) :]
     known = {name: noise_of_known_model(window) for name, window in named.items()}
     by_p = sorted(real, key=lambda noise: noise.normality.p_value)
     shown = learned | ({"real AR.Drone": by_p[len(by_p) // 2]} if by_p else {})
@@ -68,7 +72,10 @@ def run(runner: Runner) -> Result:
                 "Histograms of the process noise w^φ̇",
                 "Under DEM’s models (the paper’s settings), in units of its standard deviation; line: a Gaussian. Of "
                 "the real AR.Drone, the window with the median p.",
-                partial(figures.histograms, {name: (noise.histogram, noise.edges) for name, noise in shown.items()}),
+                partial(
+                    figures.histograms,
+                    {name: (noise.histogram, noise.edges) for name, noise in shown.items()},
+                ),
             ),
             Picture(
                 "Autocorrelation of w^φ̇",
@@ -76,7 +83,12 @@ def run(runner: Runner) -> Result:
                 "even if the noise is white.",
                 partial(
                     figures.lines,
-                    {"": {name: np.array(noise.autocorrelation[:60]) for name, noise in shown.items()}},
+                    {
+                        "": {
+                            name: np.array(noise.autocorrelation[:60])
+                            for name, noise in shown.items()
+                        }
+                    },
                     "lag, samples",
                     bounds=(-bound, bound),
                 ),
@@ -95,7 +107,9 @@ def noise_of_model(window: Window) -> Noise:
     runs = np.split(np.arange(len(samples)), np.flatnonzero(np.diff(samples) > 1) + 1)
     overlap = learned.settings.window
     assert overlap is not None
-    return analyse_noise(noise[max(runs, key=len)] @ learned.model.C[ROLL_RATE], learned.dt, overlap)
+    return analyse_noise(
+        noise[max(runs, key=len)] @ learned.model.C[ROLL_RATE], learned.dt, overlap
+    )
 
 
 def noise_of_known_model(window: Window) -> Noise:
@@ -112,7 +126,8 @@ def checks(noises: list[Noise], whose: str, pieces: str) -> tuple[Check, ...]:
     """Returns whether each is Gaussian, and whether coloured; ``whose`` and ``pieces`` are for the sentences."""
     gaussian = sum(noise.normality.p_value >= LEVEL for noise in noises)
     coloured = sum(
-        noise.autocorrelation[noise.overlap] > noise.bound and noise.whiteness.p_value < LEVEL for noise in noises
+        noise.autocorrelation[noise.overlap] > noise.bound and noise.whiteness.p_value < LEVEL
+        for noise in noises
     )
     return (
         Check(
@@ -131,18 +146,37 @@ def checks(noises: list[Noise], whose: str, pieces: str) -> tuple[Check, ...]:
 
 def _table(learned: dict[str, Noise], known: dict[str, Noise]) -> tuple[Block, ...]:
     rows = []
-    for name, noise in (learned | {f"{name}, {KNOWN}": noise for name, noise in known.items()}).items():
+    for name, noise in (
+        learned | {f"{name}, {KNOWN}": noise for name, noise in known.items()}
+    ).items():
         tests = (noise.normality, noise.normality_if_white, noise.whiteness)
-        values = (noise.sd, noise.skewness, noise.excess_kurtosis, *(test.p_value for test in tests))
-        rows.append([name, *(rounded(value, 3) for value in values), f"{noise.smoothness * 1000:.0f}"])
-    header = ["flight, model", "sd, rad/s²", "skewness", "excess kurtosis", "p Gaussian", "p Gaussian if white"]
+        values = (
+            noise.sd,
+            noise.skewness,
+            noise.excess_kurtosis,
+            *(test.p_value for test in tests),
+        )
+        rows.append(
+            [name, *(rounded(value, 3) for value in values), f"{noise.smoothness * 1000:.0f}"]
+        )
+    header = [
+        "flight, model",
+        "sd, rad/s²",
+        "skewness",
+        "excess kurtosis",
+        "p Gaussian",
+        "p Gaussian if white",
+    ]
     title = Sentence("of 700 samples, by flight and model.", "Process noise w^φ̇")
     return title, Table([*header, "p white", "s, ms"], rows)
 
 
-LAGS, SHARE_OF_LAGS = 10, 5  # the Ljung-Box test uses at most so many lags, and one lag for so many values
+# the Ljung-Box test uses at most so many lags, and one lag for so many values
+LAGS = 10
+SHARE_OF_LAGS = 5
 MAX_LAGS = 100  # lags of the reported autocorrelation; at most a quarter of the values
-WHITE_BOUND = float(norm.ppf(0.975))  # half width of the 95 % bounds of white noise's autocorrelation, times √N
+# half width of the 95 % bounds of white noise's autocorrelation, times √N
+WHITE_BOUND = float(norm.ppf(0.975))
 
 
 class Significance(NamedTuple):
@@ -212,13 +246,18 @@ def normality(series: ArrayLike) -> Significance:
     """Tests whether a stationary series of any colour is Gaussian (Lobato and Velasco's G, χ² of two degrees)."""
     x = np.asarray(series, np.float64)
     x = x - x.mean()
-    n, variance = len(x), x.var()
+    n = len(x)
+    variance = x.var()
     covariance = autocovariance(x)
     # Each lag with the one that a series closed to a ring would have too; the sums then need no truncation.
     opposite = np.append(0.0, covariance[:0:-1])
     both_signs = np.append(1.0, np.full(n - 1, 2.0))
-    third, fourth = ((both_signs * covariance * (covariance + opposite) ** power).sum() for power in (2, 3))
-    statistic = n * (x**3).mean() ** 2 / (6 * third) + n * ((x**4).mean() - 3 * variance**2) ** 2 / (24 * fourth)
+    third, fourth = (
+        (both_signs * covariance * (covariance + opposite) ** power).sum() for power in (2, 3)
+    )
+    statistic = n * (x**3).mean() ** 2 / (6 * third) + n * (
+        (x**4).mean() - 3 * variance**2
+    ) ** 2 / (24 * fourth)
     return Significance(float(statistic), float(chi2.sf(statistic, 2)))
 
 
@@ -241,6 +280,7 @@ def _kernel_width(correlation: Array, bound: float) -> float:
     """The kernel width, in steps, that belongs to the lag of half height; ln ρ is linear in the squared lag."""
     after = int(np.flatnonzero(correlation < 0.5)[0])
     before = after - 1
-    high, low = np.log(correlation[before]), np.log(max(correlation[after], bound))
+    high = np.log(correlation[before])
+    low = np.log(max(correlation[after], bound))
     squared_lag = before**2 + (high - np.log(0.5)) / (high - low) * (after**2 - before**2)
     return float(np.sqrt(squared_lag / np.log(2)) / 2)

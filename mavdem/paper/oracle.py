@@ -11,12 +11,25 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.evaluate.comparison import Method
 from mavdem.evaluate.scores import Window
 from mavdem.flight import Flight
-from mavdem.paper.runner import PAPER, PAPER_P1, SHARED, STARTS, TRAIN, Check, Result, Runner, errors_of, percent, plain
+from mavdem.paper.runner import (
+    PAPER,
+    PAPER_P1,
+    SHARED,
+    STARTS,
+    TRAIN,
+    Check,
+    Result,
+    Runner,
+    errors_of,
+    percent,
+    plain,
+)
 from mavdem.report.blocks import Sentence, Table
 from mavdem.report.numbers import rounded
 
 FOLDER = SHARED / "oracle"
-CENTRAL_SHARE = 0.9  # central share of our errors over random priors that must contain the authors' error
+# central share of our errors over random priors that must contain the authors' error
+CENTRAL_SHARE = 0.9
 TRUE_MODEL = 0.0033  # MSPE of the true model's forecast, from the data
 METHODS = ("DEM p=2", "DEM p=1", "EM")
 
@@ -24,22 +37,35 @@ METHODS = ("DEM p=2", "DEM p=1", "EM")
 def run(runner: Runner) -> Result:
     """Fits the authors' data with our DEM and EM, from several priors."""
     if not runner.extent.recorded or not FOLDER.is_dir():
-        return Result(remarks=(f"The authors’ results are not in {FOLDER}, so there is nothing to compare with.",))
-    window, theirs = authors_window(), authors_errors()
+        return Result(
+            remarks=(
+                f"The authors’ results are not in {FOLDER}, so there is nothing to compare with.",
+            )
+        )
+    window = authors_window()
+    theirs = authors_errors()
     fits = {"DEM p=2": runner.priors(PAPER), "DEM p=1": runner.priors(PAPER_P1)}
     fits["EM"] = [Method("EM", partial(baselines.em, order=2))]
     trials = runner.try_all({name: [(fit, window) for fit in own] for name, own in fits.items()})
     ours = {start: {name: errors_of(trials[name], start) for name in METHODS} for start in STARTS}
     cases = [(name, start) for name in METHODS for start in STARTS]
-    rows = [[f"{name}, from {start}", *(_range(each[start][name]) for each in (theirs, ours))] for name, start in cases]
+    rows = [
+        [f"{name}, from {start}", *(_range(each[start][name]) for each in (theirs, ours))]
+        for name, start in cases
+    ]
     return Result(
-        checks=tuple(check(name, start, ours[start][name], theirs[start][name]) for name, start in cases),
+        checks=tuple(
+            check(name, start, ours[start][name], theirs[start][name]) for name, start in cases
+        ),
         numbers={
             "theirs": {start: plain(errors) for start, errors in theirs.items()},
             "ours": {start: plain(errors) for start, errors in ours.items()},
             "true_model_from_data": TRUE_MODEL,
         },
-        tables=(Sentence("", "150-step MSPE on the authors’ data."), Table(["method", "their code", "ours"], rows)),
+        tables=(
+            Sentence("", "150-step MSPE on the authors’ data."),
+            Table(["method", "their code", "ours"], rows),
+        ),
         remarks=(
             f"The forecast of the true model, from the data, has an MSPE of {TRUE_MODEL}. The authors’ DEM result is "
             "of one random prior; its forecast from state 0 starts one sample late. Their EM learns a feedthrough term "
@@ -83,9 +109,16 @@ def authors_window() -> Window:
 def authors_errors() -> dict[str, dict[str, Array]]:
     """Returns the MSPE of the authors' code, by start and method."""
     em, with_, without = (_load(f"case_c2_{name}") for name in ("em", "octave_p2", "octave_p1"))
-    keys = {"the data": ("mspe_x0last", "mspe_x0last_aligned"), "state 0": ("mspe_x0zero", "mspe_x0zero")}
+    keys = {
+        "the data": ("mspe_x0last", "mspe_x0last_aligned"),
+        "state 0": ("mspe_x0zero", "mspe_x0zero"),
+    }
     return {
-        start: {"DEM p=2": with_[dem].ravel(), "DEM p=1": without[dem].ravel(), "EM": em[em_key].ravel()}
+        start: {
+            "DEM p=2": with_[dem].ravel(),
+            "DEM p=1": without[dem].ravel(),
+            "EM": em[em_key].ravel(),
+        }
         for start, (dem, em_key) in keys.items()
     }
 

@@ -27,7 +27,8 @@ ORDERS = (1, 2, 3, 4, 5, 6)
 INPUTS = {"unknown": replace(PAPER, known_inputs=False, input_precision=e**2), "known": PAPER}
 """The prior η = 0 with P = e², as in the paper, and the recorded inputs."""
 
-SATURATED = 0.01  # share of the range of F̄ over all orders: smaller gains of higher orders do not count
+# share of the range of F̄ over all orders: smaller gains of higher orders do not count
+SATURATED = 0.01
 
 
 def lateral_flight(experiment: int, duration: float | None = None) -> Flight:
@@ -64,12 +65,16 @@ def run(runner: Runner) -> Result:
     numbers = runner.extent.experiments
     flights = runner.each(partial(lateral_flight, duration=runner.extent.duration), numbers)
     jobs = [
-        (system, inputs, order, flight) for inputs, system, flight, order in product(INPUTS, SYSTEMS, flights, ORDERS)
+        (system, inputs, order, flight)
+        for inputs, system, flight, order in product(INPUTS, SYSTEMS, flights, ORDERS)
     ]
     values, failures = zip(*runner.each(fit_order, jobs), strict=True)
     shape = (len(INPUTS), len(SYSTEMS), len(numbers), len(ORDERS))
     by_inputs = dict(zip(INPUTS, np.reshape(values, shape), strict=True))
-    saturation = {inputs: [saturates_at(rows.mean(axis=0)) for rows in table] for inputs, table in by_inputs.items()}
+    saturation = {
+        inputs: [saturates_at(rows.mean(axis=0)) for rows in table]
+        for inputs, table in by_inputs.items()
+    }
     systems = [f"system {system}" for system in SYSTEMS]
     below = {
         f"inputs {inputs}": dict(zip(systems, map(_below_maximum, table), strict=True))
@@ -79,11 +84,18 @@ def run(runner: Runner) -> Result:
         checks=checks(saturation),
         numbers={
             "orders": list(ORDERS),
-            "free_energy": {name: dict(zip(systems, table.tolist(), strict=True)) for name, table in by_inputs.items()},
-            "saturates_at": {name: dict(zip(systems, orders, strict=True)) for name, orders in saturation.items()},
+            "free_energy": {
+                name: dict(zip(systems, table.tolist(), strict=True))
+                for name, table in by_inputs.items()
+            },
+            "saturates_at": {
+                name: dict(zip(systems, orders, strict=True)) for name, orders in saturation.items()
+            },
             "failures": sorted({failure for failure in failures if failure}),
         },
-        tables=tuple(block for inputs, table in by_inputs.items() for block in _table(inputs, table)),
+        tables=tuple(
+            block for inputs, table in by_inputs.items() for block in _table(inputs, table)
+        ),
         pictures=(
             Picture(
                 "F̄ below its maximum by model order, nats",
@@ -111,7 +123,10 @@ def checks(saturation: dict[str, list[int]]) -> tuple[Check, ...]:
     for system, *orders in zip(SYSTEMS, *saturation.values(), strict=True):
         known = listed(saturation)
         rule = f"system {system}: F̄, averaged over the flights, saturates at order {system}, with {known} inputs"
-        by_inputs = [f"{order} with {inputs} inputs" for order, inputs in zip(orders, saturation, strict=True)]
+        by_inputs = [
+            f"{order} with {inputs} inputs"
+            for order, inputs in zip(orders, saturation, strict=True)
+        ]
         where = str(orders[0]) if len(set(orders)) == 1 else listed(by_inputs)
         right = all(order == system for order in orders)
         found.append(Check(rule, right, f"F̄ of system {system} saturates at order {where}"))
@@ -124,6 +139,18 @@ def _table(inputs: str, table: Array) -> tuple[Block, ...]:
         means = flights.mean(axis=0)
         by_flight = ", ".join(map(str, sorted(map(saturates_at, flights))))
         cells = [rounded(float(mean), 3) for mean in means]
-        rows.append([f"{system}: [{', '.join(SYSTEMS[system])}]", *cells, str(saturates_at(means)), by_flight])
-    title = Sentence("mean of the flights; and where it saturates, of the mean and of each.", f"F̄, inputs {inputs}:")
-    return title, Table(["system", *(f"n = {order}" for order in ORDERS), "saturates", "each flight"], rows)
+        rows.append(
+            [
+                f"{system}: [{', '.join(SYSTEMS[system])}]",
+                *cells,
+                str(saturates_at(means)),
+                by_flight,
+            ]
+        )
+    title = Sentence(
+        "mean of the flights; and where it saturates, of the mean and of each.",
+        f"F̄, inputs {inputs}:",
+    )
+    return title, Table(
+        ["system", *(f"n = {order}" for order in ORDERS), "saturates", "each flight"], rows
+    )

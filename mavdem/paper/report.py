@@ -24,7 +24,9 @@ EXPERIMENTS = (
 )
 ITEMS = dict(zip(CLAIMS, EXPERIMENTS, strict=True))
 
-PAGE, NUMBERS, RECORDING = "index.html", "numbers.json", "experiment.rrd"
+PAGE = "index.html"
+NUMBERS = "numbers.json"
+RECORDING = "experiment.rrd"
 TITLE = "A Brain Inspired Learning Algorithm for the Perception of a Quadrotor in Wind"
 
 
@@ -41,7 +43,13 @@ class ItemReport:
         held = [check.holds for check in self.result.checks]
         if not held:
             return ClaimStatus.UNTRIED
-        return ClaimStatus.REPRODUCED if all(held) else ClaimStatus.PARTLY if any(held) else ClaimStatus.NOT
+        return (
+            ClaimStatus.REPRODUCED
+            if all(held)
+            else ClaimStatus.PARTLY
+            if any(held)
+            else ClaimStatus.NOT
+        )
 
     @property
     def sentence(self) -> str:
@@ -65,21 +73,29 @@ class ItemReport:
             "verdict": self.status.value,
             "sentence": self.sentence,
             "checks": [check._asdict() for check in self.result.checks],
-            "beyond": {"sentence": self.beyond, "checks": [check._asdict() for check in self.result.beyond]},
+            "beyond": {
+                "sentence": self.beyond,
+                "checks": [check._asdict() for check in self.result.beyond],
+            },
             "numbers": self.result.numbers,
             "remarks": [*claim.remarks, *self.result.remarks],
         }
 
     def chapter(self) -> Chapter:
         """Returns its part of the page: the claim, what was found, the rules of the checks, tables and figures."""
-        claim, result = self.claim, self.result
+        claim = self.claim
+        result = self.result
         blocks: list[Block] = [
             Sentence(f"“{claim.quote}” ({', '.join(claim.labels)})", f"{claim.section}:"),
             Sentence(self.sentence),
         ]
         if result.checks:
             checks = [
-                ["beyond" if check in result.beyond else "holds" if check.holds else "fails", check.finding, check.rule]
+                [
+                    "beyond" if check in result.beyond else "holds" if check.holds else "fails",
+                    check.finding,
+                    check.rule,
+                ]
                 for check in (*sorted(result.checks, key=lambda check: check.holds), *result.beyond)
             ]
             blocks += [Table(["check", "finding", "holds if"], checks, words=True), *result.tables]
@@ -103,8 +119,16 @@ def write(folder: Path, reports: Sequence[ItemReport], runner: Runner, seconds: 
     folder.mkdir(parents=True, exist_ok=True)
     window = runner.sample
     learned = learn(window.train, PAPER)
-    write_recording(folder / RECORDING, (window.train,), learned, held_out_test(window.train, window.test, learned))
-    verdicts = [[report.claim.title, report.status.value, report.sentence, report.beyond] for report in reports]
+    write_recording(
+        folder / RECORDING,
+        (window.train,),
+        learned,
+        held_out_test(window.train, window.test, learned),
+    )
+    verdicts = [
+        [report.claim.title, report.status.value, report.sentence, report.beyond]
+        for report in reports
+    ]
     blocks: list[Block] = [
         Sentence(INTRODUCTION),
         Table(["item", "verdict", "findings", "beyond the paper"], verdicts, words=True),
@@ -114,5 +138,10 @@ def write(folder: Path, reports: Sequence[ItemReport], runner: Runner, seconds: 
         ),
     ]
     subtitle = f"The experiments of {TITLE} (Anil Meera and Wisse), run again."
-    html = page("The paper’s experiments, run again", subtitle, blocks, [report.chapter() for report in reports])
+    html = page(
+        "The paper’s experiments, run again",
+        subtitle,
+        blocks,
+        [report.chapter() for report in reports],
+    )
     (folder / PAGE).write_text(html)

@@ -47,16 +47,22 @@ SAMPLE = 2  # the experiment that the paper's figures of one flight show
 SHARED = Path(os.environ.get("MAVDEM_SHARED_DATA", Path(__file__).parents[3] / "shared" / "data"))
 """The folder of the recorded flights, which are no part of the repository."""
 
-TRAIN, TEST = 700, 150  # samples of a window, as in the paper, at every rate
+# samples of a window, as in the paper, at every rate
+TRAIN = 700
+TEST = 150
 HOP = (TRAIN + TEST) // 2  # samples from one window to the next
-REAL = "ardrone_tudelft"  # the name of TU Delft's recorded flight: the paper's vehicle in the paper's laboratory
-SKIPPED_HOVER_SECONDS = 3.0  # left out at the start of the hover, while the motion of the take-off decays
+# the name of TU Delft's recorded flight: the paper's vehicle in the paper's laboratory
+REAL = "ardrone_tudelft"
+# left out at the start of the hover, while the motion of the take-off decays
+SKIPPED_HOVER_SECONDS = 3.0
 
 
 def paper_scenario(number: int, duration: float | None = None) -> Scenario:
     """The scenario in place of experiment 1 to 5 of the paper; ``duration`` in s, instead of the scenario's."""
     scenario = load(f"paper_{number}")
-    return scenario_of(scenario.model_dump(mode="json") | {"duration": duration or scenario.duration})
+    return scenario_of(
+        scenario.model_dump(mode="json") | {"duration": duration or scenario.duration}
+    )
 
 
 def simulated_experiment(number: int, duration: float | None = None) -> Flight:
@@ -70,7 +76,9 @@ def logged(scenario: Scenario, name: str = "flight") -> Flight:
     with TemporaryDirectory() as folder:
         log = Path(folder) / f"{name}.tlog"
         with log.open("wb") as file:
-            STREAMS[".tlog"](file, recorded(scenario, motion, Simulation(scenario).cycle, lambda _: None))
+            STREAMS[".tlog"](
+                file, recorded(scenario, motion, Simulation(scenario).cycle, lambda _: None)
+            )
         return read_flight(log)
 
 
@@ -79,10 +87,19 @@ def hover(scenario: Scenario, motion: Motion) -> Flight:
 
     Inputs are the motors. Outputs are y (m), ẏ (m/s), φ (rad) and φ̇ (rad/s). The rate is the scenario's.
     """
-    airborne, rate = motion.time[motion.landed_state == IN_AIR], scenario.stream.rate
-    time = np.arange(round((airborne[0] + SKIPPED_HOVER_SECONDS) * rate), int(airborne[-1] * rate)) / rate
+    airborne = motion.time[motion.landed_state == IN_AIR]
+    rate = scenario.stream.rate
+    time = (
+        np.arange(round((airborne[0] + SKIPPED_HOVER_SECONDS) * rate), int(airborne[-1] * rate))
+        / rate
+    )
     roll = np.array([euler(attitude)[0] for attitude in motion.known_attitude.tolist()])
-    columns = (motion.known_position[:, 1], motion.known_velocity[:, 1], roll, motion.known_rates[:, 0])
+    columns = (
+        motion.known_position[:, 1],
+        motion.known_velocity[:, 1],
+        roll,
+        motion.known_rates[:, 0],
+    )
     outputs = [np.interp(time, motion.time, column) for column in columns]
     motors = [np.interp(time, motion.time, column) for column in motion.outputs.T]
     return Flight(time, np.column_stack(motors), np.column_stack(outputs), dt=1 / rate)
@@ -141,7 +158,10 @@ class Check(NamedTuple):
 
 def findings(checks: Sequence[Check]) -> str:
     """Returns the findings of the checks that fail, then of those that hold."""
-    parts = [check.finding for check in checks if not check.holds], [check.finding for check in checks if check.holds]
+    parts = (
+        [check.finding for check in checks if not check.holds],
+        [check.finding for check in checks if check.holds],
+    )
     return "; but ".join("; ".join(part) for part in parts if part)
 
 
@@ -159,7 +179,8 @@ def plain(errors: dict[str, Array]) -> dict[str, list[float]]:
 class Result:
     """What running an experiment gave."""
 
-    checks: tuple[Check, ...] = ()  # these decide the status; without any, ``remarks`` has the reason
+    # these decide the status; without any, ``remarks`` has the reason
+    checks: tuple[Check, ...] = ()
     beyond: tuple[Check, ...] = ()  # of settings that are not the paper's; they decide nothing
     numbers: dict[str, Any] = field(default_factory=dict)  # plain JSON values by name
     tables: tuple[Block, ...] = ()  # with the sentences above them
@@ -171,7 +192,10 @@ PAPER = Settings.paper()
 PAPER_P1 = replace(PAPER, p=1, d=1, window=2)
 """The paper's settings without generalized coordinates: the first derivative, which the model needs, and no more."""
 
-WITH, WITHOUT, PLANT, PLANT_WITHOUT = "DEM paper", "DEM paper p=1", "DEM plant", "DEM plant p=1"
+WITH = "DEM paper"
+WITHOUT = "DEM paper p=1"
+PLANT = "DEM plant"
+PLANT_WITHOUT = "DEM plant p=1"
 OURS = JOINT
 PEERS = ("subspace(2)", "PEM(2)", "EM(2)")  # the paper's, with as many states as its model
 OTHERS = ("subspace(4)", "ARX(2)")  # textbook methods that the paper does not compare
@@ -183,7 +207,8 @@ METHODS = [
     if method.name in (OURS, PLANT, PLANT_WITHOUT, WITH, WITHOUT, *PEERS, *OTHERS, MEAN)
 ]
 
-DATA, ZERO = "the data", "state 0"
+DATA = "the data"
+ZERO = "state 0"
 STARTS = {DATA: KNOWN, ZERO: FROM_ZERO}
 """The question of a forecast from the end of training, and from state 0 as in the authors' code."""
 
@@ -210,7 +235,8 @@ class Extent:
     experiments: tuple[int, ...] = EXPERIMENTS  # numbers of the simulated flights
     duration: float | None = None  # of each of them, s, in place of the scenarios'
     recorded: bool = True  # whether to use the recorded flights that are on this machine
-    windows: int = 4  # at most, of each autopilot's flight, evenly spread; of the real AR.Drone all are used
+    # at most, of each autopilot's flight, evenly spread; of the real AR.Drone all are used
+    windows: int = 4
     priors: int = 40  # draws of the random prior η^θ
 
     @property
@@ -228,19 +254,26 @@ class Runner:
     def __init__(self, extent: Extent, executor: Executor | None = None) -> None:
         self.extent = extent
         self.progress: Callable[[float], None] = lambda share: None
-        self._executor, self._begun, self._done = executor, 0, 0
+        self._executor = executor
+        self._begun = 0
+        self._done = 0
 
     def each(self, work: Callable[[Job], JobResult], jobs: Iterable[Job]) -> list[JobResult]:
         """Returns ``work`` of each job, done on the workers; both must pickle."""
-        todo, results = list(jobs), []
+        todo = list(jobs)
+        results = []
         self._begun += len(todo)
-        for result in map(work, todo) if self._executor is None else parallel_map(work, todo, self._executor):
+        for result in (
+            map(work, todo) if self._executor is None else parallel_map(work, todo, self._executor)
+        ):
             results.append(result)
             self._done += 1
             self.progress(self._done / self._begun)
         return results
 
-    def try_all(self, jobs: Mapping[Key, Iterable[tuple[Method, Window]]]) -> dict[Key, list[Outcome]]:
+    def try_all(
+        self, jobs: Mapping[Key, Iterable[tuple[Method, Window]]]
+    ) -> dict[Key, list[Outcome]]:
         """Returns the trials of the jobs of each key."""
         todo = {key: list(own) for key, own in jobs.items()}
         done = iter(self.each(run_trial, chain.from_iterable(todo.values())))
@@ -252,7 +285,10 @@ class Runner:
         numbers = self.extent.experiments
         flown = self.each(partial(simulated_experiment, duration=self.extent.duration), numbers)
         cut = zip(numbers, flown, strict=True)
-        return {number: windows(f"experiment {number}", flight, TRAIN, TEST, HOP) for number, flight in cut}
+        return {
+            number: windows(f"experiment {number}", flight, TRAIN, TEST, HOP)
+            for number, flight in cut
+        }
 
     @property
     def experiments(self) -> dict[int, Window]:
@@ -275,29 +311,44 @@ class Runner:
             # At most so many, with the first and the last.
             count = len(cut) if name == REAL else min(self.extent.windows, len(cut))
             if cut:
-                found[name] = tuple(cut[i] for i in np.linspace(0, len(cut) - 1, count).round().astype(int))
+                found[name] = tuple(
+                    cut[i] for i in np.linspace(0, len(cut) - 1, count).round().astype(int)
+                )
         return found
 
     @cached_property
     def trials(self) -> dict[str, dict[str, list[Outcome]]]:
         """All methods on windows of all flights: by flight and method, a trial a window."""
         flights = {cut[0].flight: cut for cut in (*self.windows.values(), *self.recorded.values())}
-        jobs = {(name, one.name): [(one, window) for window in cut] for name, cut in flights.items() for one in METHODS}
+        jobs = {
+            (name, one.name): [(one, window) for window in cut]
+            for name, cut in flights.items()
+            for one in METHODS
+        }
         tried = self.try_all(jobs)
-        return {flight: {one.name: tried[flight, one.name] for one in METHODS} for flight in flights}
+        return {
+            flight: {one.name: tried[flight, one.name] for one in METHODS} for flight in flights
+        }
 
     @cached_property
     def draws(self) -> dict[str, dict[int, list[Outcome]]]:
         """DEM with the paper's settings: by method and experiment, a trial a random prior."""
         methods = {WITH: self.priors(PAPER), WITHOUT: self.priors(PAPER_P1)}
         pairs = product(methods, self.experiments)
-        tried = self.try_all({pair: [(fit, self.experiments[pair[1]]) for fit in methods[pair[0]]] for pair in pairs})
-        return {name: {number: tried[name, number] for number in self.experiments} for name in methods}
+        tried = self.try_all(
+            {pair: [(fit, self.experiments[pair[1]]) for fit in methods[pair[0]]] for pair in pairs}
+        )
+        return {
+            name: {number: tried[name, number] for number in self.experiments} for name in methods
+        }
 
     def priors(self, settings: Settings) -> list[Method]:
         """Returns DEM with these settings from each random prior."""
         seeds = range(self.extent.priors)
-        return [Method(f"prior {seed}", partial(learn, settings=replace(settings, seed=seed))) for seed in seeds]
+        return [
+            Method(f"prior {seed}", partial(learn, settings=replace(settings, seed=seed)))
+            for seed in seeds
+        ]
 
     def trial(self, method: str, number: int) -> Outcome:
         """Returns a method's trial on an experiment."""

@@ -34,7 +34,8 @@ def _text(block: Block) -> str:
         return f"{block.lead} {block.text}".strip()
     columns = []
     for number, column in enumerate(zip(block.header, *block.rows, strict=True)):
-        aligned, width = str.ljust if block.words or not number else str.rjust, max(map(len, column))
+        aligned = str.ljust if block.words or not number else str.rjust
+        width = max(map(len, column))
         columns.append([aligned(cell, width) for cell in column])
     return "\n".join("  ".join(row).rstrip() for row in zip(*columns, strict=True))
 

@@ -12,7 +12,15 @@ from typing import Any
 from mavdem.analysis.findings import PREDICTION_LIMITS
 from mavdem.dem.order_choice import LARGEST_ORDER, OrderChoice
 from mavdem.evaluate.comparison import Comparison
-from mavdem.evaluate.scores import FEWEST_PAIRS, FROM_ZERO, HORIZONS, KNOWN, SIGNIFICANCE, UNKNOWN, Paired
+from mavdem.evaluate.scores import (
+    FEWEST_PAIRS,
+    FROM_ZERO,
+    HORIZONS,
+    KNOWN,
+    SIGNIFICANCE,
+    UNKNOWN,
+    Paired,
+)
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.numbers import listed, named, readable
 
@@ -29,22 +37,40 @@ def comparison_report(comparison: Comparison, from_zero: bool = False) -> list[B
     return [
         Sentence("", lead=_verdict(comparison, first)),
         *(Sentence(_verdict(comparison, question), WORDS[question]) for question in questions[1:]),
-        *(block for question in questions if not from_zero for block in _failed_bands(comparison, question)),
+        *(
+            block
+            for question in questions
+            if not from_zero
+            for block in _failed_bands(comparison, question)
+        ),
         *([] if from_zero else _losses(comparison)),
         *(_over_flights(comparison, questions) if several else []),
-        *(block for flight in comparison.flights for block in _flight(comparison, flight, questions)),
+        *(
+            block
+            for flight in comparison.flights
+            for block in _flight(comparison, flight, questions)
+        ),
         _legend(comparison.methods[0], from_zero, several, UNKNOWN in questions),
     ]
 
 
 def _verdict(comparison: Comparison, question: str) -> str:
     """Than which methods' errors the first one's is lower or higher, and from which it is not distinguishable."""
-    silent = [row["method"] for row in comparison.over_flights(question) if row["failed"] == row["windows"]]
-    tests = {method: test for method, test in comparison.verdicts(question).items() if method not in silent}
+    silent = [
+        row["method"]
+        for row in comparison.over_flights(question)
+        if row["failed"] == row["windows"]
+    ]
+    tests = {
+        method: test
+        for method, test in comparison.verdicts(question).items()
+        if method not in silent
+    }
     without = f" No forecast was made by {listed(silent)}." if silent else ""
     if not tests:
         return without.strip()
-    flights, pairs = len(comparison.flights), min(test.tested for test in tests.values())
+    flights = len(comparison.flights)
+    pairs = min(test.tested for test in tests.values())
     error = f"{comparison.methods_of(question)[0]}'s error{f' on {flights} flights' if flights > 1 else ''}"
     if pairs < FEWEST_PAIRS:
         few = f"only {'1 window does' if pairs == 1 else f'{pairs} windows do'} not overlap"
@@ -52,19 +78,27 @@ def _verdict(comparison: Comparison, question: str) -> str:
     parts = []
     for verdict, than in (("higher", "than"), ("not distinguishable", "from"), ("lower", "than")):
         if names := [name for name, test in tests.items() if test.verdict == verdict]:
-            which = f"all {len(tests)} other methods" if 1 < len(names) == len(tests) else listed(names)
+            which = (
+                f"all {len(tests)} other methods" if 1 < len(names) == len(tests) else listed(names)
+            )
             if verdict == "higher":
                 found = [(name, tests[name]) for name in names]
-                which = listed(f"{name} ({_ratio(test.ratio)} times, p = {test.p_value:.2g})" for name, test in found)
+                which = listed(
+                    f"{name} ({_ratio(test.ratio)} times, p = {test.p_value:.2g})"
+                    for name, test in found
+                )
             parts.append(f"{verdict} {than} that of {which}")
     return f"{error} over the whole test part is {'; '.join(parts)}.{without}"
 
 
 def _failed_bands(comparison: Comparison, question: str) -> list[Block]:
     """A caution for each flight on which the first method's band holds too few samples."""
-    reference, cautions = comparison.methods_of(question)[0], list[Block]()
+    reference = comparison.methods_of(question)[0]
+    cautions = list[Block]()
     for flight in comparison.flights:
-        row = next(row for row in comparison.summaries(flight, question) if row["method"] == reference)
+        row = next(
+            row for row in comparison.summaries(flight, question) if row["method"] == reference
+        )
         share = row["horizons"][-1]["inside"]
         if share is not None and share < PREDICTION_LIMITS.coverage:
             where = f" on {flight}" if len(comparison.flights) > 1 else ""
@@ -76,7 +110,9 @@ def _failed_bands(comparison: Comparison, question: str) -> list[Block]:
 
 def _losses(comparison: Comparison) -> list[Block]:
     """The ratios of one flight; of several flights, on how many the first method is worse."""
-    reference, losses, flights = comparison.methods[0], comparison.losses(), comparison.flights
+    reference = comparison.methods[0]
+    losses = comparison.losses()
+    flights = comparison.flights
     methods = list(dict.fromkeys(loss["method"] for loss in losses))
     if not losses:
         return []
@@ -86,25 +122,42 @@ def _losses(comparison: Comparison) -> list[Block]:
         head = f"flights of {len(flights)} with {reference} worse (distinguishably); steps:"
 
     def cell(method: str, steps: Collection[tuple[str, int]]) -> str:
-        lost = [one for one in losses if one["method"] == method and (one["flight"], one["steps"]) in steps]
+        lost = [
+            one
+            for one in losses
+            if one["method"] == method and (one["flight"], one["steps"]) in steps
+        ]
         worse = sum(one["paired"].verdict == "higher" for one in lost)
         if not lost or len(flights) > 1:
             return f"{len(lost)} ({worse})" if lost else ""
         return f"{'' if worse else '≈ '}{_ratio(lost[0]['ratio'])}"
 
-    return [Table([head, *header], [[method, *(cell(method, steps) for steps in columns)] for method in methods])]
+    return [
+        Table(
+            [head, *header],
+            [[method, *(cell(method, steps) for steps in columns)] for method in methods],
+        )
+    ]
 
 
-def _shared_horizons(comparison: Comparison, question: str) -> tuple[list[str], list[set[tuple[str, int]]]]:
+def _shared_horizons(
+    comparison: Comparison, question: str
+) -> tuple[list[str], list[set[tuple[str, int]]]]:
     """What horizons that all flights have are called, as at 100 Hz, and flights with steps; the last is the whole."""
-    horizons = {flight: comparison.summaries(flight, question)[0]["horizons"] for flight in comparison.flights}
+    horizons = {
+        flight: comparison.summaries(flight, question)[0]["horizons"]
+        for flight in comparison.flights
+    }
     steps = {flight: [at["steps"] for at in own] for flight, own in horizons.items()}
     if len(steps) == 1:
         ((flight, own),) = steps.items()
         return [*map(str, own)], [{(flight, one)} for one in own]
     shared = min(map(len, steps.values()))
     whole = {own[-1] for own in steps.values()}
-    columns = [{(flight, own[column]) for flight, own in steps.items()} for column in (*range(shared - 1), -1)]
+    columns = [
+        {(flight, own[column]) for flight, own in steps.items()}
+        for column in (*range(shared - 1), -1)
+    ]
     return [*map(str, HORIZONS[: shared - 1]), str(*whole) if len(whole) == 1 else "all"], columns
 
 
@@ -114,7 +167,10 @@ def _over_flights(comparison: Comparison, questions: Sequence[str]) -> list[Bloc
     blocks: list[Block] = [Sentence(text, "All flights:")]
     for question in questions:
         rows = comparison.over_flights(question)
-        table = [[row["method"], *map(_ratio, row["horizons"]), *_counts(row, row["reference"])] for row in rows]
+        table = [
+            [row["method"], *map(_ratio, row["horizons"]), *_counts(row, row["reference"])]
+            for row in rows
+        ]
         inside = _inside([(row["method"], row["inside"]) for row in rows], comparison)
         table += [[*row, "", "", "", ""] for row in inside]
         head = f"{WORDS.get(question, WORDS[KNOWN])} error ratio; steps:"
@@ -122,11 +178,16 @@ def _over_flights(comparison: Comparison, questions: Sequence[str]) -> list[Bloc
     return blocks
 
 
-def _inside(methods: Sequence[tuple[str, Sequence[float | None]]], comparison: Comparison) -> list[list[str]]:
+def _inside(
+    methods: Sequence[tuple[str, Sequence[float | None]]], comparison: Comparison
+) -> list[list[str]]:
     """Rows of the share in the 90 % band by horizon: of the first method, and of those that answer both questions."""
     shown: Collection[str] = {comparison.methods[0], *comparison.methods_of(UNKNOWN)}
     return [
-        [f"{method}: in its 90 % band", *("" if share is None else f"{100 * share:.0f} %" for share in shares)]
+        [
+            f"{method}: in its 90 % band",
+            *("" if share is None else f"{100 * share:.0f} %" for share in shares),
+        ]
         for method, shares in methods
         if method in shown and any(share is not None for share in shares)
     ]
@@ -137,12 +198,19 @@ def _count_columns(comparison: Comparison) -> list[str]:
 
 
 def _counts(row: Summary, test: Paired) -> list[str]:
-    return [str(row["worse_than_constant"]), str(row["unstable"]), _ratio(test.ratio), f"{test.p_value:.2g}"]
+    return [
+        str(row["worse_than_constant"]),
+        str(row["unstable"]),
+        _ratio(test.ratio),
+        f"{test.p_value:.2g}",
+    ]
 
 
 def _flight(comparison: Comparison, flight: str, questions: Sequence[str]) -> list[Block]:
     windows = [window for window in comparison.windows if window.flight == flight]
-    train, test, summaries = windows[0].train, windows[0].test, comparison.summaries(flight, questions[0])
+    train = windows[0].train
+    test = windows[0].test
+    summaries = comparison.summaries(flight, questions[0])
     text = (
         f"{len(windows)} window{'s' if len(windows) > 1 else ''} of {len(train)} training and {len(test)} test "
         f"samples, at {1 / train.dt:.0f} Hz. The paired test uses the "
@@ -154,7 +222,10 @@ def _flight(comparison: Comparison, flight: str, questions: Sequence[str]) -> li
     errors = [
         [
             row["method"],
-            *(f"{unit.scale * sqrt(square):.3g}" for unit, square in zip(units, row["mspe"], strict=True)),
+            *(
+                f"{unit.scale * sqrt(square):.3g}"
+                for unit, square in zip(units, row["mspe"], strict=True)
+            ),
             _ratio(row["relative"]),
             _ratio(row["worst"]),
             *_counts(row, row["horizons"][-1]["reference"]),
@@ -166,19 +237,36 @@ def _flight(comparison: Comparison, flight: str, questions: Sequence[str]) -> li
     for question in (question for question in questions if question in WORDS):
         rows = comparison.summaries(flight, question)
         steps = [str(at["steps"]) for at in rows[0]["horizons"]]
-        table = [[row["method"], *(_ratio(at["relative"]) for at in row["horizons"])] for row in rows]
-        table += _inside([(row["method"], [at["inside"] for at in row["horizons"]]) for row in rows], comparison)
+        table = [
+            [row["method"], *(_ratio(at["relative"]) for at in row["horizons"])] for row in rows
+        ]
+        table += _inside(
+            [(row["method"], [at["inside"] for at in row["horizons"]]) for row in rows], comparison
+        )
         blocks.append(Table([f"{WORDS[question]} error ratio; steps:", *steps], table))
     for row in summaries:
-        counts = ("failed", "made no forecast", f": {row['failure']}"), ("diverged", "diverged to infinity or NaN", "")
-        parts = [f"{what} in {row[key]} of {row['windows']} windows{why}" for key, what, why in counts if row[key]]
+        counts = (
+            ("failed", "made no forecast", f": {row['failure']}"),
+            ("diverged", "diverged to infinity or NaN", ""),
+        )
+        parts = [
+            f"{what} in {row[key]} of {row['windows']} windows{why}"
+            for key, what, why in counts
+            if row[key]
+        ]
         blocks += [Sentence(f"{row['method']} {'; and '.join(parts)}.")] if parts else []
     return blocks
 
 
 def _legend(reference: str, from_zero: bool, several: bool, predicted: bool) -> Sentence:
-    start = "state 0, as in the paper's figures" if from_zero else "the state at the end of training"
-    overall = " Over flights: the geometric mean of these medians; each flight is one pair." if several else ""
+    start = (
+        "state 0, as in the paper's figures" if from_zero else "the state at the end of training"
+    )
+    overall = (
+        " Over flights: the geometric mean of these medians; each flight is one pair."
+        if several
+        else ""
+    )
     unknown = " Inputs unknown: only what came before each prediction is used." if predicted else ""
     return Sentence(
         f"Forecasts start from {start}. Error ratio: mean squared error over the baseline's (the constant mean of the "
@@ -197,25 +285,35 @@ STANDARD_ORDER = 3  # of `mavdem learn`: angle, rate, and the motors' lag
 
 def order_advice(choice: OrderChoice, known_inputs: bool = True) -> str:
     """Returns what to do with the order of a ``choice``, one sentence; ``known_inputs`` as for ``choose_order``."""
-    order, same = choice.chosen, "forecasts, physical parameters and wind torque do not depend on it."
+    order = choice.chosen
+    same = "forecasts, physical parameters and wind torque do not depend on it."
     if not choice.saturated and order < LARGEST_ORDER:
-        more = "Fly longer, with more motion" if choice.remarks else f"Try more states with --max-order {LARGEST_ORDER}"
+        more = (
+            "Fly longer, with more motion"
+            if choice.remarks
+            else f"Try more states with --max-order {LARGEST_ORDER}"
+        )
         return f"{more}: F̄ still increases at the highest order."
     if not known_inputs:
         return (
-            "Keep the standard order of `mavdem learn`: it knows the motors, and this order is of a model without them."
+            "Keep the standard order of `mavdem learn`: it knows the motors, and this order "
+            "is of a model without them."
         )
     if order > STANDARD_ORDER:
         return f"Use `mavdem learn --order {order}` where A, B and C must have these states; {same}"
     return f"Keep the standard order of `mavdem learn`, {STANDARD_ORDER} (angle, rate, and the motors' lag); {same}"
 
 
-def order_report(choice: OrderChoice, names: Sequence[str], known_inputs: bool = True) -> list[Block]:
+def order_report(
+    choice: OrderChoice, names: Sequence[str], known_inputs: bool = True
+) -> list[Block]:
     """Returns F̄ by order and flight, and the chosen order with its reason, and last what to do with it.
 
     ``names`` are those of the flights of ``choice``; ``known_inputs`` is as for ``choose_order``.
     """
-    rows, several, chosen = [], len(names) > 1, choice.chosen - 1
+    rows = []
+    several = len(names) > 1
+    chosen = choice.chosen - 1
     for column, order in enumerate(choice.orders):
         nats = [*(choice.free_energy[:, column] - choice.free_energy[:, chosen])]
         if several:

@@ -29,18 +29,26 @@ from mavdem.report.flights import TROUBLE, cut, doubt, urgency, vehicle_health
 from mavdem.report.numbers import TORQUE, plus_minus, rounded
 from mavdem.report.page import environment
 
-MAX_DRAWN = 20  # vehicles, those in trouble first: with more the page takes long to make, and is too large to mail
+# vehicles, those in trouble first: with more the page takes long to make, and is too large to mail
+MAX_DRAWN = 20
 MAX_OPEN = 4  # vehicles in trouble whose figures are open
-FIRST_SHOWN = 50  # lines of the table until more are asked for: a browser lays out so many while one types
+# lines of the table until more are asked for: a browser lays out so many while one types
+FIRST_SHOWN = 50
 MAX_NOTE = 320  # letters of what is said of a flight: its page has all
 NOT_USED = "not used"  # in the place of the health of a log without a flight
 
 
-def fleet_page(rows: Sequence[FlightRow], changes: Mapping[str, Sequence[Block]] | None = None) -> str:
+def fleet_page(
+    rows: Sequence[FlightRow], changes: Mapping[str, Sequence[Block]] | None = None
+) -> str:
     """Returns the HTML of a fleet's index, the same for the same rows; ``changes`` since a baseline by vehicle."""
     since = dict(changes or {})
     # Flights that do not say whose they are may be those of several vehicles.
-    vehicles = {name: flights for name, flights in vehicles_of(rows).items() if words.is_one_vehicle(name, flights)}
+    vehicles = {
+        name: flights
+        for name, flights in vehicles_of(rows).items()
+        if words.is_one_vehicle(name, flights)
+    }
     ranked = sorted(vehicles, key=lambda name: (urgency(vehicles[name]), name))
     flown_often = [name for name in ranked if len(vehicles[name]) > 1]
     drawn = flown_often[:MAX_DRAWN]
@@ -65,7 +73,9 @@ def fleet_page(rows: Sequence[FlightRow], changes: Mapping[str, Sequence[Block]]
     kept = [name for name, cells in columns.items() if name in ALWAYS or any(cells)]
     lines = [list(line) for line in zip(*(columns[name] for name in kept), strict=True)]
     # A colon in a link would make what comes before it a scheme.
-    links = [("" if row.page is None else quote(row.page, safe="/"), row.file) for row, *_ in newest]
+    links = [
+        ("" if row.page is None else quote(row.page, safe="/"), row.file) for row, *_ in newest
+    ]
     return (
         environment()
         .get_template("fleet.html")
@@ -93,14 +103,21 @@ def _svg(flights: Sequence[Sequence[FlightRow]], name: str, draw: str = "vehicle
     return Markup(downstream("report.figures.style", "svg")(figure, name))
 
 
-def _number(name: str, scale: float = 1.0, digits: int = 2, estimated: bool = False) -> Callable[[FlightRow], str]:
+def _number(
+    name: str, scale: float = 1.0, digits: int = 2, estimated: bool = False
+) -> Callable[[FlightRow], str]:
     """Reads a column; if ``estimated``, with its interval, rounded to what that bears."""
 
     def read(row: FlightRow) -> str:
-        value, half = getattr(row, name), getattr(row, f"{name}_interval") if estimated else None
+        value = getattr(row, name)
+        half = getattr(row, f"{name}_interval") if estimated else None
         if value is None or (estimated and getattr(row, f"{name}_status") == NOT_IDENTIFIABLE):
             return ""
-        return rounded(scale * value, digits) if half is None else plus_minus(scale * value, scale * half)
+        return (
+            rounded(scale * value, digits)
+            if half is None
+            else plus_minus(scale * value, scale * half)
+        )
 
     return read
 
@@ -122,7 +139,9 @@ def _residual(row: FlightRow) -> str:
     """The figure, and how large it is in healthy flights."""
     half = row.residual_mean_interval
     usual = "" if half is None else f" (usual ±{rounded(TORQUE.scale * half)})"
-    return "" if row.residual_mean is None else f"{rounded(TORQUE.scale * row.residual_mean)}{usual}"
+    return (
+        "" if row.residual_mean is None else f"{rounded(TORQUE.scale * row.residual_mean)}{usual}"
+    )
 
 
 def _notes(flight: Flight) -> str:
@@ -130,7 +149,11 @@ def _notes(flight: Flight) -> str:
     if flight[0].status != OK:
         return cut(flight[0].status, MAX_NOTE)
     reasons = (row.health_reason for row in flight if row.health != OK)
-    said = (*(row.headline for row in flight), *reasons, *(one for row in flight for one in row.warnings))
+    said = (
+        *(row.headline for row in flight),
+        *reasons,
+        *(one for row in flight for one in row.warnings),
+    )
     return cut("\n".join(dict.fromkeys(filter(None, said))), MAX_NOTE)
 
 
@@ -140,27 +163,42 @@ def _cells(name: str, flights: Sequence[Flight]) -> list[str]:
     if kind in ("health", "notes"):
         return [read(flight) for flight in flights]
     by_axis = ([read(row) for row in flight] for flight in flights)
-    return [one[0] if len(set(one)) == 1 else " / ".join(cell or "–" for cell in one) for one in by_axis]
+    return [
+        one[0] if len(set(one)) == 1 else " / ".join(cell or "–" for cell in one) for one in by_axis
+    ]
 
 
 COLUMNS: dict[str, tuple[str, Callable[[Any], str]]] = {
     "flight": ("text", lambda row: PurePath(row.file).name or row.file),
-    "vehicle": ("text", lambda row: "" if row.vehicle == UNKNOWN and row.status != OK else row.vehicle),
+    "vehicle": (
+        "text",
+        lambda row: "" if row.vehicle == UNKNOWN and row.status != OK else row.vehicle,
+    ),
     "date": ("text", lambda row: "" if row.date is None else f"{row.date:%Y-%m-%d %H:%M}"),
     "tier": ("text", lambda row: row.tier or ""),
-    "health": ("health", lambda flight: worst_health(flight) if flight[0].status == OK else NOT_USED),
+    "health": (
+        "health",
+        lambda flight: worst_health(flight) if flight[0].status == OK else NOT_USED,
+    ),
     "motor": ("text", lambda row: "" if row.suspect_motor is None else str(row.suspect_motor)),
     "notes": ("notes", _notes),
-    "settled (s)": ("number", lambda row: _number("duration", digits=3)(row) if row.status == OK else ""),
+    "settled (s)": (
+        "number",
+        lambda row: _number("duration", digits=3)(row) if row.status == OK else "",
+    ),
     "largest share": ("number", _largest_share),
     "mean effectiveness (°/s²)": ("number", _effectiveness),
     "rate damping (1/s)": ("number", _number("damping", estimated=True)),
     "motor time constant (ms)": ("number", _number("lag", 1e3, estimated=True)),
     "wind (m/s)": ("number", _number("wind_speed")),
-    "from": ("text", lambda row: "" if row.wind_direction is None else from_point(degrees(row.wind_direction))),
+    "from": (
+        "text",
+        lambda row: "" if row.wind_direction is None else from_point(degrees(row.wind_direction)),
+    ),
     "wind torque (°/s²)": ("number", _number("wind_torque_sd", TORQUE.scale)),
     "residual mean (°/s²)": ("number", _residual),
     "error ratio": ("number", _number("error_ratio")),
 }
 """What each column is sorted as, and its cell of a row (of a flight: health and notes); empty where it is not known."""
-ALWAYS = ("flight", "vehicle", "date", "tier", "health", "notes")  # columns that are there even if empty
+# columns that are there even if empty
+ALWAYS = ("flight", "vehicle", "date", "tier", "health", "notes")

@@ -17,13 +17,29 @@ import numpy as np
 from mavdem.evaluate.held_out import ComparedParameter, TruthComparison
 from mavdem.fleet import difference
 from mavdem.fleet import row as fleet_row
-from mavdem.fleet.difference import BETWEEN, FAMILY_ERROR, Conditions, Flights, QuantityChange, VehicleDifference
+from mavdem.fleet.difference import (
+    BETWEEN,
+    FAMILY_ERROR,
+    Conditions,
+    Flights,
+    QuantityChange,
+    VehicleDifference,
+)
 from mavdem.fleet.row import HEALTHS, OK, UNKNOWN, FlightRow, is_shared, worst_health
 from mavdem.health.in_flight import FALSE_ALARMS_BASIS
 from mavdem.live.history import ACCOUNT, AHEAD, HorizonErrors, LiveHistory, SessionStatus
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.condition import TIER_WORDS
-from mavdem.report.numbers import TORQUE, listed, named, plus_minus, readable, rounded, short, with_unit
+from mavdem.report.numbers import (
+    TORQUE,
+    listed,
+    named,
+    plus_minus,
+    readable,
+    rounded,
+    short,
+    with_unit,
+)
 
 TROUBLE = HEALTHS[:2]
 MAX_NAMED = 4  # vehicles in a sentence
@@ -41,7 +57,11 @@ def fleet_blocks(rows: Sequence[FlightRow]) -> list[Block]:
     """Returns the summary of a fleet: a headline, what was flown, and why logs could not be used."""
     vehicles = fleet_row.vehicles_of(rows)
     named = {name: flights for name, flights in vehicles.items() if is_one_vehicle(name, flights)}
-    once = {name: fleet_row.flown_once(flights) for name, flights in named.items() if not is_shared(flights)}
+    once = {
+        name: fleet_row.flown_once(flights)
+        for name, flights in named.items()
+        if not is_shared(flights)
+    }
     flown = [flight for name in vehicles for flight in once.get(name, vehicles[name])]
     blocks: list[Block] = [Sentence("", _headline(named, flown))]
     if flown:
@@ -49,11 +69,18 @@ def fleet_blocks(rows: Sequence[FlightRow]) -> list[Block]:
         blocks.append(Sentence(_flown(len(once), flown, twice), "Flown:"))
     waiting = [name for name, flights in named.items() if vehicle_health(flights) == UNKNOWN]
     if waiting and len(waiting) < len(named):
-        blocks.append(Sentence(f"{_counted(len(waiting), 'vehicle')}, for the reason that each gives.", "Not judged:"))
+        blocks.append(
+            Sentence(
+                f"{_counted(len(waiting), 'vehicle')}, for the reason that each gives.",
+                "Not judged:",
+            )
+        )
     if nameless := sum(len(flights) for name, flights in vehicles.items() if name not in named):
         text = "whose logs do not name a vehicle, or only by a system id; they are not compared."
         blocks.append(Sentence(f"{_counted(nameless, 'flight')} {text}", "Without a name:"))
-    return blocks + _unused([flight[0] for flight in fleet_row.flights_of(row for row in rows if row.status != OK)])
+    return blocks + _unused(
+        [flight[0] for flight in fleet_row.flights_of(row for row in rows if row.status != OK)]
+    )
 
 
 def is_one_vehicle(name: str, flights: Flights) -> bool:
@@ -63,7 +90,10 @@ def is_one_vehicle(name: str, flights: Flights) -> bool:
 
 def vehicle_health(flights: Flights) -> str:
     """Returns what was found in a vehicle's latest flight that was judged; "unknown" if none was."""
-    return next((health for flight in reversed(flights) if (health := worst_health(flight)) != UNKNOWN), UNKNOWN)
+    return next(
+        (health for flight in reversed(flights) if (health := worst_health(flight)) != UNKNOWN),
+        UNKNOWN,
+    )
 
 
 def had_trouble(flights: Flights) -> bool:
@@ -78,7 +108,8 @@ def doubt(flights: Flights) -> str:
 
 def urgency(flights: Flights) -> tuple[float, float]:
     """Returns by what vehicles are sorted: the worst first, of these the one with the newest flight."""
-    worst, newest = HEALTHS.index(vehicle_health(flights)), flights[-1][0].date
+    worst = HEALTHS.index(vehicle_health(flights))
+    newest = flights[-1][0].date
     return min(worst, 1.5) if doubt(flights) else worst, -newest.timestamp() if newest else 0.0
 
 
@@ -93,7 +124,9 @@ def conclusion(flights: Flights) -> str:
     if (health := vehicle_health(flights)) not in TROUBLE:
         seen = next((row.headline for row in flights[-1] if row.headline), "Not judged yet.")
         if health == OK:
-            seen = f"No drift and no fault{' in its latest flight' if had_trouble(flights) else ''}."
+            seen = (
+                f"No drift and no fault{' in its latest flight' if had_trouble(flights) else ''}."
+            )
         return doubt(flights) or seen
     rows = next(flight for flight in reversed(flights) if worst_health(flight) == health)
     motor = next((row.suspect_motor for row in rows if row.suspect_motor is not None), None)
@@ -105,11 +138,23 @@ def conclusion(flights: Flights) -> str:
 def vehicle_words(flights: Flights) -> str:
     """Returns what was found of one vehicle, in a sentence or two."""
     counts = Counter(map(worst_health, flights))
-    name = " The name is a system id, which many vehicles share: these may be several." if is_shared(flights) else ""
+    name = (
+        " The name is a system id, which many vehicles share: these may be several."
+        if is_shared(flights)
+        else ""
+    )
     if not had_trouble(flights):
         if counts[OK]:
             return f"No drift and no fault in {_counted(counts[OK], 'flight')} that could be judged.{name}"
-        reason = next((row.health_reason for flight in reversed(flights) for row in flight if row.health_reason), "")
+        reason = next(
+            (
+                row.health_reason
+                for flight in reversed(flights)
+                for row in flight
+                if row.health_reason
+            ),
+            "",
+        )
         return f"Not judged{': ' + reason if reason else '.'}"
     kinds = [f"a {kind} in {counts[kind]}" for kind in TROUBLE if counts[kind]]
     latest = next(flight for flight in reversed(flights) if worst_health(flight) in TROUBLE)
@@ -130,14 +175,28 @@ def _headline(named: Mapping[str, Flights], flown: Flights) -> str:
         return "No log holds a flight that could be used."
     healths = {name: vehicle_health(flights) for name, flights in named.items()}
     recovered = sorted(name for name in named if healths[name] == OK and had_trouble(named[name]))
-    earlier = f" Trouble in earlier flights, and not in the latest: {few(recovered)}." if recovered else ""
-    ill = [name for name in sorted(named, key=lambda name: (urgency(named[name]), name)) if urgency(named[name])[0] < 2]
+    earlier = (
+        f" Trouble in earlier flights, and not in the latest: {few(recovered)}."
+        if recovered
+        else ""
+    )
+    ill = [
+        name
+        for name in sorted(named, key=lambda name: (urgency(named[name]), name))
+        if urgency(named[name])[0] < 2
+    ]
     if ill:
         words = []
         for name in ill:
-            latest = next((flight for flight in reversed(named[name]) if worst_health(flight) != UNKNOWN), ())
-            suspects = sorted({row.suspect_motor or 0 for row in latest if row.health == healths[name]} - {0})
-            found = [healths[name]] * (healths[name] in TROUBLE) + [f"motor {listed(suspects)}"] * bool(suspects)
+            latest = next(
+                (flight for flight in reversed(named[name]) if worst_health(flight) != UNKNOWN), ()
+            )
+            suspects = sorted(
+                {row.suspect_motor or 0 for row in latest if row.health == healths[name]} - {0}
+            )
+            found = [healths[name]] * (healths[name] in TROUBLE) + [
+                f"motor {listed(suspects)}"
+            ] * bool(suspects)
             found += filter(None, [doubt(named[name]).rstrip(".")])
             words.append(f"{vehicle_name(name, named[name])} ({', '.join(found)})")
         needs = "needs" if len(ill) == 1 else "need"
@@ -149,7 +208,9 @@ def _headline(named: Mapping[str, Flights], flown: Flights) -> str:
 
 
 def _flown(vehicles: int, flown: Flights, twice: int) -> str:
-    hours = sum(max((row.duration or 0.0 for row in flight), default=0.0) for flight in flown) / 3600
+    hours = (
+        sum(max((row.duration or 0.0 for row in flight), default=0.0) for flight in flown) / 3600
+    )
     dates = sorted(flight[0].date for flight in flown if flight[0].date is not None)
     tiers = Counter(map(fleet_row.best_tier, flown))
     when = f", {dates[0]:%Y-%m-%d} to {dates[-1]:%Y-%m-%d}" if dates else ""
@@ -168,14 +229,22 @@ def _unused(refused: Sequence[FlightRow]) -> list[Block]:
     for row in refused:
         first = re.split(r"(?<=[.:;]) ", row.status, maxsplit=1)[0]
         # Without the numbers that make each reason different.
-        examples.setdefault(re.sub(r"\d[\d.,]*", "…", first).rstrip(".:; "), []).append(PurePath(row.file).name)
+        examples.setdefault(re.sub(r"\d[\d.,]*", "…", first).rstrip(".:; "), []).append(
+            PurePath(row.file).name
+        )
     reasons = sorted(examples, key=lambda reason: (-len(examples[reason]), reason))
     shown = reasons if len(reasons) <= MAX_REASONS else reasons[: MAX_REASONS - 1]
-    cells = [[cut(reason, 140), str(len(examples[reason])), cut(examples[reason][0], 60)] for reason in shown]
+    cells = [
+        [cut(reason, 140), str(len(examples[reason])), cut(examples[reason][0], 60)]
+        for reason in shown
+    ]
     if others := sum(len(examples[reason]) for reason in reasons[len(shown) :]):
         cells.append(["other reasons: see the table of flights", str(others), ""])
     said = f"{_counted(len(refused), 'log')}; nothing else is said of {'it' if len(refused) == 1 else 'them'}."
-    return [Sentence(said, "Not used:"), Table(["reason", "logs", "for example"], cells, words=True)]
+    return [
+        Sentence(said, "Not used:"),
+        Table(["reason", "logs", "for example"], cells, words=True),
+    ]
 
 
 def cut(text: str, longest: int) -> str:
@@ -185,7 +254,12 @@ def cut(text: str, longest: int) -> str:
 
 def few(names: Sequence[str]) -> str:
     """Returns the first names as in a sentence, and how many more there are."""
-    return listed([*names[:MAX_NAMED], *([f"{len(names) - MAX_NAMED} more"] if len(names) > MAX_NAMED else [])])
+    return listed(
+        [
+            *names[:MAX_NAMED],
+            *([f"{len(names) - MAX_NAMED} more"] if len(names) > MAX_NAMED else []),
+        ]
+    )
 
 
 def _counted(number: int, noun: str) -> str:
@@ -197,17 +271,23 @@ def difference_blocks(found: VehicleDifference) -> list[Block]:
     reasons: dict[str, list[str]] = {}
     for name, reason in found.incomparable:
         reasons.setdefault(reason, []).append(name)
-    missing = [Sentence(f"{listed(names)}: {reason}", "Not compared:") for reason, names in reasons.items()]
+    missing = [
+        Sentence(f"{listed(names)}: {reason}", "Not compared:") for reason, names in reasons.items()
+    ]
     words = "; ".join(_condition_words(*found.conditions)).replace("-", "−")
     covered = "shares for the lean and mean control effectiveness for battery and mean output"
-    allowed = f" Intervals that allow for conditions: {covered}." * any(change.allowance for change in found.changes)
+    allowed = f" Intervals that allow for conditions: {covered}." * any(
+        change.allowance for change in found.changes
+    )
     conditions = Sentence(f"{words}.{allowed}", "Conditions, not changes of the vehicle:")
     blocks = [*_changes(found), *missing, conditions, *_vehicles(found)]
     if found.changes:
         before, after = (_counted(count, "flight") for count in found.flights)
         basis = f"{before} of A and {after} of B show how much flights differ."
         if max(found.flights) == 1:
-            share, effect = (f"{100 * BETWEEN[kind]:.0f} %" for kind in (difference.SHARE, difference.EFFECT))
+            share, effect = (
+                f"{100 * BETWEEN[kind]:.0f} %" for kind in (difference.SHARE, difference.EFFECT)
+            )
             basis = (
                 "A and B are single flights: how much one flight differs from the next is assumed (a share by "
                 f"{share}, a control effectiveness by {effect}). Track several flights of each to measure it."
@@ -232,23 +312,34 @@ def _changes(found: VehicleDifference) -> list[Block]:
     """What changed, what is the same, and what was compared without a result."""
     if not found.changes:
         return [Sentence("", "Nothing can be compared.")]
-    changed, unknown = ("; ".join(_change(one, found) for one in found.of(kind)) for kind in ("changed", "uncertain"))
-    blocks = [Sentence(f"{changed}.", "Changed:") if changed else Sentence("", "Nothing changed beyond chance.")]
+    changed, unknown = (
+        "; ".join(_change(one, found) for one in found.of(kind))
+        for kind in ("changed", "uncertain")
+    )
+    blocks = [
+        Sentence(f"{changed}.", "Changed:")
+        if changed
+        else Sentence("", "Nothing changed beyond chance.")
+    ]
     if same := found.of("same"):
         blocks.append(Sentence(f"{listed(_grouped(same))}.", "The same:"))
     if unknown:
-        blocks.append(Sentence(f"{unknown}: too uncertain to call changed or the same.", "Not known:"))
+        blocks.append(
+            Sentence(f"{unknown}: too uncertain to call changed or the same.", "Not known:")
+        )
     return [*blocks]
 
 
 def _change(change: QuantityChange, found: VehicleDifference) -> str:
     """As in "motor 3's share −18 % ± 6 %"."""
-    (kind, motor, axis), motors = change.quantity, found.motors
+    (kind, motor, axis) = change.quantity
+    motors = found.motors
     noun, scale, unit = QUANTITIES[kind]
     name = f"{noun} on {axis}"
     if motor:
         name = f"{short(motors[motor - 1]) if motor <= len(motors) else f'motor {motor}'}'s {noun}"
-    more, half = scale * change.difference, scale * change.half_width
+    more = scale * change.difference
+    half = scale * change.half_width
     if change.before is None or change.after is None:
         decimals = 0 if half >= 3 else 1
         return f"{name} {_signed(f'{more:.{decimals}f}')} % ± {half:.{decimals}f} %"
@@ -262,12 +353,18 @@ def _grouped(changes: Sequence[QuantityChange]) -> list[str]:
     for kind, ending in ((difference.SHARE, "s"), (difference.EFFECT, "")):
         if ours := [change for change in changes if change.quantity.kind == kind]:
             noun = QUANTITIES[kind][0] + ending * (len(ours) > 1)
-            motors = f"motor{'s' * (len(ours) > 1)} {listed(change.quantity.motor for change in ours)}"
-            words.append(f"the {noun} of {motors} (± {rounded(100 * max(change.half_width for change in ours))} %)")
+            motors = (
+                f"motor{'s' * (len(ours) > 1)} {listed(change.quantity.motor for change in ours)}"
+            )
+            words.append(
+                f"the {noun} of {motors} (± {rounded(100 * max(change.half_width for change in ours))} %)"
+            )
     for change in changes:
         if not change.quantity.motor:
             noun, scale, unit = QUANTITIES[change.quantity.kind]
-            words.append(f"{noun} on {change.quantity.axis} (± {rounded(scale * change.half_width)} {unit})")
+            words.append(
+                f"{noun} on {change.quantity.axis} (± {rounded(scale * change.half_width)} {unit})"
+            )
     return words
 
 
@@ -281,7 +378,11 @@ def _condition_words(before: Conditions, after: Conditions) -> list[str]:
         words = [f"battery {before.voltage:.1f} → {after.voltage:.1f} V"]
     if before.collective and after.collective:
         change = after.collective / before.collective - 1
-        more = f"{100 * change:+.0f} % (payload, battery or climbing)" if abs(change) >= 0.02 else "the same"
+        more = (
+            f"{100 * change:+.0f} % (payload, battery or climbing)"
+            if abs(change) >= 0.02
+            else "the same"
+        )
         words.append(f"the motors' mean output {more}")
     leans = (before.lean_roll, after.lean_roll), (before.lean_pitch, after.lean_pitch)
     roll, pitch = (None if a is None or b is None else degrees(b - a) for a, b in leans)
@@ -290,8 +391,11 @@ def _condition_words(before: Conditions, after: Conditions) -> list[str]:
     elif hypot(roll, pitch) < 2.0:
         words.append("lean the same")
     else:
-        words.append(f"another lean: {roll:+.0f}° of roll and {pitch:+.0f}° of pitch (wind, or flown forward)")
-    for axis in sorted(before.wind_torque.keys() & after.wind_torque.keys(), reverse=True):  # roll first
+        words.append(
+            f"another lean: {roll:+.0f}° of roll and {pitch:+.0f}° of pitch (wind, or flown forward)"
+        )
+    # roll first
+    for axis in sorted(before.wind_torque.keys() & after.wind_torque.keys(), reverse=True):
         torques = (rounded(TORQUE.scale * state.wind_torque[axis]) for state in (before, after))
         words.append(f"wind torque on {axis} {' → '.join(torques)} {TORQUE.name}")
     return words
@@ -316,26 +420,39 @@ def whole_seconds(account: Mapping[str, float]) -> dict[str, int]:
 
 
 def live_report(
-    history: LiveHistory, status: SessionStatus, account: Mapping[str, float], axis: str, seconds: float = 0.0
+    history: LiveHistory,
+    status: SessionStatus,
+    account: Mapping[str, float],
+    axis: str,
+    seconds: float = 0.0,
 ) -> list[Block]:
     """Returns the errors of what was predicted on an ``axis``, and the parts trained on, by the vehicle's clock.
 
     ``history`` was collected in flight, ``status`` is that at its end; ``account`` are seconds by the keys of
     ``ACCOUNT``; ``seconds`` of the last ones are in the model.
     """
-    errors, angle = history.errors(), readable("rad")
+    errors = history.errors()
+    angle = readable("rad")
     headline = f"No {axis} was predicted: there was no settled flight to learn from."
     if errors:
         best = min(errors, key=lambda one: abs(one.seconds - AHEAD))
         ours, held = (with_unit(sqrt(square[0]), angle) for square in (best.mse, best.held))
         headline = f"{axis.capitalize()} was predicted {best.seconds:.2g} s ahead with an RMSE of {ours} (baseline "
-        headline += f"{held}); {100 * best.inside[0]:.0f} % of the samples were inside the 90 % band."
+        headline += (
+            f"{held}); {100 * best.inside[0]:.0f} % of the samples were inside the 90 % band."
+        )
     blocks: list[Block] = [Sentence("", headline)]
-    blocks += [Sentence(alarm.sentence.removeprefix("Alarm: "), "Motors:") for alarm in status.alarms]
+    blocks += [
+        Sentence(alarm.sentence.removeprefix("Alarm: "), "Motors:") for alarm in status.alarms
+    ]
     if any(alarm.weak for alarm in status.alarms):
         blocks.append(Sentence(FALSE_ALARMS_BASIS, "False alarms:"))
     if status.wind is not None or status.no_wind:
-        said = f"{''.join(status.wind.words())}, at {status.wind.time:.0f} s." if status.wind else status.no_wind
+        said = (
+            f"{''.join(status.wind.words())}, at {status.wind.time:.0f} s."
+            if status.wind
+            else status.no_wind
+        )
         blocks.append(Sentence(said, "Wind:"))
     if status.obstacle:
         blocks.append(Sentence(status.obstacle, "At the end:"))
@@ -343,15 +460,23 @@ def live_report(
         made = "in flight, without the motors of the time ahead. Baseline: the last sample held."
         blocks += [_errors(errors, axis), Sentence(made, "How they were made:")]
     if history.learned:
-        (first, *_), (*_, last), total = history.learned[0], history.learned[-1], np.diff(history.learned).sum()
+        (first, *_) = history.learned[0]
+        (*_, last) = history.learned[-1]
+        total = np.diff(history.learned).sum()
         parts = f"{_counted(len(history.learned), 'part')} of the flight from {first:.0f} to {last:.0f} s"
         text = f"{parts}, {total:.0f} s together; the last {seconds:.0f} s are in the model at the end."
         blocks.append(Sentence(text, "Learned from:"))
     whole = whole_seconds(account)
-    spent = [[what[0].upper() + what[1:], f"{whole[kind]} s"] for kind, what in ACCOUNT.items() if whole[kind]]
+    spent = [
+        [what[0].upper() + what[1:], f"{whole[kind]} s"]
+        for kind, what in ACCOUNT.items()
+        if whole[kind]
+    ]
     blocks.append(Table([f"of {sum(whole.values())} s", "time"], spent))
     if status.vehicle is not None:
-        rates = ", ".join(f"{name} {rate:.3g} Hz" for name, rate in sorted(status.rates.items()) if rate)
+        rates = ", ".join(
+            f"{name} {rate:.3g} Hz" for name, rate in sorted(status.rates.items()) if rate
+        )
         text = f"vehicle {status.vehicle}; {f'at the end {rates}; ' if rates else ''}{status.lost} messages lost"
         text += f"; gaps of {status.missing:.1f} s are not counted; " if status.missing else ", "
         text += f"{status.late} samples too late, {status.unread} frames not decoded."
@@ -360,8 +485,11 @@ def live_report(
 
 
 def _errors(errors: Sequence[HorizonErrors], axis: str) -> Table:
-    header, rows = ["RMSE of predictions"], [[f"{one.seconds:.2g} s ahead"] for one in errors]
-    for i, (name, unit) in enumerate([(axis, readable("rad")), (f"{axis} rate", readable("rad/s"))]):
+    header = ["RMSE of predictions"]
+    rows = [[f"{one.seconds:.2g} s ahead"] for one in errors]
+    for i, (name, unit) in enumerate(
+        [(axis, readable("rad")), (f"{axis} rate", readable("rad/s"))]
+    ):
         header += [named(name, unit.name), "baseline", "in its 90 % band"]
         for row, one in zip(rows, errors, strict=True):
             errors_of = (f"{unit.scale * sqrt(square[i]):.2g}" for square in (one.mse, one.held))
@@ -376,9 +504,13 @@ def truth_blocks(found: TruthComparison) -> list[Block]:
         compared.append(found.wind.mean)
     held = [one.inside for one in compared if one.inside is not None]
     count = f" {sum(held)} of {len(held)} intervals hold the truth." if held else ""
-    blocks: list[Block] = [Sentence(f"of {found.source}; ± is the half width of the 90 % interval.{count}", "Truth:")]
+    blocks: list[Block] = [
+        Sentence(f"of {found.source}; ± is the half width of the 90 % interval.{count}", "Truth:")
+    ]
     if compared:
-        blocks.append(Table(["", "estimate", "truth", "error", "unit", "inside"], list(map(_row, compared))))
+        blocks.append(
+            Table(["", "estimate", "truth", "error", "unit", "inside"], list(map(_row, compared)))
+        )
     if (wind := found.wind) is not None:
         sizes = (with_unit(sd, TORQUE) for sd in (wind.sd, wind.true_sd))
         text = f"correlation {wind.correlation:.2f}; standard deviation {', truth '.join(sizes)}; "
@@ -396,7 +528,11 @@ def _row(one: ComparedParameter) -> list[str]:
     estimate, half, truth = (scale * value for value in (one.estimate, one.half_width, one.truth))
     near = abs(estimate - truth) < 10.0 * abs(truth)
     inside = {None: one.status, True: "yes", False: "no"}[one.inside]
-    words = {"mean effect": "mean effectiveness", "damping": "rate damping", "lag of the motors": "motor time constant"}
+    words = {
+        "mean effect": "mean effectiveness",
+        "damping": "rate damping",
+        "lag of the motors": "motor time constant",
+    }
     return [
         words.get(one.name, one.name.replace("effect of", "effectiveness of")),
         plus_minus(estimate, half) if isfinite(half) else rounded(estimate),

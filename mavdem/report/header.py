@@ -18,7 +18,8 @@ from mavdem.report.condition import wind_words
 from mavdem.report.numbers import TORQUE, Labels, readable, rounded, short, with_unit
 from mavdem.report.timeline import Timeline
 
-POINTS, FEW_POINTS = 16_000, 2_000
+POINTS = 16_000
+FEW_POINTS = 2_000
 """Of a line of the timeline: ten minutes with all that autopilots log stay within a megabyte; of a small page."""
 RATINGS = {GOOD: "good", LIMITED: "fair", NONE: "bad", "": ""}
 MARGINS = {"Enough": "good", "Perhaps": "fair", "Too": "bad"}
@@ -46,22 +47,31 @@ class Head(NamedTuple):
     events: Sequence[Event] = ()
 
 
-def key_figures(analysis: LogAnalysis, air: Air | None, loop: Loop | None = None) -> Iterator[KeyFigure]:
+def key_figures(
+    analysis: LogAnalysis, air: Air | None, loop: Loop | None = None
+) -> Iterator[KeyFigure]:
     """Yields the figures that answer which motor, how strong the wind was, and how sure all that is."""
-    learned, held_out, hover = analysis.learned, analysis.held_out, analysis.condition.hover
+    learned = analysis.learned
+    held_out = analysis.held_out
+    hover = analysis.condition.hover
     grades = {one.purpose: RATINGS[one.grade] for one in analysis.findings.purposes}
     yield from _lost(analysis.alarms)
     if hover is not None:
         number = most_uneven(hover.imbalance)
-        most, motor = hover.imbalance[number], hover.motors[number]
+        most = hover.imbalance[number]
+        motor = hover.motors[number]
         rating = "bad" if abs(most) > UNEVEN else "good"
         yield KeyFigure("Trim deviation", f"{round(most, 1) + 0.0:+.1f} %", motor, rating)
         left, motor = min(zip(hover.headroom, hover.motors, strict=True))
         limit = max(map(sum, zip(hover.at_upper_limit, hover.at_lower_limit, strict=True)))
         remark = f"{short(motor)}; motors at a limit {100 * limit:.1f} % of the time"
-        yield KeyFigure("Least headroom", f"{100 * left:.0f} %", remark, "good" if left >= 0.1 else "bad")
+        yield KeyFigure(
+            "Least headroom", f"{100 * left:.0f} %", remark, "good" if left >= 0.1 else "bad"
+        )
     wind, _, reason = air or (None, None, "")
-    speed, origin, gusts = ("not known", reason.split(". ")[0].rstrip("."), "") if wind is None else wind_words(wind)
+    speed, origin, gusts = (
+        ("not known", reason.split(". ")[0].rstrip("."), "") if wind is None else wind_words(wind)
+    )
     yield KeyFigure("Wind", speed, f"{origin}{gusts}".strip("; "))
     physical = None if learned is None else learned.physical
     if learned is not None and (torque := known_wind(learned.wind_torque, physical)) is not None:
@@ -73,15 +83,20 @@ def key_figures(analysis: LogAnalysis, air: Air | None, loop: Loop | None = None
         rating = grades.get("motor effectiveness", "")
         yield KeyFigure("Control effectiveness", f"± {100 * half / mean:.0f} %", remark, rating)
     if learned is not None and held_out is not None:
-        unit, baseline = readable(Labels.of(learned).output_units[0]), held_out.best_baseline
+        unit = readable(Labels.of(learned).output_units[0])
+        baseline = held_out.best_baseline
         ours, theirs = (with_unit(held_out.rmse(name)[0], unit) for name in (FORECAST, baseline))
         remark = f"{held_out.seconds:.2g} s ahead, RMSE {ours} (“{baseline}” {theirs})"
-        yield KeyFigure("Error ratio", rounded(held_out.error_ratio()), remark, grades.get("prediction", ""))
+        yield KeyFigure(
+            "Error ratio", rounded(held_out.error_ratio()), remark, grades.get("prediction", "")
+        )
     if loop is not None:
         low, high = loop.rate.phase_margin_interval
         said = margin_verdict(loop).partition(":")[0]
         remark = f"{low:.0f} to {high:.0f}° of the rate loop; {said.lower()} in all: `mavdem tune` has gains"
-        yield KeyFigure("Phase margin", f"{loop.rate.phase_margin:.0f}°", remark, MARGINS[said.split()[0]])
+        yield KeyFigure(
+            "Phase margin", f"{loop.rate.phase_margin:.0f}°", remark, MARGINS[said.split()[0]]
+        )
 
 
 def live_figures(status: SessionStatus) -> Iterator[KeyFigure]:
@@ -92,9 +107,18 @@ def live_figures(status: SessionStatus) -> Iterator[KeyFigure]:
         yield KeyFigure("Wind", speed, f"{origin.strip()} at {status.wind.time:.0f} s")
     seconds, half = status.ahead
     if isfinite(half):
-        yield KeyFigure("Prediction", f"± {degrees(half):.1f}°", f"{seconds:.2g} s ahead, 90 % band at the end")
+        yield KeyFigure(
+            "Prediction", f"± {degrees(half):.1f}°", f"{seconds:.2g} s ahead, 90 % band at the end"
+        )
 
 
 def _lost(alarms: Sequence[MotorAlarm]) -> Iterator[KeyFigure]:
-    if weak := max((alarm for alarm in alarms if alarm.weak), key=lambda alarm: alarm.size, default=None):
-        yield KeyFigure(f"{weak.name.capitalize()} lost", weak.lost, f"of its thrust at {weak.since:.0f} s", "bad")
+    if weak := max(
+        (alarm for alarm in alarms if alarm.weak), key=lambda alarm: alarm.size, default=None
+    ):
+        yield KeyFigure(
+            f"{weak.name.capitalize()} lost",
+            weak.lost,
+            f"of its thrust at {weak.since:.0f} s",
+            "bad",
+        )

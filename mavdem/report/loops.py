@@ -18,7 +18,8 @@ FIGURES = {  # header, and what makes the unit shown, by name of the figure
     "bandwidth": ("bandwidth, -3 dB (Hz)", 1.0),
     "rejection": ("motion per 100 °/s² torque (°/s, °)", 100.0),
 }
-FASTEST = 0.15  # of the log's rate: the crossover up to which delay and time constant are known well enough
+# of the log's rate: the crossover up to which delay and time constant are known well enough
+FASTEST = 0.15
 
 
 def tune_blocks(found: Mapping[str, Advice | str]) -> list[Block]:
@@ -29,11 +30,17 @@ def tune_blocks(found: Mapping[str, Advice | str]) -> list[Block]:
         if isinstance(advice, str):
             blocks.append(Sentence(advice, lead))
             continue
-        loop, after = advice.before, {"advised": advice.after} if advice.parameters else {}
-        blocks += [Sentence(f"{advice.verdict} {advice.sentence}", lead), *margin_tables({"now": loop, **after})]
+        loop = advice.before
+        after = {"advised": advice.after} if advice.parameters else {}
+        blocks += [
+            Sentence(f"{advice.verdict} {advice.sentence}", lead),
+            *margin_tables({"now": loop, **after}),
+        ]
         if loop.crossover * loop.record.dt > FASTEST:
             slow = f"A crossover at {loop.crossover:.0f} Hz is fast for a log at {1 / loop.record.dt:.0f} Hz"
-            blocks.append(Sentence(f"{slow}: record faster, for delay and time constant.", "Caution:"))
+            blocks.append(
+                Sentence(f"{slow}: record faster, for delay and time constant.", "Caution:")
+            )
         blocks += [_measured(loop), *(Sentence(caution, "Caution:") for caution in loop.cautions)]
         blocks += _gains(advice) if advice.gains else []
     named = any(isinstance(advice, Advice) and advice.gains for advice in found.values())
@@ -42,15 +49,21 @@ def tune_blocks(found: Mapping[str, Advice | str]) -> list[Block]:
 
 def _measured(loop: Loop) -> Sentence:
     """How the response of the rate in flight fits the predicted one."""
-    found, lead = loop.measured, "Measured response:"
+    found = loop.measured
+    lead = "Measured response:"
     if found is None:
         ask = "record ATTITUDE_TARGET, RATE or vehicle_rates_setpoint for 20 s of settled flight"
         return Sentence(f"too few setpoints of the rate to check the margins against: {ask}.", lead)
     if loop.agrees is None:
-        return Sentence(f"{found.reason[0].lower()}{found.reason[1:]} The margins are not checked against it.", lead)
+        return Sentence(
+            f"{found.reason[0].lower()}{found.reason[1:]} The margins are not checked against it.",
+            lead,
+        )
     low, high = found.band
     text = f"the flight's response of the rate to its setpoint fits the predicted one by {found.agreement:.0f} % from "
-    text += f"{low:g} to {high:.1f} Hz (100 % − NRMSE; {found.fit:.0f} % with the wind's part in it)."
+    text += (
+        f"{low:g} to {high:.1f} Hz (100 % − NRMSE; {found.fit:.0f} % with the wind's part in it)."
+    )
     return Sentence(text, lead)
 
 
@@ -59,18 +72,25 @@ def margin_tables(loops: Mapping[str, Loop]) -> list[Block]:
     tables = list[Block]()
     for which in ("rate", "attitude"):
         values = [getattr(one, which) for one in loops.values()]
-        rows = [[name, *(_interval(one, key, unit) for one in values)] for key, (name, unit) in FIGURES.items()]
+        rows = [
+            [name, *(_interval(one, key, unit) for one in values)]
+            for key, (name, unit) in FIGURES.items()
+        ]
         tables.append(Table([f"{which} loop (90 % interval)", *loops], rows))
     return tables
 
 
 def _interval(loop: OpenLoop, name: str, scale: float) -> str:
-    value, (low, high) = getattr(loop, name), getattr(loop, f"{name}_interval")
+    value = getattr(loop, name)
+    (low, high) = getattr(loop, f"{name}_interval")
     return f"{rounded(scale * value)} ({rounded(scale * low)} to {rounded(scale * high)})"
 
 
 def _gains(advice: Advice) -> list[Block]:
-    rows = [[name, f"{old:.4g}", f"{new:.4g}", f"{new / old:.2f}"] for name, (old, new) in advice.gains.items()]
+    rows = [
+        [name, f"{old:.4g}", f"{new:.4g}", f"{new / old:.2f}"]
+        for name, (old, new) in advice.gains.items()
+    ]
     before, after = (rounded(loop.lean_in_wind) for loop in (advice.before, advice.after))
     does = "the heading moves" if advice.before.axis == "yaw" else "it leans"
     expected = f"in the wind of this flight {does} by {after}° instead of {before}° "
@@ -82,4 +102,8 @@ def _gains(advice: Advice) -> list[Block]:
         noise += f"{100 * now:.2g} % of its range (D alone by {100 * by_d:.2g} %), "
         noise += f"with these gains by {100 * then:.2g} %. "
         noise += f"That heats the motors {heat:.2g} times as much: feel how warm they become."
-    return [Table(["gain", "now", "set", "times"], rows), Sentence(expected, "To expect:"), Sentence(noise, "Noise:")]
+    return [
+        Table(["gain", "now", "set", "times"], rows),
+        Sentence(expected, "To expect:"),
+        Sentence(noise, "Noise:"),
+    ]

@@ -29,7 +29,8 @@ class Labels(NamedTuple):
     def of(cls, learned: Learned) -> Labels:
         """Returns those of the training data of ``learned``; numbers where it has no names."""
         record = learned.record
-        inputs, outputs = record.inputs.shape[1], record.outputs.shape[1]
+        inputs = record.inputs.shape[1]
+        outputs = record.outputs.shape[1]
         return cls(
             record.input_names or tuple(f"input {i + 1}" for i in range(inputs)),
             record.output_names or tuple(f"output {i + 1}" for i in range(outputs)),
@@ -68,7 +69,9 @@ def named(name: str, unit: str) -> str:
 def outputs_of(labels: Labels) -> tuple[list[str], list[Readable]]:
     """Returns the names of the outputs with the units that they are shown in, and these units."""
     units = [readable(unit) for unit in labels.output_units]
-    return [named(name, unit.name) for name, unit in zip(labels.output_names, units, strict=True)], units
+    return [
+        named(name, unit.name) for name, unit in zip(labels.output_names, units, strict=True)
+    ], units
 
 
 def short(name: str) -> str:
@@ -118,7 +121,8 @@ def plus_minus(value: float, half: float) -> str:
     power = 0 if -6 <= digit <= 2 else 3 * (max(digit, floor(log10(abs(value) or half))) // 3)
     decimals = max(power - digit, 0)
     mean, width = (
-        f"{round(number / 10.0**power, power - digit) + 0.0:.{decimals}f}" for number in (float(value), float(half))
+        f"{round(number / 10.0**power, power - digit) + 0.0:.{decimals}f}"
+        for number in (float(value), float(half))
     )
     return f"({mean} ± {width})e{power}" if power else f"{mean} ± {width}"
 
@@ -153,9 +157,12 @@ class AxisCommand(NamedTuple):
     @classmethod
     def of(cls, learned: Learned) -> AxisCommand:
         """Returns that of the axis of ``learned``, by the mixer geometry or else by each motor's effectiveness."""
-        labels, turning = Labels.of(learned), directions(learned)
+        labels = Labels.of(learned)
+        turning = directions(learned)
         motors = turning / (weights(turning) @ turning)
-        return cls(f"{labels.output_names[0]} command", labels.input_units[0], weights(turning), motors)
+        return cls(
+            f"{labels.output_names[0]} command", labels.input_units[0], weights(turning), motors
+        )
 
     def series(self, inputs: NDArray[np.float64]) -> NDArray[np.float64]:
         """Returns the command (T,) over ``inputs`` (T, r), about its mean."""

@@ -93,8 +93,15 @@ def document(
     here. All text is escaped. What cannot be drawn says why in its place. The same arguments give the same bytes with
     the same versions of mavdem, matplotlib and Python.
     """
-    drawn = [_drawn(chapter, number) for number, chapter in enumerate(chapters) if any(chapter[1:3])]
-    parts: dict[str, Any] = {"title": title, "subtitle": subtitle, "blocks": blocks, "chapters": drawn}
+    drawn = [
+        _drawn(chapter, number) for number, chapter in enumerate(chapters) if any(chapter[1:3])
+    ]
+    parts: dict[str, Any] = {
+        "title": title,
+        "subtitle": subtitle,
+        "blocks": blocks,
+        "chapters": drawn,
+    }
     parts |= {"back": back, "head": head}
     if head is not None and (timeline := head.timeline) is not None:
         if not head.is_small:
@@ -109,8 +116,16 @@ def environment() -> Environment:
 
     The timeline is drawn by uPlot (MIT), whose script and style are in ``uplot``, and ``timeline.js``.
     """
-    made = Environment(loader=PackageLoader("mavdem.report", ""), autoescape=True, trim_blocks=True, lstrip_blocks=True)
-    made.globals |= {"made_by": f"mavdem {version('mavdem')}, Python {platform.python_version()}", "ink": INK_ON_LIGHT}
+    made = Environment(
+        loader=PackageLoader("mavdem.report", ""),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    made.globals |= {
+        "made_by": f"mavdem {version('mavdem')}, Python {platform.python_version()}",
+        "ink": INK_ON_LIGHT,
+    }
     made.tests |= {
         "table": lambda block: isinstance(block, Table),
         "warning": lambda block: block.lead.startswith(("Caution", "Warning")),
@@ -121,14 +136,22 @@ def environment() -> Environment:
 
 def _drawn(chapter: Chapter, number: int) -> dict[str, Any]:
     """The chapter with its pictures as SVG; where one cannot be drawn, a sentence with the reason."""
-    blocks, drawings = list(chapter.blocks), []
+    blocks = list(chapter.blocks)
+    drawings = []
     for place, picture in enumerate(chapter.pictures):
         try:
-            svg = downstream("report.figures.style", "svg")(picture.draw(), f"figure-{number}-{place}")
+            svg = downstream("report.figures.style", "svg")(
+                picture.draw(), f"figure-{number}-{place}"
+            )
             drawings.append((picture, Markup(svg)))
         except ValueError as error:
             blocks.append(Sentence(f"{error}.", f"{picture.title}:"))
-    return {"title": chapter.title, "blocks": blocks, "drawings": drawings, "folded": chapter.folded}
+    return {
+        "title": chapter.title,
+        "blocks": blocks,
+        "drawings": drawings,
+        "folded": chapter.folded,
+    }
 
 
 def _prose(text: str) -> Markup:
@@ -145,7 +168,8 @@ def _headline(text: str) -> tuple[str, str]:
 
 def _rating(cell: str) -> str:
     """The class, of a colour, of a cell that rates something; empty for others."""
-    good, fair = ("GOOD", "ok", "reported", "reproduced", "passed"), ("LIMITED", "biased", "drift", "nearly")
+    good = ("GOOD", "ok", "reported", "reproduced", "passed")
+    fair = ("LIMITED", "biased", "drift", "nearly")
     bad = "NOT IDENTIFIABLE", "not identifiable", "fault", "unstable", "failed"
     ratings = {"good": good, "fair": fair, "bad": bad}
     return next((name for name, words in ratings.items() if cell.startswith(words)), "")
@@ -165,35 +189,55 @@ def log_page(
     beside. Without the ``inventory`` (``mavdem.condition.inventory``) the page is small, with few pictures, for many
     flights. ``back`` is name and address of the page that leads here.
     """
-    first, whole = next(iter(analyses.values())), inventory is not None
+    first = next(iter(analyses.values()))
+    whole = inventory is not None
     timeline = timeline_of(analyses, air)
-    loops = {axis: _loop(analysis.learned) if whole else None for axis, analysis in analyses.items()}
+    loops = {
+        axis: _loop(analysis.learned) if whole else None for axis, analysis in analyses.items()
+    }
     figures = [*key_figures(first, air, next(iter(loops.values())))]
     head = Head(first.findings, first, figures, timeline, is_small=not whole)
     chapters = [_motors(first, whole), _wind(first, air, said, timeline, whole)]
     for axis, analysis in analyses.items():
         if analysis is not first:
             chapters.append(Chapter(axis.capitalize(), verdict_of(analysis)))
-        chapters += [] if analysis.learned is None else _model(axis, analysis, analysis.learned, loops[axis], whole)
+        chapters += (
+            []
+            if analysis.learned is None
+            else _model(axis, analysis, analysis.learned, loops[axis], whole)
+        )
     for axis, analysis in analyses.items():
-        chapters += [] if analysis.learned is None else [_inside(axis, analysis, analysis.learned, whole)]
+        chapters += (
+            [] if analysis.learned is None else [_inside(axis, analysis, analysis.learned, whole)]
+        )
     if inventory is not None:
-        chapters.append(Chapter("What was read from the log, and repaired", log_blocks(inventory), folded=True))
+        chapters.append(
+            Chapter("What was read from the log, and repaired", log_blocks(inventory), folded=True)
+        )
     subtitle = heading.text[:1].upper() + heading.text[1:]
     return document(heading.lead.rstrip(":"), subtitle, verdict_of(first), chapters, back, head)
 
 
 def verdict_of(analysis: LogAnalysis) -> list[Block]:
     """Returns the headline, what overrides it, why there is no model, what to do next, and how sure the model is."""
-    found, (*blocks, following) = analysis.findings, conclusion(analysis.findings)
+    found = analysis.findings
+    (*blocks, following) = conclusion(analysis.findings)
     if analysis.learned is None and found.overrides:
         blocks.append(Sentence(analysis.reason, "No model:"))
-    return [*blocks, following, *graded(found), *(Sentence(warning, "Warning:") for warning in found.warnings)]
+    return [
+        *blocks,
+        following,
+        *graded(found),
+        *(Sentence(warning, "Warning:") for warning in found.warnings),
+    ]
 
 
 def _motors(analysis: LogAnalysis, whole: bool) -> Chapter:
     """What is known of each motor and, without a full model, of the vehicle's condition."""
-    learned, vehicle, blocks, pictures = analysis.learned, analysis.vehicle, list[Block](), list[Picture]()
+    learned = analysis.learned
+    vehicle = analysis.vehicle
+    blocks = list[Block]()
+    pictures = list[Picture]()
     if learned is not None:
         blocks += motor_blocks(Labels.of(learned), learned.physical, vehicle.hover)
         pictures = model_pictures(learned, analysis.findings, ["motors"] if whole else [], analysis)
@@ -201,17 +245,27 @@ def _motors(analysis: LogAnalysis, whole: bool) -> Chapter:
         vehicle = vehicle._replace(hover=None)
     blocks += vehicle_blocks(vehicle, bool(analysis.findings.overrides))
     if learned is None or analysis.tier.name != "a":
-        blocks += [*tier_sentences(analysis.tier.as_dict()), *condition_sentences(analysis.condition.as_dict())]
+        blocks += [
+            *tier_sentences(analysis.tier.as_dict()),
+            *condition_sentences(analysis.condition.as_dict()),
+        ]
     blocks += [Sentence(alarm.sentence, "Motors:") for alarm in analysis.alarms if not alarm.weak]
     return Chapter("Motors", blocks, pictures)
 
 
 def _wind(
-    analysis: LogAnalysis, air: Air | None, said: Sequence[Block], timeline: Timeline | None, whole: bool
+    analysis: LogAnalysis,
+    air: Air | None,
+    said: Sequence[Block],
+    timeline: Timeline | None,
+    whole: bool,
 ) -> Chapter:
     """The wind in m/s and as a torque, its rose, and the path that was flown."""
-    learned, pictures, draw = analysis.learned, list[Picture](), partial(downstream, "report.figures.flights")
-    wind, blocks = (air or (None,))[0], [*([] if air is None else wind_blocks(air)), *said]
+    learned = analysis.learned
+    pictures = list[Picture]()
+    draw = partial(downstream, "report.figures.flights")
+    wind = (air or (None,))[0]
+    blocks = [*([] if air is None else wind_blocks(air)), *said]
     if wind is not None and wind.directed and whole:
         told = "How often the wind came from where, by its estimated speed."
         pictures.append(Picture("Wind rose", told, lambda: draw("rose_of_wind")(wind)))
@@ -220,16 +274,23 @@ def _wind(
         pictures.append(Picture("Flown path", told, lambda: draw("flown_path")(timeline, wind)))
     if learned is not None:
         blocks += torque_blocks(learned.wind_torque, learned.physical)
-        pictures += model_pictures(learned, analysis.findings, ["disturbance"] if whole else [], analysis)
+        pictures += model_pictures(
+            learned, analysis.findings, ["disturbance"] if whole else [], analysis
+        )
     blocks += [] if analysis.truth is None else truth_blocks(analysis.truth)
     return Chapter("Wind and path", blocks, pictures)
 
 
-def _model(axis: str, analysis: LogAnalysis, learned: Learned, loop: Loop | None, whole: bool) -> Iterator[Chapter]:
+def _model(
+    axis: str, analysis: LogAnalysis, learned: Learned, loop: Loop | None, whole: bool
+) -> Iterator[Chapter]:
     """The loop and its margins, response, prediction and residual tests of an axis."""
-    labels, draw = Labels.of(learned), partial(model_pictures, learned, analysis.findings, analysis=analysis)
+    labels = Labels.of(learned)
+    draw = partial(model_pictures, learned, analysis.findings, analysis=analysis)
     if whole:
-        pictures = draw(["bode", "step"]) + ([] if loop is None else [loop_picture(loop)._replace(printed=False)])
+        pictures = draw(["bode", "step"]) + (
+            [] if loop is None else [loop_picture(loop)._replace(printed=False)]
+        )
         margins = list[Block]()
         if loop is not None:
             said = f"{margin_verdict(loop)} `mavdem tune` with this log has gains to set."
@@ -243,8 +304,11 @@ def _model(axis: str, analysis: LogAnalysis, learned: Learned, loop: Loop | None
 
 def _inside(axis: str, analysis: LogAnalysis, learned: Learned, whole: bool) -> Chapter:
     """How a model was learned, folded."""
-    blocks, methods = detail_blocks(learned, analysis.as_dict()), ["learning"] if whole else []
-    settings = [[name, str(value)] for name, value in asdict(learned.settings).items()] if whole else []
+    blocks = detail_blocks(learned, analysis.as_dict())
+    methods = ["learning"] if whole else []
+    settings = (
+        [[name, str(value)] for name, value in asdict(learned.settings).items()] if whole else []
+    )
     blocks += [Table(["setting", "value"], settings, words=True)] if whole else []
     pictures = model_pictures(learned, analysis.findings, methods, analysis)
     return Chapter(f"The model of {axis}, and how it was learned", blocks, pictures, folded=True)
@@ -270,7 +334,8 @@ _TEXTS = tomllib.loads((files("mavdem.report") / "pictures.toml").read_text("utf
 PICTURES = {method: (table["title"], table["caption"]) for method, table in _TEXTS.items()}
 """Title and caption by the method of ``learned.plot`` that draws it."""
 PRINTED = "motors", "bode", "forecast"  # of these, so that a page prints on few sheets
-SYSTEM_PICTURES = "bode", "step"  # what motors' effect, damping and lag show; nothing where these are unknown
+# what motors' effect, damping and lag show; nothing where these are unknown
+SYSTEM_PICTURES = "bode", "step"
 
 
 def model_pictures(
@@ -294,8 +359,11 @@ def model_pictures(
             options["motors"] = {"hover": analysis.vehicle.hover}
         return getattr(learned.plot, method)(**options.get(method, {}))
 
-    pictures, names = [], Labels.of(learned).output_names
-    unknown = any(one.purpose == "motor effectiveness" and one.grade == NONE for one in found.purposes)
+    pictures = []
+    names = Labels.of(learned).output_names
+    unknown = any(
+        one.purpose == "motor effectiveness" and one.grade == NONE for one in found.purposes
+    )
     for method in (one for one in methods if not (unknown and one in SYSTEM_PICTURES)):
         title, caption = PICTURES[method]
         for output, name in enumerate(names[:outputs] if method == "forecast" else names[:1]):
@@ -309,13 +377,20 @@ def model_pictures(
 def loop_picture(loop: Loop, after: Loop | None = None) -> Picture:
     """Returns the picture of the loops of an axis, and of those with other gains."""
     said = "Gain, phase and sensitivity of the open loops, how far they stay from −1, and steps, with 90 % bands."
-    return Picture("Rate and attitude loop", said, lambda: downstream("report.figures.loops", "loops")(loop, after))
+    return Picture(
+        "Rate and attitude loop",
+        said,
+        lambda: downstream("report.figures.loops", "loops")(loop, after),
+    )
 
 
 def tune_page(name: str, found: Mapping[str, Advice | str]) -> str:
     """Returns the HTML of ``mavdem tune`` of the log ``name``, by axis."""
     known = {axis: advice for axis, advice in found.items() if isinstance(advice, Advice)}
-    drawn = {axis: loop_picture(one.before, one.after if one.parameters else None) for axis, one in known.items()}
+    drawn = {
+        axis: loop_picture(one.before, one.after if one.parameters else None)
+        for axis, one in known.items()
+    }
     chapters = [Chapter(f"Loops of {axis}", pictures=[picture]) for axis, picture in drawn.items()]
     said = "Margins of the loops, and gains to set. Nothing was sent to the vehicle."
     return document(name, said, tune_blocks(found), chapters)
@@ -331,8 +406,11 @@ def comparison_page(comparison: Comparison, from_zero: bool = False) -> str:
     blocks = comparison_report(comparison, from_zero)
     first = next(number for number, block in enumerate(blocks) if isinstance(block, Table))
     pictures = Chapter("Pictures", pictures=[windows])
-    subtitle, rest = f"Forecasts of the same windows of {listed(comparison.flights)}.", blocks[first:]
-    return document("DEM and other methods", subtitle, blocks[:first], [pictures, Chapter("All errors", rest)])
+    subtitle = f"Forecasts of the same windows of {listed(comparison.flights)}."
+    rest = blocks[first:]
+    return document(
+        "DEM and other methods", subtitle, blocks[:first], [pictures, Chapter("All errors", rest)]
+    )
 
 
 def order_page(choice: OrderChoice, names: Sequence[str], known_inputs: bool = True) -> str:
@@ -355,19 +433,27 @@ def live_page(
     """
     found = status.findings or findings_of(learned, alarms=status.alarms)
     seconds = 0.0 if learned is None else len(learned.record) * learned.dt
-    report, timeline = live_report(history, status, account, axis, seconds), live_timeline(history, axis)
+    report = live_report(history, status, account, axis, seconds)
+    timeline = live_timeline(history, axis)
     figures = [*live_figures(status)]
     head = Head(found, None, figures, timeline, vehicle=status.vehicle or "", events=history.events)
-    *blocks, following = conclusion(found) if found.headline else [report[0], Sentence(status.obstacle, "At the end:")]
+    *blocks, following = (
+        conclusion(found)
+        if found.headline
+        else [report[0], Sentence(status.obstacle, "At the end:")]
+    )
     chapters = [Chapter(f"Prediction of {axis} in flight, and the link", report)]
     if learned is not None:
-        labels, draw = Labels.of(learned), partial(model_pictures, learned, found)
+        labels = Labels.of(learned)
+        draw = partial(model_pictures, learned, found)
         blocks += graded(found)
         chapters.insert(0, Chapter("Motors", motor_blocks(labels, learned.physical, None)))
         torque = torque_blocks(learned.wind_torque, learned.physical)
         chapters.append(Chapter(f"Response of {axis}", torque, draw(SYSTEM_PICTURES)))
     what = f"What {axis} did, learned and predicted while it flew."
-    return document(f"Flight over {link}", what, [*blocks[:1], following, *blocks[1:]], chapters, head=head)
+    return document(
+        f"Flight over {link}", what, [*blocks[:1], following, *blocks[1:]], chapters, head=head
+    )
 
 
 def notebook_html(blocks: Sequence[Block]) -> str:
@@ -380,13 +466,21 @@ def flight_html(flight: Flight) -> str:
     """Returns, for notebooks, which flight it is, and a row a channel; in degrees."""
     rows = []
     for kind in ("input", "output", "setpoint"):
-        names, units, values = (getattr(flight, f"{kind}{part}") for part in ("_names", "_units", "s"))
-        for name, unit, column in zip(names, map(readable, units), () if values is None else values.T, strict=True):
+        names, units, values = (
+            getattr(flight, f"{kind}{part}") for part in ("_names", "_units", "s")
+        )
+        for name, unit, column in zip(
+            names, map(readable, units), () if values is None else values.T, strict=True
+        ):
             finite = unit.scale * column[np.isfinite(column)]
-            figures = (finite.mean(), finite.std(), finite.min(), finite.max()) if len(finite) else ()
+            figures = (
+                (finite.mean(), finite.std(), finite.min(), finite.max()) if len(finite) else ()
+            )
             rows.append([named(name, unit.name), kind, *(rounded(figure, 3) for figure in figures)])
     header = ["channel", "is", "mean", "sd", "lowest", "highest"]
-    return notebook_html([title([flight]), Table(header, [row + ["-"] * (len(header) - len(row)) for row in rows])])
+    return notebook_html(
+        [title([flight]), Table(header, [row + ["-"] * (len(header) - len(row)) for row in rows])]
+    )
 
 
 def learned_html(learned: Learned) -> str:

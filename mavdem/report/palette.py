@@ -7,7 +7,8 @@ picture differ also to people with two kinds of cones (tests/report/test_palette
 from __future__ import annotations
 
 MEASURED = "#7d8694"  # what sensors recorded: thin and neutral, what is computed lies over it
-PREDICTED = "#1f7ad6"  # one-step predictions, forecasts and the model itself; their bands with ``BAND_OPACITY``
+# one-step predictions, forecasts and the model itself; their bands with ``BAND_OPACITY``
+PREDICTED = "#1f7ad6"
 BASELINE = "#b5852a"  # forecasts without a model
 DISTURBANCE = "#9461d1"  # the wind's torque
 GUST = "#b5852a"  # behind the disturbance
@@ -16,14 +17,29 @@ PHYSICAL = "#12997a"  # the physical parameters, beside the learnt model
 TRUTH = "#dd5a2f"  # of a simulated flight
 BOUND = "#7d8694"  # what chance alone would reach, 0, limits
 
-GOOD, LIMITED, BAD = "#2e9950", "#b5852a", "#d6453d"  # of a verdict; beside a word, never instead of one
+# of a verdict; beside a word, never instead of one
+GOOD = "#2e9950"
+LIMITED = "#b5852a"
+BAD = "#d6453d"
 
-DISTINCT = ("#1f7ad6", "#dd5a2f", "#12997a", "#b35fc4", "#b5852a", "#7d8694", "#5b66c9", "#c94f6d", "#4f8f3f")
+DISTINCT = (
+    "#1f7ad6",
+    "#dd5a2f",
+    "#12997a",
+    "#b35fc4",
+    "#b5852a",
+    "#7d8694",
+    "#5b66c9",
+    "#c94f6d",
+    "#4f8f3f",
+)
 """For motors and other series without a meaning of their own, used cyclically; the names stand beside them."""
 
-INK_ON_LIGHT, INK_ON_DARK = "#24292f", "#d6dbe1"
+INK_ON_LIGHT = "#24292f"
+INK_ON_DARK = "#d6dbe1"
 """Of text and axes. Figures are drawn with the first; a page puts the other in its place where its theme is dark."""
-PAPER_LIGHT, PAPER_DARK = "#ffffff", "#0d1117"
+PAPER_LIGHT = "#ffffff"
+PAPER_DARK = "#0d1117"
 
 BAND_OPACITY = 0.22
 HELD_OUT_OPACITY = 0.13  # of ``MEASURED`` behind what is held out

@@ -15,7 +15,15 @@ from typing import Any
 import numpy as np
 
 from mavdem.analysis import AxisFigures, LogAnalysis, VehicleFigures
-from mavdem.analysis.findings import ADVICE, BOUND_LEVEL, HALF_WIDTH, Findings, findings_of, known_wind, residuals
+from mavdem.analysis.findings import (
+    ADVICE,
+    BOUND_LEVEL,
+    HALF_WIDTH,
+    Findings,
+    findings_of,
+    known_wind,
+    residuals,
+)
 from mavdem.condition.condition import HoverFigures
 from mavdem.confidence import LEVEL
 from mavdem.dem import Learned, Physical, WindTorque
@@ -27,9 +35,20 @@ from mavdem.flight import Flight
 from mavdem.report import numbers
 from mavdem.report.blocks import Block, Sentence, Table, text_of
 from mavdem.report.condition import condition_sentences, identity_sentence, tier_sentences
-from mavdem.report.numbers import TORQUE, Labels, listed, outputs_of, per, plus_minus, readable, rounded, short
+from mavdem.report.numbers import (
+    TORQUE,
+    Labels,
+    listed,
+    outputs_of,
+    per,
+    plus_minus,
+    readable,
+    rounded,
+    short,
+)
 
-ROWS = {FORECAST: "forecast, motors recorded", PREDICTION: "prediction, motors unknown"}  # beside the baselines
+# beside the baselines
+ROWS = {FORECAST: "forecast, motors recorded", PREDICTION: "prediction, motors unknown"}
 PURPOSE_WORDS = {
     "motor effectiveness": "control effectiveness",
     "damping and lag": "damping and time constant",
@@ -37,7 +56,11 @@ PURPOSE_WORDS = {
     "prediction": "prediction",
     "residuals": "residuals",
 }
-PARAMETER_WORDS = {"effect": "control effectiveness", "damping": "rate damping", "lag": "motor time constant"}
+PARAMETER_WORDS = {
+    "effect": "control effectiveness",
+    "damping": "rate damping",
+    "lag": "motor time constant",
+}
 MOTION = (
     ("damping", "rate damping", 1.0, "1/s"),
     ("lag", "motor time constant", 1e3, "ms"),
@@ -47,14 +70,18 @@ INTERVAL = f"± is the half width of the {100 * LEVEL:.0f} % interval."
 
 
 def screen(
-    learned: Learned, held_out: HeldOut | None = None, hover: HoverFigures | None = None, found: Findings | None = None
+    learned: Learned,
+    held_out: HeldOut | None = None,
+    hover: HoverFigures | None = None,
+    found: Findings | None = None,
 ) -> list[Block]:
     """Returns the headline, the findings, the vehicle, the wind torque, prediction and warnings of a ``learned`` model.
 
     ``held_out`` windows and the motors' ``hover`` figures are left out where there are none; the findings are those of
     the model unless ``found`` otherwise.
     """
-    labels, found = Labels.of(learned), findings_of(learned, held_out) if found is None else found
+    labels = Labels.of(learned)
+    found = findings_of(learned, held_out) if found is None else found
     *first, following = conclusion(found)
     return [
         *first,
@@ -75,36 +102,54 @@ def graded(found: Findings) -> list[Block]:
 
 def conclusion(found: Findings) -> list[Block]:
     """Returns the headline, what overrides all grades, and last what to do next."""
-    doubts = (Sentence(override.sentence, f"{override.kind.capitalize()}:") for override in found.overrides)
-    return [*([Sentence("", found.headline)] if found.headline else []), *doubts, Sentence(found.next_step, "Next:")]
+    doubts = (
+        Sentence(override.sentence, f"{override.kind.capitalize()}:")
+        for override in found.overrides
+    )
+    return [
+        *([Sentence("", found.headline)] if found.headline else []),
+        *doubts,
+        Sentence(found.next_step, "Next:"),
+    ]
 
 
 def verdict_blocks(found: Findings) -> list[Block]:
     """Returns all findings without a table, for a narrow column."""
     *blocks, following = conclusion(found)
     blocks += [
-        Sentence(reason, f"{PURPOSE_WORDS[what].capitalize()}: {grade}.") for what, grade, reason in found.purposes
+        Sentence(reason, f"{PURPOSE_WORDS[what].capitalize()}: {grade}.")
+        for what, grade, reason in found.purposes
     ]
     return [*blocks, *(Sentence(warning, "Warning:") for warning in found.warnings), following]
 
 
 def analysis_blocks(analysis: LogAnalysis) -> list[Block]:
     """Returns the screen of an ``analysis``: its model's, else what is known without one, and why there is none."""
-    learned, found, hover = analysis.learned, analysis.findings, analysis.vehicle.hover
+    learned = analysis.learned
+    found = analysis.findings
+    hover = analysis.vehicle.hover
     if hover is not None and analysis.tier.name != "a":
         hover = replace(hover, roll=None, pitch=None)  # the condition says how the vehicle leans
-    blocks = conclusion(found) if learned is None else screen(learned, analysis.held_out, hover, found)
-    blocks += [Sentence(analysis.reason, "No model:")] if learned is None and found.overrides else []
+    blocks = (
+        conclusion(found) if learned is None else screen(learned, analysis.held_out, hover, found)
+    )
+    blocks += (
+        [Sentence(analysis.reason, "No model:")] if learned is None and found.overrides else []
+    )
     blocks += [Sentence(alarm.sentence, "Motors:") for alarm in analysis.alarms if not alarm.weak]
     if analysis.tier.name != "a" or learned is None:
-        blocks += [*tier_sentences(analysis.tier.as_dict()), identity_sentence(analysis.identity.as_dict())]
+        blocks += [
+            *tier_sentences(analysis.tier.as_dict()),
+            identity_sentence(analysis.identity.as_dict()),
+        ]
         blocks += condition_sentences(analysis.condition.as_dict())
     return blocks
 
 
 def title(flights: Sequence[Flight]) -> Sentence:
     """Returns which log and axis the ``flights`` are of, and how much there is of it."""
-    first, seconds = flights[0], sum(flight.duration for flight in flights)
+    first = flights[0]
+    seconds = sum(flight.duration for flight in flights)
     parts = f" in {len(flights)} segments" if len(flights) > 1 else ""
     text = f"{first.output_names[0]}, {seconds:.0f} s of settled flight{parts} at {1 / first.dt:.0f} Hz."
     return Sentence(text, f"{Path(str(first.provenance.get('source') or 'Arrays')).name}:")
@@ -112,19 +157,29 @@ def title(flights: Sequence[Flight]) -> Sentence:
 
 def summary(learned: Learned) -> str:
     """Returns the screen as text, of what the ``learned`` model alone knows: without windows that it has not seen."""
-    return text_of([*screen(learned), *(Sentence(caution, "Caution:") for caution in learned.cautions)])
+    return text_of(
+        [*screen(learned), *(Sentence(caution, "Caution:") for caution in learned.cautions)]
+    )
 
 
-def motor_blocks(labels: Labels, physical: Physical | None, hover: HoverFigures | None) -> list[Block]:
+def motor_blocks(
+    labels: Labels, physical: Physical | None, hover: HoverFigures | None
+) -> list[Block]:
     """Returns a row a motor, with its effectiveness, trim, headroom and saturation; and what is of all motors."""
-    columns, blocks, rest = dict[str, list[str]](), list[Block](), list[str]()
+    columns = dict[str, list[str]]()
+    blocks = list[Block]()
+    rest = list[str]()
     if physical is not None:
         half = physical.interval(LEVEL)
         effect = zip(TORQUE.scale * physical.effect, TORQUE.scale * half.effect, strict=True)
-        columns[f"effectiveness ({per(TORQUE, labels.input_units[0])})"] = [plus_minus(*pair) for pair in effect]
+        columns[f"effectiveness ({per(TORQUE, labels.input_units[0])})"] = [
+            plus_minus(*pair) for pair in effect
+        ]
         for name, words, scale, unit in MOTION:
             pair = scale * getattr(physical, name), scale * getattr(half, name)
-            rest.append(f"{words} {f'{plus_minus(*pair)} {unit}' if np.isfinite(pair[1]) else 'not identifiable'}")
+            rest.append(
+                f"{words} {f'{plus_minus(*pair)} {unit}' if np.isfinite(pair[1]) else 'not identifiable'}"
+            )
     if hover is not None and hover.motors == labels.input_names:
         columns |= _hover_columns(hover)
     if columns:
@@ -157,7 +212,9 @@ def torque_blocks(wind: WindTorque | None, physical: Physical | None) -> list[Bl
     """Returns the wind torque: its level, share and gusts; nothing where it is not known."""
     if physical is None or (wind := known_wind(wind, physical)) is None:
         return []
-    unit, scale, count = TORQUE.name, TORQUE.scale, len(wind.gusts)
+    unit = TORQUE.name
+    scale = TORQUE.scale
+    count = len(wind.gusts)
     text = (
         f"{rounded(scale * wind.sd)} {unit} (standard deviation), {100 * physical.wind_share:.0f} % of the variance of "
         f"all torque; steady part {plus_minus(scale * wind.mean, scale * wind.mean_band)} {unit}, if motors are equal "
@@ -168,40 +225,60 @@ def torque_blocks(wind: WindTorque | None, physical: Physical | None) -> list[Bl
     text += f" {count or 'No'} gust{'' if count == 1 else 's'} beyond {rounded(scale * wind.gust_threshold)} {unit}"
     if wind.gusts:
         largest = max(wind.gusts, key=lambda gust: abs(gust.size))
-        text += f"; the largest {rounded(scale * largest.size)} {unit}, {largest.length:.2g} s long, "
+        text += (
+            f"; the largest {rounded(scale * largest.size)} {unit}, {largest.length:.2g} s long, "
+        )
         text += f"{largest.start:.1f} s after the first sample"
-    return [Sentence(f"{text} (by chance {wind.false_gusts_per_minute:.1g} a minute).", "Wind torque on this axis:")]
+    return [
+        Sentence(
+            f"{text} (by chance {wind.false_gusts_per_minute:.1g} a minute).",
+            "Wind torque on this axis:",
+        )
+    ]
 
 
 def prediction_blocks(labels: Labels, held_out: HeldOut | None) -> list[Block]:
     """Returns the RMSE beside the baselines over all held-out windows, and how windows differ."""
     if held_out is None:
         return []
-    (names, units), rows = outputs_of(labels), list[list[str]]()
+    (names, units) = outputs_of(labels)
+    rows = list[list[str]]()
     count = f"{len(held_out)} held-out windows" if len(held_out) > 1 else "one held-out window"
     for name in sorted(held_out.forecasts, key=held_out.error_ratio):
         rmse = (unit.scale * value for unit, value in zip(units, held_out.rmse(name), strict=True))
         rows.append([ROWS.get(name, name), *map(rounded, (*rmse, held_out.error_ratio(name)))])
     text = f"The 90 % band holds {100 * held_out.coverage:.0f} % of the samples."
     if len(held_out) > 1:
-        low, median, high = (rounded(value) for value in np.percentile(held_out.error_ratios(), [25, 50, 75]))
-        shares = ((name, float((held_out.error_ratios(baseline=name) > 1).mean())) for name in BASELINES)
+        low, median, high = (
+            rounded(value) for value in np.percentile(held_out.error_ratios(), [25, 50, 75])
+        )
+        shares = (
+            (name, float((held_out.error_ratios(baseline=name) > 1).mean())) for name in BASELINES
+        )
         worse = ", ".join(f"{100 * share:.0f} % worse than “{name}”" for name, share in shares)
         text = f"Error ratio by window: median {median}, interquartile range {low} to {high}; {worse}. {text}"
-    return [Table([f"RMSE, {held_out.seconds:.2g} s ahead, {count}", *names, "error ratio"], rows), Sentence(text)]
+    return [
+        Table([f"RMSE, {held_out.seconds:.2g} s ahead, {count}", *names, "error ratio"], rows),
+        Sentence(text),
+    ]
 
 
 def residual_blocks(learned: Learned) -> list[Block]:
     """Returns the tests of the one-step residuals of each output, with their verdicts."""
-    rows, names = [], Labels.of(learned).output_names
+    rows = []
+    names = Labels.of(learned).output_names
     for output, name in enumerate(names):
         found = residuals(learned, output)
-        for test, size, bound in zip(("white", "independent of the command"), found.largest, found.bounds, strict=True):
+        for test, size, bound in zip(
+            ("white", "independent of the command"), found.largest, found.bounds, strict=True
+        ):
             verdict = "passed" if size <= bound else "nearly" if size <= 3 * bound else "failed"
             figures = f"largest correlation {size:.2f}, {100 * BOUND_LEVEL:.0f} % bound {bound:.2f}"
             rows.append([f"{name}: {test}", verdict, figures])
     blocks: list[Block] = [Table(["residuals", "verdict", "because"], rows, words=True)]
-    return blocks + [Sentence(f"The verdict of the flight is that of {names[-1]}.")] * (len(names) > 1)
+    return blocks + [Sentence(f"The verdict of the flight is that of {names[-1]}.")] * (
+        len(names) > 1
+    )
 
 
 def vehicle_blocks(vehicle: VehicleFigures, doubted: bool = False) -> list[Block]:
@@ -212,7 +289,10 @@ def vehicle_blocks(vehicle: VehicleFigures, doubted: bool = False) -> list[Block
         unit = next((axis.flights[0].input_units[0] for _, axis in axes if axis.flights), "")
         words = ("rate damping (1/s)", "time constant (ms)", "wind torque, sd (°/s²)")
         header = ["axis", f"mean effectiveness ({per(TORQUE, unit)})", *words]
-        reasons = [(name, one.reason or " ".join(parameter_reasons(one.physical, doubted))) for name, one in axes]
+        reasons = [
+            (name, one.reason or " ".join(parameter_reasons(one.physical, doubted)))
+            for name, one in axes
+        ]
         blocks = [
             Sentence(f"all settled flight of the log; {INTERVAL}", "Vehicle:"),
             Table(header, [[name, *_axis_row(one)] for name, one in axes]),
@@ -222,17 +302,25 @@ def vehicle_blocks(vehicle: VehicleFigures, doubted: bool = False) -> list[Block
         columns = _hover_columns(hover)
         rows = zip(map(short, hover.motors), *columns.values(), strict=True)
         lean = f"{hover.seconds:.0f} s of settled flight; mean lean {_lean(hover) or 'not known'}."
-        blocks += [Sentence(lean, "Motors:"), Table(["motor", *columns], [list(row) for row in rows])]
+        blocks += [
+            Sentence(lean, "Motors:"),
+            Table(["motor", *columns], [list(row) for row in rows]),
+        ]
     return blocks
 
 
 def _axis_row(axis: AxisFigures) -> list[str]:
-    physical, wind = axis.physical, known_wind(axis.wind, axis.physical)
+    physical = axis.physical
+    wind = known_wind(axis.wind, axis.physical)
     if physical is None:
         return ["-"] * 4
     _, damping, lag, _ = physical.interval(LEVEL)
     mean, half = (TORQUE.scale * value for value in physical.mean_effect(LEVEL))
-    estimates = {"effect": (mean, half), "damping": (physical.damping, damping), "lag": (1e3 * physical.lag, 1e3 * lag)}
+    estimates = {
+        "effect": (mean, half),
+        "damping": (physical.damping, damping),
+        "lag": (1e3 * physical.lag, 1e3 * lag),
+    }
     marks = {name: " (biased)" * (physical.status[name] == "biased") for name in estimates}
     shown = [f"{plus_minus(*pair)}{marks[name]}" for name, pair in estimates.items()]
     return [*shown, "-" if wind is None else rounded(TORQUE.scale * wind.sd)]
@@ -242,7 +330,10 @@ def parameter_reasons(physical: Physical | None, doubted: bool = False) -> list[
     """Returns why ``physical`` parameters are not reported, each reason once; without advice if all is ``doubted``."""
     if physical is None:
         return []
-    reasons = {name: ADVICE.sub("", reason) if doubted else reason for name, reason in physical.reasons.items()}
+    reasons = {
+        name: ADVICE.sub("", reason) if doubted else reason
+        for name, reason in physical.reasons.items()
+    }
     status = physical.status["effect"]
     if status != "reported" and set(physical.status.values()) == {status}:
         # What is wrong with the effectiveness is enough to know.
@@ -251,12 +342,15 @@ def parameter_reasons(physical: Physical | None, doubted: bool = False) -> list[
     parameters: dict[str, list[str]] = {}
     for name, reason in reasons.items():
         parameters.setdefault(reason, []).append(f"{PARAMETER_WORDS[name]} {physical.status[name]}")
-    return [f"{listed(names).capitalize()}: {reason}" for reason, names in parameters.items() if reason]
+    return [
+        f"{listed(names).capitalize()}: {reason}" for reason, names in parameters.items() if reason
+    ]
 
 
 def detail_blocks(learned: Learned, report: dict[str, Any] | None = None) -> list[Block]:
     """Returns cautions, errors one step ahead by ``report``, ``LogAnalysis.as_dict()``, and the ``learned`` model."""
-    labels, energy = Labels.of(learned), learned.free_energy
+    labels = Labels.of(learned)
+    energy = learned.free_energy
     converged = "Converged." if learned.converged else "Not converged."
     end = "" if learned.simulation_fit is not None else f" {converged}"
     return [
@@ -278,10 +372,15 @@ def _one_step(report: dict[str, Any], labels: Labels) -> list[Block]:
     names, units = numbers.outputs_of(labels)
     rows = []
     for name, error in report["one_step_mspe"].items():
-        rmse = (unit.scale * sqrt(square) for unit, square in zip(units, error["per_output"], strict=True))
+        rmse = (
+            unit.scale * sqrt(square)
+            for unit, square in zip(units, error["per_output"], strict=True)
+        )
         rows.append([name, *(f"{value:.3g}" for value in (*rmse, error["relative"]))])
     seconds = zip(labels.output_names, report["prediction"]["half_explained_seconds"], strict=True)
-    ahead = ", ".join(f"{name} up to {s:.2g} s ahead" if s else f"{name} at no horizon" for name, s in seconds)
+    ahead = ", ".join(
+        f"{name} up to {s:.2g} s ahead" if s else f"{name} at no horizon" for name, s in seconds
+    )
     text = f"they explain at least half of the variance of {ahead}, by predictions inside the training data."
     return [
         Table(["RMSE, one step ahead, training data", *names, "error ratio"], rows),
@@ -291,23 +390,31 @@ def _one_step(report: dict[str, Any], labels: Labels) -> list[Block]:
 
 def _model(labels: Labels, learned: Learned) -> list[Block]:
     """The model with all it takes to use it elsewhere: a table a matrix, a row a derivative."""
-    model, outputs = learned.model, numbers.states_are_outputs(learned)
+    model = learned.model
+    outputs = numbers.states_are_outputs(learned)
     states = numbers.state_names(labels.output_names, learned)
-    (n, r), m, half = model.B.shape, len(model.C), learned.model_interval(LEVEL)
+    (n, r) = model.B.shape
+    m = len(model.C)
+    half = learned.model_interval(LEVEL)
     known = unpack(learned.known, n, r, m)
-    derivatives, inputs = [f"d/dt {state}" for state in states], [short(name) for name in labels.input_names]
+    derivatives = [f"d/dt {state}" for state in states]
+    inputs = [short(name) for name in labels.input_names]
 
     def table(which: int, columns: Sequence[str], rows: Sequence[str]) -> Table:
         cells = zip(rows, model[which], half[which], known[which], strict=True)
         return Table(["ABC"[which], *columns], [[head, *map(_entry, *row)] for head, *row in cells])
 
-    A, B, C = table(0, states, derivatives), table(1, inputs, derivatives), table(2, states, labels.output_names)
+    A = table(0, states, derivatives)
+    B = table(1, inputs, derivatives)
+    C = table(2, states, labels.output_names)
     constant = learned.scaling.constant
     if constant:
         B.header.append("d")
         for row, value in zip(B.rows, model.offset, strict=True):
             row.append(f"{value:.3g}")
-    units = ", ".join(dict.fromkeys(unit for unit in (*labels.output_units, *labels.input_units) if unit))
+    units = ", ".join(
+        dict.fromkeys(unit for unit in (*labels.output_units, *labels.input_units) if unit)
+    )
     blocks: list[Block] = [
         Sentence(
             f"ẋ = A x + B (u − u₀){' + d' if constant else ''}, y = C x + y₀{', C = [I 0]' if outputs else ''}, in "
@@ -320,7 +427,8 @@ def _model(labels: Labels, learned: Learned) -> list[Block]:
     ]
     if outputs and len(states) == len(labels.output_names) + 1:
         lag = (
-            "hidden 1 is the motors' lag, without which the plant forecasts worse, also where `mavdem order` counts 2."
+            "hidden 1 is the motors' lag, without which the plant forecasts worse, also "
+            "where `mavdem order` counts 2."
         )
         blocks.append(Sentence(lag, "States:"))
     if not outputs:
@@ -350,7 +458,9 @@ def _trim(names: Sequence[str], values: Array, units: Sequence[str]) -> str:
 
 def _poles(A: Array) -> str:
     """The eigenvalues of A, the slowest first, one of each complex pair, and whether the model is stable."""
-    poles = sorted((value for value in np.linalg.eigvals(A) if value.imag >= 0), key=lambda value: -value.real)
+    poles = sorted(
+        (value for value in np.linalg.eigvals(A) if value.imag >= 0), key=lambda value: -value.real
+    )
     return f"{'; '.join(map(_pole, poles))}. The model is {'unstable' if poles[0].real > 0 else 'stable'}."
 
 
@@ -370,26 +480,39 @@ def _physical(physical: Physical | None, doubted: bool) -> list[Block]:
     """How the physical parameters were fitted, and each window's own, where they differ by more than chance."""
     if physical is None:
         return []
-    windows, reasons = physical.windows, parameter_reasons(physical, doubted)
+    windows = physical.windows
+    reasons = parameter_reasons(physical, doubted)
     refinements = listed(physical.refinements)
     refined = f" Unseen windows are predicted better with: {refinements}." if refinements else ""
-    count = f"{len(windows.start)} windows, fitted together," if len(windows.start) > 1 else "one window"
+    count = (
+        f"{len(windows.start)} windows, fitted together,"
+        if len(windows.start) > 1
+        else "one window"
+    )
     text = f"{count} by a model of these parameters and the wind only, beside DEM's.{refined} {' '.join(reasons)}"
     blocks: list[Block] = [Sentence(text.rstrip(), "Physical parameters (gray-box model):")]
     if CHANGED in " ".join(physical.reasons.values()):
         columns = (windows.start, TORQUE.scale * windows.effect, windows.damping, 1e3 * windows.lag)
         rows = [
             [f"{start:.0f} s", f"{effect:.3g}", f"{damping:.2g}", f"{lag:.2g}", f"{wind:.3g}"]
-            for start, effect, damping, lag, wind in zip(*columns, TORQUE.scale * windows.wind, strict=True)
+            for start, effect, damping, lag, wind in zip(
+                *columns, TORQUE.scale * windows.wind, strict=True
+            )
         ]
-        header = ["mean effectiveness", "rate damping (1/s)", "time constant (ms)", "wind torque (°/s²)"]
+        header = [
+            "mean effectiveness",
+            "rate damping (1/s)",
+            "time constant (ms)",
+            "wind torque (°/s²)",
+        ]
         blocks.append(Table(["window from", *header], rows))
     return blocks
 
 
 def _joint(labels: Labels, learned: Learned) -> list[Block]:
     """What F̄ chose of the joint model, and which motors it takes to turn the axis."""
-    joint, record = learned.joint, learned.record
+    joint = learned.joint
+    record = learned.record
     form = "smooth" if joint.choice.smooth else "plain"
     text = (
         f"each sample from the {joint.choice.lags} before it ({1e3 * joint.choice.lags * learned.dt:.0f} ms), {form} "

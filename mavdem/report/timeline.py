@@ -99,14 +99,29 @@ class Timeline(NamedTuple):
                 "title": named(row.title, row.unit),
                 "times": (float(grid[0]), float(np.ptp(grid[:2]))),
                 "lines": [
-                    (line.name, line.colour, _packed(mean), None if line.half is None else _packed(half))
+                    (
+                        line.name,
+                        line.colour,
+                        _packed(mean),
+                        None if line.half is None else _packed(half),
+                    )
                     for line, (mean, half) in zip(row.lines, found, strict=True)
                 ],
             }
             for row, grid, found in self.thinned(points)
         ]
-        events = [(event.seconds, event.level == "ERROR") for event in self.events if np.isfinite(event.seconds)]
-        return {"span": self.span, "modes": self.modes, "events": events, "trained": self.trained, "rows": rows}
+        events = [
+            (event.seconds, event.level == "ERROR")
+            for event in self.events
+            if np.isfinite(event.seconds)
+        ]
+        return {
+            "span": self.span,
+            "modes": self.modes,
+            "events": events,
+            "trained": self.trained,
+            "rows": rows,
+        }
 
 
 def _packed(values: Array) -> tuple[float, float, str]:
@@ -130,28 +145,47 @@ def timeline_of(analyses: Mapping[str, LogAnalysis], air: Air | None = None) -> 
     segments = analysis.verdict.segments
     boot = int(segments[0].boot if segments else np.bincount(tilt.boot, minlength=1).argmax())
     torques = tuple(line for name, one in analyses.items() for line in _torque(name, one))
-    known = *_driven(signals, boot), Row("Wind torque", TORQUE.name, torques), *_wind(air, boot), *_rest(signals, boot)
+    known = (
+        *_driven(signals, boot),
+        Row("Wind torque", TORQUE.name, torques),
+        *_wind(air, boot),
+        *_rest(signals, boot),
+    )
     if not (rows := tuple(row for row in known if row.lines)):
         return None
     armed = phases.armed(signals, boot) or [(-np.inf, np.inf)]
     ends = min(row.lines[0].time[0] for row in rows), max(row.lines[0].time[-1] for row in rows)
     span = float(max(ends[0], armed[0][0] - AROUND)), float(min(ends[1], armed[-1][1] + AROUND))
-    changes, alarms = signals.modes(boot), [alarm for alarm in analysis.alarms if alarm.boot == boot]
+    changes = signals.modes(boot)
+    alarms = [alarm for alarm in analysis.alarms if alarm.boot == boot]
     ends_of_modes = zip(changes, [*changes[1:], (span[1], "")], strict=False)
     modes = [(max(at, span[0]), min(end, span[1]), name) for (at, name), (end, _) in ends_of_modes]
     said = [Event(at, f"{name} mode.") for at, name in changes]
-    said += [Event(edge, word) for part in armed for edge, word in zip(part, ("Armed.", "Disarmed."), strict=True)]
-    said += [Event(alarm.since, alarm.sentence, "ERROR" if alarm.weak else "INFO") for alarm in alarms]
-    events = sorted((one for one in said if span[0] <= one.seconds <= span[1]), key=lambda one: one.seconds)
+    said += [
+        Event(edge, word)
+        for part in armed
+        for edge, word in zip(part, ("Armed.", "Disarmed."), strict=True)
+    ]
+    said += [
+        Event(alarm.since, alarm.sentence, "ERROR" if alarm.weak else "INFO") for alarm in alarms
+    ]
+    events = sorted(
+        (one for one in said if span[0] <= one.seconds <= span[1]), key=lambda one: one.seconds
+    )
     trained = tuple((float(flight.time[0]), float(flight.time[-1])) for flight in analysis.flights)
-    place, flown = signals.position, tuple(mode for mode in modes if mode[0] < mode[1])
+    place = signals.position
+    flown = tuple(mode for mode in modes if mode[0] < mode[1])
     return Timeline(rows, span, trained, flown, tuple(events), place and _of(place, boot))
 
 
 def _of(signal: Signal, boot: int) -> Signal | None:
     """The part of a ``boot``; None of one without."""
     rows = signal.boot == boot
-    return Signal(signal.time[rows], signal.boot[rows], signal.values[rows]) if np.count_nonzero(rows) > 1 else None
+    return (
+        Signal(signal.time[rows], signal.boot[rows], signal.values[rows])
+        if np.count_nonzero(rows) > 1
+        else None
+    )
 
 
 def _driven(signals: Signals, boot: int) -> Iterator[Row]:
@@ -161,16 +195,23 @@ def _driven(signals: Signals, boot: int) -> Iterator[Row]:
         if (found := attitude(signals.telemetry, axis)) is not None and np.count_nonzero(
             rows := found.boot == boot
         ) > 1:
-            time, angle = found.time[rows], ANGLE.scale * found.angle[rows]
+            time = found.time[rows]
+            angle = ANGLE.scale * found.angle[rows]
             if axis == "yaw":
                 turned = np.exp(1j * found.angle[rows])
                 mean = np.angle(turned.mean())  # the cut is opposite of it
                 angle = ANGLE.scale * (np.angle(turned * np.exp(-1j * mean)) + mean % (2 * np.pi))
                 angle[np.flatnonzero(np.abs(np.diff(angle)) > 180)] = np.nan
-            asked = (one for one in setpoints(signals.telemetry, axis) if one.name == f"{axis} setpoint")
+            asked = (
+                one for one in setpoints(signals.telemetry, axis) if one.name == f"{axis} setpoint"
+            )
             wanted = [ANGLE.scale * held(one, boot, time) for one in asked]
             lines = [Line(axis, palette.PREDICTED, time, angle)]
-            lines += [Line("setpoint", palette.TRUTH, time, one) for one in wanted if np.isfinite(one).any()]
+            lines += [
+                Line("setpoint", palette.TRUTH, time, one)
+                for one in wanted
+                if np.isfinite(one).any()
+            ]
         yield Row(axis.capitalize(), ANGLE.name, tuple(lines))
     if (motors := signals.motors) is not None:
         shares = Signal(motors.time, motors.boot, 100 * motors.scale.fraction(motors.outputs))
@@ -196,17 +237,33 @@ def _lines(
 def _torque(axis: str, analysis: LogAnalysis) -> Iterator[Line]:
     learned = analysis.learned
     wind = None if learned is None else known_wind(learned.wind_torque, learned.physical)
-    if wind is not None and learned is not None and len(wind.torque) == sum(map(len, analysis.flights)):
+    if (
+        wind is not None
+        and learned is not None
+        and len(wind.torque) == sum(map(len, analysis.flights))
+    ):
         colour = palette.DISTURBANCE if axis == AXES[0] else palette.COMMAND
         starts = np.cumsum([len(flight) for flight in analysis.flights])[:-1]
-        time, *both = np.concatenate([flight.time for flight in analysis.flights]), wind.torque, wind.band
+        time, *both = (
+            np.concatenate([flight.time for flight in analysis.flights]),
+            wind.torque,
+            wind.band,
+        )
         yield _broken(starts, time, f"on {axis}", colour, *(TORQUE.scale * one for one in both))
 
 
-def _broken(starts: Any, time: Array, name: str, colour: str, values: Array, half: Array | None = None) -> Line:
+def _broken(
+    starts: Any, time: Array, name: str, colour: str, values: Array, half: Array | None = None
+) -> Line:
     """A line that breaks before each of the samples ``starts``."""
     around = None if half is None else np.insert(half, starts, np.nan)
-    return Line(name, colour, np.insert(time, starts, time[starts]), np.insert(values, starts, np.nan), around)
+    return Line(
+        name,
+        colour,
+        np.insert(time, starts, time[starts]),
+        np.insert(values, starts, np.nan),
+        around,
+    )
 
 
 def _wind(air: Air | None, boot: int) -> Iterator[Row]:
@@ -231,7 +288,8 @@ def live_timeline(history: LiveHistory, axis: str) -> Timeline | None:
     if np.count_nonzero(np.isfinite(measured)) < 2:
         return None
     gaps = np.flatnonzero(np.diff(segments)) + 1
-    line, (predicted, band, torque, torque_band, *air) = partial(_broken, gaps, time), others[:6]
+    line = partial(_broken, gaps, time)
+    (predicted, band, torque, torque_band, *air) = others[:6]
     ahead = ANGLE.scale * predicted, ANGLE.scale * band
     angles = (
         line("measured", palette.MEASURED, ANGLE.scale * measured),
@@ -240,13 +298,26 @@ def live_timeline(history: LiveHistory, axis: str) -> Timeline | None:
     motors = zip(history.motors, cycle(palette.DISTINCT), others[6:], strict=False)
     rows = (
         Row(axis.capitalize(), ANGLE.name, angles),
-        Row("Motors", "%", tuple(line(name, colour, 100 * values) for name, colour, values in motors)),
+        Row(
+            "Motors",
+            "%",
+            tuple(line(name, colour, 100 * values) for name, colour, values in motors),
+        ),
         Row(
             "Wind torque",
             TORQUE.name,
-            (line(f"on {axis}", palette.DISTURBANCE, TORQUE.scale * torque, TORQUE.scale * torque_band),),
+            (
+                line(
+                    f"on {axis}",
+                    palette.DISTURBANCE,
+                    TORQUE.scale * torque,
+                    TORQUE.scale * torque_band,
+                ),
+            ),
         ),
         Row("Wind", "m/s", (line("wind", palette.DISTURBANCE, *air),)),
     )
     known = tuple(row for row in rows if any(np.isfinite(one.values).any() for one in row.lines))
-    return Timeline(known, (float(time[0]), float(time[-1])), tuple(history.learned), (), tuple(history.events))
+    return Timeline(
+        known, (float(time[0]), float(time[-1])), tuple(history.learned), (), tuple(history.events)
+    )

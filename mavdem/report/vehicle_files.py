@@ -22,8 +22,24 @@ LEFT_OUT = {  # what a format has no place for
 
 def vehicle_text(twin: Twin, ending: str, source: str) -> str:
     """Returns the file of a vehicle that ``source`` showed, by its ``ending``: .toml, .json, .params or .sdf."""
-    made = Environment(loader=PackageLoader("mavdem.report", ""), trim_blocks=True, lstrip_blocks=True)  # noqa: S701
-    made.filters["g"] = lambda given: str([float(f"{x:.5g}") for x in given]) if np.ndim(given) else f"{given:.5g}"
-    linear, quadratic = (0.0, 0.0) if twin.drag is None else (twin.drag.linear.mean(), twin.drag.quadratic.mean())
-    known = {"weight": twin.mass * GRAVITY / 4, "linear": linear, "quadratic": quadratic, "math": math}
-    return made.get_template(f"vehicle{ending}").render(twin=twin, source=source, gravity=GRAVITY, **known) + "\n"
+    made = Environment(
+        loader=PackageLoader("mavdem.report", ""), trim_blocks=True, lstrip_blocks=True
+    )  # noqa: S701
+    made.filters["g"] = lambda given: (
+        str([float(f"{x:.5g}") for x in given]) if np.ndim(given) else f"{given:.5g}"
+    )
+    linear, quadratic = (
+        (0.0, 0.0) if twin.drag is None else (twin.drag.linear.mean(), twin.drag.quadratic.mean())
+    )
+    known = {
+        "weight": twin.mass * GRAVITY / 4,
+        "linear": linear,
+        "quadratic": quadratic,
+        "math": math,
+    }
+    return (
+        made.get_template(f"vehicle{ending}").render(
+            twin=twin, source=source, gravity=GRAVITY, **known
+        )
+        + "\n"
+    )

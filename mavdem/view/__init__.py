@@ -5,7 +5,8 @@ import os
 # Rerun warns of each file that is written without a table of its chunks, as one of a flight under way has to be, and
 # reports each viewer that is closed, which we report ourselves. It reads this when it is first imported.
 os.environ.setdefault(
-    "RUST_LOG", "warn,re_log_encoding::rrd::file_sink=off,re_grpc_client=off,re_sdk::recording_stream=off"
+    "RUST_LOG",
+    "warn,re_log_encoding::rrd::file_sink=off,re_grpc_client=off,re_sdk::recording_stream=off",
 )
 
 from mavdem.view.flown import Pose, Target, streamed, write_pose  # noqa: E402

@@ -27,8 +27,11 @@ from mavdem.report.numbers import rounded
 BOOT_CLOCK = "boot clock"
 """Timeline of flights, s: the vehicle's boot clock; live that of its first boot, which goes on where another begins."""
 
-FILL_WIDTH = 2.5  # points: the viewer fills nothing, so an area is drawn as upright strokes that touch each other
-MAX_STROKES, SPAN_STROKES = 20_000, 3000  # of an area, which is drawn at once, and of all shaded times of a plot
+# points: the viewer fills nothing, so an area is drawn as upright strokes that touch each other
+FILL_WIDTH = 2.5
+# of an area, which is drawn at once, and of all shaded times of a plot
+MAX_STROKES = 20_000
+SPAN_STROKES = 3000
 
 
 @dataclass(frozen=True)
@@ -40,14 +43,20 @@ class Lines:
     colours: tuple[str, ...]  # of the palette
     width: float = 1.5  # points
     marked: bool = False  # whether the values are drawn as markers, not joined
-    filled: bool = False  # whether the values are the edges of an area, drawn as one line of upright strokes
+    # whether the values are the edges of an area, drawn as one line of upright strokes
+    filled: bool = False
 
     def send_style(self, recording: rr.RecordingStream) -> None:
         """Sends how the lines are drawn; once a recording."""
-        look: dict[str, Any] = {"names": self.names, "colors": [palette.channels(colour) for colour in self.colours]}
+        look: dict[str, Any] = {
+            "names": self.names,
+            "colors": [palette.channels(colour) for colour in self.colours],
+        }
         widths = [FILL_WIDTH if self.filled else self.width] * len(self.names)
         # Averaging within a pixel would hide gusts, and make a point of a stroke.
-        style: Any = rr.SeriesLines(widths=widths, aggregation_policy=rr.components.AggregationPolicy.Off, **look)
+        style: Any = rr.SeriesLines(
+            widths=widths, aggregation_policy=rr.components.AggregationPolicy.Off, **look
+        )
         if self.marked:
             style = rr.SeriesPoints(marker_sizes=widths, markers=["circle"] * len(widths), **look)
         recording.log(self.path, style, static=True)
@@ -57,8 +66,11 @@ class Lines:
         if not len(time):
             return
         if self.filled:
-            time, values = np.repeat(time, 2), values.reshape(-1, 1)
-        columns = rr.Scalars.columns(scalars=values.ravel()).partition([len(self.names)] * len(time))
+            time = np.repeat(time, 2)
+            values = values.reshape(-1, 1)
+        columns = rr.Scalars.columns(scalars=values.ravel()).partition(
+            [len(self.names)] * len(time)
+        )
         recording.send_columns(self.path, [rr.TimeColumn(BOOT_CLOCK, duration=time)], columns)
 
 
@@ -76,7 +88,13 @@ class Plot:
 
     @classmethod
     def series(
-        cls, origin: str, title: str, time: Array, values: Mapping[str, Array], colour: str = "", inside: Any = ...
+        cls,
+        origin: str,
+        title: str,
+        time: Array,
+        values: Mapping[str, Array],
+        colour: str = "",
+        inside: Any = ...,
     ) -> Plot:
         """Returns a plot of values (N,) by name over times (N,), s, whose range is that of the rows ``inside``."""
         plot = cls(origin, title, range_of(*(line[inside] for line in values.values())))
@@ -87,7 +105,9 @@ class Plot:
     def line(self, name: str, colour: str, time: Array, values: Array, width: float = 1.2) -> None:
         """Adds a line: values (N,) at times (N,), s; NaN breaks it; of two columns the area between them."""
         path = f"{self.origin}/{rr.escape_entity_path_part(f'{len(self.lines)} {name}')}"
-        self.lines.append((Lines(path, (name,), (colour,), width, filled=values.ndim > 1), time, values))
+        self.lines.append(
+            (Lines(path, (name,), (colour,), width, filled=values.ndim > 1), time, values)
+        )
 
     def area(self, name: str, colour: str, time: Array, low: Array, high: Array) -> None:
         """Adds the area between two lines (N,), as far as it is in sight; opaque, since strokes that overlap add up."""
@@ -100,14 +120,21 @@ class Plot:
         """Adds an upright line at each time, s, over the whole range; nothing if there are none."""
         if len(times):
             ends = with_gaps([np.array(self.range) for _ in times])
-            self.line(name, colour, with_gaps([np.full(2, at) for at in times], last=True), ends, 2.0)
+            self.line(
+                name, colour, with_gaps([np.full(2, at) for at in times], last=True), ends, 2.0
+            )
 
     def spans(self, name: str, colour: str, times: Sequence[tuple[float, float]]) -> None:
         """Adds filled spans of time, from start to end, s, over the whole range; nothing if there are none."""
         spacing = sum(end - start for start, end in times) / SPAN_STROKES
-        parts = [np.linspace(*span, max(2, ceil((span[1] - span[0]) / spacing))) for span in times if spacing]
+        parts = [
+            np.linspace(*span, max(2, ceil((span[1] - span[0]) / spacing)))
+            for span in times
+            if spacing
+        ]
         if parts:
-            time, inside = with_gaps(parts, last=True), with_gaps([np.ones(len(part)) for part in parts])
+            time = with_gaps(parts, last=True)
+            inside = with_gaps([np.ones(len(part)) for part in parts])
             self.area(name, colour, time, self.range[0] * inside, self.range[1] * inside)
 
     def draw(self, recording: rr.RecordingStream) -> None:
@@ -127,7 +154,9 @@ class Plot:
         y = rrb.ScalarAxis(range=(low - margin, high + margin))
         legend = rrb.PlotLegend(corner=rrb.Corner2D.RightTop, visible=len(self.lines) > 1)
         title = f"{self.title} ({rounded(low, 3)} to {rounded(high, 3)})"
-        return rrb.TimeSeriesView(name=title, origin=self.origin, axis_x=x, axis_y=y, plot_legend=legend)
+        return rrb.TimeSeriesView(
+            name=title, origin=self.origin, axis_x=x, axis_y=y, plot_legend=legend
+        )
 
 
 def with_gaps(parts: Sequence[Array] | Array, last: bool = False) -> Array:
@@ -188,11 +217,17 @@ def range_of(*values: Array) -> tuple[float, float]:
     return (float(finite.min()), float(finite.max())) if len(finite) else (-1.0, 1.0)
 
 
-MAX_ROWS, MAX_ARROWS = 50_000, 150  # the viewer draws every row, and all arrows along a path at once
+# the viewer draws every row, and all arrows along a path at once
+MAX_ROWS = 50_000
+MAX_ARROWS = 150
 WIND_SCALE = 0.4  # length of the wind's arrow for 1 m/s, in arms
 
-BODY, NOSE, GROUND, TRAIL = (210, 214, 220), (255, 107, 107), (70, 74, 80), (94, 214, 120)
-SPEEDS = np.array([(60, 110, 255), (165, 165, 170), (255, 150, 30)], float)  # slower than in hover, as there, faster
+BODY = (210, 214, 220)
+NOSE = (255, 107, 107)
+GROUND = (70, 74, 80)
+TRAIL = (94, 214, 120)
+# slower than in hover, as there, faster
+SPEEDS = np.array([(60, 110, 255), (165, 165, 170), (255, 150, 30)], float)
 
 
 @dataclass(frozen=True, eq=False)
@@ -241,7 +276,8 @@ class Pose:
 
     def at(self, rate: float) -> NDArray[np.intp]:
         """Rows of the flight, evenly, at about ``rate`` Hz, no faster than there are, and fewer of a long flight."""
-        step, count = float(np.median(np.diff(self.time))), len(self.time)
+        step = float(np.median(np.diff(self.time)))
+        count = len(self.time)
         return np.arange(0, count, max(round(1 / rate / step), ceil(count / MAX_ROWS)))
 
 
@@ -250,7 +286,8 @@ def write_pose(path: str | os.PathLike[str], name: str, pose: Pose) -> None:
 
     It appears whole or not at all: ``OSError`` if it cannot be written there.
     """
-    rows, plots = pose.at(50), _plots(pose)
+    rows = pose.at(50)
+    plots = _plots(pose)
     with recorded(path, name) as recording:
         # North, east, down are to a world what forward, right, down are to a body.
         for frame in ("world", "world/here"):
@@ -259,15 +296,22 @@ def write_pose(path: str | os.PathLike[str], name: str, pose: Pose) -> None:
         _surroundings(recording, pose, rows)
         for plot in plots:
             plot.draw(recording)
-        views = rrb.Vertical(*(plot.view(0.0, float(pose.time[-1])) for plot in plots), row_shares=(5, 5, 5, 7, 6, 6))
+        views = rrb.Vertical(
+            *(plot.view(0.0, float(pose.time[-1])) for plot in plots), row_shares=(5, 5, 5, 7, 6, 6)
+        )
         layout = rrb.Horizontal(_scene(pose), views, column_shares=[45, 55])
-        recording.send_blueprint(blueprint(layout, play_state="playing", loop_mode="all"), make_active=False)
+        recording.send_blueprint(
+            blueprint(layout, play_state="playing", loop_mode="all"), make_active=False
+        )
 
 
 def _plots(pose: Pose) -> list[Plot]:
     """What was flown, and the errors of what the autopilot knew of it; ranges are those in the air."""
-    rows, carried = pose.at(np.inf), pose.time[pose.carries()]
-    roll, known = (np.degrees(euler_angles(attitude)[0]) for attitude in (pose.attitude, pose.known_attitude))
+    rows = pose.at(np.inf)
+    carried = pose.time[pose.carries()]
+    roll, known = (
+        np.degrees(euler_angles(attitude)[0]) for attitude in (pose.attitude, pose.known_attitude)
+    )
     rate, known_rate = (np.degrees(rates[:, 0]) for rates in (pose.rates, pose.known_rates))
     motors = pose.outputs - pose.outputs.mean(axis=1, keepdims=True)
     errors = {"roll rate": known_rate - rate, "roll": known - roll}
@@ -275,61 +319,101 @@ def _plots(pose: Pose) -> list[Plot]:
         ("roll", "Roll, °", {"roll": roll}),
         ("roll_rate", "Roll rate, °/s", {"roll rate": rate}),
         ("errors", "Errors of the autopilot's estimates, ° and °/s", errors),
-        ("motors", "Motor outputs, deviation from their mean, µs", dict(zip(pose.motors, motors.T, strict=True))),
-        ("wind", "Wind, m/s: where the air moves to", dict(zip(("north", "east", "down"), pose.wind.T, strict=True))),
-        ("moment", "Disturbance moment, mN m", dict(zip(("roll", "pitch", "yaw"), 1e3 * pose.moment.T, strict=True))),
+        (
+            "motors",
+            "Motor outputs, deviation from their mean, µs",
+            dict(zip(pose.motors, motors.T, strict=True)),
+        ),
+        (
+            "wind",
+            "Wind, m/s: where the air moves to",
+            dict(zip(("north", "east", "down"), pose.wind.T, strict=True)),
+        ),
+        (
+            "moment",
+            "Disturbance moment, mN m",
+            dict(zip(("roll", "pitch", "yaw"), 1e3 * pose.moment.T, strict=True)),
+        ),
     )
     # While rotors spool, for half a second, and the ground takes or gives the vehicle, values may be far off.
     aloft = np.abs(pose.time[rows] - carried[[0, -1]].mean()) < np.ptp(carried) / 2 - 0.5
     inside = aloft if aloft.any() else np.full(len(rows), True)
     return [
-        Plot.series(origin, title, pose.time[rows], {name: values[rows] for name, values in series.items()}, "", inside)
+        Plot.series(
+            origin,
+            title,
+            pose.time[rows],
+            {name: values[rows] for name, values in series.items()},
+            "",
+            inside,
+        )
         for origin, title, series in tables
     ]
 
 
 def _scene(pose: Pose) -> rrb.View:
     """The view that the vehicle is seen in, with the scale of its arrows."""
-    thrust, wind = 100 * pose.arm, 100 * WIND_SCALE * pose.arm
+    thrust = 100 * pose.arm
+    wind = 100 * WIND_SCALE * pose.arm
     arrows = f"Thrust arrows: {thrust:.2g} cm at hover. Wind arrow: {wind:.2g} cm for 1 m/s"
     # North, east and down: from the south-east and above, on what leaves room for the wind in the east.
     eye, target = (pose.arm * np.array(place) for place in ((-5.2, 2.2, -3.5), (0.0, 0.9, -0.2)))
-    controls = rrb.EyeControls3D(kind=rrb.Eye3DKind.Orbital, position=eye, look_target=target, eye_up=(0, 0, -1))
+    controls = rrb.EyeControls3D(
+        kind=rrb.Eye3DKind.Orbital, position=eye, look_target=target, eye_up=(0, 0, -1)
+    )
     # What moves along with the vehicle but does not turn with it: the eye does too.
     here: dict[str, Any] = {"origin": "world/here", "contents": "world/**", "line_grid": False}
-    return rrb.Spatial3DView(name=f"{arrows}. Ground: 1 m. Green: the last 4 s", eye_controls=controls, **here)
+    return rrb.Spatial3DView(
+        name=f"{arrows}. Ground: 1 m. Green: the last 4 s", eye_controls=controls, **here
+    )
 
 
 def _vehicle(recording: rr.RecordingStream, pose: Pose, rows: NDArray[np.intp]) -> None:
     """A box with a nose on four arms; each rotor's colour shows its speed, its arrow its thrust."""
-    arm, count, index = pose.arm, len(pose.rotors), [rr.TimeColumn(BOOT_CLOCK, duration=pose.time[rows])]
-    recording.send_columns("world/here", index, rr.Transform3D.columns(translation=pose.position[rows]))
+    arm = pose.arm
+    count = len(pose.rotors)
+    index = [rr.TimeColumn(BOOT_CLOCK, duration=pose.time[rows])]
+    recording.send_columns(
+        "world/here", index, rr.Transform3D.columns(translation=pose.position[rows])
+    )
     attitude = np.roll(pose.attitude[rows], -1, axis=1)  # Rerun has w last
     recording.send_columns("world/here/vehicle", index, rr.Transform3D.columns(quaternion=attitude))
-    hubs, discs = (
-        np.column_stack([pose.rotors, np.full(count, -0.12 * arm)]),
-        ([0.02 * arm] * count, [0.48 * arm] * count),
-    )
+    hubs = np.column_stack([pose.rotors, np.full(count, -0.12 * arm)])
+    discs = ([0.02 * arm] * count, [0.48 * arm] * count)
     parts = {
-        "body": rr.Boxes3D(half_sizes=[[0.34 * arm, 0.2 * arm, 0.1 * arm]], colors=BODY, fill_mode="solid"),
-        "arms": rr.LineStrips3D([[[0, 0, 0], hub] for hub in hubs.tolist()], radii=0.03 * arm, colors=BODY),
-        "nose": rr.Arrows3D(vectors=[[0.75 * arm, 0, 0]], origins=[[0.3 * arm, 0, 0]], radii=0.04 * arm, colors=NOSE),
+        "body": rr.Boxes3D(
+            half_sizes=[[0.34 * arm, 0.2 * arm, 0.1 * arm]], colors=BODY, fill_mode="solid"
+        ),
+        "arms": rr.LineStrips3D(
+            [[[0, 0, 0], hub] for hub in hubs.tolist()], radii=0.03 * arm, colors=BODY
+        ),
+        "nose": rr.Arrows3D(
+            vectors=[[0.75 * arm, 0, 0]], origins=[[0.3 * arm, 0, 0]], radii=0.04 * arm, colors=NOSE
+        ),
         "rotors": rr.Cylinders3D(lengths=discs[0], radii=discs[1], centers=hubs, fill_mode="solid"),
-        "thrust": rr.Arrows3D.from_fields(origins=hubs, radii=[0.025 * arm], labels=pose.motors, show_labels=True),
+        "thrust": rr.Arrows3D.from_fields(
+            origins=hubs, radii=[0.025 * arm], labels=pose.motors, show_labels=True
+        ),
     }
     for name, part in parts.items():
         recording.log(f"world/here/vehicle/{name}", part, static=True)
-    speeds, carries = pose.rotor_speeds, pose.carries()
+    speeds = pose.rotor_speeds
+    carries = pose.carries()
     hover = float(np.median(speeds[carries]))
     most = float(np.percentile(np.abs(speeds[carries] - hover), 98))
     beside = np.clip((speeds[rows] - hover) / max(most, 1e-9), -1, 1)
-    colours = np.stack([np.interp(beside, [-1, 0, 1], channel) for channel in SPEEDS.T], axis=-1).astype(np.uint8)
+    colours = np.stack(
+        [np.interp(beside, [-1, 0, 1], channel) for channel in SPEEDS.T], axis=-1
+    ).astype(np.uint8)
     columns = rr.Cylinders3D.columns(colors=colours.reshape(-1, 3)).partition([count] * len(rows))
     recording.send_columns("world/here/vehicle/rotors", index, columns)
     vectors = np.zeros((len(rows), count, 3))
-    vectors[:, :, 2] = -arm * (speeds[rows] / max(hover, 1e-9)) ** 2  # an arm long where it carries its share
+    # an arm long where it carries its share
+    vectors[:, :, 2] = -arm * (speeds[rows] / max(hover, 1e-9)) ** 2
     arrows = rr.Arrows3D.columns(vectors=vectors.reshape(-1, 3), colors=colours.reshape(-1, 3))
-    recording.send_columns("world/here/vehicle/thrust", index, arrows.partition([count] * len(rows)))
+    recording.send_columns(
+        "world/here/vehicle/thrust", index, arrows.partition([count] * len(rows))
+    )
 
 
 def _surroundings(recording: rr.RecordingStream, pose: Pose, rows: NDArray[np.intp]) -> None:
@@ -339,51 +423,84 @@ def _surroundings(recording: rr.RecordingStream, pose: Pose, rows: NDArray[np.in
     northern, eastern = np.ceil(place.max(axis=0)) + 8.0
     squares = [[[n, east, 0], [n, eastern, 0]] for n in np.arange(north, northern + 1)]
     squares += [[[north, e, 0], [northern, e, 0]] for e in np.arange(east, eastern + 1)]
-    recording.log("world/ground", rr.LineStrips3D(squares, radii=0.004, colors=[GROUND]), static=True)
-    arm, wind = pose.arm, pose.wind[rows]
+    recording.log(
+        "world/ground", rr.LineStrips3D(squares, radii=0.004, colors=[GROUND]), static=True
+    )
+    arm = pose.arm
+    wind = pose.wind[rows]
     speed = np.linalg.norm(wind, axis=1, keepdims=True)
-    vectors, colour = WIND_SCALE * arm * wind, palette.channels(palette.DISTURBANCE)
+    vectors = WIND_SCALE * arm * wind
+    colour = palette.channels(palette.DISTURBANCE)
     away = 1.4 * arm * wind / np.maximum(speed, 1e-9)  # its head stays out of the rotors
     style = rr.Arrows3D.from_fields(radii=[0.05 * arm], colors=[colour], show_labels=True)
     recording.log("world/here/wind", style, static=True)
     labels = [f"wind {each:.1f} m/s" for each in speed[:, 0]]
     columns = rr.Arrows3D.columns(vectors=vectors, origins=-away - vectors, labels=labels)
-    recording.send_columns("world/here/wind", [rr.TimeColumn(BOOT_CLOCK, duration=pose.time[rows])], columns)
+    recording.send_columns(
+        "world/here/wind", [rr.TimeColumn(BOOT_CLOCK, duration=pose.time[rows])], columns
+    )
     now = pose.at(10)
     before = np.searchsorted(pose.time, pose.time[now] - 4.0)  # seconds of the way behind it
     step = max(len(pose.time) // len(pose.at(20)), 1)
-    strips = [pose.position[first : last + 1 : step] for first, last in zip(before, now, strict=True)]
-    recording.log("world/trail", rr.LineStrips3D.from_fields(radii=[0.022 * arm], colors=[TRAIL]), static=True)
+    strips = [
+        pose.position[first : last + 1 : step] for first, last in zip(before, now, strict=True)
+    ]
+    recording.log(
+        "world/trail", rr.LineStrips3D.from_fields(radii=[0.022 * arm], colors=[TRAIL]), static=True
+    )
     index = [rr.TimeColumn(BOOT_CLOCK, duration=pose.time[now])]
     recording.send_columns("world/trail", index, rr.LineStrips3D.columns(strips=strips))
 
 
-def path_with_wind(recording: rr.RecordingStream, position: Signal, wind: WindVelocity) -> rrb.View | None:
+def path_with_wind(
+    recording: rr.RecordingStream, position: Signal, wind: WindVelocity
+) -> rrb.View | None:
     """Draws the path that was flown in the ``wind`` and arrows of it; returns their view, None without a path."""
-    rows = (position.boot == wind.boot) & (position.time >= wind.time[0]) & (position.time <= wind.time[-1])
-    time, place = position.time[rows], position.values[rows]
+    rows = (
+        (position.boot == wind.boot)
+        & (position.time >= wind.time[0])
+        & (position.time <= wind.time[-1])
+    )
+    time = position.time[rows]
+    place = position.values[rows]
     if len(time) < 2:
         return None
     at = np.linspace(time[0], time[-1], min(MAX_ARROWS, ceil(np.ptp(time)) + 1))
     moved = np.column_stack([*(np.interp(at, wind.time, air) for air in wind.velocity.T), 0 * at])
-    tails, speeds = np.column_stack([np.interp(at, time, axis) for axis in place.T]), np.hypot(*moved.T[:2])
-    size, middle = float(np.ptp(place, axis=0).max()) + 5.0, (place.min(axis=0) + place.max(axis=0)) / 2
-    scale, colour = 0.2 * size / max(float(speeds.max()), 1.0), palette.channels(palette.DISTURBANCE)
+    tails = np.column_stack([np.interp(at, time, axis) for axis in place.T])
+    speeds = np.hypot(*moved.T[:2])
+    size = float(np.ptp(place, axis=0).max()) + 5.0
+    middle = (place.min(axis=0) + place.max(axis=0)) / 2
+    scale = 0.2 * size / max(float(speeds.max()), 1.0)
+    colour = palette.channels(palette.DISTURBANCE)
     corner = middle - size * np.array([0.5, 0.5, 0.0])
     parts: dict[str, Any] = {
         "": rr.ViewCoordinates.FRD,  # as north, east, down
-        "/flown": rr.LineStrips3D([place[:: ceil(len(time) / MAX_ROWS)]], radii=0.0025 * size, colors=[TRAIL]),
-        "/wind": rr.Arrows3D(origins=tails, vectors=scale * moved, radii=0.002 * size, colors=[colour]),
-        "/north": rr.Arrows3D(origins=[corner], vectors=[[size / 6, 0, 0]], radii=0.004 * size, labels=["north"]),
+        "/flown": rr.LineStrips3D(
+            [place[:: ceil(len(time) / MAX_ROWS)]], radii=0.0025 * size, colors=[TRAIL]
+        ),
+        "/wind": rr.Arrows3D(
+            origins=tails, vectors=scale * moved, radii=0.002 * size, colors=[colour]
+        ),
+        "/north": rr.Arrows3D(
+            origins=[corner], vectors=[[size / 6, 0, 0]], radii=0.004 * size, labels=["north"]
+        ),
         "/here": rr.Points3D.from_fields(radii=[0.01 * size], colors=[NOSE], show_labels=True),
         "/now": rr.Arrows3D.from_fields(radii=[0.006 * size], colors=[NOSE]),
     }
     for name, part in parts.items():
         recording.log(f"path{name}", part, static=True)
-    index, labels = [rr.TimeColumn(BOOT_CLOCK, duration=at)], [f"{speed:.1f} m/s" for speed in speeds]
+    index = [rr.TimeColumn(BOOT_CLOCK, duration=at)]
+    labels = [f"{speed:.1f} m/s" for speed in speeds]
     recording.send_columns("path/here", index, rr.Points3D.columns(positions=tails, labels=labels))
-    recording.send_columns("path/now", index, rr.Arrows3D.columns(origins=tails, vectors=scale * moved))
-    eye: Any = {"position": middle + size * np.array([-1.2, -0.4, -0.9]), "look_target": middle, "eye_up": (0, 0, -1)}
+    recording.send_columns(
+        "path/now", index, rr.Arrows3D.columns(origins=tails, vectors=scale * moved)
+    )
+    eye: Any = {
+        "position": middle + size * np.array([-1.2, -0.4, -0.9]),
+        "look_target": middle,
+        "eye_up": (0, 0, -1),
+    }
     controls = rrb.EyeControls3D(kind=rrb.Eye3DKind.Orbital, **eye)
     return rrb.Spatial3DView(
         name=f"Path: {scale:.2g} m of arrow for 1 m/s of wind", origin="path", eye_controls=controls

@@ -24,11 +24,22 @@ from mavdem.live.history import AHEAD, sentence
 from mavdem.live.wind import WindRow
 from mavdem.report.blocks import markdown
 from mavdem.report.numbers import TORQUE, named, per, place, plus_minus, readable, with_unit
-from mavdem.report.palette import BAD, BAND_OPACITY, BOUND, COMMAND, DISTURBANCE, MEASURED, PREDICTED, distinct
+from mavdem.report.palette import (
+    BAD,
+    BAND_OPACITY,
+    BOUND,
+    COMMAND,
+    DISTURBANCE,
+    MEASURED,
+    PREDICTED,
+    distinct,
+)
 from mavdem.report.screen import verdict_blocks
 from mavdem.view.flown import BOOT_CLOCK, Lines, blueprint, faint
 
-FLIGHT_SECONDS, LEARNING_SECONDS = 20.0, 120.0  # in view
+# in view
+FLIGHT_SECONDS = 20.0
+LEARNING_SECONDS = 120.0
 LEGEND = (
     "Error ratios: beside the better of the last sample and the mean. Surprise is how far F(t) is below its recent "
     "median: 1 is the worst of twenty samples. A mark is where it stays above what is usual in this flight; one in "
@@ -48,7 +59,8 @@ class Channels(NamedTuple):
     output_names: tuple[str, ...]
     input_units: tuple[str, ...]
     output_units: tuple[str, ...]
-    command: tuple[float, ...] = ()  # weights of the inputs in the command of the axis; empty where not known
+    # weights of the inputs in the command of the axis; empty where not known
+    command: tuple[float, ...] = ()
 
 
 class ViewRow(NamedTuple):
@@ -77,26 +89,35 @@ class LiveWriter:
     def __init__(self, channels: Channels, recording: rr.RecordingStream) -> None:
         recording.send_recording_name(channels.title)
         recording.send_blueprint(live_blueprint(channels))
-        self.channels, self._recording = channels, recording
+        self.channels = channels
+        self._recording = recording
         self._units = [readable(unit) for unit in channels.output_units]
-        self._torques: deque[tuple[float, float, float]] = deque(maxlen=round(GUST_SECONDS / channels.dt))
+        self._torques: deque[tuple[float, float, float]] = deque(
+            maxlen=round(GUST_SECONDS / channels.dt)
+        )
         self._gusts_until = -np.inf
         self._physical: Physical | None = None  # of the latest wind torque
         self._segment: int | None = None
-        self._seen: dict[str, tuple[float, float]] = {}  # by plot, the least and most that were measured
+        # by plot, the least and most that were measured
+        self._seen: dict[str, tuple[float, float]] = {}
         self._changes: list[float] = []  # times at which a motor changed, s
-        self._unusual, self._aired = False, -np.inf
+        self._unusual = False
+        self._aired = -np.inf
         self._model: LinearModel | None = None
         self._styled: set[Lines] = set()
 
     def rows(self, rows: list[ViewRow]) -> None:
         """Draws rows in the order of their times, and what happens in them."""
-        time, inputs = np.array([row.time for row in rows]), np.array([row.inputs for row in rows])
+        time = np.array([row.time for row in rows])
+        inputs = np.array([row.inputs for row in rows])
         segments = [self._segment, *(row.segment for row in rows)]
         self._segment = rows[-1].segment
-        breaks = np.array([i for i in range(len(rows)) if segments[i] not in (None, segments[i + 1])], np.intp)
+        breaks = np.array(
+            [i for i in range(len(rows)) if segments[i] not in (None, segments[i + 1])], np.intp
+        )
         self._outputs(rows, time, breaks)
-        command, names = inputs, tuple(map(place, self.channels.input_names))
+        command = inputs
+        names = tuple(map(place, self.channels.input_names))
         lines = Lines("command", names, tuple(map(distinct, range(len(names)))))
         if self.channels.command:
             command = inputs @ np.array(self.channels.command)[:, None]
@@ -130,20 +151,30 @@ class LiveWriter:
 
     def _outputs(self, rows: list[ViewRow], time: Array, breaks: Any) -> None:
         """Draws outputs with their predictions, of which those nearest to ``AHEAD`` seconds ahead are shown."""
-        seconds, measured = np.array(self.channels.horizons) * self.channels.dt, np.array([row.outputs for row in rows])
+        seconds = np.array(self.channels.horizons) * self.channels.dt
+        measured = np.array([row.outputs for row in rows])
         h = int(np.abs(seconds - AHEAD).argmin())
         ahead, half = np.full((2, *measured.shape), np.nan)
         later = time + seconds[h]
         for i, row in enumerate(rows):
             if (now := row.estimate) is not None:
-                ahead[i], half[i], later[i] = now.ahead[h], now.ahead_band[h], now.ahead_times[h] + row.shift
+                ahead[i] = now.ahead[h]
+                half[i] = now.ahead_band[h]
+                later[i] = now.ahead_times[h] + row.shift
         for i, (name, unit) in enumerate(zip(self.channels.output_names, self._units, strict=True)):
-            plot, drawn = rr.new_entity_path(["outputs", name]), unit.scale * measured[:, i]
-            then = unit.scale * np.stack([ahead[:, i] - half[:, i], ahead[:, i] + half[:, i], ahead[:, i]], axis=-1)
+            plot = rr.new_entity_path(["outputs", name])
+            drawn = unit.scale * measured[:, i]
+            then = unit.scale * np.stack(
+                [ahead[:, i] - half[:, i], ahead[:, i] + half[:, i], ahead[:, i]], axis=-1
+            )
             then = self._in_sight(plot, drawn, then)
-            band = Lines(f"{plot}/0_band", ("90 % band",), (faint(PREDICTED, BAND_OPACITY),), filled=True)
+            band = Lines(
+                f"{plot}/0_band", ("90 % band",), (faint(PREDICTED, BAND_OPACITY),), filled=True
+            )
             line = Lines(f"{plot}/1_measured", ("measured",), (MEASURED,), 1.2)
-            predicted = Lines(f"{plot}/2_predicted", (f"{seconds[h]:.2g} s ahead",), (PREDICTED,), 1.8)
+            predicted = Lines(
+                f"{plot}/2_predicted", (f"{seconds[h]:.2g} s ahead",), (PREDICTED,), 1.8
+            )
             self._draw(band, later, then[:, :2], breaks)
             self._draw(line, time, drawn[:, None], breaks)
             self._draw(predicted, later, then[:, 2:], breaks)
@@ -159,7 +190,8 @@ class LiveWriter:
 
     def _wind(self, estimates: Sequence[tuple[Estimate, float]]) -> None:
         """Draws the wind torque with its band at the times it is of, and logs gusts; NaN where it is not known."""
-        scale, torques = TORQUE.scale, []
+        scale = TORQUE.scale
+        torques = []
         for now, shift in estimates:
             if np.isfinite(now.wind_time):
                 self._physical = now.physical
@@ -171,28 +203,46 @@ class LiveWriter:
         if torques:
             time, torque, half = np.array(torques).T
             edges = np.stack([torque - half, torque + half], axis=-1)
-            band = Lines("wind/0_band", ("90 % band",), (faint(DISTURBANCE, BAND_OPACITY),), filled=True)
+            band = Lines(
+                "wind/0_band", ("90 % band",), (faint(DISTURBANCE, BAND_OPACITY),), filled=True
+            )
             self._draw(band, time, self._in_sight("wind", scale * torque, scale * edges))
-            self._draw(Lines("wind/1_torque", ("torque",), (DISTURBANCE,)), time, scale * torque[:, None])
+            self._draw(
+                Lines("wind/1_torque", ("torque",), (DISTURBANCE,)), time, scale * torque[:, None]
+            )
 
     def _air(self, rows: Sequence[ViewRow]) -> None:
         """Draws the speed of the wind in m/s with its interval, each row once."""
-        new = {row.wind.time + row.shift: row.wind.by_compass[:3] for row in rows if row.wind is not None}
+        new = {
+            row.wind.time + row.shift: row.wind.by_compass[:3]
+            for row in rows
+            if row.wind is not None
+        }
         new = {time: speeds for time, speeds in new.items() if time > self._aired}
         if new:
             self._aired, speeds = max(new), np.array([*new.values()])
-            lines = Lines("air/speed", ("wind", "90 % from", "to"), (DISTURBANCE, *2 * (faint(DISTURBANCE, 0.5),)))
+            lines = Lines(
+                "air/speed",
+                ("wind", "90 % from", "to"),
+                (DISTURBANCE, *2 * (faint(DISTURBANCE, 0.5),)),
+            )
             self._draw(lines, np.array([*new]), self._in_sight("air", speeds[:, 0], speeds))
 
     def _log_gusts(self) -> None:
         """Logs the gusts of the latest torque that have ended since the last time, about once a second."""
         dt = self.channels.dt
-        if len(self._torques) * dt < 2 * LEVEL_SECONDS or self._torques[-1][0] < self._gusts_until + 1.0:
+        if (
+            len(self._torques) * dt < 2 * LEVEL_SECONDS
+            or self._torques[-1][0] < self._gusts_until + 1.0
+        ):
             return
         time, torque, band = np.array(self._torques).T
-        before, self._gusts_until = self._gusts_until, time[-1]
+        before = self._gusts_until
+        self._gusts_until = time[-1]
         shortest = 0.0 if self._physical is None else shortest_gust(self._physical, dt)
-        changes = [int(np.searchsorted(time, at)) for at in self._changes if time[0] < at < time[-1]]
+        changes = [
+            int(np.searchsorted(time, at)) for at in self._changes if time[0] < at < time[-1]
+        ]
         series = Record(torque[:, None], torque[:, None], dt, (len(torque),))
         for gust in gusts(torque, band, series, shortest).found:
             end = gust.sample + round(gust.length / dt)
@@ -205,7 +255,10 @@ class LiveWriter:
         """Draws F(t) and surprise at the centres of their windows, and logs marks."""
         if not estimates:
             return
-        rows = [(now.seen + shift, now.free_energy, now.surprise, now.unusual) for now, shift in estimates]
+        rows = [
+            (now.seen + shift, now.free_energy, now.surprise, now.unusual)
+            for now, shift in estimates
+        ]
         time, energy, surprise, unusual = np.array(rows, np.float64).T
         marked = unusual > 0
         for plot, values in (("free_energy_of_samples", energy), ("surprise", surprise)):
@@ -226,9 +279,15 @@ class LiveWriter:
             if now is None or now.model is None or now.model is self._model:
                 continue
             self._model = now.model
-            time, action = np.array([row.time]), np.array([now.free_energy_action])
+            time = np.array([row.time])
+            action = np.array([now.free_energy_action])
             self._draw(Lines("free_energy_action", ("F̄",), (MEASURED,), 2.0), time, action)
-            lines = Lines("noise_precisions", ("z, measurement", "w, process"), (distinct(0), distinct(1)), 2.0)
+            lines = Lines(
+                "noise_precisions",
+                ("z, measurement", "w, process"),
+                (distinct(0), distinct(1)),
+                2.0,
+            )
             self._draw(lines, time, now.log_precisions)
 
 
@@ -238,24 +297,35 @@ def live_blueprint(channels: Channels) -> rrb.Blueprint:
     def plot(name: str, origin: str, seconds: float = FLIGHT_SECONDS) -> rrb.TimeSeriesView:
         """A plot of the last seconds before the time cursor; only these are queried."""
         right = 0.22 if seconds == FLIGHT_SECONDS else 0.35  # left free for the legend
-        start, end = (rr.TimeRangeBoundary.cursor_relative(seconds=at * seconds) for at in (-1, right))
+        start, end = (
+            rr.TimeRangeBoundary.cursor_relative(seconds=at * seconds) for at in (-1, right)
+        )
         axis = rrb.archetypes.TimeAxis(view_range=rr.TimeRange(start=start, end=end))
         shown = rrb.VisibleTimeRange(BOOT_CLOCK, start=start, end=end)
         legend = rrb.PlotLegend(corner=rrb.Corner2D.RightTop)
-        return rrb.TimeSeriesView(name=name, origin=origin, axis_x=axis, time_ranges=[shown], plot_legend=legend)
+        return rrb.TimeSeriesView(
+            name=name, origin=origin, axis_x=axis, time_ranges=[shown], plot_legend=legend
+        )
 
-    what, outputs = "measured, and predicted without the motors ahead", []
+    what = "measured, and predicted without the motors ahead"
+    outputs = []
     for name, unit in zip(channels.output_names, channels.output_units, strict=True):
         heading = f"{named(name.capitalize(), readable(unit).name)}: {what}"
         outputs.append(plot(heading, rr.new_entity_path(["outputs", name])))
     command = f"{channels.output_names[0].capitalize()} command" if channels.command else "Motors"
     inputs = plot(named(command, next(iter(channels.input_units), "")), "command")
-    wind, air = plot(f"Wind torque, {TORQUE.name}", "wind"), plot("Wind, m/s", "air")
+    wind = plot(f"Wind torque, {TORQUE.name}", "wind")
+    air = plot("Wind, m/s", "air")
     pictures = rrb.Vertical(outputs[0], wind, air, inputs, row_shares=[34, 25, 20, 21])
-    log_columns = rrb.archetypes.TextLogColumns(timeline_columns=[BOOT_CLOCK], text_log_columns=["LogLevel", "Body"])
+    log_columns = rrb.archetypes.TextLogColumns(
+        timeline_columns=[BOOT_CLOCK], text_log_columns=["LogLevel", "Body"]
+    )
     events = rrb.TextLogView(origin="log", name="Events", columns=log_columns)
     beside = rrb.Horizontal(pictures, events, column_shares=[70, 30])
-    cards = (rrb.TextDocumentView(origin=f"figures/{i}", name=f"Figure {i}", titlebar=False) for i in range(5))
+    cards = (
+        rrb.TextDocumentView(origin=f"figures/{i}", name=f"Figure {i}", titlebar=False)
+        for i in range(5)
+    )
     flight = rrb.Vertical(rrb.Horizontal(*cards), beside, row_shares=[13, 87], name="Flight")
     precisions = plot("λ: log precisions of the noise", "noise_precisions", LEARNING_SECONDS)
     energy = plot("F̄ of the learner's memory, nats", "free_energy_action", LEARNING_SECONDS)
@@ -272,34 +342,59 @@ def figures(status: SessionStatus, row: ViewRow, until: float | None) -> tuple[s
 
     ``row`` is the latest; the model was learned ``until`` s of the boot clock.
     """
-    channels, now, unit = row.channels, row.estimate, TORQUE
+    channels = row.channels
+    now = row.estimate
+    unit = TORQUE
     output = channels.output_names[0]
     doubts = status.findings.overrides if status.findings else ()
-    state = "alarm" if status.alarm or doubts else "waiting" if status.obstacle or until is None else "learning"
+    state = (
+        "alarm"
+        if status.alarm or doubts
+        else "waiting"
+        if status.obstacle or until is None
+        else "learning"
+    )
     reason = sentence(status.obstacle or (TOO_FEW if until is None else ""))
-    said = status.alarm or (doubts[0].headline if doubts else reason) or "The model follows the flight."
+    said = (
+        status.alarm
+        or (doubts[0].headline if doubts else reason)
+        or "The model follows the flight."
+    )
     shown = {"State": (f"{state}, {status.learned * channels.dt:.0f} s learned", said)}
     error = torque = effect = ("–", "")
-    (seconds, half), (ahead, ratio) = status.ahead, status.useful
+    (seconds, half) = status.ahead
+    (ahead, ratio) = status.useful
     if isfinite(half):
         useful = f"; error ratio {ratio:.2f} at {ahead:.2g} s" if isfinite(ratio) else ""
-        error = f"± {with_unit(half, readable(channels.output_units[0]))}", f"{seconds:.2g} s ahead (90 %){useful}"
+        error = (
+            f"± {with_unit(half, readable(channels.output_units[0]))}",
+            f"{seconds:.2g} s ahead (90 %){useful}",
+        )
     if now is not None and isfinite(now.wind_torque):
         sizes = unit.scale * now.wind_torque, unit.scale * now.wind_torque_band
         torque = f"{plus_minus(*sizes)} {unit.name}", "now, steady part included (90 %)"
     elif now is not None and now.physical is not None:
         torque = "not identifiable", ""
     if now is not None and now.physical is not None:
-        physical, names = now.physical, (per(unit, channels.input_units[0]), "1/s")
+        physical = now.physical
+        names = (per(unit, channels.input_units[0]), "1/s")
         mean = [unit.scale * value for value in physical.mean_effect(LEVEL)]
-        pairs = zip((mean, (physical.damping, physical.interval(LEVEL).damping)), names, strict=True)
-        words = [f"{plus_minus(*pair)} {name}" if isfinite(pair[1]) else "not identifiable" for pair, name in pairs]
+        pairs = zip(
+            (mean, (physical.damping, physical.interval(LEVEL).damping)), names, strict=True
+        )
+        words = [
+            f"{plus_minus(*pair)} {name}" if isfinite(pair[1]) else "not identifiable"
+            for pair, name in pairs
+        ]
         effect = words[0], f"rate damping {words[1]}"
     wind = "–", status.no_wind or "needs attitude and velocity over ground"
     if (latest := status.wind) is not None:
         speed, origin = latest.words()
         arrow = f" {from_point(latest.by_compass[3])[-1]}" if origin else ""
-        wind = speed + arrow, f"{origin} (90 %), {row.time - row.shift - latest.time:.1f} s ago".strip()
+        wind = (
+            speed + arrow,
+            f"{origin} (90 %), {row.time - row.shift - latest.time:.1f} s ago".strip(),
+        )
     shown |= {f"Error of the predicted {output}": error, "Wind": wind}
     shown |= {"Wind torque": torque, "Control effectiveness": effect}
     return tuple(f"{name}\n### {value}\n{remark}" for name, (value, remark) in shown.items())
@@ -316,13 +411,21 @@ def status_document(status: SessionStatus, row: ViewRow, until: float | None) ->
     }
     if isfinite(status.latency[0]):
         facts["latency"] = f"{1000 * status.latency[0]:.0f} ms"
-    model, reason = "No model yet.", status.obstacle or TOO_FEW
+    model = "No model yet."
+    reason = status.obstacle or TOO_FEW
     if until is not None:
         ago = max(0.0, row.time - row.shift - until)
-        model, reason = f"The model was learned up to {ago:.1f} s ago.", status.obstacle
+        model = f"The model was learned up to {ago:.1f} s ago."
+        reason = status.obstacle
     learning = f"{model} {sentence(reason)}"
-    cautions = [f"**Cautions:** {' '.join(row.learned.cautions)}"] if row.learned and row.learned.cautions else []
+    cautions = (
+        [f"**Cautions:** {' '.join(row.learned.cautions)}"]
+        if row.learned and row.learned.cautions
+        else []
+    )
     cautions += [f"**{status.slow}**"] if status.slow else []
     table = "\n".join(f"- {name}: {fact}" for name, fact in facts.items())
     found = [] if status.findings is None else [markdown(verdict_blocks(status.findings))]
-    return "\n\n".join([f"**{channels.title}**", *found, learning.strip(), table, *cautions, LEGEND])
+    return "\n\n".join(
+        [f"**{channels.title}**", *found, learning.strip(), table, *cautions, LEGEND]
+    )

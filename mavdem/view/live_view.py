@@ -65,7 +65,9 @@ def show(path: str | os.PathLike[str]) -> str:
 
 def has_screen() -> bool:
     """Returns whether a window can probably be opened here."""
-    return not sys.platform.startswith("linux") or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+    return not sys.platform.startswith("linux") or bool(
+        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    )
 
 
 def _start(*options: str, watched: bool = False) -> subprocess.Popen[bytes]:
@@ -149,7 +151,9 @@ class Viewer(Sink):
         self.url = self.name = url
         address = re.fullmatch(r"rerun(?:\+https?)?://\[?([^/@\]]+?)\]?:(\d{1,5})/proxy", url)
         if address is None or not 0 < int(address[2]) < 65536:
-            form = "the address of a Rerun viewer, which looks like rerun+http://127.0.0.1:9876/proxy"
+            form = (
+                "the address of a Rerun viewer, which looks like rerun+http://127.0.0.1:9876/proxy"
+            )
             raise ValueError(f"{url!r} is not {form}")
         self._address = address[1], int(address[2])
 
@@ -180,7 +184,9 @@ class WebServer(Viewer):
         # Rerun's page reports its use to Rerun, unless it is in a notebook: https://github.com/rerun-io/rerun/pull/3166.
         self.page = f"http://{LOOPBACK}:{page_port}?url={quote(self.url, safe='')}&notebook=1"
         ports = ("--port", str(port), "--web-viewer-port", str(page_port))
-        self.process = _start("--server-memory-limit", SERVER_MEMORY, "--serve-web", *ports, watched=True)
+        self.process = _start(
+            "--server-memory-limit", SERVER_MEMORY, "--serve-web", *ports, watched=True
+        )
 
     def close(self) -> None:
         """Ends it."""
@@ -191,7 +197,9 @@ class WebServer(Viewer):
             self.process.wait()
 
 
-def sinks_for(rrd: str | os.PathLike[str] | None = None, serve: bool = False, connect: str | None = None) -> list[Sink]:
+def sinks_for(
+    rrd: str | os.PathLike[str] | None = None, serve: bool = False, connect: str | None = None
+) -> list[Sink]:
     """Returns the sinks that a user asked for; with a screen and neither ``serve`` nor ``connect``, also a window.
 
     ``rrd`` is a file to record in, ``serve`` a wish for browsers of this machine, ``connect`` the URL of a viewer or
@@ -214,8 +222,12 @@ def sinks_for(rrd: str | os.PathLike[str] | None = None, serve: bool = False, co
 
 
 CLOSE_SECONDS = 3.0  # how long ``close`` waits for slow sinks
-MAX_ROWS, MAX_LINES = 8192, 1000  # that wait for a sink: rows of 20 s at 400 Hz, about 20 MB, and log lines
-STATUS_SECONDS, RETRY_SECONDS = 1.0, 1.0  # between two status documents, and two attempts to reach a viewer
+# that wait for a sink: rows of 20 s at 400 Hz, about 20 MB, and log lines
+MAX_ROWS = 8192
+MAX_LINES = 1000
+# between two status documents, and two attempts to reach a viewer
+STATUS_SECONDS = 1.0
+RETRY_SECONDS = 1.0
 FLUSH_SECONDS = 5.0  # time limit for sending a batch; a slower one is still under way
 
 
@@ -223,7 +235,8 @@ class SinkThread:
     """Sends rows, log lines and the status to a sink, a few times a second; one that cannot be opened gets nothing."""
 
     def __init__(self, sink: Sink, recording_id: UUID) -> None:
-        self.sink, self._id = sink, recording_id
+        self.sink = sink
+        self._id = recording_id
         self._rows: deque[ViewRow] = deque(maxlen=MAX_ROWS)
         self._lines: deque[Event] = deque(maxlen=MAX_LINES)
         self._lock = threading.Lock()  # held for an append or a swap only
@@ -233,8 +246,11 @@ class SinkThread:
         self._writer: LiveWriter | None = None
         self._recording: rr.RecordingStream | None = None
         self._last: ViewRow | None = None
-        self._until: float | None = None  # time of the last sample that the latest model was trained on, s
-        self._reported_drops, self._next_status, self._next_try = 0, 0.0, 0.0
+        # time of the last sample that the latest model was trained on, s
+        self._until: float | None = None
+        self._reported_drops = 0
+        self._next_status = 0.0
+        self._next_try = 0.0
         self.closing = threading.Event()  # when it is set, the rest is sent
         self.thread = threading.Thread(target=self._run, name=f"to {sink.name}", daemon=True)
         self.thread.start()
@@ -273,7 +289,9 @@ class SinkThread:
                 self._recording = None
                 with suppress(OSError):
                     self.sink.delivered(arrived=False)
-        except Exception as error:  # a row that cannot be drawn ends neither the view nor the flight
+        except (
+            Exception
+        ) as error:  # a row that cannot be drawn ends neither the view nor the flight
             self.put(Event(self._last.time if self._last else 0.0, f"not drawn: {error}", "ERROR"))
 
     def _open(self) -> None:
@@ -286,13 +304,15 @@ class SinkThread:
         if not self.sink.open(recording):
             self.trouble = f"there is no viewer at {self.sink.name}"
             return
-        self._recording, self._writer = recording, None
+        self._recording = recording
+        self._writer = None
 
     def _send(self) -> None:
         if (recording := self._recording) is None:
             return
         with self._lock:
-            rows, lines = list(self._rows), list(self._lines)
+            rows = list(self._rows)
+            lines = list(self._lines)
             self._rows.clear()
             self._lines.clear()
         for channels, batch in groupby(rows, key=lambda row: row.channels):
@@ -300,7 +320,9 @@ class SinkThread:
                 self._writer = LiveWriter(channels, recording)
             same = list(batch)
             self._last = same[-1]
-            models = (row.estimate.until for row in reversed(same) if row.estimate and row.estimate.model)
+            models = (
+                row.estimate.until for row in reversed(same) if row.estimate and row.estimate.model
+            )
             self._until = next(models, self._until)
             self._writer.rows(same)
         for line in lines:
@@ -310,7 +332,12 @@ class SinkThread:
         if self._last is not None and wall.monotonic() >= self._next_status:
             self._next_status = wall.monotonic() + STATUS_SECONDS
             if new := self.dropped - self._reported_drops:
-                log(recording, self._last.time, f"{new} rows are not shown here: this view is too slow", "WARN")
+                log(
+                    recording,
+                    self._last.time,
+                    f"{new} rows are not shown here: this view is too slow",
+                    "WARN",
+                )
                 self._reported_drops += new
             about = self.status, self._last, self._until
             documents = {f"figures/{i}": text for i, text in enumerate(figures(*about))}
@@ -358,7 +385,8 @@ class LiveView:
         if self._closed or self._channels is None:
             return
         # Copies, since callers may reuse their arrays.
-        y, u = np.array(outputs, np.float64), np.array(inputs, np.float64)
+        y = np.array(outputs, np.float64)
+        u = np.array(inputs, np.float64)
         row = ViewRow(time + shift, shift, segment, y, u, estimate, learned, self._channels, wind)
         for thread in self._threads:
             thread.put(row)
@@ -391,5 +419,6 @@ class LiveView:
             each.thread.join(max(0.0, deadline - wall.monotonic()))
             if each.thread.is_alive():
                 each.trouble = f"{each.sink.name} does not respond; the last rows may be missing"
-                rr.unregister_shutdown()  # otherwise Rerun waits for the hanging viewer when Python ends
+                # otherwise Rerun waits for the hanging viewer when Python ends
+                rr.unregister_shutdown()
             each.sink.close()

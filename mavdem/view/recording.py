@@ -21,12 +21,32 @@ from mavdem.fleet.row import as_text
 from mavdem.flight import Flight
 from mavdem.report import palette
 from mavdem.report.blocks import Block, Table, markdown
-from mavdem.report.numbers import TORQUE, AxisCommand, Labels, named, per, place, plus_minus, readable, state_names
+from mavdem.report.numbers import (
+    TORQUE,
+    AxisCommand,
+    Labels,
+    named,
+    per,
+    place,
+    plus_minus,
+    readable,
+    state_names,
+)
 from mavdem.report.screen import detail_blocks, screen, title, verdict_blocks
-from mavdem.view.flown import Plot, Target, blueprint, faint, path_with_wind, range_of, recorded, with_gaps
+from mavdem.view.flown import (
+    Plot,
+    Target,
+    blueprint,
+    faint,
+    path_with_wind,
+    range_of,
+    recorded,
+    with_gaps,
+)
 
 AIR_POINTS = 2000  # of the wind over time: strokes of its band touch each other
-BEYOND = 0.15  # how far a plot extends beyond the measured values, in spans of them, where a forecast does
+# how far a plot extends beyond the measured values, in spans of them, where a forecast does
+BEYOND = 0.15
 
 
 def write_recording(
@@ -50,12 +70,19 @@ def write_recording(
     series.changes = [at for at in changes if series.span[0] < at < series.span[1]]
     found = findings_of(learned, held_out) if found is None else found
     with recorded(target, Path(str(flights[0].provenance.get("source", ""))).name) as recording:
-        report = _text(recording, "report", "Report", [title(flights), *screen(learned, held_out, found=found)])
-        others = [plot for i in range(1, len(series.labels.output_names)) for plot in series.output(i)]
+        report = _text(
+            recording, "report", "Report", [title(flights), *screen(learned, held_out, found=found)]
+        )
+        others = [
+            plot for i in range(1, len(series.labels.output_names)) for plot in series.output(i)
+        ]
         details = _drawn(recording, series, [*others, series.motors(), *series.dem()])
-        flight, learning = _flight(recording, series, found), _learning(recording, learned)
+        flight = _flight(recording, series, found)
+        learning = _learning(recording, learned)
         air = [] if wind is None else [_air(recording, series, wind, position)]
-        tabs = rrb.Tabs(flight, *air, rrb.Vertical(*details, name="Details"), learning, report, active_tab=0)
+        tabs = rrb.Tabs(
+            flight, *air, rrb.Vertical(*details, name="Details"), learning, report, active_tab=0
+        )
         recording.send_blueprint(blueprint(tabs, play_state="paused"), make_active=True)
 
 
@@ -70,19 +97,27 @@ class FlightSeries:
     """The series of a learned flight over the boot clock, s, in degrees, as plots."""
 
     def __init__(self, flights: Sequence[Flight], learned: Learned, held_out: HeldOut) -> None:
-        self.flights, self.learned, self.held_out, self.windows = flights, learned, held_out, held_out.time
-        self.labels, self.times = Labels.of(learned), [flight.time for flight in flights]
+        self.flights = flights
+        self.learned = learned
+        self.held_out = held_out
+        self.windows = held_out.time
+        self.labels = Labels.of(learned)
+        self.times = [flight.time for flight in flights]
         self.clock = with_gaps(self.times, last=True)
         after = self.windows[:, 0] > self.times[-1][-1]
         self._time = with_gaps([*self.times, *self.windows[after]], last=True)
-        self._outputs = with_gaps([*(flight.outputs for flight in flights), *held_out.measured[after]])
+        self._outputs = with_gaps(
+            [*(flight.outputs for flight in flights), *held_out.measured[after]]
+        )
         self.span = float(self._time[0]), float(self._time[-1])
         self.changes: list[float] = []  # s
 
     def output(self, i: int) -> list[Plot]:
         """Returns an output with its forecasts in held-out windows, and what these leave."""
-        name, unit = self.labels.output_names[i], readable(self.labels.output_units[i])
-        measured, time = unit.scale * self._outputs[:, i], with_gaps(self.windows, last=True)
+        name = self.labels.output_names[i]
+        unit = readable(self.labels.output_units[i])
+        measured = unit.scale * self._outputs[:, i]
+        time = with_gaps(self.windows, last=True)
         windows = self.held_out.measured, self.held_out.forecasts[FORECAST], self.held_out.band
         in_windows, forecast, half = (unit.scale * with_gaps(values[:, :, i]) for values in windows)
         low, high = range_of(measured)
@@ -94,8 +129,11 @@ class FlightSeries:
         heading = f"{named(name.capitalize(), unit.name)}: {what}"
         above = Plot(rr.new_entity_path(["outputs", name]), heading, inner)
         left = named("Residual: measured minus forecast", unit.name)
-        below = Plot(rr.new_entity_path(["residuals", name]), left, range_of(np.clip(residual, -span, span)))
-        starts, ends = self.windows[:, 0], self.windows[:, -1]
+        below = Plot(
+            rr.new_entity_path(["residuals", name]), left, range_of(np.clip(residual, -span, span))
+        )
+        starts = self.windows[:, 0]
+        ends = self.windows[:, -1]
         apart = starts[1:] - ends[:-1] > 1.5 * self.learned.dt
         parts = list(zip(starts[np.append(True, apart)], ends[np.append(apart, True)], strict=True))
         for plot, middle in ((above, forecast), (below, 0.0)):
@@ -112,36 +150,53 @@ class FlightSeries:
         command = AxisCommand.of(self.learned)
         inputs = command.series(np.vstack([flight.inputs for flight in self.flights]))
         heading = f"{named(command.name.capitalize(), command.unit)}: the motors' difference, about its mean"
-        return Plot.series("command", heading, self.clock, {command.name: self._with_gaps(inputs)}, palette.COMMAND)
+        return Plot.series(
+            "command", heading, self.clock, {command.name: self._with_gaps(inputs)}, palette.COMMAND
+        )
 
     def motors(self) -> Plot:
         """Returns what drives the vehicle: several inputs, as deviations from their mean, by their places."""
-        inputs, unit = np.vstack([flight.inputs for flight in self.flights]), self.labels.input_units[0]
+        inputs = np.vstack([flight.inputs for flight in self.flights])
+        unit = self.labels.input_units[0]
         several = inputs.shape[1] > 1
         values = inputs - inputs.mean(axis=1, keepdims=True) if several else inputs
         heading = named("Inputs, deviation from their mean" if several else "Input", unit)
-        series = dict(zip(map(place, self.labels.input_names), self._with_gaps(values).T, strict=True))
+        series = dict(
+            zip(map(place, self.labels.input_names), self._with_gaps(values).T, strict=True)
+        )
         return Plot.series("inputs", heading, self.clock, series)
 
     def wind(self) -> Plot | None:
         """Returns the wind torque with its band, and gusts behind it; None where it is not known."""
-        wind, unit = known_wind(self.learned.wind_torque, self.learned.physical), TORQUE
+        wind = known_wind(self.learned.wind_torque, self.learned.physical)
+        unit = TORQUE
         if wind is None or len(wind.torque) != sum(map(len, self.flights)):
             return None
         torque, band = (self._with_gaps(unit.scale * values) for values in (wind.torque, wind.band))
-        time, clock, colour = self.clock, np.concatenate(self.times), palette.DISTURBANCE
+        time = self.clock
+        clock = np.concatenate(self.times)
+        colour = palette.DISTURBANCE
         gusts = [(clock[gust.sample], clock[gust.sample] + gust.length) for gust in wind.gusts]
         plot = Plot("wind", f"Wind torque, {unit.name}", range_of(torque))
         plot.spans(f"gust ({len(gusts)})", faint(palette.GUST, 0.5), gusts)
-        plot.area("90 % band", faint(colour, palette.BAND_OPACITY), time, torque - band, torque + band)
+        plot.area(
+            "90 % band", faint(colour, palette.BAND_OPACITY), time, torque - band, torque + band
+        )
         plot.line("torque", colour, time, torque)
         return plot
 
     def dem(self) -> list[Plot]:
         """Returns what DEM makes of each sample: F(t) and the process noise w."""
         places, noise = self.learned.process_noise()
-        clock, energy = np.concatenate(self.times)[places], self.learned.free_energy_of_samples
-        states = dict(zip(state_names(self.labels.output_names, self.learned), np.degrees(noise).T, strict=True))
+        clock = np.concatenate(self.times)[places]
+        energy = self.learned.free_energy_of_samples
+        states = dict(
+            zip(
+                state_names(self.labels.output_names, self.learned),
+                np.degrees(noise).T,
+                strict=True,
+            )
+        )
         heading = "Free energy F(t) of each sample, nats"
         return [
             Plot.series("process_noise", "Process noise w of DEM, ° and s", clock, states),
@@ -152,7 +207,9 @@ class FlightSeries:
         return with_gaps(np.split(values, np.cumsum([len(flight) for flight in self.flights])[:-1]))
 
 
-def _drawn(recording: rr.RecordingStream, series: FlightSeries, plots: Sequence[Plot]) -> list[rrb.View]:
+def _drawn(
+    recording: rr.RecordingStream, series: FlightSeries, plots: Sequence[Plot]
+) -> list[rrb.View]:
     """The views of plots, each with its marks."""
     for plot in plots:
         plot.marks("motor changed", palette.BAD, series.changes)
@@ -165,22 +222,39 @@ def _air(
 ) -> rrb.Container:
     """The path in the wind, beside its speed and where it comes from over time."""
     time = np.linspace(wind.time[0], wind.time[-1], AIR_POINTS)
-    moved, band = (np.column_stack([np.interp(time, wind.time, a) for a in b.T]) for b in (wind.velocity, wind.band))
+    moved, band = (
+        np.column_stack([np.interp(time, wind.time, a) for a in b.T])
+        for b in (wind.velocity, wind.band)
+    )
     speed, origin, half, turned = by_compass(moved, band, wind.direction)
-    plots, courses = [], [("speed", "Wind, m/s", speed, half), ("from", "Wind from, °", origin, turned)]
+    plots = []
+    courses = [("speed", "Wind, m/s", speed, half), ("from", "Wind from, °", origin, turned)]
     for name, heading, line, width in courses[: 1 + wind.directed]:
         usual = float(np.median(width))
         plots.append(plot := Plot(f"air/{name}", heading, range_of(line - usual, line + usual)))
-        plot.area("90 % band", faint(palette.DISTURBANCE, palette.BAND_OPACITY), time, line - width, line + width)
+        plot.area(
+            "90 % band",
+            faint(palette.DISTURBANCE, palette.BAND_OPACITY),
+            time,
+            line - width,
+            line + width,
+        )
         plot.line(name, palette.DISTURBANCE, time, line)
     path = None if position is None else path_with_wind(recording, position, wind)
-    return rrb.Horizontal(*filter(None, [path]), rrb.Vertical(*_drawn(recording, series, plots)), name="Wind")
+    return rrb.Horizontal(
+        *filter(None, [path]), rrb.Vertical(*_drawn(recording, series, plots)), name="Wind"
+    )
 
 
 def _flight(recording: rr.RecordingStream, series: FlightSeries, found: Findings) -> rrb.Container:
     """The first sentence above, then the flight over time, verdicts and motors beside it."""
-    plots = _drawn(recording, series, [*series.output(0), series.command(), *filter(None, [series.wind()])])
-    beside = [_text(recording, "verdict", "Verdict", verdict_blocks(found)), *_effectiveness(recording, series)]
+    plots = _drawn(
+        recording, series, [*series.output(0), series.command(), *filter(None, [series.wind()])]
+    )
+    beside = [
+        _text(recording, "verdict", "Verdict", verdict_blocks(found)),
+        *_effectiveness(recording, series),
+    ]
     pictures = rrb.Vertical(*plots, row_shares=[34, 20, 20, 26][: len(plots)])
     words = rrb.Vertical(*beside, row_shares=[38, 27, 35][: len(beside)])
     below = rrb.Horizontal(pictures, words, column_shares=[78, 22])
@@ -190,20 +264,28 @@ def _flight(recording: rr.RecordingStream, series: FlightSeries, found: Findings
 
 def _effectiveness(recording: rr.RecordingStream, series: FlightSeries) -> list[rrb.View]:
     """Bars of the motors in their order, below a table with their names and intervals; nothing where not known."""
-    physical, unit = series.learned.physical, TORQUE
+    physical = series.learned.physical
+    unit = TORQUE
     if physical is None or physical.status["effect"] == "not identifiable":
         return []
-    values, halves = unit.scale * physical.effect, unit.scale * physical.interval(LEVEL).effect
+    values = unit.scale * physical.effect
+    halves = unit.scale * physical.interval(LEVEL).effect
     heading = f"{per(unit, series.labels.input_units[0])} ± {LEVEL:.0%} interval"
     motors = enumerate(zip(series.labels.input_names, values, halves, strict=True), 1)
-    table = Table(["motor", heading], [[f"{n} {place(name)}", plus_minus(*pair)] for n, (name, *pair) in motors])
+    table = Table(
+        ["motor", heading],
+        [[f"{n} {place(name)}", plus_minus(*pair)] for n, (name, *pair) in motors],
+    )
     words = _text(recording, "effect/table", "Control effectiveness", [table])
     return [words, _bars(recording, "effect/bars", "By motor", values, 1)]
 
 
-def _bars(recording: rr.RecordingStream, origin: str, name: str, values: Array, first: int) -> rrb.View:
+def _bars(
+    recording: rr.RecordingStream, origin: str, name: str, values: Array, first: int
+) -> rrb.View:
     """A view of bars, numbered from ``first`` on."""
-    width, colour = 0.7, palette.channels(palette.PREDICTED)
+    width = 0.7
+    colour = palette.channels(palette.PREDICTED)
     left = first + np.arange(len(values)) - width / 2
     bars = rr.BarChart(values, abscissa=left, widths=np.full(len(values), width), color=colour)
     recording.log(origin, bars, static=True)
@@ -215,13 +297,21 @@ def _learning(recording: rr.RecordingStream, learned: Learned) -> rrb.Container:
     energy = learned.free_energy
     first = min(2, len(energy) - 1)  # the first two may be far from all others
     heading = f"F̄ below its maximum of {energy.total.max():,.0f} nats, by iteration"
-    bars = _bars(recording, "learning/gap", heading, (energy.total.max() - energy.total)[first:], first)
-    details = _text(recording, "learning/details", "The model, and how it was learned", detail_blocks(learned))
+    bars = _bars(
+        recording, "learning/gap", heading, (energy.total.max() - energy.total)[first:], first
+    )
+    details = _text(
+        recording, "learning/details", "The model, and how it was learned", detail_blocks(learned)
+    )
     return rrb.Horizontal(bars, details, name="Learning")
 
 
-def _text(recording: rr.RecordingStream, origin: str, name: str, words: str | Sequence[Block]) -> rrb.View:
+def _text(
+    recording: rr.RecordingStream, origin: str, name: str, words: str | Sequence[Block]
+) -> rrb.View:
     """A view of Markdown, without a title bar if it has no name."""
     text = words if isinstance(words, str) else markdown(words)
-    recording.log(origin, rr.TextDocument(as_text(text), media_type=rr.MediaType.MARKDOWN), static=True)
+    recording.log(
+        origin, rr.TextDocument(as_text(text), media_type=rr.MediaType.MARKDOWN), static=True
+    )
     return rrb.TextDocumentView(origin=origin, name=name or origin, titlebar=bool(name))

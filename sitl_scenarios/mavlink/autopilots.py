@@ -18,8 +18,12 @@ from sitl_scenarios.scenario import shortened
 DISARMED, ON_GROUND, IN_AIR, TAKING_OFF, LANDING = range(5)
 """States of the flight: disarmed, and when armed the MAV_LANDED_STATE."""
 ARMED = 128  # MAV_MODE_FLAG_SAFETY_ARMED
-DENIED, FAILED = 2, 4  # MAV_RESULT
-INFO, CRITICAL = 6, 2  # MAV_SEVERITY
+# MAV_RESULT
+DENIED = 2
+FAILED = 4
+# MAV_SEVERITY
+INFO = 6
+CRITICAL = 2
 Mode = tuple[int, int]  # HEARTBEAT's base_mode, but for the armed flag, and its custom_mode
 
 
@@ -32,43 +36,62 @@ class Autopilot:
     # the messages that come at the scenario's rate; ``quarter``: those that come at a quarter of it
     fast: tuple[str, ...]
     quarter: tuple[str, ...]
-    slow: Mapping[str, float]  # Hz of those that come at a rate of their own; 0 for those that come only when asked for
-    groups: Mapping[int, tuple[str, ...]]  # messages by MAV_DATA_STREAM, where REQUEST_DATA_STREAM is obeyed
+    # Hz of those that come at a rate of their own; 0 for those that come only when asked for
+    slow: Mapping[str, float]
+    # messages by MAV_DATA_STREAM, where REQUEST_DATA_STREAM is obeyed
+    groups: Mapping[int, tuple[str, ...]]
     interval_step: float  # s: intervals between messages are whole numbers of it
-    apart: bool  # whether each stream begins a cycle after the one before, so that they do not all come at once
+    # whether each stream begins a cycle after the one before, so that they do not all come at once
+    apart: bool
     unused: float  # output of channels without a motor, PWM in µs
     modes: Mapping[int, Mode]  # by MAV_LANDED_STATE
     starting: int  # MAV_STATE while it starts
-    active_when_armed: bool  # whether its MAV_STATE is ACTIVE from arming on, rather than from take-off
+    # whether its MAV_STATE is ACTIVE from arming on, rather than from take-off
+    active_when_armed: bool
     words: Mapping[tuple[int, int], str]  # its STATUSTEXT as its state changes, by (before, after)
-    denied_in_air: tuple[str, int]  # its STATUSTEXT when asked to disarm in the air, and its MAV_RESULT
+    # its STATUSTEXT when asked to disarm in the air, and its MAV_RESULT
+    denied_in_air: tuple[str, int]
     unknown_message: int  # MAV_RESULT when it is asked for a message that it does not have
     version: int  # AUTOPILOT_VERSION.flight_sw_version
     capabilities: int  # MAV_PROTOCOL_CAPABILITY: the encoding of its parameters and MAVLink 2
     drag: str  # the beginning of its parameters of drag
-    parameters: Mapping[str, tuple[int, float]]  # MAV_PARAM_TYPE and value of others, which a scenario may change
-    bitwise: bool  # whether integer parameters are copied bit by bit into PARAM_VALUE's float, rather than cast
+    # MAV_PARAM_TYPE and value of others, which a scenario may change
+    parameters: Mapping[str, tuple[int, float]]
+    # whether integer parameters are copied bit by bit into PARAM_VALUE's float, rather than cast
+    bitwise: bool
 
     def rates(self, rate: float, instead: Mapping[str, float]) -> dict[str, float]:
         """Hz of every message it sends by itself, or ``instead``; raises ValueError: that has one it does not send."""
-        usual = dict.fromkeys(self.fast, rate) | dict.fromkeys(self.quarter, rate / 4) | dict(self.slow)
+        usual = (
+            dict.fromkeys(self.fast, rate) | dict.fromkeys(self.quarter, rate / 4) | dict(self.slow)
+        )
         for name in instead:
             if name not in usual:
                 known = ", ".join(usual)
-                raise ValueError(f"stream.rates: {self.name} sends no {shortened(name)} here: choose among {known}")
+                raise ValueError(
+                    f"stream.rates: {self.name} sends no {shortened(name)} here: choose among {known}"
+                )
         return usual | dict(instead)
 
 
 def _known(name: Literal["px4", "ardupilot"]) -> Autopilot:
-    table = tomllib.loads((files("sitl_scenarios.mavlink") / "autopilots.toml").read_text("utf-8"))[name]
-    values: dict[str, Any] = {key: tuple(one) if isinstance(one, list) else one for key, one in table.items()}
+    table = tomllib.loads((files("sitl_scenarios.mavlink") / "autopilots.toml").read_text("utf-8"))[
+        name
+    ]
+    values: dict[str, Any] = {
+        key: tuple(one) if isinstance(one, list) else one for key, one in table.items()
+    }
     values["modes"] = {state: tuple(mode) for state, mode in enumerate(table["modes"], ON_GROUND)}
     values["words"] = {(before, after): text for before, after, text in table["words"]}
     values["groups"] = {int(group): tuple(messages) for group, messages in table["groups"].items()}
     by_kind = table["parameters"].items()
-    values["parameters"] = {name: (int(kind), value) for kind, own in by_kind for name, value in own.items()}
+    values["parameters"] = {
+        name: (int(kind), value) for kind, own in by_kind for name, value in own.items()
+    }
     return Autopilot(name=name, **values)
 
 
-PX4, ARDUPILOT = _known("px4"), _known("ardupilot")
-AUTOPILOTS: Mapping[str, Autopilot] = {"px4": PX4, "ardupilot": ARDUPILOT}  # By ``scenario.stream.autopilot``
+PX4 = _known("px4")
+ARDUPILOT = _known("ardupilot")
+# By ``scenario.stream.autopilot``
+AUTOPILOTS: Mapping[str, Autopilot] = {"px4": PX4, "ardupilot": ARDUPILOT}

@@ -45,7 +45,9 @@ class Received(NamedTuple):
     component: int
 
 
-def addressed_messages(datagram: bytes, system: int, component: int, most: int | None = None) -> list[Received]:
+def addressed_messages(
+    datagram: bytes, system: int, component: int, most: int | None = None
+) -> list[Received]:
     """The messages in a datagram, ``most`` at most, that are understood and meant for this component, or for all."""
     data = np.frombuffer(datagram, dtype=np.uint8)
     understood = []
@@ -56,7 +58,8 @@ def addressed_messages(datagram: bytes, system: int, component: int, most: int |
                 continue
             read = columns(data, frames.start[row : row + 1], definition)
             fields = {name: values[0] for name, values in read.items()}
-            to_system, to_component = fields["target_system"], fields["target_component"]
+            to_system = fields["target_system"]
+            to_component = fields["target_component"]
             if to_system in (system, BROADCAST_ID) and to_component in (component, BROADCAST_ID):
                 sender = int(frames.system[row]), int(frames.component[row])
                 understood.append(Received(definition.name, fields, *sender))
@@ -65,10 +68,16 @@ def addressed_messages(datagram: bytes, system: int, component: int, most: int |
     return understood
 
 
-ACCEPTED, UNSUPPORTED = 0, 3  # MAV_RESULT
-ARM_DISARM, GET_INTERVAL, SET_INTERVAL, REQUEST_MESSAGE = 400, 510, 511, 512
+# MAV_RESULT
+ACCEPTED = 0
+UNSUPPORTED = 3
+ARM_DISARM = 400
+GET_INTERVAL = 510
+SET_INTERVAL = 511
+REQUEST_MESSAGE = 512
 """MAV_CMD_COMPONENT_ARM_DISARM, _GET_MESSAGE_INTERVAL, _SET_MESSAGE_INTERVAL and _REQUEST_MESSAGE."""
-FORCE = 21196  # What MAV_CMD_COMPONENT_ARM_DISARM's second parameter must be to stop the motors in the air
+# What MAV_CMD_COMPONENT_ARM_DISARM's second parameter must be to stop the motors in the air
+FORCE = 21196
 MAX_REPORTED = 20  # Changes of rates that are reported: some ground stations ask again and again
 
 
@@ -76,9 +85,14 @@ class CommandHandler:
     """Executes a vehicle's commands, ``accepted`` so many; ``report`` is called with a sentence when rates change."""
 
     def __init__(
-        self, transmitter: Transmitter, simulation: Simulation, report: Callable[[str], None] = lambda _: None
+        self,
+        transmitter: Transmitter,
+        simulation: Simulation,
+        report: Callable[[str], None] = lambda _: None,
     ) -> None:
-        self._transmitter, self._simulation, self._report = transmitter, simulation, report
+        self._transmitter = transmitter
+        self._simulation = simulation
+        self._report = report
         self._reported = 0
         self.accepted = 0
 
@@ -88,30 +102,48 @@ class CommandHandler:
         match received.name:
             case "COMMAND_LONG" | "COMMAND_INT":
                 command = int(received.fields["command"])
-                result = self._result(command, float(received.fields["param1"]), float(received.fields["param2"]))
+                result = self._result(
+                    command, float(received.fields["param1"]), float(received.fields["param2"])
+                )
                 self.accepted += result == ACCEPTED
                 self._transmitter.ask("COMMAND_ACK", command=command, result=result, **whom)
             case "PARAM_REQUEST_LIST":
                 self._transmitter.tell_parameters()
             case "PARAM_REQUEST_READ":
-                known, index = self._transmitter.parameters, int(received.fields["param_index"])
+                known = self._transmitter.parameters
+                index = int(received.fields["param_index"])
                 by_name = known.get(_text(received.fields["param_id"]))
-                if (found := by_name if index < 0 else next(islice(known.values(), index, None), None)) is not None:
+                if (
+                    found := by_name
+                    if index < 0
+                    else next(islice(known.values(), index, None), None)
+                ) is not None:
                     self._transmitter.tell(found)
             case "PARAM_SET":
-                if (old := self._transmitter.parameters.get(_text(received.fields["param_id"]))) is not None:
-                    value, bitwise = float(received.fields["param_value"]), self._transmitter.autopilot.bitwise
+                if (
+                    old := self._transmitter.parameters.get(_text(received.fields["param_id"]))
+                ) is not None:
+                    value = float(received.fields["param_value"])
+                    bitwise = self._transmitter.autopilot.bitwise
                     self._transmitter.parameters[old.name] = old.changed(value, bitwise) or old
                     self._transmitter.tell(self._transmitter.parameters[old.name])
             case "REQUEST_DATA_STREAM":
                 # The rate, Hz, of a group of messages, or of all groups.
-                groups, group = self._transmitter.autopilot.groups, int(received.fields["req_stream_id"])
-                rate = int(received.fields["req_message_rate"]) if received.fields["start_stop"] else 0
+                groups = self._transmitter.autopilot.groups
+                group = int(received.fields["req_stream_id"])
+                rate = (
+                    int(received.fields["req_message_rate"]) if received.fields["start_stop"] else 0
+                )
                 chosen = list(groups) if group == 0 else [group]
-                self._set_intervals((name for one in chosen for name in groups.get(one, ())), 1 / rate if rate else inf)
+                self._set_intervals(
+                    (name for one in chosen for name in groups.get(one, ())),
+                    1 / rate if rate else inf,
+                )
             case "MISSION_REQUEST_LIST":
                 # There never is a mission.
-                self._transmitter.ask("MISSION_COUNT", mission_type=received.fields["mission_type"], **whom)
+                self._transmitter.ask(
+                    "MISSION_COUNT", mission_type=received.fields["mission_type"], **whom
+                )
 
     def _result(self, command: int, first: float, second: float) -> int:
         """Obeys a command with its first two parameters; returns the MAV_RESULT."""
@@ -140,7 +172,8 @@ class CommandHandler:
         return result
 
     def _set_interval(self, message: float, interval: float) -> int:
-        schedule, name = self._transmitter.schedule, _name(message)
+        schedule = self._transmitter.schedule
+        name = _name(message)
         if name not in schedule.usual or not isfinite(interval):
             return self._transmitter.autopilot.unknown_message
         usual = 1 / schedule.usual[name] if schedule.usual[name] else inf
@@ -149,7 +182,8 @@ class CommandHandler:
 
     def _set_intervals(self, names: Iterable[str], seconds: float) -> None:
         """Sets the interval of messages, and reports those whose interval was another."""
-        schedule, changed = self._transmitter.schedule, []
+        schedule = self._transmitter.schedule
+        changed = []
         for name in names:
             before = schedule.interval(name)
             schedule.set(name, seconds, self._transmitter.clock)
@@ -168,12 +202,16 @@ class CommandHandler:
             transmitter.once.add(name)
         elif name == "MESSAGE_INTERVAL" and isfinite(argument) and 0 <= argument < 2**16:
             about = _name(argument)
-            interval = transmitter.schedule.interval(about) if about in transmitter.schedule.usual else 0.0
+            interval = (
+                transmitter.schedule.interval(about) if about in transmitter.schedule.usual else 0.0
+            )
             microseconds = min(round(interval * 1e6), 2**31 - 1) if isfinite(interval) else -1
             transmitter.ask(name, message_id=int(argument), interval_us=microseconds)
         elif name == "AUTOPILOT_VERSION":
             autopilot = transmitter.autopilot
-            transmitter.ask(name, capabilities=autopilot.capabilities, flight_sw_version=autopilot.version)
+            transmitter.ask(
+                name, capabilities=autopilot.capabilities, flight_sw_version=autopilot.version
+            )
         else:
             return transmitter.autopilot.unknown_message
         return ACCEPTED
@@ -193,7 +231,8 @@ def _text(field: bytes) -> str:
     return field.split(b"\0", 1)[0].decode("ascii", errors="replace")
 
 
-MAX_ANSWERED_PER_TICK, MAX_WAITING = 4, 64
+MAX_ANSWERED_PER_TICK = 4
+MAX_WAITING = 64
 """Messages of a ground station that are answered in a tick, a thousand a second, and that may wait for a later one. The
 rest is dropped: a flood must not slow the flight down."""
 MAX_READ_PER_TICK = 16  # Datagrams that are looked at in a tick
@@ -206,7 +245,8 @@ class LiveOutcome:
     holding: Holding  # how well the vehicle held its place
     sent: int = 0  # frames that were put on the network; ``commands`` that were accepted
     commands: int = 0
-    unheard: int = 0  # datagrams that were dropped, in whole or in part, because too many came at once
+    # datagrams that were dropped, in whole or in part, because too many came at once
+    unheard: int = 0
     flown: float = 0.0  # s of the flight, ``took``: s of wall time
     took: float = 0.0
     stopped: bool = False  # whether it was ended before it was over
@@ -221,16 +261,22 @@ class Ground:
 
     def __init__(self, host: str, port: int) -> None:
         try:
-            family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
+            family, kind, protocol, _, address = socket.getaddrinfo(
+                host, port, type=socket.SOCK_DGRAM
+            )[0]
             self._address: Any = address
             with socket.socket(family, kind, protocol) as probe:
                 probe.connect(address)  # sends nothing, but finds out whether there is a way
             self._own = socket.socket(family, kind, protocol)
             near = str(address[0])
-            self._own.bind((near if ipaddress.ip_address(near.split("%")[0]).is_loopback else "", 0))
+            self._own.bind(
+                (near if ipaddress.ip_address(near.split("%")[0]).is_loopback else "", 0)
+            )
         except (OSError, UnicodeError) as error:
             reason = error.strerror if isinstance(error, OSError) else "it is no name of a host"
-            raise ValueError(f"nothing can be sent to {host[:80]}:{port} ({reason}): name one host") from None
+            raise ValueError(
+                f"nothing can be sent to {host[:80]}:{port} ({reason}): name one host"
+            ) from None
         self._own.setblocking(False)
 
     def close(self) -> None:
@@ -275,7 +321,8 @@ def fly_live(
     """
     transmitter = Transmitter(scenario, simulation.cycle)
     commands = CommandHandler(transmitter, simulation, report)
-    outcome, waiting = LiveOutcome(Holding(scenario)), deque[Received]()
+    outcome = LiveOutcome(Holding(scenario))
+    waiting = deque[Received]()
     link = LossyLink(scenario.faults, scenario.seed)
     began = monotonic()
     try:
@@ -283,14 +330,17 @@ def fly_live(
             outcome.flown = now
             progress(now)
             outcome.sent += sum(map(ground.send, due))
-            outcome.unheard += _listen(ground.received(began + now / speed), transmitter.system, waiting)
+            outcome.unheard += _listen(
+                ground.received(began + now / speed), transmitter.system, waiting
+            )
             if link.out(now):
                 waiting.clear()
             for _ in range(min(MAX_ANSWERED_PER_TICK, len(waiting))):
                 commands.answer(waiting.popleft())
     except KeyboardInterrupt:
         outcome.stopped = True
-    outcome.took, outcome.commands = monotonic() - began, commands.accepted
+    outcome.took = monotonic() - began
+    outcome.commands = commands.accepted
     return outcome
 
 
@@ -309,13 +359,18 @@ def _listen(datagrams: Iterator[bytes], system: int, waiting: deque[Received]) -
 
 
 def _ticks(
-    link: LossyLink, simulation: Simulation, transmitter: Transmitter, speed: float, holding: Holding
+    link: LossyLink,
+    simulation: Simulation,
+    transmitter: Transmitter,
+    speed: float,
+    holding: Holding,
 ) -> Iterator[tuple[float, list[bytes]]]:
     """Seconds flown, tick by tick, and the frames that arrive by then; after the flight, what is still on its way."""
     way = deque[tuple[float, bytes]]()
     # What falls due in 4 ms of wall time is sent together, but at most half a second of the flight.
     cycles = max(round(min(0.004 * speed, 0.5) / simulation.cycle), 1)
-    start, now = None, 0.0
+    start = None
+    now = 0.0
     while not simulation.finished:
         motion = simulation.advance(cycles)
         start = float(motion.time[0]) if start is None else start

@@ -27,14 +27,27 @@ from sitl_scenarios.vehicles import AIR_DENSITY, CHARGED
 
 Payloads = NDArray[Any]  # (N,) of a definition's wire type
 QUADROTOR = 2  # MAV_TYPE
-ACTIVE, STANDBY = 4, 3  # MAV_STATE
-SENSORS, FENCE = 0b1111, 1 << 20
+# MAV_STATE
+ACTIVE = 4
+STANDBY = 3
+SENSORS = 0b1111
+FENCE = 1 << 20
 """MAV_SYS_STATUS_SENSOR: gyroscopes, accelerometers, magnetometer, barometer; and the fence, which is not breached."""
-LIPO, UNKNOWN_TEMPERATURE, UNUSED_CELL = 1, 32767, 65535  # Of BATTERY_STATUS
+# Of BATTERY_STATUS
+LIPO = 1
+UNKNOWN_TEMPERATURE = 32767
+UNUSED_CELL = 65535
 MIDDLE_PULSE = 1500.0  # µs of a stick in the middle
-RC_CHANNELS, UNUSED_CHANNEL, UNKNOWN_RSSI = 18, 65535, 255  # Of RC_CHANNELS: 1 roll, 2 pitch, 3 throttle, 4 yaw
-HOME, METRES_PER_DEGREE = (47.397742, 8.545594, 488.0), 111_195.0  # PX4's in its simulators; on a sphere of 6371 km
-MOTORS, CHANNELS = 4, 16  # Outputs of the vehicle; in SERVO_OUTPUT_RAW and PX4's other output messages
+# Of RC_CHANNELS: 1 roll, 2 pitch, 3 throttle, 4 yaw
+RC_CHANNELS = 18
+UNUSED_CHANNEL = 65535
+UNKNOWN_RSSI = 255
+# PX4's in its simulators; on a sphere of 6371 km
+HOME = (47.397742, 8.545594, 488.0)
+METRES_PER_DEGREE = 111_195.0
+# Outputs of the vehicle; in SERVO_OUTPUT_RAW and PX4's other output messages
+MOTORS = 4
+CHANNELS = 16
 
 
 @cache
@@ -51,16 +64,24 @@ def payload(name: str, count: int = 1, /, **fields: Any) -> Payloads:
     return table
 
 
-def written(name: str, motion: Motion, boot: NDArray[np.int64], autopilot: Autopilot, scenario: Scenario) -> Payloads:
+def written(
+    name: str, motion: Motion, boot: NDArray[np.int64], autopilot: Autopilot, scenario: Scenario
+) -> Payloads:
     """The payloads (N,) of a message, one for each row of ``motion``, at ``boot`` (N,), µs since boot."""
     fields: dict[str, Any] = {"time_boot_ms": boot // 1000 % 2**32}
     # While its motors idle after landing, as long as the scenario says, the autopilot has not noticed it.
     turn = (motion.time - BOOT_SECONDS) % (seconds(scenario) / scenario.flights)
-    idles = motion.armed & (motion.landed_state == ON_GROUND) & (turn > SPIN_UP_SECONDS) & (scenario.idle > 0)
+    idles = (
+        motion.armed
+        & (motion.landed_state == ON_GROUND)
+        & (turn > SPIN_UP_SECONDS)
+        & (scenario.idle > 0)
+    )
     states = np.where(idles, LANDING, motion.landed_state)
     states = states if scenario.landing_mode else np.where(states == LANDING, IN_AIR, states)
     modes = np.array([autopilot.modes.get(state, (0, 0)) for state in range(LANDING + 1)])[states]
-    base, custom = modes[:, 0] + ARMED * motion.armed, modes[:, 1]
+    base = modes[:, 0] + ARMED * motion.armed
+    custom = modes[:, 1]
     millivolts = np.round(1000 * CHARGED * motion.battery)
     rates = dict(zip(("rollspeed", "pitchspeed", "yawspeed"), motion.known_rates.T, strict=True))
     outputs = np.full((len(motion), CHANNELS), autopilot.unused)
@@ -68,18 +89,31 @@ def written(name: str, motion: Motion, boot: NDArray[np.int64], autopilot: Autop
     match name:
         case "HEARTBEAT":
             flies = motion.armed & (autopilot.active_when_armed | (states != ON_GROUND))
-            status = np.select([flies, ~motion.armed & (boot < 3e6)], [ACTIVE, autopilot.starting], STANDBY)
-            fields = {"type": QUADROTOR, "autopilot": autopilot.number, "base_mode": base, "custom_mode": custom}
+            status = np.select(
+                [flies, ~motion.armed & (boot < 3e6)], [ACTIVE, autopilot.starting], STANDBY
+            )
+            fields = {
+                "type": QUADROTOR,
+                "autopilot": autopilot.number,
+                "base_mode": base,
+                "custom_mode": custom,
+            }
             fields |= {"system_status": status, "mavlink_version": 3}
         case "SYS_STATUS":
             sensors = {"present": SENSORS, "enabled": SENSORS, "health": SENSORS | FENCE}
             fields = {f"onboard_control_sensors_{kind}": bits for kind, bits in sensors.items()}
-            fields |= {"voltage_battery": millivolts, "current_battery": -1, "battery_remaining": -1}
+            fields |= {
+                "voltage_battery": millivolts,
+                "current_battery": -1,
+                "battery_remaining": -1,
+            }
         case "BATTERY_STATUS":
             # The whole battery's voltage in the first place, as where no cell is measured by itself.
             voltages = np.full((len(boot), 10), UNUSED_CELL)
             voltages[:, 0] = millivolts
-            fields = dict.fromkeys(("current_battery", "current_consumed", "energy_consumed", "battery_remaining"), -1)
+            fields = dict.fromkeys(
+                ("current_battery", "current_consumed", "energy_consumed", "battery_remaining"), -1
+            )
             fields |= {"type": LIPO, "temperature": UNKNOWN_TEMPERATURE, "voltages": voltages}
         case "EXTENDED_SYS_STATE":
             fields = {"landed_state": motion.landed_state}
@@ -87,13 +121,19 @@ def written(name: str, motion: Motion, boot: NDArray[np.int64], autopilot: Autop
             angles = np.array([euler(attitude) for attitude in motion.known_attitude.tolist()]).T
             fields |= dict(zip(("roll", "pitch", "yaw"), angles, strict=True)) | rates
         case "ATTITUDE_QUATERNION":
-            fields |= dict(zip(("q1", "q2", "q3", "q4"), motion.known_attitude.T, strict=True)) | rates
+            fields |= (
+                dict(zip(("q1", "q2", "q3", "q4"), motion.known_attitude.T, strict=True)) | rates
+            )
         case "ATTITUDE_TARGET":
             # No bit of type_mask is set: both autopilots say all of it is meant (PX4's streams/ATTITUDE_TARGET.hpp,
             # ArduCopter's send_attitude_target).
-            fields["q"] = Rotation.from_euler("ZYX", motion.attitude_setpoint[:, ::-1]).as_quat(scalar_first=True)
+            fields["q"] = Rotation.from_euler("ZYX", motion.attitude_setpoint[:, ::-1]).as_quat(
+                scalar_first=True
+            )
             asked = (f"body_{axis}_rate" for axis in ("roll", "pitch", "yaw"))
-            fields |= dict(zip(asked, motion.rates_setpoint.T, strict=True)) | {"thrust": motion.demands[:, 3]}
+            fields |= dict(zip(asked, motion.rates_setpoint.T, strict=True)) | {
+                "thrust": motion.demands[:, 3]
+            }
         case "RC_CHANNELS":
             # A stick to the right, or drawn back, which raises the nose, is more than the middle's pulse.
             moved = MIDDLE_PULSE + np.round((MAX_PULSE - MIDDLE_PULSE) * motion.sticks / FULL_STICK)
@@ -104,13 +144,24 @@ def written(name: str, motion: Motion, boot: NDArray[np.int64], autopilot: Autop
             fields |= dict(zip("xyz", motion.known_position.T, strict=True))
             fields |= dict(zip(("vx", "vy", "vz"), motion.known_velocity.T, strict=True))
         case "GLOBAL_POSITION_INT":
-            (north, east, down), (latitude, longitude, altitude) = motion.known_position.T, HOME
+            (north, east, down) = motion.known_position.T
+            (latitude, longitude, altitude) = HOME
             fields["lat"] = np.round(1e7 * (latitude + north / METRES_PER_DEGREE))
-            fields["lon"] = np.round(1e7 * (longitude + east / METRES_PER_DEGREE / np.cos(np.radians(latitude))))
-            fields |= {"alt": np.round(1000 * (altitude - down)), "relative_alt": np.round(-1000 * down)}
-            fields |= dict(zip(("vx", "vy", "vz"), np.round(100 * motion.known_velocity.T), strict=True))
+            fields["lon"] = np.round(
+                1e7 * (longitude + east / METRES_PER_DEGREE / np.cos(np.radians(latitude)))
+            )
+            fields |= {
+                "alt": np.round(1000 * (altitude - down)),
+                "relative_alt": np.round(-1000 * down),
+            }
+            fields |= dict(
+                zip(("vx", "vy", "vz"), np.round(100 * motion.known_velocity.T), strict=True)
+            )
             fields["hdg"] = (
-                np.round(1e2 * np.degrees([euler(one)[2] for one in motion.known_attitude.tolist()])) % 36000
+                np.round(
+                    1e2 * np.degrees([euler(one)[2] for one in motion.known_attitude.tolist()])
+                )
+                % 36000
             )
         case "WIND":
             north, east, down = (scenario.stream.drag_calibrated * motion.wind).T
@@ -124,7 +175,11 @@ def written(name: str, motion: Motion, boot: NDArray[np.int64], autopilot: Autop
             fields = {"time_usec": boot % 2**32}
             fields |= {f"servo{n + 1}_raw": np.round(outputs[:, n]) for n in range(CHANNELS)}
         case "ACTUATOR_OUTPUT_STATUS":
-            fields = {"time_usec": boot, "active": CHANNELS, "actuator": np.pad(outputs, ((0, 0), (0, CHANNELS)))}
+            fields = {
+                "time_usec": boot,
+                "active": CHANNELS,
+                "actuator": np.pad(outputs, ((0, 0), (0, CHANNELS))),
+            }
         case "HIL_ACTUATOR_CONTROLS":
             # A motor that is stopped has less than the lowest pulse, and no negative command.
             commands = np.maximum((motion.outputs - MIN_PULSE) / (MAX_PULSE - MIN_PULSE), 0.0)
@@ -137,7 +192,11 @@ def written(name: str, motion: Motion, boot: NDArray[np.int64], autopilot: Autop
     return payload(name, len(boot), **fields)
 
 
-INT8, INT16, INT32, REAL32 = 2, 4, 6, 9  # MAV_PARAM_TYPE
+# MAV_PARAM_TYPE
+INT8 = 2
+INT16 = 4
+INT32 = 6
+REAL32 = 9
 INTEGERS = {INT8: 8, INT16: 16, INT32: 32}  # Bits of the integer types
 
 
@@ -167,7 +226,8 @@ class Parameter(NamedTuple):
 
 def parameters(scenario: Scenario, autopilot: Autopilot, cycle: float) -> dict[str, Parameter]:
     """An autopilot's parameters by name, in alphabetical order; ``cycle`` of its loop in s."""
-    stream, as_x = scenario.stream, (scenario.vehicle.mixer or scenario.vehicle.frame) == "x"
+    stream = scenario.stream
+    as_x = (scenario.vehicle.mixer or scenario.vehicle.frame) == "x"
     own: dict[str, float] = {"MAV_SYSID": stream.system, "FRAME_TYPE": int(as_x)}
     if autopilot.name == "px4":
         own = {"MAV_SYS_ID": stream.system, "SYS_AUTOSTART": 4001 if as_x else 5001}
@@ -176,7 +236,10 @@ def parameters(scenario: Scenario, autopilot: Autopilot, cycle: float) -> dict[s
     if not stream.drag_calibrated:
         values.pop("EKF2_DRAG_CTRL", None)
     kinds = {name: kind for name, (kind, _) in autopilot.parameters.items()}
-    return {name: Parameter(name, kinds.get(name, REAL32), float(values[name])) for name in sorted(values)}
+    return {
+        name: Parameter(name, kinds.get(name, REAL32), float(values[name]))
+        for name in sorted(values)
+    }
 
 
 def _drag(name: str, scenario: Scenario) -> dict[str, float]:
@@ -184,5 +247,8 @@ def _drag(name: str, scenario: Scenario) -> dict[str, float]:
     if not scenario.stream.drag_calibrated:
         return {}
     linear, (x, y) = drag(scenario.vehicle)
-    ballistic = {f"{name}_BCOEF_{axis}": AIR_DENSITY / 2 / k if k else 0.0 for axis, k in (("X", x), ("Y", y))}
+    ballistic = {
+        f"{name}_BCOEF_{axis}": AIR_DENSITY / 2 / k if k else 0.0
+        for axis, k in (("X", x), ("Y", y))
+    }
     return {f"{name}_MCOEF": sum(linear) / 2} | ballistic

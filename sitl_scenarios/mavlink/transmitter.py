@@ -35,7 +35,8 @@ class Batch:
 
     def timed(self) -> Iterator[tuple[float, bytes]]:
         """The time and the bytes of each frame."""
-        whole, columns = self.data.tobytes(), (self.time, self.frames.start, self.frames.end)
+        whole = self.data.tobytes()
+        columns = (self.time, self.frames.start, self.frames.end)
         for time, start, end in zip(*(column.tolist() for column in columns), strict=True):
             yield time, whole[start:end]
 
@@ -53,13 +54,16 @@ EARLY = 0.5e-6
 class Schedule:
     """The streams that are being sent. ``usual``: Hz by message that it begins with; 0 for one that is not sent."""
 
-    def __init__(self, usual: Mapping[str, float], start: float, cycle: float, step: float, apart: bool) -> None:
+    def __init__(
+        self, usual: Mapping[str, float], start: float, cycle: float, step: float, apart: bool
+    ) -> None:
         """Begins at the time ``start``, s, every stream a ``cycle``, s, after the one before if they are ``apart``.
 
         Intervals are rounded down to whole numbers of ``step``, s, and none is shorter than a cycle.
         """
         self.usual = dict(usual)
-        self._step, self._cycle = step, cycle
+        self._step = step
+        self._cycle = cycle
         # By message: those due at a first time, s, and every so many s from then on, and how many have been sent.
         self._courses: dict[str, tuple[float, float]] = {}
         self._sent: dict[str, int] = {}
@@ -71,7 +75,8 @@ class Schedule:
         if np.isfinite(interval / self._step):
             # The loop looks once in a cycle: what is due more often is sent once.
             interval = max(int(interval / self._step + 1e-6) * self._step, self._cycle)
-        self._courses[name], self._sent[name] = (start, interval), 0
+        self._courses[name] = (start, interval)
+        self._sent[name] = 0
 
     def interval(self, name: str) -> float:
         """Seconds between one message and the next; infinite for none."""
@@ -92,7 +97,8 @@ class Schedule:
 
 
 COMPONENT = 1  # MAV_COMP_ID_AUTOPILOT1
-MAVPROXY_SECONDS = 15.0  # From one request for all streams to the next: ``set_stream_rates`` in MAVProxy's mavproxy.py
+# From one request for all streams to the next: ``set_stream_rates`` in MAVProxy's mavproxy.py
+MAVPROXY_SECONDS = 15.0
 Placed = tuple[str, NDArray[np.intp], Payloads]
 """A message by name, the rows (n,) of the block in which it is sent, its payloads (n,)."""
 
@@ -112,8 +118,11 @@ class Transmitter:
         self._rates = self.autopilot.rates(scenario.stream.rate, scenario.stream.rates)
         if scenario.stream.only_when_asked:
             kept = {"HEARTBEAT", *scenario.stream.rates}
-            self._rates = {name: rate if name in kept else 0.0 for name, rate in self._rates.items()}
-        self._scenario, self._cycle = scenario, cycle
+            self._rates = {
+                name: rate if name in kept else 0.0 for name, rate in self._rates.items()
+            }
+        self._scenario = scenario
+        self._cycle = cycle
         self._asked: list[tuple[str, Payloads]] = []
         self._events, self._to_tell = self._planned(), list[Payloads]()
         self._armed_at = np.inf
@@ -125,7 +134,8 @@ class Transmitter:
         armed = motion.time[motion.armed]
         if len(armed):
             self._armed_at = min(self._armed_at, float(armed[0]))
-        batches, done = [], 0
+        batches = []
+        done = 0
         while self._events:
             after_arming, happen = self._events[0]
             row = int(np.searchsorted(motion.time, self._armed_at + after_arming))
@@ -150,16 +160,23 @@ class Transmitter:
 
     def tell_parameters(self) -> None:
         """Sends all parameters, one in a cycle."""
-        self._to_tell = [self._told(parameter, index) for index, parameter in enumerate(self.parameters.values())]
+        self._to_tell = [
+            self._told(parameter, index) for index, parameter in enumerate(self.parameters.values())
+        ]
 
     def _planned(self) -> list[tuple[float, Callable[[float], None]]]:
         """Seconds after arming, and what happens then: it is called with that time of the motion."""
-        faults, flown = self._scenario.faults, seconds(self._scenario)
+        faults = self._scenario.faults
+        flown = seconds(self._scenario)
         events: list[tuple[float, Callable[[float], None]]] = []
         if faults.mavproxy_rate:
-            events += [(time, self._set_streams) for time in np.arange(0.0, flown, MAVPROXY_SECONDS).tolist()]
+            events += [
+                (time, self._set_streams)
+                for time in np.arange(0.0, flown, MAVPROXY_SECONDS).tolist()
+            ]
         if faults.reboot is not None:
-            events.append((faults.reboot, lambda now: self._begin(now, now + 1.0)))  # a second without messages
+            # a second without messages
+            events.append((faults.reboot, lambda now: self._begin(now, now + 1.0)))
         if faults.clock_jump is not None:
             events.append((faults.clock_jump, self._jump))
         return sorted(events, key=lambda event: event[0])
@@ -176,7 +193,8 @@ class Transmitter:
 
     def _begin(self, boot: float, first: float) -> None:
         """Begins anew with a boot clock that is zero at ``boot``, sending from ``first`` on, s of the motion."""
-        self._boot, self._first = boot, first
+        self._boot = boot
+        self._first = first
         self._sequence = 0
         self._state = DISARMED
         self.once: set[str] = set()
@@ -191,11 +209,18 @@ class Transmitter:
         self._fresh = True
 
     def _scheduled(self, start: float) -> Schedule:
-        return Schedule(self._rates, start, self._cycle, self.autopilot.interval_step, self.autopilot.apart)
+        return Schedule(
+            self._rates, start, self._cycle, self.autopilot.interval_step, self.autopilot.apart
+        )
 
     def _told(self, parameter: Parameter, index: int) -> Payloads:
-        value, count = parameter.encoded(self.autopilot.bitwise), len(self.parameters)
-        named = {"param_id": parameter.name.encode(), "param_value": value, "param_type": parameter.kind}
+        value = parameter.encoded(self.autopilot.bitwise)
+        count = len(self.parameters)
+        named = {
+            "param_id": parameter.name.encode(),
+            "param_value": value,
+            "param_type": parameter.kind,
+        }
         return payload("PARAM_VALUE", **named, param_count=count, param_index=index)
 
     def _sent(self, motion: Motion) -> Batch:
@@ -204,14 +229,20 @@ class Transmitter:
             return _nothing()
         clock = motion.time - self._boot
         if self._fresh:
-            self.schedule, self._fresh = self._scheduled(float(clock[0])), False
+            self.schedule = self._scheduled(float(clock[0]))
+            self._fresh = False
         self.clock = float(clock[-1])
-        placed: list[Placed] = [(name, np.zeros(1, dtype=np.intp), one) for name, one in self._asked]
+        placed: list[Placed] = [
+            (name, np.zeros(1, dtype=np.intp), one) for name, one in self._asked
+        ]
         self._asked = []
         placed += self._changes(motion)
         # Of the parameters one in each row.
-        listed, self._to_tell = self._to_tell[: len(motion)], self._to_tell[len(motion) :]
-        placed += [("PARAM_VALUE", np.arange(len(listed)), np.concatenate(listed))] if listed else []
+        listed = self._to_tell[: len(motion)]
+        self._to_tell = self._to_tell[len(motion) :]
+        placed += (
+            [("PARAM_VALUE", np.arange(len(listed)), np.concatenate(listed))] if listed else []
+        )
         placed += self._streams(motion, clock)
         version = self._scenario.stream.version
         placed = [row for row in placed if version == 2 or named(row[0]).message_id <= 255]
@@ -222,9 +253,16 @@ class Transmitter:
         states = np.where(motion.armed, motion.landed_state.astype(np.int64), DISARMED)
         placed: list[Placed] = []
         for row in np.flatnonzero(np.diff(states, prepend=self._state)):
-            before, self._state = self._state, int(states[row])
+            before = self._state
+            self._state = int(states[row])
             if text := self.autopilot.words.get((before, self._state)):
-                placed.append(("STATUSTEXT", np.array([row]), payload("STATUSTEXT", severity=INFO, text=text.encode())))
+                placed.append(
+                    (
+                        "STATUSTEXT",
+                        np.array([row]),
+                        payload("STATUSTEXT", severity=INFO, text=text.encode()),
+                    )
+                )
         return placed
 
     def _streams(self, motion: Motion, clock: NDArray[np.float64]) -> list[Placed]:
@@ -236,7 +274,9 @@ class Transmitter:
             if len(rows):
                 boot = np.round(clock[rows] * 1e6).astype(np.int64)
                 sampled = rows_of_motion(motion, rows)
-                placed.append((name, rows, written(name, sampled, boot, self.autopilot, self._scenario)))
+                placed.append(
+                    (name, rows, written(name, sampled, boot, self.autopilot, self._scenario))
+                )
         self.once.clear()
         return placed
 
@@ -247,7 +287,8 @@ class Transmitter:
         sequence[order] = np.arange(self._sequence, self._sequence + len(rows))
         self._sequence = int(self._sequence + len(rows)) % 256
         sender = FrameSender(self.system, COMPONENT)
-        batches, begin = [], 0
+        batches = []
+        begin = 0
         for name, own, payloads in placed:
             numbers = (sequence[begin : begin + len(own)] % 256).astype(np.uint8)
             begin += len(own)
@@ -263,7 +304,10 @@ def rows_of_motion(motion: Motion, rows: slice | NDArray[np.intp]) -> Motion:
 
 def _nothing() -> Batch:
     none = np.empty(0, dtype=np.uint8)
-    return Batch(np.empty(0), *composed_frames(payload("HEARTBEAT", 0), named("HEARTBEAT"), FrameSender(0, 0), none))
+    return Batch(
+        np.empty(0),
+        *composed_frames(payload("HEARTBEAT", 0), named("HEARTBEAT"), FrameSender(0, 0), none),
+    )
 
 
 class LossyLink:
@@ -287,21 +331,31 @@ class LossyLink:
         time = batch.time[there] + faults.delay + faults.jitter * late[there]
         time = np.maximum.accumulate(np.maximum(time, self._latest))
         self._latest = float(time[-1]) if len(time) else self._latest
-        arriving = batch.taken(there, time) if len(there) < len(batch) or faults.delay or faults.jitter else batch
+        arriving = (
+            batch.taken(there, time)
+            if len(there) < len(batch) or faults.delay or faults.jitter
+            else batch
+        )
         waits = overtaken[there] < faults.reordered
         if self._held is not None and len(arriving):
-            arriving, waits = joined([self._held, arriving]), np.concatenate([[True], waits])
+            arriving = joined([self._held, arriving])
+            waits = np.concatenate([[True], waits])
             self._held = None
         return self._swapped(arriving, np.flatnonzero(waits).tolist())
 
     def out(self, time: NDArray[np.float64] | float) -> NDArray[np.bool_]:
         """Whether the link is lost at a time, s of the motion."""
-        since = np.asarray(time) - BOOT_SECONDS - (np.inf if self._faults.outage is None else self._faults.outage)
+        since = (
+            np.asarray(time)
+            - BOOT_SECONDS
+            - (np.inf if self._faults.outage is None else self._faults.outage)
+        )
         return (since >= 0.0) & (since < self._faults.outage_seconds)
 
     def rest(self) -> list[Batch]:
         """The frame that is still held, at the end."""
-        held, self._held = self._held, None
+        held = self._held
+        self._held = None
         return [] if held is None else [held]
 
     def _swapped(self, batch: Batch, waits: list[int]) -> Batch:
@@ -311,27 +365,36 @@ class LossyLink:
         order = np.arange(len(batch))
         for row in waits:
             if order[row] == row < len(batch) - 1:  # else it has itself just overtaken another
-                order[row], order[row + 1] = row + 1, row
+                order[row] = row + 1
+                order[row + 1] = row
         if waits[-1] == order[-1] == len(batch) - 1:
-            self._held, order = batch.taken(order[-1:], batch.time[-1:]), order[:-1]
+            self._held = batch.taken(order[-1:], batch.time[-1:])
+            order = order[:-1]
         return batch.taken(order, batch.time[: len(order)])
 
 
 BLOCK = 1 << 14  # Cycles whose frames are made together
 
 
-def recorded(scenario: Scenario, motion: Motion, cycle: float, progress: Callable[[float], None]) -> FrameStream:
+def recorded(
+    scenario: Scenario, motion: Motion, cycle: float, progress: Callable[[float], None]
+) -> FrameStream:
     """The frames of a flight from boot to end that arrive, stamped with the time they do.
 
     ``cycle`` is of the autopilot's loop, s; ``progress`` is called with the fraction done. Raises ValueError: as
     ``Transmitter``.
     """
-    transmitter, link = Transmitter(scenario, cycle), LossyLink(scenario.faults, scenario.seed)
+    transmitter = Transmitter(scenario, cycle)
+    link = LossyLink(scenario.faults, scenario.seed)
     received = []
     for end in range(BLOCK, len(motion) + BLOCK, BLOCK):
-        received.append(link.pass_on(transmitter.send(rows_of_motion(motion, slice(end - BLOCK, end)))))
+        received.append(
+            link.pass_on(transmitter.send(rows_of_motion(motion, slice(end - BLOCK, end))))
+        )
         progress(min(end / len(motion), 1.0))
     whole = joined([*received, *link.rest()])
     # The first boot is on 1 January 2026, 0:00 UTC: the same for every flight, so that files are too.
     stamps = 1_767_225_600_000_000 + np.round(whole.time * 1e6)
-    return FrameStream("simulation", "simulation", whole.data, whole.frames, stamps.astype(np.uint64), 0, ())
+    return FrameStream(
+        "simulation", "simulation", whole.data, whole.frames, stamps.astype(np.uint64), 0, ()
+    )

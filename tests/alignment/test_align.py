@@ -5,7 +5,17 @@ from math import inf
 
 import numpy as np
 import pytest
-from hover import X_QUAD, X_QUAD_PARAMETERS, Hover, changed, columns, only, pulses, with_demand, with_pulses
+from hover import (
+    X_QUAD,
+    X_QUAD_PARAMETERS,
+    Hover,
+    changed,
+    columns,
+    only,
+    pulses,
+    with_demand,
+    with_pulses,
+)
 from recorded_flights import shared
 
 from mavdem.alignment import phases
@@ -18,10 +28,13 @@ from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import OFF_GROUND
 
 HOVER = Hover()
-LIFTED, LANDED = 6.0, HOVER.landed
+LIFTED = 6.0
+LANDED = HOVER.landed
 
 
-def reporting(time: np.ndarray, state: np.ndarray | int, without: tuple[str, ...] = ()) -> Telemetry:
+def reporting(
+    time: np.ndarray, state: np.ndarray | int, without: tuple[str, ...] = ()
+) -> Telemetry:
     landed = columns(time, landed_state=np.broadcast_to(state, time.shape))
     return changed(HOVER.telemetry(without=without), "EXTENDED_SYS_STATE", **landed)
 
@@ -48,7 +61,9 @@ def test_taking_off_and_landing_are_airborne_and_not_settled(state):
     (flight,) = phases.flying(signals, 0)
     assert flight == pytest.approx((LIFTED, LANDED), abs=0.6) and phases.settled(signals, 0) == []
     # What is undefined reports nothing.
-    (flight,) = phases.flying(Signals(reporting(time, np.where(time < 40, 0, np.where(in_air(time), 2, 1)))), 0)
+    (flight,) = phases.flying(
+        Signals(reporting(time, np.where(time < 40, 0, np.where(in_air(time), 2, 1)))), 0
+    )
     assert flight == pytest.approx((LIFTED, LANDED), abs=1.1)
     # Without any motors a report holds until another.
     time = np.array([1.0, 30.0, 60.0])
@@ -59,9 +74,13 @@ def test_taking_off_and_landing_are_airborne_and_not_settled(state):
 def test_a_vertical_speed_that_only_sinks_has_run_away():
     telemetry = HOVER.telemetry()
     position = telemetry.messages["LOCAL_POSITION_NED"]
-    signals = Signals(changed(telemetry, "LOCAL_POSITION_NED", vz=np.full(len(position["time"]), 5.0)))
+    signals = Signals(
+        changed(telemetry, "LOCAL_POSITION_NED", vz=np.full(len(position["time"]), 5.0))
+    )
     ((start, end),) = phases.settled(signals, 0)
-    assert (start, end) == pytest.approx((LIFTED + TRANSIENT_SECONDS, LANDED - TRANSIENT_SECONDS), abs=1.5)
+    assert (start, end) == pytest.approx(
+        (LIFTED + TRANSIENT_SECONDS, LANDED - TRANSIENT_SECONDS), abs=1.5
+    )
 
 
 def test_a_recorded_flight_whose_reports_come_at_its_end():
@@ -89,10 +108,17 @@ def test_the_longest_segment_is_the_hover_and_without_climb_rate_its_ends_are_cu
     assert segment.end == pytest.approx(HOVER.landed - TRANSIENT_SECONDS, abs=1.0)
     # What the autopilot says of take-off and landing is believed.
     time = HOVER.stamps(2.0)
-    landed = np.where(time < 6, 1, np.where(time < 20, 3, np.where(time < 40, 2, np.where(time < 60, 4, 1))))
-    telemetry = changed(HOVER.telemetry(), "EXTENDED_SYS_STATE", **columns(time, landed_state=landed))
+    landed = np.where(
+        time < 6, 1, np.where(time < 20, 3, np.where(time < 40, 2, np.where(time < 60, 4, 1)))
+    )
+    telemetry = changed(
+        HOVER.telemetry(), "EXTENDED_SYS_STATE", **columns(time, landed_state=landed)
+    )
     (segment,) = settled_segments(Signals(telemetry))
-    assert 20 <= segment.start <= 21 + TRANSIENT_SECONDS and 39 - TRANSIENT_SECONDS <= segment.end <= 40
+    assert (
+        20 <= segment.start <= 21 + TRANSIENT_SECONDS
+        and 39 - TRANSIENT_SECONDS <= segment.end <= 40
+    )
     # A log cut out of a hover is used whole.
     cut_out = only(HOVER.telemetry(), lambda time: (time >= 15) & (time < 45))
     (segment,) = settled_segments(Signals(cut_out))
@@ -112,17 +138,26 @@ def landed(motors, rate=None, **changes) -> Signals:
     outputs = np.where(ground[:, None], motors, hover.motors(time))
     outputs += 3.0 * np.random.default_rng(1).standard_normal(outputs.shape)
     telemetry = with_pulses(telemetry, outputs.T)
-    turning = np.where(ground, 1e-3 * np.sin(90 * time) if rate is None else rate(time), hover.roll_rate(time))
+    turning = np.where(
+        ground, 1e-3 * np.sin(90 * time) if rate is None else rate(time), hover.roll_rate(time)
+    )
     beat = telemetry.messages["HEARTBEAT"]
     armed = np.where(beat["time"] >= 5.0, beat["base_mode"] | 128, beat["base_mode"])
     telemetry = changed(telemetry, "HEARTBEAT", base_mode=armed)
-    return Signals(changed(telemetry, "ATTITUDE", roll=np.where(ground, 0.1, hover.roll(time)), rollspeed=turning))
+    return Signals(
+        changed(
+            telemetry, "ATTITUDE", roll=np.where(ground, 0.1, hover.roll(time)), rollspeed=turning
+        )
+    )
 
 
 HELD = {
     "idles at half of what it takes to hover": ([1320.0] * 4, None),
     "idles while a hand turns it": ([1320.0] * 4, lambda time: 0.7 * np.sin(1.1 * time)),
-    "fights what holds it, with as much thrust as in hover": ([1950.0, 1150.0, 1950.0, 1350.0], None),
+    "fights what holds it, with as much thrust as in hover": (
+        [1950.0, 1150.0, 1950.0, 1350.0],
+        None,
+    ),
 }
 
 
@@ -146,7 +181,10 @@ def test_the_ground_shows_before_a_flight_too():
 def test_a_mode_that_lands_ends_settled_flight_where_nothing_else_shows_the_landing():
     signals = landed([1600.0] * 4, GROUNDED.roll_rate)
     beat = signals.telemetry.messages["HEARTBEAT"]
-    mode = {"custom_mode": np.where(beat["time"] < GROUNDED.sinking, 5, 9), "base_mode": beat["base_mode"] | 1}
+    mode = {
+        "custom_mode": np.where(beat["time"] < GROUNDED.sinking, 5, 9),
+        "base_mode": beat["base_mode"] | 1,
+    }
     ((_, end),) = phases.settled(Signals(changed(signals.telemetry, "HEARTBEAT", **mode)), 0)
     assert end == pytest.approx(GROUNDED.sinking - TRANSIENT_SECONDS, abs=1.5)
 
@@ -189,15 +227,19 @@ def test_what_never_rose_was_never_in_the_air_whatever_is_reported():
 @pytest.mark.parametrize(
     ("name", "settled", "airborne"),
     [
-        ("ardupilot_motor3_at_its_limit.BIN", (), 8.9),  # tipped over at take-off, and lies at 56° with its motors on
+        # tipped over at take-off, and lies at 56° with its motors on
+        ("ardupilot_motor3_at_its_limit.BIN", (), 8.9),
         ("px4_pwm_1200_1950.ulg", (), 0.0),  # its motors ran on the ground
-        ("px4_default_rates_learnable.ulg", (121.6, 190.6), 78.3),  # on the ground for 6 s after the reported take-off
+        # on the ground for 6 s after the reported take-off
+        ("px4_default_rates_learnable.ulg", (121.6, 190.6), 78.3),
         ("ardupilot33_rate_in_centidegrees.bin", (96.0, 231.7), 159.1),  # crashes at 237 s
     ],
 )
 def test_recorded_vehicles_that_the_ground_holds(name, settled, airborne):
     signals = Signals(read_log(shared(f"real/logs/{name}")).vehicles[0], inputs="motors")
-    assert [edge for span in phases.settled(signals, 0) for edge in span] == pytest.approx(settled, abs=0.5)
+    assert [edge for span in phases.settled(signals, 0) for edge in span] == pytest.approx(
+        settled, abs=0.5
+    )
     verdict = verdict_of(Signals(signals.telemetry))
     assert verdict.figures.airborne == pytest.approx(airborne, abs=1.0)
     assert ("never left the ground" in verdict.reason) == (verdict.figures.airborne == 0)
@@ -205,14 +247,19 @@ def test_recorded_vehicles_that_the_ground_holds(name, settled, airborne):
 
 def test_gaps_and_tumbles_end_a_segment():
     gap = 20, 20 + 2 * MAX_GAP_SECONDS
-    telemetry = only(HOVER.telemetry(), lambda time: (time <= gap[0]) | (time >= gap[1]), "SERVO_OUTPUT_RAW")
+    telemetry = only(
+        HOVER.telemetry(), lambda time: (time <= gap[0]) | (time >= gap[1]), "SERVO_OUTPUT_RAW"
+    )
     roll = telemetry.messages["ATTITUDE"]["roll"].copy()
     roll[np.abs(telemetry.messages["ATTITUDE"]["time"] - 40) < 0.5] = 2.5
     found = settled_segments(Signals(changed(telemetry, "ATTITUDE", roll=roll)))
     assert [round(segment.duration) for segment in found] == sorted(
         (round(segment.duration) for segment in found), reverse=True
     )
-    assert sorted((round(s.start, 1), round(s.end, 1)) for s in found)[1] == (20.2, 39.5 - TRANSIENT_SECONDS)
+    assert sorted((round(s.start, 1), round(s.end, 1)) for s in found)[1] == (
+        20.2,
+        39.5 - TRANSIENT_SECONDS,
+    )
 
 
 def test_boots_are_never_joined():
@@ -235,11 +282,15 @@ def test_a_uniform_source_keeps_its_samples():
     assert flight.dt == 0.01
     assert flight.provenance["resampling"] == {"attitude": "samples kept", "motors": "samples kept"}
     np.testing.assert_allclose(flight.outputs[:, 1], HOVER.roll_rate(flight.time), atol=1e-12)
-    np.testing.assert_allclose(flight.inputs @ X_QUAD / 4, HOVER.roll_command(flight.time + 0.0004), atol=1e-9)
+    np.testing.assert_allclose(
+        flight.inputs @ X_QUAD / 4, HOVER.roll_command(flight.time + 0.0004), atol=1e-9
+    )
 
 
 @pytest.mark.parametrize("offset", [0.002, 0.005, 0.008])
-@pytest.mark.parametrize("stamps", [HOVER.stamps(100.0), eight_and_twelve(0)], ids=["uniform", "alternating"])
+@pytest.mark.parametrize(
+    "stamps", [HOVER.stamps(100.0), eight_and_twelve(0)], ids=["uniform", "alternating"]
+)
 def test_neither_motors_nor_attitude_get_a_lag(stamps, offset):
     """The delay of the truth that best explains a column is far below half a step, wherever the stamps lie."""
     telemetry = HOVER.telemetry(motor_time=stamps + offset)
@@ -259,7 +310,9 @@ def test_the_slower_stream_sets_the_step():
     flight = align(Signals(telemetry), settled_segments(Signals(telemetry))[0])
     assert flight.dt == 0.02
     # The filter is flat where the dynamics are.
-    np.testing.assert_allclose(flight.outputs[:, 0], HOVER.roll(flight.time), atol=1e-4 * HOVER.sway)
+    np.testing.assert_allclose(
+        flight.outputs[:, 0], HOVER.roll(flight.time), atol=1e-4 * HOVER.sway
+    )
 
 
 def test_a_vibration_faster_than_the_grid_is_not_folded_into_it():
@@ -278,7 +331,9 @@ def test_a_vibration_faster_than_the_grid_is_not_folded_into_it():
 def test_lost_messages_and_jitter_part_nothing():
     random = np.random.default_rng(5)
     lossy = np.sort(random.permutation(HOVER.stamps(50.0))[: round(HOVER.end * 40)])
-    shaky = HOVER.stamps(MINIMUM_RATE) + random.uniform(-0.004, 0.004, round(HOVER.end * MINIMUM_RATE))
+    shaky = HOVER.stamps(MINIMUM_RATE) + random.uniform(
+        -0.004, 0.004, round(HOVER.end * MINIMUM_RATE)
+    )
     for stamps in (lossy, shaky):
         found = settled_segments(Signals(HOVER.telemetry(stamps, HOVER.stamps(50.0))))
         assert sum(segment.duration for segment in found) > 39
@@ -311,13 +366,18 @@ def with_roll_demand(motor_rate, demand_rate):
     return with_demand(Hover().telemetry(motor_time=motor_rate), demand_rate, pace=3.0)
 
 
-@pytest.mark.parametrize(("motor_rate", "demand_rate", "taken"), [(100.0, 100.0, "motors"), (10.0, 100.0, "demand")])
+@pytest.mark.parametrize(
+    ("motor_rate", "demand_rate", "taken"), [(100.0, 100.0, "motors"), (10.0, 100.0, "demand")]
+)
 def test_the_demand_is_taken_only_where_motors_come_too_slowly(motor_rate, demand_rate, taken):
     demanded = with_roll_demand(motor_rate, demand_rate)
     verdict = verdict_of(Signals(demanded))
     assert verdict.learnable
     flight = align(Signals(demanded), verdict.segment)
-    said = any("(10.0 Hz), so the input is the controller's roll demand" in caution for caution in verdict.cautions)
+    said = any(
+        "(10.0 Hz), so the input is the controller's roll demand" in caution
+        for caution in verdict.cautions
+    )
     if taken == "motors":
         assert len(flight.input_names) == 4 and not said
     else:
@@ -333,17 +393,24 @@ def test_the_inputs_that_are_asked_for_are_taken():
     assert verdict.learnable and "model includes the mixer" in " ".join(verdict.cautions)
     assert flight.input_names == ("roll demand",) and flight.dt == pytest.approx(0.02)
     slow_motors = verdict_of(Signals(with_roll_demand(10.0, 100.0), inputs="motors"))
-    assert not slow_motors.learnable and slow_motors.remedy.startswith("Leave out `--inputs motors`: ")
+    assert not slow_motors.learnable and slow_motors.remedy.startswith(
+        "Leave out `--inputs motors`: "
+    )
     neither = verdict_of(Signals(with_roll_demand(10.0, 10.0), inputs="motors"))
     assert "--inputs" not in neither.remedy and "RC_CHAN" in neither.remedy
     without = verdict_of(Signals(Hover().telemetry(), inputs="demand"))
-    assert not without.learnable and "demand is not in it" in without.reason and "motors" in without.remedy
+    assert (
+        not without.learnable
+        and "demand is not in it" in without.reason
+        and "motors" in without.remedy
+    )
     with pytest.raises(ValueError, match="'torque'"):
         verdict_of(Signals(both, inputs="torque"))
 
 
 def test_the_mixer_geometry_of_the_parameters_comes_with_the_flight():
-    known, unknown = Signals(HOVER.telemetry(parameters=X_QUAD_PARAMETERS)), Signals(HOVER.telemetry())
+    known = Signals(HOVER.telemetry(parameters=X_QUAD_PARAMETERS))
+    unknown = Signals(HOVER.telemetry())
     roll = align(known, settled_segments(known)[0]).effect_directions
     np.testing.assert_allclose(roll, np.array([-1, 1, 1, -1]) / 4)
     assert align(unknown, settled_segments(unknown)[0]).effect_directions is None

@@ -10,7 +10,13 @@ from recorded_flights import shared
 
 from mavdem import Flight
 from mavdem.alignment.align import Segment, align, settled_segments
-from mavdem.alignment.read import choose_vehicle, learnable_flight, read_flight, read_segments, usable_segments
+from mavdem.alignment.read import (
+    choose_vehicle,
+    learnable_flight,
+    read_flight,
+    read_segments,
+    usable_segments,
+)
 from mavdem.alignment.signals import HOLD_SECONDS, Signals, setpoints
 from mavdem.alignment.verdict import Verdict
 from mavdem.dem.record import Record
@@ -44,11 +50,15 @@ def received(wanted) -> Telemetry:
 def test_segments_are_all_of_settled_flight_and_the_longest_is_the_flight():
     gaps = received(lambda time: (abs(time - 20) >= 0.5) & (abs(time - 33) >= 0.5))
     log = log_of(gaps)
-    (first, middle, last), (flight, verdict) = segments_of(log)[0], learnable_flight(log)
+    (first, middle, last) = segments_of(log)[0]
+    (flight, verdict) = learnable_flight(log)
     assert [round(one.time[0], 2) for one in (middle, last)] == [20.5, 33.5]
     np.testing.assert_array_equal(last.outputs, flight.outputs)
     np.testing.assert_array_equal(last.inputs, flight.inputs)
-    assert last.provenance == flight.provenance and Segment(**last.provenance["segment"]) == verdict.segment
+    assert (
+        last.provenance == flight.provenance
+        and Segment(**last.provenance["segment"]) == verdict.segment
+    )
     record = Record.of([first, middle, last])
     assert record.lengths == (len(first), len(middle), len(last))
     for one in (first, middle):
@@ -56,7 +66,9 @@ def test_segments_are_all_of_settled_flight_and_the_longest_is_the_flight():
 
 
 def test_segments_have_one_step_also_where_a_link_lost_messages():
-    lossy = received(lambda time: (abs(time - 25) >= 0.5) & ((time >= 25) | (np.round(100 * time) % 9 != 0)))
+    lossy = received(
+        lambda time: (abs(time - 25) >= 0.5) & ((time >= 25) | (np.round(100 * time) % 9 != 0))
+    )
     flights, _ = segments_of(log_of(lossy))
     assert [one.dt for one in flights] == [0.01, 0.01]
     assert flights[0].provenance["rates"]["attitude"] == pytest.approx(89, abs=1)
@@ -65,7 +77,9 @@ def test_segments_have_one_step_also_where_a_link_lost_messages():
 
 def test_segments_that_are_too_slow_or_too_short_are_left_out_and_counted():
     hover = Hover(hovering=60.0)
-    stamps = np.concatenate([np.arange(0, 30, 1 / 60), np.arange(31, 35, 0.01), np.arange(36, hover.end, 0.01)])
+    stamps = np.concatenate(
+        [np.arange(0, 30, 1 / 60), np.arange(31, 35, 0.01), np.arange(36, hover.end, 0.01)]
+    )
     log = log_of(hover.telemetry(stamps, stamps))
     (flight,), verdict = segments_of(log)
     assert flight.time[0] == pytest.approx(36) and flight.dt == 0.01
@@ -74,7 +88,8 @@ def test_segments_that_are_too_slow_or_too_short_are_left_out_and_counted():
 
 
 def test_one_vehicle_is_chosen_and_several_are_listed():
-    first, second = HOVER.telemetry(), dataclasses.replace(HOVER.telemetry(), system=7)
+    first = HOVER.telemetry()
+    second = dataclasses.replace(HOVER.telemetry(), system=7)
     silent = dataclasses.replace(first, system=9, messages={})
     assert choose_vehicle((first, silent)) is first
     assert choose_vehicle((first, second), "7") is second
@@ -109,11 +124,15 @@ def test_recorded_logs_that_must_be_refused(name, said):
     assert refusal.value.remedy
 
 
-def with_targets(rate: float = 10.0, type_mask: int = 0, start: float = 0.0, end: float = np.inf) -> Telemetry:
+def with_targets(
+    rate: float = 10.0, type_mask: int = 0, start: float = 0.0, end: float = np.inf
+) -> Telemetry:
     """A hover with ATTITUDE_TARGET whose roll rate is the time, its roll a tenth of the sine of it."""
     time = HOVER.stamps(rate)
     time = time[(time >= start) & (time < end)]
-    roll, pitch, yaw = 0.1 * np.sin(time), 0.05 * np.cos(time), 0.02 * time
+    roll = 0.1 * np.sin(time)
+    pitch = 0.05 * np.cos(time)
+    yaw = 0.02 * time
     fields = {
         "type_mask": np.full(len(time), type_mask, dtype=np.uint8),
         "q": quaternion(roll, pitch, yaw),
@@ -141,7 +160,8 @@ def test_a_flight_has_the_last_setpoint_until_its_sample_and_none_of_the_future(
 
 
 @pytest.mark.parametrize(
-    ("mask", "units"), [(1, ["rad"]), (2, ["rad/s", "rad"]), (64, ["rad/s", "rad"]), (128, ["rad/s"]), (129, [])]
+    ("mask", "units"),
+    [(1, ["rad"]), (2, ["rad/s", "rad"]), (64, ["rad/s", "rad"]), (128, ["rad/s"]), (129, [])],
 )
 def test_masked_fields_are_no_setpoints(mask, units):
     assert [one.unit for one in setpoints(with_targets(type_mask=mask), "roll")] == units
@@ -150,10 +170,14 @@ def test_masked_fields_are_no_setpoints(mask, units):
 def test_before_the_first_and_long_after_the_last_nothing_is_known():
     flight = flight_of(with_targets(start=20.0, end=30.0))
     known = np.isfinite(flight.setpoints[:, 0])
-    np.testing.assert_array_equal(known, (flight.time >= 20 - 1e-9) & (flight.time <= 29.9 + HOLD_SECONDS + 1e-9))
+    np.testing.assert_array_equal(
+        known, (flight.time >= 20 - 1e-9) & (flight.time <= 29.9 + HOLD_SECONDS + 1e-9)
+    )
 
 
-@pytest.mark.parametrize("name", ["sitl_ardupilot/ardupilot_wind4_doublets.tlog", "sitl_px4/px4_wind5_gust.tlog"])
+@pytest.mark.parametrize(
+    "name", ["sitl_ardupilot/ardupilot_wind4_doublets.tlog", "sitl_px4/px4_wind5_gust.tlog"]
+)
 def test_a_recorded_vehicle_does_what_it_is_asked(name):
     for flight in read_segments(shared(name)):
         assert flight.setpoint_names[:2] == ("roll rate setpoint", "roll setpoint")

@@ -4,7 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hover import ARMED, MAV_AUTOPILOTS, MAV_TYPES, Hover, changed, columns, with_demand, with_pulses
+from hover import (
+    ARMED,
+    MAV_AUTOPILOTS,
+    MAV_TYPES,
+    Hover,
+    changed,
+    columns,
+    with_demand,
+    with_pulses,
+)
 from scipy.spatial.transform import Rotation
 
 from mavdem.alignment import drive, signals
@@ -18,16 +27,21 @@ HOVER = Hover()
 
 def with_quaternion(rate: float) -> Telemetry:
     time = HOVER.stamps(rate)
-    roll, pitch, yaw = HOVER.roll(time), 0.2 * np.sin(time), 0.3 * time
+    roll = HOVER.roll(time)
+    pitch = 0.2 * np.sin(time)
+    yaw = 0.3 * time
     q = Rotation.from_euler("ZYX", np.column_stack([yaw, pitch, roll])).as_quat(scalar_first=True)
-    body = {name: np.full(len(time), value) for name, value in (("pitchspeed", 0.2), ("yawspeed", 0.3))}
+    body = {
+        name: np.full(len(time), value) for name, value in (("pitchspeed", 0.2), ("yawspeed", 0.3))
+    }
     fields = {f"q{i + 1}": q[:, i] for i in range(4)} | body | {"rollspeed": HOVER.roll_rate(time)}
     return changed(HOVER.telemetry(10.0), "ATTITUDE_QUATERNION", **columns(time, **fields))
 
 
 def test_a_faster_quaternion_gives_the_euler_angles_it_was_made_of():
     telemetry = with_quaternion(100.0)
-    roll, pitch = signals.attitude(telemetry, "roll"), signals.attitude(telemetry, "pitch")
+    roll = signals.attitude(telemetry, "roll")
+    pitch = signals.attitude(telemetry, "pitch")
     assert roll.message == pitch.message == "ATTITUDE_QUATERNION"
     np.testing.assert_allclose(roll.angle, HOVER.roll(roll.time), atol=1e-12)
     np.testing.assert_allclose(roll.rate, HOVER.roll_rate(roll.time), atol=1e-12)
@@ -36,8 +50,11 @@ def test_a_faster_quaternion_gives_the_euler_angles_it_was_made_of():
 
 def test_slope_is_the_derivative_of_the_angle_in_a_banked_turn():
     time = np.arange(0, 10, 1e-3)
-    roll, pitch, yaw_rate = 0.4 * np.sin(time), 0.5 + 0.1 * np.cos(2 * time), 0.8
-    roll_rate, pitch_rate = 0.4 * np.cos(time), -0.2 * np.sin(2 * time)
+    roll = 0.4 * np.sin(time)
+    pitch = 0.5 + 0.1 * np.cos(2 * time)
+    yaw_rate = 0.8
+    roll_rate = 0.4 * np.cos(time)
+    pitch_rate = -0.2 * np.sin(2 * time)
     fields = {
         "roll": roll,
         "pitch": pitch,
@@ -46,11 +63,17 @@ def test_slope_is_the_derivative_of_the_angle_in_a_banked_turn():
         "yawspeed": -pitch_rate * np.sin(roll) + yaw_rate * np.cos(pitch) * np.cos(roll),
     }
     telemetry = changed(HOVER.telemetry(), "ATTITUDE", **columns(time, **fields))
-    telemetry = changed(telemetry, "ATTITUDE", yaw=np.remainder(yaw_rate * time + np.pi, 2 * np.pi) - np.pi)
+    telemetry = changed(
+        telemetry, "ATTITUDE", yaw=np.remainder(yaw_rate * time + np.pi, 2 * np.pi) - np.pi
+    )
     heading = signals.attitude(telemetry, "yaw")
     np.testing.assert_allclose(heading.angle, yaw_rate * time, atol=1e-12)
     np.testing.assert_allclose(heading.rate, telemetry.messages["ATTITUDE"]["yawspeed"])
-    for axis, derivative in (("roll", roll_rate), ("pitch", pitch_rate), ("yaw", np.full(len(time), yaw_rate))):
+    for axis, derivative in (
+        ("roll", roll_rate),
+        ("pitch", pitch_rate),
+        ("yaw", np.full(len(time), yaw_rate)),
+    ):
         np.testing.assert_allclose(signals.attitude(telemetry, axis).slope, derivative, atol=1e-12)
 
 
@@ -74,7 +97,12 @@ def test_ardupilot_motors_by_servo_function_and_frame():
     parameters |= {"SERVO3_FUNCTION": 34, "SERVO4_FUNCTION": 35, "SERVO5_FUNCTION": 70}
     motors = drive.motors_or_obstacle(HOVER.telemetry(parameters=parameters))
     assert motors.layout.channels == (2, 3, 4, 1)
-    assert motors.layout.names == ("motor 1 (right)", "motor 2 (left)", "motor 3 (front)", "motor 4 (rear)")
+    assert motors.layout.names == (
+        "motor 1 (right)",
+        "motor 2 (left)",
+        "motor 3 (front)",
+        "motor 4 (rear)",
+    )
     assert not motors.layout.channels_assumed and not motors.layout.positions_assumed
     np.testing.assert_allclose(motors.layout.effect("roll"), [-0.5, 0.5, 0, 0], atol=1e-12)
     np.testing.assert_allclose(motors.layout.effect("pitch"), [0, 0, 0.5, -0.5], atol=1e-12)
@@ -86,7 +114,9 @@ def test_px4_motors_by_function_and_rotor_places():
     parameters = {"CA_ROTOR_COUNT": 4} | {f"PWM_MAIN_FUNC{n}": 105 - n for n in (1, 2, 3, 4)}
     for n, (forward, right) in enumerate([(0.1, 0.2), (-0.1, -0.2), (0.1, -0.2), (-0.1, 0.2)]):
         parameters |= {f"CA_ROTOR{n}_PX": forward, f"CA_ROTOR{n}_PY": right}
-    motors = drive.motors_or_obstacle(HOVER.telemetry(autopilot="PX4", parameters=parameters)).layout
+    motors = drive.motors_or_obstacle(
+        HOVER.telemetry(autopilot="PX4", parameters=parameters)
+    ).layout
     assert motors.channels == (4, 3, 2, 1)
     np.testing.assert_allclose(motors.effect("roll"), [-0.25, 0.25, 0.25, -0.25])
     np.testing.assert_allclose(motors.effect("pitch"), [0.25, -0.25, 0.25, -0.25])
@@ -100,19 +130,26 @@ def test_yaw_is_by_the_direction_of_the_propellers():
         found = motor_geometry("QUADROTOR", "ARDUPILOTMEGA", frame, moving=range(1, 5), bank=8)
         np.testing.assert_array_equal(4 * found.effect("yaw"), signs)
     rotors = {f"PWM_MAIN_FUNC{n}": 100.0 + n for n in range(1, 5)} | {"CA_ROTOR_COUNT": 4.0}
-    for n, (forward, right, moment) in enumerate([(1, 1, 0.05), (-1, -1, 0.04), (1, -1, -0.05), (-1, 1, -0.04)]):
+    for n, (forward, right, moment) in enumerate(
+        [(1, 1, 0.05), (-1, -1, 0.04), (1, -1, -0.05), (-1, 1, -0.04)]
+    ):
         rotors |= {f"CA_ROTOR{n}_PX": forward, f"CA_ROTOR{n}_PY": right, f"CA_ROTOR{n}_KM": moment}
     found = motor_geometry("QUADROTOR", "PX4", rotors, moving=range(1, 5), bank=16)
     np.testing.assert_array_equal(4 * found.effect("yaw"), [1, 1, -1, -1])
     del rotors["CA_ROTOR2_KM"]
-    assert motor_geometry("QUADROTOR", "PX4", rotors, moving=range(1, 5), bank=16).effect("yaw") is None
+    assert (
+        motor_geometry("QUADROTOR", "PX4", rotors, moving=range(1, 5), bank=16).effect("yaw")
+        is None
+    )
 
 
 def test_px4_motors_over_two_drivers():
     """An octo: motors 1 to 4 on the second half of the first driver's outputs, 5 to 8 on the second driver."""
     parameters = {f"PWM_MAIN_FUNC{n}": 96.0 + n for n in (5, 6, 7, 8)}
     parameters |= {f"PWM_AUX_FUNC{n}": 104.0 + n for n in (1, 2, 3, 4)}
-    on_both = motor_geometry("OCTOROTOR", "PX4", parameters, moving=[5, 6, 7, 8, 17, 18, 19, 20], bank=16)
+    on_both = motor_geometry(
+        "OCTOROTOR", "PX4", parameters, moving=[5, 6, 7, 8, 17, 18, 19, 20], bank=16
+    )
     assert on_both.motors == tuple(range(1, 9)) and on_both.channels == (5, 6, 7, 8, 17, 18, 19, 20)
     on_one = motor_geometry("QUADROTOR", "PX4", parameters, moving=[5, 6, 7, 8], bank=16)
     assert on_one.motors == (1, 2, 3, 4) and on_one.channels == (5, 6, 7, 8)
@@ -165,14 +202,23 @@ def test_every_frame_balances(frame_class, frame_type, count):
 
 def test_rounding_is_measured_before_a_bank_is_moved_to_the_stamps_of_another():
     """Six motors over two banks, whole µs, the second bank's messages 3 ms after the first's."""
-    parameters = {f"SERVO{4 + n}_FUNCTION": 32.0 + n for n in range(1, 7)} | {"FRAME_CLASS": 2, "FRAME_TYPE": 1}
+    parameters = {f"SERVO{4 + n}_FUNCTION": 32.0 + n for n in range(1, 7)} | {
+        "FRAME_CLASS": 2,
+        "FRAME_TYPE": 1,
+    }
     telemetry = HOVER.telemetry(vehicle="HEXAROTOR", parameters=parameters)
     time = HOVER.stamps(100.0)
     outputs = np.round(1500 + 100 * np.sin(np.outer(time, 1 + 0.1 * np.arange(16))))
     second = np.arange(2 * len(time)) % 2 == 1
-    both = {"time": np.repeat(time, 2) + 0.003 * second, "boot": np.zeros(len(second), dtype=int), "port": second * 1.0}
+    both = {
+        "time": np.repeat(time, 2) + 0.003 * second,
+        "boot": np.zeros(len(second), dtype=int),
+        "port": second * 1.0,
+    }
     for n in range(8):
-        both[f"servo{n + 1}_raw"] = np.where(second, np.repeat(outputs[:, 8 + n], 2), np.repeat(outputs[:, n], 2))
+        both[f"servo{n + 1}_raw"] = np.where(
+            second, np.repeat(outputs[:, 8 + n], 2), np.repeat(outputs[:, n], 2)
+        )
     motors = drive.motors_or_obstacle(changed(telemetry, "SERVO_OUTPUT_RAW", **both))
     assert motors.layout.channels == (5, 6, 7, 8, 9, 10)
     assert np.any(motors.outputs % 1), "the second bank falls between the stamps"
@@ -184,8 +230,12 @@ def test_a_message_without_motors_that_move_leaves_the_next():
     time = HOVER.stamps(50.0)
     actuator = np.full((len(time), 32), np.nan)
     actuator[:, :4] = HOVER.motors(time)
-    telemetry = changed(HOVER.telemetry(), "ACTUATOR_OUTPUT_STATUS", **columns(time, actuator=actuator))
-    motors = drive.motors_or_obstacle(with_pulses(telemetry, np.full((8, len(HOVER.stamps(100.0))), 1000.0)))
+    telemetry = changed(
+        HOVER.telemetry(), "ACTUATOR_OUTPUT_STATUS", **columns(time, actuator=actuator)
+    )
+    motors = drive.motors_or_obstacle(
+        with_pulses(telemetry, np.full((8, len(HOVER.stamps(100.0))), 1000.0))
+    )
     assert motors is not None and motors.message == "ACTUATOR_OUTPUT_STATUS"
     np.testing.assert_array_equal(motors.outputs, HOVER.motors(time))
 
@@ -207,12 +257,19 @@ def test_scales_are_distinguished(values, name, unit, step):
 
 
 def test_the_range_of_pulse_widths_is_the_autopilots_when_it_says():
-    scale = output_scale(np.array([[1100.0], [1500.0]]), {"MOT_PWM_MIN": 1100.0, "MOT_PWM_MAX": 1900.0})
+    scale = output_scale(
+        np.array([[1100.0], [1500.0]]), {"MOT_PWM_MIN": 1100.0, "MOT_PWM_MAX": 1900.0}
+    )
     np.testing.assert_allclose(scale.fraction(np.array([1100.0, 1500.0, 1900.0])), [0, 0.5, 1])
     throttle = {"RCMAP_THROTTLE": 3.0, "RC3_MIN": 1150.0, "RC3_MAX": 1900.0}
     idle = output_scale(np.array([[1220.0], [1500.0]]), throttle).fraction(np.array([1220.0]))
-    assert idle[0] < airborne_collective(throttle), "armed on the ground, 70 µs above the range's lower end"
-    assert output_scale(np.array([[1100.0], [1500.0]]), {"MOT_PWM_MIN": 0.0, "MOT_PWM_MAX": 0.0}).high == 2000
+    assert idle[0] < airborne_collective(throttle), (
+        "armed on the ground, 70 µs above the range's lower end"
+    )
+    assert (
+        output_scale(np.array([[1100.0], [1500.0]]), {"MOT_PWM_MIN": 0.0, "MOT_PWM_MAX": 0.0}).high
+        == 2000
+    )
 
 
 def test_armed_outvotes_strays_and_foreign_heartbeats():
@@ -220,7 +277,8 @@ def test_armed_outvotes_strays_and_foreign_heartbeats():
     table = {name: column.copy() for name, column in telemetry.messages["HEARTBEAT"].items()}
     table["base_mode"][30] = 0
     table["base_mode"][2] = ARMED
-    table["type"][33:36], table["autopilot"][33:36] = MAV_TYPES["GCS"], MAV_AUTOPILOTS["INVALID"]
+    table["type"][33:36] = MAV_TYPES["GCS"]
+    table["autopilot"][33:36] = MAV_AUTOPILOTS["INVALID"]
     table["base_mode"][33:36] = 0
     state = Signals(changed(telemetry, "HEARTBEAT", **table)).armed
     expected = (state.time >= 5) & (state.time < HOVER.landed + 1)
@@ -245,7 +303,9 @@ def test_the_collective_is_the_motors_mean_or_else_the_thrust_asked_for():
     motors = drive.motors_or_obstacle(telemetry)
     expected = motors.scale.fraction(motors.outputs).mean(axis=1)
     np.testing.assert_array_equal(Signals(telemetry).collective.values, expected)
-    without = replace(telemetry, messages={k: v for k, v in telemetry.messages.items() if k != "SERVO_OUTPUT_RAW"})
+    without = replace(
+        telemetry, messages={k: v for k, v in telemetry.messages.items() if k != "SERVO_OUTPUT_RAW"}
+    )
     np.testing.assert_array_equal(np.unique(Signals(without).collective.values), [0.5])
 
 
@@ -256,11 +316,17 @@ def with_battery(message: str, time: np.ndarray, **fields: np.ndarray) -> Teleme
 def test_without_a_battery_monitor_there_is_none():
     time = HOVER.stamps(1.0)
     for nothing in (0, 65535):
-        silent = with_battery("SYS_STATUS", time, voltage_battery=np.full(len(time), nothing, dtype=np.uint16))
+        silent = with_battery(
+            "SYS_STATUS", time, voltage_battery=np.full(len(time), nothing, dtype=np.uint16)
+        )
         assert Signals(silent).voltage is None
-        silent.messages["SYS_STATUS"]["voltage_battery"][[3, 30, 31, 40]] = 12_800  # of damaged bytes
+        # of damaged bytes
+        silent.messages["SYS_STATUS"]["voltage_battery"][[3, 30, 31, 40]] = 12_800
         assert Signals(silent).voltage is None
-    assert Signals(with_battery("SYS_STATUS", time[:4], voltage_battery=np.full(4, 12_800))).voltage is None
+    assert (
+        Signals(with_battery("SYS_STATUS", time[:4], voltage_battery=np.full(4, 12_800))).voltage
+        is None
+    )
     falling = np.linspace(16000, 14000, len(time))
     falling[[0, 30, 31]] = 65_000, 33_000, 6_000  # of damaged bytes
     damaged = Signals(with_battery("SYS_STATUS", time, voltage_battery=falling)).voltage.values
@@ -275,10 +341,14 @@ def test_cells_add_up_and_the_whole_may_be_in_the_place_of_the_first(split):
     cells[:, : 4 if split else 1] = 4000 if split else 16000
     ids = np.arange(len(time)) % 2
     cells[ids == 1, 0] = 5000  # another battery
-    telemetry = with_battery("BATTERY_STATUS", time, voltages=cells, id=ids, voltages_ext=np.zeros((len(time), 4)))
+    telemetry = with_battery(
+        "BATTERY_STATUS", time, voltages=cells, id=ids, voltages_ext=np.zeros((len(time), 4))
+    )
     found = Signals(telemetry).voltage
     np.testing.assert_array_equal(found.values, np.full(np.count_nonzero(ids == 0), 16.0))
     unmeasured = changed(
-        telemetry, "SYS_STATUS", **columns(time, voltage_battery=np.full(len(time), 65535, dtype=np.uint16))
+        telemetry,
+        "SYS_STATUS",
+        **columns(time, voltage_battery=np.full(len(time), 65535, dtype=np.uint16)),
     )
     np.testing.assert_array_equal(Signals(unmeasured).voltage.values, found.values)

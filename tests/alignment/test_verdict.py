@@ -11,7 +11,13 @@ from hover import X_QUAD, Hover, changed, columns, only, pulses, with_pulses
 from mavdem.alignment.align import align, settled_segments
 from mavdem.alignment.drive import DEMAND_MESSAGE
 from mavdem.alignment.signals import Signals
-from mavdem.alignment.verdict import DOUBTFUL_CONSISTENCY, DOUBTFUL_SNR, cautions_of, too_slow, verdict_of
+from mavdem.alignment.verdict import (
+    DOUBTFUL_CONSISTENCY,
+    DOUBTFUL_SNR,
+    cautions_of,
+    too_slow,
+    verdict_of,
+)
 from mavdem.ingest import Component
 from mavdem.ingest.telemetry import Telemetry
 
@@ -59,7 +65,9 @@ def test_the_fast_part_of_a_flight_is_learnt_from_and_the_slow_part_is_not(fast_
 
 
 def test_a_fast_part_too_short_to_learn_from_is_refused_for_the_rate_of_the_rest():
-    stamps = np.concatenate([np.arange(0, 100, 1 / 15), np.arange(100, 103, 0.01), np.arange(103, LONG.end, 1 / 15)])
+    stamps = np.concatenate(
+        [np.arange(0, 100, 1 / 15), np.arange(100, 103, 0.01), np.arange(103, LONG.end, 1 / 15)]
+    )
     reason = refused_for(LONG.telemetry(stamps, stamps))
     assert re.search(r"comes at 1\d\.\d Hz", reason)
 
@@ -67,7 +75,9 @@ def test_a_fast_part_too_short_to_learn_from_is_refused_for_the_rate_of_the_rest
 def test_both_messages_are_blamed_where_both_are_slow_whichever_is_slower():
     for attitude, motors in ((9.76983, 9.76985), (9.76985, 9.76983)):
         reason = too_slow({"ATTITUDE": attitude, "SERVO_OUTPUT_RAW": motors}, "roll")
-        assert reason.startswith("ATTITUDE comes at 9.8 Hz and SERVO_OUTPUT_RAW at 9.8 Hz; roll motion has")
+        assert reason.startswith(
+            "ATTITUDE comes at 9.8 Hz and SERVO_OUTPUT_RAW at 9.8 Hz; roll motion has"
+        )
     assert too_slow({"ATTITUDE": 100.0, "SERVO_OUTPUT_RAW": 39.99}, "roll").startswith(
         "SERVO_OUTPUT_RAW comes at 39.99 Hz;"
     )
@@ -87,9 +97,14 @@ STATION = Component(255, 190, "GCS", "INVALID", {"HEARTBEAT": 60, "REQUEST_DATA_
 def test_rates_that_drop_in_the_air_are_no_link_that_drops_out(change):
     verdict = verdict_of(Signals(slowed(change)), components=(STATION,))
     assert not verdict.learnable
-    assert re.search(rf"In the air ATTITUDE comes at [34]\.\d Hz from {change:.0f}\.\d s after boot on", verdict.reason)
+    assert re.search(
+        rf"In the air ATTITUDE comes at [34]\.\d Hz from {change:.0f}\.\d s after boot on",
+        verdict.reason,
+    )
     assert "need 40 Hz" in verdict.reason and "drop out" not in verdict.remedy
-    assert verdict.remedy.startswith("A ground station (255:190) sets rates with REQUEST_DATA_STREAM: ")
+    assert verdict.remedy.startswith(
+        "A ground station (255:190) sets rates with REQUEST_DATA_STREAM: "
+    )
     assert verdict.remedy.count("streamrate -1") == 1 and "SRn_EXTRA1" in verdict.remedy
 
 
@@ -98,13 +113,20 @@ def test_who_asks_for_rates_is_named_only_where_somebody_does():
     own = Component(1, 1, "QUADROTOR", "ARDUPILOTMEGA", {"REQUEST_DATA_STREAM": 1}, 0)
     unasked = verdict_of(Signals(telemetry), components=(own,)).remedy
     assert unasked.startswith("Set the telemetry port's") and unasked.count("streamrate -1") == 1
-    answered = changed(telemetry, "COMMAND_ACK", **columns(np.array([14.0]), command=np.array([511])))
-    assert "SET_MESSAGE_INTERVAL, which the vehicle acknowledged" in verdict_of(Signals(answered)).remedy
+    answered = changed(
+        telemetry, "COMMAND_ACK", **columns(np.array([14.0]), command=np.array([511]))
+    )
+    assert (
+        "SET_MESSAGE_INTERVAL, which the vehicle acknowledged"
+        in verdict_of(Signals(answered)).remedy
+    )
 
 
 def with_contradiction(telemetry: Telemetry, start: float, end: float) -> Telemetry:
     """The rate has nothing to do with the angle from ``start`` to ``end``, after which 0.5 s are missing."""
-    telemetry = only(telemetry, lambda time: (time <= end) | (time > end + 0.5), "ATTITUDE", "SERVO_OUTPUT_RAW")
+    telemetry = only(
+        telemetry, lambda time: (time <= end) | (time > end + 0.5), "ATTITUDE", "SERVO_OUTPUT_RAW"
+    )
     time, rate = (telemetry.messages["ATTITUDE"][name] for name in ("time", "rollspeed"))
     wrong = np.where((time >= start) & (time <= end), np.sin(2 * np.pi * 0.7 * time), rate)
     return changed(telemetry, "ATTITUDE", rollspeed=wrong)
@@ -134,7 +156,10 @@ def test_where_nothing_shows_flight_nothing_is_claimed_about_it():
     demand = {"time": time, "boot": np.zeros(len(time), dtype=np.int64), "controls": controls}
     telemetry = HOVER.telemetry(without=("SERVO_OUTPUT_RAW", "EXTENDED_SYS_STATE"))
     said = refused_for(changed(telemetry, "ACTUATOR_CONTROL_TARGET", **demand))
-    assert said == "Nothing shows when the vehicle flew: no EXTENDED_SYS_STATE, motor outputs or thrust."
+    assert (
+        said
+        == "Nothing shows when the vehicle flew: no EXTENDED_SYS_STATE, motor outputs or thrust."
+    )
 
 
 def test_a_hover_on_little_of_the_motors_range_is_a_flight_where_the_autopilot_idles_lower():
@@ -149,8 +174,18 @@ def test_a_hover_on_little_of_the_motors_range_is_a_flight_where_the_autopilot_i
     ("figure", "limit", "doubted_below", "words"),
     [
         # 1/(1 + 20): rounding can shrink what is learnt by 5 %.
-        ("output_snr", DOUBTFUL_SNR, True, "rounding can shrink what is learnt of the dynamics by 5 %"),
-        ("consistency", DOUBTFUL_CONSISTENCY, True, "The rate explains only 0.80 of the angle's changes"),
+        (
+            "output_snr",
+            DOUBTFUL_SNR,
+            True,
+            "rounding can shrink what is learnt of the dynamics by 5 %",
+        ),
+        (
+            "consistency",
+            DOUBTFUL_CONSISTENCY,
+            True,
+            "The rate explains only 0.80 of the angle's changes",
+        ),
     ],
 )
 def test_a_figure_is_doubted_on_one_side_of_its_limit_only(figure, limit, doubted_below, words):
@@ -164,7 +199,11 @@ def test_a_figure_is_doubted_on_one_side_of_its_limit_only(figure, limit, doubte
 def with_outputs(outputs: float | None = None, **parameters: float) -> Telemetry:
     """A hover whose outputs stand still, if they are given, with these parameters."""
     telemetry = HOVER.telemetry(parameters=parameters)
-    return telemetry if outputs is None else with_pulses(telemetry, np.full((8, len(HOVER.stamps(100.0))), outputs))
+    return (
+        telemetry
+        if outputs is None
+        else with_pulses(telemetry, np.full((8, len(HOVER.stamps(100.0))), outputs))
+    )
 
 
 def disarmed(telemetry: Telemetry) -> Telemetry:
@@ -179,7 +218,9 @@ def idling() -> Telemetry:
 def shaking(size: float = 1.0, share: float = 1.0) -> Telemetry:
     """97 Hz sampled at 100 Hz looks like a slow oscillation of the rate that the angle does not follow."""
     time, rate = (HOVER.telemetry().messages["ATTITUDE"][name] for name in ("time", "rollspeed"))
-    return changed(HOVER.telemetry(), "ATTITUDE", rollspeed=share * rate + size * np.sin(2 * np.pi * 97 * time))
+    return changed(
+        HOVER.telemetry(), "ATTITUDE", rollspeed=share * rate + size * np.sin(2 * np.pi * 97 * time)
+    )
 
 
 GAPS = HOVER.stamps(100.0)[HOVER.stamps(100.0) % 3.0 < 2.5]
@@ -191,21 +232,65 @@ REFUSED = {
     "slow": (HOVER.telemetry(4.0, 4.0), "4.0 Hz; roll motion has", "EXTRA1 and SRn_RC_CHAN"),
     "slow motors": (HOVER.telemetry(100.0, 10.0), "SERVO_OUTPUT_RAW comes at 10.0 Hz", "RC_CHAN"),
     "slow attitude": (HOVER.telemetry(15.0, 100.0), "which need 40 Hz of attitude", "EXTRA1"),
-    "slow PX4": (HOVER.telemetry(4.0, 4.0, autopilot="PX4"), "4.0 Hz", "`mavlink stream -d DEVICE -s ATTITUDE -r 100`"),
-    "slow other": (HOVER.telemetry(4.0, 4.0, autopilot="INVALID"), "4.0 Hz", "36 (SERVO_OUTPUT_RAW) every 10000 µs"),
-    "gaps": (HOVER.telemetry(GAPS, GAPS), "without gaps lasts 2.5 s", "with a link that does not drop out"),
+    "slow PX4": (
+        HOVER.telemetry(4.0, 4.0, autopilot="PX4"),
+        "4.0 Hz",
+        "`mavlink stream -d DEVICE -s ATTITUDE -r 100`",
+    ),
+    "slow other": (
+        HOVER.telemetry(4.0, 4.0, autopilot="INVALID"),
+        "4.0 Hz",
+        "36 (SERVO_OUTPUT_RAW) every 10000 µs",
+    ),
+    "gaps": (
+        HOVER.telemetry(GAPS, GAPS),
+        "without gaps lasts 2.5 s",
+        "with a link that does not drop out",
+    ),
     "short": (Hover(hovering=4.0).telemetry(), "of the 5 s needed", "Hover for half a minute"),
-    "no attitude": (HOVER.telemetry(without=("ATTITUDE",)), "There is no ATTITUDE", "SET_MESSAGE_INTERVAL 30 10000"),
-    "no motors": (HOVER.telemetry(without=("SERVO_OUTPUT_RAW",)), "no message with motor outputs", "INTERVAL 36 10000"),
+    "no attitude": (
+        HOVER.telemetry(without=("ATTITUDE",)),
+        "There is no ATTITUDE",
+        "SET_MESSAGE_INTERVAL 30 10000",
+    ),
+    "no motors": (
+        HOVER.telemetry(without=("SERVO_OUTPUT_RAW",)),
+        "no message with motor outputs",
+        "INTERVAL 36 10000",
+    ),
     "disarmed": (disarmed(HOVER.telemetry()), "The vehicle was never armed.", "Record a flight"),
-    "disarmed and still": (disarmed(with_outputs(1000.0)), "The vehicle was never armed.", "Record a flight"),
-    "still": (with_outputs(1000.0), "The motors did not run: no output in SERVO_OUTPUT_RAW ever changes.", "Record"),
-    "other channels": (with_outputs(**FOUR), "are on channels 5, 6, 7, 8, which never change in SERVO_", "Record"),
-    "too few": (with_outputs(**SIX), "8, 10, 12, but SERVO_OUTPUT_RAW has no channel 10, 12.", "16"),
-    "idling": (idling(), "its motors ran at 10 % of their range at most, and flight takes 20 %", "Record a flight"),
+    "disarmed and still": (
+        disarmed(with_outputs(1000.0)),
+        "The vehicle was never armed.",
+        "Record a flight",
+    ),
+    "still": (
+        with_outputs(1000.0),
+        "The motors did not run: no output in SERVO_OUTPUT_RAW ever changes.",
+        "Record",
+    ),
+    "other channels": (
+        with_outputs(**FOUR),
+        "are on channels 5, 6, 7, 8, which never change in SERVO_",
+        "Record",
+    ),
+    "too few": (
+        with_outputs(**SIX),
+        "8, 10, 12, but SERVO_OUTPUT_RAW has no channel 10, 12.",
+        "16",
+    ),
+    "idling": (
+        idling(),
+        "its motors ran at 10 % of their range at most, and flight takes 20 %",
+        "Record a flight",
+    ),
     "shaking": (shaking(), "contradict", "long SET_MESSAGE_INTERVAL 30 5000"),
     "noise of a gyroscope": (shaking(0.01, 0.0), "hardly moves", "excite roll with the stick"),
-    "submarine": (HOVER.telemetry(vehicle="SUBMARINE"), "HEARTBEAT reports the type SUBMARINE; ", "multirotor's log."),
+    "submarine": (
+        HOVER.telemetry(vehicle="SUBMARINE"),
+        "HEARTBEAT reports the type SUBMARINE; ",
+        "multirotor's log.",
+    ),
 }
 
 
@@ -217,15 +302,21 @@ def test_what_cannot_be_learnt_from_is_refused_with_its_figures_and_a_remedy(nam
 
 
 def test_another_vehicle_is_named_only_where_there_is_one():
-    signals, other = Signals(HOVER.telemetry(vehicle="SUBMARINE")), Component(4, 1, "QUADROTOR", "PX4", {}, 0)
+    signals = Signals(HOVER.telemetry(vehicle="SUBMARINE"))
+    other = Component(4, 1, "QUADROTOR", "PX4", {}, 0)
     assert "--vehicle" not in verdict_of(signals, [STATION]).remedy
-    assert "name the QUADROTOR of this log: `--vehicle 4:1`" in verdict_of(signals, [STATION, other]).remedy
+    assert (
+        "name the QUADROTOR of this log: `--vehicle 4:1`"
+        in verdict_of(signals, [STATION, other]).remedy
+    )
 
 
 def rounded(hover: Hover) -> Telemetry:
     telemetry = hover.telemetry()
     motors = pulses(telemetry)
-    return with_pulses(telemetry, np.round(motors + np.random.default_rng(2).normal(0, 3, motors.shape[1])))
+    return with_pulses(
+        telemetry, np.round(motors + np.random.default_rng(2).normal(0, 3, motors.shape[1]))
+    )
 
 
 def test_a_command_at_the_floor_of_the_stream_is_refused():
@@ -238,7 +329,9 @@ def test_a_command_at_the_floor_of_the_stream_is_refused():
 
 def random_stamps(random: np.random.Generator, end: float) -> np.ndarray:
     """A stream that changes its pace a few times, rounded or not."""
-    paces = random.choice([0.001, 0.0025, 0.01, 0.02, 0.066, 0.25, 1.0, 3.0], size=random.integers(1, 5))
+    paces = random.choice(
+        [0.001, 0.0025, 0.01, 0.02, 0.066, 0.25, 1.0, 3.0], size=random.integers(1, 5)
+    )
     steps = [random.exponential(pace, random.integers(1, 300)) for pace in paces]
     stamps = np.round(np.cumsum(np.concatenate(steps)), random.choice([3, 6]))
     return stamps[stamps < end]
@@ -250,7 +343,9 @@ def test_mutilated_telemetry_is_judged_and_its_segments_align(seed):
     random = np.random.default_rng(seed)
     hover = Hover(hovering=random.uniform(0, 20))
     streams = [random_stamps(random, hover.end) for _ in range(2)]
-    telemetry = hover.telemetry(*(streams if seed % 2 else random.choice([1.0, 4.0, 50.0, 100.0], 2)))
+    telemetry = hover.telemetry(
+        *(streams if seed % 2 else random.choice([1.0, 4.0, 50.0, 100.0], 2))
+    )
     for message, table in telemetry.messages.items():
         rows = len(table["time"])
         kept = random.permutation(rows)[: random.choice([0, 1, 2, rows // 3, rows, rows, rows])]
@@ -276,26 +371,44 @@ def held(telemetry: Telemetry, message: str, rows: int, only: tuple[str, ...] = 
     """Each ``rows``th message's values again and again, under the stamps as they were; only fields beginning so."""
     table = telemetry.messages[message]
     source = np.arange(len(table["time"])) // rows * rows
-    fields = {name: column[source] for name, column in table.items() if name not in ("time", "boot")}
-    return changed(telemetry, message, **{name: values for name, values in fields.items() if name.startswith(only)})
+    fields = {
+        name: column[source] for name, column in table.items() if name not in ("time", "boot")
+    }
+    return changed(
+        telemetry,
+        message,
+        **{name: values for name, values in fields.items() if name.startswith(only)},
+    )
 
 
 @pytest.mark.parametrize(("rows", "told"), [(10, 10.0), (5, 20.0), (25, 4.0)])
-@pytest.mark.parametrize(("message", "only"), [("ATTITUDE", ""), ("ATTITUDE", "roll"), ("SERVO_OUTPUT_RAW", "servo")])
-def test_values_sent_again_and_again_are_refused_for_the_rate_of_new_ones(message, only, rows, told):
+@pytest.mark.parametrize(
+    ("message", "only"), [("ATTITUDE", ""), ("ATTITUDE", "roll"), ("SERVO_OUTPUT_RAW", "servo")]
+)
+def test_values_sent_again_and_again_are_refused_for_the_rate_of_new_ones(
+    message, only, rows, told
+):
     reason = refused_for(held(in_whole_pulses(HOVER.telemetry()), message, rows, (only,)))
-    found = re.search(message + r" changes only at ([\d.]+) Hz, though it is sent at 100 Hz", reason)
+    found = re.search(
+        message + r" changes only at ([\d.]+) Hz, though it is sent at 100 Hz", reason
+    )
     # At its turning points a rounded command may be the same twice running.
     assert found and 0.9 * told <= float(found[1]) <= told
 
 
 def test_held_values_are_seen_through_losses_and_a_rate_that_does_not_divide():
-    telemetry, random = HOVER.telemetry(), np.random.default_rng(4)
+    telemetry = HOVER.telemetry()
+    random = np.random.default_rng(4)
     table = telemetry.messages["ATTITUDE"]
     source = np.floor(np.arange(len(table["time"])) / 6.7).astype(int) * 67 // 10
     kept = np.sort(random.permutation(len(source))[: round(0.9 * len(source))])
-    fields = {name: (column if name == "time" else column[source])[kept] for name, column in table.items()}
-    assert re.search(r"ATTITUDE changes only at 1\d\.\d Hz", refused_for(changed(telemetry, "ATTITUDE", **fields)))
+    fields = {
+        name: (column if name == "time" else column[source])[kept] for name, column in table.items()
+    }
+    assert re.search(
+        r"ATTITUDE changes only at 1\d\.\d Hz",
+        refused_for(changed(telemetry, "ATTITUDE", **fields)),
+    )
 
 
 def test_motors_that_stand_still_because_they_are_rounded_are_not_held():
@@ -316,21 +429,31 @@ def test_an_attitude_near_its_resolution_is_doubted_and_at_it_refused():
     doubted = verdict_of(Signals(with_steps(0.05, HOVER.telemetry())))
     assert doubted.learnable
     assert any("angle or rate is near the resolution" in caution for caution in doubted.cautions)
-    assert doubted.figures.angle_step == pytest.approx(0.05) and doubted.figures.rate_step == pytest.approx(0.05)
+    assert doubted.figures.angle_step == pytest.approx(
+        0.05
+    ) and doubted.figures.rate_step == pytest.approx(0.05)
     time = np.arange(0, 40, 0.01)
     change = HOVER.roll(time + 0.2) - HOVER.roll(time)
     assert doubted.figures.output_snr == pytest.approx(change.var() / (0.05**2 / 6), rel=0.3)
     time = HOVER.stamps(100.0)
-    slow = changed(HOVER.telemetry(), "ATTITUDE", roll=0.3 * np.sin(0.3 * time), rollspeed=0.09 * np.cos(0.3 * time))
+    slow = changed(
+        HOVER.telemetry(),
+        "ATTITUDE",
+        roll=0.3 * np.sin(0.3 * time),
+        rollspeed=0.09 * np.cos(0.3 * time),
+    )
     assert verdict_of(Signals(slow)).learnable
     assert "rounding to steps of 0.05 rad" in refused_for(with_steps(0.05, slow))
     assert not any(
-        "angle or rate" in caution for caution in verdict_of(Signals(with_steps(0.001, HOVER.telemetry()))).cautions
+        "angle or rate" in caution
+        for caution in verdict_of(Signals(with_steps(0.001, HOVER.telemetry()))).cautions
     )
 
 
 @pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf])
-@pytest.mark.parametrize("fields", [("yawspeed",), ("roll", "pitch", "rollspeed", "pitchspeed", "yawspeed")])
+@pytest.mark.parametrize(
+    "fields", [("yawspeed",), ("roll", "pitch", "rollspeed", "pitchspeed", "yawspeed")]
+)
 def test_an_attitude_that_is_no_number_is_refused_as_that(wrong, fields):
     telemetry = HOVER.telemetry()
     nowhere = np.full(len(telemetry.messages["ATTITUDE"]["time"]), wrong)
@@ -338,14 +461,19 @@ def test_an_attitude_that_is_no_number_is_refused_as_that(wrong, fields):
     assert "ATTITUDE holds no finite roll angle and rate" in reason
 
 
-@pytest.mark.parametrize(("field", "wrong"), [("rollspeed", 100.0), ("roll", 1e30), ("pitch", -50.0)])
+@pytest.mark.parametrize(
+    ("field", "wrong"), [("rollspeed", 100.0), ("roll", 1e30), ("pitch", -50.0)]
+)
 def test_a_message_that_cannot_be_is_left_out_and_reported(field, wrong):
     telemetry = HOVER.telemetry()
     values = telemetry.messages["ATTITUDE"][field].copy()
     values[3000] = wrong
     verdict = verdict_of(Signals(changed(telemetry, "ATTITUDE", **{field: values})))
     assert verdict.learnable
-    assert any(f"1 of {len(values)} ATTITUDE messages were left out, for" in caution for caution in verdict.cautions)
+    assert any(
+        f"1 of {len(values)} ATTITUDE messages were left out, for" in caution
+        for caution in verdict.cautions
+    )
     flight = align(Signals(changed(telemetry, "ATTITUDE", **{field: values})), verdict.segment)
     assert np.abs(flight.outputs).max() < 1
 
@@ -354,9 +482,14 @@ def test_one_wild_rate_does_not_speak_for_the_whole_and_degrees_are_reported_as_
     telemetry = Hover(sway=0.01).telemetry()
     rate = telemetry.messages["ATTITUDE"]["rollspeed"].copy()
     rate[3000] = 30.0
-    assert verdict_of(Signals(changed(telemetry, "ATTITUDE", rollspeed=rate))).figures.consistency > 0.99
+    assert (
+        verdict_of(Signals(changed(telemetry, "ATTITUDE", rollspeed=rate))).figures.consistency
+        > 0.99
+    )
     telemetry = Hover(sway=0.15).telemetry()
-    degrees = {name: np.degrees(telemetry.messages["ATTITUDE"][name]) for name in ("roll", "rollspeed")}
+    degrees = {
+        name: np.degrees(telemetry.messages["ATTITUDE"][name]) for name in ("roll", "rollspeed")
+    }
     assert "not in radians" in refused_for(changed(telemetry, "ATTITUDE", **degrees))
 
 
@@ -365,23 +498,40 @@ def remedy_for(translated_from: str, without_demand: bool = False, **fields: obj
     telemetry = Hover().telemetry(4.0, 4.0)
     if not without_demand:
         stamps = Hover().stamps(4.0)
-        telemetry = changed(telemetry, DEMAND_MESSAGE, **columns(stamps, controls=np.zeros((len(stamps), 8))))
-    return verdict_of(Signals(dataclasses.replace(telemetry, translated_from=translated_from, **fields))).remedy
+        telemetry = changed(
+            telemetry, DEMAND_MESSAGE, **columns(stamps, controls=np.zeros((len(stamps), 8)))
+        )
+    return verdict_of(
+        Signals(dataclasses.replace(telemetry, translated_from=translated_from, **fields))
+    ).remedy
 
 
 def test_no_remedy_is_in_force_already_in_a_dataflash_log_a_ulog_and_a_stream():
-    assert "is 176126 in this log: set it to 176127" in remedy_for("DataFlash", parameters={"LOG_BITMASK": 176126.0})
-    assert remedy_for("DataFlash", parameters={"LOG_BITMASK": -6146.0}).startswith("LOG_BITMASK is -6146 in this log")
-    assert remedy_for("DataFlash").startswith("If it is not set (the log does not show it), set bit 0 of LOG_BITMASK")
+    assert "is 176126 in this log: set it to 176127" in remedy_for(
+        "DataFlash", parameters={"LOG_BITMASK": 176126.0}
+    )
+    assert remedy_for("DataFlash", parameters={"LOG_BITMASK": -6146.0}).startswith(
+        "LOG_BITMASK is -6146 in this log"
+    )
+    assert remedy_for("DataFlash").startswith(
+        "If it is not set (the log does not show it), set bit 0 of LOG_BITMASK"
+    )
     in_force = {"LOG_BITMASK": 32767.0}
     for firmware, cure in (
         ("ArduCopter V3.3-dev (a5a72a84)", "install ArduCopter 3.3 or later"),
         ("", "give the log as the autopilot wrote it, or fly anew with a firmware that logs it"),
         ("ArduCopter V3.3.3 (acf3e3d)", "give the log as the autopilot wrote it"),
     ):
-        remedy = remedy_for("DataFlash", without_demand=True, parameters=in_force, firmware=firmware)
+        remedy = remedy_for(
+            "DataFlash", without_demand=True, parameters=in_force, firmware=firmware
+        )
         assert firmware in remedy and cure in remedy and "already" in remedy
-    old = remedy_for("DataFlash", without_demand=True, parameters={"LOG_BITMASK": 830.0}, firmware="ArduCopter V3.2.1")
+    old = remedy_for(
+        "DataFlash",
+        without_demand=True,
+        parameters={"LOG_BITMASK": 830.0},
+        firmware="ArduCopter V3.2.1",
+    )
     assert "install ArduCopter 3.3 or later" in old and "already" not in old
     limits = {"LOG_FILE_RATEMAX": 10.0, "LOG_BLK_RATEMAX": 20.0, "LOG_MAV_RATEMAX": 100.0}
     limited = remedy_for("DataFlash", parameters={**in_force, **limits})
@@ -389,13 +539,28 @@ def test_no_remedy_is_in_force_already_in_a_dataflash_log_a_ulog_and_a_stream():
     assert "LOG_MAV" not in limited and "et bit 0" not in limited
     assert "LOG_BLK" not in remedy_for("DataFlash", parameters={**limits, "LOG_BACKEND_TYPE": 1.0})
     assert "no room for 12 messages" in remedy_for("DataFlash", parameters=in_force, dropouts=12)
-    assert "SDLOG_PROFILE is 131 in this log: set it to 147" in remedy_for("ULog", parameters={"SDLOG_PROFILE": 131.0})
+    assert "SDLOG_PROFILE is 131 in this log: set it to 147" in remedy_for(
+        "ULog", parameters={"SDLOG_PROFILE": 131.0}
+    )
     assert "this PX4 has no such parameter" in remedy_for("ULog", parameters={"SDLOG_MODE": 0.0})
     in_force = {"SDLOG_PROFILE": 17.0}
     assert "logger_topics.txt" in remedy_for("ULog", parameters=in_force)
     assert "dropped out 3 times" in remedy_for("ULog", parameters=in_force, dropouts=3)
-    assert "SRn_EXTRA1 and SRn_RC_CHAN to 100" in remedy_for("", parameters={"SR0_EXTRA1": 4.0, "SR0_RC_CHAN": 4.0})
-    assert "the telemetry port's MAVn_EXTRA1 and MAVn_RC_CHAN to 100" in remedy_for("", parameters={"MAV1_EXTRA1": 4.0})
-    fast = {"SR0_EXTRA1": 4.0, "SR0_RC_CHAN": 4.0, "SR1_EXTRA1": 100.0, "SR1_RC_CHAN": 50.0, "SR2_EXTRA1": 100.0}
+    assert "SRn_EXTRA1 and SRn_RC_CHAN to 100" in remedy_for(
+        "", parameters={"SR0_EXTRA1": 4.0, "SR0_RC_CHAN": 4.0}
+    )
+    assert "the telemetry port's MAVn_EXTRA1 and MAVn_RC_CHAN to 100" in remedy_for(
+        "", parameters={"MAV1_EXTRA1": 4.0}
+    )
+    fast = {
+        "SR0_EXTRA1": 4.0,
+        "SR0_RC_CHAN": 4.0,
+        "SR1_EXTRA1": 100.0,
+        "SR1_RC_CHAN": 50.0,
+        "SR2_EXTRA1": 100.0,
+    }
     remedy = remedy_for("", parameters=fast)
-    assert remedy.startswith("SR1_EXTRA1 and SR1_RC_CHAN are 40 or more already") and "SR2" not in remedy
+    assert (
+        remedy.startswith("SR1_EXTRA1 and SR1_RC_CHAN are 40 or more already")
+        and "SR2" not in remedy
+    )

@@ -34,7 +34,8 @@ def slow():
     (vehicle,) = whole.vehicles
     streams = ("ATTITUDE", "SERVO_OUTPUT_RAW")
     messages = {
-        name: selected(one, slice(None, None, 10)) if name in streams else one for name, one in vehicle.messages.items()
+        name: selected(one, slice(None, None, 10)) if name in streams else one
+        for name, one in vehicle.messages.items()
     }
     return analyse(replace(whole, vehicles=(replace(vehicle, messages=messages),)))
 
@@ -49,20 +50,27 @@ def test_the_slow_motion_is_learnt_where_it_predicts_better_and_nothing_faster_i
     assert "Hz" in slow.reason and slow.remedy
     told = text_of(analysis_blocks(slow))
     assert "Lean:" in told and "mean lean" not in told and told.count("± is") == 1
-    assert not {"Step response", "Poles"} & {one.title for one in model_pictures(slow.learned, slow.findings)}
+    assert not {"Step response", "Poles"} & {
+        one.title for one in model_pictures(slow.learned, slow.findings)
+    }
     with pytest.raises(ValueError, match="40 samples a second"):
         slow.learned.simulate(slow.flights[0].inputs)
 
 
 @pytest.mark.slow
 def test_a_motor_that_weakened_in_flight_is_told_first(slow):
-    assert slow.alarms == () and slow.findings.headline.startswith("Slow motion only: ATTITUDE comes at 10")
+    assert slow.alarms == () and slow.findings.headline.startswith(
+        "Slow motion only: ATTITUDE comes at 10"
+    )
     alarm = MotorAlarm(30.0, 28.5, 2, "motor 2 (rear left)", 0.25, 0.98, loss=(0.18, 0.4))
     weak = replace(slow, alarms=(alarm, alarm._replace(time=50.0, size=0.0)))
     assert "gives its thrust again" in str(analysis_blocks(weak))
     first, then, *_ = analysis_blocks(weak)
     assert first == Sentence("", "Motor 2 (rear left) lost 18 to 40 % of its thrust at 28 s.")
-    assert "motor 2 (rear left) lost 18 to 40 % of its thrust (motor or propeller) since 28 s" in then.text
+    assert (
+        "motor 2 (rear left) lost 18 to 40 % of its thrust (motor or propeller) since 28 s"
+        in then.text
+    )
     assert "Do not fly before motor 2 (rear left), its propeller" in str(analysis_blocks(weak))
     (said,) = weak.as_dict()["alarms"]
     assert (said["motor"], said["since"]) == (2, 28.5) and "motor 2" in said["sentence"]
@@ -98,45 +106,70 @@ def test_a_model_must_beat_the_baselines_by_a_margin_that_is_not_luck(ratio, win
 def test_every_log_says_something_or_why_not(name, tier):
     found = analyse(read_log(shared(name)))
     assert found.tier.name == tier and found.reason and found.remedy
-    assert (found.learned, found.held_out, found.flights, found.findings.purposes) == (None, None, (), ())
+    assert (found.learned, found.held_out, found.flights, found.findings.purposes) == (
+        None,
+        None,
+        (),
+        (),
+    )
     if found.condition.oscillation is None:
-        assert found.findings.headline == f"No model: {found.reason}" and found.findings.next_step == found.remedy
+        assert (
+            found.findings.headline == f"No model: {found.reason}"
+            and found.findings.next_step == found.remedy
+        )
     else:
-        assert found.findings.headline == "Oscillates: do not fly." and "frame type" in found.findings.next_step
+        assert (
+            found.findings.headline == "Oscillates: do not fly."
+            and "frame type" in found.findings.next_step
+        )
     assert found.condition.duration > 0 and found.identity.name
     assert (found.condition.hover is not None) == (tier is not None)
 
 
-FLIGHT, SLOW = LOGS / "px4_wind5_steps.tlog", LOGS / "ardupilot_default_rates.tlog"
+FLIGHT = LOGS / "px4_wind5_steps.tlog"
+SLOW = LOGS / "ardupilot_default_rates.tlog"
 
 
 @pytest.mark.slow
 def test_the_figures_of_a_model_are_plain_json_and_put_the_best_first():
     flight = simulated(samples=600, wind=1.0)
-    train, test = flight[:500], flight[500:]
+    train = flight[:500]
+    test = flight[500:]
     learned = mavdem.learn(train, mavdem.Settings(window=9, parameter_precision=1.0))
     report = model_figures([train], learned, evaluate.held_out_test(train, test, learned))
     assert json.loads(json.dumps(report)) == report
     for errors in (report["one_step_mspe"], report["forecast_mspe"]):
         ratios = [error["relative"] for error in errors.values()]
         assert ratios == sorted(ratios) and errors["constant mean"]["relative"] == 1
-    forecast, one_step = learned.forecast(test.inputs), learned.one_step()
-    assert report["forecast_mspe"][JOINT]["total"] == pytest.approx(evaluate.mspe(test.outputs, forecast).total)
+    forecast = learned.forecast(test.inputs)
+    one_step = learned.one_step()
+    assert report["forecast_mspe"][JOINT]["total"] == pytest.approx(
+        evaluate.mspe(test.outputs, forecast).total
+    )
     one_step_error = evaluate.mspe(train.outputs[1:], one_step[1:]).total
     assert report["one_step_mspe"][JOINT]["total"] == pytest.approx(one_step_error)
     assert report["held_out"]["error_ratio"]["forecast"] == report["forecast_over_constant_mean"]
     variance = learned.forecast_variance(test.inputs).mean(axis=0) / train.outputs.var(axis=0)
     assert report["expected_error"] == pytest.approx(variance.mean())
-    parameters, wind = report["physical"], report["wind"]
+    parameters = report["physical"]
+    wind = report["wind"]
     assert parameters["effect"] == learned.physical.effect.tolist()
     for name, status in parameters["status"].items():
         assert (parameters["interval_90_percent"][name] is None) == (status == "not identifiable")
-    assert (wind["mean"], wind["sd"], wind["resolved"]) == (learned.wind.mean, learned.wind.sd, learned.wind.resolved)
+    assert (wind["mean"], wind["sd"], wind["resolved"]) == (
+        learned.wind.mean,
+        learned.wind.sd,
+        learned.wind.resolved,
+    )
     ahead = evaluate.relative_mspe(train, test, learned.predict(len(test)))
     assert report["prediction"]["error_ratio"] == pytest.approx(ahead)
-    assert report["free_energy"]["end"] == pytest.approx(sum(report["free_energy"]["terms"].values()))
+    assert report["free_energy"]["end"] == pytest.approx(
+        sum(report["free_energy"]["terms"].values())
+    )
     assert sum(report["joint"]["free_energy"].values()) == pytest.approx(learned.joint.free_energy)
-    np.testing.assert_array_equal(np.transpose(report["joint"]["combinations"]), learned.joint.combinations)
+    np.testing.assert_array_equal(
+        np.transpose(report["joint"]["combinations"]), learned.joint.combinations
+    )
 
 
 @pytest.mark.slow
@@ -157,7 +190,9 @@ def test_a_log_too_slow_for_parameters_has_hover_figures_and_the_reason():
     assert list(slow.axes) == ["pitch"] and slow.axes["pitch"].physical is None
     assert "4.0 Hz" in slow.axes["pitch"].reason and slow.hover is not None
     assert slow.as_dict()["axes"]["pitch"]["physical"] is None
-    (motors,) = (block for block in vehicle_blocks(slow._replace(axes={})) if isinstance(block, Table))
+    (motors,) = (
+        block for block in vehicle_blocks(slow._replace(axes={})) if isinstance(block, Table)
+    )
     assert len(motors.rows) == len(slow.hover.motors)
     with pytest.raises(ValueError, match="axis must be one of roll, pitch, yaw, all, not 'heave'"):
         mavdem.vehicle(FLIGHT, axis="heave")

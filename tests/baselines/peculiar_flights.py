@@ -8,12 +8,17 @@ from mavdem import Flight
 
 def measured(flight: Flight) -> Flight:
     """As sensors and autopilots have it: outputs with noise of a thousandth of their size, motors in whole numbers."""
-    noise = 1e-3 * flight.outputs.std(axis=0) * np.random.default_rng(0).standard_normal(flight.outputs.shape)
+    noise = (
+        1e-3
+        * flight.outputs.std(axis=0)
+        * np.random.default_rng(0).standard_normal(flight.outputs.shape)
+    )
     return Flight(flight.time, np.round(flight.inputs), flight.outputs + noise)
 
 
 FLIGHT = measured(simulated(wind=2.0))
-TRAIN, TEST = FLIGHT[:700], FLIGHT[700:]
+TRAIN = FLIGHT[:700]
+TEST = FLIGHT[700:]
 
 
 def with_inputs(flight: Flight, inputs: np.ndarray) -> Flight:

@@ -11,8 +11,10 @@ from mavdem import Flight, Forecaster, baselines, evaluate
 def lagged_system(seed, order, samples, noise):
     """A flight of a stable ARX system of two outputs and inputs, and its coefficients (order, 2, 2) each."""
     rng = np.random.default_rng(seed)
-    of_outputs, of_inputs = 0.3 / order * rng.standard_normal((order, 2, 2)), rng.standard_normal((order, 2, 2))
-    u, y = rng.standard_normal((samples, 2)), np.zeros((samples, 2))
+    of_outputs = 0.3 / order * rng.standard_normal((order, 2, 2))
+    of_inputs = rng.standard_normal((order, 2, 2))
+    u = rng.standard_normal((samples, 2))
+    y = np.zeros((samples, 2))
     e = noise * rng.standard_normal((samples, 2))
     for t in range(order, samples):
         y[t] = e[t] + [0.3, -0.2]
@@ -33,10 +35,16 @@ def test_a_lagged_system_is_recovered_within_its_standard_errors(order):
     flight, of_outputs, of_inputs = lagged_system(order, order, 4050, noise=0.1)
     model = baselines.arx(flight, order).model
     regressors = np.hstack(
-        [table[order - lag : 4000 - lag] for table in (flight.outputs, flight.inputs) for lag in range(1, order + 1)]
+        [
+            table[order - lag : 4000 - lag]
+            for table in (flight.outputs, flight.inputs)
+            for lag in range(1, order + 1)
+        ]
         + [np.ones((4000 - order, 1))]
     )
-    errors = 0.1 * np.sqrt(np.diag(np.linalg.inv(regressors.T @ regressors)))[:-1].reshape(2, order, 1, 2)
+    errors = 0.1 * np.sqrt(np.diag(np.linalg.inv(regressors.T @ regressors)))[:-1].reshape(
+        2, order, 1, 2
+    )
     found = np.array(coefficients(model, order))
     squares = ((found - [of_outputs, of_inputs]) / errors) ** 2
     # χ² with so many degrees of freedom, over their number: five of its standard deviations.
@@ -45,17 +53,20 @@ def test_a_lagged_system_is_recovered_within_its_standard_errors(order):
 
 def test_one_step_is_the_regression_and_forecast_continues_it():
     flight, _, _ = lagged_system(0, 2, 550, noise=0.1)
-    train, test = flight[:400], flight[400:]
+    train = flight[:400]
+    test = flight[400:]
     arx = baselines.arx(train, 2)
     (a1, a2), (b1, b2) = coefficients(arx.model, 2)
     constant = arx.model.offset[:2] - (b1 + b2) @ arx.model.input_trim
     trim = arx.model.output_trim
-    y, u = train.outputs - trim, train.inputs
+    y = train.outputs - trim
+    u = train.inputs
     ahead = a1 @ y[1:-1].T + a2 @ y[:-2].T + b1 @ u[1:-1].T + b2 @ u[:-2].T + constant[:, None]
     np.testing.assert_allclose(arx.one_step()[2:], ahead.T + trim, atol=1e-9)
     np.testing.assert_allclose(arx.one_step()[0], trim)
 
-    y, u = list(y), np.vstack([u, test.inputs])
+    y = list(y)
+    u = np.vstack([u, test.inputs])
     for t in range(400, 550 - 50):
         y.append(a1 @ y[t - 1] + a2 @ y[t - 2] + b1 @ u[t - 1] + b2 @ u[t - 2] + constant)
     np.testing.assert_allclose(arx.forecast(test.inputs), np.array(y[400:]) + trim, atol=1e-9)
@@ -68,7 +79,9 @@ def test_no_lag_of_arx_reaches_across_a_gap():
     found = coefficients(arx.model, 2)
     np.testing.assert_allclose(found, [of_outputs, of_inputs], atol=1e-9)
     assert arx.one_step().shape == (452, 2)
-    np.testing.assert_allclose(arx.one_step()[[0, 250, 252]], np.tile(arx.model.output_trim, (3, 1)))
+    np.testing.assert_allclose(
+        arx.one_step()[[0, 250, 252]], np.tile(arx.model.output_trim, (3, 1))
+    )
     np.testing.assert_allclose(arx.one_step()[254:], segments[-1].outputs[2:], atol=1e-9)
 
 
@@ -83,9 +96,14 @@ def model():
 def test_motors_show_the_motion_and_later_ones_show_more():
     """In closed loop motors are the autopilot's measurement of the motion, so that they help even as measurements."""
     flight = in_closed_loop(1000)
-    train, test = flight[:700], flight[700:]
+    train = flight[:700]
+    test = flight[700:]
     model = baselines.var(train)
-    forecasts = (model.forecast(test.inputs, smooth=True), model.forecast(test.inputs), model.predict(len(test)))
+    forecasts = (
+        model.forecast(test.inputs, smooth=True),
+        model.forecast(test.inputs),
+        model.predict(len(test)),
+    )
     smooth, causal, unknown = (evaluate.relative_mspe(train, test, each) for each in forecasts)
     assert smooth < causal < 0.3 < unknown < 1.2
 
@@ -94,8 +112,12 @@ def test_forecasts_and_predictions_begin_anew_at_every_so_many_samples(model):
     past = np.hstack([TEST.outputs, TEST.inputs])[10:20]
     every = model.forecast_every(20, TEST.inputs, TEST.outputs)
     np.testing.assert_allclose(every[:20], model.forecast(TEST.inputs)[:20], rtol=1e-9)
-    np.testing.assert_allclose(every[20:40], model.model.infer(past, TEST.inputs[20:40]).mean, rtol=1e-9)
-    np.testing.assert_allclose(model.forecast_every(999, TEST.inputs, TEST.outputs), model.forecast(TEST.inputs))
+    np.testing.assert_allclose(
+        every[20:40], model.model.infer(past, TEST.inputs[20:40]).mean, rtol=1e-9
+    )
+    np.testing.assert_allclose(
+        model.forecast_every(999, TEST.inputs, TEST.outputs), model.forecast(TEST.inputs)
+    )
     every = model.predict_every(20, TEST.inputs, TEST.outputs)
     np.testing.assert_allclose(every[:20], model.predict(20), rtol=1e-9)
     np.testing.assert_allclose(every[20:40], model.model.predict(past, 20).mean[:, :2], rtol=1e-9)
@@ -113,16 +135,24 @@ def test_units_do_not_matter_to_it(model):
     moved = in_other_units(TEST)
     for smooth in (False, True):
         found = back_from_other_units(other.forecast(moved.inputs, smooth=smooth))
-        np.testing.assert_allclose(found, model.forecast(TEST.inputs, smooth=smooth), atol=1e-6 * TRAIN.outputs.std())
-    np.testing.assert_allclose(back_from_other_units(other.predict(50)), model.predict(50), atol=1e-9)
+        np.testing.assert_allclose(
+            found, model.forecast(TEST.inputs, smooth=smooth), atol=1e-6 * TRAIN.outputs.std()
+        )
+    np.testing.assert_allclose(
+        back_from_other_units(other.predict(50)), model.predict(50), atol=1e-9
+    )
 
 
 def test_bands_are_those_of_the_gaussian_path(model):
     np.testing.assert_allclose(
-        model.predict_band(30), 1.6449 * np.sqrt(model.model.predict(model._past, 30).variance[:, :2]), rtol=1e-4
+        model.predict_band(30),
+        1.6449 * np.sqrt(model.model.predict(model._past, 30).variance[:, :2]),
+        rtol=1e-4,
     )
     variance = model.forecast_variance(TEST.inputs)
-    np.testing.assert_allclose(model.forecast_band(TEST.inputs, 0.5), 0.67449 * np.sqrt(variance), rtol=1e-4)
+    np.testing.assert_allclose(
+        model.forecast_band(TEST.inputs, 0.5), 0.67449 * np.sqrt(variance), rtol=1e-4
+    )
     assert (model.predict_band(30)[-1] > model.predict_band(30)[0]).all()
 
 
@@ -155,14 +185,18 @@ SEGMENTS = [FLIGHT[:300], FLIGHT[400:650]]
 )
 def test_forecasts_are_the_trivial_ones(method, expected):
     forecaster = method(FLIGHT[:700])
-    np.testing.assert_allclose(forecaster.forecast(FLIGHT.inputs[700:]), np.tile(expected, (150, 1)), atol=1e-14)
+    np.testing.assert_allclose(
+        forecaster.forecast(FLIGHT.inputs[700:]), np.tile(expected, (150, 1)), atol=1e-14
+    )
     assert isinstance(forecaster, Forecaster)
     assert forecaster.stable and not forecaster.cautions
     assert forecaster.forecast(FLIGHT.inputs[:0]).shape == (0, 2)
 
 
 def test_one_step_begins_anew_in_each_segment():
-    held, mean, zero = (method(SEGMENTS) for method in (baselines.hold, baselines.constant_mean, baselines.zero))
+    held, mean, zero = (
+        method(SEGMENTS) for method in (baselines.hold, baselines.constant_mean, baselines.zero)
+    )
     outputs = np.vstack([segment.outputs for segment in SEGMENTS])
     average = outputs.mean(axis=0)
     expected = np.vstack([average, outputs[:-1]])
@@ -171,13 +205,20 @@ def test_one_step_begins_anew_in_each_segment():
     np.testing.assert_allclose(mean.one_step(), np.broadcast_to(average, outputs.shape))
     assert not zero.one_step().any() and zero.one_step().shape == outputs.shape
     np.testing.assert_allclose(held.forecast(np.zeros((3, 4))), np.tile(outputs[-1], (3, 1)))
-    np.testing.assert_allclose(held.forecast(np.zeros((3, 4)), from_zero=True), np.tile(average, (3, 1)))
+    np.testing.assert_allclose(
+        held.forecast(np.zeros((3, 4)), from_zero=True), np.tile(average, (3, 1))
+    )
 
 
 def test_models_that_need_the_inputs_say_so_and_what_to_use():
     arx = baselines.arx(FLIGHT[:700], 2)
-    for answer in (lambda: arx.predict(3), lambda: arx.predict_every(3, FLIGHT.inputs[700:], FLIGHT.outputs[700:])):
-        with pytest.raises(ValueError, match=r"^ARX\(2\) needs the inputs of the time it forecasts: use forecast"):
+    for answer in (
+        lambda: arx.predict(3),
+        lambda: arx.predict_every(3, FLIGHT.inputs[700:], FLIGHT.outputs[700:]),
+    ):
+        with pytest.raises(
+            ValueError, match=r"^ARX\(2\) needs the inputs of the time it forecasts: use forecast"
+        ):
             answer()
     ahead = FLIGHT.inputs[700:]
     np.testing.assert_array_equal(arx.simulate(ahead), arx.forecast(ahead))

@@ -22,14 +22,22 @@ from scipy.stats import chi2
 from mavdem import Flight, Forecaster, baselines, evaluate
 from mavdem.baselines import StateSpace, maximum_likelihood, subspace_identification
 from mavdem.baselines.identified import Units
-from mavdem.baselines.maximum_likelihood import LEAST_NOISE, FreeParameters, iterated, prediction_errors, sensitivities
+from mavdem.baselines.maximum_likelihood import (
+    LEAST_NOISE,
+    FreeParameters,
+    iterated,
+    prediction_errors,
+    sensitivities,
+)
 from mavdem.dem.engine.kalman import GaussianModel, smoothed
 from mavdem.dem.record import Record
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("order", [1, 2, 3, 4])
-def test_subspace_identification_recovers_a_system_to_within_three_times_what_an_efficient_estimate_errs(order):
+def test_subspace_identification_recovers_a_system_to_within_three_times_what_an_efficient_estimate_errs(
+    order,
+):
     """At 16 times the samples no less, which a biased one would miss by four times more."""
     system = random_system(order, order)
     for samples in (1000, 16_000):
@@ -42,8 +50,10 @@ def test_state_is_carried_over_from_the_end_of_training_and_begins_at_zero_when_
     system = random_system(1, 2)
     flight, _ = flown(system, 1, 450, noise=0.0)
     subspace = baselines.subspace(flight[:300], 2)
-    (A, B, C, _, _, offset, input_trim, output_trim, *_), ahead = subspace.model, flight.inputs[300:]
-    state, forecast = np.zeros(2), []
+    (A, B, C, _, _, offset, input_trim, output_trim, *_) = subspace.model
+    ahead = flight.inputs[300:]
+    state = np.zeros(2)
+    forecast = []
     for inputs in ahead:
         forecast.append(C @ state + output_trim)
         state = A @ state + B @ (inputs - input_trim) + offset
@@ -75,15 +85,18 @@ def of_nfoursid(flight: Flight, system: StateSpace) -> StateSpace:
     nfoursid = pytest.importorskip("nfoursid.nfoursid")
     import pandas
 
-    r, m = flight.inputs.shape[1], flight.outputs.shape[1]
+    r = flight.inputs.shape[1]
+    m = flight.outputs.shape[1]
     columns = [f"u{i}" for i in range(r)], [f"y{i}" for i in range(m)]
-    order, trims = len(system.A), (system.input_trim, system.output_trim)
+    order = len(system.A)
+    trims = (system.input_trim, system.output_trim)
     table = np.hstack([flight.inputs - trims[0], flight.outputs - trims[1]])
     frame = pandas.DataFrame(table, columns=[*columns[0], *columns[1]])
     identification = nfoursid.NFourSID(frame, columns[1], columns[0], num_block_rows=HORIZON)
     identification.subspace_identification()
     found, _ = identification.system_identification(rank=order)
-    K, offset = np.zeros((order, m)), np.zeros(order)
+    K = np.zeros((order, m))
+    offset = np.zeros(order)
     return StateSpace(found.a, found.b, found.c, found.d, K, offset, *trims)
 
 
@@ -94,7 +107,9 @@ def of_mavdem(flight: Flight, order: int, monkeypatch: pytest.MonkeyPatch) -> St
 
 
 def input_answers(model: StateSpace) -> np.ndarray:
-    return np.array([model.C @ np.linalg.matrix_power(model.A, k) @ model.B for k in range(2 * HORIZON)])
+    return np.array(
+        [model.C @ np.linalg.matrix_power(model.A, k) @ model.B for k in range(2 * HORIZON)]
+    )
 
 
 @pytest.mark.slow
@@ -109,7 +124,9 @@ def test_without_noise_nfoursid_finds_the_same_system(order, monkeypatch):
 
 def determinant(identified):
     """Of the covariance of the one-step errors, as a logarithm; outputs in units of their own deviation."""
-    errors = (identified.record.outputs - identified.one_step()) / identified.record.outputs.std(axis=0)
+    errors = (identified.record.outputs - identified.one_step()) / identified.record.outputs.std(
+        axis=0
+    )
     return np.linalg.slogdet(errors.T @ errors / len(errors))[1]
 
 
@@ -148,7 +165,9 @@ def test_sensitivities_are_the_slopes_of_the_errors(order, worst_modes, monkeypa
 
 @pytest.mark.slow
 @pytest.mark.parametrize("order", [2, 4])
-@pytest.mark.parametrize("train", [TRAIN, growing(), [TRAIN[:300], TRAIN[310:]]], ids=["windy", "growing", "cut"])
+@pytest.mark.parametrize(
+    "train", [TRAIN, growing(), [TRAIN[:300], TRAIN[310:]]], ids=["windy", "growing", "cut"]
+)
 def test_errors_are_never_above_those_of_the_subspace_model(order, train):
     pem = baselines.pem(train, order)
     assert determinant(pem) < determinant(baselines.subspace(train, order)) + 1e-9
@@ -178,9 +197,11 @@ def noisy_system(order):
 def flown_with_noise(model, seed, samples, feedback=None):
     """Inputs and outputs of a Gaussian model under white inputs, which with ``feedback`` answer the outputs too."""
     rng = np.random.default_rng(seed)
-    inputs, state = rng.standard_normal((samples, model.B.shape[1])), rng.standard_normal(len(model.A))
+    inputs = rng.standard_normal((samples, model.B.shape[1]))
+    state = rng.standard_normal(len(model.A))
     outputs = np.empty((samples, len(model.C)))
-    Q, R = np.linalg.cholesky(model.Q), np.linalg.cholesky(model.R)
+    Q = np.linalg.cholesky(model.Q)
+    R = np.linalg.cholesky(model.R)
     for t, u in enumerate(inputs):
         outputs[t] = model.C @ state + model.trim + R @ rng.standard_normal(len(R))
         if feedback is not None:
@@ -195,16 +216,23 @@ def flown_with_noise(model, seed, samples, feedback=None):
 def test_em_recovers_a_system_as_well_as_can_be(order, feedback):
     """Twice what the likelihood gains over the truth is χ² in as many parameters as data can tell (Wilks)."""
     truth = noisy_system(order)
-    segments = [flown_with_noise(truth, order, 800, feedback), flown_with_noise(truth, order + 10, 400, feedback)]
+    segments = [
+        flown_with_noise(truth, order, 800, feedback),
+        flown_with_noise(truth, order + 10, 400, feedback),
+    ]
     found = iterated(segments, order).log_likelihoods[-1]
-    of_truth = sum(smoothed(truth, np.zeros(order), *segment).log_likelihood for segment in segments)
+    of_truth = sum(
+        smoothed(truth, np.zeros(order), *segment).log_likelihood for segment in segments
+    )
     # Input and noise answers, the noises' size, what is constant, and where two segments begin.
     freedom = order * (2 + 2 * 2) + 3 + 2 + 2 * order
     assert 0 < 2 * (found - of_truth) < chi2.ppf(1 - 1e-5, freedom)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("train", [TRAIN, [TRAIN[:300], TRAIN[310:]], growing()], ids=["windy", "cut", "growing"])
+@pytest.mark.parametrize(
+    "train", [TRAIN, [TRAIN[:300], TRAIN[310:]], growing()], ids=["windy", "cut", "growing"]
+)
 def test_the_likelihood_rises_and_covariances_stay_positive(train):
     record = Record.of(train)
     segments = Units.of(record).segments(record)
@@ -218,16 +246,20 @@ def test_the_likelihood_rises_and_covariances_stay_positive(train):
 @needs_oracle
 def test_the_authors_em_is_matched_within_its_spread_over_starts():
     """Simulated System 2 of the paper: errors of the 150 samples after training, from the last estimate and from 0."""
-    data, theirs = load("case_c2_data_p2"), load("case_c2_em")
+    data = load("case_c2_data_p2")
+    theirs = load("case_c2_em")
     step = data["dt"].item()
     flight = Flight(step * np.arange(850), data["u_full"].T, data["y_full"])
-    train, test = flight[:700], flight[700:]
+    train = flight[:700]
+    test = flight[700:]
     em = baselines.em(train, 2)
     for from_zero, name in ((False, "mspe_x0last_aligned"), (True, "mspe_x0zero")):
         ours = evaluate.mspe(test.outputs, em.forecast(test.inputs, from_zero)).total
         assert theirs[name].min() < ours < theirs[name].max()
     # From the estimate at the end of training it is better than most of theirs.
-    assert evaluate.mspe(test.outputs, em.forecast(test.inputs)).total < np.median(theirs["mspe_x0last_aligned"])
+    assert evaluate.mspe(test.outputs, em.forecast(test.inputs)).total < np.median(
+        theirs["mspe_x0last_aligned"]
+    )
 
 
 def test_a_breakdown_is_an_error(monkeypatch):
@@ -245,15 +277,20 @@ Array = NDArray[np.float64]
 def pulse_answers(model: StateSpace) -> Array:
     """C Aᵏ B and C Aᵏ K of as many lags as determine a system of its order."""
     powers = [np.linalg.matrix_power(model.A, k) for k in range(2 * len(model.A))]
-    return np.concatenate([(model.C @ power @ np.hstack([model.B, model.K])).ravel() for power in powers])
+    return np.concatenate(
+        [(model.C @ power @ np.hstack([model.B, model.K])).ravel() for power in powers]
+    )
 
 
 class Bound:
     """Of estimates of ``system`` from ``flight``, whose innovations have the standard deviation ``noise``."""
 
     def __init__(self, system: StateSpace, flight: Flight, noise: float) -> None:
-        n, m = len(system.A), len(system.C)
-        parameters = FreeParameters(system.A, system.B, system.C, system.K, system.offset, np.zeros((1, n)))
+        n = len(system.A)
+        m = len(system.C)
+        parameters = FreeParameters(
+            system.A, system.B, system.C, system.K, system.offset, np.zeros((1, n))
+        )
         slopes = sensitivities(parameters, system, [(flight.inputs, flight.outputs)])
         slopes = slopes.reshape(-1, slopes.shape[2]) / noise
         vector = parameters.vector()
@@ -263,7 +300,9 @@ class Bound:
             return pulse_answers(system._replace(A=A, B=B, C=C, K=K))
 
         steps = 1e-6 * np.eye(len(vector))
-        of_answers = np.stack([(answers(vector + step) - answers(vector - step)) / 2e-6 for step in steps], axis=1)
+        of_answers = np.stack(
+            [(answers(vector + step) - answers(vector - step)) / 2e-6 for step in steps], axis=1
+        )
         # The choice of states tells nothing, nor does where those that C does not see are zero.
         told = len(vector) - n * n - max(n - m, 0)
         basis, sizes, _ = np.linalg.svd(slopes.T, full_matrices=False)
@@ -271,7 +310,8 @@ class Bound:
         self.truth = answers(vector)
         self.freedom = n * (system.B.shape[1] + 2 * m)
         axes, deviations, _ = np.linalg.svd(half, full_matrices=False)
-        self.axes, self.deviations = axes[:, : self.freedom], deviations[: self.freedom]
+        self.axes = axes[:, : self.freedom]
+        self.deviations = deviations[: self.freedom]
 
     def distance(self, model: StateSpace) -> float:
         """Mean square of the errors along the bound's axes, in its units: of an efficient estimate χ² / freedom."""
@@ -279,7 +319,11 @@ class Bound:
         return float(np.mean(errors**2))
 
 
-METHODS = {"arx": baselines.arx, "subspace": baselines.subspace, "pem": partial(baselines.pem, order=2)}
+METHODS = {
+    "arx": baselines.arx,
+    "subspace": baselines.subspace,
+    "pem": partial(baselines.pem, order=2),
+}
 SLOW = [pytest.param(partial(baselines.em, order=2), id="em", marks=pytest.mark.slow)]
 ALL = [*(pytest.param(method, id=name) for name, method in METHODS.items()), *SLOW]
 
@@ -297,8 +341,11 @@ def test_without_noise_the_forecast_is_exact(method, order):
 
 @pytest.mark.parametrize("method", ALL)
 def test_units_do_not_matter(method):
-    model, other = method(TRAIN), method(in_other_units(TRAIN))
-    assert isinstance(model, Forecaster) and repr(model).startswith(f"<Identified: {model.method}, ")
+    model = method(TRAIN)
+    other = method(in_other_units(TRAIN))
+    assert isinstance(model, Forecaster) and repr(model).startswith(
+        f"<Identified: {model.method}, "
+    )
     forecast = back_from_other_units(other.forecast(in_other_units(TEST).inputs))
     np.testing.assert_allclose(forecast, model.forecast(TEST.inputs), rtol=1e-4, atol=1e-6)
 
@@ -307,7 +354,9 @@ def test_units_do_not_matter(method):
 @pytest.mark.parametrize("more", NOTHING_NEW)
 def test_inputs_that_tell_nothing_new_change_nothing(method, more):
     wider = with_inputs(FLIGHT, NOTHING_NEW[more](FLIGHT.inputs))
-    plain, found = (method(flight[:700]).forecast(flight.inputs[700:]) for flight in (FLIGHT, wider))
+    plain, found = (
+        method(flight[:700]).forecast(flight.inputs[700:]) for flight in (FLIGHT, wider)
+    )
     np.testing.assert_allclose(found, plain, rtol=1e-4, atol=1e-6)
 
 
@@ -333,11 +382,17 @@ STILL = Flight(TRAIN.time, TRAIN.inputs, np.zeros((700, 2)))
         (lambda: baselines.arx(TRAIN[:9], 2), "^train has 7 samples with 2 before them"),
         (lambda: baselines.arx(None), "^train must be a Flight"),
         (lambda: baselines.arx(TRAIN, 2.5), "^order must be a whole number of at least 1, not 2.5"),
-        (lambda: baselines.subspace([TRAIN[i : i + 5] for i in range(0, 600, 5)], 4), "^train has too few samples"),
+        (
+            lambda: baselines.subspace([TRAIN[i : i + 5] for i in range(0, 600, 5)], 4),
+            "^train has too few samples",
+        ),
         (lambda: baselines.em(TRAIN, 10**9), "^train has too few samples for 1000000000 states"),
         *((partial(method, STILL), "^outputs column 0 must vary") for method in METHODS.values()),
         *(
-            (partial(method, TRAIN[:30], 2), "^train has too few samples for 2 states: 30 in segments of 30")
+            (
+                partial(method, TRAIN[:30], 2),
+                "^train has too few samples for 2 states: 30 in segments of 30",
+            )
             for method in (baselines.subspace, baselines.pem, baselines.em)
         ),
     ],
@@ -355,7 +410,8 @@ def random_system(seed: int, order: int, r: int = 2, m: int = 2, noise: float = 
     rng = np.random.default_rng(seed)
     modes = np.zeros((order, order))
     for i in range(0, order - 1, 2):
-        radius, angle = rng.uniform(0.6, 0.95), rng.uniform(0.1, 1.0)
+        radius = rng.uniform(0.6, 0.95)
+        angle = rng.uniform(0.1, 1.0)
         modes[i : i + 2, i : i + 2] = radius * np.array(
             [[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]]
         )
@@ -363,30 +419,49 @@ def random_system(seed: int, order: int, r: int = 2, m: int = 2, noise: float = 
         modes[-1, -1] = rng.uniform(0.3, 0.9)
     turn = np.linalg.qr(rng.standard_normal((order, order)))[0]
     A = turn @ modes @ turn.T
-    B, C = rng.standard_normal((order, r)), rng.standard_normal((m, order))
+    B = rng.standard_normal((order, r))
+    C = rng.standard_normal((m, order))
     K = rng.standard_normal((order, m)) * 0.2
     while np.abs(np.linalg.eigvals(A - K @ C)).max() > 0.9:
         K *= 0.7
     return StateSpace(
-        A, B, noise * C, np.zeros((m, r)), K / noise, np.zeros(order), rng.uniform(-5, 5, r), rng.uniform(-5, 5, m)
+        A,
+        B,
+        noise * C,
+        np.zeros((m, r)),
+        K / noise,
+        np.zeros(order),
+        rng.uniform(-5, 5, r),
+        rng.uniform(-5, 5, m),
     )
 
 
 def flown(
-    system: StateSpace, seed: int, samples: int, noise: float = 0.1, push: float = 1.0, feedback: Array | None = None
+    system: StateSpace,
+    seed: int,
+    samples: int,
+    noise: float = 0.1,
+    push: float = 1.0,
+    feedback: Array | None = None,
 ) -> tuple[Flight, Array]:
     """A flight of the system under white inputs of size ``push``, and its states (T + 1, n).
 
     With ``feedback`` (r, m) inputs also answer the outputs of the same sample, whose noise they thus know (D = 0).
     """
     rng = np.random.default_rng(seed)
-    (n, r), m = system.B.shape, len(system.C)
+    (n, r) = system.B.shape
+    m = len(system.C)
     pushes = push * rng.standard_normal((samples, r))
     errors = noise * rng.standard_normal((samples, m))
-    states, outputs = np.zeros((samples + 1, n)), np.empty((samples, m))
+    states = np.zeros((samples + 1, n))
+    outputs = np.empty((samples, m))
     for t in range(samples):
         outputs[t] = system.C @ states[t] + system.D @ pushes[t] + errors[t]
         if feedback is not None:
             pushes[t] += feedback @ outputs[t]
-        states[t + 1] = system.A @ states[t] + system.B @ pushes[t] + system.offset + system.K @ errors[t]
-    return Flight(DT * np.arange(samples), pushes + system.input_trim, outputs + system.output_trim), states
+        states[t + 1] = (
+            system.A @ states[t] + system.B @ pushes[t] + system.offset + system.K @ errors[t]
+        )
+    return Flight(
+        DT * np.arange(samples), pushes + system.input_trim, outputs + system.output_trim
+    ), states

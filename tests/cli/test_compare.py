@@ -18,7 +18,9 @@ from mavdem import baselines
 from mavdem.cli.commands import main
 from mavdem.evaluate.comparison import METHODS, Method
 
-FLIGHT, SLOW, OTHER = str(FLIGHT), str(SLOW), str(LOGS / "px4_wind5_steps.tlog")
+FLIGHT = str(FLIGHT)
+SLOW = str(SLOW)
+OTHER = str(LOGS / "px4_wind5_steps.tlog")
 FEW = (
     Method("hold last", baselines.hold),
     Method("constant mean", baselines.constant_mean),
@@ -38,7 +40,11 @@ def test_the_document_has_every_flight(quick, capsys):
     assert main(["compare", FLIGHT, OTHER, SLOW, "--json"]) == 0
     told = strict_json(capsys.readouterr().out)
     flight = told["flights"][0]
-    assert (flight["flight"], flight["dt"], flight["training_samples"]) == ("ardupilot_wind5_steps", 0.01, 700)
+    assert (flight["flight"], flight["dt"], flight["training_samples"]) == (
+        "ardupilot_wind5_steps",
+        0.01,
+        700,
+    )
     assert told["methods"] == [method.name for method in FEW]
 
 
@@ -49,10 +55,16 @@ def test_all_methods_on_all_cores_are_reported_with_their_losses_first(tmp_path,
     said = capsys.readouterr().out
     assert said.startswith("DEM joint's error is not distinguishable from another method's: only ")
     assert all(f"\n{method.name} " in said for method in METHODS)
-    assert {path.name for path in out.iterdir()} == {"comparison.json", "comparison.html", "windows.csv"}
+    assert {path.name for path in out.iterdir()} == {
+        "comparison.json",
+        "comparison.html",
+        "windows.csv",
+    }
     assert "<h1>DEM and other methods</h1>" in (out / "comparison.html").read_text()
     kept = strict_json((out / "comparison.json").read_text())
-    assert {one["method"] for one in kept["flights"][0]["standings"]} == {method.name for method in METHODS}
+    assert {one["method"] for one in kept["flights"][0]["standings"]} == {
+        method.name for method in METHODS
+    }
     assert not [one for one in kept["flights"][0]["standings"] if one["failed"]]
     with (out / "windows.csv").open() as file:
         rows = list(csv.DictReader(file))
@@ -67,7 +79,10 @@ def test_what_cannot_be_compared_is_reported_and_the_others_are_compared(quick, 
     missing = str(tmp_path / "missing.tlog")
     assert main(["compare", SLOW, FLIGHT]) == 0
     said = capsys.readouterr()
-    assert "\nardupilot_default_rates: not compared. ATTITUDE comes at 4.0 Hz" in said.out and said.err == ""
+    assert (
+        "\nardupilot_default_rates: not compared. ATTITUDE comes at 4.0 Hz" in said.out
+        and said.err == ""
+    )
     assert main(["compare", SLOW, FLIGHT, missing, "--json"]) == 2
     said = capsys.readouterr()
     told = strict_json(said.out)
@@ -94,8 +109,19 @@ def test_ended_early_it_leaves_no_process_and_no_file(tmp_path):
     run = "import sys\nfrom mavdem.__main__ import run\nif __name__ == '__main__':\n    sys.exit(run())\n"
     script = tmp_path / "script.py"
     script.write_text(run)
-    words = [sys.executable, str(script), "compare", FLIGHT, "--hop", "20", "--out", str(tmp_path / "out")]
-    process = subprocess.Popen(words, stderr=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True)
+    words = [
+        sys.executable,
+        str(script),
+        "compare",
+        FLIGHT,
+        "--hop",
+        "20",
+        "--out",
+        str(tmp_path / "out"),
+    ]
+    process = subprocess.Popen(
+        words, stderr=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
+    )
     # A worker and the tracker of its resources: the work has begun.
     deadline = time.monotonic() + 300
     while len(psutil.Process(process.pid).children(recursive=True)) < 2:
@@ -111,7 +137,10 @@ def test_ended_early_it_leaves_no_process_and_no_file(tmp_path):
 @pytest.mark.slow
 def test_the_order_and_why_are_reported(tmp_path, capsys):
     page = tmp_path / "order.html"
-    assert main(["order", str(FLIGHT), str(SLOW), "--max-order", "3", "--html", str(page), "--json"]) == 0
+    assert (
+        main(["order", str(FLIGHT), str(SLOW), "--max-order", "3", "--html", str(page), "--json"])
+        == 0
+    )
     out, err = capsys.readouterr()
     document = json.loads(out)
     assert document["html"] == str(page) and "ardupilot_wind5_steps" in page.read_text()
@@ -120,7 +149,10 @@ def test_the_order_and_why_are_reported(tmp_path, capsys):
     assert document["orders"] == [1, 2, 3] and np.isfinite(heights).all()
     # No order above the chosen one gains three nats, and the one below it loses more.
     assert (heights[document["chosen"] :] <= heights[document["chosen"] - 1] + 3).all()
-    assert document["chosen"] == 1 or heights[document["chosen"] - 2] < heights[document["chosen"] - 1] - 3
+    assert (
+        document["chosen"] == 1
+        or heights[document["chosen"] - 2] < heights[document["chosen"] - 1] - 3
+    )
     assert [one["flight"] for one in document["refused"]] == ["ardupilot_default_rates"]
     assert "no order" in err
     assert main(["order", str(SLOW)]) == 1 and "4" in capsys.readouterr().err

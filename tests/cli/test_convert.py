@@ -28,10 +28,16 @@ def convert(capsys, *words: object) -> dict:
 @pytest.mark.slow
 @pytest.mark.parametrize("log", sorted(LOGS.glob("*.tlog")), ids=lambda log: log.stem)
 def test_through_mcap_a_telemetry_log_comes_back_byte_by_byte(log, tmp_path, capsys):
-    mcap, back = tmp_path / "flight.mcap", tmp_path / "back.tlog"
+    mcap = tmp_path / "flight.mcap"
+    back = tmp_path / "back.tlog"
     told = convert(capsys, log, mcap)
     assert told["frames"] > 1000
-    assert (told["left_out"], told["unread"], told["bytes_skipped"], told["repairs"]) == (0, 0, 0, [])
+    assert (told["left_out"], told["unread"], told["bytes_skipped"], told["repairs"]) == (
+        0,
+        0,
+        0,
+        [],
+    )
     assert convert(capsys, mcap, back)["frames"] == told["frames"]
     assert back.read_bytes() == log.read_bytes()
     assert {path.name for path in tmp_path.iterdir()} == {"flight.mcap", "back.tlog"}
@@ -48,8 +54,12 @@ def test_a_table_is_the_flight(axis, tmp_path, capsys):
     assert head[:5] == ["time_s", "motor_1_us", "motor_2_us", "motor_3_us", "motor_4_us"]
     assert head[5:] == (measured[1:] if axis == "yaw" else measured)
     assert told["samples"] == len(values)
-    for name, column, exact in zip(head, values.T, (flight.time, *flight.inputs.T, *flight.outputs.T), strict=True):
-        step = {"s": 1e-5 if "rate" in name else 1e-6, "us": 0.01, "rad": 1e-6}[name.rpartition("_")[2]]
+    for name, column, exact in zip(
+        head, values.T, (flight.time, *flight.inputs.T, *flight.outputs.T), strict=True
+    ):
+        step = {"s": 1e-5 if "rate" in name else 1e-6, "us": 0.01, "rad": 1e-6}[
+            name.rpartition("_")[2]
+        ]
         assert np.abs(column - exact).max() <= 0.5 * step * (1 + 1e-6)
 
 
@@ -68,7 +78,8 @@ def test_a_parquet_table_is_the_flight(tmp_path, capsys):
 
 @pytest.mark.parametrize("how", ["itself", "by a link", "by a hard link"])
 def test_the_input_is_never_overwritten(how, tmp_path, capsys):
-    source, out = tmp_path / "flight.tlog", tmp_path / "other.csv"
+    source = tmp_path / "flight.tlog"
+    out = tmp_path / "other.csv"
     source.write_bytes(FLIGHT.read_bytes())
     if how == "itself":
         out = tmp_path / "." / "flight.tlog"
@@ -100,7 +111,9 @@ def test_rates_far_apart_are_kept_and_nothing_is_made_up_between(tmp_path, monke
     monkeypatch.setattr(conversion, "read_log", lambda source, progress: log)
     told = convert(capsys, "made-up.tlog", tmp_path / "both.csv")
     head, values = table_of(tmp_path / "both.csv")
-    time, motor, roll = values[:, 0], values[:, 1], values[:, head.index("roll_rad")]
+    time = values[:, 0]
+    motor = values[:, 1]
+    roll = values[:, head.index("roll_rad")]
     assert told["dt"] is None and (np.diff(time) > 0).all()
     assert np.allclose(time[np.isfinite(roll)], hover.stamps(50.0), atol=1e-6)
     assert np.allclose(time[np.isfinite(motor)], hover.stamps(10.0), atol=1e-6)
@@ -120,13 +133,17 @@ def test_a_termination_while_writing_leaves_nothing(tmp_path):
 
 
 @pytest.mark.parametrize("message", ["ATTITUDE", "SERVO_OUTPUT_RAW", "neither"])
-def test_a_log_of_one_stream_is_a_table_and_of_none_is_refused(message, tmp_path, monkeypatch, capsys):
+def test_a_log_of_one_stream_is_a_table_and_of_none_is_refused(
+    message, tmp_path, monkeypatch, capsys
+):
     hover = Hover()
     without = tuple({"ATTITUDE", "SERVO_OUTPUT_RAW"} - {message})
     log = log_of_vehicles((hover.telemetry(7.0, 7.0, without=without),), 1, 0)
     monkeypatch.setattr(conversion, "read_log", lambda source, progress: log)
     if message == "neither":
-        assert "There is no ATTITUDE" in refused(capsys, 1, "convert", "made-up.tlog", tmp_path / "none.csv")
+        assert "There is no ATTITUDE" in refused(
+            capsys, 1, "convert", "made-up.tlog", tmp_path / "none.csv"
+        )
         assert list(tmp_path.iterdir()) == []
         return
     told = convert(capsys, "made-up.tlog", tmp_path / "one.csv")

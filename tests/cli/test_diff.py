@@ -12,7 +12,11 @@ from mavdem.fleet.row import FlightRow
 
 
 def flown(vehicle, numbers, **changed):
-    return [flight_row(vehicle, number, axis, **changed) for number in numbers for axis in ("roll", "pitch")]
+    return [
+        flight_row(vehicle, number, axis, **changed)
+        for number in numbers
+        for axis in ("roll", "pitch")
+    ]
 
 
 WEAK = {"effect": (-40.0, 40.0, 0.7 * 41.0, -39.0), "trim_share": (0.97, 0.95, 1.12, 0.96)}
@@ -38,13 +42,18 @@ def test_the_vehicle_that_both_fleets_have_is_compared(fleets, capsys):
 @pytest.mark.parametrize(
     ("words", "reason"),
     [
-        (["old", "new", "--vehicle", "delta"], "A has no vehicle delta. Choose one of: alpha and beta."),
+        (
+            ["old", "new", "--vehicle", "delta"],
+            "A has no vehicle delta. Choose one of: alpha and beta.",
+        ),
         (["old", "new", "--vehicle", "beta"], "B has no vehicle beta."),
         (["old", "old"], "Choose with --vehicle: alpha and beta."),
         (["nobody", "nobody"], "do not say of which vehicle"),
     ],
 )
-def test_a_vehicle_that_cannot_be_chosen_is_refused_with_those_that_can(words, reason, fleets, monkeypatch, capsys):
+def test_a_vehicle_that_cannot_be_chosen_is_refused_with_those_that_can(
+    words, reason, fleets, monkeypatch, capsys
+):
     monkeypatch.chdir(Path(fleets[0]).parent)
     fleet_of(Path("nobody"), flown("unknown", range(3)))
     assert main(["diff", *words]) == 1
@@ -68,21 +77,34 @@ def report(effect):
         "interval_90_percent": {"effect": [2.0] * 4, "damping": 0.2, "lag": 0.01},
         "status": dict.fromkeys(("effect", "damping", "lag"), "reported"),
     }
-    return {"inputs": ["1", "2", "3", "4"], "outputs": ["roll", "roll rate"], "physical": physical, "wind": None}
+    return {
+        "inputs": ["1", "2", "3", "4"],
+        "outputs": ["roll", "roll rate"],
+        "physical": physical,
+        "wind": None,
+    }
 
 
 def test_what_learn_wrote_is_compared_by_its_folder_or_file(tmp_path, capsys):
     for name, third in (("before", 41.0), ("after", 20.0)):
         (tmp_path / name).mkdir()
-        (tmp_path / name / "report.json").write_text(json.dumps(report([-40.0, 40.0, third, -39.0])))
+        (tmp_path / name / "report.json").write_text(
+            json.dumps(report([-40.0, 40.0, third, -39.0]))
+        )
     assert main(["diff", str(tmp_path / "before"), str(tmp_path / "after" / "report.json")]) == 0
     assert "Changed: 3's control effectiveness −51 %" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("text", ["{}", "[]", "not json", '{"free_energy": 1}', '{"outputs": ["roll"], "physical": 3}'])
+@pytest.mark.parametrize(
+    "text", ["{}", "[]", "not json", '{"free_energy": 1}', '{"outputs": ["roll"], "physical": 3}']
+)
 def test_another_json_file_is_refused_in_one_sentence(text, tmp_path, capsys):
     path = tmp_path / "report.json"
     path.write_text(text)
     assert main(["diff", str(path), str(path)]) == 2
     said = capsys.readouterr().err
-    assert said.count("\n") == 1 and "cannot be read" in said and "should not have happened" not in said
+    assert (
+        said.count("\n") == 1
+        and "cannot be read" in said
+        and "should not have happened" not in said
+    )

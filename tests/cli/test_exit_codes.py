@@ -30,7 +30,8 @@ BROKEN = {
 @pytest.mark.parametrize("name", BROKEN)
 @pytest.mark.parametrize("command", ["info", "learn", "compare", "wind", "tune", "convert"])
 def test_unreadable_input_is_one_sentence_and_nothing_written(name, command, tmp_path, capsys):
-    source, out = tmp_path / name, tmp_path / "out"
+    source = tmp_path / name
+    out = tmp_path / "out"
     if BROKEN[name] is not None:
         source.write_bytes(BROKEN[name])
     words = {"learn": ["--out", str(out)], "convert": [f"{out}.csv"]}.get(command, [])
@@ -49,14 +50,23 @@ def test_unreadable_input_is_one_sentence_and_nothing_written(name, command, tmp
     [
         (["learn", FLIGHT, "--out", "x", "--order", "10"], "--order: 10 is not in 2 to 4"),
         (["learn", FLIGHT, "--out", "x", "--vehicle", "foo"], "'foo' is no vehicle"),
-        (["learn", FLIGHT, "--out", "x", "--train", "many"], "'many' is no length: give seconds, as in 7s"),
+        (
+            ["learn", FLIGHT, "--out", "x", "--train", "many"],
+            "'many' is no length: give seconds, as in 7s",
+        ),
         (["learn", FLIGHT, "--train", "49"], "49 is not a whole number of at least 50 samples"),
         (["learn", FLIGHT, "--out", "x", "--vehicle", "--verbose"], "--verbose is an option"),
         (["learn", "/dev/ttyACM0,115200", "--out", "x"], "`mavdem live /dev/ttyACM0,115200`"),
         (["info", FLIGHT, "--axis", "heave"], "--axis"),
-        (["info", "udpin:127.0.0.1:14550"], "a MAVLink link, and only logs are read here: attach to it with"),
+        (
+            ["info", "udpin:127.0.0.1:14550"],
+            "a MAVLink link, and only logs are read here: attach to it with",
+        ),
         (["info", "-"], "A log cannot be read from standard input (-): save it as a file"),
-        (["info", LOGS], f"{LOGS} is a folder, with 3 logs in it: name a file, such as {LOGS}/ardupilot_default"),
+        (
+            ["info", LOGS],
+            f"{LOGS} is a folder, with 3 logs in it: name a file, such as {LOGS}/ardupilot_default",
+        ),
         (["info", "."], "is a folder, with no log in it: name a file that ends in .tlog, "),
         (["--colour"], "--colour"),
         (["convert", FLIGHT, "flight.txt"], ".parquet"),
@@ -74,7 +84,10 @@ def test_unreadable_input_is_one_sentence_and_nothing_written(name, command, tmp
         (["fly", "none.toml", "--out", "f.tlog"], "none.toml"),
         (["fly", "hover_blower", "--out", "f.csv"], ".tlog or .mcap"),
         (["fly", "hover_blower", "--rrd", "f.png"], ".rrd"),
-        (["fly", "hover_blower", "--out", "f.tlog", "--duration", "2"], "Invalid value for --duration:"),
+        (
+            ["fly", "hover_blower", "--out", "f.tlog", "--duration", "2"],
+            "Invalid value for --duration:",
+        ),
         (["fly", "hover_blower", "--out", "f.tlog", "--seed", "-1"], "seed must be"),
         (["fly", "hover_blower", "--udp", "127.0.0.1:" + "1" * 5000], "HOST:PORT"),
         (["fly", "hover_blower", "--udp", "a..b:12"], "Nothing can be sent to a..b:12"),
@@ -82,7 +95,10 @@ def test_unreadable_input_is_one_sentence_and_nothing_written(name, command, tmp
         (["fly", "hover_blower", "--udp", "255.255.255.255:14550"], "name one host"),
         (["fly", "hover_blower", "--udp", "127.0.0.1:14550", "--speed", "1e-300"], "--speed"),
         (["fly", "hover_blower", "--udp", "127.0.0.1:14550", "--out", "f.tlog"], "choose one"),
-        (["fly", "hover_blower", "--out", "f.tlog", "--speed", "1"], "--speed applies to a live flight"),
+        (
+            ["fly", "hover_blower", "--out", "f.tlog", "--speed", "1"],
+            "--speed applies to a live flight",
+        ),
         (["fly", "hover_blower", "--out", "f.tlog", "--describe"], "leave out --out"),
     ],
 )
@@ -108,7 +124,9 @@ FULL = Path("/dev/full")
 @pytest.mark.parametrize("words", [["info", "none", "--json"], ["--help"]])
 def test_a_standard_output_that_fails_is_reported(words):
     with FULL.open("w") as full:
-        done = subprocess.run([*MAVDEM, *words], stdout=full, stderr=subprocess.PIPE, text=True, timeout=PATIENCE)
+        done = subprocess.run(
+            [*MAVDEM, *words], stdout=full, stderr=subprocess.PIPE, text=True, timeout=PATIENCE
+        )
     assert done.returncode == 2
     *_, last = done.stderr.splitlines()
     assert last.startswith("mavdem: Standard output cannot be written to (")
@@ -125,9 +143,25 @@ def test_names_need_not_be_utf_8_nor_terminals_and_settings_of_matplotlib_spoil_
         pytest.skip("this file system takes UTF-8 only")
     settings = tmp_path / "matplotlibrc"
     settings.write_text("text.usetex: True\nfont.family: none\nno such line\n")
-    surroundings = {"MPLBACKEND": "none", "MATPLOTLIBRC": str(settings), "MPLCONFIGDIR": str(settings)}
+    surroundings = {
+        "MPLBACKEND": "none",
+        "MATPLOTLIBRC": str(settings),
+        "MPLCONFIGDIR": str(settings),
+    }
     environment = {**os.environ, **surroundings, "PYTHONIOENCODING": "ascii"}
-    words = [*MAVDEM, "learn", log, "--out", out, "--preset", "paper", "--train", "200", "--test", "20"]
+    words = [
+        *MAVDEM,
+        "learn",
+        log,
+        "--out",
+        out,
+        "--preset",
+        "paper",
+        "--train",
+        "200",
+        "--test",
+        "20",
+    ]
     done = subprocess.run(words, capture_output=True, timeout=PATIENCE, env=environment)
     assert done.returncode == 0, done.stderr
     assert done.stderr.startswith(b"Took ") and done.stderr.count(b"\n") == 3
@@ -175,7 +209,9 @@ def test_a_file_named_like_a_link_is_a_file(tmp_path, monkeypatch, capsys):
 @pytest.mark.parametrize("closed", [1, 2])
 def test_a_closed_stream_or_pipe_is_as_one_that_nobody_reads(closed):
     timed = {"stderr": subprocess.PIPE, "timeout": PATIENCE}
-    done = subprocess.run([*MAVDEM, "--help"], preexec_fn=lambda: os.close(closed), stdout=subprocess.PIPE, **timed)
+    done = subprocess.run(
+        [*MAVDEM, "--help"], preexec_fn=lambda: os.close(closed), stdout=subprocess.PIPE, **timed
+    )
     assert (done.returncode, done.stderr) == (0, b"")
     reader, writer = os.pipe()
     os.close(reader)
@@ -196,8 +232,15 @@ def offered(monkeypatch, capsys, *words: str) -> list[str]:
 
 def test_commands_options_values_and_scenarios_are_offered(monkeypatch, capsys):
     assert offered(monkeypatch, capsys, "le") == ["plain,learn"]
-    assert offered(monkeypatch, capsys, "learn", "x.tlog", "--o") == ["plain,--out", "plain,--order"]
-    assert offered(monkeypatch, capsys, "info", "--axis", "") == ["plain,roll", "plain,pitch", "plain,yaw"]
+    assert offered(monkeypatch, capsys, "learn", "x.tlog", "--o") == [
+        "plain,--out",
+        "plain,--order",
+    ]
+    assert offered(monkeypatch, capsys, "info", "--axis", "") == [
+        "plain,roll",
+        "plain,pitch",
+        "plain,yaw",
+    ]
     assert offered(monkeypatch, capsys, "info", "fli") == ["file,fli"]
     assert "plain,hover_blower" in offered(monkeypatch, capsys, "fly", "hover")
     assert offered(monkeypatch, capsys, "fly", "./my.toml") == ["file,./my.toml"]
@@ -208,8 +251,15 @@ def test_completing_a_command_imports_nothing_that_takes_time():
         "import sys; from mavdem.__main__ import run; code = run();"
         "print(sorted({'numpy', 'scipy', 'pydantic', 'rerun'} & set(sys.modules)), file=sys.stderr); sys.exit(code)"
     )
-    asked = {**os.environ, "COMP_WORDS": "mavdem le", "COMP_CWORD": "1", "_MAVDEM_COMPLETE": "zsh_complete"}
-    done = subprocess.run([sys.executable, "-c", program], env=asked, capture_output=True, text=True, timeout=60)
+    asked = {
+        **os.environ,
+        "COMP_WORDS": "mavdem le",
+        "COMP_CWORD": "1",
+        "_MAVDEM_COMPLETE": "zsh_complete",
+    }
+    done = subprocess.run(
+        [sys.executable, "-c", program], env=asked, capture_output=True, text=True, timeout=60
+    )
     assert (done.returncode, done.stderr) == (0, "[]\n") and "learn" in done.stdout
 
 
@@ -236,7 +286,12 @@ def test_a_fault_and_an_interrupt_are_one_sentence(fault, code, told, monkeypatc
     monkeypatch.setattr(command_line.mavdem, "invoke", fails)
     assert main(["info", str(FLIGHT)]) == code
     said = capsys.readouterr().err
-    assert told in said and said.startswith("mavdem: ") and said.count("\n") == 1 and "Traceback" not in said
+    assert (
+        told in said
+        and said.startswith("mavdem: ")
+        and said.count("\n") == 1
+        and "Traceback" not in said
+    )
     monkeypatch.setenv("MAVDEM_TRACEBACK", "1")
     assert main(["info", str(FLIGHT)]) == code
     assert ("Traceback" in capsys.readouterr().err) == isinstance(fault, RuntimeError)

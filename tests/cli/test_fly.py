@@ -43,17 +43,23 @@ def test_it_can_be_learnt_from_and_motors_are_where_they_are(tmp_path, capsys, m
     monkeypatch.setattr("mavdem.report.page.model_pictures", lambda *_, **__: [])
     mine = tmp_path / "mine.toml"
     scenario = load("iris_multisine").model_dump(mode="json", exclude_none=True)
-    scenario["stream"]["autopilot"], scenario["vehicle"]["frame"], scenario["duration"] = "ardupilot", "plus", 30.0
+    scenario["stream"]["autopilot"] = "ardupilot"
+    scenario["vehicle"]["frame"] = "plus"
+    scenario["duration"] = 30.0
     mine.write_text(in_toml(scenario_of(scenario)))
     fly(capsys, mine, "--out", tmp_path / "f.tlog")
-    assert main(["learn", str(tmp_path / "f.tlog"), "--out", str(tmp_path / "r"), "--train", "600"]) == 0
+    assert (
+        main(["learn", str(tmp_path / "f.tlog"), "--out", str(tmp_path / "r"), "--train", "600"])
+        == 0
+    )
     said = capsys.readouterr().out
     assert "assumed" not in said and "motor 1 (right)" in said
     model = json.loads((tmp_path / "r" / "model.json").read_text())["model"]
     with np.load(tmp_path / "f.truth.npz") as truth:
         true = truth["roll_B"][1]
     # What the motors do to the roll rate, directly and by way of the hidden state.
-    a, b = np.array(model["A"]), np.array(model["B"])
+    a = np.array(model["A"])
+    b = np.array(model["B"])
     effect = b[1] + (a[1, 2] / -a[2, 2] * b[2] if len(a) > 2 else 0)
     turns = np.abs(true) > 0
     assert (np.sign(effect[turns]) == np.sign(true[turns])).all(), (effect, true)
@@ -67,7 +73,13 @@ def test_a_recording_to_look_at(tmp_path, capsys):
     reader = RrdReader(rrd)
     assert len(reader.blueprints()) == 1
     paths = {str(chunk.entity_path).replace("\\", "") for chunk in reader.stream()}
-    assert {"/world/here/vehicle", "/world/here/wind", "/world/trail", "/roll/0 roll", "/moment/0 roll"} <= paths
+    assert {
+        "/world/here/vehicle",
+        "/world/here/wind",
+        "/world/trail",
+        "/roll/0 roll",
+        "/moment/0 roll",
+    } <= paths
 
 
 def test_the_list_is_one_a_line_name_first(capsys):
@@ -98,9 +110,14 @@ def test_what_lasts_for_good_or_never_comes_can_be_written(hold, reboot):
     assert scenario_of(json.loads(scenario.model_dump_json())) == scenario
 
 
-@pytest.mark.parametrize("text", ["two\nlines", "\x1b[31mred\x07", "\x7f\x80\x9b\u2028\u202e\U000e0001", '"\\', "\t\r"])
-def test_a_description_of_whatever_characters_reads_back_and_sends_none_to_the_terminal(text, tmp_path, capsys):
-    mine, again = tmp_path / "mine.toml", tmp_path / "again.toml"
+@pytest.mark.parametrize(
+    "text", ["two\nlines", "\x1b[31mred\x07", "\x7f\x80\x9b\u2028\u202e\U000e0001", '"\\', "\t\r"]
+)
+def test_a_description_of_whatever_characters_reads_back_and_sends_none_to_the_terminal(
+    text, tmp_path, capsys
+):
+    mine = tmp_path / "mine.toml"
+    again = tmp_path / "again.toml"
     escaped = "".join(f"\\U{ord(character):08x}" for character in text)
     mine.write_text(f'description = "{escaped}"\n')
     assert load(mine).description == text
@@ -122,8 +139,12 @@ def test_files_that_fail_to_be_written_leave_those_that_were_there(tmp_path, cap
     assert [path.read_bytes() for path in tmp_path.iterdir()] == [b"old"]
 
 
-@pytest.mark.parametrize("words", ["fly hover_blower --out none.tlog", "reproduce noise --out none"])
-def test_a_place_that_takes_no_file_is_refused_before_the_work(words, tmp_path, capsys, monkeypatch):
+@pytest.mark.parametrize(
+    "words", ["fly hover_blower --out none.tlog", "reproduce noise --out none"]
+)
+def test_a_place_that_takes_no_file_is_refused_before_the_work(
+    words, tmp_path, capsys, monkeypatch
+):
     monkeypatch.chdir(tmp_path)  # it takes none, as /proc does, though its mode says that it would
     monkeypatch.setattr("mavdem.files.TemporaryDirectory", Mock(side_effect=FileNotFoundError))
     for work in ("fly.progress", "reproduce.pool"):

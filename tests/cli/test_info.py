@@ -24,7 +24,11 @@ def test_a_sample_flight_can_be_learnt_from(name, system, autopilot, capsys):
     assert code == 0
     assert held["learnable"]
     (vehicle,) = held["vehicles"]
-    assert (vehicle["system"], vehicle["autopilot"], vehicle["vehicle"]) == (system, autopilot, "QUADROTOR")
+    assert (vehicle["system"], vehicle["autopilot"], vehicle["vehicle"]) == (
+        system,
+        autopilot,
+        "QUADROTOR",
+    )
     assert vehicle["messages"]["HEARTBEAT"]["rate"] == pytest.approx(1, rel=0.05)
     for name in ("ATTITUDE", "SERVO_OUTPUT_RAW"):
         assert vehicle["messages"][name]["rate"] == pytest.approx(100, rel=0.01)
@@ -36,10 +40,14 @@ def test_the_rates_a_ground_station_asks_for_are_too_slow(capsys):
     path = str(LOGS / "ardupilot_default_rates.tlog")
     assert main(["info", path, "--json"]) == 1
     said = capsys.readouterr()
-    assert said.err.startswith(f"mavdem: No roll model can be learned from {path}; 1:1: ATTITUDE comes at 4.0 Hz")
+    assert said.err.startswith(
+        f"mavdem: No roll model can be learned from {path}; 1:1: ATTITUDE comes at 4.0 Hz"
+    )
     held = json.loads(said.out)
     (vehicle,) = held["vehicles"]
-    assert not held["learnable"] and vehicle["messages"]["ATTITUDE"]["rate"] == pytest.approx(4, rel=0.1)
+    assert not held["learnable"] and vehicle["messages"]["ATTITUDE"]["rate"] == pytest.approx(
+        4, rel=0.1
+    )
     assert "Hz" in vehicle["verdict"]["reason"] and vehicle["verdict"]["remedy"]
     assert main(["info", path]) == 1
     said = capsys.readouterr()
@@ -50,10 +58,14 @@ def test_the_text_reports_the_same(capsys):
     path = str(LOGS / "px4_wind5_steps.tlog")
     assert main(["info", path, "--axis", "pitch"]) == 0
     said = capsys.readouterr().out
-    assert said.startswith("Healthy.\nNext: Learn a model: `mavdem learn`.\nA pitch model can be learned from 5:1 (")
+    assert said.startswith(
+        "Healthy.\nNext: Learn a model: `mavdem learn`.\nA pitch model can be learned from 5:1 ("
+    )
     assert "Health: no motor was found to lose thrust in 60 s of settled flight." in said
     # Logs that were cut by message type lack most sequence numbers; that is no loss, and is not called one.
     vehicle, station = said.splitlines()[-2:]
-    assert "keeps only some message types" in vehicle and station == "From 255:190 (GCS): 60 messages."
+    assert (
+        "keeps only some message types" in vehicle and station == "From 255:190 (GCS): 60 messages."
+    )
     assert main(["info", path, "--vehicle", "7"]) == 1
     assert "5:1" in capsys.readouterr().err

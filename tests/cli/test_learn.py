@@ -47,15 +47,30 @@ def without_pictures(monkeypatch):
 @pytest.mark.slow
 def test_the_document_is_the_report_of_the_library(without_pictures, tmp_path, capsys):
     out = tmp_path / "new" / "folder"
-    words = ["learn", FLIGHT, "--out", str(out), "--preset", "paper", "--start", "2s", "--train", "2s", "--test", "50"]
+    words = [
+        "learn",
+        FLIGHT,
+        "--out",
+        str(out),
+        "--preset",
+        "paper",
+        "--start",
+        "2s",
+        "--train",
+        "2s",
+        "--test",
+        "50",
+    ]
     assert main([*words, "--json"]) == 0
     report = strict_json(capsys.readouterr().out)
     flight = read_flight(FLIGHT)
-    train, test = flight[200:400], flight[400:450]
+    train = flight[200:400]
+    test = flight[400:450]
     learned = learn_model(train, Settings.paper())
     held_out = evaluate.held_out_test(train, test, learned)
     expected = json.loads(json_text(model_figures([train], learned, held_out)))
-    for name in ("cautions", *header("error")):  # in the command's document those of the log come first
+    # in the command's document those of the log come first
+    for name in ("cautions", *header("error")):
         del expected[name]
     assert {name: report[name] for name in expected} == expected
     assert names(out) == FILES
@@ -70,12 +85,22 @@ def test_people_see_one_screen_and_with_verbose_the_model(tmp_path, monkeypatch,
     words = ["learn", FLIGHT, "--axis", "roll", "--order", "2", "--train", "1500", "--test", "100"]
     assert main(words) == 0
     screen = capsys.readouterr()
-    for fact in ("control effectiveness", "because", "constant mean", "roll rate", "per µs", "±", "headroom"):
+    for fact in (
+        "control effectiveness",
+        "because",
+        "constant mean",
+        "roll rate",
+        "per µs",
+        "±",
+        "headroom",
+    ):
         assert fact in screen.out
     assert len(screen.out.splitlines()) < 43 and "nats" not in screen.out
     # The folder has the log's name; what was written is talk.
     assert names(tmp_path / "ardupilot_wind5_steps") == FILES
-    assert "flight.rrd" in screen.err and "flight.rrd" not in screen.out and "\nNext: " in screen.out
+    assert (
+        "flight.rrd" in screen.err and "flight.rrd" not in screen.out and "\nNext: " in screen.out
+    )
     page = (tmp_path / "ardupilot_wind5_steps" / "report.html").read_text()
     assert page.count("<svg") == 10 and page.count("<script") == 3 and len(page) < 2_000_000
     assert "src=" not in page and 'href="http' not in page
@@ -88,14 +113,17 @@ def test_people_see_one_screen_and_with_verbose_the_model(tmp_path, monkeypatch,
 
 
 @pytest.mark.parametrize(
-    ("source", "folder"), [("a/flight.tlog", "flight"), ("f.ulg.xz", "f"), ("...tlog", "...tlog-learnt")]
+    ("source", "folder"),
+    [("a/flight.tlog", "flight"), ("f.ulg.xz", "f"), ("...tlog", "...tlog-learnt")],
 )
 def test_the_folder_is_named_after_the_log(source, folder):
     assert str(named_after(source)) == folder
 
 
 def test_names_do_not_reach_the_terminal_as_what_it_obeys(capsys):
-    print_blocks([Sentence("\x1b[31m", "\u202e.tlog:"), Table(["\x9b", "\u2066"], [["\x1b]0;", "\n"]])])
+    print_blocks(
+        [Sentence("\x1b[31m", "\u202e.tlog:"), Table(["\x9b", "\u2066"], [["\x1b]0;", "\n"]])]
+    )
     said = capsys.readouterr().out
     assert "\\u001b[31m" in said and "\\u001b]0;" in said and "\\u202e.tlog:" in said
     assert said.replace("\n", "").isprintable()
@@ -112,7 +140,9 @@ def test_a_flight_too_short_names_the_options_that_fit(without_pictures, tmp_pat
 
 
 @pytest.mark.slow
-def test_by_default_it_learns_from_the_whole_settled_flight_and_judges_all_of_it(without_pictures, tmp_path, capsys):
+def test_by_default_it_learns_from_the_whole_settled_flight_and_judges_all_of_it(
+    without_pictures, tmp_path, capsys
+):
     words = ["learn", FLIGHT, "--out", str(tmp_path), "--start", "50", "--json"]
     assert main(words) == 0
     report = strict_json(capsys.readouterr().out)
@@ -121,19 +151,35 @@ def test_by_default_it_learns_from_the_whole_settled_flight_and_judges_all_of_it
     kept = Learned.from_json((tmp_path / "model.json").read_text())
     np.testing.assert_array_equal(kept.record.outputs, flight.outputs)
     begins = report["held_out"]["start"]
-    assert len(begins) == 4 and begins[0] - flight.time[0] < 2.1 and flight.time[-1] - begins[-1] < 4.0
+    assert (
+        len(begins) == 4 and begins[0] - flight.time[0] < 2.1 and flight.time[-1] - begins[-1] < 4.0
+    )
     assert [one["purpose"] for one in report["findings"]] == list(PURPOSES)
 
 
 @pytest.mark.slow
-def test_segments_of_one_boot_are_learnt_from_together(without_pictures, tmp_path, monkeypatch, capsys):
+def test_segments_of_one_boot_are_learnt_from_together(
+    without_pictures, tmp_path, monkeypatch, capsys
+):
     whole = read_flight(FLIGHT)
     known = whole.provenance
-    boots = [{**known, "segment": known["segment"] | {"boot": boot}, "cautions": []} for boot in (0, 1)]
-    parts = [replace(whole[a:b], provenance=boots[boot]) for a, b, boot in ((0, 200, 0), (300, 500, 0), (0, 150, 1))]
+    boots = [
+        {**known, "segment": known["segment"] | {"boot": boot}, "cautions": []} for boot in (0, 1)
+    ]
+    parts = [
+        replace(whole[a:b], provenance=boots[boot])
+        for a, b, boot in ((0, 200, 0), (300, 500, 0), (0, 150, 1))
+    ]
     judged = Verdict("roll", True, "Two boots.", "", (), None, QualityFigures())
-    monkeypatch.setattr("mavdem.analysis.analysis.usable_segments", lambda *_: (tuple(parts), judged))
-    assert main(["learn", FLIGHT, "--out", str(tmp_path), "--json", "--preset", "paper", "--test", "50"]) == 0
+    monkeypatch.setattr(
+        "mavdem.analysis.analysis.usable_segments", lambda *_: (tuple(parts), judged)
+    )
+    assert (
+        main(
+            ["learn", FLIGHT, "--out", str(tmp_path), "--json", "--preset", "paper", "--test", "50"]
+        )
+        == 0
+    )
     report = json.loads(capsys.readouterr().out)
     assert [one["samples"] for one in report["segments"]] == [200, 200]
 
@@ -144,7 +190,9 @@ def test_a_start_too_late_is_refused(start, tmp_path, capsys):
     assert "--start" in json.loads(capsys.readouterr().out)["error"]["remedy"]
 
 
-def test_a_flight_too_slow_for_a_model_gives_its_condition_the_reason_and_the_remedy(tmp_path, capsys):
+def test_a_flight_too_slow_for_a_model_gives_its_condition_the_reason_and_the_remedy(
+    tmp_path, capsys
+):
     for old in ("model.json", "flight.mcap"):
         (tmp_path / old).write_text("of a flight before")
     assert main(["learn", str(SLOW), "--out", str(tmp_path), "--json"]) == 1
@@ -174,7 +222,9 @@ def test_a_model_that_breaks_down_is_the_data_s_doing(tmp_path, monkeypatch, cap
 
 
 @pytest.mark.slow
-def test_what_cannot_be_written_leaves_the_old_results(without_pictures, tmp_path, monkeypatch, capsys):
+def test_what_cannot_be_written_leaves_the_old_results(
+    without_pictures, tmp_path, monkeypatch, capsys
+):
     for name in FILES:
         (tmp_path / name).write_text("old")
 
@@ -200,7 +250,9 @@ def test_yaw_has_no_model_and_is_judged_only(tmp_path, capsys):
 def test_the_truth_of_a_simulated_flight_stands_beside_the_estimates(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(["fly", "iris_multisine", "--duration", "30", "--out", "f.tlog"]) == 0
-    command = shlex.split(next(line for line in capsys.readouterr().err.splitlines() if "--truth" in line))
+    command = shlex.split(
+        next(line for line in capsys.readouterr().err.splitlines() if "--truth" in line)
+    )
     assert command[1:] == ["mavdem", "learn", "f.tlog", "--truth", "f.truth.npz"]
     assert main([*command[2:], "--train", "7s", "--preset", "paper"]) == 0
     said = capsys.readouterr().out
@@ -214,13 +266,19 @@ def test_the_truth_of_a_simulated_flight_stands_beside_the_estimates(tmp_path, m
 
 
 @pytest.mark.parametrize("place", ["file/below", 300 * "x"])
-def test_an_out_that_cannot_be_made_or_a_truth_file_that_is_none_is_refused_before_the_work(place, tmp_path, capsys):
+def test_an_out_that_cannot_be_made_or_a_truth_file_that_is_none_is_refused_before_the_work(
+    place, tmp_path, capsys
+):
     (tmp_path / "file").write_text("mine")
     assert main(["learn", "missing.tlog", "--out", str(tmp_path / place)]) == 2
     assert "--out" in capsys.readouterr().err
     assert main(["learn", FLIGHT, "--out", str(tmp_path / "out"), "--truth", FLIGHT]) == 2
     said = capsys.readouterr()
-    assert "ardupilot_wind5_steps.tlog is no truth file" in said.err and said.err.count("\n") == 1 and said.out == ""
+    assert (
+        "ardupilot_wind5_steps.tlog is no truth file" in said.err
+        and said.err.count("\n") == 1
+        and said.out == ""
+    )
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
@@ -228,20 +286,27 @@ def test_an_out_that_cannot_be_made_or_a_truth_file_that_is_none_is_refused_befo
 def test_every_place_says_the_same_of_a_flight(tmp_path, monkeypatch, capsys):
     alarm = MotorAlarm(70.0, 66.4, 1, "motor 1 (front right)", 0.24, 0.99, loss=(0.17, 0.39))
     monkeypatch.setattr("mavdem.analysis.analysis.motor_alarms", lambda signals: (alarm,))
-    headline, remedy = (
-        "Motor 1 (front right) lost 17 to 39 % of its thrust at 66 s.",
-        "Do not fly before motor 1 (front",
-    )
-    words, out = [FLIGHT, "--start", "50", "--preset", "paper"], tmp_path / "out"
+    headline = "Motor 1 (front right) lost 17 to 39 % of its thrust at 66 s."
+    remedy = "Do not fly before motor 1 (front"
+    words = [FLIGHT, "--start", "50", "--preset", "paper"]
+    out = tmp_path / "out"
     assert main(["learn", *words, "--out", str(out)]) == 0
     screen = capsys.readouterr().out
     assert main(["info", FLIGHT]) == 0
     contents = capsys.readouterr().out
-    page, document = (out / "report.html").read_text(), (out / "report.json").read_text()
+    page = (out / "report.html").read_text()
+    document = (out / "report.json").read_text()
     log = read_log(FLIGHT)
     analysis = analyse(log, start=50.0, settings=Settings.paper())
     rows = [FlightRow.of(analysis.as_dict(), file=FLIGHT), *rows_of_learned(out)]
-    told = [screen, contents, page, document, flight_page(FLIGHT, {"roll": analysis}), *map(str, rows)]
+    told = [
+        screen,
+        contents,
+        page,
+        document,
+        flight_page(FLIGHT, {"roll": analysis}),
+        *map(str, rows),
+    ]
     for place in told:
         read = place.replace("&#39;", "'").replace("\N{NO-BREAK SPACE}", " ")
         assert headline in read and "GOOD" not in read.replace("GOOD_", "")
@@ -251,5 +316,11 @@ def test_every_place_says_the_same_of_a_flight(tmp_path, monkeypatch, capsys):
     assert json.loads(document)["next_step"] == analysis.findings.next_step
     # A session's page is made of the same record.
     status = SessionStatus("1:1", alarms=(alarm,))
-    live = live_page("udpin:0", "roll", LiveHistory(), status, dict.fromkeys(ACCOUNT, 0.0), analysis.learned)
-    assert headline in live.replace("\N{NO-BREAK SPACE}", " ") and remedy in live and ">GOOD<" not in live
+    live = live_page(
+        "udpin:0", "roll", LiveHistory(), status, dict.fromkeys(ACCOUNT, 0.0), analysis.learned
+    )
+    assert (
+        headline in live.replace("\N{NO-BREAK SPACE}", " ")
+        and remedy in live
+        and ">GOOD<" not in live
+    )

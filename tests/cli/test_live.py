@@ -22,7 +22,8 @@ from mavdem.dem.learning import FEWEST_SAMPLES
 from mavdem.ingest import read_log
 
 MAVDEM = [sys.executable, "-c", "import sys; from mavdem.__main__ import run; sys.exit(run())"]
-PATIENCE = 100.0  # Seconds that a slow, busy machine may take for anything; on others nothing waits for them
+# Seconds that a slow, busy machine may take for anything; on others nothing waits for them
+PATIENCE = 100.0
 PATIENTLY = (
     f"import mavdem.view.live_view; mavdem.view.live_view.CLOSE_SECONDS = {PATIENCE}; "
     "import mavdem.cli.live; mavdem.cli.live.STATUS_SECONDS = 0.2; "
@@ -49,7 +50,9 @@ def free_port() -> int:
 def refused(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
     assert main(["live", *words]) == 2
     said = capsys.readouterr()
-    assert said.out == "" and said.err.count("\n") == 1 and "should not have happened" not in said.err
+    assert (
+        said.out == "" and said.err.count("\n") == 1 and "should not have happened" not in said.err
+    )
     return said.err
 
 
@@ -104,11 +107,18 @@ def test_a_model_that_cannot_be_written_costs_nothing_else(tmp_path, capsys, mon
     monkeypatch.setattr("mavdem.cli.live._run", fly)
     monkeypatch.setattr("mavdem.cli.live.live_page", lambda *_: "")
     monkeypatch.setattr("mavdem.cli.live.LiveSession.judge", lambda *_: None)
-    assert main(["live", f"udpin:127.0.0.1:{free_port()}", "--model", str(folder / "m.json"), "--json"]) == 2
+    assert (
+        main(
+            ["live", f"udpin:127.0.0.1:{free_port()}", "--model", str(folder / "m.json"), "--json"]
+        )
+        == 2
+    )
     said = capsys.readouterr()
     told = json.loads(said.out)
     assert told["model"] is None and told["obstacle"] == "No vehicle found yet."
-    assert "The model is lost" in said.err and "The page is lost" in said.err and told["html"] is None
+    assert (
+        "The model is lost" in said.err and "The page is lost" in said.err and told["html"] is None
+    )
     assert "there is no folder" in said.err
 
 
@@ -132,28 +142,45 @@ def test_without_a_vehicle_it_ends_with_nothing_kept(tmp_path, capsys, monkeypat
             stranger.recv(100)  # not one byte is sent
     said = capsys.readouterr()
     told = json.loads(said.out)
-    assert "No vehicle" in said.err and told["vehicle"] is None and told["model"] is None and told["rrd"] is None
-    assert told["samples"] == {"learnt": 0, "shown": 0} and told["headline"] == "No model: No vehicle found yet."
+    assert (
+        "No vehicle" in said.err
+        and told["vehicle"] is None
+        and told["model"] is None
+        and told["rrd"] is None
+    )
+    assert (
+        told["samples"] == {"learnt": 0, "shown": 0}
+        and told["headline"] == "No model: No vehicle found yet."
+    )
     monkeypatch.setattr(live, "_run", listen)
-    closed, wait = Event(), live.wait
+    closed = Event()
+    wait = live.wait
     # A slow computer: judging ends too late for a page, once the dashboard is closed.
     monkeypatch.setattr(live, "wait", lambda *of: closed.is_set() and wait(*of))
     monkeypatch.setattr(live.LiveSession, "judge", lambda *_: closed.wait(PATIENCE))
     monkeypatch.setattr(live.Dashboard, "close", lambda _: closed.set())
-    assert main(f"live udpin:127.0.0.1:{port} --model g.model.json --duration 0.1 --json".split()) == 2
+    assert (
+        main(f"live udpin:127.0.0.1:{port} --model g.model.json --duration 0.1 --json".split()) == 2
+    )
     assert json.loads(capsys.readouterr().out)["html"] is None
 
 
 @pytest.mark.slow
 def test_a_simulated_vehicle_is_learnt_from_and_everything_is_kept(tmp_path):
-    port, error = free_port(), tmp_path / "error"
+    port = free_port()
+    error = tmp_path / "error"
     words = f"live udpin:127.0.0.1:{port} --rrd f.rrd --record f.tlog --request-rate 10 --preset paper --order 4 --json"
     command = [*MAVDEM[:2], PATIENTLY + MAVDEM[2], *words.split()]
-    live = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=error.open("w"), text=True)
+    live = subprocess.Popen(
+        command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=error.open("w"), text=True
+    )
     fly = f"fly ardupilot_steps --udp 127.0.0.1:{port} --speed 3 --duration 900 --json".split()
-    flying = subprocess.Popen([*MAVDEM, *fly], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    flying = subprocess.Popen(
+        [*MAVDEM, *fly], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    )
     deadline = time.monotonic() + PATIENCE
-    said, learned = "", 0
+    said = ""
+    learned = 0
     while learned <= 200 or "The model is being learned" not in said:
         said = error.read_text()
         learned = max(map(int, re.findall(r"(\d+) samples learned", said)), default=0)
@@ -164,12 +191,17 @@ def test_a_simulated_vehicle_is_learnt_from_and_everything_is_kept(tmp_path):
         time.sleep(0.3)  # apart, so that each is one; none may change anything, whenever it comes
     told = json.loads(live.communicate(timeout=PATIENCE)[0])
     flying.send_signal(signal.SIGINT)
-    flown, said = json.loads(flying.communicate(timeout=PATIENCE)[0]), error.read_text()
-    assert live.returncode == 0 and "Traceback" not in said and "should not have happened" not in said, said
+    flown = json.loads(flying.communicate(timeout=PATIENCE)[0])
+    said = error.read_text()
+    assert (
+        live.returncode == 0 and "Traceback" not in said and "should not have happened" not in said
+    ), said
     assert "Ending takes some seconds" in said
     assert told["vehicle"] == "1:1" and told["samples"]["learnt"] > 200 and told["lost"] == 0
     assert told["record"]["frames"] > 1000 and flown["commands"] >= 4
-    assert told["rates"]["ATTITUDE"] == pytest.approx(100, rel=0.1), "what comes faster already is not lowered"
+    assert told["rates"]["ATTITUDE"] == pytest.approx(100, rel=0.1), (
+        "what comes faster already is not lowered"
+    )
     learned = mavdem.Learned.from_json((tmp_path / told["model"]).read_text())
     assert (learned.settings.prior, learned.settings.order) == ("uniform", 4)
     # The newest model, or the first where a busy machine has not finished that.

@@ -30,7 +30,12 @@ def test_a_fleet_in_one_command(tmp_path, capsys):
     written = capsys.readouterr()
     assert written.out.startswith("2 logs, 0 of them read.") and "index.html" in written.err
     # Logs without a flight are no success.
-    assert main(["track", str(flights / "damaged.ulg"), "--out", str(tmp_path / "none"), "--jobs", "1"]) == 1
+    assert (
+        main(
+            ["track", str(flights / "damaged.ulg"), "--out", str(tmp_path / "none"), "--jobs", "1"]
+        )
+        == 1
+    )
     assert "without the topics of a flight" in capsys.readouterr().out
 
 
@@ -38,7 +43,10 @@ def test_a_fleet_in_one_command(tmp_path, capsys):
     ("words", "sentence"),
     [
         (["none.bin", "--out", "fleet"], "none.bin does not exist: check the name."),
-        (["udpin:127.0.0.1:14550", "--out", "fleet"], "is a MAVLink link, and only logs are read here"),
+        (
+            ["udpin:127.0.0.1:14550", "--out", "fleet"],
+            "is a MAVLink link, and only logs are read here",
+        ),
         (["x.bin"], "Missing option '--out'"),
         (["x.bin", "--out", "x.bin"], "x.bin' is a file."),
         (["x.bin", "--out", ""], "names no folder"),
@@ -46,8 +54,14 @@ def test_a_fleet_in_one_command(tmp_path, capsys):
         (["x.bin", "--out", "fleet", "--jobs", "2", "--scheduler", "tcp://127.0.0.1:9"], "--jobs"),
         (["x.bin", "--out", "fleet", "--memory-limit", "3"], "--memory-limit"),
         (["x.bin", "--out", "fleet", "--memory-limit", "9" * 20], "--memory-limit"),
-        *((["x.bin", "--out", "fleet", "--time-limit", seconds], "--time-limit") for seconds in ("nan", "inf")),
-        *((["x.bin", "--out", "fleet", "--scheduler", name], "no address") for name in ("", "foo", "tcp://foo:port")),
+        *(
+            (["x.bin", "--out", "fleet", "--time-limit", seconds], "--time-limit")
+            for seconds in ("nan", "inf")
+        ),
+        *(
+            (["x.bin", "--out", "fleet", "--scheduler", name], "no address")
+            for name in ("", "foo", "tcp://foo:port")
+        ),
     ],
 )
 def test_what_cannot_be_tracked_is_said(tmp_path, monkeypatch, capsys, words, sentence):

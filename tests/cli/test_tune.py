@@ -8,25 +8,40 @@ from mavdem.cli.commands import main
 
 @pytest.mark.slow
 def test_margins_gains_and_files_say_the_same_and_refusals_write_nothing(tmp_path, capsys):
-    log, out = str(tmp_path / "flight.tlog"), tmp_path / "out"
+    log = str(tmp_path / "flight.tlog")
+    out = tmp_path / "out"
     assert main(["fly", "iris_identification", "--duration", "50", "--out", log]) == 0
     capsys.readouterr()
     assert "smaller --start" in refused(capsys, 1, "tune", log, "--start", "45", "--out", out)
     assert "Hz" in refused(capsys, 1, "tune", SLOW, "--out", out)
     assert main(["tune", str(FLIGHT), "--axis", "pitch", "--json"]) == 1
-    assert "not identifiable" in strict_json(capsys.readouterr().out)["error"]["reason"] and not out.exists()
+    assert (
+        "not identifiable" in strict_json(capsys.readouterr().out)["error"]["reason"]
+        and not out.exists()
+    )
     words = ["tune", log, "--margins", "soft", "--start", "5", "--out", str(out)]
     assert main([*words, "--json"]) == 0
     found = strict_json(capsys.readouterr().out)
-    roll, gains = found["axes"]["roll"], found["parameters"]
+    roll = found["axes"]["roll"]
+    gains = found["parameters"]
     assert 80 < roll["loop"]["measured"]["agreement"] <= 100 and roll["sure"] >= 0.95
-    assert {name: one["set"] for name, one in roll["gains"].items() if one["set"] != one["now"]} == gains
+    assert {
+        name: one["set"] for name, one in roll["gains"].items() if one["set"] != one["now"]
+    } == gains
     assert main(words) == 0
     said = capsys.readouterr()
-    assert said.out.startswith("Roll: ") and "phase margin (°)" in said.out and "Not checked:" in said.out
+    assert (
+        said.out.startswith("Roll: ")
+        and "phase margin (°)" in said.out
+        and "Not checked:" in said.out
+    )
     rows = [line.split("\t") for line in (out / "gains.params").read_text().splitlines()[1:]]
-    assert {row[2]: float(row[3]) for row in rows} == gains and {(*row[:2], row[4]) for row in rows} == {
-        ("1", "1", "9")
-    }
+    assert {row[2]: float(row[3]) for row in rows} == gains and {
+        (*row[:2], row[4]) for row in rows
+    } == {("1", "1", "9")}
     page = (out / "tune.html").read_text()
-    assert page.count("<svg") == 1 and all(name in page for name in gains) and "Nothing was sent" in page
+    assert (
+        page.count("<svg") == 1
+        and all(name in page for name in gains)
+        and "Nothing was sent" in page
+    )

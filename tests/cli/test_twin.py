@@ -17,9 +17,16 @@ WEIGHT = 1.52 * 9.81 / 4
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     made = tmp_path_factory.mktemp("twin")
-    log, files = made / "flight.tlog", [made / f"mine.{ending}" for ending in ("toml", "json", "params", "sdf")]
+    log = made / "flight.tlog"
+    files = [made / f"mine.{ending}" for ending in ("toml", "json", "params", "sdf")]
     assert main(["fly", "iris_identification", "--duration", "45", "--out", str(log)]) == 0
-    words = ["twin", str(log), "--mass", "1.52", *(word for file in files for word in ("--out", str(file)))]
+    words = [
+        "twin",
+        str(log),
+        "--mass",
+        "1.52",
+        *(word for file in files for word in ("--out", str(file))),
+    ]
     with redirect_stdout(StringIO()) as said:
         assert main([*words, "--json"]) == 0
     (made / "said.json").write_text(said.getvalue())
@@ -29,7 +36,9 @@ def folder(tmp_path_factory):
 @pytest.mark.slow
 def test_every_file_hovers_and_rolls_as_the_vehicle(folder):
     body = tomllib.loads((folder / "mine.toml").read_text())["vehicle"]["body"]
-    hover, arm, inertia = body["hover"], body["arm"][1], body["inertia"][0]
+    hover = body["hover"]
+    arm = body["arm"][1]
+    inertia = body["inertia"][0]
     frame = json.loads((folder / "mine.json").read_text())
     rows = re.findall(r"(\w+)\t([-\d.e]+)\t9", (folder / "mine.params").read_text())
     rows += re.findall(r"<(\w+)>([-\d.e]+)</", (folder / "mine.sdf").read_text())
@@ -38,7 +47,10 @@ def test_every_file_hovers_and_rolls_as_the_vehicle(folder):
     # Thrust in hover by formula, and what a share of the command adds to it; PX4's curve is linear here.
     assert [sih["SIH_T_MAX"] * hover, lift * hover**2] == pytest.approx([WEIGHT, WEIGHT], rel=1e-3)
     assert frame["hoverThrOut"] == pytest.approx(hover, rel=1e-3)
-    effects = [arm * WEIGHT / hover / inertia, sih["SIH_L_ROLL"] * sih["SIH_T_MAX"] / sih["SIH_IXX"]]
+    effects = [
+        arm * WEIGHT / hover / inertia,
+        sih["SIH_L_ROLL"] * sih["SIH_T_MAX"] / sih["SIH_IXX"],
+    ]
     effects += [frame["diagonal_size"] / 8**0.5 * WEIGHT / hover / frame["moment_inertia"][0]]
     effects += [arm * 2 * lift * hover / sih["ixx"]]
     with np.load(folder / "flight.truth.npz") as truth:
@@ -67,6 +79,14 @@ def test_it_flies_the_setpoints_again_much_as_the_vehicle_did(folder):
     ],
 )
 def test_it_flies_other_gains_or_says_why_not(folder, change, sentence, tmp_path, capsys):
-    words = ["calm", "--duration", "16", "--vehicle", str(folder / "mine.toml"), "--out", str(tmp_path / "a.tlog")]
+    words = [
+        "calm",
+        "--duration",
+        "16",
+        "--vehicle",
+        str(folder / "mine.toml"),
+        "--out",
+        str(tmp_path / "a.tlog"),
+    ]
     assert main(["fly", *words, "--set", change]) == (2 if sentence else 0)
     assert sentence in capsys.readouterr().err

@@ -19,15 +19,29 @@ from sitl_scenarios.files import in_toml, load
 @pytest.mark.slow
 def test_the_wind_is_shown_as_it_is_estimated(tmp_path, capsys):
     log = tmp_path / "legs.tlog"
-    (tmp_path / "legs.toml").write_text(in_toml(load("wind_legs")).replace("\nrate = 20.0", "\nrate = 50"))
+    (tmp_path / "legs.toml").write_text(
+        in_toml(load("wind_legs")).replace("\nrate = 20.0", "\nrate = 50")
+    )
     assert main(["fly", str(tmp_path / "legs.toml"), "--out", str(log)]) == 0
     found = wind(log)
-    assert main(["learn", str(log), "--out", str(tmp_path / "learnt"), "--train", "5s", "--test", "25"]) == 0
-    said, (low, high) = capsys.readouterr().out, found.speed_interval
-    assert f"Wind: {found.speed:.1f} m/s ({low:.1f} to {high:.1f}) from {from_point(found.direction)}" in said
+    assert (
+        main(
+            ["learn", str(log), "--out", str(tmp_path / "learnt"), "--train", "5s", "--test", "25"]
+        )
+        == 0
+    )
+    said = capsys.readouterr().out
+    (low, high) = found.speed_interval
+    assert (
+        f"Wind: {found.speed:.1f} m/s ({low:.1f} to {high:.1f}) from {from_point(found.direction)}"
+        in said
+    )
     # The simulated autopilot says the true wind, which is within the interval.
     assert low < float(re.search(r"own estimate is ([0-9.]+) m/s from", said)[1]) < high
-    assert json.loads((tmp_path / "learnt" / "report.json").read_text())["wind_velocity"]["speed"] == found.speed
+    assert (
+        json.loads((tmp_path / "learnt" / "report.json").read_text())["wind_velocity"]["speed"]
+        == found.speed
+    )
     assert b"wind/velocity" in (tmp_path / "learnt" / "flight.mcap").read_bytes()
     assert main(["convert", str(log), str(tmp_path / "legs.csv")]) == 0
     table = np.genfromtxt(tmp_path / "legs.csv", delimiter=",", names=True)
@@ -36,13 +50,21 @@ def test_the_wind_is_shown_as_it_is_estimated(tmp_path, capsys):
     (row, *_), _ = rows_of_log(log)
     earlier = earlier_drag(tmp_path / "learnt" / "model.json", "")
     of_row = Drag.of_axes(row.drag, row.drag_interval)
-    assert earlier.linear == pytest.approx(of_row.linear) and earlier.relative_sd(5) < 0.2 > of_row.relative_sd(5) / 2
-    assert (row.wind_speed, degrees(row.wind_direction)) == pytest.approx((found.speed, found.direction))
+    assert (
+        earlier.linear == pytest.approx(of_row.linear)
+        and earlier.relative_sd(5) < 0.2 > of_row.relative_sd(5) / 2
+    )
+    assert (row.wind_speed, degrees(row.wind_direction)) == pytest.approx(
+        (found.speed, found.direction)
+    )
     assert row.drag == pytest.approx([*found.drag.linear, *found.drag.quadratic])
     assert from_point(found.direction) in (page := fleet_page([row])) and "Wind rose" in page
     capsys.readouterr()
     os.mkfifo(pipe := tmp_path / "pipe.json")
-    for prior, why in {"learnt": "of this very flight", "pipe.json": "a pipe, whose writer may never come"}.items():
+    for prior, why in {
+        "learnt": "of this very flight",
+        "pipe.json": "a pipe, whose writer may never come",
+    }.items():
         assert main(["wind", str(log), "--prior", str(tmp_path / prior)]) == 2
         assert why in capsys.readouterr().err
     assert main(["diff", str(pipe), str(pipe)]) == 2

@@ -25,7 +25,9 @@ from mavdem.ingest.motors import OutputScale
 from mavdem.ingest.telemetry import Component, Telemetry
 
 HOVER = Hover(hovering=60.0)
-SECONDS, RATE, SERIES = 60.0, 10.0, 1000
+SECONDS = 60.0
+RATE = 10.0
+SERIES = 1000
 """Series whose means have an interval."""
 
 
@@ -33,9 +35,12 @@ def uneven(rate: float, noise: float = 3.0) -> Telemetry:
     """Motor 2 at 1700 µs, the others at 1600, with noise; leaning 3° to the right; a battery, and vibration."""
     rng = np.random.default_rng(7)
     telemetry = HOVER.telemetry(attitude_time=rate, motor_time=rate)
-    attitude, motors = telemetry.messages["ATTITUDE"], telemetry.messages["SERVO_OUTPUT_RAW"]
+    attitude = telemetry.messages["ATTITUDE"]
+    motors = telemetry.messages["SERVO_OUTPUT_RAW"]
     flying = motors["servo1_raw"] != 1000
-    shaken = np.array([[1600.0], [1700.0], [1600.0], [1600.0]]) + noise * rng.standard_normal((4, len(flying)))
+    shaken = np.array([[1600.0], [1700.0], [1600.0], [1600.0]]) + noise * rng.standard_normal(
+        (4, len(flying))
+    )
     telemetry = with_pulses(telemetry, np.where(flying, shaken, 1000.0))
     telemetry = changed(telemetry, "ATTITUDE", roll=attitude["roll"] + np.radians(3))
     beat = HOVER.stamps(1.0)
@@ -49,7 +54,11 @@ def uneven(rate: float, noise: float = 3.0) -> Telemetry:
         "clipping_1": np.zeros_like(beat),
         "clipping_2": np.zeros_like(beat),
     }
-    return changed(telemetry, "VIBRATION", **columns(beat, **shaking, vibration_z=np.full_like(beat, 5.0), **clips))
+    return changed(
+        telemetry,
+        "VIBRATION",
+        **columns(beat, **shaking, vibration_z=np.full_like(beat, 5.0), **clips),
+    )
 
 
 @pytest.mark.parametrize("rate", [1.0, 4.0, 10.0, 100.0])
@@ -67,7 +76,9 @@ def test_the_figures_are_those_of_the_flight_at_any_rate(rate):
     assert np.degrees(found.lean["roll"].mean) == pytest.approx(3, abs=0.5)
     assert np.radians(3) < found.tilt_max <= np.radians(3) + 1.5 * HOVER.sway + 1e-6
     assert (
-        found.vibration is not None and found.vibration.level == pytest.approx((2, 3, 5)) and found.vibration.clips == 3
+        found.vibration is not None
+        and found.vibration.level == pytest.approx((2, 3, 5))
+        and found.vibration.clips == 3
     )
     assert found.battery.current_mean == pytest.approx(15, abs=0.3)
     assert found.battery.voltage_start > found.battery.voltage_end
@@ -77,16 +88,26 @@ def test_the_figures_are_those_of_the_flight_at_any_rate(rate):
 def test_a_vehicle_that_never_armed_has_its_battery_and_how_long_it_stood():
     telemetry = uneven(10.0)
     beats = telemetry.messages["HEARTBEAT"]
-    grounded = changed(telemetry, "HEARTBEAT", base_mode=np.zeros(len(beats["time"]), dtype=np.uint8))
+    grounded = changed(
+        telemetry, "HEARTBEAT", base_mode=np.zeros(len(beats["time"]), dtype=np.uint8)
+    )
     found = condition_of(Signals(grounded))
-    assert (found.armed, found.settled, found.hover, found.lean, found.vibration) == (0, 0, None, {}, None)
+    assert (found.armed, found.settled, found.hover, found.lean, found.vibration) == (
+        0,
+        0,
+        None,
+        {},
+        None,
+    )
     assert found.duration == pytest.approx(HOVER.end, abs=1.5)
     assert found.battery is not None and found.battery.voltage_start > found.battery.voltage_end
 
 
 def test_without_motor_outputs_the_lean_is_known_all_the_same():
     telemetry = uneven(4.0)
-    states = {"landed_state": np.where((HOVER.stamps(1.0) > 6) & (HOVER.stamps(1.0) < HOVER.landed), 2, 1)}
+    states = {
+        "landed_state": np.where((HOVER.stamps(1.0) > 6) & (HOVER.stamps(1.0) < HOVER.landed), 2, 1)
+    }
     telemetry = changed(telemetry, "EXTENDED_SYS_STATE", **columns(HOVER.stamps(1.0), **states))
     messages = {name: one for name, one in telemetry.messages.items() if name != "SERVO_OUTPUT_RAW"}
     found = condition_of(Signals(Telemetry(**{**vars(telemetry), "messages": messages})))
@@ -97,8 +118,13 @@ def test_without_motor_outputs_the_lean_is_known_all_the_same():
 def test_a_current_sensor_that_reads_nothing_in_flight_has_no_figures():
     telemetry = uneven(10.0)
     beat = HOVER.stamps(1.0)
-    power = {"voltage_battery": np.full_like(beat, 16e3), "current_battery": np.where(beat < 20, 100.0, 0.0)}
-    found = condition_of(Signals(changed(telemetry, "SYS_STATUS", **columns(beat, **power)))).battery
+    power = {
+        "voltage_battery": np.full_like(beat, 16e3),
+        "current_battery": np.where(beat < 20, 100.0, 0.0),
+    }
+    found = condition_of(
+        Signals(changed(telemetry, "SYS_STATUS", **columns(beat, **power)))
+    ).battery
     assert found is not None and found.voltage_mean == 16.0
     assert found.current_mean is None
 
@@ -125,7 +151,8 @@ PULSES = OutputScale("PWM", "µs", 1000.0, 2000.0, 1.0)
 def leaning(motor_rate: float = 100.0) -> Telemetry:
     """A hover about 10° of roll and -4° of pitch, motor 1 at 1800 µs and, every fourth message, at 1995 µs."""
     telemetry = HOVER.telemetry(motor_time=motor_rate)
-    attitude, motors = telemetry.messages["ATTITUDE"], telemetry.messages["SERVO_OUTPUT_RAW"]
+    attitude = telemetry.messages["ATTITUDE"]
+    motors = telemetry.messages["SERVO_OUTPUT_RAW"]
     tilt = {"roll": attitude["roll"] + np.radians(10), "pitch": attitude["roll"] - np.radians(4)}
     telemetry = changed(telemetry, "ATTITUDE", **tilt, pitchspeed=attitude["rollspeed"])
     flying = motors["servo1_raw"] != 1000
@@ -151,7 +178,9 @@ def test_figures_are_those_of_the_flight_however_slowly_the_motors_come(motor_ra
     assert found.at_lower_limit == (0, 0, 0, 0)
     assert (found.roll, found.pitch) == pytest.approx((10, -4), abs=0.2)
     assert found.seconds == pytest.approx(HOVER.hovering, abs=1.5)
-    assert json.loads(json.dumps(found.as_dict(), allow_nan=False))["imbalance"] == pytest.approx(found.imbalance)
+    assert json.loads(json.dumps(found.as_dict(), allow_nan=False))["imbalance"] == pytest.approx(
+        found.imbalance
+    )
 
 
 @pytest.mark.parametrize(
@@ -164,12 +193,20 @@ def test_figures_are_those_of_the_flight_however_slowly_the_motors_come(motor_ra
 )
 def test_motors_are_at_the_stop_that_the_autopilot_sets_or_the_outputs_show(stop, parameters, low):
     telemetry = HOVER.telemetry(parameters=parameters)
-    time, rng = telemetry.messages["SERVO_OUTPUT_RAW"]["time"], np.random.default_rng(3)
-    wanted = np.where((time > 6) & (time < HOVER.landed), 1650.0 + 100 * rng.standard_normal((4, len(time))), low)
+    time = telemetry.messages["SERVO_OUTPUT_RAW"]["time"]
+    rng = np.random.default_rng(3)
+    wanted = np.where(
+        (time > 6) & (time < HOVER.landed), 1650.0 + 100 * rng.standard_normal((4, len(time))), low
+    )
     wanted[1] += np.where(np.sin(0.5 * time) > 0.6, 400.0, 0.0) * (wanted[1] > low)
-    found = hover_of(Signals(with_pulses(telemetry, np.round(np.clip(wanted, low, stop))), inputs="motors"))
+    found = hover_of(
+        Signals(with_pulses(telemetry, np.round(np.clip(wanted, low, stop))), inputs="motors")
+    )
     assert found.headroom[1] == 0 and 0 < found.headroom[0] < 0.1
-    assert found.at_upper_limit[1] == pytest.approx(0.3, abs=0.05) and max(found.at_upper_limit[::2]) < 0.02
+    assert (
+        found.at_upper_limit[1] == pytest.approx(0.3, abs=0.05)
+        and max(found.at_upper_limit[::2]) < 0.02
+    )
 
 
 def test_outputs_that_hardly_move_show_no_stop():
@@ -197,7 +234,11 @@ def test_recorded_motors_at_their_stop(name):
 def test_flights_give_the_same_figures_and_count_their_motors_once():
     log = log_of(leaning())
     expected = hover_of(Signals(log.vehicles[0], inputs="motors"))
-    flights = [one for axis in ("roll", "pitch") for one in usable_segments(Signals(log.vehicles[0], axis))[0]]
+    flights = [
+        one
+        for axis in ("roll", "pitch")
+        for one in usable_segments(Signals(log.vehicles[0], axis))[0]
+    ]
     found = hover_figures(flights)
     assert found.seconds == pytest.approx(expected.seconds, abs=0.1)
     for name in ("trim", "trim_of_range", "trim_share", "headroom", "at_upper_limit"):
@@ -225,7 +266,9 @@ CALIBRATED = {"INS_ACCOFFS_X": 0.11, "INS_ACCOFFS_Y": -0.02, "INS_ACCOFFS_Z": 0.
 CALIBRATED |= {"INS_ACCSCAL_X": 1.001, "INS_ACCSCAL_Y": 0.99, "INS_ACCSCAL_Z": 1.0}
 
 
-def flown(parameters: dict[str, float] | None = None, autopilot: str = "ARDUPILOTMEGA") -> Telemetry:
+def flown(
+    parameters: dict[str, float] | None = None, autopilot: str = "ARDUPILOTMEGA"
+) -> Telemetry:
     return Hover().telemetry(10.0, 10.0, autopilot=autopilot, parameters=parameters)
 
 
@@ -235,7 +278,9 @@ def name_of(telemetry: Telemetry) -> tuple[str, str]:
 
 
 def test_the_boards_number_is_the_same_from_the_text_and_from_autopilot_version():
-    said = changed(flown(), "STATUSTEXT", **columns(np.array([1.0]), text=np.array([TEXT.encode()])))
+    said = changed(
+        flown(), "STATUSTEXT", **columns(np.array([1.0]), text=np.array([TEXT.encode()]))
+    )
     words = bytes.fromhex("".join(TEXT.split()[1:]))
     raw = b"".join(words[at : at + 4][::-1] for at in (0, 4, 8)).ljust(18, b"\0")
     uid2 = np.frombuffer(raw, dtype=np.uint8)[None]
@@ -246,7 +291,10 @@ def test_the_boards_number_is_the_same_from_the_text_and_from_autopilot_version(
 def test_without_a_number_the_calibration_names_the_vehicle_and_defaults_do_not():
     ours, basis = name_of(flown(CALIBRATED))
     assert basis == "accelerometer"
-    assert name_of(flown(CALIBRATED | {"INS_GYROFFS_X": 0.5, "ATC_RAT_RLL_P": 0.2})) == (ours, basis)
+    assert name_of(flown(CALIBRATED | {"INS_GYROFFS_X": 0.5, "ATC_RAT_RLL_P": 0.2})) == (
+        ours,
+        basis,
+    )
     assert name_of(flown(CALIBRATED | {"INS_ACCOFFS_X": 0.12}))[0] != ours
     simulated = dict.fromkeys(("INS_ACCOFFS_X", "INS_ACCOFFS_Y", "INS_ACCOFFS_Z"), 0.001)
     scales = dict.fromkeys(("INS_ACCSCAL_X", "INS_ACCSCAL_Y", "INS_ACCSCAL_Z"), 1.001)
@@ -257,7 +305,9 @@ def test_without_a_number_the_calibration_names_the_vehicle_and_defaults_do_not(
 @pytest.mark.parametrize("uid2", [bytes(18), bytes([4, *bytes(17)])])
 def test_a_simulators_small_number_is_none(uid2):
     rows = np.frombuffer(uid2, dtype=np.uint8)[None]
-    telemetry = changed(flown(autopilot="PX4"), "AUTOPILOT_VERSION", **columns(np.array([1.0]), uid2=rows))
+    telemetry = changed(
+        flown(autopilot="PX4"), "AUTOPILOT_VERSION", **columns(np.array([1.0]), uid2=rows)
+    )
     assert name_of(telemetry) == ("px4-1", "system id")
 
 
@@ -265,29 +315,56 @@ def test_the_date_is_when_the_settled_flight_began():
     unix = datetime(2026, 5, 4, 12, 0, 0, tzinfo=UTC)
     beat = Hover().stamps(1.0)
     clock = np.where(beat < 3, 0, 1e6 * (unix.timestamp() + beat)).astype(np.uint64)
-    found = identity_of(Signals(changed(flown(), "SYSTEM_TIME", **columns(beat, time_unix_usec=clock)))).date
+    found = identity_of(
+        Signals(changed(flown(), "SYSTEM_TIME", **columns(beat, time_unix_usec=clock)))
+    ).date
     assert found is not None and 11 <= (found - unix).total_seconds() <= 13  # level from 11 s on
     assert identity_of(Signals(flown())).date is None
     assert identity_of(Signals(flown()), unix.timestamp()).date == unix
 
 
 def test_firmware_is_what_the_autopilot_says_or_sends():
-    said = changed(flown(), "STATUSTEXT", **columns(np.array([1.0]), text=np.array([b"ArduCopter V4.5.7 (2a3dc4b7)"])))
+    said = changed(
+        flown(),
+        "STATUSTEXT",
+        **columns(np.array([1.0]), text=np.array([b"ArduCopter V4.5.7 (2a3dc4b7)"])),
+    )
     assert identity_of(Signals(said)).firmware == "ArduCopter V4.5.7 (2a3dc4b7)"
-    version = columns(np.array([1.0]), flight_sw_version=np.array([(1 << 24) + (16 << 16) + 255], dtype=np.uint32))
+    version = columns(
+        np.array([1.0]), flight_sw_version=np.array([(1 << 24) + (16 << 16) + 255], dtype=np.uint32)
+    )
     sent = changed(flown(autopilot="PX4"), "AUTOPILOT_VERSION", **version)
     assert identity_of(Signals(sent)).firmware == "PX4 v1.16.0"
-    assert identity_of(Signals(replace(sent, firmware="PX4 v1.2.3 (abc)"))).firmware == "PX4 v1.2.3 (abc)"
+    assert (
+        identity_of(Signals(replace(sent, firmware="PX4 v1.2.3 (abc)"))).firmware
+        == "PX4 v1.2.3 (abc)"
+    )
 
 
 def test_what_the_autopilot_warned_of_comes_once_and_the_worst_first():
-    sent = [(4, b"Battery 1 is low"), (6, b"Takeoff"), (2, b"EKF variance"), (4, b"Battery 1 is low")]
+    sent = [
+        (4, b"Battery 1 is low"),
+        (6, b"Takeoff"),
+        (2, b"EKF variance"),
+        (4, b"Battery 1 is low"),
+    ]
     severity, text = map(np.array, zip(*sent, strict=True))
-    telemetry = changed(flown(), "STATUSTEXT", **columns(np.arange(4.0), severity=severity, text=text))
+    telemetry = changed(
+        flown(), "STATUSTEXT", **columns(np.arange(4.0), severity=severity, text=text)
+    )
     found = [tuple(one.values()) for one in autopilot_alarms(telemetry)]
-    assert found == [("critical", "EKF variance", 2.0, 0, 1), ("warning", "Battery 1 is low", 0.0, 0, 2)]
-    old = columns(np.arange(2.0), severity=np.array([1, 3]), text=np.array([b"GROUND START", b"ARMING MOTORS"]))
-    assert autopilot_alarms(changed(flown(), "STATUSTEXT", **old)) == autopilot_alarms(flown()) == []
+    assert found == [
+        ("critical", "EKF variance", 2.0, 0, 1),
+        ("warning", "Battery 1 is low", 0.0, 0, 2),
+    ]
+    old = columns(
+        np.arange(2.0),
+        severity=np.array([1, 3]),
+        text=np.array([b"GROUND START", b"ARMING MOTORS"]),
+    )
+    assert (
+        autopilot_alarms(changed(flown(), "STATUSTEXT", **old)) == autopilot_alarms(flown()) == []
+    )
 
 
 @pytest.mark.slow
@@ -326,8 +403,14 @@ def test_the_slower_stream_decides_the_tier(attitude, motors, name, following):
 def test_without_settled_flight_there_is_no_tier_but_what_it_takes():
     telemetry = HOVER.telemetry(10.0, 10.0)
     beats = telemetry.messages["HEARTBEAT"]
-    found = tier(changed(telemetry, "HEARTBEAT", base_mode=np.zeros(len(beats["time"]), dtype=np.uint8)))
-    assert (found.name, found.next_tier, found.reason) == (None, "c", "The vehicle was never armed.")
+    found = tier(
+        changed(telemetry, "HEARTBEAT", base_mode=np.zeros(len(beats["time"]), dtype=np.uint8))
+    )
+    assert (found.name, found.next_tier, found.reason) == (
+        None,
+        "c",
+        "The vehicle was never armed.",
+    )
     submarine = tier(HOVER.telemetry(100.0, 100.0, vehicle="SUBMARINE"))
     assert submarine.name is None and "SUBMARINE" in submarine.reason
 
@@ -343,7 +426,10 @@ def test_a_flight_is_read_at_the_tier_that_is_accepted_and_says_what_it_lacks(mo
         flight(slow, monkeypatch, "a")
     for lowest in ("b", "c"):
         found = flight(slow, monkeypatch, lowest)
-        assert found.dt == pytest.approx(0.1) and "No full roll model" in found.provenance["cautions"][-1]
+        assert (
+            found.dt == pytest.approx(0.1)
+            and "No full roll model" in found.provenance["cautions"][-1]
+        )
     with pytest.raises(NotLearnable, match="4.0 Hz"):
         flight(HOVER.telemetry(4.0, 4.0), monkeypatch, "b")
     assert flight(HOVER.telemetry(4.0, 4.0), monkeypatch, "c").dt == pytest.approx(0.25)
@@ -356,7 +442,10 @@ def test_rates_that_contradict_the_angles_make_no_slow_motion(monkeypatch):
     time = HOVER.stamps(10.0)
     fast = 2 * np.pi * 12.2
     slow = HOVER.telemetry(10.0, 10.0)
-    oscillating = {"roll": 0.02 * np.sin(fast * time), "rollspeed": 0.02 * fast * np.cos(fast * time)}
+    oscillating = {
+        "roll": 0.02 * np.sin(fast * time),
+        "rollspeed": 0.02 * fast * np.cos(fast * time),
+    }
     aliased = changed(slow, "ATTITUDE", **oscillating)
     assert tier(aliased).name == "b"
     with pytest.raises(NotLearnable, match="contradict"):
@@ -383,7 +472,8 @@ def stamps_of_8_and_12() -> np.ndarray:
 
 @pytest.mark.parametrize("stamps", [(), (stamps_of_8_and_12(), stamps_of_8_and_12())])
 def test_a_link_that_loses_messages_loses_them_of_every_kind(stamps):
-    random, telemetry = np.random.default_rng(3), LONG.telemetry(*stamps)
+    random = np.random.default_rng(3)
+    telemetry = LONG.telemetry(*stamps)
     telemetry = only(telemetry, lambda time: random.random(len(time)) > 0.1)
     assert told(telemetry)["speakers"][0]["missing_share"] == pytest.approx(0.1, abs=0.02)
 
@@ -393,5 +483,10 @@ def test_the_rate_of_a_message_with_several_ports_is_that_of_one():
     table = telemetry.messages["SERVO_OUTPUT_RAW"]
     twice = {name: np.repeat(column, 2) for name, column in table.items()}
     twice["port"] = np.resize([0, 1], len(twice["time"])).astype(np.uint8)
-    (one,), (two,) = (told(changed(telemetry, "SERVO_OUTPUT_RAW", **columns))["vehicles"] for columns in (table, twice))
-    assert one["messages"]["SERVO_OUTPUT_RAW"]["rate"] == two["messages"]["SERVO_OUTPUT_RAW"]["rate"]
+    (one,), (two,) = (
+        told(changed(telemetry, "SERVO_OUTPUT_RAW", **columns))["vehicles"]
+        for columns in (table, twice)
+    )
+    assert (
+        one["messages"]["SERVO_OUTPUT_RAW"]["rate"] == two["messages"]["SERVO_OUTPUT_RAW"]["rate"]
+    )

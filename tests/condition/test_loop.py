@@ -22,13 +22,34 @@ from sitl_scenarios.files import scenario_of
 from sitl_scenarios.simulation import fly
 from sitl_scenarios.truth import truth
 
-HOVER, X_ROLL = Hover(), (-1.0, 1.0, 1.0, -1.0)
-ARDUPILOT = {f"ATC_RAT_RLL_{name}": 0.0 for name in ("FLTT", "FLTE", "FLTD")} | {"ATC_ANG_RLL_P": 4.5}
-ARDUPILOT |= {"ATC_RAT_RLL_P": 0.14, "ATC_RAT_RLL_I": 0.3, "ATC_RAT_RLL_D": 0.004, "FRAME_CLASS": 1.0}
-ARDUPILOT |= {"MOT_THST_EXPO": 0.65, "MOT_SPIN_MIN": 0.15, "MOT_SPIN_MAX": 0.95, "INS_GYRO_FILTER": 0.0}
-PX4 = {"MC_ROLLRATE_P": 0.15, "MC_ROLLRATE_I": 0.2, "MC_ROLLRATE_D": 0.003, "MC_ROLLRATE_K": 2.0, "MC_ROLL_P": 6.5}
+HOVER = Hover()
+X_ROLL = (-1.0, 1.0, 1.0, -1.0)
+ARDUPILOT = {f"ATC_RAT_RLL_{name}": 0.0 for name in ("FLTT", "FLTE", "FLTD")} | {
+    "ATC_ANG_RLL_P": 4.5
+}
+ARDUPILOT |= {
+    "ATC_RAT_RLL_P": 0.14,
+    "ATC_RAT_RLL_I": 0.3,
+    "ATC_RAT_RLL_D": 0.004,
+    "FRAME_CLASS": 1.0,
+}
+ARDUPILOT |= {
+    "MOT_THST_EXPO": 0.65,
+    "MOT_SPIN_MIN": 0.15,
+    "MOT_SPIN_MAX": 0.95,
+    "INS_GYRO_FILTER": 0.0,
+}
+PX4 = {
+    "MC_ROLLRATE_P": 0.15,
+    "MC_ROLLRATE_I": 0.2,
+    "MC_ROLLRATE_D": 0.003,
+    "MC_ROLLRATE_K": 2.0,
+    "MC_ROLL_P": 6.5,
+}
 PX4 |= {"CA_ROTOR_COUNT": 4.0, "CA_AIRFRAME": 0.0, "IMU_DGYRO_CUTOFF": 30.0, "THR_MDL_FAC": 0.3}
-for rotor, (x, y, turn) in enumerate([(0.1, 0.2, 1), (-0.1, -0.2, 1), (0.1, -0.2, -1), (-0.1, 0.2, -1)]):
+for rotor, (x, y, turn) in enumerate(
+    [(0.1, 0.2, 1), (-0.1, -0.2, 1), (0.1, -0.2, -1), (-0.1, 0.2, -1)]
+):
     PX4 |= {f"CA_ROTOR{rotor}_PX": x, f"CA_ROTOR{rotor}_PY": y, f"CA_ROTOR{rotor}_KM": 0.05 * turn}
 
 
@@ -41,7 +62,9 @@ def test_the_mixer_and_the_slope_of_the_thrust_curve_are_the_autopilots():
         return 0.15 + 0.8 * (expo - 1 + np.sqrt((1 - expo) ** 2 + 4 * expo * thrust)) / (2 * expo)
 
     slope = (output(0.3005) - output(0.2995)) / 0.001
-    assert ours.per_demand([output(0.3)] * 4) == pytest.approx(np.multiply(ours.mixer, slope), rel=1e-5)
+    assert ours.per_demand([output(0.3)] * 4) == pytest.approx(
+        np.multiply(ours.mixer, slope), rel=1e-5
+    )
     theirs = controller_of(PX4)
     assert (theirs.p, theirs.d) == (0.3, 0.006) and theirs.changed({"MC_ROLLRATE_D": 0.0}).d == 0
     # Roll and pitch are scaled alike, so that the shorter arm has the larger factor.
@@ -52,7 +75,11 @@ def test_the_mixer_and_the_slope_of_the_thrust_curve_are_the_autopilots():
     ("parameters", "weights", "sentence"),
     [
         ({}, X_ROLL, "no gains of ArduPilot's or PX4's"),
-        ({name: value for name, value in ARDUPILOT.items() if name != "ATC_RAT_RLL_D"}, X_ROLL, "no ATC_RAT_RLL_D"),
+        (
+            {name: value for name, value in ARDUPILOT.items() if name != "ATC_RAT_RLL_D"},
+            X_ROLL,
+            "no ATC_RAT_RLL_D",
+        ),
         (ARDUPILOT | {"FRAME_CLASS": 2.0}, (1.0,) * 6, "mixer is not known"),
         (ARDUPILOT, (), "mixer is not known"),
         (PX4 | {"CA_ROTOR_COUNT": 8.0}, (), "mixer is not known"),
@@ -67,16 +94,28 @@ def test_gains_that_change_in_flight_come_with_it():
     telemetry = HOVER.telemetry(parameters={"ATC_RAT_RLL_P": 0.25, "ATC_RAT_RLL_D": 0.125})
     sent = {"param_id": np.repeat([b"ATC_RAT_RLL_P", b"ATC_RAT_RLL_D"], 2)}
     sent["param_value"] = np.array([0.5, 0.25, 0.5, 0.125], np.float32)
-    signals = Signals(changed(telemetry, "PARAM_VALUE", **columns(np.array([1.0, 40.0, 1.0, 2.0]), **sent)))
-    assert align(signals, settled_segments(signals)[0]).provenance["earlier"] == {"ATC_RAT_RLL_P": 0.5}
+    signals = Signals(
+        changed(telemetry, "PARAM_VALUE", **columns(np.array([1.0, 40.0, 1.0, 2.0]), **sent))
+    )
+    assert align(signals, settled_segments(signals)[0]).provenance["earlier"] == {
+        "ATC_RAT_RLL_P": 0.5
+    }
 
 
 def ac_pid(controller: Controller, error: np.ndarray) -> np.ndarray:
     """ArduPilot's AC_PID, cycle by cycle, without its setpoint's filter."""
-    dt, filtered, slope, integral, out = controller.cycle, 0.0, 0.0, 0.0, []
-    shares = [dt / (dt + 1 / (2 * np.pi * cut)) for cut in (controller.error_filter, controller.derivative_filter)]
+    dt = controller.cycle
+    filtered = 0.0
+    slope = 0.0
+    integral = 0.0
+    out = []
+    shares = [
+        dt / (dt + 1 / (2 * np.pi * cut))
+        for cut in (controller.error_filter, controller.derivative_filter)
+    ]
     for one in error:
-        before, filtered = filtered, filtered + shares[0] * (one - filtered)
+        before = filtered
+        filtered = filtered + shares[0] * (one - filtered)
         slope += shares[1] * ((filtered - before) / dt - slope)
         integral += controller.i * filtered * dt
         out.append(controller.p * filtered + integral + controller.d * slope)
@@ -84,8 +123,11 @@ def ac_pid(controller: Controller, error: np.ndarray) -> np.ndarray:
 
 
 def test_the_controllers_response_is_that_of_its_program():
-    controller = replace(controller_of(ARDUPILOT, "roll", X_ROLL), error_filter=40.0, derivative_filter=20.0)
-    pulse = np.diff(ac_pid(controller, np.eye(1, 8000)[0]), prepend=0.0)  # which ends, as the integral does not
+    controller = replace(
+        controller_of(ARDUPILOT, "roll", X_ROLL), error_filter=40.0, derivative_filter=20.0
+    )
+    # which ends, as the integral does not
+    pulse = np.diff(ac_pid(controller, np.eye(1, 8000)[0]), prepend=0.0)
     frequency = np.array([0.5, 4.0, 30.0, 150.0])
     turned = np.exp(-2j * np.pi * frequency[:, None] * controller.cycle * np.arange(8000))
     run = turned @ pulse / (1 - turned[:, 1])
@@ -109,14 +151,25 @@ def test_an_integrator_with_dead_time_has_its_margins(gain, delay):
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 def test_a_simulated_flight_has_the_margins_of_its_linearised_loop(autopilot):
     steered = {"kind": "multisine", "sd": 3.0, "lowest": 0.2, "highest": 4.0, "period": 10.0}
-    vehicle, stream = {"model": "iris", "rate_gain": 1.4}, {"autopilot": autopilot, "rates": {"ATTITUDE_TARGET": 100}}
-    scenario = scenario_of({"seed": 5, "duration": 45, "vehicle": vehicle, "excitation": steered, "stream": stream})
-    record, known = Record.of(logged(scenario)), truth(scenario, fly(scenario))
+    vehicle = {"model": "iris", "rate_gain": 1.4}
+    stream = {"autopilot": autopilot, "rates": {"ATTITUDE_TARGET": 100}}
+    scenario = scenario_of(
+        {"seed": 5, "duration": 45, "vehicle": vehicle, "excitation": steered, "stream": stream}
+    )
+    record = Record.of(logged(scenario))
+    known = truth(scenario, fly(scenario))
     plant = physical(record)
     loop = loop_of(plant, record)
     crossover, phase, gain, ms = known["roll_rate_margins"]
-    assert loop.crossover == pytest.approx(crossover, rel=0.1) and loop.phase_margin == pytest.approx(phase, abs=6)
-    for name, true in (("crossover", crossover), ("phase_margin", phase), ("gain_margin", gain), ("ms", ms)):
+    assert loop.crossover == pytest.approx(
+        crossover, rel=0.1
+    ) and loop.phase_margin == pytest.approx(phase, abs=6)
+    for name, true in (
+        ("crossover", crossover),
+        ("phase_margin", phase),
+        ("gain_margin", gain),
+        ("ms", ms),
+    ):
         low, high = getattr(loop, f"{name}_interval")
         assert low <= true <= high
     assert loop.attitude.crossover == pytest.approx(known["roll_attitude_margins"][0], rel=0.1)
@@ -136,7 +189,9 @@ def test_a_simulated_flight_has_the_margins_of_its_linearised_loop(autopilot):
 
 @pytest.mark.slow
 def test_recorded_flights_agree_or_have_no_margins():
-    learned = mavdem.learn(mavdem.read_flight(shared("sitl_ardupilot/ardupilot_wind6_gusts.tlog"))[:2500])
+    learned = mavdem.learn(
+        mavdem.read_flight(shared("sitl_ardupilot/ardupilot_wind6_gusts.tlog"))[:2500]
+    )
     loop = mavdem.Learned.from_json(learned.to_json()).loop()
     assert loop.agrees and loop.measured.fit > 80 and loop.as_dict() == learned.loop().as_dict()
     with pytest.raises(mavdem.NotLearnable, match="There are no margins: .* fly quick inputs"):
@@ -145,26 +200,45 @@ def test_recorded_flights_agree_or_have_no_margins():
 
 def made_up(factor=1.0):
     """Of made-up flight and plant, with a rate controller of ``factor`` times the usual gains."""
-    rng, status = np.random.default_rng(3), dict.fromkeys(("effect", "damping", "lag"), "reported")
-    rate, inputs = rng.normal(0, 0.01, 2000), 1500 + rng.normal(0, 5, (2000, 1)) * X_ROLL
-    outputs, names = np.column_stack([rate.cumsum() * 0.005, rate]), ("roll", "roll rate")
+    rng = np.random.default_rng(3)
+    status = dict.fromkeys(("effect", "damping", "lag"), "reported")
+    rate = rng.normal(0, 0.01, 2000)
+    inputs = 1500 + rng.normal(0, 5, (2000, 1)) * X_ROLL
+    outputs = np.column_stack([rate.cumsum() * 0.005, rate])
+    names = ("roll", "roll rate")
     known = PX4 | {"MC_ROLLRATE_K": factor}
-    record = Record(inputs, outputs, 0.005, (2000,), output_names=names, parameters=known, input_range=(1000.0, 2000.0))
+    record = Record(
+        inputs,
+        outputs,
+        0.005,
+        (2000,),
+        output_names=names,
+        parameters=known,
+        input_range=(1000.0, 2000.0),
+    )
     covariance = np.diag([*4 * [9e-5], 0.09, 4e-6, 4e-6])
     plant = 0.18 * np.array(X_ROLL), 1.5, 0.03, 0.006, covariance, status, dict.fromkeys(status, "")
     return loop_of(Physical(*plant, 0, 1, 0.1, (), 0.01, {}, ()), record)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("factor", "tune"), [(0.5, "soft"), (1.0, "sharp"), (1.4, "default"), (2.5, "default")])
-def test_the_gains_have_the_margins_in_95_of_100_plants_that_fit_and_keep_their_proportions(factor, tune):
+@pytest.mark.parametrize(
+    ("factor", "tune"), [(0.5, "soft"), (1.0, "sharp"), (1.4, "default"), (2.5, "default")]
+)
+def test_the_gains_have_the_margins_in_95_of_100_plants_that_fit_and_keep_their_proportions(
+    factor, tune
+):
     found, (least_phase, least_gain, most) = advise(before := made_up(factor), tune), TARGETS[tune]
-    frequency, have = np.geomspace(0.05, 90, 2000), []
-    s, (_, back) = 2j * np.pi * frequency, transfer(found.after.controller, frequency)
+    frequency = np.geomspace(0.05, 90, 2000)
+    have = []
+    s = 2j * np.pi * frequency
+    (_, back) = transfer(found.after.controller, frequency)
     for gain, (damping, lag, delay) in zip(before.gains[1:], before.draws[1:], strict=True):
         open_loop = back * gain * np.exp(-s * delay) / (s + damping) / (lag * s + 1)
         phase = np.degrees(np.unwrap(np.angle(open_loop))) + 180
-        crossing, turning = (np.flatnonzero(np.diff(np.sign(one))) for one in (np.abs(open_loop) - 1, phase))
+        crossing, turning = (
+            np.flatnonzero(np.diff(np.sign(one))) for one in (np.abs(open_loop) - 1, phase)
+        )
         bears = -20 * np.log10(np.abs(open_loop[turning]).max(initial=1e-3)) + 0.02
         have.append(phase[crossing].min() + 0.1 >= least_phase and bears >= least_gain)
         have[-1] &= np.abs(1 / (1 + open_loop)).max() * 0.999 <= most
@@ -172,7 +246,9 @@ def test_the_gains_have_the_margins_in_95_of_100_plants_that_fit_and_keep_their_
     ratios = [new / old for name, (old, new) in found.gains.items() if "RATE_" in name]
     assert len(ratios) == 3 and np.ptp(ratios) < 2e-3
     assert all(1 / 1.5 <= new / old <= 1.5 for old, new in found.gains.values())
-    assert factor < 2 or (max(ratios) < 0.67 and found.gains["MC_ROLL_P"][1] <= 6.5 and "step" in found.sentence)
+    assert factor < 2 or (
+        max(ratios) < 0.67 and found.gains["MC_ROLL_P"][1] <= 6.5 and "step" in found.sentence
+    )
     assert factor > 2 or found.noise.heat == pytest.approx(ratios[0] ** 2, rel=2e-3)
 
 
@@ -181,9 +257,16 @@ def test_refusals_are_sentences():
     inputs = np.where(np.arange(2000)[:, None] % 10 == 0, 2000.0, record.inputs)
     stuck = advise(replace(sound, record=replace(record, inputs=inputs)))
     retuned = advise(replace(sound, record=replace(record, earlier={"MC_ROLL_P": 5.0})))
-    with pytest.raises(ValueError, match="takes a Controller, such as the one of another loop, and not 'pitch'"):
+    with pytest.raises(
+        ValueError, match="takes a Controller, such as the one of another loop, and not 'pitch'"
+    ):
         loop_of(sound.plant, record, "pitch")
-    words = "Oscillates at 3 Hz", "at a limit 10 % of the time", "unstable, and yet it flew", "MC_ROLL_P changed in"
+    words = (
+        "Oscillates at 3 Hz",
+        "at a limit 10 % of the time",
+        "unstable, and yet it flew",
+        "MC_ROLL_P changed in",
+    )
     cases = advise(sound, doubts=["Oscillates at 3 Hz."]), stuck, advise(made_up(6.0)), retuned
     for found, said in zip(cases, words, strict=True):
         assert found.sentence.startswith("No gains are advised. ") and said in found.sentence

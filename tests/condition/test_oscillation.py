@@ -69,10 +69,15 @@ def test_one_that_lasts_is_found_though_it_neither_grows_nor_reaches_a_limit():
     assert one is not None and not one.growing and one.at_limit == 0
 
 
-@pytest.mark.parametrize("phase", [lambda t: 0.5 * t + 0.06 * t**2, lambda t: 2.0 * t], ids=["sweep", "sine"])
+@pytest.mark.parametrize(
+    "phase", [lambda t: 0.5 * t + 0.06 * t**2, lambda t: 2.0 * t], ids=["sweep", "sine"]
+)
 def test_what_is_steered_to_identify_is_none(phase):
     """Sweeps from 0.5 to 5 Hz and sines, as ArduPilot's system identification mode flies them."""
-    assert found(*(lambda t, size=size: size * np.sin(2 * np.pi * phase(t)) for size in (30.0, 60.0))) is None
+    assert (
+        found(*(lambda t, size=size: size * np.sin(2 * np.pi * phase(t)) for size in (30.0, 60.0)))
+        is None
+    )
 
 
 def test_where_messages_come_too_slowly_the_frequency_is_not_told():
@@ -80,14 +85,19 @@ def test_where_messages_come_too_slowly_the_frequency_is_not_told():
     assert one is not None and one.frequency is None
 
 
-@pytest.mark.parametrize(("rate", "command", "offset"), [(40.0, 300.0, 0.0), (10.0, 40.0, 600.0), (3.0, 20.0, 0.0)])
+@pytest.mark.parametrize(
+    ("rate", "command", "offset"), [(40.0, 300.0, 0.0), (10.0, 40.0, 600.0), (3.0, 20.0, 0.0)]
+)
 def test_wind_is_none_though_motors_reach_their_limits(rate, command, offset):
     assert found(gusts(rate), gusts(command), offset=offset) is None
 
 
 def test_steps_to_the_side_are_none():
     square = [swinging(0.25, size) for size in (1.0, 1.0)]
-    assert found(lambda t: 40.0 * np.sign(square[0](t)), lambda t: 900.0 * np.sign(square[1](t))) is None
+    assert (
+        found(lambda t: 40.0 * np.sign(square[0](t)), lambda t: 900.0 * np.sign(square[1](t)))
+        is None
+    )
 
 
 def test_what_moves_only_the_rate_is_an_alias_or_a_vibration():

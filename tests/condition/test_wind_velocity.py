@@ -23,20 +23,36 @@ from mavdem.report.condition import wind_blocks
 
 LOGS = Path(__file__).parents[2] / "logs"
 
-LINEAR, QUADRATIC = np.array([0.3, 0.24]), np.array([0.01, 0.016])
+LINEAR = np.array([0.3, 0.24])
+QUADRATIC = np.array([0.01, 0.016])
 
 
-def flight(legs=5.0, turning=0.05, seed=0, wind=(-3.0, 4.0), gusts=0.5, lean=(0.0, 0.0), jump=0.0, seconds=120):
+def flight(
+    legs=5.0,
+    turning=0.05,
+    seed=0,
+    wind=(-3.0, 4.0),
+    gusts=0.5,
+    lean=(0.0, 0.0),
+    jump=0.0,
+    seconds=120,
+):
     """Time, attitude, velocity and wind at 10 Hz of legs of 10 s there and back, in gusts of 3 s."""
-    rng, time = np.random.default_rng(seed), np.arange(0, seconds, 0.1)
-    white, kernel = rng.standard_normal((2, len(time) + 200)), np.exp(-np.arange(0, 20, 0.1) / 3)
+    rng = np.random.default_rng(seed)
+    time = np.arange(0, seconds, 0.1)
+    white = rng.standard_normal((2, len(time) + 200))
+    kernel = np.exp(-np.arange(0, 20, 0.1) / 3)
     gust = np.column_stack([np.convolve(part, kernel)[200 : 200 + len(time)] for part in white])
     air = np.array(wind) * (1 + jump * (time > seconds / 2))[:, None] + gusts * gust / gust.std()
     course = np.floor(time / 20) * np.pi / 2 + np.pi * (time % 20 > 10)
     parts = (np.pad(legs * part, (19, 0), "edge") for part in (np.cos(course), np.sin(course)))
-    velocity = np.column_stack([*(np.convolve(part, np.ones(20) / 20, "valid") for part in parts), 0 * time])
+    velocity = np.column_stack(
+        [*(np.convolve(part, np.ones(20) / 20, "valid") for part in parts), 0 * time]
+    )
     # The thrust is what drag and gravity leave of the acceleration, and body z is against it.
-    needed, u, drag = np.gradient(velocity, time, axis=0) - [0, 0, 9.80665], velocity - np.pad(air, ((0, 0), (0, 1))), 0
+    needed = np.gradient(velocity, time, axis=0) - [0, 0, 9.80665]
+    u = velocity - np.pad(air, ((0, 0), (0, 1)))
+    drag = 0
     yaw = turning * time
     for _ in range(8):
         z = (drag - needed) / np.linalg.norm(drag - needed, axis=1, keepdims=True)
@@ -74,19 +90,29 @@ def test_band_holds_and_a_jump_is_followed():
 def test_the_share_of_the_torque_is_known_where_the_air_s_velocity_along_the_body_changes(legs):
     time, attitude, velocity, _ = flight(legs=legs, turning=0.0, seed=5)
     wind = mavdem.estimate_wind(time, attitude, velocity)
-    torque = np.interp(time, wind.time, wind.along[:, 1]) * (legs > 0) + np.random.default_rng(0).normal(size=len(time))
+    torque = np.interp(time, wind.time, wind.along[:, 1]) * (legs > 0) + np.random.default_rng(
+        0
+    ).normal(size=len(time))
     share, said = torque_explained(wind, time, torque)
-    assert share == pytest.approx(0.98, abs=0.02) if legs else share is None and "turn of yaw" in said
-    assert torque_explained(wind, time, np.random.default_rng(1).normal(size=len(time)))[0] in (None, 0.0)
+    assert (
+        share == pytest.approx(0.98, abs=0.02) if legs else share is None and "turn of yaw" in said
+    )
+    assert torque_explained(wind, time, np.random.default_rng(1).normal(size=len(time)))[0] in (
+        None,
+        0.0,
+    )
 
 
 def test_hover_takes_the_drag_of_another_flight():
     hover = flight(legs=0.0, turning=0.0, seed=3)[:3]
-    alone, drag = mavdem.estimate_wind(*hover), mavdem.estimate_drag(*flight(seed=4))
+    alone = mavdem.estimate_wind(*hover)
+    drag = mavdem.estimate_drag(*flight(seed=4))
     assert alone.status["drag"] == "not identifiable" and alone.status["speed"] != "reported"
     assert "over 3 s" in wind_blocks((alone, None, ""))[0].text
     alone.status["speed"] = "not identifiable"
-    assert wind_blocks((alone, None, ""))[0].text.endswith(", ± 11°. Intervals hold the mean with 90 %.")
+    assert wind_blocks((alone, None, ""))[0].text.endswith(
+        ", ± 11°. Intervals hold the mean with 90 %."
+    )
     assert "fly legs" in alone.reasons["drag"] and alone.drag.source == "population"
     assert np.abs(drag.linear / LINEAR - 1).max() < 0.2
     known = mavdem.estimate_wind(*hover, drag=Drag.from_dict(drag.as_dict()))
@@ -97,9 +123,12 @@ def test_hover_takes_the_drag_of_another_flight():
 def test_calm_air_is_below_a_speed():
     wind = mavdem.estimate_wind(*flight(wind=(0, 0), gusts=0.05)[:3])
     assert wind.calm and wind.speed < 0.7
-    own = Signal(wind.time, np.zeros(len(wind.time), np.int64), np.ones((len(wind.time), 2)), len(wind.time))
+    own = Signal(
+        wind.time, np.zeros(len(wind.time), np.int64), np.ones((len(wind.time), 2)), len(wind.time)
+    )
     said = wind_blocks((wind, own, ""))[0].text
-    assert "own estimate is 1.4 m/s from SW" in said and said.endswith(" m/s.")  # no angle to a direction of none
+    # no angle to a direction of none
+    assert "own estimate is 1.4 m/s from SW" in said and said.endswith(" m/s.")
     assert "own" not in wind_blocks((wind, Signal(own.time, own.boot + 1, own.values), ""))[0].text
 
 
@@ -120,7 +149,12 @@ def test_what_is_no_free_flight_has_a_sentence_and_no_number():
 
 def test_resets_are_no_motion():
     yaw = np.array([6.2, 0.1, 0.2, 1.4, 1.5])  # past north, then a reset
-    assert _jumps(0.1 * np.arange(5.0), yaw, YAW_JUMP, 2 * np.pi).tolist() == [False, False, True, False]
+    assert _jumps(0.1 * np.arange(5.0), yaw, YAW_JUMP, 2 * np.pi).tolist() == [
+        False,
+        False,
+        True,
+        False,
+    ]
     with pytest.raises(NotLearnable, match="no settled flight with a velocity"):
         mavdem.wind(shared("real/logs/px4_two_armed_times.ulg"))  # indoors: its v_xy_valid is 0
 
@@ -130,14 +164,20 @@ def test_parameters_are_read_and_written_in_the_autopilots_units():
     drag = Drag.of_parameters("ARDUPILOTMEGA", named)
     assert drag.source == "parameters" and np.allclose(drag.quadratic, 1.225 / 2 / 17.2)
     assert {name: round(drag.parameters("ARDUPILOTMEGA")[name][0], 6) for name in named} == named
-    assert Drag.of_parameters("PX4", {"EKF2_MCOEF": 0.15, "EKF2_BCOEF_X": 100.0}).source == "population"
+    assert (
+        Drag.of_parameters("PX4", {"EKF2_MCOEF": 0.15, "EKF2_BCOEF_X": 100.0}).source
+        == "population"
+    )
 
 
 def test_side_steps_on_the_grid_are_no_drag():
     moved = motion(*flight(legs=2.0, turning=0.5, wind=(0, 0), gusts=1e-9)[:3], 0.5)
     along = np.einsum("tij,tj->ti", moved.axes, moved.velocity)
     expected = -(LINEAR + QUADRATIC * np.hypot(*along.T)[:, None]) * along
-    assert np.abs(np.linalg.lstsq(expected.reshape(-1, 1), moved.force.ravel(), rcond=None)[0] - 1) < 0.05
+    assert (
+        np.abs(np.linalg.lstsq(expected.reshape(-1, 1), moved.force.ravel(), rcond=None)[0] - 1)
+        < 0.05
+    )
 
 
 def test_solo_beside_an_anemometer():
@@ -145,24 +185,33 @@ def test_solo_beside_an_anemometer():
         table = np.genfromtxt(file, delimiter=",", names=True, dtype=None, encoding=None)
     stamps = np.array([np.datetime64(one[:19]) for one in table["datetime"]]).astype(float)
     attitude = np.radians(np.column_stack([table["solo_roll"], table["solo_pitch"], 0 * stamps]))
-    still, origin = np.zeros((len(stamps), 3)), np.radians(table["sonic_wind_dir"])
+    still = np.zeros((len(stamps), 3))
+    origin = np.radians(table["sonic_wind_dir"])
     air = -table["sonic_wind"][:, None] * np.column_stack([np.cos(origin), np.sin(origin)])
-    first, second = slice(len(stamps) // 2), slice(len(stamps) // 2, None)
+    first = slice(len(stamps) // 2)
+    second = slice(len(stamps) // 2, None)
     drag = mavdem.estimate_drag(stamps[first], attitude[first], still[first], air[first])
     wind = mavdem.estimate_wind(stamps[second], attitude[second], still[second], drag=drag)
-    course = np.column_stack([np.interp(stamps[second], wind.time, part) for part in wind.velocity.T])
+    course = np.column_stack(
+        [np.interp(stamps[second], wind.time, part) for part in wind.velocity.T]
+    )
     for seconds, most in ((10, 0.6), (60, 0.4)):
         whole = len(course) // seconds * seconds
-        found, true = (one[:whole].reshape(-1, seconds, 2).mean(axis=1) @ [1, 1j] for one in (course, air[second]))
+        found, true = (
+            one[:whole].reshape(-1, seconds, 2).mean(axis=1) @ [1, 1j]
+            for one in (course, air[second])
+        )
         assert np.sqrt(np.mean((np.abs(found) - np.abs(true)) ** 2)) < most
     assert np.degrees(np.sqrt(np.mean(np.angle(found / true) ** 2))) < 10
 
 
 @pytest.mark.slow
 def test_live_rows_are_the_filter_of_the_same_bytes(monkeypatch, tmp_path):
-    log, prior = tmp_path / "climb_and_hover.tlog", Drag.of_parameters()
+    log = tmp_path / "climb_and_hover.tlog"
+    prior = Drag.of_parameters()
     log.write_bytes(shared("sitl_events/ap_short_with_climb.tlog").read_bytes()[:450_000])
-    stream, rows = LiveStream(), dict[float, WindRow]()
+    stream = LiveStream()
+    rows = dict[float, WindRow]()
     stream.air.drag = drag = Drag(prior.mean, 1e-4 * prior.covariance, "calibration")
     for at in range(0, len(data := log.read_bytes()), 256):
         stream.feed(0.0, data[at : at + 256])
@@ -170,25 +219,35 @@ def test_live_rows_are_the_filter_of_the_same_bytes(monkeypatch, tmp_path):
             rows[row.time] = row
             assert stream.now - row.time < 1.0
     # What is not smoothed is the filter's.
-    monkeypatch.setattr(identification, "smoothed", lambda before, states, spread, spreads, decay: (states, spreads))
-    wind, times = mavdem.wind(log, drag=drag), np.array([*rows])
+    monkeypatch.setattr(
+        identification, "smoothed", lambda before, states, spread, spreads, decay: (states, spreads)
+    )
+    wind = mavdem.wind(log, drag=drag)
+    times = np.array([*rows])
     assert np.median(np.diff(times)) == pytest.approx(0.1, abs=1e-6)
     filtered = np.column_stack([np.interp(times, wind.time, part) for part in wind.velocity.T])
     assert np.sqrt(np.mean((filtered - [row.velocity for row in rows.values()]) ** 2)) < 0.15
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("scale", "why"), [(1.0, ""), (0.01, "does not follow the tilt"), (0.0, "never changes")])
+@pytest.mark.parametrize(
+    ("scale", "why"), [(1.0, ""), (0.01, "does not follow the tilt"), (0.0, "never changes")]
+)
 def test_live_rows_are_of_free_flight_only(scale, why):
     time, attitude, velocity, air = flight(seed=7, jump=1.0)
     live = LiveWind()
     live.drag = mavdem.estimate_drag(time, attitude, velocity, air)
-    place = np.cumsum(scale * velocity[:, :2], axis=0) / 10 + 30.0 * (time > 60)[:, None]  # it is reset once
-    for at, angles, (north, east, down), xy in zip(time, attitude, scale * velocity, place, strict=True):
+    # it is reset once
+    place = np.cumsum(scale * velocity[:, :2], axis=0) / 10 + 30.0 * (time > 60)[:, None]
+    for at, angles, (north, east, down), xy in zip(
+        time, attitude, scale * velocity, place, strict=True
+    ):
         live.attitude(at, angles)
         live.velocity("LOCAL_POSITION_NED", at, (down, north, east, *xy))
     assert why in live.reason and (live.row is None) == bool(why)
-    assert why or np.all(np.abs(live.row.velocity - air[time > live.row.time][0]) < 2 * live.row.band)
+    assert why or np.all(
+        np.abs(live.row.velocity - air[time > live.row.time][0]) < 2 * live.row.band
+    )
 
 
 # Of the last, 5 m/s are those at 60 m: SIM_WIND_T is its default.
@@ -208,24 +267,41 @@ def test_recorded_simulators(log, speed):
 
 
 def test_a_message_without_a_yaw_is_left_out_and_a_clock_that_jumps_by_days_refused():
-    telemetry = choose_vehicle(read_log(shared("sitl_events/ap_short_with_climb.tlog")).vehicles, None)
+    telemetry = choose_vehicle(
+        read_log(shared("sitl_events/ap_short_with_climb.tlog")).vehicles, None
+    )
     columns = telemetry.messages["ATTITUDE"]
 
     def found(**changed):
-        return wind_of(Signals(replace(telemetry, messages={**telemetry.messages, "ATTITUDE": {**columns, **changed}})))
+        return wind_of(
+            Signals(
+                replace(
+                    telemetry, messages={**telemetry.messages, "ATTITUDE": {**columns, **changed}}
+                )
+            )
+        )
 
     yaw = np.where(np.arange(len(columns["yaw"])) % 50, columns["yaw"], 1e30)
     assert found(yaw=yaw).speed == pytest.approx(found().speed, abs=0.1)
     late = {name: {**telemetry.messages[name]} for name in telemetry.messages}
     for message in late.values():
-        message["time"] = np.where(message["time"] > np.median(columns["time"]), message["time"] + 2e6, message["time"])
+        message["time"] = np.where(
+            message["time"] > np.median(columns["time"]), message["time"] + 2e6, message["time"]
+        )
     with pytest.raises(NotLearnable, match="jumps by more than a day"):
         wind_of(Signals(replace(telemetry, messages=late)))
 
 
 def test_a_path_begins_at_the_first_fix_and_crosses_the_date_line():
     telemetry = choose_vehicle(read_log(LOGS / "px4_wind5_steps.tlog").vehicles, None)
-    columns = {"time": np.arange(4.0), "boot": np.zeros(4, dtype=np.int64), "relative_alt": np.zeros(4)}
-    columns |= {"lat": np.array([0, 10, 10, 950_000_000]), "lon": np.array([0, 1_799_999_990, -1_799_999_990, 10])}
+    columns = {
+        "time": np.arange(4.0),
+        "boot": np.zeros(4, dtype=np.int64),
+        "relative_alt": np.zeros(4),
+    }
+    columns |= {
+        "lat": np.array([0, 10, 10, 950_000_000]),
+        "lon": np.array([0, 1_799_999_990, -1_799_999_990, 10]),
+    }
     position = Signals(replace(telemetry, messages={"GLOBAL_POSITION_INT": columns})).position
     assert position.values[:, 1] == pytest.approx([0.0, 20e-7 * 111_195], abs=0.01)

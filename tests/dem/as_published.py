@@ -15,14 +15,18 @@ from mavdem.dem.engine.linalg import solve
 Array = NDArray[np.float64]
 
 LEAST_RIDGE = np.exp(-32.0)
-SHORTEST_STEP, LONGEST_STEP, SUBSTEPS = 0.02, 2.0, 8
+SHORTEST_STEP = 0.02
+LONGEST_STEP = 2.0
+SUBSTEPS = 8
 """The M step ends after a step of λ whose lengths sum to less than the first, or after so many."""
 
 
 def ridged(matrix: Array) -> Array:
     """A precision (…, k, k) as they invert it: k units in the last place of its norm are added to its diagonal."""
     size = matrix.shape[-1]
-    ridge = np.maximum(size * np.spacing(np.linalg.norm(matrix, np.inf, axis=(-2, -1))), LEAST_RIDGE)
+    ridge = np.maximum(
+        size * np.spacing(np.linalg.norm(matrix, np.inf, axis=(-2, -1))), LEAST_RIDGE
+    )
     return matrix + ridge[..., None, None] * np.eye(size)
 
 
@@ -38,18 +42,27 @@ def moments(model: GenerativeModel, data: Array, X: Array) -> GeneralizedMoments
 
 
 def d_step(
-    model: GenerativeModel, data: Array, theta: Array, theta_covariance: Array, weights: Array, dt: float
+    model: GenerativeModel,
+    data: Array,
+    theta: Array,
+    theta_covariance: Array,
+    weights: Array,
+    dt: float,
 ) -> Array:
     """X of every sample, (T, dim X): a flow at k = 1 that each sample has ``dt`` seconds to pull, from rest.
 
     D is in the flow but not in its linearization; the mean field of θ has half its gradient; the last row is lost, and
     the one before stands for it.
     """
-    operator, precision = model.error_operator(theta), model.precision(weights)
-    of_data, of_X = operator[:, : model.hidden.start], operator[:, model.hidden]
+    operator = model.error_operator(theta)
+    precision = model.precision(weights)
+    of_data = operator[:, : model.hidden.start]
+    of_X = operator[:, model.hidden]
     # The operator is linear in θ but for a constant, so the spread of θ makes one of its own.
     constant = model.error_operator(np.zeros_like(theta))
-    spread = (model.error_operator(column) - constant for column in np.linalg.cholesky(theta_covariance).T)
+    spread = (
+        model.error_operator(column) - constant for column in np.linalg.cholesky(theta_covariance).T
+    )
     mean_field = sum(s[:, model.hidden].T @ precision @ s[:, model.hidden] for s in spread)
     jacobian = -of_X.T @ precision @ of_X - 0.5 * mean_field
     D = block_diag(derivative_operator(model.p, model.n), derivative_operator(model.d, model.r))
@@ -64,13 +77,19 @@ def d_step(
     return X
 
 
-def internal_slope(model: GenerativeModel, at: GeneralizedMoments, theta: Array, weights: Array) -> Array:
+def internal_slope(
+    model: GenerativeModel, at: GeneralizedMoments, theta: Array, weights: Array
+) -> Array:
     """Ū_θ (k,)."""
     slope, curvature = _regression(model, at.joint, weights)
-    return slope + curvature @ theta - model.prior.theta_precision @ (theta - model.prior.theta_mean)
+    return (
+        slope + curvature @ theta - model.prior.theta_precision @ (theta - model.prior.theta_mean)
+    )
 
 
-def mean_field(model: GenerativeModel, state_precision: Array, theta: Array, weights: Array) -> tuple[Array, Array]:
+def mean_field(
+    model: GenerativeModel, state_precision: Array, theta: Array, weights: Array
+) -> tuple[Array, Array]:
     """Their gradient (k,) and curvature (k, k) in θ of one sample's W of the states: half of what they are."""
     spread = np.zeros((model.hidden.start + len(state_precision),) * 2)
     spread[model.hidden, model.hidden] = truncated_inverse(state_precision)
@@ -80,9 +99,13 @@ def mean_field(model: GenerativeModel, state_precision: Array, theta: Array, wei
 
 def _regression(model: GenerativeModel, joint: Array, weights: Array) -> tuple[Array, Array]:
     """−½ Σ ε̃ᵀΠ̃ε̃ as a function of θ: its slope at θ = 0 and its curvature, of second moments ``joint``."""
-    regression, rows, k = model.regression(joint), model.parameter_rows, len(model.prior.theta_mean)
-    of_w, of_z = weights[model.state_groups], weights[model.output_groups]
-    slope, curvature = np.zeros(k), np.zeros((k, k))
+    regression = model.regression(joint)
+    rows = model.parameter_rows
+    k = len(model.prior.theta_mean)
+    of_w = weights[model.state_groups]
+    of_z = weights[model.output_groups]
+    slope = np.zeros(k)
+    curvature = np.zeros((k, k))
     slope[rows.dynamics] = of_w[:, None] * regression.slopes
     slope[rows.observation] = of_z[:, None] * regression.outputs
     add_blocks(curvature, rows.dynamics, -np.multiply.outer(of_w, regression.regressors))
@@ -99,19 +122,25 @@ def e_step(model: GenerativeModel, at: GeneralizedMoments, theta: Array, weights
     return theta - np.linalg.solve(curvature, slope)
 
 
-def expected_errors(model: GenerativeModel, at: GeneralizedMoments, theta: Array, weights: Array) -> Array:
+def expected_errors(
+    model: GenerativeModel, at: GeneralizedMoments, theta: Array, weights: Array
+) -> Array:
     """Σ_t ⟨ε̃ε̃ᵀ⟩ for the M step, (dim ε̃, dim ε̃).
 
     The precision of θ at a sample is that which the samples up to it give, without the prior.
     """
-    n, p, d = model.n, model.p, model.d
-    number, of_X = at.stack.shape[1], model.error_operator(theta)[:, model.hidden]
+    n = model.n
+    p = model.p
+    d = model.d
+    number = at.stack.shape[1]
+    of_X = model.error_operator(theta)[:, model.hidden]
     states = number * of_X @ np.linalg.inv(ridged(-state_curvature(model, theta, weights))) @ of_X.T
     X = at.stack[model.hidden].T
     x = X[:, : n * (p + 1)].reshape(number, p + 1, n)
     v = np.zeros((number, p + 1, model.r))
     v[:, : d + 1] = X[:, n * (p + 1) :].reshape(number, d + 1, model.r)
-    of_w, of_z = (model.parameter_rows.dynamics, np.dstack([x, v])), (model.parameter_rows.observation, x)
+    of_w = (model.parameter_rows.dynamics, np.dstack([x, v]))
+    of_z = (model.parameter_rows.observation, x)
     precision = np.zeros((number, len(theta), len(theta)))
     for (rows, regressors), S, noise in (
         (of_w, model.state_correlation, weights[model.state_groups]),
@@ -126,7 +155,9 @@ def expected_errors(model: GenerativeModel, at: GeneralizedMoments, theta: Array
         by_component = np.zeros((p + 1, len(rows), p + 1, len(rows)))
         for component, row in enumerate(rows):
             weighted = regressors @ covariance[:, row[:, None], row]
-            by_component[:, component, :, component] = np.tensordot(weighted, regressors, axes=([0, 2], [0, 2]))
+            by_component[:, component, :, component] = np.tensordot(
+                weighted, regressors, axes=([0, 2], [0, 2])
+            )
         return by_component.reshape((p + 1) * len(rows), -1)
 
     inputs = np.zeros((model.r * (d + 1),) * 2)
@@ -137,7 +168,9 @@ def m_step(model: GenerativeModel, number: int, squares: Array, lambda_: Array) 
     """λ after each of its substeps, the start first; the last but one is what the next D and E steps use."""
     path = [lambda_]
     while len(path) <= SUBSTEPS:
-        step = solve(fisher_information(model, number), lambda_slope(model, number, squares, path[-1]))
+        step = solve(
+            fisher_information(model, number), lambda_slope(model, number, squares, path[-1])
+        )
         path.append(path[-1] + np.clip(step, -LONGEST_STEP, LONGEST_STEP))
         if np.abs(step).sum() < SHORTEST_STEP:
             break

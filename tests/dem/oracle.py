@@ -12,7 +12,9 @@ Array = NDArray[np.float64]
 
 ORACLE = SHARED / "oracle"
 
-needs_oracle = pytest.mark.skipif(not ORACLE.is_dir(), reason=f"the authors' results are not in {ORACLE}")
+needs_oracle = pytest.mark.skipif(
+    not ORACLE.is_dir(), reason=f"the authors' results are not in {ORACLE}"
+)
 
 EDGE = 7
 """Samples at either end of case a, p + 1 of them, whose derivatives the authors set to zero."""
@@ -55,8 +57,10 @@ def case_a_model(data: dict[str, Array]) -> GenerativeModel:
 def case_a_generalized(data: dict[str, Array]) -> Array:
     """[ỹ; η̃] of case a, (320, 31): with p = 6 and d = 2, and the derivatives at the edges set to zero."""
     dt = data["dt"].item()
-    outputs, inputs = np.zeros((320, 28)), np.zeros((320, 3))
-    outputs[:, :4], inputs[:, 0] = data["y"], data["u"][0]
+    outputs = np.zeros((320, 28))
+    inputs = np.zeros((320, 3))
+    outputs[:, :4] = data["y"]
+    inputs[:, 0] = data["u"][0]
     outputs[WITHOUT_EDGES] = embed(data["y"], 6, dt, 7, 3)[EDGE - 3 : -EDGE + 2]
     inputs[WITHOUT_EDGES] = embed(data["u"].T, 2, dt, 3, 1)[EDGE - 1 : -EDGE]
     return np.hstack([outputs, inputs])

@@ -24,12 +24,17 @@ def controlled(seed: int, samples: int = 4000, windy: float = 10.0) -> Flight:
     return replace(in_closed_loop(samples, seed, windy), effect_directions=SIGNS)
 
 
-def predicted(flight: Flight, horizons: tuple[int, ...] = HORIZONS) -> tuple[np.ndarray, np.ndarray]:
+def predicted(
+    flight: Flight, horizons: tuple[int, ...] = HORIZONS
+) -> tuple[np.ndarray, np.ndarray]:
     """Predictions and half widths (T, H, m), without a state-space model."""
-    (count, r), m = flight.inputs.shape, flight.outputs.shape[1]
+    (count, r) = flight.inputs.shape
+    m = flight.outputs.shape[1]
     block = max(1, round(BLOCK_SECONDS / flight.dt))
     memory = Memory(flight.dt, block, round(20.0 / flight.dt / block), r, m)
-    ahead = OnlineJoint(flight.dt, block, horizons, m, known_combinations(r, flight.effect_directions))
+    ahead = OnlineJoint(
+        flight.dt, block, horizons, m, known_combinations(r, flight.effect_directions)
+    )
     bands = ErrorBands(horizons, m, flight.dt)
     found = np.empty((2, count, len(horizons), m))
     for row in range(count):
@@ -45,11 +50,13 @@ def predicted(flight: Flight, horizons: tuple[int, ...] = HORIZONS) -> tuple[np.
 
 def ratios(flight: Flight, found: np.ndarray, horizons: tuple[int, ...] = HORIZONS) -> np.ndarray:
     """(H,) squared error over that of the better of the last sample held and the mean so far."""
-    outputs, first = flight.outputs, min(SETTLED, len(flight) // 4)
+    outputs = flight.outputs
+    first = min(SETTLED, len(flight) // 4)
     mean = np.cumsum(outputs, axis=0) / np.arange(1, len(outputs) + 1)[:, None]
     ours = []
     for place, horizon in enumerate(horizons):
-        later, now = outputs[first + horizon :], slice(first, -horizon)
+        later = outputs[first + horizon :]
+        now = slice(first, -horizon)
         size = [
             (((later - each) ** 2) / outputs.var(axis=0)).mean()
             for each in (found[now, place], outputs[now], mean[now])
@@ -62,7 +69,13 @@ def aimless(walking: bool) -> Flight:
     """White, of which only the mean can be predicted; or a walk, of which only the last sample can."""
     values = np.random.default_rng(0).standard_normal((3500, 6))
     values = values.cumsum(axis=0) if walking else values
-    return Flight(0.01 * np.arange(3500), values[:, 2:], values[:, :2], dt=0.01, effect_directions=[1, 1, -1, -1])
+    return Flight(
+        0.01 * np.arange(3500),
+        values[:, 2:],
+        values[:, :2],
+        dt=0.01,
+        effect_directions=[1, 1, -1, -1],
+    )
 
 
 @pytest.mark.slow
@@ -99,11 +112,16 @@ def test_predictions_go_no_farther_than_the_fastest_step_leads():
     found, _ = predicted(replace(flight, outputs=outputs), (1, 50))
     steps = np.maximum.accumulate(np.abs(np.diff(outputs, axis=0, prepend=outputs[:1])))
     for place, horizon in enumerate((1, 50)):
-        assert (np.abs(found[1500:, place] - outputs[1500:]) <= (horizon + 1) * steps[1500:] * (1 + 1e-9)).all()
+        assert (
+            np.abs(found[1500:, place] - outputs[1500:])
+            <= (horizon + 1) * steps[1500:] * (1 + 1e-9)
+        ).all()
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("log", "end"), [("ardupilot_wind4_doublets", 85.0), ("ardupilot_wind5_turb", 85.0)])
+@pytest.mark.parametrize(
+    ("log", "end"), [("ardupilot_wind4_doublets", 85.0), ("ardupilot_wind5_turb", 85.0)]
+)
 def test_recorded_flights_are_predicted_as_well_as_by_an_autoregression_of_all_motors(log, end):
     """VAR(4) of the same past, fitted at the same times. The first flight manoeuvres after a calm hover."""
     (settled,) = mavdem.read_segments(shared(f"sitl_ardupilot/{log}.tlog"))
@@ -112,24 +130,33 @@ def test_recorded_flights_are_predicted_as_well_as_by_an_autoregression_of_all_m
     beside = np.full_like(found, np.nan)
     for row in range(500, len(flight) - 50, 50):
         model = Var.learn(Record.of(flight[:row]), 4)
-        pasts = np.hstack([flight.outputs, flight.inputs])[np.arange(row, row + 50)[:, None] + np.arange(-3, 1)]
+        pasts = np.hstack([flight.outputs, flight.inputs])[
+            np.arange(row, row + 50)[:, None] + np.arange(-3, 1)
+        ]
         beside[row : row + 50] = model.predict(pasts, 50).mean[:, np.array(HORIZONS) - 1, :2]
     for place, horizon in enumerate(HORIZONS):
-        ours, theirs = (flight.outputs[horizon:] - each[:-horizon, place] for each in (found, beside))
+        ours, theirs = (
+            flight.outputs[horizon:] - each[:-horizon, place] for each in (found, beside)
+        )
         known = np.isfinite(theirs).all(axis=1)
-        assert ((ours[known] ** 2).sum(axis=0) <= 1.05 * (theirs[known] ** 2).sum(axis=0)).all(), horizon
+        assert ((ours[known] ** 2).sum(axis=0) <= 1.05 * (theirs[known] ** 2).sum(axis=0)).all(), (
+            horizon
+        )
 
 
 def test_no_lag_and_no_error_reaches_across_a_gap():
     """Samples after it are elsewhere: an error of 1000 standard deviations, if there were one."""
-    flight, far = controlled(7, 1500), 1000.0
+    flight = controlled(7, 1500)
+    far = 1000.0
     ahead = OnlineJoint(0.01, 10, HORIZONS, 2, known_combinations(4, flight.effect_directions))
     memory = Memory(0.01, 10, 200, 4, 2)
     for row in range(1300):
         if row == 1200:
             memory.end_segment()
             ahead.end_segment()
-        if memory.add(flight.inputs[row], flight.outputs[row] + far * (row >= 1200), flight.time[row]):
+        if memory.add(
+            flight.inputs[row], flight.outputs[row] + far * (row >= 1200), flight.time[row]
+        ):
             ahead.predict(memory)
             ahead.add(memory.blocks[-1])
             ahead.advance()
@@ -144,7 +171,9 @@ def test_no_lag_and_no_error_reaches_across_a_gap():
 
 def test_a_still_vehicle_is_no_error():
     flight = simulated(samples=300)
-    still = Flight(flight.time, np.full((300, 4), 1500.0), np.zeros((300, 2)), effect_directions=[1, 1, -1, -1])
+    still = Flight(
+        flight.time, np.full((300, 4), 1500.0), np.zeros((300, 2)), effect_directions=[1, 1, -1, -1]
+    )
     found, half = predicted(still)
     np.testing.assert_array_equal(found, 0.0)
     assert np.isnan(half[0]).all()

@@ -27,7 +27,10 @@ def walk(seed: int) -> Flight:
 STILL = Flight(0.01 * np.arange(100), walk(0).inputs, np.zeros((100, 2)))
 FLIGHTS = [walk(seed) for seed in range(3)]
 JOBS = [
-    (FLIGHTS[k % 3], Settings(order=2 + k % 2, window=3 + 2 * (k % 4), parameter_precision=1.0, iterations=5))
+    (
+        FLIGHTS[k % 3],
+        Settings(order=2 + k % 2, window=3 + 2 * (k % 4), parameter_precision=1.0, iterations=5),
+    )
     for k in range(2 * FEW)
 ]
 JOBS[5] = (STILL, None)
@@ -35,7 +38,9 @@ JOBS[5] = (STILL, None)
 
 def as_texts(answers):
     """JSON keeps every bit of a number."""
-    return [str(answer) if isinstance(answer, ValueError) else answer.to_json() for answer in answers]
+    return [
+        str(answer) if isinstance(answer, ValueError) else answer.to_json() for answer in answers
+    ]
 
 
 def answer(train, settings):
@@ -121,7 +126,9 @@ def run_script(folder: Path, text: str) -> subprocess.CompletedProcess[str]:
     script = folder / "script.py"
     script.write_text(text)
     path = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
-    return subprocess.run([sys.executable, script], env=path, capture_output=True, text=True, timeout=60)
+    return subprocess.run(
+        [sys.executable, script], env=path, capture_output=True, text=True, timeout=60
+    )
 
 
 @pytest.mark.slow
@@ -142,7 +149,8 @@ def test_threads_that_learn_take_turns(monkeypatch):
         turn.release()
         return fit_them(*arguments)
 
-    turn, fit_them = threading.Lock(), sys.modules["mavdem.dem.learning"].complete
+    turn = threading.Lock()
+    fit_them = sys.modules["mavdem.dem.learning"].complete
     monkeypatch.setattr(sys.modules["mavdem.dem.learning"], "complete", slowly)
     with ThreadPoolExecutor(3) as executor:
         answers = list(executor.map(learn, [FLIGHTS[0]] * 6, [JOBS[0][1]] * 6))

@@ -33,7 +33,9 @@ def test_json_both_ways_keeps_every_forecast(settings):
     assert again.settings == learned.settings
     assert again.to_json() == text
     np.testing.assert_array_equal(again.predict(50), learned.predict(50))
-    np.testing.assert_array_equal(again.forecast(FLIGHT[700:].inputs), learned.forecast(FLIGHT[700:].inputs))
+    np.testing.assert_array_equal(
+        again.forecast(FLIGHT[700:].inputs), learned.forecast(FLIGHT[700:].inputs)
+    )
     np.testing.assert_array_equal(again.one_step(), learned.one_step())
     np.testing.assert_array_equal(again.process_noise()[1], learned.process_noise()[1])
     np.testing.assert_array_equal(again.free_energy, learned.free_energy)
@@ -50,10 +52,18 @@ def test_every_field_of_a_document_is_needed_and_checked(document):
     values = json.loads(document)
     for name in values.keys() - header("model").keys():
         missing = {key: value for key, value in values.items() if key != name}
-        with pytest.raises(ValueError, match=f"^not the document of a learned model: {name} is missing"):
+        with pytest.raises(
+            ValueError, match=f"^not the document of a learned model: {name} is missing"
+        ):
             Learned.from_json(json.dumps(missing))
-    former = {key: value for key, value in values["record"].items() if key not in ("parameters", "setpoints")}
-    assert len(Learned.from_json(json.dumps({**values, "record": former})).record) == len(values["record"]["inputs"])
+    former = {
+        key: value
+        for key, value in values["record"].items()
+        if key not in ("parameters", "setpoints")
+    }
+    assert len(Learned.from_json(json.dumps({**values, "record": former})).record) == len(
+        values["record"]["inputs"]
+    )
     for name in ("theta_covariance", "known", "state_map", "theta", "free_energy_of_samples"):
         for junk in (None, [], values[name][:-1] + [[1.0]], values[name][:1]):
             with pytest.raises(ValueError, match="must"):
@@ -66,7 +76,11 @@ def test_every_field_of_a_document_is_needed_and_checked(document):
         (("model", "A"), [[1.0]], r"^model.B must be of shape \(1, 4\), not \(2, 4\)"),
         (("model", "offset"), [None, 2.0], r"^model.offset must be finite and of shape \(n\)"),
         (("converged",), "yes", "converged must be a valid boolean, not 'yes'"),
-        (("theta_covariance",), (-np.eye(16)).tolist(), "^theta_covariance must be positive definite"),
+        (
+            ("theta_covariance",),
+            (-np.eye(16)).tolist(),
+            "^theta_covariance must be positive definite",
+        ),
         (("record", "lengths"), [100, 99], "must have T = 199, not 200"),
         (("record", "input_names"), ["one"], "^record.input_names must be one for each column"),
     ],
@@ -89,7 +103,9 @@ def test_what_a_flight_says_of_its_vehicle_is_kept():
     record = Learned.from_json(learned.to_json()).record
     np.testing.assert_array_equal(record.effect_directions, directions)
     assert record.begins == (flight.time[0],)
-    assert {name: getattr(record, name) for name in LABELS} == {name: getattr(known, name) for name in LABELS}
+    assert {name: getattr(record, name) for name in LABELS} == {
+        name: getattr(known, name) for name in LABELS
+    }
 
 
 @pytest.mark.parametrize(
@@ -132,18 +148,31 @@ def test_a_wrong_value_is_named(name, value):
         Settings(**{name: value})
 
 
-@pytest.mark.parametrize(("text", "said"), [("null", "^settings must be an object"), ('{"colour": 1}', "colour")])
+@pytest.mark.parametrize(
+    ("text", "said"), [("null", "^settings must be an object"), ('{"colour": 1}', "colour")]
+)
 def test_a_document_of_something_else_is_refused(text, said):
     with pytest.raises(ValueError, match=said):
         Settings.from_json(text)
 
 
 def test_complete_settings_keep_what_was_fixed_and_leave_nothing_open():
-    complete = Settings(window=9, lambda_w=2).completed(order=3, d=2, window=11, parameter_precision=1.0)
-    assert (complete.order, complete.window, complete.lambda_w, complete.smoothness) == (3, 9, 2.0, None)
+    complete = Settings(window=9, lambda_w=2).completed(
+        order=3, d=2, window=11, parameter_precision=1.0
+    )
+    assert (complete.order, complete.window, complete.lambda_w, complete.smoothness) == (
+        3,
+        9,
+        2.0,
+        None,
+    )
     assert complete == Settings(order=3, d=2, window=9, parameter_precision=1.0, lambda_w=2)
     assert hash(complete) == hash(Settings.from_dict(complete.to_dict()))
-    assert pickle.loads(pickle.dumps(complete)) == complete == CompleteSettings.from_json(complete.to_json())
+    assert (
+        pickle.loads(pickle.dumps(complete))
+        == complete
+        == CompleteSettings.from_json(complete.to_json())
+    )
     assert CompleteSettings.paper() == Settings.paper()
     for name in ("order", "d", "window", "parameter_precision"):
         with pytest.raises(ValueError, match=f"^{name} must "):

@@ -72,9 +72,13 @@ def test_the_samples_free_energies_sum_to_the_action(model, seed):
     by_sample = free_energy(model, data, data @ state_map.T, belief)
     # What does not change with time is in every F(t): F of no error at all, less what is a sample's own.
     doubled = GeneralizedMoments(model, 2 * belief.moments.gram, belief.moments.stack)
-    twice = free_energy_action(model, SufficientStatistics.of(data, data), belief._replace(moments=doubled))
+    twice = free_energy_action(
+        model, SufficientStatistics.of(data, data), belief._replace(moments=doubled)
+    )
     action = free_energy_action(model, samples, belief)
-    assert by_sample.sum() - (len(data) - 1) * (2 * action - twice) == pytest.approx(action, rel=1e-9, abs=1e-6)
+    assert by_sample.sum() - (len(data) - 1) * (2 * action - twice) == pytest.approx(
+        action, rel=1e-9, abs=1e-6
+    )
 
 
 @of_any_model
@@ -93,31 +97,53 @@ def test_gradients_are_those_of_the_free_energy(model, seed):
     close(data @ of_data.T - states @ precision, numeric)
 
     slope, precision = theta_slope(model, samples, belief)
-    close(slope, gradient(lambda at: free_energy_action(model, samples, belief._replace(theta=at)), belief.theta))
+    close(
+        slope,
+        gradient(
+            lambda at: free_energy_action(model, samples, belief._replace(theta=at)), belief.theta
+        ),
+    )
     direction = rng.standard_normal(len(slope))
     ahead, behind = (
-        theta_slope(model, samples, belief._replace(theta=belief.theta + d)) for d in (direction, -direction)
+        theta_slope(model, samples, belief._replace(theta=belief.theta + d))
+        for d in (direction, -direction)
     )
     close(precision @ direction, (behind[0] - ahead[0]) / 2)
 
     slope, precision = lambda_slope(model, samples, belief)
-    close(slope, gradient(lambda at: free_energy_action(model, samples, belief._replace(lambda_=at)), belief.lambda_))
+    close(
+        slope,
+        gradient(
+            lambda at: free_energy_action(model, samples, belief._replace(lambda_=at)),
+            belief.lambda_,
+        ),
+    )
     columns = [
-        gradient(lambda at, i=i: lambda_slope(model, samples, belief._replace(lambda_=at))[0][i], belief.lambda_)
+        gradient(
+            lambda at, i=i: lambda_slope(model, samples, belief._replace(lambda_=at))[0][i],
+            belief.lambda_,
+        )
         for i in range(len(slope))
     ]
     close(-precision, np.array(columns))
 
 
 @of_any_model
-def test_curvatures_of_the_internal_energy_are_those_of_the_free_energy_at_a_certain_belief(model, seed):
+def test_curvatures_of_the_internal_energy_are_those_of_the_free_energy_at_a_certain_belief(
+    model, seed
+):
     """Without mean-field terms; those of the free energy are compared with differences above."""
     samples, belief = random_posterior(seed, model)
     sure = belief._replace(
-        **{name: 0 * getattr(belief, name) for name in ("state_covariance", "theta_covariance", "lambda_covariance")}
+        **{
+            name: 0 * getattr(belief, name)
+            for name in ("state_covariance", "theta_covariance", "lambda_covariance")
+        }
     )
     weights = np.exp(belief.lambda_)
-    of_states = state_slope(model, sure.theta, sure.theta_covariance, sure.lambda_, sure.lambda_covariance)
+    of_states = state_slope(
+        model, sure.theta, sure.theta_covariance, sure.lambda_, sure.lambda_covariance
+    )
     close(-state_curvature(model, belief.theta, weights), of_states[1])
     close(-theta_curvature(model, belief.moments, weights), theta_slope(model, samples, sure)[1])
     curvature = lambda_curvature(model, belief.moments, belief.theta, belief.lambda_)
@@ -143,7 +169,9 @@ def test_named_terms_sum_to_the_free_energy_at_optimal_precisions(model, seed):
     samples, belief = random_posterior(seed, model)
     belief = with_optimal_precisions(model, belief)
     terms = optimal_terms(model, samples, belief)
-    estimated = samples.number * len(belief.state_covariance) + len(belief.theta) + len(belief.lambda_)
+    estimated = (
+        samples.number * len(belief.state_covariance) + len(belief.theta) + len(belief.lambda_)
+    )
     total = free_energy_action(model, samples, belief) + estimated / 2
     assert sum(terms.values()) == pytest.approx(total, rel=1e-9, abs=1e-6)
 
@@ -177,7 +205,8 @@ def test_with_all_parameters_known_the_free_energy_is_the_evidence_whatever_the_
     data = rng.standard_normal((7, model.hidden.start))
     climb = ascend(model, SufficientStatistics.of(data), 5)
     # Written out: x at random, its derivatives by the model with w̃, and z̃ on what is seen of them.
-    p, m = model.p, model.m
+    p = model.p
+    m = model.m
     A, B, C = unpack(prior.theta_mean, n, model.r, m)
     noise = np.exp(-prior.lambda_mean)
     rows = [np.hstack([np.eye(n), np.zeros((n, n * p + model.r * (model.d + 1)))])]
@@ -204,8 +233,14 @@ def test_with_all_parameters_known_the_free_energy_is_the_evidence_whatever_the_
 def test_the_energy_is_that_of_the_generative_model_written_out(model, seed):
     """Sample by sample, with Ã, B̃, C̃, D and Π̃ as Eqs. ``generative_process`` and ``free_E`` write them."""
     rng = np.random.default_rng(seed)
-    n, r, m, p, d, q = model.n, model.r, model.m, model.p, model.d, model.q
-    outputs, inputs = rng.standard_normal((5, m * (p + 1))), rng.standard_normal((5, r * (d + 1)))
+    n = model.n
+    r = model.r
+    m = model.m
+    p = model.p
+    d = model.d
+    q = model.q
+    outputs = rng.standard_normal((5, m * (p + 1)))
+    inputs = rng.standard_normal((5, r * (d + 1)))
     samples = SufficientStatistics.of(np.hstack([outputs, inputs]))
     state_map, belief = random_belief(seed, model, samples)
     A, B, C = unpack(belief.theta, n, r, m)
@@ -218,7 +253,8 @@ def test_the_energy_is_that_of_the_generative_model_written_out(model, seed):
         driven = np.vstack([v.reshape(d + 1, r), np.zeros((max(q - d, 0), r))])
         of_y = y.reshape(p + 1, m) - orders[: p + 1] @ C.T
         of_x = orders[1 : q + 2] - orders[: q + 1] @ A.T - driven[: q + 1] @ B.T
-        Pz, Pw = np.diag(noise[model.output_groups]), np.diag(noise[model.state_groups])
+        Pz = np.diag(noise[model.output_groups])
+        Pw = np.diag(noise[model.state_groups])
         precision = block_diag(np.kron(S[0], Pz), model.input_precision, np.kron(S[1], Pw))
         error = np.concatenate([of_y.ravel(), v - eta, of_x.ravel()])
         energy += 0.5 * (np.linalg.slogdet(precision)[1] - error @ precision @ error)
@@ -259,7 +295,9 @@ def test_the_flow_runs_the_equation_it_stands_for():
             carried = np.concatenate([X[2:6], np.zeros(2), X[7:8], np.zeros(1)])
             return carried + 3.0 * gradient
 
-        end = solve_ivp(motion, (time[k], time[k + 1]), states[k], method="LSODA", rtol=1e-9, atol=1e-9).y[:, -1]
+        end = solve_ivp(
+            motion, (time[k], time[k + 1]), states[k], method="LSODA", rtol=1e-9, atol=1e-9
+        ).y[:, -1]
         np.testing.assert_allclose(states[k + 1], end, rtol=1e-6, atol=1e-6)
 
 
@@ -280,7 +318,9 @@ def test_an_unstable_flow_is_known_and_not_run():
     model = random_model(5, 2, 1, 2, 4, 1, drop=False, groups=False)
     of_data, precision = slope_of(model)
     rates = np.geomspace(1e-6, 1e6, 25)
-    abscissae = np.array([StateFlow.of(model, of_data, precision, rate).spectral_abscissa for rate in rates])
+    abscissae = np.array(
+        [StateFlow.of(model, of_data, precision, rate).spectral_abscissa for rate in rates]
+    )
     assert (abscissae > 0).any() and (abscissae < 0).any()
     unstable = rates[abscissae > 0][-1]
     data = np.random.default_rng(0).standard_normal((60, model.hidden.start))
@@ -299,15 +339,20 @@ def test_a_climb_at_any_rates_never_falls(model, seed, logs):
     rates = [None if log is None else 10**log for log in logs]
     climb = ascend(model, SufficientStatistics.of(data), 12, Rates(*rates, segments=(data,), dt=DT))
     assert (np.diff(climb.free_energy) >= 0).all() and np.isfinite(climb.learning.theta).all()
-    assert len(climb.learning.theta) == len(climb.learning.lambda_) == len(climb.free_energy) <= 12 + 1
+    assert (
+        len(climb.learning.theta) == len(climb.learning.lambda_) == len(climb.free_energy) <= 12 + 1
+    )
 
 
 def test_flows_run_and_lead_to_the_same_place():
     record = Record.of(simulated(wind=0.5)[:700])
     settings = Settings(order=2, d=2, window=5, parameter_precision=1.0)
-    exact, flowing = fit(record, settings), fit(record, replace(settings, learning_rates=(1e5, None, None)))
+    exact = fit(record, settings)
+    flowing = fit(record, replace(settings, learning_rates=(1e5, None, None)))
     assert flowing.ascent.flowed.sum() > 1
-    np.testing.assert_allclose(flowing.ascent.learning.theta[-1], exact.ascent.learning.theta[-1], rtol=1e-3, atol=1e-3)
+    np.testing.assert_allclose(
+        flowing.ascent.learning.theta[-1], exact.ascent.learning.theta[-1], rtol=1e-3, atol=1e-3
+    )
 
 
 @of_any_model
@@ -316,11 +361,15 @@ def test_steps_at_a_finite_rate_follow_the_gradient_and_end_at_the_maximum(model
     climb = ascend(model, samples, 2)
     belief = with_optimal_precisions(model, climb.belief._replace(theta=model.prior.theta_mean))
     for step, mean in ((e_step, belief.theta), (m_step, belief.lambda_)):
-        moved = [np.linalg.norm(step(model, samples, belief, rate) - mean) for rate in (1e-12, 1e-6)]
+        moved = [
+            np.linalg.norm(step(model, samples, belief, rate) - mean) for rate in (1e-12, 1e-6)
+        ]
         assert moved[0] < moved[1]
     # θ has one scale here: a parameter near zero is as exact as the largest.
     exact = e_step(model, samples, belief)
-    np.testing.assert_allclose(e_step(model, samples, belief, 1e12), exact, rtol=0, atol=1e-6 * np.abs(exact).max())
+    np.testing.assert_allclose(
+        e_step(model, samples, belief, 1e12), exact, rtol=0, atol=1e-6 * np.abs(exact).max()
+    )
 
 
 def problem(**settings):
@@ -337,7 +386,9 @@ def height(model, samples, belief):
 
 def following(model, samples, belief, theta):
     """The belief with θ elsewhere and X at its maximum there."""
-    state_map = d_step(model, theta, belief.theta_covariance, belief.lambda_, belief.lambda_covariance)
+    state_map = d_step(
+        model, theta, belief.theta_covariance, belief.lambda_, belief.lambda_covariance
+    )
     return belief._replace(theta=theta, moments=GeneralizedMoments.of(model, samples, state_map))
 
 

@@ -12,11 +12,14 @@ from mavdem.dem.forecast.var import CONSTANT_RIDGE, INPUT_NOISE, LagStatistics, 
 from mavdem.dem.online.ahead import Memory, OnlineJoint
 from mavdem.dem.record import Record
 
-K, SMOOTH, PLAIN = 2, Choice(4, 0.05, True), Choice(3, 0.3, False)
+K = 2
+SMOOTH = Choice(4, 0.05, True)
+PLAIN = Choice(3, 0.3, False)
 X_FRAME = np.array([1.0, -1.0, -1.0, 1.0]) / 2
 FLIGHT = replace(in_closed_loop(1000), effect_directions=X_FRAME)
 CHANNELS = np.hstack([FLIGHT.outputs, FLIGHT.inputs @ X_FRAME[:, None]])
-TRAIN, AHEAD = Record.of(FLIGHT[:700]), (FLIGHT.inputs[700:], FLIGHT.outputs[700:])
+TRAIN = Record.of(FLIGHT[:700])
+AHEAD = (FLIGHT.inputs[700:], FLIGHT.outputs[700:])
 WALK = np.random.default_rng(0).standard_normal((40, K)).cumsum(axis=0) / 5 + [1.0, -2.0]
 
 
@@ -27,7 +30,9 @@ def model():
 
 def regressed(choice):
     """Of a walk, by rows that every choice has: X (N, q), errors (N, k) of the prior mean, P, S = 1 + X P⁻¹ Xᵀ; F̄."""
-    most, lags, statistics = LAGS[0], choice.lags, LagStatistics.of([WALK], LAGS[0])
+    most = LAGS[0]
+    lags = choice.lags
+    statistics = LagStatistics.of([WALK], LAGS[0])
     design = np.hstack([lagged(WALK, lags)[most - lags :], np.ones((len(WALK) - most, 1))])
     precision = CONSTANT_RIDGE * np.eye(lags * K + 1)
     precision[:-1, :-1] = np.kron(choice.prior, np.eye(K))
@@ -41,14 +46,19 @@ def test_the_terms_of_the_free_energy_are_what_they_are_named_and_sum_to_the_log
     """Given Σ, the samples are Gaussian about the random walk, of covariance Σ ⊗ (1 + X P⁻¹ Xᵀ)."""
     design, error, precision, spread, found = regressed(choice)
     noise = error.T @ np.linalg.solve(spread, error) / len(design) + INPUT_NOISE * np.eye(K)
-    covariance, vector = np.kron(noise, spread), error.T.ravel()
-    evidence = -0.5 * (np.linalg.slogdet(2 * np.pi * covariance)[1] + vector @ np.linalg.solve(covariance, vector))
+    covariance = np.kron(noise, spread)
+    vector = error.T.ravel()
+    evidence = -0.5 * (
+        np.linalg.slogdet(2 * np.pi * covariance)[1] + vector @ np.linalg.solve(covariance, vector)
+    )
     assert found.free_energy == pytest.approx(evidence, abs=1e-5)
     posterior = np.linalg.inv(design.T @ design + precision)
-    moved, weights = posterior @ design.T @ error, np.linalg.inv(noise)
+    moved = posterior @ design.T @ error
+    weights = np.linalg.inv(noise)
     np.testing.assert_allclose(found.mean, np.eye(*moved.shape) + moved, atol=1e-7)
     np.testing.assert_allclose(found.root.T @ found.root, posterior, rtol=1e-6, atol=1e-9)
-    left, narrower = error - design @ moved, np.linalg.slogdet(posterior @ precision)[1]
+    left = error - design @ moved
+    narrower = np.linalg.slogdet(posterior @ precision)[1]
     expected = {
         "prediction errors": -0.5 * np.trace(weights @ left.T @ left),
         "noise entropy": -0.5 * len(design) * np.linalg.slogdet(2 * np.pi * noise)[1],
@@ -64,27 +74,37 @@ def test_between_choices_the_free_energy_differs_as_the_evidence_with_the_noise_
     for choice in (SMOOTH, PLAIN):
         _, error, _, spread, found = regressed(choice)
         squares = np.linalg.slogdet(error.T @ np.linalg.solve(spread, error))[1]
-        energies.append([found.free_energy, -0.5 * (len(error) * squares + K * np.linalg.slogdet(spread)[1])])
+        energies.append(
+            [found.free_energy, -0.5 * (len(error) * squares + K * np.linalg.slogdet(spread)[1])]
+        )
     assert np.ptp(np.subtract(*energies)) < 1e-4
 
 
 def test_a_plain_prior_is_of_each_lag_and_a_smooth_one_of_value_and_slope_of_the_past():
     np.testing.assert_allclose(PLAIN.prior, np.diag([0.3, 1.2, 2.7]), atol=1e-12)
-    without = SMOOTH.prior / np.sqrt(np.outer(Choice(4, 0.05, False).prior.diagonal(), 0.05 * np.arange(1, 5) ** 2))
+    without = SMOOTH.prior / np.sqrt(
+        np.outer(Choice(4, 0.05, False).prior.diagonal(), 0.05 * np.arange(1, 5) ** 2)
+    )
     shapes = np.array([[1.0, 1.0, 1.0, 1.0], [-3.0, -1.0, 1.0, 3.0]]).T
     np.testing.assert_allclose(without @ shapes, shapes * [1, 4], atol=1e-12)
 
 
 def drawn(choice, seed, samples=3000, deviation=0.05):
     """Statistics of a process whose coefficients are a draw of the prior, drawn again where it is unstable."""
-    rng, width, radius = np.random.default_rng(seed), K * choice.lags, 1.0
+    rng = np.random.default_rng(seed)
+    width = K * choice.lags
+    radius = 1.0
     root = np.linalg.cholesky(np.linalg.inv(choice.prior))
     while radius >= 0.999:
-        weights = np.eye(width, K) + deviation * np.kron(root, np.eye(K)) @ rng.standard_normal((width, K))
+        weights = np.eye(width, K) + deviation * np.kron(root, np.eye(K)) @ rng.standard_normal(
+            (width, K)
+        )
         radius = np.abs(np.linalg.eigvals(np.vstack([weights.T, np.eye(width - K, width)]))).max()
     channels = np.zeros((samples, K))
     for t in range(choice.lags, samples):
-        channels[t] = channels[t - choice.lags : t][::-1].ravel() @ weights + deviation * rng.standard_normal(K)
+        channels[t] = channels[t - choice.lags : t][
+            ::-1
+        ].ravel() @ weights + deviation * rng.standard_normal(K)
     return LagStatistics.of([channels], LAGS[-1])
 
 
@@ -100,19 +120,29 @@ def test_draws_have_the_covariance_of_the_matrix_normal_and_come_again(monkeypat
     np.testing.assert_array_equal(JointModel.learn(TRAIN).draws, model.draws)
     assert np.abs(JointModel.learn(TRAIN, seed=1).draws - model.draws).max() > 0
     monkeypatch.setattr(joint, "DRAWS", 20_000)
-    many, most = JointModel.learn(TRAIN), LAGS[-1]
+    many = JointModel.learn(TRAIN)
+    most = LAGS[-1]
     statistics = LagStatistics.of([model.process.units.scaled(CHANNELS[:700])], most)
-    found = regress(statistics.shortened(most, many.choice.lags), statistics.rows, many.choice.prior)
+    found = regress(
+        statistics.shortened(most, many.choice.lags), statistics.rows, many.choice.prior
+    )
     unmixed = np.linalg.inv(np.linalg.cholesky(found.covariance)).T
-    flat = (np.linalg.inv(found.root.T) @ (many.draws - found.mean) @ unmixed).reshape(len(many.draws), -1)
+    flat = (np.linalg.inv(found.root.T) @ (many.draws - found.mean) @ unmixed).reshape(
+        len(many.draws), -1
+    )
     # To five standard errors of a covariance, of draws in pairs about the mean.
-    np.testing.assert_allclose(flat.T @ flat / len(flat), np.eye(flat.shape[1]), atol=5 * np.sqrt(2 / 10_000))
+    np.testing.assert_allclose(
+        flat.T @ flat / len(flat), np.eye(flat.shape[1]), atol=5 * np.sqrt(2 / 10_000)
+    )
 
 
 def by_loop(model, coefficients, past, motors):
     """(H, m) outputs, scaled, of these coefficients (q, k), moved by the gains of the mean's filter."""
-    lags, units, made = model.choice.lags, model.process.units, []
-    gains, states = model.process.filter(2, len(motors)).gains, list(units.scaled(past))
+    lags = model.choice.lags
+    units = model.process.units
+    made = []
+    gains = model.process.filter(2, len(motors)).gains
+    states = list(units.scaled(past))
     for t, measured in enumerate(units.scaled_inputs(motors)):
         expected = np.concatenate([*states[-1 : -lags - 1 : -1], [1.0]]) @ coefficients
         moves = gains[min(t, len(gains) - 1)] @ (measured - expected[2:])
@@ -127,36 +157,65 @@ def test_a_forecast_is_the_mean_s_path_shrunk_by_the_spread_of_the_draws(model):
     center, scale = (values[:2] for values in model.process.units)
     mean = np.vstack([model.process.across.T, model.process.offset])
     wide = replace(model, draws=mean + 10 * (model.draws - mean))
-    found, rows, motors = wide.known_every(40, *AHEAD), slice(40, 80), CHANNELS[740:780, 2:]
+    found = wide.known_every(40, *AHEAD)
+    rows = slice(40, 80)
+    motors = CHANNELS[740:780, 2:]
     exact = model.process.infer_every(model.past, 40, CHANNELS[700:, 2:], AHEAD[1])
-    paths = np.array([by_loop(wide, draw, CHANNELS[740 - model.choice.lags : 740], motors) for draw in wide.draws])
+    paths = np.array(
+        [
+            by_loop(wide, draw, CHANNELS[740 - model.choice.lags : 740], motors)
+            for draw in wide.draws
+        ]
+    )
     deviation = (exact.mean[rows] - center) / scale
-    moved = np.cumsum(model.process.units.scaled_inputs(motors) ** 2, axis=0) / np.arange(1, 41)[:, None]
+    moved = (
+        np.cumsum(model.process.units.scaled_inputs(motors) ** 2, axis=0)
+        / np.arange(1, 41)[:, None]
+    )
     spread = ((paths - deviation) ** 2).mean(axis=0)
     share = spread / np.maximum(moved, 1.0)
     assert share.max() > 0.2
-    np.testing.assert_allclose(found.mean[rows], center + scale * deviation / (1 + share), rtol=1e-8, atol=1e-10)
-    np.testing.assert_allclose(found.variance[rows], exact.variance[rows] + scale**2 * spread / (1 + share), rtol=1e-6)
+    np.testing.assert_allclose(
+        found.mean[rows], center + scale * deviation / (1 + share), rtol=1e-8, atol=1e-10
+    )
+    np.testing.assert_allclose(
+        found.variance[rows], exact.variance[rows] + scale**2 * spread / (1 + share), rtol=1e-6
+    )
 
 
 @pytest.mark.parametrize("smooth", [False, True])
-def test_a_posterior_that_is_tight_shrinks_nothing_and_one_that_tells_nothing_leaves_the_mean(model, smooth):
+def test_a_posterior_that_is_tight_shrinks_nothing_and_one_that_tells_nothing_leaves_the_mean(
+    model, smooth
+):
     draws = np.repeat(np.vstack([model.process.across.T, model.process.offset])[None], 4, axis=0)
-    tight, motors = replace(model, draws=draws), CHANNELS[700:, 2:]
+    tight = replace(model, draws=draws)
+    motors = CHANNELS[700:, 2:]
     exact = model.process.infer_every(model.past, 60, motors, AHEAD[1], smooth).mean
-    np.testing.assert_allclose(tight.known_every(60, *AHEAD, smooth).mean, exact, rtol=1e-7, atol=1e-9)
+    np.testing.assert_allclose(
+        tight.known_every(60, *AHEAD, smooth).mean, exact, rtol=1e-7, atol=1e-9
+    )
     predicted = model.process.predict_every(model.past, 60, motors, AHEAD[1])
     np.testing.assert_allclose(tight.unknown_every(60, *AHEAD).mean, predicted, atol=1e-9)
-    vague = replace(model, draws=draws + 1e3 * np.random.default_rng(0).standard_normal(draws.shape))
+    vague = replace(
+        model, draws=draws + 1e3 * np.random.default_rng(0).standard_normal(draws.shape)
+    )
     for made in (vague.known_every(60, *AHEAD, smooth), vague.unknown_every(60, *AHEAD)):
         assert np.isfinite(made.variance).all()
-        assert (np.abs(made.mean - TRAIN.outputs.mean(axis=0)) < 1e-3 * TRAIN.outputs.std(axis=0)).all()
+        assert (
+            np.abs(made.mean - TRAIN.outputs.mean(axis=0)) < 1e-3 * TRAIN.outputs.std(axis=0)
+        ).all()
 
 
 def turned_by(direction, samples=6000):
     """A roll axis held by motors, each with an error of its own; the ``direction`` of them turns it."""
-    rng, rotors, rows = np.random.default_rng(0), len(direction), np.empty((samples, 2 + len(direction)))
-    errors, gust, roll, rate, command = np.zeros(rotors), 0.0, 0.0, 0.0, 0.0
+    rng = np.random.default_rng(0)
+    rotors = len(direction)
+    rows = np.empty((samples, 2 + len(direction)))
+    errors = np.zeros(rotors)
+    gust = 0.0
+    roll = 0.0
+    rate = 0.0
+    command = 0.0
     for t in range(samples):
         errors += -0.05 * errors + 0.3 * rng.standard_normal(rotors)
         motors = direction * command + errors
@@ -165,7 +224,9 @@ def turned_by(direction, samples=6000):
         command += 0.2 * (-3.0 * roll - 2.0 * rate - command)
         rate += 0.05 * (direction @ motors + gust - 0.2 * rate)
         roll += 0.05 * rate
-    return Record(rows[:, 2:], rows[:, :2] + 1e-4 * rng.standard_normal((samples, 2)), 0.01, (samples,))
+    return Record(
+        rows[:, 2:], rows[:, :2] + 1e-4 * rng.standard_normal((samples, 2)), 0.01, (samples,)
+    )
 
 
 @pytest.mark.parametrize(
@@ -190,11 +251,14 @@ def test_bands_hold_nine_of_ten_at_every_horizon():
     inside = []
     for seed in range(8):
         flight = in_closed_loop(2000, seed)
-        learnt, outputs = JointModel.learn(Record.of(flight[:700])), flight.outputs[700:]
+        learnt = JointModel.learn(Record.of(flight[:700]))
+        outputs = flight.outputs[700:]
         for steps in (10, 50, 150):
             for made in (learnt.known_every, learnt.unknown_every):
                 mean, variance = made(steps, flight.inputs[700:], outputs)
-                inside.append((np.abs(outputs - mean) <= learnt.half_widths(variance, 0.9, steps)).mean())
+                inside.append(
+                    (np.abs(outputs - mean) <= learnt.half_widths(variance, 0.9, steps)).mean()
+                )
     shares = np.reshape(inside, (8, -1)).mean(axis=0)
     # Of flights that do not change: recorded ones do, for which the bands are a little wider than these need.
     assert ((shares > 0.85) & (shares < 0.97)).all()
@@ -204,14 +268,18 @@ def test_live_it_is_the_model_learnt_of_the_same_samples(monkeypatch):
     """Unforgotten, but for the units: here of all samples, there of those with a past. To 0.001 of the deviation."""
     monkeypatch.setattr("mavdem.dem.online.ahead.MEMORY_SECONDS", 1e9)
     flight = replace(in_closed_loop(2500), effect_directions=X_FRAME)
-    learnt, memory = JointModel.learn(Record.of(flight[:2450])), Memory(0.01, 10, 300, 4, 2)
+    learnt = JointModel.learn(Record.of(flight[:2450]))
+    memory = Memory(0.01, 10, 300, 4, 2)
     ahead = OnlineJoint(0.01, 10, (1, 5, 25), 2, X_FRAME[:, None])
     for row in range(2500):
         closed = memory.add(flight.inputs[row], flight.outputs[row], flight.time[row])
         expected_live, _ = ahead.predict(memory)
-        live = np.vstack([expected_live, ahead._ring[ahead._place - 1, 3]])  # of the form that F̄ chooses
+        # of the form that F̄ chooses
+        live = np.vstack([expected_live, ahead._ring[ahead._place - 1, 3]])
         if row >= 2450:
-            past = np.hstack([flight.outputs, flight.inputs @ X_FRAME[:, None]])[row + 1 - learnt.choice.lags : row + 1]
+            past = np.hstack([flight.outputs, flight.inputs @ X_FRAME[:, None]])[
+                row + 1 - learnt.choice.lags : row + 1
+            ]
             expected = learnt.one_step(Record.of(flight[row - 30 : row + 1]))[-1]
             offline = np.vstack([expected, learnt.process.predict(past, 25).mean[[0, 4, 24], :2]])
             np.testing.assert_allclose((live - offline) / flight.outputs.std(axis=0), 0, atol=1e-3)

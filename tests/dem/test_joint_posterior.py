@@ -55,7 +55,9 @@ def test_covariance_is_that_of_the_closed_form_and_of_twice_the_nodes(smoothness
     s = system.smoothness
     variance = np.sqrt(np.pi) * s * np.exp(s**2) * erfc(s)
     np.testing.assert_allclose(np.diag(covariance), variance, rtol=1e-8)
-    np.testing.assert_allclose(replace(system, nodes=12).state_moments[1], covariance, atol=1e-9 * variance)
+    np.testing.assert_allclose(
+        replace(system, nodes=12).state_moments[1], covariance, atol=1e-9 * variance
+    )
 
 
 @pytest.mark.parametrize("outputs", [1, 2])
@@ -89,7 +91,9 @@ def test_states_come_to_the_exact_ones_as_measurement_noise_vanishes():
 @pytest.mark.parametrize("outputs", [1, 2], ids=["rate hidden", "both measured"])
 def test_states_err_by_what_they_say_when_noise_is_as_it_is_read(smoothness, outputs):
     """E(x_D − x)² = E(x_D − x_exact)² + exact variance, for any estimate; DEM says it is its own variance."""
-    squares, exact = departures(roll(smoothness, 0.1, outputs=outputs), Embedding(2, 1, as_read=True), SERIES)
+    squares, exact = departures(
+        roll(smoothness, 0.1, outputs=outputs), Embedding(2, 1, as_read=True), SERIES
+    )
     assert (np.abs(squares.mean(axis=0) + exact - 1) < 4 * standard_error(squares)).all()
 
 
@@ -118,7 +122,8 @@ def test_every_sample_is_counted_as_if_independent(smoothness, p):
     """
     period = 50
     omega = 2 * np.pi / (period * DT)
-    noise, q = 0.03, p - 1
+    noise = 0.03
+    q = p - 1
 
     def information(samples):
         system = replace(
@@ -126,13 +131,23 @@ def test_every_sample_is_counted_as_if_independent(smoothness, p):
             free=np.array([1]),
             inputs=lambda times: np.sin(omega * times)[:, None],
         )
-        _, covariance = parameters_of(system, draw(system, 1)[1][0], Embedding(p, q), weak_prior(system))
-        return np.array([1 / covariance[0, 0] - weak_prior(system).precision[0, 0], system.information[0, 0]])
+        _, covariance = parameters_of(
+            system, draw(system, 1)[1][0], Embedding(p, q), weak_prior(system)
+        )
+        return np.array(
+            [1 / covariance[0, 0] - weak_prior(system).precision[0, 0], system.information[0, 0]]
+        )
 
     dem, exact = information(100 + period) - information(100)
     s = smoothness * DT
     v = (1j * omega) ** np.arange(q + 1)
-    counted = 2 * np.sqrt(np.pi) * smoothness * np.exp(-((s * omega) ** 2)) * (v.conj() @ temporal_precision(q, s) @ v)
+    counted = (
+        2
+        * np.sqrt(np.pi)
+        * smoothness
+        * np.exp(-((s * omega) ** 2))
+        * (v.conj() @ temporal_precision(q, s) @ v)
+    )
     # Differences for derivatives; and what measurement noise takes from the exact information.
     tolerance = (omega * DT) ** 2 + noise**2 * (omega**2 + 1)
     assert dem / exact == pytest.approx(counted.real, rel=tolerance)
@@ -146,8 +161,10 @@ def test_of_a_motion_that_only_noise_drives_dem_sees_the_ends_alone():
     """
     noise = 0.003
     system = decay(2, noise)
-    s, prior = system.smoothness, weak_prior(system)
-    ours, exact = [], []
+    s = system.smoothness
+    prior = weak_prior(system)
+    ours = []
+    exact = []
     for outputs in draw(system)[1]:
         y = outputs[:, 0]
         ends = (y[-1] * y[-2] - y[1] * y[0]) / (2 * DT)
@@ -168,5 +185,7 @@ def test_of_a_motion_that_only_noise_drives_dem_sees_the_ends_alone():
 def test_a_backward_difference_makes_such_a_motion_grow(smoothness):
     """Σ xₜ (xₜ − xₜ₋₁)/dt ≥ 0: p = 1 reads the slope half a sample late, and the rate it finds is positive."""
     system = decay(smoothness, 0.003)
-    rates = [parameters_of(system, y, Embedding(1, 0), weak_prior(system))[0][0] for y in draw(system)[1]]
+    rates = [
+        parameters_of(system, y, Embedding(1, 0), weak_prior(system))[0][0] for y in draw(system)[1]
+    ]
     assert np.mean(rates) > 4 * standard_error(rates)

@@ -26,7 +26,8 @@ def alone(outputs):
 
 def test_a_clean_system_is_recovered_and_forecast():
     flight = simulated()
-    train, test = flight[:700], flight[700:]
+    train = flight[:700]
+    test = flight[700:]
     learned = learn(train, Settings(order=2, parameter_precision=0.01, window=3))
     model = learned.model
     # Motors are held over a step and read as running linearly, half a step late at worst: gain is not affected.
@@ -40,18 +41,23 @@ def test_a_clean_system_is_recovered_and_forecast():
 def test_units_of_the_stream_do_not_matter():
     flight = simulated(wind=0.5)
     other = Flight(flight.time, flight.inputs / 1000 - 1, np.degrees(flight.outputs))
-    one, two = learn(flight[:700], QUICK), learn(other[:700], QUICK)
+    one = learn(flight[:700], QUICK)
+    two = learn(other[:700], QUICK)
     np.testing.assert_allclose(two.model.A, one.model.A, rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(two.model.B, np.degrees(one.model.B) * 1000, rtol=1e-6, atol=1e-9)
     forecast = np.degrees(one.forecast(flight[700:].inputs))
-    np.testing.assert_allclose(two.forecast(other[700:].inputs), forecast, rtol=0, atol=1e-6 * np.abs(forecast).max())
+    np.testing.assert_allclose(
+        two.forecast(other[700:].inputs), forecast, rtol=0, atol=1e-6 * np.abs(forecast).max()
+    )
 
 
 @pytest.mark.slow
 def test_the_memory_layout_of_the_data_does_not_matter():
     flight = simulated(wind=0.5)
-    inputs, outputs = np.asfortranarray(flight.inputs), np.asfortranarray(flight.outputs)
-    one, two = learn(flight[:700], QUICK), learn(Flight(flight.time, inputs, outputs)[:700], QUICK)
+    inputs = np.asfortranarray(flight.inputs)
+    outputs = np.asfortranarray(flight.outputs)
+    one = learn(flight[:700], QUICK)
+    two = learn(Flight(flight.time, inputs, outputs)[:700], QUICK)
     three = learn(SimpleNamespace(inputs=inputs[:700], outputs=outputs[:700], dt=flight.dt), QUICK)
     ahead = flight.inputs[700:]
     for other in (two, three):
@@ -59,7 +65,9 @@ def test_the_memory_layout_of_the_data_does_not_matter():
         np.testing.assert_array_equal(other.theta_covariance, one.theta_covariance)
 
 
-@pytest.mark.parametrize(("rate", "window"), [(50, 5), (100, 9), (120, 11), (200, 19), (250, 23), (400, 37)])
+@pytest.mark.parametrize(
+    ("rate", "window"), [(50, 5), (100, 9), (120, 11), (200, 19), (250, 23), (400, 37)]
+)
 def test_the_window_that_is_left_open_lasts_as_long_at_every_rate(rate, window):
     record = Record(np.zeros((700, 4)), np.zeros((700, 2)), 1 / rate, (700,))
     settings = complete(Settings(), record)
@@ -72,9 +80,16 @@ def test_the_window_that_is_left_open_lasts_as_long_at_every_rate(rate, window):
 
 def test_the_window_that_is_left_open_is_the_shortest_in_short_segments():
     def record(samples):
-        return Record(np.zeros((60 * samples, 4)), np.zeros((60 * samples, 2)), 0.01, (samples,) * 60)
+        return Record(
+            np.zeros((60 * samples, 4)), np.zeros((60 * samples, 2)), 0.01, (samples,) * 60
+        )
 
-    assert [complete(Settings(), record(samples)).window for samples in (20, 16, 12, 4)] == [9, 9, 3, 3]
+    assert [complete(Settings(), record(samples)).window for samples in (20, 16, 12, 4)] == [
+        9,
+        9,
+        3,
+        3,
+    ]
     with pytest.raises(ValueError, match="longer for windows of 3 samples"):
         complete(Settings(), record(3))
     with pytest.raises(ValueError, match="longer for windows of 9 samples"):
@@ -88,7 +103,9 @@ def test_process_noise_is_the_moment_of_the_wind():
     assert noise.shape == (len(places), 2)
     rng = np.random.default_rng(3)
     rng.standard_normal((850, 4))
-    moment = (0.5 * gaussian_filter1d(rng.standard_normal(8500), 50) * np.sqrt(100 * np.sqrt(np.pi)))[::10]
+    moment = (
+        0.5 * gaussian_filter1d(rng.standard_normal(8500), 50) * np.sqrt(100 * np.sqrt(np.pi))
+    )[::10]
     likeness = [np.corrcoef(noise[5:-5, 1], moment[places[5:-5] + lag])[0, 1] for lag in (-3, 0, 3)]
     assert np.argmax(likeness) == 1
     assert likeness[1] > 0.9
@@ -119,7 +136,10 @@ def test_unstable_models_are_said_to_be():
     learned = learn(flight, Settings(order=2, parameter_precision=0.01, window=3))
     assert learned.model.spectral_abscissa > 0
     assert any("unstable" in caution for caution in learned.cautions)
-    assert not learned.stable and not replace(learned, settings=replace(learned.settings, forecasts="plant")).stable
+    assert (
+        not learned.stable
+        and not replace(learned, settings=replace(learned.settings, forecasts="plant")).stable
+    )
 
 
 @pytest.mark.slow
@@ -135,10 +155,22 @@ def test_other_numbers_of_outputs(m):
     ("change", "message"),
     [
         (lambda f: f[:30], "at least 50 samples"),
-        (lambda f: Flight(f.time, f.inputs, f.outputs * [1, 0])[:700], "outputs column 1 must vary"),
-        (lambda f: Flight(f.time, f.inputs, f.outputs * [0, 1] + 0.1)[:700], "outputs column 0 must vary"),
-        (lambda f: Flight(f.time, f.inputs * 0 + 1500.1, f.outputs)[:700], "inputs column 0 must vary: constant"),
-        (lambda f: Flight(f.time, f.inputs * [1, 1, 0, 1], f.outputs)[:700], "inputs column 2 must vary: .* Leave out"),
+        (
+            lambda f: Flight(f.time, f.inputs, f.outputs * [1, 0])[:700],
+            "outputs column 1 must vary",
+        ),
+        (
+            lambda f: Flight(f.time, f.inputs, f.outputs * [0, 1] + 0.1)[:700],
+            "outputs column 0 must vary",
+        ),
+        (
+            lambda f: Flight(f.time, f.inputs * 0 + 1500.1, f.outputs)[:700],
+            "inputs column 0 must vary: constant",
+        ),
+        (
+            lambda f: Flight(f.time, f.inputs * [1, 1, 0, 1], f.outputs)[:700],
+            "inputs column 2 must vary: .* Leave out",
+        ),
     ],
 )
 def test_data_that_determine_nothing_are_refused(change, message):
@@ -156,16 +188,21 @@ def test_more_hidden_states_than_derivatives_are_refused_and_one_fewer_learnt():
 
 
 def test_derivative_pairs_are_found_whatever_their_places_and_noise():
-    outputs, rng = simulated(wind=1.0).outputs, np.random.default_rng(0)
+    outputs = simulated(wind=1.0).outputs
+    rng = np.random.default_rng(0)
     assert derivative_pairs(alone(outputs)) == ((0, 1),)
     assert derivative_pairs(alone(outputs[:, ::-1])) == ((1, 0),)
-    assert derivative_pairs(alone(outputs + rng.standard_normal(outputs.shape) * [2e-3, 2e-2])) == ((0, 1),)
+    assert derivative_pairs(alone(outputs + rng.standard_normal(outputs.shape) * [2e-3, 2e-2])) == (
+        (0, 1),
+    )
     assert derivative_pairs(alone(rng.standard_normal((300, 2)))) == ()
 
 
 def test_an_ascent_that_broke_off_where_no_step_increased_it_has_not_converged(monkeypatch):
     monkeypatch.setattr("mavdem.dem.engine.ascent.NEWTON_SHARES", ())
-    learned = learn(simulated(wind=0.5)[:700], Settings(window=9, parameter_precision=1.0, horizon=None))
+    learned = learn(
+        simulated(wind=0.5)[:700], Settings(window=9, parameter_precision=1.0, horizon=None)
+    )
     assert not learned.converged
 
 
@@ -179,7 +216,9 @@ def test_wrong_forecast_inputs_are_named():
         learned.forecast_band(np.zeros((10, 4)), level=2)
 
 
-@pytest.mark.parametrize("settings", [PLANT, Settings.paper(), replace(PLANT, order=3, forecasts="joint")])
+@pytest.mark.parametrize(
+    "settings", [PLANT, Settings.paper(), replace(PLANT, order=3, forecasts="joint")]
+)
 def test_from_zero_row_0_is_the_trim_and_the_inputs_move_the_rest_by_the_physical_model(settings):
     flight = simulated(wind=0.5)
     learned = learn(flight[:700], settings)
@@ -187,7 +226,8 @@ def test_from_zero_row_0_is_the_trim_and_the_inputs_move_the_rest_by_the_physica
     inputs = flight.inputs[700:]
     phi, gamma0, gamma1 = discretize(learned.model.A, learned.model.B, learned.dt)
     drift = np.linalg.solve(learned.model.A, (phi - np.eye(n)) @ learned.model.offset)
-    states, pushes = [np.zeros(n)], inputs - learned.model.input_trim
+    states = [np.zeros(n)]
+    pushes = inputs - learned.model.input_trim
     for now, following in pairwise(pushes):
         states.append(phi @ states[-1] + gamma0 @ now + gamma1 @ following + drift)
     expected = np.array(states) @ learned.model.C.T + learned.model.output_trim
@@ -199,12 +239,15 @@ def test_from_zero_row_0_is_the_trim_and_the_inputs_move_the_rest_by_the_physica
 @pytest.mark.slow
 def test_a_fit_that_starts_at_an_earlier_one_arrives_at_the_same_model_sooner():
     flight = simulated(samples=2000, wind=0.5)
-    whole, cold = learn(flight), learn(flight[:1600])
+    whole = learn(flight)
+    cold = learn(flight[:1600])
     warm = learn(flight[:1600], start=Learned.from_json(whole.to_json()))
     assert len(warm.free_energy) < len(cold.free_energy)
     assert warm.free_energy[-1] == pytest.approx(cold.free_energy[-1], abs=1.0)
     ahead = flight.inputs[1600:1700]
-    np.testing.assert_allclose(warm.forecast(ahead), cold.forecast(ahead), atol=0.02 * flight.outputs.std())
+    np.testing.assert_allclose(
+        warm.forecast(ahead), cold.forecast(ahead), atol=0.02 * flight.outputs.std()
+    )
     with pytest.raises(ValueError, match="start must have the states, inputs, outputs"):
         learn(flight[:700], replace(QUICK, order=2), start=cold)
 
@@ -217,8 +260,11 @@ def test_predictions_and_noise_belong_to_their_segments():
     learned = learn([flight[:400], flight[460:700]], CLEAN)
     ahead = learned.one_step()
     assert ahead.shape == (640, 2)
-    process, inputs = learned.joint.process, learned.record.inputs @ learned.joint.combinations
-    first = process.infer(np.tile(process.units.center, (2, process.lags, 1)), inputs[[0, 400], None]).mean[:, 0]
+    process = learned.joint.process
+    inputs = learned.record.inputs @ learned.joint.combinations
+    first = process.infer(
+        np.tile(process.units.center, (2, process.lags, 1)), inputs[[0, 400], None]
+    ).mean[:, 0]
     np.testing.assert_allclose(ahead[[0, 400]], first, rtol=1e-12)
     places, noise = learned.process_noise()
     np.testing.assert_array_equal(places, np.r_[2:398, 402:638])
@@ -246,7 +292,8 @@ def test_halves_cut_the_segment_in_the_middle():
 
 
 def test_a_flight_is_cut_at_its_gaps():
-    whole, kept = simulated(), np.r_[0:300, 330:331, 400:700]
+    whole = simulated()
+    kept = np.r_[0:300, 330:331, 400:700]
     segments = Flight.segments(
         whole.time[kept] + 1e-6, whole.inputs[kept], whole.outputs[kept], output_names=("a", "b")
     )
@@ -260,11 +307,26 @@ def test_a_flight_is_cut_at_its_gaps():
     [
         (lambda flight: [], "^train must hold"),
         (
-            lambda flight: [flight[:300], Flight(0.02 * np.arange(300), flight.inputs[:300], flight.outputs[:300])],
+            lambda flight: [
+                flight[:300],
+                Flight(0.02 * np.arange(300), flight.inputs[:300], flight.outputs[:300]),
+            ],
             "^dt",
         ),
-        (lambda flight: [flight[:300], Flight(flight.time, flight.inputs[:, :3], flight.outputs)], "^inputs"),
-        (lambda flight: [flight[:300], Flight(flight.time, flight.inputs, flight.outputs[:, :1])], "^outputs"),
+        (
+            lambda flight: [
+                flight[:300],
+                Flight(flight.time, flight.inputs[:, :3], flight.outputs),
+            ],
+            "^inputs",
+        ),
+        (
+            lambda flight: [
+                flight[:300],
+                Flight(flight.time, flight.inputs, flight.outputs[:, :1]),
+            ],
+            "^outputs",
+        ),
         (lambda flight: [flight[:300], None], "^train must be a Flight"),
         (lambda flight: {"dt": 1}, "^train must be a Flight"),
         (lambda flight: [flight[i : i + 6] for i in range(0, 600, 6)], "^train must be longer"),
@@ -279,7 +341,9 @@ FLIGHT = simulated(wind=1.0)[:700]
 
 
 def cautions(inputs, names=()):
-    return Record(inputs, FLIGHT.outputs, FLIGHT.dt, (len(inputs),), input_names=names).input_cautions
+    return Record(
+        inputs, FLIGHT.outputs, FLIGHT.dt, (len(inputs),), input_names=names
+    ).input_cautions
 
 
 def test_a_motor_that_hardly_moves_is_named_and_demands_are_no_motors():
@@ -291,4 +355,7 @@ def test_a_motor_that_hardly_moves_is_named_and_demands_are_no_motors():
     inputs = FLIGHT.inputs - FLIGHT.inputs.mean(axis=0)
     (caution,) = cautions(inputs)
     assert caution.startswith("input 1 has both signs")
-    assert any("has both signs" in caution for caution in learn(Flight(FLIGHT.time, inputs, FLIGHT.outputs)).cautions)
+    assert any(
+        "has both signs" in caution
+        for caution in learn(Flight(FLIGHT.time, inputs, FLIGHT.outputs)).cautions
+    )

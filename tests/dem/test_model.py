@@ -14,7 +14,12 @@ from scipy.stats import multivariate_normal
 from textbook_filter import TextbookFilter
 
 from mavdem.dem.engine import kalman
-from mavdem.dem.engine.generative import embed, taylor_weights, temporal_covariance, temporal_precision
+from mavdem.dem.engine.generative import (
+    embed,
+    taylor_weights,
+    temporal_covariance,
+    temporal_precision,
+)
 from mavdem.dem.engine.kalman import GaussianModel, smoothed, steady_covariance, steady_gain
 from mavdem.dem.engine.linalg import inverse, logdet, solve
 from mavdem.dem.engine.model import WORST_MODES, discretize, pack, recursion, unpack
@@ -22,7 +27,9 @@ from mavdem.dem.engine.state_space import filter_gain
 
 
 def test_parameters_are_the_rows_of_a_then_b_then_c():
-    A, B, C = np.arange(4.0).reshape(2, 2), np.arange(4.0, 10).reshape(2, 3), np.arange(10.0, 12).reshape(1, 2)
+    A = np.arange(4.0).reshape(2, 2)
+    B = np.arange(4.0, 10).reshape(2, 3)
+    C = np.arange(10.0, 12).reshape(1, 2)
     theta = pack(A, B, C)
     np.testing.assert_array_equal(theta, np.arange(12))
     # The paper's θ = [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)], vec stacking columns.
@@ -34,7 +41,9 @@ def test_parameters_are_the_rows_of_a_then_b_then_c():
 @given(seed=st.integers(0, 10**6), n=st.integers(1, 4), r=st.integers(1, 3))
 def test_first_order_hold_agrees_with_scipy(seed, n, r):
     rng = np.random.default_rng(seed)
-    A, B, dt = rng.standard_normal((n, n)), rng.standard_normal((n, r)), 0.05
+    A = rng.standard_normal((n, n))
+    B = rng.standard_normal((n, r))
+    dt = 0.05
     step = discretize(A, B, dt)
     np.testing.assert_allclose(step.state, expm(A * dt), atol=1e-12)
     # SciPy's first-order hold moves Γ₁ into the output equation: its input matrix is Γ₀ + Φ Γ₁.
@@ -48,15 +57,23 @@ def test_agrees_with_numpy_whatever_the_units(seed, size):
     matrix = positive_definite(rng, size)
     right = rng.standard_normal((size, 3))
     np.testing.assert_allclose(solve(matrix, right), np.linalg.solve(matrix, right), atol=1e-10)
-    np.testing.assert_allclose(solve(matrix, right[:, 0]), np.linalg.solve(matrix, right[:, 0]), atol=1e-10)
+    np.testing.assert_allclose(
+        solve(matrix, right[:, 0]), np.linalg.solve(matrix, right[:, 0]), atol=1e-10
+    )
     units = 10.0 ** rng.integers(-12, 12, size)
     scaled = matrix * np.outer(units, units)
-    np.testing.assert_allclose(inverse(scaled) * np.outer(units, units), np.linalg.inv(matrix), atol=1e-9)
+    np.testing.assert_allclose(
+        inverse(scaled) * np.outer(units, units), np.linalg.inv(matrix), atol=1e-9
+    )
     np.testing.assert_array_equal(inverse(scaled), inverse(scaled).T)
-    assert logdet(scaled) == pytest.approx(np.linalg.slogdet(matrix)[1] + 2 * np.log(units).sum(), abs=1e-8)
+    assert logdet(scaled) == pytest.approx(
+        np.linalg.slogdet(matrix)[1] + 2 * np.log(units).sum(), abs=1e-8
+    )
 
 
-@pytest.mark.parametrize("matrix", [np.diag([1.0, -1.0]), np.ones((2, 2)) - np.eye(2), np.array([[1.0, 2], [2, 1]])])
+@pytest.mark.parametrize(
+    "matrix", [np.diag([1.0, -1.0]), np.ones((2, 2)) - np.eye(2), np.array([[1.0, 2], [2, 1]])]
+)
 @pytest.mark.parametrize("function", [inverse, logdet, lambda matrix: solve(matrix, np.ones(2))])
 def test_a_matrix_that_is_not_positive_definite_is_refused(matrix, function):
     with pytest.raises(np.linalg.LinAlgError):
@@ -75,7 +92,8 @@ def test_defective_dynamics_run_as_sample_by_sample(F, samples):
     pushes = np.random.default_rng(0).standard_normal((samples, 3))
     before = pushes.copy()
     states = recursion(F, pushes, np.ones(3))
-    expected, state = [], np.ones(3)
+    expected = []
+    state = np.ones(3)
     for push in pushes:
         state = F @ state + push
         expected.append(state)
@@ -86,7 +104,8 @@ def test_defective_dynamics_run_as_sample_by_sample(F, samples):
 def random_filter(seed, n=3, r=2, m=2, dt=0.02):
     rng = np.random.default_rng(seed)
     A = rng.standard_normal((n, n)) * 3 - 2 * np.eye(n)
-    B, C = rng.standard_normal((n, r)), np.eye(m, n)
+    B = rng.standard_normal((n, r))
+    C = np.eye(m, n)
     gain = filter_gain(A, C, dt, rng.uniform(1e-4, 1e-2, m), np.diag(rng.uniform(0.1, 10, n)), dt)
     return TextbookFilter.of(A, B, C, dt, gain)
 
@@ -97,12 +116,15 @@ def test_the_innovation_form_is_the_filter_of_textbooks(seed):
     textbook = random_filter(seed)
     predictor = textbook.predictor
     rng = np.random.default_rng(seed)
-    y, u = rng.standard_normal((40, 2)), rng.standard_normal((40, 2))
+    y = rng.standard_normal((40, 2))
+    u = rng.standard_normal((40, 2))
     corrected, ahead = textbook.corrected(u, y)
     scale = np.abs(corrected).max()
     np.testing.assert_allclose(predictor.one_step(u, y), ahead, atol=1e-8 * scale)
     # The state of the innovation form is the predicted one, less what the sample's own inputs add.
-    predicted = [textbook._moved(state, now, now * 0) for state, now in zip(corrected, u, strict=True)]
+    predicted = [
+        textbook._moved(state, now, now * 0) for state, now in zip(corrected, u, strict=True)
+    ]
     start = predictor.second(u[0], y[0])
     states = predictor.filtered(start, u[1:], y[1:])
     np.testing.assert_allclose(states, predicted, atol=1e-8 * scale)
@@ -114,7 +136,9 @@ def test_the_innovation_form_is_the_filter_of_textbooks(seed):
     from_there = predictor.simulated_from(np.array([10]), 30, states[[9]], u)
     np.testing.assert_allclose(from_there[0], forecast, atol=1e-8 * scale)
     every = predictor.simulated_every(7, start, u[1:], y[1:])
-    np.testing.assert_allclose(every[14:21], textbook.forecast(corrected[14], u[14:])[:7], atol=1e-8 * scale)
+    np.testing.assert_allclose(
+        every[14:21], textbook.forecast(corrected[14], u[14:])[:7], atol=1e-8 * scale
+    )
     # One sample has no prediction.
     assert predictor.one_step(np.ones((1, 2)), np.ones((1, 2))).shape == (0, 2)
     assert predictor.simulated(np.ones(3), np.ones((0, 2))) == pytest.approx(np.empty((0, 2)))
@@ -123,11 +147,15 @@ def test_the_innovation_form_is_the_filter_of_textbooks(seed):
 @pytest.mark.parametrize("smoothness", [0.002, 0.5])
 def test_coloured_noises_count_with_their_power_at_low_frequency(smoothness):
     """Of w 2s√π in continuous time; of samples of z the same over the step, but not less than their variance."""
-    dt, process, measurement = 0.02, np.array([[2.0, 0.3], [0.3, 1.0]]), np.array([0.01, 0.04])
-    A, C = np.array([[0.0, 1.0], [-9.0, -4.0]]), np.eye(2)
+    dt = 0.02
+    process = np.array([[2.0, 0.3], [0.3, 1.0]])
+    measurement = np.array([0.01, 0.04])
+    A = np.array([[0.0, 1.0], [-9.0, -4.0]])
+    C = np.eye(2)
     gain = filter_gain(A, C, dt, measurement, process, smoothness)
     power = 2 * smoothness * np.sqrt(np.pi)
-    Q, R = process * power * dt, np.diag(measurement) * (power / dt if power > dt else 1.0)
+    Q = process * power * dt
+    R = np.diag(measurement) * (power / dt if power > dt else 1.0)
     P = solve_discrete_are(expm(A * dt).T, C.T, Q, R)
     np.testing.assert_allclose(gain, P @ C.T @ np.linalg.inv(C @ P @ C.T + R), rtol=1e-9)
 
@@ -136,7 +164,9 @@ def test_coloured_noises_count_with_their_power_at_low_frequency(smoothness):
 def test_derivatives_of_polynomials_are_exact(order, extra, dt, data):
     window = order + 1 + extra
     at = data.draw(st.integers(0, window - 1))
-    coefficients = np.array(data.draw(st.lists(st.floats(-1, 1), min_size=order + 1, max_size=order + 1)))
+    coefficients = np.array(
+        data.draw(st.lists(st.floats(-1, 1), min_size=order + 1, max_size=order + 1))
+    )
     # A polynomial in steps, so that its size does not depend on dt.
     polynomial = np.polynomial.Polynomial(coefficients)
     samples = polynomial(np.arange(window) - at)
@@ -153,12 +183,15 @@ def test_embedding_is_the_weights_applied_to_each_window(window, at):
     embedded = embed(samples, 1, 0.2, window, at)
     assert len(embedded) == 30 - window + 1
     for i in range(30 - window + 1):
-        np.testing.assert_allclose(embedded[i], (weights @ samples[i : i + window]).ravel(), atol=1e-9)
+        np.testing.assert_allclose(
+            embedded[i], (weights @ samples[i : i + window]).ravel(), atol=1e-9
+        )
 
 
 def test_entries_are_derivatives_of_the_autocorrelation_at_zero():
     # d^k/dτ^k exp(−τ²/4s²) at 0 is (−1/(2s))^k H_k(0) with physicists' Hermite polynomials.
-    s, order = 1.7, 6
+    s = 1.7
+    order = 6
     covariance = temporal_covariance(order, s)
     for i in range(order + 1):
         for j in range(order + 1):
@@ -197,9 +230,11 @@ def joint(model, start, inputs, outputs, spread=None):
     ``spread`` (n, n) is the covariance of the first state, one unless given.
     """
     A, B, offset, C, trim, Q, R = model
-    samples, n = len(outputs), len(A)
+    samples = len(outputs)
+    n = len(A)
     # States are a linear map of the first one and all noises.
-    effects, means = np.zeros((samples, n, samples, n)), [start]
+    effects = np.zeros((samples, n, samples, n))
+    means = [start]
     for t in range(samples):
         for s in range(t + 1):
             effects[t, :, s] = np.linalg.matrix_power(A, t - s)
@@ -208,8 +243,10 @@ def joint(model, start, inputs, outputs, spread=None):
     effects = effects.reshape(samples * n, samples * n)
     noises = np.kron(np.eye(samples), Q)
     noises[:n, :n] = np.eye(n) if spread is None else spread
-    prior, mean = effects @ noises @ effects.T, np.concatenate(means)
-    seen, targets = np.kron(np.eye(samples), C), (outputs - trim).ravel()
+    prior = effects @ noises @ effects.T
+    mean = np.concatenate(means)
+    seen = np.kron(np.eye(samples), C)
+    targets = (outputs - trim).ravel()
     of_targets = seen @ prior @ seen.T + np.kron(np.eye(samples), R)
     gain = prior @ seen.T @ np.linalg.inv(of_targets)
     return (
@@ -233,7 +270,9 @@ def test_it_is_the_joint_gaussian_given_the_outputs(seed, n, k, m, samples, radi
         patched.setattr(kalman, "STEADY", stands_still)
         rng = np.random.default_rng(seed)
         model = random_gaussian_model(seed, n, k, m, radius)
-        start, inputs, outputs = (rng.standard_normal(shape) for shape in (n, (samples, k), (samples, m)))
+        start, inputs, outputs = (
+            rng.standard_normal(shape) for shape in (n, (samples, k), (samples, m))
+        )
         states = smoothed(model, start, inputs, outputs)
     means, covariances, log_likelihood = joint(model, start, inputs, outputs)
     scale = np.abs(means).max() + 1
@@ -252,17 +291,27 @@ def test_the_steady_covariance_solves_riccati_s_equation(noise, radius):
     rng = np.random.default_rng(0)
     A = rng.standard_normal((20, 4, 4))
     A *= radius / np.abs(np.linalg.eigvals(A)).max(axis=1)[:, None, None]
-    C, root = rng.standard_normal((20, 2, 4)), rng.standard_normal((20, 6, 6))
+    C = rng.standard_normal((20, 2, 4))
+    root = rng.standard_normal((20, 6, 6))
     root[:, 4:] *= np.sqrt(noise)
     joint = root @ np.swapaxes(root, 1, 2)
-    Q, S, R = joint[:, :4, :4], joint[:, :4, 4:], joint[:, 4:, 4:]
-    expected = np.array([solve_discrete_are(a.T, c.T, q, r, s=s) for a, c, q, r, s in zip(A, C, Q, R, S, strict=True)])
+    Q = joint[:, :4, :4]
+    S = joint[:, :4, 4:]
+    R = joint[:, 4:, 4:]
+    expected = np.array(
+        [
+            solve_discrete_are(a.T, c.T, q, r, s=s)
+            for a, c, q, r, s in zip(A, C, Q, R, S, strict=True)
+        ]
+    )
     found = steady_covariance(A, C, Q, R, S)
     np.testing.assert_allclose(found, expected, atol=1e-6 * np.abs(expected).max())
     gain, P = steady_gain(A[0], C[0], Q[0], R[0], S[0])
     np.testing.assert_allclose(P, expected[0], atol=1e-6 * np.abs(expected[0]).max())
     innovations = C[0] @ expected[0] @ C[0].T + R[0]
-    np.testing.assert_allclose(gain @ innovations, A[0] @ expected[0] @ C[0].T + S[0], atol=1e-6 * np.abs(P).max())
+    np.testing.assert_allclose(
+        gain @ innovations, A[0] @ expected[0] @ C[0].T + S[0], atol=1e-6 * np.abs(P).max()
+    )
     # A state that grows unseen has none.
     with pytest.raises(np.linalg.LinAlgError, match="no steady filter"):
         steady_gain(np.diag([1.1, 0.5]), np.array([[0.0, 1.0]]), np.eye(2), np.eye(1))

@@ -48,14 +48,19 @@ def test_a_memory_has_its_latest_samples():
     for sample in range(100):
         memory.add(np.array([sample]), np.array([-sample]), 0.01 * sample)
         inputs, outputs = memory.latest(7)
-        assert inputs.ravel().tolist() == list(range(max(sample - 6, 0), sample + 1)) and (outputs == -inputs).all()
+        assert (
+            inputs.ravel().tolist() == list(range(max(sample - 6, 0), sample + 1))
+            and (outputs == -inputs).all()
+        )
     assert memory.blocks[-1].until == pytest.approx(0.99)
     memory.end_segment()
     assert len(memory.latest(7)[0]) == 0
     for sample in range(100, 140):
         memory.add(np.array([sample]), np.array([-sample]), 0.01 * sample)
         assert memory.latest(7)[0].ravel().tolist() == list(range(max(sample - 6, 100), sample + 1))
-    assert memory.record().lengths == (12,) and memory.record().inputs.ravel().tolist() == list(range(128, 140))
+    assert memory.record().lengths == (12,) and memory.record().inputs.ravel().tolist() == list(
+        range(128, 140)
+    )
 
 
 def test_what_is_taken_back_is_forgotten_and_nothing_of_an_earlier_boot():
@@ -73,16 +78,24 @@ def test_what_is_taken_back_is_forgotten_and_nothing_of_an_earlier_boot():
 @pytest.mark.parametrize("horizon", [None, 0.3])
 def test_it_arrives_where_learning_at_once_does(horizon):
     """From the last model on, F̄ and the parameters are those of learning anew, to what a fit has converged to."""
-    flight, settings = simulated(samples=900, wind=1.0, lag=0.05), dataclasses.replace(COMPLETE, horizon=horizon)
+    flight = simulated(samples=900, wind=1.0, lag=0.05)
+    settings = dataclasses.replace(COMPLETE, horizon=horizon)
     online = OnlineLearner(settings, dt=flight.dt, memory=30.0)
     estimate = flown(online, flight)[-1]
     learned = round((estimate.until - flight.time[0]) / flight.dt) + 1
     assert len(flight) - learned <= LEARNING_SECONDS / flight.dt
-    assert repr(estimate).startswith("<Estimate: at 8.99 s, expected [") and len(repr(estimate)) < 150
+    assert (
+        repr(estimate).startswith("<Estimate: at 8.99 s, expected [") and len(repr(estimate)) < 150
+    )
     whole = mavdem.learn(flight[:learned], settings)
-    assert whole.free_energy[-1] == pytest.approx(estimate.free_energy_action, abs=2 * CONVERGED_NATS + 0.2)
+    assert whole.free_energy[-1] == pytest.approx(
+        estimate.free_energy_action, abs=2 * CONVERGED_NATS + 0.2
+    )
     # As many standard deviations as there are nats left; what is fixed stays where generalized coordinates left it.
-    off = {name: np.abs(getattr(estimate.model, name) - getattr(whole.model, name)).ravel() for name in "AB"}
+    off = {
+        name: np.abs(getattr(estimate.model, name) - getattr(whole.model, name)).ravel()
+        for name in "AB"
+    }
     for name, part in (("A", slice(0, 9)), ("B", slice(9, 21))):
         allowed = np.where(whole.known[part], 0.5, np.sqrt(2 * (CONVERGED_NATS + 0.1)))
         assert (off[name] <= allowed * np.sqrt(whole.theta_covariance.diagonal()[part])).all()
@@ -90,14 +103,17 @@ def test_it_arrives_where_learning_at_once_does(horizon):
     learner = OnlineLearner(settings, dt=flight.dt, memory=30.0)
     flown(learner, flight[:800])
     energy, disturbance = learner._tracker.evaluate(learner._memory)
-    (_, noise), last = learner.learned.process_noise(), learner.learned.free_energy_of_samples[-1]
+    (_, noise) = learner.learned.process_noise()
+    last = learner.learned.free_energy_of_samples[-1]
     assert learner._tracker.until == pytest.approx(flight.time[799])
     assert energy + learner._tracker.tracking.energy.priors == pytest.approx(last, abs=0.1)
     np.testing.assert_allclose(disturbance, noise[-1], atol=1e-6 * np.abs(noise).max())
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("milliseconds", "samples"), [(2.5, 859), (10, 258), (30, 125), (100, 125)])
+@pytest.mark.parametrize(
+    ("milliseconds", "samples"), [(2.5, 859), (10, 258), (30, 125), (100, 125)]
+)
 def test_at_any_rate_the_first_model_comes_after_so_many_samples(milliseconds, samples):
     flight = mavdem.read_flight(Path(__file__).parents[2] / "logs" / "ardupilot_wind5_steps.tlog")
     dt = milliseconds / 1e3
@@ -106,7 +122,9 @@ def test_at_any_rate_the_first_model_comes_after_so_many_samples(milliseconds, s
         np.column_stack([np.interp(time, flight.time, channel) for channel in table.T])
         for table in (flight.outputs, flight.inputs)
     )
-    online, said, rows = OnlineLearner(dt=dt), [], zip(time, outputs, inputs, strict=True)
+    online = OnlineLearner(dt=dt)
+    said = []
+    rows = zip(time, outputs, inputs, strict=True)
     while online.update(*next(rows)).model is None:
         said.append(online.obstacle)
     begins = max(round(LEARNING_SECONDS / dt), 2 * FEWEST_SAMPLES)
@@ -140,16 +158,20 @@ def test_a_gap_keeps_what_was_learnt_and_predicts_nothing_across():
     estimates = flown(online, later)
     assert np.isnan(estimates[0].expected).all() and estimates[0].model is not None
     assert np.isfinite(estimates[1].expected).all()
-    assert np.isnan([each.free_energy for each in estimates[:8]]).all() and np.isfinite(estimates[8].free_energy)
+    assert np.isnan([each.free_energy for each in estimates[:8]]).all() and np.isfinite(
+        estimates[8].free_energy
+    )
     assert online._memory.record().lengths == (400, 100)
     assert len(online._bands._waiting) == min(100, HORIZONS[-1])
-    back = online.update(3.0, WINDY.outputs[0], WINDY.inputs[0])  # a clock that jumps back is a gap too
+    # a clock that jumps back is a gap too
+    back = online.update(3.0, WINDY.outputs[0], WINDY.inputs[0])
     assert np.isnan(back.expected).all()
 
 
 @pytest.mark.slow
 def test_a_vehicle_that_stood_still_is_learnt_from_soon_after_it_moves():
-    still, dt = 900, WINDY.dt
+    still = 900
+    dt = WINDY.dt
     online = OnlineLearner(dt=dt)
     for row in range(still):
         online.update(dt * row, [0.2, 0.0], [1500.0] * 4)
@@ -184,7 +206,9 @@ def test_an_executor_that_is_gone_is_an_obstacle_and_no_error():
 
 
 def test_while_another_thread_learns_no_update_waits_for_it():
-    online = OnlineLearner(COMPLETE, dt=WINDY.dt, executor=Mock(**{"submit.return_value": Future()}))
+    online = OnlineLearner(
+        COMPLETE, dt=WINDY.dt, executor=Mock(**{"submit.return_value": Future()})
+    )
     flown(online, WINDY[:250])
     with ThreadPoolExecutor(1) as executor, one_thread():
         updates = executor.submit(flown, online, WINDY[250:600])
@@ -203,7 +227,9 @@ def test_a_process_forked_while_another_thread_learns_can_learn():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("step", "said"), [(0.02, "come every 0.02 s, where dt is 0.01 s"), (-0.01, "do not go on")])
+@pytest.mark.parametrize(
+    ("step", "said"), [(0.02, "come every 0.02 s, where dt is 0.01 s"), (-0.01, "do not go on")]
+)
 def test_a_dt_that_is_not_that_of_the_samples_is_an_obstacle(step, said):
     online = OnlineLearner(COMPLETE, dt=0.01)
     flown(online, WINDY[:450])
@@ -272,7 +298,9 @@ def test_a_band_holds_nine_of_ten_errors():
     rng = np.random.default_rng(0)
     for errors in (rng.standard_normal(20_000), rng.standard_t(3, 20_000)):
         half = fed(ErrorBands((1,), 1, DT), errors)[1000:]
-        np.testing.assert_allclose(np.mean(np.abs(errors[1000:, None]) <= half, axis=0), 0.9, atol=0.01)
+        np.testing.assert_allclose(
+            np.mean(np.abs(errors[1000:, None]) <= half, axis=0), 0.9, atol=0.01
+        )
 
 
 def test_a_band_forgets_by_the_number_of_errors_and_not_by_their_size():
@@ -299,7 +327,8 @@ def test_predictions_meet_their_own_sample():
     bands = ErrorBands((1, 3), 1, DT)
     for sample in range(60):
         if sample == 30:
-            bands.end_segment()  # what was predicted of the time of the gap is never held against what came after it
+            # what was predicted of the time of the gap is never held against what came after it
+            bands.end_segment()
         value = sample + 1000.0 * (sample >= 30)
         bands.add(np.array([value]), np.array([np.nan]), np.array([[value + 1.5], [value + 5.0]]))
     bands.update()
@@ -308,13 +337,16 @@ def test_predictions_meet_their_own_sample():
 
 def test_a_new_model_brings_the_past_of_its_own_free_energy():
     """Its level shifts by nats from one model to the next, which is no change of the vehicle."""
-    flight, memory = simulated(samples=300, wind=0.5), Memory(DT, 10, 30, 4, 2)
+    flight = simulated(samples=300, wind=0.5)
+    memory = Memory(DT, 10, 30, 4, 2)
     tracker = Tracker(learned := mavdem.learn(flight), Tracking.of(learned), 3.0)
     energies = []
     for row in zip(flight.inputs, flight.outputs, flight.time, strict=True):
         memory.add(*row)
         energies.append(tracker.evaluate(memory)[0])
-    np.testing.assert_allclose(tracker.tracking.past, energies[learned.settings.window - 1 :], rtol=1e-9)
+    np.testing.assert_allclose(
+        tracker.tracking.past, energies[learned.settings.window - 1 :], rtol=1e-9
+    )
 
 
 def test_surprise_is_in_units_of_the_lowest_twentieth():
@@ -352,7 +384,8 @@ def test_marks_without_a_change_are_as_rare_as_stated():
 
 def test_a_change_is_marked_promptly_and_so_is_the_next():
     rng = np.random.default_rng(2)
-    surprise, failures = surprises(rng, 120.0), np.array([40.0, 80.0])
+    surprise = surprises(rng, 120.0)
+    failures = np.array([40.0, 80.0])
     for at in failures:
         surprise[round(at / DT) : round(at / DT) + 200] += 1000.0
     np.testing.assert_allclose(marked(AnomalyMarks(DT), surprise), failures, atol=0.5)
@@ -365,16 +398,21 @@ def test_a_change_is_marked_promptly_and_so_is_the_next():
 @pytest.mark.slow
 def test_of_two_failures_both_are_marked_and_bands_recover_within_seconds():
     """Motor 1, and 20 s later motor 4, is told to work harder, and the vehicle flies on as if it had not been told."""
-    flight, failures = simulated(samples=5500, wind=0.5), np.array([20.0, 40.0])
+    flight = simulated(samples=5500, wind=0.5)
+    failures = np.array([20.0, 40.0])
     told = flight.inputs + 150.0 * (flight.time[:, None] >= np.array([20.0, np.inf, np.inf, 40.0]))
     estimates = flown(OnlineLearner(dt=DT), Flight(flight.time, told, flight.outputs))
     marks = flight.time[[each.unusual for each in estimates]]
     assert len(marks) == 2 and (np.abs(marks - failures) < 1.5).all()
-    ahead, band = (np.array([getattr(each, name)[3] for each in estimates]) for name in ("ahead", "ahead_band"))
+    ahead, band = (
+        np.array([getattr(each, name)[3] for each in estimates]) for name in ("ahead", "ahead_band")
+    )
     inside = np.abs(flight.outputs[25:] - ahead[:-25]) <= band[:-25]  # a quarter second ahead
     assert 0.85 <= inside[1000:1950].mean() <= 0.95
     for at in np.array(100 * failures, int):
-        assert (np.median(band[at + 1000 : at + 1500], axis=0) < 2 * np.median(band[1000:1950], axis=0)).all()
+        assert (
+            np.median(band[at + 1000 : at + 1500], axis=0) < 2 * np.median(band[1000:1950], axis=0)
+        ).all()
 
 
 @pytest.mark.slow
@@ -386,9 +424,12 @@ def test_of_two_failures_both_are_marked_and_bands_recover_within_seconds():
 )
 def test_the_changes_of_a_recorded_flight_are_marked_and_nothing_else_is(log, start, end, changes):
     # Rows of a live stream are those of the log, see tests/live/test_replay.py.
-    (settled,) = (one for one in mavdem.read_segments(shared(f"sitl_events/{log}")) if one.time[0] < start)
+    (settled,) = (
+        one for one in mavdem.read_segments(shared(f"sitl_events/{log}")) if one.time[0] < start
+    )
     flight = settled[slice(*np.searchsorted(settled.time, [start, end]))]
-    time, estimates = flight.time, flown(OnlineLearner(dt=0.01), flight)
+    time = flight.time
+    estimates = flown(OnlineLearner(dt=0.01), flight)
     assert flight.dt == pytest.approx(0.01) and time[-1] == pytest.approx(end, abs=0.02)
     marks = time[[estimate.unusual for estimate in estimates]]
     assert len(marks) == len(changes)

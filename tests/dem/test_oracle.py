@@ -11,8 +11,19 @@ from oracle import case_a_generalized, case_a_model, case_a_truth, load, needs_o
 
 import mavdem
 from mavdem.dem.engine.ascent import plain_rounds
-from mavdem.dem.engine.free_energy import Belief, free_energy_action, optimal_terms, state_curvature, theta_curvature
-from mavdem.dem.engine.generative import GeneralizedMoments, GenerativeModel, SufficientStatistics, taylor_weights
+from mavdem.dem.engine.free_energy import (
+    Belief,
+    free_energy_action,
+    optimal_terms,
+    state_curvature,
+    theta_curvature,
+)
+from mavdem.dem.engine.generative import (
+    GeneralizedMoments,
+    GenerativeModel,
+    SufficientStatistics,
+    taylor_weights,
+)
 from mavdem.dem.engine.linalg import inverse, solve
 
 pytestmark = needs_oracle
@@ -25,13 +36,18 @@ def test_case_a_taken_as_published_ends_where_theirs_does():
     Whether an iteration's θ was kept is theirs: their free energy, which decides, is rounded to 2⁻⁷.
     Measured: θ to 1e-7 and λ to 1e-5 after 20 iterations as after 150.
     """
-    data, theirs = load("case_a_data"), load("case_a_octave_150it")
-    model, generalized = case_a_model(data), case_a_generalized(data)
-    theta, theta_covariance = model.prior.theta_mean, inverse(model.prior.theta_precision)
+    data = load("case_a_data")
+    theirs = load("case_a_octave_150it")
+    model = case_a_model(data)
+    generalized = case_a_generalized(data)
+    theta = model.prior.theta_mean
+    theta_covariance = inverse(model.prior.theta_precision)
     lambda_ = model.prior.lambda_mean
     weights = np.exp(lambda_)
     for iteration, kept in enumerate(theirs["accepted"].ravel(), start=1):
-        X = as_published.d_step(model, generalized, theta, theta_covariance, weights, data["dt"].item())
+        X = as_published.d_step(
+            model, generalized, theta, theta_covariance, weights, data["dt"].item()
+        )
         moments = as_published.moments(model, generalized, X)
         squares = model.squared_errors(as_published.expected_errors(model, moments, theta, weights))
         theta_covariance = inverse(-theta_curvature(model, moments, weights))
@@ -51,8 +67,11 @@ def test_case_a_ends_near_theirs_and_nearer_the_truth():
     Their λʷ is not compared: 12.55 at iteration 150, it is still on its way, as published to 13.35. Ours passes 12.55
     at about round 113, is 13.54 at round 150 and 15.66 at the maximum of F̄, with θ within 0.003 of theirs at each.
     """
-    data, theirs = load("case_a_data"), load("case_a_octave_150it")
-    model, samples, truth = case_a_model(data), SufficientStatistics.of(case_a_generalized(data)), case_a_truth(data)
+    data = load("case_a_data")
+    theirs = load("case_a_octave_150it")
+    model = case_a_model(data)
+    samples = SufficientStatistics.of(case_a_generalized(data))
+    truth = case_a_truth(data)
     beliefs = plain_rounds(model, samples, 150)
     published = theirs["theta"].ravel()
     # Measured: 0.0085 from their 20th after 20 rounds, 0.0020 from their 150th after 150.
@@ -87,7 +106,9 @@ def test_case_c2_is_forecast_no_worse_than_by_them(p, settings, share):
     errors = []
     for seed in range(PRIORS):
         learned = mavdem.learn(flight[:700], replace(mavdem.Settings.paper(seed=seed), **settings))
-        errors.append(mavdem.evaluate.mspe(flight.outputs[700:], learned.forecast(flight.inputs[700:])).total)
+        errors.append(
+            mavdem.evaluate.mspe(flight.outputs[700:], learned.forecast(flight.inputs[700:])).total
+        )
     assert np.mean(np.array(errors) <= theirs["mspe_x0last"].item()) >= share
 
 
@@ -101,7 +122,8 @@ SUMS = 1e-12
 """The same of plain sums, relative to the size of what is summed."""
 
 T = 320
-AB, C = slice(0, 6), slice(6, 14)
+AB = slice(0, 6)
+C = slice(6, 14)
 """Parameters of A and B, and of C, which a prior of precision e³² holds: next to that all else is rounded."""
 
 logged = pytest.mark.parametrize("number", [1, 2, 3])
@@ -175,12 +197,18 @@ def equal(actual: Array, theirs: Array) -> None:
 def equal_by_unit(actual: Array, theirs: Array) -> None:
     """Within rounding, for matrices whose rows have different units."""
     unit = np.sqrt(theirs.diagonal())
-    np.testing.assert_allclose(actual / unit / unit[:, None], theirs / unit / unit[:, None], rtol=0, atol=ROUNDING)
+    np.testing.assert_allclose(
+        actual / unit / unit[:, None], theirs / unit / unit[:, None], rtol=0, atol=ROUNDING
+    )
 
 
 def test_noise_precisions_are_theirs():
-    theirs, (of_y, of_v, of_x) = twenty(), case_a().errors
-    for weights, names in ((np.ones(2), ("Q_V0y", "Q_W0")), (theirs["F_exp_h"][:, -1], ("V0y", "W0"))):
+    theirs = twenty()
+    (of_y, of_v, of_x) = case_a().errors
+    for weights, names in (
+        (np.ones(2), ("Q_V0y", "Q_W0")),
+        (theirs["F_exp_h"][:, -1], ("V0y", "W0")),
+    ):
         precision = case_a().precision(weights)
         equal_by_unit(precision[of_y, of_y], theirs[names[0]])
         equal_by_unit(precision[of_x, of_x], theirs[names[1]])
@@ -191,17 +219,21 @@ def test_embedding_is_theirs():
     data = load("case_a_data")
     # A derivative is a sum of samples whose weights grow with its order and cancel: so does what rounding leaves.
     of_y, of_u = (
-        np.abs(samples).max() * np.abs(taylor_weights(order, data["dt"].item(), order + 1, order // 2)).sum(axis=1)
+        np.abs(samples).max()
+        * np.abs(taylor_weights(order, data["dt"].item(), order + 1, order // 2)).sum(axis=1)
         for samples, order in ((data["y"], 6), (data["u"], 2))
     )
     size = np.append(np.repeat(of_y, 4), of_u)
-    np.testing.assert_allclose(case_a_generalized(data) / size, embedded() / size, rtol=0, atol=SUMS)
+    np.testing.assert_allclose(
+        case_a_generalized(data) / size, embedded() / size, rtol=0, atol=SUMS
+    )
 
 
 @logged
 def test_sums_slopes_and_curvatures_are_theirs(number):
     """What they take a step with has a factor 10, an integration time, and the states' mean field once a sample."""
-    it, prior = Iteration(number), case_a().prior
+    it = Iteration(number)
+    prior = case_a().prior
     equal_by_unit(it.state_precision, it.log("Pu"))
     equal_by_unit(it.moments.errors(it.theta), it.log("EE"))
     curvature = theta_curvature(case_a(), it.moments, it.weights)
@@ -251,7 +283,8 @@ def test_m_step_is_theirs(number):
 @every
 def test_terms_of_the_free_energy_are_theirs(number):
     """At three different λ, of which each term says its own; the prior of θ is taken about zero."""
-    it, model = Iteration(number), case_a()
+    it = Iteration(number)
+    model = case_a()
     theirs = it.of("temp")
     about_zero = replace(model, prior=model.prior._replace(theta_mean=np.zeros_like(it.theta)))
     belief = Belief(
@@ -265,7 +298,9 @@ def test_terms_of_the_free_energy_are_theirs(number):
     )
     samples = SufficientStatistics(T, it.moments.gram)
     terms = optimal_terms(about_zero, samples, belief)
-    after = optimal_terms(about_zero, samples, belief._replace(lambda_=twenty()["h_mem"][:, number]))
+    after = optimal_terms(
+        about_zero, samples, belief._replace(lambda_=twenty()["h_mem"][:, number])
+    )
     ours = [
         sum(terms[f"prediction error of {what}"] for what in ("outputs", "inputs", "states")),
         terms["state and input entropy"],

@@ -16,7 +16,10 @@ from mavdem.report.comparison import order_report
 
 def choice(*flights):
     return OrderChoice(
-        tuple(FlightOrders(np.array(heights), 0.1, np.full(len(heights), 0.01), 100.0, ()) for heights in flights)
+        tuple(
+            FlightOrders(np.array(heights), 0.1, np.full(len(heights), 0.01), 100.0, ())
+            for heights in flights
+        )
     )
 
 
@@ -24,7 +27,8 @@ def choice(*flights):
     ("flights", "chosen"),
     [
         ([[0.0, 100.0, 95.0, 90.0]], 2),  # the highest
-        ([[0.0, 100.0, 102.9, 90.0]], 2),  # which a further state does not raise by as much as is strong evidence
+        # which a further state does not raise by as much as is strong evidence
+        ([[0.0, 100.0, 102.9, 90.0]], 2),
         ([[0.0, 100.0, 103.1, 90.0]], 3),
         ([[0.0, 100.0, 99.0, 110.0]], 4),  # beyond an order that gains nothing
         ([[0.0, 100.0, 102.0, 104.0]], 3),  # the lowest that none above is strongly better than
@@ -59,7 +63,11 @@ def test_a_choice_says_why():
     [
         ([0.0, 100.0, 95.0], True, "Keep the standard order of `mavdem learn`, 3 (angle"),
         ([0.0, 10.0, 20.0, 30.0, 30.0], True, "Use `mavdem learn --order 4` where A, B and C"),
-        ([0.0, 10.0, 20.0, 30.0, 30.0], False, "Keep the standard order of `mavdem learn`: it knows the motors"),
+        (
+            [0.0, 10.0, 20.0, 30.0, 30.0],
+            False,
+            "Keep the standard order of `mavdem learn`: it knows the motors",
+        ),
         ([0.0, 100.0], True, "Try more states with --max-order 8: "),
     ],
 )
@@ -70,7 +78,9 @@ def test_a_choice_ends_with_what_to_do(heights, known, said):
 @pytest.mark.slow
 def test_neither_units_nor_inputs_of_nobody_change_the_free_energy():
     flight = random_flight(2, 2, 201)[:300]
-    other = Flight(10 * flight.time, 1500 + 7 * flight.inputs, [0.3, -2.0] + flight.outputs * [57.0, 0.01])
+    other = Flight(
+        10 * flight.time, 1500 + 7 * flight.inputs, [0.3, -2.0] + flight.outputs * [57.0, 0.01]
+    )
     told = orders_of(flight, 3).free_energy
     np.testing.assert_allclose(orders_of(other, 3).free_energy, told, rtol=1e-5)
     blind = Flight(flight.time, 0 * flight.inputs + 3.0, flight.outputs)
@@ -103,6 +113,10 @@ def test_the_order_is_found():
     """
     runs = [(order, random_flight(order, 2, 201)) for order in (1, 2, 3, 4)]
     hover = lateral_flight(1, duration=30.0)[:400]
-    runs += [(order, Flight(hover.time, hover.inputs, hover.outputs[:, 4 - order :])) for order in (2, 4)]
-    right = sum(OrderChoice((orders_of(flight, order + 1),)).chosen == order for order, flight in runs)
+    runs += [
+        (order, Flight(hover.time, hover.inputs, hover.outputs[:, 4 - order :])) for order in (2, 4)
+    ]
+    right = sum(
+        OrderChoice((orders_of(flight, order + 1),)).chosen == order for order, flight in runs
+    )
     assert right >= binom.ppf(1e-3, len(runs), 0.9)

@@ -32,13 +32,19 @@ from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import fly
 from sitl_scenarios.truth import truth
 
-DT, LAG, DAMPING = 0.01, 0.04, 2.0
+DT = 0.01
+LAG = 0.04
+DAMPING = 2.0
 MOTORS = np.array([-0.06, 0.06, 0.06, -0.06])
 FINE = 10
 
 
 def flown(
-    seed: int, steering: float, samples: int = 700, wind: float = 1.0, commanded: np.ndarray | None = None
+    seed: int,
+    steering: float,
+    samples: int = 700,
+    wind: float = 1.0,
+    commanded: np.ndarray | None = None,
 ) -> Flight:
     """An axis whose controller answers the rate it measures, with turbulence (rad/s²) and with steering (rad/s).
 
@@ -47,9 +53,12 @@ def flown(
     rng = np.random.default_rng(seed)
     reference = steering * np.sign(np.sin(2 * np.pi * np.arange(samples) * DT / 1.3))
     angle = rate = torque = drift = 0.0
-    keeps, fine = float(np.exp(-DT / FINE / 0.5)), DT / FINE
-    gusty, before = float(np.sqrt(1 - keeps**2)) * wind, 0.0
-    commands, outputs = np.zeros((samples, 4)), np.empty((samples, 2))
+    keeps = float(np.exp(-DT / FINE / 0.5))
+    fine = DT / FINE
+    gusty = float(np.sqrt(1 - keeps**2)) * wind
+    before = 0.0
+    commands = np.zeros((samples, 4))
+    outputs = np.empty((samples, 2))
     for k in range(samples):
         outputs[k] = angle, rate + 0.005 * rng.standard_normal()
         wanted = 12 * (reference[k] - 3 * angle - outputs[k, 1])
@@ -57,7 +66,8 @@ def flown(
         if commanded is not None and k >= samples - len(commanded):
             commands[k] = commanded[k - samples]
         now = float(MOTORS @ commands[k])
-        for step, push in enumerate(rng.standard_normal(FINE).tolist()):  # commands act half a sample late
+        # commands act half a sample late
+        for step, push in enumerate(rng.standard_normal(FINE).tolist()):
             torque += fine / LAG * ((now if step >= 5 or k == 0 else before) - torque)
             drift = keeps * drift + gusty * push
             rate += fine * (torque - DAMPING * rate + drift)
@@ -69,7 +79,8 @@ def flown(
 def settled(plan: Scenario, samples: int) -> tuple[Flight, dict[str, np.ndarray]]:
     """Samples of the hover of ``sitl_scenarios``, and what is true of it; the torque on their grid."""
     motion = fly(plan)
-    known, flight = truth(plan, motion), hover(plan, motion)[:samples]
+    known = truth(plan, motion)
+    flight = hover(plan, motion)[:samples]
     known["roll_disturbance"] = np.interp(flight.time, motion.time, known["roll_disturbance"])
     return Flight(flight.time, flight.inputs, flight.outputs[:, 2:]), known
 
@@ -86,21 +97,27 @@ def settled(plan: Scenario, samples: int) -> tuple[Flight, dict[str, np.ndarray]
 def test_noise_has_the_autocorrelation_it_is_named_for(noise, autocorrelation, error):
     P = solve_continuous_lyapunov(noise.A, -noise.drive)
     for tau in (0.0, 0.5, 1.0, 2.0, 4.0):
-        assert noise.C @ expm(noise.A * tau) @ P @ noise.C == pytest.approx(autocorrelation(tau), abs=error)
+        assert noise.C @ expm(noise.A * tau) @ P @ noise.C == pytest.approx(
+            autocorrelation(tau), abs=error
+        )
 
 
 @pytest.mark.parametrize("wind", WINDS, ids=["turbulence", "turbulence and gusts", "gusts"])
 def test_innovations_of_its_own_model_are_white_and_of_the_variance_it_says(wind):
-    model, rng, samples = Parameters(np.ones(1), 0.1, wind, least_noise=0.0), np.random.default_rng(3), 4000
+    model = Parameters(np.ones(1), 0.1, wind, least_noise=0.0)
+    rng = np.random.default_rng(3)
+    samples = 4000
     theta = model.prior[0].copy()
     theta[0], theta[2] = np.log(3.0), np.log(1.5)
     transition, _, _ = model.filters(theta[None], DT)
     n = transition.state.shape[-1]
-    A, drive = np.zeros((n, n)), np.zeros((n, n))
+    A = np.zeros((n, n))
+    drive = np.zeros((n, n))
     A[0, 0], A[0, 1], A[1, 1], start = -model.damping(theta), 1.0, -1 / model.lag(theta, DT), 2
     for each, size, time in zip(wind, model.sizes(theta), model.times(theta), strict=True):
         of = slice(start, start + len(each.A))
-        A[of, of], drive[of, of] = each.A / time, each.drive / time
+        A[of, of] = each.A / time
+        drive[of, of] = each.drive / time
         A[0, of] = each.C * size
         start = of.stop
     stationary = solve_continuous_lyapunov(A, -drive)
@@ -110,28 +127,39 @@ def test_innovations_of_its_own_model_are_white_and_of_the_variance_it_says(wind
     root = vectors * np.sqrt(np.maximum(values, 0)) @ vectors.T
     inputs = rng.standard_normal((samples, 1))
     before, after = delayed(3.0 * inputs, theta[model.motors + 3] / DT)
-    state, rates = np.zeros(n), np.zeros(samples)
+    state = np.zeros(n)
+    rates = np.zeros(samples)
     for k in range(samples - 1):
         # The constant acceleration is the second input of the transition.
-        known = transition.input_now[0] @ [before[k, 0], 0.7] + transition.input_next[0] @ [after[k, 0], 0.7]
+        known = transition.input_now[0] @ [before[k, 0], 0.7] + transition.input_next[0] @ [
+            after[k, 0],
+            0.7,
+        ]
         state = transition.state[0] @ state + known + root @ rng.standard_normal(n)
         rates[k + 1] = state[0]
     measured = rates + np.exp(theta[model.noise_index]) * rng.standard_normal(samples)
     errors, variance = model.innovations(
-        theta[None], FlightWindows(inputs[None], measured[None], DT, np.zeros(1), 1.0, np.zeros((1, samples, 1)))
+        theta[None],
+        FlightWindows(
+            inputs[None], measured[None], DT, np.zeros(1), 1.0, np.zeros((1, samples, 1))
+        ),
     )
     number = errors.shape[2]
     assert errors[0].var() / variance[0] == pytest.approx(1.0, abs=4 * np.sqrt(2 / number))
     assert abs(errors[0].mean()) < 4 * np.sqrt(variance[0] / number)
     for lag in (1, 2, 5, 20):
-        assert abs(np.mean(errors[0, 0, lag:] * errors[0, 0, :-lag])) / variance[0] < 4 / np.sqrt(number)
+        assert abs(np.mean(errors[0, 0, lag:] * errors[0, 0, :-lag])) / variance[0] < 4 / np.sqrt(
+            number
+        )
 
 
 @pytest.mark.parametrize("samples", [1, BLOCK, 2 * BLOCK + 5])
 def test_blocks_side_by_side_are_the_recursion_step_by_step(samples):
     rng = np.random.default_rng(1)
-    step, gains = 0.4 * rng.standard_normal((2, 3, 3)), rng.standard_normal((2, 3, 2))
-    inputs, first = rng.standard_normal((2, 4, samples, 2)), rng.standard_normal(4)
+    step = 0.4 * rng.standard_normal((2, 3, 3))
+    gains = rng.standard_normal((2, 3, 2))
+    inputs = rng.standard_normal((2, 4, samples, 2))
+    first = rng.standard_normal(4)
     x = np.zeros((2, 4, 3))
     x[:, :, 0] = first
     expected = []
@@ -139,7 +167,10 @@ def test_blocks_side_by_side_are_the_recursion_step_by_step(samples):
         x = x @ np.swapaxes(step, 1, 2) + inputs[:, :, k] @ np.swapaxes(gains, 1, 2)
         expected.append(x[:, :, 0])
     np.testing.assert_allclose(
-        followed(step, gains, inputs, first, np.arange(2)), np.stack(expected, axis=2), rtol=1e-9, atol=1e-12
+        followed(step, gains, inputs, first, np.arange(2)),
+        np.stack(expected, axis=2),
+        rtol=1e-9,
+        atol=1e-12,
     )
 
 
@@ -154,10 +185,13 @@ def test_commands_act_as_late_as_they_are(steps):
 @pytest.mark.parametrize("delay", [0.0, 0.003, 0.014])
 def test_no_command_helps_to_predict_the_sample_that_it_answers(delay):
     """White noise in the commands, of which all or nothing answers the rate at the same sample."""
-    rng, model = np.random.default_rng(4), Parameters(np.ones(1), 0.1, WINDS[0], least_noise=0.0)
-    theta, at = model.prior[0].copy(), 150
+    rng = np.random.default_rng(4)
+    model = Parameters(np.ones(1), 0.1, WINDS[0], least_noise=0.0)
+    theta = model.prior[0].copy()
+    at = 150
     theta[model.motors + 3] = delay
-    inputs, rate = rng.standard_normal((1, 300, 1)), rng.standard_normal((1, 300))
+    inputs = rng.standard_normal((1, 300, 1))
+    rate = rng.standard_normal((1, 300))
     windows = FlightWindows(inputs, rate, DT, np.zeros(1), 1.0, np.zeros_like(inputs))
     more = np.zeros_like(inputs)
     more[0, at] = 1.0
@@ -174,7 +208,8 @@ def test_no_command_helps_to_predict_the_sample_that_it_answers(delay):
 def test_what_answers_a_sample_is_found(gain):
     rng = np.random.default_rng(6)
     rate = np.cumsum(rng.standard_normal((3, 600)), axis=1)
-    new, slow = np.diff(rate, axis=1, prepend=0.0), np.cumsum(0.2 * rng.standard_normal((3, 600)), axis=1)
+    new = np.diff(rate, axis=1, prepend=0.0)
+    slow = np.cumsum(0.2 * rng.standard_normal((3, 600)), axis=1)
     inputs = (slow - gain * new)[:, :, None]
     found = answers(inputs, rate)[:, 10:, 0]
     np.testing.assert_allclose(found, -gain * new[:, 10:], atol=0.25 * max(gain, 1))
@@ -187,8 +222,11 @@ def test_scores_of_windows_are_the_slopes_of_their_likelihoods():
     rate = flight.outputs[:, 1].reshape(3, -1)
     windows = FlightWindows(inputs, rate, DT, np.zeros(3), 1.0, answers(inputs, rate))
     plain, start = directed(windows, np.sign(MOTORS))
-    fit = fitted(plain._replace(wind=WINDS[1]), windows, np.append(start, np.zeros(2))[: len(start) + 2])
-    parameters, theta = fit.parameters, fit.theta
+    fit = fitted(
+        plain._replace(wind=WINDS[1]), windows, np.append(start, np.zeros(2))[: len(start) + 2]
+    )
+    parameters = fit.parameters
+    theta = fit.theta
 
     def values(at: np.ndarray) -> np.ndarray:
         errors = parameters.innovations(at[None], windows)[0][0]
@@ -205,7 +243,9 @@ def test_scores_of_windows_are_the_slopes_of_their_likelihoods():
 def test_a_steered_flight_gives_the_truth_back(known):
     flight = flown(0, steering=1.0)
     directions = np.sign(MOTORS) if known else None
-    found = physical(Flight(flight.time, flight.inputs, flight.outputs, effect_directions=directions))
+    found = physical(
+        Flight(flight.time, flight.inputs, flight.outputs, effect_directions=directions)
+    )
     assert found.status == dict.fromkeys(PARAMETERS, "reported")
     assert found.caution is None
     half = found.interval(0.99)
@@ -214,7 +254,10 @@ def test_a_steered_flight_gives_the_truth_back(known):
     assert abs(mean - np.abs(MOTORS).mean()) < of_mean < half.effect.mean()
     assert abs(found.damping - DAMPING) < half.damping
     assert abs(found.lag - LAG) < half.lag
-    assert repr(found).startswith(f"<Physical: mean effect {found.mean_effect()[0]:.3g} ± ") and len(repr(found)) < 160
+    assert (
+        repr(found).startswith(f"<Physical: mean effect {found.mean_effect()[0]:.3g} ± ")
+        and len(repr(found)) < 160
+    )
 
 
 @pytest.mark.slow
@@ -224,8 +267,11 @@ def test_directions_that_count_turns_the_other_way_round_are_turned():
     np.testing.assert_array_equal(np.sign(physical(turned).effect), np.sign(MOTORS))
 
 
-SDS, SPREADS = dict.fromkeys(PARAMETERS, 0.05), dict.fromkeys(PARAMETERS, 0.02)
-SOUND = limits.IdentifiabilityFigures(0.1, 0.01, SDS, SPREADS, SPREADS, damping=2.0, lag=0.03, dt=0.01)
+SDS = dict.fromkeys(PARAMETERS, 0.05)
+SPREADS = dict.fromkeys(PARAMETERS, 0.02)
+SOUND = limits.IdentifiabilityFigures(
+    0.1, 0.01, SDS, SPREADS, SPREADS, damping=2.0, lag=0.03, dt=0.01
+)
 
 
 def edges():
@@ -234,7 +280,13 @@ def edges():
         for name, (reported, biased) in table.items():
             if reported < biased:
                 yield figure, name, reported, "reported", "biased"
-            yield figure, name, biased, "biased" if reported < biased else "reported", "not identifiable"
+            yield (
+                figure,
+                name,
+                biased,
+                "biased" if reported < biased else "reported",
+                "not identifiable",
+            )
     for name in PARAMETERS:
         yield "wind_share", name, limits.WIND_SHARE.reported, "reported", "biased"
         yield "wind_share", name, limits.WIND_SHARE.biased, "biased", "not identifiable"
@@ -250,7 +302,11 @@ def edges():
 @pytest.mark.parametrize(("figure", "name", "limit", "below", "above"), list(edges()))
 def test_a_status_changes_at_its_limit_and_says_why(figure, name, limit, below, above):
     for value, expected in ((limit * (1 - 1e-9), below), (limit * (1 + 1e-9), above)):
-        changed = {**getattr(SOUND, figure), name: value} if isinstance(getattr(SOUND, figure), dict) else value
+        changed = (
+            {**getattr(SOUND, figure), name: value}
+            if isinstance(getattr(SOUND, figure), dict)
+            else value
+        )
         statuses, reasons = identifiability(SOUND._replace(**{figure: changed}))
         assert statuses[name] == expected
         assert (reasons[name] == "") == (expected == "reported")
@@ -258,7 +314,8 @@ def test_a_status_changes_at_its_limit_and_says_why(figure, name, limit, below, 
 
 def test_gaps_are_not_filtered_across():
     flight = flown(1, steering=1.0)
-    whole, apart = physical(flight), physical([flight[:350], flight[350:]])
+    whole = physical(flight)
+    apart = physical([flight[:350], flight[350:]])
     np.testing.assert_allclose(apart.effect @ MOTORS, whole.effect @ MOTORS, rtol=0.05)
     assert len(apart.windows.start) == 2
 
@@ -269,17 +326,23 @@ def test_inputs_that_curve_are_seen_on_unseen_windows_and_straight_ones_are_not(
     off = flight.inputs - 1500
     # The inverse of u + 0.1 u²/2 per unit of the inputs' standard deviation.
     unit = np.sqrt(off.var(axis=0).mean())
-    curved = Flight(flight.time, 1500 + unit * (np.sqrt(1 + 0.2 * off / unit) - 1) / 0.1, flight.outputs)
+    curved = Flight(
+        flight.time, 1500 + unit * (np.sqrt(1 + 0.2 * off / unit) - 1) / 0.1, flight.outputs
+    )
     assert "thrust curve" in physical(curved).refinements
     assert physical(flight).refinements.get("thrust curve", 0.0) == pytest.approx(0.0, abs=0.05)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "identifiable"), [("iris_multisine", True), ("iris_gusts", False)])
+@pytest.mark.parametrize(
+    ("name", "identifiable"), [("iris_multisine", True), ("iris_gusts", False)]
+)
 def test_simulated_flights_are_identifiable_where_they_steer_and_then_truly(name, identifiable):
     for seed in range(2):
         plan = load(name)
-        flight, known = settled(plan.model_copy(update={"seed": plan.seed + seed, "duration": 25.0}), 700)
+        flight, known = settled(
+            plan.model_copy(update={"seed": plan.seed + seed, "duration": 25.0}), 700
+        )
         found = physical(flight)
         assert (found.status["effect"] == "reported") == identifiable
         if identifiable:
@@ -314,7 +377,8 @@ TRUE = Physical(*VEHICLE, 1.0, 0.05, TURBULENCE, 0.005, {}, WindowTable(*np.empt
 
 def test_the_true_plant_does_what_the_vehicle_does_in_calm_air():
     flight = flown(0, steering=0.5, samples=400 + STEPS, wind=0.0, commanded=DOUBLET)
-    train, test = flight[:400], flight[400:]
+    train = flight[:400]
+    test = flight[400:]
     found = simulated(TRUE, Record.of(train), test.inputs).mean
     # The last measured rate has noise of 0.005 rad/s, and so has each of the test.
     np.testing.assert_allclose(found, test.outputs, atol=0.04)
@@ -323,12 +387,16 @@ def test_the_true_plant_does_what_the_vehicle_does_in_calm_air():
 
 def test_the_variance_is_that_of_wind_which_nothing_counteracts():
     """Over many winds, from the same beginning: four standard errors of a variance of so many flights."""
-    record, flights = Record.of(flown(0, steering=0.5)), 400
+    record = Record.of(flown(0, steering=0.5))
+    flights = 400
     variance = simulated(TRUE, record, record.inputs[:STEPS]).variance
-    rng, fine = np.random.default_rng(0), 10
+    rng = np.random.default_rng(0)
+    fine = 10
     step = DT / fine
     keeps = np.exp(-step / 0.5)
-    drift, rate, angle = rng.standard_normal(flights), np.zeros(flights), np.zeros(flights)
+    drift = rng.standard_normal(flights)
+    rate = np.zeros(flights)
+    angle = np.zeros(flights)
     for k in range(STEPS):
         for _ in range(fine):
             rate, angle = rate + step * (drift - DAMPING * rate), angle + step * rate
@@ -346,7 +414,9 @@ def test_uncertain_parameters_widen_it_to_first_order():
     uncertain = simulated(TRUE._replace(covariance=covariance), record, 1500 + DOUBLET).variance
     base = simulated(TRUE, record, 1500 + DOUBLET)
     other = simulated(TRUE._replace(effect=MOTORS + sd), record, 1500 + DOUBLET)
-    np.testing.assert_allclose(uncertain - base.variance, (other.mean - base.mean) ** 2, rtol=1e-3, atol=1e-12)
+    np.testing.assert_allclose(
+        uncertain - base.variance, (other.mean - base.mean) ** 2, rtol=1e-3, atol=1e-12
+    )
 
 
 def test_outputs_may_come_in_any_order_and_must_be_an_angle_and_its_rate():
@@ -356,7 +426,11 @@ def test_outputs_may_come_in_any_order_and_must_be_an_angle_and_its_rate():
     np.testing.assert_allclose(one.mean, other.mean[:, ::-1])
     np.testing.assert_allclose(one.variance, other.variance[:, ::-1])
     with pytest.raises(ValueError, match="an angle and its rate"):
-        simulated(TRUE, Record.of(Flight(flight.time, flight.inputs, flight.outputs[:, 1:])), 1500 + DOUBLET)
+        simulated(
+            TRUE,
+            Record.of(Flight(flight.time, flight.inputs, flight.outputs[:, 1:])),
+            1500 + DOUBLET,
+        )
 
 
 SETTINGS = Settings(order=3, window=9, parameter_precision=10.0)
@@ -364,15 +438,20 @@ SETTINGS = Settings(order=3, window=9, parameter_precision=10.0)
 
 @pytest.mark.slow
 def test_bands_hold_commanded_flights():
-    inside, errors = [], []
+    inside = []
+    errors = []
     for seed in range(8):
         flight = flown(seed, steering=1.0, samples=700 + STEPS, wind=0.5, commanded=DOUBLET)
-        train, test = flight[:700], flight[700:]
+        train = flight[:700]
+        test = flight[700:]
         learned = mavdem.learn(train, SETTINGS)
         assert learned.physical is not None and learned.physical.identifiable
         ahead = learned.simulate(test.inputs)
         inside.append(np.mean(np.abs(ahead - test.outputs) <= learned.simulate_band(test.inputs)))
-        errors.append(np.mean((ahead - test.outputs) ** 2) / np.mean((test.outputs - train.outputs.mean(axis=0)) ** 2))
+        errors.append(
+            np.mean((ahead - test.outputs) ** 2)
+            / np.mean((test.outputs - train.outputs.mean(axis=0)) ** 2)
+        )
     assert np.mean(inside) > 0.8
     assert np.median(errors) < 0.1
 

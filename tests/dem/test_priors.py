@@ -50,7 +50,9 @@ def test_a_known_parameter_stays_and_is_reported_as_known():
     prior = roll_prior(known_gain=True)
     mean = np.array(prior.mean)
     mean[8:12] *= off
-    learned = learn(simulated(wind=0.5)[:700], replace(SETTINGS, prior=Gaussian(mean, prior.precision)))
+    learned = learn(
+        simulated(wind=0.5)[:700], replace(SETTINGS, prior=Gaussian(mean, prior.precision))
+    )
     # To within five of the prior's standard deviations, 1e-4 each.
     np.testing.assert_allclose(learned.model.B[1], off * GAIN, atol=5e-4)
     A, B, C = unpack(learned.known, 2, 4, 2)
@@ -60,7 +62,8 @@ def test_a_known_parameter_stays_and_is_reported_as_known():
 def test_coupled_parameters_may_be_known_by_their_sum_alone():
     """A precision matrix with off-diagonal entries: the first two motors' gains must cancel."""
     prior = roll_prior()
-    mean, precision = np.array(prior.mean), np.array(prior.precision)
+    mean = np.array(prior.mean)
+    precision = np.array(prior.precision)
     precision[np.ix_([8, 9], [8, 9])] += 1e8 * np.ones((2, 2))
     mean[8:10] = 0.3, -0.3
     learned = learn(simulated(wind=0.1)[:700], replace(SETTINGS, prior=Gaussian(mean, precision)))
@@ -71,10 +74,12 @@ def test_coupled_parameters_may_be_known_by_their_sum_alone():
 def test_unknown_inputs_are_estimated():
     """The angle of a known axis tells what pushed it; nothing of the recorded inputs is used."""
     rng = np.random.default_rng(0)
-    fine, samples = 20, 1200
+    fine = 20
+    samples = 1200
     push = gaussian_filter1d(rng.standard_normal(samples * fine), 30 * fine)
     push *= 3 / push.std()
-    A, B = np.array([[0.0, 1.0], [-9.0, -RATE]]), np.array([[0.0], [1.0]])
+    A = np.array([[0.0, 1.0], [-9.0, -RATE]])
+    B = np.array([[0.0], [1.0]])
     outputs = motion(A, B, push[:, None], DT / fine)[::fine]
     settings = Settings(
         order=2,
@@ -100,9 +105,13 @@ def test_unknown_inputs_are_estimated():
     expected = filter_gain(A, C, DT, np.full(2, of_z), process, 0.3)
     # A Riccati equation is solved to rounding relative to the whole matrix, not to an element that is 5e-5 of it.
     expected = expm(A * DT) @ expected
-    np.testing.assert_allclose(learned.predictor.K, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+    np.testing.assert_allclose(
+        learned.predictor.K, expected, rtol=0, atol=1e-9 * np.abs(expected).max()
+    )
     # Nothing is known of inputs to come, whatever is handed in.
-    np.testing.assert_array_equal(learned.forecast(np.ones((20, 1))), learned.forecast(np.zeros((20, 1))))
+    np.testing.assert_array_equal(
+        learned.forecast(np.ones((20, 1))), learned.forecast(np.zeros((20, 1)))
+    )
 
 
 @pytest.mark.slow
@@ -137,7 +146,10 @@ def test_what_is_no_gaussian_is_named(mean, precision, named):
     ("settings", "named"),
     [
         ({"prior": Gaussian([0.0] * 3, 1.0)}, "^prior must be of the 16 parameters"),
-        ({"prior": Gaussian([0.0] * 16, 1.0)}, '^correlation must be "continuous" with a prior that leaves C free'),
+        (
+            {"prior": Gaussian([0.0] * 16, 1.0)},
+            '^correlation must be "continuous" with a prior that leaves C free',
+        ),
     ],
 )
 def test_settings_that_do_not_fit_the_flight_are_named(settings, named):

@@ -25,13 +25,22 @@ def climb_of(flight: Flight) -> tuple[simulation_error.SimulationError, np.ndarr
     """A climb of random free parameters about those of a fit, and where it stands."""
     record = Record.of(flight)
     fitted = fit(record, COMPLETE)
-    scaling, model = fitted.scaling, fitted.model
+    scaling = fitted.scaling
+    model = fitted.model
     segments = [(scaling.scale_inputs(u), scaling.scale_outputs(y)) for u, y in record.segments]
     stretches = simulation_error.SimulationSegments.of(segments, 30)
     places = np.array([3, 4, 8, 14, 15, 19])
-    mean, precision = model.prior.theta_mean[places], np.diag(np.linspace(0.1, 1.0, len(places)))
+    mean = model.prior.theta_mean[places]
+    precision = np.diag(np.linspace(0.1, 1.0, len(places)))
     climb = simulation_error.SimulationError(
-        fitted.ascent.belief.theta, places, mean, precision, model.sizes, fitted.gain, record.dt, stretches
+        fitted.ascent.belief.theta,
+        places,
+        mean,
+        precision,
+        model.sizes,
+        fitted.gain,
+        record.dt,
+        stretches,
     )
     return climb, fitted.ascent.belief.theta[places]
 
@@ -44,16 +53,21 @@ def test_errors_are_those_of_forecasts_that_begin_at_every_middle():
     A, B, C = unpack(climb.theta, n, r, m)
     textbook = TextbookFilter.of(A, B, C, climb.dt, climb.gain)
     for stretch in (0, errors.shape[0] - 1):
-        states, _ = textbook.corrected(inputs[: settle + 1, stretch], outputs[: settle + 1, stretch])
+        states, _ = textbook.corrected(
+            inputs[: settle + 1, stretch], outputs[: settle + 1, stretch]
+        )
         ahead = textbook.forecast(states[-1], inputs[settle:, stretch])
-        np.testing.assert_allclose(errors[stretch], outputs[settle + 1 :, stretch] - ahead, atol=1e-9)
+        np.testing.assert_allclose(
+            errors[stretch], outputs[settle + 1 :, stretch] - ahead, atol=1e-9
+        )
 
 
 def test_of_fast_samples_every_so_many_count():
     rng = np.random.default_rng(0)
     theta = np.concatenate([[0.0, 1.0, -9.0, -4.0], [0.0, 3.0], np.eye(2).ravel()])
     models = simulation_error.models_of(theta[None], (2, 1, 2), np.full((2, 2), 0.5), 0.0025)
-    inputs, outputs = rng.standard_normal((241, 3, 1)), rng.standard_normal((121, 3, 2))
+    inputs = rng.standard_normal((241, 3, 1))
+    outputs = rng.standard_normal((121, 3, 2))
     np.testing.assert_array_equal(
         simulation_error.simulate(models, inputs, outputs, every=4),
         simulation_error.simulate(models, inputs, outputs)[:, :, 3::4],
@@ -68,8 +82,12 @@ def test_slopes_and_curvature_are_those_of_the_height():
 
     here = climb.quadratic(free, climb.errors(free[None])[0])
     steps = 1e-4 * np.maximum(1.0, np.abs(free))
-    by_differences = [(height(free + step) - height(free - step)) / (2 * step.max()) for step in np.diag(steps)]
-    np.testing.assert_allclose(here.slope, by_differences, rtol=1e-3, atol=1e-4 * np.abs(here.slope).max())
+    by_differences = [
+        (height(free + step) - height(free - step)) / (2 * step.max()) for step in np.diag(steps)
+    ]
+    np.testing.assert_allclose(
+        here.slope, by_differences, rtol=1e-3, atol=1e-4 * np.abs(here.slope).max()
+    )
     assert np.linalg.eigvalsh(here.curvature).min() > 0
 
 
@@ -87,7 +105,11 @@ def test_the_climb_never_falls_and_settles(wind):
 def test_a_model_without_noise_is_found_as_it_is():
     """Samples that a third-order model makes, whatever moved its motors: nothing is left at any horizon."""
     rng = np.random.default_rng(3)
-    n, r, m, dt, T = 3, 4, 2, 0.01, 700
+    n = 3
+    r = 4
+    m = 2
+    dt = 0.01
+    T = 700
     A = np.array([[0.0, 1.0, 0.0], [-4.0, -3.0, 20.0], [0.0, 0.0, -20.0]])
     B = np.array([[0.0] * r, [0.0] * r, [3.0, -3.0, -2.0, 2.5]])
     inputs = np.cumsum(rng.standard_normal((T, r)), axis=0)
@@ -134,7 +156,9 @@ def test_the_horizon_is_as_long_as_the_samples_suffice_for(samples, seconds):
 
 @pytest.mark.parametrize("rate", [50, 400])
 def test_the_horizon_lasts_as_long_at_every_rate(rate):
-    resampled = (zoom(table[:700], (rate / 100, 1), order=1) for table in (FLIGHT.inputs, FLIGHT.outputs))
+    resampled = (
+        zoom(table[:700], (rate / 100, 1), order=1) for table in (FLIGHT.inputs, FLIGHT.outputs)
+    )
     record = Record.of(Flight(np.arange(7 * rate) / rate, *resampled))
     settings = replace(COMPLETE, window=5)
     fitted = fit(record, settings)
@@ -145,24 +169,43 @@ def test_the_horizon_lasts_as_long_at_every_rate(rate):
 def test_too_little_leaves_theta_where_generalized_coordinates_led_it_and_says_so():
     learned = learn(FLIGHT[:60], COMPLETE)
     assert learned.simulation_fit is None
-    assert any(caution.startswith("There is no simulation-error fit: 0.6 s") for caution in learned.cautions)
+    assert any(
+        caution.startswith("There is no simulation-error fit: 0.6 s")
+        for caution in learned.cautions
+    )
     short = learn(FLIGHT[:60], replace(COMPLETE, horizon=None))
     assert not any("simulation-error" in caution for caution in short.cautions)
     np.testing.assert_array_equal(learned.model.A, short.model.A)
-    np.testing.assert_array_equal(learned.forecast(FLIGHT.inputs[200:250]), short.forecast(FLIGHT.inputs[200:250]))
-    assert simulation_error.SimulationSegments.of([(FLIGHT.inputs[:60], FLIGHT.outputs[:60])], 30) is None
+    np.testing.assert_array_equal(
+        learned.forecast(FLIGHT.inputs[200:250]), short.forecast(FLIGHT.inputs[200:250])
+    )
+    assert (
+        simulation_error.SimulationSegments.of([(FLIGHT.inputs[:60], FLIGHT.outputs[:60])], 30)
+        is None
+    )
 
 
 def test_nothing_runs_across_a_gap_and_long_flights_are_thinned():
     flight = simulated(samples=400, wind=1.0)
-    parts = [(flight.inputs[:150], flight.outputs[:150]), (flight.inputs[200:], flight.outputs[200:])]
+    parts = [
+        (flight.inputs[:150], flight.outputs[:150]),
+        (flight.inputs[200:], flight.outputs[200:]),
+    ]
     both = simulation_error.SimulationSegments.of(parts, 30)
     alone = [simulation_error.SimulationSegments.of([part], 30) for part in parts]
     assert both is not None and all(alone)
-    np.testing.assert_array_equal(both.outputs, np.concatenate([each.outputs for each in alone], axis=1))
+    np.testing.assert_array_equal(
+        both.outputs, np.concatenate([each.outputs for each in alone], axis=1)
+    )
     assert both.number == pytest.approx((150 + 200) / 30)
     many = simulation_error.SimulationSegments.of(
-        [(np.zeros((simulation_error.MAX_SEGMENTS * 20, 1)), np.zeros((simulation_error.MAX_SEGMENTS * 20, 1)))], 30
+        [
+            (
+                np.zeros((simulation_error.MAX_SEGMENTS * 20, 1)),
+                np.zeros((simulation_error.MAX_SEGMENTS * 20, 1)),
+            )
+        ],
+        30,
     )
     assert many is not None and many.outputs.shape[1] == simulation_error.MAX_SEGMENTS
     assert many.number == pytest.approx(simulation_error.MAX_SEGMENTS * 20 / 30)
@@ -179,8 +222,14 @@ def test_inputs_without_measure_are_forecast_without_a_word(document, size):
     learned = Learned.from_json(document)
     ahead = np.full((150, ROTORS), size)
     with np.errstate(all="raise", under="ignore"):
-        assert learned.forecast(ahead).shape == learned.forecast(ahead, from_zero=True).shape == (150, 2)
-        assert learned.forecast_variance(ahead).shape == learned.forecast_band(ahead).shape == (150, 2)
+        assert (
+            learned.forecast(ahead).shape
+            == learned.forecast(ahead, from_zero=True).shape
+            == (150, 2)
+        )
+        assert (
+            learned.forecast_variance(ahead).shape == learned.forecast_band(ahead).shape == (150, 2)
+        )
         assert learned.forecast_every(5, ahead, np.full((150, 2), 1e308)).shape == (150, 2)
 
 
@@ -188,7 +237,12 @@ def test_an_x_is_found_where_nothing_but_roll_is_flown():
     """Then the layouts that hold the very combination that moves must not win by holding it."""
     flight = simulated(wind=0.5, lag=0.05)[:700]
     way = np.array([-0.5, 0.5, 0.5, -0.5])
-    only = Flight(flight.time, 1500 + (flight.inputs - 1500) @ np.outer(way, way), flight.outputs, dt=flight.dt)
+    only = Flight(
+        flight.time,
+        1500 + (flight.inputs - 1500) @ np.outer(way, way),
+        flight.outputs,
+        dt=flight.dt,
+    )
     assert abs(way @ learn(only, COMPLETE).joint.combinations[:, 0]) == pytest.approx(1)
 
 
@@ -203,13 +257,20 @@ def test_motors_in_a_plus_and_in_another_geometry_are_recognised():
     flight = simulated(wind=0.2, lag=0.05)[:700]
     # The same motion, by two motors that do what the four did together, and two that turn as they like.
     pushes = flight.inputs - 1500
-    roll, others = pushes @ np.sign(GAIN) / 2, np.roll(pushes[:, :2], 350, axis=0)
-    motors = np.column_stack([others[:, 0] + roll, others[:, 1], others[:, 0] - roll, -others[:, 1]])
+    roll = pushes @ np.sign(GAIN) / 2
+    others = np.roll(pushes[:, :2], 350, axis=0)
+    motors = np.column_stack(
+        [others[:, 0] + roll, others[:, 1], others[:, 0] - roll, -others[:, 1]]
+    )
     plus = Flight(flight.time, 1500 + motors, flight.outputs, dt=flight.dt)
     assert effect(plus) @ [1, 0, -1, 0] / np.sqrt(2) > 0.97
     # One motor is said to be what others do together: no layout knows such a vehicle.
-    mixed = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.4, -0.3, 0.2, 1.0]])
-    back = effect(Flight(flight.time, flight.inputs @ mixed.T, flight.outputs, dt=flight.dt)) @ mixed
+    mixed = np.array(
+        [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.4, -0.3, 0.2, 1.0]]
+    )
+    back = (
+        effect(Flight(flight.time, flight.inputs @ mixed.T, flight.outputs, dt=flight.dt)) @ mixed
+    )
     assert back @ np.sign(GAIN) / 2 / np.linalg.norm(back) > 0.97
 
 
@@ -224,7 +285,9 @@ def test_a_known_geometry_takes_the_place_of_the_one_that_is_inferred():
             _with_directions(flight, np.array([1.0, 1.0, -1.0, -1.0])),
         )
     )
-    np.testing.assert_allclose(known.joint.combinations[:, 0], np.array([1, -1, -1, 1]) / 2, atol=1e-12)
+    np.testing.assert_allclose(
+        known.joint.combinations[:, 0], np.array([1, -1, -1, 1]) / 2, atol=1e-12
+    )
     np.testing.assert_allclose(known.theta, inferred.theta, atol=1e-4)
     assert np.abs(other.theta - inferred.theta).max() > 1e-2
 
@@ -239,7 +302,12 @@ def test_segments_of_different_geometries_have_none_in_common():
     flight = simulated()[:200]
     same, other = (np.array([1.0, -1.0, -1.0, 1.0]) * sign for sign in (1, -1))
     assert Record.of([_with_directions(flight, same)] * 2).effect_directions is not None
-    assert Record.of([_with_directions(flight, same), _with_directions(flight, other)]).effect_directions is None
+    assert (
+        Record.of(
+            [_with_directions(flight, same), _with_directions(flight, other)]
+        ).effect_directions
+        is None
+    )
     assert Record.of([_with_directions(flight, same), flight]).effect_directions is None
     assert Record.of(_with_directions(flight, np.zeros(4))).effect_directions is None
     halves = Record.of(_with_directions(flight, same)).halves()
@@ -247,4 +315,6 @@ def test_segments_of_different_geometries_have_none_in_common():
 
 
 def _with_directions(flight, directions):
-    return SimpleNamespace(inputs=flight.inputs, outputs=flight.outputs, dt=flight.dt, effect_directions=directions)
+    return SimpleNamespace(
+        inputs=flight.inputs, outputs=flight.outputs, dt=flight.dt, effect_directions=directions
+    )

@@ -15,7 +15,10 @@ from mavdem.dem.forecast.var import (
     regress,
 )
 
-OUTPUTS, INPUTS, LAGS, STEPS = 2, 3, 3, 12
+OUTPUTS = 2
+INPUTS = 3
+LAGS = 3
+STEPS = 12
 CHANNELS = OUTPUTS + INPUTS
 
 
@@ -49,7 +52,8 @@ def fitted(segments: list[np.ndarray], ridge: float = RIDGE) -> tuple[Var, Regre
 
 def joint(true: Var, past: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray]:
     """Mean (H k,) and covariance (H k, H k) of all channels after the past, by the map of all innovations."""
-    k, unrolled = CHANNELS, np.eye(steps * CHANNELS)
+    k = CHANNELS
+    unrolled = np.eye(steps * CHANNELS)
     drive = np.tile(true.offset, steps)
     for t in range(steps):
         for lag, A in enumerate(true.coefficients, 1):
@@ -62,7 +66,13 @@ def joint(true: Var, past: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarr
     return back @ drive, back @ np.kron(np.eye(steps), true.covariance) @ back.T
 
 
-def given(mean: np.ndarray, covariance: np.ndarray, known: np.ndarray, values: np.ndarray, asked: np.ndarray):
+def given(
+    mean: np.ndarray,
+    covariance: np.ndarray,
+    known: np.ndarray,
+    values: np.ndarray,
+    asked: np.ndarray,
+):
     gain = covariance[np.ix_(asked, known)] @ np.linalg.inv(covariance[np.ix_(known, known)])
     spread = covariance[np.ix_(asked, asked)] - gain @ covariance[np.ix_(known, asked)]
     return mean[asked] + gain @ (values - mean[known]), spread.diagonal()
@@ -71,29 +81,41 @@ def given(mean: np.ndarray, covariance: np.ndarray, known: np.ndarray, values: n
 def test_predicted_filtered_and_smoothed_are_those_of_the_joint_gaussian_for_each_of_several_pasts():
     true = model()
     samples = np.stack([run(true, LAGS + STEPS, seed) for seed in (1, 2)])
-    pasts, inputs = samples[:, :LAGS], samples[:, LAGS:, OUTPUTS:]
+    pasts = samples[:, :LAGS]
+    inputs = samples[:, LAGS:, OUTPUTS:]
     places = np.arange(STEPS * CHANNELS).reshape(STEPS, CHANNELS)
     predicted = true.predict(pasts, STEPS)
     inferred = {smooth: true.infer(pasts, inputs, smooth) for smooth in (False, True)}
     for number, past in enumerate(pasts):
         mean, covariance = joint(true, past, STEPS)
         np.testing.assert_allclose(predicted.mean[number].ravel(), mean, rtol=1e-9)
-        np.testing.assert_allclose(predicted.variance[number].ravel(), covariance.diagonal(), rtol=1e-9)
+        np.testing.assert_allclose(
+            predicted.variance[number].ravel(), covariance.diagonal(), rtol=1e-9
+        )
         for smooth, step in product((False, True), range(STEPS)):
             seen = slice(STEPS if smooth else step + 1)
-            known, asked = places[seen, OUTPUTS:].ravel(), places[step, :OUTPUTS]
+            known = places[seen, OUTPUTS:].ravel()
+            asked = places[step, :OUTPUTS]
             expected = given(mean, covariance, known, inputs[number, seen].ravel(), asked)
             np.testing.assert_allclose(inferred[smooth].mean[number, step], expected[0], rtol=1e-6)
-            np.testing.assert_allclose(inferred[smooth].variance[number, step], expected[1], rtol=1e-6)
+            np.testing.assert_allclose(
+                inferred[smooth].variance[number, step], expected[1], rtol=1e-6
+            )
 
 
 def test_coefficients_and_covariance_are_those_of_least_squares_without_a_prior():
     segments = [run(model(), 300, seed) for seed in (1, 2)]
     found, regression = fitted(segments, 1e-12)
-    rows = [np.hstack([*(each[LAGS - i : 300 - i] for i in (1, 2, 3)), np.ones((297, 1))]) for each in segments]
-    regressors, targets = np.vstack(rows), np.vstack([each[LAGS:] for each in segments])
+    rows = [
+        np.hstack([*(each[LAGS - i : 300 - i] for i in (1, 2, 3)), np.ones((297, 1))])
+        for each in segments
+    ]
+    regressors = np.vstack(rows)
+    targets = np.vstack([each[LAGS:] for each in segments])
     expected, squares, *_ = np.linalg.lstsq(regressors, targets)
-    np.testing.assert_allclose(np.hstack([found.across, found.offset[:, None]]).T, expected, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(
+        np.hstack([found.across, found.offset[:, None]]).T, expected, rtol=1e-6, atol=1e-9
+    )
     freedom = len(targets) - len(expected)
     np.testing.assert_allclose(found.covariance.diagonal(), squares / freedom, rtol=1e-6)
     precision = np.linalg.inv(regression.root.T @ regression.root)
@@ -101,8 +123,10 @@ def test_coefficients_and_covariance_are_those_of_least_squares_without_a_prior(
 
 
 def test_statistics_add_up_over_segments():
-    one, two = run(model(), 50, 1), run(model(), 70, 2)
-    first, both = LagStatistics.of([one], LAGS), LagStatistics.of([one, two], LAGS)
+    one = run(model(), 50, 1)
+    two = run(model(), 70, 2)
+    first = LagStatistics.of([one], LAGS)
+    both = LagStatistics.of([one, two], LAGS)
     together = first + LagStatistics.of([two], LAGS)
     assert together.rows == both.rows == 50 + 70 - 2 * LAGS
     np.testing.assert_allclose(together.gram, both.gram, rtol=1e-12)
@@ -112,13 +136,16 @@ def test_statistics_add_up_over_segments():
 def test_inputs_that_are_constant_copied_or_mixed_change_nothing_and_may_move_later():
     samples = run(model(), 400)
     plain, _ = fitted([samples])
-    constant, copy, mixed = np.zeros((400, 1)), samples[:, 2:3], samples[:, 2:4] @ [[1.0], [-1.0]]
+    constant = np.zeros((400, 1))
+    copy = samples[:, 2:3]
+    mixed = samples[:, 2:4] @ [[1.0], [-1.0]]
     more = np.hstack([samples, constant, copy, mixed])
     found, _ = fitted([more])
     ahead = np.random.default_rng(3).standard_normal((40, INPUTS))
     wider = np.hstack([ahead, np.ones((40, 1)), ahead[:, :1], ahead[:, :2] @ [[1.0], [-1.0]]])
     for smooth in (False, True):
-        expected, got = plain.infer(samples[-LAGS:], ahead, smooth), found.infer(more[-LAGS:], wider, smooth)
+        expected = plain.infer(samples[-LAGS:], ahead, smooth)
+        got = found.infer(more[-LAGS:], wider, smooth)
         assert np.isfinite(got.mean).all()
         # The prior is of other coefficients, so that the posterior is not quite the same.
         np.testing.assert_allclose(got.mean, expected.mean, atol=0.02 * expected.mean.std())
@@ -166,4 +193,6 @@ def test_the_maps_ahead_are_the_model_s_own_steps():
     samples = run(true, 40)
     maps, constant = true.ahead((1, 30), OUTPUTS)
     ahead = true.predict(samples[-LAGS:], 30).mean[:, :OUTPUTS]
-    np.testing.assert_allclose(maps @ samples[: -LAGS - 1 : -1].ravel() + constant, ahead[[0, 29]], rtol=1e-9)
+    np.testing.assert_allclose(
+        maps @ samples[: -LAGS - 1 : -1].ravel() + constant, ahead[[0, 29]], rtol=1e-9
+    )

@@ -22,7 +22,14 @@ from mavdem.dem.graybox.likelihood import FIRST_ORDER, Coloured, delayed, plant,
 from mavdem.dem.graybox.parameters import updated
 from mavdem.dem.graybox.wind import _Spectra, gusts, shortest_gust, wind
 from mavdem.dem.online.ahead import Memory
-from mavdem.dem.online.wind import DELAY_SECONDS, FILTER_SECONDS, FIRST_FIT_SECONDS, OnlineWind, _Tracked, wind_filter
+from mavdem.dem.online.wind import (
+    DELAY_SECONDS,
+    FILTER_SECONDS,
+    FIRST_FIT_SECONDS,
+    OnlineWind,
+    _Tracked,
+    wind_filter,
+)
 from mavdem.dem.record import Record
 from sitl_scenarios.files import load
 from sitl_scenarios.wind import gaussian_noise
@@ -50,14 +57,19 @@ def root_of(covariance: np.ndarray) -> np.ndarray:
     return vectors * np.sqrt(np.maximum(values, 0)) @ vectors.T
 
 
-def flown(seed: int, samples: int, known: Parameters, steady: float = 0.0) -> tuple[Flight, np.ndarray]:
+def flown(
+    seed: int, samples: int, known: Parameters, steady: float = 0.0
+) -> tuple[Flight, np.ndarray]:
     """A flight of exactly that plant, whose controller answers what it measures; and the wind's torque (T,)."""
     rng = np.random.default_rng(seed)
     of = plant(known.damping, known.lag, known.components, DT)
     root = root_of(of.process)
     state = root_of(of.stationary) @ rng.standard_normal(len(of.wind))
-    inputs, outputs, torque = np.zeros((samples, 4)), np.zeros((samples, 2)), np.empty(samples)
-    angle, steps = 0.0, known.delay / DT
+    inputs = np.zeros((samples, 4))
+    outputs = np.zeros((samples, 2))
+    torque = np.empty(samples)
+    angle = 0.0
+    steps = known.delay / DT
     for k in range(samples):
         outputs[k] = angle, state[0] + known.noise * rng.standard_normal()
         torque[k] = of.wind @ state + steady
@@ -73,23 +85,32 @@ def flown(seed: int, samples: int, known: Parameters, steady: float = 0.0) -> tu
 
 @pytest.mark.slow
 @pytest.mark.parametrize("damping", [-0.5, 2.0])
-@pytest.mark.parametrize("components", [TURBULENCE[:1], TURBULENCE, (TURBULENCE[1], TURBULENCE[1])], ids="123")
+@pytest.mark.parametrize(
+    "components", [TURBULENCE[:1], TURBULENCE, (TURBULENCE[1], TURBULENCE[1])], ids="123"
+)
 def test_the_smoother_is_the_posterior_of_the_joint_gaussian(components, damping):
     rng = np.random.default_rng(0)
-    commanded, rate, noise = rng.standard_normal(90), 0.2 * rng.standard_normal(90), 0.02
+    commanded = rng.standard_normal(90)
+    rate = 0.2 * rng.standard_normal(90)
+    noise = 0.02
     of = plant(damping, 0.05, components, 0.02)
     found = of.smoothed(noise, commanded, 0.7, rate)
     early, late = delayed(commanded[:, None], 0.7)
     pushed = np.column_stack([of.step.input_now[:, 0], of.step.input_next[:, 0]])
     n = len(of.wind)
-    one, nothing = np.eye(1, n), np.zeros(n)
-    model = GaussianModel(of.step.state, pushed, nothing, one, np.zeros(1), of.process, np.array([[noise**2]]))
-    start, spread = nothing.copy(), of.stationary.copy()
+    one = np.eye(1, n)
+    nothing = np.zeros(n)
+    model = GaussianModel(
+        of.step.state, pushed, nothing, one, np.zeros(1), of.process, np.array([[noise**2]])
+    )
+    start = nothing.copy()
+    spread = of.stationary.copy()
     start[:2] = rate.mean(), commanded[0]
     spread[0, 0] = np.var(rate) + of.filter(noise).variance
     pushes = np.append(np.column_stack([early, late]), [[0.0, 0.0]], axis=0)[:90]
     means, covariances, _ = joint(model, start, pushes, rate[:, None], spread)
-    mean, variance = means @ of.wind, np.einsum("i,titj,j->t", of.wind, covariances, of.wind)
+    mean = means @ of.wind
+    variance = np.einsum("i,titj,j->t", of.wind, covariances, of.wind)
     np.testing.assert_allclose(found.mean, mean, atol=1e-8 * np.abs(mean).max())
     np.testing.assert_allclose(found.variance, variance, atol=1e-8 * variance.max())
 
@@ -98,7 +119,9 @@ def test_the_winds_covariance_stays_from_sample_to_sample():
     of = plant(2.0, 0.04, TURBULENCE, DT)
     wind_only = of.step.state[2:, 2:]
     stationary = of.stationary[2:, 2:]
-    np.testing.assert_allclose(wind_only @ stationary @ wind_only.T + of.process[2:, 2:], stationary, atol=1e-9)
+    np.testing.assert_allclose(
+        wind_only @ stationary @ wind_only.T + of.process[2:, 2:], stationary, atol=1e-9
+    )
     assert of.wind @ of.stationary @ of.wind == pytest.approx(1.5**2 + 0.7**2)
 
 
@@ -125,12 +148,16 @@ def test_motors_that_differ_steadily_balance_a_steady_wind_and_what_all_have_in_
     flight, _ = flown(2, 1500, known)
 
     def torque(shift: np.ndarray, known: Parameters) -> np.ndarray:
-        return wind(known, Record.of(Flight(flight.time, flight.inputs + shift, flight.outputs))).torque
+        return wind(
+            known, Record.of(Flight(flight.time, flight.inputs + shift, flight.outputs))
+        ).torque
 
     shift = torque(20 * np.sign(EFFECT), known) - torque(np.zeros(4), known)
     np.testing.assert_allclose(shift, -20 * np.abs(EFFECT).sum(), atol=1e-6)
     uneven = known._replace(effect=EFFECT * np.array([1.1, 1.0, 1.0, 1.0]))
-    np.testing.assert_allclose(torque(np.zeros(4), uneven), torque(np.full(4, 137.0), uneven), atol=1e-6)
+    np.testing.assert_allclose(
+        torque(np.zeros(4), uneven), torque(np.full(4, 137.0), uneven), atol=1e-6
+    )
 
 
 def test_the_uncertainty_of_the_motors_effect_is_in_the_bands():
@@ -138,7 +165,8 @@ def test_the_uncertainty_of_the_motors_effect_is_in_the_bands():
     flight, _ = flown(4, 1500, known, steady=-3.0)
     uncertain = known._replace(covariance=np.zeros((7, 7)))
     uncertain.covariance[:4, :4] = 0.2**2 * np.outer(EFFECT, EFFECT)
-    sure, unsure = wind(known, Record.of(flight)), wind(uncertain, Record.of(flight))
+    sure = wind(known, Record.of(flight))
+    unsure = wind(uncertain, Record.of(flight))
     assert unsure.mean_band == pytest.approx(1.645 * 0.2 * abs(sure.mean), rel=0.05)
     assert np.all(unsure.band >= sure.band)
 
@@ -189,7 +217,8 @@ def record_of(samples: int) -> Record:
 
 
 def test_turbulence_alone_has_as_many_gusts_as_it_says():
-    samples, band = 600_000, np.zeros(600_000)
+    samples = 600_000
+    band = np.zeros(600_000)
     found = gusts(turbulent(0, samples), band, record_of(samples))
     expected = found.false_per_minute * samples * DT / 60
     assert 5 < expected < 100
@@ -234,7 +263,10 @@ def test_a_motors_step_is_no_wind():
         assert found.sd == pytest.approx(torque.std(), rel=0.2)
         assert not [gust for gust in found.gusts if 28.0 < gust.start < 32.0]
     sample, size = wind(known, record).step
-    assert (sample, size) == (pytest.approx(3000, abs=50), pytest.approx(-20 * np.abs(EFFECT).sum(), rel=0.1))
+    assert (sample, size) == (
+        pytest.approx(3000, abs=50),
+        pytest.approx(-20 * np.abs(EFFECT).sum(), rel=0.1),
+    )
     assert wind(known, record, [37.0]).step is None and wind(known, Record.of(flight)).step is None
 
 
@@ -247,11 +279,17 @@ def hover_of(name: str, seed: int) -> tuple[Flight, dict[str, np.ndarray]]:
 def test_the_size_is_known_as_well_as_the_interval_says():
     """Simulated flights by their own parameters: the truth is in nine of ten intervals, by what so few can tell."""
     inside = []
-    for seed, name in product((11, 12), ("hover_blower", "iris_dryden", "crazyflie_gusts", "iris_doublets")):
+    for seed, name in product(
+        (11, 12), ("hover_blower", "iris_dryden", "crazyflie_gusts", "iris_doublets")
+    ):
         flight, known = hover_of(name, seed)
         found = wind(physical(flight), Record.of(flight))
-        sd, mean = known["roll_disturbance"].std(), known["roll_disturbance"].mean()
-        inside += [abs(found.sd - sd) < 1.645 * found.scale_error * found.sd, abs(found.mean - mean) < found.mean_band]
+        sd = known["roll_disturbance"].std()
+        mean = known["roll_disturbance"].mean()
+        inside += [
+            abs(found.sd - sd) < 1.645 * found.scale_error * found.sd,
+            abs(found.mean - mean) < found.mean_band,
+        ]
     assert np.sum(inside) >= binom.ppf(1e-3, len(inside), 0.9)
 
 
@@ -260,9 +298,12 @@ def test_the_size_is_known_as_well_as_the_interval_says():
 def test_it_is_the_truth_of_a_simulated_flight_by_its_true_parameters(name):
     """Settled hover of ``sitl_scenarios`` in its wind."""
     flight, known = hover_of(name, 11)
-    torque, damping = known["roll_disturbance"], -float(known["roll_A"][1, 1])
+    torque = known["roll_disturbance"]
+    damping = -float(known["roll_A"][1, 1])
     components = ((FIRST_ORDER, torque.std(), 0.15),)
-    parameters = Parameters(known["roll_B"][1], damping, float(known["lag"][0]), components=components)
+    parameters = Parameters(
+        known["roll_B"][1], damping, float(known["lag"][0]), components=components
+    )
     found = wind(parameters, Record.of(flight))
     assert np.corrcoef(found.torque, torque)[0, 1] > 0.9
     assert found.sd == pytest.approx(torque.std(), rel=0.2)
@@ -270,20 +311,27 @@ def test_it_is_the_truth_of_a_simulated_flight_by_its_true_parameters(name):
     assert found.resolved
 
 
-WINDY, CALM = simulated(samples=3000, wind=2.0, lag=0.05), simulated(samples=1500, wind=0.3)
+WINDY = simulated(samples=3000, wind=2.0, lag=0.05)
+CALM = simulated(samples=1500, wind=0.3)
 LAG = round(DELAY_SECONDS / WINDY.dt)
 BEGINS = round((FILTER_SECONDS + DELAY_SECONDS) / WINDY.dt)
 
 
-def online_wind(executor: Executor | None = None, prior: Physical | None = None) -> tuple[OnlineWind, Memory]:
+def online_wind(
+    executor: Executor | None = None, prior: Physical | None = None
+) -> tuple[OnlineWind, Memory]:
     memory = Memory(WINDY.dt, 10, 200, 4, 2)
     return OnlineWind(memory, executor, prior), memory
 
 
-def followed(online: OnlineWind, memory: Memory, flight: Flight, weak_since: float = np.nan) -> np.ndarray:
+def followed(
+    online: OnlineWind, memory: Memory, flight: Flight, weak_since: float = np.nan
+) -> np.ndarray:
     """(T, 2) what each update returns."""
     found = np.empty((len(flight), 2))
-    for k, (time, inputs, outputs) in enumerate(zip(flight.time, flight.inputs, flight.outputs, strict=True)):
+    for k, (time, inputs, outputs) in enumerate(
+        zip(flight.time, flight.inputs, flight.outputs, strict=True)
+    ):
         closed = memory.add(inputs, outputs, time)
         found[k] = online.update(inputs, outputs, weak_since)
         if closed:
@@ -302,7 +350,10 @@ def test_it_is_the_smoother_s_but_for_what_later_samples_add():
             live[k - LAG] = tracked.torque[0]
     commanded = (WINDY.inputs - of.trim) @ of.physical.effect + of.constant
     rate = WINDY.outputs[:, of.column]
-    whole = of.axis.smoothed(of.physical.noise, commanded, of.physical.delay / WINDY.dt, rate).mean + of.level
+    whole = (
+        of.axis.smoothed(of.physical.noise, commanded, of.physical.delay / WINDY.dt, rate).mean
+        + of.level
+    )
     far = slice(500, -LAG)
     weights = of.steady.weights(1000, of.axis.wind)
     added = np.sqrt(np.sum(weights[LAG + 1 :] ** 2) * of.steady.variance)
@@ -327,7 +378,8 @@ def test_it_is_known_from_the_first_fit_on_and_anew_after_a_gap():
 @pytest.mark.slow
 def test_with_a_prior_a_calm_hover_has_a_torque_whose_band_is_as_wide_as_steering_makes_it():
     """Without wind: what is drawn is error. Nothing is of a vehicle whose motor is weak."""
-    calm, steering = steered(1, steering=0.0, samples=900, wind=0.0), steered(2, steering=1.0, wind=0.0)
+    calm = steered(1, steering=0.0, samples=900, wind=0.0)
+    steering = steered(2, steering=1.0, wind=0.0)
     assert np.isnan(followed(*online_wind(), calm)).all()
     known = physical(steered(0, steering=1.0))
     unknown = known._replace(status=dict.fromkeys(known.status, "not identifiable"))
@@ -339,7 +391,10 @@ def test_with_a_prior_a_calm_hover_has_a_torque_whose_band_is_as_wide_as_steerin
     online.end_segment()
     doublets = followed(online, memory, steering)[BEGINS + 1 :]
     for torque, band in (hover.T, doublets.T):
-        assert np.mean(np.abs(torque) <= band) > 0.85 and not gusts(torque, band, record_of(len(torque))).found
+        assert (
+            np.mean(np.abs(torque) <= band) > 0.85
+            and not gusts(torque, band, record_of(len(torque))).found
+        )
     assert np.median(doublets[:, 1]) > 3 * np.median(hover[:, 1])
     assert np.isnan(followed(online, memory, steering[:20], steering.time[-1])).all()
     assert np.isfinite(followed(online, memory, steering[20:200])[BEGINS + 1 :]).all()
@@ -352,9 +407,14 @@ def test_the_band_holds_what_a_recorded_hover_without_wind_has(tmp_path):
         (tmp_path / "a2.tlog").write_bytes(file.read(1_200_000))
     known = physical((flight := read_flight(tmp_path / "a2.tlog"))[-1500:])
     mean, half = known.mean_effect()
-    assert abs(mean - np.radians(16.0)) < half and abs(known.damping - 2.05) < known.interval().damping
+    assert (
+        abs(mean - np.radians(16.0)) < half and abs(known.damping - 2.05) < known.interval().damping
+    )
     torque, band = followed(*online_wind(prior=known), flight[-4000:])[round(10 / DT) :].T
-    assert np.mean(np.abs(torque) <= band) > 0.85 and not gusts(torque, band, record_of(len(torque))).found
+    assert (
+        np.mean(np.abs(torque) <= band) > 0.85
+        and not gusts(torque, band, record_of(len(torque))).found
+    )
 
 
 def test_a_fit_that_fails_leaves_the_last_one():
@@ -372,7 +432,9 @@ def test_an_estimate_has_it_and_says_of_when():
     settings = Settings(order=3, d=2, window=9, parameter_precision=1.0)
     for flight, known in ((CALM, True), (WINDY, False)):
         online = OnlineLearner(settings, dt=flight.dt)
-        for time, outputs, inputs in zip(flight.time[:1000], flight.outputs, flight.inputs, strict=False):
+        for time, outputs, inputs in zip(
+            flight.time[:1000], flight.outputs, flight.inputs, strict=False
+        ):
             estimate = online.update(time, outputs, inputs)
         assert estimate.wind_time == pytest.approx(estimate.time - DELAY_SECONDS)
         # Where the motors' effect is not identifiable, neither is the torque that follows from it.

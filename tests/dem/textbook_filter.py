@@ -25,7 +25,8 @@ class TextbookFilter(NamedTuple):
 
     def corrected(self, inputs, outputs):
         """(T, n): corrected states, the first from its outputs alone; and (T − 1, m) predictions."""
-        states, ahead = [np.linalg.pinv(self.C) @ outputs[0]], []
+        states = [np.linalg.pinv(self.C) @ outputs[0]]
+        ahead = []
         for t in range(1, len(outputs)):
             predicted = self._moved(states[-1], inputs[t - 1], inputs[t])
             ahead.append(self.C @ predicted)

@@ -9,17 +9,23 @@ from simulated import simulated
 
 from mavdem import Flight, baselines
 from mavdem.evaluate import HORIZONS, Paired, mspe, relative_mspe
-from mavdem.evaluate.comparison import METHODS, Comparison, Method, Outcome, compare, evaluate_window, outcomes
+from mavdem.evaluate.comparison import (
+    METHODS,
+    Comparison,
+    Method,
+    Outcome,
+    compare,
+    evaluate_window,
+    outcomes,
+)
 from mavdem.evaluate.scores import FROM_ZERO, KNOWN, UNKNOWN, ratio, windows
 from mavdem.report.comparison import comparison_report
 
 FLIGHTS = {name: simulated(seed, samples=1700, wind=2.0) for seed, name in enumerate("ab")}
 WINDOWS = [window for name, flight in FLIGHTS.items() for window in windows(name, flight)]
-MEAN, HOLD, ARX = (
-    Method("constant mean", baselines.constant_mean, predicts=True),
-    Method("hold", baselines.hold, predicts=True),
-    Method("ARX", baselines.arx),
-)
+MEAN = Method("constant mean", baselines.constant_mean, predicts=True)
+HOLD = Method("hold", baselines.hold, predicts=True)
+ARX = Method("ARX", baselines.arx)
 
 
 class Doubtful:
@@ -53,7 +59,9 @@ def is_off(train: Flight) -> baselines.Identified:
     return replace(mean, model=mean.model._replace(output_trim=mean.model.output_trim + 100.0))
 
 
-REFUSES, BREAKS, EXPLODES, IS_OFF = (Method(made.__name__, made) for made in (refuses, breaks, explodes, is_off))
+REFUSES, BREAKS, EXPLODES, IS_OFF = (
+    Method(made.__name__, made) for made in (refuses, breaks, explodes, is_off)
+)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -79,13 +87,19 @@ def whole(outcome: Outcome, question: str = KNOWN) -> float:
 
 def test_an_outcome_is_what_the_model_says_of_the_window():
     window = WINDOWS[1]
-    found, model = evaluate_window(ARX, window), baselines.arx(window.train)
+    found = evaluate_window(ARX, window)
+    model = baselines.arx(window.train)
     assert (found.method, found.flight, found.start, found.failure) == ("ARX", "a", 425, "")
     assert (found.stable, found.cautions) == (model.stable, model.cautions)
-    forecasts = {KNOWN: model.forecast(window.test.inputs), FROM_ZERO: model.forecast(window.test.inputs, True)}
+    forecasts = {
+        KNOWN: model.forecast(window.test.inputs),
+        FROM_ZERO: model.forecast(window.test.inputs, True),
+    }
     for question, forecast in forecasts.items():
         np.testing.assert_array_equal(found.forecasts[question], forecast)
-        np.testing.assert_array_equal(found.mspe(question), mspe(window.test.outputs, forecast).per_output)
+        np.testing.assert_array_equal(
+            found.mspe(question), mspe(window.test.outputs, forecast).per_output
+        )
         assert whole(found, question) == relative_mspe(window.train, window.test, forecast)
     assert found.of(KNOWN)["steps"].tolist() == list(HORIZONS) and not len(found.of(UNKNOWN))
 
@@ -111,10 +125,13 @@ def test_a_method_without_an_answer_says_why_and_errs_infinitely(method, failure
 
 def test_a_forecast_that_expects_more_than_the_constant_mean_s_error_is_cautioned_against():
     found = {
-        times: evaluate_window(Method("doubtful", partial(Doubtful, times=times)), WINDOWS[0]) for times in (0.9, 1.1)
+        times: evaluate_window(Method("doubtful", partial(Doubtful, times=times)), WINDOWS[0])
+        for times in (0.9, 1.1)
     }
     assert not found[0.9].cautions
-    assert found[1.1].cautions == ("The error to expect of the forecast is larger than the constant mean's.",)
+    assert found[1.1].cautions == (
+        "The error to expect of the forecast is larger than the constant mean's.",
+    )
 
 
 def test_a_window_without_a_unit_of_error_fails_for_every_method_and_a_fault_of_our_own_is_raised():
@@ -147,7 +164,9 @@ def test_outcomes_come_by_window_and_make_the_comparison_in_any_order(compared):
 
 def test_a_summary_is_the_median_of_its_windows(compared):
     rows = compared.summaries("a")
-    hold, mean, refused, exploded = (row_of(rows, name) for name in ("hold", "constant mean", "refuses", "explodes"))
+    hold, mean, refused, exploded = (
+        row_of(rows, name) for name in ("hold", "constant mean", "refuses", "explodes")
+    )
     column = [row[0] for row in compared.outcomes if row[0].flight == "a"]
     ratios = [whole(one) for one in column]
     assert hold["relative"] == np.median(ratios) == hold["horizons"][-1]["relative"]
@@ -162,13 +181,18 @@ def test_a_summary_is_the_median_of_its_windows(compared):
 
 def test_the_first_is_paired_with_each_on_windows_that_do_not_overlap(compared):
     found = {row["method"]: row["horizons"][-1]["reference"] for row in compared.summaries("a")}
-    ours, theirs = (np.array([whole(row[column]) for row in compared.outcomes[:3]]) for column in (0, 2))
+    ours, theirs = (
+        np.array([whole(row[column]) for row in compared.outcomes[:3]]) for column in (0, 2)
+    )
     assert found["ARX"].ratio == pytest.approx(np.median(ours / theirs))
     assert (found["ARX"].windows, found["ARX"].tested) == (3, 2)
     assert found["refuses"] == Paired(0.0, 3, 3, 2, 0.5)
     assert found["hold"] == Paired(1.0, 0, 3, 2, 1.0)
     few = comparison_report(compare(WINDOWS[:1], [HOLD, EXPLODES, REFUSES]))[0].lead
-    assert "not distinguishable from another method's: only 1 window does not overlap, and it takes 6" in few
+    assert (
+        "not distinguishable from another method's: only 1 window does not overlap, and it takes 6"
+        in few
+    )
 
 
 def test_losses_are_where_the_median_is_larger_the_worst_first(compared):
@@ -177,12 +201,22 @@ def test_losses_are_where_the_median_is_larger_the_worst_first(compared):
     for loss in losses:
         rows = compared.summaries(loss["flight"])
         ours, theirs = (
-            next(at["relative"] for at in row_of(rows, name)["horizons"] if at["steps"] == loss["steps"])
+            next(
+                at["relative"]
+                for at in row_of(rows, name)["horizons"]
+                if at["steps"] == loss["steps"]
+            )
             for name in ("hold", loss["method"])
         )
         assert loss["ratio"] == pytest.approx(ours / theirs) and loss["ratio"] > 1
-    assert [loss["ratio"] for loss in losses] == sorted((loss["ratio"] for loss in losses), reverse=True)
-    (table,) = [one for one in comparison_report(compared) if "with hold worse" in getattr(one, "header", [""])[0]]
+    assert [loss["ratio"] for loss in losses] == sorted(
+        (loss["ratio"] for loss in losses), reverse=True
+    )
+    (table,) = [
+        one
+        for one in comparison_report(compared)
+        if "with hold worse" in getattr(one, "header", [""])[0]
+    ]
     assert {row[0] for row in table.rows} == {loss["method"] for loss in losses}
     # Of two windows that do not overlap nothing is certain.
     assert {cell for row in table.rows for cell in row[1:]} <= {"", "1 (0)", "2 (0)"}
@@ -190,7 +224,8 @@ def test_losses_are_where_the_median_is_larger_the_worst_first(compared):
 
 def test_over_flights_each_counts_once(compared):
     rows = compared.over_flights()
-    arx, refused = row_of(rows, "ARX"), row_of(rows, "refuses")
+    arx = row_of(rows, "ARX")
+    refused = row_of(rows, "refuses")
     medians = [row_of(compared.summaries(flight), "ARX")["relative"] for flight in ("a", "b")]
     assert arx["relative"] == pytest.approx(np.sqrt(np.prod(medians)))
     assert (arx["flights"], arx["windows"], arx["reference"].windows) == (2, 6, 2)
@@ -200,22 +235,35 @@ def test_over_flights_each_counts_once(compared):
 
 @pytest.mark.slow
 def test_of_six_flights_each_is_a_pair():
-    parts = [window for name in "abcdef" for window in windows(name, FLIGHTS["a"][100 * ord(name) - 9700 :], 200, 50)]
+    parts = [
+        window
+        for name in "abcdef"
+        for window in windows(name, FLIGHTS["a"][100 * ord(name) - 9700 :], 200, 50)
+    ]
     found = compare(parts, [HOLD, IS_OFF])
     assert found.verdicts()["is_off"] == found.over_flights()[1]["reference"]
-    assert found.verdicts()["is_off"].tested == 6 and "on 6 flights" in comparison_report(found)[0].lead
+    assert (
+        found.verdicts()["is_off"].tested == 6
+        and "on 6 flights" in comparison_report(found)[0].lead
+    )
 
 
 @pytest.mark.slow
 def test_a_band_that_failed_is_cautioned_against(predicted):
     def cautions(comparison: Comparison) -> list[str]:
-        return [block.text for block in comparison_report(comparison) if getattr(block, "lead", "") == "Caution:"]
+        return [
+            block.text
+            for block in comparison_report(comparison)
+            if getattr(block, "lead", "") == "Caution:"
+        ]
 
     def held(share: float, unknown: float) -> Comparison:
         def changed(one: Outcome) -> Outcome:
             scores = one.scores.copy()
             for question, inside in ((KNOWN, share), (UNKNOWN, unknown)):
-                scores["inside"][(scores["question"] == question) & ~np.isnan(scores["inside"])] = inside
+                scores["inside"][(scores["question"] == question) & ~np.isnan(scores["inside"])] = (
+                    inside
+                )
             return replace(one, scores=scores)
 
         rows = tuple(tuple(map(changed, row)) for row in predicted.outcomes)
@@ -237,26 +285,42 @@ def predicted():
 @pytest.mark.slow
 def test_predictions_are_compared_of_the_methods_that_make_them(predicted):
     assert predicted.methods_of(UNKNOWN) == ("joint VAR(4)", "hold", "constant mean")
-    window, outcome = WINDOWS[1], predicted.outcomes[1][0]
+    window = WINDOWS[1]
+    outcome = predicted.outcomes[1][0]
     model = baselines.var(window.train, 4)
     np.testing.assert_array_equal(outcome.forecasts[UNKNOWN], model.predict(150))
     inside = np.abs(model.predict(150) - window.test.outputs) <= model.predict_band(150)
-    assert outcome.of(UNKNOWN)["inside"] == pytest.approx([inside[:steps].mean() for steps in HORIZONS])
+    assert outcome.of(UNKNOWN)["inside"] == pytest.approx(
+        [inside[:steps].mean() for steps in HORIZONS]
+    )
     in_pieces = model.predict_every(25, window.test.inputs, window.test.outputs)
     relative = relative_mspe(window.train, window.test, in_pieces)
     assert ratio(outcome.of(UNKNOWN))[HORIZONS.index(25)] == pytest.approx(relative)
     # Hold and mean need no inputs: they are the same with and without.
     for name in ("hold", "constant mean"):
-        one, other = (row_of(predicted.summaries("a", question), name)["horizons"] for question in (KNOWN, UNKNOWN))
+        one, other = (
+            row_of(predicted.summaries("a", question), name)["horizons"]
+            for question in (KNOWN, UNKNOWN)
+        )
         assert [at["relative"] for at in one] == pytest.approx([at["relative"] for at in other])
     assert compare(WINDOWS[:1], [ARX]).to_dict()["predictions"] is None
     nested = predicted.to_dict()["predictions"]
-    assert nested["methods"] == ["joint VAR(4)", "hold", "constant mean"] and nested["predictions"] is None
+    assert (
+        nested["methods"] == ["joint VAR(4)", "hold", "constant mean"]
+        and nested["predictions"] is None
+    )
 
 
 def test_the_share_in_the_band_is_a_mean_over_windows_and_flights(predicted):
-    shares = [row_of(predicted.summaries(flight, UNKNOWN), "joint VAR(4)")["horizons"][2]["inside"] for flight in "ab"]
-    windows_of_a = [row[0].of(UNKNOWN)["inside"][2] for row in predicted.outcomes if row[0].flight == "a"]
+    shares = [
+        row_of(predicted.summaries(flight, UNKNOWN), "joint VAR(4)")["horizons"][2]["inside"]
+        for flight in "ab"
+    ]
+    windows_of_a = [
+        row[0].of(UNKNOWN)["inside"][2] for row in predicted.outcomes if row[0].flight == "a"
+    ]
     assert shares[0] == pytest.approx(np.mean(windows_of_a))
-    assert row_of(predicted.over_flights(UNKNOWN), "joint VAR(4)")["inside"][2] == pytest.approx(np.mean(shares))
+    assert row_of(predicted.over_flights(UNKNOWN), "joint VAR(4)")["inside"][2] == pytest.approx(
+        np.mean(shares)
+    )
     assert row_of(predicted.over_flights(), "hold")["inside"] == [None] * len(HORIZONS)

@@ -7,7 +7,13 @@ from simulated import SIGNS, simulated
 import mavdem
 from mavdem.evaluate import held_out as module
 from mavdem.evaluate import relative_mspe
-from mavdem.evaluate.held_out import CONSTANT_MEAN, FOLDS, HOLD_LAST, held_out_test, held_out_windows
+from mavdem.evaluate.held_out import (
+    CONSTANT_MEAN,
+    FOLDS,
+    HOLD_LAST,
+    held_out_test,
+    held_out_windows,
+)
 
 pytestmark = pytest.mark.slow
 FLIGHT = simulated(samples=1500, wind=0.5)
@@ -29,13 +35,16 @@ def test_every_sample_after_the_first_windows_is_held_out_once(held_out):
     assert len(time) > len(FLIGHT) - lead - FOLDS * STEPS
     at = np.searchsorted(FLIGHT.time, time)
     np.testing.assert_array_equal(held_out.measured.reshape(-1, 2), FLIGHT.outputs[at])
-    np.testing.assert_array_equal(held_out.forecasts[HOLD_LAST][:, 0], FLIGHT.outputs[at[::STEPS] - 1])
+    np.testing.assert_array_equal(
+        held_out.forecasts[HOLD_LAST][:, 0], FLIGHT.outputs[at[::STEPS] - 1]
+    )
 
 
 def test_no_window_is_in_the_training_data_of_its_model(monkeypatch):
     trained: list[set[float]] = []
     forecasts: list[set[float]] = []
-    learn, forecast = module.learn_forecasts, module._forecast
+    learn = module.learn_forecasts
+    forecast = module._forecast
 
     def watched(segments, settings):
         trained.append({float(time) for segment in segments for time in segment.time})
@@ -53,7 +62,8 @@ def test_no_window_is_in_the_training_data_of_its_model(monkeypatch):
 
 
 def test_nothing_after_a_sample_is_used_to_forecast_it(held_out):
-    changed, moved = FLIGHT.outputs.copy(), FLIGHT.inputs.copy()
+    changed = FLIGHT.outputs.copy()
+    moved = FLIGHT.inputs.copy()
     last = np.searchsorted(FLIGHT.time, held_out.time[-1, 0])
     # Of the last part, which only its own model does not see.
     changed[last:] += 0.1
@@ -63,20 +73,31 @@ def test_nothing_after_a_sample_is_used_to_forecast_it(held_out):
         np.testing.assert_array_equal(again.forecasts[name][-1], held_out.forecasts[name][-1])
     # A prediction does not know the motors of its window either; a forecast does.
     driven = held_out_windows([mavdem.Flight(FLIGHT.time, moved, FLIGHT.outputs)], QUICK, STEPS)
-    np.testing.assert_array_equal(driven.forecasts["prediction"][-1], held_out.forecasts["prediction"][-1])
+    np.testing.assert_array_equal(
+        driven.forecasts["prediction"][-1], held_out.forecasts["prediction"][-1]
+    )
     assert not np.array_equal(driven.forecasts["forecast"][-1], held_out.forecasts["forecast"][-1])
 
 
 def test_the_test_after_training_is_one_window_of_the_models_own_forecast():
-    train, test = FLIGHT[:600], FLIGHT[600:700]
+    train = FLIGHT[:600]
+    test = FLIGHT[600:700]
     learned = mavdem.learn(train, QUICK)
     window = held_out_test(train, test, learned)
-    np.testing.assert_allclose(window.forecasts["forecast"][0], learned.forecast(test.inputs), rtol=1e-7)
+    np.testing.assert_allclose(
+        window.forecasts["forecast"][0], learned.forecast(test.inputs), rtol=1e-7
+    )
     np.testing.assert_allclose(window.forecasts["prediction"][0], learned.predict(100), rtol=1e-7)
     np.testing.assert_allclose(window.band[0], learned.forecast_band(test.inputs), rtol=1e-7)
-    np.testing.assert_allclose(window.expected[0], learned.forecast_variance(test.inputs), rtol=1e-7)
-    np.testing.assert_array_equal(window.forecasts[HOLD_LAST][0], np.tile(train.outputs[-1], (100, 1)))
-    assert window.error_ratio() == pytest.approx(relative_mspe(train, test, learned.forecast(test.inputs)))
+    np.testing.assert_allclose(
+        window.expected[0], learned.forecast_variance(test.inputs), rtol=1e-7
+    )
+    np.testing.assert_array_equal(
+        window.forecasts[HOLD_LAST][0], np.tile(train.outputs[-1], (100, 1))
+    )
+    assert window.error_ratio() == pytest.approx(
+        relative_mspe(train, test, learned.forecast(test.inputs))
+    )
     assert window.seconds == pytest.approx(test.duration)
 
 
@@ -84,7 +105,8 @@ def test_figures_are_those_of_the_windows(held_out):
     errors = ((held_out.measured - held_out.forecasts["forecast"]) ** 2).mean(axis=1)
     mean = ((held_out.measured - held_out.forecasts[CONSTANT_MEAN]) ** 2).mean(axis=1)
     np.testing.assert_allclose(held_out.rmse(), np.sqrt(errors.mean(axis=0)))
-    own, others = (errors / held_out.variance).sum(axis=1), (mean / held_out.variance).sum(axis=1)
+    own = (errors / held_out.variance).sum(axis=1)
+    others = (mean / held_out.variance).sum(axis=1)
     np.testing.assert_allclose(held_out.error_ratios(), own / others)
     assert held_out.error_ratio() == pytest.approx(own.sum() / others.sum())
     assert held_out.error_ratio(CONSTANT_MEAN) == 1.0
@@ -95,9 +117,12 @@ def test_figures_are_those_of_the_windows(held_out):
 
 
 def test_segments_are_held_out_together_and_filters_begin_anew_in_each():
-    first, second = FLIGHT[:900], FLIGHT[1100:]
+    first = FLIGHT[:900]
+    second = FLIGHT[1100:]
     held_out = held_out_windows([first, second], QUICK, STEPS)
-    inside = [(held_out.time >= one.time[0]) & (held_out.time <= one.time[-1]) for one in (first, second)]
+    inside = [
+        (held_out.time >= one.time[0]) & (held_out.time <= one.time[-1]) for one in (first, second)
+    ]
     # No window reaches over the gap.
     assert all((one.all(axis=1) | ~one.any(axis=1)).all() for one in inside)
     assert all(one.any() for one in inside)
@@ -107,7 +132,8 @@ def test_a_model_that_cannot_be_learnt_errs_infinitely_and_says_why(held_out, mo
     def refused(segments, settings):
         raise ValueError("the outputs must vary")
 
-    learn, calls = module.learn_forecasts, []
+    learn = module.learn_forecasts
+    calls = []
 
     def refused_once(segments, settings):
         calls.append(segments)
@@ -128,14 +154,19 @@ def test_a_model_that_cannot_be_learnt_errs_infinitely_and_says_why(held_out, mo
 
 
 def test_a_score_is_r2_of_the_windows_of_another_flight():
-    learned, steps = mavdem.learn(FLIGHT[:700], QUICK), round(1.5 / FLIGHT.dt)
+    learned = mavdem.learn(FLIGHT[:700], QUICK)
+    steps = round(1.5 / FLIGHT.dt)
     other = FLIGHT[700:]
-    windows = learned.forecast_every(steps, other.inputs[: 5 * steps], other.outputs[: 5 * steps])[steps:]
+    windows = learned.forecast_every(steps, other.inputs[: 5 * steps], other.outputs[: 5 * steps])[
+        steps:
+    ]
     measured = other.outputs[steps : 5 * steps]
     errors = ((windows - measured) ** 2).mean(axis=0) / measured.var(axis=0)
     assert learned.score(other) == pytest.approx(1 - errors.mean()) and learned.score(other) < 1
     slower = mavdem.Flight(2 * other.time, other.inputs, other.outputs)
-    named = mavdem.Flight(other.time, other.inputs, other.outputs, output_names=("pitch", "pitch rate"))
+    named = mavdem.Flight(
+        other.time, other.inputs, other.outputs, output_names=("pitch", "pitch rate")
+    )
     refused = (other[:290], "300 samples or more"), (slower, "sampling step of 0.01 s, not 0.02 s")
     for flight, message in (*refused, (named, "model's output names")):
         with pytest.raises(ValueError, match=message):

@@ -25,7 +25,8 @@ from mavdem.evaluate.scores import (
 RNG = np.random.default_rng(0)
 WALK = RNG.standard_normal((850, 2)).cumsum(axis=0) * [1, 10]
 FLIGHT = Flight(0.01 * np.arange(850), RNG.standard_normal((850, 2)), WALK)
-TRAIN, TEST = FLIGHT[:700], FLIGHT[700:]
+TRAIN = FLIGHT[:700]
+TEST = FLIGHT[700:]
 
 
 def scores_of(model, flight: Flight = FLIGHT) -> np.ndarray:
@@ -66,7 +67,9 @@ def test_the_constant_mean_has_one_at_every_horizon_and_the_truth_none():
         2 * evaluate.relative_mspe(TRAIN, TEST, half_wrong)
     )
     scaled = Flight(FLIGHT.time, FLIGHT.inputs, FLIGHT.outputs * [57.3, 0.01] + 5)
-    np.testing.assert_allclose(ratio(scores_of(baselines.hold)), ratio(scores_of(baselines.hold, scaled)))
+    np.testing.assert_allclose(
+        ratio(scores_of(baselines.hold)), ratio(scores_of(baselines.hold, scaled))
+    )
     # One that is constant in training has none.
     train = Flight(TRAIN.time, TRAIN.inputs, TRAIN.outputs * [1, 0] + [0, 0.1])
     with pytest.raises(ValueError, match="^train must vary"):
@@ -74,16 +77,21 @@ def test_the_constant_mean_has_one_at_every_horizon_and_the_truth_none():
 
 
 def test_each_sample_counts_once_and_the_last_horizon_is_the_mspe():
-    hold, scores = baselines.hold(TRAIN), scores_of(baselines.hold)
+    hold = baselines.hold(TRAIN)
+    scores = scores_of(baselines.hold)
     assert [int(rows["steps"][0]) for rows in by_horizon(scores)] == list(HORIZONS)
     before = np.vstack([TRAIN.outputs[-1:], TEST.outputs[24:-1:25]])
     errors = (TEST.outputs - np.repeat(before, 25, axis=0)) ** 2
     row = scores[HORIZONS.index(25)]
     np.testing.assert_allclose(row["squared_error"], errors.mean(axis=0))
-    assert score_values(row)["total"] == pytest.approx((errors / TRAIN.outputs.var(axis=0)).mean(axis=0).sum())
+    assert score_values(row)["total"] == pytest.approx(
+        (errors / TRAIN.outputs.var(axis=0)).mean(axis=0).sum()
+    )
     whole = hold.forecast(TEST.inputs)
     assert ratio(scores)[-1] == pytest.approx(evaluate.relative_mspe(TRAIN, TEST, whole))
-    np.testing.assert_allclose(scores[-1]["squared_error"], evaluate.mspe(TEST.outputs, whole).per_output)
+    np.testing.assert_allclose(
+        scores[-1]["squared_error"], evaluate.mspe(TEST.outputs, whole).per_output
+    )
 
 
 def test_horizons_are_those_of_the_test_part():
@@ -97,8 +105,12 @@ def test_horizons_are_those_of_the_test_part():
 INF = np.inf
 
 
-def overlapping(count: int, hop: int = 425, length: int = 850, flight: str = "a") -> list[SimpleNamespace]:
-    return [SimpleNamespace(flight=flight, start=hop * k, stop=hop * k + length) for k in range(count)]
+def overlapping(
+    count: int, hop: int = 425, length: int = 850, flight: str = "a"
+) -> list[SimpleNamespace]:
+    return [
+        SimpleNamespace(flight=flight, start=hop * k, stop=hop * k + length) for k in range(count)
+    ]
 
 
 def test_windows_that_overlap_are_not_tested_together():
@@ -134,14 +146,19 @@ def test_a_method_that_diverged_lost_that_window():
     assert paired([1, 2], [1, 2]).p_value == 1.0
 
 
-@pytest.mark.parametrize(("ours", "theirs"), [([1, 2], [1]), ([1, np.nan], [1, 1]), ([1, -1], [1, 1]), (1, 1)])
+@pytest.mark.parametrize(
+    ("ours", "theirs"), [([1, 2], [1]), ([1, np.nan], [1, 1]), ([1, -1], [1, 1]), (1, 1)]
+)
 def test_what_are_no_errors_of_the_same_windows_is_refused(ours, theirs):
     with pytest.raises(ValueError, match="^ours"):
         paired(ours, theirs)
 
 
 def test_what_is_distinguished_takes_six_pairs_and_a_side():
-    assert paired([1.0] * 6, [2.0] * 6).verdict == "lower" and paired([2.0] * 6, [1.0] * 6).verdict == "higher"
+    assert (
+        paired([1.0] * 6, [2.0] * 6).verdict == "lower"
+        and paired([2.0] * 6, [1.0] * 6).verdict == "higher"
+    )
     assert paired([1.0] * 5, [2.0] * 5).verdict == paired([], []).verdict == "not distinguishable"
     assert paired([1.0, 2.0] * 10, [2.0, 1.0] * 10).to_dict()["verdict"] == "not distinguishable"
 
@@ -153,18 +170,31 @@ def uniform(samples: int, rate: float = 100) -> Flight:
 
 def test_every_window_that_fits_is_cut():
     cut = windows("a", uniform(1700))
-    assert [(one.flight, one.start, one.stop) for one in cut] == [("a", 0, 850), ("a", 425, 1275), ("a", 850, 1700)]
+    assert [(one.flight, one.start, one.stop) for one in cut] == [
+        ("a", 0, 850),
+        ("a", 425, 1275),
+        ("a", 850, 1700),
+    ]
     for one in cut:
-        np.testing.assert_array_equal(one.train.outputs[:, 0], np.arange(one.start, one.start + 700))
+        np.testing.assert_array_equal(
+            one.train.outputs[:, 0], np.arange(one.start, one.start + 700)
+        )
         np.testing.assert_array_equal(one.test.outputs[:, 0], np.arange(one.start + 700, one.stop))
-    assert [one.stop for one in windows("a", uniform(30), train=10, test=5, hop=5)] == [15, 20, 25, 30]
+    assert [one.stop for one in windows("a", uniform(30), train=10, test=5, hop=5)] == [
+        15,
+        20,
+        25,
+        30,
+    ]
     assert windows("a", uniform(849)) == () and len(windows("a", uniform(850))) == 1
     for samples in ({"train": 0}, {"test": 0}, {"hop": 0}):
         with pytest.raises(ValueError, match="at least 1"):
             windows("a", uniform(900), **samples)
 
 
-@pytest.mark.parametrize(("rate", "train", "test"), [(20, 140, 30), (120, 840, 180), (400, 2800, 600)])
+@pytest.mark.parametrize(
+    ("rate", "train", "test"), [(20, 140, 30), (120, 840, 180), (400, 2800, 600)]
+)
 def test_windows_last_as_long_at_every_rate(rate, train, test):
     (one, *_) = windows("a", uniform(6000, rate=rate))
     assert (len(one.train), len(one.test)) == (train, test)

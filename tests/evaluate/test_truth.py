@@ -19,7 +19,12 @@ from sitl_scenarios.simulation import fly
 from sitl_scenarios.truth import truth, write_truth
 
 pytestmark = pytest.mark.slow
-MOTORS = ("motor 1 (front right)", "motor 2 (rear left)", "motor 3 (front left)", "motor 4 (rear right)")
+MOTORS = (
+    "motor 1 (front right)",
+    "motor 2 (rear left)",
+    "motor 3 (front left)",
+    "motor 4 (rear right)",
+)
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +40,11 @@ def motion(scenario):
 @pytest.fixture(scope="module")
 def flight(scenario, motion):
     flown = hover(scenario, motion)
-    names = {"input_names": MOTORS, "input_units": ("µs",) * 4, "output_names": ("roll", "roll rate")}
+    names = {
+        "input_names": MOTORS,
+        "input_units": ("µs",) * 4,
+        "output_names": ("roll", "roll rate"),
+    }
     return Flight(flown.time, flown.inputs, flown.outputs[:, 2:], dt=flown.dt, **names)
 
 
@@ -58,12 +67,20 @@ def compared(learned, path, *flights) -> TruthComparison:
 
 
 def test_each_estimate_stands_beside_its_truth(learned, flight, scenario, motion, path):
-    found, known = compared(learned, path, flight), truth(scenario, motion)
+    found = compared(learned, path, flight)
+    known = truth(scenario, motion)
     by_name = {one.name: one for one in found.parameters}
-    assert [by_name[f"effect of motor {k}"].truth for k in (1, 2, 3, 4)] == known["roll_effect"].tolist()
-    assert [by_name[f"effect of motor {k}"].estimate for k in (1, 2, 3, 4)] == learned.physical.effect.tolist()
+    assert [by_name[f"effect of motor {k}"].truth for k in (1, 2, 3, 4)] == known[
+        "roll_effect"
+    ].tolist()
+    assert [
+        by_name[f"effect of motor {k}"].estimate for k in (1, 2, 3, 4)
+    ] == learned.physical.effect.tolist()
     assert by_name["mean effect"].truth == pytest.approx(np.abs(known["roll_effect"]).mean())
-    assert by_name["mean effect"].inside and by_name["mean effect"].half_width == learned.physical.mean_effect()[1]
+    assert (
+        by_name["mean effect"].inside
+        and by_name["mean effect"].half_width == learned.physical.mean_effect()[1]
+    )
     assert by_name["damping"].truth == -known["roll_A"][1, 1]
     assert by_name["lag of the motors"].truth == known["lag"][0]
     # Commands are held for a cycle of 4 ms, and sensors are 4 ms late.
@@ -71,39 +88,60 @@ def test_each_estimate_stands_beside_its_truth(learned, flight, scenario, motion
     true = np.interp(flight.time, motion.time, known["roll_disturbance"])
     assert found.wind.true_sd == true.std() and found.wind.mean.truth == true.mean()
     assert found.wind.correlation == np.corrcoef(learned.wind_torque.torque, true)[0, 1] > 0.5
-    assert found.wind.inside == np.mean(np.abs(true - learned.wind_torque.torque) <= learned.wind_torque.band)
+    assert found.wind.inside == np.mean(
+        np.abs(true - learned.wind_torque.torque) <= learned.wind_torque.band
+    )
     document = json.loads(json.dumps(found.as_dict(), allow_nan=False))
     assert document["parameters"][0]["truth"] == known["roll_effect"][0]
 
 
 def test_in_segments_it_is_the_same(learned, flight, path):
-    whole, halved = compared(learned, path, flight), compared(learned, path, flight[:700], flight[700:])
-    assert halved.parameters == whole.parameters and halved.wind.correlation == whole.wind.correlation
+    whole = compared(learned, path, flight)
+    halved = compared(learned, path, flight[:700], flight[700:])
+    assert (
+        halved.parameters == whole.parameters and halved.wind.correlation == whole.wind.correlation
+    )
     with pytest.raises(ValueError, match="what the model was trained on"):
         compared(learned, path, flight[:700])
 
 
 def test_an_interval_that_misses_and_one_that_is_not_there_are_told_apart(learned, flight, path):
     read = learned.physical
-    off = read._replace(damping=9.0, status=read.status | {"lag": "not identifiable", "damping": "biased"})
+    off = read._replace(
+        damping=9.0, status=read.status | {"lag": "not identifiable", "damping": "biased"}
+    )
     changed = SimpleNamespace(record=learned.record, physical=off, wind_torque=learned.wind_torque)
     found = {one.name: one for one in compared(changed, path, flight).parameters}
     assert found["damping"].inside is False and found["lag of the motors"].inside is None
     table = truth_blocks(compared(changed, path, flight))[1]
     rows = {row[0]: row[1:] for row in table.rows}
-    assert rows["rate damping"][-1] == "no, biased" and rows["motor time constant"][-1] == "not identifiable"
+    assert (
+        rows["rate damping"][-1] == "no, biased"
+        and rows["motor time constant"][-1] == "not identifiable"
+    )
     assert "±" in rows["rate damping"][0] and "±" not in rows["motor time constant"][0]
     assert rows["motor time constant"][1] == "18.8" and rows["motor time constant"][3] == "ms"
 
 
 def test_a_demand_has_no_effect_of_motors(learned, flight, path):
-    demand = Flight(flight.time, flight.inputs[:, :1], flight.outputs, dt=flight.dt, output_names=("roll", "roll rate"))
+    demand = Flight(
+        flight.time,
+        flight.inputs[:, :1],
+        flight.outputs,
+        dt=flight.dt,
+        output_names=("roll", "roll rate"),
+    )
     found = compared(learned, path, demand)
     assert [one.name for one in found.parameters] == ["damping", "lag of the motors", "delay"]
 
 
-def test_while_a_motor_is_weak_its_weaker_effect_is_the_truth(learned, flight, motion, scenario, path, tmp_path):
-    weak = dict(np.load(path)) | {"weak": motion.time > 20.0, "roll_effect_weak": np.array([1.0, 2.0, 3.0, 4.0])}
+def test_while_a_motor_is_weak_its_weaker_effect_is_the_truth(
+    learned, flight, motion, scenario, path, tmp_path
+):
+    weak = dict(np.load(path)) | {
+        "weak": motion.time > 20.0,
+        "roll_effect_weak": np.array([1.0, 2.0, 3.0, 4.0]),
+    }
     np.savez(tmp_path / "weak.npz", **weak)
     late = flight[round((20.5 - flight.time[0]) / flight.dt) :]
     cut = SimpleNamespace(record=Record.of(late), physical=learned.physical, wind_torque=None)
@@ -116,14 +154,22 @@ def test_while_a_motor_is_weak_its_weaker_effect_is_the_truth(learned, flight, m
 def test_the_truth_of_another_flight_is_refused(learned, flight, scenario, motion, path, tmp_path):
     other = dict(np.load(path)) | {"known_rates": np.roll(motion.known_rates, 1000, axis=0)}
     np.savez(tmp_path / "other.npz", **other)
-    with pytest.raises(Unreadable, match="other.npz is the truth of another flight: from .* its roll rate is not"):
+    with pytest.raises(
+        Unreadable, match="other.npz is the truth of another flight: from .* its roll rate is not"
+    ):
         truth_of([flight], tmp_path / "other.npz")
     with pytest.raises(Unreadable, match="of another flight"):
         truth_of([later(flight, 100.0)], path)
 
 
 def later(flight: Flight, shift: float) -> Flight:
-    return Flight(flight.time + shift, flight.inputs, flight.outputs, dt=flight.dt, output_names=flight.output_names)
+    return Flight(
+        flight.time + shift,
+        flight.inputs,
+        flight.outputs,
+        dt=flight.dt,
+        output_names=flight.output_names,
+    )
 
 
 @pytest.mark.parametrize("change", ["missing", "shape", "nan", "pickle"])

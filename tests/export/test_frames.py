@@ -25,7 +25,9 @@ def flight():
 
 @pytest.fixture(scope="module")
 def learned(flight):
-    return mavdem.learn(flight[:250], mavdem.Settings(order=2, d=2, window=9, parameter_precision=1.0))
+    return mavdem.learn(
+        flight[:250], mavdem.Settings(order=2, d=2, window=9, parameter_precision=1.0)
+    )
 
 
 def test_a_frame_has_the_columns_of_the_csv_file(flight):
@@ -51,37 +53,50 @@ def test_a_dataset_has_what_else_a_flight_has():
 
 def test_a_system_has_the_names_and_the_matrices_of_the_model(learned):
     system = learned.to_control(model="dem")
-    assert system.input_labels[0] == "motor_1_us" and system.output_labels == ["roll_rad", "roll_rate_rad_s"]
+    assert system.input_labels[0] == "motor_1_us" and system.output_labels == [
+        "roll_rad",
+        "roll_rate_rad_s",
+    ]
     assert system.state_labels == system.output_labels and system.isctime(strict=True)
     for own, expected in zip((system.A, system.B, system.C), learned.model, strict=False):
         np.testing.assert_array_equal(own, expected)
 
 
 @pytest.mark.filterwarnings("ignore:Of this plant")
-def test_the_physical_plant_responds_as_the_vehicle_is_simulated_and_is_refused_where_unknown(learned, monkeypatch):
-    plant, trim = learned.to_control(), learned.record.inputs.mean(axis=0)
+def test_the_physical_plant_responds_as_the_vehicle_is_simulated_and_is_refused_where_unknown(
+    learned, monkeypatch
+):
+    plant = learned.to_control()
+    trim = learned.record.inputs.mean(axis=0)
     assert plant.name == "mavdem physical model" and plant.delay == learned.physical.delay
     time = np.arange(61) * learned.dt
     steered = np.outer(20 * np.sin(2 * np.pi * time) ** 2, learned.record.effect_directions)
     expected = learned.simulate(trim + steered[1:]) - learned.simulate(trim + 0 * steered[1:])
     response = control.forced_response(plant, time, steered.T)
-    np.testing.assert_allclose(response.outputs[:, 1:].T, expected, atol=2e-3 * np.abs(expected[:, 1]).max())
+    np.testing.assert_allclose(
+        response.outputs[:, 1:].T, expected, atol=2e-3 * np.abs(expected[:, 1]).max()
+    )
     assert len({abs(one(2j * np.pi))[1, 0] for one in plant.draws}) == len(plant.draws)
     status = dict.fromkeys(learned.physical.status, "not identifiable")
     monkeypatch.setattr(mavdem.Learned, "physical", learned.physical._replace(status=status))
-    with pytest.raises(ValueError, match=r"There is no physical plant. The motors' effect is not identifiable"):
+    with pytest.raises(
+        ValueError, match=r"There is no physical plant. The motors' effect is not identifiable"
+    ):
         learned.to_control()
 
 
 def test_hidden_states_and_arrays_without_names_are_numbered():
-    learned = mavdem.learn(simulated(lag=0.05)[:200], mavdem.Settings(order=3, d=2, window=9, parameter_precision=1.0))
+    learned = mavdem.learn(
+        simulated(lag=0.05)[:200], mavdem.Settings(order=3, d=2, window=9, parameter_precision=1.0)
+    )
     system = learned.to_control(model="dem")
     assert system.state_labels == ["output_1", "output_2", "hidden_1"]
     assert system.input_labels[-1] == "input_4"
 
 
 ROOT = Path(__file__).parents[2]
-LOG, LAYOUTS = ROOT / "logs" / "ardupilot_wind5_steps.tlog", ROOT / "docs" / "layouts"
+LOG = ROOT / "logs" / "ardupilot_wind5_steps.tlog"
+LAYOUTS = ROOT / "docs" / "layouts"
 
 
 def read(path: Path) -> dict[str, tuple[np.ndarray, dict[str, np.ndarray]]]:
@@ -97,7 +112,10 @@ def read(path: Path) -> dict[str, tuple[np.ndarray, dict[str, np.ndarray]]]:
     return {
         topic: (
             np.array([time for time, _ in each]) / 1e9,
-            {name: np.array([body[name] for _, body in each], dtype=np.float64) for name in each[0][1]},
+            {
+                name: np.array([body[name] for _, body in each], dtype=np.float64)
+                for name in each[0][1]
+            },
         )
         for topic, each in rows.items()
     }
@@ -107,7 +125,8 @@ def read(path: Path) -> dict[str, tuple[np.ndarray, dict[str, np.ndarray]]]:
 def result():
     """Training data, test data, model and forecasts."""
     flight = mavdem.read_flight(LOG)
-    train, test = flight[:300], flight[300:350]
+    train = flight[:300]
+    test = flight[300:350]
     learned = mavdem.learn(train, mavdem.Settings.paper())
     return train, test, learned, held_out_test(train, test, learned)
 
@@ -129,7 +148,10 @@ def test_what_was_learned_stands_beside_it(tmp_path, result):
         "held_out/band": (test.time, held_out.band[0]),
         "learned/process_noise": (train.time[places], noise),
         "learned/free_energy": (train.time[places], learned.free_energy_of_samples[:, None]),
-        "learned/wind_torque": (train.time, np.stack([learned.wind.torque, learned.wind.band], axis=1)),
+        "learned/wind_torque": (
+            train.time,
+            np.stack([learned.wind.torque, learned.wind.band], axis=1),
+        ),
     }
     for topic, (time, values) in expected.items():
         assert np.allclose(series[topic][0], time, atol=1e-9), topic
@@ -153,8 +175,15 @@ def test_names_are_kept_apart_and_no_time_is_before_0(tmp_path):
 def test_the_layouts_plot_what_there_is(result, tmp_path):
     train, _, learned, held_out = result
     write_channels(tmp_path / "flight.mcap", [train], learned, held_out)
-    fields = {(topic, field) for topic, (_, columns) in read(tmp_path / "flight.mcap").items() for field in columns}
-    curves = {curve.attrib["name"] for curve in ElementTree.parse(LAYOUTS / "plotjuggler.xml").iter("curve")}
+    fields = {
+        (topic, field)
+        for topic, (_, columns) in read(tmp_path / "flight.mcap").items()
+        for field in columns
+    }
+    curves = {
+        curve.attrib["name"]
+        for curve in ElementTree.parse(LAYOUTS / "plotjuggler.xml").iter("curve")
+    }
     assert len(curves) >= 10 and curves <= {f"{topic}/{field}" for topic, field in fields}
     panels = json.loads((LAYOUTS / "foxglove.json").read_text())["configById"].values()
     paths = {path["value"].split(".@")[0] for panel in panels for path in panel["paths"]}

@@ -34,12 +34,20 @@ def flight(
     The motor's share is larger by ``share``, and its effect by the factor 1 + ``effect``.
     """
     rng = rng or np.random.default_rng(number)
-    own, half = np.eye(4)[motor], 0.01
-    shares = SHARES + share * own + half / Z90 * rng.normal(size=4) + BETWEEN[SHARE] * rng.normal(size=4)
+    own = np.eye(4)[motor]
+    half = 0.01
+    shares = (
+        SHARES + share * own + half / Z90 * rng.normal(size=4) + BETWEEN[SHARE] * rng.normal(size=4)
+    )
     factors = (1 + effect * own) * np.exp(BETWEEN[EFFECT] * rng.normal(size=4))
     rows = []
     for axis, scale in (("roll", 1.0), ("pitch", 0.8)):
-        effects = scale * EFFECTS * factors * np.exp(0.03 * rng.normal(size=4) + BETWEEN[MEAN_EFFECT] * rng.normal())
+        effects = (
+            scale
+            * EFFECTS
+            * factors
+            * np.exp(0.03 * rng.normal(size=4) + BETWEEN[MEAN_EFFECT] * rng.normal())
+        )
         rows.append(
             flight_row(
                 "quad",
@@ -66,7 +74,9 @@ def state(numbers, seed=0, **changed):
 def test_of_many_pairs_of_flights_of_the_same_vehicle_few_have_any_change():
     rng = np.random.default_rng(4)
     pairs = 150
-    changed = sum(bool(vehicle_difference(flight(0, rng), flight(1, rng)).of("changed")) for _ in range(pairs))
+    changed = sum(
+        bool(vehicle_difference(flight(0, rng), flight(1, rng)).of("changed")) for _ in range(pairs)
+    )
     # Twice the family's error would be beyond chance in 150 pairs.
     assert changed <= pairs * FAMILY_ERROR * 2
 
@@ -77,12 +87,15 @@ def test_a_motor_that_works_harder_and_does_less_is_found_and_named():
     assert changed[Quantity(SHARE, 3)].difference > 0
     effect = changed[Quantity(EFFECT, 3)]
     assert effect.difference == pytest.approx(-0.18, abs=effect.half_width)
-    surest = min((one for one in found.changes if one.quantity.kind == EFFECT), key=lambda one: one.p)
+    surest = min(
+        (one for one in found.changes if one.quantity.kind == EFFECT), key=lambda one: one.p
+    )
     assert surest.quantity.motor == 3
 
 
 def test_what_changes_all_motors_changes_their_mean_and_none_beside_the_others():
-    before, after = state(range(8)), state(range(8, 16), 1)
+    before = state(range(8))
+    after = state(range(8, 16), 1)
     weaker = [replace(row, effect=tuple(0.5 * value for value in row.effect)) for row in after]
     kinds = {one.quantity.kind for one in vehicle_difference(before, weaker).of("changed")}
     assert kinds == {MEAN_EFFECT}
@@ -93,10 +106,14 @@ def test_several_flights_narrow_the_interval_and_flights_that_differ_widen_it():
         found = vehicle_difference(before, after)
         return next(one.half_width for one in found.changes if one.quantity == Quantity(SHARE, 1))
 
-    one, many = width(state([0]), state([1], 1)), width(state(range(8)), state(range(8, 16), 1))
+    one = width(state([0]), state([1], 1))
+    many = width(state(range(8)), state(range(8, 16), 1))
     assert many < one / 1.5
     spread = [
-        replace(row, trim_share=tuple(np.array(row.trim_share) + (i // 2 % 2) * np.array([0.2, 0, 0, 0])))
+        replace(
+            row,
+            trim_share=tuple(np.array(row.trim_share) + (i // 2 % 2) * np.array([0.2, 0, 0, 0])),
+        )
         for i, row in enumerate(state(range(8)))
     ]
     assert width(spread, state(range(8, 16), 1)) > 2 * many
@@ -121,7 +138,9 @@ def test_other_conditions_widen_what_they_can_change(changed, kind):
     assert not other.of("changed")
 
 
-NO_MODEL = dict.fromkeys(f"{name}{end}" for name in ("effect", "damping", "lag") for end in ("", "_status"))
+NO_MODEL = dict.fromkeys(
+    f"{name}{end}" for name in ("effect", "damping", "lag") for end in ("", "_status")
+)
 BY_DEMAND = {"inputs": "demand", "input_unit": "", "effect": (20.0,), "effect_interval": (1.0,)}
 
 
@@ -129,16 +148,33 @@ BY_DEMAND = {"inputs": "demand", "input_unit": "", "effect": (20.0,), "effect_in
     ("changed", "kinds", "quantity", "reason"),
     [
         ({"effect_status": "biased"}, {SHARE, DAMPING, LAG}, "motors' effects", "biased in B."),
-        ({"tier": "c", **NO_MODEL}, {SHARE}, "motors' effects", "B is of tier c; this needs tier a"),
-        ({"trim_share_interval": (None,) * 4}, {*BETWEEN} - {SHARE}, "motors' shares", "B has too little flight"),
+        (
+            {"tier": "c", **NO_MODEL},
+            {SHARE},
+            "motors' effects",
+            "B is of tier c; this needs tier a",
+        ),
+        (
+            {"trim_share_interval": (None,) * 4},
+            {*BETWEEN} - {SHARE},
+            "motors' shares",
+            "B has too little flight",
+        ),
         (BY_DEMAND, {SHARE}, "effects, damping and lag", "controller's demand"),
         ({"frame": "HEXAROTOR"}, set(), "everything", "other vehicles"),
-        ({"motors": tuple("123456"), "trim_share": None, "effect": None}, set(), "everything", "other vehicles"),
+        (
+            {"motors": tuple("123456"), "trim_share": None, "effect": None},
+            set(),
+            "everything",
+            "other vehicles",
+        ),
         ({"trim_unit": "%"}, set(), "everything", "other units"),
         ({"status": "It is empty."}, set(), "everything", "B has no flight"),
     ],
 )
-def test_what_is_not_known_in_both_is_not_compared_and_the_reason_is_said(changed, kinds, quantity, reason):
+def test_what_is_not_known_in_both_is_not_compared_and_the_reason_is_said(
+    changed, kinds, quantity, reason
+):
     known = {"frame": "QUADROTOR", "trim_unit": "µs", "inputs": "motors", "input_unit": "µs"}
     before = [replace(row, **known) for row in flight(0)]
     after = [replace(row, **(known | changed)) for row in flight(1)]
@@ -149,9 +185,20 @@ def test_what_is_not_known_in_both_is_not_compared_and_the_reason_is_said(change
     assert json.loads(json.dumps(document, allow_nan=False)) == document
 
 
-@pytest.mark.parametrize(("harder", "outcome"), [(0.0, "same"), (0.05, "uncertain"), (0.3, "changed")])
+@pytest.mark.parametrize(
+    ("harder", "outcome"), [(0.0, "same"), (0.05, "uncertain"), (0.3, "changed")]
+)
 def test_the_same_is_said_only_where_the_whole_interval_is_small(harder, outcome):
     before = flight(0)
-    after = [replace(row, trim_share=tuple(np.array(row.trim_share) * (1 + harder * np.eye(4)[2]))) for row in before]
-    (change,) = [one for one in vehicle_difference(before, after).changes if one.quantity == Quantity(SHARE, 3)]
-    assert change.outcome == outcome and (change.half_width < RESOLUTION[SHARE] or outcome == "changed")
+    after = [
+        replace(row, trim_share=tuple(np.array(row.trim_share) * (1 + harder * np.eye(4)[2])))
+        for row in before
+    ]
+    (change,) = [
+        one
+        for one in vehicle_difference(before, after).changes
+        if one.quantity == Quantity(SHARE, 3)
+    ]
+    assert change.outcome == outcome and (
+        change.half_width < RESOLUTION[SHARE] or outcome == "changed"
+    )

@@ -25,15 +25,25 @@ def test_a_slow_log_gives_what_it_holds_and_says_why_no_more(slow_rows):
     hover = mavdem.hover(SLOW)
     assert [row.axis for row in slow_rows] == ["roll", "pitch"]
     for row in slow_rows:
-        assert (row.tier, row.status, row.effect) == ("c", "ok", None) and "4.0 Hz" in row.tier_reason
-        assert row.trim == pytest.approx(hover.trim) and row.headroom == pytest.approx(hover.headroom)
-        assert row.duration == pytest.approx(hover.seconds) and row.attitude_rate == pytest.approx(4, abs=0.2)
+        assert (row.tier, row.status, row.effect) == (
+            "c",
+            "ok",
+            None,
+        ) and "4.0 Hz" in row.tier_reason
+        assert row.trim == pytest.approx(hover.trim) and row.headroom == pytest.approx(
+            hover.headroom
+        )
+        assert row.duration == pytest.approx(hover.seconds) and row.attitude_rate == pytest.approx(
+            4, abs=0.2
+        )
         assert row.lean_roll == pytest.approx(np.radians(hover.roll))
         assert len(row.positions) == len(row.spins) == len(row.motors) == 4
 
 
 def test_a_page_is_made_once_for_a_vehicle():
-    rows, pages = rows_of_log(SLOW, "0123456789abcdef0123", lambda name, analyses, air: f"{name} {[*analyses]}{air[0]}")
+    rows, pages = rows_of_log(
+        SLOW, "0123456789abcdef0123", lambda name, analyses, air: f"{name} {[*analyses]}{air[0]}"
+    )
     assert pages == {"0123456789abcdef-1-1.html": f"{SLOW.name} ['roll', 'pitch']None"}
     assert {row.page for row in rows} == {"pages/0123456789abcdef-1-1.html"}
     # The figures of report.json are the row's.
@@ -42,12 +52,19 @@ def test_a_page_is_made_once_for_a_vehicle():
 
 
 def test_a_row_has_a_wind_torque_only_where_it_is_known():
-    report = {"physical": {"status": {"effect": "biased"}}, "wind": {"sd": 0.8, "mean": 0.1, "mean_band": 0.2}}
+    report = {
+        "physical": {"status": {"effect": "biased"}},
+        "wind": {"sd": 0.8, "mean": 0.1, "mean_band": 0.2},
+    }
     assert FlightRow.of(report, axis="roll", file="f").wind_torque_sd == 0.8
     unresolved = report | {"wind": report["wind"] | {"reason": "It is not resolved."}}
     for unknown in (unresolved, report | {"physical": {"status": {"effect": "not identifiable"}}}):
         row = FlightRow.of(unknown, axis="roll", file="f")
-        assert (row.wind_torque_sd, row.wind_torque_mean, row.wind_torque_interval) == (None, None, None)
+        assert (row.wind_torque_sd, row.wind_torque_mean, row.wind_torque_interval) == (
+            None,
+            None,
+            None,
+        )
 
 
 def test_an_error_in_one_vehicle_leaves_the_rows_of_the_others(slow_rows, monkeypatch):
@@ -64,7 +81,9 @@ def test_an_error_in_one_vehicle_leaves_the_rows_of_the_others(slow_rows, monkey
     monkeypatch.setattr(module, "read_log", lambda _: replace(log, vehicles=(other, sound)))
     failed, *rows = rows_of_log(SLOW)[0]
     assert "KeyError" in failed.status and failed.component == 7
-    assert [row.axis for row in rows] == ["roll", "pitch"] and {row.status for row in rows} == {"ok"}
+    assert [row.axis for row in rows] == ["roll", "pitch"] and {row.status for row in rows} == {
+        "ok"
+    }
 
 
 def test_an_alarm_in_flight_is_among_the_warnings(monkeypatch):
@@ -76,4 +95,7 @@ def test_an_alarm_in_flight_is_among_the_warnings(monkeypatch):
 
     monkeypatch.setattr(module, "analyse", alarmed)
     for row in rows_of_log(SLOW)[0]:
-        assert row.warnings[0] == alarm.sentence.removeprefix("Alarm: ") and load.sentence not in row.warnings
+        assert (
+            row.warnings[0] == alarm.sentence.removeprefix("Alarm: ")
+            and load.sentence not in row.warnings
+        )

@@ -49,7 +49,10 @@ def test_rows_come_back_as_they_were(tmp_path):
 
 
 def test_logs_in_another_order_give_the_same_bytes(tmp_path):
-    rows = [FlightRow(file=f"{n}.bin", key=f"{n}-1", vehicle=f"quad {n % 5}", axis="roll") for n in range(20)]
+    rows = [
+        FlightRow(file=f"{n}.bin", key=f"{n}-1", vehicle=f"quad {n % 5}", axis="roll")
+        for n in range(20)
+    ]
     for name, order in (("one", rows), ("other", rows[::-1])):
         fleet_of(tmp_path / name, order)
     assert table_of(tmp_path / "one") == table_of(tmp_path / "other")
@@ -62,7 +65,10 @@ def test_the_examples_of_the_documentation_answer(tmp_path, monkeypatch, capsys)
     known = {"vehicle": "7", "axis": "roll", "motors": ("1", "2"), "trim_share": (1.1, 0.9)}
     known["health_reason"] = "Motor 1."
     days = ((1, "ok"), (2, "fault"))
-    flown = [FlightRow(file=f"{day}.bin", date=f"2026-11-0{day}", health=health, **known) for day, health in days]
+    flown = [
+        FlightRow(file=f"{day}.bin", date=f"2026-11-0{day}", health=health, **known)
+        for day, health in days
+    ]
     write_rows(tmp_path / "fleet", [*flown, *read_rows(tmp_path / "fleet")])
     monkeypatch.chdir(tmp_path)
     names: dict[str, Any] = {}
@@ -78,21 +84,35 @@ def test_the_examples_of_the_documentation_answer(tmp_path, monkeypatch, capsys)
 
 def test_the_documentation_names_columns_that_there_are():
     table = PAGE.partition("| column | what it is |")[2].partition("\n\n")[0]
-    named = set(re.findall(r"`([a-z]\w+)`", " ".join(line.split("|")[1] for line in table.splitlines() if line)))
+    named = set(
+        re.findall(
+            r"`([a-z]\w+)`", " ".join(line.split("|")[1] for line in table.splitlines() if line)
+        )
+    )
     columns = set(row_schema().names)
     assert named <= columns
-    derived = {name for name in columns if re.search(r"_(interval|status|error)$|^residual_|^mean_|^balance_", name)}
+    derived = {
+        name
+        for name in columns
+        if re.search(r"_(interval|status|error)$|^residual_|^mean_|^balance_", name)
+    }
     assert columns - named <= derived
 
 
 def test_a_folder_of_somebody_else_and_a_disk_of_another_machine_are_refused(tmp_path, monkeypatch):
     (tmp_path / "flights").mkdir()
     (tmp_path / "flights" / "monday.bin").touch()
-    with pytest.raises(Unreadable, match="flights holds files that are not of this fleet"), opened(tmp_path):
+    with (
+        pytest.raises(Unreadable, match="flights holds files that are not of this fleet"),
+        opened(tmp_path),
+    ):
         pass
     assert [path.name for path in tmp_path.iterdir()] == ["flights"]
     monkeypatch.setattr(store, "_disk", lambda folder: "nfs4")
-    with pytest.raises(Unreadable, match=r"\(nfs4\), where SQLite's lock does not hold"), opened(tmp_path / "fleet"):
+    with (
+        pytest.raises(Unreadable, match=r"\(nfs4\), where SQLite's lock does not hold"),
+        opened(tmp_path / "fleet"),
+    ):
         pass
 
 
@@ -102,21 +122,28 @@ def test_what_is_no_fleet_and_what_is_damaged_is_said_in_one_sentence(tmp_path):
     (tmp_path / STORE).write_bytes(b"SQLite format 3\0 and nothing" * 99)
     with pytest.raises(Unreadable, match="is damaged .*delete it, and run `mavdem track` again"):
         read_rows(tmp_path)
-    with pytest.raises(Unreadable, match="fleet.sqlite is damaged .*delete it, and all logs"), opened(tmp_path):
+    with (
+        pytest.raises(Unreadable, match="fleet.sqlite is damaged .*delete it, and all logs"),
+        opened(tmp_path),
+    ):
         pass
 
 
 def test_the_columns_of_another_version_are_refused_and_stay(fleet, monkeypatch):
     out, folder, _, before = fleet
     monkeypatch.setattr(store, "SCHEMA_VERSION", 99)
-    with pytest.raises(Unreadable, match="columns of another version of mavdem: name another folder"):
+    with pytest.raises(
+        Unreadable, match="columns of another version of mavdem: name another folder"
+    ):
         track(out, folder)
     with pytest.raises(Unreadable, match="columns of another version of mavdem"):
         read_rows(out)
     assert table_of(out) == before
 
 
-def test_without_pyarrow_a_fleet_has_its_rows_but_no_table_that_is_older_than_they(fleet, monkeypatch):
+def test_without_pyarrow_a_fleet_has_its_rows_but_no_table_that_is_older_than_they(
+    fleet, monkeypatch
+):
     out, folder, *_ = fleet
     make_logs(folder, 3)
     with monkeypatch.context() as core:
@@ -131,7 +158,9 @@ def test_a_second_run_waits_until_the_first_has_written(fleet, tmp_path, monkeyp
     first = sqlite3.connect(out / STORE, isolation_level=None)
     first.execute("begin immediate")
     monkeypatch.setattr(store, "BUSY_SECONDS", 0.1)
-    with pytest.raises(Unreadable, match="cannot be written to .database is locked.: once that is put right"):
+    with pytest.raises(
+        Unreadable, match="cannot be written to .database is locked.: once that is put right"
+    ):
         track(out, *make_logs(tmp_path / "more", 1, "other"))
     first.execute("rollback")
     assert track(out, tmp_path / "more").read == 1 and len(read_rows(out)) == 6
@@ -168,7 +197,9 @@ def test_a_log_that_changed_is_read_anew_and_one_that_is_gone_keeps_its_flight(f
     assert table_of(out) == changed
 
 
-def test_a_table_that_was_deleted_or_could_not_be_written_is_written_by_the_next_run(fleet, monkeypatch):
+def test_a_table_that_was_deleted_or_could_not_be_written_is_written_by_the_next_run(
+    fleet, monkeypatch
+):
     out, folder, _, before = fleet
     (out / TABLE).unlink()
     assert track(out, folder).read == 0 and table_of(out) == before
@@ -177,7 +208,10 @@ def test_a_table_that_was_deleted_or_could_not_be_written_is_written_by_the_next
         raise OSError(28, "No space left on device")
 
     more = make_logs(folder, 8)
-    with monkeypatch.context() as disk, pytest.raises(Unreadable, match="No space left.*the same command goes on"):
+    with (
+        monkeypatch.context() as disk,
+        pytest.raises(Unreadable, match="No space left.*the same command goes on"),
+    ):
         disk.setattr(store, "write_rows", full)
         track(out, folder)
     assert track(out, folder).read == 0 and len(read_rows(out)) == 2 * len(more)
@@ -192,7 +226,9 @@ def test_a_log_that_cannot_be_reached_for_a_while_keeps_its_rows(tmp_path):
     before = table_of(out)
     (tmp_path / "disk").rename(tmp_path / "off")
     (problem,) = track(out, tmp_path / "links").problems
-    assert problem.endswith("what is known of it is kept. It cannot be read (No such file or directory).")
+    assert problem.endswith(
+        "what is known of it is kept. It cannot be read (No such file or directory)."
+    )
     assert table_of(out) == before and statuses(out) == {}
     (tmp_path / "off").rename(tmp_path / "disk")
     done = track(out, tmp_path / "links")
@@ -212,7 +248,9 @@ def test_what_failed_is_tried_again_where_that_may_help(tmp_path, monkeypatch):
     assert track(out, tmp_path / "logs").read == 1
 
 
-@pytest.mark.parametrize(("limits", "read"), [(Limits(2, 600), 0), (Limits(3, 600), 1), (Limits(2, 700), 1)])
+@pytest.mark.parametrize(
+    ("limits", "read"), [(Limits(2, 600), 0), (Limits(3, 600), 1), (Limits(2, 700), 1)]
+)
 def test_more_time_or_memory_is_another_try(tmp_path, monkeypatch, limits, read):
     class TooSlow(InThisProcess):
         def outcomes(self, jobs: Iterator[Any]) -> Iterator[Any]:
@@ -225,11 +263,15 @@ def test_more_time_or_memory_is_another_try(tmp_path, monkeypatch, limits, read)
 
 
 def beside(rows: Sequence[FlightRow], baseline: Sequence[FlightRow]) -> Sequence[FlightRow]:
-    return [replace(row, health_reason=" ".join(sorted({Path(one.file).name for one in baseline}))) for row in rows]
+    return [
+        replace(row, health_reason=" ".join(sorted({Path(one.file).name for one in baseline})))
+        for row in rows
+    ]
 
 
 def test_a_baseline_is_no_part_of_the_table_and_stays_until_another_is_given(tmp_path):
-    healthy, flown = make_logs(tmp_path / "healthy", 3), make_logs(tmp_path / "flown", 5, "fly")
+    healthy = make_logs(tmp_path / "healthy", 3)
+    flown = make_logs(tmp_path / "flown", 5, "fly")
     out = tmp_path / "fleet"
 
     def reasons(baseline: Sequence[object] = ()) -> set[str | None]:
@@ -246,7 +288,9 @@ def test_a_baseline_is_no_part_of_the_table_and_stays_until_another_is_given(tmp
         with pytest.raises(Unreadable, match="--baseline"):
             reasons([nothing])
     # Named as a log too, a healthy flight is a row, and is not read again.
-    assert track(out, healthy[0]).read == 0 and healthy[0].name in {Path(row.file).name for row in read_rows(out)}
+    assert track(out, healthy[0]).read == 0 and healthy[0].name in {
+        Path(row.file).name for row in read_rows(out)
+    }
 
 
 def test_only_vehicles_of_which_anything_is_new_are_judged(tmp_path):
@@ -263,7 +307,9 @@ def test_only_vehicles_of_which_anything_is_new_are_judged(tmp_path):
     first = {row.vehicle: row.health_reason for row in read_rows(tmp_path / "fleet")}
     assert sorted(seen) == sorted(first) and len(seen) > 2
     # A fault on one vehicle's figures keeps back no other's.
-    assert [name for name, reason in first.items() if reason and "ValueError" in reason] == [seen[0]]
+    assert [name for name, reason in first.items() if reason and "ValueError" in reason] == [
+        seen[0]
+    ]
     (log,) = make_logs(tmp_path / "more", 1, "next")
     seen[:] = ["not the first"]
     track(tmp_path / "fleet", tmp_path / "logs", log, assess=judge)
@@ -273,14 +319,22 @@ def test_only_vehicles_of_which_anything_is_new_are_judged(tmp_path):
 def flight(key: str, means: tuple[float, ...], **columns: object) -> FlightRow:
     """A flight whose model says that each µs of either motor turns it by 1 or -1 rad/s², damped by 2/s."""
     effect = np.array([1.0, -1.0])
-    values = {"motors": ("1", "2"), "axis": "roll", "mean_inputs": means, "mean_outputs": (0.1, 0.0)}
+    values = {
+        "motors": ("1", "2"),
+        "axis": "roll",
+        "mean_inputs": means,
+        "mean_outputs": (0.1, 0.0),
+    }
     values |= {"residual_gain_inputs": -effect, "residual_gain_outputs": (0.0, 2.0)}
     values["residual_offset"] = float(effect @ means) if len(means) == 2 else 0.2
     return FlightRow(file=f"{key}.bin", key=key, **values | columns)
 
 
 def test_the_residual_mean_is_what_healthy_models_leave_of_a_flight():
-    healthy = [flight(str(number), (1500 + number, 1500 - number), inputs="motors") for number in (-1, 0, 1)]
+    healthy = [
+        flight(str(number), (1500 + number, 1500 - number), inputs="motors")
+        for number in (-1, 0, 1)
+    ]
     new = flight("new", (1510, 1500), inputs="motors")
     assert residual_mean(new, healthy) == pytest.approx(-10)
     # Each of the three leaves -3, 0 and 3 by the other two: a half width of Student's t with two degrees of freedom.
@@ -295,10 +349,26 @@ def test_the_residual_mean_is_what_healthy_models_leave_of_a_flight():
 
 def test_health_comes_from_the_vehicle_s_healthy_flights():
     known = {"balance": (0.0, 0.0, 0.0), "balance_error": (0.001,) * 3, "balance_lean": (0.05, 0.0)}
-    known |= {"lean_effect": (0.0,) * 6, "lean_effect_error": (0.1,) * 6, "duration": 60.0, "mean_inputs": None}
-    known |= {"positions": ((1, 1), (-1, -1), (1, -1), (-1, 1)), "spins": (1, 1, -1, -1), "motors": tuple("1234")}
+    known |= {
+        "lean_effect": (0.0,) * 6,
+        "lean_effect_error": (0.1,) * 6,
+        "duration": 60.0,
+        "mean_inputs": None,
+    }
+    known |= {
+        "positions": ((1, 1), (-1, -1), (1, -1), (-1, 1)),
+        "spins": (1, 1, -1, -1),
+        "motors": tuple("1234"),
+    }
     rows = [
-        flight(f"{day}", (), vehicle="7", vehicle_basis="board", date=datetime(2026, 5, day, tzinfo=UTC), **known)
+        flight(
+            f"{day}",
+            (),
+            vehicle="7",
+            vehicle_basis="board",
+            date=datetime(2026, 5, day, tzinfo=UTC),
+            **known,
+        )
         for day in range(1, 5)
     ]
     # Of nobody known they are not compared, and a log without a flight says nothing.
@@ -315,8 +385,14 @@ def test_health_comes_from_the_vehicle_s_healthy_flights():
     for unsound in ({"saturated": (0.0, 0.02, 0.0, 0.0)}, {"oscillation": 12.0}):
         first = [replace(rows[0], **unsound), *rows[1:]]
         assert "taken for healthy" in assess_rows(first, [])[0].health_reason
-        assert "against 3 of the vehicle's first sound flights" in assess_rows(first, [])[0].health_reason
+        assert (
+            "against 3 of the vehicle's first sound flights"
+            in assess_rows(first, [])[0].health_reason
+        )
     rows[3] = replace(rows[3], balance=(0.08, 0.08, -0.08))
     judged = assess_rows(rows, rows[:3])
     assert [row.health for row in judged[:3]] == ["ok"] * 3
-    assert judged[3].health in ("fault", "drift") and judged[3].fault_probability > judged[0].fault_probability
+    assert (
+        judged[3].health in ("fault", "drift")
+        and judged[3].fault_probability > judged[0].fault_probability
+    )

@@ -41,9 +41,15 @@ def test_an_outcome_has_the_log_s_name_and_key_and_why_it_has_no_rows(tmp_path):
         return read
 
     found = outcome_of(Job(str(path)), lambda path, key, page: ([FlightRow(file="copy")], {}))
-    assert found.rows[0].file == str(path) and found.rows[0].key == found.key and found.rows[0].mavdem_version
+    assert (
+        found.rows[0].file == str(path)
+        and found.rows[0].key == found.key
+        and found.rows[0].mavdem_version
+    )
     assert outcome_of(Job(str(path), (found.key,)), None).ended == "known"
-    damaged = outcome_of(Job(str(path)), failing(Unreadable(f"{path} is damaged, and {path} is cut.")))
+    damaged = outcome_of(
+        Job(str(path)), failing(Unreadable(f"{path} is damaged, and {path} is cut."))
+    )
     assert (damaged.ended, damaged.rows[0].status) == ("read", "It is damaged, and the log is cut.")
     assert (damaged.rows[0].file, damaged.rows[0].key) == (str(path), found.key)
     with pytest.raises(MemoryError):  # with a higher limit it may be read
@@ -53,7 +59,10 @@ def test_an_outcome_has_the_log_s_name_and_key_and_why_it_has_no_rows(tmp_path):
 def test_what_is_no_plain_file_is_not_opened(tmp_path):
     os.mkfifo(tmp_path / "pipe.tlog")
     os.symlink("loop.bin", tmp_path / "loop.bin")
-    said = [outcome_of(Job(str(tmp_path / name)), None).rows[0].status for name in ("pipe.tlog", "loop.bin", "none")]
+    said = [
+        outcome_of(Job(str(tmp_path / name)), None).rows[0].status
+        for name in ("pipe.tlog", "loop.bin", "none")
+    ]
     assert said == [
         "It is not a plain file.",
         "It cannot be read (Too many levels of symbolic links).",
@@ -67,7 +76,8 @@ def test_no_log_stops_a_run(tmp_path):
     make_logs(logs, 3)
     for name in ("slow", "crash", "big", "where", "waits"):
         make_logs(logs, 1, name)
-    os.truncate(logs / "slow_0.bin", 1 << 40)  # sparse: its content alone takes longer to read than there is time
+    # sparse: its content alone takes longer to read than there is time
+    os.truncate(logs / "slow_0.bin", 1 << 40)
     healthy = make_logs(tmp_path / "healthy", 1)
     done = track(tmp_path / "fleet", logs, reader=WorkerPool(2, LIMITS, READ), baseline=healthy)
     assert (done.logs, done.read, done.problems) == (8, 8, ())
@@ -97,7 +107,9 @@ if __name__ == "__main__":
 def test_a_killed_run_leaves_nothing_and_is_resumed_to_the_same_table(tmp_path):
     make_logs(tmp_path / "logs", 6, "while")
     track(tmp_path / "whole", tmp_path / "logs")
-    out, script, scratch = tmp_path / "killed", tmp_path / "run.py", tmp_path / "scratch"
+    out = tmp_path / "killed"
+    script = tmp_path / "run.py"
+    scratch = tmp_path / "scratch"
     script.write_text(RUN)
     scratch.mkdir()
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "TMPDIR": str(scratch)}
@@ -105,7 +117,9 @@ def test_a_killed_run_leaves_nothing_and_is_resumed_to_the_same_table(tmp_path):
 
     def kept() -> int:
         with suppress(sqlite3.OperationalError):  # it is not there yet
-            return int(sqlite3.connect(out / STORE).execute("select count(*) from logs").fetchone()[0])
+            return int(
+                sqlite3.connect(out / STORE).execute("select count(*) from logs").fetchone()[0]
+            )
         return 0
 
     deadline = time.monotonic() + 60
@@ -124,7 +138,9 @@ def test_a_killed_run_leaves_nothing_and_is_resumed_to_the_same_table(tmp_path):
 
 @pytest.fixture(scope="module")
 def two_workers():
-    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=50) as found:
+    with LocalCluster(
+        n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=50
+    ) as found:
         yield found
 
 
@@ -142,7 +158,10 @@ def test_a_killed_worker_of_a_cluster_loses_nothing(tmp_path, two_workers):
     reader = Cluster(two_workers.scheduler_address, LIMITS, READ)
     done = track(tmp_path / "there", tmp_path / "logs", reader=reader, progress=kill_one)
     assert done.read == 6 and killed
-    assert table_of(tmp_path / "there") == table_of(tmp_path / "here") and len(read_rows(tmp_path / "here")) == 12
+    assert (
+        table_of(tmp_path / "there") == table_of(tmp_path / "here")
+        and len(read_rows(tmp_path / "here")) == 12
+    )
     with two_workers.get_client() as client:
         assert not any(client.run(lambda: len(workers._pools)).values())
 
@@ -151,15 +170,29 @@ def test_a_killed_worker_of_a_cluster_loses_nothing(tmp_path, two_workers):
 @pytest.mark.parametrize(
     ("name", "value", "sentence"),
     [
-        ("SCHEMA_VERSION", 99, r"has mavdem .* \(columns 3\) on Python .*, this machine .*install the same there"),
-        ("machine", partial(seen_by, os.getpid()), "The worker .* cannot read .*log_0.bin: put the logs"),
+        (
+            "SCHEMA_VERSION",
+            99,
+            r"has mavdem .* \(columns 3\) on Python .*, this machine .*install the same there",
+        ),
+        (
+            "machine",
+            partial(seen_by, os.getpid()),
+            "The worker .* cannot read .*log_0.bin: put the logs",
+        ),
     ],
 )
-def test_workers_that_cannot_help_are_said(tmp_path, two_workers, monkeypatch, name, value, sentence):
+def test_workers_that_cannot_help_are_said(
+    tmp_path, two_workers, monkeypatch, name, value, sentence
+):
     make_logs(tmp_path, 1)
     monkeypatch.setattr(workers, name, value)
     with pytest.raises(Unreadable, match=sentence):
-        list(Cluster(two_workers.scheduler_address, LIMITS, READ).outcomes(iter([Job(str(tmp_path / "log_0.bin"))])))
+        list(
+            Cluster(two_workers.scheduler_address, LIMITS, READ).outcomes(
+                iter([Job(str(tmp_path / "log_0.bin"))])
+            )
+        )
 
 
 def test_a_cluster_that_is_not_there_is_said():
@@ -176,7 +209,9 @@ def folder(tmp_path: Path):
     for name in ("a.bin", "below/b.ULG", "below/c.mcap", "below/d.ulg.xz", "results/e.bin"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_bytes(b"?")
-    (tmp_path / "no_ending").write_bytes((LOGS / "ardupilot_default_rates.tlog").read_bytes()[:9000])
+    (tmp_path / "no_ending").write_bytes(
+        (LOGS / "ardupilot_default_rates.tlog").read_bytes()[:9000]
+    )
     (tmp_path / "server.log").write_text("text, not a flight\n" * 99)
     (tmp_path / "photo.jpg").write_bytes(b"\xff\xd8\xff\xe0\x00\x10JF\xfd" + bytes(999))
     (tmp_path / "notes.txt").write_text("none")
@@ -191,7 +226,9 @@ def test_a_folder_gives_what_looks_like_a_log_by_its_name_or_its_first_bytes(fol
 
 
 def test_a_file_is_taken_whatever_it_holds_and_each_log_once(folder):
-    assert names(folder / "notes.txt", folder / "a.bin", folder / "*.bin", f"file://{folder}/a.bin") == [
+    assert names(
+        folder / "notes.txt", folder / "a.bin", folder / "*.bin", f"file://{folder}/a.bin"
+    ) == [
         "a.bin",
         "notes.txt",
     ]
@@ -209,7 +246,9 @@ def served(tmp_path: Path):
         def log_message(self, format: str, *args: object) -> None:
             """Says nothing."""
 
-    server = ThreadingHTTPServer(("127.0.0.1", 0), partial(Silent, directory=str(tmp_path / "served")))
+    server = ThreadingHTTPServer(
+        ("127.0.0.1", 0), partial(Silent, directory=str(tmp_path / "served"))
+    )
     thread = threading.Thread(target=server.serve_forever, daemon=True)
     thread.start()
     yield tmp_path / "served", f"http://127.0.0.1:{server.server_port}"

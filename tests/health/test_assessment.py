@@ -16,14 +16,26 @@ from mavdem.health.assessment import (
     Candidates,
     assess,
 )
-from mavdem.health.balance import BalanceFigures, Deviation, HealthFigures, healthy_flights, motor_signatures
+from mavdem.health.balance import (
+    BalanceFigures,
+    Deviation,
+    HealthFigures,
+    healthy_flights,
+    motor_signatures,
+)
 
 VEHICLES = 40
-MOTORS = ("motor 1 (front right)", "motor 2 (rear left)", "motor 3 (front left)", "motor 4 (rear right)")
+MOTORS = (
+    "motor 1 (front right)",
+    "motor 2 (rear left)",
+    "motor 3 (front left)",
+    "motor 4 (rear right)",
+)
 QUAD_X = motor_signatures(4, [(1, 1), (-1, -1), (1, -1), (-1, 1)], [1, 1, -1, -1])
 OFFSET = np.array([0.01, -0.02, 0.005])
 LEAN_EFFECT = np.array([[0.9, 0.1], [-0.1, 0.8], [0.3, -0.2]])
-ERROR, EFFECT_ERROR = 0.003, 0.15
+ERROR = 0.003
+EFFECT_ERROR = 0.15
 FIRST = datetime(2026, 3, 1, tzinfo=UTC)
 
 
@@ -43,7 +55,9 @@ class MadeUpVehicle:
         mean = OFFSET + rng.normal(scale=self.scatter, size=3) + (0.0 if change is None else change)
         mean += LEAN_EFFECT @ lean
         effect = LEAN_EFFECT + rng.normal(scale=EFFECT_ERROR, size=(3, 2))
-        balance = BalanceFigures(mean, np.full(3, ERROR), lean, effect, np.full((3, 2), EFFECT_ERROR), 60.0)
+        balance = BalanceFigures(
+            mean, np.full(3, ERROR), lean, effect, np.full((3, 2), EFFECT_ERROR), 60.0
+        )
         self.flown += 1
         when = FIRST + timedelta(days=self.flown)
         return HealthFigures(f"flight {self.flown}", self.motors, QUAD_X, balance, when, 0.5, 11.0)
@@ -82,10 +96,16 @@ def test_a_weak_motor_is_found_and_named(motor):
     assert all((one.suspect_probability or 0.0) <= one.fault_probability for one in found)
 
 
-@pytest.mark.parametrize("axis", [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0), (1, 0.5, 0.3), (1, 1, 1), (1, -1, 1)])
+@pytest.mark.parametrize(
+    "axis", [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0), (1, 0.5, 0.3), (1, 1, 1), (1, -1, 1)]
+)
 def test_a_greater_deviation_is_never_likelier_to_be_healthy(axis):
-    considered, error = Candidates(QUAD_X), np.full(3, 0.006)
-    away = [Deviation(size * np.array(axis), np.full(3, 0.0105), 8.0, error) for size in np.linspace(0.02, 1.0, 60)]
+    considered = Candidates(QUAD_X)
+    error = np.full(3, 0.006)
+    away = [
+        Deviation(size * np.array(axis), np.full(3, 0.0105), 8.0, error)
+        for size in np.linspace(0.02, 1.0, 60)
+    ]
     changed = np.array([1 - considered.after(each).healthy for each in away])
     assert np.diff(changed).min() > -1e-6
     assert changed[-1] > 0.99
@@ -94,7 +114,8 @@ def test_a_greater_deviation_is_never_likelier_to_be_healthy(axis):
 
 def test_a_flight_that_could_not_show_a_weak_motor_is_not_ok():
     vehicle = MadeUpVehicle(1)
-    baseline, flight = vehicle.flights(3), vehicle.flight()
+    baseline = vehicle.flights(3)
+    flight = vehicle.flight()
     lean = np.radians((20.0, 20.0))
     mean = flight.balance.mean + LEAN_EFFECT @ (lean - flight.balance.lean)
     leaning = flight.balance._replace(lean=lean, mean=mean, lean_effect_error=np.full((3, 2), 2.0))
@@ -111,7 +132,8 @@ def test_healthy_flights_in_other_winds_are_ok():
 
 
 @pytest.mark.parametrize(
-    ("change", "words"), [((0.08, -0.06, 0.0), "a load that shifted"), ((0.0, 0.0, -0.07), "yaw alone")]
+    ("change", "words"),
+    [((0.08, -0.06, 0.0), "a load that shifted"), ((0.0, 0.0, -0.07), "yaw alone")],
 )
 def test_what_no_motor_does_is_a_drift_and_names_none(change, words):
     found = [judged(seed, np.array(change), healthy=4) for seed in range(VEHICLES)]
@@ -132,7 +154,8 @@ def test_a_repair_ends_the_fault():
 
 def test_flights_are_judged_in_order_of_date_and_without_dates_each_alone():
     vehicle = MadeUpVehicle(7)
-    baseline, flights = vehicle.flights(3), vehicle.flights(5, weak(3, 0.12))
+    baseline = vehicle.flights(3)
+    flights = vehicle.flights(5, weak(3, 0.12))
     assert assess(flights, baseline) == assess(flights[::-1], baseline)[::-1]
     alone = undated(flights)
     assert assess(alone, baseline) == tuple(assess([flight], baseline)[0] for flight in alone)
@@ -163,7 +186,9 @@ def test_first_flights_that_are_not_sound_are_not_taken_for_healthy():
     unsound = [replace(flight, sound=False) for flight in vehicle.flights(2, weak(2, 0.3))]
     flights = [*unsound, *vehicle.flights(3)]
     assert [one.health for one in assess(flights)][2:] == ["ok"] * 3
-    assert {flight.name for flight in healthy_flights(flights)} == {flight.name for flight in flights[2:]}
+    assert {flight.name for flight in healthy_flights(flights)} == {
+        flight.name for flight in flights[2:]
+    }
     none = assess([replace(flight, sound=False) for flight in flights])
     assert {one.health for one in none} == {"unknown"} and "a motor at its limit" in none[0].reason
 
@@ -185,11 +210,17 @@ def test_it_takes_two_healthy_flights_of_the_same_motors_that_are_not_one():
     vehicle = MadeUpVehicle(1)
     once, other, flight = vehicle.flights(3)
     again = replace(once, name="from the ground", date=once.date + timedelta(seconds=20))
-    turned = replace(other, signatures=motor_signatures(4, [(1, 1), (-1, -1), (1, -1), (-1, 1)], [-1, -1, 1, 1]))
+    turned = replace(
+        other, signatures=motor_signatures(4, [(1, 1), (-1, -1), (1, -1), (-1, 1)], [-1, -1, 1, 1])
+    )
     three = replace(other, motors=MOTORS[:3])
     for baseline in ([], [once], [once, again], [once, turned], [once, three]):
         (found,) = assess([flight], baseline)
-        assert (found.health, found.fault_probability, found.suspect_motor) == ("unknown", None, None)
+        assert (found.health, found.fault_probability, found.suspect_motor) == (
+            "unknown",
+            None,
+            None,
+        )
         assert found.reason.startswith("Not enough healthy flights")
     assert "there are 2 others of this vehicle, 1 with other motors" in found.reason
     assert assess([flight], [once, other])[0].health != "unknown"
@@ -201,7 +232,10 @@ def test_it_takes_two_healthy_flights_of_the_same_motors_that_are_not_one():
         ({"balance": None}, "too little settled flight"),
         ({"signatures": None}, "too little settled flight"),
         ({"signatures": motor_signatures(4)}, "which way they turn"),
-        ({"balance": MadeUpVehicle(1).flight().balance._replace(lean=np.full(2, np.nan))}, "lean was not recorded"),
+        (
+            {"balance": MadeUpVehicle(1).flight().balance._replace(lean=np.full(2, np.nan))},
+            "lean was not recorded",
+        ),
     ],
 )
 def test_what_is_missing_is_said(missing, words):
@@ -219,9 +253,13 @@ def test_other_conditions_are_said():
     reason = assess([loaded], healthy)[0].reason
     assert "commanded 20 % more" in reason
     here, there = (
-        np.degrees(lean[0]) for lean in (leaning.lean, np.mean([one.balance.lean for one in healthy], axis=0))
+        np.degrees(lean[0])
+        for lean in (leaning.lean, np.mean([one.balance.lean for one in healthy], axis=0))
     )
-    assert f"Its mean lean is roll {here:+.1f}°" in reason and f"healthy flights roll {there:+.1f}°" in reason
+    assert (
+        f"Its mean lean is roll {here:+.1f}°" in reason
+        and f"healthy flights roll {there:+.1f}°" in reason
+    )
     sagged = replace(flight, collective=0.55, voltage=10.0)
     assert "commanded" not in assess([sagged], vehicle.flights(3))[0].reason
 
@@ -233,11 +271,17 @@ def surely(change: np.ndarray, scale: float = 0.002) -> Deviation:
 
 def test_what_is_called_a_fault_begins_where_it_is_said_to():
     considered = Candidates(QUAD_X)
-    light, heavy = (considered.after(surely(weak(1, rise))) for rise in (FAULT_RISE - 0.02, FAULT_RISE + 0.02))
-    assert min(light.motors[0], heavy.motors[0]) > 0.95 and light.fault < 0.05 and heavy.fault > 0.95
+    light, heavy = (
+        considered.after(surely(weak(1, rise))) for rise in (FAULT_RISE - 0.02, FAULT_RISE + 0.02)
+    )
+    assert (
+        min(light.motors[0], heavy.motors[0]) > 0.95 and light.fault < 0.05 and heavy.fault > 0.95
+    )
     # Farther from a motor's pattern than so many scales it is no motor's, however much there is of it.
     aside = 0.002 * np.array([0.0, 0.0, 1.0])
-    near, far = (considered.after(surely(weak(1, 0.2) + side * MAX_MISFIT * aside)) for side in (0.7, 4.0))
+    near, far = (
+        considered.after(surely(weak(1, 0.2) + side * MAX_MISFIT * aside)) for side in (0.7, 4.0)
+    )
     assert near.motors[0] > 0.9 and far.motors.sum() == 0
     # Who could not show a motor that works so much harder is not called healthy.
     assert considered.shown(surely(np.zeros(3))) > 0.99 > DETECTABLE_RISE
@@ -245,4 +289,6 @@ def test_what_is_called_a_fault_begins_where_it_is_said_to():
     # What held in one flight is no surer in the next than that it was seen and not put right.
     sure = np.where(np.arange(len(considered.prior)) == considered.groups["motor"].start, 1.0, 0.0)
     unseen = considered.after(surely(np.zeros(3), 100.0), sure)
-    assert unseen.motors.sum() == pytest.approx(PERSISTENCE + (1 - PERSISTENCE) * PRIORS["motor"], abs=0.01)
+    assert unseen.motors.sum() == pytest.approx(
+        PERSISTENCE + (1 - PERSISTENCE) * PRIORS["motor"], abs=0.01
+    )

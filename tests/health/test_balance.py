@@ -11,7 +11,12 @@ from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals
 from mavdem.condition import condition_of
 from mavdem.health.assessment import assess
-from mavdem.health.balance import HealthFigures, balance_figures, balance_of_signals, motor_signatures
+from mavdem.health.balance import (
+    HealthFigures,
+    balance_figures,
+    balance_of_signals,
+    motor_signatures,
+)
 from mavdem.ingest import read_log
 from mavdem.ingest.motors import motor_geometry
 
@@ -23,7 +28,10 @@ EFFECT = np.array([[0.8, 0.0], [0.1, -0.4], [0.3, -0.2]])
 def gusts(rng: np.random.Generator, samples: int) -> np.ndarray:
     """(N, 2) lean in gusts of some seconds, rad."""
     kernel = np.hanning(200)
-    return np.array([np.convolve(rng.normal(size=samples), kernel, "same") for _ in range(2)]).T * 0.005
+    return (
+        np.array([np.convolve(rng.normal(size=samples), kernel, "same") for _ in range(2)]).T
+        * 0.005
+    )
 
 
 def flown(seed: int, seconds: float = 60.0, noise: float = 0.02):
@@ -45,7 +53,10 @@ def test_mean_and_effect_of_lean_are_found_within_their_errors():
         time, commands, lean = flown(seed)
         found = figures(time, commands, lean)
         away.append(
-            [*(found.mean - MEAN) / found.error, *((found.lean_effect - EFFECT) / found.lean_effect_error).ravel()]
+            [
+                *(found.mean - MEAN) / found.error,
+                *((found.lean_effect - EFFECT) / found.lean_effect_error).ravel(),
+            ]
         )
         assert found.lean == pytest.approx(lean.mean(axis=0), abs=1e-3)
     # Standard scores: their mean is 0 and their size 1, within what 60 flights show (3 standard errors).
@@ -62,7 +73,11 @@ def test_what_cannot_be_seen_is_not_known():
     steady = figures(time, commands, np.full((len(time), 2), 0.02))
     assert np.isnan(steady.lean_effect).all() and np.isfinite(steady.mean).all()
     without_spins = motor_signatures(4, [(1, 1), (-1, -1), (1, -1), (-1, 1)])
-    assert np.isfinite(figures(time, commands, lean, without_spins).mean).tolist() == [True, True, False]
+    assert np.isfinite(figures(time, commands, lean, without_spins).mean).tolist() == [
+        True,
+        True,
+        False,
+    ]
     assert figures(time, commands, lean, motor_signatures(4)) is None
     assert figures(*flown(1, seconds=15.0)) is None
 
@@ -105,13 +120,17 @@ def test_a_weak_motor_changes_the_trim_as_its_signature_says(layout):
         thrusts[motor] = 1 - 1e-5
         change = (trimmed(layout, thrusts) - trimmed(layout, np.ones(count))) / 1e-5
         np.testing.assert_allclose(change, signatures.weak_motor_commands[motor], atol=1e-4)
-        np.testing.assert_allclose(signatures.weights @ change, signatures.weak_motor[motor], atol=1e-4)
+        np.testing.assert_allclose(
+            signatures.weights @ change, signatures.weak_motor[motor], atol=1e-4
+        )
 
 
 def test_axes_and_names_are_those_of_the_layout(layout):
     count = len(layout.motors)
     signatures = motor_signatures(count, layout.positions, layout.spins)
-    assert signatures.axes == ("thrust", "roll", "pitch", "yaw") and motor_signatures(4).axes == ("thrust",)
+    assert signatures.axes == ("thrust", "roll", "pitch", "yaw") and motor_signatures(4).axes == (
+        "thrust",
+    )
     for axis, row in zip(signatures.axes[1:], signatures.weights[1:], strict=True):
         np.testing.assert_allclose(row, layout.effect(axis))
     # A motor can be named where places and spins are known and differ.
@@ -135,16 +154,25 @@ def flights():
 
 def health_figures(path) -> HealthFigures:
     signals = Signals(choose_vehicle(read_log(path).vehicles), inputs="motors")
-    condition, layout = condition_of(signals), signals.motors.layout
+    condition = condition_of(signals)
+    layout = signals.motors.layout
     signatures = motor_signatures(len(layout.motors), layout.positions, layout.spins)
-    known = signatures, balance_of_signals(signals), None, condition.collective, condition.battery.voltage_mean
+    known = (
+        signatures,
+        balance_of_signals(signals),
+        None,
+        condition.collective,
+        condition.battery.voltage_mean,
+    )
     return HealthFigures(path.stem, layout.names, *known)
 
 
 @pytest.fixture(scope="module")
 def verdicts(flights):
     good = [flight for flight in flights if "good" in flight.name]
-    return {flight.name: found for flight, found in zip(flights, assess(flights, good), strict=True)}
+    return {
+        flight.name: found for flight, found in zip(flights, assess(flights, good), strict=True)
+    }
 
 
 def kind(verdicts, *names: str):
@@ -172,7 +200,9 @@ def test_each_flight_by_itself_is_judged_as_the_documentation_says(verdicts):
     for name, (health, *probabilities) in shown.items():
         found = verdicts[name]
         assert found.health == health
-        assert [found.fault_probability, found.change_probability] == pytest.approx(probabilities, abs=0.005)
+        assert [found.fault_probability, found.change_probability] == pytest.approx(
+            probabilities, abs=0.005
+        )
 
 
 def test_20_and_25_mm_are_faults_of_motor_1_apart_from_good_and_5_mm(verdicts):

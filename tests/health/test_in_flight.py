@@ -10,11 +10,14 @@ from mavdem.health.balance import motor_signatures
 from mavdem.health.in_flight import HOURS_TO_FALSE_ALARM, MotorAlarm, MotorWatch, alarm_figures
 from mavdem.ingest.motors import MotorGeometry, motor_geometry
 
-RATE, BREAKS = 10.0, 20.0  # Hz, s
+# Hz, s
+RATE = 10.0
+BREAKS = 20.0
 X = np.sqrt(0.5) * np.array([(1, 1), (-1, -1), (1, -1), (-1, 1)])
 HEXA = np.array([(np.cos(at), np.sin(at)) for at in np.radians([90, -90, -30, 150, 30, -150])])
 OCTO = np.array([(np.cos(at), np.sin(at)) for at in np.radians(np.arange(22.5, 360, 45))])
-FRAMES = {4: (X, (1, 1, -1, -1)), 6: (HEXA, (-1, 1, -1, 1, 1, -1)), 8: (OCTO, (1, -1) * 4)}  # places and spins
+# places and spins
+FRAMES = {4: (X, (1, 1, -1, -1)), 6: (HEXA, (-1, 1, -1, 1, 1, -1)), 8: (OCTO, (1, -1) * 4)}
 SIGNATURES = {motors: motor_signatures(motors, *frame) for motors, frame in FRAMES.items()}
 MIXERS = {motors: np.linalg.pinv(signatures.weights) for motors, signatures in SIGNATURES.items()}
 
@@ -40,7 +43,9 @@ def flight(seed, seconds=45.0, sd=0.01, coloured_by=0.5, motors=4):
 
 def changes(time, commands):
     watch = MotorWatch(geometry(*FRAMES[commands.shape[1]]))
-    return [one for at, row in zip(time.tolist(), commands, strict=True) for one in watch.take(at, row)]
+    return [
+        one for at, row in zip(time.tolist(), commands, strict=True) for one in watch.take(at, row)
+    ]
 
 
 def after(time, rise):
@@ -58,7 +63,10 @@ def test_a_motor_that_works_an_eighth_harder_is_named_within_five_seconds(motor,
     assert first.motor == motor + 1 and not rest
     assert BREAKS < first.time - 100.0 <= BREAKS + 5.0
     assert first.since == pytest.approx(100.0 + BREAKS, abs=2.0)
-    assert first.size == pytest.approx(0.125, abs=0.04) and first.loss[0] < 1 - 1.125**-1.5 < first.loss[1]
+    assert (
+        first.size == pytest.approx(0.125, abs=0.04)
+        and first.loss[0] < 1 - 1.125**-1.5 < first.loss[1]
+    )
     assert 0.95 < first.probability <= 1
 
 
@@ -75,9 +83,25 @@ def test_the_size_is_that_of_the_motor_s_own_command_also_where_its_neighbours_h
 
 
 LATER = {  # s, what the motors then have to give in place of 1
-    "one after the other": {20: [1.2, 1, 1, 1], 40: [1] * 4, 55: [1, 1, 1.15, 1], 75: [1] * 4, 90: [1, 1.3, 1, 1]},
-    "one while another lasts": {20: [1, 1.2, 1, 1], 26: [1, 1.2, 1.25, 1], 40: [1, 1, 1.25, 1], 52: [1] * 4},
-    "worse, then both at once": {20: [1, 1, 1, 1.15], 30: [1, 1, 1, 1.4], 40: [1.2, 1, 1, 1.4], 50: [1] * 4},
+    "one after the other": {
+        20: [1.2, 1, 1, 1],
+        40: [1] * 4,
+        55: [1, 1, 1.15, 1],
+        75: [1] * 4,
+        90: [1, 1.3, 1, 1],
+    },
+    "one while another lasts": {
+        20: [1, 1.2, 1, 1],
+        26: [1, 1.2, 1.25, 1],
+        40: [1, 1, 1.25, 1],
+        52: [1] * 4,
+    },
+    "worse, then both at once": {
+        20: [1, 1, 1, 1.15],
+        30: [1, 1, 1, 1.4],
+        40: [1.2, 1, 1, 1.4],
+        50: [1] * 4,
+    },
     "in part": {20: [1.5, 1, 1, 1], 40: [1.2, 1, 1, 1], 60: [1] * 4},
 }
 
@@ -88,12 +112,15 @@ def test_every_fault_is_found_and_its_end(faults):
     rises = np.ones_like(commands)
     for begin, rise in faults.items():
         rises[time >= 100.0 + begin] = rise
-    found, before = changes(time, commands * rises), [1.0] * 4
+    found = changes(time, commands * rises)
+    before = [1.0] * 4
     for begin, rise in faults.items():
         for motor in np.flatnonzero(np.subtract(rise, before)):
             one = found.pop(0)
             assert one.motor == motor + 1 and begin < one.time - 100.0 < begin + 2.5
-            assert one.weak == (rise[motor] > 1) and one.size == pytest.approx(rise[motor] - 1, abs=0.05)
+            assert one.weak == (rise[motor] > 1) and one.size == pytest.approx(
+                rise[motor] - 1, abs=0.05
+            )
             assert one.weak or "gives its thrust again since" in one.sentence
         before = rise
     assert not found
@@ -186,10 +213,13 @@ def test_where_nothing_can_be_found_it_says_why():
 
 
 def test_json_keeps_alarms_apart_from_changes_that_name_no_motor():
-    named, torque = MotorAlarm(30.0, 28.5, 2, "motor 2", 0.25, 0.98), MotorAlarm(40.0, 30.0, None, "", 0.1, 0.97)
+    named = MotorAlarm(30.0, 28.5, 2, "motor 2", 0.25, 0.98)
+    torque = MotorAlarm(40.0, 30.0, None, "", 0.1, 0.97)
     sound = MotorAlarm(50.0, 49.0, 2, "motor 2", 0.0, 0.99)
     found = json.loads(json.dumps(alarm_figures([torque, named, sound])))
     assert [change["time"] for change in found["recoveries"]] == [50.0]
     assert [alarm["motor"] for alarm in found["alarms"]] == [2]
     assert [change["time"] for change in found["torque_changes"]] == [40.0]
-    assert found["false_alarms_per_hour"]["at_most"] == pytest.approx(-np.log(0.05) / 5.55, abs=0.01)
+    assert found["false_alarms_per_hour"]["at_most"] == pytest.approx(
+        -np.log(0.05) / 5.55, abs=0.01
+    )

@@ -3,14 +3,40 @@
 import struct
 
 HEADER = b"\xa3\x95"
-STRUCTS = {"Q": "Q", "B": "B", "b": "b", "H": "H", "h": "h", "I": "I", "i": "i", "f": "f", "d": "d", "q": "q"}
-STRUCTS |= {"c": "h", "C": "H", "e": "i", "E": "I", "L": "i", "M": "B", "n": "4s", "N": "16s", "Z": "64s", "a": "64s"}
+STRUCTS = {
+    "Q": "Q",
+    "B": "B",
+    "b": "b",
+    "H": "H",
+    "h": "h",
+    "I": "I",
+    "i": "i",
+    "f": "f",
+    "d": "d",
+    "q": "q",
+}
+STRUCTS |= {
+    "c": "h",
+    "C": "H",
+    "e": "i",
+    "E": "I",
+    "L": "i",
+    "M": "B",
+    "n": "4s",
+    "N": "16s",
+    "Z": "64s",
+    "a": "64s",
+}
 
 MESSAGES = {
     "PARM": (64, "QNff", "TimeUS,Name,Value,Default"),
     "MSG": (91, "QZ", "TimeUS,Message"),
     "ATT": (129, "QccccCCCCB", "TimeUS,DesRoll,Roll,DesPitch,Pitch,DesYaw,Yaw,ErrRP,ErrYaw,AEKF"),
-    "RATE": (130, "Qfffffffffffff", "TimeUS,RDes,R,ROut,PDes,P,POut,YDes,Y,YOut,ADes,A,AOut,AOutSlew"),
+    "RATE": (
+        130,
+        "Qfffffffffffff",
+        "TimeUS,RDes,R,ROut,PDes,P,POut,YDes,Y,YOut,ADes,A,AOut,AOutSlew",
+    ),
     "RCOU": (131, "Q" + 14 * "H", "TimeUS," + ",".join(f"C{n}" for n in range(1, 15))),
     "IMU": (132, "QBffffff", "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ"),
     "EV": (133, "QB", "TimeUS,Id"),
@@ -29,7 +55,9 @@ def packed(characters: str) -> str:
     return "<" + "".join(STRUCTS[character] for character in characters)
 
 
-def fmt(name: str, length: int | None = None, kind: int | None = None, characters: str | None = None) -> bytes:
+def fmt(
+    name: str, length: int | None = None, kind: int | None = None, characters: str | None = None
+) -> bytes:
     """FMT of one of ``MESSAGES``, true or with something else in it."""
     own, usual, fields = MESSAGES[name]
     length = 3 + struct.calcsize(packed(usual)) if length is None else length
@@ -77,7 +105,10 @@ def rcou(time: float, *pulses: int) -> bytes:
 def flight(times: list[float]) -> list[bytes]:
     """Attitude, rate and motors at each time: roll 2°, 4°, …, roll rate a tenth of that, motor 1 at 1500, 1501, …."""
     rows = enumerate(times)
-    return [att(t, 2.0 + 2 * (i % 5)) + rate(t, 0.2 + 0.2 * (i % 5)) + rcou(t, 1500 + i % 5, 1600) for i, t in rows]
+    return [
+        att(t, 2.0 + 2 * (i % 5)) + rate(t, 0.2 + 0.2 * (i % 5)) + rcou(t, 1500 + i % 5, 1600)
+        for i, t in rows
+    ]
 
 
 def told() -> bytes:

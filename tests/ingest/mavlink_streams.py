@@ -28,7 +28,9 @@ def real_logs() -> list[Path]:
     """A telemetry log of every autopilot, link and recorder, as far as this machine has them."""
     logs = [*SAMPLES.glob("*.tlog"), *SHARED.rglob("*.tlog")]
     alike = ANOTHER_FLIGHT_OF_THE_SAME
-    return sorted(log for log in logs if not any(part in log.stem for part in alike.get(log.parent.name, ())))
+    return sorted(
+        log for log in logs if not any(part in log.stem for part in alike.get(log.parent.name, ()))
+    )
 
 
 def beginning(log: Path, folder: Path, most: int = 700_000) -> Path:
@@ -52,17 +54,36 @@ def frame(
     if version == 2:
         payload = payload.rstrip(b"\0") or b"\0"
         body = struct.pack(
-            "<BBBBBBHB", len(payload), signed, 0, sequence, system, component, message_id & 0xFFFF, message_id >> 16
+            "<BBBBBBHB",
+            len(payload),
+            signed,
+            0,
+            sequence,
+            system,
+            component,
+            message_id & 0xFFFF,
+            message_id >> 16,
         )
     else:
         body = struct.pack("<BBBBB", len(payload), sequence, system, component, message_id)
     seed = dialect.mavlink_map[message_id].crc_extra if seed is None else seed
     checksum = struct.pack("<H", x25crc([*body, *payload, seed]).crc)
-    return bytes([0xFD if version == 2 else 0xFE]) + body + payload + checksum + (b"\x55" * 13 if signed else b"")
+    return (
+        bytes([0xFD if version == 2 else 0xFE])
+        + body
+        + payload
+        + checksum
+        + (b"\x55" * 13 if signed else b"")
+    )
 
 
 def message(
-    name: str, system: int = 1, component: int = 1, sequence: int = 0, version: int = 2, **values: Any
+    name: str,
+    system: int = 1,
+    component: int = 1,
+    sequence: int = 0,
+    version: int = 2,
+    **values: Any,
 ) -> bytes:
     """One frame of a named message; fields that are not given are zero."""
     kind = next(kind for kind in dialect.mavlink_map.values() if kind.msgname == name)
@@ -80,17 +101,28 @@ def message(
 
 def tlog(frames: list[bytes], first: int = NOW, step: int = 10_000) -> bytes:
     """Frames behind their receive stamps, ``step`` microseconds apart."""
-    return b"".join(struct.pack(">Q", first + step * row) + content for row, content in enumerate(frames))
+    return b"".join(
+        struct.pack(">Q", first + step * row) + content for row, content in enumerate(frames)
+    )
 
 
 def flight(times: list[float], system: int = 1, sequence: int = 0) -> list[bytes]:
     """ATTITUDE and SERVO_OUTPUT_RAW at boot clock times, s; the latter's clock wraps as it does on board."""
     frames = []
     for time in times:
-        boot_ms, boot_us = round(time * 1e3) % 2**32, round(time * 1e6) % 2**32
-        frames.append(message("ATTITUDE", system, sequence=sequence % 256, time_boot_ms=boot_ms, roll=0.1))
+        boot_ms = round(time * 1e3) % 2**32
+        boot_us = round(time * 1e6) % 2**32
         frames.append(
-            message("SERVO_OUTPUT_RAW", system, sequence=(sequence + 1) % 256, time_usec=boot_us, servo1_raw=1500)
+            message("ATTITUDE", system, sequence=sequence % 256, time_boot_ms=boot_ms, roll=0.1)
+        )
+        frames.append(
+            message(
+                "SERVO_OUTPUT_RAW",
+                system,
+                sequence=(sequence + 1) % 256,
+                time_usec=boot_us,
+                servo1_raw=1500,
+            )
         )
         sequence += 2
     return frames

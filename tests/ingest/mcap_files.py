@@ -39,10 +39,19 @@ class Recorder:
         return read_log(self.path)
 
     def write(
-        self, topic: str, data: bytes, encoding: str = "json", schema: bool = True, time: int | None = None
+        self,
+        topic: str,
+        data: bytes,
+        encoding: str = "json",
+        schema: bool = True,
+        time: int | None = None,
     ) -> None:
         if topic not in self._channels:
-            number = self._writer.register_schema(topic.replace("/", "."), "jsonschema", b"{}") if schema else 0
+            number = (
+                self._writer.register_schema(topic.replace("/", "."), "jsonschema", b"{}")
+                if schema
+                else 0
+            )
             self._channels[topic] = self._writer.register_channel(topic, encoding, number)
         self._time += 10_000_000
         time = self._time if time is None else time
@@ -59,7 +68,9 @@ class Recorder:
     ) -> None:
         """A message as BlueOS records it; ``fields`` as JSON text where they are to be written just so."""
         inner = fields if isinstance(fields, str) else json.dumps(fields)[1:-1]
-        header = f'{{"system_id":{system},"component_id":1,"sequence":{sequence % 256},"message_id":0}}'
+        header = (
+            f'{{"system_id":{system},"component_id":1,"sequence":{sequence % 256},"message_id":0}}'
+        )
         body = f'{{"header":{header},"message":{{"type":"{name}",{inner}}}}}'.encode()
         if own:
             self.write(f"mavlink/{system}/1/{name}", body)
@@ -71,8 +82,15 @@ class Recorder:
         self.blueos("HEARTBEAT", HEARTBEAT, 0, **how)
         for row, time in enumerate(times):
             boot_us = round(time * 1e6) % 2**32
-            self.blueos("ATTITUDE", {"time_boot_ms": round(time * 1e3), "roll": 0.1, "yaw": row}, 2 * row + 1, **how)
-            self.blueos("SERVO_OUTPUT_RAW", {"time_usec": boot_us, "servo1_raw": 1500}, 2 * row + 2, **how)
+            self.blueos(
+                "ATTITUDE",
+                {"time_boot_ms": round(time * 1e3), "roll": 0.1, "yaw": row},
+                2 * row + 1,
+                **how,
+            )
+            self.blueos(
+                "SERVO_OUTPUT_RAW", {"time_usec": boot_us, "servo1_raw": 1500}, 2 * row + 2, **how
+            )
 
 
 HEARTBEAT = (
@@ -98,7 +116,9 @@ def converted(log: Path, folder: Path) -> Path:
     return path
 
 
-def json_only(mcap: Path, folder: Path, compression: CompressionType = CompressionType.ZSTD) -> Path:
+def json_only(
+    mcap: Path, folder: Path, compression: CompressionType = CompressionType.ZSTD
+) -> Path:
     """The same file without the frames, everything repeated on ``mavlink/out`` as BlueOS does."""
     path = folder / f"{mcap.stem}_json.mcap"
     with mcap.open("rb") as file, Recorder(path, compression=compression) as recorder:

@@ -28,7 +28,9 @@ def definitions() -> dict[str, str]:
     rows = dict(line.split(" = ", 1) for line in lines)
 
     def written(row: str) -> str:
-        return "".join(written(rows[part]) if part[:1] == "@" else f"{part}\n" for part in row.split("; "))
+        return "".join(
+            written(rows[part]) if part[:1] == "@" else f"{part}\n" for part in row.split("; ")
+        )
 
     return {name: written(row) for name, row in rows.items() if name[0] != "@"}
 
@@ -69,11 +71,19 @@ class Ros2Recorder(Recorder):
         kind = "SensorGps" if name == "vehicle_gps_position" else name.title().replace("_", "")
         self.write(prefix + name, f"px4_msgs/msg/{kind}", own)
 
-    def mavros(self, name: str, kind: str, seconds: float, node: str = "/mavros", **fields: Any) -> None:
+    def mavros(
+        self, name: str, kind: str, seconds: float, node: str = "/mavros", **fields: Any
+    ) -> None:
         """One of MAVROS's topics, stamped with ``seconds`` since 1970."""
         self.write(f"{node}/{name}", kind, {"header": header(seconds), **fields})
 
-    def imu(self, seconds: float, rpy: tuple[float, float, float], pqr: tuple[float, float, float], **how: Any) -> None:
+    def imu(
+        self,
+        seconds: float,
+        rpy: tuple[float, float, float],
+        pqr: tuple[float, float, float],
+        **how: Any,
+    ) -> None:
         """``imu/data`` of an attitude and body rates as MAVLink has them, rad and rad/s, turned by matrices."""
         orientation = xyzw(to_ros(rpy))
         self.mavros(
@@ -113,7 +123,10 @@ def header(seconds: float) -> dict[str, Any]:
 
 
 def px4_flight(
-    recorder: Ros2Recorder, times: NDArray[np.float64] = TIMES, prefix: str = "/fmu/out/", **ids: int
+    recorder: Ros2Recorder,
+    times: NDArray[np.float64] = TIMES,
+    prefix: str = "/fmu/out/",
+    **ids: int,
 ) -> None:
     """A quadrotor's hover: attitude, rates and motors at each of the times, s, and its status."""
     for row, (time, angle, rate) in enumerate(np.column_stack([times, *roll(times)]).tolist()):
@@ -121,20 +134,27 @@ def px4_flight(
             status = {"arming_state": 2, "system_type": QUADROTOR, "vehicle_type": 1, **ids}
             recorder.px4("vehicle_status", time, prefix, **status)
         recorder.px4("vehicle_angular_velocity", time, prefix, xyz=[rate, 0.0, 0.0])
-        recorder.px4("vehicle_attitude", time, prefix, q=[np.cos(angle / 2), np.sin(angle / 2), 0.0, 0.0])
+        recorder.px4(
+            "vehicle_attitude", time, prefix, q=[np.cos(angle / 2), np.sin(angle / 2), 0.0, 0.0]
+        )
         motors = [0.5 - angle, 0.5 + angle, 0.5 + angle, 0.5 - angle]
         recorder.px4("actuator_motors", time, prefix, control=motors + [float("nan")] * 8)
 
 
 def mavros_flight(
-    recorder: Ros2Recorder, times: NDArray[np.float64] = UNIX + TIMES, node: str = "/mavros", mode: str = "OFFBOARD"
+    recorder: Ros2Recorder,
+    times: NDArray[np.float64] = UNIX + TIMES,
+    node: str = "/mavros",
+    mode: str = "OFFBOARD",
 ) -> None:
     """The same as MAVROS tells it, on the companion's clock."""
     for row, (time, angle, rate) in enumerate(np.column_stack([times, *roll(times)]).tolist()):
         if row % 50 == 0:
             state = {"connected": True, "armed": True, "mode": mode}
             recorder.mavros("state", "mavros_msgs/msg/State", time, node, **state)
-            recorder.mavros("extended_state", "mavros_msgs/msg/ExtendedState", time, node, landed_state=2)
+            recorder.mavros(
+                "extended_state", "mavros_msgs/msg/ExtendedState", time, node, landed_state=2
+            )
         recorder.imu(time, (angle, 0.0, 0.0), (rate, 0.0, 0.0), node=node)
         pulses = [round(1500 + 100 * side * angle) for side in (-1, 1, 1, -1)]
         recorder.mavros("rc/out", "mavros_msgs/msg/RCOut", time, node, channels=pulses + [0] * 4)

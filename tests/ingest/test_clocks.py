@@ -28,26 +28,36 @@ class Stamps:
 
 def clock(kinds: list[Stamps], received: NDArray[Any]) -> SimpleNamespace:
     """``time`` and ``boot`` of all messages in the order they came; rows of no kind are messages without stamps."""
-    unstamped = np.setdiff1d(np.arange(len(received)), np.concatenate([kind.rows for kind in kinds]))
+    unstamped = np.setdiff1d(
+        np.arange(len(received)), np.concatenate([kind.rows for kind in kinds])
+    )
     sent = [Sent(kind.message, kind.rows, kind.seconds.copy, kind.period) for kind in kinds]
     sent += [Sent("HEARTBEAT", unstamped)] if len(unstamped) else []
     placed, repairs = boot_clock(sent, lambda places: received[places])
-    time, boot = np.empty(len(received)), np.empty(len(received), dtype=np.int64)
+    time = np.empty(len(received))
+    boot = np.empty(len(received), dtype=np.int64)
     for kind in sent:
         time[kind.places], boot[kind.places] = placed[kind.message]
     return SimpleNamespace(time=time, boot=boot, repairs=repairs)
 
 
-def clock_of(times: NDArray[Any], received: NDArray[Any] | None = None, period: float = WRAP_MS) -> SimpleNamespace:
+def clock_of(
+    times: NDArray[Any], received: NDArray[Any] | None = None, period: float = WRAP_MS
+) -> SimpleNamespace:
     rows = np.arange(len(times))
     unknown = np.full(len(times), np.nan)
-    return clock([Stamps("ATTITUDE", rows, times, period)], unknown if received is None else received)
+    return clock(
+        [Stamps("ATTITUDE", rows, times, period)], unknown if received is None else received
+    )
 
 
 def interleaved(times: NDArray[Any], servo: NDArray[Any]) -> SimpleNamespace:
     """ATTITUDE and SERVO_OUTPUT_RAW in turn, received as the clock runs."""
     rows = np.arange(len(times))
-    stamps = [Stamps("ATTITUDE", 2 * rows, times, WRAP_MS), Stamps("SERVO_OUTPUT_RAW", 2 * rows + 1, servo, WRAP_US)]
+    stamps = [
+        Stamps("ATTITUDE", 2 * rows, times, WRAP_MS),
+        Stamps("SERVO_OUTPUT_RAW", 2 * rows + 1, servo, WRAP_US),
+    ]
     return clock(stamps, np.full(2 * len(times), np.nan))
 
 
@@ -133,7 +143,10 @@ def test_a_jump_forward_stays_a_gap():
 def test_unix_time_is_moved_to_the_boot_clock():
     times = np.linspace(50.0, 59.9, 100)
     rows = np.arange(100)
-    stamps = [Stamps("ATTITUDE", 2 * rows, times, WRAP_MS), Stamps("GPS_RAW_INT", 2 * rows + 1, times + 1.6e9, np.inf)]
+    stamps = [
+        Stamps("ATTITUDE", 2 * rows, times, WRAP_MS),
+        Stamps("GPS_RAW_INT", 2 * rows + 1, times + 1.6e9, np.inf),
+    ]
     made = clock(stamps, np.full(200, np.nan))
     assert np.abs(made.time[1::2] - times).max() <= 0.1 + 1e-6
     assert "another clock" in made.repairs[0]
@@ -167,9 +180,15 @@ def test_stamps_that_the_receiver_contradicts_are_no_wraps(wrong, damaged):
     stamps[damaged] = wrong / 1e3
     for first, columns in enumerate([(stamps, times), (times, stamps)]):
         sent = zip(("ATTITUDE", "GLOBAL_POSITION_INT"), columns, strict=True)
-        kinds = [Stamps(name, row + 2 * np.arange(600), values, WRAP_MS) for row, (name, values) in enumerate(sent)]
+        kinds = [
+            Stamps(name, row + 2 * np.arange(600), values, WRAP_MS)
+            for row, (name, values) in enumerate(sent)
+        ]
         made = clock(kinds, 1e9 + np.repeat(times, 2))
-        assert np.array_equal(made.time[first::2][stamps == times], times[stamps == times]) and not made.boot.any()
+        assert (
+            np.array_equal(made.time[first::2][stamps == times], times[stamps == times])
+            and not made.boot.any()
+        )
         assert made.time.max() <= times[-1] and made.time.min() >= times[0]
         assert len(made.repairs) == 1 and "ignored" in made.repairs[0]
 

@@ -16,7 +16,12 @@ from mavdem.alignment.signals import Signals, setpoints
 from mavdem.condition.inventory import autopilot_alarms, inventory
 from mavdem.errors import Unreadable
 from mavdem.ingest import Log, read_log
-from mavdem.ingest.dataflash.binary import FIELD_TYPES, MAX_DEFINITIONS, DataflashRecording, read_binary
+from mavdem.ingest.dataflash.binary import (
+    FIELD_TYPES,
+    MAX_DEFINITIONS,
+    DataflashRecording,
+    read_binary,
+)
 from mavdem.ingest.dataflash.log import read_dataflash
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import IN_AIR
@@ -47,7 +52,8 @@ def steps(tmp_path: Path):
 
 def by_dfreader(path: Path, names: list[str] | None = None) -> dict[str, dict[str, list]]:
     """Every message as plain DFReader reads it, as lists by message and field."""
-    reader, read = DFReader.DFReader_binary(str(path)), defaultdict(lambda: defaultdict(list))
+    reader = DFReader.DFReader_binary(str(path))
+    read = defaultdict(lambda: defaultdict(list))
     while (message := reader.recv_match(type=names, strict=True)) is not None:
         for field, value in message.to_dict().items():
             read[message.get_type()][field].append(value)
@@ -59,29 +65,50 @@ def by_dfreader(path: Path, names: list[str] | None = None) -> dict[str, dict[st
 def test_every_value_of_every_message_is_dfreaders(log, steps):
     path = steps if log == STEPS else shared(log)
     recording = read_binary(path.read_bytes())
-    names = ["ATT", "ANG", "RATE", "RCOU", "CTUN", "XKF1", "EV", "ARM", "PARM", "MSG", "GPS", "BARO", "ESC", "MODE"]
+    names = [
+        "ATT",
+        "ANG",
+        "RATE",
+        "RCOU",
+        "CTUN",
+        "XKF1",
+        "EV",
+        "ARM",
+        "PARM",
+        "MSG",
+        "GPS",
+        "BARO",
+        "ESC",
+        "MODE",
+    ]
     expected = by_dfreader(path, names)
     assert len(expected) > 9
     for name, fields in expected.items():
         table = recording.table(name)
         for field in recording.table(name).columns:
-            ours, theirs = table.columns[field], fields[field]
+            ours = table.columns[field]
+            theirs = fields[field]
             if ours.dtype.kind == "S":
-                assert [text.split(b"\0")[0].decode("latin-1") for text in ours.tolist()] == theirs, (name, field)
+                assert [
+                    text.split(b"\0")[0].decode("latin-1") for text in ours.tolist()
+                ] == theirs, (name, field)
             elif (name, field) != ("MODE", "Mode"):
                 assert np.array_equal(ours, np.array(theirs), equal_nan=True), (name, field)
     reader = DFReader.DFReader_binary(str(path))
     for kind, counted in enumerate(reader.counts):
         if kind in reader.id_to_name and counted:
             # DFReader's index counts a message that the end of the file cuts off.
-            assert 0 <= counted - recording.counts.get(reader.id_to_name[kind], 0) <= 1, reader.id_to_name[kind]
+            assert 0 <= counted - recording.counts.get(reader.id_to_name[kind], 0) <= 1, (
+                reader.id_to_name[kind]
+            )
 
 
 @pytest.mark.slow
 def test_the_translation_holds_dfreaders_values_in_mavlinks_units(steps):
     read = by_dfreader(steps, ["ANG", "RATE", "RCOU", "CTUN", "XKF1", "XKF2", "PARM"])
     (vehicle,) = read_dataflash(steps).vehicles
-    attitude, servos = vehicle.messages["ATTITUDE"], vehicle.messages["SERVO_OUTPUT_RAW"]
+    attitude = vehicle.messages["ATTITUDE"]
+    servos = vehicle.messages["SERVO_OUTPUT_RAW"]
     assert np.array_equal(attitude["time"], np.array(read["ANG"]["TimeUS"]) / 1e6)
     assert np.array_equal(attitude["roll"], np.radians(read["ANG"]["Roll"]))
     assert np.array_equal(attitude["pitch"], np.radians(read["ANG"]["Pitch"]))
@@ -94,11 +121,14 @@ def test_the_translation_holds_dfreaders_values_in_mavlinks_units(steps):
         assert np.array_equal(servos[f"servo{channel}_raw"], read["RCOU"][f"C{channel}"])
     controls = vehicle.messages["ACTUATOR_CONTROL_TARGET"]["controls"]
     assert np.array_equal(
-        controls[:, :4], np.column_stack([read["RATE"][name] for name in ("ROut", "POut", "YOut", "AOut")])
+        controls[:, :4],
+        np.column_stack([read["RATE"][name] for name in ("ROut", "POut", "YOut", "AOut")]),
     )
     primary = np.array(read["XKF1"]["C"]) == 0
     assert vehicle.called("LOCAL_POSITION_NED") == "XKF1"
-    assert np.array_equal(vehicle.messages["LOCAL_POSITION_NED"]["vz"], np.array(read["XKF1"]["VD"])[primary])
+    assert np.array_equal(
+        vehicle.messages["LOCAL_POSITION_NED"]["vz"], np.array(read["XKF1"]["VD"])[primary]
+    )
     assert vehicle.called("WIND_COV") == "XKF2"
     estimated = np.array(read["XKF2"]["VWN"])[np.array(read["XKF2"]["C"]) == 0]
     assert np.array_equal(vehicle.messages["WIND_COV"]["wind_x"], estimated)
@@ -116,7 +146,12 @@ def test_a_made_up_log(tmp_path):
     content += b"".join(made.flight(TIMES[50:])) + landed
     log = log_of(content, tmp_path)
     (vehicle,) = log.vehicles
-    assert (vehicle.system, vehicle.component, vehicle.vehicle, vehicle.repairs) == (7, 1, "QUADROTOR", ())
+    assert (vehicle.system, vehicle.component, vehicle.vehicle, vehicle.repairs) == (
+        7,
+        1,
+        "QUADROTOR",
+        (),
+    )
     assert (log.bytes_skipped, log.frames) == (0, 16 + 4 + 600 + 6)
     alarm = {"severity": "error", "text": "EKF check: code 2", "time": 21.9, "boot": 0, "count": 1}
     assert autopilot_alarms(vehicle) == [alarm]
@@ -124,7 +159,8 @@ def test_a_made_up_log(tmp_path):
     assert np.allclose(attitude["time"], TIMES, atol=1e-9)
     assert np.allclose(attitude["roll"][:5], np.radians([2, 4, 6, 8, 10]))
     assert np.allclose(attitude["rollspeed"][:5], np.radians([0.2, 0.4, 0.6, 0.8, 1.0]))
-    armed, state = Signals(vehicle).armed, Signals(vehicle).landed_state
+    armed = Signals(vehicle).armed
+    state = Signals(vehicle).landed_state
     assert armed.time[armed.values > 0].tolist() == [20.5, 21.0]
     assert state.time[state.values == IN_AIR].tolist() == [20.9, 21.0]
 
@@ -146,7 +182,9 @@ def test_between_events_that_contradict_each_other_nothing_is_reported(tmp_path)
         rows.insert(row, made.message("EV", stamp, 28))
     content = made.formats() + made.told() + b"".join(rows)
     states = vehicle_of(content, tmp_path).messages["EXTENDED_SYS_STATE"]
-    told = dict(zip(np.floor(states["time"]).tolist(), states["landed_state"].tolist(), strict=False))
+    told = dict(
+        zip(np.floor(states["time"]).tolist(), states["landed_state"].tolist(), strict=False)
+    )
     assert [told[second] for second in range(20, 30)] == [1, 1, 2, 0, 0, 0, 2, 0, 0, 0]
     assert states["landed_state"][states["time"] == 26.0].tolist() == [1]
 
@@ -154,7 +192,9 @@ def test_between_events_that_contradict_each_other_nothing_is_reported(tmp_path)
 def test_yaw_is_between_half_turns_and_rates_move_to_the_angles_stamps(tmp_path):
     rows = [made.att(20 + 0.1 * i, 0, 0, (350 + 4 * i) % 360) for i in range(10)]
     rows += [made.rate(20.003 + 0.1 * i, 10.0 * i) for i in range(-1, 11)]
-    attitude = vehicle_of(made.formats() + b"".join(sorted(rows, key=lambda row: row[3:11][::-1])), tmp_path)
+    attitude = vehicle_of(
+        made.formats() + b"".join(sorted(rows, key=lambda row: row[3:11][::-1])), tmp_path
+    )
     columns = attitude.messages["ATTITUDE"]
     expected = np.array([-10, -6, -2, 2, 6, 10, 14, 18, 22, 26])
     assert np.allclose(np.degrees(columns["yaw"]), expected)
@@ -171,9 +211,14 @@ def test_no_attitude_is_invented_between_slow_rates_nor_in_their_gaps(tmp_path):
 
 
 def test_a_reboot_within_a_file(tmp_path):
-    first, second = [500 + 0.1 * row for row in range(50)], [3 + 0.1 * row for row in range(50)]
+    first = [500 + 0.1 * row for row in range(50)]
+    second = [3 + 0.1 * row for row in range(50)]
     content = (
-        made.formats() + made.told() + b"".join(made.flight(first)) + made.formats() + b"".join(made.flight(second))
+        made.formats()
+        + made.told()
+        + b"".join(made.flight(first))
+        + made.formats()
+        + b"".join(made.flight(second))
     )
     vehicle = vehicle_of(content, tmp_path)
     for name in ("ATTITUDE", "SERVO_OUTPUT_RAW", "ACTUATOR_CONTROL_TARGET"):
@@ -197,8 +242,15 @@ def test_joined_logs_of_two_vehicles_are_two_vehicles(tmp_path, by):
     path.write_bytes(one("1", TIMES) + one("2", later) + one("2", [time + 200 for time in TIMES]))
     first, second = read_log(path).vehicles
     assert (first.system, second.system) == (7, 8) and "2 vehicles" in first.repairs[0]
-    assert first.board[:3] == ("001" if by == "boards" else "") and first.board != second.board or by != "boards"
-    assert [len(one.messages["ATTITUDE"]["time"]) for one in (first, second)] == [len(TIMES), 2 * len(TIMES)]
+    assert (
+        first.board[:3] == ("001" if by == "boards" else "")
+        and first.board != second.board
+        or by != "boards"
+    )
+    assert [len(one.messages["ATTITUDE"]["time"]) for one in (first, second)] == [
+        len(TIMES),
+        2 * len(TIMES),
+    ]
     path.write_bytes(one("1", TIMES) + one("1", later))
     assert len(read_log(path).vehicles) == 1
 
@@ -206,9 +258,15 @@ def test_joined_logs_of_two_vehicles_are_two_vehicles(tmp_path, by):
 def test_an_appended_log_of_other_definitions(tmp_path):
     other = made.fmt("ATT", kind=130) + made.fmt("RATE", kind=129)
     rows = b"".join(
-        other_id(made.att(t, 6.0), 130) + other_id(made.rate(t, 1.5), 129) for t in [3 + 0.1 * row for row in range(50)]
+        other_id(made.att(t, 6.0), 130) + other_id(made.rate(t, 1.5), 129)
+        for t in [3 + 0.1 * row for row in range(50)]
     )
-    content = made.formats() + b"".join(made.flight([500 + 0.1 * row for row in range(50)])) + other + rows
+    content = (
+        made.formats()
+        + b"".join(made.flight([500 + 0.1 * row for row in range(50)]))
+        + other
+        + rows
+    )
     attitude = vehicle_of(content, tmp_path).messages["ATTITUDE"]
     assert attitude["boot"].tolist() == [0] * 50 + [1] * 50
     assert np.allclose(attitude["roll"][50:], np.radians(6)) and np.allclose(
@@ -226,34 +284,51 @@ GARBAGES = (GARBAGE, bytes(100), b"\xff" * 50, b"\xa3\x95" * 40, b"\xa3\x95\x81"
 
 def spoiled(case: str) -> bytes:
     """A log of ``TIMES`` with one thing wrong, of which every message of attitude and motors can be read."""
-    rows, att, ctun = made.flight(TIMES), made.fmt("ATT"), made.fmt("CTUN")
-    begun, halves = made.formats() + made.told(), (b"".join(rows[:80]), b"".join(rows[80:]))
+    rows = made.flight(TIMES)
+    att = made.fmt("ATT")
+    ctun = made.fmt("CTUN")
+    begun = made.formats() + made.told()
+    halves = (b"".join(rows[:80]), b"".join(rows[80:]))
     kind, _, detail = case.partition(" ")
     if kind == "garbage":
         return begun + halves[0] + bytes.fromhex(detail) + halves[1]
     if kind == "length":
         return begun.replace(att, made.fmt("ATT", length=int(detail))) + b"".join(rows)
-    climbs = b"".join(row + made.message("CTUN", round(1e6 * t)) for row, t in zip(rows, TIMES, strict=True))
+    climbs = b"".join(
+        row + made.message("CTUN", round(1e6 * t)) for row, t in zip(rows, TIMES, strict=True)
+    )
     return {
         "filled": begun + b"".join(halves) + b"\xff" * 200,
         "late": halves[0] + begun + halves[1],
         "strange": begun.replace(ctun, made.fmt("CTUN", characters="Q?hh")) + climbs,
-        "undefined": begun + b"".join(row + other_id(made.message("EV", 5, 5), 200) for row in rows),
+        "undefined": begun
+        + b"".join(row + other_id(made.message("EV", 5, 5), 200) for row in rows),
         "stamp": begun + halves[0] + made.message("ATT", 2**63, 0, 900) + halves[1],
     }[kind]
 
 
 @pytest.mark.parametrize(
     ("case", "repair"),
-    [(f"garbage {garbage.hex()}", f"{len(garbage)} bytes that belong to no message") for garbage in GARBAGES]
+    [
+        (f"garbage {garbage.hex()}", f"{len(garbage)} bytes that belong to no message")
+        for garbage in GARBAGES
+    ]
     + [(f"length {length}", "definition (FMT) of ATT") for length in (0, 1, 2, 3, 10, 255)]
-    + [("filled", ""), ("late", ""), ("strange", ""), ("undefined", "bytes that belong"), ("stamp", "ignored")],
+    + [
+        ("filled", ""),
+        ("late", ""),
+        ("strange", ""),
+        ("undefined", "bytes that belong"),
+        ("stamp", "ignored"),
+    ],
 )
 def test_what_is_wrong_costs_itself_only(tmp_path, case, repair):
     vehicle = vehicle_of(spoiled(case), tmp_path)
     for name in ("ATTITUDE", "SERVO_OUTPUT_RAW"):
         assert np.allclose(vehicle.messages[name]["time"], TIMES, atol=1e-9)
-    assert np.allclose(vehicle.messages["ATTITUDE"]["roll"], np.radians([2.0 + 2 * (i % 5) for i in range(200)]))
+    assert np.allclose(
+        vehicle.messages["ATTITUDE"]["roll"], np.radians([2.0 + 2 * (i % 5) for i in range(200)])
+    )
     assert "VFR_HUD" not in vehicle.messages
     assert [repair in said for said in vehicle.repairs] == [True] * bool(repair)
 
@@ -285,8 +360,13 @@ def test_lost_bytes_cost_the_messages_they_were_in(tmp_path, lost):
     ],
 )
 def test_who_flies(tmp_path, said, parameters, expected):
-    told = made.message("MSG", 1, said) + b"".join(made.message("PARM", 1, *pair, 0.0) for pair in parameters.items())
-    assert vehicle_of(made.formats() + told + b"".join(made.flight(TIMES)), tmp_path).vehicle == expected
+    told = made.message("MSG", 1, said) + b"".join(
+        made.message("PARM", 1, *pair, 0.0) for pair in parameters.items()
+    )
+    assert (
+        vehicle_of(made.formats() + told + b"".join(made.flight(TIMES)), tmp_path).vehicle
+        == expected
+    )
 
 
 def text_of(recording: DataflashRecording, names: list[str]) -> str:
@@ -299,7 +379,10 @@ def text_of(recording: DataflashRecording, names: list[str]) -> str:
         table = recording.table(name)
         for row, place in enumerate(table.place.tolist()):
             values = [table.columns[field][row] for field in fields.split(",")]
-            texts = [value.decode() if isinstance(value, bytes) else repr(value.item()) for value in values]
+            texts = [
+                value.decode() if isinstance(value, bytes) else repr(value.item())
+                for value in values
+            ]
             rows.append((place, f"{name}, " + ", ".join(texts)))
     return "\r\n".join([*lines, *(line for _, line in sorted(rows))]) + "\r\n"
 
@@ -307,7 +390,8 @@ def text_of(recording: DataflashRecording, names: list[str]) -> str:
 def test_setpoints_of_rate_and_att_keep_their_own_stamps(tmp_path):
     pieces = made.flight(TIMES)
     for row in range(4):
-        stamp, at = 20_503_000 + 100_000 * row, 50 + 10 * row
+        stamp = 20_503_000 + 100_000 * row
+        at = 50 + 10 * row
         pieces[at] += made.message("RATE", stamp, 10.0 * row, 1.0, 0, -20.0 * row, 0, 0, 30.0 * row)
         pieces[at] += made.message("ATT", stamp + 5000, 100 * row, 0, -200 * row, 0, 9000, 0)
     vehicle = vehicle_of(made.formats() + made.told() + b"".join(pieces), tmp_path)
@@ -317,7 +401,9 @@ def test_setpoints_of_rate_and_att_keep_their_own_stamps(tmp_path):
             at = 20.5 + 0.1 * np.arange(4) + late
             rows = np.searchsorted(one.signal.time, at - 1e-4)
             np.testing.assert_allclose(one.signal.time[rows], at, atol=1e-9)
-            np.testing.assert_allclose(one.signal.values[rows], np.radians(each) * np.arange(4), atol=1e-9)
+            np.testing.assert_allclose(
+                one.signal.values[rows], np.radians(each) * np.arange(4), atol=1e-9
+            )
     assert [one.name for one in setpoints(vehicle, "yaw")] == ["yaw rate setpoint"]
     assert vehicle.called("ATTITUDE_TARGET") == "RATE and ATT"
 
@@ -330,7 +416,11 @@ def test_a_text_log_reads_as_the_binary_one(tmp_path):
     broken = text.replace("\r\nRATE", "\r\nRATE, 5\r\nnonsense\r\nRATE", 1) + "ATT, 1, 2"
     for number, written in enumerate((text, "ArduCopter V4\r\n\r\n" + text, broken)):
         vehicle = vehicle_of(written.encode(), tmp_path, f"{number}.log")
-        assert (vehicle.system, vehicle.vehicle, vehicle.parameters) == (7, "QUADROTOR", binary.parameters)
+        assert (vehicle.system, vehicle.vehicle, vehicle.parameters) == (
+            7,
+            "QUADROTOR",
+            binary.parameters,
+        )
         assert set(vehicle.messages) == set(binary.messages)
         for name, columns in binary.messages.items():
             for field, values in columns.items():
@@ -341,9 +431,12 @@ def test_a_text_log_reads_as_the_binary_one(tmp_path):
 
 def test_the_firmware_and_what_the_logger_lost_are_known(tmp_path):
     lost = [
-        made.message("DSF", round(1e6 * (20 + i)), count, 0, 0, 0, 0, 0) for i, count in enumerate((7, 7, 12, 0, 3))
+        made.message("DSF", round(1e6 * (20 + i)), count, 0, 0, 0, 0, 0)
+        for i, count in enumerate((7, 7, 12, 0, 3))
     ]
-    (tmp_path / "a.bin").write_bytes(made.formats() + made.told() + b"".join([*made.flight([20.0, 20.1]), *lost]))
+    (tmp_path / "a.bin").write_bytes(
+        made.formats() + made.told() + b"".join([*made.flight([20.0, 20.1]), *lost])
+    )
     (vehicle,) = read_dataflash(tmp_path / "a.bin").vehicles
     assert (vehicle.firmware, vehicle.dropouts) == ("ArduCopter V4.5.7 (2a3dc4b7)", 8)
     assert "The logger had no room for 8 messages (DSF): they are missing." in vehicle.repairs
@@ -353,7 +446,9 @@ def defined_otherwise(name: str, characters: str, fields: str, kind: int | None 
     """FMT of one of ``MESSAGES`` with other fields, and 50 messages of them, from one to the next all bytes go up."""
     kind = made.MESSAGES[name][0] if kind is None else kind
     size = sum(np.dtype(FIELD_TYPES[character]).itemsize for character in characters)
-    told = struct.pack("<BB4s16s64s", kind, 3 + size, name.encode(), characters.encode(), fields.encode())
+    told = struct.pack(
+        "<BB4s16s64s", kind, 3 + size, name.encode(), characters.encode(), fields.encode()
+    )
     rows = [made.HEADER + bytes([kind]) + bytes([65 + row]) * size for row in range(50)]
     return made.HEADER + b"\x80" + told + b"".join(rows)
 
@@ -376,34 +471,58 @@ def test_a_field_of_another_kind_than_meant_costs_its_message(name, characters, 
     usual = made.MESSAGES.get(name, (200,))[0]
     others = b"".join(made.fmt(other) for other in made.MESSAGES if other != name)
     flown = [row for row in made.flight(TIMES) if name not in ("ATT", "RATE", "RCOU")]
-    (tmp_path / "flight.bin").write_bytes(others + defined_otherwise(name, characters, fields, usual) + b"".join(flown))
+    (tmp_path / "flight.bin").write_bytes(
+        others + defined_otherwise(name, characters, fields, usual) + b"".join(flown)
+    )
     with contextlib.suppress(Unreadable):
         log = read_dataflash(tmp_path / "flight.bin")
         inventory(log)
-        assert all(np.isfinite(columns["time"]).all() for columns in log.vehicles[0].messages.values())
+        assert all(
+            np.isfinite(columns["time"]).all() for columns in log.vehicles[0].messages.values()
+        )
 
 
 @pytest.mark.parametrize("stamp", ["inf", "nan", "1e400", "1e17", "-5", "0"])
 def test_a_stamp_in_words_that_cannot_be_costs_its_line(stamp, tmp_path):
-    lines = ["FMT, 129, 0, ATT, Qccc, TimeUS,Roll,Pitch,Yaw", "FMT, 130, 0, RATE, Qfff, TimeUS,R,P,Y"]
+    lines = [
+        "FMT, 129, 0, ATT, Qccc, TimeUS,Roll,Pitch,Yaw",
+        "FMT, 130, 0, RATE, Qfff, TimeUS,R,P,Y",
+    ]
     # A number of very many digits is no definition.
     lines.append(f"FMT, {5000 * '9'}, 0, EV, QB, TimeUS,Id")
     for row, time_us in enumerate(range(20_000_000, 21_000_000, 10_000)):
         lines += [f"ATT, {stamp if row == 50 else time_us}, 1, 2, 3", f"RATE, {time_us}, 1, 2, 3"]
     vehicle = vehicle_of("\n".join(lines).encode(), tmp_path, "flight.log")
     assert len(vehicle.messages["ATTITUDE"]["time"]) == 99
-    assert any("1 lines that match no definition were left out." in repair for repair in vehicle.repairs)
-    assert any("1 messages" in repair or "1 time stamp" in repair for repair in vehicle.repairs) == (stamp != "0")
+    assert any(
+        "1 lines that match no definition were left out." in repair for repair in vehicle.repairs
+    )
+    assert any(
+        "1 messages" in repair or "1 time stamp" in repair for repair in vehicle.repairs
+    ) == (stamp != "0")
 
 
 def test_a_message_defined_anew_each_time_is_given_up(tmp_path):
     """Each definition takes its own steps to decode, and a file can be made of definitions."""
-    binary, text = made.fmt("RATE"), "FMT, 130, 0, RATE, Qfff, TimeUS,R,P,Y\n"
+    binary = made.fmt("RATE")
+    text = "FMT, 130, 0, RATE, Qfff, TimeUS,R,P,Y\n"
     for number in range(MAX_DEFINITIONS + 50):
-        stamp, names = 20_000_000 + 10_000 * number, f"TimeUS,Roll,Pitch,Yaw,x{number}"
-        binary += made.HEADER + b"\x80" + struct.pack("<BB4s16s64s", 129, 15, b"ATT", b"QBBBB", names.encode())
-        binary += made.HEADER + b"\x81" + struct.pack("<Q4B", stamp, 1, 2, 3, 4) + made.rate(stamp / 1e6, 1.0)
-        text += f"FMT, 129, 15, ATT, QBBBB, {names}\nATT, {stamp}, 1, 2, 3, 4\nRATE, {stamp}, 1, 2, 3\n"
+        stamp = 20_000_000 + 10_000 * number
+        names = f"TimeUS,Roll,Pitch,Yaw,x{number}"
+        binary += (
+            made.HEADER
+            + b"\x80"
+            + struct.pack("<BB4s16s64s", 129, 15, b"ATT", b"QBBBB", names.encode())
+        )
+        binary += (
+            made.HEADER
+            + b"\x81"
+            + struct.pack("<Q4B", stamp, 1, 2, 3, 4)
+            + made.rate(stamp / 1e6, 1.0)
+        )
+        text += (
+            f"FMT, 129, 15, ATT, QBBBB, {names}\nATT, {stamp}, 1, 2, 3, 4\nRATE, {stamp}, 1, 2, 3\n"
+        )
     for content in (binary, text.encode()):
         vehicle = vehicle_of(content, tmp_path)
         assert len(vehicle.messages["ATTITUDE"]["time"]) == MAX_DEFINITIONS and vehicle.repairs

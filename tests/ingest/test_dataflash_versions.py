@@ -38,11 +38,17 @@ def log(
     **columns: str,
 ) -> Telemetry:
     """A roll that swings, with RATE's rates in degrees/s times ``rate``; ``columns`` are other field names."""
-    defined = {name: (characters, columns.get(name, fields)) for name, (characters, fields) in COLUMNS.items()}
-    lines = [f"FMT, {129 + i}, 0, {name}, {', '.join(defined[name])}" for i, name in enumerate(defined)]
+    defined = {
+        name: (characters, columns.get(name, fields))
+        for name, (characters, fields) in COLUMNS.items()
+    }
+    lines = [
+        f"FMT, {129 + i}, 0, {name}, {', '.join(defined[name])}" for i, name in enumerate(defined)
+    ]
     lines.append(f"MSG, 19000000, {firmware}")
     for time, speed in zip(TIMES, swing * ROLL_RATE, strict=True):
-        stamp, turned = round(1e6 * time), np.degrees(speed) * rate
+        stamp = round(1e6 * time)
+        turned = np.degrees(speed) * rate
         lines.append(f"ATT, {stamp}, {-8 * np.cos(5 * time)}, 0, 0")
         lines.append(
             f"RATE, {stamp}, {turned}, 0, 0, {0.1 * rate}, 0, 0, {0.4 if rate == 1 else 400}, {2 * turned}, 0, 0"
@@ -50,7 +56,9 @@ def log(
         if gyro:
             lines.append(f"IMU, {stamp}, {speed}, 0, 0")
         if battery == "BAT":
-            lines += [f"BAT, {stamp}, {instance}, {volt}" for instance, volt in ((1, 5.0), (0, 15.25))]
+            lines += [
+                f"BAT, {stamp}, {instance}, {volt}" for instance, volt in ((1, 5.0), (0, 15.25))
+            ]
         elif battery:
             lines.append(f"{battery}, {stamp}, 1525")
         if stamp in (21_000_000, 23_000_000):
@@ -72,7 +80,9 @@ def log(
 )
 def test_the_unit_of_rate_is_told_by_the_gyro_else_by_the_version(tmp_path, rate, firmware, gyro):
     vehicle = log(tmp_path, rate, firmware, gyro)
-    np.testing.assert_allclose(vehicle.messages["ATTITUDE"]["rollspeed"], ROLL_RATE, rtol=1e-4, atol=1e-6)
+    np.testing.assert_allclose(
+        vehicle.messages["ATTITUDE"]["rollspeed"], ROLL_RATE, rtol=1e-4, atol=1e-6
+    )
     assert any("centidegrees" in note for note in vehicle.repairs) == (rate == 100)
     (asked,) = setpoints(vehicle, "roll")
     np.testing.assert_allclose(asked.signal.values, 2 * ROLL_RATE, rtol=1e-4, atol=1e-6)
@@ -98,7 +108,9 @@ def test_rate_of_3_3_before_its_release_is_read_under_its_own_names(tmp_path):
     vehicle = log(tmp_path, RATE="TimeUS,Rll,Pit,Yaw,RllOut,PitOut,YawOut,x,RllDes,PitDes,YawDes")
     (asked,) = setpoints(vehicle, "roll")
     np.testing.assert_allclose(asked.signal.values, 2 * ROLL_RATE, rtol=1e-4, atol=1e-6)
-    np.testing.assert_allclose(vehicle.messages["ATTITUDE"]["rollspeed"], ROLL_RATE, rtol=1e-4, atol=1e-6)
+    np.testing.assert_allclose(
+        vehicle.messages["ATTITUDE"]["rollspeed"], ROLL_RATE, rtol=1e-4, atol=1e-6
+    )
     controls = vehicle.messages["ACTUATOR_CONTROL_TARGET"]["controls"]
     assert (controls[:, 0] == 0.1).all() and np.isnan(controls[:, 3]).all()
     assert Signals(vehicle).collective is None
@@ -111,7 +123,10 @@ def test_rate_of_3_3_before_its_release_is_read_under_its_own_names(tmp_path):
     ("lines", "said"),
     [
         ("FMT, 129, 0, ATT, ccc, Roll,Pitch,Yaw\nATT, 1, 2, 3\n", "without time stamps"),
-        ("FMT, 129, 0, ATT, fff, Roll,Pitch,Yaw\nFMT, 1, 0, TIME, Q, StartTime\nATT, 1, 2, 3\nTIME, 5\n", "sdlog2"),
+        (
+            "FMT, 129, 0, ATT, fff, Roll,Pitch,Yaw\nFMT, 1, 0, TIME, Q, StartTime\nATT, 1, 2, 3\nTIME, 5\n",
+            "sdlog2",
+        ),
     ],
 )
 def test_a_log_without_a_clock_says_what_it_is(tmp_path, lines, said):
@@ -137,7 +152,8 @@ def test_recorded_logs_of_old_versions(name, notes):
     # Integrated, the rates are the angles: they have the right unit.
     steps = np.diff(attitude.time)
     usual = (steps < 0.15) & (np.abs(attitude.angle[1:]) < 1)
-    change, turned = np.diff(attitude.angle)[usual], (attitude.slope[1:] * steps)[usual]
+    change = np.diff(attitude.angle)[usual]
+    turned = (attitude.slope[1:] * steps)[usual]
     assert 0.7 < np.polyfit(turned, change, 1)[0] < 1.3
 
 
@@ -161,29 +177,45 @@ def test_a_dataflash_log_has_the_first_battery_imu_and_receiver(tmp_path):
     for n in range(5):
         time = 20_000_000 + n * 1_000_000
         for instance in (0, 1):
-            messages.append(dataflash.message("BAT", time, instance, 12.5 - instance, 12.6, 15.25 + instance))
-            messages.append(dataflash.message("VIBE", time, instance, 1.5, 2.5, 3.5 + instance, n + 7 * instance))
+            messages.append(
+                dataflash.message("BAT", time, instance, 12.5 - instance, 12.6, 15.25 + instance)
+            )
+            messages.append(
+                dataflash.message(
+                    "VIBE", time, instance, 1.5, 2.5, 3.5 + instance, n + 7 * instance
+                )
+            )
         fix = 3 if n else 1
-        messages.append(dataflash.message("GPS", time, 0, fix, round(1e3 * (seconds + n)), int(week)))
+        messages.append(
+            dataflash.message("GPS", time, 0, fix, round(1e3 * (seconds + n)), int(week))
+        )
     log = [dataflash.formats(), dataflash.told(), *dataflash.flight(SECONDS), *messages]
     (tmp_path / "a.bin").write_bytes(b"".join(log))
     (found,) = read_log(tmp_path / "a.bin").vehicles
     assert found.board == "001a002f3039511333333539" and found.called("VIBRATION") == "VIBE"
-    power, shaking, clock = (found.messages[name] for name in ("SYS_STATUS", "VIBRATION", "SYSTEM_TIME"))
+    power, shaking, clock = (
+        found.messages[name] for name in ("SYS_STATUS", "VIBRATION", "SYSTEM_TIME")
+    )
     np.testing.assert_allclose(power["voltage_battery"], 12500)
     np.testing.assert_allclose(power["current_battery"], 1525)
     np.testing.assert_allclose(shaking["vibration_z"], 3.5)
     np.testing.assert_array_equal(shaking["clipping_0"], range(5))
-    np.testing.assert_allclose(clock["time_unix_usec"] / 1e6, moment.timestamp() + np.arange(1, 5))  # with a fix
+    # with a fix
+    np.testing.assert_allclose(clock["time_unix_usec"] / 1e6, moment.timestamp() + np.arange(1, 5))
 
 
 def test_a_ulog_has_what_pyulog_reads_of_it():
     path = shared("real/logs/px4_default_rates_learnable.ulg")
     (vehicle,) = read_log(path).vehicles
     log = ULog(str(path), ["vehicle_imu_status", "battery_status"])
-    status, power = log.get_dataset("vehicle_imu_status").data, log.get_dataset("battery_status").data
-    np.testing.assert_array_equal(vehicle.messages["VIBRATION"]["vibration_z"], status["accel_vibration_metric"])
-    np.testing.assert_allclose(vehicle.messages["SYS_STATUS"]["current_battery"], 100.0 * power["current_a"], rtol=1e-6)
+    status = log.get_dataset("vehicle_imu_status").data
+    power = log.get_dataset("battery_status").data
+    np.testing.assert_array_equal(
+        vehicle.messages["VIBRATION"]["vibration_z"], status["accel_vibration_metric"]
+    )
+    np.testing.assert_allclose(
+        vehicle.messages["SYS_STATUS"]["current_battery"], 100.0 * power["current_a"], rtol=1e-6
+    )
     assert vehicle.board == log.msg_info_dict["sys_uuid"]
     version = log.get_version_info_str().replace(" (RC)", "-rc")
     assert vehicle.firmware == f"PX4 {version} ({log.msg_info_dict['ver_sw'][:8]})"

@@ -28,17 +28,25 @@ TIMES = [20 + 0.01 * row for row in range(60)]
 
 
 @st.composite
-def any_frame(draw: st.DrawFn, systems: Numbers = BYTES, components: Numbers = BYTES, fewest: int = 0) -> bytes:
+def any_frame(
+    draw: st.DrawFn, systems: Numbers = BYTES, components: Numbers = BYTES, fewest: int = 0
+) -> bytes:
     """A frame of any message with any field values, of MAVLink 1 cut off anywhere.
 
     But with the ``fewest`` bytes of payload that one of MAVLink 1 may have, those of it are whole.
     """
     version = draw(st.sampled_from([1, 2]))
     sizes = {known: message.unpacker.size for known, message in dialect.mavlink_map.items()}
-    kinds = [known for known in sorted(sizes) if version == 2 or (known < 256 and sizes[known] >= fewest)]
+    kinds = [
+        known for known in sorted(sizes) if version == 2 or (known < 256 and sizes[known] >= fewest)
+    ]
     message_id = draw(st.sampled_from(kinds))
     size = sizes[message_id]
-    payload = draw(st.one_of(st.binary(min_size=size, max_size=size), st.just(bytes(size)), st.just(b"\xfe" * size)))
+    payload = draw(
+        st.one_of(
+            st.binary(min_size=size, max_size=size), st.just(bytes(size)), st.just(b"\xfe" * size)
+        )
+    )
     zeros = 0 if version == 1 and fewest else draw(st.integers(0, size))
     return frame(
         message_id,
@@ -67,7 +75,11 @@ def test_a_frame_carried_inside_a_damaged_one_is_not_taken():
     inner = frame(30, bytes(range(1, 29)), sequence=99)
     outer = bytearray(frame(131, bytes([1, 0]) + inner + bytes(range(1, 200)), sequence=2))
     outer[12] ^= 1
-    stream = [frame(30, bytes(range(1, 29)), sequence=1), bytes(outer), frame(30, bytes(range(1, 29)), sequence=3)]
+    stream = [
+        frame(30, bytes(range(1, 29)), sequence=1),
+        bytes(outer),
+        frame(30, bytes(range(1, 29)), sequence=3),
+    ]
     table = frames_in(b"".join(stream))
     assert table.verdict.tolist() == [GOOD, FAILED, GOOD]
     assert table.sequence.tolist() == [1, 2, 3]
@@ -78,17 +90,23 @@ def test_one_wrong_bit_anywhere_is_noticed():
     for bit in range(8, 8 * len(sound)):
         broken = bytearray(sound)
         broken[bit // 8] ^= 1 << bit % 8
-        if bit // 8 not in (2, 3):  # the flags: an unknown one hides the frame, the compatible ones are checked too
+        # the flags: an unknown one hides the frame, the compatible ones are checked too
+        if bit // 8 not in (2, 3):
             assert GOOD not in frames_in(bytes(broken)).verdict, bit
 
 
-@pytest.mark.parametrize("flood", [b"\xfe", b"\xfd\xfd\x00", b"\xfe\x00", b"\xfe\xff\xfe\x01\xfe\xfe\x1e"])
+@pytest.mark.parametrize(
+    "flood", [b"\xfe", b"\xfd\xfd\x00", b"\xfe\x00", b"\xfe\xff\xfe\x01\xfe\xfe\x1e"]
+)
 def test_a_flood_of_markers_hides_no_frame_and_makes_none(flood):
     frames = [frame(30, bytes(range(1, 29)), sequence=row) for row in range(3)]
     content = flood * (100_000 // len(flood))
     table = frames_in(frames[0] + content + frames[1] + frames[2])
     good = table[table.verdict == GOOD]
-    assert [row for row in good.sequence.tolist() if row < 3] and good.sequence.tolist()[-2:] == [1, 2]
+    assert [row for row in good.sequence.tolist() if row < 3] and good.sequence.tolist()[-2:] == [
+        1,
+        2,
+    ]
     assert GOOD not in frames_in(content).verdict
 
 
@@ -96,15 +114,23 @@ def test_a_flood_of_markers_hides_no_frame_and_makes_none(flood):
 def test_checksums_are_pymavlinks_however_they_are_made(content, data):
     behind = np.frombuffer(content + bytes(framing.MAX_CHECKSUM_BYTES), dtype=np.uint8)
     count = np.array(data.draw(st.lists(st.integers(5, 264), min_size=1, max_size=40)))
-    start = np.array(data.draw(st.lists(st.integers(0, len(content) - 1), min_size=len(count), max_size=len(count))))
+    start = np.array(
+        data.draw(
+            st.lists(st.integers(0, len(content) - 1), min_size=len(count), max_size=len(count))
+        )
+    )
     theirs = [x25crc(behind[a : a + b].tolist()).crc for a, b in zip(start, count, strict=True)]
     assert framing._by_words(behind, start, count).tolist() == theirs
     assert framing._by_doubling(behind, start, count).tolist() == theirs
 
 
 def test_every_message_of_the_dialect_has_the_size_pymavlink_unpacks():
-    sizes = {message_id: definition.wire.itemsize for message_id, definition in definitions().items()}
-    assert sizes == {message_id: message.unpacker.size for message_id, message in dialect.mavlink_map.items()}
+    sizes = {
+        message_id: definition.wire.itemsize for message_id, definition in definitions().items()
+    }
+    assert sizes == {
+        message_id: message.unpacker.size for message_id, message in dialect.mavlink_map.items()
+    }
     assert x25crc(b"123456789").crc == 0x6F91
 
 
@@ -122,7 +148,8 @@ def _same_dialect():
 def theirs(content: bytes, folder: Path) -> list[Any]:
     path = folder / "theirs.tlog"
     path.write_bytes(content)
-    reader, messages = mavutil.mavlogfile(str(path), robust_parsing=True), []
+    reader = mavutil.mavlogfile(str(path), robust_parsing=True)
+    messages = []
     while (message := reader.recv_match()) is not None:
         if message.get_type() != "BAD_DATA" and not message.get_type().startswith("UNKNOWN"):
             messages.append(message)
@@ -131,7 +158,12 @@ def theirs(content: bytes, folder: Path) -> list[Any]:
 
 
 def key(message: Any) -> tuple[int, int, int, int]:
-    return message.get_msgId(), message.get_srcSystem(), message.get_srcComponent(), message.get_seq()
+    return (
+        message.get_msgId(),
+        message.get_srcSystem(),
+        message.get_srcComponent(),
+        message.get_seq(),
+    )
 
 
 def keys(frames: Frames) -> list[tuple[int, int, int, int]]:
@@ -148,7 +180,9 @@ def assert_fields_equal(data: Bytes, frames: Frames, messages: list[Any]) -> Non
         definition = definitions()[message_id]
         ours = columns(data, frames.start[frames.message_id == message_id], definition)
         for name in definition.fields:
-            expected = [getattr(message, f"_{name}_raw", getattr(message, name)) for message in same_kind]
+            expected = [
+                getattr(message, f"_{name}_raw", getattr(message, name)) for message in same_kind
+            ]
             if ours[name].dtype.kind == "S":
                 assert ours[name].tolist() == expected, (definition.name, name)
             else:
@@ -170,7 +204,8 @@ def test_real_logs(log, tmp_path):
     kept = _rows_of(messages, frames)
     extra = np.setdiff1d(np.arange(len(frames)), kept)
     assert all(_pymavlink_stumbles(found, int(frames.start[row])) for row in extra)
-    frames, received = frames[kept], received[kept]
+    frames = frames[kept]
+    received = received[kept]
     assert keys(frames) == [key(message) for message in messages]
     stamps = np.array([message._timestamp for message in messages])
     assert np.nanmax(np.abs(stamps - received)) < 1e-6
@@ -180,7 +215,8 @@ def test_real_logs(log, tmp_path):
 
 def _rows_of(messages: list[Any], frames: Frames) -> NDArray[np.int64]:
     """Our row of each of their messages; we may have more, never less and never in another order."""
-    rows, ours = [], enumerate(keys(frames))
+    rows = []
+    ours = enumerate(keys(frames))
     for message in messages:
         row = next((row for row, candidate in ours if candidate == key(message)), None)
         assert row is not None, f"pymavlink reads {message} and we do not"
@@ -197,21 +233,31 @@ def _pymavlink_stumbles(found: Frames, start: int) -> bool:
     row = int(np.searchsorted(found.start, start))
     short = int(found.end[row - 1] - found.start[row - 1]) < 12
     previous_end = np.concatenate([[0], found.end])[:-1]
-    return short or bool((found.start - previous_end != STAMP_BYTES)[max(row - 8, 0) : row + 1].any())
+    return short or bool(
+        (found.start - previous_end != STAMP_BYTES)[max(row - 8, 0) : row + 1].any()
+    )
 
 
-STAMPS = st.lists(st.sampled_from(MARKERS), min_size=6, max_size=6).map(lambda low: b"\0\5" + bytes(low))
+STAMPS = st.lists(st.sampled_from(MARKERS), min_size=6, max_size=6).map(
+    lambda low: b"\0\5" + bytes(low)
+)
 """Receive stamps, full of markers; the first two bytes keep them in the years 2014 to 2023."""
-GARBAGE = st.one_of(st.binary(max_size=40), st.lists(st.sampled_from(MARKERS), max_size=40).map(bytes))
+GARBAGE = st.one_of(
+    st.binary(max_size=40), st.lists(st.sampled_from(MARKERS), max_size=40).map(bytes)
+)
 OF_TWO = any_frame(st.sampled_from([1, 2]), st.just(1), fewest=4)
 """Without MAVLink 1 frames of fewer than 12 bytes: pymavlink reads 12 at least, and the next stamp with them."""
-INTRODUCED = [each for system in (1, 2) for each in (*[heartbeat(system)] * 9, *flight(TIMES[:1], system))]
+INTRODUCED = [
+    each for system in (1, 2) for each in (*[heartbeat(system)] * 9, *flight(TIMES[:1], system))
+]
 """More HEARTBEATs than a made-up stream can hold, so that both vehicles stay what they are."""
 
 
 @given(st.lists(st.tuples(GARBAGE, STAMPS, OF_TWO), min_size=1, max_size=6), OF_TWO, st.data())
 @settings(max_examples=40)
-def test_among_garbage_none_is_missed_that_was_sent_or_that_pymavlink_finds(tmp_path_factory, sent, last, data):
+def test_among_garbage_none_is_missed_that_was_sent_or_that_pymavlink_finds(
+    tmp_path_factory, sent, last, data
+):
     """The other way round pymavlink loses frames behind garbage that looks like the header of a long one.
 
     A header in garbage whose frame would end exactly where the next begins is taken for a damaged frame. What was sent
@@ -222,13 +268,18 @@ def test_among_garbage_none_is_missed_that_was_sent_or_that_pymavlink_finds(tmp_
     table = frames_in(content, STAMP_BYTES)
     good = table[table.verdict == GOOD]
     found = [content[start:end] for start, end in zip(good.start, good.end, strict=True)]
-    damaged, place, kept, lost = table[table.verdict != GOOD], len(tlog(INTRODUCED)), [*INTRODUCED], []
+    damaged = table[table.verdict != GOOD]
+    place = len(tlog(INTRODUCED))
+    kept = [*INTRODUCED]
+    lost = []
     for garbage, stamp, each in sent:
         start = place + len(garbage) + len(stamp)
         place = start + len(each)
         (lost if ((damaged.start < start) & (damaged.end >= place)).any() else kept).append(each)
     assert in_order(kept, found)
-    seen = [bytes(each.get_msgbuf()) for each in theirs(content, tmp_path_factory.mktemp("garbage"))]
+    seen = [
+        bytes(each.get_msgbuf()) for each in theirs(content, tmp_path_factory.mktemp("garbage"))
+    ]
     assert in_order([each for each in seen if each not in lost], found)
 
 
@@ -245,7 +296,8 @@ def test_a_damaged_stamp_misleads_pymavlink_and_not_us(tmp_path_factory, row, wr
     content = bytearray(tlog(frames))
     content[place : place + STAMP_BYTES] = wrong
     log = read(bytes(content))
-    first, last = NOW / 1e6, NOW / 1e6 + 0.01 * (len(frames) - 1)
+    first = NOW / 1e6
+    last = NOW / 1e6 + 0.01 * (len(frames) - 1)
     assert (
         log.receive_time == pytest.approx((first, last))
         or abs(struct.unpack(">Q", wrong)[0] / 1e6 - first) <= MAX_STAMP_JUMP
@@ -262,7 +314,11 @@ def test_a_stamp_with_bytes_missing_costs_us_no_message(row, missing):
     place = sum(STAMP_BYTES + len(each) for each in frames[:row])
     content = tlog(frames)
     log = read(content[:place] + content[place + missing :])
-    assert log.components[0].messages == {"HEARTBEAT": 1, "ATTITUDE": len(TIMES), "SERVO_OUTPUT_RAW": len(TIMES)}
+    assert log.components[0].messages == {
+        "HEARTBEAT": 1,
+        "ATTITUDE": len(TIMES),
+        "SERVO_OUTPUT_RAW": len(TIMES),
+    }
     assert log.receive_time == pytest.approx((NOW / 1e6, NOW / 1e6 + 0.01 * (len(frames) - 1)))
 
 
@@ -273,7 +329,9 @@ UNREADABLE = [frame(64_000, b"abc", seed=3), frame(33, bytes(range(28)), seed=1)
 @pytest.mark.slow
 @given(
     st.lists(
-        st.tuples(st.one_of(st.just(b""), GARBAGE), STAMPS, st.one_of(OF_TWO, st.sampled_from(UNREADABLE))),
+        st.tuples(
+            st.one_of(st.just(b""), GARBAGE), STAMPS, st.one_of(OF_TWO, st.sampled_from(UNREADABLE))
+        ),
         min_size=1,
         max_size=12,
     )

@@ -31,16 +31,25 @@ SAMPLE_LOGS = sorted(SAMPLES.glob("*.tlog"))
 
 def assert_same(one: Log, other: Log, unknown: frozenset[str]) -> None:
     """``unknown``: parameters that only the other log can know."""
-    assert [vars(speaker) for speaker in one.components] == [vars(speaker) for speaker in other.components]
+    assert [vars(speaker) for speaker in one.components] == [
+        vars(speaker) for speaker in other.components
+    ]
     for mine, theirs in zip(one.vehicles, other.vehicles, strict=True):
-        assert mine.parameters == {name: value for name, value in theirs.parameters.items() if name not in unknown}
+        assert mine.parameters == {
+            name: value for name, value in theirs.parameters.items() if name not in unknown
+        }
         for name, columns in mine.messages.items():
             for field, values in columns.items():
                 expected = theirs.messages[name][field]
                 assert values.dtype == expected.dtype, (name, field)
                 if field == "param_type":
-                    values, expected = (both[np.isfinite(columns["param_value"])] for both in (values, expected))
-                assert np.array_equal(values, expected, equal_nan=values.dtype.kind == "f"), (name, field)
+                    values, expected = (
+                        both[np.isfinite(columns["param_value"])] for both in (values, expected)
+                    )
+                assert np.array_equal(values, expected, equal_nan=values.dtype.kind == "f"), (
+                    name,
+                    field,
+                )
 
 
 @pytest.fixture
@@ -62,8 +71,12 @@ def test_json_alone_tells_the_same(log, tmp_path):
     path = json_only(converted(log, tmp_path), tmp_path)
     theirs = read_log(log)
     # The bits of a NaN are an integer of PX4's, and JSON has but one NaN.
-    sent = theirs.vehicles[0].messages.get("PARAM_VALUE", {"param_id": np.zeros(0), "param_value": np.zeros(0)})
-    unknown = frozenset(name.decode() for name in sent["param_id"][np.isnan(sent["param_value"])].tolist())
+    sent = theirs.vehicles[0].messages.get(
+        "PARAM_VALUE", {"param_id": np.zeros(0), "param_value": np.zeros(0)}
+    )
+    unknown = frozenset(
+        name.decode() for name in sent["param_id"][np.isnan(sent["param_value"])].tolist()
+    )
     assert bool(unknown) == (theirs.vehicles[0].autopilot == "PX4")
     assert_same(read_log(path), theirs, unknown)
 
@@ -91,7 +104,8 @@ def test_blueos(recorder):
     )
     recorder.blueos("PARAM_VALUE", '"param_value":2.5,"param_id":"GAIN\0","param_type":9')
     recorder.blueos(
-        "VFR_HUD", '"airspeed":NaN,"groundspeed":Infinity,"alt":-inf,"climb":null,"heading":-3,"throttle":7'
+        "VFR_HUD",
+        '"airspeed":NaN,"groundspeed":Infinity,"alt":-inf,"climb":null,"heading":-3,"throttle":7',
     )
     recorder.blueos(
         "SYS_STATUS",
@@ -100,7 +114,11 @@ def test_blueos(recorder):
     )
     log = recorder.log()
     (vehicle,) = log.vehicles
-    assert (vehicle.vehicle, vehicle.autopilot, vehicle.repairs) == ("QUADROTOR", "ARDUPILOTMEGA", ())
+    assert (vehicle.vehicle, vehicle.autopilot, vehicle.repairs) == (
+        "QUADROTOR",
+        "ARDUPILOTMEGA",
+        (),
+    )
     assert log.frames == 605
     assert vehicle.messages["HEARTBEAT"]["base_mode"].tolist() == [209]
     assert np.allclose(vehicle.messages["ATTITUDE"]["time"], TIMES)
@@ -120,7 +138,12 @@ def test_each_message_counts_once_wherever_it_stands(own, repeat, recorder):
     recorder.flight(TIMES, own=own, repeat=repeat)
     recorder.blueos("VFR_HUD", {"alt": 1.0}, 601 % 256, own=False)
     (speaker,) = recorder.log().components
-    assert speaker.messages == {"HEARTBEAT": 1, "ATTITUDE": 300, "SERVO_OUTPUT_RAW": 300, "VFR_HUD": 1}
+    assert speaker.messages == {
+        "HEARTBEAT": 1,
+        "ATTITUDE": 300,
+        "SERVO_OUTPUT_RAW": 300,
+        "VFR_HUD": 1,
+    }
     assert speaker.lost == 0
 
 
@@ -133,10 +156,23 @@ def test_gaps_in_the_headers_sequence_are_losses(recorder):
 
 def test_the_other_bridge(recorder):
     recorder.write("/camera/image", b"\xff\xd8", "cdr")
-    beat = {"type": 2, "autopilot": 12, "base_mode": 81, "custom_mode": 0, "system_status": 4, "mavlink_version": 3}
+    beat = {
+        "type": 2,
+        "autopilot": 12,
+        "base_mode": 81,
+        "custom_mode": 0,
+        "system_status": 4,
+        "mavlink_version": 3,
+    }
     recorder.write("/mavlink/3/1/HEARTBEAT", json.dumps(beat).encode())
     for time in TIMES:
-        body = {"time_boot_ms": round(time * 1e3), "roll": time, "pitch": 0, "yaw": 0, "rollspeed": 1.5}
+        body = {
+            "time_boot_ms": round(time * 1e3),
+            "roll": time,
+            "pitch": 0,
+            "yaw": 0,
+            "rollspeed": 1.5,
+        }
         recorder.write("/mavlink/3/1/ATTITUDE", json.dumps(body).encode())
     log = recorder.log()
     (vehicle,) = log.vehicles
@@ -157,14 +193,17 @@ def test_two_bridges_in_one_recording_count_once(recorder):
 @pytest.mark.parametrize("encoding", ["mavlink", ""])
 def test_frames_may_come_in_pieces(encoding, recorder):
     frames = [heartbeat(), *flight(TIMES)]
-    content, size = b"".join(frames), 100
+    content = b"".join(frames)
+    size = 100
     for begin in range(0, len(content), size):
         recorder.write("serial", content[begin : begin + size], encoding, schema=False)
         recorder.write("noise", b"\xfe\x01\x02 something else", "x", schema=False)
     log = recorder.log()
     assert log.components[0].messages == {"HEARTBEAT": 1, "ATTITUDE": 300, "SERVO_OUTPUT_RAW": 300}
     first, last = log.receive_time
-    assert (first, last) == pytest.approx((NOW / 1e6 + 0.01, NOW / 1e6 + 0.02 * (len(content) // size) + 0.01))
+    assert (first, last) == pytest.approx(
+        (NOW / 1e6 + 0.01, NOW / 1e6 + 0.02 * (len(content) // size) + 0.01)
+    )
 
 
 def test_who_is_heard_in_frames_is_not_read_again_from_json(recorder):
@@ -173,7 +212,10 @@ def test_who_is_heard_in_frames_is_not_read_again_from_json(recorder):
         recorder.blueos("ATTITUDE", {"time_boot_ms": row + 1, "roll": 9.0}, row, system=1)
     recorder.flight(TIMES[:20], system=2)
     log = recorder.log()
-    assert [(one.system, one.messages.get("ATTITUDE")) for one in log.components] == [(1, 20), (2, 20)]
+    assert [(one.system, one.messages.get("ATTITUDE")) for one in log.components] == [
+        (1, 20),
+        (2, 20),
+    ]
     assert (log.vehicles[0].messages["ATTITUDE"]["roll"] == np.float32(0.1)).all()
 
 
@@ -191,12 +233,16 @@ def test_the_library_reads_the_same_messages(compression, chunked, tmp_path):
     assert recording.repairs() == ()
 
 
-@pytest.mark.parametrize("topic", ["two\nlines", "\x1b[2Jcleared", "\u202etnorf ot kcab", "long" * 10_000])
+@pytest.mark.parametrize(
+    "topic", ["two\nlines", "\x1b[2Jcleared", "\u202etnorf ot kcab", "long" * 10_000]
+)
 def test_a_topic_may_be_called_anything(topic, recorder):
     recorder.write(topic, b"{}")
     with pytest.raises(Unreadable) as failure:
         recorder.log()
-    assert str(failure.value).isprintable() and len(str(failure.value)) < 300 + len(str(recorder.path))
+    assert str(failure.value).isprintable() and len(str(failure.value)) < 300 + len(
+        str(recorder.path)
+    )
 
 
 # Damage and malice
@@ -210,8 +256,15 @@ def attitudes(path: Path) -> list[int] | None:
         said = str(error)
         assert "\n" not in said and ("MCAP" in said or "ROS 2" in said or "empty" in said)
         return None
-    tables = [table for vehicle in log.vehicles for name, table in vehicle.messages.items() if "ATTITUDE" in name]
-    return [stamp for table in tables for stamp in np.rint(1e3 * table["time"]).astype(int).tolist()]
+    tables = [
+        table
+        for vehicle in log.vehicles
+        for name, table in vehicle.messages.items()
+        if "ATTITUDE" in name
+    ]
+    return [
+        stamp for table in tables for stamp in np.rint(1e3 * table["time"]).astype(int).tolist()
+    ]
 
 
 def small(folder: Path, compression: CompressionType, frames: bool) -> bytes:
@@ -244,7 +297,11 @@ def test_a_cut_recording_is_read_up_to_the_cut(frames, tmp_path):
 
 
 @pytest.mark.slow
-@given(st.integers(0, 2**32), st.sampled_from(COMPRESSIONS), st.sampled_from(["frames", "json", "px4", "mavros"]))
+@given(
+    st.integers(0, 2**32),
+    st.sampled_from(COMPRESSIONS),
+    st.sampled_from(["frames", "json", "px4", "mavros"]),
+)
 @settings(max_examples=80)
 def test_damage_never_makes_an_error_or_a_false_message(tmp_path_factory, seed, compression, kind):
     path = tmp_path_factory.mktemp("damaged") / "damaged.mcap"
@@ -252,11 +309,17 @@ def test_damage_never_makes_an_error_or_a_false_message(tmp_path_factory, seed, 
         path.write_bytes(small(path.parent, compression, kind == "frames"))
     else:
         with Ros2Recorder(path, compression=compression, chunk_size=2500) as recorder:
-            px4_flight(recorder, SHORT[:60]) if kind == "px4" else mavros_flight(recorder, UNIX + SHORT[:60])
+            px4_flight(recorder, SHORT[:60]) if kind == "px4" else mavros_flight(
+                recorder, UNIX + SHORT[:60]
+            )
     spoil(path, random.Random(seed))
     read = set(attitudes(path) or [])
     # MAVROS's seconds count from another first message where the first are lost.
-    assert all(0 < one <= 61_000 for one in read) if kind == "mavros" else read <= {round(1e3 * at) for at in TIMES}
+    assert (
+        all(0 < one <= 61_000 for one in read)
+        if kind == "mavros"
+        else read <= {round(1e3 * at) for at in TIMES}
+    )
 
 
 @pytest.mark.parametrize("compression", COMPRESSIONS)
@@ -315,7 +378,12 @@ BODIES = [
 @pytest.mark.parametrize("body", BODIES, ids=range(len(BODIES)))
 def test_a_hostile_body_costs_itself_only(body, recorder):
     recorder.flight(TIMES[:20])
-    for topic in ("mavlink/1/1/ATTITUDE", "mavlink/out", "mavlink/1/1/NOTHING", "mavlink/1/1/STATUSTEXT"):
+    for topic in (
+        "mavlink/1/1/ATTITUDE",
+        "mavlink/out",
+        "mavlink/1/1/NOTHING",
+        "mavlink/1/1/STATUSTEXT",
+    ):
         recorder.write(topic, body)
     recorder.blueos("ATTITUDE", {"time_boot_ms": 20_200, "roll": 0.1}, 42)
     (vehicle,) = recorder.log().vehicles
@@ -326,7 +394,9 @@ def test_a_hostile_body_costs_itself_only(body, recorder):
     assert "STATUSTEXT" not in vehicle.messages
 
 
-@pytest.mark.parametrize("header", ["5", "{}", '{"sequence":-1,"system_id":1e9}', '{"sequence":1e400}'])
+@pytest.mark.parametrize(
+    "header", ["5", "{}", '{"sequence":-1,"system_id":1e9}', '{"sequence":1e400}']
+)
 def test_without_a_header_the_topic_tells_who_sent_it(header, recorder):
     for row in range(20):
         body = f'{{"header":{header},"message":{{"type":"ATTITUDE","time_boot_ms":{row + 1},"roll":1}}}}'
@@ -339,7 +409,9 @@ def record(opcode: int, content: bytes, length: int | None = None) -> bytes:
     return struct.pack("<BQ", opcode, len(content) if length is None else length) + content
 
 
-def chunk(packed: bytes, compression: bytes = b"zstd", size: int = 0, length: int | None = None) -> bytes:
+def chunk(
+    packed: bytes, compression: bytes = b"zstd", size: int = 0, length: int | None = None
+) -> bytes:
     head = struct.pack("<QQQI", 0, 0, size, 0) + struct.pack("<I", len(compression)) + compression
     return record(6, head + struct.pack("<Q", len(packed) if length is None else length) + packed)
 
@@ -392,9 +464,18 @@ def test_what_chunks_unpack_to_is_bounded(tmp_path, monkeypatch):
 
 
 def test_numbers_come_in_other_words(recorder):
-    body = {"time_boot_ms": 5.0, "roll": "NaN", "pitch": "-Infinity", "yaw": "1.5", "rollspeed": 2, "yawspeed": False}
+    body = {
+        "time_boot_ms": 5.0,
+        "roll": "NaN",
+        "pitch": "-Infinity",
+        "yaw": "1.5",
+        "rollspeed": 2,
+        "yawspeed": False,
+    }
     recorder.write("/mavlink/1/1/ATTITUDE", json.dumps(body).encode())
-    recorder.write("/mavlink/1/1/ATTITUDE", json.dumps({"time_boot_ms": "6", "roll": "level"}).encode())
+    recorder.write(
+        "/mavlink/1/1/ATTITUDE", json.dumps({"time_boot_ms": "6", "roll": "level"}).encode()
+    )
     (vehicle,) = recorder.log().vehicles
     (row,) = zip(*(vehicle.messages["ATTITUDE"][name].tolist() for name in body), strict=True)
     assert np.array_equal(row, [5, np.nan, -np.inf, 1.5, 2, 0], equal_nan=True)

@@ -10,7 +10,11 @@ from mavdem.ingest.motors import motor_geometry, output_scale
 OF_MAIN = [("PWM_MAIN", n) for n in range(1, 5)]
 
 
-def scale_of(outputs: tuple[float, ...], parameters: dict[str, float], drivers: list[tuple[str, int]] = OF_MAIN):
+def scale_of(
+    outputs: tuple[float, ...],
+    parameters: dict[str, float],
+    drivers: list[tuple[str, int]] = OF_MAIN,
+):
     return output_scale(np.array([outputs]), parameters, drivers)
 
 
@@ -21,7 +25,11 @@ def scale_of(outputs: tuple[float, ...], parameters: dict[str, float], drivers: 
         (
             (1000.0, 1100.0, 1689.0, 1550.0),
             OF_MAIN,
-            {f"PWM_MAIN_{end}{n}": value for n in range(1, 5) for end, value in (("MIN", 1100.0), ("MAX", 1900.0))},
+            {
+                f"PWM_MAIN_{end}{n}": value
+                for n in range(1, 5)
+                for end, value in (("MIN", 1100.0), ("MAX", 1900.0))
+            },
             ("PWM", 1100, 1900),
         ),
         # PX4 1.9 to 1.11: one range of all; 1.12: one of each driver.
@@ -31,7 +39,12 @@ def scale_of(outputs: tuple[float, ...], parameters: dict[str, float], drivers: 
             {"PWM_MAIN_MIN1": -1.0, "PWM_MIN": 1200.0, "PWM_MAX": 1950.0},
             ("PWM", 1200, 1950),
         ),
-        ((1230.0, 1300.0), OF_MAIN, {"PWM_MAIN_MIN": 1230.0, "PWM_MAIN_MAX": 1950.0}, ("PWM", 1230, 1950)),
+        (
+            (1230.0, 1300.0),
+            OF_MAIN,
+            {"PWM_MAIN_MIN": 1230.0, "PWM_MAIN_MAX": 1950.0},
+            ("PWM", 1230, 1950),
+        ),
         (
             (1100.0, 1300.0),
             [("PWM_AUX", 1)],
@@ -46,10 +59,20 @@ def scale_of(outputs: tuple[float, ...], parameters: dict[str, float], drivers: 
             ("PWM", 1000, 2000),
         ),
         # PX4 1.16 with DShot on the main outputs: actuator_motors 0.194 of a thrust curve of 0.3 is 25 % of the range.
-        ((0.0, 110.0, 582.0, 826.0), OF_MAIN, {"DSHOT_MIN": 0.055, "PWM_MAIN_MIN1": 1000.0}, ("DShot", 110, 1999)),
+        (
+            (0.0, 110.0, 582.0, 826.0),
+            OF_MAIN,
+            {"DSHOT_MIN": 0.055, "PWM_MAIN_MIN1": 1000.0},
+            ("DShot", 110, 1999),
+        ),
         # PX4 1.9 with UAVCAN, and 1.16, which has its range among the parameters.
         ((0.0, 2457.3, 4712.6, 6158.4), OF_MAIN, {"PWM_MIN": 1000.0}, ("UAVCAN", 0, 8191)),
-        ((1000.0, 1500.0), [("UAVCAN_EC", 1)], {"UAVCAN_EC_MIN1": 1.0, "UAVCAN_EC_MAX1": 8191.0}, ("UAVCAN", 1, 8191)),
+        (
+            (1000.0, 1500.0),
+            [("UAVCAN_EC", 1)],
+            {"UAVCAN_EC_MIN1": 1.0, "UAVCAN_EC_MAX1": 8191.0},
+            ("UAVCAN", 1, 8191),
+        ),
         (
             (0.0, 0.194, 0.278),
             [("UAVCAN_EC", 1)],
@@ -82,9 +105,13 @@ def test_ardupilots_motors_stop_where_its_version_lets_them(parameters, highest)
 
 def test_a_gimbals_channels_are_no_motors():
     parameters = {"FRAME": 1.0, "RC5_FUNCTION": 7.0, "RC6_FUNCTION": 8.0, "RC7_FUNCTION": 0.0}
-    found = motor_geometry("GENERIC_MULTIROTOR", "ARDUPILOTMEGA", parameters, moving=range(1, 7), bank=8)
+    found = motor_geometry(
+        "GENERIC_MULTIROTOR", "ARDUPILOTMEGA", parameters, moving=range(1, 7), bank=8
+    )
     assert found is not None and found.channels == (1, 2, 3, 4)
-    on_servos = motor_geometry("GENERIC_MULTIROTOR", "ARDUPILOTMEGA", {"SERVO2_FUNCTION": 7.0}, range(1, 6), 8)
+    on_servos = motor_geometry(
+        "GENERIC_MULTIROTOR", "ARDUPILOTMEGA", {"SERVO2_FUNCTION": 7.0}, range(1, 6), 8
+    )
     assert on_servos is not None and on_servos.channels == (1, 3, 4, 5)
 
 
@@ -97,11 +124,23 @@ def test_the_driver_of_each_motor_is_known():
 
 
 def test_a_motor_whose_output_never_changes_is_a_motor():
-    quad = {(2, 3, 4): (1, 2, 3, 4), (1, 2, 4): (1, 2, 3, 4), (9, 10, 11): (9, 10, 11, 12), (5, 6, 7): (5, 6, 7)}
+    quad = {
+        (2, 3, 4): (1, 2, 3, 4),
+        (1, 2, 4): (1, 2, 3, 4),
+        (9, 10, 11): (9, 10, 11, 12),
+        (5, 6, 7): (5, 6, 7),
+    }
     for moving, channels in quad.items():
         found = motor_geometry("QUADROTOR", "ARDUPILOTMEGA", {}, moving, bank=8)
         assert found is not None and found.channels == channels and found.channels_assumed
-    assert motor_geometry("HEXAROTOR", "ARDUPILOTMEGA", {}, (1, 2, 3, 5, 6), bank=8).channels == (1, 2, 3, 4, 5, 6)
+    assert motor_geometry("HEXAROTOR", "ARDUPILOTMEGA", {}, (1, 2, 3, 5, 6), bank=8).channels == (
+        1,
+        2,
+        3,
+        4,
+        5,
+        6,
+    )
     assert motor_geometry("TRICOPTER", "ARDUPILOTMEGA", {}, (1, 2), bank=8).channels == (1, 2)
     on_aux = {f"PWM_AUX_FUNC{n}": 100.0 + n for n in range(1, 5)}
     found = motor_geometry("QUADROTOR", "PX4", on_aux, moving=[18, 19, 20], bank=16)

@@ -39,8 +39,13 @@ def log_of(content: bytes, folder: Path, name: str = "flight.tlog") -> Log:
 
 
 def test_several_systems_are_kept_apart_and_only_vehicles_listed(tmp_path):
-    one, two = flight(TIMES, system=2), flight([time + 1000 for time in TIMES], system=7)
-    frames = [heartbeat(2), heartbeat(7, kind=13, autopilot=12), heartbeat(255, 190, kind=6, autopilot=8)]
+    one = flight(TIMES, system=2)
+    two = flight([time + 1000 for time in TIMES], system=7)
+    frames = [
+        heartbeat(2),
+        heartbeat(7, kind=13, autopilot=12),
+        heartbeat(255, 190, kind=6, autopilot=8),
+    ]
     frames += [heartbeat(2, 154, kind=26, autopilot=8)]
     frames += [each for pair in zip(one, two, strict=True) for each in pair]
     log = log_of(tlog(frames), tmp_path)
@@ -49,7 +54,12 @@ def test_several_systems_are_kept_apart_and_only_vehicles_listed(tmp_path):
         (7, 1, "HEXAROTOR", "PX4"),
     ]
     assert np.allclose(log.vehicles[1].messages["ATTITUDE"]["time"], np.array(TIMES) + 1000)
-    assert [speaker.kind for speaker in log.components] == ["QUADROTOR", "GIMBAL", "HEXAROTOR", "GCS"]
+    assert [speaker.kind for speaker in log.components] == [
+        "QUADROTOR",
+        "GIMBAL",
+        "HEXAROTOR",
+        "GCS",
+    ]
 
 
 @pytest.mark.parametrize("stray", [heartbeat(kind=0, autopilot=8), heartbeat(kind=6, autopilot=8)])
@@ -70,14 +80,17 @@ def test_integer_parameters_travel_as_each_autopilot_sends_them(tmp_path, autopi
     old = message("PARAM_VALUE", param_id=b"COUNT", param_value=99.0, param_type=9)
     sent = message("PARAM_VALUE", param_id=b"COUNT", param_value=copied, param_type=6)
     gain = message("PARAM_VALUE", param_id=b"GAIN_OF_16_CHARS", param_value=0.5, param_type=9)
-    (vehicle,) = log_of(tlog([heartbeat(autopilot=autopilot), *flight(TIMES), old, sent, gain]), tmp_path).vehicles
+    (vehicle,) = log_of(
+        tlog([heartbeat(autopilot=autopilot), *flight(TIMES), old, sent, gain]), tmp_path
+    ).vehicles
     assert vehicle.parameters["COUNT"] == expected  # -7 copied is no finite float32
     assert vehicle.parameters["GAIN_OF_16_CHARS"] == 0.5
 
 
 def test_parameters_a_ground_station_noted_fill_in(tmp_path):
     noted = [
-        message("PARAM_VALUE", component=190, param_id=name, param_value=1.0, param_type=9) for name in (b"A", b"B")
+        message("PARAM_VALUE", component=190, param_id=name, param_value=1.0, param_type=9)
+        for name in (b"A", b"B")
     ]
     own = message("PARAM_VALUE", param_id=b"A", param_value=2.0, param_type=9)
     (vehicle,) = log_of(tlog([heartbeat(), *flight(TIMES), own, *noted]), tmp_path).vehicles
@@ -91,7 +104,9 @@ def test_a_parameter_that_is_not_finite_was_not_sent(tmp_path, autopilot, value)
         message("PARAM_VALUE", param_id=name, param_value=number, param_type=9)
         for name, number in ((b"SERVO1_FUNCTION", value), (b"GAIN", 0.5), (b"GAIN", value))
     ]
-    (vehicle,) = log_of(tlog([heartbeat(autopilot=autopilot), *flight(TIMES), *sent]), tmp_path).vehicles
+    (vehicle,) = log_of(
+        tlog([heartbeat(autopilot=autopilot), *flight(TIMES), *sent]), tmp_path
+    ).vehicles
     assert vehicle.parameters == {"GAIN": 0.5}
 
 
@@ -107,10 +122,18 @@ def test_failures_are_distinguished(tmp_path):
     damaged = bytearray(frames[11])
     damaged[15] ^= 0xFF
     frames[11] = bytes(damaged)
-    frames += [frame(64_000, b"abc", seed=3), *[frame(33, bytes(range(28)), seed=1)] * 4, heartbeat()]
+    frames += [
+        frame(64_000, b"abc", seed=3),
+        *[frame(33, bytes(range(28)), seed=1)] * 4,
+        heartbeat(),
+    ]
     log = log_of(tlog(frames), tmp_path)
     causes = {(kind.message_id, kind.frames, kind.of): kind.cause for kind in log.unread}
-    assert causes == {(30, 1, 300): "damage", (33, 4, 4): "another dialect", (64_000, 1, 1): "another dialect"}
+    assert causes == {
+        (30, 1, 300): "damage",
+        (33, 4, 4): "another dialect",
+        (64_000, 1, 1): "another dialect",
+    }
     assert log.frames == len(frames)
 
 
@@ -142,12 +165,15 @@ def test_a_file_transferred_as_text_is_restored(tmp_path):
 @given(st.integers(0, 2**32), st.floats(0.0, 0.02), st.sampled_from(["tlog", "ulg", "bin"]))
 @settings(max_examples=140)
 def test_damage_never_makes_an_error_or_a_false_message(tmp_path_factory, seed, rate, kind):
-    chance, content = random.Random(seed), bytearray(BEGUN + b"".join(dataflash_logs.flight(TIMES[:20])))
+    chance = random.Random(seed)
+    content = bytearray(BEGUN + b"".join(dataflash_logs.flight(TIMES[:20])))
     if kind == "tlog":
         content = bytearray(tlog([heartbeat(), *flight(TIMES[:100])] * 2))
     elif kind == "ulg":
         pieces = ulog_files.flight(ulog_files.TIMES[:60])
-        content = bytearray(ulog_files.log(*pieces, parameters=ulog_files.parameter("MAV_SYS_ID", 3)))
+        content = bytearray(
+            ulog_files.log(*pieces, parameters=ulog_files.parameter("MAV_SYS_ID", 3))
+        )
     for place in range(len(content) - 1, 7, -1):
         if chance.random() < rate:
             content[place : place + chance.randrange(2)] = chance.randbytes(chance.randrange(4))
@@ -161,7 +187,11 @@ def test_damage_never_makes_an_error_or_a_false_message(tmp_path_factory, seed, 
         for columns in vehicle.messages.values():
             assert len({len(columns[name]) for name in columns}) == 1
             assert kind == "tlog" or np.isfinite(columns["time"]).all()
-        if kind == "tlog" and "ATTITUDE" in vehicle.messages and (vehicle.system, vehicle.component) == (1, 1):
+        if (
+            kind == "tlog"
+            and "ATTITUDE" in vehicle.messages
+            and (vehicle.system, vehicle.component) == (1, 1)
+        ):
             stamps = vehicle.messages["ATTITUDE"]["time_boot_ms"] / 1e3
             assert set(np.round(stamps, 3).tolist()) <= allowed
 
@@ -175,7 +205,11 @@ def unreadable(path: Path) -> str:
 
 
 LOADS = ulog_files.log(ulog_files.data("cpuload", 3.0, 1.0))
-LATER = ulog_files.HEADER + ulog_files.message("B", bytes(8) + b"\x02" + bytes(31)) + ulog_files.log()[16:]
+LATER = (
+    ulog_files.HEADER
+    + ulog_files.message("B", bytes(8) + b"\x02" + bytes(31))
+    + ulog_files.log()[16:]
+)
 BEGUN = dataflash_logs.formats() + dataflash_logs.told()
 
 
@@ -191,7 +225,11 @@ BEGUN = dataflash_logs.formats() + dataflash_logs.told()
         ("a.tlog.gz", b"\x1f\x8b\x08" + bytes(100), "gzip"),
         ("a.tlog", b"ULog\x01\x12\x35\x01" + bytes(100), "ULog"),
         ("a.ulg", ulog_files.HEADER[:9], "without the topics"),
-        ("a.ulg", LOADS, r"is intact, but holds neither .* \(its topics: cpuload\).* SDLOG_PROFILE"),
+        (
+            "a.ulg",
+            LOADS,
+            r"is intact, but holds neither .* \(its topics: cpuload\).* SDLOG_PROFILE",
+        ),
         ("a.ulg", LOADS + b"\x09", "the file is cut off at its end, holds neither"),
         ("a.ulg", ulog_files.HEADER + bytes(5000), "damaged"),
         ("a.ulg", bytes(range(256)) * 20, "no PX4 ULog"),
@@ -242,7 +280,8 @@ def test_what_is_no_path_is_named(path):
 
 def recorded(kind: str, folder: Path) -> Path:
     """A short flight in a file of this kind."""
-    sample, path = folder / "flight.tlog", folder / f"flight.{kind}"
+    sample = folder / "flight.tlog"
+    path = folder / f"flight.{kind}"
     sample.write_bytes((SAMPLES / "px4_wind5_steps.tlog").read_bytes()[:60_000])
     if kind == "tlog":
         return sample
@@ -273,7 +312,9 @@ def test_a_signalling_nan_is_no_number_and_no_warning(tmp_path):
     """Which a conversion to another width of number complains of."""
     signalling = bytes.fromhex("010080 7f")
     odd = frame(22, signalling + bytes(4) + b"SYSID_THISMAV\0\0\0" + b"\x09")
-    rolls = [frame(30, struct.pack("<I", 20_000 + row) + signalling + bytes(20)) for row in range(3)]
+    rolls = [
+        frame(30, struct.pack("<I", 20_000 + row) + signalling + bytes(20)) for row in range(3)
+    ]
     log = log_of(tlog([heartbeat(), odd, *rolls, *flight(TIMES)]), tmp_path)
     (vehicle,) = log.vehicles
     assert "SYSID_THISMAV" not in vehicle.parameters
@@ -289,7 +330,11 @@ def test_a_path_may_be_bytes_and_have_any_name(tmp_path):
 
 
 def test_a_kind_of_vehicle_is_named_as_mavlink_names_it_today():
-    assert [enum_name("MAV_TYPE", kind) for kind in (2, 22, 24)] == ["QUADROTOR", "VTOL_FIXEDROTOR", "VTOL_TILTWING"]
+    assert [enum_name("MAV_TYPE", kind) for kind in (2, 22, 24)] == [
+        "QUADROTOR",
+        "VTOL_FIXEDROTOR",
+        "VTOL_TILTWING",
+    ]
 
 
 @pytest.mark.parametrize(
@@ -297,7 +342,10 @@ def test_a_kind_of_vehicle_is_named_as_mavlink_names_it_today():
     [
         ("STATUSTEXT", lambda number: {"text": b"fmuv3 00%dA002F 30395113 33333539" % number}),
         ("AUTOPILOT_VERSION", lambda number: {"uid2": [number, *[3] * 11, *[0] * 6]}),
-        ("PARAM_VALUE", lambda number: {"param_id": b"INS_ACCOFFS_X", "param_value": 0.25 * number}),
+        (
+            "PARAM_VALUE",
+            lambda number: {"param_id": b"INS_ACCOFFS_X", "param_value": 0.25 * number},
+        ),
     ],
 )
 def test_joined_logs_of_two_vehicles_with_one_system_id_are_two_vehicles(by, told, tmp_path):
@@ -312,7 +360,10 @@ def test_joined_logs_of_two_vehicles_with_one_system_id_are_two_vehicles(by, tol
     log = log_of(tlog([*of(1, TIMES), *of(2, later)]), tmp_path)
     assert [vehicle.system for vehicle in log.vehicles] == [1, 2]
     assert all("logs of 2 vehicles" in vehicle.repairs[0] for vehicle in log.vehicles)
-    assert [vehicle.messages["ATTITUDE"]["time"][0] for vehicle in log.vehicles] == [TIMES[0], later[0]]
+    assert [vehicle.messages["ATTITUDE"]["time"][0] for vehicle in log.vehicles] == [
+        TIMES[0],
+        later[0],
+    ]
     assert len(log_of(tlog([*of(1, TIMES), *of(1, later)]), tmp_path).vehicles) == 1
 
 
@@ -338,7 +389,10 @@ def test_a_mapped_file_that_is_cut_while_it_is_written_anew_leaves_nothing_behin
     path = written(tmp_path / "flight.tlog", tlog([heartbeat(), *flight(TIMES)]))
     stream = tlog_stream(path)
     os.truncate(path, 100)
-    with pytest.raises(Unreadable, match="cut short"), atomic_write(tmp_path / "flight.mcap") as file:
+    with (
+        pytest.raises(Unreadable, match="cut short"),
+        atomic_write(tmp_path / "flight.mcap") as file,
+    ):
         write_mcap(file, stream)
     assert [each.name for each in tmp_path.iterdir()] == ["flight.tlog"]
 
@@ -369,7 +423,10 @@ def test_zeros_behind_the_data_take_neither_memory_nor_time(name: str, tmp_path:
         os.truncate(one, 100_000_000)
     tracemalloc.start()
     try:
-        assert read_log(path).vehicles[0].messages.keys() == read_log(sound).vehicles[0].messages.keys()
+        assert (
+            read_log(path).vehicles[0].messages.keys()
+            == read_log(sound).vehicles[0].messages.keys()
+        )
         with pytest.raises(Unreadable, match="nothing but zeros"):
             read_log(empty)
         assert tracemalloc.get_traced_memory()[1] < 50_000_000
@@ -392,7 +449,8 @@ def test_reading_takes_less_memory_than_the_file(tmp_path):
     flown = flight(TIMES)
     frames = [each for row in range(0, len(flown), 2) for each in (*flown[row : row + 2], *others)]
     path = written(tmp_path / "long.tlog", tlog([heartbeat(), *frames]) * 80)
-    read_log(written(tmp_path / "short.tlog", tlog(frames)))  # what is made once for all: definitions, checksum tables
+    # what is made once for all: definitions, checksum tables
+    read_log(written(tmp_path / "short.tlog", tlog(frames)))
     tracemalloc.start()
     try:
         (vehicle,) = read_log(path).vehicles

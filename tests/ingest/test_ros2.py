@@ -11,7 +11,17 @@ import pytest
 from mavlink_streams import flight, heartbeat
 from mcap_files import Recorder
 from numpy.typing import NDArray
-from ros2_files import DEFINITIONS, TIMES, UNIX, Ros2Recorder, header, mavros_flight, px4_flight, to_ros, xyzw
+from ros2_files import (
+    DEFINITIONS,
+    TIMES,
+    UNIX,
+    Ros2Recorder,
+    header,
+    mavros_flight,
+    px4_flight,
+    to_ros,
+    xyzw,
+)
 from scipy.spatial.transform import Rotation
 from ulog_files import roll
 
@@ -38,14 +48,26 @@ def recorder(tmp_path: Path):
 
 
 def message(vehicle: Telemetry, name: str, *fields: str) -> NDArray[np.float64]:
-    return np.column_stack([np.asarray(vehicle.messages[name][field], dtype=np.float64) for field in fields])
+    return np.column_stack(
+        [np.asarray(vehicle.messages[name][field], dtype=np.float64) for field in fields]
+    )
 
 
 @pytest.mark.parametrize(
-    "rpy", [(10, 0, 0), (-10, 0, 0), (0, 10, 0), (0, 0, 90), (10, 5, -120), (-25, 12, 200), (170, -80, 30)]
+    "rpy",
+    [
+        (10, 0, 0),
+        (-10, 0, 0),
+        (0, 10, 0),
+        (0, 0, 90),
+        (10, 5, -120),
+        (-25, 12, 200),
+        (170, -80, 30),
+    ],
 )
 def test_what_mavros_turned_is_turned_back(rpy, recorder):
-    angles, rates = np.radians(rpy), (0.3, -0.2, 0.1)
+    angles = np.radians(rpy)
+    rates = (0.3, -0.2, 0.1)
     recorder.mavros("state", "mavros_msgs/msg/State", UNIX, armed=True)
     for row in range(5):
         recorder.imu(UNIX + row, tuple(angles), rates)
@@ -61,12 +83,18 @@ def test_what_else_mavros_tells(recorder):
     mavros_flight(recorder)
     for at in (UNIX + TIMES).tolist():
         velocity = {"linear": {"x": 1.0, "y": 2.0, "z": 3.0}}
-        recorder.mavros("local_position/velocity_local", "geometry_msgs/msg/TwistStamped", at, twist=velocity)
+        recorder.mavros(
+            "local_position/velocity_local", "geometry_msgs/msg/TwistStamped", at, twist=velocity
+        )
         demand = [0.1, 0.2, 0.3, at % 1, 0.0, 0.0, 0.0, 0.0]
-        recorder.mavros("target_actuator_control", "mavros_msgs/msg/ActuatorControl", at, controls=demand)
+        recorder.mavros(
+            "target_actuator_control", "mavros_msgs/msg/ActuatorControl", at, controls=demand
+        )
     vehicle = recorder.vehicle()
     assert message(vehicle, "LOCAL_POSITION_NED", "vx", "vy", "vz")[0].tolist() == [2.0, 1.0, -3.0]
-    climb, armed, flying = Signals(vehicle).climb_rate, Signals(vehicle).armed, Signals(vehicle).landed_state
+    climb = Signals(vehicle).climb_rate
+    armed = Signals(vehicle).armed
+    flying = Signals(vehicle).landed_state
     assert climb is not None and (climb.values == 3.0).all()
     assert armed is not None and armed.values.all() and flying is not None and flying.values.all()
     controls = vehicle.messages["ACTUATOR_CONTROL_TARGET"]["controls"]
@@ -86,14 +114,24 @@ def test_what_else_mavros_tells(recorder):
 def test_modes_tell_the_autopilot(mode, autopilot, recorder):
     mavros_flight(recorder, mode=mode)
     vehicle = recorder.vehicle()
-    assert (vehicle.autopilot, vehicle.vehicle, vehicle.translated_from) == (autopilot, "UNKNOWN", "MAVROS")
+    assert (vehicle.autopilot, vehicle.vehicle, vehicle.translated_from) == (
+        autopilot,
+        "UNKNOWN",
+        "MAVROS",
+    )
 
 
-@pytest.mark.parametrize("prefix", ["/fmu/out/", "fmu/out/", "/a/b/fmu/out/", "/uav/", "/", "/fmu/in/"])
+@pytest.mark.parametrize(
+    "prefix", ["/fmu/out/", "fmu/out/", "/a/b/fmu/out/", "/uav/", "/", "/fmu/in/"]
+)
 def test_wherever_px4s_topics_lie(prefix, recorder):
     px4_flight(recorder, prefix=prefix, system_id=7)
     vehicle = recorder.vehicle()
-    assert (vehicle.system, vehicle.vehicle, vehicle.translated_from) == (7, "QUADROTOR", "uXRCE-DDS")
+    assert (vehicle.system, vehicle.vehicle, vehicle.translated_from) == (
+        7,
+        "QUADROTOR",
+        "uXRCE-DDS",
+    )
     assert vehicle.repairs == ()
     assert len(vehicle.messages["ATTITUDE_QUATERNION"]["time"]) == len(TIMES)
     seen = signals.attitude(vehicle, "roll")
@@ -110,8 +148,14 @@ def test_versions_and_directions_of_topics(recorder):
         recorder.px4("vehicle_torque_setpoint", at, "/fmu/out/", xyz=[at % 1, 0.0, 0.0])
         recorder.px4("vehicle_thrust_setpoint", at, "/fmu/in/", xyz=[0.0, 0.0, -0.25])
         # What looks like the attitude and is something else.
-        recorder.write("/fmu/out/vehicle_attitude", "geometry_msgs/msg/TwistStamped", {"header": header(at)})
-        recorder.write("/fmu/out/vehicle_attitude_groundtruth", "px4_msgs/msg/VehicleAttitude", {"q": [1.0] * 4})
+        recorder.write(
+            "/fmu/out/vehicle_attitude", "geometry_msgs/msg/TwistStamped", {"header": header(at)}
+        )
+        recorder.write(
+            "/fmu/out/vehicle_attitude_groundtruth",
+            "px4_msgs/msg/VehicleAttitude",
+            {"q": [1.0] * 4},
+        )
     vehicle = recorder.vehicle()
     assert vehicle.vehicle == "HEXAROTOR"
     assert set(vehicle.messages) == {"HEARTBEAT", "CURRENT_MODE", "ACTUATOR_CONTROL_TARGET"}
@@ -181,9 +225,13 @@ HOSTILE = {
     "thousands of millions": "uint64 timestamp\nA[4000000000] q\n===\nMSG: px4_msgs/A\nuint8[1] a\n",
     "without a size": "uint64 timestamp\nA[] q\n===\nMSG: px4_msgs/A\nuint8[1] a\n",
     "ever more": "uint64 timestamp\nA0 q\n"
-    + "".join(f"===\nMSG: px4_msgs/A{n}\n" + "".join(f"A{n + 1} f{i}\n" for i in range(10)) for n in range(30))
+    + "".join(
+        f"===\nMSG: px4_msgs/A{n}\n" + "".join(f"A{n + 1} f{i}\n" for i in range(10))
+        for n in range(30)
+    )
     + "===\nMSG: px4_msgs/A30\nuint8[1] a\n",
-    "deep": "uint64 timestamp\nA0 q\n" + "".join(f"===\nMSG: px4_msgs/A{n}\nA{n + 1} a\n" for n in range(2000)),
+    "deep": "uint64 timestamp\nA0 q\n"
+    + "".join(f"===\nMSG: px4_msgs/A{n}\nA{n + 1} a\n" for n in range(2000)),
     "wide text": "uint64 timestamp\nwstring q\n",
     "bell": "uint64 timestamp\nfloat32[4] \x1b[31mq\x07\n",
     "twice": "uint64 timestamp\nuint64 timestamp\nfloat32[4] q\n",
@@ -231,14 +279,19 @@ def test_hostile_definitions_are_harmless(name, tmp_path, capfd, monkeypatch):
     monkeypatch.setattr("os.system", lambda _: pytest.fail("the file was executed"))
     kind = "px4_msgs/msg/VehicleAttitude"
     path = tmp_path / "hostile.mcap"
-    write_raw(path, kind, {**HOSTILE, **ODD}[name], [bytes(range(200))] * 100 + [b"\xff" * 200] * 100)
+    write_raw(
+        path, kind, {**HOSTILE, **ODD}[name], [bytes(range(200))] * 100 + [b"\xff" * 200] * 100
+    )
     begun = time.thread_time()
     log = read_log(path)
     assert time.thread_time() - begun < 2.0
     (vehicle,) = log.vehicles
     assert len(vehicle.messages["HIL_ACTUATOR_CONTROLS"]["time"]) == 300
     if name in HOSTILE:
-        assert any("cannot be decoded" in repair and "vehicle_attitude" in repair for repair in vehicle.repairs)
+        assert any(
+            "cannot be decoded" in repair and "vehicle_attitude" in repair
+            for repair in vehicle.repairs
+        )
     assert capfd.readouterr() == ("", "")
 
 
@@ -246,7 +299,9 @@ def write_raw(path: Path, kind: str, definition: str, bodies: list[bytes]) -> No
     """Bodies under ``/fmu/out/vehicle_attitude`` with a definition of their own, and sound motors and status."""
     with Ros2Recorder(path) as recorder:
         number = recorder._writer._writer.register_schema(kind, "ros2msg", definition.encode())
-        channel = recorder._writer._writer.register_channel("/fmu/out/vehicle_attitude", "cdr", number)
+        channel = recorder._writer._writer.register_channel(
+            "/fmu/out/vehicle_attitude", "cdr", number
+        )
         for row, body in enumerate(bodies):
             recorder._writer._writer.add_message(channel, row, b"\0\1\0\0" + body, row)
         for at in TIMES.tolist():
@@ -258,7 +313,10 @@ def write_raw(path: Path, kind: str, definition: str, bodies: list[bytes]) -> No
 def test_messages_of_a_wrong_length_cost_themselves_only(tmp_path):
     kind = "px4_msgs/msg/VehicleAttitude"
     path = tmp_path / "wrong.mcap"
-    good = [b"".join([round(at * 1e6).to_bytes(8, "little"), bytes(8), np.ones(4, "<f4").tobytes()]) for at in TIMES]
+    good = [
+        b"".join([round(at * 1e6).to_bytes(8, "little"), bytes(8), np.ones(4, "<f4").tobytes()])
+        for at in TIMES
+    ]
     bodies = [body + bytes(17) for body in good]
     bodies[3:3] = [b"", b"\0", good[3][:20], bytes(20)]
     write_raw(path, kind, DEFINITIONS[kind], bodies)
@@ -269,10 +327,14 @@ def test_messages_of_a_wrong_length_cost_themselves_only(tmp_path):
 
 @pytest.mark.parametrize(
     ("beginning", "language"),
-    [(begun, "ros2msg") for begun in (b"\0\2\0\0", b"\xff\xff\xff\xff", b"", b"\0")] + [(b"\0\1\0\0", "ros2idl")],
+    [(begun, "ros2msg") for begun in (b"\0\2\0\0", b"\xff\xff\xff\xff", b"", b"\0")]
+    + [(b"\0\1\0\0", "ros2idl")],
 )
-def test_other_encapsulations_and_languages_of_definition_are_not_read(beginning, language, tmp_path):
-    path, kind = tmp_path / "other.mcap", "px4_msgs/msg/VehicleAttitude"
+def test_other_encapsulations_and_languages_of_definition_are_not_read(
+    beginning, language, tmp_path
+):
+    path = tmp_path / "other.mcap"
+    kind = "px4_msgs/msg/VehicleAttitude"
     with Recorder(path) as recorder:
         schema = recorder._writer.register_schema(kind, language, DEFINITIONS[kind].encode())
         channel = recorder._writer.register_channel("/fmu/out/vehicle_attitude", "cdr", schema)
@@ -297,9 +359,11 @@ def test_the_battery_of_either_bridge(tmp_path):
 
 
 def test_setpoints_of_mavros_are_turned_back(recorder):
-    rpy, pqr = (0.3, -0.2, 1.0), np.array([0.5, -0.6, 0.7])
+    rpy = (0.3, -0.2, 1.0)
+    pqr = np.array([0.5, -0.6, 0.7])
     mavros_flight(recorder)
-    at, turned = float(UNIX + TIMES[50]), {"x": pqr[0], "y": -pqr[1], "z": -pqr[2]}
+    at = float(UNIX + TIMES[50])
+    turned = {"x": pqr[0], "y": -pqr[1], "z": -pqr[2]}
     fields = {"orientation": xyzw(to_ros(rpy)), "body_rate": turned, "type_mask": 1}
     recorder.mavros("setpoint_raw/target_attitude", "mavros_msgs/msg/AttitudeTarget", at, **fields)
     vehicle = recorder.vehicle()
@@ -315,9 +379,18 @@ def test_setpoints_of_mavros_are_turned_back(recorder):
 def test_what_holds_no_flight_of_a_vehicle_is_refused(tmp_path):
     """Setpoints alone, another sensor's IMU; and where a stream of MAVLink is asked for, topics."""
     with pytest.raises(Unreadable):
-        read_log(written(tmp_path, lambda recorder: recorder.px4("vehicle_rates_setpoint", 20.0, roll=1.0)))
+        read_log(
+            written(
+                tmp_path, lambda recorder: recorder.px4("vehicle_rates_setpoint", 20.0, roll=1.0)
+            )
+        )
     with pytest.raises(Unreadable, match=r"/camera/imu/data.*record"):
-        read_log(written(tmp_path, lambda recorder: recorder.imu(20.0, (0.1, 0, 0), (0, 0, 0), node="/camera")))
+        read_log(
+            written(
+                tmp_path,
+                lambda recorder: recorder.imu(20.0, (0.1, 0, 0), (0, 0, 0), node="/camera"),
+            )
+        )
     with pytest.raises(Unreadable, match=r"ROS 2 topics, not of MAVLink.*\.csv"):
         mcap_stream(written(tmp_path, px4_flight))
 
@@ -347,7 +420,9 @@ def test_mavlink_is_read_before_ros_2_and_px4s_own_topics_before_mavros(other, t
             for frame in [heartbeat(), *flight(TIMES.tolist())]:
                 recorder.write("serial", frame, "mavlink", schema=False)
             text = DEFINITIONS["px4_msgs/msg/VehicleAttitude"].encode()
-            number = recorder._writer.register_schema("px4_msgs/msg/VehicleAttitude", "ros2msg", text)
+            number = recorder._writer.register_schema(
+                "px4_msgs/msg/VehicleAttitude", "ros2msg", text
+            )
             topic = "/fmu/out/vehicle_attitude"
             recorder._channels[topic] = recorder._writer.register_channel(topic, "cdr", number)
             recorder.write(topic, b"\0\1\0\0" + bytes(60))
@@ -357,4 +432,6 @@ def test_mavlink_is_read_before_ros_2_and_px4s_own_topics_before_mavros(other, t
             mavros_flight(recorder)
     (vehicle,) = read_log(path).vehicles
     assert vehicle.translated_from == ("" if other == "MAVLink" else "uXRCE-DDS")
-    assert any(("MAVROS" if other == "MAVROS" else "ROS 2 topics") in repair for repair in vehicle.repairs)
+    assert any(
+        ("MAVROS" if other == "MAVROS" else "ROS 2 topics") in repair for repair in vehicle.repairs
+    )

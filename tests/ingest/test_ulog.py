@@ -36,7 +36,9 @@ from mavdem.ingest.telemetry import Telemetry, rate_without_gaps
 
 
 def same(ours: NDArray[np.generic], theirs: NDArray[np.generic]) -> bool:
-    return len(ours) == len(theirs) and bool((np.asarray(ours, np.float64) == np.asarray(theirs, np.float64)).all())
+    return len(ours) == len(theirs) and bool(
+        (np.asarray(ours, np.float64) == np.asarray(theirs, np.float64)).all()
+    )
 
 
 @pytest.mark.parametrize("name", REAL)
@@ -46,7 +48,9 @@ def test_values_are_those_pyulog_reads(name):
     plain = ULog(str(path))
     texts = [one.message for one in plain.logged_messages]
     assert list(vehicle.messages.get("STATUSTEXT", {"text": []})["text"]) == texts
-    attitude, local = (plain.get_dataset(topic).data for topic in ("vehicle_attitude", "vehicle_local_position"))
+    attitude, local = (
+        plain.get_dataset(topic).data for topic in ("vehicle_attitude", "vehicle_local_position")
+    )
     ours = vehicle.messages["ATTITUDE_QUATERNION"]
     for field, theirs in zip(("q1", "q2", "q3", "q4"), (f"q[{n}]" for n in range(4)), strict=True):
         assert same(ours[field], attitude[theirs])
@@ -54,12 +58,19 @@ def test_values_are_those_pyulog_reads(name):
         assert same(ours[field], attitude[field])
     assert same(np.rint(ours["time"] * 1e6), attitude["timestamp"])
     for field in ("x", "y", "z", "vx", "vy", "vz"):
-        assert same(vehicle.messages["LOCAL_POSITION_NED"][field], local[field][local["v_z_valid"] == 1])
+        assert same(
+            vehicle.messages["LOCAL_POSITION_NED"][field], local[field][local["v_z_valid"] == 1]
+        )
     if any(topic.name == "wind_estimate" for topic in plain.data_list):
-        assert same(vehicle.messages["WIND_COV"]["wind_y"], plain.get_dataset("wind_estimate").data["windspeed_east"])
+        assert same(
+            vehicle.messages["WIND_COV"]["wind_y"],
+            plain.get_dataset("wind_estimate").data["windspeed_east"],
+        )
     control = plain.get_dataset("actuator_controls_0").data
     for n in range(8):
-        assert same(vehicle.messages["ACTUATOR_CONTROL_TARGET"]["controls"][:, n], control[f"control[{n}]"])
+        assert same(
+            vehicle.messages["ACTUATOR_CONTROL_TARGET"]["controls"][:, n], control[f"control[{n}]"]
+        )
     outputs = vehicle.messages["SERVO_OUTPUT_RAW"]
     for topic in (topic for topic in plain.data_list if topic.name == "actuator_outputs"):
         here = outputs["port"] == topic.multi_id
@@ -81,19 +92,35 @@ def test_attitude_is_moved_to_the_stamps_of_the_rates(tmp_path):
         if not 2 < time < 2.5:
             sign = -1 if round(time / 0.05) % 2 else 1  # the same attitude
             pieces.append(
-                data("vehicle_attitude", 20 + time, sign * np.cos(time / 4), sign * np.sin(time / 4), 0, 0, 0)
+                data(
+                    "vehicle_attitude",
+                    20 + time,
+                    sign * np.cos(time / 4),
+                    sign * np.sin(time / 4),
+                    0,
+                    0,
+                    0,
+                )
             )
-    pieces += [data("vehicle_angular_velocity", 20 + time, 0.5, 0.0, 0.1) for time in np.arange(0.5, 3.5, 0.02)]
+    pieces += [
+        data("vehicle_angular_velocity", 20 + time, 0.5, 0.0, 0.1)
+        for time in np.arange(0.5, 3.5, 0.02)
+    ]
     vehicle = vehicle_of(log(*pieces), tmp_path)
     messages = vehicle.messages["ATTITUDE_QUATERNION"]
     time = messages["time"] - 20
     assert vehicle.repairs[0].startswith("Attitude was logged at 20 Hz and body rates at 50 Hz: ")
-    assert np.allclose(np.diff(time)[np.diff(time) < 0.1], 0.02) and not ((time > 2.001) & (time < 2.499)).any()
+    assert (
+        np.allclose(np.diff(time)[np.diff(time) < 0.1], 0.02)
+        and not ((time > 2.001) & (time < 2.499)).any()
+    )
     angle = 2 * np.arctan2(messages["q2"] * np.sign(messages["q1"]), np.abs(messages["q1"]))
     assert np.allclose(angle, time / 2, atol=1e-4) and np.allclose(messages["yawspeed"], 0.1)
     # One too slow keeps its stamps.
     pieces = [data("vehicle_attitude", 20 + 0.5 * row, 1, 0, 0, 0, 0) for row in range(20)]
-    pieces += [data("vehicle_angular_velocity", 20 + 0.01 * row, 0.01 * row, 0, 0) for row in range(1000)]
+    pieces += [
+        data("vehicle_angular_velocity", 20 + 0.01 * row, 0.01 * row, 0, 0) for row in range(1000)
+    ]
     messages = vehicle_of(log(*pieces), tmp_path).messages["ATTITUDE_QUATERNION"]
     assert np.allclose(messages["time"], 20 + 0.5 * np.arange(20))
     assert np.allclose(messages["rollspeed"], 0.5 * np.arange(20), atol=1e-6)
@@ -104,8 +131,14 @@ def test_stamps_that_repeat_have_no_rate():
 
 
 def test_motors_are_put_on_their_channels(tmp_path):
-    swapped = b"".join(parameter(f"PWM_MAIN_FUNC{n}", motor) for n, motor in ((1, 103), (2, 101), (5, 104), (6, 102)))
-    pieces = [data("actuator_motors", 20 + 0.01 * row, 0.1, 0.2, 0.3, 0.4 + row / 1e3, *OFF) for row in range(50)]
+    swapped = b"".join(
+        parameter(f"PWM_MAIN_FUNC{n}", motor)
+        for n, motor in ((1, 103), (2, 101), (5, 104), (6, 102))
+    )
+    pieces = [
+        data("actuator_motors", 20 + 0.01 * row, 0.1, 0.2, 0.3, 0.4 + row / 1e3, *OFF)
+        for row in range(50)
+    ]
     vehicle = vehicle_of(log(*pieces, parameters=swapped), tmp_path)
     controls = vehicle.messages["HIL_ACTUATOR_CONTROLS"]["controls"]
     assert np.allclose(controls[0], [0.3, 0.1, 0, 0, 0.4, 0.2] + [0] * 10)
@@ -116,10 +149,15 @@ def test_instances_of_outputs_are_ports(tmp_path):
         values = [1000 * (instance + 1) + row + 0.5, *[7.0] * 15]
         return data("actuator_outputs", 20 + 0.01 * row, 1, *values, instance=instance)
 
-    pieces = [subscription("actuator_outputs", 1), *(outputs(row, port) for row in range(10) for port in (0, 1))]
+    pieces = [
+        subscription("actuator_outputs", 1),
+        *(outputs(row, port) for row in range(10) for port in (0, 1)),
+    ]
     sent = vehicle_of(log(*pieces), tmp_path).messages["SERVO_OUTPUT_RAW"]
     for port in (0, 1):
-        assert np.array_equal(sent["servo1_raw"][sent["port"] == port], 1000 * (port + 1) + np.arange(10) + 0.5)
+        assert np.array_equal(
+            sent["servo1_raw"][sent["port"] == port], 1000 * (port + 1) + np.arange(10) + 0.5
+        )
     assert not sent["servo2_raw"].any()  # beyond the outputs in use
 
 
@@ -127,7 +165,9 @@ def test_a_topic_subscribed_to_twice_is_one(tmp_path):
     again = subscription("actuator_controls_0", number=900)
     first = [data("actuator_controls_0", 20 + row, *[row] * 8) for row in range(5)]
     then = [data("actuator_controls_0", 25 + row, *[5 + row] * 8, number=900) for row in range(5)]
-    controls = vehicle_of(log(*first, again, *then), tmp_path).messages["ACTUATOR_CONTROL_TARGET"]["controls"]
+    controls = vehicle_of(log(*first, again, *then), tmp_path).messages["ACTUATOR_CONTROL_TARGET"][
+        "controls"
+    ]
     assert controls[:, 0].tolist() == list(range(10))
 
 
@@ -135,7 +175,18 @@ def test_setpoints_keep_their_own_stamps(tmp_path):
     pieces = flight(TIMES)
     for row in range(4):
         half = 0.05 * row
-        pieces.append(data("vehicle_attitude_setpoint", 20 + row / 2, 0, np.cos(half), np.sin(half), 0, 0, row != 2))
+        pieces.append(
+            data(
+                "vehicle_attitude_setpoint",
+                20 + row / 2,
+                0,
+                np.cos(half),
+                np.sin(half),
+                0,
+                0,
+                row != 2,
+            )
+        )
         pieces.append(data("vehicle_rates_setpoint", 20.1 + row / 2, row, 10 + row, 20 + row))
     vehicle = vehicle_of(log(*pieces), tmp_path)
     assert (np.diff(vehicle.messages["ATTITUDE_TARGET"]["time"]) > 0).all()
@@ -154,9 +205,12 @@ def test_drivers_that_publish_outputs_in_turn_are_told_apart_by_their_number_of_
     values = [[1500.0] * 4 if used else [1000.0 + row] * 4 for row, used in enumerate(turns)]
     rows = zip(turns, values, strict=True)
     pieces = [
-        data("actuator_outputs", 20 + 0.1 * row, used, *four, *[0.0] * 12) for row, (used, four) in enumerate(rows)
+        data("actuator_outputs", 20 + 0.1 * row, used, *four, *[0.0] * 12)
+        for row, (used, four) in enumerate(rows)
     ]
-    servos = vehicle_of(log(subscription("actuator_outputs"), *pieces), tmp_path).messages["SERVO_OUTPUT_RAW"]
+    servos = vehicle_of(log(subscription("actuator_outputs"), *pieces), tmp_path).messages[
+        "SERVO_OUTPUT_RAW"
+    ]
     moving = servos["servo4_raw"][servos["port"] == 0]
     assert moving.tolist() == [1000.0 + row for row in range(60) if row % 3 != 2]
     assert np.unique(servos["servo4_raw"][servos["port"] != 0]).tolist() == [1500.0]
@@ -166,14 +220,30 @@ def test_landed_states(tmp_path):
     def target(seconds: float, kind: int, valid: bool = True) -> bytes:
         return data("position_setpoint_triplet", seconds, 0, 0.0, False, 0, 0, 47.0, valid, kind)
 
-    pieces = [data("vehicle_land_detected", 10, True), data("vehicle_control_mode", 10.5, True), target(11, 3)]
-    pieces += [data("vehicle_land_detected", 12, False), target(20, 2), target(30, 4), target(31, 4, valid=False)]
-    pieces += [target(32, 4), data("vehicle_control_mode", 33, False), data("vehicle_land_detected", 40, True)]
+    pieces = [
+        data("vehicle_land_detected", 10, True),
+        data("vehicle_control_mode", 10.5, True),
+        target(11, 3),
+    ]
+    pieces += [
+        data("vehicle_land_detected", 12, False),
+        target(20, 2),
+        target(30, 4),
+        target(31, 4, valid=False),
+    ]
+    pieces += [
+        target(32, 4),
+        data("vehicle_control_mode", 33, False),
+        data("vehicle_land_detected", 40, True),
+    ]
     states = vehicle_of(log(*pieces), tmp_path).messages["EXTENDED_SYS_STATE"]
     told = dict(zip(states["time"].tolist(), states["landed_state"].tolist(), strict=True))
     assert told == {10: 1, 10.5: 1, 11: 1, 12: 3, 20: 2, 30: 4, 31: 2, 32: 4, 33: 2, 40: 1}
     # A vertical speed that is not valid is left out.
-    pieces = [data("vehicle_local_position", 20 + row, 0, 0, 0, 0, 0, row, row % 2 == 0) for row in range(6)]
+    pieces = [
+        data("vehicle_local_position", 20 + row, 0, 0, 0, 0, 0, row, row % 2 == 0)
+        for row in range(6)
+    ]
     climb = Signals(vehicle_of(log(*pieces), tmp_path)).climb_rate
     assert climb is not None and climb.values.tolist() == [0, -2, -4]
 
@@ -198,7 +268,11 @@ def test_what_the_vehicle_is(tmp_path, status, parameters, expected):
 
 
 def test_parameters_are_the_last_that_were_set(tmp_path):
-    initial = parameter("MAV_SYS_ID", 7) + parameter("GAIN", 0.5, "float") + parameter("BAD", float("nan"), "float")
+    initial = (
+        parameter("MAV_SYS_ID", 7)
+        + parameter("GAIN", 0.5, "float")
+        + parameter("BAD", float("nan"), "float")
+    )
     changed = [parameter("GAIN", 0.25, "float"), parameter("GAIN", float("inf"), "float")]
     vehicle = vehicle_of(log(*flight(TIMES[:9]), *changed, parameters=initial), tmp_path)
     assert vehicle.parameters == {"MAV_SYS_ID": 7.0, "GAIN": 0.25} and vehicle.system == 7
@@ -214,10 +288,14 @@ def stamps_of(vehicle: Telemetry) -> list[int]:
 INTACT = [round(time * 1e6) for time in TIMES.tolist()]
 
 
-@pytest.mark.parametrize("header", ["00 00 44", "01 00 44", "42 FF 44", "42 01 44", "42 00 00", "42 00 FF", "42 00 4C"])
+@pytest.mark.parametrize(
+    "header", ["00 00 44", "01 00 44", "42 FF 44", "42 01 44", "42 00 00", "42 00 FF", "42 00 4C"]
+)
 def test_a_wrong_header_costs_its_own_message(tmp_path, header):
     pieces = flight(TIMES)
-    row = next(row for row, piece in enumerate(pieces) if row > 700 and piece[:5] == b"\x42\0D\x02\0")
+    row = next(
+        row for row, piece in enumerate(pieces) if row > 700 and piece[:5] == b"\x42\0D\x02\0"
+    )
     pieces[row] = bytes.fromhex(header) + pieces[row][3:]
     vehicle = vehicle_of(log(*pieces), tmp_path)
     assert set(INTACT) - set(stamps_of(vehicle)) == {struct.unpack_from("<Q", pieces[row], 5)[0]}
@@ -226,12 +304,16 @@ def test_a_wrong_header_costs_its_own_message(tmp_path, header):
 
 
 NOISE = random.Random(1).randbytes(5000)
-ALONE = b"\xff" * 100 + message("O", struct.pack("<H", 60_000)) + b"\xff" * 100  # a dropout, were it one
+# a dropout, were it one
+ALONE = b"\xff" * 100 + message("O", struct.pack("<H", 60_000)) + b"\xff" * 100
 INSERTED = {
     "noise": ([NOISE] * 3, "damaged in 3 places: 15000 bytes"),
     "an unknown kind": ([message("Z", bytes(40))], ""),
     "an unknown topic": ([message("D", struct.pack("<H", 999) + bytes(30))], ""),
-    "what looks like a message": ([ALONE], f"{len(ALONE)} bytes that belong to no message were skipped."),
+    "what looks like a message": (
+        [ALONE],
+        f"{len(ALONE)} bytes that belong to no message were skipped.",
+    ),
     "subscriptions again": ([subscriptions()], ""),
     **{f"a run of {letter}": ([bytes([letter]) * 50_000], "50000 bytes") for letter in b"BQ\0\xff"},
 }
@@ -239,7 +321,8 @@ INSERTED = {
 
 @pytest.mark.parametrize("name", INSERTED)
 def test_what_lies_between_messages_costs_nothing(tmp_path, name):
-    pieces, (inserted, repair) = flight(TIMES), INSERTED[name]
+    pieces = flight(TIMES)
+    (inserted, repair) = INSERTED[name]
     for row, piece in zip((900, 600, 300), inserted, strict=False):
         pieces.insert(row, piece)
     vehicle = vehicle_of(log(*pieces), tmp_path)
@@ -256,12 +339,16 @@ FIRST_FORMATS = {
 @pytest.mark.parametrize("lost", FIRST_FORMATS)
 def test_a_format_that_has_no_stamp_or_contains_itself_costs_its_topic(tmp_path, lost):
     first = message("F", FIRST_FORMATS[lost])
-    vehicle = vehicle_of(HEADER + first + definitions() + subscriptions() + b"".join(flight(TIMES)), tmp_path)
+    vehicle = vehicle_of(
+        HEADER + first + definitions() + subscriptions() + b"".join(flight(TIMES)), tmp_path
+    )
     assert stamps_of(vehicle) == INTACT and lost not in vehicle.messages
 
 
 def test_padding_may_be_there_or_not(tmp_path):
-    pieces = [data("vehicle_angular_velocity", time, 0.5, 0.0, 0.1) for time in (19.9, 20.0, 20.1, 20.35)]
+    pieces = [
+        data("vehicle_angular_velocity", time, 0.5, 0.0, 0.1) for time in (19.9, 20.0, 20.1, 20.35)
+    ]
     pieces += [data("vehicle_attitude", 19.8 + 0.08 * row, 1, 0, 0, 0, 0) for row in range(8)]
     pieces[-1] = message("D", pieces[-1][3:] + bytes(7))
     vehicle = vehicle_of(log(*pieces), tmp_path)
@@ -280,15 +367,20 @@ def test_a_log_cut_off_anywhere_gives_what_came_before(tmp_path):
             continue
         if WANTED in vehicle.messages:
             found = stamps_of(vehicle)
-            assert found == INTACT[: len(found)] and content[:end].count(b"D\x02\x00") == pytest.approx(
-                len(found), abs=1
-            )
+            assert found == INTACT[: len(found)] and content[:end].count(
+                b"D\x02\x00"
+            ) == pytest.approx(len(found), abs=1)
 
 
 def test_what_was_appended_after_a_crash_is_read(tmp_path):
     """The data section ends within a message; what was saved on the way down follows, in three parts."""
     pieces = flight(TIMES)
-    parts = [b"".join(pieces[:900]) + pieces[900][:-4], b"".join(pieces[901:1200]), b"".join(pieces[1200:]), SYNC]
+    parts = [
+        b"".join(pieces[:900]) + pieces[900][:-4],
+        b"".join(pieces[901:1200]),
+        b"".join(pieces[1200:]),
+        SYNC,
+    ]
     head = definitions() + subscriptions()
     first = 16 + 43 + len(head)
     offsets = [first + sum(map(len, parts[: n + 1])) for n in range(3)]
@@ -296,7 +388,9 @@ def test_what_was_appended_after_a_crash_is_read(tmp_path):
     vehicle = vehicle_of(HEADER + flags + head + b"".join(parts), tmp_path)
     lost = {struct.unpack_from("<Q", pieces[900], 5)[0]} if pieces[900][3] == 2 else set()
     assert set(INTACT) - set(stamps_of(vehicle)) == lost
-    assert vehicle.repairs == ("Left out: 1 message cut off by the end of the file or of a part of it.",)
+    assert vehicle.repairs == (
+        "Left out: 1 message cut off by the end of the file or of a part of it.",
+    )
 
 
 @pytest.mark.parametrize("offsets", [(5, 0, 0), (2**60, 0, 0), (400, 300, 0)])
@@ -338,7 +432,9 @@ def nested(deep: int, wide: int) -> bytes:
 def test_a_format_is_laid_out_once_however_often_it_is_subscribed_to(tmp_path, formats, topic):
     content = HEADER + formats + subscription(topic, number=5000) * 20_000
     began = thread_time()
-    vehicle = vehicle_of(content + definitions() + subscriptions() + b"".join(flight(TIMES)), tmp_path)
+    vehicle = vehicle_of(
+        content + definitions() + subscriptions() + b"".join(flight(TIMES)), tmp_path
+    )
     assert "ATTITUDE_QUATERNION" in vehicle.messages
     assert thread_time() - began < 10
 
@@ -354,13 +450,17 @@ def test_topics_of_more_values_than_there_can_be_are_left_out(tmp_path, fields):
     vehicle = vehicle_of(content, tmp_path)
     assert "ATTITUDE_QUATERNION" in vehicle.messages
     (said,) = vehicle.repairs
-    assert said.startswith("Left out:") and said.endswith("to more topics, or larger ones, than PX4 has.")
+    assert said.startswith("Left out:") and said.endswith(
+        "to more topics, or larger ones, than PX4 has."
+    )
     assert thread_time() - began < 10
 
 
 def test_a_dropout_before_the_first_topic_is_reported(tmp_path):
     dropout = message("O", struct.pack("<H", 1500))
-    vehicle = vehicle_of(HEADER + definitions() + dropout + subscriptions() + b"".join(flight(TIMES)), tmp_path)
+    vehicle = vehicle_of(
+        HEADER + definitions() + dropout + subscriptions() + b"".join(flight(TIMES)), tmp_path
+    )
     assert "dropped out 1 time, for 1.5 s in all and 1.5 s at most" in vehicle.repairs[0]
 
 

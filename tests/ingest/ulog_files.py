@@ -66,7 +66,9 @@ def definitions(*more: str) -> bytes:
 def parameter(name: str, value: float, kind: str = "int32_t") -> bytes:
     """A parameter, initial or changed by where it stands."""
     key = f"{kind} {name}".encode()
-    return message("P", bytes([len(key)]) + key + struct.pack("<f" if kind == "float" else "<i", value))
+    return message(
+        "P", bytes([len(key)]) + key + struct.pack("<f" if kind == "float" else "<i", value)
+    )
 
 
 def subscription(name: str, instance: int = 0, number: int | None = None) -> bytes:
@@ -75,12 +77,16 @@ def subscription(name: str, instance: int = 0, number: int | None = None) -> byt
     return message("A", struct.pack("<BH", instance, number) + name.encode())
 
 
-def data(name: str, seconds: float, *values: float, instance: int = 0, number: int | None = None) -> bytes:
+def data(
+    name: str, seconds: float, *values: float, instance: int = 0, number: int | None = None
+) -> bytes:
     """One data message; topics with a ``timestamp_sample`` have it 1 ms before their time stamp."""
     number = NUMBERS[name] + 100 * instance if number is None else number
     stamp = round(seconds * 1e6)
     sample = (stamp - 1000,) if "timestamp_sample" in FORMATS[name] else ()
-    return message("D", struct.pack("<H", number) + struct.pack("<" + layout(name), stamp, *sample, *values))
+    return message(
+        "D", struct.pack("<H", number) + struct.pack("<" + layout(name), stamp, *sample, *values)
+    )
 
 
 def subscriptions(*names: str) -> bytes:

@@ -44,8 +44,26 @@ def everything(log: Log | None) -> list[Any]:
         return []
     vehicles = []
     for vehicle in log.vehicles:
-        who = (vehicle.system, vehicle.component, vehicle.vehicle, repr(vehicle.parameters), vehicle.repairs)
+        who = (
+            vehicle.system,
+            vehicle.component,
+            vehicle.vehicle,
+            repr(vehicle.parameters),
+            vehicle.repairs,
+        )
         sent = [(name, columns.items()) for name, columns in vehicle.messages.items()]
-        vehicles.append((who, [(name, field, values.tobytes()) for name, fields in sent for field, values in fields]))
-    speakers = [(speaker.system, speaker.component, dict(speaker.messages), speaker.lost) for speaker in log.components]
+        vehicles.append(
+            (
+                who,
+                [
+                    (name, field, values.tobytes())
+                    for name, fields in sent
+                    for field, values in fields
+                ],
+            )
+        )
+    speakers = [
+        (speaker.system, speaker.component, dict(speaker.messages), speaker.lost)
+        for speaker in log.components
+    ]
     return [vehicles, speakers, log.unread, log.frames, log.bytes_skipped, repr(log.receive_time)]

@@ -43,16 +43,23 @@ class Flight:
     def _attitude(self, start, end):
         for time in ticks(start, end, self.attitude):
             stamp = {"time_boot_ms": round((time + self.clock) * 1e3)}
-            roll, rate = float(self.hover.roll(time)), float(self.hover.roll_rate(time))
+            roll = float(self.hover.roll(time))
+            rate = float(self.hover.roll_rate(time))
             if self.quaternion:
                 half = {"q1": np.cos(roll / 2), "q2": np.sin(roll / 2)}
                 yield time, "ATTITUDE_QUATERNION", stamp | half | {"rollspeed": rate}
             else:
-                yield time, "ATTITUDE", stamp | {"roll": roll, "rollspeed": rate, "pitch": 0.01, "pitchspeed": 0.1}
+                yield (
+                    time,
+                    "ATTITUDE",
+                    stamp | {"roll": roll, "rollspeed": rate, "pitch": 0.01, "pitchspeed": 0.1},
+                )
 
     def _motors(self, start, end):
         times = ticks(start, end, self.motors)
-        for time, outputs in zip(times, np.rint(self.hover.motors(np.array(times))).astype(int).tolist(), strict=True):
+        for time, outputs in zip(
+            times, np.rint(self.hover.motors(np.array(times))).astype(int).tolist(), strict=True
+        ):
             # A moment after the attitude of the same loop, as autopilots send them.
             stamp = round((time + 0.0002 + self.clock) * 1e6) % 2**32
             fields = {f"servo{motor + 1}_raw": output for motor, output in enumerate(outputs)}
@@ -67,15 +74,30 @@ class Flight:
     def _climb(self, start, end):
         for time in ticks(start, end, 10.0):
             stamp = {"time_boot_ms": round((time + self.clock) * 1e3)}
-            yield time + 0.0004, "LOCAL_POSITION_NED", stamp | {"vz": -float(self.hover.climb(np.array(time)))}
+            yield (
+                time + 0.0004,
+                "LOCAL_POSITION_NED",
+                stamp | {"vz": -float(self.hover.climb(np.array(time)))},
+            )
 
 
 @cache
 def _sent(flight: Flight, start: float, end: float) -> Timed:
     streams = (flight._attitude, flight._motors, flight._heartbeats, flight._climb)
-    timed = sorted((entry for stream in streams for entry in stream(start, end)), key=lambda entry: entry[0])
+    timed = sorted(
+        (entry for stream in streams for entry in stream(start, end)), key=lambda entry: entry[0]
+    )
     return [
-        (time, message(kind, flight.system, sequence=(number + flight.number) % 256, version=flight.version, **values))
+        (
+            time,
+            message(
+                kind,
+                flight.system,
+                sequence=(number + flight.number) % 256,
+                version=flight.version,
+                **values,
+            ),
+        )
         for number, (time, kind, values) in enumerate(timed)
     ]
 
@@ -107,10 +129,14 @@ class Replay:
 
     def table(self) -> NDArray[np.float64]:
         """Everything about the rows but when they were received, (T, 9)."""
-        return np.array([[row.time, *row.inputs, *row.outputs, row.segment, row.settled] for row in self.rows])
+        return np.array(
+            [[row.time, *row.inputs, *row.outputs, row.segment, row.settled] for row in self.rows]
+        )
 
 
-def replay(pieces: Iterable[tuple[float, bytes]], stream: LiveStream | None = None, **options) -> Replay:
+def replay(
+    pieces: Iterable[tuple[float, bytes]], stream: LiveStream | None = None, **options
+) -> Replay:
     """Feeds pieces, each at its time."""
     made = Replay(stream or LiveStream(**options))
     for time, piece in pieces:
@@ -128,8 +154,10 @@ def replay(pieces: Iterable[tuple[float, bytes]], stream: LiveStream | None = No
 
 def cut(timed: Timed, seed: int, longest: int = 700) -> Timed:
     """The same bytes in random pieces."""
-    chance, content = random.Random(seed), b"".join(data for _, data in timed)
-    pieces, place = [], 0
+    chance = random.Random(seed)
+    content = b"".join(data for _, data in timed)
+    pieces = []
+    place = 0
     while place < len(content):
         size = chance.choice((1, 7, chance.randrange(1, longest)))
         pieces.append((place / len(content), content[place : place + size]))
@@ -144,24 +172,32 @@ def offline(frames: Sequence[bytes], system: int = 1) -> Telemetry:
     return next(vehicle for vehicle in log.vehicles if vehicle.system == system)
 
 
-def differences(made: Replay, segment: int, telemetry: Telemetry, axis: str = "roll") -> tuple[float, float, float]:
+def differences(
+    made: Replay, segment: int, telemetry: Telemetry, axis: str = "roll"
+) -> tuple[float, float, float]:
     """How far times, outputs and inputs of a live segment are from those of ``align``, at most.
 
     The offline segment is the one whose grid begins with the live one's; at its end one may know a message more.
     """
-    rows, setup = made.segments()[segment], made.setups[segment]
+    rows = made.segments()[segment]
+    setup = made.setups[segment]
     stamps = signals.attitude(telemetry, axis)
     assert stamps is not None
     here = stamps.time[stamps.boot == setup.boot]
     margin = FILTER_EDGE_STEPS * setup.dt if max(setup.rates) * setup.dt >= LOW_PASS_RATIO else 0.0
     start = here[np.searchsorted(here, setup.start - margin + STAMP_SECONDS) - 1]
-    flight = align(Signals(telemetry, axis), Segment(setup.boot, float(start), rows[-1].time + margin + 0.9 * setup.dt))
+    flight = align(
+        Signals(telemetry, axis),
+        Segment(setup.boot, float(start), rows[-1].time + margin + 0.9 * setup.dt),
+    )
     assert flight.dt == setup.dt
     flight = flight[round((rows[0].time - setup.start) / setup.dt) :]
     count = min(len(rows), len(flight.time))
     assert abs(len(rows) - len(flight.time)) <= 1
     return (
         float(np.abs([row.time for row in rows][:count] - flight.time[:count]).max()),
-        float(np.abs(np.array([row.outputs for row in rows])[:count] - flight.outputs[:count]).max()),
+        float(
+            np.abs(np.array([row.outputs for row in rows])[:count] - flight.outputs[:count]).max()
+        ),
         float(np.abs(np.array([row.inputs for row in rows])[:count] - flight.inputs[:count]).max()),
     )

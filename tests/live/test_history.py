@@ -55,4 +55,5 @@ def test_a_long_flight_keeps_its_shape_in_bounded_memory(monkeypatch):
         flown(history, 2.0, segment, 110.0 + 5 * segment)
     measured = live_timeline(history, "roll").rows[0].lines[0]
     assert np.isnan(measured.values).sum() == 3
-    assert np.diff(measured.time)[~np.isnan(measured.values[1:])].max() < 1.0  # no line is drawn across a gap
+    # no line is drawn across a gap
+    assert np.diff(measured.time)[~np.isnan(measured.values[1:])].max() < 1.0

@@ -31,38 +31,66 @@ def usual_rows() -> np.ndarray:
 
 def test_frames_of_random_content_from_the_vehicle_itself_raise_nothing():
     chance = random.Random(0)
-    ids = [definition.message_id for definition in definitions().values() if definition.name in FIELDS]
+    ids = [
+        definition.message_id for definition in definitions().values() if definition.name in FIELDS
+    ]
     forged = []
     for _ in range(4000):
-        payload = chance.choice((chance.randbytes(70), b"\xff" * 70, b"\0\0\xc0\x7f" * 17, b"\x99\x76\x96\x7e" * 17))
-        forged.append((chance.uniform(0.0, 20.0), frame(chance.choice(ids), payload, sequence=chance.randrange(256))))
+        payload = chance.choice(
+            (chance.randbytes(70), b"\xff" * 70, b"\0\0\xc0\x7f" * 17, b"\x99\x76\x96\x7e" * 17)
+        )
+        forged.append(
+            (
+                chance.uniform(0.0, 20.0),
+                frame(chance.choice(ids), payload, sequence=chance.randrange(256)),
+            )
+        )
     made = replay(among(FLIGHT.frames(end=20.0), forged), vehicle="1:1")
     assert np.isfinite(made.table()).all()
     assert made.stream.status().vehicle == "1:1"
     made.stream.parameters  # noqa: B018
     for number, rows in made.segments().items():
-        np.testing.assert_allclose(np.diff([row.time for row in rows]), made.setups[number].dt, atol=1e-9)
+        np.testing.assert_allclose(
+            np.diff([row.time for row in rows]), made.setups[number].dt, atol=1e-9
+        )
 
 
 @pytest.mark.slow
 def test_impossible_values_stray_stamps_and_too_many_ports_change_nothing():
     odd = []
-    values, stamps = [float("nan"), 1e38, float("inf"), -700.0] * 5, [1, 2**32 - 1, 900_000, 123_456_789] * 5
+    values = [float("nan"), 1e38, float("inf"), -700.0] * 5
+    stamps = [1, 2**32 - 1, 900_000, 123_456_789] * 5
     for time, value, stamp in zip(np.arange(8.0, 18.0, 0.5), values, stamps, strict=True):
-        odd.append((time + 0.0001, message("ATTITUDE", time_boot_ms=round(time * 1e3) + 5, roll=value)))
+        odd.append(
+            (time + 0.0001, message("ATTITUDE", time_boot_ms=round(time * 1e3) + 5, roll=value))
+        )
         odd.append((time, message("ATTITUDE", time_boot_ms=stamp, roll=0.5)))
         odd.append((time + 0.1, message("SERVO_OUTPUT_RAW", time_usec=2**31)))
     for port, time in zip(range(1, 251), np.linspace(1.0, 19.0, 250), strict=True):
-        odd.append((time, message("SERVO_OUTPUT_RAW", time_usec=round(time * 1e6), port=port, servo1_raw=1500)))
+        odd.append(
+            (
+                time,
+                message(
+                    "SERVO_OUTPUT_RAW", time_usec=round(time * 1e6), port=port, servo1_raw=1500
+                ),
+            )
+        )
     made = replay(among(FLIGHT.frames(0.0, 20.0), odd))
     np.testing.assert_array_equal(made.table(), usual_rows())
     assert not any("rebooted" in sentence for sentence in made.sentences)
 
 
 def test_forged_heartbeats_change_neither_who_the_vehicle_is_nor_whether_it_is_armed():
-    forged = [(time, message("HEARTBEAT", type=GCS, autopilot=8)) for time in np.arange(4.5, 20.0, 0.7)]
-    forged += [(time, message("HEARTBEAT", type=2, autopilot=3)) for time in np.arange(8.5, 20.0, 3.0)]
-    forged += [(time, message("HEARTBEAT", type=0, autopilot=3, base_mode=ARMED)) for time in np.arange(0.2, 20, 0.31)]
+    forged = [
+        (time, message("HEARTBEAT", type=GCS, autopilot=8)) for time in np.arange(4.5, 20.0, 0.7)
+    ]
+    forged += [
+        (time, message("HEARTBEAT", type=2, autopilot=3)) for time in np.arange(8.5, 20.0, 3.0)
+    ]
+    forged += [
+        (time, message("HEARTBEAT", type=0, autopilot=3, base_mode=ARMED))
+        for time in np.arange(0.2, 20, 0.31)
+    ]
     made = replay(among(FLIGHT.frames(0.0, 20.0), forged))
     (me,) = made.stream._senders
     assert (me.kind, me.autopilot) == ("QUADROTOR", "ARDUPILOTMEGA")
@@ -73,8 +101,12 @@ def test_forged_heartbeats_change_neither_who_the_vehicle_is_nor_whether_it_is_a
 
 
 def test_two_heartbeats_in_a_row_that_say_disarmed_are_believed():
-    frames = [(time, data) for time, data in FLIGHT.frames(end=20.0) if not (data[7] == 0 and time > 15.5)]
-    disarmed = [(time, message("HEARTBEAT", type=2, autopilot=3, sequence=9)) for time in (16.0, 17.0)]
+    frames = [
+        (time, data) for time, data in FLIGHT.frames(end=20.0) if not (data[7] == 0 and time > 15.5)
+    ]
+    disarmed = [
+        (time, message("HEARTBEAT", type=2, autopilot=3, sequence=9)) for time in (16.0, 17.0)
+    ]
     made = replay(among(frames, disarmed))
     assert made.rows[-1].time == pytest.approx(17.0, abs=0.02)
     assert not made.stream.status().flying
@@ -82,14 +114,24 @@ def test_two_heartbeats_in_a_row_that_say_disarmed_are_believed():
 
 @pytest.mark.slow
 def test_thousands_of_senders_take_no_memory_and_not_the_place_of_the_vehicle():
-    chance, stream = random.Random(1), replay(FLIGHT.frames(end=13.0)).stream
-    rest, forged = FLIGHT.frames(start=13.0, end=18.0), []
+    chance = random.Random(1)
+    stream = replay(FLIGHT.frames(end=13.0)).stream
+    rest = FLIGHT.frames(start=13.0, end=18.0)
+    forged = []
     for number in range(2000):
-        kind = chance.choice(("ATTITUDE", "HEARTBEAT", "PARAM_VALUE", "SERVO_OUTPUT_RAW", "VFR_HUD"))
+        kind = chance.choice(
+            ("ATTITUDE", "HEARTBEAT", "PARAM_VALUE", "SERVO_OUTPUT_RAW", "VFR_HUD")
+        )
         content = message(kind, *divmod(2 * 256 + number * 25 % 60_000, 256))
         forged += [(chance.uniform(13.0, 18.0), content)] * 10
-    forged += [(time, message("HEARTBEAT", 9, 1, type=2, autopilot=3)) for time in np.arange(13.0, 18.0, 0.5)]
-    forged += [(time, message("ATTITUDE", 9, 1, sequence=int(time * 50) % 256)) for time in np.arange(13, 18, 0.02)]
+    forged += [
+        (time, message("HEARTBEAT", 9, 1, type=2, autopilot=3))
+        for time in np.arange(13.0, 18.0, 0.5)
+    ]
+    forged += [
+        (time, message("ATTITUDE", 9, 1, sequence=int(time * 50) % 256))
+        for time in np.arange(13, 18, 0.02)
+    ]
     again = replay(among(rest, forged), stream)
     assert stream.status().vehicle == "1:1" and len(list(stream._senders)) <= MAX_SENDERS
     usual = replay(rest, replay(FLIGHT.frames(end=13.0)).stream)
@@ -100,10 +142,15 @@ def test_thousands_of_senders_take_no_memory_and_not_the_place_of_the_vehicle():
 def test_parameters_and_events_are_bounded():
     stream = LiveStream(vehicle="1:1")
     for number in range(5000):
-        stream.feed(0.0, message("PARAM_VALUE", param_id=b"P%d" % number, param_value=1.0, param_type=9))
+        stream.feed(
+            0.0, message("PARAM_VALUE", param_id=b"P%d" % number, param_value=1.0, param_type=9)
+        )
     assert len(stream.parameters) <= 2048
     for number in range(3000):  # a reboot every six messages
-        stream.feed(0.0, message("ATTITUDE", time_boot_ms=500_000_000 - 100_000 * (number // 6) + number % 6))
+        stream.feed(
+            0.0,
+            message("ATTITUDE", time_boot_ms=500_000_000 - 100_000 * (number // 6) + number % 6),
+        )
     assert len(stream.events()) == MAX_EVENTS
     assert stream.events() == []
 

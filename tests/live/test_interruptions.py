@@ -17,7 +17,9 @@ FLIGHT = Flight(hover=Hover(hovering=30.0))
 def settled_uniform(made: Replay) -> None:
     """Within a segment rows are one step apart, whatever happened."""
     for number, rows in made.segments().items():
-        np.testing.assert_allclose(np.diff([row.time for row in rows]), made.setups[number].dt, atol=1e-9)
+        np.testing.assert_allclose(
+            np.diff([row.time for row in rows]), made.setups[number].dt, atol=1e-9
+        )
 
 
 def same_as_offline(made: Replay, frames: Timed, tolerance: float = 1e-9) -> None:
@@ -35,14 +37,19 @@ def shifted(frames: Timed, later: float) -> Timed:
 def test_a_gap_begins_a_new_segment_with_the_same_step(silence):
     frames = FLIGHT.frames(end=18.0)
     # The vehicle flew on meanwhile.
-    rest = Flight(hover=Hover(hovering=30.0 + silence)).frames(start=18.0 + silence, end=22.0 + silence)
+    rest = Flight(hover=Hover(hovering=30.0 + silence)).frames(
+        start=18.0 + silence, end=22.0 + silence
+    )
     (begun := replay(frames[:800]).stream).leave_out()  # which is of the next gap only
     made = replay(frames[800:] + rest, begun)
     assert made.segments().keys() == {0, 1}
     assert made.setups[0].dt == made.setups[1].dt == 0.01
     assert made.segments()[1][0].time == pytest.approx(18.0 + silence, abs=0.02)
     assert all(row.settled for row in made.segments()[1])
-    assert any(("Nothing was received" if silence > 5 else "a new segment") in said for said in made.sentences)
+    assert any(
+        ("Nothing was received" if silence > 5 else "a new segment") in said
+        for said in made.sentences
+    )
     assert silence < 1.0 or made.stream.status().missing == pytest.approx(silence, abs=0.1)
     settled_uniform(made)
     same_as_offline(made, frames + rest)
@@ -68,11 +75,17 @@ def test_a_fifth_lost_changes_no_segment():
     assert made.segments().keys() == {0}
     settled_uniform(made)
     # The step is the mean of two seconds, and offline that of all: what is told must be what offline reads there.
-    telemetry, rows = offline([data for _, data in frames]), made.segments()[0]
-    attitude, motors = signals.attitude(telemetry, "roll"), drive.motors_or_obstacle(telemetry)
+    telemetry = offline([data for _, data in frames])
+    rows = made.segments()[0]
+    attitude = signals.attitude(telemetry, "roll")
+    motors = drive.motors_or_obstacle(telemetry)
     grid = np.array([row.time for row in rows])
     for stamps, values, told in (
-        (attitude.time, np.column_stack([attitude.angle, attitude.rate]), [row.outputs for row in rows]),
+        (
+            attitude.time,
+            np.column_stack([attitude.angle, attitude.rate]),
+            [row.outputs for row in rows],
+        ),
         (motors.time, motors.outputs, [row.inputs for row in rows]),
     ):
         expected, way = sample(grid, made.setups[0].dt, stamps, values)
@@ -85,7 +98,10 @@ def test_after_a_reboot_everything_begins_anew():
     first = FLIGHT.frames(end=18.0)
     made = replay(first + shifted(FLIGHT.frames(end=18.0), 20.0))
     assert [setup.boot for setup in made.setups.values()] == [0, 1]
-    assert any(sentence.startswith("The vehicle rebooted when its clock read 18.0 s") for sentence in made.sentences)
+    assert any(
+        sentence.startswith("The vehicle rebooted when its clock read 18.0 s")
+        for sentence in made.sentences
+    )
     one, two = made.segments().values()
     for rows in (one, two):
         assert rows[0].time < 7.0  # the motors move from 6 s on
@@ -102,11 +118,17 @@ def test_a_clock_that_is_set_back_in_flight_goes_on_without_a_reboot():
     made = replay(first + rest)
     (said,) = (sentence for sentence in made.sentences if "clock" in sentence)
     assert said == "The vehicle's clock was set back by 5.0 s when it read 68.0 s."
-    assert made.segments().keys() == {0} and made.stream.boot == 0 and made.stream.status().lost == 0
+    assert (
+        made.segments().keys() == {0} and made.stream.boot == 0 and made.stream.status().lost == 0
+    )
     times = np.array([row.time for row in made.rows])
-    np.testing.assert_allclose([row.outputs[0] for row in made.rows], FLIGHT.hover.roll(times - 50.0), atol=1e-3)
+    np.testing.assert_allclose(
+        [row.outputs[0] for row in made.rows], FLIGHT.hover.roll(times - 50.0), atol=1e-3
+    )
     assert times[-1] == pytest.approx(72.0, abs=0.05)
-    assert replay(FLIGHT.frames(end=9.0), made.stream).rows[-1].time == pytest.approx(9.0, abs=0.05), "after a reboot"
+    assert replay(FLIGHT.frames(end=9.0), made.stream).rows[-1].time == pytest.approx(
+        9.0, abs=0.05
+    ), "after a reboot"
 
 
 def test_stamps_of_unix_time_are_moved_to_the_boot_clock():
@@ -119,7 +141,10 @@ def test_stamps_of_unix_time_are_moved_to_the_boot_clock():
             data = message("HIL_ACTUATOR_CONTROLS", sequence=data[4], **fields)
         frames.append((time, data))
     made = replay(frames)
-    assert any("HIL_ACTUATOR_CONTROLS are of another clock, 1.6e+09 s away" in sentence for sentence in made.sentences)
+    assert any(
+        "HIL_ACTUATOR_CONTROLS are of another clock, 1.6e+09 s away" in sentence
+        for sentence in made.sentences
+    )
     assert made.segments().keys() == {0} and made.rows[-1].time == pytest.approx(17.99, abs=0.02)
 
 
@@ -128,20 +153,29 @@ def test_a_rate_that_comes_back_has_the_step_it_had():
     chance = random.Random(0)
     slow = Flight(hover=FLIGHT.hover, attitude=50.0, motors=50.0).frames(start=18.0, end=23.0)
     back = [each for each in FLIGHT.frames(start=23.0, end=28.0) if chance.random() > 0.03]
-    again = [each for each in shifted(FLIGHT.frames(end=18.0), 40.0) if chance.random() > 0.03]  # after a reboot
+    # after a reboot
+    again = [each for each in shifted(FLIGHT.frames(end=18.0), 40.0) if chance.random() > 0.03]
     made = replay(FLIGHT.frames(end=18.0) + slow + back + again)
     assert {setup.boot for setup in made.setups.values()} == {0, 1}
     steps = [setup.dt for setup in made.setups.values()]
     assert steps[0] == steps[-1] == 0.01 and 0.02 in steps
 
 
-@pytest.mark.parametrize(("before", "after"), [(50.0, 100.0), pytest.param(200.0, 80.0, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    ("before", "after"), [(50.0, 100.0), pytest.param(200.0, 80.0, marks=pytest.mark.slow)]
+)
 def test_another_rate_in_flight_decides_the_step_anew(before, after):
     slow = Flight(hover=FLIGHT.hover, attitude=before, motors=before).frames(end=18.0)
     fast = Flight(hover=FLIGHT.hover, attitude=after, motors=after).frames(start=18.0, end=26.0)
     made = replay(slow + fast)
-    assert [setup.dt for setup in made.setups.values()] == [pytest.approx(1 / before), pytest.approx(1 / after)]
-    assert any(f"no longer comes at {before:.3g} Hz: a new segment starts." in sentence for sentence in made.sentences)
+    assert [setup.dt for setup in made.setups.values()] == [
+        pytest.approx(1 / before),
+        pytest.approx(1 / after),
+    ]
+    assert any(
+        f"no longer comes at {before:.3g} Hz: a new segment starts." in sentence
+        for sentence in made.sentences
+    )
     assert made.segments()[1][0].time < 21.0 and all(row.settled for row in made.segments()[1])
     settled_uniform(made)
 
@@ -151,7 +185,9 @@ def test_jitter_of_a_scheduler_changes_the_grid_neither_live_nor_offline():
     steps = np.random.default_rng(0).choice((1, 2, 3), 2500, p=(0.13, 0.62, 0.25))
     fast = Flight(hover=FLIGHT.hover, attitude=250.0, motors=250.0).frames(end=18.0)
     sent = set(np.cumsum(steps).tolist())
-    frames = [(at, data) for at, data in fast if data[7] not in (30, 36) or int(250 * at + 0.01) in sent]
+    frames = [
+        (at, data) for at, data in fast if data[7] not in (30, 36) or int(250 * at + 0.01) in sent
+    ]
     made = replay(frames)
     assert [setup.dt for setup in made.setups.values()] == [0.008]
     same_as_offline(made, frames)
@@ -162,7 +198,10 @@ def test_a_stream_that_is_too_slow_is_reported_with_the_remedy_and_gives_no_rows
     made = replay(slow)
     assert not made.rows
     (sentence,) = (each for each in made.sentences if "Hz" in each)
-    assert sentence.startswith("SERVO_OUTPUT_RAW comes at 4.0 Hz") and "`--request-rate 100`" in sentence
+    assert (
+        sentence.startswith("SERVO_OUTPUT_RAW comes at 4.0 Hz")
+        and "`--request-rate 100`" in sentence
+    )
     assert made.stream.status().rates["SERVO_OUTPUT_RAW"] == pytest.approx(4.0, abs=0.1)
     cured = replay(FLIGHT.frames(start=18.0, end=24.0), made.stream)
     assert "Attitude and motor outputs come fast enough now." in cured.sentences
@@ -186,7 +225,8 @@ def test_messages_out_of_order_are_put_in_order_or_counted():
     for row in range(0, len(swapped) - 3, 40):
         other = row + 1 + row // 40 % 2
         swapped[row], swapped[other] = swapped[other], swapped[row]
-    made, usual = replay(swapped), replay(frames)
+    made = replay(swapped)
+    usual = replay(frames)
     settled_uniform(made)
     assert made.segments().keys() == {0} and made.stream.status().late < 100
     count = min(len(made.rows), len(usual.rows))
@@ -202,13 +242,26 @@ def octo() -> Timed:
     for time, data in Flight().frames(end=15.0):
         if data[7] == 0:
             base_mode = 128 * (time > 5.0)
-            data = message("HEARTBEAT", sequence=data[4], type=OCTOROTOR, autopilot=3, base_mode=base_mode)
+            data = message(
+                "HEARTBEAT", sequence=data[4], type=OCTOROTOR, autopilot=3, base_mode=base_mode
+            )
         frames.append((time, data))
         if data[7] == 36:
-            outputs = np.rint(Flight().hover.motors(np.array([time + 0.001])))[0].astype(int).tolist()
-            fields = {f"servo{motor + 1}_raw": output + 10 * motor for motor, output in enumerate(outputs)}
+            outputs = (
+                np.rint(Flight().hover.motors(np.array([time + 0.001])))[0].astype(int).tolist()
+            )
+            fields = {
+                f"servo{motor + 1}_raw": output + 10 * motor for motor, output in enumerate(outputs)
+            }
             stamp = round((time + 0.001) * 1e6)
-            frames.append((time, message("SERVO_OUTPUT_RAW", time_usec=stamp, port=1, sequence=data[4], **fields)))
+            frames.append(
+                (
+                    time,
+                    message(
+                        "SERVO_OUTPUT_RAW", time_usec=stamp, port=1, sequence=data[4], **fields
+                    ),
+                )
+            )
     return frames
 
 
@@ -229,7 +282,10 @@ def with_demand(motors: float) -> Timed:
         frames.append((time, data))
         if data[7] == 30:
             roll = float(Flight().hover.roll_command(np.array(time))) / 100
-            fields = {"time_usec": round(time * 1e6), "controls": [roll, 0.1 * roll, 0, 0.6, 0, 0, 0, 0]}
+            fields = {
+                "time_usec": round(time * 1e6),
+                "controls": [roll, 0.1 * roll, 0, 0.6, 0, 0, 0, 0],
+            }
             frames.append((time, message("ACTUATOR_CONTROL_TARGET", sequence=data[4], **fields)))
             fields = {"time_usec": round(time * 1e6) + 1, "controls": [0.9] * 8, "group_mlx": 1}
             frames.append((time, message("ACTUATOR_CONTROL_TARGET", sequence=data[4], **fields)))

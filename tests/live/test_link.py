@@ -17,7 +17,14 @@ from mavlink_streams import flight, frame, heartbeat, message
 from mavdem.errors import Unreadable
 from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream
-from mavdem.live.link import FIRST_PAUSE_SECONDS, MAX_PIECES, SILENCE_SECONDS, Link, LinkLost, RawRecording
+from mavdem.live.link import (
+    FIRST_PAUSE_SECONDS,
+    MAX_PIECES,
+    SILENCE_SECONDS,
+    Link,
+    LinkLost,
+    RawRecording,
+)
 
 HEARTBEAT = message("HEARTBEAT", system=1, component=1, type=2, autopilot=3)
 
@@ -76,9 +83,14 @@ def test_datagrams_come_whole_stamped_in_order_and_in_a_bounded_number():
         for number in range(MAX_PIECES + 5):
             vehicle.sendto(bytes([number % 256]) * 10, address)
         time.sleep(0.05)  # a busy kernel delivers some ms later
-        reading, received = time.time(), link.receive(1.0)
-        assert [data for _, data in received] == [bytes([number % 256]) * 10 for number in range(MAX_PIECES)]
-        assert all(before <= stamp <= reading for stamp, _ in received), "when they arrived, not when they are read"
+        reading = time.time()
+        received = link.receive(1.0)
+        assert [data for _, data in received] == [
+            bytes([number % 256]) * 10 for number in range(MAX_PIECES)
+        ]
+        assert all(before <= stamp <= reading for stamp, _ in received), (
+            "when they arrived, not when they are read"
+        )
         assert len(link.receive(1.0)) == 5 and link.receive(0.0) == []
         link._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 14)
         for _ in range(400):
@@ -108,7 +120,9 @@ def test_of_two_autopilots_with_the_same_ids_the_first_is_received_and_that_is_s
         assert received(first, second, frame=others) == 2, "ground stations may share ids"
         assert received(first, second, frame=b"$GPGGA\x01\x01,") == 2, "no frame has no ids"
         clock[0] += 4.0
-        assert received(second) == 1, "the first has gone: the second is the vehicle, restarted perhaps"
+        assert received(second) == 1, (
+            "the first has gone: the second is the vehicle, restarted perhaps"
+        )
         assert received(second) == 1 and link.events() == []
 
 
@@ -162,7 +176,10 @@ def test_a_server_that_goes_away_is_reported_and_comes_back(clock):
 
 
 def test_a_client_that_is_silent_gives_way_to_another_and_one_that_talks_does_not(clock):
-    with listening("tcpin:127.0.0.1:{}") as (link, address), socket.create_connection(address) as first:
+    with (
+        listening("tcpin:127.0.0.1:{}") as (link, address),
+        socket.create_connection(address) as first,
+    ):
         first.sendall(b"one")
         assert everything(link) == b"one"
         with socket.create_connection(address) as second:
@@ -202,7 +219,10 @@ def test_a_serial_port_is_read_raw_silent_and_its_loss_is_reported():
 @pytest.mark.parametrize(
     ("name", "reason"),
     [
-        *((name, "is not a link") for name in ("udpin:127.0.0.1", "", "mcast:14550", "COM3", "udpin:a:b:c")),
+        *(
+            (name, "is not a link")
+            for name in ("udpin:127.0.0.1", "", "mcast:14550", "COM3", "udpin:a:b:c")
+        ),
         ("udpin:127.0.0.1:99999", "ports go up to 65535"),
         ("tcp:no.such.host.invalid:5760", "there is no host no.such.host.invalid"),
         ("udpin:192.0.2.1:14550", "not an address of this machine"),
@@ -218,7 +238,10 @@ def test_what_cannot_be_opened_is_said_in_one_sentence(name, reason):
     with pytest.raises(Unreadable, match=reason) as refusal:
         Link(name)
     assert str(refusal.value).count("\n") == 0
-    with udp() as taken, pytest.raises(Unreadable, match=r"Cannot open udpin:127.0.0.1:\d+: the port is in use"):
+    with (
+        udp() as taken,
+        pytest.raises(Unreadable, match=r"Cannot open udpin:127.0.0.1:\d+: the port is in use"),
+    ):
         Link(f"udpin:127.0.0.1:{port_of(taken)}")
 
 
@@ -232,7 +255,8 @@ def test_what_nobody_takes_is_dropped():
 
 
 FRAMES = [heartbeat(), *flight([20 + 0.01 * row for row in range(400)])]
-OTHERS = [frame(64_000, b"abc", seed=3), frame(33, bytes(range(28)), seed=1)]  # of another dialect, and damaged
+# of another dialect, and damaged
+OTHERS = [frame(64_000, b"abc", seed=3), frame(33, bytes(range(28)), seed=1)]
 NOW = 1.7e9
 
 
@@ -261,11 +285,13 @@ def test_bytes_in_any_pieces_among_garbage_are_kept(tmp_path, seed):
             content += bytes(chance.randrange(0xFC) for _ in range(chance.randrange(1, 400)))
         content += each
     recording = RawRecording(tmp_path / "flight.tlog")
-    place, now = 0, NOW
+    place = 0
+    now = NOW
     while place < len(content):
         step = chance.randrange(1, 90)
         recording.take(now, content[place : place + step])
-        place, now = place + step, now + 0.004
+        place = place + step
+        now = now + 0.004
     recording.close()
     stamps, frames = zip(*recorded(tmp_path / "flight.tlog"), strict=True)
     assert list(frames) == FRAMES and list(stamps) == sorted(stamps)

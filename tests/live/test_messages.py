@@ -15,7 +15,9 @@ from mavdem.live.messages import FIELDS, MAX_UNDECIDED, Frame, FrameReader, mess
 
 def found(content: bytes, chance: random.Random | None = None) -> tuple[list[Frame], FrameReader]:
     """All frames, and the finder, from bytes in random pieces or whole."""
-    finder, frames, place = FrameReader(), [], 0
+    finder = FrameReader()
+    frames = []
+    place = 0
     while place < len(content):
         size = len(content) if chance is None else chance.choice((1, 3, chance.randrange(1, 400)))
         frames += finder.feed(content[place : place + size])
@@ -40,9 +42,14 @@ def mixed(seed: int, count: int = 300) -> list[bytes]:
     kinds = (
         lambda number: message("ATTITUDE", sequence=number, version=1, roll=chance.random()),
         lambda number: frame(30, chance.randbytes(28), sequence=number, signed=True),
-        lambda number: frame(70000, chance.randbytes(chance.randrange(1, 255)), sequence=number, seed=7),
-        lambda number: frame(30, chance.randbytes(28), sequence=number, seed=1),  # another definition
-        lambda number: message("SERVO_OUTPUT_RAW", sequence=number, servo1_raw=chance.randrange(2000)),
+        lambda number: frame(
+            70000, chance.randbytes(chance.randrange(1, 255)), sequence=number, seed=7
+        ),
+        # another definition
+        lambda number: frame(30, chance.randbytes(28), sequence=number, seed=1),
+        lambda number: message(
+            "SERVO_OUTPUT_RAW", sequence=number, servo1_raw=chance.randrange(2000)
+        ),
         lambda number: frame(110, bytes(chance.choices(b"\xfe\xfd\x01", k=254)), sequence=number),
     )
     return [chance.choice(kinds)(number % 256) for number in range(count)] + [heartbeat()]
@@ -85,7 +92,8 @@ def test_hostile_bytes_are_bounded_in_memory_and_time(kind):
         "long chain": frame(70000, b"\1" * 255, seed=3) * 400,
         "cut frame": frame(30, b"\1" * 28)[:-3] * 2500,
     }[kind]
-    finder, waiting = FrameReader(), 0
+    finder = FrameReader()
+    waiting = 0
     begin = time.thread_time()
     for place in range(0, len(content), 1000):
         finder.feed(content[place : place + 1000])
@@ -103,12 +111,17 @@ DEFINITIONS = {definition.name: definition for definition in definitions().value
 @pytest.mark.parametrize("version", [1, 2])
 @pytest.mark.parametrize("name", FIELDS)
 def test_fields_and_stamps_are_those_of_columns(name, version):
-    chance, definition = random.Random(name), DEFINITIONS[name]
+    chance = random.Random(name)
+    definition = DEFINITIONS[name]
     if definition.message_id > 255 and version == 1:
         pytest.skip("MAVLink 1 has no such ids")
     size = definition.wire.itemsize
     sent = [
-        frame(definition.message_id, chance.randbytes(chance.choice((size, size, 5, 255))), version=version)
+        frame(
+            definition.message_id,
+            chance.randbytes(chance.choice((size, size, 5, 255))),
+            version=version,
+        )
         for _ in range(50)
     ]
     content = np.frombuffer(b"".join(sent), dtype=np.uint8)

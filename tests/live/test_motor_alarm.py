@@ -24,12 +24,14 @@ from sitl_scenarios.mavlink.transmitter import recorded
 from sitl_scenarios.scenario import Scenario, StreamSpec, TurbulentWind, VehicleSpec
 from sitl_scenarios.simulation import fly
 
-EVENTS, FAULTS = SHARED / "sitl_events", SHARED / "sitl_live" / "ap_F1.tlog.xz"
+EVENTS = SHARED / "sitl_events"
+FAULTS = SHARED / "sitl_live" / "ap_F1.tlog.xz"
 
 
 def streamed(path):
     """A live stream that was fed a log's bytes, and what it said."""
-    stream, data = LiveStream(), bytes(read_stream(path).data)
+    stream = LiveStream()
+    data = bytes(read_stream(path).data)
     said = []
     for begin in range(0, len(data), 4096):
         stream.feed(1.7e9, data[begin : begin + 4096])
@@ -47,7 +49,9 @@ def flown(request, tmp_path_factory):
     wind = (TurbulentWind(kind="dryden", speed=4.0, direction=60.0),)
     vehicle = VehicleSpec(weak_motor=3, weak_from=25.0, weak_thrust=0.8)
     stream = StreamSpec(speaks=request.param, rate=12.0)
-    scenario = Scenario(duration=45.0, height=2.0, seed=3, vehicle=vehicle, wind=wind, stream=stream)
+    scenario = Scenario(
+        duration=45.0, height=2.0, seed=3, vehicle=vehicle, wind=wind, stream=stream
+    )
     path = tmp_path_factory.mktemp("weak") / "flight.tlog"
     with path.open("wb") as file:
         write_tlog(file, recorded(scenario, fly(scenario), CYCLES[request.param], lambda _: None))
@@ -68,7 +72,9 @@ def test_a_motor_that_weakens_is_named_in_flight_and_by_its_log(flown):
     assert status.alarm and _status_line(status, "roll").endswith(status.alarm)
     blocks = live_report(LiveHistory(), status, dict.fromkeys(ACCOUNT, 0.0), "roll")
     assert any("motor 3 (front left)" in str(block).lower() for block in blocks)
-    assert not SessionStatus().alarm and "motor 3" not in _status_line(SessionStatus(vehicle="1:1"), "roll")
+    assert not SessionStatus().alarm and "motor 3" not in _status_line(
+        SessionStatus(vehicle="1:1"), "roll"
+    )
 
 
 @dataclass(frozen=True)
@@ -94,7 +100,10 @@ def hovering(clock=0.0, rate=20.0, **trims):
 def test_a_range_of_outputs_that_becomes_known_in_flight_is_no_change_of_the_motors():
     frames = hovering(trim=200.0)
     limits = {b"MOT_PWM_MIN": 1150.0, b"MOT_PWM_MAX": 1940.0}
-    sent = [(30.0, message("PARAM_VALUE", param_id=name, param_type=9, param_value=at)) for name, at in limits.items()]
+    sent = [
+        (30.0, message("PARAM_VALUE", param_id=name, param_type=9, param_value=at))
+        for name, at in limits.items()
+    ]
     place = next(number for number, (time, _) in enumerate(frames) if time >= 30.0)
     assert replay(frames[:place] + sent + frames[place:]).stream.status().alarms == ()
 
@@ -112,7 +121,11 @@ def test_an_alarm_is_of_its_flight_and_of_its_boot():
     replay(weak[:200], made.stream)
     assert made.stream.status().alarm == ""
     status = replay(weak[200:], made.stream).stream.status()
-    assert [one.boot for one in status.alarms] == [0, 1] and status.alarm != alarm and "of boot 2" in status.alarm
+    assert (
+        [one.boot for one in status.alarms] == [0, 1]
+        and status.alarm != alarm
+        and "of boot 2" in status.alarm
+    )
 
 
 @pytest.mark.slow
@@ -129,11 +142,19 @@ def test_a_recorded_motor_is_found_and_a_jump_of_the_wind_is_no_motor():
 @pytest.mark.skipif(not FAULTS.exists(), reason="needs recorded flights: set MAVDEM_SHARED_DATA")
 def test_each_of_twelve_recorded_faults_is_found_and_so_is_its_end():
     events = json.loads(FAULTS.with_name("ap_F1.notes.json").read_text())["events"]
-    truth, changes = [event for event in events if "SIM_ENGINE_FAIL" in event["what"]], of_log(FAULTS)
-    assert len(truth) == 24 and [one.motor for one in changes[::2]] == [one.motor for one in changes[1::2]]
+    truth = [event for event in events if "SIM_ENGINE_FAIL" in event["what"]]
+    changes = of_log(FAULTS)
+    assert len(truth) == 24 and [one.motor for one in changes[::2]] == [
+        one.motor for one in changes[1::2]
+    ]
     for change, event in zip(changes, truth, strict=True):
         set_to = ast.literal_eval(event["what"].removeprefix("param ").split(" [")[0])
-        weak, left = set_to["SIM_ENGINE_FAIL"], set_to["SIM_ENGINE_MUL"]
-        assert 0 < change.time - event["boot_ms"] / 1e3 < 1.5 and change.size == pytest.approx(1 / left - 1, abs=0.03)
+        weak = set_to["SIM_ENGINE_FAIL"]
+        left = set_to["SIM_ENGINE_MUL"]
+        assert 0 < change.time - event["boot_ms"] / 1e3 < 1.5 and change.size == pytest.approx(
+            1 / left - 1, abs=0.03
+        )
         # In this hover thrust goes with the square of the command (1000 µs is none).
-        assert not weak or (change.motor == weak.bit_length() and change.loss[0] < 1 - left**2 < change.loss[1])
+        assert not weak or (
+            change.motor == weak.bit_length() and change.loss[0] < 1 - left**2 < change.loss[1]
+        )

@@ -9,20 +9,33 @@ from mavdem.live.decisions import Phase
 
 pytestmark = pytest.mark.usefixtures("without_wind_fits")
 
-GUIDED, LAND = 4, 9  # modes of ArduCopter
-STANDBY, ACTIVE = 3, 4  # MAV_STATE
-IN_FLIGHT, ON_THE_GROUND = 0.58, 0.22
+# modes of ArduCopter
+GUIDED = 4
+LAND = 9
+# MAV_STATE
+STANDBY = 3
+ACTIVE = 4
+IN_FLIGHT = 0.58
+ON_THE_GROUND = 0.22
 
 
 class Vehicle:
     """Sends the collective at 100 Hz and HEARTBEATs at 1 Hz; it took off at 0 s."""
 
     def __init__(self) -> None:
-        self.phase, self.time = Phase(), -3.0
+        self.phase = Phase()
+        self.time = -3.0
         self.fly(3.0, collective=0.0)
 
     def fly(
-        self, seconds, collective=IN_FLIGHT, mode=GUIDED, state=ACTIVE, climb=None, landed=None, autopilot=ARDUPILOT
+        self,
+        seconds,
+        collective=IN_FLIGHT,
+        mode=GUIDED,
+        state=ACTIVE,
+        climb=None,
+        landed=None,
+        autopilot=ARDUPILOT,
     ):
         for _ in range(round(100 * seconds)):
             if round(100 * self.time) % 100 == 0:
@@ -43,7 +56,9 @@ def test_a_mode_that_lands_is_no_settled_flight_where_nothing_better_tells(autop
     one = Vehicle()
     assert one.fly(20.0, autopilot=autopilot)
     assert not one.fly(3.0, mode=mode, autopilot=autopilot)
-    assert not one.fly(3.5, autopilot=autopilot) and one.fly(2.5, autopilot=autopilot), "it was called off"
+    assert not one.fly(3.5, autopilot=autopilot) and one.fly(2.5, autopilot=autopilot), (
+        "it was called off"
+    )
 
 
 def test_the_vertical_speed_is_better_evidence_than_the_mode():

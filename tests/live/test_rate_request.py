@@ -10,7 +10,14 @@ from pymavlink.dialects.v20 import all as dialect
 from mavdem.ingest.mavlink.definitions import FrameSender
 from mavdem.ingest.motors import motor_geometry, motor_parameters
 from mavdem.live.messages import FrameReader, Message, message_of, parameters_of
-from mavdem.live.rate_request import GET_INTERVAL, PAUSE_SECONDS, SET_INTERVAL, STOPPED, Arrivals, RateRequest
+from mavdem.live.rate_request import (
+    GET_INTERVAL,
+    PAUSE_SECONDS,
+    SET_INTERVAL,
+    STOPPED,
+    Arrivals,
+    RateRequest,
+)
 from mavdem.live.senders import Sender
 from sitl_scenarios.mavlink.live import CommandHandler, addressed_messages
 from sitl_scenarios.mavlink.transmitter import Transmitter, rows_of_motion
@@ -78,7 +85,11 @@ def test_intervals_are_noted_then_set_and_given_back():
 def test_no_answer_and_a_refusal_are_reported():
     silent = request_of(50.0, 30)
     sent = [silent.due(float(second), {}) for second in range(9)]
-    assert sum(map(len, sent)) == 6 and "has not confirmed" in silent.events[0] and len(silent.events) == 1
+    assert (
+        sum(map(len, sent)) == 6
+        and "has not confirmed" in silent.events[0]
+        and len(silent.events) == 1
+    )
     refused = known(50.0, 375, STOPPED)
     refused.take(told("COMMAND_ACK", SET_INTERVAL, 4))
     assert refused.due(9.0, {}) == [] and refused.restore() == []
@@ -115,13 +126,20 @@ def test_an_interval_that_cannot_be_is_never_restored(interval):
     for second in range(8):
         request.due(float(second), {30: 4.0})
         request.take(told("MESSAGE_INTERVAL", 30, interval))
-    assert said(request.restore()) == [(SET_INTERVAL, 30, 250_000), (SET_INTERVAL, 36, STOPPED)], "as measured"
+    assert said(request.restore()) == [(SET_INTERVAL, 30, 250_000), (SET_INTERVAL, 36, STOPPED)], (
+        "as measured"
+    )
 
 
 def test_answers_to_others_and_to_other_commands_are_not_ours():
     request = settled()
     assert request.restore()
-    for command, to in ((SET_INTERVAL, (254, 190)), (SET_INTERVAL, (255, 1)), (400, US), (GET_INTERVAL, US)):
+    for command, to in (
+        (SET_INTERVAL, (254, 190)),
+        (SET_INTERVAL, (255, 1)),
+        (400, US),
+        (GET_INTERVAL, US),
+    ):
         request.take(told("COMMAND_ACK", command, 0, to))
         assert request.restore(), "it is still awaited"
     request.take(told("COMMAND_ACK", SET_INTERVAL, 0, (0, 0)))  # older vehicles name nobody
@@ -131,11 +149,18 @@ def test_answers_to_others_and_to_other_commands_are_not_ours():
 class Vehicle:
     """Sends at rates of its own until asked for others, which it forgets when it reboots; time goes by in ``run``."""
 
-    def __init__(self, request: RateRequest, knows: tuple[int, ...] = (30, 36, 245, 32, 74), **rates: float) -> None:
+    def __init__(
+        self, request: RateRequest, knows: tuple[int, ...] = (30, 36, 245, 32, 74), **rates: float
+    ) -> None:
         self.request, self.arrivals, self.knows = request, Arrivals(), knows
         self.usual = {int(name[1:]): rate for name, rate in rates.items()}
-        self.rates, self.now, self.sent, self.counts = dict(self.usual), 0.0, [], {0: 0.0}
-        self.silent, self.late = False, 0  # ``late``: a message that it does not send yet
+        self.rates = dict(self.usual)
+        self.now = 0.0
+        self.sent = []
+        self.counts = {0: 0.0}
+        # ``late``: a message that it does not send yet
+        self.silent = False
+        self.late = 0
 
     def run(self, seconds: float, back_every: float = 0.0) -> None:
         """Lets so many seconds go by; another ground station may set its own rates again now and then."""
@@ -147,7 +172,9 @@ class Vehicle:
                 self.counts[kind] = self.counts.get(kind, 0.0) + (
                     0.0 if self.silent or kind == self.late else 0.1 * rate
                 )
-            rates = self.arrivals.rates(self.now, {kind: int(count) for kind, count in self.counts.items()})
+            rates = self.arrivals.rates(
+                self.now, {kind: int(count) for kind, count in self.counts.items()}
+            )
             if self.arrivals.resumed:
                 self.request.restart()
             if not self.silent:
@@ -158,7 +185,9 @@ class Vehicle:
     def answer(self, command: int, kind: int, interval: float) -> None:
         if command == GET_INTERVAL:
             rate = self.rates.get(kind, 0.0)
-            self.request.take(told("MESSAGE_INTERVAL", kind, round(1e6 / rate) if rate else STOPPED))
+            self.request.take(
+                told("MESSAGE_INTERVAL", kind, round(1e6 / rate) if rate else STOPPED)
+            )
             return
         if kind in self.knows:
             self.rates[kind] = 1e6 / interval if interval > 0 else 0.0
@@ -174,7 +203,8 @@ def test_after_a_reboot_that_forgets_rates_they_are_asked_for_again(silence):
     vehicle = Vehicle(RateRequest(VEHICLE, 100.0), _30=4.0)
     vehicle.run(20.0)
     assert vehicle.rates[30] == vehicle.rates[36] == 100.0
-    vehicle.silent, vehicle.rates = silence > 0, {}
+    vehicle.silent = silence > 0
+    vehicle.rates = {}
     vehicle.run(silence)
     vehicle.silent = False
     vehicle.run(15.0)
@@ -186,7 +216,8 @@ def test_after_a_reboot_that_forgets_rates_they_are_asked_for_again(silence):
 def test_what_is_not_sent_for_a_while_after_a_reboot_is_set_back_by_nobody():
     vehicle = Vehicle(RateRequest(VEHICLE, 100.0), _30=4.0)
     vehicle.run(20.0)
-    vehicle.rates, vehicle.late = {}, 32
+    vehicle.rates = {}
+    vehicle.late = 32
     vehicle.request.restart()
     vehicle.run(40.0)
     vehicle.late = 0
@@ -198,7 +229,12 @@ def test_what_distinguishes_flight_from_landing_is_asked_for_where_it_does_not_c
     vehicle = Vehicle(RateRequest(VEHICLE, 100.0), knows=(30, 36, 74), _30=4.0, _36=2.0, _74=10.0)
     vehicle.run(30.0)
     assert vehicle.rates == {30: 100.0, 36: 100.0, 74: 10.0}, "what is faster stays as it is"
-    assert {kind for _, command, kind in vehicle.sent if command == SET_INTERVAL} == {30, 36, 245, 32}
+    assert {kind for _, command, kind in vehicle.sent if command == SET_INTERVAL} == {
+        30,
+        36,
+        245,
+        32,
+    }
     assert vehicle.request.events == [], "and what the vehicle does not know needs no word"
     vehicle.give_back()
     assert vehicle.rates == {30: 4.0, 36: 2.0, 74: 10.0}
@@ -219,17 +255,25 @@ def test_another_ground_station_that_sets_rates_back_is_asked_against_each_time_
     assert vehicle.rates[30] == 100.0, "once it gives in, rates stay"
     vehicle.silent = True
     vehicle.run(6.0)
-    vehicle.silent, vehicle.rates = False, {}
+    vehicle.silent = False
+    vehicle.rates = {}
     vehicle.run(1.0)
     assert vehicle.rates[30] == vehicle.rates[36] == 100.0, "a reboot needs no pause"
 
 
 @pytest.mark.parametrize(("name", "autopilot"), [("px4", "PX4"), ("ardupilot", "ARDUPILOTMEGA")])
 def test_parameters_of_the_motors_are_asked_for_one_by_one_until_they_come(name, autopilot):
-    simulated = Transmitter(Scenario(stream=StreamSpec(autopilot=name, only_when_asked=True)), 0.004)
-    commands, motion, reader, vehicle = CommandHandler(simulated, None), made_up_motion(), FrameReader(), Sender(1, 1)
+    simulated = Transmitter(
+        Scenario(stream=StreamSpec(autopilot=name, only_when_asked=True)), 0.004
+    )
+    commands = CommandHandler(simulated, None)
+    motion = made_up_motion()
+    reader = FrameReader()
+    vehicle = Sender(1, 1)
     names = motor_parameters(autopilot)
-    request, asked, tries = RateRequest(FrameSender(1, 1), 100.0, (30,), (), names), 0, Counter[bytes]()
+    request = RateRequest(FrameSender(1, 1), 100.0, (30,), (), names)
+    asked = 0
+    tries = Counter[bytes]()
     request._intervals.clear()
     for number in range(150):
         frames = request.due(0.2 * number, None, vehicle.parameters)
@@ -237,7 +281,8 @@ def test_parameters_of_the_motors_are_asked_for_one_by_one_until_they_come(name,
         asked += len(frames)
         for one in addressed_messages(b"".join(frames), 1, 1):
             tries[one.fields["param_id"]] += 1
-            if tries[one.fields["param_id"]] == 3:  # the requests before, or their replies, are lost
+            # the requests before, or their replies, are lost
+            if tries[one.fields["param_id"]] == 3:
                 commands.answer(one)
         sent = simulated.send(rows_of_motion(motion, slice(number, number + 1)))
         for frame in reader.feed(sent.data.tobytes()):

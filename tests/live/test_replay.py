@@ -19,9 +19,18 @@ from mavdem.ingest.formats import read_stream
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.live.stream import REVIEW_SECONDS
 
-RECORDED = sorted(SAMPLES.glob("*.tlog")) + sorted(SHARED.glob("sitl_*/*.tlog")) + sorted(SHARED.glob("logs/*.tlog"))
+RECORDED = (
+    sorted(SAMPLES.glob("*.tlog"))
+    + sorted(SHARED.glob("sitl_*/*.tlog"))
+    + sorted(SHARED.glob("logs/*.tlog"))
+)
 AS_ANOTHER = (
-    *("ardupilot_calm", "ardupilot_wind6_gusts", "ardupilot_wind5_gustmoment_strong", "ardupilot_inertia_wind5_steps"),
+    *(
+        "ardupilot_calm",
+        "ardupilot_wind6_gusts",
+        "ardupilot_wind5_gustmoment_strong",
+        "ardupilot_inertia_wind5_steps",
+    ),
     *("ardupilot_wind5_turb", "px4_calm", "px4_wind5_steps", "px4_windjump"),
 )
 """Flown as another of the recorded flights is, in other wind, or the whole of a sample flight."""
@@ -59,7 +68,9 @@ def test_rows_are_those_of_align(flight, far):
     frames = flight.frames(end=16.0)
     made = replay(frames)
     assert made.segments().keys() == {0}
-    times, outputs, inputs = differences(made, 0, offline([data for _, data in frames], flight.system))
+    times, outputs, inputs = differences(
+        made, 0, offline([data for _, data in frames], flight.system)
+    )
     assert times < 1e-6 and outputs < far[0] and inputs < far[1]
 
 
@@ -79,7 +90,8 @@ def test_only_what_is_settled_is_called_so():
 @pytest.mark.slow
 def test_what_comes_of_it_does_not_depend_on_how_the_bytes_are_cut():
     frames = Flight().frames(end=18.0)
-    whole, pieces = replay(frames), replay(cut(frames, 0))
+    whole = replay(frames)
+    pieces = replay(cut(frames, 0))
     np.testing.assert_array_equal(pieces.table(), whole.table())
     assert pieces.sentences == whole.sentences
     assert pieces.stream.status() == whole.stream.status()
@@ -113,9 +125,12 @@ def vehicles_of(path) -> tuple[Telemetry, ...]:
 def first_seconds(path: Path, folder: Path, seconds: float) -> Path:
     """The frames that were received in the first seconds."""
     frames = read_stream(path).stamped_frames()
-    (begun, first), kept = next(frames), folder / path.name
+    (begun, first) = next(frames)
+    kept = folder / path.name
     rest = ((stamp, frame) for stamp, frame in frames if stamp < begun + 1e6 * seconds)
-    kept.write_bytes(b"".join(struct.pack(">Q", stamp) + frame for stamp, frame in ((begun, first), *rest)))
+    kept.write_bytes(
+        b"".join(struct.pack(">Q", stamp) + frame for stamp, frame in ((begun, first), *rest))
+    )
     return kept
 
 
@@ -138,13 +153,21 @@ def hold_against_offline(path, vehicle: str | None = None) -> None:
         assert inputs < 0.01
         boot = made.setups[number].boot
         for row in rows:
-            inside = any(one.boot == boot and one.start - 1e-3 <= row.time <= one.end + 1e-3 for one in fast)
+            inside = any(
+                one.boot == boot and one.start - 1e-3 <= row.time <= one.end + 1e-3 for one in fast
+            )
             settling = any(one.start - 1e-3 <= row.time <= one.start + KNOWN_LATER for one in fast)
             # Before the landing, offline, TRANSIENT_SECONDS and the sinking are cut off, which live are known later.
             landing = any(one.end <= row.time <= one.end + KNOWN_LATER for one in fast)
-            landing |= any(row.time >= rows[-1].time - TRANSIENT_SECONDS - KNOWN_LATER for _ in fast)
-            landing |= any(segment == number and row.time >= since for segment, since in made.taken_back)
-            assert row.settled == inside or (settling and not row.settled) or (landing and row.settled)
+            landing |= any(
+                row.time >= rows[-1].time - TRANSIENT_SECONDS - KNOWN_LATER for _ in fast
+            )
+            landing |= any(
+                segment == number and row.time >= since for segment, since in made.taken_back
+            )
+            assert (
+                row.settled == inside or (settling and not row.settled) or (landing and row.settled)
+            )
             covered += row.settled * made.setups[number].dt
     assert covered > 0.9 * sum(segment.duration for segment in fast) - KNOWN_LATER - 2.0
     assert 1 / made.setups[0].dt >= MINIMUM_RATE
@@ -153,12 +176,18 @@ def hold_against_offline(path, vehicle: str | None = None) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "path",
-    [path for path in RECORDED if path.stem not in (TWO_VEHICLES, NO_CLIMB, *AS_ANOTHER) or path.parent == SAMPLES],
+    [
+        path
+        for path in RECORDED
+        if path.stem not in (TWO_VEHICLES, NO_CLIMB, *AS_ANOTHER) or path.parent == SAMPLES
+    ],
     ids=lambda path: path.stem,
 )
 def test_a_recorded_flight_gives_what_it_gives_offline(path, tmp_path):
     if path.stem not in TO_THE_GROUND:
-        path = first_seconds(path, tmp_path, 80.0 if path.parent.name.startswith("sitl_") else 500.0)
+        path = first_seconds(
+            path, tmp_path, 80.0 if path.parent.name.startswith("sitl_") else 500.0
+        )
     if "SUBMARINE" in {vehicle.vehicle for vehicle in vehicles_of(path)}:
         assert not replay(recorded(path)).rows
     else:

@@ -5,16 +5,23 @@ from hover import Hover
 from live_hover import Flight, Timed, replay
 from mavlink_streams import heartbeat, message
 
-TWO = sorted(Flight(system=1).frames(end=14.0) + Flight(system=4).frames(end=14.0), key=lambda entry: entry[0])
+TWO = sorted(
+    Flight(system=1).frames(end=14.0) + Flight(system=4).frames(end=14.0),
+    key=lambda entry: entry[0],
+)
 
 
-@pytest.mark.parametrize(("number", "burst"), [(0, 1), (100, 1), (250, 1), (0, 30), (1, 30), (128, 30)])
+@pytest.mark.parametrize(
+    ("number", "burst"), [(0, 1), (100, 1), (250, 1), (0, 30), (1, 30), (128, 30)]
+)
 def test_of_two_with_the_same_ids_one_is_followed_and_nothing_is_lost(number, burst):
     """Their clocks are 0.16 s apart, and a relay passes messages on in bursts."""
     first = Flight(hover=Hover()).frames(start=8.0, end=14.0)
     second = Flight(hover=Hover(sway=0.02), clock=0.16, number=number).frames(start=8.0, end=14.0)
     bursts = range(0, len(first), burst)
-    made = replay([entry for at in bursts for entry in first[at : at + burst] + second[at : at + burst]])
+    made = replay(
+        [entry for at in bursts for entry in first[at : at + burst] + second[at : at + burst]]
+    )
     (said,) = (sentence for sentence in made.sentences if "have the ids 1:1" in sentence)
     assert said.startswith("Two vehicles") and "only one of them is followed" in said
     assert made.stream.status().lost == made.stream.status().late == 0
@@ -33,16 +40,24 @@ def only_heartbeats(system: int = 1) -> Timed:
 
 def with_parameters(frames: Timed, values: dict[bytes, float]) -> Timed:
     """Frames with PARAM_VALUEs at 12.5 s."""
-    sent = [(12.5, message("PARAM_VALUE", param_id=name, param_value=at, param_type=9)) for name, at in values.items()]
+    sent = [
+        (12.5, message("PARAM_VALUE", param_id=name, param_value=at, param_type=9))
+        for name, at in values.items()
+    ]
     return sorted(frames + sent, key=lambda entry: entry[0])
 
 
 def test_the_only_one_is_followed_beside_ground_station_gimbal_and_plane():
     others = []
     for second in range(14):
-        others += [(second + 0.4, heartbeat(255, 190, kind=6, autopilot=8)), (second + 0.4, heartbeat(1, 154, kind=26))]
+        others += [
+            (second + 0.4, heartbeat(255, 190, kind=6, autopilot=8)),
+            (second + 0.4, heartbeat(1, 154, kind=26)),
+        ]
         others += [(second + 0.4, heartbeat(3, 1, kind=1))]
-    others += [(number / 50, message("ATTITUDE", 3, 1, sequence=number % 256)) for number in range(700)]
+    others += [
+        (number / 50, message("ATTITUDE", 3, 1, sequence=number % 256)) for number in range(700)
+    ]
     made = replay(sorted(Flight().frames(end=14.0) + others, key=lambda entry: entry[0]))
     assert made.sentences[0] == "Following vehicle 1:1 (QUADROTOR, ARDUPILOTMEGA)." and made.rows
     flying = [(sender.system, sender.component) for sender in made.stream._senders if sender.flies]
@@ -52,11 +67,17 @@ def test_the_only_one_is_followed_beside_ground_station_gimbal_and_plane():
 def test_of_several_none_is_guessed_and_all_are_listed():
     mute = sorted(only_heartbeats() + only_heartbeats(system=4), key=lambda entry: entry[0])
     assert replay(mute).stream.status().obstacle == replay(TWO).stream.status().obstacle
-    assert replay(only_heartbeats(), vehicle="7").stream.status().obstacle == "Vehicle 7 not found yet."
+    assert (
+        replay(only_heartbeats(), vehicle="7").stream.status().obstacle
+        == "Vehicle 7 not found yet."
+    )
     made = replay(TWO)
     assert not made.rows and made.stream.status().vehicle is None
     (said,) = made.sentences
-    assert "1:1 (QUADROTOR, ARDUPILOTMEGA), 4:1 (QUADROTOR, ARDUPILOTMEGA)" in said and "`--vehicle 1:1`" in said
+    assert (
+        "1:1 (QUADROTOR, ARDUPILOTMEGA), 4:1 (QUADROTOR, ARDUPILOTMEGA)" in said
+        and "`--vehicle 1:1`" in said
+    )
 
 
 def test_the_one_that_is_named_is_followed():
@@ -67,7 +88,9 @@ def test_the_one_that_is_named_is_followed():
 
 
 def test_one_that_sends_nothing_but_heartbeats_is_followed_so_that_it_can_be_asked_for_more():
-    others = [(time + 0.5, heartbeat(255, 190, kind=6, autopilot=8)) for time, _ in only_heartbeats()]
+    others = [
+        (time + 0.5, heartbeat(255, 190, kind=6, autopilot=8)) for time, _ in only_heartbeats()
+    ]
     made = replay(sorted(only_heartbeats() + others, key=lambda entry: entry[0]))
     assert made.sentences == ["Following vehicle 1:1 (QUADROTOR, ARDUPILOTMEGA)."]
     assert made.stream.status().vehicle == "1:1"
@@ -76,17 +99,31 @@ def test_one_that_sends_nothing_but_heartbeats_is_followed_so_that_it_can_be_ask
 
 
 def test_a_plane_that_is_named_is_reported_to_be_none():
-    frames = [(time, heartbeat(kind=1) if data[7] == 0 else data) for time, data in Flight().frames(end=10.0)]
+    frames = [
+        (time, heartbeat(kind=1) if data[7] == 0 else data)
+        for time, data in Flight().frames(end=10.0)
+    ]
     made = replay(frames, vehicle="1:1")
-    assert not made.rows and "The vehicle is a FIXED_WING; the roll model is for multirotors only." in made.sentences
+    assert (
+        not made.rows
+        and "The vehicle is a FIXED_WING; the roll model is for multirotors only." in made.sentences
+    )
 
 
 def test_motors_are_placed_by_parameters_when_these_come_in_flight():
-    values = {b"FRAME_CLASS": 1, b"FRAME_TYPE": 0} | {b"SERVO%d_FUNCTION" % n: 32 + n for n in range(1, 5)}
+    values = {b"FRAME_CLASS": 1, b"FRAME_TYPE": 0} | {
+        b"SERVO%d_FUNCTION" % n: 32 + n for n in range(1, 5)
+    }
     made = replay(with_parameters(Flight().frames(end=14.0), values))
     assert made.segments().keys() == {0}
-    assert "Which motor is which is assumed: the channels that move; motor positions of an X quad." in made.sentences
-    assert made.sentences[-1] == "Which motor is which is known from the SERVOn_FUNCTION and FRAME parameters."
+    assert (
+        "Which motor is which is assumed: the channels that move; motor positions of an X quad."
+        in made.sentences
+    )
+    assert (
+        made.sentences[-1]
+        == "Which motor is which is known from the SERVOn_FUNCTION and FRAME parameters."
+    )
     assert made.stream.setup.layout.names[0] == "motor 1 (right)"
 
 
@@ -94,6 +131,7 @@ def test_parameters_that_name_other_channels_begin_a_new_segment():
     values = {b"SERVO%d_FUNCTION" % n: 37 - n for n in range(1, 5)}
     made = replay(with_parameters(Flight().frames(end=16.0), values))
     assert made.segments().keys() == {0, 1} and made.setups[1].layout.channels == (4, 3, 2, 1)
-    before, after = made.segments()[0][-1], made.segments()[1][-1]
+    before = made.segments()[0][-1]
+    after = made.segments()[1][-1]
     assert before.inputs[0] != before.inputs[1]
     assert after.inputs[0] == after.inputs[3] != after.inputs[1]

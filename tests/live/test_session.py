@@ -42,10 +42,15 @@ FIRST = next(stamp for stamp, frame in FRAMES if frame[7:10] == bytes([30, 0, 0]
 class ScriptedLink:
     """Gives out what it is told, in place of a socket; an exception in the script is raised."""
 
-    datagrams, dropped, speaks_first, events = True, 0, False, staticmethod(list)
+    datagrams = True
+    dropped = 0
+    speaks_first = False
+    events = staticmethod(list)
 
     def __init__(self, script: list[Any]) -> None:
-        self.script, self.sent, self.reopened = script, b"", 0
+        self.script = script
+        self.sent = b""
+        self.reopened = 0
 
     def receive(self, timeout: float) -> list[tuple[float, bytes]]:
         now = self.script.pop(0) if self.script else []
@@ -75,22 +80,34 @@ class Screen:
         self.setups.append(setup)
         return self
 
-    def put(self, time, shift, segment, outputs, inputs, estimate=None, learned=None, wind=None) -> None:
+    def put(
+        self, time, shift, segment, outputs, inputs, estimate=None, learned=None, wind=None
+    ) -> None:
         self.rows.append((time, segment, estimate))
 
 
 def batches(seconds: float, start: float = 0.0) -> list[list[tuple[float, bytes]]]:
     """The recorded frames of so many seconds, those of each twentieth of a second together; all before them first."""
-    here = [each for each in FRAMES if start <= each[0] - FIRST < start + seconds or (not start and each[0] < FIRST)]
+    here = [
+        each
+        for each in FRAMES
+        if start <= each[0] - FIRST < start + seconds or (not start and each[0] < FIRST)
+    ]
     return together(here, FIRST, 0.05)
 
 
-def together(frames: list[tuple[float, bytes]], begin: float, every: float) -> list[list[tuple[float, bytes]]]:
-    return [list(batch) for _, batch in groupby(frames, key=lambda each: max((each[0] - begin) // every, -1.0))]
+def together(
+    frames: list[tuple[float, bytes]], begin: float, every: float
+) -> list[list[tuple[float, bytes]]]:
+    return [
+        list(batch)
+        for _, batch in groupby(frames, key=lambda each: max((each[0] - begin) // every, -1.0))
+    ]
 
 
 def session_of(script: list[Any], **options: Any) -> tuple[LiveSession, Screen, list[str]]:
-    screen, said = Screen(), []
+    screen = Screen()
+    said = []
     link = ScriptedLink(script)
     shown = screen.open, screen.statuses.append
     made = LiveSession(link, LiveStream(), COMPLETE, *shown, said.append, **options)  # type: ignore[arg-type]
@@ -108,7 +125,9 @@ def now(monkeypatch):
 def recorded(path: Path, every: float, start: float) -> list[list[tuple[float, bytes]]]:
     """The frames of a log in batches of ``every`` s, from ``start`` s on."""
     frames = [(stamp / 1e6, frame) for stamp, frame in read_stream(path).stamped_frames()]
-    return together([each for each in frames if each[0] >= frames[0][0] + start], frames[0][0] + start, every)
+    return together(
+        [each for each in frames if each[0] >= frames[0][0] + start], frames[0][0] + start, every
+    )
 
 
 def run(one: LiveSession) -> None:
@@ -128,10 +147,13 @@ def test_what_is_learnt_from_is_the_flight_that_offline_reads():
     np.testing.assert_array_equal(learnt.outputs, flight.outputs[same])
     np.testing.assert_allclose(learnt.inputs, flight.inputs[same], atol=0.01)
     assert len(learnt.outputs) > 700
-    live, offline = one.learner.learn_now(), mavdem.learn(flight[same], COMPLETE)
+    live = one.learner.learn_now()
+    offline = mavdem.learn(flight[same], COMPLETE)
     np.testing.assert_allclose(live.model.A, offline.model.A, rtol=1e-3, atol=1e-3)
     assert one.status.learned == len([1 for *_, estimate in screen.rows if estimate is not None])
-    assert screen.setups[0].layout.names == flight.input_names and screen.rows[-1][2].model is not None
+    assert (
+        screen.setups[0].layout.names == flight.input_names and screen.rows[-1][2].model is not None
+    )
     assert one.link.sent == b"", "nothing is sent unless asked for"
 
 
@@ -165,9 +187,13 @@ def test_after_a_landing_without_vertical_speed_the_model_is_one_of_the_flight()
     one._take = lambda row: (flown.append(row), take(row))[1]  # type: ignore[method-assign]
     run(one)
     flown = [row for row in flown if 140.0 < row.time < 155.0]
-    inputs, outputs = (np.array([getattr(row, kind) for row in flown]) for kind in ("inputs", "outputs"))
+    inputs, outputs = (
+        np.array([getattr(row, kind) for row in flown]) for kind in ("inputs", "outputs")
+    )
     errors = (one.final_model().forecast_every(25, inputs, outputs) - outputs)[100:]
-    assert np.mean(np.mean(errors**2, axis=0) / outputs.var(axis=0)) < 0.05, "0.6 with the touch-down in the memory"
+    assert np.mean(np.mean(errors**2, axis=0) / outputs.var(axis=0)) < 0.05, (
+        "0.6 with the touch-down in the memory"
+    )
     assert not any(estimate for at, _, estimate in screen.rows if at > 169.0)
 
 
@@ -175,9 +201,15 @@ def test_after_a_landing_without_vertical_speed_the_model_is_one_of_the_flight()
 def test_a_landing_never_replaces_the_last_model_before_it():
     one, _, said = session_of(batches(9.0))
     run(one)
-    (key,), record = one._learners, one.learner._memory.record()
-    early, late, next_flight = (mavdem.learn(record, replace(COMPLETE, seed=seed)) for seed in range(3))
-    learner = Mock(until=50.0, **{"update.return_value": None, "learn_now.side_effect": ValueError("too few samples")})
+    (key,) = one._learners
+    record = one.learner._memory.record()
+    early, late, next_flight = (
+        mavdem.learn(record, replace(COMPLETE, seed=seed)) for seed in range(3)
+    )
+    learner = Mock(
+        until=50.0,
+        **{"update.return_value": None, "learn_now.side_effect": ValueError("too few samples")},
+    )
     one.learner = one._learners[key] = learner
     row = AlignedRow(50.0, np.zeros(4), np.zeros(2), 0, 0.0, True)
     for at, learner.learned in ((50.0, early), (57.0, late), (57.5, late)):
@@ -187,10 +219,14 @@ def test_a_landing_never_replaces_the_last_model_before_it():
     learner.forget_since.assert_called_with(55.0)
     assert one.final_model().settings.seed == 0
     one._take(row._replace(time=70.0))
-    assert one.final_model().settings.seed == 0, "what was learned of the landing does not come back"
+    assert one.final_model().settings.seed == 0, (
+        "what was learned of the landing does not come back"
+    )
     learner.learned = next_flight
     one._take(row._replace(time=80.0))
-    assert one.final_model().settings.seed == 2 and "cannot be learned (too few samples)" in said[-1]
+    assert (
+        one.final_model().settings.seed == 2 and "cannot be learned (too few samples)" in said[-1]
+    )
     learner.learn_now.side_effect = TimeoutError
     assert one.final_model().settings.seed == 2 and "not finished within 3 s" in said[-1]
     for alarm in 2 * [("ERROR", 118.0), ("INFO", 142.0)]:  # of a fault that comes and goes
@@ -202,7 +238,8 @@ def test_a_landing_never_replaces_the_last_model_before_it():
 def test_dashboard_and_page_of_a_session_say_the_same():
     one, screen, _ = session_of(batches(8.0))
     run(one)
-    model, late = one.final_model(), mavdem.read_flight(LOG)[2000:4000]
+    model = one.final_model()
+    late = mavdem.read_flight(LOG)[2000:4000]
     known = mavdem.learn(late, COMPLETE).physical
     # As fitted in flight, to more than the model's own samples.
     one._estimate = one._estimate._replace(physical=known)
@@ -212,12 +249,18 @@ def test_dashboard_and_page_of_a_session_say_the_same():
     in_flight = one.status.findings
     one.judge(model)
     assert model.physical is known and in_flight.purposes[:2] == one.findings.purposes[:2]
-    status, units = one.status, (("µs",) * 4, ("rad", "rad/s"))
-    channels = Channels("a session", 0.01, (1, 25), model.record.input_names, model.record.output_names, *units)
+    status = one.status
+    units = (("µs",) * 4, ("rad", "rad/s"))
+    channels = Channels(
+        "a session", 0.01, (1, 25), model.record.input_names, model.record.output_names, *units
+    )
     row = ViewRow(60.0, 0.0, 0, np.zeros(2), np.zeros(4), one._estimate, model, channels)
     shown = "\n".join((*figures(status, row, 59.0), status_document(status, row, 59.0)))
-    page = html.unescape(live_page("udp", "roll", one.history, status, one.account(), model)).replace("\u00a0", " ")
-    of_all, of_one = known.mean_effect(), (known.effect[0], known.interval().effect[0])
+    page = html.unescape(
+        live_page("udp", "roll", one.history, status, one.account(), model)
+    ).replace("\u00a0", " ")
+    of_all = known.mean_effect()
+    of_one = (known.effect[0], known.interval().effect[0])
     for place, (value, half) in ((shown, of_all), (page, of_one)):
         assert plus_minus(*np.degrees([value, half])) in place and status.findings.headline in place
         assert all(purpose.reason in place for purpose in status.findings.purposes)
@@ -227,7 +270,9 @@ def test_dashboard_and_page_of_a_session_say_the_same():
 @pytest.mark.slow
 def test_after_a_landing_and_a_reboot_nothing_false_is_said(now, tmp_path):
     """LOCAL_POSITION_NED comes 40 s after the reboot at 105 s, take-off is at 161 s, and samples from 166 s on."""
-    (path := tmp_path / "d.tlog").write_bytes(lzma.decompress(shared("sitl_live/d.tlog.xz").read_bytes()))
+    (path := tmp_path / "d.tlog").write_bytes(
+        lzma.decompress(shared("sitl_live/d.tlog.xz").read_bytes())
+    )
     script = recorded(path, 0.05, start=95.0)
     one, _, said = session_of([], rate=100.0)
     for one.link.script in ([batch] for batch in script if batch[0][0] < script[0][0][0] + 72.0):
@@ -236,7 +281,9 @@ def test_after_a_landing_and_a_reboot_nothing_false_is_said(now, tmp_path):
     assert any("The vehicle rebooted when its clock read 104.2 s" in sentence for sentence in said)
     assert not any("set back" in sentence for sentence in said)
     *_, waits, climbs = (sentence for sentence in said if "learn" in sentence)
-    assert "after take-off" in waits and "climb" in climbs, "nothing is said to be learned on the ground"
+    assert "after take-off" in waits and "climb" in climbs, (
+        "nothing is said to be learned on the ground"
+    )
 
 
 @pytest.mark.slow
@@ -267,12 +314,18 @@ def test_what_came_before_a_silence_does_not_pass_for_what_comes(now):
 def test_a_computer_that_is_too_slow_says_so_and_blames_no_link(now, monkeypatch):
     monkeypatch.setattr("time.time", lambda: now[0])
     monkeypatch.setattr("mavdem.live.session.REPEAT_SECONDS", 5.0)
-    arriving = [(stamp - FIRST + 100.0, frame) for stamp, frame in FRAMES if 0.0 <= stamp - FIRST < 30.0]
-    recording, ahead, received = Mock(), np.zeros((1, 2)), len(arriving)
+    arriving = [
+        (stamp - FIRST + 100.0, frame) for stamp, frame in FRAMES if 0.0 <= stamp - FIRST < 30.0
+    ]
+    recording = Mock()
+    ahead = np.zeros((1, 2))
+    received = len(arriving)
     one, screen, said = session_of([], recording=recording, rate=100.0)
     made = lambda _, t, y, u, *_weak: Estimate(t, y, y, np.array([t + 0.25]), ahead, ahead, ahead)  # noqa: E731
     monkeypatch.setattr(mavdem.OnlineLearner, "update", made)
-    take, put_off, late = one._take, False, ""
+    take = one._take
+    put_off = False
+    late = ""
 
     def slow(row: AlignedRow) -> None:
         now[0] += 0.03 * (107.0 < now[0] < 122.0)  # three times what it spans
@@ -290,15 +343,28 @@ def test_a_computer_that_is_too_slow_says_so_and_blames_no_link(now, monkeypatch
         now[0] += 0.01
     begin, end = (text for text in said if "This computer" in text)
     assert late == "This computer is too slow: estimates come 5.0 s late." and not one.status.slow
-    assert begin.startswith("This computer is 1.0 s behind") and "again; it was up to 5.0 s behind" in end
-    assert not [text for text in said if "resumed after" in text or "Nothing was" in text or "a new segment" in text]
-    assert put_off and len(screen.rows) < one.status.learned + one.status.shown and not one.status.missing
+    assert (
+        begin.startswith("This computer is 1.0 s behind")
+        and "again; it was up to 5.0 s behind" in end
+    )
+    assert not [
+        text
+        for text in said
+        if "resumed after" in text or "Nothing was" in text or "a new segment" in text
+    ]
+    assert (
+        put_off
+        and len(screen.rows) < one.status.learned + one.status.shown
+        and not one.status.missing
+    )
     assert recording.take.call_count == received and 5.0 < one.status.latency[2] < 5.2
-    one.link.script, one.link.reopened = [LinkLost("The link x was lost.")], -100
+    one.link.script = [LinkLost("The link x was lost.")]
+    one.link.reopened = -100
     for _ in range(100):
         now[0] += 0.1
         one.step(0.0)
-    account, learned = one.account(), one.status.learned / 100
+    account = one.account()
+    learned = one.status.learned / 100
     assert sum(account.values()) == pytest.approx(now[0] - 100.0)
     assert account["learned"] == pytest.approx(learned, abs=0.3)
     assert 5.0 < account["left_out"] < 15.0 and account["link_lost"] == pytest.approx(10.0, abs=1.1)
@@ -307,9 +373,13 @@ def test_a_computer_that_is_too_slow_says_so_and_blames_no_link(now, monkeypatch
 
 def test_every_frame_is_recorded_whatever_happens_to_the_rest(tmp_path, monkeypatch):
     recording = RawRecording(tmp_path / "flight.tlog")
-    one, _, said = session_of([*batches(7.0), LinkLost("The link x was lost."), [], []], recording=recording)
+    one, _, said = session_of(
+        [*batches(7.0), LinkLost("The link x was lost."), [], []], recording=recording
+    )
     one.show = Mock(side_effect=RuntimeError("a mistake of the view's"))
-    monkeypatch.setattr(mavdem.OnlineLearner, "update", Mock(side_effect=ValueError("It overflows.")))
+    monkeypatch.setattr(
+        mavdem.OnlineLearner, "update", Mock(side_effect=ValueError("It overflows."))
+    )
     run(one)
     kept = [frame for _, frame in read_stream(tmp_path / "flight.tlog").stamped_frames()]
     assert kept == [frame for stamp, frame in FRAMES if stamp - FIRST < 7.0]
@@ -337,34 +407,56 @@ def test_a_process_that_is_killed_is_replaced():
             lost.result(timeout=300)
         second = executor.submit(os.getpid).result()
         assert second not in (first, os.getpid())
-        assert executor.submit(os.nice, 0).result() - os.nice(0) == min(LOW_PRIORITY, 19 - os.nice(0))
+        assert executor.submit(os.nice, 0).result() - os.nice(0) == min(
+            LOW_PRIORITY, 19 - os.nice(0)
+        )
         executor.submit(time.sleep, 3600)  # which is not waited for
     with pytest.raises(ProcessLookupError):
         os.kill(second, 0)
 
 
 SHORT = {"duration": 40.0, "flights": 2, "height": 5.0}
-FAULTS = {"reboot": 14.0, "outage": 25.0, "outage_seconds": 4.0, "clock_jump": 32.0, "mavproxy_rate": 4.0}
+FAULTS = {
+    "reboot": 14.0,
+    "outage": 25.0,
+    "outage_seconds": 4.0,
+    "clock_jump": 32.0,
+    "mavproxy_rate": 4.0,
+}
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("without_wind_fits")
-def test_a_session_with_all_faults_ends_with_a_good_model_and_every_second_is_accounted_for(monkeypatch):
+def test_a_session_with_all_faults_ends_with_a_good_model_and_every_second_is_accounted_for(
+    monkeypatch,
+):
     monkeypatch.setattr("live_faults.RATE", 50.0)
     long = load("ardupilot_faults").model_dump(mode="json")
     weak = {**long["vehicle"], "weak_from": 43.0}  # all of the second flight
     scenario = scenario_of({**long, **SHORT, "faults": FAULTS, "vehicle": weak})
     session, account = run_session(scenario)
     said = " ".join(event.sentence for event in session.history.events)
-    for each in ("rebooted", "resumed after", "is on the ground", "of the vehicle's clock", "set back again and again"):
+    for each in (
+        "rebooted",
+        "resumed after",
+        "is on the ground",
+        "of the vehicle's clock",
+        "set back again and again",
+    ):
         assert each in said
-    assert "assumed" not in said, "parameters say where the motors are, and come when they are asked for"
+    assert "assumed" not in said, (
+        "parameters say where the motors are, and come when they are asked for"
+    )
     assert sum(account.values()) == pytest.approx(86.0, abs=0.5)
     # Learned from is the time that the samples span, 1661 of 0.02 s, not that in which some came.
-    assert account["learned"] == pytest.approx(session.status.learned / 50.0) and account["learned"] > 33.0, account
+    assert (
+        account["learned"] == pytest.approx(session.status.learned / 50.0)
+        and account["learned"] > 33.0
+    ), account
     assert account["silent"] > 2.5 and account["waiting"] < 25.0, account
     kept = session.final_model()
     test, train = (undisturbed(scenario, seed, weak=True) for seed in (1001, 1002))
-    ratios, offline = error_ratios(kept, test), error_ratios(mavdem.learn(train), test)
+    ratios = error_ratios(kept, test)
+    offline = error_ratios(mavdem.learn(train), test)
     # Of the samples that are kept, a fifth are of the first flight, whose motors were sound.
     assert np.all(ratios < 2 * offline) and ratios[0] < 0.1, (ratios, offline)

@@ -23,14 +23,20 @@ Array = NDArray[np.float64]
 
 SYSTEMS = 200
 ITERATIONS = 200
-P, Q = 2, 1  # embedding orders; the equation of the highest derivative is left out, since its left side is not modelled
-FREE = np.array([2, 3, 5])  # indices in θ of the free parameters: stiffness, damping and gain of the rate's equation
-VEHICLE, SPREAD = np.array([-9.0, -4.0, 12.0]), np.array([3.0, 1.5, 4.0])  # their prior means and standard deviations
+# embedding orders; the equation of the highest derivative is left out, since its left side is not modelled
+P = 2
+Q = 1
+# indices in θ of the free parameters: stiffness, damping and gain of the rate's equation
+FREE = np.array([2, 3, 5])
+# their prior means and standard deviations
+VEHICLE = np.array([-9.0, -4.0, 12.0])
+SPREAD = np.array([3.0, 1.5, 4.0])
 
 
 def theta_of(free: Array) -> Array:
     """θ of a roll axis, φ̇ = rate, with C = I."""
-    A, B = np.array([[0.0, 1.0], free[:2]]), np.array([[0.0], free[2:]])
+    A = np.array([[0.0, 1.0], free[:2]])
+    B = np.array([[0.0], free[2:]])
     return pack(A, B, np.eye(2))
 
 
@@ -44,7 +50,8 @@ def generative_model(
     lambda_mean = np.array([lambda_z, KINEMATIC, lambda_w])
     lambda_precision = np.diag([KNOWN, KNOWN, 1.0])
     prior = Prior(theta_of(VEHICLE), precision, lambda_mean, lambda_precision)
-    correlations, groups = (output_correlation, state_correlation), (np.array([0, 0]), np.array([1, 2]))
+    correlations = (output_correlation, state_correlation)
+    groups = (np.array([0, 0]), np.array([1, 2]))
     return GenerativeModel(2, 1, 2, P, P, Q, *correlations, *groups, KNOWN * np.eye(P + 1), prior)
 
 
@@ -53,7 +60,9 @@ KINEMATIC = 16.0  # ln precision of φ̇ = rate
 
 def coverage(lambda_z: float, lambda_w: float, samples: int, smoothness: float) -> float:
     """Share of the free parameters inside DEM's own interval, over ``SYSTEMS`` true ones."""
-    model = generative_model(lambda_z, lambda_w, temporal_precision(P, smoothness), temporal_precision(Q, smoothness))
+    model = generative_model(
+        lambda_z, lambda_w, temporal_precision(P, smoothness), temporal_precision(Q, smoothness)
+    )
     inside = []
     for seed in range(SYSTEMS):
         rng = np.random.default_rng(seed)
@@ -74,7 +83,9 @@ def independent_samples(
 
     def noise(order: int, sd: Array) -> Array:
         factor = np.linalg.cholesky(temporal_covariance(order, smoothness))
-        return np.asarray(np.einsum("ij,tja->tia", factor, rng.standard_normal((number, order + 1, 2))) * sd)
+        return np.asarray(
+            np.einsum("ij,tja->tia", factor, rng.standard_normal((number, order + 1, 2))) * sd
+        )
 
     v = rng.standard_normal((number, P + 1))
     w = noise(Q, np.exp(-np.array(of_w) / 2))

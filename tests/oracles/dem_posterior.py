@@ -25,24 +25,38 @@ Array = NDArray[np.float64]
 
 DT = 0.1  # seconds; both systems respond within about one second
 LEAD = 40  # samples before the first at which the states start
-KINEMATIC_NOISE = 0.03  # of the relation that makes the rate the derivative of the roll angle, rad/s
+# of the relation that makes the rate the derivative of the roll angle, rad/s
+KINEMATIC_NOISE = 0.03
 
 
 def decay(
-    smoothness: float, output_noise: float, *, gain: float = 0.0, process_noise: float = 1.0, samples: int = 90
+    smoothness: float,
+    output_noise: float,
+    *,
+    gain: float = 0.0,
+    process_noise: float = 1.0,
+    samples: int = 90,
 ) -> System:
     """ẋ = −x + gain·u + w, y = x + z, with the rate of decay free, and the gain too where there is one."""
-    A, B, C = np.array([[-1.0]]), np.array([[gain]]), np.eye(1)
+    A = np.array([[-1.0]])
+    B = np.array([[gain]])
+    C = np.eye(1)
     noise = np.array([process_noise]), np.array([output_noise])
-    free, start = np.arange(2 if gain else 1), np.array([1.0])
+    free = np.arange(2 if gain else 1)
+    start = np.array([1.0])
     return System(A, B, C, *noise, smoothness * DT, DT, samples, LEAD, start, doublets, free)
 
 
-def roll(smoothness: float, output_noise: float, *, outputs: int = 2, process_noise: float = 3.0) -> System:
+def roll(
+    smoothness: float, output_noise: float, *, outputs: int = 2, process_noise: float = 3.0
+) -> System:
     """φ̇ = rate; the rate has stiffness, damping and gain, which are free, and noise; one output is the angle alone."""
-    A, B, C = np.array([[0.0, 1.0], [-4.0, -1.2]]), np.array([[0.0], [4.0]]), np.eye(outputs, 2)
+    A = np.array([[0.0, 1.0], [-4.0, -1.2]])
+    B = np.array([[0.0], [4.0]])
+    C = np.eye(outputs, 2)
     noise = np.array([KINEMATIC_NOISE, process_noise]), np.full(outputs, output_noise)
-    free, start = np.array([2, 3, 5]), np.array([1.0, 2.0])
+    free = np.array([2, 3, 5])
+    start = np.array([1.0, 2.0])
     return System(A, B, C, *noise, smoothness * DT, DT, 90, LEAD, start, doublets, free)
 
 
@@ -64,8 +78,10 @@ class Embedding(NamedTuple):
     """How DEM embeds a series."""
 
     p: int  # order of the generalized outputs and states
-    q: int  # order of w̃; p includes the last derivative's equation, 0 = A x⁽ᵖ⁾ + … + w⁽ᵖ⁾, p − 1 leaves it out
-    as_read: bool = False  # S is that of derivatives estimated from samples, which requires q < p; else the kernel's
+    # order of w̃; p includes the last derivative's equation, 0 = A x⁽ᵖ⁾ + … + w⁽ᵖ⁾, p − 1 leaves it out
+    q: int
+    # S is that of derivatives estimated from samples, which requires q < p; else the kernel's
+    as_read: bool = False
 
     @property
     def centre(self) -> int:
@@ -73,36 +89,51 @@ class Embedding(NamedTuple):
         return (self.p + 1) // 2
 
 
-def states_of(system: System, outputs: Array, embedding: Embedding, prior: ParameterPrior) -> tuple[Array, Array]:
+def states_of(
+    system: System, outputs: Array, embedding: Embedding, prior: ParameterPrior
+) -> tuple[Array, Array]:
     """DEM's states (T − p, n) and their standard deviations (n,), with θ and λ known."""
     model = generative_model(system, embedding, prior)
-    n, lambda_ = model.n, model.prior.lambda_mean
+    n = model.n
+    lambda_ = model.prior.lambda_mean
     certain = np.zeros_like(model.prior.theta_precision)
-    state_map = d_step(model, system.theta, certain, lambda_, np.zeros((len(lambda_), len(lambda_))))
+    state_map = d_step(
+        model, system.theta, certain, lambda_, np.zeros((len(lambda_), len(lambda_)))
+    )
     covariance = inverse(-state_curvature(model, system.theta, np.exp(lambda_)))
     data = generalized(system, outputs, embedding)
     return data @ state_map[:n].T, np.sqrt(np.diag(covariance)[:n])
 
 
-def parameters_of(system: System, outputs: Array, embedding: Embedding, prior: ParameterPrior) -> tuple[Array, Array]:
+def parameters_of(
+    system: System, outputs: Array, embedding: Embedding, prior: ParameterPrior
+) -> tuple[Array, Array]:
     """DEM's free parameters (k,) and their covariance (k, k), with λ known."""
     model = generative_model(system, embedding, prior)
-    belief = ascend(model, SufficientStatistics.of(generalized(system, outputs, embedding)), ITERATIONS).belief
+    belief = ascend(
+        model, SufficientStatistics.of(generalized(system, outputs, embedding)), ITERATIONS
+    ).belief
     return belief.theta[system.free], belief.theta_covariance[np.ix_(system.free, system.free)]
 
 
 def generalized(system: System, outputs: Array, embedding: Embedding) -> Array:
     """Generalized data [ỹ; η̃] (T − p, ·), of outputs and inputs about the same instants."""
-    p, centre = embedding.p, embedding.centre
+    p = embedding.p
+    centre = embedding.centre
     signals = outputs, system.inputs(system.times)
     return np.hstack([embed(signal, p, system.dt, p + 1, centre) for signal in signals])
 
 
-def generative_model(system: System, embedding: Embedding, prior: ParameterPrior) -> GenerativeModel:
+def generative_model(
+    system: System, embedding: Embedding, prior: ParameterPrior
+) -> GenerativeModel:
     """DEM's model of the system: everything known but the free parameters."""
-    p, q = embedding.p, embedding.q
-    (n, r), m = system.B.shape, len(system.C)
-    theta_mean, theta_precision = system.theta, KNOWN * np.eye(len(system.theta))
+    p = embedding.p
+    q = embedding.q
+    (n, r) = system.B.shape
+    m = len(system.C)
+    theta_mean = system.theta
+    theta_precision = KNOWN * np.eye(len(system.theta))
     theta_mean[system.free] = prior.mean
     theta_precision[np.ix_(system.free, system.free)] = prior.precision
     lambda_mean = -2 * np.log(np.concatenate([system.output_noise, system.state_noise]))
@@ -113,8 +144,18 @@ def generative_model(system: System, embedding: Embedding, prior: ParameterPrior
         output_correlation = temporal_precision(p, system.smoothness)
         state_correlation = temporal_precision(q, system.smoothness)
     correlations = output_correlation, state_correlation
-    groups, inputs = (np.arange(m), m + np.arange(n)), KNOWN * np.eye(r * (p + 1))
+    groups = (np.arange(m), m + np.arange(n))
+    inputs = KNOWN * np.eye(r * (p + 1))
     of_noise = lambda_mean, KNOWN * np.eye(m + n)
     return GenerativeModel(
-        n, r, m, p, p, q, *correlations, *groups, inputs, Prior(theta_mean, theta_precision, *of_noise)
+        n,
+        r,
+        m,
+        p,
+        p,
+        q,
+        *correlations,
+        *groups,
+        inputs,
+        Prior(theta_mean, theta_precision, *of_noise),
     )

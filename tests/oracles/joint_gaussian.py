@@ -27,7 +27,8 @@ from mavdem.dem.engine.model import pack, unpack
 
 Array = NDArray[np.float64]
 
-ROUNDING = 3e-4  # white error of an output, in its smooth noise: far below it, far above the arithmetic's
+# white error of an output, in its smooth noise: far below it, far above the arithmetic's
+ROUNDING = 3e-4
 SLOPE_STEP = 1e-2  # of finite differences; a shorter one loses the smallest variances in rounding
 CONVERGED_STEP = 0.02  # Fisher scoring stops at a shorter step, in posterior standard deviations
 NODES = 6  # of the quadrature within one sampling step
@@ -52,7 +53,8 @@ class System:
     samples: int  # T
     lead: int  # samples before the first at which the states start
     start_sd: Array  # (n,) of the Gaussian, about 0, that the states start from
-    inputs: Callable[[Array], Array]  # u at times (k,) seconds, the first sample's being 0: (k, r). A smooth function
+    # u at times (k,) seconds, the first sample's being 0: (k, r). A smooth function
+    inputs: Callable[[Array], Array]
     free: NDArray[np.intp]  # (k,) places in θ of the parameters to be estimated
     nodes: int = NODES  # of the quadrature
 
@@ -77,19 +79,32 @@ class System:
     @cached_property
     def state_moments(self) -> tuple[Array, Array]:
         """Mean (T·n,) and covariance (T·n, T·n) of the sampled states, sample-major."""
-        n, steps = len(self.A), self.lead + self.samples
+        n = len(self.A)
+        steps = self.lead + self.samples
         nodes, weights = np.polynomial.legendre.leggauss(self.nodes)
-        within, weights = self.dt * (nodes + 1) / 2, self.dt * weights / 2
+        within = self.dt * (nodes + 1) / 2
+        weights = self.dt * weights / 2
         # x⁺ = Φ x + ξ with ξ = ∫ exp(A(dt − τ)) (B u + w) dτ, a weighted sum over the nodes.
-        reach = np.array([weight * expm(self.A * (self.dt - at)) for at, weight in zip(within, weights, strict=True)])
+        reach = np.array(
+            [
+                weight * expm(self.A * (self.dt - at))
+                for at, weight in zip(within, weights, strict=True)
+            ]
+        )
         apart = np.arange(steps)[:, None] - np.arange(steps)
         lags = self.dt * np.arange(1 - steps, steps)[:, None, None] + within[:, None] - within
         correlation = autocorrelation(lags, self.smoothness)
-        of_push = np.einsum("gab,b,hcb,lgh->lac", reach, self.state_noise**2, reach, correlation)[apart + steps - 1]
+        of_push = np.einsum("gab,b,hcb,lgh->lac", reach, self.state_noise**2, reach, correlation)[
+            apart + steps - 1
+        ]
         # Every state is a linear map of the first one and of every ξ before it.
         powers = np.array([np.linalg.matrix_power(expm(self.A * self.dt), k) for k in range(steps)])
-        carried = np.where((apart >= 0)[:, :, None, None], powers[np.maximum(apart, 0)], 0.0)[self.lead :]
-        carried, of_push = (each.swapaxes(1, 2).reshape(len(each) * n, -1) for each in (carried, of_push[1:, 1:]))
+        carried = np.where((apart >= 0)[:, :, None, None], powers[np.maximum(apart, 0)], 0.0)[
+            self.lead :
+        ]
+        carried, of_push = (
+            each.swapaxes(1, 2).reshape(len(each) * n, -1) for each in (carried, of_push[1:, 1:])
+        )
         times = self.dt * (np.arange(steps - 1)[:, None] - self.lead) + within
         driven = self.inputs(times.ravel()).reshape(*times.shape, -1) @ self.B.T
         mean = carried[:, n:] @ np.einsum("gab,tgb->ta", reach, driven).ravel()
@@ -105,14 +120,18 @@ class System:
     @property
     def output_noise_covariance(self) -> Array:
         """Of z and the rounding, (T·m, T·m)."""
-        correlation = toeplitz(autocorrelation(self.times, self.smoothness)) + ROUNDING**2 * np.eye(self.samples)
+        correlation = toeplitz(autocorrelation(self.times, self.smoothness)) + ROUNDING**2 * np.eye(
+            self.samples
+        )
         return np.asarray(np.kron(correlation, np.diag(self.output_noise**2)), float)
 
     def draw(self, rng: np.random.Generator, number: int) -> tuple[Array, Array]:
         """So many series from their distribution: states (number, T, n) and outputs (number, T, m)."""
         mean, covariance = self.state_moments
         # The noise has a Cholesky factor, thanks to its white part; the states, smoother still, have none in rounding.
-        states = rng.multivariate_normal(mean, covariance, number, check_valid="ignore", method="eigh")
+        states = rng.multivariate_normal(
+            mean, covariance, number, check_valid="ignore", method="eigh"
+        )
         factor = np.linalg.cholesky(self.output_noise_covariance)
         noise = rng.standard_normal((number, len(factor))) @ factor.T
         states = states.reshape(number, self.samples, -1)
@@ -142,15 +161,19 @@ class System:
         """Logarithm of p(y | θ, λ, s), of outputs (T, m)."""
         error = outputs.ravel() - self.output_moments[0]
         logdet = 2 * np.log(np.diag(self._factor[0])).sum()
-        return -0.5 * float(error @ cho_solve(self._factor, error) + logdet + len(error) * np.log(2 * np.pi))
+        return -0.5 * float(
+            error @ cho_solve(self._factor, error) + logdet + len(error) * np.log(2 * np.pi)
+        )
 
     @cached_property
     def _slopes(self) -> tuple[Array, Array]:
         """Derivatives of the outputs' mean (k, T·m) and covariance (k, T·m, T·m) by the free parameters."""
         start = self.theta[self.free]
-        means, covariances = [], []
+        means = []
+        covariances = []
         for step in SLOPE_STEP * np.eye(len(start)):
-            ahead, behind = self.at(start + step).output_moments, self.at(start - step).output_moments
+            ahead = self.at(start + step).output_moments
+            behind = self.at(start - step).output_moments
             means.append((ahead[0] - behind[0]) / (2 * SLOPE_STEP))
             covariances.append((ahead[1] - behind[1]) / (2 * SLOPE_STEP))
         return np.array(means), np.array(covariances)
@@ -159,20 +182,27 @@ class System:
     def _white_slopes(self) -> tuple[Array, Array]:
         """Those times the inverse covariance."""
         means, covariances = self._slopes
-        return cho_solve(self._factor, means.T).T, np.array([cho_solve(self._factor, slope) for slope in covariances])
+        return cho_solve(self._factor, means.T).T, np.array(
+            [cho_solve(self._factor, slope) for slope in covariances]
+        )
 
     @cached_property
     def information(self) -> Array:
         """Fisher's information on the free parameters, (k, k)."""
         means, covariances = self._white_slopes
-        return np.asarray(means @ self._slopes[0].T + 0.5 * np.einsum("iab,jba->ij", covariances, covariances))
+        return np.asarray(
+            means @ self._slopes[0].T + 0.5 * np.einsum("iab,jba->ij", covariances, covariances)
+        )
 
     def score(self, outputs: Array) -> Array:
         """Gradient of :meth:`log_likelihood` by the free parameters, (k,)."""
         means, covariances = self._white_slopes
         error = outputs.ravel() - self.output_moments[0]
         white = cho_solve(self._factor, error)
-        return np.asarray(means @ error + 0.5 * (covariances @ white @ error - np.trace(covariances, axis1=1, axis2=2)))
+        return np.asarray(
+            means @ error
+            + 0.5 * (covariances @ white @ error - np.trace(covariances, axis1=1, axis2=2))
+        )
 
 
 class ParameterPrior(NamedTuple):

@@ -45,11 +45,15 @@ class SessionEnd(Link):
     """The end of a wire that the session listens to."""
 
     def __init__(self, wire: Wire) -> None:
-        self._wire, self.name, self.speaks_first, self.dropped = wire, "simulation", False, 0
+        self._wire = wire
+        self.name = "simulation"
+        self.speaks_first = False
+        self.dropped = 0
 
     def receive(self, timeout: float) -> list[tuple[float, bytes]]:
         self._wire.now += timeout
-        came, self._wire.towards = self._wire.towards, []
+        came = self._wire.towards
+        self._wire.towards = []
         return came
 
     def send(self, frame: bytes) -> None:
@@ -65,7 +69,8 @@ class VehicleEnd(Ground):
     speed = TICK / 0.004  # of the vehicle, so that a tick of its flight is TICK
 
     def __init__(self, wire: Wire, session: LiveSession) -> None:
-        self._wire, self._session = wire, session
+        self._wire = wire
+        self._session = session
 
     def send(self, frame: bytes) -> bool:
         self._wire.towards.append((self._wire.now, frame))
@@ -75,7 +80,8 @@ class VehicleEnd(Ground):
         """Runs the session up to a time, which is divided by the speed; what it has sent."""
         self._wire.now = until * self.speed
         self._session.step(0.0)
-        answers, self._wire.back = self._wire.back, []
+        answers = self._wire.back
+        self._wire.back = []
         yield from answers
 
 
@@ -86,7 +92,9 @@ def run_session(scenario: Scenario) -> tuple[LiveSession, dict[str, float]]:
         for clock in ("time.monotonic", "sitl_scenarios.mavlink.live.monotonic"):
             clocks.enter_context(patch(clock, lambda: wire.now))
         quiet = {"show": lambda _: NullView(), "report": lambda _: None, "say": lambda _: None}
-        session = LiveSession(SessionEnd(wire), LiveStream(asked=True), Settings(), rate=RATE, **quiet)
+        session = LiveSession(
+            SessionEnd(wire), LiveStream(asked=True), Settings(), rate=RATE, **quiet
+        )
         ground = VehicleEnd(wire, session)
         fly_live(scenario, Simulation(scenario), ground, ground.speed, lambda _: None)
         return session, session.account()
@@ -94,9 +102,18 @@ def run_session(scenario: Scenario) -> tuple[LiveSession, dict[str, float]]:
 
 def undisturbed(scenario: Scenario, seed: int, weak: bool) -> Flight:
     """Another flight of the same vehicle in such wind, sent at 100 Hz without faults; its weak motor weak or not."""
-    stream = scenario.stream.model_copy(update={"only_when_asked": False, "rates": {}, "rate": RATE})
+    stream = scenario.stream.model_copy(
+        update={"only_when_asked": False, "rates": {}, "rate": RATE}
+    )
     vehicle = scenario.vehicle.model_copy(update={"weak_from": 0.0} if weak else {"weak_motor": 0})
-    changes = {"duration": 60.0, "flights": 1, "seed": seed, "faults": Faults(), "stream": stream, "vehicle": vehicle}
+    changes = {
+        "duration": 60.0,
+        "flights": 1,
+        "seed": seed,
+        "faults": Faults(),
+        "stream": stream,
+        "vehicle": vehicle,
+    }
     return logged(scenario.model_copy(update=changes))
 
 

@@ -10,30 +10,42 @@ from sitl_scenarios.wind import gaussian_noise
 
 Array = NDArray[np.float64]
 
-WARM_UP_SAMPLES = 300  # simulated before the first sample, so that the initial state does not matter
+# simulated before the first sample, so that the initial state does not matter
+WARM_UP_SAMPLES = 300
 SUBSTEPS = 5  # simulation steps between samples; inputs are linear within a step
-SLOWEST, FASTEST = 0.7, 3.0  # rad/s, of the modes of random systems
-MIN_HANKEL_RATIO = 0.1  # least Hankel singular value over the largest; a random system below it is drawn again
+# rad/s, of the modes of random systems
+SLOWEST = 0.7
+FASTEST = 3.0
+# least Hankel singular value over the largest; a random system below it is drawn again
+MIN_HANKEL_RATIO = 0.1
 WORST_CONDITION = 10.0  # of a random system's coordinates
-DISTURBANCE = 0.02  # standard deviation that process noise gives a random system's outputs, over that of its inputs
+# standard deviation that process noise gives a random system's outputs, over that of its inputs
+DISTURBANCE = 0.02
 SENSORS = 1e-3  # that of the sensors' noise, over that of each output
-INPUT_KERNEL, NOISE_KERNEL = 0.25, 0.2  # seconds, of random systems
+# seconds, of random systems
+INPUT_KERNEL = 0.25
+NOISE_KERNEL = 0.2
 
 
 def random_flight(order: int, channels: int, seed: int) -> Flight:
     """A flight of a random stable system with as many inputs as outputs, moved by smooth inputs and by noise."""
-    samples, dt = 1000, 0.05
+    samples = 1000
+    dt = 0.05
     rng = np.random.default_rng([order, channels, seed])
     A, B, C = random_system(order, channels, rng)
-    step, number = dt / SUBSTEPS, (samples + WARM_UP_SAMPLES) * SUBSTEPS
+    step = dt / SUBSTEPS
+    number = (samples + WARM_UP_SAMPLES) * SUBSTEPS
     inputs = smooth_noise(INPUT_KERNEL, step, number, channels, rng)
     noise = smooth_noise(NOISE_KERNEL, step, number, order, rng)
-    by_inputs, by_noise = motion(A, B, inputs, step) @ C.T, motion(A, np.eye(order), noise, step) @ C.T
+    by_inputs = motion(A, B, inputs, step) @ C.T
+    by_noise = motion(A, np.eye(order), noise, step) @ C.T
     size = DISTURBANCE * np.sqrt(by_inputs.var(axis=0).mean() / by_noise.var(axis=0).mean())
     return _recorded(by_inputs + size * by_noise, inputs, samples, dt, NOISE_KERNEL, rng)
 
 
-def random_system(order: int, channels: int, rng: np.random.Generator) -> tuple[Array, Array, Array]:
+def random_system(
+    order: int, channels: int, rng: np.random.Generator
+) -> tuple[Array, Array, Array]:
     """A, B and C of a stable system with real and oscillating modes, all of which are visible in the outputs."""
     while True:
         blocks: list[Array] = []
@@ -52,7 +64,8 @@ def random_system(order: int, channels: int, rng: np.random.Generator) -> tuple[
         if np.linalg.cond(turn) > WORST_CONDITION:
             continue
         A = turn @ block_diag(*blocks) @ np.linalg.inv(turn)
-        B, C = rng.standard_normal((order, channels)), rng.standard_normal((channels, order))
+        B = rng.standard_normal((order, channels))
+        C = rng.standard_normal((channels, order))
         hankel = np.sqrt(np.linalg.eigvals(_gramian(A, B) @ _gramian(A.T, C.T)).real.clip(0))
         if hankel.min() > MIN_HANKEL_RATIO * hankel.max():
             return A, B, C
@@ -70,15 +83,23 @@ def motion(A: Array, B: Array, driven: Array, step: float) -> Array:
     return np.vstack([start, recursion(transition.state, pushes, start)])
 
 
-def smooth_noise(width: float, step: float, number: int, channels: int, rng: np.random.Generator) -> Array:
+def smooth_noise(
+    width: float, step: float, number: int, channels: int, rng: np.random.Generator
+) -> Array:
     """Gaussian-kernel noise of unit variance, (number, channels)."""
     return np.column_stack([gaussian_noise(width, step, number, rng) for _ in range(channels)])
 
 
 def _recorded(
-    outputs: Array, inputs: Array, samples: int, dt: float, smoothness: float, rng: np.random.Generator
+    outputs: Array,
+    inputs: Array,
+    samples: int,
+    dt: float,
+    smoothness: float,
+    rng: np.random.Generator,
 ) -> Flight:
     kept = slice(WARM_UP_SAMPLES * SUBSTEPS, None, SUBSTEPS)
-    outputs, inputs = outputs[kept], inputs[kept]
+    outputs = outputs[kept]
+    inputs = inputs[kept]
     noise = smooth_noise(smoothness, dt, samples, outputs.shape[1], rng)
     return Flight(dt * np.arange(samples), inputs, outputs + SENSORS * outputs.std(axis=0) * noise)

@@ -22,7 +22,9 @@ LAST = landscape.SECTION_ITERATIONS
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("settings", "world"), [(ScalarSettings(), ScalarWorld()), (PAPER, PAPER_WORLD)])
+@pytest.mark.parametrize(
+    ("settings", "world"), [(ScalarSettings(), ScalarWorld()), (PAPER, PAPER_WORLD)]
+)
 def test_fifty_priors_end_at_one_point_but_not_under_the_papers_settings(settings, world):
     paths = landscape.ascents(settings, settings.samples(world, seed=0))
     ends, deviation = landscape.ends(paths)
@@ -33,7 +35,8 @@ def test_fifty_priors_end_at_one_point_but_not_under_the_papers_settings(setting
 
 
 def test_the_peak_rises_and_sharpens_from_round_to_round():
-    model, samples = ScalarSettings().model(), ScalarSettings().samples(ScalarWorld(), seed=0)
+    model = ScalarSettings().model()
+    samples = ScalarSettings().samples(ScalarWorld(), seed=0)
     drawn = [plain_rounds(model, samples, max(landscape.DRAWN))[i] for i in landscape.DRAWN]
     assert (np.diff([peak(model, samples, belief) for belief in drawn]) > 0).all()
     assert (np.diff([curvature(belief) for belief in drawn]) > 0).all()
@@ -41,7 +44,8 @@ def test_the_peak_rises_and_sharpens_from_round_to_round():
 
 
 def test_where_the_precision_is_known_the_peak_rises_but_its_cross_section_does_not_narrow():
-    model, samples = landscape.LAMBDA_KNOWN.model(), landscape.LAMBDA_KNOWN.samples(ScalarWorld(), seed=0)
+    model = landscape.LAMBDA_KNOWN.model()
+    samples = landscape.LAMBDA_KNOWN.samples(ScalarWorld(), seed=0)
     first, *_, last = plain_rounds(model, samples, LAST)
     assert peak(model, samples, last) > peak(model, samples, first)
     assert curvature(last) < curvature(first)
@@ -53,8 +57,12 @@ def test_where_the_precision_is_known_the_peak_rises_but_its_cross_section_does_
 
 
 def test_these_settings_end_at_the_truth():
-    model, noises = ScalarSettings().model(), range(8)
-    ends = [plain_rounds(model, ScalarSettings().samples(ScalarWorld(), seed), 20)[-1] for seed in noises]
+    model = ScalarSettings().model()
+    noises = range(8)
+    ends = [
+        plain_rounds(model, ScalarSettings().samples(ScalarWorld(), seed), 20)[-1]
+        for seed in noises
+    ]
     assert sum(truth_within(end.theta, end.theta_covariance) for end in ends) > len(noises) / 2
     deviation = np.sqrt(np.diag(ends[0].theta_covariance)[:2])
     assert (np.abs(np.mean([end.theta[:2] for end in ends], axis=0) - [A, B]) < deviation).all()

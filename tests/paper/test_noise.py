@@ -7,7 +7,8 @@ from scipy.stats import binom
 from mavdem.paper import noise
 from sitl_scenarios.wind import gaussian_noise
 
-SERIES, VALUES = 400, 700
+SERIES = 400
+VALUES = 700
 FEWEST, MOST = binom.ppf([0.001, 0.999], SERIES, 0.05)
 """Rejections at 0.05 of so many series: a test of the right level is within in 998 of 1000 tries."""
 
@@ -30,7 +31,10 @@ def test_gaussian_noise_of_any_colour_is_called_another_as_often_as_said(steps):
 
 @pytest.mark.parametrize(
     "make",
-    [lambda rng: rng.exponential(size=VALUES), lambda rng: np.sinh(2 * gaussian(rng, 3) / gaussian(rng, 3).std())],
+    [
+        lambda rng: rng.exponential(size=VALUES),
+        lambda rng: np.sinh(2 * gaussian(rng, 3) / gaussian(rng, 3).std()),
+    ],
     ids=["skew", "heavy and coloured"],
 )
 def test_what_is_not_gaussian_is_called_so(make):
@@ -61,5 +65,7 @@ def test_whiteness_is_of_values_that_share_no_samples():
 @pytest.mark.parametrize("steps", [1, 3, 10])
 def test_the_kernel_width_of_gaussian_kernel_noise_is_found(steps):
     rng = np.random.default_rng(0)
-    found = np.array([noise.analyse_noise(gaussian(rng, steps, 5000), 0.01).smoothness for _ in range(100)])
+    found = np.array(
+        [noise.analyse_noise(gaussian(rng, steps, 5000), 0.01).smoothness for _ in range(100)]
+    )
     assert found.mean() == pytest.approx(0.01 * steps, rel=0.05)

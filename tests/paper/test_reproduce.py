@@ -20,15 +20,21 @@ from mavdem.paper.runner import PEERS, WITH, Check, ClaimStatus, Extent, Result,
 
 SMALL = Extent(experiments=(2,), duration=30, recorded=False, priors=2)
 
-HELD, FAILED = Check("a rule", True, "this is so"), Check("a rule", False, "that is not")
+HELD = Check("a rule", True, "this is so")
+FAILED = Check("a rule", False, "that is not")
 
 
 def test_what_fails_is_said_first_and_what_is_beyond_the_paper_decides_nothing():
     report = ItemReport(CLAIMS[0], Result(checks=(HELD, FAILED), beyond=(FAILED,)))
-    assert report.sentence == "Partly: that is not; but this is so." and report.beyond.endswith(": that is not.")
+    assert report.sentence == "Partly: that is not; but this is so." and report.beyond.endswith(
+        ": that is not."
+    )
     held = ItemReport(CLAIMS[0], Result(checks=(HELD,), beyond=(FAILED,)))
     assert held.status is ClaimStatus.REPRODUCED and held.sentence == "Reproduced: this is so."
-    assert ItemReport(CLAIMS[0], Result(remarks=("Nothing is there.",))).sentence == "Not tried: Nothing is there."
+    assert (
+        ItemReport(CLAIMS[0], Result(remarks=("Nothing is there.",))).sentence
+        == "Not tried: Nothing is there."
+    )
     assert ItemReport(CLAIMS[0], Result(checks=(FAILED, FAILED))).status is ClaimStatus.NOT
 
 
@@ -39,21 +45,37 @@ def holds(checks):
 def noises(draw, colour):
     """Five series of 1000 values, white where ``colour`` is 0, else of that kernel width in samples."""
     series = [draw(np.random.default_rng(seed)) for seed in range(5)]
-    return [noise.analyse_noise(gaussian_filter1d(one, colour) if colour else one, 0.01, overlap=3) for one in series]
+    return [
+        noise.analyse_noise(gaussian_filter1d(one, colour) if colour else one, 0.01, overlap=3)
+        for one in series
+    ]
 
 
 def test_noise_is_judged_by_its_shape_and_its_colour():
-    normal, laplace = (lambda random: random.normal(size=1000)), (lambda random: random.laplace(size=1000))
-    for draw, colour, expected in ((normal, 6, [True, True]), (normal, 0, [True, False]), (laplace, 0, [False, False])):
+    def normal(random):
+        return random.normal(size=1000)
+
+    def laplace(random):
+        return random.laplace(size=1000)
+
+    for draw, colour, expected in (
+        (normal, 6, [True, True]),
+        (normal, 0, [True, False]),
+        (laplace, 0, [False, False]),
+    ):
         assert holds(noise.checks(noises(draw, colour), "w", "flights")) == expected
 
 
 def test_generalized_coordinates_must_win_in_total_and_mostly():
-    without, with_ = (np.array([own]).T for own in (MSPE_WITHOUT_COORDINATES, MSPE_WITH_COORDINATES))
+    without, with_ = (
+        np.array([own]).T for own in (MSPE_WITHOUT_COORDINATES, MSPE_WITH_COORDINATES)
+    )
     assert forecasts.coordinates_check((with_, without), "the paper's own").holds
     assert not forecasts.coordinates_check((without, with_), "swapped").holds
     one_wins = np.array([[1.1, 1.1, 1.1, 1.1, 0.1]]).T
-    assert not forecasts.coordinates_check((one_wins, np.ones((5, 1))), "one flight makes the total").holds
+    assert not forecasts.coordinates_check(
+        (one_wins, np.ones((5, 1))), "one flight makes the total"
+    ).holds
 
 
 def test_a_method_must_win_on_every_flight():
@@ -73,7 +95,8 @@ def test_the_authors_result_must_lie_among_ours():
 
 
 @pytest.mark.parametrize(
-    ("free_energy", "expected"), [([-1e9, -5e8, -1e6, -2e6], 3), ([-1.0, np.nan, -2.0], 1), ([-9, -6, -3, 0], 4)]
+    ("free_energy", "expected"),
+    [([-1e9, -5e8, -1e6, -2e6], 3), ([-1.0, np.nan, -2.0], 1), ([-9, -6, -3, 0], 4)],
 )
 def test_free_energy_saturates_where_higher_orders_gain_nothing(free_energy, expected):
     assert order.saturates_at(np.array(free_energy, float)) == expected
@@ -83,7 +106,10 @@ def test_every_inputs_must_lead_to_the_order_of_the_system():
     found = order.checks({"unknown": [1, 2, 3, 4], "known": [1, 3, 3, 4]})
     assert holds(found) == [True, False, True, True]
     assert found[0].finding == "F̄ of system 1 saturates at order 1"
-    assert found[1].finding == "F̄ of system 2 saturates at order 2 with unknown inputs and 3 with known inputs"
+    assert (
+        found[1].finding
+        == "F̄ of system 2 saturates at order 2 with unknown inputs and 3 with known inputs"
+    )
 
 
 def test_a_prediction_is_judged_by_what_it_shows():
@@ -103,10 +129,14 @@ def test_a_prediction_is_judged_by_what_it_shows():
 def test_all_items_make_one_report(tmp_path, monkeypatch):
     monkeypatch.setattr(order, "ORDERS", (1, 2, 3))
     monkeypatch.setattr(order, "SYSTEMS", {1: ("φ̇",), 2: ("φ", "φ̇")})
-    monkeypatch.setattr(maximum_likelihood.iterated, "__defaults__", (20,))  # a report needs no more of them
+    # a report needs no more of them
+    monkeypatch.setattr(maximum_likelihood.iterated, "__defaults__", (20,))
     # Pictures of the demonstrations take ten seconds, and have tests of their own.
-    runner, chosen = Runner(SMALL), [claim for claim in ITEMS if claim.name != "demonstrations"]
-    write_report(tmp_path, [ItemReport(claim, ITEMS[claim](runner)) for claim in chosen], runner, 1.0)
+    runner = Runner(SMALL)
+    chosen = [claim for claim in ITEMS if claim.name != "demonstrations"]
+    write_report(
+        tmp_path, [ItemReport(claim, ITEMS[claim](runner)) for claim in chosen], runner, 1.0
+    )
     page, numbers = ((tmp_path / name).read_text() for name in (PAGE, NUMBERS))
     # It shows what is there and asks for nothing else.
     assert "<svg" in page and not re.findall(r'(?:src|srcset)="', page)
@@ -122,16 +152,26 @@ def test_all_items_make_one_report(tmp_path, monkeypatch):
     assert told["prediction"]["checks"][4]["holds"]
     assert told["oracle"]["verdict"] == "not tried" and not told["oracle"]["checks"]
     assert set(told["noise"]["numbers"]["learnt"]) == {"experiment 2"}
-    assert all(told[name]["checks"] for name in ("noise", "prediction", "coordinates", "benchmark", "order"))
+    assert all(
+        told[name]["checks"]
+        for name in ("noise", "prediction", "coordinates", "benchmark", "order")
+    )
 
 
 def test_what_cannot_be_done_is_one_document_and_no_work(tmp_path, capsys):
     (tmp_path / "file").write_text("mine")
-    for words, named in ((["everything"], "everything"), (["noise", "--out", str(tmp_path / "file")], "--out")):
+    for words, named in (
+        (["everything"], "everything"),
+        (["noise", "--out", str(tmp_path / "file")], "--out"),
+    ):
         assert main(["reproduce", *words, "--json"]) == 2
         assert named in json.loads(capsys.readouterr().out)["error"]["reason"]
     # All claims are listed.
     assert main(["reproduce", "--list"]) == 0
-    assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == [claim.name for claim in CLAIMS]
+    assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == [
+        claim.name for claim in CLAIMS
+    ]
     assert main(["reproduce", "--list", "--json"]) == 0
-    assert [one["name"] for one in json.loads(capsys.readouterr().out)["claims"]] == [claim.name for claim in CLAIMS]
+    assert [one["name"] for one in json.loads(capsys.readouterr().out)["claims"]] == [
+        claim.name for claim in CLAIMS
+    ]

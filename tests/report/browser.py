@@ -20,11 +20,25 @@ def shown(page: str, script: str, folder: Path, width: int = 1600, *more: str) -
     if CHROMIUM is None:
         pytest.skip("there is no Chromium")
     path = folder / "page.html"
-    said = "<script>(async () => { const title = document.title, found = await (async () => { %s })();"
+    said = (
+        "<script>(async () => { const title = document.title, found = await (async () => { %s })();"
+    )
     said = said % script + "document.title = JSON.stringify([title, found]) })()</script>"
     path.write_text(page + said)
-    options = ("--headless", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr", "--hide-scrollbars")
-    place = (f"--user-data-dir={folder / 'profile'}", f"--window-size={width},1000", "--dump-dom", *more, path.as_uri())
+    options = (
+        "--headless",
+        "--no-sandbox",
+        "--disable-gpu",
+        "--enable-logging=stderr",
+        "--hide-scrollbars",
+    )
+    place = (
+        f"--user-data-dir={folder / 'profile'}",
+        f"--window-size={width},1000",
+        "--dump-dom",
+        *more,
+        path.as_uri(),
+    )
     ran = subprocess.run([CHROMIUM, *options, *place], capture_output=True, text=True, check=True)
     assert "CONSOLE" not in ran.stderr
     found = re.search(r"<title>(.*?)</title>", ran.stdout, re.DOTALL)

@@ -6,7 +6,12 @@ import numpy as np
 
 from mavdem.fleet.row import FlightRow
 
-MOTORS = ("motor 1 (front right)", "motor 2 (rear left)", "motor 3 (front left)", "motor 4 (rear right)")
+MOTORS = (
+    "motor 1 (front right)",
+    "motor 2 (rear left)",
+    "motor 3 (front left)",
+    "motor 4 (rear right)",
+)
 START = datetime(2026, 1, 5, 9, tzinfo=UTC)
 
 
@@ -51,20 +56,40 @@ def fleet_rows(flights: int, seed: int = 1) -> list[FlightRow]:
     rng = np.random.default_rng(seed)
     rows = []
     for number in range(flights):
-        vehicle, flown = number % 5, number // 5
+        vehicle = number % 5
+        flown = number // 5
         faulty = vehicle == 1 and flown > 0.7 * flights / 5
         found = (
-            {"health": "fault", "suspect_motor": 3, "fault_probability": 0.97, "health_reason": "motor 3 works harder."}
+            {
+                "health": "fault",
+                "suspect_motor": 3,
+                "fault_probability": 0.97,
+                "health_reason": "motor 3 works harder.",
+            }
             if faulty
             else {}
         )
-        share = np.array([1.0, 0.98, 1.03, 0.99]) + 0.005 * rng.normal(size=4) + 0.06 * faulty * np.eye(4)[2]
+        share = (
+            np.array([1.0, 0.98, 1.03, 0.99])
+            + 0.005 * rng.normal(size=4)
+            + 0.06 * faulty * np.eye(4)[2]
+        )
         for axis in ("roll", "pitch"):
             known = {"damping": None if rng.random() < 0.2 else float(0.6 + 0.1 * rng.normal())}
             rows.append(
-                flight_row(f"quad-{vehicle}", flown, axis, trim_share=tuple(share / share.mean()), **known, **found)
+                flight_row(
+                    f"quad-{vehicle}",
+                    flown,
+                    axis,
+                    trim_share=tuple(share / share.mean()),
+                    **known,
+                    **found,
+                )
             )
     return [
         *rows,
-        *(FlightRow(file=f"/logs/{i}.bin", key=f"bad{i}", status=f"It is cut off at {i}.") for i in range(3)),
+        *(
+            FlightRow(file=f"/logs/{i}.bin", key=f"bad{i}", status=f"It is cut off at {i}.")
+            for i in range(3)
+        ),
     ]

@@ -15,11 +15,20 @@ from mavdem.report.screen import _poles, detail_blocks
 
 pytestmark = pytest.mark.slow
 DT = 0.01
-MOTORS = 1500 + 50 * gaussian_filter1d(np.random.default_rng(0).standard_normal((500, 2)), 6, axis=0)
+MOTORS = 1500 + 50 * gaussian_filter1d(
+    np.random.default_rng(0).standard_normal((500, 2)), 6, axis=0
+)
 RATE = np.cumsum((MOTORS - 1500) @ [0.02, -0.02]) * DT
-NAMES = {"input_units": ("µs", "µs"), "output_names": ("roll", "roll rate"), "output_units": ("rad", "rad/s")}
-FLIGHT = mavdem.Flight(DT * np.arange(500), MOTORS, np.stack([np.cumsum(RATE) * DT, RATE], axis=1), **NAMES)
-TRAIN, TEST = FLIGHT[:400], FLIGHT[400:]
+NAMES = {
+    "input_units": ("µs", "µs"),
+    "output_names": ("roll", "roll rate"),
+    "output_units": ("rad", "rad/s"),
+}
+FLIGHT = mavdem.Flight(
+    DT * np.arange(500), MOTORS, np.stack([np.cumsum(RATE) * DT, RATE], axis=1), **NAMES
+)
+TRAIN = FLIGHT[:400]
+TEST = FLIGHT[400:]
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +50,9 @@ def told(learned: mavdem.Learned) -> list[Block]:
 
 
 def words(blocks: list[Block]) -> str:
-    return "\n".join(f"{block.lead} {block.text}" for block in blocks if isinstance(block, Sentence))
+    return "\n".join(
+        f"{block.lead} {block.text}" for block in blocks if isinstance(block, Sentence)
+    )
 
 
 def test_the_model_can_be_used_from_what_is_reported(learned):
@@ -54,8 +65,12 @@ def test_the_model_can_be_used_from_what_is_reported(learned):
         assert [row[0] for row in rows] == ["d/dt roll", "d/dt roll rate", "d/dt hidden 1"]
         for row, cells in enumerate(rows):
             for column, cell in enumerate(cells[1 : 1 + values.shape[1]]):
-                tolerance = 0.6 * width[row, column] if "±" in cell else 6e-3 * abs(values[row, column])
-                power = float(cell.partition("e")[0] == cell or 10.0 ** float(cell.partition(")e")[2] or 0))
+                tolerance = (
+                    0.6 * width[row, column] if "±" in cell else 6e-3 * abs(values[row, column])
+                )
+                power = float(
+                    cell.partition("e")[0] == cell or 10.0 ** float(cell.partition(")e")[2] or 0)
+                )
                 shown = power * float(cell.lstrip("(").split()[0])
                 assert shown == pytest.approx(values[row, column], abs=tolerance + 1e-12), cell
     trims = {block.lead: block.text for block in told(learned) if isinstance(block, Sentence)}
@@ -65,7 +80,13 @@ def test_the_model_can_be_used_from_what_is_reported(learned):
 
 def test_what_is_not_known_of_the_parameters_is_not_reported(learned):
     def cells(one: mavdem.Learned) -> str:
-        return " ".join(cell for block in told(one) if isinstance(block, Table) for row in block.rows for cell in row)
+        return " ".join(
+            cell
+            for block in told(one)
+            if isinstance(block, Table)
+            for row in block.rows
+            for cell in row
+        )
 
     assert "±" in cells(learned)
     unknown = cells(altered(learned, simulation_fit=None))
@@ -76,7 +97,10 @@ def test_what_is_not_known_of_the_parameters_is_not_reported(learned):
 
 def test_poles_have_a_frequency_and_a_damping_ratio_or_a_time_constant():
     swing = 2 * np.pi * 1.5
-    assert _poles(np.diag([-2.0, -0.1])) == "-0.1: time constant 10 s; -2: time constant 0.5 s. The model is stable."
+    assert (
+        _poles(np.diag([-2.0, -0.1]))
+        == "-0.1: time constant 10 s; -2: time constant 0.5 s. The model is stable."
+    )
     assert _poles(np.array([[-4.0, swing], [-swing, -4.0]])) == (
         "-4 ± 9.42j: 1.6 Hz, damping ratio 0.39. The model is stable."
     )
@@ -93,7 +117,10 @@ def test_it_says_how_far_ahead_predictions_without_the_inputs_are_worth_somethin
     assert report["prediction"]["half_explained_seconds"] == (learned.useful_steps * DT).tolist()
     report["prediction"]["half_explained_seconds"] = [0.2, 0.0]
     said = words(detail_blocks(learned, report))
-    assert "half of the variance of roll up to 0.2 s ahead, roll rate at no horizon, by predictions inside" in said
+    assert (
+        "half of the variance of roll up to 0.2 s ahead, roll rate at no horizon, by predictions inside"
+        in said
+    )
 
 
 def test_it_says_which_samples_count_and_which_motors_are_taken_to_turn_the_axis(learned):
@@ -101,6 +128,9 @@ def test_it_says_which_samples_count_and_which_motors_are_taken_to_turn_the_axis
     assert "turn the axis" not in words(told(learned))  # two inputs are demands, and no motors
     motors = np.hstack([MOTORS, MOTORS[::-1]])
     flight = replace(FLIGHT, inputs=motors, input_units=("µs",) * 4, input_names=tuple("abcd"))
-    for known, said in ((None, "Chosen by F̄."), ([1, -1, 0.1, 0], "a against b. Known for these inputs.")):
+    for known, said in (
+        (None, "Chosen by F̄."),
+        ([1, -1, 0.1, 0], "a against b. Known for these inputs."),
+    ):
         four = mavdem.learn(replace(flight, effect_directions=known), learned.settings)
         assert said in words(detail_blocks(four))

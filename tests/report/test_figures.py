@@ -41,7 +41,11 @@ def held(flight):
 
 @pytest.fixture(scope="module")
 def figures(learned, flight, held):
-    truth = np.array([[0.0, 1.0], [0.0, -2.0]]), np.vstack([np.zeros(4), learned.physical.effect]), 0.01
+    truth = (
+        np.array([[0.0, 1.0], [0.0, -2.0]]),
+        np.vstack([np.zeros(4), learned.physical.effect]),
+        0.01,
+    )
     given = {
         "bode": {"truth": truth},
         "step": {"truth": truth},
@@ -53,13 +57,20 @@ def figures(learned, flight, held):
 
 
 @pytest.mark.parametrize("name", [*METHODS, "forecast"])
-def test_a_figure_has_the_palette_s_colours_named_axes_and_no_legend_or_title_over_data(name, figures):
+def test_a_figure_has_the_palette_s_colours_named_axes_and_no_legend_or_title_over_data(
+    name, figures
+):
     figure = figures[name]
     drawn = svg(figure, name)
     assert name != "bode" or figure._repr_png_().startswith(b"\x89PNG")
     values = [value for value in vars(palette).values() if isinstance(value, str | tuple)]
-    known = {colour for value in values for colour in ([value] if isinstance(value, str) else value)}
-    assert set(re.findall(r"#[0-9a-f]{6}\b", re.sub(r"<defs>.*?</defs>|<image[^>]*>", "", drawn))) <= known
+    known = {
+        colour for value in values for colour in ([value] if isinstance(value, str) else value)
+    }
+    assert (
+        set(re.findall(r"#[0-9a-f]{6}\b", re.sub(r"<defs>.*?</defs>|<image[^>]*>", "", drawn)))
+        <= known
+    )
     assert drawn.count("<text") > 8
     assert "fill: #ffffff" not in drawn, "it has a background"
     width, height = figure.get_size_inches()
@@ -75,7 +86,12 @@ def test_a_figure_has_the_palette_s_colours_named_axes_and_no_legend_or_title_ov
             assert box.x0 >= 0 and box.x1 <= figure.bbox.x1
     assert figure.axes[-1].get_xlabel()
     assert "rad" not in text, "angles are in degrees"
-    units = {"bode": "°/s per µs", "step": "roll (°)", "disturbance": "°/s²", "forecast": "roll (°)"}
+    units = {
+        "bode": "°/s per µs",
+        "step": "roll (°)",
+        "disturbance": "°/s²",
+        "forecast": "roll (°)",
+    }
     assert units.get(name, "") in text
 
 
@@ -113,11 +129,15 @@ def test_the_flight_after_the_training_data_is_one_window(flight, learned):
 def test_responses_are_those_of_python_control(learned):
     motors = AxisCommand.of(learned).motors
     A, B, C = learned.model[:3]
-    ours, theirs = model_systems(learned, motors), control.StateSpace(A, (B @ motors)[:, None], C, np.zeros((2, 1)))
-    frequency, time = np.geomspace(0.1, 20, 5), np.linspace(0, 1.5, 31)
+    ours = model_systems(learned, motors)
+    theirs = control.StateSpace(A, (B @ motors)[:, None], C, np.zeros((2, 1)))
+    frequency = np.geomspace(0.1, 20, 5)
+    time = np.linspace(0, 1.5, 31)
     response = theirs(2j * np.pi * frequency)
     for output in (0, 1):
-        np.testing.assert_allclose(ours.over_frequency(frequency, output)[0], response[output, 0], rtol=1e-9)
+        np.testing.assert_allclose(
+            ours.over_frequency(frequency, output)[0], response[output, 0], rtol=1e-9
+        )
     stepped = control.step_response(theirs, time).outputs[:, 0].T
     np.testing.assert_allclose(ours.after_step(time)[0], stepped, rtol=1e-6, atol=1e-12)
 
@@ -136,7 +156,8 @@ def test_the_physical_response_is_late_by_its_delay_and_ends_at_effect_over_damp
 
 
 def test_draws_are_as_far_apart_as_the_parameters_are_uncertain(learned):
-    systems, covariance = model_systems(learned, np.ones(4)), learned.theta_covariance
+    systems = model_systems(learned, np.ones(4))
+    covariance = learned.theta_covariance
     np.testing.assert_array_equal(systems.A[0], learned.model.A)
     n = learned.model.A.size
     spread = np.cov(systems.A[1:].reshape(-1, n).T)
@@ -151,19 +172,31 @@ def test_a_correlation_is_found_at_its_lag():
     assert np.abs(np.delete(values, 7)).max() < 0.06
 
 
-def test_a_command_is_the_difference_of_the_motors_of_unknown_geometry_by_effects_and_a_demand_itself(learned, flight):
-    command, up = AxisCommand.of(learned), flight.effect_directions > 0
+def test_a_command_is_the_difference_of_the_motors_of_unknown_geometry_by_effects_and_a_demand_itself(
+    learned, flight
+):
+    command = AxisCommand.of(learned)
+    up = flight.effect_directions > 0
     difference = flight.inputs[:, up].mean(axis=1) - flight.inputs[:, ~up].mean(axis=1)
-    np.testing.assert_allclose(command.series(flight.inputs), difference - difference.mean(), atol=1e-9)
+    np.testing.assert_allclose(
+        command.series(flight.inputs), difference - difference.mean(), atol=1e-9
+    )
     assert command.weights @ command.motors == pytest.approx(1)
     blind = replace(learned, record=replace(learned.record, effect_directions=None))
-    assert (np.sign(AxisCommand.of(blind).motors) == np.sign(learned.record.effect_directions)).all()
-    demand = replace(learned, record=replace(blind.record, inputs=learned.record.inputs[:, :1], input_names=("roll",)))
+    assert (
+        np.sign(AxisCommand.of(blind).motors) == np.sign(learned.record.effect_directions)
+    ).all()
+    demand = replace(
+        learned,
+        record=replace(blind.record, inputs=learned.record.inputs[:, :1], input_names=("roll",)),
+    )
     np.testing.assert_array_equal(AxisCommand.of(demand).weights, [1.0])
 
 
 def test_without_physical_parameters_only_what_needs_them_is_refused(learned, monkeypatch):
-    unknown = learned.physical._replace(status=dict.fromkeys(learned.physical.status, "not identifiable"))
+    unknown = learned.physical._replace(
+        status=dict.fromkeys(learned.physical.status, "not identifiable")
+    )
     monkeypatch.setattr(mavdem.Learned, "physical", unknown)
     assert "not identifiable" in learned.plot.bode().get_supxlabel()
     for draw in (learned.plot.motors, learned.plot.disturbance):
@@ -182,5 +215,12 @@ def test_the_effect_of_a_demand_is_not_put_beside_a_motor(learned, flight):
     hover = mavdem.hover_figures([flight])
     columns = [name for name, value in vars(hover).items() if isinstance(value, tuple)]
     fewer = replace(hover, **{name: getattr(hover, name)[:2] for name in columns})
-    assert [axes.get_title("left") for axes in learned.plot.motors(hover).axes] == ["effectiveness", "trim", "headroom"]
-    assert [axes.get_title("left") for axes in learned.plot.motors(fewer).axes] == ["trim", "headroom"]
+    assert [axes.get_title("left") for axes in learned.plot.motors(hover).axes] == [
+        "effectiveness",
+        "trim",
+        "headroom",
+    ]
+    assert [axes.get_title("left") for axes in learned.plot.motors(fewer).axes] == [
+        "trim",
+        "headroom",
+    ]

@@ -27,7 +27,8 @@ def parts(text: str) -> dict[str, str]:
 
 @pytest.mark.slow
 def test_the_same_rows_make_the_same_bytes_in_whatever_order_they_come():
-    rows = fleet_rows(6)  # one flight of each vehicle, without a figure, and a second one of the first
+    # one flight of each vehicle, without a figure, and a second one of the first
+    rows = fleet_rows(6)
     shuffled = random.Random(1).sample(rows, len(rows))
     assert fleet_page(rows) == fleet_page(shuffled)
 
@@ -69,28 +70,45 @@ def test_a_fleet_without_a_flight_and_one_with_a_single_flight_have_a_page():
 def test_what_changed_since_the_baseline_stands_with_its_vehicle():
     rows = [flight_row("quad-2", number) for number in range(2)]
     text = fleet_page(rows, {"quad-2": [Sentence("motor 3's effect −18 % ± 6 %.", "Changed:")]})
-    assert "motor 3&#39;s effect −18\N{NO-BREAK SPACE}% ± 6\N{NO-BREAK SPACE}%." in parts(text)["quad-2"]
+    assert (
+        "motor 3&#39;s effect −18\N{NO-BREAK SPACE}% ± 6\N{NO-BREAK SPACE}%."
+        in parts(text)["quad-2"]
+    )
 
 
 def panels(rows: list[FlightRow]) -> dict[str, Any]:
     """The axes of the figure of a vehicle, by title."""
-    return {axes.get_title(loc="left"): axes for axes in vehicle_figure(flights_of(rows)).axes if axes.get_visible()}
+    return {
+        axes.get_title(loc="left"): axes
+        for axes in vehicle_figure(flights_of(rows)).axes
+        if axes.get_visible()
+    }
 
 
 def test_a_quantity_that_is_not_known_of_one_flight_leaves_a_gap_and_of_none_no_panel():
     unknown = {"lag": None, "effect_status": "not identifiable"}
-    rows = [flight_row("quad", number, damping=None if number == 3 else 0.5 + number, **unknown) for number in range(8)]
+    rows = [
+        flight_row("quad", number, damping=None if number == 3 else 0.5 + number, **unknown)
+        for number in range(8)
+    ]
     drawn = panels(rows)
     values = drawn["Rate damping (1/s)"].lines[0].get_ydata()
     assert np.flatnonzero(np.isnan(values)).tolist() == [3] and values[7] == 7.5
-    assert "Motor time constant (ms)" not in drawn and not any("Effectiveness" in title for title in drawn)
+    assert "Motor time constant (ms)" not in drawn and not any(
+        "Effectiveness" in title for title in drawn
+    )
 
 
 def test_effects_per_unit_of_a_motor_and_of_the_demand_are_not_one_line():
-    by_motors = [flight_row("quad", number, inputs="motors", input_unit="µs") for number in range(2)]
+    by_motors = [
+        flight_row("quad", number, inputs="motors", input_unit="µs") for number in range(2)
+    ]
     demand = {"inputs": "demand", "input_unit": "", "effect": (400.0,), "effect_interval": (9.0,)}
     drawn = panels([*by_motors, *(flight_row("quad", number, **demand) for number in (2, 3))])
-    for unit, known in (("µs", [True, True, False, False]), ("unit of demand", [False, False, True, True])):
+    for unit, known in (
+        ("µs", [True, True, False, False]),
+        ("unit of demand", [False, False, True, True]),
+    ):
         line = drawn[f"Effectiveness on roll (°/s² per {unit})"].lines[0]
         assert np.isfinite(line.get_ydata()).tolist() == known
 
@@ -98,7 +116,10 @@ def test_effects_per_unit_of_a_motor_and_of_the_demand_are_not_one_line():
 @pytest.mark.slow
 @pytest.mark.parametrize("flights", [3, 60])
 def test_a_fault_is_marked_above_its_flight_and_intervals_are_drawn(flights):
-    rows = [flight_row("quad", number, health="fault" if number == 2 else "ok") for number in range(flights)]
+    rows = [
+        flight_row("quad", number, health="fault" if number == 2 else "ok")
+        for number in range(flights)
+    ]
     axes = panels(rows)["Rate damping (1/s)"]
     assert [line.get_xdata()[0] for line in axes.lines if line.get_color() == BAD] == [2]
     low, high = axes.get_ylim()
@@ -112,7 +133,13 @@ def hostile() -> list[FlightRow]:
         "warnings": (HOSTILE,),
     }
     rows = [
-        flight_row(HOSTILE, number, file=f"/logs/{HOSTILE}{number}.tlog", page="javascript:alert(1)", **names)
+        flight_row(
+            HOSTILE,
+            number,
+            file=f"/logs/{HOSTILE}{number}.tlog",
+            page="javascript:alert(1)",
+            **names,
+        )
         for number in range(3)
     ]
     rows[0] = replace(rows[0], health="fault")
@@ -165,13 +192,20 @@ def test_a_browser_sorts_and_filters_ten_thousand_flights_at_once(without_figure
     few = table_of(text)
     many = json.dumps(few | {"rows": few["rows"] * 10})
     _, found = shown(text.replace(json.dumps(few), many), SORTED, tmp_path)
-    assert found["dates"] == sorted(found["dates"], reverse=True) and len(found["dates"]) == FIRST_SHOWN
+    assert (
+        found["dates"] == sorted(found["dates"], reverse=True)
+        and len(found["dates"]) == FIRST_SHOWN
+    )
     # By the first axis of which it is known; no axis has a line of its own.
-    pairs = [[row.damping for row in flight if row.damping is not None] for flight in flights_of(rows)]
+    pairs = [
+        [row.damping for row in flight if row.damping is not None] for flight in flights_of(rows)
+    ]
     values = sorted(pair[0] for pair in pairs if pair)
     numbers = [float(cell.removeprefix("– / ").split()[0]) for cell in found["rising"]]
     assert numbers == sorted(numbers) and numbers[0] == pytest.approx(values[0], abs=0.006)
-    assert float(found["falling"][0].removeprefix("– / ").split()[0]) == pytest.approx(values[-1], abs=0.006)
+    assert float(found["falling"][0].removeprefix("– / ").split()[0]) == pytest.approx(
+        values[-1], abs=0.006
+    )
     assert found["state"].count("ascending") == 1
     assert found["health"] == ["fault"] * 10
     assert f"10 found in {10 * len(pairs)} flights" in found["count"]
@@ -184,16 +218,31 @@ def test_a_browser_sorts_and_filters_ten_thousand_flights_at_once(without_figure
 
 @pytest.mark.slow
 @pytest.mark.parametrize("width", [500, 1600])
-def test_a_browser_runs_nothing_that_a_log_says_and_scrolls_sideways_in_the_table_only(width, tmp_path):
+def test_a_browser_runs_nothing_that_a_log_says_and_scrolls_sideways_in_the_table_only(
+    width, tmp_path
+):
     assert shown(fleet_page(hostile()), FITS, tmp_path, width) == ("Fleet", True)
 
 
 def test_columns_of_which_nothing_is_known_are_left_out(without_figures):
-    nothing = dict.fromkeys(("effect", "damping", "lag", "wind_torque_sd", "residual_mean", "error_ratio"))
+    nothing = dict.fromkeys(
+        ("effect", "damping", "lag", "wind_torque_sd", "residual_mean", "error_ratio")
+    )
     text = fleet_page([flight_row("quad", number, tier="c", **nothing) for number in range(3)])
     heads = re.findall(r'<th scope=.*?<button type="button">(.*?)</button>', text)
-    assert heads == ["flight", "vehicle", "date", "tier", "health", "notes", "settled (s)", "largest share"]
+    assert heads == [
+        "flight",
+        "vehicle",
+        "date",
+        "tier",
+        "health",
+        "notes",
+        "settled (s)",
+        "largest share",
+    ]
     assert [len(line) - 2 for line in table_of(text)["rows"]] == [len(heads)] * 3
     # Each line leads to the page of its flight.
-    text = fleet_page([flight_row("quad", 0, page="pages/a b#1.html"), flight_row("quad", 1, page=None)])
+    text = fleet_page(
+        [flight_row("quad", 0, page="pages/a b#1.html"), flight_row("quad", 1, page=None)]
+    )
     assert text.count('"pages/') == text.count('"pages/a%20b%231.html"') == 1

@@ -9,7 +9,13 @@ from fleet_rows import flight_row
 from mavdem.fleet.difference import since_baseline, vehicle_difference
 from mavdem.fleet.row import summary
 from mavdem.report.blocks import text_of
-from mavdem.report.flights import baseline_blocks, difference_blocks, fleet_blocks, vehicle_health, vehicle_words
+from mavdem.report.flights import (
+    baseline_blocks,
+    difference_blocks,
+    fleet_blocks,
+    vehicle_health,
+    vehicle_words,
+)
 
 
 def test_vehicles_in_trouble_come_first_and_the_worst_before_others():
@@ -22,7 +28,9 @@ def test_vehicles_in_trouble_come_first_and_the_worst_before_others():
     ]
     text = text_of(fleet_blocks(rows))
     assert text.startswith("2 of 3 vehicles need a look: beta (fault, motor 2) and alpha (drift).")
-    unjudged = text_of(fleet_blocks([flight_row("quad", number, health="unknown") for number in range(3)]))
+    unjudged = text_of(
+        fleet_blocks([flight_row("quad", number, health="unknown") for number in range(3)])
+    )
     assert unjudged.startswith("No vehicle could be judged yet.")
 
 
@@ -48,23 +56,34 @@ def test_a_repaired_vehicle_says_that_later_flights_show_nothing():
     assert vehicle_health(flights) == "ok"
     words = vehicle_words(flights)
     # That a motor is weak, whichever it is: the row has no probability of this motor.
-    assert "motor 1 (probability of a fault 0.99)" in words and "The latest flight that was judged shows none." in words
+    assert (
+        "motor 1 (probability of a fault 0.99)" in words
+        and "The latest flight that was judged shows none." in words
+    )
     text = text_of(fleet_blocks([row for flight in flights for row in flight]))
     assert text.startswith("No drift and no fault in the latest flights of 1 vehicle")
     assert "in earlier flights, and not in the latest: quad." in text
 
 
 def test_a_flight_that_two_logs_have_counts_once_and_by_the_better():
-    slow = [flight_row("quad", 0, axis, key="slow", file="/logs/quad/0.tlog", tier="c") for axis in ("roll", "pitch")]
+    slow = [
+        flight_row("quad", 0, axis, key="slow", file="/logs/quad/0.tlog", tier="c")
+        for axis in ("roll", "pitch")
+    ]
     late = [replace(row, date=row.date + timedelta(seconds=5)) for row in slow]
     rows = [flight_row("quad", 0), *late, flight_row("quad", 1)]
-    assert "2 flights of 1 vehicle (1 more log has a flight of these)" in text_of(fleet_blocks(rows))
+    assert "2 flights of 1 vehicle (1 more log has a flight of these)" in text_of(
+        fleet_blocks(rows)
+    )
     counts = summary(rows)
     assert (counts["flights"], counts["tiers"], counts["health"]) == (2, {"a": 2}, {"ok": 2})
 
 
 def test_flights_by_a_system_id_are_no_vehicle_until_they_are_judged_as_one():
-    rows = [flight_row("px4-1", number, vehicle_basis="system id", health="unknown") for number in range(2)]
+    rows = [
+        flight_row("px4-1", number, vehicle_basis="system id", health="unknown")
+        for number in range(2)
+    ]
     text = text_of(fleet_blocks(rows))
     assert "2 flights whose logs do not name a vehicle" in text and "of 1 vehicle" not in text
     assert summary(rows)["vehicles"] == 0
@@ -90,11 +109,17 @@ def test_a_changed_motor_is_named_with_its_interval_and_what_is_the_same_has_one
     after = [row for number in range(5, 10) for row in flown(number, **WEAK)]
     text = words(before, after)
     changed = next(line for line in text.splitlines() if line.startswith("Changed:"))
-    assert "motor 3's share +12" in changed and "motor 3's control effectiveness −29.1 % ±" in changed
+    assert (
+        "motor 3's share +12" in changed and "motor 3's control effectiveness −29.1 % ±" in changed
+    )
     same = next(line for line in text.splitlines() if line.startswith("The same:"))
     assert "rate damping on roll (±" in same and "motor time constant on pitch (±" in same
     assert "5 flights of A and 5 flights of B" in text
-    unknown = words(flown(0), flown(1, trim_share=(1.0, 0.98, 1.08, 0.99))).split("Not known:")[1].splitlines()[0]
+    unknown = (
+        words(flown(0), flown(1, trim_share=(1.0, 0.98, 1.08, 0.99)))
+        .split("Not known:")[1]
+        .splitlines()[0]
+    )
     assert "motor 3's share +5 % ±" in unknown
 
 
@@ -114,10 +139,18 @@ def test_wind_battery_and_lean_are_conditions():
     ("vehicle", "changed", "said"),
     [
         ("quad", {}, "single flights: how much one flight differs from the next is assumed"),
-        ("quad", {"vehicle_basis": "system id"}, "quad is a name by the MAVLink system id, which many vehicles share"),
+        (
+            "quad",
+            {"vehicle_basis": "system id"},
+            "quad is a name by the MAVLink system id, which many vehicles share",
+        ),
         ("other", {}, "A is quad and B is other"),
         ("unknown", {}, "assumed to be of one vehicle"),
-        ("quad", {"status": "It is empty."}, "Nothing can be compared.\n\nNot compared: everything: B has no flight"),
+        (
+            "quad",
+            {"status": "It is empty."},
+            "Nothing can be compared.\n\nNot compared: everything: B has no flight",
+        ),
     ],
 )
 def test_what_the_statements_rest_on_is_said(vehicle, changed, said):

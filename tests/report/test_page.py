@@ -92,7 +92,10 @@ def page(name: str = "flight.tlog") -> str:
     blocks = [
         Sentence("", lead=f"Good: {name}"),
         Sentence(f"`mavdem learn {name}`", "Caution:"),
-        Table(["motor", "control effectiveness, °/s² per µs", "status"], [[name, "8.3 ± 0.7", "reported"]] * 4),
+        Table(
+            ["motor", "control effectiveness, °/s² per µs", "status"],
+            [[name, "8.3 ± 0.7", "reported"]] * 4,
+        ),
     ]
     chapters = [
         Chapter("Pictures", pictures=[*pictures, Picture("Wind", "", refuse)]),
@@ -117,7 +120,11 @@ def test_tags_close_in_order_ids_are_unique_and_nothing_is_fetched_or_run(pages)
     seen = Balanced(pages[0])
     assert len(seen.ids) == len(set(seen.ids)) and {"svg", "table", "details"} <= set(seen.seen)
     assert not {"script", "link", "img", "iframe"} & set(seen.seen)
-    fetched = pages[0].replace("http://www.w3.org/2000/svg", "").replace("http://www.w3.org/1999/xlink", "")
+    fetched = (
+        pages[0]
+        .replace("http://www.w3.org/2000/svg", "")
+        .replace("http://www.w3.org/1999/xlink", "")
+    )
     assert "://" not in fetched and "@import" not in fetched
     # What comes from a log is text.
     assert not {"script", "b"} & set(Balanced(pages[1]).seen)
@@ -131,7 +138,9 @@ def test_what_cannot_be_drawn_says_why_and_letters_follow_the_theme(pages):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("which", "width"), [(0, 1600), (1, 500)])
-def test_a_browser_shows_it_without_a_complaint_and_without_scrolling_sideways(which, width, pages, tmp_path):
+def test_a_browser_shows_it_without_a_complaint_and_without_scrolling_sideways(
+    which, width, pages, tmp_path
+):
     title, fits = shown(pages[which], FITS, tmp_path, width)
     assert fits and title == ("flight.tlog", NAME + "x" * 200)[which]
 
@@ -139,14 +148,17 @@ def test_a_browser_shows_it_without_a_complaint_and_without_scrolling_sideways(w
 @pytest.mark.slow
 def test_every_column_of_the_motors_is_shown_and_no_line_ends_before_a_percent_sign(tmp_path):
     text = document("flight.tlog", "", analysis_blocks(analysis(physical())))
-    widths = "return [...document.querySelectorAll('.scroll')].map(e => e.scrollWidth - e.clientWidth)"
+    widths = (
+        "return [...document.querySelectorAll('.scroll')].map(e => e.scrollWidth - e.clientWidth)"
+    )
     assert [shown(text, widths, tmp_path, width)[1] for width in (500, 1200)] == 2 * [[0, 0, 0]]
     assert not re.search(r"\d ?%", text.split("<section")[1])
 
 
 @pytest.mark.slow
 def test_two_axes_of_a_flight_of_a_fleet_fit_into_a_small_page_that_leads_back():
-    calm = simulated(samples=900, wind=0.02, lag=0.05)  # enough to draw what the motors and the wind do
+    # enough to draw what the motors and the wind do
+    calm = simulated(samples=900, wind=0.02, lag=0.05)
     learned = mavdem.learn(calm[:800], mavdem.Settings(window=9, parameter_precision=1.0))
     held_out = held_out_test(calm[:800], calm[800:], learned)
     model = {"flights": (calm,), "learned": learned, "held_out": held_out}
@@ -187,8 +199,11 @@ return [zoomed, await spans(), getComputedStyle(document.querySelector(".still")
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("width", "scheme"), [(500, "1"), (1600, "0")])
-def test_dragging_over_one_plot_zooms_all_and_a_button_shows_the_whole_flight(width, scheme, flight, tmp_path):
-    options = "--virtual-time-budget=1000", f"--blink-settings=preferredColorScheme={scheme}"  # dark and light
+def test_dragging_over_one_plot_zooms_all_and_a_button_shows_the_whole_flight(
+    width, scheme, flight, tmp_path
+):
+    # dark and light
+    options = "--virtual-time-budget=1000", f"--blink-settings=preferredColorScheme={scheme}"
     title, (zoomed, whole, picture, fits) = shown(flight, ZOOM, tmp_path, width, *options)
     assert (
         fits and len(whole) == 6 and picture == "none" and title == HOSTILE
@@ -198,11 +213,24 @@ def test_dragging_over_one_plot_zooms_all_and_a_button_shows_the_whole_flight(wi
 
 
 @pytest.mark.slow
-def test_a_page_with_all_chapters_is_small_fetches_nothing_and_prints_on_three_sheets(flight, tmp_path):
+def test_a_page_with_all_chapters_is_small_fetches_nothing_and_prints_on_three_sheets(
+    flight, tmp_path
+):
     seen = Balanced(flight)
-    assert seen.seen.count("script") == 3 and len(seen.ids) == len(set(seen.ids)) and "default-src 'none'" in flight
+    assert (
+        seen.seen.count("script") == 3
+        and len(seen.ids) == len(set(seen.ids))
+        and "default-src 'none'" in flight
+    )
     assert len(flight.encode()) < 1_200_000
-    shown(flight, "return 0", tmp_path, 1600, f"--print-to-pdf={tmp_path / 'page.pdf'}", "--no-pdf-header-footer")
+    shown(
+        flight,
+        "return 0",
+        tmp_path,
+        1600,
+        f"--print-to-pdf={tmp_path / 'page.pdf'}",
+        "--no-pdf-header-footer",
+    )
     assert len(re.findall(rb"/Type\s*/Page\b", (tmp_path / "page.pdf").read_bytes())) == 3
 
 
@@ -210,7 +238,8 @@ def test_a_line_that_is_thinned_keeps_its_peaks_and_its_gaps():
     time = np.arange(0, 100, 0.01)
     time = time[(time < 40) | (time > 60)]
     values = np.sin(time)
-    values[1234], values[4321] = 9.0, -9.0
+    values[1234] = 9.0
+    values[4321] = -9.0
     found, _ = Line("x", "", time, values).at(np.linspace(0, 100, 501))
     assert np.nanmax(found) == 9.0 and np.nanmin(found) == -9.0 and np.isnan(found[205:295]).all()
     np.testing.assert_allclose(found[:50], np.sin(np.linspace(0, 100, 501)[:50]), atol=0.2)
@@ -220,19 +249,41 @@ def test_a_live_flight_is_drawn_in_degrees_with_what_was_trained_on_and_has_its_
     history = LiveHistory()
     flown(history, 2.0)
     flown(history, 2.0, segment=1, start=105.0, learnt=False)
-    history.events += [Event(np.nan, "Listening."), Event(12.25, "Messages resumed after 3 s without any.")]
+    history.events += [
+        Event(np.nan, "Listening."),
+        Event(12.25, "Messages resumed after 3 s without any."),
+    ]
     timeline = live_timeline(history, "roll")
     above, below = still(timeline).axes
-    assert np.nanmax(timeline.rows[0].lines[0].values) == pytest.approx(np.rad2deg(history.rows[:, 2].max()))
+    assert np.nanmax(timeline.rows[0].lines[0].values) == pytest.approx(
+        np.rad2deg(history.rows[:, 2].max())
+    )
     assert len(above.patches) == len(timeline.trained) == 1
     assert "°/s²" in below.get_ylabel()
-    text = live_page("udpin:<b>", "roll", history, SessionStatus("1:1"), NOTHING | {"learned": 53.0}, None)
-    for told in (">0.25 s ahead</td>", ">12.2 s</td>", "resumed after 3 s", "udpin:&lt;b&gt;", "<svg"):
+    text = live_page(
+        "udpin:<b>", "roll", history, SessionStatus("1:1"), NOTHING | {"learned": 53.0}, None
+    )
+    for told in (
+        ">0.25 s ahead</td>",
+        ">12.2 s</td>",
+        "resumed after 3 s",
+        "udpin:&lt;b&gt;",
+        "<svg",
+    ):
         assert told in text
     assert "NaN" not in text.split('id="timeline-data"')[1].split("</script>")[0]
     history.learned = [(10.0, 50.0), (90.0, 120.0), (150.0, 151.0)]
-    said = live_report(history, SessionStatus("1:1"), NOTHING | {"learned": 71.0}, "roll", 55.0)[-3].text
+    said = live_report(history, SessionStatus("1:1"), NOTHING | {"learned": 71.0}, "roll", 55.0)[
+        -3
+    ].text
     assert said.startswith("3 parts of the flight from 10 to 151 s, 71 s together; the last 55 s")
     # A link without a vehicle has a page too.
-    text = live_page("udpin:0", "roll", LiveHistory(), SessionStatus(obstacle="No vehicle found yet."), NOTHING, None)
+    text = live_page(
+        "udpin:0",
+        "roll",
+        LiveHistory(),
+        SessionStatus(obstacle="No vehicle found yet."),
+        NOTHING,
+        None,
+    )
     assert "No vehicle found yet." in text

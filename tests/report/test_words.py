@@ -33,7 +33,8 @@ NAN = float("nan")
 
 def is_golden(request: pytest.FixtureRequest, name: str, blocks: Iterable[Block]) -> None:
     """Asserts that blocks read as the golden file of this name, which ``--write-golden`` writes."""
-    path, text = Path(__file__).parent / "golden" / f"{name}.txt", text_of(blocks) + "\n"
+    path = Path(__file__).parent / "golden" / f"{name}.txt"
+    text = text_of(blocks) + "\n"
     if request.config.getoption("--write-golden"):
         path.parent.mkdir(exist_ok=True)
         path.write_text(text)
@@ -42,7 +43,9 @@ def is_golden(request: pytest.FixtureRequest, name: str, blocks: Iterable[Block]
 
 SCREENS = {
     "model": lambda: analysis_blocks(analysis(physical())),
-    "doubtful": lambda: analysis_blocks(analysis(physical(0.2, lag="not identifiable", damping="biased"))),
+    "doubtful": lambda: analysis_blocks(
+        analysis(physical(0.2, lag="not identifiable", damping="biased"))
+    ),
     "contents": lambda: log_blocks(inventory(read_log(LOGS / "ardupilot_default_rates.tlog"))),
 }
 
@@ -91,10 +94,14 @@ def test_a_notebook_shows_a_flight_with_a_row_a_channel_in_degrees(flight):
         "roll rate, °/s",
     ]
     assert float(rows[5][2]) == pytest.approx(np.degrees(flight.outputs[:, 0].mean()), abs=0.05)
-    assert "ardupilot_wind5_steps.tlog" in "".join(page.itertext()) and "8 s" in "".join(page.itertext())
+    assert "ardupilot_wind5_steps.tlog" in "".join(page.itertext()) and "8 s" in "".join(
+        page.itertext()
+    )
     # What is unknown is a dash.
     time = np.arange(5.0)
-    flight = mavdem.Flight(time, time, time, setpoints=np.full(5, np.nan), setpoint_names=("asked",))
+    flight = mavdem.Flight(
+        time, time, time, setpoints=np.full(5, np.nan), setpoint_names=("asked",)
+    )
     assert re.search(r">asked</td>.*>-</td>", flight._repr_html_())
 
 
@@ -103,13 +110,24 @@ def test_every_text_is_escaped():
     shown = notebook_html([Sentence(evil, evil), Table([evil], [[evil]])])
     assert "<script" not in shown and shown.count("&lt;script&gt;") == 4
     time = np.arange(5.0)
-    flight = mavdem.Flight(time, time, time, input_names=(evil,), provenance={"source": f"/tmp/{evil}"})
+    flight = mavdem.Flight(
+        time, time, time, input_names=(evil,), provenance={"source": f"/tmp/{evil}"}
+    )
     assert "<script" not in flight._repr_html_()
 
 
 def test_markdown_aligns_numbers_to_the_right():
-    said = markdown([Sentence("Text.", "Lead:"), Table(["a", "b"], [["x", "1"]]), Table(["a", "b"], [], words=True)])
-    assert said == "**Lead:** Text.\n\n| a | b |\n| --- | ---: |\n| x | 1 |\n\n| a | b |\n| --- | --- |"
+    said = markdown(
+        [
+            Sentence("Text.", "Lead:"),
+            Table(["a", "b"], [["x", "1"]]),
+            Table(["a", "b"], [], words=True),
+        ]
+    )
+    assert (
+        said
+        == "**Lead:** Text.\n\n| a | b |\n| --- | ---: |\n| x | 1 |\n\n| a | b |\n| --- | --- |"
+    )
 
 
 @pytest.mark.parametrize(
@@ -132,7 +150,14 @@ def test_an_estimate_has_the_digits_of_its_interval(value, half, shown):
 
 @pytest.mark.parametrize(
     ("value", "shown"),
-    [(0.0, "0"), (1234.5, "1234"), (0.0123, "0.012"), (9.96, "10.0"), (np.inf, "infinite"), (1e9, "1e+09")],
+    [
+        (0.0, "0"),
+        (1234.5, "1234"),
+        (0.0123, "0.012"),
+        (9.96, "10.0"),
+        (np.inf, "infinite"),
+        (1e9, "1e+09"),
+    ],
 )
 def test_numbers_without_an_interval_have_two_digits(value, shown):
     assert rounded(value) == shown
@@ -142,7 +167,9 @@ def test_numbers_without_an_interval_have_two_digits(value, shown):
 SIGHT = {
     "trichromat": np.eye(3),
     "protanope": np.array([[0.152, 1.053, -0.205], [0.115, 0.786, 0.099], [-0.004, -0.048, 1.052]]),
-    "deuteranope": np.array([[0.367, 0.861, -0.228], [0.280, 0.673, 0.047], [-0.012, 0.043, 0.969]]),
+    "deuteranope": np.array(
+        [[0.367, 0.861, -0.228], [0.280, 0.673, 0.047], [-0.012, 0.043, 0.969]]
+    ),
     "tritanope": np.array([[1.256, -0.077, -0.179], [-0.078, 0.931, 0.148], [0.005, 0.691, 0.304]]),
 }
 TOGETHER = (
@@ -159,9 +186,9 @@ def xyz(colour: str, sight: np.ndarray) -> np.ndarray:
     """CIE 1931, of a colour as it is seen."""
     share = np.array(palette.channels(colour)) / 255
     linear = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
-    return np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]) @ (
-        sight @ linear
-    ).clip(0, 1)
+    return np.array(
+        [[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]
+    ) @ (sight @ linear).clip(0, 1)
 
 
 def contrast(one: str, other: str) -> float:
@@ -176,10 +203,23 @@ def lab(colour: str, sight: np.ndarray) -> np.ndarray:
     return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
 
 
-MEANINGS = ("MEASURED", "PREDICTED", "BASELINE", "DISTURBANCE", "GUST", "COMMAND", "TRUTH", "GOOD", "LIMITED", "BAD")
+MEANINGS = (
+    "MEASURED",
+    "PREDICTED",
+    "BASELINE",
+    "DISTURBANCE",
+    "GUST",
+    "COMMAND",
+    "TRUTH",
+    "GOOD",
+    "LIMITED",
+    "BAD",
+)
 
 
-@pytest.mark.parametrize("colour", sorted({*palette.DISTINCT, *(getattr(palette, name) for name in MEANINGS)}))
+@pytest.mark.parametrize(
+    "colour", sorted({*palette.DISTINCT, *(getattr(palette, name) for name in MEANINGS)})
+)
 def test_a_colour_is_read_on_light_and_on_dark(colour):
     assert min(contrast(colour, paper) for paper in (palette.PAPER_LIGHT, palette.PAPER_DARK)) >= 3
     # And ink as text.

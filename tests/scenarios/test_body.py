@@ -17,13 +17,17 @@ GUSTY = AirState(north=2.0, east=-3.0, down=0.5, p=0.3, q=-0.2, roll=0.02, pitch
 
 def targets(cycle):
     """Commands that change from cycle to cycle, some up, some down."""
-    swing = 30.0 * np.array([np.sin(0.7 * cycle), np.sin(0.5 * cycle + 1), np.cos(0.6 * cycle), np.sin(0.9 * cycle)])
+    swing = 30.0 * np.array(
+        [np.sin(0.7 * cycle), np.sin(0.5 * cycle + 1), np.cos(0.6 * cycle), np.sin(0.9 * cycle)]
+    )
     return tuple((IRIS.hover_speed + swing).tolist())
 
 
 def begun():
     hover = (IRIS.hover_speed,) * 4
-    return State((0.0, 0.0, -5.0), (1.0, 0.5, -0.3), (0.96, 0.2, 0.12, 0.15), (0.8, -0.6, 0.5), hover)
+    return State(
+        (0.0, 0.0, -5.0), (1.0, 0.5, -0.3), (0.96, 0.2, 0.12, 0.15), (0.8, -0.6, 0.5), hover
+    )
 
 
 def normed(state):
@@ -33,7 +37,8 @@ def normed(state):
 
 def flown(steps, cycles=100):
     """The state as one row after ``cycles``, in steps of CYCLE/steps."""
-    body, state = Body(VehicleSpec(model="iris"), CYCLE / steps), normed(begun())
+    body = Body(VehicleSpec(model="iris"), CYCLE / steps)
+    state = normed(begun())
     for cycle in range(cycles):
         state = body.moved(state, targets(cycle), GUSTY, steps)
     return np.concatenate(state[:5])
@@ -50,14 +55,21 @@ def reference(cycles=100):
         p, q, r = rates
         acting = change(tuple(attitude), tuple(velocity), tuple(rates), tuple(rotors), GUSTY)
         turned = 0.5 * np.array(
-            [-x * p - y * q - z * r, w * p + y * r - z * q, w * q + z * p - x * r, w * r + x * q - y * p]
+            [
+                -x * p - y * q - z * r,
+                w * p + y * r - z * q,
+                w * q + z * p - x * r,
+                w * r + x * q - y * p,
+            ]
         )
         lag = np.where(rotors < wanted, up, down)
         return np.concatenate([velocity, acting[:3], turned, acting[3:6], (wanted - rotors) / lag])
 
     for cycle in range(cycles):
         wanted = np.array(targets(cycle))
-        row = solve_ivp(derivative, (0, CYCLE), row, "DOP853", rtol=1e-12, atol=1e-12, args=(wanted,)).y[:, -1]
+        row = solve_ivp(
+            derivative, (0, CYCLE), row, "DOP853", rtol=1e-12, atol=1e-12, args=(wanted,)
+        ).y[:, -1]
     return row
 
 
@@ -81,7 +93,9 @@ def test_a_free_fall_is_a_parabola_and_keeps_energy_and_angular_momentum(monkeyp
         assert np.allclose(after.position, [3, -2, -50 - 4 + GRAVITY / 2], atol=1e-2 / steps**2)
         inertia = np.array(IRIS.inertia)
         energy = [inertia @ np.square(state.rates) / 2 for state in (before, after)]
-        momentum = [turned(state.attitude, inertia * np.array(state.rates)) for state in (before, after)]
+        momentum = [
+            turned(state.attitude, inertia * np.array(state.rates)) for state in (before, after)
+        ]
         drift.append([abs(energy[1] / energy[0] - 1), np.linalg.norm(momentum[1] - momentum[0])])
     assert np.max(drift) < 1e-4
     # Of second order, or better.
@@ -90,21 +104,26 @@ def test_a_free_fall_is_a_parabola_and_keeps_energy_and_angular_momentum(monkeyp
 
 def turned(attitude, vector):
     """From body axes to NED."""
-    w, v = attitude[0], np.array(attitude[1:])
+    w = attitude[0]
+    v = np.array(attitude[1:])
     return vector + 2 * np.cross(v, np.cross(v, vector) + w * vector)
 
 
 def test_wind_pushes_and_tilts_as_its_formulas_say():
     body = AIRFRAMES["ardrone2"]
     change = dynamics(VehicleSpec(model="ardrone2"))
-    hover, level, still = (body.hover_speed,) * 4, (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    hover = (body.hover_speed,) * 4
+    level = (1.0, 0.0, 0.0, 0.0)
+    still = (0.0, 0.0, 0.0)
     from_west = change(level, still, still, hover, AirState(east=5.0))
     force = 0.5 * 1.225 * body.drag_area * 25 + body.rotor_drag * 4 * body.hover_speed * 5
     assert from_west[6:] == pytest.approx((0, force, 0, body.hub_height * force, 0, 0))
     assert from_west[1] == pytest.approx(force / body.mass)
     # Air that rises lifts; air that turns to the right rolls to the right.
     rising = change(level, still, still, hover, AirState(down=-1.0))
-    assert rising[8] == pytest.approx(-0.5 * 1.225 * body.drag_area - body.inflow * 4 * body.hover_speed)
+    assert rising[8] == pytest.approx(
+        -0.5 * 1.225 * body.drag_area - body.inflow * 4 * body.hover_speed
+    )
     turning = change(level, still, still, hover, AirState(p=0.5))
     assert turning[9] == pytest.approx(0.5 * body.inflow * body.hover_speed * 4 * body.arm[1] ** 2)
     assert change(level, still, (0.5, 0.0, 0.0), hover, AirState())[9] == pytest.approx(-turning[9])

@@ -25,7 +25,8 @@ class Vehicle:
         self.commands = CommandHandler(self.transmitter, self)
         self.asked: list[tuple[bool, bool]] = []
         self._armable = armable
-        self._motion, self._row = made_up_motion(autopilot=autopilot), 1
+        self._motion = made_up_motion(autopilot=autopilot)
+        self._row = 1
         self.flown(1.0)
 
     def set_armed(self, armed: bool, force: bool = False) -> bool:
@@ -34,7 +35,9 @@ class Vehicle:
 
     def flown(self, seconds: float) -> dict[str, list]:
         """The messages of the next seconds by name."""
-        rows = slice(self._row, self._row + round(seconds / CYCLES[self.transmitter.autopilot.name]))
+        rows = slice(
+            self._row, self._row + round(seconds / CYCLES[self.transmitter.autopilot.name])
+        )
         self._row = rows.stop
         batch = self.transmitter.send(rows_of_motion(self._motion, rows))
         said: dict[str, list] = {}
@@ -46,7 +49,9 @@ class Vehicle:
         for one in addressed_messages(bytes(message.pack(GROUND)), 1, 1):
             self.commands.answer(one)
 
-    def command(self, number: int, *given: float, seconds: float = 1.0) -> tuple[int, dict[str, list]]:
+    def command(
+        self, number: int, *given: float, seconds: float = 1.0
+    ) -> tuple[int, dict[str, list]]:
         """The result, and what was said in the second after."""
         given = (*given, *[0.0] * (7 - len(given)))
         self.hears(dialect.MAVLink_command_long_message(1, 1, number, 0, *given))
@@ -102,7 +107,9 @@ def test_parameters_are_listed_read_and_set(autopilot):
     listed = vehicle.flown(1.0)["PARAM_VALUE"]
     assert [one.param_index for one in listed] == list(range(listed[0].param_count))
     bits = struct.unpack("<f", struct.pack("<i", 1100))[0]
-    name, sent, kind = ("PWM_MAIN_MIN1", bits, 6) if autopilot == "px4" else ("SERVO1_MIN", 1100.0, 4)
+    name, sent, kind = (
+        ("PWM_MAIN_MIN1", bits, 6) if autopilot == "px4" else ("SERVO1_MIN", 1100.0, 4)
+    )
     vehicle.hears(dialect.MAVLink_param_set_message(1, 1, name.encode(), sent, kind))
     for asked in ((name.encode(), -1), (b"", 3), (b"NOTHING", -1), (b"", 30000)):
         vehicle.hears(dialect.MAVLink_param_request_read_message(1, 1, *asked))
@@ -112,14 +119,20 @@ def test_parameters_are_listed_read_and_set(autopilot):
     assert third.param_id == listed[3].param_id
     vehicle.hears(dialect.MAVLink_param_set_message(1, 1, name.encode(), float("nan"), kind))
     assert len(vehicle.flown(0.1)["PARAM_VALUE"]) == 1
-    assert vehicle.transmitter.parameters[name].value == (1100 if autopilot == "ardupilot" else 0x7FC00000)
+    assert vehicle.transmitter.parameters[name].value == (
+        1100 if autopilot == "ardupilot" else 0x7FC00000
+    )
 
 
 def test_streams_are_asked_of_ardupilot_as_ground_stations_do():
     vehicle = Vehicle("ardupilot")
     vehicle.hears(dialect.MAVLink_request_data_stream_message(1, 1, 0, 4, 1))
     said = vehicle.flown(2.0)
-    assert {len(said[name]) for name in ("ATTITUDE", "SERVO_OUTPUT_RAW", "LOCAL_POSITION_NED")} <= {7, 8, 9}
+    assert {len(said[name]) for name in ("ATTITUDE", "SERVO_OUTPUT_RAW", "LOCAL_POSITION_NED")} <= {
+        7,
+        8,
+        9,
+    }
     vehicle.hears(dialect.MAVLink_request_data_stream_message(1, 1, 0, 65535, 1))
     assert len(vehicle.flown(1.0)["ATTITUDE"]) == pytest.approx(400, abs=1)
     vehicle.hears(dialect.MAVLink_request_data_stream_message(1, 1, 10, 50, 1))
@@ -132,7 +145,14 @@ def test_streams_are_asked_of_ardupilot_as_ground_stations_do():
 
 
 def test_what_is_meant_for_others_is_not_heard():
-    for target, heard in (((2, 1), 0), ((1, 2), 0), ((2, 0), 0), ((1, 1), 3), ((1, 0), 3), ((0, 0), 3)):
+    for target, heard in (
+        ((2, 1), 0),
+        ((1, 2), 0),
+        ((2, 0), 0),
+        ((1, 1), 3),
+        ((1, 0), 3),
+        ((0, 0), 3),
+    ):
         message = dialect.MAVLink_command_long_message(*target, 400, *[0] * 8)
         assert len(addressed_messages(bytes(message.pack(GROUND)) * 3, 1, 1)) == heard
 
@@ -149,7 +169,10 @@ def test_nothing_that_arrives_does_harm():
             datagrams.append(frame(number, payload, 255, 190))
             datagrams.append(frame(number, (payload + bytes(size))[:size], 255, 190, version=1))
     for datagram in datagrams:
-        for system, component in ((1, 1), *((one, two) for one in datagram[10:13] for two in datagram[10:13])):
+        for system, component in (
+            (1, 1),
+            *((one, two) for one in datagram[10:13] for two in datagram[10:13]),
+        ):
             for said in addressed_messages(datagram, system, component):
                 vehicle.commands.answer(said)
     assert vehicle.flown(0.5)["ATTITUDE"]

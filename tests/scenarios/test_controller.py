@@ -25,7 +25,8 @@ def test_saturation_takes_thrust_first_and_keeps_the_demands_in_proportion():
     beyond = np.array(mix(X, (0.9, 0.6, 0.0, 0.5)))
     assert beyond.min() == pytest.approx(IDLE_COMMAND)
     assert beyond.max() == pytest.approx(1)
-    roll, pitch = beyond @ X.roll, beyond @ X.pitch
+    roll = beyond @ X.roll
+    pitch = beyond @ X.pitch
     assert roll / pitch == pytest.approx(1.5)
 
 
@@ -50,7 +51,10 @@ def test_what_is_known_is_as_noisy_as_asked():
     known = sensed(sensors, [State()] * 20000)
     for name, sd in sds.items():
         seen = np.array(
-            [[2 * e for e in each.attitude[1:]] if name == "attitude" else getattr(each, name) for each in known]
+            [
+                [2 * e for e in each.attitude[1:]] if name == "attitude" else getattr(each, name)
+                for each in known
+            ]
         )
         # The standard error of a standard deviation of 60000 values is 0.3 %.
         assert seen.std() == pytest.approx(sd, rel=0.012)
@@ -77,7 +81,9 @@ def test_an_excitation_is_about_its_axis(kind, axis):
 
 def test_multisines_of_all_axes_share_no_frequency_and_are_orthogonal():
     wanted = Multisine(kind="multisine", axis="all", sd=3.0, lowest=0.5, highest=5.0, period=10.0)
-    demands = np.degrees([at.demand for at in excited(wanted)])[round(20 / CYCLE) : round(30 / CYCLE)]
+    demands = np.degrees([at.demand for at in excited(wanted)])[
+        round(20 / CYCLE) : round(30 / CYCLE)
+    ]
     np.testing.assert_allclose(np.cov(demands.T, bias=True), 9.0 * np.eye(3), atol=1e-9)
     power = np.abs(np.fft.rfft(demands, axis=0)) > 1e-6
     assert power.sum(0).tolist() == [16, 15, 15]
@@ -86,19 +92,27 @@ def test_multisines_of_all_axes_share_no_frequency_and_are_orthogonal():
 
 @pytest.mark.slow
 def test_sticks_move_as_slowly_as_asked_and_each_for_itself():
-    demands = np.degrees([at.demand for at in excited(Sticks(kind="sticks", axis="all"), 600.0) if at.by_stick])
+    demands = np.degrees(
+        [at.demand for at in excited(Sticks(kind="sticks", axis="all"), 600.0) if at.by_stick]
+    )
     assert len(demands) * CYCLE == pytest.approx(587, abs=0.5)
     # 587 s hold about 587/(2√π 0.25) = 660 independent values: standard errors of 2.8 % and of 0.04.
     assert demands.std(0) == pytest.approx([4, 4, 4], rel=0.11)
     assert np.abs(np.corrcoef(demands.T) - np.eye(3)).max() < 0.16
     # The derivative of Gaussian-kernel noise has the standard deviation 1/(√2 s).
-    assert (np.diff(demands, axis=0) / CYCLE).std(0) == pytest.approx(4 / (2**0.5 * 0.25) * np.ones(3), rel=0.11)
+    assert (np.diff(demands, axis=0) / CYCLE).std(0) == pytest.approx(
+        4 / (2**0.5 * 0.25) * np.ones(3), rel=0.11
+    )
 
 
 def test_sticks_follow_from_the_seed_and_stop_at_their_ends():
     wanted = Sticks(kind="sticks", axis="roll", sd=30.0, s=0.1)
-    plans = [Plan(Scenario(duration=30.0, seed=seed, excitation=wanted), CYCLE) for seed in (3, 3, 4)]
-    first, again, other = (np.array([plan.at(k * CYCLE).demand for k in range(2000, 4000)]) for plan in plans)
+    plans = [
+        Plan(Scenario(duration=30.0, seed=seed, excitation=wanted), CYCLE) for seed in (3, 3, 4)
+    ]
+    first, again, other = (
+        np.array([plan.at(k * CYCLE).demand for k in range(2000, 4000)]) for plan in plans
+    )
     np.testing.assert_array_equal(first, again)
     assert not np.array_equal(first, other)
     assert np.abs(first[:, 0]).max() == FULL_STICK[0]
@@ -108,10 +122,24 @@ def test_sticks_follow_from_the_seed_and_stop_at_their_ends():
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 def test_the_parameters_that_are_sent_fly_as_the_own_controller_does(autopilot):
     vehicle = {"quadratic_thrust": 0.4, "frame": "plus"}
-    table = {"duration": 16, "vehicle": vehicle, "excitation": {"kind": "doublets"}, "stream": {"autopilot": autopilot}}
+    table = {
+        "duration": 16,
+        "vehicle": vehicle,
+        "excitation": {"kind": "doublets"},
+        "stream": {"autopilot": autopilot},
+    }
     own = scenario_of(table)
-    given = {name: value for name, value in parameters_of(own, cycle_of(own)).items() if USED.match(name)}
-    other = given | {next(name for name in given if name in ("MC_ROLLRATE_P", "ATC_RAT_RLL_P")): 0.05}
-    flown = [fly(scenario_of(table | {"vehicle": vehicle | {"parameters": one}})).rates for one in ({}, given, other)]
-    moved, differs, softer = flown[0], flown[1] - flown[0], flown[2] - flown[0]
+    given = {
+        name: value for name, value in parameters_of(own, cycle_of(own)).items() if USED.match(name)
+    }
+    other = given | {
+        next(name for name in given if name in ("MC_ROLLRATE_P", "ATC_RAT_RLL_P")): 0.05
+    }
+    flown = [
+        fly(scenario_of(table | {"vehicle": vehicle | {"parameters": one}})).rates
+        for one in ({}, given, other)
+    ]
+    moved = flown[0]
+    differs = flown[1] - flown[0]
+    softer = flown[2] - flown[0]
     assert differs.std(0).max() < 0.06 * moved[:, 0].std() < 0.1 * softer[:, 0].std()

@@ -27,16 +27,23 @@ IRIS = AIRFRAMES["iris"]
 QUIET = Sensors(rate_sd=0.0, attitude_sd=0.0, position_sd=0.0, velocity_sd=0.0)
 BREAKS = {
     "weak": {"vehicle": VehicleSpec(weak_motor=1, weak_from=18.0, weak_thrust=0.8)},
-    "chipped": {"propeller": Propeller(motor=3, start=18.0, thrust=0.85, torque=0.7, unbalance=0.0)},
+    "chipped": {
+        "propeller": Propeller(motor=3, start=18.0, thrust=0.85, torque=0.7, unbalance=0.0)
+    },
     "shifted": {"load": Load(start=18.0, forward=5.0, right=-15.0)},
 }
 
 
 def balanced(condition):
     """Commands, µs, of the Iris in still air by its four balances, which are linear in the squares of the speeds."""
-    places, (lift, _), (drag, _) = frame("x", IRIS.arm), IRIS.thrust, IRIS.torque
-    thrust, torque = lift * np.array(condition.thrust), drag * np.array(condition.torque)
-    forward, right = (np.subtract(one, moved) for one, moved in zip(places[:2], condition.centre, strict=True))
+    places = frame("x", IRIS.arm)
+    (lift, _) = IRIS.thrust
+    (drag, _) = IRIS.torque
+    thrust = lift * np.array(condition.thrust)
+    torque = drag * np.array(condition.torque)
+    forward, right = (
+        np.subtract(one, moved) for one, moved in zip(places[:2], condition.centre, strict=True)
+    )
     sums = np.array([thrust, thrust * right, thrust * forward, torque * SPINS])
     speeds = np.sqrt(np.linalg.solve(sums, [IRIS.mass * GRAVITY, 0.0, 0.0, 0.0]))
     slope, offset = IRIS.speed
@@ -66,7 +73,12 @@ def test_the_truth_says_what_is_left_and_since_when(broken):
     known = truth(scenario, motion)
     begin = np.flatnonzero(known["weak"])[0]
     assert motion.time[begin] == pytest.approx(20.0, abs=0.01) and known["weak"][begin:].all()
-    sound = {"speed_left": [1.0] * 4, "thrust_left": [1.0] * 4, "torque_left": [1.0] * 4, "centre": [0.0, 0.0]}
+    sound = {
+        "speed_left": [1.0] * 4,
+        "thrust_left": [1.0] * 4,
+        "torque_left": [1.0] * 4,
+        "centre": [0.0, 0.0],
+    }
     after = {name: known[name][-1].tolist() for name in sound}
     changed = {
         "weak": {"speed_left": pytest.approx([0.8**0.5, 1, 1, 1])},
@@ -78,7 +90,9 @@ def test_the_truth_says_what_is_left_and_since_when(broken):
     arms = np.abs(np.array(frame("x", IRIS.arm).right) - after["centre"][1])
     expected = np.array(after["thrust_left"]) * np.array(after["speed_left"]) * arms / IRIS.arm[1]
     speeds = motion.rotor_speeds[motion.time > 28.0][:500].mean(0) / IRIS.hover_speed
-    np.testing.assert_allclose(known["roll_effect_weak"] / known["roll_effect"], expected * speeds, rtol=0.02)
+    np.testing.assert_allclose(
+        known["roll_effect_weak"] / known["roll_effect"], expected * speeds, rtol=0.02
+    )
 
 
 def test_an_unbalanced_propeller_shakes_gyro_and_accelerometer():
@@ -86,13 +100,19 @@ def test_an_unbalanced_propeller_shakes_gyro_and_accelerometer():
     scenario = Scenario(duration=40.0, sensors=QUIET, propeller=propeller)
     motion = fly(scenario)
     felt = vibration(scenario, motion)
-    before, after = (motion.time > 10) & (motion.time < 19.9), (motion.time > 28.0) & (motion.time < 34.0)
+    before = (motion.time > 10) & (motion.time < 19.9)
+    after = (motion.time > 28.0) & (motion.time < 34.0)
     assert not felt[before].any()
     speed = motion.rotor_speeds[after, 1].mean()
     force = 20e-6 * speed**2
     assert felt[after].mean(0) == pytest.approx([*[force / IRIS.mass / 2**0.5] * 2, 0.0], rel=0.01)
     # About the heading: by the arm, and through the gyro's low-pass of 20 Hz.
-    amplitude = force * np.hypot(*IRIS.arm) / (IRIS.inertia[2] * speed) / np.hypot(1, speed / (2 * np.pi * 20))
+    amplitude = (
+        force
+        * np.hypot(*IRIS.arm)
+        / (IRIS.inertia[2] * speed)
+        / np.hypot(1, speed / (2 * np.pi * 20))
+    )
     turning = motion.known_rates[after, 2] - motion.rates[after, 2]
     assert turning.std() == pytest.approx(amplitude / 2**0.5, rel=0.05)
     # At the rotor's own frequency, as sampled.
@@ -110,7 +130,9 @@ def brief(name: str, duration: float, **vehicle: object) -> Scenario:
 def logged(scenario: Scenario, folder: Path) -> tuple[Motion, Telemetry]:
     motion = fly(scenario)
     with (folder / "flight.tlog").open("wb") as file:
-        STREAMS[".tlog"](file, recorded(scenario, motion, Simulation(scenario).cycle, lambda _: None))
+        STREAMS[".tlog"](
+            file, recorded(scenario, motion, Simulation(scenario).cycle, lambda _: None)
+        )
     return motion, read_log(folder / "flight.tlog").vehicles[0]
 
 
@@ -118,12 +140,15 @@ def logged(scenario: Scenario, folder: Path) -> tuple[Motion, Telemetry]:
     ("name", "hertz", "sound"),
     [("oscillating_frame", 6.6, {"mixer": "x"}), ("oscillating_gains", 17.1, {"rate_gain": 1.0})],
 )
-def test_a_wrong_frame_and_high_gains_make_a_limit_cycle_that_is_found(name, hertz, sound, tmp_path):
+def test_a_wrong_frame_and_high_gains_make_a_limit_cycle_that_is_found(
+    name, hertz, sound, tmp_path
+):
     scenario = brief(name, 30.0)
     motion, vehicle = logged(scenario, tmp_path)
     found = condition_of(Signals(vehicle)).oscillation
     assert found.frequency == pytest.approx(hertz, rel=0.05) and found.at_limit > 0.3
-    assert name == "oscillating_gains" or vehicle.parameters["FRAME_TYPE"] == 0  # what the autopilot takes it for
+    # what the autopilot takes it for
+    assert name == "oscillating_gains" or vehicle.parameters["FRAME_TYPE"] == 0
     hover = (motion.landed_state == 2) & (motion.time > 12)
     assert np.abs(motion.position[hover, 2] + scenario.height).max() < 3
     flown_well, vehicle = logged(brief(name, 30.0, **sound), tmp_path)
@@ -136,9 +161,13 @@ def test_a_landing_that_nobody_noticed_is_on_the_ground_and_in_no_message(tmp_pa
     motion, vehicle = logged(scenario, tmp_path)
     idles = motion.armed & (motion.landed_state == 1) & (motion.time > 10)
     assert motion.time[idles][-1] - motion.time[idles][0] == pytest.approx(scenario.idle + 2, abs=1)
-    assert (motion.position[idles, 2] == 0).all() and (motion.outputs[idles] == pulse(scenario.idle_share)).all()
+    assert (motion.position[idles, 2] == 0).all() and (
+        motion.outputs[idles] == pulse(scenario.idle_share)
+    ).all()
     beat = vehicle.messages["HEARTBEAT"]
-    flown = (beat["time"] > motion.time[motion.armed][0] + 2) & (beat["time"] < motion.time[motion.armed][-1] - 1)
+    flown = (beat["time"] > motion.time[motion.armed][0] + 2) & (
+        beat["time"] < motion.time[motion.armed][-1] - 1
+    )
     assert len(set(zip(beat["custom_mode"][flown], beat["system_status"][flown], strict=True))) == 1
     assert not {"EXTENDED_SYS_STATE", "LOCAL_POSITION_NED"} & set(vehicle.messages)
     landing = fly(scenario.model_copy(update={"landing_mode": True}))
@@ -147,9 +176,16 @@ def test_a_landing_that_nobody_noticed_is_on_the_ground_and_in_no_message(tmp_pa
 
 def test_motors_stop_below_the_pulse_range_as_the_parameter_says(tmp_path):
     motion, vehicle = logged(brief("motor_at_its_stop", 30.0), tmp_path)
-    assert vehicle.parameters["MOT_SPIN_MAX"] == pytest.approx(0.64) and vehicle.parameters["MOT_PWM_MAX"] == 2000
+    assert (
+        vehicle.parameters["MOT_SPIN_MAX"] == pytest.approx(0.64)
+        and vehicle.parameters["MOT_PWM_MAX"] == 2000
+    )
     hover = motion.landed_state == 2
     at_stop = (motion.outputs[hover] == pulse(0.64)).mean(axis=0)
     assert at_stop[0] > 0.3 and at_stop[1:].max() < 0.1
-    assert motion.outputs.max() == pulse(0.64) == vehicle.messages["SERVO_OUTPUT_RAW"]["servo1_raw"].max()
+    assert (
+        motion.outputs.max()
+        == pulse(0.64)
+        == vehicle.messages["SERVO_OUTPUT_RAW"]["servo1_raw"].max()
+    )
     assert condition_of(Signals(vehicle)).oscillation is None

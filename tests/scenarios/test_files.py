@@ -25,14 +25,26 @@ def test_an_empty_file_is_the_default_scenario(tmp_path):
             "the first wind's s must be greater than or equal to 0.001, not -1",
         ),
         ('duration = "long"', 'duration must be a valid number, not "long"'),
-        ("durration = 60", "durration is no key of a scenario (did you mean 'duration'?): a scenario has description,"),
+        (
+            "durration = 60",
+            "durration is no key of a scenario (did you mean 'duration'?): a scenario has description,",
+        ),
         (
             GUST + "strength = 2",
             "the first wind's strength is no key of a scenario (did you mean 'start'?): a gust wind has start, speed, ",
         ),
-        ("[vehicle]\nmodel = 'heron'", "vehicle.model must be 'ardrone2', 'iris' or 'crazyflie', not \"heron\""),
-        ("[[wind]]\nspeed = 3", "the first wind's kind is missing: it is one of steady, gaussian, "),
-        (GUST.replace("5", "99"), "the first wind's start must be less than the duration of the flight, 60 s, not 99"),
+        (
+            "[vehicle]\nmodel = 'heron'",
+            "vehicle.model must be 'ardrone2', 'iris' or 'crazyflie', not \"heron\"",
+        ),
+        (
+            "[[wind]]\nspeed = 3",
+            "the first wind's kind is missing: it is one of steady, gaussian, ",
+        ),
+        (
+            GUST.replace("5", "99"),
+            "the first wind's start must be less than the duration of the flight, 60 s, not 99",
+        ),
         (
             '[excitation]\nkind = "chirp"\nlowest = 6',
             "excitation.lowest must be at most excitation.highest, 5 Hz, not 6",
@@ -41,19 +53,37 @@ def test_an_empty_file_is_the_default_scenario(tmp_path):
             '[excitation]\nkind = "multisine"\nhighest = 5\n[stream]\nrate = 10',
             "excitation.highest must be below half of stream.rate, 5 Hz, not 5",
         ),
-        ('[excitation]\nkind = "steps"\naxis = "yaw"', "excitation of the kind steps has distance, period"),
-        ("[faults]\nreboot = 60", "faults.reboot must be less than the duration of the flight, 60 s, not 60"),
+        (
+            '[excitation]\nkind = "steps"\naxis = "yaw"',
+            "excitation of the kind steps has distance, period",
+        ),
+        (
+            "[faults]\nreboot = 60",
+            "faults.reboot must be less than the duration of the flight, 60 s, not 60",
+        ),
         ("height = 60", "duration must be at least 87 s for a height of 60 m, not 60"),
-        ('[excitation]\nkind = "course"\nmoves = [{north = 5}]', "from its beginning, must be none at all, 0 m, not 5"),
-        ('[excitation]\nkind = "course"\nmoves = [{nort = 5}]', "a move has north, east, up, speed, turn, rate, hover"),
+        (
+            '[excitation]\nkind = "course"\nmoves = [{north = 5}]',
+            "from its beginning, must be none at all, 0 m, not 5",
+        ),
+        (
+            '[excitation]\nkind = "course"\nmoves = [{nort = 5}]',
+            "a move has north, east, up, speed, turn, rate, hover",
+        ),
         (
             '[excitation]\nkind = "course"\nmoves = [{hover = 60}]',
             "at least 73.3333 s for a height of 5 m and the course",
         ),
         ("[vehicle]\ndrag_linear = [0.3]", "vehicle.drag_linear"),
         ("duration = [", "own.toml: it is no TOML"),
-        ("duration = " + "[" * 5000 + "]" * 5000, "own.toml: it is nested deeper than any scenario"),
-        ("seed = " + "9" * 5000, "own.toml: it has a number of more digits than any scenario needs"),
+        (
+            "duration = " + "[" * 5000 + "]" * 5000,
+            "own.toml: it is nested deeper than any scenario",
+        ),
+        (
+            "seed = " + "9" * 5000,
+            "own.toml: it has a number of more digits than any scenario needs",
+        ),
         ("[wind]\nkind = 'steady'\nspeed = 1", "[wind] must be [[wind]], in double brackets"),
         ("[[wind]]\nkind = 'steady'\nspeed = 1\n" * 17, "wind must be at most 16, not 17"),
         ("[[wind]]\nkind = 'steddy'\nspeed = 1", "not \"steddy\" (did you mean 'steady'"),
@@ -84,15 +114,31 @@ def test_what_is_no_text_or_no_file_is_said_too(tmp_path):
     with pytest.raises(ValueError, match="cannot be read: Is a directory"):
         load(tmp_path)
     with pytest.raises(
-        ValueError, match="there is no scenario 'hover_blowr' .did you mean 'hover_blower'.*; there are ardu"
+        ValueError,
+        match="there is no scenario 'hover_blowr' .did you mean 'hover_blower'.*; there are ardu",
     ):
         load("hover_blowr")
 
 
 VALUES = st.one_of(st.integers(), st.floats(), st.text(max_size=5), st.booleans(), st.none())
 PLACES = [
-    *[("duration",), ("height",), ("seed",), ("description",), ("wind",), ("moments",), ("excitation",), ("stream",)],
-    *[("vehicle", "model"), ("vehicle", "battery_sag"), ("wind", 0), ("wind", 0, "kind"), ("wind", 0, "s")],
+    *[
+        ("duration",),
+        ("height",),
+        ("seed",),
+        ("description",),
+        ("wind",),
+        ("moments",),
+        ("excitation",),
+        ("stream",),
+    ],
+    *[
+        ("vehicle", "model"),
+        ("vehicle", "battery_sag"),
+        ("wind", 0),
+        ("wind", 0, "kind"),
+        ("wind", 0, "s"),
+    ],
     *[
         ("excitation", "kind"),
         ("excitation", "period"),
@@ -100,12 +146,23 @@ PLACES = [
         ("stream", "rates"),
         ("moments", 0, "sd"),
     ],
-    *[("moments", 0, "sd"), ("stream", "rate"), ("sensors", "delay"), ("nothing",), ("wind", 0, "nothing")],
+    *[
+        ("moments", 0, "sd"),
+        ("stream", "rate"),
+        ("sensors", "delay"),
+        ("nothing",),
+        ("wind", 0, "nothing"),
+    ],
 ]
 
 
 @pytest.mark.slow
-@given(st.lists(st.tuples(st.sampled_from(PLACES), st.one_of(VALUES, st.lists(VALUES, max_size=2))), max_size=4))
+@given(
+    st.lists(
+        st.tuples(st.sampled_from(PLACES), st.one_of(VALUES, st.lists(VALUES, max_size=2))),
+        max_size=4,
+    )
+)
 def test_whatever_stands_in_a_scenario_it_is_one_or_is_refused_in_one_line(changes):
     table = load("lossy_link").model_dump(mode="json")
     table["wind"] = [{"kind": "gaussian", "sd": 1.0, "s": 0.2}]
@@ -114,7 +171,9 @@ def test_whatever_stands_in_a_scenario_it_is_one_or_is_refused_in_one_line(chang
         inside = table
         for key in place[:-1]:
             inside = (
-                inside[key] if isinstance(inside, dict) and key in inside or isinstance(inside, list) and inside else {}
+                inside[key]
+                if isinstance(inside, dict) and key in inside or isinstance(inside, list) and inside
+                else {}
             )
         if isinstance(inside, dict) or (isinstance(inside, list) and inside and place[-1] == 0):
             inside[place[-1]] = value

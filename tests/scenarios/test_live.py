@@ -21,7 +21,8 @@ class Played:
 
     def __init__(self, seconds: float) -> None:
         self.cycle = 0.004
-        self._motion, self._row = made_up_motion(seconds, begin=1.0), 0
+        self._motion = made_up_motion(seconds, begin=1.0)
+        self._row = 0
         self.asked: list[bool] = []
 
     @property
@@ -44,8 +45,11 @@ class Nearby:
     It says ``first`` when it hears the first message.
     """
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, first: tuple[dialect.MAVLink_message, ...] = ()) -> None:
-        self.now, self.heard = 0.0, []
+    def __init__(
+        self, monkeypatch: pytest.MonkeyPatch, first: tuple[dialect.MAVLink_message, ...] = ()
+    ) -> None:
+        self.now = 0.0
+        self.heard = []
         self._say, self._parser = list(first), dialect.MAVLink(None)
         monkeypatch.setattr("sitl_scenarios.mavlink.live.monotonic", lambda: self.now)
 
@@ -61,7 +65,9 @@ class Nearby:
     def of(self, kind: str) -> list[tuple[float, dialect.MAVLink_message]]:
         return [(at, message) for at, message in self.heard if message.get_type() == kind]
 
-    def flown(self, seconds: float, speed: float, scenario: Scenario | None = None) -> tuple[LiveOutcome, Played]:
+    def flown(
+        self, seconds: float, speed: float, scenario: Scenario | None = None
+    ) -> tuple[LiveOutcome, Played]:
         simulation = Played(seconds)
         return fly_live(scenario or Scenario(), simulation, self, speed, lambda _: None), simulation
 
@@ -69,7 +75,9 @@ class Nearby:
 def test_it_flies_no_faster_than_asked(monkeypatch):
     ground = Nearby(monkeypatch)
     outcome, _ = ground.flown(2.0, 4.0)
-    assert outcome.flown == pytest.approx(2.0, abs=0.1) and outcome.took == pytest.approx(0.5, abs=0.05)
+    assert outcome.flown == pytest.approx(2.0, abs=0.1) and outcome.took == pytest.approx(
+        0.5, abs=0.05
+    )
     sent = np.array([[at, message.time_boot_ms] for at, message in ground.of("ATTITUDE")])
     # 100 Hz, on the boot clock that began a second before; in ticks of 4 ms of four seconds a second.
     assert len(sent) == pytest.approx(200, abs=2)
@@ -78,11 +86,17 @@ def test_it_flies_no_faster_than_asked(monkeypatch):
 
 def test_what_is_asked_for_is_done(monkeypatch):
     rate = dialect.MAVLink_command_long_message(1, 1, 511, 0, 30, 40_000, 0, 0, 0, 0, 0)
-    ground = Nearby(monkeypatch, (rate, dialect.MAVLink_command_long_message(1, 1, 400, 0, 0, 21196, 0, 0, 0, 0, 0)))
+    ground = Nearby(
+        monkeypatch,
+        (rate, dialect.MAVLink_command_long_message(1, 1, 400, 0, 0, 21196, 0, 0, 0, 0, 0)),
+    )
     outcome, simulation = ground.flown(3.0, 6.0)
     assert simulation.asked == [False]
     assert outcome.commands == 2
-    assert [(ack.command, ack.result) for _, ack in ground.of("COMMAND_ACK")] == [(511, 0), (400, 0)]
+    assert [(ack.command, ack.result) for _, ack in ground.of("COMMAND_ACK")] == [
+        (511, 0),
+        (400, 0),
+    ]
     assert len(ground.of("ATTITUDE")) == pytest.approx(75, abs=3)
 
 

@@ -27,8 +27,14 @@ def written(scenario: Scenario, motion: Motion) -> bytes:
     return file.getvalue()
 
 
-def scenario(autopilot: str = "px4", faults: Faults = NO_FAULTS, frame: str = "x", **stream: object) -> Scenario:
-    return Scenario(stream=StreamSpec(autopilot=autopilot, **stream), faults=faults, vehicle=VehicleSpec(frame=frame))
+def scenario(
+    autopilot: str = "px4", faults: Faults = NO_FAULTS, frame: str = "x", **stream: object
+) -> Scenario:
+    return Scenario(
+        stream=StreamSpec(autopilot=autopilot, **stream),
+        faults=faults,
+        vehicle=VehicleSpec(frame=frame),
+    )
 
 
 def read(tmp_path, flown: Scenario, motion: Motion) -> Log:
@@ -47,8 +53,11 @@ def test_what_is_read_back_is_what_was_true(autopilot, version, tmp_path):
     assert vehicle.autopilot == {"px4": "PX4", "ardupilot": "ARDUPILOTMEGA"}[autopilot]
     assert [speaker.lost for speaker in log.components] == [0]
     sent = vehicle.messages
-    rows = {name: np.searchsorted(motion.time, columns["time"] - 1e-6) for name, columns in sent.items()}
-    attitude, at = sent["ATTITUDE"], rows["ATTITUDE"]
+    rows = {
+        name: np.searchsorted(motion.time, columns["time"] - 1e-6) for name, columns in sent.items()
+    }
+    attitude = sent["ATTITUDE"]
+    at = rows["ATTITUDE"]
     # scipy's quaternions have w last.
     yaw_pitch_roll = Rotation.from_quat(motion.attitude[at][:, [1, 2, 3, 0]]).as_euler("ZYX")
     for name, values in zip(("yaw", "pitch", "roll"), yaw_pitch_roll.T, strict=True):
@@ -56,24 +65,31 @@ def test_what_is_read_back_is_what_was_true(autopilot, version, tmp_path):
     assert attitude["roll"].max() == pytest.approx(ROLL, abs=1e-3)
     for i, name in enumerate(("rollspeed", "pitchspeed", "yawspeed")):
         np.testing.assert_array_equal(attitude[name], motion.rates[at, i].astype(np.float32))
-    place, at = sent["LOCAL_POSITION_NED"], rows["LOCAL_POSITION_NED"]
+    place = sent["LOCAL_POSITION_NED"]
+    at = rows["LOCAL_POSITION_NED"]
     for i, name in enumerate("xyz"):
         np.testing.assert_array_equal(place[name], motion.position[at, i].astype(np.float32))
         np.testing.assert_array_equal(place[f"v{name}"], motion.velocity[at, i].astype(np.float32))
-    servos, at = sent["SERVO_OUTPUT_RAW"], rows["SERVO_OUTPUT_RAW"]
+    servos = sent["SERVO_OUTPUT_RAW"]
+    at = rows["SERVO_OUTPUT_RAW"]
     disarmed, unused = {"px4": (900, 900), "ardupilot": (1000, 0)}[autopilot]
     outputs = np.column_stack([servos[f"servo{n}_raw"] for n in range(1, 5)])
     np.testing.assert_array_equal(outputs, motion.outputs[at])
     assert not motion.armed[at].all() and (outputs[~motion.armed[at]] == disarmed).all()
-    assert set(servos["servo5_raw"]) == {unused} and set(servos["servo16_raw"]) == {unused if version == 2 else 0}
+    assert set(servos["servo5_raw"]) == {unused} and set(servos["servo16_raw"]) == {
+        unused if version == 2 else 0
+    }
     state = sent["EXTENDED_SYS_STATE"]["landed_state"]
     assert [int(one) for one in state[np.flatnonzero(np.diff(state, prepend=0))]] == [1, 3, 2, 4, 1]
     assert ("ACTUATOR_OUTPUT_STATUS" in sent) == (autopilot == "px4" and version == 2)
     if autopilot == "px4":
         at = rows["HIL_ACTUATOR_CONTROLS"]
         controls = np.where(motion.armed[at, None], (motion.outputs[at] - 1000) / 1000, 0)
-        np.testing.assert_array_equal(sent["HIL_ACTUATOR_CONTROLS"]["controls"][:, :4], controls.astype(np.float32))
-        at, quaternions = rows["ATTITUDE_QUATERNION"], sent["ATTITUDE_QUATERNION"]
+        np.testing.assert_array_equal(
+            sent["HIL_ACTUATOR_CONTROLS"]["controls"][:, :4], controls.astype(np.float32)
+        )
+        at = rows["ATTITUDE_QUATERNION"]
+        quaternions = sent["ATTITUDE_QUATERNION"]
         read_back = np.column_stack([quaternions[f"q{n}"] for n in range(1, 5)])
         np.testing.assert_array_equal(read_back, motion.attitude[at].astype(np.float32))
     if "ACTUATOR_OUTPUT_STATUS" in sent:
@@ -85,16 +101,26 @@ def test_what_is_read_back_is_what_was_true(autopilot, version, tmp_path):
 
 @pytest.mark.parametrize(("autopilot", "version"), [("px4", 2), ("ardupilot", 1)])
 def test_setpoints_and_sticks_come_when_they_are_asked_for(autopilot, version, tmp_path):
-    motion, rates = made_up_motion(autopilot=autopilot), {"ATTITUDE_TARGET": 50.0, "RC_CHANNELS": 20.0}
+    motion = made_up_motion(autopilot=autopilot)
+    rates = {"ATTITUDE_TARGET": 50.0, "RC_CHANNELS": 20.0}
     rates["BATTERY_STATUS"] = 50.0
-    sent = read(tmp_path, scenario(autopilot, version=version, rates=rates), motion).vehicles[0].messages
-    target, sticks = sent["ATTITUDE_TARGET"], sent["RC_CHANNELS"]
-    assert len(target["time"]) == pytest.approx(1000, abs=2) and len(sticks["time"]) == pytest.approx(400, abs=2)
+    sent = (
+        read(tmp_path, scenario(autopilot, version=version, rates=rates), motion)
+        .vehicles[0]
+        .messages
+    )
+    target = sent["ATTITUDE_TARGET"]
+    sticks = sent["RC_CHANNELS"]
+    assert len(target["time"]) == pytest.approx(1000, abs=2) and len(
+        sticks["time"]
+    ) == pytest.approx(400, abs=2)
     at = np.searchsorted(motion.time, target["time"] - 1e-3)
     angles = Rotation.from_quat(target["q"], scalar_first=True).as_euler("ZYX")[:, ::-1]
     np.testing.assert_allclose(angles, motion.attitude_setpoint[at], rtol=0, atol=1e-6)
     for i, name in enumerate(("roll", "pitch", "yaw")):
-        np.testing.assert_allclose(target[f"body_{name}_rate"], motion.rates_setpoint[at, i], rtol=1e-6)
+        np.testing.assert_allclose(
+            target[f"body_{name}_rate"], motion.rates_setpoint[at, i], rtol=1e-6
+        )
     np.testing.assert_allclose(target["thrust"], motion.demands[at, 3], rtol=1e-6)
     assert set(target["type_mask"]) == {0}
     # Of 35° of roll and pitch and 150 °/s of yaw rate to each side's 500 µs: 0.1 rad are 82 µs.
@@ -108,7 +134,9 @@ def test_setpoints_and_sticks_come_when_they_are_asked_for(autopilot, version, t
     told = sent["BATTERY_STATUS"]
     expected = 12600 * np.interp(told["time"], motion.time, motion.battery)
     np.testing.assert_allclose(told["voltages"][:, 0], expected, atol=2)
-    assert set(told["voltages"][:, 1:].ravel()) == {65535} and set(told["battery_remaining"]) == {-1}
+    assert set(told["voltages"][:, 1:].ravel()) == {65535} and set(told["battery_remaining"]) == {
+        -1
+    }
     plain = read(tmp_path, scenario(autopilot, version=version), motion).vehicles[0].messages
     assert not set(rates) & set(plain)
 
@@ -119,17 +147,27 @@ def test_every_message_has_the_same_velocity_and_the_wind_where_drag_is_calibrat
     autopilot, name, calibrated, tmp_path
 ):
     motion = made_up_motion(autopilot=autopilot)
-    motion = replace(motion, known_velocity=motion.velocity, wind=np.tile([3.0, -4.0, 0.5], (len(motion), 1)))
+    motion = replace(
+        motion, known_velocity=motion.velocity, wind=np.tile([3.0, -4.0, 0.5], (len(motion), 1))
+    )
     rates = {"GLOBAL_POSITION_INT": 5.0, name: 1.0}
-    (vehicle,) = read(tmp_path, scenario(autopilot, rates=rates, drag_calibrated=calibrated), motion).vehicles
+    (vehicle,) = read(
+        tmp_path, scenario(autopilot, rates=rates, drag_calibrated=calibrated), motion
+    ).vehicles
     places = np.searchsorted(motion.time, vehicle.messages["GLOBAL_POSITION_INT"]["time"] - 1e-3)
-    place, own = vehicle.messages["GLOBAL_POSITION_INT"], Signals(vehicle).autopilot_wind
-    assert np.allclose(own.values, [3.0, -4.0], atol=1e-5) if calibrated else own is None  # 0 is no estimate
+    place = vehicle.messages["GLOBAL_POSITION_INT"]
+    own = Signals(vehicle).autopilot_wind
+    # 0 is no estimate
+    assert np.allclose(own.values, [3.0, -4.0], atol=1e-5) if calibrated else own is None
     sent = np.column_stack([place[f"v{axis}"] for axis in "xyz"]) / 100
     np.testing.assert_allclose(sent, motion.known_velocity[places], atol=0.0051)
     # The Iris: 4 x 1.75e-4 N per (rad/s · m/s) x 798.9 rad/s / 1.52 kg; its hull, 1.52 kg / 0.03 m².
-    known = {key.rpartition("_")[2]: value for key, value in vehicle.parameters.items() if "COEF" in key}
-    assert known == (pytest.approx({"MCOEF": 0.3679, "X": 50.667, "Y": 50.667}, rel=1e-3) if calibrated else {})
+    known = {
+        key.rpartition("_")[2]: value for key, value in vehicle.parameters.items() if "COEF" in key
+    }
+    assert known == (
+        pytest.approx({"MCOEF": 0.3679, "X": 50.667, "Y": 50.667}, rel=1e-3) if calibrated else {}
+    )
 
 
 @pytest.mark.parametrize("frame", ["x", "plus"])
@@ -141,17 +179,30 @@ def test_the_parameters_say_where_the_motors_are(autopilot, frame, tmp_path):
     assert len(vehicle.parameters) == len(told["time"]) == told["param_count"][0]
     assert list(told["param_index"]) == list(range(len(told["time"])))
     if autopilot == "px4":
-        assert vehicle.parameters["CA_ROTOR_COUNT"] == 4 and vehicle.parameters["PWM_MAIN_FUNC3"] == 103
+        assert (
+            vehicle.parameters["CA_ROTOR_COUNT"] == 4
+            and vehicle.parameters["PWM_MAIN_FUNC3"] == 103
+        )
         # The bits of 4, read as a float, are next to nothing.
-        assert 0 < float(told["param_value"][list(told["param_id"]).index(b"CA_ROTOR_COUNT")]) < 1e-40
+        assert (
+            0 < float(told["param_value"][list(told["param_id"]).index(b"CA_ROTOR_COUNT")]) < 1e-40
+        )
     else:
-        assert vehicle.parameters["FRAME_CLASS"] == 1 and vehicle.parameters["SERVO3_FUNCTION"] == 35
+        assert (
+            vehicle.parameters["FRAME_CLASS"] == 1 and vehicle.parameters["SERVO3_FUNCTION"] == 35
+        )
         assert vehicle.parameters["SCHED_LOOP_RATE"] == 400
     motors = drive.motors_or_obstacle(vehicle)
     assert motors.layout.channels == (1, 2, 3, 4)
     assert not motors.layout.channels_assumed and not motors.layout.positions_assumed
-    expected = "front right, rear left, front left, rear right" if frame == "x" else "right, left, front, rear"
-    assert list(motors.layout.names) == [f"motor {n} ({at})" for n, at in enumerate(expected.split(", "), 1)]
+    expected = (
+        "front right, rear left, front left, rear right"
+        if frame == "x"
+        else "right, left, front, rear"
+    )
+    assert list(motors.layout.names) == [
+        f"motor {n} ({at})" for n, at in enumerate(expected.split(", "), 1)
+    ]
 
 
 def test_the_clock_of_32_bit_microseconds_wraps(tmp_path):
@@ -167,7 +218,8 @@ def test_the_clock_of_32_bit_microseconds_wraps(tmp_path):
 def test_the_same_seed_is_the_same_file_however_it_is_cut(monkeypatch):
     by_chance = {"loss": 0.1, "delay": 0.05, "jitter": 0.03, "reordered": 0.2}
     faults = Faults(**by_chance, reboot=6.0, outage=9.0, outage_seconds=2.0, clock_jump=12.0)
-    motion, flown = made_up_motion(), scenario(faults=faults)
+    motion = made_up_motion()
+    flown = scenario(faults=faults)
     whole = written(flown, motion)
     monkeypatch.setattr(recorded_module, "BLOCK", 37)
     assert written(flown, motion) == whole
@@ -182,14 +234,23 @@ def test_a_reboot_in_the_air_is_a_new_boot(tmp_path):
     assert (time[boot == 0][-1], time[boot == 1][0]) == pytest.approx((10.0, 1.0), abs=0.02)
     assert len(vehicle.messages["PARAM_VALUE"]["time"]) == 2 * len(vehicle.parameters)
     beat = vehicle.messages["HEARTBEAT"]
-    assert beat["system_status"][beat["boot"] == 1][0] == 4 and beat["base_mode"][beat["boot"] == 1][0] & 128
+    assert (
+        beat["system_status"][beat["boot"] == 1][0] == 4
+        and beat["base_mode"][beat["boot"] == 1][0] & 128
+    )
 
 
-def test_a_reboot_forgets_what_was_asked_for_and_nothing_but_heartbeats_comes_until_it_is_asked_for_again(tmp_path):
-    log = read(tmp_path, scenario("ardupilot", only_when_asked=True), made_up_motion(autopilot="ardupilot"))
+def test_a_reboot_forgets_what_was_asked_for_and_nothing_but_heartbeats_comes_until_it_is_asked_for_again(
+    tmp_path,
+):
+    log = read(
+        tmp_path, scenario("ardupilot", only_when_asked=True), made_up_motion(autopilot="ardupilot")
+    )
     assert log.components[0].messages.keys() == {"HEARTBEAT", "STATUSTEXT"}
     motion = made_up_motion(autopilot="ardupilot")
-    sending = Transmitter(scenario("ardupilot", Faults(reboot=8.0), only_when_asked=True), CYCLES["ardupilot"])
+    sending = Transmitter(
+        scenario("ardupilot", Faults(reboot=8.0), only_when_asked=True), CYCLES["ardupilot"]
+    )
     sending.schedule.set("ATTITUDE", 0.01, 0.0)
     sending.send(rows_of_motion(motion, slice(1)))
     later = sending.send(rows_of_motion(motion, slice(1, None)))
@@ -205,9 +266,13 @@ def test_an_outage_a_jump_of_the_clock_and_mavproxys_resets(tmp_path):
     gaps = np.diff(attitude["time"])
     assert set(attitude["boot"]) == {0}
     np.testing.assert_allclose(gaps[gaps > 0.02], [2.5, 100.0], atol=0.02)
-    flown, motion = scenario("ardupilot", Faults(mavproxy_rate=4.0)), made_up_motion(autopilot="ardupilot")
+    flown = scenario("ardupilot", Faults(mavproxy_rate=4.0))
+    motion = made_up_motion(autopilot="ardupilot")
     (vehicle,) = read(tmp_path, flown, motion).vehicles
-    gaps = {name: np.diff(vehicle.messages[name]["time"]) for name in ("ATTITUDE", "SERVO_OUTPUT_RAW", "HEARTBEAT")}
+    gaps = {
+        name: np.diff(vehicle.messages[name]["time"])
+        for name in ("ATTITUDE", "SERVO_OUTPUT_RAW", "HEARTBEAT")
+    }
     armed = float(motion.time[motion.armed][0])
     after = vehicle.messages["ATTITUDE"]["time"][1:] > armed + 0.3
     np.testing.assert_allclose(gaps["ATTITUDE"][after], 0.25, atol=0.003)
@@ -220,7 +285,9 @@ def hovering(east: float, seconds: float, outputs: float = 1500.0, state: int = 
     """Ten seconds in the air, of which the last few are spent ``east`` of where it should be."""
     motion = made_up_motion(10.0)
     away = motion.time > motion.time[-1] - seconds
-    position = np.column_stack([0 * motion.time, np.where(away, east, 0.0), np.full(len(motion), -5.0)])
+    position = np.column_stack(
+        [0 * motion.time, np.where(away, east, 0.0), np.full(len(motion), -5.0)]
+    )
     return replace(
         motion,
         position=position,
@@ -233,10 +300,17 @@ def hovering(east: float, seconds: float, outputs: float = 1500.0, state: int = 
 # Where it lands it need not hold its place; blown down to the ground it should have.
 @pytest.mark.parametrize(
     ("east", "seconds", "state", "told"),
-    [(6.0, 2.0, 2, True), (6.0, 0.9, 2, False), (4.9, 5.0, 2, False), (6.0, 2.0, 4, False), (6.0, 2.0, 1, True)],
+    [
+        (6.0, 2.0, 2, True),
+        (6.0, 0.9, 2, False),
+        (4.9, 5.0, 2, False),
+        (6.0, 2.0, 4, False),
+        (6.0, 2.0, 1, True),
+    ],
 )
 def test_a_second_too_far_away_is_reported(east, seconds, state, told):
-    motion, holding = hovering(east, seconds, state=state), Holding(Scenario())
+    motion = hovering(east, seconds, state=state)
+    holding = Holding(Scenario())
     for begin in range(0, len(motion), 7):
         holding.add(rows_of_motion(motion, slice(begin, begin + 7)))
     assert bool(holding.farthest) == told == bool(holding.cautions())

@@ -13,7 +13,10 @@ from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import Simulation, fly
 
 FAULTY = {"landing_unnoticed", "motor_at_its_stop", "oscillating_frame", "oscillating_gains"}
-WINDY = (sections.SteadyWind(kind="steady", speed=4.0), sections.GaussianWind(kind="gaussian", sd=0.7, s=0.2))
+WINDY = (
+    sections.SteadyWind(kind="steady", speed=4.0),
+    sections.GaussianWind(kind="gaussian", sd=0.7, s=0.2),
+)
 
 
 def brief(**given):
@@ -21,7 +24,10 @@ def brief(**given):
 
 
 def same(one, other):
-    return all(np.array_equal(getattr(one, field.name), getattr(other, field.name)) for field in fields(Motion))
+    return all(
+        np.array_equal(getattr(one, field.name), getattr(other, field.name))
+        for field in fields(Motion)
+    )
 
 
 def roll(motion):
@@ -36,12 +42,15 @@ def flight():
 
 @pytest.mark.slow
 def test_the_same_seed_gives_the_same_bits_in_pieces_too(flight):
-    simulation, rows = Simulation(brief()), []
+    simulation = Simulation(brief())
+    rows = []
     for cycles in (1, 7, 1000, 3, 10**6):
         rows.append(simulation.advance(cycles))
     assert simulation.finished
     assert len(simulation.advance(5)) == 0
-    together = Motion(**{f.name: np.concatenate([getattr(each, f.name) for each in rows]) for f in fields(Motion)})
+    together = Motion(
+        **{f.name: np.concatenate([getattr(each, f.name) for each in rows]) for f in fields(Motion)}
+    )
     assert same(flight, together)
 
 
@@ -56,7 +65,9 @@ def test_it_arms_climbs_hovers_lands_and_disarms(flight):
     assert not flight.rotor_speeds[-1].any() or flight.rotor_speeds[-1].max() < 1e-3
     assert np.abs(flight.position[-1, :2]).max() < 1
     standing = flight.landed_state == 1
-    assert not any(columns[standing].any() for columns in (flight.velocity, flight.force, flight.moment))
+    assert not any(
+        columns[standing].any() for columns in (flight.velocity, flight.force, flight.moment)
+    )
 
 
 def test_disarming_is_refused_in_the_air_unless_forced():
@@ -70,11 +81,15 @@ def test_disarming_is_refused_in_the_air_unless_forced():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", sorted(name for name in {*names()} - FAULTY if name[:5] != "wind_"))
+@pytest.mark.parametrize(
+    "name", sorted(name for name in {*names()} - FAULTY if name[:5] != "wind_")
+)
 def test_every_scenario_is_flown_to_its_end(name):
     whole = load(name)
     # Their gust, at 40 s, is part of it; all others are within 25 s as they go on.
-    scenario = whole.model_copy(update={"duration": 45.0 if name == "iris_gusts" else 25.0, "flights": 1})
+    scenario = whole.model_copy(
+        update={"duration": 45.0 if name == "iris_gusts" else 25.0, "flights": 1}
+    )
     motion = fly(scenario)
     hovering = (motion.landed_state == 2) & (motion.time > 10)
     assert np.abs(roll(motion)).max() < 50
@@ -91,7 +106,11 @@ def test_every_scenario_is_flown_to_its_end(name):
 @pytest.mark.slow
 def test_legs_climbs_and_turns_are_flown_and_end_where_they_began():
     out = sections.Move(north=24.0, east=-18.0, up=6.0, speed=6.0, turn=270.0, rate=60.0)
-    moves = (out, sections.Move(north=-24.0, east=18.0, up=-6.0, speed=6.0), sections.Move(hover=2.0))
+    moves = (
+        out,
+        sections.Move(north=-24.0, east=18.0, up=-6.0, speed=6.0),
+        sections.Move(hover=2.0),
+    )
     sensors = sections.Sensors(misalignment=(2.0, -1.0))
     course = sections.Course(kind="course", moves=moves)
     motion = fly(brief(duration=50.0, wind=(), excitation=course, sensors=sensors))
@@ -106,7 +125,9 @@ def test_legs_climbs_and_turns_are_flown_and_end_where_they_began():
 
 
 def test_a_vehicle_that_tumbles_is_no_flight():
-    scenario = brief(vehicle=sections.VehicleSpec(model="crazyflie"), moments=(sections.Moment(sd=1.0, s=0.5),))
+    scenario = brief(
+        vehicle=sections.VehicleSpec(model="crazyflie"), moments=(sections.Moment(sd=1.0, s=0.5),)
+    )
     with pytest.raises(ValueError, match="the vehicle is out of control .* s after boot"):
         fly(scenario)
 
@@ -115,7 +136,15 @@ def test_a_vehicle_that_tumbles_is_no_flight():
 def test_a_heading_that_goes_round_is_followed_the_short_way():
     sticks = sections.Sticks(kind="sticks", axis="yaw", sd=30.0, s=10.0)
     # With noise on the heading, it and its setpoint are on two sides of south for a while.
-    motion = fly(brief(wind=(), duration=45.0, seed=1, excitation=sticks, sensors=sections.Sensors(attitude_sd=0.005)))
+    motion = fly(
+        brief(
+            wind=(),
+            duration=45.0,
+            seed=1,
+            excitation=sticks,
+            sensors=sections.Sensors(attitude_sd=0.005),
+        )
+    )
     heading = np.unwrap([euler(each)[2] for each in motion.attitude.tolist()])
     turned = np.cumsum(motion.sticks[:, 2]) * 0.004
     flying = motion.landed_state >= 2

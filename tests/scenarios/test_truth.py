@@ -19,9 +19,14 @@ def flown():
 
 def accelerations(scenario, motion, axis="roll"):
     """Angular acceleration of the settled flight, as it was and as A, B and the disturbance have it, rad/s²."""
-    known, rates = truth(scenario, motion), motion.rates[:, ("roll", "pitch", "yaw").index(axis)]
-    A, B, dt = known[f"{axis}_lag_A"], known[f"{axis}_lag_B"], motion.time[1]
-    keeps, drive, drives = np.exp(A[-1, -1] * dt), 0.0, []
+    known = truth(scenario, motion)
+    rates = motion.rates[:, ("roll", "pitch", "yaw").index(axis)]
+    A = known[f"{axis}_lag_A"]
+    B = known[f"{axis}_lag_B"]
+    dt = motion.time[1]
+    keeps = np.exp(A[-1, -1] * dt)
+    drive = 0.0
+    drives = []
     for settled in -((motion.outputs - known["trim"]) @ B[-1]) / A[-1, -1]:
         drives.append(drive)
         drive = settled + keeps * (drive - settled)
@@ -36,19 +41,28 @@ def test_the_linear_system_with_lag_and_disturbance_moves_as_the_vehicle_did(flo
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("axis", "inertia"), [("roll", 3.4e-3), ("pitch", 4.0e-3), ("yaw", 6.9e-3)])
+@pytest.mark.parametrize(
+    ("axis", "inertia"), [("roll", 3.4e-3), ("pitch", 4.0e-3), ("yaw", 6.9e-3)]
+)
 def test_it_does_about_every_axis_while_all_are_excited(axis, inertia):
-    excitation = Multisine(kind="multisine", axis="all", sd=2.0, lowest=0.3, highest=4.0, period=10.0)
+    excitation = Multisine(
+        kind="multisine", axis="all", sd=2.0, lowest=0.3, highest=4.0, period=10.0
+    )
     moments = (Moment(axis=axis, sd=inertia, s=0.1),)
     vehicle = VehicleSpec(model="ardrone2")
-    scenario = Scenario(duration=25.0, vehicle=vehicle, excitation=excitation, moments=moments, seed=4)
+    scenario = Scenario(
+        duration=25.0, vehicle=vehicle, excitation=excitation, moments=moments, seed=4
+    )
     motion = fly(scenario)
     true, predicted = accelerations(scenario, motion, axis)
     assert np.polyfit(predicted, true, 1)[0] == pytest.approx(1, abs=0.03)
     assert (true - predicted).std() < 0.05 * true.std()
     known = truth(scenario, motion)
     states = 1 if axis == "yaw" else 2
-    assert known[f"{axis}_B"].shape == (states, 4) and known[f"{axis}_lag_A"].shape == (states + 1, states + 1)
+    assert known[f"{axis}_B"].shape == (states, 4) and known[f"{axis}_lag_A"].shape == (
+        states + 1,
+        states + 1,
+    )
     # 1 rad/s²; 17 s hold about 48 independent values.
     assert known[f"{axis}_disturbance"][motion.landed_state == 2].std() == pytest.approx(1, rel=0.4)
 
@@ -56,7 +70,9 @@ def test_it_does_about_every_axis_while_all_are_excited(axis, inertia):
 @pytest.mark.slow
 def test_the_rate_loop_oscillates_above_its_gain_margin_and_not_below():
     def swing(gain):
-        scenario = Scenario(duration=16.0, vehicle=VehicleSpec(rate_gain=gain), sensors=Sensors(rate_sd=1e-4))
+        scenario = Scenario(
+            duration=16.0, vehicle=VehicleSpec(rate_gain=gain), sensors=Sensors(rate_sd=1e-4)
+        )
         motion = fly(scenario)
         return truth(scenario, motion)["pitch_rate_margins"][2], motion.rates[2000:2500, 1].std()
 
@@ -68,13 +84,19 @@ def test_the_rate_loop_oscillates_above_its_gain_margin_and_not_below():
 def test_effects_of_motors_are_those_of_the_trim_that_is_flown():
     """In 8 m/s the rotors differ in speed and the vehicle is tilted; a regression on the rotors' speeds sees it."""
     wind = (SteadyWind(kind="steady", speed=8.0, direction=60.0),)
-    excitation = Multisine(kind="multisine", axis="all", sd=1.0, lowest=0.3, highest=4.0, period=10.0)
+    excitation = Multisine(
+        kind="multisine", axis="all", sd=1.0, lowest=0.3, highest=4.0, period=10.0
+    )
     quiet = Sensors(rate_sd=1e-3, attitude_sd=1e-4, position_sd=2e-3, velocity_sd=2e-3)
     scenario = Scenario(duration=35.0, wind=wind, excitation=excitation, sensors=quiet, seed=3)
     motion = fly(scenario)
     known = truth(scenario, motion)
     hover = ((motion.landed_state == 2) & (motion.time > 12))[1:]
-    between = {name: (each[1:] + each[:-1])[hover] / 2 for name, each in vars(motion).items() if name in FITTED}
+    between = {
+        name: (each[1:] + each[:-1])[hover] / 2
+        for name, each in vars(motion).items()
+        if name in FITTED
+    }
     table = np.column_stack([between["rotor_speeds"], between["rates"], np.ones(hover.sum())])
     accelerations = (np.diff(motion.rates, axis=0) / motion.time[1])[hover]
     # 1000 rad/s are 1000 µs.
@@ -98,7 +120,9 @@ def test_effects_follow_from_voltage_inertia_and_thrust_curve():
     assert np.abs(effect(VehicleSpec(inertia_scale=2.0))) == pytest.approx(base / 2, rel=0.01)
     # Thrust 5.84e-6 ω², 1100 rad/s at 2000 µs: linear, every µs is a thousandth of it, at 0.22 m.
     linear = 5.84e-6 * 1100**2 / 1000 * 0.22 / 0.029125
-    assert np.abs(effect(VehicleSpec(quadratic_thrust=0.0))) == pytest.approx(4 * [linear], rel=0.01)
+    assert np.abs(effect(VehicleSpec(quadratic_thrust=0.0))) == pytest.approx(
+        4 * [linear], rel=0.01
+    )
 
 
 def effect(vehicle):

@@ -55,7 +55,9 @@ def test_drag_is_linear_and_quadratic_along_each_axis():
     spec = VehicleSpec(drag_linear=(0.3, 0.2), drag_quadratic=(0.02, 0.04))
     assert drag(spec) == (pytest.approx((0.3, 0.2)), pytest.approx((0.02, 0.04)))
     hover = (airframe(spec).hover_speed,) * 4
-    acceleration = dynamics(spec)((1.0, 0.0, 0.0, 0.0), (0.0,) * 3, (0.0,) * 3, hover, AirState(north=4.0, east=-3.0))
+    acceleration = dynamics(spec)(
+        (1.0, 0.0, 0.0, 0.0), (0.0,) * 3, (0.0,) * 3, hover, AirState(north=4.0, east=-3.0)
+    )
     assert acceleration[:2] == pytest.approx(((0.3 + 0.02 * 5) * 4, (0.2 + 0.04 * 5) * -3))
 
 
@@ -64,13 +66,19 @@ def test_drag_is_linear_and_quadratic_along_each_axis():
 def test_a_thrust_curve_is_as_quadratic_as_asked_and_undone_exactly(name, share):
     body = airframe(VehicleSpec(model=name, quadratic_thrust=share))
     thrust = [body.thrust_at(body.rotor_speed(command * body.full)) for command in (0.25, 0.5, 1.0)]
-    assert thrust[2] == pytest.approx(AIRFRAMES[name].thrust_at(AIRFRAMES[name].rotor_speed(body.full)))
+    assert thrust[2] == pytest.approx(
+        AIRFRAMES[name].thrust_at(AIRFRAMES[name].rotor_speed(body.full))
+    )
     for part, command in zip(thrust, (0.25, 0.5), strict=False):
         assert part / thrust[2] == pytest.approx((1 - share) * command + share * command**2)
     for command in (0.1, 0.6, 1.0):
-        assert body.command_for(body.rotor_speed(command * body.full)) == pytest.approx(command * body.full)
+        assert body.command_for(body.rotor_speed(command * body.full)) == pytest.approx(
+            command * body.full
+        )
         step = 1e-6 * body.full
-        rise = body.rotor_speed(command * body.full + step) - body.rotor_speed(command * body.full - step)
+        rise = body.rotor_speed(command * body.full + step) - body.rotor_speed(
+            command * body.full - step
+        )
         assert body.speed_slope(command * body.full) == pytest.approx(rise / (2 * step), rel=1e-6)
 
 
@@ -92,7 +100,8 @@ def test_the_papers_table_of_systems(order):
     """AR.Drone 2.0, without rotor drag and lag, PWM of 0 to 255; its y points to the left."""
     east = ("east", "east speed", "roll", "roll rate")[4 - order :]
     found = linearised(VehicleSpec(model="ardrone2", rotor_drag=False)).without_lag().of(east)
-    mirror, (A, B) = np.diag([-1.0 if state.startswith("east") else 1.0 for state in east]), TABLE[order]
+    mirror = np.diag([-1.0 if state.startswith("east") else 1.0 for state in east])
+    (A, B) = TABLE[order]
     assert np.allclose(mirror @ found.A @ mirror, A, atol=2e-6)
     # At 169.06, the published pwm of hover, it is 0.3748 to four digits; that of the weight is 169.00.
     assert np.allclose(mirror @ found.B[:, PAPER_ORDER], B, atol=1e-4)
@@ -101,8 +110,10 @@ def test_the_papers_table_of_systems(order):
 @pytest.mark.parametrize("model", AIRFRAMES)
 @pytest.mark.parametrize("kind", ["x", "plus"])
 def test_closed_forms(model, kind):
-    vehicle, body = VehicleSpec(model=model, frame=kind), AIRFRAMES[model]
-    found, omega = linearised(vehicle).without_lag(), body.hover_speed
+    vehicle = VehicleSpec(model=model, frame=kind)
+    body = AIRFRAMES[model]
+    found = linearised(vehicle).without_lag()
+    omega = body.hover_speed
     aside = body.arm[1] if kind == "x" else np.hypot(*body.arm)
     pair = 4 if kind == "x" else 2  # rotors that have that arm
     at = found.states.index
@@ -116,4 +127,6 @@ def test_closed_forms(model, kind):
     assert found.B[at("roll rate"), 1] == pytest.approx(slope * aside / body.inertia[0], rel=1e-6)
     assert found.B[at("down speed")] == pytest.approx(np.full(4, -slope / body.mass), rel=1e-6)
     turn = (2 * body.torque[0] * omega + body.torque[1]) * body.speed[0]
-    assert found.B[at("yaw rate")] == pytest.approx(turn / body.inertia[2] * np.array([1, 1, -1, -1]), rel=1e-6)
+    assert found.B[at("yaw rate")] == pytest.approx(
+        turn / body.inertia[2] * np.array([1, 1, -1, -1]), rel=1e-6
+    )

@@ -10,7 +10,16 @@ from scipy.integrate import quad
 from scipy.stats import chi2, norm
 
 from sitl_scenarios.gains import CYCLES
-from sitl_scenarios.scenario import Gust, Jet, Moment, Profile, Scenario, SteadyWind, StreamSpec, TurbulentWind
+from sitl_scenarios.scenario import (
+    Gust,
+    Jet,
+    Moment,
+    Profile,
+    Scenario,
+    SteadyWind,
+    StreamSpec,
+    TurbulentWind,
+)
 from sitl_scenarios.wind import (
     LENGTH,
     Weather,
@@ -72,12 +81,17 @@ def test_a_jet_is_turbulent_by_its_share_of_the_local_mean():
 )
 def test_wind_from_another_direction_is_the_same_wind_turned(wind):
     """By 30°, clockwise seen from above, with the place where it is felt: along and across change places in part."""
-    north, east = 0.3, 0.2
-    cos, sin = 3**0.5 / 2, 0.5
+    north = 0.3
+    east = 0.2
+    cos = 3**0.5 / 2
+    sin = 0.5
     there = (north * cos - east * sin, north * sin + east * cos, -4.9)
-    from_north, turned = (weather(wind=(wind.model_copy(update={"direction": at}),)) for at in (0.0, 30.0))
+    from_north, turned = (
+        weather(wind=(wind.model_copy(update={"direction": at}),)) for at in (0.0, 30.0)
+    )
     for cycle in range(0, 500, 50):
-        one, other = from_north.at(cycle, (north, east, -4.9)), turned.at(cycle, there)
+        one = from_north.at(cycle, (north, east, -4.9))
+        other = turned.at(cycle, there)
         assert other.north == pytest.approx(one.north * cos - one.east * sin)
         assert other.east == pytest.approx(one.north * sin + one.east * cos)
         assert other[2:] == pytest.approx(one[2:])
@@ -85,7 +99,9 @@ def test_wind_from_another_direction_is_the_same_wind_turned(wind):
 
 def test_low_altitude_turbulence_has_the_standards_figures():
     """MIL-F-8785C at 20 ft and 15 kt: σ_w = 1.5 kt, L_w = 20 ft, L_u = 20/0.19346^1.2 ft, σ_u = σ_w/0.19346^0.4."""
-    found = turbulence(TurbulentWind(kind="dryden", speed=10.0, wind_at_20_feet=7.7), 20 * 0.3048, 0.44)
+    found = turbulence(
+        TurbulentWind(kind="dryden", speed=10.0, wind_at_20_feet=7.7), 20 * 0.3048, 0.44
+    )
     assert found.down == pytest.approx((20 * 0.3048 / 10, 0.77))
     assert found.along == found.across == pytest.approx((143.54 * 0.3048 / 10, 1.4859), rel=1e-3)
 
@@ -125,16 +141,23 @@ def test_wind_grows_with_height_and_turns_clockwise_with_height_and_time(profile
 
 
 def test_winds_and_moments_are_summed():
-    east, north = (SteadyWind(kind="steady", speed=at, direction=by) for at, by in ((3.0, 90.0), (2.0, 0.0)))
-    both = weather(wind=(east, north), moments=(Moment(sd=0.1, s=0.1), Moment(axis="yaw", sd=0.1, s=0.1)))
+    east, north = (
+        SteadyWind(kind="steady", speed=at, direction=by) for at, by in ((3.0, 90.0), (2.0, 0.0))
+    )
+    both = weather(
+        wind=(east, north), moments=(Moment(sd=0.1, s=0.1), Moment(axis="yaw", sd=0.1, s=0.1))
+    )
     air = both.at(7, ORIGIN)
     assert air[:3] == pytest.approx((-2, -3, 0))
     assert air.roll != 0 != air.yaw != air.roll and air.pitch == 0
 
 
 STEPS = (0.001, 0.004, 0.02)
-SERIES, SAMPLES = 30, 2**14
-T, S, SHORT = 0.4, 0.05, 0.006
+SERIES = 30
+SAMPLES = 2**14
+T = 0.4
+S = 0.05
+SHORT = 0.006
 
 
 def of_kernel(s):
@@ -143,14 +166,26 @@ def of_kernel(s):
 
 MODELS = {
     "gaussian": (lambda dt, n, noise: gaussian_noise(S, dt, n, noise), of_kernel(S)),
-    "gaussian of a few steps": (lambda dt, n, noise: gaussian_noise(SHORT, dt, n, noise), of_kernel(SHORT)),
-    "dryden along": (lambda dt, n, noise: first_order(T, dt, n, noise), lambda tau: np.exp(-tau / T)),
+    "gaussian of a few steps": (
+        lambda dt, n, noise: gaussian_noise(SHORT, dt, n, noise),
+        of_kernel(SHORT),
+    ),
+    "dryden along": (
+        lambda dt, n, noise: first_order(T, dt, n, noise),
+        lambda tau: np.exp(-tau / T),
+    ),
     "dryden across": (
         lambda dt, n, noise: second_order(T, dt, n, noise),
         lambda tau: (1 - tau / T / 2) * np.exp(-tau / T),
     ),
-    "von karman along": (lambda dt, n, noise: von_karman_noise(False, T, dt, n, noise), lambda tau: along(tau / T)),
-    "von karman across": (lambda dt, n, noise: von_karman_noise(True, T, dt, n, noise), lambda tau: across(tau / T)),
+    "von karman along": (
+        lambda dt, n, noise: von_karman_noise(False, T, dt, n, noise),
+        lambda tau: along(tau / T),
+    ),
+    "von karman across": (
+        lambda dt, n, noise: von_karman_noise(True, T, dt, n, noise),
+        lambda tau: across(tau / T),
+    ),
 }
 
 
@@ -171,7 +206,8 @@ def test_a_random_model_is_the_process_it_says(model, dt):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("dt", STEPS)
-@pytest.mark.parametrize("model", [model for model in MODELS if "von karman" not in model])  # a circle has no beginning
+# a circle has no beginning
+@pytest.mark.parametrize("model", [model for model in MODELS if "von karman" not in model])
 def test_a_series_begins_as_it_goes_on(model, dt):
     """A filter that started at rest would have too little variance at first."""
     draw, _ = MODELS[model]
@@ -205,7 +241,9 @@ def test_autocorrelations_are_those_of_the_standards_spectra(tau):
 @pytest.mark.parametrize("autopilot", CYCLES)
 def test_the_weather_is_as_strong_as_the_standard_says(kind, autopilot):
     wind = TurbulentWind(kind=kind, speed=8.0, direction=0.0, wind_at_20_feet=15.4)
-    dt, n, flights = CYCLES[autopilot], 6000, 40
+    dt = CYCLES[autopilot]
+    n = 6000
+    flights = 40
     time = dt * np.arange(n)
     of_wind = turbulence(wind, 5.0, 0.44)
     seen = []

@@ -18,10 +18,15 @@ def chunks(path: Path) -> Iterator[tuple[str, Chunk, pa.RecordBatch]]:
 
 def views(path: Path) -> list[str]:
     """The origins, without the slash, of the views of the one blueprint."""
-    reader, column = _reader(path), "ViewBlueprint:space_origin"
+    reader = _reader(path)
+    column = "ViewBlueprint:space_origin"
     (blueprint,) = reader.blueprints()
     batches = [chunk.to_record_batch() for chunk in reader.stream(store=blueprint)]
-    return [_plain(batch.column(column).to_pylist()[0][0]) for batch in batches if column in batch.schema.names]
+    return [
+        _plain(batch.column(column).to_pylist()[0][0])
+        for batch in batches
+        if column in batch.schema.names
+    ]
 
 
 def _reader(path: Path) -> RrdReader:

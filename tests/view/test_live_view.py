@@ -30,13 +30,25 @@ from mavdem.live import Event as Occurrence
 from mavdem.live import SessionStatus
 from mavdem.live.wind import WindRow
 from mavdem.view.live_content import Channels, ViewRow, figures, status_document
-from mavdem.view.live_view import MAX_ROWS, LiveView, RecordingFile, Sink, Viewer, WebServer, sinks_for
+from mavdem.view.live_view import (
+    MAX_ROWS,
+    LiveView,
+    RecordingFile,
+    Sink,
+    Viewer,
+    WebServer,
+    sinks_for,
+)
 
-PATIENCE = 20.0  # Seconds that a slow, busy machine may take for anything; on others nothing waits for them
-DT, HORIZONS = 0.01, (1, 25, 50)
+# Seconds that a slow, busy machine may take for anything; on others nothing waits for them
+PATIENCE = 20.0
+DT = 0.01
+HORIZONS = (1, 25, 50)
 MOTORS = tuple(f"motor {i} (somewhere)" for i in range(1, 5))
 UNITS = ("µs",) * 4, ("rad", "rad/s")
-CHANNELS = Channels("vehicle 1 on udpin:127.0.0.1:14550", DT, HORIZONS, MOTORS, ("roll", "roll rate"), *UNITS)
+CHANNELS = Channels(
+    "vehicle 1 on udpin:127.0.0.1:14550", DT, HORIZONS, MOTORS, ("roll", "roll rate"), *UNITS
+)
 LATE = 0.04  # Seconds from the centre of a window to its end
 
 
@@ -48,15 +60,31 @@ def model(seed: int) -> LinearModel:
 def estimate(i: int, time: float) -> Estimate:
     """All its numbers differ, and differ from those of other samples."""
     rng = np.random.default_rng(i)
-    sizes = {"expected": 2, "expected_band": 2, "ahead": (3, 2), "ahead_band": (3, 2), "disturbance": 3}
+    sizes = {
+        "expected": 2,
+        "expected_band": 2,
+        "ahead": (3, 2),
+        "ahead_band": (3, 2),
+        "disturbance": 3,
+    }
     times = {"time": time, "seen": time - LATE, "until": time - 0.1, "wind_time": time - 0.25}
-    energies = {"free_energy": -100.0 - i, "free_energy_action": -1000.0 - i // 10, "surprise": i % 50 / 10}
+    energies = {
+        "free_energy": -100.0 - i,
+        "free_energy_action": -1000.0 - i // 10,
+        "surprise": i % 50 / 10,
+    }
     models = {"model": MODELS[i // 10], "log_precisions": np.array([20.0, i // 10])}
-    torque = {"wind_torque": np.nan if i < 40 else 0.1 * i, "wind_torque_band": 0.01 * i, "unusual": i % 50 == 40}
+    torque = {
+        "wind_torque": np.nan if i < 40 else 0.1 * i,
+        "wind_torque_band": 0.01 * i,
+        "unusual": i % 50 == 40,
+    }
     ratios = np.array([[0.1, 0.2], [0.3, 0.4], [0.7, 0.8]])
     known = {name: rng.normal(size=size) for name, size in sizes.items()}
     later = time + DT * np.array(HORIZONS)
-    return Estimate(**times, **energies, **models, **torque, **known, ahead_times=later, ahead_ratio=ratios)
+    return Estimate(
+        **times, **energies, **models, **torque, **known, ahead_times=later, ahead_ratio=ratios
+    )
 
 
 MODELS = [model(seed) for seed in range(40)]
@@ -69,13 +97,17 @@ WIND = WindRow(59.25, np.array([3.0, -4.0]), np.array([0.5, 0.5]))
 ROW = (50.0, 0.0, 0, OUTPUTS[0], INPUTS[0])
 
 
-def drawn(path: Path, ignored: str = "") -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
+def drawn(
+    path: Path, ignored: str = ""
+) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
     """Times, s, and values of every entity of lines, by path without its slash, in the order of their times."""
     times: dict[str, list[float]] = {}
     values: dict[str, list[list[float]]] = {}
     for name, _, batch in chunks(path):
         if "Scalars:scalars" in batch.schema.names and name not in ignored:
-            times.setdefault(name, []).extend(np.array(batch.column("boot clock").cast("int64")) / 1e9)
+            times.setdefault(name, []).extend(
+                np.array(batch.column("boot clock").cast("int64")) / 1e9
+            )
             values.setdefault(name, []).extend(batch.column("Scalars:scalars").to_pylist())
     return {name: (np.array(times[name]), np.array(values[name])) for name in times}
 
@@ -121,7 +153,11 @@ def recording(tmp_path_factory: pytest.TempPathFactory):
     rates = {"ATTITUDE": 99.4}
     with showing(RecordingFile(path)) as view:
         view.log(Occurrence(50.0, "attached"))
-        view.status(SessionStatus(rates=rates, lost=7, latency=(0.012, 0.02), learned=300, obstacle="no motion"))
+        view.status(
+            SessionStatus(
+                rates=rates, lost=7, latency=(0.012, 0.02), learned=300, obstacle="no motion"
+            )
+        )
         for t, y, u, known in zip(TIME, OUTPUTS, INPUTS, ESTIMATES, strict=True):
             view.put(t, 0.0, 0, y, u, known, None, WIND._replace(time=round(t, 1)))
         view.log(Occurrence(TIME[-1], "link lost"))
@@ -130,7 +166,9 @@ def recording(tmp_path_factory: pytest.TempPathFactory):
 
 
 @pytest.mark.parametrize(("column", "name"), list(enumerate(CHANNELS.output_names)))
-def test_outputs_and_predictions_a_quarter_of_a_second_ahead_are_in_degrees_at_their_times(recording, column, name):
+def test_outputs_and_predictions_a_quarter_of_a_second_ahead_are_in_degrees_at_their_times(
+    recording, column, name
+):
     lines = drawn(recording)
     measured = np.degrees(OUTPUTS[:, column])
     times, values = lines[f"outputs/{name}/1_measured"]
@@ -139,17 +177,22 @@ def test_outputs_and_predictions_a_quarter_of_a_second_ahead_are_in_degrees_at_t
     times, values = lines[f"outputs/{name}/2_predicted"]
     np.testing.assert_allclose(times, TIME + 25 * DT, atol=1e-8)
     assert np.isnan(values[:20]).all()
-    centre, half = (np.array([getattr(e, part)[1, column] for e in TOLD]) for part in ("ahead", "ahead_band"))
+    centre, half = (
+        np.array([getattr(e, part)[1, column] for e in TOLD]) for part in ("ahead", "ahead_band")
+    )
     sight = measured.min() - 0.3 * np.ptp(measured), measured.max() + 0.3 * np.ptp(measured)
     np.testing.assert_allclose(values[20:, 0], np.clip(np.degrees(centre), *sight))
     times, edges = lines[f"outputs/{name}/0_band"]
     np.testing.assert_allclose(times, np.repeat(TIME + 25 * DT, 2), atol=1e-8)
-    np.testing.assert_allclose(edges[40:, 0], np.clip(np.degrees([centre - half, centre + half]), *sight).T.ravel())
+    np.testing.assert_allclose(
+        edges[40:, 0], np.clip(np.degrees([centre - half, centre + half]), *sight).T.ravel()
+    )
 
 
 def test_what_is_estimated_is_drawn_at_the_times_it_is_about(recording):
     seen, surprise, energy = np.array([(e.seen, e.surprise, e.free_energy) for e in TOLD]).T
-    unusual, torques = np.array([e.unusual for e in TOLD]), np.degrees(0.1 * np.arange(20.0, 300))
+    unusual = np.array([e.unusual for e in TOLD])
+    torques = np.degrees(0.1 * np.arange(20.0, 300))
     torques[:20] = np.nan
     expected = {
         "free_energy_of_samples": (seen, energy[:, None]),
@@ -158,7 +201,8 @@ def test_what_is_estimated_is_drawn_at_the_times_it_is_about(recording):
         "wind/1_torque": (TIME[20:] - 0.25, torques[:, None]),
         "free_energy_action": (TIME[20::10], -1000.0 - np.arange(2.0, 30)[:, None]),  # once a model
         "command": (TIME, INPUTS),
-        "air/speed": (np.unique(TIME.round(1)), np.tile([5.0, 4.5, 5.5], (31, 1))),  # each row of the wind once
+        # each row of the wind once
+        "air/speed": (np.unique(TIME.round(1)), np.tile([5.0, 4.5, 5.5], (31, 1))),
     }
     lines = drawn(recording)
     for path, (times, values) in expected.items():
@@ -166,22 +210,40 @@ def test_what_is_estimated_is_drawn_at_the_times_it_is_about(recording):
         np.testing.assert_allclose(lines[path][1], values)
     times, edges = lines["wind/0_band"]
     np.testing.assert_allclose(times, np.repeat(TIME[20:] - 0.25, 2), atol=1e-8)
-    np.testing.assert_allclose(np.diff(edges[160:360, 0])[::2], np.degrees(0.02 * np.arange(100, 200)))
+    np.testing.assert_allclose(
+        np.diff(edges[160:360, 0])[::2], np.degrees(0.02 * np.arange(100, 200))
+    )
 
 
 def test_log_status_and_blueprint_show_what_is_there_in_batches_that_are_not_tiny(recording):
     assert [text for text in texts(recording) if "unusual" not in text] == ["attached", "link lost"]
     document = texts(recording, "TextDocument:text")[-1]
-    for fact in (CHANNELS.title, "300 at 100 Hz", "99.4 Hz", "frames lost: 7", "12 ms", "No motion.", "0.1 s ago"):
+    for fact in (
+        CHANNELS.title,
+        "300 at 100 Hz",
+        "99.4 Hz",
+        "frames lost: 7",
+        "12 ms",
+        "No motion.",
+        "0.1 s ago",
+    ):
         assert fact in document
     entities = {name: batch.num_rows for name, _, batch in chunks(recording)}
-    assert min(rows for name, rows in entities.items() if name.startswith(("outputs", "command"))) >= 100
+    assert (
+        min(rows for name, rows in entities.items() if name.startswith(("outputs", "command")))
+        >= 100
+    )
     assert len(views(recording)) == 16
-    for origin in set(views(recording)) - {"noise_precisions"}:  # drawn from the first batch of learning on
-        assert any(f"{entity}/".startswith(f"{origin}/") for entity in entities), f"the view of {origin} is empty"
+    # drawn from the first batch of learning on
+    for origin in set(views(recording)) - {"noise_precisions"}:
+        assert any(f"{entity}/".startswith(f"{origin}/") for entity in entities), (
+            f"the view of {origin} is empty"
+        )
 
 
-def test_an_alarm_is_an_error_in_the_log_and_marks_its_beginning_in_every_plot(tmp_path: Path) -> None:
+def test_an_alarm_is_an_error_in_the_log_and_marks_its_beginning_in_every_plot(
+    tmp_path: Path,
+) -> None:
     path = tmp_path / "flight.rrd"
     with showing(RecordingFile(path)) as view:
         for t, y, u, known in zip(TIME, OUTPUTS, INPUTS, ESTIMATES, strict=True):
@@ -189,7 +251,14 @@ def test_an_alarm_is_an_error_in_the_log_and_marks_its_beginning_in_every_plot(t
         view.log(Occurrence(52.9, "Alarm: motor 1 lost some thrust.", "ERROR", 51.25))
     marks = {name: line for name, line in drawn(path).items() if name.endswith("changes")}
     assert {name.rsplit("/", 1)[0] for name in marks} == {
-        *("outputs/roll", "outputs/roll rate", "wind", "command", "free_energy_of_samples", "surprise")
+        *(
+            "outputs/roll",
+            "outputs/roll rate",
+            "wind",
+            "command",
+            "free_energy_of_samples",
+            "surprise",
+        )
     }
     for times, values in marks.values():
         np.testing.assert_allclose(times[np.isfinite(values[:, 0])], 51.25)
@@ -199,7 +268,9 @@ def test_an_alarm_is_an_error_in_the_log_and_marks_its_beginning_in_every_plot(t
         for _, _, batch in chunks(path)
         if "TextLog:level" in batch.schema.names
         for level in zip(
-            batch.column("TextLog:text").to_pylist(), batch.column("TextLog:level").to_pylist(), strict=True
+            batch.column("TextLog:text").to_pylist(),
+            batch.column("TextLog:level").to_pylist(),
+            strict=True,
         )
     ]
     assert (["Alarm: motor 1 lost some thrust."], ["ERROR"]) in levels
@@ -208,14 +279,18 @@ def test_an_alarm_is_an_error_in_the_log_and_marks_its_beginning_in_every_plot(t
 
 @pytest.mark.slow
 @pytest.mark.parametrize("changed", [False, True])
-def test_what_happens_is_logged_with_its_time_and_size_and_a_motor_s_step_is_no_gust(tmp_path, changed):
+def test_what_happens_is_logged_with_its_time_and_size_and_a_motor_s_step_is_no_gust(
+    tmp_path, changed
+):
     path = tmp_path / "flight.rrd"
     torque = np.random.default_rng(1).normal(size=4000)
     torque[3200:3250] = 20.0
     with showing(RecordingFile(path)) as view:
         for i, one in enumerate(torque):
             now = estimate(20, 50.0 + DT * i)
-            now = now._replace(wind_torque=one, wind_torque_band=0.5, unusual=3500 <= i < 3600, surprise=7.0)
+            now = now._replace(
+                wind_torque=one, wind_torque_band=0.5, unusual=3500 <= i < 3600, surprise=7.0
+            )
             view.put(now.time, 0.0, 0, OUTPUTS[0], INPUTS[0], now)
             if changed and i == 100:
                 until(lambda: not view._threads[0]._rows)
@@ -227,24 +302,34 @@ def test_what_happens_is_logged_with_its_time_and_size_and_a_motor_s_step_is_no_
         return
     (gust,) = gusts
     assert gust.endswith(" °/s² for 0.5 s") and unusual == "unusual motion: surprise 7"
-    assert float(gust.split()[1]) == pytest.approx(np.degrees(20.0), rel=0.01)  # beside the torque so far
-    stamps = [np.array(batch.column("boot clock").cast("int64")) for name, _, batch in chunks(path) if name == "log"]
+    # beside the torque so far
+    assert float(gust.split()[1]) == pytest.approx(np.degrees(20.0), rel=0.01)
+    stamps = [
+        np.array(batch.column("boot clock").cast("int64"))
+        for name, _, batch in chunks(path)
+        if name == "log"
+    ]
     assert sorted(np.concatenate(stamps) / 1e9) == pytest.approx([81.75, 85.0 - LATE], abs=0.02)
 
 
 @pytest.mark.slow
 def test_a_flight_is_shown_as_it_is_learned_from(tmp_path):
-    log, path = Path(__file__).parents[2] / "logs" / "ardupilot_wind5_steps.tlog", tmp_path / "flight.rrd"
+    log = Path(__file__).parents[2] / "logs" / "ardupilot_wind5_steps.tlog"
+    path = tmp_path / "flight.rrd"
     flight = mavdem.read_flight(log)[:400]
     up = np.array(flight.effect_directions) / 2
     channels = CHANNELS._replace(dt=flight.dt, input_names=flight.input_names, command=tuple(up))
     learner = mavdem.OnlineLearner(dt=flight.dt, n_inputs=4, n_outputs=2, horizons=HORIZONS)
     with showing(RecordingFile(path), channels=channels) as view:
         for now, outputs, inputs in zip(flight.time, flight.outputs, flight.inputs, strict=True):
-            view.put(now, 0.0, 0, outputs, inputs, learner.update(now, outputs, inputs), learner.learned)
+            view.put(
+                now, 0.0, 0, outputs, inputs, learner.update(now, outputs, inputs), learner.learned
+            )
     assert view.troubles == []
     lines = drawn(path)
-    np.testing.assert_allclose(lines["outputs/roll/1_measured"][1][:, 0], np.degrees(flight.outputs[:, 0]))
+    np.testing.assert_allclose(
+        lines["outputs/roll/1_measured"][1][:, 0], np.degrees(flight.outputs[:, 0])
+    )
     np.testing.assert_allclose(lines["command"][1][:, 0], flight.inputs @ up)
     assert len(lines["free_energy_of_samples"][0]) > 80
     times, precisions = lines["noise_precisions"]
@@ -254,15 +339,30 @@ def test_a_flight_is_shown_as_it_is_learned_from(tmp_path):
 
 def test_other_channels_continue_the_lines_under_their_own_names(tmp_path):
     path = tmp_path / "flight.rrd"
-    demand = CHANNELS._replace(dt=0.02, horizons=(1, 12, 50), input_names=("roll demand",), input_units=("",))
+    demand = CHANNELS._replace(
+        dt=0.02, horizons=(1, 12, 50), input_names=("roll demand",), input_units=("",)
+    )
     with showing(RecordingFile(path)) as view:
         for i, channels in enumerate([CHANNELS, CHANNELS, demand, demand, demand, CHANNELS]):
             view.change(channels)
-            view.put(TIME[i], 0.0, 0, OUTPUTS[i], INPUTS[i][: len(channels.input_names)], estimate(20 + i, TIME[i]))
-    rows = [batch.column("Scalars:scalars").to_pylist() for name, _, batch in chunks(path) if name == "command"]
+            view.put(
+                TIME[i],
+                0.0,
+                0,
+                OUTPUTS[i],
+                INPUTS[i][: len(channels.input_names)],
+                estimate(20 + i, TIME[i]),
+            )
+    rows = [
+        batch.column("Scalars:scalars").to_pylist()
+        for name, _, batch in chunks(path)
+        if name == "command"
+    ]
     assert sorted(len(values) for batch in rows for values in batch) == [1, 1, 1, 4, 4, 4]
     lines = drawn(path, ignored="command")
-    np.testing.assert_allclose(lines["outputs/roll/1_measured"][1][:, 0], np.degrees(OUTPUTS[:6, 0]))
+    np.testing.assert_allclose(
+        lines["outputs/roll/1_measured"][1][:, 0], np.degrees(OUTPUTS[:6, 0])
+    )
     np.testing.assert_allclose(lines["outputs/roll/2_predicted"][0][2:5], TIME[2:5] + 0.25)
 
 
@@ -271,12 +371,28 @@ def test_a_gap_parts_every_line_and_time_goes_on_where_a_reboot_sets_the_clock_b
     with showing(RecordingFile(path)) as view:
         for segment, (start, shift) in enumerate(((498.9, 0.0), (500.0, 0.0), (3.0, 498.0))):
             for i in range(10):
-                view.put(start + DT * i, shift, segment, OUTPUTS[i], INPUTS[i], estimate(20, start + DT * i))
-    lines, ten = drawn(path), DT * np.arange(10)
+                view.put(
+                    start + DT * i,
+                    shift,
+                    segment,
+                    OUTPUTS[i],
+                    INPUTS[i],
+                    estimate(20, start + DT * i),
+                )
+    lines = drawn(path)
+    ten = DT * np.arange(10)
     shown = np.concatenate([498.9 + ten, 500.0 + ten, 501.0 + ten])
-    for name, width in (("command", 4), ("outputs/roll/1_measured", 1), ("outputs/roll/2_predicted", 1)):
+    for name, width in (
+        ("command", 4),
+        ("outputs/roll/1_measured", 1),
+        ("outputs/roll/2_predicted", 1),
+    ):
         times, values = lines[name]
-        assert values.shape == (32, width) and np.isnan(values[[10, 21]]).all() and (np.diff(times) > 0).all()
+        assert (
+            values.shape == (32, width)
+            and np.isnan(values[[10, 21]]).all()
+            and (np.diff(times) > 0).all()
+        )
     np.testing.assert_allclose(np.delete(lines["command"][0], [10, 21]), shown, atol=1e-8)
     np.testing.assert_allclose(lines["free_energy_of_samples"][0], shown - LATE, atol=1e-8)
     assert "boot clock: 3.1 s" in texts(path, "TextDocument:text")[-1]
@@ -298,8 +414,10 @@ class Held(RecordingFile):
 
 @pytest.mark.slow
 def test_a_stalled_sink_holds_up_nobody_and_loses_the_oldest_rows_only(tmp_path):
-    stalled, other = Held(tmp_path / "stalled.rrd"), RecordingFile(tmp_path / "other.rrd")
-    known, rows = estimate(20, 50.0), MAX_ROWS + 1000
+    stalled = Held(tmp_path / "stalled.rrd")
+    other = RecordingFile(tmp_path / "other.rrd")
+    known = estimate(20, 50.0)
+    rows = MAX_ROWS + 1000
     with showing(stalled, other) as view:
         waiting = view._threads[1]._rows
         # Comes to its end, although the first sink takes nothing.
@@ -311,7 +429,9 @@ def test_a_stalled_sink_holds_up_nobody_and_loses_the_oldest_rows_only(tmp_path)
         stalled.go.set()
     assert view.troubles == []
     assert len(drawn(other.path)["command"][0]) == rows
-    np.testing.assert_allclose(drawn(stalled.path)["command"][0], 50.0 + DT * np.arange(1000, rows), atol=1e-7)
+    np.testing.assert_allclose(
+        drawn(stalled.path)["command"][0], 50.0 + DT * np.arange(1000, rows), atol=1e-7
+    )
     assert "1000 rows are not shown here: this view is too slow" in texts(stalled.path)
 
 
@@ -323,14 +443,26 @@ def test_figures_and_status_show_what_is_known_and_a_model_outlives_the_flight()
     assert all("### –" in figure for figure in others)
     assert "No model yet. The vehicle is on the ground." in status_document(status, row, None)
     landed = status_document(status, row, 55.0)
-    assert "No model" not in landed and "learned up to 5.0 s ago" in landed and "on the ground." in landed
-    physical = SimpleNamespace(
-        mean_effect=lambda level: (0.1, 0.01), damping=3.0, interval=lambda level: SimpleNamespace(damping=np.nan)
+    assert (
+        "No model" not in landed
+        and "learned up to 5.0 s ago" in landed
+        and "on the ground." in landed
     )
-    status = SessionStatus(wind=WIND, learned=4200, ahead=(0.25, np.radians(2.0)), useful=(0.5, 0.41))
+    physical = SimpleNamespace(
+        mean_effect=lambda level: (0.1, 0.01),
+        damping=3.0,
+        interval=lambda level: SimpleNamespace(damping=np.nan),
+    )
+    status = SessionStatus(
+        wind=WIND, learned=4200, ahead=(0.25, np.radians(2.0)), useful=(0.5, 0.41)
+    )
     now = estimate(60, 60.0)._replace(physical=physical)
     shown = "\n".join(figures(status, row._replace(estimate=now), 59.0))
-    for words in ("learning, 42 s learned", "± 2.0°\n0.25 s ahead (90 %); error ratio 0.41 at 0.5 s", "340 ± 30 °/s²"):
+    for words in (
+        "learning, 42 s learned",
+        "± 2.0°\n0.25 s ahead (90 %); error ratio 0.41 at 0.5 s",
+        "340 ± 30 °/s²",
+    ):
         assert words in shown
     assert "5.7 ± 0.6 °/s² per µs\nrate damping not identifiable" in shown
     assert "Wind\n### 5.0 m/s (4.5 to 5.5) ↖\nfrom SE (127°) ↖, ± 7° (90 %), 0.8 s ago" in shown
@@ -355,8 +487,10 @@ def test_a_row_that_cannot_be_drawn_and_a_file_that_cannot_be_written_end_nothin
 @pytest.mark.slow
 def test_a_killed_process_or_a_full_disk_leaves_a_file_that_opens(tmp_path, monkeypatch):
     monkeypatch.setattr("mavdem.view.live_view.FLUSH_SECONDS", 0.5)
-    path, killed = tmp_path / "flight.rrd", tmp_path / "killed.rrd"
-    sink, limits = RecordingFile(path), resource.getrlimit(resource.RLIMIT_FSIZE)
+    path = tmp_path / "flight.rrd"
+    killed = tmp_path / "killed.rrd"
+    sink = RecordingFile(path)
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     before = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     try:
         with showing(sink) as view:
@@ -383,7 +517,13 @@ def test_what_was_asked_for_is_shown_or_refused(monkeypatch, tmp_path):
     assert sinks_for() == []
     assert [type(sink) for sink in sinks_for(rrd=tmp_path / "flight.rrd")] == [RecordingFile]
     assert [type(sink) for sink in sinks_for(connect="rerun+http://127.0.0.1:1/proxy")] == [Viewer]
-    for url in ("", "127.0.0.1:9876", "http://127.0.0.1:9876/proxy", "rerun+http://:1/proxy", "rerun://x:99999/proxy"):
+    for url in (
+        "",
+        "127.0.0.1:9876",
+        "http://127.0.0.1:9876/proxy",
+        "rerun+http://:1/proxy",
+        "rerun://x:99999/proxy",
+    ):
         with pytest.raises(ValueError, match="looks like rerun\\+http://127.0.0.1:9876/proxy"):
             Viewer(url)
 
@@ -412,7 +552,9 @@ time.sleep(3600)
 
 
 @pytest.mark.slow
-def test_the_server_is_reached_from_this_machine_only_reports_to_nobody_and_ends_with_who_started_it(tmp_path):
+def test_the_server_is_reached_from_this_machine_only_reports_to_nobody_and_ends_with_who_started_it(
+    tmp_path,
+):
     ports = free_port(), free_port()
     unset = ("CI", "XDG_CONFIG_HOME", "XDG_DATA_HOME")
     environment = {name: value for name, value in os.environ.items() if name not in unset}
@@ -425,7 +567,9 @@ def test_the_server_is_reached_from_this_machine_only_reports_to_nobody_and_ends
         return {tuple(socket.laddr) for socket in sockets if socket.status == psutil.CONN_LISTEN}
 
     with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) as owner:
-        assert until(lambda: len(listening()) == 2 and listening()) == {("127.0.0.1", port) for port in ports}
+        assert until(lambda: len(listening()) == 2 and listening()) == {
+            ("127.0.0.1", port) for port in ports
+        }
         page = owner.stdout.readline().strip()
         with showing(Viewer(f"rerun+http://127.0.0.1:{ports[0]}/proxy")) as view:
             view.put(*ROW)

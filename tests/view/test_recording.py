@@ -20,7 +20,8 @@ from mavdem.view.flown import Pose, _plots, write_pose
 from mavdem.view.recording import FlightSeries
 
 FLIGHT = mavdem.read_flight(Path(__file__).parents[2] / "logs" / "ardupilot_wind5_steps.tlog")
-PARTS, TEST = (FLIGHT[:380], FLIGHT[400:800]), FLIGHT[800:900]
+PARTS = (FLIGHT[:380], FLIGHT[400:800])
+TEST = FLIGHT[800:900]
 TIME = np.concatenate([part.time for part in PARTS])
 CHANGED = float(TIME[100])
 SETTINGS = mavdem.Settings(order=2, window=9, parameter_precision=0.1, iterations=5)
@@ -46,14 +47,24 @@ def lines(path: Path) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         if "Scalars:scalars" in batch.schema.names and "boot clock" in chunk.timeline_names:
             folder, line = name.rsplit("/", 1)
             times = np.array(batch.column("boot clock").cast("int64")) / 1e9
-            found[f"{folder}/{line.split(' ', 1)[1]}"] = times, np.ravel(batch.column("Scalars:scalars").to_pylist())
+            found[f"{folder}/{line.split(' ', 1)[1]}"] = (
+                times,
+                np.ravel(batch.column("Scalars:scalars").to_pylist()),
+            )
     return found
 
 
 def documents(path: Path) -> dict[str, str]:
-    batches = {str(chunk.entity_path): chunk.to_record_batch() for chunk in RrdReader(path).stream()}
-    texts = {name: batch for name, batch in batches.items() if "TextDocument:text" in batch.schema.names}
-    return {name: str(batch.column("TextDocument:text").to_pylist()[0][0]) for name, batch in texts.items()}
+    batches = {
+        str(chunk.entity_path): chunk.to_record_batch() for chunk in RrdReader(path).stream()
+    }
+    texts = {
+        name: batch for name, batch in batches.items() if "TextDocument:text" in batch.schema.names
+    }
+    return {
+        name: str(batch.column("TextDocument:text").to_pylist()[0][0])
+        for name, batch in texts.items()
+    }
 
 
 def without_gaps(line: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
@@ -62,8 +73,11 @@ def without_gaps(line: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.nd
 
 
 @pytest.mark.parametrize(("column", "name"), list(enumerate(TEST.output_names)))
-def test_outputs_and_residuals_are_those_of_flight_and_model_in_degrees(recording, learned, column, name):
-    drawn, window = lines(recording), TEST.time
+def test_outputs_and_residuals_are_those_of_flight_and_model_in_degrees(
+    recording, learned, column, name
+):
+    drawn = lines(recording)
+    window = TEST.time
     forecast = learned.forecast(TEST.inputs)[:, column]
     half = learned.forecast_band(TEST.inputs, 0.9)[:, column]
     measured = np.concatenate([*(part.outputs for part in PARTS), TEST.outputs])[:, column]
@@ -78,7 +92,9 @@ def test_outputs_and_residuals_are_those_of_flight_and_model_in_degrees(recordin
         np.testing.assert_allclose(shown, np.degrees(values), rtol=1e-9, atol=1e-9)
     # A gap after each segment, and a band as upright strokes.
     times, shown = drawn[f"outputs/{name}/measured"]
-    np.testing.assert_allclose(times[np.isnan(shown)], [part.time[-1] for part in (*PARTS, TEST)], atol=1e-8)
+    np.testing.assert_allclose(
+        times[np.isnan(shown)], [part.time[-1] for part in (*PARTS, TEST)], atol=1e-8
+    )
     times, edges = without_gaps(drawn[f"residuals/{name}/90 % band"])
     np.testing.assert_allclose(times, np.repeat(window, 2), atol=1e-8)
     np.testing.assert_allclose(edges[1::2], np.minimum(np.degrees(half), edges.max()), rtol=1e-9)
@@ -87,7 +103,8 @@ def test_outputs_and_residuals_are_those_of_flight_and_model_in_degrees(recordin
 
 
 def test_the_command_and_the_wind_s_torque_are_over_the_training_data(recording, learned):
-    drawn, command = lines(recording), AxisCommand.of(learned)
+    drawn = lines(recording)
+    command = AxisCommand.of(learned)
     assert learned.wind is not None and learned.wind.reason is None
     expected = {
         "command/roll command": command.series(np.vstack([part.inputs for part in PARTS])),
@@ -112,16 +129,21 @@ def test_a_forecast_beyond_all_numbers_leaves_the_measured_in_sight(learned):
     held_out = held_out_test(PARTS[-1], TEST, learned)
     away = np.exp(np.linspace(0, 700, len(TEST)))[None, :, None] * held_out.forecasts["forecast"]
     away[:, -3:] = [[np.inf, -np.inf], [np.nan, np.nan], [1.0, 1.0]]
-    diverging = replace(held_out, forecasts=held_out.forecasts | {"forecast": away}, band=np.abs(away))
+    diverging = replace(
+        held_out, forecasts=held_out.forecasts | {"forecast": away}, band=np.abs(away)
+    )
     measured = np.degrees(np.vstack([part.outputs for part in (*PARTS, TEST)])[:, 0])
     for plot in FlightSeries(PARTS, learned, diverging).output(0):
         low, high = plot.range
         assert np.ptp(measured) / 4 < high - low <= 2 * np.ptp(measured)
 
 
-def test_the_one_blueprint_in_the_file_shows_what_is_there_in_the_screen_s_words(recording, learned):
+def test_the_one_blueprint_in_the_file_shows_what_is_there_in_the_screen_s_words(
+    recording, learned
+):
     found = documents(recording)
-    shown, held_out = views(recording), held_out_test(PARTS[-1], TEST, learned)
+    shown = views(recording)
+    held_out = held_out_test(PARTS[-1], TEST, learned)
     entities = {str(chunk.entity_path).replace("\\", "") for chunk in RrdReader(recording).stream()}
     assert {"outputs/roll", "wind", "command", "effect/bars", "learning/gap"} <= set(shown)
     for origin in shown:
@@ -136,7 +158,9 @@ ROTORS = 0.2 * np.array([[1.0, 1.0], [-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0]])
 
 
 def pose(**instead) -> Pose:
-    columns = {field.name: getattr(MOTION, field.name) for field in fields(Pose) if field.name != "rotors"}
+    columns = {
+        field.name: getattr(MOTION, field.name) for field in fields(Pose) if field.name != "rotors"
+    }
     return Pose(**(columns | instead), rotors=ROTORS)
 
 
@@ -150,7 +174,11 @@ def columns(tmp_path_factory: pytest.TempPathFactory):
     for name, chunk, batch in chunks(path):
         if "boot clock" not in chunk.timeline_names:
             continue
-        own = {part.split(":")[-1]: batch.column(part).to_pylist() for part in batch.schema.names if ":" in part}
+        own = {
+            part.split(":")[-1]: batch.column(part).to_pylist()
+            for part in batch.schema.names
+            if ":" in part
+        }
         own["time"] = np.array(batch.column("boot clock").cast("int64")) / 1e9
         found.setdefault(f"/{name}", {}).update(own)
     return found
@@ -158,10 +186,13 @@ def columns(tmp_path_factory: pytest.TempPathFactory):
 
 @pytest.mark.slow
 def test_the_vehicle_is_where_it_was_and_turned_as_it_was(columns):
-    here, vehicle = columns["/world/here"], columns["/world/here/vehicle"]
+    here = columns["/world/here"]
+    vehicle = columns["/world/here/vehicle"]
     rows = np.searchsorted(MOTION.time, here["time"] - 1e-6)
     assert len(rows) == pytest.approx(50 * 20, abs=2)
-    np.testing.assert_allclose(np.array(here["translation"])[:, 0], MOTION.position[rows], atol=1e-6)
+    np.testing.assert_allclose(
+        np.array(here["translation"])[:, 0], MOTION.position[rows], atol=1e-6
+    )
     x, y, z, w = np.array(vehicle["quaternion"])[:, 0].T
     np.testing.assert_allclose(np.column_stack([w, x, y, z]), MOTION.attitude[rows], atol=1e-6)
 
@@ -177,17 +208,26 @@ def test_thrust_points_up_and_the_wind_at_the_vehicle(columns):
 
 
 def test_lines_are_what_was_flown_and_errors_what_was_not_known(columns):
-    assert np.ravel(columns["/roll/0 roll"]["scalars"]).max() == pytest.approx(np.degrees(0.2), abs=0.1)
+    assert np.ravel(columns["/roll/0 roll"]["scalars"]).max() == pytest.approx(
+        np.degrees(0.2), abs=0.1
+    )
     for name in ("0 roll rate", "1 roll"):
         np.testing.assert_array_equal(np.ravel(columns[f"/errors/{name}"]["scalars"]), 0.0)
-    late = np.abs(MOTION.time - MOTION.time[pose().carries()][-1]) < 0.1  # what touch-down does is not in the range
+    # what touch-down does is not in the range
+    late = np.abs(MOTION.time - MOTION.time[pose().carries()][-1]) < 0.1
     assert np.ptp(_plots(pose(known_rates=MOTION.known_rates + 9.0 * late[:, None]))[2].range) < 1.0
     for n, place in enumerate(("front right", "rear left", "front left", "rear right")):
         beyond = np.ravel(columns[f"/motors/{n} {place}"]["scalars"])
-        np.testing.assert_allclose(beyond, MOTION.outputs[:, n] - MOTION.outputs.mean(axis=1), atol=1e-9)
+        np.testing.assert_allclose(
+            beyond, MOTION.outputs[:, n] - MOTION.outputs.mean(axis=1), atol=1e-9
+        )
 
 
 def test_a_flight_that_never_takes_off_and_a_name_that_is_no_text(tmp_path):
-    still = pose(armed=np.zeros(len(MOTION), dtype=bool), rotor_speeds=np.zeros((len(MOTION), 4)), wind=0 * MOTION.wind)
+    still = pose(
+        armed=np.zeros(len(MOTION), dtype=bool),
+        rotor_speeds=np.zeros((len(MOTION), 4)),
+        wind=0 * MOTION.wind,
+    )
     write_pose(tmp_path / "still.rrd", "\udcff", still)
     assert (tmp_path / "still.rrd").stat().st_size > 1000

@@ -111,7 +111,8 @@ def read(logs: tuple[Path, ...]) -> None:
     print("| file | MB | reader | s | MB/s | messages | messages/s | mavdem is faster by |")
     print("|---|---|---|---|---|---|---|---|")
     for path in logs:
-        size, fastest = path.stat().st_size / 1e6, 0.0
+        size = path.stat().st_size / 1e6
+        fastest = 0.0
         for name, reader in READERS[path.suffix.lower()].items():
             if importlib.util.find_spec(name) is None:
                 continue
@@ -129,17 +130,23 @@ def fleet(logs: tuple[Path, ...]) -> None:
     """What logs cost a fleet: CPU seconds for the rows and the page of each, by format and tier, on one core."""
     stay_in_this_process()
     threadpool_limits(limits=1, user_api="blas")
-    kinds, every = dict[str, list[float]](), list[float]()
+    kinds = dict[str, list[float]]()
+    every = list[float]()
     rows_of_log(logs[0], "", flight_page)  # which loads the libraries
     for path in logs:
-        began, tier = time.process_time(), ""
+        began = time.process_time()
+        tier = ""
         with suppress(Unreadable):
             tier = best_tier(rows_of_log(path, path.name, flight_page)[0])
         every.append(time.process_time() - began)
-        kinds.setdefault(f"{path.suffix.lower()}, {f'tier {tier}' if tier else 'no flight'}", []).append(every[-1])
+        kinds.setdefault(
+            f"{path.suffix.lower()}, {f'tier {tier}' if tier else 'no flight'}", []
+        ).append(every[-1])
     print("| logs | number | CPU s each: mean | median | longest |\n|---|---|---|---|---|")
     for kind, spent in [*sorted(kinds.items()), ("all", every)]:
-        print(f"| {kind} | {len(spent)} | {mean(spent):.2f} | {median(spent):.2f} | {max(spent):.2f} |")
+        print(
+            f"| {kind} | {len(spent)} | {mean(spent):.2f} | {median(spent):.2f} | {max(spent):.2f} |"
+        )
     print(f"\nAt most {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MB.")
 
 
@@ -149,7 +156,8 @@ PORT = 14598
 
 def hover(rate: float) -> Iterator[tuple[float, bytes]]:
     """Datagrams with the second at which each is sent: attitude and motor outputs at ``rate`` Hz each, in the air."""
-    vehicle, rng = dialect.MAVLink(None, srcSystem=1, srcComponent=1), np.random.default_rng(0)
+    vehicle = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
+    rng = np.random.default_rng(0)
     roll = speed = wind = 0.0
     for tick in range(round(SECONDS * rate)):
         now = tick / rate
@@ -160,9 +168,15 @@ def hover(rate: float) -> Iterator[tuple[float, bytes]]:
         speed += (0.3 * push + wind - 4.0 * speed - 9.0 * roll) / rate
         roll += speed / rate
         stamp = 10_000 + now * 1e3
-        yield now, vehicle.attitude_encode(round(stamp), roll, 0.01, 0.2, speed, 0.0, 0.0).pack(vehicle)
+        yield (
+            now,
+            vehicle.attitude_encode(round(stamp), roll, 0.01, 0.2, speed, 0.0, 0.0).pack(vehicle),
+        )
         outputs = (1600 - push, 1600 + push, 1600 + push, 1600 - push, 0, 0, 0, 0)
-        yield now, vehicle.servo_output_raw_encode(round(stamp * 1e3) % 2**32, 0, *outputs).pack(vehicle)
+        yield (
+            now,
+            vehicle.servo_output_raw_encode(round(stamp * 1e3) % 2**32, 0, *outputs).pack(vehicle),
+        )
 
 
 def send(rate: float) -> None:
@@ -176,20 +190,42 @@ def send(rate: float) -> None:
 
 
 def over_udp(rate: float, folder: Path) -> str:
-    link, path = Link(f"udpin:127.0.0.1:{PORT}"), folder / f"{rate:.0f}.rrd"
+    link = Link(f"udpin:127.0.0.1:{PORT}")
+    path = folder / f"{rate:.0f}.rrd"
     vehicle = multiprocessing.get_context("spawn").Process(target=send, args=(rate,))
-    with closing(Dashboard("a hover", "roll", path, False, None)) as dashboard, LearningProcess() as executor:
+    with (
+        closing(Dashboard("a hover", "roll", path, False, None)) as dashboard,
+        LearningProcess() as executor,
+    ):
         shown = dashboard.open, dashboard.report, list[str]().append
-        session = LiveSession(link, LiveStream(), Settings(), *shown, executor, RawRecording(path.with_suffix(".tlog")))
+        session = LiveSession(
+            link,
+            LiveStream(),
+            Settings(),
+            *shown,
+            executor,
+            RawRecording(path.with_suffix(".tlog")),
+        )
         vehicle.start()
         while session.status.vehicle is None:
             session.step()
-        used, main, began = time.process_time(), time.thread_time(), time.monotonic()
+        used = time.process_time()
+        main = time.thread_time()
+        began = time.monotonic()
         _run(session, lambda: not vehicle.is_alive(), None)
-        spent, used, main = time.monotonic() - began, time.process_time() - used, time.thread_time() - main
+        spent = time.monotonic() - began
+        used = time.process_time() - used
+        main = time.thread_time() - main
     link.close()
-    now, shares = session.status, (f"{main / spent:.0%}", f"{used / spent:.0%}")
-    row = [f"{rate:.0f}", now.learned + now.shown, now.lost, *(f"{1e3 * each:.1f}" for each in now.latency), *shares]
+    now = session.status
+    shares = (f"{main / spent:.0%}", f"{used / spent:.0%}")
+    row = [
+        f"{rate:.0f}",
+        now.learned + now.shown,
+        now.lost,
+        *(f"{1e3 * each:.1f}" for each in now.latency),
+        *shares,
+    ]
     return f"| {' | '.join(map(str, row))} |"
 
 
@@ -201,7 +237,9 @@ def live(busy: bool) -> None:
     """
     for _ in range(busy * (os.cpu_count() or 1)):
         multiprocessing.Process(target=exec, args=("while True: pass",), daemon=True).start()
-    print("| Hz | rows | lost | median, ms | 99th percentile, ms | longest, ms | main thread | process, of a core |")
+    print(
+        "| Hz | rows | lost | median, ms | 99th percentile, ms | longest, ms | main thread | process, of a core |"
+    )
     print("|---|---|---|---|---|---|---|---|")
     with TemporaryDirectory() as folder:
         for rate in (50.0, 100.0, 200.0, 400.0):
@@ -213,7 +251,9 @@ def live(busy: bool) -> None:
 @click.argument("logs", nargs=-1, type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @click.option("--busy", is_flag=True, help="Beside a busy loop on every core.")
 def main(what: str, logs: tuple[Path, ...], busy: bool) -> None:
-    {"read": partial(read, logs), "fleet": partial(fleet, logs), "live": partial(live, busy)}[what]()
+    {"read": partial(read, logs), "fleet": partial(fleet, logs), "live": partial(live, busy)}[
+        what
+    ]()
 
 
 if __name__ == "__main__":

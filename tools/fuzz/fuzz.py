@@ -110,10 +110,14 @@ def check(kind: str, content: bytes) -> None:
     """Reads a file of the content, and asserts what is above."""
     if kind == "tlog":
         content = with_checksums(bytearray(content))
-        whole, blocks = whole_logs.read(content), whole_logs.in_small_blocks(content)
+        whole = whole_logs.read(content)
+        blocks = whole_logs.in_small_blocks(content)
         assert whole_logs.everything(whole) == whole_logs.everything(blocks), "blocks matter"
     folder = MEMORY if MEMORY.exists() else None
-    with tempfile.NamedTemporaryFile(suffix=f".{kind}", dir=folder) as file, io.StringIO() as printed:
+    with (
+        tempfile.NamedTemporaryFile(suffix=f".{kind}", dir=folder) as file,
+        io.StringIO() as printed,
+    ):
         file.write(content)
         file.flush()
         with contextlib.redirect_stdout(printed):

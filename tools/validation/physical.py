@@ -44,12 +44,19 @@ from sitl_scenarios.truth import truth
 Array = NDArray[np.float64]
 
 PARAMETERS = ("effect", "damping", "lag")
-STATUSES = {"reported": "", "biased": " (biased)", "not identifiable": " (no)"}  # and how it marks an estimate
+# and how it marks an estimate
+STATUSES = {"reported": "", "biased": " (biased)", "not identifiable": " (no)"}
 SPEEDS = {"iris": 1.0, "ardrone2": 0.6, "crazyflie": 0.3}  # of the winds, relative to those below
 WINDS = ("calm", "light", "Dryden, light", "Dryden, moderate", "jet", "gusts", "slow")
 STEERING: dict[str, dict[str, Any] | None] = {
     "none": None,
-    "multisine, 3°": {"kind": "multisine", "sd": 3.0, "lowest": 0.2, "highest": 4.0, "period": 10.0},
+    "multisine, 3°": {
+        "kind": "multisine",
+        "sd": 3.0,
+        "lowest": 0.2,
+        "highest": 4.0,
+        "period": 10.0,
+    },
     "doublets, 6°": {"kind": "doublets", "amplitude": 6.0, "width": 0.4, "period": 3.0},
     "side steps, 2 m": {"kind": "steps", "distance": 2.0, "period": 5.0},
     "pilot's sticks, 4°": {"kind": "sticks"},
@@ -74,11 +81,16 @@ def cases(seed: int, every: int = 1) -> list[Case]:
     places = list(product(SPEEDS, WINDS))
     kept = len(places) // every
     # Steering, and rates with autopilots, take turns: a part of the bank has as many of each.
-    drawn = [[(*places[number], one) for number in rng.permutation(len(places))[:kept]] for one in STEERING]
+    drawn = [
+        [(*places[number], one) for number in rng.permutation(len(places))[:kept]]
+        for one in STEERING
+    ]
     turns = [case for some in zip(*drawn, strict=True) for case in some]
     return [
         Case(vehicle, wind, steering, *stream, _varied(rng), int(rng.integers(1_000_000)))
-        for (vehicle, wind, steering), stream in zip(turns, cycle(product(RATES, ("px4", "ardupilot"))), strict=False)
+        for (vehicle, wind, steering), stream in zip(
+            turns, cycle(product(RATES, ("px4", "ardupilot"))), strict=False
+        )
     ]
 
 
@@ -96,15 +108,35 @@ def _varied(rng: np.random.Generator) -> dict[str, float]:
 
 
 def scenario(case: Case) -> Scenario:
-    k, moment = SPEEDS[case.vehicle], {"iris": 0.05, "ardrone2": 0.006, "crazyflie": 2e-5}[case.vehicle]  # N m, sd
+    # N m, sd
+    k = SPEEDS[case.vehicle]
+    moment = {"iris": 0.05, "ardrone2": 0.006, "crazyflie": 2e-5}[case.vehicle]
     winds: dict[str, list[dict[str, Any]]] = {
         "calm": [],
         "light": [{"kind": "gaussian", "sd": 0.5 * k, "s": 0.2}],
-        "Dryden, light": [{"kind": "dryden", "speed": 5 * k, "direction": 90.0, "wind_at_20_feet": 7.7 * k}],
-        "Dryden, moderate": [{"kind": "dryden", "speed": 5 * k, "direction": 70.0, "wind_at_20_feet": 15.4 * k}],
-        "jet": [{"kind": "jet", "speed": 6 * k, "distance": 3.0, "diameter": 0.5, "turbulence": 0.3, "s": 0.1}],
-        "gusts": [{"kind": "steady", "speed": 5 * k, "direction": 80.0}, {"kind": "gaussian", "sd": 1.5 * k, "s": 0.3}],
-        "slow": [{"kind": "von_karman", "speed": 4 * k, "direction": 120.0, "wind_at_20_feet": 10 * k}],
+        "Dryden, light": [
+            {"kind": "dryden", "speed": 5 * k, "direction": 90.0, "wind_at_20_feet": 7.7 * k}
+        ],
+        "Dryden, moderate": [
+            {"kind": "dryden", "speed": 5 * k, "direction": 70.0, "wind_at_20_feet": 15.4 * k}
+        ],
+        "jet": [
+            {
+                "kind": "jet",
+                "speed": 6 * k,
+                "distance": 3.0,
+                "diameter": 0.5,
+                "turbulence": 0.3,
+                "s": 0.1,
+            }
+        ],
+        "gusts": [
+            {"kind": "steady", "speed": 5 * k, "direction": 80.0},
+            {"kind": "gaussian", "sd": 1.5 * k, "s": 0.3},
+        ],
+        "slow": [
+            {"kind": "von_karman", "speed": 4 * k, "direction": 120.0, "wind_at_20_feet": 10 * k}
+        ],
     }
     moments = {"gusts": [{"sd": moment, "s": 0.05}], "slow": [{"sd": moment / 2, "s": 0.3}]}
     steering = STEERING[case.steering]
@@ -126,7 +158,8 @@ def truth_of(motion: Motion, of: Scenario, part: Flight) -> dict[str, Any]:
     landed = np.where(within & (motion.landed_state == IN_AIR), IN_AIR, 1).astype(np.uint8)
     known = truth(of, replace(motion, landed_state=landed))
     turning = np.interp(part.time, motion.time, known["roll_disturbance"])
-    damping, lag = -float(known["roll_A"][1, 1]), known["lag"][0]
+    damping = -float(known["roll_A"][1, 1])
+    lag = known["lag"][0]
     return {"effect": known["roll_effect"], "damping": damping, "lag": lag, "wind": turning}
 
 
@@ -146,7 +179,9 @@ def estimate_of(found: Physical, name: str) -> tuple[float, float]:
 
 def parts_of(flight: Flight) -> dict[int | None, Flight]:
     size = round(7.0 / flight.dt)
-    return {None: flight} | {i: flight[i * size : (i + 1) * size] for i in range(len(flight) // size)}
+    return {None: flight} | {
+        i: flight[i * size : (i + 1) * size] for i in range(len(flight) // size)
+    }
 
 
 class Estimate(NamedTuple):
@@ -170,7 +205,8 @@ def estimates(bank: Sequence[Case]) -> Iterator[Estimate]:
         log(f"{number} of {len(bank)}")
         try:
             of = scenario(case)
-            flight, motion = logged(of), fly(of)
+            flight = logged(of)
+            motion = fly(of)
         except (NotLearnable, Unreadable) as reason:
             log(f"{case}: refused: {reason}")
             continue
@@ -185,7 +221,9 @@ def estimates(bank: Sequence[Case]) -> Iterator[Estimate]:
 
 GROUPS: dict[str, Callable[[Case], bool]] = {
     **{name: lambda case, name=name: case.steering == name for name in STEERING},  # type: ignore[misc]
-    "multisine, 3°, 100 Hz or more": lambda case: case.steering.startswith("multisine") and case.rate >= 100,
+    "multisine, 3°, 100 Hz or more": lambda case: (
+        case.steering.startswith("multisine") and case.rate >= 100
+    ),
     "all": lambda case: True,
     **{f"all, {rate:.0f} Hz": lambda case, rate=rate: case.rate == rate for rate in RATES},  # type: ignore[misc]
     "all, thrust curve, lag, inertia and battery varied": lambda case: bool(case.varied),
@@ -205,26 +243,48 @@ def by_steering(name: str, every: Sequence[Estimate]) -> list[list[str]]:
             if not some:
                 continue
             row = [label, "flights" if whole else "7 s", str(len(some))]
-            row += [share(each.found.status[name] == status for each in some) for status in STATUSES]
-            reported, biased, _ = ([each for each in some if each.found.status[name] == one] for one in STATUSES)
+            row += [
+                share(each.found.status[name] == status for each in some) for status in STATUSES
+            ]
+            reported, biased, _ = (
+                [each for each in some if each.found.status[name] == one] for one in STATUSES
+            )
             if name == "effect":
-                by_motor = [(each.found.effect - each.true["effect"], each.found.interval(LEVEL)) for each in reported]
-                row.append(share(held for error, half in by_motor for held in abs(error) <= half.effect))
-            known, doubted = (np.reshape([each.error(name) for each in of], (-1, 2)) for of in (reported, biased))
+                by_motor = [
+                    (each.found.effect - each.true["effect"], each.found.interval(LEVEL))
+                    for each in reported
+                ]
+                row.append(
+                    share(held for error, half in by_motor for held in abs(error) <= half.effect)
+                )
+            known, doubted = (
+                np.reshape([each.error(name) for each in of], (-1, 2)) for of in (reported, biased)
+            )
             row.append(share(abs(known[:, 0]) <= known[:, 1]))
             errors = known[:, 0]
-            row += [f"{np.median(errors):+.0%}", f"{errors[np.argmax(abs(errors))]:+.0%}"] if reported else ["–", "–"]
+            row += (
+                [f"{np.median(errors):+.0%}", f"{errors[np.argmax(abs(errors))]:+.0%}"]
+                if reported
+                else ["–", "–"]
+            )
             rows.append([*row, share(abs(doubted[:, 0]) <= doubted[:, 1])])
     return rows
 
 
 def by_wind(label: str, every: Sequence[Estimate]) -> list[str]:
     """A row of the wind torque: how often intervals and band hold the truth."""
-    pairs = [(each.torque, each.true["wind"]) for each in every if each.torque and each.torque.resolved]
+    pairs = [
+        (each.torque, each.true["wind"]) for each in every if each.torque and each.torque.resolved
+    ]
     halves = [quantile(LEVEL) * torque.scale_error * torque.sd for torque, _ in pairs]
-    sizes = share(abs(torque.sd - true.std()) <= half for (torque, true), half in zip(pairs, halves, strict=True))
+    sizes = share(
+        abs(torque.sd - true.std()) <= half
+        for (torque, true), half in zip(pairs, halves, strict=True)
+    )
     means = share(abs(torque.mean - true.mean()) <= torque.mean_band for torque, true in pairs)
-    course = share(held for torque, true in pairs for held in np.abs(torque.torque - true) <= torque.band)
+    course = share(
+        held for torque, true in pairs for held in np.abs(torque.torque - true) <= torque.band
+    )
     return [label, str(len(pairs)), sizes, means, course]
 
 
@@ -232,15 +292,16 @@ def simulated(seed: int, every: int) -> None:
     """Share that is reported, and how often intervals hold the truth, by steering."""
     found = list(estimates(cases(seed, every)))
     click.echo(f"{len({each.case.seed for each in found})} flights, seed {seed}.\n")
-    heads, ends = (
-        ["steering", "of", "number", *STATUSES],
-        ["median error of the reported", "worst", "inside, where biased"],
-    )
+    heads = ["steering", "of", "number", *STATUSES]
+    ends = ["median error of the reported", "worst", "inside, where biased"]
     for name in PARAMETERS:
         insides = ["inside, each motor", "inside, mean"] if name == "effect" else ["inside"]
         table(f"**{name.capitalize()}**", [*heads, *insides, *ends], by_steering(name, found))
     heads = ["effect", "flights", "standard deviation inside", "mean inside", "course inside"]
-    rows = [by_wind(status, [each for each in found if each.found.status["effect"] == status]) for status in STATUSES]
+    rows = [
+        by_wind(status, [each for each in found if each.found.status["effect"] == status])
+        for status in STATUSES
+    ]
     table("**Wind torque**, where it is resolved", heads, rows)
 
 
@@ -252,10 +313,15 @@ def loop_flights(seed: int, every: int) -> Iterator[tuple[Scenario, Loop, dict[s
     """Flights with other gains and delays, their loops, and their truth."""
     rng = np.random.default_rng(seed)
     for number, case in enumerate(cases(seed, every), start=1):
-        of = scenario(case._replace(varied=case.varied | {"rate_gain": float(np.exp(rng.uniform(-0.5, 0.8)))}))
-        of = of.model_copy(update={"sensors": of.sensors.model_copy(update={"delay": rng.uniform(0.002, 0.012)})})
+        of = scenario(
+            case._replace(varied=case.varied | {"rate_gain": float(np.exp(rng.uniform(-0.5, 0.8)))})
+        )
+        of = of.model_copy(
+            update={"sensors": of.sensors.model_copy(update={"delay": rng.uniform(0.002, 0.012)})}
+        )
         try:
-            record, known = Record.of(logged(of)), truth(of, fly(of))
+            record = Record.of(logged(of))
+            known = truth(of, fly(of))
             if isinstance(plant := physical(record), NotIdentifiable):
                 raise NotLearnable(plant.reason)
             yield of, loop_of(plant, record), known
@@ -271,16 +337,26 @@ def advice(seed: int, every: int) -> None:
         if not found.gains:
             log(f"refused: {found.refusal}")
             continue
-        vehicle = of.vehicle.model_copy(update={"parameters": {name: new for name, (_, new) in found.gains.items()}})
+        vehicle = of.vehicle.model_copy(
+            update={"parameters": {name: new for name, (_, new) in found.gains.items()}}
+        )
         again = of.model_copy(update={"vehicle": vehicle})
-        known, wanted = truth(again, fly(again)), found.target
+        known = truth(again, fly(again))
+        wanted = found.target
         margins = [known[f"roll_{name}_margins"][1:] for name in ("rate", "attitude")]
-        met = all(phase >= wanted[0] and not gain < wanted[1] and ms <= wanted[2] for phase, gain, ms in margins)
+        met = all(
+            phase >= wanted[0] and not gain < wanted[1] and ms <= wanted[2]
+            for phase, gain, ms in margins
+        )
         log(f"{of.vehicle.model}: {found.sentence} {np.round(margins, 1).tolist()} {met}")
         rows.append(("promised" if found.sure >= SURE else "a step towards them", met))
     counts = {label: [met for which, met in rows if which == label] for label, _ in sorted(rows)}
     heads = ["margins are", "flights", "have them when the advice is flown"]
-    table("**Advice**, both loops", heads, [[label, str(len(met)), str(sum(met))] for label, met in counts.items()])
+    table(
+        "**Advice**, both loops",
+        heads,
+        [[label, str(len(met)), str(sum(met))] for label, met in counts.items()],
+    )
 
 
 def loops(seed: int, every: int) -> None:
@@ -288,10 +364,15 @@ def loops(seed: int, every: int) -> None:
     found = list[tuple[str, NDArray[Any]]]()
     for _, loop, known in loop_flights(seed, every):
         for name in ("rate", "attitude"):
-            true, one = known[f"roll_{name}_margins"], getattr(loop, name)
-            estimates, ends = ([getattr(one, figure + end) for figure in LIMITS] for end in ("", "_interval"))
+            true = known[f"roll_{name}_margins"]
+            one = getattr(loop, name)
+            estimates, ends = (
+                [getattr(one, figure + end) for figure in LIMITS] for end in ("", "_interval")
+            )
             low, high = np.transpose(ends)
-            errors = (np.array(estimates) - true) / np.where(np.isin(list(LIMITS), ("crossover", "ms")), true, 1.0)
+            errors = (np.array(estimates) - true) / np.where(
+                np.isin(list(LIMITS), ("crossover", "ms")), true, 1.0
+            )
             found.append(
                 (
                     f"{name} loop, effect {loop.plant.status['effect']}",
@@ -304,7 +385,11 @@ def loops(seed: int, every: int) -> None:
             [figure, f"{np.median(error):+.2g}", share(np.abs(error) < LIMITS[figure]), share(held)]
             for figure, error, held in zip(LIMITS, errors, inside, strict=True)
         ]
-        table(f"**{label}**, {errors.shape[1]} flights", ["", "median error", "within the limit", "inside"], rows)
+        table(
+            f"**{label}**, {errors.shape[1]} flights",
+            ["", "median error", "within the limit", "inside"],
+            rows,
+        )
 
 
 def row_of(label: Sequence[str], flight: Flight) -> list[str]:
@@ -326,29 +411,47 @@ def usdlog(path: Path) -> NDArray[Any]:
     content = path.read_bytes()
     variables = list(re.finditer(rb"([\w.]+)\((\w)\)\0", content[:1000]))
     named = [(each[1].decode(), f"<{each[2].decode()}") for each in variables]
-    row, begin = np.dtype([("event", "<u2"), ("time", "<u8"), *named]), variables[-1].end()
+    row = np.dtype([("event", "<u2"), ("time", "<u8"), *named])
+    begin = variables[-1].end()
     # A checksum, shorter than any row, ends the file.
     return np.frombuffer(content, row, (len(content) - begin) // row.itemsize, begin)
 
 
 def crazyflie() -> None:
     """A Crazyflie 2.1 with roll and pitch excited, really flown, at three rates."""
-    rows, table_rows = usdlog(SHARED / "real/crazyflie/roll_pitch_excitation.usdlog"), list[list[str]]()
+    rows = usdlog(SHARED / "real/crazyflie/roll_pitch_excitation.usdlog")
+    table_rows = list[list[str]]()
     clock = rows["time"] / 1e6
     for axis, (gyro, directions) in AXES.items():
         for rate in (100.0, 200.0, 400.0):
             time = np.arange(56.0 * rate, 89.0 * rate) / rate  # where it is excited
-            motors = [np.interp(time, clock, rows[f"motor.m{motor}"] / 65535) for motor in range(1, 5)]
+            motors = [
+                np.interp(time, clock, rows[f"motor.m{motor}"] / 65535) for motor in range(1, 5)
+            ]
             turning = np.radians(np.interp(time, clock, rows[gyro]))
             flight = Flight(
-                time, np.stack(motors, 1), turning[:, None], dt=1 / rate, effect_directions=np.array(directions)
+                time,
+                np.stack(motors, 1),
+                turning[:, None],
+                dt=1 / rate,
+                effect_directions=np.array(directions),
             )
             log(f"{axis}, {rate:.0f} Hz")
             table_rows += [
                 row_of([axis, "whole"] if window is None else ["", f"7 s, no. {window + 1}"], part)
                 for window, part in parts_of(flight).items()
             ]
-    heads = ["axis", "of", "s", "Hz", "effect", "damping, 1/s", "lag, ms", "wind's share", "wind, rad/s²"]
+    heads = [
+        "axis",
+        "of",
+        "s",
+        "Hz",
+        "effect",
+        "damping, 1/s",
+        "lag, ms",
+        "wind's share",
+        "wind, rad/s²",
+    ]
     # By published thrust curves and inertia.
     title = "**Crazyflie** (effect in rad/s² per unit of one motor's command; published: 318–403 for roll)"
     table(title, [*heads, "refinements"], table_rows)
@@ -357,7 +460,9 @@ def crazyflie() -> None:
 @click.command(help=__doc__)
 @click.argument("which", type=click.Choice(["simulated", "loops", "advice", "crazyflie"]))
 @click.option("--seed", default=0, show_default=True, help="Of the simulated flights.")
-@click.option("--every", default=1, show_default=True, help="One of so many of these, drawn by seed.")
+@click.option(
+    "--every", default=1, show_default=True, help="One of so many of these, drawn by seed."
+)
 def main(which: str, seed: int, every: int) -> None:
     if which == "crazyflie":
         crazyflie()

@@ -22,7 +22,12 @@ from sitl_scenarios.files import scenario_of
 from sitl_scenarios.motion import IN_AIR
 from sitl_scenarios.simulation import fly
 
-MOTORS = ("motor 1 (front right)", "motor 2 (rear left)", "motor 3 (front left)", "motor 4 (rear right)")
+MOTORS = (
+    "motor 1 (front right)",
+    "motor 2 (rear left)",
+    "motor 3 (front left)",
+    "motor 4 (rear right)",
+)
 QUAD_X = motor_signatures(4, [(1, 1), (-1, -1), (1, -1), (-1, 1)], [1, 1, -1, -1])
 VERDICTS = ("ok", "drift", "fault", "unknown")
 KINDS: dict[str, dict[str, dict[str, float]]] = {"healthy": {}}
@@ -34,7 +39,9 @@ KINDS |= {"load shifted by 10 mm": {"load": {"forward": 7.0, "right": 7.0}}}
 KINDS |= {"load shifted by 20 mm": {"load": {"forward": 14.0, "right": -14.0}}}
 
 
-def _flown(rng: np.random.Generator, change: dict[str, dict[str, float]], number: int) -> tuple[HealthFigures, int]:
+def _flown(
+    rng: np.random.Generator, change: dict[str, dict[str, float]], number: int
+) -> tuple[HealthFigures, int]:
     """A flight of 70 s with the ``change``, in other conditions each time, and the motor that is weak."""
     motor = int(rng.integers(1, 5))
     offset = rng.normal(scale=3.0, size=2)
@@ -48,14 +55,24 @@ def _flown(rng: np.random.Generator, change: dict[str, dict[str, float]], number
             table[section][name] = motor if name in ("weak_motor", "motor") else before + value
     ranges = {"speed": (0.0, 8.0), "direction": (0.0, 360.0), "wind_at_20_feet": (5.0, 20.0)}
     wind = {"kind": "dryden", **{name: rng.uniform(*of) for name, of in ranges.items()}}
-    flown = {"duration": 70.0, "height": 10.0, "seed": int(rng.integers(1 << 30)), **table, "wind": [wind]}
+    flown = {
+        "duration": 70.0,
+        "height": 10.0,
+        "seed": int(rng.integers(1 << 30)),
+        **table,
+        "wind": [wind],
+    }
     motion = fly(scenario_of(flown))
     # At the autopilots' default rate of 10 Hz, after the climb-out.
     airborne = motion.landed_state == IN_AIR
     rows = np.flatnonzero(airborne & (motion.time > motion.time[airborne][0] + 5.0))[::25]
     commands = (motion.outputs[rows] - MIN_PULSE) / (MAX_PULSE - MIN_PULSE)
-    lean = Rotation.from_quat(motion.known_attitude[rows], scalar_first=True).as_euler("ZYX")[:, :0:-1]
-    balance = balance_figures([(motion.time[rows], commands, lean)], QUAD_X, float(np.ptp(motion.time[rows])))
+    lean = Rotation.from_quat(motion.known_attitude[rows], scalar_first=True).as_euler("ZYX")[
+        :, :0:-1
+    ]
+    balance = balance_figures(
+        [(motion.time[rows], commands, lean)], QUAD_X, float(np.ptp(motion.time[rows]))
+    )
     return HealthFigures(f"{number}", MOTORS, QUAD_X, balance), motor
 
 
@@ -63,10 +80,14 @@ def _flown(rng: np.random.Generator, change: dict[str, dict[str, float]], number
 @click.option("--flights", "count", default=40, help="Of each kind.")
 def main(count: int) -> None:
     rng = np.random.default_rng(20)
-    flown = {kind: [_flown(rng, change, number) for number in range(count)] for kind, change in KINDS.items()}
+    flown = {
+        kind: [_flown(rng, change, number) for number in range(count)]
+        for kind, change in KINDS.items()
+    }
     healthy = flown["healthy"]
     for kind, flights in flown.items():
-        verdicts, right = Counter[str](), list[bool]()
+        verdicts = Counter[str]()
+        right = list[bool]()
         for number, (flight, motor) in enumerate(flights):
             for draw in range(5):
                 pick = np.random.default_rng([number, draw]).permutation(count)
@@ -75,8 +96,12 @@ def main(count: int) -> None:
                 verdicts[found.health] += 1
                 if found.health == "fault":
                     right.append(found.suspect_motor == motor)
-        shares = ", ".join(f"{name} {verdicts[name] / (5 * count):.3f}" for name in VERDICTS if verdicts[name])
-        print(f"{kind:45} {shares}{f'; right motor named in {np.mean(right):.2f} of the faults' if right else ''}")
+        shares = ", ".join(
+            f"{name} {verdicts[name] / (5 * count):.3f}" for name in VERDICTS if verdicts[name]
+        )
+        print(
+            f"{kind:45} {shares}{f'; right motor named in {np.mean(right):.2f} of the faults' if right else ''}"
+        )
 
 
 if __name__ == "__main__":

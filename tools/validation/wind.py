@@ -26,27 +26,54 @@ from sitl_scenarios.mavlink.transmitter import recorded
 from sitl_scenarios.simulation import Simulation, fly
 
 NAMES = ("legs", "hover", "turns", "jump", "calm", "turning", "profile")
-HEADS = ["flights", "number", "speed inside", "direction inside", "band", "reported", "right", "reported", "right"]
+HEADS = [
+    "flights",
+    "number",
+    "speed inside",
+    "direction inside",
+    "band",
+    "reported",
+    "right",
+    "reported",
+    "right",
+]
 
 
-def flown(name: str, vehicle: dict[str, Any], draw: np.random.Generator, drag: Drag | None = None) -> tuple[Any, Drag]:
+def flown(
+    name: str, vehicle: dict[str, Any], draw: np.random.Generator, drag: Drag | None = None
+) -> tuple[Any, Drag]:
     """Returns what holds the truth, what is reported and right of speed and direction, and the drag after it."""
-    table = load(f"wind_{name}").model_dump(mode="json") | {"seed": int(draw.integers(1_000_000)), "vehicle": vehicle}
-    factor, turn = draw.uniform(0.4, 1.7), draw.uniform(0, 360)
+    table = load(f"wind_{name}").model_dump(mode="json") | {
+        "seed": int(draw.integers(1_000_000)),
+        "vehicle": vehicle,
+    }
+    factor = draw.uniform(0.4, 1.7)
+    turn = draw.uniform(0, 360)
     for one in table["wind"]:
         one["speed"] *= 1 if one["kind"] == "gust" else factor
         one["direction"] = (one["direction"] + turn) % 360
     table["sensors"]["misalignment"] = draw.normal(0, 0.7, 2).tolist()
     rates = {"LOCAL_POSITION_NED": float(draw.choice([4, 10, 20]))}
-    autopilot, rate = str(draw.choice(["px4", "ardupilot"])), float(draw.choice([8, 20, 50]))
-    table["stream"] |= {"autopilot": autopilot, "rate": rate, "rates": rates, "drag_calibrated": False}
+    autopilot = str(draw.choice(["px4", "ardupilot"]))
+    rate = float(draw.choice([8, 20, 50]))
+    table["stream"] |= {
+        "autopilot": autopilot,
+        "rate": rate,
+        "rates": rates,
+        "drag_calibrated": False,
+    }
     motion = fly(scenario := scenario_of(table))
     with TemporaryDirectory() as folder:
         with (log := Path(folder) / "flight.tlog").open("wb") as file:
-            STREAMS[".tlog"](file, recorded(scenario, motion, Simulation(scenario).cycle, lambda _: None))
+            STREAMS[".tlog"](
+                file, recorded(scenario, motion, Simulation(scenario).cycle, lambda _: None)
+            )
         found = wind(log, drag=drag)
-    truth = np.column_stack([np.interp(found.time, motion.time, part) for part in motion.wind[:, :2].T])
-    speed, direction = float(np.hypot(*truth.mean(axis=0))), coming_from(*truth.mean(axis=0))
+    truth = np.column_stack(
+        [np.interp(found.time, motion.time, part) for part in motion.wind[:, :2].T]
+    )
+    speed = float(np.hypot(*truth.mean(axis=0)))
+    direction = coming_from(*truth.mean(axis=0))
     apart = abs((found.direction - direction + 180) % 360 - 180)
     low, high = found.speed_interval
     held = [low <= speed <= high or found.calm, apart <= found.direction_interval or speed < 0.3]
@@ -59,24 +86,40 @@ def flown(name: str, vehicle: dict[str, Any], draw: np.random.Generator, drag: D
 
 @click.command(help=__doc__)
 @click.option("--seed", default=0, show_default=True)
-@click.option("--flights", default=5, show_default=True, help="Of each kind: five take three minutes.")
+@click.option(
+    "--flights", default=5, show_default=True, help="Of each kind: five take three minutes."
+)
 def main(seed: int, flights: int) -> None:
     found: dict[str, list[Any]] = {}
     for number, (kind, name) in product(range(flights), enumerate(NAMES)):
         draw = np.random.default_rng([seed, number, kind])
         linear, quadratic = np.exp(draw.uniform(np.log([0.12, 0.003]), np.log([0.7, 0.04])))
-        axes, model = draw.uniform(0.85, 1.15) ** np.array([1, -1]), str(draw.choice(["iris", "ardrone2"]))
-        drags = {"drag_linear": (linear * axes).tolist(), "drag_quadratic": (quadratic * axes).tolist()}
+        axes = draw.uniform(0.85, 1.15) ** np.array([1, -1])
+        model = str(draw.choice(["iris", "ardrone2"]))
+        drags = {
+            "drag_linear": (linear * axes).tolist(),
+            "drag_quadratic": (quadratic * axes).tolist(),
+        }
         found.setdefault(name, []).append(flown(name, {"model": model, **drags}, draw)[0])
         if name in NAMES[1:4]:
             legs, drag = flown("legs", {"model": model, **drags}, draw)
             found.setdefault("legs", []).append(legs)
-            found.setdefault(f"{name}, its drag", []).append(flown(name, {"model": model, **drags}, draw, drag)[0])
+            found.setdefault(f"{name}, its drag", []).append(
+                flown(name, {"model": model, **drags}, draw, drag)[0]
+            )
     found["all"] = [one for some in found.values() for one in some]
     rows = []
     for name, some in found.items():
-        shares, counts = np.mean(some, axis=0)[:3], np.sum(some, axis=0)[3:]
-        rows.append([name, str(len(some)), *(f"{one:.0%}" for one in shares), *(f"{one:.0f}" for one in counts)])
+        shares = np.mean(some, axis=0)[:3]
+        counts = np.sum(some, axis=0)[3:]
+        rows.append(
+            [
+                name,
+                str(len(some)),
+                *(f"{one:.0%}" for one in shares),
+                *(f"{one:.0f}" for one in counts),
+            ]
+        )
     click.echo(markdown([Table(HEADS, rows, words=True)]))
 
 

@@ -29,17 +29,26 @@ class Target(NamedTuple):
     ms: float
 
 
-TARGETS = {"soft": Target(55.0, 8.0, 1.7), "default": Target(45.0, 6.0, 2.0), "sharp": Target(40.0, 5.0, 2.3)}
+TARGETS = {
+    "soft": Target(55.0, 8.0, 1.7),
+    "default": Target(45.0, 6.0, 2.0),
+    "sharp": Target(40.0, 5.0, 2.3),
+}
 """Phase of 45°, gain of 6 dB and Ms of 2 are the usual ones (K. J. Åström and R. M. Murray, Feedback Systems, 2nd ed.,
 sec. 10.3)."""
-LARGEST_STEP, STEPS, DIGITS = 1.499, 8, 4
+LARGEST_STEP = 1.499
+STEPS = 8
+DIGITS = 4
 """Of a gain, at once: 1.5 less what rounding it to so many digits adds; and in how many even ratios up to it."""
 SURE = 0.95  # share of the draws that must have all margins: the lower end of a 90 % interval
-SATURATED, AT_LIMIT = 0.05, 0.005
+SATURATED = 0.05
+AT_LIMIT = 0.005
 """Share of the samples with an input at a limit, from which on no linear loop describes the vehicle; and of the range,
 how near to its end that is."""
-LARGEST_ANGLE = {"roll": 12.0, "pitch": 12.0, "yaw": 5.0}  # 1/s, that PX4 takes; ArduPilot recommends 12 for all
-NOISE_FROM = 3.0, 10.0  # times the crossover, and Hz: what is faster in the gyro is noise, not motion
+# 1/s, that PX4 takes; ArduPilot recommends 12 for all
+LARGEST_ANGLE = {"roll": 12.0, "pitch": 12.0, "yaw": 5.0}
+# times the crossover, and Hz: what is faster in the gyro is noise, not motion
+NOISE_FROM = 3.0, 10.0
 LOOPS = ("rate", "attitude")
 NOT_CHECKED = (
     "bending of the frame, notch filters against it, and another battery voltage, load or propeller: the margins are "
@@ -90,7 +99,9 @@ class Advice:
     def sentence(self) -> str:
         """What to do, in a sentence or two, or why there is no advice."""
         phase, gain, ms = self.target
-        margins = f"at least {phase:g}° of phase and {gain:g} dB of gain margin, and Ms of at most {ms:g}"
+        margins = (
+            f"at least {phase:g}° of phase and {gain:g} dB of gain margin, and Ms of at most {ms:g}"
+        )
         share = f"in {100 * self.sure:.0f} % of the plants that fit the flight"
         if self.refusal:
             return f"No gains are advised. {self.refusal}"
@@ -99,16 +110,23 @@ class Advice:
         if self.sure >= SURE:
             enough = self.verdict.startswith("Enough")
             set_them = (
-                "There is room for these gains: both loops then still" if enough else "Set these gains: both loops then"
+                "There is room for these gains: both loops then still"
+                if enough
+                else "Set these gains: both loops then"
             )
             return f"{set_them} have {margins}, {share}."
         return f"These gains are a step towards {margins}, reached {share}: fly them with care, and tune again."
 
     def as_dict(self) -> dict[str, Any]:
         """Returns plain JSON values."""
-        known = {"loop": self.before.as_dict(), "target": self.target._asdict(), "verdict": self.verdict}
+        known = {
+            "loop": self.before.as_dict(),
+            "target": self.target._asdict(),
+            "verdict": self.verdict,
+        }
         gains = {name: {"now": old, "set": new} for name, (old, new) in self.gains.items()}
-        noise, expected = self.noise and self.noise._asdict(), None if self.refusal else self.after.as_dict()
+        noise = self.noise and self.noise._asdict()
+        expected = None if self.refusal else self.after.as_dict()
         return {
             **known,
             "sentence": self.sentence,
@@ -126,12 +144,18 @@ def advise(loop: Loop, tune: str = "default", doubts: Sequence[str] = ()) -> Adv
     of 1.5 has them, those that come closest. None where gains must not follow from this flight: for the ``doubts``
     about it, gains that change, motors at their limits, a loop that the flight contradicts, or that is unstable.
     """
-    target, names, known = TARGETS[tune], loop.controller.names, loop.controller.parameters
+    target = TARGETS[tune]
+    names = loop.controller.names
+    known = loop.controller.parameters
     factors = [LARGEST_STEP ** (step / STEPS) for step in range(STEPS, -STEPS - 1, -1)]
 
-    def best(others: dict[str, float], gains: Sequence[str], loops: Sequence[str]) -> dict[str, float]:
+    def best(
+        others: dict[str, float], gains: Sequence[str], loops: Sequence[str]
+    ) -> dict[str, float]:
         present = {names[gain]: known[names[gain]] for gain in gains if known.get(names[gain])}
-        candidates = [others | {name: _stepped(loop, name, by) for name in present} for by in factors]
+        candidates = [
+            others | {name: _stepped(loop, name, by) for name in present} for by in factors
+        ]
         scored = list[tuple[float, dict[str, float]]]()
         for one in candidates:
             scored.append((_worst(loop.changed(one), target, loops), one))
@@ -139,9 +163,13 @@ def advise(loop: Loop, tune: str = "default", doubts: Sequence[str] = ()) -> Adv
                 return one
         return max(scored, key=lambda pair: pair[0])[1]
 
-    limited, refusal, gains = _limited_share(loop.controller, loop.record), " ".join(doubts), dict[str, float]()
+    limited = _limited_share(loop.controller, loop.record)
+    refusal = " ".join(doubts)
+    gains = dict[str, float]()
     if not refusal and (changed := sorted(changed_in(loop.record, loop.controller))):
-        refusal = f"{', '.join(changed)} changed in this log: fly with one set of gains, and tune again."
+        refusal = (
+            f"{', '.join(changed)} changed in this log: fly with one set of gains, and tune again."
+        )
     if not refusal and limited > SATURATED:
         refusal = f"A motor is at a limit {100 * limited:.0f} % of the time: no linear loop describes that."
     if not refusal and not (loop.rate.stable[0] and loop.attitude.stable[0]):
@@ -151,7 +179,8 @@ def advise(loop: Loop, tune: str = "default", doubts: Sequence[str] = ()) -> Adv
     if not refusal:
         gains = best({}, ("p", "i", "d"), ["rate"])
         if _worst(loop.changed(gains), target, ["rate"]) < 1:
-            factors = [by for by in factors if by <= 1]  # on a rate loop without margin nothing is to be added
+            # on a rate loop without margin nothing is to be added
+            factors = [by for by in factors if by <= 1]
         gains = best(gains, ["angle"], LOOPS)
     after = loop.changed(gains)
     return Advice(
@@ -168,7 +197,8 @@ def advise(loop: Loop, tune: str = "default", doubts: Sequence[str] = ()) -> Adv
 
 def _stepped(loop: Loop, name: str, factor: float) -> float:
     """A gain times a factor; that of the angle not beyond what autopilots take."""
-    now, controller = loop.controller.parameters[name], loop.controller
+    now = loop.controller.parameters[name]
+    controller = loop.controller
     most = max(now, LARGEST_ANGLE[loop.axis]) if name == controller.names["angle"] else np.inf
     return now if factor == 1 else min(float(f"{factor * now:.{DIGITS}g}"), most)
 
@@ -176,9 +206,14 @@ def _stepped(loop: Loop, name: str, factor: float) -> float:
 def margin_verdict(loop: Loop, target: Target = TARGETS["default"]) -> str:
     """Returns a sentence: whether rate and attitude ``loop`` have the margins of ``target``, with the weaker's."""
     which = min(LOOPS, key=lambda one: _worst(loop, target, [one]))
-    weak, sure, likely = getattr(loop, which), _worst(loop, target) >= 1, _scores(loop, target)[0] >= 1
-    words = "Enough margin" if sure else "Perhaps too little margin" if likely else "Too little margin"
-    (low, high), gain = weak.phase_margin_interval, weak.gain_margin
+    weak = getattr(loop, which)
+    sure = _worst(loop, target) >= 1
+    likely = _scores(loop, target)[0] >= 1
+    words = (
+        "Enough margin" if sure else "Perhaps too little margin" if likely else "Too little margin"
+    )
+    (low, high) = weak.phase_margin_interval
+    gain = weak.gain_margin
     bears = f"gain margin {gain:.0f} dB" if isfinite(gain) else "no limit of the gain"
     phase = f"phase margin of {weak.phase_margin:.0f}° ({low:.0f} to {high:.0f})"
     return f"{words}: the {which} loop has a {phase}, {bears}, Ms {weak.ms:.2g}."
@@ -214,18 +249,23 @@ def _noise(loop: Loop, after: Controller) -> Noise | None:
     from scipy.signal import welch  # it takes half a second to import
 
     record = loop.record
-    (times, least), highest = NOISE_FROM, 0.45 / record.dt
+    (times, least) = NOISE_FROM
+    highest = 0.45 / record.dt
     lowest = max(times * loop.rate.crossover, least)
     if not 2 * lowest < highest:
         return None
     frequency, density = welch(record.outputs[:, -1], 1 / record.dt, nperseg=min(256, len(record)))
     kept = (frequency >= lowest) & (frequency <= highest)
-    frequency, density = frequency[kept], density[kept]
-    step, now = float(frequency[1] - frequency[0]), loop.controller
+    frequency = frequency[kept]
+    density = density[kept]
+    step = float(frequency[1] - frequency[0])
+    now = loop.controller
 
     def size(response: Any) -> float:
         return float(np.sqrt(step * np.sum(np.abs(response) ** 2 * density)))
 
-    before, without_d, then = (transfer(one, frequency)[1] for one in (now, replace(now, d=0.0), after))
+    before, without_d, then = (
+        transfer(one, frequency)[1] for one in (now, replace(now, d=0.0), after)
+    )
     heat = (size(then) / size(before)) ** 2
     return Noise(lowest, highest, size(before), size(then), size(before - without_d), heat)

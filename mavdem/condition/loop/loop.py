@@ -10,7 +10,13 @@ from typing import Any
 import numpy as np
 
 from mavdem.condition.loop.margins import OpenLoop
-from mavdem.condition.loop.response import GAIN_ERROR, LEAST_BAND, MeasuredResponse, measured_response, transfer
+from mavdem.condition.loop.response import (
+    GAIN_ERROR,
+    LEAST_BAND,
+    MeasuredResponse,
+    measured_response,
+    transfer,
+)
 from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.graybox import Physical
@@ -20,12 +26,22 @@ from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable, downstream
 from mavdem.ingest.controllers import ASK, MOTORS, Controller, controller_of
 
-OF_AXES = ("ATC_RAT_", "ATC_ANG_", "MC_ROLL", "MC_PITCH", "MC_YAW")  # parameters of one axis begin so
-DRAWS, SEED = 400, 31  # of the plant's posterior
-LOWEST, HIGHEST, FREQUENCIES = 0.02, 100.0, 500  # Hz, and the number of frequencies between, evenly by ratio
-SPREAD = 0.8  # of the posterior that is drawn: with all of it 98 % of 90 % intervals held simulated margins
-SPLIT = 0.25  # of a step of the stream: standard deviation of a delay by the times between its samples
-HALF_DELAY, HALF_PHASE, HALF_SIZE = 2**-0.5, 0.7560, 0.9701
+# parameters of one axis begin so
+OF_AXES = ("ATC_RAT_", "ATC_ANG_", "MC_ROLL", "MC_PITCH", "MC_YAW")
+# of the plant's posterior
+DRAWS = 400
+SEED = 31
+# Hz, and the number of frequencies between, evenly by ratio
+LOWEST = 0.02
+HIGHEST = 100.0
+FREQUENCIES = 500
+# of the posterior that is drawn: with all of it 98 % of 90 % intervals held simulated margins
+SPREAD = 0.8
+# of a step of the stream: standard deviation of a delay by the times between its samples
+SPLIT = 0.25
+HALF_DELAY = 2**-0.5
+HALF_PHASE = 0.7560
+HALF_SIZE = 0.9701
 """Of a second-order Butterworth filter at half of its cut-off, ω: its delay at low frequencies by ω, rad, and size."""
 LEAST = 0.02, 1e-3, 0.0  # damping, 1/s, lag and delay, s, of a drawn plant
 
@@ -70,7 +86,9 @@ class Loop:
     def agrees(self) -> bool | None:
         """Whether the flight's response is the predicted one; None where too little of it was measured."""
         found = self.measured
-        if found is None or (found.band[1] < LEAST_BAND and not abs(np.log(found.controller_gain)) > GAIN_ERROR):
+        if found is None or (
+            found.band[1] < LEAST_BAND and not abs(np.log(found.controller_gain)) > GAIN_ERROR
+        ):
             return None
         return not found.reason
 
@@ -90,10 +108,19 @@ class Loop:
         """Returns the figures as plain JSON values."""
         loops = {"rate": self.rate.as_dict(), "attitude": self.attitude.as_dict()}
         found = self.measured
-        compared = {name: getattr(found, name) for name in ("band", "fit", "agreement", "reason")} if found else None
+        compared = (
+            {name: getattr(found, name) for name in ("band", "fit", "agreement", "reason")}
+            if found
+            else None
+        )
         if found and compared and np.isfinite(found.controller_gain):
             compared |= {"controller_gain": found.controller_gain}
-        known = {"axis": self.axis, **loops, "lean_in_wind": self.lean_in_wind, "cautions": list(self.cautions)}
+        known = {
+            "axis": self.axis,
+            **loops,
+            "lean_in_wind": self.lean_in_wind,
+            "cautions": list(self.cautions),
+        }
         return known | {"measured": compared, "agrees": self.agrees}
 
 
@@ -110,35 +137,53 @@ def loop(learned: Learned, controller: Controller | None = None) -> Loop:
 def loop_of(plant: Physical, record: Record, controller: Controller | None = None) -> Loop:
     """Returns the loops of a ``plant`` identified from the ``record``, with a ``controller``, as :func:`loop` does."""
     if not isinstance(controller, Controller | None):
-        raise ValueError(f"The loop takes a Controller, such as the one of another loop, and not {controller!r}.")
+        raise ValueError(
+            f"The loop takes a Controller, such as the one of another loop, and not {controller!r}."
+        )
     if plant.caution is not None:
         raise NotLearnable(f"There are no margins: {plant.caution[0].lower()}{plant.caution[1:]}")
     axis = record.output_names[-1].removesuffix(" rate") if record.output_names else "roll"
     if controller is None:
         if not record.parameters:
-            raise NotLearnable("The autopilot's parameters are not known: there is no controller.", ASK)
+            raise NotLearnable(
+                "The autopilot's parameters are not known: there is no controller.", ASK
+            )
         weights = [] if record.effect_directions is None else record.effect_directions.tolist()
         controller = controller_of(record.parameters, axis, weights)
     if not controller.p > 0:
-        raise NotLearnable(f"{controller.names['p']} is {controller.p:g}: there is no loop to judge. Check the gains.")
+        raise NotLearnable(
+            f"{controller.names['p']} is {controller.p:g}: there is no loop to judge. Check the gains."
+        )
     drawn = _drawn(plant, controller.gyro_filter, record.dt)
     gains = drawn[:, :-3] @ (per_demand := _per_demand(controller, record))
     if not gains[0] > 0:
-        raise NotLearnable("By the parameters the mixer turns the vehicle the wrong way: check FRAME_TYPE.")
+        raise NotLearnable(
+            "By the parameters the mixer turns the vehicle the wrong way: check FRAME_TYPE."
+        )
     dynamics = np.maximum(drawn[:, -3:], LEAST)
     rate, attitude = _loops(controller, gains, dynamics)
     biased = f"The control effectiveness is biased: {plant.reasons['effect']}" if plant.bias else ""
     changed = changed_in(record, controller)
-    now = [f"{name} changed from {old:g} to {record.parameters[name]:g}" for name, old in changed.items()]
+    now = [
+        f"{name} changed from {old:g} to {record.parameters[name]:g}"
+        for name, old in changed.items()
+    ]
     since = f"{', '.join(now)} in this log: the loop has the last values, and the response is not compared."
     cautions = (*([biased] if biased else []), *([since] if now else []), *controller.cautions)
-    measured = None if now else measured_response(record, controller, per_demand, rate.frequency, rate.closed[0])
-    return Loop(axis, plant, record, controller, gains, dynamics, rate, attitude, cautions, measured)
+    measured = (
+        None
+        if now
+        else measured_response(record, controller, per_demand, rate.frequency, rate.closed[0])
+    )
+    return Loop(
+        axis, plant, record, controller, gains, dynamics, rate, attitude, cautions, measured
+    )
 
 
 def changed_in(record: Record, controller: Controller) -> dict[str, float]:
     """Returns the parameters of a ``controller`` that changed in the ``record``, with their values before."""
-    known, prefix = controller.names.values(), controller.names["p"][:-1]
+    known = controller.names.values()
+    prefix = controller.names["p"][:-1]
     return {
         name: old
         for name, old in record.earlier.items()
@@ -153,20 +198,27 @@ def _drawn(plant: Physical, cutoff: float, dt: float) -> Array:
     the cut-off, else in their delay at low frequencies. The sum of lag and delay is better determined than either: a
     delay is taken for that of common autopilots as far as the flight leaves it open, and the lag is what is left.
     """
-    theta, rng = np.array([*plant.effect, plant.damping, plant.lag, plant.delay]), np.random.default_rng(SEED)
-    covariance, (usual, sd) = plant.covariance.copy(), DELAY
+    theta = np.array([*plant.effect, plant.damping, plant.lag, plant.delay])
+    rng = np.random.default_rng(SEED)
+    covariance = plant.covariance.copy()
+    (usual, sd) = DELAY
     variance = covariance[-1, -1] + (SPLIT * dt) ** 2
     if covariance[-1, -1] > sd**2:
-        covariance[-1], covariance[:, -1] = 0.0, 0.0
+        covariance[-1] = 0.0
+        covariance[:, -1] = 0.0
     drawn = np.vstack([theta, rng.multivariate_normal(theta, covariance, DRAWS, method="svd")])
-    late, half, open_ = drawn[:, -2:].sum(axis=1), np.pi * cutoff, variance / (variance + sd**2)
+    late = drawn[:, -2:].sum(axis=1)
+    half = np.pi * cutoff
+    open_ = variance / (variance + sd**2)
     filtered = HALF_DELAY / half if cutoff else 0.0
     whole = np.maximum(late - filtered, 0.0)
     if filtered > late[0] / 2:
         whole = np.maximum((np.arctan(half * drawn[:, -2]) - HALF_PHASE) / half + drawn[:, -1], 0.0)
         drawn[:, :-3] /= HALF_SIZE * np.hypot(1.0, half * drawn[:, -2])[:, None]
     delay = (1 - open_) * max(plant.delay - filtered, 0.0) + open_ * usual
-    delay = np.clip(delay + sd * open_**0.5 * np.append(0.0, rng.standard_normal(DRAWS)), 0.0, whole / 2)
+    delay = np.clip(
+        delay + sd * open_**0.5 * np.append(0.0, rng.standard_normal(DRAWS)), 0.0, whole / 2
+    )
     drawn[:, -2:] = np.column_stack([whole - delay, delay])
     return np.asarray(drawn[0] + SPREAD * (drawn - drawn[0]))
 
@@ -177,7 +229,9 @@ def _per_demand(controller: Controller, record: Record) -> Array:
     if len(trim) == 1 and record.input_range == (-1.0, 1.0):
         return np.ones(1)
     if len(trim) != MOTORS or len(record.input_range) != 2:
-        raise NotLearnable(f"The mixer of {len(trim)} motors is not known: this needs a quadrotor's log.")
+        raise NotLearnable(
+            f"The mixer of {len(trim)} motors is not known: this needs a quadrotor's log."
+        )
     low, high = record.input_range
     return (high - low) * np.array(controller.per_demand(((trim - low) / (high - low)).tolist()))
 
@@ -194,7 +248,8 @@ def _loops(controller: Controller, gains: Array, dynamics: Array) -> tuple[OpenL
     to_rate = gains[:, None] * acted * turned
     forward, back = transfer(controller, frequency)
     response = back * to_rate
-    closed, rejected = forward * to_rate / (1 + response), turned / (1 + response)
+    closed = forward * to_rate / (1 + response)
+    rejected = turned / (1 + response)
     outer = controller.angle / s * closed / filtered
     attitude = OpenLoop.of(frequency, outer, outer / (1 + outer), rejected / s / (1 + outer))
     return OpenLoop.of(frequency, response, closed, rejected), attitude

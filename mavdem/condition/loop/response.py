@@ -15,11 +15,20 @@ from mavdem.dem.graybox.parameters import rate_column
 from mavdem.dem.record import Record
 from mavdem.ingest.controllers import Controller
 
-WINDOW_SECONDS, FEWEST = 5.0, 6  # of the windows of the spectra, by Welch, and how many it takes
-LOWEST, LEAST_BAND, LEAST_COHERENCE = 0.3, 1.0, 0.8  # Hz, Hz and share: of the band that is compared
+# of the windows of the spectra, by Welch, and how many it takes
+WINDOW_SECONDS = 5.0
+FEWEST = 6
+# Hz, Hz and share: of the band that is compared
+LOWEST = 0.3
+LEAST_BAND = 1.0
+LEAST_COHERENCE = 0.8
 LEAST_FIT = 80.0  # %, from which the two agree
-SURE_COHERENCE, GAIN_ERROR = 0.9, 0.3  # of the demand and the parameters', where compared; of their ratio's logarithm
-REGULARISED, STEP_SECONDS = 1e-4, 1.0  # of the setpoint's largest density, in the deconvolution; of the step
+# of the demand and the parameters', where compared; of their ratio's logarithm
+SURE_COHERENCE = 0.9
+GAIN_ERROR = 0.3
+# of the setpoint's largest density, in the deconvolution; of the step
+REGULARISED = 1e-4
+STEP_SECONDS = 1.0
 
 
 class MeasuredResponse(NamedTuple):
@@ -28,18 +37,21 @@ class MeasuredResponse(NamedTuple):
     frequency: Array  # (F,) Hz
     response: Complex  # (F,)
     predicted: Complex
-    band: tuple[float, float]  # Hz from and to which the setpoint explains enough of the rate's power to compare
+    # Hz from and to which the setpoint explains enough of the rate's power to compare
+    band: tuple[float, float]
     fit: float  # of the predicted rate to the measured one in the band, 100 (1 - NRMSE) %
     agreement: float  # likewise of what the setpoint explains: what is missing is the loop's error
     time: Array  # (K,) s of the step, from it on
     step: Array  # (K,) of the rate by a setpoint of 1 rad/s, deconvolved
-    controller_gain: float  # of the motors' demand in flight, over that of the parameters; NaN where it is not known
+    # of the motors' demand in flight, over that of the parameters; NaN where it is not known
+    controller_gain: float
     reason: str  # why the two do not agree, one sentence; empty where they do
 
 
 def transfer(controller: Controller, frequency: Array) -> tuple[Complex, Complex]:
     """Returns (F,) from the rate's setpoint to the demand, and, without its sign, from the rate, at Hz (F,)."""
-    cycle, late = controller.cycle, np.exp(-2j * np.pi * frequency * controller.cycle)
+    cycle = controller.cycle
+    late = np.exp(-2j * np.pi * frequency * controller.cycle)
 
     def filtered(cutoff: float) -> Any:
         share = cycle / (cycle + 1 / (2 * np.pi * cutoff)) if cutoff else 1.0
@@ -51,7 +63,8 @@ def transfer(controller: Controller, frequency: Array) -> tuple[Complex, Complex
         back = filtered(controller.error_filter) * (controller.p + integrated + differentiated)
         return filtered(controller.target_filter) * (back + controller.ff), back
     # PX4 integrates the error after it has been used.
-    error, output = controller.p + late * integrated, filtered(controller.output_filter)
+    error = controller.p + late * integrated
+    output = filtered(controller.output_filter)
     return output * (error + controller.ff), output * (error + differentiated)
 
 
@@ -63,16 +76,22 @@ def measured_response(
     A demand of 1 moves the inputs by ``per_demand`` (r,). ArduPilot's ATTITUDE_TARGET lacks the attitude controller's
     correction of the rate, its RATE has it: of both that setpoint counts which predicts the rate better.
     """
-    usual = [f"{controller.axis} rate setpoint", *[f"{controller.axis} setpoint"] * controller.derivative_of_error]
+    usual = [
+        f"{controller.axis} rate setpoint",
+        *[f"{controller.axis} setpoint"] * controller.derivative_of_error,
+    ]
     names = [name for name in usual if name in record.setpoint_names]
     if record.setpoints is None or not names or "rate" not in names[0]:
         return None
-    size, parts = round(WINDOW_SECONDS / record.dt), list[list[tuple[Array, ...]]]()
+    size = round(WINDOW_SECONDS / record.dt)
+    parts = list[list[tuple[Array, ...]]]()
     asked = record.setpoints[:, [record.setpoint_names.index(name) for name in names]]
     seen = record.outputs[:, [rate_column(record), 0]]
     table = np.column_stack([seen, record.inputs @ per_demand / (per_demand @ per_demand), asked])
     for rows in np.split(table, record.starts[1:]):
-        edges = np.flatnonzero(np.diff(np.isfinite(rows).all(axis=1), prepend=False, append=False)).reshape(-1, 2)
+        edges = np.flatnonzero(
+            np.diff(np.isfinite(rows).all(axis=1), prepend=False, append=False)
+        ).reshape(-1, 2)
         for first, last in edges[np.ptp(edges, axis=1) >= size]:
             rate, angle, demand, *given = rows[first:last].T
             setpoint, *wanted = map(evenly, given)
@@ -81,12 +100,19 @@ def measured_response(
                 parts.append([(one, rate, demand) for one in (setpoint, *corrected)])
     if sum(2 * len(part[0][0]) // size - 1 for part in parts) < FEWEST:
         return None
-    ways = (_compared(record.dt, size, way, controller, at, closed) for way in zip(*parts, strict=True))
+    ways = (
+        _compared(record.dt, size, way, controller, at, closed) for way in zip(*parts, strict=True)
+    )
     return max(ways, key=lambda one: one.fit)
 
 
 def _compared(
-    dt: float, size: int, parts: Sequence[tuple[Array, ...]], controller: Controller, at: Array, closed: Complex
+    dt: float,
+    size: int,
+    parts: Sequence[tuple[Array, ...]],
+    controller: Controller,
+    at: Array,
+    closed: Complex,
 ) -> MeasuredResponse:
     from scipy.signal import csd  # it takes half a second to import
 
@@ -95,19 +121,29 @@ def _compared(
         for total, pair in zip(densities, combinations_with_replacement(part, 2), strict=True):
             total += len(part[0]) * csd(*pair, 1 / dt, nperseg=size)[1]
     smoothed = [np.convolve(one, np.full(3, 1 / 3), mode="same") for one in densities]
-    of_setpoint, of_rate, of_demand = (np.maximum(smoothed[row].real, np.finfo(float).tiny) for row in (0, 3, 5))
+    of_setpoint, of_rate, of_demand = (
+        np.maximum(smoothed[row].real, np.finfo(float).tiny) for row in (0, 3, 5)
+    )
     across, *moved = (smoothed[row] for row in (1, 2, 4))
-    hertz, response = np.arange(len(across)) / (size * dt), np.asarray(across / of_setpoint, np.complex128)
+    hertz = np.arange(len(across)) / (size * dt)
+    response = np.asarray(across / of_setpoint, np.complex128)
     predicted = np.interp(hertz, at, closed.real) + 1j * np.interp(hertz, at, closed.imag)
     coherence = np.abs(response) ** 2 * of_setpoint / of_rate
-    highest = float(min([*hertz[(hertz > LOWEST) & ~(coherence >= LEAST_COHERENCE)], at[-1], hertz[-1]]))
+    highest = float(
+        min([*hertz[(hertz > LOWEST) & ~(coherence >= LEAST_COHERENCE)], at[-1], hertz[-1]])
+    )
     inside = (hertz >= LOWEST) & (hertz < highest)
-    unlike, by_wind = np.abs(response - predicted) ** 2 * of_setpoint, (1 - coherence) * of_rate
+    unlike = np.abs(response - predicted) ** 2 * of_setpoint
+    by_wind = (1 - coherence) * of_rate
     fit, agreement = (
-        float(100 * (1 - (error[inside].sum() / of_rate[inside].sum()) ** 0.5)) if inside.any() else 0.0
+        float(100 * (1 - (error[inside].sum() / of_rate[inside].sum()) ** 0.5))
+        if inside.any()
+        else 0.0
         for error in (unlike + by_wind, unlike)
     )
-    passed = np.clip(1.5 - hertz / highest / 2, 0.0, 1.0) / (1 + REGULARISED * of_setpoint.max() / of_setpoint)
+    passed = np.clip(1.5 - hertz / highest / 2, 0.0, 1.0) / (
+        1 + REGULARISED * of_setpoint.max() / of_setpoint
+    )
     pulse = np.append(abs(response[1]), (passed * response)[1:])
     step = np.cumsum(np.fft.irfft(pulse, size))[: round(STEP_SECONDS / dt)]
     reason = ""
@@ -121,15 +157,26 @@ def _compared(
     # What the controller should have asked for, by its parameters, and what it did.
     forward, back = transfer(controller, np.maximum(hertz, hertz[1]))
     likewise = forward.conj() * moved[0] - back.conj() * moved[1]
-    one, other = np.abs(forward) ** 2 * of_setpoint, np.abs(back) ** 2 * of_rate
+    one = np.abs(forward) ** 2 * of_setpoint
+    other = np.abs(back) ** 2 * of_rate
     asked = one + other - 2 * (forward.conj() * back * across).real
-    sure = (hertz > LOWEST) & (hertz < 0.25 / dt) & (np.abs(likewise) ** 2 > SURE_COHERENCE * asked * of_demand)
-    gain = float(np.median(np.abs(likewise / asked)[sure])) if dt < 1 / SLOWEST_RATE and sure.sum() > 5 else np.nan
+    sure = (
+        (hertz > LOWEST)
+        & (hertz < 0.25 / dt)
+        & (np.abs(likewise) ** 2 > SURE_COHERENCE * asked * of_demand)
+    )
+    gain = (
+        float(np.median(np.abs(likewise / asked)[sure]))
+        if dt < 1 / SLOWEST_RATE and sure.sum() > 5
+        else np.nan
+    )
     if abs(np.log(gain)) > GAIN_ERROR:
         reason = (
-            f"The controller moved the motors {gain:.2f} times as far as its gains say: check that these are its own."
+            f"The controller moved the motors {gain:.2f} times as far as its gains say: check "
+            f"that these are its own."
         )
-    time, known = np.array(dt * np.arange(len(step)), np.float64), ((LOWEST, highest), fit, agreement)
+    time = np.array(dt * np.arange(len(step)), np.float64)
+    known = ((LOWEST, highest), fit, agreement)
     return MeasuredResponse(hertz, response, predicted, *known, time, step, gain, reason)
 
 
@@ -137,5 +184,6 @@ def evenly(asked: Array) -> Array:
     """Returns a setpoint (T,) that holds until the next, linear between the times at which it was given."""
     new = np.flatnonzero(np.diff(asked, prepend=np.nan))
     usual = int(np.median(np.diff(new))) if len(new) > 1 else 1
-    kept = np.union1d(new, np.maximum(new[1:] - usual, 0))  # a plateau ends one step before the next
+    # a plateau ends one step before the next
+    kept = np.union1d(new, np.maximum(new[1:] - usual, 0))
     return np.asarray(np.interp(np.arange(len(asked)), kept, asked[kept]))

@@ -17,14 +17,19 @@ from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
 from mavdem.ingest.controllers import LOOP_RATES, controller_of
 
-RIGHT, FRONT, SPINS = (1.0, -1.0, -1.0, 1.0), (1.0, -1.0, 1.0, -1.0), (1.0, 1.0, -1.0, -1.0)
+RIGHT = (1.0, -1.0, -1.0, 1.0)
+FRONT = (1.0, -1.0, 1.0, -1.0)
+SPINS = (1.0, 1.0, -1.0, -1.0)
 """Motors of an X as ArduPilot and PX4 count them: where they are, and 1 for a propeller counterclockwise from above."""
 COLUMNS = {"roll": (-1.0, 1.0, 1.0, -1.0), "pitch": FRONT, "yaw": SPINS}  # of the torque by axis
-ARM, MASS = 0.15, 1.5  # m kg^(-1/3), of a 3DR Iris: arms grow with the cube root of the mass; kg where nobody says it
+# m kg^(-1/3), of a 3DR Iris: arms grow with the cube root of the mass; kg where nobody says it
+ARM = 0.15
+MASS = 1.5
 MOMENT = 0.1  # torque of a common propeller by its thrust, over the arm
 USUAL_RATES = {"px4": 250.0, "ardupilot": 400.0}  # Hz of a loop where it is not said
 FASTEST = 1000.0  # Hz of a loop that the simulation flies
-LEFT_OUT = "INS_GYRO_FILTER", "IMU_GYRO_CUTOFF"  # rates are logged behind the gyro's filter: lag and delay have it
+# rates are logged behind the gyro's filter: lag and delay have it
+LEFT_OUT = "INS_GYRO_FILTER", "IMU_GYRO_CUTOFF"
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +58,9 @@ class Twin:
         return self.mass * GRAVITY / 4 / thrust * (1 - self.expo + 2 * self.expo * self.hover)
 
 
-def twin_of(loops: Mapping[str, Loop], px4: bool, hover: float, drag: Drag | None, mass: float | None) -> Twin:
+def twin_of(
+    loops: Mapping[str, Loop], px4: bool, hover: float, drag: Drag | None, mass: float | None
+) -> Twin:
     """Returns the twin of a vehicle from its ``loops`` by axis.
 
     Pitch is taken to be like roll, and yaw like that of common propellers, where they are not there. ``hover`` is the
@@ -62,31 +69,70 @@ def twin_of(loops: Mapping[str, Loop], px4: bool, hover: float, drag: Drag | Non
     """
     if not 0.1 < hover < 1:
         raise NotLearnable(f"The motors hover at {hover:.0%} of their range, which is no hover.")
-    roll, kind = loops["roll"], "px4" if px4 else "ardupilot"
-    known = {name: value for name, value in roll.controller.parameters.items() if not name.startswith("CA_")}
+    roll = loops["roll"]
+    kind = "px4" if px4 else "ardupilot"
+    known = {
+        name: value
+        for name, value in roll.controller.parameters.items()
+        if not name.startswith("CA_")
+    }
     name = LOOP_RATES[kind]
     cycle = 1 / (rate := min(known.get(name, 0.0) or USUAL_RATES[kind], FASTEST))
     known = {one: value for one, value in known.items() if one not in LEFT_OUT} | {name: rate}
-    places = np.array([[roll.controller.parameters.get(f"CA_ROTOR{n}_P{one}", 0.0) for n in range(4)] for one in "XY"])
+    places = np.array(
+        [
+            [roll.controller.parameters.get(f"CA_ROTOR{n}_P{one}", 0.0) for n in range(4)]
+            for one in "XY"
+        ]
+    )
     assumed = ARM * (mass or MASS) ** (1 / 3)
     told = bool(places.all() and np.abs(places).max() != 1.0)  # of 1 m they are no metres
     ahead, aside = np.abs(places).mean(axis=1).tolist() if told else (assumed, assumed)
     square = {f"CA_ROTOR{n}_PX": ahead * FRONT[n] for n in range(4)}
     square |= {f"CA_ROTOR{n}_PY": aside * RIGHT[n] for n in range(4)}
-    square |= {f"CA_ROTOR{n}_KM": spin for n, spin in enumerate(SPINS)} | {"CA_ROTOR_COUNT": 4.0, "FRAME_CLASS": 1.0}
-    weight, expo = mass or MASS, min(max(roll.controller.expo, 0.0), 1.0)
+    square |= {f"CA_ROTOR{n}_KM": spin for n, spin in enumerate(SPINS)} | {
+        "CA_ROTOR_COUNT": 4.0,
+        "FRAME_CLASS": 1.0,
+    }
+    weight = mass or MASS
+    expo = min(max(roll.controller.expo, 0.0), 1.0)
     lever = dict(zip(COLUMNS, (aside, ahead, 1.0), strict=True))
-    noise, lag, delay = roll.plant.noise, roll.plant.lag, max(roll.plant.delay - cycle / 2, 0.0)
-    body = Twin(kind, weight, (), (ahead, aside), hover, expo, MOMENT * aside, (), lag, delay, noise, drag, known, {})
-    inertia, sure = dict[str, float](), dict[str, str]()
+    noise = roll.plant.noise
+    lag = roll.plant.lag
+    delay = max(roll.plant.delay - cycle / 2, 0.0)
+    body = Twin(
+        kind,
+        weight,
+        (),
+        (ahead, aside),
+        hover,
+        expo,
+        MOMENT * aside,
+        (),
+        lag,
+        delay,
+        noise,
+        drag,
+        known,
+        {},
+    )
+    inertia = dict[str, float]()
+    sure = dict[str, str]()
     for axis, loop in loops.items():
-        moved = np.abs(controller_of(known | square, axis, COLUMNS[axis]).per_demand([hover] * 4)).sum()
+        moved = np.abs(
+            controller_of(known | square, axis, COLUMNS[axis]).per_demand([hover] * 4)
+        ).sum()
         inertia[axis] = float(lever[axis] * body.slope * moved / loop.gains[0])
         half = 100 * quantile() * np.std(loop.gains) / loop.gains[0]
         sure[axis] = f"± {half:.0f} %" + ", biased" * bool(loop.plant.bias)
     sizes = inertia["roll"], inertia.get("pitch", inertia["roll"])
-    halves, status = roll.plant.interval(), roll.plant.status
-    likely = {name: "not identifiable, the likeliest value" for name in ("damping", "lag") if status[name][0] == "n"}
+    halves = roll.plant.interval()
+    status = roll.plant.status
+    likely = {
+        name: "not identifiable, the likeliest value"
+        for name in ("damping", "lag")
+        if status[name][0] == "n"
+    }
     notes = {
         "mass": "as given" if mass else "assumed: give --mass",
         "arm": "as the parameters have it" if told else "assumed by the mass",
@@ -96,16 +142,23 @@ def twin_of(loops: Mapping[str, Loop], px4: bool, hover: float, drag: Drag | Non
         "lag": likely.get("lag", f"± {halves.lag:.2g}"),
     }
     if drag is not None:
-        ends = {f"drag_{name}": drag.interval(name).mean(axis=1) for name in ("linear", "quadratic")}
+        ends = {
+            f"drag_{name}": drag.interval(name).mean(axis=1) for name in ("linear", "quadratic")
+        }
         notes |= {name: f"from {low:.2g} to {high:.2g}" for name, (low, high) in ends.items()}
-    about = {"pitch": roll.plant.damping, "yaw": 0.0} | {axis: loop.plant.damping for axis, loop in loops.items()}
+    about = {"pitch": roll.plant.damping, "yaw": 0.0} | {
+        axis: loop.plant.damping for axis, loop in loops.items()
+    }
     damping = tuple(about[axis] for axis in COLUMNS)
     moment = sum(sizes) / inertia["yaw"] if "yaw" in inertia else body.moment
     return replace(body, inertia=(*sizes, sum(sizes)), moment=moment, damping=damping, notes=notes)
 
 
 BANDS = (0.3, 0.6, 1.2, 2.4, 4.8, 8.0)  # Hz: octaves, and what is left of the last
-WINDOW, SETTLES, LONGEST = 20.0, 3.0, 120.0  # s of a spectrum's windows, left out at the beginning, and flown
+# s of a spectrum's windows, left out at the beginning, and flown
+WINDOW = 20.0
+SETTLES = 3.0
+LONGEST = 120.0
 
 
 def setpoints_of(loop: Loop) -> tuple[Record, Array] | None:
@@ -113,13 +166,18 @@ def setpoints_of(loop: Loop) -> tuple[Record, Array] | None:
 
     The rate, rad/s, is beside what the angle's error asks for, which ArduPilot's ATTITUDE_TARGET alone leaves out.
     """
-    record, names = loop.record, [f"{loop.axis} setpoint", f"{loop.axis} rate setpoint"]
+    record = loop.record
+    names = [f"{loop.axis} setpoint", f"{loop.axis} rate setpoint"]
     if record.setpoints is None or not set(names) <= set(record.setpoint_names):
         return None
     longest = int(np.argmax(record.lengths))
-    length, begin = min(record.lengths[longest], round(LONGEST / record.dt)), int(record.starts[longest])
-    inputs, outputs, table = (one[begin : begin + length] for one in (record.inputs, record.outputs, record.setpoints))
-    asked, at = table[:, [record.setpoint_names.index(name) for name in names]], np.arange(length)
+    length = min(record.lengths[longest], round(LONGEST / record.dt))
+    begin = int(record.starts[longest])
+    inputs, outputs, table = (
+        one[begin : begin + length] for one in (record.inputs, record.outputs, record.setpoints)
+    )
+    asked = table[:, [record.setpoint_names.index(name) for name in names]]
+    at = np.arange(length)
     known = np.isfinite(asked).all(axis=1)
     if known.mean() < 0.5:
         return None
@@ -127,15 +185,21 @@ def setpoints_of(loop: Loop) -> tuple[Record, Array] | None:
     corrected = loop.controller.angle * (angle - outputs[:, 0])
     twice = 2 * corrected @ (rate - np.gradient(angle, record.dt))
     inside = not loop.controller.derivative_of_error or twice > corrected @ corrected
-    flown = replace(record, inputs=inputs, outputs=outputs, lengths=(length,), begins=(), setpoints=table)
+    flown = replace(
+        record, inputs=inputs, outputs=outputs, lengths=(length,), begins=(), setpoints=table
+    )
     return flown, np.column_stack([angle, rate - inside * corrected])
 
 
 def torque(loop: Loop, samples: int, noise: np.random.Generator) -> Array:
     """Returns (samples,) of the wind's torque on an axis, rad/s², Gaussian with the spectrum that was learned."""
     frequency: Array = np.fft.rfftfreq(samples, loop.record.dt).astype(np.float64)
-    size = np.sqrt(wind_density(loop.plant, frequency) * samples / (4 * loop.record.dt)) * (frequency > 0)
-    return np.fft.irfft(size * (noise.standard_normal((2, len(size))).T @ np.array([1, 1j])), samples)
+    size = np.sqrt(wind_density(loop.plant, frequency) * samples / (4 * loop.record.dt)) * (
+        frequency > 0
+    )
+    return np.fft.irfft(
+        size * (noise.standard_normal((2, len(size))).T @ np.array([1, 1j])), samples
+    )
 
 
 def alike(loop: Loop, record: Record, flown: Sequence[Array]) -> dict[str, list[float]]:
@@ -149,14 +213,30 @@ def alike(loop: Loop, record: Record, flown: Sequence[Array]) -> dict[str, list[
     both = np.array([record.outputs, *flown])[:, round(SETTLES / record.dt) :]
     length = int(min(WINDOW / record.dt, both.shape[1] / 2))
     frequency, power = welch(both[..., 1], 1 / record.dt, nperseg=length, detrend=detrend)
-    bands = [(low <= frequency) & (frequency < high) for low, high in zip(BANDS[:-1], BANDS[1:], strict=True)]
+    bands = [
+        (low <= frequency) & (frequency < high)
+        for low, high in zip(BANDS[:-1], BANDS[1:], strict=True)
+    ]
     level = np.array([power[:, band].mean(axis=1) for band in bands])
-    values = {"lean": both[..., 0].mean(axis=1), "sway": both[..., 0].std(axis=1), "rate": both[..., 1].std(axis=1)}
+    values = {
+        "lean": both[..., 0].mean(axis=1),
+        "sway": both[..., 0].std(axis=1),
+        "rate": both[..., 1].std(axis=1),
+    }
     values = {name: np.degrees(one) for name, one in values.items()}
     if loop.measured is not None and not loop.measured.reason:
         flights = [replace(record, outputs=outputs) for outputs in (record.outputs, *flown)]
-        known = loop.controller, np.ones(record.inputs.shape[1]), loop.rate.frequency, loop.rate.closed[0]
-        steps = [one.step for one in (measured_response(flight, *known) for flight in flights) if one is not None]
+        known = (
+            loop.controller,
+            np.ones(record.inputs.shape[1]),
+            loop.rate.frequency,
+            loop.rate.closed[0],
+        )
+        steps = [
+            one.step
+            for one in (measured_response(flight, *known) for flight in flights)
+            if one is not None
+        ]
         values["peak"] = np.array([step.max() for step in steps])
         values["rise"] = np.array([record.dt * np.argmax(step > step.max() / 2) for step in steps])
     found = {name: [float(one[0]), float(one[1:].mean())] for name, one in values.items()}

@@ -28,58 +28,94 @@ from mavdem.dem.airflow.model import (
 from mavdem.dem.engine.linalg import Array
 from mavdem.errors import NotLearnable
 
-SLOWEST_SECONDS, LONGEST_SECONDS = 10.0, 1e5  # between samples, and of a flight: a day
+# between samples, and of a flight: a day
+SLOWEST_SECONDS = 10.0
+LONGEST_SECONDS = 1e5
 LEAST_SECONDS = 15.0  # of motion with attitude and velocity
-STEP, STEPS = 0.5, 1200  # s, or the samples' own step; longer flights have so many longer steps
+# s, or the samples' own step; longer flights have so many longer steps
+STEP = 0.5
+STEPS = 1200
 IDENTIFYING_STEPS = 600  # of the drag: enough for a quarter of the time
-BESIDE_SECONDS = 3.0  # of means, where the wind was measured beside the vehicle: only its slow part is the same air
-STEERED_SECONDS, VELOCITY_SD = 2.0, 0.2
+# of means, where the wind was measured beside the vehicle: only its slow part is the same air
+BESIDE_SECONDS = 3.0
+STEERED_SECONDS = 2.0
+VELOCITY_SD = 0.2
 """Steered flight changes its velocity in so long, against the drag; m/s, along each axis, of the velocity's error."""
-FOLLOWED, FAST_SECONDS, TILTED = 0.3, 0.3, 0.2
+FOLLOWED = 0.3
+FAST_SECONDS = 0.3
+TILTED = 0.2
 """In free flight the velocity changes by 0.7 to 1.5 of what the tilt says, over so long; m/s² that gusts balance."""
-GUSTS, GUSTS_SD = np.log([0.3, 5.0, 0.03, 0.05]), np.array([1.0, 1.0, 1.0, 0.7])
+GUSTS = np.log([0.3, 5.0, 0.03, 0.05])
+GUSTS_SD = np.array([1.0, 1.0, 1.0, 0.7])
 """Logarithms of gusts' sd (m/s²) and time (s), of the mean wind's change (m/s² in 1 s) and of noise (m/s²)."""
-MODEL_SD, SPLIT_SD = 0.09, 0.2
+MODEL_SD = 0.09
+SPLIT_SD = 0.2
 """Of the drag's logarithm, over all of a flight, as thrust, air and load change it; and of its quadratic part's."""
 UNSAID = np.vstack([[[MODEL_SD, -0.3 * SPLIT_SD], [MODEL_SD, SPLIT_SD]], np.zeros((8, 2))])
-FORM_ERROR, FORM_SECONDS = 0.03, 5.0
+FORM_ERROR = 0.03
+FORM_SECONDS = 5.0
 """Share of the force to which its form is right, for so long: rotors turn faster where there is more thrust."""
-DIFFERENCE, LARGEST, CONVERGED = 0.05, 0.5, 0.1  # of parameters; their steps; and sd at which these end
+# of parameters; their steps; and sd at which these end
+DIFFERENCE = 0.05
+LARGEST = 0.5
+CONVERGED = 0.1
 BEYOND = 3.0  # prior sd of the drag, from where the flight is not of this model
-COURSES, ITERATIONS = 64, 12
+COURSES = 64
+ITERATIONS = 12
 
 
-def checked(time: Array, attitude: Array, velocity: Array) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+def checked(
+    time: Array, attitude: Array, velocity: Array
+) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
     """Returns the rows that are finite, and which; raises what ``estimate_wind`` says."""
     stamps, angles, speeds = (np.asarray(given, np.float64) for given in (time, attitude, velocity))
     if stamps.ndim != 1 or angles.shape != (len(stamps), 3) or speeds.shape != angles.shape:
         raise ValueError("time, attitude and velocity must have shapes (T,), (T, 3) and (T, 3)")
     if not np.isfinite(stamps).all() or (np.diff(stamps) < 0).any():
         raise ValueError("time must be finite and ascend")
-    if len(stamps) > 1 and (np.median(np.diff(stamps)) > SLOWEST_SECONDS or np.ptp(stamps) > LONGEST_SECONDS):
+    if len(stamps) > 1 and (
+        np.median(np.diff(stamps)) > SLOWEST_SECONDS or np.ptp(stamps) > LONGEST_SECONDS
+    ):
         raise ValueError("time must be in s, of one flight")
     usable = np.asarray(np.isfinite(np.hstack([angles, speeds])).all(axis=1))
     if usable.sum() < 10:
-        what = "yaw" if np.isfinite(angles[:, 2]).sum() < 10 <= np.isfinite(angles[:, 0]).sum() else "velocity"
+        what = (
+            "yaw"
+            if np.isfinite(angles[:, 2]).sum() < 10 <= np.isfinite(angles[:, 0]).sum()
+            else "velocity"
+        )
         raise NotLearnable(f"The {what} is not known, and without it there is no wind.")
-    stamps, angles, speeds = stamps[usable], angles[usable], speeds[usable]
+    stamps = stamps[usable]
+    angles = angles[usable]
+    speeds = speeds[usable]
     if np.abs(angles[:, :2]).max() > np.pi:
         raise ValueError("attitude seems to be in degrees: give rad")
     if (interval := float(np.median(np.diff(stamps)))) <= FAST_SECONDS:
         # Where samples are slower, gusts and the position loop come between tilt and velocity.
         shown = motion(stamps, angles, speeds, max(FAST_SECONDS, 2 * interval))
         tilt = GRAVITY * shown.axes[:, :, 2]
-        earth = (np.einsum("ti,tij->tj", one, shown.axes[:, :, :2]) for one in (tilt, shown.force + tilt))
+        earth = (
+            np.einsum("ti,tij->tj", one, shown.axes[:, :, :2]) for one in (tilt, shown.force + tilt)
+        )
         both = shown.known[1:] & shown.known[:-1]
         turned, moved = (np.diff(values, axis=0)[both].ravel() for values in earth)
-        if len(turned) > 40 and turned.std() > TILTED and turned @ moved < FOLLOWED * (turned @ turned):
+        if (
+            len(turned) > 40
+            and turned.std() > TILTED
+            and turned @ moved < FOLLOWED * (turned @ turned)
+        ):
             why = "the vehicle is held, carried or on the ground, or its velocity is not measured"
             raise NotLearnable(f"The velocity does not follow the tilt: {why}.")
     return stamps, angles, speeds, usable
 
 
 def gridded(
-    time: Array, attitude: Array, velocity: Array, step: float = STEP, most: int = STEPS, wind: Array | None = None
+    time: Array,
+    attitude: Array,
+    velocity: Array,
+    step: float = STEP,
+    most: int = STEPS,
+    wind: Array | None = None,
 ) -> Motion:
     """Returns ``airflow.motion`` in steps of ``step`` s, longer ones where samples are or where there were ``most``."""
     widest = max(step, float(np.median(np.diff(time))), float(time[-1] - time[0]) / most)
@@ -89,31 +125,39 @@ def gridded(
     return found
 
 
-def identified(moved: Motion, drag: Drag, steered: float | None = None) -> tuple[Array, Array, float]:
+def identified(
+    moved: Motion, drag: Drag, steered: float | None = None
+) -> tuple[Array, Array, float]:
     """Returns mean (10,) and covariance of what ``filtered`` takes, and how much of the flight :func:`opposing` is.
 
     Sizes of the wind are times the drag, m/s². By a prior ``drag``, and Fisher scoring of the filter's likelihood. What
     it says of the drag counts for as much as is steered, and what it says of the lean for as much as the yaw turns: the
     rest would be of the model's form.
     """
-    prior, precision = np.append(drag.mean, GUSTS), np.zeros((10, 10))
+    prior = np.append(drag.mean, GUSTS)
+    precision = np.zeros((10, 10))
     precision[:6, :6], precision[6:, 6:] = np.linalg.inv(drag.covariance), np.diag(GUSTS_SD**-2)
     steered = opposing(moved) if steered is None else steered
     ahead = moved.axes[moved.known, 0, :2]
     turned = max(1 - float(np.hypot(*(ahead / np.hypot(*ahead.T)[:, None]).mean(axis=0))) ** 2, 0.0)
     counted = np.array([*[steered**2] * 4, *[turned] * 2, *[1.0] * 4])
-    mean, scale, farthest = prior, counted, 4 / np.sqrt(np.diag(precision))
+    mean = prior
+    scale = counted
+    farthest = 4 / np.sqrt(np.diag(precision))
     apart = DIFFERENCE * np.vstack([np.zeros(10), np.eye(10), -np.eye(10)])
     for _ in range(ITERATIONS):
         found = filtered(in_air(mean + apart, moved), moved)
-        errors, spread = found.errors[moved.known], found.spread[moved.known]
+        errors = found.errors[moved.known]
+        spread = found.spread[moved.known]
         inverse = np.linalg.inv(spread[:, 0])
         slope = (found.log_likelihood[1:11] - found.log_likelihood[11:]) / (2 * DIFFERENCE)
         slopes = (errors[:, 1:11] - errors[:, 11:]) / (2 * DIFFERENCE)
         pulled = np.einsum("tij,tj->ti", inverse, errors[:, 0])
         pulled *= ((FREEDOM + 2) / (FREEDOM + (pulled * errors[:, 0]).sum(axis=1)))[:, None]
         slope[:6] = -np.einsum("tki,ti->k", slopes[:, :6], pulled)
-        changes = np.einsum("tij,tkjl->tkil", inverse, (spread[:, 1:11] - spread[:, 11:]) / (2 * DIFFERENCE))
+        changes = np.einsum(
+            "tij,tkjl->tkil", inverse, (spread[:, 1:11] - spread[:, 11:]) / (2 * DIFFERENCE)
+        )
         information = np.einsum("tki,tij,tlj->kl", slopes, inverse, slopes)
         information[6:, 6:] += np.einsum("tkij,tlji->kl", changes[:, 6:], changes[:, 6:]) / 2
         white = np.einsum("tji,tj->ti", np.linalg.cholesky(inverse), errors[:, 0])
@@ -132,7 +176,9 @@ def identified(moved: Motion, drag: Drag, steered: float | None = None) -> tuple
         mean = np.clip(mean + np.clip(step, -LARGEST, LARGEST), prior - farthest, prior + farthest)
         if np.all(np.abs(step) < CONVERGED * np.sqrt(np.diag(covariance))):
             break
-    if steered and not np.all(np.abs(mean - prior)[:6] < BEYOND * np.sqrt(np.diag(drag.covariance))):
+    if steered and not np.all(
+        np.abs(mean - prior)[:6] < BEYOND * np.sqrt(np.diag(drag.covariance))
+    ):
         return identified(moved, drag, steered=0.0)
     return mean, (covariance + covariance.T) / 2, steered
 
@@ -142,16 +188,23 @@ def opposing(moved: Motion) -> float:
     steps = max(round(STEERED_SECONDS / moved.step), 1)
     force = np.einsum("tij,ti->tj", moved.axes, moved.force)[:, :2]
     both = moved.known[steps:] & moved.known[:-steps]
-    pushed, moving = ((part[steps:] - part[:-steps])[both].ravel() for part in (force, moved.velocity[:, :2]))
+    pushed, moving = (
+        (part[steps:] - part[:-steps])[both].ravel() for part in (force, moved.velocity[:, :2])
+    )
     noise = 2 * VELOCITY_SD**2 * len(moving)
-    against = -(pushed @ moving) / np.sqrt(max((pushed @ pushed) * (moving @ moving + noise), 1e-12))
+    against = -(pushed @ moving) / np.sqrt(
+        max((pushed @ pushed) * (moving @ moving + noise), 1e-12)
+    )
     return max(float(against), 0.0) ** 2
 
 
 def in_air(places: Array, moved: Motion) -> Array:
     """Returns what ``filtered`` takes, of ``places`` (N, 10) with sizes of the wind times the drag."""
-    (c, q), found = np.exp(places[:, :2]).T, places.copy()
-    coherent = FORM_ERROR**2 * float((moved.force[moved.known] ** 2).sum(axis=1).mean()) * 2 / FORM_SECONDS
+    (c, q) = np.exp(places[:, :2]).T
+    found = places.copy()
+    coherent = (
+        FORM_ERROR**2 * float((moved.force[moved.known] ** 2).sum(axis=1).mean()) * 2 / FORM_SECONDS
+    )
     found[:, 8] = np.log(np.exp(2 * found[:, 8]) + coherent) / 2
     found[:, [6, 8]] -= np.log(c + q * mean_speed(places, moved))[:, None]
     return found
@@ -167,8 +220,13 @@ def mean_speed(places: Array, moved: Motion) -> Array:
 def independent_share(errors: Array) -> float:
     """Returns for how many independent ones each of ``errors`` (T, k) counts, by their autocorrelation."""
     centred = np.nan_to_num(errors - np.nanmean(errors, axis=0))
-    found = (float((centred[lag:] * centred[:-lag]).sum()) for lag in range(1, min(60, len(centred) // 3)))
-    return 1 / (1 + 2 * sum(takewhile(lambda one: one > 0, found)) / max(float((centred**2).sum()), 1e-12))
+    found = (
+        float((centred[lag:] * centred[:-lag]).sum())
+        for lag in range(1, min(60, len(centred) // 3))
+    )
+    return 1 / (
+        1 + 2 * sum(takewhile(lambda one: one > 0, found)) / max(float((centred**2).sum()), 1e-12)
+    )
 
 
 def courses(moved: Motion, mean: Array, covariance: Array) -> tuple[Array, Array]:
@@ -190,13 +248,19 @@ def estimate_drag(time: Array, attitude: Array, velocity: Array, wind: Array) ->
     if np.shape(wind) not in ((2,), (len(time), 2)):
         raise ValueError(f"wind must have shape (2,) or ({len(time)}, 2), not {np.shape(wind)}")
     air: Array = np.zeros((len(time), 2)) + np.asarray(wind, np.float64)
-    speeds = np.where(np.isfinite(air).all(axis=1, keepdims=True), np.asarray(velocity, np.float64), np.nan)
+    speeds = np.where(
+        np.isfinite(air).all(axis=1, keepdims=True), np.asarray(velocity, np.float64), np.nan
+    )
     stamps, angles, speeds, usable = checked(time, attitude, speeds)
     step = BESIDE_SECONDS if float(np.ptp(air[usable], axis=0).max()) > 0.1 else STEP
-    moved, prior = gridded(stamps, angles, speeds, step, wind=air[usable]), Drag.of_parameters()
-    moved, mean, precision = moved.at(moved.known), prior.mean, np.linalg.inv(prior.covariance)
+    moved = gridded(stamps, angles, speeds, step, wind=air[usable])
+    prior = Drag.of_parameters()
+    moved = moved.at(moved.known)
+    mean = prior.mean
+    precision = np.linalg.inv(prior.covariance)
     relative = np.einsum("tij,tj->ti", moved.axes, moved.velocity)
-    size, ones = np.hypot(*relative.T)[:, None], np.eye(2)[:, None] * -np.ones((len(relative), 1))
+    size = np.hypot(*relative.T)[:, None]
+    ones = np.eye(2)[:, None] * -np.ones((len(relative), 1))
     for _ in range(30):  # Gauss-Newton
         linear, quadratic = coefficients(mean)
         errors = moved.force + (linear + quadratic * size) * relative - mean[4:]

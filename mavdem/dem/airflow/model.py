@@ -22,15 +22,22 @@ from numpy.typing import NDArray
 from mavdem.confidence import quantile
 from mavdem.dem.engine.linalg import Array
 
-POPULATION, POPULATION_SD = np.log([0.3, 0.014, 1.0, 1.0]), np.array([0.7, 0.9, 0.2, 0.35])
+POPULATION = np.log([0.3, 0.014, 1.0, 1.0])
+POPULATION_SD = np.array([0.7, 0.9, 0.2, 0.35])
 """Logarithms of linear drag (1/s), quadratic drag (1/m) and the ratio of body y to x of each: of 9 vehicles, 3 real,
 whose linear drag is 0.15 to 0.6; PX4's simulator SIH has 1."""
-LEAN_SD, LEAN_CHANGE = 0.18, 0.1
+LEAN_SD = 0.18
+LEAN_CHANGE = 0.1
 """m/s² of lean that no wind makes: 1° of misaligned attitude or shifted load, and of it what one flight only has, as a
 Solo beside an anemometer. PX4's simulator draws 0.05 to 0.4 m/s² of accelerometer bias a flight."""
-HALF_AIR_DENSITY = 1.225 / 2  # kg/m³ at sea level, by which both autopilots define a ballistic coefficient
-SET_SD = 0.3  # of the logarithm of a coefficient that somebody set in the autopilot: few are calibrated
-PARAMETERS = {"ARDUPILOTMEGA": ("EK3_DRAG_MCOEF", "EK3_DRAG_BCOEF_"), "PX4": ("EKF2_MCOEF", "EKF2_BCOEF_")}
+# kg/m³ at sea level, by which both autopilots define a ballistic coefficient
+HALF_AIR_DENSITY = 1.225 / 2
+# of the logarithm of a coefficient that somebody set in the autopilot: few are calibrated
+SET_SD = 0.3
+PARAMETERS = {
+    "ARDUPILOTMEGA": ("EK3_DRAG_MCOEF", "EK3_DRAG_BCOEF_"),
+    "PX4": ("EKF2_MCOEF", "EKF2_BCOEF_"),
+}
 """Of momentum drag, 1/s at sea level, and of the ballistic coefficient along X and Y, kg/m²: 0.5 ρ / q."""
 DEFAULTS = {"EKF2_MCOEF": (0.15,), "EKF2_BCOEF_X": (25.0, 100.0), "EKF2_BCOEF_Y": (25.0, 100.0)}
 """PX4 has these unless somebody sets others; ArduPilot has 0, which switches the model off."""
@@ -43,7 +50,8 @@ def coefficients(logs: Array) -> tuple[Array, Array]:
     return np.exp(c + c_ratio * AXES), np.exp(q + q_ratio * AXES)
 
 
-FARTHEST = np.array([4.0, 6.0, 3.0, 3.0, 5.0, 5.0])  # from the population's means: factors of 50 to 400, and m/s²
+# from the population's means: factors of 50 to 400, and m/s²
+FARTHEST = np.array([4.0, 6.0, 3.0, 3.0, 5.0, 5.0])
 SOURCES = {
     "population": "other vehicles",
     "parameters": "the autopilot's parameters",
@@ -67,23 +75,44 @@ class Drag:
     source: str = "population"
 
     @classmethod
-    def of_parameters(cls, autopilot: str = "", parameters: Mapping[str, float] = MappingProxyType({})) -> Drag:
+    def of_parameters(
+        cls, autopilot: str = "", parameters: Mapping[str, float] = MappingProxyType({})
+    ) -> Drag:
         """Returns the population's drag, and what the ``autopilot``'s own ``parameters`` say where they were set."""
         momentum, ballistic = PARAMETERS.get(autopilot, ("", ""))
         names = momentum, f"{ballistic}X", f"{ballistic}Y"
-        changed = {name: value for name, value in parameters.items() if round(value, 6) not in DEFAULTS.get(name, ())}
+        changed = {
+            name: value
+            for name, value in parameters.items()
+            if round(value, 6) not in DEFAULTS.get(name, ())
+        }
         m, x, y = (changed.get(name, 0.0) for name in names)
-        logs, sd, source = POPULATION.copy(), POPULATION_SD.copy(), "population"
+        logs = POPULATION.copy()
+        sd = POPULATION_SD.copy()
+        source = "population"
         if m > 0.001:  # below, EKF2 takes the part for switched off
-            logs[0], sd[0], source = np.log(m), SET_SD, "parameters"
-        if x > 1 and y > 1:
-            logs[[1, 3]], sd[[1, 3]] = np.log([HALF_AIR_DENSITY / np.sqrt(x * y), x / y]), SET_SD
+            logs[0] = np.log(m)
+            sd[0] = SET_SD
             source = "parameters"
-        return cls(np.append(logs, [0.0, 0.0]), np.diag(np.append(sd, [LEAN_SD, LEAN_SD]) ** 2), source)
+        if x > 1 and y > 1:
+            logs[[1, 3]] = np.log([HALF_AIR_DENSITY / np.sqrt(x * y), x / y])
+            sd[[1, 3]] = SET_SD
+            source = "parameters"
+        return cls(
+            np.append(logs, [0.0, 0.0]), np.diag(np.append(sd, [LEAN_SD, LEAN_SD]) ** 2), source
+        )
 
-    linear = property(lambda self: coefficients(self.mean)[0], doc="Linear drag (2,) along body x and y, 1/s: medians.")
-    quadratic = property(lambda self: coefficients(self.mean)[1], doc="Likewise the quadratic drag (2,), 1/m.")
-    lean = property(lambda self: self.mean[4:], doc="Specific force (2,) along body x and y that no wind makes, m/s².")
+    linear = property(
+        lambda self: coefficients(self.mean)[0],
+        doc="Linear drag (2,) along body x and y, 1/s: medians.",
+    )
+    quadratic = property(
+        lambda self: coefficients(self.mean)[1], doc="Likewise the quadratic drag (2,), 1/m."
+    )
+    lean = property(
+        lambda self: self.mean[4:],
+        doc="Specific force (2,) along body x and y that no wind makes, m/s².",
+    )
 
     def interval(self, name: str) -> Array:
         """Returns (2, 2) lower and upper ends, by axis, of the 90 % interval of ``name``: linear or quadratic."""
@@ -102,23 +131,33 @@ class Drag:
         if autopilot not in PARAMETERS:
             return {}
         momentum, ballistic = PARAMETERS[autopilot]
-        (low, high), q, ends = self.interval("linear").mean(axis=1), self.quadratic, self.interval("quadratic")
+        (low, high) = self.interval("linear").mean(axis=1)
+        q = self.quadratic
+        ends = self.interval("quadratic")
         found = {momentum: (float(np.exp(self.mean[0])), float(low), float(high))}
         bodies = HALF_AIR_DENSITY / np.array([q, ends[1], ends[0]]).T
-        return found | {ballistic + axis: tuple(body.tolist()) for axis, body in zip("XY", bodies, strict=True)}
+        return found | {
+            ballistic + axis: tuple(body.tolist()) for axis, body in zip("XY", bodies, strict=True)
+        }
 
     def of_next_flight(self) -> Drag:
         """Returns what is known before another flight of the vehicle: a part of its lean is that of this one only."""
         kept = 1 - (LEAN_CHANGE / LEAN_SD) ** 2
         scale = np.array([1, 1, 1, 1, kept, kept])
         change = np.diag([0, 0, 0, 0, 1, 1]) * LEAN_SD**2 * (1 - kept**2)
-        return Drag(self.mean * scale, self.covariance * np.outer(scale, scale) + change, self.source)
+        return Drag(
+            self.mean * scale, self.covariance * np.outer(scale, scale) + change, self.source
+        )
 
     def as_dict(self) -> dict[str, Any]:
         """Returns plain JSON values, which :meth:`from_dict` reads."""
         names = ("linear", "quadratic")
         shown = {name: getattr(self, name).tolist() for name in (*names, "mean", "covariance")}
-        return shown | {f"{name}_interval": self.interval(name).tolist() for name in names} | {"source": self.source}
+        return (
+            shown
+            | {f"{name}_interval": self.interval(name).tolist() for name in names}
+            | {"source": self.source}
+        )
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Drag:
@@ -128,29 +167,54 @@ class Drag:
 
     def required(self) -> Drag:
         """Returns it; ``ValueError`` where no vehicle can have it."""
-        if np.shape(self.mean) != (6,) or np.shape(self.covariance) != (6, 6) or self.source not in SOURCES:
-            raise ValueError(f"a drag has a mean of 6, its covariance, and a source of {', '.join(SOURCES)}")
+        if (
+            np.shape(self.mean) != (6,)
+            or np.shape(self.covariance) != (6, 6)
+            or self.source not in SOURCES
+        ):
+            raise ValueError(
+                f"a drag has a mean of 6, its covariance, and a source of {', '.join(SOURCES)}"
+            )
         finite = bool(np.isfinite(self.mean).all() and np.isfinite(self.covariance).all())
         if not finite or (np.abs(self.mean - np.append(POPULATION, np.zeros(2))) > FARTHEST).any():
             raise ValueError("no vehicle has such a drag")
-        if not np.allclose(self.covariance, self.covariance.T) or not np.linalg.eigvalsh(self.covariance)[0] > 0:
+        if (
+            not np.allclose(self.covariance, self.covariance.T)
+            or not np.linalg.eigvalsh(self.covariance)[0] > 0
+        ):
             raise ValueError("the covariance of the drag is none")
         return self
 
     @classmethod
     def of_axes(cls, values: Sequence[float], halves: Sequence[float]) -> Drag:
         """Returns the drag of ``values``, linear (1/s) then quadratic (1/m) along x and y, ± their ``halves``."""
-        logs, sd = np.log(values).reshape(2, 2), (np.arcsinh(np.divide(halves, values)) / quantile()).reshape(2, 2)
+        logs = np.log(values).reshape(2, 2)
+        sd = (np.arcsinh(np.divide(halves, values)) / quantile()).reshape(2, 2)
         mean = [*logs.mean(axis=1), *np.diff(logs).ravel(), 0.0, 0.0]
-        return cls(np.array(mean), np.diag([*sd.mean(axis=1), *POPULATION_SD[2:], LEAN_SD, LEAN_SD]) ** 2, "flight")
+        return cls(
+            np.array(mean),
+            np.diag([*sd.mean(axis=1), *POPULATION_SD[2:], LEAN_SD, LEAN_SD]) ** 2,
+            "flight",
+        )
 
 
-GRAVITY, WIND_SD = 9.80665, 5.0  # m/s²; m/s along each axis, of the mean wind before the flight: 3 to 10 are usual
-LAG, SCALE_ERROR = 0.03, 0.05  # s between attitude and velocity; share of an acceleration that is measured
-FREEDOM = 8.0  # of Student's t that innovations have: a position reset or a touch of the ground is no wind
-MAX_FORCE, BRIDGED = 25.0, 10.0  # m/s² across the thrust axis, beyond which the velocity jumped; s to the next data
-WIND, MEAN = slice(0, 2), slice(2, 4)  # of the four states
-PLANE, TOTAL = np.eye(2), np.kron([[1.0, 1.0]], np.eye(2))  # TOTAL (2, 4): w + m of the states
+# m/s²; m/s along each axis, of the mean wind before the flight: 3 to 10 are usual
+GRAVITY = 9.80665
+WIND_SD = 5.0
+# s between attitude and velocity; share of an acceleration that is measured
+LAG = 0.03
+SCALE_ERROR = 0.05
+# of Student's t that innovations have: a position reset or a touch of the ground is no wind
+FREEDOM = 8.0
+# m/s² across the thrust axis, beyond which the velocity jumped; s to the next data
+MAX_FORCE = 25.0
+BRIDGED = 10.0
+# of the four states
+WIND = slice(0, 2)
+MEAN = slice(2, 4)
+# TOTAL (2, 4): w + m of the states
+PLANE = np.eye(2)
+TOTAL = np.kron([[1.0, 1.0]], np.eye(2))
 
 
 class Motion(NamedTuple):
@@ -166,7 +230,9 @@ class Motion(NamedTuple):
     @property
     def known(self) -> NDArray[np.bool_]:
         """(T,) which steps have all of it."""
-        return np.asarray(np.isfinite(self.force).all(axis=1) & np.isfinite(self.velocity).all(axis=1))
+        return np.asarray(
+            np.isfinite(self.force).all(axis=1) & np.isfinite(self.velocity).all(axis=1)
+        )
 
     def at(self, rows: NDArray[np.bool_] | slice) -> Motion:
         """Returns those steps."""
@@ -174,16 +240,21 @@ class Motion(NamedTuple):
         return Motion(**columns, step=self.step)
 
 
-def motion(time: Array, attitude: Array, velocity: Array, step: float, wind: Array | None = None) -> Motion:
+def motion(
+    time: Array, attitude: Array, velocity: Array, step: float, wind: Array | None = None
+) -> Motion:
     """Returns the motion on a grid, all of it in means over two steps that weigh their middle most.
 
     These means of the acceleration are the difference between each step's means of the ``velocity``: of one kernel,
     manoeuvres do not look like drag. ``time`` (T,) and ``step`` are in s; ``attitude`` (T, 3), roll, pitch and yaw in
     rad, and velocity (T, 3), m/s north, east and down; a known ``wind`` (T, 2), m/s, is taken off the velocity.
     """
-    (cr, cp, cy), (sr, sp, sy) = np.cos(attitude).T, np.sin(attitude).T
-    x, y = (cp * cy, cp * sy, -sp), (sr * sp * cy - cr * sy, sr * sp * sy + cr * cy, sr * cp)
-    tilt = (cr * sp * cy + sr * sy) / (cr * cp), (cr * sp * sy - sr * cy) / (cr * cp)  # body z, by its part downwards
+    (cr, cp, cy) = np.cos(attitude).T
+    (sr, sp, sy) = np.sin(attitude).T
+    x = (cp * cy, cp * sy, -sp)
+    y = (sr * sp * cy - cr * sy, sr * sp * sy + cr * cy, sr * cp)
+    # body z, by its part downwards
+    tilt = (cr * sp * cy + sr * sy) / (cr * cp), (cr * sp * sy - sr * cy) / (cr * cp)
     air = np.zeros((2, len(time))) if wind is None else wind.T
     start = time[0] - float(np.median(np.diff(time))) / 2
     count = int((time[-1] - start) / step + 1e-6) + 1
@@ -194,20 +265,28 @@ def motion(time: Array, attitude: Array, velocity: Array, step: float, wind: Arr
         columns = np.array([np.ones(len(time)), *x, *y, *tilt, *air, *velocity.T])
         return np.array([np.bincount(place, column, count) for column in weights * columns])
 
-    late, whole = sums(share), sums(np.ones(len(time)))
+    late = sums(share)
+    whole = sums(np.ones(len(time)))
     hats = (whole - late)[:, 1:] + late[:, :-1]
     with np.errstate(divide="ignore", invalid="ignore"):
-        middle, change = (hats / hats[0]).T, np.diff(whole / whole[0]).T / step
-    axes, speed, faster = middle[:, 1:7].reshape(-1, 2, 3), middle[:, 11:].copy(), change[:, 11:]
+        middle = (hats / hats[0]).T
+        change = np.diff(whole / whole[0]).T / step
+    axes = middle[:, 1:7].reshape(-1, 2, 3)
+    speed = middle[:, 11:].copy()
+    faster = change[:, 11:]
     # Thrust carries the weight, and so much of it pushes to the side.
     level = faster[:, :2] + (GRAVITY - faster[:, 2:]) * middle[:, 7:9]
     force = np.einsum("tij,tj->ti", axes[:, :, :2], level)
     force[~(np.abs(force) < MAX_FORCE).all(axis=1)] = np.nan
-    doubt = np.sqrt(((LAG * GRAVITY * change[:, 7:9]) ** 2 + (SCALE_ERROR * faster[:, :2]) ** 2).sum(axis=1))
+    doubt = np.sqrt(
+        ((LAG * GRAVITY * change[:, 7:9]) ** 2 + (SCALE_ERROR * faster[:, :2]) ** 2).sum(axis=1)
+    )
     speed[:, :2] -= middle[:, 9:11]
     grid = Motion(start + step * np.arange(1, count), axes, speed, force, doubt, step)
     reach = int(BRIDGED / step)
-    return grid.at(np.convolve([*grid.known, False], np.ones(2 * reach + 1))[reach : reach + len(force)] > 0)
+    return grid.at(
+        np.convolve([*grid.known, False], np.ones(2 * reach + 1))[reach : reach + len(force)] > 0
+    )
 
 
 class Filter:
@@ -225,8 +304,13 @@ class Filter:
 
     def __init__(self, parameters: Array, start: Motion) -> None:
         self._linear, self._quadratic = linear, quadratic = coefficients(parameters)
-        self._lean, (wind_sd, wind_seconds, walk, noise) = parameters[:, 4:6], np.exp(parameters[:, 6:]).T
-        G, phi, known = len(parameters), np.exp(-start.step / wind_seconds), start.known
+        self._lean, (wind_sd, wind_seconds, walk, noise) = (
+            parameters[:, 4:6],
+            np.exp(parameters[:, 6:]).T,
+        )
+        G = len(parameters)
+        phi = np.exp(-start.step / wind_seconds)
+        known = start.known
         self.decay, self.states, self.total = np.ones((G, 4)), np.zeros((G, 4)), np.zeros(G)
         self.decay[:, WIND] = phi[:, None]
         self.spreads, self._process = np.zeros((2, G, 4, 4))
@@ -236,17 +320,27 @@ class Filter:
         self._process[:, MEAN, MEAN] = (walk**2 * start.step)[:, None, None] * np.eye(2)
         self._fade = self.decay[:, :, None] * self.decay[:, None, :]
         self._noise = (noise**2)[:, None, None] * np.eye(2)
-        force = np.median(np.einsum("tij,ti->tj", start.axes[known][:, :, :2], start.force[known]), axis=0)
-        speed = air_speed(linear.mean(axis=1), quadratic.mean(axis=1), size := float(np.hypot(*force)))
-        self.states[:, MEAN] = np.median(start.velocity[known, :2], axis=0) + force / max(size, 1e-9) * speed[:, None]
+        force = np.median(
+            np.einsum("tij,ti->tj", start.axes[known][:, :, :2], start.force[known]), axis=0
+        )
+        speed = air_speed(
+            linear.mean(axis=1), quadratic.mean(axis=1), size := float(np.hypot(*force))
+        )
+        self.states[:, MEAN] = (
+            np.median(start.velocity[known, :2], axis=0) + force / max(size, 1e-9) * speed[:, None]
+        )
 
     def predict(self) -> None:
         """Goes on by a step."""
-        self.states, self.spreads = self.states * self.decay, self.spreads * self._fade + self._process
+        self.states = self.states * self.decay
+        self.spreads = self.spreads * self._fade + self._process
 
-    def update(self, axes: Array, velocity: Array, force: Array, doubt: float = 0.0) -> tuple[Array, Array]:
+    def update(
+        self, axes: Array, velocity: Array, force: Array, doubt: float = 0.0
+    ) -> tuple[Array, Array]:
         """Takes what a step of ``Motion`` measured; returns errors (G, 2) and covariances of the predictions."""
-        x, P = self.states, self.spreads
+        x = self.states
+        P = self.spreads
         u = axes @ velocity - (x[:, WIND] + x[:, MEAN]) @ axes[:, :2].T
         speed = np.sqrt((u * u).sum(axis=1) + 1e-4)[:, None]
         drag = self._linear + self._quadratic * speed
@@ -261,7 +355,10 @@ class Filter:
         squares = (error[:, None] @ inverse @ error[:, :, None])[:, 0, 0]
         self.total -= np.log(det) / 2 + (FREEDOM + 2) / 2 * np.log1p(squares / FREEDOM)
         K = PH @ inverse * np.minimum((FREEDOM + 2) / (FREEDOM + squares), 1.0)[:, None, None]
-        self.states, self.spreads = x + (K @ error[:, :, None])[:, :, 0], P - K @ PH.transpose(0, 2, 1)
+        self.states, self.spreads = (
+            x + (K @ error[:, :, None])[:, :, 0],
+            P - K @ PH.transpose(0, 2, 1),
+        )
         return error, S
 
 
@@ -276,20 +373,27 @@ class Filtered(NamedTuple):
 
 def filtered(parameters: Array, motion: Motion, keep: bool = False) -> Filtered:
     """Returns what a ``Filter`` leaves of the ``motion``; with states to be smoothed, where ``keep``."""
-    run, known, T = Filter(parameters, motion), motion.known, len(motion.force)
-    kept, G = T if keep else 0, len(parameters)
-    states, spreads = np.empty((2, kept, G, 4)), np.empty((2, kept, G, 4, 4))
-    errors, expected = np.full((T, G, 2), np.nan), np.full((T, G, 2, 2), np.nan)
+    run = Filter(parameters, motion)
+    known = motion.known
+    T = len(motion.force)
+    kept = T if keep else 0
+    G = len(parameters)
+    states = np.empty((2, kept, G, 4))
+    spreads = np.empty((2, kept, G, 4, 4))
+    errors = np.full((T, G, 2), np.nan)
+    expected = np.full((T, G, 2, 2), np.nan)
     for t in range(T):
         if t:
             run.predict()
         if keep:
-            states[0, t], spreads[0, t] = run.states, run.spreads
+            states[0, t] = run.states
+            spreads[0, t] = run.spreads
         if known[t]:
             step = motion.axes[t], motion.velocity[t], motion.force[t], float(motion.doubt[t])
             errors[t], expected[t] = run.update(*step)
         if keep:
-            states[1, t], spreads[1, t] = run.states, run.spreads
+            states[1, t] = run.states
+            spreads[1, t] = run.spreads
     return Filtered(run.total, errors, expected, (*states, *spreads, run.decay) if keep else ())
 
 
@@ -298,9 +402,13 @@ def air_speed(linear: Array, quadratic: Array, force: float) -> Array:
     return np.asarray(2 * force / (linear + np.sqrt(linear**2 + 4 * quadratic * force)))
 
 
-def smoothed(x_before: Array, states: Array, P_before: Array, spreads: Array, decay: Array) -> tuple[Array, Array]:
+def smoothed(
+    x_before: Array, states: Array, P_before: Array, spreads: Array, decay: Array
+) -> tuple[Array, Array]:
     """Returns states (T, G, 4) and covariances given all steps, in place (Rauch, Tung and Striebel, 1965)."""
-    gains = np.linalg.solve(P_before[1:], (spreads[:-1] * decay[:, None, :]).swapaxes(2, 3)).swapaxes(2, 3)
+    gains = np.linalg.solve(
+        P_before[1:], (spreads[:-1] * decay[:, None, :]).swapaxes(2, 3)
+    ).swapaxes(2, 3)
     for t in range(len(states) - 2, -1, -1):
         states[t] += np.einsum("gij,gj->gi", gains[t], states[t + 1] - x_before[t + 1])
         spreads[t] += gains[t] @ (spreads[t + 1] - P_before[t + 1]) @ gains[t].transpose(0, 2, 1)
@@ -309,5 +417,7 @@ def smoothed(x_before: Array, states: Array, P_before: Array, spreads: Array, de
 
 def drawn(mean: Array, covariance: Array, number: int) -> Array:
     """Returns a ``number`` of Gaussian draws whose own ``mean`` and ``covariance`` are these; the same every time."""
-    half = np.linalg.qr(np.random.default_rng(1).standard_normal((number // 2, len(mean))))[0] * np.sqrt(number / 2)
+    half = np.linalg.qr(np.random.default_rng(1).standard_normal((number // 2, len(mean))))[
+        0
+    ] * np.sqrt(number / 2)
     return np.asarray(mean + np.vstack([half, -half]) @ np.linalg.cholesky(covariance).T)

@@ -38,10 +38,14 @@ class Newton(NamedTuple):
 
 def newton_step(model: GenerativeModel, samples: SufficientStatistics, belief: Belief) -> Newton:
     """Returns the step from a belief; it increases F̄ also where that is not concave."""
-    unit = np.sqrt(np.concatenate([belief.theta_covariance.diagonal(), belief.lambda_covariance.diagonal()]))
+    unit = np.sqrt(
+        np.concatenate([belief.theta_covariance.diagonal(), belief.lambda_covariance.diagonal()])
+    )
     here = _slope(model, samples, belief, np.zeros(len(unit)))
     beside = DIFFERENCE_SD * np.diag(unit)
-    columns = [(here - _slope(model, samples, belief, step)) * unit / DIFFERENCE_SD for step in beside]
+    columns = [
+        (here - _slope(model, samples, belief, step)) * unit / DIFFERENCE_SD for step in beside
+    ]
     curvature = np.array(columns)
     values, modes = np.linalg.eigh((curvature + curvature.T) / 2)
     along = modes.T @ (unit * here)
@@ -51,20 +55,28 @@ def newton_step(model: GenerativeModel, samples: SufficientStatistics, belief: B
     return Newton(theta, lambda_, 0.5 * float(along @ length))
 
 
-def _slope(model: GenerativeModel, samples: SufficientStatistics, belief: Belief, step: Array) -> Array:
+def _slope(
+    model: GenerativeModel, samples: SufficientStatistics, belief: Belief, step: Array
+) -> Array:
     """∂F̄/∂(θ, λ), (k + g,), a step from the belief, X and its covariance at their maximum there, the others held."""
-    theta, lambda_ = belief.theta + step[: len(belief.theta)], belief.lambda_ + step[len(belief.theta) :]
-    state_map = steps.d_step(model, theta, belief.theta_covariance, lambda_, belief.lambda_covariance)
+    theta = belief.theta + step[: len(belief.theta)]
+    lambda_ = belief.lambda_ + step[len(belief.theta) :]
+    state_map = steps.d_step(
+        model, theta, belief.theta_covariance, lambda_, belief.lambda_covariance
+    )
     there = belief._replace(
         moments=GeneralizedMoments.of(model, samples, state_map),
         state_covariance=inverse(-state_curvature(model, theta, np.exp(lambda_))),
         theta=theta,
         lambda_=lambda_,
     )
-    return np.concatenate([steps.theta_slope(model, samples, there)[0], steps.lambda_slope(model, samples, there)[0]])
+    return np.concatenate(
+        [steps.theta_slope(model, samples, there)[0], steps.lambda_slope(model, samples, there)[0]]
+    )
 
 
-CONVERGED_NATS = 0.1  # F̄ has converged when less than this is left to gain: so little does not separate two models
+# F̄ has converged when less than this is left to gain: so little does not separate two models
+CONVERGED_NATS = 0.1
 NEWTON_SHARES = (1.0, 0.25, 0.0625)  # shares of a Newton step that are tried in turn
 
 
@@ -125,8 +137,10 @@ class Ascent:
     state_map: Array  # L with X = L [ỹ; η̃], of the last D step's exact limit
     free_energy: FreeEnergy
     learning: Learning
-    converged: bool  # whether less than ``CONVERGED_NATS`` were left to gain before the iterations ran out
-    flowed: NDArray[np.bool_]  # (I + 1,) whether the D step followed its flow, stable and not lowering F̄, or its limit
+    # whether less than ``CONVERGED_NATS`` were left to gain before the iterations ran out
+    converged: bool
+    # (I + 1,) whether the D step followed its flow, stable and not lowering F̄, or its limit
+    flowed: NDArray[np.bool_]
 
 
 class Rates(NamedTuple):
@@ -190,7 +204,10 @@ def ascend(
         belief=beliefs[-1],
         state_map=iterates[-1].state_map,
         free_energy=FreeEnergy(
-            {name: np.array([iterate.terms[name] for iterate in iterates]) for name in iterates[0].terms}
+            {
+                name: np.array([iterate.terms[name] for iterate in iterates])
+                for name in iterates[0].terms
+            }
         ),
         learning=Learning(
             np.array([belief.theta for belief in beliefs]),
@@ -203,7 +220,9 @@ def ascend(
     )
 
 
-def plain_rounds(model: GenerativeModel, samples: SufficientStatistics, number: int) -> list[Belief]:
+def plain_rounds(
+    model: GenerativeModel, samples: SufficientStatistics, number: int
+) -> list[Belief]:
     """The belief at the start and after each of so many rounds, without extrapolation or a test of convergence."""
     ascent = CoordinateAscent(model, samples)
     iterates = [ascent.start()]
@@ -235,23 +254,33 @@ class CoordinateAscent:
     samples: SufficientStatistics
     rates: Rates = EXACT_RATES
 
-    def start(self, given: tuple[Array, Array] | None = None, lambda_covariance: Array | None = None) -> Iterate:
+    def start(
+        self, given: tuple[Array, Array] | None = None, lambda_covariance: Array | None = None
+    ) -> Iterate:
         """At ``given`` θ (k,) and λ (g,), or the priors' means, with the prior's covariance of λ or another (g, g)."""
         prior = self.model.prior
         theta, lambda_ = given or (prior.theta_mean, prior.lambda_mean)
         certain = np.zeros_like(prior.theta_precision)
         # The first D step takes the parameters for certain: a weak prior's mean-field term would erase the states.
-        uncertain = inverse(prior.lambda_precision) if lambda_covariance is None else lambda_covariance
+        uncertain = (
+            inverse(prior.lambda_precision) if lambda_covariance is None else lambda_covariance
+        )
         state_map = steps.d_step(self.model, theta, certain, lambda_, uncertain)
         moments = GeneralizedMoments.of(self.model, self.samples, state_map)
         return self._iterate(
-            Belief(moments, np.empty(0), theta, certain, lambda_, np.empty(0)), state_map, flowed=False
+            Belief(moments, np.empty(0), theta, certain, lambda_, np.empty(0)),
+            state_map,
+            flowed=False,
         )
 
     def at_belief(self, belief: Belief) -> Iterate:
         """The iterate of a belief, with X at its maximum."""
         state_map = steps.d_step(
-            self.model, belief.theta, belief.theta_covariance, belief.lambda_, belief.lambda_covariance
+            self.model,
+            belief.theta,
+            belief.theta_covariance,
+            belief.lambda_,
+            belief.lambda_covariance,
         )
         moments = GeneralizedMoments.of(self.model, self.samples, state_map)
         return self._iterate(belief._replace(moments=moments), state_map, flowed=False)
@@ -301,7 +330,8 @@ class CoordinateAscent:
         """A round from the largest share of the Newton step that increases F̄ᵒ; ``now`` if none does."""
         for share in NEWTON_SHARES:
             ahead = now.belief._replace(
-                theta=now.belief.theta + share * newton.theta, lambda_=now.belief.lambda_ + share * newton.lambda_
+                theta=now.belief.theta + share * newton.theta,
+                lambda_=now.belief.lambda_ + share * newton.lambda_,
             )
             then = self.round(now, ahead)
             if then is not now:
@@ -314,13 +344,19 @@ class CoordinateAscent:
         The covariances of a ``known`` start are already optimal and are updated at the end of the round: updating them
         after each step as well would raise F̄ hardly more, at twice the cost.
         """
-        model, samples, rates = self.model, self.samples, self.rates
+        model = self.model
+        samples = self.samples
+        rates = self.rates
         _require_sane(start.lambda_)
-        slope = steps.state_slope(model, start.theta, start.theta_covariance, start.lambda_, start.lambda_covariance)
+        slope = steps.state_slope(
+            model, start.theta, start.theta_covariance, start.lambda_, start.lambda_covariance
+        )
         state_map = solve(slope[1], slope[0])
         if flowed:
             assert rates.state is not None
-            moments = steps.StateFlow.of(model, *slope, rates.state).moments(model, rates.segments, rates.dt)
+            moments = steps.StateFlow.of(model, *slope, rates.state).moments(
+                model, rates.segments, rates.dt
+            )
         else:
             moments = GeneralizedMoments.of(model, samples, state_map)
         belief = start._replace(moments=moments)
@@ -346,9 +382,14 @@ def _extrapolated(first: Belief, second: Belief, third: Belief) -> Belief | None
 
     Squared extrapolation of a fixed-point iteration (Varadhan and Roland 2008, scheme S3), in units of the posterior.
     """
-    unit = np.sqrt(np.concatenate([np.diag(third.theta_covariance), np.diag(third.lambda_covariance)]))
-    a, b, c = (np.concatenate([belief.theta, belief.lambda_]) / unit for belief in (first, second, third))
-    step, bend = b - a, (c - b) - (b - a)
+    unit = np.sqrt(
+        np.concatenate([np.diag(third.theta_covariance), np.diag(third.lambda_covariance)])
+    )
+    a, b, c = (
+        np.concatenate([belief.theta, belief.lambda_]) / unit for belief in (first, second, third)
+    )
+    step = b - a
+    bend = (c - b) - (b - a)
     if not np.linalg.norm(step) > np.linalg.norm(bend) > 0:
         return None
     length = float(np.linalg.norm(step) / np.linalg.norm(bend))

@@ -23,12 +23,15 @@ class Belief(NamedTuple):
     lambda_covariance: Array
 
 
-def free_energy_action(model: GenerativeModel, samples: SufficientStatistics, belief: Belief) -> float:
+def free_energy_action(
+    model: GenerativeModel, samples: SufficientStatistics, belief: Belief
+) -> float:
     """F̄ = Ū + W + H, Eq. ``free_E`` summed over time; constants in 2π are left out.
 
     W is the expectation of the curvature, ½ Σ tr(Σ U_ϑϑ): the ½ that Eq. ``F_bar_MF`` has and Eq. ``free_E`` lost.
     """
-    moments, lambda_ = belief.moments, belief.lambda_
+    moments = belief.moments
+    lambda_ = belief.lambda_
     T = samples.number
     weights = np.exp(lambda_)
     mean_field = 0.5 * (
@@ -37,7 +40,9 @@ def free_energy_action(model: GenerativeModel, samples: SufficientStatistics, be
         + np.sum(belief.lambda_covariance * lambda_curvature(model, moments, belief.theta, lambda_))
     )
     entropy = 0.5 * (
-        T * logdet(belief.state_covariance) + logdet(belief.theta_covariance) + logdet(belief.lambda_covariance)
+        T * logdet(belief.state_covariance)
+        + logdet(belief.theta_covariance)
+        + logdet(belief.lambda_covariance)
     )
     return internal_energy(model, samples, moments, belief.theta, lambda_) + mean_field + entropy
 
@@ -55,7 +60,8 @@ class SampleEnergy(NamedTuple):
     """F(t) as a function of the sample: a constant less half the squares of its errors and of its states."""
 
     constant: float  # F(t) of a sample without errors, at states 0
-    priors: float  # what of it the priors and entropies of θ and λ make up, which are in F̄ only once
+    # what of it the priors and entropies of θ and λ make up, which are in F̄ only once
+    priors: float
     errors: Array  # E with ε̃ = E [ỹ; η̃; X]
     precision: Array  # of ε̃, that of the noise included that uncertain λ make
     uncertainty: Array  # of X, which uncertain θ make
@@ -63,7 +69,9 @@ class SampleEnergy(NamedTuple):
     @classmethod
     def of(cls, model: GenerativeModel, belief: Belief) -> SampleEnergy:
         """That of a model under a belief, whose moments are not used."""
-        theta, lambda_, prior = belief.theta, belief.lambda_, model.prior
+        theta = belief.theta
+        lambda_ = belief.lambda_
+        prior = model.prior
         # W^λ and W^θ of a sample are quadratic in its errors and in its X.
         precision = model.precision(expected_weights(lambda_, belief.lambda_covariance))
         uncertainty = parameter_uncertainty(model, belief.theta_covariance, np.exp(lambda_))
@@ -85,7 +93,9 @@ class SampleEnergy(NamedTuple):
     def at(self, data: Array, states: Array) -> Array:
         """F(t), (T,), of generalized data (T, ·) and states (T, dim X)."""
         errors = np.hstack([data, states]) @ self.errors.T
-        squares = np.sum(errors @ self.precision * errors, axis=1) + np.sum(states @ self.uncertainty * states, axis=1)
+        squares = np.sum(errors @ self.precision * errors, axis=1) + np.sum(
+            states @ self.uncertainty * states, axis=1
+        )
         return np.asarray(self.constant - 0.5 * squares)
 
 
@@ -95,13 +105,18 @@ def expected_weights(lambda_: Array, lambda_covariance: Array) -> Array:
 
 
 def internal_energy(
-    model: GenerativeModel, samples: SufficientStatistics, moments: GeneralizedMoments, theta: Array, lambda_: Array
+    model: GenerativeModel,
+    samples: SufficientStatistics,
+    moments: GeneralizedMoments,
+    theta: Array,
+    lambda_: Array,
 ) -> float:
     """Ū = Σ_t U(t) with the priors counted once: log likelihood plus log priors at the means."""
     prior = model.prior
     error = np.sum(model.precision(np.exp(lambda_)) * moments.errors(theta))
     log_precision = model.log_precision_at_zero + model.log_precision_slope @ lambda_
-    theta_error, lambda_error = theta - prior.theta_mean, lambda_ - prior.lambda_mean
+    theta_error = theta - prior.theta_mean
+    lambda_error = lambda_ - prior.lambda_mean
     return 0.5 * float(
         samples.number * log_precision
         - error
@@ -120,23 +135,36 @@ def state_curvature(model: GenerativeModel, theta: Array, weights: Array) -> Arr
 def theta_curvature(model: GenerativeModel, moments: GeneralizedMoments, weights: Array) -> Array:
     """Ū_θθ (k, k): each row of [A B] and of C is a regression of its own, coupled only by the prior."""
     curvature = -model.prior.theta_precision
-    regression, rows = moments.regression, model.parameter_rows
-    add_blocks(curvature, rows.dynamics, -np.multiply.outer(weights[model.state_groups], regression.regressors))
-    add_blocks(curvature, rows.observation, -np.multiply.outer(weights[model.output_groups], regression.states))
+    regression = moments.regression
+    rows = model.parameter_rows
+    add_blocks(
+        curvature,
+        rows.dynamics,
+        -np.multiply.outer(weights[model.state_groups], regression.regressors),
+    )
+    add_blocks(
+        curvature,
+        rows.observation,
+        -np.multiply.outer(weights[model.output_groups], regression.states),
+    )
     return curvature
 
 
 def parameter_uncertainty(model: GenerativeModel, theta_covariance: Array, weights: Array) -> Array:
     """M with −½ XᵀM X the data's share of W^θ: an uncertain parameter makes the states it multiplies expensive."""
-    n, r, rows = model.n, model.r, model.parameter_rows
+    n = model.n
+    r = model.r
+    rows = model.parameter_rows
     dynamics = _sum(weights[model.state_groups], blocks(theta_covariance, rows.dynamics))
     observation = _sum(weights[model.output_groups], blocks(theta_covariance, rows.observation))
-    x, v = n * (model.p + 1), r * (model.d + 1)
+    x = n * (model.p + 1)
+    v = r * (model.d + 1)
     curvature = np.zeros((x + v, x + v))
     curvature[:x, :x] = _kron(model.output_correlation, observation)
     S = model.state_correlation
     both = min(model.q, model.d) + 1
-    at_x, at_v = slice(0, n * (model.q + 1)), slice(x, x + r * both)
+    at_x = slice(0, n * (model.q + 1))
+    at_v = slice(x, x + r * both)
     curvature[at_x, at_x] += _kron(S, dynamics[:n, :n])
     cross = _kron(S[:, :both], dynamics[:n, n:])
     curvature[at_x, at_v] += cross
@@ -166,12 +194,19 @@ def add_blocks(matrix: Array, rows: NDArray[np.intp], added: Array) -> None:
     matrix[rows[:, :, None], rows[:, None, :]] += added
 
 
-def lambda_curvature(model: GenerativeModel, moments: GeneralizedMoments, theta: Array, lambda_: Array) -> Array:
+def lambda_curvature(
+    model: GenerativeModel, moments: GeneralizedMoments, theta: Array, lambda_: Array
+) -> Array:
     """Ū_λλ (g, g)."""
-    return -np.diag(0.5 * np.exp(lambda_) * moments.squared_errors(theta)) - model.prior.lambda_precision
+    return (
+        -np.diag(0.5 * np.exp(lambda_) * moments.squared_errors(theta))
+        - model.prior.lambda_precision
+    )
 
 
-def optimal_terms(model: GenerativeModel, samples: SufficientStatistics, belief: Belief) -> Mapping[str, float]:
+def optimal_terms(
+    model: GenerativeModel, samples: SufficientStatistics, belief: Belief
+) -> Mapping[str, float]:
     """The named terms of F̄ᵒ, Eq. ``F_action_opt``, of a belief whose precisions are the negative curvatures.
 
     They sum to F̄ᵒ, which is :func:`free_energy_action` there plus half the number of everything estimated,
@@ -183,7 +218,8 @@ def optimal_terms(model: GenerativeModel, samples: SufficientStatistics, belief:
     squares = model.precision(np.exp(belief.lambda_)) * belief.moments.errors(belief.theta)
     of_y, of_v, of_x = model.errors
     of_x = slice(of_x.start, None)  # with x itself, where something is known of it
-    theta_error, lambda_error = belief.theta - prior.theta_mean, belief.lambda_ - prior.lambda_mean
+    theta_error = belief.theta - prior.theta_mean
+    lambda_error = belief.lambda_ - prior.lambda_mean
     log_precision = model.log_precision_at_zero + float(model.log_precision_slope @ belief.lambda_)
     return {
         "noise entropy": 0.5 * T * log_precision,
@@ -193,6 +229,8 @@ def optimal_terms(model: GenerativeModel, samples: SufficientStatistics, belief:
         "prediction error of outputs": -0.5 * float(squares[of_y, of_y].sum()),
         "prediction error of inputs": -0.5 * float(squares[of_v, of_v].sum()),
         "prediction error of states": -0.5 * float(squares[of_x, of_x].sum()),
-        "prediction error of parameters": -0.5 * float(theta_error @ prior.theta_precision @ theta_error),
-        "prediction error of hyperparameters": -0.5 * float(lambda_error @ prior.lambda_precision @ lambda_error),
+        "prediction error of parameters": -0.5
+        * float(theta_error @ prior.theta_precision @ theta_error),
+        "prediction error of hyperparameters": -0.5
+        * float(lambda_error @ prior.lambda_precision @ lambda_error),
     }

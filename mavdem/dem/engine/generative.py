@@ -37,7 +37,9 @@ def taylor_weights(order: int, dt: float, window: int, at: float) -> NDArray[np.
     return per_step / dt ** np.arange(order + 1)[:, None]
 
 
-def embed(samples: NDArray[np.float64], order: int, dt: float, window: int, at: int) -> NDArray[np.float64]:
+def embed(
+    samples: NDArray[np.float64], order: int, dt: float, window: int, at: int
+) -> NDArray[np.float64]:
     """Generalized vectors of ``samples`` (T, m), one for each place the whole window of :func:`taylor_weights` fits.
 
     (T − window + 1, (order + 1)·m): row i belongs to sample ``i + at``. Nothing is padded.
@@ -81,7 +83,9 @@ def temporal_precision(order: int, smoothness: float) -> NDArray[np.float64]:
     return np.asarray(inv(temporal_covariance(order, 1.0)) * np.outer(units, units))
 
 
-def sampled_output_precision(order: int, smoothness: float, dt: float, window: int) -> NDArray[np.float64]:
+def sampled_output_precision(
+    order: int, smoothness: float, dt: float, window: int
+) -> NDArray[np.float64]:
     """S of a noise on the samples themselves, z, whose derivatives are estimated from a window of them.
 
     W K Wᵀ (order + 1, order + 1) inverted, for the weights W of ``taylor_weights`` and K the autocorrelation between
@@ -91,7 +95,9 @@ def sampled_output_precision(order: int, smoothness: float, dt: float, window: i
     return _precision_in_steps(weights @ np.exp(-((lag / smoothness) ** 2) / 4) @ weights.T, dt)
 
 
-def sampled_state_precision(order: int, smoothness: float, dt: float, window: int) -> NDArray[np.float64]:
+def sampled_state_precision(
+    order: int, smoothness: float, dt: float, window: int
+) -> NDArray[np.float64]:
     """S of a noise that drives the states, w, whose k-th derivative is estimated as the k + 1-st of what it drives.
 
     So it is that of the noise's integral, of which the weights of derivatives see differences only: with
@@ -99,8 +105,11 @@ def sampled_state_precision(order: int, smoothness: float, dt: float, window: in
     The ``order`` of the noise is one less than that of the states.
     """
     weights, lag = _reading(order + 1, dt, window)
-    span, s = np.abs(lag), smoothness
-    g = span * s * np.sqrt(np.pi) * erf(span / (2 * s)) + 2 * s**2 * np.expm1(-((span / s) ** 2) / 4)
+    span = np.abs(lag)
+    s = smoothness
+    g = span * s * np.sqrt(np.pi) * erf(span / (2 * s)) + 2 * s**2 * np.expm1(
+        -((span / s) ** 2) / 4
+    )
     return _precision_in_steps(-weights[1:] @ g @ weights[1:].T, dt)
 
 
@@ -208,10 +217,18 @@ class GenerativeModel:
     @cached_property
     def _operator_parts(self) -> tuple[Array, NDArray[np.intp], NDArray[np.intp]]:
         """E at θ = 0, the flat places in E that hold a parameter, and which: −C̃, −Ã and −B̃."""
-        n, r, m, p, d, q = self.n, self.r, self.m, self.p, self.d, self.q
-        y, v, x = m * (p + 1), r * (d + 1), n * (p + 1)
+        n = self.n
+        r = self.r
+        m = self.m
+        p = self.p
+        d = self.d
+        q = self.q
+        y = m * (p + 1)
+        v = r * (d + 1)
+        x = n * (p + 1)
         of_y, of_v, of_x = self.errors
-        at_x, at_v = slice(y + v, y + v + x), slice(y + v + x, None)
+        at_x = slice(y + v, y + v + x)
+        at_v = slice(y + v + x, None)
         fixed = np.zeros((self.about_zero.stop, y + v + x + v))
         fixed[self.about_zero, at_x] = np.eye(self.about_zero.stop - self.about_zero.start, x)
         fixed[of_y, :y] = np.eye(y)
@@ -220,7 +237,9 @@ class GenerativeModel:
         # The highest order's derivative is not modelled: D's last row is zero, or, for q < p, not there.
         fixed[of_x, at_x] = derivative_operator(p, n)[: n * (q + 1)]
         # Numbered from 1, so that the zeros of the Kronecker products stay no parameter's place.
-        A, B, C = (part.astype(int) for part in unpack(1.0 + np.arange(n * n + n * r + m * n), n, r, m))
+        A, B, C = (
+            part.astype(int) for part in unpack(1.0 + np.arange(n * n + n * r + m * n), n, r, m)
+        )
         number = np.zeros(fixed.shape, int)
         number[of_y, at_x] = np.kron(np.eye(p + 1, dtype=int), C)
         number[of_x, at_x] = np.kron(np.eye(q + 1, p + 1, dtype=int), A)
@@ -258,7 +277,9 @@ class GenerativeModel:
     @cached_property
     def log_precision_slope(self) -> Array:
         """∂ ln|Π̃| / ∂λ, (g,): ln|Π̃| is linear in λ."""
-        return np.asarray(self.group_sum @ np.repeat([self.p + 1.0, self.q + 1.0], [self.m, self.n]))
+        return np.asarray(
+            self.group_sum @ np.repeat([self.p + 1.0, self.q + 1.0], [self.m, self.n])
+        )
 
     @cached_property
     def log_precision_at_zero(self) -> float:
@@ -282,17 +303,21 @@ class GenerativeModel:
         # One row and column of zeros stands for every derivative beyond the embedding.
         padded = np.zeros((len(joint) + 1, len(joint) + 1))
         padded[:-1, :-1] = joint
-        Sx, Sy = self.state_correlation, self.output_correlation
+        Sx = self.state_correlation
+        Sy = self.output_correlation
         both, slope, states, outputs = self.orders
         dynamics = _contract(Sx, padded, np.hstack([both, slope]), both)
         observation = _contract(Sy, padded, np.hstack([states, outputs]), states)
-        n, size = self.n, self.n + self.r
+        n = self.n
+        size = self.n + self.r
         return Regression(dynamics[:size], dynamics[size:], observation[:n], observation[n:])
 
     @cached_property
     def parameter_rows(self) -> ParameterRows:
         """Where θ holds the parameters of each noise component."""
-        n, r, m = self.n, self.r, self.m
+        n = self.n
+        r = self.r
+        m = self.m
         A, B, C = unpack(np.arange(n * n + n * r + m * n), n, r, m)
         return ParameterRows(np.hstack([A, B]), C)
 
@@ -330,7 +355,9 @@ class GeneralizedMoments:
     _latest: tuple[Array, Array, Array] | None = field(default=None, init=False)
 
     @classmethod
-    def of(cls, model: GenerativeModel, samples: SufficientStatistics, state_map: Array) -> GeneralizedMoments:
+    def of(
+        cls, model: GenerativeModel, samples: SufficientStatistics, state_map: Array
+    ) -> GeneralizedMoments:
         """Those of X = L [ỹ; η̃], for L = ``state_map`` (dim X, dim [ỹ; η̃])."""
         return cls(model, samples.gram, np.vstack([np.eye(len(samples.gram)), state_map]))
 
@@ -357,7 +384,9 @@ class GeneralizedMoments:
         if self._latest is None or self._latest[0] is not theta:
             errors = self.model.error_operator(theta) @ self.stack
             moments = errors @ self.gram @ errors.T
-            object.__setattr__(self, "_latest", (theta, moments, self.model.squared_errors(moments)))
+            object.__setattr__(
+                self, "_latest", (theta, moments, self.model.squared_errors(moments))
+            )
         assert self._latest is not None
         return self._latest[1:]
 
@@ -369,7 +398,9 @@ class ParameterRows(NamedTuple):
     observation: NDArray[np.intp]
 
 
-def _contract(correlation: Array, joint: Array, left: NDArray[np.intp], right: NDArray[np.intp]) -> Array:
+def _contract(
+    correlation: Array, joint: Array, left: NDArray[np.intp], right: NDArray[np.intp]
+) -> Array:
     """Σᵢⱼ Sᵢⱼ · moments between the components of order i on the left and of order j on the right."""
     blocks = joint[left.ravel()[:, None], right.ravel()[None, :]].reshape(*left.shape, *right.shape)
     return np.asarray(np.einsum("ij,iajb->ab", correlation, blocks))
@@ -377,4 +408,8 @@ def _contract(correlation: Array, joint: Array, left: NDArray[np.intp], right: N
 
 def _by_component(correlation: Array, moments: Array, components: int) -> Array:
     orders = len(correlation)
-    return np.asarray(np.einsum("ij,iaja->a", correlation, moments.reshape(orders, components, orders, components)))
+    return np.asarray(
+        np.einsum(
+            "ij,iaja->a", correlation, moments.reshape(orders, components, orders, components)
+        )
+    )

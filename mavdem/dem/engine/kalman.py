@@ -20,7 +20,9 @@ import numpy as np
 from mavdem.dem.engine.linalg import Array, inverse
 from mavdem.dem.engine.model import recursion
 
-MAX_DOUBLINGS, MAX_STEPS = 40, 60  # of the time over which the filter becomes steady, and single steps after it
+# of the time over which the filter becomes steady, and single steps after it
+MAX_DOUBLINGS = 40
+MAX_STEPS = 60
 STEADY = 1e-11  # change of a covariance, relative to its largest entry, below which it is steady
 NEGLIGIBLE = 1e-12  # of a variance: what is less of it no longer counts
 
@@ -33,16 +35,20 @@ def steady_covariance(A: Array, C: Array, Q: Array, R: Array, S: Array | None = 
     Riccati equation", International Journal of Control 28, 1978), and by single steps where that lost digits. It
     overflows, or stays unsteady, where there is no steady filter.
     """
-    eye, Ct = np.eye(A.shape[-1]), np.swapaxes(C, -1, -2)
+    eye = np.eye(A.shape[-1])
+    Ct = np.swapaxes(C, -1, -2)
     crossed = np.zeros((A.shape[-1], C.shape[-2])) if S is None else S
     seen = np.linalg.solve(R, C)
-    across, gained = np.swapaxes(A - crossed @ seen, -1, -2), Ct @ seen
+    across = np.swapaxes(A - crossed @ seen, -1, -2)
+    gained = Ct @ seen
     P = Q - crossed @ np.linalg.solve(R, np.swapaxes(crossed, -1, -2))
     for _ in range(MAX_DOUBLINGS):
         solved = np.linalg.inv(eye + gained @ P)
-        half, back = across @ solved, np.swapaxes(across, -1, -2)
+        half = across @ solved
+        back = np.swapaxes(across, -1, -2)
         doubled = P + back @ P @ solved @ across
-        gained, across = gained + half @ gained @ back, half @ across
+        gained = gained + half @ gained @ back
+        across = half @ across
         P, before = (doubled + np.swapaxes(doubled, -1, -2)) / 2, P
         if np.abs(P - before).max() <= STEADY * np.abs(P).max():
             break
@@ -53,7 +59,9 @@ def steady_covariance(A: Array, C: Array, Q: Array, R: Array, S: Array | None = 
     return P
 
 
-def steady_gain(A: Array, C: Array, Q: Array, R: Array, S: Array | None = None) -> tuple[Array, Array]:
+def steady_gain(
+    A: Array, C: Array, Q: Array, R: Array, S: Array | None = None
+) -> tuple[Array, Array]:
     """Returns the gain (n, m) K of x̂⁺ = A x̂ + K (y − C x̂), with which A − K C is stable, and the covariance (n, n).
 
     The arguments are those of :func:`steady_covariance`, of one system; ``LinAlgError`` where no filter is steady.
@@ -62,7 +70,9 @@ def steady_gain(A: Array, C: Array, Q: Array, R: Array, S: Array | None = None) 
         P = steady_covariance(A, C, Q, R, S)
         gain = _gain(A, C, P, R, np.zeros((len(A), len(C))) if S is None else S)
     if not (np.isfinite(gain).all() and np.abs(np.linalg.eigvals(A - gain @ C)).max() < 1):
-        raise np.linalg.LinAlgError("there is no steady filter: an unstable state may not be seen in the outputs")
+        raise np.linalg.LinAlgError(
+            "there is no steady filter: an unstable state may not be seen in the outputs"
+        )
     return gain, P
 
 
@@ -73,7 +83,8 @@ def _gain(A: Array, C: Array, P: Array, R: Array, S: Array) -> Array:
 
 def _following(A: Array, C: Array, P: Array, Q: Array, R: Array, S: Array, gain: Array) -> Array:
     """The covariance one step later; in Joseph's form it stays positive."""
-    kept, turned = A - gain @ C, np.swapaxes(gain, -1, -2)
+    kept = A - gain @ C
+    turned = np.swapaxes(gain, -1, -2)
     added = Q + (gain @ R - 2 * S) @ turned
     after = kept @ P @ np.swapaxes(kept, -1, -2) + added
     return np.asarray((after + np.swapaxes(after, -1, -2)) / 2)
@@ -109,7 +120,9 @@ class SteadyFilter(NamedTuple):
 
     def predicted(self, pushes: Array, measured: Array, first: Array) -> Array:
         """Returns (T, n) the states, each given the samples before it, from the ``first`` (n,) on."""
-        return np.vstack([first, recursion(self.closed, pushes + measured[:-1, None] * self.gain, first)])
+        return np.vstack(
+            [first, recursion(self.closed, pushes + measured[:-1, None] * self.gain, first)]
+        )
 
     def weights(self, number: int, read: Array) -> Array:
         """Returns (number,) weights of a sample's innovation and of those after it, in the smoothed ``read`` · x."""
@@ -118,17 +131,22 @@ class SteadyFilter(NamedTuple):
         weights[: len(heard)] = heard / self.variance
         return weights
 
-    def smoothed(self, pushes: Array, measured: Array, first: Array, uncertainty: Array, read: Array) -> SteadySmoothed:
+    def smoothed(
+        self, pushes: Array, measured: Array, first: Array, uncertainty: Array, read: Array
+    ) -> SteadySmoothed:
         """Returns ``read`` (n,) · x in a segment, from all of its samples ``measured`` (T,).
 
         ``pushes`` (T − 1, n) are of each sample on the state of the next; the first state has mean ``first`` (n,) and
         covariance ``uncertainty`` (n, n).
         """
         predicted = self.predicted(pushes, measured, first)
-        errors, F = measured - predicted[:, 0], self.variance
+        errors = measured - predicted[:, 0]
+        F = self.variance
 
         powers = _powers(self.closed, len(measured))
-        heard, short, excess = powers[:, 0], len(powers), uncertainty - self.covariance
+        heard = powers[:, 0]
+        short = len(powers)
+        excess = uncertainty - self.covariance
         spread = excess @ np.linalg.inv(np.eye(len(read)) + heard.T @ heard @ excess / F)
         zeta = spread @ heard.T @ errors[:short] / F
         errors[:short] -= heard @ zeta
@@ -142,7 +160,8 @@ class SteadyFilter(NamedTuple):
 
         # Sums over the samples from one on: all of those, or as many as are not negligible.
         weights = heard @ toward
-        known, left = np.cumsum(weights**2) / F, read - np.cumsum(heard * weights[:, None], axis=0) / F
+        known = np.cumsum(weights**2) / F
+        left = read - np.cumsum(heard * weights[:, None], axis=0) / F
         following = np.minimum(np.arange(len(measured))[::-1], short - 1)
         variance = read @ toward - known[following]
         slope = np.einsum("tij,ti->tj", powers, left[following[:short]])
@@ -152,7 +171,8 @@ class SteadyFilter(NamedTuple):
 
 def _powers(matrix: Array, number: int) -> Array:
     """(h, n, n) the powers of a stable matrix from 0 on, ``number`` of them, or as many as are not negligible."""
-    powers, step = np.eye(len(matrix))[None], matrix
+    powers = np.eye(len(matrix))[None]
+    step = matrix
     while len(powers) < number and np.abs(powers[-1]).max() > NEGLIGIBLE:
         powers = np.concatenate([powers, powers @ step])
         step = step @ step
@@ -172,15 +192,20 @@ class KalmanFilter(NamedTuple):
     weights: Array  # (h, m, m) S⁻¹ of the errors of prediction
 
     @classmethod
-    def of(cls, A: Array, C: Array, Q: Array, R: Array, S: Array, first: Array, samples: int) -> KalmanFilter:
+    def of(
+        cls, A: Array, C: Array, Q: Array, R: Array, S: Array, first: Array, samples: int
+    ) -> KalmanFilter:
         """Returns that for noises as in :func:`steady_covariance`, and a first state of covariance ``first`` (n, n).
 
         Where a covariance overflows, or is none, all from there on are infinite, and their gains 0.
         """
-        covariances, gains, weights = [first], [], []
+        covariances = [first]
+        gains = []
+        weights = []
         with np.errstate(over="ignore", invalid="ignore"):
             for _ in range(max(samples, 1)):
-                P, seen = covariances[-1], covariances[-1] @ C.T
+                P = covariances[-1]
+                seen = covariances[-1] @ C.T
                 try:
                     weights.append(inverse(C @ seen + R))
                 except np.linalg.LinAlgError:
@@ -196,7 +221,9 @@ class KalmanFilter(NamedTuple):
 
     def covariances_of(self, samples: int) -> Array:
         """Returns (T + 1, n, n) those before each sample and after the last."""
-        return np.asarray(self.covariances[np.minimum(np.arange(samples + 1), len(self.covariances) - 1)])
+        return np.asarray(
+            self.covariances[np.minimum(np.arange(samples + 1), len(self.covariances) - 1)]
+        )
 
     def states(self, start: Array, pushes: Array, measured: Array) -> tuple[Array, Array]:
         """Returns states (…, T + 1, n) before each sample and after the last, and errors (…, T, m) of predicting it.
@@ -204,7 +231,8 @@ class KalmanFilter(NamedTuple):
         ``start`` is (…, n), ``pushes`` (…, T, n) act on the next state, ``measured`` is (…, T, m); leading axes are
         segments side by side.
         """
-        samples, last = measured.shape[-2], len(self.gains) - 1
+        samples = measured.shape[-2]
+        last = len(self.gains) - 1
         states = np.empty((*measured.shape[:-2], samples + 1, len(self.A)))
         states[..., 0, :] = start
         single = min(last, samples) if measured.ndim == 2 else samples
@@ -229,15 +257,20 @@ class KalmanFilter(NamedTuple):
         the state-space model", Journal of the American Statistical Association 84(408), 1989). The third are
         covariances (T, n, n) of each state but the first with the one before it.
         """
-        samples, last, n = errors.shape[-2], len(self.gains) - 1, len(self.A)
+        samples = errors.shape[-2]
+        last = len(self.gains) - 1
+        n = len(self.A)
         closed = self.A - self.gains @ self.C
         heard = self.weights @ self.C
-        information, pull = np.zeros((samples + 1, n, n)), np.zeros_like(states)
+        information = np.zeros((samples + 1, n, n))
+        pull = np.zeros_like(states)
         with np.errstate(over="ignore", invalid="ignore"):
             t = samples - 1
             while t >= 0:
                 place = min(t, last)
-                information[t] = self.C.T @ heard[place] + closed[place].T @ information[t + 1] @ closed[place]
+                information[t] = (
+                    self.C.T @ heard[place] + closed[place].T @ information[t + 1] @ closed[place]
+                )
                 change = np.abs(information[t] - information[t + 1]).max()
                 if t > last and change <= STEADY * np.abs(information[t]).max():
                     information[last + 1 : t] = information[t]
@@ -250,7 +283,9 @@ class KalmanFilter(NamedTuple):
                 pull[last:-1] = recursion(closed[-1].T, drives, np.zeros(n))[::-1]
             for t in range(single - 1, -1, -1):
                 place = min(t, last)
-                pull[..., t, :] = errors[..., t, :] @ heard[place] + pull[..., t + 1, :] @ closed[place]
+                pull[..., t, :] = (
+                    errors[..., t, :] @ heard[place] + pull[..., t + 1, :] @ closed[place]
+                )
             P = self.covariances_of(samples)
             means = states + np.einsum("...ti,tij->...tj", pull, P)
             covariances = P - P @ information @ P
@@ -288,14 +323,21 @@ def smoothed(model: GaussianModel, start: Array, inputs: Array, outputs: Array) 
     The first state has mean ``start`` (n,) and the identity as covariance; ``LinAlgError`` where a covariance is not
     positive or not finite.
     """
-    A, C, eye = model.A, model.C, np.eye(len(model.A))
-    filtered = KalmanFilter.of(A, C, model.Q, model.R, np.zeros((len(A), len(C))), eye, len(outputs))
+    A = model.A
+    C = model.C
+    eye = np.eye(len(model.A))
+    filtered = KalmanFilter.of(
+        A, C, model.Q, model.R, np.zeros((len(A), len(C))), eye, len(outputs)
+    )
     if not np.isfinite(filtered.covariances).all():
         raise np.linalg.LinAlgError("the filter's covariance overflows")
-    pushes, measured = inputs @ model.B.T + model.offset, outputs - model.trim
+    pushes = inputs @ model.B.T + model.offset
+    measured = outputs - model.trim
     states, errors = filtered.states(start, pushes, measured)
     weights = filtered.weights[np.minimum(np.arange(len(errors)), len(filtered.weights) - 1)]
     squares = np.einsum("ti,tij,tj->", errors, weights, errors)
-    log_likelihood = 0.5 * (np.linalg.slogdet(weights)[1].sum() - squares - errors.size * np.log(2 * np.pi))
+    log_likelihood = 0.5 * (
+        np.linalg.slogdet(weights)[1].sum() - squares - errors.size * np.log(2 * np.pi)
+    )
     means, covariances, lagged = filtered.smoothed(states, errors)
     return Smoothed(means[:-1], covariances[:-1], lagged[:-1], float(log_likelihood))

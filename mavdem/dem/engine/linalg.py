@@ -148,7 +148,8 @@ class Damping(NamedTuple):
     """How steps are damped."""
 
     first: float  # damping of the first step, as a share of the curvature's diagonal
-    factor: float  # times more after a step that does not increase the function, and less after one that does
+    # times more after a step that does not increase the function, and less after one that does
+    factor: float
     attempts: int  # at most for one step
     limited: Callable[[Array], Array] = np.asarray  # makes a step (f,) short enough to be trusted
     careful: bool = False  # compare the gain with what the quadratic predicts before damping less
@@ -171,12 +172,16 @@ def gauss_newton(
     Returns the function about each iterate, the start's first; and what the last step gained or, where no attempt at a
     step increased the function, what the last quadratic still predicts.
     """
-    trace, damped, gained = [start], damping.first, np.inf
+    trace = [start]
+    damped = damping.first
+    gained = np.inf
     while gained > converged and len(trace) <= iterations:
         now = trace[-1]
         for _ in range(damping.attempts):
             curvature = now.curvature + damped * np.diag(now.curvature.diagonal())
-            step: Array = damping.limited(np.asarray(np.linalg.solve(curvature, now.slope), np.float64))
+            step: Array = damping.limited(
+                np.asarray(np.linalg.solve(curvature, now.slope), np.float64)
+            )
             value, residuals = objective.value(now.at + step)
             gained = value - now.value
             if gained > 0:
@@ -184,6 +189,8 @@ def gauss_newton(
             damped *= damping.factor
         if not gained > 0:
             return trace, now.remaining
-        damped = damping.after(damped, gained, float(now.slope @ step - 0.5 * step @ now.curvature @ step))
+        damped = damping.after(
+            damped, gained, float(now.slope @ step - 0.5 * step @ now.curvature @ step)
+        )
         trace.append(objective.quadratic(now.at + step, residuals))
     return trace, gained

@@ -41,9 +41,12 @@ def pack(A: NDArray[Scalar], B: NDArray[Scalar], C: NDArray[Scalar]) -> NDArray[
     return np.concatenate([A.ravel(), B.ravel(), C.ravel()])
 
 
-def unpack(theta: NDArray[Scalar], n: int, r: int, m: int) -> tuple[NDArray[Scalar], NDArray[Scalar], NDArray[Scalar]]:
+def unpack(
+    theta: NDArray[Scalar], n: int, r: int, m: int
+) -> tuple[NDArray[Scalar], NDArray[Scalar], NDArray[Scalar]]:
     """A (n, n), B (n, r) and C (m, n) out of θ (n² + n·r + m·n,)."""
-    a, b = n * n, n * n + n * r
+    a = n * n
+    b = n * n + n * r
     return theta[:a].reshape(n, n), theta[a:b].reshape(n, r), theta[b:].reshape(m, n)
 
 
@@ -70,7 +73,8 @@ def discretize(A: Array, B: Array, dt: float) -> Transition:
     return Transition(flow[..., :n, :n], flow[..., :n, n : n + r] - ramp, ramp)
 
 
-WORST_MODES = 1e8  # condition of the eigenvectors beyond which it runs sample by sample instead of mode by mode
+# condition of the eigenvectors beyond which it runs sample by sample instead of mode by mode
+WORST_MODES = 1e8
 
 
 def recursion(F: Array, pushes: Array, first: Array) -> Array:
@@ -81,9 +85,12 @@ def recursion(F: Array, pushes: Array, first: Array) -> Array:
         return np.empty_like(pushes)
     eigenvalues, modes = np.linalg.eig(F)
     if np.linalg.cond(modes) > WORST_MODES:
-        return np.array([*accumulate(pushes, lambda state, push: F @ state + push, initial=first)][1:])
+        return np.array(
+            [*accumulate(pushes, lambda state, push: F @ state + push, initial=first)][1:]
+        )
     inward = np.linalg.inv(modes)
-    start, driven = inward @ first, pushes @ inward.T
+    start = inward @ first
+    driven = pushes @ inward.T
     states = [
         lfilter([1.0], [1.0, -value], driven[:, i].astype(complex), zi=[value * start[i]])[0]
         for i, value in enumerate(eigenvalues)

@@ -34,7 +34,8 @@ class StateSpace(NamedTuple):
     offset: Array  # (n,)
     input_trim: Array  # (r,)
     output_trim: Array  # (m,)
-    second_of_outputs: Array | None = None  # (n, m) state of a segment's second sample, from the outputs of its first
+    # (n, m) state of a segment's second sample, from the outputs of its first
+    second_of_outputs: Array | None = None
     second_of_inputs: Array | None = None  # (n, r) likewise from the inputs of its first
 
     @staticmethod
@@ -51,7 +52,9 @@ class StateSpace(NamedTuple):
         constants = np.zeros(n), np.zeros(r), np.zeros(len(C))
         second = state @ np.linalg.pinv(C), now
         # In C order, as those of a loaded document: in another order a product rounds differently.
-        return StateSpace(*(np.ascontiguousarray(array) for array in (*matrices, *constants, *second)))
+        return StateSpace(
+            *(np.ascontiguousarray(array) for array in (*matrices, *constants, *second))
+        )
 
     @property
     def spectral_radius(self) -> float:
@@ -81,7 +84,9 @@ class StateSpace(NamedTuple):
 
     def at_end(self, inputs: Array, outputs: Array) -> Array:
         """(n,) the state of the sample after a segment of ``inputs`` (T, r) and ``outputs`` (T, m)."""
-        return np.asarray(self.filtered(self.second(inputs[0], outputs[0]), inputs[1:], outputs[1:])[-1])
+        return np.asarray(
+            self.filtered(self.second(inputs[0], outputs[0]), inputs[1:], outputs[1:])[-1]
+        )
 
     def simulated(self, start: Array, inputs: Array) -> Array:
         """(H, m): outputs without noise, the first of state ``start`` (n,), of inputs (H, r).
@@ -92,12 +97,15 @@ class StateSpace(NamedTuple):
             states = np.vstack([start, recursion(self.A, self._pushes(inputs[:-1]), start)])
             return self.outputs(states[: len(inputs)], inputs)
 
-    def simulated_from(self, begins: NDArray[np.intp], horizon: int, states: Array, inputs: Array) -> Array:
+    def simulated_from(
+        self, begins: NDArray[np.intp], horizon: int, states: Array, inputs: Array
+    ) -> Array:
         """(S, H, m): outputs without noise, from each of the samples ``begins`` (S,), of ``states`` (S, n), on.
 
         The ``horizon`` is H; beyond the last row of ``inputs`` (T, r) they stay as they are there.
         """
-        direct, pushes = self.direct(inputs), self._pushes(inputs)
+        direct = self.direct(inputs)
+        pushes = self._pushes(inputs)
         predicted = np.empty((len(begins), horizon, len(self.C)))
         with np.errstate(over="ignore", invalid="ignore"):
             for step in range(horizon):
@@ -111,10 +119,13 @@ class StateSpace(NamedTuple):
 
         ``start`` (n,) is the first sample's state, with ``inputs`` (T, r) and ``outputs`` (T, m).
         """
-        begins, steps = np.arange(0, len(inputs), steps), min(steps, len(inputs))
+        begins = np.arange(0, len(inputs), steps)
+        steps = min(steps, len(inputs))
         with np.errstate(over="ignore", invalid="ignore"):
             states = self.filtered(start, inputs, outputs)[begins]
-        return self.simulated_from(begins, steps, states, inputs).reshape(-1, len(self.C))[: len(inputs)]
+        return self.simulated_from(begins, steps, states, inputs).reshape(-1, len(self.C))[
+            : len(inputs)
+        ]
 
     def outputs(self, states: Array, inputs: Array) -> Array:
         """(T, m) of states (T, n) and inputs (T, r), without noise."""

@@ -23,7 +23,12 @@ from mavdem.dem.engine.free_energy import (
     state_curvature,
     theta_curvature,
 )
-from mavdem.dem.engine.generative import GeneralizedMoments, GenerativeModel, SufficientStatistics, derivative_operator
+from mavdem.dem.engine.generative import (
+    GeneralizedMoments,
+    GenerativeModel,
+    SufficientStatistics,
+    derivative_operator,
+)
 from mavdem.dem.engine.linalg import Array, inverse, solve
 from mavdem.dem.engine.model import discretize, recursion
 
@@ -35,7 +40,11 @@ SHORTEST_STEP = 1e-6
 
 
 def d_step(
-    model: GenerativeModel, theta: Array, theta_covariance: Array, lambda_: Array, lambda_covariance: Array
+    model: GenerativeModel,
+    theta: Array,
+    theta_covariance: Array,
+    lambda_: Array,
+    lambda_covariance: Array,
 ) -> Array:
     """The D step in the exact limit k → ∞: every sample's X at the maximum of F.
 
@@ -47,16 +56,25 @@ def d_step(
 
 
 def state_slope(
-    model: GenerativeModel, theta: Array, theta_covariance: Array, lambda_: Array, lambda_covariance: Array
+    model: GenerativeModel,
+    theta: Array,
+    theta_covariance: Array,
+    lambda_: Array,
+    lambda_covariance: Array,
 ) -> tuple[Array, Array]:
     """G (dim X, dim [ỹ; η̃]) and P (dim X, dim X) with ∂F/∂X = G [ỹ; η̃] − P X, mean-field terms of θ and λ included."""
     E = model.error_operator(theta)
-    data, X = E[:, : model.hidden.start], E[:, model.hidden]
+    data = E[:, : model.hidden.start]
+    X = E[:, model.hidden]
     weighted = X.T @ model.precision(expected_weights(lambda_, lambda_covariance))
-    return -weighted @ data, weighted @ X + parameter_uncertainty(model, theta_covariance, np.exp(lambda_))
+    return -weighted @ data, weighted @ X + parameter_uncertainty(
+        model, theta_covariance, np.exp(lambda_)
+    )
 
 
-def e_step(model: GenerativeModel, samples: SufficientStatistics, belief: Belief, rate: float | None = None) -> Array:
+def e_step(
+    model: GenerativeModel, samples: SufficientStatistics, belief: Belief, rate: float | None = None
+) -> Array:
     """The E step: θ along the gradient of F̄ given the rest, Eq. ``GA_basic``.
 
     At a finite ``rate`` k^θ the flow is followed for one unit of its time, exactly, F̄ being quadratic; else to its end.
@@ -65,7 +83,9 @@ def e_step(model: GenerativeModel, samples: SufficientStatistics, belief: Belief
     return belief.theta + _flow(gradient, precision, rate)
 
 
-def theta_slope(model: GenerativeModel, samples: SufficientStatistics, belief: Belief) -> tuple[Array, Array]:
+def theta_slope(
+    model: GenerativeModel, samples: SufficientStatistics, belief: Belief
+) -> tuple[Array, Array]:
     """∂F̄/∂θ (k,) and −∂²F̄/∂θ² (k, k), the mean-field terms of X and of λ included."""
     prior = model.prior
     of_errors = expected_weights(belief.lambda_, belief.lambda_covariance)
@@ -75,8 +95,12 @@ def theta_slope(model: GenerativeModel, samples: SufficientStatistics, belief: B
     precision = prior.theta_precision.copy()
     pull = prior.theta_precision @ prior.theta_mean
     rows = model.parameter_rows
-    for weights, regression in ((of_errors, belief.moments.regression), (of_states, model.regression(spread))):
-        of_w, of_z = weights[model.state_groups], weights[model.output_groups]
+    for weights, regression in (
+        (of_errors, belief.moments.regression),
+        (of_states, model.regression(spread)),
+    ):
+        of_w = weights[model.state_groups]
+        of_z = weights[model.output_groups]
         add_blocks(precision, rows.dynamics, np.multiply.outer(of_w, regression.regressors))
         add_blocks(precision, rows.observation, np.multiply.outer(of_z, regression.states))
         pull[rows.dynamics] += of_w[:, None] * regression.slopes
@@ -84,7 +108,9 @@ def theta_slope(model: GenerativeModel, samples: SufficientStatistics, belief: B
     return pull - precision @ belief.theta, precision
 
 
-def m_step(model: GenerativeModel, samples: SufficientStatistics, belief: Belief, rate: float | None = None) -> Array:
+def m_step(
+    model: GenerativeModel, samples: SufficientStatistics, belief: Belief, rate: float | None = None
+) -> Array:
     """The M step: λ along the gradient of F̄ given the rest, by steps that are shortened until F̄ rises.
 
     At a finite ``rate`` k^λ it is one step, as in :func:`e_step` but on the curvature at its start; else Newton's
@@ -95,17 +121,22 @@ def m_step(model: GenerativeModel, samples: SufficientStatistics, belief: Belief
     value = of_lambda.value(lambda_)
     for _ in range(NEWTON_STEPS if rate is None else 1):
         step = np.clip(_flow(*of_lambda.slope(lambda_), rate), -LONGEST_STEP, LONGEST_STEP)
-        while (raised := of_lambda.value(lambda_ + step)) < value and np.abs(step).max() > SHORTEST_STEP:
+        while (raised := of_lambda.value(lambda_ + step)) < value and np.abs(
+            step
+        ).max() > SHORTEST_STEP:
             step = step / 2
         if raised < value:
             break
-        lambda_, value = lambda_ + step, raised
+        lambda_ = lambda_ + step
+        value = raised
         if np.abs(step).max() <= SHORTEST_STEP:
             break
     return lambda_
 
 
-def lambda_slope(model: GenerativeModel, samples: SufficientStatistics, belief: Belief) -> tuple[Array, Array]:
+def lambda_slope(
+    model: GenerativeModel, samples: SufficientStatistics, belief: Belief
+) -> tuple[Array, Array]:
     """∂F̄/∂λ (g,) and −∂²F̄/∂λ² (g, g), the mean-field terms of X and of θ included."""
     return _FreeEnergyOfLambda.of(model, samples, belief).slope(belief.lambda_)
 
@@ -119,21 +150,33 @@ class _FreeEnergyOfLambda(NamedTuple):
     precision: Array  # (g, g)
 
     @classmethod
-    def of(cls, model: GenerativeModel, samples: SufficientStatistics, belief: Belief) -> _FreeEnergyOfLambda:
+    def of(
+        cls, model: GenerativeModel, samples: SufficientStatistics, belief: Belief
+    ) -> _FreeEnergyOfLambda:
         of_X = model.error_operator(belief.theta)[:, model.hidden]
         squares = belief.moments.squared_errors(belief.theta)
         spread = samples.number * model.squared_errors(of_X @ belief.state_covariance @ of_X.T)
-        cost = squares * (1.0 + 0.5 * belief.lambda_covariance.diagonal()) + spread + _parameter_spread(model, belief)
+        cost = (
+            squares * (1.0 + 0.5 * belief.lambda_covariance.diagonal())
+            + spread
+            + _parameter_spread(model, belief)
+        )
         gain = 0.5 * samples.number * model.log_precision_slope
         return cls(cost, gain, model.prior.lambda_mean, model.prior.lambda_precision)
 
     def value(self, lambda_: Array) -> float:
         error = lambda_ - self.mean
-        return float(-0.5 * self.cost @ np.exp(lambda_) + self.gain @ lambda_ - 0.5 * error @ self.precision @ error)
+        return float(
+            -0.5 * self.cost @ np.exp(lambda_)
+            + self.gain @ lambda_
+            - 0.5 * error @ self.precision @ error
+        )
 
     def slope(self, lambda_: Array) -> tuple[Array, Array]:
         pull = 0.5 * self.cost * np.exp(lambda_)
-        return self.gain - pull - self.precision @ (lambda_ - self.mean), np.diag(pull) + self.precision
+        return self.gain - pull - self.precision @ (lambda_ - self.mean), np.diag(
+            pull
+        ) + self.precision
 
 
 def _flow(gradient: Array, precision: Array, rate: float | None) -> Array:
@@ -148,9 +191,14 @@ def _flow(gradient: Array, precision: Array, rate: float | None) -> Array:
 
 def _parameter_spread(model: GenerativeModel, belief: Belief) -> Array:
     """tr(Σ^θ Ū_θθ) of the data, apart by λ: how much squared error the uncertainty of θ adds, (g,)."""
-    regression, rows = belief.moments.regression, model.parameter_rows
-    states = np.sum(blocks(belief.theta_covariance, rows.dynamics) * regression.regressors, axis=(1, 2))
-    outputs = np.sum(blocks(belief.theta_covariance, rows.observation) * regression.states, axis=(1, 2))
+    regression = belief.moments.regression
+    rows = model.parameter_rows
+    states = np.sum(
+        blocks(belief.theta_covariance, rows.dynamics) * regression.regressors, axis=(1, 2)
+    )
+    outputs = np.sum(
+        blocks(belief.theta_covariance, rows.observation) * regression.states, axis=(1, 2)
+    )
     return np.asarray(model.group_sum @ np.concatenate([outputs, states]))
 
 
@@ -160,7 +208,9 @@ def with_optimal_precisions(model: GenerativeModel, belief: Belief) -> Belief:
     return belief._replace(
         state_covariance=inverse(-state_curvature(model, belief.theta, weights)),
         theta_covariance=inverse(-theta_curvature(model, belief.moments, weights)),
-        lambda_covariance=inverse(-lambda_curvature(model, belief.moments, belief.theta, belief.lambda_)),
+        lambda_covariance=inverse(
+            -lambda_curvature(model, belief.moments, belief.theta, belief.lambda_)
+        ),
     )
 
 
@@ -170,7 +220,8 @@ class StateFlow:
 
     motion: Array  # J = D − k P, (dim X, dim X) 1/s
     drive: Array  # k G, (dim X, dim [ỹ; η̃])
-    start: Array  # X at a segment's first sample, from its [ỹ; η̃]: the maximum of F, (dim X, dim [ỹ; η̃])
+    # X at a segment's first sample, from its [ỹ; η̃]: the maximum of F, (dim X, dim [ỹ; η̃])
+    start: Array
 
     @classmethod
     def of(cls, model: GenerativeModel, of_data: Array, precision: Array, rate: float) -> StateFlow:
@@ -190,7 +241,9 @@ class StateFlow:
         first = self.start @ data[0]
         return np.vstack([first, recursion(transition.state, pushes, first)])
 
-    def moments(self, model: GenerativeModel, segments: Sequence[Array], dt: float) -> GeneralizedMoments:
+    def moments(
+        self, model: GenerativeModel, segments: Sequence[Array], dt: float
+    ) -> GeneralizedMoments:
         """Second moments of data and X over segments, each of which starts anew; ``LinAlgError`` where unstable."""
         if not self.spectral_abscissa < 0:
             raise np.linalg.LinAlgError("the flow of X is unstable")

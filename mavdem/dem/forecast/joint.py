@@ -26,10 +26,16 @@ from mavdem.dem.forecast.var import FEWEST_ROTORS, turning_patterns
 from mavdem.dem.record import Record
 
 LAGS = (6, 8, 10, 14, 20)  # that F̄ chooses from, samples
-RIDGES = (1e-4, 1e-3, 1e-2)  # likewise, precisions of the prior at lag 1, of channels of deviation 1
-MIXER_LAGS, MIXER_RIDGE = 10, 1e-3  # of the models whose F̄ chooses the turning combination
-X_PATTERNS, PLUS_COST = 3, 3.0  # of the patterns an X comes first; a plus is flown by one vehicle in twenty, nats
-MIXER_NOISE = 1e-5  # added to their innovations: how well an angle follows from its rate tells nothing of the motors
+# likewise, precisions of the prior at lag 1, of channels of deviation 1
+RIDGES = (1e-4, 1e-3, 1e-2)
+# of the models whose F̄ chooses the turning combination
+MIXER_LAGS = 10
+MIXER_RIDGE = 1e-3
+# of the patterns an X comes first; a plus is flown by one vehicle in twenty, nats
+X_PATTERNS = 3
+PLUS_COST = 3.0
+# added to their innovations: how well an angle follows from its rate tells nothing of the motors
+MIXER_NOISE = 1e-5
 DRAWS = 24  # of the posterior of W, in pairs about its mean
 LARGEST = 1e6  # deviations: forecasts of unstable draws go no farther
 
@@ -50,7 +56,9 @@ class Choice(NamedTuple):
         return np.asarray(decay[:, None] * ((basis * orders) @ basis.T) * decay)
 
 
-CHOICES = tuple(Choice(lags, ridge, smooth) for lags in LAGS for ridge in RIDGES for smooth in (False, True))
+CHOICES = tuple(
+    Choice(lags, ridge, smooth) for lags in LAGS for ridge in RIDGES for smooth in (False, True)
+)
 
 
 @cache
@@ -74,7 +82,8 @@ def turning_combinations(record: Record) -> Array:
     One where the mixer is known; of other rotors the one of an X, a plus, or as the motors' effects come out, whose
     model explains the outputs best; inputs that are no rotors as they are.
     """
-    r, m = record.inputs.shape[1], record.outputs.shape[1]
+    r = record.inputs.shape[1]
+    m = record.outputs.shape[1]
     known = known_combinations(r, record.effect_directions)
     if known is not None:
         return known
@@ -83,7 +92,11 @@ def turning_combinations(record: Record) -> Array:
 
     def of_outputs(combinations: Array) -> tuple[var.Regression, var.ChannelUnits, float]:
         units, statistics = _statistics(record, combinations, lags)
-        return var.regress(statistics.gram, statistics.rows, prior, m, MIXER_NOISE), units, statistics.rows
+        return (
+            var.regress(statistics.gram, statistics.rows, prior, m, MIXER_NOISE),
+            units,
+            statistics.rows,
+        )
 
     found = turning_patterns(r)
     every, units, rows = of_outputs(np.eye(r))
@@ -94,7 +107,10 @@ def turning_combinations(record: Record) -> Array:
         # What the flight tells of the motors' effects costs as many nats as its numbers (Schwarz, 1978).
         found.append(effects / size)
         costs.append(0.5 * (r - 1) * np.log(rows))
-    energies = [of_outputs(one[:, None])[0].free_energy - cost for one, cost in zip(found, costs, strict=True)]
+    energies = [
+        of_outputs(one[:, None])[0].free_energy - cost
+        for one, cost in zip(found, costs, strict=True)
+    ]
     return np.asarray(found[int(np.argmax(energies))][:, None])
 
 
@@ -103,20 +119,31 @@ def _combined(record: Record, combinations: Array) -> Record:
     return replace(record, inputs=record.inputs @ combinations, effect_directions=None)
 
 
-def _statistics(record: Record, combinations: Array, lags: int) -> tuple[var.ChannelUnits, var.LagStatistics]:
+def _statistics(
+    record: Record, combinations: Array, lags: int
+) -> tuple[var.ChannelUnits, var.LagStatistics]:
     combined = _combined(record, combinations)
     units = var.ChannelUnits.of(combined)
     statistics = var.LagStatistics.of(units.segments(combined), lags)
     if statistics.rows <= 0:
-        raise ValueError(f"train must have a segment of more than {lags} samples, not {record.longest}")
+        raise ValueError(
+            f"train must have a segment of more than {lags} samples, not {record.longest}"
+        )
     return units, statistics
 
 
 def choose(statistics: var.LagStatistics, lags: int) -> tuple[Choice, var.Regression]:
     """Returns the choice of the highest F̄, and its posterior, for ``statistics`` of so many ``lags`` or fewer."""
-    choices = [one for one in CHOICES if one.lags <= lags] or [Choice(lags, ridge, False) for ridge in RIDGES]
-    grams = {fewer: statistics.shortened(lags, fewer) for fewer in {choice.lags for choice in choices}}
-    tried = [(choice, var.regress(grams[choice.lags], statistics.rows, choice.prior)) for choice in choices]
+    choices = [one for one in CHOICES if one.lags <= lags] or [
+        Choice(lags, ridge, False) for ridge in RIDGES
+    ]
+    grams = {
+        fewer: statistics.shortened(lags, fewer) for fewer in {choice.lags for choice in choices}
+    }
+    tried = [
+        (choice, var.regress(grams[choice.lags], statistics.rows, choice.prior))
+        for choice in choices
+    ]
     return max(tried, key=lambda one: one[1].free_energy)
 
 
@@ -152,7 +179,8 @@ class JointModel:
         with one_thread():
             combinations = turning_combinations(record)
             lags = max(
-                (one for one in LAGS if one <= record.longest // 4), default=max(1, min(LAGS[0], record.longest - 1))
+                (one for one in LAGS if one <= record.longest // 4),
+                default=max(1, min(LAGS[0], record.longest - 1)),
             )
             units, statistics = _statistics(record, combinations, lags)
             choice, found = choose(statistics, lags)
@@ -162,27 +190,36 @@ class JointModel:
             away = found.root.T @ np.concatenate([half, -half]) @ spread
             process = var.Var.of(found, units)
             past = process.past(_combined(record, combinations))
-            return cls(combinations, choice, process, found.terms, found.mean + away, past, len(record))
+            return cls(
+                combinations, choice, process, found.terms, found.mean + away, past, len(record)
+            )
 
     @property
     def free_energy(self) -> float:
         """F̄, nats."""
         return sum(self.terms.values())
 
-    def known_every(self, steps: int, inputs: Array, outputs: Array, smooth: bool = False) -> var.Forecast:
+    def known_every(
+        self, steps: int, inputs: Array, outputs: Array, smooth: bool = False
+    ) -> var.Forecast:
         """Returns (H, m) forecasts begun at every ``steps``-th of ``inputs`` (H, r) and ``outputs`` (H, m).
 
         Inputs are measured up to each sample; or, to ``smooth``, all of a forecast's.
         """
         length, m = outputs.shape
-        steps, combined = max(1, min(steps, length)), inputs @ self.combinations
+        steps = max(1, min(steps, length))
+        combined = inputs @ self.combinations
         pasts = self.process.pasts(self.past, steps, combined, outputs)
         rows = var.pieces(len(pasts), steps, length)
-        filtered, lags = self.process.filter(m, steps), self.choice.lags
-        before, now = self.process.units.scaled(pasts), self.process.units.scaled_inputs(combined[rows])
+        filtered = self.process.filter(m, steps)
+        lags = self.choice.lags
+        before = self.process.units.scaled(pasts)
+        now = self.process.units.scaled_inputs(combined[rows])
         weights, offsets = self._weights
         parts = weights[:, :, :m], weights[:, :, m:]
-        of_outputs, of_inputs = (part.reshape(len(weights), -1, weights.shape[-1]) for part in parts)
+        of_outputs, of_inputs = (
+            part.reshape(len(weights), -1, weights.shape[-1]) for part in parts
+        )
         earlier = var.lagged(np.concatenate([before[..., m:], now], axis=-2), lags)
         drives = earlier @ of_inputs[:, None] + offsets[:, None, None]
         state = np.repeat(var.latest_first(before[..., :m])[None], len(weights), axis=0)
@@ -195,11 +232,16 @@ class JointModel:
                 state += (now[:, t] - expected[..., m:]) @ gain.T
                 np.clip(state, -LARGEST, LARGEST, out=state)
                 made[:, :, t] = state[..., :m]
-        variance = np.maximum(np.diagonal(filtered.covariances_of(steps), axis1=1, axis2=2)[1:, :m], 0.0)
+        variance = np.maximum(
+            np.diagonal(filtered.covariances_of(steps), axis1=1, axis2=2)[1:, :m], 0.0
+        )
         moved = np.mean(now**2, axis=-1).cumsum(axis=1) / np.arange(1, steps + 1)
-        mean, spread = made[0], np.mean((made[1:] - made[0]) ** 2, axis=0)
+        mean = made[0]
+        spread = np.mean((made[1:] - made[0]) ** 2, axis=0)
         if smooth:
-            mean = self.process.units.scaled(self.process.infer(pasts, combined[rows], smooth=True).mean)
+            mean = self.process.units.scaled(
+                self.process.infer(pasts, combined[rows], smooth=True).mean
+            )
         return self._answer(mean, spread, variance, np.maximum(moved, 1.0)[..., None], length)
 
     def unknown_every(self, steps: int, inputs: Array, outputs: Array) -> var.Forecast:
@@ -209,7 +251,9 @@ class JointModel:
         pasts = self.process.pasts(self.past, steps, inputs @ self.combinations, outputs)
         weights, offsets = self._weights
         weights = weights.reshape(len(weights), -1, weights.shape[-1])
-        state = np.repeat(var.latest_first(self.process.units.scaled(pasts))[None], len(weights), axis=0)
+        state = np.repeat(
+            var.latest_first(self.process.units.scaled(pasts))[None], len(weights), axis=0
+        )
         made = np.empty((*state.shape[:2], steps, m))
         with np.errstate(over="ignore", invalid="ignore"):
             for t in range(steps):
@@ -218,7 +262,9 @@ class JointModel:
                 made[:, :, t] = following[..., :m]
         variance = self.process.variances(steps)[:, :m]
         variance = np.where(variance < LARGEST, variance, LARGEST)
-        return self._answer(made[0], np.mean((made[1:] - made[0]) ** 2, axis=0), variance, np.ones(1), length)
+        return self._answer(
+            made[0], np.mean((made[1:] - made[0]) ** 2, axis=0), variance, np.ones(1), length
+        )
 
     def predict_every(self, steps: int, inputs: Array, outputs: Array) -> Array:
         """Returns (H, m) the mean of :meth:`unknown_every`."""
@@ -242,17 +288,24 @@ class JointModel:
         so that their errors are hardly correlated: Student's t.
         """
         lengths = np.arange(len(variance)) % max(1, steps) + 1
-        return half_width(variance, level, np.maximum(self.samples / (2 * lengths), 4 * var.LEAST_FREEDOM)[:, None])
+        return half_width(
+            variance,
+            level,
+            np.maximum(self.samples / (2 * lengths), 4 * var.LEAST_FREEDOM)[:, None],
+        )
 
     @property
     def _weights(self) -> tuple[Array, Array]:
         """(1 + D, L, k, k) by lag and (1 + D, k): of the mean and of each draw."""
         k = self.draws.shape[-1]
-        across, offset = self.process.across.T, self.process.offset
+        across = self.process.across.T
+        offset = self.process.offset
         every = np.concatenate([np.vstack([across, offset])[None], self.draws])
         return every[:, :-1].reshape(len(every), -1, k, k), every[:, -1]
 
-    def _answer(self, deviation: Array, spread: Array, variance: Array, prior: Array, length: int) -> var.Forecast:
+    def _answer(
+        self, deviation: Array, spread: Array, variance: Array, prior: Array, length: int
+    ) -> var.Forecast:
         """The forecast of a ``deviation`` d (S, H, m) from the training mean with a ``spread`` V of draws; scaled.
 
         It was expected with variance S, the ``prior``; as far as the posterior leaves it open it becomes d / (1 + V/S).

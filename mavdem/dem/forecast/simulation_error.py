@@ -40,17 +40,21 @@ SHORTEST_HORIZON = 0.05
 STARTS_PER_HORIZON = 4  # segments begin so many times a horizon
 MAX_SEGMENTS = 2000  # spread over the whole record, however long it is
 MAX_ITERATIONS = 40  # Gauss-Newton steps at most
-CONVERGED_NATS = 0.02  # the fit has converged when a step gains less: the effective sample size is small
+# the fit has converged when a step gains less: the effective sample size is small
+CONVERGED_NATS = 0.02
 
 DAMPING = Damping(first=1e-3, factor=8.0, attempts=6)
 
 RELATIVE_STEP = 1e-6  # of a parameter, or of 1 if that is more: for slopes by differences
-STEPS_COUNTED = 30  # residuals of a horizon at most, evenly spaced: those of faster samples repeat each other
+# residuals of a horizon at most, evenly spaced: those of faster samples repeat each other
+STEPS_COUNTED = 30
 
 
 def models_of(thetas: Array, sizes: tuple[int, int, int], gain: Array, dt: float) -> StateSpace:
     """Models that differ in θ (b, k) alone, side by side; of n states, r inputs and m outputs, and C of the first."""
-    A, B, C = (np.stack(each) for each in zip(*(unpack(theta, *sizes) for theta in thetas), strict=True))
+    A, B, C = (
+        np.stack(each) for each in zip(*(unpack(theta, *sizes) for theta in thetas), strict=True)
+    )
     transition = discretize(A, B, dt)
     with np.errstate(over="ignore", invalid="ignore"):
         return StateSpace.of_transition(transition, C[0], gain)
@@ -65,7 +69,9 @@ def simulate(models: StateSpace, inputs: Array, outputs: Array, every: int = 1) 
     driving = np.ascontiguousarray(inputs.swapaxes(1, 2))
     known = np.concatenate([driving[: len(outputs)], outputs.swapaxes(1, 2)], axis=1)
     second = np.concatenate([models.second_of_inputs, models.second_of_outputs], axis=-1)
-    closed, heard, ahead = A - K @ C, np.concatenate([B - K @ D, K], axis=-1), []
+    closed = A - K @ C
+    heard = np.concatenate([B - K @ D, K], axis=-1)
+    ahead = []
     # An unstable model may overflow; its errors are then infinite.
     with np.errstate(over="ignore", invalid="ignore"):
         states = second @ known[0]
@@ -94,24 +100,40 @@ class SimulationSegments(NamedTuple):
     def of(cls, segments: list[tuple[Array, Array]], horizon: int) -> SimulationSegments | None:
         """Pieces of ``horizon`` samples before and ahead, all over segments; ``None`` where none is long enough."""
         whole = 2 * horizon
-        starts = [(inputs, outputs, start) for inputs, outputs in segments for start in _starts(len(outputs), horizon)]
+        starts = [
+            (inputs, outputs, start)
+            for inputs, outputs in segments
+            for start in _starts(len(outputs), horizon)
+        ]
         if not starts:
             return None
         kept = np.unique(np.linspace(0, len(starts) - 1, MAX_SEGMENTS).astype(int))
-        pieces = [(u[at : at + whole + 1], y[at : at + whole + 1]) for u, y, at in (starts[i] for i in kept)]
+        pieces = [
+            (u[at : at + whole + 1], y[at : at + whole + 1])
+            for u, y, at in (starts[i] for i in kept)
+        ]
         inputs, outputs = (np.stack(tables, axis=1) for tables in zip(*pieces, strict=True))
-        return cls(inputs, outputs, horizon, effective_number([len(outputs) for _, outputs in segments], horizon))
+        return cls(
+            inputs,
+            outputs,
+            horizon,
+            effective_number([len(outputs) for _, outputs in segments], horizon),
+        )
 
     def compressed(self) -> SimulationSegments:
         """Returns fewer pieces, if there are more than numbers in each, that have the same products of errors.
 
         Errors are linear in a piece, so that any orthogonal transformation of the pieces keeps their mean products.
         """
-        pieces, r = np.concatenate([self.inputs, self.outputs], axis=2), self.inputs.shape[2]
-        (steps, number, width), kept = pieces.shape, pieces.shape[0] * pieces.shape[2]
+        pieces = np.concatenate([self.inputs, self.outputs], axis=2)
+        r = self.inputs.shape[2]
+        (steps, number, width) = pieces.shape
+        kept = pieces.shape[0] * pieces.shape[2]
         if number <= kept:
             return self
-        pieces = np.linalg.qr(pieces.swapaxes(0, 1).reshape(number, kept), mode="r") * np.sqrt(kept / number)
+        pieces = np.linalg.qr(pieces.swapaxes(0, 1).reshape(number, kept), mode="r") * np.sqrt(
+            kept / number
+        )
         pieces = pieces.reshape(kept, steps, width).swapaxes(0, 1)
         return self._replace(inputs=pieces[:, :, :r], outputs=pieces[:, :, r:])
 
@@ -124,10 +146,16 @@ def _starts(length: int, horizon: int) -> range:
 def effective_number(lengths: Sequence[int], horizon: int) -> float:
     """Of pieces of segments of these ``lengths``: as many as follow each other, and at most as many as are used."""
     samples = sum(length for length in lengths if length > 2 * horizon)
-    return min(samples / horizon, float(MAX_SEGMENTS), float(sum(len(_starts(each, horizon)) for each in lengths)))
+    return min(
+        samples / horizon,
+        float(MAX_SEGMENTS),
+        float(sum(len(_starts(each, horizon)) for each in lengths)),
+    )
 
 
-def horizon_of(model: GenerativeModel, settings: CompleteSettings, scaling: Scaling, record: Record) -> int | None:
+def horizon_of(
+    model: GenerativeModel, settings: CompleteSettings, scaling: Scaling, record: Record
+) -> int | None:
     """Samples of each simulation: ``settings.horizon``, or less where the effective sample size would be too small.
 
     0 where even ``SHORTEST_HORIZON`` is too long for the record. ``None`` where there is to be no fit: the settings ask
@@ -139,7 +167,8 @@ def horizon_of(model: GenerativeModel, settings: CompleteSettings, scaling: Scal
         return None
     longest = max(1, round(settings.horizon / record.dt))
     shortest = min(longest, max(1, round(SHORTEST_HORIZON / record.dt)))
-    least, steps = SAMPLES_PER_PARAMETER * free, range(longest, shortest - 1, -1)
+    least = SAMPLES_PER_PARAMETER * free
+    steps = range(longest, shortest - 1, -1)
     return next((each for each in steps if effective_number(record.lengths, each) * m >= least), 0)
 
 
@@ -153,7 +182,8 @@ class SimulationFit:
     effective_samples: float  # outputs times horizons that follow each other
     horizon: int  # samples of each simulation, and of the filter before it
     terms: Mapping[str, Array]  # each named term of F̄, (I + 1,)
-    converged: bool  # whether it has converged, by the gain of the last step or the gain that the curvature predicts
+    # whether it has converged, by the gain of the last step or the gain that the curvature predicts
+    converged: bool
 
     @property
     def freedom(self) -> float:
@@ -208,8 +238,11 @@ class SimulationError:
         steps = RELATIVE_STEP * np.maximum(1.0, np.abs(at))
         beside = self.errors(at + np.diag(steps))
         jacobian = (beside - residuals).reshape(len(at), -1) / steps[:, None]
-        mse, each = _mean_square(residuals), self.effective_samples / residuals.size
-        slope = -each * jacobian @ residuals.ravel() / mse - self.prior_precision @ (at - self.prior_mean)
+        mse = _mean_square(residuals)
+        each = self.effective_samples / residuals.size
+        slope = -each * jacobian @ residuals.ravel() / mse - self.prior_precision @ (
+            at - self.prior_mean
+        )
         curvature = each * jacobian @ jacobian.T / mse + self.prior_precision
         return Quadratic(at, self._value(at, residuals), slope, curvature)
 
@@ -224,7 +257,9 @@ class SimulationError:
         }
 
     def _value(self, at: Array, errors: Array) -> float:
-        return float(-0.5 * self.effective_samples * np.log(_mean_square(errors)) + self._log_prior(at))
+        return float(
+            -0.5 * self.effective_samples * np.log(_mean_square(errors)) + self._log_prior(at)
+        )
 
     def _log_prior(self, at: Array) -> float:
         off = at - self.prior_mean
@@ -250,13 +285,17 @@ def fit_with_prior(
     The ``prior`` has mean (k,) and precision (k, k); parameters of A and B with a precision below ``KINEMATIC`` are
     free. ``None`` where errors overflow.
     """
-    (n, r, _), (mean, precision) = sizes, prior
+    (n, r, _) = sizes
+    (mean, precision) = prior
     free = np.flatnonzero(np.diag(precision)[: n * n + n * r] < KINEMATIC)
-    objective = SimulationError(theta, free, mean[free], precision[np.ix_(free, free)], sizes, gain, dt, segments)
+    objective = SimulationError(
+        theta, free, mean[free], precision[np.ix_(free, free)], sizes, gain, dt, segments
+    )
     _, errors = objective.value(theta[free])
     if not np.isfinite(_mean_square(errors)):
         return None
-    start, samples = objective.quadratic(theta[free], errors), objective.effective_samples
+    start = objective.quadratic(theta[free], errors)
+    samples = objective.effective_samples
     trace, gained = gauss_newton(objective, start, DAMPING, iterations, CONVERGED_NATS)
     best = theta.copy()
     best[free] = trace[-1].at
@@ -274,7 +313,12 @@ def fit_with_prior(
 
 
 def fit_simulation(
-    model: GenerativeModel, settings: CompleteSettings, scaling: Scaling, theta: Array, gain: Array, record: Record
+    model: GenerativeModel,
+    settings: CompleteSettings,
+    scaling: Scaling,
+    theta: Array,
+    gain: Array,
+    record: Record,
 ) -> SimulationFit | None:
     """The simulation-error fit to a record from θ (k,), with a filter of that gain (n, m).
 
@@ -287,7 +331,9 @@ def fit_simulation(
     segments = SimulationSegments.of(scaling.scale_segments(record), horizon)
     assert segments is not None
     segments = segments.compressed()
-    (n, r, _), mean, precision = model.sizes, model.prior.theta_mean, model.prior.theta_precision
+    (n, r, _) = model.sizes
+    mean = model.prior.theta_mean
+    precision = model.prior.theta_precision
     free = np.diag(precision) < KINEMATIC
     if settings.prior == "regulated":
         precision = np.where(np.outer(free, free), WEAK_PRECISION * np.eye(len(free)), precision)
@@ -295,4 +341,6 @@ def fit_simulation(
         for row in np.flatnonzero(free[n * n : n * n + n * r : r]):
             places = n * n + row * r + np.arange(len(quiet))
             precision[np.ix_(places, places)] += QUIET_PRECISION * quiet @ quiet.T
-    return fit_with_prior(theta, (mean, precision), model.sizes, gain, record.dt, segments, MAX_ITERATIONS)
+    return fit_with_prior(
+        theta, (mean, precision), model.sizes, gain, record.dt, segments, MAX_ITERATIONS
+    )

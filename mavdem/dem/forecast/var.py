@@ -29,7 +29,8 @@ As a precision it does not grow with the number of samples."""
 
 CONSTANT_RIDGE = 1e-8  # likewise of the offset, which the prior leaves open
 LAG_POWER = 2  # the precision of lag i is the ridge · i to this power
-LEAST_FREEDOM = 1.0  # rows that are left for the innovations, where there are hardly more than coefficients
+# rows that are left for the innovations, where there are hardly more than coefficients
+LEAST_FREEDOM = 1.0
 
 TOGETHER = 8192  # samples whose pasts are in memory at once
 INPUT_NOISE = 1e-9
@@ -74,7 +75,9 @@ class ChannelUnits(NamedTuple):
 def lagged(table: Array, lags: int) -> Array:
     """Returns (…, T − lags, lags · k): the rows before each of (…, T, k) that has so many, the latest first."""
     count = max(0, table.shape[-2] - lags)
-    return np.concatenate([table[..., lags - lag : lags - lag + count, :] for lag in range(1, lags + 1)], axis=-1)
+    return np.concatenate(
+        [table[..., lags - lag : lags - lag + count, :] for lag in range(1, lags + 1)], axis=-1
+    )
 
 
 def initial_lags(channels: Array, lags: int) -> Array:
@@ -127,9 +130,13 @@ class LagStatistics(NamedTuple):
         center = self.gram[one, one + 1 :] / self.gram[one, one]
         variance = self.gram.diagonal()[one + 1 :] / self.gram[one, one] - center**2
         scale = np.sqrt(np.maximum(variance, least**2))
-        shift, unit = np.concatenate([np.tile([center, scale], lags), [[0.0], [1.0]], [center, scale]], axis=1)
+        shift, unit = np.concatenate(
+            [np.tile([center, scale], lags), [[0.0], [1.0]], [center, scale]], axis=1
+        )
         rows = (self.gram - np.outer(shift, self.gram[one])) / unit[:, None]
-        return LagStatistics(self.rows, (rows - np.outer(rows[:, one], shift)) / unit), ChannelUnits(center, scale)
+        return LagStatistics(
+            self.rows, (rows - np.outer(rows[:, one], shift)) / unit
+        ), ChannelUnits(center, scale)
 
 
 class Regression(NamedTuple):
@@ -168,9 +175,11 @@ def regress(
         targets: how many channels to regress.
         least: variance of the innovations that F̄ adds to those found.
     """
-    lags, width = len(prior), len(gram)
+    lags = len(prior)
+    width = len(gram)
     k = (width - 1) // (lags + 1)
-    t, q = k if targets is None else targets, lags * k + 1
+    t = k if targets is None else targets
+    q = lags * k + 1
     precision = np.zeros((q, q))
     precision[:-1, :-1] = np.kron(prior, np.eye(k))
     precision[-1, -1] = CONSTANT_RIDGE
@@ -190,7 +199,11 @@ def regress(
     noise = left / rows + least * np.eye(t)
     weight = np.linalg.inv(noise)
     of_prior = float(np.sum(weight * (change.T @ precision @ change)))
-    determined = 2 * (np.log(factor.diagonal()).sum()) - k * np.linalg.slogdet(prior)[1] - np.log(CONSTANT_RIDGE)
+    determined = (
+        2 * (np.log(factor.diagonal()).sum())
+        - k * np.linalg.slogdet(prior)[1]
+        - np.log(CONSTANT_RIDGE)
+    )
     terms = {
         "prediction errors": -0.5 * (float(np.sum(weight * left)) - of_prior),
         "noise entropy": -0.5 * rows * float(np.linalg.slogdet(2 * np.pi * noise)[1]),
@@ -211,7 +224,8 @@ class Var(NamedTuple):
     @classmethod
     def of(cls, found: Regression, units: ChannelUnits) -> Var:
         """Returns that of the posterior means of a regression."""
-        (q, k), coefficients = found.mean.shape, found.mean.T
+        (q, k) = found.mean.shape
+        coefficients = found.mean.T
         lags = (q - 1) // k
         return cls(
             np.ascontiguousarray(coefficients[:, :-1].reshape(k, lags, k).swapaxes(0, 1)),
@@ -226,7 +240,9 @@ class Var(NamedTuple):
         units = ChannelUnits.of(record)
         statistics = LagStatistics.of(units.segments(record), lags)
         if statistics.rows <= 0:
-            raise ValueError(f"segments must have more than {lags} samples: none has so many before it")
+            raise ValueError(
+                f"segments must have more than {lags} samples: none has so many before it"
+            )
         return cls.of(regress(statistics.gram, statistics.rows, lag_prior(lags, ridge)), units)
 
     @property
@@ -256,7 +272,9 @@ class Var(NamedTuple):
     def pasts(self, past: Array, steps: int, inputs: Array, outputs: Array) -> Array:
         """Returns (S, lags, k), the samples before every ``steps``-th of those that follow a ``past``."""
         channels = np.concatenate([past[len(past) - self.lags :], np.hstack([outputs, inputs])])
-        return np.asarray(channels[np.arange(0, len(inputs), steps)[:, None] + np.arange(self.lags)])
+        return np.asarray(
+            channels[np.arange(0, len(inputs), steps)[:, None] + np.arange(self.lags)]
+        )
 
     def predict(self, past: Array, steps: int) -> Forecast:
         """Returns all channels (…, steps, k) after ``past`` (…, lags, k), outputs first, the inputs unknown.
@@ -268,18 +286,23 @@ class Var(NamedTuple):
 
     def variances(self, steps: int) -> Array:
         """Returns (steps, k) those of :meth:`predict` in the model's ``units``, the same for every past."""
-        k, across = len(self.offset), self.across
+        k = len(self.offset)
+        across = self.across
         # Rows of Ψ, the response of a sample to each innovation before it.
         response = np.eye(self.lags * k, k)
         variance = np.empty((steps, k))
         with np.errstate(over="ignore", invalid="ignore"):
             for step in range(steps):
-                variance[step] = np.einsum("ij,jl,il->i", response[:k], self.covariance, response[:k])
+                variance[step] = np.einsum(
+                    "ij,jl,il->i", response[:k], self.covariance, response[:k]
+                )
                 response = np.concatenate([across @ response, response[:-k]])
             return variance.cumsum(axis=0)
 
     def _predicted(self, past: Array, steps: int) -> Array:
-        k, lags, across = len(self.offset), self.lags, self.across.T.copy()
+        k = len(self.offset)
+        lags = self.lags
+        across = self.across.T.copy()
         # All samples in one array, the latest first, so that the lags of each step are a slice of it.
         samples = np.empty((*past.shape[:-2], (steps + lags) * k))
         samples[..., steps * k :] = latest_first(self.units.scaled(past))
@@ -294,9 +317,12 @@ class Var(NamedTuple):
 
         They are of samples in the model's units, and predict so many samples ahead.
         """
-        across, k, width = self.across, len(self.offset), self.lags * len(self.offset)
+        across = self.across
+        k = len(self.offset)
+        width = self.lags * len(self.offset)
         # Rows of a later sample above those of the samples before it, of columns [lag 1 … lag p, 1].
-        later, rows = np.eye(width, width + 1), {}
+        later = np.eye(width, width + 1)
+        rows = {}
         with np.errstate(over="ignore", invalid="ignore"):
             for horizon in range(1, horizons[-1] + 1):
                 first = across @ later
@@ -314,11 +340,16 @@ class Var(NamedTuple):
     def filter(self, m: int, steps: int) -> KalmanFilter:
         """Returns the filter of the m outputs of all lags, with the inputs measured; what those add to it is known."""
         lags, k, _ = self.coefficients.shape
-        n, r = m * lags, k - m
-        output_effect, A = self.coefficients.swapaxes(0, 1)[:, :, :m].reshape(k, n), np.eye(n, k=-m)
+        n = m * lags
+        r = k - m
+        output_effect = self.coefficients.swapaxes(0, 1)[:, :, :m].reshape(k, n)
+        A = np.eye(n, k=-m)
         A[:m] = output_effect[:m]
-        Q, S, R = np.zeros((n, n)), np.zeros((n, r)), self.covariance[m:, m:] + INPUT_NOISE * np.eye(r)
-        Q[:m, :m], S[:m] = self.covariance[:m, :m], self.covariance[:m, m:]
+        Q = np.zeros((n, n))
+        S = np.zeros((n, r))
+        R = self.covariance[m:, m:] + INPUT_NOISE * np.eye(r)
+        Q[:m, :m] = self.covariance[:m, :m]
+        S[:m] = self.covariance[:m, m:]
         return KalmanFilter.of(A, output_effect[m:], Q, R, S, np.zeros((n, n)), steps)
 
     def infer(self, past: Array, inputs: Array, smooth: bool = False) -> Forecast:
@@ -326,25 +357,34 @@ class Var(NamedTuple):
 
         With ``smooth`` all inputs count. Overflow is as in :meth:`predict`.
         """
-        (lags, k, _), r, steps = self.coefficients.shape, inputs.shape[-1], inputs.shape[-2]
-        m, n = k - r, (k - r) * lags
+        (lags, k, _) = self.coefficients.shape
+        r = inputs.shape[-1]
+        steps = inputs.shape[-2]
+        m = k - r
+        n = (k - r) * lags
         filtered = self.filter(m, steps)
         across = self.coefficients.swapaxes(0, 1)
-        before, now = self.units.scaled(past), self.units.scaled_inputs(inputs)
+        before = self.units.scaled(past)
+        now = self.units.scaled_inputs(inputs)
         earlier = lagged(np.concatenate([before[..., m:], now], axis=-2), lags)
         drives = earlier @ across[:, :, m:].reshape(k, lags * r).T + self.offset
         pushes = np.zeros((*drives.shape[:-1], n))
         pushes[..., :m] = drives[..., :m]
-        states, errors = filtered.states(latest_first(before[..., :m]), pushes, now - drives[..., m:])
+        states, errors = filtered.states(
+            latest_first(before[..., :m]), pushes, now - drives[..., m:]
+        )
         covariances = filtered.covariances_of(steps)
         if smooth:
             states, covariances, _ = filtered.smoothed(states, errors)
         variance = np.maximum(np.diagonal(covariances, axis1=1, axis2=2), 0.0)
         return self._physical(states[..., 1:, :m], variance[1:, :m])
 
-    def infer_every(self, past: Array, steps: int, inputs: Array, outputs: Array, smooth: bool = False) -> Forecast:
+    def infer_every(
+        self, past: Array, steps: int, inputs: Array, outputs: Array, smooth: bool = False
+    ) -> Forecast:
         """Returns (H, m) as :meth:`infer`, begun again at every ``steps``-th sample from all samples before it."""
-        length, m = len(inputs), outputs.shape[1]
+        length = len(inputs)
+        m = outputs.shape[1]
         steps = max(1, min(steps, length))
         pasts = self.pasts(past, steps, inputs, outputs)
         found = self.infer(pasts, inputs[pieces(len(pasts), steps, length)], smooth)
@@ -352,8 +392,11 @@ class Var(NamedTuple):
 
     def predict_every(self, past: Array, steps: int, inputs: Array, outputs: Array) -> Array:
         """Returns (H, m): the samples that follow, by a new prediction from every ``steps``-th on."""
-        length, m = len(inputs), outputs.shape[1]
-        ahead = self._predicted(self.pasts(past, steps, inputs, outputs), max(1, min(steps, length)))
+        length = len(inputs)
+        m = outputs.shape[1]
+        ahead = self._predicted(
+            self.pasts(past, steps, inputs, outputs), max(1, min(steps, length))
+        )
         return np.asarray(self._physical(ahead, np.zeros(1)).mean[..., :m].reshape(-1, m)[:length])
 
     def one_step(self, record: Record) -> Array:
@@ -376,7 +419,9 @@ class Var(NamedTuple):
         finite = np.isfinite(mean)
         known = finite & np.isfinite(variance)
         mean = center + scale * np.where(finite, mean, 0.0)
-        return Forecast(mean, scale**2 * np.where(known, np.broadcast_to(variance, mean.shape), np.inf))
+        return Forecast(
+            mean, scale**2 * np.where(known, np.broadcast_to(variance, mean.shape), np.inf)
+        )
 
 
 def pieces(number: int, steps: int, length: int) -> np.typing.NDArray[np.intp]:
@@ -394,5 +439,7 @@ def turning_patterns(rotors: int) -> list[Array]:
     if rotors != 4:
         return []
     x = np.array([[1, 1, -1, -1], [1, -1, 1, -1], [1, -1, -1, 1]]) / 2
-    plus = [(np.eye(4)[one] - np.eye(4)[other]) / np.sqrt(2) for one, other in combinations(range(4), 2)]
+    plus = [
+        (np.eye(4)[one] - np.eye(4)[other]) / np.sqrt(2) for one, other in combinations(range(4), 2)
+    ]
     return [*x, *plus]

@@ -27,7 +27,9 @@ from mavdem.errors import unit_slip
 CHOOSING_WINDOWS = 10  # of which the wind's spectrum and the refinements are chosen
 MIN_GAIN_NATS = 3.0  # that a refinement's first step must promise
 RANGE = 1.69  # of three values, in their standard deviations in the mean (Tippett 1925)
-BAND_HZ, MAX_BAND_SHARE = (0.4, 6.0), 0.125  # of the roll motion; its upper end in shares of the sampling rate
+# of the roll motion; its upper end in shares of the sampling rate
+BAND_HZ = (0.4, 6.0)
+MAX_BAND_SHARE = 0.125
 
 
 def physical(
@@ -48,16 +50,24 @@ def physical(
     if slip := unit_slip(record.outputs, record.dt):
         return NotIdentifiable(slip)
     try:
-        with one_thread(), np.errstate(all="ignore"):  # what overflows is not finite, and no step goes there
+        # what overflows is not finite, and no step goes there
+        with one_thread(), np.errstate(all="ignore"):
             return _estimated(windows_of(record), record.effect_directions, prior)
     except ValueError as error:  # LinAlgError is one
         return NotIdentifiable(f"{str(error)[:1].upper()}{str(error)[1:]}.")
 
 
-def _estimated(windows: FlightWindows, directions: Array | None, prior: Physical | None) -> Physical:
+def _estimated(
+    windows: FlightWindows, directions: Array | None, prior: Physical | None
+) -> Physical:
     fits, refined = _chosen(windows, directions)
-    whole = fitted(refined.parameters, windows, refined.theta) if len(windows.rate) > CHOOSING_WINDOWS else refined
-    covariance, jacobian = inverse(whole.curvature), _log_jacobian(whole.parameters, whole.theta, windows.dt)
+    whole = (
+        fitted(refined.parameters, windows, refined.theta)
+        if len(windows.rate) > CHOOSING_WINDOWS
+        else refined
+    )
+    covariance = inverse(whole.curvature)
+    jacobian = _log_jacobian(whole.parameters, whole.theta, windows.dt)
     table, window_sd = _over_time(whole, jacobian, windows)
     by_spectrum = [_logarithms(fit.parameters, fit.theta, windows.dt) for fit in fits]
     own = MODEL_ERRORS.own * np.sqrt(np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian))
@@ -66,23 +76,30 @@ def _estimated(windows: FlightWindows, directions: Array | None, prior: Physical
     return found if prior is None else updated(found, prior)
 
 
-def _chosen(windows: FlightWindows, directions: Array | None) -> tuple[list[GrayBoxFit], GrayBoxFit]:
+def _chosen(
+    windows: FlightWindows, directions: Array | None
+) -> tuple[list[GrayBoxFit], GrayBoxFit]:
     """A fit for each wind that has one, and the most probable one with the refinements that it bears out."""
     count = len(windows.rate)
-    some = windows.of(np.linspace(0, count - 1, min(count, CHOOSING_WINDOWS)).round().astype(np.intp))
+    some = windows.of(
+        np.linspace(0, count - 1, min(count, CHOOSING_WINDOWS)).round().astype(np.intp)
+    )
     plain, start = directed(some, directions)
     fits = []
     for wind in WINDS:
         parameters = plain._replace(wind=wind)
         first = parameters.prior[0]
-        first[: len(start) - 1], first[-1] = start[:-1], start[-1]
+        first[: len(start) - 1] = start[:-1]
+        first[-1] = start[-1]
         try:
             fits.append(fitted(parameters, some, first))
             start = fits[-1].theta
         except np.linalg.LinAlgError:
             continue
     if not fits:
-        raise ValueError("there is no steady filter for these motors and rates: take another part of the flight")
+        raise ValueError(
+            "there is no steady filter for these motors and rates: take another part of the flight"
+        )
     chosen = max(fits, key=lambda fit: fit.evidence)
     for name in REFINEMENTS:
         parameters = chosen.parameters._replace(refinements=(*chosen.parameters.refinements, name))
@@ -97,14 +114,20 @@ def _chosen(windows: FlightWindows, directions: Array | None) -> tuple[list[Gray
 def _logarithms(parameters: Parameters, theta: Array, dt: float) -> Array:
     """(3,) of mean effect, damping and lag."""
     effect = np.abs(parameters.effect(theta)).mean()
-    return np.asarray(np.log(np.array([effect, parameters.damping(theta), parameters.lag(theta, dt)])))
+    return np.asarray(
+        np.log(np.array([effect, parameters.damping(theta), parameters.lag(theta, dt)]))
+    )
 
 
 def _log_jacobian(parameters: Parameters, theta: Array, dt: float) -> Array:
     """(3, k) slopes of :func:`_logarithms` by θ."""
-    r, jacobian = parameters.motors, np.zeros((3, len(theta)))
+    r = parameters.motors
+    jacobian = np.zeros((3, len(theta)))
     effect = parameters.effect(theta)
-    jacobian[0, 0], jacobian[0, 1 : r + 1] = 1.0, np.sign(effect) * np.exp(theta[0]) / np.abs(effect).sum()
+    jacobian[0, 0], jacobian[0, 1 : r + 1] = (
+        1.0,
+        np.sign(effect) * np.exp(theta[0]) / np.abs(effect).sum(),
+    )
     # Less than 1 where the damping is near the largest, and the lag near the shortest.
     jacobian[1, r + 1] = float(parameters.damping(theta) / np.exp(theta[r + 1]))
     jacobian[2, r + 2] = float(np.exp(theta[r + 2]) / parameters.lag(theta, dt)) ** 2
@@ -112,8 +135,11 @@ def _log_jacobian(parameters: Parameters, theta: Array, dt: float) -> Array:
 
 
 def _figures(whole: GrayBoxFit, spreads: Array, windows: FlightWindows) -> IdentifiabilityFigures:
-    parameters, theta = whole.parameters, whole.theta
-    sd, window_sd, spectrum_range = (dict(zip(PARAMETERS, row, strict=True)) for row in spreads.tolist())
+    parameters = whole.parameters
+    theta = whole.theta
+    sd, window_sd, spectrum_range = (
+        dict(zip(PARAMETERS, row, strict=True)) for row in spreads.tolist()
+    )
     return IdentifiabilityFigures(
         wind_share=_wind_share(parameters, theta, windows, whole.levels),
         alias_share=_alias_share(parameters, theta, windows),
@@ -134,10 +160,15 @@ def _physical(
     figures: IdentifiabilityFigures,
 ) -> Physical:
     """In the units of the flight, with what the model leaves out."""
-    parameters, theta, dt, errors = whole.parameters, whole.theta, windows.dt, MODEL_ERRORS
+    parameters = whole.parameters
+    theta = whole.theta
+    dt = windows.dt
+    errors = MODEL_ERRORS
     status, reasons = identifiability(figures)
-    r, effect = parameters.motors, parameters.effect(theta)
-    damping, lag = float(parameters.damping(theta)), float(parameters.lag(theta, dt))
+    r = parameters.motors
+    effect = parameters.effect(theta)
+    damping = float(parameters.damping(theta))
+    lag = float(parameters.lag(theta, dt))
     # Effect, damping, lag and delay by θ.
     slopes = np.zeros((r + 3, len(theta)))
     slopes[:r, 0], slopes[:r, 1 : r + 1] = effect, np.exp(theta[0]) * np.eye(r)
@@ -148,9 +179,15 @@ def _physical(
     alike = np.eye(r + 3)
     alike[:r, :r] = np.outer(effect, np.sign(effect)) / np.abs(effect).sum()
     covariance += (errors.own**2 - 1) * alike @ covariance @ alike.T
-    spreads = [(figures.window_sd[name], figures.spectrum_range[name] / RANGE) for name in PARAMETERS]
+    spreads = [
+        (figures.window_sd[name], figures.spectrum_range[name] / RANGE) for name in PARAMETERS
+    ]
     varied = np.square(spreads).sum(axis=1)
-    bias = (errors.lag_bias if figures.quick else errors.wind_bias) if status["effect"] == "biased" else 0.0
+    bias = (
+        (errors.lag_bias if figures.quick else errors.wind_bias)
+        if status["effect"] == "biased"
+        else 0.0
+    )
     common = varied[0] + errors.effect**2 + bias**2
     if status["effect"] == "not identifiable":
         common += errors.unknown_effect**2
@@ -158,7 +195,9 @@ def _physical(
         common += errors.slow_effect**2
         varied += errors.slow**2
     covariance[:r, :r] += np.outer(effect, effect) * common + np.diag(effect**2) * errors.motor**2
-    covariance[r, r] += damping**2 * varied[1] + (errors.lag_damping if figures.quick else errors.damping) ** 2
+    covariance[r, r] += (
+        damping**2 * varied[1] + (errors.lag_damping if figures.quick else errors.damping) ** 2
+    )
     covariance[r + 1, r + 1] += lag**2 * (varied[2] + errors.lag**2)
     covariance[-1, -1] += errors.delay**2
     scale = np.append(np.full(r, 1 / windows.unit), np.ones(3))
@@ -175,14 +214,21 @@ def _physical(
         bias=bias,
         wind=float(np.sqrt(np.sum(sizes**2))),
         wind_share=figures.wind_share,
-        components=tuple(map(WindComponent, parameters.wind, sizes.tolist(), parameters.times(theta).tolist())),
-        noise=level * float(np.hypot(np.exp(theta[parameters.noise_index]), parameters.least_noise)),
-        refinements=dict(zip(parameters.refinements, theta[parameters.noise_index + 1 :].tolist(), strict=True)),
+        components=tuple(
+            map(WindComponent, parameters.wind, sizes.tolist(), parameters.times(theta).tolist())
+        ),
+        noise=level
+        * float(np.hypot(np.exp(theta[parameters.noise_index]), parameters.least_noise)),
+        refinements=dict(
+            zip(parameters.refinements, theta[parameters.noise_index + 1 :].tolist(), strict=True)
+        ),
         windows=table,
     )
 
 
-def _over_time(whole: GrayBoxFit, jacobian: Array, windows: FlightWindows) -> tuple[WindowTable, Array]:
+def _over_time(
+    whole: GrayBoxFit, jacobian: Array, windows: FlightWindows
+) -> tuple[WindowTable, Array]:
     """Each window's own estimate, and (3,) the sd that the spread between windows adds to the mean's.
 
     A step of Fisher's scoring from the estimate of all, with the prior about it. The spread is that of a random-effects
@@ -195,13 +241,22 @@ def _over_time(whole: GrayBoxFit, jacobian: Array, windows: FlightWindows) -> tu
     variances = np.einsum("ij,wjk,ik->wi", jacobian, covariances, jacobian)
     # The prior draws each window's estimate towards that of all: undone, as far as that was little.
     kept = np.clip(1 - variances / np.einsum("ij,j,ij->i", jacobian, sd**2, jacobian), 0.25, 1.0)
-    deviations, variances = deviations / kept, variances / kept
-    added = np.array([_added_variance(*columns) for columns in zip(deviations.T, variances.T, strict=True)])
-    whole_flight = np.exp(_logarithms(parameters, whole.theta, windows.dt)) / [windows.unit, 1.0, 1.0]
+    deviations = deviations / kept
+    variances = variances / kept
+    added = np.array(
+        [_added_variance(*columns) for columns in zip(deviations.T, variances.T, strict=True)]
+    )
+    whole_flight = np.exp(_logarithms(parameters, whole.theta, windows.dt)) / [
+        windows.unit,
+        1.0,
+        1.0,
+    ]
     effect, damping, lag = (np.exp(np.clip(deviations, -3, 3)) * whole_flight).T
     effect_sd, damping_sd, lag_sd = (np.sqrt(variances) * whole_flight).T
     wind = whole.levels * float(np.sqrt(np.sum(parameters.sizes(whole.theta) ** 2)))
-    return WindowTable(windows.starts, effect, effect_sd, damping, damping_sd, lag, lag_sd, wind), np.sqrt(added)
+    return WindowTable(
+        windows.starts, effect, effect_sd, damping, damping_sd, lag, lag_sd, wind
+    ), np.sqrt(added)
 
 
 def _added_variance(values: Array, variances: Array) -> float:
@@ -216,7 +271,9 @@ def _added_variance(values: Array, variances: Array) -> float:
     return 1 / float((1 / (variances + between)).sum()) - 1 / float(weights.sum())
 
 
-def _wind_share(parameters: Parameters, theta: Array, windows: FlightWindows, levels: Array) -> float:
+def _wind_share(
+    parameters: Parameters, theta: Array, windows: FlightWindows, levels: Array
+) -> float:
     """Of the variance of wind and motors together, in the band of the motion; windows count as they do in the fit."""
     from scipy.signal import butter, lfilter, sosfiltfilt  # it takes half a second to import
 
@@ -224,10 +281,16 @@ def _wind_share(parameters: Parameters, theta: Array, windows: FlightWindows, le
     commanded = parameters.commanded(theta, windows)
     keeps = float(np.exp(-windows.dt / parameters.lag(theta, windows.dt)))
     torque, _ = lfilter([1 - keeps], [1, -keeps], commanded, axis=1, zi=keeps * commanded[:, :1])
-    turning = np.gradient(windows.rate, windows.dt, axis=1) + parameters.damping(theta) * windows.rate
-    band = butter(2, (BAND_HZ[0], min(BAND_HZ[1], MAX_BAND_SHARE * rate)), "bandpass", fs=rate, output="sos")
+    turning = (
+        np.gradient(windows.rate, windows.dt, axis=1) + parameters.damping(theta) * windows.rate
+    )
+    band = butter(
+        2, (BAND_HZ[0], min(BAND_HZ[1], MAX_BAND_SHARE * rate)), "bandpass", fs=rate, output="sos"
+    )
     motors, both = (sosfiltfilt(band, signal, axis=1) for signal in (torque, turning))
-    wind_power, motor_power = (float(np.mean(part.var(axis=1) / levels**2)) for part in (both - motors, motors))
+    wind_power, motor_power = (
+        float(np.mean(part.var(axis=1) / levels**2)) for part in (both - motors, motors)
+    )
     return wind_power / (wind_power + motor_power)
 
 

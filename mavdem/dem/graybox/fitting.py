@@ -13,16 +13,21 @@ from mavdem.dem.graybox.likelihood import FIRST_ORDER, GUSTS, FlightWindows, Par
 WINDS = ((FIRST_ORDER,), (FIRST_ORDER, GUSTS), (GUSTS, GUSTS))
 """Winds to choose from: turbulence, turbulence with smooth gusts, two kinds of smooth gusts, the slow ones first."""
 
-MAX_ITERATIONS, CONVERGED_NATS = 40, 5e-3  # Gauss-Newton steps at most, and the gain below which they have converged
+# Gauss-Newton steps at most, and the gain below which they have converged
+MAX_ITERATIONS = 40
+CONVERGED_NATS = 5e-3
 LONGEST_STEP = 0.7  # of any logarithm, in one step
 RELATIVE_STEP = 1e-4  # of a parameter, or of 0.01 if that is more: for slopes by differences
-ALIKE, UNLIKE = 0.05, 1.0
+ALIKE = 0.05
+UNLIKE = 1.0
 """Standard deviation of a motor's effect from the mixer's direction, relative to the mean effect, beforehand: where the
 geometry is known or recognised, and where it is neither."""
-RECOGNISED, ALMOST = 0.5, 0.1
+RECOGNISED = 0.5
+ALMOST = 0.1
 """Of what a regression on all motors explains: what a geometry must explain to be recognised, and by how much less than
 the best one a more common one may."""
-FLOOR = 0.01  # of the rate: the least white noise, below which steps of the stream are modelled and not the vehicle
+# of the rate: the least white noise, below which steps of the stream are modelled and not the vehicle
+FLOOR = 0.01
 EXCITED = 1e-3  # of the mean over all combinations: what a geometry's own must be moved by at least
 MAX_CHUNK = 24  # windows whose prediction errors are in memory together
 
@@ -36,13 +41,16 @@ class GrayBoxFit(NamedTuple):
     curvature: Array  # (k, k) of the negative log joint, prior included
     scores: Array  # (W, k) slope of each window's log likelihood
     information: Array  # (W, k, k) of each window
-    levels: Array  # (W,) standard deviation of each window's prediction errors, relative to what θ says
+    # (W,) standard deviation of each window's prediction errors, relative to what θ says
+    levels: Array
 
     @property
     def evidence(self) -> float:
         """Laplace's evidence, up to a constant that is the same for all winds."""
         _, sd = self.parameters.prior
-        return self.value - 0.5 * float(np.linalg.slogdet(self.curvature)[1]) - float(np.log(sd).sum())
+        return (
+            self.value - 0.5 * float(np.linalg.slogdet(self.curvature)[1]) - float(np.log(sd).sum())
+        )
 
 
 class _LogJoint(NamedTuple):
@@ -59,7 +67,9 @@ class _LogJoint(NamedTuple):
         """The value; of residuals there is no use."""
         with np.errstate(all="ignore"):
             try:
-                errors = np.concatenate([self.parameters.innovations(at[None], part)[0][0] for part in self._chunks])
+                errors = np.concatenate(
+                    [self.parameters.innovations(at[None], part)[0][0] for part in self._chunks]
+                )
             except np.linalg.LinAlgError:
                 return np.nan, np.empty(0)
             return self._value(at, errors), np.empty(0)
@@ -76,31 +86,42 @@ class _LogJoint(NamedTuple):
     def _about(self, at: Array) -> GrayBoxFit:
         """By differences, all at once; ``LinAlgError`` if no filter is steady."""
         steps = RELATIVE_STEP * np.maximum(0.01, np.abs(at))
-        points, scores, information, innovations = np.vstack([at, at + np.diag(steps)]), [], [], []
+        points = np.vstack([at, at + np.diag(steps)])
+        scores = []
+        information = []
+        innovations = []
         with np.errstate(all="ignore"):
             for part in self._chunks:
                 errors, variance = self.parameters.innovations(points, part)
-                slopes, square = (errors[1:] - errors[0]) / steps[:, None, None], np.mean(errors[0] ** 2, axis=1)
+                slopes = (errors[1:] - errors[0]) / steps[:, None, None]
+                square = np.mean(errors[0] ** 2, axis=1)
                 scores.append(-np.einsum("kwn,wn->wk", slopes, errors[0]) / square[:, None])
                 weighted = slopes / np.sqrt(square)[:, None]
                 information.append(np.einsum("kwn,jwn->wkj", weighted, weighted, optimize=True))
                 innovations.append(errors[0])
             value = self._value(at, np.concatenate(innovations))
-        by_window, prior = np.concatenate(information), np.diag(self.parameters.prior[1] ** -2.0)
+        by_window = np.concatenate(information)
+        prior = np.diag(self.parameters.prior[1] ** -2.0)
         curvature = by_window.sum(axis=0) + prior
         if not (np.isfinite(value) and np.isfinite(curvature).all()):
             raise np.linalg.LinAlgError("there is no steady filter")
         levels = np.sqrt(np.mean(np.concatenate(innovations) ** 2, axis=1) / variance[0])
-        return GrayBoxFit(self.parameters, at, value, curvature, np.concatenate(scores), by_window, levels)
+        return GrayBoxFit(
+            self.parameters, at, value, curvature, np.concatenate(scores), by_window, levels
+        )
 
     def limited(self, step: Array) -> Array:
         """A step that changes no logarithm by more than ``LONGEST_STEP``."""
-        return np.asarray(step * min(1.0, LONGEST_STEP / np.abs(step[self.parameters.logarithms]).max()))
+        return np.asarray(
+            step * min(1.0, LONGEST_STEP / np.abs(step[self.parameters.logarithms]).max())
+        )
 
     @property
     def _chunks(self) -> list[FlightWindows]:
         count = len(self.windows.rate)
-        return [self.windows.of(slice(start, start + MAX_CHUNK)) for start in range(0, count, MAX_CHUNK)]
+        return [
+            self.windows.of(slice(start, start + MAX_CHUNK)) for start in range(0, count, MAX_CHUNK)
+        ]
 
     def _value(self, at: Array, errors: Array) -> float:
         mean, sd = self.parameters.prior
@@ -108,7 +129,9 @@ class _LogJoint(NamedTuple):
         return float(likelihood - 0.5 * np.sum(((at - mean) / sd) ** 2))
 
 
-def fitted(parameters: Parameters, windows: FlightWindows, start: Array, promised: float = 0.0) -> GrayBoxFit:
+def fitted(
+    parameters: Parameters, windows: FlightWindows, start: Array, promised: float = 0.0
+) -> GrayBoxFit:
     """The most probable parameters, from ``start`` (k,) on; ``LinAlgError`` where there is no steady filter there.
 
     It stays at ``start`` where less than the ``promised`` gain, in nats, is expected of the first step.
@@ -128,7 +151,9 @@ def directed(windows: FlightWindows, effect_directions: Array | None) -> tuple[P
     whose motors agree best with it, if any does.
     """
     r = windows.inputs.shape[2]
-    plain = Parameters(np.ones(r), UNLIKE, WINDS[0], FLOOR * float(np.sqrt(windows.rate.var(axis=1).mean())))
+    plain = Parameters(
+        np.ones(r), UNLIKE, WINDS[0], FLOOR * float(np.sqrt(windows.rate.var(axis=1).mean()))
+    )
     mean, _ = plain.prior
     # Effects 0 and, one after the other, 1: log effect 0 and deviations −1, but for the motor's own.
     points = np.repeat(mean[None], r + 1, axis=0)
@@ -140,11 +165,14 @@ def directed(windows: FlightWindows, effect_directions: Array | None) -> tuple[P
     gram = slopes.T @ slopes
     ridge = 1e-9 * np.trace(gram) / r * np.eye(r)
     effect = np.linalg.solve(gram + ridge, slopes.T @ target)
-    directions, deviation = effect, UNLIKE
+    directions = effect
+    deviation = UNLIKE
     if effect_directions is not None:
-        directions, deviation = np.asarray(effect_directions, np.float64), ALIKE
+        directions = np.asarray(effect_directions, np.float64)
+        deviation = ALIKE
     elif (turning := _recognised(effect, gram)) is not None:
-        directions, deviation = turning, ALIKE
+        directions = turning
+        deviation = ALIKE
     directions = directions / np.abs(directions).mean()
     along = float(directions @ gram @ effect) / float(directions @ gram @ directions + ridge[0, 0])
     # The autopilot's parameters may count turns the other way round.
@@ -161,7 +189,9 @@ def _recognised(effect: Array, gram: Array) -> Array | None:
     # Combinations that the motors hardly move in explain nothing but rounding.
     moved = EXCITED * np.trace(gram) / len(effect)
     turnings = [row for row in turnings if row @ gram @ row > moved * (row @ row)]
-    explained = np.array([float(row @ gram @ effect) ** 2 / float(row @ gram @ row) for row in turnings])
+    explained = np.array(
+        [float(row @ gram @ effect) ** 2 / float(row @ gram @ row) for row in turnings]
+    )
     whole = float(effect @ gram @ effect)
     if not turnings or explained.max() < RECOGNISED * whole:
         return None

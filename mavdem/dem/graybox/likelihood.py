@@ -68,20 +68,27 @@ def smooth(order: int) -> Coloured:
     return _autoregressive(np.real(np.poly(roots[roots.real < 0])))
 
 
-FIRST_ORDER = _autoregressive(np.ones(2))  # autocorrelation exp(−|τ|): turbulence along its mean wind
+# autocorrelation exp(−|τ|): turbulence along its mean wind
+FIRST_ORDER = _autoregressive(np.ones(2))
 
 GUSTS = smooth(4)
 """Autocorrelation exp(−τ²/4), nearly: noise with a Gaussian kernel, the noise of generalized coordinates (Eq.
 ``Smatrix``), to an order that is enough for the spectrum where there is power."""
 
-SETTLING_SECONDS = 0.25  # of each window, whose prediction errors do not count: the filter finds the state
-ANSWERED_SECONDS = 0.004  # for which an autopilot answers one sample of the rate: then it has the next
+# of each window, whose prediction errors do not count: the filter finds the state
+SETTLING_SECONDS = 0.25
+# for which an autopilot answers one sample of the rate: then it has the next
+ANSWERED_SECONDS = 0.004
 SHORTEST_LAG = 0.5  # steps of the stream
 MAX_DAMPING = 25.0  # 1/s: five times that of the smallest published vehicles
 BLOCK = 24  # steps that are worked out together
 
-EFFECT, DAMPING, LAG, DELAY = (0.0, 2.0), (np.log(2.0), 1.0), (np.log(0.03), 1.0), (0.006, 0.004)
-SIZE, NOISE = (np.log(0.5), 1.5), (np.log(0.005), 2.0)
+EFFECT = (0.0, 2.0)
+DAMPING = (np.log(2.0), 1.0)
+LAG = (np.log(0.03), 1.0)
+DELAY = (0.006, 0.004)
+SIZE = (np.log(0.5), 1.5)
+NOISE = (np.log(0.005), 2.0)
 """Mean and standard deviation beforehand, in s, rad/s and rad/s², of logarithms but for the delay: as of common
 multirotors and their autopilots. Damping of a rotor in air is positive, and so are the lag and the effect along the
 mixer's direction. The effect's mean is that of a first estimate."""
@@ -102,11 +109,14 @@ class FlightWindows(NamedTuple):
     dt: float  # step, s
     starts: Array  # (W,) s of the record before each
     unit: float  # of the inputs, in the unit of the record's
-    answers: Array  # (W, N, r) of the inputs, what answers what is new in the rate at the same sample
+    # (W, N, r) of the inputs, what answers what is new in the rate at the same sample
+    answers: Array
 
     def of(self, some: slice | NDArray[np.intp]) -> FlightWindows:
         """Returns some of them."""
-        return self._replace(**{name: getattr(self, name)[some] for name in ("inputs", "rate", "starts", "answers")})
+        return self._replace(
+            **{name: getattr(self, name)[some] for name in ("inputs", "rate", "starts", "answers")}
+        )
 
 
 class Parameters(NamedTuple):
@@ -175,14 +185,18 @@ class Parameters(NamedTuple):
         r = self.motors
         # Most of the parameters that differ do so in the motors' effects alone.
         thetas, which = _distinct(thetas, [r + 1, r + 2, *range(r + 4, self.noise_index + 1)])
-        vehicle, rate = np.zeros((len(thetas), 2, 2)), 1 / self.lag(thetas, dt)
-        vehicle[:, 0, 0], vehicle[:, 0, 1], vehicle[:, 1, 1] = -self.damping(thetas), 1.0, -rate
+        vehicle = np.zeros((len(thetas), 2, 2))
+        rate = 1 / self.lag(thetas, dt)
+        vehicle[:, 0, 0] = -self.damping(thetas)
+        vehicle[:, 0, 1] = 1.0
+        vehicle[:, 1, 1] = -rate
         components = zip(self.wind, self.sizes(thetas).T, self.times(thetas).T, strict=True)
         A, drive, wind = with_wind(vehicle, list(components))
         A[:, 0] += wind
         n = A.shape[-1]
         B = np.zeros((len(thetas), n, 2))
-        B[:, 1, 0], B[:, 0, 1] = rate, 1.0
+        B[:, 1, 0] = rate
+        B[:, 0, 1] = 1.0
         transition = discretize(A, B, dt)
         process = step_covariance(A, drive, dt)
         noise = np.exp(2 * thetas[:, self.noise_index]) + self.least_noise**2
@@ -194,7 +208,9 @@ class Parameters(NamedTuple):
 
     def commanded(self, theta: Array, windows: FlightWindows) -> Array:
         """(W, N) the torque that the motors would settle at, rad/s², refinements included."""
-        return np.asarray(self._refined(tuple(theta[self.noise_index + 1 :]), windows) @ self.effect(theta))
+        return np.asarray(
+            self._refined(tuple(theta[self.noise_index + 1 :]), windows) @ self.effect(theta)
+        )
 
     def _refined(self, values: tuple[float, ...], windows: FlightWindows) -> Array:
         """(W, N, r) the inputs with refinements of these ``values``."""
@@ -209,17 +225,26 @@ class Parameters(NamedTuple):
         They are without what a constant acceleration in each window explains.
         """
         transition, gain, variance = self.filters(thetas, windows.dt)
-        now, later = transition.input_now, transition.input_next
+        now = transition.input_now
+        later = transition.input_next
         W, N = windows.rate.shape
-        of_commands = [*range(self.motors + 1), self.motors + 3, *range(self.noise_index + 1, thetas.shape[1])]
+        of_commands = [
+            *range(self.motors + 1),
+            self.motors + 3,
+            *range(self.noise_index + 1, thetas.shape[1]),
+        ]
         some, which = _distinct(thetas, of_commands)
-        driven, refined = np.empty((len(some), W, N - 1, 3)), cache(partial(self._refined, windows=windows))
+        driven = np.empty((len(some), W, N - 1, 3))
+        refined = cache(partial(self._refined, windows=windows))
         for k, theta in enumerate(some):
-            steps, effect = float(theta[self.motors + 3]) / windows.dt, self.effect(theta)
+            steps = float(theta[self.motors + 3]) / windows.dt
+            effect = self.effect(theta)
             # A command that reacts to a sample must not help to predict it: what answers a sample is held from then on.
             answer = windows.answers @ effect
             held, _ = delayed(min(1.0, ANSWERED_SECONDS / windows.dt) * answer.T, steps)
-            ends = delayed((refined(tuple(theta[self.noise_index + 1 :])) @ effect - answer).T, steps)
+            ends = delayed(
+                (refined(tuple(theta[self.noise_index + 1 :])) @ effect - answer).T, steps
+            )
             driven[k, :, :, 0], driven[k, :, :, 1] = ((end + held).T for end in ends)
         driven[..., 2] = windows.rate[:, :-1]
         step = transition.state.copy()
@@ -228,10 +253,16 @@ class Parameters(NamedTuple):
         predicted = followed(step, gains, driven, windows.rate[:, 0], which)
         # The response to a constant acceleration of 1 rad/s².
         alike = np.zeros(len(thetas), np.intp)
-        response = followed(step, (now + later)[..., 1:], np.ones((1, 1, N - 1, 1)), np.zeros(1), alike)[:, 0]
+        response = followed(
+            step, (now + later)[..., 1:], np.ones((1, 1, N - 1, 1)), np.zeros(1), alike
+        )[:, 0]
         settled = round(SETTLING_SECONDS / windows.dt)
-        errors, response = windows.rate[:, settled + 1 :] - predicted[:, :, settled:], response[:, settled:]
-        share = np.einsum("kwn,kn->kw", errors, response) / np.einsum("kn,kn->k", response, response)[:, None]
+        errors = windows.rate[:, settled + 1 :] - predicted[:, :, settled:]
+        response = response[:, settled:]
+        share = (
+            np.einsum("kwn,kn->kw", errors, response)
+            / np.einsum("kn,kn->k", response, response)[:, None]
+        )
         errors -= share[:, :, None] * response[:, None]
         return errors, variance
 
@@ -244,20 +275,25 @@ def _distinct(thetas: Array, columns: list[int]) -> tuple[Array, NDArray[np.intp
     return thetas[first], which.ravel()
 
 
-def followed(step: Array, gains: Array, inputs: Array, first: Array, which: NDArray[np.intp]) -> Array:
+def followed(
+    step: Array, gains: Array, inputs: Array, first: Array, which: NDArray[np.intp]
+) -> Array:
     """(b, W, N) x₁[0] … x_N[0] of x_{k+1} = step x_k + gains · input_k, of b models and W windows.
 
     ``step`` is (b, n, n), ``gains`` (b, n, c), ``inputs`` (a, W, N, c), of which each model has that of ``which`` (b,).
     The first state of a window is 0 but for its first entry, ``first`` (W,). Blocks run side by side from 0, each by
     one product; what each begins with is added.
     """
-    (number, n, c), (W, N) = gains.shape, inputs.shape[1:3]
+    (number, n, c) = gains.shape
+    (W, N) = inputs.shape[1:3]
     blocks = -(-N // BLOCK)
     padded = np.zeros((len(inputs), W, blocks * BLOCK, c))
     padded[:, :, :N] = inputs
     padded = padded.reshape(len(inputs), W * blocks, BLOCK * c)
-    responses, shown = np.empty((number, BLOCK, n, c)), np.empty((number, n, BLOCK))
-    power, responses[:, 0] = step, gains
+    responses = np.empty((number, BLOCK, n, c))
+    shown = np.empty((number, n, BLOCK))
+    power = step
+    responses[:, 0] = gains
     for later in range(1, BLOCK):
         shown[:, :, later - 1] = power[:, 0]
         responses[:, later] = power @ gains
@@ -272,7 +308,8 @@ def followed(step: Array, gains: Array, inputs: Array, first: Array, which: NDAr
     for model, its in enumerate(which):
         products = moved[model].reshape(W * blocks, BLOCK + n)
         np.matmul(padded[its], within[model].reshape(BLOCK * c, BLOCK + n), out=products)
-    begins, across = np.zeros((number, W, blocks, n)), np.swapaxes(power, 1, 2)
+    begins = np.zeros((number, W, blocks, n))
+    across = np.swapaxes(power, 1, 2)
     begins[:, :, 0, 0] = first
     for block in range(1, blocks):
         begins[:, :, block] = begins[:, :, block - 1] @ across + moved[:, :, block - 1, BLOCK:]
@@ -288,7 +325,10 @@ def jumping(inputs: Array, sooner: float) -> Array:
     """
     changes = np.diff(inputs, axis=1, prepend=inputs[:, :1])
     before = np.concatenate([np.zeros_like(changes[:, :1]), changes[:, :-1]], axis=1)
-    return np.asarray(inputs + sooner * (changes - np.clip(before, np.minimum(changes, 0.0), np.maximum(changes, 0.0))))
+    return np.asarray(
+        inputs
+        + sooner * (changes - np.clip(before, np.minimum(changes, 0.0), np.maximum(changes, 0.0)))
+    )
 
 
 def delayed(inputs: Array, steps: float) -> tuple[Array, Array]:
@@ -306,7 +346,8 @@ class Plant(NamedTuple):
     step: Transition  # it has one input, c in rad/s²
     process: Array  # (n, n) covariance of the noise, which drives the wind
     wind: Array  # (n,) the wind's torque, rad/s², out of a state
-    stationary: Array  # (n, n) covariance of the wind's states before anything is measured; 0 for rate and torque
+    # (n, n) covariance of the wind's states before anything is measured; 0 for rate and torque
+    stationary: Array
     jumps: float  # share of a step by which commands that jump do so sooner than half way
 
     def pushes(self, commanded: Array, steps: float) -> Array:
@@ -324,7 +365,9 @@ class Plant(NamedTuple):
         At its beginning the motors have settled at what is commanded, with all that is steady, and of the wind nothing
         is known but how strong it is.
         """
-        filtered, first, uncertainty = self.filter(noise), np.zeros(len(self.wind)), self.stationary.copy()
+        filtered = self.filter(noise)
+        first = np.zeros(len(self.wind))
+        uncertainty = self.stationary.copy()
         first[:2] = rate.mean(), commanded[0]
         uncertainty[0, 0] += np.var(rate) + filtered.variance
         return filtered.smoothed(self.pushes(commanded, steps), rate, first, uncertainty, self.wind)
@@ -343,21 +386,30 @@ def with_wind(
     wind = np.zeros(A.shape[:-1])
     A[..., :start, :start] = vehicle
     for colour, size, time in components:
-        states, pace = slice(start, start + len(colour.A)), 1 / np.asarray(time)[..., None, None]
-        A[..., states, states], drive[..., states, states] = colour.A * pace, colour.drive * pace
-        wind[..., states], start = colour.C * np.asarray(size)[..., None], states.stop
+        states = slice(start, start + len(colour.A))
+        pace = 1 / np.asarray(time)[..., None, None]
+        A[..., states, states] = colour.A * pace
+        drive[..., states, states] = colour.drive * pace
+        wind[..., states] = colour.C * np.asarray(size)[..., None]
+        start = states.stop
     return A, drive, wind
 
 
 def stationary(A: Array, drive: Array, first: int) -> Array:
     """(n, n) covariance of the states from the ``first`` of the wind on, and 0 of those before."""
     covariance = np.zeros_like(A)
-    covariance[first:, first:] = solve_continuous_lyapunov(A[first:, first:], -drive[first:, first:])
+    covariance[first:, first:] = solve_continuous_lyapunov(
+        A[first:, first:], -drive[first:, first:]
+    )
     return covariance
 
 
 def plant(
-    damping: float, lag: float, components: Sequence[tuple[Coloured, float, float]], dt: float, jumps: float = 0.0
+    damping: float,
+    lag: float,
+    components: Sequence[tuple[Coloured, float, float]],
+    dt: float,
+    jumps: float = 0.0,
 ) -> Plant:
     """The plant with ``damping``, 1/s, ``lag``, s, and wind as in :func:`with_wind`, sampled every ``dt`` seconds."""
     A, drive, wind = with_wind(np.array([[-damping, 1.0], [0.0, -1 / lag]]), components)

@@ -82,7 +82,8 @@ class Physical(NamedTuple):
     windows: WindowTable
 
     def __repr__(self) -> str:
-        (mean, sure), half = self.mean_effect(), self.interval()
+        (mean, sure) = self.mean_effect()
+        half = self.interval()
         shown = f"mean effect {mean:.3g} ± {sure:.2g} rad/s² per unit of input, damping {self.damping:.3g} ± "
         shown += f"{half.damping:.2g} 1/s, lag {1e3 * self.lag:.3g} ± {1e3 * half.lag:.2g} ms"
         return f"<Physical: {shown}{''.join(f'; {name} {status}' for name, status in self.status.items())}>"
@@ -94,7 +95,8 @@ class Physical(NamedTuple):
         """
         require_probability(level)
         share = np.sign(self.effect) / len(self.effect)
-        mean, r = float(share @ self.effect), len(self.effect)
+        mean = float(share @ self.effect)
+        r = len(self.effect)
         half = float(half_width(share @ self.covariance[:r, :r] @ share, level))
         return mean, half if self.identifiable else np.nan
 
@@ -106,13 +108,19 @@ class Physical(NamedTuple):
     @property
     def caution(self) -> str | None:
         """Why the effect is not identifiable; ``None`` where it is."""
-        return None if self.identifiable else f"The motors' effect is not identifiable. {self.reasons['effect']}"
+        return (
+            None
+            if self.identifiable
+            else f"The motors' effect is not identifiable. {self.reasons['effect']}"
+        )
 
     def draws(self, number: int, seed: int = 0) -> Array:
         """Returns (number + 1, r + 3) effect, damping, lag and delay: the estimate, then draws by ``seed``."""
         theta = np.array([*self.effect, self.damping, self.lag, self.delay])
-        values, vectors = np.linalg.eigh((self.covariance + self.covariance.T) / 2)  # it may be singular
-        rng, spread = np.random.default_rng(seed), vectors * np.sqrt(values.clip(0))
+        # it may be singular
+        values, vectors = np.linalg.eigh((self.covariance + self.covariance.T) / 2)
+        rng = np.random.default_rng(seed)
+        spread = vectors * np.sqrt(values.clip(0))
         drawn = theta + rng.standard_normal((number, len(theta))) @ spread.T
         drawn[:, -2:] = drawn[:, -2:].clip(0.05 * theta[-2:])  # a lag and a delay are positive
         return np.vstack([theta, drawn])
@@ -130,7 +138,8 @@ class Physical(NamedTuple):
 
 
 LEAST = 0.05, 1e-3, 0.0  # damping, 1/s, lag and delay, s, of a vehicle
-CONTRADICTION = 3.0  # standard deviations between two flights, beyond which the vehicle is not as it was
+# standard deviations between two flights, beyond which the vehicle is not as it was
+CONTRADICTION = 3.0
 BY_PRIOR = "It is known from an earlier flight: this one alone does not identify it."
 
 
@@ -145,15 +154,19 @@ def updated(found: Physical, prior: Physical) -> Physical:
     alike = np.append(theta[:-3], np.zeros(3))
     covariance = prior.covariance + np.outer(alike, alike) * MODEL_ERRORS.between_flights**2
     reasons = {
-        name: prior.reasons[name] if prior.status[name] == "not identifiable" else BY_PRIOR for name in PARAMETERS
+        name: prior.reasons[name] if prior.status[name] == "not identifiable" else BY_PRIOR
+        for name in PARAMETERS
     }
     judged = prior._replace(reasons=reasons)
     if found.identifiable:
-        both, share, judged = covariance + found.covariance, np.sign(alike), found
+        both = covariance + found.covariance
+        share = np.sign(alike)
+        judged = found
         if abs(share @ (now - theta)) > CONTRADICTION * np.sqrt(share @ both @ share):
             return found
         gain = np.linalg.solve(both, covariance).T
-        theta, covariance = theta + gain @ (now - theta), covariance - gain @ covariance
+        theta = theta + gain @ (now - theta)
+        covariance = covariance - gain @ covariance
     damping, lag, delay = np.maximum(theta[-3:], LEAST).tolist()
     return found._replace(
         effect=theta[:-3],
@@ -167,7 +180,8 @@ def updated(found: Physical, prior: Physical) -> Physical:
     )
 
 
-WINDOW_SECONDS, SHORTEST_WINDOW_SECONDS = 7.0, 2.0
+WINDOW_SECONDS = 7.0
+SHORTEST_WINDOW_SECONDS = 2.0
 MIN_SAMPLES = 200
 PAST = 4  # samples that tell what is new in the next
 FEWEST_RATE = 39.0
@@ -179,7 +193,9 @@ FASTEST_RATE = 199.0  # Hz: of twice that or more, every so many samples are tak
 def windows_of(record: Record) -> FlightWindows:
     """Cuts a record into windows of one length, with one trim and one unit of inputs; ``ValueError`` says why not."""
     if 1 / record.dt < FEWEST_RATE:
-        raise ValueError(f"effect, damping and lag show at several Hz: 40 samples a second, not {1 / record.dt:.3g}")
+        raise ValueError(
+            f"effect, damping and lag show at several Hz: 40 samples a second, not {1 / record.dt:.3g}"
+        )
     rate = rate_column(record)
     samples = _window_samples(record)
     inputs = record.inputs[samples]
@@ -188,8 +204,11 @@ def windows_of(record: Record) -> FlightWindows:
     if not unit:
         raise ValueError("physical parameters need motors that move: all inputs are constant")
     dt = float(samples[0, 1] - samples[0, 0]) * record.dt
-    inputs, turning = inputs / unit, record.outputs[samples, rate]
-    return FlightWindows(inputs, turning, dt, np.asarray(record.dt * samples[:, 0]), unit, answers(inputs, turning))
+    inputs = inputs / unit
+    turning = record.outputs[samples, rate]
+    return FlightWindows(
+        inputs, turning, dt, np.asarray(record.dt * samples[:, 0]), unit, answers(inputs, turning)
+    )
 
 
 def answers(inputs: Array, rate: Array) -> Array:
@@ -197,7 +216,8 @@ def answers(inputs: Array, rate: Array) -> Array:
 
     New is what a linear regression on the samples before does not predict.
     """
-    both, count = np.concatenate([rate[:, :, None], inputs], axis=2), rate.shape[1]
+    both = np.concatenate([rate[:, :, None], inputs], axis=2)
+    count = rate.shape[1]
     past = np.concatenate([both[:, lag : count - PAST + lag] for lag in range(PAST)], axis=2)
     now, past = (part.reshape(-1, part.shape[2]) for part in (both[:, PAST:], past))
     new = now - past @ np.linalg.lstsq(past, now)[0]
@@ -213,7 +233,9 @@ def rate_column(record: Record) -> int:
         return 0
     pairs = derivative_pairs(record)
     if not pairs:
-        raise ValueError("physical parameters need an angle and its rate: no output is the derivative of another")
+        raise ValueError(
+            "physical parameters need an angle and its rate: no output is the derivative of another"
+        )
     return pairs[0][1]
 
 
@@ -222,11 +244,21 @@ def _window_samples(record: Record) -> NDArray[np.intp]:
     step = max(1, int(1 / record.dt / FASTEST_RATE))
     shortest = max(step * MIN_SAMPLES, round(SHORTEST_WINDOW_SECONDS / record.dt))
     if record.longest < shortest:
-        raise ValueError(f"physical parameters need at least {shortest} samples without gaps, not {record.longest}")
+        raise ValueError(
+            f"physical parameters need at least {shortest} samples without gaps, not {record.longest}"
+        )
     # Up to half as long again, or down to what there is, so that as little as possible is left over.
     usual = min(round(WINDOW_SECONDS / record.dt), record.longest)
-    lengths = [length for length in range(usual, int(1.5 * usual) + 1, max(1, usual // 50)) if length <= record.longest]
-    length = max(lengths, key=lambda length: sum(whole // length for whole in record.lengths) * length)
+    lengths = [
+        length
+        for length in range(usual, int(1.5 * usual) + 1, max(1, usual // 50))
+        if length <= record.longest
+    ]
+    length = max(
+        lengths, key=lambda length: sum(whole // length for whole in record.lengths) * length
+    )
     segments = zip(record.starts, record.lengths, strict=True)
-    begins = np.concatenate([start + length * np.arange(whole // length) for start, whole in segments])
+    begins = np.concatenate(
+        [start + length * np.arange(whole // length) for start, whole in segments]
+    )
     return np.asarray(begins[:, None] + np.arange(0, length - step + 1, step), np.intp)

@@ -32,20 +32,25 @@ from mavdem.dem.priors import derivative_pairs
 from mavdem.dem.record import Record
 
 RELATIVE_STEP = 1e-4  # of a parameter, for slopes by differences
-MAX_ERROR_SHARE = 0.75  # of the estimate's variance, that its errors may have before it is not resolved
-MAX_SCATTER = 0.1  # of the cancelled share: with more, the motors do too much else for it to be known
+# of the estimate's variance, that its errors may have before it is not resolved
+MAX_ERROR_SHARE = 0.75
+# of the cancelled share: with more, the motors do too much else for it to be known
+MAX_SCATTER = 0.1
 SPECTRUM_SECONDS = 8.0  # of the windows whose spectra are averaged, with half of each in the next
-INDEPENDENT = 18 / 19  # of windows by Hann with half of each in the next, as many count (Welch, 1967)
+# of windows by Hann with half of each in the next, as many count (Welch, 1967)
+INDEPENDENT = 18 / 19
 SLOW_HERTZ = 1.0  # below which the slow wind's answer counts
 
 CHANGE_SECONDS = 2.0  # on either side of a step
-STEP_SHARE, STEP_SHARPNESS = 0.5, 0.75
+STEP_SHARE = 0.5
+STEP_SHARPNESS = 0.75
 """Of the variance by a step, and of the step within ``CHANGE_SECONDS``: no wind of 105 simulated flights had both."""
 LEVEL_SECONDS = 10.0  # of the running median, which a gust stands out from
 LEVEL_STEP_SECONDS = 0.1  # between samples of that median
 THRESHOLD = 4.0  # standard deviations from it, by the median absolute deviation
 END = 0.5  # of the threshold, within which a gust begins and ends
-CERTAIN = 2.0  # half widths of the band, which a gust exceeds: errors in quick manoeuvres are no gusts
+# half widths of the band, which a gust exceeds: errors in quick manoeuvres are no gusts
+CERTAIN = 2.0
 NORMAL_MEDIAN = 0.6745  # absolute deviation of a normal distribution, in standard deviations
 
 
@@ -145,12 +150,17 @@ def wind(physical: Physical, record: Record, changes: Sequence[float] = ()) -> W
     with one_thread():
         torques = _torques(theta, physical, record, column)
         nudges = RELATIVE_STEP * np.maximum(np.abs(theta), RELATIVE_STEP)
-        beside = [_torques(theta + nudge, physical, record, column).mean for nudge in np.diag(nudges)]
+        beside = [
+            _torques(theta + nudge, physical, record, column).mean for nudge in np.diag(nudges)
+        ]
         slopes = (np.array(beside) - torques.mean) / nudges[:, None]
-    cuts, levels, covariance = record.samples_at(changes), slopes.mean(axis=1), physical.covariance
+    cuts = record.samples_at(changes)
+    levels = slopes.mean(axis=1)
+    covariance = physical.covariance
     step = _step(_about_means(torques.mean, cuts), record.dt)
     cuts = sorted({*cuts, *([] if step is None else step[:1])})
-    moved, moving = _about_means(torques.mean, cuts), _about_means(slopes, cuts)
+    moved = _about_means(torques.mean, cuts)
+    moving = _about_means(slopes, cuts)
     size = float(np.mean(moved**2))
     smoother = torques.variance + MODEL_ERRORS.wind**2 * size
 
@@ -174,7 +184,8 @@ def wind(physical: Physical, record: Record, changes: Sequence[float] = ()) -> W
     unlike = moving - np.outer(shares, moved)
     added = np.sum((unlike @ unlike.T) * covariance) / (2 * samples * size)
     scale_error = np.sqrt(shares @ covariance @ shares + added**2 + MODEL_ERRORS.wind_sd**2)
-    spectra, band = _spectra(torques, record), half_width(variance)
+    spectra = _spectra(torques, record)
+    band = half_width(variance)
     gusty = gusts(torques.mean, band, record, shortest_gust(physical, record.dt))
     return WindTorque(
         torque=torques.mean,
@@ -188,7 +199,9 @@ def wind(physical: Physical, record: Record, changes: Sequence[float] = ()) -> W
         gusts=gusty.found if resolved else (),
         gust_threshold=gusty.threshold,
         false_gusts_per_minute=gusty.false_per_minute,
-        spectrum=WindSpectrum(spectra.frequency, spectra.wind, wind_density(physical, spectra.frequency)),
+        spectrum=WindSpectrum(
+            spectra.frequency, spectra.wind, wind_density(physical, spectra.frequency)
+        ),
         cancelled_share=spectra.cancelled_share(np.inf),
         cancelled_share_slow=spectra.cancelled_share(SLOW_HERTZ),
         resolved=resolved,
@@ -200,12 +213,16 @@ def wind(physical: Physical, record: Record, changes: Sequence[float] = ()) -> W
 def _about_means(values: Array, cuts: Sequence[int]) -> Array:
     """(…, T) without the mean of each part between cuts."""
     parts = np.split(values, cuts, axis=-1)
-    return np.concatenate([part - part.mean(axis=-1, keepdims=True) for part in parts if part.size], axis=-1)
+    return np.concatenate(
+        [part - part.mean(axis=-1, keepdims=True) for part in parts if part.size], axis=-1
+    )
 
 
 def _step(torque: Array, dt: float) -> tuple[int, float] | None:
     """The sample and size of the step that explains most of a torque (T,) of mean 0, where it is one."""
-    number, least, near = len(torque), round(LEVEL_SECONDS / dt), round(CHANGE_SECONDS / dt)
+    number = len(torque)
+    least = round(LEVEL_SECONDS / dt)
+    near = round(CHANGE_SECONDS / dt)
     at = np.arange(least, number - least)
     if not len(at):
         return None
@@ -214,22 +231,32 @@ def _step(torque: Array, dt: float) -> tuple[int, float] | None:
     sample = int(at[np.argmax(explained)])
     size = float(torque[sample:].mean() - torque[:sample].mean())
     sharp = (torque[sample : sample + near].mean() - torque[sample - near : sample].mean()) / size
-    return (sample, size) if explained.max() > STEP_SHARE * (torque @ torque) and sharp > STEP_SHARPNESS else None
+    return (
+        (sample, size)
+        if explained.max() > STEP_SHARE * (torque @ torque) and sharp > STEP_SHARPNESS
+        else None
+    )
 
 
 def _torques(theta: Array, physical: Physical, record: Record, column: int) -> _Torques:
     """Of all segments, with effect, damping, lag and delay ``theta`` (r + 3,), of the rate in a ``column``."""
-    effect, (damping, lag, delay) = theta[:-3], theta[-3:].tolist()
-    axis = plant(damping, lag, physical.components, record.dt, physical.refinements.get("jumps", 0.0))
+    effect = theta[:-3]
+    (damping, lag, delay) = theta[-3:].tolist()
+    axis = plant(
+        damping, lag, physical.components, record.dt, physical.refinements.get("jumps", 0.0)
+    )
     trim = record.inputs.mean(axis=0)
     level = balanced(effect, trim, record.effect_directions)
     parts = []
     for inputs, outputs in record.segments:
-        rate, commanded = outputs[:, column], (inputs - trim) @ effect
+        rate = outputs[:, column]
+        commanded = (inputs - trim) @ effect
         # What is steady acts like a steady command; about it the wind's mean is 0.
         constant = steady(rate, commanded, damping, record.dt)
         smoothed = axis.smoothed(physical.noise, commanded + constant, delay / record.dt, rate)
-        parts.append((smoothed.mean + constant + level, smoothed.variance, smoothed.states[:, 1] - constant))
+        parts.append(
+            (smoothed.mean + constant + level, smoothed.variance, smoothed.states[:, 1] - constant)
+        )
     return _Torques(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
 
@@ -268,10 +295,17 @@ class _Spectra(NamedTuple):
         windows, is taken off (Bendat and Piersol, Random Data, 4th ed., sec. 9.2).
         """
         below = (self.frequency <= highest) & (self.wind > 0)
-        wind, answer, across = self.wind[below], self.answer[below], self.across[below]
-        total, left = float(wind.sum()), float((np.abs(wind - across) ** 2 / wind).sum())
+        wind = self.wind[below]
+        answer = self.answer[below]
+        across = self.across[below]
+        total = float(wind.sum())
+        left = float((np.abs(wind - across) ** 2 / wind).sum())
         scatter = float((answer - np.abs(across) ** 2 / wind).sum()) / max(self.windows - 1, 1)
-        return 1 - (left - scatter) / total if total and scatter <= MAX_SCATTER * total else float("nan")
+        return (
+            1 - (left - scatter) / total
+            if total and scatter <= MAX_SCATTER * total
+            else float("nan")
+        )
 
 
 def _spectra(torques: _Torques, record: Record) -> _Spectra:
@@ -279,13 +313,19 @@ def _spectra(torques: _Torques, record: Record) -> _Spectra:
     from scipy.signal import csd, detrend  # it takes half a second to import
 
     length = min(round(SPECTRUM_SECONDS / record.dt), record.longest)
-    total, windows, frequency = np.zeros((3, length // 2 + 1), complex), 0.0, np.zeros(length // 2 + 1)
+    total = np.zeros((3, length // 2 + 1), complex)
+    windows = 0.0
+    frequency = np.zeros(length // 2 + 1)
     cuts = record.starts[1:]
-    for torque, motors in zip(np.split(torques.mean, cuts), np.split(-torques.motors, cuts), strict=True):
+    for torque, motors in zip(
+        np.split(torques.mean, cuts), np.split(-torques.motors, cuts), strict=True
+    ):
         if len(torque) < length:
             continue
         weight = 2 * len(torque) // length - 1
-        for sums, (one, other) in zip(total, ((torque, torque), (motors, motors), (torque, motors)), strict=True):
+        for sums, (one, other) in zip(
+            total, ((torque, torque), (motors, motors), (torque, motors)), strict=True
+        ):
             frequency, density = csd(one, other, 1 / record.dt, nperseg=length, detrend=detrend)
             sums += weight * density
         windows += weight
@@ -300,7 +340,9 @@ def wind_density(physical: Physical, frequency: Array) -> Array:
         resolvent = 2j * np.pi * frequency[:, None, None] * np.eye(len(colour.A)) - colour.A / time
         seen = np.tile(colour.C[:, None], (len(frequency), 1, 1))
         across = np.linalg.solve(np.swapaxes(resolvent, 1, 2), seen)[..., 0]
-        density += 2 * size**2 * np.einsum("fi,ij,fj->f", across, colour.drive / time, across.conj()).real
+        density += (
+            2 * size**2 * np.einsum("fi,ij,fj->f", across, colour.drive / time, across.conj()).real
+        )
     return density
 
 
@@ -332,7 +374,8 @@ def gusts(torque: Array, band: Array, record: Record, shortest: float = 0.0) -> 
     false ones is that at which a Gaussian process of the same variance and the same variance of its derivative crosses
     the threshold, on both sides (Rice, "Mathematical analysis of random noise", 1944, sec. 3.3).
     """
-    parts, bands = np.split(torque, record.starts[1:]), np.split(band, record.starts[1:])
+    parts = np.split(torque, record.starts[1:])
+    bands = np.split(band, record.starts[1:])
     away = [part - _level(part, record.dt) for part in parts]
     sd = float(np.median(np.abs(np.concatenate(away)))) / NORMAL_MEDIAN
     if sd == 0.0 or np.mean((band / quantile()) ** 2) > MAX_ERROR_SHARE * np.var(torque):
@@ -341,16 +384,23 @@ def gusts(torque: Array, band: Array, record: Record, shortest: float = 0.0) -> 
     # Likewise by the median, so that gusts do not count.
     crossings = float(np.median(np.abs(slopes))) / NORMAL_MEDIAN / sd / (2 * np.pi)
     false = 2 * 60 * crossings * float(np.exp(-(THRESHOLD**2) / 2))
-    detected, beside = [], round(LEVEL_SECONDS / 2 / record.dt)
+    detected = []
+    beside = round(LEVEL_SECONDS / 2 / record.dt)
     for first, whole, part, width in zip(record.starts.tolist(), parts, away, bands, strict=True):
         outside = np.concatenate([[False], np.abs(part) > END * THRESHOLD * sd, [False]])
         # A change of sign ends a gust.
         edges = np.flatnonzero(np.diff(outside * np.sign(np.concatenate([[0], part, [0]]))))
         for start, stop in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
             peak = start + int(np.argmax(np.abs(part[start:stop])))
-            sample, length = first + start, (stop - start) * record.dt
-            before, after = whole[max(start - beside, 0) : start], whole[stop : stop + beside]
-            stays = before.size and after.size and abs(np.median(after) - np.median(before)) > THRESHOLD * sd
+            sample = first + start
+            length = (stop - start) * record.dt
+            before = whole[max(start - beside, 0) : start]
+            after = whole[stop : stop + beside]
+            stays = (
+                before.size
+                and after.size
+                and abs(np.median(after) - np.median(before)) > THRESHOLD * sd
+            )
             high = abs(part[peak]) > max(THRESHOLD * sd, CERTAIN * width[peak])
             if high and length >= shortest and not stays:
                 detected.append(DetectedGust(sample, sample * record.dt, length, float(part[peak])))
@@ -380,12 +430,16 @@ def simulated(physical: Physical, record: Record, inputs: Array) -> Forecast:
     """
     pairs = derivative_pairs(record)
     if record.outputs.shape[1] != 2 or not pairs:
-        raise ValueError("a simulation needs two outputs, an angle and its rate: the plant has no others")
-    order, theta = list(pairs[0]), np.array([*physical.effect, physical.damping, physical.lag])
+        raise ValueError(
+            "a simulation needs two outputs, an angle and its rate: the plant has no others"
+        )
+    order = list(pairs[0])
+    theta = np.array([*physical.effect, physical.damping, physical.lag])
     mean = _mean(theta, physical.delay, record, order, inputs)
     nudges = RELATIVE_STEP * np.maximum(np.abs(theta), RELATIVE_STEP)
     slopes = [
-        (_mean(theta + nudge, physical.delay, record, order, inputs) - mean) / nudge.sum() for nudge in np.diag(nudges)
+        (_mean(theta + nudge, physical.delay, record, order, inputs) - mean) / nudge.sum()
+        for nudge in np.diag(nudges)
     ]
     variance = np.einsum("iht,ij,jht->ht", slopes, physical.covariance[:-1, :-1], slopes)
     variance += _of_wind(physical, record.dt, len(inputs))
@@ -395,30 +449,38 @@ def simulated(physical: Physical, record: Record, inputs: Array) -> Forecast:
 
 def _mean(theta: Array, delay: float, record: Record, order: list[int], inputs: Array) -> Array:
     """(H, 2) angle and rate of the plant with motors, damping and lag ``theta`` (r + 2,), without wind."""
-    motors, damping, lag = theta[:-2], theta[-2], theta[-1]
-    trim, steps = record.inputs.mean(axis=0), delay / record.dt
+    motors = theta[:-2]
+    damping = theta[-2]
+    lag = theta[-1]
+    trim = record.inputs.mean(axis=0)
+    steps = delay / record.dt
     A = np.array([[0.0, 1.0, 0.0], [0.0, -damping, 1.0], [0.0, 0.0, -1 / lag]])
     state, now, later = discretize(A, np.array([[0.0], [0.0], [1 / lag]]), record.dt)
 
     def pushes(commands: Array) -> Array:
         """(T − 1, 3) what commands (T, r) add to angle, rate and torque in each step."""
         early, late = delayed(commands - trim, steps)
-        return np.asarray(np.outer(early @ motors, now[:, 0]) + np.outer(late @ motors, later[:, 0]))
+        return np.asarray(
+            np.outer(early @ motors, now[:, 0]) + np.outer(late @ motors, later[:, 0])
+        )
 
     # The disturbance is what the mean of rate' = torque − damping · rate + disturbance leaves.
-    turned, torques = 0.0, []
+    turned = 0.0
+    torques = []
     for before, outputs in record.segments:
         start = (before[0] - trim) @ motors
         driven = recursion(state[2:, 2:], pushes(before)[:, 2:], np.array([start]))
         torques.append(np.append(start, driven))
         turned += outputs[-1, order[1]] - outputs[0, order[1]]
-    rate, torque = record.outputs[:, order[1]].mean(), np.concatenate(torques)
+    rate = record.outputs[:, order[1]].mean()
+    torque = np.concatenate(torques)
     steady = turned / (len(record) * record.dt) + damping * rate - torque.mean()
     before, outputs = record.segments[-1]
     ahead = pushes(np.vstack([before, inputs]))[len(before) - 1 :]
     # A steady disturbance acts like a steady command.
     ahead += steady * (now + later)[:, 0]
-    x, path = np.array([*outputs[-1, order], torques[-1][-1] + steady]), np.empty((len(inputs), 2))
+    x = np.array([*outputs[-1, order], torques[-1][-1] + steady])
+    path = np.empty((len(inputs), 2))
     for step, push in enumerate(ahead):
         x = state @ x + push
         path[step] = x[:2]
@@ -427,10 +489,14 @@ def _mean(theta: Array, delay: float, record: Record, order: list[int], inputs: 
 
 def _of_wind(physical: Physical, dt: float, steps: int) -> Array:
     """(H, 2) variance that the wind gives angle and rate from a known beginning."""
-    A, drive, wind = with_wind(np.array([[0.0, 1.0], [0.0, -physical.damping]]), physical.components)
+    A, drive, wind = with_wind(
+        np.array([[0.0, 1.0], [0.0, -physical.damping]]), physical.components
+    )
     A[1] += wind
-    P, variance = stationary(A, drive, 2), np.empty((steps, 2))
-    state, process = expm(A * dt), step_covariance(A, drive, dt)
+    P = stationary(A, drive, 2)
+    variance = np.empty((steps, 2))
+    state = expm(A * dt)
+    process = step_covariance(A, drive, dt)
     for step in range(steps):
         P = state @ P @ state.T + process
         variance[step] = P.diagonal()[:2]

@@ -47,7 +47,8 @@ def record_of(blocks: Iterable[MemoryBlock], dt: float, effect_directions: Array
 
 def drop_since(blocks: deque[MemoryBlock], time: float) -> bool:
     """Drops the latest blocks that end after ``time``, s, of the same clock; returns whether there were any."""
-    latest, dropped = np.inf, 0
+    latest = np.inf
+    dropped = 0
     # Where time goes back, another boot begins.
     while blocks and time < blocks[-1].until < latest:
         latest = blocks.pop().until
@@ -59,23 +60,36 @@ class Memory:
     """Samples of several segments with gaps between, in closed ``blocks``; the last block of a segment may be short."""
 
     def __init__(
-        self, dt: float, block: int, most: int, inputs: int, outputs: int, effect_directions: Array | None = None
+        self,
+        dt: float,
+        block: int,
+        most: int,
+        inputs: int,
+        outputs: int,
+        effect_directions: Array | None = None,
     ) -> None:
         """Begins empty; keeps at ``most`` this many blocks of ``block`` samples of r ``inputs`` and m ``outputs``."""
         self.effect_directions = effect_directions
         self.blocks: deque[MemoryBlock] = deque(maxlen=most)
-        self.dt, self.block = dt, block
+        self.dt = dt
+        self.block = block
         # Twice as long as what is kept, so that the latest samples are one slice and rows are rarely moved.
-        self._inputs, self._outputs = np.empty((2 * most * block, inputs)), np.empty((2 * most * block, outputs))
+        self._inputs, self._outputs = (
+            np.empty((2 * most * block, inputs)),
+            np.empty((2 * most * block, outputs)),
+        )
         self._end = self._open = self._segment = 0
-        self._begins, self._time = True, np.nan
+        self._begins = True
+        self._time = np.nan
 
     def add(self, inputs: Array, outputs: Array, time: float) -> bool:
         """Takes the next sample, (r,) and (m,), of a ``time`` in s; returns whether it filled a block."""
         if self._end == len(self._inputs):
             self._move()
-        self._inputs[self._end], self._outputs[self._end] = inputs, outputs
-        self._end, self._time = self._end + 1, time
+        self._inputs[self._end] = inputs
+        self._outputs[self._end] = outputs
+        self._end = self._end + 1
+        self._time = time
         if self._end - self._open < self.block:
             return False
         self._close()
@@ -86,7 +100,8 @@ class Memory:
         closed = self._end > self._open
         if closed:
             self._close()
-        self._begins, self._segment = True, self._end
+        self._begins = True
+        self._segment = self._end
         return closed
 
     def record(self) -> Record:
@@ -110,26 +125,42 @@ class Memory:
 
     def _close(self) -> None:
         rows = slice(self._open, self._end)
-        self.blocks.append(MemoryBlock(self._inputs[rows].copy(), self._outputs[rows].copy(), self._begins, self._time))
-        self._open, self._begins = self._end, False
+        self.blocks.append(
+            MemoryBlock(
+                self._inputs[rows].copy(), self._outputs[rows].copy(), self._begins, self._time
+            )
+        )
+        self._open = self._end
+        self._begins = False
 
 
 MEMORY_SECONDS = 30.0  # time constant of forgetting
-FIRST_SECONDS, REFIT_SECONDS = 1.0, 0.5  # of samples before the first fit, and from one fit to the next
+# of samples before the first fit, and from one fit to the next
+FIRST_SECONDS = 1.0
+REFIT_SECONDS = 0.5
 SMALLEST_SCALE = 1e-6  # of a channel that became still, in units of its first second
-LONG, ALL_MOTORS = Choice(LAGS[-1], 1e-4, False), Choice(4, RIDGE, False)  # of the second and the third form
+# of the second and the third form
+LONG = Choice(LAGS[-1], 1e-4, False)
+ALL_MOTORS = Choice(4, RIDGE, False)
 ERROR_SECONDS = np.array([10.0] * 3 + [3.0] * 3)
 """Time constants of the squared errors of what was shown, the last sample and the mean, which are compared; and of the
 sizes of each form's errors, since what is best changes from hover to manoeuvre."""
-FASTEST_SECONDS = 20.0  # of samples whose largest change in a step bounds predictions: a step more than to the horizon
-INDEPENDENT_ERRORS = 16  # of a form, for its weight: their Laplace likelihood, its mean absolute error ** -16
+# of samples whose largest change in a step bounds predictions: a step more than to the horizon
+FASTEST_SECONDS = 20.0
+# of a form, for its weight: their Laplace likelihood, its mean absolute error ** -16
+INDEPENDENT_ERRORS = 16
 
 
 class OnlineJoint:
     """Predicts every sample at each horizon; learns from each block of samples."""
 
     def __init__(
-        self, dt: float, block: int, horizons: tuple[int, ...], outputs: int, combinations: Array | None
+        self,
+        dt: float,
+        block: int,
+        horizons: tuple[int, ...],
+        outputs: int,
+        combinations: Array | None,
     ) -> None:
         """Begins without a sample; ``horizons`` are steps of ``dt``, s, and a ``block`` is so many samples.
 
@@ -150,7 +181,11 @@ class OnlineJoint:
         self._place = 0
         self._errors: list[Array] = []
         self._unknown = np.full(outputs, np.nan)
-        self._choice, self._others, self._turns = Choice(LAGS[2], 1e-3, True), cycle(CHOICES), cycle((1, 2))
+        self._choice, self._others, self._turns = (
+            Choice(LAGS[2], 1e-3, True),
+            cycle(CHOICES),
+            cycle((1, 2)),
+        )
         self.begin_with((), combinations)
 
     def begin_with(self, blocks: Iterable[MemoryBlock], combinations: Array | None) -> None:
@@ -158,12 +193,15 @@ class OnlineJoint:
         self.combinations = combinations
         self._statistics: LagStatistics | None = None
         self._before, self._waiting = np.empty((0, 0)), deque(blocks)
-        self._units: tuple[Array, Array] | None = None  # of the first second, in which rows are summed
+        # of the first second, in which rows are summed
+        self._units: tuple[Array, Array] | None = None
         self._uncounted = 0
         self._fitting: Iterator[None] | None = None  # what of it is done, a piece at a time
         self._errors.clear()
         self._sizes = np.full((len(self._horizons), len(ERROR_SECONDS), self._outputs), np.nan)
-        seen = np.concatenate([np.empty((0, self._outputs)), *(block.outputs for block in self._waiting)])
+        seen = np.concatenate(
+            [np.empty((0, self._outputs)), *(block.outputs for block in self._waiting)]
+        )
         self._number, self._mean = len(seen), seen.sum(axis=0) / max(len(seen), 1)
 
     def add(self, block: MemoryBlock) -> None:
@@ -189,20 +227,31 @@ class OnlineJoint:
         self._errors.append(latest - before)
         self._number += 1
         self._mean += (latest - self._mean) / self._number
-        expected, every = self._unknown, latest
+        expected = self._unknown
+        every = latest
         if self._maps is not None:
-            past = initial_lags(np.concatenate([outputs, inputs], axis=1), LAGS[-1] + 1)[::-1].ravel()
+            past = initial_lags(np.concatenate([outputs, inputs], axis=1), LAGS[-1] + 1)[
+                ::-1
+            ].ravel()
             with np.errstate(over="ignore", invalid="ignore"):
                 found = self._maps.dot(past) + self._constants
             every = found[:-1].reshape(self._weights.shape)
-            every = every if np.isfinite(every).all() else np.where(np.isfinite(every), every, latest)
+            every = (
+                every if np.isfinite(every).all() else np.where(np.isfinite(every), every, latest)
+            )
             expected = found[-1] if len(outputs) > 1 else expected
-        farthest = (self._horizons[:, None] + 1) * np.maximum(self._fastest, np.abs(latest - outputs[-2:][0]))
-        short = self._maps is not None and len(outputs) < LAGS[-1]  # soon after a gap the fewest lags are known
+        farthest = (self._horizons[:, None] + 1) * np.maximum(
+            self._fastest, np.abs(latest - outputs[-2:][0])
+        )
+        # soon after a gap the fewest lags are known
+        short = self._maps is not None and len(outputs) < LAGS[-1]
         ahead = every[-1] if short else np.add.reduce(self._weights * every)
         ahead = np.minimum(np.maximum(ahead, latest - farthest), latest + farthest)
         row = self._ring[self._place]
-        row[0], row[1], row[2], row[3:] = ahead, latest, self._mean, np.nan if short else every
+        row[0] = ahead
+        row[1] = latest
+        row[2] = self._mean
+        row[3:] = np.nan if short else every
         self._place = (self._place + 1) % len(self._ring)
         return expected, ahead
 
@@ -221,7 +270,9 @@ class OnlineJoint:
         if self._units is None:
             if sum(len(block.outputs) for block in self._waiting) * self._dt < FIRST_SECONDS:
                 return
-            channels = np.concatenate([self._channels(block.inputs, block.outputs) for block in self._waiting])
+            channels = np.concatenate(
+                [self._channels(block.inputs, block.outputs) for block in self._waiting]
+            )
             scale = channels.std(axis=0)
             self._units = channels.mean(axis=0), np.where(scale > 0, scale, 1.0)
         center, scale = self._units
@@ -246,20 +297,31 @@ class OnlineJoint:
     def _fit(self, statistics: LagStatistics, center: Array, scale: Array) -> Iterator[None]:
         """Fits two of the forms, in pieces of some milliseconds."""
         assert self.combinations is not None
-        m, (r, c) = self._outputs, self.combinations.shape
+        m = self._outputs
+        (r, c) = self.combinations.shape
         scaled, units = statistics.in_own_units(LAGS[-1], SMALLEST_SCALE)
         units = ChannelUnits(center + scale * units.center, scale * units.scale)
         if self._maps is None:  # a form without a fit holds the last sample
             self._maps = np.zeros((*self._constants.shape, (LAGS[-1] + 1) * (m + r)))
-            self._maps[..., :m], self._constants[-1] = np.eye(m), np.nan
-        turning, motors = np.arange(m + c), np.r_[:m, m + c : m + c + r]
-        forms = (0, turning, (self._choice, next(self._others))), (1, turning, (LONG,)), (2, motors, (ALL_MOTORS,))
+            self._maps[..., :m] = np.eye(m)
+            self._constants[-1] = np.nan
+        turning = np.arange(m + c)
+        motors = np.r_[:m, m + c : m + c + r]
+        forms = (
+            (0, turning, (self._choice, next(self._others))),
+            (1, turning, (LONG,)),
+            (2, motors, (ALL_MOTORS,)),
+        )
         for place, channels, choices in (forms[0], forms[next(self._turns)]):
             try:
                 fits = []
                 for one in choices:
                     yield
-                    fits.append(regress(scaled.shortened(LAGS[-1], one.lags, channels), scaled.rows, one.prior))
+                    fits.append(
+                        regress(
+                            scaled.shortened(LAGS[-1], one.lags, channels), scaled.rows, one.prior
+                        )
+                    )
             except np.linalg.LinAlgError:  # of these fits; the next have other samples
                 continue
             yield
@@ -276,14 +338,22 @@ class OnlineJoint:
                 self._choice, gain, across = choice, process.output_gain(m), process.across
                 weights = np.hstack([np.zeros((m, m)), gain, across[:m] - gain @ across[m:]])
                 constants = process.offset[:m] - gain @ process.offset[m:]
-                self._maps[-1], self._constants[-1] = self._physical(process, channels, weights, constants)
+                self._maps[-1], self._constants[-1] = self._physical(
+                    process, channels, weights, constants
+                )
 
-    def _physical(self, process: Var, channels: Array, weights: Array, constants: Array) -> tuple[Array, Array]:
+    def _physical(
+        self, process: Var, channels: Array, weights: Array, constants: Array
+    ) -> tuple[Array, Array]:
         """Weights (…, m, p k) of the latest p samples of some ``channels``, and constants (…, m)."""
         assert self.combinations is not None
-        m, (center, scale), r = self._outputs, process.units, len(self.combinations)
+        m = self._outputs
+        (center, scale) = process.units
+        r = len(self.combinations)
         basis = block_diag(np.eye(m), np.hstack([self.combinations, np.eye(r)]))[:, channels]
-        by_lag = scale[:m, None, None] * weights.reshape(*weights.shape[:-1], -1, len(center)) / scale
+        by_lag = (
+            scale[:m, None, None] * weights.reshape(*weights.shape[:-1], -1, len(center)) / scale
+        )
         physical = np.zeros((*weights.shape[:-1], LAGS[-1] + 1, m + r))
         physical[..., : by_lag.shape[-2], :] = by_lag @ basis.T
         constants = center[:m] + scale[:m] * constants - by_lag.sum(axis=-2) @ center
@@ -304,5 +374,7 @@ class OnlineJoint:
         gain = 1 - np.exp(-len(errors) * self._dt / ERROR_SECONDS)[:, None]
         self._sizes = np.where(number > 0, before + gain * (mean - before), self._sizes)
         forms = np.maximum(np.moveaxis(self._sizes[:, 3:], 1, 0), np.finfo(float).tiny)
-        likelihood = np.where(np.isfinite(forms), forms.min(axis=0) / forms, 1.0) ** INDEPENDENT_ERRORS
+        likelihood = (
+            np.where(np.isfinite(forms), forms.min(axis=0) / forms, 1.0) ** INDEPENDENT_ERRORS
+        )
         self._weights = likelihood / likelihood.sum(axis=0)

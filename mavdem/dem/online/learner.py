@@ -19,9 +19,24 @@ from mavdem.dem.graybox.parameters import Physical
 from mavdem.dem.learned import Learned
 from mavdem.dem.learning import FEWEST_SAMPLES, learn
 from mavdem.dem.online.ahead import Memory, OnlineJoint, drop_since
-from mavdem.dem.online.tracker import AnomalyMarks, ErrorBands, Estimate, Surprise, Tracker, Tracking
+from mavdem.dem.online.tracker import (
+    AnomalyMarks,
+    ErrorBands,
+    Estimate,
+    Surprise,
+    Tracker,
+    Tracking,
+)
 from mavdem.dem.online.wind import OnlineWind
-from mavdem.dem.record import LARGEST, SHORTEST_STEP, Record, is_number, is_whole, real_numbers, required_number
+from mavdem.dem.record import (
+    LARGEST,
+    SHORTEST_STEP,
+    Record,
+    is_number,
+    is_whole,
+    real_numbers,
+    required_number,
+)
 from mavdem.dem.settings import Settings
 
 BLOCK_SECONDS = 0.1  # of samples, which are remembered and forgotten together
@@ -86,26 +101,49 @@ class OnlineLearner:
             ValueError: names the argument that does not fit.
         """
         if not (settings is None or isinstance(settings, Settings)):
-            raise ValueError(f"settings must be a Settings, or None for the default ones, not {settings!r}")
+            raise ValueError(
+                f"settings must be a Settings, or None for the default ones, not {settings!r}"
+            )
         if not (is_number(dt) and SHORTEST_STEP <= dt <= 1 / SHORTEST_STEP):
             raise ValueError(f"dt must be positive seconds, at least {SHORTEST_STEP:g}, not {dt!r}")
         for name, number in (("n_inputs", n_inputs), ("n_outputs", n_outputs)):
             required_number(number, name)
-        steps = isinstance(horizons, tuple | list) and len(horizons) > 0 and all(map(is_whole, horizons))
+        steps = (
+            isinstance(horizons, tuple | list)
+            and len(horizons) > 0
+            and all(map(is_whole, horizons))
+        )
         if not steps or horizons[0] < 1 or list(horizons) != sorted(set(horizons)):
-            raise ValueError(f"horizons must be whole steps of at least 1, increasing, not {horizons!r}")
+            raise ValueError(
+                f"horizons must be whole steps of at least 1, increasing, not {horizons!r}"
+            )
         block = max(1, round(BLOCK_SECONDS / dt))
         most = round(memory / dt / block) if is_number(memory) and np.isfinite(memory / dt) else 0
         if most * block < 2 * FEWEST_SAMPLES:
-            raise ValueError(f"memory must be at least {2 * FEWEST_SAMPLES * dt:g} s at this dt, not {memory!r}")
+            raise ValueError(
+                f"memory must be at least {2 * FEWEST_SAMPLES * dt:g} s at this dt, not {memory!r}"
+            )
         self.horizons = tuple(horizons)
         self.learned: Learned | None = None
-        self.obstacle, self.refits, self.fits_physical, self.until = TOO_FEW, True, True, np.nan
+        self.obstacle = TOO_FEW
+        self.refits = True
+        self.fits_physical = True
+        self.until = np.nan
         self._settings = Settings() if settings is None else settings
-        self._dt, self._sizes, self._executor = float(dt), (n_inputs, n_outputs), executor
-        directions = None if effect_directions is None else real_numbers(effect_directions, "effect_directions")
-        if directions is not None and (directions.shape != (n_inputs,) or not np.isfinite(directions).all()):
-            raise ValueError(f"effect_directions must be {n_inputs} finite numbers, not {effect_directions!r}")
+        self._dt = float(dt)
+        self._sizes = (n_inputs, n_outputs)
+        self._executor = executor
+        directions = (
+            None
+            if effect_directions is None
+            else real_numbers(effect_directions, "effect_directions")
+        )
+        if directions is not None and (
+            directions.shape != (n_inputs,) or not np.isfinite(directions).all()
+        ):
+            raise ValueError(
+                f"effect_directions must be {n_inputs} finite numbers, not {effect_directions!r}"
+            )
         self._memory = Memory(dt, block, most, n_inputs, n_outputs, directions)
         self._most = most * block
         self._samples = 0
@@ -122,7 +160,9 @@ class OnlineLearner:
         self._wind = OnlineWind(self._memory, executor, prior)
         self._surprise, self._marks = Surprise(self._dt), AnomalyMarks(self._dt)
 
-    def update(self, time: float, outputs: ArrayLike, inputs: ArrayLike, weak_since: float = np.nan) -> Estimate:
+    def update(
+        self, time: float, outputs: ArrayLike, inputs: ArrayLike, weak_since: float = np.nan
+    ) -> Estimate:
         """Takes the next sample, ``outputs`` (m,) and ``inputs`` (r,) at a ``time`` in s.
 
         >>> online = mavdem.OnlineLearner(dt=0.01, n_inputs=4, n_outputs=2)
@@ -172,7 +212,9 @@ class OnlineLearner:
             self._ahead.advance()
         if self._gaps >= MAX_GAPS:
             coming = f"come every {step:.3g} s" if step > 0 else "do not go on in time"
-            self.obstacle = f"samples {coming}, where dt is {self._dt:g} s: each begins a segment of its own"
+            self.obstacle = (
+                f"samples {coming}, where dt is {self._dt:g} s: each begins a segment of its own"
+            )
         return estimate
 
     def forget_since(self, time: float) -> None:
@@ -200,13 +242,26 @@ class OnlineLearner:
         """
         if not self._memory.blocks:
             raise ValueError(TOO_FEW)
-        given = self._memory.record(), self._settings if self.learned is None else self.learned.settings
-        return learn(*given) if self._executor is None else self._executor.submit(learn, *given).result(timeout)
+        given = (
+            self._memory.record(),
+            self._settings if self.learned is None else self.learned.settings,
+        )
+        return (
+            learn(*given)
+            if self._executor is None
+            else self._executor.submit(learn, *given).result(timeout)
+        )
 
-    def _checked(self, time: float, inputs: ArrayLike, outputs: ArrayLike) -> tuple[float, Array, Array]:
-        now, u, y = real_numbers(time, "time"), real_numbers(inputs, "inputs"), real_numbers(outputs, "outputs")
-        u, y = np.atleast_1d(u), np.atleast_1d(y)
-        given, shapes = {"time": now, "inputs": u, "outputs": y}, ((), self._sizes[:1], self._sizes[1:])
+    def _checked(
+        self, time: float, inputs: ArrayLike, outputs: ArrayLike
+    ) -> tuple[float, Array, Array]:
+        now = real_numbers(time, "time")
+        u = real_numbers(inputs, "inputs")
+        y = real_numbers(outputs, "outputs")
+        u = np.atleast_1d(u)
+        y = np.atleast_1d(y)
+        given = {"time": now, "inputs": u, "outputs": y}
+        shapes = ((), self._sizes[:1], self._sizes[1:])
         for (name, numbers), shape in zip(given.items(), shapes, strict=True):
             if numbers.shape != shape or not np.isfinite(numbers).all():
                 raise ValueError(f"{name} must be finite and of shape {shape}, not {numbers}")
@@ -223,10 +278,16 @@ class OnlineLearner:
         self._last = None
 
     def _estimate(self, time: float, y: Array) -> Estimate:
-        tracker, (expected, ahead) = self._tracker, self._ahead.predict(self._memory)
+        tracker = self._tracker
+        (expected, ahead) = self._ahead.predict(self._memory)
         expected_band, *ahead_band = self._bands.half_widths
         self._bands.add(y, expected, ahead)
-        later = time + self._dt * np.array(self.horizons), ahead, np.array(ahead_band), self._ahead.error_ratio
+        later = (
+            time + self._dt * np.array(self.horizons),
+            ahead,
+            np.array(ahead_band),
+            self._ahead.error_ratio,
+        )
         estimate = Estimate(time, expected, expected_band, *later)
         if tracker is None:
             return estimate
@@ -260,15 +321,24 @@ class OnlineLearner:
     def _relearn(self) -> None:
         """Adopts what was learned meanwhile; calls ``learn`` again where that is due."""
         if self._pending is not None and self._pending.done():
-            pending, self._pending = self._pending, None
+            pending = self._pending
+            self._pending = None
             self._adopt(pending.result)
-        if not self.refits or self._samples < self._next or self._pending is not None or not self._memory.blocks:
+        if (
+            not self.refits
+            or self._samples < self._next
+            or self._pending is not None
+            or not self._memory.blocks
+        ):
             return
-        record, until = self._memory.record(), self._memory.blocks[-1].until
+        record = self._memory.record()
+        until = self._memory.blocks[-1].until
         self._next = self._samples + round(LEARNING_SECONDS / self._dt)
-        settings, start = self._settings, None
+        settings = self._settings
+        start = None
         if self.learned is not None and self._samples < self._next_choice:
-            settings, start = self.learned.settings, self.learned
+            settings = self.learned.settings
+            start = self.learned
         else:
             self._next_choice = self._samples + min(len(record), self._most)
         if self._executor is None:
@@ -287,10 +357,13 @@ class OnlineLearner:
         except (ValueError, RuntimeError, CancelledError) as error:
             self._put_off(error)
             return
-        self.learned, self.until, self.obstacle = learned, until, ""
+        self.learned = learned
+        self.until = until
+        self.obstacle = ""
         self._surprise = Surprise(self._dt, tracking.past)
         self._tracker = Tracker(learned, tracking, until)
-        before, now = self._ahead.combinations, learned.joint.combinations
+        before = self._ahead.combinations
+        now = learned.joint.combinations
         if before is None or np.abs(np.sum(before * now, axis=0)).min() < ALIKE:
             self._ahead.begin_with(self._memory.blocks, now)
 

@@ -46,8 +46,10 @@ EVIDENCE_SECONDS = 1.0
 PEAK_SECONDS = 5.0
 PEAKS = round(FALSE_MARK_SECONDS / PEAK_SECONDS)  # the latest that the limit is computed of
 MIN_PEAKS = 3
-MIN_SPREAD = 0.09  # scale of Gumbel's distribution of peaks, which a few that happen to be equal do not show
-REFRACTORY_SECONDS = 20.0  # of no other mark: as long as the learner's memory holds what came before the change
+# scale of Gumbel's distribution of peaks, which a few that happen to be equal do not show
+MIN_SPREAD = 0.09
+# of no other mark: as long as the learner's memory holds what came before the change
+REFRACTORY_SECONDS = 20.0
 
 USEFUL_RATIO = 0.5  # of squared errors, below which a prediction is worth showing
 
@@ -116,7 +118,9 @@ class Estimate(NamedTuple):
     def __repr__(self) -> str:
         if self.model is None:
             return f"<Estimate: at {self.time:.6g} s, no model yet>"
-        expected, band = (np.array2string(values, precision=3) for values in (self.expected, self.expected_band))
+        expected, band = (
+            np.array2string(values, precision=3) for values in (self.expected, self.expected_band)
+        )
         return (
             f"<Estimate: at {self.time:.6g} s, expected {expected} ± {band}, surprise {self.surprise:.3g}, by a model "
             f"learnt until {self.until:.6g} s>"
@@ -134,7 +138,8 @@ class Tracking(NamedTuple):
     @classmethod
     def of(cls, learned: Learned) -> Tracking:
         """Evaluates the model's belief on its training data again, at the same θ."""
-        record, settings = learned.record, learned.settings
+        record = learned.record
+        settings = learned.settings
         model = generative_model(settings, learned.scaling, record)
         segments = generalized(settings, learned.scaling, record)
         samples = SufficientStatistics.of(*segments)
@@ -153,7 +158,8 @@ class Tracking(NamedTuple):
         disturbance[:, : model.n] -= A
         disturbance[:, model.n * (model.p + 1) :][:, : model.r] -= B
         scale = learned.scaling.state_scale(model.n)[:, None]
-        energy, data = SampleEnergy.of(model, belief), np.concatenate(segments)[-round(SURPRISE_SECONDS / learned.dt) :]
+        energy = SampleEnergy.of(model, belief)
+        data = np.concatenate(segments)[-round(SURPRISE_SECONDS / learned.dt) :]
         past = energy.at(data, data @ learned.state_map.T) - energy.priors
         return cls(belief.lambda_, energy, disturbance * scale, past)
 
@@ -163,19 +169,29 @@ class Tracker:
 
     def __init__(self, learned: Learned, tracking: Tracking, until: float) -> None:
         """Takes the model and the time of the last sample it was learned from, s."""
-        self.learned, self.tracking, self.until = learned, tracking, until
+        self.learned = learned
+        self.tracking = tracking
+        self.until = until
         self.window = learned.settings.window
         orders = learned.settings.p, learned.settings.d
-        self._weights = [taylor_weights(order, learned.dt, self.window, self.window // 2) for order in orders]
+        self._weights = [
+            taylor_weights(order, learned.dt, self.window, self.window // 2) for order in orders
+        ]
 
     def evaluate(self, memory: Memory) -> tuple[float, Array]:
         """Returns F(t) less its priors, and the disturbance, at the centre of the latest window; NaN without one."""
-        (inputs, outputs), (_, energy, disturbance, _) = memory.latest(self.window), self.tracking
+        (inputs, outputs) = memory.latest(self.window)
+        (_, energy, disturbance, _) = self.tracking
         if len(outputs) < self.window:
             return np.nan, np.full(len(disturbance), np.nan)
         scaling = self.learned.scaling
         scaled = scaling.scale_outputs(outputs), scaling.scale_inputs(inputs)
-        data = np.concatenate([(weights @ table).ravel() for weights, table in zip(self._weights, scaled, strict=True)])
+        data = np.concatenate(
+            [
+                (weights @ table).ravel()
+                for weights, table in zip(self._weights, scaled, strict=True)
+            ]
+        )
         states = self.learned.state_map @ data
         return float(energy.at(data[None], states[None])[0]) - energy.priors, disturbance @ states
 
@@ -216,11 +232,16 @@ class ErrorBands:
 
     def update(self) -> None:
         """Computes the half widths again; done once a block, since it takes all errors."""
-        sizes = np.sort(np.where(np.isfinite(self._errors), np.abs(self._errors), np.nan))  # NaN last
+        # NaN last
+        sizes = np.sort(np.where(np.isfinite(self._errors), np.abs(self._errors), np.nan))
         number = np.isfinite(sizes).sum(axis=-1, keepdims=True)
         # The next error is below the k-th of n with probability k/(n + 1).
-        places = np.clip(np.ceil(LEVEL * (number + 1)).astype(np.intp), 1, np.maximum(number, 1)) - 1
-        level, median = (np.take_along_axis(sizes, place, axis=-1) for place in (places, number // 2))
+        places = (
+            np.clip(np.ceil(LEVEL * (number + 1)).astype(np.intp), 1, np.maximum(number, 1)) - 1
+        )
+        level, median = (
+            np.take_along_axis(sizes, place, axis=-1) for place in (places, number // 2)
+        )
         half = np.minimum(level, MAX_MEDIANS * median)
         self.half_widths = np.where(number >= MIN_ERRORS, half, np.nan)[:, :, 0]
 
@@ -235,7 +256,8 @@ class Surprise:
     def __init__(self, dt: float, past: Iterable[float] = ()) -> None:
         """Begins with this ``past``, of values every ``dt`` s."""
         self._past = deque(past, max(round(SURPRISE_SECONDS / dt), 2 * MIN_PAST))
-        self._median, self._unit = np.nan, np.nan
+        self._median = np.nan
+        self._unit = np.nan
         self.update_quantiles()
 
     def add(self, value: float) -> float:
@@ -263,10 +285,15 @@ class AnomalyMarks:
     def __init__(self, dt: float) -> None:
         """Begins without a past, of samples every ``dt`` s."""
         self._share = min(1.0, dt / EVIDENCE_SECONDS)
-        self._block, self._rest = (max(1, round(seconds / dt)) for seconds in (PEAK_SECONDS, REFRACTORY_SECONDS))
+        self._block, self._rest = (
+            max(1, round(seconds / dt)) for seconds in (PEAK_SECONDS, REFRACTORY_SECONDS)
+        )
         self._peaks: deque[float] = deque(maxlen=PEAKS)
-        self._evidence, self._peak, self._limit = 0.0, 0.0, np.inf
-        self._samples, self._marked = 0, -np.inf
+        self._evidence = 0.0
+        self._peak = 0.0
+        self._limit = np.inf
+        self._samples = 0
+        self._marked = -np.inf
 
     def add(self, surprise: float) -> bool:
         """Takes a sample's surprise; returns whether to mark it, at most once in ``REFRACTORY_SECONDS``.
@@ -293,6 +320,8 @@ def _limit(peaks: np.typing.NDArray[np.float64]) -> float:
     number = len(peaks)
     if number < MIN_PEAKS:
         return np.inf
-    middle, far = float(np.median(peaks)), np.log(np.log(2)) - np.log(-np.log(1 - PEAK_SECONDS / FALSE_MARK_SECONDS))
-    scale = max(float(np.median(np.abs(peaks - middle))) / 0.767, MIN_SPREAD)  # Gumbel's median deviation is 0.767
+    middle = float(np.median(peaks))
+    far = np.log(np.log(2)) - np.log(-np.log(1 - PEAK_SECONDS / FALSE_MARK_SECONDS))
+    # Gumbel's median deviation is 0.767
+    scale = max(float(np.median(np.abs(peaks - middle))) / 0.767, MIN_SPREAD)
     return middle + float(np.sqrt(1 + 1 / number) * far) * scale

@@ -28,7 +28,8 @@ from mavdem.dem.record import Record
 
 DELAY_SECONDS = 0.25  # of the wind's torque, behind the latest sample
 MEMORY_SECONDS = 60.0  # of the latest samples, which the physical parameters are fitted to
-FIRST_FIT_SECONDS, LONGEST_PAUSE_SECONDS = 8.0, 20.0
+FIRST_FIT_SECONDS = 8.0
+LONGEST_PAUSE_SECONDS = 20.0
 """Of samples before the first fit; and between fits at most, each otherwise with twice as many samples as the last."""
 FILTER_SECONDS = 1.0  # of samples, over which the filter finds the state
 
@@ -39,12 +40,14 @@ class WindFilter(NamedTuple):
     physical: Physical  # what it is made from
     axis: Plant  # with the wind
     steady: SteadyFilter  # of that
-    weights: Array  # (lag + 1,) of the innovations of a sample and those after it, in the wind's torque there
+    # (lag + 1,) of the innovations of a sample and those after it, in the wind's torque there
+    weights: Array
     trim: Array  # (r,) of the inputs
     constant: float  # torque that acts besides the commands, rad/s²
     level: float  # what is added to the torque that the filter finds, rad/s²
     column: int  # of the rate, in the outputs
-    variance: float  # of the torque by true parameters: of the smoother, and of what the model leaves out
+    # of the torque by true parameters: of the smoother, and of what the model leaves out
+    variance: float
     covariance: Array  # (4, 4) of the effect, relative, damping, lag and delay
 
 
@@ -55,17 +58,26 @@ def wind_filter(record: Record, prior: Physical | None = None) -> WindFilter:
         ValueError: no physical parameters can be fitted to it.
         numpy.linalg.LinAlgError: there is no steady filter for them.
     """
-    found, column, dt = physical(record, prior), rate_column(record), record.dt
+    found = physical(record, prior)
+    column = rate_column(record)
+    dt = record.dt
     if isinstance(found, NotIdentifiable):
         raise ValueError(found.reason)
-    axis = plant(found.damping, found.lag, found.components, dt, found.refinements.get("jumps", 0.0))
-    filtered, (inputs, outputs), trim = axis.filter(found.noise), record.segments[-1], record.inputs.mean(axis=0)
+    axis = plant(
+        found.damping, found.lag, found.components, dt, found.refinements.get("jumps", 0.0)
+    )
+    filtered = axis.filter(found.noise)
+    (inputs, outputs) = record.segments[-1]
+    trim = record.inputs.mean(axis=0)
     weights = filtered.weights(round(DELAY_SECONDS / dt) + 1, axis.wind)
     constant = steady(outputs[:, column], (inputs - trim) @ found.effect, found.damping, dt)
     level = constant + balanced(found.effect, trim, record.effect_directions)
     variance = axis.wind @ filtered.covariance @ axis.wind - filtered.variance * weights @ weights
     # What is faster than the samples is no wind, but what the commands do between them.
-    variance += sum(each.size**2 for each in found.components if each.time < dt) + (MODEL_ERRORS.wind * found.wind) ** 2
+    variance += (
+        sum(each.size**2 for each in found.components if each.time < dt)
+        + (MODEL_ERRORS.wind * found.wind) ** 2
+    )
     slopes = np.eye(4, len(trim) + 3, len(trim) - 1)
     slopes[0] = np.append(np.sign(found.effect) / np.abs(found.effect).sum(), np.zeros(3))
     return WindFilter(
@@ -90,7 +102,8 @@ class _Tracked:
         self._of, lag = of, len(of.weights)
         self._steps = of.physical.delay / dt
         self._least = round(FILTER_SECONDS / dt) + lag
-        commanded, rate = (inputs - of.trim) @ of.physical.effect + of.constant, outputs[:, of.column]
+        commanded = (inputs - of.trim) @ of.physical.effect + of.constant
+        rate = outputs[:, of.column]
         first = np.zeros(len(of.steady.gain))
         first[:2] = rate[0], commanded[0]
         states = of.steady.predicted(of.axis.pushes(commanded, self._steps), rate, first)
@@ -121,17 +134,23 @@ class _Tracked:
         """The wind's torque a lag before the latest sample, and its half width, rad/s²; NaN at the beginning."""
         if self._number < self._least:
             return np.nan, np.nan
-        of, innovations, slopes = self._of, np.array(self._innovations), np.array(self._slopes[0])
+        of = self._of
+        innovations = np.array(self._innovations)
+        slopes = np.array(self._slopes[0])
         # Where the samples after it are worse predicted than usual, so is the torque known worse.
         unusual = max(1.0, float(innovations @ innovations) / len(innovations) / of.steady.variance)
         variance = unusual * of.variance + float(slopes @ of.covariance @ slopes)
-        return self._winds[0] + float(of.weights @ innovations) + of.level, float(half_width(variance))
+        return self._winds[0] + float(of.weights @ innovations) + of.level, float(
+            half_width(variance)
+        )
 
 
 class OnlineWind:
     """Fits the physical parameters to the latest blocks of samples now and then, and follows the wind's torque."""
 
-    def __init__(self, memory: Memory, executor: Executor | None, prior: Physical | None = None) -> None:
+    def __init__(
+        self, memory: Memory, executor: Executor | None, prior: Physical | None = None
+    ) -> None:
         """Begins without a sample.
 
         Args:
@@ -140,14 +159,22 @@ class OnlineWind:
             prior: the vehicle's physical parameters as of an earlier flight.
         """
         self.filter: WindFilter | None = None  # of the last fit
-        self._dt, self._memory, self._executor, self._prior = memory.dt, memory, executor, prior
-        self._blocks: deque[MemoryBlock] = deque(maxlen=max(1, round(MEMORY_SECONDS / memory.dt / memory.block)))
+        self._dt = memory.dt
+        self._memory = memory
+        self._executor = executor
+        self._prior = prior
+        self._blocks: deque[MemoryBlock] = deque(
+            maxlen=max(1, round(MEMORY_SECONDS / memory.dt / memory.block))
+        )
         self._tracked: _Tracked | None = None
         self._pending: Future[WindFilter] | None = None
         self._samples, self._next = 0, round(FIRST_FIT_SECONDS / self._dt)
-        self.delay = round(DELAY_SECONDS / self._dt) * self._dt  # of the torque behind the latest sample, s
+        # of the torque behind the latest sample, s
+        self.delay = round(DELAY_SECONDS / self._dt) * self._dt
 
-    def update(self, inputs: Array, outputs: Array, weak_since: float = np.nan) -> tuple[float, float]:
+    def update(
+        self, inputs: Array, outputs: Array, weak_since: float = np.nan
+    ) -> tuple[float, float]:
         """Takes a sample, (r,) and (m,); returns the torque and its half width, rad/s², NaN while a motor is weak."""
         if np.isfinite(weak_since):
             self._tracked = None
@@ -166,12 +193,16 @@ class OnlineWind:
 
     def add(self, block: MemoryBlock, fits: bool = True) -> None:
         """Keeps a block that was just closed; takes what was fitted meanwhile, and ``fits`` again when due."""
-        gap = len(self._blocks) and block.until - self._blocks[-1].until > (len(block.outputs) + 1) * self._dt
+        gap = (
+            len(self._blocks)
+            and block.until - self._blocks[-1].until > (len(block.outputs) + 1) * self._dt
+        )
         self._blocks.append(block._replace(begins=block.begins or bool(gap)))
         if self._pending is not None:
             if not self._pending.done():
                 return
-            pending, self._pending = self._pending, None
+            pending = self._pending
+            self._pending = None
             self._adopt(pending.result)
         if self._samples < self._next or not fits:
             return
@@ -200,7 +231,9 @@ class OnlineWind:
 
     def _follow(self) -> None:
         """The filter from the latest samples on."""
-        inputs, outputs = self._memory.latest(round((FILTER_SECONDS + DELAY_SECONDS) / self._dt) + 1)
+        inputs, outputs = self._memory.latest(
+            round((FILTER_SECONDS + DELAY_SECONDS) / self._dt) + 1
+        )
         self._tracked = None
         if self.filter is not None and self.filter.physical.identifiable and len(outputs):
             self._tracked = _Tracked(self.filter, self._dt, inputs, outputs)

@@ -28,10 +28,22 @@ from numpy.typing import NDArray
 from mavdem.ingest.mavlink.framing import Progress, no_progress
 from mavdem.ingest.telemetry import joined, selected
 
-HEADER, HEADER_LENGTH = b"\xa3\x95", 3  # The header's two bytes, and the bytes of it and the id
+# The header's two bytes, and the bytes of it and the id
+HEADER = b"\xa3\x95"
+HEADER_LENGTH = 3
 MAX_MESSAGE_BYTES = 255  # Bytes of a message at most: its length has one byte
 FIELD_TYPES: Mapping[str, str] = (
-    {"a": "(32,)<i2", "b": "i1", "B": "u1", "h": "<i2", "H": "<u2", "i": "<i4", "I": "<u4", "q": "<i8", "Q": "<u8"}
+    {
+        "a": "(32,)<i2",
+        "b": "i1",
+        "B": "u1",
+        "h": "<i2",
+        "H": "<u2",
+        "i": "<i4",
+        "I": "<u4",
+        "q": "<i8",
+        "Q": "<u8",
+    }
     | {"g": "<f2", "f": "<f4", "d": "<f8", "n": "S4", "N": "S16", "Z": "S64"}
     | {"c": "<i2", "C": "<u2", "e": "<i4", "E": "<u4", "L": "<i4", "M": "u1"}
 )
@@ -57,7 +69,9 @@ class FormatDefinition:
         if not (known and len(self.fields) == len(self.characters) == len(set(self.fields))):
             return None
         # By number: NumPy may change a name that damage has made.
-        return np.dtype([(f"{i}", FIELD_TYPES[character]) for i, character in enumerate(self.characters)])
+        return np.dtype(
+            [(f"{i}", FIELD_TYPES[character]) for i, character in enumerate(self.characters)]
+        )
 
     @property
     def wire_length(self) -> int:
@@ -92,14 +106,20 @@ class DataflashRecording(NamedTuple):
 
 
 EMPTY = MessageTable(np.zeros(0, dtype=np.int64), {})
-MAX_DEFINITIONS = 256  # Definitions of one message that are used: each appended log may have one, no log has this many
+# Definitions of one message that are used: each appended log may have one, no log has this many
+MAX_DEFINITIONS = 256
 
 
 def defined(values: tuple[int, int, bytes, bytes, bytes]) -> tuple[int, FormatDefinition] | None:
     """Returns the id and definition in the values of an FMT; None where the name is not one."""
     kind, length, name, characters, fields = values
-    texts = [value.split(b"\0", 1)[0].decode("latin-1").strip() for value in (name, characters, fields)]
-    if not all(text.isascii() and text.isprintable() for text in texts) or not texts[0].replace("_", "").isalnum():
+    texts = [
+        value.split(b"\0", 1)[0].decode("latin-1").strip() for value in (name, characters, fields)
+    ]
+    if (
+        not all(text.isascii() and text.isprintable() for text in texts)
+        or not texts[0].replace("_", "").isalnum()
+    ):
         return None
     columns = tuple(field.strip() for field in texts[2].split(",")) if texts[2] else ()
     return kind, FormatDefinition(texts[0], length, texts[1], columns)
@@ -117,17 +137,25 @@ def joined_tables(tables: list[MessageTable]) -> MessageTable:
 
 def numbers(table: MessageTable) -> MessageTable:
     """Its fields with one number a message: in a damaged definition any field may be a text or an array."""
-    fields = {name: values for name, values in table.columns.items() if values.ndim == 1 and values.dtype.kind in "iuf"}
+    fields = {
+        name: values
+        for name, values in table.columns.items()
+        if values.ndim == 1 and values.dtype.kind in "iuf"
+    }
     return MessageTable(table.place, fields)
 
 
 BLOCK = 1 << 22  # Bytes between two calls of ``progress``
-NEIGHBOURS, MIN_NEIGHBOURS = 8, 4
+NEIGHBOURS = 8
+MIN_NEIGHBOURS = 4
 """Messages of its id before and after a doubtful one for comparison, and how many of them there must be."""
 
-_FORMAT_BEGUN = re.compile(HEADER + bytes([FORMAT_ID]) + rb"(?=..[^\0]{0,3}[A-Za-z0-9_])", re.DOTALL)
+_FORMAT_BEGUN = re.compile(
+    HEADER + bytes([FORMAT_ID]) + rb"(?=..[^\0]{0,3}[A-Za-z0-9_])", re.DOTALL
+)
 """The beginning of an FMT, long enough to skip most other matches: long runs of headers contain millions."""
-_Dated = list[tuple[int, FormatDefinition]]  # The definitions of one id, each with the place from which on it is valid
+# The definitions of one id, each with the place from which on it is valid
+_Dated = list[tuple[int, FormatDefinition]]
 
 
 def read_binary(content: bytes, progress: Progress = no_progress) -> DataflashRecording:
@@ -143,16 +171,22 @@ def read_binary(content: bytes, progress: Progress = no_progress) -> DataflashRe
     ids = data[starts + 2]
     groups: dict[str, list[tuple[FormatDefinition, NDArray[np.int64]]]] = {}
     for kind in np.unique(ids).tolist():
-        places, dated = starts[ids == kind], scan.definitions[kind]
+        places = starts[ids == kind]
+        dated = scan.definitions[kind]
         version = np.searchsorted([since for since, _ in dated], places, side="right") - 1
         for number in np.unique(version).tolist():
             definition = dated[number][1]
             groups.setdefault(definition.name, []).append((definition, places[version == number]))
     return DataflashRecording(
         counts={name: sum(len(places) for _, places in group) for name, group in groups.items()},
-        table=lambda name: joined_tables([_decoded(data, *group) for group in groups.get(name, [])]),
+        table=lambda name: joined_tables(
+            [_decoded(data, *group) for group in groups.get(name, [])]
+        ),
         bytes_skipped=scan.skipped(),
-        repairs=(*scan.repairs, *((f"{len(damaged)} damaged messages were left out.",) if damaged else ())),
+        repairs=(
+            *scan.repairs,
+            *((f"{len(damaged)} damaged messages were left out.",) if damaged else ()),
+        ),
     )
 
 
@@ -174,8 +208,12 @@ class _Scan:
         self._learn_definitions()
 
     def run(self, progress: Progress) -> None:
-        content, lengths, starts = self.content, self.lengths, self.starts
-        size, place, reported = len(content), 0, 0
+        content = self.content
+        lengths = self.lengths
+        starts = self.starts
+        size = len(content)
+        place = 0
+        reported = 0
         first, second = HEADER
         while place <= size - HEADER_LENGTH:
             if place >= reported:
@@ -198,9 +236,13 @@ class _Scan:
 
     def skipped(self) -> int:
         """Bytes that belong to no message, without the fill of a flash chip's last page."""
-        end = self.starts[-1] + self.lengths[self.content[self.starts[-1] + 2]] if self.starts else 0
+        end = (
+            self.starts[-1] + self.lengths[self.content[self.starts[-1] + 2]] if self.starts else 0
+        )
         tail = self.content[end:]
-        filled = len(tail) if tail.count(tail[:1]) == len(tail) and tail[:1] in (b"\0", b"\xff") else 0
+        filled = (
+            len(tail) if tail.count(tail[:1]) == len(tail) and tail[:1] in (b"\0", b"\xff") else 0
+        )
         return len(self.content) - self.read - filled
 
     def _learn_definitions(self) -> None:
@@ -223,19 +265,30 @@ class _Scan:
 
         With FMT's length and fields of another, messages are skipped but cannot be decoded.
         """
-        candidates = [length for length in (definition.wire_length, definition.length) if length > HEADER_LENGTH]
+        candidates = [
+            length
+            for length in (definition.wire_length, definition.length)
+            if length > HEADER_LENGTH
+        ]
         if not candidates:
             return
         begun = re.finditer(re.escape(HEADER + bytes([kind])), self.content)
-        ends = Counter(n for at in begun for n in candidates if self.content.startswith(HEADER, at.start() + n))
+        ends = Counter(
+            n for at in begun for n in candidates if self.content.startswith(HEADER, at.start() + n)
+        )
         length = max(candidates, key=ends.__getitem__)
         decodable = length == definition.wire_length
-        self._set(kind, FormatDefinition(definition.name, length, definition.characters, definition.fields))
+        self._set(
+            kind,
+            FormatDefinition(definition.name, length, definition.characters, definition.fields),
+        )
         if definition.wire is None and length == definition.length:
             return  # a field of a newer type is no damage
         sizes = f"says {definition.length} bytes and lists fields for {definition.wire_length}"
         done = "read by the fields" if decodable else "left out"
-        self.repairs.append(f"The definition (FMT) of {definition.name} {sizes}: its messages were {done}.")
+        self.repairs.append(
+            f"The definition (FMT) of {definition.name} {sizes}: its messages were {done}."
+        )
 
     def _set(self, kind: int, definition: FormatDefinition, since: int = 0) -> None:
         self.definitions.setdefault(kind, []).append((since, definition))
@@ -247,7 +300,10 @@ class _Scan:
         if found is None or found[0] == FORMAT_ID:
             return
         kind, definition = found
-        if definition.length == definition.wire_length and definition != self.definitions[kind][-1][1]:
+        if (
+            definition.length == definition.wire_length
+            and definition != self.definitions[kind][-1][1]
+        ):
             if len(self.definitions[kind]) < MAX_DEFINITIONS:
                 self._set(kind, definition, place)
             else:
@@ -288,10 +344,16 @@ class _Scan:
         return found if found >= 0 else len(self.content)
 
 
-def _damaged_rows(data: NDArray[np.uint8], starts: NDArray[np.int64], doubtful: list[tuple[int, int]]) -> list[int]:
+def _damaged_rows(
+    data: NDArray[np.uint8], starts: NDArray[np.int64], doubtful: list[tuple[int, int]]
+) -> list[int]:
     """The rows of the doubtful messages that differ from their neighbours where these are all the same."""
-    ids, suspect, damaged = data[starts + 2], {row for row, _ in doubtful}, []
-    rows_of = {kind: np.flatnonzero(ids == kind) for kind in np.unique(ids[sorted(suspect)]).tolist()}
+    ids = data[starts + 2]
+    suspect = {row for row, _ in doubtful}
+    damaged = []
+    rows_of = {
+        kind: np.flatnonzero(ids == kind) for kind in np.unique(ids[sorted(suspect)]).tolist()
+    }
     for row, length in doubtful:
         same = rows_of[int(ids[row])]
         at = int(np.searchsorted(same, row))
@@ -305,14 +367,18 @@ def _damaged_rows(data: NDArray[np.uint8], starts: NDArray[np.int64], doubtful: 
     return damaged
 
 
-def _decoded(data: NDArray[np.uint8], definition: FormatDefinition, places: NDArray[np.int64]) -> MessageTable:
+def _decoded(
+    data: NDArray[np.uint8], definition: FormatDefinition, places: NDArray[np.int64]
+) -> MessageTable:
     wire = definition.wire
     if wire is None or definition.length != definition.wire_length or not wire.itemsize:
         return EMPTY
     bodies = np.lib.stride_tricks.sliding_window_view(data, wire.itemsize)[places + HEADER_LENGTH]
     messages = bodies.view(wire)[:, 0]
     columns = {}
-    for i, (name, character) in enumerate(zip(definition.fields, definition.characters, strict=True)):
+    for i, (name, character) in enumerate(
+        zip(definition.fields, definition.characters, strict=True)
+    ):
         column = np.ascontiguousarray(messages[f"{i}"])
         columns[name] = column / DIVISORS[character] if character in DIVISORS else column
     return MessageTable(places, columns)

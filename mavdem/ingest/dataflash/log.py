@@ -21,13 +21,39 @@ import numpy as np
 from mavdem.errors import Unreadable
 from mavdem.ingest.contents import file_bytes, is_dataflash_text
 from mavdem.ingest.dataflash import binary
-from mavdem.ingest.dataflash.binary import DataflashRecording, FormatDefinition, MessageTable, numbers, read_binary
-from mavdem.ingest.dataflash.translation import GYROS, NEEDED, OF_FLIGHT, translated, under_later_names
+from mavdem.ingest.dataflash.binary import (
+    DataflashRecording,
+    FormatDefinition,
+    MessageTable,
+    numbers,
+    read_binary,
+)
+from mavdem.ingest.dataflash.translation import (
+    GYROS,
+    NEEDED,
+    OF_FLIGHT,
+    translated,
+    under_later_names,
+)
 from mavdem.ingest.mavlink.clocks import Sent, boot_clock
 from mavdem.ingest.mavlink.definitions import enum_name
 from mavdem.ingest.mavlink.framing import Progress, no_progress
-from mavdem.ingest.telemetry import Columns, Log, Telemetry, listed, log_of_vehicles, repair_sentences, selected
-from mavdem.ingest.vocabulary import ARDUPILOT, AUTOPILOT_COMPONENT, UNNAMED, board_name_in_texts, board_number_in_texts
+from mavdem.ingest.telemetry import (
+    Columns,
+    Log,
+    Telemetry,
+    listed,
+    log_of_vehicles,
+    repair_sentences,
+    selected,
+)
+from mavdem.ingest.vocabulary import (
+    ARDUPILOT,
+    AUTOPILOT_COMPONENT,
+    UNNAMED,
+    board_name_in_texts,
+    board_number_in_texts,
+)
 
 _BYTE = re.compile(rb"\s*\d{1,3}\s*")  # A number of one byte as text
 _Lines = list[tuple[int, bytes]]  # The lines of one definition: their numbers, and their values
@@ -52,7 +78,11 @@ def read_text(content: bytes, progress: Progress = no_progress) -> DataflashReco
                 holding[definition.name] = definition
             else:
                 holding.pop(definition.name, None)
-        elif text in holding and text != binary.FORMAT.name and values.count(b",") >= len(holding[text].fields) - 1:
+        elif (
+            text in holding
+            and text != binary.FORMAT.name
+            and values.count(b",") >= len(holding[text].fields) - 1
+        ):
             groups[text][holding[text]].append((number, values))
         elif line.strip():
             skipped += len(line) + 1
@@ -61,7 +91,9 @@ def read_text(content: bytes, progress: Progress = no_progress) -> DataflashReco
     counts = {name: sum(map(len, group.values())) for name, group in groups.items()}
     return DataflashRecording(
         counts={name: count for name, count in counts.items() if count},
-        table=lambda name: binary.joined_tables([_decoded(*group) for group in groups.get(name, {}).items()]),
+        table=lambda name: binary.joined_tables(
+            [_decoded(*group) for group in groups.get(name, {}).items()]
+        ),
         bytes_skipped=skipped,
         repairs=(f"{lost} lines that match no definition were left out.",) if lost else (),
     )
@@ -80,8 +112,13 @@ def _decoded(definition: FormatDefinition, lines: _Lines) -> MessageTable:
     if definition.wire is None or not count:
         return binary.EMPTY
     # A text that is the last field may hold commas.
-    numeric = {i for i, character in enumerate(definition.characters) if character not in binary.TEXTS + "aM"}
-    places, whole = [], []
+    numeric = {
+        i
+        for i, character in enumerate(definition.characters)
+        if character not in binary.TEXTS + "aM"
+    }
+    places = []
+    whole = []
     for number, values in lines:
         row = [value.strip() for value in values.split(b",", count - 1)]
         with suppress(ValueError):
@@ -95,15 +132,44 @@ def _decoded(definition: FormatDefinition, lines: _Lines) -> MessageTable:
 
 
 CLOCKS = {"TimeUS": 1e6, "TimeMS": 1e3}  # Fields with the time stamp and their units in a second
-EVENTS = ("EV", "ARM")  # Without a stamp, as before ArduCopter 3.4, they have the time of the message before them
-UNKNOWN, COPTER = 0, 2
+# Without a stamp, as before ArduCopter 3.4, they have the time of the message before them
+EVENTS = ("EV", "ARM")
+UNKNOWN = 0
+COPTER = 2
 FIRMWARES = {"plane": 1, "copter": COPTER, "tracker": 5, "blimp": 7, "rover": 10, "sub": 12}
 """MAV_TYPE by what follows "Ardu", "APM:" or "Antenna" in MSG ("ArduCopter V4.5.7", "APM:Copter V3.5")."""
-_FIRMWARE = re.compile(r"^(?:Ardu|APM:|Antenna)?(plane|copter|tracker|blimp|rover|sub)\b", re.IGNORECASE)
+_FIRMWARE = re.compile(
+    r"^(?:Ardu|APM:|Antenna)?(plane|copter|tracker|blimp|rover|sub)\b", re.IGNORECASE
+)
 _COPTER_VERSION = re.compile(r"^(?:Ardu|APM:)?copter V(\d+)\.(\d+)", re.IGNORECASE)
-FRAME_CLASSES = {0: 2, 1: 2, 2: 13, 3: 14, 4: 14, 5: 13, 6: 4, 7: 15, 8: 3, 9: 3, 10: 3, 11: 4, 12: 29, 13: 4, 14: 35}
+FRAME_CLASSES = {
+    0: 2,
+    1: 2,
+    2: 13,
+    3: 14,
+    4: 14,
+    5: 13,
+    6: 4,
+    7: 15,
+    8: 3,
+    9: 3,
+    10: 3,
+    11: 4,
+    12: 29,
+    13: 4,
+    14: 35,
+}
 """MAV_TYPE by FRAME_CLASS, as in ArduCopter's HEARTBEAT (``get_frame_mav_type``)."""
-FRAME_NAMES = {"QUAD": 2, "HEXA": 13, "Y6": 13, "OCTA": 14, "OCTAQUAD": 14, "OCTA_QUAD": 14, "TRI": 15, "HELI": 4}
+FRAME_NAMES = {
+    "QUAD": 2,
+    "HEXA": 13,
+    "Y6": 13,
+    "OCTA": 14,
+    "OCTAQUAD": 14,
+    "OCTA_QUAD": 14,
+    "TRI": 15,
+    "HELI": 4,
+}
 """The same by the name in MSG: "Frame: QUAD/X"."""
 _FRAME = re.compile(r"^Frame: ([A-Z0-9_]+)")
 
@@ -117,13 +183,21 @@ def read_dataflash(path: str | os.PathLike[str], progress: Progress = no_progres
     """
     source = os.fspath(path)
     content = file_bytes(path)
-    recording = read_text(content, progress) if is_dataflash_text(content) else read_binary(content, progress)
+    recording = (
+        read_text(content, progress)
+        if is_dataflash_text(content)
+        else read_binary(content, progress)
+    )
     vehicles: list[Telemetry] = []
     for own in (parts := _by_board(recording)):
         one = _vehicle(own, source)
         number = one.system + len(vehicles)
-        apart = (f"The file holds logs of {len(parts)} vehicles, by their boards or calibrations: this is {number}.",)
-        vehicles.append(replace(one, system=number, repairs=apart + one.repairs) if len(parts) > 1 else one)
+        apart = (
+            f"The file holds logs of {len(parts)} vehicles, by their boards or calibrations: this is {number}.",
+        )
+        vehicles.append(
+            replace(one, system=number, repairs=apart + one.repairs) if len(parts) > 1 else one
+        )
     frames = sum(recording.counts.values())
     counts = recording.counts if len(parts) == 1 else None
     return log_of_vehicles(tuple(vehicles), frames, recording.bytes_skipped, counts=counts)
@@ -136,23 +210,36 @@ def _by_board(recording: DataflashRecording) -> list[DataflashRecording]:
     known = [(place, number) for place, text in texts if (number := board_number_in_texts([text]))]
     values = numbers(parameters).columns.get("Value", np.zeros(0)).tolist()
     named = zip(parameters.place.tolist(), _texts(parameters, "Name"), values, strict=False)
-    known = known or [(place, f"{value:.4g}") for place, name, value in named if name == "INS_ACCOFFS_X" and value]
+    known = known or [
+        (place, f"{value:.4g}") for place, name, value in named if name == "INS_ACCOFFS_X" and value
+    ]
     # Each log begins with the definition of definitions; of several numbers in one, the first is its own.
-    first = formats.place[formats.columns["Type"] == binary.FORMAT_ID] if "Type" in formats.columns else formats.place
+    first = (
+        formats.place[formats.columns["Type"] == binary.FORMAT_ID]
+        if "Type" in formats.columns
+        else formats.place
+    )
     owner = {int(first[first <= place].max(initial=0)): number for place, number in reversed(known)}
     boards = list(dict.fromkeys(owner[start] for start in sorted(owner)))
 
     def part(board: str, name: str) -> MessageTable:
-        whole, starts = recording.table(name), np.array(sorted(owner))
+        whole = recording.table(name)
+        starts = np.array(sorted(owner))
         holder = np.array([owner[start] == board for start in starts.tolist()])
         rows = holder[np.maximum(np.searchsorted(starts, whole.place, side="right") - 1, 0)]
         return MessageTable(whole.place[rows], selected(whole.columns, rows))
 
-    return [recording._replace(table=partial(part, board)) for board in boards] if len(boards) > 1 else [recording]
+    return (
+        [recording._replace(table=partial(part, board)) for board in boards]
+        if len(boards) > 1
+        else [recording]
+    )
 
 
 def _vehicle(recording: DataflashRecording, source: str) -> Telemetry:
-    logged = {message: under_later_names(message, numbers(recording.table(message))) for message in NEEDED}
+    logged = {
+        message: under_later_names(message, numbers(recording.table(message))) for message in NEEDED
+    }
     imu = logged["IMU"]  # by far the most messages: only what is used of each is kept
     gyros = {name: column for name, column in imu.columns.items() if name in (*CLOCKS, "I", *GYROS)}
     tables, repairs = _on_boot_clock(logged | {"IMU": MessageTable(imu.place, gyros)})
@@ -165,13 +252,20 @@ def _vehicle(recording: DataflashRecording, source: str) -> Telemetry:
     counts = numbers(recording.table("DSF")).columns.get("Dp", np.zeros(0)).astype(np.float64)
     dropouts = int(np.nansum(np.maximum(np.diff(counts), 0)))
     version = next((found for text in texts if (found := _COPTER_VERSION.match(text))), None)
-    messages, names, notes = translated(tables, kind, (int(version[1]), int(version[2])) if version else None)
+    messages, names, notes = translated(
+        tables, kind, (int(version[1]), int(version[2])) if version else None
+    )
     if recording.bytes_skipped:
-        repairs = (f"{recording.bytes_skipped} bytes that belong to no message were skipped.", *repairs)
+        repairs = (
+            f"{recording.bytes_skipped} bytes that belong to no message were skipped.",
+            *repairs,
+        )
     lost = (dropouts, f"The logger had no room for {dropouts} messages (DSF): they are missing.")
     system_ids = ("MAV_SYSID", "SYSID_THISMAV")  # from ArduPilot 4.7 on, and before
     return Telemetry(
-        system=next((int(parameters[name]) for name in system_ids if 1 <= parameters.get(name, 0) <= 255), 1),
+        system=next(
+            (int(parameters[name]) for name in system_ids if 1 <= parameters.get(name, 0) <= 255), 1
+        ),
         component=AUTOPILOT_COMPONENT,
         vehicle=UNNAMED if kind == UNKNOWN else enum_name("MAV_TYPE", kind),
         autopilot=enum_name("MAV_AUTOPILOT", ARDUPILOT),
@@ -189,20 +283,30 @@ def _vehicle(recording: DataflashRecording, source: str) -> Telemetry:
     )
 
 
-def _on_boot_clock(tables: Mapping[str, MessageTable]) -> tuple[dict[str, Columns], tuple[str, ...]]:
+def _on_boot_clock(
+    tables: Mapping[str, MessageTable],
+) -> tuple[dict[str, Columns], tuple[str, ...]]:
     """The tables with stamps, or of ``EVENTS``, with ``time`` (s) and ``boot``, and a sentence for each repair."""
-    clocks = {name: field for name, table in tables.items() for field in CLOCKS if field in table.columns}
+    clocks = {
+        name: field for name, table in tables.items() for field in CLOCKS if field in table.columns
+    }
     if not clocks:
         return {}, ()
     seconds = np.concatenate(
-        [np.asarray(tables[name].columns[field], dtype=np.float64) / CLOCKS[field] for name, field in clocks.items()]
+        [
+            np.asarray(tables[name].columns[field], dtype=np.float64) / CLOCKS[field]
+            for name, field in clocks.items()
+        ]
     )
     # As a float, or in text, a damaged stamp may be anything.
     impossible = ~((seconds >= 0) & (seconds <= 2.0**63 / 1e6))
     seconds[impossible] = 0.0  # no stamp, to the boot clock
     order = np.argsort(np.concatenate([tables[name].place for name in clocks]), kind="stable")
-    on_clock, repairs = boot_clock([Sent("the messages", np.arange(len(order)), seconds[order].copy)])
-    time, boot = np.empty(len(order)), np.empty(len(order), dtype=np.int64)
+    on_clock, repairs = boot_clock(
+        [Sent("the messages", np.arange(len(order)), seconds[order].copy)]
+    )
+    time = np.empty(len(order))
+    boot = np.empty(len(order), dtype=np.int64)
     time[order], boot[order] = on_clock["the messages"]
     placed: dict[str, Columns] = {}
     first = 0
@@ -211,7 +315,9 @@ def _on_boot_clock(tables: Mapping[str, MessageTable]) -> tuple[dict[str, Column
         first = rows.stop
         # A message whose stamp was ignored has the time of the one before it: it is not to be trusted either.
         kept = time[rows] == seconds[rows]
-        placed[name] = selected({**tables[name].columns, "time": time[rows], "boot": boot[rows]}, kept)
+        placed[name] = selected(
+            {**tables[name].columns, "time": time[rows], "boot": boot[rows]}, kept
+        )
     stamped = np.concatenate([tables[name].place for name in clocks])[order]
     for name in EVENTS:
         if name not in clocks and len(tables[name].place):
@@ -224,7 +330,8 @@ def _on_boot_clock(tables: Mapping[str, MessageTable]) -> tuple[dict[str, Column
 
 def _parameters(logged: MessageTable, way: int) -> dict[str, float]:
     """The last values, or the first, ``way`` -1."""
-    values, names = numbers(logged).columns.get("Value"), _texts(logged, "Name")
+    values = numbers(logged).columns.get("Value")
+    names = _texts(logged, "Name")
     if values is None or len(names) != len(values):
         return {}
     pairs = zip(names[::way], values.astype(float)[::way].tolist(), strict=True)
@@ -233,20 +340,32 @@ def _parameters(logged: MessageTable, way: int) -> dict[str, float]:
 
 def _texts(logged: MessageTable, field: str) -> list[str]:
     values = logged.columns.get(field, logged.place[:0]).tolist()
-    return [value.split(b"\0", 1)[0].decode("utf-8", errors="replace") for value in values if isinstance(value, bytes)]
+    return [
+        value.split(b"\0", 1)[0].decode("utf-8", errors="replace")
+        for value in values
+        if isinstance(value, bytes)
+    ]
 
 
 def _mav_type(texts: Sequence[str], parameters: Mapping[str, float]) -> int:
     """The vehicle's MAV_TYPE, from the texts of MSG and its parameters; ``UNKNOWN`` (GENERIC) where neither has it."""
     firmwares = [found[1].lower() for text in texts if (found := _FIRMWARE.match(text))]
     only_copters = {"FRAME_CLASS", "ATC_RAT_RLL_P"}  # no other ArduPilot vehicle has both
-    kind = FIRMWARES[firmwares[0]] if firmwares else COPTER if only_copters <= parameters.keys() else UNKNOWN
+    kind = (
+        FIRMWARES[firmwares[0]]
+        if firmwares
+        else COPTER
+        if only_copters <= parameters.keys()
+        else UNKNOWN
+    )
     if kind != COPTER:
         return kind
     multirotor = 43  # MAV_TYPE_GENERIC_MULTIROTOR, where the number of motors is not known
     if "FRAME_CLASS" in parameters:
         return FRAME_CLASSES.get(int(parameters["FRAME_CLASS"]), multirotor)
-    return FRAME_NAMES.get(next((found[1] for text in texts if (found := _FRAME.match(text))), ""), multirotor)
+    return FRAME_NAMES.get(
+        next((found[1] for text in texts if (found := _FRAME.match(text))), ""), multirotor
+    )
 
 
 def _no_flight(source: str, recording: DataflashRecording) -> str:

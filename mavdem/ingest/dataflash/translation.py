@@ -27,7 +27,15 @@ from numpy.typing import NDArray
 
 from mavdem.ingest.dataflash.binary import MessageTable
 from mavdem.ingest.telemetry import Array, Columns, joined, rows_by, selected
-from mavdem.ingest.vocabulary import ARDUPILOT, ARMED, IN_AIR, ON_GROUND, attitude_target, heartbeat_fields, quaternion
+from mavdem.ingest.vocabulary import (
+    ARDUPILOT,
+    ARMED,
+    IN_AIR,
+    ON_GROUND,
+    attitude_target,
+    heartbeat_fields,
+    quaternion,
+)
 
 
 def having(tables: Mapping[str, Columns], name: str, fields: tuple[str, ...]) -> Columns | None:
@@ -65,7 +73,9 @@ def stamped(logged: Columns, fields: Mapping[str, NDArray[Any]]) -> Columns:
 
 BATTERIES = ("BAT", "CURR")
 LEVELS = ("VibeX", "VibeY", "VibeZ")
-GPS_EPOCH, WEEK = 315964800, 604800  # UNIX s at which GPS time began, and seconds of a week
+# UNIX s at which GPS time began, and seconds of a week
+GPS_EPOCH = 315964800
+WEEK = 604800
 LEAP_SECONDS = ((0.0, 16), (1435708800.0, 17), (1483228800.0, 18))
 """How far GPS time is ahead of UTC from a UNIX second on: https://hpiers.obspm.fr/iers/bul/bulc/bulletinc.dat."""
 
@@ -83,7 +93,9 @@ def battery(tables: Mapping[str, Columns]) -> tuple[Columns | None, str]:
         hundredths = np.any(volts > 0) and np.nanmedian(volts[volts > 0]) > 200
         found = {"voltage_battery": volts * (10.0 if hundredths else 1000.0)}
         if having(tables, name, ("Curr",)) is not None:
-            found["current_battery"] = values(logged, ("Curr",))[:, 0] * (1.0 if hundredths else 100.0)
+            found["current_battery"] = values(logged, ("Curr",))[:, 0] * (
+                1.0 if hundredths else 100.0
+            )
         return stamped(logged, found), name
     return None, BATTERIES[0]
 
@@ -94,16 +106,27 @@ def vibration(tables: Mapping[str, Columns]) -> Columns | None:
     if logged is None:
         return None
     logged = instance(logged, "IMU", 0) or logged
-    clips = next((logged[name] for name in ("Clip", "Clip0") if name in logged), np.zeros(len(logged["time"])))
-    levels = zip(("vibration_x", "vibration_y", "vibration_z"), values(logged, LEVELS).T, strict=True)
+    clips = next(
+        (logged[name] for name in ("Clip", "Clip0") if name in logged),
+        np.zeros(len(logged["time"])),
+    )
+    levels = zip(
+        ("vibration_x", "vibration_y", "vibration_z"), values(logged, LEVELS).T, strict=True
+    )
     none = np.zeros(len(logged["time"]))
-    return stamped(logged, {**dict(levels), "clipping_0": clips, "clipping_1": none, "clipping_2": none})
+    return stamped(
+        logged, {**dict(levels), "clipping_0": clips, "clipping_1": none, "clipping_2": none}
+    )
 
 
 OLD_AXES = {"Rll": "R", "Pit": "P", "Yaw": "Y"}
 OLD_NAMES = {
     "GPS": {"TimeMS": "GMS", "Week": "GWk", "T": "TimeMS"},
-    "RATE": {f"{old}{end}": f"{axis}{end}" for old, axis in OLD_AXES.items() for end in ("", "Des", "Out")},
+    "RATE": {
+        f"{old}{end}": f"{axis}{end}"
+        for old, axis in OLD_AXES.items()
+        for end in ("", "Des", "Out")
+    },
 }
 """GPS before ArduPilot 3.3, where TimeMS is of the week and T of the boot; RATE before ArduCopter 3.3 was released."""
 
@@ -113,7 +136,9 @@ def under_later_names(name: str, logged: MessageTable) -> MessageTable:
     old = OLD_NAMES.get(name, {})
     if not old.keys() <= logged.columns.keys():
         return logged
-    return MessageTable(logged.place, {old.get(field, field): column for field, column in logged.columns.items()})
+    return MessageTable(
+        logged.place, {old.get(field, field): column for field, column in logged.columns.items()}
+    )
 
 
 def calendar_time(tables: Mapping[str, Columns]) -> Columns | None:
@@ -121,7 +146,8 @@ def calendar_time(tables: Mapping[str, Columns]) -> Columns | None:
     logged = having(tables, "GPS", ("Status", "GMS", "GWk"))
     if logged is None:
         return None
-    logged = selected(logged, (logged["Status"] >= 3) & (logged["GWk"] > 0))  # 3D, by which it knows the time
+    # 3D, by which it knows the time
+    logged = selected(logged, (logged["Status"] >= 3) & (logged["GWk"] > 0))
     week, milliseconds = values(logged, ("GWk", "GMS")).T
     seconds = GPS_EPOCH + WEEK * week + milliseconds / 1e3
     begins, ahead = np.array(LEAP_SECONDS).T
@@ -136,14 +162,22 @@ def _fixes(tables: Mapping[str, Columns]) -> Columns | None:
     if logged is None:
         return None
     logged = selected(logged, logged["Status"] >= 3)
-    return stamped(logged, {name: 1e7 * values(logged, (own,))[:, 0] for name, own in (("lat", "Lat"), ("lon", "Lng"))})
+    return stamped(
+        logged,
+        {
+            name: 1e7 * values(logged, (own,))[:, 0]
+            for name, own in (("lat", "Lat"), ("lon", "Lng"))
+        },
+    )
 
 
 def _modes(tables: Mapping[str, Columns]) -> Columns | None:
     """CURRENT_MODE; in text logs of old versions the mode is a name, and is left out."""
     field = "ModeNum" if "ModeNum" in tables.get("MODE", {}) else "Mode"
     logged = having(tables, "MODE", (field,))
-    return None if logged is None else stamped(logged, {"custom_mode": values(logged, (field,))[:, 0]})
+    return (
+        None if logged is None else stamped(logged, {"custom_mode": values(logged, (field,))[:, 0]})
+    )
 
 
 def _errors(tables: Mapping[str, Columns]) -> Columns | None:
@@ -154,14 +188,19 @@ def _errors(tables: Mapping[str, Columns]) -> Columns | None:
     logged = selected(logged, logged["ECode"] > 0)
     pairs = values(logged, ("Subsys", "ECode")).astype(int).tolist()
     texts = [f"{SUBSYSTEMS.get(one, f'subsystem {one}')}: code {code}" for one, code in pairs]
-    return stamped(logged, {"severity": np.full(len(texts), ERROR), "text": np.array(texts, dtype=object)})
+    return stamped(
+        logged, {"severity": np.full(len(texts), ERROR), "text": np.array(texts, dtype=object)}
+    )
 
 
 ERROR = 3  # of MAV_SEVERITY
 _ERRORS = tomllib.loads(Path(__file__).with_name("errors.toml").read_text("utf-8"))
 SUBSYSTEMS: dict[int, str] = dict(enumerate(_ERRORS["subsystems"], 1))
-ANGLES, GYROS = ("Roll", "Pitch", "Yaw"), ("GyrX", "GyrY", "GyrZ")
-RATES, DEMANDS, DESIRED_RATES = ("R", "P", "Y"), ("ROut", "POut", "YOut"), ("RDes", "PDes", "YDes")
+ANGLES = ("Roll", "Pitch", "Yaw")
+GYROS = ("GyrX", "GyrY", "GyrZ")
+RATES = ("R", "P", "Y")
+DEMANDS = ("ROut", "POut", "YOut")
+DESIRED_RATES = ("RDes", "PDes", "YDes")
 DESIRED_ANGLES = ("DesRoll", "DesPitch", "DesYaw")
 OF_FLIGHT = ("ATT", "ANG", "RATE", "IMU", "RCOU", "CTUN", "XKF1", "XKF4", "NKF1", "EV", "ARM")
 """DataFlash's messages of the vehicle's motion, motors and state: a log without them is none of a flight."""
@@ -175,13 +214,18 @@ NEEDED = (
     "MODE",
     "ERR",
 )  # DataFlash's messages that are translated
-SLOWER_SHARE = 0.9  # A message is slower than another when it has fewer than this share of the other's number
+# A message is slower than another when it has fewer than this share of the other's number
+SLOWER_SHARE = 0.9
 CENTIDEGREES = (15.0, 400.0)
 """RATE, taken for degrees/s, over the gyro: the range in which it is in centidegrees/s. RATE may be filtered where the
 gyro is not, so that it is less than 100 times as much."""
-MOVING_RATE, MIN_MOVING = 0.1, 20  # rad/s of the gyro from which a sample counts, and the samples that decide
+# rad/s of the gyro from which a sample counts, and the samples that decide
+MOVING_RATE = 0.1
+MIN_MOVING = 20
 MAX_DEMAND = 2.0  # Demands of the range -1 to 1 lie below it, but for damaged ones
-OLD_DEMAND, OLD_THRUST = 4500.0, 1000.0  # Full demand and full thrust where they are not 1
+# Full demand and full thrust where they are not 1
+OLD_DEMAND = 4500.0
+OLD_THRUST = 1000.0
 ARMED_EVENTS = {10: (0, ARMED), 15: (ARMED, ARMED), 11: (ARMED, 0)}
 """base_mode before and after ARMED, AUTO_ARMED and DISARMED."""
 LANDED_EVENTS = {28: (ON_GROUND, IN_AIR), 18: (IN_AIR, ON_GROUND)}
@@ -200,13 +244,20 @@ def translated(
     demands, scaled = _demands(tables)
     targets, asked = _targets(tables, version)
     volts, measured = battery(tables)
-    position, positioned = _of_core(tables, "1", {"x": "PN", "y": "PE", "z": "PD", "vx": "VN", "vy": "VE", "vz": "VD"})
+    position, positioned = _of_core(
+        tables, "1", {"x": "PN", "y": "PE", "z": "PD", "vx": "VN", "vy": "VE", "vz": "VD"}
+    )
     wind, estimated = _of_core(tables, "2", {"wind_x": "VWN", "wind_y": "VWE"})
     climb = having(tables, "CTUN", ("CRt",))
-    changes = [_changes(tables, "EV", "Id", ARMED_EVENTS), _changes(tables, "ARM", "ArmState", ARM_STATES)]
+    changes = [
+        _changes(tables, "EV", "Id", ARMED_EVENTS),
+        _changes(tables, "ARM", "ArmState", ARM_STATES),
+    ]
     armed = _each_second(tables, np.concatenate(changes))
     landed = _each_second(tables, _changes(tables, "EV", "Id", LANDED_EVENTS), undefined=True)
-    rising = None if climb is None else stamped(climb, {"climb": values(climb, ("CRt",))[:, 0] / 100})
+    rising = (
+        None if climb is None else stamped(climb, {"climb": values(climb, ("CRt",))[:, 0] / 100})
+    )
     named_columns: dict[str, tuple[str, Columns | None]] = {
         "ATTITUDE": (named, attitude),
         "SERVO_OUTPUT_RAW": ("RCOU", _servos(tables)),
@@ -221,10 +272,20 @@ def translated(
         "LOCAL_POSITION_NED": (positioned, position),
         "WIND_COV": (estimated, wind),
         "VFR_HUD": ("CTUN", rising),
-        "HEARTBEAT": ("", {"time": armed[0], "boot": armed[1], **heartbeat_fields(kind, ARDUPILOT, armed[2])}),
-        "EXTENDED_SYS_STATE": ("", dict(zip(("time", "boot", "landed_state"), landed, strict=True))),
+        "HEARTBEAT": (
+            "",
+            {"time": armed[0], "boot": armed[1], **heartbeat_fields(kind, ARDUPILOT, armed[2])},
+        ),
+        "EXTENDED_SYS_STATE": (
+            "",
+            dict(zip(("time", "boot", "landed_state"), landed, strict=True)),
+        ),
     }
-    there = {name: made for name, (_, made) in named_columns.items() if made is not None and len(made["time"])}
+    there = {
+        name: made
+        for name, (_, made) in named_columns.items()
+        if made is not None and len(made["time"])
+    }
     return there, {name: own for name, (own, _) in named_columns.items() if own}, (*notes, *scaled)
 
 
@@ -233,24 +294,35 @@ def _attitude(
 ) -> tuple[Columns | None, str, tuple[str, ...]]:
     """At the stamps of the slower of angles and rates; with the name of that message, and what is odd about RATE."""
     named = _faster_angles(tables, ANGLES)
-    angles, gyros = having(tables, named, ANGLES), instance(having(tables, "IMU", GYROS), "I", 0)
+    angles = having(tables, named, ANGLES)
+    gyros = instance(having(tables, "IMU", GYROS), "I", 0)
     rates = having(tables, "RATE", RATES)
     if angles is None or (rates is None and gyros is None):
         return None, named, ()
     angles_rad = np.radians(values(angles, ANGLES))
     notes: tuple[str, ...] = ()
-    if rates is None or (count(rates) < SLOWER_SHARE * count(angles) and count(rates) < count(gyros)):
+    if rates is None or (
+        count(rates) < SLOWER_SHARE * count(angles) and count(rates) < count(gyros)
+    ):
         assert gyros is not None
-        rates, speeds, source = gyros, values(gyros, GYROS), "IMU"
+        rates = gyros
+        speeds = values(gyros, GYROS)
+        source = "IMU"
     else:
-        speeds, source = np.radians(values(rates, RATES)), "RATE"
+        speeds = np.radians(values(rates, RATES))
+        source = "RATE"
         if because := _in_centidegrees(rates, speeds, gyros, version):
             speeds = speeds / 100
             notes = (f"RATE is in centidegrees/s, {because}: its rates were divided by 100.",)
-    base, named = (rates, source) if count(rates) < SLOWER_SHARE * count(angles) else (angles, named)
-    angles_rad, speeds = _onto(base, angles, angles_rad, turning=True), _onto(base, rates, speeds)
+    base, named = (
+        (rates, source) if count(rates) < SLOWER_SHARE * count(angles) else (angles, named)
+    )
+    angles_rad = _onto(base, angles, angles_rad, turning=True)
+    speeds = _onto(base, rates, speeds)
     # To one turn about zero, as MAVLink has it.
-    angles_rad = np.where(np.abs(angles_rad) > np.pi, np.remainder(angles_rad + np.pi, 2 * np.pi) - np.pi, angles_rad)
+    angles_rad = np.where(
+        np.abs(angles_rad) > np.pi, np.remainder(angles_rad + np.pi, 2 * np.pi) - np.pi, angles_rad
+    )
     fields = ("roll", "pitch", "yaw", "rollspeed", "pitchspeed", "yawspeed")
     turned = dict(zip(fields, np.hstack([angles_rad, speeds]).T, strict=True))
     return stamped(base, turned), named, notes
@@ -260,7 +332,9 @@ def _faster_angles(tables: Mapping[str, Columns], fields: tuple[str, ...]) -> st
     return max(("ATT", "ANG"), key=lambda name: count(having(tables, name, fields)))
 
 
-def _in_centidegrees(rates: Columns, speeds: Array, gyros: Columns | None, version: tuple[int, int] | None) -> str:
+def _in_centidegrees(
+    rates: Columns, speeds: Array, gyros: Columns | None, version: tuple[int, int] | None
+) -> str:
     """Why ``speeds`` (N, 3), from degrees, were centidegrees: by the gyro where it turns, else by version; or empty."""
     if gyros is not None:
         turning = np.linalg.norm(_onto(rates, gyros, values(gyros, GYROS)), axis=1)
@@ -275,19 +349,33 @@ def _in_centidegrees(rates: Columns, speeds: Array, gyros: Columns | None, versi
 
 
 def _servos(tables: Mapping[str, Columns]) -> Columns | None:
-    logged, most = tables.get("RCOU", {}), np.iinfo(np.uint16).max
-    fields = {n: field for n in range(1, 17) for field in (f"C{n}", f"Ch{n}", f"Chan{n}") if field in logged}
+    logged = tables.get("RCOU", {})
+    most = np.iinfo(np.uint16).max
+    fields = {
+        n: field
+        for n in range(1, 17)
+        for field in (f"C{n}", f"Ch{n}", f"Chan{n}")
+        if field in logged
+    }
     if not fields:
         return None
     none = np.zeros(len(logged["time"]), dtype=np.uint16)
-    pulses = {n: np.nan_to_num(np.asarray(logged[field], dtype=np.float64)) for n, field in fields.items()}
-    outputs = {f"servo{n}_raw": np.clip(pulses.get(n, none), 0, most).astype(np.uint16) for n in range(1, 17)}
+    pulses = {
+        n: np.nan_to_num(np.asarray(logged[field], dtype=np.float64)) for n, field in fields.items()
+    }
+    outputs = {
+        f"servo{n}_raw": np.clip(pulses.get(n, none), 0, most).astype(np.uint16)
+        for n in range(1, 17)
+    }
     return stamped(logged, {"port": none.astype(np.uint8), **outputs})
 
 
-def _targets(tables: Mapping[str, Columns], version: tuple[int, int] | None) -> tuple[Columns | None, str]:
+def _targets(
+    tables: Mapping[str, Columns], version: tuple[int, int] | None
+) -> tuple[Columns | None, str]:
     """With the names of its messages; RATE is in the unit of the rates beside what was asked for."""
-    parts, names = [], []
+    parts = []
+    names = []
     named = _faster_angles(tables, DESIRED_ANGLES)
     if (rates := having(tables, "RATE", (*DESIRED_RATES, *RATES))) is not None:
         gyros = instance(having(tables, "IMU", GYROS), "I", 0)
@@ -319,12 +407,16 @@ def _demands(tables: Mapping[str, Columns]) -> tuple[Columns | None, tuple[str, 
     if len(demanded) and np.percentile(demanded, 75) > MAX_DEMAND:
         controls[:, :3] /= OLD_DEMAND
         controls[:, 3] /= OLD_THRUST
-        notes = (f"RATE's demands are outside the range -1 to 1: they were divided by {OLD_DEMAND:.0f}.",)
+        notes = (
+            f"RATE's demands are outside the range -1 to 1: they were divided by {OLD_DEMAND:.0f}.",
+        )
     group = np.zeros(len(controls), dtype=np.uint8)
     return stamped(logged, {"group_mlx": group, "controls": controls}), notes
 
 
-def _of_core(tables: Mapping[str, Columns], part: str, fields: Mapping[str, str]) -> tuple[Columns | None, str]:
+def _of_core(
+    tables: Mapping[str, Columns], part: str, fields: Mapping[str, str]
+) -> tuple[Columns | None, str]:
     """A part of the filter's states, of the core that is primary, and the name of its messages."""
     chosen = tables.get("XKF4", {}).get("PI", np.zeros(0))
     cores, times = np.unique(chosen[chosen >= 0], return_counts=True)
@@ -358,20 +450,27 @@ def _onto(base: Columns, source: Columns, values: Array, turning: bool = False) 
         at = base["time"][here]
         before = np.clip(np.searchsorted(time, at, side="right") - 1, 0, len(time) - 1)
         after = np.clip(np.searchsorted(time, at), 0, len(time) - 1)
-        longest = 3 * float(np.median(np.diff(time))) if len(time) > 1 else 0.0  # a longer step is a gap
+        # a longer step is a gap
+        longest = 3 * float(np.median(np.diff(time))) if len(time) > 1 else 0.0
         sure = (time[before] <= at) & (at <= time[after]) & (time[after] - time[before] <= longest)
         table = np.column_stack([np.interp(at, time, column) for column in known.T])
         moved[here] = np.where(sure[:, None], table, np.nan)
     return moved
 
 
-def _changes(tables: Mapping[str, Columns], name: str, field: str, states: Mapping[int, tuple[int, int]]) -> Array:
+def _changes(
+    tables: Mapping[str, Columns], name: str, field: str, states: Mapping[int, tuple[int, int]]
+) -> Array:
     """Boot, time, state before and state after each event (N, 4)."""
     logged = tables.get(name, {})
     if field not in logged:
         return np.zeros((0, 4))
-    rows = zip(logged["boot"].tolist(), logged["time"].tolist(), logged[field].tolist(), strict=True)
-    return np.array([(boot, time, *states[value]) for boot, time, value in rows if value in states]).reshape(-1, 4)
+    rows = zip(
+        logged["boot"].tolist(), logged["time"].tolist(), logged[field].tolist(), strict=True
+    )
+    return np.array(
+        [(boot, time, *states[value]) for boot, time, value in rows if value in states]
+    ).reshape(-1, 4)
 
 
 def _each_second(
@@ -383,7 +482,9 @@ def _each_second(
     changes that contradict each other, up to a second before the second, and after the last.
     """
     parts = [np.zeros((0, 3))]
-    logged = joined([{"time": columns["time"], "boot": columns["boot"]} for columns in tables.values()])
+    logged = joined(
+        [{"time": columns["time"], "boot": columns["boot"]} for columns in tables.values()]
+    )
     rows_of_boot = rows_by(logged["boot"]) if len(changes) else {}
     for boot, rows in rows_by(changes[:, 0].astype(np.int64)).items():
         own = changes[rows]

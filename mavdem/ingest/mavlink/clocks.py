@@ -19,7 +19,8 @@ Times = NDArray[np.float64]
 Rows = NDArray[np.int64]
 Places = NDArray[np.integer]  # Places of messages in the stream, of any integer type
 Boots = NDArray[np.unsignedinteger]  # Numbers of boots, in the smallest type that holds them
-MAX_OFFSET = 5.0  # Seconds from its neighbours, plus ten median steps, beyond which a stamp is an outlier
+# Seconds from its neighbours, plus ten median steps, beyond which a stamp is an outlier
+MAX_OFFSET = 5.0
 MIN_RESET_STAMPS = 5
 """Stamps in a row that are all lower than those before after a reset of the clock; fewer are late arrivals."""
 
@@ -44,7 +45,9 @@ def before_lower(time: Times, boot: Boots) -> NDArray[np.bool_]:
     """Stamps soon followed by a much lower one in the same boot: the upper ones of a clock that jumps up and down."""
     lower = np.zeros(len(time), dtype=np.bool_)
     for ahead in range(1, min(MIN_RESET_STAMPS, len(time))):
-        lower[:-ahead] |= (time[:-ahead] - time[ahead:] > MAX_OFFSET) & (boot[:-ahead] == boot[ahead:])
+        lower[:-ahead] |= (time[:-ahead] - time[ahead:] > MAX_OFFSET) & (
+            boot[:-ahead] == boot[ahead:]
+        )
     return lower
 
 
@@ -53,13 +56,23 @@ def without(rows: NDArray[np.bool_], *columns: NDArray[Any]) -> tuple[NDArray[An
     return tuple(column[~rows] for column in columns) if rows.any() else columns
 
 
-REFERENCES = ("ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT", "SYSTEM_TIME")
+REFERENCES = (
+    "ATTITUDE",
+    "ATTITUDE_QUATERNION",
+    "LOCAL_POSITION_NED",
+    "GLOBAL_POSITION_INT",
+    "SYSTEM_TIME",
+)
 """Stamped by the autopilot itself, often: the first of these that was sent is the reference."""
-WRAP_GAP = 60.0  # Longest silence, s, across which a 32-bit reference clock counts as wrapped, not as restarted
+# Longest silence, s, across which a 32-bit reference clock counts as wrapped, not as restarted
+WRAP_GAP = 60.0
 STEP_BACK = 1.0  # Seconds by which a clock falls when it was reset; less is reordering
-BOOT_SLACK = 30.0  # Seconds that a clock may show after a reboot beyond the time that passed at the receiver
-AHEAD = 600.0  # Seconds by which no clock runs ahead of the receiver's, or of the reference's stamps around it
-OTHER_EPOCH = 10.0  # Median offset, s, of a type's stamps from the reference above which they are of another clock
+# Seconds that a clock may show after a reboot beyond the time that passed at the receiver
+BOOT_SLACK = 30.0
+# Seconds by which no clock runs ahead of the receiver's, or of the reference's stamps around it
+AHEAD = 600.0
+# Median offset, s, of a type's stamps from the reference above which they are of another clock
+OTHER_EPOCH = 10.0
 BATCH = 1 << 16  # Messages placed together: bounds the memory of intermediate arrays
 
 
@@ -101,7 +114,8 @@ def boot_clock(
     placed = {}
     for kind in sent:
         placed[kind.message] = _unplaced(kind, reference.boot.dtype)
-        (places, seconds), own = _stamps(kind), reference
+        (places, seconds) = _stamps(kind)
+        own = reference
         if kind is not chosen and len(places):
             own, repair = _placed_against(reference, kind, places, seconds)
             repairs += repair
@@ -110,7 +124,8 @@ def boot_clock(
             # A message whose stamp was ignored repeats the last time of its type: that of another type would look like
             # a time at which it was sent.
             at = _last_at(own.places, places)
-            placed[kind.message].time[rows], placed[kind.message].boot[rows] = own.time[at], own.boot[at]
+            placed[kind.message].time[rows] = own.time[at]
+            placed[kind.message].boot[rows] = own.boot[at]
     _fill(sent, placed)
     return placed, tuple(repairs)
 
@@ -129,7 +144,8 @@ def _stamps(kind: Sent) -> tuple[Places, Times]:
     places = kind.places[: len(seconds)]
     there = seconds > 0
     if not there.all():
-        places, seconds = places[there], seconds[there]
+        places = places[there]
+        seconds = seconds[there]
     return places, seconds
 
 
@@ -140,7 +156,9 @@ def _reference(sent: Sequence[Sent]) -> Sent | None:
             return stamped[message]
     counts = {message: len(_stamps(kind)[0]) for message, kind in stamped.items()}
     some = [kind for message, kind in stamped.items() if counts[message]]
-    return max(some, key=lambda kind: (np.isfinite(kind.period), counts[kind.message]), default=None)
+    return max(
+        some, key=lambda kind: (np.isfinite(kind.period), counts[kind.message]), default=None
+    )
 
 
 def _unplaced(kind: Sent, boot: np.dtype[Any]) -> PlacedStamps:
@@ -166,7 +184,8 @@ def _fill(sent: Sequence[Sent], placed: Mapping[str, PlacedStamps]) -> None:
     if not firsts:
         return
     _, time, boot = min(firsts)
-    first, last = min(int(places[0]) for places, _ in kinds), max(int(places[-1]) for places, _ in kinds)
+    first = min(int(places[0]) for places, _ in kinds)
+    last = max(int(places[-1]) for places, _ in kinds)
     pieces = 1 + sum(len(places) for places, _ in kinds) // BATCH
     edges = np.linspace(first, last + 1, pieces + 1).astype(np.int64)
     bounds = [np.searchsorted(places, edges.astype(places.dtype)).tolist() for places, _ in kinds]
@@ -182,15 +201,20 @@ def _fill(sent: Sequence[Sent], placed: Mapping[str, PlacedStamps]) -> None:
         times = np.concatenate([[time], np.concatenate([own.time for _, own in parts])[order]])
         boots = np.concatenate([[boot], np.concatenate([own.boot for _, own in parts])[order]])
         latest = np.maximum.accumulate(np.where(np.isnan(times), 0, np.arange(len(times))))
-        time, boot = times[latest[-1]], boots[latest[-1]]
+        time = times[latest[-1]]
+        boot = boots[latest[-1]]
         back = np.empty(len(order), dtype=np.int64)
         back[order] = latest[1:]
         for places, own in parts:
-            at, back = back[: len(places)], back[len(places) :]
-            own.time[:], own.boot[:] = times[at], boots[at]
+            at = back[: len(places)]
+            back = back[len(places) :]
+            own.time[:] = times[at]
+            own.boot[:] = boots[at]
 
 
-def _placed_alone(kind: Sent, places: Places, raw: Times, received: Times) -> tuple[_Kept, list[str]]:
+def _placed_alone(
+    kind: Sent, places: Places, raw: Times, received: Times
+) -> tuple[_Kept, list[str]]:
     """The reference, by its own stamps: without outliers, wraps undone, reboots counted."""
     outlier = outliers(raw)
     outlier[~outlier] = _ahead(raw[~outlier], received[~outlier])
@@ -209,7 +233,9 @@ def _placed_alone(kind: Sent, places: Places, raw: Times, received: Times) -> tu
     late = before_lower(time, boot)
     repairs = _ignored(kind.message, int(np.count_nonzero(outlier) + np.count_nonzero(late)))
     if len(wraps):
-        repairs.append(f"The clock of {kind.message} wraps every {kind.period / 60:.1f} min; undone.")
+        repairs.append(
+            f"The clock of {kind.message} wraps every {kind.period / 60:.1f} min; undone."
+        )
     if len(reboots):
         at = time[reboots[0] - 1]
         times = "once," if len(reboots) == 1 else f"{len(reboots)} times, first"
@@ -220,13 +246,19 @@ def _placed_alone(kind: Sent, places: Places, raw: Times, received: Times) -> tu
 def _ignored(message: str, stamps: int) -> list[str]:
     if stamps == 1:
         return [f"1 time stamp of {message} far off its neighbours was ignored."]
-    return [f"{stamps} time stamps of {message} far off their neighbours were ignored."] if stamps else []
+    return (
+        [f"{stamps} time stamps of {message} far off their neighbours were ignored."]
+        if stamps
+        else []
+    )
 
 
 def _ahead(raw: Times, received: Times) -> NDArray[np.bool_]:
     """Stamps far ahead of the last good one by the receiver's clock, which runs as fast: of damaged bytes, no wraps."""
-    ahead, good = np.zeros(len(raw), dtype=np.bool_), 0
-    steps, gaps = np.diff(raw), np.diff(received)
+    ahead = np.zeros(len(raw), dtype=np.bool_)
+    good = 0
+    steps = np.diff(raw)
+    gaps = np.diff(received)
     jumps = steps > AHEAD + 2 * np.abs(gaps)
     passed, ran = (float(np.nansum(each[~jumps & (steps > 0)])) for each in (gaps, steps))
     for row in range(1, len(raw)) if jumps.any() and passed / 2 < ran < 2 * passed else ():
@@ -237,11 +269,14 @@ def _ahead(raw: Times, received: Times) -> NDArray[np.bool_]:
 
 def _reboots(time: Times, raw: Times, received: Times) -> Rows:
     """Rows at which the clock restarted: it fell, stays low, and shows no more than the time that has passed since."""
-    ahead = maximum_filter1d(time, MIN_RESET_STAMPS, origin=-(MIN_RESET_STAMPS // 2), mode="nearest")
+    ahead = maximum_filter1d(
+        time, MIN_RESET_STAMPS, origin=-(MIN_RESET_STAMPS // 2), mode="nearest"
+    )
     gaps = np.abs(np.diff(received, prepend=np.nan))
     passed = float(np.nansum(gaps))
     speed = max(float(np.clip(np.diff(time), 0, None).sum()) / passed, 1.0) if passed > 0 else 1.0
-    reboots, peak = [], -np.inf
+    reboots = []
+    peak = -np.inf
     for begin in range(0, len(time), BATCH):
         rows = slice(begin, begin + BATCH)
         peaks = np.maximum.accumulate(np.concatenate([[peak], time[rows]]))
@@ -260,13 +295,18 @@ def _reboots(time: Times, raw: Times, received: Times) -> Rows:
     return np.array(reboots, dtype=np.int64)
 
 
-def _placed_against(reference: _Kept, kind: Sent, places: Places, seconds: Times) -> tuple[_Kept, list[str]]:
+def _placed_against(
+    reference: _Kept, kind: Sent, places: Places, seconds: Times
+) -> tuple[_Kept, list[str]]:
     """Another type, compared with the reference's stamps before and after each of its messages."""
-    time, off = np.empty(len(places)), np.empty(len(places))
+    time = np.empty(len(places))
+    off = np.empty(len(places))
     boot = np.empty(len(places), dtype=reference.boot.dtype)
     for begin in range(0, len(time), BATCH):
         rows = slice(begin, begin + BATCH)
-        time[rows], off[rows], boot[rows] = _read_against(reference, places[rows], seconds[rows], kind.period)
+        time[rows], off[rows], boot[rows] = _read_against(
+            reference, places[rows], seconds[rows], kind.period
+        )
     inside = slice(*np.searchsorted(places, reference.places[[0, -1]], side="right").tolist())
     typical = float(np.median(off[inside] if inside.start < inside.stop else off))
     repairs = []
@@ -282,19 +322,25 @@ def _placed_against(reference: _Kept, kind: Sent, places: Places, seconds: Times
     near = slice(max(inside.start - MIN_RESET_STAMPS, 0), inside.stop + MIN_RESET_STAMPS)
     outlier[near] |= (np.abs(off[near]) > AHEAD) | (time[near] < 0)
     if abs(typical) <= OTHER_EPOCH and (np.abs(time - seconds)[~outlier] > kind.period / 2).any():
-        repairs.append(f"The clock of {kind.message} wraps every {kind.period / 60:.1f} min; undone.")
+        repairs.append(
+            f"The clock of {kind.message} wraps every {kind.period / 60:.1f} min; undone."
+        )
     repairs += _ignored(kind.message, int(np.count_nonzero(outlier)))
     return _Kept(*without(outlier, places, time, boot)), repairs
 
 
-def _read_against(reference: _Kept, places: Places, seconds: Times, period: float) -> tuple[Times, Times, Boots]:
+def _read_against(
+    reference: _Kept, places: Places, seconds: Times, period: float
+) -> tuple[Times, Times, Boots]:
     """The time of each stamp, its offset from the interval of the reference's stamps around it, and its boot."""
     following = np.searchsorted(reference.places, places)
     before = np.maximum(following - 1, 0)
     after = np.minimum(following, len(reference.places) - 1)
-    earlier, later = reference.time[before], reference.time[after]
+    earlier = reference.time[before]
+    later = reference.time[after]
     same_boot = reference.boot[before] == reference.boot[after]
-    by_earlier, by_later = _unwrapped(seconds, period, earlier), _unwrapped(seconds, period, later)
+    by_earlier = _unwrapped(seconds, period, earlier)
+    by_later = _unwrapped(seconds, period, later)
     off_earlier = by_earlier - np.where(same_boot, np.clip(by_earlier, earlier, later), earlier)
     off_later = by_later - np.where(same_boot, np.clip(by_later, earlier, later), later)
     first = np.abs(off_earlier) <= np.abs(off_later)
@@ -304,4 +350,6 @@ def _read_against(reference: _Kept, places: Places, seconds: Times, period: floa
 
 def _unwrapped(seconds: Times, period: float, near: Times) -> Times:
     """Stamps plus whole periods, so that each is nearest to the time ``near`` for it."""
-    return seconds + period * np.round((near - seconds) / period) if np.isfinite(period) else seconds
+    return (
+        seconds + period * np.round((near - seconds) / period) if np.isfinite(period) else seconds
+    )

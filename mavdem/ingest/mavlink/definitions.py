@@ -24,9 +24,15 @@ from mavdem.ingest.telemetry import Columns
 BATCH = 1 << 14  # Messages decoded together: few enough to stay in the processor's cache
 
 WIRE_TYPES = {"char": "S1", "float": "<f4", "double": "<f8"}
-WIRE_TYPES |= {f"{sign}int{8 * size}_t": f"<{sign or 'i'}{size}" for sign in ("", "u") for size in (1, 2, 4, 8)}
-RENAMED = {f"VTOL_RESERVED{n + 2}": f"VTOL_{name}" for n, name in enumerate(("FIXEDROTOR", "TAILSITTER", "TILTWING"))}
-INTEGER_TYPES = {1: "<u1", 2: "<i1", 3: "<u2", 4: "<i2", 5: "<u4", 6: "<i4"}  # MAV_PARAM_TYPE UINT8 to INT32
+WIRE_TYPES |= {
+    f"{sign}int{8 * size}_t": f"<{sign or 'i'}{size}" for sign in ("", "u") for size in (1, 2, 4, 8)
+}
+RENAMED = {
+    f"VTOL_RESERVED{n + 2}": f"VTOL_{name}"
+    for n, name in enumerate(("FIXEDROTOR", "TAILSITTER", "TILTWING"))
+}
+# MAV_PARAM_TYPE UINT8 to INT32
+INTEGER_TYPES = {1: "<u1", 2: "<i1", 3: "<u2", 4: "<i2", 5: "<u4", 6: "<i4"}
 
 
 class MessageDefinition(NamedTuple):
@@ -51,7 +57,9 @@ def definitions() -> Mapping[int, MessageDefinition]:
 @lru_cache(maxsize=1 << 12)
 def definition_named(name: str) -> MessageDefinition | None:
     """Returns the dialect's definition of a message; None without one of that name."""
-    return next((definition for definition in definitions().values() if definition.name == name), None)
+    return next(
+        (definition for definition in definitions().values() if definition.name == name), None
+    )
 
 
 @cache
@@ -64,7 +72,10 @@ def seeds() -> NDArray[np.int32]:
 
 
 def columns(
-    data: Bytes, start: NDArray[np.integer], definition: MessageDefinition, names: Sequence[str] = ()
+    data: Bytes,
+    start: NDArray[np.integer],
+    definition: MessageDefinition,
+    names: Sequence[str] = (),
 ) -> dict[str, NDArray[Any]]:
     """Returns the payloads of frames of one message as contiguous columns by name: (N,), or (N, k) for an array field.
 
@@ -77,9 +88,15 @@ def columns(
     # Read from the stretch of the payload that holds them.
     first = min(offset for _, offset in fields.values())
     width = max(offset + kind.itemsize for kind, offset in fields.values()) - first
-    kinds, offsets = [kind for kind, _ in fields.values()], [offset - first for _, offset in fields.values()]
-    wire = np.dtype({"names": list(fields), "formats": kinds, "offsets": offsets, "itemsize": width})
-    filled = {name: np.empty((len(start), *kind.shape), dtype=kind.base) for name, (kind, _) in fields.items()}
+    kinds = [kind for kind, _ in fields.values()]
+    offsets = [offset - first for _, offset in fields.values()]
+    wire = np.dtype(
+        {"names": list(fields), "formats": kinds, "offsets": offsets, "itemsize": width}
+    )
+    filled = {
+        name: np.empty((len(start), *kind.shape), dtype=kind.base)
+        for name, (kind, _) in fields.items()
+    }
     for begin in range(0, len(start), BATCH):
         places = start[begin : begin + BATCH].astype(np.int64)
         payload = places + np.where(data[places] == MARKER_1, HEADER_1, HEADER) + first
@@ -118,10 +135,21 @@ def parameter_values(sent: Columns, autopilot: str) -> dict[str, float]:
         for number, kind in INTEGER_TYPES.items():
             rows = sent["param_type"] == number
             # The integers in the first bytes of little-endian float32 values.
-            content = np.ascontiguousarray(sent["param_value"][rows], dtype="<f4").view(np.uint8).reshape(-1, 4)
-            values[rows] = np.ascontiguousarray(content[:, : np.dtype(kind).itemsize]).view(kind)[:, 0]
-    names = [name.split(b"\0", 1)[0].decode("ascii", errors="replace") for name in sent["param_id"].tolist()]
-    return {name: value for name, value in zip(names, values.tolist(), strict=True) if isfinite(value)}
+            content = (
+                np.ascontiguousarray(sent["param_value"][rows], dtype="<f4")
+                .view(np.uint8)
+                .reshape(-1, 4)
+            )
+            values[rows] = np.ascontiguousarray(content[:, : np.dtype(kind).itemsize]).view(kind)[
+                :, 0
+            ]
+    names = [
+        name.split(b"\0", 1)[0].decode("ascii", errors="replace")
+        for name in sent["param_id"].tolist()
+    ]
+    return {
+        name: value for name, value in zip(names, values.tolist(), strict=True) if isfinite(value)
+    }
 
 
 def _definition(message: Any) -> MessageDefinition:
@@ -130,7 +158,9 @@ def _definition(message: Any) -> MessageDefinition:
     for name, count in zip(message.ordered_fieldnames, message.array_lengths, strict=True):
         array = f"S{count}" if types[name] == "char" else f"({count},){WIRE_TYPES[types[name]]}"
         wire.append((name, array if count else WIRE_TYPES[types[name]]))
-    return MessageDefinition(message.id, message.msgname, tuple(message.fieldnames), np.dtype(wire), message.crc_extra)
+    return MessageDefinition(
+        message.id, message.msgname, tuple(message.fieldnames), np.dtype(wire), message.crc_extra
+    )
 
 
 class FrameSender(NamedTuple):
@@ -153,21 +183,29 @@ def composed_frames(
     ``payloads`` (N,) are of ``definition.wire``. Where ``good`` (N,) is given and False, the row has no bytes and the
     verdict ``FAILED``. ``version`` 1 of MAVLink has ids below 256, no extension fields and no trailing zeros dropped.
     """
-    count, message_id = len(payloads), definition.message_id
+    count = len(payloads)
+    message_id = definition.message_id
     sent = np.ascontiguousarray(payloads).view(np.uint8).reshape(count, definition.wire.itemsize)
     fields: tuple[Any, ...]
     if version == 1:
-        from pymavlink.dialects.v10 import all as dialect_1  # as slow to import as the other: only where it is needed
+        # as slow to import as the other: only where it is needed
+        from pymavlink.dialects.v10 import all as dialect_1
 
         sent = sent[:, : dialect_1.mavlink_map[message_id].unpacker.size]  # without extensions
-        header, width = HEADER_1, sent.shape[1]
+        header = HEADER_1
+        width = sent.shape[1]
         length = np.full(count, width)
         fields = (MARKER_1, length, sequence, sender.system, sender.component, message_id)
     else:
-        header, width = HEADER, sent.shape[1]
+        header = HEADER
+        width = sent.shape[1]
         backwards = (sent != 0)[:, ::-1]
         length = np.where(backwards.any(axis=1), width - backwards.argmax(axis=1), 1)
-        ids = (sender.system, sender.component, *(message_id >> shift & 0xFF for shift in (0, 8, 16)))
+        ids = (
+            sender.system,
+            sender.component,
+            *(message_id >> shift & 0xFF for shift in (0, 8, 16)),
+        )
         fields = (framing.MARKER_2, length, 0, 0, sequence, *ids)
     good = np.ones(count, dtype=np.bool_) if good is None else good
     whole = np.zeros((count, header + width + framing.CHECKSUM), dtype=np.uint8)
@@ -179,10 +217,14 @@ def composed_frames(
     end = np.cumsum(kept.sum(axis=1))
     start = np.concatenate([[0], end])[:-1]
     verdict = np.where(good, framing.GOOD, framing.FAILED).astype(np.uint8)
-    frames = replace(framing.headed_frames(start, whole[:, : framing.HEADER]), end=end, verdict=verdict)
+    frames = replace(
+        framing.headed_frames(start, whole[:, : framing.HEADER]), end=end, verdict=verdict
+    )
     data = whole[kept]
-    body, at = start[good] + 1, end[good] - framing.CHECKSUM
+    body = start[good] + 1
+    at = end[good] - framing.CHECKSUM
     seeds = np.full(len(body), definition.seed, dtype=np.int32)
     sums = framing.checksums(np.pad(data, (0, framing.MAX_CHECKSUM_BYTES)), body, at - body, seeds)
-    data[at], data[at + 1] = sums & 0xFF, sums >> 8
+    data[at] = sums & 0xFF
+    data[at + 1] = sums >> 8
     return data, frames

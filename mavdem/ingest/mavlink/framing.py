@@ -31,11 +31,14 @@ from numpy.typing import NDArray
 Bytes = NDArray[np.uint8]
 Registers = NDArray[np.uint16]
 
-TIERS = (0, 8, 16, 32, 64, 140)  # Words of two bytes; frames between two of these lengths are checked in one table
+# Words of two bytes; frames between two of these lengths are checked in one table
+TIERS = (0, 8, 16, 32, 64, 140)
 MAX_CHECKSUM_BYTES = 2 * TIERS[-1]  # Bytes that a checksum may cover
 
 
-def checksums(data: Bytes, start: NDArray[np.int64], count: NDArray[np.int64], seed: NDArray[np.int32]) -> Registers:
+def checksums(
+    data: Bytes, start: NDArray[np.int64], count: NDArray[np.int64], seed: NDArray[np.int32]
+) -> Registers:
     """Checksums (N,) of ``count`` bytes from ``start`` on and the byte ``seed`` after them, each of shape (N,).
 
     ``data`` must have ``MAX_CHECKSUM_BYTES`` after the last ``start``; no ``count`` may be above that.
@@ -61,7 +64,8 @@ def rows_of(data: Bytes, start: NDArray[np.int64], width: int) -> Bytes:
 def _by_words(data: Bytes, start: NDArray[np.int64], count: NDArray[np.int64]) -> Registers:
     """Registers after ``count`` bytes; each step takes two bytes of all frames that are long enough."""
     order = np.argsort(count.astype(np.uint16), kind="stable")
-    start, count = start[order], count[order]
+    start = start[order]
+    count = count[order]
     words = count // 2
     sorted_registers = np.full(len(start), 0xFFFF, dtype=np.uint16)
     for shortest, longest in pairwise(np.searchsorted(words, TIERS, side="right").tolist()):
@@ -87,7 +91,8 @@ def _by_doubling(data: Bytes, start: NDArray[np.int64], count: NDArray[np.int64]
     after the bytes. The latter is computed for 1, 2, 4, … bytes from every place on.
     """
     register = np.full(len(start), 0xFFFF, dtype=np.uint16)
-    place, partial = start.copy(), _WORD[:: 1 << 8].take(data)
+    place = start.copy()
+    partial = _WORD[:: 1 << 8].take(data)
     longest = int(count.max(initial=0))
     for power, over_zeros in enumerate(_over_zeros()):
         if 1 << power > longest:
@@ -100,7 +105,9 @@ def _by_doubling(data: Bytes, start: NDArray[np.int64], count: NDArray[np.int64]
 
 
 def _after_byte(register: Registers, byte: NDArray[np.uint8] | Registers) -> Registers:
-    return np.asarray(register >> 8 ^ _WORD[:: 1 << 8].take((register ^ byte) & 0xFF), dtype=np.uint16)
+    return np.asarray(
+        register >> 8 ^ _WORD[:: 1 << 8].take((register ^ byte) & 0xFF), dtype=np.uint16
+    )
 
 
 @cache
@@ -121,7 +128,8 @@ def _word_table() -> Registers:
 
 
 _WORD = _word_table()
-_MIRRORED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))  # Each byte with its bits in reverse order
+# Each byte with its bits in reverse order
+_MIRRORED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 
 
 Places = NDArray[np.int64]
@@ -132,14 +140,18 @@ def no_progress(fraction: float) -> None:
     """Shows no progress."""
 
 
-MARKER_1, MARKER_2 = 0xFE, 0xFD
+MARKER_1 = 0xFE
+MARKER_2 = 0xFD
 SIGNED = 1
 SIGNATURE = 13
 CHECKSUM = 2
-HEADER_1, HEADER = 6, 10
+HEADER_1 = 6
+HEADER = 10
 LONGEST_FRAME = HEADER + 255 + CHECKSUM + SIGNATURE
 BLOCK = 1 << 18  # Bytes scanned at a time: bounds the memory for hostile input, all markers
-GOOD, UNKNOWN, FAILED = 0, 1, 2
+GOOD = 0
+UNKNOWN = 1
+FAILED = 2
 """A frame's verdict: the checksum agrees; the message id is not in the dialect; the checksum disagrees."""
 
 
@@ -170,7 +182,12 @@ class Frames:
 
 def concatenated(tables: Sequence[Frames]) -> Frames:
     """Returns tables, one at least, one after the other."""
-    return Frames(*(np.concatenate([getattr(table, column.name) for table in tables]) for column in fields(Frames)))
+    return Frames(
+        *(
+            np.concatenate([getattr(table, column.name) for table in tables])
+            for column in fields(Frames)
+        )
+    )
 
 
 def find_frames(
@@ -194,7 +211,8 @@ def find_frames(
             loose = [one[_fits(one.start, one.end, taken, decided, until)] for one in waiting]
             loose.append(block.loose(_fits(block.start, block.end, taken, decided, until)))
             yield _merged([taken, _apart(_merged(loose), decided)])
-            decided, waiting = until, []
+            decided = until
+            waiting = []
         waiting.append(block.loose(block.start >= decided))
         progress(end / max(size, 1))
 
@@ -205,22 +223,31 @@ def find_in_pieces(data: Bytes, ends: Places, seeds: NDArray[np.int32]) -> tuple
     return frames, np.searchsorted(ends, frames.start, side="right")
 
 
-def gathered(parts: Sequence[tuple[Bytes, Frames]], rows: slice | NDArray[Any] = slice(None)) -> tuple[Bytes, Frames]:
+def gathered(
+    parts: Sequence[tuple[Bytes, Frames]], rows: slice | NDArray[Any] = slice(None)
+) -> tuple[Bytes, Frames]:
     """Returns the frames of these ``rows`` of all parts, in this order, and their bytes, one behind the other."""
     frames = concatenated([own for _, own in parts])[rows]
     holding = np.repeat(np.arange(len(parts)), [len(own) for _, own in parts])[rows]
-    contents, data = [content.data for content, _ in parts], bytearray()
-    for number, start, end in zip(holding.tolist(), frames.start.tolist(), frames.end.tolist(), strict=True):
+    contents = [content.data for content, _ in parts]
+    data = bytearray()
+    for number, start, end in zip(
+        holding.tolist(), frames.start.tolist(), frames.end.tolist(), strict=True
+    ):
         data += contents[number][start:end]
     moved = np.cumsum(frames.end - frames.start) - frames.end
-    frames = replace(frames, start=frames.start + moved, end=frames.end + moved, payload=frames.payload + moved)
+    frames = replace(
+        frames, start=frames.start + moved, end=frames.end + moved, payload=frames.payload + moved
+    )
     return np.frombuffer(data, dtype=np.uint8), frames
 
 
 class _FrameBlock:
     """The candidates (N,) that begin in one block of the bytes: markers with known incompatibility flags."""
 
-    def __init__(self, data: Bytes, begin: int, end: int, gap: int, seeds: NDArray[np.int32]) -> None:
+    def __init__(
+        self, data: Bytes, begin: int, end: int, gap: int, seeds: NDArray[np.int32]
+    ) -> None:
         self._begin, self._size, self._seeds = begin, len(data), seeds
         # With the bytes that the last candidate covers, zeros after the end of the stream.
         self._bytes = np.zeros(end - begin + LONGEST_FRAME + gap + 2, dtype=np.uint8)
@@ -250,7 +277,8 @@ class _FrameBlock:
         frames = headed_frames(self.start[rows], self._header[rows])
         seeds = _seeds_of(frames, self._seeds)
         known = seeds >= 0
-        frames, seeds = frames[known], seeds[known]
+        frames = frames[known]
+        seeds = seeds[known]
         behind = frames.payload + frames.length - self._begin
         sent = self._bytes[behind] | self._bytes[behind + 1].astype(np.uint16) << 8
         body = frames.start - self._begin + 1
@@ -261,7 +289,9 @@ def _lengths(header: Bytes) -> Places:
     """Bytes of the whole frame, from headers (N, ``HEADER``)."""
     second = header[:, 0] == MARKER_2
     signature = np.where(second & (header[:, 2] == SIGNED), SIGNATURE, 0)
-    return np.asarray(np.where(second, HEADER, HEADER_1) + header[:, 1] + CHECKSUM + signature, dtype=np.int64)
+    return np.asarray(
+        np.where(second, HEADER, HEADER_1) + header[:, 1] + CHECKSUM + signature, dtype=np.int64
+    )
 
 
 def headed_frames(start: Places, header: Bytes) -> Frames:
@@ -292,13 +322,18 @@ def _apart(frames: Frames, free: int) -> Frames:
     if (frames.start[1:] >= frames.end[:-1]).all():
         return frames
     keep = np.zeros(len(frames), dtype=np.bool_)
-    for row, (start, end) in enumerate(zip(frames.start.tolist(), frames.end.tolist(), strict=True)):
+    for row, (start, end) in enumerate(
+        zip(frames.start.tolist(), frames.end.tolist(), strict=True)
+    ):
         if start >= free:
-            keep[row], free = True, end
+            keep[row] = True
+            free = end
     return frames[keep]
 
 
-def _explained(data: Bytes, linked: Frames, decided: int, until: int, gap: int, seeds: NDArray[np.int32]) -> Frames:
+def _explained(
+    data: Bytes, linked: Frames, decided: int, until: int, gap: int, seeds: NDArray[np.int32]
+) -> Frames:
     """The frames that fill the space before, between and, at the end of the bytes, after linked frames exactly."""
     ends = np.concatenate([[decided], linked.end])
     before = ends + gap
@@ -317,7 +352,8 @@ def _explained(data: Bytes, linked: Frames, decided: int, until: int, gap: int, 
 
 def _chain(content: memoryview, place: int, goal: int, gap: int) -> Sequence[int]:
     """Starts of the frames from ``place`` on, by their headers, if they lead to the goal or the end of the bytes."""
-    starts, size = array("q"), len(content)
+    starts = array("q")
+    size = len(content)
     while place < goal and place + 3 <= size:
         length = announced_length(*content[place : place + 3])
         if length is None:

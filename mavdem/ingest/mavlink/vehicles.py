@@ -14,10 +14,22 @@ from numpy.typing import NDArray
 
 from mavdem.ingest.contents import require_whole
 from mavdem.ingest.mavlink.clocks import PlacedStamps, Places, Sent, Times, boot_clock
-from mavdem.ingest.mavlink.definitions import MessageDefinition, columns, definitions, enum_name, parameter_values
+from mavdem.ingest.mavlink.definitions import (
+    MessageDefinition,
+    columns,
+    definitions,
+    enum_name,
+    parameter_values,
+)
 from mavdem.ingest.mavlink.framing import GOOD, UNKNOWN, Bytes, Frames, gathered
 from mavdem.ingest.telemetry import Columns, Component, Log, Telemetry, Unread, repair_sentences
-from mavdem.ingest.vocabulary import RADIO, RADIO_MESSAGES, UNNAMED, board_number_in_bytes, board_number_in_texts
+from mavdem.ingest.vocabulary import (
+    RADIO,
+    RADIO_MESSAGES,
+    UNNAMED,
+    board_number_in_bytes,
+    board_number_in_texts,
+)
 
 Starts = NDArray[np.unsignedinteger]
 """Places of frames in the stream, in its order, in the smallest type that holds them."""
@@ -54,12 +66,16 @@ class FrameIndex:
             self._unread.setdefault(int(frames.verdict[row]), Counter())[key] += 1
         self.good += int(np.count_nonzero(good))
         found, row_of = np.unique(source[good] << 24 | frames.message_id[good], return_inverse=True)
-        numbers = np.array([self._kinds.setdefault(kind, len(self._kinds)) for kind in found.tolist()], dtype=np.uint32)
+        numbers = np.array(
+            [self._kinds.setdefault(kind, len(self._kinds)) for kind in found.tolist()],
+            dtype=np.uint32,
+        )
         self._starts.frombytes(frames.start[good].astype(self._starts.typecode).tobytes())
         self._kind.frombytes(numbers[row_of].tobytes())
 
     def _count_lost(self, source: NDArray[np.int64], sequence: NDArray[np.int16]) -> None:
-        first, last = np.ones(len(source), dtype=np.bool_), np.ones(len(source), dtype=np.bool_)
+        first = np.ones(len(source), dtype=np.bool_)
+        last = np.ones(len(source), dtype=np.bool_)
         first[1:] = last[:-1] = source[1:] != source[:-1]
         before = np.roll(sequence, 1)
         before[first] = self._last_sequence[source[first]]
@@ -71,18 +87,24 @@ class FrameIndex:
 
     def sent(self) -> dict[int, dict[int, Starts]]:
         """Where the good frames of each message begin, by source and message id, both ascending; call it once, last."""
-        starts, kinds = np.frombuffer(self._starts, self._starts.typecode), np.frombuffer(self._kind, np.uint32)
+        starts = np.frombuffer(self._starts, self._starts.typecode)
+        kinds = np.frombuffer(self._kind, np.uint32)
         del self._starts, self._kind
         batches = [slice(begin, begin + BATCH) for begin in range(0, len(kinds), BATCH)]
         none = np.zeros(len(self._kinds), dtype=np.int64)
-        ends = np.cumsum(sum((np.bincount(kinds[rows], minlength=len(none)) for rows in batches), none))
+        ends = np.cumsum(
+            sum((np.bincount(kinds[rows], minlength=len(none)) for rows in batches), none)
+        )
         free = np.concatenate([[0], ends])
         ordered = np.empty_like(starts)
         for rows in batches:
-            kind = kinds[rows].astype(np.min_scalar_type(len(none)))  # small numbers are sorted fastest
+            # small numbers are sorted fastest
+            kind = kinds[rows].astype(np.min_scalar_type(len(none)))
             order = np.argsort(kind, kind="stable")
             present, first, number = np.unique(kind[order], return_index=True, return_counts=True)
-            ordered[np.repeat(free[present] - first, number) + np.arange(len(kind))] = starts[rows][order]
+            ordered[np.repeat(free[present] - first, number) + np.arange(len(kind))] = starts[rows][
+                order
+            ]
             free[present] += number
         found: dict[int, dict[int, Starts]] = {}
         parts = np.split(ordered, ends[:-1])
@@ -96,7 +118,8 @@ class FrameIndex:
         bad: Counter[int] = sum(self._unread.values(), Counter())
         found = []
         for key, count in sorted(bad.items()):
-            message_id, source = key >> 16, key & 0xFFFF
+            message_id = key >> 16
+            source = key & 0xFFFF
             total = count + len(sent.get(source, {}).get(message_id, ()))
             # Of another dialect all frames of a message fail, and more than two, which may be damage.
             strange = source in sent if key in unknown else count == total >= 3
@@ -119,22 +142,52 @@ def missing_between(before: Any, after: Any) -> Any:
 
 
 NOT_VEHICLES = frozenset(
-    {"GCS", "ANTENNA_TRACKER", "ONBOARD_CONTROLLER", "GIMBAL", "ADSB", "CAMERA", "CHARGING_STATION", "FLARM", "SERVO"}
-    | {"ODID", "BATTERY", "LOG", "OSD", "IMU", "GPS", "WINCH", "ILLUMINATOR", "GRIPPER", "PARACHUTE", RADIO}
+    {
+        "GCS",
+        "ANTENNA_TRACKER",
+        "ONBOARD_CONTROLLER",
+        "GIMBAL",
+        "ADSB",
+        "CAMERA",
+        "CHARGING_STATION",
+        "FLARM",
+        "SERVO",
+    }
+    | {
+        "ODID",
+        "BATTERY",
+        "LOG",
+        "OSD",
+        "IMU",
+        "GPS",
+        "WINCH",
+        "ILLUMINATOR",
+        "GRIPPER",
+        "PARACHUTE",
+        RADIO,
+    }
 )
 """MAV_TYPEs of components and ground equipment."""
 VEHICLE_MESSAGES = frozenset(
-    {"ATTITUDE", "ATTITUDE_QUATERNION", "SERVO_OUTPUT_RAW", "ACTUATOR_OUTPUT_STATUS", "HIL_ACTUATOR_CONTROLS"}
+    {
+        "ATTITUDE",
+        "ATTITUDE_QUATERNION",
+        "SERVO_OUTPUT_RAW",
+        "ACTUATOR_OUTPUT_STATUS",
+        "HIL_ACTUATOR_CONTROLS",
+    }
 )
 """A component without a HEARTBEAT is a vehicle if it sent one of these messages."""
-PARAMETER_STORE = 190  # Component (MAV_COMP_ID_MISSIONPLANNER) under which MAVProxy logs the parameters of a system
+# Component (MAV_COMP_ID_MISSIONPLANNER) under which MAVProxy logs the parameters of a system
+PARAMETER_STORE = 190
 BOARDS: dict[int, tuple[str, Callable[[Any], str]]] = {
     253: ("text", lambda text: board_number_in_texts([text.decode(errors="replace")])),
     148: ("uid2", lambda uid: board_number_in_bytes(uid.tobytes(), words=True)),
 }
 """The field of STATUSTEXT and AUTOPILOT_VERSION with the number of the board, and how to read it."""
 PARAMETERS = 22  # Id of PARAM_VALUE
-CALIBRATIONS = (b"INS_ACCOFFS_X", b"CAL_ACC0_XOFF")  # Parameters that no two vehicles share, where they are not 0
+# Parameters that no two vehicles share, where they are not 0
+CALIBRATIONS = (b"INS_ACCOFFS_X", b"CAL_ACC0_XOFF")
 ATTITUDES = (30, 31, 32, 33)  # Ids of messages with attitude or position, stamped by the autopilot
 CLOCK_UNITS = {"time_boot_ms": 1e3, "time_boot_us": 1e6, "time_usec": 1e6}
 """Fields with the boot clock, the more reliable first, and their units in a second."""
@@ -166,20 +219,28 @@ def assemble(
     heard: list[tuple[Component, dict[str, _Columns], tuple[str, ...]]] = []
     parts = {ids: _by_board(data, starts) for ids, starts in sent.items()}
     free = iter(sorted(set(range(1, 512)) - {ids >> 8 for ids in sent}))
-    for ids, n, starts in ((ids, n, starts) for ids, own in parts.items() for n, starts in enumerate(own)):
+    for ids, n, starts in (
+        (ids, n, starts) for ids, own in parts.items() for n, starts in enumerate(own)
+    ):
         messages, of_clock = _messages(data, starts, received, source)
         system = next(free) if n else ids >> 8
         if (several := len(parts[ids])) > 1:
             said = f"The file holds logs of {several} vehicles, by their boards or calibrations: this is {system}."
             of_clock = (said, *of_clock)
-        kind, autopilot = identity(messages["HEARTBEAT"]) if "HEARTBEAT" in messages else (UNNAMED, UNNAMED)
+        kind, autopilot = (
+            identity(messages["HEARTBEAT"]) if "HEARTBEAT" in messages else (UNNAMED, UNNAMED)
+        )
         counts = {name: columns.count for name, columns in messages.items()}
         if counts and RADIO_MESSAGES.issuperset(counts):
             kind = RADIO
         lost = max(int(index.lost[ids]), 0)
-        heard.append((Component(system, ids & 0xFF, kind, autopilot, counts, lost), messages, of_clock))
+        heard.append(
+            (Component(system, ids & 0xFF, kind, autopilot, counts, lost), messages, of_clock)
+        )
     stores: dict[int, Mapping[str, Columns]]
-    stores = {one.system: messages for one, messages, _ in heard if one.component == PARAMETER_STORE}
+    stores = {
+        one.system: messages for one, messages, _ in heard if one.component == PARAMETER_STORE
+    }
     vehicles = []
     for one, messages, of_clock in heard:
         # Without a HEARTBEAT it is one by what it sent.
@@ -189,10 +250,13 @@ def assemble(
             for own in (stores.get(one.system, {}), messages):
                 if "PARAM_VALUE" in own:
                     parameters |= parameter_values(own["PARAM_VALUE"], one.autopilot)
-            who, found = (one.system, one.component, one.kind, one.autopilot), repairs + of_clock
+            who = (one.system, one.component, one.kind, one.autopilot)
+            found = repairs + of_clock
             vehicles.append(Telemetry(*who, messages, parameters, source, found))
     components = tuple(one for one, *_ in heard)
-    return Log(source, tuple(vehicles), components, unread, index.frames, bytes_skipped, receive_time)
+    return Log(
+        source, tuple(vehicles), components, unread, index.frames, bytes_skipped, receive_time
+    )
 
 
 def _by_board(data: Bytes, sent: Mapping[int, Starts]) -> list[Mapping[int, Starts]]:
@@ -208,20 +272,33 @@ def _by_board(data: Bytes, sent: Mapping[int, Starts]) -> list[Mapping[int, Star
             texts = zip(sent[number].tolist(), said, strict=True)
             known = [(at, board) for at, text in texts if (board := board_in(text))]
     if PARAMETERS in sent and not known:
-        fields = columns(data, sent[PARAMETERS], definitions()[PARAMETERS], ["param_id", "param_value"])
+        fields = columns(
+            data, sent[PARAMETERS], definitions()[PARAMETERS], ["param_id", "param_value"]
+        )
         rows = zip(sent[PARAMETERS].tolist(), *fields.values(), strict=True)
         known = [(at, f"{value:.4g}") for at, name, value in rows if name in CALIBRATIONS and value]
-    changes = [(start, following) for (start, one), (following, other) in pairwise(known) if one != other]
+    changes = [
+        (start, following) for (start, one), (following, other) in pairwise(known) if one != other
+    ]
     clock = next((number for number in ATTITUDES if number in sent), None)
     if not changes or clock is None or len(changes) >= len({who for _, who in known}):
         return [sent]
     cuts = []
     for start, following in changes:
         places = sent[clock][(sent[clock] > start) & (sent[clock] <= following)]
-        stamps = columns(data, places, definitions()[clock], ["time_boot_ms"])["time_boot_ms"].astype(np.int64)
-        cuts.append(int(places[1 + np.argmax(np.abs(np.diff(stamps)))]) if len(places) > 1 else following)
-    parts = {number: np.split(starts, np.searchsorted(starts, cuts)) for number, starts in sent.items()}
-    return [{number: own[n] for number, own in parts.items() if len(own[n])} for n in range(1 + len(cuts))]
+        stamps = columns(data, places, definitions()[clock], ["time_boot_ms"])[
+            "time_boot_ms"
+        ].astype(np.int64)
+        cuts.append(
+            int(places[1 + np.argmax(np.abs(np.diff(stamps)))]) if len(places) > 1 else following
+        )
+    parts = {
+        number: np.split(starts, np.searchsorted(starts, cuts)) for number, starts in sent.items()
+    }
+    return [
+        {number: own[n] for number, own in parts.items() if len(own[n])}
+        for n in range(1 + len(cuts))
+    ]
 
 
 def identity(heartbeats: Columns) -> tuple[str, str]:
@@ -238,8 +315,12 @@ def _messages(
 ) -> tuple[dict[str, _Columns], tuple[str, ...]]:
     """The good frames of one component by message id, as columns by name on the boot clock; repairs of its clock."""
     kinds = [(definitions()[message_id], starts) for message_id, starts in sent.items()]
-    placed, repairs = boot_clock([_sent(data, definition, starts, source) for definition, starts in kinds], received)
-    named = ((one.name, _Columns(data, starts, one, placed[one.name], source)) for one, starts in kinds)
+    placed, repairs = boot_clock(
+        [_sent(data, definition, starts, source) for definition, starts in kinds], received
+    )
+    named = (
+        (one.name, _Columns(data, starts, one, placed[one.name], source)) for one, starts in kinds
+    )
     return dict(named), repairs
 
 
@@ -247,12 +328,24 @@ class _Columns(Mapping[str, NDArray[Any]]):
     """One message's columns, with ``time`` and ``boot``; its fields are decoded when one is first used."""
 
     def __init__(
-        self, data: Bytes, starts: Starts, definition: MessageDefinition, placed: PlacedStamps, source: str
+        self,
+        data: Bytes,
+        starts: Starts,
+        definition: MessageDefinition,
+        placed: PlacedStamps,
+        source: str,
     ) -> None:
-        self._data, self._starts, self._definition = data, starts, definition
-        self._placed, self._source = placed, source
+        self._data = data
+        self._starts = starts
+        self._definition = definition
+        self._placed = placed
+        self._source = source
         self._fields: dict[str, NDArray[Any]] | None = None
-        self._names = (*(name for name in definition.fields if name not in ("time", "boot")), "time", "boot")
+        self._names = (
+            *(name for name in definition.fields if name not in ("time", "boot")),
+            "time",
+            "boot",
+        )
         self.count = len(starts)
 
     def __getitem__(self, name: str) -> NDArray[Any]:
@@ -298,7 +391,8 @@ class FrameStream:
     # a row for each of the N messages in the order of the recording; a message that could not become a frame has no
     # bytes, and a verdict other than ``GOOD``
     frames: Frames
-    stamps: NDArray[np.uint64]  # (N,) UNIX microseconds each was received, as recorded; 0 where that was not
+    # (N,) UNIX microseconds each was received, as recorded; 0 where that was not
+    stamps: NDArray[np.uint64]
     bytes_skipped: int
     repairs: tuple[str, ...]
 
@@ -329,7 +423,9 @@ def joined(parts: Sequence[RecordingPart]) -> RecordingPart:
     """Returns all parts, one at least, as one, its frames and their bytes in the order of the recording."""
     if len(parts) == 1:
         return parts[0]
-    place, log_time = (np.concatenate([getattr(part, name) for part in parts]) for name in ("place", "log_time"))
+    place, log_time = (
+        np.concatenate([getattr(part, name) for part in parts]) for name in ("place", "log_time")
+    )
     order = np.argsort(place, kind="stable")
     data, frames = gathered([(part.data, part.frames) for part in parts], order)
     return RecordingPart(data, frames, place[order], log_time[order])

@@ -34,8 +34,22 @@ from pymavlink.dialects.v20 import all as dialect
 from mavdem.errors import Unreadable, require
 from mavdem.ingest.contents import file_bytes
 from mavdem.ingest.mavlink.clocks import Places, Times, far_off
-from mavdem.ingest.mavlink.definitions import FrameSender, MessageDefinition, composed_frames, definition_named, seeds
-from mavdem.ingest.mavlink.framing import GOOD, MARKER_1, MARKER_2, Bytes, Progress, find_in_pieces, no_progress
+from mavdem.ingest.mavlink.definitions import (
+    FrameSender,
+    MessageDefinition,
+    composed_frames,
+    definition_named,
+    seeds,
+)
+from mavdem.ingest.mavlink.framing import (
+    GOOD,
+    MARKER_1,
+    MARKER_2,
+    Bytes,
+    Progress,
+    find_in_pieces,
+    no_progress,
+)
 from mavdem.ingest.mavlink.vehicles import FrameIndex, FrameStream, RecordingPart, assemble, joined
 from mavdem.ingest.mcap.records import Channel, McapMessage, McapRecording
 from mavdem.ingest.ros2.log import flight_topics, read_ros2
@@ -68,7 +82,9 @@ def read_mcap(path: str | os.PathLike[str], progress: Progress = no_progress) ->
     def at(start: Places) -> Times:
         return received[np.searchsorted(stream.frames.start, start, side="right") - 1]
 
-    return assemble(stream.data, index, at, span, stream.bytes_skipped, stream.source, stream.repairs)
+    return assemble(
+        stream.data, index, at, span, stream.bytes_skipped, stream.source, stream.repairs
+    )
 
 
 def mcap_stream(path: str | os.PathLike[str], progress: Progress = no_progress) -> FrameStream:
@@ -80,7 +96,9 @@ def mcap_stream(path: str | os.PathLike[str], progress: Progress = no_progress) 
     return stream
 
 
-def _stream(source: str, recording: McapRecording, progress: Progress) -> tuple[FrameStream | None, int]:
+def _stream(
+    source: str, recording: McapRecording, progress: Progress
+) -> tuple[FrameStream | None, int]:
     """The MAVLink in a recording, or None, and the number of messages that look like MAVLink."""
     carried: dict[Channel, _FrameChannel | None] = {}
     for place, message in enumerate(recording.messages(_within(progress, 0.0, 0.5))):
@@ -94,11 +112,16 @@ def _stream(source: str, recording: McapRecording, progress: Progress) -> tuple[
     heard: set[FrameSender] = set()
     for part, _ in found:
         good = part.frames[part.frames.verdict == GOOD]
-        heard |= {FrameSender(*ids) for ids in zip(good.system.tolist(), good.component.tolist(), strict=True)}
+        heard |= {
+            FrameSender(*ids)
+            for ids in zip(good.system.tolist(), good.component.tolist(), strict=True)
+        }
     channels = list(recording.channels.values())
     if not heard and not any(channel.encoding in JSON for channel in channels):
         return None, sum(len(part.frames) for part, _ in found)
-    written, unknown, left_out = _json_parts(recording.content, channels, heard, _within(progress, 0.5, 1.0))
+    written, unknown, left_out = _json_parts(
+        recording.content, channels, heard, _within(progress, 0.5, 1.0)
+    )
     parts = [*(part for part, _ in found), *written]
     if not any((part.frames.verdict == GOOD).any() for part in parts):
         return None, unknown + sum(len(part.frames) for part in parts)
@@ -108,7 +131,9 @@ def _stream(source: str, recording: McapRecording, progress: Progress) -> tuple[
     if flight_topics(channels, recording.schemas):
         repairs.append("The recording also has ROS 2 topics of a flight; they were not read.")
     skipped = sum(skipped for _, skipped in found)
-    return FrameStream(source, ".mcap", part.data, part.frames, stamps, skipped, tuple(repairs)), len(part.frames)
+    return FrameStream(
+        source, ".mcap", part.data, part.frames, stamps, skipped, tuple(repairs)
+    ), len(part.frames)
 
 
 @dataclass
@@ -131,7 +156,8 @@ class _FrameChannel:
         """The frames, and the number of bytes that belong to no frame."""
         data = np.frombuffer(self.content, dtype=np.uint8)
         frames, holding = find_in_pieces(data, np.array(self.ends), seeds())
-        places, times = np.array(self.places), np.array(self.log_times)
+        places = np.array(self.places)
+        times = np.array(self.log_times)
         skipped = len(data) - int((frames.end - frames.start).sum())
         return RecordingPart(data, frames, places[holding], times[holding]), skipped
 
@@ -142,9 +168,12 @@ def _json_parts(
     """The JSON messages of senders not ``heard`` in frames, how many are unknown, and why some were left out."""
     kinds = _own_kinds(channels)
     repeats = {
-        channel for channel in channels if channel.encoding in JSON and re.fullmatch("/?mavlink/out", channel.topic)
+        channel
+        for channel in channels
+        if channel.encoding in JSON and re.fullmatch("/?mavlink/out", channel.topic)
     }
-    topics, own = JsonTopics(), set(kinds.values())
+    topics = JsonTopics()
+    own = set(kinds.values())
     needed = repeats or any(kind.sender not in heard for kind in own)
     for place, message in enumerate(McapRecording(content).messages(progress) if needed else ()):
         kind = kinds.get(message.channel)
@@ -159,14 +188,22 @@ def _json_parts(
 def _own_kinds(channels: Sequence[Channel]) -> dict[Channel, JsonTopic]:
     """The channels of one message each. Where both bridges were recorded, BlueOS's alone: it has headers."""
     own = r"/?mavlink/(\d{1,3})/(\d{1,3})/(\w+)"
-    topics = {channel: re.fullmatch(own, channel.topic) for channel in channels if channel.encoding in JSON}
+    topics = {
+        channel: re.fullmatch(own, channel.topic)
+        for channel in channels
+        if channel.encoding in JSON
+    }
     kinds = {
         channel: JsonTopic(FrameSender(int(topic[1]), int(topic[2])), topic[3])
         for channel, topic in topics.items()
         if topic is not None and max(int(topic[1]), int(topic[2])) <= 255
     }
     headed = {kind for channel, kind in kinds.items() if not channel.topic.startswith("/")}
-    return {channel: kind for channel, kind in kinds.items() if channel.topic[:1] != "/" or kind not in headed}
+    return {
+        channel: kind
+        for channel, kind in kinds.items()
+        if channel.topic[:1] != "/" or kind not in headed
+    }
 
 
 def _within(progress: Progress, first: float, last: float) -> Progress:
@@ -191,8 +228,12 @@ def _nothing_in(path: str | os.PathLike[str], recording: McapRecording, messages
         return f"{os.fspath(path)} {what} (.csv), but not to a stream of MAVLink."
     names = {channel.topic for channel in recording.channels.values()}
     if recording.repairs() and any(name.lstrip("/").startswith("mavlink/") for name in names):
-        what = f"is an MCAP recording whose MAVLink messages ({listed(names)}) are damaged or cut off"
-        return f"{os.fspath(path)} {what}: none can be read. Copy it anew from where it was recorded."
+        what = (
+            f"is an MCAP recording whose MAVLink messages ({listed(names)}) are damaged or cut off"
+        )
+        return (
+            f"{os.fspath(path)} {what}: none can be read. Copy it anew from where it was recorded."
+        )
     if names >= {"flight/inputs", "flight/outputs"}:  # of mavdem.export.conversion
         return f"{os.fspath(path)} was written by `mavdem learn` for viewers: name the log of the flight instead."
     contents = f"its topics are {listed(names)}" if names else "nothing in it can be read"
@@ -210,7 +251,8 @@ def parse(body: bytes) -> tuple[dict[str, Any], int, str | None]:
     document = _document(body)
     if not isinstance(document, dict):
         return {}, NO_SEQUENCE, None
-    message, header = document.get("message"), document.get("header")
+    message = document.get("message")
+    header = document.get("header")
     if not isinstance(message, dict):
         return document, NO_SEQUENCE, None
     number = header.get("sequence") if isinstance(header, dict) else None
@@ -230,10 +272,14 @@ def payloads(
     value NaN becomes a float.
     """
     made = np.zeros(len(messages), dtype=definition.wire)
-    good = np.array([not message.keys().isdisjoint(definition.fields) for message in messages], dtype=np.bool_)
+    good = np.array(
+        [not message.keys().isdisjoint(definition.fields) for message in messages], dtype=np.bool_
+    )
     for name in definition.fields:
         kind = definition.wire[name]
-        absent = nan if kind.base.kind == "f" and name not in _extensions(definition.message_id) else 0
+        absent = (
+            nan if kind.base.kind == "f" and name not in _extensions(definition.message_id) else 0
+        )
         values = [message.get(name, NOT_SENT) for message in messages]
         if kind.kind == "S":
             made[name], fits = _texts(values, kind.itemsize)
@@ -261,7 +307,9 @@ def _document(body: bytes) -> Any:
 def _extensions(message_id: int) -> frozenset[str]:
     """The extension fields: those pymavlink lets a caller leave out."""
     taken = inspect.signature(dialect.mavlink_map[message_id].__init__).parameters.values()
-    return frozenset(argument.name for argument in taken if argument.default is not inspect.Parameter.empty)
+    return frozenset(
+        argument.name for argument in taken if argument.default is not inspect.Parameter.empty
+    )
 
 
 @cache
@@ -269,7 +317,9 @@ def _enum_values() -> Mapping[str, int]:
     return {entry.name: value for enum in dialect.enums.values() for value, entry in enum.items()}
 
 
-def _numbers(values: list[Any], kind: np.dtype[Any], absent: float) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+def _numbers(
+    values: list[Any], kind: np.dtype[Any], absent: float
+) -> tuple[NDArray[Any], NDArray[np.bool_]]:
     types = set(map(type, values))
     if kind.kind == "f" and types <= {float, int}:
         try:
@@ -277,19 +327,34 @@ def _numbers(values: list[Any], kind: np.dtype[Any], absent: float) -> tuple[NDA
         except OverflowError:
             pass
     limits = np.iinfo(kind) if kind.kind in "iu" else None
-    if limits is not None and types == {int} and limits.min <= min(values) and max(values) <= limits.max:
+    if (
+        limits is not None
+        and types == {int}
+        and limits.min <= min(values)
+        and max(values) <= limits.max
+    ):
         return np.array(values, dtype=kind), np.ones(len(values), dtype=np.bool_)
     numbers = [absent if value is NOT_SENT else _number(value) for value in values]
     if limits is None:
         fits = np.array([number is not None for number in numbers], dtype=np.bool_)
-        floats, finite = _as_floats(np.array([number or 0.0 for number in numbers], dtype=np.float64), kind)
+        floats, finite = _as_floats(
+            np.array([number or 0.0 for number in numbers], dtype=np.float64), kind
+        )
         return floats, fits & finite
-    whole = [number is not None and number == number // 1 and limits.min <= number <= limits.max for number in numbers]
-    kept = [int(number) if fit and number is not None else 0 for number, fit in zip(numbers, whole, strict=True)]
+    whole = [
+        number is not None and number == number // 1 and limits.min <= number <= limits.max
+        for number in numbers
+    ]
+    kept = [
+        int(number) if fit and number is not None else 0
+        for number, fit in zip(numbers, whole, strict=True)
+    ]
     return np.array(kept, dtype=kind), np.array(whole, dtype=np.bool_)
 
 
-def _as_floats(values: NDArray[np.float64], kind: np.dtype[Any]) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+def _as_floats(
+    values: NDArray[np.float64], kind: np.dtype[Any]
+) -> tuple[NDArray[Any], NDArray[np.bool_]]:
     """The values in the width of the wire, and whether they fit."""
     with np.errstate(over="ignore", invalid="ignore"):
         narrow = values.astype(kind)
@@ -328,9 +393,13 @@ def _flags(text: str) -> int | None:
     return bits if bits.bit_length() <= 64 else None
 
 
-def _arrays(values: list[Any], kind: np.dtype[Any], absent: float) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+def _arrays(
+    values: list[Any], kind: np.dtype[Any], absent: float
+) -> tuple[NDArray[Any], NDArray[np.bool_]]:
     (size,) = kind.shape
-    fits = np.array([value is NOT_SENT or (isinstance(value, list) and len(value) <= size) for value in values])
+    fits = np.array(
+        [value is NOT_SENT or (isinstance(value, list) and len(value) <= size) for value in values]
+    )
     flat: list[Any] = []
     for value, fit in zip(values, fits.tolist(), strict=True):
         items = value if fit and value is not NOT_SENT else []
@@ -343,7 +412,9 @@ def _arrays(values: list[Any], kind: np.dtype[Any], absent: float) -> tuple[NDAr
 def _texts(values: list[Any], size: int) -> tuple[NDArray[Any], NDArray[np.bool_]]:
     texts = [_text(value) for value in values]
     fits = np.array([text is not None and len(text.rstrip(b"\0")) <= size for text in texts])
-    return np.array([text[:size] if text is not None else b"" for text in texts], dtype=f"S{size}"), fits
+    return np.array(
+        [text[:size] if text is not None else b"" for text in texts], dtype=f"S{size}"
+    ), fits
 
 
 def _text(value: Any) -> bytes | None:
@@ -360,8 +431,11 @@ def _text(value: Any) -> bytes | None:
         return None
 
 
-BATCH = 4096  # Messages of one topic that are parsed together: parsed, they take ten times the memory of their payloads
-KIND_PATTERNS = [re.compile(rb'"%s"\s*:\s*(\d{1,3})\b' % name) for name in (b"system_id", b"component_id")]
+# Messages of one topic that are parsed together: parsed, they take ten times the memory of their payloads
+BATCH = 4096
+KIND_PATTERNS = [
+    re.compile(rb'"%s"\s*:\s*(\d{1,3})\b' % name) for name in (b"system_id", b"component_id")
+]
 KIND_PATTERNS.append(re.compile(rb'"type"\s*:\s*"(\w+)"'))
 
 
@@ -394,14 +468,17 @@ class _JsonMessages:
         written = [parse(body) for body in self.waiting]
         self.waiting.clear()
         self.sequence.extend(sequence for _, sequence, _ in written)
-        fields = [message if name in (None, self.definition.name) else {} for message, _, name in written]
+        fields = [
+            message if name in (None, self.definition.name) else {} for message, _, name in written
+        ]
         made, good = payloads(fields, self.definition)
         self.payloads.append(made)
         self.good.append(good)
 
     def part(self, sequence: Bytes) -> RecordingPart:
         """The messages as frames with these sequence numbers."""
-        made, good = np.concatenate(self.payloads), np.concatenate(self.good)
+        made = np.concatenate(self.payloads)
+        good = np.concatenate(self.good)
         data, frames = composed_frames(made, self.definition, self.sender, sequence, good)
         return RecordingPart(data, frames, np.array(self.places), np.array(self.log_times))
 
@@ -441,29 +518,42 @@ class JsonTopics:
                 np.concatenate([topic.sequence for topic in topics]).astype(np.int64),
                 np.concatenate([topic.places for topic in topics]),
             )
-            for topic, numbers in zip(topics, np.split(sequence, np.cumsum(lengths)[:-1]), strict=True):
+            for topic, numbers in zip(
+                topics, np.split(sequence, np.cumsum(lengths)[:-1]), strict=True
+            ):
                 yield topic.part(numbers)
 
     def sentences(self) -> tuple[str, ...]:
         """A sentence for each reason for which messages were left out."""
-        names, unknown = [name for name, _ in self.unknown.most_common(5)], self.unknown.total()
-        more = f" and {len(self.unknown) - len(names)} more" if len(self.unknown) > len(names) else ""
+        names = [name for name, _ in self.unknown.most_common(5)]
+        unknown = self.unknown.total()
+        more = (
+            f" and {len(self.unknown) - len(names)} more" if len(self.unknown) > len(names) else ""
+        )
         return repair_sentences(
             (self._damaged, f"{self._damaged} JSON messages in damaged chunks were left out."),
-            (unknown, f"{unknown} JSON messages of no known dialect ({', '.join(names)}{more}) were left out."),
+            (
+                unknown,
+                f"{unknown} JSON messages of no known dialect ({', '.join(names)}{more}) were left out.",
+            ),
         )
 
 
 def json_kind(body: bytes) -> JsonTopic | None:
     """Returns the topic of a body by the first names and numbers in it; None without them."""
     found = [match[1].decode() for pattern in KIND_PATTERNS if (match := pattern.search(body))]
-    return JsonTopic(FrameSender(int(found[0]) & 0xFF, int(found[1]) & 0xFF), found[2]) if len(found) == 3 else None
+    return (
+        JsonTopic(FrameSender(int(found[0]) & 0xFF, int(found[1]) & 0xFF), found[2])
+        if len(found) == 3
+        else None
+    )
 
 
 def _numbered(sequence: NDArray[np.int64], places: Places) -> Bytes:
     """One sender's sequence numbers; missing ones continue from the one before, so that they show no loss."""
     order = np.argsort(places, kind="stable")
-    known, row = sequence[order], np.arange(len(order))
+    known = sequence[order]
+    row = np.arange(len(order))
     last = np.maximum.accumulate(np.where(known != NO_SEQUENCE, row, -1))
     before = np.where(last >= 0, known[last], -1)
     numbers = np.empty(len(order), dtype=np.uint8)

@@ -34,15 +34,22 @@ from mavdem.ingest.mavlink.vehicles import FrameStream
 from mavdem.ingest.telemetry import repair_sentences
 
 MAGIC = b"\x89MCAP0\r\n"
-FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK = 0x02, 0x03, 0x04, 0x05, 0x06
-LAST_OPCODE, PRIVATE_OPCODES = 0x0F, 0x80
+FOOTER = 0x02
+SCHEMA = 0x03
+CHANNEL = 0x04
+MESSAGE = 0x05
+CHUNK = 0x06
+LAST_OPCODE = 0x0F
+PRIVATE_OPCODES = 0x80
 RECORD_HEAD = struct.Struct("<BQ")  # Opcode and length before each record
-MESSAGE_HEAD = struct.Struct("<HIQQ")  # Channel, sequence, log time and publish time before a message's data
+# Channel, sequence, log time and publish time before a message's data
+MESSAGE_HEAD = struct.Struct("<HIQQ")
 CHUNK_HEAD = struct.Struct("<QQQI")
 """First and last time, unpacked size and checksum before a chunk's compression and records."""
 PIECE_BYTES = 1 << 20
 MAX_CHUNK_BYTES = 1 << 28  # Unpacked bytes of one chunk
-MAX_BYTES, MAX_RATIO = 1 << 24, 100
+MAX_BYTES = 1 << 24
+MAX_RATIO = 100
 """Unpacked bytes of all chunks: so many, plus so many per byte of the file. JSON packs to a fiftieth. In memory, the
 smallest messages take ten times their bytes."""
 
@@ -91,7 +98,13 @@ class _Chunk(NamedTuple):
         if compression is None or place + 8 > stop:
             return None
         first = place + 8
-        return cls(first, first + int.from_bytes(content[place:first], "little"), compression, size, checksum)
+        return cls(
+            first,
+            first + int.from_bytes(content[place:first], "little"),
+            compression,
+            size,
+            checksum,
+        )
 
 
 @dataclass
@@ -146,7 +159,8 @@ class McapRecording:
         while place < end:
             if place + RECORD_HEAD.size <= end:
                 opcode, length = RECORD_HEAD.unpack_from(content, place)
-                start, stop = place + RECORD_HEAD.size, place + RECORD_HEAD.size + length
+                start = place + RECORD_HEAD.size
+                stop = place + RECORD_HEAD.size + length
                 if stop <= end and (0 < opcode <= LAST_OPCODE or opcode >= PRIVATE_OPCODES):
                     yield opcode, start, stop
                     place = stop
@@ -173,9 +187,13 @@ class McapRecording:
             return
         cut = self.cut and stop == len(self.content) < chunk.end
         most = min(self._allowance, MAX_CHUNK_BYTES)
-        records, whole = _unpacked(chunk.compression, self.content[chunk.start : min(chunk.end, stop)], most)
+        records, whole = _unpacked(
+            chunk.compression, self.content[chunk.start : min(chunk.end, stop)], most
+        )
         self._allowance -= len(records)
-        sound = cut or (whole and len(records) == chunk.size and chunk.checksum in (0, zlib.crc32(records)))
+        sound = cut or (
+            whole and len(records) == chunk.size and chunk.checksum in (0, zlib.crc32(records))
+        )
         self.damaged += not sound
         for opcode, inner, end in self._records(records, 0):
             if opcode == MESSAGE:
@@ -192,11 +210,15 @@ class McapRecording:
         number, _, log_time, _ = MESSAGE_HEAD.unpack_from(content, start)
         if number not in self.channels:
             return None
-        return McapMessage(self.channels[number], log_time, content[start + MESSAGE_HEAD.size : stop], sound)
+        return McapMessage(
+            self.channels[number], log_time, content[start + MESSAGE_HEAD.size : stop], sound
+        )
 
     def _note(self, opcode: int, content: bytes, start: int, stop: int) -> None:
         """Keeps a channel or a schema, if its record is long enough for its texts."""
-        number, schema = (int.from_bytes(content[at : at + 2], "little") for at in (start, start + 2))
+        number, schema = (
+            int.from_bytes(content[at : at + 2], "little") for at in (start, start + 2)
+        )
         name, place = _text(content, start + (4 if opcode == CHANNEL else 2), stop)
         encoding, place = _text(content, place, stop)
         if name is None or encoding is None:
@@ -220,7 +242,8 @@ def _next_record(content: bytes, data: Bytes, place: int) -> int:
         for candidate in likely.tolist():
             if _follow_one_another(content, candidate):
                 return candidate
-        place, search = stop, 2 * search
+        place = stop
+        search = 2 * search
     return len(content)
 
 
@@ -250,7 +273,8 @@ def _text(content: bytes, place: int, stop: int) -> tuple[str | None, int]:
 
 def _unpacked(compression: str, packed: bytes, most: int) -> tuple[bytes, bool]:
     """The records of a chunk as far as they can be unpacked, and whether they are whole; ``most`` of their bytes."""
-    records, whole = bytearray(), compression in ("", "zstd", "lz4")
+    records = bytearray()
+    whole = compression in ("", "zstd", "lz4")
     with suppress(zstandard.ZstdError, RuntimeError, MemoryError):  # RuntimeError: from lz4
         for piece in _pieces(compression, packed):
             if len(records) + len(piece) > most:
@@ -279,8 +303,10 @@ def _pieces(compression: str, packed: bytes) -> Iterator[bytes]:
 HEADER_FIELDS = ("system_id", "component_id", "sequence", "message_id")
 CHUNK_BYTES = 1 << 20  # Bytes that are compressed together by default
 BATCH = 1 << 13  # Frames whose JSON is held at a time
-MAX_STAMP = 2**64 // 1000 - 1  # The last receive stamp, µs, that 64 bits of nanoseconds hold: the year 2554
-Series = tuple[NDArray[np.float64], Mapping[str, NDArray[np.float64]]]  # Times (T,), s, and columns (T,) by name
+# The last receive stamp, µs, that 64 bits of nanoseconds hold: the year 2554
+MAX_STAMP = 2**64 // 1000 - 1
+# Times (T,), s, and columns (T,) by name
+Series = tuple[NDArray[np.float64], Mapping[str, NDArray[np.float64]]]
 
 
 def write_mcap(file: BinaryIO, stream: FrameStream) -> int:
@@ -343,24 +369,37 @@ def write_message(writer: Writer, channel: int, time: int, data: bytes) -> None:
 
 def _registered(writer: Writer, topic: str, schema: Mapping[str, Any]) -> int:
     """A new JSON channel; a viewer plots the fields in its schema."""
-    number = writer.register_schema(topic.replace("/", "."), "jsonschema", json.dumps(schema).encode())
+    number = writer.register_schema(
+        topic.replace("/", "."), "jsonschema", json.dumps(schema).encode()
+    )
     return writer.register_channel(topic, "json", number)
 
 
-def _bodies(stream: FrameStream, rows: NDArray[np.int64]) -> list[tuple[str | None, dict[str, Any]]]:
+def _bodies(
+    stream: FrameStream, rows: NDArray[np.int64]
+) -> list[tuple[str | None, dict[str, Any]]]:
     frames = stream.frames[rows]
     bodies: list[tuple[str | None, dict[str, Any]]] = [(None, {})] * len(rows)
     for message_id in np.unique(frames.message_id[frames.verdict == GOOD]).tolist():
         definition = definitions()[message_id]
         same = np.flatnonzero((frames.message_id == message_id) & (frames.verdict == GOOD))
         values = columns(stream.data, frames.start[same], definition)
-        values_by_row = zip(*(_values(values[name], definition, name) for name in definition.fields), strict=True)
+        values_by_row = zip(
+            *(_values(values[name], definition, name) for name in definition.fields), strict=True
+        )
         keys = [_key(name) for name in definition.fields]
         for at, row in zip(same.tolist(), values_by_row, strict=True):
-            system, component, sequence = (int(n[at]) for n in (frames.system, frames.component, frames.sequence))
-            header = dict(zip(HEADER_FIELDS, (system, component, sequence, message_id), strict=True))
+            system, component, sequence = (
+                int(n[at]) for n in (frames.system, frames.component, frames.sequence)
+            )
+            header = dict(
+                zip(HEADER_FIELDS, (system, component, sequence, message_id), strict=True)
+            )
             message = {"type": definition.name, **dict(zip(keys, row, strict=True))}
-            bodies[at] = f"mavlink/{system}/{component}/{definition.name}", {"header": header, "message": message}
+            bodies[at] = (
+                f"mavlink/{system}/{component}/{definition.name}",
+                {"header": header, "message": message},
+            )
     return bodies
 
 
@@ -374,8 +413,13 @@ def _values(column: NDArray[Any], definition: MessageDefinition, name: str) -> l
         return [value.decode("utf-8", errors="replace") for value in column.tolist()]
     if column.dtype.kind == "f":
         return _numbers(column)
-    entries, listed = _entries(definition, name) if column.ndim == 1 else {}, column.tolist()
-    return [{"type": entries[value]} if value in entries else value for value in listed] if entries else listed
+    entries = _entries(definition, name) if column.ndim == 1 else {}
+    listed = column.tolist()
+    return (
+        [{"type": entries[value]} if value in entries else value for value in listed]
+        if entries
+        else listed
+    )
 
 
 def _entries(definition: MessageDefinition, name: str) -> dict[int, str]:
@@ -384,7 +428,11 @@ def _entries(definition: MessageDefinition, name: str) -> dict[int, str]:
     enum = message.fieldenums_by_name.get(name)
     if enum is None or message.fielddisplays_by_name.get(name) == "bitmask":
         return {}
-    return {value: entry.name for value, entry in dialect.enums[enum].items() if not entry.name.endswith("_ENUM_END")}
+    return {
+        value: entry.name
+        for value, entry in dialect.enums[enum].items()
+        if not entry.name.endswith("_ENUM_END")
+    }
 
 
 def _numbers(column: NDArray[Any]) -> list[Any]:
@@ -392,7 +440,10 @@ def _numbers(column: NDArray[Any]) -> list[Any]:
     if column.ndim > 1:
         return [_numbers(row) for row in column]
     digits = column.astype("U32").tolist() if column.dtype.itemsize == 4 else column.tolist()
-    return [float(text) if good else None for text, good in zip(digits, np.isfinite(column).tolist(), strict=True)]
+    return [
+        float(text) if good else None
+        for text, good in zip(digits, np.isfinite(column).tolist(), strict=True)
+    ]
 
 
 def _schema(stream: FrameStream, row: int) -> dict[str, Any]:
@@ -408,7 +459,9 @@ def _field_schema(definition: MessageDefinition, name: str) -> dict[str, Any]:
         return {"type": "string"}
     if kind.subdtype is not None:
         return {"type": "array", "items": {"type": "number"}}
-    return _object({"type": {"type": "string"}}) if _entries(definition, name) else {"type": "number"}
+    return (
+        _object({"type": {"type": "string"}}) if _entries(definition, name) else {"type": "number"}
+    )
 
 
 def _object(properties: Mapping[str, Any]) -> dict[str, Any]:

@@ -32,11 +32,30 @@ from mavdem.ingest.mavlink.framing import Progress, no_progress
 from mavdem.ingest.mcap.records import Channel, McapRecording, Schema
 from mavdem.ingest.px4_topics import NEEDED, SETPOINTS
 from mavdem.ingest.ros2.messages import CDR, RosTopicReader, TopicColumns, decoder
-from mavdem.ingest.telemetry import Columns, Log, Telemetry, joined, listed, log_of_vehicles, repair_sentences, selected
-from mavdem.ingest.vocabulary import ARDUPILOT, AUTOPILOT_COMPONENT, GENERIC, PX4, UNNAMED, heartbeat_fields
+from mavdem.ingest.telemetry import (
+    Columns,
+    Log,
+    Telemetry,
+    joined,
+    listed,
+    log_of_vehicles,
+    repair_sentences,
+    selected,
+)
+from mavdem.ingest.vocabulary import (
+    ARDUPILOT,
+    AUTOPILOT_COMPONENT,
+    GENERIC,
+    PX4,
+    UNNAMED,
+    heartbeat_fields,
+)
 
-PX4_BRIDGE, MAVROS = "uXRCE-DDS", "MAVROS"  # Bridges from an autopilot to ROS 2
-_TO_PX4, _FROM_PX4 = "in", "out"
+# Bridges from an autopilot to ROS 2
+PX4_BRIDGE = "uXRCE-DDS"
+MAVROS = "MAVROS"
+_TO_PX4 = "in"
+_FROM_PX4 = "out"
 
 
 class RosTopic(NamedTuple):
@@ -48,17 +67,34 @@ class RosTopic(NamedTuple):
     incoming: bool = False
 
 
-def flight_topics(channels: Iterable[Channel], schemas: Mapping[int, Schema]) -> dict[Channel, RosTopic]:
+def flight_topics(
+    channels: Iterable[Channel], schemas: Mapping[int, Schema]
+) -> dict[Channel, RosTopic]:
     """Returns the topic of each channel that is of a flight.
 
     A node is MAVROS's if one of its topics has a type that only MAVROS sends: other drivers send imu/data too.
     """
-    typed = {one: schemas[one.schema].name for one in channels if one.schema in schemas and one.encoding == CDR}
+    typed = {
+        one: schemas[one.schema].name
+        for one in channels
+        if one.schema in schemas and one.encoding == CDR
+    }
     px4 = {channel for channel, name in typed.items() if re.fullmatch(r"px4_msgs/msg/\w+", name)}
-    found = {one: _of_px4(one.topic) if one in px4 else _of_mavros(one.topic, name) for one, name in typed.items()}
+    found = {
+        one: _of_px4(one.topic) if one in px4 else _of_mavros(one.topic, name)
+        for one, name in typed.items()
+    }
     topics = {channel: topic for channel, topic in found.items() if topic is not None}
-    own = {topics[channel].vehicle for channel in topics if typed[channel].startswith("mavros_msgs/msg/")}
-    return {channel: topic for channel, topic in topics.items() if topic.bridge == PX4_BRIDGE or topic.vehicle in own}
+    own = {
+        topics[channel].vehicle
+        for channel in topics
+        if typed[channel].startswith("mavros_msgs/msg/")
+    }
+    return {
+        channel: topic
+        for channel, topic in topics.items()
+        if topic.bridge == PX4_BRIDGE or topic.vehicle in own
+    }
 
 
 def _of_px4(topic: str) -> RosTopic | None:
@@ -73,7 +109,9 @@ def _of_px4(topic: str) -> RosTopic | None:
     if name not in NEEDED or (name in SETPOINTS and direction == _TO_PX4):
         return None
     namespace = namespace[:-1] if namespace[-1:] == ["fmu"] else namespace
-    return RosTopic(PX4_BRIDGE, "".join(f"/{part}" for part in namespace), name, direction == _TO_PX4)
+    return RosTopic(
+        PX4_BRIDGE, "".join(f"/{part}" for part in namespace), name, direction == _TO_PX4
+    )
 
 
 def _of_mavros(topic: str, schema: str) -> RosTopic | None:
@@ -97,7 +135,8 @@ class MavrosTopic(NamedTuple):
 
 
 MAVROS_STAMP = ("header.stamp.sec", "header.stamp.nanosec")  # Fields of every message
-_QUATERNION, _RATES = ("w", "x", "y", "z"), ("x", "y", "z")
+_QUATERNION = ("w", "x", "y", "z")
+_RATES = ("x", "y", "z")
 _TOPICS = tomllib.loads(Path(__file__).with_name("mavros_topics.toml").read_text(encoding="utf-8"))
 MAVROS_TOPICS = {name: MavrosTopic(**topic) for name, topic in _TOPICS.items()}
 """By the name after the node's, which is ``mavros`` unless it was started with another."""
@@ -105,15 +144,40 @@ MAVROS_PERIODS = {"SERVO_OUTPUT_RAW": 2**32 / 1e6}
 """Seconds after which stamps wrap: MAVROS moves the 32 bits of SERVO_OUTPUT_RAW's as they are (plugins/rc_io.cpp)."""
 _PX4_MODES = frozenset({"ALTCTL", "POSCTL", "OFFBOARD", "STABILIZED", "RATTITUDE"})
 _ARDUPILOT_MODES = frozenset(
-    {"STABILIZE", "ALT_HOLD", "AUTO", "GUIDED", "LOITER", "RTL", "CIRCLE", "LAND", "POSHOLD", "BRAKE", "AUTOTUNE"}
-    | {"GUIDED_NOGPS", "SMART_RTL", "DRIFT", "SPORT", "FLIP", "THROW", "FLOWHOLD", "FOLLOW", "ZIGZAG", "SYSTEMID"}
+    {
+        "STABILIZE",
+        "ALT_HOLD",
+        "AUTO",
+        "GUIDED",
+        "LOITER",
+        "RTL",
+        "CIRCLE",
+        "LAND",
+        "POSHOLD",
+        "BRAKE",
+        "AUTOTUNE",
+    }
+    | {
+        "GUIDED_NOGPS",
+        "SMART_RTL",
+        "DRIFT",
+        "SPORT",
+        "FLIP",
+        "THROW",
+        "FLOWHOLD",
+        "FOLLOW",
+        "ZIGZAG",
+        "SYSTEMID",
+    }
 )
 """lib/uas_stringify.cpp, without MANUAL and ACRO, which both autopilots have."""
 
 
 def mavros_autopilot(modes: Counter[str]) -> int:
     """Returns MAV_AUTOPILOT by the names of the flight modes and how often each occurs."""
-    px4 = sum(count for mode, count in modes.items() if mode in _PX4_MODES or mode.startswith("AUTO."))
+    px4 = sum(
+        count for mode, count in modes.items() if mode in _PX4_MODES or mode.startswith("AUTO.")
+    )
     ardupilot = sum(count for mode, count in modes.items() if mode in _ARDUPILOT_MODES)
     if px4 == ardupilot:
         return GENERIC
@@ -124,10 +188,15 @@ def mavros_message(message: str, fields: Fields, vehicle_autopilot: int) -> dict
     """Returns the fields of one MAVLink message of ``MAVROS_TOPICS``, without its stamps, from those of its topic."""
     if message == "ATTITUDE_QUATERNION":  # plugins/imu.cpp, lib/ftf_frame_conversions.cpp
         names = ("q1", "q2", "q3", "q4", "rollspeed", "pitchspeed", "yawspeed")
-        return dict(zip(names, (*_quaternion(fields), *_body_rates(fields, "angular_velocity")), strict=True))
+        return dict(
+            zip(
+                names, (*_quaternion(fields), *_body_rates(fields, "angular_velocity")), strict=True
+            )
+        )
     if message == "SYS_STATUS":
         return {"voltage_battery": 1000.0 * fields["voltage"]}  # plugins/sys_status.cpp
-    if message == "ATTITUDE_TARGET":  # plugins/setpoint_raw.cpp, which turns the setpoint as it does the attitude
+    # plugins/setpoint_raw.cpp, which turns the setpoint as it does the attitude
+    if message == "ATTITUDE_TARGET":
         asked = ("body_roll_rate", "body_pitch_rate", "body_yaw_rate")
         rates = dict(zip(asked, _body_rates(fields, "body_rate"), strict=True))
         return {"type_mask": fields["type_mask"], "q": _quaternion(fields).T, **rates}
@@ -154,7 +223,8 @@ def _quaternion(fields: Fields) -> NDArray[np.float64]:
     inverses but for the sign, which an attitude does not have: q_NED,FRD = q_n q_ENU,FLU q_b, multiplied out here.
     """
     w, x, y, z = (fields[f"orientation.{n}"] for n in _QUATERNION)
-    with np.errstate(invalid="ignore"):  # infinities of a broken estimator: their readers leave them out
+    # infinities of a broken estimator: their readers leave them out
+    with np.errstate(invalid="ignore"):
         return np.asarray(np.sqrt(0.5) * np.array([w + z, x + y, x - y, w - z]))
 
 
@@ -163,7 +233,8 @@ def _body_rates(fields: Fields, name: str) -> tuple[NDArray[np.float64], ...]:
     return p, -q, -r
 
 
-PX4_STAMP, PX4_SAMPLE = "timestamp", "timestamp_sample"
+PX4_STAMP = "timestamp"
+PX4_SAMPLE = "timestamp_sample"
 """µs on one clock: when a message was published and, in some messages, when its data were measured."""
 SECOND = 1_000_000_000  # Nanoseconds
 
@@ -175,10 +246,14 @@ def read_ros2(recording: McapRecording, source: str, progress: Progress = no_pro
     and schemas are known; it is read anew. Raises ``Unreadable`` without a message of a flight that can be decoded.
     """
     topics = flight_topics(recording.channels.values(), recording.schemas)
-    decoders = {number: decoder(recording.schemas[number]) for number in {channel.schema for channel in topics}}
+    decoders = {
+        number: decoder(recording.schemas[number])
+        for number in {channel.schema for channel in topics}
+    }
     readers = {channel: _reader(topic) for channel, topic in topics.items()}
     damaged = undefined = count = 0
-    first, last = np.inf, -np.inf
+    first = np.inf
+    last = -np.inf
     anew = McapRecording(recording.content)
     for place, message in enumerate(anew.messages(progress)):
         channel = message.channel
@@ -189,9 +264,14 @@ def read_ros2(recording: McapRecording, source: str, progress: Progress = no_pro
             damaged += 1
         elif readers[channel].add(place, message.data, decoders[channel.schema]):
             count += 1
-            first, last = min(first, message.log_time), max(last, message.log_time)
+            first = min(first, message.log_time)
+            last = max(last, message.log_time)
     tables = [(topic, readers[channel].table()) for channel, topic in topics.items()]
-    made = [(name, one) for name, own in _by_vehicle(tables) if (one := vehicle(own, source)) is not None]
+    made = [
+        (name, one)
+        for name, own in _by_vehicle(tables)
+        if (one := vehicle(own, source)) is not None
+    ]
     if not made:
         why = "no message of a flight in it can be decoded: it is damaged, or the definitions of its messages are."
         raise Unreadable(f"{source} is a ROS 2 recording, but {why}")
@@ -199,7 +279,10 @@ def read_ros2(recording: McapRecording, source: str, progress: Progress = no_pro
     lost = sum(failed.values())
     repairs = anew.repairs() + repair_sentences(
         (damaged, f"{damaged} ROS 2 messages in damaged chunks were left out."),
-        (undefined, f"{undefined} ROS 2 messages whose definition is damaged or missing were left out."),
+        (
+            undefined,
+            f"{undefined} ROS 2 messages whose definition is damaged or missing were left out.",
+        ),
         (lost, f"{lost} ROS 2 messages that cannot be decoded were left out, of {listed(failed)}."),
     )
     vehicles = tuple(replace(one, repairs=repairs + one.repairs) for one in numbered(made))
@@ -213,7 +296,9 @@ def _reader(topic: RosTopic) -> RosTopicReader:
     return RosTopicReader((*MAVROS_STAMP, *kind.numbers), (), kind.texts)
 
 
-def _by_vehicle(tables: Sequence[tuple[RosTopic, TopicColumns]]) -> list[tuple[str, dict[RosTopic, TopicColumns]]]:
+def _by_vehicle(
+    tables: Sequence[tuple[RosTopic, TopicColumns]],
+) -> list[tuple[str, dict[RosTopic, TopicColumns]]]:
     """The namespace of each vehicle and its topics; of several channels of a topic, the one with most messages."""
     found: dict[str, dict[RosTopic, TopicColumns]] = {}
     for topic, table in tables:
@@ -232,7 +317,11 @@ def vehicle(topics: Mapping[RosTopic, TopicColumns], source: str) -> Telemetry |
     made = _px4_vehicle(px4, source)
     if made is None:
         return _mavros_vehicle(mavros, source)
-    also = ("MAVROS's topics of the same vehicle were not read: PX4's own are there.",) if mavros else ()
+    also = (
+        ("MAVROS's topics of the same vehicle were not read: PX4's own are there.",)
+        if mavros
+        else ()
+    )
     return replace(made, repairs=made.repairs + also)
 
 
@@ -249,7 +338,9 @@ def numbered(vehicles: Sequence[tuple[str, Telemetry]]) -> Iterator[Telemetry]:
         system = next(free)
         what = f"have system id {one.system}, as others do" if one.system else "have no system id"
         repair = f"The topics of {listed([namespace or '/'])} {what}: numbered {system}."
-        yield replace(one, system=system, repairs=(*one.repairs, repair) if len(vehicles) > 1 else one.repairs)
+        yield replace(
+            one, system=system, repairs=(*one.repairs, repair) if len(vehicles) > 1 else one.repairs
+        )
 
 
 def _px4_vehicle(tables: Mapping[str, TopicColumns], source: str) -> Telemetry | None:
@@ -263,25 +354,47 @@ def _px4_vehicle(tables: Mapping[str, TopicColumns], source: str) -> Telemetry |
     kind = px4_topics.mav_type(instances, {})
     name_of_kind = enum_name("MAV_TYPE", kind) if kind is not None else UNNAMED
     boots = []
-    for boot in np.unique(np.concatenate([columns["boot"] for columns in topics.values()])) if topics else ():
+    for boot in (
+        np.unique(np.concatenate([columns["boot"] for columns in topics.values()]))
+        if topics
+        else ()
+    ):
         rows = {name: np.flatnonzero(columns["boot"] == boot) for name, columns in topics.items()}
-        in_order = {name: rows[name][np.argsort(topics[name]["time"][rows[name]], kind="stable")] for name in topics}
-        here = {name: {0: selected(topics[name], order)} for name, order in in_order.items() if len(order)}
+        in_order = {
+            name: rows[name][np.argsort(topics[name]["time"][rows[name]], kind="stable")]
+            for name in topics
+        }
+        here = {
+            name: {0: selected(topics[name], order)}
+            for name, order in in_order.items()
+            if len(order)
+        }
         made, names = px4_topics.messages(here, {}, name_of_kind, kind)
-        boots.append({name: {**columns, "boot": columns["boot"] + boot} for name, columns in made.items()})
-    messages = {name: joined([made[name] for made in boots if name in made]) for name in sorted(set().union(*boots))}
+        boots.append(
+            {name: {**columns, "boot": columns["boot"] + boot} for name, columns in made.items()}
+        )
+    messages = {
+        name: joined([made[name] for made in boots if name in made])
+        for name in sorted(set().union(*boots))
+    }
     if not messages:
         return None
     ids = topics.get("vehicle_status", {})
-    system, component = _most_frequent_id(ids, "system_id", 0), _most_frequent_id(ids, "component_id", 1)
+    system = _most_frequent_id(ids, "system_id", 0)
+    component = _most_frequent_id(ids, "component_id", 1)
     who = system, component, name_of_kind, enum_name("MAV_AUTOPILOT", PX4)
     return Telemetry(*who, messages, {}, source, repairs, translated_from=PX4_BRIDGE, names=names)
 
 
 def _mavros_vehicle(tables: Mapping[str, TopicColumns], source: str) -> Telemetry | None:
     named = {MAVROS_TOPICS[name].message: table for name, table in tables.items()}
-    parts = {name: [table.columns[field] for field in MAVROS_STAMP] for name, table in named.items()}
-    stamps = {name: _nanoseconds(whole, SECOND) + _nanoseconds(rest, 1) for name, (whole, rest) in parts.items()}
+    parts = {
+        name: [table.columns[field] for field in MAVROS_STAMP] for name, table in named.items()
+    }
+    stamps = {
+        name: _nanoseconds(whole, SECOND) + _nanoseconds(rest, 1)
+        for name, (whole, rest) in parts.items()
+    }
     placed, repairs = _on_one_clock(named, stamps)
     autopilot = mavros_autopilot(sum((table.texts for table in tables.values()), Counter()))
     messages: dict[str, Columns] = {}
@@ -308,16 +421,25 @@ def _on_one_clock(
     usable = {name: (own > 0) & (seconds[name] > 0) for name, own in stamps.items()}
     without = sum(int(np.count_nonzero(~some)) for some in usable.values())
     if without:
-        repairs.append(f"{without} messages without a time stamp, or with one of another clock, were left out.")
+        repairs.append(
+            f"{without} messages without a time stamp, or with one of another clock, were left out."
+        )
     # Without receive times: by them, a companion's clock that was set back would not be a restart.
     sent = [
-        Sent(name, tables[name].places[some], seconds[name][some].copy, MAVROS_PERIODS.get(name, np.inf))
+        Sent(
+            name,
+            tables[name].places[some],
+            seconds[name][some].copy,
+            MAVROS_PERIODS.get(name, np.inf),
+        )
         for name, some in usable.items()
         if some.any()
     ]
-    (stamped, of_clock), placed = boot_clock(sent), dict[str, Columns]()
+    (stamped, of_clock) = boot_clock(sent)
+    placed = dict[str, Columns]()
     for name, on_clock in stamped.items():
-        time, boot = on_clock.time, on_clock.boot.astype(np.int64)
+        time = on_clock.time
+        boot = on_clock.boot.astype(np.int64)
         # A message whose stamp was ignored has the place of the one before.
         new = np.ones(len(time), dtype=np.bool_)
         new[1:] = (np.diff(time) != 0) | (np.diff(boot) != 0)
@@ -340,7 +462,9 @@ def _start(stamps: NDArray[np.int64]) -> tuple[int, list[str]]:
 def _nanoseconds(values: NDArray[np.float64], unit: int) -> NDArray[np.int64]:
     """Stamps in nanoseconds, from values in multiples of ``unit`` ns; 0 for an impossible one."""
     # As integers: floats do not hold nanoseconds since 1970, and 64 bits not much more than 9e18.
-    return np.where((values > 0) & (values < 9 * 10**18 // unit), values, 0.0).astype(np.int64) * unit
+    return (
+        np.where((values > 0) & (values < 9 * 10**18 // unit), values, 0.0).astype(np.int64) * unit
+    )
 
 
 def _most_frequent_id(status: Columns, field: str, default: int) -> int:

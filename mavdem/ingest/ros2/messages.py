@@ -44,7 +44,19 @@ MAX_CHARACTERS = 1 << 16  # Of a definition; PX4's longest, vehicle_status, has 
 MAX_VALUES = 1000
 """Values in one message, those of a fixed array counted one by one; PX4's and MAVROS's messages hold up to 100."""
 PRIMITIVES = frozenset(
-    {"bool", "byte", "char", "float32", "float64", "int8", "uint8", "int16", "uint16", "int32", "uint32"}
+    {
+        "bool",
+        "byte",
+        "char",
+        "float32",
+        "float64",
+        "int8",
+        "uint8",
+        "int16",
+        "uint16",
+        "int32",
+        "uint32",
+    }
     | {"int64", "uint64", "string"}
 )
 MAX_DEPTH = 8  # Depth of nested messages; PX4's and MAVROS's have 3
@@ -66,7 +78,10 @@ class _RosField(NamedTuple):
     name: str
 
 
-BUILT_IN = dict.fromkeys(PRIMITIVES, 1) | {"builtin_interfaces/Time": 2, "builtin_interfaces/Duration": 2}
+BUILT_IN = dict.fromkeys(PRIMITIVES, 1) | {
+    "builtin_interfaces/Time": 2,
+    "builtin_interfaces/Duration": 2,
+}
 """Numbers of values in what definitions use without defining it."""
 
 
@@ -81,7 +96,10 @@ def rewritten(name: str, text: str) -> str | None:
     messages = _messages(own, text) if len(text) <= MAX_CHARACTERS else None
     if messages is None or not 0 < _values(own, messages, {}, 0) <= MAX_VALUES:
         return None
-    written = {of: "\n".join(f"{field.of}{field.array} {field.name}" for field in messages[of]) for of in messages}
+    written = {
+        of: "\n".join(f"{field.of}{field.array} {field.name}" for field in messages[of])
+        for of in messages
+    }
     first = written.pop(own)
     return "\n===\n".join([first, *(f"MSG: {of}\n{fields}" for of, fields in written.items())])
 
@@ -105,11 +123,15 @@ def _messages(own: str, text: str) -> dict[str, list[_RosField]] | None:
             return None
         local = found["of"] not in PRIMITIVES and "/" not in found["of"]
         kind = f"{current.partition('/')[0]}/{found['of']}" if local else found["of"]
-        messages[current].append(_RosField(kind, found["array"] or "", int(found["size"] or 0), found["name"]))
+        messages[current].append(
+            _RosField(kind, found["array"] or "", int(found["size"] or 0), found["name"])
+        )
     return messages
 
 
-def _values(name: str, messages: dict[str, list[_RosField]], known: dict[tuple[str, int], int], depth: int) -> int:
+def _values(
+    name: str, messages: dict[str, list[_RosField]], known: dict[tuple[str, int], int], depth: int
+) -> int:
     """The number of values in a message that ``depth`` others contain, a text or an array of any length as one.
 
     0 where it has no bound. ``known`` has what was counted before, and is added to.
@@ -119,11 +141,16 @@ def _values(name: str, messages: dict[str, list[_RosField]], known: dict[tuple[s
     if (name, depth) not in known:
         counts = []
         for field in messages[name]:
-            bounded = field.of in PRIMITIVES or (depth < MAX_DEPTH and (field.size or not field.array))
-            counts.append(max(field.size, 1) * _values(field.of, messages, known, depth + 1) if bounded else 0)
+            bounded = field.of in PRIMITIVES or (
+                depth < MAX_DEPTH and (field.size or not field.array)
+            )
+            counts.append(
+                max(field.size, 1) * _values(field.of, messages, known, depth + 1) if bounded else 0
+            )
             if not counts[-1]:
                 break
-        known[name, depth] = sum(counts) * all(counts) or not counts  # a message without fields is one byte
+        # a message without fields is one byte
+        known[name, depth] = sum(counts) * all(counts) or not counts
     return known[name, depth]
 
 
@@ -150,7 +177,9 @@ class RosTopicReader:
         Of the latter, if any, they must have one. "q[4]" is an array, cut or filled with zeros to that length.
         """
         self.failed = 0
-        self._needed, self._wanted, self._texts = needed, wanted, texts
+        self._needed = needed
+        self._wanted = wanted
+        self._texts = texts
         self._numbers: list[tuple[str, int]] = []
         self._get: Callable[[Any], tuple[Any, ...]] | None = None
         self._values, self._places = array("d"), array("q")
@@ -159,7 +188,11 @@ class RosTopicReader:
     def add(self, place: int, data: bytes, decode: Decoder | None) -> bool:
         """Adds message number ``place`` of the recording; returns whether it could be decoded."""
         # Plain CDR, either way round; other encapsulations align differently.
-        row = self._row(data, decode) if decode is not None and data[:2] in (b"\0\0", b"\0\1") else None
+        row = (
+            self._row(data, decode)
+            if decode is not None and data[:2] in (b"\0\0", b"\0\1")
+            else None
+        )
         if row is None:
             self.failed += 1
             return False
@@ -169,8 +202,14 @@ class RosTopicReader:
 
     def table(self) -> TopicColumns:
         """The values of all messages."""
-        names = [one for field, n in self._numbers for one in ([f"{field}[{i}]" for i in range(n)] or [field])]
-        values = np.frombuffer(self._values, dtype=np.float64).reshape(len(self._places), len(names))
+        names = [
+            one
+            for field, n in self._numbers
+            for one in ([f"{field}[{i}]" for i in range(n)] or [field])
+        ]
+        values = np.frombuffer(self._values, dtype=np.float64).reshape(
+            len(self._places), len(names)
+        )
         places = np.frombuffer(self._places, dtype=np.int64)
         return TopicColumns(dict(zip(names, values.T, strict=True)), places, self._texts_counted)
 
@@ -206,7 +245,9 @@ class RosTopicReader:
                 numbers.append((name, count))
         if wanted and len(numbers) == len(self._needed):
             raise AttributeError("none of the wanted fields")
-        get: Callable[[Any], tuple[Any, ...]] = attrgetter(*(name for name, _ in numbers), *self._texts)
+        get: Callable[[Any], tuple[Any, ...]] = attrgetter(
+            *(name for name, _ in numbers), *self._texts
+        )
         get(message)
         self._numbers = numbers
         return get

@@ -16,8 +16,12 @@ from mavdem.report.figures.systems import draw
 from mavdem.report.palette import BAD, HELD_OUT_OPACITY, MEASURED, PHYSICAL, PREDICTED
 
 LOWEST = 0.2  # Hz shown
-SECONDS, STEP_HERTZ = 0.8, 0.05  # of a step response; and the step of the frequencies that it is summed from
-CLOUD, SPARSE = 40, 4  # draws of a Nyquist plot, and every how many points of each
+# of a step response; and the step of the frequencies that it is summed from
+SECONDS = 0.8
+STEP_HERTZ = 0.05
+# draws of a Nyquist plot, and every how many points of each
+CLOUD = 40
+SPARSE = 4
 ROOM = Room(left=0.66, bottom=0.5, columns=0.5, rows=0.45)
 LABELS = "gain (dB)", "phase (°)", "sensitivity |S|", "imaginary part", "share of the step"
 MS = 2.0  # drawn as the limit
@@ -31,14 +35,24 @@ def loops(loop: Loop, after: Loop | None = None) -> Figure:
     """
     with picture(8.6, ROOM) as figure:
         rows = figure.subplots(5, 2, gridspec_kw={"height_ratios": [2, 2, 2, 3.1, 2.4]})
-        for which, (gain, phase, left, plane, step) in zip(("rate", "attitude"), rows.T, strict=True):
+        for which, (gain, phase, left, plane, step) in zip(
+            ("rate", "attitude"), rows.T, strict=True
+        ):
             plane.add_patch(Circle((-1, 0), 1 / MS, color=BAD, alpha=HELD_OUT_OPACITY, linewidth=0))
             for one, name, colour in _curves(loop, after, which):
                 draw(gain, one.frequency, 20 * np.log10(np.abs(one.response)), name, colour)
                 first = np.angle(one.response[:, :1])
-                turned = np.degrees(np.unwrap(np.angle(one.response), axis=1) - 2 * np.pi * (first > 0))
+                turned = np.degrees(
+                    np.unwrap(np.angle(one.response), axis=1) - 2 * np.pi * (first > 0)
+                )
                 draw(phase, one.frequency, turned, name, colour)
-                phase.plot(2 * [one.crossover], [-180, one.phase_margin - 180], "_:", color=colour, linewidth=1.2)
+                phase.plot(
+                    2 * [one.crossover],
+                    [-180, one.phase_margin - 180],
+                    "_:",
+                    color=colour,
+                    linewidth=1.2,
+                )
                 draw(left, one.frequency, 1 / np.abs(1 + one.response), name, colour)
                 cloud = one.response[1 : CLOUD + 1, ::SPARSE]
                 plane.plot(cloud.real.T, cloud.imag.T, color=colour, alpha=0.08, linewidth=0.8)
@@ -55,7 +69,10 @@ def loops(loop: Loop, after: Loop | None = None) -> Figure:
         for axes, label in zip(rows[:, 0], LABELS, strict=True):
             axes.set_ylabel(label)
         legend_above(rows[0, 1])
-        note(figure, f"Dotted: the phase margin. Red: Ms of {MS:g}, in the disc more. Grey step: as measured.")
+        note(
+            figure,
+            f"Dotted: the phase margin. Red: Ms of {MS:g}, in the disc more. Grey step: as measured.",
+        )
     return figure
 
 
@@ -65,7 +82,9 @@ def _limits(gain: Axes, phase: Axes, left: Axes, highest: float) -> None:
     left.set(yscale="log", ylim=(0.05, 4))
     left.yaxis.set_major_formatter("{x:g}")
     for axes, line in ((gain, 0), (phase, -180), (left, 1)):
-        axes.set(xscale="log", xlim=(LOWEST, highest), xlabel="frequency (Hz)" if axes is left else "")
+        axes.set(
+            xscale="log", xlim=(LOWEST, highest), xlabel="frequency (Hz)" if axes is left else ""
+        )
         axes.xaxis.set_major_formatter("{x:g}")
         axes.axhline(line, **HAIRLINE)
     left.axhline(MS, color=BAD, linewidth=0.8)
@@ -73,9 +92,12 @@ def _limits(gain: Axes, phase: Axes, left: Axes, highest: float) -> None:
 
 def step_response(one: OpenLoop) -> tuple[Array, Array]:
     """Returns time (T,) s and the closed loop's output (N, T) after a step of 1: 2/π ∫ Re(T) sin(ωt)/ω dω."""
-    time, frequency = np.linspace(0, SECONDS, 121), np.arange(STEP_HERTZ / 2, one.frequency[-1], STEP_HERTZ)
+    time = np.linspace(0, SECONDS, 121)
+    frequency = np.arange(STEP_HERTZ / 2, one.frequency[-1], STEP_HERTZ)
     real = np.array([np.interp(frequency, one.frequency, row) for row in one.closed.real])
-    return time, real @ (np.sin(2 * np.pi * np.outer(frequency, time)) / frequency[:, None]) * STEP_HERTZ * 2 / np.pi
+    return time, real @ (
+        np.sin(2 * np.pi * np.outer(frequency, time)) / frequency[:, None]
+    ) * STEP_HERTZ * 2 / np.pi
 
 
 def _curves(loop: Loop, after: Loop | None, which: str) -> Iterator[tuple[OpenLoop, str, str]]:

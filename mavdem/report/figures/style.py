@@ -40,13 +40,16 @@ INKED = (
     "grid.color",
 )
 STYLE: Any = {
-    **matplotlib.rc_params_from_file(Path(__file__).with_name("figures.mplstyle"), use_default_template=False),
+    **matplotlib.rc_params_from_file(
+        Path(__file__).with_name("figures.mplstyle"), use_default_template=False
+    ),
     **dict.fromkeys(INKED, INK_ON_LIGHT),
     "axes.prop_cycle": cycler(color=DISTINCT),
 }
 
 THIN = 0.9  # points: measured lines, of many samples
-HAIRLINE: dict[str, Any] = {"color": MEASURED, "linewidth": 0.8, "zorder": 1.5}  # of zero, bounds and the like
+# of zero, bounds and the like
+HAIRLINE: dict[str, Any] = {"color": MEASURED, "linewidth": 0.8, "zorder": 1.5}
 
 
 class BareFigure(Figure):
@@ -77,7 +80,8 @@ class Room(NamedTuple):
         """Places the axes of a figure; what is written below them all has its lines beside."""
         width, height = figure.get_size_inches()
         below = figure.get_supxlabel()
-        bottom = self.bottom + (0.16 * (1 + below.count("\n")) if below else 0.0)  # for each line of small letters
+        # for each line of small letters
+        bottom = self.bottom + (0.16 * (1 + below.count("\n")) if below else 0.0)
         grid = figure.axes[0].get_gridspec()
         rows, columns = (1, 1) if grid is None else grid.get_geometry()
         inside = height - bottom - self.top, width - self.left - self.right
@@ -88,13 +92,19 @@ class Room(NamedTuple):
 
 
 @contextmanager
-def picture(height: float = 3.2, room: Room | None = None, width: float = WIDTH) -> Iterator[BareFigure]:
+def picture(
+    height: float = 3.2, room: Room | None = None, width: float = WIDTH
+) -> Iterator[BareFigure]:
     """Yields a new figure of this ``height``, inches, in the common style, to be drawn in the block.
 
     Without ``room`` matplotlib measures what labels take, which takes it longer than the drawing.
     """
     with matplotlib.rc_context(STYLE):
-        layout = None if room else ConstrainedLayoutEngine(w_pad=0.03, h_pad=0.03, hspace=0.04, wspace=0.05)
+        layout = (
+            None
+            if room
+            else ConstrainedLayoutEngine(w_pad=0.03, h_pad=0.03, hspace=0.04, wspace=0.05)
+        )
         figure = BareFigure(figsize=(width, height), layout=layout, facecolor="none")
         yield figure
         if room is not None:
@@ -109,9 +119,12 @@ def picture(height: float = 3.2, room: Room | None = None, width: float = WIDTH)
 
 def _extremes(low: Array, high: Array) -> NDArray[np.intp]:
     """Indices of what shows a band (N,), or a line: its least and largest in each of many parts, gaps, and ends."""
-    gaps, size = np.flatnonzero(np.isnan(low + high)), -(-len(low) // (MAX_POINTS // 2))
+    gaps = np.flatnonzero(np.isnan(low + high))
+    size = -(-len(low) // (MAX_POINTS // 2))
     padded = np.pad([low, -high], ((0, 0), (0, -len(low) % size)), mode="edge").reshape(2, -1, size)
-    found = np.argmin(np.where(np.isnan(padded), np.inf, padded), axis=2) + size * np.arange(padded.shape[1])
+    found = np.argmin(np.where(np.isnan(padded), np.inf, padded), axis=2) + size * np.arange(
+        padded.shape[1]
+    )
     return np.unique(np.minimum([*found.ravel(), *gaps, 0, len(low)], len(low) - 1))
 
 
@@ -131,12 +144,17 @@ def svg(figure: Figure, name: str) -> str:
     return re.sub(r' id="([^"]*)"', lambda match: match[0] if match[1] in used else "", text)
 
 
-def band(axes: Axes, x: Array, low: Array | float, high: Array | float, colour: str, label: str = "") -> None:
+def band(
+    axes: Axes, x: Array, low: Array | float, high: Array | float, colour: str, label: str = ""
+) -> None:
     """Draws the filled band between two lines (N,), or levels."""
     if len(x) > MAX_POINTS:
-        low, high = np.broadcast_to(low, x.shape), np.broadcast_to(high, x.shape)
+        low = np.broadcast_to(low, x.shape)
+        high = np.broadcast_to(high, x.shape)
         kept = _extremes(low, high)
-        x, low, high = x[kept], low[kept], high[kept]
+        x = x[kept]
+        low = low[kept]
+        high = high[kept]
     axes.fill_between(x, low, high, color=colour, alpha=BAND_OPACITY, linewidth=0, label=label)
 
 
@@ -148,7 +166,8 @@ def legend_above(axes: Axes, columns: int = 5) -> None:
 def not_blown_up(axes: Axes, values: ArrayLike, beyond: float = 0.6) -> None:
     """Limits the vertical axis to ``beyond`` spans beyond these values, however wide a band around them is."""
     shown = np.asarray(values, np.float64)
-    low, high = float(np.nanmin(shown)), float(np.nanmax(shown))
+    low = float(np.nanmin(shown))
+    high = float(np.nanmax(shown))
     span = high - low or max(abs(high), 1.0)
     bottom, top = axes.get_ylim()
     axes.set_ylim(max(bottom, low - beyond * span), min(top, high + beyond * span))

@@ -20,7 +20,15 @@ from mavdem.confidence import LEVEL
 from mavdem.dem import Learned, Physical
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import pack, unpack
-from mavdem.report.figures.style import HAIRLINE, Room, band, legend_above, not_blown_up, note, picture
+from mavdem.report.figures.style import (
+    HAIRLINE,
+    Room,
+    band,
+    legend_above,
+    not_blown_up,
+    note,
+    picture,
+)
 from mavdem.report.numbers import AxisCommand, Labels, per, readable
 from mavdem.report.palette import PHYSICAL, PREDICTED, TRUTH
 
@@ -48,13 +56,16 @@ class Systems(NamedTuple):
         resolvent = s[:, None, None] * np.eye(self.A.shape[-1]) - self.A[:, None]
         pushed = np.broadcast_to(self.b[:, None, :, None], (*resolvent.shape[:-1], 1))
         states = np.linalg.solve(resolvent, pushed)[..., 0]
-        return np.asarray((states * self.C[:, None, output]).sum(axis=-1) * np.exp(-self.delay[:, None] * s))
+        return np.asarray(
+            (states * self.C[:, None, output]).sum(axis=-1) * np.exp(-self.delay[:, None] * s)
+        )
 
     def after_step(self, time: Array) -> Array:
         """Returns (N, T, m): the outputs after the command's step from 0 to 1 at 0 s, at (T,) s evenly from 0 on."""
         n = self.A.shape[-1]
         generator = np.zeros((len(self.A), n + 1, n + 1))
-        generator[:, :n, :n], generator[:, :n, n] = self.A, self.b
+        generator[:, :n, :n] = self.A
+        generator[:, :n, n] = self.b
         flow = expm(generator * (time[1] - time[0]))
         states = [np.repeat(np.eye(n + 1)[-1:], len(self.A), axis=0)]
         for _ in time[1:]:
@@ -73,11 +84,14 @@ def model_systems(learned: Learned, motors: Array, seed: int = 0) -> Systems:
     By the posterior, with Student's distribution where it is that of a simulation-error fit.
     """
     A, B, C = learned.model[:3]
-    theta, found, rng = pack(A, B, C), learned.simulation_fit, np.random.default_rng(seed)
+    theta = pack(A, B, C)
+    found = learned.simulation_fit
+    rng = np.random.default_rng(seed)
     away = _normal(rng, learned.theta_covariance)
     if found is not None:
         away /= np.sqrt(rng.chisquare(found.freedom, (DRAWS, 1)) / found.freedom)
-    (n, r), m = B.shape, len(C)
+    (n, r) = B.shape
+    m = len(C)
     drawn = (unpack(row, n, r, m) for row in theta + np.vstack([0 * theta, away]))
     As, Bs, Cs = map(np.array, zip(*drawn, strict=True))
     return Systems(As, Bs @ motors, Cs, np.zeros(DRAWS + 1))
@@ -86,10 +100,14 @@ def model_systems(learned: Learned, motors: Array, seed: int = 0) -> Systems:
 def physical_systems(physical: Physical, motors: Array, outputs: int, seed: int = 0) -> Systems:
     """Returns physical parameters and ``DRAWS`` of them; ``outputs`` are 2, angle and rate, or 1, the rate alone."""
     theta = physical.draws(DRAWS, seed)
-    effect, (damping, lag, delay) = theta[:, :-3] @ motors, theta[:, -3:].T
-    A, b = np.zeros((len(theta), 3, 3)), np.zeros((len(theta), 3))
+    effect = theta[:, :-3] @ motors
+    (damping, lag, delay) = theta[:, -3:].T
+    A = np.zeros((len(theta), 3, 3))
+    b = np.zeros((len(theta), 3))
     A[:, 0, 1] = A[:, 1, 2] = 1.0
-    A[:, 1, 1], A[:, 2, 2], b[:, 2] = -damping, -1 / lag, effect / lag
+    A[:, 1, 1] = -damping
+    A[:, 2, 2] = -1 / lag
+    b[:, 2] = effect / lag
     first = 2 - outputs
     C = np.broadcast_to(np.eye(outputs, 3 - first), (len(theta), outputs, 3 - first))
     return Systems(A[:, first:, first:], b[:, first:], C, delay)
@@ -98,7 +116,9 @@ def physical_systems(physical: Physical, motors: Array, outputs: int, seed: int 
 def _normal(rng: np.random.Generator, covariance: Array) -> Array:
     """(DRAWS, k) about 0, of a covariance (k, k) that may be singular."""
     values, vectors = np.linalg.eigh((covariance + covariance.T) / 2)
-    return np.asarray(rng.standard_normal((DRAWS, len(values))) @ (vectors * np.sqrt(values.clip(0))).T)
+    return np.asarray(
+        rng.standard_normal((DRAWS, len(values))) @ (vectors * np.sqrt(values.clip(0))).T
+    )
 
 
 class SystemPlots:
@@ -114,17 +134,21 @@ class SystemPlots:
         first states are the outputs, and its delay, s.
         """
         learned = self.learned
-        command, labels = AxisCommand.of(learned), Labels.of(learned)
+        command = AxisCommand.of(learned)
+        labels = Labels.of(learned)
         output = range(len(labels.output_names))[output]
         unit = readable(labels.output_units[output])
         # What is faster than 0.4 of the sampling rate cannot be asked of the model.
         frequency = np.geomspace(0.1, min(20.0, 0.4 / learned.dt), 200)
         with picture(3.7, Room(left=0.75)) as figure:
             above, below = figure.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": [3, 2]})
-            magnitudes, phases = list[Array](), list[Array]()
+            magnitudes = list[Array]()
+            phases = list[Array]()
             for name, colour, systems in _curves(learned, command.motors, truth, model):
                 response = systems.over_frequency(frequency, output)
-                phase = np.degrees(np.unwrap(np.angle(response[0])) + np.angle(response / response[0]))
+                phase = np.degrees(
+                    np.unwrap(np.angle(response[0])) + np.angle(response / response[0])
+                )
                 for axes, values, estimates in (
                     (above, unit.scale * np.abs(response), magnitudes),
                     (below, phase, phases),
@@ -132,12 +156,17 @@ class SystemPlots:
                     draw(axes, frequency, values, name, colour)
                     estimates.append(values[0])
             above.set(xscale="log", yscale="log")
-            above.set_ylabel(f"{labels.output_names[output]} by {command.name}\n({per(unit, command.unit)})")
-            lowest, highest = np.min(magnitudes) / MAX_WIDER, np.max(magnitudes) * MAX_WIDER
+            above.set_ylabel(
+                f"{labels.output_names[output]} by {command.name}\n({per(unit, command.unit)})"
+            )
+            lowest = np.min(magnitudes) / MAX_WIDER
+            highest = np.max(magnitudes) * MAX_WIDER
             above.set_ylim(*np.clip(above.get_ylim(), lowest, highest))
             below.set(xlabel="frequency (Hz)", ylabel="phase (°)")
             below.set_ylim(*np.clip(below.get_ylim(), np.min(phases) - 90, np.max(phases) + 90))
-            below.yaxis.set_major_locator(MultipleLocator(45 if np.ptp(below.get_ylim()) < 200 else 90))
+            below.yaxis.set_major_locator(
+                MultipleLocator(45 if np.ptp(below.get_ylim()) < 200 else 90)
+            )
             for axis in (below.xaxis, above.yaxis):
                 axis.set_major_formatter("{x:g}")
             legend_above(above)
@@ -151,13 +180,17 @@ class SystemPlots:
         :meth:`bode`.
         """
         learned = self.learned
-        command, labels = AxisCommand.of(learned), Labels.of(learned)
+        command = AxisCommand.of(learned)
+        labels = Labels.of(learned)
         size = float(f"{command.series(learned.record.inputs).std():.1g}") or 1.0
-        time, outputs = np.linspace(0.0, 1.5, 151), len(labels.output_names)
+        time = np.linspace(0.0, 1.5, 151)
+        outputs = len(labels.output_names)
         with picture(1.5 + 1.2 * outputs, Room()) as figure:
             rows = np.atleast_1d(figure.subplots(outputs, 1, sharex=True))
             drawn = _curves(learned, command.motors, truth)
-            curves = [(name, colour, size * systems.after_step(time)) for name, colour, systems in drawn]
+            curves = [
+                (name, colour, size * systems.after_step(time)) for name, colour, systems in drawn
+            ]
             for output, axes in zip(reversed(range(outputs)), rows, strict=True):
                 unit = readable(labels.output_units[output])
                 axes.axhline(0, **HAIRLINE)
@@ -176,7 +209,8 @@ def _curves(
     learned: Learned, motors: Array, truth: Truth | None, model: str = "both"
 ) -> Iterator[tuple[str, str, Systems]]:
     """Name, colour and systems of each curve; DEM's model where there is no plant, whatever the ``model``."""
-    outputs, physical = learned.record.outputs.shape[1], _plant(learned)
+    outputs = learned.record.outputs.shape[1]
+    physical = _plant(learned)
     if physical is not None and model != "dem":
         yield "physical parameters", PHYSICAL, physical_systems(physical, motors, outputs)
     if physical is None or model != "physical":
@@ -198,18 +232,26 @@ def draw(axes: Axes, x: Array, values: Array, name: str, colour: str) -> None:
 
 def _remark(learned: Learned, model: str = "both") -> str:
     if learned.physical is not None and not learned.physical.identifiable:
-        return "Control effectiveness is not identifiable in this flight: its response may be far off."
-    remark, plant = "Bands: 90 %. That of DEM's model leaves out the bias of the closed loop.", _plant(learned)
+        return (
+            "Control effectiveness is not identifiable in this flight: its response may be far off."
+        )
+    remark = "Bands: 90 %. That of DEM's model leaves out the bias of the closed loop."
+    plant = _plant(learned)
     if plant is None:
         return remark
-    doubts = ", ".join(f"{name} {status}" for name, status in plant.status.items() if status != "reported")
+    doubts = ", ".join(
+        f"{name} {status}" for name, status in plant.status.items() if status != "reported"
+    )
     doubts = f" Of the plant: {doubts}." if doubts else ""
     if model == "physical":
         return f"Band: 90 %, of the posterior; the delay of the commands is in the phase.{doubts}"
-    return f"{remark} Where the two differ, the physical parameters are what the vehicle does.{doubts}"
+    return (
+        f"{remark} Where the two differ, the physical parameters are what the vehicle does.{doubts}"
+    )
 
 
 def _plant(learned: Learned) -> Physical | None:
     """The physical parameters, where they are identifiable, and their outputs are those of the model."""
-    physical, outputs = learned.physical, learned.record.outputs.shape[1]
+    physical = learned.physical
+    outputs = learned.record.outputs.shape[1]
     return physical if physical is not None and outputs <= 2 and physical.identifiable else None
