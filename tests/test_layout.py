@@ -2,7 +2,6 @@
 
 import ast
 import sys
-from collections import Counter
 from collections.abc import Iterator
 from functools import cache
 from graphlib import TopologicalSorter
@@ -156,7 +155,7 @@ def test_imports_have_no_circle():
 
 
 def test_a_file_is_not_long():
-    lengths = {str(path): lines_of(path) for path in FILES}
+    lengths = {str(path): len((ROOT / path).read_text().splitlines()) for path in FILES}
     assert not {path: lines for path, lines in lengths.items() if lines > MAX_LINES}
 
 
