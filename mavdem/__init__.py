@@ -3,6 +3,8 @@
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from mavdem.facts import Fact, Words, speak
+
 if TYPE_CHECKING:
     from mavdem import baselines, evaluate
     from mavdem.alignment import read_flight, read_segments
@@ -20,6 +22,16 @@ if TYPE_CHECKING:
     from mavdem.flight import Flight
     from mavdem.forecaster import Forecaster
     from mavdem.ingest import Telemetry
+
+
+def _words(fact: Fact) -> Words:
+    # Imported when a fact is first put in words.
+    from mavdem.report.words import words
+
+    return words(fact)
+
+
+speak(_words)
 
 __all__ = [
     "Flight",

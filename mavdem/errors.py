@@ -7,6 +7,9 @@ from importlib.util import find_spec
 from math import pi
 from typing import Any
 
+from mavdem.facts import Fact
+from mavdem.facts.prose import Prose, prose
+
 REMEDIES = {
     "attach",
     "check",
@@ -21,36 +24,47 @@ REMEDIES = {
     "name",
     "save",
 }
-"""Words that begin what to do."""
+"""Words that begin what to do; transitional, until each refusal is a fact of its own."""
 
 
-class Unreadable(ValueError):
-    """A source that cannot be opened or holds nothing that can be read; the message is one sentence for the user."""
+class Refusal(ValueError):
+    """What cannot be done, and why: a fact, whose sentence and remedy are the message."""
+
+    def __init__(self, fact: Fact | str, remedy: str = "") -> None:
+        super().__init__(fact, remedy)
+        self.fact = prose(fact, remedy) if isinstance(fact, str) else fact
+
+    def __str__(self) -> str:
+        return f"{self.fact} {self.fact.remedy}".strip()
 
     @property
     def reason(self) -> str:
-        """The message."""
-        return str(self)
+        """The sentence: what is wrong, with the figures."""
+        return str(self.fact)
 
     @property
     def remedy(self) -> str:
-        """What the message says to do, after its last colon; empty where that says why."""
-        advice = str(self).rpartition(": ")[2]
-        return advice[:1].upper() + advice[1:] if advice.split(" ")[0] in REMEDIES else ""
+        """What to change, with a command where there is one; may be empty."""
+        return self.fact.remedy
 
 
-class NotLearnable(ValueError):
-    """Data that cannot support the request: fitting them would give numbers that mean nothing.
+class Unreadable(Refusal):
+    """A source that cannot be opened, or that holds nothing which can be read."""
 
-    Attributes:
-        reason: one sentence: what is missing, with the figures.
-        remedy: what to change, a command where there is one; may be empty.
-    """
+    def __init__(self, fact: Fact | str, remedy: str = "") -> None:
+        if isinstance(fact, str):
+            advice = fact.rpartition(": ")[2]
+            remedy = remedy or (
+                advice[:1].upper() + advice[1:] if advice.split(" ")[0] in REMEDIES else ""
+            )
+        super().__init__(fact, remedy)
 
-    def __init__(self, reason: str, remedy: str = "") -> None:
-        super().__init__(f"{reason} {remedy}".strip())
-        self.reason = reason
-        self.remedy = remedy
+    def __str__(self) -> str:
+        return self.reason if self.fact.code is Prose.PROSE else super().__str__()
+
+
+class NotLearnable(Refusal):
+    """Data that cannot support the request: fitting them would give numbers that mean nothing."""
 
 
 SLIPS = {57.3: "The angle seems to be in degrees", 1 / 57.3: "The rate seems to be in degrees/s"}

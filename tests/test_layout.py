@@ -23,6 +23,7 @@ MAX_LINES = 600
 """Of one file: a chapter, not a book."""
 
 FLOORS = (
+    {"facts"},
     {"confidence", "documents", "errors", "files", "forecaster"},
     {"flight"},
     {"ingest"},
@@ -68,7 +69,13 @@ ROOMS_OF_LIBRARIES = {
 
 ARRAYS = sys.stdlib_module_names | {"numpy", "scipy", "threadpoolctl", "pydantic"}
 USED_BY = {
-    "mavdem.dem": {"mavdem.dem", "mavdem.confidence", "mavdem.documents", "mavdem.errors"},
+    "mavdem.dem": {
+        "mavdem.dem",
+        "mavdem.confidence",
+        "mavdem.documents",
+        "mavdem.errors",
+        "mavdem.facts",
+    },
     "mavdem.health": {
         "mavdem.health",
         "mavdem.confidence",
@@ -76,7 +83,13 @@ USED_BY = {
         "mavdem.dem",
         "mavdem.condition",
     },
-    "sitl_scenarios": {"sitl_scenarios", "mavdem.errors", "mavdem.files", "mavdem.ingest.mavlink"}
+    "sitl_scenarios": {
+        "sitl_scenarios",
+        "mavdem.facts",
+        "mavdem.errors",
+        "mavdem.files",
+        "mavdem.ingest.mavlink",
+    }
     | {"mavdem.ingest.controllers"},
 }
 """Rooms that know arrays only, and what of ours they may use: no file, link or viewer."""
@@ -168,20 +181,21 @@ NODES = {
     "dem": 80890,
     "evaluate": 9720,
     "export": 3480,
+    "facts": 1000,
     "fleet": 16530,
     "health": 10170,
     "ingest": 57060,
     "live": 29310,
-    "mavdem": 4640,
+    "mavdem": 4800,
     "paper": 15480,
-    "report": 40120,
+    "report": 41000,
     "sitl_scenarios": 37710,
     "tools": 13190,
     "view": 14670,
 }
 """Syntax nodes of Python that a room may have: what a new capability needs, something older gives back."""
 ALL_NODES = 412_000
-TEST_NODES = 248_000
+TEST_NODES = 249_000
 NODES_A_LINE = 12.1
 """Of code: more is packed, not short."""
 ALL_CONSTANTS = 887

@@ -33,7 +33,8 @@ from mavdem.ingest.mavlink.framing import GOOD, Progress, no_progress
 from mavdem.ingest.mcap.records import MAX_STAMP, Series, write_mcap, write_series
 from mavdem.ingest.telemetry import rows_by
 from mavdem.ingest.tlog import write_tlog
-from mavdem.report.numbers import AxisCommand, Labels, short, state_names, states_are_outputs
+from mavdem.report.labels import AxisCommand, Labels, state_names, states_are_outputs
+from mavdem.report.numbers import short
 
 if TYPE_CHECKING:
     import control

@@ -15,7 +15,8 @@ from mavdem.evaluate.held_out import FORECAST
 from mavdem.health.in_flight import MotorAlarm
 from mavdem.live.history import Event, SessionStatus
 from mavdem.report.condition import wind_words
-from mavdem.report.numbers import TORQUE, Labels, readable, rounded, short, with_unit
+from mavdem.report.labels import Labels
+from mavdem.report.numbers import TORQUE, readable, rounded, short, with_unit
 from mavdem.report.timeline import Timeline
 
 POINTS = 16_000

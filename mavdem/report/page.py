@@ -35,8 +35,9 @@ from mavdem.report.comparison import comparison_report, order_report
 from mavdem.report.condition import condition_sentences, log_blocks, tier_sentences, wind_blocks
 from mavdem.report.flights import live_report, truth_blocks
 from mavdem.report.header import FEW_POINTS, POINTS, Head, key_figures, live_figures
+from mavdem.report.labels import Labels
 from mavdem.report.loops import margin_tables, tune_blocks
-from mavdem.report.numbers import Labels, listed, named, readable, rounded
+from mavdem.report.numbers import listed, named, readable, rounded
 from mavdem.report.palette import INK_ON_LIGHT
 from mavdem.report.screen import (
     conclusion,

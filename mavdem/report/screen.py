@@ -32,19 +32,18 @@ from mavdem.dem.engine.model import unpack
 from mavdem.dem.graybox.identifiability import CHANGED
 from mavdem.evaluate.held_out import BASELINES, FORECAST, PREDICTION, HeldOut
 from mavdem.flight import Flight
-from mavdem.report import numbers
 from mavdem.report.blocks import Block, Sentence, Table, text_of
 from mavdem.report.condition import condition_sentences, identity_sentence, tier_sentences
+from mavdem.report.labels import Labels, outputs_of, state_names, states_are_outputs
 from mavdem.report.numbers import (
     TORQUE,
-    Labels,
     listed,
-    outputs_of,
     per,
     plus_minus,
     readable,
     rounded,
     short,
+    with_unit,
 )
 
 # beside the baselines
@@ -369,7 +368,7 @@ def detail_blocks(learned: Learned, report: dict[str, Any] | None = None) -> lis
 
 def _one_step(report: dict[str, Any], labels: Labels) -> list[Block]:
     """RMSE by output on the training data, and how far ahead predictions are worth something without the inputs."""
-    names, units = numbers.outputs_of(labels)
+    names, units = outputs_of(labels)
     rows = []
     for name, error in report["one_step_mspe"].items():
         rmse = (
@@ -391,8 +390,8 @@ def _one_step(report: dict[str, Any], labels: Labels) -> list[Block]:
 def _model(labels: Labels, learned: Learned) -> list[Block]:
     """The model with all it takes to use it elsewhere: a table a matrix, a row a derivative."""
     model = learned.model
-    outputs = numbers.states_are_outputs(learned)
-    states = numbers.state_names(labels.output_names, learned)
+    outputs = states_are_outputs(learned)
+    states = state_names(labels.output_names, learned)
     (n, r) = model.B.shape
     m = len(model.C)
     half = learned.model_interval(LEVEL)
@@ -451,7 +450,7 @@ def _trim(names: Sequence[str], values: Array, units: Sequence[str]) -> str:
     shown = []
     for name, value, unit in zip(names, values, units, strict=True):
         degrees = readable(unit)
-        also = f" ({numbers.with_unit(value, degrees, 3)})" if degrees.name != unit else ""
+        also = f" ({with_unit(value, degrees, 3)})" if degrees.name != unit else ""
         shown.append(f"{name} {value:.4g} {unit}{also}".rstrip())
     return ", ".join(shown)
 

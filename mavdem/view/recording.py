@@ -21,17 +21,8 @@ from mavdem.fleet.row import as_text
 from mavdem.flight import Flight
 from mavdem.report import palette
 from mavdem.report.blocks import Block, Table, markdown
-from mavdem.report.numbers import (
-    TORQUE,
-    AxisCommand,
-    Labels,
-    named,
-    per,
-    place,
-    plus_minus,
-    readable,
-    state_names,
-)
+from mavdem.report.labels import AxisCommand, Labels, state_names
+from mavdem.report.numbers import TORQUE, named, per, place, plus_minus, readable
 from mavdem.report.screen import detail_blocks, screen, title, verdict_blocks
 from mavdem.view.flown import (
     Plot,

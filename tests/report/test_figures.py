@@ -16,7 +16,7 @@ from mavdem.report.figures import Plots
 from mavdem.report.figures.series import forecast, typical_windows
 from mavdem.report.figures.style import svg
 from mavdem.report.figures.systems import model_systems, physical_systems
-from mavdem.report.numbers import AxisCommand, Labels
+from mavdem.report.labels import AxisCommand, Labels
 
 pytestmark = pytest.mark.slow
 LOG = Path(__file__).parents[2] / "logs" / "ardupilot_wind5_steps.tlog"

@@ -13,7 +13,7 @@ import mavdem
 from mavdem.analysis.findings import findings_of
 from mavdem.evaluate import held_out_test
 from mavdem.report.blocks import markdown
-from mavdem.report.numbers import AxisCommand
+from mavdem.report.labels import AxisCommand
 from mavdem.report.screen import detail_blocks, screen, title
 from mavdem.view import write_recording
 from mavdem.view.flown import Pose, _plots, write_pose

@@ -40,7 +40,8 @@ from mavdem.report.figures.style import (
     plain,
 )
 from mavdem.report.figures.systems import SystemPlots
-from mavdem.report.numbers import TORQUE, AxisCommand, Labels, per, readable
+from mavdem.report.labels import AxisCommand, Labels
+from mavdem.report.numbers import TORQUE, per, readable
 from mavdem.report.palette import HELD_OUT_OPACITY, MEASURED, TRUTH, distinct
 from mavdem.report.timeline import Timeline
 

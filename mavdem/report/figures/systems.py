@@ -29,7 +29,8 @@ from mavdem.report.figures.style import (
     note,
     picture,
 )
-from mavdem.report.numbers import AxisCommand, Labels, per, readable
+from mavdem.report.labels import AxisCommand, Labels
+from mavdem.report.numbers import per, readable
 from mavdem.report.palette import PHYSICAL, PREDICTED, TRUTH
 
 Complex = NDArray[np.complex128]

@@ -1,0 +1,133 @@
+"""Fact: a small frozen record of something found: its code, level, time, subject and figures with units.
+
+Facts are made where they are found, on any floor. They know no words: ``report.sentences`` has a sentence and a remedy
+for each code. Code compares codes and levels, never text.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from importlib.resources import files
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+UNITS: Mapping[str, str] = MappingProxyType(
+    tomllib.loads((files("mavdem.facts") / "units.toml").read_text("utf-8"))
+)
+"""The unit of each figure by its name, the same in all facts: "Hz", "m/s", "1" of a share or a count, "" of words."""
+
+
+class Level(StrEnum):
+    """How much a fact matters to the pilot."""
+
+    GOOD = "good"
+    WATCH = "watch"
+    BAD = "bad"
+    UNKNOWN = "unknown"
+
+
+class Code(StrEnum):
+    """What a fact says, by a name that no other code has; each subclass lists the codes of one subject."""
+
+
+Figure = Any
+"""A number, a word, a code, another fact, None, or a tuple of such."""
+
+
+class Words(NamedTuple):
+    """What people read of a fact: a ``sentence``, and the ``remedy``, which is empty where there is none."""
+
+    sentence: str
+    remedy: str = ""
+
+
+@dataclass(frozen=True, init=False)
+class Fact:
+    """Something found, with its figures.
+
+    Attributes:
+        code: what it says.
+        level: how much it matters.
+        time, until: when it was so, s on the boot clock; ``None`` where it is of no time, or still so.
+        subject: what it is about: "motor 2", "roll rate loop", "GPS"; empty where that is the flight as a whole.
+    """
+
+    code: Code
+    level: Level
+    time: float | None
+    until: float | None
+    subject: str
+    _figures: tuple[tuple[str, Figure], ...]
+
+    def __init__(
+        self,
+        code: Code,
+        level: Level = Level.UNKNOWN,
+        *,
+        time: float | None = None,
+        until: float | None = None,
+        subject: str = "",
+        **figures: Figure,
+    ) -> None:
+        """Takes figures by name; ``ValueError`` for a name without a unit in ``units.toml``."""
+        if unknown := figures.keys() - UNITS.keys():
+            raise ValueError(f"figures without a unit in facts/units.toml: {sorted(unknown)}")
+        own = tuple((name, _plain(value)) for name, value in figures.items())
+        values = {"code": code, "level": level, "time": _plain(time), "until": _plain(until)}
+        for name, value in {**values, "subject": subject, "_figures": own}.items():
+            object.__setattr__(self, name, value)
+
+    @property
+    def figures(self) -> Mapping[str, Figure]:
+        """The figures by name, in the units of ``units``."""
+        return MappingProxyType(dict(self._figures))
+
+    @property
+    def units(self) -> Mapping[str, str]:
+        """The unit of each figure."""
+        return MappingProxyType({name: UNITS[name] for name, _ in self._figures})
+
+    def but(self, level: Level | None = None, **figures: Figure) -> Fact:
+        """Returns the same fact of another ``level``, with these ``figures`` added or replaced."""
+        return Fact(
+            self.code,
+            level or self.level,
+            time=self.time,
+            until=self.until,
+            subject=self.subject,
+            **{**self.figures, **figures},
+        )
+
+    def __str__(self) -> str:
+        return _words(self).sentence
+
+    @property
+    def remedy(self) -> str:
+        """What to do about it, in words; empty where there is nothing to be done."""
+        return _words(self).remedy
+
+
+def _plain(value: Any) -> Figure:
+    """Numbers of NumPy as Python's, and lists as tuples."""
+    if isinstance(value, list | tuple):
+        return tuple(map(_plain, value))
+    return value.item() if hasattr(value, "item") else value
+
+
+def _without_words(fact: Fact) -> Words:
+    figures = ", ".join(
+        f"{name} {value} {UNITS[name]}".strip() for name, value in fact.figures.items()
+    )
+    return Words(f"{fact.code} ({figures})")
+
+
+_words: Callable[[Fact], Words] = _without_words
+
+
+def speak(words: Callable[[Fact], Words]) -> None:
+    """Sets what makes the ``words`` of facts, for ``str`` and for errors; without, a fact lists its figures."""
+    global _words
+    _words = words

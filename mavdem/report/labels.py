@@ -1,0 +1,88 @@
+"""Labels: names and units of a model's channels and states, and one command for all motors.
+
+States that are outputs have the outputs' names. ``AxisCommand`` is one number for all motors: by how much those that
+turn the vehicle one way run above those that turn it back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavdem.analysis.findings import directions, weights
+from mavdem.dem import Learned
+from mavdem.report.numbers import Readable, named, readable
+
+
+class Labels(NamedTuple):
+    """Names and units of channels; a unit that is not known is empty."""
+
+    input_names: tuple[str, ...]
+    output_names: tuple[str, ...]
+    input_units: tuple[str, ...]
+    output_units: tuple[str, ...]
+
+    @classmethod
+    def of(cls, learned: Learned) -> Labels:
+        """Returns those of the training data of ``learned``; numbers where it has no names."""
+        record = learned.record
+        inputs = record.inputs.shape[1]
+        outputs = record.outputs.shape[1]
+        return cls(
+            record.input_names or tuple(f"input {i + 1}" for i in range(inputs)),
+            record.output_names or tuple(f"output {i + 1}" for i in range(outputs)),
+            record.input_units or ("",) * inputs,
+            record.output_units or ("",) * outputs,
+        )
+
+
+def outputs_of(labels: Labels) -> tuple[list[str], list[Readable]]:
+    """Returns the names of the outputs with the units that they are shown in, and these units."""
+    units = [readable(unit) for unit in labels.output_units]
+    return [
+        named(name, unit.name) for name, unit in zip(labels.output_names, units, strict=True)
+    ], units
+
+
+def states_are_outputs(learned: Learned) -> bool:
+    """Returns whether the first states of ``learned`` are the outputs: C is fixed to [I 0], not free."""
+    return bool(learned.known[-learned.model.C.size :].all())
+
+
+def state_names(outputs: Sequence[str], learned: Learned) -> list[str]:
+    """Returns names of the n states: those of the ``outputs``, then the hidden ones; or numbers."""
+    order = learned.model.A.shape[0]
+    if not states_are_outputs(learned):
+        return [f"state {i + 1}" for i in range(order)]
+    return [*outputs, *(f"hidden {i + 1}" for i in range(order - len(outputs)))][:order]
+
+
+class AxisCommand(NamedTuple):
+    """One number for r inputs: c = ``weights`` · (u − trim), in the ``unit`` of the inputs.
+
+    The ``weights`` (r,) of motors that turn the vehicle up the axis sum to 1, of the others to -1; ``motors`` (r,) is
+    what the motors do for a command of 1 and for nothing else.
+    """
+
+    name: str
+    unit: str
+    weights: NDArray[np.float64]
+    motors: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, learned: Learned) -> AxisCommand:
+        """Returns that of the axis of ``learned``, by the mixer geometry or else by each motor's effectiveness."""
+        labels = Labels.of(learned)
+        turning = directions(learned)
+        motors = turning / (weights(turning) @ turning)
+        return cls(
+            f"{labels.output_names[0]} command", labels.input_units[0], weights(turning), motors
+        )
+
+    def series(self, inputs: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Returns the command (T,) over ``inputs`` (T, r), about its mean."""
+        command = inputs @ self.weights
+        return np.asarray(command - command.mean())

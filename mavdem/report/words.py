@@ -1,0 +1,91 @@
+"""Words: the sentence and the remedy of each fact; no other place has prose about a flight.
+
+The tables in ``sentences`` hold Jinja2 templates by the value of each code. A figure stands for itself, another fact
+for its sentence without the full stop. Filters format figures for people: shares as percent, lists as "a, b and c".
+"""
+
+from __future__ import annotations
+
+import tomllib
+from functools import cache
+from importlib.resources import files
+from math import degrees
+from typing import Any
+
+from jinja2 import Environment, StrictUndefined, Template
+
+from mavdem.facts import Code, Fact, Words
+from mavdem.report.numbers import listed, rounded, short
+
+
+@cache
+def table() -> dict[str, dict[str, str]]:
+    """Returns the sentence, and the remedy where there is one, by the value of a code."""
+    words = dict[str, dict[str, str]]()
+    for part in (files("mavdem.report") / "sentences").iterdir():
+        if part.name.endswith(".toml"):
+            words |= tomllib.loads(part.read_text("utf-8"))
+    return words
+
+
+def words(fact: Fact) -> Words:
+    """Returns the sentence and the remedy of a ``fact``."""
+    known = {"level": fact.level, "time": fact.time, "until": fact.until, "subject": fact.subject}
+    figures = {**known, **fact.figures}
+    templates = _templates(fact.code)
+    return Words(*(template.render(figures).strip() for template in templates))
+
+
+def sentence(fact: Fact) -> str:
+    """Returns the sentence of a ``fact``."""
+    return words(fact).sentence
+
+
+def advised(fact: Fact) -> str:
+    """Returns the sentence of a ``fact`` and, after it, its remedy."""
+    return " ".join(filter(None, words(fact)))
+
+
+@cache
+def _templates(code: Code) -> tuple[Template, Template]:
+    own = table()[code]
+    return _environment().from_string(own["sentence"]), _environment().from_string(
+        own.get("remedy", "")
+    )
+
+
+@cache
+def _environment() -> Environment:
+    environment = Environment(undefined=StrictUndefined, finalize=_shown, autoescape=False)
+    environment.filters |= {
+        "advised": advised,
+        "bare": bare,
+        "begin": begin,
+        "degrees": lambda angle: degrees(angle),
+        "go_on": go_on,
+        "listed": listed,
+        "percent": lambda share, digits=0: f"{100 * share:.{digits}f} %",
+        "rounded": rounded,
+        "sentence": sentence,
+        "short": short,
+    }
+    return environment
+
+
+def _shown(value: Any) -> Any:
+    return bare(value) if isinstance(value, Fact) else value
+
+
+def bare(fact: Fact | str) -> str:
+    """Returns the sentence of a ``fact`` without its full stop, for the inside of another."""
+    return str(fact).removesuffix(".")
+
+
+def begin(text: object) -> str:
+    """Returns ``text`` with a capital letter at its beginning."""
+    return str(text)[:1].upper() + str(text)[1:]
+
+
+def go_on(text: object) -> str:
+    """Returns ``text`` with a small letter at its beginning, for the inside of a sentence."""
+    return bare(str(text)[:1].lower() + str(text)[1:])

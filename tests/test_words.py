@@ -1,0 +1,92 @@
+"""Facts below, words above: no prose about a flight below `report`, and a sentence for each code."""
+
+import ast
+import re
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+import mavdem.facts
+from mavdem.facts import Code
+from mavdem.report.words import table
+
+ROOT = Path(__file__).parents[1]
+ABOVE = {"report", "view", "export", "paper", "cli"}
+"""Rooms that may put results in words."""
+PROSE = {
+    "alignment": 1000,
+    "analysis": 1000,
+    "baselines": 1000,
+    "condition": 1000,
+    "dem": 1000,
+    "evaluate": 1000,
+    "fleet": 1000,
+    "health": 1000,
+    "ingest": 1000,
+    "live": 1000,
+    "mavdem": 1000,
+}
+"""How many literals of words are left below `report`."""
+BUGS = {
+    "ValueError",
+    "TypeError",
+    "AttributeError",
+    "RuntimeError",
+    "KeyError",
+    "AssertionError",
+    "NotImplementedError",
+}
+"""Errors of a caller's program, whose messages are for its author."""
+WORDS = re.compile(r"[A-Za-z’]{2,}[,:;]? [A-Za-z’]{2,}")
+
+
+def prose_of(path: Path) -> Iterator[tuple[int, str]]:
+    """Lines and literals with words in a row; not docstrings, messages of errors that are bugs, and patterns."""
+    tree = ast.parse(path.read_text())
+    allowed = set[ast.AST]()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
+            allowed.add(node.value)
+        elif isinstance(node, ast.Call):
+            called = (
+                node.func.id if isinstance(node.func, ast.Name) else getattr(node.func, "attr", "")
+            )
+            if called in BUGS | {"compile", "field", "Field"}:
+                allowed.update(ast.walk(node))
+    for node in ast.walk(tree):
+        is_text = isinstance(node, ast.Constant) and isinstance(node.value, str)
+        if is_text and node not in allowed and WORDS.search(node.value):
+            yield node.lineno, node.value
+
+
+def test_below_report_there_is_no_prose():
+    left = Counter[str]()
+    found = []
+    for path in sorted((ROOT / "mavdem").rglob("*.py")):
+        inside = path.relative_to(ROOT / "mavdem").parts
+        room = inside[0] if len(inside) > 1 else "mavdem"
+        if room not in ABOVE:
+            prose = list(prose_of(path))
+            left[room] += len(prose)
+            found += [f"{path.relative_to(ROOT)}:{line}: {text}" for line, text in prose]
+    assert not {room: count for room, count in left.items() if count > PROSE.get(room, 0)}, (
+        "\n".join(found)
+    )
+
+
+def codes() -> list[Code]:
+    pending = [Code]
+    kinds = []
+    while pending:
+        kind = pending.pop()
+        kinds.append(kind)
+        pending += kind.__subclasses__()
+    return [code for kind in kinds for code in kind]
+
+
+def test_each_code_has_its_sentence_and_each_sentence_its_code():
+    for path in Path(mavdem.facts.__file__).parent.glob("*.py"):
+        __import__(f"mavdem.facts.{path.stem}".removesuffix(".__init__"))
+    values = Counter(map(str, codes()))
+    assert not [value for value, count in values.items() if count > 1]
+    assert set(values) == set(table())
