@@ -8,10 +8,11 @@ from typing import NamedTuple
 
 from mavdem.analysis import LogAnalysis
 from mavdem.analysis.findings import GOOD, LIMITED, NONE, UNEVEN, Findings, known_wind, most_uneven
-from mavdem.condition.loop import Loop, margin_verdict
+from mavdem.condition.loop import Loop, margin_rating
 from mavdem.condition.wind_of_log import Air
 from mavdem.confidence import LEVEL
 from mavdem.evaluate.held_out import FORECAST
+from mavdem.facts import Level
 from mavdem.health.in_flight import MotorAlarm
 from mavdem.live.history import Event, SessionStatus
 from mavdem.report.condition import wind_words
@@ -23,8 +24,12 @@ POINTS = 16_000
 FEW_POINTS = 2_000
 """Of a line of the timeline: ten minutes with all that autopilots log stay within a megabyte; of a small page."""
 RATINGS = {GOOD: "good", LIMITED: "fair", NONE: "bad", "": ""}
-MARGINS = {"Enough": "good", "Perhaps": "fair", "Too": "bad"}
-"""The rating of a loop by the first word of its verdict."""
+MARGINS = {
+    Level.GOOD: ("good", "enough"),
+    Level.WATCH: ("fair", "perhaps too little"),
+    Level.BAD: ("bad", "too little"),
+}
+"""The colour of a loop and what is said of its margins, by the level of their rating."""
 
 
 class KeyFigure(NamedTuple):
@@ -93,11 +98,9 @@ def key_figures(
         )
     if loop is not None:
         low, high = loop.rate.phase_margin_interval
-        said = margin_verdict(loop).partition(":")[0]
-        remark = f"{low:.0f} to {high:.0f}° of the rate loop; {said.lower()} in all: `mavdem tune` has gains"
-        yield KeyFigure(
-            "Phase margin", f"{loop.rate.phase_margin:.0f}°", remark, MARGINS[said.split()[0]]
-        )
+        colour, said = MARGINS[margin_rating(loop).level]
+        remark = f"{low:.0f} to {high:.0f}° of the rate loop; {said} margin in all: `mavdem tune` has gains"
+        yield KeyFigure("Phase margin", f"{loop.rate.phase_margin:.0f}°", remark, colour)
 
 
 def live_figures(status: SessionStatus) -> Iterator[KeyFigure]:

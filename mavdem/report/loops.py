@@ -33,7 +33,7 @@ def tune_blocks(found: Mapping[str, Advice | str]) -> list[Block]:
         loop = advice.before
         after = {"advised": advice.after} if advice.parameters else {}
         blocks += [
-            Sentence(f"{advice.verdict} {advice.sentence}", lead),
+            Sentence(f"{advice.rating} {advice.sentence}", lead),
             *margin_tables({"now": loop, **after}),
         ]
         if loop.crossover * loop.record.dt > FASTEST:

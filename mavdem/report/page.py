@@ -21,7 +21,7 @@ from markupsafe import Markup, escape
 
 from mavdem.analysis import LogAnalysis
 from mavdem.analysis.findings import NONE, Findings, findings_of
-from mavdem.condition.loop import Advice, Loop, margin_verdict
+from mavdem.condition.loop import Advice, Loop, margin_rating
 from mavdem.condition.wind_of_log import Air
 from mavdem.dem import Learned
 from mavdem.dem.order_choice import OrderChoice
@@ -294,7 +294,7 @@ def _model(
         )
         margins = list[Block]()
         if loop is not None:
-            said = f"{margin_verdict(loop)} `mavdem tune` with this log has gains to set."
+            said = f"{margin_rating(loop)} `mavdem tune` with this log has gains to set."
             margins = [Sentence(said, "Margins:"), *margin_tables({"now": loop})]
         yield Chapter(f"Loop and response of {axis}", margins, pictures)
     forecasts = draw(["forecast"], outputs=len(labels.output_names) if whole else 1)

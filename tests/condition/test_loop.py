@@ -10,12 +10,13 @@ from recorded_flights import shared
 import mavdem
 from mavdem.alignment.align import align, settled_segments
 from mavdem.alignment.signals import Signals
-from mavdem.condition.loop import TARGETS, advise, loop_of
+from mavdem.condition.loop import TARGETS, advise, loop_of, margin_rating
 from mavdem.condition.loop.margins import OpenLoop
 from mavdem.condition.loop.response import transfer
 from mavdem.dem import physical
 from mavdem.dem.graybox import Physical
 from mavdem.dem.record import Record
+from mavdem.facts.loops import Loops
 from mavdem.ingest.controllers import Controller, controller_of
 from mavdem.paper.runner import logged
 from sitl_scenarios.files import scenario_of
@@ -250,6 +251,14 @@ def test_the_gains_have_the_margins_in_95_of_100_plants_that_fit_and_keep_their_
         max(ratios) < 0.67 and found.gains["MC_ROLL_P"][1] <= 6.5 and "step" in found.sentence
     )
     assert factor > 2 or found.noise.heat == pytest.approx(ratios[0] ** 2, rel=2e-3)
+
+
+@pytest.mark.parametrize(("factor", "level"), [(1.0, "good"), (1.7, "watch"), (6.0, "bad")])
+def test_a_loop_is_rated_by_its_weaker_margins(factor, level):
+    rating = margin_rating(loop := made_up(factor))
+    weak = getattr(loop, rating.subject.removesuffix(" loop"))
+    assert (rating.code, rating.level) == (Loops.MARGIN_RATING, level)
+    assert rating.figures["phase_margin"] == weak.phase_margin
 
 
 def test_refusals_are_sentences():

@@ -18,6 +18,8 @@ from mavdem.condition.loop.loop import Loop, changed_in
 from mavdem.condition.loop.response import transfer
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.record import Record
+from mavdem.facts import Fact, Level
+from mavdem.facts.loops import Loops
 from mavdem.ingest.controllers import Controller
 
 
@@ -73,7 +75,7 @@ class Advice:
 
     Attributes:
         target: the margins asked for.
-        verdict: whether the loops of the flight have them, one sentence.
+        rating: whether the loops of the flight have them.
         refusal: why there are no gains, one sentence; empty where there are.
         before, after: the loops by the gains of the log, and by the gains to set.
         gains: (now, to set) by the autopilot's name; those that there are, changed or not.
@@ -82,7 +84,7 @@ class Advice:
     """
 
     target: Target
-    verdict: str
+    rating: Fact
     refusal: str
     before: Loop
     after: Loop
@@ -108,7 +110,7 @@ class Advice:
         if self.sure >= SURE and not self.parameters:
             return f"Keep the gains: both loops have {margins} {share}, and would not with larger ones."
         if self.sure >= SURE:
-            enough = self.verdict.startswith("Enough")
+            enough = self.rating.level is Level.GOOD
             set_them = (
                 "There is room for these gains: both loops then still"
                 if enough
@@ -122,7 +124,7 @@ class Advice:
         known = {
             "loop": self.before.as_dict(),
             "target": self.target._asdict(),
-            "verdict": self.verdict,
+            "verdict": str(self.rating),
         }
         gains = {name: {"now": old, "set": new} for name, (old, new) in self.gains.items()}
         noise = self.noise and self.noise._asdict()
@@ -185,7 +187,7 @@ def advise(loop: Loop, tune: str = "default", doubts: Sequence[str] = ()) -> Adv
     after = loop.changed(gains)
     return Advice(
         target=target,
-        verdict=margin_verdict(loop, target),
+        rating=margin_rating(loop, target),
         refusal=refusal,
         before=loop,
         after=after,
@@ -203,20 +205,27 @@ def _stepped(loop: Loop, name: str, factor: float) -> float:
     return now if factor == 1 else min(float(f"{factor * now:.{DIGITS}g}"), most)
 
 
-def margin_verdict(loop: Loop, target: Target = TARGETS["default"]) -> str:
-    """Returns a sentence: whether rate and attitude ``loop`` have the margins of ``target``, with the weaker's."""
+def margin_rating(loop: Loop, target: Target = TARGETS["default"]) -> Fact:
+    """Returns whether rate and attitude ``loop`` have the margins of ``target``: good, perhaps (watch), or bad.
+
+    Its figures are those of the weaker loop.
+    """
     which = min(LOOPS, key=lambda one: _worst(loop, target, [one]))
     weak = getattr(loop, which)
-    sure = _worst(loop, target) >= 1
-    likely = _scores(loop, target)[0] >= 1
-    words = (
-        "Enough margin" if sure else "Perhaps too little margin" if likely else "Too little margin"
+    level = Level.BAD
+    if _worst(loop, target) >= 1:
+        level = Level.GOOD
+    elif _scores(loop, target)[0] >= 1:
+        level = Level.WATCH
+    return Fact(
+        Loops.MARGIN_RATING,
+        level,
+        subject=f"{which} loop",
+        phase_margin=weak.phase_margin,
+        phase_margin_interval=weak.phase_margin_interval,
+        gain_margin=weak.gain_margin if isfinite(weak.gain_margin) else None,
+        ms=weak.ms,
     )
-    (low, high) = weak.phase_margin_interval
-    gain = weak.gain_margin
-    bears = f"gain margin {gain:.0f} dB" if isfinite(gain) else "no limit of the gain"
-    phase = f"phase margin of {weak.phase_margin:.0f}° ({low:.0f} to {high:.0f})"
-    return f"{words}: the {which} loop has a {phase}, {bears}, Ms {weak.ms:.2g}."
 
 
 def _scores(loop: Loop, target: Target, loops: Sequence[str] = LOOPS) -> Array:
