@@ -9,9 +9,12 @@ __all__ = [
     "Condition",
     "HoverFigures",
     "Identity",
+    "WindVelocity",
     "condition_of",
+    "estimate_wind",
     "hover",
     "hover_figures",
     "identity_of",
+    "wind",
+    "wind_of",
 ]
-__all__ += ["WindVelocity", "estimate_wind", "wind", "wind_of"]

@@ -99,8 +99,8 @@ def _name(telemetry: Telemetry) -> tuple[str, str]:
 
 def _sent_number(telemetry: Telemetry) -> str:
     """The number in AUTOPILOT_VERSION: the last that is one."""
-    columns = telemetry.messages.get("AUTOPILOT_VERSION")
-    if columns is None or "uid2" not in columns:
+    columns = telemetry.messages.get("AUTOPILOT_VERSION", {})
+    if "uid2" not in columns:
         return ""
     rows = np.atleast_2d(np.asarray(columns["uid2"], dtype=np.uint8))
     words = telemetry.autopilot == "ARDUPILOTMEGA"
@@ -111,10 +111,10 @@ def _sent_number(telemetry: Telemetry) -> str:
 
 
 def _texts(telemetry: Telemetry) -> list[str]:
-    columns = telemetry.messages.get("STATUSTEXT")
-    texts = columns["text"].tolist() if columns is not None and "text" in columns else []
+    columns = telemetry.messages.get("STATUSTEXT", {})
     return [
-        text.decode(errors="replace") if isinstance(text, bytes) else str(text) for text in texts
+        text.decode(errors="replace") if isinstance(text, bytes) else str(text)
+        for text in columns.get("text", np.array([])).tolist()
     ]
 
 
@@ -131,8 +131,8 @@ def autopilot_alarms(telemetry: Telemetry) -> list[dict[str, Any]]:
     """
     texts = [text.strip() for text in _texts(telemetry)]
     found = dict[tuple[int, str], dict[str, Any]]()
-    columns = telemetry.messages.get("STATUSTEXT")
-    if columns is None or "severity" not in columns or not OLD_SCALE.isdisjoint(texts):
+    columns = telemetry.messages.get("STATUSTEXT", {})
+    if "severity" not in columns or not OLD_SCALE.isdisjoint(texts):
         return []
     sent = zip(
         texts, *(columns[name].tolist() for name in ("severity", "time", "boot")), strict=True
@@ -159,8 +159,8 @@ def _firmware(telemetry: Telemetry) -> str:
         ),
         "",
     )
-    columns = telemetry.messages.get("AUTOPILOT_VERSION")
-    if said or columns is None or "flight_sw_version" not in columns:
+    columns = telemetry.messages.get("AUTOPILOT_VERSION", {})
+    if said or "flight_sw_version" not in columns:
         return said
     version = int(columns["flight_sw_version"][-1])
     name = {"ARDUPILOTMEGA": "ArduPilot V", "PX4": "PX4 v"}.get(telemetry.autopilot, "")
@@ -181,10 +181,10 @@ def _place(telemetry: Telemetry) -> tuple[float, float] | None:
 
 
 def _date(signals: Signals, received: float) -> datetime | None:
-    columns = signals.telemetry.messages.get("SYSTEM_TIME")
+    columns = signals.telemetry.messages.get("SYSTEM_TIME", {})
     segments = settled_segments(signals)
     flight = min(segments, key=lambda segment: (segment.boot, segment.start), default=None)
-    if columns is not None and "time_unix_usec" in columns:
+    if "time_unix_usec" in columns:
         unix = np.asarray(columns["time_unix_usec"], dtype=np.float64) / 1e6
         known = unix > FIRST_SECOND
         if flight is not None and (known & (columns["boot"] == flight.boot)).any():

@@ -19,6 +19,7 @@ from mavdem.dem.airflow.identification import (
 )
 from mavdem.dem.airflow.model import SOURCES, TOTAL, Drag
 from mavdem.dem.engine.linalg import one_thread
+from mavdem.facts.identifiability import Status
 from mavdem.ingest.telemetry import Array
 
 # of a gust's mean (WMO-No. 8, vol. I, ch. 5); after which noise is new
@@ -81,7 +82,7 @@ class WindVelocity:
         profile: mean by height in layers of 10 m: ``height``, ``speed``, ``direction``; empty within one layer.
         along: (T, 2) velocity through air that moves as the mean wind does, along body x and y, m/s.
         drag: of the vehicle, as the flight leaves it.
-        status: "reported", "biased" or "not identifiable", by "speed", "direction" and "drag".
+        status: by "speed", "direction" and "drag".
         reasons: one sentence each, of what is not reported.
         boot: of the log, on whose clock ``time`` is; 0 where arrays were given.
     """
@@ -100,14 +101,14 @@ class WindVelocity:
     minutes: tuple[dict[str, float], ...]
     profile: tuple[dict[str, float], ...]
     drag: Drag
-    status: Mapping[str, str]
+    status: Mapping[str, Status]
     reasons: Mapping[str, str]
     boot: int = 0
 
     @property
     def directed(self) -> bool:
         """Whether the direction means something: it is identifiable, and the air is not still."""
-        return not self.calm and self.status["direction"] != "not identifiable"
+        return not self.calm and self.status["direction"] != Status.NOT_IDENTIFIABLE
 
     @property
     def calm(self) -> bool:
@@ -286,10 +287,10 @@ def _answers(
     source: str,
 ) -> dict[str, Any]:
     """Status and reasons of speed, direction and drag."""
-    status = dict.fromkeys(("speed", "direction", "drag"), "reported")
+    status = dict.fromkeys(("speed", "direction", "drag"), Status.REPORTED)
     reasons = {}
     if sd > DRAG_ERROR:
-        status["drag"] = "not identifiable" if known > DRAG_LEFT else "biased"
+        status["drag"] = Status.NOT_IDENTIFIABLE if known > DRAG_LEFT else Status.BIASED
         cause = (
             "gusts made most of the velocity"
             if steered < 0.3
@@ -302,13 +303,17 @@ def _answers(
         )
         reasons["drag"] = f"The drag {said}. To identify it, {MANOEUVRE}."
     if (high - low) / 2 > max(SPEED_ERROR, SPEED_SHARE * speed):
-        status["speed"] = "biased" if high <= SPEED_FACTOR * max(low, 0.3) else "not identifiable"
+        status["speed"] = (
+            Status.BIASED if high <= SPEED_FACTOR * max(low, 0.3) else Status.NOT_IDENTIFIABLE
+        )
         cause = (
             "the drag is not identifiable" if sd > DRAG_ERROR else f"a lean looks like wind. {TURN}"
         )
         reasons["speed"] = f"The speed is known from {low:.1f} to {high:.1f} m/s only: {cause}."
     if turned > DIRECTION_ERROR:
-        status["direction"] = "biased" if turned <= DIRECTION_LIMIT else "not identifiable"
+        status["direction"] = (
+            Status.BIASED if turned <= DIRECTION_LIMIT else Status.NOT_IDENTIFIABLE
+        )
         lean = "misaligned attitude or a shifted load leans the vehicle as wind does"
         reasons["direction"] = f"The direction is known to ±{turned:.0f}° only: {lean}. {TURN}."
     return {"status": status, "reasons": reasons}

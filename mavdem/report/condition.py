@@ -10,6 +10,7 @@ import numpy as np
 from mavdem.alignment.drive import TILT_AXES
 from mavdem.condition.wind_of_log import Air
 from mavdem.condition.wind_velocity import WindVelocity, coming_from, from_point
+from mavdem.facts.identifiability import Status
 from mavdem.ingest.vocabulary import UNNAMED
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.numbers import listed, plus_minus, rounded
@@ -22,7 +23,6 @@ BASES = {  # what a vehicle's name is made of, in words
     "compass": "its compass's calibration",
     "system id": "its system id only, which other vehicles have too",
 }
-NOT_KNOWN = "not identifiable"
 # messages below this rate are listed together: they are too slow to describe the motion
 SLOW_HZ = 0.95
 MOST_ALARMS = 5  # of the autopilot that are shown
@@ -246,7 +246,7 @@ def _why(speaker: dict[str, Any]) -> str:
 def wind_words(wind: WindVelocity) -> tuple[str, str, str]:
     """Returns the speed with its interval, where it comes from, and its gusts; empty where that is not known."""
     (low, high) = wind.speed_interval
-    known = wind.status["speed"] != NOT_KNOWN
+    known = wind.status["speed"] != Status.NOT_IDENTIFIABLE
     speed = (
         f"{wind.speed:.1f} m/s ({low:.1f} to {high:.1f})"
         if known
@@ -271,7 +271,7 @@ def wind_blocks(air: Air) -> list[Block]:
     if wind is None:
         return [Sentence(reason, "Wind:")]
     text = f"{''.join(wind_words(wind))}. Intervals hold the mean with 90 %."
-    known = wind.status["speed"] != NOT_KNOWN
+    known = wind.status["speed"] != Status.NOT_IDENTIFIABLE
     first, last = wind.time[[0, -1]]
     if (
         own is not None

@@ -16,6 +16,7 @@ from mavdem.condition.wind_velocity import coming_from, torque_explained
 from mavdem.dem.airflow import identification
 from mavdem.dem.airflow.model import Drag, motion
 from mavdem.errors import NotLearnable
+from mavdem.facts.identifiability import Status
 from mavdem.ingest import read_log
 from mavdem.live.stream import LiveStream
 from mavdem.live.wind import LiveWind, WindRow
@@ -69,7 +70,7 @@ def flight(
 @pytest.mark.parametrize("seed", range(3))
 def test_legs_show_wind_drag_and_lean(seed):
     wind = mavdem.estimate_wind(*flight(seed=seed, lean=(0.2, -0.1), seconds=240, gusts=0.3)[:3])
-    assert set(wind.status.values()) == {"reported"} and not wind.reasons
+    assert set(wind.status.values()) == {Status.REPORTED} and not wind.reasons
     assert abs(wind.speed - 5) < 0.6 and abs(wind.direction - coming_from(-3, 4)) < 10
     assert np.abs(wind.drag.lean - [0.2, -0.1]).max() < 0.1
     low, high = wind.drag.interval("linear")
@@ -107,9 +108,11 @@ def test_hover_takes_the_drag_of_another_flight():
     hover = flight(legs=0.0, turning=0.0, seed=3)[:3]
     alone = mavdem.estimate_wind(*hover)
     drag = mavdem.estimate_drag(*flight(seed=4))
-    assert alone.status["drag"] == "not identifiable" and alone.status["speed"] != "reported"
+    assert (
+        alone.status["drag"] == Status.NOT_IDENTIFIABLE and alone.status["speed"] != Status.REPORTED
+    )
     assert "over 3 s" in wind_blocks((alone, None, ""))[0].text
-    alone.status["speed"] = "not identifiable"
+    alone.status["speed"] = Status.NOT_IDENTIFIABLE
     assert wind_blocks((alone, None, ""))[0].text.endswith(
         ", ± 11°. Intervals hold the mean with 90 %."
     )
@@ -262,7 +265,7 @@ def test_live_rows_are_of_free_flight_only(scale, why):
 def test_recorded_simulators(log, speed):
     wind = mavdem.wind(shared(f"sitl_{log}.tlog"))
     assert wind.speed_interval[0] < speed < wind.speed_interval[1]
-    assert wind.status["speed"] != "reported" or abs(wind.speed - speed) < 0.7
+    assert wind.status["speed"] != Status.REPORTED or abs(wind.speed - speed) < 0.7
     assert abs(wind.direction - 87) < max(10, 1.3 * wind.direction_interval)
 
 
