@@ -79,6 +79,7 @@ USED_BY = {
     "mavdem.health": {
         "mavdem.health",
         "mavdem.confidence",
+        "mavdem.facts",
         "mavdem.alignment",
         "mavdem.dem",
         "mavdem.condition",

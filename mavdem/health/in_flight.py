@@ -28,6 +28,8 @@ from numpy.typing import NDArray
 
 from mavdem.alignment.drive import MotorGeometry
 from mavdem.dem.engine.linalg import Array
+from mavdem.facts import Fact, Level
+from mavdem.facts.motors import InFlight
 from mavdem.health.assessment import lost_thrust
 from mavdem.health.balance import motor_signatures
 
@@ -112,9 +114,7 @@ def _changes(blocks: Array, windows: Places, prior: Array, freedom: float) -> _C
 
 def _sums(values: Array) -> Array:
     """(N + 1, a) sums of the rows of ``values`` (N, a) before each."""
-    sums = np.zeros((len(values) + 1, values.shape[1]))
-    np.cumsum(values, axis=0, out=sums[1:])
-    return sums
+    return np.cumsum(np.pad(values, ((1, 0), (0, 0))), axis=0)
 
 
 def _long_run(
@@ -160,14 +160,14 @@ def _log_t(changes: _Changes, shift: Array | float, more: Array | float = 0.0) -
 
 
 FALSE_ALARMS_PER_HOUR = 0.54  # At most, with 95 % confidence (``tools/validation/alarms.py``)
-FALSE_ALARMS_BASIS = (
-    "none in 5.55 h of simulated flights without a fault, none of which was used to choose a parameter: at most "
-    f"{FALSE_ALARMS_PER_HOUR} an hour with 95 % confidence. Real vehicles may differ."
+FALSE_ALARMS = Fact(
+    InFlight.FALSE_ALARMS,
+    Level.WATCH,
+    duration=5.55 * 3600,
+    alarms_per_hour=FALSE_ALARMS_PER_HOUR,
 )
-UNKNOWN_PLACES = (
-    "The motors' places and spins are not known, so that a weak motor would not be seen."
-)
-TOO_SLOW = f"Motor outputs come less than {MIN_RATE:.0f} times a second, so that a weak motor would not be seen."
+"""Of 5.55 h of flights without a fault."""
+TOO_SLOW = Fact(InFlight.MOTOR_OUTPUTS_TOO_SLOW, needed_rate=MIN_RATE)
 
 
 class MotorAlarm(NamedTuple):
@@ -198,34 +198,46 @@ class MotorAlarm(NamedTuple):
         return " to ".join(f"{100 * end:.0f}" for end in self.loss) + " %"
 
     @property
-    def sentence(self) -> str:
-        """What changed since when, and what that means."""
-        clock = f"the clock of boot {self.boot + 1}" if self.boot else "the boot clock"
-        since = f"since {self.since:.0f} s of {clock}"
-        sure = f"probability {100 * self.probability:.0f} %"
+    def fact(self) -> Fact:
+        """What changed since when, and what that means: bad where a motor lost thrust."""
+        code, level = InFlight.MOTOR_RECOVERED, Level.GOOD
         if self.motor is None:
-            return f"The mean torque in roll and pitch changed {since}, in yaw it did not: no motor is named ({sure})."
-        known = ". The motors' places are assumed, and so is the name" if self.assumed else ""
-        if not self.weak:
-            return f"{self.name.capitalize()} gives its thrust again {since} ({sure}){known}."
-        lost = f"{self.name} lost {self.lost} of its thrust (motor or propeller) {since}"
-        return f"Alarm: {lost}: it works {100 * self.size:.0f} % harder ({sure}){known}."
+            code, level = InFlight.STEADY_TORQUE_CHANGED, Level.WATCH
+        elif self.weak:
+            code, level = InFlight.MOTOR_LOST_THRUST, Level.BAD
+        return Fact(
+            code,
+            level,
+            time=self.since,
+            subject=self.name,
+            rise=self.size,
+            loss=self.loss,
+            probability=self.probability,
+            assumed=self.assumed,
+            boot=self.boot,
+        )
 
-    def as_dict(self) -> dict[str, Any]:
-        """All of it as plain JSON values, with the sentence."""
-        return {**self._asdict(), "sentence": self.sentence}
+    @property
+    def sentence(self) -> str:
+        """The fact in words; transitional."""
+        said = str(self.fact)
+        return f"Alarm: {said[0].lower()}{said[1:]}" if self.weak else said
 
 
 def alarm_figures(changes: Sequence[MotorAlarm]) -> dict[str, Any]:
     """Plain JSON values: alarms on motors, motors that are sound again, changes of the steady torque, false alarms."""
-    return {
-        "alarms": [change.as_dict() for change in changes if change.weak],
-        "recoveries": [
-            change.as_dict() for change in changes if change.motor is not None and not change.weak
-        ],
-        "torque_changes": [change.as_dict() for change in changes if change.motor is None],
-        "false_alarms_per_hour": {"at_most": FALSE_ALARMS_PER_HOUR, "basis": FALSE_ALARMS_BASIS},
+    kinds = {
+        "alarms": InFlight.MOTOR_LOST_THRUST,
+        "recoveries": InFlight.MOTOR_RECOVERED,
+        "torque_changes": InFlight.STEADY_TORQUE_CHANGED,
     }
+    values = [
+        {**change._asdict(), "code": change.fact.code, "sentence": change.sentence}
+        for change in changes
+    ]
+    figures = {kind: [one for one in values if one["code"] is code] for kind, code in kinds.items()}
+    basis = {"at_most": FALSE_ALARMS_PER_HOUR, "basis": str(FALSE_ALARMS)}
+    return {**figures, "false_alarms_per_hour": basis}
 
 
 class MotorWatch:
@@ -236,7 +248,7 @@ class MotorWatch:
     Attributes:
         alarms: what was found so far.
         weak: the latest alarm on each motor, by place, that has not recovered; none after 2 s without settled flight.
-        obstacle: why nothing can be found, from settled flight of a few seconds on; empty where it can.
+        obstacle: why nothing can be found, from settled flight of a few seconds on; None where it can.
     """
 
     def __init__(self, layout: MotorGeometry, boot: int = 0) -> None:
@@ -246,7 +258,8 @@ class MotorWatch:
         self._layout = layout
         self._boot = boot
         signatures = motor_signatures(len(layout.motors), layout.positions, layout.spins)
-        self.obstacle = "" if signatures.names_a_motor else UNKNOWN_PLACES
+        self._is_named = signatures.names_a_motor
+        self.obstacle = None if self._is_named else Fact(InFlight.MOTOR_PLACES_UNKNOWN)
         self._weights = signatures.weights[1:]
         # (k, a) of a rise of each motor's own command by 1; of six and more motors the neighbours' rise too.
         self._own = np.diag(signatures.weak_motor_commands)
@@ -259,7 +272,7 @@ class MotorWatch:
 
     def take(self, time: float, commands: Sequence[float] | Array) -> list[MotorAlarm]:
         """A sample of the ``commands`` (k,), shares of the range, at ``time``, s, in settled flight: what it shows."""
-        if self.obstacle == UNKNOWN_PLACES:
+        if not self._is_named:
             return []
         number = floor(time / BLOCK_SECONDS)
         if not 0 <= time - self._latest < 2:  # s, after which what was before is no reference
@@ -274,7 +287,8 @@ class MotorWatch:
         self._latest = time
         if (passed := time - self._rate_from) >= REFERENCE_SECONDS:
             # A tenth less, for jitter
-            self.obstacle = "" if self._samples > 0.9 * MIN_RATE * passed else TOO_SLOW
+            is_slow = self._samples <= 0.9 * MIN_RATE * passed
+            self.obstacle = TOO_SLOW if is_slow else None
             self._rate_from = time
             self._samples = 0
         self._samples += 1
@@ -344,12 +358,8 @@ class MotorWatch:
         odds = float(loaded - _log_sum([*motors, others + log(OTHERS_BESIDE_LOADS), 0.0]))
         if loaded >= self._enough and odds >= log(NAMING_ODDS):
             place = int(np.argmax(load + lasting))
-            self._found(
-                None,
-                int(windows[place]),
-                odds,
-                float(np.linalg.norm(changes.moved[place] * self._flat)),
-            )
+            size = float(np.linalg.norm(changes.moved[place] * self._flat))
+            self._found(None, int(windows[place]), odds, size)
         elif strange.max() >= self._enough:
             place = int(np.argmax(strange))
         else:
@@ -393,13 +403,17 @@ class MotorWatch:
     def _found(
         self, motor: int | None, n: int, odds: float, size: float, *loss: float
     ) -> MotorAlarm:
-        name, number = (
-            ("", None) if motor is None else (self._layout.names[motor], self._layout.motors[motor])
+        layout = self._layout
+        alarm = MotorAlarm(
+            self._times[-1],
+            self._times[-n] - BLOCK_SECONDS,
+            None if motor is None else layout.motors[motor],
+            "" if motor is None else layout.names[motor],
+            float(size),
+            float(1 / (1 + np.exp(-odds))),
+            layout.positions_assumed,
+            self._boot,
+            loss,
         )
-        since = self._times[-n] - BLOCK_SECONDS
-        probability = float(1 / (1 + np.exp(-odds)))
-        known = self._layout.positions_assumed, self._boot
-        self.alarms.append(
-            MotorAlarm(self._times[-1], since, number, name, float(size), probability, *known, loss)
-        )
-        return self.alarms[-1]
+        self.alarms.append(alarm)
+        return alarm

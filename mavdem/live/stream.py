@@ -455,7 +455,7 @@ class MotorAlarms:
                 self._watch = MotorWatch(layout, boot)
                 self._watched = watched
             changes = self._watch.take(time, commands)
-            obstacle = self._watch.obstacle
+            obstacle = str(self._watch.obstacle or "")
             self.weak_since = min((weak.since for weak in self._watch.weak.values()), default=nan)
             for change in changes:
                 self.latest.append(change)

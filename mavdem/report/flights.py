@@ -26,7 +26,7 @@ from mavdem.fleet.difference import (
     VehicleDifference,
 )
 from mavdem.fleet.row import HEALTHS, OK, UNKNOWN, FlightRow, is_shared, worst_health
-from mavdem.health.in_flight import FALSE_ALARMS_BASIS
+from mavdem.health.in_flight import FALSE_ALARMS
 from mavdem.live.history import ACCOUNT, AHEAD, HorizonErrors, LiveHistory, SessionStatus
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.condition import TIER_WORDS
@@ -446,7 +446,7 @@ def live_report(
         Sentence(alarm.sentence.removeprefix("Alarm: "), "Motors:") for alarm in status.alarms
     ]
     if any(alarm.weak for alarm in status.alarms):
-        blocks.append(Sentence(FALSE_ALARMS_BASIS, "False alarms:"))
+        blocks.append(Sentence(str(FALSE_ALARMS), "False alarms:"))
     if status.wind is not None or status.no_wind:
         said = (
             f"{''.join(status.wind.words())}, at {status.wind.time:.0f} s."

@@ -87,7 +87,7 @@ def test_an_error_in_one_vehicle_leaves_the_rows_of_the_others(slow_rows, monkey
 
 
 def test_an_alarm_in_flight_is_among_the_warnings(monkeypatch):
-    alarm = MotorAlarm(20.0, 15.0, 2, "motor 2", 0.14, 0.99)
+    alarm = MotorAlarm(20.0, 15.0, 2, "motor 2", 0.14, 0.99, loss=(0.1, 0.2))
     load = alarm._replace(motor=None, name="")
 
     def alarmed(*arguments, **known):

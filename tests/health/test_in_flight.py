@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from mavdem.facts import Level
+from mavdem.facts.motors import InFlight
 from mavdem.health.balance import motor_signatures
 from mavdem.health.in_flight import HOURS_TO_FALSE_ALARM, MotorAlarm, MotorWatch, alarm_figures
 from mavdem.ingest.motors import MotorGeometry, motor_geometry
@@ -121,7 +123,8 @@ def test_every_fault_is_found_and_its_end(faults):
             assert one.weak == (rise[motor] > 1) and one.size == pytest.approx(
                 rise[motor] - 1, abs=0.05
             )
-            assert one.weak or "gives its thrust again since" in one.sentence
+            code = InFlight.MOTOR_LOST_THRUST if one.weak else InFlight.MOTOR_RECOVERED
+            assert one.fact.code is code
         before = rise
     assert not found
 
@@ -134,6 +137,7 @@ def test_a_shifted_load_is_called_that_once_it_has_lasted(shift):
     assert first.motor is None and not rest
     assert BREAKS + 8.0 <= first.time - 100.0 < BREAKS + 15.0
     assert first.size == pytest.approx(np.hypot(*shift), abs=0.015)
+    assert first.fact.code is InFlight.STEADY_TORQUE_CHANGED
 
 
 @pytest.mark.parametrize("change", [(0.0, 0.0, 0.0, 0.05), (0.15, 0.0, 0.0, 0.0)])
@@ -188,14 +192,15 @@ def watched(rise, settled=lambda at: True, spins=(1, 1, -1, -1), rate=10.0, watc
     return watch
 
 
-def test_it_names_the_motor_in_a_sentence_and_says_when_that_rests_on_an_assumption():
+def test_it_names_the_motor_and_says_when_that_rests_on_an_assumption():
     [alarm] = watched([0.0, 0.3, 0.0, 0.0]).alarms
-    assert (alarm.motor, alarm.name) == (2, "motor 2 (rear left)")
-    assert alarm.sentence.startswith("Alarm: motor 2 (rear left) lost 22 to 44 % of its thrust")
-    assert "since 25 s" in alarm.sentence and "assumed" not in alarm.sentence
+    fact = alarm.fact
+    assert (alarm.motor, fact.subject, fact.level) == (2, "motor 2 (rear left)", Level.BAD)
+    assert fact.time == pytest.approx(25, abs=0.6) and not fact.figures["assumed"]
+    assert fact.figures["loss"] == pytest.approx((0.22, 0.44), abs=0.005)
     layout = motor_geometry("QUADROTOR", "PX4", {}, (1, 2, 3, 4), 16)
     [alarm] = watched([0.3, 0.0, 0.0, 0.0], watch=MotorWatch(layout)).alarms
-    assert alarm.sentence.endswith("The motors' places are assumed, and so is the name.")
+    assert alarm.fact.figures["assumed"]
 
 
 def test_what_is_not_settled_is_no_reference_and_no_change():
@@ -206,14 +211,14 @@ def test_what_is_not_settled_is_no_reference_and_no_change():
 
 def test_where_nothing_can_be_found_it_says_why():
     slow = watched([0.3, 0.0, 0.0, 0.0], rate=4.0)
-    assert not slow.alarms and "6 times a second" in slow.obstacle
-    assert watched([0.0] * 4, watch=slow, begins=100.0).obstacle == ""
+    assert not slow.alarms and slow.obstacle.code is InFlight.MOTOR_OUTPUTS_TOO_SLOW
+    assert watched([0.0] * 4, watch=slow, begins=100.0).obstacle is None
     silent = watched([0.3, 0.0, 0.0, 0.0], spins=())
-    assert not silent.alarms and "not known" in silent.obstacle
+    assert not silent.alarms and silent.obstacle.code is InFlight.MOTOR_PLACES_UNKNOWN
 
 
 def test_json_keeps_alarms_apart_from_changes_that_name_no_motor():
-    named = MotorAlarm(30.0, 28.5, 2, "motor 2", 0.25, 0.98)
+    named = MotorAlarm(30.0, 28.5, 2, "motor 2", 0.25, 0.98, loss=(0.2, 0.4))
     torque = MotorAlarm(40.0, 30.0, None, "", 0.1, 0.97)
     sound = MotorAlarm(50.0, 49.0, 2, "motor 2", 0.0, 0.99)
     found = json.loads(json.dumps(alarm_figures([torque, named, sound])))
