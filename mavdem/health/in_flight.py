@@ -226,16 +226,16 @@ class MotorAlarm(NamedTuple):
 
 def alarm_figures(changes: Sequence[MotorAlarm]) -> dict[str, Any]:
     """Plain JSON values: alarms on motors, motors that are sound again, changes of the steady torque, false alarms."""
-    kinds = {
-        "alarms": InFlight.MOTOR_LOST_THRUST,
-        "recoveries": InFlight.MOTOR_RECOVERED,
-        "torque_changes": InFlight.STEADY_TORQUE_CHANGED,
-    }
-    values = [
-        {**change._asdict(), "code": change.fact.code, "sentence": change.sentence}
-        for change in changes
-    ]
-    figures = {kind: [one for one in values if one["code"] is code] for kind, code in kinds.items()}
+    codes = InFlight.MOTOR_LOST_THRUST, InFlight.MOTOR_RECOVERED, InFlight.STEADY_TORQUE_CHANGED
+    alarms, recoveries, torques = (
+        [
+            {**change._asdict(), "sentence": change.sentence}
+            for change in changes
+            if change.fact.code is code
+        ]
+        for code in codes
+    )
+    figures = {"alarms": alarms, "recoveries": recoveries, "torque_changes": torques}
     basis = {"at_most": FALSE_ALARMS_PER_HOUR, "basis": str(FALSE_ALARMS)}
     return {**figures, "false_alarms_per_hour": basis}
 
